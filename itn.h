@@ -1,0 +1,8208 @@
+/* ============================================================================================
+   PART I: THE INTERFACE
+   ============================================================================================ */
+#ifndef ITN_H
+#define ITN_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#define ITN_VERSION_MAJOR 0
+#define ITN_VERSION_MINOR 1
+#define ITN_VERSION_PATCH 0
+
+/* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
+#ifdef __cplusplus
+#define ITN_ZERO {}
+#else
+#define ITN_ZERO {0}
+#endif
+
+#if defined(__GNUC__)
+#define ITN__UNUSED __attribute__((unused))
+#else
+#define ITN__UNUSED
+#endif
+#ifndef ITN_API
+#ifdef ITN_STATIC
+#define ITN_API static ITN__UNUSED
+#else
+#define ITN_API extern
+#endif
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- [api-base] results, errors, memory, threads --------------------------------------------- */
+
+/* What went wrong. Every function that can fail returns one of these; on any code but ITN_OK its
+   outputs are untouched. */
+typedef enum itn_result {
+    ITN_OK = 0,
+    ITN_ERROR_ARGUMENT,    /* a desc, option or pointer is out of its stated range, or not finite */
+    ITN_ERROR_MEMORY,      /* the allocator returned NULL, or a size does not fit in size_t */
+    ITN_ERROR_FILE,        /* a file cannot be opened, read, written or renamed */
+    ITN_ERROR_FORMAT,      /* a file was read but its contents are not valid */
+    ITN_ERROR_MESH,        /* a mesh is open, inside out or has no area, and a medium needs better */
+    ITN_ERROR_UNSUPPORTED, /* a valid request that this estimator or build cannot answer */
+    ITN_ERROR_CANCELLED    /* the progress callback asked to stop */
+} itn_result;
+
+/* Where and why, in words. Filled only when a call fails; pass NULL if not wanted. */
+typedef struct itn_error {
+    itn_result code;
+    int line;          /* line of the file (scene, OBJ, PLY header), 0 where it has no meaning */
+    char message[400]; /* one sentence, with the file's name first where there is one */
+} itn_error;
+
+/* Returns a constant name for a code ("out of memory"), never NULL. */
+ITN_API const char *itn_result_text(itn_result result);
+
+/* How an object gets memory and runs loops; all-zero is malloc/free and one thread. Copied into
+   each object made with it, so it need not outlive the call; `user` pointers must.
+   parallel_for calls body(task, i) once for every i in [0, count), in any order, on any threads,
+   and returns when all are done. Results do not depend on how it does so. */
+typedef struct itn_context {
+    void *(*allocate)(size_t bytes, void *user);
+    void (*deallocate)(void *block, void *user);
+    void *memory_user;
+    void (*parallel_for)(int count, void (*body)(void *task, int index), void *task, void *user);
+    void *parallel_user;
+    int threads; /* used with ITN_THREADS and no parallel_for: 0 = all processors */
+} itn_context;
+
+/* ---- [api-math] vectors ------------------------------------------------------------------------ */
+
+typedef struct itn_vec3 {
+    float x, y, z;
+} itn_vec3;
+
+/* ---- [api-image] planes of floats -------------------------------------------------------------- */
+
+#define ITN_NAME_SIZE 64 /* bytes of any name (item, parameter, plane), with its final zero */
+
+/* A set of equally large planes, one float per pixel, row 0 on top, linear radiometric values.
+   Names are those of EXR channels: "Y" or "R", "G", "B"; "Variance.Y"; "d_milk_sigma_t.Y". */
+typedef struct itn_image {
+    int width, height, plane_count;
+    char (*names)[ITN_NAME_SIZE]; /* [plane_count] */
+    float *pixels;                /* [plane_count][height][width] */
+    itn_context context;          /* what made it and frees it */
+} itn_image;
+
+/* Makes an image of zeros with empty names. Sizes at least 1. Free with itn_image_free.
+   Errors: ARGUMENT, MEMORY. context may be NULL. */
+ITN_API itn_result itn_image_create(int width, int height, int plane_count,
+                                    const itn_context *context, itn_image *image, itn_error *error);
+/* Frees an image's planes and zeroes it. Accepts NULL and all-zero images. */
+ITN_API void itn_image_free(itn_image *image);
+/* Returns the plane of that name ([height][width], owned by the image), or NULL. */
+ITN_API float *itn_image_plane(const itn_image *image, const char *name);
+
+/* ---- [api-mesh] triangle meshes and ray queries ------------------------------------------------ */
+
+/* Triangles, counter-clockwise seen from outside. Caller arrays may be wrapped by filling the
+   fields; itn_mesh_free is for meshes that itn_mesh_load or itn_mesh_create made. */
+typedef struct itn_mesh {
+    int vertex_count, triangle_count;
+    float *positions;    /* [vertex_count][3], scene units */
+    int *triangles;      /* [triangle_count][3], indices of vertices */
+    float *uvs;          /* [triangle_count][3][2], texture coordinates of the corners, or NULL */
+    itn_context context; /* what made it and frees it */
+} itn_mesh;
+
+/* Allocates the arrays of a mesh (contents zero; uvs only if with_uvs). Errors: ARGUMENT, MEMORY. */
+ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int with_uvs,
+                                   const itn_context *context, itn_mesh *mesh, itn_error *error);
+/* Frees the arrays and zeroes the mesh. Accepts NULL and all-zero meshes. */
+ITN_API void itn_mesh_free(itn_mesh *mesh);
+
+/* What is wrong with a mesh. Vertices at equal positions count as one, so that seams are closed.
+   An edge is good when exactly two triangles share it, in opposite directions (an even number,
+   half of each direction, where parts of the mesh touch). All counts 0 and volume > 0: a solid. */
+typedef struct itn_mesh_report {
+    int bad_vertices;         /* coordinates that are NaN or infinite */
+    int bad_indices;          /* triangles that name a vertex out of range */
+    int degenerate_triangles; /* zero area, or two equal corners: harmless, skipped by rays */
+    int open_edges;           /* edges of a single triangle: holes */
+    int flipped_edges;        /* edges whose triangles disagree on the outside */
+    int first_bad_vertex, first_bad_triangle, first_degenerate_triangle; /* -1: none */
+    int open_edge[4][2];      /* vertices of the first open edges, first min(4, open_edges) valid */
+    int flipped_edge[4][2];   /* the same for flipped ones */
+    int flipped_triangle;     /* a triangle at the first flipped edge, -1: none */
+    double volume;            /* signed: negative when the mesh is inside out */
+    double area;
+} itn_mesh_report;
+
+/* Checks a mesh; fills report even when faults are found. context may be NULL.
+   Errors: ARGUMENT (NULL pointers, negative counts), MEMORY. */
+ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
+                                  itn_mesh_report *report, itn_error *error);
+
+/* A bounding volume hierarchy over a copy of a mesh's triangles. Immutable, so any number of
+   threads may query it. */
+typedef struct itn_bvh itn_bvh;
+
+typedef struct itn_ray {
+    itn_vec3 origin, direction; /* direction need not have unit length, but not zero length */
+    float tmin, tmax;           /* hits with tmin < t < tmax count, in lengths of direction */
+} itn_ray;
+
+typedef struct itn_hit {
+    float t;      /* hit point = origin + t direction */
+    float u, v;   /* barycentric weights of corners 1 and 2; corner 0 has 1-u-v */
+    int triangle; /* its index in the mesh */
+    int front;    /* 1: the ray met the outside of the triangle, 0: its inside */
+} itn_hit;
+
+/* Builds a hierarchy (binned surface area heuristic). The mesh may be freed afterwards.
+   Errors: ARGUMENT (bad indices, coordinates that are not finite, no triangle), MEMORY. */
+ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
+                                  itn_error *error);
+ITN_API void itn_bvh_free(itn_bvh *bvh);
+/* Returns 1 and fills hit with the nearest intersection, or returns 0 and leaves hit alone.
+   Watertight: a ray through an edge or vertex shared by triangles never slips between them
+   (Woop, Benthin and Wald 2013). A ray that is not finite hits nothing. */
+ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit);
+/* Returns 1 if anything lies between tmin and tmax, else 0. */
+ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
+
+/* ---- [api-scene] what is in the picture -------------------------------------------------------- */
+
+typedef enum itn_filter { ITN_FILTER_BOX = 0, ITN_FILTER_GAUSSIAN } itn_filter;
+
+typedef struct itn_film_desc {
+    int width, height; /* pixels; 0 = 128 */
+    int channels;      /* 1 (default, Y) or 3 (R, G, B) */
+    itn_filter filter; /* box: the pixel's square; Gaussian: standard deviation .5 pixel, cut at 2 */
+} itn_film_desc;
+
+typedef struct itn_camera_desc {
+    itn_vec3 eye, target; /* not the same point */
+    itn_vec3 up;          /* not parallel to the view; (0,0,0) = (0,1,0) */
+    float fov;            /* degrees, of the horizontal axis, in (0,180); 0 = 30 */
+} itn_camera_desc;
+
+/* A homogeneous medium with a Henyey-Greenstein phase function. */
+typedef struct itn_medium_desc {
+    const char *name;
+    float sigma_t;   /* extinction per scene unit, >= 0 */
+    float albedo[3]; /* single-scattering albedo in [0,1]; only [0] with one channel */
+    float g;         /* mean cosine of the turn, in [-.999,.999]; > 0 is forward */
+} itn_medium_desc;
+
+typedef enum itn_surface_type { ITN_SURFACE_DIELECTRIC = 0, ITN_SURFACE_DIFFUSE } itn_surface_type;
+typedef enum itn_texture_type {
+    ITN_TEXTURE_NONE = 0,
+    ITN_TEXTURE_CHECKER, /* squares of reflectance and reflectance2 */
+    ITN_TEXTURE_IMAGE    /* reflectance times the image, bilinear, repeated */
+} itn_texture_type;
+
+typedef struct itn_surface_desc {
+    const char *name;
+    itn_surface_type type;
+    float ior;             /* dielectric: index inside over index outside, in [1,4]; 0 = 1.5 */
+    float alpha;           /* dielectric: GGX roughness; 0 = smooth, else in [.001,1] */
+    float reflectance[3];  /* diffuse: in [0,1] */
+    float reflectance2[3]; /* diffuse: the other squares of a checker */
+    itn_texture_type texture;
+    float checker_size;       /* side of a square, in units of the texture coordinates; 0 = 1 */
+    const itn_image *image;   /* texture: Y or R,G,B planes, values in [0,1]; copied */
+} itn_surface_desc;
+
+/* A mesh with what is inside it and what its surface does. Where closed objects overlap, the one
+   that comes later in the list wins. Texture coordinates of a mesh without uvs are its x, z. */
+typedef struct itn_object_desc {
+    const itn_mesh *mesh; /* copied; NULL: a horizontal square at plane_y, half_size each way */
+    float plane_y, half_size;
+    const char *medium;  /* name, or NULL: nothing inside */
+    const char *surface; /* name, or NULL: an index-matched boundary */
+    float transform[12]; /* rows of a 3x4 matrix applied to positions; all zero = identity */
+    int force;           /* 1: take a mesh for a medium even if it is open or inside out */
+} itn_object_desc;
+
+typedef enum itn_light_type { ITN_LIGHT_CONSTANT = 0, ITN_LIGHT_MAP, ITN_LIGHT_SKY } itn_light_type;
+
+/* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8): nine
+   coefficients A..I in the order of the published data, and one radiance, per channel. */
+typedef struct itn_sky {
+    float coefficients[3][9];
+    float radiance[3];
+    float sun_radiance[3]; /* of the disc at its natural radius */
+} itn_sky;
+
+/* All lights are infinitely far away; several add up. */
+typedef struct itn_light_desc {
+    const char *name; /* NULL = "light", "light2", ... in order */
+    itn_light_type type;
+    float radiance[3];       /* constant: >= 0 */
+    const itn_image *image;  /* map: latitude-longitude; row 0 is +y, and with u, v in [0,1] across
+                                and down, direction = (sin 2 pi u sin pi v, cos pi v,
+                                -cos 2 pi u sin pi v); Y or R,G,B >= 0; copied */
+    itn_sky sky;             /* sky */
+    itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
+    float scale;             /* multiplies the light (the sky without its sun); 0 with has_scale 0 = 1 */
+    float sun_scale;         /* sky: multiplies the sun; 0 with has_scale 0 = 1 */
+    int has_scale;           /* 1: scale and sun_scale are taken as they are, also when 0 */
+    float sun_radius_scale;  /* sky: widens the disc at constant power; 0 = 1 */
+} itn_light_desc;
+
+typedef struct itn_scene_desc {
+    itn_film_desc film;
+    itn_camera_desc camera;
+    const itn_medium_desc *media;
+    int medium_count;
+    const itn_surface_desc *surfaces;
+    int surface_count;
+    const itn_object_desc *objects;
+    int object_count;
+    const itn_light_desc *lights;
+    int light_count;
+} itn_scene_desc;
+
+/* A scene, immutable once made: any number of threads may render it, each with its own theta. */
+typedef struct itn_scene itn_scene;
+
+/* Makes a scene; everything in the desc is copied. Errors: ARGUMENT (which item, which field, what
+   range), MESH (which edges), MEMORY. context may be NULL. Free with itn_scene_free. */
+ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
+                                    itn_scene **scene, itn_error *error);
+ITN_API void itn_scene_free(itn_scene *scene);
+/* The size of the film, and 1 or 3 channels. */
+ITN_API itn_film_desc itn_scene_film(const itn_scene *scene);
+/* Returns the optical thickness of the objects filled with a medium: sigma_t at theta (NULL: as
+   made) times their mean chord 4 volume / surface; 0 if no object has that medium or there is no
+   such medium. What an image can tell of sigma_t depends on this number. */
+ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, const char *medium);
+
+/* Parameters: everything that can be differentiated, as one flat float vector theta with names
+   "item.field" (milk.sigma_t, glass.alpha, ground.reflectance, light.scale; with three channels
+   milk.albedo_r, milk.albedo_g, milk.albedo_b). */
+typedef enum itn_transform { ITN_IDENTITY = 0, ITN_LOG, ITN_LOGIT } itn_transform;
+
+typedef struct itn_parameter {
+    char name[ITN_NAME_SIZE];
+    float value;             /* of the scene as it was made */
+    float lower, upper;      /* valid range, both included; where the optimisers stay */
+    itn_transform transform; /* coordinate in which optimisers step: x, ln x, or
+                                ln((x-lower)/(upper-x)) */
+} itn_parameter;
+
+ITN_API int itn_parameter_count(const itn_scene *scene);
+/* Returns parameter `index`, owned by the scene; NULL if out of range. */
+ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index);
+/* Returns the index of a name, or -1. */
+ITN_API int itn_parameter_find(const itn_scene *scene, const char *name);
+/* Copies all values into theta[itn_parameter_count]. */
+ITN_API void itn_parameter_values(const itn_scene *scene, float *theta);
+/* The optimiser's coordinate of a value, its inverse, and d value / d coordinate at a value.
+   Values on the bounds of a logit map to +-16, so that all stays finite. */
+ITN_API double itn_parameter_to_coordinate(const itn_parameter *parameter, double value);
+ITN_API double itn_parameter_from_coordinate(const itn_parameter *parameter, double coordinate);
+ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value);
+
+/* ---- [api-render] images, derivative images, gradients ----------------------------------------- */
+
+typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE } itn_mode;
+
+/* What a render did. */
+typedef struct itn_render_stats {
+    double paths, collisions; /* paths traced; scattering events in media */
+} itn_render_stats;
+
+typedef struct itn_render_options {
+    int spp;         /* samples per pixel; 0 = 64 */
+    uint64_t seed;   /* every value gives other, independent samples; 0 is a seed like any other */
+    int max_scatter; /* most medium scatterings of a path; 0 = unlimited, 1 = single scattering */
+    itn_mode mode;
+    int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
+                                                     a non-zero return cancels; may be NULL */
+    void *progress_user;
+    itn_render_stats *stats; /* filled by a call that succeeds; may be NULL */
+} itn_render_options;
+
+/* Renders the scene at theta (NULL: as made) and, in the same walk, its derivatives with respect
+   to `count` parameters (indices in `parameters`; both 0 for none): equation (9),
+   dT/dpi = mean of f/p times the path's score. Planes of the new image, C channels each:
+   mean, variance of the mean ("Variance.Y"), then for each parameter derivative ("d_a_b.Y" for
+   a.b) and variance of the derivative ("d_a_b_variance.Y"). Free with itn_image_free.
+   Errors: ARGUMENT (theta out of bounds or not finite, index, spp), UNSUPPORTED (the derivative
+   in the ior of a smooth surface, whose directions jump with it), MEMORY, CANCELLED. */
+ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
+                              const itn_render_options *options, const int *parameters, int count,
+                              itn_image *image, itn_error *error);
+
+/* Adjoint: gradient[k] = sum over pixels and channels of weights * dI/dtheta of parameters[k],
+   with its variance if `variance` is not NULL, without storing derivative images.
+   weights: [C][height][width], for example dl/dI of a loss from other samples. */
+ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *theta,
+                                       const itn_render_options *options, const float *weights,
+                                       const int *parameters, int count, double *gradient,
+                                       double *variance, itn_error *error);
+
+/* The image loss l = mean over pixels and channels of (I(theta) - target)^2 and its gradient,
+   both unbiased: value and derivative come from two independent renders of options->spp samples
+   each (seeds derived from options->seed), and the noise that squaring adds is taken off the
+   loss (which may therefore come out slightly negative). target: [C][height][width]. */
+ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
+                                     const itn_render_options *options, const float *target,
+                                     const int *parameters, int count, double *loss,
+                                     double *gradient, itn_error *error);
+/* ---- [api-net] a network that learns to invert ----------------------------------------------- */
+#ifndef ITN_NO_NET
+
+/* Shape of a regressor network (section 5 of the paper): layer_count times a 3x3 convolution, a
+   ReLU and a 2x2 max-pooling, then one fully connected layer. All-zero is the authors' network:
+   two channels of 128x128 pixels, 7 layers of 16, 32, ... 1024 channels, three outputs. */
+typedef struct itn_net_desc {
+    int width, height;  /* of the input, divisible by 2^layer_count, at most 8192; 0 = 128 */
+    int channels;       /* of the input, at most 1024; 0 = 2 */
+    int layer_count;    /* at most 12; 0 = 7 */
+    int first_channels; /* of layer 1; every layer doubles them, to at most 65536; 0 = 16 */
+    int outputs;        /* at most 4096; 0 = 3 */
+    int batch;          /* most images per call, at most 65536; 0 = 16 */
+    uint64_t seed;      /* of the initial weights */
+} itn_net_desc;
+
+/* A network with its gradients, Adam moments and activations. One thread at a time may use it;
+   it spreads its own loops over the context's parallel_for, and its results are bit-identical
+   however that does so. */
+typedef struct itn_net itn_net;
+
+/* Makes a network with zero biases and normal weights of variance 2/n before a ReLU and 1/n in the
+   last layer, n being the number of inputs of a sum (He et al. 2015). desc and context may be NULL.
+   Errors: ARGUMENT (which field, what range), MEMORY. Free with itn_net_free. */
+ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *context,
+                                  itn_net **net, itn_error *error);
+/* Frees a network. Accepts NULL. */
+ITN_API void itn_net_free(itn_net *net);
+/* Returns the shape with all defaults filled in. */
+ITN_API itn_net_desc itn_net_shape(const itn_net *net);
+/* Returns all weights and biases as one array of *count floats (count may be NULL), owned by the
+   network, writable. Order: per layer weights [3][3][inputs][channels] and biases [channels]; then
+   of the last layer weights [outputs][inputs] (inputs: [row][column][channel]) and biases. */
+ITN_API float *itn_net_parameters(itn_net *net, size_t *count);
+/* Returns the gradients, of the same count and order: what to sum over machines before a step. */
+ITN_API float *itn_net_gradients(itn_net *net, size_t *count);
+
+/* Computes the network's outputs for `batch` images (1 to the desc's batch).
+   images: [batch][channels][height][width], finite. outputs: [batch][outputs].
+   Errors: ARGUMENT (batch out of range, image values or outputs that are not finite). */
+ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images, float *outputs,
+                                   itn_error *error);
+/* Adds to the gradients those of a loss, given its derivatives in the outputs of the latest
+   forward call, which must have had the same batch and no change of the weights since.
+   d_outputs: [batch][outputs], finite. Errors: ARGUMENT. */
+ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
+                                    itn_error *error);
+ITN_API void itn_net_zero_gradients(itn_net *net);
+
+/* Options of Adam (Kingma and Ba 2015, algorithm 1); all-zero is the defaults. */
+typedef struct itn_adam_desc {
+    double learning_rate; /* in (0,1]; 0 = 1e-4 */
+    double beta1, beta2;  /* decay of the moments, in (0,1); 0 = .9 and .999 */
+    double epsilon;       /* > 0; 0 = 1e-8 */
+} itn_adam_desc;
+
+/* One Adam step against the gradients (which stay as they are). desc may be NULL.
+   Errors: ARGUMENT (desc out of range; a gradient whose square is not finite): nothing changes. */
+ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_error *error);
+/* Returns the number of steps taken, also over saving and loading. */
+ITN_API uint64_t itn_net_steps(const itn_net *net);
+
+/* The paper's three networks differ only in the loss they are trained with, equation (3). */
+typedef enum itn_model {
+    ITN_MODEL_RN = 0, /* regressor network: the supervised term alone, nothing is rendered */
+    ITN_MODEL_SSN,    /* single-scattering network: renders with max_scatter 1 */
+    ITN_MODEL_ITN     /* inverse transport network: renders with full transport */
+} itn_model;
+
+/* Returns whether a model's loss renders; if so, sets options->max_scatter as the model wants. */
+ITN_API int itn_model_renders(itn_model model, itn_render_options *options);
+
+/* Supervised loss: returns sum_k (truth[k] - predicted[k])^2 and stores its gradient in
+   gradient[k] = 2 (predicted[k] - truth[k]), which may be `predicted` itself. All arrays are
+   [count] coordinates (itn_parameter_to_coordinate), where the outputs of a network live. */
+ITN_API double itn_loss_parameters(int count, const float *predicted, const float *truth,
+                                   float *gradient);
+
+/* How one image enters the loss. */
+typedef struct itn_loss_desc {
+    itn_model model;
+    double lambda;              /* weight of the image term, >= 0; 0 leaves it out */
+    const itn_scene *scene;     /* what the image shows; the fields from here on: not used by RN */
+    const float *theta;         /* the scene's other parameters; NULL: as made */
+    const int *parameters;      /* [count] what the outputs mean, as indices of the scene */
+    itn_render_options options; /* take a new seed for every image and step */
+} itn_loss_desc;
+
+typedef struct itn_loss {
+    double parameters; /* ||pi - N(I)||^2 in coordinates */
+    double image;      /* mean over pixels and channels of (I - T(N(I)))^2; 0 if not rendered */
+    double total;      /* parameters + lambda image */
+} itn_loss;
+
+/* One image's term of equation (3), ||pi - N(I)||^2 + lambda ||I - T(N(I))||^2, where N(I) are the
+   coordinates of the parameters of T, and the derivative of `total` in the outputs N(I). Where a
+   prediction lies beyond a parameter's bounds, the value and slope on the bound are used.
+   count: outputs of the network. predicted, truth, gradient: [count] coordinates.
+   image: [C][height][width] of the scene's film, linear radiometric; not used by RN (may be NULL).
+   Errors: ARGUMENT (NULL, lambda, an index, a prediction or truth that is not finite) and those of
+   itn_loss_gradient; then loss and gradient are untouched. */
+ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const float *predicted,
+                                     const float *truth, const float *image, itn_loss *loss,
+                                     float *gradient, itn_error *error);
+
+/* Makes a network from the bytes of a file that itn_net_save wrote, for `batch` images (0 = 16).
+   `name` stands for the file in error messages; NULL = "network". context may be NULL.
+   Errors: FORMAT (no such file type or version, damaged, cut, NaN), ARGUMENT, MEMORY. Free with
+   itn_net_free. */
+ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const char *name, int batch,
+                                       const itn_context *context, itn_net **net,
+                                       itn_error *error);
+
+#ifndef ITN_NO_STDIO
+/* Writes shape, weights and (unless weights_only) Adam's moments and step count, so that training
+   goes on bit for bit as if never stopped. The file appears whole or not at all.
+   Errors: FILE, MEMORY, ARGUMENT (a weight that is not finite), UNSUPPORTED (over 2 GiB). */
+ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
+                                itn_error *error);
+/* Replaces weights, moments and step count by a file's; a file of weights only starts Adam afresh.
+   The network must have the file's shape (any batch and seed) and is untouched on failure;
+   gradients stay as they are. Errors: FILE, MEMORY, FORMAT (as above, or of another shape). */
+ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error);
+/* itn_net_from_memory of a file's bytes. Further error: FILE. */
+ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
+                                itn_net **net, itn_error *error);
+#endif
+#endif /* ITN_NO_NET */
+/* ---- [api-refine] analysis by synthesis ---------------------------------------------------------- */
+
+typedef enum itn_method {
+    ITN_METHOD_LM = 0, /* Levenberg-Marquardt on the derivative images */
+    ITN_METHOD_ADAM    /* Adam on the loss gradient */
+} itn_method;
+
+/* Where an iteration stands, for the progress callback. */
+typedef struct itn_refine_step {
+    int iteration;      /* from 0, which is the start */
+    double loss;        /* mean over pixels and channels of (I(theta) - target)^2, unbiased */
+    double loss_error;  /* its standard error */
+    const float *theta; /* [parameter_count of the scene], valid during the call */
+} itn_refine_step;
+
+typedef struct itn_refine_options {
+    itn_method method;
+    int iterations; /* most; 0 = 20 (LM) or 200 (Adam). LM stops by itself when its steps are
+                       smaller than their standard errors */
+    int spp;        /* samples per pixel of each of the two renders of an iteration; 0 = 64. The
+                       last evaluation, which gives the error bars, uses four times as many */
+    uint64_t seed;
+    int max_scatter;              /* see itn_render_options */
+    double learning_rate;         /* of Adam, in transformed coordinates; 0 = .05 */
+    const float *target_variance; /* [C][height][width] variance of the target's values; NULL:
+                                     unknown, then judged by the misfit that remains */
+    int (*progress)(void *user, const itn_refine_step *step); /* non-zero cancels; may be NULL */
+    void *progress_user;
+} itn_refine_options;
+
+/* What an image says about one parameter. */
+typedef struct itn_estimate {
+    double value;
+    double standard_error; /* from the Fisher information of the derivative images; of value */
+    int determined;        /* 0: the image says next to nothing about it, do not use the value */
+} itn_estimate;
+
+/* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
+   theta on; other parameters stay. theta: [itn_parameter_count], in and out. target: [C][height]
+   [width], linear radiometric, finite. estimates: [count]. options may be NULL.
+   Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then theta and estimates are
+   untouched. */
+ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
+                              const int *parameters, int count,
+                              const itn_refine_options *options, itn_estimate *estimates,
+                              itn_error *error);
+
+/* ---- [api-io] files ---------------------------------------------------------------------------- */
+
+/* Every loader takes untrusted bytes: sizes are checked before memory is asked for, and damage gives
+   an error that says where. Every saver writes path.tmp, then renames it, so that path holds either
+   its old contents or all of the new (paths under /dev/ are written directly). Numbers in text are
+   read with a decimal point whatever the locale. */
+
+/* Makes a mesh from the bytes of an OBJ or PLY file (PLY if the first line is "ply"). `name` stands
+   for the file in error messages; NULL = "mesh". Free with itn_mesh_free.
+   OBJ: v, vt and f; all other statements are skipped. Indices may be negative, and must name what
+   stands above them. uvs are made if every face has texture coordinates.
+   PLY: ascii or binary of either byte order; elements vertex (x y z, and u v or s t if present) and
+   face (vertex_indices or vertex_index, and a list texcoord of u v pairs if present).
+   Polygons are cut into triangles: fans where convex, ears where not (up to 256 corners).
+   Errors: FORMAT (line, or vertex and face in binary files; coordinates must be finite),
+   UNSUPPORTED (faces before vertices, large concave faces), ARGUMENT, MEMORY. */
+ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
+                                        const itn_context *context, itn_mesh *mesh,
+                                        itn_error *error);
+/* Makes an image from the bytes of an EXR or PFM file. Free with itn_image_free.
+   EXR: one part of scan lines, compression none, RLE, ZIPS or ZIP, channels half, float or uint
+   (rounded to float), without subsampling; the image is the data window, and its planes keep the
+   names and the order of the file. PFM: "Y" or "R", "G", "B"; the size of its scale is ignored.
+   Errors: FORMAT, UNSUPPORTED (names the feature), ARGUMENT, MEMORY. */
+ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
+                                         const itn_context *context, itn_image *image,
+                                         itn_error *error);
+
+#ifndef ITN_NO_STDIO
+/* The same from files. Further error: FILE. */
+ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, itn_mesh *mesh,
+                                 itn_error *error);
+ITN_API itn_result itn_image_load(const char *path, const itn_context *context, itn_image *image,
+                                  itn_error *error);
+
+/* Writes a binary little-endian PLY file, with uvs as the faces' list texcoord.
+   Errors: ARGUMENT (indices out of range, coordinates not finite), FILE, MEMORY. */
+ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error);
+/* Writes all planes as float channels of an uncompressed EXR file, bit for bit (also NaN), sorted by
+   name as the format demands. Errors: ARGUMENT (names empty or equal), FILE, MEMORY. */
+ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path, itn_error *error);
+/* Writes plane_count (1 or 3) planes from first_plane on as a little-endian PFM file, bit for bit.
+   Errors: ARGUMENT, FILE, MEMORY. */
+ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, int plane_count,
+                                      const char *path, itn_error *error);
+
+/* How numbers become colours, for looking only. */
+typedef enum itn_png_mode {
+    ITN_PNG_TONE = 0, /* scale times value, cut to [0,1], then the sRGB curve */
+    ITN_PNG_SIGNED    /* red for positive, blue for negative, black for zero, full at 1/scale; the
+                         mean of three planes */
+} itn_png_mode;
+
+/* Writes plane_count (1 or 3) planes from first_plane on as an 8-bit RGB PNG file.
+   scale: > 0, or 0 = automatic, which maps the 99th percentile of the finite values (signed: of
+   their sizes) to 1. NaN becomes magenta. Errors: ARGUMENT, FILE, MEMORY. */
+ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
+                                      itn_png_mode mode, float scale, const char *path,
+                                      itn_error *error);
+#endif
+/* ---- [api-scenefile] scenes as text files ------------------------------------------------------ */
+
+#ifndef ITN_NO_STDIO
+/* Loads a scene from a text file: parses it, loads the meshes, images and skies it names and calls
+   itn_scene_create. Free with itn_scene_free. context may be NULL. Errors: FILE, FORMAT, MEMORY and
+   those of itn_scene_create and of the loaders; error->line is the line of the scene file, and the
+   message starts with "file:line: " (line 0: what is wrong is not in a single line).
+
+   The file holds one item a line, in any order: a keyword, for some a name, then `field value...`
+   pairs in any order. A word that begins with `#` starts a comment; a backslash at the end of a
+   line joins the next one to it. Lengths are scene units, angles degrees, sigma_t per scene unit;
+   axes are right-handed, y is up. Paths are relative to the scene file's folder; paths and names
+   hold no blanks. A name is a letter, then letters, digits, _ and -, at most 40 in all; no two
+   items have the same one. COLOUR is one number, or three (r g b) where the film has three
+   channels. Fields in [ ] may be left out. Nothing is guessed: unknown, doubled and missing fields,
+   wrong counts, values out of range and undefined names are errors. At most 64 media, 64 surfaces,
+   64 objects and 64 lights.
+
+       [film  [width N] [height N] [channels 1|3] [filter box|gaussian]]      (128 x 128, 1, box)
+       camera  eye X Y Z  target X Y Z  [up X Y Z] [fov DEGREES]     (0 1 0; 30, horizontal axis)
+       medium  NAME  sigma_t S  albedo COLOUR  [phase hg] [g G]                             (g 0)
+       surface NAME  type dielectric  [ior N] [alpha A]                 (1.5; 0, which is smooth)
+       surface NAME  type diffuse  reflectance COLOUR | reflectance [COLOUR] texture FILE
+                                   | reflectance checker COLOUR COLOUR SIZE
+       object  mesh FILE  [medium NAME] [surface NAME] [TRANSFORM...] [force]
+       object  plane  surface NAME  [y Y] [half H]                                (y 0; half 20)
+       light   constant  radiance COLOUR  [scale S] [name NAME]
+       light   map FILE  [scale S] [name NAME]
+       light   sky FILE  sun X Y Z  [scale S] [sun_scale S] [sun_radius_scale S] [name NAME]
+
+   TRANSFORM is `scale S`, `scale X Y Z`, `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or `translate X Y Z`;
+   any number of them are applied to the mesh from left to right. An object without a surface is
+   index-matched; without a medium it is empty inside. `force` takes a mesh for a medium even if it
+   is open or inside out. Meshes are OBJ or PLY, images EXR or PFM. `scale` multiplies a light.
+
+   A sky file has, in the same manner, for each channel the nine coefficients of
+   F(theta, gamma) = (1 + A exp(B / (cos theta + .01))) (C + D exp(E gamma) + F cos^2 gamma
+                     + G chi(H, gamma) + I sqrt(cos theta)),
+   chi(H, gamma) = (1 + cos^2 gamma) / (1 + H^2 - 2 H cos gamma)^(3/2),
+   in the order of the published data, which is A B C D E F G I H, and the radiances by which
+   F is multiplied (theta: angle to the zenith, gamma: to the sun):
+
+       coefficients_r A B C D E F G I H      coefficients_g ...      coefficients_b ...
+       radiance R G B
+       sun_radiance R G B                    (of the disc at its natural radius) */
+ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, itn_scene **scene,
+                                  itn_error *error);
+#endif
+
+#ifdef __cplusplus
+}
+#endif
+#endif /* ITN_H */
+/* ======================================= end of the interface =================================== */
+/* ============================================================================================
+   PART II: THE IMPLEMENTATION
+   ============================================================================================ */
+#if defined(ITN_IMPLEMENTATION) && !defined(ITN_IMPLEMENTATION_DONE)
+#define ITN_IMPLEMENTATION_DONE
+
+#include <float.h>
+#include <limits.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- [config] compiler, switches --------------------------------------------------------------- */
+
+#if defined(__GNUC__)
+#define ITN__INLINE static inline __attribute__((always_inline, unused))
+#define ITN__PRINTF(string, first) __attribute__((format(printf, string, first)))
+#else
+#define ITN__INLINE static inline
+#define ITN__PRINTF(string, first)
+#endif
+#if !defined(ITN_MALLOC) && !defined(ITN_FREE)
+#define ITN_MALLOC(bytes) malloc(bytes)
+#define ITN_FREE(block) free(block)
+#elif !defined(ITN_MALLOC) || !defined(ITN_FREE)
+#error "define both ITN_MALLOC and ITN_FREE, or neither"
+#endif
+
+/* ---- [memory] errors, checked sizes, loops ----------------------------------------------------- */
+
+ITN_API const char *itn_result_text(itn_result result) {
+    switch (result) {
+    case ITN_OK: return "no error";
+    case ITN_ERROR_ARGUMENT: return "invalid argument";
+    case ITN_ERROR_MEMORY: return "out of memory";
+    case ITN_ERROR_FILE: return "file cannot be read or written";
+    case ITN_ERROR_FORMAT: return "file contents are not valid";
+    case ITN_ERROR_MESH: return "mesh is not a closed solid";
+    case ITN_ERROR_UNSUPPORTED: return "not supported";
+    case ITN_ERROR_CANCELLED: return "cancelled";
+    }
+    return "unknown error";
+}
+
+/* Fills error (if any) and returns code, so that a failing line reads `return itn__fail(...)`. */
+static ITN__UNUSED itn_result itn__fail(itn_error *error, itn_result code, int line,
+                                        const char *format, ...) ITN__PRINTF(4, 5);
+static itn_result itn__fail(itn_error *error, itn_result code, int line, const char *format, ...) {
+    if (error) {
+        va_list arguments;
+        va_start(arguments, format);
+        error->code = code;
+        error->line = line;
+        vsnprintf(error->message, sizeof error->message, format, arguments);
+        va_end(arguments);
+    }
+    return code;
+}
+
+/* Returns count * size zeroed bytes, or NULL if that overflows or memory is out. */
+static void *itn__allocate(const itn_context *context, size_t count, size_t size) {
+    void *block;
+    if (size && count > (SIZE_MAX / 2) / size) return NULL;
+    if (count * size == 0) count = size = 1;
+    block = context->allocate ? context->allocate(count * size, context->memory_user)
+                              : ITN_MALLOC(count * size);
+    if (block) memset(block, 0, count * size);
+    return block;
+}
+
+static void itn__free(const itn_context *context, void *block) {
+    if (!block) return;
+    if (context->deallocate)
+        context->deallocate(block, context->memory_user);
+    else
+        ITN_FREE(block);
+}
+
+/* A caller's context, or the default one; a half-set allocator is refused. */
+static itn_result itn__context(const itn_context *given, itn_context *context, itn_error *error) {
+    if (given && !given->allocate != !given->deallocate)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_context: set both allocate and deallocate, or neither");
+    memset(context, 0, sizeof *context);
+    if (given) *context = *given;
+    return ITN_OK;
+}
+
+static ITN__UNUSED itn_result itn__out_of_memory(itn_error *error, const char *what) {
+    return itn__fail(error, ITN_ERROR_MEMORY, 0, "out of memory for %s", what);
+}
+
+/* Copies a name into a fixed field, cut to its size. */
+static void itn__copy_name(char *to, const char *from) {
+    size_t length = strlen(from);
+    if (length > ITN_NAME_SIZE - 1) length = ITN_NAME_SIZE - 1;
+    memmove(to, from, length);
+    to[length] = 0;
+}
+
+/* Loops over independent tasks: the caller's hook, else (with ITN_THREADS) a plain fork and join on
+   the platform's threads, else one after the other. */
+#if defined(ITN_THREADS) && defined(_WIN32)
+#include <windows.h>
+typedef HANDLE itn__thread;
+typedef CRITICAL_SECTION itn__mutex;
+#define ITN__LOCK(mutex) EnterCriticalSection(mutex)
+#define ITN__UNLOCK(mutex) LeaveCriticalSection(mutex)
+#elif defined(ITN_THREADS)
+#include <pthread.h>
+#include <unistd.h>
+typedef pthread_t itn__thread;
+typedef pthread_mutex_t itn__mutex;
+#define ITN__LOCK(mutex) pthread_mutex_lock(mutex)
+#define ITN__UNLOCK(mutex) pthread_mutex_unlock(mutex)
+#endif
+
+#ifdef ITN_THREADS
+typedef struct itn__fork {
+    int count, next; /* next: first index nobody has taken, guarded by the mutex */
+    void (*body)(void *task, int index);
+    void *task;
+    itn__mutex mutex;
+} itn__fork;
+
+static void itn__fork_work(itn__fork *fork) {
+    for (;;) {
+        int index;
+        ITN__LOCK(&fork->mutex);
+        index = fork->next < fork->count ? fork->next++ : -1;
+        ITN__UNLOCK(&fork->mutex);
+        if (index < 0) return;
+        fork->body(fork->task, index);
+    }
+}
+
+#ifdef _WIN32
+static DWORD WINAPI itn__fork_entry(LPVOID fork) {
+    itn__fork_work((itn__fork *)fork);
+    return 0;
+}
+static int itn__thread_start(itn__thread *thread, itn__fork *fork) {
+    *thread = CreateThread(NULL, 0, itn__fork_entry, fork, 0, NULL);
+    return *thread != NULL;
+}
+static void itn__thread_join(itn__thread thread) {
+    WaitForSingleObject(thread, INFINITE);
+    CloseHandle(thread);
+}
+static int itn__processors(void) {
+    SYSTEM_INFO info;
+    GetSystemInfo(&info);
+    return (int)info.dwNumberOfProcessors;
+}
+#else
+static void *itn__fork_entry(void *fork) {
+    itn__fork_work((itn__fork *)fork);
+    return NULL;
+}
+static int itn__thread_start(itn__thread *thread, itn__fork *fork) {
+    return pthread_create(thread, NULL, itn__fork_entry, fork) == 0;
+}
+static void itn__thread_join(itn__thread thread) { pthread_join(thread, NULL); }
+static int itn__processors(void) { return (int)sysconf(_SC_NPROCESSORS_ONLN); }
+#endif
+
+static void itn__fork_join(int threads, int count, void (*body)(void *, int), void *task) {
+    enum { MAX_THREADS = 64 };
+    itn__thread thread[MAX_THREADS];
+    itn__fork fork;
+    int started = 0, k;
+    fork.count = count, fork.next = 0, fork.body = body, fork.task = task;
+#ifdef _WIN32
+    InitializeCriticalSection(&fork.mutex);
+#else
+    pthread_mutex_init(&fork.mutex, NULL);
+#endif
+    if (threads <= 0) threads = itn__processors();
+    if (threads > MAX_THREADS) threads = MAX_THREADS;
+    while (started < threads - 1 && started < count - 1 &&
+           itn__thread_start(&thread[started], &fork))
+        started++; /* a thread that cannot start leaves its share to the others */
+    itn__fork_work(&fork);
+    for (k = 0; k < started; k++) itn__thread_join(thread[k]);
+#ifdef _WIN32
+    DeleteCriticalSection(&fork.mutex);
+#else
+    pthread_mutex_destroy(&fork.mutex);
+#endif
+}
+#endif /* ITN_THREADS */
+
+#define ITN__PARALLEL_DEFINED
+static ITN__UNUSED void itn__parallel_for(const itn_context *context, int count,
+                                          void (*body)(void *task, int index), void *task) {
+    int index;
+    if (context->parallel_for) {
+        context->parallel_for(count, body, task, context->parallel_user);
+        return;
+    }
+#ifdef ITN_THREADS
+    if (context->threads != 1 && count > 1) {
+        itn__fork_join(context->threads, count, body, task);
+        return;
+    }
+#endif
+    for (index = 0; index < count; index++) body(task, index);
+}
+
+/* ---- [math] scalars, vectors, frames ----------------------------------------------------------- */
+
+#define ITN__PI 3.14159265358979323846f
+
+ITN__INLINE float itn__min(float a, float b) { return a < b ? a : b; }
+ITN__INLINE float itn__max(float a, float b) { return a > b ? a : b; }
+ITN__INLINE float itn__clamp(float x, float lower, float upper) {
+    return x < lower ? lower : x > upper ? upper : x;
+}
+ITN__INLINE float itn__square(float x) { return x * x; }
+/* Square root of a number that only rounding can make negative. */
+ITN__INLINE float itn__safe_sqrt(float x) { return x > 0 ? sqrtf(x) : 0; }
+ITN__INLINE int itn__finite(double x) { return x - x == 0; }
+
+ITN__INLINE itn_vec3 itn__vec3(float x, float y, float z) {
+    itn_vec3 v;
+    v.x = x, v.y = y, v.z = z;
+    return v;
+}
+ITN__INLINE itn_vec3 itn__add(itn_vec3 a, itn_vec3 b) {
+    return itn__vec3(a.x + b.x, a.y + b.y, a.z + b.z);
+}
+ITN__INLINE itn_vec3 itn__sub(itn_vec3 a, itn_vec3 b) {
+    return itn__vec3(a.x - b.x, a.y - b.y, a.z - b.z);
+}
+ITN__INLINE itn_vec3 itn__scale(itn_vec3 a, float s) { return itn__vec3(a.x * s, a.y * s, a.z * s); }
+/* a + s b: the point at distance s along b. */
+ITN__INLINE itn_vec3 itn__along(itn_vec3 a, float s, itn_vec3 b) {
+    return itn__vec3(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z);
+}
+ITN__INLINE float itn__dot(itn_vec3 a, itn_vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+ITN__INLINE itn_vec3 itn__cross(itn_vec3 a, itn_vec3 b) {
+    return itn__vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
+ITN__INLINE float itn__length(itn_vec3 a) { return sqrtf(itn__dot(a, a)); }
+ITN__INLINE itn_vec3 itn__normalize(itn_vec3 a) { return itn__scale(a, 1 / itn__length(a)); }
+ITN__INLINE float itn__max_abs(itn_vec3 a) {
+    return itn__max(fabsf(a.x), itn__max(fabsf(a.y), fabsf(a.z)));
+}
+ITN__INLINE int itn__finite3(itn_vec3 a) {
+    return itn__finite(a.x) && itn__finite(a.y) && itn__finite(a.z);
+}
+
+/* Two unit vectors s, t that make a right-handed frame with unit n (Duff et al. 2017). */
+ITN__INLINE void itn__frame(itn_vec3 n, itn_vec3 *s, itn_vec3 *t) {
+    float sign = n.z < 0 ? -1.f : 1.f, a = -1 / (sign + n.z), b = n.x * n.y * a;
+    *s = itn__vec3(1 + sign * n.x * n.x * a, sign * b, -sign * n.x);
+    *t = itn__vec3(b, sign + n.y * n.y * a, -n.y);
+}
+ITN__INLINE itn_vec3 itn__to_local(itn_vec3 v, itn_vec3 s, itn_vec3 t, itn_vec3 n) {
+    return itn__vec3(itn__dot(v, s), itn__dot(v, t), itn__dot(v, n));
+}
+ITN__INLINE itn_vec3 itn__to_world(itn_vec3 v, itn_vec3 s, itn_vec3 t, itn_vec3 n) {
+    return itn__along(itn__along(itn__scale(s, v.x), v.y, t), v.z, n);
+}
+
+/* ---- [rng] counter-based random numbers -------------------------------------------------------- */
+
+/* A random number is a function of (seed, pixel, sample, dimension) and of nothing else, so results
+   do not depend on threads, on the order of pixels or on where a run was resumed (Salmon et al.
+   2011). A path has a key of 64 bits; its i-th number mixes a Weyl step i of the first half with
+   the second half by two rounds of multiply and xor-shift, all in 32-bit arithmetic. */
+typedef struct itn__rng {
+    uint32_t key0, key1; /* of the path */
+    uint32_t dimension;  /* number of the next draw */
+} itn__rng;
+
+/* A bijection of 64 bits whose every input bit flips half the output bits (SplitMix64's mixer). */
+ITN__INLINE uint64_t itn__mix64(uint64_t x) {
+    x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
+    x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
+    return x ^ (x >> 31);
+}
+ITN__INLINE uint32_t itn__mix32(uint32_t x, uint32_t key) {
+    x = (x ^ (x >> 16)) * 0x21f0aaadu;
+    x ^= key;
+    x = (x ^ (x >> 15)) * 0xd35a2d97u;
+    return x ^ (x >> 15);
+}
+ITN__INLINE itn__rng itn__rng_make(uint64_t seed, uint64_t pixel, uint64_t sample) {
+    uint64_t key = itn__mix64(seed + 0x9e3779b97f4a7c15ull);
+    itn__rng rng;
+    key = itn__mix64(key ^ (pixel * 0xd1342543de82ef95ull + 1));
+    key = itn__mix64(key ^ (sample * 0x9e3779b97f4a7c15ull + 1));
+    rng.key0 = (uint32_t)key, rng.key1 = (uint32_t)(key >> 32), rng.dimension = 0;
+    return rng;
+}
+ITN__INLINE uint32_t itn__rng_bits(itn__rng *rng) {
+    return itn__mix32(rng->key0 + rng->dimension++ * 0x9e3779b9u, rng->key1);
+}
+/* Uniform in the open interval (0, 1): an odd multiple of 2^-24, so never 0 and never 1. */
+ITN__INLINE float itn__uniform(itn__rng *rng) {
+    return ((float)(itn__rng_bits(rng) >> 9) + .5f) * 1.1920928955078125e-7f;
+}
+
+/* ---- [dual] numbers that carry derivatives ------------------------------------------------------ */
+
+/* A dual number v + sum_k d_k e_k with e_j e_k = 0: arithmetic on it carries the derivatives with
+   respect to up to ITN__DUALS local parameters along with the value (forward automatic
+   differentiation). Every local factor of a path is written once, in duals, and inlined; a caller
+   that reads only `.v` makes the compiler drop all the rest, so that the same text serves the plain
+   walk at no cost. */
+enum { ITN__DUALS = 2 };
+typedef struct itn__dual {
+    float v, d[ITN__DUALS];
+} itn__dual;
+
+ITN__INLINE itn__dual itn__constant(float v) {
+    itn__dual r;
+    r.v = v, r.d[0] = 0, r.d[1] = 0;
+    return r;
+}
+/* The local parameter number k itself. */
+ITN__INLINE itn__dual itn__variable(float v, int k) {
+    itn__dual r = itn__constant(v);
+    r.d[k] = 1;
+    return r;
+}
+/* The chain rule for a function of one variable: value f, slope f'(a). */
+ITN__INLINE itn__dual itn__chain(itn__dual a, float f, float slope) {
+    itn__dual r;
+    r.v = f, r.d[0] = slope * a.d[0], r.d[1] = slope * a.d[1];
+    return r;
+}
+ITN__INLINE itn__dual itn__dadd(itn__dual a, itn__dual b) {
+    itn__dual r;
+    r.v = a.v + b.v, r.d[0] = a.d[0] + b.d[0], r.d[1] = a.d[1] + b.d[1];
+    return r;
+}
+ITN__INLINE itn__dual itn__dsub(itn__dual a, itn__dual b) {
+    itn__dual r;
+    r.v = a.v - b.v, r.d[0] = a.d[0] - b.d[0], r.d[1] = a.d[1] - b.d[1];
+    return r;
+}
+ITN__INLINE itn__dual itn__dmul(itn__dual a, itn__dual b) {
+    itn__dual r;
+    r.v = a.v * b.v;
+    r.d[0] = a.d[0] * b.v + a.v * b.d[0], r.d[1] = a.d[1] * b.v + a.v * b.d[1];
+    return r;
+}
+ITN__INLINE itn__dual itn__ddiv(itn__dual a, itn__dual b) {
+    itn__dual r;
+    r.v = a.v / b.v;
+    r.d[0] = (a.d[0] - r.v * b.d[0]) / b.v, r.d[1] = (a.d[1] - r.v * b.d[1]) / b.v;
+    return r;
+}
+/* a s + c for plain numbers s, c. */
+ITN__INLINE itn__dual itn__daffine(itn__dual a, float s, float c) {
+    return itn__chain(a, a.v * s + c, s);
+}
+ITN__INLINE itn__dual itn__dsqrt(itn__dual a) {
+    float r = sqrtf(a.v);
+    return itn__chain(a, r, r > 0 ? .5f / r : 0);
+}
+ITN__INLINE itn__dual itn__dexp(itn__dual a) {
+    float r = expf(a.v);
+    return itn__chain(a, r, r);
+}
+/* ---- [image] planes of floats ------------------------------------------------------------------- */
+
+ITN_API itn_result itn_image_create(int width, int height, int plane_count,
+                                    const itn_context *context, itn_image *image,
+                                    itn_error *error) {
+    itn_image made;
+    itn_result result;
+    if (!image || width < 1 || height < 1 || plane_count < 1)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_create: %d x %d x %d planes",
+                         width, height, plane_count);
+    result = itn__context(context, &made.context, error);
+    if (result) return result;
+    made.width = width, made.height = height, made.plane_count = plane_count;
+    if ((size_t)width > SIZE_MAX / 8 / (size_t)height / (size_t)plane_count)
+        return itn__out_of_memory(error, "an image");
+    made.names = (char(*)[ITN_NAME_SIZE])itn__allocate(&made.context, (size_t)plane_count,
+                                                       ITN_NAME_SIZE);
+    made.pixels = (float *)itn__allocate(&made.context,
+                                         (size_t)width * (size_t)height * (size_t)plane_count,
+                                         sizeof(float));
+    if (!made.names || !made.pixels) {
+        itn__free(&made.context, made.pixels);
+        itn__free(&made.context, made.names);
+        return itn__out_of_memory(error, "an image");
+    }
+    *image = made;
+    return ITN_OK;
+}
+
+ITN_API void itn_image_free(itn_image *image) {
+    if (!image) return;
+    itn__free(&image->context, image->pixels);
+    itn__free(&image->context, image->names);
+    memset(image, 0, sizeof *image);
+}
+
+ITN_API float *itn_image_plane(const itn_image *image, const char *name) {
+    int plane;
+    if (!image || !name) return NULL;
+    for (plane = 0; plane < image->plane_count; plane++)
+        if (!strcmp(image->names[plane], name))
+            return image->pixels + (size_t)plane * (size_t)image->width * (size_t)image->height;
+    return NULL;
+}
+
+/* The planes that hold an image's light: R, G, B if all are there, else Y (or the first plane)
+   three times over. Returns 3 or 1, the number of different ones. */
+static int itn__image_colours(const itn_image *image, const float *planes[3]) {
+    static const char *const rgb[3] = {"R", "G", "B"};
+    int k;
+    for (k = 0; k < 3; k++) planes[k] = itn_image_plane(image, rgb[k]);
+    if (planes[0] && planes[1] && planes[2]) return 3;
+    planes[0] = itn_image_plane(image, "Y");
+    if (!planes[0]) planes[0] = image->pixels;
+    planes[1] = planes[2] = planes[0];
+    return 1;
+}
+/* ---- [mesh] triangle meshes, and whether they are solids --------------------------------------- */
+
+/* A mesh bounds a solid when its oriented triangles have no boundary: every directed edge (a,b) is
+   used as often as its opposite (b,a). Vertices at equal positions are welded first, so the seams
+   of texture coordinates do not count as holes. For an undirected edge with f uses in one direction
+   and b in the other:
+     f == b      good (two triangles, or several where parts touch along the edge),
+     f + b == 1  open: the rim of a hole,
+     otherwise   flipped: some of its triangles disagree on which side is out.
+   Triangles with an index out of range take no part, so they leave holes; nor do triangles with two
+   equal corners, which cover nothing. A zero-area triangle of three different corners does take
+   part: it may close the slit between a long edge and the two short ones beside it.
+   A closed mesh has the signed volume V = sum of p0 . (p1 x p2) / 6 (the divergence theorem), with
+   positions relative to the mean vertex so that a mesh far from the origin loses no digits. */
+
+ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int with_uvs,
+                                   const itn_context *context, itn_mesh *mesh, itn_error *error) {
+    itn_mesh made = ITN_ZERO;
+    itn_result result = itn__context(context, &made.context, error);
+    if (result) return result;
+    if (!mesh) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_create: mesh is NULL");
+    if (vertex_count < 0 || triangle_count < 0)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_mesh_create: vertex_count %d or triangle_count %d is negative",
+                         vertex_count, triangle_count);
+    made.vertex_count = vertex_count;
+    made.triangle_count = triangle_count;
+    made.positions = (float *)itn__allocate(&made.context, (size_t)vertex_count, 3 * sizeof(float));
+    made.triangles = (int *)itn__allocate(&made.context, (size_t)triangle_count, 3 * sizeof(int));
+    if (with_uvs)
+        made.uvs = (float *)itn__allocate(&made.context, (size_t)triangle_count, 6 * sizeof(float));
+    if (!made.positions || !made.triangles || (with_uvs && !made.uvs)) {
+        itn_mesh_free(&made);
+        return itn__out_of_memory(error, "a mesh");
+    }
+    *mesh = made;
+    return ITN_OK;
+}
+
+ITN_API void itn_mesh_free(itn_mesh *mesh) {
+    if (!mesh) return;
+    itn__free(&mesh->context, mesh->uvs);
+    itn__free(&mesh->context, mesh->triangles);
+    itn__free(&mesh->context, mesh->positions);
+    memset(mesh, 0, sizeof *mesh);
+}
+
+/* Refuses a mesh whose fields cannot be read at all. */
+static itn_result itn__mesh_readable(const itn_mesh *mesh, const char *who, itn_error *error) {
+    if (!mesh) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: mesh is NULL", who);
+    if (mesh->vertex_count < 0 || mesh->triangle_count < 0)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "%s: vertex_count %d or triangle_count %d is negative", who,
+                         mesh->vertex_count, mesh->triangle_count);
+    if ((mesh->vertex_count && !mesh->positions) || (mesh->triangle_count && !mesh->triangles))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: positions or triangles are NULL", who);
+    return ITN_OK;
+}
+
+ITN__INLINE itn_vec3 itn__mesh_position(const itn_mesh *mesh, int vertex) {
+    const float *p = mesh->positions + 3 * (size_t)vertex;
+    return itn__vec3(p[0], p[1], p[2]);
+}
+
+/* Whether the three corners of a triangle are vertices of the mesh. */
+ITN__INLINE int itn__mesh_indexed(const itn_mesh *mesh, int triangle) {
+    const int *corner = mesh->triangles + 3 * (size_t)triangle;
+    int k, good = 1;
+    for (k = 0; k < 3; k++) good = good && corner[k] >= 0 && corner[k] < mesh->vertex_count;
+    return good;
+}
+
+/* An undirected edge between welded vertices: how often triangles use it in the direction in which
+   it was first met, and how often in the other. */
+typedef struct itn__edge {
+    int from, to, along, against;
+    int triangle; /* the last one to use it */
+} itn__edge;
+
+/* What itn_mesh_check works on. Both hash tables have open addressing and hold index + 1. */
+typedef struct itn__welding {
+    const itn_mesh *mesh;
+    int *weld;         /* [vertex_count] first vertex at the same position */
+    int *vertex_table; /* positions -> vertex */
+    itn__edge *edges;  /* [edge_count], in the order in which the mesh names them */
+    int *edge_table;   /* welded vertices -> edge */
+    size_t vertex_mask, edge_mask;
+    int edge_count;
+} itn__welding;
+
+/* A power of two, at least twice count. */
+static size_t itn__table_size(size_t count) {
+    size_t size = 4;
+    while (size / 2 < count && size <= SIZE_MAX / 4) size *= 2;
+    return size;
+}
+
+static uint64_t itn__hash_position(itn_vec3 p) {
+    uint32_t bits[3];
+    p = itn__add(p, itn__vec3(0, 0, 0)); /* -0 and 0 are one position */
+    memcpy(bits, &p, sizeof bits);
+    return itn__mix64(itn__mix64(bits[0] | (uint64_t)bits[1] << 32) + bits[2]);
+}
+
+/* Finds the first vertex at each position. One that is not finite equals only itself. */
+static void itn__weld(itn__welding *w, itn_mesh_report *report) {
+    int i;
+    for (i = 0; i < w->mesh->vertex_count; i++) {
+        itn_vec3 p = itn__mesh_position(w->mesh, i);
+        size_t slot = (size_t)itn__hash_position(p) & w->vertex_mask;
+        w->weld[i] = i;
+        if (!itn__finite3(p)) {
+            if (!report->bad_vertices++) report->first_bad_vertex = i;
+            continue;
+        }
+        for (; w->vertex_table[slot]; slot = (slot + 1) & w->vertex_mask) {
+            itn_vec3 q = itn__mesh_position(w->mesh, w->vertex_table[slot] - 1);
+            if (q.x == p.x && q.y == p.y && q.z == p.z) break;
+        }
+        if (!w->vertex_table[slot]) w->vertex_table[slot] = i + 1;
+        w->weld[i] = w->vertex_table[slot] - 1;
+    }
+}
+
+/* Counts one use of the directed edge from -> to. */
+static void itn__use_edge(itn__welding *w, int from, int to, int triangle) {
+    uint64_t low = (uint64_t)(from < to ? from : to), high = (uint64_t)(from < to ? to : from);
+    size_t slot = (size_t)itn__mix64(low << 32 | high) & w->edge_mask;
+    itn__edge *edge;
+    for (; w->edge_table[slot]; slot = (slot + 1) & w->edge_mask) {
+        edge = &w->edges[w->edge_table[slot] - 1];
+        if ((edge->from == from && edge->to == to) || (edge->from == to && edge->to == from)) break;
+    }
+    if (!w->edge_table[slot]) {
+        edge = &w->edges[w->edge_count++];
+        edge->from = from, edge->to = to;
+        w->edge_table[slot] = w->edge_count;
+    }
+    edge = &w->edges[w->edge_table[slot] - 1];
+    if (edge->from == from)
+        edge->along++;
+    else
+        edge->against++;
+    edge->triangle = triangle;
+}
+
+static void itn__find_edges(itn__welding *w, itn_mesh_report *report) {
+    int i, k;
+    for (i = 0; i < w->mesh->triangle_count; i++) {
+        const int *corner = w->mesh->triangles + 3 * (size_t)i;
+        int a, b, c, welded[3];
+        if (!itn__mesh_indexed(w->mesh, i)) {
+            if (!report->bad_indices++) report->first_bad_triangle = i;
+            continue;
+        }
+        a = welded[0] = w->weld[corner[0]];
+        b = welded[1] = w->weld[corner[1]];
+        c = welded[2] = w->weld[corner[2]];
+        if (a == b || b == c || c == a) continue;
+        for (k = 0; k < 3; k++) itn__use_edge(w, welded[k], welded[(k + 1) % 3], i);
+    }
+}
+
+static void itn__judge_edges(const itn__welding *w, itn_mesh_report *report) {
+    int i;
+    for (i = 0; i < w->edge_count; i++) {
+        const itn__edge *edge = &w->edges[i];
+        int(*list)[2] = report->flipped_edge, *count = &report->flipped_edges;
+        if (edge->along == edge->against) continue;
+        if (edge->along + edge->against == 1)
+            list = report->open_edge, count = &report->open_edges;
+        else if (!report->flipped_edges)
+            report->flipped_triangle = edge->triangle;
+        if (*count < 4) list[*count][0] = edge->from, list[*count][1] = edge->to;
+        ++*count;
+    }
+}
+
+/* The mean of the finite vertices. */
+static void itn__mesh_centre(const itn_mesh *mesh, double centre[3]) {
+    double sum[3] = {0, 0, 0};
+    int i, k, count = 0;
+    for (i = 0; i < mesh->vertex_count; i++) {
+        const float *p = mesh->positions + 3 * (size_t)i;
+        if (!itn__finite3(itn__vec3(p[0], p[1], p[2]))) continue;
+        for (k = 0; k < 3; k++) sum[k] += p[k];
+        count++;
+    }
+    for (k = 0; k < 3; k++) centre[k] = count ? sum[k] / count : 0;
+}
+
+/* Area, signed volume, and triangles without area. */
+static void itn__measure(const itn_mesh *mesh, itn_mesh_report *report) {
+    double centre[3], p[3][3], n[3];
+    int i, j, k;
+    itn__mesh_centre(mesh, centre);
+    for (i = 0; i < mesh->triangle_count; i++) {
+        double area;
+        if (!itn__mesh_indexed(mesh, i)) continue;
+        for (j = 0; j < 3; j++)
+            for (k = 0; k < 3; k++)
+                p[j][k] = mesh->positions[3 * (size_t)mesh->triangles[3 * (size_t)i + (size_t)j] +
+                                          (size_t)k];
+        for (k = 0; k < 3; k++) {
+            int l = (k + 1) % 3, m = (k + 2) % 3;
+            n[k] = (p[1][l] - p[0][l]) * (p[2][m] - p[0][m]) -
+                   (p[1][m] - p[0][m]) * (p[2][l] - p[0][l]);
+        }
+        area = .5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        if (!itn__finite(area)) continue; /* a bad vertex */
+        if (area == 0 && !report->degenerate_triangles++) report->first_degenerate_triangle = i;
+        report->area += area;
+        for (k = 0; k < 3; k++) report->volume += (p[0][k] - centre[k]) * n[k] / 6;
+    }
+}
+
+static void itn__welding_free(itn__welding *w, const itn_context *context) {
+    itn__free(context, w->edge_table);
+    itn__free(context, w->edges);
+    itn__free(context, w->vertex_table);
+    itn__free(context, w->weld);
+}
+
+static itn_result itn__welding_make(itn__welding *w, const itn_mesh *mesh,
+                                    const itn_context *context, itn_error *error) {
+    size_t vertices = (size_t)mesh->vertex_count, edges = 3 * (size_t)mesh->triangle_count;
+    size_t vertex_slots = itn__table_size(vertices), edge_slots = itn__table_size(edges);
+    memset(w, 0, sizeof *w);
+    w->mesh = mesh;
+    w->vertex_mask = vertex_slots - 1;
+    w->edge_mask = edge_slots - 1;
+    if (mesh->triangle_count <= INT_MAX / 3) { /* edges are counted in int */
+        w->weld = (int *)itn__allocate(context, vertices, sizeof(int));
+        w->vertex_table = (int *)itn__allocate(context, vertex_slots, sizeof(int));
+        w->edges = (itn__edge *)itn__allocate(context, edges, sizeof(itn__edge));
+        w->edge_table = (int *)itn__allocate(context, edge_slots, sizeof(int));
+    }
+    if (w->weld && w->vertex_table && w->edges && w->edge_table) return ITN_OK;
+    itn__welding_free(w, context);
+    return itn__out_of_memory(error, "a mesh check");
+}
+
+ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
+                                  itn_mesh_report *report, itn_error *error) {
+    itn_context own;
+    itn__welding welding;
+    itn_mesh_report found = ITN_ZERO;
+    itn_result result = itn__context(context, &own, error);
+    if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
+    if (result) return result;
+    if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
+    result = itn__welding_make(&welding, mesh, &own, error);
+    if (result) return result;
+    found.first_bad_vertex = found.first_bad_triangle = -1;
+    found.first_degenerate_triangle = found.flipped_triangle = -1;
+    itn__weld(&welding, &found);
+    itn__find_edges(&welding, &found);
+    itn__judge_edges(&welding, &found);
+    itn__measure(mesh, &found);
+    itn__welding_free(&welding, &own);
+    *report = found;
+    return ITN_OK;
+}
+
+/* ---- [tri] the watertight ray-triangle test ---------------------------------------------------- */
+
+/* Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2(1), 2013. Corners A, B, C
+   are moved to the ray's origin, and a permutation of the axes (the largest component of the
+   direction becomes z, orientation kept) with a shear turns the ray into the z axis. What is left is
+   whether the point (0,0) lies in a triangle of the plane, which the edge functions
+     U = Cx By - Cy Bx,   V = Ax Cy - Ay Cx,   W = Bx Ay - By Ax
+   tell: all of one sign, zeros included. det = U + V + W is twice the signed area, U/det, V/det,
+   W/det are the barycentric weights, and t follows by interpolating z.
+   Two triangles that share an edge compute the same sheared corners, so nothing slips between them
+   if the signs of the edge functions are right. They are: the sheared corners are floats, a product
+   of two floats is exact in double (24 + 24 <= 53 bits, and no exponent over- or underflows), and
+   the one rounding of the difference keeps its sign, whether or not the compiler contracts it to a
+   fused multiply-add. det == 0 (a triangle without area, or seen edge-on) is no hit; the
+   neighbours across its edges then cover the point. Whether the front is seen is the sign of det:
+   it cannot disagree with the hit.
+
+   A path walk knows for each closed object whether it is inside, and there can only meet a back
+   face, and outside only a front face. With `sides`, faces of the wrong orientation are passed
+   over, so that a ray which starts on a face does not meet that face again, however its origin was
+   rounded, and no epsilon is needed.
+
+   Open sheets have no inside. A ray that starts at a point of a sheet must not meet the sheet there
+   again, so a sheet's triangle is met only at t > 0 and only from an origin o that is not in its
+   plane. That is judged by F = n . (p0 - o), n = (p1-p0) x (p2-p0). An o computed as a point of the
+   triangle, by weighting its corners or along a ray of comparable length, is off by at most 16 u M
+   in each coordinate (u = 2^-24; M, the largest coordinate among o and the corners; three products
+   and two sums of rounded weights make 5 u M, a point o' + t d from t of this test makes 10 u M),
+   which changes F by at most 16 u M |n|_1, where |n|_1 = |nx| + |ny| + |nz|. F itself is computed in
+   double and adds nothing to that. Larger |F| means that the origin is off the plane. A neighbour
+   that is coplanar but for the rounding of its corners passes within a few u M of the same point
+   wherever that point is close enough to the common edge to matter. */
+
+/* Which faces of each object a walk may meet. */
+#define ITN__FRONT 1u
+#define ITN__BACK 2u
+
+typedef struct itn__triangle {
+    float corner[3][3];
+    int index;  /* in the mesh */
+    int object; /* it belongs to */
+} itn__triangle;
+
+/* A ray made ready for triangles. */
+typedef struct itn__shear {
+    float origin[3];
+    int kx, ky, kz;   /* axes that become x, y, z */
+    float sx, sy, sz; /* x' = x - sx z,  y' = y - sy z,  t = sz z */
+} itn__shear;
+
+/* Returns 0 for a ray that can hit nothing because it is not finite or its direction is zero. */
+ITN__INLINE int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
+    float d[3];
+    int kz, swap;
+    d[0] = ray->direction.x, d[1] = ray->direction.y, d[2] = ray->direction.z;
+    kz = fabsf(d[0]) > fabsf(d[1]) ? 0 : 1;
+    if (!(fabsf(d[kz]) > fabsf(d[2]))) kz = 2;
+    swap = d[kz] < 0; /* keeps the orientation of triangles */
+    shear->kz = kz;
+    shear->kx = (kz + 1 + swap) % 3;
+    shear->ky = (kz + 2 - swap) % 3;
+    shear->sz = 1 / d[kz];
+    shear->sx = d[shear->kx] * shear->sz;
+    shear->sy = d[shear->ky] * shear->sz;
+    shear->origin[0] = ray->origin.x, shear->origin[1] = ray->origin.y;
+    shear->origin[2] = ray->origin.z;
+    return itn__finite3(ray->origin) && itn__finite3(ray->direction) && itn__finite(shear->sz);
+}
+
+/* Whether a ray's origin is further from a triangle's plane than rounding may have put it. */
+static int itn__off_plane(const itn__triangle *triangle, const float origin[3]) {
+    double a[3], b[3], c[3], n[3], plane = 0, size = 0, largest = 0;
+    int k, l;
+    for (k = 0; k < 3; k++) {
+        a[k] = (double)triangle->corner[0][k] - origin[k];
+        b[k] = (double)triangle->corner[1][k] - triangle->corner[0][k];
+        c[k] = (double)triangle->corner[2][k] - triangle->corner[0][k];
+        largest = fabs(origin[k]) > largest ? fabs(origin[k]) : largest;
+        for (l = 0; l < 3; l++) {
+            double x = fabs(triangle->corner[l][k]);
+            largest = x > largest ? x : largest;
+        }
+    }
+    n[0] = b[1] * c[2] - b[2] * c[1];
+    n[1] = b[2] * c[0] - b[0] * c[2];
+    n[2] = b[0] * c[1] - b[1] * c[0];
+    for (k = 0; k < 3; k++) plane += n[k] * a[k], size += fabs(n[k]);
+    return fabs(plane) > 8 * FLT_EPSILON * largest * size; /* 16 u = 8 FLT_EPSILON */
+}
+
+/* Returns 1 and fills hit if the ray meets the triangle at tmin < t < tmax. */
+ITN__INLINE int itn__triangle_hit(const itn__triangle *triangle, const itn__shear *s, float tmin,
+                                  float tmax, const unsigned char *sides, itn_hit *hit) {
+    const float *a = triangle->corner[0], *b = triangle->corner[1], *c = triangle->corner[2];
+    float ox = s->origin[s->kx], oy = s->origin[s->ky], oz = s->origin[s->kz];
+    float az = a[s->kz] - oz, bz = b[s->kz] - oz, cz = c[s->kz] - oz;
+    double ax = a[s->kx] - ox - s->sx * az, ay = a[s->ky] - oy - s->sy * az;
+    double bx = b[s->kx] - ox - s->sx * bz, by = b[s->ky] - oy - s->sy * bz;
+    double cx = c[s->kx] - ox - s->sx * cz, cy = c[s->ky] - oy - s->sy * cz;
+    double u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax;
+    double least = u < v ? u : v, most = u < v ? v : u, det = u + v + w;
+    float t;
+    least = w < least ? w : least;
+    most = w > most ? w : most;
+    if (!(least >= 0 || most <= 0) || det == 0) return 0;
+    t = (float)((u * az + v * bz + w * cz) / det * s->sz);
+    if (!(t > tmin && t < tmax)) return 0;
+    if (sides) {
+        unsigned side = sides[triangle->object];
+        if (!(side & (det > 0 ? ITN__FRONT : ITN__BACK))) return 0;
+        if (side == (ITN__FRONT | ITN__BACK) && !(t > 0 && itn__off_plane(triangle, s->origin)))
+            return 0;
+    }
+    hit->t = t;
+    hit->u = (float)(v / det);
+    hit->v = (float)(w / det);
+    hit->triangle = triangle->index;
+    hit->front = det > 0;
+    return 1;
+}
+
+/* ---- [bvh-build] a bounding volume hierarchy --------------------------------------------------- */
+
+/* A binary tree of boxes. The cost of a node by the surface area heuristic (MacDonald and Booth
+   1990) is, relative to testing one triangle,
+     leaf:   triangles,
+     split:  traversal + (area_left triangles_left + area_right triangles_right) / area,
+   since a ray that meets a convex box meets a smaller one inside it with a probability of the ratio
+   of their areas. Candidate splits are the borders of ITN__BINS equal bins of the triangles'
+   centres along each axis (Wald 2007, "On fast construction of SAH-based bounding volume
+   hierarchies"). Where no border separates anything (equal centres), and below ITN__SAH_DEPTH
+   levels, the list is cut in the middle: fewer than 2^30 triangles then end within 30 more levels,
+   so the depth of any tree is below ITN__STACK, whatever the mesh.
+   The children of a node lie side by side in one cache line, the triangles are copied in the order
+   of the leaves. */
+
+enum { ITN__BINS = 16, ITN__LEAF = 4, ITN__SAH_DEPTH = 48, ITN__STACK = 80 };
+#define ITN__TRAVERSAL_COST 1.0
+
+typedef struct itn__box {
+    float lower[3], upper[3];
+} itn__box;
+
+/* Nodes come in pairs of siblings from index 2; index 0 is the root and 1 is not used. */
+typedef struct itn__node {
+    itn__box box;
+    int first; /* leaf: its first triangle; otherwise its first child */
+    int count; /* triangles of a leaf, 0 for an inner node */
+} itn__node;
+
+struct itn_bvh {
+    itn_context context;
+    itn_vec3 lower, upper;    /* bounds of all triangles */
+    itn__node *nodes;         /* aligned to a cache line, in node_memory */
+    itn__triangle *triangles; /* [triangle_count], in the order of the leaves */
+    int *slots;               /* [triangle_count], index in the mesh -> index in triangles */
+    void *node_memory;
+    int triangle_count, node_count;
+};
+
+/* The corners of a triangle, by its index in the mesh, and the object it belongs to. */
+ITN__INLINE void itn__bvh_corners(const itn_bvh *bvh, int triangle, itn_vec3 p[3]) {
+    const itn__triangle *found = &bvh->triangles[bvh->slots[triangle]];
+    int k;
+    for (k = 0; k < 3; k++)
+        p[k] = itn__vec3(found->corner[k][0], found->corner[k][1], found->corner[k][2]);
+}
+ITN__INLINE int itn__bvh_object(const itn_bvh *bvh, int triangle) {
+    return bvh->triangles[bvh->slots[triangle]].object;
+}
+
+/* What the builder sorts: a triangle's box and its number. */
+typedef struct itn__reference {
+    itn__box box;
+    int index;
+} itn__reference;
+
+typedef struct itn__split {
+    double cost; /* sum of area times triangles of both sides; infinite if there is none */
+    int axis, bin;
+    float lower, scale; /* bin of a centre c = (c - lower) * scale */
+} itn__split;
+
+static itn__box itn__box_empty(void) {
+    itn__box box;
+    int k;
+    for (k = 0; k < 3; k++) box.lower[k] = FLT_MAX, box.upper[k] = -FLT_MAX;
+    return box;
+}
+ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
+    int k;
+    for (k = 0; k < 3; k++) {
+        box->lower[k] = itn__min(box->lower[k], other->lower[k]);
+        box->upper[k] = itn__max(box->upper[k], other->upper[k]);
+    }
+}
+/* Half the surface area. */
+ITN__INLINE double itn__box_area(const itn__box *box) {
+    double x = (double)box->upper[0] - box->lower[0], y = (double)box->upper[1] - box->lower[1];
+    double z = (double)box->upper[2] - box->lower[2];
+    return x * y + y * z + z * x;
+}
+ITN__INLINE float itn__box_centre(const itn__box *box, int axis) {
+    return .5f * box->lower[axis] + .5f * box->upper[axis];
+}
+ITN__INLINE int itn__split_bin(const itn__split *split, const itn__box *box) {
+    int bin = (int)((itn__box_centre(box, split->axis) - split->lower) * split->scale);
+    return bin < ITN__BINS - 1 ? bin : ITN__BINS - 1;
+}
+
+/* Finds the cheapest border between bins along the axis of `split`; keeps it if it beats `best`. */
+static void itn__split_axis(const itn__reference *references, int count, itn__split split,
+                            itn__split *best) {
+    itn__box boxes[ITN__BINS], side = itn__box_empty();
+    double right[ITN__BINS];
+    int counts[ITN__BINS] = {0}, i, passed = 0;
+    for (i = 0; i < ITN__BINS; i++) boxes[i] = side;
+    for (i = 0; i < count; i++) {
+        int bin = itn__split_bin(&split, &references[i].box);
+        itn__box_add(&boxes[bin], &references[i].box);
+        counts[bin]++;
+    }
+    for (i = ITN__BINS - 1; i > 0; i--) {
+        itn__box_add(&side, &boxes[i]);
+        passed += counts[i];
+        right[i] = passed ? passed * itn__box_area(&side) : 0;
+    }
+    side = itn__box_empty();
+    for (i = 1, passed = 0; i < ITN__BINS; i++) {
+        itn__box_add(&side, &boxes[i - 1]);
+        passed += counts[i - 1];
+        if (passed == 0 || passed == count) continue;
+        split.cost = passed * itn__box_area(&side) + right[i];
+        split.bin = i;
+        if (split.cost < best->cost) *best = split;
+    }
+}
+
+/* The best split of some triangles over all axes. */
+static itn__split itn__split_find(const itn__reference *references, int count) {
+    itn__split best = ITN_ZERO, split = ITN_ZERO;
+    int axis, i;
+    best.cost = split.cost = INFINITY;
+    for (axis = 0; axis < 3; axis++) {
+        float lower = FLT_MAX, upper = -FLT_MAX;
+        for (i = 0; i < count; i++) {
+            float centre = itn__box_centre(&references[i].box, axis);
+            lower = itn__min(lower, centre);
+            upper = itn__max(upper, centre);
+        }
+        split.axis = axis;
+        split.lower = lower;
+        split.scale = ITN__BINS / (upper - lower);
+        if (split.scale > 0 && itn__finite(split.scale))
+            itn__split_axis(references, count, split, &best);
+    }
+    return best;
+}
+
+/* Moves the triangles left of the split to the front; returns how many they are. */
+static int itn__split_apply(itn__reference *references, int count, const itn__split *split) {
+    int left = 0, right = count;
+    while (left < right) {
+        itn__reference swapped = references[left];
+        if (itn__split_bin(split, &swapped.box) < split->bin) {
+            left++;
+        } else {
+            references[left] = references[--right];
+            references[right] = swapped;
+        }
+    }
+    return left;
+}
+
+/* Where to cut a node's triangles in two; 0 makes it a leaf. */
+static int itn__node_cut(itn__reference *references, int count, int depth, double area) {
+    itn__split split = ITN_ZERO;
+    int left = 0;
+    if (count == 1) return 0;
+    split.cost = INFINITY;
+    if (depth < ITN__SAH_DEPTH) split = itn__split_find(references, count);
+    if (count <= ITN__LEAF && !(split.cost + ITN__TRAVERSAL_COST * area < count * area)) return 0;
+    if (split.cost < INFINITY) left = itn__split_apply(references, count, &split);
+    return left > 0 && left < count ? left : count / 2;
+}
+
+/* Builds all nodes depth first, sorting the references into the order of the leaves. nodes has
+   room for 2 count; returns how many are used. */
+static int itn__build_nodes(itn__node *nodes, itn__reference *references, int count) {
+    struct {
+        int node, first, count, depth;
+    } stack[ITN__STACK], task = {0, 0, 0, 0};
+    int used = 2, top = 0, i, left;
+    task.count = count;
+    for (;;) {
+        itn__node *node = &nodes[task.node];
+        node->box = itn__box_empty();
+        for (i = 0; i < task.count; i++)
+            itn__box_add(&node->box, &references[task.first + i].box);
+        left = itn__node_cut(references + task.first, task.count, task.depth,
+                             itn__box_area(&node->box));
+        if (left) {
+            node->first = used;
+            node->count = 0;
+            stack[top] = task;
+            stack[top].node = used + 1, stack[top].first += left, stack[top].count -= left;
+            stack[top++].depth++;
+            task.node = used, task.count = left, task.depth++;
+            used += 2;
+        } else {
+            node->first = task.first;
+            node->count = task.count;
+            if (!top) return used;
+            task = stack[--top];
+        }
+    }
+}
+
+ITN_API void itn_bvh_free(itn_bvh *bvh) {
+    itn_context context;
+    if (!bvh) return;
+    context = bvh->context;
+    itn__free(&context, bvh->slots);
+    itn__free(&context, bvh->triangles);
+    itn__free(&context, bvh->node_memory);
+    itn__free(&context, bvh);
+}
+
+/* Refuses what a hierarchy cannot hold. */
+static itn_result itn__bvh_acceptable(const itn_mesh *mesh, itn_error *error) {
+    int i, k;
+    itn_result result = itn__mesh_readable(mesh, "itn_bvh_create", error);
+    if (result) return result;
+    if (mesh->triangle_count == 0)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: the mesh has no triangle");
+    if (mesh->triangle_count >= 1 << 30) return itn__out_of_memory(error, "2^30 triangles");
+    for (i = 0; i < mesh->triangle_count; i++) {
+        const int *corner = mesh->triangles + 3 * (size_t)i;
+        if (!itn__mesh_indexed(mesh, i))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_bvh_create: triangle %d names vertices %d %d %d of %d", i,
+                             corner[0], corner[1], corner[2], mesh->vertex_count);
+        for (k = 0; k < 3; k++)
+            if (!itn__finite3(itn__mesh_position(mesh, corner[k])))
+                return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                                 "itn_bvh_create: vertex %d of triangle %d is not finite",
+                                 corner[k], i);
+    }
+    return ITN_OK;
+}
+
+/* Copies a triangle's corners and returns its box. */
+static itn__box itn__load_triangle(const itn_mesh *mesh, int index, float corner[3][3]) {
+    itn__box box = itn__box_empty();
+    int j, k;
+    for (j = 0; j < 3; j++) {
+        const float *p = mesh->positions + 3 * (size_t)mesh->triangles[3 * (size_t)index + (size_t)j];
+        for (k = 0; k < 3; k++) {
+            corner[j][k] = p[k];
+            box.lower[k] = itn__min(box.lower[k], p[k]);
+            box.upper[k] = itn__max(box.upper[k], p[k]);
+        }
+    }
+    return box;
+}
+
+/* Allocates a hierarchy of that many nodes, and aligns them. Returns NULL if memory is out. */
+static itn_bvh *itn__bvh_allocate(const itn_context *context, int triangles, int nodes) {
+    itn_bvh *bvh = (itn_bvh *)itn__allocate(context, 1, sizeof *bvh);
+    const size_t line = 2 * sizeof(itn__node);
+    if (!bvh) return NULL;
+    bvh->context = *context;
+    bvh->triangle_count = triangles;
+    bvh->node_count = nodes;
+    bvh->node_memory = itn__allocate(context, (size_t)nodes + 2, sizeof(itn__node));
+    bvh->triangles = (itn__triangle *)itn__allocate(context, (size_t)triangles,
+                                                    sizeof(itn__triangle));
+    bvh->slots = (int *)itn__allocate(context, (size_t)triangles, sizeof(int));
+    if (!bvh->node_memory || !bvh->triangles || !bvh->slots) {
+        itn_bvh_free(bvh);
+        return NULL;
+    }
+    bvh->nodes = (itn__node *)(void *)((char *)bvh->node_memory +
+                                       (line - (uintptr_t)bvh->node_memory % line) % line);
+    return bvh;
+}
+
+/* Makes the hierarchy from sorted references and nodes. */
+static itn_bvh *itn__bvh_assemble(const itn_mesh *mesh, const int *object_of_triangle,
+                                  const itn_context *context, const itn__reference *references,
+                                  const itn__node *nodes, int node_count) {
+    itn_bvh *bvh = itn__bvh_allocate(context, mesh->triangle_count, node_count);
+    const itn__box *box = &nodes[0].box;
+    int i;
+    if (!bvh) return NULL;
+    memcpy(bvh->nodes, nodes, (size_t)node_count * sizeof *nodes);
+    bvh->lower = itn__vec3(box->lower[0], box->lower[1], box->lower[2]);
+    bvh->upper = itn__vec3(box->upper[0], box->upper[1], box->upper[2]);
+    for (i = 0; i < mesh->triangle_count; i++) {
+        itn__triangle *triangle = &bvh->triangles[i];
+        triangle->index = references[i].index;
+        triangle->object = object_of_triangle ? object_of_triangle[triangle->index] : 0;
+        itn__load_triangle(mesh, triangle->index, triangle->corner);
+        bvh->slots[triangle->index] = i;
+    }
+    return bvh;
+}
+
+/* itn_bvh_create, with the object that each triangle belongs to (NULL: all 0). */
+static itn_result itn__bvh_build(const itn_mesh *mesh, const int *object_of_triangle,
+                                 const itn_context *context, itn_bvh **bvh, itn_error *error) {
+    itn_context own;
+    itn_bvh *made = NULL;
+    itn__reference *references;
+    itn__node *nodes;
+    int i;
+    itn_result result = itn__context(context, &own, error);
+    if (!result) result = itn__bvh_acceptable(mesh, error);
+    if (result) return result;
+    if (!bvh) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: bvh is NULL");
+    references = (itn__reference *)itn__allocate(&own, (size_t)mesh->triangle_count,
+                                                 sizeof *references);
+    nodes = (itn__node *)itn__allocate(&own, (size_t)mesh->triangle_count, 2 * sizeof *nodes);
+    if (references && nodes) {
+        float corner[3][3];
+        for (i = 0; i < mesh->triangle_count; i++) {
+            references[i].box = itn__load_triangle(mesh, i, corner);
+            references[i].index = i;
+        }
+        i = itn__build_nodes(nodes, references, mesh->triangle_count);
+        made = itn__bvh_assemble(mesh, object_of_triangle, &own, references, nodes, i);
+    }
+    itn__free(&own, nodes);
+    itn__free(&own, references);
+    if (!made) return itn__out_of_memory(error, "a bounding volume hierarchy");
+    *bvh = made;
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
+                                  itn_error *error) {
+    return itn__bvh_build(mesh, NULL, context, bvh, error);
+}
+
+/* ---- [bvh-trace] nearest hit, any hit ---------------------------------------------------------- */
+
+/* A ray meets a box where its intervals between the three pairs of planes overlap. A distance
+   (plane - origin) * (1 / direction) has three roundings, a relative error of at most
+   gamma(3) = 3u / (1 - 3u), u = 2^-24, so that a ray which touches the box in truth has
+   near <= far + 2 gamma(3) |far| as computed (Ize, "Robust BVH ray traversal", JCGT 2(2), 2013; the
+   absolute value makes it right for the negative distances that a negative tmin admits). [tmin,
+   tmax] is widened likewise. Along an axis with direction 0 the distances are infinite, or NaN
+   (0 * infinity) for an origin in one of the planes, which the order of the arguments of itn__min
+   and itn__max ignores: all errors are to the side of entering a box in vain. */
+#define ITN__WIDEN (6.0f * .5f * FLT_EPSILON * (1 + FLT_EPSILON * 2))
+
+/* A ray made ready for boxes. */
+typedef struct itn__slabs {
+    float x, y, z;                      /* origin */
+    float inverse_x, inverse_y, inverse_z;
+    int near_x, near_y, near_z;         /* which of a box's bounds it meets first, */
+    int far_x, far_y, far_z;            /* and last */
+    float start, end;                   /* tmin and tmax with their margins */
+} itn__slabs;
+
+ITN__INLINE float itn__widen(float t) { return t + ITN__WIDEN * fabsf(t); }
+
+ITN__INLINE itn__slabs itn__slabs_make(const itn_ray *ray) {
+    itn__slabs s;
+    s.x = ray->origin.x, s.inverse_x = 1 / ray->direction.x;
+    s.y = ray->origin.y, s.inverse_y = 1 / ray->direction.y;
+    s.z = ray->origin.z, s.inverse_z = 1 / ray->direction.z;
+    s.near_x = s.inverse_x < 0 ? 3 : 0, s.far_x = 3 - s.near_x;
+    s.near_y = s.inverse_y < 0 ? 4 : 1, s.far_y = 5 - s.near_y;
+    s.near_z = s.inverse_z < 0 ? 5 : 2, s.far_z = 7 - s.near_z;
+    s.start = -itn__widen(-ray->tmin);
+    s.end = itn__widen(ray->tmax);
+    return s;
+}
+
+/* Distance at which the ray enters a box, infinite if it misses. */
+ITN__INLINE float itn__slabs_enter(const itn__slabs *s, const itn__box *box) {
+    const float *bounds = box->lower;
+    float near = s->start, far = (bounds[s->far_x] - s->x) * s->inverse_x;
+    near = itn__max((bounds[s->near_x] - s->x) * s->inverse_x, near);
+    near = itn__max((bounds[s->near_y] - s->y) * s->inverse_y, near);
+    near = itn__max((bounds[s->near_z] - s->z) * s->inverse_z, near);
+    far = itn__min(far, INFINITY);
+    far = itn__min((bounds[s->far_y] - s->y) * s->inverse_y, far);
+    far = itn__min((bounds[s->far_z] - s->z) * s->inverse_z, far);
+    far = itn__min(itn__widen(far), s->end);
+    return near <= far ? near : INFINITY;
+}
+
+/* Tests the triangles of a leaf against the ray up to the best hit so far. */
+ITN__INLINE int itn__leaf_hit(const itn_bvh *bvh, const itn__node *leaf, const itn__shear *shear,
+                              float tmin, const unsigned char *sides, int any, itn_hit *best) {
+    int i, found = 0;
+    for (i = 0; i < leaf->count; i++) {
+        found |= itn__triangle_hit(&bvh->triangles[leaf->first + i], shear, tmin, best->t, sides,
+                                   best);
+        if (any && found) break;
+    }
+    return found;
+}
+
+/* The nearest hit (any = 0), or whether there is one (any = 1; hit may be NULL and is left alone).
+   sides: NULL takes every face; otherwise sides[object] is a set of ITN__FRONT and ITN__BACK for
+   the object of each triangle, both meaning an open sheet. tmin may be negative. Inlined, so that
+   constant arguments specialise it. */
+ITN__INLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const unsigned char *sides,
+                               int any, itn_hit *hit) {
+    struct {
+        float near;
+        int node;
+    } stack[ITN__STACK];
+    itn__shear shear;
+    itn__slabs slabs;
+    itn_hit best;
+    int top = 0, found = 0;
+    const itn__node *node = bvh->nodes;
+    if (!itn__shear_make(ray, &shear)) return 0;
+    slabs = itn__slabs_make(ray);
+    best.t = ray->tmax;
+    if (!(itn__slabs_enter(&slabs, &node->box) < INFINITY)) return 0;
+    for (;;) {
+        if (node->count) {
+            if (itn__leaf_hit(bvh, node, &shear, ray->tmin, sides, any, &best)) {
+                found = 1;
+                if (any) return 1;
+                slabs.end = itn__widen(best.t);
+            }
+        } else {
+            int child = node->first;
+            float near = itn__slabs_enter(&slabs, &bvh->nodes[child].box);
+            float other = itn__slabs_enter(&slabs, &bvh->nodes[child + 1].box);
+            int swap = other < near;
+            stack[top].near = swap ? near : other;
+            stack[top].node = child + !swap;
+            near = swap ? other : near;
+            if (near < INFINITY) {
+                top += stack[top].near < INFINITY;
+                node = &bvh->nodes[child + swap];
+                continue;
+            }
+        }
+        do {
+            if (!top--) goto done;
+        } while (!(stack[top].near <= slabs.end));
+        node = &bvh->nodes[stack[top].node];
+    }
+done:
+    if (found && hit) *hit = best;
+    return found;
+}
+
+ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit) {
+    return itn__bvh_trace(bvh, ray, NULL, 0, hit);
+}
+
+ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
+    return itn__bvh_trace(bvh, ray, NULL, 1, NULL);
+}
+/* ---- [medium] free flight and phase function ---------------------------------------------------- */
+
+/* In a homogeneous medium light travels a distance t without collision with probability
+   exp(-sigma_t t) (Beer-Lambert); the distance to the next collision has the density
+   sigma_t exp(-sigma_t t). At a collision a share `albedo` goes on, in a direction at angle
+   theta to the old one with the Henyey-Greenstein density
+
+       p(cos theta) = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos theta)^(3/2)),     E[cos theta] = g.
+
+   Both are written in x = 1 - cos theta, because near g = +-1 everything happens where the cosine
+   loses its digits: 1 + g^2 - 2 g cos theta = (1-g)^2 + 2 g x. Inverting the cumulative
+   distribution and clearing the common factor g of numerator and denominator gives, for uniform u,
+
+       x     = 2 (1-g)^2 (1-u) (1 + g u) / q^2
+       2 - x = 2 (1+g)^2 u (1 - g (1-u)) / q^2,      q = (1-g)(1-u) + (1+g) u,
+
+   with no cancellation for any |g| < 1 and no special case at g = 0. */
+
+/* Distance to the next collision. */
+ITN__INLINE float itn__sample_flight(float sigma_t, float u) { return -logf(u) / sigma_t; }
+
+/* Transmittance over a distance t; local parameter 0 is sigma_t. */
+ITN__INLINE itn__dual itn__transmittance(float sigma_t, float t) {
+    return itn__dexp(itn__daffine(itn__variable(sigma_t, 0), -t, 0));
+}
+
+/* Phase function of x = 1 - cos theta; local parameter 0 is g. */
+ITN__INLINE itn__dual itn__phase(float g_value, float x) {
+    itn__dual g = itn__variable(g_value, 0), one = itn__constant(1);
+    itn__dual below = itn__dsub(one, g), above = itn__dadd(one, g);
+    itn__dual square; /* 1 + g^2 - 2 g cos theta, as a sum of positive terms for either sign of g */
+    if (g_value >= 0)
+        square = itn__dadd(itn__dmul(below, below), itn__daffine(g, 2 * x, 0));
+    else
+        square = itn__dadd(itn__dmul(above, above), itn__daffine(g, -2 * (2 - x), 0));
+    return itn__ddiv(itn__daffine(itn__dmul(below, above), 1 / (4 * ITN__PI), 0),
+                     itn__dmul(square, itn__dsqrt(square)));
+}
+
+/* 1 - cos of the angle between unit vectors, exact also for small angles. */
+ITN__INLINE float itn__one_minus_cosine(itn_vec3 a, itn_vec3 b) {
+    itn_vec3 chord = itn__sub(a, b);
+    return itn__min(.5f * itn__dot(chord, chord), 2);
+}
+
+/* Turns `direction` by an angle drawn from the phase function and returns the new direction;
+   x receives 1 - cos theta. */
+ITN__INLINE itn_vec3 itn__sample_phase(itn_vec3 direction, float g, float u, float v, float *x) {
+    float q = (1 - g) * (1 - u) + (1 + g) * u, scale = 2 / (q * q), sine, phi = 2 * ITN__PI * v;
+    float one_minus = scale * itn__square(1 - g) * (1 - u) * (1 + g * u);
+    float one_plus = scale * itn__square(1 + g) * u * (1 - g * (1 - u));
+    itn_vec3 s, t;
+    itn__frame(direction, &s, &t);
+    sine = sqrtf(one_minus * one_plus);
+    *x = itn__min(one_minus, 2);
+    return itn__normalize(itn__to_world(
+        itn__vec3(sine * cosf(phi), sine * sinf(phi), one_minus < 1 ? 1 - one_minus : one_plus - 1),
+        s, t, direction));
+}
+/* ---- [surface] Fresnel, rough boundary, diffuse ------------------------------------------------- */
+
+/* At a boundary a walk that arrives along -omega_i leaves along omega_o. Everything here is in a
+   local frame whose z axis is the geometric normal on the side of omega_i (cos theta_i > 0), with
+   eta = index of the far side / index of the near side; omega_o with z < 0 is transmitted. What is
+   carried is basic radiance L / n^2, which refraction leaves unchanged, so no factor eta^2 appears.
+
+   A smooth dielectric reflects the share F (Fresnel) and transmits the rest. A rough one (Walter et
+   al. 2007, GGX) is made of smooth facets with normals m of density
+       D(m) = 1 / (pi alpha^2 (m_x^2/alpha^2 + m_y^2/alpha^2 + m_z^2)^2),
+   seen and lit past other facets with Smith's G1 each (separable form G = G1(omega_i) G1(omega_o)),
+       G1(omega) = 2 / (1 + sqrt(1 + alpha^2 tan^2 theta)):
+       f_r cos theta_o = F     D G / (4 cos theta_i),                               m ~ i + o
+       f_t cos theta_o = (1-F) D G (i.m) |o.m| eta^2 / (cos theta_i (i.m + eta o.m)^2), m ~ i + eta o
+   Facets are drawn as omega_i sees them, D_v(m) = G1(omega_i) D(m) (i.m) / cos theta_i (Heitz 2018),
+   and reflect or transmit by F; so in either case f cos theta_o / pdf = G1(omega_o). Light that
+   would meet a second facet is lost: a white furnace with a rough boundary is darker than 1.
+
+   Derivatives are detached: directions stay, f changes. With omega_i and omega_o fixed, the facet
+   that refracts one into the other turns with eta, so there m is a dual number as well. */
+
+/* Fresnel reflectance for unpolarised light; cos_t receives the cosine of the refracted ray. Total
+   internal reflection is F = 1 with cos_t = 0. */
+ITN__INLINE itn__dual itn__fresnel(itn__dual cos_i, itn__dual eta, itn__dual *cos_t) {
+    itn__dual one = itn__constant(1), sin_t, eta_cos_t, eta_cos_i, s, p;
+    sin_t = itn__ddiv(itn__dsub(one, itn__dmul(cos_i, cos_i)), itn__dmul(eta, eta)); /* squared */
+    if (!(sin_t.v < 1)) {
+        *cos_t = itn__constant(0);
+        return one;
+    }
+    *cos_t = itn__dsqrt(itn__dsub(one, sin_t));
+    eta_cos_t = itn__dmul(eta, *cos_t), eta_cos_i = itn__dmul(eta, cos_i);
+    s = itn__ddiv(itn__dsub(cos_i, eta_cos_t), itn__dadd(cos_i, eta_cos_t));
+    p = itn__ddiv(itn__dsub(eta_cos_i, *cos_t), itn__dadd(eta_cos_i, *cos_t));
+    return itn__daffine(itn__dadd(itn__dmul(s, s), itn__dmul(p, p)), .5f, 0);
+}
+
+/* omega_i mirrored at m; both point away from the surface. */
+ITN__INLINE itn_vec3 itn__reflect(itn_vec3 i, itn_vec3 m) {
+    return itn__along(itn__scale(i, -1), 2 * itn__dot(i, m), m);
+}
+/* omega_i refracted at m into the far side, where its cosine with -m is cos_t. */
+ITN__INLINE itn_vec3 itn__refract(itn_vec3 i, itn_vec3 m, float eta, float cos_t) {
+    return itn__along(itn__scale(i, -1 / eta), itn__dot(i, m) / eta - cos_t, m);
+}
+
+/* A dual vector, for the facet normal. */
+typedef struct itn__dual3 {
+    itn__dual x, y, z;
+} itn__dual3;
+
+ITN__INLINE itn__dual itn__ddot(itn__dual3 a, itn_vec3 b) {
+    return itn__dadd(itn__dadd(itn__daffine(a.x, b.x, 0), itn__daffine(a.y, b.y, 0)),
+                     itn__daffine(a.z, b.z, 0));
+}
+
+/* Density of facet normals. */
+ITN__INLINE itn__dual itn__ggx(itn__dual3 m, itn__dual alpha) {
+    itn__dual alpha2 = itn__dmul(alpha, alpha);
+    itn__dual flat = itn__dadd(itn__dmul(m.x, m.x), itn__dmul(m.y, m.y));
+    itn__dual e = itn__dadd(itn__ddiv(flat, alpha2), itn__dmul(m.z, m.z));
+    return itn__ddiv(itn__constant(1 / ITN__PI), itn__dmul(alpha2, itn__dmul(e, e)));
+}
+
+/* Share of facets that direction w sees unshadowed (Smith). */
+ITN__INLINE itn__dual itn__smith(itn_vec3 w, itn__dual alpha) {
+    float tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z);
+    itn__dual root = itn__dsqrt(itn__daffine(itn__dmul(alpha, alpha), tan2, 1));
+    return itn__ddiv(itn__constant(2), itn__daffine(root, 1, 1));
+}
+
+/* The facet normal that takes i to o, as a dual in local parameter 1 (eta). Returns 0 if no facet
+   on the outside does. */
+ITN__INLINE int itn__facet(itn_vec3 i, itn_vec3 o, float eta, itn__dual3 *m) {
+    itn_vec3 h = o.z > 0 ? itn__add(i, o) : itn__along(i, eta, o), slope = itn__vec3(0, 0, 0), n;
+    float length = itn__length(h), sign = h.z < 0 ? -1.f : 1.f;
+    if (!(length > 0)) return 0;
+    n = itn__scale(h, sign / length);
+    if (o.z < 0) /* dm/deta: the part of o across m, over the length of h */
+        slope = itn__scale(itn__along(o, -itn__dot(n, o), n), sign / length);
+    m->x = itn__constant(n.x), m->y = itn__constant(n.y), m->z = itn__constant(n.z);
+    m->x.d[1] = slope.x, m->y.d[1] = slope.y, m->z.d[1] = slope.z;
+    return itn__dot(i, n) > 0 && itn__dot(o, n) * o.z > 0;
+}
+
+/* f cos theta_o of a rough boundary; local parameters 0: alpha, 1: eta. pdf receives the density
+   with which itn__sample_rough draws o. 0 where there is no such facet. */
+ITN__INLINE itn__dual itn__rough(itn_vec3 i, itn_vec3 o, float alpha_value, float eta_value,
+                                 float *pdf) {
+    itn__dual alpha = itn__variable(alpha_value, 0), eta = itn__variable(eta_value, 1);
+    itn__dual cos_i, cos_o, cos_t, fresnel, f, smith_o;
+    itn__dual3 m;
+    *pdf = 0;
+    if (!(i.z > 0) || o.z == 0 || !itn__facet(i, o, eta_value, &m)) return itn__constant(0);
+    cos_i = itn__ddot(m, i), cos_o = itn__ddot(m, o);
+    fresnel = itn__fresnel(cos_i, eta, &cos_t);
+    smith_o = itn__smith(o, alpha);
+    f = itn__dmul(itn__ggx(m, alpha), itn__dmul(itn__smith(i, alpha), smith_o));
+    if (o.z > 0) {
+        f = itn__daffine(itn__dmul(f, fresnel), .25f / i.z, 0);
+    } else {
+        itn__dual root = itn__dadd(cos_i, itn__dmul(eta, cos_o));
+        itn__dual jacobian = itn__ddiv(itn__dmul(eta, eta), itn__dmul(root, root));
+        f = itn__dmul(f, itn__dsub(itn__constant(1), fresnel));
+        f = itn__dmul(f, itn__dmul(jacobian, itn__dmul(cos_i, cos_o)));
+        f = itn__daffine(f, -1 / i.z, 0); /* cos_o < 0 */
+    }
+    if (!(f.v > 0)) return itn__constant(0);
+    *pdf = f.v / smith_o.v;
+    return f;
+}
+
+/* Draws a facet as direction i sees them: a point on the disc that the hemisphere of facets, made
+   round by stretching, shows to i (Heitz 2018). */
+static itn_vec3 itn__sample_facet(itn_vec3 i, float alpha, float u, float v) {
+    itn_vec3 w = itn__normalize(itn__vec3(alpha * i.x, alpha * i.y, i.z)), s, t, m;
+    float r = sqrtf(u), phi = 2 * ITN__PI * v, x = r * cosf(phi), y = r * sinf(phi);
+    float across = w.x * w.x + w.y * w.y, lit = .5f * (1 + w.z);
+    s = across > 0 ? itn__scale(itn__vec3(-w.y, w.x, 0), 1 / sqrtf(across)) : itn__vec3(1, 0, 0);
+    t = itn__cross(w, s);
+    y = (1 - lit) * itn__safe_sqrt(1 - x * x) + lit * y;
+    m = itn__to_world(itn__vec3(x, y, itn__safe_sqrt(1 - x * x - y * y)), s, t, w);
+    return itn__normalize(itn__vec3(alpha * m.x, alpha * m.y, itn__max(m.z, 0)));
+}
+
+/* Draws o at a dielectric boundary by u[0..2]; alpha 0 is smooth. Returns 0 if the direction comes
+   out on the wrong side (light lost to a second facet). */
+static int itn__sample_dielectric(itn_vec3 i, float alpha, float eta, const float u[3],
+                                  itn_vec3 *o) {
+    itn_vec3 m = alpha > 0 ? itn__sample_facet(i, alpha, u[0], u[1]) : itn__vec3(0, 0, 1);
+    itn__dual cos_t, fresnel;
+    float cos_i = itn__min(itn__dot(i, m), 1);
+    if (!(cos_i > 0)) return 0;
+    fresnel = itn__fresnel(itn__constant(cos_i), itn__constant(eta), &cos_t);
+    if (u[2] < fresnel.v) {
+        *o = itn__normalize(itn__reflect(i, m));
+        return o->z > 0;
+    }
+    *o = itn__normalize(itn__refract(i, m, eta, cos_t.v));
+    return o->z < 0;
+}
+
+/* Draws o with density cos theta / pi. */
+ITN__INLINE itn_vec3 itn__sample_cosine(float u, float v) {
+    float r = sqrtf(u), phi = 2 * ITN__PI * v;
+    return itn__vec3(r * cosf(phi), r * sinf(phi), sqrtf(1 - u));
+}
+/* ---- [light] constant, map, sky, sun ------------------------------------------------------------ */
+
+/* All lights are infinitely far away, so a light is its radiance as a function of direction. A
+   constant light is found by whatever direction a walk takes and needs no sampling. Map, sky and
+   sun are also sampled: one of them by its share of the power, then a direction with density
+   q(omega) close to its radiance:
+   - sun: uniform in its cone;
+   - map and sky: on a latitude-longitude grid of nodes, density bilinear between the nodes of
+     luminance times sin theta (the area a node stands for), inverted exactly: row, column, then the
+     linear densities inside the cell.
+   With p the density by which the scattering at a vertex draws the same direction, the two ways
+   are combined by the balance heuristic (Veach 1997): weight q/(p+q) for a sampled light, p/(p+q)
+   for a light that is met. Directions: u, v in [0,1] across and down,
+   omega = (sin 2 pi u sin pi v, cos pi v, -cos 2 pi u sin pi v).
+
+   Sky (Hosek and Wilkie 2012, equation 8), theta from the zenith, gamma from the sun:
+       F = (1 + A e^(B/(cos theta + .01))) (C + D e^(E gamma) + F cos^2 gamma + G chi + H sqrt(cos
+       theta)),  chi = (1 + cos^2 gamma) / (1 + I^2 - 2 I cos gamma)^(3/2),
+   times the mean radiance, with A..I in the order of the published data. */
+
+typedef enum itn__light_kind {
+    ITN__LIGHT_CONSTANT,
+    ITN__LIGHT_MAP,
+    ITN__LIGHT_SKY,
+    ITN__LIGHT_SUN
+} itn__light_kind;
+
+/* A density on the unit square that is bilinear between nodes; columns wrap around. */
+typedef struct itn__grid {
+    int width, height; /* nodes */
+    float bottom;      /* v of the last row */
+    float *density;    /* [height][width], in (u, v), integrating to 1 */
+    float *rows;       /* [height-1] cumulative probability up to and including each row of cells */
+    float *cells;      /* [height-1][width] the same within a row */
+} itn__grid;
+
+typedef struct itn__light {
+    itn__light_kind kind;
+    int parameter;    /* of its scale */
+    float share;      /* probability of being chosen when lights are sampled */
+    float radiance[3];
+    itn_sky sky;
+    itn_vec3 sun;     /* unit */
+    float sun_cone;   /* 1 - cos of the disc's angular radius */
+    int width, height;
+    float *map;       /* [height][width][3] */
+    itn__grid grid;   /* of map and sky */
+} itn__light;
+
+#define ITN__SUN_RADIUS 0.2679f /* degrees, half of the disc's mean angular diameter */
+
+ITN__INLINE float itn__luminance(const float rgb[3]) {
+    return .2126f * rgb[0] + .7152f * rgb[1] + .0722f * rgb[2];
+}
+
+/* Direction of u, v and back. */
+static itn_vec3 itn__map_direction(float u, float v) {
+    float phi = 2 * ITN__PI * u, theta = ITN__PI * v, sine = sinf(theta);
+    return itn__vec3(sinf(phi) * sine, cosf(theta), -cosf(phi) * sine);
+}
+static void itn__map_coordinates(itn_vec3 d, float *u, float *v) {
+    float phi = atan2f(d.x, -d.z) * (.5f / ITN__PI);
+    *u = phi < 0 ? itn__min(phi + 1, .99999994f) : phi;
+    *v = atan2f(sqrtf(d.x * d.x + d.z * d.z), d.y) * (1 / ITN__PI);
+}
+
+/* Cell and position within it of u, v on a grid of nodes: column c at (c + .5)/width, wrapping;
+   row r at bottom r/(height - 1). */
+ITN__INLINE void itn__grid_locate(int width, int height, float bottom, float u, float v, int *c0,
+                                  int *c1, int *r, float *fx, float *fy) {
+    float x = u * (float)width - .5f, y = v / bottom * (float)(height - 1);
+    if (x < 0) x += (float)width;
+    *c0 = (int)x < width ? (int)x : width - 1;
+    *c1 = *c0 + 1 < width ? *c0 + 1 : 0;
+    *r = (int)y < height - 1 ? (int)y : height - 2;
+    *fx = itn__min(x - (float)*c0, 1), *fy = itn__min(y - (float)*r, 1);
+}
+ITN__INLINE float itn__mix(float a, float b, float t) { return a + t * (b - a); }
+
+static void itn__map_radiance(const itn__light *light, itn_vec3 d, float rgb[3]) {
+    int c0, c1, r, k;
+    float u, v, fx, fy;
+    const float *row;
+    itn__map_coordinates(d, &u, &v);
+    itn__grid_locate(light->width, light->height, 1, u, v, &c0, &c1, &r, &fx, &fy);
+    row = light->map + (size_t)r * (size_t)light->width * 3;
+    for (k = 0; k < 3; k++) {
+        float top = itn__mix(row[3 * c0 + k], row[3 * c1 + k], fx);
+        float below = itn__mix(row[3 * (light->width + c0) + k], row[3 * (light->width + c1) + k],
+                               fx);
+        rgb[k] = itn__mix(top, below, fy);
+    }
+}
+
+/* One channel of the sky above the horizon; its rare negative values are taken as 0. */
+static float itn__sky_radiance(const itn_sky *sky, int channel, float cos_theta, float cos_gamma,
+                               float gamma) {
+    const float *a = sky->coefficients[channel];
+    float cos2 = cos_gamma * cos_gamma;
+    float mie = (1 + cos2) / powf(1 + a[8] * a[8] - 2 * a[8] * cos_gamma, 1.5f);
+    float f = (1 + a[0] * expf(a[1] / (cos_theta + .01f))) *
+              (a[2] + a[3] * expf(a[4] * gamma) + a[5] * cos2 + a[6] * mie +
+               a[7] * sqrtf(cos_theta));
+    return itn__max(f * sky->radiance[channel], 0);
+}
+
+/* Radiance of a light, without its scale, in direction d. */
+static void itn__light_radiance(const itn__light *light, itn_vec3 d, float rgb[3]) {
+    float x = itn__one_minus_cosine(d, light->sun);
+    int k;
+    rgb[0] = rgb[1] = rgb[2] = 0;
+    if (light->kind == ITN__LIGHT_MAP) {
+        itn__map_radiance(light, d, rgb);
+    } else if (light->kind == ITN__LIGHT_SKY) {
+        float gamma = 2 * asinf(sqrtf(.5f * x));
+        if (d.y < 0) return;
+        for (k = 0; k < 3; k++) rgb[k] = itn__sky_radiance(&light->sky, k, d.y, 1 - x, gamma);
+    } else if (light->kind == ITN__LIGHT_CONSTANT || x <= light->sun_cone) {
+        memcpy(rgb, light->radiance, sizeof light->radiance);
+    }
+}
+
+/* Makes the cumulative tables of a grid whose `density` holds unnormalised node values >= 0; row
+   and column densities are summed in double. Returns the integral over u, v. */
+static double itn__grid_prepare(itn__grid *grid) {
+    int width = grid->width, height = grid->height, r, c;
+    double total = 0;
+    for (r = 0; r < height - 1; r++) {
+        const float *top = grid->density + (size_t)r * (size_t)width, *below = top + width;
+        float *cells = grid->cells + (size_t)r * (size_t)width;
+        double row = 0;
+        for (c = 0; c < width; c++) {
+            int next = c + 1 < width ? c + 1 : 0;
+            row += (double)top[c] + top[next] + below[c] + below[next];
+            cells[c] = (float)row; /* relative to the row's own sum, below */
+        }
+        for (c = 0; c < width; c++) cells[c] = row > 0 ? (float)(cells[c] / row) : 0;
+        total += row;
+        grid->rows[r] = (float)total;
+    }
+    for (r = 0; r < height - 1; r++) grid->rows[r] = (float)(grid->rows[r] / total);
+    total *= .25 * grid->bottom / ((double)width * (height - 1));
+    for (r = 0; r < width * height; r++) grid->density[r] = (float)(grid->density[r] / total);
+    return total;
+}
+
+/* First entry of an increasing table[count] that is above u; *rest receives u's place between its
+   neighbours, again uniform in [0,1]. */
+static int itn__pick(const float *table, int count, float u, float *rest) {
+    int lower = 0, upper = count - 1;
+    float before, width;
+    u *= table[count - 1];
+    while (lower < upper) {
+        int middle = (lower + upper) / 2;
+        if (table[middle] > u)
+            upper = middle;
+        else
+            lower = middle + 1;
+    }
+    before = lower ? table[lower - 1] : 0, width = table[lower] - before;
+    *rest = width > 0 ? itn__clamp((u - before) / width, 0, 1) : .5f;
+    return lower;
+}
+
+/* Draws x in [0,1] with a density that goes linearly from a to b. */
+static float itn__sample_linear(float a, float b, float u) {
+    float root = a + sqrtf(itn__mix(a * a, b * b, u));
+    return root > 0 ? itn__min(u * (a + b) / root, 1) : u;
+}
+
+static float itn__grid_pdf(const itn__grid *grid, float u, float v) {
+    int c0, c1, r;
+    float fx, fy;
+    const float *top;
+    if (v > grid->bottom) return 0;
+    itn__grid_locate(grid->width, grid->height, grid->bottom, u, v, &c0, &c1, &r, &fx, &fy);
+    top = grid->density + (size_t)r * (size_t)grid->width;
+    return itn__mix(itn__mix(top[c0], top[c1], fx),
+                    itn__mix(top[grid->width + c0], top[grid->width + c1], fx), fy);
+}
+
+static itn_vec3 itn__grid_sample(const itn__grid *grid, float u, float v) {
+    int r = itn__pick(grid->rows, grid->height - 1, v, &v), c, next;
+    const float *top = grid->density + (size_t)r * (size_t)grid->width;
+    const float *below = top + grid->width;
+    c = itn__pick(grid->cells + (size_t)r * (size_t)grid->width, grid->width, u, &u);
+    next = c + 1 < grid->width ? c + 1 : 0;
+    v = itn__sample_linear(top[c] + top[next], below[c] + below[next], v);
+    u = itn__sample_linear(itn__mix(top[c], below[c], v), itn__mix(top[next], below[next], v), u);
+    u = ((float)c + .5f + u) / (float)grid->width;
+    return itn__map_direction(u < 1 ? u : u - 1,
+                              ((float)r + v) / (float)(grid->height - 1) * grid->bottom);
+}
+
+/* Density over solid angle with which itn__light_sample draws d. */
+static float itn__light_pdf(const itn__light *light, itn_vec3 d) {
+    if (light->kind == ITN__LIGHT_CONSTANT) return 0;
+    if (light->kind == ITN__LIGHT_SUN)
+        return itn__one_minus_cosine(d, light->sun) <= light->sun_cone
+                   ? 1 / (2 * ITN__PI * light->sun_cone) : 0;
+    {
+        float u, v, sine;
+        itn__map_coordinates(d, &u, &v);
+        sine = sqrtf(d.x * d.x + d.z * d.z);
+        return sine > 0 ? itn__grid_pdf(&light->grid, u, v) / (2 * ITN__PI * ITN__PI * sine) : 0;
+    }
+}
+
+static itn_vec3 itn__light_sample(const itn__light *light, float u, float v) {
+    itn_vec3 s, t;
+    float x, sine, phi = 2 * ITN__PI * v;
+    if (light->kind != ITN__LIGHT_SUN) return itn__grid_sample(&light->grid, u, v);
+    x = u * light->sun_cone, sine = sqrtf(x * (2 - x));
+    itn__frame(light->sun, &s, &t);
+    return itn__normalize(itn__to_world(itn__vec3(sine * cosf(phi), sine * sinf(phi), 1 - x), s, t,
+                                        light->sun));
+}
+
+/* Builds the grid of a map or sky from its own radiance at the nodes. Returns its power (the
+   integral of luminance over the sphere), or -1 if memory is out. A floor of a thousandth of the
+   mean keeps every part of a sky, clamped or not, within reach. */
+static double itn__light_grid(const itn_context *context, itn__light *light, int width, int height,
+                              float bottom) {
+    itn__grid *grid = &light->grid;
+    size_t nodes = (size_t)width * (size_t)height;
+    double mean = 0;
+    int r, c;
+    grid->width = width, grid->height = height, grid->bottom = bottom;
+    grid->density = (float *)itn__allocate(context, nodes, sizeof(float));
+    grid->rows = (float *)itn__allocate(context, (size_t)height, sizeof(float));
+    grid->cells = (float *)itn__allocate(context, nodes, sizeof(float));
+    if (!grid->density || !grid->rows || !grid->cells) return -1;
+    for (r = 0; r < height; r++) {
+        float v = bottom * (float)r / (float)(height - 1), rgb[3];
+        /* a pole's node stands for the cap around it */
+        float sine = itn__max(sinf(ITN__PI * v), sinf(ITN__PI / (3 * (float)(height - 1)) * bottom));
+        for (c = 0; c < width; c++) {
+            itn_vec3 d = itn__map_direction(((float)c + .5f) / (float)width, v);
+            if (light->kind == ITN__LIGHT_MAP)
+                memcpy(rgb, light->map + 3 * ((size_t)r * (size_t)width + (size_t)c), sizeof rgb);
+            else
+                d.y = itn__max(d.y, 0), itn__light_radiance(light, d, rgb);
+            mean += grid->density[(size_t)r * (size_t)width + (size_t)c] =
+                itn__luminance(rgb) * sine;
+        }
+    }
+    mean /= (double)nodes;
+    if (!(mean > 0)) return 0; /* black: never sampled */
+    if (light->kind == ITN__LIGHT_SKY)
+        for (r = 0; r < (int)nodes; r++)
+            grid->density[r] = itn__max(grid->density[r], (float)(1e-3 * mean));
+    return itn__grid_prepare(grid) * 2 * ITN__PI * ITN__PI;
+}
+/* ---- [sensor] camera and film -------------------------------------------------------------------- */
+
+/* A pinhole at `eye`; a pixel's value is the mean radiance over the reconstruction filter around
+   its centre. Positions are drawn from the filter itself (filter importance sampling), so every
+   sample has weight 1 and belongs to one pixel only, and pixels are independent. */
+typedef struct itn__camera {
+    itn_vec3 eye, forward, right, up; /* right and up are as long as half the film at distance 1 */
+    int width, height;
+    itn_filter filter;
+} itn__camera;
+
+/* Ray through pixel (x, y) for u, v in (0,1). */
+static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u, float v) {
+    float dx = u - .5f, dy = v - .5f, sx, sy;
+    itn_ray ray;
+    if (camera->filter == ITN_FILTER_GAUSSIAN) { /* radius by its inverse distribution, cut at 2 */
+        float cut = 1 - expf(-8.f), r = .5f * sqrtf(-2 * logf(1 - cut * u)), phi = 2 * ITN__PI * v;
+        dx = r * cosf(phi), dy = r * sinf(phi);
+    }
+    sx = 2 * ((float)x + .5f + dx) / (float)camera->width - 1;
+    sy = 1 - 2 * ((float)y + .5f + dy) / (float)camera->height;
+    ray.origin = camera->eye;
+    ray.direction = itn__normalize(
+        itn__along(itn__along(camera->forward, sx, camera->right), sy, camera->up));
+    ray.tmin = 0, ray.tmax = INFINITY;
+    return ray;
+}
+
+/* ---- [scene] a desc, checked and made ready ------------------------------------------------------ */
+
+/* Every number that can be differentiated lives in the parameter table; media, surfaces and lights
+   hold indices into it, and a render reads its values from theta. All triangles share one tree, in
+   coordinates whose origin is the middle of the solids, so that a scene far from its own origin
+   keeps its digits. */
+enum { ITN__MAX_OBJECTS = 64, ITN__MAX_LIGHTS = 64, ITN__MAX_ITEMS = 4096 };
+#define ITN__MAX_RADIANCE 1e18f /* so that sums and products of a few stay finite */
+
+typedef struct itn__medium {
+    char name[ITN_NAME_SIZE];
+    int sigma_t, albedo, g; /* parameters; albedo of channel c is albedo + c */
+} itn__medium;
+
+typedef struct itn__surface {
+    char name[ITN_NAME_SIZE];
+    itn_surface_type type;
+    itn_texture_type texture;
+    int alpha, ior;                /* parameters; alpha -1: smooth */
+    int reflectance, reflectance2; /* parameters of channel 0 */
+    float checker_size;
+    int width, height;
+    float *texels; /* [height][width][3] */
+} itn__surface;
+
+typedef struct itn__object {
+    int medium, surface; /* indices, -1: none */
+    int first_triangle;
+    int closed;
+    float *uvs; /* [triangles][6] or NULL */
+    double volume, area;
+} itn__object;
+
+struct itn_scene {
+    itn_context context;
+    itn_film_desc film;
+    itn__camera camera;
+    itn__medium *media;
+    itn__surface *surfaces;
+    itn__object *objects;
+    itn__light *lights;
+    itn_parameter *parameters;
+    int medium_count, surface_count, object_count, light_count, parameter_count;
+    unsigned char sides[ITN__MAX_OBJECTS]; /* at the camera, see itn__bvh_trace */
+    itn_bvh *bvh;
+    double origin[3]; /* what was subtracted from all positions */
+    float radius;     /* of the solids (of everything, if there are none) */
+};
+
+ITN_API void itn_scene_free(itn_scene *scene) {
+    itn_context context;
+    int i;
+    if (!scene) return;
+    context = scene->context;
+    itn_bvh_free(scene->bvh);
+    for (i = 0; scene->lights && i < scene->light_count; i++) {
+        itn__free(&context, scene->lights[i].grid.cells);
+        itn__free(&context, scene->lights[i].grid.rows);
+        itn__free(&context, scene->lights[i].grid.density);
+        itn__free(&context, scene->lights[i].map);
+    }
+    for (i = 0; scene->objects && i < scene->object_count; i++)
+        itn__free(&context, scene->objects[i].uvs);
+    for (i = 0; scene->surfaces && i < scene->surface_count; i++)
+        itn__free(&context, scene->surfaces[i].texels);
+    itn__free(&context, scene->parameters);
+    itn__free(&context, scene->lights);
+    itn__free(&context, scene->objects);
+    itn__free(&context, scene->surfaces);
+    itn__free(&context, scene->media);
+    itn__free(&context, scene);
+}
+
+ITN_API itn_film_desc itn_scene_film(const itn_scene *scene) { return scene->film; }
+
+ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta,
+                                   const char *medium) {
+    double volume = 0, area = 0;
+    int i, k;
+    for (k = 0; k < scene->medium_count; k++)
+        if (!strcmp(scene->media[k].name, medium)) break;
+    for (i = 0; i < scene->object_count && k < scene->medium_count; i++)
+        if (scene->objects[i].medium == k)
+            volume += scene->objects[i].volume, area += scene->objects[i].area;
+    if (!(area > 0)) return 0;
+    k = scene->media[k].sigma_t;
+    return (theta ? theta[k] : scene->parameters[k].value) * 4 * volume / area;
+}
+
+/* Parameters. */
+
+ITN_API int itn_parameter_count(const itn_scene *scene) { return scene->parameter_count; }
+
+ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index) {
+    return index >= 0 && index < scene->parameter_count ? &scene->parameters[index] : NULL;
+}
+
+ITN_API int itn_parameter_find(const itn_scene *scene, const char *name) {
+    int i;
+    for (i = 0; i < scene->parameter_count; i++)
+        if (!strcmp(scene->parameters[i].name, name)) return i;
+    return -1;
+}
+
+ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
+    int i;
+    for (i = 0; i < scene->parameter_count; i++) theta[i] = scene->parameters[i].value;
+}
+
+/* Value at which a logarithm stands for zero: e^-32 of the largest. */
+static double itn__log_floor(const itn_parameter *p) {
+    return p->lower > 0 ? (double)p->lower : p->upper * exp(-32.0);
+}
+
+ITN_API double itn_parameter_to_coordinate(const itn_parameter *p, double value) {
+    double ratio;
+    if (p->transform == ITN_IDENTITY) return value;
+    if (p->transform == ITN_LOG) {
+        double floor_value = itn__log_floor(p);
+        return log(value > floor_value ? value : floor_value);
+    }
+    ratio = log((value - (double)p->lower) / ((double)p->upper - value));
+    return ratio > 16 ? 16 : ratio < -16 ? -16 : ratio;
+}
+
+ITN_API double itn_parameter_from_coordinate(const itn_parameter *p, double coordinate) {
+    double value = coordinate, lower = p->lower, upper = p->upper;
+    if (p->transform == ITN_LOG) value = exp(coordinate);
+    if (p->transform == ITN_LOGIT) value = lower + (upper - lower) / (1 + exp(-coordinate));
+    return value < lower ? lower : value > upper ? upper : value;
+}
+
+ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
+    double ratio;
+    if (p->transform == ITN_IDENTITY) return 1;
+    if (p->transform == ITN_LOG) return value > itn__log_floor(p) ? value : itn__log_floor(p);
+    ratio = (value - (double)p->lower) / ((double)p->upper - (double)p->lower);
+    if (ratio < 1e-7) ratio = 1e-7; /* the slope at coordinates of -16 and 16 */
+    if (ratio > 1 - 1e-7) ratio = 1 - 1e-7;
+    return ratio * (1 - ratio) * ((double)p->upper - (double)p->lower);
+}
+
+/* Making a scene. The maker carries the scene under construction and the first error. */
+typedef struct itn__maker {
+    itn_scene *scene;
+    const itn_scene_desc *desc;
+    itn_error *error;
+} itn__maker;
+
+/* Adds parameter item.field (or item.field_r for channel 0 of 3...); returns its index or -1. */
+static int itn__add_parameter(itn__maker *maker, const char *item, const char *field, int channel,
+                              float value, float lower, float upper, itn_transform transform) {
+    static const char *const suffix[4] = {"", "_r", "_g", "_b"};
+    itn_scene *scene = maker->scene;
+    itn_parameter *p = &scene->parameters[scene->parameter_count];
+    int length;
+    if (!(value >= lower && value <= upper)) {
+        itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: %s %g is not in [%g, %g]", item, field,
+                  (double)value, (double)lower, (double)upper);
+        return -1;
+    }
+    length = snprintf(p->name, sizeof p->name, "%s.%s%s", item, field, suffix[channel + 1]);
+    if (length >= (int)sizeof p->name || itn_parameter_find(scene, p->name) >= 0) {
+        itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                  "parameter name %s.%s is %s", item, field,
+                  length >= (int)sizeof p->name ? "too long" : "not unique: name the items apart");
+        return -1;
+    }
+    p->value = value, p->lower = lower, p->upper = upper, p->transform = transform;
+    return scene->parameter_count++;
+}
+
+/* The same for one value per channel of the film. Returns the first index or -1. */
+static int itn__add_channels(itn__maker *maker, const char *item, const char *field,
+                             const float value[3]) {
+    int channels = maker->scene->film.channels, c, first = -1;
+    for (c = 0; c < channels; c++) {
+        int index = itn__add_parameter(maker, item, field, channels == 3 ? c : -1, value[c], 0, 1,
+                                       ITN_LOGIT);
+        if (index < 0) return -1;
+        if (c == 0) first = index;
+    }
+    return first;
+}
+
+/* A name is letters, digits, _ and -, beginning with a letter; short enough for "name.field". */
+static itn_result itn__check_name(itn__maker *maker, const char *kind, int index,
+                                  const char *name) {
+    size_t i, length = name ? strlen(name) : 0;
+    int good = length > 0 && length <= 40;
+    for (i = 0; good && i < length; i++) {
+        char ch = name[i];
+        int letter = (ch >= 'a' && ch <= 'z') || (ch >= 'A' && ch <= 'Z');
+        good = letter || (i > 0 && ((ch >= '0' && ch <= '9') || ch == '_' || ch == '-'));
+    }
+    if (good) return ITN_OK;
+    return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                     "%s %d: a name is 1 to 40 letters, digits, _ or -, beginning with a letter",
+                     kind, index);
+}
+
+static itn_result itn__make_film(itn__maker *maker) {
+    const itn_camera_desc *in = &maker->desc->camera;
+    itn_film_desc film = maker->desc->film;
+    itn__camera *camera = &maker->scene->camera;
+    itn_vec3 up = in->up, forward = itn__sub(in->target, in->eye);
+    float fov = in->fov != 0 ? in->fov : 30, half;
+    if (film.width == 0) film.width = 128;
+    if (film.height == 0) film.height = 128;
+    if (film.channels == 0) film.channels = 1;
+    if (film.width < 1 || film.height < 1 || film.width > 65536 || film.height > 65536)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "film: %d x %d is not 1 to 65536",
+                         film.width, film.height);
+    if ((film.channels != 1 && film.channels != 3) ||
+        (film.filter != ITN_FILTER_BOX && film.filter != ITN_FILTER_GAUSSIAN))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "film: channels are 1 or 3, filter is box or gaussian");
+    if (!itn__finite3(in->eye) || !itn__finite3(forward) || !itn__finite3(up) ||
+        !(itn__length(forward) > 0))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "camera: eye, target and up must be finite, eye and target different");
+    if (!(fov > 0 && fov < 180))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "camera: fov %g is not in (0, 180)",
+                         (double)fov);
+    if (up.x == 0 && up.y == 0 && up.z == 0) up.y = 1;
+    camera->forward = itn__normalize(forward);
+    camera->right = itn__cross(camera->forward, itn__normalize(up));
+    if (!(itn__length(camera->right) > 1e-5f)) /* sine of the angle between two unit vectors */
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "camera: up is parallel to the view");
+    half = tanf(fov * (ITN__PI / 360));
+    camera->right = itn__normalize(camera->right);
+    camera->up = itn__scale(itn__cross(camera->right, camera->forward),
+                            half * (float)film.height / (float)film.width);
+    camera->right = itn__scale(camera->right, half);
+    camera->width = film.width, camera->height = film.height, camera->filter = film.filter;
+    maker->scene->film = film;
+    return ITN_OK;
+}
+
+static itn_result itn__make_medium(itn__maker *maker, int index) {
+    const itn_medium_desc *in = &maker->desc->media[index];
+    itn__medium *medium = &maker->scene->media[index];
+    itn_result result = itn__check_name(maker, "medium", index, in->name);
+    if (result) return result;
+    itn__copy_name(medium->name, in->name);
+    medium->sigma_t = itn__add_parameter(maker, in->name, "sigma_t", -1, in->sigma_t, 0, 1e12f,
+                                         ITN_LOG);
+    if (medium->sigma_t < 0) return ITN_ERROR_ARGUMENT;
+    medium->albedo = itn__add_channels(maker, in->name, "albedo", in->albedo);
+    if (medium->albedo < 0) return ITN_ERROR_ARGUMENT;
+    medium->g = itn__add_parameter(maker, in->name, "g", -1, in->g, -.999f, .999f, ITN_LOGIT);
+    return medium->g < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
+}
+
+/* Copies an image's light into texels [height][width][3] after checking its values. With one
+   channel on the film, all three hold the luminance. */
+static itn_result itn__copy_texels(itn__maker *maker, const char *item, const itn_image *image,
+                                   float largest, float **texels) {
+    const float *planes[3];
+    size_t i, count;
+    int k;
+    if (!image || !image->pixels || image->width < 1 || image->height < 2)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "%s: needs an image of at least 1 x 2 pixels", item);
+    count = (size_t)image->width * (size_t)image->height;
+    *texels = (float *)itn__allocate(&maker->scene->context, count, 3 * sizeof(float));
+    if (!*texels) return itn__out_of_memory(maker->error, item);
+    itn__image_colours(image, planes);
+    for (i = 0; i < count; i++) {
+        float *texel = *texels + 3 * i;
+        for (k = 0; k < 3; k++) {
+            texel[k] = planes[k][i];
+            if (!(texel[k] >= 0 && texel[k] <= largest))
+                return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                                 "%s: image value %g in row %d, column %d is not in [0, %g]", item,
+                                 (double)texel[k], (int)(i / (size_t)image->width),
+                                 (int)(i % (size_t)image->width), (double)largest);
+        }
+        if (maker->scene->film.channels == 1)
+            texel[0] = texel[1] = texel[2] = itn__luminance(texel);
+    }
+    return ITN_OK;
+}
+
+static itn_result itn__make_diffuse(itn__maker *maker, const itn_surface_desc *in,
+                                    itn__surface *surface) {
+    surface->reflectance = itn__add_channels(maker, in->name, "reflectance", in->reflectance);
+    if (surface->reflectance < 0) return ITN_ERROR_ARGUMENT;
+    if (in->texture == ITN_TEXTURE_CHECKER) {
+        surface->checker_size = in->checker_size != 0 ? in->checker_size : 1;
+        if (!(surface->checker_size > 0) || !itn__finite(surface->checker_size))
+            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                             "%s: checker_size %g is not positive", in->name,
+                             (double)in->checker_size);
+        surface->reflectance2 = itn__add_channels(maker, in->name, "reflectance2",
+                                                  in->reflectance2);
+        return surface->reflectance2 < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
+    }
+    if (in->texture != ITN_TEXTURE_IMAGE) return ITN_OK;
+    if (in->image) surface->width = in->image->width, surface->height = in->image->height;
+    return itn__copy_texels(maker, in->name, in->image, 1, &surface->texels);
+}
+
+static itn_result itn__make_surface(itn__maker *maker, int index) {
+    const itn_surface_desc *in = &maker->desc->surfaces[index];
+    itn__surface *surface = &maker->scene->surfaces[index];
+    itn_result result = itn__check_name(maker, "surface", index, in->name);
+    if (result) return result;
+    itn__copy_name(surface->name, in->name);
+    surface->type = in->type, surface->texture = in->texture, surface->alpha = -1;
+    if (in->type == ITN_SURFACE_DIFFUSE) return itn__make_diffuse(maker, in, surface);
+    if (in->type != ITN_SURFACE_DIELECTRIC)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown type", in->name);
+    surface->ior = itn__add_parameter(maker, in->name, "ior", -1, in->ior != 0 ? in->ior : 1.5f, 1,
+                                      4, ITN_LOGIT);
+    if (surface->ior < 0) return ITN_ERROR_ARGUMENT;
+    if (in->alpha == 0) return ITN_OK;
+    surface->alpha = itn__add_parameter(maker, in->name, "alpha", -1, in->alpha, .001f, 1, ITN_LOG);
+    return surface->alpha < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
+}
+
+/* Copies a light's colour; with one channel on the film, its luminance. */
+static itn_result itn__copy_radiance(itn__maker *maker, const char *name, const float in[3],
+                                     int in_channels, float out[3]) {
+    int c;
+    for (c = 0; c < 3; c++) {
+        out[c] = in[c < in_channels ? c : 0];
+        if (!(out[c] >= 0 && out[c] <= ITN__MAX_RADIANCE))
+            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                             "%s: radiance %g is not in [0, %g]", name, (double)out[c],
+                             (double)ITN__MAX_RADIANCE);
+    }
+    if (maker->scene->film.channels == 1) out[0] = out[1] = out[2] = itn__luminance(out);
+    return ITN_OK;
+}
+
+/* A sky desc becomes two lights, the sky and (if it has any radiance) its sun. */
+static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, const char *name,
+                                itn__light *sky, itn__light *sun) {
+    float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
+    float radius_scale = in->sun_radius_scale != 0 ? in->sun_radius_scale : 1;
+    const float *numbers = &in->sky.coefficients[0][0];
+    int c, k;
+    itn_result result;
+    for (k = 0; k < 27; k++)
+        if (!itn__finite(numbers[k]))
+            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                             "%s: sky coefficient %d is not finite", name, k);
+    if (!itn__finite3(in->sun_direction) || !(in->sun_direction.y > 0))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "%s: the sun's direction must be finite and above the horizon", name);
+    half *= radius_scale;
+    if (!(radius_scale > 0 && half < 1.5f))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "%s: sun_radius_scale %g is not in (0, 320)", name, (double)radius_scale);
+    sky->kind = ITN__LIGHT_SKY, sun->kind = ITN__LIGHT_SUN;
+    sky->sky = in->sky;
+    result = itn__copy_radiance(maker, name, in->sky.radiance, 3, sky->radiance);
+    if (!result) result = itn__copy_radiance(maker, name, in->sky.sun_radiance, 3, sun->radiance);
+    if (result) return result;
+    sky->sun = sun->sun = itn__normalize(in->sun_direction);
+    sun->sun_cone = 2 * itn__square(sinf(half / 2));
+    for (c = 0; c < 3; c++) sun->radiance[c] *= natural / sun->sun_cone;
+    sky->parameter = itn__add_parameter(maker, name, "scale", -1, sky->share, 0, 1e12f, ITN_LOG);
+    sun->parameter = itn__add_parameter(maker, name, "sun_scale", -1, sun->share, 0, 1e12f,
+                                        ITN_LOG);
+    return sky->parameter < 0 || sun->parameter < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
+}
+
+static itn_result itn__make_light(itn__maker *maker, int index) {
+    const itn_light_desc *in = &maker->desc->lights[index];
+    itn_scene *scene = maker->scene;
+    itn__light *light = &scene->lights[scene->light_count];
+    char name[ITN_NAME_SIZE];
+    itn_result result;
+    if (index)
+        snprintf(name, sizeof name, "light%d", index + 1);
+    else
+        itn__copy_name(name, "light");
+    if (in->name) {
+        result = itn__check_name(maker, "light", index, in->name);
+        if (result) return result;
+        itn__copy_name(name, in->name);
+    }
+    /* until the shares are known, `share` holds the scale as given */
+    light[0].share = in->scale == 0 && !in->has_scale ? 1 : in->scale;
+    light[1].share = in->sun_scale == 0 && !in->has_scale ? 1 : in->sun_scale;
+    if (in->type == ITN_LIGHT_SKY) {
+        scene->light_count += 2;
+        return itn__make_sky(maker, in, name, &light[0], &light[1]);
+    }
+    scene->light_count++;
+    light->parameter = itn__add_parameter(maker, name, "scale", -1, light->share, 0, 1e12f, ITN_LOG);
+    if (light->parameter < 0) return ITN_ERROR_ARGUMENT;
+    if (in->type == ITN_LIGHT_CONSTANT) {
+        light->kind = ITN__LIGHT_CONSTANT;
+        return itn__copy_radiance(maker, name, in->radiance, scene->film.channels, light->radiance);
+    }
+    if (in->type != ITN_LIGHT_MAP)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown type", name);
+    light->kind = ITN__LIGHT_MAP;
+    if (in->image) light->width = in->image->width, light->height = in->image->height;
+    return itn__copy_texels(maker, name, in->image, ITN__MAX_RADIANCE,
+                            &light->map);
+}
+
+/* Builds the sampling grids and shares out the choice between sampled lights by power; each keeps
+   a twentieth, so that a light whose scale is raised from 0 is still found. */
+static itn_result itn__share_lights(itn__maker *maker) {
+    itn_scene *scene = maker->scene;
+    double power[2 * ITN__MAX_LIGHTS], total = 0;
+    int i, sampled = 0;
+    for (i = 0; i < scene->light_count; i++) {
+        itn__light *light = &scene->lights[i];
+        power[i] = 0;
+        if (light->kind == ITN__LIGHT_MAP)
+            power[i] = itn__light_grid(&scene->context, light, light->width, light->height, 1);
+        else if (light->kind == ITN__LIGHT_SKY)
+            power[i] = itn__light_grid(&scene->context, light, 256, 65, .5f);
+        else if (light->kind == ITN__LIGHT_SUN)
+            power[i] = 2 * (double)ITN__PI * light->sun_cone * itn__luminance(light->radiance);
+        if (power[i] < 0) return itn__out_of_memory(maker->error, "a light's sampling table");
+        if (!(power[i] > 0)) power[i] = -1; /* not sampled */
+        if (power[i] > 0) sampled++, power[i] *= light->share > 0 ? light->share : 1e-30;
+        if (power[i] > 0) total += power[i];
+    }
+    for (i = 0; i < scene->light_count; i++)
+        scene->lights[i].share = power[i] < 0 ? 0
+            : (float)(.95 * power[i] / total + .05 / sampled);
+    return ITN_OK;
+}
+/* Objects: meshes are transformed, checked and merged into one. */
+
+static const float itn__identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+
+/* The matrix of an object (all zero stands for the identity). */
+static const float *itn__object_matrix(const itn_object_desc *in) {
+    int k;
+    for (k = 0; k < 12; k++)
+        if (in->transform[k] != 0) return in->transform;
+    return itn__identity;
+}
+
+static double itn__determinant(const float *m) {
+    return (double)m[0] * ((double)m[5] * m[10] - (double)m[6] * m[9]) -
+           (double)m[1] * ((double)m[4] * m[10] - (double)m[6] * m[8]) +
+           (double)m[2] * ((double)m[4] * m[9] - (double)m[5] * m[8]);
+}
+
+/* Vertices and triangles of one object: its mesh, or the square of a plane. */
+static int itn__object_vertices(const itn_object_desc *in) {
+    return in->mesh ? in->mesh->vertex_count : 4;
+}
+static int itn__object_triangles(const itn_object_desc *in) {
+    return in->mesh ? in->mesh->triangle_count : 2;
+}
+
+/* Position of vertex i in scene coordinates. */
+static void itn__object_vertex(const itn_object_desc *in, int i, double out[3]) {
+    const float *m = itn__object_matrix(in);
+    float p[3];
+    int k;
+    if (in->mesh) {
+        memcpy(p, in->mesh->positions + 3 * (size_t)i, sizeof p);
+    } else {
+        p[0] = (i == 1 || i == 2) ? in->half_size : -in->half_size;
+        p[1] = in->plane_y;
+        p[2] = i >= 2 ? -in->half_size : in->half_size;
+    }
+    for (k = 0; k < 3; k++)
+        out[k] = (double)m[4 * k] * p[0] + (double)m[4 * k + 1] * p[1] +
+                 (double)m[4 * k + 2] * p[2] + m[4 * k + 3];
+}
+
+static int itn__find_name(const char *name, const void *items, size_t stride, int count) {
+    int i;
+    for (i = 0; i < count; i++)
+        if (!strcmp(name, (const char *)items + (size_t)i * stride)) return i;
+    return -1;
+}
+
+/* Resolves names and refuses what cannot be, before any geometry is touched. */
+static itn_result itn__make_object(itn__maker *maker, int index) {
+    const itn_object_desc *in = &maker->desc->objects[index];
+    itn_scene *scene = maker->scene;
+    itn__object *object = &scene->objects[index];
+    int k;
+    object->medium = object->surface = -1;
+    if (in->medium)
+        object->medium = itn__find_name(in->medium, scene->media, sizeof *scene->media,
+                                        scene->medium_count);
+    if (in->surface)
+        object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
+                                         scene->surface_count);
+    if ((in->medium && object->medium < 0) || (in->surface && object->surface < 0))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "object %d: there is no %s '%s'",
+                         index + 1, in->medium && object->medium < 0 ? "medium" : "surface",
+                         in->medium && object->medium < 0 ? in->medium : in->surface);
+    if (!in->medium && !in->surface)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "object %d has neither medium nor surface", index + 1);
+    if (!in->mesh && (!(in->half_size > 0) || !itn__finite(in->half_size) ||
+                      !itn__finite(in->plane_y) || in->medium))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "object %d: a plane needs a finite y, a positive half size, no medium",
+                         index + 1);
+    if (in->mesh && (in->mesh->vertex_count < 1 || in->mesh->triangle_count < 1 ||
+                     !in->mesh->positions || !in->mesh->triangles))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "object %d: the mesh is empty",
+                         index + 1);
+    for (k = 0; k < 12; k++)
+        if (!itn__finite(in->transform[k]))
+            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                             "object %d: the transform is not finite", index + 1);
+    if (itn__determinant(itn__object_matrix(in)) == 0)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "object %d: the transform flattens space", index + 1);
+    return ITN_OK;
+}
+
+/* Says what keeps a mesh from being a solid. */
+static itn_result itn__mesh_fault(itn__maker *maker, int index, const itn_mesh *mesh,
+                                  const itn_mesh_report *report) {
+    const float *p = mesh->positions;
+    const int *edge = report->open_edges ? report->open_edge[0] : report->flipped_edge[0];
+    int a = edge[0], b = edge[1];
+    if (report->open_edges || report->flipped_edges)
+        return itn__fail(maker->error, ITN_ERROR_MESH, 0,
+                         "object %d: the mesh is not closed: %d open and %d flipped edges, first "
+                         "between vertices %d (%g, %g, %g) and %d (%g, %g, %g)", index + 1,
+                         report->open_edges, report->flipped_edges, a, (double)p[3 * a],
+                         (double)p[3 * a + 1], (double)p[3 * a + 2], b, (double)p[3 * b],
+                         (double)p[3 * b + 1], (double)p[3 * b + 2]);
+    return itn__fail(maker->error, ITN_ERROR_MESH, 0,
+                     "object %d: the mesh is inside out or flat: its volume is %g (triangles must "
+                     "be counter-clockwise seen from outside)", index + 1, report->volume);
+}
+
+/* Checks an object's mesh and notes whether it is a solid. Media and dielectrics need one. */
+static itn_result itn__check_object(itn__maker *maker, int index) {
+    const itn_object_desc *in = &maker->desc->objects[index];
+    itn__object *object = &maker->scene->objects[index];
+    double determinant = fabs(itn__determinant(itn__object_matrix(in)));
+    itn_mesh_report report;
+    itn_result result;
+    int solid = object->medium >= 0 ||
+                maker->scene->surfaces[object->surface].type == ITN_SURFACE_DIELECTRIC;
+    if (!in->mesh) {
+        object->area = 4 * (double)in->half_size * in->half_size;
+        if (!solid) return ITN_OK;
+        return itn__fail(maker->error, ITN_ERROR_MESH, 0,
+                         "object %d: a plane has no inside for a dielectric", index + 1);
+    }
+    result = itn_mesh_check(in->mesh, &maker->scene->context, &report, maker->error);
+    if (result) return result;
+    if (report.bad_vertices || report.bad_indices)
+        return itn__fail(maker->error, ITN_ERROR_MESH, 0,
+                         "object %d: the mesh has %d vertices that are not finite (first %d) and "
+                         "%d triangles that name missing vertices (first %d)", index + 1,
+                         report.bad_vertices, report.first_bad_vertex, report.bad_indices,
+                         report.first_bad_triangle);
+    object->closed = !report.open_edges && !report.flipped_edges && report.volume > 0;
+    if (solid && !object->closed && !in->force)
+        return itn__mesh_fault(maker, index, in->mesh, &report);
+    object->closed |= solid;
+    object->volume = fabs(report.volume) * determinant;
+    object->area = report.area * pow(determinant, 2. / 3); /* exact for uniform scaling */
+    return ITN_OK;
+}
+
+/* The middle and radius of the solids, or of everything where there are none. */
+static itn_result itn__make_origin(itn__maker *maker) {
+    itn_scene *scene = maker->scene;
+    double lower[3], upper[3], p[3];
+    int i, k, v, any = 0, pass;
+    for (k = 0; k < 3; k++) lower[k] = DBL_MAX, upper[k] = -DBL_MAX;
+    for (pass = 0; pass < 2 && !any; pass++) {
+        for (i = 0; i < scene->object_count; i++) {
+            if (pass == 0 && !scene->objects[i].closed) continue;
+            for (v = 0; v < itn__object_vertices(&maker->desc->objects[i]); v++, any = 1) {
+                itn__object_vertex(&maker->desc->objects[i], v, p);
+                for (k = 0; k < 3; k++) {
+                    if (p[k] < lower[k]) lower[k] = p[k];
+                    if (p[k] > upper[k]) upper[k] = p[k];
+                }
+            }
+        }
+    }
+    for (k = 0; k < 3; k++) {
+        scene->origin[k] = .5 * (lower[k] + upper[k]);
+        p[k] = .5 * (upper[k] - lower[k]);
+    }
+    scene->radius = (float)sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+    if (scene->radius > 0 && scene->radius < 1e18f) return ITN_OK;
+    return itn__fail(maker->error, ITN_ERROR_MESH, 0, "the objects have size %g",
+                     (double)scene->radius);
+}
+
+/* Writes object `index` into the merged mesh at the given vertex and triangle. A mirroring
+   transform turns triangles inside out, so their corners change places. */
+static void itn__merge_object(const itn__maker *maker, int index, itn_mesh *merged, int vertex,
+                              int triangle, int *object_of_triangle) {
+    static const int square[6] = {0, 1, 2, 0, 2, 3};
+    const itn_object_desc *in = &maker->desc->objects[index];
+    int mirrored = itn__determinant(itn__object_matrix(in)) < 0, i, k;
+    for (i = 0; i < itn__object_vertices(in); i++) {
+        double p[3];
+        itn__object_vertex(in, i, p);
+        for (k = 0; k < 3; k++)
+            merged->positions[3 * (size_t)(vertex + i) + (size_t)k] =
+                (float)(p[k] - maker->scene->origin[k]);
+    }
+    for (i = 0; i < itn__object_triangles(in); i++) {
+        const int *from = in->mesh ? in->mesh->triangles + 3 * (size_t)i : square + 3 * i;
+        int *to = merged->triangles + 3 * (size_t)(triangle + i);
+        for (k = 0; k < 3; k++) to[k] = vertex + from[mirrored && k ? 3 - k : k];
+        object_of_triangle[triangle + i] = index;
+    }
+}
+
+/* Copies texture coordinates where a texture will use them. */
+static itn_result itn__copy_uvs(itn__maker *maker, int index) {
+    const itn_object_desc *in = &maker->desc->objects[index];
+    itn__object *object = &maker->scene->objects[index];
+    const float *matrix = itn__object_matrix(in);
+    size_t i, k;
+    if (!in->mesh || !in->mesh->uvs || object->surface < 0 ||
+        maker->scene->surfaces[object->surface].texture == ITN_TEXTURE_NONE)
+        return ITN_OK;
+    object->uvs = (float *)itn__allocate(&maker->scene->context, (size_t)in->mesh->triangle_count,
+                                         6 * sizeof(float));
+    if (!object->uvs) return itn__out_of_memory(maker->error, "texture coordinates");
+    for (i = 0; i < (size_t)in->mesh->triangle_count; i++)
+        for (k = 0; k < 6; k++) {
+            size_t corner = k / 2;
+            if (itn__determinant(matrix) < 0 && corner) corner = 3 - corner;
+            object->uvs[6 * i + k] = in->mesh->uvs[6 * i + 2 * corner + k % 2];
+            if (!itn__finite(object->uvs[6 * i + k]))
+                return itn__fail(maker->error, ITN_ERROR_MESH, 0,
+                                 "object %d: texture coordinate of triangle %d is not finite",
+                                 index + 1, (int)i);
+        }
+    return ITN_OK;
+}
+
+/* Merges all objects and builds the tree. */
+static itn_result itn__make_tree(itn__maker *maker) {
+    itn_scene *scene = maker->scene;
+    itn_mesh merged;
+    size_t vertices = 0, triangles = 0;
+    int i, vertex = 0, *object_of_triangle;
+    itn_result result;
+    for (i = 0; i < scene->object_count; i++) {
+        scene->objects[i].first_triangle = (int)triangles;
+        vertices += (size_t)itn__object_vertices(&maker->desc->objects[i]);
+        triangles += (size_t)itn__object_triangles(&maker->desc->objects[i]);
+        if (vertices > INT_MAX / 8 || triangles > INT_MAX / 8)
+            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "too many triangles in one scene");
+    }
+    result = itn_mesh_create((int)vertices, (int)triangles, 0, &scene->context, &merged,
+                             maker->error);
+    if (result) return result;
+    object_of_triangle = (int *)itn__allocate(&scene->context, triangles, sizeof(int));
+    if (!object_of_triangle) {
+        itn_mesh_free(&merged);
+        return itn__out_of_memory(maker->error, "a scene");
+    }
+    for (i = 0; i < scene->object_count; i++) {
+        itn__merge_object(maker, i, &merged, vertex, scene->objects[i].first_triangle,
+                          object_of_triangle);
+        vertex += itn__object_vertices(&maker->desc->objects[i]);
+    }
+    result = itn__bvh_build(&merged, object_of_triangle, &scene->context, &scene->bvh,
+                            maker->error);
+    itn__free(&scene->context, object_of_triangle);
+    itn_mesh_free(&merged);
+    return result;
+}
+
+/* On which side of each object the camera is: the first face of a solid that any ray meets tells. */
+static void itn__make_sides(itn_scene *scene) {
+    unsigned char sides[ITN__MAX_OBJECTS];
+    itn_ray ray;
+    itn_hit hit;
+    int i;
+    ray.origin = scene->camera.eye;
+    ray.direction = itn__vec3(.36f, .48f, .8f), ray.tmin = 0, ray.tmax = INFINITY;
+    for (i = 0; i < scene->object_count; i++) {
+        scene->sides[i] = ITN__FRONT | ITN__BACK;
+        if (!scene->objects[i].closed) continue;
+        memset(sides, 0, sizeof sides);
+        sides[i] = ITN__FRONT | ITN__BACK;
+        scene->sides[i] = ITN__FRONT;
+        if (itn__bvh_trace(scene->bvh, &ray, sides, 0, &hit) && !hit.front)
+            scene->sides[i] = ITN__BACK;
+    }
+}
+
+static itn_result itn__make_objects(itn__maker *maker) {
+    itn_scene *scene = maker->scene;
+    const itn_camera_desc *camera = &maker->desc->camera;
+    itn_result result = ITN_OK;
+    int i;
+    for (i = 0; i < scene->object_count && !result; i++) {
+        result = itn__make_object(maker, i);
+        if (!result) result = itn__check_object(maker, i);
+        if (!result) result = itn__copy_uvs(maker, i);
+    }
+    if (!result) result = itn__make_origin(maker);
+    if (!result) result = itn__make_tree(maker);
+    if (result) return result;
+    scene->camera.eye = itn__vec3((float)(camera->eye.x - scene->origin[0]),
+                                  (float)(camera->eye.y - scene->origin[1]),
+                                  (float)(camera->eye.z - scene->origin[2]));
+    itn__make_sides(scene);
+    return ITN_OK;
+}
+
+/* Counts of a desc, and the arrays they call for. */
+static itn_result itn__make_arrays(itn__maker *maker) {
+    const itn_scene_desc *in = maker->desc;
+    itn_scene *scene = maker->scene;
+    const itn_context *context = &scene->context;
+    int items = in->medium_count + in->surface_count + in->light_count;
+    if (in->medium_count < 0 || in->surface_count < 0 || in->light_count < 0 ||
+        in->object_count < 1 || in->object_count > ITN__MAX_OBJECTS ||
+        in->light_count > ITN__MAX_LIGHTS || in->medium_count > ITN__MAX_ITEMS ||
+        in->surface_count > ITN__MAX_ITEMS)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "a scene has 1 to %d objects, up to %d lights, %d media and surfaces; this "
+                         "one has %d objects, %d lights, %d media, %d surfaces", ITN__MAX_OBJECTS,
+                         ITN__MAX_LIGHTS, ITN__MAX_ITEMS, in->object_count, in->light_count,
+                         in->medium_count, in->surface_count);
+    if ((in->medium_count && !in->media) || (in->surface_count && !in->surfaces) ||
+        (in->light_count && !in->lights) || !in->objects)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "itn_scene_desc: an array is NULL");
+    scene->media = (itn__medium *)itn__allocate(context, (size_t)in->medium_count,
+                                                sizeof(itn__medium));
+    scene->surfaces = (itn__surface *)itn__allocate(context, (size_t)in->surface_count,
+                                                    sizeof(itn__surface));
+    scene->objects = (itn__object *)itn__allocate(context, (size_t)in->object_count,
+                                                  sizeof(itn__object));
+    scene->lights = (itn__light *)itn__allocate(context, 2 * (size_t)in->light_count,
+                                                sizeof(itn__light));
+    scene->parameters = (itn_parameter *)itn__allocate(context, 6 * (size_t)items,
+                                                       sizeof(itn_parameter));
+    if (!scene->media || !scene->surfaces || !scene->objects || !scene->lights ||
+        !scene->parameters)
+        return itn__out_of_memory(maker->error, "a scene");
+    scene->object_count = in->object_count;
+    return ITN_OK;
+}
+
+static itn_result itn__make_scene(itn__maker *maker) {
+    const itn_scene_desc *in = maker->desc;
+    itn_scene *scene = maker->scene;
+    itn_result result = itn__make_arrays(maker);
+    int i;
+    if (!result) result = itn__make_film(maker);
+    for (i = 0; i < in->medium_count && !result; i++, scene->medium_count++)
+        result = itn__make_medium(maker, i);
+    for (i = 0; i < in->surface_count && !result; i++) {
+        scene->surface_count++; /* first, so that a failed one's texels are freed */
+        result = itn__make_surface(maker, i);
+    }
+    for (i = 0; i < in->light_count && !result; i++) result = itn__make_light(maker, i);
+    if (!result) result = itn__share_lights(maker);
+    return result ? result : itn__make_objects(maker);
+}
+
+ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
+                                    itn_scene **scene, itn_error *error) {
+    itn__maker maker;
+    itn_context own;
+    itn_result result;
+    if (!desc || !scene)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
+    result = itn__context(context, &own, error);
+    if (result) return result;
+    maker.scene = (itn_scene *)itn__allocate(&own, 1, sizeof(itn_scene));
+    if (!maker.scene) return itn__out_of_memory(error, "a scene");
+    maker.scene->context = own, maker.desc = desc, maker.error = error;
+    result = itn__make_scene(&maker);
+    if (result)
+        itn_scene_free(maker.scene);
+    else
+        *scene = maker.scene;
+    return result;
+}
+/* ---- [path] the reference path tracer ------------------------------------------------------------ */
+
+/* The image is an integral over paths, T(pi) = int f(x) dx (equation 4), estimated by the mean of
+   f/p over random paths (equation 6). A path is built from the camera: fly (free path in a medium,
+   else to the next surface), scatter or meet a surface, choose a direction, and so on until it
+   leaves for the lights. Along the way it carries, per channel,
+
+       beta   = f/p of what has been chosen so far,
+       score  = sum over its vertices of d f_k / f_k for each parameter asked for (equation 8),
+
+   and every light it reaches adds beta l to the image and beta l score to its derivatives (equation
+   9). Each local factor f_k arrives as a dual number; p is what the factor was drawn with and is
+   never differentiated. In most places f_k / p = 1 and only the score changes.
+
+   A factor may be 0 where its derivative is not (albedo 0, black reflectance). Then the score is
+   not defined, but the derivative is: by the product rule it is the factor's own derivative times
+   all other factors. `zero` marks a path that has met one such factor: beta is the product of the
+   others, `score` the derivative of that factor; it adds to derivatives only, and a second zero
+   ends it.
+
+   Where a walk is, is a set of sides, one for each solid: outside it can only meet front faces,
+   inside only back faces. So no ray can meet the face it stands on, whatever its rounding, and no
+   epsilon moves it; a small negative tmin, relative to the coordinates, lets a vertex that rounding
+   has put beyond a wall find its way out. The medium is that of the last solid in the list that the
+   walk is inside of. */
+
+typedef struct itn__weight {
+    float beta[3];
+    unsigned char zero[3];
+    float *score; /* [channels][count] */
+} itn__weight;
+
+typedef struct itn__walk {
+    const itn_scene *scene;
+    const float *theta;
+    const int *slots; /* of each parameter: its place among those asked for, or -1 */
+    int channels, count, max_scatter;
+    itn__rng rng;
+    unsigned char sides[ITN__MAX_OBJECTS];
+    int inside;                     /* object whose medium the walk is in, -1: none */
+    itn__weight weight, connection; /* of the path; of its link to a sampled light */
+    float pdf;                      /* of the last direction drawn; INFINITY if nothing was drawn */
+    int scatterings, events;
+    float radiance[3];              /* of this path */
+    float *derivative;              /* [channels][count], of this path */
+    double collisions;              /* of all paths so far, for the record */
+} itn__walk;
+
+/* How far behind itself a ray may find a wall that it should have met. */
+ITN__INLINE float itn__slack(const itn__walk *walk, itn_vec3 p) {
+    return 4 * FLT_EPSILON * itn__max(itn__max_abs(p), walk->scene->radius);
+}
+
+/* 1 or 3; said this way, the compiler knows it too. */
+ITN__INLINE int itn__channels(const itn__walk *walk) { return walk->channels == 3 ? 3 : 1; }
+
+ITN__INLINE int itn__slot(const itn__walk *walk, int parameter) {
+    return walk->count && parameter >= 0 ? walk->slots[parameter] : -1;
+}
+
+/* Multiplies channel c of a weight by f / pdf; f depends on `parameter[k]` through f.d[k]. */
+static void itn__weigh_channel(const itn__walk *walk, itn__weight *weight, int c, itn__dual f,
+                               float pdf, const int parameter[ITN__DUALS]) {
+    float *score = weight->score + c * walk->count;
+    int slots[ITN__DUALS], k, zero = f.v == 0, felt = 0;
+    for (k = 0; k < ITN__DUALS; k++) slots[k] = itn__slot(walk, parameter[k]);
+    if (!zero) {
+        weight->beta[c] *= f.v / pdf;
+        for (k = 0; k < ITN__DUALS; k++)
+            if (slots[k] >= 0 && !weight->zero[c]) score[slots[k]] += f.d[k] / f.v;
+        return;
+    }
+    for (k = 0; k < ITN__DUALS; k++) felt |= slots[k] >= 0 && f.d[k] != 0;
+    weight->beta[c] = felt && !weight->zero[c] ? weight->beta[c] / pdf : 0;
+    weight->zero[c] = 1;
+    if (walk->count) memset(score, 0, (size_t)walk->count * sizeof *score);
+    for (k = 0; k < ITN__DUALS; k++)
+        if (slots[k] >= 0) score[slots[k]] += f.d[k];
+}
+
+/* The same for all channels. */
+static void itn__weigh(const itn__walk *walk, itn__weight *weight, itn__dual f, float pdf,
+                       int parameter0, int parameter1) {
+    int parameter[ITN__DUALS], c;
+    parameter[0] = parameter0, parameter[1] = parameter1;
+    for (c = 0; c < itn__channels(walk); c++)
+        itn__weigh_channel(walk, weight, c, f, pdf, parameter);
+}
+
+static void itn__copy_weight(const itn__walk *walk, itn__weight *to, const itn__weight *from) {
+    memcpy(to->beta, from->beta, sizeof to->beta);
+    memcpy(to->zero, from->zero, sizeof to->zero);
+    memcpy(to->score, from->score,
+           (size_t)(walk->channels * walk->count) * sizeof *to->score);
+}
+
+/* Adds beta l to the path's radiance and its derivatives, l = scale * rgb * mis. */
+static void itn__contribute(itn__walk *walk, const itn__weight *weight, const itn__light *light,
+                            const float rgb[3], float mis) {
+    float scale = walk->theta[light->parameter];
+    int slot = itn__slot(walk, light->parameter), c, k;
+    for (c = 0; c < itn__channels(walk); c++) {
+        float plain = weight->beta[c] * rgb[c] * mis, value = plain * scale;
+        const float *score = weight->score + c * walk->count;
+        float *derivative = walk->derivative + c * walk->count;
+        if (!weight->zero[c]) walk->radiance[c] += value;
+        for (k = 0; k < walk->count; k++) derivative[k] += value * score[k];
+        if (slot >= 0 && !weight->zero[c]) derivative[slot] += plain;
+    }
+}
+
+/* Radiance of a light in the scene's channels. */
+static void itn__scene_radiance(const itn_scene *scene, const itn__light *light, itn_vec3 d,
+                                float rgb[3]) {
+    itn__light_radiance(light, d, rgb);
+    if (scene->film.channels == 1 && light->kind == ITN__LIGHT_SKY) rgb[0] = itn__luminance(rgb);
+}
+
+/* Density with which itn__draw_light draws direction d. */
+static float itn__lights_pdf(const itn_scene *scene, itn_vec3 d) {
+    float pdf = 0;
+    int i;
+    for (i = 0; i < scene->light_count; i++)
+        if (scene->lights[i].share > 0)
+            pdf += scene->lights[i].share * itn__light_pdf(&scene->lights[i], d);
+    return pdf;
+}
+
+/* Draws a direction to a light; pdf receives its density. Returns 0 where no light is sampled. */
+static int itn__draw_light(itn__walk *walk, itn_vec3 *direction, float *pdf) {
+    const itn_scene *scene = walk->scene;
+    const itn__light *chosen = NULL;
+    float u, v;
+    int i;
+    for (i = 0; i < scene->light_count && !chosen; i++)
+        if (scene->lights[i].share > 0) chosen = &scene->lights[i];
+    if (!chosen) return 0;
+    u = itn__uniform(&walk->rng);
+    for (i = 0; i < scene->light_count; i++) {
+        if (!(scene->lights[i].share > 0)) continue;
+        chosen = &scene->lights[i];
+        if (u < chosen->share) break;
+        u -= chosen->share;
+    }
+    u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
+    *direction = itn__light_sample(chosen, u, v);
+    *pdf = itn__lights_pdf(scene, *direction);
+    return *pdf > 0;
+}
+
+/* The object whose medium fills the place with these sides: the last that is entered, or -1. */
+static int itn__find_inside(const itn_scene *scene, const unsigned char *sides) {
+    int i = scene->object_count - 1;
+    while (i >= 0 && sides[i] != ITN__BACK) i--;
+    return i;
+}
+
+ITN__INLINE const itn__medium *itn__medium_of(const itn_scene *scene, int object) {
+    return object >= 0 && scene->objects[object].medium >= 0
+               ? &scene->media[scene->objects[object].medium] : NULL;
+}
+
+/* Index of refraction inside an object; 1 outside of all. */
+static float itn__ior(const itn__walk *walk, int object) {
+    int surface = object >= 0 ? walk->scene->objects[object].surface : -1;
+    if (surface < 0 || walk->scene->surfaces[surface].type != ITN_SURFACE_DIELECTRIC) return 1;
+    return walk->theta[walk->scene->surfaces[surface].ior];
+}
+
+/* Goes through the boundary of an object. */
+static void itn__cross_boundary(itn__walk *walk, int object) {
+    walk->sides[object] ^= ITN__FRONT | ITN__BACK;
+    walk->inside = itn__find_inside(walk->scene, walk->sides);
+}
+
+/* What lies on the other side of the boundary of `object`, and whether light feels the boundary. */
+static int itn__beyond(itn__walk *walk, int object, int *after) {
+    int surface = walk->scene->objects[object].surface;
+    walk->sides[object] ^= ITN__FRONT | ITN__BACK;
+    *after = itn__find_inside(walk->scene, walk->sides);
+    walk->sides[object] ^= ITN__FRONT | ITN__BACK;
+    return surface >= 0 && *after != walk->inside &&
+           itn__ior(walk, *after) != itn__ior(walk, walk->inside);
+}
+
+/* Geometric normal of a triangle, counter-clockwise, and a point on it. */
+static void itn__hit_geometry(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 *point,
+                              itn_vec3 *normal) {
+    itn_vec3 p[3], a, b;
+    float scale;
+    itn__bvh_corners(bvh, hit->triangle, p);
+    a = itn__sub(p[1], p[0]), b = itn__sub(p[2], p[0]);
+    *point = itn__along(itn__along(p[0], hit->u, a), hit->v, b);
+    scale = 1 / itn__max(itn__max_abs(a), itn__max_abs(b)); /* against underflow */
+    *normal = itn__normalize(itn__cross(itn__scale(a, scale), itn__scale(b, scale)));
+}
+
+/* Carries the connection from `ray` to the lights: transmittance through media and index-matched
+   boundaries. Returns 0 if anything else is in the way. */
+static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
+    enum { MOST_CROSSINGS = 1024 };
+    const itn_scene *scene = walk->scene;
+    int crossing;
+    for (crossing = 0; crossing < MOST_CROSSINGS; crossing++) {
+        const itn__medium *medium = itn__medium_of(scene, walk->inside);
+        itn_vec3 normal;
+        itn_hit hit;
+        int object, after;
+        ray.tmin = -itn__slack(walk, ray.origin), ray.tmax = INFINITY;
+        if (!itn__bvh_trace(scene->bvh, &ray, walk->sides, 0, &hit)) return 1;
+        object = itn__bvh_object(scene->bvh, hit.triangle);
+        if (!scene->objects[object].closed || itn__beyond(walk, object, &after) ||
+            (scene->objects[object].surface >= 0 &&
+             scene->surfaces[scene->objects[object].surface].type == ITN_SURFACE_DIFFUSE))
+            return 0;
+        if (medium)
+            itn__weigh(walk, &walk->connection,
+                       itn__transmittance(walk->theta[medium->sigma_t], itn__max(hit.t, 0)), 1,
+                       medium->sigma_t, -1);
+        itn__cross_boundary(walk, object);
+        itn__hit_geometry(scene->bvh, &hit, &ray.origin, &normal);
+    }
+    return 0;
+}
+
+/* Ends a connection whose weight already holds the vertex's f over the light's pdf. `pdf` is the
+   density with which the vertex itself would draw the direction; `crossed` is an object whose
+   boundary the direction goes through at once, or -1. */
+static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction, int crossed,
+                         float pdf, float light_pdf) {
+    unsigned char sides[ITN__MAX_OBJECTS];
+    int inside = walk->inside, i, visible;
+    itn_ray ray;
+    memcpy(sides, walk->sides, sizeof sides);
+    if (crossed >= 0) itn__cross_boundary(walk, crossed);
+    ray.origin = origin, ray.direction = direction;
+    visible = itn__connect_visible(walk, ray);
+    memcpy(walk->sides, sides, sizeof sides);
+    walk->inside = inside;
+    for (i = 0; i < walk->scene->light_count && visible; i++) {
+        const itn__light *light = &walk->scene->lights[i];
+        float rgb[3];
+        if (!(light->share > 0)) continue;
+        itn__scene_radiance(walk->scene, light, direction, rgb);
+        itn__contribute(walk, &walk->connection, light, rgb, light_pdf / (light_pdf + pdf));
+    }
+}
+
+/* A path that leaves the scene adds the lights in its direction, with the weight of having met a
+   sampled light by chance. */
+static void itn__escape(itn__walk *walk, itn_vec3 direction) {
+    float mis = 1;
+    int i;
+    if (itn__finite(walk->pdf))
+        mis = walk->pdf / (walk->pdf + itn__lights_pdf(walk->scene, direction));
+    for (i = 0; i < walk->scene->light_count; i++) {
+        const itn__light *light = &walk->scene->lights[i];
+        float rgb[3];
+        itn__scene_radiance(walk->scene, light, direction, rgb);
+        itn__contribute(walk, &walk->weight, light, rgb, light->share > 0 ? mis : 1);
+    }
+}
+
+/* Rate at which collisions are drawn: sigma_t itself. Where its derivative is wanted it is at least
+   a quarter per radius, because at sigma_t near 0 the derivative lies in collisions that sigma_t
+   itself would never draw. */
+static float itn__collision_rate(const itn__walk *walk, const itn__medium *medium) {
+    float sigma_t = walk->theta[medium->sigma_t];
+    if (itn__slot(walk, medium->sigma_t) < 0) return sigma_t;
+    return itn__max(sigma_t, .25f / walk->scene->radius);
+}
+
+/* Factor of a flight over t that was drawn at `rate`: the transmittance, times sigma_t if it ended
+   in a collision. */
+static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, float rate, float t,
+                              int collided) {
+    float sigma_t = walk->theta[medium->sigma_t], pdf;
+    itn__dual f;
+    if (rate == sigma_t && itn__slot(walk, medium->sigma_t) < 0) return; /* f = pdf */
+    f = itn__transmittance(sigma_t, t);
+    pdf = rate == sigma_t ? f.v : expf(-rate * t);
+    if (collided) f = itn__dmul(f, itn__variable(sigma_t, 0)), pdf *= rate;
+    itn__weigh(walk, &walk->weight, f, pdf, medium->sigma_t, -1);
+}
+
+static int itn__alive(const itn__walk *walk) {
+    int c;
+    for (c = 0; c < itn__channels(walk); c++)
+        if (walk->weight.beta[c] > 0) return 1;
+    return 0;
+}
+
+/* A collision at the origin of the ray: a link to a light, then a new direction. Returns 0 at the
+   end of the path. */
+static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray) {
+    float g = walk->theta[medium->g], light_pdf, x, u, v;
+    itn_vec3 direction;
+    itn__dual f;
+    int parameter[ITN__DUALS], c;
+    walk->collisions++;
+    if (walk->max_scatter && walk->scatterings++ >= walk->max_scatter) return 0;
+    parameter[1] = -1;
+    for (c = 0; c < itn__channels(walk); c++) {
+        parameter[0] = medium->albedo + c;
+        itn__weigh_channel(walk, &walk->weight, c,
+                           itn__variable(walk->theta[medium->albedo + c], 0), 1, parameter);
+    }
+    if (!itn__alive(walk)) return 0;
+    if (itn__draw_light(walk, &direction, &light_pdf)) {
+        f = itn__phase(g, itn__one_minus_cosine(ray->direction, direction));
+        itn__copy_weight(walk, &walk->connection, &walk->weight);
+        itn__weigh(walk, &walk->connection, f, light_pdf, medium->g, -1);
+        itn__connect(walk, ray->origin, direction, -1, f.v, light_pdf);
+    }
+    u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
+    ray->direction = itn__sample_phase(ray->direction, g, u, v, &x);
+    f = itn__phase(g, x);
+    walk->pdf = f.v;
+    itn__weigh(walk, &walk->weight, f, f.v, medium->g, -1);
+    return 1;
+}
+
+/* Reflectance of channel c at texture coordinates (s, t) as texel * theta[*parameter]. */
+static float itn__texel(const itn__surface *surface, float s, float t, int c, int *parameter) {
+    int c0, c1, r, row[2];
+    float fx, fy;
+    *parameter = surface->reflectance + c;
+    if (surface->texture == ITN_TEXTURE_CHECKER) {
+        float sum = floorf(s / surface->checker_size) + floorf(t / surface->checker_size);
+        if (fmodf(sum, 2) != 0) *parameter = surface->reflectance2 + c;
+    }
+    if (surface->texture != ITN_TEXTURE_IMAGE) return 1;
+    s = s - floorf(s), t = (t - floorf(t)) * (float)surface->height - .5f;
+    itn__grid_locate(surface->width, 2, 1, s, 0, &c0, &c1, &r, &fx, &fy);
+    if (t < 0) t += (float)surface->height;
+    row[0] = (int)t < surface->height ? (int)t : surface->height - 1;
+    row[1] = row[0] + 1 < surface->height ? row[0] + 1 : 0;
+    fy = t - (float)row[0];
+#define ITN__TEXEL(row, column) \
+    surface->texels[3 * ((size_t)(row) * (size_t)surface->width + (size_t)(column)) + (size_t)c]
+    return itn__mix(itn__mix(ITN__TEXEL(row[0], c0), ITN__TEXEL(row[0], c1), fx),
+                    itn__mix(ITN__TEXEL(row[1], c0), ITN__TEXEL(row[1], c1), fx), fy);
+#undef ITN__TEXEL
+}
+
+/* Texture coordinates of a hit: the mesh's own, else the scene's x and z. */
+static void itn__texture_coordinates(const itn_scene *scene, int object, const itn_hit *hit,
+                                     itn_vec3 point, float *s, float *t) {
+    const itn__object *o = &scene->objects[object];
+    *s = (float)(point.x + scene->origin[0]), *t = (float)(point.z + scene->origin[2]);
+    if (o->uvs) {
+        const float *uv = o->uvs + 6 * (size_t)(hit->triangle - o->first_triangle);
+        float w = 1 - hit->u - hit->v;
+        *s = w * uv[0] + hit->u * uv[2] + hit->v * uv[4];
+        *t = w * uv[1] + hit->u * uv[3] + hit->v * uv[5];
+    }
+}
+
+/* Multiplies a weight by reflectance * factor / pdf, channel by channel. */
+static void itn__weigh_reflectance(itn__walk *walk, itn__weight *weight,
+                                   const itn__surface *surface, float s, float t, float factor,
+                                   float pdf) {
+    int parameter[ITN__DUALS], c;
+    parameter[1] = -1;
+    for (c = 0; c < itn__channels(walk); c++) {
+        float texel = itn__texel(surface, s, t, c, &parameter[0]) * factor;
+        itn__dual f = itn__daffine(itn__variable(walk->theta[parameter[0]], 0), texel, 0);
+        itn__weigh_channel(walk, weight, c, f, pdf, parameter);
+    }
+}
+
+/* A diffuse surface, the same on both sides. n faces the walk. */
+static int itn__meet_diffuse(itn__walk *walk, itn_ray *ray, const itn_hit *hit, int object,
+                             itn_vec3 n) {
+    const itn__surface *surface = &walk->scene->surfaces[walk->scene->objects[object].surface];
+    itn_vec3 direction, s_axis, t_axis;
+    float light_pdf, s, t, u, v;
+    itn__texture_coordinates(walk->scene, object, hit, ray->origin, &s, &t);
+    if (itn__draw_light(walk, &direction, &light_pdf) && itn__dot(direction, n) > 0) {
+        float cosine = itn__dot(direction, n) / ITN__PI;
+        itn__copy_weight(walk, &walk->connection, &walk->weight);
+        itn__weigh_reflectance(walk, &walk->connection, surface, s, t, cosine, light_pdf);
+        itn__connect(walk, ray->origin, direction, -1, cosine, light_pdf);
+    }
+    itn__weigh_reflectance(walk, &walk->weight, surface, s, t, 1, 1);
+    u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
+    direction = itn__sample_cosine(u, v);
+    itn__frame(n, &s_axis, &t_axis);
+    ray->direction = itn__normalize(itn__to_world(direction, s_axis, t_axis, n));
+    walk->pdf = direction.z / ITN__PI;
+    return 1;
+}
+
+/* Multiplies a weight by f / pdf of a rough boundary of `object` between media inside objects
+   `near` and `far`: f.d[1] is by eta = ior(far) / ior(near), here spread over both. */
+static void itn__weigh_rough(itn__walk *walk, itn__weight *weight, const itn__surface *surface,
+                             itn__dual f, float pdf, int near_object, int far_object) {
+    float near_ior = itn__ior(walk, near_object), eta = itn__ior(walk, far_object) / near_ior;
+    const int ends[2] = {far_object, near_object};
+    const float slope[2] = {1 / near_ior, -eta / near_ior};
+    float by_eta = f.d[1];
+    int k;
+    f.d[1] = 0;
+    itn__weigh(walk, weight, f, pdf, surface->alpha, -1);
+    if (f.v == 0) return;
+    for (k = 0; k < 2; k++) {
+        int s = ends[k] >= 0 ? walk->scene->objects[ends[k]].surface : -1;
+        itn__dual one = itn__constant(1);
+        if (s < 0 || walk->scene->surfaces[s].type != ITN_SURFACE_DIELECTRIC) continue;
+        one.d[0] = by_eta * slope[k] / f.v;
+        itn__weigh(walk, weight, one, 1, walk->scene->surfaces[s].ior, -1);
+    }
+}
+
+/* A dielectric boundary of `object`, with object `after` (or -1) on the far side. n faces the
+   walk. Returns 0 at the end of the path. */
+static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, int object, int after, itn_vec3 n) {
+    const itn__surface *surface = &walk->scene->surfaces[walk->scene->objects[object].surface];
+    float alpha = surface->alpha >= 0 ? walk->theta[surface->alpha] : 0;
+    float eta = itn__ior(walk, after) / itn__ior(walk, walk->inside), light_pdf, u[3];
+    itn_vec3 s, t, i, o, direction;
+    itn__dual f;
+    int k;
+    itn__frame(n, &s, &t);
+    i = itn__to_local(itn__scale(ray->direction, -1), s, t, n);
+    if (alpha > 0 && itn__draw_light(walk, &direction, &light_pdf)) {
+        float pdf;
+        o = itn__to_local(direction, s, t, n);
+        f = itn__rough(i, o, alpha, eta, &pdf);
+        if (f.v > 0) {
+            itn__copy_weight(walk, &walk->connection, &walk->weight);
+            itn__weigh_rough(walk, &walk->connection, surface, f, light_pdf, walk->inside, after);
+            itn__connect(walk, ray->origin, direction, o.z < 0 ? object : -1, pdf, light_pdf);
+        }
+    }
+    for (k = 0; k < 3; k++) u[k] = itn__uniform(&walk->rng);
+    if (!itn__sample_dielectric(i, alpha, eta, u, &o)) return 0;
+    walk->pdf = INFINITY;
+    if (alpha > 0) {
+        f = itn__rough(i, o, alpha, eta, &walk->pdf);
+        if (!(f.v > 0)) return 0;
+        itn__weigh_rough(walk, &walk->weight, surface, f, walk->pdf, walk->inside, after);
+    }
+    if (o.z < 0) itn__cross_boundary(walk, object);
+    ray->direction = itn__normalize(itn__to_world(o, s, t, n));
+    return 1;
+}
+
+/* The ray has met a surface. Returns 0 at the end of the path. */
+static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) {
+    const itn_scene *scene = walk->scene;
+    int object = itn__bvh_object(scene->bvh, hit->triangle);
+    int surface = scene->objects[object].surface, after;
+    itn_vec3 n;
+    itn__hit_geometry(scene->bvh, hit, &ray->origin, &n);
+    if (!hit->front) n = itn__scale(n, -1);
+    if (surface >= 0 && scene->surfaces[surface].type == ITN_SURFACE_DIFFUSE)
+        return itn__meet_diffuse(walk, ray, hit, object, n);
+    if (itn__beyond(walk, object, &after))
+        return itn__meet_dielectric(walk, ray, object, after, n);
+    itn__cross_boundary(walk, object);
+    return 1;
+}
+
+/* Russian roulette by the value alone: a path of weight below .4 goes on with a chance in
+   proportion and then counts as .4. Beyond a million events any path ends in the end, which
+   matters only for light that is trapped without loss. */
+static int itn__roulette(itn__walk *walk) {
+    float largest = 0, survival;
+    int c;
+    for (c = 0; c < itn__channels(walk); c++) largest = itn__max(largest, walk->weight.beta[c]);
+    survival = itn__min(largest / .4f, 1);
+    if (++walk->events > 1000000) survival *= .999f;
+    if (survival >= 1) return 1;
+    if (!(itn__uniform(&walk->rng) < survival)) return 0;
+    for (c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= survival;
+    return 1;
+}
+
+/* Whether p lies in the box of the scene's triangles; a walk that has lost its solid through a
+   hole does not. */
+static int itn__within(const itn_scene *scene, itn_vec3 p) {
+    itn_vec3 a = scene->bvh->lower, b = scene->bvh->upper;
+    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
+}
+
+/* Follows one path from the camera to its end. */
+static void itn__trace_path(itn__walk *walk, itn_ray ray) {
+    while (itn__roulette(walk)) {
+        const itn__medium *medium = itn__medium_of(walk->scene, walk->inside);
+        float rate = medium ? itn__collision_rate(walk, medium) : 0;
+        itn_hit hit;
+        int met;
+        ray.tmin = -itn__slack(walk, ray.origin);
+        ray.tmax = rate > 0 ? itn__sample_flight(rate, itn__uniform(&walk->rng)) : INFINITY;
+        met = itn__bvh_trace(walk->scene->bvh, &ray, walk->sides, 0, &hit);
+        if (medium && (met || rate > 0))
+            itn__weigh_flight(walk, medium, rate, met ? itn__max(hit.t, 0) : ray.tmax, !met);
+        if (met) {
+            if (!itn__meet_surface(walk, &ray, &hit)) return;
+            continue;
+        }
+        if (rate > 0) ray.origin = itn__along(ray.origin, ray.tmax, ray.direction);
+        if (!(rate > 0) || !itn__within(walk->scene, ray.origin)) {
+            itn__escape(walk, ray.direction);
+            return;
+        }
+        if (!itn__scatter(walk, medium, &ray)) return;
+    }
+}
+
+/* One sample of one pixel: walk->radiance and walk->derivative receive its value. */
+static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
+    const itn__camera *camera = &walk->scene->camera;
+    size_t scores = (size_t)(walk->channels * walk->count) * sizeof(float);
+    float u, v;
+    int c;
+    walk->rng = itn__rng_make(seed, (uint64_t)y * (uint64_t)camera->width + (uint64_t)x,
+                              (uint64_t)sample);
+    memcpy(walk->sides, walk->scene->sides, sizeof walk->sides);
+    walk->inside = itn__find_inside(walk->scene, walk->sides);
+    for (c = 0; c < 3; c++)
+        walk->weight.beta[c] = c < itn__channels(walk), walk->weight.zero[c] = 0, walk->radiance[c] = 0;
+    memset(walk->weight.score, 0, scores);
+    memset(walk->derivative, 0, scores);
+    walk->pdf = INFINITY, walk->scatterings = walk->events = 0;
+    u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
+    itn__trace_path(walk, itn__camera_ray(camera, x, y, u, v));
+}
+/* ---- [render] samples into images ----------------------------------------------------------------- */
+
+/* A pixel's samples are summed in double in their own order by whoever takes its row, and rows are
+   independent, so the bits of the result do not depend on the number of threads. From the sums of
+   x and x^2 over n samples follow the mean and the variance of the mean,
+   (sum x^2 / n - mean^2) / (n - 1). */
+
+typedef struct itn__render {
+    const itn_scene *scene;
+    const float *theta;
+    float *theta_made; /* theta, where the caller gave none */
+    int *slots;        /* see itn__walk */
+    int channels, count, spp, max_scatter;
+    uint64_t seed;
+    int first_row;
+    float *scores;     /* per row: weight, connection and derivative, each [channels][count] */
+    double *sums;      /* per row: [channels][1 + count][2]; of a gradient: see there */
+    double *collisions; /* per row */
+    itn_image *image;  /* itn_render */
+    const float *weights; /* itn_render_gradient */
+} itn__render;
+
+static void itn__render_end(itn__render *render) {
+    const itn_context *context = render->scene ? &render->scene->context : NULL;
+    if (!context) return;
+    itn__free(context, render->collisions);
+    itn__free(context, render->sums);
+    itn__free(context, render->scores);
+    itn__free(context, render->slots);
+    itn__free(context, render->theta_made);
+}
+
+/* Whether the scene can be differentiated in a parameter at these values. */
+static itn_result itn__check_derivative(const itn_scene *scene, const float *theta, int parameter,
+                                        itn_error *error) {
+    int i;
+    for (i = 0; i < scene->surface_count; i++) {
+        const itn__surface *surface = &scene->surfaces[i];
+        if (surface->type != ITN_SURFACE_DIELECTRIC || surface->ior != parameter) continue;
+        if (surface->alpha < 0)
+            return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                             "%s: a smooth surface refracts into one direction, which jumps with "
+                             "its index: only a rough surface (alpha > 0) can be differentiated",
+                             scene->parameters[parameter].name);
+        if (theta[parameter] == 1)
+            return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                             "%s: at index 1 the surface vanishes; differentiate at 1.001 or more",
+                             scene->parameters[parameter].name);
+    }
+    return ITN_OK;
+}
+
+static itn_result itn__check_theta(const itn_scene *scene, const float *theta, itn_error *error) {
+    int i;
+    for (i = 0; i < scene->parameter_count; i++) {
+        const itn_parameter *p = &scene->parameters[i];
+        if (!(theta[i] >= p->lower && theta[i] <= p->upper))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s = %g is not in [%g, %g]", p->name,
+                             (double)theta[i], (double)p->lower, (double)p->upper);
+    }
+    return ITN_OK;
+}
+
+/* Checks a request and allocates what its rows need: `sums` doubles each. */
+static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
+                                    const float *theta, const itn_render_options *options,
+                                    const int *parameters, int count, size_t sums,
+                                    itn_error *error) {
+    const itn_context *context;
+    size_t rows, scores;
+    int k;
+    memset(render, 0, sizeof *render);
+    if (!scene || count < 0 || (count && !parameters))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: scene or parameters missing");
+    if (options && (options->spp < 0 || options->max_scatter < 0))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: spp %d, max_scatter %d",
+                         options->spp, options->max_scatter);
+    context = &scene->context;
+    render->scene = scene, render->channels = scene->film.channels, render->count = count;
+    render->spp = options && options->spp ? options->spp : 64;
+    if (options) render->seed = options->seed, render->max_scatter = options->max_scatter;
+    rows = (size_t)scene->film.height, scores = 3 * (size_t)render->channels * (size_t)count + 3;
+    render->theta_made = (float *)itn__allocate(context, (size_t)scene->parameter_count,
+                                                sizeof(float));
+    render->slots = (int *)itn__allocate(context, (size_t)scene->parameter_count, sizeof(int));
+    render->scores = (float *)itn__allocate(context, rows, scores * sizeof(float));
+    render->sums = (double *)itn__allocate(context, rows, sums * sizeof(double));
+    render->collisions = (double *)itn__allocate(context, rows, sizeof(double));
+    if (!render->theta_made || !render->slots || !render->scores || !render->sums ||
+        !render->collisions)
+        return itn__out_of_memory(error, "a render");
+    if (theta)
+        memcpy(render->theta_made, theta, (size_t)scene->parameter_count * sizeof(float));
+    else
+        itn_parameter_values(scene, render->theta_made);
+    render->theta = render->theta_made;
+    for (k = 0; k < scene->parameter_count; k++) render->slots[k] = -1;
+    for (k = 0; k < count; k++) {
+        itn_result result;
+        if (parameters[k] < 0 || parameters[k] >= scene->parameter_count ||
+            render->slots[parameters[k]] >= 0)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "render: parameter index %d is out of range or asked for twice",
+                             parameters[k]);
+        render->slots[parameters[k]] = k;
+        result = itn__check_derivative(scene, render->theta, parameters[k], error);
+        if (result) return result;
+    }
+    return itn__check_theta(scene, render->theta, error);
+}
+
+/* A walk with the scratch memory of a row. */
+static itn__walk itn__row_walk(const itn__render *render, int row) {
+    size_t block = (size_t)render->channels * (size_t)render->count + 1;
+    itn__walk walk;
+    memset(&walk, 0, sizeof walk);
+    walk.scene = render->scene, walk.theta = render->theta, walk.slots = render->slots;
+    walk.channels = render->channels, walk.count = render->count;
+    walk.max_scatter = render->max_scatter;
+    walk.weight.score = render->scores + 3 * (size_t)row * block;
+    walk.connection.score = walk.weight.score + block;
+    walk.derivative = walk.connection.score + block;
+    return walk;
+}
+
+/* Runs all rows, in a few groups if somebody watches. */
+static itn_result itn__render_rows(itn__render *render, const itn_render_options *options,
+                                   void (*row)(void *render, int index), itn_error *error) {
+    int height = render->scene->film.height, done = 0;
+    int group = options && options->progress ? (height + 7) / 8 : height;
+    while (done < height) {
+        int count = height - done < group ? height - done : group;
+        render->first_row = done;
+        itn__parallel_for(&render->scene->context, count, row, render);
+        done += count;
+        if (options && options->progress &&
+            options->progress(options->progress_user, (double)done / height))
+            return itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
+    }
+    if (options && options->stats) {
+        options->stats->paths = (double)render->spp * render->scene->film.width * height;
+        for (options->stats->collisions = 0, done = 0; done < height; done++)
+            options->stats->collisions += render->collisions[done];
+    }
+    return ITN_OK;
+}
+
+/* Mean and variance of the mean from n samples' sums; a single sample knows nothing of its spread. */
+static void itn__moments(const double sums[2], int n, float *mean, float *variance) {
+    double m = sums[0] / n, v = n > 1 ? (sums[1] / n - m * m) / (n - 1) : INFINITY;
+    *mean = (float)m, *variance = v > 0 ? (float)v : 0;
+}
+
+static void itn__image_row(void *task, int index) {
+    itn__render *render = (itn__render *)task;
+    int y = render->first_row + index, x, s, k, planes = render->channels * (1 + render->count);
+    const itn_film_desc *film = &render->scene->film;
+    size_t plane = (size_t)film->width * (size_t)film->height;
+    double *sums = render->sums + (size_t)y * 2 * (size_t)planes;
+    itn__walk walk = itn__row_walk(render, y);
+    for (x = 0; x < film->width; x++) {
+        float *pixel = render->image->pixels + (size_t)y * (size_t)film->width + (size_t)x;
+        memset(sums, 0, 2 * (size_t)planes * sizeof *sums);
+        for (s = 0; s < render->spp; s++) {
+            itn__sample_pixel(&walk, render->seed, x, y, s);
+            for (k = 0; k < planes; k++) {
+                int c = k % render->channels, d = k / render->channels - 1;
+                double value = d < 0 ? walk.radiance[c] : walk.derivative[c * render->count + d];
+                sums[2 * k] += value, sums[2 * k + 1] += value * value;
+            }
+        }
+        for (k = 0; k < planes; k++) {
+            int c = k % render->channels, first = 2 * (k - c) + c; /* means, then variances */
+            itn__moments(sums + 2 * k, render->spp, pixel + (size_t)first * plane,
+                         pixel + (size_t)(first + render->channels) * plane);
+        }
+    }
+    render->collisions[y] = walk.collisions;
+}
+
+/* Names of the planes: Y, Variance.Y, d_milk_g.Y, d_milk_g_variance.Y and so on. */
+static void itn__name_planes(const itn_scene *scene, const int *parameters, int count,
+                             itn_image *image) {
+    static const char *const names[2][3] = {{"Y", "", ""}, {"R", "G", "B"}};
+    int channels = scene->film.channels, k, v, c;
+    for (k = -1; k < count; k++)
+        for (v = 0; v < 2; v++)
+            for (c = 0; c < channels; c++) {
+                char layer[ITN_NAME_SIZE + 16] = "", *dot;
+                char *name = image->names[(2 * (k + 1) + v) * channels + c];
+                if (k >= 0) {
+                    snprintf(layer, sizeof layer, "d_%s%s.", scene->parameters[parameters[k]].name,
+                             v ? "_variance" : "");
+                    dot = strchr(layer, '.');
+                    if (dot) *dot = '_'; /* item.field to item_field */
+                } else if (v) {
+                    itn__copy_name(layer, "Variance.");
+                }
+                snprintf(name, ITN_NAME_SIZE, "%.60s%s", layer, names[channels == 3][c]);
+            }
+}
+
+ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
+                              const itn_render_options *options, const int *parameters, int count,
+                              itn_image *image, itn_error *error) {
+    itn__render render;
+    itn_image made = ITN_ZERO;
+    size_t planes = scene && count >= 0 ? (size_t)scene->film.channels * (1 + (size_t)count) : 1;
+    itn_result result;
+    if (!image) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
+    result = itn__render_begin(&render, scene, theta, options, parameters, count, 2 * planes,
+                               error);
+    if (!result)
+        result = itn_image_create(scene->film.width, scene->film.height, 2 * (int)planes,
+                                  &scene->context, &made, error);
+    if (!result) {
+        render.image = &made;
+        itn__name_planes(scene, parameters, count, &made);
+        result = itn__render_rows(&render, options, itn__image_row, error);
+    }
+    itn__render_end(&render);
+    if (result)
+        itn_image_free(&made);
+    else
+        *image = made;
+    return result;
+}
+
+/* The adjoint: a sample's derivatives are folded with the weights of its pixel at once. `sums` of a
+   row: the gradient and its variance [count] each, then two running sums of the pixel [count]. */
+static void itn__gradient_row(void *task, int index) {
+    itn__render *render = (itn__render *)task;
+    int y = render->first_row + index, x, s, k, c, count = render->count;
+    const itn_film_desc *film = &render->scene->film;
+    size_t plane = (size_t)film->width * (size_t)film->height;
+    double *sums = render->sums + (size_t)y * 4 * (size_t)count;
+    itn__walk walk = itn__row_walk(render, y);
+    for (x = 0; x < film->width; x++) {
+        const float *weight = render->weights + (size_t)y * (size_t)film->width + (size_t)x;
+        double *pixel = sums + 2 * count;
+        memset(pixel, 0, 2 * (size_t)count * sizeof *pixel);
+        for (s = 0; s < render->spp; s++) {
+            itn__sample_pixel(&walk, render->seed, x, y, s);
+            for (k = 0; k < count; k++) {
+                double value = 0;
+                for (c = 0; c < render->channels; c++)
+                    value += (double)weight[(size_t)c * plane] * walk.derivative[c * count + k];
+                pixel[2 * k] += value, pixel[2 * k + 1] += value * value;
+            }
+        }
+        for (k = 0; k < count; k++) {
+            float mean, variance;
+            itn__moments(pixel + 2 * k, render->spp, &mean, &variance);
+            sums[k] += pixel[2 * k] / render->spp, sums[count + k] += variance;
+        }
+    }
+    render->collisions[y] = walk.collisions;
+}
+
+ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *theta,
+                                       const itn_render_options *options, const float *weights,
+                                       const int *parameters, int count, double *gradient,
+                                       double *variance, itn_error *error) {
+    itn__render render;
+    itn_result result;
+    size_t i;
+    int y, k;
+    if (!scene || !weights || !gradient || count < 1)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render_gradient: NULL argument");
+    for (i = 0; i < (size_t)scene->film.width * (size_t)scene->film.height *
+                        (size_t)scene->film.channels; i++)
+        if (!itn__finite(weights[i]))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_render_gradient: weight %d is not finite", (int)i);
+    result = itn__render_begin(&render, scene, theta, options, parameters, count,
+                               4 * (size_t)count, error);
+    render.weights = weights;
+    if (!result) result = itn__render_rows(&render, options, itn__gradient_row, error);
+    for (k = 0; k < count && !result; k++) {
+        double sum = 0, spread = 0;
+        for (y = 0; y < scene->film.height; y++) {
+            sum += render.sums[(size_t)y * 4 * (size_t)count + (size_t)k];
+            spread += render.sums[(size_t)y * 4 * (size_t)count + (size_t)(count + k)];
+        }
+        gradient[k] = sum;
+        if (variance) variance[k] = spread;
+    }
+    itn__render_end(&render);
+    return result;
+}
+
+ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
+                                     const itn_render_options *options, const float *target,
+                                     const int *parameters, int count, double *loss,
+                                     double *gradient, itn_error *error) {
+    itn_render_options half = ITN_ZERO;
+    itn_image image = ITN_ZERO;
+    itn_result result;
+    double sum = 0;
+    size_t i, pixels;
+    if (!scene || !target || !loss)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: NULL argument");
+    if (options) half = *options;
+    pixels = (size_t)scene->film.width * (size_t)scene->film.height * (size_t)scene->film.channels;
+    half.seed = itn__mix64(2 * half.seed + 1);
+    result = itn_render(scene, theta, &half, NULL, 0, &image, error);
+    if (result) return result;
+    for (i = 0; i < pixels; i++) {
+        double residual = (double)image.pixels[i] - target[i], variance = image.pixels[pixels + i];
+        sum += residual * residual - (itn__finite(variance) ? variance : 0);
+        image.pixels[i] = (float)(2 * residual / (double)pixels);
+    }
+    half.seed = itn__mix64(half.seed + 1);
+    if (count)
+        result = itn_render_gradient(scene, theta, &half, image.pixels, parameters, count,
+                                     gradient, NULL, error);
+    if (!result) *loss = sum / (double)pixels;
+    itn_image_free(&image);
+    return result;
+}
+/* ---- [layers] convolution, ReLU, pooling, fully connected: forward beside backward ----------- */
+#ifndef ITN_NO_NET
+
+/* A network is a chain of layers y = f(x; w). Training needs the derivatives of a loss l in the
+   weights; the chain rule delivers them from the last layer to the first: given dl/dy, a layer's
+   backward function computes
+       dl/dx = (dy/dx)^T dl/dy    and    dl/dw = (dy/dw)^T dl/dy.
+   In the code d_x stands for dl/dx. Every backward function adds to its results (+=), so that
+   what is used twice collects both shares; the caller clears them first.
+   All functions here treat one image. Its values are stored [row][column][channel], channels
+   innermost, because every inner loop then runs along memory, also in the deep layers, where images
+   have few pixels and hundreds of channels. Sums have a fixed order, so results do not depend on
+   how the calls are spread over threads. These are the plain forms, and define the results. */
+
+/* to[0..n) += s from[0..n). */
+static void itn__add_scaled(float *to, float s, const float *from, size_t n) {
+    size_t k;
+    for (k = 0; k < n; k++) to[k] += s * from[k];
+}
+
+/* Sum of a[k] b[k] over [0..n), in eight interleaved partial sums, which fill a vector register and
+   round less than a single one. */
+static float itn__dot_product(const float *a, const float *b, size_t n) {
+    float sums[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+    size_t k, lane;
+    for (k = 0; k + 8 <= n; k += 8)
+        for (lane = 0; lane < 8; lane++) sums[lane] += a[k + lane] * b[k + lane];
+    for (lane = 0; k < n; k++, lane++) sums[lane] += a[k] * b[k];
+    return ((sums[0] + sums[4]) + (sums[2] + sums[6])) +
+           ((sums[1] + sums[5]) + (sums[3] + sums[7]));
+}
+
+/* Sizes of a convolution: height and width of its input and output, channels of both. */
+typedef struct itn__conv {
+    size_t height, width, inputs, outputs;
+} itn__conv;
+
+/* 3x3 convolution, stride 1, one ring of zeros around the image:
+       out[y][x][o] = bias[o] + sum over tap = (ky,kx) and i of in[y+ky-1][x+kx-1][i] w[tap][i][o].
+   Finds the input pixel that a tap (3 ky + kx) of output pixel (x, y) reads. Returns 0 where it
+   lies in the ring, else 1 and the index of the pixel. */
+ITN__INLINE int itn__conv_pixel(const itn__conv *c, size_t x, size_t y, size_t tap,
+                                size_t *pixel) {
+    size_t column = x + tap % 3, row = y + tap / 3; /* in the image with its ring */
+    if (column < 1 || column > c->width || row < 1 || row > c->height) return 0;
+    *pixel = (row - 1) * c->width + (column - 1);
+    return 1;
+}
+
+/* in: [height][width][inputs], w: [9][inputs][outputs], bias: [outputs],
+   out: [height][width][outputs], overwritten. */
+static void itn__conv_forward(const itn__conv *c, const float *in, const float *w,
+                              const float *bias, float *out) {
+    size_t x, y, tap, i, pixel;
+    for (y = 0; y < c->height; y++)
+        for (x = 0; x < c->width; x++) {
+            float *sum = out + (y * c->width + x) * c->outputs;
+            memcpy(sum, bias, c->outputs * sizeof *sum);
+            for (tap = 0; tap < 9; tap++) {
+                if (!itn__conv_pixel(c, x, y, tap, &pixel)) continue;
+                for (i = 0; i < c->inputs; i++)
+                    itn__add_scaled(sum, in[pixel * c->inputs + i],
+                                    w + (tap * c->inputs + i) * c->outputs, c->outputs);
+            }
+        }
+}
+
+/* d_in[y+ky-1][x+kx-1][i] += sum over o of w[tap][i][o] d_out[y][x][o].
+   w: [9][inputs][outputs], d_out: [height][width][outputs], d_in: [height][width][inputs]. */
+static void itn__conv_backward_input(const itn__conv *c, const float *w, const float *d_out,
+                                     float *d_in) {
+    size_t x, y, tap, i, pixel;
+    for (y = 0; y < c->height; y++)
+        for (x = 0; x < c->width; x++)
+            for (tap = 0; tap < 9; tap++) {
+                const float *d_sum = d_out + (y * c->width + x) * c->outputs;
+                if (!itn__conv_pixel(c, x, y, tap, &pixel)) continue;
+                for (i = 0; i < c->inputs; i++)
+                    d_in[pixel * c->inputs + i] += itn__dot_product(
+                        w + (tap * c->inputs + i) * c->outputs, d_sum, c->outputs);
+            }
+}
+
+/* One row of the weights' gradient, so that rows can be computed side by side:
+       d_w[tap][i][o] += sum over y, x of in[y+ky-1][x+kx-1][i] d_out[y][x][o],  row = (tap, i).
+   in: [height][width][inputs], d_out: [height][width][outputs], d_row: [outputs]. */
+static void itn__conv_backward_weights(const itn__conv *c, size_t row, const float *in,
+                                       const float *d_out, float *d_row) {
+    size_t x, y, pixel, tap = row / c->inputs, i = row % c->inputs;
+    for (y = 0; y < c->height; y++)
+        for (x = 0; x < c->width; x++)
+            if (itn__conv_pixel(c, x, y, tap, &pixel))
+                itn__add_scaled(d_row, in[pixel * c->inputs + i],
+                                d_out + (y * c->width + x) * c->outputs, c->outputs);
+}
+
+/* d_bias[o] += sum over y, x of d_out[y][x][o].
+   d_out: [height][width][outputs], d_bias: [outputs]. */
+static void itn__conv_backward_bias(const itn__conv *c, const float *d_out, float *d_bias) {
+    size_t pixel;
+    for (pixel = 0; pixel < c->height * c->width; pixel++)
+        itn__add_scaled(d_bias, 1, d_out + pixel * c->outputs, c->outputs);
+}
+
+/* Rectified linear unit, y = max(x, 0), in place. values: [count]. */
+static void itn__relu_forward(float *values, size_t count) {
+    size_t k;
+    for (k = 0; k < count; k++) values[k] = values[k] > 0 ? values[k] : 0;
+}
+
+/* Passes the derivative where y > 0, which is where x > 0; at the kink it is 0.
+   out: [count] the results y, d_out, d_in: [count]. */
+static void itn__relu_backward(const float *out, const float *d_out, float *d_in, size_t count) {
+    size_t k;
+    for (k = 0; k < count; k++) d_in[k] += out[k] > 0 ? d_out[k] : 0;
+}
+
+/* Max-pooling: the largest value of every 2x2 window; the first of equals, in the order of rows.
+   in: [height][width][channels], both sizes even, out: [height/2][width/2][channels],
+   chosen: as out, which of the window's four values was taken (2 row + column). */
+static void itn__pool_forward(const float *in, size_t height, size_t width, size_t channels,
+                              float *out, unsigned char *chosen) {
+    size_t x, y, k, c;
+    for (y = 0; y < height / 2; y++)
+        for (x = 0; x < width / 2; x++) {
+            const float *window = in + (2 * y * width + 2 * x) * channels;
+            memcpy(out, window, channels * sizeof *out);
+            memset(chosen, 0, channels);
+            for (k = 1; k < 4; k++) {
+                const float *from = window + ((k / 2) * width + k % 2) * channels;
+                for (c = 0; c < channels; c++) {
+                    chosen[c] = from[c] > out[c] ? (unsigned char)k : chosen[c];
+                    out[c] = from[c] > out[c] ? from[c] : out[c];
+                }
+            }
+            out += channels, chosen += channels;
+        }
+}
+
+/* Sends the derivative to the value that was taken. Shapes as above. */
+static void itn__pool_backward(const unsigned char *chosen, const float *d_out, size_t height,
+                               size_t width, size_t channels, float *d_in) {
+    size_t x, y, c;
+    for (y = 0; y < height / 2; y++)
+        for (x = 0; x < width / 2; x++) {
+            float *window = d_in + (2 * y * width + 2 * x) * channels;
+            for (c = 0; c < channels; c++)
+                window[((chosen[c] / 2u) * width + chosen[c] % 2u) * channels + c] += d_out[c];
+            d_out += channels, chosen += channels;
+        }
+}
+
+/* Fully connected layer: out[o] = bias[o] + sum over i of w[o][i] in[i].
+   in: [inputs], w: [outputs][inputs], bias: [outputs], out: [outputs], overwritten. */
+static void itn__full_forward(const float *in, const float *w, const float *bias, size_t inputs,
+                              size_t outputs, float *out) {
+    size_t o;
+    for (o = 0; o < outputs; o++)
+        out[o] = bias[o] + itn__dot_product(w + o * inputs, in, inputs);
+}
+
+/* d_in[i] += sum over o of w[o][i] d_out[o], d_w[o][i] += in[i] d_out[o], d_bias[o] += d_out[o].
+   Shapes as above. */
+static void itn__full_backward(const float *in, const float *w, const float *d_out, size_t inputs,
+                               size_t outputs, float *d_in, float *d_w, float *d_bias) {
+    size_t o;
+    for (o = 0; o < outputs; o++) {
+        itn__add_scaled(d_in, d_out[o], w + o * inputs, inputs);
+        itn__add_scaled(d_w + o * inputs, d_out[o], in, inputs);
+        d_bias[o] += d_out[o];
+    }
+}
+
+/* ---- [loss] what a network is trained for ---------------------------------------------------- */
+
+/* Equation (3) of the paper, for one image I with parameters pi and the network's answer N(I):
+       l = ||pi - N(I)||^2 + lambda ||I - T(N(I))||^2.
+   The first term alone makes a regressor network (RN, equation (2)); with the renderer T it becomes
+   an inverse transport network (ITN), with single scattering only an SSN.
+   Networks answer in the optimiser's coordinates c, in which every real number is a valid answer
+   and the three parameters have like scales; pi above are coordinates. The renderer takes values
+   pi(c) and returns the derivative of the image loss in them; the chain rule gives
+       dl/dc = 2 (N(I) - c_truth) + lambda (dl_image/dpi) (dpi/dc). */
+
+ITN_API int itn_model_renders(itn_model model, itn_render_options *options) {
+    if (model == ITN_MODEL_RN) return 0;
+    options->max_scatter = model == ITN_MODEL_SSN ? 1 : 0;
+    return 1;
+}
+
+ITN_API double itn_loss_parameters(int count, const float *predicted, const float *truth,
+                                   float *gradient) {
+    double loss = 0;
+    int k;
+    for (k = 0; k < count; k++) {
+        double difference = (double)predicted[k] - (double)truth[k];
+        loss += difference * difference;
+        gradient[k] = (float)(2 * difference);
+    }
+    return loss;
+}
+
+/* What the image term needs while it runs. */
+typedef struct itn__loss_work {
+    float *theta;     /* [parameters of the scene] */
+    double *gradient; /* [count] in values */
+    double *slopes;   /* [count] */
+} itn__loss_work;
+
+/* The image term at the predicted coordinates, and its derivatives in them (in work->gradient). */
+static itn_result itn__loss_image(const itn_loss_desc *desc, int count, const float *predicted,
+                                  const float *image, const itn__loss_work *work, double *loss,
+                                  itn_error *error) {
+    itn_render_options options = desc->options;
+    itn_result result;
+    int k;
+    (void)itn_model_renders(desc->model, &options);
+    itn_parameter_values(desc->scene, work->theta);
+    if (desc->theta)
+        memcpy(work->theta, desc->theta,
+               (size_t)itn_parameter_count(desc->scene) * sizeof *work->theta);
+    for (k = 0; k < count; k++) {
+        const itn_parameter *p = itn_parameter_get(desc->scene, desc->parameters[k]);
+        double value = itn_parameter_from_coordinate(p, (double)predicted[k]);
+        work->theta[desc->parameters[k]] = (float)value;
+        work->slopes[k] = itn_parameter_slope(p, value);
+    }
+    result = itn_loss_gradient(desc->scene, work->theta, &options, image, desc->parameters, count,
+                               loss, work->gradient, error);
+    for (k = 0; k < count && result == ITN_OK; k++) work->gradient[k] *= work->slopes[k];
+    return result;
+}
+
+static itn_result itn__loss_check(const itn_loss_desc *desc, int count, const float *predicted,
+                                  const float *truth, const float *image, const itn_loss *loss,
+                                  const float *gradient, itn_error *error) {
+    int k;
+    if (!desc || !predicted || !truth || !loss || !gradient || count < 1)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_loss_training: a pointer is NULL or count is below 1");
+    for (k = 0; k < count; k++)
+        if (!itn__finite((double)predicted[k]) || !itn__finite((double)truth[k]))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_loss_training: coordinate %d is not finite (predicted %g, "
+                             "truth %g)", k, (double)predicted[k], (double)truth[k]);
+    if ((int)desc->model < ITN_MODEL_RN || (int)desc->model > ITN_MODEL_ITN)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_training: no such model: %d",
+                         (int)desc->model);
+    if (desc->model == ITN_MODEL_RN) return ITN_OK;
+    if (!(desc->lambda >= 0) || !itn__finite(desc->lambda))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_loss_training: lambda is %g, must be >= 0", desc->lambda);
+    if (!desc->scene || !desc->parameters || !image)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_loss_training: this model renders, so it needs scene, parameters "
+                         "and image");
+    for (k = 0; k < count; k++)
+        if (!itn_parameter_get(desc->scene, desc->parameters[k]))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_loss_training: parameters[%d] is %d, the scene has 0..%d", k,
+                             desc->parameters[k], itn_parameter_count(desc->scene) - 1);
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const float *predicted,
+                                     const float *truth, const float *image, itn_loss *loss,
+                                     float *gradient, itn_error *error) {
+    itn_result result =
+        itn__loss_check(desc, count, predicted, truth, image, loss, gradient, error);
+    itn__loss_work work;
+    const itn_context *context;
+    double image_loss = 0;
+    int k;
+    if (result != ITN_OK) return result;
+    if (desc->model == ITN_MODEL_RN || desc->lambda == 0) {
+        loss->parameters = loss->total = itn_loss_parameters(count, predicted, truth, gradient);
+        loss->image = 0;
+        return ITN_OK;
+    }
+    context = &desc->scene->context;
+    work.theta = (float *)itn__allocate(context, (size_t)itn_parameter_count(desc->scene),
+                                        sizeof *work.theta);
+    work.gradient = (double *)itn__allocate(context, (size_t)count, 2 * sizeof *work.gradient);
+    if (!work.theta || !work.gradient) {
+        result = itn__out_of_memory(error, "the gradient of a training loss");
+    } else {
+        work.slopes = work.gradient + count;
+        result = itn__loss_image(desc, count, predicted, image, &work, &image_loss, error);
+    }
+    if (result == ITN_OK) {
+        loss->parameters = itn_loss_parameters(count, predicted, truth, gradient);
+        loss->image = image_loss;
+        loss->total = loss->parameters + desc->lambda * image_loss;
+        for (k = 0; k < count; k++)
+            gradient[k] = (float)((double)gradient[k] + desc->lambda * work.gradient[k]);
+    }
+    itn__free(context, work.theta);
+    itn__free(context, work.gradient);
+    return result;
+}
+
+/* ---- [adam] a step that knows the size of its gradients -------------------------------------- */
+
+/* Adam (Kingma and Ba 2015, algorithm 1) keeps decaying means of the gradient g and of its square,
+       m <- beta1 m + (1 - beta1) g,    v <- beta2 v + (1 - beta2) g^2,
+   divides both by 1 - beta^t, the weight that t steps from zero have collected so far, and steps by
+       w <- w - rate m' / (sqrt(v') + epsilon):
+   about `rate` per weight while the gradient keeps its sign, less where it is mostly noise. */
+
+/* Fills in the defaults of a desc and checks its ranges. */
+static itn_result itn__adam_desc(const itn_adam_desc *given, itn_adam_desc *desc,
+                                 itn_error *error) {
+    memset(desc, 0, sizeof *desc);
+    if (given) *desc = *given;
+    if (desc->learning_rate == 0) desc->learning_rate = 1e-4;
+    if (desc->beta1 == 0) desc->beta1 = .9;
+    if (desc->beta2 == 0) desc->beta2 = .999;
+    if (desc->epsilon == 0) desc->epsilon = 1e-8;
+    if (!(desc->learning_rate > 0 && desc->learning_rate <= 1))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_adam_desc: learning_rate is %g, must be in (0,1]",
+                         desc->learning_rate);
+    if (!(desc->beta1 > 0 && desc->beta1 < 1 && desc->beta2 > 0 && desc->beta2 < 1))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_adam_desc: beta1 is %g and beta2 %g, must be in (0,1)", desc->beta1,
+                         desc->beta2);
+    if (!(desc->epsilon > 0 && desc->epsilon <= 1))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_adam_desc: epsilon is %g, must be in (0,1]", desc->epsilon);
+    return ITN_OK;
+}
+
+/* Step number `step` (1 is the first) of algorithm 1. All arrays: [count]. */
+static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, const float *gradient,
+                      float *m, float *v, float *weights) {
+    float beta1 = (float)desc->beta1, beta2 = (float)desc->beta2, epsilon = (float)desc->epsilon;
+    float rate = (float)(desc->learning_rate / (1 - pow(desc->beta1, (double)step)));
+    float v_scale = (float)(1 / (1 - pow(desc->beta2, (double)step)));
+    float new1 = (float)(1 - desc->beta1), new2 = (float)(1 - desc->beta2);
+    size_t k;
+    for (k = 0; k < count; k++) {
+        m[k] = beta1 * m[k] + new1 * gradient[k];
+        v[k] = beta2 * v[k] + new2 * (gradient[k] * gradient[k]);
+        weights[k] -= rate * m[k] / (sqrtf(v[k] * v_scale) + epsilon);
+    }
+}
+
+/* ---- [net] the assembled network ------------------------------------------------------------- */
+
+/* Layer l = 0, 1, ... halves the image and doubles its channels: convolution, ReLU, pooling. The
+   fully connected layer turns what is left (1x1 pixel with 1024 channels in the authors' network)
+   into the outputs. Weights, gradients and the two Adam moments are one slab each, all of the same
+   order; activations are kept for a whole batch, as the backward pass needs them.
+   Tasks that may run side by side: the images of a batch, and in the weights' gradient, which sums
+   over images, the rows of the result, each summed in the order of images. */
+
+enum { ITN__NET_LAYERS = 12 };
+
+typedef struct itn__net_layer {
+    itn__conv conv;
+    size_t weights, bias;  /* offsets in the slabs */
+    size_t pixels, pooled; /* floats of one image after the convolution, after the pooling */
+    float *rectified;      /* [batch][pixels] */
+    float *pool;           /* [batch][pooled] */
+    unsigned char *chosen; /* [batch][pooled] */
+} itn__net_layer;
+
+struct itn_net {
+    itn_context context;
+    itn_net_desc desc; /* with defaults filled in */
+    itn__net_layer layers[ITN__NET_LAYERS];
+    size_t full_weights, full_bias, features; /* of the fully connected layer */
+    size_t count;                             /* of parameters */
+    float *parameters, *gradients, *moments;  /* moments: [2][count], m then v */
+    uint64_t steps;
+    float *activations;                       /* slab of the float arrays below and in layers */
+    unsigned char *choices;                   /* slab of the `chosen` arrays */
+    float *images;                            /* [batch][height][width][channels] */
+    float *outputs;                           /* [batch][outputs] */
+    float *d_outputs;                         /* [batch][outputs] */
+    float *d_pool, *d_rectified, *d_conv;     /* [batch][largest layer's size], reused by layers */
+    int forward_batch;                        /* images whose activations are valid */
+};
+
+/* Fills in the defaults of a desc and checks its ranges. */
+static itn_result itn__net_desc(const itn_net_desc *given, itn_net_desc *desc, itn_error *error) {
+    static const char *const names[7] = {"width",   "height", "channels", "layer_count",
+                                         "outputs", "batch",  "first_channels"};
+    static const int defaults[7] = {128, 128, 2, 7, 3, 16, 16};
+    static const int limits[7] = {8192, 8192, 1024, ITN__NET_LAYERS, 4096, 65536, 65536};
+    int *fields[7], k, halvings;
+    memset(desc, 0, sizeof *desc);
+    if (given) *desc = *given;
+    fields[0] = &desc->width, fields[1] = &desc->height, fields[2] = &desc->channels;
+    fields[3] = &desc->layer_count, fields[4] = &desc->outputs, fields[5] = &desc->batch;
+    fields[6] = &desc->first_channels;
+    for (k = 0; k < 7; k++) {
+        if (*fields[k] == 0) *fields[k] = defaults[k];
+        if (*fields[k] < 1 || *fields[k] > limits[k])
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_net_desc: %s is %d, must be in 1..%d", names[k], *fields[k],
+                             limits[k]);
+    }
+    halvings = 1 << desc->layer_count;
+    if (desc->first_channels > 2 * 65536 / halvings)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_net_desc: first_channels (%d) doubled by %d layers passes 65536 "
+                         "channels", desc->first_channels, desc->layer_count);
+    if (desc->width % halvings || desc->height % halvings)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_net_desc: every layer halves the image, so for %d layers width (%d) "
+                         "and height (%d) must be multiples of %d: resize the images or set "
+                         "layer_count", desc->layer_count, desc->width, desc->height, halvings);
+    return ITN_OK;
+}
+
+/* Sets the sizes and offsets of all layers, in 64 bits, which the ranges of the desc cannot
+   overflow (2^26 pixels, 2^16 channels and images). Returns 0 if memory for them cannot be
+   addressed: every later sum of sizes stays below 8 times the largest product tested here. */
+static int itn__net_sizes(itn_net *net) {
+    const itn_net_desc *d = &net->desc;
+    uint64_t limit = SIZE_MAX / 64, batch = (uint64_t)d->batch, outputs = (uint64_t)d->outputs;
+    uint64_t size = (uint64_t)d->height * (uint64_t)d->width, inputs = (uint64_t)d->channels;
+    uint64_t count = 0;
+    int l;
+    if (size * inputs > limit / batch || outputs > limit / batch ||
+        size * (uint64_t)d->first_channels > limit / batch)
+        return 0;
+    for (l = 0; l < d->layer_count; l++) {
+        itn__net_layer *layer = &net->layers[l];
+        uint64_t channels = (uint64_t)d->first_channels << l;
+        layer->conv.height = (size_t)d->height >> l, layer->conv.width = (size_t)d->width >> l;
+        layer->conv.inputs = (size_t)inputs, layer->conv.outputs = (size_t)channels;
+        layer->pixels = (size_t)(size * channels), layer->pooled = layer->pixels / 4;
+        layer->weights = (size_t)count, layer->bias = (size_t)(count + 9 * inputs * channels);
+        count += (9 * inputs + 1) * channels;
+        inputs = channels, size /= 4;
+    }
+    net->features = (size_t)(size * inputs);
+    net->full_weights = (size_t)count;
+    net->full_bias = (size_t)(count + size * inputs * outputs);
+    count += (size * inputs + 1) * outputs;
+    net->count = (size_t)count;
+    return count <= limit;
+}
+
+/* Cuts the next `count` floats off a slab. */
+static float *itn__net_cut(float **slab, size_t count) {
+    float *piece = *slab;
+    *slab += count;
+    return piece;
+}
+
+/* Allocates the slabs and points into them. Returns 0 if memory is out. */
+static int itn__net_allocate(itn_net *net) {
+    size_t batch = (size_t)net->desc.batch, outputs = (size_t)net->desc.outputs;
+    size_t image = net->layers[0].conv.height * net->layers[0].conv.width *
+                   net->layers[0].conv.inputs;
+    size_t pixels = net->layers[0].pixels, pooled = net->layers[0].pooled; /* the largest */
+    size_t values = image + outputs + 2 * pixels + pooled, choices = 0;
+    unsigned char *chosen;
+    float *slab;
+    int l;
+    for (l = 0; l < net->desc.layer_count; l++) {
+        values += net->layers[l].pixels + net->layers[l].pooled;
+        choices += net->layers[l].pooled;
+    }
+    net->parameters = (float *)itn__allocate(&net->context, net->count, sizeof(float));
+    net->gradients = (float *)itn__allocate(&net->context, net->count, sizeof(float));
+    net->moments = (float *)itn__allocate(&net->context, net->count, 2 * sizeof(float));
+    net->activations = (float *)itn__allocate(&net->context, values, batch * sizeof(float));
+    net->choices = (unsigned char *)itn__allocate(&net->context, choices, batch);
+    if (!net->parameters || !net->gradients || !net->moments || !net->activations ||
+        !net->choices)
+        return 0;
+    slab = net->activations, chosen = net->choices;
+    net->images = itn__net_cut(&slab, batch * image);
+    net->outputs = itn__net_cut(&slab, batch * outputs);
+    net->d_pool = itn__net_cut(&slab, batch * pooled);
+    net->d_rectified = itn__net_cut(&slab, batch * pixels);
+    net->d_conv = itn__net_cut(&slab, batch * pixels);
+    for (l = 0; l < net->desc.layer_count; l++) {
+        itn__net_layer *layer = &net->layers[l];
+        layer->rectified = itn__net_cut(&slab, batch * layer->pixels);
+        layer->pool = itn__net_cut(&slab, batch * layer->pooled);
+        layer->chosen = chosen, chosen += batch * layer->pooled;
+    }
+    return 1;
+}
+
+/* Fills weights[count] with normal numbers of a variance; `stream` tells layers apart. Two uniform
+   numbers make one normal (Box and Muller 1958). */
+static void itn__net_normal(float *weights, size_t count, double variance, uint64_t seed,
+                            uint64_t stream) {
+    size_t k;
+    for (k = 0; k < count; k++) {
+        itn__rng rng = itn__rng_make(seed, stream, k);
+        float radius = sqrtf(-2 * (float)variance * logf(itn__uniform(&rng)));
+        weights[k] = radius * cosf(2 * ITN__PI * itn__uniform(&rng));
+    }
+}
+
+/* He et al. 2015, equation 10: a ReLU halves the mean square of its input, so weights of variance
+   2/n in a sum of n keep it from layer to layer; without a ReLU behind, 1/n does. */
+static void itn__net_initialise(itn_net *net) {
+    uint64_t stream = (uint64_t)net->desc.layer_count;
+    int l;
+    for (l = 0; l < net->desc.layer_count; l++) {
+        itn__net_layer *layer = &net->layers[l];
+        double inputs = 9. * (double)layer->conv.inputs;
+        itn__net_normal(net->parameters + layer->weights, layer->bias - layer->weights,
+                        2 / inputs, net->desc.seed, (uint64_t)l);
+    }
+    itn__net_normal(net->parameters + net->full_weights, net->full_bias - net->full_weights,
+                    1 / (double)net->features, net->desc.seed, stream);
+}
+
+ITN_API void itn_net_free(itn_net *net) {
+    itn_context context;
+    if (!net) return;
+    context = net->context;
+    itn__free(&context, net->parameters);
+    itn__free(&context, net->gradients);
+    itn__free(&context, net->moments);
+    itn__free(&context, net->activations);
+    itn__free(&context, net->choices);
+    itn__free(&context, net);
+}
+
+ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *context,
+                                  itn_net **net, itn_error *error) {
+    itn_net_desc filled;
+    itn_context own;
+    itn_net *made;
+    itn_result result;
+    if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_create: net is NULL");
+    if ((result = itn__net_desc(desc, &filled, error)) != ITN_OK ||
+        (result = itn__context(context, &own, error)) != ITN_OK)
+        return result;
+    made = (itn_net *)itn__allocate(&own, 1, sizeof *made);
+    if (!made) return itn__out_of_memory(error, "a network");
+    made->context = own, made->desc = filled;
+    if (!itn__net_sizes(made) || !itn__net_allocate(made)) {
+        itn_net_free(made);
+        return itn__out_of_memory(error, "a network of this shape and batch");
+    }
+    itn__net_initialise(made);
+    *net = made;
+    return ITN_OK;
+}
+
+ITN_API itn_net_desc itn_net_shape(const itn_net *net) { return net->desc; }
+
+ITN_API float *itn_net_parameters(itn_net *net, size_t *count) {
+    if (count) *count = net->count;
+    return net->parameters;
+}
+
+ITN_API float *itn_net_gradients(itn_net *net, size_t *count) {
+    if (count) *count = net->count;
+    return net->gradients;
+}
+
+ITN_API uint64_t itn_net_steps(const itn_net *net) { return net->steps; }
+
+ITN_API void itn_net_zero_gradients(itn_net *net) {
+    memset(net->gradients, 0, net->count * sizeof *net->gradients);
+}
+
+/* Returns the index of the first value that is not finite, or count. */
+static size_t itn__not_finite(const float *values, size_t count) {
+    size_t k = 0;
+    while (k < count && itn__finite((double)values[k])) k++;
+    return k;
+}
+
+/* One call of forward or backward, as its parallel loops see it. */
+typedef struct itn__net_task {
+    itn_net *net;
+    const float *images; /* the caller's, [batch][channels][height][width] */
+    int batch;
+    int layer; /* at work in the backward pass */
+} itn__net_task;
+
+/* Copies image `index` from planes to channels innermost. */
+static void itn__net_take_image(const itn__net_task *task, size_t index) {
+    const itn__conv *c = &task->net->layers[0].conv;
+    size_t size = c->height * c->width, pixel, channel;
+    const float *from = task->images + index * size * c->inputs;
+    float *to = task->net->images + index * size * c->inputs;
+    for (channel = 0; channel < c->inputs; channel++)
+        for (pixel = 0; pixel < size; pixel++)
+            to[pixel * c->inputs + channel] = from[channel * size + pixel];
+}
+
+/* All that layer l receives for image `index`: the image, or the layer before's result. */
+static float *itn__net_input(const itn_net *net, int l, size_t index) {
+    const itn__conv *c = &net->layers[0].conv;
+    if (l == 0) return net->images + index * c->height * c->width * c->inputs;
+    return net->layers[l - 1].pool + index * net->layers[l - 1].pooled;
+}
+
+/* Takes one image through all layers. */
+static void itn__net_forward_image(void *data, int image) {
+    const itn__net_task *task = (const itn__net_task *)data;
+    const itn_net *net = task->net;
+    size_t index = (size_t)image, outputs = (size_t)net->desc.outputs;
+    int l;
+    itn__net_take_image(task, index);
+    for (l = 0; l < net->desc.layer_count; l++) {
+        const itn__net_layer *layer = &net->layers[l];
+        const itn__conv *c = &layer->conv;
+        float *rectified = layer->rectified + index * layer->pixels;
+        itn__conv_forward(c, itn__net_input(net, l, index), net->parameters + layer->weights,
+                          net->parameters + layer->bias, rectified);
+        itn__relu_forward(rectified, layer->pixels);
+        itn__pool_forward(rectified, c->height, c->width, c->outputs,
+                          layer->pool + index * layer->pooled,
+                          layer->chosen + index * layer->pooled);
+    }
+    itn__full_forward(itn__net_input(net, l, index), net->parameters + net->full_weights,
+                      net->parameters + net->full_bias, net->features, outputs,
+                      net->outputs + index * outputs);
+}
+
+static itn_result itn__net_call(const char *name, const itn_net *net, int batch, const float *in,
+                                itn_error *error) {
+    if (!net || !in)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: a pointer is NULL", name);
+    if (batch < 1 || batch > net->desc.batch)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "%s: batch is %d, this network was made for 1..%d", name, batch,
+                         net->desc.batch);
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images, float *outputs,
+                                   itn_error *error) {
+    itn_result result = itn__net_call("itn_net_forward", net, batch, images, error);
+    itn__net_task task;
+    size_t count, size, bad;
+    if (result != ITN_OK) return result;
+    if (!outputs)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_forward: outputs is NULL");
+    size = (size_t)net->desc.height * (size_t)net->desc.width * (size_t)net->desc.channels;
+    count = (size_t)batch * size;
+    if ((bad = itn__not_finite(images, count)) < count)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_net_forward: value %.0f of image %.0f is not finite",
+                         (double)(bad % size), (double)(bad / size));
+    net->forward_batch = 0;
+    task.net = net, task.images = images, task.batch = batch, task.layer = 0;
+    itn__parallel_for(&net->context, batch, itn__net_forward_image, &task);
+    count = (size_t)batch * (size_t)net->desc.outputs;
+    if (itn__not_finite(net->outputs, count) < count)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_net_forward: the outputs are not finite: a weight is NaN or far "
+                         "too large");
+    net->forward_batch = batch;
+    memcpy(outputs, net->outputs, count * sizeof *outputs);
+    return ITN_OK;
+}
+
+/* The fully connected layer, image after image, into cleared d_pool. */
+static void itn__net_backward_full(itn_net *net, size_t batch, const float *d_outputs) {
+    size_t outputs = (size_t)net->desc.outputs, index;
+    memset(net->d_pool, 0, batch * net->features * sizeof *net->d_pool);
+    for (index = 0; index < batch; index++)
+        itn__full_backward(itn__net_input(net, net->desc.layer_count, index),
+                           net->parameters + net->full_weights, d_outputs + index * outputs,
+                           net->features, outputs, net->d_pool + index * net->features,
+                           net->gradients + net->full_weights, net->gradients + net->full_bias);
+}
+
+/* One image back through pooling and ReLU: d_pool to d_rectified to d_conv. */
+static void itn__net_backward_pool(void *data, int image) {
+    const itn__net_task *task = (const itn__net_task *)data;
+    const itn_net *net = task->net;
+    const itn__net_layer *layer = &net->layers[task->layer];
+    size_t index = (size_t)image, bytes = layer->pixels * sizeof(float);
+    float *d_rectified = net->d_rectified + index * layer->pixels;
+    float *d_conv = net->d_conv + index * layer->pixels;
+    memset(d_rectified, 0, bytes);
+    memset(d_conv, 0, bytes);
+    itn__pool_backward(layer->chosen + index * layer->pooled,
+                       net->d_pool + index * layer->pooled, layer->conv.height,
+                       layer->conv.width, layer->conv.outputs, d_rectified);
+    itn__relu_backward(layer->rectified + index * layer->pixels, d_rectified, d_conv,
+                       layer->pixels);
+}
+
+/* One row of a convolution's weights, summed over the images in their order. */
+static void itn__net_backward_weights(void *data, int row) {
+    const itn__net_task *task = (const itn__net_task *)data;
+    const itn_net *net = task->net;
+    const itn__net_layer *layer = &net->layers[task->layer];
+    float *d_row = net->gradients + layer->weights + (size_t)row * layer->conv.outputs;
+    size_t index;
+    for (index = 0; index < (size_t)task->batch; index++)
+        itn__conv_backward_weights(&layer->conv, (size_t)row,
+                                   itn__net_input(net, task->layer, index),
+                                   net->d_conv + index * layer->pixels, d_row);
+}
+
+/* One image back through a convolution: d_conv to the d_pool of the layer before. */
+static void itn__net_backward_input(void *data, int image) {
+    const itn__net_task *task = (const itn__net_task *)data;
+    const itn_net *net = task->net;
+    const itn__net_layer *layer = &net->layers[task->layer];
+    size_t inputs = net->layers[task->layer - 1].pooled;
+    float *d_in = net->d_pool + (size_t)image * inputs;
+    memset(d_in, 0, inputs * sizeof *d_in);
+    itn__conv_backward_input(&layer->conv, net->parameters + layer->weights,
+                             net->d_conv + (size_t)image * layer->pixels, d_in);
+}
+
+ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
+                                    itn_error *error) {
+    itn_result result = itn__net_call("itn_net_backward", net, batch, d_outputs, error);
+    itn__net_task task;
+    int image;
+    if (result != ITN_OK) return result;
+    if (batch != net->forward_batch)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_net_backward: batch is %d, the latest forward call left %d images",
+                         batch, net->forward_batch);
+    if (itn__not_finite(d_outputs, (size_t)batch * (size_t)net->desc.outputs) <
+        (size_t)batch * (size_t)net->desc.outputs)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_net_backward: a derivative in d_outputs is not finite");
+    task.net = net, task.images = NULL, task.batch = batch;
+    itn__net_backward_full(net, (size_t)batch, d_outputs);
+    for (task.layer = net->desc.layer_count - 1; task.layer >= 0; task.layer--) {
+        const itn__net_layer *layer = &net->layers[task.layer];
+        itn__parallel_for(&net->context, batch, itn__net_backward_pool, &task);
+        itn__parallel_for(&net->context, (int)(9 * layer->conv.inputs), itn__net_backward_weights,
+                          &task);
+        for (image = 0; image < batch; image++)
+            itn__conv_backward_bias(&layer->conv, net->d_conv + (size_t)image * layer->pixels,
+                                    net->gradients + layer->bias);
+        if (task.layer > 0)
+            itn__parallel_for(&net->context, batch, itn__net_backward_input, &task);
+    }
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_error *error) {
+    itn_adam_desc adam;
+    itn_result result;
+    size_t k;
+    if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_step: net is NULL");
+    if ((result = itn__adam_desc(desc, &adam, error)) != ITN_OK) return result;
+    for (k = 0; k < net->count; k++) {
+        float square = net->gradients[k] * net->gradients[k];
+        if (!(square <= FLT_MAX))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_net_step: gradient %.0f is %g, and its square is not finite; "
+                             "no step was taken", (double)k, (double)net->gradients[k]);
+    }
+    net->steps++;
+    itn__adam(&adam, net->steps, net->count, net->gradients, net->moments,
+              net->moments + net->count, net->parameters);
+    net->forward_batch = 0;
+    return ITN_OK;
+}
+#endif /* ITN_NO_NET */
+/* ---- [refine] analysis by synthesis --------------------------------------------------------------- */
+
+/* Analysis by synthesis looks for pi minimising sum_p w_p (I_p - T_p(pi))^2 (equation 1), with
+   w_p = 1 / (variance of I_p + variance of the render of p). With J = dT/dpi and residual
+   r = I - T, Levenberg-Marquardt steps by (A + mu D) delta = b,  A = sum w J J^T,  b = sum w J r.
+   J and T are random, and samples common to both would bias every product, so each iteration makes
+   two independent renders a, b and only multiplies across:
+       b = 1/2 sum w (J_a r_b + J_b r_a),     A = 1/2 sum w (J_a J_b^T + J_b J_a^T),
+   unbiased both. D, the diagonal of sum w J J^T with J = (J_a + J_b)/2, has the noise of J on top,
+   which makes steps shorter where they would be mostly noise. The weights' variances are averaged
+   over 5 x 5 pixels, or else pixels that came out dark by chance would count too much.
+
+   At the solution the estimate's covariance is A^-1 N A^-1, N = covariance of b: A itself, the
+   Fisher information (residuals have variance 1/w), plus w times the variance of J times residual
+   noise. If the target's noise is unknown or the scene cannot reproduce it, the misfit
+   chi^2 = mean of w r_a r_b exceeds what the render's noise explains; covariances are scaled by it.
+   All of this happens in the transformed coordinates, where bounds are out of reach. */
+
+typedef struct itn__refiner {
+    const itn_scene *scene;
+    const float *target;
+    const int *parameters;
+    int count;
+    itn_refine_options options;
+    size_t pixels; /* all channels */
+    uint64_t renders;
+    float *theta;        /* [parameter_count] */
+    float *weights;      /* [pixels] */
+    double *numbers;     /* one block for the arrays below */
+    double *coordinates; /* [count] */
+    double *slopes;      /* [count] d value / d coordinate */
+    double *gradient;    /* [count], Adam */
+    double *matrix;      /* A [count][count] */
+    double *right;       /* b [count] */
+    double *diagonal;    /* D [count] */
+    double *noise;       /* [count]: sum w^2 var(J) var(r), what N has over A */
+    double *spread;      /* [count]: variance of A_kk */
+    double *factor;      /* [count][count], Cholesky */
+    double *step;        /* [count] */
+    double *covariance;  /* [count][count] */
+    double loss, loss_error, chi2;
+    float *moments[2];   /* [count] of Adam */
+} itn__refiner;
+
+/* In-place Cholesky factor of a symmetric matrix (lower triangle). Returns 0 if it is not positive
+   definite. */
+static int itn__cholesky(double *a, int n) {
+    int i, j, k;
+    for (j = 0; j < n; j++) {
+        double pivot = a[j * n + j];
+        for (k = 0; k < j; k++) pivot -= a[j * n + k] * a[j * n + k];
+        if (!(pivot > 1e-12 * fabs(a[j * n + j]))) return 0;
+        a[j * n + j] = sqrt(pivot);
+        for (i = j + 1; i < n; i++) {
+            double sum = a[i * n + j];
+            for (k = 0; k < j; k++) sum -= a[i * n + k] * a[j * n + k];
+            a[i * n + j] = sum / a[j * n + j];
+        }
+    }
+    return 1;
+}
+
+/* Solves L L^T x = b in place. */
+static void itn__cholesky_solve(const double *factor, int n, double *x) {
+    int i, k;
+    for (i = 0; i < n; i++) {
+        for (k = 0; k < i; k++) x[i] -= factor[i * n + k] * x[k];
+        x[i] /= factor[i * n + i];
+    }
+    for (i = n - 1; i >= 0; i--) {
+        for (k = i + 1; k < n; k++) x[i] -= factor[k * n + i] * x[k];
+        x[i] /= factor[i * n + i];
+    }
+}
+
+/* Sets parameters from coordinates. */
+static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
+    int k;
+    for (k = 0; k < refiner->count; k++) {
+        const itn_parameter *p = &refiner->scene->parameters[refiner->parameters[k]];
+        double value = itn_parameter_from_coordinate(p, coordinates[k]);
+        refiner->coordinates[k] = coordinates[k];
+        refiner->theta[refiner->parameters[k]] =
+            itn__clamp((float)value, p->lower, p->upper);
+        refiner->slopes[k] = itn_parameter_slope(p, value);
+    }
+}
+
+/* Mean of a plane over the (at most) 5 x 5 pixels around x, y. */
+static double itn__blurred(const float *plane, int width, int height, int x, int y) {
+    double sum = 0;
+    int i, j, n = 0;
+    for (j = y - 2; j <= y + 2; j++)
+        for (i = x - 2; i <= x + 2; i++)
+            if (i >= 0 && j >= 0 && i < width && j < height)
+                sum += plane[(size_t)j * (size_t)width + (size_t)i], n++;
+    return sum / n;
+}
+
+/* Weights of all pixels from two renders; their mean has a quarter of their summed variances. A
+   floor, a thousandth of the mean variance, bounds the weight of pixels without noise. */
+static void itn__refine_weights(itn__refiner *refiner, const itn_image *a, const itn_image *b) {
+    int width = a->width, height = a->height, x, y;
+    size_t plane = (size_t)width * (size_t)height, i = 0, c;
+    double mean = 0, square = 0, least;
+    const float *target_variance = refiner->options.target_variance;
+    for (i = 0; i < refiner->pixels; i++) {
+        float *variance = &a->pixels[refiner->pixels + i];
+        *variance = .25f * (*variance + b->pixels[refiner->pixels + i]);
+        mean += *variance + (target_variance ? target_variance[i] : 0);
+        square += itn__square(refiner->target[i]);
+    }
+    least = (1e-3 * mean + 1e-12 * square) / (double)refiner->pixels;
+    if (!(least > 0)) least = 1; /* a black picture of a black scene */
+    for (c = 0, i = 0; c < refiner->pixels / plane; c++)
+        for (y = 0; y < height; y++)
+            for (x = 0; x < width; x++, i++) {
+                double variance = itn__blurred(a->pixels + refiner->pixels + c * plane, width,
+                                               height, x, y);
+                if (target_variance) variance += target_variance[i];
+                refiner->weights[i] = (float)(1 / (variance + least));
+            }
+}
+
+/* Adds pixel i to the normal equations. */
+static void itn__refine_pixel(itn__refiner *refiner, const itn_image *a, const itn_image *b,
+                              size_t i) {
+    int n = refiner->count, k, l;
+    double w = refiner->weights[i];
+    double ra = (double)refiner->target[i] - a->pixels[i];
+    double rb = (double)refiner->target[i] - b->pixels[i];
+    double render_variance = a->pixels[refiner->pixels + i];
+    double target_variance = refiner->options.target_variance
+                                 ? refiner->options.target_variance[i] : 0;
+    for (k = 0; k < n; k++) {
+        size_t plane = (size_t)(2 + 2 * k) * refiner->pixels + i;
+        double s = refiner->slopes[k], ja = s * a->pixels[plane], jb = s * b->pixels[plane];
+        double mean = .5 * (ja + jb), variance;
+        variance = .25 * s * s * ((double)a->pixels[plane + refiner->pixels] +
+                                  b->pixels[plane + refiner->pixels]);
+        refiner->right[k] += .5 * w * (ja * rb + jb * ra);
+        refiner->diagonal[k] += w * mean * mean;
+        refiner->noise[k] += w * w * variance * (target_variance + 2 * render_variance);
+        refiner->spread[k] += w * w * variance * (2 * mean * mean + variance);
+        for (l = 0; l <= k; l++) {
+            size_t other = (size_t)(2 + 2 * l) * refiner->pixels + i;
+            double t = refiner->slopes[l];
+            double product = .5 * w * t * (ja * b->pixels[other] + jb * a->pixels[other]);
+            refiner->matrix[k * n + l] += product;
+            if (l != k) refiner->matrix[l * n + k] += product;
+        }
+    }
+}
+
+/* Loss with its standard error, and the misfit where the image depends on any parameter. */
+static void itn__refine_misfit(itn__refiner *refiner, const itn_image *a, const itn_image *b) {
+    double sum = 0, squares = 0, chi2 = 0, felt = 0, n = (double)refiner->pixels;
+    size_t i;
+    int k;
+    for (i = 0; i < refiner->pixels; i++) {
+        double ra = (double)refiner->target[i] - a->pixels[i];
+        double rb = (double)refiner->target[i] - b->pixels[i], product = ra * rb;
+        int depends = 0;
+        sum += product, squares += product * product;
+        for (k = 0; k < refiner->count && !depends; k++)
+            depends = a->pixels[(size_t)(2 + 2 * k) * refiner->pixels + i] != 0;
+        if (!depends) continue;
+        chi2 += refiner->weights[i] * (product + a->pixels[refiner->pixels + i]), felt++;
+    }
+    refiner->loss = sum / n;
+    refiner->loss_error = sqrt(fmax(squares / n - refiner->loss * refiner->loss, 0) / n);
+    refiner->chi2 = felt > 0 ? chi2 / felt : 1;
+}
+
+/* Renders twice at the present parameters and sets up the normal equations. */
+static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
+    itn_render_options options = ITN_ZERO;
+    itn_image a = ITN_ZERO, b = ITN_ZERO;
+    itn_result result;
+    size_t i;
+    int n = refiner->count;
+    options.spp = spp, options.max_scatter = refiner->options.max_scatter;
+    options.seed = itn__mix64(refiner->options.seed + 2 * refiner->renders++);
+    result = itn_render(refiner->scene, refiner->theta, &options, refiner->parameters, n, &a,
+                        error);
+    options.seed = itn__mix64(options.seed + 1);
+    if (!result)
+        result = itn_render(refiner->scene, refiner->theta, &options, refiner->parameters, n, &b,
+                            error);
+    if (!result) {
+        itn__refine_weights(refiner, &a, &b);
+        memset(refiner->matrix, 0, (size_t)(n * n + 4 * n) * sizeof(double)); /* up to spread */
+        for (i = 0; i < refiner->pixels; i++) itn__refine_pixel(refiner, &a, &b, i);
+        itn__refine_misfit(refiner, &a, &b);
+    }
+    itn_image_free(&b);
+    itn_image_free(&a);
+    return result;
+}
+
+/* Factors A + mu D + a weak prior (standard deviation 8 in a coordinate), with as much more of D as
+   it takes to be positive definite. Returns the mu used. */
+static double itn__refine_factor(itn__refiner *refiner, double mu) {
+    int n = refiner->count, k;
+    for (;; mu = mu > 0 ? 4 * mu : 1e-3) {
+        memcpy(refiner->factor, refiner->matrix, (size_t)(n * n) * sizeof(double));
+        for (k = 0; k < n; k++)
+            refiner->factor[k * n + k] += mu * refiner->diagonal[k] + 1. / 64;
+        if (itn__cholesky(refiner->factor, n)) return mu;
+    }
+}
+
+/* The step from the present point; none is longer than 2 in any coordinate. */
+static void itn__refine_solve(itn__refiner *refiner, double mu) {
+    int n = refiner->count, k;
+    double longest = 0;
+    itn__refine_factor(refiner, mu);
+    memcpy(refiner->step, refiner->right, (size_t)n * sizeof(double));
+    itn__cholesky_solve(refiner->factor, n, refiner->step);
+    for (k = 0; k < n; k++) longest = fmax(longest, fabs(refiner->step[k]));
+    for (k = 0; k < n && longest > 2; k++) refiner->step[k] *= 2 / longest;
+}
+
+/* Covariance A^-1 N A^-1 of the coordinates, column by column. */
+static void itn__refine_covariance(itn__refiner *refiner) {
+    int n = refiner->count, i, j, k;
+    double *inverse = refiner->covariance, scale = fmax(refiner->chi2, 1);
+    itn__refine_factor(refiner, 0);
+    for (j = 0; j < n; j++) {
+        for (i = 0; i < n; i++) inverse[j * n + i] = i == j;
+        itn__cholesky_solve(refiner->factor, n, inverse + j * n);
+    }
+    /* A^-1 A A^-1 = A^-1, so only the excess of N is added; factor is free as scratch */
+    memcpy(refiner->factor, inverse, (size_t)(n * n) * sizeof(double));
+    for (i = 0; i < n; i++)
+        for (j = 0; j < n; j++) {
+            double sum = refiner->factor[i * n + j];
+            for (k = 0; k < n; k++)
+                sum += refiner->factor[i * n + k] * refiner->noise[k] * refiner->factor[k * n + j];
+            inverse[i * n + j] = sum * scale;
+        }
+}
+
+static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_error *error) {
+    itn_refine_step step;
+    step.iteration = iteration, step.loss = refiner->loss, step.loss_error = refiner->loss_error;
+    step.theta = refiner->theta;
+    if (refiner->options.progress &&
+        refiner->options.progress(refiner->options.progress_user, &step))
+        return itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
+    return ITN_OK;
+}
+
+/* Levenberg-Marquardt: a step is kept unless the loss has risen beyond its noise. Ends when a kept
+   step was smaller than its standard error in every coordinate, or when no step helps. */
+static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
+    int n = refiner->count, iteration, k, small = 0;
+    double mu = .01, *before = refiner->gradient; /* unused by this method */
+    itn_result result = itn__refine_evaluate(refiner, refiner->options.spp, error);
+    if (!result) result = itn__refine_report(refiner, 0, error);
+    for (iteration = 1; iteration <= refiner->options.iterations && !result && !small;
+         iteration++) {
+        double loss = refiner->loss, loss_error = refiner->loss_error;
+        small = mu < .1;
+        itn__refine_covariance(refiner);
+        itn__refine_solve(refiner, mu);
+        for (k = 0; k < n; k++) {
+            small &= fabs(refiner->step[k]) < sqrt(refiner->covariance[k * n + k]);
+            before[k] = refiner->coordinates[k];
+            refiner->step[k] += before[k];
+        }
+        itn__refine_set(refiner, refiner->step);
+        result = itn__refine_evaluate(refiner, refiner->options.spp, error);
+        if (result) break;
+        if (refiner->loss - loss > 2 * hypot(loss_error, refiner->loss_error)) { /* worse */
+            itn__refine_set(refiner, before);
+            result = itn__refine_evaluate(refiner, refiner->options.spp, error);
+            mu *= 10, small = mu > 1e6;
+        } else {
+            mu *= .2;
+        }
+        if (!result) result = itn__refine_report(refiner, iteration, error);
+    }
+    return result;
+}
+
+/* Adam on the unbiased loss gradient, with a rate that falls to a tenth over the run. */
+static itn_result itn__refine_adam(itn__refiner *refiner, itn_error *error) {
+    itn_render_options options = ITN_ZERO;
+    itn_adam_desc adam = ITN_ZERO;
+    itn_result result = ITN_OK;
+    int n = refiner->count, iteration, k, steps = refiner->options.iterations;
+    options.spp = refiner->options.spp, options.max_scatter = refiner->options.max_scatter;
+    result = itn__adam_desc(NULL, &adam, error);
+    for (iteration = 0; iteration < steps && !result; iteration++) {
+        float slope, coordinate;
+        options.seed = itn__mix64(refiner->options.seed + 2 * refiner->renders++);
+        result = itn_loss_gradient(refiner->scene, refiner->theta, &options, refiner->target,
+                                   refiner->parameters, n, &refiner->loss, refiner->gradient,
+                                   error);
+        if (result) break;
+        result = itn__refine_report(refiner, iteration, error);
+        adam.learning_rate = refiner->options.learning_rate * pow(.1, (double)iteration / steps);
+        for (k = 0; k < n; k++) {
+            slope = (float)(refiner->gradient[k] * refiner->slopes[k]);
+            coordinate = (float)refiner->coordinates[k];
+            itn__adam(&adam, (uint64_t)iteration + 1, 1, &slope, refiner->moments[0] + k,
+                      refiner->moments[1] + k, &coordinate);
+            refiner->step[k] = coordinate;
+        }
+        itn__refine_set(refiner, refiner->step);
+    }
+    return result;
+}
+
+/* The last evaluation: for LM one more step of its own accuracy; then error bars. */
+static itn_result itn__refine_finish(itn__refiner *refiner, itn_estimate *estimates,
+                                     itn_error *error) {
+    int n = refiner->count, k;
+    itn_result result = itn__refine_evaluate(refiner, 4 * refiner->options.spp, error);
+    if (result) return result;
+    itn__refine_covariance(refiner);
+    if (refiner->options.method == ITN_METHOD_LM) {
+        itn__refine_solve(refiner, 0);
+        for (k = 0; k < n; k++) refiner->step[k] += refiner->coordinates[k];
+        itn__refine_set(refiner, refiner->step);
+    }
+    for (k = 0; k < n; k++) {
+        double error_of_coordinate = sqrt(refiner->covariance[k * n + k]);
+        double information = refiner->matrix[k * n + k];
+        estimates[k].value = refiner->theta[refiner->parameters[k]];
+        estimates[k].standard_error = error_of_coordinate * refiner->slopes[k];
+        estimates[k].determined = error_of_coordinate < .5 &&
+                                  information > 2 * sqrt(refiner->spread[k]);
+    }
+    return result;
+}
+
+static itn_result itn__refine_begin(itn__refiner *refiner, const float *theta, itn_error *error) {
+    const itn_scene *scene = refiner->scene;
+    size_t n = (size_t)refiner->count, i;
+    double *next;
+    int k;
+    refiner->pixels = (size_t)scene->film.width * (size_t)scene->film.height *
+                      (size_t)scene->film.channels;
+    for (i = 0; i < refiner->pixels; i++)
+        if (!itn__finite(refiner->target[i]) ||
+            (refiner->options.target_variance && !(refiner->options.target_variance[i] >= 0 &&
+             itn__finite(refiner->options.target_variance[i]))))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_refine: target or target_variance is not valid at pixel %d",
+                             (int)i);
+    for (k = 0; k < refiner->count; k++)
+        if (refiner->parameters[k] < 0 || refiner->parameters[k] >= scene->parameter_count)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: no parameter %d",
+                             refiner->parameters[k]);
+    refiner->theta = (float *)itn__allocate(&scene->context, (size_t)scene->parameter_count,
+                                            sizeof(float));
+    refiner->weights = (float *)itn__allocate(&scene->context, refiner->pixels, sizeof(float));
+    refiner->numbers = (double *)itn__allocate(&scene->context, 8 * n + 3 * n * n, sizeof(double));
+    refiner->moments[0] = (float *)itn__allocate(&scene->context, 2 * n, sizeof(float));
+    if (!refiner->theta || !refiner->weights || !refiner->numbers || !refiner->moments[0])
+        return itn__out_of_memory(error, "itn_refine");
+    refiner->moments[1] = refiner->moments[0] + n;
+    next = refiner->numbers;
+    refiner->coordinates = next, next += n;
+    refiner->slopes = next, next += n;
+    refiner->gradient = next, next += n;
+    refiner->step = next, next += n;
+    refiner->matrix = next, next += n * n; /* from here to spread: cleared together */
+    refiner->right = next, next += n;
+    refiner->diagonal = next, next += n;
+    refiner->noise = next, next += n;
+    refiner->spread = next, next += n;
+    refiner->factor = next, next += n * n;
+    refiner->covariance = next;
+    memcpy(refiner->theta, theta, (size_t)scene->parameter_count * sizeof(float));
+    for (k = 0; k < refiner->count; k++) {
+        int index = refiner->parameters[k];
+        refiner->step[k] = itn_parameter_to_coordinate(&scene->parameters[index], theta[index]);
+    }
+    itn__refine_set(refiner, refiner->step);
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
+                              const int *parameters, int count,
+                              const itn_refine_options *options, itn_estimate *estimates,
+                              itn_error *error) {
+    itn__refiner refiner;
+    itn_result result;
+    if (!scene || !theta || !target || !parameters || !estimates || count < 1 || count > 1024)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: NULL argument or count %d",
+                         count);
+    memset(&refiner, 0, sizeof refiner);
+    refiner.scene = scene, refiner.target = target, refiner.parameters = parameters;
+    refiner.count = count;
+    if (options) refiner.options = *options;
+    if (refiner.options.spp == 0) refiner.options.spp = 64;
+    if (refiner.options.iterations == 0)
+        refiner.options.iterations = refiner.options.method == ITN_METHOD_LM ? 20 : 200;
+    if (refiner.options.learning_rate == 0) refiner.options.learning_rate = .05;
+    if (refiner.options.spp < 2 || refiner.options.spp > INT_MAX / 4 ||
+        refiner.options.iterations < 0 || refiner.options.max_scatter < 0 ||
+        !(refiner.options.learning_rate > 0 && refiner.options.learning_rate <= 1))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_refine: needs spp >= 2, iterations >= 0, learning_rate in (0, 1]");
+    result = itn__refine_begin(&refiner, theta, error);
+    if (!result)
+        result = refiner.options.method == ITN_METHOD_LM ? itn__refine_lm(&refiner, error)
+                                                         : itn__refine_adam(&refiner, error);
+    if (!result) result = itn__refine_finish(&refiner, estimates, error);
+    if (!result)
+        memcpy(theta, refiner.theta, (size_t)scene->parameter_count * sizeof(float));
+    itn__free(&scene->context, refiner.moments[0]);
+    itn__free(&scene->context, refiner.numbers);
+    itn__free(&scene->context, refiner.weights);
+    itn__free(&scene->context, refiner.theta);
+    return result;
+}
+
+/* ---- [files] bytes in, bytes out --------------------------------------------------------------- */
+
+/* A file is read whole into memory and then parsed from there, so that every parser can be tested
+   with bytes alone, and it is composed whole in memory before the first byte is written.
+   - itn__buffer is bytes that grow. A failed allocation is remembered in `failed` and stops all
+     later additions, so that composing code needs one check, at its end.
+   - itn__text walks through text and counts lines.
+   - Binary numbers are little-endian and are put together from bytes, so that neither the machine's
+     byte order nor alignment matters.
+   - A file is replaced by writing a temporary beside it and renaming that: rename is atomic, so the
+     old contents stay whole until the new are complete. */
+
+typedef struct itn__buffer {
+    unsigned char *bytes;
+    size_t size, capacity;
+    int failed; /* memory ran out: nothing is added any more */
+    itn_context context;
+} itn__buffer;
+
+static void itn__buffer_free(itn__buffer *buffer) {
+    itn__free(&buffer->context, buffer->bytes);
+    buffer->bytes = NULL;
+    buffer->size = buffer->capacity = 0;
+}
+
+/* Makes room for `more` bytes, at least doubling; returns 0 if memory is out. */
+static int itn__buffer_reserve(itn__buffer *buffer, size_t more) {
+    size_t capacity = buffer->capacity < SIZE_MAX / 4 ? 2 * buffer->capacity : buffer->capacity;
+    unsigned char *bytes;
+    if (buffer->failed) return 0;
+    if (buffer->capacity - buffer->size >= more) return 1;
+    if (more > SIZE_MAX / 4 || buffer->size > SIZE_MAX / 4) return buffer->failed = 1, 0;
+    if (capacity < buffer->size + more) capacity = buffer->size + more;
+    bytes = (unsigned char *)itn__allocate(&buffer->context, capacity, 1);
+    if (!bytes) return buffer->failed = 1, 0;
+    if (buffer->size) memcpy(bytes, buffer->bytes, buffer->size);
+    itn__free(&buffer->context, buffer->bytes);
+    buffer->bytes = bytes;
+    buffer->capacity = capacity;
+    return 1;
+}
+
+ITN__INLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
+    if (buffer->capacity - buffer->size < size && !itn__buffer_reserve(buffer, size)) return;
+    if (size && !buffer->failed) memcpy(buffer->bytes + buffer->size, bytes, size);
+    if (!buffer->failed) buffer->size += size;
+}
+ITN__INLINE void itn__put_u8(itn__buffer *buffer, unsigned value) {
+    unsigned char byte = (unsigned char)(value & 255);
+    itn__put(buffer, &byte, 1);
+}
+ITN__INLINE void itn__put_u32(itn__buffer *buffer, uint32_t value) {
+    unsigned char bytes[4];
+    int i;
+    for (i = 0; i < 4; i++) bytes[i] = (unsigned char)(value >> 8 * i & 255);
+    itn__put(buffer, bytes, 4);
+}
+ITN__INLINE void itn__put_u64(itn__buffer *buffer, uint64_t value) {
+    itn__put_u32(buffer, (uint32_t)(value & 0xffffffffu));
+    itn__put_u32(buffer, (uint32_t)(value >> 32));
+}
+ITN__INLINE void itn__put_float(itn__buffer *buffer, float value) {
+    uint32_t bits;
+    memcpy(&bits, &value, 4);
+    itn__put_u32(buffer, bits);
+}
+/* The characters of a string, without its final zero. */
+ITN__INLINE void itn__put_text(itn__buffer *buffer, const char *text) {
+    itn__put(buffer, text, strlen(text));
+}
+
+ITN__INLINE uint32_t itn__get_u16(const unsigned char *bytes) {
+    return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8;
+}
+ITN__INLINE uint32_t itn__get_u32(const unsigned char *bytes) {
+    return itn__get_u16(bytes) | itn__get_u16(bytes + 2) << 16;
+}
+ITN__INLINE uint64_t itn__get_u64(const unsigned char *bytes) {
+    return (uint64_t)itn__get_u32(bytes) | (uint64_t)itn__get_u32(bytes + 4) << 32;
+}
+ITN__INLINE int32_t itn__get_i32(const unsigned char *bytes) {
+    uint32_t bits = itn__get_u32(bytes);
+    int32_t value;
+    memcpy(&value, &bits, 4);
+    return value;
+}
+ITN__INLINE float itn__get_float(const unsigned char *bytes) {
+    uint32_t bits = itn__get_u32(bytes);
+    float value;
+    memcpy(&value, &bits, 4);
+    return value;
+}
+
+/* A place in text. */
+typedef struct itn__text {
+    const char *at, *end;
+    const char *name; /* of the file, for messages */
+    int line;         /* of `at`, from 1 */
+} itn__text;
+
+static itn__text itn__text_make(const void *bytes, size_t size, const char *name) {
+    itn__text text;
+    text.at = (const char *)bytes;
+    text.end = text.at + size;
+    text.name = name;
+    text.line = 1;
+    if (size >= 3 && !memcmp(bytes, "\xef\xbb\xbf", 3)) text.at += 3; /* a byte order mark */
+    return text;
+}
+
+/* The length of the line end (LF, CR LF or CR) at a place, 0 if none is there. */
+ITN__INLINE int itn__newline(const char *at, const char *end) {
+    if (at == end) return 0;
+    if (*at == '\n') return 1;
+    if (*at != '\r') return 0;
+    return end - at > 1 && at[1] == '\n' ? 2 : 1;
+}
+
+/* Skips blanks, and line ends that a backslash hides. */
+static void itn__skip_blanks(itn__text *text) {
+    int length;
+    while (text->at < text->end) {
+        if (*text->at == ' ' || *text->at == '\t') {
+            text->at++;
+        } else if (*text->at == '\\' && (length = itn__newline(text->at + 1, text->end)) > 0) {
+            text->at += 1 + length;
+            text->line++;
+        } else {
+            return;
+        }
+    }
+}
+
+/* Whether only blanks or a comment are left on this line. */
+static int itn__line_done(itn__text *text) {
+    itn__skip_blanks(text);
+    return text->at == text->end || *text->at == '#' || itn__newline(text->at, text->end);
+}
+
+/* Goes to the start of the next line, or to the end. */
+static void itn__next_line(itn__text *text) {
+    while (text->at < text->end && !itn__newline(text->at, text->end)) text->at++;
+    text->line += text->at < text->end;
+    text->at += itn__newline(text->at, text->end);
+}
+
+/* Skips blanks and line ends. */
+static void itn__skip_space(itn__text *text) {
+    itn__skip_blanks(text);
+    while (itn__newline(text->at, text->end)) {
+        itn__next_line(text);
+        itn__skip_blanks(text);
+    }
+}
+
+/* The length of the word at a place: all up to a blank, a line end (hidden or not) or the end. */
+static int itn__word_length(const itn__text *text) {
+    const char *at = text->at;
+    while (at < text->end && at - text->at < INT_MAX - 1 && *at != ' ' && *at != '\t' &&
+           *at != '\r' && *at != '\n' &&
+           !(*at == '\\' && itn__newline(at + 1, text->end)))
+        at++;
+    return (int)(at - text->at);
+}
+
+/* Steps over a word if it is the one given, and says whether it was. */
+static int itn__accept_word(itn__text *text, const char *word) {
+    size_t length = strlen(word);
+    if ((size_t)itn__word_length(text) != length || memcmp(text->at, word, length)) return 0;
+    text->at += length;
+    return 1;
+}
+
+/* Adds decimal digits to `digits` while they fit (19 places), and counts the others. */
+static const char *itn__parse_digits(const char *at, const char *end, uint64_t *digits,
+                                     int64_t *dropped) {
+    for (; at < end && *at >= '0' && *at <= '9'; at++) {
+        if (*digits < 1000000000000000000ull)
+            *digits = *digits * 10 + (uint64_t)(*at - '0');
+        else
+            ++*dropped;
+    }
+    return at;
+}
+
+static double itn__scale_by_power_of_ten(double value, int64_t exponent) {
+    static const double powers[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
+                                    1e8,  1e9,  1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
+                                    1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
+    exponent = exponent > 400 ? 400 : exponent < -400 ? -400 : exponent;
+    for (; exponent > 22; exponent -= 22) value *= 1e22;
+    for (; exponent < -22; exponent += 22) value /= 1e22;
+    return exponent < 0 ? value / powers[-exponent] : value * powers[exponent];
+}
+
+/* Reads [sign] digits [. digits] [e [sign] digits]; returns the place behind it, or NULL if no
+   number is there. Correctly rounded to double for up to 15 digits and 10^-22 to 10^22, since the
+   digits and the power of ten are then exact and one operation joins them (Clinger 1990);
+   otherwise within 10 units in the last place, so that a float got from it is correctly rounded
+   but for numbers within 1e-15 of the middle between two floats. Overflow gives infinity. */
+static const char *itn__parse_number(const char *at, const char *end, double *value) {
+    uint64_t digits = 0, power = 0;
+    int64_t exponent = 0, ignored = 0;
+    const char *start, *dot = NULL, *after;
+    int negative = at < end && *at == '-';
+    if (at < end && (*at == '-' || *at == '+')) at++;
+    start = at;
+    at = itn__parse_digits(at, end, &digits, &exponent);
+    if (at < end && *at == '.') {
+        dot = ++at;
+        at = itn__parse_digits(at, end, &digits, &exponent);
+        exponent -= at - dot;
+    }
+    if (at - start == (dot != NULL)) return NULL; /* no digit */
+    if (at < end && (*at == 'e' || *at == 'E')) {
+        int minus = end - at > 1 && at[1] == '-';
+        at += end - at > 1 && (at[1] == '-' || at[1] == '+') ? 2 : 1;
+        after = itn__parse_digits(at, end, &power, &ignored);
+        if (after == at) return NULL;
+        at = after;
+        if (power > INT_MAX) power = INT_MAX;
+        exponent += minus ? -(int64_t)power : (int64_t)power;
+    }
+    *value = itn__scale_by_power_of_ten((double)digits, exponent);
+    if (negative) *value = -*value;
+    return at;
+}
+
+/* Reads a number that ends at a blank or line end and is finite as a float; `what` is for the error
+   message. */
+static itn_result itn__text_float(itn__text *text, const char *what, float *value,
+                                  itn_error *error) {
+    double number = 0;
+    const char *after;
+    int length;
+    itn__skip_blanks(text);
+    length = itn__word_length(text);
+    after = itn__parse_number(text->at, text->at + length, &number);
+    if (!after || after != text->at + length || !itn__finite((float)number))
+        return itn__fail(error, ITN_ERROR_FORMAT, text->line,
+                         "%s:%d: %s: '%.*s' is not a finite number", text->name, text->line, what,
+                         length > 40 ? 40 : length, text->at);
+    *value = (float)number;
+    text->at = after;
+    return ITN_OK;
+}
+
+#ifndef ITN_NO_STDIO
+
+#include <errno.h>
+
+/* Reads a file of at most `limit` bytes into an empty buffer whose context is set, with a zero
+   byte behind the last. On failure the buffer is freed. */
+static itn_result itn__read_file(const char *path, size_t limit, itn__buffer *buffer,
+                                 itn_error *error) {
+    FILE *file;
+    size_t got = 1;
+    int broken, cause;
+    if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
+    file = fopen(path, "rb");
+    if (!file)
+        return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot open: %s", path, strerror(errno));
+    while (got && buffer->size <= limit && itn__buffer_reserve(buffer, 65536)) {
+        got = fread(buffer->bytes + buffer->size, 1, buffer->capacity - buffer->size - 1, file);
+        buffer->size += got;
+    }
+    broken = ferror(file);
+    cause = errno;
+    fclose(file);
+    if (!broken && !buffer->failed && buffer->size <= limit)
+        return buffer->bytes[buffer->size] = 0, ITN_OK;
+    itn__buffer_free(buffer);
+    if (broken)
+        return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot read: %s", path, strerror(cause));
+    if (buffer->failed)
+        return itn__fail(error, ITN_ERROR_MEMORY, 0, "%s: out of memory for the file", path);
+    return itn__fail(error, ITN_ERROR_FILE, 0, "%s: larger than %.0f bytes", path, (double)limit);
+}
+
+/* Writes bytes to a file; returns 0, or errno. A full disk may show at fwrite or only at fclose. */
+static int itn__write_bytes(const char *path, const void *bytes, size_t size) {
+    FILE *file;
+    size_t written;
+    int cause;
+    errno = 0;
+    file = fopen(path, "wb");
+    if (!file) return errno ? errno : EIO;
+    written = size ? fwrite(bytes, 1, size, file) : 0;
+    cause = written == size && !fflush(file) ? 0 : errno ? errno : EIO;
+    if (fclose(file) && !cause) cause = errno ? errno : EIO;
+    return cause;
+}
+
+/* Replaces a file by these bytes; on failure it is as it was, and the temporary is removed. Devices
+   cannot be replaced by a rename and are written to directly. */
+static itn_result itn__write_file(const char *path, const void *bytes, size_t size,
+                                  itn_error *error) {
+    char temporary[4096];
+    int cause;
+    if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
+    if (strlen(path) + 5 > sizeof temporary)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is longer than 4091 characters");
+    if (!strncmp(path, "/dev/", 5)) {
+        cause = itn__write_bytes(path, bytes, size);
+    } else {
+        memcpy(temporary, path, strlen(path));
+        memcpy(temporary + strlen(path), ".tmp", 5);
+        cause = itn__write_bytes(temporary, bytes, size);
+#ifdef _WIN32
+        if (!cause) remove(path); /* its rename does not replace */
+#endif
+        if (!cause && rename(temporary, path)) cause = errno;
+        if (cause) remove(temporary);
+    }
+    if (!cause) return ITN_OK;
+    return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot write: %s", path, strerror(cause));
+}
+
+/* Writes what was composed in a buffer and frees it. */
+static itn_result itn__write_buffer(const char *path, itn__buffer *buffer, itn_error *error) {
+    itn_result result = ITN_ERROR_MEMORY;
+    if (buffer->failed)
+        itn__fail(error, result, 0, "%s: out of memory for the file", path ? path : "path");
+    else
+        result = itn__write_file(path, buffer->bytes, buffer->size, error);
+    itn__buffer_free(buffer);
+    return result;
+}
+
+#endif /* ITN_NO_STDIO */
+
+/* ---- [inflate] decompression (RFC 1950, RFC 1951) ---------------------------------------------- */
+
+/* A deflate stream is blocks, each stored, or coded with fixed or with transmitted Huffman codes.
+   Coded blocks hold literal bytes (symbols 0-255), the end (256) and copies: a length symbol
+   (257-285) and a distance symbol (0-29), each with extra bits, say "the `length` bytes that stand
+   `distance` bytes back". Huffman codes are canonical, given by their lengths alone: codes of one
+   length are consecutive, and in the order of their symbols.
+   Decoding looks up 10 bits at once; longer codes (at most 15 bits) are found by their length: with
+   first[l] the first code of length l and count[l] their number, the code c of l bits is symbol
+   number index[l] + c - first[l] in the order of (length, symbol), if c - first[l] < count[l].
+   Behind a deflate stream zlib (RFC 1950) puts the Adler-32 sum of the data. */
+
+enum { ITN__HUFFMAN_BITS = 10, ITN__HUFFMAN_SYMBOLS = 288 };
+
+typedef struct itn__bits {
+    const unsigned char *at, *end;
+    uint64_t bits; /* the next bits, the first one lowest */
+    int count;     /* how many of them there are */
+    int overrun;   /* bytes of zeros invented behind the end */
+} itn__bits;
+
+typedef struct itn__huffman {
+    uint16_t fast[1 << ITN__HUFFMAN_BITS]; /* symbol * 16 + length; 0: a longer code, or none */
+    uint16_t symbols[ITN__HUFFMAN_SYMBOLS]; /* in the order of (length, symbol) */
+    int count[16], first[16], index[16];
+} itn__huffman;
+
+/* Makes at least 48 bits available. */
+ITN__INLINE void itn__bits_fill(itn__bits *in) {
+    for (; in->count <= 48; in->count += 8) {
+        if (in->at < in->end)
+            in->bits |= (uint64_t)*in->at++ << in->count;
+        else
+            in->overrun++;
+    }
+}
+/* Takes `count` (at most 16) bits. */
+ITN__INLINE unsigned itn__bits_take(itn__bits *in, int count) {
+    unsigned value;
+    itn__bits_fill(in);
+    value = (unsigned)(in->bits & ((1u << count) - 1));
+    in->bits >>= count;
+    in->count -= count;
+    return value;
+}
+/* Whether bits were taken that the data does not have. */
+ITN__INLINE int itn__bits_ended(const itn__bits *in) { return in->overrun * 8 > in->count; }
+
+static unsigned itn__reverse_bits(unsigned code, int length) {
+    unsigned reversed = 0;
+    for (; length > 0; length--, code >>= 1) reversed = reversed << 1 | (code & 1);
+    return reversed;
+}
+
+/* Builds a decoder from code lengths. Returns the number of unused codes of 15 bits: 0 for a
+   complete code, negative if there are more codes than fit. */
+static int itn__huffman_build(itn__huffman *huffman, const unsigned char *lengths, int symbols) {
+    int length, symbol, code = 0, unused = 1, next[16];
+    memset(huffman, 0, sizeof *huffman);
+    for (symbol = 0; symbol < symbols; symbol++) huffman->count[lengths[symbol]]++;
+    huffman->count[0] = 0;
+    for (length = 1; length < 16; length++) {
+        unused = 2 * unused - huffman->count[length];
+        if (unused < 0) return unused;
+        code = (code + huffman->count[length - 1]) * 2;
+        huffman->first[length] = code;
+        huffman->index[length] = huffman->index[length - 1] + huffman->count[length - 1];
+        next[length] = 0;
+    }
+    for (symbol = 0; symbol < symbols; symbol++) {
+        length = lengths[symbol];
+        if (!length) continue;
+        code = huffman->first[length] + next[length];
+        huffman->symbols[huffman->index[length] + next[length]++] = (uint16_t)symbol;
+        if (length > ITN__HUFFMAN_BITS) continue;
+        for (code = (int)itn__reverse_bits((unsigned)code, length); code < 1 << ITN__HUFFMAN_BITS;
+             code += 1 << length)
+            huffman->fast[code] = (uint16_t)(symbol * 16 + length);
+    }
+    return unused;
+}
+
+/* Returns the next symbol, or -1 where the bits are no code. */
+ITN__INLINE int itn__huffman_take(const itn__huffman *huffman, itn__bits *in) {
+    int code = 0, length, entry;
+    uint64_t bits;
+    itn__bits_fill(in);
+    entry = huffman->fast[in->bits & ((1 << ITN__HUFFMAN_BITS) - 1)];
+    if (entry) {
+        in->bits >>= entry & 15;
+        in->count -= entry & 15;
+        return entry >> 4;
+    }
+    bits = in->bits;
+    for (length = 1; length < 16; length++, bits >>= 1) {
+        code = code * 2 + (int)(bits & 1);
+        if (code - huffman->first[length] >= huffman->count[length]) continue;
+        in->bits >>= length;
+        in->count -= length;
+        return huffman->symbols[huffman->index[length] + code - huffman->first[length]];
+    }
+    return -1;
+}
+
+/* Where decompressed bytes go. */
+typedef struct itn__inflated {
+    unsigned char *bytes;
+    size_t size, capacity;
+} itn__inflated;
+
+static const char *itn__inflate_stored(itn__bits *in, itn__inflated *out) {
+    unsigned length, complement;
+    itn__bits_take(in, in->count & 7); /* to the next whole byte */
+    length = itn__bits_take(in, 16);
+    complement = itn__bits_take(in, 16);
+    if (itn__bits_ended(in)) return "data ends early";
+    if (length != (complement ^ 0xffff)) return "stored length is damaged";
+    if (length > out->capacity - out->size) return "more data than expected";
+    for (; length; length--) out->bytes[out->size++] = (unsigned char)itn__bits_take(in, 8);
+    return itn__bits_ended(in) ? "data ends early" : NULL;
+}
+
+static const uint16_t itn__length_base[] = {3,  4,  5,  6,  7,  8,  9,  10,  11,  13,
+                                            15, 17, 19, 23, 27, 31, 35, 43,  51,  59,
+                                            67, 83, 99, 115, 131, 163, 195, 227, 258};
+static const uint16_t itn__distance_base[] = {
+    1,   2,   3,   4,   5,   7,    9,    13,   17,   25,   33,   49,   65,    97,    129,
+    193, 257, 385, 513, 769, 1025, 1537, 2049, 3073, 4097, 6145, 8193, 12289, 16385, 24577};
+/* How many extra bits follow a length symbol (counted from 257) or a distance symbol. */
+ITN__INLINE int itn__length_bits(int symbol) {
+    return symbol < 8 || symbol == 28 ? 0 : (symbol - 4) / 4;
+}
+ITN__INLINE int itn__distance_bits(int symbol) { return symbol < 4 ? 0 : (symbol - 2) / 2; }
+
+/* Decodes one block with given codes. */
+static const char *itn__inflate_coded(itn__bits *in, itn__inflated *out,
+                                      const itn__huffman *literals,
+                                      const itn__huffman *distances) {
+    for (;;) {
+        int symbol = itn__huffman_take(literals, in);
+        size_t length, distance;
+        if (itn__bits_ended(in)) return "data ends early";
+        if (symbol == 256) return NULL;
+        if (symbol < 0 || symbol > 285) return "invalid code";
+        if (symbol < 256) {
+            if (out->size == out->capacity) return "more data than expected";
+            out->bytes[out->size++] = (unsigned char)symbol;
+            continue;
+        }
+        length = itn__length_base[symbol - 257];
+        length += itn__bits_take(in, itn__length_bits(symbol - 257));
+        symbol = itn__huffman_take(distances, in);
+        if (symbol < 0 || symbol > 29) return "invalid distance code";
+        distance = itn__distance_base[symbol] + itn__bits_take(in, itn__distance_bits(symbol));
+        if (itn__bits_ended(in)) return "data ends early";
+        if (distance > out->size) return "distance reaches before the start";
+        if (length > out->capacity - out->size) return "more data than expected";
+        for (; length; length--, out->size++)
+            out->bytes[out->size] = out->bytes[out->size - distance];
+    }
+}
+
+/* Reads the code lengths of a block, themselves Huffman coded: 0-15 a length, 16 the last one 3-6
+   times, 17 and 18 runs of zeros. */
+static const char *itn__inflate_lengths(itn__bits *in, unsigned char *lengths, int total) {
+    static const unsigned char order[] = {16, 17, 18, 0, 8,  7, 9,  6, 10, 5,
+                                          11, 4,  12, 3, 13, 2, 14, 1, 15};
+    unsigned char meta[19] = {0};
+    itn__huffman huffman;
+    int i = 0, codes = (int)itn__bits_take(in, 4) + 4;
+    for (i = 0; i < codes; i++) meta[order[i]] = (unsigned char)itn__bits_take(in, 3);
+    if (itn__huffman_build(&huffman, meta, 19)) return "invalid code lengths";
+    for (i = 0; i < total;) {
+        int symbol = itn__huffman_take(&huffman, in), repeat = 1, value = symbol;
+        if (symbol < 0 || itn__bits_ended(in)) return "invalid code lengths";
+        if (symbol == 16 && i == 0) return "invalid code lengths";
+        if (symbol >= 16) value = symbol == 16 ? lengths[i - 1] : 0;
+        if (symbol == 16) repeat = 3 + (int)itn__bits_take(in, 2);
+        if (symbol == 17) repeat = 3 + (int)itn__bits_take(in, 3);
+        if (symbol == 18) repeat = 11 + (int)itn__bits_take(in, 7);
+        if (repeat > total - i) return "invalid code lengths";
+        while (repeat--) lengths[i++] = (unsigned char)value;
+    }
+    return NULL;
+}
+
+/* Decodes one block with fixed or with transmitted codes. A distance code may be incomplete only
+   where it has no or one symbol. */
+static const char *itn__inflate_block(itn__bits *in, itn__inflated *out, int fixed) {
+    unsigned char lengths[288 + 32] = {0};
+    itn__huffman literals, distances;
+    int literal_count = 288, distance_count = 30, unused;
+    const char *fault;
+    if (fixed) {
+        memset(lengths, 8, 288);
+        memset(lengths + 144, 9, 112);
+        memset(lengths + 256, 7, 24);
+        memset(lengths + 288, 5, 30);
+    } else {
+        literal_count = (int)itn__bits_take(in, 5) + 257;
+        distance_count = (int)itn__bits_take(in, 5) + 1;
+        if (literal_count > 286 || distance_count > 30) return "too many codes";
+        fault = itn__inflate_lengths(in, lengths, literal_count + distance_count);
+        if (fault) return fault;
+        if (!lengths[256]) return "no code for the end of a block";
+    }
+    if (itn__huffman_build(&literals, lengths, literal_count)) return "invalid literal codes";
+    unused = itn__huffman_build(&distances, lengths + literal_count, distance_count);
+    if (!fixed && (unused < 0 || (unused && distances.index[15] + distances.count[15] > 1)))
+        return "invalid distance codes";
+    return itn__inflate_coded(in, out, &literals, &distances);
+}
+
+static uint32_t itn__adler32(const unsigned char *bytes, size_t size) {
+    uint32_t a = 1, b = 0;
+    while (size) {
+        size_t run = size < 5552 ? size : 5552; /* the longest before b may overflow */
+        for (size -= run; run; run--) {
+            a += *bytes++;
+            b += a;
+        }
+        a %= 65521;
+        b %= 65521;
+    }
+    return b << 16 | a;
+}
+
+/* Decompresses a zlib stream that must hold exactly `capacity` bytes. Returns NULL, or what is
+   wrong; `bytes` is then partly written. */
+static const char *itn__zlib_decode(const unsigned char *data, size_t size, unsigned char *bytes,
+                                    size_t capacity) {
+    itn__bits in = ITN_ZERO;
+    itn__inflated out;
+    const char *fault = NULL;
+    uint32_t sum = 0;
+    int last, type, i;
+    if (size < 2) return "data ends early";
+    if ((data[0] & 15) != 8 || data[0] >> 4 > 7 || (data[0] * 256 + data[1]) % 31)
+        return "not zlib data";
+    if (data[1] & 32) return "needs a preset dictionary";
+    in.at = data + 2, in.end = data + size;
+    out.bytes = bytes, out.size = 0, out.capacity = capacity;
+    do {
+        last = (int)itn__bits_take(&in, 1);
+        type = (int)itn__bits_take(&in, 2);
+        if (type == 3 || itn__bits_ended(&in)) return "invalid block";
+        fault = type ? itn__inflate_block(&in, &out, type == 1) : itn__inflate_stored(&in, &out);
+        if (fault) return fault;
+    } while (!last);
+    itn__bits_take(&in, in.count & 7);
+    for (i = 0; i < 4; i++) sum = sum << 8 | itn__bits_take(&in, 8);
+    if (itn__bits_ended(&in)) return "data ends early";
+    if (out.size != capacity) return "less data than expected";
+    return sum == itn__adler32(bytes, capacity) ? NULL : "checksum is wrong";
+}
+
+/* ---- [exr] OpenEXR images ---------------------------------------------------------------------- */
+
+/* An EXR file of one part of scan lines (OpenEXR's "File Layout" document): magic number, version
+   and flags, attributes (name, type, size, value) up to an empty name, a table of the blocks'
+   offsets, the blocks. A block is its first y, the size of its data, and the data: 1 line (none,
+   RLE, ZIPS) or 16 lines (ZIP), each line being one run of values per channel in the order of the
+   channel list. Compression first moves the bytes of even places to the front half and those of
+   odd places to the back half, then replaces every byte by its difference to the one before + 128,
+   then codes the result; a block that would not shrink is stored as it was. */
+
+enum {
+    ITN__EXR_CHANNELS = 1024, /* most channels that are read */
+    ITN__EXR_TILED = 0x200,
+    ITN__EXR_LONG_NAMES = 0x400,
+    ITN__EXR_DEEP = 0x800,
+    ITN__EXR_MULTIPART = 0x1000
+};
+enum { ITN__EXR_UINT = 0, ITN__EXR_HALF, ITN__EXR_FLOAT };
+enum { ITN__EXR_NONE = 0, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
+
+typedef struct itn__exr {
+    const unsigned char *bytes;
+    size_t size, at;
+    const char *name;                             /* of the file */
+    const char *channel_names[ITN__EXR_CHANNELS]; /* in the file's bytes */
+    unsigned char types[ITN__EXR_CHANNELS];
+    int channel_count, compression, has_window;
+    int64_t x0, y0, x1, y1; /* the data window, both ends included */
+    uint64_t row_bytes;
+} itn__exr;
+
+static itn_result itn__exr_damaged(const itn__exr *exr, const char *what, itn_error *error) {
+    return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: byte %.0f: EXR %s", exr->name,
+                     (double)exr->at, what);
+}
+
+static itn_result itn__exr_unsupported(const itn__exr *exr, const char *what, itn_error *error) {
+    return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: EXR %s cannot be read", exr->name, what);
+}
+
+/* Returns the zero-terminated text at the current place and steps behind it, NULL if it has no
+   end before `end`. */
+static const char *itn__exr_text(itn__exr *exr, size_t end) {
+    const char *text = (const char *)exr->bytes + exr->at;
+    const char *zero = exr->at < end ? (const char *)memchr(text, 0, end - exr->at) : NULL;
+    if (!zero) return NULL;
+    exr->at += (size_t)(zero - text) + 1;
+    return text;
+}
+
+/* Reads the channel list: for each channel a name, then type, 4 bytes of hints, x and y sampling. */
+static itn_result itn__exr_channel_list(itn__exr *exr, size_t end, itn_error *error) {
+    int i, count = 0;
+    for (;;) {
+        const char *name = itn__exr_text(exr, end);
+        const unsigned char *values = exr->bytes + exr->at;
+        if (!name) return itn__exr_damaged(exr, "channel list is damaged", error);
+        if (!*name) break;
+        if (end - exr->at < 16) return itn__exr_damaged(exr, "channel list ends early", error);
+        if (count == ITN__EXR_CHANNELS)
+            return itn__exr_unsupported(exr, "with more than 1024 channels", error);
+        if (strlen(name) >= ITN_NAME_SIZE)
+            return itn__exr_unsupported(exr, "with a channel name over 63 characters", error);
+        for (i = 0; i < count; i++)
+            if (!strcmp(name, exr->channel_names[i]))
+                return itn__exr_damaged(exr, "has two channels of one name", error);
+        if (itn__get_u32(values) > ITN__EXR_FLOAT)
+            return itn__exr_damaged(exr, "channel has no valid type", error);
+        if (itn__get_u32(values + 8) != 1 || itn__get_u32(values + 12) != 1)
+            return itn__exr_unsupported(exr, "with subsampled channels", error);
+        exr->channel_names[count] = name;
+        exr->types[count++] = (unsigned char)itn__get_u32(values);
+        exr->at += 16;
+    }
+    exr->channel_count = count;
+    return count ? ITN_OK : itn__exr_damaged(exr, "has no channel", error);
+}
+
+/* Reads the value of one attribute, if it concerns us. */
+static itn_result itn__exr_attribute(itn__exr *exr, const char *name, size_t size,
+                                     itn_error *error) {
+    static const char *const others[] = {"PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"};
+    const unsigned char *value = exr->bytes + exr->at;
+    char text[64];
+    if (!strcmp(name, "channels")) return itn__exr_channel_list(exr, exr->at + size, error);
+    if (!strcmp(name, "compression")) {
+        if (size != 1) return itn__exr_damaged(exr, "compression is damaged", error);
+        exr->compression = *value;
+        if (*value <= ITN__EXR_ZIP) return ITN_OK;
+        if (*value > 9) return itn__exr_damaged(exr, "compression is not known", error);
+        snprintf(text, sizeof text, "with compression %s", others[*value - 4]);
+        return itn__exr_unsupported(exr, text, error);
+    }
+    if (!strcmp(name, "dataWindow")) {
+        if (size != 16) return itn__exr_damaged(exr, "data window is damaged", error);
+        exr->x0 = itn__get_i32(value), exr->y0 = itn__get_i32(value + 4);
+        exr->x1 = itn__get_i32(value + 8), exr->y1 = itn__get_i32(value + 12);
+        if (exr->x1 < exr->x0 || exr->y1 < exr->y0)
+            return itn__exr_damaged(exr, "data window is empty", error);
+        if (exr->x1 - exr->x0 >= INT_MAX || exr->y1 - exr->y0 >= INT_MAX)
+            return itn__exr_damaged(exr, "data window is too large", error);
+        exr->has_window = 1;
+    }
+    return ITN_OK;
+}
+
+static itn_result itn__exr_header(itn__exr *exr, itn_error *error) {
+    uint32_t version;
+    exr->at = 8;
+    exr->compression = -1;
+    if (exr->size < 8) return itn__exr_damaged(exr, "ends early", error);
+    version = itn__get_u32(exr->bytes + 4);
+    if (version & ITN__EXR_TILED) return itn__exr_unsupported(exr, "of tiles", error);
+    if (version & ITN__EXR_DEEP) return itn__exr_unsupported(exr, "of deep data", error);
+    if (version & ITN__EXR_MULTIPART) return itn__exr_unsupported(exr, "of several parts", error);
+    if ((version & ~(uint32_t)ITN__EXR_LONG_NAMES) != 2)
+        return itn__exr_unsupported(exr, "of another version than 2", error);
+    for (;;) {
+        const char *name = itn__exr_text(exr, exr->size), *type;
+        size_t size, start;
+        itn_result result;
+        if (name && !*name) break;
+        type = name ? itn__exr_text(exr, exr->size) : NULL;
+        if (!type || exr->size - exr->at < 4)
+            return itn__exr_damaged(exr, "header ends early", error);
+        size = itn__get_u32(exr->bytes + exr->at);
+        exr->at += 4;
+        if (size > exr->size - exr->at)
+            return itn__exr_damaged(exr, "attribute is larger than the file", error);
+        start = exr->at;
+        result = itn__exr_attribute(exr, name, size, error);
+        if (result) return result;
+        exr->at = start + size;
+    }
+    if (!exr->channel_count || exr->compression < 0 || !exr->has_window)
+        return itn__exr_damaged(exr, "header lacks channels, compression or dataWindow", error);
+    return ITN_OK;
+}
+
+static int itn__exr_block_lines(const itn__exr *exr) {
+    return exr->compression == ITN__EXR_ZIP ? 16 : 1;
+}
+
+/* Checks that the file is large enough for what its header promises (deflate shrinks at most
+   1032-fold), before memory is asked for. */
+static itn_result itn__exr_plausible(itn__exr *exr, itn_error *error) {
+    uint64_t height = (uint64_t)(exr->y1 - exr->y0 + 1), left = exr->size - exr->at, most = left;
+    uint64_t lines = (uint64_t)itn__exr_block_lines(exr);
+    int i;
+    for (i = 0; i < exr->channel_count; i++)
+        exr->row_bytes += exr->types[i] == ITN__EXR_HALF ? 2 : 4;
+    exr->row_bytes *= (uint64_t)(exr->x1 - exr->x0 + 1);
+    if (exr->compression != ITN__EXR_NONE) most *= 1032;
+    if ((height + lines - 1) / lines > left / 8 || exr->row_bytes > most / height)
+        return itn__exr_damaged(exr, "ends early: its data window is larger than its data", error);
+    return ITN_OK;
+}
+
+/* Undoes run lengths: a count n >= 0 repeats the next byte n + 1 times, n < 0 copies -n bytes. */
+static const char *itn__exr_unpack_runs(const unsigned char *data, size_t size,
+                                        unsigned char *bytes, size_t capacity) {
+    const unsigned char *end = data + size;
+    size_t made = 0;
+    while (data < end) {
+        int count = *data < 128 ? *data : *data - 256;
+        size_t length = (size_t)(count < 0 ? -count : count + 1);
+        data++;
+        if (length > capacity - made) return "more data than expected";
+        if ((size_t)(end - data) < (count < 0 ? length : 1)) return "data ends early";
+        if (count < 0)
+            memcpy(bytes + made, data, length);
+        else
+            memset(bytes + made, *data, length);
+        data += count < 0 ? length : 1;
+        made += length;
+    }
+    return made == capacity ? NULL : "less data than expected";
+}
+
+/* Sums the differences up and interleaves the halves. */
+static void itn__exr_unpredict(unsigned char *coded, unsigned char *bytes, size_t size) {
+    size_t i, half = (size + 1) / 2;
+    for (i = 1; i < size; i++) coded[i] = (unsigned char)((coded[i - 1] + coded[i] - 128) & 255);
+    for (i = 0; i < size; i++) bytes[i] = coded[i / 2 + (i & 1 ? half : 0)];
+}
+
+/* The bits of the float equal to a half (1 sign, 5 exponent, 10 mantissa bits; bias 15). */
+static uint32_t itn__half_to_float(uint32_t half) {
+    uint32_t sign = (half & 0x8000) << 16, exponent = half >> 10 & 31, mantissa = half & 0x3ff;
+    float tiny = (float)mantissa * 5.9604644775390625e-8f; /* 2^-24 */
+    uint32_t bits;
+    if (exponent == 31) return sign | 0x7f800000u | mantissa << 13;
+    if (exponent) return sign | (exponent + 112) << 23 | mantissa << 13;
+    memcpy(&bits, &tiny, 4);
+    return sign | bits;
+}
+
+/* Spreads one line of the file over the planes of the image. */
+static void itn__exr_line(const itn__exr *exr, const unsigned char *data, int row,
+                          itn_image *image) {
+    size_t width = (size_t)image->width, x;
+    int i;
+    for (i = 0; i < exr->channel_count; i++) {
+        float *pixels = image->pixels + ((size_t)i * (size_t)image->height + (size_t)row) * width;
+        for (x = 0; x < width; x++) {
+            uint32_t bits;
+            if (exr->types[i] == ITN__EXR_UINT) {
+                pixels[x] = (float)itn__get_u32(data + 4 * x);
+                continue;
+            }
+            bits = exr->types[i] == ITN__EXR_HALF ? itn__half_to_float(itn__get_u16(data + 2 * x))
+                                                  : itn__get_u32(data + 4 * x);
+            memcpy(pixels + x, &bits, 4);
+        }
+        data += (exr->types[i] == ITN__EXR_HALF ? 2 : 4) * width;
+    }
+}
+
+/* Reads one block; `scratch` has room for a block twice. */
+static itn_result itn__exr_block(itn__exr *exr, int block, unsigned char *scratch,
+                                 itn_image *image, itn_error *error) {
+    int lines = itn__exr_block_lines(exr), row = block * lines, i;
+    uint64_t offset = itn__get_u64(exr->bytes + exr->at + 8 * (size_t)block);
+    const unsigned char *data;
+    const char *fault;
+    size_t size, raw;
+    char text[80];
+    if (lines > image->height - row) lines = image->height - row;
+    raw = (size_t)lines * (size_t)exr->row_bytes;
+    snprintf(text, sizeof text, "block %d is missing or damaged", block);
+    if (offset > exr->size - 8) return itn__exr_damaged(exr, text, error);
+    data = exr->bytes + offset + 8;
+    size = itn__get_u32(data - 4);
+    if (itn__get_i32(data - 8) != exr->y0 + row || size > raw || size > exr->size - 8 - offset)
+        return itn__exr_damaged(exr, text, error);
+    if (size < raw) {
+        fault = exr->compression == ITN__EXR_NONE ? "less data than expected"
+                : exr->compression == ITN__EXR_RLE
+                    ? itn__exr_unpack_runs(data, size, scratch, raw)
+                    : itn__zlib_decode(data, size, scratch, raw);
+        snprintf(text, sizeof text, "block %d: %s", block, fault ? fault : "");
+        if (fault) return itn__exr_damaged(exr, text, error);
+        itn__exr_unpredict(scratch, scratch + raw, raw);
+        data = scratch + raw;
+    }
+    for (i = 0; i < lines; i++)
+        itn__exr_line(exr, data + (size_t)i * (size_t)exr->row_bytes, row + i, image);
+    return ITN_OK;
+}
+
+/* Reads all blocks into a new image. */
+static itn_result itn__exr_pixels(itn__exr *exr, const itn_context *context, itn_image *image,
+                                  itn_error *error) {
+    int width = (int)(exr->x1 - exr->x0 + 1), height = (int)(exr->y1 - exr->y0 + 1);
+    int lines = itn__exr_block_lines(exr), blocks = (height - 1) / lines + 1, i;
+    unsigned char *scratch;
+    itn_result result = itn_image_create(width, height, exr->channel_count, context, image, error);
+    if (result) return result;
+    for (i = 0; i < exr->channel_count; i++)
+        itn__copy_name(image->names[i], exr->channel_names[i]);
+    scratch = (unsigned char *)itn__allocate(
+        &image->context, (size_t)(lines < height ? lines : height) * 2, (size_t)exr->row_bytes);
+    if (!scratch) result = itn__out_of_memory(error, "a block of an EXR file");
+    for (i = 0; i < blocks && !result; i++) result = itn__exr_block(exr, i, scratch, image, error);
+    itn__free(&image->context, scratch);
+    if (result) itn_image_free(image);
+    return result;
+}
+
+static int itn__is_exr(const unsigned char *bytes, size_t size) {
+    return size >= 4 && itn__get_u32(bytes) == 20000630;
+}
+
+static itn_result itn__exr_decode(const unsigned char *bytes, size_t size, const char *name,
+                                  const itn_context *context, itn_image *image,
+                                  itn_error *error) {
+    itn__exr exr = ITN_ZERO;
+    itn_result result;
+    exr.bytes = bytes, exr.size = size, exr.name = name;
+    result = itn__exr_header(&exr, error);
+    if (!result) result = itn__exr_plausible(&exr, error);
+    return result ? result : itn__exr_pixels(&exr, context, image, error);
+}
+
+#ifndef ITN_NO_STDIO
+
+/* What every saver of images asks for. */
+static itn_result itn__check_image(const itn_image *image, int first_plane, int plane_count,
+                                   itn__buffer *buffer, itn_error *error) {
+    memset(buffer, 0, sizeof *buffer);
+    if (!image || !image->pixels || image->width < 1 || image->height < 1)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: it has no pixels");
+    if (first_plane < 0 || plane_count < 1 || first_plane > image->plane_count - plane_count)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "saving an image: planes %d to %.0f of an image of %d", first_plane,
+                         (double)first_plane + plane_count - 1, image->plane_count);
+    return itn__context(&image->context, &buffer->context, error);
+}
+
+/* Sorts the planes by name and checks the names. */
+static itn_result itn__exr_order(const itn_image *image, int *order, itn_error *error) {
+    int i, k;
+    for (i = 0; i < image->plane_count; i++) {
+        const char *name = image->names[i];
+        if (!*name || !memchr(name, 0, ITN_NAME_SIZE))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "saving an image: the name of plane %d is empty or has no end", i);
+        for (k = i; k > 0 && strcmp(name, image->names[order[k - 1]]) < 0; k--)
+            order[k] = order[k - 1];
+        if (k > 0 && !strcmp(name, image->names[order[k - 1]]))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "saving an image: planes %d and %d have the same name '%s'",
+                             order[k - 1], i, name);
+        order[k] = i;
+    }
+    return ITN_OK;
+}
+
+static void itn__exr_put_attribute(itn__buffer *buffer, const char *name, const char *type,
+                                   size_t size) {
+    itn__put(buffer, name, strlen(name) + 1);
+    itn__put(buffer, type, strlen(type) + 1);
+    itn__put_u32(buffer, (uint32_t)size);
+}
+
+static void itn__exr_put_window(itn__buffer *buffer, const char *name, const itn_image *image) {
+    itn__exr_put_attribute(buffer, name, "box2i", 16);
+    itn__put_u64(buffer, 0);
+    itn__put_u32(buffer, (uint32_t)image->width - 1);
+    itn__put_u32(buffer, (uint32_t)image->height - 1);
+}
+
+static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, const int *order) {
+    size_t size = 1, length;
+    uint32_t version = 2;
+    int i;
+    for (i = 0; i < image->plane_count; i++) {
+        length = strlen(image->names[i]);
+        size += length + 17;
+        if (length > 31) version = 2 | ITN__EXR_LONG_NAMES;
+    }
+    itn__put_u32(buffer, 20000630);
+    itn__put_u32(buffer, version);
+    itn__exr_put_attribute(buffer, "channels", "chlist", size);
+    for (i = 0; i < image->plane_count; i++) {
+        itn__put(buffer, image->names[order[i]], strlen(image->names[order[i]]) + 1);
+        itn__put_u32(buffer, ITN__EXR_FLOAT);
+        itn__put_u32(buffer, 0);
+        itn__put_u32(buffer, 1);
+        itn__put_u32(buffer, 1);
+    }
+    itn__put_u8(buffer, 0);
+    itn__exr_put_attribute(buffer, "compression", "compression", 1);
+    itn__put_u8(buffer, ITN__EXR_NONE);
+    itn__exr_put_window(buffer, "dataWindow", image);
+    itn__exr_put_window(buffer, "displayWindow", image);
+    itn__exr_put_attribute(buffer, "lineOrder", "lineOrder", 1);
+    itn__put_u8(buffer, 0);
+    itn__exr_put_attribute(buffer, "pixelAspectRatio", "float", 4);
+    itn__put_float(buffer, 1);
+    itn__exr_put_attribute(buffer, "screenWindowCenter", "v2f", 8);
+    itn__put_u64(buffer, 0);
+    itn__exr_put_attribute(buffer, "screenWindowWidth", "float", 4);
+    itn__put_float(buffer, 1);
+    itn__put_u8(buffer, 0);
+}
+
+/* Adds one line of a plane, bit for bit. */
+static void itn__put_row(itn__buffer *buffer, const itn_image *image, int plane, int row) {
+    size_t width = (size_t)image->width, x;
+    const float *pixels = image->pixels +
+                          ((size_t)plane * (size_t)image->height + (size_t)row) * width;
+    for (x = 0; x < width; x++) itn__put_float(buffer, pixels[x]);
+}
+
+ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
+                                      itn_error *error) {
+    itn__buffer buffer;
+    uint64_t block, start;
+    int *order, row, i;
+    itn_result result = itn__check_image(image, 0, image ? image->plane_count : 0, &buffer, error);
+    if (result) return result;
+    block = (uint64_t)image->width * (uint64_t)image->plane_count * 4;
+    if (!image->names || block > INT_MAX)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "saving an image: no names, or a line of 2 GiB or more");
+    order = (int *)itn__allocate(&buffer.context, (size_t)image->plane_count, sizeof(int));
+    if (!order) return itn__out_of_memory(error, "the order of an EXR file's channels");
+    result = itn__exr_order(image, order, error);
+    if (!result) {
+        itn__exr_put_header(&buffer, image, order);
+        start = buffer.size + 8 * (uint64_t)image->height;
+        if ((block + 16) > SIZE_MAX / 8 / (uint64_t)image->height) buffer.failed = 1;
+        itn__buffer_reserve(&buffer, (size_t)((block + 16) * (uint64_t)image->height));
+        for (row = 0; row < image->height && !buffer.failed; row++)
+            itn__put_u64(&buffer, start + (uint64_t)row * (block + 8));
+        for (row = 0; row < image->height && !buffer.failed; row++) {
+            itn__put_u32(&buffer, (uint32_t)row);
+            itn__put_u32(&buffer, (uint32_t)block);
+            for (i = 0; i < image->plane_count; i++) itn__put_row(&buffer, image, order[i], row);
+        }
+        result = itn__write_buffer(path, &buffer, error);
+    }
+    itn__free(&buffer.context, order);
+    return result;
+}
+
+#endif /* ITN_NO_STDIO */
+
+/* ---- [pfm] portable float maps ----------------------------------------------------------------- */
+
+/* "PF" (three channels) or "Pf" (one), width, height and scale as text, one white space character,
+   then floats, the lowest row first; a negative scale says little-endian (P. Debevec). */
+
+static int itn__is_pfm(const unsigned char *bytes, size_t size) {
+    return size >= 3 && bytes[0] == 'P' && (bytes[1] == 'F' || bytes[1] == 'f') &&
+           (bytes[2] == '\n' || bytes[2] == '\r' || bytes[2] == ' ' || bytes[2] == '\t');
+}
+
+/* Reads one number of the header; line ends count as blanks. */
+static itn_result itn__pfm_number(itn__text *text, const char *what, float *value,
+                                  itn_error *error) {
+    itn__skip_space(text);
+    return itn__text_float(text, what, value, error);
+}
+
+static itn_result itn__pfm_decode(const unsigned char *bytes, size_t size, const char *name,
+                                  const itn_context *context, itn_image *image,
+                                  itn_error *error) {
+    static const char *const names[] = {"R", "G", "B"};
+    itn__text text = itn__text_make(bytes, size, name);
+    int channels = bytes[1] == 'F' ? 3 : 1, big, x, row, k;
+    float width = 0, height = 0, scale = 0;
+    double needed;
+    itn_result result;
+    text.at += 2;
+    result = itn__pfm_number(&text, "PFM width", &width, error);
+    if (!result) result = itn__pfm_number(&text, "PFM height", &height, error);
+    if (!result) result = itn__pfm_number(&text, "PFM scale", &scale, error);
+    if (result) return result;
+    if (!(width >= 1 && width < 1e9f && width == floorf(width)) || scale == 0 ||
+        !(height >= 1 && height < 1e9f && height == floorf(height)))
+        return itn__fail(error, ITN_ERROR_FORMAT, text.line,
+                         "%s: PFM of %g x %g pixels with scale %g", name, (double)width,
+                         (double)height, (double)scale);
+    if (text.at < text.end) text.at++; /* the one white space character */
+    needed = (double)width * (double)height * channels * 4;
+    if ((double)(text.end - text.at) != needed)
+        return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: PFM has %.0f bytes of pixels, needs %.0f",
+                         name, (double)(text.end - text.at), needed);
+    result = itn_image_create((int)width, (int)height, channels, context, image, error);
+    if (result) return result;
+    bytes = (const unsigned char *)text.at;
+    big = scale > 0 ? 3 : 0; /* byte i of a number is the file's byte i ^ big */
+    for (k = 0; k < channels; k++) itn__copy_name(image->names[k], channels == 1 ? "Y" : names[k]);
+    for (row = image->height - 1; row >= 0; row--)
+        for (x = 0; x < image->width; x++)
+            for (k = 0; k < channels; k++, bytes += 4) {
+                uint32_t bits = (uint32_t)bytes[big] | (uint32_t)bytes[1 ^ big] << 8 |
+                                (uint32_t)bytes[2 ^ big] << 16 | (uint32_t)bytes[3 ^ big] << 24;
+                size_t plane_row = (size_t)k * (size_t)image->height + (size_t)row;
+                memcpy(image->pixels + plane_row * (size_t)image->width + x, &bits, 4);
+            }
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
+                                         const itn_context *context, itn_image *image,
+                                         itn_error *error) {
+    const unsigned char *data = (const unsigned char *)bytes;
+    itn_image made;
+    itn_result result;
+    if (!bytes || !image)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
+    if (!name) name = "image";
+    if (itn__is_exr(data, size))
+        result = itn__exr_decode(data, size, name, context, &made, error);
+    else if (itn__is_pfm(data, size))
+        result = itn__pfm_decode(data, size, name, context, &made, error);
+    else
+        result = itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: neither an EXR nor a PFM file", name);
+    if (!result) *image = made;
+    return result;
+}
+
+#ifndef ITN_NO_STDIO
+
+ITN_API itn_result itn_image_load(const char *path, const itn_context *context, itn_image *image,
+                                  itn_error *error) {
+    itn__buffer file = ITN_ZERO;
+    itn_result result = itn__context(context, &file.context, error);
+    if (!result) result = itn__read_file(path, SIZE_MAX / 4, &file, error);
+    if (result) return result;
+    result = itn_image_from_memory(file.bytes, file.size, path, context, image, error);
+    itn__buffer_free(&file);
+    return result;
+}
+
+ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, int plane_count,
+                                      const char *path, itn_error *error) {
+    itn__buffer buffer;
+    char header[64];
+    int row, x, k;
+    itn_result result = itn__check_image(image, first_plane, plane_count, &buffer, error);
+    if (result) return result;
+    if (plane_count != 1 && plane_count != 3)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a PFM: %d planes, not 1 or 3",
+                         plane_count);
+    snprintf(header, sizeof header, "P%c\n%d %d\n-1.0\n", plane_count == 3 ? 'F' : 'f',
+             image->width, image->height);
+    itn__put_text(&buffer, header);
+    for (row = image->height - 1; row >= 0 && !buffer.failed; row--)
+        for (x = 0; x < image->width; x++)
+            for (k = first_plane; k < first_plane + plane_count; k++) {
+                size_t plane_row = (size_t)k * (size_t)image->height + (size_t)row;
+                itn__put_float(&buffer, image->pixels[plane_row * (size_t)image->width + (size_t)x]);
+            }
+    return itn__write_buffer(path, &buffer, error);
+}
+
+/* ---- [png] 8-bit pictures ---------------------------------------------------------------------- */
+
+/* A PNG file is a signature and chunks (length, type, data, CRC-32): IHDR with the size, IDAT with
+   the zlib-compressed rows, each behind a byte 0 that says "not filtered", and IEND. Rendered
+   pictures are compressed with fixed Huffman codes and copies of the pixel to the left or above,
+   which shrinks the flat parts to almost nothing and needs no search. */
+
+typedef struct itn__bit_writer {
+    itn__buffer *out;
+    uint32_t bits;
+    int count;
+} itn__bit_writer;
+
+/* Appends the lowest `count` (at most 16) bits of a value, the lowest first. */
+static void itn__put_bits(itn__bit_writer *writer, unsigned value, int count) {
+    writer->bits |= (uint32_t)value << writer->count;
+    for (writer->count += count; writer->count >= 8; writer->count -= 8) {
+        itn__put_u8(writer->out, writer->bits & 255);
+        writer->bits >>= 8;
+    }
+}
+
+/* Appends a literal or length symbol in the fixed code of RFC 1951, 3.2.6. */
+static void itn__put_symbol(itn__bit_writer *writer, int symbol) {
+    int length = symbol < 144 ? 8 : symbol < 256 ? 9 : symbol < 280 ? 7 : 8;
+    int code = symbol < 144   ? 0x30 + symbol
+               : symbol < 256 ? 0x190 + symbol - 144
+               : symbol < 280 ? symbol - 256
+                              : 0xc0 + symbol - 280;
+    itn__put_bits(writer, itn__reverse_bits((unsigned)code, length), length);
+}
+
+/* Appends a copy of `length` (3 to 258) bytes from `distance` (1 to 32768) bytes back. */
+static void itn__put_copy(itn__bit_writer *writer, int length, int distance) {
+    int symbol = 28;
+    while (itn__length_base[symbol] > length) symbol--;
+    itn__put_symbol(writer, symbol + 257);
+    itn__put_bits(writer, (unsigned)(length - itn__length_base[symbol]), itn__length_bits(symbol));
+    symbol = 29;
+    while (itn__distance_base[symbol] > distance) symbol--;
+    itn__put_bits(writer, itn__reverse_bits((unsigned)symbol, 5), 5);
+    itn__put_bits(writer, (unsigned)(distance - itn__distance_base[symbol]),
+                  itn__distance_bits(symbol));
+}
+
+/* How many of the bytes at `at` (at most 258) are those `distance` back. */
+static int itn__copy_length(const unsigned char *bytes, size_t at, size_t size, size_t distance) {
+    int length = 0;
+    if (distance > at || distance > 32768) return 0;
+    while (length < 258 && at < size && bytes[at] == bytes[at - distance]) length++, at++;
+    return length;
+}
+
+/* Compresses rows of `stride` bytes to a zlib stream. */
+static void itn__zlib_encode(const unsigned char *bytes, size_t size, size_t stride,
+                             itn__buffer *out) {
+    itn__bit_writer writer = ITN_ZERO;
+    uint32_t sum = itn__adler32(bytes, size);
+    size_t at = 0;
+    int i;
+    writer.out = out;
+    itn__put_u8(out, 0x78);
+    itn__put_u8(out, 0x01);
+    itn__put_bits(&writer, 3, 3); /* the last block, with fixed codes */
+    while (at < size && !out->failed) {
+        int left = itn__copy_length(bytes, at, size, 3);
+        int above = itn__copy_length(bytes, at, size, stride);
+        if (left < 3 && above < 3) {
+            itn__put_symbol(&writer, bytes[at++]);
+        } else {
+            itn__put_copy(&writer, left >= above ? left : above, left >= above ? 3 : (int)stride);
+            at += (size_t)(left >= above ? left : above);
+        }
+    }
+    itn__put_symbol(&writer, 256);
+    itn__put_bits(&writer, 0, 7); /* fills the last byte */
+    for (i = 24; i >= 0; i -= 8) itn__put_u8(out, sum >> i);
+}
+
+static void itn__put_u32_big(itn__buffer *buffer, uint32_t value) {
+    int i;
+    for (i = 24; i >= 0; i -= 8) itn__put_u8(buffer, value >> i);
+}
+
+/* Appends a PNG chunk; its CRC-32 (reflected polynomial edb88320) covers type and data. */
+static void itn__png_chunk(itn__buffer *png, const char *type, const itn__buffer *data) {
+    uint32_t crc = 0xffffffffu;
+    size_t start = png->size + 4, i;
+    int k;
+    itn__put_u32_big(png, (uint32_t)data->size);
+    itn__put_text(png, type);
+    itn__put(png, data->bytes, data->size);
+    for (i = start; i < png->size; i++) {
+        crc ^= png->bytes[i];
+        for (k = 0; k < 8; k++) crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
+    }
+    itn__put_u32_big(png, ~crc);
+}
+
+/* The 99th percentile (by rank) of the sizes of finite numbers, found by two counts of 16 bits
+   each, since the bits of positive floats are ordered as the floats are. Returns -1 if memory is
+   out. Negative numbers count as 0 unless both_signs. */
+static float itn__percentile99(const float *values, size_t count, int both_signs,
+                               const itn_context *context) {
+    size_t *bins = (size_t *)itn__allocate(context, 65536, sizeof *bins), i, total = 0, rank = 0;
+    uint32_t bits, prefix = 0, bin;
+    float value;
+    int pass;
+    if (!bins) return -1;
+    for (pass = 0; pass < 2; pass++) {
+        memset(bins, 0, 65536 * sizeof *bins);
+        for (i = 0; i < count; i++) {
+            if (!itn__finite(values[i])) continue;
+            value = both_signs ? fabsf(values[i]) : values[i] > 0 ? values[i] : 0;
+            memcpy(&bits, &value, 4);
+            if (pass == 0)
+                bins[bits >> 16]++, total++;
+            else if (bits >> 16 == prefix)
+                bins[bits & 0xffff]++;
+        }
+        if (pass == 0) rank = total - total / 100; /* from 1 */
+        for (bin = 0; bin < 65535 && bins[bin] < rank; bin++) rank -= bins[bin];
+        prefix = pass == 0 ? bin : prefix << 16 | bin;
+    }
+    itn__free(context, bins);
+    memcpy(&value, &prefix, 4);
+    return total ? value : 0;
+}
+
+/* The sRGB curve (IEC 61966-2-1) as a byte. */
+static unsigned char itn__srgb_byte(float x) {
+    x = itn__clamp(x, 0, 1);
+    x = x <= .0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - .055f;
+    return (unsigned char)(x * 255 + .5f);
+}
+
+/* The colour of one pixel. */
+static void itn__png_colour(const float *values, int count, itn_png_mode mode, float scale,
+                            unsigned char *rgb) {
+    int k, valid = 1;
+    for (k = 0; k < 3; k++) {
+        float x = values[count == 3 ? k : 0];
+        if (x != x) valid = 0;
+        if (mode == ITN_PNG_TONE)
+            rgb[k] = valid ? itn__srgb_byte(x * scale) : 0;
+        else
+            rgb[k] = (unsigned char)(k == 1 ? 0 : itn__clamp((k ? -x : x) * scale, 0, 1) * 255 + .5f);
+    }
+    if (!valid) rgb[0] = rgb[2] = 255, rgb[1] = 0;
+}
+
+/* The numbers to show, [pixel][3] or [pixel][1]: planes side by side, or (signed) their mean. */
+static float *itn__png_values(const itn_image *image, int first_plane, int plane_count, int shown,
+                              const itn_context *context) {
+    size_t pixels = (size_t)image->width * (size_t)image->height, i;
+    const float *planes = image->pixels + (size_t)first_plane * pixels;
+    float *values = (float *)itn__allocate(context, pixels, (size_t)shown * sizeof(float));
+    int k;
+    for (i = 0; values && i < pixels; i++)
+        for (k = 0; k < plane_count; k++) {
+            if (shown == plane_count)
+                values[i * (size_t)shown + (size_t)k] = planes[(size_t)k * pixels + i];
+            else
+                values[i] += planes[(size_t)k * pixels + i] / (float)plane_count;
+        }
+    return values;
+}
+
+/* Appends the whole PNG file for numbers of known scale. */
+static void itn__png_encode(const float *values, int shown, int width, int height,
+                            itn_png_mode mode, float scale, itn__buffer *png) {
+    itn__buffer rows = ITN_ZERO, data = ITN_ZERO;
+    int x, y;
+    rows.context = data.context = png->context;
+    itn__put_u32_big(&data, (uint32_t)width);
+    itn__put_u32_big(&data, (uint32_t)height);
+    itn__put(&data, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
+    itn__put(png, "\x89PNG\r\n\x1a\n", 8);
+    itn__png_chunk(png, "IHDR", &data);
+    data.size = 0;
+    for (y = 0; y < height && !rows.failed; y++) {
+        itn__put_u8(&rows, 0);
+        for (x = 0; x < width; x++, values += shown) {
+            unsigned char rgb[3];
+            itn__png_colour(values, shown, mode, scale, rgb);
+            itn__put(&rows, rgb, 3);
+        }
+    }
+    if (!rows.failed) itn__zlib_encode(rows.bytes, rows.size, 3 * (size_t)width + 1, &data);
+    itn__png_chunk(png, "IDAT", &data);
+    data.size = 0;
+    itn__png_chunk(png, "IEND", &data);
+    if (rows.failed || data.failed) png->failed = 1;
+    itn__buffer_free(&rows);
+    itn__buffer_free(&data);
+}
+
+ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
+                                      itn_png_mode mode, float scale, const char *path,
+                                      itn_error *error) {
+    int shown = mode == ITN_PNG_SIGNED ? 1 : plane_count;
+    size_t count;
+    itn__buffer buffer;
+    float *values;
+    itn_result result = itn__check_image(image, first_plane, plane_count, &buffer, error);
+    if (result) return result;
+    if ((plane_count != 1 && plane_count != 3) || !(scale >= 0) || !itn__finite(scale) ||
+        (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "saving a PNG: %d planes (not 1 or 3), mode %d or scale %g", plane_count,
+                         (int)mode, (double)scale);
+    if ((uint64_t)image->width * 3 + 1 > INT_MAX / 2 / (uint64_t)image->height)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a PNG: %d x %d pixels are too many",
+                         image->width, image->height);
+    values = itn__png_values(image, first_plane, plane_count, shown, &buffer.context);
+    if (!values) return itn__out_of_memory(error, "a PNG file");
+    count = (size_t)image->width * (size_t)image->height * (size_t)shown;
+    if (scale == 0) {
+        scale = itn__percentile99(values, count, mode == ITN_PNG_SIGNED, &buffer.context);
+        buffer.failed = scale < 0;
+        scale = scale >= FLT_MIN ? 1 / scale : 1;
+    }
+    itn__png_encode(values, shown, image->width, image->height, mode, scale, &buffer);
+    itn__free(&buffer.context, values);
+    return itn__write_buffer(path, &buffer, error);
+}
+
+#endif /* ITN_NO_STDIO */
+
+/* ---- [obj] polygon meshes and Wavefront OBJ ---------------------------------------------------- */
+
+/* Both mesh formats hold polygons, which a builder cuts into triangles as they come. With the
+   normal n = sum of (p_i - p_0) x (p_i+1 - p_0) over the corners (Newell), the polygon is projected
+   along the largest component of n; it is convex if it turns left at every corner, and then becomes
+   a fan around its first corner. Otherwise ears are cut off: triangles of three consecutive corners
+   that turn left and hold no other corner (Meisters 1975: every simple polygon has two). */
+
+enum { ITN__EAR_CORNERS = 256 }; /* most corners of a polygon that is not convex */
+
+typedef struct itn__corner {
+    int vertex, texture; /* texture -1: none */
+} itn__corner;
+
+typedef struct itn__builder {
+    itn__buffer positions; /* float[3] each */
+    itn__buffer texcoords; /* float[2] each */
+    itn__buffer corners;   /* itn__corner each, of the polygon at hand */
+    itn__buffer triangles; /* itn__corner[3] each */
+    int untextured;        /* some corner has no texture coordinates */
+} itn__builder;
+
+/* A polygon in its plane. */
+typedef struct itn__polygon {
+    const float *positions;
+    const itn__corner *corners;
+    int count;
+    int u, v; /* the two axes, in the order that makes the polygon counter-clockwise */
+} itn__polygon;
+
+static void itn__builder_make(itn__builder *builder, const itn_context *context) {
+    memset(builder, 0, sizeof *builder);
+    builder->positions.context = builder->texcoords.context = *context;
+    builder->corners.context = builder->triangles.context = *context;
+}
+
+static void itn__builder_free(itn__builder *builder) {
+    itn__buffer_free(&builder->positions);
+    itn__buffer_free(&builder->texcoords);
+    itn__buffer_free(&builder->corners);
+    itn__buffer_free(&builder->triangles);
+}
+
+static size_t itn__vertex_count(const itn__builder *builder) {
+    return builder->positions.size / (3 * sizeof(float));
+}
+static size_t itn__texcoord_count(const itn__builder *builder) {
+    return builder->texcoords.size / (2 * sizeof(float));
+}
+static size_t itn__corner_count(const itn__builder *builder) {
+    return builder->corners.size / sizeof(itn__corner);
+}
+
+static void itn__add_corner(itn__builder *builder, size_t vertex, int64_t texture) {
+    itn__corner corner;
+    corner.vertex = (int)vertex, corner.texture = (int)texture;
+    itn__put(&builder->corners, &corner, sizeof corner);
+}
+
+static void itn__add_triangle(itn__builder *builder, const itn__polygon *polygon, int a, int b,
+                              int c) {
+    itn__corner corners[3];
+    corners[0] = polygon->corners[a];
+    corners[1] = polygon->corners[b];
+    corners[2] = polygon->corners[c];
+    itn__put(&builder->triangles, corners, sizeof corners);
+}
+
+ITN__INLINE const float *itn__polygon_point(const itn__polygon *polygon, int i) {
+    return polygon->positions + 3 * (size_t)polygon->corners[i].vertex;
+}
+
+/* Twice the signed area of a triangle of corners: positive if it turns left. */
+static double itn__turn(const itn__polygon *polygon, int a, int b, int c) {
+    const float *p = itn__polygon_point(polygon, a), *q = itn__polygon_point(polygon, b);
+    const float *r = itn__polygon_point(polygon, c);
+    int u = polygon->u, v = polygon->v;
+    return ((double)q[u] - p[u]) * ((double)r[v] - p[v]) -
+           ((double)q[v] - p[v]) * ((double)r[u] - p[u]);
+}
+
+/* Chooses the axes u, v by Newell's normal. */
+static void itn__polygon_project(itn__polygon *polygon) {
+    double normal[3] = {0, 0, 0};
+    int i, axis, u, v, largest = 0;
+    for (axis = 0; axis < 3; axis++) {
+        polygon->u = (axis + 1) % 3, polygon->v = (axis + 2) % 3;
+        for (i = 1; i + 1 < polygon->count; i++)
+            normal[axis] += itn__turn(polygon, 0, i, i + 1);
+        if (fabs(normal[axis]) > fabs(normal[largest])) largest = axis;
+    }
+    u = (largest + 1) % 3, v = (largest + 2) % 3;
+    polygon->u = normal[largest] < 0 ? v : u;
+    polygon->v = normal[largest] < 0 ? u : v;
+}
+
+static int itn__polygon_convex(const itn__polygon *polygon) {
+    int i, n = polygon->count;
+    for (i = 0; i < n; i++)
+        if (!(itn__turn(polygon, i, (i + 1) % n, (i + 2) % n) >= 0)) return 0;
+    return 1;
+}
+
+static int itn__same_point(const itn__polygon *polygon, int a, int b) {
+    return !memcmp(itn__polygon_point(polygon, a), itn__polygon_point(polygon, b),
+                   3 * sizeof(float));
+}
+
+/* Whether the i-th of the n corners left in the ring is an ear. */
+static int itn__is_ear(const itn__polygon *polygon, const int *ring, int n, int i) {
+    int a = ring[(i + n - 1) % n], b = ring[i], c = ring[(i + 1) % n], k;
+    if (!(itn__turn(polygon, a, b, c) > 0)) return 0;
+    for (k = 0; k < n; k++) {
+        int p = ring[k];
+        if (itn__same_point(polygon, p, a) || itn__same_point(polygon, p, b) ||
+            itn__same_point(polygon, p, c))
+            continue;
+        if (itn__turn(polygon, a, b, p) >= 0 && itn__turn(polygon, b, c, p) >= 0 &&
+            itn__turn(polygon, c, a, p) >= 0)
+            return 0;
+    }
+    return 1;
+}
+
+/* Cuts a polygon that is not convex. Where it has no ear (it crosses itself), any corner will do. */
+static void itn__cut_ears(itn__builder *builder, const itn__polygon *polygon) {
+    int ring[ITN__EAR_CORNERS], n = polygon->count, i;
+    for (i = 0; i < n; i++) ring[i] = i;
+    for (; n > 3; n--) {
+        for (i = 0; i < n && !itn__is_ear(polygon, ring, n, i);) i++;
+        i %= n;
+        itn__add_triangle(builder, polygon, ring[(i + n - 1) % n], ring[i], ring[(i + 1) % n]);
+        memmove(ring + i, ring + i + 1, (size_t)(n - i - 1) * sizeof *ring);
+    }
+    itn__add_triangle(builder, polygon, ring[0], ring[1], ring[2]);
+}
+
+/* Turns the corners at hand into triangles. Returns NULL, or why that cannot be done. */
+static const char *itn__add_polygon(itn__builder *builder) {
+    itn__polygon polygon;
+    int i;
+    if (builder->corners.failed || builder->positions.failed) return "out of memory";
+    if (itn__corner_count(builder) < 3) return "a face needs three corners";
+    if (itn__corner_count(builder) > INT_MAX) return "a face has too many corners";
+    polygon.positions = (const float *)(const void *)builder->positions.bytes;
+    polygon.corners = (const itn__corner *)(const void *)builder->corners.bytes;
+    polygon.count = (int)itn__corner_count(builder);
+    for (i = 0; i < polygon.count; i++) builder->untextured |= polygon.corners[i].texture < 0;
+    if (polygon.count > 3) itn__polygon_project(&polygon);
+    if (polygon.count == 3 || itn__polygon_convex(&polygon)) {
+        for (i = 1; i + 1 < polygon.count; i++)
+            itn__add_triangle(builder, &polygon, 0, i, i + 1);
+    } else if (polygon.count > ITN__EAR_CORNERS) {
+        return "a face that is not convex has more than 256 corners";
+    } else {
+        itn__cut_ears(builder, &polygon);
+    }
+    builder->corners.size = 0;
+    return NULL;
+}
+
+static int itn__builder_failed(const itn__builder *builder) {
+    return builder->positions.failed || builder->texcoords.failed || builder->corners.failed ||
+           builder->triangles.failed;
+}
+
+/* Makes the mesh from what was collected. */
+static itn_result itn__builder_mesh(itn__builder *builder, const char *name,
+                                    const itn_context *context, itn_mesh *mesh,
+                                    itn_error *error) {
+    size_t vertices = itn__vertex_count(builder), i;
+    size_t count = builder->triangles.size / (3 * sizeof(itn__corner));
+    const itn__corner *corners = (const itn__corner *)(const void *)builder->triangles.bytes;
+    itn_result result;
+    if (!count) return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: mesh has no face", name);
+    if (vertices > INT_MAX / 3 || count > INT_MAX / 3)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: mesh is too large", name);
+    result = itn_mesh_create((int)vertices, (int)count, !builder->untextured, context, mesh, error);
+    if (result) return result;
+    memcpy(mesh->positions, builder->positions.bytes, builder->positions.size);
+    for (i = 0; i < 3 * count; i++) {
+        mesh->triangles[i] = corners[i].vertex;
+        if (mesh->uvs)
+            memcpy(mesh->uvs + 2 * i,
+                   builder->texcoords.bytes + (size_t)corners[i].texture * 2 * sizeof(float),
+                   2 * sizeof(float));
+    }
+    return ITN_OK;
+}
+
+/* OBJ is lines of a keyword and arguments: "v x y z", "vt u v", "f a/t/n ...". Indices count from 1,
+   or backwards from -1, the latest. */
+
+static itn_result itn__obj_numbers(itn__text *text, int least, float *numbers, const char *what,
+                                   itn_error *error) {
+    int i;
+    for (i = 0; i < least || !itn__line_done(text); i++) {
+        float number;
+        itn_result result = itn__text_float(text, what, &number, error);
+        if (result) return result;
+        if (i < 3) numbers[i] = number; /* weights and colours are let go */
+    }
+    return ITN_OK;
+}
+
+/* Reads an index and makes it count from 0; -1 if it is not a number that names one of `count`. */
+static int64_t itn__obj_index(itn__text *text, size_t count) {
+    int negative = text->at < text->end && *text->at == '-';
+    uint64_t digits = 0;
+    int64_t dropped = 0;
+    const char *start = text->at += negative;
+    text->at = itn__parse_digits(text->at, text->end, &digits, &dropped);
+    if (count > INT_MAX) count = INT_MAX;
+    if (text->at == start || dropped || !digits || digits > count) return -1;
+    return negative ? (int64_t)count - (int64_t)digits : (int64_t)digits - 1;
+}
+
+/* Reads a corner "v", "v/t", "v//n" or "v/t/n"; returns whether it is valid. */
+static int itn__obj_corner(itn__text *text, itn__builder *builder, size_t normals) {
+    int length = itn__word_length(text);
+    const char *end = text->at + length;
+    int64_t vertex = itn__obj_index(text, itn__vertex_count(builder)), texture = -1;
+    if (vertex < 0) return 0;
+    if (text->at < end && *text->at == '/') {
+        text->at++;
+        if (text->at < end && *text->at != '/') {
+            texture = itn__obj_index(text, itn__texcoord_count(builder));
+            if (texture < 0) return 0;
+        }
+        if (text->at < end && *text->at == '/') {
+            text->at++;
+            if (text->at < end && itn__obj_index(text, normals) < 0) return 0;
+        }
+    }
+    if (text->at != end) return 0;
+    itn__add_corner(builder, (size_t)vertex, texture);
+    return 1;
+}
+
+static itn_result itn__obj_face(itn__text *text, itn__builder *builder, size_t normals,
+                                itn_error *error) {
+    const char *fault;
+    builder->corners.size = 0;
+    while (!itn__line_done(text)) {
+        const char *word = text->at;
+        int length = itn__word_length(text);
+        if (!itn__obj_corner(text, builder, normals))
+            return itn__fail(error, ITN_ERROR_FORMAT, text->line,
+                             "%s:%d: face corner '%.*s' is not an index above this line (%.0f "
+                             "vertices, %.0f texture coordinates, %.0f normals)",
+                             text->name, text->line, length > 40 ? 40 : length, word,
+                             (double)itn__vertex_count(builder),
+                             (double)itn__texcoord_count(builder), (double)normals);
+    }
+    fault = itn__add_polygon(builder);
+    if (!fault) return ITN_OK;
+    return itn__fail(error,
+                     itn__corner_count(builder) > 3 ? ITN_ERROR_UNSUPPORTED : ITN_ERROR_FORMAT,
+                     text->line, "%s:%d: %s", text->name, text->line, fault);
+}
+
+static itn_result itn__obj_decode(const void *bytes, size_t size, const char *name,
+                                  itn__builder *builder, itn_error *error) {
+    itn__text text = itn__text_make(bytes, size, name);
+    size_t normals = 0;
+    itn_result result = ITN_OK;
+    for (; text.at < text.end && !result; itn__next_line(&text)) {
+        float numbers[3] = {0, 0, 0};
+        if (itn__line_done(&text)) continue;
+        if (itn__accept_word(&text, "v")) {
+            result = itn__obj_numbers(&text, 3, numbers, "vertex", error);
+            itn__put(&builder->positions, numbers, sizeof numbers);
+        } else if (itn__accept_word(&text, "vt")) {
+            result = itn__obj_numbers(&text, 1, numbers, "texture coordinate", error);
+            itn__put(&builder->texcoords, numbers, 2 * sizeof(float));
+        } else if (itn__accept_word(&text, "vn")) {
+            result = itn__obj_numbers(&text, 3, numbers, "normal", error);
+            normals++;
+        } else if (itn__accept_word(&text, "f")) {
+            result = itn__obj_face(&text, builder, normals, error);
+        }
+    }
+    return result;
+}
+
+/* ---- [ply] polygon file format ----------------------------------------------------------------- */
+
+/* A PLY file (G. Turk 1994) is a header of text lines that declares elements (how many of them) and
+   their properties (a scalar type, or a list: a count and that many scalars), and then the elements
+   one after the other, as text or as binary numbers of either byte order. Properties have roles for
+   us; those without one are read over. */
+
+enum { ITN__PLY_ELEMENTS = 32, ITN__PLY_PROPERTIES = 512 };
+enum { ITN__PLY_ASCII = 1, ITN__PLY_LITTLE, ITN__PLY_BIG };
+enum { ITN__PLY_OTHER = 0, ITN__PLY_VERTEX, ITN__PLY_FACE };
+/* Roles: for vertices the first five are places in float[5]. */
+enum {
+    ITN__PLY_X = 0,
+    ITN__PLY_U = 3,
+    ITN__PLY_SCALARS = 5,
+    ITN__PLY_CORNERS,
+    ITN__PLY_TEXCOORDS,
+    ITN__PLY_NONE
+};
+enum { ITN__PLY_INT8, ITN__PLY_UINT8, ITN__PLY_INT16, ITN__PLY_UINT16, ITN__PLY_INT32,
+       ITN__PLY_UINT32, ITN__PLY_FLOAT, ITN__PLY_DOUBLE, ITN__PLY_TYPES };
+
+typedef struct itn__ply_property {
+    signed char type, list; /* list: the type of the count, -1 for a scalar */
+    unsigned char role;
+} itn__ply_property;
+
+typedef struct itn__ply_element {
+    int kind, first, properties;
+    uint64_t count;
+    int has[ITN__PLY_NONE + 1]; /* roles that some property has */
+} itn__ply_element;
+
+typedef struct itn__ply {
+    itn__text text;
+    const char *start;
+    int format, element_count, property_count;
+    itn__ply_element elements[ITN__PLY_ELEMENTS];
+    itn__ply_property properties[ITN__PLY_PROPERTIES];
+    const itn__ply_element *element; /* being read */
+    uint64_t index;                  /* of the one being read */
+    itn__builder *builder;
+    itn__buffer texcoords; /* float each, of the face being read */
+} itn__ply;
+
+/* Fails with the place: the line in text, the byte in binary data, and the entry of the element. */
+static itn_result itn__ply_fail(const itn__ply *ply, itn_result code, const char *what,
+                                itn_error *error) {
+    static const char *const kinds[] = {"entry", "vertex", "face"};
+    char entry[64] = "";
+    if (ply->element)
+        snprintf(entry, sizeof entry, " %s %.0f:", kinds[ply->element->kind], (double)ply->index);
+    if (ply->format <= ITN__PLY_ASCII || !ply->element)
+        return itn__fail(error, code, ply->text.line, "%s:%d: PLY%s %s", ply->text.name,
+                         ply->text.line, entry, what);
+    return itn__fail(error, code, 0, "%s: byte %.0f: PLY%s %s", ply->text.name,
+                     (double)(ply->text.at - ply->start), entry, what);
+}
+
+/* Steps over the name of a type; -1 if none is there. */
+static int itn__ply_type(itn__text *text) {
+    static const char *const names[] = {"char",   "int8",  "uchar", "uint8",  "short", "int16",
+                                        "ushort", "uint16", "int",  "int32",  "uint",  "uint32",
+                                        "float",  "float32", "double", "float64"};
+    int i;
+    itn__skip_blanks(text);
+    for (i = 0; i < 2 * ITN__PLY_TYPES; i++)
+        if (itn__accept_word(text, names[i])) return i / 2;
+    return -1;
+}
+
+static int itn__ply_role(itn__text *text, int kind, int list) {
+    static const struct {
+        const char *name;
+        int kind, role;
+    } roles[] = {{"x", ITN__PLY_VERTEX, ITN__PLY_X},
+                 {"y", ITN__PLY_VERTEX, ITN__PLY_X + 1},
+                 {"z", ITN__PLY_VERTEX, ITN__PLY_X + 2},
+                 {"u", ITN__PLY_VERTEX, ITN__PLY_U},
+                 {"v", ITN__PLY_VERTEX, ITN__PLY_U + 1},
+                 {"s", ITN__PLY_VERTEX, ITN__PLY_U},
+                 {"t", ITN__PLY_VERTEX, ITN__PLY_U + 1},
+                 {"texture_u", ITN__PLY_VERTEX, ITN__PLY_U},
+                 {"texture_v", ITN__PLY_VERTEX, ITN__PLY_U + 1},
+                 {"vertex_indices", ITN__PLY_FACE, ITN__PLY_CORNERS},
+                 {"vertex_index", ITN__PLY_FACE, ITN__PLY_CORNERS},
+                 {"texcoord", ITN__PLY_FACE, ITN__PLY_TEXCOORDS}};
+    size_t i;
+    for (i = 0; i < sizeof roles / sizeof *roles; i++)
+        if (roles[i].kind == kind && (kind == ITN__PLY_FACE) == list &&
+            itn__accept_word(text, roles[i].name))
+            return roles[i].role;
+    return ITN__PLY_NONE;
+}
+
+/* Reads "TYPE name" or "list TYPE TYPE name". */
+static const char *itn__ply_property_line(itn__ply *ply) {
+    itn__ply_element *element = ply->elements + ply->element_count - 1;
+    itn__ply_property *property = ply->properties + ply->property_count;
+    int list, role;
+    if (!ply->element_count) return "property stands before any element";
+    if (ply->property_count == ITN__PLY_PROPERTIES) return "has more than 512 properties";
+    list = itn__accept_word(&ply->text, "list");
+    property->list = (signed char)(list ? itn__ply_type(&ply->text) : -1);
+    property->type = (signed char)itn__ply_type(&ply->text);
+    if (property->type < 0 || (list && property->list < 0)) return "property has no valid type";
+    if (property->list >= ITN__PLY_FLOAT) return "list has a count that is no integer";
+    if (itn__line_done(&ply->text)) return "property has no name";
+    role = itn__ply_role(&ply->text, element->kind, list);
+    if (element->has[role]) role = ITN__PLY_NONE;
+    element->has[role] = 1;
+    property->role = (unsigned char)role;
+    ply->property_count++;
+    element->properties++;
+    return NULL;
+}
+
+/* Reads "name count". */
+static const char *itn__ply_element_line(itn__ply *ply) {
+    itn__ply_element *element = ply->elements + ply->element_count;
+    int64_t dropped = 0;
+    int i;
+    const char *start;
+    if (ply->element_count == ITN__PLY_ELEMENTS) return "has more than 32 elements";
+    element->first = ply->property_count;
+    element->kind = itn__accept_word(&ply->text, "vertex") ? ITN__PLY_VERTEX
+                    : itn__accept_word(&ply->text, "face") ? ITN__PLY_FACE
+                                                           : ITN__PLY_OTHER;
+    ply->text.at += itn__word_length(&ply->text);
+    itn__skip_blanks(&ply->text);
+    start = ply->text.at;
+    ply->text.at = itn__parse_digits(start, ply->text.end, &element->count, &dropped);
+    if (ply->text.at == start || dropped || !itn__line_done(&ply->text))
+        return "element has no valid count";
+    if (element->kind && element->count > INT_MAX) return "has too many vertices or faces";
+    for (i = 0; i < ply->element_count; i++)
+        if (element->kind && ply->elements[i].kind == element->kind)
+            return "has an element twice";
+    ply->element_count++;
+    return NULL;
+}
+
+static const char *itn__ply_format_line(itn__ply *ply) {
+    if (itn__accept_word(&ply->text, "ascii")) ply->format = ITN__PLY_ASCII;
+    if (itn__accept_word(&ply->text, "binary_little_endian")) ply->format = ITN__PLY_LITTLE;
+    if (itn__accept_word(&ply->text, "binary_big_endian")) ply->format = ITN__PLY_BIG;
+    itn__skip_blanks(&ply->text);
+    if (!ply->format || !itn__accept_word(&ply->text, "1.0")) return "has an unknown format";
+    return NULL;
+}
+
+/* Reads one line of the header. */
+static const char *itn__ply_header_line(itn__ply *ply) {
+    itn__text *text = &ply->text;
+    int kind = itn__accept_word(text, "format")     ? 1
+               : itn__accept_word(text, "element")  ? 2
+               : itn__accept_word(text, "property") ? 3
+                                                    : 0;
+    if (itn__accept_word(text, "comment") || itn__accept_word(text, "obj_info")) return NULL;
+    itn__skip_blanks(text);
+    return kind == 1   ? itn__ply_format_line(ply)
+           : kind == 2 ? itn__ply_element_line(ply)
+           : kind == 3 ? itn__ply_property_line(ply)
+                       : "header has an unknown keyword";
+}
+
+/* Whether vertices have positions, faces have corners, and vertices come first. */
+static const char *itn__ply_header_complete(const itn__ply *ply) {
+    int i, vertices = 0, faces = 0;
+    if (!ply->format) return "header has no format";
+    for (i = 0; i < ply->element_count; i++) {
+        const itn__ply_element *element = ply->elements + i;
+        const int *has = element->has;
+        if (element->kind == ITN__PLY_FACE) faces = has[ITN__PLY_CORNERS];
+        if (element->kind != ITN__PLY_VERTEX) continue;
+        if (faces) return "faces stand before the vertices";
+        vertices = has[ITN__PLY_X] && has[ITN__PLY_X + 1] && has[ITN__PLY_X + 2];
+    }
+    if (!vertices) return "has no vertex with x, y, z";
+    return faces ? NULL : "has no face with a list vertex_indices";
+}
+
+static itn_result itn__ply_header(itn__ply *ply, itn_error *error) {
+    itn__text *text = &ply->text;
+    int newline = itn__newline(text->at + 3, text->end); /* behind "ply"; CR LF or LF or CR */
+    const char *fault = NULL;
+    itn__next_line(text);
+    for (; text->at < text->end && !fault; itn__next_line(text)) {
+        if (itn__accept_word(text, "end_header")) break;
+        if (!itn__newline(text->at, text->end)) fault = itn__ply_header_line(ply);
+        if (fault) break;
+    }
+    if (!fault && text->end - text->at < newline) fault = "header has no end";
+    if (fault) return itn__ply_fail(ply, ITN_ERROR_FORMAT, fault, error);
+    fault = itn__ply_header_complete(ply);
+    if (fault) return itn__ply_fail(ply, ITN_ERROR_UNSUPPORTED, fault, error);
+    text->at += newline; /* what follows may be binary, and then look like anything */
+    text->line++;
+    return ITN_OK;
+}
+
+static size_t itn__ply_type_size(int type) {
+    static const unsigned char sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
+    return sizes[type];
+}
+
+/* The number that little-endian bytes hold. */
+static double itn__ply_binary(const unsigned char *bytes, int type) {
+    uint64_t bits;
+    double value;
+    switch (type) {
+    case ITN__PLY_INT8: return bytes[0] < 128 ? bytes[0] : bytes[0] - 256;
+    case ITN__PLY_UINT8: return bytes[0];
+    case ITN__PLY_INT16: return (int)itn__get_u16(bytes) - (bytes[1] < 128 ? 0 : 65536);
+    case ITN__PLY_UINT16: return itn__get_u16(bytes);
+    case ITN__PLY_INT32: return itn__get_i32(bytes);
+    case ITN__PLY_UINT32: return itn__get_u32(bytes);
+    case ITN__PLY_FLOAT: return (double)itn__get_float(bytes);
+    default: bits = itn__get_u64(bytes); memcpy(&value, &bits, 8); return value;
+    }
+}
+
+/* Reads a number of any type and steps behind it; returns 0 if there is none. */
+static int itn__ply_value(itn__ply *ply, int type, double *value) {
+    unsigned char bytes[8];
+    size_t size = itn__ply_type_size(type), i;
+    if (ply->format == ITN__PLY_ASCII) {
+        const char *end;
+        itn__skip_space(&ply->text);
+        end = ply->text.at + itn__word_length(&ply->text);
+        if (itn__parse_number(ply->text.at, end, value) != end) return 0;
+        ply->text.at = end;
+        return 1;
+    }
+    if ((size_t)(ply->text.end - ply->text.at) < size) return 0;
+    for (i = 0; i < size; i++)
+        bytes[ply->format == ITN__PLY_LITTLE ? i : size - 1 - i] = (unsigned char)ply->text.at[i];
+    *value = itn__ply_binary(bytes, type);
+    ply->text.at += size;
+    return 1;
+}
+
+/* Steps over a number, which may be anything; returns 0 if there is none. */
+static int itn__ply_skip(itn__ply *ply, int type) {
+    size_t size = itn__ply_type_size(type);
+    if (ply->format == ITN__PLY_ASCII) {
+        itn__skip_space(&ply->text);
+        size = (size_t)itn__word_length(&ply->text);
+    }
+    if (size == 0 || (size_t)(ply->text.end - ply->text.at) < size) return 0;
+    ply->text.at += size;
+    return 1;
+}
+
+/* Adds a corner that names vertex `value`. */
+static const char *itn__ply_corner(itn__ply *ply, double value, int textured) {
+    double vertices = (double)itn__vertex_count(ply->builder);
+    if (ply->builder->positions.failed) return "out of memory";
+    if (!(value >= 0 && value < vertices && value == floor(value)))
+        return "names a vertex that does not exist";
+    itn__add_corner(ply->builder, (size_t)value, textured ? (int64_t)value : -1);
+    return NULL;
+}
+
+/* Reads a list. Every step takes bytes, so that a count that lies ends with them. */
+static const char *itn__ply_list(itn__ply *ply, const itn__ply_property *property) {
+    double count, value = 0;
+    const char *fault = NULL;
+    int textured = ply->builder->texcoords.size > 0; /* by the vertices */
+    if (!itn__ply_value(ply, property->list, &count)) return "list has no count";
+    if (!(count >= 0 && count == floor(count))) return "list has no valid count";
+    for (; count > 0 && !fault; count--) {
+        if (property->role == ITN__PLY_NONE) {
+            if (!itn__ply_skip(ply, property->type)) return "list ends early";
+            continue;
+        }
+        if (!itn__ply_value(ply, property->type, &value)) return "list ends early or is no number";
+        if (property->role == ITN__PLY_CORNERS) {
+            fault = itn__ply_corner(ply, value, textured);
+        } else {
+            float coordinate = (float)value;
+            if (!itn__finite(coordinate)) return "has a texture coordinate that is not finite";
+            itn__put(&ply->texcoords, &coordinate, sizeof coordinate);
+        }
+    }
+    return fault;
+}
+
+/* Turns what was read of a face into triangles; its own texture coordinates, if any, count more
+   than those of its vertices. */
+static const char *itn__ply_face(itn__ply *ply) {
+    itn__builder *builder = ply->builder;
+    size_t corners = itn__corner_count(builder), first = itn__texcoord_count(builder), i;
+    itn__corner *corner = (itn__corner *)(void *)builder->corners.bytes;
+    if (ply->texcoords.failed || builder->corners.failed) return "out of memory";
+    if (ply->texcoords.size) {
+        if (ply->texcoords.size != corners * 2 * sizeof(float))
+            return "has not two texture coordinates per corner";
+        if (first + corners > INT_MAX) return "has too many texture coordinates";
+        itn__put(&builder->texcoords, ply->texcoords.bytes, ply->texcoords.size);
+        for (i = 0; i < corners; i++) corner[i].texture = (int)(first + i);
+    }
+    return itn__add_polygon(builder);
+}
+
+/* Reads one entry of the element at hand. */
+static const char *itn__ply_entry(itn__ply *ply) {
+    const itn__ply_element *element = ply->element;
+    float values[ITN__PLY_SCALARS] = {0, 0, 0, 0, 0};
+    const char *fault = NULL;
+    double value = 0;
+    int i;
+    ply->builder->corners.size = ply->texcoords.size = 0;
+    for (i = 0; i < element->properties && !fault; i++) {
+        const itn__ply_property *property = ply->properties + element->first + i;
+        if (property->list >= 0) {
+            fault = itn__ply_list(ply, property);
+        } else if (property->role >= ITN__PLY_SCALARS) {
+            if (!itn__ply_skip(ply, property->type)) fault = "data ends early";
+        } else {
+            if (!itn__ply_value(ply, property->type, &value))
+                return "coordinate is missing or no number";
+            if (!itn__finite((float)value)) return "coordinate is not finite";
+            values[property->role] = (float)value;
+        }
+    }
+    if (fault || element->kind == ITN__PLY_OTHER) return fault;
+    if (element->kind == ITN__PLY_FACE) return itn__ply_face(ply);
+    itn__put(&ply->builder->positions, values, 3 * sizeof(float));
+    if (element->has[ITN__PLY_U] && element->has[ITN__PLY_U + 1])
+        itn__put(&ply->builder->texcoords, values + ITN__PLY_U, 2 * sizeof(float));
+    return NULL;
+}
+
+/* Reads all entries of an element, after checking that the file can hold that many. */
+static itn_result itn__ply_read_element(itn__ply *ply, itn_error *error) {
+    const itn__ply_element *element = ply->element;
+    size_t least = 0, left = (size_t)(ply->text.end - ply->text.at);
+    const char *fault = NULL;
+    int i;
+    for (i = element->first; i < element->first + element->properties; i++) {
+        const itn__ply_property *property = ply->properties + i;
+        least += ply->format == ITN__PLY_ASCII
+                     ? 2
+                     : itn__ply_type_size(property->list >= 0 ? property->list : property->type);
+    }
+    if (!least) return ITN_OK;
+    if (element->count > (left + 1) / least)
+        return itn__ply_fail(ply, ITN_ERROR_FORMAT, "count is larger than the file", error);
+    for (ply->index = 0; ply->index < element->count; ply->index++) {
+        fault = itn__ply_entry(ply);
+        if (fault) return itn__ply_fail(ply, ITN_ERROR_FORMAT, fault, error);
+    }
+    return ITN_OK;
+}
+
+static itn_result itn__ply_decode(const void *bytes, size_t size, const char *name,
+                                  itn__builder *builder, itn_error *error) {
+    itn__ply ply = ITN_ZERO;
+    itn_result result;
+    int i;
+    ply.start = (const char *)bytes;
+    ply.text = itn__text_make(bytes, size, name);
+    ply.builder = builder;
+    ply.texcoords.context = builder->texcoords.context;
+    result = itn__ply_header(&ply, error);
+    for (i = 0; i < ply.element_count && !result; i++) {
+        ply.element = ply.elements + i;
+        result = itn__ply_read_element(&ply, error);
+    }
+    if (ply.texcoords.failed) builder->texcoords.failed = 1;
+    itn__buffer_free(&ply.texcoords);
+    return result;
+}
+
+static int itn__is_ply(const char *bytes, size_t size) {
+    return size >= 4 && !memcmp(bytes, "ply", 3) && itn__newline(bytes + 3, bytes + size);
+}
+
+ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
+                                        const itn_context *context, itn_mesh *mesh,
+                                        itn_error *error) {
+    itn__builder builder;
+    itn_context checked;
+    itn_mesh made;
+    itn_result result;
+    if (!bytes || !mesh)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_from_memory: NULL argument");
+    result = itn__context(context, &checked, error);
+    if (result) return result;
+    if (!name) name = "mesh";
+    itn__builder_make(&builder, &checked);
+    if (itn__is_ply((const char *)bytes, size))
+        result = itn__ply_decode(bytes, size, name, &builder, error);
+    else
+        result = itn__obj_decode(bytes, size, name, &builder, error);
+    if (itn__builder_failed(&builder))
+        result = itn__fail(error, ITN_ERROR_MEMORY, 0, "%s: out of memory for a mesh", name);
+    if (!result) result = itn__builder_mesh(&builder, name, &checked, &made, error);
+    itn__builder_free(&builder);
+    if (!result) *mesh = made;
+    return result;
+}
+
+#ifndef ITN_NO_STDIO
+
+ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, itn_mesh *mesh,
+                                 itn_error *error) {
+    itn__buffer file = ITN_ZERO;
+    itn_result result = itn__context(context, &file.context, error);
+    if (!result) result = itn__read_file(path, SIZE_MAX / 4, &file, error);
+    if (result) return result;
+    result = itn_mesh_from_memory(file.bytes, file.size, path, context, mesh, error);
+    itn__buffer_free(&file);
+    return result;
+}
+
+/* Whether a mesh given by a caller can be saved. */
+static itn_result itn__check_mesh(const itn_mesh *mesh, itn_error *error) {
+    size_t i;
+    if (!mesh || mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions ||
+        !mesh->triangles)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a mesh: it has no triangles");
+    for (i = 0; i < 3 * (size_t)mesh->vertex_count; i++)
+        if (!itn__finite(mesh->positions[i]))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "saving a mesh: vertex %.0f is not finite", (double)(i / 3));
+    for (i = 0; i < 3 * (size_t)mesh->triangle_count; i++)
+        if (mesh->triangles[i] < 0 || mesh->triangles[i] >= mesh->vertex_count)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "saving a mesh: triangle %.0f names vertex %d of %d",
+                             (double)(i / 3), mesh->triangles[i], mesh->vertex_count);
+    for (i = 0; mesh->uvs && i < 6 * (size_t)mesh->triangle_count; i++)
+        if (!itn__finite(mesh->uvs[i]))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "saving a mesh: a uv of triangle %.0f is not finite",
+                             (double)(i / 6));
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error) {
+    itn__buffer buffer = ITN_ZERO;
+    char header[400];
+    size_t i, k;
+    itn_result result = itn__check_mesh(mesh, error);
+    if (!result) result = itn__context(&mesh->context, &buffer.context, error);
+    if (result) return result;
+    snprintf(header, sizeof header,
+             "ply\nformat binary_little_endian 1.0\nelement vertex %d\n"
+             "property float x\nproperty float y\nproperty float z\nelement face %d\n"
+             "property list uchar int vertex_indices\n%send_header\n",
+             mesh->vertex_count, mesh->triangle_count,
+             mesh->uvs ? "property list uchar float texcoord\n" : "");
+    itn__put_text(&buffer, header);
+    for (i = 0; i < 3 * (size_t)mesh->vertex_count; i++) itn__put_float(&buffer, mesh->positions[i]);
+    for (i = 0; i < (size_t)mesh->triangle_count; i++) {
+        itn__put_u8(&buffer, 3);
+        for (k = 0; k < 3; k++) itn__put_u32(&buffer, (uint32_t)mesh->triangles[3 * i + k]);
+        if (mesh->uvs) itn__put_u8(&buffer, 6);
+        for (k = 0; mesh->uvs && k < 6; k++) itn__put_float(&buffer, mesh->uvs[6 * i + k]);
+    }
+    return itn__write_buffer(path, &buffer, error);
+}
+
+#endif /* ITN_NO_STDIO */
+/* ---- [weights] files of networks ------------------------------------------------------------- */
+#ifndef ITN_NO_NET
+
+/* Little-endian, at these offsets in bytes:
+        0  the 8 characters "ITN-NET\n"
+        8  version, 1
+       12  arrays: 1 = weights only, 3 = weights and both moments of Adam
+       16  width, height, channels, layer_count, first_channels, outputs (see itn_net_desc)
+       40  count of parameters, 64 bits
+       48  steps taken, 64 bits
+       56  arrays x count floats, in the order of itn_net_parameters
+      end  checksum of all bytes before, 64 bits
+   Integers have 32 bits where not stated. The checksum is FNV-1a (Fowler, Noll and Vo): each step
+   h <- (h ^ byte) prime can be undone, so any one changed byte changes the result. */
+
+enum {
+    ITN__WEIGHTS_VERSION = 1,
+    ITN__WEIGHTS_HEADER = 56,
+    ITN__WEIGHTS_FRAME = ITN__WEIGHTS_HEADER + 8 /* header and checksum */
+};
+
+#define ITN__WEIGHTS_MAGIC "ITN-NET\n"
+#define ITN__WEIGHTS_LIMIT ((size_t)0x7fffffff) /* bytes of a file */
+
+static uint64_t itn__fnv1a(const unsigned char *bytes, size_t size) {
+    uint64_t hash = 0xcbf29ce484222325ull;
+    size_t k;
+    for (k = 0; k < size; k++) hash = (hash ^ bytes[k]) * 0x100000001b3ull;
+    return hash;
+}
+
+/* A parsed and checked file; values point into its bytes. */
+typedef struct itn__weights {
+    itn_net_desc desc;
+    size_t arrays, count;
+    uint64_t steps;
+    const unsigned char *values; /* [arrays][count] */
+} itn__weights;
+
+/* The floats must be finite, and the second moments, means of squares, not negative. */
+static itn_result itn__weights_values(const itn__weights *w, const char *name, itn_error *error) {
+    size_t k;
+    for (k = 0; k < w->arrays * w->count; k++) {
+        float value = itn__get_float(w->values + 4 * k);
+        if (!itn__finite((double)value) || (k >= 2 * w->count && value < 0))
+            return itn__fail(error, ITN_ERROR_FORMAT, 0,
+                             "%s: %s %.0f is %g: it was written by a training run gone wrong",
+                             name, k < w->count ? "weight" : "Adam moment of weight",
+                             (double)(k % w->count), (double)value);
+    }
+    return ITN_OK;
+}
+
+/* Reads the shape, and sees that a network of this shape has as many parameters as the file. */
+static itn_result itn__weights_shape(const unsigned char *bytes, const char *name, itn__weights *w,
+                                     itn_error *error) {
+    itn_net shape;
+    itn_net_desc *desc = &w->desc;
+    memset(&shape, 0, sizeof shape);
+    memset(desc, 0, sizeof *desc);
+    desc->width = (int)itn__get_i32(bytes + 16), desc->height = (int)itn__get_i32(bytes + 20);
+    desc->channels = (int)itn__get_i32(bytes + 24);
+    desc->layer_count = (int)itn__get_i32(bytes + 28);
+    desc->first_channels = (int)itn__get_i32(bytes + 32);
+    desc->outputs = (int)itn__get_i32(bytes + 36);
+    if (!desc->width || !desc->height || !desc->channels || !desc->layer_count ||
+        !desc->first_channels || !desc->outputs ||
+        itn__net_desc(desc, &shape.desc, NULL) != ITN_OK || !itn__net_sizes(&shape) ||
+        shape.count != w->count)
+        return itn__fail(error, ITN_ERROR_FORMAT, 0,
+                         "%s: its shape (%dx%d, %d channels, %d layers from %d channels, %d "
+                         "outputs) is not valid or does not have %.0f parameters", name,
+                         desc->width, desc->height, desc->channels, desc->layer_count,
+                         desc->first_channels, desc->outputs, (double)w->count);
+    return ITN_OK;
+}
+
+/* Checks everything about a file's bytes that does not need a network. */
+static itn_result itn__weights_parse(const unsigned char *bytes, size_t size, const char *name,
+                                     itn__weights *w, itn_error *error) {
+    uint64_t count;
+    itn_result result;
+    if (size < 16 || memcmp(bytes, ITN__WEIGHTS_MAGIC, 8))
+        return itn__fail(error, ITN_ERROR_FORMAT, 0,
+                         "%s: not a network file (these begin with ITN-NET)", name);
+    if (itn__get_u32(bytes + 8) != ITN__WEIGHTS_VERSION)
+        return itn__fail(error, ITN_ERROR_FORMAT, 0,
+                         "%s: file version %.0f, this build reads version %d", name,
+                         (double)itn__get_u32(bytes + 8), ITN__WEIGHTS_VERSION);
+    w->arrays = itn__get_u32(bytes + 12);
+    count = size < ITN__WEIGHTS_FRAME ? 0 : itn__get_u64(bytes + 40);
+    if (count == 0 || (w->arrays != 1 && w->arrays != 3) ||
+        count != (size - ITN__WEIGHTS_FRAME) / 4 / w->arrays ||
+        size != ITN__WEIGHTS_FRAME + 4 * w->arrays * (size_t)count)
+        return itn__fail(error, ITN_ERROR_FORMAT, 0,
+                         "%s: %.0f bytes are not what its header promises: cut off or damaged",
+                         name, (double)size);
+    if (itn__get_u64(bytes + size - 8) != itn__fnv1a(bytes, size - 8))
+        return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: damaged: the checksum does not match",
+                         name);
+    w->count = (size_t)count, w->steps = itn__get_u64(bytes + 48);
+    w->values = bytes + ITN__WEIGHTS_HEADER;
+    result = itn__weights_shape(bytes, name, w, error);
+    return result != ITN_OK ? result : itn__weights_values(w, name, error);
+}
+
+static void itn__weights_take(itn_net *net, const itn__weights *w) {
+    size_t k, count = w->count;
+    for (k = 0; k < count; k++) net->parameters[k] = itn__get_float(w->values + 4 * k);
+    memset(net->moments, 0, 2 * count * sizeof *net->moments);
+    if (w->arrays == 3)
+        for (k = 0; k < 2 * count; k++)
+            net->moments[k] = itn__get_float(w->values + 4 * (count + k));
+    net->steps = w->arrays == 3 ? w->steps : 0;
+    net->forward_batch = 0;
+}
+
+ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const char *name, int batch,
+                                       const itn_context *context, itn_net **net,
+                                       itn_error *error) {
+    itn__weights w;
+    itn_net *made;
+    itn_result result;
+    if (!bytes || !net)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_from_memory: a pointer is NULL");
+    result = itn__weights_parse((const unsigned char *)bytes, size, name ? name : "network", &w,
+                                error);
+    if (result != ITN_OK) return result;
+    w.desc.batch = batch;
+    result = itn_net_create(&w.desc, context, &made, error);
+    if (result != ITN_OK) return result;
+    itn__weights_take(made, &w);
+    *net = made;
+    return ITN_OK;
+}
+
+#ifndef ITN_NO_STDIO
+
+/* Composes a file; all values must be finite. */
+static void itn__weights_put(itn__buffer *buffer, const itn_net *net, int weights_only) {
+    const itn_net_desc *d = &net->desc;
+    size_t k, moments = weights_only ? 0 : 2 * net->count;
+    itn__buffer_reserve(buffer, ITN__WEIGHTS_FRAME + 4 * (net->count + moments));
+    itn__put_text(buffer, ITN__WEIGHTS_MAGIC);
+    itn__put_u32(buffer, ITN__WEIGHTS_VERSION);
+    itn__put_u32(buffer, weights_only ? 1 : 3);
+    itn__put_u32(buffer, (uint32_t)d->width), itn__put_u32(buffer, (uint32_t)d->height);
+    itn__put_u32(buffer, (uint32_t)d->channels), itn__put_u32(buffer, (uint32_t)d->layer_count);
+    itn__put_u32(buffer, (uint32_t)d->first_channels);
+    itn__put_u32(buffer, (uint32_t)d->outputs);
+    itn__put_u64(buffer, net->count);
+    itn__put_u64(buffer, weights_only ? 0 : net->steps);
+    for (k = 0; k < net->count; k++) itn__put_float(buffer, net->parameters[k]);
+    for (k = 0; k < moments; k++) itn__put_float(buffer, net->moments[k]);
+    itn__put_u64(buffer, itn__fnv1a(buffer->bytes, buffer->size));
+}
+
+ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
+                                itn_error *error) {
+    itn__buffer buffer = ITN_ZERO;
+    if (!net || !path)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_save: a pointer is NULL");
+    if (net->count > (ITN__WEIGHTS_LIMIT - ITN__WEIGHTS_FRAME) / 12)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                         "%s: networks of %.0f parameters do not fit in a file of 2 GiB", path,
+                         (double)net->count);
+    if (itn__not_finite(net->parameters, net->count) < net->count ||
+        itn__not_finite(net->moments, 2 * net->count) < 2 * net->count)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "%s: not written, because a weight or Adam moment is not finite", path);
+    buffer.context = net->context;
+    itn__weights_put(&buffer, net, weights_only);
+    return itn__write_buffer(path, &buffer, error);
+}
+
+static int itn__weights_same_shape(const itn_net_desc *a, const itn_net_desc *b) {
+    return a->width == b->width && a->height == b->height && a->channels == b->channels &&
+           a->layer_count == b->layer_count && a->first_channels == b->first_channels &&
+           a->outputs == b->outputs;
+}
+
+ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error) {
+    itn__buffer buffer = ITN_ZERO;
+    itn__weights w;
+    itn_result result;
+    if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_load: net is NULL");
+    buffer.context = net->context;
+    result = itn__read_file(path, ITN__WEIGHTS_LIMIT, &buffer, error);
+    if (result != ITN_OK) return result;
+    result = itn__weights_parse(buffer.bytes, buffer.size, path, &w, error);
+    if (result == ITN_OK && !itn__weights_same_shape(&w.desc, &net->desc))
+        result = itn__fail(error, ITN_ERROR_FORMAT, 0,
+                           "%s: has %dx%d pixels, %d channels, %d layers from %d channels, %d "
+                           "outputs, and the network another shape: itn_net_open makes one that "
+                           "fits", path, w.desc.width, w.desc.height, w.desc.channels,
+                           w.desc.layer_count, w.desc.first_channels, w.desc.outputs);
+    if (result == ITN_OK) itn__weights_take(net, &w);
+    itn__buffer_free(&buffer);
+    return result;
+}
+
+ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
+                                itn_net **net, itn_error *error) {
+    itn__buffer buffer = ITN_ZERO;
+    itn_result result = itn__context(context, &buffer.context, error);
+    if (result == ITN_OK) result = itn__read_file(path, ITN__WEIGHTS_LIMIT, &buffer, error);
+    if (result != ITN_OK) return result;
+    result = itn_net_from_memory(buffer.bytes, buffer.size, path, batch, context, net, error);
+    itn__buffer_free(&buffer);
+    return result;
+}
+#endif /* ITN_NO_STDIO */
+#endif /* ITN_NO_NET */
+/* ---- [scenefile] scenes as text files ---------------------------------------------------------- */
+
+/* A scene file is read in two steps. The first knows only the form of a line: a keyword (and for
+   some items a name), then fields, each with a word or a few numbers. What fields an item has, how
+   many numbers they take and in what range is written in tables, so all errors of form are found
+   in one place and at the exact line. The second step gives meaning: one short function per item
+   copies the values into its desc and loads the files that it names. What ties items together
+   (objects name media and surfaces, three-channel colours need a film of three channels) is
+   checked at the end, so that lines may stand in any order. Sky files use the first step alone:
+   each of their lines is a field of one single item. */
+
+#ifndef ITN_NO_STDIO
+
+/* A field of an item, as its table gives it. form says what follows the field's name: digits are
+   the allowed counts of numbers, `i` makes them whole numbers, `w` is a word, none of these a
+   flag; `t` marks transformations, which may come any number of times, `!` what must be there. */
+typedef struct itn__field {
+    const char *name, *form;
+    float lower, upper; /* of all its numbers */
+} itn__field;
+
+enum { ITN__MOST_FIELDS = 9, ITN__MOST_NUMBERS = 9 };
+
+typedef struct itn__field_value {
+    int given, count;
+    float numbers[ITN__MOST_NUMBERS];
+    const char *word; /* in the file's text; ends with a zero once its line is read */
+    int word_length;
+} itn__field_value;
+
+/* One item: values in the order of its table. */
+typedef struct itn__item {
+    const char *keyword;
+    const itn__field *fields; /* the last has no name */
+    int line;
+    itn__field_value name;
+    itn__field_value values[ITN__MOST_FIELDS];
+    double transform[12]; /* all steps so far, rows of a 3x4 matrix */
+} itn__item;
+
+static void itn__item_begin(itn__item *item, const char *keyword, const itn__field *fields,
+                            int line) {
+    memset(item, 0, sizeof *item);
+    item->keyword = keyword, item->fields = fields, item->line = line;
+    item->transform[0] = item->transform[5] = item->transform[10] = 1;
+}
+
+/* The value of a field that is in the item's table. */
+static const itn__field_value *itn__item_value(const itn__item *item, const char *name) {
+    int k = 0;
+    while (strcmp(item->fields[k].name, name)) k++;
+    return &item->values[k];
+}
+static int itn__item_has(const itn__item *item, const char *name) {
+    return itn__item_value(item, name)->given;
+}
+static float itn__item_number(const itn__item *item, const char *name, float otherwise) {
+    const itn__field_value *value = itn__item_value(item, name);
+    return value->given ? value->numbers[0] : otherwise;
+}
+static itn_vec3 itn__item_vector(const itn__item *item, const char *name) {
+    const float *numbers = itn__item_value(item, name)->numbers;
+    return itn__vec3(numbers[0], numbers[1], numbers[2]);
+}
+
+/* transform = step * transform, both affine: the step is applied after what is there. */
+static void itn__transform_step(double transform[12], const double step[12]) {
+    double product[12];
+    int row, column;
+    for (row = 0; row < 3; row++)
+        for (column = 0; column < 4; column++)
+            product[4 * row + column] = step[4 * row] * transform[column] +
+                                        step[4 * row + 1] * transform[4 + column] +
+                                        step[4 * row + 2] * transform[8 + column] +
+                                        (column == 3 ? step[4 * row + 3] : 0);
+    memcpy(transform, product, sizeof product);
+}
+
+/* Rotation about an axis by degrees (Rodrigues): c I + (1 - c) a a^T + s [a]x. Returns 0 if the
+   axis has no direction. */
+static int itn__transform_rotation(const float numbers[4], double step[12]) {
+    double x = numbers[0], y = numbers[1], z = numbers[2];
+    double length = sqrt(x * x + y * y + z * z), angle = numbers[3] * (3.14159265358979324 / 180);
+    double c = cos(angle), s = sin(angle), k = 1 - c;
+    if (!(length > 0)) return 0;
+    x /= length, y /= length, z /= length;
+    step[0] = c + k * x * x, step[1] = k * x * y - s * z, step[2] = k * x * z + s * y;
+    step[4] = k * x * y + s * z, step[5] = c + k * y * y, step[6] = k * y * z - s * x;
+    step[8] = k * x * z - s * y, step[9] = k * y * z + s * x, step[10] = c + k * z * z;
+    return 1;
+}
+
+/* Adds a scale, rotate or translate to an item's transformation; returns 0 if it makes no sense. */
+static int itn__transform_add(double transform[12], const char *name,
+                              const itn__field_value *value) {
+    double step[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    int k;
+    if (!strcmp(name, "rotate") && !itn__transform_rotation(value->numbers, step)) return 0;
+    for (k = 0; k < 3; k++) {
+        if (!strcmp(name, "scale")) step[5 * k] = value->numbers[value->count == 3 ? k : 0];
+        if (!strcmp(name, "translate")) step[4 * k + 3] = value->numbers[k];
+    }
+    itn__transform_step(transform, step);
+    for (k = 0; k < 12; k++)
+        if (!(fabs(transform[k]) <= (double)FLT_MAX)) return 0;
+    return 1;
+}
+
+/* Fails with "file:line: ...". */
+static itn_result itn__file_fail(const itn__text *text, int line, itn_error *error,
+                                 const char *format, ...) ITN__PRINTF(4, 5);
+static itn_result itn__file_fail(const itn__text *text, int line, itn_error *error,
+                                 const char *format, ...) {
+    char message[300];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(message, sizeof message, format, arguments);
+    va_end(arguments);
+    return itn__fail(error, ITN_ERROR_FORMAT, line, "%s:%d: %s", text->name, line, message);
+}
+
+/* Takes the next word of the line; fails at its end. `what` is for the message. */
+static itn_result itn__take_word(itn__text *text, const char *what, itn__field_value *value,
+                                 itn_error *error) {
+    if (itn__line_done(text))
+        return itn__file_fail(text, text->line, error, "%s: the line ends too early", what);
+    value->word = text->at;
+    value->word_length = itn__word_length(text);
+    if (memchr(value->word, 0, (size_t)value->word_length))
+        return itn__file_fail(text, text->line, error, "%s: a zero byte is not text", what);
+    text->at += value->word_length;
+    return ITN_OK;
+}
+
+/* Takes the numbers that follow a field's name: all words that begin like one. */
+static itn_result itn__take_numbers(itn__text *text, const itn__field *field,
+                                    itn__field_value *value, itn_error *error) {
+    int first = 1; /* what must be a number is read as one, for the message */
+    for (value->count = 0; !itn__line_done(text); first = 0) {
+        float number = 0;
+        itn_result result;
+        if (!strchr("+-.0123456789", *text->at) && !(first && !strchr(field->form, '0'))) break;
+        result = itn__text_float(text, field->name, &number, error);
+        if (result) return result;
+        if (!(number >= field->lower && number <= field->upper))
+            return itn__file_fail(text, text->line, error, "%s: %g is not in [%g, %g]",
+                                  field->name, (double)number, (double)field->lower,
+                                  (double)field->upper);
+        if (strchr(field->form, 'i') && number != floorf(number))
+            return itn__file_fail(text, text->line, error, "%s: %g is not a whole number",
+                                  field->name, (double)number);
+        if (value->count < ITN__MOST_NUMBERS) value->numbers[value->count] = number;
+        value->count++;
+    }
+    if (value->count <= 9 && strchr(field->form, '0' + value->count)) return ITN_OK;
+    return itn__file_fail(text, text->line, error, "%s takes another count of numbers than %d",
+                          field->name, value->count);
+}
+
+/* Names all fields of an item that has none of the name found. */
+static itn_result itn__unknown_field(const itn__text *text, const itn__item *item,
+                                     const itn__field_value *found, itn_error *error) {
+    char known[160] = "";
+    const itn__field *field;
+    size_t used = 0;
+    for (field = item->fields; field->name; field++, used = strlen(known))
+        snprintf(known + used, sizeof known - used, " %s", field->name);
+    return itn__file_fail(text, text->line, error, "%s has no field '%.*s', only%s", item->keyword,
+                          found->word_length > 40 ? 40 : found->word_length, found->word, known);
+}
+
+/* Takes one field: its name, then its word or numbers. */
+static itn_result itn__take_field(itn__text *text, itn__item *item, itn_error *error) {
+    const itn__field *field = item->fields;
+    itn__field_value *value = item->values, found = ITN_ZERO;
+    itn_result result = itn__take_word(text, item->keyword, &found, error);
+    if (result) return result;
+    while (field->name && ((int)strlen(field->name) != found.word_length ||
+                           memcmp(field->name, found.word, strlen(field->name))))
+        field++, value++;
+    if (!field->name) return itn__unknown_field(text, item, &found, error);
+    if (value->given)
+        return itn__file_fail(text, text->line, error, "%s is given twice", field->name);
+    if (strchr(field->form, 'w'))
+        result = itn__take_word(text, field->name, value, error);
+    else if (strpbrk(field->form, "0123456789"))
+        result = itn__take_numbers(text, field, value, error);
+    if (result) return result;
+    value->given = !strchr(field->form, 't');
+    if (!value->given && !itn__transform_add(item->transform, field->name, value))
+        return itn__file_fail(text, text->line, error,
+                              "%s: the axis is zero, or the result is too large", field->name);
+    return ITN_OK;
+}
+
+/* Takes all fields of the line. */
+static itn_result itn__take_fields(itn__text *text, itn__item *item, itn_error *error) {
+    itn_result result = ITN_OK;
+    while (!result && !itn__line_done(text)) result = itn__take_field(text, item, error);
+    return result;
+}
+
+static itn_result itn__check_required(const itn__text *text, const itn__item *item,
+                                      itn_error *error) {
+    int k;
+    for (k = 0; item->fields[k].name; k++)
+        if (strchr(item->fields[k].form, '!') && !item->values[k].given)
+            return itn__file_fail(text, item->line, error, "%s: %s is missing", item->keyword,
+                                  item->fields[k].name);
+    return ITN_OK;
+}
+
+enum { ITN__MOST_TEXT = 1 << 24 }; /* bytes of a scene or sky file */
+
+/* Loads a sky file. */
+static itn_result itn__sky_load(const char *path, const itn_context *context, itn_sky *sky,
+                                itn_error *error) {
+    static const itn__field fields[] = {{"coefficients_r", "9!", -FLT_MAX, FLT_MAX},
+                                        {"coefficients_g", "9!", -FLT_MAX, FLT_MAX},
+                                        {"coefficients_b", "9!", -FLT_MAX, FLT_MAX},
+                                        {"radiance", "3!", 0, FLT_MAX},
+                                        {"sun_radiance", "3!", 0, FLT_MAX},
+                                        {NULL, NULL, 0, 0}};
+    itn__buffer buffer = ITN_ZERO;
+    itn__text text;
+    itn__item item;
+    itn_result result;
+    int k;
+    buffer.context = *context;
+    result = itn__read_file(path, ITN__MOST_TEXT, &buffer, error);
+    if (result) return result;
+    text = itn__text_make(buffer.bytes, buffer.size, path);
+    itn__item_begin(&item, "a sky", fields, 0);
+    for (; !result && text.at < text.end; itn__next_line(&text))
+        result = itn__take_fields(&text, &item, error);
+    item.line = text.line;
+    if (!result) result = itn__check_required(&text, &item, error);
+    itn__buffer_free(&buffer);
+    for (k = 0; !result && k < 3; k++) {
+        memcpy(sky->coefficients[k], item.values[k].numbers, sizeof sky->coefficients[k]);
+        sky->radiance[k] = item.values[3].numbers[k];
+        sky->sun_radiance[k] = item.values[4].numbers[k];
+    }
+    return result;
+}
+
+enum { ITN__MOST_ITEMS = 64 }; /* of each kind in a scene file */
+
+/* A scene file on its way to a desc, which points into the arrays here and into the text. */
+typedef struct itn__scene_file {
+    itn__text text;
+    itn__buffer buffer;
+    itn_error *error;
+    itn_scene_desc desc;
+    int film_line, camera_line, colour_line; /* of the film, the camera, the first colour of three
+                                                numbers; 0: none so far */
+    itn_medium_desc media[ITN__MOST_ITEMS];
+    itn_surface_desc surfaces[ITN__MOST_ITEMS];
+    itn_image textures[ITN__MOST_ITEMS]; /* of the surfaces */
+    itn_object_desc objects[ITN__MOST_ITEMS];
+    itn_mesh meshes[ITN__MOST_ITEMS];  /* of the objects */
+    int object_lines[ITN__MOST_ITEMS]; /* where the objects stand */
+    itn_light_desc lights[ITN__MOST_ITEMS];
+    itn_image maps[ITN__MOST_ITEMS]; /* of the lights */
+} itn__scene_file;
+
+static void itn__scene_file_free(itn__scene_file *file, const itn_context *context) {
+    int k;
+    for (k = 0; k < ITN__MOST_ITEMS; k++) {
+        itn_image_free(&file->textures[k]);
+        itn_mesh_free(&file->meshes[k]);
+        itn_image_free(&file->maps[k]);
+    }
+    itn__buffer_free(&file->buffer);
+    itn__free(context, file);
+}
+
+/* The path of a file that a scene file names: relative to the scene file's folder. */
+static char *itn__path_beside(const itn_context *context, const char *path, const char *name) {
+    size_t folder = strlen(path), length = strlen(name) + 1;
+    char *joined;
+    while (folder && path[folder - 1] != '/' && path[folder - 1] != '\\') folder--;
+    if (name[0] == '/' || name[0] == '\\' || name[1] == ':') folder = 0;
+    joined = (char *)itn__allocate(context, folder + length, 1);
+    if (!joined) return NULL;
+    memcpy(joined, path, folder);
+    memcpy(joined + folder, name, length);
+    return joined;
+}
+
+typedef itn_result (*itn__loader)(const char *path, const itn_context *context, void *loaded,
+                                  itn_error *error);
+static itn_result itn__mesh_loader(const char *path, const itn_context *context, void *loaded,
+                                   itn_error *error) {
+    return itn_mesh_load(path, context, (itn_mesh *)loaded, error);
+}
+static itn_result itn__image_loader(const char *path, const itn_context *context, void *loaded,
+                                    itn_error *error) {
+    return itn_image_load(path, context, (itn_image *)loaded, error);
+}
+static itn_result itn__sky_loader(const char *path, const itn_context *context, void *loaded,
+                                  itn_error *error) {
+    return itn__sky_load(path, context, (itn_sky *)loaded, error);
+}
+
+/* Loads a file that an item names; an error gets the scene file's line in front. */
+static itn_result itn__load_named(itn__scene_file *file, const itn__item *item, itn__loader loader,
+                                  const char *name, void *loaded) {
+    const itn_context *context = &file->buffer.context;
+    itn_error inner = ITN_ZERO;
+    itn_result result;
+    char *path = itn__path_beside(context, file->text.name, name);
+    if (!path) return itn__out_of_memory(file->error, file->text.name);
+    result = loader(path, context, loaded, &inner);
+    itn__free(context, path);
+    if (!result) return ITN_OK;
+    return itn__fail(file->error, result, item->line, "%s:%d: %.300s", file->text.name, item->line,
+                     inner.message);
+}
+
+static int itn__is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); }
+
+/* Names become parts of parameter and EXR channel names, hence the narrow rules. */
+static itn_result itn__check_item_name(const itn__scene_file *file, const itn__item *item,
+                                       const char *name) {
+    const char *c;
+    int k, taken = 0, good = itn__is_letter(*name) && strlen(name) <= 40;
+    for (c = name; *c; c++)
+        good = good && (itn__is_letter(*c) || (*c >= '0' && *c <= '9') || *c == '_' || *c == '-');
+    if (!good)
+        return itn__file_fail(&file->text, item->line, file->error,
+                              "%s: name '%.40s' is not 1 to 40 letters, digits, _ or -, beginning "
+                              "with a letter", item->keyword, name);
+    for (k = 0; k < file->desc.medium_count; k++) taken |= !strcmp(file->media[k].name, name);
+    for (k = 0; k < file->desc.surface_count; k++) taken |= !strcmp(file->surfaces[k].name, name);
+    for (k = 0; k < file->desc.light_count; k++)
+        taken |= file->lights[k].name && !strcmp(file->lights[k].name, name);
+    if (!taken) return ITN_OK;
+    return itn__file_fail(&file->text, item->line, file->error, "the name '%s' is used twice", name);
+}
+
+/* A word that must be one of two: returns which, 0 (also if it is not given) or 1, or -1. */
+static int itn__choice(const itn__scene_file *file, const itn__item *item, const char *name,
+                       const char *first, const char *second) {
+    const itn__field_value *value = itn__item_value(item, name);
+    if (!value->given || !strcmp(value->word, first)) return 0;
+    if (!strcmp(value->word, second)) return 1;
+    itn__file_fail(&file->text, item->line, file->error, "%s is %s or %s, not '%.40s'", name, first,
+                   second, value->word);
+    return -1;
+}
+
+/* One number counts for all channels; three need a film of three. */
+static void itn__take_colour(itn__scene_file *file, const itn__item *item, const float *numbers,
+                             int three, float colour[3]) {
+    int k;
+    if (three && !file->colour_line) file->colour_line = item->line;
+    for (k = 0; k < 3; k++) colour[k] = numbers[three ? k : 0];
+}
+
+/* Film and camera come once. */
+static itn_result itn__check_once(const itn__scene_file *file, const itn__item *item, int *line) {
+    if (*line)
+        return itn__file_fail(&file->text, item->line, file->error, "%s was given in line %d",
+                              item->keyword, *line);
+    *line = item->line;
+    return ITN_OK;
+}
+
+static itn_result itn__file_film(itn__scene_file *file, const itn__item *item) {
+    itn_film_desc *film = &file->desc.film;
+    int filter = itn__choice(file, item, "filter", "box", "gaussian");
+    itn_result result = filter < 0 ? ITN_ERROR_FORMAT : ITN_OK;
+    if (!result) result = itn__check_once(file, item, &file->film_line);
+    if (result) return result;
+    film->width = (int)itn__item_number(item, "width", 128);
+    film->height = (int)itn__item_number(item, "height", 128);
+    film->channels = (int)itn__item_number(item, "channels", 1);
+    film->filter = filter ? ITN_FILTER_GAUSSIAN : ITN_FILTER_BOX;
+    if (film->channels != 2) return ITN_OK;
+    return itn__file_fail(&file->text, item->line, file->error, "channels is 1 or 3, not 2");
+}
+
+static itn_result itn__file_camera(itn__scene_file *file, const itn__item *item) {
+    itn_camera_desc *camera = &file->desc.camera;
+    itn_result result = itn__check_once(file, item, &file->camera_line);
+    if (result) return result;
+    camera->eye = itn__item_vector(item, "eye");
+    camera->target = itn__item_vector(item, "target");
+    camera->up = itn__item_has(item, "up") ? itn__item_vector(item, "up") : itn__vec3(0, 1, 0);
+    camera->fov = itn__item_number(item, "fov", 30);
+    if (itn__length(itn__cross(itn__sub(camera->target, camera->eye), camera->up)) > 0)
+        return ITN_OK;
+    return itn__file_fail(&file->text, item->line, file->error,
+                          "camera: eye is target, or up is zero or points along the view");
+}
+
+static itn_result itn__file_medium(itn__scene_file *file, const itn__item *item) {
+    itn_medium_desc *medium = &file->media[file->desc.medium_count++];
+    const itn__field_value *albedo = itn__item_value(item, "albedo");
+    medium->name = item->name.word;
+    medium->sigma_t = itn__item_number(item, "sigma_t", 0);
+    medium->g = itn__item_number(item, "g", 0);
+    itn__take_colour(file, item, albedo->numbers, albedo->count == 3, medium->albedo);
+    return itn__choice(file, item, "phase", "hg", "hg") < 0 ? ITN_ERROR_FORMAT : ITN_OK;
+}
+
+/* The three forms of reflectance: a colour, an image (times a colour), a checker. */
+static itn_result itn__file_reflectance(itn__scene_file *file, const itn__item *item,
+                                        itn_surface_desc *surface, itn_image *texture) {
+    const itn__field_value *plain = itn__item_value(item, "reflectance");
+    const itn__field_value *image = itn__item_value(item, "texture");
+    const itn__field_value *checker = itn__item_value(item, "checker");
+    const float white = 1;
+    int k, three = checker->count == 7;
+    if (!plain->given || image->given + checker->given > 1 || (checker->given && plain->count) ||
+        image->given + checker->given + plain->count == 0)
+        return itn__file_fail(&file->text, item->line, file->error,
+                              "reflectance is a colour, [colour] texture FILE or checker A B SIZE");
+    itn__take_colour(file, item, plain->count ? plain->numbers : &white, plain->count == 3,
+                     surface->reflectance);
+    if (checker->given) {
+        surface->texture = ITN_TEXTURE_CHECKER;
+        surface->checker_size = checker->numbers[checker->count - 1];
+        itn__take_colour(file, item, checker->numbers, three, surface->reflectance);
+        itn__take_colour(file, item, checker->numbers + (three ? 3 : 1), three,
+                         surface->reflectance2);
+    }
+    for (k = 0; k < 3; k++)
+        if (surface->reflectance[k] > 1 || surface->reflectance2[k] > 1)
+            return itn__file_fail(&file->text, item->line, file->error,
+                                  "checker: a reflectance is not in [0, 1]");
+    if (checker->given && !(surface->checker_size > 0))
+        return itn__file_fail(&file->text, item->line, file->error, "checker: SIZE is not positive");
+    if (!image->given) return ITN_OK;
+    surface->texture = ITN_TEXTURE_IMAGE;
+    surface->image = texture;
+    return itn__load_named(file, item, itn__image_loader, image->word, texture);
+}
+
+static itn_result itn__file_surface(itn__scene_file *file, const itn__item *item) {
+    int k = file->desc.surface_count++, diffuse;
+    itn_surface_desc *surface = &file->surfaces[k];
+    surface->name = item->name.word;
+    surface->ior = itn__item_number(item, "ior", 1.5f);
+    surface->alpha = itn__item_number(item, "alpha", 0);
+    diffuse = itn__choice(file, item, "type", "dielectric", "diffuse");
+    if (diffuse < 0) return ITN_ERROR_FORMAT;
+    surface->type = diffuse ? ITN_SURFACE_DIFFUSE : ITN_SURFACE_DIELECTRIC;
+    if (diffuse ? itn__item_has(item, "ior") || itn__item_has(item, "alpha")
+                : itn__item_has(item, "reflectance") || itn__item_has(item, "texture") ||
+                      itn__item_has(item, "checker"))
+        return itn__file_fail(&file->text, item->line, file->error,
+                              "a %s surface has a field of the other type",
+                              diffuse ? "diffuse" : "dielectric");
+    if (surface->alpha > 0 && surface->alpha < .001f)
+        return itn__file_fail(&file->text, item->line, file->error,
+                              "alpha: %g is neither 0 nor in [0.001, 1]", (double)surface->alpha);
+    return diffuse ? itn__file_reflectance(file, item, surface, &file->textures[k]) : ITN_OK;
+}
+
+static itn_object_desc *itn__begin_object(itn__scene_file *file, const itn__item *item) {
+    int k = file->desc.object_count++;
+    file->object_lines[k] = item->line;
+    file->objects[k].surface = itn__item_value(item, "surface")->word;
+    return &file->objects[k];
+}
+
+static itn_result itn__file_plane(itn__scene_file *file, const itn__item *item) {
+    itn_object_desc *object = itn__begin_object(file, item);
+    object->plane_y = itn__item_number(item, "y", 0);
+    object->half_size = itn__item_number(item, "half", 20);
+    return ITN_OK;
+}
+
+static itn_result itn__file_mesh(itn__scene_file *file, const itn__item *item) {
+    itn_object_desc *object = itn__begin_object(file, item);
+    itn_mesh *mesh = &file->meshes[object - file->objects];
+    int k;
+    for (k = 0; k < 12; k++) object->transform[k] = (float)item->transform[k];
+    object->medium = itn__item_value(item, "medium")->word;
+    object->force = itn__item_has(item, "force");
+    object->mesh = mesh;
+    return itn__load_named(file, item, itn__mesh_loader, itn__item_value(item, "mesh")->word, mesh);
+}
+
+/* What all lights share. */
+static itn_light_desc *itn__begin_light(itn__scene_file *file, const itn__item *item,
+                                        itn_light_type type) {
+    itn_light_desc *light = &file->lights[file->desc.light_count++];
+    light->name = itn__item_value(item, "name")->word;
+    light->type = type;
+    light->has_scale = 1;
+    light->scale = itn__item_number(item, "scale", 1);
+    return light;
+}
+
+static itn_result itn__file_constant(itn__scene_file *file, const itn__item *item) {
+    itn_light_desc *light = itn__begin_light(file, item, ITN_LIGHT_CONSTANT);
+    const itn__field_value *radiance = itn__item_value(item, "radiance");
+    itn__take_colour(file, item, radiance->numbers, radiance->count == 3, light->radiance);
+    return ITN_OK;
+}
+
+static itn_result itn__file_map(itn__scene_file *file, const itn__item *item) {
+    itn_light_desc *light = itn__begin_light(file, item, ITN_LIGHT_MAP);
+    itn_image *map = &file->maps[light - file->lights];
+    light->image = map;
+    return itn__load_named(file, item, itn__image_loader, itn__item_value(item, "map")->word, map);
+}
+
+static itn_result itn__file_sky(itn__scene_file *file, const itn__item *item) {
+    itn_light_desc *light = itn__begin_light(file, item, ITN_LIGHT_SKY);
+    light->sun_direction = itn__item_vector(item, "sun");
+    light->sun_scale = itn__item_number(item, "sun_scale", 1);
+    light->sun_radius_scale = itn__item_number(item, "sun_radius_scale", 1);
+    if (!(light->sun_direction.y > 0))
+        return itn__file_fail(&file->text, item->line, file->error, "sun is not above the horizon");
+    return itn__load_named(file, item, itn__sky_loader, itn__item_value(item, "sky")->word,
+                           &light->sky);
+}
+
+/* The grammar: what items there are, by keyword and first field, and what fields they have. */
+typedef struct itn__item_form {
+    const char *keyword, *variant; /* variant: the field that must come first, or NULL */
+    int named;
+    itn_result (*make)(itn__scene_file *file, const itn__item *item);
+    itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
+} itn__item_form;
+
+#define ITN__ANY -FLT_MAX, FLT_MAX
+#define ITN__POSITIVE FLT_MIN, 1e12f
+static const itn__item_form itn__item_forms[] = {
+    {"film", NULL, 0, itn__file_film,
+     {{"width", "1i", 1, 65536}, {"height", "1i", 1, 65536}, {"channels", "1i", 1, 3},
+      {"filter", "w", 0, 0}}},
+    {"camera", NULL, 0, itn__file_camera,
+     {{"eye", "3!", ITN__ANY}, {"target", "3!", ITN__ANY}, {"up", "3", ITN__ANY},
+      {"fov", "1", .001f, 179.999f}}},
+    {"medium", NULL, 1, itn__file_medium,
+     {{"sigma_t", "1!", 0, 1e12f}, {"albedo", "13!", 0, 1}, {"phase", "w", 0, 0},
+      {"g", "1", -.999f, .999f}}},
+    {"surface", NULL, 1, itn__file_surface,
+     {{"type", "w!", 0, 0}, {"ior", "1", 1, 4}, {"alpha", "1", 0, 1},
+      {"reflectance", "013", 0, 1}, {"texture", "w", 0, 0}, {"checker", "37", 0, 1e12f}}},
+    {"object", "mesh", 0, itn__file_mesh,
+     {{"mesh", "w", 0, 0}, {"medium", "w", 0, 0}, {"surface", "w", 0, 0},
+      {"scale", "13t", ITN__POSITIVE}, {"rotate", "4t", ITN__ANY}, {"translate", "3t", ITN__ANY},
+      {"force", "", 0, 0}}},
+    {"object", "plane", 0, itn__file_plane,
+     {{"plane", "", 0, 0}, {"y", "1", ITN__ANY}, {"half", "1", ITN__POSITIVE},
+      {"surface", "w!", 0, 0}}},
+    {"light", "constant", 0, itn__file_constant,
+     {{"constant", "", 0, 0}, {"radiance", "13!", 0, 1e12f}, {"scale", "1", 0, 1e12f},
+      {"name", "w", 0, 0}}},
+    {"light", "map", 0, itn__file_map,
+     {{"map", "w", 0, 0}, {"scale", "1", 0, 1e12f}, {"name", "w", 0, 0}}},
+    {"light", "sky", 0, itn__file_sky,
+     {{"sky", "w", 0, 0}, {"sun", "3!", ITN__ANY}, {"scale", "1", 0, 1e12f},
+      {"sun_scale", "1", 0, 1e12f}, {"sun_radius_scale", "1", ITN__POSITIVE},
+      {"name", "w", 0, 0}}}};
+#undef ITN__ANY
+#undef ITN__POSITIVE
+
+/* Finds the form of the item that begins here and steps over its keyword. */
+static const itn__item_form *itn__find_form(itn__text *text, itn_error *error) {
+    size_t k, shown = 0;
+    for (k = 0; k < sizeof itn__item_forms / sizeof itn__item_forms[0]; k++) {
+        const itn__item_form *form = &itn__item_forms[k];
+        itn__text ahead = *text, behind_keyword;
+        if (!itn__accept_word(&ahead, form->keyword)) continue;
+        behind_keyword = ahead;
+        itn__skip_blanks(&ahead);
+        if (form->variant && !itn__accept_word(&ahead, form->variant)) continue;
+        *text = behind_keyword;
+        return form;
+    }
+    while (shown < 40 && text->at + shown < text->end && (unsigned char)text->at[shown] >= 32) shown++;
+    itn__file_fail(text, text->line, error,
+                   "found '%.*s', expected film, camera, medium, surface, object mesh, "
+                   "object plane, light constant, light map or light sky", (int)shown, text->at);
+    return NULL;
+}
+
+/* Ends a word with a zero. */
+static void itn__end_word(itn__scene_file *file, const itn__field_value *value) {
+    const char *bytes = (const char *)file->buffer.bytes;
+    if (value->word) file->buffer.bytes[value->word + value->word_length - bytes] = 0;
+}
+
+/* How many items of a keyword there are so far. */
+static int itn__item_count(const itn_scene_desc *desc, const char *keyword) {
+    return *keyword == 'm' ? desc->medium_count
+         : *keyword == 's' ? desc->surface_count
+         : *keyword == 'o' ? desc->object_count
+         : *keyword == 'l' ? desc->light_count : 0;
+}
+
+/* Reads a line and makes its item. */
+static itn_result itn__file_line(itn__scene_file *file) {
+    const itn__item_form *form = itn__find_form(&file->text, file->error);
+    itn__item item;
+    const char *name;
+    itn_result result = ITN_OK;
+    int k;
+    if (!form) return ITN_ERROR_FORMAT;
+    itn__item_begin(&item, form->keyword, form->fields, file->text.line);
+    if (form->named) result = itn__take_word(&file->text, form->keyword, &item.name, file->error);
+    if (!result) result = itn__take_fields(&file->text, &item, file->error);
+    if (!result) result = itn__check_required(&file->text, &item, file->error);
+    if (result) return result;
+    itn__next_line(&file->text); /* now the line's own bytes are not needed any more */
+    itn__end_word(file, &item.name);
+    for (k = 0; k < ITN__MOST_FIELDS; k++) itn__end_word(file, &item.values[k]);
+    name = *form->keyword == 'l' ? itn__item_value(&item, "name")->word : item.name.word;
+    if (name) result = itn__check_item_name(file, &item, name);
+    if (!result && itn__item_count(&file->desc, form->keyword) == ITN__MOST_ITEMS)
+        result = itn__file_fail(&file->text, item.line, file->error, "more than %d items of this kind",
+                                (int)ITN__MOST_ITEMS);
+    return result ? result : form->make(file, &item);
+}
+
+/* Whether a name is in a list of media (or surfaces); no name at all is fine. */
+static itn_result itn__check_reference(const itn__scene_file *file, int object, const char *kind,
+                                       const char *name) {
+    int k, found = !name, media = *kind == 'm';
+    for (k = 0; !found && k < (media ? file->desc.medium_count : file->desc.surface_count); k++)
+        found = !strcmp(media ? file->media[k].name : file->surfaces[k].name, name);
+    if (found) return ITN_OK;
+    return itn__file_fail(&file->text, file->object_lines[object], file->error,
+                          "there is no %s '%.40s'", kind, name);
+}
+
+/* Checks what no line can be checked for alone. */
+static itn_result itn__check_file(const itn__scene_file *file) {
+    itn_result result = ITN_OK;
+    int k;
+    for (k = 0; !result && k < file->desc.object_count; k++) {
+        result = itn__check_reference(file, k, "medium", file->objects[k].medium);
+        if (!result) result = itn__check_reference(file, k, "surface", file->objects[k].surface);
+    }
+    if (!result && file->colour_line && file->desc.film.channels != 3)
+        result = itn__file_fail(&file->text, file->colour_line, file->error,
+                                "a colour of three numbers needs a film with channels 3");
+    if (!result && !file->camera_line)
+        result = itn__file_fail(&file->text, file->text.line, file->error, "there is no camera");
+    return result;
+}
+
+/* The line an error of itn_scene_create is about: it calls objects by their number. */
+static int itn__error_line(const itn__scene_file *file, const char *message) {
+    int number = 0;
+    if (sscanf(message, "object %d", &number) != 1) return 0;
+    return number >= 1 && number <= file->desc.object_count ? file->object_lines[number - 1] : 0;
+}
+
+/* Reads all lines and makes the scene. */
+static itn_result itn__file_scene(itn__scene_file *file, itn_scene **scene) {
+    itn_error inner = ITN_ZERO;
+    itn_result result = ITN_OK;
+    int line;
+    while (!result && file->text.at < file->text.end) {
+        if (itn__line_done(&file->text))
+            itn__next_line(&file->text);
+        else
+            result = itn__file_line(file);
+    }
+    if (!result) result = itn__check_file(file);
+    if (result) return result;
+    file->desc.media = file->media, file->desc.surfaces = file->surfaces;
+    file->desc.objects = file->objects, file->desc.lights = file->lights;
+    result = itn_scene_create(&file->desc, &file->buffer.context, scene, &inner);
+    if (!result) return ITN_OK;
+    line = itn__error_line(file, inner.message);
+    return itn__fail(file->error, result, line, "%s:%d: %.300s", file->text.name, line,
+                     inner.message);
+}
+
+ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, itn_scene **scene,
+                                  itn_error *error) {
+    itn_context own;
+    itn__scene_file *file;
+    itn_result result = itn__context(context, &own, error);
+    if (result) return result;
+    if (!path || !scene)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_load: path or scene is NULL");
+    file = (itn__scene_file *)itn__allocate(&own, 1, sizeof *file);
+    if (!file) return itn__out_of_memory(error, path);
+    file->error = error;
+    file->buffer.context = own;
+    result = itn__read_file(path, ITN__MOST_TEXT, &file->buffer, error);
+    if (!result) {
+        file->text = itn__text_make(file->buffer.bytes, file->buffer.size, path);
+        result = itn__file_scene(file, scene);
+    }
+    itn__scene_file_free(file, &own);
+    return result;
+}
+
+#endif /* ITN_NO_STDIO */
+
+#endif /* ITN_IMPLEMENTATION */
