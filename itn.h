@@ -1,3 +1,58 @@
+/* itn.h - inverse transport networks in one C header, version 0.1.0                            [itn]
+
+   Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
+   are made of, learns to read the material off a picture, and refines it until the picture fits.
+
+   Do this in one C or C++ file:
+       #define ITN_IMPLEMENTATION
+       #include "itn.h"
+   and in all others just include it. C99 or C++11, nothing but the C library. A whole program:
+
+@PROGRAM@
+   Compile: cc -O3 -march=native slab.c -o slab -lm
+
+   [contents] tags are unique: search for one with its brackets
+
+     Part I, the interface
+@LIST1@
+     Part II, the implementation: read from top to bottom, nothing is used before it is defined
+@LIST2@
+   [switches] define them before including the header in the file with ITN_IMPLEMENTATION
+
+     ITN_IMPLEMENTATION   makes this file hold the code; in one file of a program
+     ITN_STATIC           everything static to that file (define it together with the above)
+     ITN_THREADS          loops run on the platform's threads (link with -lpthread); else one thread,
+                          or your own through itn_context.parallel_for
+     ITN_NO_NET           leaves out the network
+     ITN_NO_STDIO         leaves out all that opens files; the _from_memory functions stay
+     ITN_MALLOC, ITN_FREE default allocator (both or neither); itn_context overrides it per object
+     ITN_API              how public functions are declared, e.g. for a shared library
+
+   [contract]
+     Errors: functions return an itn_result; on failure outputs are untouched and itn_error, if given,
+     says where and why. Nothing prints, exits or aborts. Any free function accepts NULL.
+     Memory: every object copies what it is given, keeps its context and frees by it. Arrays are
+     row-major, with shapes as in [channels][height][width]. Pointers must not alias unless said.
+     Threads: no globals. A scene, mesh or tree may be used by many threads at once; a network by one.
+     Determinism: results are the same bits for any number of threads and any parallel_for, on one
+     build. Random numbers are functions of (seed, pixel, sample, dimension).
+     Floats: correct without -ffast-math, which also removes the NaN checks: do not use it.
+
+   [units] Lengths are scene units, sigma_t is per scene unit, angles are degrees in descs. Axes are
+     right-handed, y is up. Triangles are counter-clockwise seen from outside. Row 0 of an image is
+     its top. Pixels are linear radiance, never gamma-coded. g > 0 scatters forward. From absorption
+     and scattering coefficients: sigma_t = mu_a + mu_s, albedo = mu_s / sigma_t; the reduced
+     scattering coefficient is sigma_s' = albedo sigma_t (1 - g).
+
+   [limits] Media are homogeneous; sigma_t and g are the same in all channels. Normals are geometric
+     (facets show). Lights are infinitely far away. No emission, polarisation, dispersion, time of
+     flight, motion or depth of field. Rough boundaries are single-scattering GGX: the light that
+     would meet a second facet is lost. A smooth boundary cannot be differentiated in its index.
+
+   [paper] C. Che, F. Luan, S. Zhao, K. Bala, I. Gkioulekas, "Inverse Transport Networks" (2018);
+     equation numbers below are the paper's. Its symbols here: pi theta (parameters), T itn_render,
+     N itn_net, sigma_t, albedo, g; f path throughput; S path score; lambda itn_loss_desc.lambda. */
+
 /* ============================================================================================
    PART I: THE INTERFACE
    ============================================================================================ */
@@ -351,6 +406,14 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      const int *parameters, int count, double *loss,
                                      double *gradient, itn_error *error);
 /* ---- [api-net] a network that learns to invert ----------------------------------------------- */
+
+/* Options of Adam (Kingma and Ba 2015, algorithm 1); all-zero is the defaults. */
+typedef struct itn_adam_desc {
+    double learning_rate; /* in (0,1]; 0 = 1e-4 */
+    double beta1, beta2;  /* decay of the moments, in (0,1); 0 = .9 and .999 */
+    double epsilon;       /* > 0; 0 = 1e-8 */
+} itn_adam_desc;
+
 #ifndef ITN_NO_NET
 
 /* Shape of a regressor network (section 5 of the paper): layer_count times a 3x3 convolution, a
@@ -398,13 +461,6 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
 ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
                                     itn_error *error);
 ITN_API void itn_net_zero_gradients(itn_net *net);
-
-/* Options of Adam (Kingma and Ba 2015, algorithm 1); all-zero is the defaults. */
-typedef struct itn_adam_desc {
-    double learning_rate; /* in (0,1]; 0 = 1e-4 */
-    double beta1, beta2;  /* decay of the moments, in (0,1); 0 = .9 and .999 */
-    double epsilon;       /* > 0; 0 = 1e-8 */
-} itn_adam_desc;
 
 /* One Adam step against the gradients (which stay as they are). desc may be NULL.
    Errors: ARGUMENT (desc out of range; a gradient whose square is not finite): nothing changes. */
@@ -525,12 +581,12 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
                               const itn_refine_options *options, itn_estimate *estimates,
                               itn_error *error);
 
-/* ---- [api-io] files ---------------------------------------------------------------------------- */
+/* ---- [api-io] files -------------------------------------------------------------------------- */
 
-/* Every loader takes untrusted bytes: sizes are checked before memory is asked for, and damage gives
-   an error that says where. Every saver writes path.tmp, then renames it, so that path holds either
-   its old contents or all of the new (paths under /dev/ are written directly). Numbers in text are
-   read with a decimal point whatever the locale. */
+/* Every loader takes untrusted bytes: sizes are checked before memory is asked for, and damage
+   gives an error that says where. Every saver writes path.tmp, then renames it, so that path holds
+   either its old contents or all of the new (paths under /dev/ are written directly). Numbers in
+   text are read with a decimal point whatever the locale. */
 
 /* Makes a mesh from the bytes of an OBJ or PLY file (PLY if the first line is "ply"). `name` stands
    for the file in error messages; NULL = "mesh". Free with itn_mesh_free.
@@ -540,7 +596,7 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
    face (vertex_indices or vertex_index, and a list texcoord of u v pairs if present).
    Polygons are cut into triangles: fans where convex, ears where not (up to 256 corners).
    Errors: FORMAT (line, or vertex and face in binary files; coordinates must be finite),
-   UNSUPPORTED (faces before vertices, large concave faces), ARGUMENT, MEMORY. */
+   UNSUPPORTED (PLY without vertices and then faces, large concave faces), ARGUMENT, MEMORY. */
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
                                         const itn_context *context, itn_mesh *mesh,
                                         itn_error *error);
@@ -563,8 +619,8 @@ ITN_API itn_result itn_image_load(const char *path, const itn_context *context, 
 /* Writes a binary little-endian PLY file, with uvs as the faces' list texcoord.
    Errors: ARGUMENT (indices out of range, coordinates not finite), FILE, MEMORY. */
 ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error);
-/* Writes all planes as float channels of an uncompressed EXR file, bit for bit (also NaN), sorted by
-   name as the format demands. Errors: ARGUMENT (names empty or equal), FILE, MEMORY. */
+/* Writes all planes as float channels of an uncompressed EXR file, bit for bit (also NaN), sorted
+   by name as the format demands. Errors: ARGUMENT (names empty or equal), FILE, MEMORY. */
 ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path, itn_error *error);
 /* Writes plane_count (1 or 3) planes from first_plane on as a little-endian PFM file, bit for bit.
    Errors: ARGUMENT, FILE, MEMORY. */
@@ -721,10 +777,10 @@ static void itn__free(const itn_context *context, void *block) {
 
 /* A caller's context, or the default one; a half-set allocator is refused. */
 static itn_result itn__context(const itn_context *given, itn_context *context, itn_error *error) {
+    memset(context, 0, sizeof *context);
     if (given && !given->allocate != !given->deallocate)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_context: set both allocate and deallocate, or neither");
-    memset(context, 0, sizeof *context);
     if (given) *context = *given;
     return ITN_OK;
 }
@@ -1333,8 +1389,8 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
 
 /* Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2(1), 2013. Corners A, B, C
    are moved to the ray's origin, and a permutation of the axes (the largest component of the
-   direction becomes z, orientation kept) with a shear turns the ray into the z axis. What is left is
-   whether the point (0,0) lies in a triangle of the plane, which the edge functions
+   direction becomes z, orientation kept) with a shear turns the ray into the z axis. What is left
+   is whether the point (0,0) lies in a triangle of the plane, which the edge functions
      U = Cx By - Cy Bx,   V = Ax Cy - Ay Cx,   W = Bx Ay - By Ax
    tell: all of one sign, zeros included. det = U + V + W is twice the signed area, U/det, V/det,
    W/det are the barycentric weights, and t follows by interpolating z.
@@ -1357,8 +1413,8 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
    triangle, by weighting its corners or along a ray of comparable length, is off by at most 16 u M
    in each coordinate (u = 2^-24; M, the largest coordinate among o and the corners; three products
    and two sums of rounded weights make 5 u M, a point o' + t d from t of this test makes 10 u M),
-   which changes F by at most 16 u M |n|_1, where |n|_1 = |nx| + |ny| + |nz|. F itself is computed in
-   double and adds nothing to that. Larger |F| means that the origin is off the plane. A neighbour
+   which changes F by at most 16 u M |n|_1, where |n|_1 = |nx| + |ny| + |nz|. F itself is computed
+   in double and adds nothing to that. Larger |F| means: the origin is off the plane. A neighbour
    that is coplanar but for the rounding of its corners passes within a few u M of the same point
    wherever that point is close enough to the common edge to matter. */
 
@@ -1468,8 +1524,9 @@ ITN__INLINE int itn__triangle_hit(const itn__triangle *triangle, const itn__shea
 enum { ITN__BINS = 16, ITN__LEAF = 4, ITN__SAH_DEPTH = 48, ITN__STACK = 80 };
 #define ITN__TRAVERSAL_COST 1.0
 
+/* lower x, y, z, then upper x, y, z */
 typedef struct itn__box {
-    float lower[3], upper[3];
+    float bounds[6];
 } itn__box;
 
 /* Nodes come in pairs of siblings from index 2; index 0 is the root and 1 is not used. */
@@ -1515,24 +1572,24 @@ typedef struct itn__split {
 static itn__box itn__box_empty(void) {
     itn__box box;
     int k;
-    for (k = 0; k < 3; k++) box.lower[k] = FLT_MAX, box.upper[k] = -FLT_MAX;
+    for (k = 0; k < 3; k++) box.bounds[k] = FLT_MAX, box.bounds[k + 3] = -FLT_MAX;
     return box;
 }
 ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
     int k;
     for (k = 0; k < 3; k++) {
-        box->lower[k] = itn__min(box->lower[k], other->lower[k]);
-        box->upper[k] = itn__max(box->upper[k], other->upper[k]);
+        box->bounds[k] = itn__min(box->bounds[k], other->bounds[k]);
+        box->bounds[k + 3] = itn__max(box->bounds[k + 3], other->bounds[k + 3]);
     }
 }
 /* Half the surface area. */
 ITN__INLINE double itn__box_area(const itn__box *box) {
-    double x = (double)box->upper[0] - box->lower[0], y = (double)box->upper[1] - box->lower[1];
-    double z = (double)box->upper[2] - box->lower[2];
+    double x = (double)box->bounds[3] - box->bounds[0], y = (double)box->bounds[4] - box->bounds[1];
+    double z = (double)box->bounds[5] - box->bounds[2];
     return x * y + y * z + z * x;
 }
 ITN__INLINE float itn__box_centre(const itn__box *box, int axis) {
-    return .5f * box->lower[axis] + .5f * box->upper[axis];
+    return .5f * box->bounds[axis] + .5f * box->bounds[axis + 3];
 }
 ITN__INLINE int itn__split_bin(const itn__split *split, const itn__box *box) {
     int bin = (int)((itn__box_centre(box, split->axis) - split->lower) * split->scale);
@@ -1685,11 +1742,12 @@ static itn__box itn__load_triangle(const itn_mesh *mesh, int index, float corner
     itn__box box = itn__box_empty();
     int j, k;
     for (j = 0; j < 3; j++) {
-        const float *p = mesh->positions + 3 * (size_t)mesh->triangles[3 * (size_t)index + (size_t)j];
+        const int *vertex = mesh->triangles + 3 * (size_t)index;
+        const float *p = mesh->positions + 3 * (size_t)vertex[j];
         for (k = 0; k < 3; k++) {
             corner[j][k] = p[k];
-            box.lower[k] = itn__min(box.lower[k], p[k]);
-            box.upper[k] = itn__max(box.upper[k], p[k]);
+            box.bounds[k] = itn__min(box.bounds[k], p[k]);
+            box.bounds[k + 3] = itn__max(box.bounds[k + 3], p[k]);
         }
     }
     return box;
@@ -1725,8 +1783,8 @@ static itn_bvh *itn__bvh_assemble(const itn_mesh *mesh, const int *object_of_tri
     int i;
     if (!bvh) return NULL;
     memcpy(bvh->nodes, nodes, (size_t)node_count * sizeof *nodes);
-    bvh->lower = itn__vec3(box->lower[0], box->lower[1], box->lower[2]);
-    bvh->upper = itn__vec3(box->upper[0], box->upper[1], box->upper[2]);
+    bvh->lower = itn__vec3(box->bounds[0], box->bounds[1], box->bounds[2]);
+    bvh->upper = itn__vec3(box->bounds[3], box->bounds[4], box->bounds[5]);
     for (i = 0; i < mesh->triangle_count; i++) {
         itn__triangle *triangle = &bvh->triangles[i];
         triangle->index = references[i].index;
@@ -1776,22 +1834,25 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
 /* ---- [bvh-trace] nearest hit, any hit ---------------------------------------------------------- */
 
 /* A ray meets a box where its intervals between the three pairs of planes overlap. A distance
-   (plane - origin) * (1 / direction) has three roundings, a relative error of at most
-   gamma(3) = 3u / (1 - 3u), u = 2^-24, so that a ray which touches the box in truth has
-   near <= far + 2 gamma(3) |far| as computed (Ize, "Robust BVH ray traversal", JCGT 2(2), 2013; the
-   absolute value makes it right for the negative distances that a negative tmin admits). [tmin,
-   tmax] is widened likewise. Along an axis with direction 0 the distances are infinite, or NaN
-   (0 * infinity) for an origin in one of the planes, which the order of the arguments of itn__min
-   and itn__max ignores: all errors are to the side of entering a box in vain. */
-#define ITN__WIDEN (6.0f * .5f * FLT_EPSILON * (1 + FLT_EPSILON * 2))
+   (plane - origin) * (1 / direction) has three roundings and so a relative error of at most
+   gamma(3), gamma(n) = n u / (1 - n u), u = 2^-24; a ray that touches the box in truth has
+   enter <= leave + 2 gamma(3) |leave| (Ize, "Robust BVH ray traversal", JCGT 2(2), 2013; the
+   absolute value makes it right for the negative distances that a negative tmin admits), and
+   gamma(4) pays for the rounding of this sum too. [tmin, tmax] is widened likewise. Along an axis
+   with direction 0 the distances are infinite, or NaN (0 * infinity) for an origin in one of the
+   planes, which the order of the arguments of itn__min and itn__max ignores. All errors are to the
+   side of entering a box in vain.
+   The branches on which child comes first are meant: a processor that guesses them right goes on to
+   the next node before this one's arithmetic is done. */
+#define ITN__WIDEN (4 * FLT_EPSILON / (1 - 2 * FLT_EPSILON)) /* 2 gamma(4); FLT_EPSILON = 2 u */
 
 /* A ray made ready for boxes. */
 typedef struct itn__slabs {
-    float x, y, z;                      /* origin */
-    float inverse_x, inverse_y, inverse_z;
-    int near_x, near_y, near_z;         /* which of a box's bounds it meets first, */
-    int far_x, far_y, far_z;            /* and last */
-    float start, end;                   /* tmin and tmax with their margins */
+    float x, y, z;                         /* origin */
+    float inverse_x, inverse_y, inverse_z; /* of the direction */
+    int near_x, near_y, near_z;            /* which of a box's bounds it meets first, */
+    int far_x, far_y, far_z;               /* and last */
+    float start, end;                      /* tmin and tmax with their margins */
 } itn__slabs;
 
 ITN__INLINE float itn__widen(float t) { return t + ITN__WIDEN * fabsf(t); }
@@ -1811,16 +1872,17 @@ ITN__INLINE itn__slabs itn__slabs_make(const itn_ray *ray) {
 
 /* Distance at which the ray enters a box, infinite if it misses. */
 ITN__INLINE float itn__slabs_enter(const itn__slabs *s, const itn__box *box) {
-    const float *bounds = box->lower;
-    float near = s->start, far = (bounds[s->far_x] - s->x) * s->inverse_x;
-    near = itn__max((bounds[s->near_x] - s->x) * s->inverse_x, near);
-    near = itn__max((bounds[s->near_y] - s->y) * s->inverse_y, near);
-    near = itn__max((bounds[s->near_z] - s->z) * s->inverse_z, near);
-    far = itn__min(far, INFINITY);
-    far = itn__min((bounds[s->far_y] - s->y) * s->inverse_y, far);
-    far = itn__min((bounds[s->far_z] - s->z) * s->inverse_z, far);
-    far = itn__min(itn__widen(far), s->end);
-    return near <= far ? near : INFINITY;
+    const float *b = box->bounds;
+    float near_x = (b[s->near_x] - s->x) * s->inverse_x;
+    float near_y = (b[s->near_y] - s->y) * s->inverse_y;
+    float near_z = (b[s->near_z] - s->z) * s->inverse_z;
+    float far_x = (b[s->far_x] - s->x) * s->inverse_x;
+    float far_y = (b[s->far_y] - s->y) * s->inverse_y;
+    float far_z = (b[s->far_z] - s->z) * s->inverse_z;
+    float enter = itn__max(near_z, itn__max(near_y, itn__max(near_x, s->start)));
+    float leave = itn__min(far_z, itn__min(far_y, itn__min(far_x, INFINITY)));
+    leave = itn__min(itn__widen(leave), s->end);
+    return enter <= leave ? enter : INFINITY;
 }
 
 /* Tests the triangles of a leaf against the ray up to the best hit so far. */
@@ -1842,7 +1904,7 @@ ITN__INLINE int itn__leaf_hit(const itn_bvh *bvh, const itn__node *leaf, const i
 ITN__INLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const unsigned char *sides,
                                int any, itn_hit *hit) {
     struct {
-        float near;
+        float enter;
         int node;
     } stack[ITN__STACK];
     itn__shear shear;
@@ -1854,34 +1916,33 @@ ITN__INLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const uns
     slabs = itn__slabs_make(ray);
     best.t = ray->tmax;
     if (!(itn__slabs_enter(&slabs, &node->box) < INFINITY)) return 0;
-    for (;;) {
-        if (node->count) {
-            if (itn__leaf_hit(bvh, node, &shear, ray->tmin, sides, any, &best)) {
-                found = 1;
-                if (any) return 1;
-                slabs.end = itn__widen(best.t);
-            }
-        } else {
+    while (node) {
+        if (!node->count) { /* enter the nearer child, keep the other */
             int child = node->first;
-            float near = itn__slabs_enter(&slabs, &bvh->nodes[child].box);
+            float enter = itn__slabs_enter(&slabs, &bvh->nodes[child].box);
             float other = itn__slabs_enter(&slabs, &bvh->nodes[child + 1].box);
-            int swap = other < near;
-            stack[top].near = swap ? near : other;
-            stack[top].node = child + !swap;
-            near = swap ? other : near;
-            if (near < INFINITY) {
-                top += stack[top].near < INFINITY;
-                node = &bvh->nodes[child + swap];
+            if (other < enter) {
+                stack[top].enter = enter, stack[top].node = child;
+                top += enter < INFINITY;
+                node = &bvh->nodes[child + 1];
                 continue;
             }
+            if (enter < INFINITY) {
+                stack[top].enter = other, stack[top].node = child + 1;
+                top += other < INFINITY;
+                node = &bvh->nodes[child];
+                continue;
+            }
+        } else if (itn__leaf_hit(bvh, node, &shear, ray->tmin, sides, any, &best)) {
+            found = 1;
+            if (any) return 1;
+            slabs.end = itn__widen(best.t);
         }
-        do {
-            if (!top--) goto done;
-        } while (!(stack[top].near <= slabs.end));
-        node = &bvh->nodes[stack[top].node];
+        node = NULL;
+        while (top && !node)
+            if (stack[--top].enter <= slabs.end) node = &bvh->nodes[stack[top].node];
     }
-done:
-    if (found && hit) *hit = best;
+    if (found) *hit = best;
     return found;
 }
 
@@ -2901,7 +2962,7 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
 }
 
 /* Says what keeps a mesh from being a solid. */
-static itn_result itn__mesh_fault(itn__maker *maker, int index, const itn_mesh *mesh,
+static itn_result itn__not_a_solid(itn__maker *maker, int index, const itn_mesh *mesh,
                                   const itn_mesh_report *report) {
     const float *p = mesh->positions;
     const int *edge = report->open_edges ? report->open_edge[0] : report->flipped_edge[0];
@@ -2943,7 +3004,7 @@ static itn_result itn__check_object(itn__maker *maker, int index) {
                          report.first_bad_triangle);
     object->closed = !report.open_edges && !report.flipped_edges && report.volume > 0;
     if (solid && !object->closed && !in->force)
-        return itn__mesh_fault(maker, index, in->mesh, &report);
+        return itn__not_a_solid(maker, index, in->mesh, &report);
     object->closed |= solid;
     object->volume = fabs(report.volume) * determinant;
     object->area = report.area * pow(determinant, 2. / 3); /* exact for uniform scaling */
@@ -3201,14 +3262,21 @@ typedef struct itn__weight {
     float *score; /* [channels][count] */
 } itn__weight;
 
+/* Where a walk is. Where parts of a solid touch, faces coincide: those just gone through, and not
+   yet left behind, are remembered, so that a walk does not go through them again and again. */
+typedef struct itn__place {
+    unsigned char sides[ITN__MAX_OBJECTS];
+    int inside; /* object whose medium the walk is in, -1: none */
+    int crossed[4], crossed_count; /* the latest: 2 triangle + front, in a ring; how many so far */
+} itn__place;
+
 typedef struct itn__walk {
     const itn_scene *scene;
     const float *theta;
     const int *slots; /* of each parameter: its place among those asked for, or -1 */
     int channels, count, max_scatter;
     itn__rng rng;
-    unsigned char sides[ITN__MAX_OBJECTS];
-    int inside;                     /* object whose medium the walk is in, -1: none */
+    itn__place place;
     itn__weight weight, connection; /* of the path; of its link to a sampled light */
     float pdf;                      /* of the last direction drawn; INFINITY if nothing was drawn */
     int scatterings, events;
@@ -3331,27 +3399,53 @@ ITN__INLINE const itn__medium *itn__medium_of(const itn_scene *scene, int object
                ? &scene->media[scene->objects[object].medium] : NULL;
 }
 
+/* Parameter of an object's index of refraction, or -1 where there is none. */
+static int itn__ior_parameter(const itn__walk *walk, int object) {
+    int surface = object >= 0 ? walk->scene->objects[object].surface : -1;
+    if (surface < 0 || walk->scene->surfaces[surface].type != ITN_SURFACE_DIELECTRIC) return -1;
+    return walk->scene->surfaces[surface].ior;
+}
+
 /* Index of refraction inside an object; 1 outside of all. */
 static float itn__ior(const itn__walk *walk, int object) {
-    int surface = object >= 0 ? walk->scene->objects[object].surface : -1;
-    if (surface < 0 || walk->scene->surfaces[surface].type != ITN_SURFACE_DIELECTRIC) return 1;
-    return walk->theta[walk->scene->surfaces[surface].ior];
+    int parameter = itn__ior_parameter(walk, object);
+    return parameter >= 0 ? walk->theta[parameter] : 1;
 }
 
 /* Goes through the boundary of an object. */
-static void itn__cross_boundary(itn__walk *walk, int object) {
-    walk->sides[object] ^= ITN__FRONT | ITN__BACK;
-    walk->inside = itn__find_inside(walk->scene, walk->sides);
+static void itn__cross_boundary(itn__walk *walk, int object, const itn_hit *hit) {
+    itn__place *place = &walk->place;
+    place->sides[object] ^= ITN__FRONT | ITN__BACK;
+    place->inside = itn__find_inside(walk->scene, place->sides);
+    place->crossed[place->crossed_count++ % 4] = 2 * hit->triangle + hit->front;
+}
+
+/* The next face that the walk can meet along the ray up to tmax. Sets ray->tmin. */
+static int itn__next_hit(itn__walk *walk, itn_ray *ray, itn_hit *hit) {
+    itn__place *place = &walk->place;
+    float slack = itn__slack(walk, ray->origin);
+    ray->tmin = -slack;
+    while (itn__bvh_trace(walk->scene->bvh, ray, place->sides, 0, hit)) {
+        int known = 0, k;
+        for (k = 0; k < place->crossed_count && k < 4; k++)
+            known |= place->crossed[k] == 2 * hit->triangle + hit->front;
+        if (hit->t > slack) place->crossed_count = 0;
+        if (!known || hit->t > slack) return 1;
+        ray->tmin = hit->t;
+    }
+    if (ray->tmax > slack) place->crossed_count = 0;
+    return 0;
 }
 
 /* What lies on the other side of the boundary of `object`, and whether light feels the boundary. */
 static int itn__beyond(itn__walk *walk, int object, int *after) {
     int surface = walk->scene->objects[object].surface;
-    walk->sides[object] ^= ITN__FRONT | ITN__BACK;
-    *after = itn__find_inside(walk->scene, walk->sides);
-    walk->sides[object] ^= ITN__FRONT | ITN__BACK;
-    return surface >= 0 && *after != walk->inside &&
-           itn__ior(walk, *after) != itn__ior(walk, walk->inside);
+    itn__place *place = &walk->place;
+    place->sides[object] ^= ITN__FRONT | ITN__BACK;
+    *after = itn__find_inside(walk->scene, place->sides);
+    place->sides[object] ^= ITN__FRONT | ITN__BACK;
+    return surface >= 0 && *after != place->inside &&
+           itn__ior(walk, *after) != itn__ior(walk, place->inside);
 }
 
 /* Geometric normal of a triangle, counter-clockwise, and a point on it. */
@@ -3373,12 +3467,12 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
     const itn_scene *scene = walk->scene;
     int crossing;
     for (crossing = 0; crossing < MOST_CROSSINGS; crossing++) {
-        const itn__medium *medium = itn__medium_of(scene, walk->inside);
+        const itn__medium *medium = itn__medium_of(scene, walk->place.inside);
         itn_vec3 normal;
         itn_hit hit;
         int object, after;
-        ray.tmin = -itn__slack(walk, ray.origin), ray.tmax = INFINITY;
-        if (!itn__bvh_trace(scene->bvh, &ray, walk->sides, 0, &hit)) return 1;
+        ray.tmax = INFINITY;
+        if (!itn__next_hit(walk, &ray, &hit)) return 1;
         object = itn__bvh_object(scene->bvh, hit.triangle);
         if (!scene->objects[object].closed || itn__beyond(walk, object, &after) ||
             (scene->objects[object].surface >= 0 &&
@@ -3388,26 +3482,24 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
             itn__weigh(walk, &walk->connection,
                        itn__transmittance(walk->theta[medium->sigma_t], itn__max(hit.t, 0)), 1,
                        medium->sigma_t, -1);
-        itn__cross_boundary(walk, object);
+        itn__cross_boundary(walk, object, &hit);
         itn__hit_geometry(scene->bvh, &hit, &ray.origin, &normal);
     }
     return 0;
 }
 
 /* Ends a connection whose weight already holds the vertex's f over the light's pdf. `pdf` is the
-   density with which the vertex itself would draw the direction; `crossed` is an object whose
-   boundary the direction goes through at once, or -1. */
+   density with which the vertex itself would draw the direction. If the direction goes through a
+   boundary at once, `crossed` is its object and `hit` the face; else -1. */
 static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction, int crossed,
-                         float pdf, float light_pdf) {
-    unsigned char sides[ITN__MAX_OBJECTS];
-    int inside = walk->inside, i, visible;
+                         const itn_hit *hit, float pdf, float light_pdf) {
+    itn__place place = walk->place;
+    int i, visible;
     itn_ray ray;
-    memcpy(sides, walk->sides, sizeof sides);
-    if (crossed >= 0) itn__cross_boundary(walk, crossed);
+    if (crossed >= 0) itn__cross_boundary(walk, crossed, hit);
     ray.origin = origin, ray.direction = direction;
     visible = itn__connect_visible(walk, ray);
-    memcpy(walk->sides, sides, sizeof sides);
-    walk->inside = inside;
+    walk->place = place;
     for (i = 0; i < walk->scene->light_count && visible; i++) {
         const itn__light *light = &walk->scene->lights[i];
         float rgb[3];
@@ -3481,7 +3573,7 @@ static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray
         f = itn__phase(g, itn__one_minus_cosine(ray->direction, direction));
         itn__copy_weight(walk, &walk->connection, &walk->weight);
         itn__weigh(walk, &walk->connection, f, light_pdf, medium->g, -1);
-        itn__connect(walk, ray->origin, direction, -1, f.v, light_pdf);
+        itn__connect(walk, ray->origin, direction, -1, NULL, f.v, light_pdf);
     }
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     ray->direction = itn__sample_phase(ray->direction, g, u, v, &x);
@@ -3551,7 +3643,7 @@ static int itn__meet_diffuse(itn__walk *walk, itn_ray *ray, const itn_hit *hit, 
         float cosine = itn__dot(direction, n) / ITN__PI;
         itn__copy_weight(walk, &walk->connection, &walk->weight);
         itn__weigh_reflectance(walk, &walk->connection, surface, s, t, cosine, light_pdf);
-        itn__connect(walk, ray->origin, direction, -1, cosine, light_pdf);
+        itn__connect(walk, ray->origin, direction, -1, NULL, cosine, light_pdf);
     }
     itn__weigh_reflectance(walk, &walk->weight, surface, s, t, 1, 1);
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
@@ -3562,36 +3654,67 @@ static int itn__meet_diffuse(itn__walk *walk, itn_ray *ray, const itn_hit *hit, 
     return 1;
 }
 
-/* Multiplies a weight by f / pdf of a rough boundary of `object` between media inside objects
-   `near` and `far`: f.d[1] is by eta = ior(far) / ior(near), here spread over both. */
+/* Multiplies a weight by value / pdf, whose derivative by eta is `by_eta`, spread over the indices
+   of both sides: eta = ior(after) / ior(before). */
+static void itn__weigh_eta(itn__walk *walk, itn__weight *weight, float value, float by_eta,
+                           float pdf, int after) {
+    float before_ior = itn__ior(walk, walk->place.inside), eta = itn__ior(walk, after) / before_ior;
+    itn__dual f = itn__constant(value);
+    f.d[0] = by_eta / before_ior, f.d[1] = -by_eta * eta / before_ior;
+    itn__weigh(walk, weight, f, pdf, itn__ior_parameter(walk, after),
+               itn__ior_parameter(walk, walk->place.inside));
+}
+
+/* Multiplies a weight by f / pdf of a rough boundary with object `after` on the far side. */
 static void itn__weigh_rough(itn__walk *walk, itn__weight *weight, const itn__surface *surface,
-                             itn__dual f, float pdf, int near_object, int far_object) {
-    float near_ior = itn__ior(walk, near_object), eta = itn__ior(walk, far_object) / near_ior;
-    const int ends[2] = {far_object, near_object};
-    const float slope[2] = {1 / near_ior, -eta / near_ior};
-    float by_eta = f.d[1];
-    int k;
+                             itn__dual f, float pdf, int after) {
+    if (f.v != 0) itn__weigh_eta(walk, weight, 1, f.d[1] / f.v, 1, after);
     f.d[1] = 0;
     itn__weigh(walk, weight, f, pdf, surface->alpha, -1);
-    if (f.v == 0) return;
-    for (k = 0; k < 2; k++) {
-        int s = ends[k] >= 0 ? walk->scene->objects[ends[k]].surface : -1;
-        itn__dual one = itn__constant(1);
-        if (s < 0 || walk->scene->surfaces[s].type != ITN_SURFACE_DIELECTRIC) continue;
-        one.d[0] = by_eta * slope[k] / f.v;
-        itn__weigh(walk, weight, one, 1, walk->scene->surfaces[s].ior, -1);
-    }
+}
+
+/* Whether a derivative by an index on either side is asked for and can still be felt. */
+static int itn__wants_edge(const itn__walk *walk, int after) {
+    return walk->count && !walk->weight.zero[0] &&
+           (itn__slot(walk, itn__ior_parameter(walk, after)) >= 0 ||
+            itn__slot(walk, itn__ior_parameter(walk, walk->place.inside)) >= 0);
+}
+
+/* Derivatives by eta have a part that fixed directions miss: the facets' hemisphere ends at m_z = 0,
+   where D is not 0, and as eta grows facets cross that edge. What crosses it per eta is
+   f_t d omega_o = h(m) dm at the edge times the speed dm_z/deta. A path that is chosen for it (one
+   in ten) carries only this derivative, as a factor of value 0. Returns 0 where nothing crosses. */
+static int itn__sample_edge(itn__walk *walk, const itn__surface *surface, itn_vec3 i, float eta,
+                            int after, itn_vec3 *o) {
+    float phi = ITN__PI * (itn__uniform(&walk->rng) - .5f), across = sqrtf(i.x * i.x + i.y * i.y);
+    float alpha_value = walk->theta[surface->alpha], cos_i, h, speed;
+    itn__dual alpha = itn__constant(alpha_value), fresnel, cos_t;
+    itn_vec3 m;
+    if (!(across > 0)) return 0;
+    m = itn__scale(itn__vec3(i.x * cosf(phi) - i.y * sinf(phi), i.y * cosf(phi) + i.x * sinf(phi),
+                             0), 1 / across);
+    cos_i = itn__dot(i, m);
+    fresnel = itn__fresnel(itn__constant(cos_i), itn__constant(eta), &cos_t);
+    *o = itn__refract(i, m, eta, cos_t.v);
+    if (!(cos_i > 0 && fresnel.v < 1 && o->z < 0)) return 0;
+    speed = o->z / (cos_i - eta * cos_t.v); /* of m_z, m being i + eta o brought to unit length */
+    h = (1 - fresnel.v) * itn__square(alpha_value) / ITN__PI * itn__smith(i, alpha).v *
+        itn__smith(*o, alpha).v * cos_i / i.z;
+    itn__weigh_eta(walk, &walk->weight, 0, h * speed, .1f / ITN__PI, after);
+    walk->pdf = INFINITY;
+    return itn__alive(walk);
 }
 
 /* A dielectric boundary of `object`, with object `after` (or -1) on the far side. n faces the
    walk. Returns 0 at the end of the path. */
-static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, int object, int after, itn_vec3 n) {
+static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hit, int object,
+                                int after, itn_vec3 n) {
     const itn__surface *surface = &walk->scene->surfaces[walk->scene->objects[object].surface];
     float alpha = surface->alpha >= 0 ? walk->theta[surface->alpha] : 0;
-    float eta = itn__ior(walk, after) / itn__ior(walk, walk->inside), light_pdf, u[3];
+    float eta = itn__ior(walk, after) / itn__ior(walk, walk->place.inside), light_pdf, u[3];
     itn_vec3 s, t, i, o, direction;
     itn__dual f;
-    int k;
+    int k, edge = 0;
     itn__frame(n, &s, &t);
     i = itn__to_local(itn__scale(ray->direction, -1), s, t, n);
     if (alpha > 0 && itn__draw_light(walk, &direction, &light_pdf)) {
@@ -3600,19 +3723,27 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, int object, int a
         f = itn__rough(i, o, alpha, eta, &pdf);
         if (f.v > 0) {
             itn__copy_weight(walk, &walk->connection, &walk->weight);
-            itn__weigh_rough(walk, &walk->connection, surface, f, light_pdf, walk->inside, after);
-            itn__connect(walk, ray->origin, direction, o.z < 0 ? object : -1, pdf, light_pdf);
+            itn__weigh_rough(walk, &walk->connection, surface, f, light_pdf, after);
+            itn__connect(walk, ray->origin, direction, o.z < 0 ? object : -1, hit, pdf, light_pdf);
         }
     }
-    for (k = 0; k < 3; k++) u[k] = itn__uniform(&walk->rng);
-    if (!itn__sample_dielectric(i, alpha, eta, u, &o)) return 0;
-    walk->pdf = INFINITY;
-    if (alpha > 0) {
-        f = itn__rough(i, o, alpha, eta, &walk->pdf);
-        if (!(f.v > 0)) return 0;
-        itn__weigh_rough(walk, &walk->weight, surface, f, walk->pdf, walk->inside, after);
+    if (alpha > 0 && itn__wants_edge(walk, after)) {
+        edge = itn__uniform(&walk->rng) < .1f;
+        if (!edge) itn__weigh(walk, &walk->weight, itn__constant(1), .9f, -1, -1);
     }
-    if (o.z < 0) itn__cross_boundary(walk, object);
+    if (edge) {
+        if (!itn__sample_edge(walk, surface, i, eta, after, &o)) return 0;
+    } else {
+        for (k = 0; k < 3; k++) u[k] = itn__uniform(&walk->rng);
+        if (!itn__sample_dielectric(i, alpha, eta, u, &o)) return 0;
+        walk->pdf = INFINITY;
+        if (alpha > 0) {
+            f = itn__rough(i, o, alpha, eta, &walk->pdf);
+            if (!(f.v > 0)) return 0;
+            itn__weigh_rough(walk, &walk->weight, surface, f, walk->pdf, after);
+        }
+    }
+    if (o.z < 0) itn__cross_boundary(walk, object, hit);
     ray->direction = itn__normalize(itn__to_world(o, s, t, n));
     return 1;
 }
@@ -3628,8 +3759,8 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     if (surface >= 0 && scene->surfaces[surface].type == ITN_SURFACE_DIFFUSE)
         return itn__meet_diffuse(walk, ray, hit, object, n);
     if (itn__beyond(walk, object, &after))
-        return itn__meet_dielectric(walk, ray, object, after, n);
-    itn__cross_boundary(walk, object);
+        return itn__meet_dielectric(walk, ray, hit, object, after, n);
+    itn__cross_boundary(walk, object, hit);
     return 1;
 }
 
@@ -3658,13 +3789,12 @@ static int itn__within(const itn_scene *scene, itn_vec3 p) {
 /* Follows one path from the camera to its end. */
 static void itn__trace_path(itn__walk *walk, itn_ray ray) {
     while (itn__roulette(walk)) {
-        const itn__medium *medium = itn__medium_of(walk->scene, walk->inside);
+        const itn__medium *medium = itn__medium_of(walk->scene, walk->place.inside);
         float rate = medium ? itn__collision_rate(walk, medium) : 0;
         itn_hit hit;
         int met;
-        ray.tmin = -itn__slack(walk, ray.origin);
         ray.tmax = rate > 0 ? itn__sample_flight(rate, itn__uniform(&walk->rng)) : INFINITY;
-        met = itn__bvh_trace(walk->scene->bvh, &ray, walk->sides, 0, &hit);
+        met = itn__next_hit(walk, &ray, &hit);
         if (medium && (met || rate > 0))
             itn__weigh_flight(walk, medium, rate, met ? itn__max(hit.t, 0) : ray.tmax, !met);
         if (met) {
@@ -3688,8 +3818,9 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     int c;
     walk->rng = itn__rng_make(seed, (uint64_t)y * (uint64_t)camera->width + (uint64_t)x,
                               (uint64_t)sample);
-    memcpy(walk->sides, walk->scene->sides, sizeof walk->sides);
-    walk->inside = itn__find_inside(walk->scene, walk->sides);
+    memcpy(walk->place.sides, walk->scene->sides, sizeof walk->place.sides);
+    walk->place.inside = itn__find_inside(walk->scene, walk->place.sides);
+    walk->place.crossed_count = 0;
     for (c = 0; c < 3; c++)
         walk->weight.beta[c] = c < itn__channels(walk), walk->weight.zero[c] = 0, walk->radiance[c] = 0;
     memset(walk->weight.score, 0, scores);
@@ -4018,6 +4149,53 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
     itn_image_free(&image);
     return result;
 }
+/* ---- [adam] a step that knows the size of its gradients -------------------------------------- */
+
+/* Adam (Kingma and Ba 2015, algorithm 1) keeps decaying means of the gradient g and of its square,
+       m <- beta1 m + (1 - beta1) g,    v <- beta2 v + (1 - beta2) g^2,
+   divides both by 1 - beta^t, the weight that t steps from zero have collected so far, and steps by
+       w <- w - rate m' / (sqrt(v') + epsilon):
+   about `rate` per weight while the gradient keeps its sign, less where it is mostly noise. Networks
+   are trained with it, and it is one of the methods that fit a single image. */
+
+/* Fills in the defaults of a desc and checks its ranges. */
+static itn_result itn__adam_desc(const itn_adam_desc *given, itn_adam_desc *desc,
+                                 itn_error *error) {
+    memset(desc, 0, sizeof *desc);
+    if (given) *desc = *given;
+    if (desc->learning_rate == 0) desc->learning_rate = 1e-4;
+    if (desc->beta1 == 0) desc->beta1 = .9;
+    if (desc->beta2 == 0) desc->beta2 = .999;
+    if (desc->epsilon == 0) desc->epsilon = 1e-8;
+    if (!(desc->learning_rate > 0 && desc->learning_rate <= 1))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_adam_desc: learning_rate is %g, must be in (0,1]",
+                         desc->learning_rate);
+    if (!(desc->beta1 > 0 && desc->beta1 < 1 && desc->beta2 > 0 && desc->beta2 < 1))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_adam_desc: beta1 is %g and beta2 %g, must be in (0,1)", desc->beta1,
+                         desc->beta2);
+    if (!(desc->epsilon > 0 && desc->epsilon <= 1))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_adam_desc: epsilon is %g, must be in (0,1]", desc->epsilon);
+    return ITN_OK;
+}
+
+/* Step number `step` (1 is the first) of algorithm 1. All arrays: [count]. */
+static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, const float *gradient,
+                      float *m, float *v, float *weights) {
+    float beta1 = (float)desc->beta1, beta2 = (float)desc->beta2, epsilon = (float)desc->epsilon;
+    float rate = (float)(desc->learning_rate / (1 - pow(desc->beta1, (double)step)));
+    float v_scale = (float)(1 / (1 - pow(desc->beta2, (double)step)));
+    float new1 = (float)(1 - desc->beta1), new2 = (float)(1 - desc->beta2);
+    size_t k;
+    for (k = 0; k < count; k++) {
+        m[k] = beta1 * m[k] + new1 * gradient[k];
+        v[k] = beta2 * v[k] + new2 * (gradient[k] * gradient[k]);
+        weights[k] -= rate * m[k] / (sqrtf(v[k] * v_scale) + epsilon);
+    }
+}
+
 /* ---- [layers] convolution, ReLU, pooling, fully connected: forward beside backward ----------- */
 #ifndef ITN_NO_NET
 
@@ -4317,52 +4495,6 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
     itn__free(context, work.theta);
     itn__free(context, work.gradient);
     return result;
-}
-
-/* ---- [adam] a step that knows the size of its gradients -------------------------------------- */
-
-/* Adam (Kingma and Ba 2015, algorithm 1) keeps decaying means of the gradient g and of its square,
-       m <- beta1 m + (1 - beta1) g,    v <- beta2 v + (1 - beta2) g^2,
-   divides both by 1 - beta^t, the weight that t steps from zero have collected so far, and steps by
-       w <- w - rate m' / (sqrt(v') + epsilon):
-   about `rate` per weight while the gradient keeps its sign, less where it is mostly noise. */
-
-/* Fills in the defaults of a desc and checks its ranges. */
-static itn_result itn__adam_desc(const itn_adam_desc *given, itn_adam_desc *desc,
-                                 itn_error *error) {
-    memset(desc, 0, sizeof *desc);
-    if (given) *desc = *given;
-    if (desc->learning_rate == 0) desc->learning_rate = 1e-4;
-    if (desc->beta1 == 0) desc->beta1 = .9;
-    if (desc->beta2 == 0) desc->beta2 = .999;
-    if (desc->epsilon == 0) desc->epsilon = 1e-8;
-    if (!(desc->learning_rate > 0 && desc->learning_rate <= 1))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_adam_desc: learning_rate is %g, must be in (0,1]",
-                         desc->learning_rate);
-    if (!(desc->beta1 > 0 && desc->beta1 < 1 && desc->beta2 > 0 && desc->beta2 < 1))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_adam_desc: beta1 is %g and beta2 %g, must be in (0,1)", desc->beta1,
-                         desc->beta2);
-    if (!(desc->epsilon > 0 && desc->epsilon <= 1))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_adam_desc: epsilon is %g, must be in (0,1]", desc->epsilon);
-    return ITN_OK;
-}
-
-/* Step number `step` (1 is the first) of algorithm 1. All arrays: [count]. */
-static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, const float *gradient,
-                      float *m, float *v, float *weights) {
-    float beta1 = (float)desc->beta1, beta2 = (float)desc->beta2, epsilon = (float)desc->epsilon;
-    float rate = (float)(desc->learning_rate / (1 - pow(desc->beta1, (double)step)));
-    float v_scale = (float)(1 / (1 - pow(desc->beta2, (double)step)));
-    float new1 = (float)(1 - desc->beta1), new2 = (float)(1 - desc->beta2);
-    size_t k;
-    for (k = 0; k < count; k++) {
-        m[k] = beta1 * m[k] + new1 * gradient[k];
-        v[k] = beta2 * v[k] + new2 * (gradient[k] * gradient[k]);
-        weights[k] -= rate * m[k] / (sqrtf(v[k] * v_scale) + epsilon);
-    }
 }
 
 /* ---- [net] the assembled network ------------------------------------------------------------- */
@@ -4792,9 +4924,9 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
    J and T are random, and samples common to both would bias every product, so each iteration makes
    two independent renders a, b and only multiplies across:
        b = 1/2 sum w (J_a r_b + J_b r_a),     A = 1/2 sum w (J_a J_b^T + J_b J_a^T),
-   unbiased both. D, the diagonal of sum w J J^T with J = (J_a + J_b)/2, has the noise of J on top,
-   which makes steps shorter where they would be mostly noise. The weights' variances are averaged
-   over 5 x 5 pixels, or else pixels that came out dark by chance would count too much.
+   unbiased both. For the same reason the weights come from the variances of the iteration before,
+   averaged over 5 x 5 pixels: a pixel's own would favour those that came out dark by chance. D, the diagonal of sum w J J^T with J = (J_a + J_b)/2, has the noise of J on top,
+   which makes steps shorter where they would be mostly noise.
 
    At the solution the estimate's covariance is A^-1 N A^-1, N = covariance of b: A itself, the
    Fisher information (residuals have variance 1/w), plus w times the variance of J times residual
@@ -4812,6 +4944,8 @@ typedef struct itn__refiner {
     uint64_t renders;
     float *theta;        /* [parameter_count] */
     float *weights;      /* [pixels] */
+    float *variance;     /* [pixels] of one sample, see itn__keep_variance */
+    float *target_variance; /* [pixels] blurred */
     double *numbers;     /* one block for the arrays below */
     double *coordinates; /* [count] */
     double *slopes;      /* [count] d value / d coordinate */
@@ -4883,29 +5017,45 @@ static double itn__blurred(const float *plane, int width, int height, int x, int
     return sum / n;
 }
 
-/* Weights of all pixels from two renders; their mean has a quarter of their summed variances. A
-   floor, a thousandth of the mean variance, bounds the weight of pixels without noise. */
-static void itn__refine_weights(itn__refiner *refiner, const itn_image *a, const itn_image *b) {
-    int width = a->width, height = a->height, x, y;
-    size_t plane = (size_t)width * (size_t)height, i = 0, c;
+/* Replaces each value of [channels][height][width] by its local mean. */
+static void itn__blur(const float *from, float *to, int width, int height, size_t pixels) {
+    size_t plane = (size_t)width * (size_t)height, first;
+    int x, y;
+    for (first = 0; first < pixels; first += plane)
+        for (y = 0; y < height; y++)
+            for (x = 0; x < width; x++)
+                to[first + (size_t)y * (size_t)width + (size_t)x] =
+                    (float)itn__blurred(from + first, width, height, x, y);
+}
+
+/* Weights for renders of spp samples from the variances of the last evaluation, one sample's each.
+   A floor, a thousandth of the mean variance, bounds the weight of pixels without noise. */
+static void itn__refine_weights(itn__refiner *refiner, int spp) {
     double mean = 0, square = 0, least;
-    const float *target_variance = refiner->options.target_variance;
+    size_t i;
     for (i = 0; i < refiner->pixels; i++) {
-        float *variance = &a->pixels[refiner->pixels + i];
-        *variance = .25f * (*variance + b->pixels[refiner->pixels + i]);
-        mean += *variance + (target_variance ? target_variance[i] : 0);
-        square += itn__square(refiner->target[i]);
+        refiner->weights[i] = refiner->variance[i] / (2 * (float)spp) + refiner->target_variance[i];
+        mean += refiner->weights[i], square += itn__square(refiner->target[i]);
     }
     least = (1e-3 * mean + 1e-12 * square) / (double)refiner->pixels;
     if (!(least > 0)) least = 1; /* a black picture of a black scene */
-    for (c = 0, i = 0; c < refiner->pixels / plane; c++)
-        for (y = 0; y < height; y++)
-            for (x = 0; x < width; x++, i++) {
-                double variance = itn__blurred(a->pixels + refiner->pixels + c * plane, width,
-                                               height, x, y);
-                if (target_variance) variance += target_variance[i];
-                refiner->weights[i] = (float)(1 / (variance + least));
-            }
+    for (i = 0; i < refiner->pixels; i++)
+        refiner->weights[i] = (float)(1 / (refiner->weights[i] + least));
+}
+
+/* Makes a's variance planes those of the mean of both renders. */
+static void itn__pool_variance(const itn__refiner *refiner, itn_image *a, const itn_image *b) {
+    size_t i;
+    for (i = refiner->pixels; i < 2 * refiner->pixels; i++)
+        a->pixels[i] = .25f * (a->pixels[i] + b->pixels[i]);
+}
+
+/* Keeps the pooled variance of two renders of spp samples, blurred, as that of one sample. */
+static void itn__keep_variance(itn__refiner *refiner, const itn_image *a, int spp) {
+    size_t i;
+    itn__blur(a->pixels + refiner->pixels, refiner->variance, a->width, a->height,
+              refiner->pixels);
+    for (i = 0; i < refiner->pixels; i++) refiner->variance[i] *= 2 * (float)spp;
 }
 
 /* Adds pixel i to the normal equations. */
@@ -4916,8 +5066,7 @@ static void itn__refine_pixel(itn__refiner *refiner, const itn_image *a, const i
     double ra = (double)refiner->target[i] - a->pixels[i];
     double rb = (double)refiner->target[i] - b->pixels[i];
     double render_variance = a->pixels[refiner->pixels + i];
-    double target_variance = refiner->options.target_variance
-                                 ? refiner->options.target_variance[i] : 0;
+    double target_variance = refiner->target_variance[i];
     for (k = 0; k < n; k++) {
         size_t plane = (size_t)(2 + 2 * k) * refiner->pixels + i;
         double s = refiner->slopes[k], ja = s * a->pixels[plane], jb = s * b->pixels[plane];
@@ -4974,10 +5123,13 @@ static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error
         result = itn_render(refiner->scene, refiner->theta, &options, refiner->parameters, n, &b,
                             error);
     if (!result) {
-        itn__refine_weights(refiner, &a, &b);
+        itn__pool_variance(refiner, &a, &b);
+        if (refiner->renders == 1) itn__keep_variance(refiner, &a, spp);
+        itn__refine_weights(refiner, spp);
         memset(refiner->matrix, 0, (size_t)(n * n + 4 * n) * sizeof(double)); /* up to spread */
         for (i = 0; i < refiner->pixels; i++) itn__refine_pixel(refiner, &a, &b, i);
         itn__refine_misfit(refiner, &a, &b);
+        itn__keep_variance(refiner, &a, spp);
     }
     itn_image_free(&b);
     itn_image_free(&a);
@@ -4991,7 +5143,8 @@ static double itn__refine_factor(itn__refiner *refiner, double mu) {
     for (;; mu = mu > 0 ? 4 * mu : 1e-3) {
         memcpy(refiner->factor, refiner->matrix, (size_t)(n * n) * sizeof(double));
         for (k = 0; k < n; k++)
-            refiner->factor[k * n + k] += mu * refiner->diagonal[k] + 1. / 64;
+            refiner->factor[k * n + k] += mu * (refiner->diagonal[k] + sqrt(refiner->spread[k])) +
+                                          1. / 64;
         if (itn__cholesky(refiner->factor, n)) return mu;
     }
 }
@@ -5007,10 +5160,10 @@ static void itn__refine_solve(itn__refiner *refiner, double mu) {
     for (k = 0; k < n && longest > 2; k++) refiner->step[k] *= 2 / longest;
 }
 
-/* Covariance A^-1 N A^-1 of the coordinates, column by column. */
-static void itn__refine_covariance(itn__refiner *refiner) {
+/* Covariance A^-1 N A^-1 of the coordinates, column by column, times `scale`. */
+static void itn__refine_covariance(itn__refiner *refiner, double scale) {
     int n = refiner->count, i, j, k;
-    double *inverse = refiner->covariance, scale = fmax(refiner->chi2, 1);
+    double *inverse = refiner->covariance;
     itn__refine_factor(refiner, 0);
     for (j = 0; j < n; j++) {
         for (i = 0; i < n; i++) inverse[j * n + i] = i == j;
@@ -5048,7 +5201,7 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
          iteration++) {
         double loss = refiner->loss, loss_error = refiner->loss_error;
         small = mu < .1;
-        itn__refine_covariance(refiner);
+        itn__refine_covariance(refiner, 1); /* far from the solution the misfit is no noise */
         itn__refine_solve(refiner, mu);
         for (k = 0; k < n; k++) {
             small &= fabs(refiner->step[k]) < sqrt(refiner->covariance[k * n + k]);
@@ -5105,7 +5258,7 @@ static itn_result itn__refine_finish(itn__refiner *refiner, itn_estimate *estima
     int n = refiner->count, k;
     itn_result result = itn__refine_evaluate(refiner, 4 * refiner->options.spp, error);
     if (result) return result;
-    itn__refine_covariance(refiner);
+    itn__refine_covariance(refiner, fmax(refiner->chi2, 1));
     if (refiner->options.method == ITN_METHOD_LM) {
         itn__refine_solve(refiner, 0);
         for (k = 0; k < n; k++) refiner->step[k] += refiner->coordinates[k];
@@ -5142,12 +5295,17 @@ static itn_result itn__refine_begin(itn__refiner *refiner, const float *theta, i
                              refiner->parameters[k]);
     refiner->theta = (float *)itn__allocate(&scene->context, (size_t)scene->parameter_count,
                                             sizeof(float));
-    refiner->weights = (float *)itn__allocate(&scene->context, refiner->pixels, sizeof(float));
+    refiner->weights = (float *)itn__allocate(&scene->context, refiner->pixels, 3 * sizeof(float));
     refiner->numbers = (double *)itn__allocate(&scene->context, 8 * n + 3 * n * n, sizeof(double));
     refiner->moments[0] = (float *)itn__allocate(&scene->context, 2 * n, sizeof(float));
     if (!refiner->theta || !refiner->weights || !refiner->numbers || !refiner->moments[0])
         return itn__out_of_memory(error, "itn_refine");
     refiner->moments[1] = refiner->moments[0] + n;
+    refiner->variance = refiner->weights + refiner->pixels;
+    refiner->target_variance = refiner->variance + refiner->pixels;
+    if (refiner->options.target_variance)
+        itn__blur(refiner->options.target_variance, refiner->target_variance, scene->film.width,
+                  scene->film.height, refiner->pixels);
     next = refiner->numbers;
     refiner->coordinates = next, next += n;
     refiner->slopes = next, next += n;
@@ -5205,7 +5363,7 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
     return result;
 }
 
-/* ---- [files] bytes in, bytes out --------------------------------------------------------------- */
+/* ---- [files] bytes in, bytes out ------------------------------------------------------------- */
 
 /* A file is read whole into memory and then parsed from there, so that every parser can be tested
    with bytes alone, and it is composed whole in memory before the first byte is written.
@@ -5536,7 +5694,7 @@ static itn_result itn__write_buffer(const char *path, itn__buffer *buffer, itn_e
 
 #endif /* ITN_NO_STDIO */
 
-/* ---- [inflate] decompression (RFC 1950, RFC 1951) ---------------------------------------------- */
+/* ---- [inflate] decompression (RFC 1950, RFC 1951) -------------------------------------------- */
 
 /* A deflate stream is blocks, each stored, or coded with fixed or with transmitted Huffman codes.
    Coded blocks hold literal bytes (symbols 0-255), the end (256) and copies: a length symbol
@@ -5792,7 +5950,7 @@ static const char *itn__zlib_decode(const unsigned char *data, size_t size, unsi
     return sum == itn__adler32(bytes, capacity) ? NULL : "checksum is wrong";
 }
 
-/* ---- [exr] OpenEXR images ---------------------------------------------------------------------- */
+/* ---- [exr] OpenEXR images -------------------------------------------------------------------- */
 
 /* An EXR file of one part of scan lines (OpenEXR's "File Layout" document): magic number, version
    and flags, attributes (name, type, size, value) up to an empty name, a table of the blocks'
@@ -5842,7 +6000,7 @@ static const char *itn__exr_text(itn__exr *exr, size_t end) {
     return text;
 }
 
-/* Reads the channel list: for each channel a name, then type, 4 bytes of hints, x and y sampling. */
+/* Reads the channel list: for each a name, then its type, 4 bytes of hints, x and y sampling. */
 static itn_result itn__exr_channel_list(itn__exr *exr, size_t end, itn_error *error) {
     int i, count = 0;
     for (;;) {
@@ -5945,7 +6103,8 @@ static itn_result itn__exr_plausible(itn__exr *exr, itn_error *error) {
         exr->row_bytes += exr->types[i] == ITN__EXR_HALF ? 2 : 4;
     exr->row_bytes *= (uint64_t)(exr->x1 - exr->x0 + 1);
     if (exr->compression != ITN__EXR_NONE) most *= 1032;
-    if ((height + lines - 1) / lines > left / 8 || exr->row_bytes > most / height)
+    if ((height + lines - 1) / lines > left / 8 || exr->row_bytes > most / height ||
+        exr->row_bytes > SIZE_MAX / 64)
         return itn__exr_damaged(exr, "ends early: its data window is larger than its data", error);
     return ITN_OK;
 }
@@ -6201,7 +6360,7 @@ ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
 
 #endif /* ITN_NO_STDIO */
 
-/* ---- [pfm] portable float maps ----------------------------------------------------------------- */
+/* ---- [pfm] portable float maps --------------------------------------------------------------- */
 
 /* "PF" (three channels) or "Pf" (one), width, height and scale as text, one white space character,
    then floats, the lowest row first; a negative scale says little-endian (P. Debevec). */
@@ -6294,7 +6453,9 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
                                       const char *path, itn_error *error) {
     itn__buffer buffer;
     char header[64];
-    int row, x, k;
+    size_t width = image ? (size_t)image->width : 0, height = image ? (size_t)image->height : 0;
+    size_t row, x;
+    int k;
     itn_result result = itn__check_image(image, first_plane, plane_count, &buffer, error);
     if (result) return result;
     if (plane_count != 1 && plane_count != 3)
@@ -6303,16 +6464,14 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
     snprintf(header, sizeof header, "P%c\n%d %d\n-1.0\n", plane_count == 3 ? 'F' : 'f',
              image->width, image->height);
     itn__put_text(&buffer, header);
-    for (row = image->height - 1; row >= 0 && !buffer.failed; row--)
-        for (x = 0; x < image->width; x++)
-            for (k = first_plane; k < first_plane + plane_count; k++) {
-                size_t plane_row = (size_t)k * (size_t)image->height + (size_t)row;
-                itn__put_float(&buffer, image->pixels[plane_row * (size_t)image->width + (size_t)x]);
-            }
+    for (row = height; row-- > 0 && !buffer.failed;)
+        for (x = 0; x < width; x++)
+            for (k = first_plane; k < first_plane + plane_count; k++)
+                itn__put_float(&buffer, image->pixels[((size_t)k * height + row) * width + x]);
     return itn__write_buffer(path, &buffer, error);
 }
 
-/* ---- [png] 8-bit pictures ---------------------------------------------------------------------- */
+/* ---- [png] 8-bit pictures -------------------------------------------------------------------- */
 
 /* A PNG file is a signature and chunks (length, type, data, CRC-32): IHDR with the size, IDAT with
    the zlib-compressed rows, each behind a byte 0 that says "not filtered", and IEND. Rendered
@@ -6441,11 +6600,15 @@ static float itn__percentile99(const float *values, size_t count, int both_signs
     return total ? value : 0;
 }
 
-/* The sRGB curve (IEC 61966-2-1) as a byte. */
-static unsigned char itn__srgb_byte(float x) {
+/* [0,1] to [0,255], what is outside cut. */
+static unsigned char itn__byte(float x) {
+    return (unsigned char)(x > 0 ? itn__min(x, 1) * 255 + .5f : 0);
+}
+
+/* The curve of sRGB (IEC 61966-2-1). */
+static float itn__srgb(float x) {
     x = itn__clamp(x, 0, 1);
-    x = x <= .0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - .055f;
-    return (unsigned char)(x * 255 + .5f);
+    return x <= .0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - .055f;
 }
 
 /* The colour of one pixel. */
@@ -6456,9 +6619,9 @@ static void itn__png_colour(const float *values, int count, itn_png_mode mode, f
         float x = values[count == 3 ? k : 0];
         if (x != x) valid = 0;
         if (mode == ITN_PNG_TONE)
-            rgb[k] = valid ? itn__srgb_byte(x * scale) : 0;
+            rgb[k] = itn__byte(itn__srgb(x * scale));
         else
-            rgb[k] = (unsigned char)(k == 1 ? 0 : itn__clamp((k ? -x : x) * scale, 0, 1) * 255 + .5f);
+            rgb[k] = itn__byte(k == 1 ? 0 : (k ? -x : x) * scale);
     }
     if (!valid) rgb[0] = rgb[2] = 255, rgb[1] = 0;
 }
@@ -6541,7 +6704,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 
 #endif /* ITN_NO_STDIO */
 
-/* ---- [obj] polygon meshes and Wavefront OBJ ---------------------------------------------------- */
+/* ---- [obj] polygon meshes and Wavefront OBJ -------------------------------------------------- */
 
 /* Both mesh formats hold polygons, which a builder cuts into triangles as they come. With the
    normal n = sum of (p_i - p_0) x (p_i+1 - p_0) over the corners (Newell), the polygon is projected
@@ -6665,7 +6828,7 @@ static int itn__is_ear(const itn__polygon *polygon, const int *ring, int n, int 
     return 1;
 }
 
-/* Cuts a polygon that is not convex. Where it has no ear (it crosses itself), any corner will do. */
+/* Cuts a polygon that is not convex. Where it has no ear (it crosses itself), any corner does. */
 static void itn__cut_ears(itn__builder *builder, const itn__polygon *polygon) {
     int ring[ITN__EAR_CORNERS], n = polygon->count, i;
     for (i = 0; i < n; i++) ring[i] = i;
@@ -6676,6 +6839,13 @@ static void itn__cut_ears(itn__builder *builder, const itn__polygon *polygon) {
         memmove(ring + i, ring + i + 1, (size_t)(n - i - 1) * sizeof *ring);
     }
     itn__add_triangle(builder, polygon, ring[0], ring[1], ring[2]);
+}
+
+static const char itn__large_concave[] = "a face that is not convex has more than 256 corners";
+
+/* The code for a fault in a mesh. */
+static itn_result itn__mesh_fault(const char *fault) {
+    return fault == itn__large_concave ? ITN_ERROR_UNSUPPORTED : ITN_ERROR_FORMAT;
 }
 
 /* Turns the corners at hand into triangles. Returns NULL, or why that cannot be done. */
@@ -6694,7 +6864,7 @@ static const char *itn__add_polygon(itn__builder *builder) {
         for (i = 1; i + 1 < polygon.count; i++)
             itn__add_triangle(builder, &polygon, 0, i, i + 1);
     } else if (polygon.count > ITN__EAR_CORNERS) {
-        return "a face that is not convex has more than 256 corners";
+        return itn__large_concave;
     } else {
         itn__cut_ears(builder, &polygon);
     }
@@ -6731,14 +6901,14 @@ static itn_result itn__builder_mesh(itn__builder *builder, const char *name,
     return ITN_OK;
 }
 
-/* OBJ is lines of a keyword and arguments: "v x y z", "vt u v", "f a/t/n ...". Indices count from 1,
-   or backwards from -1, the latest. */
+/* OBJ is lines of a keyword and arguments: "v x y z", "vt u v", "f a/t/n ...". Indices count from
+   1, or backwards from -1, the latest. */
 
 static itn_result itn__obj_numbers(itn__text *text, int least, float *numbers, const char *what,
                                    itn_error *error) {
     int i;
     for (i = 0; i < least || !itn__line_done(text); i++) {
-        float number;
+        float number = 0;
         itn_result result = itn__text_float(text, what, &number, error);
         if (result) return result;
         if (i < 3) numbers[i] = number; /* weights and colours are let go */
@@ -6797,9 +6967,8 @@ static itn_result itn__obj_face(itn__text *text, itn__builder *builder, size_t n
     }
     fault = itn__add_polygon(builder);
     if (!fault) return ITN_OK;
-    return itn__fail(error,
-                     itn__corner_count(builder) > 3 ? ITN_ERROR_UNSUPPORTED : ITN_ERROR_FORMAT,
-                     text->line, "%s:%d: %s", text->name, text->line, fault);
+    return itn__fail(error, itn__mesh_fault(fault), text->line, "%s:%d: %s", text->name,
+                     text->line, fault);
 }
 
 static itn_result itn__obj_decode(const void *bytes, size_t size, const char *name,
@@ -6826,7 +6995,7 @@ static itn_result itn__obj_decode(const void *bytes, size_t size, const char *na
     return result;
 }
 
-/* ---- [ply] polygon file format ----------------------------------------------------------------- */
+/* ---- [ply] polygon file format --------------------------------------------------------------- */
 
 /* A PLY file (G. Turk 1994) is a header of text lines that declares elements (how many of them) and
    their properties (a scalar type, or a list: a count and that many scalars), and then the elements
@@ -6995,7 +7164,6 @@ static const char *itn__ply_header_line(itn__ply *ply) {
 /* Whether vertices have positions, faces have corners, and vertices come first. */
 static const char *itn__ply_header_complete(const itn__ply *ply) {
     int i, vertices = 0, faces = 0;
-    if (!ply->format) return "header has no format";
     for (i = 0; i < ply->element_count; i++) {
         const itn__ply_element *element = ply->elements + i;
         const int *has = element->has;
@@ -7019,6 +7187,7 @@ static itn_result itn__ply_header(itn__ply *ply, itn_error *error) {
         if (fault) break;
     }
     if (!fault && text->end - text->at < newline) fault = "header has no end";
+    if (!fault && !ply->format) fault = "header has no format";
     if (fault) return itn__ply_fail(ply, ITN_ERROR_FORMAT, fault, error);
     fault = itn__ply_header_complete(ply);
     if (fault) return itn__ply_fail(ply, ITN_ERROR_UNSUPPORTED, fault, error);
@@ -7177,7 +7346,7 @@ static itn_result itn__ply_read_element(itn__ply *ply, itn_error *error) {
         return itn__ply_fail(ply, ITN_ERROR_FORMAT, "count is larger than the file", error);
     for (ply->index = 0; ply->index < element->count; ply->index++) {
         fault = itn__ply_entry(ply);
-        if (fault) return itn__ply_fail(ply, ITN_ERROR_FORMAT, fault, error);
+        if (fault) return itn__ply_fail(ply, itn__mesh_fault(fault), fault, error);
     }
     return ITN_OK;
 }
@@ -7280,7 +7449,8 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
              mesh->vertex_count, mesh->triangle_count,
              mesh->uvs ? "property list uchar float texcoord\n" : "");
     itn__put_text(&buffer, header);
-    for (i = 0; i < 3 * (size_t)mesh->vertex_count; i++) itn__put_float(&buffer, mesh->positions[i]);
+    for (i = 0; i < 3 * (size_t)mesh->vertex_count; i++)
+        itn__put_float(&buffer, mesh->positions[i]);
     for (i = 0; i < (size_t)mesh->triangle_count; i++) {
         itn__put_u8(&buffer, 3);
         for (k = 0; k < 3; k++) itn__put_u32(&buffer, (uint32_t)mesh->triangles[3 * i + k]);

@@ -1,0 +1,314 @@
+/* Recovers the parameters of a translucent object from one image of it: the main job.
+
+   You learn: how to hand an image to itn_refine, what comes back (values with error bars, and word
+   of those that the image does not determine), and how to look at it.
+
+   Compile: cc -O3 -march=native invert.c -o invert -lm -lpthread
+   Run:     ./invert ../scenes/default.itn -o out
+   Without --target and --hidden the values in the scene file are the hidden ones: an image is made
+   with them, and the search starts from a neutral guess (thickness 10, albedo .7, g .3).
+   Otherwise it starts from the values in the scene file. Prints a row per iteration and at the end a
+   line per parameter,
+            milk.sigma_t 31.2 +- 0.4 hidden 31
+   and fails if a hidden value lies more than four standard errors away. Pictures go to the folder
+   after -o, or beside the scene: target, estimate, difference, derivatives (red up, blue down). */
+#define _POSIX_C_SOURCE 200809L
+#define ITN_THREADS
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+
+#include <sys/stat.h>
+
+enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024 };
+static const char *const usage =
+    "usage: invert SCENE [--target IMAGE.exr | --hidden name=value,...] [--params name,...]\n"
+    "       [--method lm|adam] [--iterations N] [--spp N] [--seed N] [-t THREADS] [-o DIR]\n";
+
+/* What the progress callback collects for the chart. */
+typedef struct history {
+    const itn_scene *scene;
+    const int *parameters;
+    int count, rows;
+    double loss[MOST_ROWS];
+    float values[MOST_ROWS][MOST_PARAMETERS];
+} history;
+
+static void fail(const char *what, const char *why) {
+    fprintf(stderr, "invert: %s%s%s\n", what, *why ? ": " : "", why);
+    exit(1);
+}
+
+static int whole(const char *option, const char *text) {
+    char *end;
+    long value = strtol(text, &end, 10);
+    if (end == text || *end || value < 0 || value > 2147483647) fail(option, "needs a whole number");
+    return (int)value;
+}
+
+static int show_step(void *user, const itn_refine_step *step) {
+    history *h = (history *)user;
+    int k, row = h->rows < MOST_ROWS ? h->rows++ : MOST_ROWS - 1;
+    printf("%3d  loss %.4e +- %.1e ", step->iteration, step->loss, step->loss_error);
+    h->loss[row] = step->loss;
+    for (k = 0; k < h->count; k++) {
+        h->values[row][k] = step->theta[h->parameters[k]];
+        printf("  %s %.5g", itn_parameter_get(h->scene, h->parameters[k])->name,
+               (double)h->values[row][k]);
+    }
+    printf("\n");
+    fflush(stdout);
+    return 0;
+}
+
+/* Reads "name,name" or "name=value,name=value": indices, and values into theta if it is given. */
+static int read_list(const itn_scene *scene, const char *text, int *parameters, float *theta) {
+    int count = 0;
+    while (*text) {
+        char name[ITN_NAME_SIZE] = "", *end;
+        size_t length = strcspn(text, "=,");
+        if (length < sizeof name) memcpy(name, text, length);
+        if (count == MOST_PARAMETERS || (parameters[count] = itn_parameter_find(scene, name)) < 0)
+            fail("the scene has no such parameter", text);
+        text += length;
+        if (theta) {
+            if (*text != '=') fail("name=value expected", text);
+            theta[parameters[count]] = strtof(text + 1, &end);
+            if (end == text + 1) fail("not a number", text);
+            text = end;
+        }
+        if (*text && *text != ',') fail("a list is separated by commas", text);
+        text += *text == ',';
+        count++;
+    }
+    return count;
+}
+
+/* Copies the light of an image, and its variance if it has that layer, in the scene's channels: of
+   a coloured image a monochrome scene takes the luminance. */
+static void read_target(const itn_image *image, itn_film_desc film, float **light,
+                        float **variance) {
+    static const char *const names[2][4] = {{"R", "G", "B", "Y"},
+                                            {"Variance.R", "Variance.G", "Variance.B", "Variance.Y"}};
+    static const float luminance[3] = {.2126f, .7152f, .0722f};
+    size_t i, plane = (size_t)film.width * (size_t)film.height;
+    float **out[2];
+    int v, c;
+    out[0] = light, out[1] = variance;
+    if (image->width != film.width || image->height != film.height)
+        fail("the target's size is not that of the scene's film", "");
+    for (v = 0; v < 2; v++) {
+        const float *grey = itn_image_plane(image, names[v][3]), *colour[3];
+        for (c = 0; c < 3; c++) colour[c] = itn_image_plane(image, names[v][c]);
+        *out[v] = NULL;
+        if ((film.channels == 3 || !grey) && !(colour[0] && colour[1] && colour[2])) {
+            if (!v) fail("the target has not the channels that the scene's film has", "");
+            return;
+        }
+        *out[v] = (float *)calloc(plane * (size_t)film.channels, sizeof(float));
+        if (!*out[v]) fail("out of memory", "");
+        for (c = 0; c < film.channels; c++)
+            for (i = 0; i < plane; i++) {
+                const float *w = luminance;
+                float sum = film.channels == 3 ? colour[c][i] : grey ? grey[i] : 0;
+                if (film.channels == 1 && !grey) /* the variance of a weighted sum: weights squared */
+                    sum = (v ? w[0] * w[0] : w[0]) * colour[0][i] +
+                          (v ? w[1] * w[1] : w[1]) * colour[1][i] +
+                          (v ? w[2] * w[2] : w[2]) * colour[2][i];
+                (*out[v])[(size_t)c * plane + i] = sum;
+            }
+    }
+}
+
+/* The parameters of the first medium; neutral guesses for them go to theta unless it is NULL. */
+static int medium_parameters(const itn_scene *scene, int *parameters, float *theta) {
+    static const char *const fields[] = {".sigma_t", ".albedo", ".albedo_r", ".albedo_g",
+                                         ".albedo_b", ".g"};
+    static const float guess[] = {10, .7f, .7f, .7f, .7f, .3f};
+    int i, k, count = 0;
+    for (i = 0; i < itn_parameter_count(scene); i++) {
+        const itn_parameter *p = itn_parameter_get(scene, i);
+        const char *dot = strchr(p->name, '.');
+        for (k = 0; k < 6; k++) {
+            char medium[ITN_NAME_SIZE] = "";
+            double thickness;
+            if (strcmp(dot, fields[k])) continue;
+            if (count == MOST_PARAMETERS) return count;
+            parameters[count++] = i;
+            memcpy(medium, p->name, (size_t)(dot - p->name));
+            thickness = itn_scene_thickness(scene, NULL, medium);
+            if (theta) theta[i] = k ? guess[k] : thickness > 0 ? (float)(10 * p->value / thickness) : 1;
+        }
+    }
+    return count;
+}
+
+static void save_picture(const itn_image *image, int plane, int channels, itn_png_mode mode,
+                         float scale, const char *stem, const char *name) {
+    char path[1200];
+    itn_error error;
+    snprintf(path, sizeof path, "%s_%s.png", stem, name);
+    if (itn_image_save_png(image, plane, channels, mode, scale, path, &error)) fail(error.message, "");
+}
+
+/* One curve per parameter (value over final value) and one for the loss, against iterations. */
+static void save_chart(const history *h, const float *theta, const char *stem) {
+    static const char *const colours[] = {"#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e",
+                                          "#8c564b"};
+    double x = h->rows > 1 ? 520. / (h->rows - 1) : 0, largest = 0, smallest = 1e300, span;
+    char path[1200];
+    FILE *file;
+    int i, k;
+    snprintf(path, sizeof path, "%s_convergence.svg", stem);
+    file = fopen(path, "w");
+    if (!file) fail(path, "cannot be written");
+    for (i = 0; i < h->rows; i++) {
+        double loss = fabs(h->loss[i]);
+        if (loss > largest) largest = loss;
+        if (loss > 0 && loss < smallest) smallest = loss;
+    }
+    span = largest > smallest ? log(largest / smallest) : 1;
+    fprintf(file, "<svg xmlns='http://www.w3.org/2000/svg' width='720' height='460' "
+            "font-family='sans-serif' font-size='13'><rect width='720' height='460' fill='white'/>"
+            "<text x='60' y='20'>loss (log scale, %.1e to %.1e)</text>"
+            "<text x='60' y='240'>parameter / estimate (0 to 2)</text>"
+            "<path d='M60 30V210H580M60 250V430H580M60 340H580' stroke='#aaa' fill='none'/>"
+            "<text x='300' y='450'>iteration (0 to %d)</text>", smallest, largest, h->rows - 1);
+    for (k = -1; k < h->count; k++) {
+        const char *name = k < 0 ? "loss" : itn_parameter_get(h->scene, h->parameters[k])->name;
+        fprintf(file, "<polyline fill='none' stroke-width='2' stroke='%s' points='",
+                k < 0 ? "black" : colours[k % 6]);
+        for (i = 0; i < h->rows; i++) {
+            double loss = fmax(fabs(h->loss[i]), smallest);
+            double y = k < 0 ? 30 + 180 * log(largest / loss) / span
+                             : 430 - 90 * fmin(fmax(h->values[i][k] / theta[h->parameters[k]], 0), 2);
+            fprintf(file, "%.1f,%.1f ", 60 + x * i, y);
+        }
+        fprintf(file, "'/><text x='590' y='%d' fill='%s'>%s</text>", k < 0 ? 45 : 265 + 18 * k,
+                k < 0 ? "black" : colours[k % 6], name);
+    }
+    fprintf(file, "</svg>\n");
+    if (fclose(file)) fail(path, "cannot be written");
+}
+
+/* Renders image and derivatives at the estimate and saves all pictures. */
+static void save_pictures(const itn_scene *scene, const float *theta, const float *target,
+                          const history *h, itn_render_options options, const char *stem) {
+    int channels = itn_scene_film(scene).channels, k;
+    size_t i, pixels;
+    char path[1200];
+    itn_image image;
+    itn_error error;
+    options.spp *= 4;
+    if (itn_render(scene, theta, &options, h->parameters, h->count, &image, &error))
+        fail(error.message, "");
+    pixels = (size_t)image.width * (size_t)image.height * (size_t)channels;
+    save_picture(&image, 0, channels, ITN_PNG_TONE, 0, stem, "estimate");
+    for (k = 0; k < h->count; k++) {
+        char *name = image.names[2 * (k + 1) * channels];
+        char layer[ITN_NAME_SIZE];
+        snprintf(layer, sizeof layer, "%.*s", (int)strcspn(name, "."), name);
+        save_picture(&image, 2 * (k + 1) * channels, channels, ITN_PNG_SIGNED, 0, stem, layer);
+    }
+    snprintf(path, sizeof path, "%s_estimate.exr", stem);
+    if (itn_image_save_exr(&image, path, &error)) fail(error.message, "");
+    for (i = 0; i < pixels; i++) {
+        float difference = target[i] - image.pixels[i];
+        image.pixels[i] = target[i], image.pixels[pixels + i] = difference;
+    }
+    save_picture(&image, 0, channels, ITN_PNG_TONE, 0, stem, "target");
+    save_picture(&image, channels, channels, ITN_PNG_SIGNED, 0, stem, "difference");
+    itn_image_free(&image);
+}
+
+/* Prints the table. Returns how many hidden values lie beyond four standard errors. */
+static int print_estimates(const history *h, const itn_estimate *estimates, const float *hidden) {
+    int k, missed = 0;
+    for (k = 0; k < h->count; k++) {
+        const itn_estimate *e = &estimates[k];
+        const char *name = itn_parameter_get(h->scene, h->parameters[k])->name;
+        printf("%s %.5g +- %.2g", name, e->value, e->standard_error);
+        if (hidden) printf(" hidden %.5g", (double)hidden[h->parameters[k]]);
+        printf("\n");
+        if (!e->determined)
+            printf("warning: this image hardly determines %s; do not rely on its value\n", name);
+        else if (hidden)
+            missed += !(fabs(e->value - (double)hidden[h->parameters[k]]) <= 4 * e->standard_error);
+    }
+    return missed;
+}
+
+int main(int argc, char **argv) {
+    const char *path = NULL, *target_path = NULL, *hidden_list = NULL, *names = NULL, *dir = NULL;
+    const char *base, *ending;
+    int parameters[MOST_PARAMETERS], i, missed;
+    itn_context context = ITN_ZERO;
+    itn_refine_options refine = ITN_ZERO;
+    itn_render_options render = ITN_ZERO;
+    itn_estimate estimates[MOST_PARAMETERS];
+    itn_scene *scene;
+    itn_image target;
+    itn_error error;
+    static history h;
+    char stem[1024];
+    float *theta, *hidden, *light, *variance;
+    refine.spp = 64;
+    for (i = 1; i < argc; i++) {
+        const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
+        if (!strcmp(option, "--help")) return printf("%s", usage) < 0;
+        if (option[0] != '-') { path = option; continue; }
+        if (!value) fail(option, "unknown option, or its value is missing");
+        i++;
+        if (!strcmp(option, "--target")) target_path = value;
+        else if (!strcmp(option, "--hidden")) hidden_list = value;
+        else if (!strcmp(option, "--params")) names = value;
+        else if (!strcmp(option, "-o")) dir = value;
+        else if (!strcmp(option, "--iterations")) refine.iterations = whole(option, value);
+        else if (!strcmp(option, "--spp")) refine.spp = whole(option, value);
+        else if (!strcmp(option, "--seed")) refine.seed = (uint64_t)whole(option, value);
+        else if (!strcmp(option, "-t")) context.threads = whole(option, value);
+        else if (!strcmp(option, "--method") && !strcmp(value, "lm")) refine.method = ITN_METHOD_LM;
+        else if (!strcmp(option, "--method") && !strcmp(value, "adam"))
+            refine.method = ITN_METHOD_ADAM;
+        else fail(option, "unknown option or value");
+    }
+    if (!path || (target_path && hidden_list)) return fprintf(stderr, "%s", usage), 1;
+    if (itn_scene_load(path, &context, &scene, &error)) fail(error.message, "");
+    theta = (float *)calloc(2 * (size_t)itn_parameter_count(scene) + 2, sizeof *theta);
+    if (!theta) fail("out of memory", "");
+    hidden = theta + itn_parameter_count(scene);
+    itn_parameter_values(scene, theta);
+    itn_parameter_values(scene, hidden);
+    if (hidden_list) h.count = read_list(scene, hidden_list, parameters, hidden);
+    else h.count = medium_parameters(scene, parameters, target_path ? NULL : theta);
+    if (names) h.count = read_list(scene, names, parameters, NULL);
+    if (h.count < 1) fail("nothing to recover: name parameters with --params", "");
+
+    /* the target: from a file, or rendered with the hidden values and other random numbers */
+    render.spp = 4 * refine.spp, render.seed = refine.seed + 1000003;
+    if (target_path ? itn_image_load(target_path, &context, &target, &error)
+                    : itn_render(scene, hidden, &render, NULL, 0, &target, &error))
+        fail(error.message, "");
+    read_target(&target, itn_scene_film(scene), &light, &variance);
+    refine.target_variance = variance;
+    refine.progress = show_step, refine.progress_user = &h;
+    h.scene = scene, h.parameters = parameters;
+    if (itn_refine(scene, theta, light, parameters, h.count, &refine, estimates, &error))
+        fail(error.message, "");
+    missed = print_estimates(&h, estimates, target_path ? NULL : hidden);
+
+    base = strrchr(path, '/') && dir ? strrchr(path, '/') + 1 : path;
+    ending = strrchr(base, '.') ? strrchr(base, '.') : base + strlen(base);
+    snprintf(stem, sizeof stem, "%s%s%.*s", dir ? dir : "", dir ? "/" : "", (int)(ending - base),
+             base);
+    if (dir) mkdir(dir, 0777); /* may be there already */
+    render.spp = refine.spp;
+    save_pictures(scene, theta, light, &h, render, stem);
+    save_chart(&h, theta, stem);
+    printf("pictures: %s_*.png, %s_estimate.exr, %s_convergence.svg\n", stem, stem, stem);
+    itn_image_free(&target);
+    itn_scene_free(scene);
+    free(variance);
+    free(light);
+    free(theta);
+    return missed != 0;
+}

@@ -1,0 +1,64 @@
+/* The tests' vocabulary: CHECK counts and reports, statistics are compared in standard errors. */
+#ifndef CHECK_H
+#define CHECK_H
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static int check_passed, check_failed;
+static int check_quiet; /* 1 while a planted error is on trial: failures are wanted */
+
+/* Counts one check; prints it when it fails. Returns whether it holds. */
+static int check_report(int holds, const char *file, int line, const char *format, ...) {
+    if (holds) {
+        check_passed++;
+    } else {
+        check_failed++;
+        if (!check_quiet) {
+            va_list arguments;
+            va_start(arguments, format);
+            printf("FAILED %s:%d: ", file, line);
+            vprintf(format, arguments);
+            printf("\n");
+            va_end(arguments);
+        }
+    }
+    return holds;
+}
+
+#define CHECK(condition) check_report(!!(condition), __FILE__, __LINE__, "%s", #condition)
+/* |value - expected| <= tolerance; NaN fails. */
+#define CHECK_NEAR(value, expected, tolerance)                                                     \
+    check_report(fabs((double)(value) - (double)(expected)) <= (double)(tolerance), __FILE__,      \
+                 __LINE__, "%s = %.9g, expected %.9g +- %.3g", #value, (double)(value),            \
+                 (double)(expected), (double)(tolerance))
+/* A Monte Carlo mean against an exact value: within `sigmas` standard errors, and the standard
+   error itself at most `largest` (so that a blunt measurement cannot pass). */
+#define CHECK_MEAN(value, error, expected, sigmas, largest)                                        \
+    check_report(fabs((double)(value) - (double)(expected)) <= (sigmas) * (double)(error) &&       \
+                     (double)(error) <= (double)(largest),                                         \
+                 __FILE__, __LINE__, "%s = %.8g +- %.2g (at most %.2g), expected %.8g: %.1f sigma", \
+                 #value, (double)(value), (double)(error), (double)(largest), (double)(expected),  \
+                 ((double)(value) - (double)(expected)) / (double)(error))
+
+/* Runs a test function with a planted error; passes when at least one of its checks fails. */
+#define CHECK_CATCHES(call)                                                                        \
+    do {                                                                                           \
+        int passed_before = check_passed, failed_before = check_failed, caught;                    \
+        check_quiet = 1;                                                                           \
+        call;                                                                                      \
+        check_quiet = 0;                                                                           \
+        caught = check_failed > failed_before;                                                     \
+        check_passed = passed_before;                                                              \
+        check_failed = failed_before;                                                              \
+        check_report(caught, __FILE__, __LINE__, "planted error not caught: %s", #call);           \
+    } while (0)
+
+/* Ends a suite: prints its count, returns the exit status. */
+static int check_end(const char *suite) {
+    printf("%s: %d passed, %d failed\n", suite, check_passed, check_failed);
+    return check_failed != 0;
+}
+#endif

@@ -1,0 +1,1238 @@
+/* Files: numbers, inflate, EXR, PFM, PNG, OBJ and PLY. Round trips are exact to the bit; damaged
+   bytes of every kind, failing memory and failing disks give errors and nothing else. */
+#define _XOPEN_SOURCE 700 /* mkdtemp, symlink */
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+#include "check.h"
+#include <unistd.h>
+
+static char directory[64];
+
+static const char *in_directory(const char *name) {
+    static char path[2][160];
+    static int turn;
+    turn = !turn;
+    snprintf(path[turn], sizeof path[turn], "%s/%s", directory, name);
+    return path[turn];
+}
+
+/* ---- memory that counts, and fails at a chosen call ---- */
+
+typedef struct accountant {
+    long calls, fail_at, live;
+    double largest; /* bytes asked for at once */
+} accountant;
+
+static void *count_allocate(size_t bytes, void *user) {
+    accountant *a = (accountant *)user;
+    void *block;
+    if ((double)bytes > a->largest) a->largest = (double)bytes;
+    if (++a->calls == a->fail_at) return NULL;
+    block = malloc(bytes);
+    a->live += block != NULL;
+    return block;
+}
+static void count_free(void *block, void *user) {
+    ((accountant *)user)->live--;
+    free(block);
+}
+static itn_context count_context(accountant *a) {
+    itn_context context = ITN_ZERO;
+    context.allocate = count_allocate;
+    context.deallocate = count_free;
+    context.memory_user = a;
+    return context;
+}
+
+static uint64_t random_state = 1;
+static uint32_t random_bits(void) {
+    random_state += 0x9e3779b97f4a7c15ull;
+    return (uint32_t)(itn__mix64(random_state) >> 32);
+}
+
+/* ---- loading bytes with every promise checked ---- */
+
+static int mesh_valid(const itn_mesh *mesh) {
+    int i, ok = mesh->vertex_count > 0 && mesh->triangle_count > 0;
+    for (i = 0; i < 3 * mesh->triangle_count; i++)
+        ok &= mesh->triangles[i] >= 0 && mesh->triangles[i] < mesh->vertex_count;
+    for (i = 0; i < 3 * mesh->vertex_count; i++) ok &= itn__finite(mesh->positions[i]);
+    for (i = 0; mesh->uvs && i < 6 * mesh->triangle_count; i++) ok &= itn__finite(mesh->uvs[i]);
+    return ok;
+}
+
+/* Loads bytes from a block of exactly their size; checks that failure fills the error, leaves the
+   output alone and leaks nothing, and that success gives valid contents. Returns the result. */
+static itn_result load_checked(int is_mesh, const unsigned char *bytes, size_t size, long fail_at,
+                               accountant *a) {
+    unsigned char *block = (unsigned char *)malloc(size ? size : 1);
+    itn_context context;
+    itn_error error;
+    itn_mesh mesh, mesh_before;
+    itn_image image, image_before;
+    itn_result result;
+    memset(a, 0, sizeof *a);
+    memset(&error, 0, sizeof error);
+    a->fail_at = fail_at;
+    context = count_context(a);
+    if (size) memcpy(block, bytes, size);
+    memset(&mesh, 0x5a, sizeof mesh), memset(&mesh_before, 0x5a, sizeof mesh);
+    memset(&image, 0x5a, sizeof image), memset(&image_before, 0x5a, sizeof image);
+    result = is_mesh ? itn_mesh_from_memory(block, size, "bytes", &context, &mesh, &error)
+                     : itn_image_from_memory(block, size, "bytes", &context, &image, &error);
+    free(block);
+    if (result) {
+        CHECK(error.code == result && strlen(error.message) > 5 && a->live == 0);
+        CHECK(!memcmp(&mesh, &mesh_before, sizeof mesh));
+        CHECK(!memcmp(&image, &image_before, sizeof image));
+    } else if (is_mesh) {
+        CHECK(mesh_valid(&mesh));
+        itn_mesh_free(&mesh);
+    } else {
+        CHECK(image.width > 0 && image.height > 0 && image.plane_count > 0);
+        itn_image_free(&image);
+    }
+    CHECK(a->live == 0);
+    return result;
+}
+
+/* All shorter lengths, `count` random changes of 1 to 4 bytes, memory failing at every call. */
+static void abuse(int is_mesh, const unsigned char *bytes, size_t size, int count,
+                  int short_fails) {
+    unsigned char *damaged = (unsigned char *)malloc(size);
+    accountant a;
+    size_t length;
+    long k;
+    int i, changes;
+    CHECK(load_checked(is_mesh, bytes, size, 0, &a) == ITN_OK);
+    for (length = 0; length < size; length++) {
+        itn_result result = load_checked(is_mesh, bytes, length, 0, &a);
+        if (short_fails) CHECK(result != ITN_OK);
+    }
+    for (i = 0; i < count; i++) {
+        memcpy(damaged, bytes, size);
+        for (changes = 1 + (int)(random_bits() % 4); changes > 0; changes--) {
+            size_t at = random_bits() % size;
+            unsigned kind = random_bits() % 4;
+            damaged[at] = (unsigned char)(kind == 0   ? random_bits()
+                                          : kind == 1 ? 0xff
+                                          : kind == 2 ? damaged[at] ^ 1u << random_bits() % 8
+                                                      : bytes[random_bits() % size]);
+        }
+        load_checked(is_mesh, damaged, size, 0, &a);
+        CHECK(a.largest < 1032.0 * 16 * (double)size + 300000);
+    }
+    for (k = 1; load_checked(is_mesh, bytes, size, k, &a) != ITN_OK; k++)
+        CHECK(load_checked(is_mesh, bytes, size, k, &a) == ITN_ERROR_MEMORY);
+    CHECK(k > 1);
+    free(damaged);
+}
+
+/* ---- numbers ---- */
+
+static double parse(const char *text) {
+    double value = -12345;
+    const char *end = text + strlen(text);
+    return itn__parse_number(text, end, &value) == end ? value : NAN;
+}
+
+/* Distance in units in the last place. */
+static double ulps(double a, double b) {
+    double unit = nextafter(fabs(b), INFINITY) - fabs(b);
+    return a == b ? 0 : fabs(a - b) / unit;
+}
+
+static void check_numbers(double nudge) {
+    static const char *const bad[] = {"", "-", "+", ".", "e5", "1e", "1e+", "--1", "nan", "inf",
+                                      "0x10", "1,5", "1.2.3", "- 1", "1e1.5", "infinity"};
+    static const char *const good[] = {"0", "-0", "1.", ".5", "+3", "-.25e1", "1E5", "007",
+                                       "1e-5", "1e22", "1e23", "123456789012345",
+                                       "0.000000000000000000000000000001",
+                                       "3.4028235e38", "1.17549435e-38", "4.9e-324",
+                                       "1.7976931348623157e308", "1e400", "1e-400",
+                                       "1e99999999999999999999", "0e999999999999",
+                                       "123456789012345678901234567890",
+                                       "0.00000000000000000000000000000000000000001e41"};
+    size_t i;
+    int n;
+    for (i = 0; i < sizeof bad / sizeof *bad; i++) CHECK(parse(bad[i]) != parse(bad[i]));
+    for (i = 0; i < sizeof good / sizeof *good; i++)
+        CHECK(ulps(parse(good[i]) * nudge, strtod(good[i], NULL)) <= 10 ||
+              (isinf(parse(good[i])) && isinf(strtod(good[i], NULL))));
+    CHECK(signbit(parse("-0")));
+    for (n = 0; n < 200000; n++) {
+        char text[64];
+        uint64_t wide = (uint64_t)random_bits() << 32 | random_bits();
+        uint32_t bits = random_bits();
+        float number, read;
+        memcpy(&number, &bits, 4);
+        if (itn__finite(number)) { /* floats printed with 9 digits come back as they were */
+            snprintf(text, sizeof text, "%.9g", (double)number);
+            read = (float)(parse(text) * nudge);
+            if (memcmp(&read, &number, 4)) CHECK(!"float comes back");
+        }
+        snprintf(text, sizeof text, "%.0fe%d", (double)(wide % 1000000000000000ull),
+                 (int)(random_bits() % 45) - 22);
+        if (parse(text) * nudge != strtod(text, NULL)) CHECK(!"15 digits are exact");
+        snprintf(text, sizeof text, "%.0f.%ue%d", (double)wide, bits,
+                 (int)(random_bits() % 580) - 300);
+        if (!(ulps(parse(text) * nudge, strtod(text, NULL)) <= 10)) CHECK(!"within 10 ulp");
+    }
+    CHECK(n == 200000);
+}
+
+/* ---- inflate ---- */
+
+static void test_inflate(void) {
+    static const unsigned char dynamic[] = {
+        120, 218, 45,  144, 1,   142, 69,  33,  8,   3,   75,  193, 138, 134, 251, 159, 119,
+        235, 251, 107, 8,   105, 71,  69,  16,  104, 4,   176, 128, 18,  188, 138, 120, 158,
+        79,  95,  147, 198, 92,  172, 139, 143, 6,   42,  112, 159, 24,  139, 8,   42,  110,
+        7,   210, 42,  66,  177, 226, 187, 57,  76,  112, 137, 34,  89,  108, 19,  242, 171,
+        72,  4,   145, 111, 23,  43,  49,  217, 72,  40,  201, 28,  228, 116, 186, 16,  190,
+        168, 78,  69,  34,  83,  76,  150, 59,  170, 65,  181, 5,   203, 13,  54,  75,  105,
+        83,  248, 172, 123, 122, 189, 143, 39,  112, 209, 5,   173, 214, 98,  61,  139, 94,
+        202, 39,  10,  255, 100, 224, 145, 116, 169, 119, 110, 84,  182, 250, 194, 240, 219,
+        50,  175, 16,  157, 177, 129, 61,  181, 89,  251, 233, 216, 168, 141, 222, 184, 91,
+        182, 220, 87,  27,  185, 75,  237, 63,  74,  248, 205, 166, 103, 168, 142, 234, 107,
+        141, 30,  67,  127, 95,  119, 94,  231, 19,  56,  93,  47,  11,  135, 56,  192, 9,
+        157, 245, 35,  247, 176, 79,  26,  234, 252, 1,   160, 110, 5,   139};
+    static const unsigned char stored[] = {120, 1,  0,  5,  0,  250, 255, 'a', 'b', 'c', 'd',
+                                           'e', 1,  3,  0,  252, 255, 'f', 'g', 'h', 0,   0,
+                                           0,   0};
+    unsigned char expected[400], out[400], copy[400], block[64];
+    uint32_t x = 12345, sum;
+    size_t size;
+    int i, k, wrong = 0;
+    for (i = 0; i < 400; i++) {
+        x = (x * 1103515245u + 12345u) & 0x7fffffffu;
+        expected[i] = (unsigned char)(i % 3 ? (x >> 16) % 7 * ((x >> 20) % 3) : (uint32_t)i / 40);
+    }
+    CHECK((dynamic[2] >> 1 & 3) == 2);
+    CHECK(itn__zlib_decode(dynamic, sizeof dynamic, out, 400) == NULL);
+    CHECK(!memcmp(out, expected, 400));
+    CHECK(itn__zlib_decode(dynamic, sizeof dynamic, out, 399) != NULL);
+    for (size = 0; size < sizeof dynamic; size++)
+        wrong += itn__zlib_decode(dynamic, size, out, 400) == NULL;
+    for (i = 0; i < 8 * (int)sizeof dynamic; i++) { /* every single bit flipped */
+        memcpy(copy, dynamic, sizeof dynamic);
+        copy[i / 8] ^= (unsigned char)(1 << i % 8);
+        if (i >= 16 || (i / 8 == 0 && i % 8 < 4))
+            wrong += itn__zlib_decode(copy, sizeof dynamic, out, 400) == NULL &&
+                     memcmp(out, expected, 400);
+    }
+    CHECK(wrong == 0);
+    memcpy(block, stored, sizeof stored);
+    sum = itn__adler32((const unsigned char *)"abcdefgh", 8);
+    CHECK(sum == 0x0e000325u); /* RFC 1950: a = 1 + 97 + .. + 104, b the sum of all a */
+    for (k = 0; k < 4; k++)
+        block[sizeof stored - 4 + (size_t)k] = (unsigned char)(sum >> (24 - 8 * k));
+    CHECK(itn__zlib_decode(block, sizeof stored, out, 8) == NULL && !memcmp(out, "abcdefgh", 8));
+    block[sizeof stored - 1] ^= 1;
+    CHECK(!strcmp(itn__zlib_decode(block, sizeof stored, out, 8), "checksum is wrong"));
+    for (i = 0; i < 200000; i++) { /* noise behind a valid header never crashes */
+        for (k = 2; k < 64; k++) block[k] = (unsigned char)random_bits();
+        block[0] = 0x78, block[1] = 1, block[2] &= 0xfe;
+        block[2] = (unsigned char)((block[2] & 0xf8) | 4 | (i & 1));
+        itn__zlib_decode(block, 64, out, 400);
+    }
+}
+
+/* A block whose codes have the lengths 1, 2, .. 15, 15 (symbols 0 .. 14, 256), written by hand. The
+   lengths themselves are sent with 13 codes of 4 bits and 6 of 5. */
+static void test_long_codes(void) {
+    static const unsigned char order[] = {16, 17, 18, 0, 8,  7, 9,  6, 10, 5,
+                                          11, 4,  12, 3, 13, 2, 14, 1, 15};
+    itn__buffer packed = ITN_ZERO;
+    itn__bit_writer writer = ITN_ZERO;
+    unsigned char bytes[300], out[300];
+    uint32_t sum;
+    int i, length;
+    writer.out = &packed;
+    itn__put_u8(&packed, 0x78);
+    itn__put_u8(&packed, 0x01);
+    itn__put_bits(&writer, 1 | 2 << 1, 3);
+    itn__put_bits(&writer, 0, 5);  /* 257 literal codes */
+    itn__put_bits(&writer, 0, 5);  /* 1 distance code */
+    itn__put_bits(&writer, 15, 4); /* 19 lengths of lengths */
+    for (i = 0; i < 19; i++) itn__put_bits(&writer, order[i] < 13 ? 4 : 5, 3);
+    for (i = 0; i < 258; i++) {
+        length = i < 15 ? i + 1 : i == 256 ? 15 : 0;
+        if (length < 13)
+            itn__put_bits(&writer, itn__reverse_bits((unsigned)length, 4), 4);
+        else
+            itn__put_bits(&writer, itn__reverse_bits((unsigned)(26 + length - 13), 5), 5);
+    }
+    for (i = 0; i < 300; i++) { /* code of symbol n: n ones and a zero */
+        bytes[i] = (unsigned char)(i % 15);
+        itn__put_bits(&writer, (1u << bytes[i]) - 1, bytes[i] + 1);
+    }
+    itn__put_bits(&writer, 0x7fff, 15);
+    itn__put_bits(&writer, 0, 7);
+    sum = itn__adler32(bytes, 300);
+    for (i = 24; i >= 0; i -= 8) itn__put_u8(&packed, sum >> i);
+    CHECK(itn__zlib_decode(packed.bytes, packed.size, out, 300) == NULL);
+    CHECK(!memcmp(bytes, out, 300));
+    itn__buffer_free(&packed);
+}
+
+/* A block whose code lengths are sent as repeats of the last one (symbol 16, of all four sizes):
+   255 literals and the end with 8 bits each. Lengths 8, 0 and 16 have the codes 0, 10 and 11. */
+static void test_repeated_lengths(void) {
+    itn__buffer packed = ITN_ZERO;
+    itn__bit_writer writer = ITN_ZERO;
+    unsigned char bytes[255], out[255];
+    uint32_t sum;
+    int i, left;
+    writer.out = &packed;
+    itn__put_u8(&packed, 0x78);
+    itn__put_u8(&packed, 0x01);
+    itn__put_bits(&writer, 1 | 2 << 1, 3);
+    itn__put_bits(&writer, 0, 5);
+    itn__put_bits(&writer, 0, 5);
+    itn__put_bits(&writer, 1, 4); /* 5 lengths of lengths: for 16, 17, 18, 0 and 8 */
+    for (i = 0; i < 5; i++) itn__put_bits(&writer, i == 0 || i == 3 ? 2 : i == 4 ? 1 : 0, 3);
+    itn__put_bits(&writer, 0, 1);
+    for (left = 254, i = 0; left >= 6; i = (i + 1) % 4) {
+        itn__put_bits(&writer, 3, 2);
+        itn__put_bits(&writer, (unsigned)i, 2);
+        left -= 3 + i;
+    }
+    for (; left; left--) itn__put_bits(&writer, 0, 1);
+    itn__put_bits(&writer, 1, 2); /* 255 has no code */
+    itn__put_bits(&writer, 0, 1); /* 256 */
+    itn__put_bits(&writer, 1, 2); /* nor has the distance */
+    for (i = 0; i < 255; i++) {
+        bytes[i] = (unsigned char)i;
+        itn__put_bits(&writer, itn__reverse_bits(bytes[i], 8), 8);
+    }
+    itn__put_bits(&writer, 255, 8);
+    itn__put_bits(&writer, 0, 7);
+    sum = itn__adler32(bytes, 255);
+    for (i = 24; i >= 0; i -= 8) itn__put_u8(&packed, sum >> i);
+    CHECK(itn__zlib_decode(packed.bytes, packed.size, out, 255) == NULL);
+    CHECK(!memcmp(bytes, out, 255));
+    itn__buffer_free(&packed);
+}
+
+/* Compression and back, for data of every flavour; `damage` flips a bit of the result. */
+static void check_deflate(int damage) {
+    int n, i;
+    for (n = 0; n < 300; n++) {
+        size_t size = random_bits() % 5000, stride = 1 + random_bits() % 700, k;
+        unsigned char *bytes = (unsigned char *)malloc(size + 1);
+        unsigned char *back = (unsigned char *)malloc(size + 1);
+        unsigned range = n % 3 == 0 ? 1 : n % 3 == 1 ? 3 : 256;
+        itn__buffer packed = ITN_ZERO;
+        for (k = 0; k < size; k++) bytes[k] = (unsigned char)(255 - random_bits() % range);
+        for (i = 0; i < 5 && size > stride; i++)
+            memmove(bytes + stride, bytes, size - stride - random_bits() % (size - stride));
+        itn__zlib_encode(bytes, size, stride, &packed);
+        if (CHECK(itn__zlib_decode(packed.bytes, packed.size, back, size) == NULL) && size) {
+            back[size / 2] ^= (unsigned char)damage;
+            CHECK(!memcmp(bytes, back, size));
+        }
+        itn__buffer_free(&packed);
+        free(bytes);
+        free(back);
+    }
+}
+
+/* ---- images ---- */
+
+/* Planes of arbitrary bits, also NaNs and infinities; plain: only ordinary numbers. */
+static itn_image random_image(int width, int height, int planes, const itn_context *context) {
+    itn_image image = ITN_ZERO;
+    int i, total = width * height * planes;
+    if (itn_image_create(width, height, planes, context, &image, NULL)) return image;
+    for (i = 0; i < planes; i++)
+        snprintf(image.names[i], ITN_NAME_SIZE, "%c%d.Y", "zaQ_"[i % 4], planes - i);
+    for (i = 0; i < total; i++) {
+        uint32_t bits = random_bits();
+        if (i == 0) bits = 0x7fc12345u;
+        if (i == 1) bits = 0xff800000u;
+        memcpy(image.pixels + i, &bits, 4);
+    }
+    return image;
+}
+
+/* Whether b has all planes of a under the same names, bit for bit. */
+static int same_planes(const itn_image *a, const itn_image *b) {
+    size_t bytes = (size_t)a->width * (size_t)a->height * sizeof(float);
+    int i, same = a->width == b->width && a->height == b->height &&
+                  a->plane_count == b->plane_count;
+    for (i = 0; same && i < a->plane_count; i++) {
+        const float *other = itn_image_plane(b, a->names[i]);
+        same = other && !memcmp(other, itn_image_plane(a, a->names[i]), bytes);
+    }
+    return same;
+}
+
+static void check_exr_round_trip(int damage) {
+    static const int sizes[][3] = {{1, 1, 1}, {17, 33, 3}, {200, 3, 7}, {3, 64, 1}, {5, 4, 40}};
+    size_t i;
+    for (i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        itn_image image = random_image(sizes[i][0], sizes[i][1], sizes[i][2], NULL);
+        itn_image back = ITN_ZERO;
+        itn_error error = ITN_ZERO;
+        const char *path = in_directory("image.exr");
+        if (i == 2) strcpy(image.names[3], "d_a_name_of_an_item_with_very_many_letters_sigma_t.Y");
+        CHECK(itn_image_save_exr(&image, path, &error) == ITN_OK);
+        if (CHECK(itn_image_load(path, NULL, &back, &error) == ITN_OK)) {
+            if (damage) memcpy(back.pixels, "\1\2\3\4", 4);
+            CHECK(same_planes(&image, &back));
+        }
+        itn_image_free(&back);
+        itn_image_free(&image);
+    }
+}
+
+static void check_pfm_round_trip(int damage) {
+    int planes;
+    for (planes = 1; planes <= 3; planes += 2) {
+        itn_image image = random_image(19, 7, 4, NULL), back = ITN_ZERO;
+        const char *path = in_directory("image.pfm");
+        size_t plane = 19 * 7;
+        CHECK(itn_image_save_pfm(&image, 1, planes, path, NULL) == ITN_OK);
+        if (CHECK(itn_image_load(path, NULL, &back, NULL) == ITN_OK)) {
+            CHECK(back.plane_count == planes && !strcmp(back.names[0], planes == 1 ? "Y" : "R"));
+            back.pixels[plane / 2] += (float)damage;
+            CHECK(!memcmp(back.pixels, image.pixels + plane, plane * (size_t)planes * 4));
+        }
+        itn_image_free(&back);
+        itn_image_free(&image);
+    }
+}
+
+static void test_pfm_variants(void) {
+    static const struct {
+        const char *text;
+        size_t pixel_bytes;
+        itn_result result;
+    } cases[] = {{"Pf\n2 1\n-1\n", 8, ITN_OK},          {"Pf 2\t1 1.0\n", 8, ITN_OK},
+                 {"PF\r\n2 1\r\n-1.0\n", 24, ITN_OK},     {"Pf\n2 1\n0\n", 8, ITN_ERROR_FORMAT},
+                 {"Pf\n2 1\n-1\n", 7, ITN_ERROR_FORMAT},  {"Pf\n2 1\n-1\n", 9, ITN_ERROR_FORMAT},
+                 {"Pf\n-2 1\n-1\n", 8, ITN_ERROR_FORMAT}, {"Pf\n2.5 1\n-1\n", 8, ITN_ERROR_FORMAT},
+                 {"Pf\n9e8 9e8\n-1\n", 8, ITN_ERROR_FORMAT},
+                 {"Pf\n1e30 1\n-1\n", 8, ITN_ERROR_FORMAT},
+                 {"Pf\nnan 1\n-1\n", 8, ITN_ERROR_FORMAT}, {"P6\n2 1\n255\n", 6, ITN_ERROR_FORMAT}};
+    unsigned char bytes[64];
+    size_t i, length;
+    accountant a;
+    for (i = 0; i < sizeof cases / sizeof *cases; i++) {
+        length = strlen(cases[i].text);
+        memcpy(bytes, cases[i].text, length);
+        memset(bytes + length, 0, sizeof bytes - length);
+        CHECK(load_checked(0, bytes, length + cases[i].pixel_bytes, 0, &a) == cases[i].result);
+        CHECK(a.largest < 4096);
+    }
+    { /* the same number in both byte orders, the lower row first */
+        itn_image image;
+        memcpy(bytes, "Pf\n1 2\n1\n\x40\x49\x0f\xdb\x3f\x80\0\0", 17);
+        CHECK(itn_image_from_memory(bytes, 17, NULL, NULL, &image, NULL) == ITN_OK);
+        CHECK(image.pixels[1] == 3.14159274f && image.pixels[0] == 1);
+        itn_image_free(&image);
+    }
+}
+
+/* ---- EXR files of the test's own making ---- */
+
+static void put_attribute(itn__buffer *b, const char *name, const void *value, size_t size) {
+    itn__put(b, name, strlen(name) + 1);
+    itn__put(b, "x", 2);
+    itn__put_u32(b, (uint32_t)size);
+    itn__put(b, value, size);
+}
+
+/* Moves even and odd places apart, takes differences: the reverse of what the reader does. */
+static void predict(const unsigned char *raw, unsigned char *coded, size_t size) {
+    size_t i;
+    for (i = 0; i < size; i++) coded[i / 2 + (i & 1 ? (size + 1) / 2 : 0)] = raw[i];
+    for (i = size - 1; size && i > 0; i--)
+        coded[i] = (unsigned char)(coded[i] - coded[i - 1] + 128);
+}
+
+static void pack_runs(const unsigned char *bytes, size_t size, itn__buffer *out) {
+    size_t i, run;
+    for (i = 0; i < size; i += run) {
+        for (run = 1; run < 128 && i + run < size && bytes[i + run] == bytes[i];) run++;
+        itn__put_u8(out, run > 2 ? (unsigned)run - 1 : (unsigned)(256 - run));
+        itn__put(out, bytes + i, run > 2 ? 1 : run);
+    }
+}
+
+/* A file of channels F (float), H (half), U (uint) whose pixel x, y holds x + 3 y, a data window at
+   (-5, 7) and blocks in any order. */
+static itn__buffer make_exr(int width, int height, int compression, int decreasing) {
+    itn__buffer file = ITN_ZERO, raw = ITN_ZERO, list = ITN_ZERO;
+    int lines = compression == 3 ? 16 : 1, blocks = (height + lines - 1) / lines, i, x, y, c;
+    size_t table;
+    unsigned char compression_byte = (unsigned char)compression;
+    int32_t window[4];
+    window[0] = -5, window[1] = 7, window[2] = -5 + width - 1, window[3] = 7 + height - 1;
+    for (c = 0; c < 3; c++) {
+        char name[2] = {0, 0};
+        name[0] = "FHU"[c];
+        itn__put(&list, name, 2);
+        itn__put_u32(&list, c == 0 ? 2 : c == 1 ? 1 : 0);
+        itn__put(&list, "\0\0\0\0\1\0\0\0\1\0\0", 12);
+    }
+    itn__put_u8(&list, 0);
+    itn__put(&file, "\x76\x2f\x31\x01\2\0\0", 8);
+    put_attribute(&file, "channels", list.bytes, list.size);
+    put_attribute(&file, "owner", "nobody at all", 13);
+    put_attribute(&file, "compression", &compression_byte, 1);
+    put_attribute(&file, "dataWindow", window, 16); /* tests run on little-endian machines */
+    itn__put_u8(&file, 0);
+    table = file.size;
+    for (i = 0; i < blocks; i++) itn__put_u64(&file, 0);
+    for (i = 0; i < blocks; i++) {
+        int block = decreasing ? blocks - 1 - i : i;
+        itn__buffer packed = ITN_ZERO;
+        uint64_t offset = file.size;
+        unsigned char *coded;
+        raw.size = 0;
+        for (y = block * lines; y < height && y < (block + 1) * lines; y++)
+            for (c = 0; c < 3; c++)
+                for (x = 0; x < width; x++) {
+                    unsigned value = (unsigned)(x + 3 * y), e = 0, half;
+                    while (value >> (e + 1)) e++;
+                    half = value ? (e + 15) << 10 | ((value << 10 >> e) & 1023) : 0;
+                    if (c == 0) itn__put_float(&raw, (float)value);
+                    if (c == 1) itn__put_u8(&raw, half & 255);
+                    if (c == 1) itn__put_u8(&raw, half >> 8);
+                    if (c == 2) itn__put_u32(&raw, value);
+                }
+        coded = (unsigned char *)malloc(raw.size);
+        predict(raw.bytes, coded, raw.size);
+        if (compression == 1) pack_runs(coded, raw.size, &packed);
+        if (compression >= 2) itn__zlib_encode(coded, raw.size, 7, &packed);
+        free(coded);
+        if (compression == 0 || packed.size >= raw.size) {
+            packed.size = 0;
+            itn__put(&packed, raw.bytes, raw.size);
+        }
+        memcpy(file.bytes + table + 8 * (size_t)block, &offset, 8);
+        itn__put_u32(&file, (uint32_t)(7 + block * lines));
+        itn__put_u32(&file, (uint32_t)packed.size);
+        itn__put(&file, packed.bytes, packed.size);
+        itn__buffer_free(&packed);
+    }
+    itn__buffer_free(&raw);
+    itn__buffer_free(&list);
+    return file;
+}
+
+static void test_exr_variants(void) {
+    static const int sizes[][2] = {{1, 1}, {17, 33}, {200, 3}, {64, 16}};
+    int compression, decreasing, i, c, x, y;
+    for (i = 0; i < 4; i++)
+        for (compression = 0; compression < 4; compression++)
+            for (decreasing = 0; decreasing < 2; decreasing++) {
+                itn__buffer file = make_exr(sizes[i][0], sizes[i][1], compression, decreasing);
+                itn_image image = ITN_ZERO;
+                int wrong = 0;
+                CHECK(itn_image_from_memory(file.bytes, file.size, NULL, NULL, &image, NULL) ==
+                      ITN_OK);
+                CHECK(image.width == sizes[i][0] && image.height == sizes[i][1] &&
+                      image.plane_count == 3 && !strcmp(image.names[1], "H"));
+                for (c = 0; c < image.plane_count; c++)
+                    for (y = 0; y < image.height; y++)
+                        for (x = 0; x < image.width; x++)
+                            wrong += image.pixels[(c * image.height + y) * image.width + x] !=
+                                     (float)(x + 3 * y);
+                CHECK(wrong == 0);
+                itn_image_free(&image);
+                if (i == 0 || (i == 3 && !decreasing))
+                    abuse(0, file.bytes, file.size, i == 0 ? 3000 : 300, 1);
+                itn__buffer_free(&file);
+            }
+}
+
+static void test_half(void) {
+    uint32_t h;
+    int wrong = 0;
+    for (h = 0; h < 65536; h++) { /* against the definition, in double */
+        uint32_t bits = itn__half_to_float(h), e = h >> 10 & 31, m = h & 1023;
+        double value = e ? ldexp(1024.0 + m, (int)e - 25) : ldexp((double)m, -24);
+        float got;
+        memcpy(&got, &bits, 4);
+        if (e == 31)
+            wrong += m ? got == got : !isinf(got);
+        else
+            wrong += (double)fabsf(got) != value;
+        wrong += !!signbit(got) != (h >> 15 == 1);
+    }
+    CHECK(wrong == 0);
+}
+
+/* Sets a number in the bytes behind a text, loads, and expects a refusal without much memory. */
+static void lie(const char *after, size_t skip, uint32_t value, size_t width, itn_result expected) {
+    itn__buffer file = make_exr(17, 33, 3, 0);
+    size_t i, length = strlen(after);
+    accountant a;
+    for (i = 0; i + length < file.size && memcmp(file.bytes + i, after, length); i++) continue;
+    memcpy(file.bytes + i + length + skip, &value, width);
+    check_report(load_checked(0, file.bytes, file.size, 0, &a) == expected, __FILE__, __LINE__,
+                 "lie about %s: %u", after, value);
+    CHECK(a.largest < 1e6);
+    itn__buffer_free(&file);
+}
+
+/* Names of 63 characters and 1024 channels are read, one more of either is not. */
+static void test_exr_limits(void) {
+    int channels, length, i;
+    for (channels = 1023; channels <= 1025; channels++)
+        for (length = 63; length <= 64; length++) {
+            itn__buffer file = ITN_ZERO, list = ITN_ZERO;
+            accountant a;
+            for (i = 0; i < channels; i++) {
+                char name[80];
+                snprintf(name, sizeof name, "%0*d", length, i);
+                itn__put(&list, name, strlen(name) + 1);
+                itn__put(&list, "\2\0\0\0\0\0\0\0\1\0\0\0\1\0\0", 16);
+            }
+            itn__put_u8(&list, 0);
+            itn__put(&file, "\x76\x2f\x31\x01\2\4\0", 8);
+            put_attribute(&file, "channels", list.bytes, list.size);
+            put_attribute(&file, "compression", "", 1);
+            put_attribute(&file, "dataWindow", "\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0", 16);
+            itn__put_u8(&file, 0);
+            itn__put_u64(&file, file.size + 8);
+            itn__put_u32(&file, 0);
+            itn__put_u32(&file, (uint32_t)channels * 4);
+            for (i = 0; i < channels; i++) itn__put_float(&file, 1);
+            CHECK(load_checked(0, file.bytes, file.size, 0, &a) ==
+                  (length > 63 || channels > 1024 ? ITN_ERROR_UNSUPPORTED : ITN_OK));
+            itn__buffer_free(&list);
+            itn__buffer_free(&file);
+        }
+}
+
+static void test_exr_lies(void) {
+    lie("\x76\x2f\x31\x01", 1, 0x02, 1, ITN_ERROR_UNSUPPORTED);  /* tiled */
+    lie("\x76\x2f\x31\x01", 1, 0x08, 1, ITN_ERROR_UNSUPPORTED);  /* deep */
+    lie("\x76\x2f\x31\x01", 1, 0x10, 1, ITN_ERROR_UNSUPPORTED);  /* parts */
+    lie("\x76\x2f\x31\x01", 0, 0x03, 1, ITN_ERROR_UNSUPPORTED);  /* version */
+    lie("compression", 7, 4, 1, ITN_ERROR_UNSUPPORTED);          /* PIZ */
+    lie("compression", 7, 77, 1, ITN_ERROR_FORMAT);
+    lie("compression", 3, 0xffffffffu, 4, ITN_ERROR_FORMAT);     /* attribute size */
+    lie("dataWindow", 7, 0x7fffffffu, 4, ITN_ERROR_FORMAT);      /* x0 behind x1 */
+    lie("dataWindow", 15, 0x7fffffffu, 4, ITN_ERROR_FORMAT);     /* 2^31 columns */
+    lie("dataWindow", 19, 0x7fffffffu, 4, ITN_ERROR_FORMAT);     /* 2^31 rows */
+    lie("dataWindow", 19, 1000000, 4, ITN_ERROR_FORMAT);
+    lie("dataWindow", 3, 12, 4, ITN_ERROR_FORMAT);
+    lie("channels", 9, 3, 1, ITN_ERROR_FORMAT);                  /* type of F */
+    lie("channels", 17, 2, 1, ITN_ERROR_UNSUPPORTED);            /* its sampling */
+    lie("channels", 7, 'H', 1, ITN_ERROR_FORMAT);                /* two of one name */
+    lie("dataWindo", 0, 'W', 1, ITN_ERROR_FORMAT);               /* no data window */
+}
+
+static void test_image_arguments(void) {
+    itn_image image = random_image(4, 3, 3, NULL);
+    itn_error error = ITN_ZERO;
+    const char *path = in_directory("never");
+    CHECK(itn_image_save_exr(NULL, path, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_image_save_exr(&image, NULL, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_image_save_pfm(&image, 0, 2, path, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_image_save_pfm(&image, 1, 3, path, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_image_save_pfm(&image, -1, 1, path, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_image_save_pfm(&image, INT_MAX, 1, path, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_image_save_png(&image, 0, 3, ITN_PNG_TONE, NAN, path, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_image_save_png(&image, 0, 3, ITN_PNG_TONE, -1, path, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_image_save_png(&image, 0, 1, (itn_png_mode)7, 0, path, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_image_from_memory("", 0, NULL, NULL, &image, &error) == ITN_ERROR_FORMAT);
+    CHECK(itn_image_from_memory(NULL, 0, NULL, NULL, &image, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_image_load(NULL, NULL, &image, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_image_load(path, NULL, &image, &error) == ITN_ERROR_FILE);
+    CHECK(strstr(error.message, "never") != NULL);
+    CHECK(itn_image_load(directory, NULL, &image, &error) == ITN_ERROR_FILE);
+    image.width = image.height = 60000; /* refused before a pixel is looked at */
+    CHECK(itn_image_save_png(&image, 0, 3, ITN_PNG_TONE, 1, path, &error) == ITN_ERROR_ARGUMENT);
+    image.width = 4, image.height = 3;
+    image.context.allocate = count_allocate; /* half an allocator */
+    CHECK(itn_image_save_exr(&image, path, &error) == ITN_ERROR_ARGUMENT);
+    image.context.allocate = NULL;
+    strcpy(image.names[1], image.names[0]);
+    CHECK(itn_image_save_exr(&image, path, &error) == ITN_ERROR_ARGUMENT);
+    image.names[1][0] = 0;
+    CHECK(itn_image_save_exr(&image, path, &error) == ITN_ERROR_ARGUMENT);
+    memset(image.names[1], 'x', ITN_NAME_SIZE);
+    CHECK(itn_image_save_exr(&image, path, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(access(path, F_OK) != 0);
+    itn_image_free(&image);
+}
+
+/* ---- PNG ---- */
+
+static uint32_t big_endian(const unsigned char *bytes) {
+    return (uint32_t)bytes[0] << 24 | (uint32_t)bytes[1] << 16 | (uint32_t)bytes[2] << 8 | bytes[3];
+}
+
+/* Reads a PNG file of three chunks back to its pixels ([height][1 + 3 width] with filter bytes). */
+static unsigned char *read_png(const char *path, int *width, int *height) {
+    itn__buffer file = ITN_ZERO;
+    unsigned char *rows = NULL, *at;
+    size_t size;
+    *width = *height = 0;
+    if (itn__read_file(path, 1 << 24, &file, NULL)) return NULL;
+    at = file.bytes + 8;
+    CHECK(!memcmp(file.bytes, "\x89PNG\r\n\x1a\n", 8));
+    CHECK(big_endian(at) == 13 && !memcmp(at + 4, "IHDR", 4) && !memcmp(at + 16, "\10\2\0\0\0", 5));
+    *width = (int)big_endian(at + 8), *height = (int)big_endian(at + 12);
+    at += 25;
+    size = big_endian(at);
+    CHECK(!memcmp(at + 4, "IDAT", 4) && (size_t)(at - file.bytes) + size + 24 == file.size);
+    CHECK(!memcmp(at + 12 + size, "\0\0\0\0IEND\xae\x42\x60\x82", 12)); /* known CRC */
+    rows = (unsigned char *)malloc((size_t)*height * (1 + 3 * (size_t)*width));
+    CHECK(itn__zlib_decode(at + 8, size, rows, (size_t)*height * (1 + 3 * (size_t)*width)) == NULL);
+    itn__buffer_free(&file);
+    return rows;
+}
+
+static void check_png(float wrong_scale) {
+    itn_image image = ITN_ZERO;
+    const char *path = in_directory("image.png");
+    unsigned char *rows;
+    int width, height, i;
+    itn_image_create(200, 1, 3, NULL, &image, NULL);
+    for (i = 0; i < 600; i++) image.pixels[i] = (float)(i % 200) / 100 - 0.5f;
+    image.pixels[7] = NAN;
+    image.pixels[8] = INFINITY;
+    image.pixels[9] = -INFINITY;
+    CHECK(itn_image_save_png(&image, 0, 1, ITN_PNG_TONE, 2 * wrong_scale, path, NULL) == ITN_OK);
+    rows = read_png(path, &width, &height);
+    CHECK(width == 200 && height == 1 && rows[0] == 0);
+    CHECK(rows[1 + 21] == 255 && rows[1 + 22] == 0 && rows[1 + 23] == 255);
+    CHECK(rows[1 + 24] == 255 && rows[1 + 27] == 0);
+    for (i = 10; i < 200; i++) { /* against the curve in double */
+        double x = fmin(1, fmax(0, 2 * (double)image.pixels[i]));
+        double y = x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
+        CHECK_NEAR(rows[1 + 3 * i], 255 * y, 0.501);
+        CHECK(rows[1 + 3 * i] == rows[2 + 3 * i] && rows[1 + 3 * i] == rows[3 + 3 * i]);
+    }
+    free(rows);
+    /* signed, automatic: the 99th percentile of 200 sizes is the 198th, 1.47 */
+    for (i = 0; i < 200; i++) image.pixels[i] = (float)(i % 2 ? -i : i);
+    CHECK(itn_image_save_png(&image, 0, 1, ITN_PNG_SIGNED, 0, path, NULL) == ITN_OK);
+    rows = read_png(path, &width, &height);
+    for (i = 0; i < 200; i++) {
+        double y = fmin(1, i / 197.0) * 255 * (double)wrong_scale;
+        CHECK_NEAR(rows[1 + 3 * i], i % 2 ? 0 : y, 0.501);
+        CHECK_NEAR(rows[3 + 3 * i], i % 2 ? y : 0, 0.501);
+        CHECK(rows[2 + 3 * i] == 0);
+    }
+    free(rows);
+    /* signed, three planes: their mean */
+    for (i = 0; i < 600; i++) image.pixels[i] = (float)(i / 200 + i % 200 - 100);
+    CHECK(itn_image_save_png(&image, 0, 3, ITN_PNG_SIGNED, .01f, path, NULL) == ITN_OK);
+    rows = read_png(path, &width, &height);
+    for (i = 0; i < 200; i++) CHECK_NEAR(rows[1 + 3 * i] - rows[3 + 3 * i],
+                                         fmin(255, (i - 99) * 2.55), 0.501);
+    free(rows);
+    itn_image_free(&image);
+}
+
+static void test_png_shapes(void) {
+    int n;
+    for (n = 0; n < 60; n++) {
+        int width = 1 + (int)(random_bits() % 90), height = 1 + (int)(random_bits() % 40), w, h, i;
+        itn_image image = ITN_ZERO;
+        unsigned char *rows;
+        int x, y, k, wrong = 0;
+        itn_image_create(width, height, 3, NULL, &image, NULL);
+        for (i = 0; i < 3 * width * height; i++)
+            image.pixels[i] =
+                n % 3 == 0 ? 0 : (float)(random_bits() % (n % 3 == 1 ? 2 : 256)) / 255;
+        CHECK(itn_image_save_png(&image, 0, 3, ITN_PNG_TONE, 1, in_directory("n.png"), NULL) ==
+              ITN_OK);
+        rows = read_png(in_directory("n.png"), &w, &h);
+        CHECK(w == width && h == height);
+        for (y = 0; y < h; y++)
+            for (x = 0; x < w; x++)
+                for (k = 0; k < 3; k++)
+                    wrong += rows[y * (1 + 3 * w) + 1 + 3 * x + k] !=
+                             itn__byte(itn__srgb(image.pixels[(k * h + y) * w + x]));
+        CHECK(wrong == 0);
+        free(rows);
+        if (n == 0) /* black, automatic scale */
+            CHECK(!itn_image_save_png(&image, 0, 1, ITN_PNG_SIGNED, 0, in_directory("n.png"),
+                                      NULL));
+        itn_image_free(&image);
+    }
+}
+
+/* ---- OBJ ---- */
+
+static itn_mesh mesh_of(const char *text, itn_error *error) {
+    itn_mesh mesh = ITN_ZERO;
+    memset(error, 0, sizeof *error);
+    itn_mesh_from_memory(text, strlen(text), "t.obj", NULL, &mesh, error);
+    return mesh;
+}
+
+#define PLY_HEADER(format, elements) "ply\nformat " format " 1.0\n" elements "end_header\n"
+#define PLY_VERTEX "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+#define PLY_FACE "element face 1\nproperty list uchar int vertex_indices\n"
+#define SQUARE "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+/* A text must give this many vertices and triangles, and uvs or not. */
+static void expect_mesh(const char *text, int vertices, int triangles, int uvs) {
+    itn_error error;
+    itn_mesh mesh = mesh_of(text, &error);
+    check_report(mesh.vertex_count == vertices && mesh.triangle_count == triangles &&
+                     (mesh.uvs != NULL) == uvs, __FILE__, __LINE__,
+                 "%s gives %d vertices, %d triangles (%s)", text, mesh.vertex_count,
+                 mesh.triangle_count, error.message);
+    itn_mesh_free(&mesh);
+}
+
+/* A text must be refused at this line, for a reason that contains `why`. */
+static void expect_refusal(const char *text, int line, const char *why) {
+    itn_error error;
+    itn_mesh mesh = mesh_of(text, &error);
+    check_report(error.code && mesh.positions == NULL && error.line == line &&
+                     strstr(error.message, why) != NULL, __FILE__, __LINE__,
+                 "%s: line %d, '%s'", text, error.line, error.message);
+    itn_mesh_free(&mesh);
+}
+
+static void test_obj(void) {
+    itn_error error;
+    itn_mesh mesh;
+    expect_mesh(SQUARE "f 1 2 3\n", 4, 1, 0);
+    expect_mesh(SQUARE "f 1 2 3 4", 4, 2, 0);
+    expect_mesh(SQUARE "f -4 -3 -2 -1\n", 4, 2, 0);
+    expect_mesh("\xef\xbb\xbf# mark\r\nv 0 0 0\r\nv 1 0 0 1.0\r\n\tv 1 1 0 .5 .5 .5  \r\n\r\n"
+                "o a\r\ng b\r\ns 1\r\nusemtl c\r\nf 1 2 3 # one\r\n", 3, 1, 0);
+    expect_mesh("v 0 0 0\rv 1 0 0\rv 1 1 0\rf 1 2 3\r", 3, 1, 0);
+    expect_mesh("v 0 \\\n 0 0\nv 1 0\\\r\n 0\nv 1 1 0\nf 1 2\\\n 3\n", 3, 1, 0);
+    expect_mesh("# ends in a backslash \\\nv 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n", 3, 1, 0);
+    expect_mesh(SQUARE "vn 0 0 1\nf 1//1 2//1 3//-1\n", 4, 1, 0);
+    expect_mesh(SQUARE "vt 0 0\nvt 1 0 0\nvt 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1 2/2 3/-1\n",
+                4, 2, 1);
+    expect_mesh(SQUARE "vt 0 0\nf 1/1 2/1 3/1\nf 1 2 3\n", 4, 2, 0);
+    expect_mesh(SQUARE "f 1/ 2/ 3/\n", 4, 1, 0);
+    mesh = mesh_of("v 1.5 -2e-1 +3\nv 1 0 0\nv 1 1 0\nvt .25 .5\nvt 1 0\nf 2/2 1/1 3/2", &error);
+    CHECK(mesh.positions[0] == 1.5f && mesh.positions[1] == -0.2f && mesh.positions[2] == 3);
+    CHECK(mesh.triangles[0] == 1 && mesh.triangles[1] == 0 && mesh.triangles[2] == 2);
+    CHECK(mesh.uvs && mesh.uvs[2] == .25f && mesh.uvs[3] == .5f && mesh.uvs[4] == 1);
+    itn_mesh_free(&mesh);
+    expect_refusal("", 0, "no face");
+    expect_refusal(SQUARE, 0, "no face");
+    expect_refusal(SQUARE "f 1 2\n", 5, "three corners");
+    expect_refusal(SQUARE "f\n", 5, "three corners");
+    expect_refusal(SQUARE "f 1 2 5\n", 5, "'5'");
+    expect_refusal(SQUARE "f 1 2 0\n", 5, "'0'");
+    expect_refusal(SQUARE "f 1 2 -5\n", 5, "'-5'");
+    expect_refusal(SQUARE "f 1 2 3x\n", 5, "'3x'");
+    expect_refusal(SQUARE "f 1 2 99999999999999999999999\n", 5, "999");
+    expect_refusal(SQUARE "f 1 2 4294967297\n", 5, "429");
+    expect_refusal(SQUARE "f 1/1 2 3\n", 5, "'1/1'");
+    expect_refusal(SQUARE "f 1//1 2 3\n", 5, "'1//1'");
+    expect_refusal(SQUARE "f 1/1/1/1 2 3\n", 5, "'1/1/1/1'");
+    expect_refusal("f 1 2 3\n" SQUARE, 1, "'1'");
+    expect_refusal("v 0 0\n", 1, "vertex");
+    expect_refusal("v 0 0 nan\n", 1, "'nan'");
+    expect_refusal("# c\n\nv 0 inf 0\n", 3, "'inf'");
+    expect_refusal("v 0 \\\n 0 \\\r\n x\n", 3, "'x'");
+    expect_refusal("v 0 0 1e39\n", 1, "'1e39'");
+    expect_refusal("v 0 0 0x1\n", 1, "'0x1'");
+    expect_refusal("v 0 0 0 red\n", 1, "'red'");
+    expect_refusal("v 0 0 1,5\n", 1, "'1,5'");
+    expect_refusal("\x89PNG\r\n\x1a\n", 0, "no face");
+}
+
+/* Area and sum of |area| of a mesh in the plane z = 0: equal if no triangle is turned over. */
+static void planar_area(const itn_mesh *mesh, double *area, double *absolute) {
+    int i;
+    *area = *absolute = 0;
+    for (i = 0; i < mesh->triangle_count; i++) {
+        const float *a = mesh->positions + 3 * mesh->triangles[3 * i];
+        const float *b = mesh->positions + 3 * mesh->triangles[3 * i + 1];
+        const float *c = mesh->positions + 3 * mesh->triangles[3 * i + 2];
+        double turn = ((double)(b[0] - a[0]) * (double)(c[1] - a[1]) -
+                       (double)(b[1] - a[1]) * (double)(c[0] - a[0])) / 2;
+        *area += turn;
+        *absolute += fabs(turn);
+    }
+}
+
+/* A star of 258 corners is refused, in both formats, a convex polygon of 258 is not. */
+static void check_large_concave(void) {
+    int kind, i;
+    for (kind = 0; kind < 3; kind++) {
+        itn__buffer text = ITN_ZERO;
+        char line[100];
+        accountant a;
+        if (kind == 2)
+            itn__put_text(&text, "ply\nformat ascii 1.0\nelement vertex 258\nproperty float x\n"
+                                 "property float y\nproperty float z\n" PLY_FACE "end_header\n");
+        for (i = 0; i < 258; i++) {
+            double angle = 2 * 3.14159265358979 * i / 258, radius = kind && i % 2 ? .5 : 1;
+            snprintf(line, sizeof line, "%s%.9g %.9g 0\n", kind == 2 ? "" : "v ",
+                     radius * cos(angle), radius * sin(angle));
+            itn__put_text(&text, line);
+        }
+        itn__put_text(&text, kind == 2 ? "258" : "f");
+        for (i = 0; i < 258; i++) {
+            snprintf(line, sizeof line, " %d", kind == 2 ? i : i + 1);
+            itn__put_text(&text, line);
+        }
+        CHECK(load_checked(1, text.bytes, text.size, 0, &a) ==
+              (kind ? ITN_ERROR_UNSUPPORTED : ITN_OK));
+        itn__buffer_free(&text);
+    }
+}
+
+/* Polygons that are not convex keep their area and turn no triangle over. */
+static void check_polygons(double wrong) {
+    int n, i;
+    for (n = 4; n <= 256; n = n < 12 ? n + 1 : 2 * n > 256 && n < 256 ? 256 : 2 * n) {
+        int kind;
+        for (kind = 0; kind < 4; kind++) {
+            itn__buffer text = ITN_ZERO;
+            char line[100];
+            itn_mesh mesh = ITN_ZERO;
+            double area = 0, absolute, expected = 0, px[256], py[256];
+            for (i = 0; i < n; i++) { /* star, spiral arm, comb, rounded */
+                double angle = 2 * 3.14159265358979 * i / n;
+                double radius = kind == 0 ? (i % 2 ? .3 : 1) : kind == 1 ? .2 + .8 * i / n : 1;
+                px[i] = radius * cos(angle), py[i] = radius * sin(angle);
+                if (kind == 2) px[i] = i, py[i] = i % 2 ? 0 : i == 0 || i == n - 1 ? 3 : 1;
+                if (kind == 2 && i == n - 1) py[i] = 3;
+                snprintf(line, sizeof line, "v %.9g %.9g 0\n", px[i], py[i]);
+                itn__put_text(&text, line);
+            }
+            itn__put_text(&text, "f");
+            for (i = 1; i <= n; i++) {
+                snprintf(line, sizeof line, " %d", i);
+                itn__put_text(&text, line);
+            }
+            CHECK(itn_mesh_from_memory(text.bytes, text.size, NULL, NULL, &mesh, NULL) == ITN_OK);
+            for (i = 0; i < n; i++) {
+                int j = (i + 1) % n;
+                expected += (px[i] * py[j] - px[j] * py[i]) / 2;
+            }
+            planar_area(&mesh, &area, &absolute);
+            CHECK(mesh.triangle_count == n - 2);
+            CHECK_NEAR(area, expected * wrong, 1e-5 * fabs(expected));
+            CHECK_NEAR(absolute, fabs(area), 1e-6 * fabs(area));
+            itn_mesh_free(&mesh);
+            itn__buffer_free(&text);
+        }
+    }
+    check_large_concave();
+    /* a square in each plane, an L, a bow that crosses itself, one with all corners equal */
+    expect_mesh("v 0 0 0\nv 0 1 0\nv 0 1 1\nv 0 0 1\nf 1 2 3 4\nf 4 3 2 1", 4, 4, 0);
+    expect_mesh("v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\nf 1 2 3 4 5 6", 6, 4, 0);
+    expect_mesh("v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4", 4, 2, 0);
+    expect_mesh("v 1 1 1\nf 1 1 1 1 1 1 1\n", 1, 5, 0);
+}
+
+/* ---- PLY ---- */
+
+static void test_ply_ascii(void) {
+    itn_error error;
+    itn_mesh mesh;
+    expect_mesh(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n", 3, 1, 0);
+    expect_mesh(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 0 0\n1 1 0\n3 0 1 2", 3, 1, 0);
+    expect_mesh("ply\r\nformat ascii 1.0\r\ncomment C:\\dir\\\r\nelement vertex 3\r\nproperty "
+                "double x\r\nproperty float64 y\r\nproperty short z\r\nproperty uchar red\r\n"
+                "element face 2\r\nproperty int flags\r\nproperty list uint8 uint32 vertex_index"
+                "\r\nelement edge 1\r\nproperty int a\r\nproperty list int float b\r\n"
+                "end_header\r\n"
+                "0 0 0 9\r\n1 0 0 9\r\n1 1 0 nan\r\n7 3 0 1 2\r\n7 4 0 1 2 1\r\n1 2 3 4\r\n",
+                3, 3, 0);
+    mesh = mesh_of(PLY_HEADER("ascii", "obj_info x\nelement camera 1\nproperty list char float p\n"
+                              "element vertex 3\nproperty float s\nproperty float t\n"
+                              "property float z\nproperty float y\nproperty float x\n" PLY_FACE)
+                   "2 5 5\n.1 .2 3 2 1\n.3 .4 6 5 4\n.5 .6 9 8 7\n3 2 1 0\n", &error);
+    CHECK(mesh.vertex_count == 3 && mesh.positions[0] == 1 && mesh.positions[2] == 3);
+    CHECK(mesh.triangles[0] == 2 && mesh.uvs && mesh.uvs[0] == .5f && mesh.uvs[5] == .2f);
+    itn_mesh_free(&mesh);
+    mesh = mesh_of(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE "property list uchar float texcoord\n")
+                   "0 0 0\n1 0 0\n1 1 0\n3 0 1 2 6 1 2 3 4 5 6\n", &error);
+    CHECK(mesh.uvs && mesh.uvs[0] == 1 && mesh.uvs[5] == 6);
+    itn_mesh_free(&mesh);
+    expect_refusal("ply\n", 2, "no end");
+    expect_refusal("ply\nformat ascii 1.0\nend_header\n", 3, "no vertex");
+    expect_refusal("ply\nelement vertex 1\nend_header\n", 3, "no format");
+    expect_refusal("ply\nformat ascii 1.0\nelement face 1\nelement face 1\n", 4, "twice");
+    expect_refusal("ply\nformat weird 1.0\nend_header\n", 2, "format");
+    expect_refusal("ply\nformat ascii 2.0\nend_header\n", 2, "format");
+    expect_refusal("ply\nformat ascii 1.0\nwhat\nend_header\n", 3, "keyword");
+    expect_refusal("ply\nformat ascii 1.0\nproperty int x\n", 3, "before any element");
+    expect_refusal("ply\nformat ascii 1.0\nelement vertex x\n", 3, "count");
+    expect_refusal("ply\nformat ascii 1.0\nelement vertex -1\n", 3, "count");
+    expect_refusal("ply\nformat ascii 1.0\nelement vertex 99999999999999999999999\n", 3, "count");
+    expect_refusal("ply\nformat ascii 1.0\nelement vertex 1\nproperty quad x\n", 4, "type");
+    expect_refusal("ply\nformat ascii 1.0\nelement vertex 1\nproperty list float int x\n", 4,
+                   "no integer");
+    expect_refusal(PLY_HEADER("ascii", PLY_FACE PLY_VERTEX) "3 0 1 2\n0 0 0\n1 0 0\n1 1 0\n", 9,
+                   "before the vertices");
+    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 nan 0\n1 1 0\n3 0 1 2\n", 11,
+                   "vertex 1");
+    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 0 0\n1 1 0\n3 0 1 3\n", 13,
+                   "face 0");
+    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 0 0\n1 1 0\n3 0 1 -1\n", 13,
+                   "does not exist");
+    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 0 0\n1 1 0\n2 0 1  \n", 13,
+                   "three corners");
+}
+
+/* Bytes of a number in either order. */
+static void put_ordered(itn__buffer *b, const void *number, size_t size, int big) {
+    size_t i;
+    for (i = 0; i < size; i++) itn__put(b, (const char *)number + (big ? size - 1 - i : i), 1);
+}
+
+/* A binary tetrahedron with properties of all types around the ones that count. */
+static itn__buffer make_ply(int big) {
+    itn__buffer b = ITN_ZERO;
+    int i, k;
+    int16_t s = -3;
+    uint16_t us = 65533;
+    int32_t n = -7;
+    double d;
+    float f;
+    itn__put_text(&b, "ply\nformat ");
+    itn__put_text(&b, big ? "binary_big_endian" : "binary_little_endian");
+    itn__put_text(&b, " 1.0\nelement vertex 4\nproperty short a\nproperty double x\n"
+                      "property list ushort int skipped\nproperty float y\nproperty char z\n"
+                      "element nothing 5\nelement face 4\nproperty ushort b\n"
+                      "property list int uint vertex_indices\nproperty double c\nend_header\n");
+    for (i = 0; i < 4; i++) {
+        us = (uint16_t)i;
+        d = i == 1, f = i == 2;
+        put_ordered(&b, &s, 2, big);
+        put_ordered(&b, &d, 8, big);
+        put_ordered(&b, &us, 2, big);
+        for (k = 0; k < i; k++) put_ordered(&b, &n, 4, big);
+        put_ordered(&b, &f, 4, big);
+        itn__put_u8(&b, i == 3 ? 255 : 0); /* -1 */
+    }
+    for (i = 0; i < 4; i++) {
+        int32_t count = 3;
+        put_ordered(&b, &us, 2, big);
+        put_ordered(&b, &count, 4, big);
+        for (k = 0; k < 3; k++) {
+            uint32_t index = (uint32_t)((i + k) % 4);
+            put_ordered(&b, &index, 4, big);
+        }
+        d = 1e300;
+        put_ordered(&b, &d, 8, big);
+    }
+    return b;
+}
+
+static void check_ply_binary(float wrong) {
+    int big;
+    for (big = 0; big < 2; big++) {
+        itn__buffer b = make_ply(big);
+        itn_mesh mesh = ITN_ZERO;
+        itn_error error = ITN_ZERO;
+        CHECK(itn_mesh_from_memory(b.bytes, b.size, "t.ply", NULL, &mesh, &error) == ITN_OK);
+        if (mesh.positions) {
+            CHECK(mesh.vertex_count == 4 && mesh.triangle_count == 4 && !mesh.uvs);
+            CHECK(mesh.positions[3] == wrong && mesh.positions[7] == 1 && mesh.positions[11] == -1);
+            CHECK(mesh.triangles[3] == 1 && mesh.triangles[11] == 1);
+        }
+        itn_mesh_free(&mesh);
+        if (wrong == 1) abuse(1, b.bytes, b.size, 6000, 1);
+        itn__buffer_free(&b);
+    }
+}
+
+static void test_ply_lies(void) {
+    static const char *const lies[] = {
+        PLY_HEADER("binary_little_endian", "element vertex 2000000000\nproperty float x\n"
+                   "property float y\nproperty float z\n" PLY_FACE) "0000000000",
+        PLY_HEADER("ascii", "element vertex 2000000000\nproperty float x\n"
+                   "property float y\nproperty float z\n" PLY_FACE) "0000000000",
+        PLY_HEADER("ascii", "element other 9000000000000000000\nproperty int a\n" PLY_VERTEX
+                   PLY_FACE) "0 0 0\n",
+        PLY_HEADER("binary_big_endian", PLY_VERTEX "element face 1\nproperty list uint char "
+                   "vertex_indices\n") "aaaabbbbccccaaaabbbbccccaaaabbbbcccc\xff\xff\xff\xff....."};
+    size_t i;
+    accountant a;
+    for (i = 0; i < sizeof lies / sizeof *lies; i++) {
+        CHECK(load_checked(1, (const unsigned char *)lies[i], strlen(lies[i]), 0, &a) ==
+              ITN_ERROR_FORMAT);
+        CHECK(a.largest < 4096);
+    }
+}
+
+static void check_ply_round_trip(int damage) {
+    int with_uvs, i;
+    for (with_uvs = 0; with_uvs < 2; with_uvs++) {
+        itn_mesh mesh = ITN_ZERO, back = ITN_ZERO;
+        const char *path = in_directory("mesh.ply");
+        itn_mesh_create(50, 90, with_uvs, NULL, &mesh, NULL);
+        for (i = 0; i < 150; i++) mesh.positions[i] = (float)random_bits() * 1e-7f - 200;
+        for (i = 0; i < 270; i++) mesh.triangles[i] = (int)(random_bits() % 50);
+        for (i = 0; with_uvs && i < 540; i++) mesh.uvs[i] = (float)random_bits() * 1e-9f;
+        CHECK(itn_mesh_save_ply(&mesh, path, NULL) == ITN_OK);
+        if (CHECK(itn_mesh_load(path, NULL, &back, NULL) == ITN_OK)) {
+            back.positions[149] += (float)damage;
+            CHECK(back.vertex_count == 50 && back.triangle_count == 90);
+            CHECK(!memcmp(mesh.positions, back.positions, 600));
+            CHECK(!memcmp(mesh.triangles, back.triangles, 1080));
+            CHECK(!with_uvs == !back.uvs && (!with_uvs || !memcmp(mesh.uvs, back.uvs, 2160)));
+        }
+        itn_mesh_free(&back);
+        mesh.triangles[5] = 50;
+        CHECK(itn_mesh_save_ply(&mesh, path, NULL) == ITN_ERROR_ARGUMENT);
+        mesh.triangles[5] = 0, mesh.positions[6] = NAN;
+        CHECK(itn_mesh_save_ply(&mesh, path, NULL) == ITN_ERROR_ARGUMENT);
+        itn_mesh_free(&mesh);
+        CHECK(itn_mesh_save_ply(&mesh, path, NULL) == ITN_ERROR_ARGUMENT);
+    }
+}
+
+/* ---- damage, memory, disk ---- */
+
+static void test_text_abuse(void) {
+    static const char *const texts[] = {
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0 # c\nvt 0 .5\nvn 0 0 1\r\nf 1/1/1 2/1/1 \\\n3/1/1 "
+        "4/1/1\nf -1 -2 -3\n",
+        PLY_HEADER("ascii", PLY_VERTEX "property float u\nproperty float v\n" PLY_FACE
+                   "property list uchar float texcoord\n")
+        "0 0 0 1 2\n1 0 0 1 2\n1 1 0 1 2\n3 0 1 2 6 1 2 3 4 5 6\n"};
+    size_t i;
+    for (i = 0; i < 2; i++)
+        abuse(1, (const unsigned char *)texts[i], strlen(texts[i]), 10000, 0);
+    abuse(0, (const unsigned char *)"Pf\n2 2\n-1.0\n0123456789abcdef", 28, 5000, 1);
+}
+
+/* Every saver with memory failing at every call: an error, no leak, the old file whole. */
+static void test_save_memory(void) {
+    int kind;
+    for (kind = 0; kind < 5; kind++) {
+        accountant a = ITN_ZERO;
+        itn_context context = count_context(&a);
+        itn_image image = random_image(9, 5, 3, &context);
+        itn_mesh mesh = ITN_ZERO;
+        itn_result result = ITN_ERROR_MEMORY;
+        long live, k;
+        const char *path = in_directory("old");
+        itn_mesh_create(3, 1, 1, &context, &mesh, NULL);
+        live = a.live;
+        for (k = 1; result == ITN_ERROR_MEMORY && k < 100; k++) {
+            char text[4] = "";
+            FILE *file;
+            CHECK(itn__write_file(path, "old", 3, NULL) == ITN_OK);
+            a.calls = 0, a.fail_at = k;
+            result = kind == 0   ? itn_image_save_exr(&image, path, NULL)
+                     : kind == 1 ? itn_image_save_pfm(&image, 0, 3, path, NULL)
+                     : kind == 2 ? itn_image_save_png(&image, 0, 3, ITN_PNG_TONE, 0, path, NULL)
+                     : kind == 3 ? itn_image_save_png(&image, 0, 1, ITN_PNG_SIGNED, 1, path, NULL)
+                                 : itn_mesh_save_ply(&mesh, path, NULL);
+            CHECK(a.live == live);
+            file = fopen(path, "rb");
+            CHECK(file && fread(text, 1, 3, file) == 3 && (!result || !strcmp(text, "old")));
+            if (file) fclose(file);
+            CHECK(result == ITN_OK || result == ITN_ERROR_MEMORY);
+        }
+        CHECK(result == ITN_OK && k > 2);
+        a.fail_at = 0;
+        itn_image_free(&image);
+        itn_mesh_free(&mesh);
+        CHECK(a.live == 0);
+    }
+    { /* the same for reading a file */
+        accountant a = ITN_ZERO;
+        itn_context context = count_context(&a);
+        itn_image image = ITN_ZERO;
+        itn_result result = ITN_ERROR_MEMORY;
+        long k;
+        check_exr_round_trip(0);
+        for (k = 1; result == ITN_ERROR_MEMORY && k < 100; k++) {
+            a.calls = 0, a.fail_at = k;
+            result = itn_image_load(in_directory("image.exr"), &context, &image, NULL);
+            CHECK(result == ITN_OK || a.live == 0);
+        }
+        CHECK(result == ITN_OK && k > 3);
+        itn_image_free(&image);
+        CHECK(a.live == 0);
+    }
+}
+
+static void test_disk(void) {
+    itn_image image = random_image(40, 40, 3, NULL);
+    itn_error error = ITN_ZERO;
+    const char *old = in_directory("kept.exr"), *temporary = in_directory("kept.exr.tmp");
+    itn__buffer file = ITN_ZERO;
+    CHECK(itn_image_save_exr(&image, "/nowhere/at/all.exr", &error) == ITN_ERROR_FILE);
+    CHECK(strstr(error.message, "/nowhere/at/all.exr") != NULL);
+    CHECK(itn__write_file(old, "precious", 8, &error) == ITN_OK);
+    if (!access("/dev/full", W_OK)) {
+        CHECK(itn_image_save_exr(&image, "/dev/full", &error) == ITN_ERROR_FILE);
+        CHECK(itn_image_save_pfm(&image, 0, 1, "/dev/full", &error) == ITN_ERROR_FILE);
+        CHECK(itn__write_file("/dev/full", "x", 1, &error) == ITN_ERROR_FILE); /* seen at flush */
+        CHECK(!access("/dev/full", W_OK));
+        CHECK(!symlink("/dev/full", temporary)); /* the temporary meets a full disk */
+        CHECK(itn_image_save_exr(&image, old, &error) == ITN_ERROR_FILE);
+        CHECK(access(temporary, F_OK) != 0);
+        CHECK(itn__read_file(old, 100, &file, NULL) == ITN_OK && file.size == 8 &&
+              !memcmp(file.bytes, "precious", 9));
+        itn__buffer_free(&file);
+    }
+    CHECK(itn__read_file(old, 7, &file, &error) == ITN_ERROR_FILE && !file.bytes);
+    CHECK(itn__read_file(old, 8, &file, &error) == ITN_OK);
+    itn__buffer_free(&file);
+    CHECK(itn_image_save_exr(&image, directory, &error) == ITN_ERROR_FILE); /* a directory */
+    snprintf(error.message, sizeof error.message, "%s.tmp", directory);
+    CHECK(access(error.message, F_OK) != 0);
+    CHECK(itn_image_save_exr(&image, old, &error) == ITN_OK && access(temporary, F_OK) != 0);
+    itn_image_free(&image);
+}
+
+static void remove_directory(void) {
+    static const char *const names[] = {"image.exr", "image.pfm", "image.png", "n.png",
+                                        "mesh.ply",  "kept.exr",  "old"};
+    size_t i;
+    for (i = 0; i < sizeof names / sizeof *names; i++) remove(in_directory(names[i]));
+    CHECK(rmdir(directory) == 0); /* nothing else was left in it */
+}
+
+int main(void) {
+    strcpy(directory, "/tmp/itn-files-XXXXXX");
+    if (!mkdtemp(directory)) return printf("no temporary directory\n"), 1;
+    check_numbers(1);
+    CHECK_CATCHES(check_numbers(1 + 3e-16));
+    test_inflate();
+    test_long_codes();
+    test_repeated_lengths();
+    check_deflate(0);
+    CHECK_CATCHES(check_deflate(1));
+    check_exr_round_trip(0);
+    CHECK_CATCHES(check_exr_round_trip(1));
+    check_pfm_round_trip(0);
+    CHECK_CATCHES(check_pfm_round_trip(1));
+    test_pfm_variants();
+    test_exr_variants();
+    test_half();
+    test_exr_limits();
+    test_exr_lies();
+    test_image_arguments();
+    check_png(1);
+    CHECK_CATCHES(check_png(1.02f));
+    test_png_shapes();
+    test_obj();
+    CHECK_CATCHES(expect_mesh(SQUARE "f 1 2 3 4\n", 4, 3, 0));
+    CHECK_CATCHES(expect_refusal(SQUARE "f 1 2 5\n", 6, "'5'"));
+    check_polygons(1);
+    CHECK_CATCHES(check_polygons(1.001));
+    test_ply_ascii();
+    check_ply_binary(1);
+    CHECK_CATCHES(check_ply_binary(2));
+    test_ply_lies();
+    check_ply_round_trip(0);
+    CHECK_CATCHES(check_ply_round_trip(1));
+    test_text_abuse();
+    test_save_memory();
+    test_disk();
+    remove_directory();
+    return check_end("files");
+}

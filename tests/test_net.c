@@ -1,0 +1,1231 @@
+/* The learning chapters: every layer against an independent double-precision twin and against
+   central differences of it, Adam against its algorithm, the network's files, and its failures. */
+#define _XOPEN_SOURCE 700 /* mkdtemp */
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+#include "check.h"
+#include <unistd.h>
+
+/* ---- helpers ---- */
+
+static itn__rng test_rng;
+
+static double uniform(void) { return 2 * (double)itn__uniform(&test_rng) - 1; }
+static void fill(float *values, size_t count) {
+    size_t k;
+    for (k = 0; k < count; k++) values[k] = (float)uniform();
+}
+static void seed(uint64_t value) { test_rng = itn__rng_make(value, 0, 0); }
+static float *floats(size_t count) { return (float *)calloc(count ? count : 1, sizeof(float)); }
+static double *doubles(size_t count) { return (double *)calloc(count ? count : 1, sizeof(double)); }
+
+/* Two arrays agree within tolerance times the largest expected size, which must not be zero. */
+static void check_arrays(const char *what, const float *value, const double *expected, size_t count,
+                         double tolerance) {
+    double largest = 0, worst = 0;
+    size_t k;
+    for (k = 0; k < count; k++) {
+        double difference = fabs((double)value[k] - expected[k]);
+        largest = fmax(largest, fabs(expected[k]));
+        if (!(difference <= worst)) worst = difference;
+    }
+    check_report(largest > 1e-3 && worst <= tolerance * largest, __FILE__, __LINE__,
+                 "%s: worst difference %g of %g", what, worst, largest);
+}
+
+/* ---- the double twin: planes [channel][row][column], loops as the formulas are written ---- */
+
+typedef struct twin_shape {
+    int height, width, inputs, outputs;
+} twin_shape;
+
+/* Weights keep the library's order [tap][input][output]. */
+static void twin_conv(twin_shape s, const double *in, const double *w, const double *bias,
+                      double *out) {
+    int o, i, x, y, kx, ky;
+    for (o = 0; o < s.outputs; o++)
+        for (y = 0; y < s.height; y++)
+            for (x = 0; x < s.width; x++) {
+                double sum = bias[o];
+                for (i = 0; i < s.inputs; i++)
+                    for (ky = -1; ky <= 1; ky++)
+                        for (kx = -1; kx <= 1; kx++)
+                            if (x + kx >= 0 && x + kx < s.width && y + ky >= 0 &&
+                                y + ky < s.height)
+                                sum += in[(i * s.height + y + ky) * s.width + x + kx] *
+                                       w[((3 * (ky + 1) + kx + 1) * s.inputs + i) * s.outputs + o];
+                out[(o * s.height + y) * s.width + x] = sum;
+            }
+}
+
+/* max(x, 0), then the largest of each 2x2 window: in [c][2h][2w], out [c][h][w]. */
+static void twin_relu_pool(int channels, int height, int width, const double *in, double *out) {
+    int c, x, y, k;
+    for (c = 0; c < channels; c++)
+        for (y = 0; y < height; y++)
+            for (x = 0; x < width; x++) {
+                double best = 0;
+                for (k = 0; k < 4; k++)
+                    best = fmax(best, in[(c * 2 * height + 2 * y + k / 2) * 2 * width + 2 * x +
+                                         k % 2]);
+                out[(c * height + y) * width + x] = best;
+            }
+}
+
+/* [pixels][channels] floats to [channels][pixels] doubles, and back. */
+static void to_planes(const float *from, double *to, size_t pixels, size_t channels) {
+    size_t p, c;
+    for (p = 0; p < pixels; p++)
+        for (c = 0; c < channels; c++) to[c * pixels + p] = (double)from[p * channels + c];
+}
+static void from_planes(const double *from, double *to, size_t pixels, size_t channels) {
+    size_t p, c;
+    for (p = 0; p < pixels; p++)
+        for (c = 0; c < channels; c++) to[p * channels + c] = from[c * pixels + p];
+}
+static void widen(const float *from, double *to, size_t count) {
+    size_t k;
+    for (k = 0; k < count; k++) to[k] = (double)from[k];
+}
+
+/* The whole network for one image in planes: parameters as in the library. */
+static void twin_net(const itn_net_desc *d, const double *parameters, const double *image,
+                     double *outputs) {
+    size_t size = (size_t)(d->width * d->height), most, f, o, features;
+    int l, channels = d->channels;
+    const double *w = parameters;
+    double *in, *out;
+    most = size * (size_t)(d->first_channels << (d->layer_count - 1));
+    if (most < size * (size_t)channels) most = size * (size_t)channels;
+    in = doubles(most), out = doubles(most);
+    memcpy(in, image, size * (size_t)channels * sizeof *in);
+    for (l = 0; l < d->layer_count; l++) {
+        twin_shape s;
+        s.height = d->height >> l, s.width = d->width >> l;
+        s.inputs = channels, s.outputs = channels = d->first_channels << l;
+        twin_conv(s, in, w, w + 9 * s.inputs * s.outputs, out);
+        w += (9 * s.inputs + 1) * s.outputs;
+        twin_relu_pool(channels, s.height / 2, s.width / 2, out, in);
+        size /= 4;
+    }
+    features = size * (size_t)channels;
+    from_planes(in, out, size, (size_t)channels);
+    for (o = 0; o < (size_t)d->outputs; o++) {
+        outputs[o] = w[features * (size_t)d->outputs + o];
+        for (f = 0; f < features; f++) outputs[o] += w[o * features + f] * out[f];
+    }
+    free(in), free(out);
+}
+
+/* ---- layers ---- */
+
+typedef struct conv_case {
+    twin_shape s;
+    double *in, *w, *bias, *out; /* of the twin */
+    double *direction;           /* loss = sum of direction * out, in planes */
+    size_t ins, outs, weights;
+} conv_case;
+
+static double conv_loss(const conv_case *c) {
+    double loss = 0;
+    size_t k;
+    twin_conv(c->s, c->in, c->w, c->bias, c->out);
+    for (k = 0; k < c->outs; k++) loss += c->direction[k] * c->out[k];
+    return loss;
+}
+
+/* Central differences of the loss in each of `values`. */
+static void conv_differences(const conv_case *c, double *values, size_t count, double *slopes) {
+    size_t k;
+    for (k = 0; k < count; k++) {
+        double kept = values[k], up;
+        values[k] = kept + 1e-4;
+        up = conv_loss(c);
+        values[k] = kept - 1e-4;
+        slopes[k] = (up - conv_loss(c)) / 2e-4;
+        values[k] = kept;
+    }
+}
+
+enum { NO_FAULT, FAULT_SIGN, FAULT_NO_BIAS, FAULT_SHIFT };
+
+static void test_conv(int height, int width, int inputs, int outputs, int fault) {
+    conv_case c;
+    itn__conv shape;
+    size_t pixels = (size_t)(height * width), k, rows;
+    float *in, *w, *bias, *out, *d_out, *d_in, *d_w, *d_bias;
+    double *slopes, *expected;
+    shape.height = (size_t)height, shape.width = (size_t)width;
+    shape.inputs = (size_t)inputs, shape.outputs = (size_t)outputs;
+    c.s.height = height, c.s.width = width, c.s.inputs = inputs, c.s.outputs = outputs;
+    c.ins = pixels * (size_t)inputs, c.outs = pixels * (size_t)outputs;
+    rows = 9 * (size_t)inputs, c.weights = rows * (size_t)outputs;
+    in = floats(c.ins), w = floats(c.weights), bias = floats((size_t)outputs);
+    out = floats(c.outs), d_out = floats(c.outs), d_in = floats(c.ins);
+    d_w = floats(c.weights), d_bias = floats((size_t)outputs);
+    c.in = doubles(c.ins), c.w = doubles(c.weights), c.bias = doubles((size_t)outputs);
+    c.out = doubles(c.outs), c.direction = doubles(c.outs);
+    slopes = doubles(c.ins + c.weights), expected = doubles(c.ins + c.outs);
+    fill(in, c.ins), fill(w, c.weights), fill(bias, (size_t)outputs), fill(d_out, c.outs);
+    to_planes(in, c.in, pixels, (size_t)inputs);
+    to_planes(d_out, c.direction, pixels, (size_t)outputs);
+    widen(w, c.w, c.weights), widen(bias, c.bias, (size_t)outputs);
+
+    if (fault == FAULT_NO_BIAS) memset(bias, 0, (size_t)outputs * sizeof *bias);
+    itn__conv_forward(&shape, in, w, bias, out);
+    conv_loss(&c);
+    from_planes(c.out, expected, pixels, (size_t)outputs);
+    check_arrays("convolution", out, expected, c.outs, 1e-5);
+
+    itn__conv_backward_input(&shape, w, d_out, d_in);
+    for (k = 0; k < rows; k++)
+        itn__conv_backward_weights(&shape, k, in, d_out, d_w + k * (size_t)outputs);
+    itn__conv_backward_bias(&shape, d_out, d_bias);
+    if (fault == FAULT_SIGN)
+        for (k = 0; k < c.weights; k++) d_w[k] = -d_w[k];
+    if (fault == FAULT_SHIFT) memmove(d_in + inputs, d_in, (c.ins - (size_t)inputs) * sizeof *d_in);
+    conv_differences(&c, c.in, c.ins, slopes);
+    from_planes(slopes, expected, pixels, (size_t)inputs);
+    check_arrays("convolution, d_in", d_in, expected, c.ins, 1e-5);
+    conv_differences(&c, c.w, c.weights, slopes);
+    check_arrays("convolution, d_w", d_w, slopes, c.weights, 1e-5);
+    conv_differences(&c, c.bias, (size_t)outputs, slopes);
+    check_arrays("convolution, d_bias", d_bias, slopes, (size_t)outputs, 1e-5);
+
+    itn__conv_backward_bias(&shape, d_out, d_bias); /* adds to what is there */
+    for (k = 0; k < (size_t)outputs; k++) slopes[k] *= 2;
+    check_arrays("convolution, d_bias twice", d_bias, slopes, (size_t)outputs, 1e-5);
+    free(in), free(w), free(bias), free(out), free(d_out), free(d_in), free(d_w), free(d_bias);
+    free(c.in), free(c.w), free(c.bias), free(c.out), free(c.direction);
+    free(slopes), free(expected);
+}
+
+/* Ones everywhere: corners see 4 pixels, edges 6, the middle 9. */
+static void test_conv_border(void) {
+    static const float expected[12] = {4, 6, 6, 4, 6, 9, 9, 6, 4, 6, 6, 4};
+    float in[12], w[9], bias = .5f, out[12];
+    itn__conv shape;
+    int k;
+    shape.height = 3, shape.width = 4, shape.inputs = shape.outputs = 1;
+    for (k = 0; k < 12; k++) in[k] = 1;
+    for (k = 0; k < 9; k++) w[k] = 1;
+    itn__conv_forward(&shape, in, w, &bias, out);
+    for (k = 0; k < 12; k++) CHECK(out[k] == expected[k] + .5f);
+}
+
+static void test_relu(int fault) {
+    float values[5] = {-2, -0.f, 0, 1e-30f, 3}, d_in[5] = {1, 1, 1, 1, 1};
+    static const float d_out[5] = {10, 20, 30, 40, 50}, expected[5] = {1, 1, 1, 41, 51};
+    int k;
+    itn__relu_forward(values, 5);
+    CHECK(values[0] == 0 && values[1] == 0 && values[2] == 0);
+    CHECK(values[3] == 1e-30f && values[4] == 3);
+    if (fault) values[2] = 1e-30f;
+    itn__relu_backward(values, d_out, d_in, 5);
+    for (k = 0; k < 5; k++) CHECK(d_in[k] == expected[k]);
+}
+
+/* Two channels: distinct values in every corner of the window, and ties of all kinds. */
+static void test_pool(int last_of_equals) {
+    /* rows of a 2x10 image; the windows' largest values stand at corner 0, 1, 2, 3, and tie */
+    static const float row0[10] = {9, 1, 1, 9, 1, 2, -3, -2, 5, 5};
+    static const float row1[10] = {1, 2, 2, 3, 9, 3, -4, -1, 5, 5};
+    static const unsigned char winner[5] = {0, 1, 2, 3, 0};
+    static const float largest[5] = {9, 9, 9, -1, 5};
+    float in[40], out[10], d_in[40], d_out[10];
+    unsigned char chosen[10];
+    double sum = 0;
+    int k, x;
+    for (x = 0; x < 10; x++) { /* channel 1 is channel 0 upside down */
+        in[2 * x] = row0[x], in[2 * (10 + x)] = row1[x];
+        in[2 * x + 1] = row1[x], in[2 * (10 + x) + 1] = row0[x];
+    }
+    for (k = 0; k < 40; k++) d_in[k] = .25f;
+    for (k = 0; k < 10; k++) d_out[k] = (float)(k + 1);
+    itn__pool_forward(in, 2, 10, 2, out, chosen);
+    if (last_of_equals) chosen[8] = 3;
+    for (k = 0; k < 5; k++) {
+        CHECK(out[2 * k] == largest[k] && out[2 * k + 1] == largest[k]);
+        CHECK(chosen[2 * k] == winner[k]);
+        CHECK(chosen[2 * k + 1] == (k == 4 ? 0 : (winner[k] ^ 2)));
+    }
+    itn__pool_backward(chosen, d_out, 2, 10, 2, d_in);
+    for (k = 0; k < 40; k++) sum += (double)d_in[k];
+    CHECK_NEAR(sum, 55 + 10, 1e-6);
+    CHECK(d_in[2 * 0] == 1.25f && d_in[2 * 3] == 3.25f && d_in[2 * 14] == 5.25f);
+    CHECK(d_in[2 * 17] == 7.25f && d_in[2 * 8] == 9.25f);
+    CHECK(d_in[2 * 10 + 1] == 2.25f && d_in[2 * 8 + 1] == 10.25f);
+}
+
+static void test_full(int fault) {
+    enum { INPUTS = 37, OUTPUTS = 3 };
+    float in[INPUTS], w[OUTPUTS * INPUTS], bias[OUTPUTS], out[OUTPUTS], d_out[OUTPUTS];
+    float d_in[INPUTS] = {0}, d_w[OUTPUTS * INPUTS] = {0}, d_bias[OUTPUTS] = {0};
+    double e_out[OUTPUTS], e_in[INPUTS] = {0}, e_w[OUTPUTS * INPUTS], e_bias[OUTPUTS];
+    int i, o;
+    fill(in, INPUTS), fill(w, OUTPUTS * INPUTS), fill(bias, OUTPUTS), fill(d_out, OUTPUTS);
+    for (o = 0; o < OUTPUTS; o++) {
+        e_out[o] = (double)bias[o], e_bias[o] = (double)d_out[o];
+        for (i = 0; i < INPUTS; i++) {
+            e_out[o] += (double)w[o * INPUTS + i] * (double)in[i];
+            e_w[o * INPUTS + i] = (double)in[i] * (double)d_out[o];
+            e_in[i] += (double)w[o * INPUTS + i] * (double)d_out[o];
+        }
+    }
+    itn__full_forward(in, w, bias, INPUTS, OUTPUTS, out);
+    check_arrays("fully connected", out, e_out, OUTPUTS, 1e-6);
+    itn__full_backward(in, w, d_out, INPUTS, OUTPUTS, d_in, d_w, d_bias);
+    if (fault == FAULT_SIGN) d_in[5] = -d_in[5];
+    if (fault == FAULT_NO_BIAS) memset(d_bias, 0, sizeof d_bias);
+    check_arrays("fully connected, d_in", d_in, e_in, INPUTS, 1e-6);
+    check_arrays("fully connected, d_w", d_w, e_w, OUTPUTS * INPUTS, 1e-6);
+    check_arrays("fully connected, d_bias", d_bias, e_bias, OUTPUTS, 1e-6);
+}
+
+static void test_layers(void) {
+    static const int shapes[6][4] = {{1, 1, 1, 1}, {1, 7, 2, 3}, {6, 1, 3, 9},
+                                     {4, 4, 2, 16}, {5, 3, 9, 8}, {2, 2, 17, 33}};
+    int k;
+    seed(1);
+    for (k = 0; k < 6; k++)
+        test_conv(shapes[k][0], shapes[k][1], shapes[k][2], shapes[k][3], NO_FAULT);
+    CHECK_CATCHES(test_conv(4, 4, 2, 3, FAULT_SIGN));
+    CHECK_CATCHES(test_conv(4, 4, 2, 3, FAULT_NO_BIAS));
+    CHECK_CATCHES(test_conv(4, 4, 2, 3, FAULT_SHIFT));
+    test_conv_border();
+    test_relu(0);
+    CHECK_CATCHES(test_relu(1));
+    test_pool(0);
+    CHECK_CATCHES(test_pool(1));
+    test_full(NO_FAULT);
+    CHECK_CATCHES(test_full(FAULT_SIGN));
+    CHECK_CATCHES(test_full(FAULT_NO_BIAS));
+}
+
+/* ---- the network ---- */
+
+static itn_net_desc small_desc(void) {
+    itn_net_desc desc = ITN_ZERO;
+    desc.width = 12, desc.height = 8, desc.channels = 2, desc.layer_count = 2;
+    desc.first_channels = 3, desc.outputs = 2, desc.batch = 3, desc.seed = 7;
+    return desc;
+}
+
+static itn_net *make(const itn_net_desc *desc, const itn_context *context) {
+    itn_net *net = NULL;
+    itn_error error = ITN_ZERO;
+    CHECK(itn_net_create(desc, context, &net, &error) == ITN_OK);
+    if (!net) printf("%s\n", error.message), exit(1);
+    return net;
+}
+
+/* Loss = sum of direction * outputs over the batch, by the twin. */
+static double net_loss(const itn_net_desc *d, int batch, const double *parameters,
+                       const double *images, const double *direction) {
+    double outputs[16], loss = 0;
+    int b, o;
+    for (b = 0; b < batch; b++) {
+        twin_net(d, parameters, images + b * d->channels * d->width * d->height, outputs);
+        for (o = 0; o < d->outputs; o++) loss += direction[b * d->outputs + o] * outputs[o];
+    }
+    return loss;
+}
+
+static void test_net_gradient(int fault) {
+    itn_net_desc d = small_desc();
+    itn_net *net = make(&d, NULL);
+    size_t count, size = (size_t)(d.width * d.height * d.channels), k;
+    float *parameters = itn_net_parameters(net, &count), *gradients = itn_net_gradients(net, NULL);
+    float *images = floats(3 * size), outputs[6], d_outputs[6];
+    double *wide = doubles(count), *wide_images = doubles(3 * size), *slopes = doubles(count);
+    double direction[6], expected[6];
+    seed(2);
+    fill(images, 3 * size), fill(d_outputs, 6);
+    for (k = 0; k < count; k++) parameters[k] += .1f * (float)uniform(); /* biases too */
+    widen(parameters, wide, count), widen(images, wide_images, 3 * size);
+    widen(d_outputs, direction, 6);
+    CHECK(itn_net_forward(net, 3, images, outputs, NULL) == ITN_OK);
+    for (k = 0; k < 3; k++) twin_net(&d, wide, wide_images + k * size, expected + 2 * k);
+    check_arrays("network", outputs, expected, 6, 1e-5);
+    CHECK(itn_net_backward(net, 3, d_outputs, NULL) == ITN_OK);
+    for (k = 0; k < count; k++) {
+        double kept = wide[k], up;
+        wide[k] = kept + 1e-6;
+        up = net_loss(&d, 3, wide, wide_images, direction);
+        wide[k] = kept - 1e-6;
+        slopes[k] = (up - net_loss(&d, 3, wide, wide_images, direction)) / 2e-6;
+        wide[k] = kept;
+    }
+    if (fault == FAULT_SIGN) gradients[4] = -gradients[4];
+    if (fault == FAULT_NO_BIAS) gradients[count - 1] = 0;
+    check_arrays("network, gradients", gradients, slopes, count, 1e-5);
+    for (k = 0; k < count; k++) slopes[k] *= 2;
+    CHECK(itn_net_backward(net, 3, d_outputs, NULL) == ITN_OK); /* adds */
+    check_arrays("network, gradients twice", gradients, slopes, count, 1e-5);
+    itn_net_zero_gradients(net);
+    for (k = 0; k < count && gradients[k] == 0; k++) {}
+    CHECK(k == count);
+    free(images), free(wide), free(wide_images), free(slopes);
+    itn_net_free(net);
+}
+
+/* The default is the authors' network. */
+static void test_released_shape(void) {
+    itn_net *net = make(NULL, NULL);
+    itn_net_desc d = itn_net_shape(net);
+    size_t count, expected = 0, inputs = 2, channels;
+    itn_net_parameters(net, &count);
+    for (channels = 16; channels <= 1024; inputs = channels, channels *= 2)
+        expected += (9 * inputs + 1) * channels;
+    expected += 3 * 1024 + 3;
+    CHECK(count == expected && count == 6295315);
+    CHECK(d.width == 128 && d.height == 128 && d.channels == 2 && d.layer_count == 7);
+    CHECK(d.outputs == 3 && d.batch == 16 && net->features == 1024);
+    itn_net_free(net);
+}
+
+/* Sums of powers of weights of variance 2/n: mean, variance, fourth moment within 4 sigma. */
+static void check_normal(const float *w, size_t count, double variance) {
+    double n = (double)count, m1 = 0, m2 = 0, m4 = 0;
+    size_t k;
+    for (k = 0; k < count; k++) {
+        double z = (double)w[k] / sqrt(variance);
+        m1 += z / n, m2 += z * z / n, m4 += z * z * z * z / n;
+    }
+    CHECK_MEAN(m1, sqrt(1 / n), 0, 4, .02);
+    CHECK_MEAN(m2, sqrt(2 / n), 1, 4, .03);
+    CHECK_MEAN(m4, sqrt(96 / n), 3, 4, .2); /* variance of z^4: 105 - 9 */
+}
+
+static void test_initial_weights(void) {
+    itn_net_desc d = ITN_ZERO;
+    itn_net *net, *same, *other;
+    size_t count, k, equal = 0;
+    double correlation = 0;
+    const itn__net_layer *layer;
+    d.width = d.height = 16, d.layer_count = 3, d.first_channels = 32, d.outputs = 8;
+    net = make(&d, NULL), same = make(&d, NULL);
+    d.seed = 1;
+    other = make(&d, NULL);
+    itn_net_parameters(net, &count);
+    layer = &net->layers[2];
+    check_normal(net->parameters + net->layers[1].weights, 9 * 32 * 64, 2 / (9. * 32));
+    check_normal(net->parameters + layer->weights, 9 * 64 * 128, 2 / (9. * 64));
+    CHECK_CATCHES(check_normal(net->parameters + layer->weights, 9 * 64 * 128, 1 / (9. * 64)));
+    check_normal(net->parameters + net->full_weights, 8 * 512, 1 / 512.);
+    for (k = 0; k < 128; k++) CHECK(net->parameters[layer->bias + k] == 0);
+    CHECK(!memcmp(net->parameters, same->parameters, count * sizeof(float)));
+    for (k = 0; k < count; k++) equal += net->parameters[k] == other->parameters[k];
+    CHECK(equal < 32 + 64 + 128 + 8 + count / 1000); /* biases, and few by chance */
+    for (k = 0; k < 9 * 32 * 64; k++) /* layers draw different numbers */
+        correlation += (double)net->parameters[net->layers[1].weights + k] *
+                       (double)net->parameters[layer->weights + k] * sqrt(4.5 * 32 * 4.5 * 64);
+    CHECK_MEAN(correlation / (9 * 32 * 64), 1 / sqrt(9. * 32 * 64), 0, 4, .01);
+    itn_net_free(net), itn_net_free(same), itn_net_free(other);
+}
+
+/* ---- Adam ---- */
+
+/* Algorithm 1 in double; correct = 0 leaves the bias correction out. */
+static void reference_adam(double *w, double *m, double *v, const float *g, size_t count, int step,
+                           int correct) {
+    size_t k;
+    for (k = 0; k < count; k++) {
+        double mhat, vhat;
+        m[k] = .9 * m[k] + .1 * (double)g[k];
+        v[k] = .999 * v[k] + .001 * (double)g[k] * (double)g[k];
+        mhat = m[k] / (correct ? 1 - pow(.9, step) : 1);
+        vhat = v[k] / (correct ? 1 - pow(.999, step) : 1);
+        w[k] -= .01 * mhat / (sqrt(vhat) + 1e-8);
+    }
+}
+
+static void test_adam(int correct) {
+    itn_net_desc d = small_desc();
+    itn_adam_desc adam = ITN_ZERO;
+    itn_net *net = make(&d, NULL);
+    size_t count, k;
+    float *w = itn_net_parameters(net, &count), *g = itn_net_gradients(net, NULL);
+    double *w2 = doubles(count), *m = doubles(count), *v = doubles(count);
+    int step;
+    seed(3);
+    adam.learning_rate = .01;
+    widen(w, w2, count);
+    for (step = 1; step <= 30; step++) {
+        for (k = 0; k < count; k++) /* sizes over eight decades, signs that repeat */
+            g[k] = (float)(pow(10, (double)(k % 9) - 6) * (uniform() + .3));
+        CHECK(itn_net_step(net, &adam, NULL) == ITN_OK);
+        reference_adam(w2, m, v, g, count, step, correct);
+        if (step == 1 || step == 2 || step == 30) check_arrays("Adam", w, w2, count, 2e-6);
+    }
+    CHECK(itn_net_steps(net) == 30);
+    free(w2), free(m), free(v);
+    itn_net_free(net);
+}
+
+/* The first step is rate * g / (|g| + epsilon), whatever the size of g. */
+static void test_adam_first_step(void) {
+    itn_net_desc d = small_desc();
+    itn_net *net = make(&d, NULL);
+    float *w = itn_net_parameters(net, NULL), *g = itn_net_gradients(net, NULL);
+    static const float sizes[5] = {1e-12f, 1e-8f, -1e-3f, 1, -1e15f};
+    int k;
+    for (k = 0; k < 5; k++) w[k] = 0, g[k] = sizes[k];
+    CHECK(itn_net_step(net, NULL, NULL) == ITN_OK);
+    for (k = 0; k < 5; k++) {
+        double expected = -1e-4 * (double)sizes[k] / (fabs((double)sizes[k]) + 1e-8);
+        CHECK_NEAR(w[k], expected, 1e-4 * fabs(expected));
+    }
+    CHECK(g[3] == 1); /* gradients stay */
+    itn_net_free(net);
+}
+
+/* Whether all that a step may change is as in `copy` ([3][count]: parameters, moments). */
+static void net_state(const itn_net *net, float *copy) {
+    memcpy(copy, net->parameters, net->count * sizeof *copy);
+    memcpy(copy + net->count, net->moments, 2 * net->count * sizeof *copy);
+}
+static int same_state(const itn_net *net, const float *copy) {
+    return !memcmp(copy, net->parameters, net->count * sizeof *copy) &&
+           !memcmp(copy + net->count, net->moments, 2 * net->count * sizeof *copy);
+}
+
+static void check_step_refused(itn_net *net, const itn_adam_desc *desc, const float *state,
+                               const char *word) {
+    itn_error error = ITN_ZERO;
+    CHECK(itn_net_step(net, desc, &error) == ITN_ERROR_ARGUMENT);
+    check_report(strstr(error.message, word) != NULL, __FILE__, __LINE__, "%s in: %s", word,
+                 error.message);
+    CHECK(same_state(net, state) && net->steps == 1);
+}
+
+static void test_adam_refuses(void) {
+    itn_net_desc d = small_desc();
+    itn_net *net = make(&d, NULL);
+    static const float bad[4] = {NAN, INFINITY, -INFINITY, 1e20f};
+    static const double zero_to_one[3] = {-.1, 1.5, NAN};
+    float *state = floats(3 * net->count);
+    itn_adam_desc adam;
+    int k;
+    fill(net->gradients, net->count);
+    CHECK(itn_net_step(net, NULL, NULL) == ITN_OK);
+    net_state(net, state);
+    for (k = 0; k < 4; k++) {
+        size_t at = k == 0 ? 0 : net->count - (size_t)k;
+        net->gradients[at] = bad[k];
+        check_step_refused(net, NULL, state, "gradient");
+        net->gradients[at] = .1f;
+    }
+    for (k = 0; k < 3; k++) {
+        memset(&adam, 0, sizeof adam), adam.learning_rate = zero_to_one[k];
+        check_step_refused(net, &adam, state, "learning_rate");
+        memset(&adam, 0, sizeof adam), adam.beta1 = zero_to_one[k];
+        check_step_refused(net, &adam, state, "beta1");
+        memset(&adam, 0, sizeof adam), adam.beta2 = zero_to_one[k];
+        check_step_refused(net, &adam, state, "beta2");
+        memset(&adam, 0, sizeof adam), adam.epsilon = zero_to_one[k];
+        check_step_refused(net, &adam, state, "epsilon");
+    }
+    CHECK(itn_net_step(NULL, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    free(state);
+    itn_net_free(net);
+}
+
+/* ---- calls that must fail ---- */
+
+static void check_desc_refused(const itn_net_desc *desc, const char *word) {
+    itn_net *net = (itn_net *)&test_rng; /* must stay */
+    itn_error error = ITN_ZERO;
+    CHECK(itn_net_create(desc, NULL, &net, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(net == (itn_net *)&test_rng);
+    check_report(strstr(error.message, word) != NULL, __FILE__, __LINE__, "%s in: %s", word,
+                 error.message);
+}
+
+static void test_desc_errors(void) {
+    static const char *const words[7] = {"width",       "height",         "channels", "outputs",
+                                         "layer_count", "first_channels", "batch"};
+    static const int bad[3] = {-1, INT_MIN, INT_MAX};
+    itn_net_desc d;
+    itn_context half = ITN_ZERO;
+    itn_net *net = NULL;
+    int field, k;
+    for (field = 0; field < 7; field++)
+        for (k = 0; k < 3; k++) {
+            d = small_desc();
+            *(field == 0   ? &d.width
+              : field == 1 ? &d.height
+              : field == 2 ? &d.channels
+              : field == 3 ? &d.outputs
+              : field == 4 ? &d.layer_count
+              : field == 5 ? &d.first_channels
+                           : &d.batch) = bad[k];
+            check_desc_refused(&d, words[field]);
+        }
+    d = small_desc(), d.width = 10;
+    check_desc_refused(&d, "multiples of 4");
+    d = small_desc(), d.height = 6;
+    check_desc_refused(&d, "multiples of 4");
+    d = small_desc(), d.layer_count = 12, d.first_channels = 33, d.width = d.height = 4096;
+    check_desc_refused(&d, "65536");
+    d = small_desc();
+    half.allocate = (void *(*)(size_t, void *))0;
+    half.deallocate = (void (*)(void *, void *))test_desc_errors;
+    CHECK(itn_net_create(&d, &half, &net, NULL) == ITN_ERROR_ARGUMENT && !net);
+    CHECK(itn_net_create(&d, NULL, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    itn_net_free(NULL);
+}
+
+static void test_call_errors(void) {
+    itn_net_desc d = small_desc();
+    itn_net *net = make(&d, NULL);
+    size_t size = (size_t)(d.width * d.height * d.channels);
+    float *images = floats(3 * size), outputs[6] = {1, 2, 3, 4, 5, 6}, kept[6], d_outputs[6] = {0};
+    itn_error error = ITN_ZERO;
+    memcpy(kept, outputs, sizeof kept);
+    CHECK(itn_net_forward(NULL, 1, images, outputs, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_forward(net, 1, NULL, outputs, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_forward(net, 1, images, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_forward(net, 0, images, outputs, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_forward(net, 4, images, outputs, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_backward(net, 1, d_outputs, NULL) == ITN_ERROR_ARGUMENT); /* no forward yet */
+    images[2 * size + 5] = NAN;
+    CHECK(itn_net_forward(net, 3, images, outputs, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "value 5 of image 2") != NULL);
+    images[2 * size + 5] = INFINITY;
+    CHECK(itn_net_forward(net, 3, images, outputs, NULL) == ITN_ERROR_ARGUMENT);
+    images[2 * size + 5] = 0;
+    net->parameters[net->full_bias] = NAN;
+    CHECK(itn_net_forward(net, 3, images, outputs, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "weight") != NULL);
+    CHECK(!memcmp(kept, outputs, sizeof kept));
+    net->parameters[net->full_bias] = 0;
+    CHECK(itn_net_forward(net, 2, images, outputs, NULL) == ITN_OK);
+    CHECK(outputs[4] == 5 && outputs[5] == 6); /* beyond the batch */
+    CHECK(itn_net_backward(net, 3, d_outputs, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_backward(net, 2, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    d_outputs[3] = NAN;
+    CHECK(itn_net_backward(net, 2, d_outputs, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn__not_finite(net->gradients, net->count) == net->count);
+    d_outputs[3] = 0;
+    CHECK(itn_net_backward(net, 2, d_outputs, NULL) == ITN_OK);
+    CHECK(itn_net_step(net, NULL, NULL) == ITN_OK);
+    CHECK(itn_net_backward(net, 2, d_outputs, NULL) == ITN_ERROR_ARGUMENT); /* weights moved */
+    free(images);
+    itn_net_free(net);
+}
+
+/* ---- memory: the k-th allocation fails, and all that was taken is given back ---- */
+
+typedef struct test_memory {
+    int calls, fail_at, live;
+} test_memory;
+
+static void *test_allocate(size_t bytes, void *user) {
+    test_memory *memory = (test_memory *)user;
+    void *block;
+    if (memory->calls++ == memory->fail_at) return NULL;
+    block = malloc(bytes);
+    if (block) memory->live++;
+    return block;
+}
+static void test_deallocate(void *block, void *user) {
+    ((test_memory *)user)->live--;
+    free(block);
+}
+static itn_context memory_context(test_memory *memory) {
+    itn_context context = ITN_ZERO;
+    memset(memory, 0, sizeof *memory);
+    memory->fail_at = -1;
+    context.allocate = test_allocate, context.deallocate = test_deallocate;
+    context.memory_user = memory;
+    return context;
+}
+
+static void test_memory_of_create(void) {
+    itn_net_desc d = small_desc();
+    test_memory memory;
+    itn_context context = memory_context(&memory);
+    itn_net *net = NULL;
+    itn_error error;
+    itn_result result;
+    int k = 0;
+    do {
+        memory.calls = 0, memory.fail_at = k++;
+        result = itn_net_create(&d, &context, &net, &error);
+        CHECK(result == ITN_OK || (result == ITN_ERROR_MEMORY && !net && !memory.live));
+    } while (result != ITN_OK && k < 100);
+    CHECK(k == 7 && memory.live == 6); /* six blocks, so k = 6 is past the last */
+    itn_net_free(net);
+    CHECK(memory.live == 0);
+    d.width = d.height = 8192, d.layer_count = 1, d.first_channels = 65536, d.batch = 65536;
+    net = NULL; /* 2^60 bytes of activations */
+    CHECK(itn_net_create(&d, NULL, &net, NULL) == ITN_ERROR_MEMORY && !net);
+}
+
+/* ---- learning ---- */
+
+/* Images of random values, and targets that have nothing to do with them, learned by heart. */
+typedef struct lesson {
+    float *images, *targets;
+    int count;
+} lesson;
+
+static lesson make_lesson(const itn_net_desc *d, int count) {
+    lesson l;
+    size_t size = (size_t)(d->width * d->height * d->channels);
+    l.count = count;
+    l.images = floats((size_t)count * size), l.targets = floats((size_t)(count * d->outputs));
+    seed(5);
+    fill(l.images, (size_t)count * size), fill(l.targets, (size_t)(count * d->outputs));
+    return l;
+}
+static void free_lesson(lesson *l) { free(l->images), free(l->targets); }
+
+/* One step over the whole lesson; returns the loss before it. sign = -1 climbs instead. */
+static double learn(itn_net *net, const lesson *l, float sign) {
+    float outputs[64], gradient[64];
+    itn_adam_desc adam = ITN_ZERO;
+    double loss;
+    int k, n = l->count * itn_net_shape(net).outputs;
+    adam.learning_rate = .003;
+    CHECK(itn_net_forward(net, l->count, l->images, outputs, NULL) == ITN_OK);
+    loss = itn_loss_parameters(n, outputs, l->targets, gradient) / l->count;
+    for (k = 0; k < n; k++) gradient[k] *= sign / (float)l->count;
+    itn_net_zero_gradients(net);
+    CHECK(itn_net_backward(net, l->count, gradient, NULL) == ITN_OK);
+    CHECK(itn_net_step(net, &adam, NULL) == ITN_OK);
+    return loss;
+}
+
+static itn_net_desc lesson_desc(void) {
+    itn_net_desc d = ITN_ZERO;
+    d.width = d.height = 16, d.channels = 2, d.layer_count = 3, d.first_channels = 8;
+    d.outputs = 3, d.batch = 8;
+    return d;
+}
+
+static void test_overfit(float sign) {
+    itn_net_desc d = lesson_desc();
+    itn_net *net = make(&d, NULL);
+    lesson l = make_lesson(&d, 8);
+    double first = learn(net, &l, sign), last = first;
+    int step;
+    for (step = 0; step < 300; step++) last = learn(net, &l, sign);
+    check_report(last < first * 1e-4, __FILE__, __LINE__, "loss %g after %g", last, first);
+    free_lesson(&l);
+    itn_net_free(net);
+}
+
+/* Orders in which a loop's bodies may run. */
+static void loop_backwards(int count, void (*body)(void *, int), void *task, void *user) {
+    (void)user;
+    while (count--) body(task, count);
+}
+static void loop_strided(int count, void (*body)(void *, int), void *task, void *user) {
+    int stride = *(int *)user, start, k;
+    for (start = 0; start < stride; start++)
+        for (k = start; k < count; k += stride) body(task, k);
+}
+
+/* The state after some steps is the same, bit by bit, in any order of the loops. */
+static void test_orders(int fault) {
+    static const int strides[2] = {2, 7};
+    itn_net_desc d = lesson_desc();
+    lesson l = make_lesson(&d, 8);
+    itn_context context = ITN_ZERO;
+    itn_net *net = make(&d, NULL), *other;
+    float *state = floats(3 * net->count);
+    int k, step;
+    for (step = 0; step < 5; step++) learn(net, &l, 1);
+    net_state(net, state);
+    for (k = 0; k < 3; k++) {
+        context.parallel_for = k ? loop_strided : loop_backwards;
+        context.parallel_user = (void *)(size_t)(k ? &strides[k - 1] : NULL);
+        other = make(&d, &context);
+        for (step = 0; step < 5; step++) learn(other, &l, 1);
+        if (fault) other->parameters[17] = nextafterf(other->parameters[17], 9);
+        CHECK(same_state(other, state));
+        itn_net_free(other);
+    }
+    free(state);
+    free_lesson(&l);
+    itn_net_free(net);
+}
+
+/* ---- files ---- */
+
+static char directory[] = "/tmp/test_net_XXXXXX"; /* of this run */
+static char path[64];
+
+static size_t read_all(unsigned char *bytes, size_t size) {
+    FILE *file = fopen(path, "rb");
+    size_t got = 0;
+    CHECK(file != NULL);
+    if (file) got = fread(bytes, 1, size, file), fclose(file);
+    return got;
+}
+static void write_all(const unsigned char *bytes, size_t size) {
+    FILE *file = fopen(path, "wb");
+    CHECK(file && fwrite(bytes, 1, size, file) == size);
+    if (file) fclose(file);
+}
+
+/* A small network after three steps, saved. Returns the size of the file. */
+static itn_net *make_saved(int weights_only, unsigned char *bytes, size_t limit, size_t *size) {
+    itn_net_desc d = small_desc();
+    itn_net *net;
+    int step;
+    d.first_channels = 2, d.layer_count = 1, d.width = d.height = 2;
+    net = make(&d, NULL);
+    seed(6);
+    for (step = 0; step < 3; step++) {
+        fill(net->gradients, net->count);
+        CHECK(itn_net_step(net, NULL, NULL) == ITN_OK);
+    }
+    CHECK(itn_net_save(net, path, weights_only, NULL) == ITN_OK);
+    *size = read_all(bytes, limit);
+    CHECK(*size == 64 + (weights_only ? 4 : 12) * net->count && *size < limit);
+    return net;
+}
+
+/* A file with these bytes must be refused by all readers, with a hint, and change nothing. */
+static void check_refused(itn_net *net, const unsigned char *bytes, size_t size, const char *hint) {
+    unsigned char *exact = (unsigned char *)malloc(size ? size : 1); /* for the sanitizers */
+    float *state = floats(3 * net->count);
+    uint64_t steps = net->steps;
+    itn_net *other = NULL;
+    itn_error error = ITN_ZERO;
+    memcpy(exact, bytes, size);
+    net_state(net, state);
+    write_all(bytes, size);
+    CHECK(itn_net_load(net, path, &error) == ITN_ERROR_FORMAT);
+    check_report(strstr(error.message, hint) && strstr(error.message, path), __FILE__, __LINE__,
+                 "%s in: %s", hint, error.message);
+    CHECK(same_state(net, state) && net->steps == steps);
+    CHECK(itn_net_open(path, 1, NULL, &other, NULL) == ITN_ERROR_FORMAT && !other);
+    CHECK(itn_net_from_memory(exact, size, NULL, 1, NULL, &other, NULL) == ITN_ERROR_FORMAT);
+    CHECK(!other);
+    free(exact), free(state);
+}
+
+static void put_u32(unsigned char *bytes, uint32_t value) {
+    int k;
+    for (k = 0; k < 4; k++) bytes[k] = (unsigned char)(value >> 8 * k);
+}
+/* The checksum as its authors state it. */
+static void sign_file(unsigned char *bytes, size_t size) {
+    uint64_t hash = 14695981039346656037ull;
+    size_t k;
+    for (k = 0; k + 8 < size; k++) hash = (hash ^ bytes[k]) * 1099511628211ull;
+    put_u32(bytes + size - 8, (uint32_t)hash), put_u32(bytes + size - 4, (uint32_t)(hash >> 32));
+}
+
+/* Changes one 32-bit word, signs the file anew and expects a refusal. */
+static void check_word_refused(itn_net *net, unsigned char *bytes, size_t size, size_t at,
+                               uint32_t value, const char *hint) {
+    unsigned char kept[4];
+    memcpy(kept, bytes + at, 4);
+    put_u32(bytes + at, value);
+    sign_file(bytes, size);
+    check_refused(net, bytes, size, hint);
+    memcpy(bytes + at, kept, 4);
+    sign_file(bytes, size);
+}
+
+/* The format, byte by byte, as the header documents it. */
+static void test_file_format(void) {
+    static const unsigned char head[56] = {
+        'I', 'T', 'N', '-', 'N', 'E', 'T', '\n', 1, 0, 0, 0, 3, 0, 0, 0, 2, 0, 0, 0, 2, 0, 0, 0,
+        2, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 2, 0, 0, 0, 44, 0, 0, 0, 0, 0, 0, 0, 3};
+    unsigned char bytes[2048], copy[2048];
+    size_t size, k;
+    itn_net *net = make_saved(0, bytes, sizeof bytes, &size);
+    uint32_t bits;
+    CHECK(net->count == 9 * 2 * 2 + 2 + 2 * 2 + 2);
+    CHECK(!memcmp(bytes, head, sizeof head));
+    for (k = 0; k < net->count; k++) {
+        memcpy(&bits, &net->parameters[k], 4);
+        CHECK(bytes[56 + 4 * k] == (bits & 255) && bytes[59 + 4 * k] == bits >> 24);
+        memcpy(&bits, &net->moments[net->count + k], 4);
+        CHECK(bytes[56 + 4 * (2 * net->count + k)] == (bits & 255));
+    }
+    memcpy(copy, bytes, size);
+    sign_file(copy, size);
+    CHECK(!memcmp(copy, bytes, size));
+    itn_net_free(net);
+}
+
+static void test_damaged_files(void) {
+    unsigned char bytes[2048];
+    size_t size, k;
+    int bit;
+    itn_net *net = make_saved(0, bytes, sizeof bytes, &size);
+    for (k = 0; k < size; k++) { /* one bit of every byte */
+        bit = 1 << (k % 8);
+        bytes[k] ^= (unsigned char)bit;
+        check_refused(net, bytes, size, "");
+        bytes[k] ^= (unsigned char)bit;
+    }
+    for (k = 0; k < size; k++)
+        check_refused(net, bytes, k, k < 16 ? "not a network file" : "cut off");
+    bytes[size] = 0;
+    check_refused(net, bytes, size + 1, "cut off");
+    check_word_refused(net, bytes, size, 0, 0x46464952, "not a network file");
+    check_word_refused(net, bytes, size, 8, 2, "version 2");
+    check_word_refused(net, bytes, size, 12, 1, "cut off");
+    check_word_refused(net, bytes, size, 12, 0, "cut off");
+    check_word_refused(net, bytes, size, 12, 0xffffffff, "cut off");
+    check_word_refused(net, bytes, size, 40, 45, "cut off");
+    check_word_refused(net, bytes, size, 44, 0x40000000, "cut off"); /* 12 x 2^62 wraps to 0 */
+    for (k = 16; k < 40; k += 4) {
+        check_word_refused(net, bytes, size, k, 0, "shape");
+        check_word_refused(net, bytes, size, k, 0x7fffffff, "shape");
+        check_word_refused(net, bytes, size, k, 0x80000000, "shape");
+    }
+    check_word_refused(net, bytes, size, 24, 3, "44 parameters"); /* valid, but another count */
+    check_word_refused(net, bytes, size, 16, 0x7fc00000, "shape");
+    check_word_refused(net, bytes, size, 56, 0x7fc00000, "weight 0 is nan");
+    check_word_refused(net, bytes, size, 56 + 4 * 43, 0xff800000, "weight 43 is -inf");
+    check_word_refused(net, bytes, size, 56 + 4 * 44, 0x7f800000, "Adam moment of weight 0");
+    check_word_refused(net, bytes, size, 56 + 4 * 131, 0xbf800000, "Adam moment of weight 43");
+    write_all(bytes, size);
+    CHECK(itn_net_load(net, path, NULL) == ITN_OK); /* after all that, it was the damage */
+    itn_net_free(net);
+}
+
+static void test_file_errors(void) {
+    unsigned char bytes[2048];
+    size_t size;
+    itn_net *net = make_saved(0, bytes, sizeof bytes, &size), *other = make(NULL, NULL);
+    itn_error error = ITN_ZERO;
+    CHECK(itn_net_load(other, path, &error) == ITN_ERROR_FORMAT);
+    CHECK(strstr(error.message, "another shape") != NULL);
+    CHECK(itn_net_load(net, "/nonexistent/x", &error) == ITN_ERROR_FILE);
+    CHECK(strstr(error.message, "/nonexistent/x") != NULL);
+    CHECK(itn_net_save(net, "/nonexistent/x", 0, NULL) == ITN_ERROR_FILE);
+    CHECK(itn_net_open("/nonexistent/x", 0, NULL, &other, NULL) == ITN_ERROR_FILE);
+    CHECK(itn_net_load(net, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_load(NULL, path, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_save(net, NULL, 0, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_save(NULL, path, 0, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_open(path, 0, NULL, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_open(path, -1, NULL, &other, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_from_memory(NULL, 0, NULL, 0, NULL, &other, NULL) == ITN_ERROR_ARGUMENT);
+    net->parameters[3] = NAN; /* not written, and the old file stays */
+    CHECK(itn_net_save(net, path, 0, &error) == ITN_ERROR_ARGUMENT);
+    net->parameters[3] = 0, net->moments[2 * net->count - 1] = INFINITY;
+    CHECK(itn_net_save(net, path, 0, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_load(net, path, NULL) == ITN_OK);
+    itn_net_free(net), itn_net_free(other);
+}
+
+static void test_memory_of_files(void) {
+    unsigned char bytes[2048];
+    test_memory memory;
+    itn_context context = memory_context(&memory);
+    size_t size;
+    itn_net *net = make_saved(0, bytes, sizeof bytes, &size), *other = NULL;
+    itn_result result;
+    int k = 0;
+    do {
+        memory.calls = 0, memory.fail_at = k++;
+        result = itn_net_open(path, 2, &context, &other, NULL);
+        CHECK(result == ITN_OK || (result == ITN_ERROR_MEMORY && !other && !memory.live));
+    } while (result != ITN_OK && k < 100);
+    CHECK(k >= 8 && memory.live == 6);
+    for (result = ITN_ERROR_MEMORY, k = 0; result != ITN_OK && k < 100; k++) {
+        memory.calls = 0, memory.fail_at = k;
+        result = itn_net_load(other, path, NULL);
+        CHECK((result == ITN_OK || result == ITN_ERROR_MEMORY) && memory.live == 6);
+    }
+    CHECK(k >= 2);
+    for (result = ITN_ERROR_MEMORY, k = 0; result != ITN_OK && k < 100; k++) {
+        memory.calls = 0, memory.fail_at = k;
+        result = itn_net_save(other, path, 0, NULL);
+        CHECK((result == ITN_OK || result == ITN_ERROR_MEMORY) && memory.live == 6);
+    }
+    CHECK(k >= 2);
+    itn_net_free(net), itn_net_free(other);
+    CHECK(memory.live == 0);
+}
+
+/* Ten steps are five, a file, and five more: bit for bit. forget: leave the moments out. */
+static void test_resume(int forget) {
+    itn_net_desc d = lesson_desc();
+    lesson l = make_lesson(&d, 8);
+    itn_net *whole = make(&d, NULL), *part = make(&d, NULL), *resumed, *opened = NULL;
+    float *state = floats(3 * whole->count);
+    int step;
+    for (step = 0; step < 10; step++) learn(whole, &l, 1);
+    for (step = 0; step < 5; step++) learn(part, &l, 1);
+    net_state(whole, state);
+    CHECK(itn_net_save(part, path, forget, NULL) == ITN_OK);
+    d.seed = 99;
+    resumed = make(&d, NULL);
+    CHECK(itn_net_load(resumed, path, NULL) == ITN_OK);
+    CHECK(itn_net_open(path, 8, NULL, &opened, NULL) == ITN_OK);
+    CHECK(itn_net_steps(opened) == (forget ? 0 : 5));
+    for (step = 0; step < 5; step++) learn(resumed, &l, 1), learn(opened, &l, 1);
+    CHECK(same_state(resumed, state) && itn_net_steps(resumed) == 10);
+    CHECK(same_state(opened, state) && itn_net_steps(opened) == 10);
+    free(state);
+    free_lesson(&l);
+    itn_net_free(whole), itn_net_free(part), itn_net_free(resumed), itn_net_free(opened);
+}
+
+static void test_weights_only(void) {
+    unsigned char bytes[2048];
+    size_t size, k;
+    itn_net *net = make_saved(1, bytes, sizeof bytes, &size), *other = NULL;
+    CHECK(itn_net_from_memory(bytes, size, "memory", 5, NULL, &other, NULL) == ITN_OK);
+    CHECK(other->desc.batch == 5 && itn_net_steps(other) == 0);
+    CHECK(!memcmp(net->parameters, other->parameters, net->count * sizeof(float)));
+    CHECK(itn_net_load(net, path, NULL) == ITN_OK && net->steps == 0);
+    for (k = 0; k < 2 * net->count && net->moments[k] == 0; k++) {}
+    CHECK(k == 2 * net->count);
+    itn_net_free(net), itn_net_free(other);
+}
+
+/* ---- losses ---- */
+
+static void test_loss_parameters(void) {
+    static const float truth[3] = {1, 2, -3};
+    float predicted[3] = {1.5f, 2, -1}, gradient[3];
+    CHECK(itn_loss_parameters(3, predicted, truth, gradient) == .25 + 4);
+    CHECK(gradient[0] == 1 && gradient[1] == 0 && gradient[2] == 4);
+    CHECK(itn_loss_parameters(3, predicted, truth, predicted) == .25 + 4 && predicted[2] == 4);
+}
+
+static void test_models(void) {
+    itn_render_options options = ITN_ZERO;
+    options.max_scatter = 7;
+    CHECK(!itn_model_renders(ITN_MODEL_RN, &options) && options.max_scatter == 7);
+    CHECK(itn_model_renders(ITN_MODEL_SSN, &options) && options.max_scatter == 1);
+    CHECK(itn_model_renders(ITN_MODEL_ITN, &options) && options.max_scatter == 0);
+}
+
+/* A milky tetrahedron under a white sky. */
+static itn_scene *make_scene(const itn_context *context) {
+    static float positions[12] = {-1, -1, -1, 1, -1, -1, 0, 1, -1, 0, 0, 1};
+    static int triangles[12] = {0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3};
+    itn_mesh mesh = ITN_ZERO;
+    itn_medium_desc medium = ITN_ZERO;
+    itn_object_desc object = ITN_ZERO;
+    itn_light_desc light = ITN_ZERO;
+    itn_scene_desc desc = ITN_ZERO;
+    itn_scene *scene = NULL;
+    itn_error error = ITN_ZERO;
+    mesh.vertex_count = 4, mesh.triangle_count = 4;
+    mesh.positions = positions, mesh.triangles = triangles;
+    medium.name = "milk", medium.sigma_t = 1, medium.albedo[0] = .8f, medium.g = .3f;
+    object.mesh = &mesh, object.medium = "milk";
+    light.radiance[0] = light.radiance[1] = light.radiance[2] = 1;
+    desc.film.width = desc.film.height = 8;
+    desc.camera.eye.z = 5;
+    desc.media = &medium, desc.medium_count = 1;
+    desc.objects = &object, desc.object_count = 1;
+    desc.lights = &light, desc.light_count = 1;
+    CHECK(itn_scene_create(&desc, context, &scene, &error) == ITN_OK);
+    if (!scene) printf("%s\n", error.message), exit(1);
+    return scene;
+}
+
+/* What the losses below are about: three parameters of milk, in this order. */
+typedef struct loss_case {
+    itn_scene *scene;
+    itn_loss_desc desc;
+    int parameters[3];
+    float predicted[3], truth[3], image[64];
+} loss_case;
+
+static void loss_case_make(loss_case *c, const itn_context *context) {
+    static const char *const names[3] = {"milk.g", "milk.sigma_t", "milk.albedo"};
+    static const double values[3] = {.5, 1.7, .6};
+    int k;
+    memset(c, 0, sizeof *c);
+    c->scene = make_scene(context);
+    for (k = 0; k < 3; k++) {
+        const itn_parameter *p;
+        c->parameters[k] = itn_parameter_find(c->scene, names[k]);
+        p = itn_parameter_get(c->scene, c->parameters[k]);
+        CHECK(p != NULL);
+        c->truth[k] = (float)itn_parameter_to_coordinate(p, (double)p->value);
+        c->predicted[k] = (float)itn_parameter_to_coordinate(p, values[k]);
+    }
+    for (k = 0; k < 64; k++) c->image[k] = .7f;
+    c->desc.scene = c->scene, c->desc.parameters = c->parameters, c->desc.lambda = 3;
+    c->desc.options.spp = 16, c->desc.options.seed = 4;
+}
+
+/* Each model against the renderer's own loss and the chain rule written out. */
+static void test_loss_training(itn_model model, int scatter, double lambda_of_check) {
+    loss_case c;
+    itn_render_options options;
+    itn_loss loss = ITN_ZERO;
+    float gradient[3], supervised[3], theta[16];
+    double image_loss, d_values[3], expected[3];
+    int k;
+    loss_case_make(&c, NULL);
+    itn_parameter_values(c.scene, theta);
+    for (k = 0; k < 3; k++)
+        theta[c.parameters[k]] = (float)itn_parameter_from_coordinate(
+            itn_parameter_get(c.scene, c.parameters[k]), (double)c.predicted[k]);
+    options = c.desc.options, options.max_scatter = scatter;
+    CHECK(itn_loss_gradient(c.scene, theta, &options, c.image, c.parameters, 3, &image_loss,
+                            d_values, NULL) == ITN_OK);
+    c.desc.model = model;
+    CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, c.image, &loss, gradient, NULL) ==
+          ITN_OK);
+    CHECK(loss.parameters == itn_loss_parameters(3, c.predicted, c.truth, supervised));
+    CHECK_NEAR(loss.image, image_loss, 1e-12);
+    CHECK_NEAR(loss.total, loss.parameters + lambda_of_check * image_loss, 1e-12);
+    for (k = 0; k < 3; k++) { /* the slope by differences */
+        const itn_parameter *p = itn_parameter_get(c.scene, c.parameters[k]);
+        double at = (double)c.predicted[k];
+        double slope = (itn_parameter_from_coordinate(p, at + 1e-5) -
+                        itn_parameter_from_coordinate(p, at - 1e-5)) / 2e-5;
+        CHECK(fabs(d_values[k] * slope) > 1e-5);
+        expected[k] = (double)supervised[k] + lambda_of_check * d_values[k] * slope;
+    }
+    check_arrays("training loss", gradient, expected, 3, 1e-6);
+    itn_scene_free(c.scene);
+}
+
+static void test_loss_choices(void) {
+    loss_case c;
+    itn_loss loss = ITN_ZERO, zero, bound;
+    float gradient[3], supervised[3], theta[16], kept;
+    int k;
+    loss_case_make(&c, NULL);
+    itn_loss_parameters(3, c.predicted, c.truth, supervised);
+    c.desc.model = ITN_MODEL_ITN, c.desc.lambda = 0; /* nothing is rendered */
+    CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, c.image, &zero, gradient, NULL) ==
+          ITN_OK);
+    CHECK(zero.image == 0 && zero.total == zero.parameters);
+    CHECK(!memcmp(gradient, supervised, sizeof gradient));
+    memset(&c.desc, 0, sizeof c.desc); /* all-zero: RN, which needs no scene */
+    CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, NULL, &loss, gradient, NULL) ==
+          ITN_OK);
+    CHECK(loss.total == zero.total && !memcmp(gradient, supervised, sizeof gradient));
+    itn_scene_free(c.scene);
+
+    loss_case_make(&c, NULL); /* other parameters come from theta */
+    c.desc.model = ITN_MODEL_ITN;
+    itn_parameter_values(c.scene, theta);
+    theta[itn_parameter_find(c.scene, "light.scale")] = 2;
+    CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, c.image, &loss, gradient, NULL) ==
+          ITN_OK);
+    c.desc.theta = theta;
+    CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, c.image, &bound, gradient, NULL) ==
+          ITN_OK);
+    CHECK(fabs(bound.image - loss.image) > .01);
+    kept = c.predicted[0]; /* far beyond a bound is the bound, and all stays finite */
+    for (k = 0; k < 2; k++) {
+        c.predicted[0] = k ? 1e6f : -1e6f;
+        CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, c.image, &loss, gradient,
+                                NULL) == ITN_OK);
+        c.predicted[0] = k ? 50.f : -50.f;
+        CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, c.image, &bound, gradient,
+                                NULL) == ITN_OK);
+        CHECK(loss.image == bound.image && itn__not_finite(gradient, 3) == 3);
+    }
+    c.predicted[0] = kept;
+    itn_scene_free(c.scene);
+}
+
+static void check_loss_refused(const loss_case *c, int count, const float *image,
+                               const char *word) {
+    itn_loss loss = {1, 2, 3};
+    float gradient[3] = {4, 5, 6};
+    itn_error error = ITN_ZERO;
+    itn_result result =
+        itn_loss_training(&c->desc, count, c->predicted, c->truth, image, &loss, gradient, &error);
+    CHECK(result == ITN_ERROR_ARGUMENT);
+    check_report(strstr(error.message, word) != NULL, __FILE__, __LINE__, "%s in: %s", word,
+                 error.message);
+    CHECK(loss.parameters == 1 && loss.image == 2 && loss.total == 3);
+    CHECK(gradient[0] == 4 && gradient[1] == 5 && gradient[2] == 6);
+}
+
+static void test_loss_errors(void) {
+    static const double lambdas[3] = {-1, NAN, INFINITY};
+    test_memory memory;
+    itn_context context = memory_context(&memory);
+    loss_case c;
+    itn_loss loss = {1, 2, 3};
+    float gradient[3] = {4, 5, 6}, theta[16];
+    itn_result result;
+    int k, live;
+    loss_case_make(&c, &context);
+    c.desc.model = ITN_MODEL_ITN;
+    check_loss_refused(&c, 0, c.image, "count");
+    check_loss_refused(&c, 3, NULL, "image");
+    for (k = 0; k < 3; k++) {
+        c.desc.lambda = lambdas[k];
+        check_loss_refused(&c, 3, c.image, "lambda");
+    }
+    c.desc.lambda = 1, c.predicted[1] = NAN, check_loss_refused(&c, 3, c.image, "coordinate 1");
+    c.predicted[1] = 0, c.truth[2] = INFINITY, check_loss_refused(&c, 3, c.image, "coordinate 2");
+    c.truth[2] = 0, c.parameters[0] = 99, check_loss_refused(&c, 3, c.image, "parameters[0] is 99");
+    c.parameters[0] = -1, check_loss_refused(&c, 3, c.image, "parameters[0] is -1");
+    c.parameters[0] = c.parameters[1], check_loss_refused(&c, 3, c.image, "twice");
+    c.parameters[0] = itn_parameter_find(c.scene, "milk.g");
+    c.desc.model = (itn_model)7, check_loss_refused(&c, 3, c.image, "model");
+    c.desc.model = ITN_MODEL_SSN, itn_parameter_values(c.scene, theta);
+    theta[itn_parameter_find(c.scene, "light.scale")] = NAN, c.desc.theta = theta;
+    check_loss_refused(&c, 3, c.image, ""); /* the renderer's own refusal */
+    c.desc.theta = NULL, c.desc.scene = NULL, check_loss_refused(&c, 3, c.image, "scene");
+    c.desc.scene = c.scene, live = memory.live;
+    for (result = ITN_ERROR_MEMORY, k = 0; result != ITN_OK && k < 100; k++) {
+        memory.calls = 0, memory.fail_at = k;
+        result = itn_loss_training(&c.desc, 3, c.predicted, c.truth, c.image, &loss, gradient,
+                                   NULL);
+        CHECK(result == ITN_OK || (result == ITN_ERROR_MEMORY && loss.total == 3 &&
+                                   gradient[2] == 6));
+        CHECK(memory.live == live);
+    }
+    CHECK(k >= 3 && result == ITN_OK);
+    itn_scene_free(c.scene);
+    CHECK(memory.live == 0);
+}
+
+int main(void) {
+    CHECK(mkdtemp(directory) != NULL);
+    sprintf(path, "%s/w", directory);
+    test_layers();
+    test_net_gradient(NO_FAULT);
+    CHECK_CATCHES(test_net_gradient(FAULT_SIGN));
+    CHECK_CATCHES(test_net_gradient(FAULT_NO_BIAS));
+    test_released_shape();
+    test_initial_weights();
+    test_adam(1);
+    CHECK_CATCHES(test_adam(0));
+    test_adam_first_step();
+    test_adam_refuses();
+    test_desc_errors();
+    test_call_errors();
+    test_memory_of_create();
+    test_overfit(1);
+    CHECK_CATCHES(test_overfit(-1));
+    test_orders(0);
+    CHECK_CATCHES(test_orders(1));
+    test_file_format();
+    test_damaged_files();
+    test_file_errors();
+    test_memory_of_files();
+    test_resume(0);
+    CHECK_CATCHES(test_resume(1));
+    test_weights_only();
+    test_loss_parameters();
+    test_models();
+    test_loss_training(ITN_MODEL_SSN, 1, 3);
+    test_loss_training(ITN_MODEL_ITN, 0, 3);
+    CHECK_CATCHES(test_loss_training(ITN_MODEL_ITN, 1, 3));
+    CHECK_CATCHES(test_loss_training(ITN_MODEL_ITN, 0, 2));
+    test_loss_choices();
+    test_loss_errors();
+    remove(path);
+    CHECK(rmdir(directory) == 0);
+    return check_end("net");
+}

@@ -1,0 +1,356 @@
+#!/bin/sh
+# Compiles the header in every way it promises to compile, links callers, looks at the symbols and
+# macros it leaves behind, and checks the form of its text. Prints what failed and a count.
+#
+#   tests/test_switches.sh          all subsets of the switches; optimised builds of a few
+#   FULL=1 tests/test_switches.sh   optimised builds of everything (minutes)
+#   HEADER=path                     another header than ../itn.h
+#
+# Compilers: gcc, g++, clang, clang++. One that is missing is reported and counted as skipped.
+here=$(cd "$(dirname "$0")" && pwd)
+HEADER=${HEADER:-$here/../itn.h}
+work=$(mktemp -d) || exit 1
+trap 'rm -rf "$work"' EXIT HUP INT TERM
+cp "$HEADER" "$work/itn.h" || exit 1
+cd "$work" || exit 1
+LC_ALL=C
+export LC_ALL
+
+passed=0 failed=0 skipped=0
+warnings="-Wall -Wextra -Wpedantic -Wshadow -Wsign-conversion -Werror"
+
+# check NAME COMMAND...: counts a command that must succeed; its output is shown when it does not.
+check() {
+    name=$1
+    shift
+    if "$@" >log 2>&1; then
+        passed=$((passed + 1))
+    else
+        failed=$((failed + 1))
+        echo "FAILED $name"
+        head -n 12 log | sed 's/^/    /'
+    fi
+}
+# catches NAME COMMAND...: counts a command that must fail, because an error was planted.
+catches() {
+    name=$1
+    shift
+    if "$@" >log 2>&1; then
+        failed=$((failed + 1))
+        echo "FAILED planted error not caught: $name"
+    else
+        passed=$((passed + 1))
+    fi
+}
+skip() {
+    skipped=$((skipped + 1))
+    echo "skipped: $1"
+}
+has() { command -v "$1" >/dev/null 2>&1; }
+
+# ---- sources ---------------------------------------------------------------------------------------
+
+cat >whole.c <<'END'
+#define ITN_IMPLEMENTATION
+#include "itn.h"
+#include "itn.h"
+int main(void) { return itn_result_text(ITN_OK) == NULL; }
+END
+cat >override.c <<'END'
+#include <stdlib.h>
+static void *my_malloc(size_t bytes) { return malloc(bytes); }
+static void my_free(void *block) { free(block); }
+#define ITN_MALLOC(bytes) my_malloc(bytes)
+#define ITN_FREE(block) my_free(block)
+#define ITN_IMPLEMENTATION
+#include "itn.h"
+#include "itn.h"
+int main(void) { return itn_result_text(ITN_OK) == NULL; }
+END
+cat >half_override.c <<'END'
+#include <stdlib.h>
+#define ITN_MALLOC(bytes) malloc(bytes)
+#define ITN_IMPLEMENTATION
+#include "itn.h"
+int main(void) { return 0; }
+END
+# a caller of the main parts: a square under a constant light is exactly as bright as it
+cat >use.c <<'END'
+#include "itn.h"
+#include <string.h>
+#ifdef OTHER
+int other_call(void);
+#define MAIN int other_call(void)
+#else
+#define MAIN int main(void)
+#endif
+#ifdef TWO
+int other_call(void);
+#endif
+static int render(void) {
+    itn_scene_desc desc;
+    itn_surface_desc surface;
+    itn_object_desc object;
+    itn_light_desc light;
+    itn_render_options options;
+    itn_scene *scene = NULL;
+    itn_image image;
+    int bad;
+    memset(&desc, 0, sizeof desc);
+    memset(&surface, 0, sizeof surface);
+    memset(&object, 0, sizeof object);
+    memset(&light, 0, sizeof light);
+    memset(&options, 0, sizeof options);
+    memset(&image, 0, sizeof image);
+    surface.name = "white", surface.type = ITN_SURFACE_DIFFUSE, surface.reflectance[0] = 1;
+    object.surface = "white", object.half_size = 1;
+    light.radiance[0] = 1;
+    desc.film.width = desc.film.height = 4, options.spp = 4;
+    desc.camera.eye.y = 3, desc.camera.eye.x = .1f;
+    desc.surfaces = &surface, desc.surface_count = 1;
+    desc.objects = &object, desc.object_count = 1;
+    desc.lights = &light, desc.light_count = 1;
+    if (itn_scene_create(&desc, NULL, &scene, NULL)) return 1;
+    bad = itn_render(scene, NULL, &options, NULL, 0, &image, NULL) != ITN_OK;
+    bad = bad || !(image.pixels[0] > .999f && image.pixels[0] < 1.001f);
+    itn_image_free(&image);
+    itn_scene_free(scene);
+    return bad;
+}
+MAIN {
+#ifdef TWO
+    if (other_call()) return 1;
+#endif
+    return render();
+}
+END
+echo '#include "itn.h"
+int main(void) { return 0; }' >api.c
+echo '#include "use.c"' >use_twin.c
+for name in whole override half_override api; do cp $name.c $name.cc; done
+grep -h '^#include <' itn.h | grep -v windows | sort -u >system.c
+
+# ---- every subset of the switches, every language ---------------------------------------------------
+
+subset() { # bits -> flags and source of a subset
+    flags=
+    [ $(($1 & 1)) = 0 ] || flags="$flags -DITN_NO_STDIO"
+    [ $(($1 & 2)) = 0 ] || flags="$flags -DITN_NO_NET"
+    [ $(($1 & 4)) = 0 ] || flags="$flags -DITN_STATIC"
+    [ $(($1 & 8)) = 0 ] || flags="$flags -DITN_THREADS"
+    source=whole
+    [ $(($1 & 16)) = 0 ] || source=override
+}
+compilers=
+for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "clang++ c++11 cc"; do
+    set -- $pair
+    if ! has "$1"; then
+        skip "$1 -std=$2: not installed"
+        continue
+    fi
+    compilers="$compilers $1"
+    all="0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31"
+    if [ -z "$FULL" ]; then # all subsets in C by one compiler, in C++ by the other
+        case "$1-$2" in gcc-c99 | clang++-c++11) ;; *) all="0 3 12 31" ;; esac
+    fi
+    for bits in $all; do
+        subset "$bits"
+        check "$1 -std=$2$flags $source.$3" "$1" -std="$2" $warnings $flags -fsyntax-only "$source.$3"
+    done
+    check "$1 -std=$2 interface only" "$1" -std="$2" $warnings -fsyntax-only "api.$3"
+    catches "half an allocator" "$1" -std="$2" -fsyntax-only "half_override.$3"
+    levels="plain"
+    case "$2" in c11) levels= ;; *) [ -z "$FULL" ] || levels="plain native" ;; esac
+    if [ -z "$FULL" ]; then # one optimised build per compiler, the flags spread over them
+        case "$1" in clang | g++) levels="native" ;; esac
+    fi
+    for level in $levels; do
+        arch=
+        [ $level = plain ] || arch="-march=native"
+        check "$1 -std=$2 -O2 $arch" "$1" -std="$2" $warnings -O2 $arch -fno-pie -c "whole.$3" \
+            -o "whole-$1-$level.o"
+    done
+done
+CC=
+for name in gcc clang cc; do [ -n "$CC" ] || ! has $name || CC=$name; done
+CXX=
+for name in g++ clang++ c++; do [ -n "$CXX" ] || ! has $name || CXX=$name; done
+[ -n "$CC" ] || { echo "no C compiler"; exit 1; }
+
+# ---- linking -----------------------------------------------------------------------------------------
+
+build() { "$CC" -std=c99 $warnings "$@" -lm -lpthread && ./a.out; }
+define=-DITN_IMPLEMENTATION
+# every function that the interface declares under these switches must be there to link with
+declared() {
+    "$CC" -std=c99 $1 -E -P api.c | tr '\n' ' ' | tr ';' '\n' |
+        sed -n 's/.*extern [^(]*[ *]\(itn_[a-z0-9_]*\)(.*/\1/p' | sort -u >names
+    [ "$(wc -l <names)" -ge "$2" ] || { echo "only $(wc -l <names) functions declared"; return 1; }
+    {
+        echo '#include "itn.h"'
+        echo 'typedef void (*function)(void);'
+        echo 'extern function table[];'
+        echo 'function table[] = {'
+        sed 's/.*/    (function)&,/' names
+        echo '    0};'
+        echo 'int main(void) { return table[0] == 0; }'
+    } >table.c
+    "$CC" -std=c99 $define $1 table.c -lm -lpthread && ./a.out
+}
+for flags in "" "-DITN_NO_STDIO" "-DITN_NO_NET" "-DITN_NO_STDIO -DITN_NO_NET"; do
+    check "declared but not defined: $flags" declared "$flags" 25
+done
+check "caller runs" build $define use.c
+check "caller runs, threads" build $define -DITN_THREADS use.c
+check "caller runs, static" build $define -DITN_STATIC use.c
+# the macro on the command line meets the header in several places of one file
+echo '#include "itn.h"
+#include "itn.h"
+#include "use.c"' >often.c
+check "macro on the command line, header included three times" build $define often.c
+two() { # flags, first compiler and language, second compiler, language and suffix
+    "$2" -std="$3" $1 $define -DTWO -c use.c -o one.o &&
+        "$4" -std="$5" $6 -DOTHER -c "use_twin.$7" -o two.o &&
+        "$4" one.o two.o -lm -lpthread -o two && ./two
+}
+check "two files" two "" "$CC" c99 "$CC" c99 "" c
+check "static in two files" two -DITN_STATIC "$CC" c99 "$CC" c99 "-DITN_STATIC $define" c
+catches "the code in two files without ITN_STATIC" two "" "$CC" c99 "$CC" c99 $define c
+if [ -n "$CXX" ]; then
+    sed 's/int other_call(void);/extern "C" int other_call(void);/
+        s/define MAIN int other_call/define MAIN extern "C" int other_call/' use.c >use_twin.cc
+    check "code in C, caller in C++" two "" "$CC" c99 "$CXX" c++11 "" cc
+else
+    skip "C++ caller: no compiler"
+fi
+
+# ---- symbols and macros --------------------------------------------------------------------------------
+
+public() { nm -g --defined-only "$1" | awk 'NF == 3 { print $3 }' | grep -vx main; }
+only_public() { ! public "$1" | grep -v '^itn_[a-z0-9]' ; }
+no_private() { ! public "$1" | grep 'itn__'; }
+no_data() { ! nm "$1" | grep ' [bBcCdDgGsS] '; }
+no_exit() {
+    ! nm -u "$1" | grep -Ew 'exit|_exit|abort|printf|puts|putchar|stdout|stderr|rand|srand|__assert_fail|getenv|setlocale|strtok'
+}
+uses_malloc() { nm -u "$1" | grep -Ew 'malloc|calloc|realloc|free'; }
+no_malloc() { ! uses_malloc "$1"; }
+if has nm; then
+    for object in whole-*.o; do
+        [ -f "$object" ] || continue
+        check "$object: global name without itn_" only_public "$object"
+        check "$object: private name that is global" no_private "$object"
+        check "$object: writable data" no_data "$object"
+        check "$object: exits, prints, or uses hidden state" no_exit "$object"
+    done
+    echo '#include <stdio.h>
+int leak;
+int itn__leak(void) { leak++; puts("x"); return 0; }' >bad.c
+    "$CC" -fno-pie -O0 -c bad.c -o bad.o
+    catches "a global without prefix" only_public bad.o
+    catches "a private name that is global" no_private bad.o
+    catches "writable data" no_data bad.o
+    catches "printing" no_exit bad.o
+    cat >arena.c <<'END'
+#include <stddef.h>
+static void *my_malloc(size_t bytes) { return (void *)(bytes ? 0 : 0); }
+static void my_free(void *block) { (void)block; }
+END
+    sed -n '/^#define/,$p' override.c >>arena.c
+    "$CC" -std=c99 -c arena.c -o arena.o
+    check "ITN_MALLOC and ITN_FREE replace malloc and free" no_malloc arena.o
+    "$CC" -std=c99 -c whole.c -o heap.o
+    catches "malloc without them" no_malloc heap.o
+    for flags in "" -DITN_NO_NET; do
+        "$CC" -std=c99 -DITN_STATIC $flags -c whole.c -o static.o
+        all_static() { [ -z "$(public static.o)" ]; }
+        check "ITN_STATIC leaves no global $flags" all_static
+    done
+    "$CC" -std=c99 -DITN_NO_STDIO -c whole.c -o nostdio.o
+    no_files() { ! nm -u nostdio.o | grep -Ew 'fopen|fopen64|fclose|fread|fwrite|rename|remove'; }
+    check "ITN_NO_STDIO opens no files" no_files
+else
+    skip "symbols: nm is not installed"
+fi
+macros() { "$CC" -std=gnu99 -DITN_THREADS -E -dM "$1" | awk '{ sub(/\(.*/, "", $2); print $2 }' | sort -u; }
+macros system.c >macros-before
+leaks() { # file: macros beyond those of the system's headers and without the prefix
+    macros "$1" >macros-after
+    ! comm -13 macros-before macros-after | grep -v '^ITN_'
+}
+check "macros without ITN_ after the code" leaks whole.c
+check "macros without ITN_ after the interface" leaks api.c
+echo '#include "itn.h"
+#define LEAK 1' >leak.c
+catches "a leaking macro" leaks leak.c
+
+# ---- the text ------------------------------------------------------------------------------------------
+
+nothing() { ! grep -n "$@"; }
+check "a line is longer than 100 columns" nothing '.\{101\}' itn.h
+check "tab" nothing "$(printf '\t')" itn.h
+check "blank at the end of a line" nothing ' $' itn.h
+check "not ASCII" nothing '[^ -~]' itn.h
+check "placeholder left in the text" nothing '^@[A-Z0-9]*@$' itn.h
+check "unfinished" nothing -w -e TODO -e FIXME -e XXX itn.h
+printf '%0101d\n' 0 >long.h
+catches "a long line" nothing '.\{101\}' long.h
+
+# tags of the contents list and of the section banners, in order
+listed() { sed -n '/\[contents\]/,/\[switches\]/p' "$1" | grep -v '\[contents\]\|\[switches\]' | grep -o '\[[a-z][a-z0-9-]*\]'; }
+banners() { sed -n 's|^/\* ---- \(\[[a-z][a-z0-9-]*\]\) .*|\1|p' "$1"; }
+same_tags() {
+    listed "$1" >tags-listed
+    banners "$1" >tags-found
+    [ -s tags-listed ] || { echo "the contents list is empty"; return 1; }
+    diff tags-listed tags-found
+}
+check "contents list and sections differ" same_tags itn.h
+repeated() { banners itn.h | sort | uniq -d >twice; cat twice; [ ! -s twice ]; }
+check "section tag twice" repeated
+sed '0,/^\/\* ---- \[rng\]/s//\/* ---- [random]/' itn.h >renamed.h
+catches "a renamed section" same_tags renamed.h
+
+# lengths of functions: from a line that begins in column 0 and ends in `{` to the next `}` there
+lengths() {
+    awk '/^[A-Za-z].*[{]$/ || /^[ ]+.*\) [{]$/ && open { if ($0 !~ /^(typedef|struct|enum|union|extern)/) { if (!start) { start = first ? first : NR; name = head } } }
+        /^[A-Za-z].*\(/ && !start { first = NR; head = $0; open = 1 }
+        /^[}]/ { if (start) print NR - start + 1, start, name; start = 0; first = 0; open = 0 }
+        /^[^ ].*;$/ { if (!start) { first = 0; open = 0 } }
+        /^ .*;$/ { if (!start) { first = 0; open = 0 } }' "$1" | sort -n
+}
+lengths itn.h >functions
+short_functions() { ! awk '$1 > 80' "$1" | grep . ; }
+enough() { [ "$(wc -l <functions)" -gt 150 ] || { echo "found $(wc -l <functions) functions"; return 1; }; }
+check "functions are found" enough
+check "function of more than 80 lines (lines, where, what)" short_functions functions
+quantile() { sed -n "$(($(wc -l <functions) * $1 / 100 + 1))p" functions | cut -d' ' -f1; }
+half() { [ "$(quantile 50)" -le 12 ] || { echo "median length $(quantile 50)"; return 1; }; }
+most() { [ "$(quantile 90)" -le 50 ] || { echo "length of the 90th percentile $(quantile 90)"; return 1; }; }
+check "median length of functions at most 12" half
+check "nine in ten functions have at most 50 lines" most
+{
+    echo 'static int f(void) {'
+    awk 'BEGIN { for (i = 0; i < 90; i++) print "    ;" }'
+    echo '}'
+} >bad.h
+lengths bad.h >bad-functions
+catches "a long function" short_functions bad-functions
+
+# names of everything at file scope
+if has ctags && ctags --version 2>/dev/null | grep -q Universal; then
+    ctags -x --language-force=C --kinds-C=defgpstuv --_xformat='%N %K %n %{scopeKind}' itn.h 2>/dev/null |
+        awk '$4 == "" || $4 == "-" { print $1, $2, $3 }' >names
+    prefixed() { ! grep -v -e '^itn_' -e '^ITN_' -e '^__anon' "$1" | grep -v ' macro '; }
+    check "name at file scope without itn_ (name, kind, line)" prefixed names
+    echo 'stray function 1' >bad-names
+    catches "a stray name" prefixed bad-names
+else
+    skip "names at file scope: Universal Ctags is not installed"
+fi
+
+functions=$(wc -l <functions)
+echo "itn.h: $(wc -l <itn.h | tr -d ' ') lines, $((functions)) functions of median $(quantile 50), 90th percentile $(quantile 90), longest $(tail -n 1 functions | cut -d' ' -f1) lines"
+[ $skipped = 0 ] || echo "switches: $skipped skipped, see above"
+echo "switches: $passed passed, $failed failed"
+[ $failed = 0 ]
