@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.1.0                            [itn]
+/* itn.h - inverse transport networks in one C header, version 0.1.0                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -8,20 +8,93 @@
        #include "itn.h"
    and in all others just include it. C99 or C++11, nothing but the C library. A whole program:
 
-@PROGRAM@
+       #define ITN_IMPLEMENTATION
+       #include "itn.h"
+
+       int main(void) { // a slab of milk, 1 thick and 1000 wide, seen from above in uniform light
+           static int faces[36] = {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4,
+                                   2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5};
+           float corners[24];
+           int i, asked[3] = {0, 1, 2}; // milk.sigma_t, milk.albedo, milk.g
+           itn_mesh slab = ITN_ZERO;
+           itn_medium_desc milk = ITN_ZERO;
+           itn_object_desc object = ITN_ZERO;
+           itn_light_desc light = ITN_ZERO;
+           itn_scene_desc desc = ITN_ZERO;
+           itn_render_options options = ITN_ZERO;
+           itn_scene *scene;
+           itn_image image;
+           for (i = 0; i < 24; i++) // the bits of a corner's number are its signs
+               corners[i] = (i % 3 == 2 ? .5f : 500.f) * (((i / 3) >> (i % 3)) & 1 ? 1.f : -1.f);
+           slab.positions = corners, slab.vertex_count = 8;
+           slab.triangles = faces, slab.triangle_count = 12;
+           milk.name = "milk", milk.sigma_t = 2, milk.albedo[0] = .9f, milk.g = .75f;
+           object.mesh = &slab, object.medium = "milk", light.radiance[0] = 1;
+           desc.media = &milk, desc.objects = &object, desc.lights = &light;
+           desc.medium_count = desc.object_count = desc.light_count = 1, options.spp = 400000;
+           desc.film.width = desc.film.height = 1, desc.camera.eye.z = 10, desc.camera.fov = .001f;
+           if (itn_scene_create(&desc, NULL, &scene, NULL)) return 1;
+           if (itn_render(scene, NULL, &options, asked, 3, &image, NULL)) return 1;
+           for (i = 0; i < 8; i += 2) // one pixel; planes: mean, variance, mean, variance, ...
+               printf("%s %.4f +- %.4f\n", image.names[i], image.pixels[i], sqrt(image.pixels[i + 1]));
+           itn_image_free(&image);
+           itn_scene_free(scene);
+           return 0;
+       }
    Compile: cc -O3 -march=native slab.c -o slab -lm
 
    [contents] tags are unique: search for one with its brackets
 
      Part I, the interface
-@LIST1@
+       [api-base]       results, errors, memory, threads
+       [api-math]       vectors
+       [api-image]      planes of floats
+       [api-mesh]       triangle meshes and ray queries
+       [api-scene]      what is in the picture
+       [api-render]     images, derivative images, gradients
+       [api-net]        a network that learns to invert
+       [api-refine]     analysis by synthesis
+       [api-io]         files
+       [api-scenefile]  scenes as text files
+
      Part II, the implementation: read from top to bottom, nothing is used before it is defined
-@LIST2@
+       [config]         compiler, switches
+       [memory]         errors, checked sizes, loops
+       [math]           scalars, vectors, frames
+       [rng]            counter-based random numbers
+       [dual]           numbers that carry derivatives
+       [image]          planes of floats
+       [mesh]           triangle meshes, and whether they are solids
+       [tri]            the watertight ray-triangle test
+       [bvh-build]      a bounding volume hierarchy
+       [bvh-trace]      nearest hit, any hit
+       [medium]         free flight and phase function
+       [surface]        Fresnel, rough boundary, diffuse
+       [light]          constant, map, sky, sun
+       [sensor]         camera and film
+       [scene]          a desc, checked and made ready
+       [path]           the reference path tracer
+       [render]         samples into images
+       [adam]           a step that knows the size of its gradients
+       [layers]         convolution, ReLU, pooling, fully connected: forward beside backward
+       [loss]           what a network is trained for
+       [net]            the assembled network
+       [refine]         analysis by synthesis
+       [files]          bytes in, bytes out
+       [inflate]        decompression (RFC 1950, RFC 1951)
+       [exr]            OpenEXR images
+       [pfm]            portable float maps
+       [png]            8-bit pictures
+       [obj]            polygon meshes and Wavefront OBJ
+       [ply]            polygon file format
+       [weights]        files of networks
+       [scenefile]      scenes as text files
+
    [switches] define them before including the header in the file with ITN_IMPLEMENTATION
 
      ITN_IMPLEMENTATION   makes this file hold the code; in one file of a program
      ITN_STATIC           everything static to that file (define it together with the above)
-     ITN_THREADS          loops run on the platform's threads (link with -lpthread); else one thread,
+     ITN_THREADS          loops run on the platform's threads (link with -lpthread); else one,
                           or your own through itn_context.parallel_for
      ITN_NO_NET           leaves out the network
      ITN_NO_STDIO         leaves out all that opens files; the _from_memory functions stay
@@ -29,11 +102,12 @@
      ITN_API              how public functions are declared, e.g. for a shared library
 
    [contract]
-     Errors: functions return an itn_result; on failure outputs are untouched and itn_error, if given,
-     says where and why. Nothing prints, exits or aborts. Any free function accepts NULL.
+     Errors: functions return an itn_result; on failure outputs are untouched and itn_error, if
+     given, says where and why. Nothing prints, exits or aborts. Any free function accepts NULL.
      Memory: every object copies what it is given, keeps its context and frees by it. Arrays are
      row-major, with shapes as in [channels][height][width]. Pointers must not alias unless said.
-     Threads: no globals. A scene, mesh or tree may be used by many threads at once; a network by one.
+     Threads: no globals. A scene, mesh or tree may be used by many threads at once, a network
+     by one.
      Determinism: results are the same bits for any number of threads and any parallel_for, on one
      build. Random numbers are functions of (seed, pixel, sample, dimension).
      Floats: correct without -ffast-math, which also removes the NaN checks: do not use it.
@@ -100,7 +174,7 @@ typedef enum itn_result {
     ITN_ERROR_MEMORY,      /* the allocator returned NULL, or a size does not fit in size_t */
     ITN_ERROR_FILE,        /* a file cannot be opened, read, written or renamed */
     ITN_ERROR_FORMAT,      /* a file was read but its contents are not valid */
-    ITN_ERROR_MESH,        /* a mesh is open, inside out or has no area, and a medium needs better */
+    ITN_ERROR_MESH,        /* a mesh is open, inside out or flat, and a medium needs better */
     ITN_ERROR_UNSUPPORTED, /* a valid request that this estimator or build cannot answer */
     ITN_ERROR_CANCELLED    /* the progress callback asked to stop */
 } itn_result;
@@ -128,13 +202,13 @@ typedef struct itn_context {
     int threads; /* used with ITN_THREADS and no parallel_for: 0 = all processors */
 } itn_context;
 
-/* ---- [api-math] vectors ------------------------------------------------------------------------ */
+/* ---- [api-math] vectors ---------------------------------------------------------------------- */
 
 typedef struct itn_vec3 {
     float x, y, z;
 } itn_vec3;
 
-/* ---- [api-image] planes of floats -------------------------------------------------------------- */
+/* ---- [api-image] planes of floats ------------------------------------------------------------ */
 
 #define ITN_NAME_SIZE 64 /* bytes of any name (item, parameter, plane), with its final zero */
 
@@ -156,7 +230,7 @@ ITN_API void itn_image_free(itn_image *image);
 /* Returns the plane of that name ([height][width], owned by the image), or NULL. */
 ITN_API float *itn_image_plane(const itn_image *image, const char *name);
 
-/* ---- [api-mesh] triangle meshes and ray queries ------------------------------------------------ */
+/* ---- [api-mesh] triangle meshes and ray queries ---------------------------------------------- */
 
 /* Triangles, counter-clockwise seen from outside. Caller arrays may be wrapped by filling the
    fields; itn_mesh_free is for meshes that itn_mesh_load or itn_mesh_create made. */
@@ -168,7 +242,7 @@ typedef struct itn_mesh {
     itn_context context; /* what made it and frees it */
 } itn_mesh;
 
-/* Allocates the arrays of a mesh (contents zero; uvs only if with_uvs). Errors: ARGUMENT, MEMORY. */
+/* Allocates the arrays of a mesh, all zero; uvs only if with_uvs. Errors: ARGUMENT, MEMORY. */
 ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int with_uvs,
                                    const itn_context *context, itn_mesh *mesh, itn_error *error);
 /* Frees the arrays and zeroes the mesh. Accepts NULL and all-zero meshes. */
@@ -224,14 +298,14 @@ ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit
 /* Returns 1 if anything lies between tmin and tmax, else 0. */
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
 
-/* ---- [api-scene] what is in the picture -------------------------------------------------------- */
+/* ---- [api-scene] what is in the picture ------------------------------------------------------ */
 
 typedef enum itn_filter { ITN_FILTER_BOX = 0, ITN_FILTER_GAUSSIAN } itn_filter;
 
 typedef struct itn_film_desc {
     int width, height; /* pixels; 0 = 128 */
     int channels;      /* 1 (default, Y) or 3 (R, G, B) */
-    itn_filter filter; /* box: the pixel's square; Gaussian: standard deviation .5 pixel, cut at 2 */
+    itn_filter filter; /* box: the pixel's square; Gaussian: deviation .5 pixel, cut at 2 */
 } itn_film_desc;
 
 typedef struct itn_camera_desc {
@@ -281,7 +355,8 @@ typedef struct itn_object_desc {
 typedef enum itn_light_type { ITN_LIGHT_CONSTANT = 0, ITN_LIGHT_MAP, ITN_LIGHT_SKY } itn_light_type;
 
 /* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8): nine
-   coefficients A..I in the order of the published data, and one radiance, per channel. */
+   coefficients in the order of the published data, A B C D E F G I H (the eighth multiplies
+   sqrt(cos theta), the ninth is the asymmetry of chi), and one radiance, per channel. */
 typedef struct itn_sky {
     float coefficients[3][9];
     float radiance[3];
@@ -298,7 +373,7 @@ typedef struct itn_light_desc {
                                 -cos 2 pi u sin pi v); Y or R,G,B >= 0; copied */
     itn_sky sky;             /* sky */
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
-    float scale;             /* multiplies the light (the sky without its sun); 0 with has_scale 0 = 1 */
+    float scale;             /* multiplies the light (not the sun); 0 with has_scale 0 = 1 */
     float sun_scale;         /* sky: multiplies the sun; 0 with has_scale 0 = 1 */
     int has_scale;           /* 1: scale and sun_scale are taken as they are, also when 0 */
     float sun_radius_scale;  /* sky: widens the disc at constant power; 0 = 1 */
@@ -358,7 +433,7 @@ ITN_API double itn_parameter_to_coordinate(const itn_parameter *parameter, doubl
 ITN_API double itn_parameter_from_coordinate(const itn_parameter *parameter, double coordinate);
 ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value);
 
-/* ---- [api-render] images, derivative images, gradients ----------------------------------------- */
+/* ---- [api-render] images, derivative images, gradients --------------------------------------- */
 
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE } itn_mode;
 
@@ -383,6 +458,8 @@ typedef struct itn_render_options {
    dT/dpi = mean of f/p times the path's score. Planes of the new image, C channels each:
    mean, variance of the mean ("Variance.Y"), then for each parameter derivative ("d_a_b.Y" for
    a.b) and variance of the derivative ("d_a_b_variance.Y"). Free with itn_image_free.
+   The image's bits do not depend on the parameters asked for, except an index of refraction (which
+   spends some paths on its own) and a sigma_t of a thin medium (which draws more collisions).
    Errors: ARGUMENT (theta out of bounds or not finite, index, spp), UNSUPPORTED (the derivative
    in the ior of a smooth surface, whose directions jump with it), MEMORY, CANCELLED. */
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
@@ -399,8 +476,9 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
 
 /* The image loss l = mean over pixels and channels of (I(theta) - target)^2 and its gradient,
    both unbiased: value and derivative come from two independent renders of options->spp samples
-   each (seeds derived from options->seed), and the noise that squaring adds is taken off the
-   loss (which may therefore come out slightly negative). target: [C][height][width]. */
+   each (seeds derived from options->seed; spp at least 2), and the noise that squaring adds is
+   taken off the loss (which may therefore come out slightly negative). target: [C][height][width],
+   finite. count may be 0 for the loss alone. Errors: as itn_render. */
 ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, const float *target,
                                      const int *parameters, int count, double *loss,
@@ -534,7 +612,7 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
                                 itn_net **net, itn_error *error);
 #endif
 #endif /* ITN_NO_NET */
-/* ---- [api-refine] analysis by synthesis ---------------------------------------------------------- */
+/* ---- [api-refine] analysis by synthesis ------------------------------------------------------ */
 
 typedef enum itn_method {
     ITN_METHOD_LM = 0, /* Levenberg-Marquardt on the derivative images */
@@ -554,12 +632,15 @@ typedef struct itn_refine_options {
     int iterations; /* most; 0 = 20 (LM) or 200 (Adam). LM stops by itself when its steps are
                        smaller than their standard errors */
     int spp;        /* samples per pixel of each of the two renders of an iteration; 0 = 64. The
-                       last evaluation, which gives the error bars, uses four times as many */
+                       last evaluation, which gives the error bars, uses eight times as many */
     uint64_t seed;
     int max_scatter;              /* see itn_render_options */
     double learning_rate;         /* of Adam, in transformed coordinates; 0 = .05 */
     const float *target_variance; /* [C][height][width] variance of the target's values; NULL:
                                      unknown, then judged by the misfit that remains */
+    double *misfit; /* if not NULL, receives what remains: the mean of (I - T)^2 over what noise
+                       explains, 1 where the scene accounts for the picture. Well above 1, the
+                       scene is not the one of the picture, or the search ended in a wrong valley */
     int (*progress)(void *user, const itn_refine_step *step); /* non-zero cancels; may be NULL */
     void *progress_user;
 } itn_refine_options;
@@ -574,6 +655,8 @@ typedef struct itn_estimate {
 /* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
    theta on; other parameters stay. theta: [itn_parameter_count], in and out. target: [C][height]
    [width], linear radiometric, finite. estimates: [count]. options may be NULL.
+   The loss can have several valleys: along sigma_t (1 - g) = constant pictures change little, and
+   error bars speak of one valley only. A good start (a network's estimate) or several tell.
    Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then theta and estimates are
    untouched. */
 ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
@@ -641,7 +724,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error);
 #endif
-/* ---- [api-scenefile] scenes as text files ------------------------------------------------------ */
+/* ---- [api-scenefile] scenes as text files ---------------------------------------------------- */
 
 #ifndef ITN_NO_STDIO
 /* Loads a scene from a text file: parses it, loads the meshes, images and skies it names and calls
@@ -653,7 +736,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
    pairs in any order. A word that begins with `#` starts a comment; a backslash at the end of a
    line joins the next one to it. Lengths are scene units, angles degrees, sigma_t per scene unit;
    axes are right-handed, y is up. Paths are relative to the scene file's folder; paths and names
-   hold no blanks. A name is a letter, then letters, digits, _ and -, at most 40 in all; no two
+   hold no blanks. A name is a letter, then letters, digits, _ and -, at most 32 in all; no two
    items have the same one. COLOUR is one number, or three (r g b) where the film has three
    channels. Fields in [ ] may be left out. Nothing is guessed: unknown, doubled and missing fields,
    wrong counts, values out of range and undefined names are errors. At most 64 media, 64 surfaces,
@@ -671,10 +754,11 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
        light   map FILE  [scale S] [name NAME]
        light   sky FILE  sun X Y Z  [scale S] [sun_scale S] [sun_radius_scale S] [name NAME]
 
-   TRANSFORM is `scale S`, `scale X Y Z`, `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or `translate X Y Z`;
-   any number of them are applied to the mesh from left to right. An object without a surface is
-   index-matched; without a medium it is empty inside. `force` takes a mesh for a medium even if it
-   is open or inside out. Meshes are OBJ or PLY, images EXR or PFM. `scale` multiplies a light.
+   TRANSFORM is `scale S`, `scale X Y Z`, `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or
+   `translate X Y Z`; any number of them are applied to the mesh from left to right. An object
+   without a surface is index-matched; without a medium it is empty inside. `force` takes a mesh for
+   a medium even if it is open or inside out. Meshes are OBJ or PLY, images EXR or PFM. `scale`
+   multiplies a light.
 
    A sky file has, in the same manner, for each channel the nine coefficients of
    F(theta, gamma) = (1 + A exp(B / (cos theta + .01))) (C + D exp(E gamma) + F cos^2 gamma
@@ -694,7 +778,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 }
 #endif
 #endif /* ITN_H */
-/* ======================================= end of the interface =================================== */
+/* ===================================== end of the interface =================================== */
 /* ============================================================================================
    PART II: THE IMPLEMENTATION
    ============================================================================================ */
@@ -709,7 +793,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- [config] compiler, switches --------------------------------------------------------------- */
+/* ---- [config] compiler, switches ------------------------------------------------------------- */
 
 #if defined(__GNUC__)
 #define ITN__INLINE static inline __attribute__((always_inline, unused))
@@ -725,7 +809,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #error "define both ITN_MALLOC and ITN_FREE, or neither"
 #endif
 
-/* ---- [memory] errors, checked sizes, loops ----------------------------------------------------- */
+/* ---- [memory] errors, checked sizes, loops --------------------------------------------------- */
 
 ITN_API const char *itn_result_text(itn_result result) {
     switch (result) {
@@ -906,7 +990,7 @@ static ITN__UNUSED void itn__parallel_for(const itn_context *context, int count,
     for (index = 0; index < count; index++) body(task, index);
 }
 
-/* ---- [math] scalars, vectors, frames ----------------------------------------------------------- */
+/* ---- [math] scalars, vectors, frames --------------------------------------------------------- */
 
 #define ITN__PI 3.14159265358979323846f
 
@@ -931,7 +1015,9 @@ ITN__INLINE itn_vec3 itn__add(itn_vec3 a, itn_vec3 b) {
 ITN__INLINE itn_vec3 itn__sub(itn_vec3 a, itn_vec3 b) {
     return itn__vec3(a.x - b.x, a.y - b.y, a.z - b.z);
 }
-ITN__INLINE itn_vec3 itn__scale(itn_vec3 a, float s) { return itn__vec3(a.x * s, a.y * s, a.z * s); }
+ITN__INLINE itn_vec3 itn__scale(itn_vec3 a, float s) {
+    return itn__vec3(a.x * s, a.y * s, a.z * s);
+}
 /* a + s b: the point at distance s along b. */
 ITN__INLINE itn_vec3 itn__along(itn_vec3 a, float s, itn_vec3 b) {
     return itn__vec3(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z);
@@ -962,7 +1048,7 @@ ITN__INLINE itn_vec3 itn__to_world(itn_vec3 v, itn_vec3 s, itn_vec3 t, itn_vec3 
     return itn__along(itn__along(itn__scale(s, v.x), v.y, t), v.z, n);
 }
 
-/* ---- [rng] counter-based random numbers -------------------------------------------------------- */
+/* ---- [rng] counter-based random numbers ------------------------------------------------------ */
 
 /* A random number is a function of (seed, pixel, sample, dimension) and of nothing else, so results
    do not depend on threads, on the order of pixels or on where a run was resumed (Salmon et al.
@@ -1001,7 +1087,7 @@ ITN__INLINE float itn__uniform(itn__rng *rng) {
     return ((float)(itn__rng_bits(rng) >> 9) + .5f) * 1.1920928955078125e-7f;
 }
 
-/* ---- [dual] numbers that carry derivatives ------------------------------------------------------ */
+/* ---- [dual] numbers that carry derivatives --------------------------------------------------- */
 
 /* A dual number v + sum_k d_k e_k with e_j e_k = 0: arithmetic on it carries the derivatives with
    respect to up to ITN__DUALS local parameters along with the value (forward automatic
@@ -1064,7 +1150,7 @@ ITN__INLINE itn__dual itn__dexp(itn__dual a) {
     float r = expf(a.v);
     return itn__chain(a, r, r);
 }
-/* ---- [image] planes of floats ------------------------------------------------------------------- */
+/* ---- [image] planes of floats ---------------------------------------------------------------- */
 
 ITN_API itn_result itn_image_create(int width, int height, int plane_count,
                                     const itn_context *context, itn_image *image,
@@ -1121,7 +1207,7 @@ static int itn__image_colours(const itn_image *image, const float *planes[3]) {
     planes[1] = planes[2] = planes[0];
     return 1;
 }
-/* ---- [mesh] triangle meshes, and whether they are solids --------------------------------------- */
+/* ---- [mesh] triangle meshes, and whether they are solids ------------------------------------- */
 
 /* A mesh bounds a solid when its oriented triangles have no boundary: every directed edge (a,b) is
    used as often as its opposite (b,a). Vertices at equal positions are welded first, so the seams
@@ -1385,7 +1471,7 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
     return ITN_OK;
 }
 
-/* ---- [tri] the watertight ray-triangle test ---------------------------------------------------- */
+/* ---- [tri] the watertight ray-triangle test -------------------------------------------------- */
 
 /* Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2(1), 2013. Corners A, B, C
    are moved to the ray's origin, and a permutation of the axes (the largest component of the
@@ -1506,7 +1592,7 @@ ITN__INLINE int itn__triangle_hit(const itn__triangle *triangle, const itn__shea
     return 1;
 }
 
-/* ---- [bvh-build] a bounding volume hierarchy --------------------------------------------------- */
+/* ---- [bvh-build] a bounding volume hierarchy ------------------------------------------------- */
 
 /* A binary tree of boxes. The cost of a node by the surface area heuristic (MacDonald and Booth
    1990) is, relative to testing one triangle,
@@ -1831,7 +1917,7 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
     return itn__bvh_build(mesh, NULL, context, bvh, error);
 }
 
-/* ---- [bvh-trace] nearest hit, any hit ---------------------------------------------------------- */
+/* ---- [bvh-trace] nearest hit, any hit -------------------------------------------------------- */
 
 /* A ray meets a box where its intervals between the three pairs of planes overlap. A distance
    (plane - origin) * (1 / direction) has three roundings and so a relative error of at most
@@ -1953,7 +2039,7 @@ ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
     return itn__bvh_trace(bvh, ray, NULL, 1, NULL);
 }
-/* ---- [medium] free flight and phase function ---------------------------------------------------- */
+/* ---- [medium] free flight and phase function ------------------------------------------------- */
 
 /* In a homogeneous medium light travels a distance t without collision with probability
    exp(-sigma_t t) (Beer-Lambert); the distance to the next collision has the density
@@ -2012,7 +2098,7 @@ ITN__INLINE itn_vec3 itn__sample_phase(itn_vec3 direction, float g, float u, flo
         itn__vec3(sine * cosf(phi), sine * sinf(phi), one_minus < 1 ? 1 - one_minus : one_plus - 1),
         s, t, direction));
 }
-/* ---- [surface] Fresnel, rough boundary, diffuse ------------------------------------------------- */
+/* ---- [surface] Fresnel, rough boundary, diffuse ---------------------------------------------- */
 
 /* At a boundary a walk that arrives along -omega_i leaves along omega_o. Everything here is in a
    local frame whose z axis is the geometric normal on the side of omega_i (cos theta_i > 0), with
@@ -2025,9 +2111,10 @@ ITN__INLINE itn_vec3 itn__sample_phase(itn_vec3 direction, float g, float u, flo
    seen and lit past other facets with Smith's G1 each (separable form G = G1(omega_i) G1(omega_o)),
        G1(omega) = 2 / (1 + sqrt(1 + alpha^2 tan^2 theta)):
        f_r cos theta_o = F     D G / (4 cos theta_i),                               m ~ i + o
-       f_t cos theta_o = (1-F) D G (i.m) |o.m| eta^2 / (cos theta_i (i.m + eta o.m)^2), m ~ i + eta o
-   Facets are drawn as omega_i sees them, D_v(m) = G1(omega_i) D(m) (i.m) / cos theta_i (Heitz 2018),
-   and reflect or transmit by F; so in either case f cos theta_o / pdf = G1(omega_o). Light that
+       f_t cos theta_o = (1-F) D G (i.m) |o.m| eta^2 / (cos theta_i (i.m + eta o.m)^2),
+                                                                                m ~ i + eta o
+   Facets are drawn as omega_i sees them, D_v(m) = G1(omega_i) D(m) (i.m) / cos theta_i (Heitz
+   2018), and reflect or transmit by F; so in either case f cos theta_o / pdf = G1(omega_o). Light that
    would meet a second facet is lost: a white furnace with a rough boundary is darker than 1.
 
    Derivatives are detached: directions stay, f changes. With omega_i and omega_o fixed, the facet
@@ -2159,7 +2246,7 @@ ITN__INLINE itn_vec3 itn__sample_cosine(float u, float v) {
     float r = sqrtf(u), phi = 2 * ITN__PI * v;
     return itn__vec3(r * cosf(phi), r * sinf(phi), sqrtf(1 - u));
 }
-/* ---- [light] constant, map, sky, sun ------------------------------------------------------------ */
+/* ---- [light] constant, map, sky, sun --------------------------------------------------------- */
 
 /* All lights are infinitely far away, so a light is its radiance as a function of direction. A
    constant light is found by whatever direction a walk takes and needs no sampling. Map, sky and
@@ -2175,9 +2262,10 @@ ITN__INLINE itn_vec3 itn__sample_cosine(float u, float v) {
    omega = (sin 2 pi u sin pi v, cos pi v, -cos 2 pi u sin pi v).
 
    Sky (Hosek and Wilkie 2012, equation 8), theta from the zenith, gamma from the sun:
-       F = (1 + A e^(B/(cos theta + .01))) (C + D e^(E gamma) + F cos^2 gamma + G chi + H sqrt(cos
-       theta)),  chi = (1 + cos^2 gamma) / (1 + I^2 - 2 I cos gamma)^(3/2),
-   times the mean radiance, with A..I in the order of the published data. */
+       F = (1 + A e^(B/(cos theta + .01)))
+           (C + D e^(E gamma) + F cos^2 gamma + G chi + I sqrt(cos theta)),
+       chi = (1 + cos^2 gamma) / (1 + H^2 - 2 H cos gamma)^(3/2),
+   times a radiance; the published data hold A B C D E F G I H in this order. */
 
 typedef enum itn__light_kind {
     ITN__LIGHT_CONSTANT,
@@ -2394,7 +2482,8 @@ static double itn__light_grid(const itn_context *context, itn__light *light, int
     for (r = 0; r < height; r++) {
         float v = bottom * (float)r / (float)(height - 1), rgb[3];
         /* a pole's node stands for the cap around it */
-        float sine = itn__max(sinf(ITN__PI * v), sinf(ITN__PI / (3 * (float)(height - 1)) * bottom));
+        float cap = bottom * ITN__PI / (3 * (float)(height - 1));
+        float sine = itn__max(sinf(ITN__PI * v), sinf(cap));
         for (c = 0; c < width; c++) {
             itn_vec3 d = itn__map_direction(((float)c + .5f) / (float)width, v);
             if (light->kind == ITN__LIGHT_MAP)
@@ -2412,7 +2501,7 @@ static double itn__light_grid(const itn_context *context, itn__light *light, int
             grid->density[r] = itn__max(grid->density[r], (float)(1e-3 * mean));
     return itn__grid_prepare(grid) * 2 * ITN__PI * ITN__PI;
 }
-/* ---- [sensor] camera and film -------------------------------------------------------------------- */
+/* ---- [sensor] camera and film ---------------------------------------------------------------- */
 
 /* A pinhole at `eye`; a pixel's value is the mean radiance over the reconstruction filter around
    its centre. Positions are drawn from the filter itself (filter importance sampling), so every
@@ -2440,7 +2529,7 @@ static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u,
     return ray;
 }
 
-/* ---- [scene] a desc, checked and made ready ------------------------------------------------------ */
+/* ---- [scene] a desc, checked and made ready -------------------------------------------------- */
 
 /* Every number that can be differentiated lives in the parameter table; media, surfaces and lights
    hold indices into it, and a render reads its values from theta. All triangles share one tree, in
@@ -2471,6 +2560,7 @@ typedef struct itn__object {
     int closed;
     float *uvs; /* [triangles][6] or NULL */
     double volume, area;
+    double lower[3], upper[3]; /* bounds in scene coordinates */
 } itn__object;
 
 struct itn_scene {
@@ -2549,9 +2639,9 @@ ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
     for (i = 0; i < scene->parameter_count; i++) theta[i] = scene->parameters[i].value;
 }
 
-/* Value at which a logarithm stands for zero: e^-32 of the largest. */
+/* Value at which a logarithm stands for zero: e^-80 of the largest. */
 static double itn__log_floor(const itn_parameter *p) {
-    return p->lower > 0 ? (double)p->lower : p->upper * exp(-32.0);
+    return p->lower > 0 ? (double)p->lower : p->upper * exp(-80.0);
 }
 
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *p, double value) {
@@ -2629,7 +2719,7 @@ static int itn__add_channels(itn__maker *maker, const char *item, const char *fi
 static itn_result itn__check_name(itn__maker *maker, const char *kind, int index,
                                   const char *name) {
     size_t i, length = name ? strlen(name) : 0;
-    int good = length > 0 && length <= 40;
+    int good = length > 0 && length <= 32;
     for (i = 0; good && i < length; i++) {
         char ch = name[i];
         int letter = (ch >= 'a' && ch <= 'z') || (ch >= 'A' && ch <= 'Z');
@@ -2637,7 +2727,7 @@ static itn_result itn__check_name(itn__maker *maker, const char *kind, int index
     }
     if (good) return ITN_OK;
     return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                     "%s %d: a name is 1 to 40 letters, digits, _ or -, beginning with a letter",
+                     "%s %d: a name is 1 to 32 letters, digits, _ or -, beginning with a letter",
                      kind, index);
 }
 
@@ -2739,7 +2829,9 @@ static itn_result itn__make_diffuse(itn__maker *maker, const itn_surface_desc *i
                                                   in->reflectance2);
         return surface->reflectance2 < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
     }
-    if (in->texture != ITN_TEXTURE_IMAGE) return ITN_OK;
+    if (in->texture == ITN_TEXTURE_NONE) return ITN_OK;
+    if (in->texture != ITN_TEXTURE_IMAGE)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown texture", in->name);
     if (in->image) surface->width = in->image->width, surface->height = in->image->height;
     return itn__copy_texels(maker, in->name, in->image, 1, &surface->texels);
 }
@@ -2833,7 +2925,8 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
         return itn__make_sky(maker, in, name, &light[0], &light[1]);
     }
     scene->light_count++;
-    light->parameter = itn__add_parameter(maker, name, "scale", -1, light->share, 0, 1e12f, ITN_LOG);
+    light->parameter = itn__add_parameter(maker, name, "scale", -1, light->share, 0, 1e12f,
+                                          ITN_LOG);
     if (light->parameter < 0) return ITN_ERROR_ARGUMENT;
     if (in->type == ITN_LIGHT_CONSTANT) {
         light->kind = ITN__LIGHT_CONSTANT;
@@ -3011,29 +3104,42 @@ static itn_result itn__check_object(itn__maker *maker, int index) {
     return ITN_OK;
 }
 
+/* The box around an object. */
+static void itn__object_bounds(itn__maker *maker, int index) {
+    const itn_object_desc *in = &maker->desc->objects[index];
+    itn__object *object = &maker->scene->objects[index];
+    double p[3];
+    int v, k;
+    for (k = 0; k < 3; k++) object->lower[k] = DBL_MAX, object->upper[k] = -DBL_MAX;
+    for (v = 0; v < itn__object_vertices(in); v++) {
+        itn__object_vertex(in, v, p);
+        for (k = 0; k < 3; k++) {
+            if (p[k] < object->lower[k]) object->lower[k] = p[k];
+            if (p[k] > object->upper[k]) object->upper[k] = p[k];
+        }
+    }
+}
+
 /* The middle and radius of the solids, or of everything where there are none. */
 static itn_result itn__make_origin(itn__maker *maker) {
     itn_scene *scene = maker->scene;
-    double lower[3], upper[3], p[3];
-    int i, k, v, any = 0, pass;
+    double lower[3], upper[3], half[3];
+    int i, k, solids = 0;
     for (k = 0; k < 3; k++) lower[k] = DBL_MAX, upper[k] = -DBL_MAX;
-    for (pass = 0; pass < 2 && !any; pass++) {
-        for (i = 0; i < scene->object_count; i++) {
-            if (pass == 0 && !scene->objects[i].closed) continue;
-            for (v = 0; v < itn__object_vertices(&maker->desc->objects[i]); v++, any = 1) {
-                itn__object_vertex(&maker->desc->objects[i], v, p);
-                for (k = 0; k < 3; k++) {
-                    if (p[k] < lower[k]) lower[k] = p[k];
-                    if (p[k] > upper[k]) upper[k] = p[k];
-                }
-            }
-        }
+    for (i = 0; i < scene->object_count; i++) {
+        itn__object_bounds(maker, i);
+        solids += scene->objects[i].closed;
     }
+    for (i = 0; i < scene->object_count; i++)
+        for (k = 0; k < 3 && (scene->objects[i].closed || !solids); k++) {
+            lower[k] = fmin(lower[k], scene->objects[i].lower[k]);
+            upper[k] = fmax(upper[k], scene->objects[i].upper[k]);
+        }
     for (k = 0; k < 3; k++) {
         scene->origin[k] = .5 * (lower[k] + upper[k]);
-        p[k] = .5 * (upper[k] - lower[k]);
+        half[k] = .5 * (upper[k] - lower[k]);
     }
-    scene->radius = (float)sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+    scene->radius = (float)sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]);
     if (scene->radius > 0 && scene->radius < 1e18f) return ITN_OK;
     return itn__fail(maker->error, ITN_ERROR_MESH, 0, "the objects have size %g",
                      (double)scene->radius);
@@ -3098,7 +3204,7 @@ static itn_result itn__make_tree(itn__maker *maker) {
         vertices += (size_t)itn__object_vertices(&maker->desc->objects[i]);
         triangles += (size_t)itn__object_triangles(&maker->desc->objects[i]);
         if (vertices > INT_MAX / 8 || triangles > INT_MAX / 8)
-            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "too many triangles in one scene");
+            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "a scene of too many triangles");
     }
     result = itn_mesh_create((int)vertices, (int)triangles, 0, &scene->context, &merged,
                              maker->error);
@@ -3120,7 +3226,7 @@ static itn_result itn__make_tree(itn__maker *maker) {
     return result;
 }
 
-/* On which side of each object the camera is: the first face of a solid that any ray meets tells. */
+/* On which side of each object the camera is: the first face of it that any ray meets tells. */
 static void itn__make_sides(itn_scene *scene) {
     unsigned char sides[ITN__MAX_OBJECTS];
     itn_ray ray;
@@ -3170,9 +3276,9 @@ static itn_result itn__make_arrays(itn__maker *maker) {
         in->light_count > ITN__MAX_LIGHTS || in->medium_count > ITN__MAX_ITEMS ||
         in->surface_count > ITN__MAX_ITEMS)
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "a scene has 1 to %d objects, up to %d lights, %d media and surfaces; this "
-                         "one has %d objects, %d lights, %d media, %d surfaces", ITN__MAX_OBJECTS,
-                         ITN__MAX_LIGHTS, ITN__MAX_ITEMS, in->object_count, in->light_count,
+                         "a scene has 1 to %d objects, up to %d lights, %d media and surfaces; "
+                         "this one has %d objects, %d lights, %d media, %d surfaces",
+                         ITN__MAX_OBJECTS, ITN__MAX_LIGHTS, ITN__MAX_ITEMS, in->object_count, in->light_count,
                          in->medium_count, in->surface_count);
     if ((in->medium_count && !in->media) || (in->surface_count && !in->surfaces) ||
         (in->light_count && !in->lights) || !in->objects)
@@ -3230,7 +3336,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
         *scene = maker.scene;
     return result;
 }
-/* ---- [path] the reference path tracer ------------------------------------------------------------ */
+/* ---- [path] the reference path tracer -------------------------------------------------------- */
 
 /* The image is an integral over paths, T(pi) = int f(x) dx (equation 4), estimated by the mean of
    f/p over random paths (equation 6). A path is built from the camera: fly (free path in a medium,
@@ -3680,8 +3786,8 @@ static int itn__wants_edge(const itn__walk *walk, int after) {
             itn__slot(walk, itn__ior_parameter(walk, walk->place.inside)) >= 0);
 }
 
-/* Derivatives by eta have a part that fixed directions miss: the facets' hemisphere ends at m_z = 0,
-   where D is not 0, and as eta grows facets cross that edge. What crosses it per eta is
+/* Derivatives by eta have a part that fixed directions miss: the facets' hemisphere ends at
+   m_z = 0, where D is not 0, and as eta grows facets cross that edge. What crosses it per eta is
    f_t d omega_o = h(m) dm at the edge times the speed dm_z/deta. A path that is chosen for it (one
    in ten) carries only this derivative, as a factor of value 0. Returns 0 where nothing crosses. */
 static int itn__sample_edge(itn__walk *walk, const itn__surface *surface, itn_vec3 i, float eta,
@@ -3765,8 +3871,9 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
 }
 
 /* Russian roulette by the value alone: a path of weight below .4 goes on with a chance in
-   proportion and then counts as .4. Beyond a million events any path ends in the end, which
-   matters only for light that is trapped without loss. */
+   proportion and then counts as .4. Beyond a million events each further one is survived with .999,
+   so that light trapped without loss (in clear glass, or at albedo 1 in an object of optical
+   thickness 1e4) ends some day. */
 static int itn__roulette(itn__walk *walk) {
     float largest = 0, survival;
     int c;
@@ -3822,14 +3929,14 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     walk->place.inside = itn__find_inside(walk->scene, walk->place.sides);
     walk->place.crossed_count = 0;
     for (c = 0; c < 3; c++)
-        walk->weight.beta[c] = c < itn__channels(walk), walk->weight.zero[c] = 0, walk->radiance[c] = 0;
+        walk->weight.beta[c] = 1, walk->weight.zero[c] = 0, walk->radiance[c] = 0;
     memset(walk->weight.score, 0, scores);
     memset(walk->derivative, 0, scores);
     walk->pdf = INFINITY, walk->scatterings = walk->events = 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     itn__trace_path(walk, itn__camera_ray(camera, x, y, u, v));
 }
-/* ---- [render] samples into images ----------------------------------------------------------------- */
+/* ---- [render] samples into images ------------------------------------------------------------ */
 
 /* A pixel's samples are summed in double in their own order by whoever takes its row, and rows are
    independent, so the bits of the result do not depend on the number of threads. From the sums of
@@ -3861,23 +3968,53 @@ static void itn__render_end(itn__render *render) {
     itn__free(context, render->theta_made);
 }
 
+static int itn__boxes_meet(const itn__object *a, const itn__object *b) {
+    int k;
+    for (k = 0; k < 3; k++)
+        if (a->upper[k] < b->lower[k] || b->upper[k] < a->lower[k]) return 0;
+    return 1;
+}
+
+/* Whether the scene can be differentiated in the index of surface `asked`. A smooth boundary, its
+   own or one between it and another solid, refracts into one direction, which jumps with the index;
+   a boundary between equal indices is not there at all. */
+static itn_result itn__check_ior(const itn_scene *scene, const float *theta, int asked,
+                                 itn_error *error) {
+    const itn__surface *surfaces = scene->surfaces;
+    const char *name = scene->parameters[surfaces[asked].ior].name;
+    float ior = theta[surfaces[asked].ior];
+    int i, j;
+    if (surfaces[asked].alpha < 0)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                         "%s: a smooth surface refracts into one direction, which jumps with its "
+                         "index: only a rough surface (alpha > 0) can be differentiated", name);
+    if (ior == 1)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                         "%s: at index 1 the surface vanishes; differentiate at 1.001 or more",
+                         name);
+    for (i = 0; i < scene->object_count; i++)
+        for (j = 0; j < scene->object_count; j++) {
+            int other = scene->objects[j].surface;
+            if (i == j || scene->objects[i].surface != asked || other < 0 ||
+                surfaces[other].type != ITN_SURFACE_DIELECTRIC ||
+                !itn__boxes_meet(&scene->objects[i], &scene->objects[j]))
+                continue;
+            if (surfaces[other].alpha < 0 || (other != asked && theta[surfaces[other].ior] == ior))
+                return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                                 "%s: where solids meet, all must be rough and of different index; "
+                                 "%s is not", name, surfaces[other].name);
+        }
+    return ITN_OK;
+}
+
 /* Whether the scene can be differentiated in a parameter at these values. */
 static itn_result itn__check_derivative(const itn_scene *scene, const float *theta, int parameter,
                                         itn_error *error) {
     int i;
-    for (i = 0; i < scene->surface_count; i++) {
-        const itn__surface *surface = &scene->surfaces[i];
-        if (surface->type != ITN_SURFACE_DIELECTRIC || surface->ior != parameter) continue;
-        if (surface->alpha < 0)
-            return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                             "%s: a smooth surface refracts into one direction, which jumps with "
-                             "its index: only a rough surface (alpha > 0) can be differentiated",
-                             scene->parameters[parameter].name);
-        if (theta[parameter] == 1)
-            return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                             "%s: at index 1 the surface vanishes; differentiate at 1.001 or more",
-                             scene->parameters[parameter].name);
-    }
+    for (i = 0; i < scene->surface_count; i++)
+        if (scene->surfaces[i].type == ITN_SURFACE_DIELECTRIC &&
+            scene->surfaces[i].ior == parameter)
+            return itn__check_ior(scene, theta, i, error);
     return ITN_OK;
 }
 
@@ -3903,9 +4040,10 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     memset(render, 0, sizeof *render);
     if (!scene || count < 0 || (count && !parameters))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: scene or parameters missing");
-    if (options && (options->spp < 0 || options->max_scatter < 0))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: spp %d, max_scatter %d",
-                         options->spp, options->max_scatter);
+    if (options && (options->spp < 0 || options->max_scatter < 0 ||
+                    (options->mode != ITN_MODE_AUTO && options->mode != ITN_MODE_REFERENCE)))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: spp %d, max_scatter %d, mode %d",
+                         options->spp, options->max_scatter, (int)options->mode);
     context = &scene->context;
     render->scene = scene, render->channels = scene->film.channels, render->count = count;
     render->spp = options && options->spp ? options->spp : 64;
@@ -3976,7 +4114,7 @@ static itn_result itn__render_rows(itn__render *render, const itn_render_options
     return ITN_OK;
 }
 
-/* Mean and variance of the mean from n samples' sums; a single sample knows nothing of its spread. */
+/* Mean and variance of the mean from n samples' sums; one sample knows nothing of its spread. */
 static void itn__moments(const double sums[2], int n, float *mean, float *variance) {
     double m = sums[0] / n, v = n > 1 ? (sums[1] / n - m * m) / (n - 1) : INFINITY;
     *mean = (float)m, *variance = v > 0 ? (float)v : 0;
@@ -4132,13 +4270,19 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
     if (!scene || !target || !loss)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: NULL argument");
     if (options) half = *options;
+    if (half.spp == 1)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: needs spp >= 2");
     pixels = (size_t)scene->film.width * (size_t)scene->film.height * (size_t)scene->film.channels;
+    for (i = 0; i < pixels; i++)
+        if (!itn__finite(target[i]))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_loss_gradient: target value %d is not finite", (int)i);
     half.seed = itn__mix64(2 * half.seed + 1);
     result = itn_render(scene, theta, &half, NULL, 0, &image, error);
     if (result) return result;
     for (i = 0; i < pixels; i++) {
-        double residual = (double)image.pixels[i] - target[i], variance = image.pixels[pixels + i];
-        sum += residual * residual - (itn__finite(variance) ? variance : 0);
+        double residual = (double)image.pixels[i] - target[i];
+        sum += residual * residual - image.pixels[pixels + i];
         image.pixels[i] = (float)(2 * residual / (double)pixels);
     }
     half.seed = itn__mix64(half.seed + 1);
@@ -4155,8 +4299,8 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
        m <- beta1 m + (1 - beta1) g,    v <- beta2 v + (1 - beta2) g^2,
    divides both by 1 - beta^t, the weight that t steps from zero have collected so far, and steps by
        w <- w - rate m' / (sqrt(v') + epsilon):
-   about `rate` per weight while the gradient keeps its sign, less where it is mostly noise. Networks
-   are trained with it, and it is one of the methods that fit a single image. */
+   about `rate` per weight while the gradient keeps its sign, less where it is mostly noise.
+   Networks are trained with it, and it is one of the methods that fit a single image. */
 
 /* Fills in the defaults of a desc and checks its ranges. */
 static itn_result itn__adam_desc(const itn_adam_desc *given, itn_adam_desc *desc,
@@ -4916,23 +5060,26 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
     return ITN_OK;
 }
 #endif /* ITN_NO_NET */
-/* ---- [refine] analysis by synthesis --------------------------------------------------------------- */
+/* ---- [refine] analysis by synthesis ---------------------------------------------------------- */
 
-/* Analysis by synthesis looks for pi minimising sum_p w_p (I_p - T_p(pi))^2 (equation 1), with
-   w_p = 1 / (variance of I_p + variance of the render of p). With J = dT/dpi and residual
-   r = I - T, Levenberg-Marquardt steps by (A + mu D) delta = b,  A = sum w J J^T,  b = sum w J r.
+/* Analysis by synthesis looks for pi minimising ||I - T(pi)||^2 (equation 1). With J = dT/dpi and
+   residual r = I - T, both divided by the standard deviation of r in each pixel, a step of
+   Levenberg-Marquardt solves
+       (A + mu D) delta = b,    A = J^T K J,    b = J^T K r,    D = diagonal of A plus its noise.
+   K blurs by a few pixels (binomial, symmetric, positive): derivatives vary slowly over the picture
+   while their noise does not, so blurred ones judge residuals far better; K = 1 is least squares.
+
    J and T are random, and samples common to both would bias every product, so each iteration makes
    two independent renders a, b and only multiplies across:
-       b = 1/2 sum w (J_a r_b + J_b r_a),     A = 1/2 sum w (J_a J_b^T + J_b J_a^T),
-   unbiased both. For the same reason the weights come from the variances of the iteration before,
-   averaged over 5 x 5 pixels: a pixel's own would favour those that came out dark by chance. D, the diagonal of sum w J J^T with J = (J_a + J_b)/2, has the noise of J on top,
-   which makes steps shorter where they would be mostly noise.
+       b = 1/2 (J_a^T K r_b + J_b^T K r_a),     A = 1/2 (J_a^T K J_b + J_b^T K J_a),
+   unbiased both. For the same reason the standard deviations come from the iteration before,
+   averaged over 5 x 5 pixels: a pixel's own would favour those that came out dark by chance.
 
-   At the solution the estimate's covariance is A^-1 N A^-1, N = covariance of b: A itself, the
-   Fisher information (residuals have variance 1/w), plus w times the variance of J times residual
-   noise. If the target's noise is unknown or the scene cannot reproduce it, the misfit
-   chi^2 = mean of w r_a r_b exceeds what the render's noise explains; covariances are scaled by it.
-   All of this happens in the transformed coordinates, where bounds are out of reach. */
+   At the solution the estimate's covariance is A^-1 N A^-1 with N = covariance of b = J^T K K J,
+   and on its diagonal what the noise of K J adds. If the target's noise is unknown or the scene
+   cannot reproduce it, the misfit chi^2 = mean of r_a r_b exceeds what the render's noise explains;
+   covariances are scaled by it. All of this happens in the transformed coordinates, where bounds
+   are out of reach. */
 
 typedef struct itn__refiner {
     const itn_scene *scene;
@@ -4945,15 +5092,17 @@ typedef struct itn__refiner {
     float *theta;        /* [parameter_count] */
     float *weights;      /* [pixels] */
     float *variance;     /* [pixels] of one sample, see itn__keep_variance */
-    float *target_variance; /* [pixels] blurred */
+    float *target_variance; /* [pixels] averaged */
+    float *row;             /* [largest of width and height], for itn__binomial */
     double *numbers;     /* one block for the arrays below */
     double *coordinates; /* [count] */
     double *slopes;      /* [count] d value / d coordinate */
     double *gradient;    /* [count], Adam */
     double *matrix;      /* A [count][count] */
     double *right;       /* b [count] */
+    double *outer;       /* J^T K K J [count][count] */
     double *diagonal;    /* D [count] */
-    double *noise;       /* [count]: sum w^2 var(J) var(r), what N has over A */
+    double *noise;       /* [count]: what the noise of K J adds to the covariance of b */
     double *spread;      /* [count]: variance of A_kk */
     double *factor;      /* [count][count], Cholesky */
     double *step;        /* [count] */
@@ -5050,7 +5199,7 @@ static void itn__pool_variance(const itn__refiner *refiner, itn_image *a, const 
         a->pixels[i] = .25f * (a->pixels[i] + b->pixels[i]);
 }
 
-/* Keeps the pooled variance of two renders of spp samples, blurred, as that of one sample. */
+/* Keeps the pooled variance of two renders of spp samples, averaged, as that of one sample. */
 static void itn__keep_variance(itn__refiner *refiner, const itn_image *a, int spp) {
     size_t i;
     itn__blur(a->pixels + refiner->pixels, refiner->variance, a->width, a->height,
@@ -5058,32 +5207,84 @@ static void itn__keep_variance(itn__refiner *refiner, const itn_image *a, int sp
     for (i = 0; i < refiner->pixels; i++) refiner->variance[i] *= 2 * (float)spp;
 }
 
-/* Adds pixel i to the normal equations. */
-static void itn__refine_pixel(itn__refiner *refiner, const itn_image *a, const itn_image *b,
-                              size_t i) {
+/* Blurs one line of n pixels, `stride` apart, twice with (1 2 1)/4; beyond its ends all is 0. */
+static void itn__binomial_line(float *line, size_t stride, int n, float *row) {
+    int i, pass;
+    for (pass = 0; pass < 2; pass++) {
+        for (i = 0; i < n; i++) row[i] = line[(size_t)i * stride];
+        for (i = 0; i < n; i++)
+            line[(size_t)i * stride] = .25f * ((i ? row[i - 1] : 0) + 2 * row[i] +
+                                               (i + 1 < n ? row[i + 1] : 0));
+    }
+}
+
+/* K: both ways over [channels][height][width]. The sum of its squared weights is (70/256)^2. */
+#define ITN__BINOMIAL_NOISE .0747681f
+static void itn__binomial(float *pixels, int width, int height, size_t count, float *row) {
+    size_t plane = (size_t)width * (size_t)height, first;
+    int k;
+    for (first = 0; first < count; first += plane) {
+        for (k = 0; k < height; k++)
+            itn__binomial_line(pixels + first + (size_t)k * (size_t)width, 1, width, row);
+        for (k = 0; k < width; k++)
+            itn__binomial_line(pixels + first + k, (size_t)width, height, row);
+    }
+}
+
+/* Turns the planes of derivative k into what the normal equations need: of a, J_a and the variance
+   of (J_a + J_b)/2; of b, K K J_b and, where its variance was, K J_b. */
+static void itn__refine_planes(itn__refiner *refiner, itn_image *a, itn_image *b, int k) {
+    size_t pixels = refiner->pixels, i;
+    float *ja = a->pixels + (size_t)(2 + 2 * k) * pixels, *va = ja + pixels;
+    float *jb = b->pixels + (size_t)(2 + 2 * k) * pixels, *vb = jb + pixels;
+    for (i = 0; i < pixels; i++) {
+        float scale = sqrtf(refiner->weights[i]) * (float)refiner->slopes[k];
+        va[i] = .25f * (va[i] + vb[i]) * scale * scale;
+        ja[i] *= scale, jb[i] *= scale;
+    }
+    itn__binomial(jb, a->width, a->height, pixels, refiner->row);
+    memcpy(vb, jb, pixels * sizeof *vb);
+    itn__binomial(jb, a->width, a->height, pixels, refiner->row);
+}
+
+/* Residuals over their standard deviations: r_a replaces the light of a, K r_b that of b; the
+   variance of the render in the same units replaces a's. */
+static void itn__refine_residuals(itn__refiner *refiner, itn_image *a, itn_image *b) {
+    size_t i;
+    for (i = 0; i < refiner->pixels; i++) {
+        float scale = sqrtf(refiner->weights[i]);
+        a->pixels[i] = (refiner->target[i] - a->pixels[i]) * scale;
+        b->pixels[i] = (refiner->target[i] - b->pixels[i]) * scale;
+        a->pixels[refiner->pixels + i] *= scale * scale;
+    }
+    itn__binomial(b->pixels, a->width, a->height, refiner->pixels, refiner->row);
+}
+
+/* Sums the normal equations from planes made by the two functions above. */
+static void itn__refine_sum(itn__refiner *refiner, const itn_image *a, const itn_image *b) {
+    size_t pixels = refiner->pixels, i;
     int n = refiner->count, k, l;
-    double w = refiner->weights[i];
-    double ra = (double)refiner->target[i] - a->pixels[i];
-    double rb = (double)refiner->target[i] - b->pixels[i];
-    double render_variance = a->pixels[refiner->pixels + i];
-    double target_variance = refiner->target_variance[i];
     for (k = 0; k < n; k++) {
-        size_t plane = (size_t)(2 + 2 * k) * refiner->pixels + i;
-        double s = refiner->slopes[k], ja = s * a->pixels[plane], jb = s * b->pixels[plane];
-        double mean = .5 * (ja + jb), variance;
-        variance = .25 * s * s * ((double)a->pixels[plane + refiner->pixels] +
-                                  b->pixels[plane + refiner->pixels]);
-        refiner->right[k] += .5 * w * (ja * rb + jb * ra);
-        refiner->diagonal[k] += w * mean * mean;
-        refiner->noise[k] += w * w * variance * (target_variance + 2 * render_variance);
-        refiner->spread[k] += w * w * variance * (2 * mean * mean + variance);
-        for (l = 0; l <= k; l++) {
-            size_t other = (size_t)(2 + 2 * l) * refiner->pixels + i;
-            double t = refiner->slopes[l];
-            double product = .5 * w * t * (ja * b->pixels[other] + jb * a->pixels[other]);
-            refiner->matrix[k * n + l] += product;
-            if (l != k) refiner->matrix[l * n + k] += product;
+        const float *ja = a->pixels + (size_t)(2 + 2 * k) * pixels, *va = ja + pixels;
+        const float *kjb = b->pixels + (size_t)(3 + 2 * k) * pixels;
+        for (i = 0; i < pixels; i++) {
+            double residual_variance = 1 + (double)a->pixels[pixels + i]; /* of r_a alone, nearly */
+            refiner->right[k] += .5 * (double)ja[i] * b->pixels[i];
+            refiner->right[k] += .5 * (double)kjb[i] * a->pixels[i];
+            refiner->noise[k] += ITN__BINOMIAL_NOISE * va[i] * residual_variance;
+            refiner->spread[k] += va[i] * (2 * (double)kjb[i] * kjb[i] +
+                                           (double)ITN__BINOMIAL_NOISE * va[i]);
+            refiner->diagonal[k] += va[i];
         }
+        for (l = 0; l < n; l++) {
+            const float *other = b->pixels + (size_t)(2 + 2 * l) * pixels;
+            double product = 0, outer = 0;
+            for (i = 0; i < pixels; i++)
+                product += (double)ja[i] * other[pixels + i], outer += (double)ja[i] * other[i];
+            refiner->matrix[k * n + l] += .5 * product, refiner->matrix[l * n + k] += .5 * product;
+            refiner->outer[k * n + l] += .5 * outer, refiner->outer[l * n + k] += .5 * outer;
+        }
+        refiner->diagonal[k] += fabs(refiner->matrix[k * n + k]);
     }
 }
 
@@ -5112,8 +5313,7 @@ static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error
     itn_render_options options = ITN_ZERO;
     itn_image a = ITN_ZERO, b = ITN_ZERO;
     itn_result result;
-    size_t i;
-    int n = refiner->count;
+    int n = refiner->count, k;
     options.spp = spp, options.max_scatter = refiner->options.max_scatter;
     options.seed = itn__mix64(refiner->options.seed + 2 * refiner->renders++);
     result = itn_render(refiner->scene, refiner->theta, &options, refiner->parameters, n, &a,
@@ -5126,10 +5326,12 @@ static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error
         itn__pool_variance(refiner, &a, &b);
         if (refiner->renders == 1) itn__keep_variance(refiner, &a, spp);
         itn__refine_weights(refiner, spp);
-        memset(refiner->matrix, 0, (size_t)(n * n + 4 * n) * sizeof(double)); /* up to spread */
-        for (i = 0; i < refiner->pixels; i++) itn__refine_pixel(refiner, &a, &b, i);
         itn__refine_misfit(refiner, &a, &b);
         itn__keep_variance(refiner, &a, spp);
+        for (k = 0; k < n; k++) itn__refine_planes(refiner, &a, &b, k);
+        itn__refine_residuals(refiner, &a, &b);
+        memset(refiner->matrix, 0, (size_t)(2 * n * n + 4 * n) * sizeof(double)); /* to spread */
+        itn__refine_sum(refiner, &a, &b);
     }
     itn_image_free(&b);
     itn_image_free(&a);
@@ -5143,8 +5345,7 @@ static double itn__refine_factor(itn__refiner *refiner, double mu) {
     for (;; mu = mu > 0 ? 4 * mu : 1e-3) {
         memcpy(refiner->factor, refiner->matrix, (size_t)(n * n) * sizeof(double));
         for (k = 0; k < n; k++)
-            refiner->factor[k * n + k] += mu * (refiner->diagonal[k] + sqrt(refiner->spread[k])) +
-                                          1. / 64;
+            refiner->factor[k * n + k] += mu * refiner->diagonal[k] + 1. / 64;
         if (itn__cholesky(refiner->factor, n)) return mu;
     }
 }
@@ -5160,24 +5361,26 @@ static void itn__refine_solve(itn__refiner *refiner, double mu) {
     for (k = 0; k < n && longest > 2; k++) refiner->step[k] *= 2 / longest;
 }
 
-/* Covariance A^-1 N A^-1 of the coordinates, column by column, times `scale`. */
+/* Covariance A^-1 N A^-1 of the coordinates times `scale`. */
 static void itn__refine_covariance(itn__refiner *refiner, double scale) {
     int n = refiner->count, i, j, k;
-    double *inverse = refiner->covariance;
+    double *columns = refiner->covariance;
     itn__refine_factor(refiner, 0);
-    for (j = 0; j < n; j++) {
-        for (i = 0; i < n; i++) inverse[j * n + i] = i == j;
-        itn__cholesky_solve(refiner->factor, n, inverse + j * n);
-    }
-    /* A^-1 A A^-1 = A^-1, so only the excess of N is added; factor is free as scratch */
-    memcpy(refiner->factor, inverse, (size_t)(n * n) * sizeof(double));
-    for (i = 0; i < n; i++)
-        for (j = 0; j < n; j++) {
-            double sum = refiner->factor[i * n + j];
-            for (k = 0; k < n; k++)
-                sum += refiner->factor[i * n + k] * refiner->noise[k] * refiner->factor[k * n + j];
-            inverse[i * n + j] = sum * scale;
+    for (j = 0; j < n; j++) /* row j: A^-1 times column j of N */
+        for (k = 0; k < n; k++)
+            columns[j * n + k] = refiner->outer[k * n + j] + (j == k ? refiner->noise[k] : 0);
+    for (j = 0; j < n; j++) itn__cholesky_solve(refiner->factor, n, columns + j * n);
+    for (i = 0; i < n; i++) /* transposed, then A^-1 once more */
+        for (j = 0; j < i; j++) {
+            double swap = columns[i * n + j];
+            columns[i * n + j] = columns[j * n + i], columns[j * n + i] = swap;
         }
+    for (j = 0; j < n; j++) itn__cholesky_solve(refiner->factor, n, columns + j * n);
+    for (k = 0; k < n * n; k++) columns[k] *= scale;
+}
+
+static double itn__coordinate_error(const itn__refiner *refiner, int k) {
+    return sqrt(fmax(refiner->covariance[k * refiner->count + k], 0));
 }
 
 static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_error *error) {
@@ -5190,31 +5393,32 @@ static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_e
     return ITN_OK;
 }
 
-/* Levenberg-Marquardt: a step is kept unless the loss has risen beyond its noise. Ends when a kept
-   step was smaller than its standard error in every coordinate, or when no step helps. */
+/* Levenberg-Marquardt: a step is kept unless the loss has risen beyond its noise. Ends when two
+   steps running were smaller than their standard errors, or when no step helps. */
 static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     int n = refiner->count, iteration, k, small = 0;
     double mu = .01, *before = refiner->gradient; /* unused by this method */
     itn_result result = itn__refine_evaluate(refiner, refiner->options.spp, error);
     if (!result) result = itn__refine_report(refiner, 0, error);
-    for (iteration = 1; iteration <= refiner->options.iterations && !result && !small;
+    for (iteration = 1; iteration <= refiner->options.iterations && !result && small < 2;
          iteration++) {
         double loss = refiner->loss, loss_error = refiner->loss_error;
-        small = mu < .1;
+        int below = mu < .1;
         itn__refine_covariance(refiner, 1); /* far from the solution the misfit is no noise */
         itn__refine_solve(refiner, mu);
         for (k = 0; k < n; k++) {
-            small &= fabs(refiner->step[k]) < sqrt(refiner->covariance[k * n + k]);
+            below &= fabs(refiner->step[k]) < itn__coordinate_error(refiner, k);
             before[k] = refiner->coordinates[k];
             refiner->step[k] += before[k];
         }
+        small = below ? small + 1 : 0;
         itn__refine_set(refiner, refiner->step);
         result = itn__refine_evaluate(refiner, refiner->options.spp, error);
         if (result) break;
         if (refiner->loss - loss > 2 * hypot(loss_error, refiner->loss_error)) { /* worse */
             itn__refine_set(refiner, before);
             result = itn__refine_evaluate(refiner, refiner->options.spp, error);
-            mu *= 10, small = mu > 1e6;
+            mu *= 10, small = mu > 1e6 ? 2 : 0;
         } else {
             mu *= .2;
         }
@@ -5252,26 +5456,27 @@ static itn_result itn__refine_adam(itn__refiner *refiner, itn_error *error) {
     return result;
 }
 
-/* The last evaluation: for LM one more step of its own accuracy; then error bars. */
+/* The last evaluation: error bars and, for LM where they are small, one more step. */
 static itn_result itn__refine_finish(itn__refiner *refiner, itn_estimate *estimates,
                                      itn_error *error) {
-    int n = refiner->count, k;
-    itn_result result = itn__refine_evaluate(refiner, 4 * refiner->options.spp, error);
+    int n = refiner->count, k, step = refiner->options.method == ITN_METHOD_LM;
+    itn_result result = itn__refine_evaluate(refiner, 8 * refiner->options.spp, error);
     if (result) return result;
     itn__refine_covariance(refiner, fmax(refiner->chi2, 1));
-    if (refiner->options.method == ITN_METHOD_LM) {
-        itn__refine_solve(refiner, 0);
-        for (k = 0; k < n; k++) refiner->step[k] += refiner->coordinates[k];
-        itn__refine_set(refiner, refiner->step);
-    }
+    itn__refine_solve(refiner, 0);
     for (k = 0; k < n; k++) {
-        double error_of_coordinate = sqrt(refiner->covariance[k * n + k]);
-        double information = refiner->matrix[k * n + k];
-        estimates[k].value = refiner->theta[refiner->parameters[k]];
-        estimates[k].standard_error = error_of_coordinate * refiner->slopes[k];
-        estimates[k].determined = error_of_coordinate < .5 &&
-                                  information > 2 * sqrt(refiner->spread[k]);
+        double spread = itn__coordinate_error(refiner, k);
+        estimates[k].determined = spread < .5 &&
+                                  refiner->matrix[k * n + k] > 2 * sqrt(refiner->spread[k]);
+        step &= estimates[k].determined && fabs(refiner->step[k]) < 1;
     }
+    for (k = 0; k < n; k++) refiner->step[k] = refiner->coordinates[k] + step * refiner->step[k];
+    itn__refine_set(refiner, refiner->step);
+    for (k = 0; k < n; k++) {
+        estimates[k].value = refiner->theta[refiner->parameters[k]];
+        estimates[k].standard_error = itn__coordinate_error(refiner, k) * refiner->slopes[k];
+    }
+    if (refiner->options.misfit) *refiner->options.misfit = refiner->chi2;
     return result;
 }
 
@@ -5295,14 +5500,18 @@ static itn_result itn__refine_begin(itn__refiner *refiner, const float *theta, i
                              refiner->parameters[k]);
     refiner->theta = (float *)itn__allocate(&scene->context, (size_t)scene->parameter_count,
                                             sizeof(float));
-    refiner->weights = (float *)itn__allocate(&scene->context, refiner->pixels, 3 * sizeof(float));
-    refiner->numbers = (double *)itn__allocate(&scene->context, 8 * n + 3 * n * n, sizeof(double));
+    refiner->weights = (float *)itn__allocate(
+        &scene->context,
+        3 * refiner->pixels + (size_t)scene->film.width + (size_t)scene->film.height,
+        sizeof(float));
+    refiner->numbers = (double *)itn__allocate(&scene->context, 8 * n + 4 * n * n, sizeof(double));
     refiner->moments[0] = (float *)itn__allocate(&scene->context, 2 * n, sizeof(float));
     if (!refiner->theta || !refiner->weights || !refiner->numbers || !refiner->moments[0])
         return itn__out_of_memory(error, "itn_refine");
     refiner->moments[1] = refiner->moments[0] + n;
     refiner->variance = refiner->weights + refiner->pixels;
     refiner->target_variance = refiner->variance + refiner->pixels;
+    refiner->row = refiner->target_variance + refiner->pixels;
     if (refiner->options.target_variance)
         itn__blur(refiner->options.target_variance, refiner->target_variance, scene->film.width,
                   scene->film.height, refiner->pixels);
@@ -5312,6 +5521,7 @@ static itn_result itn__refine_begin(itn__refiner *refiner, const float *theta, i
     refiner->gradient = next, next += n;
     refiner->step = next, next += n;
     refiner->matrix = next, next += n * n; /* from here to spread: cleared together */
+    refiner->outer = next, next += n * n;
     refiner->right = next, next += n;
     refiner->diagonal = next, next += n;
     refiner->noise = next, next += n;
@@ -5344,12 +5554,15 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
     if (refiner.options.iterations == 0)
         refiner.options.iterations = refiner.options.method == ITN_METHOD_LM ? 20 : 200;
     if (refiner.options.learning_rate == 0) refiner.options.learning_rate = .05;
-    if (refiner.options.spp < 2 || refiner.options.spp > INT_MAX / 4 ||
+    if ((refiner.options.method != ITN_METHOD_LM && refiner.options.method != ITN_METHOD_ADAM) ||
+        refiner.options.spp < 2 || refiner.options.spp > INT_MAX / 8 ||
         refiner.options.iterations < 0 || refiner.options.max_scatter < 0 ||
         !(refiner.options.learning_rate > 0 && refiner.options.learning_rate <= 1))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_refine: needs spp >= 2, iterations >= 0, learning_rate in (0, 1]");
-    result = itn__refine_begin(&refiner, theta, error);
+                         "itn_refine: needs a known method, spp >= 2, iterations >= 0 and a "
+                         "learning_rate in (0, 1]");
+    result = itn__check_theta(scene, theta, error);
+    if (!result) result = itn__refine_begin(&refiner, theta, error);
     if (!result)
         result = refiner.options.method == ITN_METHOD_LM ? itn__refine_lm(&refiner, error)
                                                          : itn__refine_adam(&refiner, error);
@@ -7674,7 +7887,7 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
 }
 #endif /* ITN_NO_STDIO */
 #endif /* ITN_NO_NET */
-/* ---- [scenefile] scenes as text files ---------------------------------------------------------- */
+/* ---- [scenefile] scenes as text files -------------------------------------------------------- */
 
 /* A scene file is read in two steps. The first knows only the form of a line: a keyword (and for
    some items a name), then fields, each with a word or a few numbers. What fields an item has, how
@@ -8000,19 +8213,20 @@ static int itn__is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' &
 static itn_result itn__check_item_name(const itn__scene_file *file, const itn__item *item,
                                        const char *name) {
     const char *c;
-    int k, taken = 0, good = itn__is_letter(*name) && strlen(name) <= 40;
+    int k, taken = 0, good = itn__is_letter(*name) && strlen(name) <= 32;
     for (c = name; *c; c++)
         good = good && (itn__is_letter(*c) || (*c >= '0' && *c <= '9') || *c == '_' || *c == '-');
     if (!good)
         return itn__file_fail(&file->text, item->line, file->error,
-                              "%s: name '%.40s' is not 1 to 40 letters, digits, _ or -, beginning "
+                              "%s: name '%.40s' is not 1 to 32 letters, digits, _ or -, beginning "
                               "with a letter", item->keyword, name);
     for (k = 0; k < file->desc.medium_count; k++) taken |= !strcmp(file->media[k].name, name);
     for (k = 0; k < file->desc.surface_count; k++) taken |= !strcmp(file->surfaces[k].name, name);
     for (k = 0; k < file->desc.light_count; k++)
         taken |= file->lights[k].name && !strcmp(file->lights[k].name, name);
     if (!taken) return ITN_OK;
-    return itn__file_fail(&file->text, item->line, file->error, "the name '%s' is used twice", name);
+    return itn__file_fail(&file->text, item->line, file->error, "the name '%s' is used twice",
+                          name);
 }
 
 /* A word that must be one of two: returns which, 0 (also if it is not given) or 1, or -1. */
@@ -8107,7 +8321,8 @@ static itn_result itn__file_reflectance(itn__scene_file *file, const itn__item *
             return itn__file_fail(&file->text, item->line, file->error,
                                   "checker: a reflectance is not in [0, 1]");
     if (checker->given && !(surface->checker_size > 0))
-        return itn__file_fail(&file->text, item->line, file->error, "checker: SIZE is not positive");
+        return itn__file_fail(&file->text, item->line, file->error,
+                              "checker: SIZE is not positive");
     if (!image->given) return ITN_OK;
     surface->texture = ITN_TEXTURE_IMAGE;
     surface->image = texture;
@@ -8251,7 +8466,8 @@ static const itn__item_form *itn__find_form(itn__text *text, itn_error *error) {
         *text = behind_keyword;
         return form;
     }
-    while (shown < 40 && text->at + shown < text->end && (unsigned char)text->at[shown] >= 32) shown++;
+    while (shown < 40 && text->at + shown < text->end && (unsigned char)text->at[shown] >= 32)
+        shown++;
     itn__file_fail(text, text->line, error,
                    "found '%.*s', expected film, camera, medium, surface, object mesh, "
                    "object plane, light constant, light map or light sky", (int)shown, text->at);
@@ -8291,8 +8507,8 @@ static itn_result itn__file_line(itn__scene_file *file) {
     name = *form->keyword == 'l' ? itn__item_value(&item, "name")->word : item.name.word;
     if (name) result = itn__check_item_name(file, &item, name);
     if (!result && itn__item_count(&file->desc, form->keyword) == ITN__MOST_ITEMS)
-        result = itn__file_fail(&file->text, item.line, file->error, "more than %d items of this kind",
-                                (int)ITN__MOST_ITEMS);
+        result = itn__file_fail(&file->text, item.line, file->error,
+                               "more than %d items of this kind", (int)ITN__MOST_ITEMS);
     return result ? result : form->make(file, &item);
 }
 
@@ -8376,3 +8592,20 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_NO_STDIO */
 
 #endif /* ITN_IMPLEMENTATION */
+
+/* [history]
+   0.1.0  first version: geometry, reference path tracer, derivatives, network, refinement, files
+
+   [references] by chapter
+     tri      S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013
+     rng      J. Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011
+     math     T. Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017
+     medium   L. Henyey, J. Greenstein, Diffuse Radiation in the Galaxy, ApJ 1941
+     surface  B. Walter et al., Microfacet Models for Refraction through Rough Surfaces, EGSR 2007;
+              E. Heitz, Sampling the GGX Distribution of Visible Normals, JCGT 2018
+     light    L. Hosek, A. Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, TOG 2012
+     path     E. Veach, Robust Monte Carlo Methods for Light Transport Simulation, 1997
+     adam     D. Kingma, J. Ba, Adam: A Method for Stochastic Optimization, ICLR 2015
+     net      K. He et al., Delving Deep into Rectifiers, ICCV 2015
+
+   [license] MIT, see the file LICENSE beside this one. Copyright (c) 2026 the itn.h authors. */

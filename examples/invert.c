@@ -198,7 +198,7 @@ static void save_pictures(const itn_scene *scene, const float *theta, const floa
     char path[1200];
     itn_image image;
     itn_error error;
-    options.spp *= 4;
+    options.spp *= 8;
     if (itn_render(scene, theta, &options, h->parameters, h->count, &image, &error))
         fail(error.message, "");
     pixels = (size_t)image.width * (size_t)image.height * (size_t)channels;
@@ -251,7 +251,8 @@ int main(int argc, char **argv) {
     static history h;
     char stem[1024];
     float *theta, *hidden, *light, *variance;
-    refine.spp = 64;
+    double misfit;
+    refine.spp = 64, refine.misfit = &misfit;
     for (i = 1; i < argc; i++) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (!strcmp(option, "--help")) return printf("%s", usage) < 0;
@@ -284,7 +285,7 @@ int main(int argc, char **argv) {
     if (h.count < 1) fail("nothing to recover: name parameters with --params", "");
 
     /* the target: from a file, or rendered with the hidden values and other random numbers */
-    render.spp = 4 * refine.spp, render.seed = refine.seed + 1000003;
+    render.spp = 8 * refine.spp, render.seed = refine.seed + 1000003;
     if (target_path ? itn_image_load(target_path, &context, &target, &error)
                     : itn_render(scene, hidden, &render, NULL, 0, &target, &error))
         fail(error.message, "");
@@ -295,6 +296,9 @@ int main(int argc, char **argv) {
     if (itn_refine(scene, theta, light, parameters, h.count, &refine, estimates, &error))
         fail(error.message, "");
     missed = print_estimates(&h, estimates, target_path ? NULL : hidden);
+    if (misfit > 1.5)
+        printf("warning: the picture differs from the scene %.1f times more than noise explains\n",
+               sqrt(misfit));
 
     base = strrchr(path, '/') && dir ? strrchr(path, '/') + 1 : path;
     ending = strrchr(base, '.') ? strrchr(base, '.') : base + strlen(base);

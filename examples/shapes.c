@@ -1,7 +1,11 @@
-/* shapes: makes the closed shapes and the images that the scenes use.
+/* Makes the closed shapes and the images that the scenes use.
 
-       shapes OUTDIR             writes every shape as OUTDIR/NAME.ply
-       shapes OUTDIR NAME...     writes the shapes (or images: studio, concrete) of these names
+   You learn: how to make watertight meshes from formulas, check them, and write PLY, EXR and PFM.
+
+   Compile: cc -O2 shapes.c -o shapes -lm
+   Run:     ./shapes OUTDIR             writes every shape as OUTDIR/NAME.ply
+            ./shapes OUTDIR NAME...     writes the shapes (or images: studio, concrete) named
+   Prints:  one line a shape, `OUTDIR/blob.ply: 4800 triangles, volume 0.2652, area 2.2864`
 
    A shape is centred, its longest side has length 1, its triangles are counter-clockwise seen from
    outside. Three constructors make all of them: a grid of points that is bent into a ring or a
@@ -251,7 +255,8 @@ static void march_tetrahedron(lattice *l, int corners[4][3]) {
 
 /* The six tetrahedra of a cube: from corner 000 to 111 along the axes in every order. */
 static void march_cube(lattice *l, int x, int y, int z) {
-    static const int orders[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
+    static const int orders[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2},
+                                     {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
     int k, i, corners[4][3];
     for (k = 0; k < 6; k++) {
         corners[0][0] = x, corners[0][1] = y, corners[0][2] = z;
@@ -345,7 +350,9 @@ static point star(point p) {
     int i;
     for (i = 0; i < 12; i++) {
         double a = i & 1 ? 1 : -1, b = (i & 2 ? 1 : -1) * golden;
-        point corner = i < 4 ? make_point(0, a, b) : i < 8 ? make_point(a, b, 0) : make_point(b, 0, a);
+        point corner = i < 4   ? make_point(0, a, b)
+                       : i < 8 ? make_point(a, b, 0)
+                               : make_point(b, 0, a);
         radius += .58 * exp(18 * (dot(d, unit(corner)) - 1));
     }
     return times(d, radius);
@@ -360,7 +367,7 @@ static point blob(point p) {
 
 /* Height of the relief on a face, a, b in [-1,1]; the pattern depends on the axis of the face. */
 static double relief_height(double a, double b, int axis) {
-    double border = step_between(.98, .86, fabs(a)) * step_between(.98, .86, fabs(b));
+    double border = step_between(.96, .62, fabs(a)) * step_between(.96, .62, fabs(b));
     double r = sqrt(a * a + b * b), wave = 0;
     if (axis == 0) wave = 1.3 * cos(16 * r);
     if (axis == 1) wave = 1.4 * sin(3.5 * PI * a) * sin(3.5 * PI * b);
@@ -380,7 +387,8 @@ static point relief(point p) {
 static point leaf(point p) {
     point d = ball(p);
     double y = d.y, width = .36 * (1 - .45 * y), x = width * d.x;
-    double vein = sqrt(x * x + .001), bend = 1.1 * x * x - .16 * y * y + .012 * sin(17 * (y - 1.4 * vein)) * (1 - y * y);
+    double ripple = sin(17 * (y - 1.4 * sqrt(x * x + .001))) * (1 - y * y);
+    double bend = 1.1 * x * x - .16 * y * y + .012 * ripple;
     return make_point(x, .5 * y, .02 * d.z + bend);
 }
 
@@ -570,27 +578,27 @@ static int write_shape(const char *folder, int number) {
     itn_mesh_report report;
     itn_error error;
     itn_result result;
+    int solid;
     snprintf(path, sizeof path, "%s/%s.ply", folder, shapes[number].name);
     shapes[number].make(&s);
     result = to_mesh(&s, &mesh, &error);
+    free(s.points);
+    free(s.triangles);
     if (!result) result = itn_mesh_check(&mesh, NULL, &report, &error);
-    if (!result && (report.open_edges || report.flipped_edges || report.degenerate_triangles ||
-                    report.bad_vertices || !(report.volume > 0))) {
-        fprintf(stderr, "%s: %d open edges, %d flipped edges, %d flat triangles, volume %g\n", path,
-                report.open_edges, report.flipped_edges, report.degenerate_triangles, report.volume);
-        itn_mesh_free(&mesh);
-        return 1;
-    }
-    if (!result) result = itn_mesh_save_ply(&mesh, path, &error);
+    solid = !result && !report.bad_vertices && !report.open_edges && !report.flipped_edges &&
+            !report.degenerate_triangles && report.volume > 0;
+    if (solid) result = itn_mesh_save_ply(&mesh, path, &error);
     if (result)
         fprintf(stderr, "%s\n", error.message);
+    else if (!solid)
+        fprintf(stderr, "%s: %d open edges, %d flipped edges, %d flat triangles, volume %g\n",
+                path, report.open_edges, report.flipped_edges, report.degenerate_triangles,
+                report.volume);
     else
         printf("%s: %d triangles, volume %.4f, area %.4f\n", path, mesh.triangle_count,
                report.volume, report.area);
     itn_mesh_free(&mesh);
-    free(s.points);
-    free(s.triangles);
-    return result != ITN_OK;
+    return result || !solid;
 }
 
 /* ---- images ---- */

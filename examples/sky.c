@@ -8,9 +8,9 @@
    Run:     ./sky TABLE.txt --turbidity 3 --albedo 0.15 --elevation 60 -o t3-e60.sky
    Prints:  the radiance at the zenith, which for these three numbers is 3.631779 5.522326 10.403060
    The table is the authors' data as text: lines that begin with `#`, then for each channel R, G, B
-   a line `channel R coefficients` and 2 (ground albedo 0, 1) x 10 (turbidity 1 to 10) x 6 (elevation
-   knots) x 9 numbers, and a line `channel R radiances` and 2 x 10 x 6 numbers. Its comments, which
-   hold its licence, are copied to the sky file, as the licence asks. */
+   a line `channel R coefficients` and 2 (ground albedo 0, 1) x 10 (turbidity 1 to 10) x
+   6 (elevation knots) x 9 numbers, and a line `channel R radiances` and 2 x 10 x 6 numbers. Its
+   comments, which hold its licence, are copied to the sky file, as the licence asks. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -113,16 +113,16 @@ static double sky_radiance(const sky *s, int channel, double theta, double gamma
 
 /* ---- the sun ---- */
 
-/* The RGB data set has no solar disc. Its unit is W / (m^2 sr) after weighting a spectrum in nm with
-   the CIE colour matching functions (without the factor 683) and turning XYZ into linear sRGB. The
+/* The RGB data set has no solar disc. Its unit is W / (m^2 sr) after weighting a spectrum with the
+   CIE colour matching functions (without the factor 683) and turning XYZ into linear sRGB. The
    sun is put in the same unit from public numbers: a black body of the sun's effective temperature
    5772 K (IAU 2015), whose radiance is the mean of the disc, seen through
    - molecules: optical depth 0.008735 l^-4.08 (l in um; Leckner 1978),
    - aerosol: b l^-1.3 with b = 0.04608 T - 0.04586 for turbidity T (Angstrom; Preetham 1999),
    - ozone: left out, three per cent,
    times the relative air mass 1 / (sin e + 0.50572 (e + 6.07995)^-1.6364), e in degrees (Kasten and
-   Young 1989). For T = 3, e = 60 and 560 nm this gives 18264; the authors' spectral data set has
-   21491 in the disc's middle, or 17600 in its mean with the usual limb darkening (0.82). */
+   Young 1989). For T = 3, e = 60 and 560 nm this gives 18278; the authors' spectral data set has
+   21491 in the disc's middle, or 17620 in its mean with the usual limb darkening (0.82). */
 static double sun_spectrum(double um, double turbidity, double elevation) {
     double planck = 1.191042972e5 / pow(um, 5) / (exp(14387.769 / (um * 5772)) - 1);
     double mass = 1 / (sin(elevation * PI / 180) + .50572 * pow(elevation + 6.07995, -1.6364));
@@ -139,6 +139,7 @@ static double bell(double nm, double middle, double a, double b) {
 /* Colour matching functions by their fits of Wyman, Sloan and Shirley (2013), in steps of 1 nm. */
 static void find_sun(sky *s) {
     double x = 0, y = 0, z = 0, nm;
+    int c;
     for (nm = 360; nm <= 830; nm++) {
         double light = sun_spectrum(nm * 1e-3, s->turbidity, s->elevation);
         x += light * (1.056 * bell(nm, 599.8, 37.9, 31) + .362 * bell(nm, 442, 16, 26.7) -
@@ -149,7 +150,8 @@ static void find_sun(sky *s) {
     s->sun[0] = 3.2404542 * x - 1.5371385 * y - .4985314 * z;
     s->sun[1] = -.9692660 * x + 1.8760108 * y + .0415560 * z;
     s->sun[2] = .0556434 * x - .2040259 * y + 1.0572252 * z;
-    if (s->sun[2] < 0) s->sun[2] = 0; /* a sun that is too red for sRGB */
+    for (c = 0; c < 3; c++) /* a low sun is too red for sRGB */
+        if (s->sun[c] < 0) s->sun[c] = 0;
 }
 
 /* ---- the file ---- */

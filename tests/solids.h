@@ -22,7 +22,7 @@ SOLIDS_STATIC itn_vec3 solids_vec3(double x, double y, double z) {
     return v;
 }
 
-/* ---- meshes: closed, counter-clockwise seen from outside; free with itn_mesh_free ------------- */
+/* ---- meshes: closed, counter-clockwise seen from outside; free with itn_mesh_free ------------ */
 
 /* The box between two corners, 12 triangles. */
 SOLIDS_STATIC itn_mesh solids_box(itn_vec3 lower, itn_vec3 upper) {
@@ -101,7 +101,7 @@ SOLIDS_STATIC itn_mesh solids_sphere(double radius, int levels) {
     return mesh;
 }
 
-/* ---- scenes: one solid, one light, one camera -------------------------------------------------- */
+/* ---- scenes: one solid, one light, one camera ------------------------------------------------ */
 
 /* A solid of medium "m" with surface "s" (if ior is not 0) in a light "light". All-zero fields:
    no medium if sigma_t is negative, no surface, constant light 1, a film of 16 x 16, eye (0,1,0)
@@ -147,7 +147,7 @@ SOLIDS_STATIC itn_scene *solids_scene(const solids_desc *in) {
     return scene;
 }
 
-/* ---- measurements ------------------------------------------------------------------------------ */
+/* ---- measurements ---------------------------------------------------------------------------- */
 
 typedef struct solids_mean {
     double value, error; /* mean and its standard error */

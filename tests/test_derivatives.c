@@ -187,7 +187,7 @@ static void test_index_matched(double planted) {
 /* A rough glass sphere full of milk, in a map and a constant light. */
 static void test_rough(double planted) {
     static const probe probes[] = {
-        {"glass.ior", .03, CENTRAL, .2},  {"glass.alpha", .03, CENTRAL, .3},
+        {"glass.ior", .04, CENTRAL, .4},  {"glass.alpha", .03, CENTRAL, .3},
         {"m.sigma_t", .15, CENTRAL, .3},  {"m.albedo", .03, CENTRAL, .1},
         {"m.g", .08, CENTRAL, .5},        {"light.scale", .2, LINEAR, .02},
         {"map.scale", .2, LINEAR, .02},

@@ -1,0 +1,119 @@
+#!/bin/sh
+# Compiles every example as C99 with gcc and clang without a warning, runs them with their own checks,
+# renders every shipped scene, and does what the README tells a newcomer, in a copy of the tree.
+here=$(cd "$(dirname "$0")" && pwd)
+root=$(dirname "$here")
+work=$(mktemp -d) || exit 1
+trap 'rm -rf "$work"' EXIT HUP INT TERM
+passed=0 failed=0 skipped=0
+LC_ALL=C
+export LC_ALL
+
+# check NAME COMMAND...: counts a command that must succeed; its output is shown when it does not.
+check() {
+    name=$1
+    shift
+    if "$@" > "$work/log" 2>&1; then
+        passed=$((passed + 1))
+    else
+        failed=$((failed + 1))
+        echo "FAILED $name"
+        tail -n 12 "$work/log" | sed 's/^/    /'
+    fi
+}
+# prints PATTERN: the last command's output must have a line like that.
+prints() { check "output has $1" grep -E -q -e "$1" "$work/kept"; }
+# keep COMMAND...: check, and keep its output for `prints`.
+keep() {
+    check "$@"
+    cp "$work/log" "$work/kept"
+}
+
+# every example, with each compiler there is
+for compiler in gcc clang; do
+    if ! command -v $compiler > /dev/null 2>&1; then
+        echo "skipped: $compiler is not installed"
+        skipped=$((skipped + 1))
+        continue
+    fi
+    for source in "$root"/examples/*.c; do
+        check "$compiler $(basename "$source")" $compiler -std=c99 -O2 -Wall -Wextra -Wpedantic \
+            -Werror "$source" -o "$work/$(basename "$source" .c)" -lm -lpthread
+    done
+done
+cd "$work" || exit 1
+
+check "slab" ./slab
+check "learn" ./learn
+check "derivatives" ./derivatives "$root/scenes/studio.itn" studio
+check "derivatives: pictures" test -s studio.png -a -s studio_d_milk_sigma_t.png
+
+# rendering: every scene loads and renders; the line that scripts read; files of all kinds
+line='^render [0-9.]+ s, build [0-9.]+ s, [0-9.]+ Mpaths/s, [0-9.]+ Mcollisions/s, mean [0-9.]+ \+- [0-9.]+$'
+for scene in "$root"/scenes/*.itn; do
+    keep "render $(basename "$scene")" ./render "$scene" -o scene.exr --spp 1 -q
+    prints "$line"
+done
+check "render derivatives" ./render "$root/scenes/studio.itn" -o a.exr --spp 2 --derivatives all -q
+for ending in pfm png; do
+    check "render $ending" ./render "$root/scenes/studio.itn" -o "a.$ending" --spp 2 -t 2 --seed 3 \
+        -D milk.g=0.2 --derivatives milk.g,glass.alpha --max-scatter 4 --mode reference -q
+    check "render $ending: files" test -s "a.$ending" -a -s "a.d_milk_g.$ending" \
+        -a -s "a.d_glass_alpha.$ending"
+done
+for wrong in "" "no.itn -o a.exr" "$root/scenes/studio.itn" "$root/scenes/studio.itn -o a.txt --spp 1" \
+    "$root/scenes/studio.itn -o a.exr --spp 0" "$root/scenes/studio.itn -o a.exr -D milk.g=2" \
+    "$root/scenes/studio.itn -o a.exr -D no.such=1" "$root/scenes/studio.itn -o /no/such/a.exr --spp 1"; do
+    # shellcheck disable=SC2086
+    check "refused: render $wrong" sh -c "! ./render $wrong -q"
+done
+
+# the main job, shorter; then a target that the scene is not
+keep "invert" ./invert "$root/scenes/default.itn" --spp 16 -o quick
+for name in sigma_t albedo g; do
+    prints "^milk\\.$name [0-9.e-]+ \\+- [0-9.e-]+ hidden [0-9.]+$"
+done
+check "invert: pictures" test -s quick/default_target.png -a -s quick/default_difference.png \
+    -a -s quick/default_d_milk_g.png -a -s quick/default_convergence.svg -a -s quick/default_estimate.exr
+keep "invert --target" ./invert "$root/scenes/default.itn" --target quick/default_estimate.exr \
+    --params milk.albedo --spp 8 -o quick
+prints '^milk\.albedo 0\.[0-9]+ \+- [0-9.e-]+$'
+check "invert --method adam" ./invert "$root/scenes/default.itn" --method adam --params milk.albedo \
+    --hidden milk.albedo=0.85 --iterations 60 --spp 4 -o quick
+
+# shapes are the shipped ones; a sky from a table whose answer is plain: F = C = 1, radiance 2
+keep "shapes" ./shapes "$work"
+for shape in "$root"/scenes/shapes/*.ply; do
+    name=$(basename "$shape")
+    check "shape $name has the shipped size" test "$(wc -c < "$shape")" -eq "$(wc -c < "$name")"
+done
+awk 'BEGIN { for (c = 0; c < 3; c++) { print "channel " substr("RGB", c + 1, 1) " coefficients"
+      for (i = 0; i < 120; i++) print "0 0 1 0 0 0 0 0 0"
+      print "channel " substr("RGB", c + 1, 1) " radiances"; for (i = 0; i < 120; i++) print 2 } }' > table.txt
+keep "sky" ./sky table.txt --turbidity 3.5 --albedo 0.2 --elevation 45 -o flat.sky
+prints '2\.000000 2\.000000 2\.000000'
+
+# the README: its program, and its first command in a copy of the tree that stays clean
+awk '/^```c$/ && !done { on = 1; next } /^```$/ && on { on = 0; done = 1 } on' "$root/README.md" > first.c
+cp "$root/itn.h" .
+check "README: program" cc -std=c99 -O2 -Wall -Wextra -Wpedantic -Werror first.c -o first -lm
+keep "README: program runs" ./first
+prints '^Y +0\.75'
+awk '/^```sh$/ && n < 2 { n++; on = 1; next } /^```$/ { on = 0 } on && n == 1 { print > "one.sh" }
+     on && n == 2 { print > "two.sh" }' "$root/README.md"
+check "README: two commands" test "$(wc -l < one.sh)" -eq 1 -a "$(cat two.sh)" = "make -C tests"
+mkdir clone
+if git -C "$root" rev-parse --git-dir > /dev/null 2>&1; then
+    (cd "$root" && git ls-files -z --cached --others --exclude-standard | xargs -0 tar cf - ) | tar xf - -C clone
+    (cd clone && git init -q . && git add -A && git -c user.name=a -c user.email=a@b commit -q -m a)
+else
+    cp -r "$root"/. clone
+fi
+keep "README: first command" sh -c "cd clone && sh ../one.sh"
+prints '^milk\.sigma_t [0-9.]+ \+- [0-9.]+ hidden [0-9.]+$'
+if [ -d clone/.git ]; then
+    check "README: leaves no untracked file" sh -c "cd clone && test -z \"\$(git status --porcelain)\""
+fi
+[ "$skipped" -eq 0 ] || echo "examples: $skipped skipped"
+echo "examples: $passed passed, $failed failed"
+[ "$failed" -eq 0 ]

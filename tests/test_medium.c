@@ -1,0 +1,384 @@
+/* Random numbers, free flight, phase function: moments, densities and derivatives. Where a formula
+   is inverted, uniform numbers are replaced by the midpoints of equal steps, so that most checks
+   have no noise at all. */
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+#include "check.h"
+
+static const double pi = 3.14159265358979323846;
+static const float all_g[17] = {0,    1e-7f,  -1e-7f, 1e-4f, -1e-4f, .3f,   -.3f,  .6f,  -.6f,
+                                .9f,  -.9f,   .99f,   -.99f, .998f,  -.998f, .999f, -.999f};
+
+/* ---- phase function -------------------------------------------------------------------------- */
+
+/* The formulas of the chapter in double, written in the cosine. */
+static double henyey_greenstein(double g, double x) {
+    double square = (1 - g) * (1 - g) + 2 * g * x;
+    return (1 - g * g) / (4 * pi * square * sqrt(square));
+}
+
+/* E[P_l(cos theta)] = g^l, l = 1..4, over equal steps of u. `shift` plants an error. */
+static void check_moments(float g, double shift) {
+    enum { STEPS = 1 << 18 };
+    double moment[5] = {0}, power = 1;
+    itn_vec3 forward = itn__normalize(itn__vec3(.3f, -.5f, .8f));
+    int i, l;
+    for (i = 0; i < STEPS; i++) {
+        float x, u = (float)((i + .5) / STEPS);
+        double c, p0 = 1, p1;
+        itn__sample_phase(forward, g, u, .37f, &x);
+        c = p1 = 1 - (double)x;
+        for (l = 1; l <= 4; l++) {
+            double p2 = ((2 * l + 1) * c * p1 - l * p0) / (l + 1);
+            moment[l] += p1 / STEPS;
+            p0 = p1, p1 = p2;
+        }
+    }
+    for (l = 1; l <= 4; l++) {
+        power *= g;
+        check_report(fabs(moment[l] - power - shift) <= 5e-6, __FILE__, __LINE__,
+                     "g %g: moment %d is %.8f, not %.8f", (double)g, l, moment[l], power);
+    }
+}
+
+/* The density of a small span of x, from two samples with neighbouring u, is the density itself. */
+static void check_density(float g) {
+    int i;
+    for (i = 1; i < 64; i++) {
+        double a = (i - .25) / 64, b = (i + .25) / 64, mass, x, share, sum = 0;
+        float xa, xb;
+        int k;
+        itn__sample_phase(itn__vec3(0, 0, 1), g, (float)a, .1f, &xa);
+        itn__sample_phase(itn__vec3(0, 0, 1), g, (float)b, .1f, &xb);
+        mass = b - a;
+        /* integral of p 2 pi dx over the span by midpoints in log x or log (2 - x) */
+        for (k = 0; k < 400; k++) {
+            double t = (k + .5) / 400, la = log((double)(g > 0 ? xb : 2 - xa));
+            double lb = log((double)(g > 0 ? xa : 2 - xb));
+            x = exp(la + t * (lb - la));
+            sum += 2 * pi * itn__phase(g, (float)(g > 0 ? x : 2 - x)).v * x * fabs(lb - la) / 400;
+        }
+        share = sum / mass;
+        if (xa - xb < 2e-3 && g < 0) continue; /* x, rounded to 1.2e-7 near 2, cannot tell */
+        check_report(fabs(share - 1) <= (g < 0 ? 2e-3 : 3e-4), __FILE__, __LINE__,
+                     "g %g, u %.3f: density / sampler = %.6f", (double)g, i / 64., share);
+    }
+}
+
+/* Integrals over the sphere of p, of cos p = g and of dp/dg = 0, with the turn from the sampler's
+   inverse, so that every step holds the same light. */
+static void check_integrals(float g, double shift) {
+    enum { STEPS = 1 << 17 };
+    double integral = 0, score = 0, score_cosine = 0;
+    double s = 1 - fabs((double)g);
+    int i;
+    /* x = s^2 (e^t - 1) resolves the peak; for negative g measured from the other end */
+    double top = log(1 + 2 / (s * s));
+    for (i = 0; i < STEPS; i++) {
+        double t = (i + .5) / STEPS * top, y = s * s * (exp(t) - 1);
+        double dy = s * s * exp(t) * top / STEPS, x = g >= 0 ? y : 2 - y;
+        itn__dual p = itn__phase(g, (float)x);
+        if (g < 0 && y < 1e-3) { /* the float x cannot say how near it is to 2: use the mirror */
+            p = itn__phase(-g, (float)y);
+            p.d[0] = -p.d[0];
+        }
+        integral += 2 * pi * p.v * dy, score += 2 * pi * p.d[0] * dy;
+        score_cosine += 2 * pi * p.d[0] * (1 - x) * dy;
+    }
+    CHECK_NEAR(integral + shift, 1, 2e-5);
+    CHECK_NEAR(score * s, 0, 2e-4);            /* E[score] = 0, in units of the peak's width */
+    CHECK_NEAR(score_cosine, 1, 2e-4);         /* d/dg of E[cos] = g */
+}
+
+/* E[score] = 0 over the sampler's own values. For negative g the peak is at x = 2, where a float
+   ends at 1.2e-7, which is no longer small against the peak's width squared. */
+static void check_score(float g) {
+    enum { STEPS = 1 << 17 };
+    double mean = 0, size = 0, tolerance = 2e-4 + (g < 0 ? 2e-7 / pow(1 + (double)g, 2) : 0);
+    int i;
+    for (i = 0; i < STEPS; i++) {
+        float x;
+        itn__dual p;
+        itn__sample_phase(itn__vec3(0, 0, 1), g, (float)((i + .5) / STEPS), .1f, &x);
+        p = itn__phase(g, x);
+        mean += (double)p.d[0] / p.v / STEPS, size += fabs((double)p.d[0] / p.v) / STEPS;
+    }
+    check_report(fabs(mean) <= tolerance * (1 + size), __FILE__, __LINE__,
+                 "g %g: E[score] %g of %g", (double)g, mean, size);
+}
+
+/* dp/dg against central differences of the double formula; p itself against it. */
+static void check_slope(float g, double factor) {
+    int i;
+    for (i = 0; i <= 200; i++) {
+        double x = i <= 100 ? 2 * pow(10, -8 + 7.5 * i / 100.) : 2 * i / 200., step, slope, p, unit;
+        itn__dual got;
+        float fx = (float)x;
+        if (g < 0 && 2 - x < .01) continue; /* 2 - x has no digits there */
+        x = fx;
+        step = 1e-5 * (1 - fabs((double)g));
+        slope = (henyey_greenstein(g + step, x) - henyey_greenstein(g - step, x)) / (2 * step);
+        p = henyey_greenstein(g, x);
+        unit = fabs(slope) + p / (1 - fabs((double)g));
+        got = itn__phase(g, fx);
+        check_report(fabs(got.v / p - 1) <= 1e-5 && fabs(got.d[0] * factor - slope) <= 1e-5 * unit,
+                     __FILE__, __LINE__, "g %g x %g: p %.8g (%.8g), dp/dg %.8g (%.8g)", (double)g,
+                     x, (double)got.v, p, (double)got.d[0], slope);
+    }
+}
+
+/* Extreme u and v: finite unit directions that agree with x; positive g turns forward. */
+static void check_directions(float g) {
+    static const float ends[6] = {5.9604645e-8f, 1.e-4f, .5f, .75f, .9999f, .99999994f};
+    static const float directions[5][3] = {
+        {0, 0, 1}, {0, 0, -1}, {1, 0, 0}, {.6f, -.8f, 0}, {-.26726124f, .53452248f, -.80178373f}};
+    int d, i, j;
+    for (d = 0; d < 5; d++)
+        for (i = 0; i < 6; i++)
+            for (j = 0; j < 6; j++) {
+                itn_vec3 from = itn__vec3(directions[d][0], directions[d][1], directions[d][2]), to;
+                itn__dual p;
+                double cosine;
+                float x;
+                to = itn__sample_phase(from, g, ends[i], ends[j], &x);
+                p = itn__phase(g, x);
+                cosine = (double)from.x * to.x + (double)from.y * to.y + (double)from.z * to.z;
+                check_report(itn__finite3(to) && x >= 0 && x <= 2 && p.v > 0 && itn__finite(p.v) &&
+                                 itn__finite(p.d[0]) && itn__finite(p.d[0] / p.v) &&
+                                 fabs(itn__length(to) - 1) < 3e-7 && fabs(cosine - (1 - x)) < 2e-5,
+                             __FILE__, __LINE__, "g %g u %g v %g: direction or density is wrong",
+                             (double)g, (double)ends[i], (double)ends[j]);
+            }
+}
+
+/* The azimuth is uniform about any axis: the mean over v is along the old direction. */
+static void check_azimuth(void) {
+    int d, i;
+    for (d = 0; d < 50; d++) {
+        itn__rng rng = itn__rng_make(5, (uint64_t)d, 0);
+        double mean[3] = {0};
+        itn_vec3 from = itn__normalize(itn__vec3(itn__uniform(&rng) - .5f, itn__uniform(&rng) - .5f,
+                                                 itn__uniform(&rng) - .5f));
+        float x = 0;
+        for (i = 0; i < 64; i++) {
+            itn_vec3 to = itn__sample_phase(from, .4f, .3f, ((float)i + .5f) / 64, &x);
+            mean[0] += to.x / 64, mean[1] += to.y / 64, mean[2] += to.z / 64;
+        }
+        CHECK(fabs(mean[0] - (1 - x) * from.x) < 1e-6 && fabs(mean[1] - (1 - x) * from.y) < 1e-6 &&
+              fabs(mean[2] - (1 - x) * from.z) < 1e-6);
+    }
+}
+
+static void test_phase(void) {
+    int k;
+    for (k = 0; k < 17; k++) {
+        check_moments(all_g[k], 0);
+        check_density(all_g[k]);
+        check_integrals(all_g[k], 0);
+        check_score(all_g[k]);
+        check_slope(all_g[k], 1);
+        check_directions(all_g[k]);
+    }
+    check_azimuth();
+    CHECK(itn__phase(.5f, .1f).v > itn__phase(.5f, 1.9f).v); /* positive g is forward */
+    CHECK(itn__phase(-.5f, .1f).v < itn__phase(-.5f, 1.9f).v);
+    CHECK_CATCHES(check_moments(.3f, 1e-4));
+    CHECK_CATCHES(check_integrals(.9f, 1e-3));
+    CHECK_CATCHES(check_slope(.6f, 1.001));
+    CHECK_CATCHES(check_slope(.6f, -1));
+}
+
+/* 1 - cos keeps its digits for small angles. */
+static void test_small_angles(void) {
+    int k;
+    for (k = 1; k < 12; k++) {
+        double angle = pow(2, -k);
+        itn_vec3 a = itn__vec3(0, 0, 1), b = itn__vec3((float)sin(angle), 0, (float)cos(angle));
+        double x = 2 * pow(sin(angle / 2), 2);
+        CHECK_NEAR(itn__one_minus_cosine(a, b) / x, 1, 4e-6);
+    }
+    CHECK(itn__one_minus_cosine(itn__vec3(1, 0, 0), itn__vec3(-1, 0, 0)) == 2);
+    CHECK(itn__one_minus_cosine(itn__vec3(1, 0, 0), itn__vec3(1, 0, 0)) == 0);
+}
+
+/* ---- free flight ----------------------------------------------------------------------------- */
+
+static void test_flight(void) {
+    static const float sigma[5] = {1e-6f, .1f, 1, 30, 1e6f};
+    int k, i;
+    for (k = 0; k < 5; k++) {
+        enum { STEPS = 1 << 18 };
+        double mean = 0, square = 0;
+        for (i = 0; i < STEPS; i++) {
+            double t = itn__sample_flight(sigma[k], (float)((i + .5) / STEPS));
+            mean += t / STEPS, square += t * t / STEPS;
+        }
+        CHECK_NEAR(mean * sigma[k], 1, 1e-5);                      /* mean 1 / sigma_t */
+        CHECK_NEAR(square * sigma[k] * sigma[k], 2, 1e-4);
+        CHECK(itn__finite(itn__sample_flight(sigma[k], 5.9604645e-8f)));
+        CHECK(itn__sample_flight(sigma[k], .99999994f) > 0);
+        for (i = 0; i < 20; i++) { /* exp(-sigma t) and its slope -t exp(-sigma t) */
+            float t = (float)(.25 * i / sigma[k]);
+            itn__dual f = itn__transmittance(sigma[k], t);
+            double expected = exp(-(double)sigma[k] * t);
+            CHECK_NEAR(f.v / expected, 1, 2e-6);
+            CHECK_NEAR(f.d[0], -(double)t * expected, 2e-6 * t * expected + 1e-30);
+        }
+        /* sigma T drawn by itself: the median flight is ln 2 / sigma */
+        CHECK_NEAR(itn__sample_flight(sigma[k], .5f) * sigma[k], log(2.), 1e-6);
+    }
+    CHECK(itn__transmittance(0, 5).v == 1 && itn__transmittance(0, 5).d[0] == -5);
+}
+
+/* ---- random numbers -------------------------------------------------------------------------- */
+
+typedef uint32_t (*generator)(uint32_t i, uint32_t axis);
+
+/* Bits as a function of one coordinate, all others fixed. */
+static uint32_t good_bits(uint32_t i, uint32_t axis) {
+    itn__rng rng = itn__rng_make(axis == 0 ? i : 7, axis == 1 ? i : 11, axis == 2 ? i : 13);
+    rng.dimension = axis == 3 ? i : 2;
+    return itn__rng_bits(&rng);
+}
+/* A counter that is barely mixed, as the planted error. */
+static uint32_t bad_bits(uint32_t i, uint32_t axis) { return i * 0x9e3779b9u + axis; }
+
+/* Equidistribution of 2^20 numbers in 4096 boxes, serial pairs in 64 x 64, single bits, pairs of
+   neighbours: all by chi square, which has mean n and variance 2 n. */
+static void check_stream(generator bits, uint32_t axis) {
+    enum { COUNT = 1 << 20, BOXES = 4096 };
+    static int box[BOXES], pair[BOXES], low[BOXES];
+    double chi[3] = {0}, mean = 0, product = 0, each = (double)COUNT / BOXES;
+    int ones[32] = {0}, flips[32] = {0}, b, k;
+    uint32_t i, previous = bits(COUNT, axis);
+    memset(box, 0, sizeof box), memset(pair, 0, sizeof pair), memset(low, 0, sizeof low);
+    for (i = 0; i < COUNT; i++) {
+        uint32_t x = bits(i, axis);
+        double u = x / 4294967296. - .5, v = previous / 4294967296. - .5;
+        box[x >> 20]++, pair[(x >> 26) << 6 | previous >> 26]++, low[x & 4095]++;
+        for (b = 0; b < 32; b++) ones[b] += x >> b & 1, flips[b] += (x ^ previous) >> b & 1;
+        mean += u / COUNT, product += u * v / COUNT;
+        previous = x;
+    }
+    for (k = 0; k < BOXES; k++) {
+        chi[0] += (box[k] - each) * (box[k] - each) / each;
+        chi[1] += (pair[k] - each) * (pair[k] - each) / each;
+        chi[2] += (low[k] - each) * (low[k] - each) / each;
+    }
+    for (k = 0; k < 3; k++)
+        check_report(fabs(chi[k] - BOXES) < 5 * sqrt(2. * BOXES), __FILE__, __LINE__,
+                     "axis %d: chi square %d is %.0f for %d", (int)axis, k, chi[k], BOXES);
+    CHECK(fabs(mean) < 5 / sqrt(12. * COUNT));
+    CHECK(fabs(product) < 5 / 12. / sqrt((double)COUNT));
+    for (b = 0; b < 32; b++) {
+        check_report(fabs(ones[b] - .5 * COUNT) < 5 * .5 * sqrt((double)COUNT), __FILE__, __LINE__,
+                     "axis %d: bit %d is set %d times", (int)axis, b, ones[b]);
+        check_report(fabs(flips[b] - .5 * COUNT) < 5 * .5 * sqrt((double)COUNT), __FILE__, __LINE__,
+                     "axis %d: bit %d flips %d times", (int)axis, b, flips[b]);
+    }
+}
+
+/* Flipping any bit of seed, pixel or sample flips each bit of a number half of the time. */
+static void check_avalanche(void) {
+    enum { TRIALS = 400 };
+    int input, which, output;
+    for (which = 0; which < 3; which++)
+        for (input = 0; input < 64; input++) {
+            int flips[32] = {0}, total = 0, k;
+            for (k = 0; k < TRIALS; k++) {
+                uint64_t a[3], difference;
+                itn__rng first, second;
+                uint32_t bits;
+                a[0] = itn__mix64((uint64_t)k), a[1] = itn__mix64(a[0]), a[2] = itn__mix64(a[1]);
+                first = itn__rng_make(a[0], a[1], a[2]);
+                difference = 1ull << input, a[which] ^= difference;
+                second = itn__rng_make(a[0], a[1], a[2]);
+                bits = itn__rng_bits(&first) ^ itn__rng_bits(&second);
+                for (output = 0; output < 32; output++) flips[output] += bits >> output & 1;
+            }
+            for (output = 0; output < 32; output++) {
+                total += flips[output];
+                CHECK(abs(flips[output] - TRIALS / 2) < 6 * sqrt(TRIALS / 4.));
+            }
+            CHECK(abs(total - 16 * TRIALS) < 6 * sqrt(8. * TRIALS));
+        }
+}
+
+static int compare64(const void *a, const void *b) {
+    uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* No two of a million paths share a run of numbers in their first draws: two draws of 32 bits make
+   64, of which 4 million have a chance of 4e-7 to collide. */
+static void check_overlap(int pixels, int samples, uint64_t mask) {
+    enum { DRAWS = 4 };
+    size_t count = (size_t)pixels * (size_t)samples * DRAWS, n = 0, i, same = 0;
+    uint64_t *runs = (uint64_t *)malloc(count * sizeof *runs);
+    int p, s, d;
+    if (!runs) exit(1);
+    for (p = 0; p < pixels; p++)
+        for (s = 0; s < samples; s++) {
+            itn__rng rng = itn__rng_make(3, (uint64_t)p, (uint64_t)s & mask);
+            uint32_t last = itn__rng_bits(&rng);
+            for (d = 0; d < DRAWS; d++) {
+                uint32_t next = itn__rng_bits(&rng);
+                runs[n++] = (uint64_t)last << 32 | next;
+                last = next;
+            }
+        }
+    qsort(runs, count, sizeof *runs, compare64);
+    for (i = 1; i < count; i++) same += runs[i] == runs[i - 1];
+    CHECK(same == 0);
+    free(runs);
+}
+
+/* Correlation of the numbers of neighbouring paths in every pair of dimensions, as a pixel would
+   feel it. */
+static void check_dimensions(void) {
+    enum { DIMENSIONS = 12, PATHS = 200000 };
+    static double sum[DIMENSIONS][DIMENSIONS], next[DIMENSIONS][DIMENSIONS];
+    double before[DIMENSIONS] = {0};
+    int p, i, j;
+    for (p = 0; p < PATHS; p++) {
+        itn__rng rng = itn__rng_make(0, (uint64_t)(p / 64), (uint64_t)(p % 64));
+        double u[DIMENSIONS];
+        for (i = 0; i < DIMENSIONS; i++) u[i] = itn__uniform(&rng) - .5;
+        for (i = 0; i < DIMENSIONS; i++)
+            for (j = 0; j < DIMENSIONS; j++)
+                sum[i][j] += u[i] * u[j], next[i][j] += u[i] * before[j];
+        memcpy(before, u, sizeof u);
+    }
+    for (i = 0; i < DIMENSIONS; i++)
+        for (j = 0; j < DIMENSIONS; j++) {
+            double limit = 5 / 12. * sqrt((double)PATHS);
+            if (i != j) CHECK(fabs(sum[i][j]) < limit);
+            CHECK(fabs(next[i][j]) < limit);
+        }
+}
+
+static void test_random_numbers(void) {
+    itn__rng a = itn__rng_make(1, 2, 3), b = itn__rng_make(1, 2, 3);
+    uint32_t axis;
+    int i;
+    for (i = 0; i < 100; i++) CHECK(itn__rng_bits(&a) == itn__rng_bits(&b));
+    for (i = 0; i < 1000000; i++) {
+        float u = itn__uniform(&a);
+        if (!(u > 0 && u < 1)) CHECK(0);
+    }
+    for (axis = 0; axis < 4; axis++) check_stream(good_bits, axis);
+    check_avalanche();
+    check_dimensions();
+    check_overlap(1024, 1024, ~0ull);
+    check_overlap(1 << 20, 1, ~0ull);
+    CHECK_CATCHES(check_stream(bad_bits, 3));
+    CHECK_CATCHES(check_overlap(64, 64, 62));
+}
+
+int main(void) {
+    test_phase();
+    test_small_angles();
+    test_flight();
+    test_random_numbers();
+    return check_end("medium");
+}

@@ -1,0 +1,546 @@
+/* Refinement on small pictures: it finds what was hidden, its error bars tell the truth, and it says
+   so when a picture does not tell. */
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+
+#include "check.h"
+#include "solids.h"
+#include "stage.h"
+
+enum { SIZE = 16, PIXELS = SIZE * SIZE };
+
+/* A cloud (sphere of radius 1, index-matched) in a map: what every test here refines. */
+static itn_scene *cloud(double sigma_t, double albedo, double g) {
+    itn_mesh mesh = solids_sphere(1, 2);
+    itn_image map = stage_patch(1, .65, .35, 4);
+    stage s;
+    itn_scene *scene;
+    stage_begin(&s, SIZE, 4, 32);
+    stage_medium(&s, "m", sigma_t, albedo, g);
+    stage_object(&s, &mesh, "m", NULL);
+    stage_map(&s, NULL, &map);
+    scene = stage_make(&s);
+    itn_image_free(&map);
+    itn_mesh_free(&mesh);
+    return scene;
+}
+
+/* A picture of a scene and its variances. */
+static void photograph(const itn_scene *scene, int spp, uint64_t seed, float *target,
+                       float *variance) {
+    itn_render_options options = ITN_ZERO;
+    itn_image image = ITN_ZERO;
+    itn_error error;
+    options.spp = spp, options.seed = seed;
+    stage_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
+    memcpy(target, image.pixels, PIXELS * sizeof(float));
+    memcpy(variance, image.pixels + PIXELS, PIXELS * sizeof(float));
+    itn_image_free(&image);
+}
+
+static void find_parameters(const itn_scene *scene, const char *const *names, int count,
+                            int *parameters) {
+    int k;
+    for (k = 0; k < count; k++) parameters[k] = itn_parameter_find(scene, names[k]);
+}
+
+/* ---- pieces ------------------------------------------------------------------------------------------ */
+
+static void test_cholesky(double planted) {
+    double a[9] = {4, 2, -2, 2, 10, 2, -2, 2, 5}; /* = L L^T, L = 2; 1 3; -1 1 sqrt 3 */
+    double x[3] = {4 + 4 - 6, 2 + 20 + 6, -2 + 4 + 15}; /* A (1, 2, 3) */
+    double hilbert[36], one[1] = {9};
+    double indefinite[4] = {1, 2, 2, 1}, singular[4] = {1, 1, 1, 1}, bad[1] = {NAN}, zero[1] = {0};
+    int i, j;
+    CHECK(itn__cholesky(a, 3));
+    CHECK_NEAR(a[0], 2, 1e-15), CHECK_NEAR(a[3], 1, 1e-15), CHECK_NEAR(a[4], 3, 1e-15);
+    CHECK_NEAR(a[6], -1, 1e-15), CHECK_NEAR(a[7], 1, 1e-15), CHECK_NEAR(a[8], sqrt(3), 1e-15);
+    itn__cholesky_solve(a, 3, x);
+    CHECK_NEAR(x[0], 1 + planted, 1e-14), CHECK_NEAR(x[1], 2, 1e-14), CHECK_NEAR(x[2], 3, 1e-14);
+    CHECK(itn__cholesky(one, 1) && one[0] == 3);
+    CHECK(!itn__cholesky(indefinite, 2));
+    CHECK(!itn__cholesky(singular, 2));
+    CHECK(!itn__cholesky(zero, 1));
+    CHECK(!itn__cholesky(bad, 1));
+    {
+        double b[6] = {0, 0, 0, 0, 0, 0};
+        for (i = 0; i < 6; i++)
+            for (j = 0; j < 6; j++) {
+                hilbert[6 * i + j] = 1. / (i + j + 1);
+                b[i] += hilbert[6 * i + j] * (j + 1);
+            }
+        CHECK(itn__cholesky(hilbert, 6));
+        itn__cholesky_solve(hilbert, 6, b);
+        for (i = 0; i < 6; i++) CHECK_NEAR(b[i], i + 1, 1e-7); /* condition 1.5e7 */
+    }
+}
+
+/* Coordinates go there and back, and their slope is the derivative. */
+static void test_transforms(void) {
+    itn_scene *scene = cloud(1, .5, .2);
+    static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g", "light.scale"};
+    static const double values[4][5] = {{1e-3, .1, 1, 30, 1e6},
+                                        {1e-4, .1, .5, .9, .9999},
+                                        {-.99, -.5, 0, .5, .99},
+                                        {1e-3, .1, 1, 30, 1e6}};
+    int k, i;
+    for (k = 0; k < 4; k++) {
+        const itn_parameter *p = itn_parameter_get(scene, itn_parameter_find(scene, names[k]));
+        for (i = 0; i < 5; i++) {
+            double v = values[k][i], c = itn_parameter_to_coordinate(p, v), h = 1e-5;
+            double up = itn_parameter_from_coordinate(p, c + h);
+            double down = itn_parameter_from_coordinate(p, c - h);
+            CHECK_NEAR(itn_parameter_from_coordinate(p, c), v, 1e-12 * fabs(v) + 1e-13);
+            CHECK_NEAR((up - down) / (2 * h), itn_parameter_slope(p, v),
+                       1e-6 * itn_parameter_slope(p, v));
+        }
+        /* bounds and beyond: all finite, never outside */
+        for (i = -1; i <= 1; i += 2) {
+            double bound = i < 0 ? p->lower : p->upper, c = itn_parameter_to_coordinate(p, bound);
+            CHECK(itn__finite(c) && itn__finite(itn_parameter_slope(p, bound)));
+            CHECK(itn_parameter_slope(p, bound) > 0);
+            CHECK(itn_parameter_from_coordinate(p, i * 1e300) >= p->lower);
+            CHECK(itn_parameter_from_coordinate(p, i * 1e300) <= p->upper);
+            CHECK_NEAR(itn_parameter_from_coordinate(p, c), bound,
+                       p->transform == ITN_LOG ? 2e-14 * p->upper
+                                               : 2e-7 * (p->upper - p->lower));
+        }
+    }
+    itn_scene_free(scene);
+}
+
+/* ---- recovery ---------------------------------------------------------------------------------------- */
+
+typedef struct watch {
+    const itn_scene *scene;
+    int calls, outside, last, cancel_at;
+} watch;
+
+static int watch_step(void *user, const itn_refine_step *step) {
+    watch *w = (watch *)user;
+    int k;
+    for (k = 0; k < itn_parameter_count(w->scene); k++) {
+        const itn_parameter *p = itn_parameter_get(w->scene, k);
+        w->outside += !(step->theta[k] >= p->lower && step->theta[k] <= p->upper);
+    }
+    CHECK(itn__finite(step->loss) && itn__finite(step->loss_error));
+    w->calls++, w->last = step->iteration;
+    return w->cancel_at && w->calls >= w->cancel_at;
+}
+
+/* Mean square of the difference between a picture and a render at theta, in standard errors: 1 where
+   theta explains the picture. */
+static double misfit(const itn_scene *scene, const float *theta, const float *target,
+                     const float *variance) {
+    itn_render_options options = ITN_ZERO;
+    itn_image image = ITN_ZERO;
+    itn_error error;
+    double sum = 0, noise = 0;
+    int i;
+    options.spp = 512, options.seed = 999;
+    stage_need(itn_render(scene, theta, &options, NULL, 0, &image, &error), &error);
+    for (i = 0; i < PIXELS; i++) {
+        double difference = (double)target[i] - image.pixels[i];
+        sum += difference * difference, noise += variance[i] + image.pixels[PIXELS + i];
+    }
+    itn_image_free(&image);
+    return sum / noise;
+}
+
+/* From the start values back to the hidden ones. sigmas: allowed distance in standard errors;
+   slack: relative distance allowed besides. */
+static void test_recovery(itn_method method, const char *const *names, int count,
+                          const float *hidden, const float *start, int iterations, double sigmas,
+                          double slack) {
+    itn_scene *scene = cloud(hidden[0], hidden[1], hidden[2]);
+    static float target[PIXELS], variance[PIXELS];
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate estimates[3];
+    itn_error error;
+    watch w = ITN_ZERO;
+    float theta[8], before[8];
+    int parameters[3], all[3], k;
+    static const char *const medium[] = {"m.sigma_t", "m.albedo", "m.g"};
+    photograph(scene, 1024, 77, target, variance);
+    find_parameters(scene, names, count, parameters);
+    find_parameters(scene, medium, 3, all);
+    itn_parameter_values(scene, theta);
+    for (k = 0; k < 3; k++) {
+        int i, asked = 0;
+        for (i = 0; i < count; i++) asked |= parameters[i] == all[k];
+        if (asked) theta[all[k]] = start[k];
+    }
+    memcpy(before, theta, sizeof theta);
+    w.scene = scene;
+    options.method = method, options.spp = method == ITN_METHOD_LM ? 64 : 32, options.seed = 5, options.iterations = iterations;
+    options.target_variance = variance;
+    options.progress = watch_step, options.progress_user = &w;
+    stage_need(itn_refine(scene, theta, target, parameters, count, &options, estimates, &error),
+               &error);
+    CHECK(w.outside == 0 && w.calls > 1);
+    for (k = 0; k < count; k++) {
+        double truth = itn_parameter_get(scene, parameters[k])->value;
+        double off = estimates[k].value - truth;
+        CHECK_NEAR(theta[parameters[k]], estimates[k].value, 1e-6 * fabs(estimates[k].value));
+        check_report(fabs(off) <= sigmas * estimates[k].standard_error + slack * fabs(truth) &&
+                         (count == 3 || (estimates[k].determined &&
+                                         estimates[k].standard_error < .2)),
+                     __FILE__, __LINE__, "%s: %g +- %g (determined %d), hidden %g: %.1f sigma",
+                     names[k], estimates[k].value, estimates[k].standard_error,
+                     estimates[k].determined, truth, off / estimates[k].standard_error);
+        if (getenv("SHOW"))
+            printf("method %d, %d iterations, %s: %g +- %g, hidden %g, start %g: %.1f sigma\n",
+                   (int)method, w.last, names[k], estimates[k].value, estimates[k].standard_error,
+                   truth, before[parameters[k]], off / estimates[k].standard_error);
+    }
+    if (slack == 0) { /* sum over 256 pixels, half of them bright: chi^2 within 1 +- .6 */
+        double left = misfit(scene, theta, target, variance);
+        check_report(left < 1.6, __FILE__, __LINE__, "misfit after refinement of %d: %.2f", count,
+                     left);
+        if (getenv("SHOW")) printf("misfit %.2f\n", left);
+    }
+    for (k = 0; k < itn_parameter_count(scene); k++) { /* the others stay */
+        int i, asked = 0;
+        for (i = 0; i < count; i++) asked |= parameters[i] == k;
+        if (!asked) CHECK(theta[k] == before[k]);
+    }
+    itn_scene_free(scene);
+}
+
+static void test_recoveries(void) {
+    static const char *const all[] = {"m.sigma_t", "m.albedo", "m.g"};
+    static const char *const two[] = {"m.albedo", "m.g"};
+    static const char *const sigma[] = {"m.sigma_t"}, *const albedo[] = {"m.albedo"};
+    static const float hidden[3] = {2, .8f, .4f}, far1[3] = {8, .4f, -.3f};
+    static const float near1[3] = {5, .6f, 0};
+    static const float thin[3] = {.3f, .9f, .5f}, start[3] = {6, .5f, -.5f};
+    /* all three: similarity makes one direction of them faint, so the picture counts */
+    test_recovery(ITN_METHOD_LM, all, 3, hidden, near1, 30, 4, 0);
+    test_recovery(ITN_METHOD_LM, all, 3, hidden, hidden, 30, 4, 0);
+    test_recovery(ITN_METHOD_LM, two, 2, thin, start, 30, 4, 0);
+    test_recovery(ITN_METHOD_LM, sigma, 1, hidden, far1, 30, 4, 0);
+    test_recovery(ITN_METHOD_ADAM, albedo, 1, hidden, near1, 80, 5, .02);
+}
+
+/* ---- error bars -------------------------------------------------------------------------------------- */
+
+/* Normalised errors (estimate - truth) / standard error over many noisy pictures: the sum of their
+   squares is chi^2 of `SEEDS` degrees of freedom; bounds at a two-sided level of 1e-4. Mean within
+   4 / sqrt(SEEDS). shrink: planted, divides the standard errors. */
+static void test_coverage(const char *const *names, int count, int target_spp, int spp,
+                          int known_variance, double shrink) {
+    enum { SEEDS = 20 };
+    itn_scene *scene = cloud(2, .8, .4);
+    static float target[PIXELS], variance[PIXELS];
+    double sum[3] = {0, 0, 0}, square[3] = {0, 0, 0};
+    int parameters[3], k, seed;
+    find_parameters(scene, names, count, parameters);
+    for (seed = 0; seed < SEEDS; seed++) {
+        itn_refine_options options = ITN_ZERO;
+        itn_estimate estimates[3];
+        itn_error error;
+        float theta[8];
+        photograph(scene, target_spp, (uint64_t)(1000 + seed), target, variance);
+        itn_parameter_values(scene, theta);
+        options.spp = spp, options.seed = (uint64_t)seed, options.iterations = 3;
+        if (known_variance) options.target_variance = variance;
+        stage_need(itn_refine(scene, theta, target, parameters, count, &options, estimates,
+                              &error), &error);
+        for (k = 0; k < count; k++) {
+            double z = (estimates[k].value - itn_parameter_get(scene, parameters[k])->value) /
+                       (estimates[k].standard_error / shrink);
+            sum[k] += z, square[k] += z * z;
+        }
+    }
+    for (k = 0; k < count; k++) {
+        /* quantiles of chi^2(20)/20 at 5e-5 and 1 - 5e-5: .20 and 2.61; the model behind the error
+           bars is linear and their own noise is left out, so .18 to 2.8 */
+        double ratio = square[k] / SEEDS, mean = sum[k] / SEEDS;
+        check_report(ratio > .18 && ratio < 2.8, __FILE__, __LINE__,
+                     "%s (of %d): mean square of normalised errors %.2f", names[k], count, ratio);
+        check_report(fabs(mean) < 4 * sqrt(ratio / SEEDS), __FILE__, __LINE__,
+                     "%s (of %d): mean of normalised errors %.2f: biased", names[k], count, mean);
+        if (getenv("SHOW"))
+            printf("coverage %s of %d, spp %d/%d, variance %d: mean %.2f, mean square %.2f\n",
+                   names[k], count, target_spp, spp, known_variance, mean, ratio);
+    }
+    itn_scene_free(scene);
+}
+
+static void test_coverages(void) {
+    static const char *const albedo[] = {"m.albedo"};
+    static const char *const both[] = {"m.sigma_t", "m.g"};
+    test_coverage(albedo, 1, 32, 16, 1, 1);
+    test_coverage(both, 2, 64, 16, 1, 1);
+    test_coverage(albedo, 1, 32, 16, 0, 1);
+}
+
+static void plant_small_errors(void) {
+    static const char *const albedo[] = {"m.albedo"};
+    test_coverage(albedo, 1, 32, 16, 1, 2);
+}
+
+/* ---- what a picture does not tell ------------------------------------------------------------------ */
+
+/* Deep inside a very thick black ball nothing depends on sigma_t: flagged. The albedo of the same
+   ball is plain to see. */
+static void test_undetermined(void) {
+    static const char *const names[] = {"m.sigma_t", "m.albedo"};
+    itn_scene *scene = cloud(3000, .8, 0);
+    static float target[PIXELS], variance[PIXELS];
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate estimates[2];
+    itn_error error;
+    float theta[8];
+    int parameters[2], seed, flagged = 0;
+    find_parameters(scene, names, 2, parameters);
+    photograph(scene, 256, 7, target, variance);
+    for (seed = 0; seed < 3; seed++) {
+        itn_parameter_values(scene, theta);
+        theta[parameters[0]] = 1000, theta[parameters[1]] = .7f;
+        options.spp = 32, options.seed = (uint64_t)seed, options.iterations = 6;
+        options.target_variance = variance;
+        stage_need(itn_refine(scene, theta, target, parameters, 2, &options, estimates, &error),
+                   &error);
+        flagged += !estimates[0].determined;
+        CHECK(estimates[1].determined && fabs(estimates[1].value - .8) < .03);
+        CHECK(theta[parameters[0]] > 0 && itn__finite(theta[parameters[0]]));
+        if (getenv("SHOW"))
+            printf("thick: sigma_t %g +- %g (%d), albedo %g +- %g\n", estimates[0].value,
+                   estimates[0].standard_error, estimates[0].determined, estimates[1].value,
+                   estimates[1].standard_error);
+    }
+    CHECK(flagged == 3);
+    itn_scene_free(scene);
+}
+
+/* A parameter that nothing depends on stays where it is, and is flagged. */
+static void test_idle(void) {
+    itn_scene *scene;
+    itn_mesh mesh = solids_sphere(1, 1);
+    static float target[PIXELS], variance[PIXELS];
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate estimates[2];
+    itn_error error;
+    float theta[16];
+    int parameters[2];
+    stage s;
+    stage_begin(&s, SIZE, 4, 32);
+    stage_medium(&s, "m", 2, .8, 0);
+    stage_medium(&s, "unused", 2, .8, 0);
+    stage_object(&s, &mesh, "m", NULL);
+    stage_constant(&s, NULL, 1);
+    scene = stage_make(&s);
+    photograph(scene, 256, 7, target, variance);
+    parameters[0] = itn_parameter_find(scene, "unused.albedo");
+    parameters[1] = itn_parameter_find(scene, "m.albedo");
+    itn_parameter_values(scene, theta);
+    theta[parameters[1]] = .5f;
+    options.spp = 32;
+    stage_need(itn_refine(scene, theta, target, parameters, 2, &options, estimates, &error),
+               &error);
+    CHECK(!estimates[0].determined && estimates[1].determined);
+    CHECK_NEAR(theta[parameters[0]], .8, 1e-6);
+    CHECK_NEAR(theta[parameters[1]], .8, 4 * estimates[1].standard_error);
+    itn_scene_free(scene);
+    itn_mesh_free(&mesh);
+}
+
+/* Pictures that no parameter can make drive the walk to its bounds, and not beyond. */
+static void test_bounds(void) {
+    static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
+    itn_scene *scene = cloud(2, .5, 0);
+    static float target[PIXELS];
+    static const float levels[] = {0, 50, -5, 1e6f};
+    int parameters[3], i, k, method;
+    find_parameters(scene, names, 3, parameters);
+    for (method = 0; method < 2; method++)
+        for (k = 0; k < 4; k++) {
+            itn_refine_options options = ITN_ZERO;
+            itn_estimate estimates[3];
+            itn_error error;
+            watch w = ITN_ZERO;
+            float theta[8];
+            for (i = 0; i < PIXELS; i++) target[i] = levels[k];
+            itn_parameter_values(scene, theta);
+            w.scene = scene;
+            options.method = method ? ITN_METHOD_ADAM : ITN_METHOD_LM;
+            options.learning_rate = 1, options.iterations = 12, options.spp = 2;
+            options.max_scatter = 50;
+            options.progress = watch_step, options.progress_user = &w;
+            stage_need(itn_refine(scene, theta, target, parameters, 3, &options, estimates,
+                                  &error), &error);
+            CHECK(w.outside == 0);
+            for (i = 0; i < 3; i++) {
+                const itn_parameter *p = itn_parameter_get(scene, parameters[i]);
+                CHECK(theta[parameters[i]] >= p->lower && theta[parameters[i]] <= p->upper);
+                CHECK(itn__finite(estimates[i].value) && itn__finite(estimates[i].standard_error));
+            }
+        }
+    itn_scene_free(scene);
+}
+
+/* ---- options ----------------------------------------------------------------------------------------- */
+
+/* What is refused, and that it leaves theta and the estimates alone. */
+static void test_options(void) {
+    itn_scene *scene = cloud(2, .8, .4);
+    static float target[PIXELS], variance[PIXELS];
+    itn_refine_options options;
+    itn_error error;
+    float theta[8], before[8];
+    itn_estimate estimates[2], untouched[2];
+    int parameters[2], twice[2], wrong[1], k;
+    watch w = ITN_ZERO;
+    parameters[0] = itn_parameter_find(scene, "m.albedo");
+    parameters[1] = itn_parameter_find(scene, "m.g");
+    twice[0] = twice[1] = parameters[0];
+    w.scene = scene;
+    itn_parameter_values(scene, theta);
+    memcpy(before, theta, sizeof theta);
+    memset(estimates, 0x5a, sizeof estimates);
+    memcpy(untouched, estimates, sizeof estimates);
+    for (k = 0; k < PIXELS; k++) target[k] = .3f, variance[k] = .01f;
+#define REFUSES(wanted, scene, theta, target, parameters, count, estimates)                        \
+    do {                                                                                           \
+        itn_result got;                                                                            \
+        memset(&error, 0, sizeof error);                                                           \
+        memcpy(theta_kept, before, sizeof before);                                                 \
+        memcpy(estimates_kept, untouched, sizeof untouched);                                       \
+        got = itn_refine(scene, theta, target, parameters, count, &options, estimates, &error);    \
+        CHECK(got == (wanted) && error.code == (wanted) && error.message[0]);                      \
+        CHECK(!memcmp(before, theta_kept, sizeof before));                                      \
+        CHECK(!memcmp(untouched, estimates_kept, sizeof untouched));                            \
+    } while (0)
+#define REFUSES_OPTION(assignment)                                                                 \
+    do {                                                                                           \
+        memset(&options, 0, sizeof options);                                                       \
+        options.spp = 4, options.iterations = 2;                                                   \
+        assignment;                                                                                \
+        REFUSES(ITN_ERROR_ARGUMENT, scene, theta, target, parameters, 2, estimates);               \
+    } while (0)
+    {
+        float *theta_kept = theta;
+        itn_estimate *estimates_kept = estimates;
+        REFUSES_OPTION(options.spp = -1);
+        REFUSES_OPTION(options.spp = 1);
+        REFUSES_OPTION(options.spp = INT_MAX);
+        REFUSES_OPTION(options.iterations = -1);
+        REFUSES_OPTION(options.max_scatter = -1);
+        REFUSES_OPTION(options.learning_rate = -.1);
+        REFUSES_OPTION(options.learning_rate = NAN);
+        REFUSES_OPTION(options.learning_rate = INFINITY);
+        REFUSES_OPTION(options.method = (itn_method)7);
+        REFUSES_OPTION((options.target_variance = variance, variance[17] = -1));
+        REFUSES_OPTION((options.target_variance = variance, variance[17] = NAN));
+        REFUSES_OPTION((options.target_variance = variance, variance[17] = INFINITY));
+        variance[17] = .01f;
+        memset(&options, 0, sizeof options);
+        options.spp = 4, options.iterations = 2;
+        REFUSES(ITN_ERROR_ARGUMENT, NULL, theta, target, parameters, 2, estimates);
+        REFUSES(ITN_ERROR_ARGUMENT, scene, NULL, target, parameters, 2, estimates);
+        REFUSES(ITN_ERROR_ARGUMENT, scene, theta, NULL, parameters, 2, estimates);
+        REFUSES(ITN_ERROR_ARGUMENT, scene, theta, target, NULL, 2, estimates);
+        REFUSES(ITN_ERROR_ARGUMENT, scene, theta, target, parameters, 2, NULL);
+        REFUSES(ITN_ERROR_ARGUMENT, scene, theta, target, parameters, 0, estimates);
+        REFUSES(ITN_ERROR_ARGUMENT, scene, theta, target, parameters, -1, estimates);
+        REFUSES(ITN_ERROR_ARGUMENT, scene, theta, target, twice, 2, estimates);
+        wrong[0] = -1;
+        REFUSES(ITN_ERROR_ARGUMENT, scene, theta, target, wrong, 1, estimates);
+        wrong[0] = itn_parameter_count(scene);
+        REFUSES(ITN_ERROR_ARGUMENT, scene, theta, target, wrong, 1, estimates);
+        target[3] = NAN;
+        REFUSES(ITN_ERROR_ARGUMENT, scene, theta, target, parameters, 2, estimates);
+        target[3] = INFINITY;
+        REFUSES(ITN_ERROR_ARGUMENT, scene, theta, target, parameters, 2, estimates);
+        target[3] = .3f;
+        options.progress = watch_step, options.progress_user = &w;
+        for (k = 1; k <= 3; k++) {
+            w.calls = 0, w.cancel_at = k;
+            REFUSES(ITN_ERROR_CANCELLED, scene, theta, target, parameters, 2, estimates);
+            CHECK(w.calls == k);
+        }
+        options.method = ITN_METHOD_ADAM, w.calls = 0, w.cancel_at = 1;
+        REFUSES(ITN_ERROR_CANCELLED, scene, theta, target, parameters, 2, estimates);
+        options.progress = NULL, options.method = ITN_METHOD_LM;
+        { /* start values out of range, refined or not */
+            static const char *const names[] = {"m.albedo", "m.g", "m.sigma_t", "light.scale"};
+            static const float bad[] = {-1, 2, NAN, INFINITY};
+            int i;
+            for (k = 0; k < 4; k++)
+                for (i = 0; i < 4; i++) {
+                    float start[8], kept[8];
+                    int own = itn_parameter_find(scene, names[k]), refined;
+                    if (k >= 2 && i == 1) continue; /* 2 is a fine sigma_t and scale */
+                    for (refined = 0; refined < 2; refined++) {
+                        int asked = refined ? own : parameters[k == 0];
+                        memcpy(start, before, sizeof start);
+                        start[own] = bad[i];
+                        memcpy(kept, start, sizeof kept);
+                        check_report(itn_refine(scene, start, target, &asked, 1, &options,
+                                                estimates, &error) == ITN_ERROR_ARGUMENT &&
+                                         !memcmp(kept, start, sizeof kept),
+                                     __FILE__, __LINE__, "start at %s = %g (refined: %d) accepted",
+                                     names[k], (double)bad[i], refined);
+                    }
+                }
+        }
+        memset(&error, 0, sizeof error);
+        CHECK(itn_refine(scene, theta, target, parameters, 1, NULL, estimates, NULL) == ITN_OK);
+    }
+    itn_scene_free(scene);
+}
+
+/* Radiances so large that variances overflow: an error or finite numbers, and an end. */
+static void test_overflow(void) {
+    static const float scales[] = {1e12f, 1e3f, 1}, levels[] = {1, 1e30f, 3e38f};
+    static float target[PIXELS];
+    itn_mesh mesh = solids_sphere(1, 1);
+    int k, i, method;
+    for (i = 0; i < PIXELS; i++) target[i] = 1;
+    for (k = 0; k < 3; k++)
+        for (method = 0; method < 2; method++) {
+            itn_refine_options options = ITN_ZERO;
+            itn_estimate estimates[2];
+            itn_error error;
+            itn_result result;
+            itn_scene *scene;
+            stage s;
+            float theta[8];
+            int parameters[2];
+            stage_begin(&s, SIZE, 4, 32);
+            stage_medium(&s, "m", 2, .8, .4);
+            stage_object(&s, &mesh, "m", NULL);
+            stage_constant(&s, NULL, 1e18)->scale = scales[k];
+            scene = stage_make(&s);
+            parameters[0] = itn_parameter_find(scene, "m.sigma_t");
+            parameters[1] = itn_parameter_find(scene, "light.scale");
+            for (i = 0; i < PIXELS; i++) target[i] = levels[k];
+            itn_parameter_values(scene, theta);
+            options.spp = 4, options.iterations = 3;
+            options.method = method ? ITN_METHOD_ADAM : ITN_METHOD_LM;
+            error.message[0] = 0;
+            result = itn_refine(scene, theta, target, parameters, 2, &options, estimates, &error);
+            check_report(result == ITN_OK || !strstr(error.message, "nan"), __FILE__, __LINE__,
+                         "the error blames the victim: %s", error.message);
+            for (i = 0; i < 2 && result == ITN_OK; i++)
+                CHECK(itn__finite(estimates[i].value) && itn__finite(estimates[i].standard_error));
+            itn_scene_free(scene);
+        }
+    itn_mesh_free(&mesh);
+}
+
+int main(void) {
+    test_cholesky(0);
+    test_transforms();
+    test_recoveries();
+    test_coverages();
+    test_undetermined();
+    test_idle();
+    test_bounds();
+    test_options();
+    CHECK_CATCHES(test_cholesky(1e-6));
+    CHECK_CATCHES(plant_small_errors());
+    test_overflow();
+    return check_end("refine");
+}

@@ -1,0 +1,583 @@
+/* Scene and sky files: every keyword, every kind of error with its line, damage of every kind, and
+   the shipped scenes. The sky is compared with numbers that the authors' own program printed. */
+#define _XOPEN_SOURCE 700 /* mkdtemp */
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+#include "check.h"
+#include <unistd.h>
+
+#ifndef ITN_SCENES
+#define ITN_SCENES "../scenes" /* from this file's folder or the current one */
+#endif
+
+static char directory[64];
+
+static const char *in_directory(const char *name) {
+    static char path[160];
+    snprintf(path, sizeof path, "%s/%s", directory, name);
+    return path;
+}
+
+static void write_bytes(const char *name, const char *bytes, size_t size) {
+    FILE *file = fopen(in_directory(name), "wb");
+    if (!file || fwrite(bytes, 1, size, file) != size || fclose(file)) {
+        printf("cannot write %s\n", in_directory(name));
+        exit(1);
+    }
+}
+static void write_text(const char *name, const char *text) {
+    write_bytes(name, text, strlen(text));
+}
+
+/* Memory that counts, and fails at a chosen call. */
+typedef struct accountant {
+    long calls, fail_at, live;
+} accountant;
+
+static void *count_allocate(size_t bytes, void *user) {
+    accountant *a = (accountant *)user;
+    void *block = ++a->calls == a->fail_at ? NULL : malloc(bytes);
+    a->live += block != NULL;
+    return block;
+}
+static void count_free(void *block, void *user) {
+    ((accountant *)user)->live--;
+    free(block);
+}
+static itn_context count_context(accountant *a) {
+    itn_context context = ITN_ZERO;
+    context.allocate = count_allocate;
+    context.deallocate = count_free;
+    context.memory_user = a;
+    return context;
+}
+
+/* ---- the files of the tests ---- */
+
+static const char *const cube_text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\n"
+                                     "v 1 0 1\nv 0 1 1\nv 1 1 1\nf 1 3 4 2\nf 5 6 8 7\n"
+                                     "f 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
+static const char *const open_text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+
+/* Turbidity 3, ground albedo .15, elevation 60 degrees. */
+static const char *const sky_text =
+    "# numbers of Hosek and Wilkie's data set, see the licence in scenes/t3-e60.sky\n"
+    "coefficients_r -1.07009729 -0.183901643 1.91568571 5.39974686 -3.87281834 0.965212528 "
+    "0.142394768 0.0879904436 0.699068785\n"
+    "coefficients_g -1.08019412 -0.182494114 1.35130131 3.36346639 -4.95046067 0.951531163 "
+    "0.125748228 1.74406109 0.684971587\n"
+    "coefficients_b -1.06727076 -0.1887265 0.68670071 0.166813941 -2.24239154 0.831768481 "
+    "0.077190505 3.15772945 0.681278175\n"
+    "radiance 6.54064327 10.1626235 16.7692864\n"
+    "sun_radiance 2.3e6 1.8e6 1.3e6\n";
+
+/* Every keyword and every field once. */
+static const char *const full_text =
+    "# a comment\n"
+    "film height 32 width 16 channels 3 filter gaussian # another\n"
+    "\n"
+    "camera target 0 0 0 eye 0 0 5 up 0 0.1 0 fov 40\n"
+    "medium milk sigma_t 12.5 albedo 0.9 0.8 0.7 phase hg g -0.25\n"
+    "medium tea albedo 0.5 sigma_t 1e2\n"
+    "surface glass type dielectric ior 1.33 alpha 0.2\n"
+    "surface clear type dielectric\n"
+    "surface paint type diffuse reflectance 0.3\n"
+    "surface tiles reflectance checker 0.5 0.25 2 type diffuse\n"
+    "surface mosaic type diffuse reflectance checker 0.1 0.2 0.3 0.4 0.5 0.6 0.5\n"
+    "surface poster type diffuse reflectance 0.5 0.6 0.7 texture image.pfm\n"
+    "object plane y -1 half 7 surface tiles\n"
+    "object mesh cube.obj medium milk surface glass scale 2 rotate 0 0 1 90 translate 1 2 3\n"
+    "object mesh open.obj surface paint scale 1 2 3\n"
+    "object mesh open.obj medium tea force translate 0 0 9\n"
+    "light constant radiance 1 2 3\n"
+    "light map image.pfm scale 0.5 name window\n"
+    "light sky a.sky sun 1 2 3 scale 0 sun_scale 2 sun_radius_scale 10 name heaven\n";
+
+static void write_files(void) {
+    itn_image image;
+    int k;
+    write_text("cube.obj", cube_text);
+    write_text("open.obj", open_text);
+    write_text("a.sky", sky_text);
+    write_text("bad.sky", "radiance 1 2 3\n\nradiance 1 2 3\n");
+    CHECK(itn_image_create(4, 3, 1, NULL, &image, NULL) == ITN_OK);
+    strcpy(image.names[0], "Y");
+    for (k = 0; k < 12; k++) image.pixels[k] = (float)k / 12;
+    CHECK(itn_image_save_pfm(&image, 0, 1, in_directory("image.pfm"), NULL) == ITN_OK);
+    itn_image_free(&image);
+}
+
+/* Loads a text as a scene. On failure checks what every failure promises. */
+static itn_scene *load_text(const char *text, const itn_context *context, itn_error *error) {
+    itn_scene *const untouched = (itn_scene *)(void *)directory, *scene = untouched;
+    itn_error inner = ITN_ZERO;
+    itn_result result;
+    write_text("scene.itn", text);
+    result = itn_scene_load(in_directory("scene.itn"), context, &scene, &inner);
+    if (error) *error = inner;
+    if (!result) return scene;
+    CHECK(scene == untouched);
+    CHECK(inner.code == result && inner.message[0]);
+    return NULL;
+}
+
+/* ---- what a file means ---- */
+
+static float value_of(const itn_scene *scene, const char *name) {
+    int index = itn_parameter_find(scene, name);
+    return index < 0 ? NAN : itn_parameter_get(scene, index)->value;
+}
+
+/* Checks the scene of full_text; `milk_g` is what the file should say. */
+static void check_full_scene(const itn_scene *scene, float milk_g) {
+    itn_film_desc film = itn_scene_film(scene);
+    CHECK(film.width == 16 && film.height == 32 && film.channels == 3);
+    CHECK(film.filter == ITN_FILTER_GAUSSIAN);
+    CHECK(value_of(scene, "milk.sigma_t") == 12.5f && value_of(scene, "milk.g") == milk_g);
+    CHECK(value_of(scene, "milk.albedo_r") == .9f && value_of(scene, "milk.albedo_g") == .8f);
+    CHECK(value_of(scene, "milk.albedo_b") == .7f);
+    CHECK(value_of(scene, "tea.sigma_t") == 100 && value_of(scene, "tea.g") == 0);
+    CHECK(value_of(scene, "tea.albedo_r") == .5f && value_of(scene, "tea.albedo_b") == .5f);
+    CHECK(value_of(scene, "glass.ior") == 1.33f && value_of(scene, "glass.alpha") == .2f);
+    CHECK(value_of(scene, "clear.ior") == 1.5f && itn_parameter_find(scene, "clear.alpha") < 0);
+    CHECK(value_of(scene, "paint.reflectance_g") == .3f);
+    CHECK(value_of(scene, "tiles.reflectance_r") == .5f);
+    CHECK(value_of(scene, "tiles.reflectance2_b") == .25f);
+    CHECK(value_of(scene, "mosaic.reflectance_b") == .3f);
+    CHECK(value_of(scene, "mosaic.reflectance2_r") == .4f);
+    CHECK(value_of(scene, "poster.reflectance_g") == .6f);
+    CHECK(value_of(scene, "light.scale") == 1 && value_of(scene, "window.scale") == .5f);
+    CHECK(value_of(scene, "heaven.scale") == 0 && value_of(scene, "heaven.sun_scale") == 2);
+}
+
+static void test_full(void) {
+    itn_error error = ITN_ZERO;
+    itn_scene *scene = load_text(full_text, NULL, &error);
+    if (!check_report(scene != NULL, __FILE__, __LINE__, "%s", error.message)) return;
+    check_full_scene(scene, -.25f);
+    CHECK_CATCHES(check_full_scene(scene, .25f));
+    itn_scene_free(scene);
+}
+
+/* The same file with other line ends and a byte order mark. */
+static void test_line_ends(const char *newline) {
+    char text[4000] = "\xef\xbb\xbf", *to = text + 3;
+    const char *from;
+    itn_scene *scene;
+    itn_error error;
+    for (from = full_text; *from; from++)
+        if (*from == '\n')
+            to += sprintf(to, "%s", newline);
+        else
+            *to++ = *from;
+    scene = load_text(text, NULL, &error);
+    CHECK(scene != NULL);
+    if (scene) check_full_scene(scene, -.25f);
+    itn_scene_free(scene);
+    sprintf(to, "light bulb");
+    CHECK(!load_text(text, NULL, &error) && error.line == 20);
+}
+
+/* What is left out is as documented, and objects stand where their transforms say. */
+static void test_defaults_and_transform(void) {
+    itn_scene *a = load_text("camera eye 0 0 5 target 0 0 0\nmedium m sigma_t 1 albedo 0.5\n"
+                             "object mesh cube.obj medium m scale 2 rotate 0 0 1 90 "
+                             "translate 1 2 3\nlight constant radiance 1\n", NULL, NULL);
+    itn_scene *b = load_text("film width 128 height 128 channels 1 filter box\n"
+                             "camera eye 0 0 5 target 0 0 0 up 0 1 0 fov 30\n"
+                             "medium m sigma_t 1 albedo 0.5 phase hg g 0\n"
+                             "object mesh moved.obj medium m\n"
+                             "light constant radiance 1 scale 1 name light\n", NULL, NULL);
+    itn_ray ray = ITN_ZERO;
+    itn_hit hit = ITN_ZERO;
+    CHECK(a && !b); /* there is no moved.obj yet */
+    /* x, y, z go to 1 - 2y, 2 + 2x, 3 + 2z */
+    write_text("moved.obj", "v 1 2 3\nv 1 4 3\nv -1 2 3\nv -1 4 3\nv 1 2 5\nv 1 4 5\nv -1 2 5\n"
+                            "v -1 4 5\nf 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\n"
+                            "f 2 4 8 6\n");
+    b = load_text("film width 128 height 128 channels 1 filter box\n"
+                  "camera eye 0 0 5 target 0 0 0 up 0 1 0 fov 30\n"
+                  "medium m sigma_t 1 albedo 0.5 phase hg g 0\n"
+                  "object mesh moved.obj medium m\n"
+                  "light constant radiance 1 scale 1 name light\n", NULL, NULL);
+    CHECK(b != NULL);
+    if (a && b) {
+        CHECK(!memcmp(&a->film, &b->film, sizeof a->film));
+        CHECK_NEAR(a->camera.eye.z, b->camera.eye.z, 1e-6);
+        CHECK_NEAR(a->camera.right.x, b->camera.right.x, 1e-6);
+        CHECK_NEAR(a->camera.up.y, b->camera.up.y, 1e-6);
+        CHECK(a->parameter_count == b->parameter_count);
+        CHECK_NEAR(a->origin[0], 0, 1e-6);
+        CHECK_NEAR(a->origin[1], 3, 1e-6);
+        CHECK_NEAR(a->origin[2], 4, 1e-6);
+        CHECK_NEAR(b->origin[2], 4, 1e-6);
+        ray.origin = itn__vec3(-3, .3f, .2f), ray.direction = itn__vec3(1, 0, 0), ray.tmax = 10;
+        CHECK(itn_bvh_nearest(a->bvh, &ray, &hit) && hit.front);
+        CHECK_NEAR(hit.t, 2, 1e-5);
+        ray.origin.y = 1.01f;
+        CHECK(!itn_bvh_nearest(a->bvh, &ray, &hit));
+    }
+    itn_scene_free(a);
+    itn_scene_free(b);
+}
+
+/* ---- errors ---- */
+
+/* A line put behind the two good ones of `base`, so that it is line 3. */
+typedef struct bad_line {
+    const char *text;
+    itn_result code;
+    const char *says; /* part of the message */
+} bad_line;
+
+static const bad_line bad_lines[] = {
+    {"sphere", ITN_ERROR_FORMAT, "found 'sphere'"},
+    {"Medium x sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "found 'Medium x"},
+    {"mediumx sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "found"},
+    {"object", ITN_ERROR_FORMAT, "found 'object'"},
+    {"object sphere", ITN_ERROR_FORMAT, "object mesh"},
+    {"object medium m mesh cube.obj", ITN_ERROR_FORMAT, "object mesh"},
+    {"light bulb", ITN_ERROR_FORMAT, "light constant"},
+    {"camera eye 0 0 1 target 0 0 0", ITN_ERROR_FORMAT, "line 1"},
+    {"film widht 3", ITN_ERROR_FORMAT, "no field 'widht', only width height channels filter"},
+    {"film width 3 width 3", ITN_ERROR_FORMAT, "width is given twice"},
+    {"film width", ITN_ERROR_FORMAT, "width"},
+    {"film width 3 4", ITN_ERROR_FORMAT, "width"},
+    {"film width 0", ITN_ERROR_FORMAT, "width: 0 is not in [1, 65536]"},
+    {"film width -1", ITN_ERROR_FORMAT, "width"},
+    {"film width 65537", ITN_ERROR_FORMAT, "width"},
+    {"film width 2.5", ITN_ERROR_FORMAT, "whole"},
+    {"film height x", ITN_ERROR_FORMAT, "height"},
+    {"film channels 2", ITN_ERROR_FORMAT, "channels"},
+    {"film channels 4", ITN_ERROR_FORMAT, "channels"},
+    {"film filter tent", ITN_ERROR_FORMAT, "tent"},
+    {"film filter", ITN_ERROR_FORMAT, "filter"},
+    {"medium", ITN_ERROR_FORMAT, "medium"},
+    {"medium x", ITN_ERROR_FORMAT, "sigma_t is missing"},
+    {"medium x sigma_t 1", ITN_ERROR_FORMAT, "albedo is missing"},
+    {"medium sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "no field '1'"},
+    {"medium 1x sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "name '1x'"},
+    {"medium x.y sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "name 'x.y'"},
+    {"medium abcdefghijklmnopqrstuvwxyz1234567 sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "name"},
+    {"medium m sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "'m' is used twice"},
+    {"surface m type dielectric", ITN_ERROR_FORMAT, "'m' is used twice"},
+    {"light constant radiance 1 name m", ITN_ERROR_FORMAT, "'m' is used twice"},
+    {"medium x sigma_t nan albedo 1", ITN_ERROR_FORMAT, "'nan' is not a finite number"},
+    {"medium x sigma_t inf albedo 1", ITN_ERROR_FORMAT, "'inf' is not a finite number"},
+    {"medium x sigma_t 1e39 albedo 1", ITN_ERROR_FORMAT, "'1e39' is not a finite number"},
+    {"medium x sigma_t 1,5 albedo 1", ITN_ERROR_FORMAT, "'1,5' is not a finite number"},
+    {"medium x sigma_t 0x10 albedo 1", ITN_ERROR_FORMAT, "'0x10'"},
+    {"medium x sigma_t -1 albedo 1", ITN_ERROR_FORMAT, "sigma_t"},
+    {"medium x sigma_t 1 albedo 1.01", ITN_ERROR_FORMAT, "albedo: 1.01 is not in [0, 1]"},
+    {"medium x sigma_t 1 albedo 1 1", ITN_ERROR_FORMAT, "albedo"},
+    {"medium x sigma_t 1 albedo 1 1 1", ITN_ERROR_FORMAT, "channels 3"},
+    {"medium x sigma_t 1 albedo 1 g 1", ITN_ERROR_FORMAT, "g: 1 is not in"},
+    {"medium x sigma_t 1 albedo 1 phase rayleigh", ITN_ERROR_FORMAT, "rayleigh"},
+    {"surface x ior 1.5", ITN_ERROR_FORMAT, "type is missing"},
+    {"surface x type metal", ITN_ERROR_FORMAT, "metal"},
+    {"surface x type dielectric ior 0", ITN_ERROR_FORMAT, "ior"},
+    {"surface x type dielectric ior 4.1", ITN_ERROR_FORMAT, "ior"},
+    {"surface x type dielectric alpha 0.0001", ITN_ERROR_FORMAT, "alpha"},
+    {"surface x type dielectric alpha 1.5", ITN_ERROR_FORMAT, "alpha"},
+    {"surface x type dielectric reflectance 1", ITN_ERROR_FORMAT, "other type"},
+    {"surface x type diffuse reflectance 1 ior 1", ITN_ERROR_FORMAT, "other type"},
+    {"surface x type diffuse", ITN_ERROR_FORMAT, "reflectance"},
+    {"surface x type diffuse reflectance", ITN_ERROR_FORMAT, "reflectance"},
+    {"surface x type diffuse reflectance 2", ITN_ERROR_FORMAT, "reflectance"},
+    {"surface x type diffuse reflectance 1 1 1", ITN_ERROR_FORMAT, "channels 3"},
+    {"surface x type diffuse texture image.pfm", ITN_ERROR_FORMAT, "reflectance"},
+    {"surface x type diffuse reflectance texture none.pfm", ITN_ERROR_FILE, "none.pfm"},
+    {"surface x type diffuse reflectance texture cube.obj", ITN_ERROR_FORMAT, "cube.obj"},
+    {"surface x type diffuse reflectance checker 0 1", ITN_ERROR_FORMAT, "checker"},
+    {"surface x type diffuse reflectance checker 0 1.5 1", ITN_ERROR_FORMAT, "checker"},
+    {"surface x type diffuse reflectance checker 0 1 0", ITN_ERROR_FORMAT, "SIZE"},
+    {"surface x type diffuse reflectance checker 0 0 0 1 1 1 1", ITN_ERROR_FORMAT, "channels 3"},
+    {"surface x type diffuse reflectance 1 checker 0 1 1", ITN_ERROR_FORMAT, "reflectance"},
+    {"object mesh", ITN_ERROR_FORMAT, "mesh"},
+    {"object mesh none.obj medium m", ITN_ERROR_FILE, "none.obj"},
+    {"object mesh scene.itn medium m", ITN_ERROR_FORMAT, "scene.itn"},
+    {"object mesh cube.obj medium x", ITN_ERROR_FORMAT, "no medium 'x'"},
+    {"object mesh cube.obj medium m surface m", ITN_ERROR_FORMAT, "no surface 'm'"},
+    {"object mesh cube.obj medium m half 3", ITN_ERROR_FORMAT, "no field 'half'"},
+    {"object mesh cube.obj medium m scale 1 2", ITN_ERROR_FORMAT, "scale"},
+    {"object mesh cube.obj medium m scale 0", ITN_ERROR_FORMAT, "scale"},
+    {"object mesh cube.obj medium m scale -1", ITN_ERROR_FORMAT, "scale"},
+    {"object mesh cube.obj medium m rotate 0 0 0 10", ITN_ERROR_FORMAT, "axis"},
+    {"object mesh cube.obj medium m rotate 0 0 1", ITN_ERROR_FORMAT, "rotate"},
+    {"object mesh cube.obj medium m translate 1 2", ITN_ERROR_FORMAT, "translate"},
+    {"object mesh cube.obj medium m translate 3e38 0 0 translate 3e38 0 0", ITN_ERROR_FORMAT,
+     "large"},
+    {"object mesh cube.obj medium m force force", ITN_ERROR_FORMAT, "twice"},
+    {"object mesh cube.obj", ITN_ERROR_ARGUMENT, "neither"},
+    {"object mesh open.obj medium m", ITN_ERROR_MESH, "closed"},
+    {"object plane", ITN_ERROR_FORMAT, "surface is missing"},
+    {"object plane surface m", ITN_ERROR_FORMAT, "no surface"},
+    {"object plane y 0 half 0 surface m", ITN_ERROR_FORMAT, "half"},
+    {"object plane 3 surface m", ITN_ERROR_FORMAT, "no field '3'"},
+    {"light constant", ITN_ERROR_FORMAT, "radiance is missing"},
+    {"light constant radiance -1", ITN_ERROR_FORMAT, "radiance"},
+    {"light constant radiance 1 2 3", ITN_ERROR_FORMAT, "channels 3"},
+    {"light constant radiance 1 scale -1", ITN_ERROR_FORMAT, "scale"},
+    {"light constant radiance 1 sun 0 1 0", ITN_ERROR_FORMAT, "no field 'sun'"},
+    {"light constant radiance 1 name 7", ITN_ERROR_FORMAT, "name '7'"},
+    {"light map", ITN_ERROR_FORMAT, "map"},
+    {"light map none.exr", ITN_ERROR_FILE, "none.exr"},
+    {"light sky a.sky", ITN_ERROR_FORMAT, "sun is missing"},
+    {"light sky a.sky sun 1 0 0", ITN_ERROR_FORMAT, "horizon"},
+    {"light sky a.sky sun 0 1 0 sun_radius_scale 0", ITN_ERROR_FORMAT, "sun_radius_scale"},
+    {"light sky none.sky sun 0 1 0", ITN_ERROR_FILE, "none.sky"},
+    {"light sky bad.sky sun 0 1 0", ITN_ERROR_FORMAT, "bad.sky:3: radiance is given twice"}};
+
+static const char *const base = "camera eye 0 0 5 target 0 0 0\nmedium m sigma_t 1 albedo 0.5\n";
+static const char *const rest = "object mesh cube.obj medium m\nlight constant radiance 1\n";
+
+/* Every bad line must be refused at line `line` with its code and words. */
+static void check_bad_lines(int line) {
+    char text[600];
+    size_t i;
+    for (i = 0; i < sizeof bad_lines / sizeof bad_lines[0]; i++) {
+        const bad_line *bad = &bad_lines[i];
+        itn_error error = ITN_ZERO;
+        accountant memory = ITN_ZERO;
+        itn_context context = count_context(&memory);
+        itn_scene *scene;
+        snprintf(text, sizeof text, "%s%s\n%s", base, bad->text, rest);
+        scene = load_text(text, &context, &error);
+        check_report(!scene && error.code == bad->code && error.line == line &&
+                         strstr(error.message, "scene.itn:3: ") && strstr(error.message, bad->says),
+                     __FILE__, __LINE__, "'%s' gave %d, line %d: %s", bad->text, (int)error.code,
+                     error.line, error.message);
+        itn_scene_free(scene);
+        CHECK(memory.live == 0);
+    }
+}
+
+static void test_other_errors(void) {
+    char text[6000];
+    itn_error error;
+    itn_scene *scene = NULL;
+    itn_context half = ITN_ZERO;
+    int i;
+    CHECK(itn_scene_load(NULL, NULL, &scene, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_scene_load(in_directory("scene.itn"), NULL, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_scene_load(in_directory("none.itn"), NULL, &scene, &error) == ITN_ERROR_FILE);
+    CHECK(itn_scene_load(in_directory("none.itn"), NULL, &scene, NULL) == ITN_ERROR_FILE);
+    half.allocate = count_allocate;
+    CHECK(itn_scene_load(in_directory("scene.itn"), &half, &scene, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(scene == NULL);
+    CHECK(!load_text("", NULL, &error) && strstr(error.message, "no camera"));
+    CHECK(!load_text(rest, NULL, &error) && strstr(error.message, "no medium 'm'"));
+    CHECK(!load_text(base, NULL, &error)); /* no object */
+    strcpy(text, base);
+    for (i = 0; i < 65; i++) strcat(text, "object mesh open.obj medium m force\n");
+    CHECK(!load_text(text, NULL, &error) && error.line == 67 && strstr(error.message, "64"));
+    strcpy(text, "camera eye 1 1 1 target 1 1 1\n");
+    strcat(text, rest);
+    CHECK(!load_text(text, NULL, &error) && error.line == 1);
+    strcpy(text, "film channels 1\ncamera eye 1 1 1 target 0 0 0\n"
+                 "medium m sigma_t 1 albedo 1 1 1\n");
+    strcat(text, rest);
+    CHECK(!load_text(text, NULL, &error) && error.line == 3);
+    write_bytes("scene.itn", "camera\0 eye 0 0 1 target 0 0 0\n", 31);
+    CHECK(itn_scene_load(in_directory("scene.itn"), NULL, &scene, &error) == ITN_ERROR_FORMAT);
+}
+
+/* ---- damage ---- */
+
+/* Loads what is in scene.itn; it may fail, but must keep its promises. Returns whether it did. */
+static int try_scene(void) {
+    static char untouched;
+    accountant memory = ITN_ZERO;
+    itn_context context = count_context(&memory);
+    itn_scene *scene = (itn_scene *)(void *)&untouched;
+    itn_error error = ITN_ZERO;
+    itn_result result = itn_scene_load(in_directory("scene.itn"), &context, &scene, &error);
+    int kept = !result || (scene == (itn_scene *)(void *)&untouched && error.message[0]);
+    if (!result) itn_scene_free(scene);
+    check_report(kept && memory.live == 0, __FILE__, __LINE__, "%s", error.message);
+    return !result;
+}
+
+static int try_sky(void) {
+    itn_context context = ITN_ZERO;
+    itn_sky sky;
+    itn_error error = ITN_ZERO;
+    itn_result result = itn__sky_load(in_directory("damaged.sky"), &context, &sky, &error);
+    CHECK(!result || error.message[0]);
+    return !result;
+}
+
+/* Cuts a text at every length; returns how many of the cut ones were taken. */
+static int cut(const char *name, const char *text, int (*attempt)(void)) {
+    size_t length;
+    int taken = 0;
+    for (length = 0; length < strlen(text); length++) {
+        write_bytes(name, text, length);
+        taken += attempt();
+    }
+    return taken;
+}
+
+/* Changes a few bytes of a text at random, many times. */
+static int corrupt(const char *name, const char *text, int rounds, int (*attempt)(void)) {
+    char bytes[4000];
+    size_t size = strlen(text);
+    itn__rng rng = itn__rng_make(7, size, 0);
+    int i, k, taken = 0;
+    for (i = 0; i < rounds; i++) {
+        memcpy(bytes, text, size);
+        for (k = 0; k <= i % 3; k++) {
+            uint32_t bits = itn__rng_bits(&rng);
+            static const char alphabet[] = "0123456789.-+eE #\n\r\tabc\\\x80\xff\x1b";
+            bytes[itn__rng_bits(&rng) % size] =
+                bits & 1 ? alphabet[(bits >> 8) % (sizeof alphabet)] : (char)(bits >> 8 & 255);
+        }
+        write_bytes(name, bytes, size);
+        taken += attempt();
+    }
+    return taken;
+}
+
+static void test_damage(void) {
+    int taken = cut("scene.itn", full_text, try_scene);
+    CHECK(taken > 0 && taken < 200); /* behind the first objects, at ends of lines */
+    taken = corrupt("scene.itn", full_text, 2000, try_scene);
+    CHECK(taken > 20 && taken < 1000);
+    CHECK(cut("damaged.sky", sky_text, try_sky) < 10); /* within the last number */
+    taken = corrupt("damaged.sky", sky_text, 2000, try_sky);
+    CHECK(taken > 100 && taken < 1900);
+}
+
+/* Memory fails at the k-th call, for every k. */
+static void test_out_of_memory(void) {
+    accountant memory = ITN_ZERO;
+    itn_context context = count_context(&memory);
+    itn_scene *scene;
+    itn_error error;
+    long calls, k;
+    scene = load_text(full_text, &context, &error);
+    CHECK(scene != NULL);
+    itn_scene_free(scene);
+    calls = memory.calls;
+    CHECK(calls > 20 && memory.live == 0);
+    for (k = 1; k <= calls; k++) {
+        memory.calls = 0, memory.fail_at = k;
+        scene = load_text(full_text, &context, &error);
+        check_report(!scene && error.code == ITN_ERROR_MEMORY && memory.live == 0, __FILE__,
+                     __LINE__, "call %ld: %s", k, error.message);
+        itn_scene_free(scene);
+    }
+}
+
+/* ---- the sky ---- */
+
+/* Radiances that the authors' program prints for turbidity 3, ground albedo .15, elevation 60:
+   at the zenith, in the sun's direction (without its disc), and opposite, 60 degrees down. */
+static void check_sky(const itn_sky *sky) {
+    static const float theta[3] = {0, 30, 60}, gamma[3] = {30, 0, 90};
+    static const double expected[3][3] = {{3.631779, 5.522326, 10.403060},
+                                          {16.307778, 19.157592, 21.983152},
+                                          {3.434738, 6.607357, 13.081977}};
+    const float degree = ITN__PI / 180;
+    int i, c;
+    for (i = 0; i < 3; i++)
+        for (c = 0; c < 3; c++) {
+            float value = itn__sky_radiance(sky, c, cosf(theta[i] * degree),
+                                            cosf(gamma[i] * degree), gamma[i] * degree);
+            CHECK_NEAR(value, expected[i][c], 2e-6 * expected[i][c]);
+        }
+}
+
+static void check_swapped_sky(itn_sky sky) {
+    int c;
+    for (c = 0; c < 3; c++) { /* A..I in alphabetic order: the likely mistake */
+        float swap = sky.coefficients[c][7];
+        sky.coefficients[c][7] = sky.coefficients[c][8];
+        sky.coefficients[c][8] = swap;
+    }
+    check_sky(&sky);
+}
+
+static char *scenes_path(const char *name) {
+    static char path[400];
+    const char *slash = strrchr(__FILE__, '/');
+    FILE *file;
+    snprintf(path, sizeof path, "%.*s/" ITN_SCENES "/%s", slash ? (int)(slash - __FILE__) : 1,
+             slash ? __FILE__ : ".", name);
+    file = fopen(path, "rb");
+    if (file) fclose(file);
+    if (!file) snprintf(path, sizeof path, ITN_SCENES "/%s", name);
+    return path;
+}
+
+static void test_sky(void) {
+    itn_context context = ITN_ZERO;
+    itn_sky sky, shipped;
+    CHECK(itn__sky_load(in_directory("a.sky"), &context, &sky, NULL) == ITN_OK);
+    check_sky(&sky);
+    CHECK_CATCHES(check_swapped_sky(sky));
+    CHECK(sky.sun_radiance[0] == 2.3e6f && sky.sun_radiance[2] == 1.3e6f);
+    CHECK(itn__sky_load(scenes_path("t3-e60.sky"), &context, &shipped, NULL) == ITN_OK);
+    check_sky(&shipped);
+    /* the sun's disc is some 10^5 times as bright as the sky around, redder than it, and on level
+       ground gives 4 to 8 times the light of this sky (mean about 7 in green) */
+    CHECK(shipped.sun_radiance[0] > shipped.sun_radiance[1]);
+    CHECK(shipped.sun_radiance[1] > shipped.sun_radiance[2]);
+    CHECK_NEAR(shipped.sun_radiance[1] * 6.87e-5 * .866 / (ITN__PI * 7), 6, 2);
+}
+
+/* ---- the scenes that come with the library ---- */
+
+static void test_shipped_scenes(void) {
+    static const char *const names[] = {"default", "studio", "smooth", "matched", "data",
+                                        "rgb",     "still",  "chain",  "hound"};
+    size_t i;
+    for (i = 0; i < sizeof names / sizeof names[0]; i++) {
+        itn_render_options options = ITN_ZERO;
+        itn_scene *scene = NULL;
+        itn_error error = ITN_ZERO;
+        itn_image image = ITN_ZERO;
+        char name[40];
+        double mean = 0;
+        int k, n;
+        snprintf(name, sizeof name, "%s.itn", names[i]);
+        if (!check_report(!itn_scene_load(scenes_path(name), NULL, &scene, &error), __FILE__,
+                          __LINE__, "%s", error.message))
+            continue;
+        options.spp = 1, options.max_scatter = 16;
+        CHECK(itn_render(scene, NULL, &options, NULL, 0, &image, &error) == ITN_OK);
+        n = image.width * image.height;
+        for (k = 0; k < n; k++) mean += image.pixels[k] / n;
+        check_report(mean > .01 && mean < 1000, __FILE__, __LINE__, "%s: mean %g", name, mean);
+        itn_image_free(&image);
+        itn_scene_free(scene);
+    }
+}
+
+static void remove_files(void) {
+    static const char *const names[] = {"cube.obj", "open.obj",  "moved.obj", "a.sky",
+                                        "bad.sky",  "image.pfm", "scene.itn", "damaged.sky"};
+    size_t i;
+    for (i = 0; i < sizeof names / sizeof names[0]; i++) remove(in_directory(names[i]));
+    CHECK(rmdir(directory) == 0);
+}
+
+int main(void) {
+    strcpy(directory, "/tmp/itn_scenefile_XXXXXX");
+    if (!mkdtemp(directory)) return 1;
+    write_files();
+    test_full();
+    test_line_ends("\r\n");
+    test_line_ends("\r");
+    test_line_ends(" \t\n");
+    test_defaults_and_transform();
+    check_bad_lines(3);
+    CHECK_CATCHES(check_bad_lines(4));
+    test_other_errors();
+    test_damage();
+    test_out_of_memory();
+    test_sky();
+    test_shipped_scenes();
+    remove_files();
+    return check_end("test_scenefile");
+}

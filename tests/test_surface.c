@@ -1,0 +1,420 @@
+/* Boundaries: Fresnel's equations, the rough dielectric against formulas and quadratures of its own
+   in double, its sampler, energy, reciprocity, and what happens at the ends of all ranges. */
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+#include "check.h"
+
+static const double pi = 3.14159265358979323846;
+
+/* ---- the same physics in double, without duals --------------------------------------------------- */
+
+typedef struct real3 {
+    double x, y, z;
+} real3;
+
+static real3 real(double x, double y, double z) {
+    real3 v;
+    v.x = x, v.y = y, v.z = z;
+    return v;
+}
+static double real_dot(real3 a, real3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+static real3 real_along(real3 a, double s, real3 b) {
+    return real(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z);
+}
+
+/* Through the angles: sines and tangents of their sum and difference. */
+static double fresnel(double cos_i, double eta) {
+    double i = acos(cos_i), sine = sin(i) / eta, t;
+    if (sine >= 1) return 1;
+    t = asin(sine);
+    if (i < 1e-4) return pow((eta - 1) / (eta + 1), 2);
+    return .5 * (pow(sin(i - t) / sin(i + t), 2) + pow(tan(i - t) / tan(i + t), 2));
+}
+
+/* G1 by the angle. */
+static double smith(double cos_w, double alpha) {
+    return 2 / (1 + sqrt(1 + alpha * alpha * (1 / (cos_w * cos_w) - 1)));
+}
+
+/* f cos theta_o, Walter et al. 2007, equations 20, 21 and 33, indices 1 and eta. */
+static double rough(real3 i, real3 o, double alpha, double eta) {
+    real3 h = o.z > 0 ? real_along(i, 1, o) : real_along(i, eta, o);
+    double length = sqrt(real_dot(h, h)) * (h.z < 0 ? -1 : 1), d, g, im, om, f;
+    h = real(h.x / length, h.y / length, h.z / length);
+    im = real_dot(i, h), om = real_dot(o, h);
+    if (im <= 0 || om * o.z <= 0) return 0;
+    d = alpha * alpha / (pi * pow(h.z * h.z * (alpha * alpha + 1 / (h.z * h.z) - 1), 2));
+    g = smith(i.z, alpha) * smith(o.z, alpha), f = fresnel(im, eta);
+    if (o.z > 0) return f * d * g / (4 * i.z);
+    return (1 - f) * d * g * im * fabs(om) * eta * eta / (i.z * pow(im + eta * om, 2));
+}
+
+/* Share of light that a rough face sends on (up, down), for light at cosine mu, as an integral over
+   facets: D(m) cos(theta_m) is uniform in u for tan^2(theta_m) = alpha^2 u / (1 - u), and what a
+   facet sends on is G1(i) (i.m) / (cos i cos m) times F or 1 - F and G1(o). metal: F = 1. */
+static double face_albedo(double mu, double alpha, double eta, int metal, int up, int down) {
+    enum { STEPS = 500 };
+    double sum = 0;
+    int a, b;
+    real3 i = real(sqrt(1 - mu * mu), 0, mu);
+    for (a = 0; a < STEPS; a++) {
+        /* steps of 1 - u = (1 - s)^2 resolve the steep facets */
+        double s = (a + .5) / STEPS, rest = (1 - s) * (1 - s), weight = 2 * (1 - s);
+        double tangent = alpha * sqrt((1 - rest) / rest), cos_m = 1 / sqrt(1 + tangent * tangent);
+        for (b = 0; b < STEPS; b++) {
+            double phi = pi * (b + .5) / STEPS, share; /* the other half is its mirror image */
+            real3 m = real(tangent * cos_m * cos(phi), tangent * cos_m * sin(phi), cos_m), o;
+            double im = real_dot(i, m), f = metal ? 1 : im > 0 ? fresnel(im, eta) : 0;
+            if (im <= 0) continue;
+            share = weight * smith(mu, alpha) * im / (mu * cos_m) / ((double)STEPS * STEPS);
+            o = real_along(real(-i.x, -i.y, -i.z), 2 * im, m);
+            if (up && o.z > 0) sum += share * f * smith(o.z, alpha);
+            if (down && f < 1) {
+                double cos_t = sqrt(1 - (1 - im * im) / (eta * eta));
+                o = real_along(real(-i.x / eta, -i.y / eta, -i.z / eta), im / eta - cos_t, m);
+                if (o.z < 0) sum += share * (1 - f) * smith(o.z, alpha);
+            }
+        }
+    }
+    return sum;
+}
+
+/* ---- Fresnel ------------------------------------------------------------------------------------ */
+
+static itn__dual fresnel_at(double cos_i, double eta, double *cos_t) {
+    itn__dual c, f;
+    f = itn__fresnel(itn__variable((float)cos_i, 0), itn__variable((float)eta, 1), &c);
+    *cos_t = c.v;
+    return f;
+}
+
+static void check_fresnel(double cos_i, double eta, double factor) {
+    const double h = 1e-6;
+    double cos_t, by_cos, by_eta, c = (float)cos_i, e = (float)eta;
+    itn__dual f = fresnel_at(cos_i, eta, &cos_t);
+    if (fresnel(c - 2 * h, e) == 1) { /* total reflection, or too near to it for differences */
+        if (fresnel(c, e) == 1) CHECK(f.v == 1 && f.d[0] == 0 && f.d[1] == 0 && cos_t == 0);
+        return;
+    }
+    by_cos = (fresnel(c + h, e) - fresnel(c - h, e)) / (2 * h);
+    by_eta = (fresnel(c, e + h) - fresnel(c, e - h)) / (2 * h);
+    CHECK_NEAR(f.v, fresnel(c, e), 3e-6);
+    CHECK_NEAR(f.d[0], by_cos * factor, 1e-3 * fabs(by_cos) + 1e-5);
+    CHECK_NEAR(f.d[1], by_eta, 1e-3 * fabs(by_eta) + 1e-5);
+    CHECK_NEAR(cos_t, sqrt(1 - (1 - c * c) / (e * e)), 2e-5);
+}
+
+/* 2 int F mu dmu: light from all sides. */
+static void check_diffuse_fresnel(double eta, double expected) {
+    enum { STEPS = 200000 };
+    double sum = 0, cos_t;
+    int k;
+    for (k = 0; k < STEPS; k++) {
+        double mu = (k + .5) / STEPS;
+        sum += 2 * mu * fresnel_at(mu, eta, &cos_t).v / STEPS;
+    }
+    CHECK_NEAR(sum, expected, 2e-6);
+}
+
+static void test_fresnel(void) {
+    static const double eta[6] = {1.5, 1 / 1.5, 1.33, 1 / 1.33, 4, 1.001};
+    const double critical = sqrt(1 - 1 / 2.25);
+    double cos_t;
+    int e, k;
+    CHECK_NEAR(fresnel_at(.5, 1.5, &cos_t).v, .0891867128, 1e-7);
+    CHECK_NEAR(fresnel_at(.2, 1.5, &cos_t).v, .338894, 1e-6);
+    CHECK_NEAR(fresnel_at(.8, 1 / 1.5, &cos_t).v, .1141411, 1e-6);
+    CHECK_NEAR(fresnel_at(1, 1.5, &cos_t).v, .04, 1e-8);
+    CHECK_NEAR(critical, .7453560, 1e-7);
+    CHECK(fresnel_at(critical - 1e-5, 1 / 1.5, &cos_t).v == 1);
+    CHECK(fresnel_at(critical + 1e-5, 1 / 1.5, &cos_t).v < 1);
+    CHECK(fresnel_at(1e-6, 1.5, &cos_t).v > .9999);
+    CHECK(fresnel_at(.3, 1, &cos_t).v == 0);
+    check_diffuse_fresnel(1.33, .065931);
+    check_diffuse_fresnel(1.4, .076812);
+    check_diffuse_fresnel(1.5, .091778);
+    check_diffuse_fresnel(1 / 1.33, .471949);
+    check_diffuse_fresnel(1 / 1.4, .528985);
+    check_diffuse_fresnel(1 / 1.5, .596346);
+    for (e = 0; e < 6; e++)
+        for (k = 1; k < 50; k++) check_fresnel(k / 50., eta[e], 1);
+    CHECK_CATCHES(check_diffuse_fresnel(1.5, .091798));
+    CHECK_CATCHES(check_fresnel(.3, 1.5, -1));
+}
+
+/* ---- the smooth face ---------------------------------------------------------------------------- */
+
+static void test_smooth(void) {
+    static const float cosines[4] = {1, .8f, .5f, .05f}, etas[3] = {1.5f, 1 / 1.5f, 1.33f};
+    int c, e, k;
+    for (c = 0; c < 4; c++)
+        for (e = 0; e < 3; e++) {
+            float sine = itn__safe_sqrt(1 - cosines[c] * cosines[c]), eta = etas[e];
+            itn_vec3 i = itn__vec3(.6f * sine, -.8f * sine, cosines[c]), o;
+            double share = 0;
+            for (k = 0; k < 1000; k++) {
+                float u[3];
+                u[0] = .3f, u[1] = .9f, u[2] = ((float)k + .5f) / 1000;
+                CHECK(itn__sample_dielectric(i, 0, eta, u, &o));
+                CHECK_NEAR(itn__length(o), 1, 3e-7);
+                if (o.z > 0) { /* mirrored */
+                    share += 1e-3;
+                    CHECK(fabs(o.x + i.x) + fabs(o.y + i.y) + fabs(o.z - i.z) < 1e-6);
+                } else { /* Snell: sin i = eta sin t, in the same plane */
+                    CHECK(fabs(eta * o.x + i.x) + fabs(eta * o.y + i.y) < 2e-6);
+                }
+            }
+            CHECK_NEAR(share, fresnel(cosines[c], eta), 1e-3);
+        }
+}
+
+/* ---- the rough face ------------------------------------------------------------------------------ */
+
+/* f and its derivatives against the double formula at o's drawn by the sampler; f / pdf = G1(o). */
+static void check_rough(float alpha, float eta, float mu, double factor) {
+    itn_vec3 i = itn__vec3(itn__safe_sqrt(1 - mu * mu), 0, mu), o;
+    itn__rng rng = itn__rng_make(1, (uint64_t)(alpha * 1000), (uint64_t)(eta * 1000));
+    int k, good = 0;
+    for (k = 0; k < 400; k++) {
+        float u[3], pdf;
+        double f, by_alpha, by_eta, h = 1e-5, unit;
+        itn__dual got;
+        real3 ri, ro;
+        u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng), u[2] = itn__uniform(&rng);
+        if (!itn__sample_dielectric(i, alpha, eta, u, &o)) continue;
+        if (fabs(o.z) < .02) continue; /* G1 by the angle has few digits there */
+        got = itn__rough(i, o, alpha, eta, &pdf);
+        ri = real(i.x, i.y, i.z), ro = real(o.x, o.y, o.z);
+        f = rough(ri, ro, alpha, eta), unit = f / alpha / alpha;
+        by_alpha = (rough(ri, ro, alpha + h * alpha, eta) - rough(ri, ro, alpha - h * alpha, eta)) /
+                   (2 * h * alpha);
+        h *= alpha * fabs(eta - 1);
+        by_eta = (rough(ri, ro, alpha, eta + h) - rough(ri, ro, alpha, eta - h)) / (2 * h);
+        good += got.v > 0;
+        /* a float's direction is good to 1e-7, the facet to 1e-7 over its distance from o */
+        check_report(fabs(got.v / f - 1) < 2e-6 / (alpha * fabs(eta - 1)) + 2e-4, __FILE__, __LINE__,
+                     "alpha %g eta %g: f %.8g, not %.8g", (double)alpha, (double)eta,
+                     (double)got.v, f);
+        check_report(fabs(got.d[0] * factor - by_alpha) < 1e-3 * fabs(by_alpha) + 5e-4 * f / alpha,
+                     __FILE__, __LINE__, "alpha %g eta %g: df/dalpha %.8g, not %.8g", (double)alpha,
+                     (double)eta, (double)got.d[0], by_alpha);
+        if (fresnel(.5, eta) < 1 || o.z < 0)
+            check_report(fabs(got.d[1] - by_eta) < 3e-3 * fabs(by_eta) + 5e-4 * unit, __FILE__,
+                         __LINE__, "alpha %g eta %g o.z %g: df/deta %.8g, not %.8g", (double)alpha,
+                         (double)eta, (double)o.z, (double)got.d[1], by_eta);
+        CHECK_NEAR(got.v / pdf, smith(o.z, alpha), 1e-4);
+    }
+    CHECK(good > 100);
+}
+
+/* Shares and their slopes as the walk finds them: f / pdf and df / pdf over the sampler's draws. */
+static void walk_albedo(double mu, double alpha, double eta, int up, int down, double *value,
+                        double *by_alpha, double *by_eta) {
+    enum { STEPS = 1 << 20 };
+    itn_vec3 i = itn__vec3((float)sqrt(1 - mu * mu), 0, (float)mu), o;
+    double sums[3] = {0};
+    uint32_t k;
+    for (k = 0; k < STEPS; k++) { /* a lattice of three irrational steps (Roberts 2018) */
+        float u[3], pdf;
+        itn__dual f;
+        u[0] = (float)(((k * 3518319155u) >> 8) + .5) / 16777216.f;
+        u[1] = (float)(((k * 2882110345u) >> 8) + .5) / 16777216.f;
+        u[2] = (float)(((k * 2360945575u) >> 8) + .5) / 16777216.f;
+        if (!itn__sample_dielectric(i, (float)alpha, (float)eta, u, &o)) continue;
+        if (o.z > 0 ? !up : !down) continue;
+        f = itn__rough(i, o, (float)alpha, (float)eta, &pdf);
+        if (!(f.v > 0)) continue;
+        sums[0] += f.v / pdf, sums[1] += f.d[0] / pdf, sums[2] += f.d[1] / pdf;
+    }
+    *value = sums[0] / STEPS, *by_alpha = sums[1] / STEPS, *by_eta = sums[2] / STEPS;
+}
+
+static void check_albedo(double alpha, double mu, const double table[4], double factor) {
+    const double ends[2] = {1.5, 1 / 1.5}, h = 1e-3;
+    double value, by_alpha, by_eta, expected;
+    int e;
+    walk_albedo(mu, alpha, 1e6, 1, 0, &value, &by_alpha, &by_eta); /* F = 1 */
+    CHECK_NEAR(value, table[0], .0015 * table[0]);
+    CHECK_NEAR(by_alpha * factor, table[1], .01 * fabs(table[1]));
+    for (e = 0; e < 2; e++) {
+        walk_albedo(mu, alpha, ends[e], 1, 1, &value, &by_alpha, &by_eta);
+        CHECK_NEAR(value, table[2 + e], .002 * table[2 + e]);
+        expected = (face_albedo(mu, alpha * (1 + h), ends[e], 0, 1, 1) -
+                    face_albedo(mu, alpha * (1 - h), ends[e], 0, 1, 1)) / (2 * h * alpha);
+        CHECK_NEAR(by_alpha, expected, .01 * fabs(expected) + 2e-3);
+        expected = (face_albedo(mu, alpha, ends[e] + h, 0, 1, 1) -
+                    face_albedo(mu, alpha, ends[e] - h, 0, 1, 1)) / (2 * h);
+        CHECK_NEAR(by_eta, expected, .02 * fabs(expected) + 4e-3);
+        walk_albedo(mu, alpha, ends[e], 1, 0, &value, &by_alpha, &by_eta); /* reflected alone */
+        CHECK_NEAR(value, face_albedo(mu, alpha, ends[e], 0, 1, 0), .002);
+        expected = (face_albedo(mu, alpha, ends[e] + h, 0, 1, 0) -
+                    face_albedo(mu, alpha, ends[e] - h, 0, 1, 0)) / (2 * h);
+        CHECK_NEAR(by_eta, expected, .02 * fabs(expected) + 4e-3);
+    }
+}
+
+/* Directional albedo, separable Smith: of a mirror with F = 1, its slope in alpha, and of a face of
+   index 1.5 (all light sent on) from outside and inside; quadrature good to 1e-4. At alpha 1, seen
+   straight down, the mirror's is 1 - ln 2. */
+static void test_albedo(void) {
+    static const double rows[8][6] = {
+        {.1, 1, .9883, -.2298, .9989, .9890},  {.1, .5, .9691, -.6081, .9922, .9633},
+        {.3, 1, .8774, -.8268, .9884, .8995},  {.3, .5, .8181, -.7177, .9469, .7802},
+        {.5, 1, .6878, -.9889, .9681, .7539},  {.5, .5, .6860, -.6241, .8826, .6427},
+        {1, 1, .306853, -.5, .8933, .4171},    {1, .5, .4091, -.4621, .6723, .4534}};
+    int k;
+    for (k = 0; k < 8; k++) {
+        double metal = face_albedo(rows[k][1], rows[k][0], 1.5, 1, 1, 0);
+        CHECK_NEAR(metal, rows[k][2], 2e-4); /* the quadrature itself */
+        check_albedo(rows[k][0], rows[k][1], rows[k] + 2, 1);
+    }
+    CHECK_CATCHES(check_albedo(.3, 1, rows[3] + 2, 1));
+    CHECK_CATCHES(check_albedo(.5, .5, rows[5] + 2, 1.02));
+}
+
+/* How many draws fall in each of 2 x 6 x 8 boxes of the sphere against the integral of the pdf. */
+static void check_histogram(float alpha, float eta, float mu, double factor) {
+    enum { DRAWS = 400000, COSINES = 12, TURNS = 8, FINE = 48 };
+    itn_vec3 i = itn__vec3(itn__safe_sqrt(1 - mu * mu), 0, mu), o;
+    itn__rng rng = itn__rng_make(2, (uint64_t)(alpha * 1000), (uint64_t)(eta * 1000 + mu * 100));
+    int counts[COSINES][TURNS], k, c, t, a, b, drawn = 0;
+    double total = 0;
+    memset(counts, 0, sizeof counts);
+    for (k = 0; k < DRAWS; k++) {
+        float u[3];
+        double turn;
+        u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng), u[2] = itn__uniform(&rng);
+        if (!itn__sample_dielectric(i, alpha, eta, u, &o)) continue;
+        turn = (atan2(o.y, o.x) / (2 * pi) + .5) * TURNS;
+        c = (int)((o.z * .5 + .5) * COSINES), t = (int)turn;
+        counts[c < COSINES ? c : COSINES - 1][t < TURNS ? t : TURNS - 1]++, drawn++;
+    }
+    for (c = 0; c < COSINES; c++)
+        for (t = 0; t < TURNS; t++) {
+            double expected = 0, sigma;
+            for (a = 0; a < FINE; a++)
+                for (b = 0; b < FINE; b++) {
+                    double z = 2 * (c + (a + .5) / FINE) / COSINES - 1, r = sqrt(1 - z * z);
+                    double phi = 2 * pi * ((t + (b + .5) / FINE) / TURNS - .5);
+                    float pdf;
+                    o = itn__vec3((float)(r * cos(phi)), (float)(r * sin(phi)), (float)z);
+                    itn__rough(i, o, alpha, eta, &pdf);
+                    expected += pdf * factor * 4 * pi / ((double)COSINES * TURNS * FINE * FINE);
+                }
+            total += expected;
+            sigma = sqrt(expected * DRAWS) + 1;
+            check_report(fabs(counts[c][t] - expected * DRAWS) <
+                             5 * sigma + .01 * expected * DRAWS, __FILE__, __LINE__,
+                         "alpha %g eta %g mu %g box %d %d: %d draws, pdf says %.1f", (double)alpha,
+                         (double)eta, (double)mu, c, t, counts[c][t], expected * DRAWS);
+        }
+    CHECK_NEAR(total, (double)drawn / DRAWS, .004);
+}
+
+/* Light can go either way: f_r(i, o) = f_r(o, i), f_t(i, o) / eta^2 = f_t(o, i) (Walter et al.). */
+static void check_reciprocity(float alpha, float eta, double factor) {
+    itn__rng rng = itn__rng_make(3, (uint64_t)(alpha * 1000), (uint64_t)(eta * 1000));
+    int k, met = 0;
+    for (k = 0; k < 2000; k++) {
+        float turn = 2 * (float)pi * itn__uniform(&rng), z = .05f + .95f * itn__uniform(&rng), pdf;
+        float r = itn__safe_sqrt(1 - z * z), u[3];
+        itn_vec3 i = itn__vec3(r * cosf(turn), r * sinf(turn), z), o, from, to;
+        double there, back;
+        u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng), u[2] = itn__uniform(&rng);
+        if (!itn__sample_dielectric(i, alpha, eta, u, &o) || fabs(o.z) < .05) continue;
+        from = o, to = i;
+        if (o.z < 0) from.z = -o.z, to.z = -i.z;
+        there = itn__rough(i, o, alpha, eta, &pdf).v / fabs(o.z);
+        back = itn__rough(from, to, alpha, o.z < 0 ? 1 / eta : eta, &pdf).v / i.z * factor;
+        if (o.z < 0) there /= (double)eta * eta;
+        met++;
+        CHECK_NEAR(there / back, 1, 2e-3 + 4e-6 / (alpha * fabs(eta - 1)));
+    }
+    CHECK(met > 500);
+}
+
+static void test_rough(void) {
+    static const float alphas[4] = {.05f, .2f, .5f, 1}, etas[4] = {1.5f, 1 / 1.5f, 1.1f, 1 / 1.1f};
+    static const float cosines[3] = {1, .6f, .2f};
+    int a, e, c;
+    for (a = 0; a < 4; a++)
+        for (e = 0; e < 4; e++) {
+            for (c = 0; c < 3; c++) {
+                check_rough(alphas[a], etas[e], cosines[c], 1);
+                if (a > 0) check_histogram(alphas[a], etas[e], cosines[c], 1);
+            }
+            check_reciprocity(alphas[a], etas[e], 1);
+        }
+    CHECK_CATCHES(check_rough(.2f, 1.5f, .6f, -1));
+    CHECK_CATCHES(check_histogram(.5f, 1.5f, .6f, 1.05));
+    CHECK_CATCHES(check_reciprocity(.5f, 1.5f, 2.25));
+}
+
+/* Everything stays finite and within bounds at the ends of alpha, index and angle. */
+static void test_extremes(void) {
+    static const float alphas[4] = {.001f, .01f, .3f, 1};
+    static const float etas[6] = {1.0001f, 1 / 1.0001f, 1.001f, 1.5f, 4, .25f};
+    static const float cosines[6] = {1, .999999f, .5f, .01f, 1e-4f, 1e-6f};
+    static const float ends[5] = {5.9604645e-8f, .01f, .5f, .99f, .99999994f};
+    int a, e, c, k, sent = 0, all = 0;
+    for (a = 0; a < 4; a++)
+        for (e = 0; e < 6; e++)
+            for (c = 0; c < 6; c++)
+                for (k = 0; k < 125; k++) {
+                    float mu = cosines[c], u[3], pdf;
+                    itn_vec3 i = itn__vec3(itn__safe_sqrt(1 - mu * mu), 0, mu), o;
+                    itn__dual f;
+                    u[0] = ends[k % 5], u[1] = ends[k / 5 % 5], u[2] = ends[k / 25];
+                    all++;
+                    if (!itn__sample_dielectric(i, alphas[a], etas[e], u, &o)) continue;
+                    sent++;
+                    f = itn__rough(i, o, alphas[a], etas[e], &pdf);
+                    CHECK(itn__finite3(o) && fabs(itn__length(o) - 1) < 3e-7);
+                    CHECK(f.v >= 0 && itn__finite(f.v) && itn__finite(pdf));
+                    CHECK(itn__finite(f.d[0]) && itn__finite(f.d[1]));
+                    if (f.v > 0)
+                        CHECK(pdf > 0 && f.v / pdf <= 1.00001f && itn__finite(f.d[0] / f.v) &&
+                              itn__finite(f.d[1] / f.v));
+                }
+    CHECK(sent > all / 2);
+}
+
+/* At normal incidence a nearly smooth face sends on almost everything, by Fresnel's shares. */
+static void test_nearly_smooth(void) {
+    double value, by_alpha, by_eta;
+    walk_albedo(1, .001, 1.5, 1, 0, &value, &by_alpha, &by_eta);
+    CHECK_NEAR(value, .04, 1e-4);
+    walk_albedo(1, .001, 1.5, 0, 1, &value, &by_alpha, &by_eta);
+    CHECK_NEAR(value, .96, 1e-4);
+    walk_albedo(.5, .001, 1 / 1.5, 1, 1, &value, &by_alpha, &by_eta); /* total reflection */
+    CHECK_NEAR(value, 1, 1e-4);
+}
+
+/* Cosine-distributed directions: E[cos] = 2/3, E[cos^2] = 1/2. */
+static void test_cosine(void) {
+    enum { STEPS = 100000 };
+    double sums[4] = {0};
+    int k;
+    for (k = 0; k < STEPS; k++) {
+        itn_vec3 o = itn__sample_cosine((float)((k + .5) / STEPS),
+                                        (float)(fmod(k * .61803398875, 1)));
+        sums[0] += o.z / STEPS, sums[1] += (double)o.z * o.z / STEPS;
+        sums[2] += o.x / STEPS, sums[3] += (double)o.x * o.x / STEPS;
+        if (!(fabs(itn__length(o) - 1) < 3e-7)) CHECK(0);
+    }
+    CHECK_NEAR(sums[0], 2 / 3., 1e-5);
+    CHECK_NEAR(sums[1], .5, 1e-5);
+    CHECK_NEAR(sums[2], 0, 1e-3);
+    CHECK_NEAR(sums[3], .25, 1e-3);
+}
+
+int main(void) {
+    test_fresnel();
+    test_smooth();
+    test_rough();
+    test_albedo();
+    test_extremes();
+    test_nearly_smooth();
+    test_cosine();
+    return check_end("surface");
+}
