@@ -36,7 +36,8 @@
            if (itn_scene_create(&desc, NULL, &scene, NULL)) return 1;
            if (itn_render(scene, NULL, &options, asked, 3, &image, NULL)) return 1;
            for (i = 0; i < 8; i += 2) // one pixel; planes: mean, variance, mean, variance, ...
-               printf("%s %.4f +- %.4f\n", image.names[i], image.pixels[i], sqrt(image.pixels[i + 1]));
+               printf("%s %.4f +- %.4f\n", image.names[i], image.pixels[i],
+                      sqrt(image.pixels[i + 1]));
            itn_image_free(&image);
            itn_scene_free(scene);
            return 0;
@@ -347,7 +348,7 @@ typedef struct itn_object_desc {
     const itn_mesh *mesh; /* copied; NULL: a horizontal square at plane_y, half_size each way */
     float plane_y, half_size;
     const char *medium;  /* name, or NULL: nothing inside */
-    const char *surface; /* name, or NULL: an index-matched boundary */
+    const char *surface; /* name, or NULL: index-matched, the index around it goes on inside */
     float transform[12]; /* rows of a 3x4 matrix applied to positions; all zero = identity */
     int force;           /* 1: take a mesh for a medium even if it is open or inside out */
 } itn_object_desc;
@@ -376,7 +377,7 @@ typedef struct itn_light_desc {
     float scale;             /* multiplies the light (not the sun); 0 with has_scale 0 = 1 */
     float sun_scale;         /* sky: multiplies the sun; 0 with has_scale 0 = 1 */
     int has_scale;           /* 1: scale and sun_scale are taken as they are, also when 0 */
-    float sun_radius_scale;  /* sky: widens the disc at constant power; 0 = 1 */
+    float sun_radius_scale;  /* sky: widens the disc at constant power, in [.01, 320]; 0 = 1 */
 } itn_light_desc;
 
 typedef struct itn_scene_desc {
@@ -1030,6 +1031,11 @@ ITN__INLINE float itn__length(itn_vec3 a) { return sqrtf(itn__dot(a, a)); }
 ITN__INLINE itn_vec3 itn__normalize(itn_vec3 a) { return itn__scale(a, 1 / itn__length(a)); }
 ITN__INLINE float itn__max_abs(itn_vec3 a) {
     return itn__max(fabsf(a.x), itn__max(fabsf(a.y), fabsf(a.z)));
+}
+/* Unit vector along one of any size, also where squares would over- or underflow; 0 stays 0. */
+ITN__INLINE itn_vec3 itn__direction(itn_vec3 a) {
+    float size = itn__max_abs(a);
+    return size > 0 ? itn__normalize(itn__vec3(a.x / size, a.y / size, a.z / size)) : a;
 }
 ITN__INLINE int itn__finite3(itn_vec3 a) {
     return itn__finite(a.x) && itn__finite(a.y) && itn__finite(a.z);
@@ -1941,7 +1947,7 @@ typedef struct itn__slabs {
     float start, end;                      /* tmin and tmax with their margins */
 } itn__slabs;
 
-ITN__INLINE float itn__widen(float t) { return t + ITN__WIDEN * fabsf(t); }
+ITN__INLINE float itn__widen(float t) { return t + ITN__WIDEN * itn__min(fabsf(t), FLT_MAX); }
 
 ITN__INLINE itn__slabs itn__slabs_make(const itn_ray *ray) {
     itn__slabs s;
@@ -2048,14 +2054,15 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
 
        p(cos theta) = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos theta)^(3/2)),     E[cos theta] = g.
 
-   Both are written in x = 1 - cos theta, because near g = +-1 everything happens where the cosine
-   loses its digits: 1 + g^2 - 2 g cos theta = (1-g)^2 + 2 g x. Inverting the cumulative
-   distribution and clearing the common factor g of numerator and denominator gives, for uniform u,
+   Near g = +-1 everything happens where the cosine loses its digits, so an angle is given by
+   x = 1 - cos theta and y = 1 + cos theta, of which one is exact: 1 + g^2 - 2 g cos theta
+   = (1-g)^2 + 2 g x = (1+g)^2 - 2 g y. Inverting the cumulative distribution and clearing the
+   common factor g of numerator and denominator gives, for uniform u,
 
-       x     = 2 (1-g)^2 (1-u) (1 + g u) / q^2
-       2 - x = 2 (1+g)^2 u (1 - g (1-u)) / q^2,      q = (1-g)(1-u) + (1+g) u,
+       x = 2 (1-g)^2 (1-u) ((1-u) + (1+g) u) / q^2,
+       y = 2 (1+g)^2 u (u + (1-g) (1-u)) / q^2,          q = (1-g)(1-u) + (1+g) u,
 
-   with no cancellation for any |g| < 1 and no special case at g = 0. */
+   sums of positive terms for any |g| < 1, with no special case at g = 0. */
 
 /* Distance to the next collision. */
 ITN__INLINE float itn__sample_flight(float sigma_t, float u) { return -logf(u) / sigma_t; }
@@ -2065,15 +2072,15 @@ ITN__INLINE itn__dual itn__transmittance(float sigma_t, float t) {
     return itn__dexp(itn__daffine(itn__variable(sigma_t, 0), -t, 0));
 }
 
-/* Phase function of x = 1 - cos theta; local parameter 0 is g. */
-ITN__INLINE itn__dual itn__phase(float g_value, float x) {
+/* Phase function of x = 1 - cos theta, y = 1 + cos theta; local parameter 0 is g. */
+ITN__INLINE itn__dual itn__phase(float g_value, float x, float y) {
     itn__dual g = itn__variable(g_value, 0), one = itn__constant(1);
     itn__dual below = itn__dsub(one, g), above = itn__dadd(one, g);
     itn__dual square; /* 1 + g^2 - 2 g cos theta, as a sum of positive terms for either sign of g */
     if (g_value >= 0)
         square = itn__dadd(itn__dmul(below, below), itn__daffine(g, 2 * x, 0));
     else
-        square = itn__dadd(itn__dmul(above, above), itn__daffine(g, -2 * (2 - x), 0));
+        square = itn__dadd(itn__dmul(above, above), itn__daffine(g, -2 * y, 0));
     return itn__ddiv(itn__daffine(itn__dmul(below, above), 1 / (4 * ITN__PI), 0),
                      itn__dmul(square, itn__dsqrt(square)));
 }
@@ -2084,19 +2091,18 @@ ITN__INLINE float itn__one_minus_cosine(itn_vec3 a, itn_vec3 b) {
     return itn__min(.5f * itn__dot(chord, chord), 2);
 }
 
-/* Turns `direction` by an angle drawn from the phase function and returns the new direction;
-   x receives 1 - cos theta. */
-ITN__INLINE itn_vec3 itn__sample_phase(itn_vec3 direction, float g, float u, float v, float *x) {
+/* Turns `direction` by an angle drawn from the phase function and returns the new direction; x and
+   y receive 1 - and 1 + the cosine of the angle. */
+ITN__INLINE itn_vec3 itn__sample_phase(itn_vec3 direction, float g, float u, float v, float *x,
+                                       float *y) {
     float q = (1 - g) * (1 - u) + (1 + g) * u, scale = 2 / (q * q), sine, phi = 2 * ITN__PI * v;
-    float one_minus = scale * itn__square(1 - g) * (1 - u) * (1 + g * u);
-    float one_plus = scale * itn__square(1 + g) * u * (1 - g * (1 - u));
     itn_vec3 s, t;
+    *x = itn__min(scale * itn__square(1 - g) * (1 - u) * ((1 - u) + (1 + g) * u), 2);
+    *y = itn__min(scale * itn__square(1 + g) * u * (u + (1 - g) * (1 - u)), 2);
+    sine = sqrtf(*x * *y);
     itn__frame(direction, &s, &t);
-    sine = sqrtf(one_minus * one_plus);
-    *x = itn__min(one_minus, 2);
     return itn__normalize(itn__to_world(
-        itn__vec3(sine * cosf(phi), sine * sinf(phi), one_minus < 1 ? 1 - one_minus : one_plus - 1),
-        s, t, direction));
+        itn__vec3(sine * cosf(phi), sine * sinf(phi), *x < 1 ? 1 - *x : *y - 1), s, t, direction));
 }
 /* ---- [surface] Fresnel, rough boundary, diffuse ---------------------------------------------- */
 
@@ -2114,7 +2120,7 @@ ITN__INLINE itn_vec3 itn__sample_phase(itn_vec3 direction, float g, float u, flo
        f_t cos theta_o = (1-F) D G (i.m) |o.m| eta^2 / (cos theta_i (i.m + eta o.m)^2),
                                                                                 m ~ i + eta o
    Facets are drawn as omega_i sees them, D_v(m) = G1(omega_i) D(m) (i.m) / cos theta_i (Heitz
-   2018), and reflect or transmit by F; so in either case f cos theta_o / pdf = G1(omega_o). Light that
+   2018), and reflect or transmit by F; in either case f cos theta_o / pdf = G1(omega_o). Light that
    would meet a second facet is lost: a white furnace with a rough boundary is darker than 1.
 
    Derivatives are detached: directions stay, f changes. With omega_i and omega_o fixed, the facet
@@ -2296,6 +2302,7 @@ typedef struct itn__light {
     itn__grid grid;   /* of map and sky */
 } itn__light;
 
+#define ITN__MAX_RADIANCE 1e18f /* so that sums and products of a few stay finite */
 #define ITN__SUN_RADIUS 0.2679f /* degrees, half of the disc's mean angular diameter */
 
 ITN__INLINE float itn__luminance(const float rgb[3]) {
@@ -2319,6 +2326,7 @@ ITN__INLINE void itn__grid_locate(int width, int height, float bottom, float u, 
                                   int *c1, int *r, float *fx, float *fy) {
     float x = u * (float)width - .5f, y = v / bottom * (float)(height - 1);
     if (x < 0) x += (float)width;
+    x = x > 0 ? x : 0, y = y > 0 ? y : 0; /* also from NaN */
     *c0 = (int)x < width ? (int)x : width - 1;
     *c1 = *c0 + 1 < width ? *c0 + 1 : 0;
     *r = (int)y < height - 1 ? (int)y : height - 2;
@@ -2350,7 +2358,7 @@ static float itn__sky_radiance(const itn_sky *sky, int channel, float cos_theta,
     float f = (1 + a[0] * expf(a[1] / (cos_theta + .01f))) *
               (a[2] + a[3] * expf(a[4] * gamma) + a[5] * cos2 + a[6] * mie +
                a[7] * sqrtf(cos_theta));
-    return itn__max(f * sky->radiance[channel], 0);
+    return itn__clamp(f * sky->radiance[channel], 0, 2 * ITN__MAX_RADIANCE);
 }
 
 /* Radiance of a light, without its scale, in direction d. */
@@ -2374,6 +2382,7 @@ static void itn__light_radiance(const itn__light *light, itn_vec3 d, float rgb[3
 static double itn__grid_prepare(itn__grid *grid) {
     int width = grid->width, height = grid->height, r, c;
     double total = 0;
+    size_t i;
     for (r = 0; r < height - 1; r++) {
         const float *top = grid->density + (size_t)r * (size_t)width, *below = top + width;
         float *cells = grid->cells + (size_t)r * (size_t)width;
@@ -2389,7 +2398,8 @@ static double itn__grid_prepare(itn__grid *grid) {
     }
     for (r = 0; r < height - 1; r++) grid->rows[r] = (float)(grid->rows[r] / total);
     total *= .25 * grid->bottom / ((double)width * (height - 1));
-    for (r = 0; r < width * height; r++) grid->density[r] = (float)(grid->density[r] / total);
+    for (i = 0; i < (size_t)width * (size_t)height; i++)
+        grid->density[i] = (float)(grid->density[i] / total);
     return total;
 }
 
@@ -2466,13 +2476,15 @@ static itn_vec3 itn__light_sample(const itn__light *light, float u, float v) {
 }
 
 /* Builds the grid of a map or sky from its own radiance at the nodes. Returns its power (the
-   integral of luminance over the sphere), or -1 if memory is out. A floor of a thousandth of the
+   integral of luminance over the sphere), -1 if memory is out, infinity if a radiance is too large
+   (as a sky's with odd coefficients can be). A floor of a thousandth of the
    mean keeps every part of a sky, clamped or not, within reach. */
 static double itn__light_grid(const itn_context *context, itn__light *light, int width, int height,
                               float bottom) {
     itn__grid *grid = &light->grid;
     size_t nodes = (size_t)width * (size_t)height;
     double mean = 0;
+    size_t i;
     int r, c;
     grid->width = width, grid->height = height, grid->bottom = bottom;
     grid->density = (float *)itn__allocate(context, nodes, sizeof(float));
@@ -2490,6 +2502,7 @@ static double itn__light_grid(const itn_context *context, itn__light *light, int
                 memcpy(rgb, light->map + 3 * ((size_t)r * (size_t)width + (size_t)c), sizeof rgb);
             else
                 d.y = itn__max(d.y, 0), itn__light_radiance(light, d, rgb);
+            if (!(itn__luminance(rgb) <= ITN__MAX_RADIANCE)) return INFINITY;
             mean += grid->density[(size_t)r * (size_t)width + (size_t)c] =
                 itn__luminance(rgb) * sine;
         }
@@ -2497,8 +2510,8 @@ static double itn__light_grid(const itn_context *context, itn__light *light, int
     mean /= (double)nodes;
     if (!(mean > 0)) return 0; /* black: never sampled */
     if (light->kind == ITN__LIGHT_SKY)
-        for (r = 0; r < (int)nodes; r++)
-            grid->density[r] = itn__max(grid->density[r], (float)(1e-3 * mean));
+        for (i = 0; i < nodes; i++)
+            grid->density[i] = itn__max(grid->density[i], (float)(1e-3 * mean));
     return itn__grid_prepare(grid) * 2 * ITN__PI * ITN__PI;
 }
 /* ---- [sensor] camera and film ---------------------------------------------------------------- */
@@ -2535,8 +2548,8 @@ static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u,
    hold indices into it, and a render reads its values from theta. All triangles share one tree, in
    coordinates whose origin is the middle of the solids, so that a scene far from its own origin
    keeps its digits. */
+#define ITN__SAME_INDEX 1e-5f /* relative difference of indices that is not felt */
 enum { ITN__MAX_OBJECTS = 64, ITN__MAX_LIGHTS = 64, ITN__MAX_ITEMS = 4096 };
-#define ITN__MAX_RADIANCE 1e18f /* so that sums and products of a few stay finite */
 
 typedef struct itn__medium {
     char name[ITN_NAME_SIZE];
@@ -2557,7 +2570,10 @@ typedef struct itn__surface {
 typedef struct itn__object {
     int medium, surface; /* indices, -1: none */
     int first_triangle;
-    int closed;
+    int closed;   /* has an inside: rays meet its faces from one side at a time */
+    int solid;    /* closed, with a medium or a dielectric surface */
+    int refracts; /* has a dielectric surface */
+    int mirrored; /* its triangles are turned around as they are copied */
     float *uvs; /* [triangles][6] or NULL */
     double volume, area;
     double lower[3], upper[3]; /* bounds in scene coordinates */
@@ -2679,25 +2695,32 @@ typedef struct itn__maker {
     itn_error *error;
 } itn__maker;
 
+/* Whether two parameters are one in the names of layers, where the dot becomes a _. */
+static int itn__same_layer(const char *a, const char *b) {
+    while (*a && (*a == '.' ? '_' : *a) == (*b == '.' ? '_' : *b)) a++, b++;
+    return *a == *b;
+}
+
 /* Adds parameter item.field (or item.field_r for channel 0 of 3...); returns its index or -1. */
 static int itn__add_parameter(itn__maker *maker, const char *item, const char *field, int channel,
                               float value, float lower, float upper, itn_transform transform) {
     static const char *const suffix[4] = {"", "_r", "_g", "_b"};
     itn_scene *scene = maker->scene;
     itn_parameter *p = &scene->parameters[scene->parameter_count];
-    int length;
+    int k;
     if (!(value >= lower && value <= upper)) {
         itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: %s %g is not in [%g, %g]", item, field,
                   (double)value, (double)lower, (double)upper);
         return -1;
     }
-    length = snprintf(p->name, sizeof p->name, "%s.%s%s", item, field, suffix[channel + 1]);
-    if (length >= (int)sizeof p->name || itn_parameter_find(scene, p->name) >= 0) {
-        itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                  "parameter name %s.%s is %s", item, field,
-                  length >= (int)sizeof p->name ? "too long" : "not unique: name the items apart");
-        return -1;
-    }
+    snprintf(p->name, sizeof p->name, "%s.%s%s", item, field, suffix[channel + 1]);
+    for (k = 0; k < scene->parameter_count; k++)
+        if (itn__same_layer(scene->parameters[k].name, p->name)) {
+            itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                      "%s and %s would have the same layer name: name the items apart",
+                      scene->parameters[k].name, p->name);
+            return -1;
+        }
     p->value = value, p->lower = lower, p->upper = upper, p->transform = transform;
     return scene->parameter_count++;
 }
@@ -2735,7 +2758,7 @@ static itn_result itn__make_film(itn__maker *maker) {
     const itn_camera_desc *in = &maker->desc->camera;
     itn_film_desc film = maker->desc->film;
     itn__camera *camera = &maker->scene->camera;
-    itn_vec3 up = in->up, forward = itn__sub(in->target, in->eye);
+    itn_vec3 up = itn__direction(in->up), forward = itn__direction(itn__sub(in->target, in->eye));
     float fov = in->fov != 0 ? in->fov : 30, half;
     if (film.width == 0) film.width = 128;
     if (film.height == 0) film.height = 128;
@@ -2755,8 +2778,8 @@ static itn_result itn__make_film(itn__maker *maker) {
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "camera: fov %g is not in (0, 180)",
                          (double)fov);
     if (up.x == 0 && up.y == 0 && up.z == 0) up.y = 1;
-    camera->forward = itn__normalize(forward);
-    camera->right = itn__cross(camera->forward, itn__normalize(up));
+    camera->forward = forward;
+    camera->right = itn__cross(forward, up);
     if (!(itn__length(camera->right) > 1e-5f)) /* sine of the angle between two unit vectors */
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
                          "camera: up is parallel to the view");
@@ -2792,7 +2815,8 @@ static itn_result itn__copy_texels(itn__maker *maker, const char *item, const it
     const float *planes[3];
     size_t i, count;
     int k;
-    if (!image || !image->pixels || image->width < 1 || image->height < 2)
+    if (!image || !image->pixels || !image->names || image->plane_count < 1 || image->width < 1 ||
+        image->height < 2)
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
                          "%s: needs an image of at least 1 x 2 pixels", item);
     count = (size_t)image->width * (size_t)image->height;
@@ -2878,22 +2902,24 @@ static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, con
     int c, k;
     itn_result result;
     for (k = 0; k < 27; k++)
-        if (!itn__finite(numbers[k]))
+        if (!itn__finite(numbers[k]) || (k % 9 == 8 && !(fabsf(numbers[k]) < 1)))
             return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                             "%s: sky coefficient %d is not finite", name, k);
+                             "%s: sky coefficient %d of channel %d is not %s", name, k % 9, k / 9,
+                             k % 9 == 8 ? "in (-1, 1)" : "finite");
     if (!itn__finite3(in->sun_direction) || !(in->sun_direction.y > 0))
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
                          "%s: the sun's direction must be finite and above the horizon", name);
     half *= radius_scale;
-    if (!(radius_scale > 0 && half < 1.5f))
+    if (!(radius_scale >= .01f && radius_scale <= 320))
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: sun_radius_scale %g is not in (0, 320)", name, (double)radius_scale);
+                         "%s: sun_radius_scale %g is not in [.01, 320]", name,
+                         (double)radius_scale);
     sky->kind = ITN__LIGHT_SKY, sun->kind = ITN__LIGHT_SUN;
     sky->sky = in->sky;
     result = itn__copy_radiance(maker, name, in->sky.radiance, 3, sky->radiance);
     if (!result) result = itn__copy_radiance(maker, name, in->sky.sun_radiance, 3, sun->radiance);
     if (result) return result;
-    sky->sun = sun->sun = itn__normalize(in->sun_direction);
+    sky->sun = sun->sun = itn__direction(in->sun_direction);
     sun->sun_cone = 2 * itn__square(sinf(half / 2));
     for (c = 0; c < 3; c++) sun->radiance[c] *= natural / sun->sun_cone;
     sky->parameter = itn__add_parameter(maker, name, "scale", -1, sky->share, 0, 1e12f, ITN_LOG);
@@ -2956,6 +2982,9 @@ static itn_result itn__share_lights(itn__maker *maker) {
         else if (light->kind == ITN__LIGHT_SUN)
             power[i] = 2 * (double)ITN__PI * light->sun_cone * itn__luminance(light->radiance);
         if (power[i] < 0) return itn__out_of_memory(maker->error, "a light's sampling table");
+        if (!itn__finite(power[i]))
+            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: radiance beyond %g",
+                             scene->parameters[light->parameter].name, (double)ITN__MAX_RADIANCE);
         if (!(power[i] > 0)) power[i] = -1; /* not sampled */
         if (power[i] > 0) sampled++, power[i] *= light->share > 0 ? light->share : 1e-30;
         if (power[i] > 0) total += power[i];
@@ -2989,6 +3018,12 @@ static int itn__object_vertices(const itn_object_desc *in) {
 }
 static int itn__object_triangles(const itn_object_desc *in) {
     return in->mesh ? in->mesh->triangle_count : 2;
+}
+
+/* Vertex of corner i: corners 0, 1, 2 are those of triangle 0 and so on. */
+static int itn__object_corner(const itn_object_desc *in, int i) {
+    static const int square[6] = {0, 1, 2, 0, 2, 3};
+    return in->mesh ? in->mesh->triangles[i] : square[i];
 }
 
 /* Position of vertex i in scene coordinates. */
@@ -3059,13 +3094,13 @@ static itn_result itn__not_a_solid(itn__maker *maker, int index, const itn_mesh 
                                   const itn_mesh_report *report) {
     const float *p = mesh->positions;
     const int *edge = report->open_edges ? report->open_edge[0] : report->flipped_edge[0];
-    int a = edge[0], b = edge[1];
+    size_t a = (size_t)edge[0], b = (size_t)edge[1];
     if (report->open_edges || report->flipped_edges)
         return itn__fail(maker->error, ITN_ERROR_MESH, 0,
                          "object %d: the mesh is not closed: %d open and %d flipped edges, first "
                          "between vertices %d (%g, %g, %g) and %d (%g, %g, %g)", index + 1,
-                         report->open_edges, report->flipped_edges, a, (double)p[3 * a],
-                         (double)p[3 * a + 1], (double)p[3 * a + 2], b, (double)p[3 * b],
+                         report->open_edges, report->flipped_edges, edge[0], (double)p[3 * a],
+                         (double)p[3 * a + 1], (double)p[3 * a + 2], edge[1], (double)p[3 * b],
                          (double)p[3 * b + 1], (double)p[3 * b + 2]);
     return itn__fail(maker->error, ITN_ERROR_MESH, 0,
                      "object %d: the mesh is inside out or flat: its volume is %g (triangles must "
@@ -3079,11 +3114,12 @@ static itn_result itn__check_object(itn__maker *maker, int index) {
     double determinant = fabs(itn__determinant(itn__object_matrix(in)));
     itn_mesh_report report;
     itn_result result;
-    int solid = object->medium >= 0 ||
-                maker->scene->surfaces[object->surface].type == ITN_SURFACE_DIELECTRIC;
+    object->refracts = object->surface >= 0 && maker->scene->surfaces[object->surface].type ==
+                                                   ITN_SURFACE_DIELECTRIC;
+    object->solid = object->medium >= 0 || object->refracts;
     if (!in->mesh) {
         object->area = 4 * (double)in->half_size * in->half_size;
-        if (!solid) return ITN_OK;
+        if (!object->solid) return ITN_OK;
         return itn__fail(maker->error, ITN_ERROR_MESH, 0,
                          "object %d: a plane has no inside for a dielectric", index + 1);
     }
@@ -3096,9 +3132,11 @@ static itn_result itn__check_object(itn__maker *maker, int index) {
                          report.bad_vertices, report.first_bad_vertex, report.bad_indices,
                          report.first_bad_triangle);
     object->closed = !report.open_edges && !report.flipped_edges && report.volume > 0;
-    if (solid && !object->closed && !in->force)
+    if (object->solid && !object->closed && !in->force)
         return itn__not_a_solid(maker, index, in->mesh, &report);
-    object->closed |= solid;
+    object->closed |= object->solid;
+    object->mirrored = (itn__determinant(itn__object_matrix(in)) < 0) !=
+                       (object->solid && report.volume < 0);
     object->volume = fabs(report.volume) * determinant;
     object->area = report.area * pow(determinant, 2. / 3); /* exact for uniform scaling */
     return ITN_OK;
@@ -3109,10 +3147,10 @@ static void itn__object_bounds(itn__maker *maker, int index) {
     const itn_object_desc *in = &maker->desc->objects[index];
     itn__object *object = &maker->scene->objects[index];
     double p[3];
-    int v, k;
+    int i, k;
     for (k = 0; k < 3; k++) object->lower[k] = DBL_MAX, object->upper[k] = -DBL_MAX;
-    for (v = 0; v < itn__object_vertices(in); v++) {
-        itn__object_vertex(in, v, p);
+    for (i = 0; i < 3 * itn__object_triangles(in); i++) { /* only vertices in use count */
+        itn__object_vertex(in, itn__object_corner(in, i), p);
         for (k = 0; k < 3; k++) {
             if (p[k] < object->lower[k]) object->lower[k] = p[k];
             if (p[k] > object->upper[k]) object->upper[k] = p[k];
@@ -3128,10 +3166,10 @@ static itn_result itn__make_origin(itn__maker *maker) {
     for (k = 0; k < 3; k++) lower[k] = DBL_MAX, upper[k] = -DBL_MAX;
     for (i = 0; i < scene->object_count; i++) {
         itn__object_bounds(maker, i);
-        solids += scene->objects[i].closed;
+        solids += scene->objects[i].solid;
     }
     for (i = 0; i < scene->object_count; i++)
-        for (k = 0; k < 3 && (scene->objects[i].closed || !solids); k++) {
+        for (k = 0; k < 3 && (scene->objects[i].solid || !solids); k++) {
             lower[k] = fmin(lower[k], scene->objects[i].lower[k]);
             upper[k] = fmax(upper[k], scene->objects[i].upper[k]);
         }
@@ -3145,13 +3183,11 @@ static itn_result itn__make_origin(itn__maker *maker) {
                      (double)scene->radius);
 }
 
-/* Writes object `index` into the merged mesh at the given vertex and triangle. A mirroring
-   transform turns triangles inside out, so their corners change places. */
+/* Writes object `index` into the merged mesh at the given vertex and triangle. */
 static void itn__merge_object(const itn__maker *maker, int index, itn_mesh *merged, int vertex,
                               int triangle, int *object_of_triangle) {
-    static const int square[6] = {0, 1, 2, 0, 2, 3};
     const itn_object_desc *in = &maker->desc->objects[index];
-    int mirrored = itn__determinant(itn__object_matrix(in)) < 0, i, k;
+    int mirrored = maker->scene->objects[index].mirrored, i, k;
     for (i = 0; i < itn__object_vertices(in); i++) {
         double p[3];
         itn__object_vertex(in, i, p);
@@ -3160,9 +3196,9 @@ static void itn__merge_object(const itn__maker *maker, int index, itn_mesh *merg
                 (float)(p[k] - maker->scene->origin[k]);
     }
     for (i = 0; i < itn__object_triangles(in); i++) {
-        const int *from = in->mesh ? in->mesh->triangles + 3 * (size_t)i : square + 3 * i;
         int *to = merged->triangles + 3 * (size_t)(triangle + i);
-        for (k = 0; k < 3; k++) to[k] = vertex + from[mirrored && k ? 3 - k : k];
+        for (k = 0; k < 3; k++)
+            to[k] = vertex + itn__object_corner(in, 3 * i + (mirrored && k ? 3 - k : k));
         object_of_triangle[triangle + i] = index;
     }
 }
@@ -3171,7 +3207,6 @@ static void itn__merge_object(const itn__maker *maker, int index, itn_mesh *merg
 static itn_result itn__copy_uvs(itn__maker *maker, int index) {
     const itn_object_desc *in = &maker->desc->objects[index];
     itn__object *object = &maker->scene->objects[index];
-    const float *matrix = itn__object_matrix(in);
     size_t i, k;
     if (!in->mesh || !in->mesh->uvs || object->surface < 0 ||
         maker->scene->surfaces[object->surface].texture == ITN_TEXTURE_NONE)
@@ -3182,12 +3217,12 @@ static itn_result itn__copy_uvs(itn__maker *maker, int index) {
     for (i = 0; i < (size_t)in->mesh->triangle_count; i++)
         for (k = 0; k < 6; k++) {
             size_t corner = k / 2;
-            if (itn__determinant(matrix) < 0 && corner) corner = 3 - corner;
+            if (object->mirrored && corner) corner = 3 - corner;
             object->uvs[6 * i + k] = in->mesh->uvs[6 * i + 2 * corner + k % 2];
-            if (!itn__finite(object->uvs[6 * i + k]))
+            if (!(fabsf(object->uvs[6 * i + k]) <= 1e6f)) /* larger ones have no digits left */
                 return itn__fail(maker->error, ITN_ERROR_MESH, 0,
-                                 "object %d: texture coordinate of triangle %d is not finite",
-                                 index + 1, (int)i);
+                                 "object %d: texture coordinate %g of triangle %d is not in "
+                                 "[-1e6, 1e6]", index + 1, (double)object->uvs[6 * i + k], (int)i);
         }
     return ITN_OK;
 }
@@ -3226,22 +3261,25 @@ static itn_result itn__make_tree(itn__maker *maker) {
     return result;
 }
 
-/* On which side of each object the camera is: the first face of it that any ray meets tells. */
+/* On which side of each object the camera is: inside, if along any ray a back face comes before
+   (where parts touch, together with) the first front face. */
 static void itn__make_sides(itn_scene *scene) {
-    unsigned char sides[ITN__MAX_OBJECTS];
+    unsigned char sides[ITN__MAX_OBJECTS] = {0};
+    itn_hit back, front;
     itn_ray ray;
-    itn_hit hit;
     int i;
     ray.origin = scene->camera.eye;
     ray.direction = itn__vec3(.36f, .48f, .8f), ray.tmin = 0, ray.tmax = INFINITY;
     for (i = 0; i < scene->object_count; i++) {
-        scene->sides[i] = ITN__FRONT | ITN__BACK;
-        if (!scene->objects[i].closed) continue;
-        memset(sides, 0, sizeof sides);
-        sides[i] = ITN__FRONT | ITN__BACK;
-        scene->sides[i] = ITN__FRONT;
-        if (itn__bvh_trace(scene->bvh, &ray, sides, 0, &hit) && !hit.front)
+        scene->sides[i] = scene->objects[i].closed ? ITN__FRONT : ITN__FRONT | ITN__BACK;
+        back.t = front.t = INFINITY;
+        sides[i] = ITN__FRONT;
+        itn__bvh_trace(scene->bvh, &ray, sides, 0, &front);
+        sides[i] = ITN__BACK;
+        if (itn__bvh_trace(scene->bvh, &ray, sides, 0, &back) && back.t <= front.t &&
+            scene->objects[i].closed)
             scene->sides[i] = ITN__BACK;
+        sides[i] = 0;
     }
 }
 
@@ -3270,7 +3308,7 @@ static itn_result itn__make_arrays(itn__maker *maker) {
     const itn_scene_desc *in = maker->desc;
     itn_scene *scene = maker->scene;
     const itn_context *context = &scene->context;
-    int items = in->medium_count + in->surface_count + in->light_count;
+    size_t items;
     if (in->medium_count < 0 || in->surface_count < 0 || in->light_count < 0 ||
         in->object_count < 1 || in->object_count > ITN__MAX_OBJECTS ||
         in->light_count > ITN__MAX_LIGHTS || in->medium_count > ITN__MAX_ITEMS ||
@@ -3278,11 +3316,12 @@ static itn_result itn__make_arrays(itn__maker *maker) {
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
                          "a scene has 1 to %d objects, up to %d lights, %d media and surfaces; "
                          "this one has %d objects, %d lights, %d media, %d surfaces",
-                         ITN__MAX_OBJECTS, ITN__MAX_LIGHTS, ITN__MAX_ITEMS, in->object_count, in->light_count,
-                         in->medium_count, in->surface_count);
+                         ITN__MAX_OBJECTS, ITN__MAX_LIGHTS, ITN__MAX_ITEMS, in->object_count,
+                         in->light_count, in->medium_count, in->surface_count);
     if ((in->medium_count && !in->media) || (in->surface_count && !in->surfaces) ||
         (in->light_count && !in->lights) || !in->objects)
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "itn_scene_desc: an array is NULL");
+    items = (size_t)in->medium_count + (size_t)in->surface_count + (size_t)in->light_count;
     scene->media = (itn__medium *)itn__allocate(context, (size_t)in->medium_count,
                                                 sizeof(itn__medium));
     scene->surfaces = (itn__surface *)itn__allocate(context, (size_t)in->surface_count,
@@ -3291,7 +3330,7 @@ static itn_result itn__make_arrays(itn__maker *maker) {
                                                   sizeof(itn__object));
     scene->lights = (itn__light *)itn__allocate(context, 2 * (size_t)in->light_count,
                                                 sizeof(itn__light));
-    scene->parameters = (itn_parameter *)itn__allocate(context, 6 * (size_t)items,
+    scene->parameters = (itn_parameter *)itn__allocate(context, 6 * items,
                                                        sizeof(itn_parameter));
     if (!scene->media || !scene->surfaces || !scene->objects || !scene->lights ||
         !scene->parameters)
@@ -3372,7 +3411,8 @@ typedef struct itn__weight {
    yet left behind, are remembered, so that a walk does not go through them again and again. */
 typedef struct itn__place {
     unsigned char sides[ITN__MAX_OBJECTS];
-    int inside; /* object whose medium the walk is in, -1: none */
+    int inside;     /* object whose medium the walk is in, -1: none */
+    int refracting; /* object whose index of refraction holds there, -1: none, 1 */
     int crossed[4], crossed_count; /* the latest: 2 triangle + front, in a ring; how many so far */
 } itn__place;
 
@@ -3385,7 +3425,7 @@ typedef struct itn__walk {
     itn__place place;
     itn__weight weight, connection; /* of the path; of its link to a sampled light */
     float pdf;                      /* of the last direction drawn; INFINITY if nothing was drawn */
-    int scatterings, events;
+    int scatterings, events, boundaries;
     float radiance[3];              /* of this path */
     float *derivative;              /* [channels][count], of this path */
     double collisions;              /* of all paths so far, for the record */
@@ -3500,19 +3540,25 @@ static int itn__find_inside(const itn_scene *scene, const unsigned char *sides) 
     return i;
 }
 
+/* The same for the index of refraction, which an object without dielectric surface leaves as it
+   is around it. */
+static int itn__find_refracting(const itn_scene *scene, const unsigned char *sides) {
+    int i = scene->object_count - 1;
+    while (i >= 0 && (sides[i] != ITN__BACK || !scene->objects[i].refracts)) i--;
+    return i;
+}
+
 ITN__INLINE const itn__medium *itn__medium_of(const itn_scene *scene, int object) {
     return object >= 0 && scene->objects[object].medium >= 0
                ? &scene->media[scene->objects[object].medium] : NULL;
 }
 
-/* Parameter of an object's index of refraction, or -1 where there is none. */
+/* Parameter of a refracting object's index, or -1 for none. */
 static int itn__ior_parameter(const itn__walk *walk, int object) {
-    int surface = object >= 0 ? walk->scene->objects[object].surface : -1;
-    if (surface < 0 || walk->scene->surfaces[surface].type != ITN_SURFACE_DIELECTRIC) return -1;
-    return walk->scene->surfaces[surface].ior;
+    return object >= 0 ? walk->scene->surfaces[walk->scene->objects[object].surface].ior : -1;
 }
 
-/* Index of refraction inside an object; 1 outside of all. */
+/* Index of refraction inside a refracting object; 1 outside of all. */
 static float itn__ior(const itn__walk *walk, int object) {
     int parameter = itn__ior_parameter(walk, object);
     return parameter >= 0 ? walk->theta[parameter] : 1;
@@ -3523,6 +3569,7 @@ static void itn__cross_boundary(itn__walk *walk, int object, const itn_hit *hit)
     itn__place *place = &walk->place;
     place->sides[object] ^= ITN__FRONT | ITN__BACK;
     place->inside = itn__find_inside(walk->scene, place->sides);
+    place->refracting = itn__find_refracting(walk->scene, place->sides);
     place->crossed[place->crossed_count++ % 4] = 2 * hit->triangle + hit->front;
 }
 
@@ -3543,27 +3590,45 @@ static int itn__next_hit(itn__walk *walk, itn_ray *ray, itn_hit *hit) {
     return 0;
 }
 
-/* What lies on the other side of the boundary of `object`, and whether light feels the boundary. */
+/* Whether light feels the boundary of `object`; *after receives the object that refracts on the
+   other side. Indices that differ by less than floats can tell in a direction count as equal. */
 static int itn__beyond(itn__walk *walk, int object, int *after) {
-    int surface = walk->scene->objects[object].surface;
     itn__place *place = &walk->place;
+    float before_ior = itn__ior(walk, place->refracting);
+    int inside;
     place->sides[object] ^= ITN__FRONT | ITN__BACK;
-    *after = itn__find_inside(walk->scene, place->sides);
+    inside = itn__find_inside(walk->scene, place->sides);
+    *after = itn__find_refracting(walk->scene, place->sides);
     place->sides[object] ^= ITN__FRONT | ITN__BACK;
-    return surface >= 0 && *after != place->inside &&
-           itn__ior(walk, *after) != itn__ior(walk, place->inside);
+    return walk->scene->objects[object].refracts && inside != place->inside &&
+           fabsf(itn__ior(walk, *after) - before_ior) > ITN__SAME_INDEX * before_ior;
 }
 
-/* Geometric normal of a triangle, counter-clockwise, and a point on it. */
-static void itn__hit_geometry(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 *point,
-                              itn_vec3 *normal) {
-    itn_vec3 p[3], a, b;
-    float scale;
+/* The point of a hit. */
+static itn_vec3 itn__hit_point(const itn_bvh *bvh, const itn_hit *hit) {
+    itn_vec3 p[3];
     itn__bvh_corners(bvh, hit->triangle, p);
-    a = itn__sub(p[1], p[0]), b = itn__sub(p[2], p[0]);
-    *point = itn__along(itn__along(p[0], hit->u, a), hit->v, b);
-    scale = 1 / itn__max(itn__max_abs(a), itn__max_abs(b)); /* against underflow */
-    *normal = itn__normalize(itn__cross(itn__scale(a, scale), itn__scale(b, scale)));
+    return itn__along(itn__along(p[0], hit->u, itn__sub(p[1], p[0])), hit->v,
+                      itn__sub(p[2], p[0]));
+}
+
+/* Unit normal of the triangle that a ray has hit, on the side it comes from. In double, where the
+   edges of floats and their products are exact enough for the thinnest needle. Returns 0 if there
+   is none. */
+static int itn__hit_normal(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 *normal) {
+    itn_vec3 p[3];
+    double a[3], b[3], n[3], length;
+    itn__bvh_corners(bvh, hit->triangle, p);
+    a[0] = (double)p[1].x - p[0].x, a[1] = (double)p[1].y - p[0].y, a[2] = (double)p[1].z - p[0].z;
+    b[0] = (double)p[2].x - p[0].x, b[1] = (double)p[2].y - p[0].y, b[2] = (double)p[2].z - p[0].z;
+    n[0] = a[1] * b[2] - a[2] * b[1];
+    n[1] = a[2] * b[0] - a[0] * b[2];
+    n[2] = a[0] * b[1] - a[1] * b[0];
+    length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    if (!(length > 0)) return 0;
+    if (!hit->front) length = -length;
+    *normal = itn__vec3((float)(n[0] / length), (float)(n[1] / length), (float)(n[2] / length));
+    return 1;
 }
 
 /* Carries the connection from `ray` to the lights: transmittance through media and index-matched
@@ -3574,7 +3639,6 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
     int crossing;
     for (crossing = 0; crossing < MOST_CROSSINGS; crossing++) {
         const itn__medium *medium = itn__medium_of(scene, walk->place.inside);
-        itn_vec3 normal;
         itn_hit hit;
         int object, after;
         ray.tmax = INFINITY;
@@ -3589,7 +3653,7 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
                        itn__transmittance(walk->theta[medium->sigma_t], itn__max(hit.t, 0)), 1,
                        medium->sigma_t, -1);
         itn__cross_boundary(walk, object, &hit);
-        itn__hit_geometry(scene->bvh, &hit, &ray.origin, &normal);
+        ray.origin = itn__hit_point(scene->bvh, &hit);
     }
     return 0;
 }
@@ -3662,7 +3726,7 @@ static int itn__alive(const itn__walk *walk) {
 /* A collision at the origin of the ray: a link to a light, then a new direction. Returns 0 at the
    end of the path. */
 static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray) {
-    float g = walk->theta[medium->g], light_pdf, x, u, v;
+    float g = walk->theta[medium->g], light_pdf, x, y, u, v;
     itn_vec3 direction;
     itn__dual f;
     int parameter[ITN__DUALS], c;
@@ -3676,14 +3740,16 @@ static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray
     }
     if (!itn__alive(walk)) return 0;
     if (itn__draw_light(walk, &direction, &light_pdf)) {
-        f = itn__phase(g, itn__one_minus_cosine(ray->direction, direction));
+        x = itn__one_minus_cosine(ray->direction, direction);
+        y = itn__one_minus_cosine(ray->direction, itn__scale(direction, -1));
+        f = itn__phase(g, x, y);
         itn__copy_weight(walk, &walk->connection, &walk->weight);
         itn__weigh(walk, &walk->connection, f, light_pdf, medium->g, -1);
         itn__connect(walk, ray->origin, direction, -1, NULL, f.v, light_pdf);
     }
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
-    ray->direction = itn__sample_phase(ray->direction, g, u, v, &x);
-    f = itn__phase(g, x);
+    ray->direction = itn__sample_phase(ray->direction, g, u, v, &x, &y);
+    f = itn__phase(g, x, y);
     walk->pdf = f.v;
     itn__weigh(walk, &walk->weight, f, f.v, medium->g, -1);
     return 1;
@@ -3764,11 +3830,12 @@ static int itn__meet_diffuse(itn__walk *walk, itn_ray *ray, const itn_hit *hit, 
    of both sides: eta = ior(after) / ior(before). */
 static void itn__weigh_eta(itn__walk *walk, itn__weight *weight, float value, float by_eta,
                            float pdf, int after) {
-    float before_ior = itn__ior(walk, walk->place.inside), eta = itn__ior(walk, after) / before_ior;
+    float before_ior = itn__ior(walk, walk->place.refracting);
+    float eta = itn__ior(walk, after) / before_ior;
     itn__dual f = itn__constant(value);
     f.d[0] = by_eta / before_ior, f.d[1] = -by_eta * eta / before_ior;
     itn__weigh(walk, weight, f, pdf, itn__ior_parameter(walk, after),
-               itn__ior_parameter(walk, walk->place.inside));
+               itn__ior_parameter(walk, walk->place.refracting));
 }
 
 /* Multiplies a weight by f / pdf of a rough boundary with object `after` on the far side. */
@@ -3781,17 +3848,20 @@ static void itn__weigh_rough(itn__walk *walk, itn__weight *weight, const itn__su
 
 /* Whether a derivative by an index on either side is asked for and can still be felt. */
 static int itn__wants_edge(const itn__walk *walk, int after) {
-    return walk->count && !walk->weight.zero[0] &&
-           (itn__slot(walk, itn__ior_parameter(walk, after)) >= 0 ||
-            itn__slot(walk, itn__ior_parameter(walk, walk->place.inside)) >= 0);
+    int c, felt = 0;
+    for (c = 0; c < itn__channels(walk); c++)
+        felt |= !walk->weight.zero[c] && walk->weight.beta[c] > 0;
+    return felt && (itn__slot(walk, itn__ior_parameter(walk, after)) >= 0 ||
+            itn__slot(walk, itn__ior_parameter(walk, walk->place.refracting)) >= 0);
 }
 
 /* Derivatives by eta have a part that fixed directions miss: the facets' hemisphere ends at
    m_z = 0, where D is not 0, and as eta grows facets cross that edge. What crosses it per eta is
-   f_t d omega_o = h(m) dm at the edge times the speed dm_z/deta. A path that is chosen for it (one
-   in ten) carries only this derivative, as a factor of value 0. Returns 0 where nothing crosses. */
+   f_t d omega_o = h(m) dm at the edge times the speed dm_z/deta. A path that is chosen for it (with
+   probability `chosen`) carries only this derivative, as a factor of value 0. Returns 0 where
+   nothing crosses. */
 static int itn__sample_edge(itn__walk *walk, const itn__surface *surface, itn_vec3 i, float eta,
-                            int after, itn_vec3 *o) {
+                            int after, float chosen, itn_vec3 *o) {
     float phi = ITN__PI * (itn__uniform(&walk->rng) - .5f), across = sqrtf(i.x * i.x + i.y * i.y);
     float alpha_value = walk->theta[surface->alpha], cos_i, h, speed;
     itn__dual alpha = itn__constant(alpha_value), fresnel, cos_t;
@@ -3806,7 +3876,7 @@ static int itn__sample_edge(itn__walk *walk, const itn__surface *surface, itn_ve
     speed = o->z / (cos_i - eta * cos_t.v); /* of m_z, m being i + eta o brought to unit length */
     h = (1 - fresnel.v) * itn__square(alpha_value) / ITN__PI * itn__smith(i, alpha).v *
         itn__smith(*o, alpha).v * cos_i / i.z;
-    itn__weigh_eta(walk, &walk->weight, 0, h * speed, .1f / ITN__PI, after);
+    itn__weigh_eta(walk, &walk->weight, 0, h * speed, chosen / ITN__PI, after);
     walk->pdf = INFINITY;
     return itn__alive(walk);
 }
@@ -3817,7 +3887,7 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
                                 int after, itn_vec3 n) {
     const itn__surface *surface = &walk->scene->surfaces[walk->scene->objects[object].surface];
     float alpha = surface->alpha >= 0 ? walk->theta[surface->alpha] : 0;
-    float eta = itn__ior(walk, after) / itn__ior(walk, walk->place.inside), light_pdf, u[3];
+    float eta = itn__ior(walk, after) / itn__ior(walk, walk->place.refracting), light_pdf, u[3], chosen = 0;
     itn_vec3 s, t, i, o, direction;
     itn__dual f;
     int k, edge = 0;
@@ -3833,12 +3903,13 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
             itn__connect(walk, ray->origin, direction, o.z < 0 ? object : -1, hit, pdf, light_pdf);
         }
     }
-    if (alpha > 0 && itn__wants_edge(walk, after)) {
-        edge = itn__uniform(&walk->rng) < .1f;
-        if (!edge) itn__weigh(walk, &walk->weight, itn__constant(1), .9f, -1, -1);
+    if (alpha > 0 && itn__wants_edge(walk, after)) { /* less often at each further boundary */
+        chosen = .1f / itn__square((float)++walk->boundaries);
+        edge = itn__uniform(&walk->rng) < chosen;
+        if (!edge) itn__weigh(walk, &walk->weight, itn__constant(1), 1 - chosen, -1, -1);
     }
     if (edge) {
-        if (!itn__sample_edge(walk, surface, i, eta, after, &o)) return 0;
+        if (!itn__sample_edge(walk, surface, i, eta, after, chosen, &o)) return 0;
     } else {
         for (k = 0; k < 3; k++) u[k] = itn__uniform(&walk->rng);
         if (!itn__sample_dielectric(i, alpha, eta, u, &o)) return 0;
@@ -3860,8 +3931,8 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     int object = itn__bvh_object(scene->bvh, hit->triangle);
     int surface = scene->objects[object].surface, after;
     itn_vec3 n;
-    itn__hit_geometry(scene->bvh, hit, &ray->origin, &n);
-    if (!hit->front) n = itn__scale(n, -1);
+    if (!itn__hit_normal(scene->bvh, hit, &n)) return 0;
+    ray->origin = itn__hit_point(scene->bvh, hit);
     if (surface >= 0 && scene->surfaces[surface].type == ITN_SURFACE_DIFFUSE)
         return itn__meet_diffuse(walk, ray, hit, object, n);
     if (itn__beyond(walk, object, &after))
@@ -3927,12 +3998,13 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
                               (uint64_t)sample);
     memcpy(walk->place.sides, walk->scene->sides, sizeof walk->place.sides);
     walk->place.inside = itn__find_inside(walk->scene, walk->place.sides);
+    walk->place.refracting = itn__find_refracting(walk->scene, walk->place.sides);
     walk->place.crossed_count = 0;
     for (c = 0; c < 3; c++)
         walk->weight.beta[c] = 1, walk->weight.zero[c] = 0, walk->radiance[c] = 0;
     memset(walk->weight.score, 0, scores);
     memset(walk->derivative, 0, scores);
-    walk->pdf = INFINITY, walk->scatterings = walk->events = 0;
+    walk->pdf = INFINITY, walk->scatterings = walk->events = walk->boundaries = 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     itn__trace_path(walk, itn__camera_ray(camera, x, y, u, v));
 }
@@ -3988,7 +4060,7 @@ static itn_result itn__check_ior(const itn_scene *scene, const float *theta, int
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                          "%s: a smooth surface refracts into one direction, which jumps with its "
                          "index: only a rough surface (alpha > 0) can be differentiated", name);
-    if (ior == 1)
+    if (ior - 1 <= ITN__SAME_INDEX)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                          "%s: at index 1 the surface vanishes; differentiate at 1.001 or more",
                          name);
@@ -3999,7 +4071,9 @@ static itn_result itn__check_ior(const itn_scene *scene, const float *theta, int
                 surfaces[other].type != ITN_SURFACE_DIELECTRIC ||
                 !itn__boxes_meet(&scene->objects[i], &scene->objects[j]))
                 continue;
-            if (surfaces[other].alpha < 0 || (other != asked && theta[surfaces[other].ior] == ior))
+            if (surfaces[other].alpha < 0 ||
+                (other != asked &&
+                 fabsf(theta[surfaces[other].ior] - ior) <= ITN__SAME_INDEX * ior))
                 return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                                  "%s: where solids meet, all must be rough and of different index; "
                                  "%s is not", name, surfaces[other].name);
@@ -4114,10 +4188,10 @@ static itn_result itn__render_rows(itn__render *render, const itn_render_options
     return ITN_OK;
 }
 
-/* Mean and variance of the mean from n samples' sums; one sample knows nothing of its spread. */
-static void itn__moments(const double sums[2], int n, float *mean, float *variance) {
-    double m = sums[0] / n, v = n > 1 ? (sums[1] / n - m * m) / (n - 1) : INFINITY;
-    *mean = (float)m, *variance = v > 0 ? (float)v : 0;
+/* Variance of the mean from n samples' sums; one sample knows nothing of its spread. */
+static double itn__mean_variance(const double sums[2], int n) {
+    double mean = sums[0] / n;
+    return n > 1 ? fmax((sums[1] / n - mean * mean) / (n - 1), 0) : (double)INFINITY;
 }
 
 static void itn__image_row(void *task, int index) {
@@ -4140,8 +4214,9 @@ static void itn__image_row(void *task, int index) {
         }
         for (k = 0; k < planes; k++) {
             int c = k % render->channels, first = 2 * (k - c) + c; /* means, then variances */
-            itn__moments(sums + 2 * k, render->spp, pixel + (size_t)first * plane,
-                         pixel + (size_t)(first + render->channels) * plane);
+            pixel[(size_t)first * plane] = (float)(sums[2 * k] / render->spp);
+            pixel[(size_t)(first + render->channels) * plane] =
+                (float)itn__mean_variance(sums + 2 * k, render->spp);
         }
     }
     render->collisions[y] = walk.collisions;
@@ -4218,9 +4293,8 @@ static void itn__gradient_row(void *task, int index) {
             }
         }
         for (k = 0; k < count; k++) {
-            float mean, variance;
-            itn__moments(pixel + 2 * k, render->spp, &mean, &variance);
-            sums[k] += pixel[2 * k] / render->spp, sums[count + k] += variance;
+            sums[k] += pixel[2 * k] / render->spp;
+            sums[count + k] += itn__mean_variance(pixel + 2 * k, render->spp);
         }
     }
     render->collisions[y] = walk.collisions;
@@ -4258,39 +4332,76 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
     return result;
 }
 
-ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
-                                     const itn_render_options *options, const float *target,
-                                     const int *parameters, int count, double *loss,
-                                     double *gradient, itn_error *error) {
-    itn_render_options half = ITN_ZERO;
+/* Progress of one of two renders, as a part of both. */
+typedef struct itn__half {
+    const itn_render_options *options;
+    double done;
+} itn__half;
+
+static int itn__half_progress(void *user, double fraction) {
+    const itn__half *half = (const itn__half *)user;
+    return half->options->progress(half->options->progress_user, .5 * (half->done + fraction));
+}
+
+/* The two renders of a loss gradient: the first gives the weights by which the second is folded. */
+static itn_result itn__loss_renders(const itn_scene *scene, const float *theta,
+                                    itn_render_options options, const float *target,
+                                    const int *parameters, int count, double *loss,
+                                    double *gradient, itn__half *half, itn_error *error) {
     itn_image image = ITN_ZERO;
     itn_result result;
     double sum = 0;
-    size_t i, pixels;
-    if (!scene || !target || !loss)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: NULL argument");
-    if (options) half = *options;
-    if (half.spp == 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: needs spp >= 2");
-    pixels = (size_t)scene->film.width * (size_t)scene->film.height * (size_t)scene->film.channels;
-    for (i = 0; i < pixels; i++)
-        if (!itn__finite(target[i]))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_loss_gradient: target value %d is not finite", (int)i);
-    half.seed = itn__mix64(2 * half.seed + 1);
-    result = itn_render(scene, theta, &half, NULL, 0, &image, error);
+    size_t i, pixels = (size_t)scene->film.width * (size_t)scene->film.height *
+                       (size_t)scene->film.channels;
+    options.seed = itn__mix64(~options.seed);
+    result = itn_render(scene, theta, &options, NULL, 0, &image, error);
     if (result) return result;
     for (i = 0; i < pixels; i++) {
         double residual = (double)image.pixels[i] - target[i];
         sum += residual * residual - image.pixels[pixels + i];
         image.pixels[i] = (float)(2 * residual / (double)pixels);
     }
-    half.seed = itn__mix64(half.seed + 1);
+    half->done = 1;
+    options.seed = itn__mix64(options.seed + 1), options.stats = options.stats + 1;
     if (count)
-        result = itn_render_gradient(scene, theta, &half, image.pixels, parameters, count,
+        result = itn_render_gradient(scene, theta, &options, image.pixels, parameters, count,
                                      gradient, NULL, error);
     if (!result) *loss = sum / (double)pixels;
     itn_image_free(&image);
+    return result;
+}
+
+ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
+                                     const itn_render_options *options, const float *target,
+                                     const int *parameters, int count, double *loss,
+                                     double *gradient, itn_error *error) {
+    itn_render_options own = ITN_ZERO;
+    itn_render_stats stats[2] = {{0, 0}, {0, 0}};
+    itn__half half;
+    itn__render probe;
+    itn_result result;
+    size_t i;
+    if (!scene || !target || !loss || count < 0 || (count && !gradient))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: NULL argument");
+    if (options) own = *options;
+    if (own.spp == 1)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: needs spp >= 2");
+    for (i = 0; i < (size_t)scene->film.width * (size_t)scene->film.height *
+                        (size_t)scene->film.channels; i++)
+        if (!itn__finite(target[i]))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_loss_gradient: target value %d is not finite", (int)i);
+    result = itn__render_begin(&probe, scene, theta, &own, parameters, count, 1, error);
+    itn__render_end(&probe); /* so that a bad request costs no render */
+    if (result) return result;
+    half.options = options, half.done = 0, own.stats = stats;
+    if (own.progress) own.progress = itn__half_progress, own.progress_user = &half;
+    result = itn__loss_renders(scene, theta, own, target, parameters, count, loss, gradient, &half,
+                               error);
+    if (!result && options && options->stats) {
+        options->stats->paths = stats[0].paths + stats[1].paths;
+        options->stats->collisions = stats[0].collisions + stats[1].collisions;
+    }
     return result;
 }
 /* ---- [adam] a step that knows the size of its gradients -------------------------------------- */
@@ -5308,6 +5419,11 @@ static void itn__refine_misfit(itn__refiner *refiner, const itn_image *a, const 
     refiner->chi2 = felt > 0 ? chi2 / felt : 1;
 }
 
+static itn_result itn__overflow(itn_error *error) {
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                     "itn_refine: squares of the image's values are too large for a float");
+}
+
 /* Renders twice at the present parameters and sets up the normal equations. */
 static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
     itn_render_options options = ITN_ZERO;
@@ -5315,7 +5431,7 @@ static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error
     itn_result result;
     int n = refiner->count, k;
     options.spp = spp, options.max_scatter = refiner->options.max_scatter;
-    options.seed = itn__mix64(refiner->options.seed + 2 * refiner->renders++);
+    options.seed = itn__mix64(itn__mix64(refiner->options.seed) + 2 * refiner->renders++);
     result = itn_render(refiner->scene, refiner->theta, &options, refiner->parameters, n, &a,
                         error);
     options.seed = itn__mix64(options.seed + 1);
@@ -5332,6 +5448,8 @@ static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error
         itn__refine_residuals(refiner, &a, &b);
         memset(refiner->matrix, 0, (size_t)(2 * n * n + 4 * n) * sizeof(double)); /* to spread */
         itn__refine_sum(refiner, &a, &b);
+        for (k = 0; k < 2 * n * n + 4 * n; k++)
+            if (!itn__finite(refiner->matrix[k]) && !result) result = itn__overflow(error);
     }
     itn_image_free(&b);
     itn_image_free(&a);
@@ -5342,7 +5460,7 @@ static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error
    it takes to be positive definite. Returns the mu used. */
 static double itn__refine_factor(itn__refiner *refiner, double mu) {
     int n = refiner->count, k;
-    for (;; mu = mu > 0 ? 4 * mu : 1e-3) {
+    for (;; mu = mu > 0 ? 4 * mu : 1e-3) { /* ends, as all is finite and the diagonal positive */
         memcpy(refiner->factor, refiner->matrix, (size_t)(n * n) * sizeof(double));
         for (k = 0; k < n; k++)
             refiner->factor[k * n + k] += mu * refiner->diagonal[k] + 1. / 64;
@@ -5437,7 +5555,7 @@ static itn_result itn__refine_adam(itn__refiner *refiner, itn_error *error) {
     result = itn__adam_desc(NULL, &adam, error);
     for (iteration = 0; iteration < steps && !result; iteration++) {
         float slope, coordinate;
-        options.seed = itn__mix64(refiner->options.seed + 2 * refiner->renders++);
+        options.seed = itn__mix64(itn__mix64(refiner->options.seed) + 2 * refiner->renders++);
         result = itn_loss_gradient(refiner->scene, refiner->theta, &options, refiner->target,
                                    refiner->parameters, n, &refiner->loss, refiner->gradient,
                                    error);
@@ -5446,6 +5564,7 @@ static itn_result itn__refine_adam(itn__refiner *refiner, itn_error *error) {
         adam.learning_rate = refiner->options.learning_rate * pow(.1, (double)iteration / steps);
         for (k = 0; k < n; k++) {
             slope = (float)(refiner->gradient[k] * refiner->slopes[k]);
+            if (!itn__finite(slope * slope)) return itn__overflow(error);
             coordinate = (float)refiner->coordinates[k];
             itn__adam(&adam, (uint64_t)iteration + 1, 1, &slope, refiner->moments[0] + k,
                       refiner->moments[1] + k, &coordinate);

@@ -219,7 +219,7 @@ static void test_recoveries(void) {
     test_recovery(ITN_METHOD_LM, all, 3, hidden, hidden, 30, 4, 0);
     test_recovery(ITN_METHOD_LM, two, 2, thin, start, 30, 4, 0);
     test_recovery(ITN_METHOD_LM, sigma, 1, hidden, far1, 30, 4, 0);
-    test_recovery(ITN_METHOD_ADAM, albedo, 1, hidden, near1, 80, 5, .02);
+    test_recovery(ITN_METHOD_ADAM, albedo, 1, hidden, near1, 60, 5, .02);
 }
 
 /* ---- error bars -------------------------------------------------------------------------------------- */
@@ -365,8 +365,8 @@ static void test_bounds(void) {
             itn_parameter_values(scene, theta);
             w.scene = scene;
             options.method = method ? ITN_METHOD_ADAM : ITN_METHOD_LM;
-            options.learning_rate = 1, options.iterations = 12, options.spp = 2;
-            options.max_scatter = 50;
+            options.learning_rate = 1, options.iterations = 8, options.spp = 2;
+            options.max_scatter = 30;
             options.progress = watch_step, options.progress_user = &w;
             stage_need(itn_refine(scene, theta, target, parameters, 3, &options, estimates,
                                   &error), &error);

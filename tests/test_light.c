@@ -1,0 +1,386 @@
+/* Lights: their radiance, the densities with which they are sampled, and what arrives on a surface,
+   against quadratures in double. */
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+#include "check.h"
+#include "solids.h"
+
+static const double pi = 3.14159265358979323846;
+
+/* The Hosek-Wilkie sky for turbidity 3, ground albedo .15, sun at 60 degrees, R, G, B. The numbers
+   were computed from a table under this license:
+
+   Copyright (c) 2012 - 2013, Lukas Hosek and Alexander Wilkie. All rights reserved.
+   Redistribution and use in source and binary forms, with or without modification, are permitted
+   provided that the following conditions are met:
+   * Redistributions of source code must retain the above copyright notice, this list of
+     conditions and the following disclaimer.
+   * Redistributions in binary form must reproduce the above copyright notice, this list of
+     conditions and the following disclaimer in the documentation and/or other materials provided
+     with the distribution.
+   * None of the names of the contributors may be used to endorse or promote products derived from
+     this software without specific prior written permission.
+   THIS SOFTWARE IS PROVIDED BY THE COPYRIGHT HOLDERS AND CONTRIBUTORS "AS IS" AND ANY EXPRESS OR
+   IMPLIED WARRANTIES, INCLUDING, BUT NOT LIMITED TO, THE IMPLIED WARRANTIES OF MERCHANTABILITY
+   AND FITNESS FOR A PARTICULAR PURPOSE ARE DISCLAIMED. IN NO EVENT SHALL THE COPYRIGHT HOLDERS BE
+   LIABLE FOR ANY DIRECT, INDIRECT, INCIDENTAL, SPECIAL, EXEMPLARY, OR CONSEQUENTIAL DAMAGES
+   (INCLUDING, BUT NOT LIMITED TO, PROCUREMENT OF SUBSTITUTE GOODS OR SERVICES; LOSS OF USE, DATA,
+   OR PROFITS; OR BUSINESS INTERRUPTION) HOWEVER CAUSED AND ON ANY THEORY OF LIABILITY, WHETHER IN
+   CONTRACT, STRICT LIABILITY, OR TORT (INCLUDING NEGLIGENCE OR OTHERWISE) ARISING IN ANY WAY OUT
+   OF THE USE OF THIS SOFTWARE, EVEN IF ADVISED OF THE POSSIBILITY OF SUCH DAMAGE. */
+static const itn_sky sky = {
+    {{-1.07009729f, -.183901643f, 1.91568571f, 5.39974686f, -3.87281834f, .965212528f,
+      .142394768f, .0879904436f, .699068785f},
+     {-1.08019412f, -.182494114f, 1.35130131f, 3.36346639f, -4.95046067f, .951531163f,
+      .125748228f, 1.74406109f, .684971587f},
+     {-1.06727076f, -.1887265f, .68670071f, .166813941f, -2.24239154f, .831768481f, .077190505f,
+      3.15772945f, .681278175f}},
+    {6.54064327f, 10.1626235f, 16.7692864f},
+    {2.33268e6f, 1.85154e6f, 1.36141e6f}};
+
+/* ---- helpers --------------------------------------------------------------------------------- */
+
+static itn_light_desc sky_light(double radius_scale) {
+    itn_light_desc light = ITN_ZERO;
+    light.type = ITN_LIGHT_SKY, light.sky = sky, light.sun_radius_scale = (float)radius_scale;
+    light.sun_direction = solids_vec3(.5, sqrt(.75), 0);
+    return light;
+}
+
+static itn_light_desc map_light(const itn_image *image) {
+    itn_light_desc light = ITN_ZERO;
+    light.type = ITN_LIGHT_MAP, light.image = image;
+    return light;
+}
+
+/* Maps to try: 0 smooth, 1 noise, 2 one bright pixel, 3 poles only, 4 constant. */
+static itn_image make_map(int width, int height, int kind) {
+    itn_image image;
+    itn_error error;
+    int r, c;
+    itn__rng rng = itn__rng_make(9, (uint64_t)width, (uint64_t)height);
+    solids_need(itn_image_create(width, height, 1, NULL, &image, &error), &error);
+    strcpy(image.names[0], "Y");
+    for (r = 0; r < height; r++)
+        for (c = 0; c < width; c++) {
+            float *p = &image.pixels[r * width + c], u = itn__uniform(&rng);
+            double across = 2 * pi * (c + .5) / width, down = pi * r / (height - 1);
+            *p = 1;
+            if (kind == 0) *p = (float)(2 + sin(across) * sin(down) + cos(down) * .7);
+            if (kind == 1) *p = u * u * 3;
+            if (kind == 2) *p = r == height / 3 && c == width / 4 ? 1000 : .01f;
+            if (kind == 3) *p = r == 0 || r == height - 1 ? 1.f : 0;
+        }
+    return image;
+}
+
+/* A diffuse square in a light, seen from above: nothing but direct light. */
+static itn_scene *plane_scene(const itn_light_desc *light, int channels, int size) {
+    itn_surface_desc surface = ITN_ZERO;
+    itn_object_desc object = ITN_ZERO;
+    itn_scene_desc desc = ITN_ZERO;
+    itn_scene *scene;
+    itn_error error;
+    int k;
+    surface.name = "s", surface.type = ITN_SURFACE_DIFFUSE;
+    for (k = 0; k < 3; k++) surface.reflectance[k] = .5f;
+    object.half_size = 10, object.surface = "s";
+    desc.surfaces = &surface, desc.objects = &object, desc.lights = light;
+    desc.surface_count = desc.object_count = desc.light_count = 1;
+    desc.film.width = desc.film.height = size, desc.film.channels = channels;
+    desc.camera.eye = solids_vec3(0, 5, .1);
+    solids_need(itn_scene_create(&desc, NULL, &scene, &error), &error);
+    return scene;
+}
+
+/* Radiance of a map by bilinear interpolation, in double. */
+static double map_value(const itn_image *map, double u, double v) {
+    double x = u * map->width - .5, y = v * (map->height - 1), fx = x - floor(x), fy;
+    int c0 = ((int)floor(x) + map->width) % map->width, c1 = (c0 + 1) % map->width, r = (int)y;
+    if (r > map->height - 2) r = map->height - 2;
+    fy = y - r;
+#define MAP_AT(r, c) ((double)map->pixels[(r) * map->width + (c)])
+    return (1 - fy) * ((1 - fx) * MAP_AT(r, c0) + fx * MAP_AT(r, c1)) +
+           fy * ((1 - fx) * MAP_AT(r + 1, c0) + fx * MAP_AT(r + 1, c1));
+#undef MAP_AT
+}
+
+/* ---- maps ------------------------------------------------------------------------------------ */
+
+/* Density: integrates to 1 over the sphere, agrees with a histogram of the draws; the mean of
+   radiance / density is the map's power, and its relative spread is at most largest_spread. */
+static void check_map(int width, int height, int kind, double largest_spread, double factor) {
+    enum { COLUMNS = 12, ROWS = 8, FINE = 160, DRAWS = 200000 };
+    itn_image map = make_map(width, height, kind);
+    itn_light_desc desc = map_light(&map);
+    itn_scene *scene = plane_scene(&desc, 1, 4);
+    const itn__light *light = &scene->lights[0];
+    itn__rng rng = itn__rng_make(4, (uint64_t)(width * 100 + height), (uint64_t)kind);
+    double expected[ROWS][COLUMNS], power = 0, total = 0, mean = 0, square = 0, spread, worst = 0;
+    int counts[ROWS][COLUMNS], r, c, a, b, k;
+    memset(counts, 0, sizeof counts), memset(expected, 0, sizeof expected);
+    for (r = 0; r < ROWS; r++)
+        for (c = 0; c < COLUMNS; c++)
+            for (a = 0; a < FINE; a++)
+                for (b = 0; b < FINE; b++) {
+                    double v = (r + (a + .5) / FINE) / ROWS, u = (c + (b + .5) / FINE) / COLUMNS;
+                    double area = 2 * pi * pi * sin(pi * v) / (ROWS * COLUMNS) / (FINE * FINE);
+                    itn_vec3 d = itn__map_direction((float)u, (float)v);
+                    float rgb[3];
+                    itn__light_radiance(light, d, rgb);
+                    worst = itn__max((float)worst, (float)fabs(rgb[0] - map_value(&map, u, v)));
+                    expected[r][c] += factor * itn__light_pdf(light, d) * area;
+                    power += rgb[0] * area;
+                }
+    CHECK_NEAR(worst, 0, kind == 2 ? .05 : 1e-4);
+    for (k = 0; k < DRAWS; k++) {
+        float u = itn__uniform(&rng), v = itn__uniform(&rng), pdf, rgb[3], x, y;
+        itn_vec3 d = itn__light_sample(light, u, v);
+        pdf = itn__light_pdf(light, d);
+        itn__light_radiance(light, d, rgb);
+        itn__map_coordinates(d, &x, &y);
+        if (!(pdf > 0) || !itn__finite(pdf) || !(fabs(itn__length(d) - 1) < 1e-6)) CHECK(0);
+        c = (int)(x * COLUMNS), r = (int)(y * ROWS);
+        counts[r < ROWS ? r : ROWS - 1][c < COLUMNS ? c : COLUMNS - 1]++;
+        mean += (double)rgb[0] / pdf / DRAWS, square += pow((double)rgb[0] / pdf, 2) / DRAWS;
+    }
+    for (r = 0; r < ROWS; r++)
+        for (c = 0; c < COLUMNS; c++) {
+            double e = expected[r][c] * DRAWS;
+            total += expected[r][c];
+            check_report(fabs(counts[r][c] - e) < 5 * sqrt(e + 1) + .004 * e, __FILE__, __LINE__,
+                         "map %d x %d kind %d box %d %d: %d draws, density says %.1f", width,
+                         height, kind, r, c, counts[r][c], e);
+        }
+    spread = sqrt(itn__max((float)(square / (mean * mean) - 1), 0));
+    CHECK_NEAR(total, 1, .002);
+    CHECK_NEAR(mean / power, 1, 5 * spread / sqrt((double)DRAWS) + .001);
+    check_report(spread <= largest_spread, __FILE__, __LINE__,
+                 "map %d x %d kind %d: radiance / density spreads by %.3f", width, height, kind,
+                 spread);
+    itn_scene_free(scene);
+    itn_image_free(&map);
+}
+
+static void test_maps(void) {
+    check_map(64, 33, 0, .05, 1);
+    check_map(64, 33, 1, .1, 1);
+    check_map(37, 24, 1, .15, 1);
+    check_map(48, 25, 2, .1, 1);
+    check_map(16, 9, 3, 1, 1);
+    check_map(64, 33, 4, .05, 1);
+    check_map(2, 2, 1, 1, 1);
+    check_map(1, 2, 1, 1, 1);
+    check_map(1, 2, 4, 1, 1);
+    check_map(1, 64, 0, .1, 1);
+    CHECK_CATCHES(check_map(64, 33, 0, .05, 1.01));
+    CHECK_CATCHES(check_map(64, 33, 0, .001, 1));
+}
+
+/* Directions and coordinates: the published layout, and back. */
+static void test_directions(void) {
+    itn_vec3 d = itn__map_direction(.25f, .5f);
+    float u, v;
+    int k;
+    CHECK(fabs(d.x - 1) < 1e-6 && fabs(d.y) < 1e-6 && fabs(d.z) < 1e-6);
+    d = itn__map_direction(0, .5f);
+    CHECK(fabs(d.z + 1) < 1e-6);
+    d = itn__map_direction(.7f, 0);
+    CHECK(fabs(d.y - 1) < 1e-6);
+    for (k = 0; k < 1000; k++) {
+        float a = (float)(fmod(k * .61803398875, 1)), b = (float)((k + .5) / 1000);
+        itn__map_coordinates(itn__map_direction(a, b), &u, &v);
+        CHECK(fabs(v - b) < 1e-6 && (fabs(u - a) < 1e-5 || fabs(fabs(u - a) - 1) < 1e-5));
+        CHECK(u >= 0 && u < 1 && v >= 0 && v <= 1);
+    }
+    itn__map_coordinates(itn__vec3(0, 1, 0), &u, &v);
+    CHECK(u >= 0 && u < 1 && v == 0);
+    itn__map_coordinates(itn__vec3(-1e-30f, 0, -1), &u, &v);
+    CHECK(u >= 0 && u < 1 && fabs(v - .5) < 1e-6);
+}
+
+/* ---- sky and sun ----------------------------------------------------------------------------- */
+
+static void check_sky_at(const itn__light *light, double theta, double azimuth,
+                         const double rgb[3]) {
+    float got[3];
+    int k;
+    itn__light_radiance(light, itn__vec3((float)(sin(theta) * cos(azimuth)), (float)cos(theta),
+                                         (float)(sin(theta) * sin(azimuth))), got);
+    for (k = 0; k < 3; k++) CHECK_NEAR(got[k], rgb[k], 2e-5 * rgb[k]);
+}
+
+/* Radiances that the authors' own code gives for this sky. */
+static void test_sky(void) {
+    static const double zenith[3] = {3.631779, 5.522326, 10.403060};
+    static const double sunward[3] = {16.307778, 19.157592, 21.983152};
+    static const double opposite[3] = {3.434738, 6.607357, 13.081977};
+    itn_light_desc desc = sky_light(1);
+    itn_scene *scene = plane_scene(&desc, 3, 4);
+    const itn__light *light = &scene->lights[0];
+    itn_sky dark = sky;
+    float rgb[3];
+    CHECK(scene->light_count == 2);
+    check_sky_at(light, 0, 0, zenith);
+    check_sky_at(light, pi / 6, 0, sunward);
+    check_sky_at(light, pi / 3, pi, opposite);
+    CHECK_CATCHES(check_sky_at(light, pi / 6, .02, sunward));
+    itn__light_radiance(light, itn__vec3(.6f, -.8f, 0), rgb); /* nothing below the horizon */
+    CHECK(rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0);
+    itn_scene_free(scene);
+    dark.coefficients[0][2] = -50; /* negative: taken as 0 */
+    desc.sky = dark;
+    scene = plane_scene(&desc, 3, 4);
+    itn__light_radiance(&scene->lights[0], itn__vec3(0, 1, 0), rgb);
+    CHECK(rgb[0] == 0 && rgb[1] > 0);
+    itn_scene_free(scene);
+}
+
+/* The sun's cone: its solid angle, its power under widening, draws inside and uniform. */
+static void check_sun(double radius_scale, double power_factor) {
+    itn_light_desc desc = sky_light(radius_scale);
+    itn_scene *scene = plane_scene(&desc, 3, 4);
+    const itn__light *sun = &scene->lights[1];
+    double half = .2679 * pi / 180, natural = 4 * pi * pow(sin(half / 2), 2);
+    double solid_angle = 4 * pi * pow(sin(half * radius_scale / 2), 2), mean = 0;
+    int k, inside = 0;
+    CHECK(sun->kind == ITN__LIGHT_SUN);
+    CHECK_NEAR(2 * pi * sun->sun_cone / solid_angle, 1, 1e-5);
+    for (k = 0; k < 3; k++)
+        CHECK_NEAR(sun->radiance[k] * 2 * pi * sun->sun_cone /
+                       (power_factor * sky.sun_radiance[k] * natural), 1, 1e-5);
+    for (k = 0; k < 10000; k++) {
+        float rgb[3], u = (float)((k + .5) / 10000), v = (float)fmod(k * .61803398875, 1);
+        itn_vec3 d = itn__light_sample(sun, u, v);
+        itn__light_radiance(sun, d, rgb);
+        inside += rgb[0] > 0 && fabs(itn__light_pdf(sun, d) * solid_angle - 1) < 1e-4;
+        mean += itn__one_minus_cosine(d, sun->sun) / sun->sun_cone / 10000;
+    }
+    CHECK(inside > 9900); /* all but those that rounding puts beyond the rim */
+    CHECK_NEAR(mean, .5, .01);
+    itn_scene_free(scene);
+}
+
+static void test_sun(void) {
+    check_sun(1, 1);
+    check_sun(10, 1);
+    check_sun(70, 1);
+    check_sun(300, 1);
+    CHECK_CATCHES(check_sun(70, 1.001));
+}
+
+/* ---- what arrives on a surface --------------------------------------------------------------- */
+
+/* .5 / pi int L cos over the upper half. */
+static double irradiated(const itn_image *map, double radius_scale, int channel) {
+    enum { ROWS = 1200, COLUMNS = 2400 };
+    double sum = 0, half = .2679 * pi / 180;
+    itn__light light;
+    int r, c;
+    memset(&light, 0, sizeof light);
+    light.kind = ITN__LIGHT_SKY, light.sky = sky;
+    light.sun = itn__vec3(.5f, (float)sqrt(.75), 0);
+    for (r = 0; r < ROWS; r++)
+        for (c = 0; c < COLUMNS; c++) {
+            double v = .5 * (r + .5) / ROWS, u = (c + .5) / COLUMNS, radiance;
+            float rgb[3];
+            if (!map) itn__light_radiance(&light, itn__map_direction((float)u, (float)v), rgb);
+            radiance = map ? map_value(map, u, v) : rgb[channel];
+            sum += radiance * cos(pi * v) * sin(pi * v) * pi * pi / ((double)ROWS * COLUMNS);
+        }
+    if (!map) { /* a cone of angle a, all above the horizon: cos at its axis times pi sin^2 a */
+        double natural = 4 * pi * pow(sin(half / 2), 2);
+        double wide = 4 * pi * pow(sin(half * radius_scale / 2), 2);
+        sum += sky.sun_radiance[channel] * natural / wide * sqrt(.75) * pi *
+               pow(sin(half * radius_scale), 2);
+    }
+    return .5 / pi * sum;
+}
+
+/* Mean against quadrature; the relative variance of one sample stays below `largest`. */
+static void check_plane(const itn_light_desc *desc, const itn_image *map, int channel,
+                        double expected, double largest) {
+    static const char *const value[3] = {"R", "G", "B"};
+    static const char *const variance[3] = {"Variance.R", "Variance.G", "Variance.B"};
+    itn_scene *scene = plane_scene(desc, map ? 1 : 3, 16);
+    itn_render_options options = ITN_ZERO;
+    itn_image image = ITN_ZERO;
+    itn_error error;
+    solids_mean mean;
+    double relative;
+    options.spp = 512, options.seed = 5;
+    solids_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
+    mean = solids_plane_mean(&image, map ? "Y" : value[channel],
+                             map ? "Variance.Y" : variance[channel]);
+    CHECK_MEAN(mean.value, mean.error, expected, 4, .01 * expected);
+    relative = pow(mean.error / mean.value, 2) * 512 * 256;
+    check_report(relative < largest, __FILE__, __LINE__, "relative variance per sample %.3f",
+                 relative);
+    itn_image_free(&image);
+    itn_scene_free(scene);
+}
+
+static void test_planes(void) {
+    static const double scales[3] = {1, 20, 70};
+    itn_light_desc desc;
+    int k, c;
+    for (k = 0; k < 3; k++)
+        for (c = 0; c < 3; c++) {
+            desc = sky_light(scales[k]);
+            check_plane(&desc, NULL, c, irradiated(NULL, scales[k], c), .5);
+        }
+    for (k = 0; k < 5; k++) {
+        itn_image map = make_map(32, 17, k);
+        desc = map_light(&map);
+        check_plane(&desc, &map, 0, irradiated(&map, 1, 0), k > 1 ? 3 : 1);
+        itn_image_free(&map);
+    }
+    desc = sky_light(70);
+    CHECK_CATCHES(check_plane(&desc, NULL, 1, 1.02 * irradiated(NULL, 70, 1), .5));
+    CHECK_CATCHES(check_plane(&desc, NULL, 1, irradiated(NULL, 70, 1), 1e-4));
+}
+
+/* The same ball twice: index-matched, where lights are sampled, and with a smooth face of index
+   1.00001, through which they can only be met by chance. */
+static void check_chance(const itn_image *map, double scale) {
+    static const char *const names[1] = {"m.sigma_t"};
+    itn_mesh mesh = solids_sphere(1, 3);
+    itn_light_desc light = map_light(map);
+    solids_mean means[2][2];
+    int k, j;
+    light.scale = 1;
+    for (k = 0; k < 2; k++) {
+        solids_desc desc = ITN_ZERO;
+        desc.mesh = &mesh, desc.sigma_t = 2, desc.albedo = .8, desc.g = .4;
+        desc.light = &light, desc.ior = k ? 1.00001 : 0;
+        desc.eye = solids_vec3(0, 1, 3), desc.fov = 40;
+        solids_measure_desc(&desc, k ? 3000 : 500, (uint64_t)k, names, 1, means[k]);
+        light.scale = (float)scale;
+    }
+    for (j = 0; j < 2; j++) {
+        double error = sqrt(pow(means[0][j].error, 2) + pow(means[1][j].error, 2));
+        CHECK_MEAN(means[0][j].value, error, means[1][j].value, 4,
+                   .02 * fabs(means[1][j].value) + .004 * means[1][0].value);
+    }
+    itn_mesh_free(&mesh);
+}
+
+static void test_chance(void) {
+    int k;
+    for (k = 0; k < 2; k++) {
+        itn_image map = make_map(8, 5, k);
+        check_chance(&map, 1);
+        if (k == 1) CHECK_CATCHES(check_chance(&map, 1.05));
+        itn_image_free(&map);
+    }
+}
+
+int main(void) {
+    test_directions();
+    test_maps();
+    test_sky();
+    test_sun();
+    test_planes();
+    test_chance();
+    return check_end("light");
+}
