@@ -633,7 +633,7 @@ typedef struct itn_refine_options {
     int iterations; /* most; 0 = 20 (LM) or 200 (Adam). LM stops by itself when its steps are
                        smaller than their standard errors */
     int spp;        /* samples per pixel of each of the two renders of an iteration; 0 = 64. The
-                       last evaluation, which gives the error bars, uses eight times as many */
+                       last evaluations, which give the error bars, use eight times as many */
     uint64_t seed;
     int max_scatter;              /* see itn_render_options */
     double learning_rate;         /* of Adam, in transformed coordinates; 0 = .05 */
@@ -3887,7 +3887,8 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
                                 int after, itn_vec3 n) {
     const itn__surface *surface = &walk->scene->surfaces[walk->scene->objects[object].surface];
     float alpha = surface->alpha >= 0 ? walk->theta[surface->alpha] : 0;
-    float eta = itn__ior(walk, after) / itn__ior(walk, walk->place.refracting), light_pdf, u[3], chosen = 0;
+    float eta = itn__ior(walk, after) / itn__ior(walk, walk->place.refracting);
+    float light_pdf, u[3], chosen = 0;
     itn_vec3 s, t, i, o, direction;
     itn__dual f;
     int k, edge = 0;
@@ -5176,7 +5177,7 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
 /* Analysis by synthesis looks for pi minimising ||I - T(pi)||^2 (equation 1). With J = dT/dpi and
    residual r = I - T, both divided by the standard deviation of r in each pixel, a step of
    Levenberg-Marquardt solves
-       (A + mu D) delta = b,    A = J^T K J,    b = J^T K r,    D = diagonal of A plus its noise.
+       (A + E + mu D) delta = b,    A = J^T K J,    b = J^T K r,    D = diagonal of A + E.
    K blurs by a few pixels (binomial, symmetric, positive): derivatives vary slowly over the picture
    while their noise does not, so blurred ones judge residuals far better; K = 1 is least squares.
 
@@ -5184,7 +5185,10 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
    two independent renders a, b and only multiplies across:
        b = 1/2 (J_a^T K r_b + J_b^T K r_a),     A = 1/2 (J_a^T K J_b + J_b^T K J_a),
    unbiased both. For the same reason the standard deviations come from the iteration before,
-   averaged over 5 x 5 pixels: a pixel's own would favour those that came out dark by chance.
+   averaged over 5 x 5 pixels: a pixel's own would favour those that came out dark by chance. The
+   inverse of a noisy A is still biased: where A is small it is mostly noise. E, the diagonal that
+   (J_a + J_b)/2 with itself would have on top of A, keeps steps short there; what one step leaves
+   undone, the next ones do.
 
    At the solution the estimate's covariance is A^-1 N A^-1 with N = covariance of b = J^T K K J,
    and on its diagonal what the noise of K J adds. If the target's noise is unknown or the scene
@@ -5201,10 +5205,10 @@ typedef struct itn__refiner {
     size_t pixels; /* all channels */
     uint64_t renders;
     float *theta;        /* [parameter_count] */
-    float *weights;      /* [pixels] */
+    float *weights;      /* [pixels] one over the variance of a residual */
     float *variance;     /* [pixels] of one sample, see itn__keep_variance */
     float *target_variance; /* [pixels] averaged */
-    float *row;             /* [largest of width and height], for itn__binomial */
+    float *row;          /* [width + height], for itn__binomial */
     double *numbers;     /* one block for the arrays below */
     double *coordinates; /* [count] */
     double *slopes;      /* [count] d value / d coordinate */
@@ -5213,12 +5217,13 @@ typedef struct itn__refiner {
     double *right;       /* b [count] */
     double *outer;       /* J^T K K J [count][count] */
     double *diagonal;    /* D [count] */
+    double *bias;        /* E [count] */
     double *noise;       /* [count]: what the noise of K J adds to the covariance of b */
     double *spread;      /* [count]: variance of A_kk */
     double *factor;      /* [count][count], Cholesky */
     double *step;        /* [count] */
     double *covariance;  /* [count][count] */
-    double loss, loss_error, chi2;
+    double loss, loss_error, chi2, chi2_error;
     float *moments[2];   /* [count] of Adam */
 } itn__refiner;
 
@@ -5331,6 +5336,7 @@ static void itn__binomial_line(float *line, size_t stride, int n, float *row) {
 
 /* K: both ways over [channels][height][width]. The sum of its squared weights is (70/256)^2. */
 #define ITN__BINOMIAL_NOISE .0747681f
+#define ITN__BINOMIAL_CENTRE .140625f /* the weight of the pixel itself, (6/16)^2 */
 static void itn__binomial(float *pixels, int width, int height, size_t count, float *row) {
     size_t plane = (size_t)width * (size_t)height, first;
     int k;
@@ -5385,7 +5391,7 @@ static void itn__refine_sum(itn__refiner *refiner, const itn_image *a, const itn
             refiner->noise[k] += ITN__BINOMIAL_NOISE * va[i] * residual_variance;
             refiner->spread[k] += va[i] * (2 * (double)kjb[i] * kjb[i] +
                                            (double)ITN__BINOMIAL_NOISE * va[i]);
-            refiner->diagonal[k] += va[i];
+            refiner->bias[k] += ITN__BINOMIAL_CENTRE * va[i];
         }
         for (l = 0; l < n; l++) {
             const float *other = b->pixels + (size_t)(2 + 2 * l) * pixels;
@@ -5395,28 +5401,30 @@ static void itn__refine_sum(itn__refiner *refiner, const itn_image *a, const itn
             refiner->matrix[k * n + l] += .5 * product, refiner->matrix[l * n + k] += .5 * product;
             refiner->outer[k * n + l] += .5 * outer, refiner->outer[l * n + k] += .5 * outer;
         }
-        refiner->diagonal[k] += fabs(refiner->matrix[k * n + k]);
+        refiner->diagonal[k] = fabs(refiner->matrix[k * n + k]) + refiner->bias[k];
     }
 }
 
 /* Loss with its standard error, and the misfit where the image depends on any parameter. */
 static void itn__refine_misfit(itn__refiner *refiner, const itn_image *a, const itn_image *b) {
-    double sum = 0, squares = 0, chi2 = 0, felt = 0, n = (double)refiner->pixels;
+    double sum = 0, squares = 0, chi2 = 0, chi2_squares = 0, felt = 0, n = (double)refiner->pixels;
     size_t i;
     int k;
     for (i = 0; i < refiner->pixels; i++) {
         double ra = (double)refiner->target[i] - a->pixels[i];
-        double rb = (double)refiner->target[i] - b->pixels[i], product = ra * rb;
+        double rb = (double)refiner->target[i] - b->pixels[i], product = ra * rb, part;
         int depends = 0;
         sum += product, squares += product * product;
         for (k = 0; k < refiner->count && !depends; k++)
             depends = a->pixels[(size_t)(2 + 2 * k) * refiner->pixels + i] != 0;
         if (!depends) continue;
-        chi2 += refiner->weights[i] * (product + a->pixels[refiner->pixels + i]), felt++;
+        part = refiner->weights[i] * (product + a->pixels[refiner->pixels + i]);
+        chi2 += part, chi2_squares += part * part, felt++;
     }
     refiner->loss = sum / n;
     refiner->loss_error = sqrt(fmax(squares / n - refiner->loss * refiner->loss, 0) / n);
     refiner->chi2 = felt > 0 ? chi2 / felt : 1;
+    refiner->chi2_error = felt > 0 ? sqrt(chi2_squares) / felt : 0;
 }
 
 static itn_result itn__overflow(itn_error *error) {
@@ -5446,9 +5454,9 @@ static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error
         itn__keep_variance(refiner, &a, spp);
         for (k = 0; k < n; k++) itn__refine_planes(refiner, &a, &b, k);
         itn__refine_residuals(refiner, &a, &b);
-        memset(refiner->matrix, 0, (size_t)(2 * n * n + 4 * n) * sizeof(double)); /* to spread */
+        memset(refiner->matrix, 0, (size_t)(2 * n * n + 5 * n) * sizeof(double)); /* to spread */
         itn__refine_sum(refiner, &a, &b);
-        for (k = 0; k < 2 * n * n + 4 * n; k++)
+        for (k = 0; k < 2 * n * n + 5 * n; k++)
             if (!itn__finite(refiner->matrix[k]) && !result) result = itn__overflow(error);
     }
     itn_image_free(&b);
@@ -5456,15 +5464,16 @@ static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error
     return result;
 }
 
-/* Factors A + mu D + a weak prior (standard deviation 8 in a coordinate), with as much more of D as
-   it takes to be positive definite. Returns the mu used. */
-static double itn__refine_factor(itn__refiner *refiner, double mu) {
+/* Factors A + bias E + mu D + a weak prior (standard deviation 8 in a coordinate), with as much more
+   of D as it takes to be positive definite. */
+static void itn__refine_factor(itn__refiner *refiner, double bias, double mu) {
     int n = refiner->count, k;
     for (;; mu = mu > 0 ? 4 * mu : 1e-3) { /* ends, as all is finite and the diagonal positive */
         memcpy(refiner->factor, refiner->matrix, (size_t)(n * n) * sizeof(double));
         for (k = 0; k < n; k++)
-            refiner->factor[k * n + k] += mu * refiner->diagonal[k] + 1. / 64;
-        if (itn__cholesky(refiner->factor, n)) return mu;
+            refiner->factor[k * n + k] += bias * refiner->bias[k] + mu * refiner->diagonal[k] +
+                                          1. / 64;
+        if (itn__cholesky(refiner->factor, n)) return;
     }
 }
 
@@ -5472,7 +5481,7 @@ static double itn__refine_factor(itn__refiner *refiner, double mu) {
 static void itn__refine_solve(itn__refiner *refiner, double mu) {
     int n = refiner->count, k;
     double longest = 0;
-    itn__refine_factor(refiner, mu);
+    itn__refine_factor(refiner, 1, mu);
     memcpy(refiner->step, refiner->right, (size_t)n * sizeof(double));
     itn__cholesky_solve(refiner->factor, n, refiner->step);
     for (k = 0; k < n; k++) longest = fmax(longest, fabs(refiner->step[k]));
@@ -5483,7 +5492,7 @@ static void itn__refine_solve(itn__refiner *refiner, double mu) {
 static void itn__refine_covariance(itn__refiner *refiner, double scale) {
     int n = refiner->count, i, j, k;
     double *columns = refiner->covariance;
-    itn__refine_factor(refiner, 0);
+    itn__refine_factor(refiner, 0, 0);
     for (j = 0; j < n; j++) /* row j: A^-1 times column j of N */
         for (k = 0; k < n; k++)
             columns[j * n + k] = refiner->outer[k * n + j] + (j == k ? refiner->noise[k] : 0);
@@ -5511,7 +5520,7 @@ static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_e
     return ITN_OK;
 }
 
-/* Levenberg-Marquardt: a step is kept unless the loss has risen beyond its noise. Ends when two
+/* Levenberg-Marquardt: a step is kept unless the misfit has risen beyond its noise. Ends when two
    steps running were smaller than their standard errors, or when no step helps. */
 static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     int n = refiner->count, iteration, k, small = 0;
@@ -5520,7 +5529,7 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     if (!result) result = itn__refine_report(refiner, 0, error);
     for (iteration = 1; iteration <= refiner->options.iterations && !result && small < 2;
          iteration++) {
-        double loss = refiner->loss, loss_error = refiner->loss_error;
+        double chi2 = refiner->chi2, chi2_error = refiner->chi2_error;
         int below = mu < .1;
         itn__refine_covariance(refiner, 1); /* far from the solution the misfit is no noise */
         itn__refine_solve(refiner, mu);
@@ -5533,7 +5542,7 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
         itn__refine_set(refiner, refiner->step);
         result = itn__refine_evaluate(refiner, refiner->options.spp, error);
         if (result) break;
-        if (refiner->loss - loss > 2 * hypot(loss_error, refiner->loss_error)) { /* worse */
+        if (refiner->chi2 - chi2 > 2 * hypot(chi2_error, refiner->chi2_error)) { /* worse */
             itn__refine_set(refiner, before);
             result = itn__refine_evaluate(refiner, refiner->options.spp, error);
             mu *= 10, small = mu > 1e6 ? 2 : 0;
@@ -5575,28 +5584,48 @@ static itn_result itn__refine_adam(itn__refiner *refiner, itn_error *error) {
     return result;
 }
 
-/* The last evaluation: error bars and, for LM where they are small, one more step. */
-static itn_result itn__refine_finish(itn__refiner *refiner, itn_estimate *estimates,
-                                     itn_error *error) {
-    int n = refiner->count, k, step = refiner->options.method == ITN_METHOD_LM;
-    itn_result result = itn__refine_evaluate(refiner, 8 * refiner->options.spp, error);
-    if (result) return result;
-    itn__refine_covariance(refiner, fmax(refiner->chi2, 1));
-    itn__refine_solve(refiner, 0);
+/* Estimates at the present point from the last evaluation. */
+static void itn__refine_estimate(itn__refiner *refiner, itn_estimate *estimates) {
+    int n = refiner->count, k;
     for (k = 0; k < n; k++) {
-        double spread = itn__coordinate_error(refiner, k);
-        estimates[k].determined = spread < .5 &&
-                                  refiner->matrix[k * n + k] > 2 * sqrt(refiner->spread[k]);
-        step &= estimates[k].determined && fabs(refiner->step[k]) < 1;
-    }
-    for (k = 0; k < n; k++) refiner->step[k] = refiner->coordinates[k] + step * refiner->step[k];
-    itn__refine_set(refiner, refiner->step);
-    for (k = 0; k < n; k++) {
+        double error = itn__coordinate_error(refiner, k);
         estimates[k].value = refiner->theta[refiner->parameters[k]];
-        estimates[k].standard_error = itn__coordinate_error(refiner, k) * refiner->slopes[k];
+        estimates[k].standard_error = error * refiner->slopes[k];
+        estimates[k].determined = error < .5 &&
+                                  refiner->matrix[k * n + k] > 2 * sqrt(refiner->spread[k]);
     }
     if (refiner->options.misfit) *refiner->options.misfit = refiner->chi2;
-    return result;
+}
+
+/* The last evaluations, of many samples: error bars and, for LM, steps of their accuracy until they
+   are small against the error bars, three at most. A step that raises the misfit is taken back. */
+static itn_result itn__refine_finish(itn__refiner *refiner, itn_estimate *estimates,
+                                     itn_error *error) {
+    int n = refiner->count, k, pass, small = refiner->options.method != ITN_METHOD_LM;
+    double chi2 = INFINITY, chi2_error = 0, longest, *before = refiner->gradient;
+    for (pass = 0; pass < 4; pass++) {
+        itn_result result = itn__refine_evaluate(refiner, 8 * refiner->options.spp, error);
+        if (result) return result;
+        if (refiner->chi2 - chi2 > 2 * hypot(chi2_error, refiner->chi2_error)) {
+            itn__refine_set(refiner, before);
+            return ITN_OK;
+        }
+        chi2 = refiner->chi2, chi2_error = refiner->chi2_error, longest = 0;
+        itn__refine_covariance(refiner, fmax(refiner->chi2, 1));
+        itn__refine_estimate(refiner, estimates);
+        if (small || pass == 3) return ITN_OK;
+        itn__refine_solve(refiner, 0);
+        for (k = 0, small = 1; k < n; k++) {
+            small &= fabs(refiner->step[k]) < .5 * itn__coordinate_error(refiner, k);
+            longest = fmax(longest, fabs(refiner->step[k]));
+            before[k] = refiner->coordinates[k];
+        }
+        for (k = 0; k < n; k++)
+            refiner->step[k] = before[k] + refiner->step[k] * (longest > .5 ? .5 / longest : 1);
+        if (small) return ITN_OK;
+        itn__refine_set(refiner, refiner->step);
+    }
+    return ITN_OK;
 }
 
 static itn_result itn__refine_begin(itn__refiner *refiner, const float *theta, itn_error *error) {
@@ -5623,7 +5652,7 @@ static itn_result itn__refine_begin(itn__refiner *refiner, const float *theta, i
         &scene->context,
         3 * refiner->pixels + (size_t)scene->film.width + (size_t)scene->film.height,
         sizeof(float));
-    refiner->numbers = (double *)itn__allocate(&scene->context, 8 * n + 4 * n * n, sizeof(double));
+    refiner->numbers = (double *)itn__allocate(&scene->context, 9 * n + 4 * n * n, sizeof(double));
     refiner->moments[0] = (float *)itn__allocate(&scene->context, 2 * n, sizeof(float));
     if (!refiner->theta || !refiner->weights || !refiner->numbers || !refiner->moments[0])
         return itn__out_of_memory(error, "itn_refine");
@@ -5643,6 +5672,7 @@ static itn_result itn__refine_begin(itn__refiner *refiner, const float *theta, i
     refiner->outer = next, next += n * n;
     refiner->right = next, next += n;
     refiner->diagonal = next, next += n;
+    refiner->bias = next, next += n;
     refiner->noise = next, next += n;
     refiner->spread = next, next += n;
     refiner->factor = next, next += n * n;

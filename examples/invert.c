@@ -198,7 +198,7 @@ static void save_pictures(const itn_scene *scene, const float *theta, const floa
     char path[1200];
     itn_image image;
     itn_error error;
-    options.spp *= 8;
+    options.spp *= 4;
     if (itn_render(scene, theta, &options, h->parameters, h->count, &image, &error))
         fail(error.message, "");
     pixels = (size_t)image.width * (size_t)image.height * (size_t)channels;

@@ -172,7 +172,8 @@ static void test_recovery(itn_method method, const char *const *names, int count
     }
     memcpy(before, theta, sizeof theta);
     w.scene = scene;
-    options.method = method, options.spp = method == ITN_METHOD_LM ? 64 : 32, options.seed = 5, options.iterations = iterations;
+    options.method = method, options.spp = method == ITN_METHOD_LM ? 128 : 32;
+    options.seed = 5, options.iterations = iterations;
     options.target_variance = variance;
     options.progress = watch_step, options.progress_user = &w;
     stage_need(itn_refine(scene, theta, target, parameters, count, &options, estimates, &error),
