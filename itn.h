@@ -239,7 +239,8 @@ typedef struct itn_mesh {
     int vertex_count, triangle_count;
     float *positions;    /* [vertex_count][3], scene units */
     int *triangles;      /* [triangle_count][3], indices of vertices */
-    float *uvs;          /* [triangle_count][3][2], texture coordinates of the corners, or NULL */
+    float *uvs;          /* [triangle_count][3][2], texture coordinates of the corners, or NULL;
+                            (0,0) is the lower left corner of an image, (1,1) the upper right one */
     itn_context context; /* what made it and frees it */
 } itn_mesh;
 
@@ -296,7 +297,7 @@ ITN_API void itn_bvh_free(itn_bvh *bvh);
    Watertight: a ray through an edge or vertex shared by triangles never slips between them
    (Woop, Benthin and Wald 2013). A ray that is not finite hits nothing. */
 ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit);
-/* Returns 1 if anything lies between tmin and tmax, else 0. */
+/* Returns 1 if anything lies between tmin and tmax, else 0. Pointers must not be NULL. */
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
 
 /* ---- [api-scene] what is in the picture ------------------------------------------------------ */
@@ -304,7 +305,7 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
 typedef enum itn_filter { ITN_FILTER_BOX = 0, ITN_FILTER_GAUSSIAN } itn_filter;
 
 typedef struct itn_film_desc {
-    int width, height; /* pixels; 0 = 128 */
+    int width, height; /* pixels, at most 65536; 0 = 128 */
     int channels;      /* 1 (default, Y) or 3 (R, G, B) */
     itn_filter filter; /* box: the pixel's square; Gaussian: deviation .5 pixel, cut at 2 */
 } itn_film_desc;
@@ -315,10 +316,11 @@ typedef struct itn_camera_desc {
     float fov;            /* degrees, of the horizontal axis, in (0,180); 0 = 30 */
 } itn_camera_desc;
 
-/* A homogeneous medium with a Henyey-Greenstein phase function. */
+/* A homogeneous medium with a Henyey-Greenstein phase function. Names of items are 1 to 32 letters,
+   digits, _ or -, beginning with a letter, and tell the items of a scene apart. */
 typedef struct itn_medium_desc {
     const char *name;
-    float sigma_t;   /* extinction per scene unit, >= 0 */
+    float sigma_t;   /* extinction per scene unit, in [0,1e12] */
     float albedo[3]; /* single-scattering albedo in [0,1]; only [0] with one channel */
     float g;         /* mean cosine of the turn, in [-.999,.999]; > 0 is forward */
 } itn_medium_desc;
@@ -339,11 +341,13 @@ typedef struct itn_surface_desc {
     float reflectance2[3]; /* diffuse: the other squares of a checker */
     itn_texture_type texture;
     float checker_size;       /* side of a square, in units of the texture coordinates; 0 = 1 */
-    const itn_image *image;   /* texture: Y or R,G,B planes, values in [0,1]; copied */
+    const itn_image *image;   /* texture: Y or R,G,B, values in [0,1], at least 2 rows; copied */
 } itn_surface_desc;
 
-/* A mesh with what is inside it and what its surface does. Where closed objects overlap, the one
-   that comes later in the list wins. Texture coordinates of a mesh without uvs are its x, z. */
+/* A mesh with what is inside it and what its surface does. Where closed objects overlap, the medium
+   of the one that comes later in the list fills the overlap, and of those with a dielectric surface
+   the later one's index holds; opaque surfaces always show. Texture coordinates of a
+   mesh without uvs are its x, z. */
 typedef struct itn_object_desc {
     const itn_mesh *mesh; /* copied; NULL: a horizontal square at plane_y, half_size each way */
     float plane_y, half_size;
@@ -368,10 +372,11 @@ typedef struct itn_sky {
 typedef struct itn_light_desc {
     const char *name; /* NULL = "light", "light2", ... in order */
     itn_light_type type;
-    float radiance[3];       /* constant: >= 0 */
+    float radiance[3];       /* constant: in [0,1e18]; only [0] with one channel */
     const itn_image *image;  /* map: latitude-longitude; row 0 is +y, and with u, v in [0,1] across
                                 and down, direction = (sin 2 pi u sin pi v, cos pi v,
-                                -cos 2 pi u sin pi v); Y or R,G,B >= 0; copied */
+                                -cos 2 pi u sin pi v); Y or R,G,B (with one channel their
+                                luminance) in [0,1e18], at least 2 rows; copied */
     itn_sky sky;             /* sky */
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
     float scale;             /* multiplies the light (not the sun); 0 with has_scale 0 = 1 */
@@ -393,7 +398,8 @@ typedef struct itn_scene_desc {
     int light_count;
 } itn_scene_desc;
 
-/* A scene, immutable once made: any number of threads may render it, each with its own theta. */
+/* A scene, immutable once made: any number of threads may render it, each with its own theta. It
+   has 1 to 64 objects and up to 64 lights. Where a function takes a scene, it must not be NULL. */
 typedef struct itn_scene itn_scene;
 
 /* Makes a scene; everything in the desc is copied. Errors: ARGUMENT (which item, which field, what
@@ -458,7 +464,8 @@ typedef struct itn_render_options {
    to `count` parameters (indices in `parameters`; both 0 for none): equation (9),
    dT/dpi = mean of f/p times the path's score. Planes of the new image, C channels each:
    mean, variance of the mean ("Variance.Y"), then for each parameter derivative ("d_a_b.Y" for
-   a.b) and variance of the derivative ("d_a_b_variance.Y"). Free with itn_image_free.
+   a.b) and variance of the derivative ("d_a_b_variance.Y"). With one sample per pixel variances are
+   infinite. No parameter may be asked for twice. Free with itn_image_free.
    The image's bits do not depend on the parameters asked for, except an index of refraction (which
    spends some paths on its own) and a sigma_t of a thin medium (which draws more collisions).
    Errors: ARGUMENT (theta out of bounds or not finite, index, spp), UNSUPPORTED (the derivative
@@ -469,7 +476,8 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
 
 /* Adjoint: gradient[k] = sum over pixels and channels of weights * dI/dtheta of parameters[k],
    with its variance if `variance` is not NULL, without storing derivative images.
-   weights: [C][height][width], for example dl/dI of a loss from other samples. */
+   weights: [C][height][width], finite, for example dl/dI of a loss from other samples. count at
+   least 1; gradient and variance: [count]. Errors: as itn_render. */
 ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *theta,
                                        const itn_render_options *options, const float *weights,
                                        const int *parameters, int count, double *gradient,
@@ -885,7 +893,11 @@ static void itn__copy_name(char *to, const char *from) {
 /* Loops over independent tasks: the caller's hook, else (with ITN_THREADS) a plain fork and join on
    the platform's threads, else one after the other. */
 #if defined(ITN_THREADS) && defined(_WIN32)
+#define WIN32_LEAN_AND_MEAN
+#define NOMINMAX
 #include <windows.h>
+#undef WIN32_LEAN_AND_MEAN
+#undef NOMINMAX
 typedef HANDLE itn__thread;
 typedef CRITICAL_SECTION itn__mutex;
 #define ITN__LOCK(mutex) EnterCriticalSection(mutex)
@@ -2358,7 +2370,7 @@ static float itn__sky_radiance(const itn_sky *sky, int channel, float cos_theta,
     float f = (1 + a[0] * expf(a[1] / (cos_theta + .01f))) *
               (a[2] + a[3] * expf(a[4] * gamma) + a[5] * cos2 + a[6] * mie +
                a[7] * sqrtf(cos_theta));
-    return itn__clamp(f * sky->radiance[channel], 0, 2 * ITN__MAX_RADIANCE);
+    return itn__min(itn__max(f * sky->radiance[channel], 0), 2 * ITN__MAX_RADIANCE);
 }
 
 /* Radiance of a light, without its scale, in direction d. */
@@ -2754,6 +2766,18 @@ static itn_result itn__check_name(itn__maker *maker, const char *kind, int index
                      kind, index);
 }
 
+/* Index of the item of that name (their first field) among `count`, or -1. */
+static int itn__find_name(const char *name, const void *items, size_t stride, int count) {
+    int i;
+    for (i = 0; i < count; i++)
+        if (!strcmp(name, (const char *)items + (size_t)i * stride)) return i;
+    return -1;
+}
+
+static itn_result itn__same_name(itn__maker *maker, const char *kind, const char *name) {
+    return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "two %s are called %s", kind, name);
+}
+
 static itn_result itn__make_film(itn__maker *maker) {
     const itn_camera_desc *in = &maker->desc->camera;
     itn_film_desc film = maker->desc->film;
@@ -2798,6 +2822,8 @@ static itn_result itn__make_medium(itn__maker *maker, int index) {
     itn__medium *medium = &maker->scene->media[index];
     itn_result result = itn__check_name(maker, "medium", index, in->name);
     if (result) return result;
+    if (itn__find_name(in->name, maker->scene->media, sizeof *medium, index) >= 0)
+        return itn__same_name(maker, "media", in->name);
     itn__copy_name(medium->name, in->name);
     medium->sigma_t = itn__add_parameter(maker, in->name, "sigma_t", -1, in->sigma_t, 0, 1e12f,
                                          ITN_LOG);
@@ -2865,6 +2891,8 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     itn__surface *surface = &maker->scene->surfaces[index];
     itn_result result = itn__check_name(maker, "surface", index, in->name);
     if (result) return result;
+    if (itn__find_name(in->name, maker->scene->surfaces, sizeof *surface, index) >= 0)
+        return itn__same_name(maker, "surfaces", in->name);
     itn__copy_name(surface->name, in->name);
     surface->type = in->type, surface->texture = in->texture, surface->alpha = -1;
     if (in->type == ITN_SURFACE_DIFFUSE) return itn__make_diffuse(maker, in, surface);
@@ -3043,13 +3071,6 @@ static void itn__object_vertex(const itn_object_desc *in, int i, double out[3]) 
                  (double)m[4 * k + 2] * p[2] + m[4 * k + 3];
 }
 
-static int itn__find_name(const char *name, const void *items, size_t stride, int count) {
-    int i;
-    for (i = 0; i < count; i++)
-        if (!strcmp(name, (const char *)items + (size_t)i * stride)) return i;
-    return -1;
-}
-
 /* Resolves names and refuses what cannot be, before any geometry is touched. */
 static itn_result itn__make_object(itn__maker *maker, int index) {
     const itn_object_desc *in = &maker->desc->objects[index];
@@ -3118,7 +3139,6 @@ static itn_result itn__check_object(itn__maker *maker, int index) {
                                                    ITN_SURFACE_DIELECTRIC;
     object->solid = object->medium >= 0 || object->refracts;
     if (!in->mesh) {
-        object->area = 4 * (double)in->half_size * in->half_size;
         if (!object->solid) return ITN_OK;
         return itn__fail(maker->error, ITN_ERROR_MESH, 0,
                          "object %d: a plane has no inside for a dielectric", index + 1);
@@ -3261,26 +3281,34 @@ static itn_result itn__make_tree(itn__maker *maker) {
     return result;
 }
 
-/* On which side of each object the camera is: inside, if along any ray a back face comes before
-   (where parts touch, together with) the first front face. */
-static void itn__make_sides(itn_scene *scene) {
+/* Whether the camera is inside a closed object: along a ray a back face comes before (where parts
+   touch, together with) the first front face. The best of three rays in no particular directions,
+   as one may graze an edge. */
+static int itn__camera_inside(const itn_scene *scene, int object) {
+    static const float directions[3][3] = {
+        {.41237f, .55113f, .72541f}, {-.63071f, .29173f, -.71907f}, {.18319f, -.87643f, .44537f}};
     unsigned char sides[ITN__MAX_OBJECTS] = {0};
-    itn_hit back, front;
-    itn_ray ray;
-    int i;
-    ray.origin = scene->camera.eye;
-    ray.direction = itn__vec3(.36f, .48f, .8f), ray.tmin = 0, ray.tmax = INFINITY;
-    for (i = 0; i < scene->object_count; i++) {
-        scene->sides[i] = scene->objects[i].closed ? ITN__FRONT : ITN__FRONT | ITN__BACK;
+    int k, votes = 0;
+    for (k = 0; k < 3; k++) {
+        itn_hit back, front;
+        itn_ray ray;
+        ray.origin = scene->camera.eye, ray.tmin = 0, ray.tmax = INFINITY;
+        ray.direction = itn__vec3(directions[k][0], directions[k][1], directions[k][2]);
         back.t = front.t = INFINITY;
-        sides[i] = ITN__FRONT;
+        sides[object] = ITN__FRONT;
         itn__bvh_trace(scene->bvh, &ray, sides, 0, &front);
-        sides[i] = ITN__BACK;
-        if (itn__bvh_trace(scene->bvh, &ray, sides, 0, &back) && back.t <= front.t &&
-            scene->objects[i].closed)
-            scene->sides[i] = ITN__BACK;
-        sides[i] = 0;
+        sides[object] = ITN__BACK;
+        votes += itn__bvh_trace(scene->bvh, &ray, sides, 0, &back) && back.t <= front.t;
     }
+    return votes >= 2;
+}
+
+static void itn__make_sides(itn_scene *scene) {
+    int i;
+    for (i = 0; i < scene->object_count; i++)
+        scene->sides[i] = !scene->objects[i].closed        ? ITN__FRONT | ITN__BACK
+                          : itn__camera_inside(scene, i) ? ITN__BACK
+                                                           : ITN__FRONT;
 }
 
 static itn_result itn__make_objects(itn__maker *maker) {
@@ -3595,12 +3623,10 @@ static int itn__next_hit(itn__walk *walk, itn_ray *ray, itn_hit *hit) {
 static int itn__beyond(itn__walk *walk, int object, int *after) {
     itn__place *place = &walk->place;
     float before_ior = itn__ior(walk, place->refracting);
-    int inside;
     place->sides[object] ^= ITN__FRONT | ITN__BACK;
-    inside = itn__find_inside(walk->scene, place->sides);
     *after = itn__find_refracting(walk->scene, place->sides);
     place->sides[object] ^= ITN__FRONT | ITN__BACK;
-    return walk->scene->objects[object].refracts && inside != place->inside &&
+    return walk->scene->objects[object].refracts && *after != place->refracting &&
            fabsf(itn__ior(walk, *after) - before_ior) > ITN__SAME_INDEX * before_ior;
 }
 
@@ -3755,7 +3781,8 @@ static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray
     return 1;
 }
 
-/* Reflectance of channel c at texture coordinates (s, t) as texel * theta[*parameter]. */
+/* Reflectance of channel c at texture coordinates (s, t) as texel * theta[*parameter]; (0, 0) is
+   the lower left corner of an image, (1, 1) the upper right one. */
 static float itn__texel(const itn__surface *surface, float s, float t, int c, int *parameter) {
     int c0, c1, r, row[2];
     float fx, fy;
@@ -3765,7 +3792,7 @@ static float itn__texel(const itn__surface *surface, float s, float t, int c, in
         if (fmodf(sum, 2) != 0) *parameter = surface->reflectance2 + c;
     }
     if (surface->texture != ITN_TEXTURE_IMAGE) return 1;
-    s = s - floorf(s), t = (t - floorf(t)) * (float)surface->height - .5f;
+    s = s - floorf(s), t = (1 - (t - floorf(t))) * (float)surface->height - .5f;
     itn__grid_locate(surface->width, 2, 1, s, 0, &c0, &c1, &r, &fx, &fy);
     if (t < 0) t += (float)surface->height;
     row[0] = (int)t < surface->height ? (int)t : surface->height - 1;
@@ -4113,8 +4140,9 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     size_t rows, scores;
     int k;
     memset(render, 0, sizeof *render);
-    if (!scene || count < 0 || (count && !parameters))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: scene or parameters missing");
+    if (!scene || count < 0 || (count && !parameters) || count > scene->parameter_count)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "render: scene or parameters missing, or count %d out of range", count);
     if (options && (options->spp < 0 || options->max_scatter < 0 ||
                     (options->mode != ITN_MODE_AUTO && options->mode != ITN_MODE_REFERENCE)))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: spp %d, max_scatter %d, mode %d",
@@ -5464,8 +5492,8 @@ static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error
     return result;
 }
 
-/* Factors A + bias E + mu D + a weak prior (standard deviation 8 in a coordinate), with as much more
-   of D as it takes to be positive definite. */
+/* Factors A + bias E + mu D + a weak prior (standard deviation 8 in a coordinate), with as much
+   more of D as it takes to be positive definite. */
 static void itn__refine_factor(itn__refiner *refiner, double bias, double mu) {
     int n = refiner->count, k;
     for (;; mu = mu > 0 ? 4 * mu : 1e-3) { /* ends, as all is finite and the diagonal positive */
@@ -5523,11 +5551,11 @@ static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_e
 /* Levenberg-Marquardt: a step is kept unless the misfit has risen beyond its noise. Ends when two
    steps running were smaller than their standard errors, or when no step helps. */
 static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
-    int n = refiner->count, iteration, k, small = 0;
+    int n = refiner->count, iteration, k, settled = 0;
     double mu = .01, *before = refiner->gradient; /* unused by this method */
     itn_result result = itn__refine_evaluate(refiner, refiner->options.spp, error);
     if (!result) result = itn__refine_report(refiner, 0, error);
-    for (iteration = 1; iteration <= refiner->options.iterations && !result && small < 2;
+    for (iteration = 1; iteration <= refiner->options.iterations && !result && settled < 2;
          iteration++) {
         double chi2 = refiner->chi2, chi2_error = refiner->chi2_error;
         int below = mu < .1;
@@ -5538,14 +5566,14 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
             before[k] = refiner->coordinates[k];
             refiner->step[k] += before[k];
         }
-        small = below ? small + 1 : 0;
+        settled = below ? settled + 1 : 0;
         itn__refine_set(refiner, refiner->step);
         result = itn__refine_evaluate(refiner, refiner->options.spp, error);
         if (result) break;
         if (refiner->chi2 - chi2 > 2 * hypot(chi2_error, refiner->chi2_error)) { /* worse */
             itn__refine_set(refiner, before);
             result = itn__refine_evaluate(refiner, refiner->options.spp, error);
-            mu *= 10, small = mu > 1e6 ? 2 : 0;
+            mu *= 10, settled = mu > 1e6 ? 2 : 0;
         } else {
             mu *= .2;
         }
@@ -5601,7 +5629,7 @@ static void itn__refine_estimate(itn__refiner *refiner, itn_estimate *estimates)
    are small against the error bars, three at most. A step that raises the misfit is taken back. */
 static itn_result itn__refine_finish(itn__refiner *refiner, itn_estimate *estimates,
                                      itn_error *error) {
-    int n = refiner->count, k, pass, small = refiner->options.method != ITN_METHOD_LM;
+    int n = refiner->count, k, pass, settled = refiner->options.method != ITN_METHOD_LM;
     double chi2 = INFINITY, chi2_error = 0, longest, *before = refiner->gradient;
     for (pass = 0; pass < 4; pass++) {
         itn_result result = itn__refine_evaluate(refiner, 8 * refiner->options.spp, error);
@@ -5613,16 +5641,16 @@ static itn_result itn__refine_finish(itn__refiner *refiner, itn_estimate *estima
         chi2 = refiner->chi2, chi2_error = refiner->chi2_error, longest = 0;
         itn__refine_covariance(refiner, fmax(refiner->chi2, 1));
         itn__refine_estimate(refiner, estimates);
-        if (small || pass == 3) return ITN_OK;
+        if (settled || pass == 3) return ITN_OK;
         itn__refine_solve(refiner, 0);
-        for (k = 0, small = 1; k < n; k++) {
-            small &= fabs(refiner->step[k]) < .5 * itn__coordinate_error(refiner, k);
+        for (k = 0, settled = 1; k < n; k++) {
+            settled &= fabs(refiner->step[k]) < .5 * itn__coordinate_error(refiner, k);
             longest = fmax(longest, fabs(refiner->step[k]));
             before[k] = refiner->coordinates[k];
         }
         for (k = 0; k < n; k++)
             refiner->step[k] = before[k] + refiner->step[k] * (longest > .5 ? .5 / longest : 1);
-        if (small) return ITN_OK;
+        if (settled) return ITN_OK;
         itn__refine_set(refiner, refiner->step);
     }
     return ITN_OK;
