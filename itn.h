@@ -3638,10 +3638,11 @@ static itn_vec3 itn__hit_point(const itn_bvh *bvh, const itn_hit *hit) {
                       itn__sub(p[2], p[0]));
 }
 
-/* Unit normal of the triangle that a ray has hit, on the side it comes from. In double, where the
-   edges of floats and their products are exact enough for the thinnest needle. Returns 0 if there
-   is none. */
-static int itn__hit_normal(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 *normal) {
+/* Unit normal of the triangle that a ray along `direction` has hit, on the side it comes from. In
+   double, where the edges of floats and their products are exact enough for the thinnest needle.
+   Returns 0 if there is none. */
+static int itn__hit_normal(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 direction,
+                           itn_vec3 *normal) {
     itn_vec3 p[3];
     double a[3], b[3], n[3], length;
     itn__bvh_corners(bvh, hit->triangle, p);
@@ -3652,7 +3653,7 @@ static int itn__hit_normal(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 *nor
     n[2] = a[0] * b[1] - a[1] * b[0];
     length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
     if (!(length > 0)) return 0;
-    if (!hit->front) length = -length;
+    if (n[0] * direction.x + n[1] * direction.y + n[2] * direction.z > 0) length = -length;
     *normal = itn__vec3((float)(n[0] / length), (float)(n[1] / length), (float)(n[2] / length));
     return 1;
 }
@@ -3959,7 +3960,7 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     int object = itn__bvh_object(scene->bvh, hit->triangle);
     int surface = scene->objects[object].surface, after;
     itn_vec3 n;
-    if (!itn__hit_normal(scene->bvh, hit, &n)) return 0;
+    if (!itn__hit_normal(scene->bvh, hit, ray->direction, &n)) return 0;
     ray->origin = itn__hit_point(scene->bvh, hit);
     if (surface >= 0 && scene->surfaces[surface].type == ITN_SURFACE_DIFFUSE)
         return itn__meet_diffuse(walk, ray, hit, object, n);
@@ -5252,6 +5253,8 @@ typedef struct itn__refiner {
     double *step;        /* [count] */
     double *covariance;  /* [count][count] */
     double loss, loss_error, chi2, chi2_error;
+    itn_estimate *estimates; /* [count] and the misfit there, until all has gone well */
+    double misfit;
     float *moments[2];   /* [count] of Adam */
 } itn__refiner;
 
@@ -5613,7 +5616,8 @@ static itn_result itn__refine_adam(itn__refiner *refiner, itn_error *error) {
 }
 
 /* Estimates at the present point from the last evaluation. */
-static void itn__refine_estimate(itn__refiner *refiner, itn_estimate *estimates) {
+static void itn__refine_estimate(itn__refiner *refiner) {
+    itn_estimate *estimates = refiner->estimates;
     int n = refiner->count, k;
     for (k = 0; k < n; k++) {
         double error = itn__coordinate_error(refiner, k);
@@ -5622,13 +5626,12 @@ static void itn__refine_estimate(itn__refiner *refiner, itn_estimate *estimates)
         estimates[k].determined = error < .5 &&
                                   refiner->matrix[k * n + k] > 2 * sqrt(refiner->spread[k]);
     }
-    if (refiner->options.misfit) *refiner->options.misfit = refiner->chi2;
+    refiner->misfit = refiner->chi2;
 }
 
 /* The last evaluations, of many samples: error bars and, for LM, steps of their accuracy until they
    are small against the error bars, three at most. A step that raises the misfit is taken back. */
-static itn_result itn__refine_finish(itn__refiner *refiner, itn_estimate *estimates,
-                                     itn_error *error) {
+static itn_result itn__refine_finish(itn__refiner *refiner, itn_error *error) {
     int n = refiner->count, k, pass, settled = refiner->options.method != ITN_METHOD_LM;
     double chi2 = INFINITY, chi2_error = 0, longest, *before = refiner->gradient;
     for (pass = 0; pass < 4; pass++) {
@@ -5640,7 +5643,7 @@ static itn_result itn__refine_finish(itn__refiner *refiner, itn_estimate *estima
         }
         chi2 = refiner->chi2, chi2_error = refiner->chi2_error, longest = 0;
         itn__refine_covariance(refiner, fmax(refiner->chi2, 1));
-        itn__refine_estimate(refiner, estimates);
+        itn__refine_estimate(refiner);
         if (settled || pass == 3) return ITN_OK;
         itn__refine_solve(refiner, 0);
         for (k = 0, settled = 1; k < n; k++) {
@@ -5682,7 +5685,9 @@ static itn_result itn__refine_begin(itn__refiner *refiner, const float *theta, i
         sizeof(float));
     refiner->numbers = (double *)itn__allocate(&scene->context, 9 * n + 4 * n * n, sizeof(double));
     refiner->moments[0] = (float *)itn__allocate(&scene->context, 2 * n, sizeof(float));
-    if (!refiner->theta || !refiner->weights || !refiner->numbers || !refiner->moments[0])
+    refiner->estimates = (itn_estimate *)itn__allocate(&scene->context, n, sizeof(itn_estimate));
+    if (!refiner->theta || !refiner->weights || !refiner->numbers || !refiner->moments[0] ||
+        !refiner->estimates)
         return itn__out_of_memory(error, "itn_refine");
     refiner->moments[1] = refiner->moments[0] + n;
     refiner->variance = refiner->weights + refiner->pixels;
@@ -5743,9 +5748,13 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
     if (!result)
         result = refiner.options.method == ITN_METHOD_LM ? itn__refine_lm(&refiner, error)
                                                          : itn__refine_adam(&refiner, error);
-    if (!result) result = itn__refine_finish(&refiner, estimates, error);
-    if (!result)
+    if (!result) result = itn__refine_finish(&refiner, error);
+    if (!result) {
         memcpy(theta, refiner.theta, (size_t)scene->parameter_count * sizeof(float));
+        memcpy(estimates, refiner.estimates, (size_t)count * sizeof *estimates);
+        if (refiner.options.misfit) *refiner.options.misfit = refiner.misfit;
+    }
+    itn__free(&scene->context, refiner.estimates);
     itn__free(&scene->context, refiner.moments[0]);
     itn__free(&scene->context, refiner.numbers);
     itn__free(&scene->context, refiner.weights);

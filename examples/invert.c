@@ -252,7 +252,7 @@ int main(int argc, char **argv) {
     char stem[1024];
     float *theta, *hidden, *light, *variance;
     double misfit;
-    refine.spp = 64, refine.misfit = &misfit;
+    refine.spp = 48, refine.misfit = &misfit;
     for (i = 1; i < argc; i++) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (!strcmp(option, "--help")) return printf("%s", usage) < 0;

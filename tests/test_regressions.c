@@ -1,0 +1,811 @@
+/* Faults that once were there, or nearly: one short function each, named by what must hold. */
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+
+#include <float.h>
+#include <limits.h>
+#include <time.h>
+
+#include "check.h"
+#include "solids.h"
+#include "stage.h"
+
+/* ---- helpers --------------------------------------------------------------------------------- */
+
+/* Expects a scene to be refused with `wanted`, the output left alone. */
+static void check_refused(const stage *s, const itn_context *context, itn_result wanted,
+                          int line) {
+    itn_scene *scene = (itn_scene *)(void *)&wanted, *before = scene;
+    itn_error error;
+    itn_result result;
+    memset(&error, 0, sizeof error);
+    result = itn_scene_create(&s->desc, context, &scene, &error);
+    check_report(result == wanted && (!wanted || (error.code == wanted && error.message[0])),
+                 __FILE__, line, "expected '%s', got '%s': %s", itn_result_text(wanted),
+                 itn_result_text(result), error.message);
+    check_report(result == ITN_OK || scene == before, __FILE__, line, "scene touched");
+    if (result == ITN_OK) itn_scene_free(scene);
+}
+#define REFUSED(s) check_refused(s, NULL, ITN_ERROR_ARGUMENT, __LINE__)
+
+/* Renders a stage, with the derivative in `name` unless that is NULL. */
+static itn_image picture(const stage *s, int spp, const char *name) {
+    itn_scene *scene = stage_make(s);
+    itn_render_options options = ITN_ZERO;
+    itn_image image = ITN_ZERO;
+    itn_error error;
+    int parameter = name ? itn_parameter_find(scene, name) : 0;
+    options.spp = spp, options.seed = 1;
+    stage_need(itn_render(scene, NULL, &options, &parameter, name ? 1 : 0, &image, &error),
+               &error);
+    itn_scene_free(scene);
+    return image;
+}
+
+static solids_mean brightness(const stage *s, int spp) {
+    itn_image image = picture(s, spp, NULL);
+    solids_mean mean = solids_plane_mean(&image, "Y", "Variance.Y");
+    itn_image_free(&image);
+    return mean;
+}
+
+/* Values of an image's first plane that are not in [0, most]. */
+static int values_out_of(const itn_image *image, double most) {
+    int i, bad = 0;
+    for (i = 0; i < image->width * image->height; i++)
+        bad += !(image->pixels[i] >= 0 && image->pixels[i] <= most);
+    return bad;
+}
+
+/* Largest difference of two images' values in the planes from..to. */
+static double difference(const itn_image *a, const itn_image *b, int from, int to) {
+    size_t plane = (size_t)a->width * (size_t)a->height, i;
+    double worst = 0;
+    for (i = plane * (size_t)from; i < plane * (size_t)(to + 1); i++) {
+        double off = fabs((double)a->pixels[i] - (double)b->pixels[i]);
+        if (!(off <= worst)) worst = off;
+    }
+    return worst;
+}
+
+/* An absorbing or scattering box of half side 1 around the origin, in a constant light of 1. */
+static void begin_box(stage *s, const itn_mesh *mesh, double sigma_t, double albedo) {
+    stage_begin(s, 4, 4, 20);
+    stage_medium(s, "m", sigma_t, albedo, 0);
+    stage_object(s, mesh, "m", NULL);
+    stage_constant(s, NULL, 1);
+}
+
+static itn_mesh unit_box(void) {
+    return solids_box(solids_vec3(-1, -1, -1), solids_vec3(1, 1, 1));
+}
+
+/* A diffuse floor below an eye that looks straight down. */
+static void begin_floor(stage *s, int size, double reflectance) {
+    stage_begin(s, size, 0, 10);
+    s->desc.camera.eye.y = 3, s->desc.camera.up.z = 1;
+    stage_diffuse(s, "floor", reflectance);
+    stage_object(s, NULL, NULL, "floor");
+}
+
+/* ---- meshes and places ----------------------------------------------------------------------- */
+
+/* Two cubes of one mesh share a face; the eye in one looks away from, or through, the other. */
+static void test_eye_in_touching_cubes(double planted) {
+    itn_mesh cubes[2], both;
+    itn_error error;
+    int order, i, across;
+    cubes[0] = solids_box(solids_vec3(-1, -1, -2), solids_vec3(1, 1, 0));
+    cubes[1] = solids_box(solids_vec3(-1, -1, 0), solids_vec3(1, 1, 2));
+    for (order = 0; order < 2; order++)
+        for (across = 0; across < 2; across++) {
+            const itn_mesh *a = &cubes[order], *b = &cubes[1 - order];
+            solids_mean mean;
+            stage s;
+            stage_need(itn_mesh_create(16, 24, 0, NULL, &both, &error), &error);
+            memcpy(both.positions, a->positions, 24 * sizeof(float));
+            memcpy(both.positions + 24, b->positions, 24 * sizeof(float));
+            for (i = 0; i < 36; i++)
+                both.triangles[i] = a->triangles[i], both.triangles[36 + i] = 8 + b->triangles[i];
+            begin_box(&s, &both, 1, 0);
+            s.desc.camera.eye.z = -1, s.desc.camera.target.z = across ? 10 : -10;
+            s.desc.camera.fov = .01f;
+            mean = brightness(&s, 4096);
+            CHECK_MEAN(mean.value, mean.error, exp(across ? -3 : -1) + planted, 4.5, .003);
+            itn_mesh_free(&both);
+        }
+    itn_mesh_free(&cubes[0]), itn_mesh_free(&cubes[1]);
+}
+
+/* A vertex that no triangle uses changes nothing, however far it is. */
+static void test_far_unused_vertex(void) {
+    static const double places[] = {1e4, 1e7, 1e15};
+    itn_mesh sphere = solids_sphere(1, 3);
+    itn_image image, other;
+    int k, i;
+    stage s;
+    begin_box(&s, &sphere, 20, .9);
+    image = picture(&s, 64, NULL);
+    for (k = 0; k < 3; k++) {
+        itn_mesh more;
+        itn_error error;
+        int count = sphere.vertex_count;
+        stage_need(itn_mesh_create(count + 1, sphere.triangle_count, 0, NULL, &more, &error),
+                   &error);
+        memcpy(more.positions, sphere.positions, 3 * sizeof(float) * (size_t)count);
+        memcpy(more.triangles, sphere.triangles,
+               3 * sizeof(int) * (size_t)sphere.triangle_count);
+        for (i = 0; i < 3; i++) more.positions[3 * count + i] = (float)places[k];
+        s.objects[0].mesh = &more;
+        other = picture(&s, 64, NULL);
+        CHECK_NEAR(difference(&image, &other, 0, 1), 0, 0);
+        itn_image_free(&other);
+        itn_mesh_free(&more);
+    }
+    itn_image_free(&image);
+    itn_mesh_free(&sphere);
+}
+
+/* A slab a thousandth thick above a black ground: the same on a square as on a huge closed box. */
+static void test_thin_slab_over_large_ground(void) {
+    itn_mesh slab = solids_slab(.001, 1);
+    itn_mesh ground = solids_box(solids_vec3(-1e4, -20002, -1e4), solids_vec3(1e4, -2, 1e4));
+    solids_mean mean[2];
+    int k;
+    for (k = 0; k < 2; k++) {
+        stage s;
+        begin_floor(&s, 8, 0);
+        stage_medium(&s, "m", 2000, .8, 0);
+        stage_object(&s, &slab, "m", NULL);
+        s.objects[0].plane_y = -2, s.objects[0].half_size = 1e4f;
+        if (k) s.objects[0].mesh = &ground;
+        stage_constant(&s, NULL, 1);
+        mean[k] = brightness(&s, 2000);
+    }
+    CHECK(mean[0].value > .2 && mean[0].value < .3);
+    CHECK_MEAN(mean[1].value - mean[0].value, hypot(mean[0].error, mean[1].error), 0, 4.5, .004);
+    itn_mesh_free(&slab), itn_mesh_free(&ground);
+}
+
+/* `force` with a closed mesh that is inside out: its inside is what it encloses. */
+static void test_forced_inside_out(void) {
+    itn_mesh box = unit_box();
+    solids_mean mean;
+    stage s;
+    int i;
+    for (i = 0; i < 12; i++) {
+        int swap = box.triangles[3 * i + 1];
+        box.triangles[3 * i + 1] = box.triangles[3 * i + 2], box.triangles[3 * i + 2] = swap;
+    }
+    begin_box(&s, &box, 1, 0);
+    s.desc.camera.fov = .01f;
+    check_refused(&s, NULL, ITN_ERROR_MESH, __LINE__);
+    s.objects[0].force = 1;
+    mean = brightness(&s, 8192);
+    CHECK_MEAN(mean.value, mean.error, exp(-2), 4.5, .002);
+    itn_mesh_free(&box);
+}
+
+static double seconds_of_rays(const itn_bvh *bvh, float tilt, float shift, int count, int *hits) {
+    clock_t start = clock();
+    itn__rng rng = itn__rng_make(1, 2, 3);
+    int k;
+    *hits = 0;
+    for (k = 0; k < count; k++) {
+        itn_ray ray;
+        itn_hit hit;
+        ray.origin.x = shift + 2 * itn__uniform(&rng) - 1;
+        ray.origin.y = 2 * itn__uniform(&rng) - 1, ray.origin.z = 3;
+        ray.direction.x = ray.direction.y = tilt, ray.direction.z = -1;
+        ray.tmin = 0, ray.tmax = INFINITY;
+        *hits += itn_bvh_nearest(bvh, &ray, &hit);
+    }
+    return (double)(clock() - start) / CLOCKS_PER_SEC;
+}
+
+/* Rays along an axis cost what slightly tilted ones cost (fifty times is a failure), those that
+   pass by included. */
+static void test_speed_of_axis_parallel_rays(void) {
+    itn_mesh sphere = solids_sphere(1, 5); /* 20480 triangles */
+    itn_bvh *bvh;
+    itn_error error;
+    int pass, hits[2];
+    stage_need(itn_bvh_create(&sphere, NULL, &bvh, &error), &error);
+    for (pass = 0; pass < 2; pass++) {
+        float shift = pass ? 3.f : 0.f;
+        double tilted = seconds_of_rays(bvh, 1e-6f, shift, 10000, &hits[0]);
+        double parallel = seconds_of_rays(bvh, 0, shift, 10000, &hits[1]);
+        check_report(parallel < 50 * itn__max((float)tilted, 1e-4f), __FILE__, __LINE__,
+                     "axis-parallel rays need %g s, tilted ones %g s", parallel, tilted);
+        CHECK(pass ? hits[0] == 0 && hits[1] == 0 : hits[1] > 7000 &&
+                                                        abs(hits[1] - hits[0]) < 10);
+    }
+    itn_bvh_free(bvh);
+    itn_mesh_free(&sphere);
+}
+
+/* Diffuse triangles of next to no height in the plane y = 0, drawn from `rng`. */
+static itn_mesh needles(itn__rng *rng, double height, int count) {
+    itn_mesh mesh;
+    itn_error error;
+    int i, k;
+    stage_need(itn_mesh_create(3 * count, count, 0, NULL, &mesh, &error), &error);
+    for (i = 0; i < count; i++) {
+        double a[2], c[2], t = itn__uniform(rng);
+        float *p = mesh.positions + 9 * i;
+        for (k = 0; k < 2; k++) a[k] = 2 * itn__uniform(rng) - 1, c[k] = 2 * itn__uniform(rng) - 1;
+        p[0] = (float)a[0], p[2] = (float)a[1], p[3] = (float)c[0], p[5] = (float)c[1];
+        p[6] = (float)(a[0] + t * (c[0] - a[0]) - height * (c[1] - a[1]));
+        p[8] = (float)(a[1] + t * (c[1] - a[1]) + height * (c[0] - a[0]));
+        for (k = 0; k < 3; k++) mesh.triangles[3 * i + k] = 3 * i + k;
+    }
+    return mesh;
+}
+
+/* Zooms in on needles in an upper half of light: no crash, no NaN; what is hit is lit. */
+static void test_needles_under_a_map(void) {
+    static const double heights[] = {1e-6, 1e-7, 1e-8};
+    itn_image map;
+    itn_error error;
+    int k, i, tries, bad = 0;
+    double lit = 0;
+    stage_need(itn_image_create(8, 9, 1, NULL, &map, &error), &error);
+    strcpy(map.names[0], "Y");
+    for (i = 0; i < 72; i++) map.pixels[i] = i < 40 ? 1.f : 0.f;
+    for (k = 0; k < 3; k++) {
+        itn__rng rng = itn__rng_make(1, 2, (uint64_t)k);
+        for (tries = 0; tries < 400; tries++) {
+            itn_mesh mesh = needles(&rng, heights[k], 16);
+            itn_image image;
+            const float *p = mesh.positions;
+            float x = .5f * (p[0] + p[3]), z = .5f * (p[2] + p[5]);
+            stage s;
+            begin_floor(&s, 8, .5);
+            s.objects[0].mesh = &mesh;
+            stage_map(&s, NULL, &map);
+            s.desc.camera.target = solids_vec3(x, 0, z);
+            s.desc.camera.eye = solids_vec3(x, 3, z), s.desc.camera.fov = 2e-6f;
+            image = picture(&s, 4, NULL);
+            bad += values_out_of(&image, 3);
+            for (i = 0; i < 64; i++) lit += image.pixels[i];
+            itn_image_free(&image);
+            itn_mesh_free(&mesh);
+        }
+    }
+    CHECK(bad == 0);
+    CHECK(lit > 1);
+    itn_image_free(&map);
+}
+
+/* The normal of a needle that a ray hits is perpendicular to it and faces the ray. */
+static void test_normals_of_needles(void) {
+    static const double heights[] = {1e-6, 1e-7, 1e-8};
+    itn__rng rng = itn__rng_make(1, 2, 9);
+    int k, i, hits = 0, none = 0, wrong = 0;
+    for (k = 0; k < 3; k++)
+        for (i = 0; i < 20000; i++) {
+            itn_mesh mesh = needles(&rng, heights[k], 1);
+            const float *p = mesh.positions;
+            float w = itn__uniform(&rng), v = itn__uniform(&rng) * (1 - w), u = 1 - w - v;
+            itn_bvh *bvh;
+            itn_ray ray;
+            itn_hit hit;
+            itn_vec3 n;
+            itn_error error;
+            stage_need(itn_bvh_create(&mesh, NULL, &bvh, &error), &error);
+            ray.origin = solids_vec3(u * p[0] + v * p[3] + w * p[6], 1,
+                                     u * p[2] + v * p[5] + w * p[8]);
+            ray.direction = solids_vec3(0, -1, 0), ray.tmin = 0, ray.tmax = INFINITY;
+            if (itn_bvh_nearest(bvh, &ray, &hit)) {
+                hits++;
+                if (!itn__hit_normal(bvh, &hit, ray.direction, &n)) none++;
+                else wrong += !(n.y > .999f);
+            }
+            itn_bvh_free(bvh);
+            itn_mesh_free(&mesh);
+        }
+    CHECK(hits > 1000 && none == 0);
+    check_report(wrong == 0, __FILE__, __LINE__, "%d of %d normals are wrong", wrong, hits);
+}
+
+/* ---- descs that must be refused -------------------------------------------------------------- */
+
+static void test_huge_texture_coordinates(void) {
+    static const float sizes[] = {FLT_MAX, -FLT_MAX, 2e6f, 1e6f};
+    itn_mesh box = unit_box();
+    itn_image texture = stage_patch(1, .5, .5, .5), image;
+    float uvs[72];
+    int k, i;
+    stage s;
+    begin_floor(&s, 4, .5);
+    stage_constant(&s, NULL, 1);
+    s.objects[0].mesh = &box, box.uvs = uvs;
+    s.surfaces[0].texture = ITN_TEXTURE_IMAGE, s.surfaces[0].image = &texture;
+    for (k = 0; k < 4; k++) {
+        for (i = 0; i < 72; i++) uvs[i] = sizes[k];
+        if (k < 3) check_refused(&s, NULL, ITN_ERROR_MESH, __LINE__);
+    }
+    image = picture(&s, 16, NULL);
+    CHECK(values_out_of(&image, 1.001) == 0);
+    box.uvs = NULL;
+    itn_image_free(&image), itn_image_free(&texture);
+    itn_mesh_free(&box);
+}
+
+static void test_images_without_names_or_pixels(void) {
+    float pixels[4] = {.5f, .5f, .5f, .5f};
+    char names[1][ITN_NAME_SIZE] = {"Y"};
+    itn_image image = ITN_ZERO;
+    stage s;
+    image.width = image.height = 2, image.plane_count = 1, image.pixels = pixels;
+    begin_floor(&s, 4, .5);
+    s.surfaces[0].texture = ITN_TEXTURE_IMAGE, s.surfaces[0].image = &image;
+    REFUSED(&s);
+    image.names = names, image.pixels = NULL;
+    REFUSED(&s);
+    begin_floor(&s, 4, .5);
+    stage_map(&s, "map", &image);
+    REFUSED(&s);
+    image.names = NULL, image.pixels = pixels;
+    REFUSED(&s);
+    image.names = names;
+    check_refused(&s, NULL, ITN_OK, __LINE__);
+}
+
+/* coefficient `index` of all channels of a plain sky */
+static void set_sky(stage *s, int index, double value) {
+    int c;
+    for (c = 0; c < 3; c++) s->lights[0].sky.coefficients[c][index] = (float)value;
+}
+
+static void test_exploding_skies(void) {
+    static const double ninths[] = {1, -1, 1.5, -40};
+    stage s;
+    itn_scene *scene;
+    int k;
+    begin_floor(&s, 4, .5);
+    stage_sky(&s, "sky");
+    scene = stage_make(&s); /* this one is fine */
+    itn_scene_free(scene);
+    for (k = 0; k < 4; k++) set_sky(&s, 8, ninths[k]), REFUSED(&s);
+    set_sky(&s, 8, .5), set_sky(&s, 0, 1), set_sky(&s, 1, 1000);
+    REFUSED(&s);
+    set_sky(&s, 0, 1e30), set_sky(&s, 1, 1);
+    REFUSED(&s);
+    set_sky(&s, 0, -.6), set_sky(&s, 1, -.4), set_sky(&s, 4, 1000); /* exp(1000 gamma) */
+    REFUSED(&s);
+    set_sky(&s, 4, -2), set_sky(&s, 2, 1e20);
+    REFUSED(&s);
+}
+
+/* The sun's irradiance on a level floor: radiance * solid angle * mean cosine, which for a cone of
+   half angle a at cosine c is c (1 + cos a)/2. */
+static void test_power_of_the_sun(double planted) {
+    static const double scales[] = {.01, 1, 70};
+    static const float refused[] = {.0099f, 1e-3f, 1e-19f, 1e-30f, -1, 321};
+    const double pi = 3.14159265358979, half = .2679 * pi / 180;
+    stage s;
+    int k, c;
+    begin_floor(&s, 8, .5);
+    s.objects[0].half_size = 10;
+    stage_sky(&s, "sky");
+    for (c = 0; c < 3; c++)
+        s.lights[0].sky.radiance[c] = 0, s.lights[0].sky.sun_radiance[c] = 1e4f;
+    s.lights[0].sun_direction = solids_vec3(.36, .8, .48);
+    for (k = 0; k < 3; k++) {
+        double solid = 4 * pi * pow(sin(half / 2), 2);
+        double expected = .5 / pi * 1e4 * solid * .8 * (1 + cos(half * scales[k])) / 2;
+        solids_mean mean;
+        s.lights[0].sun_radius_scale = (float)scales[k];
+        mean = brightness(&s, 4096);
+        CHECK_NEAR(mean.value, expected * (1 + planted), 4.5 * mean.error + 2e-4 * expected);
+        CHECK(mean.error < 1e-3 * expected);
+    }
+    for (k = 0; k < 6; k++) s.lights[0].sun_radius_scale = refused[k], REFUSED(&s);
+}
+
+static void test_counts_at_the_limit(void) {
+    int k;
+    for (k = 1; k < 16; k++) {
+        stage s;
+        begin_floor(&s, 4, .5);
+        if (k & 1) s.desc.medium_count = INT_MAX;
+        if (k & 2) s.desc.surface_count = INT_MAX;
+        if (k & 4) s.desc.light_count = INT_MAX;
+        if (k & 8) s.desc.object_count = INT_MAX;
+        REFUSED(&s);
+    }
+}
+
+/* An allocator that is out of memory beyond 64 MB. */
+static void *small_allocate(size_t bytes, void *user) {
+    (void)user;
+    return bytes > (size_t)64 << 20 ? NULL : malloc(bytes);
+}
+static void small_free(void *block, void *user) {
+    (void)user;
+    free(block);
+}
+
+static void test_sizes_at_the_limit(void) {
+    itn_context context = ITN_ZERO;
+    itn_mesh mesh = ITN_ZERO, box = unit_box();
+    itn_image image = ITN_ZERO;
+    itn_error error;
+    itn_result result;
+    float pixels[4] = {1, 1, 1, 1};
+    char names[1][ITN_NAME_SIZE] = {"Y"};
+    stage s;
+    context.allocate = small_allocate, context.deallocate = small_free;
+    result = itn_mesh_create(INT_MAX, INT_MAX, 1, &context, &mesh, &error);
+    CHECK(result != ITN_OK && error.code == result && mesh.positions == NULL);
+    result = itn_image_create(INT_MAX, INT_MAX, INT_MAX, &context, &image, &error);
+    CHECK(result != ITN_OK && error.code == result && image.pixels == NULL);
+    image.width = image.height = 65536, image.plane_count = 1; /* 2^32 pixels, never read */
+    image.pixels = pixels, image.names = names;
+    begin_floor(&s, 4, .5);
+    stage_map(&s, "map", &image);
+    check_refused(&s, &context, ITN_ERROR_MEMORY, __LINE__);
+    image.width = image.height = INT_MAX;
+    check_refused(&s, &context, ITN_ERROR_MEMORY, __LINE__);
+    mesh = box, mesh.triangle_count = INT_MAX; /* the arrays are never read that far */
+    s.desc.light_count = 0, s.objects[0].mesh = &mesh;
+    check_refused(&s, &context, ITN_ERROR_MEMORY, __LINE__);
+    itn_mesh_free(&box);
+}
+
+static void test_names_that_collide(void) {
+    itn_mesh box = unit_box();
+    stage s;
+    begin_box(&s, &box, 1, .5); /* two surfaces of one name, though of two types */
+    stage_diffuse(&s, "d", .5), stage_dielectric(&s, "d", 1.5, 0);
+    REFUSED(&s);
+    begin_box(&s, &box, 1, .5); /* two media */
+    stage_medium(&s, "m", 1, .5, 0);
+    REFUSED(&s);
+    begin_box(&s, &box, 1, .5); /* two lights of two types */
+    s.lights[0].name = "l", stage_sky(&s, "l");
+    REFUSED(&s);
+    begin_box(&s, &box, 1, .5); /* layers d_m_albedo_g of m.albedo_g and m_albedo.g */
+    stage_medium(&s, "m_albedo", 1, .5, 0);
+    s.desc.film.channels = 3;
+    REFUSED(&s);
+    begin_box(&s, &box, 1, .5); /* d_k_sun_scale of k.sun_scale and k_sun.scale */
+    s.lights[0].name = "k_sun", stage_sky(&s, "k");
+    REFUSED(&s);
+    s.lights[0].name = "k_moon";
+    check_refused(&s, NULL, ITN_OK, __LINE__);
+    itn_mesh_free(&box);
+}
+
+/* ---- camera ---------------------------------------------------------------------------------- */
+
+/* View and up have a direction only: any length gives the same picture. */
+static void test_camera_vectors_of_any_length(void) {
+    static const double sizes[] = {1e-25, 1e-38, 1e20, 1e37};
+    itn_image map = stage_patch(1, .6, .3, 5), images[2];
+    int k, j;
+    for (k = 0; k < 4; k++) {
+        for (j = 0; j < 2; j++) {
+            double view = j ? sizes[k] : 1;
+            stage s;
+            stage_begin(&s, 8, 0, 60);
+            stage_diffuse(&s, "floor", .5);
+            stage_object(&s, NULL, NULL, "floor");
+            stage_map(&s, NULL, &map);
+            s.desc.camera.eye.y = 3; /* the view's components add to zeros only */
+            s.desc.camera.target = solids_vec3(view, 3, view);
+            s.desc.camera.up = solids_vec3(0, j ? 1 / view : 1, 0);
+            images[j] = picture(&s, 16, NULL);
+        }
+        CHECK_NEAR(difference(&images[0], &images[1], 0, 0), 0, 1e-5);
+        itn_image_free(&images[0]), itn_image_free(&images[1]);
+    }
+    itn_image_free(&map);
+}
+
+/* ---- media and surfaces ---------------------------------------------------------------------- */
+
+/* A sphere in a sphere in a sphere; the middle one is index-matched, so it is not there. */
+static double nested(int layers, double inner_ior, const itn_image *map, solids_mean *mean) {
+    itn_mesh a = solids_sphere(1, 3), b = solids_sphere(.8, 3), c = solids_sphere(.5, 3);
+    stage s;
+    stage_begin(&s, 16, 5, 10);
+    stage_medium(&s, "fog", 0, 0, 0);
+    stage_dielectric(&s, "glass", 1.5, 0), stage_dielectric(&s, "inner", inner_ior, 0);
+    stage_object(&s, &a, NULL, "glass");
+    if (layers & 1) stage_object(&s, &b, "fog", NULL);
+    if (layers & 2) stage_object(&s, &c, NULL, "inner");
+    stage_map(&s, NULL, map);
+    *mean = brightness(&s, 512);
+    itn_mesh_free(&a), itn_mesh_free(&b), itn_mesh_free(&c);
+    return mean->value;
+}
+
+static void test_index_goes_on_in_matched_objects(void) {
+    itn_image map;
+    itn_error error;
+    solids_mean with, without;
+    int i;
+    stage_need(itn_image_create(8, 5, 1, NULL, &map, &error), &error);
+    strcpy(map.names[0], "Y");
+    for (i = 0; i < 40; i++) map.pixels[i] = i < 16 ? 1.f : 0.f;
+    /* a bubble of air */
+    nested(3, 1, &map, &with), nested(2, 1, &map, &without);
+    CHECK_MEAN(with.value - without.value, hypot(with.error, without.error), 0, 4.5, .002);
+    /* glass of the same index in the fog: nothing to see but the outer sphere */
+    nested(3, 1.5, &map, &with), nested(0, 1.5, &map, &without);
+    CHECK_MEAN(with.value - without.value, hypot(with.error, without.error), 0, 4.5, .002);
+    itn_image_free(&map);
+}
+
+/* A rough boundary of next to no index step loses no light. */
+static void test_rough_boundary_without_step(void) {
+    itn_mesh sphere = solids_sphere(1, 3);
+    itn_image map = stage_patch(1, .5, .5, 0);
+    int i, light;
+    for (light = 0; light < 2; light++) {
+        solids_mean mean;
+        stage s;
+        stage_begin(&s, 8, 4, 20);
+        stage_medium(&s, "m", 1, 1, 0);
+        stage_dielectric(&s, "s", 1 + 2e-7, .5);
+        stage_object(&s, &sphere, "m", "s");
+        for (i = 0; i < map.width * map.height; i++) map.pixels[i] = 1;
+        if (light)
+            stage_map(&s, NULL, &map);
+        else
+            stage_constant(&s, NULL, 1);
+        mean = brightness(&s, 512);
+        CHECK_NEAR(mean.value, 1, 4.5 * mean.error + 1e-5);
+        CHECK(mean.error < .002);
+    }
+    itn_image_free(&map);
+    itn_mesh_free(&sphere);
+}
+
+/* ---- derivatives ----------------------------------------------------------------------------- */
+
+/* The mean of d/d ior in green and blue does not depend on red: not even on a black one. The paths
+   are the same, so values agree but for rounding, far below the standard errors. */
+static void test_index_derivative_beside_black_red(double planted) {
+    itn_mesh box = unit_box();
+    itn_image images[2];
+    const char *const names[2][2] = {{"d_s_ior.G", "d_s_ior_variance.G"},
+                                     {"d_s_ior.B", "d_s_ior_variance.B"}};
+    int k, c;
+    for (k = 0; k < 2; k++) {
+        stage s;
+        stage_begin(&s, 16, 3, 20);
+        s.desc.film.channels = 3;
+        stage_medium(&s, "m", 4, .8 - planted * k, 0)->albedo[0] = k ? 0 : .8f;
+        stage_dielectric(&s, "s", 1.5, .6);
+        stage_object(&s, &box, "m", "s");
+        stage_constant(&s, NULL, 1);
+        images[k] = picture(&s, 512, "s.ior");
+    }
+    for (c = 0; c < 2; c++) {
+        solids_mean grey = solids_plane_mean(&images[0], names[c][0], names[c][1]);
+        solids_mean red = solids_plane_mean(&images[1], names[c][0], names[c][1]);
+        CHECK_NEAR(red.value, grey.value, .1 * grey.error);
+        CHECK(fabs(grey.value) > 10 * grey.error);
+    }
+    itn_image_free(&images[0]), itn_image_free(&images[1]);
+    itn_mesh_free(&box);
+}
+
+/* Asking for an index costs the picture itself little. */
+static void test_noise_with_an_index_asked_for(void) {
+    itn_mesh box = unit_box();
+    itn_image image;
+    double errors[2];
+    int k;
+    for (k = 0; k < 2; k++) {
+        stage s;
+        stage_begin(&s, 16, 3, 20);
+        stage_medium(&s, "m", .2, 1, 0);
+        stage_dielectric(&s, "s", 1.8, .1);
+        stage_object(&s, &box, "m", "s");
+        stage_constant(&s, NULL, 1);
+        image = picture(&s, 1024, k ? "s.ior" : NULL);
+        errors[k] = solids_plane_mean(&image, "Y", "Variance.Y").error;
+        itn_image_free(&image);
+    }
+    if (getenv("SHOW")) printf("standard errors %g, with an index %g\n", errors[0], errors[1]);
+    CHECK(errors[1] < 3 * errors[0]);
+    itn_mesh_free(&box);
+}
+
+/* Gradient and variance are linear and quadratic in the weights, however small or large. */
+static void test_gradients_of_any_size(void) {
+    static const float sizes[] = {1, 1e-30f, 1e30f};
+    itn_mesh box = unit_box();
+    itn_scene *scene;
+    itn_error error;
+    double gradient[3], variance[3];
+    float weights[16];
+    int k, i, parameter;
+    stage s;
+    begin_box(&s, &box, 1, .5);
+    scene = stage_make(&s);
+    parameter = itn_parameter_find(scene, "m.albedo");
+    for (k = 0; k < 3; k++) {
+        double size = (double)sizes[k];
+        for (i = 0; i < 16; i++) weights[i] = sizes[k];
+        stage_need(itn_render_gradient(scene, NULL, NULL, weights, &parameter, 1, &gradient[k],
+                                       &variance[k], &error), &error);
+        CHECK(variance[k] > 0);
+        CHECK_NEAR(gradient[k] / size, gradient[0], 1e-4 * gradient[0]);
+        CHECK_NEAR(variance[k] / size / size, variance[0], 1e-4 * variance[0]);
+    }
+    itn_scene_free(scene);
+    itn_mesh_free(&box);
+}
+
+/* ---- the loss -------------------------------------------------------------------------------- */
+
+typedef struct watch {
+    int calls, wrong, stop_at;
+    double last;
+} watch;
+
+static int watch_progress(void *user, double fraction) {
+    watch *w = (watch *)user;
+    w->wrong += !(fraction >= w->last && fraction >= 0 && fraction <= 1);
+    w->last = fraction;
+    return ++w->calls == w->stop_at;
+}
+
+/* Statistics: untouched when the loss fails, those of both renders when it succeeds; the progress
+   goes once from 0 to 1. */
+static void test_reports_of_the_loss(void) {
+    itn_mesh box = unit_box();
+    itn_scene *scene;
+    itn_error error;
+    itn_render_options options = ITN_ZERO;
+    itn_render_stats stats = {-1, -1};
+    watch w = ITN_ZERO;
+    float target[16] = {0};
+    double loss = -1, gradient = -1;
+    int albedo, ior, wrong = 99, k;
+    stage s;
+    begin_box(&s, &box, 1, .5);
+    stage_dielectric(&s, "glass", 1.5, 0), s.objects[0].surface = "glass";
+    scene = stage_make(&s);
+    albedo = itn_parameter_find(scene, "m.albedo"), ior = itn_parameter_find(scene, "glass.ior");
+    options.spp = 16, options.stats = &stats;
+    options.progress = watch_progress, options.progress_user = &w;
+#define LOSS(parameter, count, out)                                                                \
+    itn_loss_gradient(scene, NULL, &options, target, parameter, count, &loss, out, &error)
+    CHECK(LOSS(&wrong, 1, &gradient) == ITN_ERROR_ARGUMENT);
+    CHECK(LOSS(&albedo, -1, &gradient) == ITN_ERROR_ARGUMENT);
+    CHECK(LOSS(NULL, 1, &gradient) == ITN_ERROR_ARGUMENT);
+    CHECK(LOSS(&ior, 1, &gradient) == ITN_ERROR_UNSUPPORTED);
+    CHECK(LOSS(&albedo, 1, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "itn_render_gradient") == NULL);
+    CHECK(w.calls == 0); /* nothing was rendered for that */
+    CHECK(stats.paths == -1 && stats.collisions == -1 && loss == -1 && gradient == -1);
+    CHECK(LOSS(&albedo, 1, &gradient) == ITN_OK);
+    CHECK(stats.paths == 2 * 16 * 16 && stats.collisions > 0);
+    CHECK(w.calls >= 2 && w.wrong == 0 && w.last > .9);
+    for (k = w.calls; k > 0; k--) { /* cancelled at every call, also late ones */
+        watch stop = ITN_ZERO;
+        stats.paths = stats.collisions = -1;
+        loss = gradient = -1;
+        stop.stop_at = k, options.progress_user = &stop;
+        CHECK(LOSS(&albedo, 1, &gradient) == ITN_ERROR_CANCELLED);
+        CHECK(stats.paths == -1 && stats.collisions == -1 && loss == -1 && gradient == -1);
+    }
+#undef LOSS
+    itn_scene_free(scene);
+    itn_mesh_free(&box);
+}
+
+/* ---- seeds ----------------------------------------------------------------------------------- */
+
+static void test_seeds_of_the_loss(void) {
+    itn_mesh box = unit_box();
+    itn_scene *scene;
+    itn_error error;
+    float target[16] = {0};
+    double losses[2], gradients[2];
+    int k, parameter;
+    stage s;
+    begin_box(&s, &box, 1, .5);
+    scene = stage_make(&s);
+    parameter = itn_parameter_find(scene, "m.albedo");
+    for (k = 0; k < 2; k++) {
+        itn_render_options options = ITN_ZERO;
+        options.spp = 16, options.seed = k ? 7 + ((uint64_t)1 << 63) : 7;
+        stage_need(itn_loss_gradient(scene, NULL, &options, target, &parameter, 1, &losses[k],
+                                     &gradients[k], &error), &error);
+    }
+    CHECK(losses[0] != losses[1] && gradients[0] != gradients[1]);
+    itn_scene_free(scene);
+    itn_mesh_free(&box);
+}
+
+typedef struct record {
+    int count;
+    double losses[8];
+} record;
+
+static int record_loss(void *user, const itn_refine_step *step) {
+    record *r = (record *)user;
+    if (r->count < 8) r->losses[r->count++] = step->loss;
+    return 0;
+}
+
+/* Refinements with neighbouring seeds share no render. The steps are so small that theta stays
+   where it is: every iteration measures the same loss, each time anew. */
+static void test_seeds_of_the_refinement(uint64_t planted) {
+    itn_mesh box = unit_box();
+    itn_scene *scene;
+    itn_error error;
+    record records[3];
+    float target[16] = {0}, theta[8];
+    int k, i, j, parameter, same = 0;
+    stage s;
+    begin_box(&s, &box, 1, .5);
+    scene = stage_make(&s);
+    parameter = itn_parameter_find(scene, "m.albedo");
+    memset(records, 0, sizeof records);
+    for (k = 0; k < 3; k++) {
+        itn_refine_options options = ITN_ZERO;
+        itn_estimate estimate;
+        options.method = ITN_METHOD_ADAM, options.iterations = 4, options.spp = 8;
+        options.seed = planted ? planted : (uint64_t)k + 1, options.learning_rate = 1e-30;
+        options.progress = record_loss, options.progress_user = &records[k];
+        itn_parameter_values(scene, theta);
+        stage_need(itn_refine(scene, theta, target, &parameter, 1, &options, &estimate, &error),
+                   &error);
+        CHECK(records[k].count >= 4);
+    }
+    for (k = 0; k < 2; k++)
+        for (i = 0; i < records[k].count; i++)
+            for (j = 0; j < records[k + 1].count; j++)
+                same += records[k].losses[i] == records[k + 1].losses[j] ||
+                        records[0].losses[i] == records[2].losses[j];
+    CHECK(same == 0);
+    itn_scene_free(scene);
+    itn_mesh_free(&box);
+}
+
+#define RUN(call)                                                                                  \
+    do {                                                                                           \
+        clock_t start = clock();                                                                   \
+        call;                                                                                      \
+        if (getenv("SHOW"))                                                                        \
+            printf("%s: %.2f s\n", #call, (double)(clock() - start) / CLOCKS_PER_SEC);             \
+    } while (0)
+
+int main(void) {
+    RUN(test_eye_in_touching_cubes(0));
+    RUN(test_far_unused_vertex());
+    RUN(test_thin_slab_over_large_ground());
+    RUN(test_forced_inside_out());
+    RUN(test_speed_of_axis_parallel_rays());
+    RUN(test_needles_under_a_map());
+    RUN(test_normals_of_needles());
+    RUN(test_huge_texture_coordinates());
+    RUN(test_images_without_names_or_pixels());
+    RUN(test_exploding_skies());
+    RUN(test_power_of_the_sun(0));
+    RUN(test_counts_at_the_limit());
+    RUN(test_sizes_at_the_limit());
+    RUN(test_names_that_collide());
+    RUN(test_camera_vectors_of_any_length());
+    RUN(test_index_goes_on_in_matched_objects());
+    RUN(test_rough_boundary_without_step());
+    RUN(test_index_derivative_beside_black_red(0));
+    RUN(test_noise_with_an_index_asked_for());
+    RUN(test_gradients_of_any_size());
+    RUN(test_reports_of_the_loss());
+    RUN(test_seeds_of_the_loss());
+    RUN(test_seeds_of_the_refinement(0));
+    CHECK_CATCHES(test_eye_in_touching_cubes(.02));
+    CHECK_CATCHES(test_power_of_the_sun(.003));
+    CHECK_CATCHES(test_index_derivative_beside_black_red(.05));
+    CHECK_CATCHES(test_seeds_of_the_refinement(5));
+    return check_end("regressions");
+}
