@@ -45,6 +45,20 @@ static int whole(const char *option, const char *text) {
     return (int)value;
 }
 
+/* Says how thick each medium's objects are, in mean free paths: what a picture can tell of sigma_t
+   depends on it. */
+static void show_thickness(const itn_scene *scene, FILE *file) {
+    int i;
+    for (i = 0; i < itn_parameter_count(scene); i++) {
+        char medium[ITN_NAME_SIZE];
+        snprintf(medium, sizeof medium, "%s", itn_parameter_get(scene, i)->name);
+        if (!strstr(medium, ".sigma_t")) continue;
+        *strchr(medium, '.') = 0;
+        fprintf(file, "%s: optical thickness %.3g (sigma_t times the mean chord)\n", medium,
+                itn_scene_thickness(scene, NULL, medium));
+    }
+}
+
 static int show_step(void *user, const itn_refine_step *step) {
     history *h = (history *)user;
     int k, row = h->rows < MOST_ROWS ? h->rows++ : MOST_ROWS - 1;
@@ -293,6 +307,7 @@ int main(int argc, char **argv) {
     refine.target_variance = variance;
     refine.progress = show_step, refine.progress_user = &h;
     h.scene = scene, h.parameters = parameters;
+    show_thickness(scene, stdout);
     if (itn_refine(scene, theta, light, parameters, h.count, &refine, estimates, &error))
         fail(error.message, "");
     missed = print_estimates(&h, estimates, target_path ? NULL : hidden);

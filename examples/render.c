@@ -45,6 +45,20 @@ static int show_progress(void *user, double fraction) {
     return 0;
 }
 
+/* Says how thick each medium's objects are, in mean free paths: what a picture can tell of sigma_t
+   depends on it. */
+static void show_thickness(const itn_scene *scene, FILE *file) {
+    int i;
+    for (i = 0; i < itn_parameter_count(scene); i++) {
+        char medium[ITN_NAME_SIZE];
+        snprintf(medium, sizeof medium, "%s", itn_parameter_get(scene, i)->name);
+        if (!strstr(medium, ".sigma_t")) continue;
+        *strchr(medium, '.') = 0;
+        fprintf(file, "%s: optical thickness %.3g (sigma_t times the mean chord)\n", medium,
+                itn_scene_thickness(scene, NULL, medium));
+    }
+}
+
 /* Applies "name=value" to theta. */
 static void set_parameter(const itn_scene *scene, float *theta, const char *text) {
     char name[ITN_NAME_SIZE] = "", *end = NULL;
@@ -176,7 +190,7 @@ int main(int argc, char **argv) {
     channels = itn_scene_film(scene).channels;
 
     options.stats = &stats;
-    if (!quiet) options.progress = show_progress;
+    if (!quiet) options.progress = show_progress, show_thickness(scene, stderr);
     start = seconds();
     if (itn_render(scene, theta, &options, parameters, count, &image, &error))
         fail(error.message, "");
