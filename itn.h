@@ -5458,6 +5458,11 @@ static void itn__refine_misfit(itn__refiner *refiner, const itn_image *a, const 
     refiner->chi2_error = felt > 0 ? sqrt(chi2_squares) / felt : 0;
 }
 
+/* A new seed for each evaluation. */
+static uint64_t itn__refine_seed(itn__refiner *refiner) {
+    return itn__mix64(itn__mix64(refiner->options.seed) + 2 * refiner->renders++);
+}
+
 static itn_result itn__overflow(itn_error *error) {
     return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                      "itn_refine: squares of the image's values are too large for a float");
@@ -5470,7 +5475,7 @@ static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error
     itn_result result;
     int n = refiner->count, k;
     options.spp = spp, options.max_scatter = refiner->options.max_scatter;
-    options.seed = itn__mix64(itn__mix64(refiner->options.seed) + 2 * refiner->renders++);
+    options.seed = itn__refine_seed(refiner);
     result = itn_render(refiner->scene, refiner->theta, &options, refiner->parameters, n, &a,
                         error);
     options.seed = itn__mix64(options.seed + 1);
@@ -5595,7 +5600,7 @@ static itn_result itn__refine_adam(itn__refiner *refiner, itn_error *error) {
     result = itn__adam_desc(NULL, &adam, error);
     for (iteration = 0; iteration < steps && !result; iteration++) {
         float slope, coordinate;
-        options.seed = itn__mix64(itn__mix64(refiner->options.seed) + 2 * refiner->renders++);
+        options.seed = itn__refine_seed(refiner);
         result = itn_loss_gradient(refiner->scene, refiner->theta, &options, refiner->target,
                                    refiner->parameters, n, &refiner->loss, refiner->gradient,
                                    error);
@@ -5651,9 +5656,9 @@ static itn_result itn__refine_finish(itn__refiner *refiner, itn_error *error) {
             longest = fmax(longest, fabs(refiner->step[k]));
             before[k] = refiner->coordinates[k];
         }
+        if (settled) return ITN_OK;
         for (k = 0; k < n; k++)
             refiner->step[k] = before[k] + refiner->step[k] * (longest > .5 ? .5 / longest : 1);
-        if (settled) return ITN_OK;
         itn__refine_set(refiner, refiner->step);
     }
     return ITN_OK;
