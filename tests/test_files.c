@@ -3,6 +3,7 @@
 #define _XOPEN_SOURCE 700 /* mkdtemp, symlink */
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
+#include "accountant.h"
 #include "check.h"
 #include <unistd.h>
 
@@ -14,34 +15,6 @@ static const char *in_directory(const char *name) {
     turn = !turn;
     snprintf(path[turn], sizeof path[turn], "%s/%s", directory, name);
     return path[turn];
-}
-
-/* ---- memory that counts, and fails at a chosen call ---- */
-
-typedef struct accountant {
-    long calls, fail_at, live;
-    double largest; /* bytes asked for at once */
-} accountant;
-
-static void *count_allocate(size_t bytes, void *user) {
-    accountant *a = (accountant *)user;
-    void *block;
-    if ((double)bytes > a->largest) a->largest = (double)bytes;
-    if (++a->calls == a->fail_at) return NULL;
-    block = malloc(bytes);
-    a->live += block != NULL;
-    return block;
-}
-static void count_free(void *block, void *user) {
-    ((accountant *)user)->live--;
-    free(block);
-}
-static itn_context count_context(accountant *a) {
-    itn_context context = ITN_ZERO;
-    context.allocate = count_allocate;
-    context.deallocate = count_free;
-    context.memory_user = a;
-    return context;
 }
 
 static uint64_t random_state = 1;

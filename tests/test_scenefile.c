@@ -3,6 +3,7 @@
 #define _XOPEN_SOURCE 700 /* mkdtemp */
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
+#include "accountant.h"
 #include "check.h"
 #include <unistd.h>
 
@@ -27,29 +28,6 @@ static void write_bytes(const char *name, const char *bytes, size_t size) {
 }
 static void write_text(const char *name, const char *text) {
     write_bytes(name, text, strlen(text));
-}
-
-/* Memory that counts, and fails at a chosen call. */
-typedef struct accountant {
-    long calls, fail_at, live;
-} accountant;
-
-static void *count_allocate(size_t bytes, void *user) {
-    accountant *a = (accountant *)user;
-    void *block = ++a->calls == a->fail_at ? NULL : malloc(bytes);
-    a->live += block != NULL;
-    return block;
-}
-static void count_free(void *block, void *user) {
-    ((accountant *)user)->live--;
-    free(block);
-}
-static itn_context count_context(accountant *a) {
-    itn_context context = ITN_ZERO;
-    context.allocate = count_allocate;
-    context.deallocate = count_free;
-    context.memory_user = a;
-    return context;
 }
 
 /* ---- the files of the tests ---- */
