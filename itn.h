@@ -63,10 +63,12 @@
        [memory]         errors, checked sizes, loops
        [math]           scalars, vectors, frames
        [rng]            counter-based random numbers
+       [lanes]          many floats at a time
        [dual]           numbers that carry derivatives
        [image]          planes of floats
        [mesh]           triangle meshes, and whether they are solids
        [tri]            the watertight ray-triangle test
+       [pack]           one ray against many triangles
        [bvh-build]      a bounding volume hierarchy
        [bvh-trace]      nearest hit, any hit
        [medium]         free flight and phase function
@@ -75,6 +77,16 @@
        [sensor]         camera and film
        [scene]          a desc, checked and made ready
        [path]           the reference path tracer
+
+     The fast walk: seven chapters that compute the same pictures in lanes
+       [lane-math]      logarithm, exponential, angles in lanes
+       [sobol]          scrambled points that fill the cube evenly
+       [voxels]         where there is nothing to hit
+       [scatter-lanes]  flights, phase function and boundaries in lanes
+       [light-lanes]    many directions to the lights
+       [tables]         what the fast walk knows of a scene
+       [fast]           the same walk, many paths at a time
+
        [render]         samples into images
        [adam]           a step that knows the size of its gradients
        [layers]         convolution, ReLU, pooling, fully connected: forward beside backward
@@ -97,6 +109,8 @@
      ITN_STATIC           everything static to that file (define it together with the above)
      ITN_THREADS          loops run on the platform's threads (link with -lpthread); else one,
                           or your own through itn_context.parallel_for
+     ITN_NO_FAST          leaves out the fast walk: all renders use the reference
+     ITN_NO_SIMD          numbers one by one in the place of lanes
      ITN_NO_NET           leaves out the network
      ITN_NO_STDIO         leaves out all that opens files; the _from_memory functions stay
      ITN_MALLOC, ITN_FREE default allocator (both or neither); itn_context overrides it per object
@@ -288,17 +302,27 @@ typedef struct itn_hit {
     int front;    /* 1: the ray met the outside of the triangle, 0: its inside */
 } itn_hit;
 
-/* Builds a hierarchy (binned surface area heuristic). The mesh may be freed afterwards.
+/* Builds a hierarchy (binned surface area heuristic, flattened to wide nodes) with the context's
+   parallel_for; the result does not depend on how that runs. The mesh may be freed afterwards.
    Errors: ARGUMENT (bad indices, coordinates that are not finite, no triangle), MEMORY. */
 ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
                                   itn_error *error);
 ITN_API void itn_bvh_free(itn_bvh *bvh);
 /* Returns 1 and fills hit with the nearest intersection, or returns 0 and leaves hit alone.
    Watertight: a ray through an edge or vertex shared by triangles never slips between them
-   (Woop, Benthin and Wald 2013). A ray that is not finite hits nothing. */
+   (Woop, Benthin and Wald 2013). Of hits at equal t, the one of the smaller triangle index counts.
+   A ray that is not finite hits nothing; only tmin and tmax may be infinite. */
 ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit);
 /* Returns 1 if anything lies between tmin and tmax, else 0. Pointers must not be NULL. */
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
+/* The same for `count` rays, in blocks by the parallel_for of the hierarchy's context. The arrays
+   are the caller's, have `count` elements and may not overlap; with count <= 0 nothing happens.
+   hits[i] is as by itn_bvh_nearest, or triangle = -1, t = tmax and the rest 0 for a miss. */
+ITN_API void itn_bvh_nearest_many(const itn_bvh *bvh, const itn_ray *rays, int count,
+                                  itn_hit *hits);
+/* occluded[i] is 1 if anything lies between tmin and tmax of ray i, else 0. */
+ITN_API void itn_bvh_occluded_many(const itn_bvh *bvh, const itn_ray *rays, int count,
+                                   unsigned char *occluded);
 
 /* ---- [api-scene] what is in the picture ------------------------------------------------------ */
 
@@ -442,7 +466,11 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* ---- [api-render] images, derivative images, gradients --------------------------------------- */
 
-typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE } itn_mode;
+/* AUTO is FAST for images and REFERENCE where derivatives are asked for. */
+typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
+/* How samples are spread: each on its own, or (fast walk only) by an Owen-scrambled Sobol sequence
+   over the pixel, the first boundary and the first flight. AUTO is SOBOL in the fast walk. */
+typedef enum itn_sampler { ITN_SAMPLER_AUTO = 0, ITN_SAMPLER_RANDOM, ITN_SAMPLER_SOBOL } itn_sampler;
 
 /* What a render did. */
 typedef struct itn_render_stats {
@@ -454,6 +482,8 @@ typedef struct itn_render_options {
     uint64_t seed;   /* every value gives other, independent samples; 0 is a seed like any other */
     int max_scatter; /* most medium scatterings of a path; 0 = unlimited, 1 = single scattering */
     itn_mode mode;
+    itn_sampler sampler;
+    int walks; /* fast walk: walks that share each of the spp camera rays, at most 256; 0 = 4 */
     int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
                                                      a non-zero return cancels; may be NULL */
     void *progress_user;
@@ -473,6 +503,11 @@ typedef struct itn_render_options {
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error);
+
+/* Makes now the tables that renders with these options will use, and which the scene keeps; else
+   the first such render makes them. theta and options may be NULL. Errors: as itn_render. */
+ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
+                                     const itn_render_options *options, itn_error *error);
 
 /* Adjoint: gradient[k] = sum over pixels and channels of weights * dI/dtheta of parameters[k],
    with its variance if `variance` is not NULL, without storing derivative images.
@@ -807,9 +842,11 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #if defined(__GNUC__)
 #define ITN__INLINE static inline __attribute__((always_inline, unused))
 #define ITN__PRINTF(string, first) __attribute__((format(printf, string, first)))
+#define ITN__PREFETCH(address) __builtin_prefetch(address)
 #else
 #define ITN__INLINE static inline
 #define ITN__PRINTF(string, first)
+#define ITN__PREFETCH(address) ((void)(address))
 #endif
 #if !defined(ITN_MALLOC) && !defined(ITN_FREE)
 #define ITN_MALLOC(bytes) malloc(bytes)
@@ -1003,6 +1040,46 @@ static ITN__UNUSED void itn__parallel_for(const itn_context *context, int count,
     for (index = 0; index < count; index++) body(task, index);
 }
 
+
+/* How many tasks it pays to divide a loop into that needs memory for each. */
+static ITN__UNUSED int itn__workers(const itn_context *context) {
+    if (context->parallel_for) return 32;
+#ifdef ITN_THREADS
+    return 4 * (context->threads > 0 ? context->threads : itn__processors());
+#else
+    return 1;
+#endif
+}
+
+/* A pointer that several threads may set once and read at any time: what a scene computes on demand
+   and keeps. Compilers without atomic operations keep nothing. */
+#if defined(__GNUC__)
+ITN__INLINE void *itn__once_get(void **shared) { return __atomic_load_n(shared, __ATOMIC_ACQUIRE); }
+/* Sets it if it is NULL; returns whether it was. */
+ITN__INLINE int itn__once_set(void **shared, void *made) {
+    void *expected = NULL;
+    return __atomic_compare_exchange_n(shared, &expected, made, 0, __ATOMIC_ACQ_REL,
+                                       __ATOMIC_ACQUIRE);
+}
+#elif defined(_MSC_VER)
+#include <intrin.h>
+ITN__INLINE void *itn__once_get(void **shared) {
+    return _InterlockedCompareExchangePointer(shared, NULL, NULL);
+}
+ITN__INLINE int itn__once_set(void **shared, void *made) {
+    return _InterlockedCompareExchangePointer(shared, made, NULL) == NULL;
+}
+#else
+ITN__INLINE void *itn__once_get(void **shared) {
+    (void)shared;
+    return NULL;
+}
+ITN__INLINE int itn__once_set(void **shared, void *made) {
+    (void)shared, (void)made;
+    return 0;
+}
+#endif
+
 /* ---- [math] scalars, vectors, frames --------------------------------------------------------- */
 
 #define ITN__PI 3.14159265358979323846f
@@ -1103,6 +1180,397 @@ ITN__INLINE uint32_t itn__rng_bits(itn__rng *rng) {
 /* Uniform in the open interval (0, 1): an odd multiple of 2^-24, so never 0 and never 1. */
 ITN__INLINE float itn__uniform(itn__rng *rng) {
     return ((float)(itn__rng_bits(rng) >> 9) + .5f) * 1.1920928955078125e-7f;
+}
+
+/* ---- [lanes] many floats at a time ----------------------------------------------------------- */
+
+/* The fast walk, the wide hierarchy and the network work on ITN__LANES numbers at once: 16 with
+   AVX-512, 8 with AVX2, otherwise 4, on the vector extensions of GCC and Clang; 1 with ITN_NO_SIMD
+   or another compiler. Arithmetic is written with the operators + - * / & | ^ ~ << >>, which mean
+   the same for a vector and for a number; all else is said by the functions of this chapter, so
+   that one text serves every width.
+     itn__floats  float lanes
+     itn__ints    int32_t lanes; also masks, with -1 for true and 0 for false
+     itn__words   uint32_t lanes, for bits and random numbers
+   Lanes are kept in registers: every function that takes or returns them is always inlined, so no
+   vector crosses a call. Memory holds plain arrays, loaded and stored at any alignment.
+   Intrinsics stand only where the extensions have no word for an operation, beside the portable
+   form. */
+#if !defined(ITN_NO_SIMD) && (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9))
+#define ITN__SIMD
+#endif
+
+#ifdef ITN__SIMD
+#if defined(__AVX512F__) && defined(__AVX512DQ__)
+#define ITN__LANES 16
+#elif defined(__AVX2__)
+#define ITN__LANES 8
+#else
+#define ITN__LANES 4
+#endif
+#ifdef __SSE2__
+#define ITN__X86
+#include <immintrin.h>
+#endif
+typedef float itn__floats __attribute__((vector_size(4 * ITN__LANES)));
+typedef int32_t itn__ints __attribute__((vector_size(4 * ITN__LANES)));
+typedef uint32_t itn__words __attribute__((vector_size(4 * ITN__LANES)));
+#define ITN__LANE(v, k) ((v)[k]) /* one lane, also to assign to */
+#else
+#define ITN__LANES 1
+typedef float itn__floats;
+typedef int32_t itn__ints;
+typedef uint32_t itn__words;
+#define ITN__LANE(v, k) (*((void)(k), &(v)))
+#endif
+
+/* Memory to lanes and back, ITN__LANES elements at any address. */
+ITN__INLINE itn__floats itn__load(const float *from) {
+    itn__floats v;
+    memcpy(&v, from, sizeof v);
+    return v;
+}
+ITN__INLINE void itn__store(float *to, itn__floats v) { memcpy(to, &v, sizeof v); }
+ITN__INLINE itn__ints itn__load_ints(const int32_t *from) {
+    itn__ints v;
+    memcpy(&v, from, sizeof v);
+    return v;
+}
+ITN__INLINE void itn__store_ints(int32_t *to, itn__ints v) { memcpy(to, &v, sizeof v); }
+ITN__INLINE itn__words itn__load_words(const uint32_t *from) {
+    itn__words v;
+    memcpy(&v, from, sizeof v);
+    return v;
+}
+ITN__INLINE void itn__store_words(uint32_t *to, itn__words v) { memcpy(to, &v, sizeof v); }
+
+/* The same number in all lanes. */
+#ifdef ITN__SIMD
+ITN__INLINE itn__floats itn__splat(float x) {
+    itn__floats zero = ITN_ZERO;
+    return x - zero;
+}
+ITN__INLINE itn__ints itn__splat_int(int32_t x) {
+    itn__ints zero = ITN_ZERO;
+    return x - zero;
+}
+ITN__INLINE itn__words itn__splat_word(uint32_t x) {
+    itn__words zero = ITN_ZERO;
+    return x - zero;
+}
+#else
+ITN__INLINE itn__floats itn__splat(float x) { return x; }
+ITN__INLINE itn__ints itn__splat_int(int32_t x) { return x; }
+ITN__INLINE itn__words itn__splat_word(uint32_t x) { return x; }
+#endif
+/* 0, 1, 2, ... */
+ITN__INLINE itn__ints itn__lane_numbers(void) {
+    itn__ints v = itn__splat_int(0);
+    int k;
+    for (k = 0; k < ITN__LANES; k++) ITN__LANE(v, k) = k;
+    return v;
+}
+
+/* The same bits with another meaning, and values of the other kind (floats truncate to ints). */
+#ifdef ITN__SIMD
+ITN__INLINE itn__floats itn__to_floats(itn__ints v) {
+    return __builtin_convertvector(v, itn__floats);
+}
+ITN__INLINE itn__ints itn__to_ints(itn__floats v) { return __builtin_convertvector(v, itn__ints); }
+#else
+ITN__INLINE itn__floats itn__to_floats(itn__ints v) { return (float)v; }
+ITN__INLINE itn__ints itn__to_ints(itn__floats v) { return (int32_t)v; }
+#endif
+ITN__INLINE itn__ints itn__float_bits(itn__floats v) {
+    itn__ints bits;
+    memcpy(&bits, &v, sizeof v);
+    return bits;
+}
+ITN__INLINE itn__floats itn__bits_float(itn__ints bits) {
+    itn__floats v;
+    memcpy(&v, &bits, sizeof v);
+    return v;
+}
+ITN__INLINE itn__ints itn__word_ints(itn__words v) {
+    itn__ints bits;
+    memcpy(&bits, &v, sizeof v);
+    return bits;
+}
+ITN__INLINE itn__words itn__int_words(itn__ints v) {
+    itn__words bits;
+    memcpy(&bits, &v, sizeof v);
+    return bits;
+}
+
+/* Comparisons make masks; any with a NaN is false. */
+#ifdef ITN__SIMD
+ITN__INLINE itn__ints itn__less(itn__floats a, itn__floats b) { return a < b; }
+ITN__INLINE itn__ints itn__less_equal(itn__floats a, itn__floats b) { return a <= b; }
+ITN__INLINE itn__ints itn__int_less(itn__ints a, itn__ints b) { return a < b; }
+ITN__INLINE itn__ints itn__int_equal(itn__ints a, itn__ints b) { return a == b; }
+#else
+ITN__INLINE itn__ints itn__less(itn__floats a, itn__floats b) { return -(a < b); }
+ITN__INLINE itn__ints itn__less_equal(itn__floats a, itn__floats b) { return -(a <= b); }
+ITN__INLINE itn__ints itn__int_less(itn__ints a, itn__ints b) { return -(a < b); }
+ITN__INLINE itn__ints itn__int_equal(itn__ints a, itn__ints b) { return -(a == b); }
+#endif
+
+/* a where the mask is true, b elsewhere. */
+ITN__INLINE itn__ints itn__select_int(itn__ints mask, itn__ints a, itn__ints b) {
+    return (a & mask) | (b & ~mask);
+}
+ITN__INLINE itn__floats itn__select(itn__ints mask, itn__floats a, itn__floats b) {
+    return itn__bits_float(itn__select_int(mask, itn__float_bits(a), itn__float_bits(b)));
+}
+
+/* The mask as bits 0 ... ITN__LANES-1 of a number. */
+ITN__INLINE unsigned itn__mask_bits(itn__ints mask) {
+#if defined(ITN__X86) && ITN__LANES == 16
+    return (unsigned)_mm512_movepi32_mask((__m512i)mask);
+#elif defined(ITN__X86) && ITN__LANES == 8
+    return (unsigned)_mm256_movemask_ps((__m256)mask);
+#elif defined(ITN__X86) && ITN__LANES == 4
+    return (unsigned)_mm_movemask_ps((__m128)mask);
+#else
+    unsigned bits = 0;
+    int k;
+    for (k = 0; k < ITN__LANES; k++) bits |= (unsigned)(ITN__LANE(mask, k) & 1) << k;
+    return bits;
+#endif
+}
+#define ITN__ALL_LANES ((1u << ITN__LANES) - 1)
+/* The bits of itn__less(a, b), in one step where there is one. */
+ITN__INLINE unsigned itn__less_bits(itn__floats a, itn__floats b) {
+#if defined(ITN__X86) && ITN__LANES == 16
+    return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_LT_OQ);
+#else
+    return itn__mask_bits(itn__less(a, b));
+#endif
+}
+
+/* How many bits are set, and the number of the lowest of them (bits != 0). */
+ITN__INLINE int itn__count_bits(unsigned bits) {
+#ifdef __GNUC__
+    return __builtin_popcount(bits);
+#else
+    int count = 0;
+    for (; bits; bits &= bits - 1) count++;
+    return count;
+#endif
+}
+ITN__INLINE int itn__lowest_bit(unsigned bits) {
+#ifdef __GNUC__
+    return __builtin_ctz(bits);
+#else
+    int k = 0;
+    while (!((bits >> k) & 1)) k++;
+    return k;
+#endif
+}
+/* The mask that has these bits. */
+ITN__INLINE itn__ints itn__bits_mask(unsigned bits) {
+#if defined(ITN__X86) && ITN__LANES == 16
+    return (itn__ints)_mm512_movm_epi32((__mmask16)bits);
+#else
+    itn__ints one = itn__splat_int(1);
+    int k;
+    for (k = 0; k < ITN__LANES; k++) ITN__LANE(one, k) = -(int32_t)((bits >> k) & 1);
+    return one;
+#endif
+}
+
+/* a < b ? a : b, and a > b ? a : b: with a NaN, b. */
+ITN__INLINE itn__floats itn__least(itn__floats a, itn__floats b) {
+#if defined(ITN__X86) && ITN__LANES == 16
+    return (itn__floats)_mm512_maskz_min_ps((__mmask16)0xffff, (__m512)a, (__m512)b);
+#elif defined(ITN__X86) && ITN__LANES == 8
+    return (itn__floats)_mm256_min_ps((__m256)a, (__m256)b);
+#elif defined(ITN__X86) && ITN__LANES == 4
+    return (itn__floats)_mm_min_ps((__m128)a, (__m128)b);
+#else
+    return itn__select(itn__less(a, b), a, b);
+#endif
+}
+ITN__INLINE itn__floats itn__most(itn__floats a, itn__floats b) {
+#if defined(ITN__X86) && ITN__LANES == 16
+    return (itn__floats)_mm512_maskz_max_ps((__mmask16)0xffff, (__m512)a, (__m512)b);
+#elif defined(ITN__X86) && ITN__LANES == 8
+    return (itn__floats)_mm256_max_ps((__m256)a, (__m256)b);
+#elif defined(ITN__X86) && ITN__LANES == 4
+    return (itn__floats)_mm_max_ps((__m128)a, (__m128)b);
+#else
+    return itn__select(itn__less(b, a), a, b);
+#endif
+}
+ITN__INLINE itn__floats itn__absolute(itn__floats v) {
+    return itn__bits_float(itn__float_bits(v) & itn__splat_int(0x7fffffff));
+}
+/* |a| with the sign of b. */
+ITN__INLINE itn__floats itn__with_sign(itn__floats a, itn__floats b) {
+    itn__ints sign = itn__splat_int(INT32_MIN);
+    return itn__bits_float((itn__float_bits(a) & ~sign) | (itn__float_bits(b) & sign));
+}
+ITN__INLINE itn__floats itn__root(itn__floats v) {
+#if defined(ITN__X86) && ITN__LANES == 16
+    return (itn__floats)_mm512_maskz_sqrt_ps((__mmask16)0xffff, (__m512)v);
+#elif defined(ITN__X86) && ITN__LANES == 8
+    return (itn__floats)_mm256_sqrt_ps((__m256)v);
+#elif defined(ITN__X86) && ITN__LANES == 4
+    return (itn__floats)_mm_sqrt_ps((__m128)v);
+#else
+    int k;
+    for (k = 0; k < ITN__LANES; k++) ITN__LANE(v, k) = sqrtf(ITN__LANE(v, k));
+    return v;
+#endif
+}
+/* Root of numbers that only rounding can make negative. */
+ITN__INLINE itn__floats itn__safe_root(itn__floats v) {
+    return itn__root(itn__most(v, itn__splat(0)));
+}
+/* Largest whole number not above v, for |v| < 2^31. */
+ITN__INLINE itn__ints itn__floor_ints(itn__floats v) {
+    itn__ints whole = itn__to_ints(v);
+    return whole + itn__less(v, itn__to_floats(whole)); /* a mask is -1 */
+}
+
+/* base[index] lane by lane, where the mask is true; elsewhere nothing is read and `other` stays. */
+ITN__INLINE itn__ints itn__gather_ints(const int32_t *base, itn__ints index, itn__ints mask,
+                                       itn__ints other) {
+#if defined(ITN__X86) && ITN__LANES == 16
+    return (itn__ints)_mm512_mask_i32gather_epi32((__m512i)other,
+                                                  _mm512_movepi32_mask((__m512i)mask),
+                                                  (__m512i)index, base, 4);
+#else
+    int k;
+    for (k = 0; k < ITN__LANES; k++)
+        if (ITN__LANE(mask, k)) ITN__LANE(other, k) = base[ITN__LANE(index, k)];
+    return other;
+#endif
+}
+/* The same for bytes; up to 3 bytes after the one asked for may be read. */
+ITN__INLINE itn__ints itn__gather_bytes(const uint8_t *base, itn__ints index, itn__ints mask,
+                                        itn__ints other) {
+#if defined(ITN__X86) && ITN__LANES == 16
+    itn__ints words = (itn__ints)_mm512_mask_i32gather_epi32(
+        (__m512i)other, _mm512_movepi32_mask((__m512i)mask), (__m512i)index, base, 1);
+    return itn__select_int(mask, words & 255, other);
+#else
+    int k;
+    for (k = 0; k < ITN__LANES; k++)
+        if (ITN__LANE(mask, k)) ITN__LANE(other, k) = base[ITN__LANE(index, k)];
+    return other;
+#endif
+}
+ITN__INLINE itn__floats itn__gather(const float *base, itn__ints index, itn__ints mask,
+                                    itn__floats other) {
+#if defined(ITN__X86) && ITN__LANES == 16
+    return (itn__floats)_mm512_mask_i32gather_ps((__m512)other,
+                                                 _mm512_movepi32_mask((__m512i)mask),
+                                                 (__m512i)index, base, 4);
+#else
+    int k;
+    for (k = 0; k < ITN__LANES; k++)
+        if (ITN__LANE(mask, k)) ITN__LANE(other, k) = base[ITN__LANE(index, k)];
+    return other;
+#endif
+}
+
+/* Writes the lanes named by `bits` one after the other (compress). A whole vector may be written:
+   `to` has room for ITN__LANES elements. */
+ITN__INLINE void itn__compress(float *to, itn__floats v, unsigned bits) {
+#if defined(ITN__X86) && ITN__LANES == 16
+    _mm512_storeu_ps(to, _mm512_maskz_compress_ps((__mmask16)bits, (__m512)v));
+#else
+    for (; bits; bits &= bits - 1, to++) { /* copied as bytes, for integers come here too */
+        float lane = ITN__LANE(v, itn__lowest_bit(bits));
+        memcpy(to, &lane, sizeof lane);
+    }
+#endif
+}
+/* The reverse: lanes named by `bits` are filled one after the other, the rest keep `other`. A whole
+   vector may be read. */
+ITN__INLINE itn__floats itn__expand(const float *from, itn__floats other, unsigned bits) {
+#if defined(ITN__X86) && ITN__LANES == 16
+    return (itn__floats)_mm512_mask_expand_ps((__m512)other, (__mmask16)bits,
+                                              _mm512_loadu_ps(from));
+#else
+    for (; bits; bits &= bits - 1, from++) {
+        float lane;
+        memcpy(&lane, from, sizeof lane);
+        ITN__LANE(other, itn__lowest_bit(bits)) = lane;
+    }
+    return other;
+#endif
+}
+ITN__INLINE void itn__compress_ints(int32_t *to, itn__ints v, unsigned bits) {
+    itn__compress((float *)(void *)to, itn__bits_float(v), bits);
+}
+ITN__INLINE itn__ints itn__expand_ints(const int32_t *from, itn__ints other, unsigned bits) {
+    return itn__float_bits(itn__expand((const float *)(const void *)from, itn__bits_float(other),
+                                       bits));
+}
+
+/* Vectors of lanes. */
+typedef struct itn__vectors {
+    itn__floats x, y, z;
+} itn__vectors;
+
+ITN__INLINE itn__vectors itn__vectors_of(itn__floats x, itn__floats y, itn__floats z) {
+    itn__vectors v;
+    v.x = x, v.y = y, v.z = z;
+    return v;
+}
+ITN__INLINE itn__floats itn__vdot(itn__vectors a, itn__vectors b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+/* a + s b. */
+ITN__INLINE itn__vectors itn__valong(itn__vectors a, itn__floats s, itn__vectors b) {
+    return itn__vectors_of(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z);
+}
+ITN__INLINE itn__vectors itn__vscale(itn__vectors a, itn__floats s) {
+    return itn__vectors_of(a.x * s, a.y * s, a.z * s);
+}
+ITN__INLINE itn__vectors itn__vselect(itn__ints mask, itn__vectors a, itn__vectors b) {
+    return itn__vectors_of(itn__select(mask, a.x, b.x), itn__select(mask, a.y, b.y),
+                           itn__select(mask, a.z, b.z));
+}
+ITN__INLINE itn__vectors itn__vnormalize(itn__vectors a) {
+    return itn__vscale(a, 1 / itn__root(itn__vdot(a, a)));
+}
+/* itn__frame in lanes; -0 + 0 is 0, which has the sign that a comparison sees. */
+ITN__INLINE void itn__vframe(itn__vectors n, itn__vectors *s, itn__vectors *t) {
+    itn__floats sign = itn__with_sign(itn__splat(1), n.z + 0.f);
+    itn__floats a = -1 / (sign + n.z), b = n.x * n.y * a;
+    *s = itn__vectors_of(1 + sign * n.x * n.x * a, sign * b, -sign * n.x);
+    *t = itn__vectors_of(b, sign + n.y * n.y * a, -n.y);
+}
+ITN__INLINE itn__vectors itn__vto_local(itn__vectors v, itn__vectors s, itn__vectors t,
+                                        itn__vectors n) {
+    return itn__vectors_of(itn__vdot(v, s), itn__vdot(v, t), itn__vdot(v, n));
+}
+ITN__INLINE itn__vectors itn__vto_world(itn__vectors v, itn__vectors s, itn__vectors t,
+                                        itn__vectors n) {
+    return itn__valong(itn__valong(itn__vscale(s, v.x), v.y, t), v.z, n);
+}
+
+/* itn__mix32 in lanes. */
+ITN__INLINE itn__words itn__mix_words(itn__words x, itn__words key) {
+    x = (x ^ (x >> 16)) * itn__splat_word(0x21f0aaadu);
+    x ^= key;
+    x = (x ^ (x >> 15)) * itn__splat_word(0xd35a2d97u);
+    return x ^ (x >> 15);
+}
+/* Random bits as a number in the open interval (0, 1): an odd multiple of 2^-24. */
+ITN__INLINE itn__floats itn__unit_floats(itn__words bits) {
+    return (itn__to_floats(itn__word_ints(bits >> 9)) + .5f) * 1.1920928955078125e-7f;
+}
+/* The next random number of each lane's path, as itn__uniform draws it; the paths outside the mask
+   keep their place in the sequence. */
+ITN__INLINE itn__floats itn__uniforms(itn__words key0, itn__words key1, itn__ints *dimension,
+                                      itn__ints mask) {
+    itn__words x = key0 + itn__int_words(*dimension) * itn__splat_word(0x9e3779b9u);
+    *dimension -= mask;
+    return itn__unit_floats(itn__mix_words(x, key1));
 }
 
 /* ---- [dual] numbers that carry derivatives --------------------------------------------------- */
@@ -1522,9 +1990,12 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
    that is coplanar but for the rounding of its corners passes within a few u M of the same point
    wherever that point is close enough to the common edge to matter. */
 
-/* Which faces of each object a walk may meet. */
-#define ITN__FRONT 1u
-#define ITN__BACK 2u
+/* The objects, as bits, whose front faces and whose back faces a walk may meet; at most 64. */
+typedef struct itn__sides {
+    uint64_t front, back;
+} itn__sides;
+
+ITN__INLINE uint64_t itn__object_bit(int object) { return (uint64_t)1 << object; }
 
 typedef struct itn__triangle {
     float corner[3][3];
@@ -1581,7 +2052,7 @@ static int itn__off_plane(const itn__triangle *triangle, const float origin[3]) 
 
 /* Returns 1 and fills hit if the ray meets the triangle at tmin < t < tmax. */
 ITN__INLINE int itn__triangle_hit(const itn__triangle *triangle, const itn__shear *s, float tmin,
-                                  float tmax, const unsigned char *sides, itn_hit *hit) {
+                                  float tmax, const itn__sides *sides, itn_hit *hit) {
     const float *a = triangle->corner[0], *b = triangle->corner[1], *c = triangle->corner[2];
     float ox = s->origin[s->kx], oy = s->origin[s->ky], oz = s->origin[s->kz];
     float az = a[s->kz] - oz, bz = b[s->kz] - oz, cz = c[s->kz] - oz;
@@ -1597,9 +2068,10 @@ ITN__INLINE int itn__triangle_hit(const itn__triangle *triangle, const itn__shea
     t = (float)((u * az + v * bz + w * cz) / det * s->sz);
     if (!(t > tmin && t < tmax)) return 0;
     if (sides) {
-        unsigned side = sides[triangle->object];
-        if (!(side & (det > 0 ? ITN__FRONT : ITN__BACK))) return 0;
-        if (side == (ITN__FRONT | ITN__BACK) && !(t > 0 && itn__off_plane(triangle, s->origin)))
+        uint64_t object = itn__object_bit(triangle->object);
+        if (!((det > 0 ? sides->front : sides->back) & object)) return 0;
+        if ((sides->front & sides->back & object) &&
+            !(t > 0 && itn__off_plane(triangle, s->origin)))
             return 0;
     }
     hit->t = t;
@@ -1610,44 +2082,202 @@ ITN__INLINE int itn__triangle_hit(const itn__triangle *triangle, const itn__shea
     return 1;
 }
 
+/* ---- [pack] one ray against many triangles --------------------------------------------------- */
+
+/* Up to ITN__PACK triangles, stored by coordinate, so that a ray is tested against them in lanes.
+   The lanes propose and the test of [tri] disposes: a few float operations per triangle decide
+   which ones the ray may hit, and only those few are tested exactly. The lanes repeat that test's
+   arithmetic in float, with margins that make sure no hit is passed over.
+   Let E be the largest extent of a triangle of the pack along an axis, d = |az| + E a bound of its
+   corners' z, and w = d FLT_EPSILON. If the test of [tri] sees the point (0,0) in the triangle,
+   sheared coordinates are no larger than their extent B <= 2 E + 4 w (the shear adds at most as
+   much again, rounding the rest), and those of the lanes, which a fused multiply-add may have
+   rounded otherwise, are off by at most w + 2 B FLT_EPSILON. Then an edge function of the lanes is
+   off by at most 4 B w + 2 w^2 + 11 B^2 FLT_EPSILON < 64 w (E + w), and by FLT_MIN for each of its
+   operations that underflows. Products may overflow where B^2 can, so beyond ITN__PACK_EXTENT, E
+   counts as infinite and every triangle is proposed.
+   The t of a hit lies between those of the corners, which lanes and [tri] compute from the same z;
+   so the interval needs to be widened only by the roundings of a few products. */
+enum { ITN__PACK = 16 };
+#define ITN__PACK_EXTENT 1e18f
+
+typedef struct itn__pack {
+    float corner[3][3][ITN__PACK]; /* of a triangle, its axis, triangle; NaN of places not in use */
+    int32_t index[ITN__PACK];      /* of the triangle in the mesh, -1 of places not in use */
+    uint8_t objects[ITN__PACK];    /* they belong to */
+    float extent;                  /* E */
+    int32_t object;                /* the one object all belong to, or -1 */
+    uint32_t used;                 /* places in use, as bits */
+    int32_t unused[9];             /* makes it a multiple of a cache line */
+} itn__pack;
+
+/* Fills a pack with the triangles in these slots, at most ITN__PACK; -1 leaves a place free. */
+static ITN__UNUSED void itn__pack_fill(itn__pack *pack, const itn__triangle *triangles,
+                                       const int32_t *slots, int count) {
+    float extent = 0;
+    int i, j, k;
+    for (j = 0; j < 3; j++)
+        for (k = 0; k < 3; k++)
+            for (i = 0; i < ITN__PACK; i++) pack->corner[j][k][i] = NAN;
+    for (i = 0; i < ITN__PACK; i++) pack->index[i] = -1, pack->objects[i] = 0;
+    for (pack->used = 0, pack->object = -1, i = 0; i < count; i++) {
+        const itn__triangle *triangle = triangles;
+        if (slots[i] < 0) continue;
+        triangle += slots[i];
+        if (!pack->used) pack->object = triangle->object;
+        if (triangle->object != pack->object) pack->object = -1;
+        pack->index[i] = triangle->index;
+        pack->objects[i] = (uint8_t)triangle->object;
+        pack->used |= 1u << i;
+        for (k = 0; k < 3; k++) {
+            float a = triangle->corner[0][k], b = triangle->corner[1][k];
+            float c = triangle->corner[2][k];
+            extent = itn__max(extent, itn__max(a, itn__max(b, c)) - itn__min(a, itn__min(b, c)));
+            for (j = 0; j < 3; j++) pack->corner[j][k][i] = triangle->corner[j][k];
+        }
+    }
+    pack->extent = extent < ITN__PACK_EXTENT ? extent : INFINITY;
+}
+
+/* Those of the places `from` ... `from + ITN__LANES - 1` of a pack that the ray may hit, as bits.
+   front, back: all bits if such faces count, else 0. */
+ITN__INLINE unsigned itn__pack_propose(const itn__pack *pack, int from, const itn__shear *s,
+                                       float tmin, float tmax, unsigned front, unsigned back) {
+    const float *x = pack->corner[0][s->kx] + from, *y = pack->corner[0][s->ky] + from;
+    const float *z = pack->corner[0][s->kz] + from;
+    enum { NEXT = 3 * ITN__PACK }; /* from a corner to the next */
+    float ox = s->origin[s->kx], oy = s->origin[s->ky], oz = s->origin[s->kz];
+    itn__floats az = itn__load(z) - oz, bz = itn__load(z + NEXT) - oz;
+    itn__floats cz = itn__load(z + 2 * NEXT) - oz;
+    itn__floats ax = itn__load(x) - ox - s->sx * az, ay = itn__load(y) - oy - s->sy * az;
+    itn__floats bx = itn__load(x + NEXT) - ox - s->sx * bz;
+    itn__floats by = itn__load(y + NEXT) - oy - s->sy * bz;
+    itn__floats cx = itn__load(x + 2 * NEXT) - ox - s->sx * cz;
+    itn__floats cy = itn__load(y + 2 * NEXT) - oy - s->sy * cz;
+    itn__floats u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax;
+    itn__floats size = (itn__absolute(az) + pack->extent) * FLT_EPSILON;
+    itn__floats margin = size * (64 * (size + pack->extent)) + 8 * FLT_MIN;
+    itn__floats ta = az * s->sz, tb = bz * s->sz, tc = cz * s->sz;
+    unsigned no_front = itn__less_bits(itn__least(u, itn__least(v, w)), -margin);
+    unsigned no_back = itn__less_bits(margin, itn__most(u, itn__most(v, w)));
+    unsigned beyond = itn__less_bits(itn__splat(tmax), itn__least(ta, itn__least(tb, tc)));
+    unsigned before = itn__less_bits(itn__most(ta, itn__most(tb, tc)), itn__splat(tmin));
+    return ((~no_front & front) | (~no_back & back)) & ~(beyond | before) & ITN__ALL_LANES;
+}
+
+/* Tests one triangle; *best is the nearest hit so far, or, with best->triangle < 0, none, and
+   best->t the end of the ray. Of hits at equal t the one of the smaller index counts. */
+static int itn__nearer_hit(const itn__triangle *triangle, const itn__shear *shear, float tmin,
+                           const itn__sides *sides, itn_hit *best) {
+    float tmax = best->triangle < 0 ? best->t : INFINITY;
+    itn_hit hit;
+    if (!itn__triangle_hit(triangle, shear, tmin, tmax, sides, &hit)) return 0;
+    if (hit.t > best->t || (hit.t == best->t && hit.triangle > best->triangle)) return 0;
+    *best = hit;
+    return 1;
+}
+
+/* itn__nearer_hit for one place of a pack. */
+static int itn__place_hit(const itn__pack *pack, int place, const itn__shear *shear, float tmin,
+                          const itn__sides *sides, itn_hit *best) {
+    itn__triangle triangle;
+    int j, k;
+    for (j = 0; j < 3; j++)
+        for (k = 0; k < 3; k++) triangle.corner[j][k] = pack->corner[j][k][place];
+    triangle.index = pack->index[place];
+    triangle.object = pack->objects[place];
+    return itn__nearer_hit(&triangle, shear, tmin, sides, best);
+}
+
+/* itn__nearer_hit for `count` places of a pack, beginning with `from`, a multiple of ITN__LANES.
+   Returns whether *best has changed. any: stops at the first hit. */
+ITN__INLINE int itn__places_hit(const itn__pack *pack, int from, int count,
+                                const itn__shear *shear, float tmin, const itn__sides *sides,
+                                int any, itn_hit *best) {
+    float least = tmin - (4 * FLT_EPSILON * fabsf(tmin) + FLT_MIN);
+    unsigned front = ~0u, back = ~0u;
+    int end = from + count, found = 0;
+    if (sides && pack->object >= 0) {
+        front = 0u - (unsigned)(sides->front >> pack->object & 1);
+        back = 0u - (unsigned)(sides->back >> pack->object & 1);
+        if (!(front | back)) return 0;
+    }
+    for (; from < end && pack->used >> from; from += ITN__LANES) {
+        float most = best->t + (4 * FLT_EPSILON * fabsf(best->t) + FLT_MIN);
+        unsigned bits = itn__pack_propose(pack, from, shear, least, most, front, back);
+        for (bits &= pack->used >> from; bits; bits &= bits - 1) {
+            int place = from + itn__lowest_bit(bits);
+            found |= itn__place_hit(pack, place, shear, tmin, sides, best);
+            if (any && found) return 1;
+        }
+    }
+    return found;
+}
+
+/* itn__nearer_hit for all triangles of a pack. */
+ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, float tmin,
+                              const itn__sides *sides, int any, itn_hit *best) {
+    return itn__places_hit(pack, 0, ITN__PACK, shear, tmin, sides, any, best);
+}
+
 /* ---- [bvh-build] a bounding volume hierarchy ------------------------------------------------- */
 
-/* A binary tree of boxes. The cost of a node by the surface area heuristic (MacDonald and Booth
-   1990) is, relative to testing one triangle,
-     leaf:   triangles,
-     split:  traversal + (area_left triangles_left + area_right triangles_right) / area,
-   since a ray that meets a convex box meets a smaller one inside it with a probability of the ratio
-   of their areas. Candidate splits are the borders of ITN__BINS equal bins of the triangles'
-   centres along each axis (Wald 2007, "On fast construction of SAH-based bounding volume
-   hierarchies"). Where no border separates anything (equal centres), and below ITN__SAH_DEPTH
-   levels, the list is cut in the middle: fewer than 2^30 triangles then end within 30 more levels,
-   so the depth of any tree is below ITN__STACK, whatever the mesh.
-   The children of a node lie side by side in one cache line, the triangles are copied in the order
-   of the leaves. */
+/* A tree whose nodes have up to ITN__WIDE children and whose leaves are up to ITN__LEAF triangles
+   of a pack, so that a ray tests all children of a node, or all triangles of a leaf, in lanes. By
+   the surface area heuristic (MacDonald and Booth 1990) the cost of a ray is
+     sum over leaves of area + ITN__NODE_COST * sum over wide nodes of area,
+   relative to testing one leaf and to the area of the whole, since a ray that meets a convex box
+   meets a smaller one inside it with a probability of the ratio of their areas.
+   The tree is made in two steps. First a binary tree from the top down. Candidate splits are the
+   borders of equal bins of the triangles' centres along each axis (Wald 2007, "On fast construction
+   of SAH-based bounding volume hierarchies"); both sides are priced as if they became full leaves,
+   and a branch that fits a leaf is split only if that saves ITN__SPLIT_COST of its area. Where no
+   border separates anything (equal centres), and below ITN__SAH_DEPTH levels, the list is cut in
+   the middle: fewer than 2^30 triangles then end within 30 more levels, so the depth of any tree is
+   below ITN__DEPTH, whatever the mesh.
+   The references to the triangles are sorted in place, a branch is a part of their list, and each
+   split is a border in the list that no other split has; so the children of the split at border b
+   are the branches 2 b and 2 b + 1, and subtrees can be built at the same time without asking each
+   other for room.
+   Second, the cheapest wide tree within the binary one, by dynamic programming (Ylitie, Karras and
+   Laine 2017). A branch that may take one place among the children of a wide node is either a leaf
+   or a wide node with ITN__WIDE places for its two sides; one that may take more shares them out
+   between its sides, where that is cheaper. */
 
-enum { ITN__BINS = 16, ITN__LEAF = 4, ITN__SAH_DEPTH = 48, ITN__STACK = 80 };
-#define ITN__TRAVERSAL_COST 1.0
+enum {
+    ITN__WIDE = ITN__LANES > 4 ? ITN__LANES : 4,
+    ITN__LEAF = ITN__LANES > 4 ? ITN__LANES : 4,
+    ITN__BINS = 16,
+    ITN__SAH_DEPTH = 48,
+    ITN__DEPTH = 80,
+    ITN__SUBTREES = 128, /* that are built at the same time, at most */
+    ITN__BLOCK = 256     /* of triangles, packs or wide nodes that one task makes */
+};
+#define ITN__SPLIT_COST .25
+#define ITN__NODE_COST 1.
 
-/* lower x, y, z, then upper x, y, z */
+/* lower x, y, z, then minus upper x, y, z, so that joining two boxes takes nothing but minima; the
+   elements 3 and 7 mean nothing. */
 typedef struct itn__box {
-    float bounds[6];
+    float bound[8];
 } itn__box;
 
-/* Nodes come in pairs of siblings from index 2; index 0 is the root and 1 is not used. */
+/* The children's boxes by coordinate (lower x, y, z, upper x, y, z), and the children: wide node c,
+   or leaf ~c. A child that does not exist is the empty leaf of an empty box. */
 typedef struct itn__node {
-    itn__box box;
-    int first; /* leaf: its first triangle; otherwise its first child */
-    int count; /* triangles of a leaf, 0 for an inner node */
+    float bounds[6][ITN__WIDE];
+    int32_t child[ITN__WIDE];
 } itn__node;
 
 struct itn_bvh {
     itn_context context;
     itn_vec3 lower, upper;    /* bounds of all triangles */
-    itn__node *nodes;         /* aligned to a cache line, in node_memory */
+    itn__node *nodes;         /* nodes[0] is the root; aligned to a cache line, in node_memory */
+    itn__pack *packs;         /* leaf c has the places c * ITN__LEAF ...; aligned, in pack_memory */
     itn__triangle *triangles; /* [triangle_count], in the order of the leaves */
     int *slots;               /* [triangle_count], index in the mesh -> index in triangles */
-    void *node_memory;
-    int triangle_count, node_count;
+    void *node_memory, *pack_memory;
+    int triangle_count, node_count, leaf_count;
 };
 
 /* The corners of a triangle, by its index in the mesh, and the object it belongs to. */
@@ -1661,100 +2291,140 @@ ITN__INLINE int itn__bvh_object(const itn_bvh *bvh, int triangle) {
     return bvh->triangles[bvh->slots[triangle]].object;
 }
 
+ITN__INLINE itn__box itn__box_empty(void) {
+    itn__box box;
+    int k;
+    for (k = 0; k < 8; k++) box.bound[k] = FLT_MAX;
+    return box;
+}
+ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
+    int k;
+    for (k = 0; k < 8; k++) box->bound[k] = itn__min(box->bound[k], other->bound[k]);
+}
+/* Half the surface area. */
+ITN__INLINE double itn__box_area(const itn__box *box) {
+    double x = -((double)box->bound[4] + box->bound[0]);
+    double y = -((double)box->bound[5] + box->bound[1]);
+    double z = -((double)box->bound[6] + box->bound[2]);
+    return x * y + y * z + z * x;
+}
+ITN__INLINE float itn__box_centre(const itn__box *box, int axis) {
+    return .5f * box->bound[axis] - .5f * box->bound[axis + 4];
+}
+
 /* What the builder sorts: a triangle's box and its number. */
 typedef struct itn__reference {
     itn__box box;
     int index;
 } itn__reference;
 
+/* A part of the list of references: one node of the binary tree. */
+typedef struct itn__branch {
+    itn__box box;
+    int first, count; /* of the references */
+    int border;       /* first reference of the right child; 0 if there are no children */
+    int leaf;         /* whether it is better a leaf than a wide node */
+    uint8_t share[ITN__WIDE + 1]; /* places its left child gets of so many; 0: it takes one only */
+} itn__branch;
+
+/* A branch whose box and children are still to be found. */
+typedef struct itn__growth {
+    int branch, first, count, depth;
+} itn__growth;
+
+/* Bins along the three axes: the bin of a centre c is (c - lower) * scale. */
+typedef struct itn__bins {
+    float lower[3], scale[3]; /* 0, 0 where the centres are equal, or too far apart */
+    int used;                 /* at most ITN__BINS */
+    itn__box box[3][ITN__BINS];
+    int count[3][ITN__BINS];
+} itn__bins;
+
 typedef struct itn__split {
-    double cost; /* sum of area times triangles of both sides; infinite if there is none */
+    double cost; /* sum of area times leaves of both sides; infinite if there is no split */
     int axis, bin;
-    float lower, scale; /* bin of a centre c = (c - lower) * scale */
 } itn__split;
 
-static itn__box itn__box_empty(void) {
-    itn__box box;
-    int k;
-    for (k = 0; k < 3; k++) box.bounds[k] = FLT_MAX, box.bounds[k + 3] = -FLT_MAX;
-    return box;
-}
-ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
-    int k;
-    for (k = 0; k < 3; k++) {
-        box->bounds[k] = itn__min(box->bounds[k], other->bounds[k]);
-        box->bounds[k + 3] = itn__max(box->bounds[k + 3], other->bounds[k + 3]);
-    }
-}
-/* Half the surface area. */
-ITN__INLINE double itn__box_area(const itn__box *box) {
-    double x = (double)box->bounds[3] - box->bounds[0], y = (double)box->bounds[4] - box->bounds[1];
-    double z = (double)box->bounds[5] - box->bounds[2];
-    return x * y + y * z + z * x;
-}
-ITN__INLINE float itn__box_centre(const itn__box *box, int axis) {
-    return .5f * box->bounds[axis] + .5f * box->bounds[axis + 3];
-}
-ITN__INLINE int itn__split_bin(const itn__split *split, const itn__box *box) {
-    int bin = (int)((itn__box_centre(box, split->axis) - split->lower) * split->scale);
-    return bin < ITN__BINS - 1 ? bin : ITN__BINS - 1;
+typedef struct itn__build {
+    const itn_mesh *mesh;
+    const int *objects; /* of the triangles, or NULL */
+    itn__reference *references;
+    itn__branch *branches; /* [2 count], see above; branches[0] is the root */
+    itn__growth subtrees[ITN__SUBTREES];
+    int subtree_count;
+    int *roots;      /* of each wide node: its branch, */
+    int *first_node; /* its first child that is a wide node, */
+    int *first_leaf; /* and its first child that is a leaf */
+    int32_t *leaves; /* of each leaf: its branch */
+    int node_count, leaf_count;
+    itn_bvh *bvh;
+} itn__build;
+
+ITN__INLINE int itn__bin_of(const itn__bins *bins, const itn__box *box, int axis) {
+    int bin = (int)((itn__box_centre(box, axis) - bins->lower[axis]) * bins->scale[axis]);
+    return bin < bins->used - 1 ? bin : bins->used - 1;
 }
 
-/* Finds the cheapest border between bins along the axis of `split`; keeps it if it beats `best`. */
-static void itn__split_axis(const itn__reference *references, int count, itn__split split,
-                            itn__split *best) {
-    itn__box boxes[ITN__BINS], side = itn__box_empty();
-    double right[ITN__BINS];
-    int counts[ITN__BINS] = {0}, i, passed = 0;
-    for (i = 0; i < ITN__BINS; i++) boxes[i] = side;
-    for (i = 0; i < count; i++) {
-        int bin = itn__split_bin(&split, &references[i].box);
-        itn__box_add(&boxes[bin], &references[i].box);
-        counts[bin]++;
+/* Empty bins between the extreme centres; few of them for few references. */
+static void itn__bins_clear(itn__bins *bins, const itn__box *centres, int count) {
+    int axis, i;
+    bins->used = count < 4 * ITN__BINS ? 4 + count / 8 : ITN__BINS;
+    for (axis = 0; axis < 3; axis++) {
+        float lower = centres->bound[axis], size = -centres->bound[axis + 4] - lower;
+        float scale = (float)bins->used / size;
+        int separate = scale > 0 && itn__finite(scale);
+        bins->lower[axis] = separate ? lower : 0;
+        bins->scale[axis] = separate ? scale : 0;
+        for (i = 0; i < bins->used; i++) {
+            bins->box[axis][i] = itn__box_empty();
+            bins->count[axis][i] = 0;
+        }
     }
-    for (i = ITN__BINS - 1; i > 0; i--) {
-        itn__box_add(&side, &boxes[i]);
-        passed += counts[i];
-        right[i] = passed ? passed * itn__box_area(&side) : 0;
+}
+
+static void itn__bins_add(itn__bins *bins, const itn__reference *references, int count) {
+    int i, axis;
+    for (i = 0; i < count; i++)
+        for (axis = 0; axis < 3; axis++) {
+            int bin = itn__bin_of(bins, &references[i].box, axis);
+            itn__box_add(&bins->box[axis][bin], &references[i].box);
+            bins->count[axis][bin]++;
+        }
+}
+
+/* The surface area heuristic of so many triangles in a box. */
+ITN__INLINE double itn__leaf_cost(const itn__box *box, int count) {
+    return itn__box_area(box) * ((count + ITN__LEAF - 1) / ITN__LEAF);
+}
+
+/* Finds the cheapest border between bins along an axis; keeps it if it beats `best`. */
+static void itn__split_axis(const itn__bins *bins, int axis, int count, itn__split *best) {
+    double right[ITN__BINS];
+    itn__box side = itn__box_empty();
+    int i, passed = 0;
+    for (i = bins->used - 1; i > 0; i--) {
+        itn__box_add(&side, &bins->box[axis][i]);
+        passed += bins->count[axis][i];
+        right[i] = passed ? itn__leaf_cost(&side, passed) : 0;
     }
     side = itn__box_empty();
-    for (i = 1, passed = 0; i < ITN__BINS; i++) {
-        itn__box_add(&side, &boxes[i - 1]);
-        passed += counts[i - 1];
+    for (i = 1, passed = 0; i < bins->used; i++) {
+        double cost;
+        itn__box_add(&side, &bins->box[axis][i - 1]);
+        passed += bins->count[axis][i - 1];
         if (passed == 0 || passed == count) continue;
-        split.cost = passed * itn__box_area(&side) + right[i];
-        split.bin = i;
-        if (split.cost < best->cost) *best = split;
+        cost = itn__leaf_cost(&side, passed) + right[i];
+        if (cost < best->cost) best->cost = cost, best->axis = axis, best->bin = i;
     }
 }
 
-/* The best split of some triangles over all axes. */
-static itn__split itn__split_find(const itn__reference *references, int count) {
-    itn__split best = ITN_ZERO, split = ITN_ZERO;
-    int axis, i;
-    best.cost = split.cost = INFINITY;
-    for (axis = 0; axis < 3; axis++) {
-        float lower = FLT_MAX, upper = -FLT_MAX;
-        for (i = 0; i < count; i++) {
-            float centre = itn__box_centre(&references[i].box, axis);
-            lower = itn__min(lower, centre);
-            upper = itn__max(upper, centre);
-        }
-        split.axis = axis;
-        split.lower = lower;
-        split.scale = ITN__BINS / (upper - lower);
-        if (split.scale > 0 && itn__finite(split.scale))
-            itn__split_axis(references, count, split, &best);
-    }
-    return best;
-}
-
-/* Moves the triangles left of the split to the front; returns how many they are. */
-static int itn__split_apply(itn__reference *references, int count, const itn__split *split) {
+/* Moves the references left of the split to the front; returns how many they are. */
+static int itn__split_apply(itn__reference *references, int count, const itn__bins *bins,
+                            const itn__split *split) {
     int left = 0, right = count;
     while (left < right) {
         itn__reference swapped = references[left];
-        if (itn__split_bin(split, &swapped.box) < split->bin) {
+        if (itn__bin_of(bins, &swapped.box, split->axis) < split->bin) {
             left++;
         } else {
             references[left] = references[--right];
@@ -1764,47 +2434,224 @@ static int itn__split_apply(itn__reference *references, int count, const itn__sp
     return left;
 }
 
-/* Where to cut a node's triangles in two; 0 makes it a leaf. */
-static int itn__node_cut(itn__reference *references, int count, int depth, double area) {
+/* Where to cut a branch's references in two; 0 makes it a leaf. */
+static int itn__branch_cut(itn__reference *references, const itn__branch *branch,
+                           const itn__box *centres, int depth) {
     itn__split split = ITN_ZERO;
-    int left = 0;
+    itn__bins bins;
+    int count = branch->count, left = 0, axis;
+    double area = itn__box_area(&branch->box);
     if (count == 1) return 0;
     split.cost = INFINITY;
-    if (depth < ITN__SAH_DEPTH) split = itn__split_find(references, count);
-    if (count <= ITN__LEAF && !(split.cost + ITN__TRAVERSAL_COST * area < count * area)) return 0;
-    if (split.cost < INFINITY) left = itn__split_apply(references, count, &split);
+    if (depth < ITN__SAH_DEPTH) {
+        itn__bins_clear(&bins, centres, count);
+        itn__bins_add(&bins, references, count);
+        for (axis = 0; axis < 3; axis++) itn__split_axis(&bins, axis, count, &split);
+    }
+    if (count <= ITN__LEAF && !(split.cost + ITN__SPLIT_COST * area < area)) return 0;
+    if (split.cost < INFINITY) left = itn__split_apply(references, count, &bins, &split);
     return left > 0 && left < count ? left : count / 2;
 }
 
-/* Builds all nodes depth first, sorting the references into the order of the leaves. nodes has
-   room for 2 count; returns how many are used. */
-static int itn__build_nodes(itn__node *nodes, itn__reference *references, int count) {
-    struct {
-        int node, first, count, depth;
-    } stack[ITN__STACK], task = {0, 0, 0, 0};
-    int used = 2, top = 0, i, left;
-    task.count = count;
+/* Finds a branch's box and children. Returns 0 for a leaf. */
+static int itn__grow(itn__build *build, const itn__growth *growth, itn__growth children[2]) {
+    itn__branch *branch = &build->branches[growth->branch];
+    itn__reference *references = build->references + growth->first;
+    itn__box box = itn__box_empty(), centres = box;
+    int i, k, left;
+    for (i = 0; i < growth->count; i++) {
+        itn__box centre;
+        for (k = 0; k < 8; k++)
+            centre.bound[k] = .5f * references[i].box.bound[k] -
+                              .5f * references[i].box.bound[(k + 4) % 8];
+        itn__box_add(&centres, &centre);
+        itn__box_add(&box, &references[i].box);
+    }
+    branch->box = box;
+    branch->first = growth->first, branch->count = growth->count;
+    left = itn__branch_cut(references, branch, &centres, growth->depth);
+    if (!left) return 0;
+    branch->border = growth->first + left;
+    for (k = 0; k < 2; k++) {
+        children[k].branch = 2 * branch->border + k;
+        children[k].first = k ? branch->border : growth->first;
+        children[k].count = k ? growth->count - left : left;
+        children[k].depth = growth->depth + 1;
+    }
+    return 1;
+}
+
+/* Grows a branch and all below. Those with at most `grain` triangles are left for later, as long as
+   there is room to note them. */
+static void itn__grow_all(itn__build *build, itn__growth growth, int grain) {
+    itn__growth stack[ITN__DEPTH], children[2];
+    int top = 0;
     for (;;) {
-        itn__node *node = &nodes[task.node];
-        node->box = itn__box_empty();
-        for (i = 0; i < task.count; i++)
-            itn__box_add(&node->box, &references[task.first + i].box);
-        left = itn__node_cut(references + task.first, task.count, task.depth,
-                             itn__box_area(&node->box));
-        if (left) {
-            node->first = used;
-            node->count = 0;
-            stack[top] = task;
-            stack[top].node = used + 1, stack[top].first += left, stack[top].count -= left;
-            stack[top++].depth++;
-            task.node = used, task.count = left, task.depth++;
-            used += 2;
+        int later = growth.count <= grain && build->subtree_count < ITN__SUBTREES;
+        if (later) build->subtrees[build->subtree_count++] = growth;
+        if (!later && itn__grow(build, &growth, children)) {
+            growth = children[0];
+            stack[top++] = children[1];
         } else {
-            node->first = task.first;
-            node->count = task.count;
-            if (!top) return used;
-            task = stack[--top];
+            if (!top) return;
+            growth = stack[--top];
         }
+    }
+}
+static void itn__grow_subtree(void *task, int index) {
+    itn__build *build = (itn__build *)task;
+    itn__grow_all(build, build->subtrees[index], 0);
+}
+
+/* Copies a triangle's corners and returns its box. */
+static itn__box itn__load_triangle(const itn_mesh *mesh, int index, float corner[3][3]) {
+    itn__box box = itn__box_empty();
+    int j, k;
+    for (j = 0; j < 3; j++) {
+        const int *vertex = mesh->triangles + 3 * (size_t)index;
+        const float *p = mesh->positions + 3 * (size_t)vertex[j];
+        for (k = 0; k < 3; k++) {
+            corner[j][k] = p[k];
+            box.bound[k] = itn__min(box.bound[k], p[k]);
+            box.bound[k + 4] = itn__min(box.bound[k + 4], -p[k]);
+        }
+    }
+    return box;
+}
+
+static int itn__block_end(int index, int count) {
+    return count - index * ITN__BLOCK < ITN__BLOCK ? count : (index + 1) * ITN__BLOCK;
+}
+static int itn__block_count(int count) { return (count + ITN__BLOCK - 1) / ITN__BLOCK; }
+
+static void itn__refer(void *task, int index) {
+    itn__build *build = (itn__build *)task;
+    int i, end = itn__block_end(index, build->mesh->triangle_count);
+    float corner[3][3];
+    for (i = index * ITN__BLOCK; i < end; i++) {
+        build->references[i].box = itn__load_triangle(build->mesh, i, corner);
+        build->references[i].index = i;
+    }
+}
+
+/* The binary tree. */
+static void itn__build_branches(itn__build *build, const itn_context *context) {
+    itn__growth root = ITN_ZERO;
+    root.count = build->mesh->triangle_count;
+    itn__parallel_for(context, itn__block_count(root.count), itn__refer, build);
+    itn__grow_all(build, root, root.count / (ITN__SUBTREES / 4));
+    itn__parallel_for(context, build->subtree_count, itn__grow_subtree, build);
+}
+
+/* Finds the least cost of a branch and all below when it may take 1, 2, ... places among the
+   children of a wide node, and how to achieve it. */
+static void itn__plan(itn__branch *branches, int number, double cost[ITN__WIDE + 1]) {
+    itn__branch *branch = &branches[number];
+    double left[ITN__WIDE + 1], right[ITN__WIDE + 1], area = itn__box_area(&branch->box);
+    int i, places;
+    for (places = 1; places <= ITN__WIDE; places++) cost[places] = area;
+    branch->leaf = !branch->border;
+    if (branch->leaf) return;
+    itn__plan(branches, 2 * branch->border, left);
+    itn__plan(branches, 2 * branch->border + 1, right);
+    for (places = 2; places <= ITN__WIDE; places++) {
+        int share = 1;
+        for (i = 2; i < places; i++)
+            if (left[i] + right[places - i] < left[share] + right[places - share]) share = i;
+        cost[places] = left[share] + right[places - share];
+        branch->share[places] = (uint8_t)share;
+    }
+    cost[1] = cost[ITN__WIDE] + ITN__NODE_COST * area;
+    branch->leaf = branch->count <= ITN__LEAF && area <= cost[1];
+    if (branch->leaf) cost[1] = area;
+    for (places = 2; places <= ITN__WIDE; places++)
+        if (cost[1] < cost[places]) cost[places] = cost[1], branch->share[places] = 0;
+}
+
+/* The branches that become the children of the wide node of a branch; returns how many. */
+static int itn__flatten(const itn__branch *branches, int root, int child[ITN__WIDE]) {
+    int number[ITN__WIDE], places[ITN__WIDE], top = 1, count = 0;
+    number[0] = root, places[0] = ITN__WIDE;
+    while (top) {
+        const itn__branch *branch = &branches[number[--top]];
+        int all = places[top], left = branch->border && all > 1 ? branch->share[all] : 0;
+        if (!left) {
+            child[count++] = number[top];
+            continue;
+        }
+        number[top] = 2 * branch->border + 1, places[top++] = all - left;
+        number[top] = 2 * branch->border, places[top++] = left;
+    }
+    return count;
+}
+
+/* Numbers the wide nodes, breadth first, and their leaves. */
+static void itn__number_nodes(itn__build *build) {
+    int node, child[ITN__WIDE], count, i;
+    build->node_count = 1;
+    for (node = 0; node < build->node_count; node++) {
+        build->first_node[node] = build->node_count;
+        build->first_leaf[node] = build->leaf_count;
+        count = itn__flatten(build->branches, build->roots[node], child);
+        for (i = 0; i < count; i++)
+            if (build->branches[child[i]].leaf)
+                build->leaves[build->leaf_count++] = child[i];
+            else
+                build->roots[build->node_count++] = child[i];
+    }
+}
+
+/* Fills a block of wide nodes. */
+static void itn__fill_nodes(void *task, int index) {
+    itn__build *build = (itn__build *)task;
+    int number, end = itn__block_end(index, build->node_count), child[ITN__WIDE], count, i, k;
+    for (number = index * ITN__BLOCK; number < end; number++) {
+        itn__node *node = &build->bvh->nodes[number];
+        int next_node = build->first_node[number], next_leaf = build->first_leaf[number];
+        count = itn__flatten(build->branches, build->roots[number], child);
+        for (i = 0; i < ITN__WIDE; i++) {
+            itn__box box = itn__box_empty();
+            node->child[i] = ~build->leaf_count;
+            if (i < count) {
+                box = build->branches[child[i]].box;
+                node->child[i] = build->branches[child[i]].leaf ? ~next_leaf++ : next_node++;
+            }
+            for (k = 0; k < 3; k++)
+                node->bounds[k][i] = box.bound[k], node->bounds[k + 3][i] = -box.bound[k + 4];
+        }
+    }
+}
+
+/* The leaves and an empty one. */
+static int itn__pack_count(int leaves) { return leaves / (ITN__PACK / ITN__LEAF) + 1; }
+
+/* Fills a block of packs, with the leaves' triangles side by side. */
+static void itn__fill_packs(void *task, int index) {
+    enum { LEAVES = ITN__PACK / ITN__LEAF };
+    itn__build *build = (itn__build *)task;
+    itn_bvh *bvh = build->bvh;
+    int end = itn__block_end(index, itn__pack_count(build->leaf_count)), i, j, k;
+    for (i = index * ITN__BLOCK; i < end; i++) {
+        int32_t slots[ITN__PACK];
+        for (k = 0; k < ITN__PACK; k++) slots[k] = -1;
+        for (j = 0; j < LEAVES && i * LEAVES + j < build->leaf_count; j++) {
+            const itn__branch *leaf = &build->branches[build->leaves[i * LEAVES + j]];
+            for (k = 0; k < leaf->count; k++) slots[j * ITN__LEAF + k] = leaf->first + k;
+        }
+        itn__pack_fill(&bvh->packs[i], bvh->triangles, slots, ITN__PACK);
+    }
+}
+
+/* Copies a block of triangles in the order of the leaves. */
+static void itn__copy_triangles(void *task, int index) {
+    itn__build *build = (itn__build *)task;
+    int i, end = itn__block_end(index, build->mesh->triangle_count);
+    for (i = index * ITN__BLOCK; i < end; i++) {
+        itn__triangle *triangle = &build->bvh->triangles[i];
+        triangle->index = build->references[i].index;
+        triangle->object = build->objects ? build->objects[triangle->index] : 0;
+        itn__load_triangle(build->mesh, triangle->index, triangle->corner);
+        build->bvh->slots[triangle->index] = i;
     }
 }
 
@@ -1814,6 +2661,7 @@ ITN_API void itn_bvh_free(itn_bvh *bvh) {
     context = bvh->context;
     itn__free(&context, bvh->slots);
     itn__free(&context, bvh->triangles);
+    itn__free(&context, bvh->pack_memory);
     itn__free(&context, bvh->node_memory);
     itn__free(&context, bvh);
 }
@@ -1841,61 +2689,51 @@ static itn_result itn__bvh_acceptable(const itn_mesh *mesh, itn_error *error) {
     return ITN_OK;
 }
 
-/* Copies a triangle's corners and returns its box. */
-static itn__box itn__load_triangle(const itn_mesh *mesh, int index, float corner[3][3]) {
-    itn__box box = itn__box_empty();
-    int j, k;
-    for (j = 0; j < 3; j++) {
-        const int *vertex = mesh->triangles + 3 * (size_t)index;
-        const float *p = mesh->positions + 3 * (size_t)vertex[j];
-        for (k = 0; k < 3; k++) {
-            corner[j][k] = p[k];
-            box.bounds[k] = itn__min(box.bounds[k], p[k]);
-            box.bounds[k + 3] = itn__max(box.bounds[k + 3], p[k]);
-        }
-    }
-    return box;
+/* Allocates count elements that begin a cache line; *memory is what to free. */
+static void *itn__allocate_aligned(const itn_context *context, size_t count, size_t size,
+                                   void **memory) {
+    const size_t line = 64;
+    *memory = count < SIZE_MAX / 2 / size ? itn__allocate(context, count * size + line, 1) : NULL;
+    return *memory ? (char *)*memory + (line - (uintptr_t)*memory % line) % line : NULL;
 }
 
-/* Allocates a hierarchy of that many nodes, and aligns them. Returns NULL if memory is out. */
-static itn_bvh *itn__bvh_allocate(const itn_context *context, int triangles, int nodes) {
+/* Allocates a hierarchy for what has been built. Returns NULL if memory is out. */
+static itn_bvh *itn__bvh_allocate(const itn_context *context, const itn__build *build) {
     itn_bvh *bvh = (itn_bvh *)itn__allocate(context, 1, sizeof *bvh);
-    const size_t line = 2 * sizeof(itn__node);
+    size_t triangles = (size_t)build->mesh->triangle_count;
     if (!bvh) return NULL;
     bvh->context = *context;
-    bvh->triangle_count = triangles;
-    bvh->node_count = nodes;
-    bvh->node_memory = itn__allocate(context, (size_t)nodes + 2, sizeof(itn__node));
-    bvh->triangles = (itn__triangle *)itn__allocate(context, (size_t)triangles,
-                                                    sizeof(itn__triangle));
-    bvh->slots = (int *)itn__allocate(context, (size_t)triangles, sizeof(int));
-    if (!bvh->node_memory || !bvh->triangles || !bvh->slots) {
+    bvh->triangle_count = build->mesh->triangle_count;
+    bvh->node_count = build->node_count;
+    bvh->leaf_count = build->leaf_count;
+    bvh->nodes = (itn__node *)itn__allocate_aligned(context, (size_t)build->node_count,
+                                                    sizeof(itn__node), &bvh->node_memory);
+    bvh->packs = (itn__pack *)itn__allocate_aligned(
+        context, (size_t)itn__pack_count(build->leaf_count), sizeof(itn__pack), &bvh->pack_memory);
+    bvh->triangles = (itn__triangle *)itn__allocate(context, triangles, sizeof(itn__triangle));
+    bvh->slots = (int *)itn__allocate(context, triangles, sizeof(int));
+    if (!bvh->node_memory || !bvh->pack_memory || !bvh->triangles || !bvh->slots) {
         itn_bvh_free(bvh);
         return NULL;
     }
-    bvh->nodes = (itn__node *)(void *)((char *)bvh->node_memory +
-                                       (line - (uintptr_t)bvh->node_memory % line) % line);
     return bvh;
 }
 
-/* Makes the hierarchy from sorted references and nodes. */
-static itn_bvh *itn__bvh_assemble(const itn_mesh *mesh, const int *object_of_triangle,
-                                  const itn_context *context, const itn__reference *references,
-                                  const itn__node *nodes, int node_count) {
-    itn_bvh *bvh = itn__bvh_allocate(context, mesh->triangle_count, node_count);
-    const itn__box *box = &nodes[0].box;
-    int i;
+/* Makes the hierarchy from the binary tree. */
+static itn_bvh *itn__bvh_assemble(itn__build *build, const itn_context *context) {
+    itn_bvh *bvh;
+    double cost[ITN__WIDE + 1];
+    const float *bound = build->branches[0].box.bound;
+    itn__plan(build->branches, 0, cost);
+    itn__number_nodes(build);
+    bvh = build->bvh = itn__bvh_allocate(context, build);
     if (!bvh) return NULL;
-    memcpy(bvh->nodes, nodes, (size_t)node_count * sizeof *nodes);
-    bvh->lower = itn__vec3(box->bounds[0], box->bounds[1], box->bounds[2]);
-    bvh->upper = itn__vec3(box->bounds[3], box->bounds[4], box->bounds[5]);
-    for (i = 0; i < mesh->triangle_count; i++) {
-        itn__triangle *triangle = &bvh->triangles[i];
-        triangle->index = references[i].index;
-        triangle->object = object_of_triangle ? object_of_triangle[triangle->index] : 0;
-        itn__load_triangle(mesh, triangle->index, triangle->corner);
-        bvh->slots[triangle->index] = i;
-    }
+    bvh->lower = itn__vec3(bound[0], bound[1], bound[2]);
+    bvh->upper = itn__vec3(-bound[4], -bound[5], -bound[6]);
+    itn__parallel_for(context, itn__block_count(bvh->triangle_count), itn__copy_triangles, build);
+    itn__parallel_for(context, itn__block_count(bvh->node_count), itn__fill_nodes, build);
+    itn__parallel_for(context, itn__block_count(itn__pack_count(bvh->leaf_count)), itn__fill_packs,
+                      build);
     return bvh;
 }
 
@@ -1904,27 +2742,30 @@ static itn_result itn__bvh_build(const itn_mesh *mesh, const int *object_of_tria
                                  const itn_context *context, itn_bvh **bvh, itn_error *error) {
     itn_context own;
     itn_bvh *made = NULL;
-    itn__reference *references;
-    itn__node *nodes;
-    int i;
+    itn__build *build;
+    size_t count;
     itn_result result = itn__context(context, &own, error);
     if (!result) result = itn__bvh_acceptable(mesh, error);
     if (result) return result;
     if (!bvh) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: bvh is NULL");
-    references = (itn__reference *)itn__allocate(&own, (size_t)mesh->triangle_count,
-                                                 sizeof *references);
-    nodes = (itn__node *)itn__allocate(&own, (size_t)mesh->triangle_count, 2 * sizeof *nodes);
-    if (references && nodes) {
-        float corner[3][3];
-        for (i = 0; i < mesh->triangle_count; i++) {
-            references[i].box = itn__load_triangle(mesh, i, corner);
-            references[i].index = i;
-        }
-        i = itn__build_nodes(nodes, references, mesh->triangle_count);
-        made = itn__bvh_assemble(mesh, object_of_triangle, &own, references, nodes, i);
+    count = (size_t)mesh->triangle_count;
+    build = (itn__build *)itn__allocate(&own, 1, sizeof *build);
+    if (!build) return itn__out_of_memory(error, "a bounding volume hierarchy");
+    build->mesh = mesh, build->objects = object_of_triangle;
+    build->references = (itn__reference *)itn__allocate(&own, count, sizeof(itn__reference));
+    build->branches = (itn__branch *)itn__allocate(&own, count, 2 * sizeof(itn__branch));
+    build->roots = (int *)itn__allocate(&own, count, 4 * sizeof(int));
+    if (build->references && build->branches && build->roots) {
+        build->first_node = build->roots + count;
+        build->first_leaf = build->first_node + count;
+        build->leaves = build->first_leaf + count;
+        itn__build_branches(build, &own);
+        made = itn__bvh_assemble(build, &own);
     }
-    itn__free(&own, nodes);
-    itn__free(&own, references);
+    itn__free(&own, build->roots);
+    itn__free(&own, build->branches);
+    itn__free(&own, build->references);
+    itn__free(&own, build);
     if (!made) return itn__out_of_memory(error, "a bounding volume hierarchy");
     *bvh = made;
     return ITN_OK;
@@ -1937,117 +2778,169 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
 
 /* ---- [bvh-trace] nearest hit, any hit -------------------------------------------------------- */
 
-/* A ray meets a box where its intervals between the three pairs of planes overlap. A distance
-   (plane - origin) * (1 / direction) has three roundings and so a relative error of at most
-   gamma(3), gamma(n) = n u / (1 - n u), u = 2^-24; a ray that touches the box in truth has
-   enter <= leave + 2 gamma(3) |leave| (Ize, "Robust BVH ray traversal", JCGT 2(2), 2013; the
-   absolute value makes it right for the negative distances that a negative tmin admits), and
-   gamma(4) pays for the rounding of this sum too. [tmin, tmax] is widened likewise. Along an axis
-   with direction 0 the distances are infinite, or NaN (0 * infinity) for an origin in one of the
-   planes, which the order of the arguments of itn__min and itn__max ignores. All errors are to the
-   side of entering a box in vain.
-   The branches on which child comes first are meant: a processor that guesses them right goes on to
-   the next node before this one's arithmetic is done. */
-#define ITN__WIDEN (4 * FLT_EPSILON / (1 - 2 * FLT_EPSILON)) /* 2 gamma(4); FLT_EPSILON = 2 u */
+/* A ray meets a box where its intervals between the three pairs of planes overlap. A box may be
+   missed only by rays that the test of [tri] lets miss all triangles in it, rounding included, so
+   that the tree never changes a result. Let s be the largest difference, along any axis, of the
+   ray's origin and a corner of a triangle, and u = 2^-24. That test sees a triangle whose corners
+   are sheared with errors of up to 7 u s: differences and products, of at most 2 s, are rounded and
+   the shear itself has two roundings. So it sees hits in the box enlarged by that much. A distance
+   (plane - origin) * (1 / direction) has three roundings, as if the plane were off by 3 u s. Boxes
+   are therefore enlarged by 16 u s on all sides: in effect the origin is moved, away from the plane
+   that the ray meets first and away from the one it meets last, by that and by an ulp of its own, so
+   that rounding cannot undo it. (Ize, "Robust BVH ray traversal", JCGT 2(2), 2013, does the like
+   along the ray.) The t of a hit lies between those of the corners but for two roundings; tmin and
+   tmax are moved by 8 of them.
+   Along an axis with direction 0 the distances are infinite, or NaN (0 * infinity) for an origin in
+   one of the planes, which the order of the arguments of the minima and maxima ignores. All errors
+   are to the side of entering a box in vain.
+   The children that a ray enters are put on a stack in the order of their distances, the nearest on
+   top. A child's place is the number of children that are further away, which takes two comparisons
+   in lanes and no branch. */
+
+ITN__INLINE float itn__widen(float t) { return t + 4 * FLT_EPSILON * itn__min(fabsf(t), FLT_MAX); }
 
 /* A ray made ready for boxes. */
 typedef struct itn__slabs {
-    float x, y, z;                         /* origin */
-    float inverse_x, inverse_y, inverse_z; /* of the direction */
-    int near_x, near_y, near_z;            /* which of a box's bounds it meets first, */
-    int far_x, far_y, far_z;               /* and last */
-    float start, end;                      /* tmin and tmax with their margins */
+    float inverse[3];                    /* of the direction */
+    float origin_first[3], origin_last[3]; /* for the bounds that it meets first, and last */
+    int first[3], last[3];               /* which these are */
+    float start, end;                    /* tmin and tmax with their margins */
 } itn__slabs;
 
-ITN__INLINE float itn__widen(float t) { return t + ITN__WIDEN * itn__min(fabsf(t), FLT_MAX); }
-
-ITN__INLINE itn__slabs itn__slabs_make(const itn_ray *ray) {
+ITN__INLINE itn__slabs itn__slabs_make(const itn_bvh *bvh, const itn_ray *ray) {
+    const float *origin = &ray->origin.x, *direction = &ray->direction.x;
+    const float *lower = &bvh->lower.x, *upper = &bvh->upper.x;
     itn__slabs s;
-    s.x = ray->origin.x, s.inverse_x = 1 / ray->direction.x;
-    s.y = ray->origin.y, s.inverse_y = 1 / ray->direction.y;
-    s.z = ray->origin.z, s.inverse_z = 1 / ray->direction.z;
-    s.near_x = s.inverse_x < 0 ? 3 : 0, s.far_x = 3 - s.near_x;
-    s.near_y = s.inverse_y < 0 ? 4 : 1, s.far_y = 5 - s.near_y;
-    s.near_z = s.inverse_z < 0 ? 5 : 2, s.far_z = 7 - s.near_z;
+    float size = 0;
+    int k;
+    for (k = 0; k < 3; k++)
+        size = itn__max(size, itn__max(upper[k] - origin[k], origin[k] - lower[k]));
+    for (k = 0; k < 3; k++) {
+        float margin = 8 * FLT_EPSILON * size + FLT_EPSILON * fabsf(origin[k]) + FLT_MIN;
+        s.inverse[k] = 1 / direction[k];
+        if (s.inverse[k] < 0) margin = -margin;
+        s.origin_first[k] = origin[k] + margin;
+        s.origin_last[k] = origin[k] - margin;
+        s.first[k] = margin < 0 ? k + 3 : k;
+        s.last[k] = margin < 0 ? k : k + 3;
+    }
     s.start = -itn__widen(-ray->tmin);
     s.end = itn__widen(ray->tmax);
     return s;
 }
 
-/* Distance at which the ray enters a box, infinite if it misses. */
-ITN__INLINE float itn__slabs_enter(const itn__slabs *s, const itn__box *box) {
-    const float *b = box->bounds;
-    float near_x = (b[s->near_x] - s->x) * s->inverse_x;
-    float near_y = (b[s->near_y] - s->y) * s->inverse_y;
-    float near_z = (b[s->near_z] - s->z) * s->inverse_z;
-    float far_x = (b[s->far_x] - s->x) * s->inverse_x;
-    float far_y = (b[s->far_y] - s->y) * s->inverse_y;
-    float far_z = (b[s->far_z] - s->z) * s->inverse_z;
-    float enter = itn__max(near_z, itn__max(near_y, itn__max(near_x, s->start)));
-    float leave = itn__min(far_z, itn__min(far_y, itn__min(far_x, INFINITY)));
-    leave = itn__min(itn__widen(leave), s->end);
-    return enter <= leave ? enter : INFINITY;
+/* The children of a node that the ray enters, as bits; enter receives at which distance. */
+ITN__INLINE unsigned itn__slabs_enter(const itn__slabs *s, const itn__node *node,
+                                      float enter[ITN__WIDE]) {
+    unsigned missed = 0;
+    int from, k;
+    for (from = 0; from < ITN__WIDE; from += ITN__LANES) {
+        itn__floats in = itn__splat(s->start), out = itn__splat(s->end);
+        for (k = 0; k < 3; k++) {
+            itn__floats first = itn__load(node->bounds[s->first[k]] + from) - s->origin_first[k];
+            itn__floats last = itn__load(node->bounds[s->last[k]] + from) - s->origin_last[k];
+            in = itn__most(first * s->inverse[k], in);
+            out = itn__least(last * s->inverse[k], out);
+        }
+        itn__store(enter + from, in);
+        missed |= itn__less_bits(out, in) << from;
+    }
+    return ~missed & ((1u << ITN__WIDE) - 1);
 }
 
-/* Tests the triangles of a leaf against the ray up to the best hit so far. */
-ITN__INLINE int itn__leaf_hit(const itn_bvh *bvh, const itn__node *leaf, const itn__shear *shear,
-                              float tmin, const unsigned char *sides, int any, itn_hit *best) {
-    int i, found = 0;
-    for (i = 0; i < leaf->count; i++) {
-        found |= itn__triangle_hit(&bvh->triangles[leaf->first + i], shear, tmin, best->t, sides,
-                                   best);
-        if (any && found) break;
+/* How many of the children entered are further away than child k (of equal ones: come later). */
+ITN__INLINE int itn__rank(const float enter[ITN__WIDE], int k, unsigned entered) {
+    unsigned further = 0, nearer = 0, higher = ~0u << k << 1;
+    int from;
+    for (from = 0; from < ITN__WIDE; from += ITN__LANES) {
+        itn__floats own = itn__splat(enter[k]), other = itn__load(enter + from);
+        further |= itn__less_bits(own, other) << from;
+        nearer |= itn__less_bits(other, own) << from;
     }
-    return found;
+    return itn__count_bits(entered & (further | (higher & ~nearer)));
+}
+
+/* A child that the ray enters, still to be visited. */
+typedef struct itn__visit {
+    float enter;
+    int32_t child;
+} itn__visit;
+
+/* The children of a node that the ray enters: the nearest becomes `child`, the others go on the
+   stack. Returns 0 if there are none. One and two are the most frequent numbers. */
+ITN__INLINE int itn__descend(const itn__slabs *s, const itn__node *node, itn__visit *stack,
+                             int *top, int32_t *child) {
+    float enter[ITN__WIDE];
+    unsigned entered = itn__slabs_enter(s, node, enter), rest = entered & (entered - 1);
+    int k, l;
+    if (!entered) return 0;
+    k = itn__lowest_bit(entered);
+    *child = node->child[k];
+    if (!rest) return 1;
+    stack += *top;
+    *top += itn__count_bits(rest);
+    l = itn__lowest_bit(rest);
+    if (!(rest & (rest - 1))) {
+        int further = enter[l] < enter[k] ? k : l;
+        stack->enter = enter[further], stack->child = node->child[further];
+        *child = node->child[k + l - further];
+        return 1;
+    }
+    for (rest = entered; rest; rest &= rest - 1) {
+        itn__visit *visit;
+        k = itn__lowest_bit(rest);
+        visit = &stack[itn__rank(enter, k, entered)];
+        visit->enter = enter[k], visit->child = node->child[k];
+    }
+    *child = stack[itn__count_bits(entered) - 1].child;
+    return 1;
+}
+
+/* The topmost child of the stack that is not beyond `end`. */
+ITN__INLINE int itn__pop(const itn__visit *stack, int *top, float end, int32_t *child) {
+    while (*top) {
+        const itn__visit *visit = &stack[--*top];
+        *child = visit->child;
+        if (visit->enter <= end) return 1;
+    }
+    return 0;
+}
+
+/* Tests the triangles of leaf ~child. */
+ITN__INLINE int itn__leaf_hit(const itn_bvh *bvh, int32_t child, const itn__shear *shear,
+                              float tmin, const itn__sides *sides, int any, itn_hit *best) {
+    const unsigned leaves = ITN__PACK / ITN__LEAF, leaf = (unsigned)~child;
+    return itn__places_hit(&bvh->packs[leaf / leaves], (int)(leaf % leaves) * ITN__LEAF, ITN__LEAF,
+                           shear, tmin, sides, any, best);
 }
 
 /* The nearest hit (any = 0), or whether there is one (any = 1; hit may be NULL and is left alone).
-   sides: NULL takes every face; otherwise sides[object] is a set of ITN__FRONT and ITN__BACK for
-   the object of each triangle, both meaning an open sheet. tmin may be negative. Inlined, so that
-   constant arguments specialise it. */
-ITN__INLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const unsigned char *sides,
+   sides: NULL takes every face; otherwise the faces it names, an object with both being an open
+   sheet. tmin may be negative. Of hits at equal t the one of the smaller index is nearest. Inlined,
+   so that constant arguments specialise it. */
+ITN__INLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const itn__sides *sides,
                                int any, itn_hit *hit) {
-    struct {
-        float enter;
-        int node;
-    } stack[ITN__STACK];
+    itn__visit stack[ITN__DEPTH * ITN__WIDE];
     itn__shear shear;
     itn__slabs slabs;
     itn_hit best;
-    int top = 0, found = 0;
-    const itn__node *node = bvh->nodes;
-    if (!itn__shear_make(ray, &shear)) return 0;
-    slabs = itn__slabs_make(ray);
-    best.t = ray->tmax;
-    if (!(itn__slabs_enter(&slabs, &node->box) < INFINITY)) return 0;
-    while (node) {
-        if (!node->count) { /* enter the nearer child, keep the other */
-            int child = node->first;
-            float enter = itn__slabs_enter(&slabs, &bvh->nodes[child].box);
-            float other = itn__slabs_enter(&slabs, &bvh->nodes[child + 1].box);
-            if (other < enter) {
-                stack[top].enter = enter, stack[top].node = child;
-                top += enter < INFINITY;
-                node = &bvh->nodes[child + 1];
-                continue;
-            }
-            if (enter < INFINITY) {
-                stack[top].enter = other, stack[top].node = child + 1;
-                top += other < INFINITY;
-                node = &bvh->nodes[child];
-                continue;
-            }
-        } else if (itn__leaf_hit(bvh, node, &shear, ray->tmin, sides, any, &best)) {
-            found = 1;
+    int32_t child = 0;
+    int top = 0;
+    if (!(ray->tmin < ray->tmax) || !itn__shear_make(ray, &shear)) return 0;
+    slabs = itn__slabs_make(bvh, ray);
+    best.t = ray->tmax, best.triangle = -1;
+    for (;;) {
+        if (child >= 0) {
+            if (itn__descend(&slabs, &bvh->nodes[child], stack, &top, &child)) continue;
+        } else if (itn__leaf_hit(bvh, child, &shear, ray->tmin, sides, any, &best)) {
             if (any) return 1;
             slabs.end = itn__widen(best.t);
         }
-        node = NULL;
-        while (top && !node)
-            if (stack[--top].enter <= slabs.end) node = &bvh->nodes[stack[top].node];
+        if (!itn__pop(stack, &top, slabs.end, &child)) break;
     }
-    if (found) *hit = best;
-    return found;
+    if (best.triangle < 0) return 0;
+    *hit = best;
+    return 1;
 }
 
 ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit) {
@@ -2057,6 +2950,51 @@ ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
     return itn__bvh_trace(bvh, ray, NULL, 1, NULL);
 }
+
+/* Many rays, in blocks: hits for the nearest, or occluded. */
+enum { ITN__RAY_BLOCK = 1024 };
+typedef struct itn__rays {
+    const itn_bvh *bvh;
+    const itn_ray *rays;
+    int count;
+    itn_hit *hits;
+    unsigned char *occluded;
+} itn__rays;
+
+static void itn__trace_block(void *task, int index) {
+    const itn__rays *many = (const itn__rays *)task;
+    int i = index * ITN__RAY_BLOCK;
+    int end = many->count - i < ITN__RAY_BLOCK ? many->count : i + ITN__RAY_BLOCK;
+    for (; i < end; i++) {
+        itn_hit miss = ITN_ZERO;
+        if (many->occluded) {
+            many->occluded[i] = (unsigned char)itn_bvh_occluded(many->bvh, &many->rays[i]);
+        } else if (!itn_bvh_nearest(many->bvh, &many->rays[i], &many->hits[i])) {
+            miss.triangle = -1, miss.t = many->rays[i].tmax;
+            many->hits[i] = miss;
+        }
+    }
+}
+
+static void itn__trace_many(itn__rays *many) {
+    int blocks = many->count / ITN__RAY_BLOCK + (many->count % ITN__RAY_BLOCK > 0);
+    if (blocks > 0) itn__parallel_for(&many->bvh->context, blocks, itn__trace_block, many);
+}
+
+ITN_API void itn_bvh_nearest_many(const itn_bvh *bvh, const itn_ray *rays, int count,
+                                  itn_hit *hits) {
+    itn__rays many = ITN_ZERO;
+    many.bvh = bvh, many.rays = rays, many.count = count, many.hits = hits;
+    itn__trace_many(&many);
+}
+
+ITN_API void itn_bvh_occluded_many(const itn_bvh *bvh, const itn_ray *rays, int count,
+                                   unsigned char *occluded) {
+    itn__rays many = ITN_ZERO;
+    many.bvh = bvh, many.rays = rays, many.count = count, many.occluded = occluded;
+    itn__trace_many(&many);
+}
+
 /* ---- [medium] free flight and phase function ------------------------------------------------- */
 
 /* In a homogeneous medium light travels a distance t without collision with probability
@@ -2268,15 +3206,15 @@ ITN__INLINE itn_vec3 itn__sample_cosine(float u, float v) {
 
 /* All lights are infinitely far away, so a light is its radiance as a function of direction. A
    constant light is found by whatever direction a walk takes and needs no sampling. Map, sky and
-   sun are also sampled: one of them by its share of the power, then a direction with density
-   q(omega) close to its radiance:
+   sun are also sampled: one of them is chosen, then a direction with density q(omega) close to its
+   radiance:
    - sun: uniform in its cone;
    - map and sky: on a latitude-longitude grid of nodes, density bilinear between the nodes of
      luminance times sin theta (the area a node stands for), inverted exactly: row, column, then the
      linear densities inside the cell.
    With p the density by which the scattering at a vertex draws the same direction, the two ways
    are combined by the balance heuristic (Veach 1997): weight q/(p+q) for a sampled light, p/(p+q)
-   for a light that is met. Directions: u, v in [0,1] across and down,
+   for a light that is met. How the choice is shared out is said at itn__share_lights. Directions: u, v in [0,1] across and down,
    omega = (sin 2 pi u sin pi v, cos pi v, -cos 2 pi u sin pi v).
 
    Sky (Hosek and Wilkie 2012, equation 8), theta from the zenith, gamma from the sun:
@@ -2299,12 +3237,16 @@ typedef struct itn__grid {
     float *density;    /* [height][width], in (u, v), integrating to 1 */
     float *rows;       /* [height-1] cumulative probability up to and including each row of cells */
     float *cells;      /* [height-1][width] the same within a row */
+    int32_t *row_guide, *cell_guide; /* where to look in them first: see itn__pick */
 } itn__grid;
 
 typedef struct itn__light {
     itn__light_kind kind;
     int parameter;    /* of its scale */
     float share;      /* probability of being chosen when lights are sampled */
+    double strength;  /* how much it lights; 0: never sampled */
+    double breadth;   /* solid angle its power comes from, over 4 pi */
+    float power;      /* integral of its luminance over all directions, without its scale */
     float radiance[3];
     itn_sky sky;
     itn_vec3 sun;     /* unit */
@@ -2365,8 +3307,8 @@ static void itn__map_radiance(const itn__light *light, itn_vec3 d, float rgb[3])
 static float itn__sky_radiance(const itn_sky *sky, int channel, float cos_theta, float cos_gamma,
                                float gamma) {
     const float *a = sky->coefficients[channel];
-    float cos2 = cos_gamma * cos_gamma;
-    float mie = (1 + cos2) / powf(1 + a[8] * a[8] - 2 * a[8] * cos_gamma, 1.5f);
+    float cos2 = cos_gamma * cos_gamma, chord2 = 1 + a[8] * a[8] - 2 * a[8] * cos_gamma;
+    float mie = (1 + cos2) / (chord2 * sqrtf(chord2));
     float f = (1 + a[0] * expf(a[1] / (cos_theta + .01f))) *
               (a[2] + a[3] * expf(a[4] * gamma) + a[5] * cos2 + a[6] * mie +
                a[7] * sqrtf(cos_theta));
@@ -2389,48 +3331,54 @@ static void itn__light_radiance(const itn__light *light, itn_vec3 d, float rgb[3
     }
 }
 
+/* Divides running sums by the last of them and makes their guide: entry k is the first sum above
+   k/count, less what the rounding of u count may take away. */
+static void itn__guide_prepare(float *table, int32_t *guide, int count) {
+    float total = table[count - 1];
+    int32_t entry = 0;
+    int k;
+    for (k = 0; k < count; k++) table[k] = total > 0 ? table[k] / total : 1;
+    for (k = 0; k < count; k++) {
+        while (table[entry] <= (float)k / (float)count * .999999f) entry++;
+        guide[k] = entry;
+    }
+}
+
+/* First entry of an increasing table[count], ending in 1, that is above u in (0,1); *rest receives
+   u's place between its neighbours, again uniform in [0,1]. Steps up from where the guide points
+   to, on average past less than one entry (Chen and Asau 1974). */
+static int itn__pick(const float *table, const int32_t *guide, int count, float u, float *rest) {
+    int place = (int)(u * (float)count), entry = guide[place < count ? place : count - 1];
+    float before, width;
+    while (table[entry] <= u && entry < count - 1) entry++;
+    before = entry ? table[entry - 1] : 0, width = table[entry] - before;
+    *rest = width > 0 ? itn__clamp((u - before) / width, 0, 1) : .5f;
+    return entry;
+}
+
 /* Makes the cumulative tables of a grid whose `density` holds unnormalised node values >= 0; row
-   and column densities are summed in double. Returns the integral over u, v. */
-static double itn__grid_prepare(itn__grid *grid) {
+   and column densities are summed in double. */
+static void itn__grid_prepare(itn__grid *grid) {
     int width = grid->width, height = grid->height, r, c;
     double total = 0;
     size_t i;
     for (r = 0; r < height - 1; r++) {
-        const float *top = grid->density + (size_t)r * (size_t)width, *below = top + width;
-        float *cells = grid->cells + (size_t)r * (size_t)width;
+        size_t first = (size_t)r * (size_t)width;
+        const float *top = grid->density + first, *below = top + width;
         double row = 0;
         for (c = 0; c < width; c++) {
             int next = c + 1 < width ? c + 1 : 0;
             row += (double)top[c] + top[next] + below[c] + below[next];
-            cells[c] = (float)row; /* relative to the row's own sum, below */
+            grid->cells[first + (size_t)c] = (float)row;
         }
-        for (c = 0; c < width; c++) cells[c] = row > 0 ? (float)(cells[c] / row) : 0;
+        itn__guide_prepare(grid->cells + first, grid->cell_guide + first, width);
         total += row;
         grid->rows[r] = (float)total;
     }
-    for (r = 0; r < height - 1; r++) grid->rows[r] = (float)(grid->rows[r] / total);
+    itn__guide_prepare(grid->rows, grid->row_guide, height - 1);
     total *= .25 * grid->bottom / ((double)width * (height - 1));
     for (i = 0; i < (size_t)width * (size_t)height; i++)
         grid->density[i] = (float)(grid->density[i] / total);
-    return total;
-}
-
-/* First entry of an increasing table[count] that is above u; *rest receives u's place between its
-   neighbours, again uniform in [0,1]. */
-static int itn__pick(const float *table, int count, float u, float *rest) {
-    int lower = 0, upper = count - 1;
-    float before, width;
-    u *= table[count - 1];
-    while (lower < upper) {
-        int middle = (lower + upper) / 2;
-        if (table[middle] > u)
-            upper = middle;
-        else
-            lower = middle + 1;
-    }
-    before = lower ? table[lower - 1] : 0, width = table[lower] - before;
-    *rest = width > 0 ? itn__clamp((u - before) / width, 0, 1) : .5f;
-    return lower;
 }
 
 /* Draws x in [0,1] with a density that goes linearly from a to b. */
@@ -2451,10 +3399,10 @@ static float itn__grid_pdf(const itn__grid *grid, float u, float v) {
 }
 
 static itn_vec3 itn__grid_sample(const itn__grid *grid, float u, float v) {
-    int r = itn__pick(grid->rows, grid->height - 1, v, &v), c, next;
-    const float *top = grid->density + (size_t)r * (size_t)grid->width;
-    const float *below = top + grid->width;
-    c = itn__pick(grid->cells + (size_t)r * (size_t)grid->width, grid->width, u, &u);
+    int r = itn__pick(grid->rows, grid->row_guide, grid->height - 1, v, &v), c, next;
+    size_t first = (size_t)r * (size_t)grid->width;
+    const float *top = grid->density + first, *below = top + grid->width;
+    c = itn__pick(grid->cells + first, grid->cell_guide + first, grid->width, u, &u);
     next = c + 1 < grid->width ? c + 1 : 0;
     v = itn__sample_linear(top[c] + top[next], below[c] + below[next], v);
     u = itn__sample_linear(itn__mix(top[c], below[c], v), itn__mix(top[next], below[next], v), u);
@@ -2487,44 +3435,69 @@ static itn_vec3 itn__light_sample(const itn__light *light, float u, float v) {
                                         light->sun));
 }
 
-/* Builds the grid of a map or sky from its own radiance at the nodes. Returns its power (the
-   integral of luminance over the sphere), -1 if memory is out, infinity if a radiance is too large
-   (as a sky's with odd coefficients can be). A floor of a thousandth of the
-   mean keeps every part of a sky, clamped or not, within reach. */
-static double itn__light_grid(const itn_context *context, itn__light *light, int width, int height,
-                              float bottom) {
+/* How much a light of this radiance in direction d does for what it shines on: the mean of a face
+   that lies flat and one that is turned any way, up to a factor. */
+ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
+    return radiance * (.5 + fabs((double)d.y));
+}
+
+/* Luminances at the nodes of a light's grid, times sine, become its density (before it is
+   normalised); strength and breadth are their sums. Returns whether the radiance is small enough. */
+static int itn__fill_grid(itn__light *light) {
     itn__grid *grid = &light->grid;
-    size_t nodes = (size_t)width * (size_t)height;
+    int width = grid->width, height = grid->height, r, c;
+    double sum = 0, square = 0, area = 0;
+    for (r = 0; r < height; r++) {
+        float v = grid->bottom * (float)r / (float)(height - 1), rgb[3];
+        /* a pole's node stands for the cap around it */
+        float cap = grid->bottom * ITN__PI / (3 * (float)(height - 1));
+        float sine = itn__max(sinf(ITN__PI * v), sinf(cap));
+        for (c = 0; c < width; c++) {
+            itn_vec3 d = itn__map_direction(((float)c + .5f) / (float)width, v);
+            size_t node = (size_t)r * (size_t)width + (size_t)c;
+            double luminance;
+            if (light->kind == ITN__LIGHT_MAP)
+                memcpy(rgb, light->map + 3 * node, sizeof rgb);
+            else
+                d.y = itn__max(d.y, 0), itn__light_radiance(light, d, rgb);
+            luminance = itn__luminance(rgb);
+            if (!(luminance <= ITN__MAX_RADIANCE)) return 0;
+            grid->density[node] = (float)(luminance * sine);
+            light->strength += itn__strength(luminance * sine, d);
+            sum += luminance * sine, square += luminance * luminance * sine, area += sine;
+        }
+    }
+    light->breadth = sum > 0 ? sum * sum / (square * area) * grid->bottom : 0;
+    light->strength *= 2 * (double)(ITN__PI * ITN__PI) * grid->bottom /
+                       ((double)width * (height - 1));
+    return 1;
+}
+
+/* Builds the grid of a map or sky from its own radiance at the nodes, which is an invalid argument
+   if it is too large (as a sky's with odd coefficients can be). A floor of a thousandth of the
+   mean keeps every part of a sky, clamped or not, within reach. */
+static itn_result itn__light_grid(const itn_context *context, itn__light *light, int width,
+                                  int height, float bottom) {
+    itn__grid *grid = &light->grid;
+    size_t nodes = (size_t)width * (size_t)height, i;
     double mean = 0;
-    size_t i;
-    int r, c;
     grid->width = width, grid->height = height, grid->bottom = bottom;
     grid->density = (float *)itn__allocate(context, nodes, sizeof(float));
     grid->rows = (float *)itn__allocate(context, (size_t)height, sizeof(float));
     grid->cells = (float *)itn__allocate(context, nodes, sizeof(float));
-    if (!grid->density || !grid->rows || !grid->cells) return -1;
-    for (r = 0; r < height; r++) {
-        float v = bottom * (float)r / (float)(height - 1), rgb[3];
-        /* a pole's node stands for the cap around it */
-        float cap = bottom * ITN__PI / (3 * (float)(height - 1));
-        float sine = itn__max(sinf(ITN__PI * v), sinf(cap));
-        for (c = 0; c < width; c++) {
-            itn_vec3 d = itn__map_direction(((float)c + .5f) / (float)width, v);
-            if (light->kind == ITN__LIGHT_MAP)
-                memcpy(rgb, light->map + 3 * ((size_t)r * (size_t)width + (size_t)c), sizeof rgb);
-            else
-                d.y = itn__max(d.y, 0), itn__light_radiance(light, d, rgb);
-            if (!(itn__luminance(rgb) <= ITN__MAX_RADIANCE)) return INFINITY;
-            mean += grid->density[(size_t)r * (size_t)width + (size_t)c] =
-                itn__luminance(rgb) * sine;
-        }
-    }
+    grid->row_guide = (int32_t *)itn__allocate(context, (size_t)height, sizeof(int32_t));
+    grid->cell_guide = (int32_t *)itn__allocate(context, nodes, sizeof(int32_t));
+    if (!grid->density || !grid->rows || !grid->cells || !grid->row_guide || !grid->cell_guide)
+        return ITN_ERROR_MEMORY;
+    if (!itn__fill_grid(light)) return ITN_ERROR_ARGUMENT;
+    for (i = 0; i < nodes; i++) mean += grid->density[i];
     mean /= (double)nodes;
-    if (!(mean > 0)) return 0; /* black: never sampled */
+    if (!(mean > 0)) return ITN_OK; /* black: never sampled */
     if (light->kind == ITN__LIGHT_SKY)
         for (i = 0; i < nodes; i++)
             grid->density[i] = itn__max(grid->density[i], (float)(1e-3 * mean));
-    return itn__grid_prepare(grid) * 2 * ITN__PI * ITN__PI;
+    itn__grid_prepare(grid);
+    return ITN_OK;
 }
 /* ---- [sensor] camera and film ---------------------------------------------------------------- */
 
@@ -2591,6 +3564,12 @@ typedef struct itn__object {
     double lower[3], upper[3]; /* bounds in scene coordinates */
 } itn__object;
 
+/* What a scene computes on demand and keeps begins with how it is freed. */
+typedef struct itn__kept {
+    void (*release)(const itn_context *context, void *kept);
+} itn__kept;
+enum { ITN__TABLE_LEVELS = 10 };
+
 struct itn_scene {
     itn_context context;
     itn_film_desc film;
@@ -2601,10 +3580,11 @@ struct itn_scene {
     itn__light *lights;
     itn_parameter *parameters;
     int medium_count, surface_count, object_count, light_count, parameter_count;
-    unsigned char sides[ITN__MAX_OBJECTS]; /* at the camera, see itn__bvh_trace */
+    itn__sides sides; /* at the camera */
     itn_bvh *bvh;
     double origin[3]; /* what was subtracted from all positions */
     float radius;     /* of the solids (of everything, if there are none) */
+    void **tables;    /* [ITN__TABLE_LEVELS] each NULL or kept, see [tables] */
 };
 
 ITN_API void itn_scene_free(itn_scene *scene) {
@@ -2612,8 +3592,14 @@ ITN_API void itn_scene_free(itn_scene *scene) {
     int i;
     if (!scene) return;
     context = scene->context;
+    for (i = 0; scene->tables && i < ITN__TABLE_LEVELS; i++)
+        if (scene->tables[i])
+            ((itn__kept *)scene->tables[i])->release(&context, scene->tables[i]);
+    itn__free(&context, scene->tables);
     itn_bvh_free(scene->bvh);
     for (i = 0; scene->lights && i < scene->light_count; i++) {
+        itn__free(&context, scene->lights[i].grid.cell_guide);
+        itn__free(&context, scene->lights[i].grid.row_guide);
         itn__free(&context, scene->lights[i].grid.cells);
         itn__free(&context, scene->lights[i].grid.rows);
         itn__free(&context, scene->lights[i].grid.density);
@@ -2990,36 +3976,69 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown type", name);
     light->kind = ITN__LIGHT_MAP;
     if (in->image) light->width = in->image->width, light->height = in->image->height;
+    if ((double)light->width * light->height > INT_MAX / 3) /* its numbers are counted in ints */
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "%s: a map of %d x %d pixels, more than %d", name, light->width,
+                         light->height, INT_MAX / 3);
     return itn__copy_texels(maker, name, in->image, ITN__MAX_RADIANCE,
                             &light->map);
 }
 
-/* Builds the sampling grids and shares out the choice between sampled lights by power; each keeps
-   a twentieth, so that a light whose scale is raised from 0 is still found. */
+/* Makes a light ready to be sampled: its grid, its strength and breadth. */
+static itn_result itn__prepare_light(itn__maker *maker, itn__light *light) {
+    enum { SKY_WIDTH = 64, SKY_HEIGHT = 33 }; /* radiance over density then varies by 2 % */
+    const itn_context *context = &maker->scene->context;
+    double solid_angle = 2 * (double)ITN__PI * light->sun_cone;
+    itn_result result = ITN_OK;
+    if (light->kind == ITN__LIGHT_MAP)
+        result = itn__light_grid(context, light, light->width, light->height, 1);
+    if (light->kind == ITN__LIGHT_SKY)
+        result = itn__light_grid(context, light, SKY_WIDTH, SKY_HEIGHT, .5f);
+    if (result == ITN_ERROR_MEMORY)
+        return itn__out_of_memory(maker->error, "a light's sampling table");
+    if (result)
+        return itn__fail(maker->error, result, 0, "%s: radiance beyond %g",
+                         maker->scene->parameters[light->parameter].name,
+                         (double)ITN__MAX_RADIANCE);
+    if (light->kind == ITN__LIGHT_SUN) {
+        light->strength = itn__strength(solid_angle * itn__luminance(light->radiance), light->sun);
+        light->breadth = solid_angle / (4 * (double)ITN__PI);
+    }
+    return ITN_OK;
+}
+
+/* Shares out the choice between sampled lights. Scattering finds broad lights too: draws that come
+   upon light i with density p_i q and scattering that does with about b_i q, b its breadth, leave it
+   a variance of about s_i^2 / (p_i + b_i), s its strength. The sum is least for p_i + b_i in
+   proportion to s_i, where that is not negative. Each light keeps a twentieth in equal parts, so
+   that one whose scale is raised from 0 is still found. */
 static itn_result itn__share_lights(itn__maker *maker) {
     itn_scene *scene = maker->scene;
-    double power[2 * ITN__MAX_LIGHTS], total = 0;
-    int i, sampled = 0;
+    int i, sampled = 0, dropped = 1;
     for (i = 0; i < scene->light_count; i++) {
         itn__light *light = &scene->lights[i];
-        power[i] = 0;
-        if (light->kind == ITN__LIGHT_MAP)
-            power[i] = itn__light_grid(&scene->context, light, light->width, light->height, 1);
-        else if (light->kind == ITN__LIGHT_SKY)
-            power[i] = itn__light_grid(&scene->context, light, 256, 65, .5f);
-        else if (light->kind == ITN__LIGHT_SUN)
-            power[i] = 2 * (double)ITN__PI * light->sun_cone * itn__luminance(light->radiance);
-        if (power[i] < 0) return itn__out_of_memory(maker->error, "a light's sampling table");
-        if (!itn__finite(power[i]))
-            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: radiance beyond %g",
-                             scene->parameters[light->parameter].name, (double)ITN__MAX_RADIANCE);
-        if (!(power[i] > 0)) power[i] = -1; /* not sampled */
-        if (power[i] > 0) sampled++, power[i] *= light->share > 0 ? light->share : 1e-30;
-        if (power[i] > 0) total += power[i];
+        itn_result result = itn__prepare_light(maker, light);
+        if (result) return result;
+        light->strength *= light->share > 0 ? light->share : 1e-30;
+        light->share = light->strength > 0;
+        sampled += light->strength > 0;
+    }
+    while (dropped && sampled) { /* lights whose p would be negative, until none is left */
+        double strengths = 0, breadths = 0;
+        for (i = 0, dropped = 0; i < scene->light_count; i++)
+            if (scene->lights[i].share > 0)
+                strengths += scene->lights[i].strength, breadths += scene->lights[i].breadth;
+        for (i = 0; i < scene->light_count; i++) {
+            itn__light *light = &scene->lights[i];
+            double p = (1 + breadths) * (light->strength / strengths) - light->breadth;
+            if (!(light->share > 0)) continue;
+            light->share = p > 0 ? (float)p : 0;
+            dropped |= !(light->share > 0);
+        }
     }
     for (i = 0; i < scene->light_count; i++)
-        scene->lights[i].share = power[i] < 0 ? 0
-            : (float)(.95 * power[i] / total + .05 / sampled);
+        if (scene->lights[i].strength > 0)
+            scene->lights[i].share = .95f * scene->lights[i].share + .05f / (float)sampled;
     return ITN_OK;
 }
 /* Objects: meshes are transformed, checked and merged into one. */
@@ -3287,28 +4306,28 @@ static itn_result itn__make_tree(itn__maker *maker) {
 static int itn__camera_inside(const itn_scene *scene, int object) {
     static const float directions[3][3] = {
         {.41237f, .55113f, .72541f}, {-.63071f, .29173f, -.71907f}, {.18319f, -.87643f, .44537f}};
-    unsigned char sides[ITN__MAX_OBJECTS] = {0};
+    itn__sides outside = ITN_ZERO, inside = ITN_ZERO;
     int k, votes = 0;
+    outside.front = inside.back = itn__object_bit(object);
     for (k = 0; k < 3; k++) {
         itn_hit back, front;
         itn_ray ray;
         ray.origin = scene->camera.eye, ray.tmin = 0, ray.tmax = INFINITY;
         ray.direction = itn__vec3(directions[k][0], directions[k][1], directions[k][2]);
         back.t = front.t = INFINITY;
-        sides[object] = ITN__FRONT;
-        itn__bvh_trace(scene->bvh, &ray, sides, 0, &front);
-        sides[object] = ITN__BACK;
-        votes += itn__bvh_trace(scene->bvh, &ray, sides, 0, &back) && back.t <= front.t;
+        itn__bvh_trace(scene->bvh, &ray, &outside, 0, &front);
+        votes += itn__bvh_trace(scene->bvh, &ray, &inside, 0, &back) && back.t <= front.t;
     }
     return votes >= 2;
 }
 
 static void itn__make_sides(itn_scene *scene) {
     int i;
-    for (i = 0; i < scene->object_count; i++)
-        scene->sides[i] = !scene->objects[i].closed        ? ITN__FRONT | ITN__BACK
-                          : itn__camera_inside(scene, i) ? ITN__BACK
-                                                           : ITN__FRONT;
+    for (i = 0; i < scene->object_count; i++) {
+        int closed = scene->objects[i].closed, inside = closed && itn__camera_inside(scene, i);
+        if (!inside) scene->sides.front |= itn__object_bit(i);
+        if (inside || !closed) scene->sides.back |= itn__object_bit(i);
+    }
 }
 
 static itn_result itn__make_objects(itn__maker *maker) {
@@ -3360,8 +4379,9 @@ static itn_result itn__make_arrays(itn__maker *maker) {
                                                 sizeof(itn__light));
     scene->parameters = (itn_parameter *)itn__allocate(context, 6 * items,
                                                        sizeof(itn_parameter));
+    scene->tables = (void **)itn__allocate(context, ITN__TABLE_LEVELS, sizeof *scene->tables);
     if (!scene->media || !scene->surfaces || !scene->objects || !scene->lights ||
-        !scene->parameters)
+        !scene->parameters || !scene->tables)
         return itn__out_of_memory(maker->error, "a scene");
     scene->object_count = in->object_count;
     return ITN_OK;
@@ -3438,7 +4458,7 @@ typedef struct itn__weight {
 /* Where a walk is. Where parts of a solid touch, faces coincide: those just gone through, and not
    yet left behind, are remembered, so that a walk does not go through them again and again. */
 typedef struct itn__place {
-    unsigned char sides[ITN__MAX_OBJECTS];
+    itn__sides sides;
     int inside;     /* object whose medium the walk is in, -1: none */
     int refracting; /* object whose index of refraction holds there, -1: none, 1 */
     int crossed[4], crossed_count; /* the latest: 2 triangle + front, in a ring; how many so far */
@@ -3449,19 +4469,20 @@ typedef struct itn__walk {
     const float *theta;
     const int *slots; /* of each parameter: its place among those asked for, or -1 */
     int channels, count, max_scatter;
+    int linked; /* links find all light, see itn__links_suffice */
     itn__rng rng;
     itn__place place;
     itn__weight weight, connection; /* of the path; of its link to a sampled light */
     float pdf;                      /* of the last direction drawn; INFINITY if nothing was drawn */
-    int scatterings, events, boundaries;
+    int scatterings, boundaries;
     float radiance[3];              /* of this path */
     float *derivative;              /* [channels][count], of this path */
     double collisions;              /* of all paths so far, for the record */
 } itn__walk;
 
 /* How far behind itself a ray may find a wall that it should have met. */
-ITN__INLINE float itn__slack(const itn__walk *walk, itn_vec3 p) {
-    return 4 * FLT_EPSILON * itn__max(itn__max_abs(p), walk->scene->radius);
+ITN__INLINE float itn__slack(const itn_scene *scene, itn_vec3 p) {
+    return 4 * FLT_EPSILON * itn__max(itn__max_abs(p), scene->radius);
 }
 
 /* 1 or 3; said this way, the compiler knows it too. */
@@ -3561,18 +4582,26 @@ static int itn__draw_light(itn__walk *walk, itn_vec3 *direction, float *pdf) {
     return *pdf > 0;
 }
 
+ITN__INLINE int itn__is_inside(const itn__sides *sides, int object) {
+    return ((sides->back & ~sides->front) >> object) & 1;
+}
+/* Goes to the other side of a closed object. */
+ITN__INLINE void itn__change_side(itn__sides *sides, int object) {
+    sides->front ^= itn__object_bit(object), sides->back ^= itn__object_bit(object);
+}
+
 /* The object whose medium fills the place with these sides: the last that is entered, or -1. */
-static int itn__find_inside(const itn_scene *scene, const unsigned char *sides) {
+static int itn__find_inside(const itn_scene *scene, const itn__sides *sides) {
     int i = scene->object_count - 1;
-    while (i >= 0 && sides[i] != ITN__BACK) i--;
+    while (i >= 0 && !itn__is_inside(sides, i)) i--;
     return i;
 }
 
 /* The same for the index of refraction, which an object without dielectric surface leaves as it
    is around it. */
-static int itn__find_refracting(const itn_scene *scene, const unsigned char *sides) {
+static int itn__find_refracting(const itn_scene *scene, const itn__sides *sides) {
     int i = scene->object_count - 1;
-    while (i >= 0 && (sides[i] != ITN__BACK || !scene->objects[i].refracts)) i--;
+    while (i >= 0 && (!itn__is_inside(sides, i) || !scene->objects[i].refracts)) i--;
     return i;
 }
 
@@ -3582,34 +4611,39 @@ ITN__INLINE const itn__medium *itn__medium_of(const itn_scene *scene, int object
 }
 
 /* Parameter of a refracting object's index, or -1 for none. */
-static int itn__ior_parameter(const itn__walk *walk, int object) {
-    return object >= 0 ? walk->scene->surfaces[walk->scene->objects[object].surface].ior : -1;
+static int itn__ior_parameter(const itn_scene *scene, int object) {
+    return object >= 0 ? scene->surfaces[scene->objects[object].surface].ior : -1;
 }
 
 /* Index of refraction inside a refracting object; 1 outside of all. */
-static float itn__ior(const itn__walk *walk, int object) {
-    int parameter = itn__ior_parameter(walk, object);
-    return parameter >= 0 ? walk->theta[parameter] : 1;
+static float itn__ior(const itn_scene *scene, const float *theta, int object) {
+    int parameter = itn__ior_parameter(scene, object);
+    return parameter >= 0 ? theta[parameter] : 1;
 }
 
 /* Goes through the boundary of an object. */
-static void itn__cross_boundary(itn__walk *walk, int object, const itn_hit *hit) {
-    itn__place *place = &walk->place;
-    place->sides[object] ^= ITN__FRONT | ITN__BACK;
-    place->inside = itn__find_inside(walk->scene, place->sides);
-    place->refracting = itn__find_refracting(walk->scene, place->sides);
+static void itn__cross_boundary(const itn_scene *scene, itn__place *place, int object,
+                                const itn_hit *hit) {
+    itn__change_side(&place->sides, object);
+    place->inside = itn__find_inside(scene, &place->sides);
+    place->refracting = itn__find_refracting(scene, &place->sides);
     place->crossed[place->crossed_count++ % 4] = 2 * hit->triangle + hit->front;
 }
 
-/* The next face that the walk can meet along the ray up to tmax. Sets ray->tmin. */
-static int itn__next_hit(itn__walk *walk, itn_ray *ray, itn_hit *hit) {
-    itn__place *place = &walk->place;
-    float slack = itn__slack(walk, ray->origin);
+/* Whether a face is among those just gone through. */
+static int itn__just_crossed(const itn__place *place, const itn_hit *hit) {
+    int known = 0, k;
+    for (k = 0; k < place->crossed_count && k < 4; k++)
+        known |= place->crossed[k] == 2 * hit->triangle + hit->front;
+    return known;
+}
+
+/* The next face that a walk at that place can meet along the ray up to tmax. Sets ray->tmin. */
+static int itn__next_hit(const itn_scene *scene, itn__place *place, itn_ray *ray, itn_hit *hit) {
+    float slack = itn__slack(scene, ray->origin);
     ray->tmin = -slack;
-    while (itn__bvh_trace(walk->scene->bvh, ray, place->sides, 0, hit)) {
-        int known = 0, k;
-        for (k = 0; k < place->crossed_count && k < 4; k++)
-            known |= place->crossed[k] == 2 * hit->triangle + hit->front;
+    while (itn__bvh_trace(scene->bvh, ray, &place->sides, 0, hit)) {
+        int known = itn__just_crossed(place, hit);
         if (hit->t > slack) place->crossed_count = 0;
         if (!known || hit->t > slack) return 1;
         ray->tmin = hit->t;
@@ -3620,14 +4654,14 @@ static int itn__next_hit(itn__walk *walk, itn_ray *ray, itn_hit *hit) {
 
 /* Whether light feels the boundary of `object`; *after receives the object that refracts on the
    other side. Indices that differ by less than floats can tell in a direction count as equal. */
-static int itn__beyond(itn__walk *walk, int object, int *after) {
-    itn__place *place = &walk->place;
-    float before_ior = itn__ior(walk, place->refracting);
-    place->sides[object] ^= ITN__FRONT | ITN__BACK;
-    *after = itn__find_refracting(walk->scene, place->sides);
-    place->sides[object] ^= ITN__FRONT | ITN__BACK;
-    return walk->scene->objects[object].refracts && *after != place->refracting &&
-           fabsf(itn__ior(walk, *after) - before_ior) > ITN__SAME_INDEX * before_ior;
+static int itn__beyond(const itn_scene *scene, const float *theta, const itn__place *place,
+                       int object, int *after) {
+    float before_ior = itn__ior(scene, theta, place->refracting);
+    itn__sides sides = place->sides;
+    itn__change_side(&sides, object);
+    *after = itn__find_refracting(scene, &sides);
+    return scene->objects[object].refracts && *after != place->refracting &&
+           fabsf(itn__ior(scene, theta, *after) - before_ior) > ITN__SAME_INDEX * before_ior;
 }
 
 /* The point of a hit. */
@@ -3669,9 +4703,10 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
         itn_hit hit;
         int object, after;
         ray.tmax = INFINITY;
-        if (!itn__next_hit(walk, &ray, &hit)) return 1;
+        if (!itn__next_hit(walk->scene, &walk->place, &ray, &hit)) return 1;
         object = itn__bvh_object(scene->bvh, hit.triangle);
-        if (!scene->objects[object].closed || itn__beyond(walk, object, &after) ||
+        if (!scene->objects[object].closed ||
+            itn__beyond(scene, walk->theta, &walk->place, object, &after) ||
             (scene->objects[object].surface >= 0 &&
              scene->surfaces[scene->objects[object].surface].type == ITN_SURFACE_DIFFUSE))
             return 0;
@@ -3679,7 +4714,7 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
             itn__weigh(walk, &walk->connection,
                        itn__transmittance(walk->theta[medium->sigma_t], itn__max(hit.t, 0)), 1,
                        medium->sigma_t, -1);
-        itn__cross_boundary(walk, object, &hit);
+        itn__cross_boundary(scene, &walk->place, object, &hit);
         ray.origin = itn__hit_point(scene->bvh, &hit);
     }
     return 0;
@@ -3693,7 +4728,7 @@ static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction, i
     itn__place place = walk->place;
     int i, visible;
     itn_ray ray;
-    if (crossed >= 0) itn__cross_boundary(walk, crossed, hit);
+    if (crossed >= 0) itn__cross_boundary(walk->scene, &walk->place, crossed, hit);
     ray.origin = origin, ray.direction = direction;
     visible = itn__connect_visible(walk, ray);
     walk->place = place;
@@ -3750,15 +4785,35 @@ static int itn__alive(const itn__walk *walk) {
     return 0;
 }
 
+/* Whether the path may not scatter again. It then goes straight on, and its weight is the
+   transmittance. */
+ITN__INLINE int itn__exhausted(const itn__walk *walk) {
+    return walk->max_scatter && walk->scatterings >= walk->max_scatter;
+}
+
+/* Whether links from collisions reach all the light there is: no boundary bends or reflects, all
+   lights are sampled. Then a last scattering needs its link only, and no direction. */
+static int itn__links_suffice(const itn_scene *scene) {
+    int i, c;
+    for (i = 0; i < scene->object_count; i++)
+        if (scene->objects[i].refracts) return 0;
+    for (i = 0; i < scene->light_count; i++) {
+        const itn__light *light = &scene->lights[i];
+        for (c = 0; c < 3; c++)
+            if (light->kind == ITN__LIGHT_CONSTANT && light->radiance[c] > 0) return 0;
+    }
+    return 1;
+}
+
 /* A collision at the origin of the ray: a link to a light, then a new direction. Returns 0 at the
    end of the path. */
 static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray) {
     float g = walk->theta[medium->g], light_pdf, x, y, u, v;
     itn_vec3 direction;
     itn__dual f;
-    int parameter[ITN__DUALS], c;
-    walk->collisions++;
-    if (walk->max_scatter && walk->scatterings++ >= walk->max_scatter) return 0;
+    int parameter[ITN__DUALS], c, last;
+    walk->collisions++, walk->scatterings++;
+    last = itn__exhausted(walk) && walk->linked;
     parameter[1] = -1;
     for (c = 0; c < itn__channels(walk); c++) {
         parameter[0] = medium->albedo + c;
@@ -3772,8 +4827,9 @@ static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray
         f = itn__phase(g, x, y);
         itn__copy_weight(walk, &walk->connection, &walk->weight);
         itn__weigh(walk, &walk->connection, f, light_pdf, medium->g, -1);
-        itn__connect(walk, ray->origin, direction, -1, NULL, f.v, light_pdf);
+        itn__connect(walk, ray->origin, direction, -1, NULL, last ? 0 : f.v, light_pdf);
     }
+    if (last) return 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     ray->direction = itn__sample_phase(ray->direction, g, u, v, &x, &y);
     f = itn__phase(g, x, y);
@@ -3858,12 +4914,12 @@ static int itn__meet_diffuse(itn__walk *walk, itn_ray *ray, const itn_hit *hit, 
    of both sides: eta = ior(after) / ior(before). */
 static void itn__weigh_eta(itn__walk *walk, itn__weight *weight, float value, float by_eta,
                            float pdf, int after) {
-    float before_ior = itn__ior(walk, walk->place.refracting);
-    float eta = itn__ior(walk, after) / before_ior;
+    float before_ior = itn__ior(walk->scene, walk->theta, walk->place.refracting);
+    float eta = itn__ior(walk->scene, walk->theta, after) / before_ior;
     itn__dual f = itn__constant(value);
     f.d[0] = by_eta / before_ior, f.d[1] = -by_eta * eta / before_ior;
-    itn__weigh(walk, weight, f, pdf, itn__ior_parameter(walk, after),
-               itn__ior_parameter(walk, walk->place.refracting));
+    itn__weigh(walk, weight, f, pdf, itn__ior_parameter(walk->scene, after),
+               itn__ior_parameter(walk->scene, walk->place.refracting));
 }
 
 /* Multiplies a weight by f / pdf of a rough boundary with object `after` on the far side. */
@@ -3879,8 +4935,8 @@ static int itn__wants_edge(const itn__walk *walk, int after) {
     int c, felt = 0;
     for (c = 0; c < itn__channels(walk); c++)
         felt |= !walk->weight.zero[c] && walk->weight.beta[c] > 0;
-    return felt && (itn__slot(walk, itn__ior_parameter(walk, after)) >= 0 ||
-            itn__slot(walk, itn__ior_parameter(walk, walk->place.refracting)) >= 0);
+    return felt && (itn__slot(walk, itn__ior_parameter(walk->scene, after)) >= 0 ||
+            itn__slot(walk, itn__ior_parameter(walk->scene, walk->place.refracting)) >= 0);
 }
 
 /* Derivatives by eta have a part that fixed directions miss: the facets' hemisphere ends at
@@ -3915,7 +4971,8 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
                                 int after, itn_vec3 n) {
     const itn__surface *surface = &walk->scene->surfaces[walk->scene->objects[object].surface];
     float alpha = surface->alpha >= 0 ? walk->theta[surface->alpha] : 0;
-    float eta = itn__ior(walk, after) / itn__ior(walk, walk->place.refracting);
+    float eta = itn__ior(walk->scene, walk->theta, after) /
+                itn__ior(walk->scene, walk->theta, walk->place.refracting);
     float light_pdf, u[3], chosen = 0;
     itn_vec3 s, t, i, o, direction;
     itn__dual f;
@@ -3949,7 +5006,7 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
             itn__weigh_rough(walk, &walk->weight, surface, f, walk->pdf, after);
         }
     }
-    if (o.z < 0) itn__cross_boundary(walk, object, hit);
+    if (o.z < 0) itn__cross_boundary(walk->scene, &walk->place, object, hit);
     ray->direction = itn__normalize(itn__to_world(o, s, t, n));
     return 1;
 }
@@ -3964,25 +5021,29 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     ray->origin = itn__hit_point(scene->bvh, hit);
     if (surface >= 0 && scene->surfaces[surface].type == ITN_SURFACE_DIFFUSE)
         return itn__meet_diffuse(walk, ray, hit, object, n);
-    if (itn__beyond(walk, object, &after))
+    if (itn__beyond(scene, walk->theta, &walk->place, object, &after))
         return itn__meet_dielectric(walk, ray, hit, object, after, n);
-    itn__cross_boundary(walk, object, hit);
+    itn__cross_boundary(scene, &walk->place, object, hit);
     return 1;
 }
 
 /* Russian roulette by the value alone: a path of weight below .4 goes on with a chance in
-   proportion and then counts as .4. Beyond a million events each further one is survived with .999,
-   so that light trapped without loss (in clear glass, or at albedo 1 in an object of optical
-   thickness 1e4) ends some day. */
+   proportion and then counts as .4. Beyond some million random numbers each further step is
+   survived with .999, so that light trapped without loss (in clear glass, or at albedo 1 in an
+   object of optical thickness 1e4) ends some day. */
+#define ITN__ROULETTE .4f
+#define ITN__SAME_WEIGHT .9999f /* a weight that roulette has raised may round to a little less */
+#define ITN__MANY_DRAWS 3000000u
+
 static int itn__roulette(itn__walk *walk) {
-    float largest = 0, survival;
+    float largest = 0, survival = 1, step = 1;
     int c;
     for (c = 0; c < itn__channels(walk); c++) largest = itn__max(largest, walk->weight.beta[c]);
-    survival = itn__min(largest / .4f, 1);
-    if (++walk->events > 1000000) survival *= .999f;
-    if (survival >= 1) return 1;
-    if (!(itn__uniform(&walk->rng) < survival)) return 0;
-    for (c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= survival;
+    if (!(largest >= ITN__ROULETTE * ITN__SAME_WEIGHT)) survival = largest / ITN__ROULETTE;
+    if (walk->rng.dimension > ITN__MANY_DRAWS) step = .999f;
+    if (survival * step >= 1) return 1;
+    if (!(itn__uniform(&walk->rng) < survival * step)) return 0;
+    for (c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= survival * step;
     return 1;
 }
 
@@ -3997,11 +5058,11 @@ static int itn__within(const itn_scene *scene, itn_vec3 p) {
 static void itn__trace_path(itn__walk *walk, itn_ray ray) {
     while (itn__roulette(walk)) {
         const itn__medium *medium = itn__medium_of(walk->scene, walk->place.inside);
-        float rate = medium ? itn__collision_rate(walk, medium) : 0;
+        float rate = medium && !itn__exhausted(walk) ? itn__collision_rate(walk, medium) : 0;
         itn_hit hit;
         int met;
         ray.tmax = rate > 0 ? itn__sample_flight(rate, itn__uniform(&walk->rng)) : INFINITY;
-        met = itn__next_hit(walk, &ray, &hit);
+        met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
         if (medium && (met || rate > 0))
             itn__weigh_flight(walk, medium, rate, met ? itn__max(hit.t, 0) : ray.tmax, !met);
         if (met) {
@@ -4009,6 +5070,7 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
             continue;
         }
         if (rate > 0) ray.origin = itn__along(ray.origin, ray.tmax, ray.direction);
+        if (medium && itn__exhausted(walk) && walk->theta[medium->sigma_t] > 0) return;
         if (!(rate > 0) || !itn__within(walk->scene, ray.origin)) {
             itn__escape(walk, ray.direction);
             return;
@@ -4025,18 +5087,3607 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     int c;
     walk->rng = itn__rng_make(seed, (uint64_t)y * (uint64_t)camera->width + (uint64_t)x,
                               (uint64_t)sample);
-    memcpy(walk->place.sides, walk->scene->sides, sizeof walk->place.sides);
-    walk->place.inside = itn__find_inside(walk->scene, walk->place.sides);
-    walk->place.refracting = itn__find_refracting(walk->scene, walk->place.sides);
+    walk->place.sides = walk->scene->sides;
+    walk->place.inside = itn__find_inside(walk->scene, &walk->place.sides);
+    walk->place.refracting = itn__find_refracting(walk->scene, &walk->place.sides);
     walk->place.crossed_count = 0;
     for (c = 0; c < 3; c++)
         walk->weight.beta[c] = 1, walk->weight.zero[c] = 0, walk->radiance[c] = 0;
     memset(walk->weight.score, 0, scores);
     memset(walk->derivative, 0, scores);
-    walk->pdf = INFINITY, walk->scatterings = walk->events = walk->boundaries = 0;
+    walk->pdf = INFINITY, walk->scatterings = walk->boundaries = 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     itn__trace_path(walk, itn__camera_ray(camera, x, y, u, v));
 }
+#ifndef ITN_NO_FAST
+/* ---- [lane-math] logarithm, exponential, angles in lanes ------------------------------------- */
+
+/* The elementary functions the walk needs, without branches, tables or calls. Each one reduces its
+   argument exactly, or nearly so, to a short interval around 0 and evaluates there the polynomial
+   whose largest relative error is least (Remez' minimax fit to the function in double, coefficients
+   rounded to float one after the other with the rest fitted anew). Errors are in units in the last
+   place (ulp) of the exact result; they hold with and without contraction to fused multiply-adds,
+   which is also all that results of different widths can differ by.
+     log:    x = 2^n (1 + f), |f| <= 1/3;          log x = n log 2 + f + f^2 P(f)
+     exp:    x = n log 2 + f, |f| <= log(2) / 2;   e^x = 2^n (1 + f + f^2 P(f))
+     sin, cos of 2 pi u:  u = n/4 + r, |r| <= 1/8; n tells which is which, and the signs
+     arctan: of the smaller over the larger side;  a + a^3 P(a^2), reflected at 1/8 and 1/4 turn
+   Polynomials are summed in pairs, not from the highest power down: that is one multiplication more
+   and half the wait. */
+
+/* c[0] + c[1] x + ... + c[7] x^7. */
+ITN__INLINE itn__floats itn__polynomial8(const float *c, itn__floats x) {
+    itn__floats x2 = x * x;
+    itn__floats low = (c[0] + c[1] * x) + x2 * (c[2] + c[3] * x);
+    itn__floats high = (c[4] + c[5] * x) + x2 * (c[6] + c[7] * x);
+    return low + x2 * x2 * high;
+}
+
+/* The nearest whole number, a tie to the even one, for |v| < 2^22: in the sum with 1.5 * 2^23 the
+   last place is worth 1. */
+ITN__INLINE itn__ints itn__nearest_ints(itn__floats v) {
+    return itn__float_bits(v + 12582912.f) - 0x4b400000;
+}
+
+/* v with its sign flipped where the top bit of `bits` is set. */
+ITN__INLINE itn__floats itn__flip_sign(itn__floats v, itn__words bits) {
+    bits &= itn__splat_word(0x80000000u);
+    return itn__bits_float(itn__float_bits(v) ^ itn__word_ints(bits));
+}
+
+/* Natural logarithm of positive normal numbers. Zero gives -127 log 2 = -88.03; negative numbers,
+   infinity and NaN are not for this function. |f + f^2 P - log(1 + f)| <= 2.7e-8 |log(1 + f)|; in
+   all below 1.9 ulp, and 1.6 ulp between 0 and 1. */
+ITN__INLINE itn__floats itn__vlog(itn__floats x) {
+    static const float c[8] = {-.499999374f, .333332002f,  -.250077456f, .200110793f,
+                               -.16417098f,  .139970019f, -.153832182f, .140213028f};
+    itn__ints bits = itn__float_bits(x);
+    itn__ints exponent = (bits - 0x3f2aaaab) & -0x800000; /* n 2^23: bits count from those of 2/3 */
+    itn__floats f = itn__bits_float(bits - exponent) - 1;
+    itn__floats whole = itn__to_floats(exponent) * 8.26295830e-8f; /* 2^-23 log 2 */
+    return f + (whole + f * f * itn__polynomial8(c, f));
+}
+
+/* e^x for any x: 0 below -104, infinity above 88.73, NaN for NaN. Two factors make up 2^n, since n
+   reaches beyond the exponents of floats. |error of the polynomial| <= 3.2e-9 e^f; in all below
+   1.1 ulp, denormal results included. */
+ITN__INLINE itn__floats itn__vexp(itn__floats x) {
+    itn__floats f, f2, n_log2, sum;
+    itn__words twice, half; /* exponents as floats keep them: each factor adds 127 */
+    itn__ints n;
+    x = itn__least(itn__splat(89), itn__most(itn__splat(-105), x)); /* in this order NaN stays */
+    n = itn__nearest_ints(x * 1.44269504f);
+    n_log2 = itn__to_floats(n);
+    f = (x - n_log2 * .693145752f) - n_log2 * 1.42860677e-6f; /* the first product is exact */
+    f2 = f * f;
+    sum = (.49999994f + .166665211f * f) + f2 * ((.0416682549f + .00836866256f * f) +
+                                                 f2 * .00138214685f);
+    sum = 1 + (f + f2 * sum);
+    twice = itn__int_words(n) + 254u, half = twice >> 1;
+    sum = sum * itn__bits_float(itn__word_ints(half << 23));
+    return sum * itn__bits_float(itn__word_ints((twice - half) << 23));
+}
+
+/* Sine and cosine of 2 pi u, |u| < 1e4. The reduction is exact. Relative errors of the polynomials
+   are 2.8e-8 (sine) and 4e-8 (cosine); in all below 1.7 ulp. */
+ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__floats *cosine) {
+    itn__ints n = itn__nearest_ints(4 * u), swapped = -(n & 1);
+    itn__words quadrant = itn__int_words(n);
+    itn__floats r = u - .25f * itn__to_floats(n), z = r * r;
+    itn__floats s = r * (6.28318548f + z * (-41.3417587f + z * (81.6046219f - 75.8379898f * z)));
+    itn__floats c = 1 + z * (-19.7391624f + z * (64.9222107f - 83.6179123f * z));
+    *sine = itn__flip_sign(itn__select(swapped, c, s), quadrant << 30);
+    *cosine = itn__flip_sign(itn__select(swapped, s, c), (quadrant + 1) << 30);
+}
+
+/* The angle of the vector (x, y) in [-pi, pi], signs as in atan2; (0, 0) has angle 0 or, if x is
+   -0, pi. Not for two infinities. |error of the polynomial| <= 1.7e-8 arctan a; in all below 2
+   ulp. */
+ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x) {
+    static const float c[8] = {-.333331525f,  .199937671f,  -.14211002f,   .106657684f,
+                               -.0755165592f, .0432046354f, -.0163631029f, .00291939313f};
+    itn__floats size_x = itn__absolute(x), size_y = itn__absolute(y), a, z, angle;
+    itn__ints steep = itn__less(size_x, size_y);
+    itn__floats larger = itn__select(steep, size_y, size_x);
+    itn__ints zero = itn__int_equal(itn__float_bits(larger), itn__splat_int(0));
+    a = itn__select(steep, size_x, size_y) / itn__select(zero, itn__splat(1), larger);
+    z = a * a;
+    angle = a + a * z * itn__polynomial8(c, z);
+    angle = itn__select(steep, 1.57079637f - (angle + 4.37113883e-8f), angle); /* pi / 2 in two */
+    angle = itn__select(itn__float_bits(x) >> 31, 3.14159274f - (angle + 8.74227766e-8f), angle);
+    return itn__with_sign(angle, y);
+}
+
+/* Arcsine for |x| <= 1, below 3 ulp; what rounding has put outside counts as +-1. */
+ITN__INLINE itn__floats itn__vasin(itn__floats x) {
+    return itn__vatan2(x, itn__safe_root((1 - x) * (1 + x)));
+}
+
+/* ---- [sobol] scrambled points that fill the cube evenly -------------------------------------- */
+
+/* The i-th Sobol point has in every dimension the coordinate whose binary digits are the exclusive
+   or of one direction number v_k for each set bit k of i. For every m, the first 2^m points then
+   have one point in each of 2^m equal intervals of each dimension, and well spread pairs; no other
+   length of the sequence is as good. The direction numbers follow from a primitive polynomial over
+   the field of two elements for each dimension: with coefficients a_1 ... a_(s-1) and odd initial
+   numbers m_0 ... m_(s-1),
+     m_k = 2 a_1 m_(k-1) ^ 4 a_2 m_(k-2) ^ ... ^ 2^s m_(k-s) ^ m_(k-s),   v_k = m_k / 2^(k+1).
+   Polynomials and initial numbers are those of Joe & Kuo 2008 (new-joe-kuo-6):
+     dimension  1    2    3      4      5        6         7
+     s          1    2    3      3      4        4         5
+     a          0    1    1      2      1        4         2
+     m          1    1,3  1,3,1  1,1,1  1,1,3,3  1,3,5,13  1,1,5,5,17
+   and dimension 0 has m_k = 1.
+   Owen's nested scrambling makes the points random and keeps the balance: each digit is flipped or
+   not by a random bit of its own for each value of the digits before it. Then every point is
+   uniform, estimates are unbiased, and for smooth functions the standard error of 2^m points falls
+   like 2^(-3m/2). Laine & Karras 2011 saw that on numbers with their bits reversed (first digit
+   lowest) a hash does this if carries are all that moves information, as in sums and products: they
+   go upwards only. Hence all numbers below are kept reversed until the end. */
+
+enum { ITN__SOBOL_DIMENSIONS = 8, ITN__SOBOL_BITS = 20 }; /* indices are below 2^20 */
+
+/* v_k with its bits reversed: k + 1 bits. */
+static const uint32_t itn__sobol_directions[ITN__SOBOL_DIMENSIONS][ITN__SOBOL_BITS] = {
+    {0x1, 0x2, 0x4, 0x8, 0x10, 0x20, 0x40, 0x80, 0x100, 0x200, 0x400, 0x800, 0x1000, 0x2000, 0x4000,
+     0x8000, 0x10000, 0x20000, 0x40000, 0x80000},
+    {0x1, 0x3, 0x5, 0xf, 0x11, 0x33, 0x55, 0xff, 0x101, 0x303, 0x505, 0xf0f, 0x1111, 0x3333, 0x5555,
+     0xffff, 0x10001, 0x30003, 0x50005, 0xf000f},
+    {0x1, 0x3, 0x6, 0x9, 0x17, 0x3a, 0x71, 0xa3, 0x116, 0x339, 0x677, 0x9aa, 0x1601, 0x3903, 0x7706,
+     0xaa09, 0x10117, 0x3033a, 0x60671, 0x909a3},
+    {0x1, 0x3, 0x4, 0xa, 0x1f, 0x2e, 0x45, 0xc9, 0x11b, 0x2a4, 0x79a, 0xb67, 0x101e, 0x302d, 0x4041,
+     0xa0c3, 0x1f104, 0x2e28a, 0x457df, 0xc9bae},
+    {0x1, 0x2, 0x4, 0xd, 0x1f, 0x3b, 0x5e, 0xb9, 0x15a, 0x3f4, 0x685, 0xd0f, 0x115b, 0x23f6, 0x4681,
+     0xdd02, 0x1e144, 0x393cd, 0x5a6df, 0xb4dbb},
+    {0x1, 0x2, 0x6, 0xc, 0x13, 0x24, 0x6a, 0xdf, 0x107, 0x20e, 0x615, 0xc28, 0x1379, 0x24fb, 0x6b6d,
+     0xddd1, 0x10012, 0x20026, 0x6006c, 0xc00d3},
+    {0x1, 0x3, 0x5, 0xb, 0x1a, 0x29, 0x7c, 0xc7, 0x17d, 0x3c4, 0x478, 0x8cf, 0x1e62, 0x21e6, 0x621e,
+     0xe621, 0x11e63, 0x321e5, 0x5621b, 0xbe62a},
+    {0x1, 0x2, 0x5, 0xa, 0x11, 0x24, 0x48, 0xb4, 0x16e, 0x279, 0x410, 0x826, 0x144d, 0x28be, 0x457f,
+     0x925d, 0x12458, 0x2d892, 0x5ad23, 0x9cec7},
+};
+
+/* The bits of each lane in reverse order: neighbours, pairs, ... change places. */
+ITN__INLINE itn__words itn__reverse_words(itn__words x) {
+    x = (x >> 16) | (x << 16);
+    x = ((x >> 8) & itn__splat_word(0x00ff00ffu)) | ((x & itn__splat_word(0x00ff00ffu)) << 8);
+    x = ((x >> 4) & itn__splat_word(0x0f0f0f0fu)) | ((x & itn__splat_word(0x0f0f0f0fu)) << 4);
+    x = ((x >> 2) & itn__splat_word(0x33333333u)) | ((x & itn__splat_word(0x33333333u)) << 2);
+    return ((x >> 1) & itn__splat_word(0x55555555u)) | ((x & itn__splat_word(0x55555555u)) << 1);
+}
+
+/* Owen's scrambling of reversed numbers; the key has random bits. The form and the constants are
+   those of Vegdahl's hash (2021), but what it takes twice from the key is made independent: else
+   some of the lower digits are flipped with probability .57 instead of 1/2. */
+ITN__INLINE itn__words itn__owen_scramble(itn__words x, itn__words key) {
+    itn__words factor = key * itn__splat_word(0x9e3779b1u);
+    factor ^= factor >> 16;
+    x ^= x * itn__splat_word(0x3d20adeau);
+    x += key;
+    x *= factor | 1;
+    x ^= x * itn__splat_word(0x05526c56u);
+    return x ^ x * itn__splat_word(0x53a22864u);
+}
+
+/* Point number `index` < 2^20 of the sequence in one dimension (best known to the compiler),
+   scrambled as `seed` says: seeds may be consecutive, and every dimension makes its own use of the
+   same seed. Like itn__uniform an odd multiple of 2^-24. Only as many direction numbers are touched
+   as the largest index has bits. */
+ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words seed) {
+    const uint32_t *direction = itn__sobol_directions[dimension];
+    itn__words key = seed + itn__splat_word((uint32_t)dimension * 0xb5297a4du), x = index;
+    if (dimension > 0) { /* in dimension 0 the reversed point is its index */
+        itn__ints rest = itn__word_ints(index);
+        x = itn__splat_word(0);
+        for (; itn__mask_bits(itn__int_less(itn__splat_int(0), rest)); rest = rest >> 1)
+            x ^= itn__int_words(-(rest & 1)) & *direction++;
+    }
+    x = itn__owen_scramble(x, itn__mix_words(key, itn__splat_word(0)));
+    return itn__unit_floats(itn__reverse_words(x));
+}
+
+/* ---- [voxels] where there is nothing to hit -------------------------------------------------- */
+
+/* Most flights of a walk in a translucent solid are short and meet nothing. A grid of cubic cells
+   proves that without a tree, by what it knows of the cells around a point:
+     cube    no triangle touches the cells within chessboard distance r of this cell; a segment with
+             both ends in such a cube is free, since the cube is convex. The distances come from
+             growing the set of cells that hold triangles by one cell at a time, 64 cells per word.
+     region  all triangles in a block of cells lie in the slab below <= n.x <= above; a segment in
+             the block with both ends below, or both above, is free. On a surface that is nearly
+             flat at the scale of a block, n is its normal and the slab thin.
+     normals where all triangles of a block face within an angle of less than 90 degrees around n,
+             a segment with n.d < -against (d of unit length, cos against/|n| = 90 degrees less
+             that angle) runs against all their normals and meets front faces only, which are not
+             met from the inside of a solid.
+   A segment that is not proven free is marched through the cells, and the packs of triangles in its
+   cells are tested.
+
+   Nothing here may ever be wrong in claiming freedom. A triangle belongs to all cells that it comes
+   within ITN__CELL_MARGIN cells of, by the separating axis theorem: a triangle and a box are
+   disjoint iff their projections are on one of 13 axes, those of the box, the normal of the
+   triangle, and the 9 cross products of their edges; the latter amount to the edges of the
+   triangle's three shadows on the coordinate planes (Schwarz and Seidel, "Fast parallel surface and
+   solid voxelization on GPUs", 2010). For any vector d, be it a rounded edge normal or not, a
+   triangle lies where d.x is at least the least d.corner, so that rounding of d costs tightness and
+   not correctness. A slab holds each triangle's part in the block: n.x is at least n.corner for
+   some corner; and with the triangle's unit normal m, any a and r = n - a m,
+     n.x = a m.x + r.x,   m.x between the least and the most m.corner,
+                          r.x >= r.centre - |r|_1 half for x in the block,
+   which is the better bound for triangles larger than the block; a = n.m makes r small. The
+   triangles of each cell are summarised by the box and the slab of their parts in it, which takes
+   the place of one triangle when a block's cells are put together. */
+
+enum { /* words of a record in `nearby`, in `surface` */
+    ITN__NEAR_NORMAL,
+    ITN__NEAR_BELOW,
+    ITN__NEAR_ABOVE,
+    ITN__NEAR_AGAINST,
+    ITN__NEAR_SURFACE,
+    ITN__NEAR_WORDS,
+    ITN__OWN_NORMAL = 0,
+    ITN__OWN_BELOW,
+    ITN__OWN_ABOVE,
+    ITN__FIRST_PACK,
+    ITN__PACK_COUNT,
+    ITN__SURFACE_WORDS
+};
+enum {
+    ITN__LAYERS = 8,      /* of cells in z that one task rasterises */
+    ITN__REACH = 120,     /* largest distance told of */
+    ITN__RECORDS = 256,   /* that one task makes */
+    ITN__AXIS_CELLS = 4096,
+    ITN__REGION_REACH = 2 /* largest of a block, and distance of cells with records */
+};
+#define ITN__MAX_CELLS ((double)(1 << 24))
+#define ITN__MAX_COLUMNS ((double)(1 << 20)) /* of cells looked at, and 8 more for each triangle */
+#define ITN__CELL_MARGIN .01f
+#define ITN__SLAB_MARGIN .001f /* in cells */
+#define ITN__SUMMARY_MARGIN 1e-5f
+
+typedef struct itn__voxels {
+    itn_context context;
+    itn_vec3 lower;
+    float cell, inverse_cell; /* p is in cell floor((p - lower) inverse_cell), axis by axis */
+    int size[3];
+    int32_t *cells;   /* [size 2][size 1][size 0]: a record of `nearby`; or -1 - r: the cube of cells
+                         at chessboard distance <= r holds no triangle */
+    uint8_t *distances; /* as cells: 0 for a cell with triangles; d: the cube of cells at distance
+                           <= d - 1 holds none. Small, for quick marches; 3 bytes more than cells */
+    int32_t *nearby;  /* [near_count][ITN__NEAR_WORDS]:
+                         NORMAL  bytes x, y, z of n (any length), and in the highest the reach: the
+                                 block is the cube of cells at distance <= reach
+                         BELOW, ABOVE, AGAINST  floats, see above; -, + and + infinity: no claim
+                         SURFACE a record of `surface`, of this cell; or -1 - r as in cells */
+    int32_t *surface; /* [surface_count][ITN__SURFACE_WORDS]: normal, below, above for this cell
+                         alone; first and number of its packs */
+    itn__pack *packs; /* aligned to a cache line, in pack_memory */
+    void *pack_memory;
+    int near_count, surface_count, pack_count, regions;
+} itn__voxels;
+
+static void itn__voxels_free(itn__voxels *voxels) {
+    itn_context context;
+    if (!voxels) return;
+    context = voxels->context;
+    itn__free(&context, voxels->cells);
+    itn__free(&context, voxels->distances);
+    itn__free(&context, voxels->nearby);
+    itn__free(&context, voxels->surface);
+    itn__free(&context, voxels->pack_memory);
+    itn__free(&context, voxels);
+}
+
+/* What a surface cell's triangles amount to, in cells relative to its centre: their parts in the
+   cell lie in a box, and between two planes across `unit`; their normals, within an angle of it. */
+typedef struct itn__summary {
+    float normal[3]; /* sum of their normals, by area */
+    float unit[3], least, most;
+    float sine, cosine; /* of the angle; sine is infinite if it is not less than 90 degrees, or if
+                           the triangles are not all of the one closed object */
+    float middle[3], half[3];
+} itn__summary;
+enum { ITN__SUMMARY_FLOATS = sizeof(itn__summary) / sizeof(float) };
+
+/* What is needed while the tables are made. */
+typedef struct itn__voxel_build {
+    const itn_bvh *bvh;
+    itn__voxels *voxels;
+    uint64_t closed; /* the one closed object of the scene, if there is just one */
+    double largest;  /* coordinate in the grid */
+    int slabs;       /* of ITN__LAYERS layers */
+    int fill;        /* 0: triangles are counted, 1: listed */
+    int32_t *ranges;     /* [triangles] first slab | last slab << 16; -1: nowhere */
+    int32_t *slab_first; /* [slabs + 2] */
+    int32_t *slab_slots; /* triangles of each slab */
+    int32_t *first;      /* [cells + 2] */
+    int32_t *slots;      /* triangles of each cell, in the order of slots */
+    int32_t *near_cells, *surface_cells; /* [near_count], [surface_count] cells of the records */
+    itn__summary *summaries;             /* [surface_count] */
+    uint64_t *holds;                     /* bit per cell that holds triangles, see itn__bit_grid */
+    size_t row_words;
+} itn__voxel_build;
+
+static void itn__voxel_build_free(const itn__voxel_build *build) {
+    const itn_context *context = &build->voxels->context;
+    itn__free(context, build->ranges);
+    itn__free(context, build->slab_first);
+    itn__free(context, build->slab_slots);
+    itn__free(context, build->first);
+    itn__free(context, build->slots);
+    itn__free(context, build->near_cells);
+    itn__free(context, build->surface_cells);
+    itn__free(context, build->summaries);
+    itn__free(context, build->holds);
+}
+
+/* The grid. */
+
+ITN__INLINE double itn__voxel_total(const int size[3]) {
+    return (double)size[0] * size[1] * size[2];
+}
+
+/* How many cells of that size the box takes, with one more on each side. */
+static void itn__grid_size(const float extent[3], double cell, int size[3]) {
+    int k;
+    for (k = 0; k < 3; k++) {
+        double cells = ceil(extent[k] / cell);
+        size[k] = 2 + (int)(cells < 1 ? 1 : cells > 1e6 ? 1e6 : cells);
+    }
+}
+static int itn__grid_fits(const int size[3]) {
+    return itn__voxel_total(size) <= ITN__MAX_CELLS && size[0] <= ITN__AXIS_CELLS &&
+           size[1] <= ITN__AXIS_CELLS && size[2] <= ITN__AXIS_CELLS;
+}
+
+/* The side of cells: `resolution` of them along the longest axis; but smaller ones in a thin box,
+   as long as they are not more than in a cube; and larger ones where rounding of coordinates up to
+   `largest` would be felt. */
+static double itn__grid_cell(const float extent[3], double largest, int resolution) {
+    int size[3], thin = 0, k;
+    double longest = 0, cell, least = 8 * FLT_EPSILON / ITN__SLAB_MARGIN * largest;
+    double side = (double)resolution + 2, budget = side * side * side;
+    for (k = 0; k < 3; k++) {
+        longest = extent[k] > longest ? extent[k] : longest;
+        if (extent[k] < extent[thin]) thin = k;
+    }
+    cell = longest / resolution;
+    while (extent[thin] > 0 && extent[thin] / cell < 4) {
+        itn__grid_size(extent, cell / 2, size);
+        if (!itn__grid_fits(size) || itn__voxel_total(size) > budget) break;
+        cell /= 2;
+    }
+    if (cell < least) cell = least;
+    while (itn__grid_size(extent, cell, size), !itn__grid_fits(size)) cell *= 1.25;
+    return cell;
+}
+
+/* Sets the grid to cells of that side. Returns 0 if floats cannot say its numbers. */
+static int itn__grid_make(itn__voxels *voxels, itn_vec3 lower, const float extent[3], double cell) {
+    itn__grid_size(extent, cell, voxels->size);
+    voxels->cell = (float)cell;
+    voxels->inverse_cell = (float)(1 / cell);
+    voxels->lower = itn__vec3((float)(lower.x - cell), (float)(lower.y - cell),
+                              (float)(lower.z - cell));
+    return itn__finite3(voxels->lower) && voxels->cell >= FLT_MIN &&
+           voxels->inverse_cell >= FLT_MIN && voxels->inverse_cell <= FLT_MAX;
+}
+
+ITN__INLINE size_t itn__cell_count(const itn__voxels *voxels) {
+    return (size_t)voxels->size[0] * (size_t)voxels->size[1] * (size_t)voxels->size[2];
+}
+ITN__INLINE void itn__cell_place(const itn__voxels *voxels, int cell, int at[3]) {
+    at[0] = cell % voxels->size[0], cell /= voxels->size[0];
+    at[1] = cell % voxels->size[1], at[2] = cell / voxels->size[1];
+}
+
+/* Triangles into slabs of layers. */
+
+/* Margin, in cells, within which a triangle touches a cell; its coordinates relative to the grid
+   are up to `size` cells, with errors of a few roundings of that. */
+#define ITN__TOUCH(size) (1.2f * ITN__CELL_MARGIN + 16 * FLT_EPSILON * (size))
+#define ITN__VAST 1048576.f /* cells; of a larger triangle only the bounding box is looked at */
+
+/* A place in cells, kept in what int32_t can say. */
+ITN__INLINE int itn__cell_of(float x) { return (int)floorf(itn__clamp(x, -1e9f, 1e9f)); }
+
+ITN__INLINE int itn__equal_corners(const float a[3], const float b[3]) {
+    return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
+}
+
+/* The range of cells that a triangle's box touches; returns 0 if there is none, or if two of its
+   corners are equal: no ray can hit it. (Other triangles without area may be hit when rounding
+   opens them.) */
+static int itn__triangle_cells(const itn__voxels *voxels, const itn__triangle *triangle,
+                               int range[3][2]) {
+    const float origin[3] = {voxels->lower.x, voxels->lower.y, voxels->lower.z};
+    const float *a = triangle->corner[0], *b = triangle->corner[1], *c = triangle->corner[2];
+    float least[3], most[3], size = 0;
+    int k, inside = 1;
+    for (k = 0; k < 3; k++) {
+        least[k] = (itn__min(a[k], itn__min(b[k], c[k])) - origin[k]) * voxels->inverse_cell;
+        most[k] = (itn__max(a[k], itn__max(b[k], c[k])) - origin[k]) * voxels->inverse_cell;
+        size = itn__max(size, itn__max(-least[k], most[k]));
+    }
+    for (k = 0; k < 3; k++) {
+        range[k][0] = itn__cell_of(least[k] - ITN__TOUCH(size));
+        range[k][1] = itn__cell_of(most[k] + ITN__TOUCH(size));
+        range[k][0] = range[k][0] < 0 ? 0 : range[k][0];
+        range[k][1] = range[k][1] < voxels->size[k] ? range[k][1] : voxels->size[k] - 1;
+        inside = inside && range[k][0] <= range[k][1];
+    }
+    if (!inside) return 0;
+    return !(itn__equal_corners(a, b) || itn__equal_corners(b, c) || itn__equal_corners(c, a));
+}
+
+/* Finds each triangle's slabs. Returns how many columns of cells all will look at. */
+static double itn__voxel_ranges(itn__voxel_build *build) {
+    double columns = 0;
+    int i, range[3][2];
+    for (i = 0; i < build->bvh->triangle_count; i++) {
+        build->ranges[i] = -1;
+        if (itn__triangle_cells(build->voxels, &build->bvh->triangles[i], range)) {
+            double x = range[0][1] - range[0][0] + 1, y = range[1][1] - range[1][0] + 1;
+            double z = range[2][1] - range[2][0] + 1, least = x < y ? x : y;
+            columns += x * y * z / (z < least ? z : least);
+            build->ranges[i] = range[2][0] / ITN__LAYERS | range[2][1] / ITN__LAYERS << 16;
+        }
+    }
+    return columns;
+}
+
+/* Turns counts at first[2 + i] into first indices at first[1 + i], which filling then moves to
+   first[i]. Returns 0 if there are more than an int32_t can say. */
+static int itn__prefix_sum(int32_t *first, size_t count) {
+    int64_t sum = 0;
+    size_t i;
+    for (i = 0; i < count; i++) {
+        sum += first[i + 2];
+        if (sum > INT32_MAX) return 0;
+        first[i + 2] = (int32_t)sum;
+    }
+    return 1;
+}
+
+/* Lists the triangles of each slab, in their order. */
+static int itn__voxel_slabs(itn__voxel_build *build) {
+    const itn_context *context = &build->voxels->context;
+    int i, slab;
+    build->slabs = (build->voxels->size[2] + ITN__LAYERS - 1) / ITN__LAYERS;
+    build->slab_first = (int32_t *)itn__allocate(context, (size_t)build->slabs + 2,
+                                                 sizeof(int32_t));
+    if (!build->slab_first) return 0;
+    for (build->fill = 0; build->fill < 2; build->fill++) {
+        for (i = 0; i < build->bvh->triangle_count; i++)
+            for (slab = build->ranges[i] & 0xffff;
+                 build->ranges[i] >= 0 && slab <= build->ranges[i] >> 16; slab++) {
+                if (build->fill)
+                    build->slab_slots[build->slab_first[slab + 1]++] = i;
+                else
+                    build->slab_first[slab + 2]++;
+            }
+        if (build->fill) continue;
+        if (!itn__prefix_sum(build->slab_first, (size_t)build->slabs)) return 0;
+        build->slab_slots = (int32_t *)itn__allocate(
+            context, (size_t)build->slab_first[build->slabs + 1], sizeof(int32_t));
+        if (!build->slab_slots) return 0;
+    }
+    return 1;
+}
+
+/* Triangles into cells. */
+
+/* As many triangles as there are lanes, in units of cells. Axes are permuted in a cycle so that the
+   normal's largest component is along w; projection 0 is on the plane of u and v, 1 on v and w, 2
+   on w and u. */
+typedef struct itn__raster {
+    itn__ints lower[3], upper[3], stride[3];       /* cells to look at */
+    itn__floats a[3][3], b[3][3], c[3][3];         /* [projection][edge]: a i + b j + c >= 0 */
+    itn__floats slope_u, slope_v, depth[2];        /* w between depth + slopes . (i, j) */
+} itn__raster;
+
+ITN__INLINE itn__floats itn__select3(const itn__ints masks[3], itn__floats x, itn__floats y,
+                                     itn__floats z) {
+    return itn__select(masks[0], x, itn__select(masks[1], y, z));
+}
+ITN__INLINE itn__ints itn__select_int3(const itn__ints masks[3], int x, int y, int z) {
+    return itn__select_int(masks[0], itn__splat_int(x),
+                           itn__select_int(masks[1], itn__splat_int(y), itn__splat_int(z)));
+}
+ITN__INLINE itn__floats itn__least3(itn__floats a, itn__floats b, itn__floats c) {
+    return itn__least(a, itn__least(b, c));
+}
+ITN__INLINE itn__floats itn__most3(itn__floats a, itn__floats b, itn__floats c) {
+    return itn__most(a, itn__most(b, c));
+}
+
+/* Loads corners of up to ITN__LANES triangles into p[corner][axis], in units of cells. */
+ITN__INLINE void itn__raster_load(const itn__voxel_build *build, const int32_t *slots, int count,
+                                  itn__floats p[3][3]) {
+    const float origin[3] = {build->voxels->lower.x, build->voxels->lower.y,
+                             build->voxels->lower.z};
+    float corner[3][3][ITN__LANES];
+    int i, j, k;
+    for (i = 0; i < ITN__LANES; i++) {
+        const itn__triangle *triangle = &build->bvh->triangles[slots[i < count ? i : 0]];
+        for (j = 0; j < 3; j++)
+            for (k = 0; k < 3; k++) corner[j][k][i] = triangle->corner[j][k];
+    }
+    for (j = 0; j < 3; j++)
+        for (k = 0; k < 3; k++)
+            p[j][k] = (itn__load(corner[j][k]) - origin[k]) * build->voxels->inverse_cell;
+}
+
+/* Turns the axes of p, and the grid's, so that the normal's largest component comes last. layers
+   are the first and last to be looked at in z. Returns the normal in new axes. */
+ITN__INLINE itn__vectors itn__raster_turn(const itn__voxels *voxels, const int layers[2],
+                                          itn__floats p[3][3], itn__raster *r) {
+    const int *size = voxels->size;
+    itn__vectors e = itn__vectors_of(p[1][0] - p[0][0], p[1][1] - p[0][1], p[1][2] - p[0][2]);
+    itn__vectors f = itn__vectors_of(p[2][0] - p[0][0], p[2][1] - p[0][1], p[2][2] - p[0][2]);
+    itn__vectors n = itn__vectors_of(e.y * f.z - e.z * f.y, e.z * f.x - e.x * f.z,
+                                     e.x * f.y - e.y * f.x);
+    itn__floats x = itn__absolute(n.x), y = itn__absolute(n.y), z = itn__absolute(n.z);
+    itn__ints is[3];
+    int j;
+    is[0] = itn__less_equal(y, x) & itn__less_equal(z, x);
+    is[1] = itn__less_equal(z, y) & ~is[0];
+    is[2] = ~(is[0] | is[1]);
+    for (j = 0; j < 3; j++) {
+        itn__floats px = p[j][0], py = p[j][1], pz = p[j][2];
+        p[j][0] = itn__select3(is, py, pz, px);
+        p[j][1] = itn__select3(is, pz, px, py);
+        p[j][2] = itn__select3(is, px, py, pz);
+    }
+    r->stride[0] = itn__select_int3(is, size[0], size[0] * size[1], 1);
+    r->stride[1] = itn__select_int3(is, size[0] * size[1], 1, size[0]);
+    r->stride[2] = itn__select_int3(is, 1, size[0], size[0] * size[1]);
+    r->lower[0] = itn__select_int3(is, 0, layers[0], 0);
+    r->lower[1] = itn__select_int3(is, layers[0], 0, 0);
+    r->lower[2] = itn__select_int3(is, 0, 0, layers[0]);
+    r->upper[0] = itn__select_int3(is, size[1] - 1, layers[1], size[0] - 1);
+    r->upper[1] = itn__select_int3(is, layers[1], size[0] - 1, size[1] - 1);
+    r->upper[2] = itn__select_int3(is, size[0] - 1, size[1] - 1, layers[1]);
+    return itn__vectors_of(itn__select3(is, n.y, n.z, n.x), itn__select3(is, n.z, n.x, n.y),
+                           itn__select3(is, n.x, n.y, n.z));
+}
+
+/* The larger or smaller of ints. */
+ITN__INLINE itn__ints itn__most_int(itn__ints a, itn__ints b) {
+    return itn__select_int(itn__int_less(a, b), b, a);
+}
+ITN__INLINE itn__ints itn__least_int(itn__ints a, itn__ints b) {
+    return itn__select_int(itn__int_less(a, b), a, b);
+}
+ITN__INLINE itn__ints itn__cells_of(itn__floats x) {
+    return itn__floor_ints(itn__most(itn__least(x, itn__splat(1e9f)), itn__splat(-1e9f)));
+}
+
+/* The three edges of a shadow on a plane of two axes; `facing` is the normal's third component. */
+ITN__INLINE void itn__raster_edges(itn__floats p[3][3], int plane, itn__floats facing,
+                                   itn__floats half, itn__ints vast, itn__raster *r) {
+    itn__floats sign = itn__with_sign(itn__splat(1), facing), zero = itn__splat(0), least;
+    int x = plane, y = (plane + 1) % 3, e;
+    for (e = 0; e < 3; e++) {
+        const itn__floats *from = p[e], *to = p[(e + 1) % 3];
+        itn__floats a = (from[y] - to[y]) * sign, b = (to[x] - from[x]) * sign;
+        least = itn__least3(a * p[0][x] + b * p[0][y], a * p[1][x] + b * p[1][y],
+                            a * p[2][x] + b * p[2][y]);
+        r->a[plane][e] = itn__select(vast, zero, a);
+        r->b[plane][e] = itn__select(vast, zero, b);
+        r->c[plane][e] = .5f * (a + b) + (itn__absolute(a) + itn__absolute(b)) * half - least;
+        r->c[plane][e] = itn__select(vast, zero, r->c[plane][e]);
+    }
+}
+
+/* Depths over the plane of u and v between which a triangle's plane is within a cell's column. */
+ITN__INLINE void itn__raster_depth(itn__floats p[3][3], itn__vectors n, itn__floats half,
+                                   itn__ints vast, itn__raster *r) {
+    itn__ints good = itn__less(itn__splat(0), itn__absolute(n.z)) & ~vast;
+    itn__floats zero = itn__splat(0), far = itn__splat(1e9f), w[3], wide, middle;
+    int j;
+    r->slope_u = itn__select(good, -n.x / n.z, zero);
+    r->slope_v = itn__select(good, -n.y / n.z, zero);
+    for (j = 0; j < 3; j++) w[j] = p[j][2] - r->slope_u * p[j][0] - r->slope_v * p[j][1];
+    wide = (itn__absolute(r->slope_u) + itn__absolute(r->slope_v)) * half + (half - .5f);
+    middle = .5f * (r->slope_u + r->slope_v);
+    r->depth[0] = itn__select(vast, -far, itn__least3(w[0], w[1], w[2]) + middle - wide);
+    r->depth[1] = itn__select(vast, far, itn__most3(w[0], w[1], w[2]) + middle + wide);
+}
+
+ITN__INLINE void itn__raster_make(const itn__voxel_build *build, const int32_t *slots, int count,
+                                  const int layers[2], itn__raster *r) {
+    itn__floats p[3][3], size = itn__splat(0), half, touch;
+    itn__vectors n;
+    itn__ints vast;
+    int j, k;
+    itn__raster_load(build, slots, count, p);
+    for (j = 0; j < 3; j++)
+        for (k = 0; k < 3; k++) size = itn__most(size, itn__absolute(p[j][k]));
+    touch = ITN__TOUCH(size);
+    half = .5f + touch;
+    vast = ~itn__less(size, itn__splat(ITN__VAST));
+    n = itn__raster_turn(build->voxels, layers, p, r);
+    for (k = 0; k < 3; k++) {
+        itn__floats least = itn__least3(p[0][k], p[1][k], p[2][k]) - touch;
+        itn__floats most = itn__most3(p[0][k], p[1][k], p[2][k]) + touch;
+        r->lower[k] = itn__most_int(r->lower[k], itn__cells_of(least));
+        r->upper[k] = itn__least_int(r->upper[k], itn__cells_of(most));
+    }
+    itn__raster_depth(p, n, half, vast, r);
+    itn__raster_edges(p, 0, n.z, half, vast, r);
+    itn__raster_edges(p, 1, n.x, half, vast, r);
+    itn__raster_edges(p, 2, n.y, half, vast, r);
+}
+
+/* Whether the shadow on a plane touches the cell's, whose first corner is (i,j). */
+ITN__INLINE itn__ints itn__raster_touches(const itn__raster *r, int plane, itn__floats i,
+                                          itn__floats j) {
+    itn__floats zero = itn__splat(0);
+    itn__ints touches;
+    touches = itn__less_equal(zero, r->a[plane][0] * i + r->b[plane][0] * j + r->c[plane][0]);
+    touches &= itn__less_equal(zero, r->a[plane][1] * i + r->b[plane][1] * j + r->c[plane][1]);
+    return touches &
+           itn__less_equal(zero, r->a[plane][2] * i + r->b[plane][2] * j + r->c[plane][2]);
+}
+
+/* Counts or lists triangles in their cells. */
+ITN__INLINE void itn__raster_emit(itn__voxel_build *build, itn__ints cell, const int32_t *slots,
+                                  unsigned bits) {
+    int32_t cells[ITN__LANES];
+    itn__store_ints(cells, cell);
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        if (build->fill)
+            build->slots[build->first[cells[k] + 1]++] = slots[k];
+        else
+            build->first[cells[k] + 2]++;
+    }
+}
+
+/* Goes through the columns of cells over the plane of u and v, each lane through its own. */
+ITN__INLINE void itn__raster_march(itn__voxel_build *build, const itn__raster *r,
+                                   const int32_t *slots, int count) {
+    itn__ints i = r->lower[0], j = r->lower[1], left, here, k, last, turn;
+    left = itn__int_less(itn__lane_numbers(), itn__splat_int(count)) &
+           ~itn__int_less(r->upper[0], i) & ~itn__int_less(r->upper[1], j);
+    while (itn__mask_bits(left)) {
+        itn__floats x = itn__to_floats(i), y = itn__to_floats(j);
+        itn__floats slope = r->slope_u * x + r->slope_v * y;
+        here = left & itn__raster_touches(r, 0, x, y);
+        k = itn__most_int(r->lower[2], itn__cells_of(r->depth[0] + slope));
+        last = itn__least_int(r->upper[2], itn__cells_of(r->depth[1] + slope));
+        here &= ~itn__int_less(last, k);
+        while (itn__mask_bits(here)) {
+            itn__floats z = itn__to_floats(k);
+            itn__ints hit = here & itn__raster_touches(r, 1, y, z) &
+                            itn__raster_touches(r, 2, z, x);
+            itn__raster_emit(build, i * r->stride[0] + j * r->stride[1] + k * r->stride[2], slots,
+                             itn__mask_bits(hit));
+            k += 1;
+            here &= ~itn__int_less(last, k);
+        }
+        i += 1;
+        turn = itn__int_less(r->upper[0], i); /* a mask is -1 */
+        i = itn__select_int(turn, r->lower[0], i);
+        j -= turn;
+        left &= ~itn__int_less(r->upper[1], j);
+    }
+}
+
+static void itn__raster_slab(void *task, int slab) {
+    itn__voxel_build *build = (itn__voxel_build *)task;
+    int at = build->slab_first[slab], end = build->slab_first[slab + 1], layers[2];
+    layers[0] = slab * ITN__LAYERS;
+    layers[1] = layers[0] + ITN__LAYERS - 1;
+    if (layers[1] >= build->voxels->size[2]) layers[1] = build->voxels->size[2] - 1;
+    for (; at < end; at += ITN__LANES) {
+        const int32_t *slots = build->slab_slots + at;
+        int count = end - at < ITN__LANES ? end - at : ITN__LANES;
+        itn__raster r;
+        itn__raster_make(build, slots, count, layers, &r);
+        itn__raster_march(build, &r, slots, count);
+    }
+}
+
+/* Lists the triangles of each cell. */
+static int itn__voxel_lists(itn__voxel_build *build) {
+    const itn_context *context = &build->voxels->context;
+    size_t cells = itn__cell_count(build->voxels);
+    build->first = (int32_t *)itn__allocate(context, cells + 2, sizeof(int32_t));
+    if (!build->first) return 0;
+    build->fill = 0;
+    itn__parallel_for(context, build->slabs, itn__raster_slab, build);
+    if (!itn__prefix_sum(build->first, cells)) return 0;
+    build->slots = (int32_t *)itn__allocate(context, (size_t)build->first[cells + 1],
+                                            sizeof(int32_t));
+    if (!build->slots) return 0;
+    build->fill = 1;
+    itn__parallel_for(context, build->slabs, itn__raster_slab, build);
+    return 1;
+}
+
+/* Distances. */
+
+/* Bits of all cells, with a border of one cell around; a row is a number of whole words. */
+typedef struct itn__bit_grid {
+    uint64_t *now, *grown, *wider;
+    size_t words, rows, planes; /* of a row; of a plane; in all */
+} itn__bit_grid;
+
+/* `to` holds a cell where `from` holds it or a neighbour in its row. Words outside are as the last
+   in the row: the border is the same everywhere. */
+static void itn__grow_rows(const itn__bit_grid *bits, const uint64_t *from, uint64_t *to) {
+    size_t row, w, words = bits->words;
+    for (row = 0; row < bits->rows * bits->planes; row++, from += words, to += words)
+        for (w = 0; w < words; w++) {
+            uint64_t x = from[w], before = w ? from[w - 1] >> 63 : x & 1;
+            uint64_t after = w + 1 < words ? from[w + 1] << 63 : x & (uint64_t)1 << 63;
+            to[w] = x | x << 1 | x >> 1 | before | after;
+        }
+}
+/* The same across rows, or planes, `step` words apart; what it makes of the border is not used. */
+static void itn__grow_across(const uint64_t *from, uint64_t *to, size_t step, size_t all) {
+    size_t i;
+    for (i = step; i < all - step; i++) to[i] = from[i - step] | from[i] | from[i + step];
+}
+
+/* The bits of a word that are cells of a row, which begins after a border of one. */
+ITN__INLINE uint64_t itn__row_bits(int size, size_t word) {
+    size_t end = (size_t)size + 1 - 64 * word; /* > 0 for all words of a row but the border's */
+    uint64_t bits = 64 * word > (size_t)size ? 0 : ~(uint64_t)0;
+    if (bits && end < 64) bits >>= 64 - end;
+    return word ? bits : bits & ~(uint64_t)1;
+}
+
+/* Sets the cells of a word's bits to minus the distance. */
+static void itn__tell_distance(int32_t *row, size_t word, uint64_t bits, int distance) {
+    size_t x = 64 * word;
+    for (; bits; bits >>= 1, x++)
+        if (bits & 1) row[x - 1] = -distance;
+}
+
+/* Grows the set by one cell and marks those which are new. Returns whether there are any. */
+static int itn__grow_cells(itn__voxels *voxels, itn__bit_grid *bits, int distance) {
+    const size_t words = bits->words, plane = bits->rows * words, all = plane * bits->planes;
+    int y, z, any = 0;
+    itn__grow_rows(bits, bits->now, bits->grown);
+    itn__grow_across(bits->grown, bits->wider, words, all);
+    itn__grow_across(bits->wider, bits->grown, plane, all);
+    for (z = 0; z < voxels->size[2]; z++)
+        for (y = 0; y < voxels->size[1]; y++) {
+            size_t at = (size_t)(z + 1) * plane + (size_t)(y + 1) * words, w;
+            int32_t *row = voxels->cells + (z * voxels->size[1] + y) * voxels->size[0];
+            for (w = 0; w < words; w++) {
+                uint64_t fresh = bits->grown[at + w] & ~bits->now[at + w];
+                if (!fresh) continue;
+                fresh &= itn__row_bits(voxels->size[0], w);
+                itn__tell_distance(row, w, fresh, distance);
+                bits->now[at + w] |= fresh;
+                any = any || fresh;
+            }
+        }
+    return any;
+}
+
+/* Whether triangles lie outside of the grid. */
+static int itn__voxels_exceeded(const itn__voxel_build *build) {
+    const itn__voxels *voxels = build->voxels;
+    const itn_bvh *bvh = build->bvh;
+    float c = voxels->cell;
+    return !(bvh->lower.x > voxels->lower.x && bvh->lower.y > voxels->lower.y &&
+             bvh->lower.z > voxels->lower.z &&
+             bvh->upper.x < voxels->lower.x + c * (float)voxels->size[0] &&
+             bvh->upper.y < voxels->lower.y + c * (float)voxels->size[1] &&
+             bvh->upper.z < voxels->lower.z + c * (float)voxels->size[2]);
+}
+
+/* Sets the bits of cells that hold triangles, and of the border if triangles may lie there; cells
+   start with the largest distance. */
+static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
+    itn__voxels *voxels = build->voxels;
+    uint64_t border = itn__voxels_exceeded(build) ? ~(uint64_t)0 : 0;
+    size_t i, cell = 0, all = bits->words * bits->rows * bits->planes;
+    int x, y, z;
+    for (i = 0; i < all; i++) bits->now[i] = border;
+    for (z = 1; z <= voxels->size[2]; z++)
+        for (y = 1; y <= voxels->size[1]; y++) {
+            size_t at = ((size_t)z * bits->rows + (size_t)y) * bits->words;
+            uint64_t *row = bits->now + at, *holding = build->holds + at;
+            for (x = 1; x <= voxels->size[0]; x++, cell++) {
+                uint64_t bit = (uint64_t)1 << (x & 63);
+                int holds = build->first[cell] < build->first[cell + 1];
+                voxels->cells[cell] = holds ? 0 : -ITN__REACH;
+                row[x >> 6] = holds ? row[x >> 6] | bit : row[x >> 6] & ~bit;
+                holding[x >> 6] |= holds ? bit : 0;
+            }
+        }
+}
+
+/* Fills cells with minus the chessboard distance to the nearest cell that holds triangles. */
+static int itn__voxel_distances(itn__voxel_build *build) {
+    itn__voxels *voxels = build->voxels;
+    itn__bit_grid bits;
+    size_t all;
+    int distance = 1, made;
+    bits.words = ((size_t)voxels->size[0] + 2 + 63) / 64;
+    bits.rows = (size_t)voxels->size[1] + 2, bits.planes = (size_t)voxels->size[2] + 2;
+    all = bits.words * bits.rows * bits.planes;
+    bits.now = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
+    bits.grown = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
+    bits.wider = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
+    build->holds = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
+    build->row_words = bits.words;
+    voxels->cells = (int32_t *)itn__allocate(&voxels->context, itn__cell_count(voxels),
+                                             sizeof(int32_t));
+    made = bits.now && bits.grown && bits.wider && build->holds && voxels->cells;
+    if (made) {
+        itn__bits_start(build, &bits);
+        while (distance < ITN__REACH && itn__grow_cells(voxels, &bits, distance)) distance++;
+    }
+    itn__free(&voxels->context, bits.now);
+    itn__free(&voxels->context, bits.grown);
+    itn__free(&voxels->context, bits.wider);
+    return made;
+}
+
+/* Slabs. */
+
+/* A box of cells and a direction n, with what its triangles say of it: in lanes while they are
+   added, then over all lanes. Lengths are in cells and relative to the centre. */
+typedef struct itn__slab {
+    itn_vec3 centre, n;
+    float length, half, inverse_cell; /* length of n, half the side of the box */
+    itn__floats leasts, mosts;        /* n . x of triangles in the box */
+    itn__floats steepests; /* |n| times the sine of the largest angle between n and a normal */
+    float least, most, steepest;
+} itn__slab;
+
+/* ITN__LANES triangles of a pack, beginning with number `from`. */
+typedef struct itn__facets {
+    itn__vectors p[3], normal; /* relative to a centre, in cells; of a length of twice the area */
+    itn__floats length, size;  /* of the normal; squares of the first corner and of two edges */
+} itn__facets;
+
+ITN__INLINE itn__facets itn__facets_make(const itn__pack *pack, int from, itn_vec3 centre,
+                                         float inverse_cell) {
+    itn__facets t;
+    itn__vectors e, f;
+    int j;
+    for (j = 0; j < 3; j++)
+        t.p[j] = itn__vectors_of((itn__load(pack->corner[j][0] + from) - centre.x) * inverse_cell,
+                                 (itn__load(pack->corner[j][1] + from) - centre.y) * inverse_cell,
+                                 (itn__load(pack->corner[j][2] + from) - centre.z) * inverse_cell);
+    e = itn__valong(t.p[1], itn__splat(-1), t.p[0]);
+    f = itn__valong(t.p[2], itn__splat(-1), t.p[0]);
+    t.normal = itn__vectors_of(e.y * f.z - e.z * f.y, e.z * f.x - e.x * f.z,
+                               e.x * f.y - e.y * f.x);
+    t.length = itn__root(itn__vdot(t.normal, t.normal));
+    t.size = itn__vdot(t.p[0], t.p[0]) + itn__vdot(e, e) + itn__vdot(f, f);
+    return t;
+}
+
+/* Adds the triangles of the mask to a slab. The sign of a front is judged by shadows whose corners
+   have errors of some roundings of their distance, which matters most for needles: that angle is
+   added to that of each normal. */
+ITN__INLINE void itn__slab_add(itn__slab *slab, const itn__facets *t, itn__ints mask) {
+    itn__floats far = itn__splat(INFINITY), zero = itn__splat(0), least, most, steep, d[3];
+    itn__floats a, wide, error;
+    itn__vectors n = itn__vectors_of(zero + slab->n.x, zero + slab->n.y, zero + slab->n.z), m, r;
+    itn__floats reach = t->size + 12 * slab->half * slab->half;
+    itn__ints good = itn__less(t->size, itn__splat(1e15f));
+    int j;
+    m = itn__vscale(t->normal, itn__select(itn__less(zero, t->length), 1 / t->length, zero));
+    a = itn__vdot(n, m);
+    r = itn__valong(n, -a, m);
+    error = 8 * FLT_EPSILON * slab->length * itn__root(t->size);
+    wide = (itn__absolute(r.x) + itn__absolute(r.y) + itn__absolute(r.z)) * slab->half;
+    for (j = 0; j < 3; j++) d[j] = a * itn__vdot(m, t->p[j]);
+    least = itn__least3(d[0], d[1], d[2]) - wide;
+    most = itn__most3(d[0], d[1], d[2]) + wide;
+    for (j = 0; j < 3; j++) d[j] = itn__vdot(n, t->p[j]);
+    least = itn__most(least, itn__least3(d[0], d[1], d[2])) - error;
+    most = itn__least(most, itn__most3(d[0], d[1], d[2])) + error;
+    least = itn__select(good, least, -far), most = itn__select(good, most, far);
+    slab->leasts = itn__least(slab->leasts, itn__select(mask, least, far));
+    slab->mosts = itn__most(slab->mosts, itn__select(mask, most, -far));
+    steep = 16 * FLT_EPSILON * slab->length * reach / t->length + itn__root(itn__vdot(r, r));
+    steep = itn__select(good & itn__less(zero, a), steep, far);
+    slab->steepests = itn__most(slab->steepests, itn__select(mask, steep, zero));
+}
+
+/* Adds the triangles of a surface cell. */
+ITN__INLINE void itn__slab_add_cell(itn__slab *slab, const itn__pack *packs, int count) {
+    int from;
+    for (from = 0; from < count; from += ITN__LANES) {
+        itn__facets t = itn__facets_make(&packs[from / ITN__PACK], from % ITN__PACK, slab->centre,
+                                         slab->inverse_cell);
+        itn__slab_add(slab, &t, itn__int_less(itn__lane_numbers(), itn__splat_int(count - from)));
+    }
+}
+
+/* Records. */
+
+ITN__INLINE int32_t itn__float_word(float x) {
+    int32_t word;
+    memcpy(&word, &x, sizeof word);
+    return word;
+}
+/* A normal of which the largest component is 127, as bytes. */
+static int32_t itn__pack_normal(const float normal[3], itn_vec3 *n) {
+    float largest = itn__max_abs(itn__vec3(normal[0], normal[1], normal[2]));
+    int bytes[3] = {127, 0, 0}, k;
+    for (k = 0; k < 3 && largest > 0 && largest <= FLT_MAX; k++)
+        bytes[k] = (int)floorf(normal[k] / largest * 127 + .5f);
+    *n = itn__vec3((float)bytes[0], (float)bytes[1], (float)bytes[2]);
+    return (bytes[0] & 255) | (bytes[1] & 255) << 8 | (bytes[2] & 255) << 16;
+}
+
+/* Begins a slab for the cube of cells within `reach` of a cell. */
+static void itn__slab_begin(const itn__voxels *voxels, const int at[3], int reach, itn_vec3 n,
+                            itn__slab *slab) {
+    slab->n = n;
+    slab->length = itn__length(n);
+    slab->half = (float)reach + .5f + ITN__CELL_MARGIN;
+    slab->inverse_cell = voxels->inverse_cell;
+    slab->centre = itn__vec3(voxels->lower.x + ((float)at[0] + .5f) * voxels->cell,
+                             voxels->lower.y + ((float)at[1] + .5f) * voxels->cell,
+                             voxels->lower.z + ((float)at[2] + .5f) * voxels->cell);
+    slab->leasts = itn__splat(INFINITY), slab->mosts = itn__splat(-INFINITY);
+    slab->steepests = itn__splat(0);
+}
+static void itn__slab_end(itn__slab *slab) {
+    int k;
+    slab->least = INFINITY, slab->most = -INFINITY, slab->steepest = 0;
+    for (k = 0; k < ITN__LANES; k++) {
+        slab->least = itn__min(slab->least, ITN__LANE(slab->leasts, k));
+        slab->most = itn__max(slab->most, ITN__LANE(slab->mosts, k));
+        slab->steepest = itn__max(slab->steepest, ITN__LANE(slab->steepests, k));
+    }
+}
+
+/* Writes below and above, moved away from the triangles by what rounding may do to n . x. */
+static void itn__slab_words(const itn__voxel_build *build, const itn__slab *slab,
+                            int32_t words[2]) {
+    const itn__voxels *voxels = build->voxels;
+    double middle = (double)slab->n.x * slab->centre.x + (double)slab->n.y * slab->centre.y +
+                    (double)slab->n.z * slab->centre.z;
+    double margin = slab->length * ((double)ITN__SLAB_MARGIN * voxels->cell +
+                                    8 * FLT_EPSILON * build->largest);
+    words[0] = itn__float_word((float)(middle + (double)slab->least * voxels->cell - margin));
+    words[1] = itn__float_word((float)(middle + (double)slab->most * voxels->cell + margin));
+}
+/* The least a that -n.d must exceed for a segment in the block to meet front faces alone. */
+static float itn__slab_against(const itn__slab *slab) {
+    float a = slab->steepest + 1e-5f * slab->length;
+    return a < slab->length ? a : INFINITY;
+}
+
+/* Sorts a surface cell's list, which nearly is, and fills its packs. */
+static void itn__fill_cell(const itn__voxel_build *build, int record) {
+    const itn__voxels *voxels = build->voxels;
+    const int32_t *word = voxels->surface + (size_t)record * ITN__SURFACE_WORDS;
+    int cell = build->surface_cells[record], i, k;
+    int32_t *slots = build->slots + build->first[cell];
+    int count = build->first[cell + 1] - build->first[cell];
+    for (i = 1; i < count; i++) {
+        int32_t slot = slots[i];
+        for (k = i; k > 0 && slots[k - 1] > slot; k--) slots[k] = slots[k - 1];
+        slots[k] = slot;
+    }
+    for (i = 0; i < word[ITN__PACK_COUNT]; i++) {
+        int left = count - i * ITN__PACK;
+        itn__pack_fill(&voxels->packs[word[ITN__FIRST_PACK] + i], build->bvh->triangles,
+                       slots + i * ITN__PACK, left < ITN__PACK ? left : ITN__PACK);
+    }
+}
+
+/* The part of a summary that needs no direction: the box of a cell's triangles, and the sum of
+   their normals by area, where a large one counts as a face of the cell does. */
+static void itn__summarise(const itn__slab *slab, const itn__pack *packs, int count,
+                           itn__summary *summary) {
+    itn__floats zero = itn__splat(0), edge = itn__splat(slab->half), sum[3], low[3], high[3];
+    int from, j, k;
+    for (k = 0; k < 3; k++) sum[k] = zero, low[k] = edge, high[k] = -edge;
+    for (from = 0; from < count; from += ITN__LANES) {
+        itn__facets t = itn__facets_make(&packs[from / ITN__PACK], from % ITN__PACK, slab->centre,
+                                         slab->inverse_cell);
+        itn__ints mask = itn__int_less(itn__lane_numbers(), itn__splat_int(count - from));
+        itn__ints good = mask & itn__less(zero, t.length) & itn__less(t.size, itn__splat(1e15f));
+        itn__floats weight = itn__select(good, itn__least(t.length, zero + 2) / t.length, zero);
+        itn__floats error = 4 * FLT_EPSILON * itn__root(t.size);
+        sum[0] += itn__select(good, t.normal.x * weight, zero);
+        sum[1] += itn__select(good, t.normal.y * weight, zero);
+        sum[2] += itn__select(good, t.normal.z * weight, zero);
+        for (k = 0; k < 3; k++) {
+            itn__floats x[3];
+            for (j = 0; j < 3; j++) x[j] = k == 0 ? t.p[j].x : k == 1 ? t.p[j].y : t.p[j].z;
+            low[k] = itn__select(mask, itn__least(low[k], itn__least3(x[0], x[1], x[2]) - error),
+                                 low[k]);
+            high[k] = itn__select(mask, itn__most(high[k], itn__most3(x[0], x[1], x[2]) + error),
+                                  high[k]);
+        }
+    }
+    for (k = 0; k < 3; k++) {
+        float least = slab->half, most = -slab->half;
+        for (j = 0; j < ITN__LANES; j++) {
+            least = itn__min(least, ITN__LANE(low[k], j));
+            most = itn__max(most, ITN__LANE(high[k], j));
+            summary->normal[k] += ITN__LANE(sum[k], j);
+        }
+        least = itn__max(least, -slab->half), most = itn__min(most, slab->half);
+        summary->middle[k] = .5f * (least + most);
+        summary->half[k] = .5f * (most - least) + ITN__SUMMARY_MARGIN;
+    }
+}
+
+/* Whether all triangles of some packs belong to the one closed object. */
+static int itn__packs_alone(const itn__voxel_build *build, const itn__pack *packs, int count) {
+    int i, alone = 1;
+    for (i = 0; i < count; i++)
+        alone = alone && packs[i].object >= 0 &&
+                (itn__object_bit(packs[i].object) & build->closed);
+    return alone;
+}
+
+/* Completes a summary by the slab of the same cell. */
+static void itn__summary_end(const itn__slab *slab, int alone, itn__summary *summary) {
+    float scale = 1 / slab->length;
+    summary->unit[0] = slab->n.x * scale, summary->unit[1] = slab->n.y * scale;
+    summary->unit[2] = slab->n.z * scale;
+    summary->least = slab->least * scale - ITN__SUMMARY_MARGIN;
+    summary->most = slab->most * scale + ITN__SUMMARY_MARGIN;
+    summary->sine = slab->steepest * scale + ITN__SUMMARY_MARGIN;
+    if (!(alone && summary->sine < 1)) summary->sine = INFINITY;
+    summary->cosine = itn__safe_sqrt(1 - summary->sine * summary->sine);
+}
+
+static void itn__make_surface_record(void *task, int chunk) {
+    itn__voxel_build *build = (itn__voxel_build *)task;
+    const itn__voxels *voxels = build->voxels;
+    int record = chunk * ITN__RECORDS, end = record + ITN__RECORDS;
+    if (end > voxels->surface_count) end = voxels->surface_count;
+    for (; record < end; record++) {
+        int32_t *word = voxels->surface + (size_t)record * ITN__SURFACE_WORDS;
+        const itn__pack *packs = &voxels->packs[word[ITN__FIRST_PACK]];
+        itn__summary *summary = &build->summaries[record];
+        int cell = build->surface_cells[record], at[3];
+        int count = build->first[cell + 1] - build->first[cell];
+        itn__slab slab;
+        itn_vec3 n = ITN_ZERO;
+        itn__fill_cell(build, record);
+        itn__cell_place(voxels, cell, at);
+        itn__slab_begin(voxels, at, 0, n, &slab);
+        itn__summarise(&slab, packs, count, summary);
+        word[ITN__OWN_NORMAL] = itn__pack_normal(summary->normal, &n);
+        itn__slab_begin(voxels, at, 0, n, &slab);
+        itn__slab_add_cell(&slab, packs, count);
+        itn__slab_end(&slab);
+        itn__slab_words(build, &slab, word + ITN__OWN_BELOW);
+        itn__summary_end(&slab, itn__packs_alone(build, packs, word[ITN__PACK_COUNT]), summary);
+    }
+}
+
+/* Regions. */
+
+/* The surface cells of a block. */
+enum {
+    ITN__BLOCK_SIDE = 2 * ITN__REGION_REACH + 1,
+    ITN__BLOCK_CELLS = ITN__BLOCK_SIDE * ITN__BLOCK_SIDE * ITN__BLOCK_SIDE
+};
+typedef struct itn__block {
+    int at[3], count;
+    float normal[3]; /* sum */
+    int32_t records[ITN__BLOCK_CELLS + ITN__LANES]; /* first floats of their summaries, then 0 */
+    float offset[3][ITN__BLOCK_CELLS + ITN__LANES]; /* from the middle cell */
+} itn__block;
+
+/* Bits of cells x, x + 1, ... (up to 64 of them) of a row that hold triangles. */
+ITN__INLINE uint64_t itn__row_holds(const itn__voxel_build *build, int x, int y, int z) {
+    const uint64_t *row = build->holds + ((size_t)(z + 1) * (size_t)(build->voxels->size[1] + 2) +
+                                          (size_t)(y + 1)) * build->row_words;
+    size_t word = (size_t)(x + 1) >> 6, shift = (size_t)(x + 1) & 63;
+    uint64_t bits = row[word] >> shift;
+    return shift && word + 1 < build->row_words ? bits | row[word + 1] << (64 - shift) : bits;
+}
+
+ITN__INLINE void itn__block_add(const itn__voxel_build *build, itn__block *block, int x, int y,
+                                int z) {
+    const itn__voxels *voxels = build->voxels;
+    int32_t near_one = voxels->cells[(z * voxels->size[1] + y) * voxels->size[0] + x];
+    int32_t record = voxels->nearby[(size_t)near_one * ITN__NEAR_WORDS + ITN__NEAR_SURFACE];
+    const itn__summary *summary = &build->summaries[record];
+    block->records[block->count] = record * ITN__SUMMARY_FLOATS;
+    block->offset[0][block->count] = (float)(x - block->at[0]);
+    block->offset[1][block->count] = (float)(y - block->at[1]);
+    block->offset[2][block->count++] = (float)(z - block->at[2]);
+    block->normal[0] += summary->normal[0], block->normal[1] += summary->normal[1];
+    block->normal[2] += summary->normal[2];
+}
+static void itn__block_make(const itn__voxel_build *build, int reach, itn__block *block) {
+    int y, z, from[3], to[3], k;
+    block->count = 0;
+    for (k = 0; k < 3; k++) {
+        int last = build->voxels->size[k] - 1;
+        from[k] = block->at[k] > reach ? block->at[k] - reach : 0;
+        to[k] = block->at[k] + reach < last ? block->at[k] + reach : last;
+        block->normal[k] = 0;
+    }
+    for (z = from[2]; z <= to[2]; z++)
+        for (y = from[1]; y <= to[1]; y++) {
+            uint64_t bits = itn__row_holds(build, from[0], y, z);
+            int x = from[0];
+            for (bits &= ((uint64_t)2 << (to[0] - x)) - 1; bits; bits >>= 1, x++)
+                if (bits & 1) itn__block_add(build, block, x, y, z);
+        }
+    memset(block->records + block->count, 0, ITN__LANES * sizeof(int32_t)); /* any will do */
+}
+
+/* ITN__LANES summaries, from the numbers of their first floats. */
+typedef struct itn__summaries {
+    itn__vectors m, middle, half;
+    itn__floats least, most, sine, cosine;
+} itn__summaries;
+
+ITN__INLINE itn__summaries itn__summaries_load(const itn__summary *base, itn__ints at) {
+    const float *first = base->normal;
+    itn__floats zero = itn__splat(0);
+    itn__ints all = itn__splat_int(-1);
+    itn__summaries t;
+#define ITN__FIELD(k) itn__gather(first + (k), at, all, zero)
+    t.m = itn__vectors_of(ITN__FIELD(3), ITN__FIELD(4), ITN__FIELD(5));
+    t.least = ITN__FIELD(6), t.most = ITN__FIELD(7);
+    t.sine = ITN__FIELD(8), t.cosine = ITN__FIELD(9);
+    t.middle = itn__vectors_of(ITN__FIELD(10), ITN__FIELD(11), ITN__FIELD(12));
+    t.half = itn__vectors_of(ITN__FIELD(13), ITN__FIELD(14), ITN__FIELD(15));
+#undef ITN__FIELD
+    return t;
+}
+/* |x| . y */
+ITN__INLINE itn__floats itn__vspread(itn__vectors x, itn__vectors y) {
+    return itn__absolute(x.x) * y.x + itn__absolute(x.y) * y.y + itn__absolute(x.z) * y.z;
+}
+
+/* Adds the summaries of a block's cells to a slab: n.x is bounded as for triangles, with a cell's
+   box for the block; angles add up. */
+static void itn__slab_add_block(const itn__voxel_build *build, const itn__block *block,
+                                itn__slab *slab) {
+    itn__floats zero = itn__splat(0), far = itn__splat(INFINITY);
+    itn__vectors n = itn__vectors_of(zero + slab->n.x, zero + slab->n.y, zero + slab->n.z);
+    int i;
+    for (i = 0; i < block->count; i += ITN__LANES) {
+        itn__ints mask = itn__int_less(itn__lane_numbers(), itn__splat_int(block->count - i));
+        itn__ints at = itn__load_ints(block->records + i);
+        itn__summaries t = itn__summaries_load(build->summaries, at);
+        itn__floats a = itn__vdot(n, t.m), least, most, wide, sine, offset, r_middle;
+        itn__vectors r = itn__valong(n, -a, t.m);
+        itn__ints acute;
+        least = itn__vdot(n, t.middle) - itn__vspread(n, t.half);
+        most = itn__vdot(n, t.middle) + itn__vspread(n, t.half);
+        wide = itn__vspread(r, t.half);
+        r_middle = itn__vdot(r, t.middle);
+        least = itn__most(least, itn__least(a * t.least, a * t.most) + r_middle - wide);
+        most = itn__least(most, itn__most(a * t.least, a * t.most) + r_middle + wide);
+        offset = n.x * itn__load(block->offset[0] + i) + n.y * itn__load(block->offset[1] + i) +
+                 n.z * itn__load(block->offset[2] + i);
+        least += offset, most += offset;
+        slab->leasts = itn__least(slab->leasts, itn__select(mask, least, far));
+        slab->mosts = itn__most(slab->mosts, itn__select(mask, most, -far));
+        sine = itn__root(itn__vdot(r, r)); /* times |n|; a is the cosine times |n| */
+        acute = itn__less(t.sine, itn__splat(1)) & itn__less(sine * t.sine, a * t.cosine);
+        sine = itn__select(acute, sine * t.cosine + a * t.sine, far);
+        slab->steepests = itn__most(slab->steepests, itn__select(mask, sine, zero));
+    }
+}
+
+/* How good a region is for a point in its middle cell: over heights of the point above the cell's
+   centre, the chance that a flight of about a cell in any direction stays below the slab and in the
+   block, or runs against its normals from within the slab. */
+static float itn__region_score(const itn__slab *slab, int reach) {
+    float below = slab->least / slab->length, above = slab->most / slab->length;
+    float inside = 1 - .8f * expf(-((float)reach + .5f)), score = 0;
+    float against = .5f * inside * itn__max(0, 1 - slab->steepest / slab->length);
+    int k;
+    for (k = 0; k < 4; k++) {
+        float height = .25f * (float)k - .375f;
+        float free = height < below ? inside - .5f / (1 + 2 * (below - height)) : 0;
+        score += height < above ? itn__max(against, free) : 0;
+    }
+    return score;
+}
+
+/* The reach of the largest block around a cell that is known: all of them, if no triangle lies
+   outside of the grid. */
+static int itn__known_reach(const itn__voxel_build *build, const int at[3]) {
+    int k, reach = ITN__REGION_REACH;
+    for (k = 0; k < 3 && itn__voxels_exceeded(build); k++) {
+        int after = build->voxels->size[k] - 1 - at[k];
+        reach = at[k] < reach ? at[k] : reach;
+        reach = after < reach ? after : reach;
+    }
+    return reach;
+}
+
+/* Writes what is known of a near cell's block, of the reach that seems best. */
+static void itn__make_region(const itn__voxel_build *build, int near_one) {
+    const itn__voxels *voxels = build->voxels;
+    int32_t *word = voxels->nearby + (size_t)near_one * ITN__NEAR_WORDS;
+    int reach = word[ITN__NEAR_SURFACE] < 0 ? -word[ITN__NEAR_SURFACE] : 0, end = reach + 1, known;
+    float best = -1;
+    itn__block block;
+    itn__cell_place(voxels, build->near_cells[near_one], block.at);
+    known = itn__known_reach(build, block.at);
+    for (end = end < known ? end : known; reach <= end; reach++) {
+        itn__slab slab;
+        itn_vec3 n;
+        float score;
+        int32_t packed;
+        itn__block_make(build, reach, &block);
+        packed = itn__pack_normal(block.normal, &n);
+        itn__slab_begin(voxels, block.at, reach, n, &slab);
+        itn__slab_add_block(build, &block, &slab);
+        itn__slab_end(&slab);
+        score = itn__region_score(&slab, reach);
+        if (!(score > best)) continue;
+        best = score;
+        word[ITN__NEAR_NORMAL] = packed | reach << 24;
+        itn__slab_words(build, &slab, word + ITN__NEAR_BELOW);
+        word[ITN__NEAR_AGAINST] = itn__float_word(itn__slab_against(&slab));
+    }
+}
+static void itn__make_regions(void *task, int chunk) {
+    const itn__voxel_build *build = (const itn__voxel_build *)task;
+    int near_one = chunk * ITN__RECORDS, end = near_one + ITN__RECORDS;
+    if (end > build->voxels->near_count) end = build->voxels->near_count;
+    for (; near_one < end; near_one++) itn__make_region(build, near_one);
+}
+
+/* Whether a cell, of which the distance to the nearest triangle is given, has a record. */
+ITN__INLINE int itn__is_near(const itn__voxels *voxels, int distance) {
+    return distance == 0 || (voxels->regions && distance <= ITN__REGION_REACH);
+}
+
+/* Counts records and packs; returns whether there is memory for them. */
+static int itn__allocate_records(itn__voxel_build *build) {
+    itn__voxels *voxels = build->voxels;
+    const itn_context *context = &voxels->context;
+    size_t cell, cells = itn__cell_count(voxels), packs = 0;
+    for (cell = 0; cell < cells; cell++) {
+        int count = build->first[cell + 1] - build->first[cell];
+        voxels->near_count += itn__is_near(voxels, -voxels->cells[cell]);
+        voxels->surface_count += count > 0;
+        packs += (size_t)(count + ITN__PACK - 1) / ITN__PACK;
+    }
+    voxels->pack_count = (int)packs;
+    voxels->nearby = (int32_t *)itn__allocate(context, (size_t)voxels->near_count,
+                                            ITN__NEAR_WORDS * sizeof(int32_t));
+    voxels->surface = (int32_t *)itn__allocate(context, (size_t)voxels->surface_count,
+                                               ITN__SURFACE_WORDS * sizeof(int32_t));
+    voxels->pack_memory = itn__allocate(context, packs + 1, sizeof(itn__pack));
+    build->near_cells = (int32_t *)itn__allocate(context, (size_t)voxels->near_count,
+                                                 sizeof(int32_t));
+    build->surface_cells = (int32_t *)itn__allocate(context, (size_t)voxels->surface_count,
+                                                    sizeof(int32_t));
+    build->summaries = (itn__summary *)itn__allocate(context, (size_t)voxels->surface_count,
+                                                     sizeof(itn__summary));
+    return voxels->nearby && voxels->surface && voxels->pack_memory && build->near_cells &&
+           build->surface_cells && build->summaries;
+}
+
+/* Numbers the records in the order of cells. */
+static void itn__number_records(itn__voxel_build *build) {
+    itn__voxels *voxels = build->voxels;
+    size_t cell, cells = itn__cell_count(voxels);
+    int near_one = 0, surface = 0, packs = 0;
+    for (cell = 0; cell < cells; cell++) {
+        int32_t *word = voxels->nearby + (size_t)near_one * ITN__NEAR_WORDS;
+        int count = build->first[cell + 1] - build->first[cell];
+        if (!itn__is_near(voxels, -voxels->cells[cell])) continue;
+        word[ITN__NEAR_BELOW] = itn__float_word(-INFINITY);
+        word[ITN__NEAR_ABOVE] = word[ITN__NEAR_AGAINST] = itn__float_word(INFINITY);
+        word[ITN__NEAR_SURFACE] = count ? surface : voxels->cells[cell];
+        if (count) {
+            int32_t *own = voxels->surface + (size_t)surface * ITN__SURFACE_WORDS;
+            own[ITN__FIRST_PACK] = packs;
+            own[ITN__PACK_COUNT] = (count + ITN__PACK - 1) / ITN__PACK;
+            packs += own[ITN__PACK_COUNT];
+            build->surface_cells[surface++] = (int32_t)cell;
+        }
+        build->near_cells[near_one] = (int32_t)cell;
+        voxels->cells[cell] = near_one++;
+    }
+}
+
+static int itn__voxel_records(itn__voxel_build *build) {
+    itn__voxels *voxels = build->voxels;
+    const itn_context *context = &voxels->context;
+    if (!itn__allocate_records(build)) return 0;
+    voxels->packs = (itn__pack *)(void *)((char *)voxels->pack_memory +
+                                          (64 - (uintptr_t)voxels->pack_memory % 64) % 64);
+    itn__number_records(build);
+    itn__parallel_for(context, (voxels->surface_count + ITN__RECORDS - 1) / ITN__RECORDS,
+                      itn__make_surface_record, build);
+    if (voxels->regions)
+        itn__parallel_for(context, (voxels->near_count + ITN__RECORDS - 1) / ITN__RECORDS,
+                          itn__make_regions, build);
+    return 1;
+}
+
+/* Chooses the grid and finds each triangle's slabs; cells are enlarged until the triangles do not
+   look at too many of them. Returns 0 if floats cannot say the grid's numbers. */
+static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upper,
+                           int resolution) {
+    itn__voxels *voxels = build->voxels;
+    float extent[3];
+    double most = ITN__MAX_COLUMNS + 8.0 * build->bvh->triangle_count, cell;
+    extent[0] = upper.x - lower.x, extent[1] = upper.y - lower.y, extent[2] = upper.z - lower.z;
+    build->largest = itn__max(itn__max_abs(lower), itn__max_abs(upper));
+    cell = itn__grid_cell(extent, build->largest, resolution);
+    build->largest += 2 * cell;
+    for (;; cell *= 2) {
+        if (!itn__grid_make(voxels, lower, extent, cell)) return 0;
+        if (itn__voxel_ranges(build) <= most) return 1;
+        if (itn__voxel_total(voxels->size) <= 27) return 1;
+    }
+}
+
+/* Repeats the distances of all cells in a byte each. */
+static int itn__voxel_bytes(itn__voxels *voxels) {
+    size_t count = itn__cell_count(voxels), i;
+    voxels->distances = (uint8_t *)itn__allocate(&voxels->context, count + 3, 1);
+    for (i = 0; voxels->distances && i < count; i++) {
+        int32_t cell = voxels->cells[i];
+        if (cell >= 0) cell = voxels->nearby[(size_t)cell * ITN__NEAR_WORDS + ITN__NEAR_SURFACE];
+        voxels->distances[i] = (uint8_t)(cell >= 0 ? 0 : cell < -255 ? 255 : -cell);
+    }
+    return voxels->distances != NULL;
+}
+
+/* Makes the tables for the box from lower to upper and one cell around it, of `resolution` cells
+   along its longest axis; fewer if there is not enough room or precision. closed: bits of the
+   closed objects. regions 0: only cubes and packs. */
+static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bvh, uint64_t closed,
+                                   itn_vec3 lower, itn_vec3 upper, int resolution, int regions,
+                                   itn__voxels **voxels, itn_error *error) {
+    itn__voxel_build build = ITN_ZERO;
+    itn_vec3 extent = itn__sub(upper, lower);
+    itn_result result = ITN_OK;
+    if (!(itn__finite3(lower) && itn__finite3(extent) && itn__max_abs(extent) > 0 &&
+          extent.x >= 0 && extent.y >= 0 && extent.z >= 0 && resolution > 0))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "voxels: the box or resolution is empty");
+    build.bvh = bvh;
+    build.closed = closed & (closed - 1) ? 0 : closed;
+    build.voxels = (itn__voxels *)itn__allocate(context, 1, sizeof(itn__voxels));
+    if (!build.voxels) return itn__out_of_memory(error, "voxels");
+    build.voxels->context = *context;
+    build.voxels->regions = regions != 0;
+    build.ranges = (int32_t *)itn__allocate(context, (size_t)bvh->triangle_count, sizeof(int32_t));
+    if (!build.ranges)
+        result = itn__out_of_memory(error, "voxels");
+    else if (!itn__voxel_grid(&build, lower, upper, resolution))
+        result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                           "voxels: a box of %g is too small or large for floats",
+                           (double)itn__max_abs(extent));
+    else if (!(itn__voxel_slabs(&build) && itn__voxel_lists(&build) &&
+               itn__voxel_distances(&build) && itn__voxel_records(&build) &&
+               itn__voxel_bytes(build.voxels)))
+        result = itn__out_of_memory(error, "voxels");
+    itn__voxel_build_free(&build);
+    if (result)
+        itn__voxels_free(build.voxels);
+    else
+        *voxels = build.voxels;
+    return result;
+}
+/* ---- [scatter-lanes] flights, phase function and boundaries in lanes ------------------------- */
+
+/* The formulas of [medium] and [surface], value only, in lanes. Each function says which scalar one
+   it equals; they differ by rounding. A mask takes the place of a return value of 0. */
+
+/* itn__sample_flight for 1 / sigma_t. */
+ITN__INLINE itn__floats itn__vsample_flight(float mean_free_path, itn__floats u) {
+    return itn__vlog(u) * -mean_free_path;
+}
+
+/* itn__one_minus_cosine. */
+ITN__INLINE itn__floats itn__vone_minus_cosine(itn__vectors a, itn__vectors b) {
+    itn__vectors chord = itn__vectors_of(a.x - b.x, a.y - b.y, a.z - b.z);
+    return itn__least(.5f * itn__vdot(chord, chord), itn__splat(2));
+}
+
+/* itn__phase of x = 1 - cos theta, y = 1 + cos theta. */
+ITN__INLINE itn__floats itn__vphase(float g, itn__floats x, itn__floats y) {
+    itn__floats square = g >= 0 ? (1 - g) * (1 - g) + 2 * g * x : (1 + g) * (1 + g) - 2 * g * y;
+    return (1 - g) * (1 + g) / (4 * ITN__PI) / (square * itn__root(square));
+}
+
+/* itn__sample_phase. */
+ITN__INLINE itn__vectors itn__vsample_phase(itn__vectors direction, float g, itn__floats u,
+                                            itn__floats v, itn__floats *x, itn__floats *y) {
+    itn__floats below = (1 - g) * (1 - u), above = (1 + g) * u, sine, sin_phi, cos_phi, cosine;
+    itn__floats inverse = 1 / (below + above), scale = 2 * inverse * inverse;
+    itn__vectors s, t;
+    *x = itn__least(scale * below * ((1 - g) * ((1 - u) + above)), itn__splat(2));
+    *y = itn__least(scale * above * ((1 + g) * (u + below)), itn__splat(2));
+    sine = itn__root(*x * *y);
+    cosine = itn__select(itn__less(*x, itn__splat(1)), 1 - *x, *y - 1);
+    itn__vsincos_turns(v, &sin_phi, &cos_phi);
+    itn__vframe(direction, &s, &t);
+    return itn__vnormalize(itn__vto_world(itn__vectors_of(sine * cos_phi, sine * sin_phi, cosine),
+                                          s, t, direction));
+}
+
+/* itn__fresnel; total internal reflection gives 1 and cos_t 0. */
+ITN__INLINE itn__floats itn__vfresnel(itn__floats cos_i, itn__floats eta, itn__floats *cos_t) {
+    itn__floats sin2 = (1 - cos_i * cos_i) / (eta * eta), s, p;
+    itn__ints refracts = itn__less(sin2, itn__splat(1));
+    *cos_t = itn__select(refracts, itn__safe_root(1 - sin2), itn__splat(0));
+    s = (cos_i - eta * *cos_t) / (cos_i + eta * *cos_t);
+    p = (eta * cos_i - *cos_t) / (eta * cos_i + *cos_t);
+    return itn__select(refracts, .5f * (s * s + p * p), itn__splat(1));
+}
+
+/* itn__smith. */
+ITN__INLINE itn__floats itn__vsmith(itn__vectors w, itn__floats alpha) {
+    itn__floats tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z);
+    return 2 / (1 + itn__root(1 + alpha * alpha * tan2));
+}
+
+/* itn__sample_facet; alpha 0 gives the normal itself. */
+ITN__INLINE itn__vectors itn__vsample_facet(itn__vectors i, itn__floats alpha, itn__floats u,
+                                            itn__floats v) {
+    itn__floats zero = itn__splat(0), one = itn__splat(1), r = itn__root(u), x, y, across, lit;
+    itn__vectors w = itn__vnormalize(itn__vectors_of(alpha * i.x, alpha * i.y, i.z)), s, t, m;
+    itn__ints tilted;
+    itn__vsincos_turns(v, &y, &x);
+    x = r * x, y = r * y;
+    across = w.x * w.x + w.y * w.y, lit = .5f * (1 + w.z);
+    tilted = itn__less(zero, across);
+    across = 1 / itn__root(itn__select(tilted, across, one));
+    s = itn__vectors_of(itn__select(tilted, -w.y * across, one),
+                        itn__select(tilted, w.x * across, zero), zero);
+    t = itn__vectors_of(w.y * s.z - w.z * s.y, w.z * s.x - w.x * s.z, w.x * s.y - w.y * s.x);
+    y = (1 - lit) * itn__safe_root(1 - x * x) + lit * y;
+    m = itn__vto_world(itn__vectors_of(x, y, itn__safe_root(1 - x * x - y * y)), s, t, w);
+    return itn__vnormalize(itn__vectors_of(alpha * m.x, alpha * m.y, itn__most(m.z, zero)));
+}
+
+/* itn__sample_dielectric; the mask tells where a direction came out. */
+ITN__INLINE itn__ints itn__vsample_dielectric(itn__vectors i, itn__floats alpha, itn__floats eta,
+                                              itn__floats u, itn__floats v, itn__floats w,
+                                              itn__vectors *o) {
+    itn__ints rough = itn__less(itn__splat(0), alpha), reflects, good;
+    itn__floats zero = itn__splat(0), one = itn__splat(1), cos_i, cos_t, fresnel, along, scale;
+    itn__vectors m = itn__vsample_facet(i, itn__select(rough, alpha, one), u, v);
+    m = itn__vselect(rough, m, itn__vectors_of(zero, zero, one));
+    cos_i = itn__least(itn__vdot(i, m), one);
+    good = itn__less(zero, cos_i);
+    fresnel = itn__vfresnel(cos_i, eta, &cos_t);
+    reflects = itn__less(w, fresnel);
+    along = itn__select(reflects, 2 * cos_i, cos_i / eta - cos_t);
+    scale = itn__select(reflects, -one, -1 / eta);
+    *o = itn__vnormalize(itn__valong(itn__vscale(i, scale), along, m));
+    return good & ((reflects & itn__less(zero, o->z)) | (~reflects & itn__less(o->z, zero)));
+}
+
+/* itn__rough: f cos theta_o, and the density with which itn__vsample_dielectric draws o. */
+ITN__INLINE itn__floats itn__vrough(itn__vectors i, itn__vectors o, itn__floats alpha,
+                                    itn__floats eta, itn__floats *pdf) {
+    itn__floats zero = itn__splat(0), one = itn__splat(1), scale, length, cos_i, cos_o, cos_t;
+    itn__floats fresnel, flat, facets, smith_o, f, root;
+    itn__ints reflects = itn__less(zero, o.z), good;
+    itn__vectors h = itn__valong(i, itn__select(reflects, one, eta), o), m;
+    length = itn__root(itn__vdot(h, h));
+    good = itn__less(zero, length) & itn__less(zero, i.z) & ~itn__int_equal(
+        itn__float_bits(o.z) & itn__splat_int(0x7fffffff), itn__splat_int(0));
+    scale = itn__with_sign(1 / itn__select(good, length, one), h.z);
+    m = itn__vscale(h, scale);
+    cos_i = itn__vdot(m, i), cos_o = itn__vdot(m, o);
+    good &= itn__less(zero, cos_i) & itn__less(zero, cos_o * o.z);
+    fresnel = itn__vfresnel(cos_i, eta, &cos_t);
+    flat = (m.x * m.x + m.y * m.y) / (alpha * alpha) + m.z * m.z;
+    facets = 1 / ITN__PI / (alpha * alpha * flat * flat);
+    smith_o = itn__vsmith(o, alpha);
+    f = facets * itn__vsmith(i, alpha) / i.z; /* without G1(omega_o) */
+    root = cos_i + eta * cos_o;
+    f = f * itn__select(reflects, .25f * fresnel,
+                        (1 - fresnel) * -cos_i * cos_o * eta * eta / (root * root));
+    good &= itn__less(zero, f * smith_o);
+    *pdf = itn__select(good, f, zero);
+    return *pdf * smith_o;
+}
+
+/* itn__sample_cosine. */
+ITN__INLINE itn__vectors itn__vsample_cosine(itn__floats u, itn__floats v) {
+    itn__floats r = itn__root(u), sine, cosine;
+    itn__vsincos_turns(v, &sine, &cosine);
+    return itn__vectors_of(r * cosine, r * sine, itn__root(1 - u));
+}
+
+/* ---- [light-lanes] many directions to the lights --------------------------------------------- */
+
+/* What [light] says of one direction, for a direction in each lane: the draw of a light and of a
+   direction to it, the density of the draws, and the radiance that arrives. The same uniforms give
+   the same directions as there, up to rounding. Most of the cost is the gathers from the tables of
+   a grid: three for a row, three for a cell, four for the nodes around it. So a draw's own density
+   comes from the nodes it has read; lanes whose direction is known from elsewhere read theirs
+   along with it; and a grid that no lane has drawn is not searched. */
+
+/* Coordinates of directions on a map, and the sine of the angle from its poles. */
+typedef struct itn__vcoordinates {
+    itn__floats u, v, sine;
+} itn__vcoordinates;
+
+/* itn__map_coordinates in lanes. */
+ITN__INLINE itn__vcoordinates itn__vmap_coordinates(itn__vectors d) {
+    itn__vcoordinates at;
+    itn__floats phi = itn__vatan2(d.x, -d.z) * (.5f / ITN__PI);
+    at.u = itn__select(itn__less(phi, itn__splat(0)),
+                       itn__least(phi + 1, itn__splat(.99999994f)), phi);
+    at.sine = itn__root(d.x * d.x + d.z * d.z);
+    at.v = itn__vatan2(at.sine, d.y) * (1 / ITN__PI);
+    return at;
+}
+
+/* Cells of a grid of nodes: numbers of the node at the top left and of its right neighbour, and
+   the place in the cell. The row below is `width` nodes further. */
+typedef struct itn__vcells {
+    itn__ints left, right;
+    itn__floats fx, fy;
+} itn__vcells;
+
+ITN__INLINE itn__ints itn__int_least(itn__ints a, itn__ints b) {
+    return itn__select_int(itn__int_less(a, b), a, b);
+}
+ITN__INLINE itn__floats itn__vmix(itn__floats a, itn__floats b, itn__floats t) {
+    return a + t * (b - a);
+}
+/* Column to the right of c, around the back. */
+ITN__INLINE itn__ints itn__next_columns(itn__ints c, int width) {
+    return (c + 1) & itn__int_less(c, itn__splat_int(width - 1));
+}
+
+/* itn__grid_locate in lanes. */
+ITN__INLINE itn__vcells itn__vgrid_locate(int width, int height, float bottom,
+                                          const itn__vcoordinates *at) {
+    itn__vcells cell;
+    itn__floats zero = itn__splat(0), one = itn__splat(1);
+    itn__floats x = at->u * (float)width - .5f, y = at->v / bottom * (float)(height - 1);
+    itn__ints column, row;
+    x = itn__most(itn__select(itn__less(x, zero), x + (float)width, x), zero);
+    y = itn__most(y, zero);
+    column = itn__int_least(itn__to_ints(x), itn__splat_int(width - 1));
+    row = itn__int_least(itn__to_ints(y), itn__splat_int(height - 2));
+    cell.left = row * width + column;
+    cell.right = row * width + itn__next_columns(column, width);
+    cell.fx = itn__least(x - itn__to_floats(column), one);
+    cell.fy = itn__least(y - itn__to_floats(row), one);
+    return cell;
+}
+
+/* Values at the four nodes around each place: [row][column]. `stride` numbers stand at a node. */
+ITN__INLINE void itn__vcorners(const float *nodes, int width, int stride, const itn__vcells *cell,
+                               itn__ints mask, itn__floats corner[2][2]) {
+    itn__floats zero = itn__splat(0);
+    itn__ints left = cell->left * stride, right = cell->right * stride;
+    const float *below = nodes + (size_t)width * (size_t)stride;
+    corner[0][0] = itn__gather(nodes, left, mask, zero);
+    corner[0][1] = itn__gather(nodes, right, mask, zero);
+    corner[1][0] = itn__gather(below, left, mask, zero);
+    corner[1][1] = itn__gather(below, right, mask, zero);
+}
+
+ITN__INLINE itn__floats itn__vbilinear(itn__floats corner[2][2], const itn__vcells *cell) {
+    return itn__vmix(itn__vmix(corner[0][0], corner[0][1], cell->fx),
+                     itn__vmix(corner[1][0], corner[1][1], cell->fx), cell->fy);
+}
+
+/* itn__pick in lanes, from a table and guide that begin at `first`. The guide is nearly always right
+   or one too low, so the entry it names says which neighbour is the other end. */
+ITN__INLINE itn__ints itn__vpick(const float *table, const int32_t *guide, itn__ints first,
+                                 int count, itn__floats u, itn__floats *rest) {
+    itn__ints all = itn__splat_int(-1), none = itn__splat_int(0), last = itn__splat_int(count - 1);
+    itn__ints entry = itn__int_least(itn__to_ints(u * (float)count), last), above, inner;
+    itn__floats zero = itn__splat(0), one, other, before, after, width;
+    entry = itn__gather_ints(guide, first + entry, all, none);
+    one = itn__gather(table, first + entry, all, zero);
+    above = itn__less_equal(one, u) & itn__int_less(entry, last);
+    inner = itn__int_less(none, entry);
+    other = itn__gather(table, first + entry + itn__select_int(above, none - above, inner), all,
+                        zero);
+    before = itn__select(above, one, itn__select(inner, other, zero));
+    after = itn__select(above, other, one);
+    entry -= above;
+    for (;;) {
+        above &= itn__less_equal(after, u) & itn__int_less(entry, last);
+        if (!itn__mask_bits(above)) break;
+        before = itn__select(above, after, before);
+        entry -= above;
+        after = itn__gather(table, first + entry, above, after);
+    }
+    width = after - before;
+    *rest = itn__select(itn__less(zero, width),
+                        itn__least(itn__most((u - before) / width, zero), itn__splat(1)),
+                        itn__splat(.5f));
+    return entry;
+}
+
+/* itn__sample_linear in lanes. */
+ITN__INLINE itn__floats itn__vsample_linear(itn__floats a, itn__floats b, itn__floats u) {
+    itn__floats root = a + itn__root(itn__vmix(a * a, b * b, u));
+    return itn__select(itn__less(itn__splat(0), root),
+                       itn__least(u * (a + b) / root, itn__splat(1)), u);
+}
+
+/* Density over solid angle of a grid's draws at these places. */
+ITN__INLINE itn__floats itn__vgrid_density(const itn__grid *grid, const itn__vcoordinates *at,
+                                           itn__floats corner[2][2], const itn__vcells *cell) {
+    itn__ints inside = itn__less_equal(at->v, itn__splat(grid->bottom)) &
+                       itn__less(itn__splat(0), at->sine);
+    return itn__select(inside, itn__vbilinear(corner, cell) /
+                                   (2 * ITN__PI * ITN__PI * at->sine), itn__splat(0));
+}
+
+/* The same from the coordinates alone. */
+ITN__INLINE itn__floats itn__vgrid_pdf(const itn__grid *grid, const itn__vcoordinates *at,
+                                       itn__ints mask) {
+    itn__vcells cell = itn__vgrid_locate(grid->width, grid->height, grid->bottom, at);
+    itn__floats corner[2][2];
+    itn__vcorners(grid->density, grid->width, 1, &cell, mask, corner);
+    return itn__vgrid_density(grid, at, corner, &cell);
+}
+
+/* itn__grid_sample in lanes, where `chosen`: sets directions d and coordinates `at`, which hold
+   those that are known already. Returns the density there in all lanes. */
+ITN__INLINE itn__floats itn__vgrid_sample(const itn__grid *grid, itn__floats u, itn__floats v,
+                                          itn__ints chosen, itn__vectors *d,
+                                          itn__vcoordinates *at) {
+    int width = grid->width;
+    itn__vcells cell = itn__vgrid_locate(width, grid->height, grid->bottom, at);
+    itn__ints row, column;
+    itn__floats corner[2][2], fx, fy, sin_phi, cos_phi, sine, cosine;
+    row = itn__vpick(grid->rows, grid->row_guide, itn__splat_int(0), grid->height - 1, v, &v);
+    column = itn__vpick(grid->cells, grid->cell_guide, row * width, width, u, &u);
+    cell.left = itn__select_int(chosen, row * width + column, cell.left);
+    cell.right = itn__select_int(chosen, row * width + itn__next_columns(column, width), cell.right);
+    itn__vcorners(grid->density, width, 1, &cell, itn__splat_int(-1), corner);
+    fy = itn__vsample_linear(corner[0][0] + corner[0][1], corner[1][0] + corner[1][1], v);
+    fx = itn__vsample_linear(itn__vmix(corner[0][0], corner[1][0], fy),
+                             itn__vmix(corner[0][1], corner[1][1], fy), u);
+    cell.fx = itn__select(chosen, fx, cell.fx), cell.fy = itn__select(chosen, fy, cell.fy);
+    u = (itn__to_floats(column) + .5f + fx) * (1 / (float)width);
+    v = (itn__to_floats(row) + fy) * (grid->bottom / (float)(grid->height - 1));
+    at->u = itn__select(chosen, itn__select(itn__less(u, itn__splat(1)), u, u - 1), at->u);
+    at->v = itn__select(chosen, itn__least(v, itn__splat(grid->bottom)), at->v);
+    itn__vsincos_turns(at->u, &sin_phi, &cos_phi);
+    itn__vsincos_turns(at->v * .5f, &sine, &cosine);
+    at->sine = itn__select(chosen, sine, at->sine);
+    *d = itn__vselect(chosen, itn__vectors_of(sin_phi * sine, cosine, -cos_phi * sine), *d);
+    return itn__vgrid_density(grid, at, corner, &cell);
+}
+
+/* itn__one_minus_cosine in lanes, from one direction to the light's own. */
+ITN__INLINE itn__floats itn__vfrom_sun(const itn__light *light, itn__vectors d) {
+    itn__vectors chord = itn__vectors_of(d.x - light->sun.x, d.y - light->sun.y,
+                                         d.z - light->sun.z);
+    return itn__least(.5f * itn__vdot(chord, chord), itn__splat(2));
+}
+
+ITN__INLINE itn__vectors itn__vsun_sample(const itn__light *light, itn__floats u, itn__floats v) {
+    itn_vec3 s, t, n = light->sun;
+    itn__floats x = u * light->sun_cone, sine = itn__root(x * (2 - x)), sin_phi, cos_phi, a, b, c;
+    itn__vsincos_turns(v, &sin_phi, &cos_phi);
+    a = sine * cos_phi, b = sine * sin_phi, c = 1 - x;
+    itn__frame(n, &s, &t);
+    return itn__vnormalize(itn__vectors_of(s.x * a + t.x * b + n.x * c, s.y * a + t.y * b + n.y * c,
+                                           s.z * a + t.z * b + n.z * c));
+}
+
+/* Density with which a sun's draws fall on d. */
+ITN__INLINE itn__floats itn__vsun_pdf(const itn__light *light, itn__vectors d) {
+    return itn__select(itn__less_equal(itn__vfrom_sun(light, d), itn__splat(light->sun_cone)),
+                       itn__splat(1 / (2 * ITN__PI * light->sun_cone)), itn__splat(0));
+}
+
+/* Whether the draws of this light come from a grid. */
+ITN__INLINE int itn__draws_from_grid(const itn__light *light) {
+    return light->share > 0 && light->kind != ITN__LIGHT_SUN;
+}
+ITN__INLINE int itn__has_grid(const itn_scene *scene) {
+    int i = 0;
+    while (i < scene->light_count && !itn__draws_from_grid(&scene->lights[i])) i++;
+    return i < scene->light_count;
+}
+
+/* itn__lights_pdf in lanes. */
+ITN__INLINE itn__floats itn__vlights_pdf(const itn_scene *scene, itn__vectors d) {
+    itn__vcoordinates at = ITN_ZERO;
+    itn__floats pdf = itn__splat(0);
+    int i;
+    if (itn__has_grid(scene)) at = itn__vmap_coordinates(d);
+    for (i = 0; i < scene->light_count; i++) {
+        const itn__light *light = &scene->lights[i];
+        if (itn__draws_from_grid(light))
+            pdf += light->share * itn__vgrid_pdf(&light->grid, &at, itn__splat_int(-1));
+        else if (light->share > 0)
+            pdf += light->share * itn__vsun_pdf(light, d);
+    }
+    return pdf;
+}
+
+/* The number of the light that each lane draws, -1 outside the mask. */
+ITN__INLINE itn__ints itn__vchoose_light(const itn_scene *scene, itn__floats u, itn__ints mask) {
+    itn__ints number = itn__splat_int(-1);
+    int i;
+    for (i = 0; i < scene->light_count; i++) {
+        if (!(scene->lights[i].share > 0)) continue;
+        number = itn__select_int(mask, itn__splat_int(i), number);
+        mask &= ~itn__less(u, itn__splat(scene->lights[i].share));
+        u -= scene->lights[i].share;
+    }
+    return number;
+}
+
+/* Draws directions d where `number` names a sun. Returns those lanes. */
+ITN__INLINE itn__ints itn__vdraw_suns(const itn_scene *scene, itn__ints number, itn__floats u,
+                                      itn__floats v, itn__vectors *d) {
+    itn__ints drawn = itn__splat_int(0);
+    int i;
+    for (i = 0; i < scene->light_count; i++) {
+        itn__ints chosen = itn__int_equal(number, itn__splat_int(i));
+        if (scene->lights[i].kind != ITN__LIGHT_SUN || !itn__mask_bits(chosen)) continue;
+        *d = itn__vselect(chosen, itn__vsun_sample(&scene->lights[i], u, v), *d);
+        drawn |= chosen;
+    }
+    return drawn;
+}
+
+/* Draws directions d where `number` names a light with a grid; the other lanes' directions are
+   known. Returns the density of all grids. A lane that a later grid draws has to come back for the
+   density of the earlier ones. */
+ITN__INLINE itn__floats itn__vdraw_grids(const itn_scene *scene, itn__ints number,
+                                         itn__ints known, itn__floats u, itn__floats v,
+                                         itn__vectors *d) {
+    itn__vcoordinates at = ITN_ZERO;
+    itn__floats pdf = itn__splat(0), zero = itn__splat(0), density;
+    itn__ints early = known, late;
+    int i;
+    if (itn__mask_bits(known)) at = itn__vmap_coordinates(*d);
+    for (i = 0; i < scene->light_count; i++) {
+        const itn__grid *grid = &scene->lights[i].grid;
+        itn__ints chosen = itn__int_equal(number, itn__splat_int(i));
+        if (!itn__draws_from_grid(&scene->lights[i])) continue;
+        density = itn__mask_bits(chosen) ? itn__vgrid_sample(grid, u, v, chosen, d, &at)
+                                         : itn__vgrid_pdf(grid, &at, known);
+        known |= chosen;
+        pdf += itn__select(known, scene->lights[i].share * density, zero);
+    }
+    for (i = 0; i < scene->light_count; i++) {
+        late = itn__int_less(itn__splat_int(i), number) & ~early;
+        if (!itn__draws_from_grid(&scene->lights[i]) || !itn__mask_bits(late)) continue;
+        density = itn__vgrid_pdf(&scene->lights[i].grid, &at, late);
+        pdf += itn__select(late, scene->lights[i].share * density, zero);
+    }
+    return pdf;
+}
+
+/* itn__draw_light in lanes, with its three uniforms. Returns where a direction was drawn; pdf is
+   0 elsewhere. Suns are drawn first, so that the first grid finds its density for their directions
+   and for its own at one reading. */
+ITN__INLINE itn__ints itn__vdraw_light(const itn_scene *scene, itn__floats u0, itn__floats u1,
+                                       itn__floats u2, itn__ints mask, itn__vectors *direction,
+                                       itn__floats *pdf) {
+    itn__ints number = itn__vchoose_light(scene, u0, mask), known;
+    itn__floats sum = itn__splat(0), half = itn__splat(.5f);
+    int i;
+    u1 = itn__select(mask, u1, half), u2 = itn__select(mask, u2, half);
+    *direction = itn__vectors_of(sum, itn__splat(1), sum);
+    known = itn__vdraw_suns(scene, number, u1, u2, direction);
+    if (itn__has_grid(scene)) sum = itn__vdraw_grids(scene, number, known, u1, u2, direction);
+    for (i = 0; i < scene->light_count; i++)
+        if (scene->lights[i].share > 0 && scene->lights[i].kind == ITN__LIGHT_SUN)
+            sum += scene->lights[i].share * itn__vsun_pdf(&scene->lights[i], *direction);
+    *pdf = itn__select(mask, sum, itn__splat(0));
+    return itn__less(itn__splat(0), *pdf);
+}
+
+/* itn__sky_radiance of all three channels in lanes. */
+ITN__INLINE void itn__vsky_radiance(const itn_sky *sky, itn__floats cos_theta,
+                                    itn__floats cos_gamma, itn__floats gamma,
+                                    itn__floats rgb[3]) {
+    itn__floats cos2 = cos_gamma * cos_gamma, root_cosine = itn__root(cos_theta);
+    itn__floats secant = 1 / (cos_theta + .01f);
+    int k;
+    for (k = 0; k < 3; k++) {
+        const float *a = sky->coefficients[k];
+        itn__floats chord2 = 1 + a[8] * a[8] - 2 * a[8] * cos_gamma;
+        itn__floats mie = (1 + cos2) / (chord2 * itn__root(chord2));
+        itn__floats f = (1 + a[0] * itn__vexp(a[1] * secant)) *
+                        (a[2] + a[3] * itn__vexp(a[4] * gamma) + a[5] * cos2 + a[6] * mie +
+                         a[7] * root_cosine);
+        rgb[k] = itn__least(itn__most(f * sky->radiance[k], itn__splat(0)),
+                            itn__splat(2 * ITN__MAX_RADIANCE));
+    }
+}
+
+/* itn__scene_radiance in lanes, 0 outside the mask. */
+ITN__INLINE void itn__vlight_radiance(const itn_scene *scene, const itn__light *light,
+                                      itn__vectors d, const itn__vcoordinates *at, itn__ints mask,
+                                      itn__floats rgb[3]) {
+    int channels = scene->film.channels == 3 ? 3 : 1, k;
+    itn__floats x;
+    if (light->kind == ITN__LIGHT_MAP) {
+        itn__vcells cell = itn__vgrid_locate(light->width, light->height, 1, at);
+        for (k = 0; k < channels; k++) {
+            itn__floats corner[2][2];
+            itn__vcorners(light->map + k, light->width, 3, &cell, mask, corner);
+            rgb[k] = itn__vbilinear(corner, &cell);
+        }
+        return;
+    }
+    x = itn__vfrom_sun(light, d);
+    if (light->kind == ITN__LIGHT_SKY) {
+        itn__floats gamma = 2 * itn__vatan2(itn__root(x), itn__root(2 - x));
+        mask &= itn__less_equal(itn__splat(0), d.y);
+        itn__vsky_radiance(&light->sky, itn__most(d.y, itn__splat(0)), 1 - x, gamma, rgb);
+        if (channels == 1) rgb[0] = .2126f * rgb[0] + .7152f * rgb[1] + .0722f * rgb[2];
+    } else {
+        if (light->kind == ITN__LIGHT_SUN)
+            mask &= itn__less_equal(x, itn__splat(light->sun_cone));
+        for (k = 0; k < channels; k++) rgb[k] = itn__splat(light->radiance[k]);
+    }
+    for (k = 0; k < channels; k++) rgb[k] = itn__select(mask, rgb[k], itn__splat(0));
+}
+
+/* Radiance from directions d in the film's channels, scaled by theta: of all lights that are
+   sampled, and of the others. */
+ITN__INLINE void itn__vradiance(const itn_scene *scene, const float *theta, itn__vectors d,
+                                itn__ints mask, itn__floats sampled[3], itn__floats plain[3]) {
+    itn__vcoordinates at = ITN_ZERO;
+    int channels = scene->film.channels == 3 ? 3 : 1, maps = 0, i, k;
+    for (k = 0; k < 3; k++) sampled[k] = plain[k] = itn__splat(0);
+    for (i = 0; i < scene->light_count; i++) maps |= scene->lights[i].kind == ITN__LIGHT_MAP;
+    if (maps) at = itn__vmap_coordinates(d);
+    for (i = 0; i < scene->light_count; i++) {
+        const itn__light *light = &scene->lights[i];
+        itn__floats rgb[3], *sum = light->share > 0 ? sampled : plain;
+        itn__vlight_radiance(scene, light, d, &at, mask, rgb);
+        for (k = 0; k < channels; k++) sum[k] += theta[light->parameter] * rgb[k];
+    }
+}
+/* ---- [tables] what the fast walk knows of a scene -------------------------------------------- */
+
+/* The fast walk needs the voxels around the media, the normals of all triangles and the pixels that
+   see nothing. How fine the voxels are is a matter of the media and of the job: cells of about a
+   mean free path prove the most flights free, but a short render does not live to see them paid
+   for. A scene keeps the tables of each level it was asked for; the first render that needs a level
+   makes it, and if two threads make the same one, the first to finish is kept. */
+
+/* Unit normals of all triangles of a tree, computed as in itn__hit_normal. */
+static float *itn__make_normals(const itn_context *context, const itn_bvh *bvh) {
+    float *normals = (float *)itn__allocate(context, (size_t)bvh->triangle_count,
+                                            3 * sizeof(float));
+    int i, k;
+    for (i = 0; normals && i < bvh->triangle_count; i++) {
+        const float (*p)[3] = (const float (*)[3])bvh->triangles[i].corner;
+        double a[3], b[3], n[3], length;
+        for (k = 0; k < 3; k++) a[k] = (double)p[1][k] - p[0][k], b[k] = (double)p[2][k] - p[0][k];
+        n[0] = a[1] * b[2] - a[2] * b[1];
+        n[1] = a[2] * b[0] - a[0] * b[2];
+        n[2] = a[0] * b[1] - a[1] * b[0];
+        length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        for (k = 0; k < 3 && length > 0; k++) normals[3 * i + k] = (float)(n[k] / length);
+    }
+    return normals;
+}
+
+/* Pixels whose rays meet nothing: no triangle's box in the film, widened by the filter, covers
+   them. A triangle that reaches behind the camera may be anywhere. */
+static void itn__mark_empty(const itn_scene *scene, unsigned char *empty) {
+    const itn__camera *camera = &scene->camera;
+    float right2 = itn__dot(camera->right, camera->right), up2 = itn__dot(camera->up, camera->up);
+    float reach = camera->filter == ITN_FILTER_GAUSSIAN ? 2.f : .5f;
+    int width = camera->width, height = camera->height, i, k, x, y;
+    memset(empty, 1, (size_t)width * (size_t)height);
+    for (i = 0; i < scene->bvh->triangle_count; i++) {
+        float lower[2] = {FLT_MAX, FLT_MAX}, upper[2] = {-FLT_MAX, -FLT_MAX};
+        int from[2], to[2];
+        for (k = 0; k < 3; k++) {
+            const float *corner = scene->bvh->triangles[i].corner[k];
+            itn_vec3 v = itn__sub(itn__vec3(corner[0], corner[1], corner[2]), camera->eye);
+            float depth = itn__dot(v, camera->forward), sx, sy;
+            if (!(depth > 1e-3f * itn__max_abs(v))) break;
+            sx = (itn__dot(v, camera->right) / (right2 * depth) + 1) * .5f * (float)width;
+            sy = (1 - itn__dot(v, camera->up) / (up2 * depth)) * .5f * (float)height;
+            lower[0] = itn__min(lower[0], sx), upper[0] = itn__max(upper[0], sx);
+            lower[1] = itn__min(lower[1], sy), upper[1] = itn__max(upper[1], sy);
+        }
+        for (x = 0; x < 2; x++) { /* a hundredth of a pixel and 1e-5 of the film for rounding */
+            float size = (float)(x ? height : width), margin = reach + .51f + 1e-5f * size;
+            from[x] = (int)itn__clamp(k < 3 ? 0 : lower[x] - margin, 0, size);
+            to[x] = (int)itn__clamp(k < 3 ? size : upper[x] + margin, 0, size);
+        }
+        for (y = from[1]; y < to[1]; y++)
+            memset(empty + (size_t)y * (size_t)width + from[0], 0,
+                   (size_t)(to[0] > from[0] ? to[0] - from[0] : 0));
+    }
+}
+
+/* What the fast walk knows of a scene's geometry. */
+typedef struct itn__tables {
+    itn__kept kept;
+    itn__voxels *voxels;
+    float *normals;
+    unsigned char *empty;
+} itn__tables;
+
+static void itn__tables_free(const itn_context *context, void *made) {
+    itn__tables *tables = (itn__tables *)made;
+    if (!tables) return;
+    itn__voxels_free(tables->voxels);
+    itn__free(context, tables->normals);
+    itn__free(context, tables->empty);
+    itn__free(context, tables);
+}
+
+/* Makes the tables with so many voxels along the longest side of the solids with media. */
+static itn_result itn__tables_make(const itn_scene *scene, int resolution, int regions,
+                                   itn__tables **made, itn_error *error) {
+    const itn_context *context = &scene->context;
+    itn__tables *tables = (itn__tables *)itn__allocate(context, 1, sizeof *tables);
+    itn_vec3 reach = itn__vec3(0, 0, 0), lower = reach, upper = reach;
+    uint64_t closed = 0;
+    itn_result result = ITN_OK;
+    int i, first = 1;
+    if (!tables) return itn__out_of_memory(error, "the tables of a scene");
+    tables->kept.release = itn__tables_free;
+    for (i = 0; i < scene->object_count; i++) {
+        const itn__object *object = &scene->objects[i];
+        itn_vec3 a, b;
+        if (object->closed) closed |= itn__object_bit(i);
+        if (object->medium < 0) continue;
+        a = itn__vec3((float)(object->lower[0] - scene->origin[0]),
+                      (float)(object->lower[1] - scene->origin[1]),
+                      (float)(object->lower[2] - scene->origin[2]));
+        b = itn__vec3((float)(object->upper[0] - scene->origin[0]),
+                      (float)(object->upper[1] - scene->origin[1]),
+                      (float)(object->upper[2] - scene->origin[2]));
+        if (first) lower = a, upper = b, first = 0;
+        lower = itn__vec3(itn__min(lower.x, a.x), itn__min(lower.y, a.y), itn__min(lower.z, a.z));
+        upper = itn__vec3(itn__max(upper.x, b.x), itn__max(upper.y, b.y), itn__max(upper.z, b.z));
+    }
+    if (!first)
+        result = itn__voxels_make(context, scene->bvh, closed, lower, upper, resolution, regions,
+                                  &tables->voxels, error);
+    if (!result) {
+        tables->normals = itn__make_normals(context, scene->bvh);
+        tables->empty = (unsigned char *)itn__allocate(
+            context, (size_t)scene->film.width * (size_t)scene->film.height, 1);
+        if (!tables->normals || !tables->empty)
+            result = itn__out_of_memory(error, "the tables of a scene");
+        else
+            itn__mark_empty(scene, tables->empty);
+    }
+    if (result)
+        itn__tables_free(context, tables);
+    else
+        *made = tables;
+    return result;
+}
+
+/* The level for a job of that many paths: resolution 16 << level / 2, regions level % 2. Cells are
+   about as large as a mean free path, and not so large that they hold many triangles; a small job
+   has coarse ones. */
+static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
+    double triangles = scene->bvh->triangle_count, cells = .25 * sqrt(triangles);
+    int i, level = 0, finest = paths < 1e5 ? 2 : triangles < 1e6 || paths < 1e6 ? 3 : 4;
+    for (i = 0; i < scene->object_count; i++) {
+        const itn__object *object = &scene->objects[i];
+        if (object->medium >= 0)
+            cells = fmax(cells, scene->radius * (double)theta[scene->media[object->medium].sigma_t]);
+    }
+    while (level < finest && cells > 24 << level) level++;
+    return 2 * level + (paths >= 1e6);
+}
+
+/* The tables for a job; *own receives them if the scene does not keep them. */
+static itn_result itn__tables_get(const itn_scene *scene, const float *theta, double paths,
+                                  const itn__tables **tables, itn__tables **own,
+                                  itn_error *error) {
+    int level = itn__tables_level(scene, theta, paths);
+    itn__tables *made = NULL, *kept = (itn__tables *)itn__once_get(&scene->tables[level]);
+    itn_result result = ITN_OK;
+    *own = NULL;
+    if (!kept) result = itn__tables_make(scene, 16 << level / 2, level % 2, &made, error);
+    if (result) return result;
+    if (!kept && itn__once_set(&scene->tables[level], made)) kept = made;
+    *tables = kept ? kept : made;
+    if (*tables == made && kept != made) *own = made;
+    return ITN_OK;
+}
+
+/* ---- [fast] the same walk, many paths at a time ---------------------------------------------- */
+
+/* A crowd of paths is on its way at once, each in one of a few queues, and stages take turns to
+   bring whole queues forward, always with full lanes:
+
+     camera    starts paths, as long as there is room; they share camera rays
+     walk      in a medium: roulette, flight, collision, new direction, and so on, for as long as
+               the voxel tables prove each flight free; this is where nearly all time would go
+     exact     a flight that the tables could not prove free is marched through the voxels, and the
+               triangles on its way are tested; it ends at a collision or at a surface
+     boundary  a dielectric surface: facet, Fresnel, new direction
+     diffuse   a diffuse surface
+     vacuum    outside of media: the next surface, by the tree
+     sky       a path that leaves for the lights adds their radiance
+
+   With sampled lights, each vertex sends out a link: a straight flight to the light that carries
+   what the light would add. It goes through the same stages while its path is parked, so that a
+   path does one thing at a time and its sums do not depend on the order of queues.
+   A link of weight w and transmittance tr is cut by roulette before it is traced: for uniform xi it
+   counts as max(w tr, c) if w tr > xi c, and else as nothing, so it can be given up as soon as the
+   transmittance falls below xi c / w: a bounded flight, mostly proven blocked by the tables.
+
+   Every random number is the function of (seed, pixel, path, dimension) that the reference uses,
+   and a path's decisions depend on nothing else, so that results are the same for any number of
+   threads and any size of the queues. With ITN_SAMPLER_SOBOL, draws 2 to 7 of a path (at its first
+   boundary and first collision) and the place in the pixel come from a scrambled Sobol sequence.
+
+   A kernel is the text of this chapter, inlined and specialised by constant features; ITN__KERNELS
+   lists them. */
+enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__LIMIT = 4 };
+#define ITN__KERNELS(kernel)                                                                       \
+    kernel(0) kernel(ITN__LIGHTS) kernel(ITN__RGB | ITN__LIGHTS | ITN__LIMIT)
+#define ITN__KERNEL_ITEM(list) list,
+static const int itn__kernels[] = {ITN__KERNELS(ITN__KERNEL_ITEM)};
+enum { ITN__KERNEL_COUNT = sizeof itn__kernels / sizeof itn__kernels[0] };
+
+/* What a queue holds of each path, one row per field; ITN__STATE of them go wherever the path
+   goes, the others belong to the queue's stage. */
+enum {
+    ITN__POSITION = 0,
+    ITN__DIRECTION = 3,
+    ITN__KEY = 6,
+    ITN__DIMENSION = 8,
+    ITN__SLOT = 9, /* of what is rarely needed, see itn__path */
+    ITN__BETA = 10,
+    ITN__PDF = 13,  /* with lights; of a link: xi c */
+    ITN__LEFT = 14, /* with a limit: scatterings to go */
+    ITN__STATE = 15,
+    ITN__DISTANCE = 15, /* exact: of the flight */
+    ITN__NORMAL = 15,   /* boundary, diffuse */
+    ITN__ETA = 18,      /* boundary */
+    ITN__ALPHA = 19,
+    ITN__FACE = 20,        /* 2 triangle + front, as in itn__place */
+    ITN__REFLECTANCE = 18, /* diffuse: 3 */
+    ITN__FIELDS = 21
+};
+enum { ITN__CROWD = 2048, ITN__ROW = ITN__CROWD + 16, ITN__LINK = 1 << 30, ITN__EARLY = 8 };
+
+typedef struct itn__queue {
+    int count;
+    int32_t *rows; /* [ITN__FIELDS][ITN__ROW] */
+} itn__queue;
+
+/* What a path has, apart from its state: its place, and where its radiance goes. */
+typedef struct itn__path {
+    itn__place place, link_place;
+    int number, copies; /* radiance[number] ... [number + copies - 1] */
+    int32_t parked[ITN__STATE];
+} itn__path;
+
+/* A medium with its numbers at theta, or (index 0) all that is not a medium. */
+typedef struct itn__substance {
+    float sigma_t, mean_free_path, albedo[3], g;
+} itn__substance;
+
+/* What all crowds of a render share. */
+typedef struct itn__fast {
+    const itn_scene *scene;
+    const float *theta;
+    const itn__voxels *voxels;
+    const float *normals; /* [slots][3] unit normals; 0 of triangles without area */
+    const unsigned char *empty; /* per pixel: its rays meet nothing */
+    itn__substance *substances; /* [1 + medium_count] */
+    int channels, max_scatter, walks, sobol, unsafe, features;
+    int spp, blocks; /* camera rays of a pixel; independent sets of them */
+    uint64_t seed;
+    float constant[3]; /* sum of the lights that are everywhere the same; */
+    int only_constant; /* there is no other */
+    int links;         /* some light is sampled */
+    int linked;        /* links find all light, see itn__links_suffice */
+    float link_weight; /* c */
+} itn__fast;
+
+/* Pixels and samples that a crowd works on, and where it has got to. */
+typedef struct itn__unit {
+    int x0, y0, width, height; /* pixels */
+    int first, count;          /* camera rays of each */
+    int next;                  /* first that has not been started: pixel * count + ray */
+} itn__unit;
+
+typedef struct itn__flight_item {
+    int ray, pack;
+    float enter;
+} itn__flight_item;
+
+typedef struct itn__crowd {
+    const itn__fast *fast;
+    itn__unit unit;
+    itn__queue *walk, *exact; /* per substance; those of substance 0: vacuum, and no exact */
+    itn__queue *early;        /* the same for paths with Sobol draws to come */
+    itn__queue taken, boundary, diffuse, sky;
+    itn__path *paths;         /* [ITN__CROWD] */
+    int32_t *free_slots, *index, *scramble; /* [ITN__CROWD]; Sobol index and seed by slot */
+    int free_count;
+    itn__shear *shears; /* of the flights in `taken` */
+    itn_hit *hits;
+    itn__flight_item *items;
+    int item_count;
+    float *radiance; /* [channels][paths of a unit] */
+    int radiance_stride;
+    double collisions;
+    void *memory;
+} itn__crowd;
+
+/* A path's state in lanes. */
+typedef struct itn__state {
+    itn__vectors p, d;
+    itn__words key0, key1;
+    itn__ints dimension, slot, left;
+    itn__floats beta[3], pdf;
+} itn__state;
+
+/* Queues. */
+
+ITN__INLINE int32_t *itn__row(const itn__queue *queue, int field) {
+    return queue->rows + (size_t)field * ITN__ROW;
+}
+ITN__INLINE float *itn__float_row(const itn__queue *queue, int field) {
+    return (float *)(void *)itn__row(queue, field);
+}
+ITN__INLINE int itn__colours(int features) { return features & ITN__RGB ? 3 : 1; }
+
+ITN__INLINE itn__vectors itn__load_vectors(const itn__queue *queue, int field, int at) {
+    return itn__vectors_of(itn__load(itn__float_row(queue, field) + at),
+                           itn__load(itn__float_row(queue, field + 1) + at),
+                           itn__load(itn__float_row(queue, field + 2) + at));
+}
+
+/* The mask of `count` lanes, or of all if there are more. */
+ITN__INLINE itn__ints itn__first_lanes(int count) {
+    return itn__int_less(itn__lane_numbers(), itn__splat_int(count));
+}
+
+/* Fills the lanes named by `bits` with the last items of a queue; the others stay. */
+ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int features) {
+    int at = queue->count -= itn__count_bits(bits), c;
+#define ITN__PULL(lanes, field) lanes = itn__expand(itn__float_row(queue, field) + at, lanes, bits)
+#define ITN__PULL_INTS(lanes, field)                                                               \
+    lanes = itn__expand_ints(itn__row(queue, field) + at, lanes, bits)
+    ITN__PULL(s->p.x, ITN__POSITION);
+    ITN__PULL(s->p.y, ITN__POSITION + 1);
+    ITN__PULL(s->p.z, ITN__POSITION + 2);
+    ITN__PULL(s->d.x, ITN__DIRECTION);
+    ITN__PULL(s->d.y, ITN__DIRECTION + 1);
+    ITN__PULL(s->d.z, ITN__DIRECTION + 2);
+    s->key0 = itn__int_words(itn__expand_ints(itn__row(queue, ITN__KEY) + at,
+                                              itn__word_ints(s->key0), bits));
+    s->key1 = itn__int_words(itn__expand_ints(itn__row(queue, ITN__KEY + 1) + at,
+                                              itn__word_ints(s->key1), bits));
+    ITN__PULL_INTS(s->dimension, ITN__DIMENSION);
+    ITN__PULL_INTS(s->slot, ITN__SLOT);
+    for (c = 0; c < itn__colours(features); c++) ITN__PULL(s->beta[c], ITN__BETA + c);
+    if (features & ITN__LIGHTS) ITN__PULL(s->pdf, ITN__PDF);
+    if (features & ITN__LIMIT) ITN__PULL_INTS(s->left, ITN__LEFT);
+#undef ITN__PULL
+#undef ITN__PULL_INTS
+}
+
+/* The state of items at, at + 1, ... of a queue. */
+ITN__INLINE itn__state itn__load_state(const itn__queue *queue, int at, int features) {
+    itn__state s;
+    int c;
+    s.p = itn__load_vectors(queue, ITN__POSITION, at);
+    s.d = itn__load_vectors(queue, ITN__DIRECTION, at);
+    s.key0 = itn__load_words((const uint32_t *)itn__row(queue, ITN__KEY) + at);
+    s.key1 = itn__load_words((const uint32_t *)itn__row(queue, ITN__KEY + 1) + at);
+    s.dimension = itn__load_ints(itn__row(queue, ITN__DIMENSION) + at);
+    s.slot = itn__load_ints(itn__row(queue, ITN__SLOT) + at);
+    s.pdf = itn__splat(INFINITY), s.left = itn__splat_int(0);
+    for (c = 0; c < 3; c++)
+        s.beta[c] = c < itn__colours(features) ? itn__load(itn__float_row(queue, ITN__BETA + c) + at)
+                                               : itn__splat(0);
+    if (features & ITN__LIGHTS) s.pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
+    if (features & ITN__LIMIT) s.left = itn__load_ints(itn__row(queue, ITN__LEFT) + at);
+    return s;
+}
+
+ITN__INLINE void itn__push_vectors(itn__queue *queue, int field, itn__vectors v, unsigned bits) {
+    itn__compress(itn__float_row(queue, field) + queue->count, v.x, bits);
+    itn__compress(itn__float_row(queue, field + 1) + queue->count, v.y, bits);
+    itn__compress(itn__float_row(queue, field + 2) + queue->count, v.z, bits);
+}
+
+/* Appends the lanes named by `bits`; fields of the queue's own are written before. */
+ITN__INLINE void itn__push(itn__queue *queue, const itn__state *s, unsigned bits, int features) {
+    int at = queue->count, c;
+    itn__push_vectors(queue, ITN__POSITION, s->p, bits);
+    itn__push_vectors(queue, ITN__DIRECTION, s->d, bits);
+    itn__compress_ints(itn__row(queue, ITN__KEY) + at, itn__word_ints(s->key0), bits);
+    itn__compress_ints(itn__row(queue, ITN__KEY + 1) + at, itn__word_ints(s->key1), bits);
+    itn__compress_ints(itn__row(queue, ITN__DIMENSION) + at, s->dimension, bits);
+    itn__compress_ints(itn__row(queue, ITN__SLOT) + at, s->slot, bits);
+    for (c = 0; c < itn__colours(features); c++)
+        itn__compress(itn__float_row(queue, ITN__BETA + c) + at, s->beta[c], bits);
+    if (features & ITN__LIGHTS) itn__compress(itn__float_row(queue, ITN__PDF) + at, s->pdf, bits);
+    if (features & ITN__LIMIT) itn__compress_ints(itn__row(queue, ITN__LEFT) + at, s->left, bits);
+    queue->count += itn__count_bits(bits);
+}
+
+/* Copies item `at` of one queue to the end of another; returns its index there. */
+static int itn__move(const itn__queue *from, int at, itn__queue *to) {
+    int f;
+    for (f = 0; f < ITN__STATE; f++) itn__row(to, f)[to->count] = itn__row(from, f)[at];
+    return to->count++;
+}
+static void itn__set_vector(itn__queue *queue, int field, int at, itn_vec3 v) {
+    itn__float_row(queue, field)[at] = v.x;
+    itn__float_row(queue, field + 1)[at] = v.y;
+    itn__float_row(queue, field + 2)[at] = v.z;
+}
+static itn_vec3 itn__get_vector(const itn__queue *queue, int field, int at) {
+    return itn__vec3(itn__float_row(queue, field)[at], itn__float_row(queue, field + 1)[at],
+                     itn__float_row(queue, field + 2)[at]);
+}
+
+/* Whether camera rays of the unit have not been started yet. */
+ITN__INLINE int itn__unit_paths_left(const itn__crowd *crowd) {
+    const itn__unit *unit = &crowd->unit;
+    return unit->next < unit->width * unit->height * unit->count;
+}
+
+/* Where paths go next. */
+
+/* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
+static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
+    const itn__medium *medium = itn__medium_of(fast->scene, place->inside);
+    int substance = medium ? 1 + (int)(medium - fast->scene->media) : 0;
+    return fast->substances[substance].sigma_t > 0 ? substance : 0;
+}
+/* The queue of paths that are about to fly in a substance. */
+ITN__INLINE itn__queue *itn__departure(itn__crowd *crowd, int substance, int dimension) {
+    return substance && crowd->fast->sobol && dimension < ITN__EARLY ? &crowd->early[substance]
+                                                                     : &crowd->walk[substance];
+}
+static void itn__free_slot(itn__crowd *crowd, int slot) {
+    crowd->free_slots[crowd->free_count++] = slot;
+}
+static void itn__free_lanes(itn__crowd *crowd, itn__ints slot, unsigned bits) {
+    for (; bits; bits &= bits - 1)
+        itn__free_slot(crowd, ITN__LANE(slot, itn__lowest_bit(bits)));
+}
+
+/* Sends the lanes named by `bits` to their next flight, each in the substance it is in. */
+ITN__INLINE void itn__depart(itn__crowd *crowd, const itn__state *s, unsigned bits, int features) {
+    itn__queue *first = NULL;
+    while (bits) {
+        unsigned same = 0, rest = bits;
+        for (first = NULL; rest; rest &= rest - 1) {
+            int k = itn__lowest_bit(rest);
+            int substance = itn__substance_of(crowd->fast,
+                                              &crowd->paths[ITN__LANE(s->slot, k)].place);
+            itn__queue *queue = itn__departure(crowd, substance, ITN__LANE(s->dimension, k));
+            if (!first) first = queue;
+            if (queue == first) same |= 1u << k;
+        }
+        itn__push(first, s, same, features);
+        bits &= ~same;
+    }
+}
+
+/* The same for lanes that are all in one substance. */
+ITN__INLINE void itn__depart_in(itn__crowd *crowd, int substance, const itn__state *s,
+                                unsigned bits, int features) {
+    if (crowd->fast->sobol) {
+        unsigned early = bits & itn__mask_bits(itn__int_less(s->dimension,
+                                                             itn__splat_int(ITN__EARLY)));
+        if (early) itn__push(&crowd->early[substance], s, early, features);
+        bits &= ~early;
+    }
+    if (bits) itn__push(&crowd->walk[substance], s, bits, features);
+}
+
+/* Random numbers. */
+
+/* Puts Sobol numbers in the place of u where the draw just made (dimension - 1) is an early one. */
+static void itn__early_draws(const itn__crowd *crowd, const itn__ints *slot,
+                             const itn__ints *dimension, const itn__ints *mask, itn__floats *u) {
+    itn__words index = itn__splat_word(0), scramble = index;
+    itn__ints zero = itn__splat_int(0);
+    index = itn__int_words(itn__gather_ints(crowd->index, *slot, *mask, zero));
+    scramble = itn__int_words(itn__gather_ints(crowd->scramble, *slot, *mask, zero));
+#define ITN__EARLY_DRAW(k)                                                                         \
+    {                                                                                              \
+        itn__ints here = *mask & itn__int_equal(*dimension, itn__splat_int((k) + 3));              \
+        if (itn__mask_bits(here)) *u = itn__select(here, itn__sobol(index, k, scramble), *u);      \
+    }
+    ITN__EARLY_DRAW(0)
+    ITN__EARLY_DRAW(1)
+    ITN__EARLY_DRAW(2)
+    ITN__EARLY_DRAW(3)
+    ITN__EARLY_DRAW(4)
+    ITN__EARLY_DRAW(5)
+#undef ITN__EARLY_DRAW
+}
+ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__ints mask,
+                                  int early) {
+    itn__floats u = itn__uniforms(s->key0, s->key1, &s->dimension, mask);
+    if (early && crowd->fast->sobol) {
+        itn__ints here = mask & itn__int_less(s->dimension, itn__splat_int(ITN__EARLY + 1));
+        if (itn__mask_bits(here)) itn__early_draws(crowd, &s->slot, &s->dimension, &here, &u);
+    }
+    return u;
+}
+
+/* itn__roulette in lanes; returns who survives. */
+ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s, itn__ints mask,
+                                     int early, int features) {
+    itn__floats largest = s->beta[0], survival = itn__splat(1), u;
+    itn__ints low, late = itn__int_less(itn__splat_int((int32_t)ITN__MANY_DRAWS), s->dimension);
+    int c;
+    for (c = 1; c < itn__colours(features); c++) largest = itn__most(largest, s->beta[c]);
+    low = ~itn__less_equal(itn__splat(ITN__ROULETTE * ITN__SAME_WEIGHT), largest);
+    if (!itn__mask_bits((low | late) & mask)) return mask;
+    survival = itn__select(low, largest / ITN__ROULETTE, survival);
+    survival = itn__select(late, survival * .999f, survival);
+    u = itn__draw(crowd, s, (low | late) & mask, early);
+    low = (low | late) & mask;
+    for (c = 0; c < itn__colours(features); c++)
+        s->beta[c] = itn__select(low, s->beta[c] / survival, s->beta[c]);
+    return mask & ~(low & ~itn__less(u, survival));
+}
+
+/* Distance to the next collision; a path that may not scatter again goes on to the next surface. */
+ITN__INLINE itn__floats itn__vflight(const itn__crowd *crowd, itn__state *s, itn__ints mask,
+                                     float mean_free_path, int early, int features) {
+    itn__ints scatters = mask;
+    itn__floats distance;
+    if (features & ITN__LIMIT) scatters &= itn__int_less(itn__splat_int(0), s->left);
+    distance = itn__vsample_flight(mean_free_path, itn__draw(crowd, s, scatters, early));
+    return features & ITN__LIMIT ? itn__select(scatters, distance, itn__splat(INFINITY)) : distance;
+}
+
+/* Safe flights. */
+
+/* What is known around each lane's position: a cube in which a flight is free if both its ends have
+   n.x < below, or both > above, or if it runs against all normals. */
+typedef struct itn__free_space {
+    itn__vectors centre, n;
+    itn__floats half, below, above, against;
+    itn__floats np; /* n . position */
+} itn__free_space;
+
+ITN__INLINE itn__floats itn__signed_byte(itn__ints word, int shift) {
+    return itn__to_floats(itn__word_ints(itn__int_words(word) << (24 - shift)) >> 24);
+}
+
+/* Looks up the surroundings of p for the lanes in the mask. */
+ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
+                                  itn__free_space *space) {
+    itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, against, np;
+    itn__ints none = itn__splat_int(0), x, y, z, inside, cell, near_one, word, free_cube, empty;
+    itn__vectors n;
+    x = itn__floor_ints((p.x - voxels->lower.x) * voxels->inverse_cell);
+    y = itn__floor_ints((p.y - voxels->lower.y) * voxels->inverse_cell);
+    z = itn__floor_ints((p.z - voxels->lower.z) * voxels->inverse_cell);
+    inside = mask & itn__int_less(none - 1, x) & itn__int_less(none - 1, y) &
+             itn__int_less(none - 1, z) & itn__int_less(x, itn__splat_int(voxels->size[0])) &
+             itn__int_less(y, itn__splat_int(voxels->size[1])) &
+             itn__int_less(z, itn__splat_int(voxels->size[2]));
+    cell = itn__gather_ints(voxels->cells, (z * voxels->size[1] + y) * voxels->size[0] + x, inside,
+                            none);
+    half = itn__to_floats(-cell - 1) + half_cell; /* where cell < 0: a cube without triangles */
+    below = itn__splat(INFINITY), above = below, against = below;
+    n = itn__vectors_of(zero, zero, zero), np = zero;
+    near_one = inside & itn__int_less(none - 1, cell);
+    if (itn__mask_bits(near_one)) {
+        itn__ints at = cell * 5;
+        word = itn__gather_ints(voxels->nearby, at, near_one, none);
+        below = itn__gather((const float *)(const void *)voxels->nearby, at + 1, near_one, below);
+        above = itn__gather((const float *)(const void *)voxels->nearby, at + 2, near_one, above);
+        against = itn__gather((const float *)(const void *)voxels->nearby, at + 3, near_one, against);
+        empty = itn__gather_ints(voxels->nearby, at + 4, near_one, none);
+        n = itn__vectors_of(itn__signed_byte(word, 0), itn__signed_byte(word, 8),
+                            itn__signed_byte(word, 16));
+        np = itn__vdot(n, p);
+        half = itn__select(near_one, itn__to_floats(itn__word_ints(itn__int_words(word) >> 24)) + half_cell, half);
+        /* on neither side of the slab, but in an empty cell: take the cube instead */
+        free_cube = near_one & itn__int_less(empty, none) & itn__less_equal(below, np) &
+                    itn__less_equal(np, above);
+        half = itn__select(free_cube, itn__to_floats(-empty - 1) + half_cell, half);
+        below = itn__select(free_cube, itn__splat(INFINITY), below);
+    }
+    half = itn__select(inside, (half - .01f) * voxels->cell, itn__splat(-1));
+    space->half = itn__select(mask, half, space->half);
+    space->centre = itn__vselect(mask, itn__vectors_of(
+        (itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
+        (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
+        (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z), space->centre);
+    space->n = itn__vselect(mask, n, space->n);
+    space->below = itn__select(mask, below, space->below);
+    space->above = itn__select(mask, above, space->above);
+    space->against = itn__select(mask, against, space->against);
+    space->np = itn__select(mask, np, space->np);
+}
+
+/* Whether the flight to q, in direction d, is free; nq receives n . q. The cube has lost a hundredth
+   of a cell, so that no rounding of q or of the start counts. */
+ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vectors q,
+                                       itn__vectors d, itn__floats *nq) {
+    itn__floats x = itn__absolute(q.x - space->centre.x), y = itn__absolute(q.y - space->centre.y);
+    itn__floats z = itn__absolute(q.z - space->centre.z), half = space->half;
+    *nq = itn__vdot(space->n, q);
+    return itn__less_equal(x, half) & itn__less_equal(y, half) & itn__less_equal(z, half) &
+           ((itn__less(space->np, space->below) & itn__less(*nq, space->below)) |
+            (itn__less(space->above, space->np) & itn__less(space->above, *nq)) |
+            itn__less(itn__vdot(space->n, d), -space->against));
+}
+
+/* Links to the lights. */
+
+/* c, relative to the mean radiance of the sampled lights over all directions. */
+#define ITN__LINK_LEVEL .25
+
+/* Puts the lanes' paths aside until their links are done. */
+static void itn__park(itn__crowd *crowd, const itn__state *s, unsigned bits, int features) {
+    int32_t rows[ITN__STATE][ITN__LANES];
+    int c, f;
+    itn__store_ints(rows[ITN__POSITION], itn__float_bits(s->p.x));
+    itn__store_ints(rows[ITN__POSITION + 1], itn__float_bits(s->p.y));
+    itn__store_ints(rows[ITN__POSITION + 2], itn__float_bits(s->p.z));
+    itn__store_ints(rows[ITN__DIRECTION], itn__float_bits(s->d.x));
+    itn__store_ints(rows[ITN__DIRECTION + 1], itn__float_bits(s->d.y));
+    itn__store_ints(rows[ITN__DIRECTION + 2], itn__float_bits(s->d.z));
+    itn__store_ints(rows[ITN__KEY], itn__word_ints(s->key0));
+    itn__store_ints(rows[ITN__KEY + 1], itn__word_ints(s->key1));
+    itn__store_ints(rows[ITN__DIMENSION], s->dimension);
+    itn__store_ints(rows[ITN__SLOT], s->slot);
+    for (c = 0; c < 3; c++)
+        itn__store_ints(rows[ITN__BETA + c],
+                        itn__float_bits(s->beta[c < itn__colours(features) ? c : 0]));
+    itn__store_ints(rows[ITN__PDF], itn__float_bits(s->pdf));
+    itn__store_ints(rows[ITN__LEFT], s->left);
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        for (f = 0; f < ITN__STATE; f++) path->parked[f] = rows[f][k];
+    }
+}
+/* The same for paths whose links have just been sent from where they are. */
+static void itn__begin_links(itn__crowd *crowd, const itn__state *s, unsigned bits, int features) {
+    unsigned rest = bits;
+    itn__park(crowd, s, bits, features);
+    for (; rest; rest &= rest - 1) {
+        itn__path *path = &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(rest))];
+        path->link_place = path->place;
+    }
+}
+static void itn__unpark(itn__crowd *crowd, int slot) {
+    const itn__path *path = &crowd->paths[slot];
+    itn__queue *queue = itn__departure(crowd, itn__substance_of(crowd->fast, &path->place),
+                                       path->parked[ITN__DIMENSION]);
+    int f;
+    for (f = 0; f < ITN__STATE; f++) itn__row(queue, f)[queue->count] = path->parked[f];
+    queue->count++;
+}
+
+/* Sends off links with weights w in direction d from the lanes of s, all in one substance; those
+   that roulette or the free space around ends at once are not sent. Returns who is sent. */
+ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const itn__state *s,
+                                      itn__vectors d, const itn__floats w[3], itn__ints mask,
+                                      const itn__free_space *space, int features) {
+    const itn__fast *fast = crowd->fast;
+    itn__queue *queue = substance ? &crowd->exact[substance] : &crowd->walk[0];
+    itn__floats largest = w[0], distance = itn__splat(INFINITY), nq;
+    itn__ints dimension = s->dimension + itn__splat_int(1 << 30);
+    itn__state link = *s;
+    unsigned bits;
+    int c;
+    for (c = 1; c < itn__colours(features); c++) largest = itn__most(largest, w[c]);
+    link.pdf = itn__uniforms(s->key0, s->key1, &dimension, mask) * fast->link_weight;
+    mask &= itn__less(link.pdf, largest);
+    if (substance && fast->link_weight > 0)
+        distance = itn__vlog(itn__select(mask, largest / link.pdf, distance)) *
+                   fast->substances[substance].mean_free_path;
+    if (space && fast->link_weight > 0)
+        mask &= ~itn__free_flight(space, itn__valong(s->p, distance, d), d, &nq);
+    bits = itn__mask_bits(mask);
+    if (!bits) return mask;
+    for (c = 0; c < 3; c++) link.beta[c] = w[c < itn__colours(features) ? c : 0];
+    link.d = d, link.dimension = itn__splat_int(0);
+    link.slot = s->slot | itn__splat_int(ITN__LINK);
+    if (substance)
+        itn__compress(itn__float_row(queue, ITN__DISTANCE) + queue->count, distance, bits);
+    itn__push(queue, &link, bits, features);
+    return mask;
+}
+
+/* A link that has come through: adds its light. */
+static void itn__arrive(itn__crowd *crowd, const itn__queue *queue, int at) {
+    int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, c;
+    const itn__fast *fast = crowd->fast;
+    float largest = 0, raise = 1;
+    for (c = 0; c < fast->channels; c++)
+        largest = itn__max(largest, itn__float_row(queue, ITN__BETA + c)[at]);
+    if (largest < fast->link_weight) raise = fast->link_weight / largest;
+    for (c = 0; c < fast->channels && largest > 0; c++)
+        crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride +
+                        (size_t)crowd->paths[slot].number] +=
+            raise * itn__float_row(queue, ITN__BETA + c)[at];
+    itn__unpark(crowd, slot);
+}
+
+/* Collisions. */
+
+/* A collision in each lane of the mask: albedo, a link, a new direction. Returns who goes on
+   (with its link sent, or with none); *linked receives those with a link, whose paths are parked
+   and leave the lanes. */
+ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
+                                   const itn__free_space *space, itn__ints *linked, int early,
+                                   int features) {
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    itn__floats u, v, x, y, w[3], sampled[3], plain[3], light_pdf;
+    itn__ints alive = itn__splat_int(0), last = alive, ok;
+    itn__vectors d = s->d, light;
+    int c;
+    crowd->collisions += itn__count_bits(itn__mask_bits(mask));
+    if (features & ITN__LIMIT) {
+        s->left += mask;
+        if (crowd->fast->linked) last = mask & itn__int_less(s->left, itn__splat_int(1));
+    }
+    for (c = 0; c < itn__colours(features); c++) {
+        s->beta[c] = itn__select(mask, s->beta[c] * medium->albedo[c], s->beta[c]);
+        alive |= itn__less(itn__splat(0), s->beta[c]);
+    }
+    mask &= alive;
+    *linked = itn__splat_int(0);
+    if ((features & ITN__LIGHTS) && crowd->fast->links) {
+        itn__floats u0 = itn__draw(crowd, s, mask, early), u1 = itn__draw(crowd, s, mask, early);
+        itn__floats u2 = itn__draw(crowd, s, mask, early);
+        ok = itn__vdraw_light(crowd->fast->scene, u0, u1, u2, mask, &light, &light_pdf);
+        x = itn__vone_minus_cosine(s->d, light);
+        y = itn__vone_minus_cosine(s->d, itn__vscale(light, itn__splat(-1)));
+        u = itn__vphase(medium->g, x, y);
+        itn__vradiance(crowd->fast->scene, crowd->fast->theta, light, ok, sampled, plain);
+        for (c = 0; c < itn__colours(features); c++)
+            w[c] = s->beta[c] * u * sampled[c] /
+                   (light_pdf + itn__select(last, itn__splat(0), u));
+        *linked = itn__send_links(crowd, substance, s, light, w, ok, space, features);
+        for (c = 0; c < itn__colours(features) && (features & ITN__LIMIT); c++)
+            s->beta[c] = itn__select(last, itn__splat(0), s->beta[c]); /* ends after its link */
+        mask &= ~(last & ~*linked);
+    }
+    u = itn__draw(crowd, s, mask, early), v = itn__draw(crowd, s, mask, early);
+    s->d = itn__vselect(mask, itn__vsample_phase(s->d, medium->g, u, v, &x, &y), d);
+    if (features & ITN__LIGHTS)
+        s->pdf = itn__select(mask, itn__vphase(medium->g, x, y), s->pdf);
+    return mask;
+}
+
+/* The walk in one substance. Lanes whose flight the tables cannot prove free wait; when a quarter
+   of the lanes wait or are empty, the waiting are sent on and all are filled again. */
+ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
+    const itn__fast *fast = crowd->fast;
+    itn__queue *queue = &crowd->walk[substance], *exact = &crowd->exact[substance];
+    const float mean_free_path = fast->substances[substance].mean_free_path;
+    unsigned busy = 0, waiting = 0, before;
+    itn__floats distance = itn__splat(0), nq;
+    itn__free_space space;
+    itn__state s = itn__load_state(queue, 0, features);
+    itn__vectors q;
+    memset(&space, 0, sizeof space);
+    for (;;) {
+        itn__ints active, safe, linked;
+        if (itn__count_bits(busy) <= ITN__LANES - (ITN__LANES + 3) / 4 || !busy) {
+            unsigned fill = ITN__ALL_LANES & ~busy;
+            if (waiting) {
+                itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, distance,
+                              waiting);
+                itn__push(exact, &s, waiting, features);
+                waiting = 0;
+            }
+            while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
+            if (fill) {
+                itn__pull(queue, &s, fill, features);
+                space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), space.half);
+                busy |= fill;
+            }
+            if (!busy) return;
+            if (!queue->count && !fill && itn__count_bits(busy) < ITN__LANES / 2 &&
+                (exact->count || itn__unit_paths_left(crowd))) {
+                itn__push(queue, &s, busy, features); /* for the next turn */
+                return;
+            }
+        }
+        active = itn__vroulette(crowd, &s, itn__bits_mask(busy), 0, features);
+        before = busy, busy = itn__mask_bits(active);
+        if (before != busy) itn__free_lanes(crowd, s.slot, before & ~busy);
+        distance = itn__select(active, itn__vflight(crowd, &s, active, mean_free_path, 0, features),
+                               distance);
+        q = itn__valong(s.p, distance, s.d);
+        safe = itn__free_flight(&space, q, s.d, &nq);
+        if (busy & ~itn__mask_bits(safe)) {
+            itn__look_around(fast->voxels, s.p, active & ~safe, &space);
+            safe = itn__free_flight(&space, q, s.d, &nq);
+            if (fast->unsafe) safe = itn__splat_int(0);
+        }
+        safe &= active;
+        waiting |= busy & ~itn__mask_bits(safe);
+        s.p = itn__vselect(safe, q, s.p);
+        space.np = itn__select(safe, nq, space.np);
+        before = itn__mask_bits(safe);
+        safe = itn__collide(crowd, substance, &s, safe, &space, &linked, 0, features);
+        busy = itn__mask_bits(safe);
+        if (before != busy) itn__free_lanes(crowd, s.slot, before & ~busy);
+        if ((features & ITN__LIGHTS) && itn__mask_bits(linked)) {
+            itn__begin_links(crowd, &s, itn__mask_bits(linked), features);
+            busy &= ~itn__mask_bits(linked);
+        }
+    }
+}
+
+/* Exact flights. */
+
+/* Flights longer than so many cells go through the tree. */
+#define ITN__LONG_MARCH 48
+enum { ITN__AHEAD = 4 }; /* packs are asked for so many tests before their own */
+#define ITN__STEP .002f /* beyond a cell's border, in cells; less than ITN__CELL_MARGIN */
+
+/* Notes that a flight passes a pack; tests what has been noted when the list is full. */
+static void itn__test_packs(itn__crowd *crowd) {
+    const itn__queue *queue = &crowd->taken;
+    const itn_scene *scene = crowd->fast->scene;
+    int i;
+    for (i = 0; i < crowd->item_count; i++) {
+        const itn__flight_item *item = &crowd->items[i];
+        itn_hit *hit = &crowd->hits[item->ray];
+        int slot = itn__row(queue, ITN__SLOT)[item->ray];
+        const itn__path *path = &crowd->paths[slot & ~ITN__LINK];
+        const itn__place *place = slot & ITN__LINK ? &path->link_place : &path->place;
+        if (i + ITN__AHEAD < crowd->item_count) {
+            const char *pack = (const char *)&crowd->fast->voxels->packs[item[ITN__AHEAD].pack];
+            int line;
+            for (line = 0; line < (int)sizeof(itn__pack); line += 64) ITN__PREFETCH(pack + line);
+        }
+        if (hit->t < item->enter) continue;
+        if (crowd->shears[item->ray].kz < 0) {
+            itn_ray ray;
+            ray.origin = itn__get_vector(queue, ITN__POSITION, item->ray);
+            ray.direction = itn__get_vector(queue, ITN__DIRECTION, item->ray);
+            itn__shear_make(&ray, &crowd->shears[item->ray]);
+        }
+        itn__pack_hit(&crowd->fast->voxels->packs[item->pack], &crowd->shears[item->ray],
+                      -itn__slack(scene, itn__get_vector(queue, ITN__POSITION, item->ray)),
+                      &place->sides, 0, hit);
+    }
+    crowd->item_count = 0;
+}
+
+/* The part of the way through the voxels that is left to do. */
+typedef struct itn__march {
+    itn__vectors p, d, inverse;
+    itn__floats t, end;
+    int first; /* item of the first lane */
+} itn__march;
+
+/* Distance at which a ray leaves the cube of half size `half` around `centre`. */
+ITN__INLINE itn__floats itn__leave_cube(const itn__march *m, itn__vectors centre,
+                                        itn__floats half) {
+    itn__floats x = (itn__with_sign(half, m->d.x) + centre.x - m->p.x) * m->inverse.x;
+    itn__floats y = (itn__with_sign(half, m->d.y) + centre.y - m->p.y) * m->inverse.y;
+    itn__floats z = (itn__with_sign(half, m->d.z) + centre.z - m->p.z) * m->inverse.z;
+    return itn__least(x, itn__least(y, z));
+}
+
+/* The lanes in the mask are in a cell with triangles between `t` and `leave`: notes its packs,
+   unless the part of the flight in it stays on one side of the slab that holds them. */
+ITN__INLINE void itn__note_packs(itn__crowd *crowd, const itn__march *m, itn__ints index,
+                                 itn__floats leave, itn__ints mask) {
+    const itn__voxels *voxels = crowd->fast->voxels;
+    itn__ints none = itn__splat_int(0), at, word, first, count;
+    itn__floats zero = itn__splat(0), below, above, enter_n, leave_n, slope;
+    itn__vectors n;
+    unsigned bits;
+    at = itn__gather_ints(voxels->cells, index, mask, none) * 5 + 4;
+    at = itn__gather_ints(voxels->nearby, at, mask, none) * 5;
+    word = itn__gather_ints(voxels->surface, at, mask, none);
+    below = itn__gather((const float *)(const void *)voxels->surface, at + 1, mask, zero);
+    above = itn__gather((const float *)(const void *)voxels->surface, at + 2, mask, zero);
+    n = itn__vectors_of(itn__signed_byte(word, 0), itn__signed_byte(word, 8),
+                        itn__signed_byte(word, 16));
+    slope = itn__vdot(n, m->d), enter_n = itn__vdot(n, m->p);
+    leave_n = enter_n + slope * leave, enter_n = enter_n + slope * m->t;
+    mask &= ~((itn__less(enter_n, below) & itn__less(leave_n, below)) |
+              (itn__less(above, enter_n) & itn__less(above, leave_n)));
+    bits = itn__mask_bits(mask);
+    if (!bits) return;
+    first = itn__gather_ints(voxels->surface, at + 3, mask, none);
+    count = itn__gather_ints(voxels->surface, at + 4, mask, none);
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits), i;
+        for (i = 0; i < ITN__LANE(count, k); i++) {
+            itn__flight_item *item = &crowd->items[crowd->item_count++];
+            item->ray = m->first + k;
+            item->pack = ITN__LANE(first, k) + i;
+            item->enter = ITN__LANE(m->t, k);
+            if (crowd->item_count == ITN__CROWD) itn__test_packs(crowd);
+        }
+    }
+}
+
+/* One step of each lane: past the empty cube around, or through one cell. Returns who is not yet
+   at the end; *lost receives those that have left the table. */
+ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__ints mask,
+                                      itn__ints *lost) {
+    const itn__voxels *voxels = crowd->fast->voxels;
+    itn__vectors at = itn__valong(m->p, m->t, m->d);
+    itn__ints none = itn__splat_int(0), x, y, z, inside, index, distance, surface;
+    itn__floats half_cell = itn__splat(.5f), half, leave;
+    itn__vectors centre;
+    x = itn__floor_ints((at.x - voxels->lower.x) * voxels->inverse_cell);
+    y = itn__floor_ints((at.y - voxels->lower.y) * voxels->inverse_cell);
+    z = itn__floor_ints((at.z - voxels->lower.z) * voxels->inverse_cell);
+    inside = mask & itn__int_less(none - 1, x) & itn__int_less(none - 1, y) &
+             itn__int_less(none - 1, z) & itn__int_less(x, itn__splat_int(voxels->size[0])) &
+             itn__int_less(y, itn__splat_int(voxels->size[1])) &
+             itn__int_less(z, itn__splat_int(voxels->size[2]));
+    *lost = mask & ~inside;
+    index = (z * voxels->size[1] + y) * voxels->size[0] + x;
+    distance = itn__gather_bytes(voxels->distances, index, inside, none + 1);
+    surface = inside & itn__int_equal(distance, none);
+    half = itn__absolute(itn__to_floats(distance) - half_cell) * voxels->cell;
+    centre = itn__vectors_of((itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
+                             (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
+                             (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
+    leave = itn__most(itn__leave_cube(m, centre, half), m->t);
+    if (itn__mask_bits(surface))
+        itn__note_packs(crowd, m, index, itn__least(leave, m->end), surface);
+    m->t = itn__select(inside, leave + ITN__STEP * voxels->cell, m->t);
+    return inside & itn__less_equal(m->t, m->end);
+}
+
+/* What the tables could not tell of a flight, the tree does: a long one, one that left them, one
+   that would go through the faces it has just crossed. */
+static void itn__settle_hit(itn__crowd *crowd, int at) {
+    const itn_scene *scene = crowd->fast->scene;
+    const itn__queue *queue = &crowd->taken;
+    int slot = itn__row(queue, ITN__SLOT)[at];
+    itn__path *path = &crowd->paths[slot & ~ITN__LINK];
+    itn__place *place = slot & ITN__LINK ? &path->link_place : &path->place;
+    itn_hit *hit = &crowd->hits[at];
+    itn_ray ray;
+    float slack;
+    if (hit->triangle != -2 && !place->crossed_count) return;
+    ray.origin = itn__get_vector(queue, ITN__POSITION, at);
+    slack = itn__slack(scene, ray.origin);
+    if (hit->triangle == -2 ||
+        (hit->triangle >= 0 && hit->t <= slack && itn__just_crossed(place, hit))) {
+        ray.direction = itn__get_vector(queue, ITN__DIRECTION, at);
+        ray.tmax = hit->t = itn__float_row(queue, ITN__DISTANCE)[at];
+        hit->triangle = -1;
+        itn__next_hit(scene, place, &ray, hit);
+    } else if (hit->t > slack) {
+        place->crossed_count = 0;
+    }
+}
+
+/* The next surface of each flight in `taken`, up to its distance: crowd->hits with t as far as the
+   flight goes and triangle -1 where there is none. */
+static void itn__find_hits(itn__crowd *crowd) {
+    const itn__queue *queue = &crowd->taken;
+    const float longest = ITN__LONG_MARCH * crowd->fast->voxels->cell;
+    int i, k;
+    crowd->item_count = 0;
+    for (i = 0; i < queue->count; i++) {
+        crowd->hits[i].t = itn__float_row(queue, ITN__DISTANCE)[i];
+        crowd->hits[i].triangle = crowd->hits[i].t <= longest ? -1 : -2;
+        crowd->shears[i].kz = -1; /* not made yet */
+    }
+    for (i = 0; i < queue->count; i += ITN__LANES) {
+        itn__floats one = itn__splat(1);
+        itn__ints mask = itn__first_lanes(queue->count - i), lost;
+        itn__march m;
+        m.p = itn__load_vectors(queue, ITN__POSITION, i);
+        m.d = itn__load_vectors(queue, ITN__DIRECTION, i);
+        m.inverse = itn__vectors_of(one / m.d.x, one / m.d.y, one / m.d.z);
+        m.t = itn__splat(0), m.end = itn__load(itn__float_row(queue, ITN__DISTANCE) + i);
+        m.first = i;
+        mask &= itn__less_equal(m.end, itn__splat(longest));
+        while (itn__mask_bits(mask)) {
+            unsigned bits;
+            mask = itn__march_step(crowd, &m, mask, &lost);
+            for (bits = itn__mask_bits(lost); bits; bits &= bits - 1)
+                crowd->hits[i + itn__lowest_bit(bits)].triangle = -2;
+        }
+    }
+    itn__test_packs(crowd);
+    for (k = 0; k < queue->count; k++) itn__settle_hit(crowd, k);
+}
+
+/* What happens at the surface that an item of a queue has met. */
+
+/* A link is stopped, or goes on behind an index-matched boundary. */
+static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const itn_hit *hit) {
+    const itn__fast *fast = crowd->fast;
+    const itn_scene *scene = fast->scene;
+    int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, object, after, c, to, substance;
+    itn__path *path = &crowd->paths[slot];
+    itn__place *place = &path->link_place;
+    float largest = 0, floor_weight = itn__float_row(queue, ITN__PDF)[at], transmittance;
+    enum { MOST_CROSSINGS = 1024 };
+    object = itn__bvh_object(scene->bvh, hit->triangle);
+    substance = itn__substance_of(fast, place);
+    transmittance = expf(-fast->substances[substance].sigma_t * itn__max(hit->t, 0));
+    for (c = 0; c < fast->channels; c++) {
+        float *w = itn__float_row(queue, ITN__BETA + c) + at;
+        largest = itn__max(largest, *w *= transmittance);
+    }
+    if (!scene->objects[object].closed ||
+        itn__beyond(scene, fast->theta, place, object, &after) || !(largest > floor_weight) ||
+        (scene->objects[object].surface >= 0 &&
+         scene->surfaces[scene->objects[object].surface].type == ITN_SURFACE_DIFFUSE) ||
+        ++itn__row(queue, ITN__DIMENSION)[at] > MOST_CROSSINGS) {
+        itn__unpark(crowd, slot);
+        return;
+    }
+    itn__cross_boundary(scene, place, object, hit);
+    itn__set_vector(queue, ITN__POSITION, at, itn__hit_point(scene->bvh, hit));
+    substance = itn__substance_of(fast, place);
+    to = itn__move(queue, at, substance ? &crowd->exact[substance] : &crowd->walk[0]);
+    if (substance)
+        itn__float_row(&crowd->exact[substance], ITN__DISTANCE)[to] =
+            floor_weight > 0 ? logf(largest / floor_weight) *
+                                   fast->substances[substance].mean_free_path : INFINITY;
+}
+
+/* A path is put into the queue of the surface's stage, or through an index-matched boundary. */
+static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hit *hit) {
+    const itn__fast *fast = crowd->fast;
+    const itn_scene *scene = fast->scene;
+    int slot = itn__row(queue, ITN__SLOT)[at], triangle, object, surface, after, to, c, parameter;
+    itn__place *place = &crowd->paths[slot & ~ITN__LINK].place;
+    const float *normal;
+    itn_vec3 n, d = itn__get_vector(queue, ITN__DIRECTION, at), point;
+    if (slot & ITN__LINK) {
+        itn__meet_link(crowd, queue, at, hit);
+        return;
+    }
+    triangle = scene->bvh->slots[hit->triangle];
+    object = scene->bvh->triangles[triangle].object;
+    surface = scene->objects[object].surface;
+    normal = fast->normals + 3 * (size_t)triangle;
+    n = itn__vec3(normal[0], normal[1], normal[2]);
+    if (itn__dot(n, n) == 0) {
+        itn__free_slot(crowd, slot);
+        return;
+    }
+    if (fast->max_scatter && itn__row(queue, ITN__LEFT)[at] == 0) {
+        float sigma_t = fast->substances[itn__substance_of(fast, place)].sigma_t;
+        for (c = 0; c < 3; c++) /* also where only one counts: roulette looks at all */
+            itn__float_row(queue, ITN__BETA + c)[at] *= expf(-sigma_t * itn__max(hit->t, 0));
+    }
+    if (itn__dot(n, d) > 0) n = itn__scale(n, -1);
+    point = itn__hit_point(scene->bvh, hit);
+    itn__set_vector(queue, ITN__POSITION, at, point);
+    if (surface >= 0 && scene->surfaces[surface].type == ITN_SURFACE_DIFFUSE) {
+        float s, t;
+        to = itn__move(queue, at, &crowd->diffuse);
+        itn__set_vector(&crowd->diffuse, ITN__NORMAL, to, n);
+        itn__texture_coordinates(scene, object, hit, point, &s, &t);
+        for (c = 0; c < fast->channels; c++) {
+            float texel = itn__texel(&scene->surfaces[surface], s, t, c, &parameter);
+            itn__float_row(&crowd->diffuse, ITN__REFLECTANCE + c)[to] =
+                texel * fast->theta[parameter];
+        }
+    } else if (itn__beyond(scene, fast->theta, place, object, &after)) {
+        int alpha = scene->surfaces[surface].alpha;
+        to = itn__move(queue, at, &crowd->boundary);
+        itn__set_vector(&crowd->boundary, ITN__NORMAL, to, n);
+        itn__float_row(&crowd->boundary, ITN__ETA)[to] =
+            itn__ior(scene, fast->theta, after) /
+            itn__ior(scene, fast->theta, place->refracting);
+        itn__float_row(&crowd->boundary, ITN__ALPHA)[to] = alpha >= 0 ? fast->theta[alpha] : 0;
+        itn__row(&crowd->boundary, ITN__FACE)[to] = 2 * hit->triangle + hit->front;
+    } else {
+        itn__cross_boundary(scene, place, object, hit);
+        itn__move(queue, at, itn__departure(crowd, itn__substance_of(fast, place),
+                                            itn__row(queue, ITN__DIMENSION)[at]));
+    }
+}
+
+/* Paths with Sobol draws to come fly from the surface they have come through. */
+ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) {
+    itn__queue *queue = &crowd->early[substance], *exact = &crowd->exact[substance];
+    const float mean_free_path = crowd->fast->substances[substance].mean_free_path;
+    int i;
+    for (i = 0; i < queue->count; i += ITN__LANES) {
+        itn__state s = itn__load_state(queue, i, features);
+        itn__ints mask = itn__first_lanes(queue->count - i), alive;
+        itn__floats distance;
+        alive = itn__vroulette(crowd, &s, mask, 1, features);
+        itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
+        distance = itn__vflight(crowd, &s, alive, mean_free_path, 1, features);
+        itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, distance,
+                      itn__mask_bits(alive));
+        itn__push(exact, &s, itn__mask_bits(alive), features);
+    }
+    queue->count = 0;
+}
+
+/* Asks for what itn__meet will read of each hit. */
+static void itn__prefetch_hits(const itn__crowd *crowd) {
+    const itn_bvh *bvh = crowd->fast->scene->bvh;
+    int i;
+    for (i = 0; i < crowd->taken.count; i++)
+        if (crowd->hits[i].triangle >= 0) {
+            int slot = bvh->slots[crowd->hits[i].triangle];
+            ITN__PREFETCH(&bvh->triangles[slot]);
+            ITN__PREFETCH(&crowd->fast->normals[3 * (size_t)slot]);
+        }
+}
+
+/* itn__within. */
+ITN__INLINE itn__ints itn__vwithin(const itn_bvh *bvh, itn__vectors p) {
+    itn_vec3 a = bvh->lower, b = bvh->upper;
+    return itn__less_equal(itn__splat(a.x), p.x) & itn__less_equal(itn__splat(a.y), p.y) &
+           itn__less_equal(itn__splat(a.z), p.z) & itn__less_equal(p.x, itn__splat(b.x)) &
+           itn__less_equal(p.y, itn__splat(b.y)) & itn__less_equal(p.z, itn__splat(b.z));
+}
+
+/* Flights that the tables could not prove free. */
+ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) {
+    const itn_scene *scene = crowd->fast->scene;
+    itn__queue *queue = &crowd->taken;
+    int i, k;
+    itn__queue swapped = crowd->exact[substance];
+    crowd->exact[substance] = *queue, *queue = swapped;
+    crowd->exact[substance].count = 0;
+    itn__find_hits(crowd);
+    itn__prefetch_hits(crowd);
+    for (i = 0; i < queue->count; i += ITN__LANES) {
+        itn__state s;
+        itn__ints mask = itn__first_lanes(queue->count - i), linked;
+        itn__floats distance = itn__load(itn__float_row(queue, ITN__DISTANCE) + i);
+        unsigned bits = itn__mask_bits(mask), free_bits = 0, on;
+        s = itn__load_state(queue, i, features);
+        s.p = itn__valong(s.p, distance, s.d);
+        for (k = 0; k < ITN__LANES && i + k < queue->count; k++)
+            free_bits |= (unsigned)(crowd->hits[i + k].triangle < 0) << k;
+        free_bits &= itn__mask_bits(itn__vwithin(scene->bvh, s.p) &
+                                    itn__int_less(s.slot, itn__splat_int(ITN__LINK)));
+        for (bits &= ~free_bits; bits; bits &= bits - 1) {
+            int slot;
+            k = i + itn__lowest_bit(bits), slot = itn__row(queue, ITN__SLOT)[k];
+            if (crowd->hits[k].triangle >= 0)
+                itn__meet(crowd, queue, k, &crowd->hits[k]);
+            else if (!(slot & ITN__LINK) && itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
+                itn__move(queue, k, &crowd->sky);
+            else if (!(slot & ITN__LINK))
+                itn__free_slot(crowd, slot); /* no way out of the medium */
+            else if (itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
+                itn__unpark(crowd, slot & ~ITN__LINK);
+            else
+                itn__arrive(crowd, queue, k);
+        }
+        if (!free_bits) continue;
+        mask = itn__collide(crowd, substance, &s, itn__bits_mask(free_bits), NULL, &linked, 1,
+                            features);
+        on = itn__mask_bits(mask);
+        itn__free_lanes(crowd, s.slot, free_bits & ~on);
+        if (features & ITN__LIGHTS) {
+            itn__begin_links(crowd, &s, itn__mask_bits(linked), features);
+            on &= ~itn__mask_bits(linked);
+        }
+        itn__depart_in(crowd, substance, &s, on, features);
+    }
+    queue->count = 0;
+}
+
+/* Links that start at a surface; `through` are the lanes whose link goes through it at once. */
+static void itn__place_links(itn__crowd *crowd, const itn__ints *slots, int at, unsigned through) {
+    for (; through; through &= through - 1) {
+        int k = itn__lowest_bit(through), face = itn__row(&crowd->boundary, ITN__FACE)[at + k];
+        itn__path *path = &crowd->paths[ITN__LANE(*slots, k)];
+        itn_hit hit;
+        hit.triangle = face / 2, hit.front = face & 1;
+        itn__cross_boundary(crowd->fast->scene, &path->link_place,
+                            itn__bvh_object(crowd->fast->scene->bvh, hit.triangle), &hit);
+    }
+}
+
+/* Sends links from lanes at surfaces, which may start in different substances. */
+ITN__INLINE itn__ints itn__surface_links(itn__crowd *crowd, const itn__state *s, itn__vectors d,
+                                         const itn__floats w[3], itn__ints mask, int at,
+                                         itn__ints through, int features) {
+    unsigned bits = itn__mask_bits(mask), rest, same;
+    itn__ints sent = itn__splat_int(0);
+    for (rest = bits; rest; rest &= rest - 1) {
+        itn__path *path = &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(rest))];
+        path->link_place = path->place;
+    }
+    itn__place_links(crowd, &s->slot, at, bits & itn__mask_bits(through));
+    while (bits) {
+        int substance = -1;
+        for (same = 0, rest = bits; rest; rest &= rest - 1) {
+            int k = itn__lowest_bit(rest), other = itn__substance_of(
+                crowd->fast, &crowd->paths[ITN__LANE(s->slot, k)].link_place);
+            if (substance < 0) substance = other;
+            if (substance == other) same |= 1u << k;
+        }
+        sent |= itn__send_links(crowd, substance, s, d, w, itn__bits_mask(same), NULL, features);
+        bits &= ~same;
+    }
+    return sent;
+}
+
+/* Draws a light for lanes at a rough boundary and sends links there. */
+ITN__INLINE itn__ints itn__boundary_links(itn__crowd *crowd, itn__state *s, const itn__vectors frame[3],
+                                          itn__vectors i, itn__floats alpha, itn__floats eta,
+                                          itn__ints mask, int at, int features) {
+    itn__floats u0 = itn__draw(crowd, s, mask, 1), u1 = itn__draw(crowd, s, mask, 1);
+    itn__floats u2 = itn__draw(crowd, s, mask, 1), light_pdf, pdf, f, w[3], sampled[3], plain[3];
+    itn__vectors d, o;
+    int c;
+    mask = itn__vdraw_light(crowd->fast->scene, u0, u1, u2, mask, &d, &light_pdf);
+    o = itn__vto_local(d, frame[0], frame[1], frame[2]);
+    f = itn__vrough(i, o, alpha, eta, &pdf);
+    mask &= itn__less(itn__splat(0), f);
+    itn__vradiance(crowd->fast->scene, crowd->fast->theta, d, mask, sampled, plain);
+    for (c = 0; c < itn__colours(features); c++)
+        w[c] = s->beta[c] * f * sampled[c] / (light_pdf + pdf);
+    return itn__surface_links(crowd, s, d, w, mask, at, itn__less(o.z, itn__splat(0)), features);
+}
+
+/* Lanes that go through the boundary they stand on. */
+static void itn__cross_lanes(itn__crowd *crowd, const itn__ints *slots, int at, unsigned bits) {
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits), face = itn__row(&crowd->boundary, ITN__FACE)[at + k];
+        itn_hit hit;
+        hit.triangle = face / 2, hit.front = face & 1;
+        itn__cross_boundary(crowd->fast->scene, &crowd->paths[ITN__LANE(*slots, k)].place,
+                            itn__bvh_object(crowd->fast->scene->bvh, hit.triangle), &hit);
+    }
+}
+
+/* Parks the lanes with links, sends the others to their next flight. */
+ITN__INLINE void itn__leave_surface(itn__crowd *crowd, const itn__state *s, itn__ints alive,
+                                    itn__ints linked, int features) {
+    unsigned on = itn__mask_bits(alive);
+    if (features & ITN__LIGHTS) {
+        itn__park(crowd, s, itn__mask_bits(linked), features);
+        on &= ~itn__mask_bits(linked);
+    }
+    itn__depart(crowd, s, on, features);
+}
+
+/* Dielectric boundaries, as itn__meet_dielectric. A path that has sent a link lives until the link
+   is done, even if its own direction fails: then with weight 0. */
+ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
+    itn__queue *queue = &crowd->boundary;
+    int at, c;
+    for (at = 0; at < queue->count; at += ITN__LANES) {
+        itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0), ok, rough;
+        itn__state s = itn__load_state(queue, at, features);
+        itn__vectors frame[3], i, o;
+        itn__floats eta = itn__load(itn__float_row(queue, ITN__ETA) + at), u, v, w, lost;
+        itn__floats alpha = itn__load(itn__float_row(queue, ITN__ALPHA) + at);
+        rough = mask & itn__less(itn__splat(0), alpha);
+        frame[2] = itn__load_vectors(queue, ITN__NORMAL, at);
+        itn__vframe(frame[2], &frame[0], &frame[1]);
+        i = itn__vto_local(itn__vscale(s.d, itn__splat(-1)), frame[0], frame[1], frame[2]);
+        if ((features & ITN__LIGHTS) && crowd->fast->links && itn__mask_bits(rough))
+            linked = itn__boundary_links(crowd, &s, frame, i, alpha, eta, rough, at, features);
+        u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
+        w = itn__draw(crowd, &s, mask, 1);
+        ok = mask & itn__vsample_dielectric(i, alpha, eta, u, v, w, &o);
+        lost = itn__vsmith(o, alpha);
+        if (features & ITN__LIGHTS) {
+            itn__vrough(i, o, alpha, eta, &s.pdf);
+            s.pdf = itn__select(rough, s.pdf, itn__splat(INFINITY));
+            ok &= itn__less(itn__splat(0), s.pdf);
+        }
+        for (c = 0; c < itn__colours(features); c++) {
+            s.beta[c] = itn__select(rough, s.beta[c] * lost, s.beta[c]);
+            s.beta[c] = itn__select(ok, s.beta[c], itn__splat(0));
+        }
+        s.d = itn__vselect(ok, itn__vnormalize(itn__vto_world(o, frame[0], frame[1], frame[2])),
+                           s.d);
+        itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~ok & ~linked));
+        itn__cross_lanes(crowd, &s.slot, at, itn__mask_bits(ok & itn__less(o.z, itn__splat(0))));
+        itn__leave_surface(crowd, &s, ok, linked, features);
+    }
+    queue->count = 0;
+}
+
+/* Diffuse surfaces, as itn__meet_diffuse. */
+ITN__INLINE void itn__run_diffuse(itn__crowd *crowd, int features) {
+    itn__queue *queue = &crowd->diffuse;
+    int at, c;
+    for (at = 0; at < queue->count; at += ITN__LANES) {
+        itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0), ok;
+        itn__state s = itn__load_state(queue, at, features);
+        itn__vectors n = itn__load_vectors(queue, ITN__NORMAL, at), x, y, d;
+        itn__floats u, v, reflectance[3];
+        for (c = 0; c < itn__colours(features); c++)
+            reflectance[c] = itn__load(itn__float_row(queue, ITN__REFLECTANCE + c) + at);
+        if ((features & ITN__LIGHTS) && crowd->fast->links) {
+            itn__floats u0 = itn__draw(crowd, &s, mask, 1), u1 = itn__draw(crowd, &s, mask, 1);
+            itn__floats u2 = itn__draw(crowd, &s, mask, 1), light_pdf, cosine;
+            itn__floats w[3], sampled[3], plain[3];
+            ok = itn__vdraw_light(crowd->fast->scene, u0, u1, u2, mask, &d, &light_pdf);
+            cosine = itn__vdot(d, n) / ITN__PI;
+            ok &= itn__less(itn__splat(0), cosine);
+            itn__vradiance(crowd->fast->scene, crowd->fast->theta, d, ok, sampled, plain);
+            for (c = 0; c < itn__colours(features); c++)
+                w[c] = s.beta[c] * reflectance[c] * cosine * sampled[c] / (light_pdf + cosine);
+            linked = itn__surface_links(crowd, &s, d, w, ok, at, itn__splat_int(0), features);
+        }
+        for (c = 0; c < itn__colours(features); c++) s.beta[c] = s.beta[c] * reflectance[c];
+        u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
+        d = itn__vsample_cosine(u, v);
+        itn__vframe(n, &x, &y);
+        s.pdf = d.z / ITN__PI;
+        s.d = itn__vnormalize(itn__vto_world(d, x, y, n));
+        itn__leave_surface(crowd, &s, mask, linked, features);
+    }
+    queue->count = 0;
+}
+
+/* Outside of media: the tree tells what comes next. */
+ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
+    const itn_scene *scene = crowd->fast->scene;
+    itn__queue *queue = &crowd->taken, swapped = crowd->walk[0];
+    int at;
+    crowd->walk[0] = *queue, *queue = swapped;
+    crowd->walk[0].count = 0;
+    for (at = 0; at < queue->count; at += ITN__LANES) {
+        itn__state s = itn__load_state(queue, at, features);
+        itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
+        unsigned bits, gone = 0;
+        int c;
+        links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
+        alive = itn__vroulette(crowd, &s, mask & ~links, 1, features) | links;
+        itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
+        itn__store_ints(itn__row(queue, ITN__DIMENSION) + at, s.dimension);
+        for (c = 0; c < itn__colours(features); c++)
+            itn__store(itn__float_row(queue, ITN__BETA + c) + at, s.beta[c]);
+        for (bits = itn__mask_bits(alive); bits; bits &= bits - 1) {
+            int k = at + itn__lowest_bit(bits), slot = itn__row(queue, ITN__SLOT)[k];
+            itn__path *path = &crowd->paths[slot & ~ITN__LINK];
+            itn_ray ray;
+            itn_hit hit;
+            ray.origin = itn__get_vector(queue, ITN__POSITION, k);
+            ray.direction = itn__get_vector(queue, ITN__DIRECTION, k), ray.tmax = INFINITY;
+            if (itn__next_hit(scene, slot & ITN__LINK ? &path->link_place : &path->place, &ray,
+                              &hit))
+                itn__meet(crowd, queue, k, &hit);
+            else if (slot & ITN__LINK)
+                itn__arrive(crowd, queue, k);
+            else
+                gone |= 1u << (k - at);
+        }
+        itn__push(&crowd->sky, &s, gone, features);
+    }
+    queue->count = 0;
+}
+
+/* Paths that have left: adds the lights in their directions, as itn__escape, and ends them. */
+ITN__INLINE void itn__run_sky(itn__crowd *crowd, int features) {
+    const itn__fast *fast = crowd->fast;
+    itn__queue *queue = &crowd->sky;
+    int at, c, i;
+    for (at = 0; at < queue->count; at += ITN__LANES) {
+        itn__state s = itn__load_state(queue, at, features);
+        itn__ints mask = itn__first_lanes(queue->count - at);
+        itn__floats sampled[3], plain[3];
+        unsigned bits;
+        for (c = 0; c < 3; c++) plain[c] = itn__splat(fast->constant[c]), sampled[c] = plain[c] * 0;
+        if (features & ITN__LIGHTS) {
+            itn__floats mis = s.pdf / (s.pdf + itn__vlights_pdf(fast->scene, s.d));
+            itn__vradiance(fast->scene, fast->theta, s.d, mask, sampled, plain);
+            mis = itn__select(itn__less(s.pdf, itn__splat(INFINITY)), mis, itn__splat(1));
+            for (c = 0; c < itn__colours(features); c++) sampled[c] = sampled[c] * mis;
+        }
+        for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
+            int k = itn__lowest_bit(bits), slot = ITN__LANE(s.slot, k);
+            const itn__path *path = &crowd->paths[slot];
+            for (c = 0; c < fast->channels; c++) {
+                float *radiance = crowd->radiance + (size_t)c * (size_t)crowd->radiance_stride;
+                itn__floats sum = s.beta[c] * (sampled[c] + plain[c]);
+                for (i = 0; i < path->copies; i++)
+                    radiance[path->number + i] += ITN__LANE(sum, k);
+            }
+            itn__free_slot(crowd, slot);
+        }
+    }
+    queue->count = 0;
+}
+
+/* The beginning of paths. */
+
+/* Starts `copies` paths, number `number` of the unit and after, that come from the camera along a
+   ray, as items of crowd->taken, which is used as one item's place. Returns the item's slot. */
+static int itn__start_path(itn__crowd *crowd, const itn_ray *ray, uint64_t pixel, int walk,
+                           int number) {
+    const itn__fast *fast = crowd->fast;
+    itn__queue *queue = &crowd->taken;
+    int slot = crowd->free_slots[--crowd->free_count], c;
+    itn__path *path = &crowd->paths[slot];
+    itn__rng rng = itn__rng_make(fast->seed, pixel, (uint64_t)walk);
+    path->number = number, path->copies = 1;
+    path->place.sides = fast->scene->sides;
+    path->place.inside = itn__find_inside(fast->scene, &path->place.sides);
+    path->place.refracting = itn__find_refracting(fast->scene, &path->place.sides);
+    path->place.crossed_count = 0;
+    itn__set_vector(queue, ITN__POSITION, 0, ray->origin);
+    itn__set_vector(queue, ITN__DIRECTION, 0, ray->direction);
+    itn__row(queue, ITN__KEY)[0] = (int32_t)rng.key0;
+    itn__row(queue, ITN__KEY + 1)[0] = (int32_t)rng.key1;
+    itn__row(queue, ITN__DIMENSION)[0] = 2;
+    itn__row(queue, ITN__SLOT)[0] = slot;
+    for (c = 0; c < 3; c++) itn__float_row(queue, ITN__BETA + c)[0] = 1;
+    itn__float_row(queue, ITN__PDF)[0] = INFINITY;
+    itn__row(queue, ITN__LEFT)[0] = fast->max_scatter ? fast->max_scatter : INT_MAX;
+    return slot;
+}
+
+/* Block (independently scrambled set) of a camera ray, and its first ray. */
+ITN__INLINE int itn__block_first(const itn__fast *fast, int block) {
+    return (int)((int64_t)block * fast->spp / fast->blocks);
+}
+ITN__INLINE int itn__block_of(const itn__fast *fast, int ray) {
+    int block = (int)(((int64_t)ray * fast->blocks) / fast->spp);
+    while (ray >= itn__block_first(fast, block + 1)) block++;
+    return block;
+}
+ITN__INLINE uint32_t itn__scramble(const itn__fast *fast, uint64_t pixel, int block) {
+    return itn__rng_make(~fast->seed, pixel, (uint64_t)block).key0;
+}
+
+/* Position in the pixel of a camera ray, which is number `in_block` of its block. */
+static void itn__pixel_position(const itn__fast *fast, uint64_t pixel, int ray, int in_block,
+                                uint32_t scramble, float *u, float *v) {
+    if (fast->sobol) {
+        itn__words index = itn__splat_word((uint32_t)in_block), seed = itn__splat_word(scramble);
+        itn__floats x = itn__sobol(index, 0, seed), y = itn__sobol(index, 1, seed);
+        *u = ITN__LANE(x, 0), *v = ITN__LANE(y, 0);
+    } else {
+        itn__rng rng = itn__rng_make(fast->seed, pixel, (uint64_t)ray * (uint64_t)fast->walks);
+        *u = itn__uniform(&rng), *v = itn__uniform(&rng);
+    }
+}
+
+/* Starts the paths of one camera ray. */
+static void itn__start_ray(itn__crowd *crowd) {
+    const itn__fast *fast = crowd->fast;
+    const itn_scene *scene = fast->scene;
+    itn__unit *unit = &crowd->unit;
+    int number = unit->next++, cell = number / unit->count, k;
+    int x = unit->x0 + cell % unit->width, y = unit->y0 + cell / unit->width;
+    int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample), slot;
+    int in_block = sample - itn__block_first(fast, block);
+    uint64_t pixel = (uint64_t)y * (uint64_t)scene->film.width + (uint64_t)x;
+    itn__place place;
+    itn_hit hit;
+    float u, v;
+    itn_ray ray;
+    uint32_t scramble;
+    int met = 0;
+    scramble = itn__scramble(fast, pixel, block);
+    itn__pixel_position(fast, pixel, sample, in_block, scramble, &u, &v);
+    ray = itn__camera_ray(&scene->camera, x, y, u, v);
+    place.sides = scene->sides, place.crossed_count = 0;
+    place.inside = itn__find_inside(scene, &place.sides);
+    if (itn__substance_of(fast, &place) == 0)
+        met = fast->empty && fast->empty[pixel] ? 0 : itn__next_hit(scene, &place, &ray, &hit);
+    else
+        met = -1; /* the camera is in a medium */
+    for (k = 0; k < fast->walks; k++) {
+        int walk = sample * fast->walks + k;
+        slot = itn__start_path(crowd, &ray, pixel, walk, number * fast->walks + k);
+        crowd->index[slot] = in_block * fast->walks + k;
+        crowd->scramble[slot] = (int32_t)(scramble + 1);
+        if (met > 0) {
+            itn__meet(crowd, &crowd->taken, 0, &hit);
+        } else if (met < 0) {
+            itn__move(&crowd->taken, 0, itn__departure(
+                crowd, itn__substance_of(fast, &place), 2));
+        } else {
+            crowd->paths[slot].copies = fast->walks;
+            itn__move(&crowd->taken, 0, &crowd->sky);
+            break;
+        }
+    }
+}
+
+/* Follows all paths of the unit to their ends. */
+ITN__INLINE void itn__run_unit(itn__crowd *crowd, int features) {
+    int substances = 1 + crowd->fast->scene->medium_count, m;
+    while (itn__unit_paths_left(crowd) || crowd->free_count < ITN__CROWD) {
+        while (itn__unit_paths_left(crowd) && crowd->free_count >= crowd->fast->walks)
+            itn__start_ray(crowd);
+        if (crowd->boundary.count) itn__run_boundary(crowd, features);
+        if (crowd->diffuse.count) itn__run_diffuse(crowd, features);
+        for (m = 1; m < substances; m++) {
+            if (crowd->early[m].count) itn__run_early(crowd, m, features);
+            if (crowd->walk[m].count) itn__run_walk(crowd, m, features);
+            if (crowd->exact[m].count) itn__run_exact(crowd, m, features);
+        }
+        if (crowd->walk[0].count) itn__run_vacuum(crowd, features);
+        if (crowd->sky.count) itn__run_sky(crowd, features);
+    }
+}
+
+#define ITN__KERNEL(list) \
+    if (crowd->fast->features == (list)) itn__run_unit(crowd, list);
+static void itn__run_kernel(itn__crowd *crowd) { ITN__KERNELS(ITN__KERNEL) }
+#undef ITN__KERNEL
+
+/* Making ready. */
+
+/* Memory of a crowd, in one block. Returns 0 if there is none. */
+static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_paths) {
+    const itn_context *context = &fast->scene->context;
+    size_t substances = (size_t)fast->scene->medium_count + 1, queues = 3 * substances + 4, i;
+    size_t rows = (size_t)ITN__FIELDS * ITN__ROW, paths = (size_t)unit_paths;
+    itn__queue *queue;
+    memset(crowd, 0, sizeof *crowd);
+    crowd->fast = fast, crowd->radiance_stride = unit_paths;
+    queue = (itn__queue *)itn__allocate(context, queues, sizeof *queue);
+    crowd->walk = queue;
+    crowd->memory = itn__allocate(context, queues * rows, sizeof(int32_t));
+    crowd->paths = (itn__path *)itn__allocate(context, ITN__CROWD, sizeof *crowd->paths);
+    crowd->free_slots = (int32_t *)itn__allocate(context, 3 * ITN__CROWD, sizeof(int32_t));
+    crowd->shears = (itn__shear *)itn__allocate(context, ITN__CROWD, sizeof *crowd->shears);
+    crowd->hits = (itn_hit *)itn__allocate(context, ITN__CROWD, sizeof *crowd->hits);
+    crowd->items = (itn__flight_item *)itn__allocate(context, ITN__CROWD, sizeof *crowd->items);
+    crowd->radiance = (float *)itn__allocate(context, paths, (size_t)fast->channels *
+                                             sizeof(float));
+    if (!queue || !crowd->memory || !crowd->paths || !crowd->free_slots || !crowd->shears ||
+        !crowd->hits || !crowd->items || !crowd->radiance)
+        return 0;
+    for (i = 0; i < queues; i++) queue[i].rows = (int32_t *)crowd->memory + i * rows;
+    crowd->exact = queue + substances, crowd->early = crowd->exact + substances;
+    queue = crowd->early + substances;
+    crowd->taken = queue[0], crowd->boundary = queue[1];
+    crowd->diffuse = queue[2], crowd->sky = queue[3];
+    crowd->index = crowd->free_slots + ITN__CROWD, crowd->scramble = crowd->index + ITN__CROWD;
+    for (i = 0; i < ITN__CROWD; i++) itn__free_slot(crowd, (int)(ITN__CROWD - 1 - i));
+    return 1;
+}
+
+static void itn__crowd_free(itn__crowd *crowd) {
+    const itn_context *context;
+    if (!crowd->fast) return;
+    context = &crowd->fast->scene->context;
+    itn__free(context, crowd->walk);
+    itn__free(context, crowd->memory);
+    itn__free(context, crowd->paths);
+    itn__free(context, crowd->free_slots);
+    itn__free(context, crowd->shears);
+    itn__free(context, crowd->hits);
+    itn__free(context, crowd->items);
+    itn__free(context, crowd->radiance);
+}
+
+/* The numbers of all media at theta, and what is known of the lights. */
+static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float *theta,
+                            itn__substance *substances, const itn__tables *tables) {
+    double level = 0;
+    int i, c;
+    fast->scene = scene, fast->theta = theta, fast->substances = substances;
+    fast->voxels = tables->voxels, fast->normals = tables->normals, fast->empty = tables->empty;
+    fast->channels = scene->film.channels, fast->linked = itn__links_suffice(scene);
+    for (i = 0; i < scene->medium_count; i++) {
+        itn__substance *substance = &substances[1 + i];
+        substance->sigma_t = theta[scene->media[i].sigma_t];
+        substance->mean_free_path = 1 / substance->sigma_t;
+        substance->g = theta[scene->media[i].g];
+        for (c = 0; c < 3; c++)
+            substance->albedo[c] = theta[scene->media[i].albedo + (c < fast->channels ? c : 0)];
+    }
+    fast->only_constant = 1;
+    for (i = 0; i < scene->light_count; i++) {
+        const itn__light *light = &scene->lights[i];
+        float scale = theta[light->parameter];
+        if (light->share > 0) fast->links = 1;
+        if (light->kind == ITN__LIGHT_CONSTANT)
+            for (c = 0; c < 3; c++) fast->constant[c] += scale * light->radiance[c];
+        else
+            fast->only_constant = 0;
+        level += (double)scale * light->power;
+    }
+    fast->link_weight = (float)(ITN__LINK_LEVEL * level / (4 * (double)ITN__PI));
+    fast->features = (fast->channels == 3 ? ITN__RGB : 0) |
+                     (fast->only_constant ? 0 : ITN__LIGHTS) |
+                     (fast->max_scatter ? ITN__LIMIT : 0);
+    for (i = 0; i < ITN__KERNEL_COUNT; i++)
+        if (!(fast->features & ~itn__kernels[i])) {
+            fast->features = itn__kernels[i];
+            break;
+        }
+}
+
+/* A picture. Its units of work are tiles of pixels times sets of camera rays. A few crowds share
+   them out; each unit's sums have a place of their own and are added in their order, so that the
+   bits of the picture do not depend on who did what. */
+enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384, ITN__WAVE = 4096 };
+
+typedef struct itn__picture {
+    itn__fast fast;
+    int tiles_x, tiles_y, tile_width, tile_height;
+    int unit_blocks, chunks; /* blocks of a unit; units of a tile */
+    int first, end;          /* units of this wave */
+    int crowd_count;
+    itn__crowd *crowds;
+    double *sums;   /* [units of a wave][pixels of a tile][channels][2] */
+    double *totals; /* [height][width][channels][2] */
+} itn__picture;
+
+static itn__unit itn__unit_make(const itn__picture *picture, int number) {
+    const itn_film_desc *film = &picture->fast.scene->film;
+    int tile = number / picture->chunks, block = number % picture->chunks * picture->unit_blocks;
+    int end = block + picture->unit_blocks;
+    itn__unit unit;
+    if (end > picture->fast.blocks) end = picture->fast.blocks;
+    unit.x0 = tile % picture->tiles_x * picture->tile_width;
+    unit.y0 = tile / picture->tiles_x * picture->tile_height;
+    unit.width = film->width - unit.x0, unit.height = film->height - unit.y0;
+    if (unit.width > picture->tile_width) unit.width = picture->tile_width;
+    if (unit.height > picture->tile_height) unit.height = picture->tile_height;
+    unit.first = itn__block_first(&picture->fast, block);
+    unit.count = itn__block_first(&picture->fast, end) - unit.first;
+    unit.next = 0;
+    return unit;
+}
+
+/* Adds a unit's radiance block by block: with t the sum of a block of n paths, t and t^2 / n. */
+static void itn__sum_unit(const itn__crowd *crowd, double *sums) {
+    const itn__fast *fast = crowd->fast;
+    const itn__unit *unit = &crowd->unit;
+    int pixel, c, ray, k;
+    for (pixel = 0; pixel < unit->width * unit->height; pixel++)
+        for (c = 0; c < fast->channels; c++, sums += 2) {
+            const float *radiance = crowd->radiance + (size_t)c * (size_t)crowd->radiance_stride +
+                                    (size_t)pixel * (size_t)unit->count * (size_t)fast->walks;
+            for (ray = 0; ray < unit->count;) {
+                int block = itn__block_of(fast, unit->first + ray);
+                int end = itn__block_first(fast, block + 1) - unit->first, n = 0;
+                double sum = 0;
+                for (; ray < end; ray++)
+                    for (k = 0; k < fast->walks; k++, n++) sum += *radiance++;
+                sums[0] += sum, sums[1] += sum * sum / n;
+            }
+        }
+}
+
+static void itn__picture_worker(void *task, int index) {
+    itn__picture *picture = (itn__picture *)task;
+    itn__crowd *crowd = &picture->crowds[index];
+    const itn__fast *fast = &picture->fast;
+    size_t stride = (size_t)picture->tile_width * (size_t)picture->tile_height *
+                    (size_t)fast->channels * 2;
+    int number;
+    for (number = picture->first + index; number < picture->end; number += picture->crowd_count) {
+        double *sums = picture->sums + (size_t)(number - picture->first) * stride;
+        memset(sums, 0, stride * sizeof *sums);
+        memset(crowd->radiance, 0, (size_t)crowd->radiance_stride * (size_t)fast->channels *
+                                       sizeof(float));
+        crowd->unit = itn__unit_make(picture, number);
+        itn__run_kernel(crowd);
+        itn__sum_unit(crowd, sums);
+    }
+}
+
+/* Adds the wave's sums to the totals. */
+static void itn__picture_add(itn__picture *picture) {
+    const itn__fast *fast = &picture->fast;
+    size_t per_pixel = (size_t)fast->channels * 2, width = (size_t)fast->scene->film.width, k;
+    size_t stride = (size_t)picture->tile_width * (size_t)picture->tile_height * per_pixel;
+    int number, pixel;
+    for (number = picture->first; number < picture->end; number++) {
+        itn__unit unit = itn__unit_make(picture, number);
+        const double *sums = picture->sums + (size_t)(number - picture->first) * stride;
+        for (pixel = 0; pixel < unit.width * unit.height; pixel++) {
+            size_t x = (size_t)(unit.x0 + pixel % unit.width);
+            size_t y = (size_t)(unit.y0 + pixel / unit.width);
+            for (k = 0; k < per_pixel; k++)
+                picture->totals[(y * width + x) * per_pixel + k] += *sums++;
+        }
+    }
+}
+
+static void itn__picture_end(itn__picture *picture) {
+    const itn_context *context = &picture->fast.scene->context;
+    int i;
+    for (i = 0; picture->crowds && i < picture->crowd_count; i++)
+        itn__crowd_free(&picture->crowds[i]);
+    itn__free(context, picture->crowds);
+    itn__free(context, picture->sums);
+    itn__free(context, picture->totals);
+}
+
+/* How many independent sets the camera rays of a pixel make: all of them, or, with a Sobol
+   sequence, at least four of up to 16 rays. */
+static int itn__sample_blocks(const itn__fast *fast) {
+    int rays = 16;
+    if (!fast->sobol) return fast->spp;
+    while (rays > 1 && 4 * rays > fast->spp) rays /= 2;
+    return fast->spp / rays;
+}
+
+/* Divides the work, and allocates what it needs. */
+static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
+    const itn_scene *scene = picture->fast.scene;
+    const itn_context *context = &scene->context;
+    itn__fast *fast = &picture->fast;
+    int tile, units, rays, i, good;
+    picture->tile_width = scene->film.width < ITN__TILE ? scene->film.width : ITN__TILE;
+    picture->tile_height = scene->film.height < ITN__TILE ? scene->film.height : ITN__TILE;
+    picture->tiles_x = (scene->film.width + picture->tile_width - 1) / picture->tile_width;
+    picture->tiles_y = (scene->film.height + picture->tile_height - 1) / picture->tile_height;
+    tile = picture->tile_width * picture->tile_height;
+    rays = ITN__UNIT_PATHS / (tile * fast->walks);
+    picture->unit_blocks = (int)((int64_t)rays * fast->blocks / fast->spp);
+    if (picture->unit_blocks < 1) picture->unit_blocks = 1;
+    if (picture->unit_blocks > fast->blocks) picture->unit_blocks = fast->blocks;
+    picture->chunks = (fast->blocks + picture->unit_blocks - 1) / picture->unit_blocks;
+    units = picture->tiles_x * picture->tiles_y; /* at most 2^26 */
+    if (picture->chunks > INT_MAX / units)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
+    picture->end = units * picture->chunks;
+    rays = picture->unit_blocks * (fast->spp / fast->blocks + 1);
+    picture->crowd_count = itn__workers(context);
+    if (picture->crowd_count > picture->end) picture->crowd_count = picture->end;
+    units = picture->end < ITN__WAVE ? picture->end : ITN__WAVE;
+    picture->crowds = (itn__crowd *)itn__allocate(context, (size_t)picture->crowd_count,
+                                                  sizeof *picture->crowds);
+    picture->sums = (double *)itn__allocate(
+        context, (size_t)units * (size_t)tile, (size_t)fast->channels * 2 * sizeof(double));
+    picture->totals = (double *)itn__allocate(
+        context, (size_t)scene->film.width * (size_t)scene->film.height,
+        (size_t)fast->channels * 2 * sizeof(double));
+    good = picture->crowds && picture->sums && picture->totals;
+    for (i = 0; i < picture->crowd_count && good; i++)
+        good = itn__crowd_make(&picture->crowds[i], fast, tile * rays * fast->walks);
+    return good ? ITN_OK : itn__out_of_memory(error, "a render");
+}
+
+/* Renders all waves. */
+static itn_result itn__picture_run(itn__picture *picture, const itn_render_options *options,
+                                   itn_error *error) {
+    int units = picture->end, wave = ITN__WAVE, i;
+    if (options && options->progress && wave > (units + 7) / 8) wave = (units + 7) / 8;
+    for (picture->first = 0; picture->first < units; picture->first = picture->end) {
+        picture->end = units - picture->first < wave ? units : picture->first + wave;
+        itn__parallel_for(&picture->fast.scene->context, picture->crowd_count, itn__picture_worker,
+                          picture);
+        itn__picture_add(picture);
+        if (options && options->progress &&
+            options->progress(options->progress_user, (double)picture->end / units))
+            return itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
+    }
+    if (options && options->stats) {
+        const itn_film_desc *film = &picture->fast.scene->film;
+        options->stats->paths = (double)picture->fast.spp * picture->fast.walks * film->width *
+                                film->height;
+        for (options->stats->collisions = 0, i = 0; i < picture->crowd_count; i++)
+            options->stats->collisions += picture->crowds[i].collisions;
+    }
+    return ITN_OK;
+}
+#endif /* ITN_NO_FAST */
 /* ---- [render] samples into images ------------------------------------------------------------ */
 
 /* A pixel's samples are summed in double in their own order by whoever takes its row, and rows are
@@ -4050,6 +8701,7 @@ typedef struct itn__render {
     float *theta_made; /* theta, where the caller gave none */
     int *slots;        /* see itn__walk */
     int channels, count, spp, max_scatter;
+    int fast, walks, sobol; /* of the fast walk */
     uint64_t seed;
     int first_row;
     float *scores;     /* per row: weight, connection and derivative, each [channels][count] */
@@ -4144,14 +8796,27 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     if (!scene || count < 0 || (count && !parameters) || count > scene->parameter_count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "render: scene or parameters missing, or count %d out of range", count);
-    if (options && (options->spp < 0 || options->max_scatter < 0 ||
-                    (options->mode != ITN_MODE_AUTO && options->mode != ITN_MODE_REFERENCE)))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: spp %d, max_scatter %d, mode %d",
-                         options->spp, options->max_scatter, (int)options->mode);
+    if (options && (options->spp < 0 || options->max_scatter < 0 || options->walks < 0 ||
+                    options->walks > 256 || options->mode < ITN_MODE_AUTO ||
+                    options->mode > ITN_MODE_FAST || options->sampler < ITN_SAMPLER_AUTO ||
+                    options->sampler > ITN_SAMPLER_SOBOL))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "render: spp %d, max_scatter %d, walks %d, mode %d, sampler %d",
+                         options->spp, options->max_scatter, options->walks, (int)options->mode,
+                         (int)options->sampler);
     context = &scene->context;
     render->scene = scene, render->channels = scene->film.channels, render->count = count;
     render->spp = options && options->spp ? options->spp : 64;
     if (options) render->seed = options->seed, render->max_scatter = options->max_scatter;
+    render->fast = !count && !(options && options->mode == ITN_MODE_REFERENCE);
+#ifdef ITN_NO_FAST
+    render->fast = 0;
+#endif
+    if (options && options->mode == ITN_MODE_FAST && !render->fast)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                         "render: the fast walk has no derivatives, or was left out (ITN_NO_FAST)");
+    render->walks = options && options->walks ? options->walks : 4;
+    render->sobol = !options || options->sampler != ITN_SAMPLER_RANDOM;
     rows = (size_t)scene->film.height, scores = 3 * (size_t)render->channels * (size_t)count + 3;
     render->theta_made = (float *)itn__allocate(context, (size_t)scene->parameter_count,
                                                 sizeof(float));
@@ -4190,6 +8855,7 @@ static itn__walk itn__row_walk(const itn__render *render, int row) {
     walk.scene = render->scene, walk.theta = render->theta, walk.slots = render->slots;
     walk.channels = render->channels, walk.count = render->count;
     walk.max_scatter = render->max_scatter;
+    walk.linked = itn__links_suffice(render->scene);
     walk.weight.score = render->scores + 3 * (size_t)row * block;
     walk.connection.score = walk.weight.score + block;
     walk.derivative = walk.connection.score + block;
@@ -4274,6 +8940,81 @@ static void itn__name_planes(const itn_scene *scene, const int *parameters, int 
             }
 }
 
+#ifndef ITN_NO_FAST
+/* The tables that a fast render needs; see itn__tables_get. */
+static itn_result itn__render_tables(const itn__render *render, const itn__tables **tables,
+                                     itn__tables **own, itn_error *error) {
+    const itn_film_desc *film = &render->scene->film;
+    return itn__tables_get(render->scene, render->theta,
+                           (double)film->width * film->height * render->spp * render->walks, tables,
+                           own, error);
+}
+
+/* The fast walk's picture of the scene, without derivatives. */
+static itn_result itn__render_fast(const itn__render *render, const itn_render_options *options,
+                                   itn_error *error) {
+    const itn_scene *scene = render->scene;
+    itn__picture picture;
+    const itn__tables *tables;
+    itn__tables *own;
+    itn__substance *substances;
+    itn_result result;
+    size_t i, pixels = (size_t)scene->film.width * (size_t)scene->film.height;
+    int c;
+    result = itn__render_tables(render, &tables, &own, error);
+    if (result) return result;
+    memset(&picture, 0, sizeof picture);
+    substances = (itn__substance *)itn__allocate(&scene->context, (size_t)scene->medium_count + 1,
+                                                 sizeof *substances);
+    picture.fast.spp = render->spp, picture.fast.max_scatter = render->max_scatter;
+    picture.fast.seed = render->seed, picture.fast.scene = scene;
+    picture.fast.walks = render->walks, picture.fast.sobol = render->sobol;
+    picture.fast.blocks = itn__sample_blocks(&picture.fast);
+    if (substances) {
+        itn__fast_begin(&picture.fast, scene, render->theta, substances, tables);
+        result = itn__picture_begin(&picture, error);
+    } else {
+        result = itn__out_of_memory(error, "a render");
+    }
+    if (!result) result = itn__picture_run(&picture, options, error);
+    for (i = 0; i < pixels && !result; i++)
+        for (c = 0; c < render->channels; c++) {
+            const double *sums = picture.totals + 2 * (i * (size_t)render->channels + (size_t)c);
+            double n = (double)render->spp * picture.fast.walks, mean = sums[0] / n;
+            float *pixel = render->image->pixels + (size_t)c * pixels + i;
+            *pixel = (float)mean;
+            pixel[(size_t)render->channels * pixels] = picture.fast.blocks > 1
+                ? (float)fmax((sums[1] / n - mean * mean) / (picture.fast.blocks - 1), 0)
+                : INFINITY;
+        }
+    itn__picture_end(&picture);
+    itn__free(&scene->context, substances);
+    itn__tables_free(&scene->context, own);
+    return result;
+}
+
+#else
+static itn_result itn__render_fast(const itn__render *render, const itn_render_options *options,
+                                   itn_error *error) {
+    (void)render, (void)options;
+    return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "render: built without the fast walk");
+}
+#endif /* ITN_NO_FAST */
+
+ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
+                                     const itn_render_options *options, itn_error *error) {
+    itn__render render;
+    itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, 1, error);
+#ifndef ITN_NO_FAST
+    const itn__tables *tables;
+    itn__tables *own = NULL;
+    if (!result && render.fast) result = itn__render_tables(&render, &tables, &own, error);
+    if (!result) itn__tables_free(&scene->context, own);
+#endif
+    itn__render_end(&render);
+    return result;
+}
+
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error) {
@@ -4290,7 +9031,10 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
     if (!result) {
         render.image = &made;
         itn__name_planes(scene, parameters, count, &made);
-        result = itn__render_rows(&render, options, itn__image_row, error);
+        if (render.fast)
+            result = itn__render_fast(&render, options, error);
+        else
+            result = itn__render_rows(&render, options, itn__image_row, error);
     }
     itn__render_end(&render);
     if (result)

@@ -17,7 +17,7 @@
 static const char *const usage =
     "usage: render SCENE -o OUT.exr|OUT.pfm|OUT.png [--spp N] [--seed N] [-t THREADS]\n"
     "       [-D name=value]... [--derivatives name,...|all] [--max-scatter N]\n"
-    "       [--mode reference] [-q]\n";
+    "       [--mode reference|fast] [--sampler random|sobol] [--walks N] [-q]\n";
 
 static double seconds(void) {
     struct timespec now;
@@ -171,8 +171,14 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--max-scatter")) options.max_scatter = whole(option, value, 1);
         else if (!strcmp(option, "--derivatives")) derivatives = value;
         else if (!strcmp(option, "-D") && change_count < 256) changes[change_count++] = value;
+        else if (!strcmp(option, "--walks")) options.walks = whole(option, value, 1);
         else if (!strcmp(option, "--mode") && !strcmp(value, "reference"))
             options.mode = ITN_MODE_REFERENCE;
+        else if (!strcmp(option, "--mode") && !strcmp(value, "fast")) options.mode = ITN_MODE_FAST;
+        else if (!strcmp(option, "--sampler") && !strcmp(value, "random"))
+            options.sampler = ITN_SAMPLER_RANDOM;
+        else if (!strcmp(option, "--sampler") && !strcmp(value, "sobol"))
+            options.sampler = ITN_SAMPLER_SOBOL;
         else fail(option, "unknown option or value");
         i += takes_value;
     }
@@ -187,6 +193,9 @@ int main(int argc, char **argv) {
     itn_parameter_values(scene, theta);
     for (i = 0; i < change_count; i++) set_parameter(scene, theta, changes[i]);
     count = find_parameters(scene, theta, derivatives, parameters);
+    start = seconds();
+    if (!count && itn_scene_prepare(scene, theta, &options, &error)) fail(error.message, "");
+    build += seconds() - start;
     channels = itn_scene_film(scene).channels;
 
     options.stats = &stats;

@@ -5,6 +5,12 @@
 #include "../itn.h"
 #include "check.h"
 
+#ifdef ITN_SANITIZED
+enum { MANY = 50000, RAYS = 10 }; /* RAYS: per cent of the rays of a test */
+#else
+enum { MANY = 1000000, RAYS = 100 };
+#endif
+
 /* ---- meshes ------------------------------------------------------------------------------------ */
 
 static itn_mesh make(int vertices, int triangles) {
@@ -359,40 +365,79 @@ static void test_one_triangle(void) {
 
 /* ---- the tree itself --------------------------------------------------------------------------- */
 
-/* Checks boxes and leaves below a node; returns the number of levels. */
-static int tree_depth(const itn_bvh *bvh, int index, int *seen) {
-    const itn__node *node = &bvh->nodes[index];
-    int i, j, k, left, right;
-    if (node->count) {
-        for (i = node->first; i < node->first + node->count; i++) {
-            seen[bvh->triangles[i].index]++;
-            for (j = 0; j < 3; j++)
-                for (k = 0; k < 3; k++)
-                    if (!(bvh->triangles[i].corner[j][k] >= node->box.bounds[k] &&
-                          bvh->triangles[i].corner[j][k] <= node->box.bounds[k + 3]))
-                        CHECK(!"a corner outside of its leaf");
+/* Whether the triangles of a leaf are in its box, and how often each triangle was seen. */
+static void expect_leaf(const itn__pack *pack, const float bounds[6], int *seen) {
+    int i, j, k;
+    for (i = 0; i < ITN__PACK; i++) {
+        if (!(pack->used >> i & 1)) {
+            if (pack->index[i] != -1) CHECK(!"a free place with a triangle");
+            continue;
         }
-        return 1;
+        seen[pack->index[i]]++;
+        for (j = 0; j < 3; j++)
+            for (k = 0; k < 3; k++)
+                if (!(pack->corner[j][k][i] >= bounds[k] && pack->corner[j][k][i] <= bounds[k + 3]))
+                    CHECK(!"a corner outside of its leaf");
     }
-    for (j = 0; j < 2; j++)
-        for (k = 0; k < 3; k++)
-            if (!(bvh->nodes[node->first + j].box.bounds[k] >= node->box.bounds[k] &&
-                  bvh->nodes[node->first + j].box.bounds[k + 3] <= node->box.bounds[k + 3]))
+}
+
+/* Checks boxes and leaves below a node; returns the number of levels. */
+static int tree_depth(const itn_bvh *bvh, int index, const float bounds[6], int *seen) {
+    const itn__node *node = &bvh->nodes[index];
+    int i, k, deepest = 0;
+    for (i = 0; i < ITN__WIDE; i++) {
+        float box[6];
+        int empty = node->bounds[0][i] > node->bounds[3][i], depth = 1;
+        for (k = 0; k < 6; k++) {
+            box[k] = node->bounds[k][i];
+            if (!empty && !(k < 3 ? box[k] >= bounds[k] : box[k] <= bounds[k]))
                 CHECK(!"a child outside of its parent");
-    left = tree_depth(bvh, node->first, seen);
-    right = tree_depth(bvh, node->first + 1, seen);
-    return 1 + (left > right ? left : right);
+        }
+        if (node->child[i] < 0)
+            expect_leaf(&bvh->packs[~node->child[i]], box, seen);
+        else
+            depth += tree_depth(bvh, node->child[i], box, seen);
+        if (empty && node->child[i] != ~bvh->leaf_count) CHECK(!"a child without a box");
+        deepest = depth > deepest ? depth : deepest;
+    }
+    return deepest;
+}
+
+/* A parallel_for that runs the second half first, and both backwards. */
+static void backwards(int count, void (*body)(void *task, int index), void *task, void *user) {
+    int i;
+    (void)user;
+    for (i = count - 1; i >= count / 2; i--) body(task, i);
+    for (i = count / 2 - 1; i >= 0; i--) body(task, i);
+}
+
+/* Whether the tree is the same, however the loops run. */
+static void expect_same_tree(const itn_mesh *mesh, const itn_bvh *bvh) {
+    itn_context context = ITN_ZERO;
+    itn_bvh *other = NULL;
+    context.parallel_for = backwards;
+    CHECK(itn_bvh_create(mesh, &context, &other, NULL) == ITN_OK);
+    CHECK(other->node_count == bvh->node_count && other->leaf_count == bvh->leaf_count);
+    CHECK(memcmp(other->nodes, bvh->nodes, (size_t)bvh->node_count * sizeof(itn__node)) == 0);
+    CHECK(memcmp(other->slots, bvh->slots, (size_t)bvh->triangle_count * sizeof(int)) == 0);
+    itn_bvh_free(other);
 }
 
 static void expect_tree(const itn_mesh *mesh, int deepest) {
     itn_bvh *bvh = hierarchy(mesh, NULL);
     int *seen = (int *)calloc((size_t)mesh->triangle_count, sizeof(int)), i, once = 1;
-    int depth = tree_depth(bvh, 0, seen);
+    float bounds[6];
+    int depth;
+    memcpy(bounds, &bvh->lower, sizeof bvh->lower);
+    memcpy(bounds + 3, &bvh->upper, sizeof bvh->upper);
+    depth = tree_depth(bvh, 0, bounds, seen);
     check_report(depth <= deepest, __FILE__, __LINE__, "depth %d, at most %d", depth, deepest);
     for (i = 0; i < mesh->triangle_count; i++)
         once = once && seen[i] == 1 && bvh->triangles[bvh->slots[i]].index == i;
     CHECK(once);
-    CHECK(sizeof(itn__node) == 32 && (uintptr_t)bvh->nodes % 64 == 0);
+    CHECK((uintptr_t)bvh->nodes % 64 == 0 && (uintptr_t)bvh->packs % 64 == 0);
+    CHECK(sizeof(itn__pack) % 64 == 0);
+    expect_same_tree(mesh, bvh);
     free(seen);
     itn_bvh_free(bvh);
 }
@@ -400,33 +445,37 @@ static void expect_tree(const itn_mesh *mesh, int deepest) {
 static void test_trees(void) {
     itn_mesh mesh = sphere(100, 99);
     int i;
-    expect_tree(&mesh, 30);
+    expect_tree(&mesh, 15);
     itn_mesh_free(&mesh);
     mesh = soup(5000, 3);
-    expect_tree(&mesh, 40);
+    expect_tree(&mesh, 20);
     for (i = 0; i < mesh.vertex_count; i++) { /* sizes that halve, so that no split balances */
         float s = ldexpf(1, -(i / 3 % 120));
         mesh.positions[3 * i] *= s, mesh.positions[3 * i + 1] *= s, mesh.positions[3 * i + 2] *= s;
     }
-    expect_tree(&mesh, ITN__STACK);
+    expect_tree(&mesh, ITN__DEPTH);
     itn_mesh_free(&mesh);
-    mesh = make(3, 1000000);
+    mesh = make(3, MANY);
     add_vertex(&mesh, 0, 0, 0), add_vertex(&mesh, 1, 0, 0), add_vertex(&mesh, 0, 1, 0);
-    for (i = 0; i < 1000000; i++) add_triangle(&mesh, 0, 1, 2);
-    expect_tree(&mesh, 21);
+    for (i = 0; i < MANY; i++) add_triangle(&mesh, 0, 1, 2);
+    expect_tree(&mesh, 20);
     itn_mesh_free(&mesh);
 }
 
 /* ---- against brute force ----------------------------------------------------------------------- */
 
-/* The nearest hit by trying all triangles. */
-static int brute(const itn_bvh *bvh, const itn_ray *ray, const unsigned char *sides, itn_hit *hit) {
+/* The nearest hit by trying all triangles, the smaller index where t is equal. */
+static int brute(const itn_bvh *bvh, const itn_ray *ray, const itn__sides *sides, itn_hit *hit) {
     itn__shear shear;
     int i, found = 0;
-    hit->t = ray->tmax;
     if (!itn__shear_make(ray, &shear)) return 0;
-    for (i = 0; i < bvh->triangle_count; i++)
-        found |= itn__triangle_hit(&bvh->triangles[i], &shear, ray->tmin, hit->t, sides, hit);
+    for (i = 0; i < bvh->triangle_count; i++) {
+        itn_hit one;
+        const itn__triangle *triangle = &bvh->triangles[bvh->slots[i]];
+        if (!itn__triangle_hit(triangle, &shear, ray->tmin, ray->tmax, sides, &one)) continue;
+        if (!found || one.t < hit->t) *hit = one;
+        found = 1;
+    }
     return found;
 }
 
@@ -463,19 +512,17 @@ static itn_ray any_ray(const itn_mesh *mesh, itn__rng *rng, int i, float scale, 
     return ray_of(o, d, i % 7 ? 0 : -scale * .5f * itn__uniform(rng), tmax);
 }
 
-/* Whether two distances agree. Where a ray starts within rounding of faces that meet, their t are
-   all rounding, and which one is nearest is not defined below the rounding of coordinates. */
-static int same_distance(const itn_ray *ray, const itn_hit *a, const itn_hit *b, float scale) {
-    return fabsf(a->t - b->t) * itn__max_abs(ray->direction) <= FLT_EPSILON * scale;
-}
+/* Whether two hits are the same in every bit. */
+static int same_hit(const itn_hit *a, const itn_hit *b) { return memcmp(a, b, sizeof *a) == 0; }
 
 /* `error` is planted: it stretches the tmax that the hierarchy is given. */
 static void expect_brute(itn_mesh mesh, int rays, float scale, float offset, float error) {
-    static const unsigned char sides[3] = {ITN__FRONT, ITN__BACK, ITN__FRONT | ITN__BACK};
+    static const itn__sides sides = {5, 6}; /* fronts of objects 0 and 2, backs of 1 and 2 */
     int *objects = (int *)calloc((size_t)mesh.triangle_count, sizeof(int));
     int i, wrong = 0, hits = 0, wrong_any = 0, wrong_sides = 0, side_hits = 0;
     itn__rng rng = itn__rng_make(11, 0, 0);
     itn_bvh *bvh;
+    rays = rays / 100 * RAYS;
     place(&mesh, scale, offset);
     for (i = 0; i < mesh.triangle_count; i++) objects[i] = i % 3;
     bvh = hierarchy(&mesh, objects);
@@ -485,15 +532,13 @@ static void expect_brute(itn_mesh mesh, int rays, float scale, float offset, flo
         int found = brute(bvh, &ray, NULL, &expected);
         given.tmax *= 1 + error;
         hits += found;
-        wrong += itn_bvh_nearest(bvh, &given, &hit) != found ||
-                 (found && !same_distance(&ray, &hit, &expected, scale));
+        wrong += itn_bvh_nearest(bvh, &given, &hit) != found || !same_hit(&hit, &expected);
         wrong_any += itn_bvh_occluded(bvh, &given) != found;
-        found = brute(bvh, &ray, sides, &expected);
+        found = brute(bvh, &ray, &sides, &expected);
         side_hits += found;
-        wrong_sides += itn__bvh_trace(bvh, &given, sides, 0, &hit) != found ||
-                       (found && (!same_distance(&ray, &hit, &expected, scale) ||
-                                  !(sides[objects[hit.triangle]] & (hit.front ? 1u : 2u)))) ||
-                       itn__bvh_trace(bvh, &given, sides, 1, NULL) != found;
+        wrong_sides += itn__bvh_trace(bvh, &given, &sides, 0, &hit) != found ||
+                       !same_hit(&hit, &expected) ||
+                       itn__bvh_trace(bvh, &given, &sides, 1, NULL) != found;
     }
     check_report(wrong == 0 && wrong_any == 0 && wrong_sides == 0, __FILE__, __LINE__,
                  "scale %g offset %g: %d, %d, %d of %d rays differ from brute force", scale, offset,
@@ -515,7 +560,100 @@ static void test_brute(void) {
         expect_brute(sheet(8), 40000, scales[i], offsets[i], 0);
         expect_brute(soup(300, 5), 40000, scales[i], offsets[i], 0);
     }
-    CHECK_CATCHES(expect_brute(torus(16, 8, .3f), 40000, 1, 0, .001f));
+    CHECK_CATCHES(expect_brute(torus(16, 8, .3f), 40000, 1, 0, .01f));
+}
+
+/* A pack of triangles within `size` of each other, at any scale, some with equal corners, some
+   flat; and a ray at a point of one of them. */
+static itn_ray any_pack(itn__triangle triangles[ITN__PACK], int count, itn__rng *rng, int i) {
+    float size = expf(-12 * itn__uniform(rng)), far = i % 5 ? 1 : expf(6 * itn__uniform(rng));
+    float scale = i % 3 ? expf(signed_uniform(rng) * (i % 3 == 1 ? 60.f : 20.f)) : 1;
+    float offset = i % 2 ? 10 * signed_uniform(rng) : 0, u = itn__uniform(rng);
+    float v = i % 3 ? itn__uniform(rng) * (1 - u) : 0;
+    int flat = i % 4 ? 3 : (int)(itn__uniform(rng) * 3), j, k;
+    const float(*p)[3] = (const float(*)[3])triangles[i % count].corner;
+    float to[3];
+    itn_vec3 from;
+    for (j = 0; j < ITN__PACK; j++) {
+        itn_vec3 centre = itn__scale(cube_point(rng), size);
+        triangles[j].index = j ^ 5, triangles[j].object = i % 2 ? j & 1 : 1;
+        for (k = 0; k < 9; k++)
+            triangles[j].corner[k / 3][k % 3] =
+                scale * (offset + (&centre.x)[k % 3] + size * signed_uniform(rng));
+        for (k = 0; flat < 3 && k < 3; k++)
+            triangles[j].corner[k][flat] = triangles[0].corner[0][flat];
+        if (j && i % 7 == 0)
+            memcpy(triangles[j].corner[j % 3], triangles[j - 1].corner[(j + 1) % 3], sizeof to);
+    }
+    for (k = 0; k < 3; k++) to[k] = p[0][k] + u * (p[1][k] - p[0][k]) + v * (p[2][k] - p[0][k]);
+    from = itn__scale(cube_point(rng), far * scale);
+    return ray_of(from, itn__sub(itn__vec3(to[0], to[1], to[2]), from),
+                  i % 4 ? 0 : i % 8 ? -1 : -INFINITY,
+                  i % 3 ? INFINITY : 1 + 1e-6f * signed_uniform(rng));
+}
+
+/* A pack against its triangles one by one; `extent` as planted error makes margins negative. */
+static void expect_packs(float extent) {
+    itn__rng rng = itn__rng_make(81, 0, 0);
+    int i, j, wrong = 0, hits = 0;
+    for (i = 0; i < 5000 * RAYS; i++) {
+        itn__triangle triangles[ITN__PACK];
+        int count = 1 + (int)(itn__rng_bits(&rng) % ITN__PACK), found = 0;
+        itn_ray ray = any_pack(triangles, count, &rng, i);
+        uint32_t faces = itn__rng_bits(&rng);
+        itn__sides some, *sides = i % 17 < 8 ? &some : NULL;
+        itn__shear shear;
+        itn__pack pack;
+        itn_hit hit = ITN_ZERO, expected = ITN_ZERO;
+        int32_t slots[ITN__PACK];
+        some.front = faces & 3, some.back = faces >> 2 & 3;
+        if (!itn__shear_make(&ray, &shear)) continue;
+        for (j = 0; j < ITN__PACK; j++) slots[j] = j;
+        itn__pack_fill(&pack, triangles, slots, count);
+        pack.extent *= extent;
+        hit.t = expected.t = ray.tmax, hit.triangle = expected.triangle = -1;
+        for (j = 0; j < count; j++)
+            found |= itn__nearer_hit(&triangles[j], &shear, ray.tmin, sides, &expected);
+        wrong += itn__pack_hit(&pack, &shear, ray.tmin, sides, 0, &hit) != found;
+        wrong += !same_hit(&hit, &expected);
+        hits += found;
+    }
+    check_report(wrong == 0, __FILE__, __LINE__, "%d packs differ from their triangles", wrong);
+    CHECK(hits > 1000 * RAYS);
+}
+
+/* The batches against one ray at a time. */
+static void test_many(void) {
+    enum { COUNT = 5000 };
+    itn_mesh mesh = torus(40, 30, .3f);
+    itn_context context = ITN_ZERO;
+    itn_bvh *bvh = NULL;
+    itn__rng rng = itn__rng_make(91, 0, 0);
+    itn_ray *rays = (itn_ray *)malloc(COUNT * sizeof *rays);
+    itn_hit *hits = (itn_hit *)malloc((COUNT + 1) * sizeof *hits);
+    unsigned char *occluded = (unsigned char *)malloc(COUNT + 1);
+    int i, wrong = 0, found = 0;
+    context.parallel_for = backwards;
+    CHECK(itn_bvh_create(&mesh, &context, &bvh, NULL) == ITN_OK);
+    for (i = 0; i < COUNT; i++) rays[i] = any_ray(&mesh, &rng, i, 1, 0);
+    hits[COUNT].triangle = -7, occluded[COUNT] = 77;
+    itn_bvh_nearest_many(bvh, rays, COUNT, hits);
+    itn_bvh_occluded_many(bvh, rays, COUNT, occluded);
+    for (i = 0; i < COUNT; i++) {
+        itn_hit hit = ITN_ZERO;
+        hit.triangle = -1, hit.t = rays[i].tmax;
+        found += itn_bvh_nearest(bvh, &rays[i], &hit);
+        wrong += !same_hit(&hit, &hits[i]) || occluded[i] != (hit.triangle >= 0);
+    }
+    CHECK(wrong == 0 && found > COUNT / 10 && found < COUNT);
+    CHECK(hits[COUNT].triangle == -7 && occluded[COUNT] == 77);
+    itn_bvh_nearest_many(bvh, rays, 0, hits);
+    itn_bvh_occluded_many(bvh, rays, -1, occluded);
+    free(rays);
+    free(hits);
+    free(occluded);
+    itn_bvh_free(bvh);
+    itn_mesh_free(&mesh);
 }
 
 /* Moeller and Trumbore's test in double; returns the least barycentric weight, and t. */
@@ -548,7 +686,7 @@ static void test_plain(float flip) {
     int i, compared = 0, wrong = 0, hits = 0;
     itn__rng rng = itn__rng_make(21, 0, 0);
     double worst = 0;
-    for (i = 0; i < 400000; i++) {
+    for (i = 0; i < 4000 * RAYS; i++) {
         itn_mesh mesh = ITN_ZERO;
         float positions[9];
         int corners[3] = {0, 1, 2}, k, found;
@@ -579,7 +717,7 @@ static void test_plain(float flip) {
         if (fabs(itn__min(itn__min(hit.u, hit.v), 1 - hit.u - hit.v) - least) > 1e-3) wrong++;
     }
     CHECK(wrong == 0);
-    CHECK(compared > 300000 && hits > 30000);
+    CHECK(compared > 3000 * RAYS && hits > 300 * RAYS);
     check_report(worst < 2e-5, __FILE__, __LINE__, "t off by %g", worst); /* 1e-7 / cosine .01 */
 }
 
@@ -588,11 +726,12 @@ static void test_plain(float flip) {
 /* Rays from points inside a mesh that is star-shaped about its centre, at its edges and corners.
    `removed` triangles at the end of the list are planted holes. */
 static void expect_tight(itn_mesh mesh, int rays, float scale, float offset, int removed) {
-    static const unsigned char inside = ITN__BACK;
+    static const itn__sides inside = {0, 1};
     int i, leaks = 0, side_leaks = 0, wrong_side = 0;
     itn__rng rng = itn__rng_make(31, 0, 0);
     itn_vec3 middle = itn__vec3(offset, offset, offset);
     itn_bvh *bvh;
+    rays = rays / 100 * RAYS;
     place(&mesh, scale, offset);
     mesh.triangle_count -= removed;
     bvh = hierarchy(&mesh, NULL);
@@ -616,10 +755,11 @@ static void expect_tight(itn_mesh mesh, int rays, float scale, float offset, int
 
 /* Rays at edges, corners and silhouettes from outside: every entry has an exit. */
 static void expect_parity(itn_mesh mesh, int rays, float offset) {
-    static const unsigned char outside = ITN__FRONT, inside = ITN__BACK;
+    static const itn__sides outside = {1, 0}, inside = {0, 1};
     int i, lost = 0, entries = 0;
     itn__rng rng = itn__rng_make(41, 0, 0);
     itn_bvh *bvh;
+    rays = rays / 100 * RAYS;
     place(&mesh, 1, offset);
     bvh = hierarchy(&mesh, NULL);
     for (i = 0; i < rays; i++) {
@@ -682,7 +822,7 @@ static int above_a_face(const itn_mesh *mesh, itn_vec3 o) {
    outside and the ray, nearly tangent, does not meet the solid at all, at most `allowed` times.
    Without sides (planted) it meets faces again. */
 static void expect_bounces(itn_mesh mesh, float scale, float offset, int filtered, int allowed) {
-    static const unsigned char back = ITN__BACK;
+    static const itn__sides back = {0, 1};
     const itn_vec3 middle = itn__vec3(offset, offset, offset);
     itn_bvh *bvh;
     itn__rng rng = itn__rng_make(51, 0, 0);
@@ -690,7 +830,7 @@ static void expect_bounces(itn_mesh mesh, float scale, float offset, int filtere
     int i, last = -1, lost = 0, again = 0, unexplained = 0;
     place(&mesh, scale, offset);
     bvh = hierarchy(&mesh, NULL);
-    for (i = 0; i < 200000; i++) {
+    for (i = 0; i < 2000 * RAYS; i++) {
         itn_ray ray = ray_of(o, d, -8 * FLT_EPSILON * (scale + offset), INFINITY);
         itn_hit hit;
         if (!itn__bvh_trace(bvh, &ray, filtered ? &back : NULL, 0, &hit)) {
@@ -715,7 +855,7 @@ static void expect_bounces(itn_mesh mesh, float scale, float offset, int filtere
 }
 
 static void test_walks(void) {
-    static const unsigned char sides[2] = {ITN__BACK, ITN__FRONT};
+    static const itn__sides sides[2] = {{0, 1}, {1, 0}};
     static const int objects[12] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
     itn_mesh mesh = box(1, 1, 1);
     itn_bvh *bvh = hierarchy(&mesh, objects);
@@ -742,14 +882,14 @@ static void test_walks(void) {
 
 /* Rays that leave points of a flat sheet meet it nowhere again; `both` as planted error is a pair
    of closed-object sides, which do not know of sheets. */
-static void expect_leaving(int quads, float scale, float offset, unsigned char both) {
+static void expect_leaving(int quads, float scale, float offset, itn__sides both) {
     itn_mesh mesh = sheet(quads);
     itn__rng rng = itn__rng_make(61, 0, 0);
     int i, again = 0, missed = 0, front = 0, hits = 0;
     itn_bvh *bvh;
     place(&mesh, scale, offset);
     bvh = hierarchy(&mesh, NULL);
-    for (i = 0; i < 200000; i++) {
+    for (i = 0; i < 2000 * RAYS; i++) {
         itn_vec3 to = target(&mesh, &rng, i % 3), d = sphere_point(&rng);
         itn_vec3 from = itn__along(to, scale, sphere_point(&rng));
         itn_ray ray = ray_of(from, itn__sub(to, from), 0, INFINITY);
@@ -765,14 +905,14 @@ static void expect_leaving(int quads, float scale, float offset, unsigned char b
     }
     check_report(again == 0, __FILE__, __LINE__, "%d quads, scale %g, offset %g: %d met again",
                  quads, scale, offset, again);
-    CHECK(both != 3 || missed < 20 + .1f * offset / scale); /* edge-on, or rounded off the rim */
-    CHECK(both != 3 || (hits > 60000 && abs(2 * front - hits) < hits / 20));
+    CHECK(!both.back || missed < 20 + .1f * offset / scale); /* edge-on, or rounded off the rim */
+    CHECK(!both.back || (hits > 600 * RAYS && abs(2 * front - hits) < hits / 20));
     itn_bvh_free(bvh);
     itn_mesh_free(&mesh);
 }
 
 static void test_sheets(void) {
-    static const unsigned char both = ITN__FRONT | ITN__BACK;
+    static const itn__sides both = {1, 1}, front = {1, 0};
     itn_mesh mesh = sheet(1);
     itn_bvh *bvh = hierarchy(&mesh, NULL);
     itn_vec3 o = itn__vec3(.1f, .2f, 0), n = itn__vec3(0, 0, 1);
@@ -784,7 +924,7 @@ static void test_sheets(void) {
     expect_leaving(8, 1e-4f, 0, both);
     expect_leaving(8, 1e4f, 0, both);
     expect_leaving(8, 1, 1e3f, both);
-    CHECK_CATCHES(expect_leaving(8, 1, 0, ITN__FRONT));
+    CHECK_CATCHES(expect_leaving(8, 1, 0, front));
     CHECK(itn__bvh_trace(bvh, &ray, &both, 0, &hit));
     o.z = hit.t; /* on the sheet; moving off it by little brings it back */
     for (i = 0; i < 2; i++) {
@@ -935,7 +1075,10 @@ int main(void) {
     test_check_arguments();
     test_one_triangle();
     test_trees();
+    expect_packs(1);
+    CHECK_CATCHES(expect_packs(-1));
     test_brute();
+    test_many();
     test_plain(1);
     CHECK_CATCHES(test_plain(-1)); /* fronts and backs exchanged */
     test_tight();

@@ -1,0 +1,811 @@
+/* Measures the library. Everything runs on one core; pin it (taskset -c 0) on a machine that others
+   use too, and compare figures of one run only.
+
+   make -C tests bench                  builds tests/build/bench; then, from anywhere,
+   bench rays MESH.obj                  nearest hits of four sets of rays
+   bench cnn BATCH released|small       training and inference of two networks of the paper's kind
+   bench walk [--csv FILE] [--mesh FILE] [--quick]
+                                        the sweeps of the path walk, one row per measurement
+   bench charts [FOLDER]                remakes the SVGs in FOLDER (tests/charts) from its CSV
+
+   All figures and charts of the project, in under ten minutes:
+
+       tests/build/bench walk --csv tests/charts/walk.csv && tests/build/bench charts
+
+   Columns of the walk's rows: what was rendered and by which variant; seconds to make the scene,
+   and to prepare it for the fast walk (nothing where an earlier row's tables serve); the shortest
+   render time of a few independent images; from their spread the mean square error of one;
+   efficiency = pixels / (mean square error * seconds), by which methods compare that differ in
+   noise and in speed. Set-up is in no other column. */
+#define _POSIX_C_SOURCE 200809L
+#define ITN_THREADS
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+
+#include "chart.h"
+#include "stage.h"
+
+#include <time.h>
+
+#ifndef BENCH_FLAGS
+#define BENCH_FLAGS "flags unknown"
+#endif
+
+static const char *const usage =
+    "usage: bench rays MESH.obj\n"
+    "       bench cnn BATCH released|small\n"
+    "       bench walk [--csv FILE] [--mesh FILE] [--quick]\n"
+    "       bench charts [FOLDER]\n";
+
+/* ---- helpers --------------------------------------------------------------------------------- */
+
+static double seconds_now(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+static void fail(const char *what, const char *why) {
+    fprintf(stderr, "bench: %s%s%s\n", what, *why ? ": " : "", why);
+    exit(1);
+}
+
+static void need(itn_result result, const itn_error *error) {
+    if (result) fail(error->message, "");
+}
+
+static void *allocate(size_t count, size_t size) {
+    void *block = calloc(count ? count : 1, size);
+    if (!block) fail("out of memory", "");
+    return block;
+}
+
+static itn_context one_core(void) {
+    itn_context context = ITN_ZERO;
+    context.threads = 1;
+    return context;
+}
+
+/* Where the project's folder is, seen from the program, which lies in its tests/build. */
+static const char *program = "";
+
+static const char *project_path(const char *name, char *path, size_t size) {
+    const char *slash = strrchr(program, '/');
+    snprintf(path, size, "%.*s../../%s", slash ? (int)(slash - program) + 1 : 0, program, name);
+    return path;
+}
+
+/* ---- rays ------------------------------------------------------------------------------------ */
+
+/* Sets of rays that any tracer can repeat: Marsaglia's xorshift, drawn in a fixed order. */
+enum { RAY_COUNT = 2000000, RAY_SIDE = 1414, RAY_SETS = 4, RAY_CAMERA = 3 };
+
+static float draw(uint64_t *state) {
+    *state ^= *state << 13, *state ^= *state >> 7, *state ^= *state << 17;
+    return (float)(*state >> 40) * (1.f / 16777216.f);
+}
+
+/* Ray i of RAY_SIDE x RAY_SIDE from (.6,.5,2.2) towards the origin. */
+static itn_ray camera_ray(int i) {
+    itn_ray ray = ITN_ZERO;
+    float x = -.6f + ((float)(i % RAY_SIDE) / RAY_SIDE - .5f) * 1.2f;
+    float y = -.5f + ((float)(i / RAY_SIDE) / RAY_SIDE - .5f) * 1.2f, z = -2.2f;
+    float n = 1 / sqrtf(x * x + y * y + z * z);
+    ray.origin.x = .6f, ray.origin.y = .5f, ray.origin.z = 2.2f;
+    ray.direction.x = x * n, ray.direction.y = y * n, ray.direction.z = z * n;
+    return ray;
+}
+
+/* From a point near a random triangle into a uniform direction. */
+static itn_ray surface_ray(const itn_mesh *mesh, uint64_t *state, float phi, float z) {
+    itn_ray ray = ITN_ZERO;
+    float q = sqrtf(1 - z * z), origin[3];
+    const int *corner = mesh->triangles +
+                        3 * (size_t)(draw(state) * (float)mesh->triangle_count);
+    float a = draw(state), b = draw(state);
+    int c;
+    if (a + b > 1) a = 1 - a, b = 1 - b;
+    for (c = 0; c < 3; c++) {
+        float p = mesh->positions[3 * corner[0] + c];
+        origin[c] = p + a * (mesh->positions[3 * corner[1] + c] - p) +
+                    b * (mesh->positions[3 * corner[2] + c] - p) + 1e-3f * (draw(state) - .5f);
+    }
+    ray.origin.x = origin[0], ray.origin.y = origin[1], ray.origin.z = origin[2];
+    ray.direction.x = q * cosf(phi), ray.direction.y = q * sinf(phi), ray.direction.z = z;
+    return ray;
+}
+
+static void make_rays(const itn_mesh *mesh, int set, itn_ray *rays) {
+    static const float tmax[RAY_SETS] = {1e30f, .05f, .01f, 1e30f};
+    uint64_t state = 88172645463325252u;
+    int i;
+    for (i = 0; i < RAY_COUNT; i++) {
+        float z = 2 * draw(&state) - 1, phi = 6.2831853f * draw(&state);
+        rays[i] = set == RAY_CAMERA ? camera_ray(i) : surface_ray(mesh, &state, phi, z);
+        rays[i].tmax = tmax[set];
+    }
+}
+
+static void trace_rays(const itn_bvh *bvh, const itn_ray *rays, const char *name) {
+    double best = HUGE_VAL, sum = 0;
+    int repeat, i, hits = 0;
+    for (repeat = 0; repeat < 3; repeat++) {
+        double start = seconds_now();
+        for (i = 0, hits = 0, sum = 0; i < RAY_COUNT; i++) {
+            itn_hit hit;
+            if (itn_bvh_nearest(bvh, &rays[i], &hit)) hits++, sum += hit.t;
+        }
+        best = fmin(best, seconds_now() - start);
+    }
+    printf("%-36s %6.2f Mrays/s, hits %.4f, mean t %.6f\n", name, RAY_COUNT / best * 1e-6,
+           hits / (double)RAY_COUNT, sum / hits);
+}
+
+static void bench_rays(const char *path) {
+    static const char *const names[RAY_SETS] = {"random directions from the surface",
+                                                "the same, tmax 0.05", "the same, tmax 0.01",
+                                                "camera"};
+    itn_context context = one_core();
+    itn_ray *rays = (itn_ray *)allocate(RAY_COUNT, sizeof *rays);
+    itn_mesh mesh;
+    itn_bvh *bvh;
+    itn_error error;
+    double start;
+    int set;
+    need(itn_mesh_load(path, &context, &mesh, &error), &error);
+    start = seconds_now();
+    need(itn_bvh_create(&mesh, &context, &bvh, &error), &error);
+    printf("build %.1f ms, %d triangles\n", (seconds_now() - start) * 1e3, mesh.triangle_count);
+    for (set = 0; set < RAY_SETS; set++) {
+        make_rays(&mesh, set, rays);
+        trace_rays(bvh, rays, names[set]);
+    }
+    itn_bvh_free(bvh);
+    itn_mesh_free(&mesh);
+    free(rays);
+}
+
+/* ---- cnn ------------------------------------------------------------------------------------- */
+
+/* Two networks on 128x128 pixels: the authors' released one, whose layers double their channels,
+   and a smaller one, whose last layers do not. */
+enum { NET_LAYERS = 7, NET_SIZE = 128, NET_OUTPUTS = 3 };
+static const size_t net_released[NET_LAYERS + 1] = {2, 16, 32, 64, 128, 256, 512, 1024};
+static const size_t net_small[NET_LAYERS + 1] = {3, 16, 32, 64, 128, 256, 256, 512};
+
+/* Multiply-adds of one image on its way forward, in the convolutions (the rest is nothing). */
+static double net_work(const size_t *channels) {
+    double work = 0;
+    int l;
+    for (l = 0; l < NET_LAYERS; l++)
+        work += (double)(NET_SIZE >> l) * (NET_SIZE >> l) * 9. * (double)channels[l] *
+                (double)channels[l + 1];
+    return work;
+}
+
+/* A network of any channels per layer, which a desc cannot say. */
+static itn_net *make_net(const size_t *channels, int batch) {
+    itn_net *net = (itn_net *)allocate(1, sizeof *net);
+    itn_net_desc desc = ITN_ZERO;
+    itn_error error;
+    size_t offset = 0, pixels = NET_SIZE * NET_SIZE;
+    int l;
+    desc.batch = batch, desc.channels = (int)channels[0];
+    net->context = one_core();
+    need(itn__net_desc(&desc, &net->desc, &error), &error);
+    if (!itn__net_sizes(net)) fail("cnn", "the network does not fit into memory");
+    for (l = 0; l < NET_LAYERS; l++, pixels /= 4) {
+        itn__net_layer *layer = &net->layers[l];
+        layer->conv.inputs = channels[l], layer->conv.outputs = channels[l + 1];
+        layer->pixels = pixels * channels[l + 1], layer->pooled = layer->pixels / 4;
+        layer->weights = offset, offset += 9 * channels[l] * channels[l + 1];
+        layer->bias = offset, offset += channels[l + 1];
+    }
+    net->features = pixels * channels[NET_LAYERS], net->full_weights = offset;
+    net->full_bias = offset + net->features * NET_OUTPUTS;
+    net->count = net->full_bias + NET_OUTPUTS;
+    if (!itn__net_allocate(net)) fail("cnn", "the network does not fit into memory");
+    itn__net_initialise(net);
+    return net;
+}
+
+typedef struct net_task {
+    itn_net *net;
+    int batch, training;
+    float *images, *truth, *outputs;
+} net_task;
+
+/* One step of training (mean square error, Adam), or the way forward alone. */
+static void net_step(net_task *task) {
+    itn_error error;
+    need(itn_net_forward(task->net, task->batch, task->images, task->outputs, &error), &error);
+    if (!task->training) return;
+    itn_net_zero_gradients(task->net);
+    itn_loss_parameters(task->batch * NET_OUTPUTS, task->outputs, task->truth, task->outputs);
+    need(itn_net_backward(task->net, task->batch, task->outputs, &error), &error);
+    need(itn_net_step(task->net, NULL, &error), &error);
+}
+
+/* Images per second: the best of three rounds of at least three steps. */
+static double net_rate(net_task *task) {
+    int steps = 64 / task->batch < 3 ? 3 : 64 / task->batch, round, k;
+    double best = HUGE_VAL;
+    net_step(task);
+    for (round = 0; round < 3; round++) {
+        double start = seconds_now();
+        for (k = 0; k < steps; k++) net_step(task);
+        best = fmin(best, (seconds_now() - start) / steps);
+    }
+    return task->batch / best;
+}
+
+static void bench_cnn(int batch, const char *kind) {
+    const size_t *channels = !strcmp(kind, "released") ? net_released : net_small;
+    size_t inputs = (size_t)batch * channels[0] * NET_SIZE * NET_SIZE, i;
+    size_t outputs = (size_t)batch * NET_OUTPUTS;
+    double work = net_work(channels), training, inference;
+    uint64_t state = 88172645463325252u;
+    net_task task = ITN_ZERO;
+    if (channels == net_small && strcmp(kind, "small")) fail(kind, "must be released or small");
+    task.net = make_net(channels, batch), task.batch = batch;
+    task.images = (float *)allocate(inputs, sizeof(float));
+    task.truth = (float *)allocate(outputs, sizeof(float));
+    task.outputs = (float *)allocate(outputs, sizeof(float));
+    for (i = 0; i < inputs; i++) task.images[i] = 3.4f * (draw(&state) - .5f);
+    for (i = 0; i < outputs; i++) task.truth[i] = 3.4f * (draw(&state) - .5f);
+    task.training = 1, training = net_rate(&task);
+    task.training = 0, inference = net_rate(&task);
+    printf("training %.1f images/s (%.1f GFLOP/s); inference %.1f images/s (%.1f GFLOP/s)\n",
+           training, 6e-9 * work * training, inference, 2e-9 * work * inference);
+    itn_net_free(task.net);
+    free(task.images);
+    free(task.truth);
+    free(task.outputs);
+}
+
+/* ---- walk ------------------------------------------------------------------------------------ */
+
+/* The walk's ideas, one after the other, each with all before it. */
+typedef struct variant {
+    const char *name;
+    itn_mode mode;
+    itn_sampler sampler;
+    int walks, untested; /* untested: no flight is proven free, all are marched */
+} variant;
+
+enum { REFERENCE, LANES, SAFE, SPLIT, SOBOL, VARIANTS };
+static const variant variants[VARIANTS] = {
+    {"reference", ITN_MODE_REFERENCE, ITN_SAMPLER_RANDOM, 1, 0},
+    {"lanes", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 1, 1},
+    {"+ safe test", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 1, 0},
+    {"+ splitting", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 4, 0},
+    {"+ Sobol", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, 0}};
+
+/* What is rendered. */
+typedef struct subject {
+    const char *scene, *boundary; /* studio or data; rough, smooth or none */
+    const itn_mesh *mesh;
+    double sigma_t, albedo, g;
+    itn_scene *made;
+    double build; /* seconds to make the scene */
+} subject;
+
+typedef struct measurement {
+    int spp, images;
+    double prepare, seconds, mean, error; /* error: mean square */
+    itn_render_stats stats;
+} measurement;
+
+typedef struct walk_bench {
+    FILE *csv;
+    const char *sweep;
+    itn_mesh mesh; /* bounding box 1, centred */
+    itn_sky sky;
+    int images;     /* per measurement, at most */
+    int spp;        /* of the sweeps of efficiency, */
+    int cost_spp;   /* and of those of cost */
+    double longest; /* so long takes an image of the sweep of spp at most */
+    int stride;     /* 2: every other value of the long sweeps is left out */
+    int most_triangles;
+} walk_bench;
+
+/* A mesh moved and scaled to bounding box 1, centred. */
+static void normalize_mesh(itn_mesh *mesh) {
+    double lower[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, upper[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
+    double size = 0;
+    int i;
+    for (i = 0; i < 3 * mesh->vertex_count; i++) {
+        lower[i % 3] = fmin(lower[i % 3], mesh->positions[i]);
+        upper[i % 3] = fmax(upper[i % 3], mesh->positions[i]);
+    }
+    for (i = 0; i < 3; i++) size = fmax(size, upper[i] - lower[i]);
+    for (i = 0; i < 3 * mesh->vertex_count; i++)
+        mesh->positions[i] = (float)((mesh->positions[i] - .5 * (lower[i % 3] + upper[i % 3])) /
+                                     size);
+}
+
+/* The bumpy sphere's point in the direction of a point on the surface of a cube; equal points of
+   two faces give equal bits, which closes the seams. */
+static void bumpy_point(const double on_cube[3], float *position) {
+    double x = tan(.7853981633974483 * on_cube[0]), y = tan(.7853981633974483 * on_cube[1]);
+    double z = tan(.7853981633974483 * on_cube[2]), n = 1 / sqrt(x * x + y * y + z * z), r;
+    x *= n, y *= n, z *= n;
+    r = 1 + .12 * sin(5 * x + 1) * sin(6 * y + 2) * sin(7 * z + 3) +
+        .02 * sin(23 * x) * sin(29 * y + 1) * sin(31 * z + 2);
+    position[0] = (float)(r * x), position[1] = (float)(r * y), position[2] = (float)(r * z);
+}
+
+/* A closed bumpy sphere of about that many triangles: a cube whose faces are n x n squares. */
+static itn_mesh bumpy_sphere(double triangles) {
+    int n = (int)(sqrt(triangles / 12) + .5), side = n + 1, face, i, j, k, *t;
+    itn_context context = one_core();
+    itn_mesh mesh;
+    itn_error error;
+    float *p;
+    need(itn_mesh_create(6 * side * side, 12 * n * n, 0, &context, &mesh, &error), &error);
+    p = mesh.positions, t = mesh.triangles;
+    for (face = 0; face < 6; face++) {
+        int axis = face / 2, sign = face % 2 ? 1 : -1, first = face * side * side;
+        for (j = 0; j < side; j++)
+            for (i = 0; i < side; i++, p += 3) {
+                double at[3];
+                at[axis] = sign;
+                at[(axis + 1) % 3] = sign * (2. * i - n) / n, at[(axis + 2) % 3] = (2. * j - n) / n;
+                bumpy_point(at, p);
+            }
+        for (j = 0; j < n; j++)
+            for (i = 0; i < n; i++, t += 6) {
+                int square[6] = {0, 1, side, 1, side + 1, side};
+                for (k = 0; k < 6; k++) t[k] = first + j * side + i + square[k];
+            }
+    }
+    normalize_mesh(&mesh);
+    return mesh;
+}
+
+/* The object in a room of constant light. */
+static void set_studio(stage *s) {
+    itn_camera_desc *camera = &s->desc.camera;
+    camera->eye.x = .6f, camera->eye.y = .5f, camera->eye.z = 2.2f, camera->fov = 30;
+    stage_constant(s, "light", 1);
+}
+
+/* The paper's data: the object on a plane, under sky and widened sun, seen from far away. */
+static void set_data(stage *s, itn_object_desc *object, const itn_sky *sky) {
+    static const float turned[12] = {-1, 0, 0, 0, 0, 1, 0, .5f, 0, 0, -1, -1.75f};
+    itn_camera_desc *camera = &s->desc.camera;
+    itn_object_desc *plane;
+    itn_light_desc *light = stage_sky(s, "light");
+    memcpy(object->transform, turned, sizeof turned);
+    camera->eye.x = 0, camera->eye.y = 8.785f, camera->eye.z = -32.785f, camera->fov = 2.5f;
+    camera->target.y = .469f, camera->target.z = -1.75f;
+    stage_diffuse(s, "ground", .3);
+    plane = stage_object(s, NULL, NULL, "ground");
+    plane->plane_y = 0, plane->half_size = 20;
+    light->sky = *sky, light->sun_scale = 2, light->sun_radius_scale = 70;
+    light->sun_direction.x = .433f, light->sun_direction.y = .866f, light->sun_direction.z = .25f;
+}
+
+/* Makes the scene, and takes the shortest time of three. */
+static void open_subject(subject *s, const itn_sky *sky) {
+    itn_context context = one_core();
+    const char *surface = strcmp(s->boundary, "none") ? "glass" : NULL;
+    itn_error error;
+    itn_object_desc *object;
+    double start;
+    stage set;
+    int k;
+    stage_begin(&set, 128, 0, 30);
+    stage_medium(&set, "milk", s->sigma_t, s->albedo, s->g);
+    if (surface) stage_dielectric(&set, surface, 1.5, strcmp(s->boundary, "rough") ? 0 : .1);
+    object = stage_object(&set, s->mesh, "milk", surface);
+    if (!strcmp(s->scene, "studio")) set_studio(&set);
+    else set_data(&set, object, sky);
+    for (s->build = HUGE_VAL, k = 0; k < 3; k++) {
+        itn_scene_free(s->made);
+        start = seconds_now();
+        need(itn_scene_create(&set.desc, &context, &s->made, &error), &error);
+        s->build = fmin(s->build, seconds_now() - start);
+        if (s->build > 1) break;
+    }
+}
+
+static void close_subject(subject *s) {
+    itn_scene_free(s->made);
+    s->made = NULL;
+}
+
+static int pixel_count(const subject *s) {
+    itn_film_desc film = itn_scene_film(s->made);
+    return film.width * film.height;
+}
+
+/* Renders the image; returns seconds. */
+static double render(const subject *s, const itn_render_options *options, float *pixels) {
+    itn_image image;
+    itn_error error;
+    double start = seconds_now(), seconds;
+    need(itn_render(s->made, NULL, options, NULL, 0, &image, &error), &error);
+    seconds = seconds_now() - start;
+    memcpy(pixels, image.pixels, (size_t)pixel_count(s) * sizeof *pixels);
+    itn_image_free(&image);
+    return seconds;
+}
+
+#ifndef ITN_NO_FAST
+/* What itn_render does, but no flight is called safe: all are marched through the voxels. */
+static double render_untested(const subject *s, const itn_render_options *options, float *pixels) {
+    double start = seconds_now(), seconds, paths;
+    float *theta = (float *)allocate((size_t)s->made->parameter_count, sizeof *theta);
+    itn__substance *substances = (itn__substance *)allocate((size_t)s->made->medium_count + 1,
+                                                            sizeof *substances);
+    const itn__tables *tables;
+    itn__tables *own;
+    itn__picture picture;
+    itn_error error;
+    int i;
+    memset(&picture, 0, sizeof picture);
+    itn_parameter_values(s->made, theta);
+    picture.fast.scene = s->made, picture.fast.seed = options->seed;
+    picture.fast.spp = options->spp, picture.fast.walks = options->walks;
+    picture.fast.blocks = itn__sample_blocks(&picture.fast);
+    picture.fast.unsafe = 1;
+    paths = (double)options->spp * options->walks * pixel_count(s);
+    need(itn__tables_get(s->made, theta, paths, &tables, &own, &error), &error);
+    itn__fast_begin(&picture.fast, s->made, theta, substances, tables);
+    need(itn__picture_begin(&picture, &error), &error);
+    need(itn__picture_run(&picture, options, &error), &error);
+    for (i = 0; i < pixel_count(s); i++)
+        pixels[i] = (float)(picture.totals[2 * i] / ((double)options->spp * options->walks));
+    itn__picture_end(&picture);
+    itn__tables_free(&s->made->context, own);
+    free(substances);
+    free(theta);
+    seconds = seconds_now() - start;
+    return seconds;
+}
+#else
+#define render_untested render
+#endif
+
+static int is_available(const variant *v) {
+#ifdef ITN_NO_FAST
+    return v->mode == ITN_MODE_REFERENCE;
+#else
+    return v != NULL;
+#endif
+}
+
+/* Renders independent images: the shortest time, and the mean square error of one of them, which is
+   the variance over the images averaged over the pixels. Of what takes long, two images must do. */
+static measurement measure(const subject *s, const variant *v, int spp, int most_images) {
+    size_t count = (size_t)pixel_count(s), i;
+    float *pixels = (float *)allocate(count, sizeof *pixels);
+    double *sums = (double *)allocate(count, 2 * sizeof *sums), start = seconds_now();
+    itn_render_options options = ITN_ZERO;
+    itn_error error;
+    measurement m = ITN_ZERO;
+    m.spp = options.spp = spp, options.stats = &m.stats;
+    options.mode = v->mode, options.sampler = v->sampler, options.walks = v->walks;
+    need(itn_scene_prepare(s->made, NULL, &options, &error), &error);
+    m.prepare = seconds_now() - start, m.seconds = HUGE_VAL;
+    for (start = seconds_now();
+         m.images < 2 || (m.images < most_images && seconds_now() - start < 1);) {
+        options.seed = (uint64_t)++m.images;
+        m.seconds = fmin(m.seconds, v->untested ? render_untested(s, &options, pixels)
+                                                : render(s, &options, pixels));
+        for (i = 0; i < count; i++)
+            sums[2 * i] += pixels[i], sums[2 * i + 1] += (double)pixels[i] * pixels[i];
+    }
+    for (i = 0; i < count; i++) {
+        double mean = sums[2 * i] / m.images;
+        m.mean += mean / (double)count;
+        m.error += (sums[2 * i + 1] - m.images * mean * mean) / (m.images - 1) / (double)count;
+    }
+    free(pixels);
+    free(sums);
+    return m;
+}
+
+static void write_names(walk_bench *bench) {
+    fprintf(bench->csv, "sweep,scene,boundary,triangles,sigma_t,albedo,g,thickness,variant,walks,"
+                        "spp,images,build_s,prepare_s,seconds,paths_per_s,collisions_per_s,"
+                        "us_per_path,ns_per_collision,mean,mse,rmse,efficiency\n");
+}
+
+static void write_row(walk_bench *bench, const subject *s, const variant *v,
+                      const measurement *m) {
+    double thickness = itn_scene_thickness(s->made, NULL, "milk");
+    double efficiency = pixel_count(s) / (m->error * m->seconds);
+    fprintf(bench->csv, "%s,%s,%s,%d,%g,%g,%g,%.4g,%s,%d,%d,%d,%.4g,%.4g,%.4g,%.4g,%.4g,%.4g,%.4g,"
+                        "%.6g,%.4g,%.4g,%.4g\n",
+            bench->sweep, s->scene, s->boundary, s->mesh->triangle_count, s->sigma_t, s->albedo,
+            s->g, thickness, v->name, v->walks, m->spp, m->images, s->build, m->prepare,
+            m->seconds, m->stats.paths / m->seconds, m->stats.collisions / m->seconds,
+            1e6 * m->seconds / m->stats.paths, 1e9 * m->seconds / m->stats.collisions, m->mean,
+            m->error, sqrt(m->error), efficiency);
+    fflush(bench->csv);
+    fprintf(stderr, "%-9s %s/%-6s sigma_t %-8.4g albedo %-5g g %-4g %8d triangles  %-11s spp %-4d "
+                    "%6.2f s  %8.3f Mpaths/s  %8.2f Mcollisions/s  efficiency %.3g\n",
+            bench->sweep, s->scene, s->boundary, s->sigma_t, s->albedo, s->g,
+            s->mesh->triangle_count, v->name, m->spp, m->seconds,
+            1e-6 * m->stats.paths / m->seconds, 1e-6 * m->stats.collisions / m->seconds,
+            efficiency);
+}
+
+/* Measures the variants up to `last` on a subject; where only cost is asked for, an eighth of the
+   samples is enough for the reference. */
+static void run_subject(walk_bench *bench, subject s, int spp, int last, int cost_only) {
+    int v;
+    open_subject(&s, &bench->sky);
+    for (v = 0; v <= last; v++) {
+        measurement m;
+        int samples = v == REFERENCE && cost_only ? (spp + 7) / 8 : spp;
+        if (!is_available(&variants[v])) continue;
+        m = measure(&s, &variants[v], samples, bench->images);
+        write_row(bench, &s, &variants[v], &m);
+    }
+    close_subject(&s);
+}
+
+/* A subject of the studio with a usual medium. */
+static subject studio_subject(const walk_bench *bench) {
+    subject s = ITN_ZERO;
+    s.scene = "studio", s.boundary = "rough", s.mesh = &bench->mesh;
+    s.sigma_t = 100, s.albedo = .9, s.g = .5;
+    return s;
+}
+
+/* Three media in the studio, the middle one with each boundary, and three in the data's scene. */
+static void sweep_scenes(walk_bench *bench) {
+    static const double media[6][3] = {{25, .9, .5},   {100, .9, .5},  {300, .95, .9},
+                                       {36, .59, .2}, {100, .87, .4}, {276, .95, .8}};
+    static const char *const others[2] = {"smooth", "none"};
+    int k;
+    bench->sweep = "scenes";
+    for (k = 0; k < 6; k++) {
+        subject s = studio_subject(bench);
+        s.sigma_t = media[k][0], s.albedo = media[k][1], s.g = media[k][2];
+        if (k >= 3) s.scene = "data", s.boundary = "none";
+        run_subject(bench, s, k < 3 ? bench->spp : (bench->spp + 1) / 2, SOBOL, 0);
+    }
+    for (k = 0; k < 2; k++) {
+        subject s = studio_subject(bench);
+        s.boundary = others[k];
+        run_subject(bench, s, bench->spp, SOBOL, 0);
+    }
+}
+
+static void sweep_albedo_and_g(walk_bench *bench) {
+    static const double albedos[6] = {.3, .6, .8, .95, .99, .999};
+    static const double gs[6] = {-.5, 0, .3, .7, .9, .97};
+    int k;
+    for (k = 0; k < 6; k += bench->stride) {
+        subject s = studio_subject(bench);
+        bench->sweep = "albedo", s.albedo = albedos[k];
+        run_subject(bench, s, bench->spp, SOBOL, 0);
+    }
+    for (k = 0; k < 6; k += bench->stride) {
+        subject s = studio_subject(bench);
+        bench->sweep = "g", s.g = gs[k];
+        run_subject(bench, s, bench->spp, SOBOL, 0);
+    }
+}
+
+/* Error against time: each variant with more and more samples. */
+static void sweep_spp(walk_bench *bench) {
+    subject s = studio_subject(bench);
+    int v, spp;
+    bench->sweep = "spp";
+    open_subject(&s, &bench->sky);
+    for (v = 0; v < VARIANTS; v++) {
+        double seconds = 0;
+        for (spp = 1; is_available(&variants[v]) && seconds < .5 * bench->longest; spp *= 2) {
+            measurement m = measure(&s, &variants[v], spp, bench->images);
+            write_row(bench, &s, &variants[v], &m);
+            seconds = m.seconds;
+        }
+    }
+    close_subject(&s);
+}
+
+/* Optical thickness 1/100 to 10,000, with little absorption, so that the walk itself shows. */
+static void sweep_thickness(walk_bench *bench) {
+    subject s = studio_subject(bench);
+    double unit;
+    int k;
+    bench->sweep = "thickness", s.sigma_t = 1, s.albedo = .99;
+    open_subject(&s, &bench->sky);
+    unit = itn_scene_thickness(s.made, NULL, "milk");
+    close_subject(&s);
+    for (k = -4; k <= 8; k += bench->stride) {
+        s.sigma_t = pow(10, .5 * k) / unit;
+        run_subject(bench, s, bench->cost_spp, SPLIT, 1);
+    }
+}
+
+static void sweep_triangles(walk_bench *bench) {
+    int k;
+    bench->sweep = "triangles";
+    for (k = 4; pow(10, .5 * k) < 1.1 * bench->most_triangles; k += bench->stride) {
+        itn_mesh mesh = bumpy_sphere(pow(10, .5 * k));
+        subject s = studio_subject(bench);
+        s.mesh = &mesh;
+        run_subject(bench, s, bench->cost_spp, SPLIT, 1);
+        itn_mesh_free(&mesh);
+    }
+}
+
+/* The processor's name, where the system tells. */
+static void processor_name(char *name, size_t size) {
+    FILE *file = fopen("/proc/cpuinfo", "r");
+    char line[256];
+    snprintf(name, size, "unknown processor");
+    while (file && fgets(line, sizeof line, file))
+        if (!strncmp(line, "model name", 10) && strchr(line, ':')) {
+            line[strcspn(line, "\n")] = 0;
+            snprintf(name, size, "%s", strchr(line, ':') + 2);
+            break;
+        }
+    if (file) fclose(file);
+}
+
+/* The table's note: what was measured, where, by which command. */
+static void write_note(walk_bench *bench, const char *mesh, int quick) {
+    const char *slash = strrchr(mesh, '/');
+    char processor[128], compiler[128];
+    processor_name(processor, sizeof processor);
+#ifdef __clang__
+    snprintf(compiler, sizeof compiler, "%s", __VERSION__);
+#elif defined(__GNUC__)
+    snprintf(compiler, sizeof compiler, "gcc %s", __VERSION__);
+#else
+    snprintf(compiler, sizeof compiler, "unknown compiler");
+#endif
+    fprintf(bench->csv, "# itn.h %d.%d.%d; one core of %s, %d lanes; %s, %s; bench walk%s --mesh %s"
+                        "\n",
+            ITN_VERSION_MAJOR, ITN_VERSION_MINOR, ITN_VERSION_PATCH, processor, (int)ITN__LANES,
+            compiler, BENCH_FLAGS, quick ? " --quick" : "", slash ? slash + 1 : mesh);
+}
+
+static void bench_walk(const char *csv, const char *mesh, int quick) {
+    walk_bench bench = ITN_ZERO;
+    itn_context context = one_core();
+    itn_error error;
+    char path[1024], sky[1024];
+    if (!mesh) mesh = project_path("scenes/shapes/knot.ply", path, sizeof path);
+    need(itn_mesh_load(mesh, &context, &bench.mesh, &error), &error);
+    need(itn__sky_load(project_path("scenes/t3-e60.sky", sky, sizeof sky), &context, &bench.sky,
+                       &error), &error);
+    normalize_mesh(&bench.mesh);
+    bench.csv = csv ? fopen(csv, "w") : stdout;
+    if (!bench.csv) fail(csv, "cannot be written");
+    bench.images = quick ? 2 : 4, bench.stride = quick ? 2 : 1;
+    bench.spp = quick ? 2 : 16, bench.cost_spp = quick ? 4 : 64, bench.longest = quick ? .3 : 4;
+    bench.most_triangles = quick ? 100000 : 10000000;
+    write_note(&bench, mesh, quick);
+    write_names(&bench);
+    sweep_scenes(&bench);
+    sweep_spp(&bench);
+    sweep_thickness(&bench);
+    sweep_albedo_and_g(&bench);
+    sweep_triangles(&bench);
+    if (csv && fclose(bench.csv)) fail(csv, "cannot be written");
+    itn_mesh_free(&bench.mesh);
+}
+
+/* ---- charts ---------------------------------------------------------------------------------- */
+
+/* Adds the rows of a sweep and a variant as a series. */
+static void add_rows(chart_panel *panel, const chart_table *table, const char *sweep,
+                     const variant *v, const char *x, const char *y) {
+    chart_series *series = chart_begin(panel, v->name, (int)(v - variants));
+    int row;
+    for (row = 0; row < table->rows; row++)
+        if (!strcmp(chart_cell(table, row, "sweep"), sweep) &&
+            !strcmp(chart_cell(table, row, "variant"), v->name))
+            chart_add(panel, series, atof(chart_cell(table, row, x)),
+                      atof(chart_cell(table, row, y)));
+}
+
+static void save_chart(chart *c, const char *folder, const char *name) {
+    char path[1024];
+    int p, points = 0;
+    for (p = 0; p < c->panel_count; p++)
+        if (c->panels[p].series_count) points += c->panels[p].series[0].count;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    if (!points) fail(path, "the table has no rows for it");
+    if (!chart_write(c, path)) fail(path, "cannot be written");
+    printf("%s\n", path);
+}
+
+static chart chart_of(const chart_table *table, chart_panel *panels, int count, const char *title,
+                      const char *subtitle) {
+    chart c = ITN_ZERO;
+    c.title = title, c.subtitle = subtitle, c.footer = table->note;
+    c.panels = panels, c.panel_count = count, c.height = 430;
+    memset(panels, 0, (size_t)count * sizeof *panels);
+    for (; count; count--) panels[count - 1].x.logarithmic = panels[count - 1].y.logarithmic = 1;
+    return c;
+}
+
+static void chart_error(const chart_table *table, chart_panel *panels, const char *folder) {
+    chart c = chart_of(table, panels, 1, "The same picture in less time: what each idea is worth",
+                       "Studio scene, rough glass filled with milk: sigma_t 100, albedo 0.9, "
+                       "g 0.5; 128\xc3\x97" "128 pixels");
+    int v;
+    panels->x.title = "render time, seconds on one core";
+    panels->y.title = "error of a pixel (root mean square)";
+    panels->gain = 1;
+    for (v = 0; v < VARIANTS; v++) add_rows(panels, table, "spp", &variants[v], "seconds", "rmse");
+    save_chart(&c, folder, "error.svg");
+}
+
+static void chart_thickness(const chart_table *table, chart_panel *panels, const char *folder) {
+    chart c = chart_of(table, panels, 1, "What a scattering event costs, everything included",
+                       "Studio scene, rough glass; albedo 0.99, g 0.5; thin objects scatter "
+                       "little, so that all else is paid by few events");
+    int v;
+    panels->x.title = "optical thickness (sigma_t \xc3\x97 mean chord)";
+    panels->y.title = "time per scattering event, nanoseconds";
+    panels->unit = "ns";
+    for (v = 0; v <= SPLIT; v++)
+        add_rows(panels, table, "thickness", &variants[v], "thickness", "ns_per_collision");
+    save_chart(&c, folder, "thickness.svg");
+}
+
+static void chart_triangles(const chart_table *table, chart_panel *panels, const char *folder) {
+    chart c = chart_of(table, panels, 2, "What more triangles cost",
+                       "Studio scene, bumpy sphere of rough glass: sigma_t 100, albedo 0.9, g 0.5");
+    int v;
+    panels[0].x.title = panels[1].x.title = "triangles";
+    panels[0].y.title = "time per path, microseconds";
+    panels[1].y.title = "set-up, seconds";
+    for (v = 0; v <= SPLIT; v++)
+        add_rows(&panels[0], table, "triangles", &variants[v], "triangles", "us_per_path");
+    add_rows(&panels[1], table, "triangles", &variants[REFERENCE], "triangles", "build_s");
+    add_rows(&panels[1], table, "triangles", &variants[LANES], "triangles", "prepare_s");
+    strcpy(panels[1].series[0].name, "scene, tree");
+    strcpy(panels[1].series[1].name, "fast walk");
+    save_chart(&c, folder, "triangles.svg");
+}
+
+static void bench_charts(const char *folder) {
+    chart_panel *panels = (chart_panel *)allocate(2, sizeof *panels);
+    chart_table table;
+    char path[1024], csv[1100];
+    if (!folder) folder = project_path("tests/charts", path, sizeof path);
+    snprintf(csv, sizeof csv, "%s/walk.csv", folder);
+    if (!chart_table_load(csv, &table)) fail(csv, "cannot be read, or is not a table");
+    chart_error(&table, panels, folder);
+    chart_thickness(&table, panels, folder);
+    chart_triangles(&table, panels, folder);
+    chart_table_free(&table);
+    free(panels);
+}
+
+/* ---- command line ---------------------------------------------------------------------------- */
+
+static void walk_command(int argc, char **argv) {
+    const char *csv = NULL, *mesh = NULL;
+    int i, quick = 0;
+    for (i = 2; i < argc; i++) {
+        if (!strcmp(argv[i], "--quick")) quick = 1;
+        else if (!strcmp(argv[i], "--csv") && i + 1 < argc) csv = argv[++i];
+        else if (!strcmp(argv[i], "--mesh") && i + 1 < argc) mesh = argv[++i];
+        else fail(argv[i], "unknown option, or its value is missing");
+    }
+    bench_walk(csv, mesh, quick);
+}
+
+int main(int argc, char **argv) {
+    const char *command = argc > 1 ? argv[1] : "";
+    program = argv[0];
+    if (!strcmp(command, "rays") && argc == 3) bench_rays(argv[2]);
+    else if (!strcmp(command, "cnn") && argc == 4 && atoi(argv[2]) > 0)
+        bench_cnn(atoi(argv[2]), argv[3]);
+    else if (!strcmp(command, "walk")) walk_command(argc, argv);
+    else if (!strcmp(command, "charts") && argc <= 3) bench_charts(argc == 3 ? argv[2] : NULL);
+    else return fprintf(stderr, "%s", usage), 2;
+    return 0;
+}

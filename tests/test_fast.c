@@ -1,0 +1,760 @@
+/* The fast walk against the reference, path by path and image by image; its safe flights against
+   the tree; and that its results do not depend on what shares the work.
+
+   ITN_LONG_TESTS=1 in the environment asks for many more flights and samples; ITN_VERBOSE=1 prints
+   every measurement. */
+#define ITN_THREADS
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+
+#include "check.h"
+
+#include "solids.h"
+#include "stage.h"
+
+static int long_tests, verbose;
+
+/* ---- scenes ---------------------------------------------------------------------------------- */
+
+enum { SIZE = 12, PIXELS = SIZE * SIZE };
+enum {
+    ROUGH,   /* milk in rough glass, in light from everywhere */
+    SMOOTH,  /* milk in smooth glass, in a map */
+    MATCHED, /* a cloud without surface, under sky and sun */
+    GROUP,   /* media next to each other, touching, one within another, on a checkered floor */
+    COLOUR,  /* a coloured cloud on a coloured floor, under a coloured sky and a room */
+    INSIDE,  /* the camera in a medium, with a pebble of glass in view */
+    SHEETS,  /* a floor that cuts through a cloud, and an open sheet in it */
+    BLACK,   /* albedo 0 in rough glass */
+    WHITE,   /* albedo 1 */
+    LEAF,    /* a plate, 1000 times as wide as it is thick */
+    NEEDLES, /* a ball drawn out to 500 times its thickness */
+    DENSE,   /* optical thickness 1e4 */
+    TINY,    /* the scale 1e-4, */
+    VAST,    /* and 1e4 */
+    TEXTURE, /* a picture on a mesh with coordinates, seen through rough glass and milk */
+    MADE,    /* from here on: the scenes of the project, in small films */
+    KINDS = MADE + 9
+};
+static const char *const kind_names[KINDS] = {
+    "rough", "smooth", "matched", "group", "colour", "inside", "sheets", "black", "white", "leaf",
+    "needles", "dense", "tiny", "vast", "texture", "../scenes/chain.itn", "../scenes/data.itn",
+    "../scenes/default.itn", "../scenes/hound.itn", "../scenes/matched.itn", "../scenes/rgb.itn",
+    "../scenes/smooth.itn", "../scenes/still.itn", "../scenes/studio.itn"};
+
+static void stretch(itn_object_desc *object, double x, double y, double z, double dx, double dy,
+                    double dz) {
+    object->transform[0] = (float)x, object->transform[5] = (float)y;
+    object->transform[10] = (float)z;
+    object->transform[3] = (float)dx, object->transform[7] = (float)dy;
+    object->transform[11] = (float)dz;
+}
+
+/* A square in the plane z = 0, half size 1, with texture coordinates. */
+static itn_mesh square(void) {
+    static const int triangles[2][3] = {{0, 1, 2}, {1, 3, 2}};
+    itn_mesh mesh;
+    itn_error error;
+    int i;
+    stage_need(itn_mesh_create(4, 2, 1, NULL, &mesh, &error), &error);
+    for (i = 0; i < 4; i++) {
+        mesh.uvs[2 * i] = (float)(i & 1), mesh.uvs[2 * i + 1] = (float)(i >> 1);
+        mesh.positions[3 * i] = 2 * mesh.uvs[2 * i] - 1;
+        mesh.positions[3 * i + 1] = 2 * mesh.uvs[2 * i + 1] - 1;
+    }
+    memcpy(mesh.triangles, triangles, sizeof triangles);
+    return mesh;
+}
+
+/* What is in a scene: `ball`, `box` and `sheet` have half size 1. */
+static void fill_stage(stage *s, int which, const itn_mesh *ball, const itn_mesh *box,
+                       const itn_mesh *sheet, const itn_image *map, const itn_image *picture) {
+    double scale = which == TINY ? 1e-4 : which == VAST ? 1e4 : 1;
+    itn_object_desc *object;
+    stage_begin(s, SIZE, 4 * scale, 35);
+    if (which == ROUGH || which == TINY || which == VAST || which == BLACK) {
+        stage_medium(s, "m", 4 / scale, which == BLACK ? 0 : .9, .5);
+        stage_dielectric(s, "glass", 1.4, .2);
+        object = stage_object(s, ball, "m", "glass");
+        stretch(object, scale, scale, scale, 0, 0, 0);
+        if (which == BLACK) stage_map(s, "map", map);
+        if (which != BLACK) stage_constant(s, "room", 1);
+    } else if (which == SMOOTH) {
+        stage_medium(s, "m", 3, .95, .6);
+        stage_dielectric(s, "glass", 1.5, 0);
+        stage_object(s, ball, "m", "glass");
+        stage_map(s, "map", map);
+    } else if (which == MATCHED || which == WHITE) {
+        stage_medium(s, "m", 10, which == WHITE ? 1 : .9, which == WHITE ? -.3 : .5);
+        stage_object(s, ball, "m", NULL);
+        stage_sky(s, "sky");
+    } else if (which == GROUP) {
+        stage_medium(s, "m", 8, .9, .5), stage_medium(s, "n", 20, .8, 0);
+        stage_dielectric(s, "glass", 1.5, .3), stage_dielectric(s, "water", 1.33, 0);
+        stage_diffuse(s, "floor", .5)->texture = ITN_TEXTURE_CHECKER;
+        s->surfaces[2].reflectance2[0] = .2f, s->surfaces[2].checker_size = .3f;
+        stage_object(s, NULL, NULL, "floor")->plane_y = -.6f;
+        stretch(stage_object(s, box, "m", "glass"), .3, .6, .5, -.3, 0, 0);
+        stretch(stage_object(s, box, "n", NULL), .3, .6, .4, .3, 0, 0);   /* touches it */
+        stretch(stage_object(s, ball, "m", "water"), .5, .5, .5, 0, .3, .3); /* reaches into both */
+        stretch(stage_object(s, ball, "n", NULL), .2, .2, .2, 0, .3, .3); /* within that */
+        stage_map(s, "map", map);
+        stage_constant(s, "room", .3);
+    } else if (which == COLOUR) {
+        itn_medium_desc *medium = stage_medium(s, "m", 6, .9, .3);
+        medium->albedo[1] = .7f, medium->albedo[2] = .99f;
+        s->desc.film.channels = 3, s->desc.film.filter = ITN_FILTER_GAUSSIAN;
+        stage_diffuse(s, "floor", .5)->reflectance[1] = .1f;
+        stage_object(s, NULL, NULL, "floor");
+        stage_object(s, ball, "m", NULL);
+        stage_sky(s, "sky");
+        stage_constant(s, "room", .4)->radiance[2] = .8f;
+    } else if (which == INSIDE) {
+        stage_medium(s, "m", 1, .9, .2);
+        stage_dielectric(s, "glass", 1.5, 0);
+        stage_object(s, ball, "m", NULL);
+        stretch(stage_object(s, ball, NULL, "glass"), .2, .2, .2, 0, 0, 0);
+        s->desc.camera.eye.z = .7f, s->desc.camera.fov = 60;
+        stage_map(s, "map", map);
+    } else if (which == SHEETS) {
+        stage_medium(s, "m", 5, .9, .2);
+        stage_diffuse(s, "floor", .6), stage_diffuse(s, "leaf", .3);
+        stage_object(s, ball, "m", NULL);
+        stage_object(s, NULL, NULL, "floor")->plane_y = -.3f;
+        stretch(stage_object(s, sheet, NULL, "leaf"), .5, .5, 1, .1, .2, 0);
+        stage_map(s, "map", map);
+        stage_constant(s, "room", .3);
+    } else if (which == LEAF) {
+        stage_medium(s, "m", 2000, .9, .3), stage_medium(s, "n", 500, .9, .3);
+        stage_dielectric(s, "glass", 1.4, .3);
+        stretch(stage_object(s, box, "m", NULL), 1, .001, 1, 0, 0, 0);
+        stretch(stage_object(s, box, "n", "glass"), .5, .5, .001, 0, .502, 0);
+        s->desc.camera.eye.y = 2;
+        stage_sky(s, "sky");
+    } else if (which == NEEDLES) {
+        stage_medium(s, "m", 500, .9, .3);
+        stretch(stage_object(s, ball, "m", NULL), 1, .002, .002, 0, 0, 0);
+        s->desc.camera.fov = 3, s->desc.camera.eye.y = 1;
+        stage_map(s, "map", map);
+    } else if (which == DENSE) {
+        stage_medium(s, "m", 1e4, .98, .2);
+        stage_object(s, ball, "m", NULL);
+        stage_map(s, "map", map);
+    } else if (which == TEXTURE) {
+        stage_medium(s, "m", 1, .9, .3);
+        stage_dielectric(s, "glass", 1.3, .4);
+        stage_diffuse(s, "print", .9)->texture = ITN_TEXTURE_IMAGE;
+        s->surfaces[1].image = picture;
+        stage_object(s, ball, "m", "glass");
+        stage_object(s, sheet, NULL, "print");
+        stage_map(s, "map", map);
+    }
+}
+
+static itn_scene *load_scene(const char *path, const itn_context *context) {
+    itn_scene *scene = NULL;
+    itn_error error;
+    int width, height;
+    stage_need(itn_scene_load(path, context, &scene, &error), &error);
+    width = scene->film.width, height = scene->film.height;
+    scene->film.width = scene->camera.width = SIZE;
+    scene->film.height = scene->camera.height = SIZE * height / width;
+    return scene;
+}
+
+static itn_scene *make_scene(int which, const itn_context *context) {
+    itn_mesh ball, box, sheet;
+    itn_image map, picture;
+    stage s;
+    itn_scene *scene = NULL;
+    itn_error error;
+    if (which >= MADE) return load_scene(kind_names[which], context);
+    ball = solids_sphere(1, 2), sheet = square();
+    box = solids_box(solids_vec3(-1, -1, -1), solids_vec3(1, 1, 1));
+    map = stage_patch(3, .6, .3, 8), picture = stage_patch(1, .3, .6, .7);
+    fill_stage(&s, which, &ball, &box, &sheet, &map, &picture);
+    stage_need(itn_scene_create(&s.desc, context, &scene, &error), &error);
+    itn_image_free(&map), itn_image_free(&picture);
+    itn_mesh_free(&ball), itn_mesh_free(&box), itn_mesh_free(&sheet);
+    return scene;
+}
+
+/* ---- looking inside -------------------------------------------------------------------------- */
+
+/* A render laid open: what itn__render_fast holds while it runs. */
+typedef struct inside {
+    const itn_scene *scene;
+    itn__render render;
+    itn__picture picture;
+    itn__substance *substances;
+    itn__tables *own;
+} inside;
+
+static void open_render(inside *in, const itn_scene *scene, const itn_render_options *options) {
+    itn__fast *fast = &in->picture.fast;
+    const itn__tables *tables;
+    itn_error error;
+    memset(in, 0, sizeof *in);
+    in->scene = scene;
+    stage_need(itn__render_begin(&in->render, scene, NULL, options, NULL, 0, 1, &error), &error);
+    stage_need(itn__render_tables(&in->render, &tables, &in->own, &error), &error);
+    in->substances = (itn__substance *)itn__allocate(
+        &scene->context, (size_t)scene->medium_count + 1, sizeof *in->substances);
+    fast->spp = in->render.spp, fast->max_scatter = in->render.max_scatter;
+    fast->seed = in->render.seed, fast->scene = scene;
+    fast->walks = in->render.walks, fast->sobol = in->render.sobol;
+    fast->blocks = itn__sample_blocks(fast);
+    itn__fast_begin(fast, scene, in->render.theta, in->substances, tables);
+    stage_need(itn__picture_begin(&in->picture, &error), &error);
+}
+static void close_render(inside *in) {
+    itn__picture_end(&in->picture);
+    itn__free(&in->scene->context, in->substances);
+    itn__tables_free(&in->scene->context, in->own);
+    itn__render_end(&in->render);
+}
+
+/* Runs paths of a unit in the picture's first crowd and leaves their radiance there. */
+static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
+    itn__crowd *crowd = &in->picture.crowds[0];
+    memset(crowd->radiance, 0, (size_t)crowd->radiance_stride *
+                                   (size_t)in->picture.fast.channels * sizeof(float));
+    crowd->unit = *unit;
+    itn__run_kernel(crowd);
+    return crowd;
+}
+
+/* ---- path by path ---------------------------------------------------------------------------- */
+
+typedef struct tally {
+    double paths, equal, near_by, brief, brief_apart; /* numbers of paths */
+    double sum, difference, square; /* of the reference; of the difference */
+    double collisions[2];           /* of both */
+} tally;
+
+/* How far two paths' radiances are from each other, relative to the larger one. */
+static double distance_of(const float *a, const float *b, int channels) {
+    double apart = 0, size = 0;
+    int c;
+    for (c = 0; c < channels; c++) {
+        apart = fmax(apart, fabs((double)a[c] - b[c]));
+        size = fmax(size, fmax(fabs((double)a[c]), fabs((double)b[c])));
+    }
+    return apart > 0 ? apart / size : 0;
+}
+
+static void tally_unit(inside *in, itn__walk *walk, const itn__unit *unit, tally *t) {
+    const itn__crowd *crowd = run_unit(in, unit);
+    int pixel, ray, c, channels = walk->channels, number = 0;
+    for (pixel = 0; pixel < unit->width * unit->height; pixel++)
+        for (ray = 0; ray < unit->count; ray++, number++) {
+            double before = walk->collisions, apart;
+            float fast[3] = {0, 0, 0};
+            itn__sample_pixel(walk, in->render.seed, unit->x0 + pixel % unit->width,
+                              unit->y0 + pixel / unit->width, unit->first + ray);
+            for (c = 0; c < channels; c++) {
+                fast[c] = crowd->radiance[c * crowd->radiance_stride + number];
+                t->sum += walk->radiance[c], t->difference += (double)fast[c] - walk->radiance[c];
+                t->square += pow((double)fast[c] - walk->radiance[c], 2);
+            }
+            apart = distance_of(fast, walk->radiance, channels);
+            t->paths++, t->equal += apart <= 1e-5, t->near_by += apart <= 1e-3;
+            if (walk->collisions - before < 10) t->brief++, t->brief_apart += !(apart <= 1e-3);
+        }
+    t->collisions[0] = walk->collisions, t->collisions[1] = crowd->collisions;
+}
+
+/* The fast walk's paths are those of the reference, but for rounding, which sends a path another
+   way where it comes close to a choice: at most 3 in 1000 of those with fewer than 10 collisions,
+   and 10 where solids touch in a face, since rounding tells which of two equal faces comes first.
+   What becomes of them is not better or worse: the means agree. `planted` changes the seed of one of
+   the two, the phase function, or the light. */
+static void check_paths(int which, int max_scatter, int planted) {
+    itn_scene *scene = make_scene(which, NULL);
+    itn_render_options options = ITN_ZERO;
+    itn__walk walk;
+    tally t = ITN_ZERO;
+    double error;
+    inside in;
+    int number;
+    options.spp = which == DENSE || which == WHITE ? 8 : 64, options.seed = 5 + (uint64_t)which;
+#ifdef ITN_SANITIZED
+    options.spp /= 8;
+#endif
+    options.walks = 1, options.sampler = ITN_SAMPLER_RANDOM, options.max_scatter = max_scatter;
+    open_render(&in, scene, &options);
+    in.picture.fast.link_weight = 0;
+    walk = itn__row_walk(&in.render, 0);
+    if (planted == 1) in.picture.fast.seed++;
+    if (planted == 2) in.substances[1].g += .001f;
+    if (planted == 3) in.picture.fast.constant[0] *= 1.0001f;
+    for (number = 0; number < in.picture.end; number++) {
+        itn__unit unit = itn__unit_make(&in.picture, number);
+        tally_unit(&in, &walk, &unit, &t);
+    }
+    error = sqrt(t.square) + 1e-6 * t.sum;
+    if (verbose && !check_quiet)
+        printf("%-24s %d: %6.0f paths, %.4f equal, %.4f near; %6.0f brief, %.5f apart; %.1f "
+               "collisions (%.4f); mean off by %.2g = %.1f sigma\n", kind_names[which], max_scatter,
+               t.paths, t.equal / t.paths, t.near_by / t.paths, t.brief,
+               t.brief_apart / (t.brief + 1e-9), t.collisions[0] / t.paths,
+               t.collisions[1] / t.collisions[0] - 1, t.difference / t.sum, t.difference / error);
+    check_report(t.brief_apart <= (which == GROUP ? .01 : .003) * t.brief + 1, __FILE__, __LINE__,
+                 "%s: of %g paths with few collisions %g are apart", kind_names[which], t.brief,
+                 t.brief_apart);
+    check_report(t.near_by >= .6 * t.paths, __FILE__, __LINE__, "%s: of %g paths only %g are near",
+                 kind_names[which], t.paths, t.near_by);
+    check_report(fabs(t.difference) <= 4 * error, __FILE__, __LINE__,
+                 "%s: the difference of means is %.1f sigma", kind_names[which],
+                 t.difference / error);
+    close_render(&in);
+    itn_scene_free(scene);
+}
+
+static void test_paths(void) {
+    int which;
+    for (which = 0; which < KINDS; which++) {
+        check_paths(which, 0, 0);
+        check_paths(which, 1, 0);
+        check_paths(which, 3, 0);
+    }
+    CHECK_CATCHES(check_paths(MATCHED, 0, 1));
+    CHECK_CATCHES(check_paths(MATCHED, 0, 2));
+    CHECK_CATCHES(check_paths(ROUGH, 0, 3));
+}
+
+/* ---- whatever shares the work ---------------------------------------------------------------- */
+
+/* Runs a unit in parts of width x height pixels and `count` rays, last parts first, and compares
+   each part's radiance with that of the whole, bit by bit. A few paths alone fly in other company,
+   are moved between queues at other times and lie in other slots. */
+static void compare_parts(inside *in, const itn__unit *whole, const float *radiance, int width,
+                          int height, int count) {
+    int x, y, first, column, row, c, different = 0, walks = in->picture.fast.walks;
+    for (first = (whole->count - 1) / count * count; first >= 0; first -= count)
+        for (y = (whole->height - 1) / height * height; y >= 0; y -= height)
+            for (x = (whole->width - 1) / width * width; x >= 0; x -= width) {
+                const itn__crowd *crowd;
+                itn__unit part = *whole;
+                part.x0 = whole->x0 + x, part.y0 = whole->y0 + y, part.first = whole->first + first;
+                part.width = whole->width - x < width ? whole->width - x : width;
+                part.height = whole->height - y < height ? whole->height - y : height;
+                part.count = whole->count - first < count ? whole->count - first : count;
+                crowd = run_unit(in, &part);
+                for (c = 0; c < in->picture.fast.channels; c++)
+                    for (row = 0; row < part.height; row++)
+                        for (column = 0; column < part.width; column++) {
+                            int pixel = (y + row) * whole->width + x + column;
+                            const float *a = radiance + c * crowd->radiance_stride +
+                                             (pixel * whole->count + first) * walks;
+                            const float *b = crowd->radiance + c * crowd->radiance_stride +
+                                             (row * part.width + column) * part.count * walks;
+                            different |= memcmp(a, b, (size_t)(part.count * walks) * sizeof *a);
+                        }
+            }
+    check_report(!different, __FILE__, __LINE__, "parts of %d x %d pixels, %d rays", width, height,
+                 count);
+}
+
+/* A path's radiance has the same bits in whatever crowd it is. planted: but not of another seed. */
+static void check_parts(int which, itn_sampler sampler, int walks, int planted) {
+    itn_scene *scene = make_scene(which, NULL);
+    itn_render_options options = ITN_ZERO;
+    itn__unit whole;
+    float *radiance;
+    size_t bytes;
+    inside in;
+    options.spp = 64 / walks, options.seed = 3, options.walks = walks, options.sampler = sampler;
+    open_render(&in, scene, &options);
+    whole = itn__unit_make(&in.picture, 0);
+    bytes = (size_t)in.picture.crowds[0].radiance_stride * (size_t)in.picture.fast.channels *
+            sizeof *radiance;
+    radiance = (float *)malloc(bytes);
+    memcpy(radiance, run_unit(&in, &whole)->radiance, bytes);
+    in.picture.fast.seed += (uint64_t)planted;
+    compare_parts(&in, &whole, radiance, 8, 8, whole.count);
+    compare_parts(&in, &whole, radiance, 1, 1, whole.count);
+    compare_parts(&in, &whole, radiance, 3, 5, 3);
+    whole.width = whole.height = 8 < whole.width ? 8 : whole.width;
+    compare_parts(&in, &whole, radiance, 1, 1, 1);
+    free(radiance);
+    close_render(&in);
+    itn_scene_free(scene);
+}
+
+static void test_parts(void) {
+    int which;
+    for (which = 0; which < KINDS; which++) {
+        if (which == WHITE) continue; /* takes long, and is as MATCHED */
+        check_parts(which, which % 2 ? ITN_SAMPLER_RANDOM : ITN_SAMPLER_SOBOL, 1, 0);
+        check_parts(which, which % 2 ? ITN_SAMPLER_SOBOL : ITN_SAMPLER_RANDOM, 4, 0);
+    }
+    CHECK_CATCHES(check_parts(GROUP, ITN_SAMPLER_SOBOL, 4, 1));
+}
+
+static void run_reversed(int count, void (*body)(void *, int), void *task, void *user) {
+    (void)user;
+    while (count-- > 0) body(task, count);
+}
+
+static void render(const itn_scene *scene, const itn_render_options *options, itn_image *image) {
+    itn_error error;
+    stage_need(itn_render(scene, NULL, options, NULL, 0, image, &error), &error);
+}
+
+static int watch(void *user, double fraction) {
+    *(double *)user = fraction;
+    return 0;
+}
+
+/* The same image for any number of threads, watched or not. */
+static void check_threads(int which, int seed_of_second) {
+    static const int threads[5] = {2, 3, 7, 0, 1};
+    itn_context context = ITN_ZERO;
+    itn_image first, other;
+    itn_scene *scene;
+    itn_render_options options = ITN_ZERO;
+    itn_render_stats stats[2];
+    double seen = 0;
+    int k;
+    options.spp = 300, options.stats = &stats[0]; /* several units a tile, the last one shorter */
+    context.threads = 1;
+    scene = make_scene(which, &context);
+    render(scene, &options, &first);
+    itn_scene_free(scene);
+    options.seed = (uint64_t)seed_of_second, options.stats = &stats[1];
+    for (k = 0; k < 5; k++) {
+        context.threads = threads[k];
+        if (k == 4) context.parallel_for = run_reversed;
+        options.progress = k % 2 ? watch : NULL, options.progress_user = &seen;
+        scene = make_scene(which, &context);
+        render(scene, &options, &other);
+        itn_scene_free(scene);
+        CHECK(!memcmp(first.pixels, other.pixels, (size_t)(first.width * first.height) *
+                                                      (size_t)first.plane_count * sizeof(float)));
+        CHECK(stats[0].paths == stats[1].paths && stats[0].collisions == stats[1].collisions);
+        itn_image_free(&other);
+    }
+    CHECK(seen == 1 && stats[0].paths == 4. * 300 * PIXELS);
+    itn_image_free(&first);
+}
+
+static void test_threads(void) {
+    check_threads(GROUP, 0);
+    check_threads(COLOUR, 0);
+    CHECK_CATCHES(check_threads(MATCHED, 1));
+}
+
+/* ---- safe flights ---------------------------------------------------------------------------- */
+
+/* Walks in lanes that look around as the fast walk does; each flight that they take for free is
+   traced through the tree. */
+typedef struct flock {
+    const itn_scene *scene;
+    const itn__tables *tables;
+    float *theta;
+    itn__rng rng;
+    itn__vectors p, d;
+    itn__floats distance;
+    itn__free_space space;
+    itn__place places[ITN__LANES];
+    double free, cached, wrong, unproven; /* flights */
+} flock;
+
+static itn_vec3 lane_vector(const itn__vectors *v, int k) {
+    return itn__vec3(ITN__LANE(v->x, k), ITN__LANE(v->y, k), ITN__LANE(v->z, k));
+}
+static void set_lane(itn__vectors *v, int k, itn_vec3 value) {
+    ITN__LANE(v->x, k) = value.x, ITN__LANE(v->y, k) = value.y, ITN__LANE(v->z, k) = value.z;
+}
+
+/* Extinction where a walk is; 0 outside of media. */
+static float extinction(const flock *f, int k) {
+    const itn__medium *medium = itn__medium_of(f->scene, f->places[k].inside);
+    return medium ? f->theta[medium->sigma_t] : 0;
+}
+
+/* Sends a lane's walk straight on from the camera until it is in a medium. Returns 0 if it comes
+   to none. */
+static int enter(flock *f, int k) {
+    const itn_scene *scene = f->scene;
+    itn__place *place = &f->places[k];
+    int x = (int)(itn__uniform(&f->rng) * (float)scene->film.width), crossing;
+    int y = (int)(itn__uniform(&f->rng) * (float)scene->film.height);
+    float u = itn__uniform(&f->rng), v = itn__uniform(&f->rng);
+    itn_ray ray = itn__camera_ray(&scene->camera, x, y, u, v);
+    place->sides = scene->sides, place->crossed_count = 0;
+    place->inside = itn__find_inside(scene, &place->sides);
+    place->refracting = itn__find_refracting(scene, &place->sides);
+    for (crossing = 0; crossing < 8 && !(extinction(f, k) > 0 && itn__uniform(&f->rng) < .7f);
+         crossing++) {
+        itn_hit hit;
+        int object;
+        ray.tmax = INFINITY;
+        if (!itn__next_hit(scene, place, &ray, &hit)) return 0;
+        object = itn__bvh_object(scene->bvh, hit.triangle);
+        ray.origin = itn__hit_point(scene->bvh, &hit);
+        if (!scene->objects[object].closed) return 0;
+        itn__cross_boundary(scene, place, object, &hit);
+    }
+    set_lane(&f->p, k, ray.origin), set_lane(&f->d, k, ray.direction);
+    ITN__LANE(f->space.half, k) = -1;
+    return extinction(f, k) > 0;
+}
+
+/* Draws flights: of all lengths around the mean free path, now and then without a turn. */
+static void aim(flock *f) {
+    int k;
+    for (k = 0; k < ITN__LANES; k++) {
+        float u = itn__uniform(&f->rng), v = itn__uniform(&f->rng), w = itn__uniform(&f->rng), x, y;
+        itn_vec3 d = lane_vector(&f->d, k);
+        if (w > .1f)
+            set_lane(&f->d, k, itn__sample_phase(d, w > .5f ? .8f : -.2f, u, v, &x, &y));
+        w = itn__uniform(&f->rng);
+        ITN__LANE(f->distance, k) = itn__sample_flight(extinction(f, k), itn__uniform(&f->rng)) *
+                                    (w < .3f ? .1f : w < .7f ? 1 : 4);
+    }
+}
+
+/* A flight that was not proven free goes on or through, as the tree says. */
+static void fly(flock *f, int k) {
+    itn_ray ray;
+    itn_hit hit;
+    ray.origin = lane_vector(&f->p, k), ray.direction = lane_vector(&f->d, k);
+    ray.tmax = ITN__LANE(f->distance, k);
+    f->unproven++;
+    ITN__LANE(f->space.half, k) = -1;
+    if (!itn__next_hit(f->scene, &f->places[k], &ray, &hit)) {
+        set_lane(&f->p, k, itn__along(ray.origin, ray.tmax, ray.direction));
+    } else { /* in, out, or back where it came from */
+        int object = itn__bvh_object(f->scene->bvh, hit.triangle);
+        set_lane(&f->p, k, itn__hit_point(f->scene->bvh, &hit));
+        if (itn__uniform(&f->rng) < .5f) {
+            set_lane(&f->d, k, itn__scale(ray.direction, -1));
+        } else if (f->scene->objects[object].closed) {
+            itn__cross_boundary(f->scene, &f->places[k], object, &hit);
+        }
+    }
+    while (!(extinction(f, k) > 0) || !itn__within(f->scene, lane_vector(&f->p, k)))
+        while (!enter(f, k)) {}
+}
+
+/* Traces a flight that was taken for free. */
+static void retrace(flock *f, int k, const itn__vectors *to) {
+    itn_ray ray;
+    itn_hit hit;
+    ray.origin = lane_vector(&f->p, k), ray.direction = lane_vector(&f->d, k);
+    ray.tmin = -itn__slack(f->scene, ray.origin), ray.tmax = ITN__LANE(f->distance, k);
+    f->free++;
+    f->wrong += itn__bvh_trace(f->scene->bvh, &ray, &f->places[k].sides, 0, &hit);
+    f->places[k].crossed_count = 0;
+    set_lane(&f->p, k, lane_vector(to, k));
+}
+
+static void step(flock *f) {
+    itn__ints all = itn__splat_int(-1), safe;
+    itn__vectors q;
+    itn__floats nq;
+    unsigned bits;
+    int k;
+    aim(f);
+    q = itn__valong(f->p, f->distance, f->d);
+    safe = itn__free_flight(&f->space, q, f->d, &nq);
+    f->cached += itn__count_bits(itn__mask_bits(safe));
+    itn__look_around(f->tables->voxels, f->p, all & ~safe, &f->space);
+    safe = itn__free_flight(&f->space, q, f->d, &nq);
+    f->space.np = itn__select(safe, nq, f->space.np);
+    bits = itn__mask_bits(safe);
+    for (k = 0; k < ITN__LANES; k++)
+        if (bits >> k & 1)
+            retrace(f, k, &q);
+        else
+            fly(f, k);
+}
+
+/* The tables of a scene with so many cells; moved: as if its solids lay elsewhere. Returns the
+   number of free flights. */
+static double check_flights(int which, int resolution, int regions, double flights, double moved) {
+    itn_scene *scene = make_scene(which, NULL);
+    itn__tables *tables = NULL;
+    itn_error error;
+    float theta[64];
+    flock f;
+    int k;
+    memset(&f, 0, sizeof f);
+    stage_need(itn__tables_make(scene, resolution, regions, &tables, &error), &error);
+    itn_parameter_values(scene, theta);
+    tables->voxels->lower.x += (float)moved * tables->voxels->cell;
+    f.scene = scene, f.tables = tables, f.theta = theta;
+    f.rng = itn__rng_make(99, (uint64_t)which, (uint64_t)(2 * resolution + regions));
+    for (k = 0; k < ITN__LANES; k++)
+        while (!enter(&f, k)) {}
+    while (f.free + f.unproven < flights) step(&f);
+    if (verbose && !check_quiet)
+        printf("%-24s %3d cells, regions %d: %.3f of flights are free (%.3f known before)\n",
+               kind_names[which], resolution, regions, f.free / (f.free + f.unproven),
+               f.cached / (f.free + f.unproven));
+    check_report(f.wrong == 0, __FILE__, __LINE__,
+                 "%s, %d cells: of %g flights taken for free %g are not", kind_names[which],
+                 resolution, f.free, f.wrong);
+    itn__tables_free(&scene->context, tables);
+    itn_scene_free(scene);
+    return f.free;
+}
+
+static void test_flights(void) {
+    static const int resolutions[3] = {16, 32, 128};
+    double flights = long_tests ? 4.5e6 : 4.5e4, all = 0;
+    int which, k;
+#ifdef ITN_SANITIZED
+    flights = 2e3;
+#endif
+    for (which = 0; which < KINDS; which++)
+        for (k = 0; k < 3; k++) all += check_flights(which, resolutions[k], (which + k) % 4 != 0, flights, 0);
+    if (verbose) printf("%g flights are free\n", all);
+    CHECK(all > .3 * 3 * KINDS * flights);
+    CHECK_CATCHES(check_flights(MATCHED, 32, 1, 3e4, .3));
+    CHECK_CATCHES(check_flights(LEAF, 32, 1, 3e4, -.3));
+}
+
+/* ---- images ---------------------------------------------------------------------------------- */
+
+enum { BLOCK = 4, MOST_BLOCKS = 3 * PIXELS / (BLOCK * BLOCK) };
+
+/* Means over blocks of pixels and their variances, channel by channel; returns their number. */
+static int block_means(const itn_image *image, double *means, double *variances) {
+    int pixels = image->width * image->height, count = 0, c, x, y;
+    for (c = 0; c < image->plane_count / 2; c++) {
+        const float *plane = image->pixels + c * pixels;
+        const float *variance = plane + image->plane_count / 2 * pixels;
+        int first = count;
+        for (y = 0; y < image->height; y++)
+            for (x = 0; x < image->width; x++) {
+                int block = first + y / BLOCK * ((image->width + BLOCK - 1) / BLOCK) + x / BLOCK;
+                for (; count <= block; count++) means[count] = variances[count] = 0;
+                means[block] += plane[y * image->width + x];
+                variances[block] += variance[y * image->width + x];
+            }
+    }
+    return count;
+}
+
+/* Chi^2 of the blocks' differences, and the difference of all, in standard errors. */
+static void compare_images(const char *name, const itn_image *a, const itn_image *b) {
+    double means[2][MOST_BLOCKS], variances[2][MOST_BLOCKS], chi2 = 0, sum = 0, square = 0;
+    int blocks = block_means(a, means[0], variances[0]), k, felt = 0;
+    block_means(b, means[1], variances[1]);
+    for (k = 0; k < blocks; k++) {
+        double difference = means[1][k] - means[0][k], variance = variances[0][k] + variances[1][k];
+        sum += difference, square += variance;
+        if (!(variance > 1e-10 * means[0][k] * means[0][k])) { /* nothing is random there */
+            CHECK_NEAR(means[1][k], means[0][k], 2e-5 * means[0][k]);
+            continue;
+        }
+        chi2 += difference * difference / variance, felt++;
+    }
+    if (verbose && !check_quiet)
+        printf("%-30s %2d blocks: chi^2 %5.1f, mean %4.1f sigma\n", name, felt, chi2,
+               sum / sqrt(square));
+    check_report(chi2 <= felt + 4 * sqrt(2. * felt) + 4, __FILE__, __LINE__,
+                 "%s: chi^2 of %d blocks is %.1f", name, felt, chi2);
+    check_report(fabs(sum) <= 4 * sqrt(square) + 1e-6, __FILE__, __LINE__,
+                 "%s: the mean is off by %.1f sigma", name, sum / sqrt(square));
+}
+
+/* The fast walk with both samplers, 1 and 4 walks a ray, against the reference. planted: another
+   scene of the same size. */
+static void check_images(int which, int max_scatter, int planted) {
+    itn_scene *scene = make_scene(which, NULL), *other = planted < 0 ? scene : make_scene(planted, NULL);
+    itn_render_options options = ITN_ZERO;
+    itn_image expected, image;
+    int k;
+    options.spp = long_tests ? 3000 : which == WHITE || which == DENSE ? 40 : 120;
+    options.max_scatter = max_scatter, options.mode = ITN_MODE_REFERENCE, options.seed = 1;
+    render(scene, &options, &expected);
+    options.mode = ITN_MODE_FAST;
+    for (k = 0; k < 4; k++) {
+        char name[64];
+        options.walks = k % 2 ? 4 : 1, options.seed++;
+        options.sampler = k < 2 ? ITN_SAMPLER_RANDOM : ITN_SAMPLER_SOBOL;
+        sprintf(name, "%.40s %s %d", kind_names[which], k < 2 ? "random" : "Sobol", options.walks);
+        render(other, &options, &image);
+        compare_images(name, &expected, &image);
+        itn_image_free(&image);
+    }
+    itn_image_free(&expected);
+    if (other != scene) itn_scene_free(other);
+    itn_scene_free(scene);
+}
+
+static void test_images(void) {
+    int which;
+    for (which = 0; which < KINDS; which++) check_images(which, which % 4 == 3 ? 2 : 0, -1);
+    CHECK_CATCHES(check_images(ROUGH, 0, SMOOTH));
+    CHECK_CATCHES(check_images(MATCHED, 0, WHITE));
+}
+
+/* ---- stated errors --------------------------------------------------------------------------- */
+
+/* The stated variance of blocks is that found between seeds. Returns the mean stated one. */
+static double check_variance(int which, itn_sampler sampler, int walks, int spp, double planted) {
+    enum { SEEDS = 32 };
+    itn_context context = ITN_ZERO;
+    itn_scene *scene;
+    itn_render_options options = ITN_ZERO;
+    double sums[MOST_BLOCKS] = {0}, squares[MOST_BLOCKS] = {0}, means[MOST_BLOCKS];
+    double variances[MOST_BLOCKS], stated = 0, found = 0, spread = 0;
+    int blocks = 0, seed, k;
+    context.threads = 1; /* each render is small */
+    scene = make_scene(which, &context);
+    options.spp = spp, options.sampler = sampler, options.walks = walks;
+    for (seed = 0; seed < SEEDS; seed++) {
+        itn_image image;
+        options.seed = 1000 + (uint64_t)seed;
+        render(scene, &options, &image);
+        blocks = block_means(&image, means, variances);
+        for (k = 0; k < blocks; k++) {
+            sums[k] += means[k], squares[k] += means[k] * means[k];
+            stated += planted * variances[k] / SEEDS;
+        }
+        itn_image_free(&image);
+    }
+    for (k = 0; k < blocks; k++) {
+        double variance = (squares[k] - sums[k] * sums[k] / SEEDS) / (SEEDS - 1);
+        found += variance, spread += 2 * variance * variance / (SEEDS - 1);
+    }
+    if (verbose && !check_quiet)
+        printf("%-24s %s %d walks: stated %.4g, found %.4g +- %.2g\n", kind_names[which],
+               sampler == ITN_SAMPLER_SOBOL ? "Sobol " : "random", walks, stated, found,
+               sqrt(spread));
+    check_report(fabs(stated - found) <= 4 * sqrt(spread), __FILE__, __LINE__,
+                 "%s, %d walks: variance %.4g, found %.4g +- %.2g", kind_names[which], walks,
+                 stated, found, sqrt(spread));
+    itn_scene_free(scene);
+    return stated;
+}
+
+static void test_variances(void) {
+    static const int kinds[4] = {ROUGH, MATCHED, COLOUR, BLACK};
+    static const int spps[2] = {16, 25};
+    int k, w;
+    for (k = 0; k < 4; k++)
+        for (w = 1; w <= 4; w += 3) {
+            double random = check_variance(kinds[k], ITN_SAMPLER_RANDOM, w, spps[k % 2], 1);
+            double sobol = check_variance(kinds[k], ITN_SAMPLER_SOBOL, w, spps[k % 2], 1);
+            CHECK(sobol < random);
+        }
+    CHECK_CATCHES(check_variance(ROUGH, ITN_SAMPLER_SOBOL, 4, 16, .4));
+}
+
+int main(void) {
+    long_tests = getenv("ITN_LONG_TESTS") && strcmp(getenv("ITN_LONG_TESTS"), "0") != 0;
+    verbose = getenv("ITN_VERBOSE") != NULL;
+    if (!getenv("P") || strchr(getenv("P"), 49)) test_paths();
+    if (!getenv("P") || strchr(getenv("P"), 50)) test_parts();
+    if (!getenv("P") || strchr(getenv("P"), 51)) test_threads();
+    if (!getenv("P") || strchr(getenv("P"), 52)) test_flights();
+    if (!getenv("P") || strchr(getenv("P"), 53)) test_images();
+    if (!getenv("P") || strchr(getenv("P"), 54)) test_variances();
+    return check_end("fast");
+}

@@ -1,0 +1,639 @@
+/* The voxel tables, against brute force: whatever they call free is traced through the tree, cells
+   and slabs are compared with triangles clipped to them in double, distances with a search over all
+   cells. All meshes are made here. */
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+#include "accountant.h"
+#include "check.h"
+#include "solids.h"
+
+#ifdef ITN_SANITIZED
+enum { FEWER = 10 };
+#else
+enum { FEWER = 1 };
+#endif
+
+/* ---- meshes ---------------------------------------------------------------------------------- */
+
+/* Several meshes in one, each an object of its own. */
+typedef struct world {
+    itn_mesh mesh;
+    int *objects;
+    itn_bvh *bvh;
+    uint64_t closed;
+    itn_vec3 lower, upper; /* box for the tables */
+} world;
+
+static itn_mesh join(itn_mesh a, itn_mesh b) {
+    itn_mesh both;
+    itn_error error;
+    int i;
+    solids_need(itn_mesh_create(a.vertex_count + b.vertex_count,
+                                a.triangle_count + b.triangle_count, 0, NULL, &both, &error),
+                &error);
+    memcpy(both.positions, a.positions, sizeof(float) * 3 * (size_t)a.vertex_count);
+    memcpy(both.positions + 3 * a.vertex_count, b.positions,
+           sizeof(float) * 3 * (size_t)b.vertex_count);
+    memcpy(both.triangles, a.triangles, sizeof(int) * 3 * (size_t)a.triangle_count);
+    for (i = 0; i < 3 * b.triangle_count; i++)
+        both.triangles[3 * a.triangle_count + i] = b.triangles[i] + a.vertex_count;
+    itn_mesh_free(&a);
+    itn_mesh_free(&b);
+    return both;
+}
+
+static float signed_uniform(itn__rng *rng) { return 2 * itn__uniform(rng) - 1; }
+static itn_vec3 sphere_point(itn__rng *rng) {
+    float z = signed_uniform(rng), phi = 6.2831853f * itn__uniform(rng), q = sqrtf(1 - z * z);
+    return itn__vec3(q * cosf(phi), q * sinf(phi), z);
+}
+
+/* Stretches, then turns by a fixed rotation (if turned), then scales and moves. */
+static void place(itn_mesh *mesh, itn_vec3 stretch, int turned, float scale, itn_vec3 offset) {
+    static const float turn[3][3] = {{.8f, -.36f, .48f}, {.6f, .48f, -.64f}, {0, .8f, .6f}};
+    int i, j, k;
+    for (i = 0; i < mesh->vertex_count; i++) {
+        float *p = mesh->positions + 3 * i, q[3];
+        q[0] = p[0] * stretch.x, q[1] = p[1] * stretch.y, q[2] = p[2] * stretch.z;
+        for (j = 0; j < 3; j++) {
+            p[j] = turned ? 0 : q[j];
+            for (k = 0; k < 3 && turned; k++) p[j] += turn[j][k] * q[k];
+        }
+        p[0] = p[0] * scale + offset.x, p[1] = p[1] * scale + offset.y;
+        p[2] = p[2] * scale + offset.z;
+    }
+}
+
+/* Triangles of all sizes anywhere, an open thing. */
+static itn_mesh soup(int n, uint64_t seed) {
+    itn_mesh mesh;
+    itn_error error;
+    itn__rng rng = itn__rng_make(seed, 0, 0);
+    int i, j;
+    solids_need(itn_mesh_create(3 * n, n, 0, NULL, &mesh, &error), &error);
+    for (i = 0; i < n; i++) {
+        itn_vec3 centre = sphere_point(&rng);
+        float size = expf(-5 * itn__uniform(&rng));
+        for (j = 0; j < 3; j++) {
+            itn_vec3 p = itn__along(centre, size, sphere_point(&rng));
+            float *q = mesh.positions + 3 * (3 * i + j);
+            q[0] = p.x, q[1] = p.y, q[2] = p.z;
+            mesh.triangles[3 * i + j] = 3 * i + j;
+        }
+    }
+    return mesh;
+}
+
+/* A ball of two fans of needles. */
+static itn_mesh needles(int sectors) {
+    itn_mesh mesh;
+    itn_error error;
+    int i;
+    solids_need(itn_mesh_create(sectors + 2, 2 * sectors, 0, NULL, &mesh, &error), &error);
+    for (i = 0; i < sectors; i++) {
+        double a = 6.283185307179586 * i / sectors;
+        int *t = mesh.triangles + 6 * i, next = (i + 1) % sectors;
+        mesh.positions[3 * i] = (float)cos(a), mesh.positions[3 * i + 1] = (float)sin(a);
+        t[0] = i, t[1] = next, t[2] = sectors;
+        t[3] = next, t[4] = i, t[5] = sectors + 1;
+    }
+    mesh.positions[3 * sectors + 2] = 1, mesh.positions[3 * sectors + 5] = -1;
+    return mesh;
+}
+
+/* An open square, half_width to each side of the origin, facing up. */
+static itn_mesh square(float half_width) {
+    static const int triangles[6] = {0, 1, 2, 2, 1, 3};
+    itn_mesh mesh;
+    itn_error error;
+    int i;
+    solids_need(itn_mesh_create(4, 2, 0, NULL, &mesh, &error), &error);
+    for (i = 0; i < 4; i++) {
+        mesh.positions[3 * i] = i & 1 ? half_width : -half_width;
+        mesh.positions[3 * i + 2] = i & 2 ? -half_width : half_width;
+    }
+    memcpy(mesh.triangles, triangles, sizeof triangles);
+    return mesh;
+}
+
+enum { BALL, CUBE, SLAB, NEEDLES, TWINS, GROUND, SOUP, SHAPES };
+static const char *const shape_names[SHAPES] = {"ball",  "cube",   "slab", "needles",
+                                                "twins", "ground", "soup"};
+
+static world world_make(int shape, int turned, float scale, float distance) {
+    world w = ITN_ZERO;
+    itn_vec3 one = solids_vec3(1, 1, 1), zero = solids_vec3(0, 0, 0);
+    itn_error error;
+    int first = 0, i;
+    switch (shape) {
+    case BALL: w.mesh = solids_sphere(1, 4); break;
+    case CUBE: w.mesh = solids_box(solids_vec3(-1, -1, -1), one); break;
+    case SLAB: w.mesh = solids_slab(.004, 1); break;
+    case NEEDLES: w.mesh = needles(300); break;
+    case SOUP: w.mesh = soup(600, 5); break;
+    case TWINS: /* touching along a face */
+        w.mesh = join(solids_box(solids_vec3(-1, -.5, -.5), solids_vec3(0, .5, .5)),
+                      solids_box(zero, solids_vec3(.7, .4, .4)));
+        first = 12;
+        break;
+    default: /* a ball above and in a vast plane */
+        w.mesh = solids_sphere(1, 3);
+        first = w.mesh.triangle_count;
+        w.mesh = join(w.mesh, square(500));
+    }
+    place(&w.mesh, one, turned, scale, solids_vec3(distance * scale, 0, 0));
+    w.closed = shape == SOUP ? 0 : shape == TWINS ? 3 : 1;
+    w.objects = (int *)calloc((size_t)w.mesh.triangle_count, sizeof(int));
+    for (i = first; first && i < w.mesh.triangle_count; i++) w.objects[i] = 1;
+    solids_need(itn__bvh_build(&w.mesh, w.objects, NULL, &w.bvh, &error), &error);
+    w.lower = w.bvh->lower, w.upper = w.bvh->upper;
+    if (shape == GROUND) {
+        w.lower = itn__vec3((distance - 1) * scale, -scale, -scale);
+        w.upper = itn__vec3((distance + 1) * scale, scale, scale);
+    }
+    return w;
+}
+static void world_free(world *w) {
+    itn_bvh_free(w->bvh);
+    free(w->objects);
+    itn_mesh_free(&w->mesh);
+}
+static itn__voxels *tables(const world *w, int resolution, int regions) {
+    itn_context context = ITN_ZERO;
+    itn__voxels *voxels = NULL;
+    itn_error error;
+    solids_need(itn__voxels_make(&context, w->bvh, w->closed, w->lower, w->upper, resolution,
+                                 regions, &voxels, &error),
+                &error);
+    return voxels;
+}
+
+/* ---- reading the tables ---------------------------------------------------------------------- */
+
+static int cell_of(const itn__voxels *v, itn_vec3 p, int at[3]) {
+    at[0] = (int)floorf((p.x - v->lower.x) * v->inverse_cell);
+    at[1] = (int)floorf((p.y - v->lower.y) * v->inverse_cell);
+    at[2] = (int)floorf((p.z - v->lower.z) * v->inverse_cell);
+    if (at[0] < 0 || at[1] < 0 || at[2] < 0) return -1;
+    if (at[0] >= v->size[0] || at[1] >= v->size[1] || at[2] >= v->size[2]) return -1;
+    return (at[2] * v->size[1] + at[1]) * v->size[0] + at[0];
+}
+static int chess(const int a[3], const int b[3]) {
+    int x = abs(a[0] - b[0]), y = abs(a[1] - b[1]), z = abs(a[2] - b[2]);
+    return x > y ? (x > z ? x : z) : (y > z ? y : z);
+}
+static itn_vec3 word_normal(int32_t word) {
+    return itn__vec3((float)(int8_t)(word & 255), (float)(int8_t)(word >> 8 & 255),
+                     (float)(int8_t)(word >> 16 & 255));
+}
+static float word_float(int32_t word) {
+    float x;
+    memcpy(&x, &word, sizeof x);
+    return x;
+}
+static const int32_t *near_record(const itn__voxels *v, int cell) {
+    return v->cells[cell] < 0 ? NULL : v->nearby + 5 * v->cells[cell];
+}
+/* How far around a cell the table says there is nothing; -1: the cell holds triangles. */
+static int empty_reach(const itn__voxels *v, int cell) {
+    const int32_t *record = near_record(v, cell);
+    int word = record ? record[4] : v->cells[cell];
+    return word < 0 ? -1 - word : -1;
+}
+
+enum { BY_CUBE = 1, BY_SLAB = 2, BY_NORMALS = 4 };
+
+/* In which ways a segment is called free. */
+static int claims(const itn__voxels *v, itn_vec3 p, itn_vec3 q, itn_vec3 d) {
+    int from[3], to[3], cell = cell_of(v, p, from), found = 0, distance, reach;
+    const int32_t *record;
+    if (cell < 0) return 0;
+    cell_of(v, q, to);
+    distance = chess(from, to);
+    if (distance <= empty_reach(v, cell)) found |= BY_CUBE;
+    record = near_record(v, cell);
+    if (record) {
+        itn_vec3 n = word_normal(record[0]);
+        float below = word_float(record[1]), above = word_float(record[2]);
+        reach = (int)((uint32_t)record[0] >> 24);
+        if (distance > reach) return found;
+        if (itn__dot(n, p) < below && itn__dot(n, q) < below) found |= BY_SLAB;
+        if (itn__dot(n, p) > above && itn__dot(n, q) > above) found |= BY_SLAB;
+        if (itn__dot(n, d) < -word_float(record[3])) found |= BY_NORMALS;
+    }
+    return found;
+}
+
+/* What is wrong with the tables on trial. */
+enum { NOTHING, SHIFTED_REGION, LARGER_CUBE, DROPPED_TRIANGLE, MOVED_SLAB };
+
+static void plant(itn__voxels *v, int fault) {
+    int i;
+    for (i = 0; fault == SHIFTED_REGION && i < v->near_count; i++) {
+        float shift = v->cell * fabsf(word_normal(v->nearby[5 * i]).x);
+        float below = word_float(v->nearby[5 * i + 1]) + shift;
+        float above = word_float(v->nearby[5 * i + 2]) + shift;
+        memcpy(&v->nearby[5 * i + 1], &below, sizeof below);
+        memcpy(&v->nearby[5 * i + 2], &above, sizeof above);
+    }
+    for (i = 0; fault == LARGER_CUBE && i < v->size[0] * v->size[1] * v->size[2]; i++)
+        v->cells[i] -= v->cells[i] < 0;
+    for (i = 0; fault == DROPPED_TRIANGLE && i < v->pack_count; i++)
+        v->packs[i].index[0] = -1;
+    for (i = 0; fault == MOVED_SLAB && i < v->surface_count; i++) {
+        float below = word_float(v->surface[5 * i + 1]);
+        below += .2f * v->cell * itn__length(word_normal(v->surface[5 * i]));
+        memcpy(&v->surface[5 * i + 1], &below, sizeof below);
+    }
+}
+
+/* ---- claims against the tree ----------------------------------------------------------------- */
+
+typedef struct tally {
+    long long segments, claimed, cube, slab, normals, wrong;
+} tally;
+
+static itn_vec3 triangle_point(const itn__triangle *t, itn__rng *rng) {
+    float a = itn__uniform(rng), b = itn__uniform(rng);
+    itn_vec3 p = itn__vec3(t->corner[0][0], t->corner[0][1], t->corner[0][2]);
+    itn_vec3 e = itn__sub(itn__vec3(t->corner[1][0], t->corner[1][1], t->corner[1][2]), p);
+    itn_vec3 f = itn__sub(itn__vec3(t->corner[2][0], t->corner[2][1], t->corner[2][2]), p);
+    if (a + b > 1) a = 1 - a, b = 1 - b;
+    return itn__along(itn__along(p, a, e), b, f);
+}
+
+/* A start: on a triangle, near one, or anywhere in the grid. */
+static itn_vec3 random_start(const world *w, const itn__voxels *v, itn__rng *rng) {
+    float kind = itn__uniform(rng), pick = itn__uniform(rng);
+    const itn__triangle *t =
+        &w->bvh->triangles[(int)(pick * (float)w->bvh->triangle_count) % w->bvh->triangle_count];
+    itn_vec3 p = triangle_point(t, rng);
+    if (kind < .2f) return p;
+    if (kind < .7f && t->object == 0)
+        return itn__along(p, 2.5f * itn__uniform(rng) * v->cell, sphere_point(rng));
+    p.x = v->lower.x + itn__uniform(rng) * v->cell * (float)v->size[0];
+    p.y = v->lower.y + itn__uniform(rng) * v->cell * (float)v->size[1];
+    p.z = v->lower.z + itn__uniform(rng) * v->cell * (float)v->size[2];
+    return p;
+}
+
+/* Traces what is claimed free among `count` segments. */
+static tally try_claims(const world *w, const itn__voxels *v, long long count, uint64_t seed) {
+    tally sum = ITN_ZERO;
+    itn__sides back = ITN_ZERO;
+    itn__rng rng = itn__rng_make(seed, 0, 0);
+    back.back = w->closed;
+    for (; sum.segments < count; sum.segments++) {
+        itn_hit hit;
+        itn_ray ray;
+        itn_vec3 q;
+        int found;
+        if (!(sum.segments & 0xffffff)) rng = itn__rng_make(seed, (uint64_t)sum.segments, 0);
+        ray.origin = random_start(w, v, &rng), ray.direction = sphere_point(&rng);
+        ray.tmin = 0, ray.tmax = -logf(itn__uniform(&rng)) * v->cell;
+        q = itn__along(ray.origin, ray.tmax, ray.direction);
+        found = claims(v, ray.origin, q, ray.direction);
+        if (!found) continue;
+        sum.claimed++;
+        sum.cube += !!(found & BY_CUBE), sum.slab += !!(found & BY_SLAB);
+        sum.normals += !!(found & BY_NORMALS);
+        if (found & (BY_CUBE | BY_SLAB))
+            sum.wrong += itn__bvh_trace(w->bvh, &ray, NULL, 1, &hit);
+        else
+            sum.wrong += itn__bvh_trace(w->bvh, &ray, &back, 1, &hit);
+    }
+    return sum;
+}
+
+static void claims_hold(int shape, int turned, int resolution, float scale, float distance,
+                        long long count, int fault, tally *total) {
+    world w = world_make(shape, turned, scale, distance);
+    itn__voxels *v = tables(&w, resolution, 1);
+    tally sum;
+    plant(v, fault);
+    sum = try_claims(&w, v, count / FEWER, (uint64_t)(shape * 100 + resolution));
+    check_report(sum.wrong == 0, __FILE__, __LINE__,
+                 "%s, turned %d, %d cells, scale %g, distance %g: %lld of %lld claims wrong",
+                 shape_names[shape], turned, resolution, (double)scale, (double)distance,
+                 sum.wrong, sum.claimed);
+    total->segments += sum.segments, total->claimed += sum.claimed, total->cube += sum.cube;
+    total->slab += sum.slab, total->normals += sum.normals;
+    if (shape == BALL && distance == 0) { /* not by saying nothing */
+        CHECK((double)sum.claimed > .4 * (double)sum.segments);
+        CHECK((double)sum.normals > .05 * (double)sum.segments);
+    }
+    if (shape != BALL && shape != CUBE && shape != NEEDLES && shape != SLAB && shape != GROUND)
+        CHECK(sum.normals == 0);
+    itn__voxels_free(v);
+    world_free(&w);
+}
+static void all_claims_hold(void) {
+    static const int resolutions[3] = {5, 24, 90};
+    long long count = getenv("ITN_LONG_TESTS") ? 3000000 : 20000;
+    tally total = ITN_ZERO;
+    int shape, k;
+    for (shape = 0; shape < SHAPES; shape++)
+        for (k = 0; k < 3; k++) {
+            claims_hold(shape, 0, resolutions[k], 1, 0, count, NOTHING, &total);
+            claims_hold(shape, 1, resolutions[k], 1e-4f, 0, count, NOTHING, &total);
+            claims_hold(shape, 1, resolutions[k], 1e4f, 3, count, NOTHING, &total);
+            claims_hold(shape, k & 1, resolutions[k], 1, 300, count, NOTHING, &total);
+        }
+    printf("voxels: %lld of %lld segments claimed free: by cube %lld, slab %lld, normals %lld\n",
+           total.claimed, total.segments, total.cube, total.slab, total.normals);
+    CHECK(total.claimed >= 200000 / FEWER);
+}
+
+/* ---- cells and slabs against clipping -------------------------------------------------------- */
+
+typedef struct polygon {
+    int count;
+    double p[12][3];
+} polygon;
+
+/* A triangle in units of cells, cut to the box. */
+static polygon clip(const itn__voxels *v, const itn__triangle *t, const double lower[3],
+                    const double upper[3]) {
+    const float origin[3] = {v->lower.x, v->lower.y, v->lower.z};
+    polygon in, out;
+    int i, j, k, side;
+    in.count = 3;
+    for (j = 0; j < 3; j++)
+        for (k = 0; k < 3; k++) in.p[j][k] = ((double)t->corner[j][k] - origin[k]) / v->cell;
+    for (k = 0; k < 3; k++)
+        for (side = 0; side < 2; side++, in = out) {
+            out.count = 0;
+            for (i = 0; i < in.count; i++) {
+                const double *a = in.p[i], *b = in.p[(i + 1) % in.count];
+                double da = side ? upper[k] - a[k] : a[k] - lower[k];
+                double db = side ? upper[k] - b[k] : b[k] - lower[k];
+                if (da >= 0) memcpy(out.p[out.count++], a, sizeof in.p[0]);
+                if ((da >= 0) == (db >= 0)) continue;
+                for (j = 0; j < 3; j++)
+                    out.p[out.count][j] = a[j] + da / (da - db) * (b[j] - a[j]);
+                out.p[out.count++][k] = side ? upper[k] : lower[k];
+            }
+        }
+    return in;
+}
+static polygon clip_block(const itn__voxels *v, const itn__triangle *t, const int at[3], int reach,
+                          double margin) {
+    double lower[3], upper[3];
+    int k;
+    for (k = 0; k < 3; k++)
+        lower[k] = at[k] - reach - margin, upper[k] = at[k] + reach + 1 + margin;
+    return clip(v, t, lower, upper);
+}
+
+static int listed(const itn__voxels *v, const int32_t *own, int index) {
+    int i, k;
+    for (i = 0; i < own[4]; i++)
+        for (k = 0; k < 16; k++)
+            if (v->packs[own[3] + i].index[k] == index) return 1;
+    return 0;
+}
+
+/* Whether n.x of the polygon is within a slab, with what rounding in the slab's use may take. */
+static int slab_holds(const itn__voxels *v, const polygon *cut, const int32_t words[3]) {
+    itn_vec3 n = word_normal(words[0]);
+    double below = word_float(words[1]), above = word_float(words[2]);
+    double spare = .0005 * v->cell * sqrt((double)itn__dot(n, n));
+    int i, holds = 1;
+    for (i = 0; i < cut->count; i++) {
+        double x = n.x * (v->lower.x + cut->p[i][0] * v->cell) +
+                   n.y * (v->lower.y + cut->p[i][1] * v->cell) +
+                   n.z * (v->lower.z + cut->p[i][2] * v->cell);
+        holds = holds && x - spare > below && x + spare < above;
+    }
+    return holds;
+}
+
+/* Looks at `count` cells, most of them near a triangle: all triangles that touch a cell are listed,
+   none that is away from it; slabs hold what lies in the cell or block; cubes are empty. */
+static void cells_hold(int shape, int turned, int resolution, float scale, float distance,
+                       int regions, int count, int fault) {
+    world w = world_make(shape, turned, scale, distance);
+    itn__voxels *v = tables(&w, resolution, regions);
+    itn__rng rng = itn__rng_make(7, (uint64_t)shape, (uint64_t)resolution);
+    int missing = 0, extra = 0, own_wrong = 0, slab_wrong = 0, cube_wrong = 0, reach, i;
+    plant(v, fault);
+    for (; count > 0; count--) {
+        int at[3], cell = cell_of(v, random_start(&w, v, &rng), at);
+        const int32_t *record, *own = NULL;
+        if (cell < 0) continue;
+        record = near_record(v, cell);
+        reach = record ? (int)((uint32_t)record[0] >> 24) : 0;
+        if (record && record[4] >= 0) own = v->surface + 5 * record[4];
+        for (i = 0; i < w.bvh->triangle_count; i++) {
+            const itn__triangle *t = &w.bvh->triangles[i];
+            polygon cut = clip_block(v, t, at, 0, .01), part = clip_block(v, t, at, 0, .005);
+            int holds = own ? listed(v, own, t->index) : 0;
+            missing += cut.count && !holds;
+            extra += holds && !clip_block(v, t, at, 0, shape == GROUND ? .1 : .02).count;
+            if (own) own_wrong += !slab_holds(v, &part, own);
+            if (empty_reach(v, cell) >= 0)
+                cube_wrong += clip_block(v, t, at, empty_reach(v, cell), .005).count > 0;
+            part = clip_block(v, t, at, reach, .005);
+            if (record) slab_wrong += !slab_holds(v, &part, record);
+        }
+    }
+    check_report(!missing && !extra && !own_wrong && !slab_wrong && !cube_wrong, __FILE__, __LINE__,
+                 "%s, turned %d, %d cells, scale %g, distance %g: %d triangles missing, %d extra, "
+                 "%d out of own slabs, %d of regions, %d in cubes",
+                 shape_names[shape], turned, resolution, (double)scale, (double)distance, missing,
+                 extra, own_wrong, slab_wrong, cube_wrong);
+    itn__voxels_free(v);
+    world_free(&w);
+}
+static void all_cells_hold(void) {
+    static const int resolutions[3] = {6, 31, 70};
+    int shape, k;
+    for (shape = 0; shape < SHAPES; shape++)
+        for (k = 0; k < 3; k++) {
+            cells_hold(shape, k & 1, resolutions[k], 1, 0, 1, 200 / FEWER, NOTHING);
+            cells_hold(shape, 1, resolutions[k], 1e-4f, 0, 0, 100 / FEWER, NOTHING);
+            cells_hold(shape, 1, resolutions[k], 1e4f, 100, 1, 100 / FEWER, NOTHING);
+        }
+}
+
+/* Every cell's cube is as large as it can be: its reach is the chessboard distance to the nearest
+   cell that holds triangles, or is outside while triangles are there, less one. */
+static void distances_are_exact(int shape, int resolution) {
+    world w = world_make(shape, 1, 1, 0);
+    itn__voxels *v = tables(&w, resolution, 0);
+    int cells = v->size[0] * v->size[1] * v->size[2], cell, i, wrong = 0;
+    for (cell = 0; cell < cells; cell += 1 + cells / (2000 / FEWER)) {
+        int at[3], other[3], k, distance = ITN__REACH;
+        itn__cell_place(v, cell, at);
+        for (i = 0; i < cells; i++) {
+            if (v->cells[i] < 0) continue;
+            itn__cell_place(v, i, other);
+            distance = chess(at, other) < distance ? chess(at, other) : distance;
+        }
+        for (k = 0; k < 3 && shape == GROUND; k++) {
+            distance = at[k] + 1 < distance ? at[k] + 1 : distance;
+            distance = v->size[k] - at[k] < distance ? v->size[k] - at[k] : distance;
+        }
+        wrong += empty_reach(v, cell) != distance - 1;
+    }
+    check_report(!wrong, __FILE__, __LINE__, "%s, %d cells: %d distances wrong", shape_names[shape],
+                 resolution, wrong);
+    itn__voxels_free(v);
+    world_free(&w);
+}
+
+/* ---- other properties ------------------------------------------------------------------------ */
+
+static void backwards(int count, void (*body)(void *, int), void *task, void *user) {
+    (void)user;
+    while (count-- > 0) body(task, count);
+}
+static int same(const itn__voxels *a, const itn__voxels *b) {
+    size_t cells = itn__cell_count(a), k = sizeof(int32_t);
+    return a->near_count == b->near_count && a->surface_count == b->surface_count &&
+           a->pack_count == b->pack_count && itn__cell_count(b) == cells &&
+           !memcmp(a->cells, b->cells, cells * k) &&
+           !memcmp(a->nearby, b->nearby, (size_t)a->near_count * 5 * k) &&
+           !memcmp(a->surface, b->surface, (size_t)a->surface_count * 5 * k) &&
+           !memcmp(a->packs, b->packs, (size_t)a->pack_count * sizeof *a->packs);
+}
+/* The tables do not depend on how loops are run. */
+static void order_does_not_matter(int shape) {
+    world w = world_make(shape, 1, 1, 0);
+    itn__voxels *a = tables(&w, 40, 1), *b = NULL;
+    itn_context context = ITN_ZERO;
+    itn_error error;
+    context.parallel_for = backwards;
+    CHECK(itn__voxels_make(&context, w.bvh, w.closed, w.lower, w.upper, 40, 1, &b, &error) ==
+          ITN_OK);
+    CHECK(same(a, b));
+    itn__voxels_free(a);
+    itn__voxels_free(b);
+    world_free(&w);
+}
+
+/* An allocation may fail at any call. */
+static void memory_may_fail(int regions) {
+    world w = world_make(BALL, 0, 1, 0);
+    long fail;
+    for (fail = 1; fail < 100; fail++) {
+        accountant a = ITN_ZERO;
+        itn_context context = count_context(&a);
+        itn__voxels *v = NULL;
+        itn_error error = ITN_ZERO;
+        itn_result result;
+        a.fail_at = fail;
+        result = itn__voxels_make(&context, w.bvh, 1, w.lower, w.upper, 12, regions, &v, &error);
+        if (result == ITN_OK) {
+            CHECK(a.calls < fail && v);
+            itn__voxels_free(v);
+            CHECK(a.live == 0);
+            break;
+        }
+        CHECK(result == ITN_ERROR_MEMORY && error.code == result && !v && a.live == 0);
+    }
+    CHECK(fail > 8 && fail < 100);
+    world_free(&w);
+}
+
+static itn_result make_box(const world *w, itn_vec3 lower, itn_vec3 upper, int resolution) {
+    itn_context context = ITN_ZERO;
+    itn__voxels *v = NULL;
+    itn_error error = ITN_ZERO;
+    itn_result result =
+        itn__voxels_make(&context, w->bvh, 1, lower, upper, resolution, 1, &v, &error);
+    CHECK(!result == (v != NULL) && result == error.code);
+    itn__voxels_free(v);
+    return result;
+}
+static void bad_boxes_are_refused(void) {
+    world w = world_make(BALL, 0, 1, 0);
+    itn_vec3 zero = solids_vec3(0, 0, 0), one = solids_vec3(1, 1, 1), bad = one;
+    CHECK(make_box(&w, zero, one, 4) == ITN_OK);
+    CHECK(make_box(&w, zero, one, 0) == ITN_ERROR_ARGUMENT);
+    CHECK(make_box(&w, zero, one, -3) == ITN_ERROR_ARGUMENT);
+    CHECK(make_box(&w, one, zero, 4) == ITN_ERROR_ARGUMENT);
+    CHECK(make_box(&w, zero, zero, 4) == ITN_ERROR_ARGUMENT);
+    bad.y = NAN;
+    CHECK(make_box(&w, zero, bad, 4) == ITN_ERROR_ARGUMENT);
+    bad.y = INFINITY;
+    CHECK(make_box(&w, zero, bad, 4) == ITN_ERROR_ARGUMENT);
+    CHECK(make_box(&w, solids_vec3(-3e38, 0, 0), solids_vec3(3e38, 1, 1), 4) ==
+          ITN_ERROR_ARGUMENT); /* the extent overflows */
+    CHECK(make_box(&w, zero, solids_vec3(1e-39, 1e-39, 1e-39), 4) == ITN_ERROR_UNSUPPORTED);
+    CHECK(make_box(&w, solids_vec3(2, 2, 2), solids_vec3(3, 3, 3), 4) == ITN_OK); /* empty */
+    world_free(&w);
+}
+
+/* Grids keep to their limits, thin boxes get thin cells, far ones large cells. */
+static void grids_fit(void) {
+    static const int resolutions[4] = {1, 64, 150, 2000000000};
+    int shape, k;
+    for (shape = 0; shape < SHAPES; shape++)
+        for (k = 0; k < 4; k++) {
+            world w = world_make(shape, 0, 1, k == 1 ? 1000 : 0);
+            itn__voxels *v = tables(&w, FEWER > 1 && k > 1 ? 90 : resolutions[k], k == 1);
+            double total = (double)v->size[0] * v->size[1] * v->size[2];
+            double end = v->lower.x + (double)v->cell * v->size[0];
+            CHECK(total <= 16777216 && v->size[0] >= 3 && v->size[1] >= 3 && v->size[2] >= 3);
+            CHECK(v->lower.x < w.lower.x - .9 * v->cell && end > w.upper.x + .9 * v->cell);
+            if (k == 0) CHECK(total <= 125);
+            if (k == 1) CHECK(v->cell >= .9f); /* at x = 1000, rounding makes for large cells */
+            if (shape == SLAB && k == 2 && FEWER == 1) CHECK(v->cell < .6f * 2 / 150);
+            itn__voxels_free(v);
+            world_free(&w);
+        }
+}
+
+/* Triangles that no ray can hit are left out, and those without area that one may hit are not. */
+static void flat_triangles(void) {
+    itn_mesh mesh = solids_sphere(1, 2);
+    itn_error error;
+    itn_context context = ITN_ZERO;
+    itn__voxels *v = NULL;
+    itn_bvh *bvh;
+    int *t = mesh.triangles, cell, at[3];
+    itn_vec3 p = solids_vec3(.1, .2, .3);
+    mesh.positions[0] = p.x, mesh.positions[1] = p.y, mesh.positions[2] = p.z;
+    mesh.positions[3] = .2f, mesh.positions[4] = .4f, mesh.positions[5] = .6f;
+    t[0] = t[1] = 0, t[2] = 1;
+    solids_need(itn_bvh_create(&mesh, NULL, &bvh, &error), &error);
+    solids_need(itn__voxels_make(&context, bvh, 1, bvh->lower, bvh->upper, 30, 1, &v, &error),
+                &error);
+    cell = cell_of(v, solids_vec3(.15, .3, .45), at);
+    CHECK(empty_reach(v, cell) >= 0);
+    itn__voxels_free(v);
+    itn_bvh_free(bvh);
+    t[0] = 0, t[1] = 1, t[2] = 2;
+    memcpy(mesh.positions + 6, mesh.positions, 2 * sizeof(float)); /* a needle */
+    mesh.positions[8] = .3000001f;
+    solids_need(itn_bvh_create(&mesh, NULL, &bvh, &error), &error);
+    solids_need(itn__voxels_make(&context, bvh, 1, bvh->lower, bvh->upper, 30, 1, &v, &error),
+                &error);
+    CHECK(empty_reach(v, cell_of(v, solids_vec3(.15, .3, .45), at)) < 0);
+    itn__voxels_free(v);
+    itn_bvh_free(bvh);
+    itn_mesh_free(&mesh);
+}
+
+int main(void) {
+    tally ignored = ITN_ZERO;
+    int shape, k;
+    all_claims_hold();
+    all_cells_hold();
+    for (shape = 0; shape < SHAPES; shape++) {
+        order_does_not_matter(shape);
+        for (k = 5; k <= 35; k += 15) distances_are_exact(shape, k / (FEWER > 1 ? 2 : 1));
+    }
+    memory_may_fail(0);
+    memory_may_fail(1);
+    bad_boxes_are_refused();
+    grids_fit();
+    flat_triangles();
+    CHECK_CATCHES(claims_hold(BALL, 1, 24, 1, 0, 40000 * FEWER, SHIFTED_REGION, &ignored));
+    CHECK_CATCHES(cells_hold(BALL, 1, 24, 1, 0, 1, 200, SHIFTED_REGION));
+    CHECK_CATCHES(cells_hold(BALL, 1, 24, 1, 0, 1, 200, LARGER_CUBE));
+    CHECK_CATCHES(cells_hold(BALL, 1, 24, 1, 0, 1, 200, DROPPED_TRIANGLE));
+    CHECK_CATCHES(cells_hold(BALL, 1, 24, 1, 0, 1, 200, MOVED_SLAB));
+    return check_end("voxels");
+}
