@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.1.0                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.2.0                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -77,8 +77,6 @@
        [sensor]         camera and film
        [scene]          a desc, checked and made ready
        [path]           the reference path tracer
-
-     The fast walk: seven chapters that compute the same pictures in lanes
        [lane-math]      logarithm, exponential, angles in lanes
        [sobol]          scrambled points that fill the cube evenly
        [voxels]         where there is nothing to hit
@@ -86,7 +84,6 @@
        [light-lanes]    many directions to the lights
        [tables]         what the fast walk knows of a scene
        [fast]           the same walk, many paths at a time
-
        [render]         samples into images
        [adam]           a step that knows the size of its gradients
        [layers]         convolution, ReLU, pooling, fully connected: forward beside backward
@@ -110,6 +107,7 @@
      ITN_THREADS          loops run on the platform's threads (link with -lpthread); else one,
                           or your own through itn_context.parallel_for
      ITN_NO_FAST          leaves out the fast walk: all renders use the reference
+     ITN_ONE_KERNEL       the fast walk in one general form: compiles faster, runs slower
      ITN_NO_SIMD          numbers one by one in the place of lanes
      ITN_NO_NET           leaves out the network
      ITN_NO_STDIO         leaves out all that opens files; the _from_memory functions stay
@@ -152,7 +150,7 @@
 #include <stdint.h>
 
 #define ITN_VERSION_MAJOR 0
-#define ITN_VERSION_MINOR 1
+#define ITN_VERSION_MINOR 2
 #define ITN_VERSION_PATCH 0
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
@@ -470,7 +468,11 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
 /* How samples are spread: each on its own, or (fast walk only) by an Owen-scrambled Sobol sequence
    over the pixel, the first boundary and the first flight. AUTO is SOBOL in the fast walk. */
-typedef enum itn_sampler { ITN_SAMPLER_AUTO = 0, ITN_SAMPLER_RANDOM, ITN_SAMPLER_SOBOL } itn_sampler;
+typedef enum itn_sampler {
+    ITN_SAMPLER_AUTO = 0,
+    ITN_SAMPLER_RANDOM,
+    ITN_SAMPLER_SOBOL
+} itn_sampler;
 
 /* What a render did. */
 typedef struct itn_render_stats {
@@ -496,8 +498,10 @@ typedef struct itn_render_options {
    mean, variance of the mean ("Variance.Y"), then for each parameter derivative ("d_a_b.Y" for
    a.b) and variance of the derivative ("d_a_b_variance.Y"). With one sample per pixel variances are
    infinite. No parameter may be asked for twice. Free with itn_image_free.
-   The image's bits do not depend on the parameters asked for, except an index of refraction (which
-   spends some paths on its own) and a sigma_t of a thin medium (which draws more collisions).
+   The reference's image does not depend, but for rounding, on the parameters asked for, except an
+   index of refraction (which spends some paths on its own) and a sigma_t of a thin medium (which
+   draws more collisions). The fast walk's is another estimate of the same. Either image has the
+   same bits for any number of threads.
    Errors: ARGUMENT (theta out of bounds or not finite, index, spp), UNSUPPORTED (the derivative
    in the ior of a smooth surface, whose directions jump with it), MEMORY, CANCELLED. */
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
@@ -843,10 +847,12 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #define ITN__INLINE static inline __attribute__((always_inline, unused))
 #define ITN__PRINTF(string, first) __attribute__((format(printf, string, first)))
 #define ITN__PREFETCH(address) __builtin_prefetch(address)
+#define ITN__NOINLINE static __attribute__((noinline, unused))
 #else
 #define ITN__INLINE static inline
 #define ITN__PRINTF(string, first)
 #define ITN__PREFETCH(address) ((void)(address))
+#define ITN__NOINLINE static
 #endif
 #if !defined(ITN_MALLOC) && !defined(ITN_FREE)
 #define ITN_MALLOC(bytes) malloc(bytes)
@@ -1027,6 +1033,7 @@ static void itn__fork_join(int threads, int count, void (*body)(void *, int), vo
 static ITN__UNUSED void itn__parallel_for(const itn_context *context, int count,
                                           void (*body)(void *task, int index), void *task) {
     int index;
+    if (count < 1) return;
     if (context->parallel_for) {
         context->parallel_for(count, body, task, context->parallel_user);
         return;
@@ -2098,7 +2105,7 @@ ITN__INLINE int itn__triangle_hit(const itn__triangle *triangle, const itn__shea
    counts as infinite and every triangle is proposed.
    The t of a hit lies between those of the corners, which lanes and [tri] compute from the same z;
    so the interval needs to be widened only by the roundings of a few products. */
-enum { ITN__PACK = 16 };
+enum { ITN__PACK = ITN__LANES > 8 ? 16 : 8 };
 #define ITN__PACK_EXTENT 1e18f
 
 typedef struct itn__pack {
@@ -2108,7 +2115,7 @@ typedef struct itn__pack {
     float extent;                  /* E */
     int32_t object;                /* the one object all belong to, or -1 */
     uint32_t used;                 /* places in use, as bits */
-    int32_t unused[9];             /* makes it a multiple of a cache line */
+    char unused[64 - (41 * ITN__PACK + 12) % 64]; /* makes it a multiple of a cache line */
 } itn__pack;
 
 /* Fills a pack with the triangles in these slots, at most ITN__PACK; -1 leaves a place free. */
@@ -2177,9 +2184,9 @@ static int itn__nearer_hit(const itn__triangle *triangle, const itn__shear *shea
     return 1;
 }
 
-/* itn__nearer_hit for one place of a pack. */
-static int itn__place_hit(const itn__pack *pack, int place, const itn__shear *shear, float tmin,
-                          const itn__sides *sides, itn_hit *best) {
+/* itn__nearer_hit for one place of a pack. Rare, so kept out of the loops that propose. */
+ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, const itn__shear *shear,
+                                 float tmin, const itn__sides *sides, itn_hit *best) {
     itn__triangle triangle;
     int j, k;
     for (j = 0; j < 3; j++)
@@ -2189,20 +2196,20 @@ static int itn__place_hit(const itn__pack *pack, int place, const itn__shear *sh
     return itn__nearer_hit(&triangle, shear, tmin, sides, best);
 }
 
-/* itn__nearer_hit for `count` places of a pack, beginning with `from`, a multiple of ITN__LANES.
-   Returns whether *best has changed. any: stops at the first hit. */
-ITN__INLINE int itn__places_hit(const itn__pack *pack, int from, int count,
-                                const itn__shear *shear, float tmin, const itn__sides *sides,
-                                int any, itn_hit *best) {
+/* itn__nearer_hit for all triangles of a pack. Returns whether *best has changed.
+   any: stops at the first hit. */
+ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, float tmin,
+                              const itn__sides *sides, int any, itn_hit *best) {
     float least = tmin - (4 * FLT_EPSILON * fabsf(tmin) + FLT_MIN);
     unsigned front = ~0u, back = ~0u;
-    int end = from + count, found = 0;
+    int from, found = 0;
+    ITN__PREFETCH(pack->index);
     if (sides && pack->object >= 0) {
         front = 0u - (unsigned)(sides->front >> pack->object & 1);
         back = 0u - (unsigned)(sides->back >> pack->object & 1);
         if (!(front | back)) return 0;
     }
-    for (; from < end && pack->used >> from; from += ITN__LANES) {
+    for (from = 0; from < ITN__PACK; from += ITN__LANES) {
         float most = best->t + (4 * FLT_EPSILON * fabsf(best->t) + FLT_MIN);
         unsigned bits = itn__pack_propose(pack, from, shear, least, most, front, back);
         for (bits &= pack->used >> from; bits; bits &= bits - 1) {
@@ -2214,17 +2221,11 @@ ITN__INLINE int itn__places_hit(const itn__pack *pack, int from, int count,
     return found;
 }
 
-/* itn__nearer_hit for all triangles of a pack. */
-ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, float tmin,
-                              const itn__sides *sides, int any, itn_hit *best) {
-    return itn__places_hit(pack, 0, ITN__PACK, shear, tmin, sides, any, best);
-}
-
 /* ---- [bvh-build] a bounding volume hierarchy ------------------------------------------------- */
 
-/* A tree whose nodes have up to ITN__WIDE children and whose leaves are up to ITN__LEAF triangles
-   of a pack, so that a ray tests all children of a node, or all triangles of a leaf, in lanes. By
-   the surface area heuristic (MacDonald and Booth 1990) the cost of a ray is
+/* A tree whose nodes have up to ITN__WIDE children and whose leaves are packs, so that a ray tests
+   all children of a node, or all triangles of a leaf, in lanes. By the surface area heuristic
+   (MacDonald and Booth 1990) the cost of a ray is
      sum over leaves of area + ITN__NODE_COST * sum over wide nodes of area,
    relative to testing one leaf and to the area of the whole, since a ray that meets a convex box
    meets a smaller one inside it with a probability of the ratio of their areas.
@@ -2245,13 +2246,12 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, fl
    between its sides, where that is cheaper. */
 
 enum {
-    ITN__WIDE = ITN__LANES > 4 ? ITN__LANES : 4,
-    ITN__LEAF = ITN__LANES > 4 ? ITN__LANES : 4,
+    ITN__WIDE = ITN__LANES > 4 ? 16 : 8,
     ITN__BINS = 16,
     ITN__SAH_DEPTH = 48,
     ITN__DEPTH = 80,
     ITN__SUBTREES = 128, /* that are built at the same time, at most */
-    ITN__BLOCK = 256     /* of triangles, packs or wide nodes that one task makes */
+    ITN__BLOCK = 256     /* of triangles, leaves or wide nodes that one task makes */
 };
 #define ITN__SPLIT_COST .25
 #define ITN__NODE_COST 1.
@@ -2273,7 +2273,7 @@ struct itn_bvh {
     itn_context context;
     itn_vec3 lower, upper;    /* bounds of all triangles */
     itn__node *nodes;         /* nodes[0] is the root; aligned to a cache line, in node_memory */
-    itn__pack *packs;         /* leaf c has the places c * ITN__LEAF ...; aligned, in pack_memory */
+    itn__pack *packs;         /* [leaf_count + 1], the last one empty; aligned, in pack_memory */
     itn__triangle *triangles; /* [triangle_count], in the order of the leaves */
     int *slots;               /* [triangle_count], index in the mesh -> index in triangles */
     void *node_memory, *pack_memory;
@@ -2298,8 +2298,10 @@ ITN__INLINE itn__box itn__box_empty(void) {
     return box;
 }
 ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
+    itn__box a = *box, b = *other; /* copies that cannot overlap are joined in lanes */
     int k;
-    for (k = 0; k < 8; k++) box->bound[k] = itn__min(box->bound[k], other->bound[k]);
+    for (k = 0; k < 8; k++) a.bound[k] = itn__min(a.bound[k], b.bound[k]);
+    *box = a;
 }
 /* Half the surface area. */
 ITN__INLINE double itn__box_area(const itn__box *box) {
@@ -2394,7 +2396,7 @@ static void itn__bins_add(itn__bins *bins, const itn__reference *references, int
 
 /* The surface area heuristic of so many triangles in a box. */
 ITN__INLINE double itn__leaf_cost(const itn__box *box, int count) {
-    return itn__box_area(box) * ((count + ITN__LEAF - 1) / ITN__LEAF);
+    return itn__box_area(box) * ((count + ITN__PACK - 1) / ITN__PACK);
 }
 
 /* Finds the cheapest border between bins along an axis; keeps it if it beats `best`. */
@@ -2421,15 +2423,12 @@ static void itn__split_axis(const itn__bins *bins, int axis, int count, itn__spl
 /* Moves the references left of the split to the front; returns how many they are. */
 static int itn__split_apply(itn__reference *references, int count, const itn__bins *bins,
                             const itn__split *split) {
-    int left = 0, right = count;
-    while (left < right) {
-        itn__reference swapped = references[left];
-        if (itn__bin_of(bins, &swapped.box, split->axis) < split->bin) {
-            left++;
-        } else {
-            references[left] = references[--right];
-            references[right] = swapped;
-        }
+    int i, left = 0;
+    for (i = 0; i < count; i++) { /* references[left ... i-1] are right ones; no branch to guess */
+        itn__reference moved = references[i];
+        references[i] = references[left];
+        references[left] = moved;
+        left += itn__bin_of(bins, &moved.box, split->axis) < split->bin;
     }
     return left;
 }
@@ -2448,7 +2447,7 @@ static int itn__branch_cut(itn__reference *references, const itn__branch *branch
         itn__bins_add(&bins, references, count);
         for (axis = 0; axis < 3; axis++) itn__split_axis(&bins, axis, count, &split);
     }
-    if (count <= ITN__LEAF && !(split.cost + ITN__SPLIT_COST * area < area)) return 0;
+    if (count <= ITN__PACK && !(split.cost + ITN__SPLIT_COST * area < area)) return 0;
     if (split.cost < INFINITY) left = itn__split_apply(references, count, &bins, &split);
     return left > 0 && left < count ? left : count / 2;
 }
@@ -2562,7 +2561,7 @@ static void itn__plan(itn__branch *branches, int number, double cost[ITN__WIDE +
         branch->share[places] = (uint8_t)share;
     }
     cost[1] = cost[ITN__WIDE] + ITN__NODE_COST * area;
-    branch->leaf = branch->count <= ITN__LEAF && area <= cost[1];
+    branch->leaf = branch->count <= ITN__PACK && area <= cost[1];
     if (branch->leaf) cost[1] = area;
     for (places = 2; places <= ITN__WIDE; places++)
         if (cost[1] < cost[places]) cost[places] = cost[1], branch->share[places] = 0;
@@ -2622,23 +2621,16 @@ static void itn__fill_nodes(void *task, int index) {
     }
 }
 
-/* The leaves and an empty one. */
-static int itn__pack_count(int leaves) { return leaves / (ITN__PACK / ITN__LEAF) + 1; }
-
-/* Fills a block of packs, with the leaves' triangles side by side. */
+/* Fills a block of leaves; the one after the last stays empty. */
 static void itn__fill_packs(void *task, int index) {
-    enum { LEAVES = ITN__PACK / ITN__LEAF };
     itn__build *build = (itn__build *)task;
-    itn_bvh *bvh = build->bvh;
-    int end = itn__block_end(index, itn__pack_count(build->leaf_count)), i, j, k;
+    int i, k, end = itn__block_end(index, build->leaf_count + 1);
     for (i = index * ITN__BLOCK; i < end; i++) {
+        const itn__branch *leaf = &build->branches[i < build->leaf_count ? build->leaves[i] : 0];
         int32_t slots[ITN__PACK];
-        for (k = 0; k < ITN__PACK; k++) slots[k] = -1;
-        for (j = 0; j < LEAVES && i * LEAVES + j < build->leaf_count; j++) {
-            const itn__branch *leaf = &build->branches[build->leaves[i * LEAVES + j]];
-            for (k = 0; k < leaf->count; k++) slots[j * ITN__LEAF + k] = leaf->first + k;
-        }
-        itn__pack_fill(&bvh->packs[i], bvh->triangles, slots, ITN__PACK);
+        int count = i < build->leaf_count ? leaf->count : 0;
+        for (k = 0; k < count; k++) slots[k] = leaf->first + k;
+        itn__pack_fill(&build->bvh->packs[i], build->bvh->triangles, slots, count);
     }
 }
 
@@ -2708,8 +2700,8 @@ static itn_bvh *itn__bvh_allocate(const itn_context *context, const itn__build *
     bvh->leaf_count = build->leaf_count;
     bvh->nodes = (itn__node *)itn__allocate_aligned(context, (size_t)build->node_count,
                                                     sizeof(itn__node), &bvh->node_memory);
-    bvh->packs = (itn__pack *)itn__allocate_aligned(
-        context, (size_t)itn__pack_count(build->leaf_count), sizeof(itn__pack), &bvh->pack_memory);
+    bvh->packs = (itn__pack *)itn__allocate_aligned(context, (size_t)build->leaf_count + 1,
+                                                    sizeof(itn__pack), &bvh->pack_memory);
     bvh->triangles = (itn__triangle *)itn__allocate(context, triangles, sizeof(itn__triangle));
     bvh->slots = (int *)itn__allocate(context, triangles, sizeof(int));
     if (!bvh->node_memory || !bvh->pack_memory || !bvh->triangles || !bvh->slots) {
@@ -2732,8 +2724,7 @@ static itn_bvh *itn__bvh_assemble(itn__build *build, const itn_context *context)
     bvh->upper = itn__vec3(-bound[4], -bound[5], -bound[6]);
     itn__parallel_for(context, itn__block_count(bvh->triangle_count), itn__copy_triangles, build);
     itn__parallel_for(context, itn__block_count(bvh->node_count), itn__fill_nodes, build);
-    itn__parallel_for(context, itn__block_count(itn__pack_count(bvh->leaf_count)), itn__fill_packs,
-                      build);
+    itn__parallel_for(context, itn__block_count(bvh->leaf_count + 1), itn__fill_packs, build);
     return bvh;
 }
 
@@ -2786,8 +2777,8 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
    the shear itself has two roundings. So it sees hits in the box enlarged by that much. A distance
    (plane - origin) * (1 / direction) has three roundings, as if the plane were off by 3 u s. Boxes
    are therefore enlarged by 16 u s on all sides: in effect the origin is moved, away from the plane
-   that the ray meets first and away from the one it meets last, by that and by an ulp of its own, so
-   that rounding cannot undo it. (Ize, "Robust BVH ray traversal", JCGT 2(2), 2013, does the like
+   that the ray meets first and away from the one it meets last, by that and by an ulp of its own,
+   so that rounding cannot undo it. (Ize, "Robust BVH ray traversal", JCGT 2(2), 2013, does the like
    along the ray.) The t of a hit lies between those of the corners but for two roundings; tmin and
    tmax are moved by 8 of them.
    Along an axis with direction 0 the distances are infinite, or NaN (0 * infinity) for an origin in
@@ -2801,10 +2792,10 @@ ITN__INLINE float itn__widen(float t) { return t + 4 * FLT_EPSILON * itn__min(fa
 
 /* A ray made ready for boxes. */
 typedef struct itn__slabs {
-    float inverse[3];                    /* of the direction */
-    float origin_first[3], origin_last[3]; /* for the bounds that it meets first, and last */
-    int first[3], last[3];               /* which these are */
-    float start, end;                    /* tmin and tmax with their margins */
+    float inverse[3];                      /* of the direction */
+    int first[3], last[3];                 /* which of a box's bounds it meets first, and last */
+    float origin_first[3], origin_last[3]; /* where it seems to begin, for these */
+    float start, end;                      /* tmin and tmax with their margins */
 } itn__slabs;
 
 ITN__INLINE itn__slabs itn__slabs_make(const itn_bvh *bvh, const itn_ray *ray) {
@@ -2817,12 +2808,14 @@ ITN__INLINE itn__slabs itn__slabs_make(const itn_bvh *bvh, const itn_ray *ray) {
         size = itn__max(size, itn__max(upper[k] - origin[k], origin[k] - lower[k]));
     for (k = 0; k < 3; k++) {
         float margin = 8 * FLT_EPSILON * size + FLT_EPSILON * fabsf(origin[k]) + FLT_MIN;
+        int back;
         s.inverse[k] = 1 / direction[k];
-        if (s.inverse[k] < 0) margin = -margin;
+        back = s.inverse[k] < 0 ? 3 : 0;
+        margin = copysignf(margin, s.inverse[k]);
         s.origin_first[k] = origin[k] + margin;
         s.origin_last[k] = origin[k] - margin;
-        s.first[k] = margin < 0 ? k + 3 : k;
-        s.last[k] = margin < 0 ? k : k + 3;
+        s.first[k] = k + back;
+        s.last[k] = k + 3 - back;
     }
     s.start = -itn__widen(-ray->tmin);
     s.end = itn__widen(ray->tmax);
@@ -2866,10 +2859,20 @@ typedef struct itn__visit {
     int32_t child;
 } itn__visit;
 
-/* The children of a node that the ray enters: the nearest becomes `child`, the others go on the
-   stack. Returns 0 if there are none. One and two are the most frequent numbers. */
-ITN__INLINE int itn__descend(const itn__slabs *s, const itn__node *node, itn__visit *stack,
-                             int *top, int32_t *child) {
+/* Notes a child, and has a leaf brought near while others are tested. */
+ITN__INLINE void itn__push(const itn_bvh *bvh, itn__visit *visit, float enter, int32_t child) {
+    int i;
+    visit->enter = enter, visit->child = child;
+    if (child >= 0) return;
+    for (i = 0; i < (int)sizeof(itn__pack); i += 64)
+        ITN__PREFETCH((const char *)&bvh->packs[~child] + i);
+}
+
+/* The children of node `child` that the ray enters: the nearest becomes `child`, the others go on
+   the stack. Returns 0 if there are none. One and two are the most frequent numbers. */
+ITN__INLINE int itn__descend(const itn_bvh *bvh, const itn__slabs *s, itn__visit *stack, int *top,
+                             int32_t *child) {
+    const itn__node *node = &bvh->nodes[*child];
     float enter[ITN__WIDE];
     unsigned entered = itn__slabs_enter(s, node, enter), rest = entered & (entered - 1);
     int k, l;
@@ -2882,15 +2885,13 @@ ITN__INLINE int itn__descend(const itn__slabs *s, const itn__node *node, itn__vi
     l = itn__lowest_bit(rest);
     if (!(rest & (rest - 1))) {
         int further = enter[l] < enter[k] ? k : l;
-        stack->enter = enter[further], stack->child = node->child[further];
+        itn__push(bvh, stack, enter[further], node->child[further]);
         *child = node->child[k + l - further];
         return 1;
     }
     for (rest = entered; rest; rest &= rest - 1) {
-        itn__visit *visit;
         k = itn__lowest_bit(rest);
-        visit = &stack[itn__rank(enter, k, entered)];
-        visit->enter = enter[k], visit->child = node->child[k];
+        itn__push(bvh, &stack[itn__rank(enter, k, entered)], enter[k], node->child[k]);
     }
     *child = stack[itn__count_bits(entered) - 1].child;
     return 1;
@@ -2904,14 +2905,6 @@ ITN__INLINE int itn__pop(const itn__visit *stack, int *top, float end, int32_t *
         if (visit->enter <= end) return 1;
     }
     return 0;
-}
-
-/* Tests the triangles of leaf ~child. */
-ITN__INLINE int itn__leaf_hit(const itn_bvh *bvh, int32_t child, const itn__shear *shear,
-                              float tmin, const itn__sides *sides, int any, itn_hit *best) {
-    const unsigned leaves = ITN__PACK / ITN__LEAF, leaf = (unsigned)~child;
-    return itn__places_hit(&bvh->packs[leaf / leaves], (int)(leaf % leaves) * ITN__LEAF, ITN__LEAF,
-                           shear, tmin, sides, any, best);
 }
 
 /* The nearest hit (any = 0), or whether there is one (any = 1; hit may be NULL and is left alone).
@@ -2931,8 +2924,8 @@ ITN__INLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const itn
     best.t = ray->tmax, best.triangle = -1;
     for (;;) {
         if (child >= 0) {
-            if (itn__descend(&slabs, &bvh->nodes[child], stack, &top, &child)) continue;
-        } else if (itn__leaf_hit(bvh, child, &shear, ray->tmin, sides, any, &best)) {
+            if (itn__descend(bvh, &slabs, stack, &top, &child)) continue;
+        } else if (itn__pack_hit(&bvh->packs[~child], &shear, ray->tmin, sides, any, &best)) {
             if (any) return 1;
             slabs.end = itn__widen(best.t);
         }
@@ -3214,8 +3207,8 @@ ITN__INLINE itn_vec3 itn__sample_cosine(float u, float v) {
      linear densities inside the cell.
    With p the density by which the scattering at a vertex draws the same direction, the two ways
    are combined by the balance heuristic (Veach 1997): weight q/(p+q) for a sampled light, p/(p+q)
-   for a light that is met. How the choice is shared out is said at itn__share_lights. Directions: u, v in [0,1] across and down,
-   omega = (sin 2 pi u sin pi v, cos pi v, -cos 2 pi u sin pi v).
+   for a light that is met. How the choice is shared out is said at itn__share_lights. Directions:
+   u, v in [0,1] across and down, omega = (sin 2 pi u sin pi v, cos pi v, -cos 2 pi u sin pi v).
 
    Sky (Hosek and Wilkie 2012, equation 8), theta from the zenith, gamma from the sun:
        F = (1 + A e^(B/(cos theta + .01)))
@@ -3441,8 +3434,8 @@ ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
     return radiance * (.5 + fabs((double)d.y));
 }
 
-/* Luminances at the nodes of a light's grid, times sine, become its density (before it is
-   normalised); strength and breadth are their sums. Returns whether the radiance is small enough. */
+/* Luminances at the nodes of a light's grid, times sine, become its density (not normalised yet);
+   strength and breadth are sums over them. Returns whether all radiances are small enough. */
 static int itn__fill_grid(itn__light *light) {
     itn__grid *grid = &light->grid;
     int width = grid->width, height = grid->height, r, c;
@@ -4008,10 +4001,10 @@ static itn_result itn__prepare_light(itn__maker *maker, itn__light *light) {
 }
 
 /* Shares out the choice between sampled lights. Scattering finds broad lights too: draws that come
-   upon light i with density p_i q and scattering that does with about b_i q, b its breadth, leave it
-   a variance of about s_i^2 / (p_i + b_i), s its strength. The sum is least for p_i + b_i in
-   proportion to s_i, where that is not negative. Each light keeps a twentieth in equal parts, so
-   that one whose scale is raised from 0 is still found. */
+   upon light i with density p_i q, and scattering that does with about b_i q, leave it a variance
+   of about s_i^2 / (p_i + b_i), where s is its strength and b its breadth. The sum is least for
+   p_i + b_i in proportion to s_i, wherever that makes p_i positive. A twentieth is shared out in
+   equal parts, so that a light whose scale is raised from 0 is still found. */
 static itn_result itn__share_lights(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     int i, sampled = 0, dropped = 1;
@@ -5350,8 +5343,8 @@ typedef struct itn__voxels {
     itn_vec3 lower;
     float cell, inverse_cell; /* p is in cell floor((p - lower) inverse_cell), axis by axis */
     int size[3];
-    int32_t *cells;   /* [size 2][size 1][size 0]: a record of `nearby`; or -1 - r: the cube of cells
-                         at chessboard distance <= r holds no triangle */
+    int32_t *cells;   /* [size 2][size 1][size 0]: a record of `nearby`; or -1 - r: the cube of
+                         cells at chessboard distance <= r holds no triangle */
     uint8_t *distances; /* as cells: 0 for a cell with triangles; d: the cube of cells at distance
                            <= d - 1 holds none. Small, for quick marches; 3 bytes more than cells */
     int32_t *nearby;  /* [near_count][ITN__NEAR_WORDS]:
@@ -6682,8 +6675,8 @@ ITN__INLINE itn__floats itn__vbilinear(itn__floats corner[2][2], const itn__vcel
                      itn__vmix(corner[1][0], corner[1][1], cell->fx), cell->fy);
 }
 
-/* itn__pick in lanes, from a table and guide that begin at `first`. The guide is nearly always right
-   or one too low, so the entry it names says which neighbour is the other end. */
+/* itn__pick in lanes, from a table and guide that begin at `first`. The guide is nearly always
+   right or one too low, so the entry it names says which neighbour is the other end. */
 ITN__INLINE itn__ints itn__vpick(const float *table, const int32_t *guide, itn__ints first,
                                  int count, itn__floats u, itn__floats *rest) {
     itn__ints all = itn__splat_int(-1), none = itn__splat_int(0), last = itn__splat_int(count - 1);
@@ -6749,7 +6742,8 @@ ITN__INLINE itn__floats itn__vgrid_sample(const itn__grid *grid, itn__floats u, 
     row = itn__vpick(grid->rows, grid->row_guide, itn__splat_int(0), grid->height - 1, v, &v);
     column = itn__vpick(grid->cells, grid->cell_guide, row * width, width, u, &u);
     cell.left = itn__select_int(chosen, row * width + column, cell.left);
-    cell.right = itn__select_int(chosen, row * width + itn__next_columns(column, width), cell.right);
+    cell.right = itn__select_int(chosen, row * width + itn__next_columns(column, width),
+                                 cell.right);
     itn__vcorners(grid->density, width, 1, &cell, itn__splat_int(-1), corner);
     fy = itn__vsample_linear(corner[0][0] + corner[0][1], corner[1][0] + corner[1][1], v);
     fx = itn__vsample_linear(itn__vmix(corner[0][0], corner[1][0], fy),
@@ -7082,9 +7076,9 @@ static int itn__tables_level(const itn_scene *scene, const float *theta, double 
     double triangles = scene->bvh->triangle_count, cells = .25 * sqrt(triangles);
     int i, level = 0, finest = paths < 1e5 ? 2 : triangles < 1e6 || paths < 1e6 ? 3 : 4;
     for (i = 0; i < scene->object_count; i++) {
-        const itn__object *object = &scene->objects[i];
-        if (object->medium >= 0)
-            cells = fmax(cells, scene->radius * (double)theta[scene->media[object->medium].sigma_t]);
+        const itn__medium *medium = scene->media + scene->objects[i].medium;
+        if (scene->objects[i].medium >= 0)
+            cells = fmax(cells, scene->radius * (double)theta[medium->sigma_t]);
     }
     while (level < finest && cells > 24 << level) level++;
     return 2 * level + (paths >= 1e6);
@@ -7136,8 +7130,12 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
    A kernel is the text of this chapter, inlined and specialised by constant features; ITN__KERNELS
    lists them. */
 enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__LIMIT = 4 };
+#ifdef ITN_ONE_KERNEL
+#define ITN__KERNELS(kernel) kernel(ITN__RGB | ITN__LIGHTS | ITN__LIMIT)
+#else
 #define ITN__KERNELS(kernel)                                                                       \
     kernel(0) kernel(ITN__LIGHTS) kernel(ITN__RGB | ITN__LIGHTS | ITN__LIMIT)
+#endif
 #define ITN__KERNEL_ITEM(list) list,
 static const int itn__kernels[] = {ITN__KERNELS(ITN__KERNEL_ITEM)};
 enum { ITN__KERNEL_COUNT = sizeof itn__kernels / sizeof itn__kernels[0] };
@@ -7162,7 +7160,7 @@ enum {
     ITN__REFLECTANCE = 18, /* diffuse: 3 */
     ITN__FIELDS = 21
 };
-enum { ITN__CROWD = 2048, ITN__ROW = ITN__CROWD + 16, ITN__LINK = 1 << 30, ITN__EARLY = 8 };
+enum { ITN__CROWD = 1024, ITN__ROW = ITN__CROWD + 16, ITN__LINK = 1 << 30, ITN__EARLY = 8 };
 
 typedef struct itn__queue {
     int count;
@@ -7194,6 +7192,8 @@ typedef struct itn__fast {
     uint64_t seed;
     float constant[3]; /* sum of the lights that are everywhere the same; */
     int only_constant; /* there is no other */
+    itn__place camera; /* where it is; */
+    int outside;       /* not in a medium */
     int links;         /* some light is sampled */
     int linked;        /* links find all light, see itn__links_suffice */
     float link_weight; /* c */
@@ -7211,6 +7211,13 @@ typedef struct itn__flight_item {
     float enter;
 } itn__flight_item;
 
+/* A flight's visit to a cell with triangles. */
+typedef struct itn__visit_item {
+    int ray, cell;
+    float enter, leave; /* distances */
+} itn__visit_item;
+enum { ITN__VISITS = 256 };
+
 typedef struct itn__crowd {
     const itn__fast *fast;
     itn__unit unit;
@@ -7223,7 +7230,8 @@ typedef struct itn__crowd {
     itn__shear *shears; /* of the flights in `taken` */
     itn_hit *hits;
     itn__flight_item *items;
-    int item_count;
+    itn__visit_item visits[ITN__VISITS];
+    int item_count, visit_count;
     float *radiance; /* [channels][paths of a unit] */
     int radiance_stride;
     double collisions;
@@ -7295,9 +7303,9 @@ ITN__INLINE itn__state itn__load_state(const itn__queue *queue, int at, int feat
     s.dimension = itn__load_ints(itn__row(queue, ITN__DIMENSION) + at);
     s.slot = itn__load_ints(itn__row(queue, ITN__SLOT) + at);
     s.pdf = itn__splat(INFINITY), s.left = itn__splat_int(0);
-    for (c = 0; c < 3; c++)
-        s.beta[c] = c < itn__colours(features) ? itn__load(itn__float_row(queue, ITN__BETA + c) + at)
-                                               : itn__splat(0);
+    for (c = 0; c < 3; c++) s.beta[c] = itn__splat(0);
+    for (c = 0; c < itn__colours(features); c++)
+        s.beta[c] = itn__load(itn__float_row(queue, ITN__BETA + c) + at);
     if (features & ITN__LIGHTS) s.pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
     if (features & ITN__LIMIT) s.left = itn__load_ints(itn__row(queue, ITN__LEFT) + at);
     return s;
@@ -7310,7 +7318,7 @@ ITN__INLINE void itn__push_vectors(itn__queue *queue, int field, itn__vectors v,
 }
 
 /* Appends the lanes named by `bits`; fields of the queue's own are written before. */
-ITN__INLINE void itn__push(itn__queue *queue, const itn__state *s, unsigned bits, int features) {
+ITN__INLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bits, int features) {
     int at = queue->count, c;
     itn__push_vectors(queue, ITN__POSITION, s->p, bits);
     itn__push_vectors(queue, ITN__DIRECTION, s->d, bits);
@@ -7381,7 +7389,7 @@ ITN__INLINE void itn__depart(itn__crowd *crowd, const itn__state *s, unsigned bi
             if (!first) first = queue;
             if (queue == first) same |= 1u << k;
         }
-        itn__push(first, s, same, features);
+        itn__append(first, s, same, features);
         bits &= ~same;
     }
 }
@@ -7392,10 +7400,10 @@ ITN__INLINE void itn__depart_in(itn__crowd *crowd, int substance, const itn__sta
     if (crowd->fast->sobol) {
         unsigned early = bits & itn__mask_bits(itn__int_less(s->dimension,
                                                              itn__splat_int(ITN__EARLY)));
-        if (early) itn__push(&crowd->early[substance], s, early, features);
+        if (early) itn__append(&crowd->early[substance], s, early, features);
         bits &= ~early;
     }
-    if (bits) itn__push(&crowd->walk[substance], s, bits, features);
+    if (bits) itn__append(&crowd->walk[substance], s, bits, features);
 }
 
 /* Random numbers. */
@@ -7477,6 +7485,7 @@ ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn
                                   itn__free_space *space) {
     itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, against, np;
     itn__ints none = itn__splat_int(0), x, y, z, inside, cell, near_one, word, free_cube, empty;
+    itn__ints reach;
     itn__vectors n;
     x = itn__floor_ints((p.x - voxels->lower.x) * voxels->inverse_cell);
     y = itn__floor_ints((p.y - voxels->lower.y) * voxels->inverse_cell);
@@ -7492,16 +7501,18 @@ ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn
     n = itn__vectors_of(zero, zero, zero), np = zero;
     near_one = inside & itn__int_less(none - 1, cell);
     if (itn__mask_bits(near_one)) {
+        const float *words = (const float *)(const void *)voxels->nearby;
         itn__ints at = cell * 5;
         word = itn__gather_ints(voxels->nearby, at, near_one, none);
-        below = itn__gather((const float *)(const void *)voxels->nearby, at + 1, near_one, below);
-        above = itn__gather((const float *)(const void *)voxels->nearby, at + 2, near_one, above);
-        against = itn__gather((const float *)(const void *)voxels->nearby, at + 3, near_one, against);
+        below = itn__gather(words, at + 1, near_one, below);
+        above = itn__gather(words, at + 2, near_one, above);
+        against = itn__gather(words, at + 3, near_one, against);
         empty = itn__gather_ints(voxels->nearby, at + 4, near_one, none);
         n = itn__vectors_of(itn__signed_byte(word, 0), itn__signed_byte(word, 8),
                             itn__signed_byte(word, 16));
         np = itn__vdot(n, p);
-        half = itn__select(near_one, itn__to_floats(itn__word_ints(itn__int_words(word) >> 24)) + half_cell, half);
+        reach = itn__word_ints(itn__int_words(word) >> 24);
+        half = itn__select(near_one, itn__to_floats(reach) + half_cell, half);
         /* on neither side of the slab, but in an empty cell: take the cube instead */
         free_cube = near_one & itn__int_less(empty, none) & itn__less_equal(below, np) &
                     itn__less_equal(np, above);
@@ -7521,8 +7532,8 @@ ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn
     space->np = itn__select(mask, np, space->np);
 }
 
-/* Whether the flight to q, in direction d, is free; nq receives n . q. The cube has lost a hundredth
-   of a cell, so that no rounding of q or of the start counts. */
+/* Whether the flight to q, in direction d, is free; nq receives n . q, and must not be space->np.
+   The cube has lost a hundredth of a cell, so that no rounding of q or of the start counts. */
 ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vectors q,
                                        itn__vectors d, itn__floats *nq) {
     itn__floats x = itn__absolute(q.x - space->centre.x), y = itn__absolute(q.y - space->centre.y);
@@ -7609,7 +7620,7 @@ ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const it
     link.slot = s->slot | itn__splat_int(ITN__LINK);
     if (substance)
         itn__compress(itn__float_row(queue, ITN__DISTANCE) + queue->count, distance, bits);
-    itn__push(queue, &link, bits, features);
+    itn__append(queue, &link, bits, features);
     return mask;
 }
 
@@ -7675,64 +7686,99 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
     return mask;
 }
 
-/* The walk in one substance. Lanes whose flight the tables cannot prove free wait; when a quarter
-   of the lanes wait or are empty, the waiting are sent on and all are filled again. */
-ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
-    const itn__fast *fast = crowd->fast;
-    itn__queue *queue = &crowd->walk[substance], *exact = &crowd->exact[substance];
-    const float mean_free_path = fast->substances[substance].mean_free_path;
-    unsigned busy = 0, waiting = 0, before;
-    itn__floats distance = itn__splat(0), nq;
+/* Lanes of a walk: busy ones are about to fly; unsure ones have drawn a flight that leaves what is
+   known of their surroundings, waiting ones a flight that the tables cannot prove free; the others
+   are empty. Looking around and moving paths costs as much for one lane as for all, so it is put
+   off until a quarter of the lanes need it. */
+typedef struct itn__lanes_walk {
+    itn__state s;
     itn__free_space space;
-    itn__state s = itn__load_state(queue, 0, features);
-    itn__vectors q;
-    memset(&space, 0, sizeof space);
+    itn__floats distance; /* of the flight drawn */
+    unsigned busy, unsure, waiting;
+} itn__lanes_walk;
+
+#define ITN__QUARTER ((ITN__LANES + 3) / 4)
+
+/* Sends waiting lanes to the exact stage and fills all empty lanes from the queue. */
+ITN__INLINE void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *walk,
+                             int features) {
+    itn__queue *queue = &crowd->walk[substance], *exact = &crowd->exact[substance];
+    unsigned fill = ITN__ALL_LANES & ~(walk->busy | walk->unsure);
+    if (walk->waiting) {
+        itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, walk->distance,
+                      walk->waiting);
+        itn__append(exact, &walk->s, walk->waiting, features);
+        walk->waiting = 0;
+    }
+    while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
+    if (!fill) return;
+    itn__pull(queue, &walk->s, fill, features);
+    walk->space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), walk->space.half);
+    walk->busy |= fill;
+}
+
+/* Draws flights for the busy lanes. Returns those that are free; the others become unsure. */
+ITN__INLINE itn__ints itn__fly(itn__crowd *crowd, itn__lanes_walk *walk, float mean_free_path,
+                               itn__vectors *q, itn__floats *nq, int features) {
+    itn__ints active = itn__vroulette(crowd, &walk->s, itn__bits_mask(walk->busy), 0, features);
+    unsigned alive = itn__mask_bits(active);
+    itn__ints safe;
+    if (walk->busy != alive) itn__free_lanes(crowd, walk->s.slot, walk->busy & ~alive);
+    walk->distance = itn__select(active, itn__vflight(crowd, &walk->s, active, mean_free_path, 0,
+                                                      features), walk->distance);
+    *q = itn__valong(walk->s.p, walk->distance, walk->s.d);
+    safe = active & itn__free_flight(&walk->space, *q, walk->s.d, nq);
+    walk->unsure |= alive & ~itn__mask_bits(safe);
+    walk->busy = 0;
+    return safe;
+}
+
+/* Looks around for the unsure lanes. Returns those whose flight turns out free; the others wait. */
+ITN__INLINE itn__ints itn__make_sure(itn__crowd *crowd, itn__lanes_walk *walk, itn__vectors q,
+                                     itn__floats *nq) {
+    itn__ints unsure = itn__bits_mask(walk->unsure), safe;
+    itn__look_around(crowd->fast->voxels, walk->s.p, unsure, &walk->space);
+    safe = unsure & itn__free_flight(&walk->space, q, walk->s.d, nq);
+    if (crowd->fast->unsafe) safe = itn__splat_int(0);
+    walk->waiting |= walk->unsure & ~itn__mask_bits(safe);
+    walk->unsure = 0;
+    return safe;
+}
+
+/* The walk in one substance. */
+ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
+    const float mean_free_path = crowd->fast->substances[substance].mean_free_path;
+    itn__queue *queue = &crowd->walk[substance];
+    itn__lanes_walk walk;
+    memset(&walk, 0, sizeof walk);
+    walk.s = itn__load_state(queue, 0, features);
     for (;;) {
-        itn__ints active, safe, linked;
-        if (itn__count_bits(busy) <= ITN__LANES - (ITN__LANES + 3) / 4 || !busy) {
-            unsigned fill = ITN__ALL_LANES & ~busy;
-            if (waiting) {
-                itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, distance,
-                              waiting);
-                itn__push(exact, &s, waiting, features);
-                waiting = 0;
-            }
-            while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
-            if (fill) {
-                itn__pull(queue, &s, fill, features);
-                space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), space.half);
-                busy |= fill;
-            }
-            if (!busy) return;
-            if (!queue->count && !fill && itn__count_bits(busy) < ITN__LANES / 2 &&
-                (exact->count || itn__unit_paths_left(crowd))) {
-                itn__push(queue, &s, busy, features); /* for the next turn */
+        int held = itn__count_bits(walk.busy | walk.unsure);
+        itn__ints safe, linked;
+        itn__floats nq;
+        itn__vectors q;
+        unsigned moved;
+        if (held <= ITN__LANES - ITN__QUARTER) {
+            itn__refill(crowd, substance, &walk, features);
+            if (!(walk.busy | walk.unsure)) return;
+            if (!walk.unsure && held == itn__count_bits(walk.busy) && held < ITN__LANES / 2 &&
+                (crowd->exact[substance].count || itn__unit_paths_left(crowd))) {
+                itn__append(queue, &walk.s, walk.busy, features); /* for the next turn */
                 return;
             }
         }
-        active = itn__vroulette(crowd, &s, itn__bits_mask(busy), 0, features);
-        before = busy, busy = itn__mask_bits(active);
-        if (before != busy) itn__free_lanes(crowd, s.slot, before & ~busy);
-        distance = itn__select(active, itn__vflight(crowd, &s, active, mean_free_path, 0, features),
-                               distance);
-        q = itn__valong(s.p, distance, s.d);
-        safe = itn__free_flight(&space, q, s.d, &nq);
-        if (busy & ~itn__mask_bits(safe)) {
-            itn__look_around(fast->voxels, s.p, active & ~safe, &space);
-            safe = itn__free_flight(&space, q, s.d, &nq);
-            if (fast->unsafe) safe = itn__splat_int(0);
-        }
-        safe &= active;
-        waiting |= busy & ~itn__mask_bits(safe);
-        s.p = itn__vselect(safe, q, s.p);
-        space.np = itn__select(safe, nq, space.np);
-        before = itn__mask_bits(safe);
-        safe = itn__collide(crowd, substance, &s, safe, &space, &linked, 0, features);
-        busy = itn__mask_bits(safe);
-        if (before != busy) itn__free_lanes(crowd, s.slot, before & ~busy);
+        safe = itn__fly(crowd, &walk, mean_free_path, &q, &nq, features);
+        if (itn__count_bits(walk.unsure) >= ITN__QUARTER || !itn__mask_bits(safe))
+            safe |= itn__make_sure(crowd, &walk, q, &nq);
+        walk.s.p = itn__vselect(safe, q, walk.s.p);
+        walk.space.np = itn__select(safe, nq, walk.space.np);
+        moved = itn__mask_bits(safe);
+        safe = itn__collide(crowd, substance, &walk.s, safe, &walk.space, &linked, 0, features);
+        walk.busy = itn__mask_bits(safe);
+        if (moved != walk.busy) itn__free_lanes(crowd, walk.s.slot, moved & ~walk.busy);
         if ((features & ITN__LIGHTS) && itn__mask_bits(linked)) {
-            itn__begin_links(crowd, &s, itn__mask_bits(linked), features);
-            busy &= ~itn__mask_bits(linked);
+            itn__begin_links(crowd, &walk.s, itn__mask_bits(linked), features);
+            walk.busy &= ~itn__mask_bits(linked);
         }
     }
 }
@@ -7767,9 +7813,10 @@ static void itn__test_packs(itn__crowd *crowd) {
             ray.direction = itn__get_vector(queue, ITN__DIRECTION, item->ray);
             itn__shear_make(&ray, &crowd->shears[item->ray]);
         }
-        itn__pack_hit(&crowd->fast->voxels->packs[item->pack], &crowd->shears[item->ray],
+        if (itn__pack_hit(&crowd->fast->voxels->packs[item->pack], &crowd->shears[item->ray],
                       -itn__slack(scene, itn__get_vector(queue, ITN__POSITION, item->ray)),
-                      &place->sides, 0, hit);
+                      &place->sides, 0, hit))
+            ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
     }
     crowd->item_count = 0;
 }
@@ -7778,7 +7825,7 @@ static void itn__test_packs(itn__crowd *crowd) {
 typedef struct itn__march {
     itn__vectors p, d, inverse;
     itn__floats t, end;
-    int first; /* item of the first lane */
+    itn__ints ray; /* item of `taken` */
 } itn__march;
 
 /* Distance at which a ray leaves the cube of half size `half` around `centre`. */
@@ -7790,40 +7837,58 @@ ITN__INLINE itn__floats itn__leave_cube(const itn__march *m, itn__vectors centre
     return itn__least(x, itn__least(y, z));
 }
 
-/* The lanes in the mask are in a cell with triangles between `t` and `leave`: notes its packs,
-   unless the part of the flight in it stays on one side of the slab that holds them. */
-ITN__INLINE void itn__note_packs(itn__crowd *crowd, const itn__march *m, itn__ints index,
-                                 itn__floats leave, itn__ints mask) {
+/* Goes through the cells with triangles that flights have come to: notes a cell's packs, unless
+   the part of the flight in it stays on one side of the slab that holds them. In two rounds without
+   unforeseeable branches, so that the memory of many cells is waited for at a time. */
+static void itn__visit_cells(itn__crowd *crowd) {
     const itn__voxels *voxels = crowd->fast->voxels;
-    itn__ints none = itn__splat_int(0), at, word, first, count;
-    itn__floats zero = itn__splat(0), below, above, enter_n, leave_n, slope;
-    itn__vectors n;
-    unsigned bits;
-    at = itn__gather_ints(voxels->cells, index, mask, none) * 5 + 4;
-    at = itn__gather_ints(voxels->nearby, at, mask, none) * 5;
-    word = itn__gather_ints(voxels->surface, at, mask, none);
-    below = itn__gather((const float *)(const void *)voxels->surface, at + 1, mask, zero);
-    above = itn__gather((const float *)(const void *)voxels->surface, at + 2, mask, zero);
-    n = itn__vectors_of(itn__signed_byte(word, 0), itn__signed_byte(word, 8),
-                        itn__signed_byte(word, 16));
-    slope = itn__vdot(n, m->d), enter_n = itn__vdot(n, m->p);
-    leave_n = enter_n + slope * leave, enter_n = enter_n + slope * m->t;
-    mask &= ~((itn__less(enter_n, below) & itn__less(leave_n, below)) |
-              (itn__less(above, enter_n) & itn__less(above, leave_n)));
-    bits = itn__mask_bits(mask);
-    if (!bits) return;
-    first = itn__gather_ints(voxels->surface, at + 3, mask, none);
-    count = itn__gather_ints(voxels->surface, at + 4, mask, none);
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), i;
-        for (i = 0; i < ITN__LANE(count, k); i++) {
-            itn__flight_item *item = &crowd->items[crowd->item_count++];
-            item->ray = m->first + k;
-            item->pack = ITN__LANE(first, k) + i;
-            item->enter = ITN__LANE(m->t, k);
+    int i, k;
+    for (i = 0; i < crowd->visit_count; i++) {
+        itn__visit_item *visit = &crowd->visits[i];
+        size_t record = (size_t)voxels->cells[visit->cell] * ITN__NEAR_WORDS;
+        visit->cell = voxels->nearby[record + ITN__NEAR_SURFACE];
+        ITN__PREFETCH(&voxels->surface[(size_t)visit->cell * ITN__SURFACE_WORDS]);
+    }
+    for (i = 0; i < crowd->visit_count; i++) {
+        const itn__visit_item *visit = &crowd->visits[i];
+        const int32_t *words = voxels->surface + (size_t)visit->cell * ITN__SURFACE_WORDS;
+        uint32_t bytes = (uint32_t)words[ITN__OWN_NORMAL];
+        itn_vec3 n = itn__vec3((float)(int8_t)bytes, (float)(int8_t)(bytes >> 8),
+                               (float)(int8_t)(bytes >> 16));
+        float start = itn__dot(n, itn__get_vector(&crowd->taken, ITN__POSITION, visit->ray));
+        float slope = itn__dot(n, itn__get_vector(&crowd->taken, ITN__DIRECTION, visit->ray));
+        float enter = start + slope * visit->enter, leave = start + slope * visit->leave;
+        float below, above;
+        int noted;
+        memcpy(&below, &words[ITN__OWN_BELOW], sizeof below);
+        memcpy(&above, &words[ITN__OWN_ABOVE], sizeof above);
+        noted = itn__max(enter, leave) >= below && itn__min(enter, leave) <= above;
+        for (k = 0; k < words[ITN__PACK_COUNT]; k++) {
+            itn__flight_item *item = &crowd->items[crowd->item_count];
+            item->ray = visit->ray, item->pack = words[ITN__FIRST_PACK] + k;
+            item->enter = visit->enter;
+            crowd->item_count += noted;
             if (crowd->item_count == ITN__CROWD) itn__test_packs(crowd);
         }
     }
+    crowd->visit_count = 0;
+}
+
+/* Notes that the lanes named by `bits` have come to cells with triangles, until `leave`. */
+ITN__INLINE void itn__note_cells(itn__crowd *crowd, const itn__march *m, itn__ints cell,
+                                 itn__floats leave, unsigned bits) {
+    int32_t cells[ITN__LANES], rays[ITN__LANES];
+    float enters[ITN__LANES], leaves[ITN__LANES];
+    itn__store_ints(cells, cell), itn__store_ints(rays, m->ray);
+    itn__store(enters, m->t), itn__store(leaves, leave);
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__visit_item *visit = &crowd->visits[crowd->visit_count++];
+        visit->ray = rays[k], visit->cell = cells[k];
+        visit->enter = enters[k], visit->leave = leaves[k];
+        ITN__PREFETCH(&crowd->fast->voxels->cells[cells[k]]);
+    }
+    if (crowd->visit_count > ITN__VISITS - ITN__LANES) itn__visit_cells(crowd);
 }
 
 /* One step of each lane: past the empty cube around, or through one cell. Returns who is not yet
@@ -7852,7 +7917,7 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
                              (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
     leave = itn__most(itn__leave_cube(m, centre, half), m->t);
     if (itn__mask_bits(surface))
-        itn__note_packs(crowd, m, index, itn__least(leave, m->end), surface);
+        itn__note_cells(crowd, m, index, itn__least(leave, m->end), itn__mask_bits(surface));
     m->t = itn__select(inside, leave + ITN__STEP * voxels->cell, m->t);
     return inside & itn__less_equal(m->t, m->end);
 }
@@ -7874,11 +7939,54 @@ static void itn__settle_hit(itn__crowd *crowd, int at) {
     if (hit->triangle == -2 ||
         (hit->triangle >= 0 && hit->t <= slack && itn__just_crossed(place, hit))) {
         ray.direction = itn__get_vector(queue, ITN__DIRECTION, at);
-        ray.tmax = hit->t = itn__float_row(queue, ITN__DISTANCE)[at];
-        hit->triangle = -1;
-        itn__next_hit(scene, place, &ray, hit);
+        ray.tmax = itn__float_row(queue, ITN__DISTANCE)[at];
+        if (!itn__next_hit(scene, place, &ray, hit)) hit->t = ray.tmax, hit->triangle = -1;
     } else if (hit->t > slack) {
         place->crossed_count = 0;
+    }
+}
+
+/* Fills the lanes named by `bits` with the flights first, first + 1, ... of `taken`. */
+ITN__INLINE void itn__march_begin(const itn__queue *queue, itn__march *m, int first,
+                                  unsigned bits) {
+    itn__floats one = itn__splat(1);
+    int32_t rays[ITN__LANES];
+#define ITN__FILL(lanes, field) \
+    lanes = itn__expand(itn__float_row(queue, field) + first, lanes, bits)
+    ITN__FILL(m->p.x, ITN__POSITION);
+    ITN__FILL(m->p.y, ITN__POSITION + 1);
+    ITN__FILL(m->p.z, ITN__POSITION + 2);
+    ITN__FILL(m->d.x, ITN__DIRECTION);
+    ITN__FILL(m->d.y, ITN__DIRECTION + 1);
+    ITN__FILL(m->d.z, ITN__DIRECTION + 2);
+    ITN__FILL(m->end, ITN__DISTANCE);
+#undef ITN__FILL
+    itn__store_ints(rays, itn__lane_numbers() + itn__splat_int(first));
+    m->ray = itn__expand_ints(rays, m->ray, bits);
+    m->t = itn__select(itn__bits_mask(bits), itn__splat(0), m->t);
+    m->inverse = itn__vectors_of(one / m->d.x, one / m->d.y, one / m->d.z);
+}
+
+/* Marches all flights of `taken` that are not long, with lanes filled again as they come free. */
+static void itn__march_all(itn__crowd *crowd, float longest) {
+    const itn__queue *queue = &crowd->taken;
+    unsigned busy = 0, fill, rest;
+    int next = 0;
+    itn__march m;
+    memset(&m, 0, sizeof m);
+    for (;;) {
+        itn__ints lost;
+        if (itn__count_bits(busy) <= ITN__LANES - (ITN__LANES + 3) / 4 && next < queue->count) {
+            for (fill = ITN__ALL_LANES & ~busy; itn__count_bits(fill) > queue->count - next;)
+                fill &= fill - 1;
+            itn__march_begin(queue, &m, next, fill);
+            next += itn__count_bits(fill);
+            busy |= fill & itn__mask_bits(itn__less_equal(m.end, itn__splat(longest)));
+        }
+        if (!busy && next == queue->count) return;
+        busy = itn__mask_bits(itn__march_step(crowd, &m, itn__bits_mask(busy), &lost));
+        for (rest = itn__mask_bits(lost); rest; rest &= rest - 1)
+            crowd->hits[ITN__LANE(m.ray, itn__lowest_bit(rest))].triangle = -2;
     }
 }
 
@@ -7887,32 +7995,17 @@ static void itn__settle_hit(itn__crowd *crowd, int at) {
 static void itn__find_hits(itn__crowd *crowd) {
     const itn__queue *queue = &crowd->taken;
     const float longest = ITN__LONG_MARCH * crowd->fast->voxels->cell;
-    int i, k;
+    int i;
     crowd->item_count = 0;
     for (i = 0; i < queue->count; i++) {
         crowd->hits[i].t = itn__float_row(queue, ITN__DISTANCE)[i];
         crowd->hits[i].triangle = crowd->hits[i].t <= longest ? -1 : -2;
         crowd->shears[i].kz = -1; /* not made yet */
     }
-    for (i = 0; i < queue->count; i += ITN__LANES) {
-        itn__floats one = itn__splat(1);
-        itn__ints mask = itn__first_lanes(queue->count - i), lost;
-        itn__march m;
-        m.p = itn__load_vectors(queue, ITN__POSITION, i);
-        m.d = itn__load_vectors(queue, ITN__DIRECTION, i);
-        m.inverse = itn__vectors_of(one / m.d.x, one / m.d.y, one / m.d.z);
-        m.t = itn__splat(0), m.end = itn__load(itn__float_row(queue, ITN__DISTANCE) + i);
-        m.first = i;
-        mask &= itn__less_equal(m.end, itn__splat(longest));
-        while (itn__mask_bits(mask)) {
-            unsigned bits;
-            mask = itn__march_step(crowd, &m, mask, &lost);
-            for (bits = itn__mask_bits(lost); bits; bits &= bits - 1)
-                crowd->hits[i + itn__lowest_bit(bits)].triangle = -2;
-        }
-    }
+    itn__march_all(crowd, longest);
+    itn__visit_cells(crowd);
     itn__test_packs(crowd);
-    for (k = 0; k < queue->count; k++) itn__settle_hit(crowd, k);
+    for (i = 0; i < queue->count; i++) itn__settle_hit(crowd, i);
 }
 
 /* What happens at the surface that an item of a queue has met. */
@@ -8006,21 +8099,49 @@ static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hi
     }
 }
 
+/* Collisions of lanes that are not in the walk; their next flights begin there. */
+ITN__INLINE void itn__collide_and_depart(itn__crowd *crowd, int substance, itn__state *s,
+                                         itn__ints mask, const itn__free_space *space,
+                                         int features) {
+    unsigned bits = itn__mask_bits(mask), on;
+    itn__ints linked;
+    if (!bits) return;
+    on = itn__mask_bits(itn__collide(crowd, substance, s, mask, space, &linked, 1, features));
+    itn__free_lanes(crowd, s->slot, bits & ~on);
+    if (features & ITN__LIGHTS) {
+        itn__begin_links(crowd, s, itn__mask_bits(linked), features);
+        on &= ~itn__mask_bits(linked);
+    }
+    itn__depart_in(crowd, substance, s, on, features);
+}
+
 /* Paths with Sobol draws to come fly from the surface they have come through. */
 ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) {
     itn__queue *queue = &crowd->early[substance], *exact = &crowd->exact[substance];
     const float mean_free_path = crowd->fast->substances[substance].mean_free_path;
+    itn__queue *taken = &crowd->taken, swapped = *taken;
+    itn__free_space space;
     int i;
+    *taken = *queue, *queue = swapped, queue->count = 0, queue = taken;
+    memset(&space, 0, sizeof space);
     for (i = 0; i < queue->count; i += ITN__LANES) {
         itn__state s = itn__load_state(queue, i, features);
-        itn__ints mask = itn__first_lanes(queue->count - i), alive;
-        itn__floats distance;
+        itn__ints mask = itn__first_lanes(queue->count - i), alive, safe;
+        itn__floats distance, nq;
+        itn__vectors q;
         alive = itn__vroulette(crowd, &s, mask, 1, features);
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
         distance = itn__vflight(crowd, &s, alive, mean_free_path, 1, features);
+        q = itn__valong(s.p, distance, s.d);
+        itn__look_around(crowd->fast->voxels, s.p, alive, &space);
+        safe = alive & itn__free_flight(&space, q, s.d, &nq);
+        space.np = nq;
+        if (crowd->fast->unsafe) safe = itn__splat_int(0);
         itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, distance,
-                      itn__mask_bits(alive));
-        itn__push(exact, &s, itn__mask_bits(alive), features);
+                      itn__mask_bits(alive & ~safe));
+        itn__append(exact, &s, itn__mask_bits(alive & ~safe), features);
+        s.p = itn__vselect(safe, q, s.p);
+        itn__collide_and_depart(crowd, substance, &s, safe, &space, features);
     }
     queue->count = 0;
 }
@@ -8057,9 +8178,9 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
     itn__prefetch_hits(crowd);
     for (i = 0; i < queue->count; i += ITN__LANES) {
         itn__state s;
-        itn__ints mask = itn__first_lanes(queue->count - i), linked;
+        itn__ints mask = itn__first_lanes(queue->count - i);
         itn__floats distance = itn__load(itn__float_row(queue, ITN__DISTANCE) + i);
-        unsigned bits = itn__mask_bits(mask), free_bits = 0, on;
+        unsigned bits = itn__mask_bits(mask), free_bits = 0;
         s = itn__load_state(queue, i, features);
         s.p = itn__valong(s.p, distance, s.d);
         for (k = 0; k < ITN__LANES && i + k < queue->count; k++)
@@ -8080,16 +8201,7 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
             else
                 itn__arrive(crowd, queue, k);
         }
-        if (!free_bits) continue;
-        mask = itn__collide(crowd, substance, &s, itn__bits_mask(free_bits), NULL, &linked, 1,
-                            features);
-        on = itn__mask_bits(mask);
-        itn__free_lanes(crowd, s.slot, free_bits & ~on);
-        if (features & ITN__LIGHTS) {
-            itn__begin_links(crowd, &s, itn__mask_bits(linked), features);
-            on &= ~itn__mask_bits(linked);
-        }
-        itn__depart_in(crowd, substance, &s, on, features);
+        itn__collide_and_depart(crowd, substance, &s, itn__bits_mask(free_bits), NULL, features);
     }
     queue->count = 0;
 }
@@ -8132,9 +8244,10 @@ ITN__INLINE itn__ints itn__surface_links(itn__crowd *crowd, const itn__state *s,
 }
 
 /* Draws a light for lanes at a rough boundary and sends links there. */
-ITN__INLINE itn__ints itn__boundary_links(itn__crowd *crowd, itn__state *s, const itn__vectors frame[3],
-                                          itn__vectors i, itn__floats alpha, itn__floats eta,
-                                          itn__ints mask, int at, int features) {
+ITN__INLINE itn__ints itn__boundary_links(itn__crowd *crowd, itn__state *s,
+                                          const itn__vectors frame[3], itn__vectors i,
+                                          itn__floats alpha, itn__floats eta, itn__ints mask,
+                                          int at, int features) {
     itn__floats u0 = itn__draw(crowd, s, mask, 1), u1 = itn__draw(crowd, s, mask, 1);
     itn__floats u2 = itn__draw(crowd, s, mask, 1), light_pdf, pdf, f, w[3], sampled[3], plain[3];
     itn__vectors d, o;
@@ -8277,7 +8390,7 @@ ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
             else
                 gone |= 1u << (k - at);
         }
-        itn__push(&crowd->sky, &s, gone, features);
+        itn__append(&crowd->sky, &s, gone, features);
     }
     queue->count = 0;
 }
@@ -8326,10 +8439,7 @@ static int itn__start_path(itn__crowd *crowd, const itn_ray *ray, uint64_t pixel
     itn__path *path = &crowd->paths[slot];
     itn__rng rng = itn__rng_make(fast->seed, pixel, (uint64_t)walk);
     path->number = number, path->copies = 1;
-    path->place.sides = fast->scene->sides;
-    path->place.inside = itn__find_inside(fast->scene, &path->place.sides);
-    path->place.refracting = itn__find_refracting(fast->scene, &path->place.sides);
-    path->place.crossed_count = 0;
+    path->place = fast->camera;
     itn__set_vector(queue, ITN__POSITION, 0, ray->origin);
     itn__set_vector(queue, ITN__DIRECTION, 0, ray->direction);
     itn__row(queue, ITN__KEY)[0] = (int32_t)rng.key0;
@@ -8384,15 +8494,21 @@ static void itn__start_ray(itn__crowd *crowd) {
     itn_ray ray;
     uint32_t scramble;
     int met = 0;
+    if (fast->only_constant && fast->outside && fast->empty[pixel]) {
+        for (k = 0; k < fast->walks * fast->channels; k++)
+            crowd->radiance[(size_t)(k % fast->channels) * (size_t)crowd->radiance_stride +
+                            (size_t)(number * fast->walks + k / fast->channels)] =
+                fast->constant[k % fast->channels];
+        return;
+    }
     scramble = itn__scramble(fast, pixel, block);
     itn__pixel_position(fast, pixel, sample, in_block, scramble, &u, &v);
     ray = itn__camera_ray(&scene->camera, x, y, u, v);
-    place.sides = scene->sides, place.crossed_count = 0;
-    place.inside = itn__find_inside(scene, &place.sides);
-    if (itn__substance_of(fast, &place) == 0)
-        met = fast->empty && fast->empty[pixel] ? 0 : itn__next_hit(scene, &place, &ray, &hit);
-    else
-        met = -1; /* the camera is in a medium */
+    place = fast->camera;
+    if (!fast->outside)
+        met = -1;
+    else if (!fast->empty[pixel])
+        met = itn__next_hit(scene, &place, &ray, &hit);
     for (k = 0; k < fast->walks; k++) {
         int walk = sample * fast->walks + k;
         slot = itn__start_path(crowd, &ray, pixel, walk, number * fast->walks + k);
@@ -8402,7 +8518,7 @@ static void itn__start_ray(itn__crowd *crowd) {
             itn__meet(crowd, &crowd->taken, 0, &hit);
         } else if (met < 0) {
             itn__move(&crowd->taken, 0, itn__departure(
-                crowd, itn__substance_of(fast, &place), 2));
+                crowd, itn__substance_of(fast, &fast->camera), 2));
         } else {
             crowd->paths[slot].copies = fast->walks;
             itn__move(&crowd->taken, 0, &crowd->sky);
@@ -8497,6 +8613,10 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
         for (c = 0; c < 3; c++)
             substance->albedo[c] = theta[scene->media[i].albedo + (c < fast->channels ? c : 0)];
     }
+    fast->camera.sides = scene->sides;
+    fast->camera.inside = itn__find_inside(scene, &scene->sides);
+    fast->camera.refracting = itn__find_refracting(scene, &scene->sides);
+    fast->outside = itn__substance_of(fast, &fast->camera) == 0;
     fast->only_constant = 1;
     for (i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
@@ -13529,11 +13649,20 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.2.0  the fast walk: paths in lanes, voxel tables, wide hierarchy, Sobol points; itn_mode,
+          itn_sampler, walks, itn_scene_prepare, itn_bvh_nearest_many, itn_bvh_occluded_many.
+          breaks: images without derivatives have other bits than before (ITN_MODE_REFERENCE
+          has the old ones)
    0.1.0  first version: geometry, reference path tracer, derivatives, network, refinement, files
 
    [references] by chapter
      tri      S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013
      rng      J. Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011
+     sobol    S. Joe, F. Kuo, Constructing Sobol Sequences, SIAM J. Sci. Comput. 2008;
+              S. Laine, T. Karras, Stratified Sampling for Stochastic Transparency, EGSR 2011;
+              B. Burley, Practical Hash-based Owen Scrambling, JCGT 2020;
+              N. Vegdahl, Building a Better LK Hash, 2021
+     voxels   M. Schwarz, H.-P. Seidel, Fast Parallel Surface and Solid Voxelization, TOG 2010
      math     T. Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017
      medium   L. Henyey, J. Greenstein, Diffuse Radiation in the Galaxy, ApJ 1941
      surface  B. Walter et al., Microfacet Models for Refraction through Rough Surfaces, EGSR 2007;

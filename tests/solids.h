@@ -153,6 +153,14 @@ typedef struct solids_mean {
     double value, error; /* mean and its standard error */
 } solids_mean;
 
+/* The ways to render: the reference, and the fast walk with each of its samplers. */
+enum { SOLIDS_WAYS = 3 };
+SOLIDS_STATIC void solids_way(itn_render_options *options, int way) {
+    options->mode = way ? ITN_MODE_FAST : ITN_MODE_REFERENCE;
+    options->sampler = way == 1 ? ITN_SAMPLER_RANDOM : ITN_SAMPLER_AUTO;
+    options->walks = way == 1 ? 1 : 0;
+}
+
 /* Mean of plane `name` over all pixels; its standard error from plane `variance`. */
 SOLIDS_STATIC solids_mean solids_plane_mean(const itn_image *image, const char *name,
                                             const char *variance) {

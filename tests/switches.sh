@@ -157,6 +157,10 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
         subset "$bits"
         check "$1 -std=$2$flags $source.$3" "$1" -std="$2" $warnings $flags -fsyntax-only "$source.$3"
     done
+    for flags in -DITN_NO_FAST -DITN_NO_SIMD -DITN_ONE_KERNEL "-DITN_NO_FAST -DITN_NO_SIMD -DITN_STATIC" \
+        "-mavx2 -mfma" "-march=native"; do
+        check "$1 -std=$2 $flags" "$1" -std="$2" $warnings $flags -fsyntax-only "whole.$3"
+    done
     check "$1 -std=$2 interface only" "$1" -std="$2" $warnings -fsyntax-only "api.$3"
     catches "half an allocator" "$1" -std="$2" -fsyntax-only "half_override.$3"
     levels="plain"

@@ -52,14 +52,17 @@ static int region_means(const itn_image *image, const char *layer, int channels,
     return channels == 1 ? MOST_REGIONS : 3;
 }
 
-/* Regions' finite difference in parameter `index` at a seed. */
+/* Regions' finite difference in parameter `index` at a seed, of images by the reference: there the
+   same seed draws the same paths, so that most of the noise goes away in the difference. */
 static void difference(const itn_scene *scene, const float *theta, const probe *p, int index,
                        const itn_render_options *options, double *out) {
     static const double offsets[3][4] = {{-2, -1, 1, 2}, {-1, 1, 0, 0}, {0, 1, 2, 3}};
     static const double weights[3][4] = {
         {1 / 12., -8 / 12., 8 / 12., -1 / 12.}, {-.5, .5, 0, 0}, {-11 / 6., 3, -1.5, 1 / 3.}};
     float *moved = (float *)malloc((size_t)itn_parameter_count(scene) * sizeof(float));
+    itn_render_options reference = *options;
     int channels = itn_scene_film(scene).channels, k, r, regions;
+    reference.mode = ITN_MODE_REFERENCE;
     for (r = 0; r < MOST_REGIONS; r++) out[r] = 0;
     for (k = 0; k < (p->how == LINEAR ? 2 : 4); k++) {
         double means[MOST_REGIONS], step;
@@ -68,7 +71,7 @@ static void difference(const itn_scene *scene, const float *theta, const probe *
         memcpy(moved, theta, (size_t)itn_parameter_count(scene) * sizeof(float));
         moved[index] = (float)(theta[index] + offsets[p->how][k] * p->step);
         step = p->step;
-        stage_need(itn_render(scene, moved, options, NULL, 0, &image, &error), &error);
+        stage_need(itn_render(scene, moved, &reference, NULL, 0, &image, &error), &error);
         regions = region_means(&image, "", channels, means);
         for (r = 0; r < regions; r++) out[r] += weights[p->how][k] * means[r] / step;
         itn_image_free(&image);

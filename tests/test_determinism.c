@@ -245,7 +245,7 @@ static void test_counters(void) {
 
 /* ---- derivatives on and off ------------------------------------------------------------------------- */
 
-/* Derivatives ride along: the image itself has the same bits without them, for all parameters but
+/* Derivatives ride along with the reference: its image has the same bits without them, for all parameters but
    two kinds. For sigma_t the value is multiplied by f / p, which rounds, where the medium is thick
    enough that collisions need not be drawn more often than they happen (sigma_t > .25 / radius of
    the solids); where it is not, and for the ior of a rough surface, other paths are drawn, and the
@@ -261,7 +261,7 @@ static void test_with_and_without(void) {
         itn_error error;
         size_t bytes = (size_t)(2 * pixels) * sizeof(float);
         ior = which == 1 ? itn_parameter_find(scene, "glass.ior") : -1;
-        options.spp = 16, options.seed = 11;
+        options.spp = 16, options.seed = 11, options.mode = ITN_MODE_REFERENCE;
         for (k = 0; k < COUNT; k++) {
             int index = itn_parameter_find(scene, parameter_names[which][k]);
             if (index != sigma_t && index != ior) parameters[count++] = index;

@@ -1153,8 +1153,8 @@ static void test_loss_errors(void) {
     test_memory memory;
     itn_context context = memory_context(&memory);
     loss_case c;
-    itn_loss loss = {1, 2, 3};
-    float gradient[3] = {4, 5, 6}, theta[16];
+    itn_loss loss = {1, 2, 3}, warm;
+    float gradient[3] = {4, 5, 6}, warm_gradient[3], theta[16];
     itn_result result;
     int k, live;
     loss_case_make(&c, &context);
@@ -1176,7 +1176,10 @@ static void test_loss_errors(void) {
     theta[itn_parameter_find(c.scene, "light.scale")] = NAN, c.desc.theta = theta;
     check_loss_refused(&c, 3, c.image, ""); /* the renderer's own refusal */
     c.desc.theta = NULL, c.desc.scene = NULL, check_loss_refused(&c, 3, c.image, "scene");
-    c.desc.scene = c.scene, live = memory.live;
+    c.desc.scene = c.scene;
+    CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, c.image, &warm, warm_gradient,
+                            NULL) == ITN_OK);
+    live = memory.live; /* the scene keeps its tables */
     for (result = ITN_ERROR_MEMORY, k = 0; result != ITN_OK && k < 100; k++) {
         memory.calls = 0, memory.fail_at = k;
         result = itn_loss_training(&c.desc, 3, c.predicted, c.truth, c.image, &loss, gradient,

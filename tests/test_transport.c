@@ -49,10 +49,10 @@ static void check_quantity(const char *label, const quantity *q, solids_mean mea
                mean.value, mean.error, q->expected, (mean.value - q->expected) / mean.error);
 }
 
-/* Measures all quantities (the first is the radiance) to the errors asked for: a short run tells
-   how long the real one has to be. */
-static void measure_to(const solids_desc *desc, int max_scatter, const quantity *q, int count,
-                       solids_mean *means) {
+/* Measures all quantities (the first is the radiance) to the errors asked for, in one way to render
+   (see solids_way): a short run tells how long the real one has to be. */
+static void measure_to(const solids_desc *desc, int max_scatter, int way, const quantity *q,
+                       int count, solids_mean *means) {
     itn_render_options options = ITN_ZERO;
     itn_scene *scene = solids_scene(desc);
     const char *names[MOST_QUANTITIES];
@@ -60,23 +60,32 @@ static void measure_to(const solids_desc *desc, int max_scatter, const quantity 
     int k;
     for (k = 1; k < count; k++) names[k - 1] = q[k].name;
     options.max_scatter = max_scatter, options.spp = 64, options.seed = seed++;
+    solids_way(&options, way);
     solids_measure(scene, NULL, &options, names, count - 1, means);
     for (k = 0; k < count; k++) {
         double ratio = means[k].error / (q[k].largest * effort);
         if (ratio * ratio > factor) factor = ratio * ratio;
     }
+    if (way) factor *= 1.3; /* the fast walk tells its error from fewer independent parts */
     options.spp = factor > 1500 ? 120000 : factor < .8 ? 64 : (int)(80 * factor);
     options.seed = seed++;
     solids_measure(scene, NULL, &options, names, count - 1, means);
     itn_scene_free(scene);
 }
 
+/* All quantities by the reference, and the radiance by the fast walk, with one of its samplers or,
+   in long tests, both. */
 static void check_scene(const char *label, const solids_desc *desc, int max_scatter,
                         const quantity *q, int count) {
     solids_mean means[MOST_QUANTITIES];
-    int k;
-    measure_to(desc, max_scatter, q, count, means);
+    int k, way;
+    measure_to(desc, max_scatter, 0, q, count, means);
     for (k = 0; k < count; k++) check_quantity(label, &q[k], means[k]);
+    for (way = 1; way < SOLIDS_WAYS; way++)
+        if (long_tests || (uint64_t)way == 1 + seed / 2 % 2) {
+            measure_to(desc, max_scatter, way, q, 1, means);
+            check_quantity(way == 1 ? "the same, fast, random" : "the same, fast, Sobol", q, means[0]);
+        }
 }
 
 /* ---- half-spaces ----------------------------------------------------------------------------- */
@@ -146,7 +155,8 @@ static void test_half_spaces(void) {
 
 /* ---- Lambertian light ------------------------------------------------------------------------ */
 
-/* URU (+ UTU) = 2 int_0^1 R(mu) mu dmu over tilted cameras, at eight Gauss nodes. */
+/* URU (+ UTU) = 2 int_0^1 R(mu) mu dmu over tilted cameras, at eight Gauss nodes, which are
+   rendered in all ways in turn. */
 static void check_lambertian(const char *label, solids_desc desc, double expected) {
     static const double node[4] = {.1834346424956498, .5255324099163290, .7966664774136267,
                                    .9602898564975363};
@@ -159,7 +169,7 @@ static void check_lambertian(const char *label, solids_desc desc, double expecte
         double mu = .5 * (1 + (k < 4 ? -node[k] : node[k - 4])), w = mu * weight[k % 4];
         solids_mean mean;
         desc.eye = solids_vec3(sqrt(1 - mu * mu), mu, 0);
-        measure_to(&desc, 0, &q, 1, &mean);
+        measure_to(&desc, 0, k % SOLIDS_WAYS, &q, 1, &mean);
         sum.value += w * mean.value, sum.error += w * w * mean.error * mean.error;
     }
     sum.error = sqrt(sum.error);
@@ -370,6 +380,15 @@ static void check_channels(double worst_albedo) {
         }
     }
     itn_image_free(&image);
+    options.spp = 1200; /* times 4 */
+    solids_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
+    for (c = 0; c < 3; c++) {
+        static const char *const planes[3][2] = {
+            {"R", "Variance.R"}, {"G", "Variance.G"}, {"B", "Variance.B"}};
+        solids_mean mean = solids_plane_mean(&image, planes[c][0], planes[c][1]);
+        CHECK_MEAN(mean.value, mean.error, (c + 1) * value[c], sigmas, .006 * (c + 1) * value[c]);
+    }
+    itn_image_free(&image);
     itn_scene_free(scene);
     itn_mesh_free(&mesh);
 }
@@ -404,6 +423,9 @@ static void test_single_scattering(void) {
         CHECK(means[0].value == 0 && means[0].error == 0);
         q[1].largest = .002 * slope / effort;
         check_quantity("albedo 0", &q[1], means[1]);
+        options.spp = 500;
+        solids_measure(scene, NULL, &options, NULL, 0, means); /* the fast walk */
+        CHECK(means[0].value == 0 && means[0].error == 0);
         itn_scene_free(scene);
     }
     itn_mesh_free(&mesh);
@@ -475,23 +497,27 @@ static void check_furnace(double sigma_t, double albedo, double g, double ior) {
     itn_error error;
     solids_mean means[3];
     solids_desc desc = ITN_ZERO;
-    double worst = 0;
-    int i;
+    int i, way;
     desc.mesh = &mesh, desc.sigma_t = sigma_t, desc.albedo = albedo, desc.g = g, desc.ior = ior;
     look_from(&desc, 1, 0, .6, .8);
     options.spp = 48, options.seed = 212;
     scene = solids_scene(&desc);
-    solids_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
-    for (i = 0; i < 64 * 64; i++)
-        worst = itn__max((float)worst, fabsf(image.pixels[i] - 1));
-    check_report(worst <= 1e-6, __FILE__, __LINE__,
-                 "furnace sigma_t %g, albedo %g, g %g, n %g: a pixel is off by %g", sigma_t, albedo,
-                 g, ior, worst);
+    for (way = 0; way < SOLIDS_WAYS; way++) {
+        double worst = 0;
+        solids_way(&options, way);
+        solids_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
+        for (i = 0; i < 64 * 64; i++)
+            worst = itn__max((float)worst, fabsf(image.pixels[i] - 1));
+        check_report(worst <= 1e-6, __FILE__, __LINE__,
+                     "furnace sigma_t %g, albedo %g, g %g, n %g, way %d: a pixel is off by %g",
+                     sigma_t, albedo, g, ior, way, worst);
+        itn_image_free(&image);
+    }
+    solids_way(&options, 0);
     solids_measure(scene, NULL, &options, names, 2, means);
     /* with no scattering, light that is caught inside has derivatives of no finite variance */
     for (i = 1; i < 3 && (sigma_t > 0 || ior == 0); i++)
         CHECK_MEAN(means[i].value, means[i].error, 0, sigmas, .08);
-    itn_image_free(&image);
     itn_scene_free(scene);
     itn_mesh_free(&mesh);
 }
