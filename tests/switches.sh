@@ -158,7 +158,7 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
         check "$1 -std=$2$flags $source.$3" "$1" -std="$2" $warnings $flags -fsyntax-only "$source.$3"
     done
     for flags in -DITN_NO_FAST -DITN_NO_SIMD -DITN_ONE_KERNEL "-DITN_NO_FAST -DITN_NO_SIMD -DITN_STATIC" \
-        "-mavx2 -mfma" "-march=native"; do
+        "-O1 -mavx2 -mfma" "-O1 -march=native"; do
         check "$1 -std=$2 $flags" "$1" -std="$2" $warnings $flags -fsyntax-only "whole.$3"
     done
     check "$1 -std=$2 interface only" "$1" -std="$2" $warnings -fsyntax-only "api.$3"

@@ -388,7 +388,7 @@ static polygon clip_block(const itn__voxels *v, const itn__triangle *t, const in
 static int listed(const itn__voxels *v, const int32_t *own, int index) {
     int i, k;
     for (i = 0; i < own[4]; i++)
-        for (k = 0; k < 16; k++)
+        for (k = 0; k < ITN__PACK; k++)
             if (v->packs[own[3] + i].index[k] == index) return 1;
     return 0;
 }
