@@ -128,7 +128,7 @@ echo '#include "itn.h"
 int main(void) { return 0; }' >api.c
 echo '#include "use.c"' >use_twin.c
 for name in whole override half_override api; do cp $name.c $name.cc; done
-grep -h '^#include <' itn.h | grep -v windows | sort -u >system.c
+grep -h '^#include <' itn.h | grep -v -e windows -e '<intrin' | sort -u >system.c
 
 # ---- every subset of the switches, every language ---------------------------------------------------
 
