@@ -464,7 +464,9 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* ---- [api-render] images, derivative images, gradients --------------------------------------- */
 
-/* AUTO is FAST for images and REFERENCE where derivatives are asked for. */
+/* AUTO is FAST, but for derivatives that only the reference knows: in an index of refraction, in
+   the scale of a light, where a factor is 0 (an albedo, a reflectance), and in the sigma_t of a
+   medium with a mean free path of several times the scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
 /* How samples are spread: each on its own, or (fast walk only) by an Owen-scrambled Sobol sequence
    over the pixel, the first boundary and the first flight. AUTO is SOBOL in the fast walk. */
@@ -473,6 +475,16 @@ typedef enum itn_sampler {
     ITN_SAMPLER_RANDOM,
     ITN_SAMPLER_SOBOL
 } itn_sampler;
+
+/* How derivatives are estimated; all are unbiased. SCORE: a path's radiance times its score
+   (equation 9). BASELINE (fast walk only): of the radiance, what the path was expected to bring is
+   taken off before each choice's score counts, which leaves the mean and takes away variance, most
+   in thin media and at high albedo. AUTO is BASELINE in the fast walk. */
+typedef enum itn_estimator {
+    ITN_ESTIMATOR_AUTO = 0,
+    ITN_ESTIMATOR_SCORE,
+    ITN_ESTIMATOR_BASELINE
+} itn_estimator;
 
 /* What a render did. */
 typedef struct itn_render_stats {
@@ -485,6 +497,7 @@ typedef struct itn_render_options {
     int max_scatter; /* most medium scatterings of a path; 0 = unlimited, 1 = single scattering */
     itn_mode mode;
     itn_sampler sampler;
+    itn_estimator estimator;
     int walks; /* fast walk: walks that share each of the spp camera rays, at most 256; 0 = 4 */
     int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
                                                      a non-zero return cancels; may be NULL */
@@ -6494,6 +6507,13 @@ ITN__INLINE itn__floats itn__vphase(float g, itn__floats x, itn__floats y) {
     return (1 - g) * (1 + g) / (4 * ITN__PI) / (square * itn__root(square));
 }
 
+/* d ln itn__phase / dg. */
+ITN__INLINE itn__floats itn__vphase_score(float g, itn__floats x, itn__floats y) {
+    itn__floats square = g >= 0 ? (1 - g) * (1 - g) + 2 * g * x : (1 + g) * (1 + g) - 2 * g * y;
+    itn__floats half_slope = g >= 0 ? x - (1 - g) : (1 + g) - y; /* of the square */
+    return -2 * g / ((1 - g) * (1 + g)) - 3 * half_slope / square;
+}
+
 /* itn__sample_phase. */
 ITN__INLINE itn__vectors itn__vsample_phase(itn__vectors direction, float g, itn__floats u,
                                             itn__floats v, itn__floats *x, itn__floats *y) {
@@ -6588,6 +6608,23 @@ ITN__INLINE itn__floats itn__vrough(itn__vectors i, itn__vectors o, itn__floats 
     good &= itn__less(zero, f * smith_o);
     *pdf = itn__select(good, f, zero);
     return *pdf * smith_o;
+}
+
+/* d ln itn__vsmith / d ln alpha. */
+ITN__INLINE itn__floats itn__vsmith_score(itn__vectors w, itn__floats alpha) {
+    itn__floats stretched = alpha * alpha * (w.x * w.x + w.y * w.y) / (w.z * w.z);
+    itn__floats root = itn__root(1 + stretched);
+    return -stretched / (root * (1 + root));
+}
+
+/* d ln itn__vrough / d alpha, where itn__vrough is not 0. */
+ITN__INLINE itn__floats itn__vrough_score(itn__vectors i, itn__vectors o, itn__floats alpha,
+                                          itn__floats eta) {
+    itn__ints reflects = itn__less(itn__splat(0), o.z);
+    itn__vectors h = itn__valong(i, itn__select(reflects, itn__splat(1), eta), o);
+    itn__floats across = (h.x * h.x + h.y * h.y) / (alpha * alpha), flat = across + h.z * h.z;
+    itn__floats facets = 4 * (across / flat) - 2;
+    return (facets + itn__vsmith_score(i, alpha) + itn__vsmith_score(o, alpha)) / alpha;
 }
 
 /* itn__sample_cosine. */
@@ -7127,14 +7164,25 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
    threads and any size of the queues. With ITN_SAMPLER_SOBOL, draws 2 to 7 of a path (at its first
    boundary and first collision) and the place in the pixel come from a scrambled Sobol sequence.
 
+   Derivatives. A choice made with a density p that depends on a parameter has the score
+   s = d ln p; the mean of s is 0 whatever has been before. So a path's derivative, L sum s for what
+   it brings home, may be replaced by
+       sum over choices of s (L - b)
+   with any b that is known before the choice: the mean stays, and the variance is least where b is
+   what the path was then expected to bring. Here b = beta V, with V a table over the depth below
+   the face where the path was last at a surface, and its direction to that face: all that matters
+   in a half-space. It is learnt from a few paths that are traced before the picture, and the same
+   for all of it. Scores are gathered in lanes between surfaces and booked there.
+
    A kernel is the text of this chapter, inlined and specialised by constant features; ITN__KERNELS
    lists them. */
-enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__LIMIT = 4 };
+enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__LIMIT = 4, ITN__SCORES = 8 };
 #ifdef ITN_ONE_KERNEL
-#define ITN__KERNELS(kernel) kernel(ITN__RGB | ITN__LIGHTS | ITN__LIMIT)
+#define ITN__KERNELS(kernel) kernel(ITN__RGB | ITN__LIGHTS | ITN__LIMIT | ITN__SCORES)
 #else
 #define ITN__KERNELS(kernel)                                                                       \
-    kernel(0) kernel(ITN__LIGHTS) kernel(ITN__RGB | ITN__LIGHTS | ITN__LIMIT)
+    kernel(0) kernel(ITN__LIGHTS) kernel(ITN__LIGHTS | ITN__SCORES)                                \
+    kernel(ITN__RGB | ITN__LIGHTS | ITN__LIMIT | ITN__SCORES)
 #endif
 #define ITN__KERNEL_ITEM(list) list,
 static const int itn__kernels[] = {ITN__KERNELS(ITN__KERNEL_ITEM)};
@@ -7151,19 +7199,29 @@ enum {
     ITN__BETA = 10,
     ITN__PDF = 13,  /* with lights; of a link: xi c */
     ITN__LEFT = 14, /* with a limit: scatterings to go */
-    ITN__STATE = 15,
-    ITN__DISTANCE = 15, /* exact: of the flight */
-    ITN__NORMAL = 15,   /* boundary, diffuse */
-    ITN__ETA = 18,      /* boundary */
-    ITN__ALPHA = 19,
-    ITN__FACE = 20,        /* 2 triangle + front, as in itn__place */
-    ITN__REFLECTANCE = 18, /* diffuse: 3 */
-    ITN__FIELDS = 21
+    ITN__PLAIN_STATE = 15,
+    ITN__FLIGHTS = 15, /* with scores, gathered since the last surface: sigma_t times the flights' */
+    ITN__PHASES = 16,  /* of the phase function, by g */
+    ITN__HITS = 17,    /* how many collisions */
+    ITN__EXPECTED = 18,    /* b of the flight under way */
+    ITN__FLIGHT_BASE = 21, /* sum of s b for ITN__FLIGHTS */
+    ITN__PHASE_BASE = 24,  /* and for ITN__PHASES */
+    ITN__UP = 27,          /* normal n of the last surface, out of the medium, */
+    ITN__LEVEL = 30,       /* and n . position there */
+    ITN__STATE = 31,
+    ITN__DISTANCE = 31, /* exact: of the flight */
+    ITN__NORMAL = 31,   /* boundary, diffuse */
+    ITN__ETA = 34,      /* boundary */
+    ITN__ALPHA = 35,
+    ITN__FACE = 36,        /* 2 triangle + front, as in itn__place */
+    ITN__REFLECTANCE = 34, /* diffuse: 3 */
+    ITN__FIELDS = 37
 };
 enum { ITN__CROWD = 1024, ITN__ROW = ITN__CROWD + 16, ITN__LINK = 1 << 30, ITN__EARLY = 8 };
 
 typedef struct itn__queue {
     int count;
+    int state; /* fields of the state that are used */
     int32_t *rows; /* [ITN__FIELDS][ITN__ROW] */
 } itn__queue;
 
@@ -7171,12 +7229,17 @@ typedef struct itn__queue {
 typedef struct itn__path {
     itn__place place, link_place;
     int number, copies; /* radiance[number] ... [number + copies - 1] */
+    int mark;           /* entry of V that this path teaches, or -1; */
+    float mark_weight[3], mark_radiance[3]; /* beta, and what had been brought home, by then */
     int32_t parked[ITN__STATE];
 } itn__path;
 
-/* A medium with its numbers at theta, or (index 0) all that is not a medium. */
+/* A medium with its numbers at theta, or (index 0) all that is not a medium; and where among the
+   parameters asked for they are, or -1. */
 typedef struct itn__substance {
     float sigma_t, mean_free_path, albedo[3], g;
+    float depth_scale; /* of the entries of V */
+    int slot_sigma_t, slot_albedo[3], slot_g;
 } itn__substance;
 
 /* What all crowds of a render share. */
@@ -7197,6 +7260,13 @@ typedef struct itn__fast {
     int links;         /* some light is sampled */
     int linked;        /* links find all light, see itn__links_suffice */
     float link_weight; /* c */
+    int count, planes; /* parameters asked for; channels (1 + count) */
+    const int *slots;  /* of each parameter: its place among those asked for, or -1 */
+    const int *only;   /* of each asked for: the channel that it belongs to, or -1 for all */
+    int rough_scores;  /* the roughness of some surface is asked for */
+    int learning;      /* V is learnt in this render, */
+    double lesson_unit; /* in multiples of this */
+    const float *expected; /* V: [3][ITN__SITUATIONS] */
 } itn__fast;
 
 /* Pixels and samples that a crowd works on, and where it has got to. */
@@ -7232,8 +7302,10 @@ typedef struct itn__crowd {
     itn__flight_item *items;
     itn__visit_item visits[ITN__VISITS];
     int item_count, visit_count;
-    float *radiance; /* [channels][paths of a unit] */
+    float *radiance; /* [planes][paths of a unit]: radiance, then derivatives [count][channels] */
     int radiance_stride;
+    float *scores; /* [2 ITN__CROWD][count]: of each path, and of its link, up to its last surface */
+    double *lessons; /* [4][ITN__SITUATIONS]: sums of what paths brought per weight, and how many */
     double collisions;
     void *memory;
 } itn__crowd;
@@ -7244,7 +7316,14 @@ typedef struct itn__state {
     itn__words key0, key1;
     itn__ints dimension, slot, left;
     itn__floats beta[3], pdf;
+    itn__floats flights, phases, hits, expected[3], flight_base[3], phase_base[3], level;
+    itn__vectors up;
 } itn__state;
+
+/* Whether scores are gathered: a kernel that can is also used where it need not. */
+ITN__INLINE int itn__scored(const itn__crowd *crowd, int features) {
+    return (features & ITN__SCORES) && crowd->fast->count;
+}
 
 /* Queues. */
 
@@ -7288,6 +7367,19 @@ ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int 
     for (c = 0; c < itn__colours(features); c++) ITN__PULL(s->beta[c], ITN__BETA + c);
     if (features & ITN__LIGHTS) ITN__PULL(s->pdf, ITN__PDF);
     if (features & ITN__LIMIT) ITN__PULL_INTS(s->left, ITN__LEFT);
+    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
+        ITN__PULL(s->flights, ITN__FLIGHTS);
+        ITN__PULL(s->phases, ITN__PHASES);
+        ITN__PULL(s->hits, ITN__HITS);
+        ITN__PULL(s->up.x, ITN__UP);
+        ITN__PULL(s->up.y, ITN__UP + 1);
+        ITN__PULL(s->up.z, ITN__UP + 2);
+        ITN__PULL(s->level, ITN__LEVEL);
+        for (c = 0; c < itn__colours(features); c++) {
+            ITN__PULL(s->flight_base[c], ITN__FLIGHT_BASE + c);
+            ITN__PULL(s->phase_base[c], ITN__PHASE_BASE + c);
+        }
+    }
 #undef ITN__PULL
 #undef ITN__PULL_INTS
 }
@@ -7303,11 +7395,26 @@ ITN__INLINE itn__state itn__load_state(const itn__queue *queue, int at, int feat
     s.dimension = itn__load_ints(itn__row(queue, ITN__DIMENSION) + at);
     s.slot = itn__load_ints(itn__row(queue, ITN__SLOT) + at);
     s.pdf = itn__splat(INFINITY), s.left = itn__splat_int(0);
-    for (c = 0; c < 3; c++) s.beta[c] = itn__splat(0);
+    for (c = 0; c < 3; c++)
+        s.beta[c] = s.expected[c] = s.flight_base[c] = s.phase_base[c] = itn__splat(0);
     for (c = 0; c < itn__colours(features); c++)
         s.beta[c] = itn__load(itn__float_row(queue, ITN__BETA + c) + at);
     if (features & ITN__LIGHTS) s.pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
     if (features & ITN__LIMIT) s.left = itn__load_ints(itn__row(queue, ITN__LEFT) + at);
+    s.flights = s.phases = s.hits = s.level = itn__splat(0);
+    s.up = itn__vectors_of(s.level, s.level, s.level);
+    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
+        s.flights = itn__load(itn__float_row(queue, ITN__FLIGHTS) + at);
+        s.phases = itn__load(itn__float_row(queue, ITN__PHASES) + at);
+        s.hits = itn__load(itn__float_row(queue, ITN__HITS) + at);
+        s.up = itn__load_vectors(queue, ITN__UP, at);
+        s.level = itn__load(itn__float_row(queue, ITN__LEVEL) + at);
+        for (c = 0; c < itn__colours(features); c++) {
+            s.expected[c] = itn__load(itn__float_row(queue, ITN__EXPECTED + c) + at);
+            s.flight_base[c] = itn__load(itn__float_row(queue, ITN__FLIGHT_BASE + c) + at);
+            s.phase_base[c] = itn__load(itn__float_row(queue, ITN__PHASE_BASE + c) + at);
+        }
+    }
     return s;
 }
 
@@ -7330,13 +7437,26 @@ ITN__INLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bi
         itn__compress(itn__float_row(queue, ITN__BETA + c) + at, s->beta[c], bits);
     if (features & ITN__LIGHTS) itn__compress(itn__float_row(queue, ITN__PDF) + at, s->pdf, bits);
     if (features & ITN__LIMIT) itn__compress_ints(itn__row(queue, ITN__LEFT) + at, s->left, bits);
+    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
+        itn__compress(itn__float_row(queue, ITN__FLIGHTS) + at, s->flights, bits);
+        itn__compress(itn__float_row(queue, ITN__PHASES) + at, s->phases, bits);
+        itn__compress(itn__float_row(queue, ITN__HITS) + at, s->hits, bits);
+        itn__push_vectors(queue, ITN__UP, s->up, bits);
+        itn__compress(itn__float_row(queue, ITN__LEVEL) + at, s->level, bits);
+        for (c = 0; c < itn__colours(features); c++) {
+            itn__compress(itn__float_row(queue, ITN__EXPECTED + c) + at, s->expected[c], bits);
+            itn__compress(itn__float_row(queue, ITN__FLIGHT_BASE + c) + at, s->flight_base[c],
+                          bits);
+            itn__compress(itn__float_row(queue, ITN__PHASE_BASE + c) + at, s->phase_base[c], bits);
+        }
+    }
     queue->count += itn__count_bits(bits);
 }
 
 /* Copies item `at` of one queue to the end of another; returns its index there. */
 static int itn__move(const itn__queue *from, int at, itn__queue *to) {
     int f;
-    for (f = 0; f < ITN__STATE; f++) itn__row(to, f)[to->count] = itn__row(from, f)[at];
+    for (f = 0; f < to->state; f++) itn__row(to, f)[to->count] = itn__row(from, f)[at];
     return to->count++;
 }
 static void itn__set_vector(itn__queue *queue, int field, int at, itn_vec3 v) {
@@ -7355,6 +7475,80 @@ ITN__INLINE int itn__unit_paths_left(const itn__crowd *crowd) {
     return unit->next < unit->width * unit->height * unit->count;
 }
 
+/* Scores. */
+
+/* The table V has entries for so many depths times directions, for paths about to fly and for
+   paths about to scatter. */
+enum {
+    ITN__DEPTHS = 24,
+    ITN__DIRECTIONS = 8,
+    ITN__SITUATIONS = 2 * ITN__DEPTHS * ITN__DIRECTIONS,
+    ITN__SCATTERING = ITN__DEPTHS * ITN__DIRECTIONS /* first entry of the latter */
+};
+#define ITN__LARGEST_LESSON 1073741824. /* 2^30 units: 2^23 such sum up exactly in a double */
+
+/* Scores of a path or, with ITN__LINK in its slot, of its link. */
+ITN__INLINE float *itn__scores_of(const itn__crowd *crowd, int slot) {
+    int row = (slot & ~ITN__LINK) + (slot & ITN__LINK ? ITN__CROWD : 0);
+    return crowd->scores + (size_t)row * (size_t)crowd->fast->count;
+}
+
+/* A link begins with the scores of its path. */
+static void itn__copy_scores(const itn__crowd *crowd, int slot) {
+    size_t bytes = (size_t)crowd->fast->count * sizeof(float);
+    if (bytes) memcpy(itn__scores_of(crowd, slot | ITN__LINK), itn__scores_of(crowd, slot), bytes);
+}
+
+/* Takes the sums of s b from the derivatives of path `number`, in channel c. */
+static void itn__pay(itn__crowd *crowd, int number, const itn__substance *medium, int c,
+                     float flight_base, float phase_base) {
+    const itn__fast *fast = crowd->fast;
+    float *derivative = crowd->radiance + number +
+                        (size_t)(fast->channels + c) * (size_t)crowd->radiance_stride;
+    size_t stride = (size_t)fast->channels * (size_t)crowd->radiance_stride;
+    if (medium->slot_sigma_t >= 0)
+        derivative[(size_t)medium->slot_sigma_t * stride] -= flight_base / medium->sigma_t;
+    if (medium->slot_g >= 0) derivative[(size_t)medium->slot_g * stride] -= phase_base;
+}
+
+/* Books what an item of a queue has gathered in a substance; the flight that brought it here had
+   length t and no collision. */
+static void itn__book(itn__crowd *crowd, itn__queue *queue, int at, int substance, float t) {
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    int slot = itn__row(queue, ITN__SLOT)[at], c;
+    float *scores = itn__scores_of(crowd, slot), last = -medium->sigma_t * t;
+    if (!crowd->fast->count || !substance) return;
+    if (medium->slot_sigma_t >= 0)
+        scores[medium->slot_sigma_t] +=
+            (itn__float_row(queue, ITN__FLIGHTS)[at] + last) / medium->sigma_t;
+    if (medium->slot_g >= 0) scores[medium->slot_g] += itn__float_row(queue, ITN__PHASES)[at];
+    for (c = 0; c < crowd->fast->channels; c++) {
+        float *flight_base = itn__float_row(queue, ITN__FLIGHT_BASE + c) + at;
+        float *phase_base = itn__float_row(queue, ITN__PHASE_BASE + c) + at;
+        if (medium->slot_albedo[c] >= 0)
+            scores[medium->slot_albedo[c]] +=
+                itn__float_row(queue, ITN__HITS)[at] / medium->albedo[c];
+        if (slot & ITN__LINK) continue;
+        itn__pay(crowd, crowd->paths[slot].number, medium, c,
+                 *flight_base + last * itn__float_row(queue, ITN__EXPECTED + c)[at], *phase_base);
+        *flight_base = *phase_base = 0;
+    }
+    itn__float_row(queue, ITN__FLIGHTS)[at] = itn__float_row(queue, ITN__PHASES)[at] = 0;
+    itn__float_row(queue, ITN__HITS)[at] = 0;
+}
+
+/* Adds to path `number` what it, or its link, with these scores brings home in channel c. */
+static void itn__bring_home(itn__crowd *crowd, int number, const float *scores, int c,
+                            float value) {
+    const itn__fast *fast = crowd->fast;
+    size_t stride = (size_t)crowd->radiance_stride;
+    float *derivative = crowd->radiance + (size_t)(fast->channels + c) * stride + number;
+    int k;
+    crowd->radiance[(size_t)c * stride + (size_t)number] += value;
+    for (k = 0; k < fast->count; k++, derivative += (size_t)fast->channels * stride)
+        if (fast->only[k] < 0 || fast->only[k] == c) *derivative += value * scores[k];
+}
+
 /* Where paths go next. */
 
 /* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
@@ -7368,12 +7562,41 @@ ITN__INLINE itn__queue *itn__departure(itn__crowd *crowd, int substance, int dim
     return substance && crowd->fast->sobol && dimension < ITN__EARLY ? &crowd->early[substance]
                                                                      : &crowd->walk[substance];
 }
+/* What a path has brought home since its mark, per weight that it had there, is a lesson for V,
+   rounded so that sums of lessons are exact, in any order. */
+static void itn__learn(itn__crowd *crowd, const itn__path *path) {
+    int c;
+    for (c = 0; c < crowd->fast->channels; c++) {
+        float now = crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride +
+                                    (size_t)path->number];
+        double lesson = (double)(now - path->mark_radiance[c]) / path->mark_weight[c];
+        if (lesson > 0 && lesson < ITN__LARGEST_LESSON * crowd->fast->lesson_unit)
+            crowd->lessons[c * ITN__SITUATIONS + path->mark] +=
+                floor(lesson / crowd->fast->lesson_unit);
+    }
+    crowd->lessons[3 * ITN__SITUATIONS + path->mark]++;
+}
 static void itn__free_slot(itn__crowd *crowd, int slot) {
+    if (crowd->fast->learning && crowd->paths[slot].mark >= 0)
+        itn__learn(crowd, &crowd->paths[slot]);
     crowd->free_slots[crowd->free_count++] = slot;
 }
 static void itn__free_lanes(itn__crowd *crowd, itn__ints slot, unsigned bits) {
     for (; bits; bits &= bits - 1)
         itn__free_slot(crowd, ITN__LANE(slot, itn__lowest_bit(bits)));
+}
+/* The same for paths that end in a substance. */
+ITN__INLINE void itn__end_lanes(itn__crowd *crowd, int substance, const itn__state *s,
+                                unsigned bits, int features) {
+    unsigned rest = itn__scored(crowd, features) ? bits : 0;
+    int c;
+    for (; rest; rest &= rest - 1) {
+        int k = itn__lowest_bit(rest), number = crowd->paths[ITN__LANE(s->slot, k)].number;
+        for (c = 0; c < crowd->fast->channels; c++)
+            itn__pay(crowd, number, &crowd->fast->substances[substance], c,
+                     ITN__LANE(s->flight_base[c], k), ITN__LANE(s->phase_base[c], k));
+    }
+    itn__free_lanes(crowd, s->slot, bits);
 }
 
 /* Sends the lanes named by `bits` to their next flight, each in the substance it is in. */
@@ -7545,6 +7768,63 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
             itn__less(itn__vdot(space->n, d), -space->against));
 }
 
+/* What to expect. */
+
+/* Entry of V for paths at s->p that go along d. Depths count as 1 + depth * scale, in two steps
+   from each power of two to the next: the exponent of the float and the first bit behind. */
+ITN__INLINE itn__ints itn__situation(const itn__substance *medium, const itn__state *s,
+                                     itn__vectors d) {
+    itn__floats depth = 1 + medium->depth_scale * (s->level - itn__vdot(s->up, s->p)), side;
+    itn__words step;
+    depth = itn__least(itn__most(depth, itn__splat(1)), itn__splat(1 << (ITN__DEPTHS / 2 - 1)));
+    step = itn__int_words(itn__float_bits(depth)) >> 22;
+    side = ITN__DIRECTIONS / 2 * (1 + itn__vdot(s->up, d));
+    side = itn__least(itn__most(side, itn__splat(0)), itn__splat(ITN__DIRECTIONS - 1));
+    return itn__word_ints((step - 2 * 127) * ITN__DIRECTIONS) + itn__to_ints(side);
+}
+
+/* Notes of paths, in a render that learns, in which situation they have been and with what. Each
+   does so once, after a number of collisions that its key decides. */
+ITN__INLINE void itn__mark(itn__crowd *crowd, const itn__state *s, itn__ints situation,
+                           itn__ints mask) {
+    itn__words doubling = s->key0 & 3, span;
+    unsigned bits;
+    int c;
+    span = (itn__splat_word(1) << doubling) - 1;
+    mask &= itn__int_equal(itn__to_ints(s->hits), itn__word_ints(span + ((s->key0 >> 8) & span)));
+    for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        if (path->mark >= 0) continue;
+        path->mark = ITN__LANE(situation, k);
+        for (c = 0; c < crowd->fast->channels; c++) {
+            path->mark_weight[c] = ITN__LANE(s->beta[c], k);
+            path->mark_radiance[c] = crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride +
+                                                     (size_t)path->number];
+        }
+    }
+}
+
+/* b of the flight that the lanes are about to draw. */
+ITN__INLINE void itn__expect(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
+                             int features) {
+    itn__ints situation = itn__situation(&crowd->fast->substances[substance], s, s->d);
+    int c;
+    if (features & ITN__LIMIT) { /* the last flight is not drawn */
+        itn__ints last = mask & itn__int_less(s->left, itn__splat_int(1));
+        for (c = 0; c < itn__colours(features); c++)
+            s->expected[c] = itn__select(last, itn__splat(0), s->expected[c]);
+        mask &= ~last;
+    }
+    for (c = 0; c < itn__colours(features); c++)
+        s->expected[c] = itn__select(mask, s->beta[c] * itn__gather(
+            crowd->fast->expected + c * ITN__SITUATIONS, situation, mask, itn__splat(0)),
+            s->expected[c]);
+    if (crowd->fast->learning)
+        itn__mark(crowd, s, situation,
+                  mask & itn__int_equal(itn__word_ints(s->key1 & 1), itn__splat_int(0)));
+}
+
 /* Links to the lights. */
 
 /* c, relative to the mean radiance of the sampled lights over all directions. */
@@ -7569,10 +7849,22 @@ static void itn__park(itn__crowd *crowd, const itn__state *s, unsigned bits, int
                         itn__float_bits(s->beta[c < itn__colours(features) ? c : 0]));
     itn__store_ints(rows[ITN__PDF], itn__float_bits(s->pdf));
     itn__store_ints(rows[ITN__LEFT], s->left);
+    itn__store_ints(rows[ITN__FLIGHTS], itn__float_bits(s->flights));
+    itn__store_ints(rows[ITN__PHASES], itn__float_bits(s->phases));
+    itn__store_ints(rows[ITN__HITS], itn__float_bits(s->hits));
+    itn__store_ints(rows[ITN__UP], itn__float_bits(s->up.x));
+    itn__store_ints(rows[ITN__UP + 1], itn__float_bits(s->up.y));
+    itn__store_ints(rows[ITN__UP + 2], itn__float_bits(s->up.z));
+    itn__store_ints(rows[ITN__LEVEL], itn__float_bits(s->level));
+    for (c = 0; c < 3; c++) {
+        itn__store_ints(rows[ITN__EXPECTED + c], itn__float_bits(s->expected[c]));
+        itn__store_ints(rows[ITN__FLIGHT_BASE + c], itn__float_bits(s->flight_base[c]));
+        itn__store_ints(rows[ITN__PHASE_BASE + c], itn__float_bits(s->phase_base[c]));
+    }
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-        for (f = 0; f < ITN__STATE; f++) path->parked[f] = rows[f][k];
+        for (f = 0; f < crowd->walk[0].state; f++) path->parked[f] = rows[f][k];
     }
 }
 /* The same for paths whose links have just been sent from where they are. */
@@ -7582,6 +7874,7 @@ static void itn__begin_links(itn__crowd *crowd, const itn__state *s, unsigned bi
     for (; rest; rest &= rest - 1) {
         itn__path *path = &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(rest))];
         path->link_place = path->place;
+        itn__copy_scores(crowd, ITN__LANE(s->slot, itn__lowest_bit(rest)));
     }
 }
 static void itn__unpark(itn__crowd *crowd, int slot) {
@@ -7589,7 +7882,7 @@ static void itn__unpark(itn__crowd *crowd, int slot) {
     itn__queue *queue = itn__departure(crowd, itn__substance_of(crowd->fast, &path->place),
                                        path->parked[ITN__DIMENSION]);
     int f;
-    for (f = 0; f < ITN__STATE; f++) itn__row(queue, f)[queue->count] = path->parked[f];
+    for (f = 0; f < queue->state; f++) itn__row(queue, f)[queue->count] = path->parked[f];
     queue->count++;
 }
 
@@ -7616,6 +7909,7 @@ ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const it
     bits = itn__mask_bits(mask);
     if (!bits) return mask;
     for (c = 0; c < 3; c++) link.beta[c] = w[c < itn__colours(features) ? c : 0];
+    for (c = 0; c < 3; c++) link.flight_base[c] = link.phase_base[c] = itn__splat(0);
     link.d = d, link.dimension = itn__splat_int(0);
     link.slot = s->slot | itn__splat_int(ITN__LINK);
     if (substance)
@@ -7633,18 +7927,36 @@ static void itn__arrive(itn__crowd *crowd, const itn__queue *queue, int at) {
         largest = itn__max(largest, itn__float_row(queue, ITN__BETA + c)[at]);
     if (largest < fast->link_weight) raise = fast->link_weight / largest;
     for (c = 0; c < fast->channels && largest > 0; c++)
-        crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride +
-                        (size_t)crowd->paths[slot].number] +=
-            raise * itn__float_row(queue, ITN__BETA + c)[at];
+        itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot | ITN__LINK),
+                        c, raise * itn__float_row(queue, ITN__BETA + c)[at]);
     itn__unpark(crowd, slot);
 }
 
 /* Collisions. */
 
-/* A collision in each lane of the mask: albedo, a link, a new direction. Returns who goes on
+/* Adds the score of a new direction, drawn where direction d ended, and its s b. */
+ITN__INLINE void itn__scatter_score(itn__crowd *crowd, int substance, itn__state *s,
+                                    itn__vectors d, itn__floats score, itn__ints mask,
+                                    int features) {
+    itn__ints situation = itn__situation(&crowd->fast->substances[substance], s, d) +
+                          ITN__SCATTERING;
+    int c;
+    score = itn__select(mask, score, itn__splat(0));
+    s->phases = s->phases + score;
+    for (c = 0; c < itn__colours(features); c++)
+        s->phase_base[c] = s->phase_base[c] + score * s->beta[c] * itn__gather(
+            crowd->fast->expected + c * ITN__SITUATIONS, situation, mask, itn__splat(0));
+    if (crowd->fast->learning)
+        itn__mark(crowd, s, situation,
+                  mask & itn__int_equal(itn__word_ints(s->key1 & 1), itn__splat_int(1)));
+}
+
+/* A collision in each lane of the mask, after a flight over `distance`: albedo, a link, a new
+   direction. Returns who goes on
    (with its link sent, or with none); *linked receives those with a link, whose paths are parked
    and leave the lanes. */
-ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
+ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
+                                   itn__floats distance, itn__ints mask,
                                    const itn__free_space *space, itn__ints *linked, int early,
                                    int features) {
     const itn__substance *medium = &crowd->fast->substances[substance];
@@ -7653,6 +7965,12 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
     itn__vectors d = s->d, light;
     int c;
     crowd->collisions += itn__count_bits(itn__mask_bits(mask));
+    if (itn__scored(crowd, features)) {
+        itn__floats score = itn__select(mask, 1 - medium->sigma_t * distance, itn__splat(0));
+        s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
+        for (c = 0; c < itn__colours(features); c++)
+            s->flight_base[c] = s->flight_base[c] + score * s->expected[c];
+    }
     if (features & ITN__LIMIT) {
         s->left += mask;
         if (crowd->fast->linked) last = mask & itn__int_less(s->left, itn__splat_int(1));
@@ -7674,15 +7992,21 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
         for (c = 0; c < itn__colours(features); c++)
             w[c] = s->beta[c] * u * sampled[c] /
                    (light_pdf + itn__select(last, itn__splat(0), u));
+        plain[0] = s->phases;
+        if (itn__scored(crowd, features)) s->phases = s->phases + itn__vphase_score(medium->g, x, y);
         *linked = itn__send_links(crowd, substance, s, light, w, ok, space, features);
+        s->phases = plain[0];
         for (c = 0; c < itn__colours(features) && (features & ITN__LIMIT); c++)
             s->beta[c] = itn__select(last, itn__splat(0), s->beta[c]); /* ends after its link */
         mask &= ~(last & ~*linked);
     }
     u = itn__draw(crowd, s, mask, early), v = itn__draw(crowd, s, mask, early);
-    s->d = itn__vselect(mask, itn__vsample_phase(s->d, medium->g, u, v, &x, &y), d);
+    s->d = itn__vselect(mask, itn__vsample_phase(d, medium->g, u, v, &x, &y), d);
     if (features & ITN__LIGHTS)
         s->pdf = itn__select(mask, itn__vphase(medium->g, x, y), s->pdf);
+    if (itn__scored(crowd, features))
+        itn__scatter_score(crowd, substance, s, d, itn__vphase_score(medium->g, x, y), mask,
+                           features);
     return mask;
 }
 
@@ -7718,12 +8042,15 @@ ITN__INLINE void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *
 }
 
 /* Draws flights for the busy lanes. Returns those that are free; the others become unsure. */
-ITN__INLINE itn__ints itn__fly(itn__crowd *crowd, itn__lanes_walk *walk, float mean_free_path,
+ITN__INLINE itn__ints itn__fly(itn__crowd *crowd, int substance, itn__lanes_walk *walk,
                                itn__vectors *q, itn__floats *nq, int features) {
+    const float mean_free_path = crowd->fast->substances[substance].mean_free_path;
     itn__ints active = itn__vroulette(crowd, &walk->s, itn__bits_mask(walk->busy), 0, features);
     unsigned alive = itn__mask_bits(active);
     itn__ints safe;
-    if (walk->busy != alive) itn__free_lanes(crowd, walk->s.slot, walk->busy & ~alive);
+    if (walk->busy != alive)
+        itn__end_lanes(crowd, substance, &walk->s, walk->busy & ~alive, features);
+    if (itn__scored(crowd, features)) itn__expect(crowd, substance, &walk->s, active, features);
     walk->distance = itn__select(active, itn__vflight(crowd, &walk->s, active, mean_free_path, 0,
                                                       features), walk->distance);
     *q = itn__valong(walk->s.p, walk->distance, walk->s.d);
@@ -7747,7 +8074,6 @@ ITN__INLINE itn__ints itn__make_sure(itn__crowd *crowd, itn__lanes_walk *walk, i
 
 /* The walk in one substance. */
 ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
-    const float mean_free_path = crowd->fast->substances[substance].mean_free_path;
     itn__queue *queue = &crowd->walk[substance];
     itn__lanes_walk walk;
     memset(&walk, 0, sizeof walk);
@@ -7767,15 +8093,17 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
                 return;
             }
         }
-        safe = itn__fly(crowd, &walk, mean_free_path, &q, &nq, features);
+        safe = itn__fly(crowd, substance, &walk, &q, &nq, features);
         if (itn__count_bits(walk.unsure) >= ITN__QUARTER || !itn__mask_bits(safe))
             safe |= itn__make_sure(crowd, &walk, q, &nq);
         walk.s.p = itn__vselect(safe, q, walk.s.p);
         walk.space.np = itn__select(safe, nq, walk.space.np);
         moved = itn__mask_bits(safe);
-        safe = itn__collide(crowd, substance, &walk.s, safe, &walk.space, &linked, 0, features);
+        safe = itn__collide(crowd, substance, &walk.s, walk.distance, safe, &walk.space, &linked, 0,
+                            features);
         walk.busy = itn__mask_bits(safe);
-        if (moved != walk.busy) itn__free_lanes(crowd, walk.s.slot, moved & ~walk.busy);
+        if (moved != walk.busy)
+            itn__end_lanes(crowd, substance, &walk.s, moved & ~walk.busy, features);
         if ((features & ITN__LIGHTS) && itn__mask_bits(linked)) {
             itn__begin_links(crowd, &walk.s, itn__mask_bits(linked), features);
             walk.busy &= ~itn__mask_bits(linked);
@@ -8026,6 +8354,7 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
         float *w = itn__float_row(queue, ITN__BETA + c) + at;
         largest = itn__max(largest, *w *= transmittance);
     }
+    itn__book(crowd, queue, at, substance, itn__max(hit->t, 0));
     if (!scene->objects[object].closed ||
         itn__beyond(scene, fast->theta, place, object, &after) || !(largest > floor_weight) ||
         (scene->objects[object].surface >= 0 &&
@@ -8070,9 +8399,12 @@ static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hi
         for (c = 0; c < 3; c++) /* also where only one counts: roulette looks at all */
             itn__float_row(queue, ITN__BETA + c)[at] *= expf(-sigma_t * itn__max(hit->t, 0));
     }
+    itn__book(crowd, queue, at, itn__substance_of(fast, place), itn__max(hit->t, 0));
     if (itn__dot(n, d) > 0) n = itn__scale(n, -1);
     point = itn__hit_point(scene->bvh, hit);
     itn__set_vector(queue, ITN__POSITION, at, point);
+    itn__set_vector(queue, ITN__UP, at, n);
+    itn__float_row(queue, ITN__LEVEL)[at] = itn__dot(n, point);
     if (surface >= 0 && scene->surfaces[surface].type == ITN_SURFACE_DIFFUSE) {
         float s, t;
         to = itn__move(queue, at, &crowd->diffuse);
@@ -8082,6 +8414,8 @@ static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hi
             float texel = itn__texel(&scene->surfaces[surface], s, t, c, &parameter);
             itn__float_row(&crowd->diffuse, ITN__REFLECTANCE + c)[to] =
                 texel * fast->theta[parameter];
+            if (fast->count && fast->slots[parameter] >= 0)
+                itn__scores_of(crowd, slot)[fast->slots[parameter]] += 1 / fast->theta[parameter];
         }
     } else if (itn__beyond(scene, fast->theta, place, object, &after)) {
         int alpha = scene->surfaces[surface].alpha;
@@ -8101,13 +8435,14 @@ static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hi
 
 /* Collisions of lanes that are not in the walk; their next flights begin there. */
 ITN__INLINE void itn__collide_and_depart(itn__crowd *crowd, int substance, itn__state *s,
-                                         itn__ints mask, const itn__free_space *space,
-                                         int features) {
+                                         itn__floats distance, itn__ints mask,
+                                         const itn__free_space *space, int features) {
     unsigned bits = itn__mask_bits(mask), on;
     itn__ints linked;
     if (!bits) return;
-    on = itn__mask_bits(itn__collide(crowd, substance, s, mask, space, &linked, 1, features));
-    itn__free_lanes(crowd, s->slot, bits & ~on);
+    on = itn__mask_bits(itn__collide(crowd, substance, s, distance, mask, space, &linked, 1,
+                                     features));
+    itn__end_lanes(crowd, substance, s, bits & ~on, features);
     if (features & ITN__LIGHTS) {
         itn__begin_links(crowd, s, itn__mask_bits(linked), features);
         on &= ~itn__mask_bits(linked);
@@ -8130,10 +8465,11 @@ ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) 
         itn__floats distance, nq;
         itn__vectors q;
         alive = itn__vroulette(crowd, &s, mask, 1, features);
-        itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
+        itn__end_lanes(crowd, substance, &s, itn__mask_bits(mask & ~alive), features);
         distance = itn__vflight(crowd, &s, alive, mean_free_path, 1, features);
         q = itn__valong(s.p, distance, s.d);
         itn__look_around(crowd->fast->voxels, s.p, alive, &space);
+        if (itn__scored(crowd, features)) itn__expect(crowd, substance, &s, alive, features);
         safe = alive & itn__free_flight(&space, q, s.d, &nq);
         space.np = nq;
         if (crowd->fast->unsafe) safe = itn__splat_int(0);
@@ -8141,7 +8477,7 @@ ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) 
                       itn__mask_bits(alive & ~safe));
         itn__append(exact, &s, itn__mask_bits(alive & ~safe), features);
         s.p = itn__vselect(safe, q, s.p);
-        itn__collide_and_depart(crowd, substance, &s, safe, &space, features);
+        itn__collide_and_depart(crowd, substance, &s, distance, safe, &space, features);
     }
     queue->count = 0;
 }
@@ -8193,15 +8529,16 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
             if (crowd->hits[k].triangle >= 0)
                 itn__meet(crowd, queue, k, &crowd->hits[k]);
             else if (!(slot & ITN__LINK) && itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
-                itn__move(queue, k, &crowd->sky);
-            else if (!(slot & ITN__LINK))
-                itn__free_slot(crowd, slot); /* no way out of the medium */
+                itn__book(crowd, queue, k, substance, 0), itn__move(queue, k, &crowd->sky);
+            else if (!(slot & ITN__LINK)) /* no way out of the medium */
+                itn__book(crowd, queue, k, substance, 0), itn__free_slot(crowd, slot);
             else if (itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
                 itn__unpark(crowd, slot & ~ITN__LINK);
             else
                 itn__arrive(crowd, queue, k);
         }
-        itn__collide_and_depart(crowd, substance, &s, itn__bits_mask(free_bits), NULL, features);
+        itn__collide_and_depart(crowd, substance, &s, distance, itn__bits_mask(free_bits),
+                                NULL, features);
     }
     queue->count = 0;
 }
@@ -8227,6 +8564,7 @@ ITN__INLINE itn__ints itn__surface_links(itn__crowd *crowd, const itn__state *s,
     for (rest = bits; rest; rest &= rest - 1) {
         itn__path *path = &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(rest))];
         path->link_place = path->place;
+        itn__copy_scores(crowd, ITN__LANE(s->slot, itn__lowest_bit(rest)));
     }
     itn__place_links(crowd, &s->slot, at, bits & itn__mask_bits(through));
     while (bits) {
@@ -8241,6 +8579,21 @@ ITN__INLINE itn__ints itn__surface_links(itn__crowd *crowd, const itn__state *s,
         bits &= ~same;
     }
     return sent;
+}
+
+/* Adds to the scores of lanes at a rough boundary (or with ITN__LINK of their links) what their
+   surfaces' roughness contributes. */
+static void itn__book_rough(itn__crowd *crowd, const itn__ints *slots, int at, itn__floats score,
+                            unsigned bits, int link) {
+    const itn__fast *fast = crowd->fast;
+    const itn_scene *scene = fast->scene;
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits), face = itn__row(&crowd->boundary, ITN__FACE)[at + k];
+        int object = itn__bvh_object(scene->bvh, face / 2);
+        int slot = fast->slots[scene->surfaces[scene->objects[object].surface].alpha];
+        if (slot >= 0)
+            itn__scores_of(crowd, ITN__LANE(*slots, k) | link)[slot] += ITN__LANE(score, k);
+    }
 }
 
 /* Draws a light for lanes at a rough boundary and sends links there. */
@@ -8259,7 +8612,11 @@ ITN__INLINE itn__ints itn__boundary_links(itn__crowd *crowd, itn__state *s,
     itn__vradiance(crowd->fast->scene, crowd->fast->theta, d, mask, sampled, plain);
     for (c = 0; c < itn__colours(features); c++)
         w[c] = s->beta[c] * f * sampled[c] / (light_pdf + pdf);
-    return itn__surface_links(crowd, s, d, w, mask, at, itn__less(o.z, itn__splat(0)), features);
+    mask = itn__surface_links(crowd, s, d, w, mask, at, itn__less(o.z, itn__splat(0)), features);
+    if (itn__scored(crowd, features) && crowd->fast->rough_scores)
+        itn__book_rough(crowd, &s->slot, at, itn__vrough_score(i, o, alpha, eta),
+                        itn__mask_bits(mask), ITN__LINK);
+    return mask;
 }
 
 /* Lanes that go through the boundary they stand on. */
@@ -8316,6 +8673,14 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
         }
         s.d = itn__vselect(ok, itn__vnormalize(itn__vto_world(o, frame[0], frame[1], frame[2])),
                            s.d);
+        if (itn__scored(crowd, features) && crowd->fast->rough_scores)
+            itn__book_rough(crowd, &s.slot, at, itn__vrough_score(i, o, alpha, eta),
+                            itn__mask_bits(ok & rough), 0);
+        if (itn__scored(crowd, features)) { /* a reflected path has the medium behind the normal */
+            itn__floats turned = itn__select(itn__less(o.z, itn__splat(0)), itn__splat(1),
+                                             itn__splat(-1));
+            s.up = itn__vscale(s.up, turned), s.level = s.level * turned;
+        }
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~ok & ~linked));
         itn__cross_lanes(crowd, &s.slot, at, itn__mask_bits(ok & itn__less(o.z, itn__splat(0))));
         itn__leave_surface(crowd, &s, ok, linked, features);
@@ -8416,10 +8781,10 @@ ITN__INLINE void itn__run_sky(itn__crowd *crowd, int features) {
             int k = itn__lowest_bit(bits), slot = ITN__LANE(s.slot, k);
             const itn__path *path = &crowd->paths[slot];
             for (c = 0; c < fast->channels; c++) {
-                float *radiance = crowd->radiance + (size_t)c * (size_t)crowd->radiance_stride;
                 itn__floats sum = s.beta[c] * (sampled[c] + plain[c]);
                 for (i = 0; i < path->copies; i++)
-                    radiance[path->number + i] += ITN__LANE(sum, k);
+                    itn__bring_home(crowd, path->number + i, itn__scores_of(crowd, slot), c,
+                                    ITN__LANE(sum, k));
             }
             itn__free_slot(crowd, slot);
         }
@@ -8449,6 +8814,9 @@ static int itn__start_path(itn__crowd *crowd, const itn_ray *ray, uint64_t pixel
     for (c = 0; c < 3; c++) itn__float_row(queue, ITN__BETA + c)[0] = 1;
     itn__float_row(queue, ITN__PDF)[0] = INFINITY;
     itn__row(queue, ITN__LEFT)[0] = fast->max_scatter ? fast->max_scatter : INT_MAX;
+    for (c = ITN__PLAIN_STATE; c < ITN__STATE; c++) itn__row(queue, c)[0] = 0; /* the bits of 0.f */
+    path->mark = -1;
+    for (c = 0; c < fast->count; c++) itn__scores_of(crowd, slot)[c] = 0;
     return slot;
 }
 
@@ -8568,18 +8936,24 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
     crowd->shears = (itn__shear *)itn__allocate(context, ITN__CROWD, sizeof *crowd->shears);
     crowd->hits = (itn_hit *)itn__allocate(context, ITN__CROWD, sizeof *crowd->hits);
     crowd->items = (itn__flight_item *)itn__allocate(context, ITN__CROWD, sizeof *crowd->items);
-    crowd->radiance = (float *)itn__allocate(context, paths, (size_t)fast->channels *
-                                             sizeof(float));
+    crowd->radiance = (float *)itn__allocate(context, paths, (size_t)fast->planes * sizeof(float));
+    crowd->scores = (float *)itn__allocate(context, 2 * ITN__CROWD,
+                                           (size_t)fast->count * sizeof(float) + 1);
+    crowd->lessons = (double *)itn__allocate(context, 4 * ITN__SITUATIONS, sizeof(double));
     if (!queue || !crowd->memory || !crowd->paths || !crowd->free_slots || !crowd->shears ||
-        !crowd->hits || !crowd->items || !crowd->radiance)
+        !crowd->hits || !crowd->items || !crowd->radiance || !crowd->scores || !crowd->lessons)
         return 0;
-    for (i = 0; i < queues; i++) queue[i].rows = (int32_t *)crowd->memory + i * rows;
+    for (i = 0; i < queues; i++) {
+        queue[i].rows = (int32_t *)crowd->memory + i * rows;
+        queue[i].state = fast->count ? ITN__STATE : ITN__PLAIN_STATE;
+    }
     crowd->exact = queue + substances, crowd->early = crowd->exact + substances;
     queue = crowd->early + substances;
     crowd->taken = queue[0], crowd->boundary = queue[1];
     crowd->diffuse = queue[2], crowd->sky = queue[3];
     crowd->index = crowd->free_slots + ITN__CROWD, crowd->scramble = crowd->index + ITN__CROWD;
-    for (i = 0; i < ITN__CROWD; i++) itn__free_slot(crowd, (int)(ITN__CROWD - 1 - i));
+    for (i = 0; i < ITN__CROWD; i++)
+        crowd->free_slots[crowd->free_count++] = (int32_t)(ITN__CROWD - 1 - i);
     return 1;
 }
 
@@ -8595,6 +8969,8 @@ static void itn__crowd_free(itn__crowd *crowd) {
     itn__free(context, crowd->hits);
     itn__free(context, crowd->items);
     itn__free(context, crowd->radiance);
+    itn__free(context, crowd->scores);
+    itn__free(context, crowd->lessons);
 }
 
 /* The numbers of all media at theta, and what is known of the lights. */
@@ -8612,6 +8988,11 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
         substance->g = theta[scene->media[i].g];
         for (c = 0; c < 3; c++)
             substance->albedo[c] = theta[scene->media[i].albedo + (c < fast->channels ? c : 0)];
+        substance->depth_scale = 4 * substance->sigma_t * (1 - .9f * fabsf(substance->g));
+        substance->slot_sigma_t = fast->count ? fast->slots[scene->media[i].sigma_t] : -1;
+        substance->slot_g = fast->count ? fast->slots[scene->media[i].g] : -1;
+        for (c = 0; c < fast->channels; c++)
+            substance->slot_albedo[c] = fast->count ? fast->slots[scene->media[i].albedo + c] : -1;
     }
     fast->camera.sides = scene->sides;
     fast->camera.inside = itn__find_inside(scene, &scene->sides);
@@ -8629,9 +9010,13 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
         level += (double)scale * light->power;
     }
     fast->link_weight = (float)(ITN__LINK_LEVEL * level / (4 * (double)ITN__PI));
+    level = level / (4 * (double)ITN__PI) + fast->constant[0] + fast->constant[1] +
+            fast->constant[2];
+    fast->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 20) : 1;
+    fast->planes = fast->channels * (1 + fast->count);
     fast->features = (fast->channels == 3 ? ITN__RGB : 0) |
                      (fast->only_constant ? 0 : ITN__LIGHTS) |
-                     (fast->max_scatter ? ITN__LIMIT : 0);
+                     (fast->max_scatter ? ITN__LIMIT : 0) | (fast->count ? ITN__SCORES : 0);
     for (i = 0; i < ITN__KERNEL_COUNT; i++)
         if (!(fast->features & ~itn__kernels[i])) {
             fast->features = itn__kernels[i];
@@ -8648,11 +9033,14 @@ typedef struct itn__picture {
     itn__fast fast;
     int tiles_x, tiles_y, tile_width, tile_height;
     int unit_blocks, chunks; /* blocks of a unit; units of a tile */
-    int first, end;          /* units of this wave */
+    int first, end, wave;    /* units of this wave; most of one */
     int crowd_count;
     itn__crowd *crowds;
-    double *sums;   /* [units of a wave][pixels of a tile][channels][2] */
-    double *totals; /* [height][width][channels][2] */
+    const float *weights; /* of pixels, [channels][height][width], to fold derivatives with; NULL:
+                             the planes are kept */
+    int kept;       /* what is kept of a pixel: planes, or count */
+    double *sums;   /* [units of a wave][pixels of a tile][kept][2] */
+    double *totals; /* [height][width][kept][2] */
 } itn__picture;
 
 static itn__unit itn__unit_make(const itn__picture *picture, int number) {
@@ -8672,24 +9060,48 @@ static itn__unit itn__unit_make(const itn__picture *picture, int number) {
     return unit;
 }
 
-/* Adds a unit's radiance block by block: with t the sum of a block of n paths, t and t^2 / n. */
-static void itn__sum_unit(const itn__crowd *crowd, double *sums) {
+/* Sum of plane k of a pixel of the unit over the paths of rays first ... end - 1. */
+static double itn__sum_rays(const itn__crowd *crowd, int k, int pixel, int first, int end) {
+    size_t walks = (size_t)crowd->fast->walks, i;
+    const float *values = crowd->radiance + (size_t)k * (size_t)crowd->radiance_stride +
+                          (size_t)pixel * (size_t)crowd->unit.count * walks;
+    double sum = 0;
+    for (i = (size_t)first * walks; i < (size_t)end * walks; i++) sum += values[i];
+    return sum;
+}
+
+/* The same of what is kept: a plane, or a derivative folded with the weights. */
+static double itn__sum_kept(const itn__picture *picture, const itn__crowd *crowd, int k, int pixel,
+                            int first, int end) {
+    const itn__unit *unit = &crowd->unit;
+    const itn_film_desc *film = &picture->fast.scene->film;
+    int channels = picture->fast.channels, c;
+    size_t at = (size_t)(unit->y0 + pixel / unit->width) * (size_t)film->width +
+                (size_t)(unit->x0 + pixel % unit->width);
+    double sum = 0;
+    if (!picture->weights) return itn__sum_rays(crowd, k, pixel, first, end);
+    for (c = 0; c < channels; c++)
+        sum += (double)picture->weights[(size_t)c * (size_t)film->width * (size_t)film->height +
+                                        at] *
+               itn__sum_rays(crowd, channels * (1 + k) + c, pixel, first, end);
+    return sum;
+}
+
+/* Adds what a unit's paths brought, block by block: with t the sum of a block of n paths, t and
+   t^2 / n. */
+static void itn__sum_unit(const itn__picture *picture, const itn__crowd *crowd, double *sums) {
     const itn__fast *fast = crowd->fast;
     const itn__unit *unit = &crowd->unit;
-    int pixel, c, ray, k;
+    int pixel, k, ray, end;
     for (pixel = 0; pixel < unit->width * unit->height; pixel++)
-        for (c = 0; c < fast->channels; c++, sums += 2) {
-            const float *radiance = crowd->radiance + (size_t)c * (size_t)crowd->radiance_stride +
-                                    (size_t)pixel * (size_t)unit->count * (size_t)fast->walks;
-            for (ray = 0; ray < unit->count;) {
-                int block = itn__block_of(fast, unit->first + ray);
-                int end = itn__block_first(fast, block + 1) - unit->first, n = 0;
-                double sum = 0;
-                for (; ray < end; ray++)
-                    for (k = 0; k < fast->walks; k++, n++) sum += *radiance++;
-                sums[0] += sum, sums[1] += sum * sum / n;
+        for (k = 0; k < picture->kept; k++, sums += 2)
+            for (ray = 0; ray < unit->count; ray = end) {
+                double sum;
+                end = itn__block_first(fast, itn__block_of(fast, unit->first + ray) + 1) -
+                      unit->first;
+                sum = itn__sum_kept(picture, crowd, k, pixel, ray, end);
+                sums[0] += sum, sums[1] += sum * sum / ((end - ray) * fast->walks);
             }
-        }
 }
 
 static void itn__picture_worker(void *task, int index) {
@@ -8697,23 +9109,23 @@ static void itn__picture_worker(void *task, int index) {
     itn__crowd *crowd = &picture->crowds[index];
     const itn__fast *fast = &picture->fast;
     size_t stride = (size_t)picture->tile_width * (size_t)picture->tile_height *
-                    (size_t)fast->channels * 2;
+                    (size_t)picture->kept * 2;
     int number;
     for (number = picture->first + index; number < picture->end; number += picture->crowd_count) {
         double *sums = picture->sums + (size_t)(number - picture->first) * stride;
         memset(sums, 0, stride * sizeof *sums);
-        memset(crowd->radiance, 0, (size_t)crowd->radiance_stride * (size_t)fast->channels *
+        memset(crowd->radiance, 0, (size_t)crowd->radiance_stride * (size_t)fast->planes *
                                        sizeof(float));
         crowd->unit = itn__unit_make(picture, number);
         itn__run_kernel(crowd);
-        itn__sum_unit(crowd, sums);
+        itn__sum_unit(picture, crowd, sums);
     }
 }
 
 /* Adds the wave's sums to the totals. */
 static void itn__picture_add(itn__picture *picture) {
     const itn__fast *fast = &picture->fast;
-    size_t per_pixel = (size_t)fast->channels * 2, width = (size_t)fast->scene->film.width, k;
+    size_t per_pixel = (size_t)picture->kept * 2, width = (size_t)fast->scene->film.width, k;
     size_t stride = (size_t)picture->tile_width * (size_t)picture->tile_height * per_pixel;
     int number, pixel;
     for (number = picture->first; number < picture->end; number++) {
@@ -8753,6 +9165,8 @@ static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
     const itn_context *context = &scene->context;
     itn__fast *fast = &picture->fast;
     int tile, units, rays, i, good;
+    picture->kept = picture->weights ? fast->count : fast->planes;
+    picture->wave = 1 + ITN__WAVE / picture->kept;
     picture->tile_width = scene->film.width < ITN__TILE ? scene->film.width : ITN__TILE;
     picture->tile_height = scene->film.height < ITN__TILE ? scene->film.height : ITN__TILE;
     picture->tiles_x = (scene->film.width + picture->tile_width - 1) / picture->tile_width;
@@ -8770,14 +9184,14 @@ static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
     rays = picture->unit_blocks * (fast->spp / fast->blocks + 1);
     picture->crowd_count = itn__workers(context);
     if (picture->crowd_count > picture->end) picture->crowd_count = picture->end;
-    units = picture->end < ITN__WAVE ? picture->end : ITN__WAVE;
+    units = picture->end < picture->wave ? picture->end : picture->wave;
     picture->crowds = (itn__crowd *)itn__allocate(context, (size_t)picture->crowd_count,
                                                   sizeof *picture->crowds);
     picture->sums = (double *)itn__allocate(
-        context, (size_t)units * (size_t)tile, (size_t)fast->channels * 2 * sizeof(double));
+        context, (size_t)units * (size_t)tile, (size_t)picture->kept * 2 * sizeof(double));
     picture->totals = (double *)itn__allocate(
         context, (size_t)scene->film.width * (size_t)scene->film.height,
-        (size_t)fast->channels * 2 * sizeof(double));
+        (size_t)picture->kept * 2 * sizeof(double));
     good = picture->crowds && picture->sums && picture->totals;
     for (i = 0; i < picture->crowd_count && good; i++)
         good = itn__crowd_make(&picture->crowds[i], fast, tile * rays * fast->walks);
@@ -8787,7 +9201,7 @@ static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
 /* Renders all waves. */
 static itn_result itn__picture_run(itn__picture *picture, const itn_render_options *options,
                                    itn_error *error) {
-    int units = picture->end, wave = ITN__WAVE, i;
+    int units = picture->end, wave = picture->wave, i;
     if (options && options->progress && wave > (units + 7) / 8) wave = (units + 7) / 8;
     for (picture->first = 0; picture->first < units; picture->first = picture->end) {
         picture->end = units - picture->first < wave ? units : picture->first + wave;
@@ -8820,8 +9234,9 @@ typedef struct itn__render {
     const float *theta;
     float *theta_made; /* theta, where the caller gave none */
     int *slots;        /* see itn__walk */
+    int *only;         /* see itn__fast */
     int channels, count, spp, max_scatter;
-    int fast, walks, sobol; /* of the fast walk */
+    int fast, walks, sobol, baseline; /* of the fast walk */
     uint64_t seed;
     int first_row;
     float *scores;     /* per row: weight, connection and derivative, each [channels][count] */
@@ -8904,12 +9319,62 @@ static itn_result itn__check_theta(const itn_scene *scene, const float *theta, i
     return ITN_OK;
 }
 
+/* Whether the fast walk can differentiate in a parameter at these values: it knows those of media,
+   reflectances and roughness, where the factor that they are in is not 0. *only receives the
+   channel that alone depends on it, or -1. */
+static int itn__fast_derivative(const itn_scene *scene, const float *theta, int parameter,
+                                int *only) {
+    int channels = scene->film.channels, i, c;
+    *only = -1;
+    for (i = 0; i < scene->medium_count; i++) {
+        const itn__medium *medium = &scene->media[i];
+        if (parameter == medium->sigma_t) return theta[parameter] >= .25f / scene->radius;
+        if (parameter == medium->g) return 1;
+        for (c = 0; c < channels; c++)
+            if (parameter == medium->albedo + c) return *only = c, theta[parameter] > 0;
+    }
+    for (i = 0; i < scene->surface_count; i++) {
+        const itn__surface *surface = &scene->surfaces[i];
+        int diffuse = surface->type == ITN_SURFACE_DIFFUSE;
+        if (!diffuse && parameter == surface->alpha) return 1;
+        for (c = 0; c < channels && diffuse; c++)
+            if (parameter == surface->reflectance + c ||
+                (surface->texture == ITN_TEXTURE_CHECKER && parameter == surface->reflectance2 + c))
+                return *only = c, theta[parameter] > 0;
+    }
+    return 0;
+}
+
+/* Chooses who renders: the fast walk where it can. */
+static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int *parameters,
+                                   itn_error *error) {
+    int k;
+    render->fast = mode != ITN_MODE_REFERENCE;
+#ifdef ITN_NO_FAST
+    render->fast = 0;
+    if (mode == ITN_MODE_FAST)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "render: built without the fast walk");
+#endif
+    for (k = 0; k < render->count; k++) {
+        if (itn__fast_derivative(render->scene, render->theta, parameters[k], &render->only[k]))
+            continue;
+        if (mode == ITN_MODE_FAST)
+            return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                             "render: the fast walk cannot differentiate in %s at %g; the "
+                             "reference can", render->scene->parameters[parameters[k]].name,
+                             (double)render->theta[parameters[k]]);
+        render->fast = 0;
+    }
+    return ITN_OK;
+}
+
 /* Checks a request and allocates what its rows need: `sums` doubles each. */
 static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
                                     const float *theta, const itn_render_options *options,
                                     const int *parameters, int count, size_t sums,
                                     itn_error *error) {
     const itn_context *context;
+    itn_result result;
     size_t rows, scores;
     int k;
     memset(render, 0, sizeof *render);
@@ -8919,28 +9384,25 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     if (options && (options->spp < 0 || options->max_scatter < 0 || options->walks < 0 ||
                     options->walks > 256 || options->mode < ITN_MODE_AUTO ||
                     options->mode > ITN_MODE_FAST || options->sampler < ITN_SAMPLER_AUTO ||
-                    options->sampler > ITN_SAMPLER_SOBOL))
+                    options->sampler > ITN_SAMPLER_SOBOL ||
+                    options->estimator < ITN_ESTIMATOR_AUTO ||
+                    options->estimator > ITN_ESTIMATOR_BASELINE))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "render: spp %d, max_scatter %d, walks %d, mode %d, sampler %d",
-                         options->spp, options->max_scatter, options->walks, (int)options->mode,
-                         (int)options->sampler);
+                         "render: spp %d, max_scatter %d, walks %d, mode %d, sampler %d, "
+                         "estimator %d", options->spp, options->max_scatter, options->walks,
+                         (int)options->mode, (int)options->sampler, (int)options->estimator);
     context = &scene->context;
     render->scene = scene, render->channels = scene->film.channels, render->count = count;
     render->spp = options && options->spp ? options->spp : 64;
     if (options) render->seed = options->seed, render->max_scatter = options->max_scatter;
-    render->fast = !count && !(options && options->mode == ITN_MODE_REFERENCE);
-#ifdef ITN_NO_FAST
-    render->fast = 0;
-#endif
-    if (options && options->mode == ITN_MODE_FAST && !render->fast)
-        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                         "render: the fast walk has no derivatives, or was left out (ITN_NO_FAST)");
     render->walks = options && options->walks ? options->walks : 4;
     render->sobol = !options || options->sampler != ITN_SAMPLER_RANDOM;
+    render->baseline = count && !(options && options->estimator == ITN_ESTIMATOR_SCORE);
     rows = (size_t)scene->film.height, scores = 3 * (size_t)render->channels * (size_t)count + 3;
     render->theta_made = (float *)itn__allocate(context, (size_t)scene->parameter_count,
                                                 sizeof(float));
-    render->slots = (int *)itn__allocate(context, (size_t)scene->parameter_count, sizeof(int));
+    render->slots = (int *)itn__allocate(context, 2 * (size_t)scene->parameter_count, sizeof(int));
+    render->only = render->slots ? render->slots + scene->parameter_count : NULL;
     render->scores = (float *)itn__allocate(context, rows, scores * sizeof(float));
     render->sums = (double *)itn__allocate(context, rows, sums * sizeof(double));
     render->collisions = (double *)itn__allocate(context, rows, sizeof(double));
@@ -8954,7 +9416,6 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     render->theta = render->theta_made;
     for (k = 0; k < scene->parameter_count; k++) render->slots[k] = -1;
     for (k = 0; k < count; k++) {
-        itn_result result;
         if (parameters[k] < 0 || parameters[k] >= scene->parameter_count ||
             render->slots[parameters[k]] >= 0)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -8964,7 +9425,9 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
         result = itn__check_derivative(scene, render->theta, parameters[k], error);
         if (result) return result;
     }
-    return itn__check_theta(scene, render->theta, error);
+    result = itn__check_theta(scene, render->theta, error);
+    return result ? result : itn__choose_walk(render, options ? options->mode : ITN_MODE_AUTO,
+                                              parameters, error);
 }
 
 /* A walk with the scratch memory of a row. */
@@ -9061,52 +9524,126 @@ static void itn__name_planes(const itn_scene *scene, const int *parameters, int 
 }
 
 #ifndef ITN_NO_FAST
-/* The tables that a fast render needs; see itn__tables_get. */
+/* The tables that a fast render needs, see itn__tables_get; derivatives want the finer ones. */
 static itn_result itn__render_tables(const itn__render *render, const itn__tables **tables,
                                      itn__tables **own, itn_error *error) {
     const itn_film_desc *film = &render->scene->film;
-    return itn__tables_get(render->scene, render->theta,
-                           (double)film->width * film->height * render->spp * render->walks, tables,
-                           own, error);
+    double paths = (double)film->width * film->height * render->spp * render->walks;
+    if (render->count && paths < 1e6) paths = 1e6;
+    return itn__tables_get(render->scene, render->theta, paths, tables, own, error);
 }
 
-/* The fast walk's picture of the scene, without derivatives. */
+/* What the fast walk is to do. */
+static void itn__fast_make(const itn__render *render, const itn__tables *tables,
+                           itn__substance *substances, itn__fast *fast) {
+    const itn_scene *scene = render->scene;
+    int k;
+    fast->spp = render->spp, fast->max_scatter = render->max_scatter, fast->seed = render->seed;
+    fast->walks = render->walks, fast->sobol = render->sobol;
+    fast->blocks = itn__sample_blocks(fast);
+    fast->slots = render->slots, fast->only = render->only, fast->count = render->count;
+    for (k = 0; k < scene->surface_count; k++)
+        if (scene->surfaces[k].type == ITN_SURFACE_DIELECTRIC && scene->surfaces[k].alpha >= 0)
+            fast->rough_scores |= render->slots[scene->surfaces[k].alpha] >= 0;
+    itn__fast_begin(fast, scene, render->theta, substances, tables);
+}
+
+/* Mean of what is kept, number k, of pixel i, and the variance of the mean. */
+static double itn__mean_kept(const itn__picture *picture, size_t i, int k, double *variance) {
+    const double *sums = picture->totals + 2 * (i * (size_t)picture->kept + (size_t)k);
+    double n = (double)picture->fast.spp * picture->fast.walks, mean = sums[0] / n;
+    int blocks = picture->fast.blocks;
+    *variance = blocks > 1 ? fmax((sums[1] / n - mean * mean) / (blocks - 1), 0) : (double)INFINITY;
+    return mean;
+}
+
+/* The image of a picture. */
+static void itn__develop(const itn__picture *picture, itn_image *image) {
+    size_t pixels = (size_t)image->width * (size_t)image->height, i;
+    int channels = picture->fast.channels, k, c;
+    double variance;
+    for (i = 0; i < pixels; i++)
+        for (k = 0; k < picture->kept; k++) {
+            float *pixel;
+            c = k % channels; /* means, then variances */
+            pixel = image->pixels + (size_t)(2 * (k - c) + c) * pixels + i;
+            pixel[0] = (float)itn__mean_kept(picture, i, k, &variance);
+            pixel[(size_t)channels * pixels] = (float)variance;
+        }
+}
+
+/* The gradient of a picture with weights. sums: [2 count], the gradient, then its variance. */
+static void itn__fold(const itn__picture *picture, double *sums) {
+    const itn_film_desc *film = &picture->fast.scene->film;
+    size_t pixels = (size_t)film->width * (size_t)film->height, i;
+    double variance;
+    int k;
+    for (i = 0; i < pixels; i++)
+        for (k = 0; k < picture->kept; k++) {
+            sums[k] += itn__mean_kept(picture, i, k, &variance);
+            sums[picture->kept + k] += variance;
+        }
+}
+
+/* Learns V from a few paths, which are not used for anything else: whatever they teach, the
+   picture's derivatives stay unbiased. expected: [3][ITN__SITUATIONS]. */
+enum { ITN__LESSONS = 65536 };
+static itn_result itn__learn_expected(const itn__picture *picture, float *expected,
+                                      itn_error *error) {
+    itn__picture school = *picture;
+    itn__fast *fast = &school.fast;
+    const itn_film_desc *film = &fast->scene->film;
+    double pixels = (double)film->width * film->height, lessons;
+    itn_result result;
+    int i, k, c;
+    fast->learning = 1, fast->seed = itn__mix64(fast->seed + 1);
+    if (pixels > ITN__LESSONS / 4) fast->walks = 1;
+    fast->spp = (int)itn__max(1, (float)(ITN__LESSONS / (pixels * fast->walks)));
+    if (fast->spp > picture->fast.spp / 8 + 1) fast->spp = picture->fast.spp / 8 + 1;
+    fast->blocks = itn__sample_blocks(fast);
+    result = itn__picture_begin(&school, error);
+    if (!result) result = itn__picture_run(&school, NULL, error);
+    for (k = 0; k < ITN__SITUATIONS && !result; k++)
+        for (c = 0; c < fast->channels; c++) {
+            double sum = 0;
+            for (lessons = 0, i = 0; i < school.crowd_count; i++) {
+                sum += school.crowds[i].lessons[c * ITN__SITUATIONS + k];
+                lessons += school.crowds[i].lessons[3 * ITN__SITUATIONS + k];
+            }
+            expected[c * ITN__SITUATIONS + k] =
+                lessons > 0 ? (float)(sum * fast->lesson_unit / lessons) : 0;
+        }
+    itn__picture_end(&school);
+    return result;
+}
+
+/* The fast walk: an image, or (with weights) sums of a gradient, see itn__fold. */
 static itn_result itn__render_fast(const itn__render *render, const itn_render_options *options,
-                                   itn_error *error) {
+                                   itn_image *image, double *sums, itn_error *error) {
     const itn_scene *scene = render->scene;
     itn__picture picture;
     const itn__tables *tables;
     itn__tables *own;
     itn__substance *substances;
-    itn_result result;
-    size_t i, pixels = (size_t)scene->film.width * (size_t)scene->film.height;
-    int c;
-    result = itn__render_tables(render, &tables, &own, error);
+    float expected[3 * ITN__SITUATIONS];
+    itn_result result = itn__render_tables(render, &tables, &own, error);
     if (result) return result;
     memset(&picture, 0, sizeof picture);
+    memset(expected, 0, sizeof expected);
+    picture.fast.scene = scene, picture.fast.expected = expected;
+    picture.weights = render->weights;
     substances = (itn__substance *)itn__allocate(&scene->context, (size_t)scene->medium_count + 1,
                                                  sizeof *substances);
-    picture.fast.spp = render->spp, picture.fast.max_scatter = render->max_scatter;
-    picture.fast.seed = render->seed, picture.fast.scene = scene;
-    picture.fast.walks = render->walks, picture.fast.sobol = render->sobol;
-    picture.fast.blocks = itn__sample_blocks(&picture.fast);
     if (substances) {
-        itn__fast_begin(&picture.fast, scene, render->theta, substances, tables);
-        result = itn__picture_begin(&picture, error);
+        itn__fast_make(render, tables, substances, &picture.fast);
+        if (render->baseline) result = itn__learn_expected(&picture, expected, error);
+        if (!result) result = itn__picture_begin(&picture, error);
     } else {
         result = itn__out_of_memory(error, "a render");
     }
     if (!result) result = itn__picture_run(&picture, options, error);
-    for (i = 0; i < pixels && !result; i++)
-        for (c = 0; c < render->channels; c++) {
-            const double *sums = picture.totals + 2 * (i * (size_t)render->channels + (size_t)c);
-            double n = (double)render->spp * picture.fast.walks, mean = sums[0] / n;
-            float *pixel = render->image->pixels + (size_t)c * pixels + i;
-            *pixel = (float)mean;
-            pixel[(size_t)render->channels * pixels] = picture.fast.blocks > 1
-                ? (float)fmax((sums[1] / n - mean * mean) / (picture.fast.blocks - 1), 0)
-                : INFINITY;
-        }
+    if (!result && image) itn__develop(&picture, image);
+    if (!result && sums) itn__fold(&picture, sums);
     itn__picture_end(&picture);
     itn__free(&scene->context, substances);
     itn__tables_free(&scene->context, own);
@@ -9115,8 +9652,8 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
 
 #else
 static itn_result itn__render_fast(const itn__render *render, const itn_render_options *options,
-                                   itn_error *error) {
-    (void)render, (void)options;
+                                   itn_image *image, double *sums, itn_error *error) {
+    (void)render, (void)options, (void)image, (void)sums;
     return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "render: built without the fast walk");
 }
 #endif /* ITN_NO_FAST */
@@ -9152,7 +9689,7 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
         render.image = &made;
         itn__name_planes(scene, parameters, count, &made);
         if (render.fast)
-            result = itn__render_fast(&render, options, error);
+            result = itn__render_fast(&render, options, &made, NULL, error);
         else
             result = itn__render_rows(&render, options, itn__image_row, error);
     }
@@ -9201,7 +9738,7 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
     itn__render render;
     itn_result result;
     size_t i;
-    int y, k;
+    int y, k, rows;
     if (!scene || !weights || !gradient || count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render_gradient: NULL argument");
     for (i = 0; i < (size_t)scene->film.width * (size_t)scene->film.height *
@@ -9212,10 +9749,14 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
     result = itn__render_begin(&render, scene, theta, options, parameters, count,
                                4 * (size_t)count, error);
     render.weights = weights;
-    if (!result) result = itn__render_rows(&render, options, itn__gradient_row, error);
+    if (!result && render.fast)
+        result = itn__render_fast(&render, options, NULL, render.sums, error);
+    else if (!result)
+        result = itn__render_rows(&render, options, itn__gradient_row, error);
+    rows = render.fast ? 1 : scene->film.height;
     for (k = 0; k < count && !result; k++) {
         double sum = 0, spread = 0;
-        for (y = 0; y < scene->film.height; y++) {
+        for (y = 0; y < rows; y++) {
             sum += render.sums[(size_t)y * 4 * (size_t)count + (size_t)k];
             spread += render.sums[(size_t)y * 4 * (size_t)count + (size_t)(count + k)];
         }

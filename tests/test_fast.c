@@ -202,23 +202,28 @@ typedef struct inside {
     itn__picture picture;
     itn__substance *substances;
     itn__tables *own;
+    int parameters[64], count; /* all that the fast walk can differentiate in */
+    float expected[3 * ITN__SITUATIONS];
 } inside;
 
 static void open_render(inside *in, const itn_scene *scene, const itn_render_options *options) {
     itn__fast *fast = &in->picture.fast;
     const itn__tables *tables;
     itn_error error;
+    float theta[64];
+    int k, only;
     memset(in, 0, sizeof *in);
     in->scene = scene;
-    stage_need(itn__render_begin(&in->render, scene, NULL, options, NULL, 0, 1, &error), &error);
+    itn_parameter_values(scene, theta);
+    for (k = 0; k < scene->parameter_count; k++)
+        if (itn__fast_derivative(scene, theta, k, &only)) in->parameters[in->count++] = k;
+    stage_need(itn__render_begin(&in->render, scene, NULL, options, in->parameters, in->count, 1,
+                                 &error), &error);
     stage_need(itn__render_tables(&in->render, &tables, &in->own, &error), &error);
     in->substances = (itn__substance *)itn__allocate(
         &scene->context, (size_t)scene->medium_count + 1, sizeof *in->substances);
-    fast->spp = in->render.spp, fast->max_scatter = in->render.max_scatter;
-    fast->seed = in->render.seed, fast->scene = scene;
-    fast->walks = in->render.walks, fast->sobol = in->render.sobol;
-    fast->blocks = itn__sample_blocks(fast);
-    itn__fast_begin(fast, scene, in->render.theta, in->substances, tables);
+    fast->scene = scene, fast->expected = in->expected;
+    itn__fast_make(&in->render, tables, in->substances, fast);
     stage_need(itn__picture_begin(&in->picture, &error), &error);
 }
 static void close_render(inside *in) {
@@ -232,7 +237,7 @@ static void close_render(inside *in) {
 static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
     itn__crowd *crowd = &in->picture.crowds[0];
     memset(crowd->radiance, 0, (size_t)crowd->radiance_stride *
-                                   (size_t)in->picture.fast.channels * sizeof(float));
+                                   (size_t)in->picture.fast.planes * sizeof(float));
     crowd->unit = *unit;
     itn__run_kernel(crowd);
     return crowd;
@@ -242,6 +247,7 @@ static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
 
 typedef struct tally {
     double paths, equal, near_by, brief, brief_apart; /* numbers of paths */
+    double bright, derivatives_apart; /* of those near by that are not black */
     double sum, difference, square; /* of the reference; of the difference */
     double collisions[2];           /* of both */
 } tally;
@@ -254,6 +260,21 @@ static double distance_of(const float *a, const float *b, int channels) {
         apart = fmax(apart, fabs((double)a[c] - b[c]));
         size = fmax(size, fmax(fabs((double)a[c]), fabs((double)b[c])));
     }
+    return apart > 0 ? apart / size : 0;
+}
+
+/* The same for the derivatives of a path; those of parameters that matter little count as their
+   share in the largest. */
+static double derivatives_apart(const itn__crowd *crowd, const itn__walk *walk, int number) {
+    double apart = 0, size = 0;
+    int k, c;
+    for (k = 0; k < walk->count; k++)
+        for (c = 0; c < walk->channels; c++) {
+            double reference = walk->derivative[c * walk->count + k];
+            double fast = crowd->radiance[(walk->channels * (1 + k) + c) *
+                                          crowd->radiance_stride + number];
+            apart = fmax(apart, fabs(fast - reference)), size = fmax(size, fabs(reference));
+        }
     return apart > 0 ? apart / size : 0;
 }
 
@@ -273,6 +294,8 @@ static void tally_unit(inside *in, itn__walk *walk, const itn__unit *unit, tally
             }
             apart = distance_of(fast, walk->radiance, channels);
             t->paths++, t->equal += apart <= 1e-5, t->near_by += apart <= 1e-3;
+            if (apart <= 1e-5 && walk->radiance[0] > 0)
+                t->bright++, t->derivatives_apart += !(derivatives_apart(crowd, walk, number) <= 2e-3);
             if (walk->collisions - before < 10) t->brief++, t->brief_apart += !(apart <= 1e-3);
         }
     t->collisions[0] = walk->collisions, t->collisions[1] = crowd->collisions;
@@ -300,6 +323,7 @@ static void check_paths(int which, int max_scatter, int planted) {
     if (planted == 1) in.picture.fast.seed++;
     if (planted == 2) in.substances[1].g += .001f;
     if (planted == 3) in.picture.fast.constant[0] *= 1.0001f;
+    if (planted == 4) in.substances[1].slot_g = in.substances[1].slot_sigma_t;
     for (number = 0; number < in.picture.end; number++) {
         itn__unit unit = itn__unit_make(&in.picture, number);
         tally_unit(&in, &walk, &unit, &t);
@@ -316,6 +340,9 @@ static void check_paths(int which, int max_scatter, int planted) {
                  t.brief_apart);
     check_report(t.near_by >= .6 * t.paths, __FILE__, __LINE__, "%s: of %g paths only %g are near",
                  kind_names[which], t.paths, t.near_by);
+    check_report(t.derivatives_apart <= .002 * t.bright + 1, __FILE__, __LINE__,
+                 "%s: of %g paths that are equal %g have other derivatives", kind_names[which],
+                 t.bright, t.derivatives_apart);
     check_report(fabs(t.difference) <= 4 * error, __FILE__, __LINE__,
                  "%s: the difference of means is %.1f sigma", kind_names[which],
                  t.difference / error);
@@ -333,6 +360,7 @@ static void test_paths(void) {
     CHECK_CATCHES(check_paths(MATCHED, 0, 1));
     CHECK_CATCHES(check_paths(MATCHED, 0, 2));
     CHECK_CATCHES(check_paths(ROUGH, 0, 3));
+    CHECK_CATCHES(check_paths(ROUGH, 0, 4));
 }
 
 /* ---- whatever shares the work ---------------------------------------------------------------- */

@@ -698,7 +698,7 @@ static void test_reports_of_the_loss(void) {
     CHECK(w.calls == 0); /* nothing was rendered for that */
     CHECK(stats.paths == -1 && stats.collisions == -1 && loss == -1 && gradient == -1);
     CHECK(LOSS(&albedo, 1, &gradient) == ITN_OK);
-    CHECK(stats.paths == (4 + 1) * 16 * 16 && stats.collisions > 0); /* fast, with 4 walks a ray */
+    CHECK(stats.paths == (4 + 4) * 16 * 16 && stats.collisions > 0); /* 4 walks a ray */
     CHECK(w.calls >= 2 && w.wrong == 0 && w.last > .9);
     for (k = w.calls; k > 0; k--) { /* cancelled at every call, also late ones */
         watch stop = ITN_ZERO;
