@@ -172,7 +172,7 @@ static void test_recovery(itn_method method, const char *const *names, int count
     }
     memcpy(before, theta, sizeof theta);
     w.scene = scene;
-    options.method = method, options.spp = method == ITN_METHOD_LM ? 128 : 32;
+    options.method = method, options.spp = method == ITN_METHOD_LM ? 32 : 8;
     options.seed = 5, options.iterations = iterations;
     options.target_variance = variance;
     options.progress = watch_step, options.progress_user = &w;
@@ -271,14 +271,14 @@ static void test_coverage(const char *const *names, int count, int target_spp, i
 static void test_coverages(void) {
     static const char *const albedo[] = {"m.albedo"};
     static const char *const both[] = {"m.sigma_t", "m.g"};
-    test_coverage(albedo, 1, 32, 16, 1, 1);
-    test_coverage(both, 2, 64, 16, 1, 1);
-    test_coverage(albedo, 1, 32, 16, 0, 1);
+    test_coverage(albedo, 1, 32, 4, 1, 1);
+    test_coverage(both, 2, 64, 4, 1, 1);
+    test_coverage(albedo, 1, 32, 4, 0, 1);
 }
 
 static void plant_small_errors(void) {
     static const char *const albedo[] = {"m.albedo"};
-    test_coverage(albedo, 1, 32, 16, 1, 2);
+    test_coverage(albedo, 1, 32, 4, 1, 2);
 }
 
 /* ---- what a picture does not tell ------------------------------------------------------------------ */
@@ -299,7 +299,7 @@ static void test_undetermined(void) {
     for (seed = 0; seed < 3; seed++) {
         itn_parameter_values(scene, theta);
         theta[parameters[0]] = 1000, theta[parameters[1]] = .7f;
-        options.spp = 32, options.seed = (uint64_t)seed, options.iterations = 6;
+        options.spp = 8, options.seed = (uint64_t)seed, options.iterations = 6;
         options.target_variance = variance;
         stage_need(itn_refine(scene, theta, target, parameters, 2, &options, estimates, &error),
                    &error);
