@@ -1560,6 +1560,14 @@ ITN__INLINE itn__vectors itn__vto_world(itn__vectors v, itn__vectors s, itn__vec
     return itn__valong(itn__valong(itn__vscale(s, v.x), v.y, t), v.z, n);
 }
 
+/* How many bits of each lane are set: sums of 1, 2 and 4 bits, then of all. */
+ITN__INLINE itn__words itn__count_words(itn__words x) {
+    x -= (x >> 1) & itn__splat_word(0x55555555u);
+    x = (x & itn__splat_word(0x33333333u)) + ((x >> 2) & itn__splat_word(0x33333333u));
+    x = (x + (x >> 4)) & itn__splat_word(0x0f0f0f0fu);
+    return (x * itn__splat_word(0x01010101u)) >> 24;
+}
+
 /* itn__mix32 in lanes. */
 ITN__INLINE itn__words itn__mix_words(itn__words x, itn__words key) {
     x = (x ^ (x >> 16)) * itn__splat_word(0x21f0aaadu);
@@ -5352,8 +5360,11 @@ typedef struct itn__voxels {
                                  block is the cube of cells at distance <= reach
                          BELOW, ABOVE, AGAINST  floats, see above; -, + and + infinity: no claim
                          SURFACE a record of `surface`, of this cell; or -1 - r as in cells */
+    int32_t *ranks;   /* [cells / 32 + 1][2]: a bit for each of 32 cells that holds triangles, and
+                         how many cells before these do; for quick visits to surface cells */
     int32_t *surface; /* [surface_count][ITN__SURFACE_WORDS]: normal, below, above for this cell
-                         alone; first and number of its packs */
+                         alone, the highest byte of the normal's word being `against`, or 255: no
+                         claim; first and number of its packs */
     itn__pack *packs; /* aligned to a cache line, in pack_memory */
     void *pack_memory;
     int near_count, surface_count, pack_count, regions;
@@ -5365,6 +5376,7 @@ static void itn__voxels_free(itn__voxels *voxels) {
     context = voxels->context;
     itn__free(&context, voxels->cells);
     itn__free(&context, voxels->distances);
+    itn__free(&context, voxels->ranks);
     itn__free(&context, voxels->nearby);
     itn__free(&context, voxels->surface);
     itn__free(&context, voxels->pack_memory);
@@ -6056,6 +6068,12 @@ static float itn__slab_against(const itn__slab *slab) {
     return a < slab->length ? a : INFINITY;
 }
 
+/* The same as a byte that claims no more, where all triangles are those of the one closed object. */
+static uint32_t itn__against_byte(const itn__slab *slab, int alone) {
+    float a = ceilf(itn__slab_against(slab));
+    return alone && a < 255 ? (uint32_t)a : 255;
+}
+
 /* Sorts a surface cell's list, which nearly is, and fills its packs. */
 static void itn__fill_cell(const itn__voxel_build *build, int record) {
     const itn__voxels *voxels = build->voxels;
@@ -6145,7 +6163,7 @@ static void itn__make_surface_record(void *task, int chunk) {
         const itn__pack *packs = &voxels->packs[word[ITN__FIRST_PACK]];
         itn__summary *summary = &build->summaries[record];
         int cell = build->surface_cells[record], at[3];
-        int count = build->first[cell + 1] - build->first[cell];
+        int count = build->first[cell + 1] - build->first[cell], alone;
         itn__slab slab;
         itn_vec3 n = ITN_ZERO;
         itn__fill_cell(build, record);
@@ -6157,7 +6175,9 @@ static void itn__make_surface_record(void *task, int chunk) {
         itn__slab_add_cell(&slab, packs, count);
         itn__slab_end(&slab);
         itn__slab_words(build, &slab, word + ITN__OWN_BELOW);
-        itn__summary_end(&slab, itn__packs_alone(build, packs, word[ITN__PACK_COUNT]), summary);
+        alone = itn__packs_alone(build, packs, word[ITN__PACK_COUNT]);
+        word[ITN__OWN_NORMAL] |= (int32_t)(itn__against_byte(&slab, alone) << 24);
+        itn__summary_end(&slab, alone, summary);
     }
 }
 
@@ -6424,16 +6444,23 @@ static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upp
     }
 }
 
-/* Repeats the distances of all cells in a byte each. */
+/* Repeats the distances of all cells in a byte each, and where triangles are in a bit. */
 static int itn__voxel_bytes(itn__voxels *voxels) {
     size_t count = itn__cell_count(voxels), i;
+    uint32_t surface = 0;
     voxels->distances = (uint8_t *)itn__allocate(&voxels->context, count + 3, 1);
-    for (i = 0; voxels->distances && i < count; i++) {
-        int32_t cell = voxels->cells[i];
+    voxels->ranks = (int32_t *)itn__allocate(&voxels->context, count / 32 + 1, 2 * sizeof(int32_t));
+    if (!voxels->distances || !voxels->ranks) return 0;
+    for (i = 0; i < count; i++) {
+        int32_t cell = voxels->cells[i], *rank = voxels->ranks + 2 * (i / 32);
         if (cell >= 0) cell = voxels->nearby[(size_t)cell * ITN__NEAR_WORDS + ITN__NEAR_SURFACE];
         voxels->distances[i] = (uint8_t)(cell >= 0 ? 0 : cell < -255 ? 255 : -cell);
+        if (i % 32 == 0) rank[1] = (int32_t)surface;
+        if (cell < 0) continue;
+        rank[0] = (int32_t)((uint32_t)rank[0] | (uint32_t)1 << i % 32);
+        surface++;
     }
-    return voxels->distances != NULL;
+    return 1;
 }
 
 /* Makes the tables for the box from lower to upper and one cell around it, of `resolution` cells
@@ -7206,17 +7233,19 @@ typedef struct itn__unit {
     int next;                  /* first that has not been started: pixel * count + ray */
 } itn__unit;
 
-typedef struct itn__flight_item {
-    int ray, pack;
-    float enter;
-} itn__flight_item;
-
-/* A flight's visit to a cell with triangles. */
-typedef struct itn__visit_item {
-    int ray, cell;
-    float enter, leave; /* distances */
-} itn__visit_item;
-enum { ITN__VISITS = 256 };
+/* Visits of flights to cells with triangles, and, as far as they matter, to packs. */
+enum { ITN__VISITS = 256, ITN__VISIT_ROW = ITN__VISITS + 16 };
+typedef struct itn__visits {
+    int32_t ray[ITN__VISIT_ROW], cell[ITN__VISIT_ROW];
+    float enter[ITN__VISIT_ROW], length[ITN__VISIT_ROW]; /* distances */
+    float from[3][ITN__VISIT_ROW], direction[3][ITN__VISIT_ROW];
+    int count;
+} itn__visits;
+typedef struct itn__tests {
+    int32_t ray[ITN__ROW], pack[ITN__ROW];
+    float enter[ITN__ROW];
+    int count;
+} itn__tests;
 
 typedef struct itn__crowd {
     const itn__fast *fast;
@@ -7229,9 +7258,8 @@ typedef struct itn__crowd {
     int free_count;
     itn__shear *shears; /* of the flights in `taken` */
     itn_hit *hits;
-    itn__flight_item *items;
-    itn__visit_item visits[ITN__VISITS];
-    int item_count, visit_count;
+    itn__visits visits;
+    itn__tests tests;
     float *radiance; /* [channels][paths of a unit] */
     int radiance_stride;
     double collisions;
@@ -7480,6 +7508,12 @@ ITN__INLINE itn__floats itn__signed_byte(itn__ints word, int shift) {
     return itn__to_floats(itn__word_ints(itn__int_words(word) << (24 - shift)) >> 24);
 }
 
+/* A normal of itn__pack_normal. */
+ITN__INLINE itn__vectors itn__byte_vectors(itn__ints word) {
+    return itn__vectors_of(itn__signed_byte(word, 0), itn__signed_byte(word, 8),
+                           itn__signed_byte(word, 16));
+}
+
 /* Looks up the surroundings of p for the lanes in the mask. */
 ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
                                   itn__free_space *space) {
@@ -7508,8 +7542,7 @@ ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn
         above = itn__gather(words, at + 2, near_one, above);
         against = itn__gather(words, at + 3, near_one, against);
         empty = itn__gather_ints(voxels->nearby, at + 4, near_one, none);
-        n = itn__vectors_of(itn__signed_byte(word, 0), itn__signed_byte(word, 8),
-                            itn__signed_byte(word, 16));
+        n = itn__byte_vectors(word);
         np = itn__vdot(n, p);
         reach = itn__word_ints(itn__int_words(word) >> 24);
         half = itn__select(near_one, itn__to_floats(reach) + half_cell, half);
@@ -7790,35 +7823,37 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
 enum { ITN__AHEAD = 4 }; /* packs are asked for so many tests before their own */
 #define ITN__STEP .002f /* beyond a cell's border, in cells; less than ITN__CELL_MARGIN */
 
-/* Notes that a flight passes a pack; tests what has been noted when the list is full. */
+/* Tests the packs that flights pass. */
 static void itn__test_packs(itn__crowd *crowd) {
     const itn__queue *queue = &crowd->taken;
     const itn_scene *scene = crowd->fast->scene;
+    itn__tests *tests = &crowd->tests;
     int i;
-    for (i = 0; i < crowd->item_count; i++) {
-        const itn__flight_item *item = &crowd->items[i];
-        itn_hit *hit = &crowd->hits[item->ray];
-        int slot = itn__row(queue, ITN__SLOT)[item->ray];
+    for (i = 0; i < tests->count; i++) {
+        int ray = tests->ray[i], slot = itn__row(queue, ITN__SLOT)[ray];
+        itn_hit *hit = &crowd->hits[ray];
+        itn__shear *shear = &crowd->shears[ray];
         const itn__path *path = &crowd->paths[slot & ~ITN__LINK];
         const itn__place *place = slot & ITN__LINK ? &path->link_place : &path->place;
-        if (i + ITN__AHEAD < crowd->item_count) {
-            const char *pack = (const char *)&crowd->fast->voxels->packs[item[ITN__AHEAD].pack];
+        itn_vec3 origin = itn__get_vector(queue, ITN__POSITION, ray);
+        if (i + ITN__AHEAD < tests->count) {
+            const itn__pack *pack = &crowd->fast->voxels->packs[tests->pack[i + ITN__AHEAD]];
             int line;
-            for (line = 0; line < (int)sizeof(itn__pack); line += 64) ITN__PREFETCH(pack + line);
+            for (line = 0; line < (int)sizeof(itn__pack); line += 64)
+                ITN__PREFETCH((const char *)pack + line);
         }
-        if (hit->t < item->enter) continue;
-        if (crowd->shears[item->ray].kz < 0) {
-            itn_ray ray;
-            ray.origin = itn__get_vector(queue, ITN__POSITION, item->ray);
-            ray.direction = itn__get_vector(queue, ITN__DIRECTION, item->ray);
-            itn__shear_make(&ray, &crowd->shears[item->ray]);
+        if (hit->t < tests->enter[i]) continue;
+        if (shear->kz < 0) {
+            itn_ray made;
+            made.origin = origin;
+            made.direction = itn__get_vector(queue, ITN__DIRECTION, ray);
+            itn__shear_make(&made, shear);
         }
-        if (itn__pack_hit(&crowd->fast->voxels->packs[item->pack], &crowd->shears[item->ray],
-                      -itn__slack(scene, itn__get_vector(queue, ITN__POSITION, item->ray)),
-                      &place->sides, 0, hit))
+        if (itn__pack_hit(&crowd->fast->voxels->packs[tests->pack[i]], shear,
+                          -itn__slack(scene, origin), &place->sides, 0, hit))
             ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
     }
-    crowd->item_count = 0;
+    tests->count = 0;
 }
 
 /* The part of the way through the voxels that is left to do. */
@@ -7837,58 +7872,89 @@ ITN__INLINE itn__floats itn__leave_cube(const itn__march *m, itn__vectors centre
     return itn__least(x, itn__least(y, z));
 }
 
-/* Goes through the cells with triangles that flights have come to: notes a cell's packs, unless
-   the part of the flight in it stays on one side of the slab that holds them. In two rounds without
-   unforeseeable branches, so that the memory of many cells is waited for at a time. */
-static void itn__visit_cells(itn__crowd *crowd) {
+/* Replaces the cells of visits by their records. */
+static void itn__find_records(itn__crowd *crowd) {
     const itn__voxels *voxels = crowd->fast->voxels;
+    itn__visits *visits = &crowd->visits;
     int i, k;
-    for (i = 0; i < crowd->visit_count; i++) {
-        itn__visit_item *visit = &crowd->visits[i];
-        size_t record = (size_t)voxels->cells[visit->cell] * ITN__NEAR_WORDS;
-        visit->cell = voxels->nearby[record + ITN__NEAR_SURFACE];
-        ITN__PREFETCH(&voxels->surface[(size_t)visit->cell * ITN__SURFACE_WORDS]);
+    for (i = 0; i < visits->count; i += ITN__LANES) {
+        itn__ints mask = itn__first_lanes(visits->count - i), cell, word, bits, record;
+        itn__words lower;
+        cell = itn__load_ints(visits->cell + i);
+        word = (cell >> 5) + (cell >> 5);
+        bits = itn__gather_ints(voxels->ranks, word, mask, cell);
+        record = itn__gather_ints(voxels->ranks, word + 1, mask, cell);
+        lower = itn__splat_word(1) << (itn__int_words(cell) & itn__splat_word(31));
+        lower = itn__int_words(bits) & (lower - 1u); /* cells before it */
+        itn__store_ints(visits->cell + i, record + itn__word_ints(itn__count_words(lower)));
     }
-    for (i = 0; i < crowd->visit_count; i++) {
-        const itn__visit_item *visit = &crowd->visits[i];
-        const int32_t *words = voxels->surface + (size_t)visit->cell * ITN__SURFACE_WORDS;
-        uint32_t bytes = (uint32_t)words[ITN__OWN_NORMAL];
-        itn_vec3 n = itn__vec3((float)(int8_t)bytes, (float)(int8_t)(bytes >> 8),
-                               (float)(int8_t)(bytes >> 16));
-        float start = itn__dot(n, itn__get_vector(&crowd->taken, ITN__POSITION, visit->ray));
-        float slope = itn__dot(n, itn__get_vector(&crowd->taken, ITN__DIRECTION, visit->ray));
-        float enter = start + slope * visit->enter, leave = start + slope * visit->leave;
-        float below, above;
-        int noted;
-        memcpy(&below, &words[ITN__OWN_BELOW], sizeof below);
-        memcpy(&above, &words[ITN__OWN_ABOVE], sizeof above);
-        noted = itn__max(enter, leave) >= below && itn__min(enter, leave) <= above;
-        for (k = 0; k < words[ITN__PACK_COUNT]; k++) {
-            itn__flight_item *item = &crowd->items[crowd->item_count];
-            item->ray = visit->ray, item->pack = words[ITN__FIRST_PACK] + k;
-            item->enter = visit->enter;
-            crowd->item_count += noted;
-            if (crowd->item_count == ITN__CROWD) itn__test_packs(crowd);
+    for (k = 0; k < visits->count; k++)
+        ITN__PREFETCH(&voxels->surface[(size_t)visits->cell[k] * ITN__SURFACE_WORDS]);
+}
+
+/* Goes through the cells with triangles that flights have come to: notes a cell's packs, unless
+   the part of the flight in it stays on one side of the slab that holds them, or runs against
+   them. */
+static void itn__visit_cells(itn__crowd *crowd) {
+    const int32_t *words = crowd->fast->voxels->surface;
+    const float *floats = (const float *)(const void *)words;
+    itn__visits *visits = &crowd->visits;
+    itn__tests *tests = &crowd->tests;
+    int i;
+    itn__find_records(crowd);
+    for (i = 0; i < visits->count; i += ITN__LANES) {
+        itn__ints mask = itn__first_lanes(visits->count - i), none = itn__splat_int(0), at, bytes;
+        itn__ints pack, count;
+        itn__floats zero = itn__splat(0), below, above, against, from, slope, to;
+        itn__vectors n, p, d;
+        at = itn__load_ints(visits->cell + i) * itn__splat_int(ITN__SURFACE_WORDS);
+        bytes = itn__gather_ints(words + ITN__OWN_NORMAL, at, mask, none);
+        below = itn__gather(floats + ITN__OWN_BELOW, at, mask, zero);
+        above = itn__gather(floats + ITN__OWN_ABOVE, at, mask, zero);
+        pack = itn__gather_ints(words + ITN__FIRST_PACK, at, mask, none);
+        count = itn__gather_ints(words + ITN__PACK_COUNT, at, mask, none);
+        n = itn__byte_vectors(bytes);
+        against = itn__to_floats(itn__word_ints(itn__int_words(bytes) >> 24));
+        p = itn__vectors_of(itn__load(visits->from[0] + i), itn__load(visits->from[1] + i),
+                            itn__load(visits->from[2] + i));
+        d = itn__vectors_of(itn__load(visits->direction[0] + i),
+                            itn__load(visits->direction[1] + i),
+                            itn__load(visits->direction[2] + i));
+        from = itn__vdot(n, p), slope = itn__vdot(n, d);
+        to = from + slope * itn__load(visits->length + i);
+        mask &= itn__less_equal(below, itn__most(from, to)) &
+                itn__less_equal(itn__least(from, to), above) &
+                ~(itn__less(slope, -against) & itn__less(against, itn__splat(255)));
+        for (; itn__mask_bits(mask); pack += 1, count -= 1) {
+            unsigned noted;
+            mask &= itn__int_less(none, count), noted = itn__mask_bits(mask);
+            itn__compress_ints(tests->ray + tests->count, itn__load_ints(visits->ray + i), noted);
+            itn__compress_ints(tests->pack + tests->count, pack, noted);
+            itn__compress(tests->enter + tests->count, itn__load(visits->enter + i), noted);
+            tests->count += itn__count_bits(noted);
+            if (tests->count > ITN__CROWD - ITN__LANES) itn__test_packs(crowd);
         }
     }
-    crowd->visit_count = 0;
+    visits->count = 0;
 }
 
 /* Notes that the lanes named by `bits` have come to cells with triangles, until `leave`. */
-ITN__INLINE void itn__note_cells(itn__crowd *crowd, const itn__march *m, itn__ints cell,
-                                 itn__floats leave, unsigned bits) {
-    int32_t cells[ITN__LANES], rays[ITN__LANES];
-    float enters[ITN__LANES], leaves[ITN__LANES];
-    itn__store_ints(cells, cell), itn__store_ints(rays, m->ray);
-    itn__store(enters, m->t), itn__store(leaves, leave);
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        itn__visit_item *visit = &crowd->visits[crowd->visit_count++];
-        visit->ray = rays[k], visit->cell = cells[k];
-        visit->enter = enters[k], visit->leave = leaves[k];
-        ITN__PREFETCH(&crowd->fast->voxels->cells[cells[k]]);
-    }
-    if (crowd->visit_count > ITN__VISITS - ITN__LANES) itn__visit_cells(crowd);
+ITN__INLINE void itn__note_cells(itn__crowd *crowd, const itn__march *m, itn__vectors at,
+                                 itn__ints cell, itn__floats leave, unsigned bits) {
+    itn__visits *visits = &crowd->visits;
+    int to = visits->count;
+    itn__compress_ints(visits->ray + to, m->ray, bits);
+    itn__compress_ints(visits->cell + to, cell, bits);
+    itn__compress(visits->enter + to, m->t, bits);
+    itn__compress(visits->length + to, leave - m->t, bits);
+    itn__compress(visits->from[0] + to, at.x, bits);
+    itn__compress(visits->from[1] + to, at.y, bits);
+    itn__compress(visits->from[2] + to, at.z, bits);
+    itn__compress(visits->direction[0] + to, m->d.x, bits);
+    itn__compress(visits->direction[1] + to, m->d.y, bits);
+    itn__compress(visits->direction[2] + to, m->d.z, bits);
+    visits->count += itn__count_bits(bits);
+    if (visits->count > ITN__VISITS - ITN__LANES) itn__visit_cells(crowd);
 }
 
 /* One step of each lane: past the empty cube around, or through one cell. Returns who is not yet
@@ -7917,7 +7983,7 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
                              (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
     leave = itn__most(itn__leave_cube(m, centre, half), m->t);
     if (itn__mask_bits(surface))
-        itn__note_cells(crowd, m, index, itn__least(leave, m->end), itn__mask_bits(surface));
+        itn__note_cells(crowd, m, at, index, itn__least(leave, m->end), itn__mask_bits(surface));
     m->t = itn__select(inside, leave + ITN__STEP * voxels->cell, m->t);
     return inside & itn__less_equal(m->t, m->end);
 }
@@ -7996,7 +8062,6 @@ static void itn__find_hits(itn__crowd *crowd) {
     const itn__queue *queue = &crowd->taken;
     const float longest = ITN__LONG_MARCH * crowd->fast->voxels->cell;
     int i;
-    crowd->item_count = 0;
     for (i = 0; i < queue->count; i++) {
         crowd->hits[i].t = itn__float_row(queue, ITN__DISTANCE)[i];
         crowd->hits[i].triangle = crowd->hits[i].t <= longest ? -1 : -2;
@@ -8567,11 +8632,10 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
     crowd->free_slots = (int32_t *)itn__allocate(context, 3 * ITN__CROWD, sizeof(int32_t));
     crowd->shears = (itn__shear *)itn__allocate(context, ITN__CROWD, sizeof *crowd->shears);
     crowd->hits = (itn_hit *)itn__allocate(context, ITN__CROWD, sizeof *crowd->hits);
-    crowd->items = (itn__flight_item *)itn__allocate(context, ITN__CROWD, sizeof *crowd->items);
     crowd->radiance = (float *)itn__allocate(context, paths, (size_t)fast->channels *
                                              sizeof(float));
     if (!queue || !crowd->memory || !crowd->paths || !crowd->free_slots || !crowd->shears ||
-        !crowd->hits || !crowd->items || !crowd->radiance)
+        !crowd->hits || !crowd->radiance)
         return 0;
     for (i = 0; i < queues; i++) queue[i].rows = (int32_t *)crowd->memory + i * rows;
     crowd->exact = queue + substances, crowd->early = crowd->exact + substances;
@@ -8593,7 +8657,6 @@ static void itn__crowd_free(itn__crowd *crowd) {
     itn__free(context, crowd->free_slots);
     itn__free(context, crowd->shears);
     itn__free(context, crowd->hits);
-    itn__free(context, crowd->items);
     itn__free(context, crowd->radiance);
 }
 
