@@ -5319,14 +5319,8 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
    triangles of each cell are summarised by the box and the slab of their parts in it, which takes
    the place of one triangle when a block's cells are put together. */
 
-enum { /* words of a record in `nearby`, in `surface` */
-    ITN__NEAR_NORMAL,
-    ITN__NEAR_BELOW,
-    ITN__NEAR_ABOVE,
-    ITN__NEAR_AGAINST,
-    ITN__NEAR_SURFACE,
-    ITN__NEAR_WORDS,
-    ITN__OWN_NORMAL = 0,
+enum { /* words of a record in `surface` */
+    ITN__OWN_NORMAL,
     ITN__OWN_BELOW,
     ITN__OWN_ABOVE,
     ITN__FIRST_PACK,
@@ -5345,21 +5339,24 @@ enum {
 #define ITN__CELL_MARGIN .01f
 #define ITN__SLAB_MARGIN .001f /* in cells */
 #define ITN__SUMMARY_MARGIN 1e-5f
+#define ITN__SPACE_STEP (127 / 256.f) /* of below and above in `spaces`, in cells */
 
 typedef struct itn__voxels {
     itn_context context;
     itn_vec3 lower;
     float cell, inverse_cell; /* p is in cell floor((p - lower) inverse_cell), axis by axis */
     int size[3];
-    int32_t *cells;   /* [size 2][size 1][size 0]: a record of `nearby`; or -1 - r: the cube of
-                         cells at chessboard distance <= r holds no triangle */
-    uint8_t *distances; /* as cells: 0 for a cell with triangles; d: the cube of cells at distance
-                           <= d - 1 holds none. Small, for quick marches; 3 bytes more than cells */
-    int32_t *nearby;  /* [near_count][ITN__NEAR_WORDS]:
-                         NORMAL  bytes x, y, z of n (any length), and in the highest the reach: the
-                                 block is the cube of cells at distance <= reach
-                         BELOW, ABOVE, AGAINST  floats, see above; -, + and + infinity: no claim
-                         SURFACE a record of `surface`, of this cell; or -1 - r as in cells */
+    int32_t *spaces;  /* [size 2][size 1][size 0][2]: what is known around each cell, in two words.
+                         Where the lowest 24 bits of the first are 0, the highest byte is r: the
+                         cube of cells at chessboard distance <= r holds no triangle. Else they are
+                         bytes x, y, z of n (any length); the bits above them say the reach (4 bits):
+                         the block is the cube of cells at distance <= reach; and the cube (4 bits):
+                         that at distance <= cube - 1 holds no triangle. Of the second word, 12 bits
+                         are below and 12 are above, both relative to the middle of the cell and in
+                         units of ITN__SPACE_STEP cells, and 8 are against, or 255: no claim */
+    uint8_t *distances; /* [size 2][size 1][size 0]: 0 for a cell with triangles; d: the cube of
+                           cells at distance <= d - 1 holds none. Small, for quick marches; there
+                           are 3 bytes more */
     int32_t *ranks;   /* [cells / 32 + 1][2]: a bit for each of 32 cells that holds triangles, and
                          how many cells before these do; for quick visits to surface cells */
     int32_t *surface; /* [surface_count][ITN__SURFACE_WORDS]: normal, below, above for this cell
@@ -5367,17 +5364,16 @@ typedef struct itn__voxels {
                          claim; first and number of its packs */
     itn__pack *packs; /* aligned to a cache line, in pack_memory */
     void *pack_memory;
-    int near_count, surface_count, pack_count, regions;
+    int surface_count, pack_count, regions;
 } itn__voxels;
 
 static void itn__voxels_free(itn__voxels *voxels) {
     itn_context context;
     if (!voxels) return;
     context = voxels->context;
-    itn__free(&context, voxels->cells);
+    itn__free(&context, voxels->spaces);
     itn__free(&context, voxels->distances);
     itn__free(&context, voxels->ranks);
-    itn__free(&context, voxels->nearby);
     itn__free(&context, voxels->surface);
     itn__free(&context, voxels->pack_memory);
     itn__free(&context, voxels);
@@ -5407,7 +5403,11 @@ typedef struct itn__voxel_build {
     int32_t *slab_slots; /* triangles of each slab */
     int32_t *first;      /* [cells + 2] */
     int32_t *slots;      /* triangles of each cell, in the order of slots */
-    int32_t *near_cells, *surface_cells; /* [near_count], [surface_count] cells of the records */
+    int32_t *cells;      /* minus the distance to the nearest cell with triangles; of these: the
+                            record in `surface` */
+    int32_t *near_cells; /* [near_count] cells with regions */
+    int32_t *surface_cells; /* [surface_count] of the records */
+    int near_count;
     itn__summary *summaries;             /* [surface_count] */
     uint64_t *holds;                     /* bit per cell that holds triangles, see itn__bit_grid */
     size_t row_words;
@@ -5420,6 +5420,7 @@ static void itn__voxel_build_free(const itn__voxel_build *build) {
     itn__free(context, build->slab_slots);
     itn__free(context, build->first);
     itn__free(context, build->slots);
+    itn__free(context, build->cells);
     itn__free(context, build->near_cells);
     itn__free(context, build->surface_cells);
     itn__free(context, build->summaries);
@@ -5853,7 +5854,8 @@ static void itn__tell_distance(int32_t *row, size_t word, uint64_t bits, int dis
 }
 
 /* Grows the set by one cell and marks those which are new. Returns whether there are any. */
-static int itn__grow_cells(itn__voxels *voxels, itn__bit_grid *bits, int distance) {
+static int itn__grow_cells(const itn__voxel_build *build, itn__bit_grid *bits, int distance) {
+    const itn__voxels *voxels = build->voxels;
     const size_t words = bits->words, plane = bits->rows * words, all = plane * bits->planes;
     int y, z, any = 0;
     itn__grow_rows(bits, bits->now, bits->grown);
@@ -5862,7 +5864,7 @@ static int itn__grow_cells(itn__voxels *voxels, itn__bit_grid *bits, int distanc
     for (z = 0; z < voxels->size[2]; z++)
         for (y = 0; y < voxels->size[1]; y++) {
             size_t at = (size_t)(z + 1) * plane + (size_t)(y + 1) * words, w;
-            int32_t *row = voxels->cells + (z * voxels->size[1] + y) * voxels->size[0];
+            int32_t *row = build->cells + (z * voxels->size[1] + y) * voxels->size[0];
             for (w = 0; w < words; w++) {
                 uint64_t fresh = bits->grown[at + w] & ~bits->now[at + w];
                 if (!fresh) continue;
@@ -5890,7 +5892,7 @@ static int itn__voxels_exceeded(const itn__voxel_build *build) {
 /* Sets the bits of cells that hold triangles, and of the border if triangles may lie there; cells
    start with the largest distance. */
 static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
-    itn__voxels *voxels = build->voxels;
+    const itn__voxels *voxels = build->voxels;
     uint64_t border = itn__voxels_exceeded(build) ? ~(uint64_t)0 : 0;
     size_t i, cell = 0, all = bits->words * bits->rows * bits->planes;
     int x, y, z;
@@ -5902,7 +5904,7 @@ static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
             for (x = 1; x <= voxels->size[0]; x++, cell++) {
                 uint64_t bit = (uint64_t)1 << (x & 63);
                 int holds = build->first[cell] < build->first[cell + 1];
-                voxels->cells[cell] = holds ? 0 : -ITN__REACH;
+                build->cells[cell] = holds ? 0 : -ITN__REACH;
                 row[x >> 6] = holds ? row[x >> 6] | bit : row[x >> 6] & ~bit;
                 holding[x >> 6] |= holds ? bit : 0;
             }
@@ -5911,7 +5913,7 @@ static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
 
 /* Fills cells with minus the chessboard distance to the nearest cell that holds triangles. */
 static int itn__voxel_distances(itn__voxel_build *build) {
-    itn__voxels *voxels = build->voxels;
+    const itn__voxels *voxels = build->voxels;
     itn__bit_grid bits;
     size_t all;
     int distance = 1, made;
@@ -5923,12 +5925,12 @@ static int itn__voxel_distances(itn__voxel_build *build) {
     bits.wider = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
     build->holds = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
     build->row_words = bits.words;
-    voxels->cells = (int32_t *)itn__allocate(&voxels->context, itn__cell_count(voxels),
-                                             sizeof(int32_t));
-    made = bits.now && bits.grown && bits.wider && build->holds && voxels->cells;
+    build->cells = (int32_t *)itn__allocate(&voxels->context, itn__cell_count(voxels),
+                                            sizeof(int32_t));
+    made = bits.now && bits.grown && bits.wider && build->holds && build->cells;
     if (made) {
         itn__bits_start(build, &bits);
-        while (distance < ITN__REACH && itn__grow_cells(voxels, &bits, distance)) distance++;
+        while (distance < ITN__REACH && itn__grow_cells(build, &bits, distance)) distance++;
     }
     itn__free(&voxels->context, bits.now);
     itn__free(&voxels->context, bits.grown);
@@ -6074,6 +6076,25 @@ static uint32_t itn__against_byte(const itn__slab *slab, int alone) {
     return alone && a < 255 ? (uint32_t)a : 255;
 }
 
+/* The second word of a record in `spaces`, for bounds of n.x in cells. */
+static int32_t itn__space_bounds(double below, double above, uint32_t against) {
+    const double most = 2047, least = -2048;
+    below = floor(fmin(below / (double)ITN__SPACE_STEP, most));
+    above = ceil(fmax(above / (double)ITN__SPACE_STEP, least));
+    below = fmax(below, least), above = fmin(above, most);
+    return (int32_t)(((uint32_t)(int32_t)below & 0xfffu) |
+                     ((uint32_t)(int32_t)above & 0xfffu) << 12 | against << 24);
+}
+/* Writes a record of which the first word is given. */
+static void itn__write_space(const itn__voxel_build *build, const itn__slab *slab, int32_t first,
+                             int32_t space[2]) {
+    double margin = slab->length * ((double)ITN__SLAB_MARGIN + 8 * FLT_EPSILON * build->largest /
+                                    build->voxels->cell);
+    space[0] = first;
+    space[1] = itn__space_bounds(slab->least - margin, slab->most + margin,
+                                 itn__against_byte(slab, 1));
+}
+
 /* Sorts a surface cell's list, which nearly is, and fills its packs. */
 static void itn__fill_cell(const itn__voxel_build *build, int record) {
     const itn__voxels *voxels = build->voxels;
@@ -6207,8 +6228,7 @@ ITN__INLINE uint64_t itn__row_holds(const itn__voxel_build *build, int x, int y,
 ITN__INLINE void itn__block_add(const itn__voxel_build *build, itn__block *block, int x, int y,
                                 int z) {
     const itn__voxels *voxels = build->voxels;
-    int32_t near_one = voxels->cells[(z * voxels->size[1] + y) * voxels->size[0] + x];
-    int32_t record = voxels->nearby[(size_t)near_one * ITN__NEAR_WORDS + ITN__NEAR_SURFACE];
+    int32_t record = build->cells[(z * voxels->size[1] + y) * voxels->size[0] + x];
     const itn__summary *summary = &build->summaries[record];
     block->records[block->count] = record * ITN__SUMMARY_FLOATS;
     block->offset[0][block->count] = (float)(x - block->at[0]);
@@ -6324,11 +6344,11 @@ static int itn__known_reach(const itn__voxel_build *build, const int at[3]) {
 /* Writes what is known of a near cell's block, of the reach that seems best. */
 static void itn__make_region(const itn__voxel_build *build, int near_one) {
     const itn__voxels *voxels = build->voxels;
-    int32_t *word = voxels->nearby + (size_t)near_one * ITN__NEAR_WORDS;
-    int reach = word[ITN__NEAR_SURFACE] < 0 ? -word[ITN__NEAR_SURFACE] : 0, end = reach + 1, known;
+    int cell = build->near_cells[near_one], distance = build->cells[cell], reach, end, known;
     float best = -1;
     itn__block block;
-    itn__cell_place(voxels, build->near_cells[near_one], block.at);
+    distance = distance < 0 ? -distance : 0, reach = distance, end = reach + 1;
+    itn__cell_place(voxels, cell, block.at);
     known = itn__known_reach(build, block.at);
     for (end = end < known ? end : known; reach <= end; reach++) {
         itn__slab slab;
@@ -6343,15 +6363,14 @@ static void itn__make_region(const itn__voxel_build *build, int near_one) {
         score = itn__region_score(&slab, reach);
         if (!(score > best)) continue;
         best = score;
-        word[ITN__NEAR_NORMAL] = packed | reach << 24;
-        itn__slab_words(build, &slab, word + ITN__NEAR_BELOW);
-        word[ITN__NEAR_AGAINST] = itn__float_word(itn__slab_against(&slab));
+        itn__write_space(build, &slab, packed | reach << 24 | distance << 28,
+                         voxels->spaces + 2 * (size_t)cell);
     }
 }
 static void itn__make_regions(void *task, int chunk) {
     const itn__voxel_build *build = (const itn__voxel_build *)task;
     int near_one = chunk * ITN__RECORDS, end = near_one + ITN__RECORDS;
-    if (end > build->voxels->near_count) end = build->voxels->near_count;
+    if (end > build->near_count) end = build->near_count;
     for (; near_one < end; near_one++) itn__make_region(build, near_one);
 }
 
@@ -6367,47 +6386,45 @@ static int itn__allocate_records(itn__voxel_build *build) {
     size_t cell, cells = itn__cell_count(voxels), packs = 0;
     for (cell = 0; cell < cells; cell++) {
         int count = build->first[cell + 1] - build->first[cell];
-        voxels->near_count += itn__is_near(voxels, -voxels->cells[cell]);
+        build->near_count += itn__is_near(voxels, -build->cells[cell]);
         voxels->surface_count += count > 0;
         packs += (size_t)(count + ITN__PACK - 1) / ITN__PACK;
     }
     voxels->pack_count = (int)packs;
-    voxels->nearby = (int32_t *)itn__allocate(context, (size_t)voxels->near_count,
-                                            ITN__NEAR_WORDS * sizeof(int32_t));
+    voxels->spaces = (int32_t *)itn__allocate(context, cells, 2 * sizeof(int32_t));
     voxels->surface = (int32_t *)itn__allocate(context, (size_t)voxels->surface_count,
                                                ITN__SURFACE_WORDS * sizeof(int32_t));
     voxels->pack_memory = itn__allocate(context, packs + 1, sizeof(itn__pack));
-    build->near_cells = (int32_t *)itn__allocate(context, (size_t)voxels->near_count,
+    build->near_cells = (int32_t *)itn__allocate(context, (size_t)build->near_count,
                                                  sizeof(int32_t));
     build->surface_cells = (int32_t *)itn__allocate(context, (size_t)voxels->surface_count,
                                                     sizeof(int32_t));
     build->summaries = (itn__summary *)itn__allocate(context, (size_t)voxels->surface_count,
                                                      sizeof(itn__summary));
-    return voxels->nearby && voxels->surface && voxels->pack_memory && build->near_cells &&
+    return voxels->spaces && voxels->surface && voxels->pack_memory && build->near_cells &&
            build->surface_cells && build->summaries;
 }
 
-/* Numbers the records in the order of cells. */
+/* Numbers the records in the order of cells, and writes what is known without regions. */
 static void itn__number_records(itn__voxel_build *build) {
-    itn__voxels *voxels = build->voxels;
+    const itn__voxels *voxels = build->voxels;
     size_t cell, cells = itn__cell_count(voxels);
-    int near_one = 0, surface = 0, packs = 0;
+    int near_count = 0, surface = 0, packs = 0;
     for (cell = 0; cell < cells; cell++) {
-        int32_t *word = voxels->nearby + (size_t)near_one * ITN__NEAR_WORDS;
         int count = build->first[cell + 1] - build->first[cell];
-        if (!itn__is_near(voxels, -voxels->cells[cell])) continue;
-        word[ITN__NEAR_BELOW] = itn__float_word(-INFINITY);
-        word[ITN__NEAR_ABOVE] = word[ITN__NEAR_AGAINST] = itn__float_word(INFINITY);
-        word[ITN__NEAR_SURFACE] = count ? surface : voxels->cells[cell];
+        int32_t *space = voxels->spaces + 2 * cell, distance = -build->cells[cell];
+        space[0] = count ? 127 : (distance - 1) << 24;
+        space[1] = count ? itn__space_bounds(-INFINITY, INFINITY, 255)
+                         : itn__space_bounds(INFINITY, INFINITY, 255);
+        if (itn__is_near(voxels, distance)) build->near_cells[near_count++] = (int32_t)cell;
         if (count) {
             int32_t *own = voxels->surface + (size_t)surface * ITN__SURFACE_WORDS;
             own[ITN__FIRST_PACK] = packs;
             own[ITN__PACK_COUNT] = (count + ITN__PACK - 1) / ITN__PACK;
             packs += own[ITN__PACK_COUNT];
-            build->surface_cells[surface++] = (int32_t)cell;
+            build->surface_cells[surface] = (int32_t)cell;
+            build->cells[cell] = surface++;
         }
-        build->near_cells[near_one] = (int32_t)cell;
-        voxels->cells[cell] = near_one++;
     }
 }
 
@@ -6421,7 +6438,7 @@ static int itn__voxel_records(itn__voxel_build *build) {
     itn__parallel_for(context, (voxels->surface_count + ITN__RECORDS - 1) / ITN__RECORDS,
                       itn__make_surface_record, build);
     if (voxels->regions)
-        itn__parallel_for(context, (voxels->near_count + ITN__RECORDS - 1) / ITN__RECORDS,
+        itn__parallel_for(context, (build->near_count + ITN__RECORDS - 1) / ITN__RECORDS,
                           itn__make_regions, build);
     return 1;
 }
@@ -6444,18 +6461,18 @@ static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upp
     }
 }
 
-/* Repeats the distances of all cells in a byte each, and where triangles are in a bit. */
-static int itn__voxel_bytes(itn__voxels *voxels) {
+/* Tells the distances of all cells in a byte each, and where triangles are in a bit. */
+static int itn__voxel_bytes(itn__voxel_build *build) {
+    itn__voxels *voxels = build->voxels;
     size_t count = itn__cell_count(voxels), i;
-    uint32_t surface = 0;
+    int32_t surface = 0;
     voxels->distances = (uint8_t *)itn__allocate(&voxels->context, count + 3, 1);
     voxels->ranks = (int32_t *)itn__allocate(&voxels->context, count / 32 + 1, 2 * sizeof(int32_t));
     if (!voxels->distances || !voxels->ranks) return 0;
     for (i = 0; i < count; i++) {
-        int32_t cell = voxels->cells[i], *rank = voxels->ranks + 2 * (i / 32);
-        if (cell >= 0) cell = voxels->nearby[(size_t)cell * ITN__NEAR_WORDS + ITN__NEAR_SURFACE];
-        voxels->distances[i] = (uint8_t)(cell >= 0 ? 0 : cell < -255 ? 255 : -cell);
-        if (i % 32 == 0) rank[1] = (int32_t)surface;
+        int32_t cell = build->cells[i], *rank = voxels->ranks + 2 * (i / 32);
+        voxels->distances[i] = (uint8_t)(cell >= 0 ? 0 : -cell);
+        if (i % 32 == 0) rank[1] = surface;
         if (cell < 0) continue;
         rank[0] = (int32_t)((uint32_t)rank[0] | (uint32_t)1 << i % 32);
         surface++;
@@ -6490,7 +6507,7 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
                            (double)itn__max_abs(extent));
     else if (!(itn__voxel_slabs(&build) && itn__voxel_lists(&build) &&
                itn__voxel_distances(&build) && itn__voxel_records(&build) &&
-               itn__voxel_bytes(build.voxels)))
+               itn__voxel_bytes(&build)))
         result = itn__out_of_memory(error, "voxels");
     itn__voxel_build_free(&build);
     if (result)
@@ -7247,6 +7264,14 @@ typedef struct itn__tests {
     int count;
 } itn__tests;
 
+/* A camera ray. */
+typedef struct itn__start {
+    itn_ray ray;
+    uint64_t pixel;
+    uint32_t scramble;
+    int number, sample, in_block; /* of the unit, of the pixel, of the scrambled set */
+} itn__start;
+
 typedef struct itn__crowd {
     const itn__fast *fast;
     itn__unit unit;
@@ -7258,6 +7283,7 @@ typedef struct itn__crowd {
     int free_count;
     itn__shear *shears; /* of the flights in `taken` */
     itn_hit *hits;
+    itn__start *starts; /* [ITN__CROWD] */
     itn__visits visits;
     itn__tests tests;
     float *radiance; /* [channels][paths of a unit] */
@@ -7497,11 +7523,11 @@ ITN__INLINE itn__floats itn__vflight(const itn__crowd *crowd, itn__state *s, itn
 /* Safe flights. */
 
 /* What is known around each lane's position: a cube in which a flight is free if both its ends have
-   n.x < below, or both > above, or if it runs against all normals. */
+   n.x < below, or both > above, x from the centre, or if it runs against all normals. */
 typedef struct itn__free_space {
     itn__vectors centre, n;
     itn__floats half, below, above, against;
-    itn__floats np; /* n . position */
+    itn__floats np; /* n . (position - centre) */
 } itn__free_space;
 
 ITN__INLINE itn__floats itn__signed_byte(itn__ints word, int shift) {
@@ -7517,10 +7543,11 @@ ITN__INLINE itn__vectors itn__byte_vectors(itn__ints word) {
 /* Looks up the surroundings of p for the lanes in the mask. */
 ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
                                   itn__free_space *space) {
-    itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, against, np;
-    itn__ints none = itn__splat_int(0), x, y, z, inside, cell, near_one, word, free_cube, empty;
-    itn__ints reach;
-    itn__vectors n;
+    itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, np;
+    itn__ints none = itn__splat_int(0), x, y, z, inside, at, word, near_one, top, cube, reach;
+    itn__ints free_cube;
+    itn__words bounds;
+    itn__vectors n, centre;
     x = itn__floor_ints((p.x - voxels->lower.x) * voxels->inverse_cell);
     y = itn__floor_ints((p.y - voxels->lower.y) * voxels->inverse_cell);
     z = itn__floor_ints((p.z - voxels->lower.z) * voxels->inverse_cell);
@@ -7528,51 +7555,46 @@ ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn
              itn__int_less(none - 1, z) & itn__int_less(x, itn__splat_int(voxels->size[0])) &
              itn__int_less(y, itn__splat_int(voxels->size[1])) &
              itn__int_less(z, itn__splat_int(voxels->size[2]));
-    cell = itn__gather_ints(voxels->cells, (z * voxels->size[1] + y) * voxels->size[0] + x, inside,
-                            none);
-    half = itn__to_floats(-cell - 1) + half_cell; /* where cell < 0: a cube without triangles */
-    below = itn__splat(INFINITY), above = below, against = below;
-    n = itn__vectors_of(zero, zero, zero), np = zero;
-    near_one = inside & itn__int_less(none - 1, cell);
-    if (itn__mask_bits(near_one)) {
-        const float *words = (const float *)(const void *)voxels->nearby;
-        itn__ints at = cell * 5;
-        word = itn__gather_ints(voxels->nearby, at, near_one, none);
-        below = itn__gather(words, at + 1, near_one, below);
-        above = itn__gather(words, at + 2, near_one, above);
-        against = itn__gather(words, at + 3, near_one, against);
-        empty = itn__gather_ints(voxels->nearby, at + 4, near_one, none);
-        n = itn__byte_vectors(word);
-        np = itn__vdot(n, p);
-        reach = itn__word_ints(itn__int_words(word) >> 24);
-        half = itn__select(near_one, itn__to_floats(reach) + half_cell, half);
-        /* on neither side of the slab, but in an empty cell: take the cube instead */
-        free_cube = near_one & itn__int_less(empty, none) & itn__less_equal(below, np) &
-                    itn__less_equal(np, above);
-        half = itn__select(free_cube, itn__to_floats(-empty - 1) + half_cell, half);
-        below = itn__select(free_cube, itn__splat(INFINITY), below);
-    }
-    half = itn__select(inside, (half - .01f) * voxels->cell, itn__splat(-1));
+    at = (z * voxels->size[1] + y) * voxels->size[0] + x, at += at;
+    word = itn__gather_ints(voxels->spaces, at, inside, none);
+    bounds = itn__int_words(itn__gather_ints(voxels->spaces + 1, at, inside, none));
+    centre = itn__vectors_of((itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
+                             (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
+                             (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
+    n = itn__byte_vectors(word);
+    np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
+    below = itn__to_floats(itn__word_ints(bounds << 20) >> 20) * (ITN__SPACE_STEP * voxels->cell);
+    above = itn__to_floats(itn__word_ints(bounds << 8) >> 20) * (ITN__SPACE_STEP * voxels->cell);
+    near_one = ~itn__int_equal(word & 0xffffff, none);
+    top = itn__word_ints(itn__int_words(word) >> 24), cube = top >> 4;
+    reach = itn__select_int(near_one, top & 15, top);
+    /* on neither side of the slab, but in an empty cell: take the cube instead */
+    free_cube = near_one & itn__int_less(none, cube) & itn__less_equal(below, np) &
+                itn__less_equal(np, above);
+    reach = itn__select_int(free_cube, cube - 1, reach);
+    below = itn__select(free_cube, itn__splat(INFINITY), below);
+    half = (itn__to_floats(reach) + (half_cell - .01f)) * voxels->cell;
+    half = itn__select(inside, half, zero - 1);
     space->half = itn__select(mask, half, space->half);
-    space->centre = itn__vselect(mask, itn__vectors_of(
-        (itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
-        (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
-        (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z), space->centre);
+    space->centre = itn__vselect(mask, centre, space->centre);
     space->n = itn__vselect(mask, n, space->n);
     space->below = itn__select(mask, below, space->below);
     space->above = itn__select(mask, above, space->above);
-    space->against = itn__select(mask, against, space->against);
+    space->against = itn__select(mask, itn__to_floats(itn__word_ints(bounds >> 24)),
+                                 space->against);
     space->np = itn__select(mask, np, space->np);
 }
 
-/* Whether the flight to q, in direction d, is free; nq receives n . q, and must not be space->np.
-   The cube has lost a hundredth of a cell, so that no rounding of q or of the start counts. */
+/* Whether the flight to q, in direction d, is free; nq receives n . (q - centre), and must not be
+   space->np. The cube has lost a hundredth of a cell, so that no rounding of q or of the start
+   counts. */
 ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vectors q,
                                        itn__vectors d, itn__floats *nq) {
-    itn__floats x = itn__absolute(q.x - space->centre.x), y = itn__absolute(q.y - space->centre.y);
-    itn__floats z = itn__absolute(q.z - space->centre.z), half = space->half;
-    *nq = itn__vdot(space->n, q);
-    return itn__less_equal(x, half) & itn__less_equal(y, half) & itn__less_equal(z, half) &
+    itn__vectors r = itn__valong(q, itn__splat(-1), space->centre);
+    itn__floats half = space->half;
+    *nq = itn__vdot(space->n, r);
+    return itn__less_equal(itn__absolute(r.x), half) & itn__less_equal(itn__absolute(r.y), half) &
+           itn__less_equal(itn__absolute(r.z), half) &
            ((itn__less(space->np, space->below) & itn__less(*nq, space->below)) |
             (itn__less(space->above, space->np) & itn__less(space->above, *nq)) |
             itn__less(itn__vdot(space->n, d), -space->against));
@@ -7924,7 +7946,7 @@ static void itn__visit_cells(itn__crowd *crowd) {
         to = from + slope * itn__load(visits->length + i);
         mask &= itn__less_equal(below, itn__most(from, to)) &
                 itn__less_equal(itn__least(from, to), above) &
-                ~(itn__less(slope, -against) & itn__less(against, itn__splat(255)));
+                ~itn__less(slope, -against);
         for (; itn__mask_bits(mask); pack += 1, count -= 1) {
             unsigned noted;
             mask &= itn__int_less(none, count), noted = itn__mask_bits(mask);
@@ -8422,39 +8444,53 @@ ITN__INLINE void itn__run_diffuse(itn__crowd *crowd, int features) {
     queue->count = 0;
 }
 
+/* The next surface of item k of `taken`, outside of media; a path that is not alive has none. */
+static void itn__trace_item(itn__crowd *crowd, int k, int alive) {
+    const itn_scene *scene = crowd->fast->scene;
+    const itn__queue *queue = &crowd->taken;
+    int slot = itn__row(queue, ITN__SLOT)[k];
+    itn__path *path = &crowd->paths[slot & ~ITN__LINK];
+    itn_hit *hit = &crowd->hits[k];
+    itn_ray ray;
+    hit->triangle = -2;
+    if (!alive) return;
+    ray.origin = itn__get_vector(queue, ITN__POSITION, k);
+    ray.direction = itn__get_vector(queue, ITN__DIRECTION, k), ray.tmax = INFINITY;
+    if (itn__next_hit(scene, slot & ITN__LINK ? &path->link_place : &path->place, &ray, hit))
+        ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
+    else
+        hit->triangle = -1;
+}
+
 /* Outside of media: the tree tells what comes next. */
 ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
-    const itn_scene *scene = crowd->fast->scene;
     itn__queue *queue = &crowd->taken, swapped = crowd->walk[0];
-    int at;
+    int at, c, k;
     crowd->walk[0] = *queue, *queue = swapped;
     crowd->walk[0].count = 0;
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__state s = itn__load_state(queue, at, features);
         itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
-        unsigned bits, gone = 0;
-        int c;
         links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
         alive = itn__vroulette(crowd, &s, mask & ~links, 1, features) | links;
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
         itn__store_ints(itn__row(queue, ITN__DIMENSION) + at, s.dimension);
         for (c = 0; c < itn__colours(features); c++)
             itn__store(itn__float_row(queue, ITN__BETA + c) + at, s.beta[c]);
-        for (bits = itn__mask_bits(alive); bits; bits &= bits - 1) {
-            int k = at + itn__lowest_bit(bits), slot = itn__row(queue, ITN__SLOT)[k];
-            itn__path *path = &crowd->paths[slot & ~ITN__LINK];
-            itn_ray ray;
-            itn_hit hit;
-            ray.origin = itn__get_vector(queue, ITN__POSITION, k);
-            ray.direction = itn__get_vector(queue, ITN__DIRECTION, k), ray.tmax = INFINITY;
-            if (itn__next_hit(scene, slot & ITN__LINK ? &path->link_place : &path->place, &ray,
-                              &hit))
-                itn__meet(crowd, queue, k, &hit);
-            else if (slot & ITN__LINK)
+        for (k = 0; k < ITN__LANES && at + k < queue->count; k++)
+            itn__trace_item(crowd, at + k, itn__mask_bits(alive) >> k & 1);
+    }
+    itn__prefetch_hits(crowd);
+    for (at = 0; at < queue->count; at += ITN__LANES) {
+        itn__state s = itn__load_state(queue, at, features);
+        unsigned gone = 0;
+        for (k = at; k < at + ITN__LANES && k < queue->count; k++)
+            if (crowd->hits[k].triangle >= 0)
+                itn__meet(crowd, queue, k, &crowd->hits[k]);
+            else if (crowd->hits[k].triangle == -1 && itn__row(queue, ITN__SLOT)[k] >= ITN__LINK)
                 itn__arrive(crowd, queue, k);
-            else
+            else if (crowd->hits[k].triangle == -1)
                 gone |= 1u << (k - at);
-        }
         itn__append(&crowd->sky, &s, gone, features);
     }
     queue->count = 0;
@@ -8543,45 +8579,51 @@ static void itn__pixel_position(const itn__fast *fast, uint64_t pixel, int ray, 
     }
 }
 
-/* Starts the paths of one camera ray. */
-static void itn__start_ray(itn__crowd *crowd) {
+/* Draws one camera ray and finds what it meets. Returns 0 where that was known before: its pixel
+   is empty and has its light. */
+static int itn__start_ray(itn__crowd *crowd, itn__start *start, itn_hit *hit) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
     itn__unit *unit = &crowd->unit;
     int number = unit->next++, cell = number / unit->count, k;
     int x = unit->x0 + cell % unit->width, y = unit->y0 + cell / unit->width;
-    int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample), slot;
-    int in_block = sample - itn__block_first(fast, block);
+    int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample);
     uint64_t pixel = (uint64_t)y * (uint64_t)scene->film.width + (uint64_t)x;
-    itn__place place;
-    itn_hit hit;
     float u, v;
-    itn_ray ray;
-    uint32_t scramble;
-    int met = 0;
     if (fast->only_constant && fast->outside && fast->empty[pixel]) {
         for (k = 0; k < fast->walks * fast->channels; k++)
             crowd->radiance[(size_t)(k % fast->channels) * (size_t)crowd->radiance_stride +
                             (size_t)(number * fast->walks + k / fast->channels)] =
                 fast->constant[k % fast->channels];
-        return;
+        return 0;
     }
-    scramble = itn__scramble(fast, pixel, block);
-    itn__pixel_position(fast, pixel, sample, in_block, scramble, &u, &v);
-    ray = itn__camera_ray(&scene->camera, x, y, u, v);
-    place = fast->camera;
-    if (!fast->outside)
-        met = -1;
-    else if (!fast->empty[pixel])
-        met = itn__next_hit(scene, &place, &ray, &hit);
+    start->number = number, start->sample = sample, start->pixel = pixel;
+    start->in_block = sample - itn__block_first(fast, block);
+    start->scramble = itn__scramble(fast, pixel, block);
+    itn__pixel_position(fast, pixel, sample, start->in_block, start->scramble, &u, &v);
+    start->ray = itn__camera_ray(&scene->camera, x, y, u, v);
+    hit->triangle = -1;
+    if (fast->outside && !fast->empty[pixel]) {
+        itn__place place = fast->camera;
+        if (!itn__next_hit(scene, &place, &start->ray, hit)) hit->triangle = -1;
+    }
+    if (hit->triangle >= 0) ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
+    return 1;
+}
+
+/* Starts the paths of a camera ray. */
+static void itn__start_walks(itn__crowd *crowd, const itn__start *start, const itn_hit *hit) {
+    const itn__fast *fast = crowd->fast;
+    int k;
     for (k = 0; k < fast->walks; k++) {
-        int walk = sample * fast->walks + k;
-        slot = itn__start_path(crowd, &ray, pixel, walk, number * fast->walks + k);
-        crowd->index[slot] = in_block * fast->walks + k;
-        crowd->scramble[slot] = (int32_t)(scramble + 1);
-        if (met > 0) {
-            itn__meet(crowd, &crowd->taken, 0, &hit);
-        } else if (met < 0) {
+        int slot = itn__start_path(crowd, &start->ray, start->pixel,
+                                   start->sample * fast->walks + k,
+                                   start->number * fast->walks + k);
+        crowd->index[slot] = start->in_block * fast->walks + k;
+        crowd->scramble[slot] = (int32_t)(start->scramble + 1);
+        if (hit->triangle >= 0) {
+            itn__meet(crowd, &crowd->taken, 0, hit);
+        } else if (!fast->outside) {
             itn__move(&crowd->taken, 0, itn__departure(
                 crowd, itn__substance_of(fast, &fast->camera), 2));
         } else {
@@ -8592,12 +8634,25 @@ static void itn__start_ray(itn__crowd *crowd) {
     }
 }
 
+/* Starts paths as long as there is room; first all rays are traced, so that the memory of many hits
+   is waited for at a time. */
+static void itn__start_rays(itn__crowd *crowd) {
+    int room = crowd->free_count / crowd->fast->walks, i;
+    crowd->taken.count = 0;
+    while (crowd->taken.count < room && itn__unit_paths_left(crowd)) {
+        int to = crowd->taken.count;
+        crowd->taken.count += itn__start_ray(crowd, &crowd->starts[to], &crowd->hits[to]);
+    }
+    itn__prefetch_hits(crowd);
+    room = crowd->taken.count, crowd->taken.count = 0;
+    for (i = 0; i < room; i++) itn__start_walks(crowd, &crowd->starts[i], &crowd->hits[i]);
+}
+
 /* Follows all paths of the unit to their ends. */
 ITN__INLINE void itn__run_unit(itn__crowd *crowd, int features) {
     int substances = 1 + crowd->fast->scene->medium_count, m;
     while (itn__unit_paths_left(crowd) || crowd->free_count < ITN__CROWD) {
-        while (itn__unit_paths_left(crowd) && crowd->free_count >= crowd->fast->walks)
-            itn__start_ray(crowd);
+        itn__start_rays(crowd);
         if (crowd->boundary.count) itn__run_boundary(crowd, features);
         if (crowd->diffuse.count) itn__run_diffuse(crowd, features);
         for (m = 1; m < substances; m++) {
@@ -8632,10 +8687,11 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
     crowd->free_slots = (int32_t *)itn__allocate(context, 3 * ITN__CROWD, sizeof(int32_t));
     crowd->shears = (itn__shear *)itn__allocate(context, ITN__CROWD, sizeof *crowd->shears);
     crowd->hits = (itn_hit *)itn__allocate(context, ITN__CROWD, sizeof *crowd->hits);
+    crowd->starts = (itn__start *)itn__allocate(context, ITN__CROWD, sizeof *crowd->starts);
     crowd->radiance = (float *)itn__allocate(context, paths, (size_t)fast->channels *
                                              sizeof(float));
     if (!queue || !crowd->memory || !crowd->paths || !crowd->free_slots || !crowd->shears ||
-        !crowd->hits || !crowd->radiance)
+        !crowd->hits || !crowd->starts || !crowd->radiance)
         return 0;
     for (i = 0; i < queues; i++) queue[i].rows = (int32_t *)crowd->memory + i * rows;
     crowd->exact = queue + substances, crowd->early = crowd->exact + substances;
@@ -8657,6 +8713,7 @@ static void itn__crowd_free(itn__crowd *crowd) {
     itn__free(context, crowd->free_slots);
     itn__free(context, crowd->shears);
     itn__free(context, crowd->hits);
+    itn__free(context, crowd->starts);
     itn__free(context, crowd->radiance);
 }
 
