@@ -1544,6 +1544,10 @@ ITN__INLINE itn__vectors itn__vselect(itn__ints mask, itn__vectors a, itn__vecto
 ITN__INLINE itn__vectors itn__vnormalize(itn__vectors a) {
     return itn__vscale(a, 1 / itn__root(itn__vdot(a, a)));
 }
+/* The same where only rounding has changed the length 1: a step of Newton's for its inverse. */
+ITN__INLINE itn__vectors itn__vrenormalize(itn__vectors a) {
+    return itn__vscale(a, 1.5f - .5f * itn__vdot(a, a));
+}
 /* itn__frame in lanes; -0 + 0 is 0, which has the sign that a comparison sees. */
 ITN__INLINE void itn__vframe(itn__vectors n, itn__vectors *s, itn__vectors *t) {
     itn__floats sign = itn__with_sign(itn__splat(1), n.z + 0.f);
@@ -6550,8 +6554,8 @@ ITN__INLINE itn__vectors itn__vsample_phase(itn__vectors direction, float g, itn
     cosine = itn__select(itn__less(*x, itn__splat(1)), 1 - *x, *y - 1);
     itn__vsincos_turns(v, &sin_phi, &cos_phi);
     itn__vframe(direction, &s, &t);
-    return itn__vnormalize(itn__vto_world(itn__vectors_of(sine * cos_phi, sine * sin_phi, cosine),
-                                          s, t, direction));
+    return itn__vrenormalize(itn__vto_world(
+        itn__vectors_of(sine * cos_phi, sine * sin_phi, cosine), s, t, direction));
 }
 
 /* itn__fresnel; total internal reflection gives 1 and cos_t 0. */
@@ -7501,7 +7505,7 @@ ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s, itn
     for (c = 1; c < itn__colours(features); c++) largest = itn__most(largest, s->beta[c]);
     low = ~itn__less_equal(itn__splat(ITN__ROULETTE * ITN__SAME_WEIGHT), largest);
     if (!itn__mask_bits((low | late) & mask)) return mask;
-    survival = itn__select(low, largest / ITN__ROULETTE, survival);
+    survival = itn__select(low, largest * (1 / ITN__ROULETTE), survival);
     survival = itn__select(late, survival * .999f, survival);
     u = itn__draw(crowd, s, (low | late) & mask, early);
     low = (low | late) & mask;
