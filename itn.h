@@ -5353,7 +5353,7 @@ typedef struct itn__voxels {
     int32_t *spaces;  /* [size 2][size 1][size 0][2]: what is known around each cell, in two words.
                          Where the lowest 24 bits of the first are 0, the highest byte is r: the
                          cube of cells at chessboard distance <= r holds no triangle. Else they are
-                         bytes x, y, z of n (any length); the bits above them say the reach (4 bits):
+                         bytes x, y, z of n (any length); the bits above them, the reach (4 bits):
                          the block is the cube of cells at distance <= reach; and the cube (4 bits):
                          that at distance <= cube - 1 holds no triangle. Of the second word, 12 bits
                          are below and 12 are above, both relative to the middle of the cell and in
@@ -6074,7 +6074,7 @@ static float itn__slab_against(const itn__slab *slab) {
     return a < slab->length ? a : INFINITY;
 }
 
-/* The same as a byte that claims no more, where all triangles are those of the one closed object. */
+/* The same as a byte that claims no more; alone: all triangles are of the one closed object. */
 static uint32_t itn__against_byte(const itn__slab *slab, int alone) {
     float a = ceilf(itn__slab_against(slab));
     return alone && a < 255 ? (uint32_t)a : 255;
