@@ -1557,6 +1557,10 @@ ITN__INLINE itn__vectors itn__vselect(itn__ints mask, itn__vectors a, itn__vecto
 ITN__INLINE itn__vectors itn__vnormalize(itn__vectors a) {
     return itn__vscale(a, 1 / itn__root(itn__vdot(a, a)));
 }
+/* The same where only rounding has changed the length 1: a step of Newton's for its inverse. */
+ITN__INLINE itn__vectors itn__vrenormalize(itn__vectors a) {
+    return itn__vscale(a, 1.5f - .5f * itn__vdot(a, a));
+}
 /* itn__frame in lanes; -0 + 0 is 0, which has the sign that a comparison sees. */
 ITN__INLINE void itn__vframe(itn__vectors n, itn__vectors *s, itn__vectors *t) {
     itn__floats sign = itn__with_sign(itn__splat(1), n.z + 0.f);
@@ -1571,6 +1575,14 @@ ITN__INLINE itn__vectors itn__vto_local(itn__vectors v, itn__vectors s, itn__vec
 ITN__INLINE itn__vectors itn__vto_world(itn__vectors v, itn__vectors s, itn__vectors t,
                                         itn__vectors n) {
     return itn__valong(itn__valong(itn__vscale(s, v.x), v.y, t), v.z, n);
+}
+
+/* How many bits of each lane are set: sums of 1, 2 and 4 bits, then of all. */
+ITN__INLINE itn__words itn__count_words(itn__words x) {
+    x -= (x >> 1) & itn__splat_word(0x55555555u);
+    x = (x & itn__splat_word(0x33333333u)) + ((x >> 2) & itn__splat_word(0x33333333u));
+    x = (x + (x >> 4)) & itn__splat_word(0x0f0f0f0fu);
+    return (x * itn__splat_word(0x01010101u)) >> 24;
 }
 
 /* itn__mix32 in lanes. */
@@ -5324,14 +5336,8 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
    triangles of each cell are summarised by the box and the slab of their parts in it, which takes
    the place of one triangle when a block's cells are put together. */
 
-enum { /* words of a record in `nearby`, in `surface` */
-    ITN__NEAR_NORMAL,
-    ITN__NEAR_BELOW,
-    ITN__NEAR_ABOVE,
-    ITN__NEAR_AGAINST,
-    ITN__NEAR_SURFACE,
-    ITN__NEAR_WORDS,
-    ITN__OWN_NORMAL = 0,
+enum { /* words of a record in `surface` */
+    ITN__OWN_NORMAL,
     ITN__OWN_BELOW,
     ITN__OWN_ABOVE,
     ITN__FIRST_PACK,
@@ -5350,35 +5356,41 @@ enum {
 #define ITN__CELL_MARGIN .01f
 #define ITN__SLAB_MARGIN .001f /* in cells */
 #define ITN__SUMMARY_MARGIN 1e-5f
+#define ITN__SPACE_STEP (127 / 256.f) /* of below and above in `spaces`, in cells */
 
 typedef struct itn__voxels {
     itn_context context;
     itn_vec3 lower;
     float cell, inverse_cell; /* p is in cell floor((p - lower) inverse_cell), axis by axis */
     int size[3];
-    int32_t *cells;   /* [size 2][size 1][size 0]: a record of `nearby`; or -1 - r: the cube of
-                         cells at chessboard distance <= r holds no triangle */
-    uint8_t *distances; /* as cells: 0 for a cell with triangles; d: the cube of cells at distance
-                           <= d - 1 holds none. Small, for quick marches; 3 bytes more than cells */
-    int32_t *nearby;  /* [near_count][ITN__NEAR_WORDS]:
-                         NORMAL  bytes x, y, z of n (any length), and in the highest the reach: the
-                                 block is the cube of cells at distance <= reach
-                         BELOW, ABOVE, AGAINST  floats, see above; -, + and + infinity: no claim
-                         SURFACE a record of `surface`, of this cell; or -1 - r as in cells */
+    int32_t *spaces;  /* [size 2][size 1][size 0][2]: what is known around each cell, in two words.
+                         Where the lowest 24 bits of the first are 0, the highest byte is r: the
+                         cube of cells at chessboard distance <= r holds no triangle. Else they are
+                         bytes x, y, z of n (any length); the bits above them, the reach (4 bits):
+                         the block is the cube of cells at distance <= reach; and the cube (4 bits):
+                         that at distance <= cube - 1 holds no triangle. Of the second word, 12 bits
+                         are below and 12 are above, both relative to the middle of the cell and in
+                         units of ITN__SPACE_STEP cells, and 8 are against, or 255: no claim */
+    uint8_t *distances; /* [size 2][size 1][size 0]: 0 for a cell with triangles; d: the cube of
+                           cells at distance <= d - 1 holds none. Small, for quick marches; there
+                           are 3 bytes more */
+    int32_t *ranks;   /* [cells / 32 + 1][2]: a bit for each of 32 cells that holds triangles, and
+                         how many cells before these do; for quick visits to surface cells */
     int32_t *surface; /* [surface_count][ITN__SURFACE_WORDS]: normal, below, above for this cell
-                         alone; first and number of its packs */
+                         alone, the highest byte of the normal's word being `against`, or 255: no
+                         claim; first and number of its packs */
     itn__pack *packs; /* aligned to a cache line, in pack_memory */
     void *pack_memory;
-    int near_count, surface_count, pack_count, regions;
+    int surface_count, pack_count, regions;
 } itn__voxels;
 
 static void itn__voxels_free(itn__voxels *voxels) {
     itn_context context;
     if (!voxels) return;
     context = voxels->context;
-    itn__free(&context, voxels->cells);
+    itn__free(&context, voxels->spaces);
     itn__free(&context, voxels->distances);
-    itn__free(&context, voxels->nearby);
+    itn__free(&context, voxels->ranks);
     itn__free(&context, voxels->surface);
     itn__free(&context, voxels->pack_memory);
     itn__free(&context, voxels);
@@ -5408,7 +5420,11 @@ typedef struct itn__voxel_build {
     int32_t *slab_slots; /* triangles of each slab */
     int32_t *first;      /* [cells + 2] */
     int32_t *slots;      /* triangles of each cell, in the order of slots */
-    int32_t *near_cells, *surface_cells; /* [near_count], [surface_count] cells of the records */
+    int32_t *cells;      /* minus the distance to the nearest cell with triangles; of these: the
+                            record in `surface` */
+    int32_t *near_cells; /* [near_count] cells with regions */
+    int32_t *surface_cells; /* [surface_count] of the records */
+    int near_count;
     itn__summary *summaries;             /* [surface_count] */
     uint64_t *holds;                     /* bit per cell that holds triangles, see itn__bit_grid */
     size_t row_words;
@@ -5421,6 +5437,7 @@ static void itn__voxel_build_free(const itn__voxel_build *build) {
     itn__free(context, build->slab_slots);
     itn__free(context, build->first);
     itn__free(context, build->slots);
+    itn__free(context, build->cells);
     itn__free(context, build->near_cells);
     itn__free(context, build->surface_cells);
     itn__free(context, build->summaries);
@@ -5854,7 +5871,8 @@ static void itn__tell_distance(int32_t *row, size_t word, uint64_t bits, int dis
 }
 
 /* Grows the set by one cell and marks those which are new. Returns whether there are any. */
-static int itn__grow_cells(itn__voxels *voxels, itn__bit_grid *bits, int distance) {
+static int itn__grow_cells(const itn__voxel_build *build, itn__bit_grid *bits, int distance) {
+    const itn__voxels *voxels = build->voxels;
     const size_t words = bits->words, plane = bits->rows * words, all = plane * bits->planes;
     int y, z, any = 0;
     itn__grow_rows(bits, bits->now, bits->grown);
@@ -5863,7 +5881,7 @@ static int itn__grow_cells(itn__voxels *voxels, itn__bit_grid *bits, int distanc
     for (z = 0; z < voxels->size[2]; z++)
         for (y = 0; y < voxels->size[1]; y++) {
             size_t at = (size_t)(z + 1) * plane + (size_t)(y + 1) * words, w;
-            int32_t *row = voxels->cells + (z * voxels->size[1] + y) * voxels->size[0];
+            int32_t *row = build->cells + (z * voxels->size[1] + y) * voxels->size[0];
             for (w = 0; w < words; w++) {
                 uint64_t fresh = bits->grown[at + w] & ~bits->now[at + w];
                 if (!fresh) continue;
@@ -5891,7 +5909,7 @@ static int itn__voxels_exceeded(const itn__voxel_build *build) {
 /* Sets the bits of cells that hold triangles, and of the border if triangles may lie there; cells
    start with the largest distance. */
 static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
-    itn__voxels *voxels = build->voxels;
+    const itn__voxels *voxels = build->voxels;
     uint64_t border = itn__voxels_exceeded(build) ? ~(uint64_t)0 : 0;
     size_t i, cell = 0, all = bits->words * bits->rows * bits->planes;
     int x, y, z;
@@ -5903,7 +5921,7 @@ static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
             for (x = 1; x <= voxels->size[0]; x++, cell++) {
                 uint64_t bit = (uint64_t)1 << (x & 63);
                 int holds = build->first[cell] < build->first[cell + 1];
-                voxels->cells[cell] = holds ? 0 : -ITN__REACH;
+                build->cells[cell] = holds ? 0 : -ITN__REACH;
                 row[x >> 6] = holds ? row[x >> 6] | bit : row[x >> 6] & ~bit;
                 holding[x >> 6] |= holds ? bit : 0;
             }
@@ -5912,7 +5930,7 @@ static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
 
 /* Fills cells with minus the chessboard distance to the nearest cell that holds triangles. */
 static int itn__voxel_distances(itn__voxel_build *build) {
-    itn__voxels *voxels = build->voxels;
+    const itn__voxels *voxels = build->voxels;
     itn__bit_grid bits;
     size_t all;
     int distance = 1, made;
@@ -5924,12 +5942,12 @@ static int itn__voxel_distances(itn__voxel_build *build) {
     bits.wider = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
     build->holds = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
     build->row_words = bits.words;
-    voxels->cells = (int32_t *)itn__allocate(&voxels->context, itn__cell_count(voxels),
-                                             sizeof(int32_t));
-    made = bits.now && bits.grown && bits.wider && build->holds && voxels->cells;
+    build->cells = (int32_t *)itn__allocate(&voxels->context, itn__cell_count(voxels),
+                                            sizeof(int32_t));
+    made = bits.now && bits.grown && bits.wider && build->holds && build->cells;
     if (made) {
         itn__bits_start(build, &bits);
-        while (distance < ITN__REACH && itn__grow_cells(voxels, &bits, distance)) distance++;
+        while (distance < ITN__REACH && itn__grow_cells(build, &bits, distance)) distance++;
     }
     itn__free(&voxels->context, bits.now);
     itn__free(&voxels->context, bits.grown);
@@ -6069,6 +6087,31 @@ static float itn__slab_against(const itn__slab *slab) {
     return a < slab->length ? a : INFINITY;
 }
 
+/* The same as a byte that claims no more; alone: all triangles are of the one closed object. */
+static uint32_t itn__against_byte(const itn__slab *slab, int alone) {
+    float a = ceilf(itn__slab_against(slab));
+    return alone && a < 255 ? (uint32_t)a : 255;
+}
+
+/* The second word of a record in `spaces`, for bounds of n.x in cells. */
+static int32_t itn__space_bounds(double below, double above, uint32_t against) {
+    const double most = 2047, least = -2048;
+    below = floor(fmin(below / (double)ITN__SPACE_STEP, most));
+    above = ceil(fmax(above / (double)ITN__SPACE_STEP, least));
+    below = fmax(below, least), above = fmin(above, most);
+    return (int32_t)(((uint32_t)(int32_t)below & 0xfffu) |
+                     ((uint32_t)(int32_t)above & 0xfffu) << 12 | against << 24);
+}
+/* Writes a record of which the first word is given. */
+static void itn__write_space(const itn__voxel_build *build, const itn__slab *slab, int32_t first,
+                             int32_t space[2]) {
+    double margin = slab->length * ((double)ITN__SLAB_MARGIN + 8 * FLT_EPSILON * build->largest /
+                                    build->voxels->cell);
+    space[0] = first;
+    space[1] = itn__space_bounds(slab->least - margin, slab->most + margin,
+                                 itn__against_byte(slab, 1));
+}
+
 /* Sorts a surface cell's list, which nearly is, and fills its packs. */
 static void itn__fill_cell(const itn__voxel_build *build, int record) {
     const itn__voxels *voxels = build->voxels;
@@ -6158,7 +6201,7 @@ static void itn__make_surface_record(void *task, int chunk) {
         const itn__pack *packs = &voxels->packs[word[ITN__FIRST_PACK]];
         itn__summary *summary = &build->summaries[record];
         int cell = build->surface_cells[record], at[3];
-        int count = build->first[cell + 1] - build->first[cell];
+        int count = build->first[cell + 1] - build->first[cell], alone;
         itn__slab slab;
         itn_vec3 n = ITN_ZERO;
         itn__fill_cell(build, record);
@@ -6170,7 +6213,9 @@ static void itn__make_surface_record(void *task, int chunk) {
         itn__slab_add_cell(&slab, packs, count);
         itn__slab_end(&slab);
         itn__slab_words(build, &slab, word + ITN__OWN_BELOW);
-        itn__summary_end(&slab, itn__packs_alone(build, packs, word[ITN__PACK_COUNT]), summary);
+        alone = itn__packs_alone(build, packs, word[ITN__PACK_COUNT]);
+        word[ITN__OWN_NORMAL] |= (int32_t)(itn__against_byte(&slab, alone) << 24);
+        itn__summary_end(&slab, alone, summary);
     }
 }
 
@@ -6200,8 +6245,7 @@ ITN__INLINE uint64_t itn__row_holds(const itn__voxel_build *build, int x, int y,
 ITN__INLINE void itn__block_add(const itn__voxel_build *build, itn__block *block, int x, int y,
                                 int z) {
     const itn__voxels *voxels = build->voxels;
-    int32_t near_one = voxels->cells[(z * voxels->size[1] + y) * voxels->size[0] + x];
-    int32_t record = voxels->nearby[(size_t)near_one * ITN__NEAR_WORDS + ITN__NEAR_SURFACE];
+    int32_t record = build->cells[(z * voxels->size[1] + y) * voxels->size[0] + x];
     const itn__summary *summary = &build->summaries[record];
     block->records[block->count] = record * ITN__SUMMARY_FLOATS;
     block->offset[0][block->count] = (float)(x - block->at[0]);
@@ -6317,11 +6361,11 @@ static int itn__known_reach(const itn__voxel_build *build, const int at[3]) {
 /* Writes what is known of a near cell's block, of the reach that seems best. */
 static void itn__make_region(const itn__voxel_build *build, int near_one) {
     const itn__voxels *voxels = build->voxels;
-    int32_t *word = voxels->nearby + (size_t)near_one * ITN__NEAR_WORDS;
-    int reach = word[ITN__NEAR_SURFACE] < 0 ? -word[ITN__NEAR_SURFACE] : 0, end = reach + 1, known;
+    int cell = build->near_cells[near_one], distance = build->cells[cell], reach, end, known;
     float best = -1;
     itn__block block;
-    itn__cell_place(voxels, build->near_cells[near_one], block.at);
+    distance = distance < 0 ? -distance : 0, reach = distance, end = reach + 1;
+    itn__cell_place(voxels, cell, block.at);
     known = itn__known_reach(build, block.at);
     for (end = end < known ? end : known; reach <= end; reach++) {
         itn__slab slab;
@@ -6336,15 +6380,14 @@ static void itn__make_region(const itn__voxel_build *build, int near_one) {
         score = itn__region_score(&slab, reach);
         if (!(score > best)) continue;
         best = score;
-        word[ITN__NEAR_NORMAL] = packed | reach << 24;
-        itn__slab_words(build, &slab, word + ITN__NEAR_BELOW);
-        word[ITN__NEAR_AGAINST] = itn__float_word(itn__slab_against(&slab));
+        itn__write_space(build, &slab, packed | reach << 24 | distance << 28,
+                         voxels->spaces + 2 * (size_t)cell);
     }
 }
 static void itn__make_regions(void *task, int chunk) {
     const itn__voxel_build *build = (const itn__voxel_build *)task;
     int near_one = chunk * ITN__RECORDS, end = near_one + ITN__RECORDS;
-    if (end > build->voxels->near_count) end = build->voxels->near_count;
+    if (end > build->near_count) end = build->near_count;
     for (; near_one < end; near_one++) itn__make_region(build, near_one);
 }
 
@@ -6360,47 +6403,45 @@ static int itn__allocate_records(itn__voxel_build *build) {
     size_t cell, cells = itn__cell_count(voxels), packs = 0;
     for (cell = 0; cell < cells; cell++) {
         int count = build->first[cell + 1] - build->first[cell];
-        voxels->near_count += itn__is_near(voxels, -voxels->cells[cell]);
+        build->near_count += itn__is_near(voxels, -build->cells[cell]);
         voxels->surface_count += count > 0;
         packs += (size_t)(count + ITN__PACK - 1) / ITN__PACK;
     }
     voxels->pack_count = (int)packs;
-    voxels->nearby = (int32_t *)itn__allocate(context, (size_t)voxels->near_count,
-                                            ITN__NEAR_WORDS * sizeof(int32_t));
+    voxels->spaces = (int32_t *)itn__allocate(context, cells, 2 * sizeof(int32_t));
     voxels->surface = (int32_t *)itn__allocate(context, (size_t)voxels->surface_count,
                                                ITN__SURFACE_WORDS * sizeof(int32_t));
     voxels->pack_memory = itn__allocate(context, packs + 1, sizeof(itn__pack));
-    build->near_cells = (int32_t *)itn__allocate(context, (size_t)voxels->near_count,
+    build->near_cells = (int32_t *)itn__allocate(context, (size_t)build->near_count,
                                                  sizeof(int32_t));
     build->surface_cells = (int32_t *)itn__allocate(context, (size_t)voxels->surface_count,
                                                     sizeof(int32_t));
     build->summaries = (itn__summary *)itn__allocate(context, (size_t)voxels->surface_count,
                                                      sizeof(itn__summary));
-    return voxels->nearby && voxels->surface && voxels->pack_memory && build->near_cells &&
+    return voxels->spaces && voxels->surface && voxels->pack_memory && build->near_cells &&
            build->surface_cells && build->summaries;
 }
 
-/* Numbers the records in the order of cells. */
+/* Numbers the records in the order of cells, and writes what is known without regions. */
 static void itn__number_records(itn__voxel_build *build) {
-    itn__voxels *voxels = build->voxels;
+    const itn__voxels *voxels = build->voxels;
     size_t cell, cells = itn__cell_count(voxels);
-    int near_one = 0, surface = 0, packs = 0;
+    int near_count = 0, surface = 0, packs = 0;
     for (cell = 0; cell < cells; cell++) {
-        int32_t *word = voxels->nearby + (size_t)near_one * ITN__NEAR_WORDS;
         int count = build->first[cell + 1] - build->first[cell];
-        if (!itn__is_near(voxels, -voxels->cells[cell])) continue;
-        word[ITN__NEAR_BELOW] = itn__float_word(-INFINITY);
-        word[ITN__NEAR_ABOVE] = word[ITN__NEAR_AGAINST] = itn__float_word(INFINITY);
-        word[ITN__NEAR_SURFACE] = count ? surface : voxels->cells[cell];
+        int32_t *space = voxels->spaces + 2 * cell, distance = -build->cells[cell];
+        space[0] = count ? 127 : (distance - 1) << 24;
+        space[1] = count ? itn__space_bounds(-INFINITY, INFINITY, 255)
+                         : itn__space_bounds(INFINITY, INFINITY, 255);
+        if (itn__is_near(voxels, distance)) build->near_cells[near_count++] = (int32_t)cell;
         if (count) {
             int32_t *own = voxels->surface + (size_t)surface * ITN__SURFACE_WORDS;
             own[ITN__FIRST_PACK] = packs;
             own[ITN__PACK_COUNT] = (count + ITN__PACK - 1) / ITN__PACK;
             packs += own[ITN__PACK_COUNT];
-            build->surface_cells[surface++] = (int32_t)cell;
+            build->surface_cells[surface] = (int32_t)cell;
+            build->cells[cell] = surface++;
         }
-        build->near_cells[near_one] = (int32_t)cell;
-        voxels->cells[cell] = near_one++;
     }
 }
 
@@ -6414,7 +6455,7 @@ static int itn__voxel_records(itn__voxel_build *build) {
     itn__parallel_for(context, (voxels->surface_count + ITN__RECORDS - 1) / ITN__RECORDS,
                       itn__make_surface_record, build);
     if (voxels->regions)
-        itn__parallel_for(context, (voxels->near_count + ITN__RECORDS - 1) / ITN__RECORDS,
+        itn__parallel_for(context, (build->near_count + ITN__RECORDS - 1) / ITN__RECORDS,
                           itn__make_regions, build);
     return 1;
 }
@@ -6437,16 +6478,23 @@ static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upp
     }
 }
 
-/* Repeats the distances of all cells in a byte each. */
-static int itn__voxel_bytes(itn__voxels *voxels) {
+/* Tells the distances of all cells in a byte each, and where triangles are in a bit. */
+static int itn__voxel_bytes(itn__voxel_build *build) {
+    itn__voxels *voxels = build->voxels;
     size_t count = itn__cell_count(voxels), i;
+    int32_t surface = 0;
     voxels->distances = (uint8_t *)itn__allocate(&voxels->context, count + 3, 1);
-    for (i = 0; voxels->distances && i < count; i++) {
-        int32_t cell = voxels->cells[i];
-        if (cell >= 0) cell = voxels->nearby[(size_t)cell * ITN__NEAR_WORDS + ITN__NEAR_SURFACE];
-        voxels->distances[i] = (uint8_t)(cell >= 0 ? 0 : cell < -255 ? 255 : -cell);
+    voxels->ranks = (int32_t *)itn__allocate(&voxels->context, count / 32 + 1, 2 * sizeof(int32_t));
+    if (!voxels->distances || !voxels->ranks) return 0;
+    for (i = 0; i < count; i++) {
+        int32_t cell = build->cells[i], *rank = voxels->ranks + 2 * (i / 32);
+        voxels->distances[i] = (uint8_t)(cell >= 0 ? 0 : -cell);
+        if (i % 32 == 0) rank[1] = surface;
+        if (cell < 0) continue;
+        rank[0] = (int32_t)((uint32_t)rank[0] | (uint32_t)1 << i % 32);
+        surface++;
     }
-    return voxels->distances != NULL;
+    return 1;
 }
 
 /* Makes the tables for the box from lower to upper and one cell around it, of `resolution` cells
@@ -6476,7 +6524,7 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
                            (double)itn__max_abs(extent));
     else if (!(itn__voxel_slabs(&build) && itn__voxel_lists(&build) &&
                itn__voxel_distances(&build) && itn__voxel_records(&build) &&
-               itn__voxel_bytes(build.voxels)))
+               itn__voxel_bytes(&build)))
         result = itn__out_of_memory(error, "voxels");
     itn__voxel_build_free(&build);
     if (result)
@@ -6526,8 +6574,8 @@ ITN__INLINE itn__vectors itn__vsample_phase(itn__vectors direction, float g, itn
     cosine = itn__select(itn__less(*x, itn__splat(1)), 1 - *x, *y - 1);
     itn__vsincos_turns(v, &sin_phi, &cos_phi);
     itn__vframe(direction, &s, &t);
-    return itn__vnormalize(itn__vto_world(itn__vectors_of(sine * cos_phi, sine * sin_phi, cosine),
-                                          s, t, direction));
+    return itn__vrenormalize(itn__vto_world(
+        itn__vectors_of(sine * cos_phi, sine * sin_phi, cosine), s, t, direction));
 }
 
 /* itn__fresnel; total internal reflection gives 1 and cos_t 0. */
@@ -7276,17 +7324,27 @@ typedef struct itn__unit {
     int next;                  /* first that has not been started: pixel * count + ray */
 } itn__unit;
 
-typedef struct itn__flight_item {
-    int ray, pack;
-    float enter;
-} itn__flight_item;
+/* Visits of flights to cells with triangles, and, as far as they matter, to packs. */
+enum { ITN__VISITS = 256, ITN__VISIT_ROW = ITN__VISITS + 16 };
+typedef struct itn__visits {
+    int32_t ray[ITN__VISIT_ROW], cell[ITN__VISIT_ROW];
+    float enter[ITN__VISIT_ROW], length[ITN__VISIT_ROW]; /* distances */
+    float from[3][ITN__VISIT_ROW], direction[3][ITN__VISIT_ROW];
+    int count;
+} itn__visits;
+typedef struct itn__tests {
+    int32_t ray[ITN__ROW], pack[ITN__ROW];
+    float enter[ITN__ROW];
+    int count;
+} itn__tests;
 
-/* A flight's visit to a cell with triangles. */
-typedef struct itn__visit_item {
-    int ray, cell;
-    float enter, leave; /* distances */
-} itn__visit_item;
-enum { ITN__VISITS = 256 };
+/* A camera ray. */
+typedef struct itn__start {
+    itn_ray ray;
+    uint64_t pixel;
+    uint32_t scramble;
+    int number, sample, in_block; /* of the unit, of the pixel, of the scrambled set */
+} itn__start;
 
 typedef struct itn__crowd {
     const itn__fast *fast;
@@ -7299,9 +7357,9 @@ typedef struct itn__crowd {
     int free_count;
     itn__shear *shears; /* of the flights in `taken` */
     itn_hit *hits;
-    itn__flight_item *items;
-    itn__visit_item visits[ITN__VISITS];
-    int item_count, visit_count;
+    itn__start *starts; /* [ITN__CROWD] */
+    itn__visits visits;
+    itn__tests tests;
     float *radiance; /* [planes][paths of a unit]: radiance, then derivatives [count][channels] */
     int radiance_stride;
     float *scores; /* [2 ITN__CROWD][count]: of each path, and of its link, up to its last surface */
@@ -7670,7 +7728,7 @@ ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s, itn
     for (c = 1; c < itn__colours(features); c++) largest = itn__most(largest, s->beta[c]);
     low = ~itn__less_equal(itn__splat(ITN__ROULETTE * ITN__SAME_WEIGHT), largest);
     if (!itn__mask_bits((low | late) & mask)) return mask;
-    survival = itn__select(low, largest / ITN__ROULETTE, survival);
+    survival = itn__select(low, largest * (1 / ITN__ROULETTE), survival);
     survival = itn__select(late, survival * .999f, survival);
     u = itn__draw(crowd, s, (low | late) & mask, early);
     low = (low | late) & mask;
@@ -7692,24 +7750,31 @@ ITN__INLINE itn__floats itn__vflight(const itn__crowd *crowd, itn__state *s, itn
 /* Safe flights. */
 
 /* What is known around each lane's position: a cube in which a flight is free if both its ends have
-   n.x < below, or both > above, or if it runs against all normals. */
+   n.x < below, or both > above, x from the centre, or if it runs against all normals. */
 typedef struct itn__free_space {
     itn__vectors centre, n;
     itn__floats half, below, above, against;
-    itn__floats np; /* n . position */
+    itn__floats np; /* n . (position - centre) */
 } itn__free_space;
 
 ITN__INLINE itn__floats itn__signed_byte(itn__ints word, int shift) {
     return itn__to_floats(itn__word_ints(itn__int_words(word) << (24 - shift)) >> 24);
 }
 
+/* A normal of itn__pack_normal. */
+ITN__INLINE itn__vectors itn__byte_vectors(itn__ints word) {
+    return itn__vectors_of(itn__signed_byte(word, 0), itn__signed_byte(word, 8),
+                           itn__signed_byte(word, 16));
+}
+
 /* Looks up the surroundings of p for the lanes in the mask. */
 ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
                                   itn__free_space *space) {
-    itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, against, np;
-    itn__ints none = itn__splat_int(0), x, y, z, inside, cell, near_one, word, free_cube, empty;
-    itn__ints reach;
-    itn__vectors n;
+    itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, np;
+    itn__ints none = itn__splat_int(0), x, y, z, inside, at, word, near_one, top, cube, reach;
+    itn__ints free_cube;
+    itn__words bounds;
+    itn__vectors n, centre;
     x = itn__floor_ints((p.x - voxels->lower.x) * voxels->inverse_cell);
     y = itn__floor_ints((p.y - voxels->lower.y) * voxels->inverse_cell);
     z = itn__floor_ints((p.z - voxels->lower.z) * voxels->inverse_cell);
@@ -7717,52 +7782,46 @@ ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn
              itn__int_less(none - 1, z) & itn__int_less(x, itn__splat_int(voxels->size[0])) &
              itn__int_less(y, itn__splat_int(voxels->size[1])) &
              itn__int_less(z, itn__splat_int(voxels->size[2]));
-    cell = itn__gather_ints(voxels->cells, (z * voxels->size[1] + y) * voxels->size[0] + x, inside,
-                            none);
-    half = itn__to_floats(-cell - 1) + half_cell; /* where cell < 0: a cube without triangles */
-    below = itn__splat(INFINITY), above = below, against = below;
-    n = itn__vectors_of(zero, zero, zero), np = zero;
-    near_one = inside & itn__int_less(none - 1, cell);
-    if (itn__mask_bits(near_one)) {
-        const float *words = (const float *)(const void *)voxels->nearby;
-        itn__ints at = cell * 5;
-        word = itn__gather_ints(voxels->nearby, at, near_one, none);
-        below = itn__gather(words, at + 1, near_one, below);
-        above = itn__gather(words, at + 2, near_one, above);
-        against = itn__gather(words, at + 3, near_one, against);
-        empty = itn__gather_ints(voxels->nearby, at + 4, near_one, none);
-        n = itn__vectors_of(itn__signed_byte(word, 0), itn__signed_byte(word, 8),
-                            itn__signed_byte(word, 16));
-        np = itn__vdot(n, p);
-        reach = itn__word_ints(itn__int_words(word) >> 24);
-        half = itn__select(near_one, itn__to_floats(reach) + half_cell, half);
-        /* on neither side of the slab, but in an empty cell: take the cube instead */
-        free_cube = near_one & itn__int_less(empty, none) & itn__less_equal(below, np) &
-                    itn__less_equal(np, above);
-        half = itn__select(free_cube, itn__to_floats(-empty - 1) + half_cell, half);
-        below = itn__select(free_cube, itn__splat(INFINITY), below);
-    }
-    half = itn__select(inside, (half - .01f) * voxels->cell, itn__splat(-1));
+    at = (z * voxels->size[1] + y) * voxels->size[0] + x, at += at;
+    word = itn__gather_ints(voxels->spaces, at, inside, none);
+    bounds = itn__int_words(itn__gather_ints(voxels->spaces + 1, at, inside, none));
+    centre = itn__vectors_of((itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
+                             (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
+                             (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
+    n = itn__byte_vectors(word);
+    np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
+    below = itn__to_floats(itn__word_ints(bounds << 20) >> 20) * (ITN__SPACE_STEP * voxels->cell);
+    above = itn__to_floats(itn__word_ints(bounds << 8) >> 20) * (ITN__SPACE_STEP * voxels->cell);
+    near_one = ~itn__int_equal(word & 0xffffff, none);
+    top = itn__word_ints(itn__int_words(word) >> 24), cube = top >> 4;
+    reach = itn__select_int(near_one, top & 15, top);
+    /* on neither side of the slab, but in an empty cell: take the cube instead */
+    free_cube = near_one & itn__int_less(none, cube) & itn__less_equal(below, np) &
+                itn__less_equal(np, above);
+    reach = itn__select_int(free_cube, cube - 1, reach);
+    below = itn__select(free_cube, itn__splat(INFINITY), below);
+    half = (itn__to_floats(reach) + (half_cell - .01f)) * voxels->cell;
+    half = itn__select(inside, half, zero - 1);
     space->half = itn__select(mask, half, space->half);
-    space->centre = itn__vselect(mask, itn__vectors_of(
-        (itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
-        (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
-        (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z), space->centre);
+    space->centre = itn__vselect(mask, centre, space->centre);
     space->n = itn__vselect(mask, n, space->n);
     space->below = itn__select(mask, below, space->below);
     space->above = itn__select(mask, above, space->above);
-    space->against = itn__select(mask, against, space->against);
+    space->against = itn__select(mask, itn__to_floats(itn__word_ints(bounds >> 24)),
+                                 space->against);
     space->np = itn__select(mask, np, space->np);
 }
 
-/* Whether the flight to q, in direction d, is free; nq receives n . q, and must not be space->np.
-   The cube has lost a hundredth of a cell, so that no rounding of q or of the start counts. */
+/* Whether the flight to q, in direction d, is free; nq receives n . (q - centre), and must not be
+   space->np. The cube has lost a hundredth of a cell, so that no rounding of q or of the start
+   counts. */
 ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vectors q,
                                        itn__vectors d, itn__floats *nq) {
-    itn__floats x = itn__absolute(q.x - space->centre.x), y = itn__absolute(q.y - space->centre.y);
-    itn__floats z = itn__absolute(q.z - space->centre.z), half = space->half;
-    *nq = itn__vdot(space->n, q);
-    return itn__less_equal(x, half) & itn__less_equal(y, half) & itn__less_equal(z, half) &
+    itn__vectors r = itn__valong(q, itn__splat(-1), space->centre);
+    itn__floats half = space->half;
+    *nq = itn__vdot(space->n, r);
+    return itn__less_equal(itn__absolute(r.x), half) & itn__less_equal(itn__absolute(r.y), half) &
+           itn__less_equal(itn__absolute(r.z), half) &
            ((itn__less(space->np, space->below) & itn__less(*nq, space->below)) |
             (itn__less(space->above, space->np) & itn__less(space->above, *nq)) |
             itn__less(itn__vdot(space->n, d), -space->against));
@@ -8118,35 +8177,37 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
 enum { ITN__AHEAD = 4 }; /* packs are asked for so many tests before their own */
 #define ITN__STEP .002f /* beyond a cell's border, in cells; less than ITN__CELL_MARGIN */
 
-/* Notes that a flight passes a pack; tests what has been noted when the list is full. */
+/* Tests the packs that flights pass. */
 static void itn__test_packs(itn__crowd *crowd) {
     const itn__queue *queue = &crowd->taken;
     const itn_scene *scene = crowd->fast->scene;
+    itn__tests *tests = &crowd->tests;
     int i;
-    for (i = 0; i < crowd->item_count; i++) {
-        const itn__flight_item *item = &crowd->items[i];
-        itn_hit *hit = &crowd->hits[item->ray];
-        int slot = itn__row(queue, ITN__SLOT)[item->ray];
+    for (i = 0; i < tests->count; i++) {
+        int ray = tests->ray[i], slot = itn__row(queue, ITN__SLOT)[ray];
+        itn_hit *hit = &crowd->hits[ray];
+        itn__shear *shear = &crowd->shears[ray];
         const itn__path *path = &crowd->paths[slot & ~ITN__LINK];
         const itn__place *place = slot & ITN__LINK ? &path->link_place : &path->place;
-        if (i + ITN__AHEAD < crowd->item_count) {
-            const char *pack = (const char *)&crowd->fast->voxels->packs[item[ITN__AHEAD].pack];
+        itn_vec3 origin = itn__get_vector(queue, ITN__POSITION, ray);
+        if (i + ITN__AHEAD < tests->count) {
+            const itn__pack *pack = &crowd->fast->voxels->packs[tests->pack[i + ITN__AHEAD]];
             int line;
-            for (line = 0; line < (int)sizeof(itn__pack); line += 64) ITN__PREFETCH(pack + line);
+            for (line = 0; line < (int)sizeof(itn__pack); line += 64)
+                ITN__PREFETCH((const char *)pack + line);
         }
-        if (hit->t < item->enter) continue;
-        if (crowd->shears[item->ray].kz < 0) {
-            itn_ray ray;
-            ray.origin = itn__get_vector(queue, ITN__POSITION, item->ray);
-            ray.direction = itn__get_vector(queue, ITN__DIRECTION, item->ray);
-            itn__shear_make(&ray, &crowd->shears[item->ray]);
+        if (hit->t < tests->enter[i]) continue;
+        if (shear->kz < 0) {
+            itn_ray made;
+            made.origin = origin;
+            made.direction = itn__get_vector(queue, ITN__DIRECTION, ray);
+            itn__shear_make(&made, shear);
         }
-        if (itn__pack_hit(&crowd->fast->voxels->packs[item->pack], &crowd->shears[item->ray],
-                      -itn__slack(scene, itn__get_vector(queue, ITN__POSITION, item->ray)),
-                      &place->sides, 0, hit))
+        if (itn__pack_hit(&crowd->fast->voxels->packs[tests->pack[i]], shear,
+                          -itn__slack(scene, origin), &place->sides, 0, hit))
             ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
     }
-    crowd->item_count = 0;
+    tests->count = 0;
 }
 
 /* The part of the way through the voxels that is left to do. */
@@ -8165,58 +8226,89 @@ ITN__INLINE itn__floats itn__leave_cube(const itn__march *m, itn__vectors centre
     return itn__least(x, itn__least(y, z));
 }
 
-/* Goes through the cells with triangles that flights have come to: notes a cell's packs, unless
-   the part of the flight in it stays on one side of the slab that holds them. In two rounds without
-   unforeseeable branches, so that the memory of many cells is waited for at a time. */
-static void itn__visit_cells(itn__crowd *crowd) {
+/* Replaces the cells of visits by their records. */
+static void itn__find_records(itn__crowd *crowd) {
     const itn__voxels *voxels = crowd->fast->voxels;
+    itn__visits *visits = &crowd->visits;
     int i, k;
-    for (i = 0; i < crowd->visit_count; i++) {
-        itn__visit_item *visit = &crowd->visits[i];
-        size_t record = (size_t)voxels->cells[visit->cell] * ITN__NEAR_WORDS;
-        visit->cell = voxels->nearby[record + ITN__NEAR_SURFACE];
-        ITN__PREFETCH(&voxels->surface[(size_t)visit->cell * ITN__SURFACE_WORDS]);
+    for (i = 0; i < visits->count; i += ITN__LANES) {
+        itn__ints mask = itn__first_lanes(visits->count - i), cell, word, bits, record;
+        itn__words lower;
+        cell = itn__load_ints(visits->cell + i);
+        word = (cell >> 5) + (cell >> 5);
+        bits = itn__gather_ints(voxels->ranks, word, mask, cell);
+        record = itn__gather_ints(voxels->ranks, word + 1, mask, cell);
+        lower = itn__splat_word(1) << (itn__int_words(cell) & itn__splat_word(31));
+        lower = itn__int_words(bits) & (lower - 1u); /* cells before it */
+        itn__store_ints(visits->cell + i, record + itn__word_ints(itn__count_words(lower)));
     }
-    for (i = 0; i < crowd->visit_count; i++) {
-        const itn__visit_item *visit = &crowd->visits[i];
-        const int32_t *words = voxels->surface + (size_t)visit->cell * ITN__SURFACE_WORDS;
-        uint32_t bytes = (uint32_t)words[ITN__OWN_NORMAL];
-        itn_vec3 n = itn__vec3((float)(int8_t)bytes, (float)(int8_t)(bytes >> 8),
-                               (float)(int8_t)(bytes >> 16));
-        float start = itn__dot(n, itn__get_vector(&crowd->taken, ITN__POSITION, visit->ray));
-        float slope = itn__dot(n, itn__get_vector(&crowd->taken, ITN__DIRECTION, visit->ray));
-        float enter = start + slope * visit->enter, leave = start + slope * visit->leave;
-        float below, above;
-        int noted;
-        memcpy(&below, &words[ITN__OWN_BELOW], sizeof below);
-        memcpy(&above, &words[ITN__OWN_ABOVE], sizeof above);
-        noted = itn__max(enter, leave) >= below && itn__min(enter, leave) <= above;
-        for (k = 0; k < words[ITN__PACK_COUNT]; k++) {
-            itn__flight_item *item = &crowd->items[crowd->item_count];
-            item->ray = visit->ray, item->pack = words[ITN__FIRST_PACK] + k;
-            item->enter = visit->enter;
-            crowd->item_count += noted;
-            if (crowd->item_count == ITN__CROWD) itn__test_packs(crowd);
+    for (k = 0; k < visits->count; k++)
+        ITN__PREFETCH(&voxels->surface[(size_t)visits->cell[k] * ITN__SURFACE_WORDS]);
+}
+
+/* Goes through the cells with triangles that flights have come to: notes a cell's packs, unless
+   the part of the flight in it stays on one side of the slab that holds them, or runs against
+   them. */
+static void itn__visit_cells(itn__crowd *crowd) {
+    const int32_t *words = crowd->fast->voxels->surface;
+    const float *floats = (const float *)(const void *)words;
+    itn__visits *visits = &crowd->visits;
+    itn__tests *tests = &crowd->tests;
+    int i;
+    itn__find_records(crowd);
+    for (i = 0; i < visits->count; i += ITN__LANES) {
+        itn__ints mask = itn__first_lanes(visits->count - i), none = itn__splat_int(0), at, bytes;
+        itn__ints pack, count;
+        itn__floats zero = itn__splat(0), below, above, against, from, slope, to;
+        itn__vectors n, p, d;
+        at = itn__load_ints(visits->cell + i) * itn__splat_int(ITN__SURFACE_WORDS);
+        bytes = itn__gather_ints(words + ITN__OWN_NORMAL, at, mask, none);
+        below = itn__gather(floats + ITN__OWN_BELOW, at, mask, zero);
+        above = itn__gather(floats + ITN__OWN_ABOVE, at, mask, zero);
+        pack = itn__gather_ints(words + ITN__FIRST_PACK, at, mask, none);
+        count = itn__gather_ints(words + ITN__PACK_COUNT, at, mask, none);
+        n = itn__byte_vectors(bytes);
+        against = itn__to_floats(itn__word_ints(itn__int_words(bytes) >> 24));
+        p = itn__vectors_of(itn__load(visits->from[0] + i), itn__load(visits->from[1] + i),
+                            itn__load(visits->from[2] + i));
+        d = itn__vectors_of(itn__load(visits->direction[0] + i),
+                            itn__load(visits->direction[1] + i),
+                            itn__load(visits->direction[2] + i));
+        from = itn__vdot(n, p), slope = itn__vdot(n, d);
+        to = from + slope * itn__load(visits->length + i);
+        mask &= itn__less_equal(below, itn__most(from, to)) &
+                itn__less_equal(itn__least(from, to), above) &
+                ~itn__less(slope, -against);
+        for (; itn__mask_bits(mask); pack += 1, count -= 1) {
+            unsigned noted;
+            mask &= itn__int_less(none, count), noted = itn__mask_bits(mask);
+            itn__compress_ints(tests->ray + tests->count, itn__load_ints(visits->ray + i), noted);
+            itn__compress_ints(tests->pack + tests->count, pack, noted);
+            itn__compress(tests->enter + tests->count, itn__load(visits->enter + i), noted);
+            tests->count += itn__count_bits(noted);
+            if (tests->count > ITN__CROWD - ITN__LANES) itn__test_packs(crowd);
         }
     }
-    crowd->visit_count = 0;
+    visits->count = 0;
 }
 
 /* Notes that the lanes named by `bits` have come to cells with triangles, until `leave`. */
-ITN__INLINE void itn__note_cells(itn__crowd *crowd, const itn__march *m, itn__ints cell,
-                                 itn__floats leave, unsigned bits) {
-    int32_t cells[ITN__LANES], rays[ITN__LANES];
-    float enters[ITN__LANES], leaves[ITN__LANES];
-    itn__store_ints(cells, cell), itn__store_ints(rays, m->ray);
-    itn__store(enters, m->t), itn__store(leaves, leave);
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        itn__visit_item *visit = &crowd->visits[crowd->visit_count++];
-        visit->ray = rays[k], visit->cell = cells[k];
-        visit->enter = enters[k], visit->leave = leaves[k];
-        ITN__PREFETCH(&crowd->fast->voxels->cells[cells[k]]);
-    }
-    if (crowd->visit_count > ITN__VISITS - ITN__LANES) itn__visit_cells(crowd);
+ITN__INLINE void itn__note_cells(itn__crowd *crowd, const itn__march *m, itn__vectors at,
+                                 itn__ints cell, itn__floats leave, unsigned bits) {
+    itn__visits *visits = &crowd->visits;
+    int to = visits->count;
+    itn__compress_ints(visits->ray + to, m->ray, bits);
+    itn__compress_ints(visits->cell + to, cell, bits);
+    itn__compress(visits->enter + to, m->t, bits);
+    itn__compress(visits->length + to, leave - m->t, bits);
+    itn__compress(visits->from[0] + to, at.x, bits);
+    itn__compress(visits->from[1] + to, at.y, bits);
+    itn__compress(visits->from[2] + to, at.z, bits);
+    itn__compress(visits->direction[0] + to, m->d.x, bits);
+    itn__compress(visits->direction[1] + to, m->d.y, bits);
+    itn__compress(visits->direction[2] + to, m->d.z, bits);
+    visits->count += itn__count_bits(bits);
+    if (visits->count > ITN__VISITS - ITN__LANES) itn__visit_cells(crowd);
 }
 
 /* One step of each lane: past the empty cube around, or through one cell. Returns who is not yet
@@ -8245,7 +8337,7 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
                              (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
     leave = itn__most(itn__leave_cube(m, centre, half), m->t);
     if (itn__mask_bits(surface))
-        itn__note_cells(crowd, m, index, itn__least(leave, m->end), itn__mask_bits(surface));
+        itn__note_cells(crowd, m, at, index, itn__least(leave, m->end), itn__mask_bits(surface));
     m->t = itn__select(inside, leave + ITN__STEP * voxels->cell, m->t);
     return inside & itn__less_equal(m->t, m->end);
 }
@@ -8324,7 +8416,6 @@ static void itn__find_hits(itn__crowd *crowd) {
     const itn__queue *queue = &crowd->taken;
     const float longest = ITN__LONG_MARCH * crowd->fast->voxels->cell;
     int i;
-    crowd->item_count = 0;
     for (i = 0; i < queue->count; i++) {
         crowd->hits[i].t = itn__float_row(queue, ITN__DISTANCE)[i];
         crowd->hits[i].triangle = crowd->hits[i].t <= longest ? -1 : -2;
@@ -8722,39 +8813,53 @@ ITN__INLINE void itn__run_diffuse(itn__crowd *crowd, int features) {
     queue->count = 0;
 }
 
+/* The next surface of item k of `taken`, outside of media; a path that is not alive has none. */
+static void itn__trace_item(itn__crowd *crowd, int k, int alive) {
+    const itn_scene *scene = crowd->fast->scene;
+    const itn__queue *queue = &crowd->taken;
+    int slot = itn__row(queue, ITN__SLOT)[k];
+    itn__path *path = &crowd->paths[slot & ~ITN__LINK];
+    itn_hit *hit = &crowd->hits[k];
+    itn_ray ray;
+    hit->triangle = -2;
+    if (!alive) return;
+    ray.origin = itn__get_vector(queue, ITN__POSITION, k);
+    ray.direction = itn__get_vector(queue, ITN__DIRECTION, k), ray.tmax = INFINITY;
+    if (itn__next_hit(scene, slot & ITN__LINK ? &path->link_place : &path->place, &ray, hit))
+        ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
+    else
+        hit->triangle = -1;
+}
+
 /* Outside of media: the tree tells what comes next. */
 ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
-    const itn_scene *scene = crowd->fast->scene;
     itn__queue *queue = &crowd->taken, swapped = crowd->walk[0];
-    int at;
+    int at, c, k;
     crowd->walk[0] = *queue, *queue = swapped;
     crowd->walk[0].count = 0;
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__state s = itn__load_state(queue, at, features);
         itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
-        unsigned bits, gone = 0;
-        int c;
         links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
         alive = itn__vroulette(crowd, &s, mask & ~links, 1, features) | links;
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
         itn__store_ints(itn__row(queue, ITN__DIMENSION) + at, s.dimension);
         for (c = 0; c < itn__colours(features); c++)
             itn__store(itn__float_row(queue, ITN__BETA + c) + at, s.beta[c]);
-        for (bits = itn__mask_bits(alive); bits; bits &= bits - 1) {
-            int k = at + itn__lowest_bit(bits), slot = itn__row(queue, ITN__SLOT)[k];
-            itn__path *path = &crowd->paths[slot & ~ITN__LINK];
-            itn_ray ray;
-            itn_hit hit;
-            ray.origin = itn__get_vector(queue, ITN__POSITION, k);
-            ray.direction = itn__get_vector(queue, ITN__DIRECTION, k), ray.tmax = INFINITY;
-            if (itn__next_hit(scene, slot & ITN__LINK ? &path->link_place : &path->place, &ray,
-                              &hit))
-                itn__meet(crowd, queue, k, &hit);
-            else if (slot & ITN__LINK)
+        for (k = 0; k < ITN__LANES && at + k < queue->count; k++)
+            itn__trace_item(crowd, at + k, itn__mask_bits(alive) >> k & 1);
+    }
+    itn__prefetch_hits(crowd);
+    for (at = 0; at < queue->count; at += ITN__LANES) {
+        itn__state s = itn__load_state(queue, at, features);
+        unsigned gone = 0;
+        for (k = at; k < at + ITN__LANES && k < queue->count; k++)
+            if (crowd->hits[k].triangle >= 0)
+                itn__meet(crowd, queue, k, &crowd->hits[k]);
+            else if (crowd->hits[k].triangle == -1 && itn__row(queue, ITN__SLOT)[k] >= ITN__LINK)
                 itn__arrive(crowd, queue, k);
-            else
+            else if (crowd->hits[k].triangle == -1)
                 gone |= 1u << (k - at);
-        }
         itn__append(&crowd->sky, &s, gone, features);
     }
     queue->count = 0;
@@ -8846,45 +8951,51 @@ static void itn__pixel_position(const itn__fast *fast, uint64_t pixel, int ray, 
     }
 }
 
-/* Starts the paths of one camera ray. */
-static void itn__start_ray(itn__crowd *crowd) {
+/* Draws one camera ray and finds what it meets. Returns 0 where that was known before: its pixel
+   is empty and has its light. */
+static int itn__start_ray(itn__crowd *crowd, itn__start *start, itn_hit *hit) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
     itn__unit *unit = &crowd->unit;
     int number = unit->next++, cell = number / unit->count, k;
     int x = unit->x0 + cell % unit->width, y = unit->y0 + cell / unit->width;
-    int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample), slot;
-    int in_block = sample - itn__block_first(fast, block);
+    int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample);
     uint64_t pixel = (uint64_t)y * (uint64_t)scene->film.width + (uint64_t)x;
-    itn__place place;
-    itn_hit hit;
     float u, v;
-    itn_ray ray;
-    uint32_t scramble;
-    int met = 0;
     if (fast->only_constant && fast->outside && fast->empty[pixel]) {
         for (k = 0; k < fast->walks * fast->channels; k++)
             crowd->radiance[(size_t)(k % fast->channels) * (size_t)crowd->radiance_stride +
                             (size_t)(number * fast->walks + k / fast->channels)] =
                 fast->constant[k % fast->channels];
-        return;
+        return 0;
     }
-    scramble = itn__scramble(fast, pixel, block);
-    itn__pixel_position(fast, pixel, sample, in_block, scramble, &u, &v);
-    ray = itn__camera_ray(&scene->camera, x, y, u, v);
-    place = fast->camera;
-    if (!fast->outside)
-        met = -1;
-    else if (!fast->empty[pixel])
-        met = itn__next_hit(scene, &place, &ray, &hit);
+    start->number = number, start->sample = sample, start->pixel = pixel;
+    start->in_block = sample - itn__block_first(fast, block);
+    start->scramble = itn__scramble(fast, pixel, block);
+    itn__pixel_position(fast, pixel, sample, start->in_block, start->scramble, &u, &v);
+    start->ray = itn__camera_ray(&scene->camera, x, y, u, v);
+    hit->triangle = -1;
+    if (fast->outside && !fast->empty[pixel]) {
+        itn__place place = fast->camera;
+        if (!itn__next_hit(scene, &place, &start->ray, hit)) hit->triangle = -1;
+    }
+    if (hit->triangle >= 0) ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
+    return 1;
+}
+
+/* Starts the paths of a camera ray. */
+static void itn__start_walks(itn__crowd *crowd, const itn__start *start, const itn_hit *hit) {
+    const itn__fast *fast = crowd->fast;
+    int k;
     for (k = 0; k < fast->walks; k++) {
-        int walk = sample * fast->walks + k;
-        slot = itn__start_path(crowd, &ray, pixel, walk, number * fast->walks + k);
-        crowd->index[slot] = in_block * fast->walks + k;
-        crowd->scramble[slot] = (int32_t)(scramble + 1);
-        if (met > 0) {
-            itn__meet(crowd, &crowd->taken, 0, &hit);
-        } else if (met < 0) {
+        int slot = itn__start_path(crowd, &start->ray, start->pixel,
+                                   start->sample * fast->walks + k,
+                                   start->number * fast->walks + k);
+        crowd->index[slot] = start->in_block * fast->walks + k;
+        crowd->scramble[slot] = (int32_t)(start->scramble + 1);
+        if (hit->triangle >= 0) {
+            itn__meet(crowd, &crowd->taken, 0, hit);
+        } else if (!fast->outside) {
             itn__move(&crowd->taken, 0, itn__departure(
                 crowd, itn__substance_of(fast, &fast->camera), 2));
         } else {
@@ -8895,12 +9006,25 @@ static void itn__start_ray(itn__crowd *crowd) {
     }
 }
 
+/* Starts paths as long as there is room; first all rays are traced, so that the memory of many hits
+   is waited for at a time. */
+static void itn__start_rays(itn__crowd *crowd) {
+    int room = crowd->free_count / crowd->fast->walks, i;
+    crowd->taken.count = 0;
+    while (crowd->taken.count < room && itn__unit_paths_left(crowd)) {
+        int to = crowd->taken.count;
+        crowd->taken.count += itn__start_ray(crowd, &crowd->starts[to], &crowd->hits[to]);
+    }
+    itn__prefetch_hits(crowd);
+    room = crowd->taken.count, crowd->taken.count = 0;
+    for (i = 0; i < room; i++) itn__start_walks(crowd, &crowd->starts[i], &crowd->hits[i]);
+}
+
 /* Follows all paths of the unit to their ends. */
 ITN__INLINE void itn__run_unit(itn__crowd *crowd, int features) {
     int substances = 1 + crowd->fast->scene->medium_count, m;
     while (itn__unit_paths_left(crowd) || crowd->free_count < ITN__CROWD) {
-        while (itn__unit_paths_left(crowd) && crowd->free_count >= crowd->fast->walks)
-            itn__start_ray(crowd);
+        itn__start_rays(crowd);
         if (crowd->boundary.count) itn__run_boundary(crowd, features);
         if (crowd->diffuse.count) itn__run_diffuse(crowd, features);
         for (m = 1; m < substances; m++) {
@@ -8935,13 +9059,13 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
     crowd->free_slots = (int32_t *)itn__allocate(context, 3 * ITN__CROWD, sizeof(int32_t));
     crowd->shears = (itn__shear *)itn__allocate(context, ITN__CROWD, sizeof *crowd->shears);
     crowd->hits = (itn_hit *)itn__allocate(context, ITN__CROWD, sizeof *crowd->hits);
-    crowd->items = (itn__flight_item *)itn__allocate(context, ITN__CROWD, sizeof *crowd->items);
+    crowd->starts = (itn__start *)itn__allocate(context, ITN__CROWD, sizeof *crowd->starts);
     crowd->radiance = (float *)itn__allocate(context, paths, (size_t)fast->planes * sizeof(float));
     crowd->scores = (float *)itn__allocate(context, 2 * ITN__CROWD,
                                            (size_t)fast->count * sizeof(float) + 1);
     crowd->lessons = (double *)itn__allocate(context, 4 * ITN__SITUATIONS, sizeof(double));
     if (!queue || !crowd->memory || !crowd->paths || !crowd->free_slots || !crowd->shears ||
-        !crowd->hits || !crowd->items || !crowd->radiance || !crowd->scores || !crowd->lessons)
+        !crowd->hits || !crowd->starts || !crowd->radiance || !crowd->scores || !crowd->lessons)
         return 0;
     for (i = 0; i < queues; i++) {
         queue[i].rows = (int32_t *)crowd->memory + i * rows;
@@ -8967,7 +9091,7 @@ static void itn__crowd_free(itn__crowd *crowd) {
     itn__free(context, crowd->free_slots);
     itn__free(context, crowd->shears);
     itn__free(context, crowd->hits);
-    itn__free(context, crowd->items);
+    itn__free(context, crowd->starts);
     itn__free(context, crowd->radiance);
     itn__free(context, crowd->scores);
     itn__free(context, crowd->lessons);
