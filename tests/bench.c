@@ -188,22 +188,10 @@ static itn_net *make_net(const size_t *channels, int batch) {
     itn_net *net = (itn_net *)allocate(1, sizeof *net);
     itn_net_desc desc = ITN_ZERO;
     itn_error error;
-    size_t offset = 0, pixels = NET_SIZE * NET_SIZE;
-    int l;
     desc.batch = batch, desc.channels = (int)channels[0];
     net->context = one_core();
     need(itn__net_desc(&desc, &net->desc, &error), &error);
-    if (!itn__net_sizes(net)) fail("cnn", "the network does not fit into memory");
-    for (l = 0; l < NET_LAYERS; l++, pixels /= 4) {
-        itn__net_layer *layer = &net->layers[l];
-        layer->conv.inputs = channels[l], layer->conv.outputs = channels[l + 1];
-        layer->pixels = pixels * channels[l + 1], layer->pooled = layer->pixels / 4;
-        layer->weights = offset, offset += 9 * channels[l] * channels[l + 1];
-        layer->bias = offset, offset += channels[l + 1];
-    }
-    net->features = pixels * channels[NET_LAYERS], net->full_weights = offset;
-    net->full_bias = offset + net->features * NET_OUTPUTS;
-    net->count = net->full_bias + NET_OUTPUTS;
+    if (!itn__net_chain(net, channels)) fail("cnn", "the network does not fit into memory");
     if (!itn__net_allocate(net)) fail("cnn", "the network does not fit into memory");
     itn__net_initialise(net);
     return net;
