@@ -9510,6 +9510,8 @@ typedef struct itn__conv {
     float *d_w, *d_bias;       /* as w and bias */
     float *d_images;           /* as images, overwritten; its ring is left undefined */
     float *scratch;            /* [itn__conv_scratch] */
+    size_t parts;              /* tasks that stream the weights, which may depend on the threads:
+                                  every sum is the work of one of them */
 } itn__conv;
 
 enum {
@@ -9517,6 +9519,7 @@ enum {
     ITN__TILE_PIXELS = ITN__LANES == 16 ? 8 : 4,    /* P and V above: their product fits into */
     ITN__TILE_VECTORS = 2,                          /* 32 registers, or 16 of narrower lanes */
     ITN__TILE_WINDOWS = 8,                          /* windows whose tiles are pooled together */
+    ITN__STREAM_WINDOWS = 16,                       /* at most, to stream the weights */
     ITN__BAND = 32,                                 /* windows whose inputs fit into the first */
     ITN__SPREAD_BAND = 16,                          /* level of cache; with weights beside them */
     ITN__SPREAD_OUTPUTS = 64                        /* channels of those weights */
@@ -9590,23 +9593,35 @@ static unsigned itn__pixel_sides(unsigned sides, size_t corner) {
     return sides & (row | column);
 }
 
-/* sums[pixel][vector] = bias + sum over taps and inputs. patches: [pixels] addresses of 3x3 input
-   pixels. sides: those at which all the pixels lie; their taps are left out. */
+/* Terms of a sum: rows and columns of taps, blocks of input channels, each [from, to). */
+typedef struct itn__terms {
+    size_t top, bottom, left, right, first, end;
+} itn__terms;
+
+/* All terms of a pixel that lies at `sides`: taps in the ring are left out. */
+static itn__terms itn__terms_at(unsigned sides, size_t blocks) {
+    itn__terms terms;
+    terms.top = sides & ITN__AT_TOP ? 1 : 0, terms.bottom = sides & ITN__AT_BOTTOM ? 2 : 3;
+    terms.left = sides & ITN__AT_LEFT ? 1 : 0, terms.right = sides & ITN__AT_RIGHT ? 2 : 3;
+    terms.first = 0, terms.end = blocks;
+    return terms;
+}
+
+/* sums[pixel][vector] += the terms. patches: [pixels] addresses of 3x3 input pixels. */
 ITN__INLINE void itn__conv_tile(const itn__blocked *in, const itn__panel *panel, int pixels,
-                                int vectors, const float *const *patches, unsigned sides,
+                                int vectors, const float *const *patches, const itn__terms *terms,
                                 float *sums) {
     itn__floats sum[ITN__TILE_PIXELS][ITN__TILE_VECTORS], weights[ITN__TILE_VECTORS];
-    size_t top = sides & ITN__AT_TOP ? 1 : 0, bottom = sides & ITN__AT_BOTTOM ? 2 : 3;
-    size_t left = sides & ITN__AT_LEFT ? 1 : 0, right = sides & ITN__AT_RIGHT ? 2 : 3;
     /* a single block's neighbouring pixels are one run of channels */
-    size_t columns = in->blocks == 1 ? right - left : 1, length = columns * in->lanes;
+    size_t columns = in->blocks == 1 ? terms->right - terms->left : 1, length = columns * in->lanes;
     size_t x, y, b, k, row = panel->row;
     int p, v;
     for (p = 0; p < pixels; p++)
-        for (v = 0; v < vectors; v++) sum[p][v] = itn__load(panel->bias + v * ITN__LANES);
-    for (y = top; y < bottom; y++)
-        for (x = left; x < right; x += columns)
-            for (b = 0; b < in->blocks; b++) {
+        for (v = 0; v < vectors; v++)
+            sum[p][v] = itn__load(sums + (p * vectors + v) * ITN__LANES);
+    for (y = terms->top; y < terms->bottom; y++)
+        for (x = terms->left; x < terms->right; x += columns)
+            for (b = terms->first; b < terms->end; b++) {
                 const float *w = panel->w + ((3 * y + x) * panel->tap + b * in->lanes) * row;
                 size_t from = b * in->plane + y * in->row + x * in->lanes;
                 for (k = from; k < from + length; k++, w += row) {
@@ -9622,17 +9637,18 @@ ITN__INLINE void itn__conv_tile(const itn__blocked *in, const itn__panel *panel,
             itn__store(sums + (p * vectors + v) * ITN__LANES, sum[p][v]);
 }
 
-/* The tile of either size. */
-static void itn__conv_sums(const itn__blocked *in, const itn__panel *panel, size_t pixels,
-                           const float *const *patches, unsigned sides, float *sums) {
+/* The tile of either size; not inlined, so that it has all registers for itself. */
+ITN__NOINLINE void itn__conv_add(const itn__blocked *in, const itn__panel *panel, size_t pixels,
+                                 const float *const *patches, const itn__terms *terms,
+                                 float *sums) {
     if (pixels > 4 && panel->vectors == 2)
-        itn__conv_tile(in, panel, ITN__TILE_PIXELS, 2, patches, sides, sums);
+        itn__conv_tile(in, panel, ITN__TILE_PIXELS, 2, patches, terms, sums);
     else if (panel->vectors == 2)
-        itn__conv_tile(in, panel, 4, 2, patches, sides, sums);
+        itn__conv_tile(in, panel, 4, 2, patches, terms, sums);
     else if (pixels > 4)
-        itn__conv_tile(in, panel, ITN__TILE_PIXELS, 1, patches, sides, sums);
+        itn__conv_tile(in, panel, ITN__TILE_PIXELS, 1, patches, terms, sums);
     else
-        itn__conv_tile(in, panel, 4, 1, patches, sides, sums);
+        itn__conv_tile(in, panel, 4, 1, patches, terms, sums);
 }
 
 /* ReLU and pooling of one window's vector: sums of its four pixels, `step` floats apart; the first
@@ -9662,34 +9678,65 @@ ITN__INLINE void itn__conv_pool(const float *sums, size_t step, size_t lanes, fl
     }
 }
 
-/* Up to ITN__TILE_WINDOWS windows, output blocks `block` and on. Pixels are ordered by corner, so
-   that those of a tile lie at the same sides where they can. */
-static void itn__conv_windows_forward(const itn__conv *c, const itn__panel *panel, size_t block,
-                                      const itn__window *windows, size_t count) {
-    enum { MOST = 4 * ITN__TILE_WINDOWS };
-    float sums[MOST * ITN__TILE_VECTORS * ITN__LANES];
-    const float *patches[MOST];
-    unsigned sides[MOST];
-    size_t corner, k, p, v, tile, vectors = (size_t)panel->vectors;
-    size_t step = count * vectors * ITN__LANES;
-    for (corner = 0, p = 0; corner < 4; corner++)
+/* The pixels of up to ITN__TILE_WINDOWS windows, ordered by corner, so that those of a tile lie at
+   the same sides where they can. */
+typedef struct itn__pixels {
+    const float *patches[4 * ITN__TILE_WINDOWS];
+    unsigned sides[4 * ITN__TILE_WINDOWS];
+    size_t count;
+} itn__pixels;
+
+static void itn__conv_pixels(const itn__conv *c, const itn__window *windows, size_t count,
+                             itn__pixels *pixels) {
+    size_t corner, k, p = 0;
+    for (corner = 0; corner < 4; corner++)
         for (k = 0; k < count; k++, p++) {
-            patches[p] = c->images + windows[k].in + itn__conv_corner(&c->in, corner);
-            sides[p] = itn__pixel_sides(windows[k].sides, corner);
+            pixels->patches[p] = c->images + windows[k].in + itn__conv_corner(&c->in, corner);
+            pixels->sides[p] = itn__pixel_sides(windows[k].sides, corner);
         }
-    for (p = 0; p < 4 * count; p += tile) {
-        unsigned common = sides[p];
-        tile = 4 * count - p < ITN__TILE_PIXELS ? 4 : ITN__TILE_PIXELS;
-        for (k = 1; k < tile; k++) common &= sides[p + k];
-        itn__conv_sums(&c->in, panel, tile, patches + p, common,
-                       sums + p * vectors * ITN__LANES);
+    pixels->count = p;
+}
+
+/* All sums begin with the bias. sums: [pixels][vectors]. */
+static void itn__conv_begin(const itn__panel *panel, size_t pixels, float *sums) {
+    size_t p;
+    int v;
+    for (v = 0; v < panel->vectors; v++) {
+        itn__floats bias = itn__load(panel->bias + v * ITN__LANES);
+        for (p = 0; p < pixels; p++)
+            itn__store(sums + (p * (size_t)panel->vectors + (size_t)v) * ITN__LANES, bias);
     }
+}
+
+/* ReLU and pooling of all windows of a panel, whose first output block is `block`. */
+static void itn__conv_end(const itn__conv *c, const itn__panel *panel, size_t block,
+                          const itn__window *windows, size_t count, const float *sums) {
+    size_t vectors = (size_t)panel->vectors, k, v;
     for (k = 0; k < count; k++)
         for (v = 0; v < vectors; v++) {
             size_t at = windows[k].out + (block + v) * c->out.plane;
-            itn__conv_pool(sums + (k * vectors + v) * ITN__LANES, step, c->out.lanes,
-                           c->pooled + at, c->chosen + at);
+            itn__conv_pool(sums + (k * vectors + v) * ITN__LANES, count * vectors * ITN__LANES,
+                           c->out.lanes, c->pooled + at, c->chosen + at);
         }
+}
+
+/* Windows [windows, count), up to ITN__TILE_WINDOWS, of one panel, tile after tile. */
+static void itn__conv_tiles(const itn__conv *c, const itn__panel *panel, size_t block,
+                            const itn__window *windows, size_t count) {
+    float sums[4 * ITN__TILE_WINDOWS * ITN__TILE_VECTORS * ITN__LANES];
+    size_t floats = (size_t)panel->vectors * ITN__LANES, p, k, tile;
+    itn__pixels pixels;
+    itn__conv_pixels(c, windows, count, &pixels);
+    itn__conv_begin(panel, pixels.count, sums);
+    for (p = 0; p < pixels.count; p += tile) {
+        unsigned sides = pixels.sides[p];
+        itn__terms terms;
+        tile = pixels.count - p < ITN__TILE_PIXELS ? 4 : ITN__TILE_PIXELS;
+        for (k = 1; k < tile; k++) sides &= pixels.sides[p + k];
+        terms = itn__terms_at(sides, c->in.blocks);
+        itn__conv_add(&c->in, panel, tile, pixels.patches + p, &terms, sums + p * floats);
+    }
+    itn__conv_end(c, panel, block, windows, count, sums);
 }
 
 /* Floats from panel to panel: a row for every term of a sum, and the bias. */
@@ -9698,17 +9745,17 @@ static size_t itn__panel_count(const itn__conv *c) {
     return (c->out.blocks + ITN__TILE_VECTORS - 1) / ITN__TILE_VECTORS;
 }
 
-/* Weights that are used by one or two tiles only are not worth a copy. */
-static int itn__conv_copies(const itn__conv *c) {
-    return itn__conv_windows(c) > 4 || c->out.channels % ITN__LANES ||
-           c->in.blocks * c->in.lanes != c->in.channels;
+/* Whether the windows are so few that reading the weights takes longer than using them. */
+static int itn__conv_streams(const itn__conv *c) {
+    return itn__conv_windows(c) <= ITN__STREAM_WINDOWS && c->out.channels % ITN__LANES == 0 &&
+           c->in.blocks * c->in.lanes == c->in.channels;
 }
 
 static itn__panel itn__conv_panel(const itn__conv *c, size_t index) {
     itn__panel panel;
     size_t block = index * ITN__TILE_VECTORS, blocks = c->out.blocks - block;
     panel.vectors = (int)itn__fewer(blocks, ITN__TILE_VECTORS);
-    if (itn__conv_copies(c)) {
+    if (!itn__conv_streams(c)) {
         panel.row = (size_t)panel.vectors * ITN__LANES, panel.tap = c->in.blocks * c->in.lanes;
         panel.w = c->scratch + itn__panel_rows(c) * block * ITN__LANES;
         panel.bias = panel.w + 9 * panel.tap * panel.row;
@@ -9750,14 +9797,86 @@ static void itn__conv_forward_part(void *data, int index) {
     for (; first < end; first += count) {
         count = itn__fewer(end - first, ITN__TILE_WINDOWS);
         itn__conv_take(c, first, count, taken);
-        itn__conv_windows_forward(c, &panel, number * ITN__TILE_VECTORS, taken, count);
+        itn__conv_tiles(c, &panel, number * ITN__TILE_VECTORS, taken, count);
+    }
+}
+
+/* Asks for the weights that a panel needs in the step after this one. */
+static void itn__stream_ahead(const itn__conv *c, const itn__panel *panel, size_t tap,
+                              size_t block) {
+    size_t first = tap * panel->tap + (block + 1) * c->in.lanes, i;
+    size_t last = itn__fewer(first + c->in.lanes, 9 * panel->tap);
+    for (i = first; i < last; i++) {
+        ITN__PREFETCH(panel->w + i * panel->row);
+        ITN__PREFETCH(panel->w + i * panel->row + (panel->vectors - 1) * ITN__LANES);
+    }
+}
+
+/* Adds the terms of one tap and one block of inputs to the sums of all windows of a panel,
+   sums: [group of windows][pixels][vectors]. */
+static void itn__stream_terms(const itn__conv *c, const itn__panel *panel,
+                              const itn__pixels *pixels, size_t groups, const itn__terms *terms,
+                              float *sums) {
+    size_t floats = (size_t)panel->vectors * ITN__LANES, g, p, tile;
+    for (g = 0; g < groups; g++)
+        for (p = 0; p < pixels[g].count; p += tile, sums += tile * floats) {
+            tile = pixels[g].count - p < ITN__TILE_PIXELS ? 4 : ITN__TILE_PIXELS;
+            itn__conv_add(&c->in, panel, tile, pixels[g].patches + p, terms, sums);
+        }
+}
+
+/* Few windows, some panels: weights are read where they are, in the order of memory, each once;
+   all sums are kept in the scratch memory meanwhile. */
+static void itn__conv_stream_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    enum { GROUPS = ITN__STREAM_WINDOWS / ITN__TILE_WINDOWS };
+    size_t panels = itn__panel_count(c), windows = itn__conv_windows(c), panel, tap, g;
+    size_t first = panels * (size_t)index / c->parts, end = panels * ((size_t)index + 1) / c->parts;
+    size_t groups = (windows + ITN__TILE_WINDOWS - 1) / ITN__TILE_WINDOWS;
+    size_t size = 4 * windows * ITN__TILE_VECTORS * ITN__LANES; /* of a panel's sums */
+    itn__window taken[ITN__STREAM_WINDOWS];
+    itn__pixels pixels[GROUPS];
+    itn__panel panel_at;
+    itn__terms terms;
+    itn__conv_take(c, 0, windows, taken);
+    for (g = 0; g < groups; g++)
+        itn__conv_pixels(c, taken + g * ITN__TILE_WINDOWS,
+                         itn__fewer(windows - g * ITN__TILE_WINDOWS, ITN__TILE_WINDOWS),
+                         &pixels[g]);
+    for (panel = first; panel < end; panel++) {
+        panel_at = itn__conv_panel(c, panel);
+        itn__conv_begin(&panel_at, 4 * windows, c->scratch + panel * size);
+    }
+    for (tap = 0; tap < 9; tap++)
+        for (terms.first = 0; terms.first < c->in.blocks; terms.first++) {
+            terms.top = tap / 3, terms.bottom = terms.top + 1;
+            terms.left = tap % 3, terms.right = terms.left + 1, terms.end = terms.first + 1;
+            for (panel = first; panel < end; panel++) {
+                panel_at = itn__conv_panel(c, panel);
+                itn__stream_ahead(c, &panel_at, tap, terms.first);
+                itn__stream_terms(c, &panel_at, pixels, groups, &terms,
+                                  c->scratch + panel * size);
+            }
+        }
+    for (panel = first; panel < end; panel++) {
+        panel_at = itn__conv_panel(c, panel);
+        for (g = 0; g < groups; g++)
+            itn__conv_end(c, &panel_at, panel * ITN__TILE_VECTORS, taken + g * ITN__TILE_WINDOWS,
+                          pixels[g].count / 4,
+                          c->scratch + panel * size + g * 4 * ITN__TILE_WINDOWS *
+                              (size_t)panel_at.vectors * ITN__LANES);
     }
 }
 
 static void itn__conv_forward(const itn_context *context, itn__conv *c) {
     size_t panels = itn__panel_count(c);
-    if (itn__conv_copies(c)) itn__parallel_for(context, (int)panels, itn__conv_copy_panel, c);
-    itn__parallel_for(context, (int)(panels * itn__conv_parts(c)), itn__conv_forward_part, c);
+    if (itn__conv_streams(c)) {
+        c->parts = itn__fewer(panels, (size_t)itn__workers(context));
+        itn__parallel_for(context, (int)c->parts, itn__conv_stream_part, c);
+    } else {
+        itn__parallel_for(context, (int)panels, itn__conv_copy_panel, c);
+        itn__parallel_for(context, (int)(panels * itn__conv_parts(c)), itn__conv_forward_part, c);
+    }
 }
 
 /* ---- backward, into the weights ---- */
@@ -9845,10 +9964,8 @@ static size_t itn__blocked_real(const itn__blocked *s, size_t block) {
 }
 
 /* Adds one tile, summed over the slices, to the gradient. */
-static void itn__weights_add(void *data, int index) {
-    const itn__conv *c = (const itn__conv *)data;
-    size_t tile = (size_t)index, size = itn__weights_tile_size(c), slice, y, x, i, o;
-    size_t out = tile / c->in.blocks, in = tile % c->in.blocks;
+static void itn__weights_add_tile(const itn__conv *c, size_t out, size_t in) {
+    size_t tile = out * c->in.blocks + in, size = itn__weights_tile_size(c), slice, y, x, i, o;
     size_t outputs = itn__blocked_real(&c->out, out), inputs = itn__blocked_real(&c->in, in);
     size_t run = itn__run_vectors(&c->in) * ITN__LANES;
     float *sums = c->scratch + tile * size;
@@ -9862,6 +9979,13 @@ static void itn__weights_add(void *data, int index) {
                 const float *from = sums + y * run + x * c->in.lanes + i;
                 for (o = 0; o < outputs; o++) to[o] += from[o * 3 * run];
             }
+}
+
+/* All tiles of one block of inputs: together they fill whole rows of memory. */
+static void itn__weights_add(void *data, int block) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t out;
+    for (out = 0; out < c->out.blocks; out++) itn__weights_add_tile(c, out, (size_t)block);
 }
 
 /* d_bias of one block. */
@@ -9882,22 +10006,25 @@ static void itn__bias_add(void *data, int block) {
 
 /* ---- backward, into the inputs ---- */
 
-/* Weights with input channels in the lanes: [block of inputs][output][3][run], zeros for padding. */
+/* Weights with input channels in the lanes: [block of inputs][output][3][run], zeros for padding.
+   64 outputs at a time, so that what is written stays in the cache. */
 static void itn__conv_turn(void *data, int block) {
     const itn__conv *c = (const itn__conv *)data;
-    size_t run = itn__run_vectors(&c->in) * ITN__LANES, x, y, i, o;
+    size_t run = itn__run_vectors(&c->in) * ITN__LANES, first, end, tap, i, o;
     size_t outputs = c->out.blocks * c->out.lanes, size = outputs * 3 * run;
     size_t inputs = itn__blocked_real(&c->in, (size_t)block);
     float *turned = c->scratch + (size_t)block * size;
     memset(turned, 0, size * sizeof *turned);
-    for (y = 0; y < 3; y++)
-        for (x = 0; x < 3; x++)
+    for (first = 0; first < c->out.channels; first = end) {
+        end = itn__fewer(first + 64, c->out.channels);
+        for (tap = 0; tap < 9; tap++)
             for (i = 0; i < inputs; i++) {
-                size_t row = (3 * y + x) * c->in.channels + (size_t)block * c->in.lanes + i;
+                size_t row = tap * c->in.channels + (size_t)block * c->in.lanes + i;
                 const float *from = c->w + row * c->out.channels;
-                float *to = turned + y * run + x * c->in.lanes + i;
-                for (o = 0; o < c->out.channels; o++) to[o * 3 * run] = from[o];
+                float *to = turned + tap / 3 * run + tap % 3 * c->in.lanes + i;
+                for (o = first; o < end; o++) to[o * 3 * run] = from[o];
             }
+    }
 }
 
 /* Some of a window's output channels, sorted by the pixel they chose: those of corner k stand at
@@ -10015,7 +10142,7 @@ static void itn__conv_backward(const itn_context *context, itn__conv *c) {
     itn__parallel_for(context, (int)c->batch, itn__conv_shut, c);
     itn__parallel_for(context, (int)c->out.blocks, itn__bias_add, c);
     itn__parallel_for(context, (int)(tiles * itn__weights_slices(c)), itn__weights_part, c);
-    itn__parallel_for(context, (int)tiles, itn__weights_add, c);
+    itn__parallel_for(context, (int)c->in.blocks, itn__weights_add, c);
     if (!c->d_images) return;
     itn__parallel_for(context, (int)c->in.blocks, itn__conv_turn, c);
     itn__parallel_for(context, (int)(groups * itn__spread_sets(c)), itn__spread_part, c);
@@ -10027,7 +10154,7 @@ static size_t itn__conv_scratch(const itn__conv *c) {
     size_t slices = itn__weights_tiles(c) * itn__weights_slices(c) * itn__weights_tile_size(c);
     size_t turned = c->in.blocks * c->out.blocks * c->out.lanes * 3 * itn__run_vectors(&c->in) *
                     ITN__LANES;
-    size_t most = panels > slices ? panels : slices;
+    size_t most = panels > slices ? panels : slices; /* sums of a stream need less than panels */
     return most > turned ? most : turned;
 }
 
