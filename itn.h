@@ -854,6 +854,13 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #define ITN__PREFETCH(address) ((void)(address))
 #define ITN__NOINLINE static
 #endif
+/* Before a loop of constant count over an array of lanes: unrolled, the array is registers. Clang
+   does so unasked, GCC only from -O3 on. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define ITN__UNROLL _Pragma("GCC unroll 8")
+#else
+#define ITN__UNROLL
+#endif
 #if !defined(ITN_MALLOC) && !defined(ITN_FREE)
 #define ITN_MALLOC(bytes) malloc(bytes)
 #define ITN_FREE(block) free(block)
@@ -9616,7 +9623,9 @@ ITN__INLINE void itn__conv_tile(const itn__blocked *in, const itn__panel *panel,
     size_t columns = in->blocks == 1 ? terms->right - terms->left : 1, length = columns * in->lanes;
     size_t x, y, b, k, row = panel->row;
     int p, v;
+    ITN__UNROLL
     for (p = 0; p < pixels; p++)
+        ITN__UNROLL
         for (v = 0; v < vectors; v++)
             sum[p][v] = itn__load(sums + (p * vectors + v) * ITN__LANES);
     for (y = terms->top; y < terms->bottom; y++)
@@ -9625,14 +9634,19 @@ ITN__INLINE void itn__conv_tile(const itn__blocked *in, const itn__panel *panel,
                 const float *w = panel->w + ((3 * y + x) * panel->tap + b * in->lanes) * row;
                 size_t from = b * in->plane + y * in->row + x * in->lanes;
                 for (k = from; k < from + length; k++, w += row) {
+                    ITN__UNROLL
                     for (v = 0; v < vectors; v++) weights[v] = itn__load(w + v * ITN__LANES);
+                    ITN__UNROLL
                     for (p = 0; p < pixels; p++) {
                         itn__floats value = itn__splat(patches[p][k]);
+                        ITN__UNROLL
                         for (v = 0; v < vectors; v++) sum[p][v] += value * weights[v];
                     }
                 }
             }
+    ITN__UNROLL
     for (p = 0; p < pixels; p++)
+        ITN__UNROLL
         for (v = 0; v < vectors; v++)
             itn__store(sums + (p * vectors + v) * ITN__LANES, sum[p][v]);
 }
@@ -9893,27 +9907,52 @@ static void itn__conv_shut(void *data, int image) {
     }
 }
 
-/* sums[3][run] += d in[patch] over windows, for one output channel. d, chosen: of that channel in
-   block 0's place; in: of the block of input channels. */
+/* Three runs of 1 to 3 vectors: 3x3 pixels of a block. In memory they are `row` floats apart. */
+typedef struct itn__runs {
+    itn__floats at[3][3];
+} itn__runs;
+
+ITN__INLINE void itn__runs_load(itn__runs *runs, int vectors, const float *from, size_t row) {
+    int y, v;
+    ITN__UNROLL
+    for (y = 0; y < 3; y++, from += row)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++) runs->at[y][v] = itn__load(from + v * ITN__LANES);
+}
+ITN__INLINE void itn__runs_store(const itn__runs *runs, int vectors, float *to, size_t row) {
+    int y, v;
+    ITN__UNROLL
+    for (y = 0; y < 3; y++, to += row)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++) itn__store(to + v * ITN__LANES, runs->at[y][v]);
+}
+/* += s times what is in memory. */
+ITN__INLINE void itn__runs_add(itn__runs *runs, int vectors, float s, const float *from,
+                               size_t row) {
+    itn__floats scale = itn__splat(s);
+    int y, v;
+    ITN__UNROLL
+    for (y = 0; y < 3; y++, from += row)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++) runs->at[y][v] += scale * itn__load(from + v * ITN__LANES);
+}
+
+/* sums[3][vectors] += d in[patch] over windows, for one output channel, whose derivatives and
+   choices begin at d_pooled and chosen; images: of the block of input channels. */
 ITN__INLINE void itn__weights_tile(const itn__blocked *in, int vectors, const itn__window *windows,
                                    size_t count, const float *images, const float *d_pooled,
                                    const unsigned char *chosen, float *sums) {
-    itn__floats sum[3][3];
-    size_t corners[5], k;
-    int y, v;
+    size_t corners[5], run = (size_t)vectors * ITN__LANES, k;
+    itn__runs sum;
     for (k = 0; k < 4; k++) corners[k] = itn__conv_corner(in, k);
     corners[ITN__SHUT] = 0; /* its derivative is 0 */
-    for (y = 0; y < 3; y++)
-        for (v = 0; v < vectors; v++) sum[y][v] = itn__load(sums + (y * vectors + v) * ITN__LANES);
+    itn__runs_load(&sum, vectors, sums, run);
     for (k = 0; k < count; k++) {
-        const float *patch = images + windows[k].in + corners[chosen[windows[k].out]];
-        itn__floats d = itn__splat(d_pooled[windows[k].out]);
-        for (y = 0; y < 3; y++)
-            for (v = 0; v < vectors; v++)
-                sum[y][v] += d * itn__load(patch + (size_t)y * in->row + v * ITN__LANES);
+        size_t out = windows[k].out;
+        itn__runs_add(&sum, vectors, d_pooled[out], images + windows[k].in + corners[chosen[out]],
+                      in->row);
     }
-    for (y = 0; y < 3; y++)
-        for (v = 0; v < vectors; v++) itn__store(sums + (y * vectors + v) * ITN__LANES, sum[y][v]);
+    itn__runs_store(&sum, vectors, sums, run);
 }
 
 /* The work is cut into tiles of one block of outputs times one of inputs, [outputs][3][run], and,
@@ -10058,25 +10097,17 @@ static void itn__choices_make(const itn__conv *c, size_t out, size_t block, size
     choices->start[4] = count;
 }
 
-/* d_patch[3][run] += sum over n in [from, to) of d[n] w[output[n]]. */
+/* d_patch += sum over n in [from, to) of d[n] w[output[n]]. */
 ITN__INLINE void itn__spread_tile(const itn__blocked *in, int vectors, const float *w,
                                   const itn__choices *choices, size_t from, size_t to,
                                   float *d_patch) {
-    itn__floats sum[3][3];
-    int y, v;
-    for (y = 0; y < 3; y++)
-        for (v = 0; v < vectors; v++)
-            sum[y][v] = itn__load(d_patch + (size_t)y * in->row + v * ITN__LANES);
-    for (; from < to; from++) {
-        const float *row = w + choices->output[from] * (3 * vectors * ITN__LANES);
-        itn__floats d = itn__splat(choices->d[from]);
-        for (y = 0; y < 3; y++)
-            for (v = 0; v < vectors; v++)
-                sum[y][v] += d * itn__load(row + (y * vectors + v) * ITN__LANES);
-    }
-    for (y = 0; y < 3; y++)
-        for (v = 0; v < vectors; v++)
-            itn__store(d_patch + (size_t)y * in->row + v * ITN__LANES, sum[y][v]);
+    int run = vectors * ITN__LANES;
+    itn__runs sum;
+    itn__runs_load(&sum, vectors, d_patch, in->row);
+    for (; from < to; from++)
+        itn__runs_add(&sum, vectors, choices->d[from], w + choices->output[from] * 3 * run,
+                      (size_t)run);
+    itn__runs_store(&sum, vectors, d_patch, in->row);
 }
 
 /* One block of inputs of one window, from its sorted outputs. */
@@ -10148,14 +10179,18 @@ static void itn__conv_backward(const itn_context *context, itn__conv *c) {
     itn__parallel_for(context, (int)(groups * itn__spread_sets(c)), itn__spread_part, c);
 }
 
-/* Floats of scratch memory: what the panels, the slices or the turned weights need. */
+/* Floats of scratch memory, for this batch or any smaller one: what the panels, the sums of a
+   stream, the slices or the turned weights need. */
 static size_t itn__conv_scratch(const itn__conv *c) {
-    size_t panels = itn__panel_rows(c) * c->out.blocks * ITN__LANES;
-    size_t slices = itn__weights_tiles(c) * itn__weights_slices(c) * itn__weights_tile_size(c);
-    size_t turned = c->in.blocks * c->out.blocks * c->out.lanes * 3 * itn__run_vectors(&c->in) *
-                    ITN__LANES;
-    size_t most = panels > slices ? panels : slices; /* sums of a stream need less than panels */
-    return most > turned ? most : turned;
+    size_t outputs = c->out.blocks * c->out.lanes, most = 0, k;
+    size_t needs[4];
+    needs[0] = itn__panel_rows(c) * c->out.blocks * ITN__LANES;
+    needs[1] = itn__panel_count(c) * 4 * ITN__STREAM_WINDOWS * ITN__TILE_VECTORS * ITN__LANES;
+    needs[2] = itn__weights_tiles(c) * itn__weights_slices(c) * itn__weights_tile_size(c);
+    needs[3] = c->in.blocks * outputs * 3 * itn__run_vectors(&c->in) * ITN__LANES;
+    for (k = 0; k < 4; k++)
+        if (most < needs[k]) most = needs[k];
+    return most;
 }
 
 /* ---- fully connected ---- */
@@ -10383,11 +10418,12 @@ static uint64_t itn__net_floats(uint64_t batch, uint64_t width, uint64_t height,
 
 /* Sets the sizes and offsets of all layers, given the channels of the images and of each layer's
    result, in 64 bits, which the ranges of the desc cannot overflow (2^26 pixels, 2^16 channels and
-   images). Returns 0 if memory for them cannot be addressed: every later sum of sizes stays below
-   32 times the largest product tested here. */
+   images). Returns 0 if memory for them cannot be addressed (2^48 bytes never can): every later sum
+   of sizes stays below 32 times the largest product tested here. */
 static int itn__net_chain(itn_net *net, const size_t *channels) {
     const itn_net_desc *d = &net->desc;
-    uint64_t limit = SIZE_MAX / 128, batch = (uint64_t)d->batch, outputs = (uint64_t)d->outputs;
+    uint64_t limit = SIZE_MAX > UINT32_MAX ? (uint64_t)1 << 46 : SIZE_MAX / 128;
+    uint64_t batch = (uint64_t)d->batch, outputs = (uint64_t)d->outputs;
     uint64_t width = (uint64_t)d->width, height = (uint64_t)d->height, count = 0;
     int l;
     for (l = 0; l < d->layer_count; l++, width /= 2, height /= 2) {

@@ -562,6 +562,7 @@ static void test_blocked_shapes(void) {
             batch = batch % 7 + 1;
         }
     test_blocked(19, 4, 2, 20, 40, NO_FAULT); /* several groups of images */
+    test_blocked(3, 4, 4, 32, 64, NO_FAULT);  /* few windows, but more than one tile's */
     test_blocked(1, 40, 36, 2, 3, NO_FAULT);  /* several parts and slices */
     CHECK_CATCHES(test_blocked(2, 6, 4, 3, 5, FAULT_SHIFT));
     CHECK_CATCHES(test_blocked(2, 6, 4, 3, 5, FAULT_SIGN));
@@ -617,8 +618,7 @@ static double net_loss(const itn_net_desc *d, int batch, const double *parameter
     return loss;
 }
 
-static void test_net_gradient(int fault) {
-    itn_net_desc d = small_desc();
+static void test_net_gradient(itn_net_desc d, int fault) {
     itn_net *net = make(&d, NULL);
     size_t count, size = (size_t)(d.width * d.height * d.channels), k;
     float *parameters = itn_net_parameters(net, &count), *gradients = itn_net_gradients(net, NULL);
@@ -653,6 +653,20 @@ static void test_net_gradient(int fault) {
     CHECK(k == count);
     free(images), free(wide), free(wide_images), free(slopes);
     itn_net_free(net);
+}
+
+/* One block, several, padded ones. */
+static void test_net_gradients(void) {
+    itn_net_desc d = small_desc();
+    test_net_gradient(d, NO_FAULT);
+    CHECK_CATCHES(test_net_gradient(d, FAULT_SIGN));
+    CHECK_CATCHES(test_net_gradient(d, FAULT_NO_BIAS));
+#ifndef ITN_SANITIZED
+    d.width = d.height = 4, d.channels = 5, d.first_channels = 18, d.layer_count = 1;
+    test_net_gradient(d, NO_FAULT);
+    d.channels = 3, d.first_channels = 8, d.layer_count = 2;
+    test_net_gradient(d, NO_FAULT);
+#endif
 }
 
 /* The default is the authors' network. */
@@ -1015,10 +1029,10 @@ static void loop_strided(int count, void (*body)(void *, int), void *task, void 
 }
 
 /* The state after some steps is the same, bit by bit, in any order of the loops. */
-static void test_orders(int fault) {
+static void test_orders(int images, int fault) {
     static const int strides[2] = {2, 7};
     itn_net_desc d = lesson_desc();
-    lesson l = make_lesson(&d, 8);
+    lesson l = make_lesson(&d, images);
     itn_context context = ITN_ZERO;
     itn_net *net = make(&d, NULL), *other;
     float *state = floats(3 * net->count);
@@ -1035,6 +1049,25 @@ static void test_orders(int fault) {
         itn_net_free(other);
     }
     free(state);
+    free_lesson(&l);
+    itn_net_free(net);
+}
+
+/* The outputs of an image are the same, bit by bit, in any company. */
+static void test_any_batch(int fault) {
+    itn_net_desc d = lesson_desc();
+    itn_net *net = make(&d, NULL);
+    lesson l = make_lesson(&d, 8);
+    size_t size = (size_t)(d.width * d.height * d.channels);
+    float all[24], some[24];
+    int batch;
+    CHECK(itn_net_forward(net, 8, l.images, all, NULL) == ITN_OK);
+    for (batch = 1; batch < 8; batch++) {
+        const float *images = l.images + (size_t)(8 - batch) * size;
+        CHECK(itn_net_forward(net, batch, images - (fault ? 1 : 0), some, NULL) == ITN_OK || fault);
+        CHECK(!memcmp(some, all + (8 - batch) * d.outputs,
+                      (size_t)(batch * d.outputs) * sizeof *all));
+    }
     free_lesson(&l);
     itn_net_free(net);
 }
@@ -1486,9 +1519,7 @@ int main(void) {
     test_blocked_shapes();
     test_blocked_ties(.25f);
     test_blocked_ties(-.75f);
-    test_net_gradient(NO_FAULT);
-    CHECK_CATCHES(test_net_gradient(FAULT_SIGN));
-    CHECK_CATCHES(test_net_gradient(FAULT_NO_BIAS));
+    test_net_gradients();
     test_released_shape();
     test_initial_weights();
     test_adam(1);
@@ -1500,8 +1531,11 @@ int main(void) {
     test_memory_of_create();
     test_overfit(1);
     CHECK_CATCHES(test_overfit(-1));
-    test_orders(0);
-    CHECK_CATCHES(test_orders(1));
+    test_orders(8, 0);
+    test_orders(2, 0); /* few windows: weights are streamed, by all threads together */
+    CHECK_CATCHES(test_orders(8, 1));
+    test_any_batch(0);
+    CHECK_CATCHES(test_any_batch(1));
     test_file_format();
     test_damaged_files();
     test_file_errors();
