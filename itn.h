@@ -9427,7 +9427,9 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
    arithmetic is the limit. The weights of a tile's channels are first copied to one compact panel.
    Pixels may lie anywhere (their addresses are a list, as in Dukhan's indirect convolution, 2019).
    In small images, equal pixels of several images make a tile: then no tile has to multiply the
-   zeros of the ring, which are half of all terms in an image of 2x2 pixels.
+   zeros of the ring, which are half of all terms in an image of 2x2 pixels. Where a layer has few
+   windows in all, memory is the limit instead, and the loops are turned round: weights are read
+   once, in the order of memory, and all sums wait in the cache.
 
    Backward, a sparse one: of a window's four pixels only the chosen one has a derivative, so three
    quarters of d_s are zero for certain. With d = d_out[window][o] and `patch` the 3x3 pixels around
@@ -9512,7 +9514,7 @@ typedef struct itn__conv {
     const float *w, *bias;     /* [9][inputs][outputs], [outputs] */
     const float *images;       /* [batch][in], with zeros in the ring */
     float *pooled;             /* [batch][out]: the forward result */
-    unsigned char *chosen;     /* as pooled: 0 to 3 = 2 row + column of the window's pixel; 4: shut */
+    unsigned char *chosen;     /* as pooled: pixel of the window, 2 row + column, or ITN__SHUT */
     float *d_pooled;           /* as pooled; backward clears it where the ReLU is shut */
     float *d_w, *d_bias;       /* as w and bias */
     float *d_images;           /* as images, overwritten; its ring is left undefined */
@@ -9567,8 +9569,9 @@ static void itn__conv_take(const itn__conv *c, size_t first, size_t count, itn__
         windows[k].in = (start + image) * c->in.size + 2 * y * c->in.row + 2 * x * c->in.lanes;
         windows[k].out = (start + image) * c->out.size + (y + 1) * c->out.row +
                          (x + 1) * c->out.lanes;
-        windows[k].sides = (unsigned)((y == 0) * ITN__AT_TOP + (y + 1 == c->out.height) * ITN__AT_BOTTOM +
-                                      (x == 0) * ITN__AT_LEFT + (x + 1 == c->out.width) * ITN__AT_RIGHT);
+        windows[k].sides = (unsigned)((y == 0) * ITN__AT_TOP + (x == 0) * ITN__AT_LEFT +
+                                      (y + 1 == c->out.height) * ITN__AT_BOTTOM +
+                                      (x + 1 == c->out.width) * ITN__AT_RIGHT);
         if (++image < images) continue;
         image = 0;
         if (++x < c->out.width) continue;
@@ -9596,7 +9599,8 @@ typedef struct itn__panel {
 
 /* Sides at which pixel `corner` of a window lies. */
 static unsigned itn__pixel_sides(unsigned sides, size_t corner) {
-    unsigned row = corner / 2 ? ITN__AT_BOTTOM : ITN__AT_TOP, column = corner % 2 ? ITN__AT_RIGHT : ITN__AT_LEFT;
+    unsigned row = corner / 2 ? ITN__AT_BOTTOM : ITN__AT_TOP;
+    unsigned column = corner % 2 ? ITN__AT_RIGHT : ITN__AT_LEFT;
     return sides & (row | column);
 }
 
@@ -9815,12 +9819,12 @@ static void itn__conv_forward_part(void *data, int index) {
     }
 }
 
-/* Asks for the weights that a panel needs in the step after this one. */
-static void itn__stream_ahead(const itn__conv *c, const itn__panel *panel, size_t tap,
-                              size_t block) {
-    size_t first = tap * panel->tap + (block + 1) * c->in.lanes, i;
-    size_t last = itn__fewer(first + c->in.lanes, 9 * panel->tap);
-    for (i = first; i < last; i++) {
+/* Asks for a panel's weights of one tap and one block of inputs. Inlined, because GCC leaves out
+   calls of a function that has no result. */
+ITN__INLINE void itn__stream_ask(const itn__conv *c, const itn__panel *panel,
+                                 const itn__terms *terms) {
+    size_t first = (3 * terms->top + terms->left) * panel->tap + terms->first * c->in.lanes, i;
+    for (i = first; i < first + c->in.lanes; i++) {
         ITN__PREFETCH(panel->w + i * panel->row);
         ITN__PREFETCH(panel->w + i * panel->row + (panel->vectors - 1) * ITN__LANES);
     }
@@ -9837,6 +9841,22 @@ static void itn__stream_terms(const itn__conv *c, const itn__panel *panel,
             tile = pixels[g].count - p < ITN__TILE_PIXELS ? 4 : ITN__TILE_PIXELS;
             itn__conv_add(&c->in, panel, tile, pixels[g].patches + p, terms, sums);
         }
+}
+
+/* Adds them to the sums of panels [first, end), `size` floats each. The weights are asked for two
+   panels ahead: the processor cannot guess rows this short. */
+static void itn__stream_panels(const itn__conv *c, const itn__pixels *pixels, size_t groups,
+                               const itn__terms *terms, size_t first, size_t end, size_t size) {
+    enum { AHEAD = 2 };
+    size_t number;
+    for (number = first; number < end; number++) {
+        itn__panel panel = itn__conv_panel(c, number), next;
+        if (number + AHEAD < end) {
+            next = itn__conv_panel(c, number + AHEAD);
+            itn__stream_ask(c, &next, terms);
+        }
+        itn__stream_terms(c, &panel, pixels, groups, terms, c->scratch + number * size);
+    }
 }
 
 /* Few windows, some panels: weights are read where they are, in the order of memory, each once;
@@ -9865,12 +9885,7 @@ static void itn__conv_stream_part(void *data, int index) {
         for (terms.first = 0; terms.first < c->in.blocks; terms.first++) {
             terms.top = tap / 3, terms.bottom = terms.top + 1;
             terms.left = tap % 3, terms.right = terms.left + 1, terms.end = terms.first + 1;
-            for (panel = first; panel < end; panel++) {
-                panel_at = itn__conv_panel(c, panel);
-                itn__stream_ahead(c, &panel_at, tap, terms.first);
-                itn__stream_terms(c, &panel_at, pixels, groups, &terms,
-                                  c->scratch + panel * size);
-            }
+            itn__stream_panels(c, pixels, groups, &terms, first, end, size);
         }
     for (panel = first; panel < end; panel++) {
         panel_at = itn__conv_panel(c, panel);

@@ -502,7 +502,8 @@ static void layer_blocked(layer_case *c, const itn_context *context) {
     for (b = 0; b < c->batch; b++) {
         itn__from_blocked(&v.out, v.pooled + b * v.out.size, v.out.channels, 1,
                           c->out + b * c->outs);
-        itn__from_blocked(&v.in, v.d_images + b * v.in.size, v.in.channels, 1, c->d_in + b * c->ins);
+        itn__from_blocked(&v.in, v.d_images + b * v.in.size, v.in.channels, 1,
+                          c->d_in + b * c->ins);
     }
     free(images), free(v.pooled), free(v.d_images), free(v.d_pooled);
     free(v.chosen), free(v.scratch);
