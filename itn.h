@@ -867,6 +867,13 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #define ITN__PREFETCH(address) ((void)(address))
 #define ITN__NOINLINE static
 #endif
+/* Before a loop of constant count over an array of lanes: unrolled, the array is registers. Clang
+   does so unasked, GCC only from -O3 on. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define ITN__UNROLL _Pragma("GCC unroll 8")
+#else
+#define ITN__UNROLL
+#endif
 #if !defined(ITN_MALLOC) && !defined(ITN_FREE)
 #define ITN_MALLOC(bytes) malloc(bytes)
 #define ITN_FREE(block) free(block)
@@ -1263,6 +1270,23 @@ ITN__INLINE itn__words itn__load_words(const uint32_t *from) {
     return v;
 }
 ITN__INLINE void itn__store_words(uint32_t *to, itn__words v) { memcpy(to, &v, sizeof v); }
+
+/* Bytes to lanes and back, ITN__LANES of them. */
+#ifdef ITN__SIMD
+typedef uint8_t itn__bytes __attribute__((vector_size(ITN__LANES)));
+ITN__INLINE itn__ints itn__load_bytes(const uint8_t *from) {
+    itn__bytes bytes;
+    memcpy(&bytes, from, sizeof bytes);
+    return __builtin_convertvector(bytes, itn__ints);
+}
+ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) {
+    itn__bytes bytes = __builtin_convertvector(v, itn__bytes);
+    memcpy(to, &bytes, sizeof bytes);
+}
+#else
+ITN__INLINE itn__ints itn__load_bytes(const uint8_t *from) { return *from; }
+ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) { *to = (uint8_t)v; }
+#endif
 
 /* The same number in all lanes. */
 #ifdef ITN__SIMD
@@ -9995,19 +10019,51 @@ static itn_result itn__adam_desc(const itn_adam_desc *given, itn_adam_desc *desc
     return ITN_OK;
 }
 
+/* Returns the index of the first gradient whose square is not finite, or count. */
+static ITN__UNUSED size_t itn__adam_refuses(const float *gradient, size_t count) {
+    itn__floats most = itn__splat(FLT_MAX);
+    size_t k = 0;
+    for (; k + ITN__LANES <= count; k += ITN__LANES) {
+        itn__floats g = itn__load(gradient + k);
+        if (itn__mask_bits(itn__less_equal(g * g, most)) != ITN__ALL_LANES) break;
+    }
+    while (k < count && gradient[k] * gradient[k] <= FLT_MAX) k++;
+    return k;
+}
+
+/* The numbers of one step: 1 - beta, and the corrections of rate and v. */
+typedef struct itn__adam_step {
+    float beta1, beta2, new1, new2, rate, v_scale, epsilon;
+} itn__adam_step;
+
+ITN__INLINE void itn__adam_lanes(const itn__adam_step *s, const float *gradient, float *m,
+                                 float *v, float *weights) {
+    itn__floats g = itn__load(gradient), w = itn__load(weights);
+    itn__floats m1 = s->beta1 * itn__load(m) + s->new1 * g;
+    itn__floats v1 = s->beta2 * itn__load(v) + s->new2 * (g * g);
+    itn__store(m, m1), itn__store(v, v1);
+    itn__store(weights, w - s->rate * m1 / (itn__root(v1 * s->v_scale) + s->epsilon));
+}
+
 /* Step number `step` (1 is the first) of algorithm 1. All arrays: [count]. */
 static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, const float *gradient,
                       float *m, float *v, float *weights) {
-    float beta1 = (float)desc->beta1, beta2 = (float)desc->beta2, epsilon = (float)desc->epsilon;
-    float rate = (float)(desc->learning_rate / (1 - pow(desc->beta1, (double)step)));
-    float v_scale = (float)(1 / (1 - pow(desc->beta2, (double)step)));
-    float new1 = (float)(1 - desc->beta1), new2 = (float)(1 - desc->beta2);
-    size_t k;
-    for (k = 0; k < count; k++) {
-        m[k] = beta1 * m[k] + new1 * gradient[k];
-        v[k] = beta2 * v[k] + new2 * (gradient[k] * gradient[k]);
-        weights[k] -= rate * m[k] / (sqrtf(v[k] * v_scale) + epsilon);
-    }
+    float rest[4][ITN__LANES]; /* what does not fill the lanes: gradient, m, v, weights */
+    itn__adam_step s;
+    size_t k = 0, bytes;
+    s.beta1 = (float)desc->beta1, s.beta2 = (float)desc->beta2, s.epsilon = (float)desc->epsilon;
+    s.new1 = (float)(1 - desc->beta1), s.new2 = (float)(1 - desc->beta2);
+    s.rate = (float)(desc->learning_rate / (1 - pow(desc->beta1, (double)step)));
+    s.v_scale = (float)(1 / (1 - pow(desc->beta2, (double)step)));
+    for (; k + ITN__LANES <= count; k += ITN__LANES)
+        itn__adam_lanes(&s, gradient + k, m + k, v + k, weights + k);
+    bytes = (count - k) * sizeof(float);
+    memset(rest, 0, sizeof rest);
+    memcpy(rest[0], gradient + k, bytes), memcpy(rest[1], m + k, bytes);
+    memcpy(rest[2], v + k, bytes), memcpy(rest[3], weights + k, bytes);
+    itn__adam_lanes(&s, rest[0], rest[1], rest[2], rest[3]);
+    memcpy(m + k, rest[1], bytes), memcpy(v + k, rest[2], bytes);
+    memcpy(weights + k, rest[3], bytes);
 }
 
 /* ---- [layers] convolution, ReLU, pooling, fully connected: forward beside backward ----------- */
@@ -10017,12 +10073,38 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
    weights; the chain rule delivers them from the last layer to the first: given dl/dy, a layer's
    backward function computes
        dl/dx = (dy/dx)^T dl/dy    and    dl/dw = (dy/dw)^T dl/dy.
-   In the code d_x stands for dl/dx. Every backward function adds to its results (+=), so that
-   what is used twice collects both shares; the caller clears them first.
-   All functions here treat one image. Its values are stored [row][column][channel], channels
-   innermost, because every inner loop then runs along memory, also in the deep layers, where images
-   have few pixels and hundreds of channels. Sums have a fixed order, so results do not depend on
-   how the calls are spread over threads. These are the plain forms, and define the results. */
+   In the code d_x stands for dl/dx. Gradients of weights are added to (+=).
+
+   The unit here is a convolution with the ReLU and the 2x2 max-pooling behind it:
+       s[y][x][o] = bias[o] + sum over tap = (ky,kx) and i of in[y+ky-1][x+kx-1][i] w[tap][i][o],
+       out[y][x][o] = max(0, s of the four pixels of window (x, y)),
+   with one ring of zeros around the input. Nothing between `in` and `out` is stored but `chosen`:
+   which of the four was taken, or that the ReLU is shut.
+
+   Layout. Channels are cut into blocks of ITN__LANES: an image is [block][row][column][lane], its
+   ring of zeros included, so that whole vectors of channels are loaded anywhere, and the three
+   pixels that a row of taps reads are one run of memory. Images of fewer channels have one narrower
+   block. The last block may be padded with zero channels.
+
+   Forward, a matrix product: a tile of P pixels times V vectors of output channels stays in
+   registers while the loop runs over the 9 x inputs terms of its sums; each term costs V loads of
+   weights and P of inputs for P V multiply-adds, and registers suffice for P V = 16 (or 8), so the
+   arithmetic is the limit. The weights of a tile's channels are first copied to one compact panel.
+   Pixels may lie anywhere (their addresses are a list, as in Dukhan's indirect convolution, 2019).
+   In small images, equal pixels of several images make a tile: then no tile has to multiply the
+   zeros of the ring, which are half of all terms in an image of 2x2 pixels. Where a layer has few
+   windows in all, memory is the limit instead, and the loops are turned round: weights are read
+   once, in the order of memory, and all sums wait in the cache.
+
+   Backward, a sparse one: of a window's four pixels only the chosen one has a derivative, so three
+   quarters of d_s are zero for certain. With d = d_out[window][o] and `patch` the 3x3 pixels around
+   the one that was chosen,
+       d_w[.][.][o] += d in[patch][.],        summed in 9 vectors over the windows, for every o;
+       d_in[patch][.] += d w[.][.][o],        summed in 9 vectors over the o that chose this pixel.
+   The vectors' lanes are input channels now, and both cost a quarter of the dense sums.
+
+   Every sum has an order that depends on the shapes alone, so results do not depend on how the
+   loops are spread over threads; parts that run side by side write apart. */
 
 /* to[0..n) += s from[0..n). */
 static void itn__add_scaled(float *to, float s, const float *from, size_t n) {
@@ -10042,125 +10124,756 @@ static float itn__dot_product(const float *a, const float *b, size_t n) {
            ((sums[1] + sums[5]) + (sums[3] + sums[7]));
 }
 
-/* Sizes of a convolution: height and width of its input and output, channels of both. */
+ITN__INLINE size_t itn__fewer(size_t a, size_t b) { return a < b ? a : b; }
+
+/* Shape of images in blocks of channels: [blocks][height + 2][width + 2][lanes]. */
+typedef struct itn__blocked {
+    size_t height, width, channels;
+    size_t lanes, blocks;    /* channels of a block, and how many blocks hold all channels */
+    size_t row, plane, size; /* floats from row to row, block to block, image to image */
+} itn__blocked;
+
+/* Behind every image there is room for a vector that starts at its last float. */
+static itn__blocked itn__blocked_make(size_t height, size_t width, size_t channels) {
+    itn__blocked s;
+    s.height = height, s.width = width, s.channels = channels;
+    s.lanes = itn__fewer(channels, ITN__LANES);
+    s.blocks = (channels + s.lanes - 1) / s.lanes;
+    s.row = (width + 2) * s.lanes, s.plane = (height + 2) * s.row;
+    s.size = (s.blocks * s.plane + ITN__LANES + 15) & ~(size_t)15;
+    return s;
+}
+
+/* The place of a channel of pixel (0, 0). */
+static size_t itn__blocked_channel(const itn__blocked *s, size_t channel) {
+    return channel / s->lanes * s->plane + s->row + s->lanes + channel % s->lanes;
+}
+
+/* Copies one image into blocks, or back. plain: [height][width] pixels, whose neighbours in a row
+   are `pixel` floats apart and whose channels are `channel` floats apart. */
+static void itn__to_blocked(const itn__blocked *s, const float *plain, size_t pixel,
+                            size_t channel, float *blocked) {
+    size_t c, x, y;
+    for (c = 0; c < s->channels; c++) {
+        float *to = blocked + itn__blocked_channel(s, c);
+        for (y = 0; y < s->height; y++)
+            for (x = 0; x < s->width; x++)
+                to[y * s->row + x * s->lanes] = plain[(y * s->width + x) * pixel + c * channel];
+    }
+}
+static void itn__from_blocked(const itn__blocked *s, const float *blocked, size_t pixel,
+                              size_t channel, float *plain) {
+    size_t c, x, y;
+    for (c = 0; c < s->channels; c++) {
+        const float *from = blocked + itn__blocked_channel(s, c);
+        for (y = 0; y < s->height; y++)
+            for (x = 0; x < s->width; x++)
+                plain[(y * s->width + x) * pixel + c * channel] = from[y * s->row + x * s->lanes];
+    }
+}
+
+/* A convolution with ReLU and pooling at work on a batch. */
 typedef struct itn__conv {
-    size_t height, width, inputs, outputs;
+    itn__blocked in, out;      /* out: after the pooling, half the height and width */
+    size_t batch;
+    const float *w, *bias;     /* [9][inputs][outputs], [outputs] */
+    const float *images;       /* [batch][in], with zeros in the ring */
+    float *pooled;             /* [batch][out]: the forward result */
+    unsigned char *chosen;     /* as pooled: pixel of the window, 2 row + column, or ITN__SHUT */
+    float *d_pooled;           /* as pooled; backward clears it where the ReLU is shut */
+    float *d_w, *d_bias;       /* as w and bias */
+    float *d_images;           /* as images, overwritten; its ring is left undefined */
+    float *scratch;            /* [itn__conv_scratch] */
+    size_t parts;              /* tasks that stream the weights, which may depend on the threads:
+                                  every sum is the work of one of them */
 } itn__conv;
 
-/* 3x3 convolution, stride 1, one ring of zeros around the image:
-       out[y][x][o] = bias[o] + sum over tap = (ky,kx) and i of in[y+ky-1][x+kx-1][i] w[tap][i][o].
-   Finds the input pixel that a tap (3 ky + kx) of output pixel (x, y) reads. Returns 0 where it
-   lies in the ring, else 1 and the index of the pixel. */
-ITN__INLINE int itn__conv_pixel(const itn__conv *c, size_t x, size_t y, size_t tap,
-                                size_t *pixel) {
-    size_t column = x + tap % 3, row = y + tap / 3; /* in the image with its ring */
-    if (column < 1 || column > c->width || row < 1 || row > c->height) return 0;
-    *pixel = (row - 1) * c->width + (column - 1);
-    return 1;
+enum {
+    ITN__SHUT = 4,                                  /* `chosen` of a window that gave 0 */
+    ITN__TILE_PIXELS = ITN__LANES == 16 ? 8 : 4,    /* P and V above: their product fits into */
+    ITN__TILE_VECTORS = 2,                          /* 32 registers, or 16 of narrower lanes */
+    ITN__TILE_WINDOWS = 8,                          /* windows whose tiles are pooled together */
+    ITN__STREAM_WINDOWS = 16,                       /* at most, to stream the weights */
+    ITN__BAND = 32,                                 /* windows whose inputs fit into the first */
+    ITN__SPREAD_BAND = 16,                          /* level of cache; with weights beside them */
+    ITN__SPREAD_OUTPUTS = 64                        /* channels of those weights */
+};
+
+/* Vectors that hold a run of three pixels of a block. */
+static size_t itn__run_vectors(const itn__blocked *s) {
+    return (3 * s->lanes + ITN__LANES - 1) / ITN__LANES;
 }
 
-/* in: [height][width][inputs], w: [9][inputs][outputs], bias: [outputs],
-   out: [height][width][outputs], overwritten. */
-static void itn__conv_forward(const itn__conv *c, const float *in, const float *w,
-                              const float *bias, float *out) {
-    size_t x, y, tap, i, pixel;
-    for (y = 0; y < c->height; y++)
-        for (x = 0; x < c->width; x++) {
-            float *sum = out + (y * c->width + x) * c->outputs;
-            memcpy(sum, bias, c->outputs * sizeof *sum);
-            for (tap = 0; tap < 9; tap++) {
-                if (!itn__conv_pixel(c, x, y, tap, &pixel)) continue;
-                for (i = 0; i < c->inputs; i++)
-                    itn__add_scaled(sum, in[pixel * c->inputs + i],
-                                    w + (tap * c->inputs + i) * c->outputs, c->outputs);
-            }
-        }
+/* ---- windows, in the order in which all loops take them ---- */
+
+/* Images with few windows go in groups whose equal windows follow each other. */
+static size_t itn__conv_group(const itn__conv *c) {
+    if (c->out.height * c->out.width > 64) return 1;
+    return itn__fewer(c->batch, ITN__TILE_WINDOWS);
+}
+static size_t itn__conv_windows(const itn__conv *c) {
+    return c->batch * c->out.height * c->out.width;
 }
 
-/* d_in[y+ky-1][x+kx-1][i] += sum over o of w[tap][i][o] d_out[y][x][o].
-   w: [9][inputs][outputs], d_out: [height][width][outputs], d_in: [height][width][inputs]. */
-static void itn__conv_backward_input(const itn__conv *c, const float *w, const float *d_out,
-                                     float *d_in) {
-    size_t x, y, tap, i, pixel;
-    for (y = 0; y < c->height; y++)
-        for (x = 0; x < c->width; x++)
-            for (tap = 0; tap < 9; tap++) {
-                const float *d_sum = d_out + (y * c->width + x) * c->outputs;
-                if (!itn__conv_pixel(c, x, y, tap, &pixel)) continue;
-                for (i = 0; i < c->inputs; i++)
-                    d_in[pixel * c->inputs + i] += itn__dot_product(
-                        w + (tap * c->inputs + i) * c->outputs, d_sum, c->outputs);
-            }
+/* Sides of the image at which a window lies: there its taps reach into the ring. */
+enum { ITN__AT_TOP = 1, ITN__AT_BOTTOM = 2, ITN__AT_LEFT = 4, ITN__AT_RIGHT = 8 };
+
+typedef struct itn__window {
+    size_t in, out; /* index of its 4x4 input pixels, and of its output pixel, in block 0 */
+    unsigned sides;
+} itn__window;
+
+/* Fills windows[count] from number `first` on. */
+static void itn__conv_take(const itn__conv *c, size_t first, size_t count, itn__window *windows) {
+    size_t positions = c->out.height * c->out.width, group = itn__conv_group(c);
+    size_t start = first / (positions * group) * group, rest = first - start * positions;
+    size_t images = itn__fewer(c->batch - start, group), k;
+    size_t image = rest % images, x = rest / images % c->out.width;
+    size_t y = rest / images / c->out.width;
+    for (k = 0; k < count; k++) {
+        windows[k].in = (start + image) * c->in.size + 2 * y * c->in.row + 2 * x * c->in.lanes;
+        windows[k].out = (start + image) * c->out.size + (y + 1) * c->out.row +
+                         (x + 1) * c->out.lanes;
+        windows[k].sides = (unsigned)((y == 0) * ITN__AT_TOP + (x == 0) * ITN__AT_LEFT +
+                                      (y + 1 == c->out.height) * ITN__AT_BOTTOM +
+                                      (x + 1 == c->out.width) * ITN__AT_RIGHT);
+        if (++image < images) continue;
+        image = 0;
+        if (++x < c->out.width) continue;
+        x = 0;
+        if (++y < c->out.height) continue;
+        y = 0, start += group;
+        images = itn__fewer(c->batch - start, group);
+    }
 }
 
-/* One row of the weights' gradient, so that rows can be computed side by side:
-       d_w[tap][i][o] += sum over y, x of in[y+ky-1][x+kx-1][i] d_out[y][x][o],  row = (tap, i).
-   in: [height][width][inputs], d_out: [height][width][outputs], d_row: [outputs]. */
-static void itn__conv_backward_weights(const itn__conv *c, size_t row, const float *in,
-                                       const float *d_out, float *d_row) {
-    size_t x, y, pixel, tap = row / c->inputs, i = row % c->inputs;
-    for (y = 0; y < c->height; y++)
-        for (x = 0; x < c->width; x++)
-            if (itn__conv_pixel(c, x, y, tap, &pixel))
-                itn__add_scaled(d_row, in[pixel * c->inputs + i],
-                                d_out + (y * c->width + x) * c->outputs, c->outputs);
+/* From a window's 4x4 pixels to the 3x3 around its pixel `corner` (2 row + column). */
+ITN__INLINE size_t itn__conv_corner(const itn__blocked *in, size_t corner) {
+    return corner / 2 * in->row + corner % 2 * in->lanes;
 }
 
-/* d_bias[o] += sum over y, x of d_out[y][x][o].
-   d_out: [height][width][outputs], d_bias: [outputs]. */
-static void itn__conv_backward_bias(const itn__conv *c, const float *d_out, float *d_bias) {
-    size_t pixel;
-    for (pixel = 0; pixel < c->height * c->width; pixel++)
-        itn__add_scaled(d_bias, 1, d_out + pixel * c->outputs, c->outputs);
+/* ---- forward ---- */
+
+/* Weights of a tile's output channels: `row` floats from one input channel to the next, `tap`
+   input channels from one tap to the next. */
+typedef struct itn__panel {
+    const float *w, *bias;
+    size_t row, tap;
+    int vectors; /* of output channels: 1 or 2 */
+} itn__panel;
+
+/* Sides at which pixel `corner` of a window lies. */
+static unsigned itn__pixel_sides(unsigned sides, size_t corner) {
+    unsigned row = corner / 2 ? ITN__AT_BOTTOM : ITN__AT_TOP;
+    unsigned column = corner % 2 ? ITN__AT_RIGHT : ITN__AT_LEFT;
+    return sides & (row | column);
 }
 
-/* Rectified linear unit, y = max(x, 0), in place. values: [count]. */
-static void itn__relu_forward(float *values, size_t count) {
-    size_t k;
-    for (k = 0; k < count; k++) values[k] = values[k] > 0 ? values[k] : 0;
+/* Terms of a sum: rows and columns of taps, blocks of input channels, each [from, to). */
+typedef struct itn__terms {
+    size_t top, bottom, left, right, first, end;
+} itn__terms;
+
+/* All terms of a pixel that lies at `sides`: taps in the ring are left out. */
+static itn__terms itn__terms_at(unsigned sides, size_t blocks) {
+    itn__terms terms;
+    terms.top = sides & ITN__AT_TOP ? 1 : 0, terms.bottom = sides & ITN__AT_BOTTOM ? 2 : 3;
+    terms.left = sides & ITN__AT_LEFT ? 1 : 0, terms.right = sides & ITN__AT_RIGHT ? 2 : 3;
+    terms.first = 0, terms.end = blocks;
+    return terms;
 }
 
-/* Passes the derivative where y > 0, which is where x > 0; at the kink it is 0.
-   out: [count] the results y, d_out, d_in: [count]. */
-static void itn__relu_backward(const float *out, const float *d_out, float *d_in, size_t count) {
-    size_t k;
-    for (k = 0; k < count; k++) d_in[k] += out[k] > 0 ? d_out[k] : 0;
-}
-
-/* Max-pooling: the largest value of every 2x2 window; the first of equals, in the order of rows.
-   in: [height][width][channels], both sizes even, out: [height/2][width/2][channels],
-   chosen: as out, which of the window's four values was taken (2 row + column). */
-static void itn__pool_forward(const float *in, size_t height, size_t width, size_t channels,
-                              float *out, unsigned char *chosen) {
-    size_t x, y, k, c;
-    for (y = 0; y < height / 2; y++)
-        for (x = 0; x < width / 2; x++) {
-            const float *window = in + (2 * y * width + 2 * x) * channels;
-            memcpy(out, window, channels * sizeof *out);
-            memset(chosen, 0, channels);
-            for (k = 1; k < 4; k++) {
-                const float *from = window + ((k / 2) * width + k % 2) * channels;
-                for (c = 0; c < channels; c++) {
-                    chosen[c] = from[c] > out[c] ? (unsigned char)k : chosen[c];
-                    out[c] = from[c] > out[c] ? from[c] : out[c];
+/* sums[pixel][vector] += the terms. patches: [pixels] addresses of 3x3 input pixels. */
+ITN__INLINE void itn__conv_tile(const itn__blocked *in, const itn__panel *panel, int pixels,
+                                int vectors, const float *const *patches, const itn__terms *terms,
+                                float *sums) {
+    itn__floats sum[ITN__TILE_PIXELS][ITN__TILE_VECTORS], weights[ITN__TILE_VECTORS];
+    /* a single block's neighbouring pixels are one run of channels */
+    size_t columns = in->blocks == 1 ? terms->right - terms->left : 1, length = columns * in->lanes;
+    size_t x, y, b, k, row = panel->row;
+    int p, v;
+    ITN__UNROLL
+    for (p = 0; p < pixels; p++)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++)
+            sum[p][v] = itn__load(sums + (p * vectors + v) * ITN__LANES);
+    for (y = terms->top; y < terms->bottom; y++)
+        for (x = terms->left; x < terms->right; x += columns)
+            for (b = terms->first; b < terms->end; b++) {
+                const float *w = panel->w + ((3 * y + x) * panel->tap + b * in->lanes) * row;
+                size_t from = b * in->plane + y * in->row + x * in->lanes;
+                for (k = from; k < from + length; k++, w += row) {
+                    ITN__UNROLL
+                    for (v = 0; v < vectors; v++) weights[v] = itn__load(w + v * ITN__LANES);
+                    ITN__UNROLL
+                    for (p = 0; p < pixels; p++) {
+                        itn__floats value = itn__splat(patches[p][k]);
+                        ITN__UNROLL
+                        for (v = 0; v < vectors; v++) sum[p][v] += value * weights[v];
+                    }
                 }
             }
-            out += channels, chosen += channels;
+    ITN__UNROLL
+    for (p = 0; p < pixels; p++)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++)
+            itn__store(sums + (p * vectors + v) * ITN__LANES, sum[p][v]);
+}
+
+/* The tile of either size; not inlined, so that it has all registers for itself. */
+ITN__NOINLINE void itn__conv_add(const itn__blocked *in, const itn__panel *panel, size_t pixels,
+                                 const float *const *patches, const itn__terms *terms,
+                                 float *sums) {
+    if (pixels > 4 && panel->vectors == 2)
+        itn__conv_tile(in, panel, ITN__TILE_PIXELS, 2, patches, terms, sums);
+    else if (panel->vectors == 2)
+        itn__conv_tile(in, panel, 4, 2, patches, terms, sums);
+    else if (pixels > 4)
+        itn__conv_tile(in, panel, ITN__TILE_PIXELS, 1, patches, terms, sums);
+    else
+        itn__conv_tile(in, panel, 4, 1, patches, terms, sums);
+}
+
+/* ReLU and pooling of one window's vector: sums of its four pixels, `step` floats apart; the first
+   of equals is taken. */
+ITN__INLINE void itn__conv_pool(const float *sums, size_t step, size_t lanes, float *out,
+                                unsigned char *chosen) {
+    itn__floats best = itn__load(sums), zero = itn__splat(0);
+    itn__ints which = itn__splat_int(0), open;
+    int corner;
+    for (corner = 1; corner < 4; corner++) {
+        itn__floats sum = itn__load(sums + (size_t)corner * step);
+        itn__ints more = itn__less(best, sum);
+        best = itn__select(more, sum, best);
+        which = itn__select_int(more, itn__splat_int(corner), which);
+    }
+    open = itn__less(zero, best);
+    best = itn__select(open, best, zero);
+    which = itn__select_int(open, which, itn__splat_int(ITN__SHUT));
+    if (lanes == ITN__LANES) {
+        itn__store(out, best), itn__store_bytes(chosen, which);
+    } else { /* a narrow block: the next floats are other pixels' */
+        float values[ITN__LANES];
+        unsigned char corners[ITN__LANES];
+        size_t count = itn__fewer(lanes, ITN__LANES);
+        itn__store(values, best), itn__store_bytes(corners, which);
+        memcpy(out, values, count * sizeof *out), memcpy(chosen, corners, count);
+    }
+}
+
+/* The pixels of up to ITN__TILE_WINDOWS windows, ordered by corner, so that those of a tile lie at
+   the same sides where they can. */
+typedef struct itn__pixels {
+    const float *patches[4 * ITN__TILE_WINDOWS];
+    unsigned sides[4 * ITN__TILE_WINDOWS];
+    size_t count;
+} itn__pixels;
+
+static void itn__conv_pixels(const itn__conv *c, const itn__window *windows, size_t count,
+                             itn__pixels *pixels) {
+    size_t corner, k, p = 0;
+    for (corner = 0; corner < 4; corner++)
+        for (k = 0; k < count; k++, p++) {
+            pixels->patches[p] = c->images + windows[k].in + itn__conv_corner(&c->in, corner);
+            pixels->sides[p] = itn__pixel_sides(windows[k].sides, corner);
+        }
+    pixels->count = p;
+}
+
+/* All sums begin with the bias. sums: [pixels][vectors]. */
+static void itn__conv_begin(const itn__panel *panel, size_t pixels, float *sums) {
+    size_t p;
+    int v;
+    for (v = 0; v < panel->vectors; v++) {
+        itn__floats bias = itn__load(panel->bias + v * ITN__LANES);
+        for (p = 0; p < pixels; p++)
+            itn__store(sums + (p * (size_t)panel->vectors + (size_t)v) * ITN__LANES, bias);
+    }
+}
+
+/* ReLU and pooling of all windows of a panel, whose first output block is `block`. */
+static void itn__conv_end(const itn__conv *c, const itn__panel *panel, size_t block,
+                          const itn__window *windows, size_t count, const float *sums) {
+    size_t vectors = (size_t)panel->vectors, k, v;
+    for (k = 0; k < count; k++)
+        for (v = 0; v < vectors; v++) {
+            size_t at = windows[k].out + (block + v) * c->out.plane;
+            itn__conv_pool(sums + (k * vectors + v) * ITN__LANES, count * vectors * ITN__LANES,
+                           c->out.lanes, c->pooled + at, c->chosen + at);
         }
 }
 
-/* Sends the derivative to the value that was taken. Shapes as above. */
-static void itn__pool_backward(const unsigned char *chosen, const float *d_out, size_t height,
-                               size_t width, size_t channels, float *d_in) {
-    size_t x, y, c;
-    for (y = 0; y < height / 2; y++)
-        for (x = 0; x < width / 2; x++) {
-            float *window = d_in + (2 * y * width + 2 * x) * channels;
-            for (c = 0; c < channels; c++)
-                window[((chosen[c] / 2u) * width + chosen[c] % 2u) * channels + c] += d_out[c];
-            d_out += channels, chosen += channels;
+/* Windows [windows, count), up to ITN__TILE_WINDOWS, of one panel, tile after tile. */
+static void itn__conv_tiles(const itn__conv *c, const itn__panel *panel, size_t block,
+                            const itn__window *windows, size_t count) {
+    float sums[4 * ITN__TILE_WINDOWS * ITN__TILE_VECTORS * ITN__LANES];
+    size_t floats = (size_t)panel->vectors * ITN__LANES, p, k, tile;
+    itn__pixels pixels;
+    itn__conv_pixels(c, windows, count, &pixels);
+    itn__conv_begin(panel, pixels.count, sums);
+    for (p = 0; p < pixels.count; p += tile) {
+        unsigned sides = pixels.sides[p];
+        itn__terms terms;
+        tile = pixels.count - p < ITN__TILE_PIXELS ? 4 : ITN__TILE_PIXELS;
+        for (k = 1; k < tile; k++) sides &= pixels.sides[p + k];
+        terms = itn__terms_at(sides, c->in.blocks);
+        itn__conv_add(&c->in, panel, tile, pixels.patches + p, &terms, sums + p * floats);
+    }
+    itn__conv_end(c, panel, block, windows, count, sums);
+}
+
+/* Floats from panel to panel: a row for every term of a sum, and the bias. */
+static size_t itn__panel_rows(const itn__conv *c) { return 9 * c->in.blocks * c->in.lanes + 1; }
+static size_t itn__panel_count(const itn__conv *c) {
+    return (c->out.blocks + ITN__TILE_VECTORS - 1) / ITN__TILE_VECTORS;
+}
+
+/* Whether the windows are so few that reading the weights takes longer than using them. */
+static int itn__conv_streams(const itn__conv *c) {
+    return itn__conv_windows(c) <= ITN__STREAM_WINDOWS && c->out.channels % ITN__LANES == 0 &&
+           c->in.blocks * c->in.lanes == c->in.channels;
+}
+
+static itn__panel itn__conv_panel(const itn__conv *c, size_t index) {
+    itn__panel panel;
+    size_t block = index * ITN__TILE_VECTORS, blocks = c->out.blocks - block;
+    panel.vectors = (int)itn__fewer(blocks, ITN__TILE_VECTORS);
+    if (!itn__conv_streams(c)) {
+        panel.row = (size_t)panel.vectors * ITN__LANES, panel.tap = c->in.blocks * c->in.lanes;
+        panel.w = c->scratch + itn__panel_rows(c) * block * ITN__LANES;
+        panel.bias = panel.w + 9 * panel.tap * panel.row;
+    } else {
+        panel.row = c->out.channels, panel.tap = c->in.channels;
+        panel.w = c->w + block * ITN__LANES, panel.bias = c->bias + block * ITN__LANES;
+    }
+    return panel;
+}
+
+/* Copies a panel's weights to where itn__conv_panel says, zeros for the padding. */
+static void itn__conv_copy_panel(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    itn__panel panel = itn__conv_panel(c, (size_t)index);
+    size_t first = (size_t)index * ITN__TILE_VECTORS * ITN__LANES, tap, i;
+    size_t outputs = itn__fewer(c->out.channels - first, panel.row);
+    float *to = c->scratch + (panel.w - c->scratch);
+    memset(to, 0, itn__panel_rows(c) * panel.row * sizeof *to);
+    for (tap = 0; tap < 9; tap++)
+        for (i = 0; i < c->in.channels; i++)
+            memcpy(to + (tap * panel.tap + i) * panel.row,
+                   c->w + (tap * c->in.channels + i) * c->out.channels + first,
+                   outputs * sizeof *to);
+    memcpy(to + 9 * panel.tap * panel.row, c->bias + first, outputs * sizeof *to);
+}
+
+/* How many parts of at least 256 windows a panel's work is cut into. */
+static size_t itn__conv_parts(const itn__conv *c) {
+    return itn__fewer((itn__conv_windows(c) + 255) / 256, 32768);
+}
+
+static void itn__conv_forward_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t parts = itn__conv_parts(c), windows = itn__conv_windows(c), count;
+    size_t number = (size_t)index / parts, part = (size_t)index % parts;
+    size_t first = windows * part / parts, end = windows * (part + 1) / parts;
+    itn__panel panel = itn__conv_panel(c, number);
+    itn__window taken[ITN__TILE_WINDOWS];
+    for (; first < end; first += count) {
+        count = itn__fewer(end - first, ITN__TILE_WINDOWS);
+        itn__conv_take(c, first, count, taken);
+        itn__conv_tiles(c, &panel, number * ITN__TILE_VECTORS, taken, count);
+    }
+}
+
+/* Asks for a panel's weights of one tap and one block of inputs. Inlined, because GCC leaves out
+   calls of a function that has no result. */
+ITN__INLINE void itn__stream_ask(const itn__conv *c, const itn__panel *panel,
+                                 const itn__terms *terms) {
+    size_t first = (3 * terms->top + terms->left) * panel->tap + terms->first * c->in.lanes, i;
+    for (i = first; i < first + c->in.lanes; i++) {
+        ITN__PREFETCH(panel->w + i * panel->row);
+        ITN__PREFETCH(panel->w + i * panel->row + (panel->vectors - 1) * ITN__LANES);
+    }
+}
+
+/* Adds the terms of one tap and one block of inputs to the sums of all windows of a panel,
+   sums: [group of windows][pixels][vectors]. */
+static void itn__stream_terms(const itn__conv *c, const itn__panel *panel,
+                              const itn__pixels *pixels, size_t groups, const itn__terms *terms,
+                              float *sums) {
+    size_t floats = (size_t)panel->vectors * ITN__LANES, g, p, tile;
+    for (g = 0; g < groups; g++)
+        for (p = 0; p < pixels[g].count; p += tile, sums += tile * floats) {
+            tile = pixels[g].count - p < ITN__TILE_PIXELS ? 4 : ITN__TILE_PIXELS;
+            itn__conv_add(&c->in, panel, tile, pixels[g].patches + p, terms, sums);
         }
 }
+
+/* Adds them to the sums of panels [first, end), `size` floats each. The weights are asked for two
+   panels ahead: the processor cannot guess rows this short. */
+static void itn__stream_panels(const itn__conv *c, const itn__pixels *pixels, size_t groups,
+                               const itn__terms *terms, size_t first, size_t end, size_t size) {
+    enum { AHEAD = 2 };
+    size_t number;
+    for (number = first; number < end; number++) {
+        itn__panel panel = itn__conv_panel(c, number), next;
+        if (number + AHEAD < end) {
+            next = itn__conv_panel(c, number + AHEAD);
+            itn__stream_ask(c, &next, terms);
+        }
+        itn__stream_terms(c, &panel, pixels, groups, terms, c->scratch + number * size);
+    }
+}
+
+/* Few windows, some panels: weights are read where they are, in the order of memory, each once;
+   all sums are kept in the scratch memory meanwhile. */
+static void itn__conv_stream_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    enum { GROUPS = ITN__STREAM_WINDOWS / ITN__TILE_WINDOWS };
+    size_t panels = itn__panel_count(c), windows = itn__conv_windows(c), panel, tap, g;
+    size_t first = panels * (size_t)index / c->parts, end = panels * ((size_t)index + 1) / c->parts;
+    size_t groups = (windows + ITN__TILE_WINDOWS - 1) / ITN__TILE_WINDOWS;
+    size_t size = 4 * windows * ITN__TILE_VECTORS * ITN__LANES; /* of a panel's sums */
+    itn__window taken[ITN__STREAM_WINDOWS];
+    itn__pixels pixels[GROUPS];
+    itn__panel panel_at;
+    itn__terms terms;
+    itn__conv_take(c, 0, windows, taken);
+    for (g = 0; g < groups; g++)
+        itn__conv_pixels(c, taken + g * ITN__TILE_WINDOWS,
+                         itn__fewer(windows - g * ITN__TILE_WINDOWS, ITN__TILE_WINDOWS),
+                         &pixels[g]);
+    for (panel = first; panel < end; panel++) {
+        panel_at = itn__conv_panel(c, panel);
+        itn__conv_begin(&panel_at, 4 * windows, c->scratch + panel * size);
+    }
+    for (tap = 0; tap < 9; tap++)
+        for (terms.first = 0; terms.first < c->in.blocks; terms.first++) {
+            terms.top = tap / 3, terms.bottom = terms.top + 1;
+            terms.left = tap % 3, terms.right = terms.left + 1, terms.end = terms.first + 1;
+            itn__stream_panels(c, pixels, groups, &terms, first, end, size);
+        }
+    for (panel = first; panel < end; panel++) {
+        panel_at = itn__conv_panel(c, panel);
+        for (g = 0; g < groups; g++)
+            itn__conv_end(c, &panel_at, panel * ITN__TILE_VECTORS, taken + g * ITN__TILE_WINDOWS,
+                          pixels[g].count / 4,
+                          c->scratch + panel * size + g * 4 * ITN__TILE_WINDOWS *
+                              (size_t)panel_at.vectors * ITN__LANES);
+    }
+}
+
+static void itn__conv_forward(const itn_context *context, itn__conv *c) {
+    size_t panels = itn__panel_count(c);
+    if (itn__conv_streams(c)) {
+        c->parts = itn__fewer(panels, (size_t)itn__workers(context));
+        itn__parallel_for(context, (int)c->parts, itn__conv_stream_part, c);
+    } else {
+        itn__parallel_for(context, (int)panels, itn__conv_copy_panel, c);
+        itn__parallel_for(context, (int)(panels * itn__conv_parts(c)), itn__conv_forward_part, c);
+    }
+}
+
+/* ---- backward, into the weights ---- */
+
+/* Clears the derivatives of one image where the ReLU is shut. */
+static void itn__conv_shut(void *data, int image) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t k, size = c->out.size;
+    float *d = c->d_pooled + (size_t)image * size;
+    const unsigned char *chosen = c->chosen + (size_t)image * size;
+    for (k = 0; k < size; k += ITN__LANES) {
+        itn__ints shut = itn__int_equal(itn__load_bytes(chosen + k), itn__splat_int(ITN__SHUT));
+        itn__store(d + k, itn__select(shut, itn__splat(0), itn__load(d + k)));
+    }
+}
+
+/* Three runs of 1 to 3 vectors: 3x3 pixels of a block. In memory they are `row` floats apart. */
+typedef struct itn__runs {
+    itn__floats at[3][3];
+} itn__runs;
+
+ITN__INLINE void itn__runs_load(itn__runs *runs, int vectors, const float *from, size_t row) {
+    int y, v;
+    ITN__UNROLL
+    for (y = 0; y < 3; y++, from += row)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++) runs->at[y][v] = itn__load(from + v * ITN__LANES);
+}
+ITN__INLINE void itn__runs_store(const itn__runs *runs, int vectors, float *to, size_t row) {
+    int y, v;
+    ITN__UNROLL
+    for (y = 0; y < 3; y++, to += row)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++) itn__store(to + v * ITN__LANES, runs->at[y][v]);
+}
+/* += s times what is in memory. */
+ITN__INLINE void itn__runs_add(itn__runs *runs, int vectors, float s, const float *from,
+                               size_t row) {
+    itn__floats scale = itn__splat(s);
+    int y, v;
+    ITN__UNROLL
+    for (y = 0; y < 3; y++, from += row)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++) runs->at[y][v] += scale * itn__load(from + v * ITN__LANES);
+}
+
+/* sums[3][vectors] += d in[patch] over windows, for one output channel, whose derivatives and
+   choices begin at d_pooled and chosen; images: of the block of input channels. */
+ITN__INLINE void itn__weights_tile(const itn__blocked *in, int vectors, const itn__window *windows,
+                                   size_t count, const float *images, const float *d_pooled,
+                                   const unsigned char *chosen, float *sums) {
+    size_t corners[5], run = (size_t)vectors * ITN__LANES, k;
+    itn__runs sum;
+    for (k = 0; k < 4; k++) corners[k] = itn__conv_corner(in, k);
+    corners[ITN__SHUT] = 0; /* its derivative is 0 */
+    itn__runs_load(&sum, vectors, sums, run);
+    for (k = 0; k < count; k++) {
+        size_t out = windows[k].out;
+        itn__runs_add(&sum, vectors, d_pooled[out], images + windows[k].in + corners[chosen[out]],
+                      in->row);
+    }
+    itn__runs_store(&sum, vectors, sums, run);
+}
+
+/* The work is cut into tiles of one block of outputs times one of inputs, [outputs][3][run], and,
+   where these are few, the windows into slices, whose sums are added up in order. */
+static size_t itn__weights_tiles(const itn__conv *c) { return c->out.blocks * c->in.blocks; }
+static size_t itn__weights_slices(const itn__conv *c) {
+    size_t tiles = itn__weights_tiles(c), bands = (itn__conv_windows(c) + 255) / 256;
+    if (tiles >= 32) return 1;
+    return itn__fewer(bands, 32 / tiles);
+}
+static size_t itn__weights_tile_size(const itn__conv *c) {
+    return c->out.lanes * 3 * itn__run_vectors(&c->in) * ITN__LANES;
+}
+
+/* Sums of one tile over one slice, into the scratch memory: [slice][tile]. */
+static void itn__weights_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t tiles = itn__weights_tiles(c), tile = (size_t)index % tiles, count, o;
+    size_t slices = itn__weights_slices(c), slice = (size_t)index / tiles;
+    size_t windows = itn__conv_windows(c), first = windows * slice / slices;
+    size_t end = windows * (slice + 1) / slices, size = itn__weights_tile_size(c);
+    size_t vectors = itn__run_vectors(&c->in);
+    size_t out = tile / c->in.blocks * c->out.plane;
+    const float *images = c->images + tile % c->in.blocks * c->in.plane;
+    float *sums = c->scratch + (size_t)index * size;
+    itn__window taken[ITN__BAND];
+    memset(sums, 0, size * sizeof *sums);
+    for (; first < end; first += count) {
+        count = itn__fewer(end - first, ITN__BAND);
+        itn__conv_take(c, first, count, taken);
+        for (o = 0; o < c->out.lanes; o++) {
+            const float *d = c->d_pooled + out + o;
+            const unsigned char *chosen = c->chosen + out + o;
+            float *to = sums + o * 3 * vectors * ITN__LANES;
+            if (vectors == 3)
+                itn__weights_tile(&c->in, 3, taken, count, images, d, chosen, to);
+            else if (vectors == 2)
+                itn__weights_tile(&c->in, 2, taken, count, images, d, chosen, to);
+            else
+                itn__weights_tile(&c->in, 1, taken, count, images, d, chosen, to);
+        }
+    }
+}
+
+/* Channels of a block that are not padding. */
+static size_t itn__blocked_real(const itn__blocked *s, size_t block) {
+    return itn__fewer(s->channels - block * s->lanes, s->lanes);
+}
+
+/* Adds one tile, summed over the slices, to the gradient. */
+static void itn__weights_add_tile(const itn__conv *c, size_t out, size_t in) {
+    size_t tile = out * c->in.blocks + in, size = itn__weights_tile_size(c), slice, y, x, i, o;
+    size_t outputs = itn__blocked_real(&c->out, out), inputs = itn__blocked_real(&c->in, in);
+    size_t run = itn__run_vectors(&c->in) * ITN__LANES;
+    float *sums = c->scratch + tile * size;
+    for (slice = 1; slice < itn__weights_slices(c); slice++)
+        itn__add_scaled(sums, 1, sums + slice * itn__weights_tiles(c) * size, size);
+    for (y = 0; y < 3; y++)
+        for (x = 0; x < 3; x++)
+            for (i = 0; i < inputs; i++) {
+                size_t row = (3 * y + x) * c->in.channels + in * c->in.lanes + i;
+                float *to = c->d_w + row * c->out.channels + out * c->out.lanes;
+                const float *from = sums + y * run + x * c->in.lanes + i;
+                for (o = 0; o < outputs; o++) to[o] += from[o * 3 * run];
+            }
+}
+
+/* All tiles of one block of inputs: together they fill whole rows of memory. */
+static void itn__weights_add(void *data, int block) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t out;
+    for (out = 0; out < c->out.blocks; out++) itn__weights_add_tile(c, out, (size_t)block);
+}
+
+/* d_bias of one block. */
+static void itn__bias_add(void *data, int block) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t image, x, y, o, outputs = itn__blocked_real(&c->out, (size_t)block);
+    itn__floats sum = itn__splat(0);
+    float sums[ITN__LANES];
+    for (image = 0; image < c->batch; image++) {
+        const float *d = c->d_pooled + image * c->out.size + (size_t)block * c->out.plane;
+        for (y = 1; y <= c->out.height; y++)
+            for (x = 1; x <= c->out.width; x++)
+                sum += itn__load(d + y * c->out.row + x * c->out.lanes);
+    }
+    itn__store(sums, sum);
+    for (o = 0; o < outputs; o++) c->d_bias[(size_t)block * c->out.lanes + o] += sums[o];
+}
+
+/* ---- backward, into the inputs ---- */
+
+/* Weights with input channels in the lanes: [block of inputs][output][3][run], zeros for padding.
+   64 outputs at a time, so that what is written stays in the cache. */
+static void itn__conv_turn(void *data, int block) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t run = itn__run_vectors(&c->in) * ITN__LANES, first, end, tap, i, o;
+    size_t outputs = c->out.blocks * c->out.lanes, size = outputs * 3 * run;
+    size_t inputs = itn__blocked_real(&c->in, (size_t)block);
+    float *turned = c->scratch + (size_t)block * size;
+    memset(turned, 0, size * sizeof *turned);
+    for (first = 0; first < c->out.channels; first = end) {
+        end = itn__fewer(first + 64, c->out.channels);
+        for (tap = 0; tap < 9; tap++)
+            for (i = 0; i < inputs; i++) {
+                size_t row = tap * c->in.channels + (size_t)block * c->in.lanes + i;
+                const float *from = c->w + row * c->out.channels;
+                float *to = turned + tap / 3 * run + tap % 3 * c->in.lanes + i;
+                for (o = first; o < end; o++) to[o * 3 * run] = from[o];
+            }
+    }
+}
+
+/* Some of a window's output channels, sorted by the pixel they chose: those of corner k stand at
+   start[k] ... start[k + 1] - 1. */
+typedef struct itn__choices {
+    size_t start[5];
+    float d[ITN__SPREAD_OUTPUTS + ITN__LANES];
+    int32_t output[ITN__SPREAD_OUTPUTS + ITN__LANES]; /* the first of them is 0 */
+} itn__choices;
+
+/* Sorts output blocks [block, end) of the window whose output pixel is `out`. */
+static void itn__choices_make(const itn__conv *c, size_t out, size_t block, size_t end,
+                              itn__choices *choices) {
+    const itn__blocked *s = &c->out;
+    itn__ints number = itn__lane_numbers();
+    itn__ints real = itn__int_less(number, itn__splat_int((int32_t)s->lanes));
+    size_t b, count = 0;
+    int corner;
+    for (corner = 0; corner < 4; corner++) {
+        choices->start[corner] = count;
+        for (b = block; b < end; b++) {
+            const unsigned char *chosen = c->chosen + out + b * s->plane;
+            itn__ints here = itn__int_equal(itn__load_bytes(chosen), itn__splat_int(corner));
+            unsigned bits = itn__mask_bits(here & real);
+            int32_t first = (int32_t)((b - block) * s->lanes);
+            itn__compress(choices->d + count, itn__load(c->d_pooled + out + b * s->plane), bits);
+            itn__compress_ints(choices->output + count, number + itn__splat_int(first), bits);
+            count += (size_t)itn__count_bits(bits);
+        }
+    }
+    choices->start[4] = count;
+}
+
+/* d_patch += sum over n in [from, to) of d[n] w[output[n]]. */
+ITN__INLINE void itn__spread_tile(const itn__blocked *in, int vectors, const float *w,
+                                  const itn__choices *choices, size_t from, size_t to,
+                                  float *d_patch) {
+    int run = vectors * ITN__LANES;
+    itn__runs sum;
+    itn__runs_load(&sum, vectors, d_patch, in->row);
+    for (; from < to; from++)
+        itn__runs_add(&sum, vectors, choices->d[from], w + choices->output[from] * 3 * run,
+                      (size_t)run);
+    itn__runs_store(&sum, vectors, d_patch, in->row);
+}
+
+/* One block of inputs of one window, from its sorted outputs. */
+static void itn__spread_window(const itn__conv *c, size_t block, const float *w,
+                               const itn__window *window, const itn__choices *choices) {
+    size_t vectors = itn__run_vectors(&c->in), corner;
+    for (corner = 0; corner < 4; corner++) {
+        float *d_patch = c->d_images + window->in + block * c->in.plane +
+                         itn__conv_corner(&c->in, corner);
+        size_t from = choices->start[corner], to = choices->start[corner + 1];
+        if (vectors == 3)
+            itn__spread_tile(&c->in, 3, w, choices, from, to, d_patch);
+        else if (vectors == 2)
+            itn__spread_tile(&c->in, 2, w, choices, from, to, d_patch);
+        else
+            itn__spread_tile(&c->in, 1, w, choices, from, to, d_patch);
+    }
+}
+
+/* The work is cut into groups of images times sets of eight blocks of inputs. */
+static size_t itn__spread_sets(const itn__conv *c) { return (c->in.blocks + 7) / 8; }
+
+/* A band of windows, input blocks [first, end): the weights of some outputs stay in the cache while
+   all windows use them. */
+static void itn__spread_band(const itn__conv *c, const itn__window *windows, size_t count,
+                             size_t first, size_t end) {
+    size_t row = 3 * itn__run_vectors(&c->in) * ITN__LANES, blocks, o, k, b;
+    size_t size = c->out.blocks * c->out.lanes * row, most = ITN__SPREAD_OUTPUTS / c->out.lanes;
+    itn__choices choices[ITN__SPREAD_BAND];
+    for (o = 0; o < c->out.blocks; o += blocks) {
+        blocks = itn__fewer(c->out.blocks - o, most);
+        for (k = 0; k < count; k++)
+            itn__choices_make(c, windows[k].out, o, o + blocks, &choices[k]);
+        for (b = first; b < end; b++)
+            for (k = 0; k < count; k++)
+                itn__spread_window(c, b, c->scratch + b * size + o * c->out.lanes * row,
+                                   &windows[k], &choices[k]);
+    }
+}
+
+static void itn__spread_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t sets = itn__spread_sets(c), positions = c->out.height * c->out.width;
+    size_t block = (size_t)index % sets * 8, blocks = itn__fewer(c->in.blocks - block, 8);
+    size_t group = itn__conv_group(c), image = (size_t)index / sets * group, k, count;
+    size_t images = itn__fewer(c->batch - image, group);
+    size_t first = image * positions, end = first + images * positions;
+    itn__window taken[ITN__SPREAD_BAND];
+    for (k = image; k < image + images; k++)
+        memset(c->d_images + k * c->in.size + block * c->in.plane, 0,
+               blocks * c->in.plane * sizeof(float));
+    for (; first < end; first += count) {
+        count = itn__fewer(end - first, ITN__SPREAD_BAND);
+        itn__conv_take(c, first, count, taken);
+        itn__spread_band(c, taken, count, block, block + blocks);
+    }
+}
+
+/* Adds to d_w and d_bias; fills d_images unless it is NULL. */
+static void itn__conv_backward(const itn_context *context, itn__conv *c) {
+    size_t tiles = itn__weights_tiles(c), group = itn__conv_group(c);
+    size_t groups = (c->batch + group - 1) / group;
+    itn__parallel_for(context, (int)c->batch, itn__conv_shut, c);
+    itn__parallel_for(context, (int)c->out.blocks, itn__bias_add, c);
+    itn__parallel_for(context, (int)(tiles * itn__weights_slices(c)), itn__weights_part, c);
+    itn__parallel_for(context, (int)c->in.blocks, itn__weights_add, c);
+    if (!c->d_images) return;
+    itn__parallel_for(context, (int)c->in.blocks, itn__conv_turn, c);
+    itn__parallel_for(context, (int)(groups * itn__spread_sets(c)), itn__spread_part, c);
+}
+
+/* Floats of scratch memory, for this batch or any smaller one: what the panels, the sums of a
+   stream, the slices or the turned weights need. */
+static size_t itn__conv_scratch(const itn__conv *c) {
+    size_t outputs = c->out.blocks * c->out.lanes, most = 0, k;
+    size_t needs[4];
+    needs[0] = itn__panel_rows(c) * c->out.blocks * ITN__LANES;
+    needs[1] = itn__panel_count(c) * 4 * ITN__STREAM_WINDOWS * ITN__TILE_VECTORS * ITN__LANES;
+    needs[2] = itn__weights_tiles(c) * itn__weights_slices(c) * itn__weights_tile_size(c);
+    needs[3] = c->in.blocks * outputs * 3 * itn__run_vectors(&c->in) * ITN__LANES;
+    for (k = 0; k < 4; k++)
+        if (most < needs[k]) most = needs[k];
+    return most;
+}
+
+/* ---- fully connected ---- */
 
 /* Fully connected layer: out[o] = bias[o] + sum over i of w[o][i] in[i].
    in: [inputs], w: [outputs][inputs], bias: [outputs], out: [outputs], overwritten. */
@@ -10316,19 +11029,15 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
 /* Layer l = 0, 1, ... halves the image and doubles its channels: convolution, ReLU, pooling. The
    fully connected layer turns what is left (1x1 pixel with 1024 channels in the authors' network)
    into the outputs. Weights, gradients and the two Adam moments are one slab each, all of the same
-   order; activations are kept for a whole batch, as the backward pass needs them.
-   Tasks that may run side by side: the images of a batch, and in the weights' gradient, which sums
-   over images, the rows of the result, each summed in the order of images. */
+   order; what the layers pass on is kept for a whole batch, as the backward pass needs it, and so
+   is what each pooling chose. Derivatives of activations live in two buffers that the layers use in
+   turn. */
 
 enum { ITN__NET_LAYERS = 12 };
 
 typedef struct itn__net_layer {
     itn__conv conv;
-    size_t weights, bias;  /* offsets in the slabs */
-    size_t pixels, pooled; /* floats of one image after the convolution, after the pooling */
-    float *rectified;      /* [batch][pixels] */
-    float *pool;           /* [batch][pooled] */
-    unsigned char *chosen; /* [batch][pooled] */
+    size_t weights, bias; /* offsets in the slabs */
 } itn__net_layer;
 
 struct itn_net {
@@ -10337,15 +11046,16 @@ struct itn_net {
     itn__net_layer layers[ITN__NET_LAYERS];
     size_t full_weights, full_bias, features; /* of the fully connected layer */
     size_t count;                             /* of parameters */
-    float *parameters, *gradients, *moments;  /* moments: [2][count], m then v */
     uint64_t steps;
-    float *activations;                       /* slab of the float arrays below and in layers */
-    unsigned char *choices;                   /* slab of the `chosen` arrays */
-    float *images;                            /* [batch][height][width][channels] */
-    float *outputs;                           /* [batch][outputs] */
-    float *d_outputs;                         /* [batch][outputs] */
-    float *d_pool, *d_rectified, *d_conv;     /* [batch][largest layer's size], reused by layers */
     int forward_batch;                        /* images whose activations are valid */
+    void *memory;                             /* all arrays below and in layers */
+    float *slab;                              /* the same, aligned to vectors */
+    size_t used;                              /* floats cut off the slab */
+    float *parameters, *gradients, *moments;  /* moments: [2][count], m then v */
+    float *images;                            /* [batch], in blocks */
+    float *last, *d_last;                     /* [batch][features], plain: [row][column][channel] */
+    float *outputs;                           /* [batch][outputs] */
+    float *d[2];                              /* [batch][largest d_pooled] */
 };
 
 /* Fills in the defaults of a desc and checks its ranges. */
@@ -10380,77 +11090,102 @@ static itn_result itn__net_desc(const itn_net_desc *given, itn_net_desc *desc, i
     return ITN_OK;
 }
 
-/* Sets the sizes and offsets of all layers, in 64 bits, which the ranges of the desc cannot
-   overflow (2^26 pixels, 2^16 channels and images). Returns 0 if memory for them cannot be
-   addressed: every later sum of sizes stays below 8 times the largest product tested here. */
-static int itn__net_sizes(itn_net *net) {
-    const itn_net_desc *d = &net->desc;
-    uint64_t limit = SIZE_MAX / 64, batch = (uint64_t)d->batch, outputs = (uint64_t)d->outputs;
-    uint64_t size = (uint64_t)d->height * (uint64_t)d->width, inputs = (uint64_t)d->channels;
-    uint64_t count = 0;
-    int l;
-    if (size * inputs > limit / batch || outputs > limit / batch ||
-        size * (uint64_t)d->first_channels > limit / batch)
-        return 0;
-    for (l = 0; l < d->layer_count; l++) {
-        itn__net_layer *layer = &net->layers[l];
-        uint64_t channels = (uint64_t)d->first_channels << l;
-        layer->conv.height = (size_t)d->height >> l, layer->conv.width = (size_t)d->width >> l;
-        layer->conv.inputs = (size_t)inputs, layer->conv.outputs = (size_t)channels;
-        layer->pixels = (size_t)(size * channels), layer->pooled = layer->pixels / 4;
-        layer->weights = (size_t)count, layer->bias = (size_t)(count + 9 * inputs * channels);
-        count += (9 * inputs + 1) * channels;
-        inputs = channels, size /= 4;
-    }
-    net->features = (size_t)(size * inputs);
-    net->full_weights = (size_t)count;
-    net->full_bias = (size_t)(count + size * inputs * outputs);
-    count += (size * inputs + 1) * outputs;
-    net->count = (size_t)count;
-    return count <= limit;
+/* Floats of a batch of images in blocks, with room to spare. */
+static uint64_t itn__net_floats(uint64_t batch, uint64_t width, uint64_t height,
+                                uint64_t channels) {
+    return batch * ((width + 2) * (height + 2) * (channels + ITN__LANES) + 64);
 }
 
-/* Cuts the next `count` floats off a slab. */
-static float *itn__net_cut(float **slab, size_t count) {
-    float *piece = *slab;
-    *slab += count;
+/* Sets the sizes and offsets of all layers, given the channels of the images and of each layer's
+   result, in 64 bits, which the ranges of the desc cannot overflow (2^26 pixels, 2^16 channels and
+   images). Returns 0 if memory for them cannot be addressed (2^48 bytes never can): every later sum
+   of sizes stays below 32 times the largest product tested here. */
+static int itn__net_chain(itn_net *net, const size_t *channels) {
+    const itn_net_desc *d = &net->desc;
+    uint64_t limit = SIZE_MAX > UINT32_MAX ? (uint64_t)1 << 46 : SIZE_MAX / 128;
+    uint64_t batch = (uint64_t)d->batch, outputs = (uint64_t)d->outputs;
+    uint64_t width = (uint64_t)d->width, height = (uint64_t)d->height, count = 0;
+    int l;
+    for (l = 0; l < d->layer_count; l++, width /= 2, height /= 2) {
+        itn__net_layer *layer = &net->layers[l];
+        itn__conv *c = &layer->conv;
+        uint64_t from = channels[l], to = channels[l + 1];
+        if (itn__net_floats(batch, width, height, from) > limit ||
+            itn__net_floats(batch, width / 2, height / 2, to) > limit || from > INT_MAX / to ||
+            9 * (from + ITN__LANES) * (to + ITN__LANES) > limit)
+            return 0;
+        c->in = itn__blocked_make((size_t)height, (size_t)width, channels[l]);
+        c->out = itn__blocked_make((size_t)height / 2, (size_t)width / 2, channels[l + 1]);
+        c->batch = (size_t)batch;
+        layer->weights = (size_t)count, layer->bias = (size_t)(count + 9 * from * to);
+        count += (9 * from + 1) * to;
+    }
+    net->features = (size_t)(width * height) * channels[l];
+    if (outputs * (net->features + 1) > limit || count > limit) return 0;
+    net->full_weights = (size_t)count;
+    net->full_bias = (size_t)(count + net->features * outputs);
+    net->count = (size_t)(count + (net->features + 1) * outputs);
+    return 1;
+}
+
+/* The same for the channels of a desc. */
+static int itn__net_sizes(itn_net *net) {
+    size_t channels[ITN__NET_LAYERS + 1];
+    int l;
+    channels[0] = (size_t)net->desc.channels;
+    for (l = 0; l < net->desc.layer_count; l++)
+        channels[l + 1] = (size_t)net->desc.first_channels << l;
+    return itn__net_chain(net, channels);
+}
+
+/* Cuts the next `count` floats off the slab; while there is none, only counts. */
+static float *itn__net_cut(itn_net *net, size_t count) {
+    float *piece = net->slab ? net->slab + net->used : NULL;
+    net->used += (count + 15) / 16 * 16;
     return piece;
 }
 
-/* Allocates the slabs and points into them. Returns 0 if memory is out. */
-static int itn__net_allocate(itn_net *net) {
-    size_t batch = (size_t)net->desc.batch, outputs = (size_t)net->desc.outputs;
-    size_t image = net->layers[0].conv.height * net->layers[0].conv.width *
-                   net->layers[0].conv.inputs;
-    size_t pixels = net->layers[0].pixels, pooled = net->layers[0].pooled; /* the largest */
-    size_t values = image + outputs + 2 * pixels + pooled, choices = 0;
-    unsigned char *chosen;
-    float *slab;
-    int l;
-    for (l = 0; l < net->desc.layer_count; l++) {
-        values += net->layers[l].pixels + net->layers[l].pooled;
-        choices += net->layers[l].pooled;
+/* Cuts all arrays off the slab. */
+static void itn__net_place(itn_net *net) {
+    size_t batch = (size_t)net->desc.batch, largest = 0, scratch = 0;
+    float *images, *shared;
+    int l, layers = net->desc.layer_count;
+    net->used = 0;
+    net->parameters = itn__net_cut(net, net->count), net->gradients = itn__net_cut(net, net->count);
+    net->moments = itn__net_cut(net, 2 * net->count);
+    net->last = itn__net_cut(net, batch * net->features);
+    net->d_last = itn__net_cut(net, batch * net->features);
+    net->outputs = itn__net_cut(net, batch * (size_t)net->desc.outputs);
+    for (l = 0; l < layers; l++) {
+        const itn__conv *c = &net->layers[l].conv;
+        if (largest < c->out.size) largest = c->out.size;
+        if (scratch < itn__conv_scratch(c)) scratch = itn__conv_scratch(c);
     }
-    net->parameters = (float *)itn__allocate(&net->context, net->count, sizeof(float));
-    net->gradients = (float *)itn__allocate(&net->context, net->count, sizeof(float));
-    net->moments = (float *)itn__allocate(&net->context, net->count, 2 * sizeof(float));
-    net->activations = (float *)itn__allocate(&net->context, values, batch * sizeof(float));
-    net->choices = (unsigned char *)itn__allocate(&net->context, choices, batch);
-    if (!net->parameters || !net->gradients || !net->moments || !net->activations ||
-        !net->choices)
-        return 0;
-    slab = net->activations, chosen = net->choices;
-    net->images = itn__net_cut(&slab, batch * image);
-    net->outputs = itn__net_cut(&slab, batch * outputs);
-    net->d_pool = itn__net_cut(&slab, batch * pooled);
-    net->d_rectified = itn__net_cut(&slab, batch * pixels);
-    net->d_conv = itn__net_cut(&slab, batch * pixels);
-    for (l = 0; l < net->desc.layer_count; l++) {
+    shared = itn__net_cut(net, scratch);
+    net->d[0] = itn__net_cut(net, batch * largest), net->d[1] = itn__net_cut(net, batch * largest);
+    net->images = images = itn__net_cut(net, batch * net->layers[0].conv.in.size);
+    for (l = 0; l < layers; l++) {
         itn__net_layer *layer = &net->layers[l];
-        layer->rectified = itn__net_cut(&slab, batch * layer->pixels);
-        layer->pool = itn__net_cut(&slab, batch * layer->pooled);
-        layer->chosen = chosen, chosen += batch * layer->pooled;
+        itn__conv *c = &layer->conv;
+        c->images = images, c->scratch = shared;
+        c->pooled = images = itn__net_cut(net, batch * c->out.size);
+        c->chosen = (unsigned char *)itn__net_cut(net, batch * c->out.size / 4 + ITN__LANES);
+        c->d_pooled = net->d[l % 2], c->d_images = l > 0 ? net->d[1 - l % 2] : NULL;
+        if (!net->slab) continue;
+        c->w = net->parameters + layer->weights, c->bias = net->parameters + layer->bias;
+        c->d_w = net->gradients + layer->weights, c->d_bias = net->gradients + layer->bias;
     }
+}
+
+/* Returns 0 if memory is out. */
+static int itn__net_allocate(itn_net *net) {
+    enum { ALIGNMENT = 64 }; /* bytes */
+    itn__net_place(net);
+    net->memory = itn__allocate(&net->context, net->used + ALIGNMENT / 4, sizeof(float));
+    if (!net->memory) return 0;
+    net->slab = (float *)net->memory;
+    while ((uintptr_t)net->slab % ALIGNMENT) net->slab++;
+    itn__net_place(net);
     return 1;
 }
 
@@ -10473,7 +11208,7 @@ static void itn__net_initialise(itn_net *net) {
     int l;
     for (l = 0; l < net->desc.layer_count; l++) {
         itn__net_layer *layer = &net->layers[l];
-        double inputs = 9. * (double)layer->conv.inputs;
+        double inputs = 9. * (double)layer->conv.in.channels;
         itn__net_normal(net->parameters + layer->weights, layer->bias - layer->weights,
                         2 / inputs, net->desc.seed, (uint64_t)l);
     }
@@ -10485,11 +11220,7 @@ ITN_API void itn_net_free(itn_net *net) {
     itn_context context;
     if (!net) return;
     context = net->context;
-    itn__free(&context, net->parameters);
-    itn__free(&context, net->gradients);
-    itn__free(&context, net->moments);
-    itn__free(&context, net->activations);
-    itn__free(&context, net->choices);
+    itn__free(&context, net->memory);
     itn__free(&context, net);
 }
 
@@ -10544,49 +11275,26 @@ static size_t itn__not_finite(const float *values, size_t count) {
 typedef struct itn__net_task {
     itn_net *net;
     const float *images; /* the caller's, [batch][channels][height][width] */
-    int batch;
-    int layer; /* at work in the backward pass */
 } itn__net_task;
 
-/* Copies image `index` from planes to channels innermost. */
-static void itn__net_take_image(const itn__net_task *task, size_t index) {
-    const itn__conv *c = &task->net->layers[0].conv;
-    size_t size = c->height * c->width, pixel, channel;
-    const float *from = task->images + index * size * c->inputs;
-    float *to = task->net->images + index * size * c->inputs;
-    for (channel = 0; channel < c->inputs; channel++)
-        for (pixel = 0; pixel < size; pixel++)
-            to[pixel * c->inputs + channel] = from[channel * size + pixel];
-}
-
-/* All that layer l receives for image `index`: the image, or the layer before's result. */
-static float *itn__net_input(const itn_net *net, int l, size_t index) {
-    const itn__conv *c = &net->layers[0].conv;
-    if (l == 0) return net->images + index * c->height * c->width * c->inputs;
-    return net->layers[l - 1].pool + index * net->layers[l - 1].pooled;
-}
-
-/* Takes one image through all layers. */
-static void itn__net_forward_image(void *data, int image) {
+/* Copies an image from planes to blocks. */
+static void itn__net_take_image(void *data, int image) {
     const itn__net_task *task = (const itn__net_task *)data;
-    const itn_net *net = task->net;
+    const itn__blocked *s = &task->net->layers[0].conv.in;
+    size_t plane = s->height * s->width, index = (size_t)image;
+    itn__to_blocked(s, task->images + index * plane * s->channels, 1, plane,
+                    task->net->images + index * s->size);
+}
+
+/* The fully connected layer, for one image. */
+static void itn__net_forward_full(void *data, int image) {
+    const itn_net *net = ((const itn__net_task *)data)->net;
+    const itn__conv *c = &net->layers[net->desc.layer_count - 1].conv;
     size_t index = (size_t)image, outputs = (size_t)net->desc.outputs;
-    int l;
-    itn__net_take_image(task, index);
-    for (l = 0; l < net->desc.layer_count; l++) {
-        const itn__net_layer *layer = &net->layers[l];
-        const itn__conv *c = &layer->conv;
-        float *rectified = layer->rectified + index * layer->pixels;
-        itn__conv_forward(c, itn__net_input(net, l, index), net->parameters + layer->weights,
-                          net->parameters + layer->bias, rectified);
-        itn__relu_forward(rectified, layer->pixels);
-        itn__pool_forward(rectified, c->height, c->width, c->outputs,
-                          layer->pool + index * layer->pooled,
-                          layer->chosen + index * layer->pooled);
-    }
-    itn__full_forward(itn__net_input(net, l, index), net->parameters + net->full_weights,
-                      net->parameters + net->full_bias, net->features, outputs,
-                      net->outputs + index * outputs);
+    float *last = net->last + index * net->features;
+    itn__from_blocked(&c->out, c->pooled + index * c->out.size, c->out.channels, 1, last);
+    itn__full_forward(last, net->parameters + net->full_weights, net->parameters + net->full_bias,
+                      net->features, outputs, net->outputs + index * outputs);
 }
 
 static itn_result itn__net_call(const char *name, const itn_net *net, int batch, const float *in,
@@ -10605,6 +11313,7 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
     itn_result result = itn__net_call("itn_net_forward", net, batch, images, error);
     itn__net_task task;
     size_t count, size, bad;
+    int l;
     if (result != ITN_OK) return result;
     if (!outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_forward: outputs is NULL");
@@ -10615,8 +11324,13 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
                          "itn_net_forward: value %.0f of image %.0f is not finite",
                          (double)(bad % size), (double)(bad / size));
     net->forward_batch = 0;
-    task.net = net, task.images = images, task.batch = batch, task.layer = 0;
-    itn__parallel_for(&net->context, batch, itn__net_forward_image, &task);
+    task.net = net, task.images = images;
+    itn__parallel_for(&net->context, batch, itn__net_take_image, &task);
+    for (l = 0; l < net->desc.layer_count; l++) {
+        net->layers[l].conv.batch = (size_t)batch;
+        itn__conv_forward(&net->context, &net->layers[l].conv);
+    }
+    itn__parallel_for(&net->context, batch, itn__net_forward_full, &task);
     count = (size_t)batch * (size_t)net->desc.outputs;
     if (itn__not_finite(net->outputs, count) < count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -10627,64 +11341,24 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
     return ITN_OK;
 }
 
-/* The fully connected layer, image after image, into cleared d_pool. */
+/* The fully connected layer, image after image, to the derivatives of the last pooling. */
 static void itn__net_backward_full(itn_net *net, size_t batch, const float *d_outputs) {
+    const itn__conv *c = &net->layers[net->desc.layer_count - 1].conv;
     size_t outputs = (size_t)net->desc.outputs, index;
-    memset(net->d_pool, 0, batch * net->features * sizeof *net->d_pool);
-    for (index = 0; index < batch; index++)
-        itn__full_backward(itn__net_input(net, net->desc.layer_count, index),
-                           net->parameters + net->full_weights, d_outputs + index * outputs,
-                           net->features, outputs, net->d_pool + index * net->features,
+    memset(net->d_last, 0, batch * net->features * sizeof *net->d_last);
+    for (index = 0; index < batch; index++) {
+        float *d_last = net->d_last + index * net->features;
+        itn__full_backward(net->last + index * net->features, net->parameters + net->full_weights,
+                           d_outputs + index * outputs, net->features, outputs, d_last,
                            net->gradients + net->full_weights, net->gradients + net->full_bias);
-}
-
-/* One image back through pooling and ReLU: d_pool to d_rectified to d_conv. */
-static void itn__net_backward_pool(void *data, int image) {
-    const itn__net_task *task = (const itn__net_task *)data;
-    const itn_net *net = task->net;
-    const itn__net_layer *layer = &net->layers[task->layer];
-    size_t index = (size_t)image, bytes = layer->pixels * sizeof(float);
-    float *d_rectified = net->d_rectified + index * layer->pixels;
-    float *d_conv = net->d_conv + index * layer->pixels;
-    memset(d_rectified, 0, bytes);
-    memset(d_conv, 0, bytes);
-    itn__pool_backward(layer->chosen + index * layer->pooled,
-                       net->d_pool + index * layer->pooled, layer->conv.height,
-                       layer->conv.width, layer->conv.outputs, d_rectified);
-    itn__relu_backward(layer->rectified + index * layer->pixels, d_rectified, d_conv,
-                       layer->pixels);
-}
-
-/* One row of a convolution's weights, summed over the images in their order. */
-static void itn__net_backward_weights(void *data, int row) {
-    const itn__net_task *task = (const itn__net_task *)data;
-    const itn_net *net = task->net;
-    const itn__net_layer *layer = &net->layers[task->layer];
-    float *d_row = net->gradients + layer->weights + (size_t)row * layer->conv.outputs;
-    size_t index;
-    for (index = 0; index < (size_t)task->batch; index++)
-        itn__conv_backward_weights(&layer->conv, (size_t)row,
-                                   itn__net_input(net, task->layer, index),
-                                   net->d_conv + index * layer->pixels, d_row);
-}
-
-/* One image back through a convolution: d_conv to the d_pool of the layer before. */
-static void itn__net_backward_input(void *data, int image) {
-    const itn__net_task *task = (const itn__net_task *)data;
-    const itn_net *net = task->net;
-    const itn__net_layer *layer = &net->layers[task->layer];
-    size_t inputs = net->layers[task->layer - 1].pooled;
-    float *d_in = net->d_pool + (size_t)image * inputs;
-    memset(d_in, 0, inputs * sizeof *d_in);
-    itn__conv_backward_input(&layer->conv, net->parameters + layer->weights,
-                             net->d_conv + (size_t)image * layer->pixels, d_in);
+        itn__to_blocked(&c->out, d_last, c->out.channels, 1, c->d_pooled + index * c->out.size);
+    }
 }
 
 ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
                                     itn_error *error) {
     itn_result result = itn__net_call("itn_net_backward", net, batch, d_outputs, error);
-    itn__net_task task;
-    int image;
+    int l;
     if (result != ITN_OK) return result;
     if (batch != net->forward_batch)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -10694,38 +11368,44 @@ ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outp
         (size_t)batch * (size_t)net->desc.outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_backward: a derivative in d_outputs is not finite");
-    task.net = net, task.images = NULL, task.batch = batch;
     itn__net_backward_full(net, (size_t)batch, d_outputs);
-    for (task.layer = net->desc.layer_count - 1; task.layer >= 0; task.layer--) {
-        const itn__net_layer *layer = &net->layers[task.layer];
-        itn__parallel_for(&net->context, batch, itn__net_backward_pool, &task);
-        itn__parallel_for(&net->context, (int)(9 * layer->conv.inputs), itn__net_backward_weights,
-                          &task);
-        for (image = 0; image < batch; image++)
-            itn__conv_backward_bias(&layer->conv, net->d_conv + (size_t)image * layer->pixels,
-                                    net->gradients + layer->bias);
-        if (task.layer > 0)
-            itn__parallel_for(&net->context, batch, itn__net_backward_input, &task);
-    }
+    for (l = net->desc.layer_count - 1; l >= 0; l--)
+        itn__conv_backward(&net->context, &net->layers[l].conv);
     return ITN_OK;
+}
+
+/* One step of Adam, as its parallel loop sees it. */
+typedef struct itn__net_adam {
+    itn_net *net;
+    const itn_adam_desc *desc;
+} itn__net_adam;
+
+enum { ITN__ADAM_PART = 1 << 15 }; /* parameters of one task */
+
+static void itn__net_step_part(void *data, int index) {
+    const itn__net_adam *task = (const itn__net_adam *)data;
+    itn_net *net = task->net;
+    size_t first = (size_t)index * ITN__ADAM_PART;
+    itn__adam(task->desc, net->steps, itn__fewer(net->count - first, ITN__ADAM_PART),
+              net->gradients + first, net->moments + first, net->moments + net->count + first,
+              net->parameters + first);
 }
 
 ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_error *error) {
     itn_adam_desc adam;
+    itn__net_adam task;
     itn_result result;
-    size_t k;
+    size_t bad;
     if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_step: net is NULL");
     if ((result = itn__adam_desc(desc, &adam, error)) != ITN_OK) return result;
-    for (k = 0; k < net->count; k++) {
-        float square = net->gradients[k] * net->gradients[k];
-        if (!(square <= FLT_MAX))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_net_step: gradient %.0f is %g, and its square is not finite; "
-                             "no step was taken", (double)k, (double)net->gradients[k]);
-    }
+    if ((bad = itn__adam_refuses(net->gradients, net->count)) < net->count)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_net_step: gradient %.0f is %g, and its square is not finite; "
+                         "no step was taken", (double)bad, (double)net->gradients[bad]);
     net->steps++;
-    itn__adam(&adam, net->steps, net->count, net->gradients, net->moments,
-              net->moments + net->count, net->parameters);
+    task.net = net, task.desc = &adam;
+    itn__parallel_for(&net->context, (int)((net->count - 1) / ITN__ADAM_PART + 1),
+                      itn__net_step_part, &task);
     net->forward_batch = 0;
     return ITN_OK;
 }
