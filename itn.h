@@ -11843,24 +11843,26 @@ static void itn__refine_estimate(itn__refiner *refiner) {
     refiner->misfit = refiner->chi2;
 }
 
-/* The last evaluations, of many samples: error bars and, for LM, steps of their accuracy until they
-   are small against the error bars, three at most. A step that raises the misfit is taken back. */
+/* The last evaluations, of two, four and eight times the samples: error bars and, for LM, steps of
+   their accuracy, until they are small against the error bars. A step that raises the misfit at the
+   same number of samples is taken back. */
 static itn_result itn__refine_finish(itn__refiner *refiner, itn_error *error) {
     int n = refiner->count, k, pass, settled = refiner->options.method != ITN_METHOD_LM;
     double chi2 = INFINITY, chi2_error = 0, longest, *before = refiner->gradient;
-    for (pass = 0; pass < 4; pass++) {
-        itn_result result = itn__refine_evaluate(refiner, 8 * refiner->options.spp, error);
+    for (pass = settled ? 2 : 0; pass < 5; pass++) {
+        int factor = pass < 2 ? 2 << pass : 8;
+        itn_result result = itn__refine_evaluate(refiner, factor * refiner->options.spp, error);
         if (result) return result;
         if (refiner->chi2 - chi2 > 2 * hypot(chi2_error, refiner->chi2_error)) {
             itn__refine_set(refiner, before);
             return ITN_OK;
         }
-        chi2 = refiner->chi2, chi2_error = refiner->chi2_error, longest = 0;
+        if (factor == 8) chi2 = refiner->chi2, chi2_error = refiner->chi2_error;
         itn__refine_covariance(refiner, fmax(refiner->chi2, 1));
         itn__refine_estimate(refiner);
-        if (settled || pass == 3) return ITN_OK;
+        if (settled || pass == 4) return ITN_OK;
         itn__refine_solve(refiner, 0);
-        for (k = 0, settled = 1; k < n; k++) {
+        for (k = 0, settled = factor == 8, longest = 0; k < n; k++) {
             settled &= fabs(refiner->step[k]) < .5 * itn__coordinate_error(refiner, k);
             longest = fmax(longest, fabs(refiner->step[k]));
             before[k] = refiner->coordinates[k];
@@ -11869,6 +11871,7 @@ static itn_result itn__refine_finish(itn__refiner *refiner, itn_error *error) {
         for (k = 0; k < n; k++)
             refiner->step[k] = before[k] + refiner->step[k] * (longest > .5 ? .5 / longest : 1);
         itn__refine_set(refiner, refiner->step);
+        settled = 0;
     }
     return ITN_OK;
 }
