@@ -6637,21 +6637,26 @@ ITN__INLINE itn__vectors itn__vsample_facet(itn__vectors i, itn__floats alpha, i
     return itn__vnormalize(itn__vectors_of(alpha * m.x, alpha * m.y, itn__most(m.z, zero)));
 }
 
-/* itn__sample_dielectric; the mask tells where a direction came out. */
+/* itn__sample_dielectric; the mask tells where a direction came out. A facet reflects or refracts:
+   *other receives the direction not taken, *odds the probability that it would have been, 0 where
+   there is none. */
 ITN__INLINE itn__ints itn__vsample_dielectric(itn__vectors i, itn__floats alpha, itn__floats eta,
                                               itn__floats u, itn__floats v, itn__floats w,
-                                              itn__vectors *o) {
+                                              itn__vectors *o, itn__vectors *other,
+                                              itn__floats *odds) {
     itn__ints rough = itn__less(itn__splat(0), alpha), reflects, good;
-    itn__floats zero = itn__splat(0), one = itn__splat(1), cos_i, cos_t, fresnel, along, scale;
-    itn__vectors m = itn__vsample_facet(i, itn__select(rough, alpha, one), u, v);
+    itn__floats zero = itn__splat(0), one = itn__splat(1), cos_i, cos_t, fresnel;
+    itn__vectors m = itn__vsample_facet(i, itn__select(rough, alpha, one), u, v), r, t;
     m = itn__vselect(rough, m, itn__vectors_of(zero, zero, one));
     cos_i = itn__least(itn__vdot(i, m), one);
     good = itn__less(zero, cos_i);
     fresnel = itn__vfresnel(cos_i, eta, &cos_t);
     reflects = itn__less(w, fresnel);
-    along = itn__select(reflects, 2 * cos_i, cos_i / eta - cos_t);
-    scale = itn__select(reflects, -one, -1 / eta);
-    *o = itn__vnormalize(itn__valong(itn__vscale(i, scale), along, m));
+    r = itn__vnormalize(itn__valong(itn__vscale(i, -one), 2 * cos_i, m));
+    t = itn__vnormalize(itn__valong(itn__vscale(i, -1 / eta), cos_i / eta - cos_t, m));
+    *o = itn__vselect(reflects, r, t), *other = itn__vselect(reflects, t, r);
+    *odds = itn__select(good, itn__select(reflects, 1 - fresnel, fresnel), zero);
+    *odds = itn__select(itn__less(o->z * other->z, zero), *odds, zero);
     return good & ((reflects & itn__less(zero, o->z)) | (~reflects & itn__less(o->z, zero)));
 }
 
@@ -7336,6 +7341,7 @@ typedef struct itn__fast {
     const int *slots;  /* of each parameter: its place among those asked for, or -1 */
     const int *only;   /* of each asked for: the channel that it belongs to, or -1 for all */
     int rough_scores;  /* the roughness of some surface is asked for */
+    int foresees;      /* V takes the noise of boundaries away, see itn__foresee */
     int learning;      /* V is learnt in this render, */
     double lesson_unit; /* in multiples of this */
     const float *expected; /* V: [3][ITN__SITUATIONS] */
@@ -7404,7 +7410,7 @@ typedef struct itn__state {
 
 /* Whether scores are gathered: a kernel that can is also used where it need not. */
 ITN__INLINE int itn__scored(const itn__crowd *crowd, int features) {
-    return (features & ITN__SCORES) && crowd->fast->count;
+    return (features & ITN__SCORES) && (crowd->fast->count || crowd->fast->learning);
 }
 
 /* Queues. */
@@ -8756,6 +8762,42 @@ ITN__INLINE void itn__leave_surface(itn__crowd *crowd, const itn__state *s, itn_
     itn__depart(crowd, s, on, features);
 }
 
+/* What paths that leave a dielectric boundary in direction o (of local coordinates) are expected to
+   bring, per weight before: V just below the face, or outside the light, which is everywhere the
+   same. */
+ITN__INLINE itn__floats itn__prospect(const itn__crowd *crowd, itn__vectors o, itn__floats alpha,
+                                      itn__floats eta, itn__ints mask, int c) {
+    itn__ints outside = ~(itn__less(itn__splat(0), o.z) ^ itn__less(itn__splat(1), eta));
+    itn__ints side = itn__to_ints(itn__least(itn__most(
+        ITN__DIRECTIONS / 2 * (1 - itn__absolute(o.z)), itn__splat(0)),
+        itn__splat(ITN__DIRECTIONS - 1)));
+    itn__floats inner = itn__gather(crowd->fast->expected + c * ITN__SITUATIONS, side, mask,
+                                    itn__splat(0));
+    return itn__vsmith(o, alpha) *
+           itn__select(outside, itn__splat(crowd->fast->constant[c]), inner);
+}
+
+/* Which way a path goes at a boundary is chance of known odds. What it is expected to bring on the
+   way it takes, less the mean over both ways, has mean 0: it is taken off, and with it goes most of
+   the noise of the choice. */
+ITN__INLINE void itn__foresee(itn__crowd *crowd, const itn__state *s, itn__vectors o,
+                              itn__vectors other, itn__floats odds, itn__floats alpha,
+                              itn__floats eta, itn__ints mask, itn__ints ok, int features) {
+    int c;
+    unsigned bits;
+    for (c = 0; c < itn__colours(features) && c < crowd->fast->channels; c++) {
+        itn__floats taken = itn__select(ok, itn__prospect(crowd, o, alpha, eta, mask, c),
+                                        itn__splat(0));
+        itn__floats gain = s->beta[c] * odds *
+                           (itn__prospect(crowd, other, alpha, eta, mask, c) - taken);
+        for (bits = itn__mask_bits(mask & itn__less(itn__splat(0), odds)); bits; bits &= bits - 1) {
+            int k = itn__lowest_bit(bits), slot = ITN__LANE(s->slot, k);
+            itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot), c,
+                            ITN__LANE(gain, k));
+        }
+    }
+}
+
 /* Dielectric boundaries, as itn__meet_dielectric. A path that has sent a link lives until the link
    is done, even if its own direction fails: then with weight 0. */
 ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
@@ -8764,8 +8806,8 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0), ok, rough;
         itn__state s = itn__load_state(queue, at, features);
-        itn__vectors frame[3], i, o;
-        itn__floats eta = itn__load(itn__float_row(queue, ITN__ETA) + at), u, v, w, lost;
+        itn__vectors frame[3], i, o, other;
+        itn__floats eta = itn__load(itn__float_row(queue, ITN__ETA) + at), u, v, w, lost, odds;
         itn__floats alpha = itn__load(itn__float_row(queue, ITN__ALPHA) + at);
         rough = mask & itn__less(itn__splat(0), alpha);
         frame[2] = itn__load_vectors(queue, ITN__NORMAL, at);
@@ -8775,7 +8817,9 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
             linked = itn__boundary_links(crowd, &s, frame, i, alpha, eta, rough, at, features);
         u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
         w = itn__draw(crowd, &s, mask, 1);
-        ok = mask & itn__vsample_dielectric(i, alpha, eta, u, v, w, &o);
+        ok = mask & itn__vsample_dielectric(i, alpha, eta, u, v, w, &o, &other, &odds);
+        if (crowd->fast->foresees)
+            itn__foresee(crowd, &s, o, other, odds, alpha, eta, mask, ok, features);
         lost = itn__vsmith(o, alpha);
         if (features & ITN__LIGHTS) {
             itn__vrough(i, o, alpha, eta, &s.pdf);
@@ -9093,7 +9137,7 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
         return 0;
     for (i = 0; i < queues; i++) {
         queue[i].rows = (int32_t *)crowd->memory + i * rows;
-        queue[i].state = fast->count ? ITN__STATE : ITN__PLAIN_STATE;
+        queue[i].state = fast->count || fast->learning ? ITN__STATE : ITN__PLAIN_STATE;
     }
     crowd->exact = queue + substances, crowd->early = crowd->exact + substances;
     queue = crowd->early + substances;
@@ -9119,6 +9163,16 @@ static void itn__crowd_free(itn__crowd *crowd) {
     itn__free(context, crowd->radiance);
     itn__free(context, crowd->scores);
     itn__free(context, crowd->lessons);
+}
+
+/* The first kernel that can do all that is asked for. */
+static void itn__choose_kernel(itn__fast *fast) {
+    int k, features = (fast->channels == 3 ? ITN__RGB : 0) |
+                      (fast->only_constant ? 0 : ITN__LIGHTS) |
+                      (fast->max_scatter ? ITN__LIMIT : 0) |
+                      (fast->count || fast->learning ? ITN__SCORES : 0);
+    for (k = 0; k < ITN__KERNEL_COUNT - 1 && (features & ~itn__kernels[k]); k++) continue;
+    fast->features = itn__kernels[k];
 }
 
 /* The numbers of all media at theta, and what is known of the lights. */
@@ -9162,14 +9216,7 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
             fast->constant[2];
     fast->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 20) : 1;
     fast->planes = fast->channels * (1 + fast->count);
-    fast->features = (fast->channels == 3 ? ITN__RGB : 0) |
-                     (fast->only_constant ? 0 : ITN__LIGHTS) |
-                     (fast->max_scatter ? ITN__LIMIT : 0) | (fast->count ? ITN__SCORES : 0);
-    for (i = 0; i < ITN__KERNEL_COUNT; i++)
-        if (!(fast->features & ~itn__kernels[i])) {
-            fast->features = itn__kernels[i];
-            break;
-        }
+    itn__choose_kernel(fast);
 }
 
 /* A picture. Its units of work are tiles of pixels times sets of camera rays. A few crowds share
@@ -9681,6 +9728,17 @@ static itn_result itn__render_tables(const itn__render *render, const itn__table
     return itn__tables_get(render->scene, render->theta, paths, tables, own, error);
 }
 
+enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from */
+
+/* Whether itn__foresee pays: one solid of glass in light that is everywhere the same, and many
+   paths. */
+static int itn__can_foresee(const itn__fast *fast) {
+    const itn_scene *scene = fast->scene;
+    double paths = (double)scene->film.width * scene->film.height * fast->spp * fast->walks;
+    return fast->only_constant && scene->object_count == 1 && scene->objects[0].refracts &&
+           paths >= 8 * ITN__LESSONS;
+}
+
 /* What the fast walk is to do. */
 static void itn__fast_make(const itn__render *render, const itn__tables *tables,
                            itn__substance *substances, itn__fast *fast) {
@@ -9694,6 +9752,7 @@ static void itn__fast_make(const itn__render *render, const itn__tables *tables,
         if (scene->surfaces[k].type == ITN_SURFACE_DIELECTRIC && scene->surfaces[k].alpha >= 0)
             fast->rough_scores |= render->slots[scene->surfaces[k].alpha] >= 0;
     itn__fast_begin(fast, scene, render->theta, substances, tables);
+    fast->foresees = itn__can_foresee(fast);
 }
 
 /* Mean of what is kept, number k, of pixel i, and the variance of the mean. */
@@ -9735,7 +9794,6 @@ static void itn__fold(const itn__picture *picture, double *sums) {
 
 /* Learns V from a few paths, which are not used for anything else: whatever they teach, the
    picture's derivatives stay unbiased. expected: [3][ITN__SITUATIONS]. */
-enum { ITN__LESSONS = 65536 };
 static itn_result itn__learn_expected(const itn__picture *picture, float *expected,
                                       itn_error *error) {
     itn__picture school = *picture;
@@ -9744,7 +9802,8 @@ static itn_result itn__learn_expected(const itn__picture *picture, float *expect
     double pixels = (double)film->width * film->height, lessons;
     itn_result result;
     int i, k, c;
-    fast->learning = 1, fast->seed = itn__mix64(fast->seed + 1);
+    fast->learning = 1, fast->foresees = 0, fast->seed = itn__mix64(fast->seed + 1);
+    itn__choose_kernel(fast);
     if (pixels > ITN__LESSONS / 4) fast->walks = 1;
     fast->spp = (int)itn__max(1, (float)(ITN__LESSONS / (pixels * fast->walks)));
     if (fast->spp > picture->fast.spp / 8 + 1) fast->spp = picture->fast.spp / 8 + 1;
@@ -9784,7 +9843,8 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
                                                  sizeof *substances);
     if (substances) {
         itn__fast_make(render, tables, substances, &picture.fast);
-        if (render->baseline) result = itn__learn_expected(&picture, expected, error);
+        if (render->baseline || picture.fast.foresees)
+            result = itn__learn_expected(&picture, expected, error);
         if (!result) result = itn__picture_begin(&picture, error);
     } else {
         result = itn__out_of_memory(error, "a render");
