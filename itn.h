@@ -7276,23 +7276,24 @@ enum {
     ITN__BETA = 10,
     ITN__PDF = 13,  /* with lights; of a link: xi c */
     ITN__LEFT = 14, /* with a limit: scatterings to go */
-    ITN__PLAIN_STATE = 15,
-    ITN__FLIGHTS = 15, /* with scores, gathered since the last surface: sigma_t times the flights' */
-    ITN__PHASES = 16,  /* of the phase function, by g */
-    ITN__HITS = 17,    /* how many collisions */
-    ITN__EXPECTED = 18,    /* b of the flight under way */
-    ITN__FLIGHT_BASE = 21, /* sum of s b for ITN__FLIGHTS */
-    ITN__PHASE_BASE = 24,  /* and for ITN__PHASES */
-    ITN__UP = 27,          /* normal n of the last surface, out of the medium, */
-    ITN__LEVEL = 30,       /* and n . position there */
-    ITN__STATE = 31,
-    ITN__DISTANCE = 31, /* exact: of the flight */
-    ITN__NORMAL = 31,   /* boundary, diffuse */
-    ITN__ETA = 34,      /* boundary */
-    ITN__ALPHA = 35,
-    ITN__FACE = 36,        /* 2 triangle + front, as in itn__place */
-    ITN__REFLECTANCE = 34, /* diffuse: 3 */
-    ITN__FIELDS = 37
+    ITN__CREDIT = 15, /* that roulette owes the path */
+    ITN__PLAIN_STATE = 18,
+    ITN__FLIGHTS = 18, /* with scores, gathered since the last surface: sigma_t times the flights' */
+    ITN__PHASES = 19,  /* of the phase function, by g */
+    ITN__HITS = 20,    /* how many collisions */
+    ITN__EXPECTED = 21,    /* b of the flight under way */
+    ITN__FLIGHT_BASE = 24, /* sum of s b for ITN__FLIGHTS */
+    ITN__PHASE_BASE = 27,  /* and for ITN__PHASES */
+    ITN__UP = 30,          /* normal n of the last surface, out of the medium, */
+    ITN__LEVEL = 33,       /* and n . position there */
+    ITN__STATE = 34,
+    ITN__DISTANCE = 34, /* exact: of the flight */
+    ITN__NORMAL = 34,   /* boundary, diffuse */
+    ITN__ETA = 37,      /* boundary */
+    ITN__ALPHA = 38,
+    ITN__FACE = 39,        /* 2 triangle + front, as in itn__place */
+    ITN__REFLECTANCE = 37, /* diffuse: 3 */
+    ITN__FIELDS = 40
 };
 enum { ITN__CROWD = 1024, ITN__ROW = ITN__CROWD + 16, ITN__LINK = 1 << 30, ITN__EARLY = 8 };
 
@@ -7341,7 +7342,8 @@ typedef struct itn__fast {
     const int *slots;  /* of each parameter: its place among those asked for, or -1 */
     const int *only;   /* of each asked for: the channel that it belongs to, or -1 for all */
     int rough_scores;  /* the roughness of some surface is asked for */
-    int foresees;      /* V takes the noise of boundaries away, see itn__foresee */
+    int foresees;      /* V takes noise away, see itn__foresee and itn__owe */
+    float usual[3];    /* the mean of V over situations */
     int learning;      /* V is learnt in this render, */
     double lesson_unit; /* in multiples of this */
     const float *expected; /* V: [3][ITN__SITUATIONS] */
@@ -7403,7 +7405,7 @@ typedef struct itn__state {
     itn__vectors p, d;
     itn__words key0, key1;
     itn__ints dimension, slot, left;
-    itn__floats beta[3], pdf;
+    itn__floats beta[3], pdf, credit[3];
     itn__floats flights, phases, hits, expected[3], flight_base[3], phase_base[3], level;
     itn__vectors up;
 } itn__state;
@@ -7452,7 +7454,10 @@ ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int 
                                               itn__word_ints(s->key1), bits));
     ITN__PULL_INTS(s->dimension, ITN__DIMENSION);
     ITN__PULL_INTS(s->slot, ITN__SLOT);
-    for (c = 0; c < itn__colours(features); c++) ITN__PULL(s->beta[c], ITN__BETA + c);
+    for (c = 0; c < itn__colours(features); c++) {
+        ITN__PULL(s->beta[c], ITN__BETA + c);
+        ITN__PULL(s->credit[c], ITN__CREDIT + c);
+    }
     if (features & ITN__LIGHTS) ITN__PULL(s->pdf, ITN__PDF);
     if (features & ITN__LIMIT) ITN__PULL_INTS(s->left, ITN__LEFT);
     if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
@@ -7484,9 +7489,12 @@ ITN__INLINE itn__state itn__load_state(const itn__queue *queue, int at, int feat
     s.slot = itn__load_ints(itn__row(queue, ITN__SLOT) + at);
     s.pdf = itn__splat(INFINITY), s.left = itn__splat_int(0);
     for (c = 0; c < 3; c++)
-        s.beta[c] = s.expected[c] = s.flight_base[c] = s.phase_base[c] = itn__splat(0);
-    for (c = 0; c < itn__colours(features); c++)
+        s.beta[c] = s.credit[c] = s.expected[c] = s.flight_base[c] = s.phase_base[c] =
+            itn__splat(0);
+    for (c = 0; c < itn__colours(features); c++) {
         s.beta[c] = itn__load(itn__float_row(queue, ITN__BETA + c) + at);
+        s.credit[c] = itn__load(itn__float_row(queue, ITN__CREDIT + c) + at);
+    }
     if (features & ITN__LIGHTS) s.pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
     if (features & ITN__LIMIT) s.left = itn__load_ints(itn__row(queue, ITN__LEFT) + at);
     s.flights = s.phases = s.hits = s.level = itn__splat(0);
@@ -7521,8 +7529,10 @@ ITN__INLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bi
     itn__compress_ints(itn__row(queue, ITN__KEY + 1) + at, itn__word_ints(s->key1), bits);
     itn__compress_ints(itn__row(queue, ITN__DIMENSION) + at, s->dimension, bits);
     itn__compress_ints(itn__row(queue, ITN__SLOT) + at, s->slot, bits);
-    for (c = 0; c < itn__colours(features); c++)
+    for (c = 0; c < itn__colours(features); c++) {
         itn__compress(itn__float_row(queue, ITN__BETA + c) + at, s->beta[c], bits);
+        itn__compress(itn__float_row(queue, ITN__CREDIT + c) + at, s->credit[c], bits);
+    }
     if (features & ITN__LIGHTS) itn__compress(itn__float_row(queue, ITN__PDF) + at, s->pdf, bits);
     if (features & ITN__LIMIT) itn__compress_ints(itn__row(queue, ITN__LEFT) + at, s->left, bits);
     if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
@@ -7673,6 +7683,25 @@ static void itn__free_lanes(itn__crowd *crowd, itn__ints slot, unsigned bits) {
     for (; bits; bits &= bits - 1)
         itn__free_slot(crowd, ITN__LANE(slot, itn__lowest_bit(bits)));
 }
+/* Paths that end are paid their credit. */
+ITN__INLINE void itn__settle(itn__crowd *crowd, const itn__state *s, unsigned bits) {
+    int c;
+    for (; bits && crowd->fast->foresees; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits), number = crowd->paths[ITN__LANE(s->slot, k)].number;
+        for (c = 0; c < crowd->fast->channels; c++)
+            crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride + (size_t)number] +=
+                ITN__LANE(s->credit[c], k);
+    }
+}
+/* Ends the path of an item of a queue. */
+static void itn__drop(itn__crowd *crowd, const itn__queue *queue, int at) {
+    int slot = itn__row(queue, ITN__SLOT)[at], c;
+    for (c = 0; c < crowd->fast->channels && crowd->fast->foresees; c++)
+        crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride +
+                        (size_t)crowd->paths[slot].number] +=
+            itn__float_row(queue, ITN__CREDIT + c)[at];
+    itn__free_slot(crowd, slot);
+}
 /* The same for paths that end in a substance. */
 ITN__INLINE void itn__end_lanes(itn__crowd *crowd, int substance, const itn__state *s,
                                 unsigned bits, int features) {
@@ -7684,6 +7713,7 @@ ITN__INLINE void itn__end_lanes(itn__crowd *crowd, int substance, const itn__sta
             itn__pay(crowd, number, &crowd->fast->substances[substance], c,
                      ITN__LANE(s->flight_base[c], k), ITN__LANE(s->phase_base[c], k));
     }
+    itn__settle(crowd, s, bits);
     itn__free_lanes(crowd, s->slot, bits);
 }
 
@@ -7749,9 +7779,20 @@ ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__i
     return u;
 }
 
+/* What roulette does to what a path is expected to bring, beta V, has mean 0: a path that ends
+   loses it, one that survives gains (1/survival - 1) of it. The opposite is put to its credit, with
+   the mean of V in the place of V; outside of media, the light. */
+ITN__INLINE void itn__owe(itn__state *s, itn__ints low,
+                          itn__floats survival, itn__floats u, float value, int c) {
+    itn__floats expected = s->beta[c] * value;
+    itn__floats owed = itn__select(itn__less(u, survival), expected - expected / survival, expected);
+    s->credit[c] = itn__select(low, s->credit[c] + owed, s->credit[c]);
+}
+
 /* itn__roulette in lanes; returns who survives. */
-ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s, itn__ints mask,
-                                     int early, int features) {
+ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, int substance, itn__state *s,
+                                     itn__ints mask, int early, int features) {
+    const float *value = substance ? crowd->fast->usual : crowd->fast->constant;
     itn__floats largest = s->beta[0], survival = itn__splat(1), u;
     itn__ints low, late = itn__int_less(itn__splat_int((int32_t)ITN__MANY_DRAWS), s->dimension);
     int c;
@@ -7762,6 +7803,8 @@ ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s, itn
     survival = itn__select(late, survival * .999f, survival);
     u = itn__draw(crowd, s, (low | late) & mask, early);
     low = (low | late) & mask;
+    if (crowd->fast->foresees)
+        for (c = 0; c < itn__colours(features); c++) itn__owe(s, low, survival, u, value[c], c);
     for (c = 0; c < itn__colours(features); c++)
         s->beta[c] = itn__select(low, s->beta[c] / survival, s->beta[c]);
     return mask & ~(low & ~itn__less(u, survival));
@@ -7933,9 +7976,11 @@ static void itn__park(itn__crowd *crowd, const itn__state *s, unsigned bits, int
     itn__store_ints(rows[ITN__KEY + 1], itn__word_ints(s->key1));
     itn__store_ints(rows[ITN__DIMENSION], s->dimension);
     itn__store_ints(rows[ITN__SLOT], s->slot);
-    for (c = 0; c < 3; c++)
+    for (c = 0; c < 3; c++) {
         itn__store_ints(rows[ITN__BETA + c],
                         itn__float_bits(s->beta[c < itn__colours(features) ? c : 0]));
+        itn__store_ints(rows[ITN__CREDIT + c], itn__float_bits(s->credit[c]));
+    }
     itn__store_ints(rows[ITN__PDF], itn__float_bits(s->pdf));
     itn__store_ints(rows[ITN__LEFT], s->left);
     itn__store_ints(rows[ITN__FLIGHTS], itn__float_bits(s->flights));
@@ -8134,7 +8179,8 @@ ITN__INLINE void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *
 ITN__INLINE itn__ints itn__fly(itn__crowd *crowd, int substance, itn__lanes_walk *walk,
                                itn__vectors *q, itn__floats *nq, int features) {
     const float mean_free_path = crowd->fast->substances[substance].mean_free_path;
-    itn__ints active = itn__vroulette(crowd, &walk->s, itn__bits_mask(walk->busy), 0, features);
+    itn__ints active = itn__vroulette(crowd, substance, &walk->s, itn__bits_mask(walk->busy), 0,
+                                      features);
     unsigned alive = itn__mask_bits(active);
     itn__ints safe;
     if (walk->busy != alive)
@@ -8512,7 +8558,7 @@ static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hi
     normal = fast->normals + 3 * (size_t)triangle;
     n = itn__vec3(normal[0], normal[1], normal[2]);
     if (itn__dot(n, n) == 0) {
-        itn__free_slot(crowd, slot);
+        itn__drop(crowd, queue, at);
         return;
     }
     if (fast->max_scatter && itn__row(queue, ITN__LEFT)[at] == 0) {
@@ -8585,7 +8631,7 @@ ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) 
         itn__ints mask = itn__first_lanes(queue->count - i), alive, safe;
         itn__floats distance, nq;
         itn__vectors q;
-        alive = itn__vroulette(crowd, &s, mask, 1, features);
+        alive = itn__vroulette(crowd, substance, &s, mask, 1, features);
         itn__end_lanes(crowd, substance, &s, itn__mask_bits(mask & ~alive), features);
         distance = itn__vflight(crowd, &s, alive, mean_free_path, 1, features);
         q = itn__valong(s.p, distance, s.d);
@@ -8652,7 +8698,7 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
             else if (!(slot & ITN__LINK) && itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
                 itn__book(crowd, queue, k, substance, 0), itn__move(queue, k, &crowd->sky);
             else if (!(slot & ITN__LINK)) /* no way out of the medium */
-                itn__book(crowd, queue, k, substance, 0), itn__free_slot(crowd, slot);
+                itn__book(crowd, queue, k, substance, 0), itn__drop(crowd, queue, k);
             else if (itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
                 itn__unpark(crowd, slot & ~ITN__LINK);
             else
@@ -8840,6 +8886,7 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
                                              itn__splat(-1));
             s.up = itn__vscale(s.up, turned), s.level = s.level * turned;
         }
+        itn__settle(crowd, &s, itn__mask_bits(mask & ~ok & ~linked));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~ok & ~linked));
         itn__cross_lanes(crowd, &s.slot, at, itn__mask_bits(ok & itn__less(o.z, itn__splat(0))));
         itn__leave_surface(crowd, &s, ok, linked, features);
@@ -8909,11 +8956,14 @@ ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
         itn__state s = itn__load_state(queue, at, features);
         itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
         links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
-        alive = itn__vroulette(crowd, &s, mask & ~links, 1, features) | links;
+        alive = itn__vroulette(crowd, 0, &s, mask & ~links, 1, features) | links;
+        itn__settle(crowd, &s, itn__mask_bits(mask & ~alive));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
         itn__store_ints(itn__row(queue, ITN__DIMENSION) + at, s.dimension);
-        for (c = 0; c < itn__colours(features); c++)
+        for (c = 0; c < itn__colours(features); c++) {
             itn__store(itn__float_row(queue, ITN__BETA + c) + at, s.beta[c]);
+            itn__store(itn__float_row(queue, ITN__CREDIT + c) + at, s.credit[c]);
+        }
         for (k = 0; k < ITN__LANES && at + k < queue->count; k++)
             itn__trace_item(crowd, at + k, itn__mask_bits(alive) >> k & 1);
     }
@@ -8950,6 +9000,7 @@ ITN__INLINE void itn__run_sky(itn__crowd *crowd, int features) {
             mis = itn__select(itn__less(s.pdf, itn__splat(INFINITY)), mis, itn__splat(1));
             for (c = 0; c < itn__colours(features); c++) sampled[c] = sampled[c] * mis;
         }
+        itn__settle(crowd, &s, itn__mask_bits(mask));
         for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
             int k = itn__lowest_bit(bits), slot = ITN__LANE(s.slot, k);
             const itn__path *path = &crowd->paths[slot];
@@ -8987,7 +9038,7 @@ static int itn__start_path(itn__crowd *crowd, const itn_ray *ray, uint64_t pixel
     for (c = 0; c < 3; c++) itn__float_row(queue, ITN__BETA + c)[0] = 1;
     itn__float_row(queue, ITN__PDF)[0] = INFINITY;
     itn__row(queue, ITN__LEFT)[0] = fast->max_scatter ? fast->max_scatter : INT_MAX;
-    for (c = ITN__PLAIN_STATE; c < ITN__STATE; c++) itn__row(queue, c)[0] = 0; /* the bits of 0.f */
+    for (c = ITN__CREDIT; c < ITN__STATE; c++) itn__row(queue, c)[0] = 0; /* the bits of 0.f */
     path->mark = -1;
     for (c = 0; c < fast->count; c++) itn__scores_of(crowd, slot)[c] = 0;
     return slot;
@@ -9794,12 +9845,11 @@ static void itn__fold(const itn__picture *picture, double *sums) {
 
 /* Learns V from a few paths, which are not used for anything else: whatever they teach, the
    picture's derivatives stay unbiased. expected: [3][ITN__SITUATIONS]. */
-static itn_result itn__learn_expected(const itn__picture *picture, float *expected,
-                                      itn_error *error) {
+static itn_result itn__learn_expected(itn__picture *picture, float *expected, itn_error *error) {
     itn__picture school = *picture;
     itn__fast *fast = &school.fast;
     const itn_film_desc *film = &fast->scene->film;
-    double pixels = (double)film->width * film->height, lessons;
+    double pixels = (double)film->width * film->height, lessons, all[3] = {0, 0, 0}, total = 0;
     itn_result result;
     int i, k, c;
     fast->learning = 1, fast->foresees = 0, fast->seed = itn__mix64(fast->seed + 1);
@@ -9819,7 +9869,10 @@ static itn_result itn__learn_expected(const itn__picture *picture, float *expect
             }
             expected[c * ITN__SITUATIONS + k] =
                 lessons > 0 ? (float)(sum * fast->lesson_unit / lessons) : 0;
+            all[c] += sum, total += c ? 0 : lessons;
         }
+    for (c = 0; c < 3 && total > 0; c++)
+        picture->fast.usual[c] = (float)(all[c] * fast->lesson_unit / total);
     itn__picture_end(&school);
     return result;
 }

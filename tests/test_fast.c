@@ -350,6 +350,42 @@ static void check_paths(int which, int max_scatter, int planted) {
     itn_scene_free(scene);
 }
 
+/* Mean of all paths of a render and its variance; `foresees` with a V that is wrong everywhere. */
+static double mean_of_paths(const itn_scene *scene, int foresees, uint64_t seed, double *variance) {
+    itn_render_options options = ITN_ZERO;
+    double sum = 0, square = 0, count = 0;
+    inside in;
+    int number, i;
+    options.spp = STRIDE > 1 ? 64 : 1024, options.seed = seed;
+    options.walks = 1, options.sampler = ITN_SAMPLER_RANDOM;
+    open_render(&in, scene, &options);
+    in.picture.fast.foresees = foresees;
+    for (i = 0; i < 3 * ITN__SITUATIONS; i++) in.expected[i] = .1f * (float)(i % 7);
+    for (i = 0; i < 3; i++) in.picture.fast.usual[i] = .4f;
+    for (number = 0; number < in.picture.end; number++) {
+        itn__unit unit = itn__unit_make(&in.picture, number);
+        const itn__crowd *crowd = run_unit(&in, &unit);
+        for (i = 0; i < unit.width * unit.height * unit.count; i++) {
+            sum += crowd->radiance[i], square += (double)crowd->radiance[i] * crowd->radiance[i];
+            count++;
+        }
+    }
+    close_render(&in);
+    *variance = (square / count - sum * sum / (count * count)) / count;
+    return sum / count;
+}
+
+/* Whatever V is, foresight leaves the mean alone. */
+static void test_foresight(double planted) {
+    itn_scene *scene = make_scene(ROUGH, NULL);
+    double plain_variance, variance, plain = mean_of_paths(scene, 0, 1, &plain_variance);
+    double foreseen = mean_of_paths(scene, 1, 2, &variance) * (1 + planted);
+    double error = sqrt(variance + plain_variance);
+    CHECK(error < (STRIDE > 1 ? .02 : .005) * plain);
+    CHECK_NEAR(foreseen, plain, 4 * error);
+    itn_scene_free(scene);
+}
+
 static void test_paths(void) {
     int which;
     for (which = 0; which < KINDS; which += STRIDE) {
@@ -844,6 +880,8 @@ int main(void) {
     long_tests = getenv("ITN_LONG_TESTS") && strcmp(getenv("ITN_LONG_TESTS"), "0") != 0;
     verbose = getenv("ITN_VERBOSE") != NULL;
     test_paths();
+    test_foresight(0);
+    CHECK_CATCHES(test_foresight(STRIDE > 1 ? .1 : .025));
     test_parts();
     test_tables();
     test_threads();

@@ -278,7 +278,7 @@ static void test_coverages(void) {
 
 static void plant_small_errors(void) {
     static const char *const albedo[] = {"m.albedo"};
-    test_coverage(albedo, 1, 32, 4, 1, 2);
+    test_coverage(albedo, 1, 32, 4, 1, 3);
 }
 
 /* ---- what a picture does not tell ------------------------------------------------------------------ */

@@ -814,6 +814,7 @@ static void test_arguments(void) {
     }
     for (k = 1; k <= 3; k += 2) { /* cancelled at the first and at a later call */
         int left = k;
+        options.mode = k == 1 ? ITN_MODE_AUTO : ITN_MODE_REFERENCE; /* which calls more often */
         options.progress = cancel_after, options.progress_user = &left;
         CHECK(itn_render(scene, NULL, &options, parameters, 2, &image, &error) ==
               ITN_ERROR_CANCELLED && error.code == ITN_ERROR_CANCELLED);
@@ -930,7 +931,8 @@ static void test_memory(int planted) {
     theatre_open(&t, 1);
     context.allocate = bank_allocate, context.deallocate = bank_free, context.memory_user = &b;
     stage_need(itn_scene_create(&t.s.desc, &context, &scene, &error), &error);
-    stage_need(itn_scene_prepare(scene, NULL, NULL, &error), &error); /* it keeps its tables */
+    for (which = 0; which < 8; which++) /* the scene keeps its tables */
+        CHECK(call_once(which, &t, &context, scene, 0) == ITN_OK);
     base = b.live;
     for (which = 0; which < 8; which++)
         for (every = 0; every < 2; every++) {
