@@ -398,7 +398,8 @@ typedef struct itn_light_desc {
     const itn_image *image;  /* map: latitude-longitude; row 0 is +y, and with u, v in [0,1] across
                                 and down, direction = (sin 2 pi u sin pi v, cos pi v,
                                 -cos 2 pi u sin pi v); Y or R,G,B (with one channel their
-                                luminance) in [0,1e18], at least 2 rows; copied */
+                                luminance) in [0,1e18], at least 2 rows and at most 715 million
+                                pixels; copied */
     itn_sky sky;             /* sky */
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
     float scale;             /* multiplies the light (not the sun); 0 with has_scale 0 = 1 */
@@ -9424,7 +9425,7 @@ static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
     if (picture->unit_blocks > fast->blocks) picture->unit_blocks = fast->blocks;
     picture->chunks = (fast->blocks + picture->unit_blocks - 1) / picture->unit_blocks;
     units = picture->tiles_x * picture->tiles_y; /* at most 2^26 */
-    if (picture->chunks > INT_MAX / units)
+    if (picture->chunks > INT_MAX / units || fast->spp > INT_MAX / fast->walks)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
     picture->end = units * picture->chunks;
     rays = picture->unit_blocks * (fast->spp / fast->blocks + 1);
