@@ -867,6 +867,13 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #define ITN__PREFETCH(address) ((void)(address))
 #define ITN__NOINLINE static
 #endif
+/* Before a loop of constant count over an array of lanes: unrolled, the array is registers. Clang
+   does so unasked, GCC only from -O3 on. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define ITN__UNROLL _Pragma("GCC unroll 8")
+#else
+#define ITN__UNROLL
+#endif
 #if !defined(ITN_MALLOC) && !defined(ITN_FREE)
 #define ITN_MALLOC(bytes) malloc(bytes)
 #define ITN_FREE(block) free(block)
@@ -1264,6 +1271,23 @@ ITN__INLINE itn__words itn__load_words(const uint32_t *from) {
 }
 ITN__INLINE void itn__store_words(uint32_t *to, itn__words v) { memcpy(to, &v, sizeof v); }
 
+/* Bytes to lanes and back, ITN__LANES of them. */
+#ifdef ITN__SIMD
+typedef uint8_t itn__bytes __attribute__((vector_size(ITN__LANES)));
+ITN__INLINE itn__ints itn__load_bytes(const uint8_t *from) {
+    itn__bytes bytes;
+    memcpy(&bytes, from, sizeof bytes);
+    return __builtin_convertvector(bytes, itn__ints);
+}
+ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) {
+    itn__bytes bytes = __builtin_convertvector(v, itn__bytes);
+    memcpy(to, &bytes, sizeof bytes);
+}
+#else
+ITN__INLINE itn__ints itn__load_bytes(const uint8_t *from) { return *from; }
+ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) { *to = (uint8_t)v; }
+#endif
+
 /* The same number in all lanes. */
 #ifdef ITN__SIMD
 ITN__INLINE itn__floats itn__splat(float x) {
@@ -1557,6 +1581,10 @@ ITN__INLINE itn__vectors itn__vselect(itn__ints mask, itn__vectors a, itn__vecto
 ITN__INLINE itn__vectors itn__vnormalize(itn__vectors a) {
     return itn__vscale(a, 1 / itn__root(itn__vdot(a, a)));
 }
+/* The same where only rounding has changed the length 1: a step of Newton's for its inverse. */
+ITN__INLINE itn__vectors itn__vrenormalize(itn__vectors a) {
+    return itn__vscale(a, 1.5f - .5f * itn__vdot(a, a));
+}
 /* itn__frame in lanes; -0 + 0 is 0, which has the sign that a comparison sees. */
 ITN__INLINE void itn__vframe(itn__vectors n, itn__vectors *s, itn__vectors *t) {
     itn__floats sign = itn__with_sign(itn__splat(1), n.z + 0.f);
@@ -1571,6 +1599,14 @@ ITN__INLINE itn__vectors itn__vto_local(itn__vectors v, itn__vectors s, itn__vec
 ITN__INLINE itn__vectors itn__vto_world(itn__vectors v, itn__vectors s, itn__vectors t,
                                         itn__vectors n) {
     return itn__valong(itn__valong(itn__vscale(s, v.x), v.y, t), v.z, n);
+}
+
+/* How many bits of each lane are set: sums of 1, 2 and 4 bits, then of all. */
+ITN__INLINE itn__words itn__count_words(itn__words x) {
+    x -= (x >> 1) & itn__splat_word(0x55555555u);
+    x = (x & itn__splat_word(0x33333333u)) + ((x >> 2) & itn__splat_word(0x33333333u));
+    x = (x + (x >> 4)) & itn__splat_word(0x0f0f0f0fu);
+    return (x * itn__splat_word(0x01010101u)) >> 24;
 }
 
 /* itn__mix32 in lanes. */
@@ -5324,14 +5360,8 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
    triangles of each cell are summarised by the box and the slab of their parts in it, which takes
    the place of one triangle when a block's cells are put together. */
 
-enum { /* words of a record in `nearby`, in `surface` */
-    ITN__NEAR_NORMAL,
-    ITN__NEAR_BELOW,
-    ITN__NEAR_ABOVE,
-    ITN__NEAR_AGAINST,
-    ITN__NEAR_SURFACE,
-    ITN__NEAR_WORDS,
-    ITN__OWN_NORMAL = 0,
+enum { /* words of a record in `surface` */
+    ITN__OWN_NORMAL,
     ITN__OWN_BELOW,
     ITN__OWN_ABOVE,
     ITN__FIRST_PACK,
@@ -5350,35 +5380,41 @@ enum {
 #define ITN__CELL_MARGIN .01f
 #define ITN__SLAB_MARGIN .001f /* in cells */
 #define ITN__SUMMARY_MARGIN 1e-5f
+#define ITN__SPACE_STEP (127 / 256.f) /* of below and above in `spaces`, in cells */
 
 typedef struct itn__voxels {
     itn_context context;
     itn_vec3 lower;
     float cell, inverse_cell; /* p is in cell floor((p - lower) inverse_cell), axis by axis */
     int size[3];
-    int32_t *cells;   /* [size 2][size 1][size 0]: a record of `nearby`; or -1 - r: the cube of
-                         cells at chessboard distance <= r holds no triangle */
-    uint8_t *distances; /* as cells: 0 for a cell with triangles; d: the cube of cells at distance
-                           <= d - 1 holds none. Small, for quick marches; 3 bytes more than cells */
-    int32_t *nearby;  /* [near_count][ITN__NEAR_WORDS]:
-                         NORMAL  bytes x, y, z of n (any length), and in the highest the reach: the
-                                 block is the cube of cells at distance <= reach
-                         BELOW, ABOVE, AGAINST  floats, see above; -, + and + infinity: no claim
-                         SURFACE a record of `surface`, of this cell; or -1 - r as in cells */
+    int32_t *spaces;  /* [size 2][size 1][size 0][2]: what is known around each cell, in two words.
+                         Where the lowest 24 bits of the first are 0, the highest byte is r: the
+                         cube of cells at chessboard distance <= r holds no triangle. Else they are
+                         bytes x, y, z of n (any length); the bits above them, the reach (4 bits):
+                         the block is the cube of cells at distance <= reach; and the cube (4 bits):
+                         that at distance <= cube - 1 holds no triangle. Of the second word, 12 bits
+                         are below and 12 are above, both relative to the middle of the cell and in
+                         units of ITN__SPACE_STEP cells, and 8 are against, or 255: no claim */
+    uint8_t *distances; /* [size 2][size 1][size 0]: 0 for a cell with triangles; d: the cube of
+                           cells at distance <= d - 1 holds none. Small, for quick marches; there
+                           are 3 bytes more */
+    int32_t *ranks;   /* [cells / 32 + 1][2]: a bit for each of 32 cells that holds triangles, and
+                         how many cells before these do; for quick visits to surface cells */
     int32_t *surface; /* [surface_count][ITN__SURFACE_WORDS]: normal, below, above for this cell
-                         alone; first and number of its packs */
+                         alone, the highest byte of the normal's word being `against`, or 255: no
+                         claim; first and number of its packs */
     itn__pack *packs; /* aligned to a cache line, in pack_memory */
     void *pack_memory;
-    int near_count, surface_count, pack_count, regions;
+    int surface_count, pack_count, regions;
 } itn__voxels;
 
 static void itn__voxels_free(itn__voxels *voxels) {
     itn_context context;
     if (!voxels) return;
     context = voxels->context;
-    itn__free(&context, voxels->cells);
+    itn__free(&context, voxels->spaces);
     itn__free(&context, voxels->distances);
-    itn__free(&context, voxels->nearby);
+    itn__free(&context, voxels->ranks);
     itn__free(&context, voxels->surface);
     itn__free(&context, voxels->pack_memory);
     itn__free(&context, voxels);
@@ -5408,7 +5444,11 @@ typedef struct itn__voxel_build {
     int32_t *slab_slots; /* triangles of each slab */
     int32_t *first;      /* [cells + 2] */
     int32_t *slots;      /* triangles of each cell, in the order of slots */
-    int32_t *near_cells, *surface_cells; /* [near_count], [surface_count] cells of the records */
+    int32_t *cells;      /* minus the distance to the nearest cell with triangles; of these: the
+                            record in `surface` */
+    int32_t *near_cells; /* [near_count] cells with regions */
+    int32_t *surface_cells; /* [surface_count] of the records */
+    int near_count;
     itn__summary *summaries;             /* [surface_count] */
     uint64_t *holds;                     /* bit per cell that holds triangles, see itn__bit_grid */
     size_t row_words;
@@ -5421,6 +5461,7 @@ static void itn__voxel_build_free(const itn__voxel_build *build) {
     itn__free(context, build->slab_slots);
     itn__free(context, build->first);
     itn__free(context, build->slots);
+    itn__free(context, build->cells);
     itn__free(context, build->near_cells);
     itn__free(context, build->surface_cells);
     itn__free(context, build->summaries);
@@ -5854,7 +5895,8 @@ static void itn__tell_distance(int32_t *row, size_t word, uint64_t bits, int dis
 }
 
 /* Grows the set by one cell and marks those which are new. Returns whether there are any. */
-static int itn__grow_cells(itn__voxels *voxels, itn__bit_grid *bits, int distance) {
+static int itn__grow_cells(const itn__voxel_build *build, itn__bit_grid *bits, int distance) {
+    const itn__voxels *voxels = build->voxels;
     const size_t words = bits->words, plane = bits->rows * words, all = plane * bits->planes;
     int y, z, any = 0;
     itn__grow_rows(bits, bits->now, bits->grown);
@@ -5863,7 +5905,7 @@ static int itn__grow_cells(itn__voxels *voxels, itn__bit_grid *bits, int distanc
     for (z = 0; z < voxels->size[2]; z++)
         for (y = 0; y < voxels->size[1]; y++) {
             size_t at = (size_t)(z + 1) * plane + (size_t)(y + 1) * words, w;
-            int32_t *row = voxels->cells + (z * voxels->size[1] + y) * voxels->size[0];
+            int32_t *row = build->cells + (z * voxels->size[1] + y) * voxels->size[0];
             for (w = 0; w < words; w++) {
                 uint64_t fresh = bits->grown[at + w] & ~bits->now[at + w];
                 if (!fresh) continue;
@@ -5891,7 +5933,7 @@ static int itn__voxels_exceeded(const itn__voxel_build *build) {
 /* Sets the bits of cells that hold triangles, and of the border if triangles may lie there; cells
    start with the largest distance. */
 static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
-    itn__voxels *voxels = build->voxels;
+    const itn__voxels *voxels = build->voxels;
     uint64_t border = itn__voxels_exceeded(build) ? ~(uint64_t)0 : 0;
     size_t i, cell = 0, all = bits->words * bits->rows * bits->planes;
     int x, y, z;
@@ -5903,7 +5945,7 @@ static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
             for (x = 1; x <= voxels->size[0]; x++, cell++) {
                 uint64_t bit = (uint64_t)1 << (x & 63);
                 int holds = build->first[cell] < build->first[cell + 1];
-                voxels->cells[cell] = holds ? 0 : -ITN__REACH;
+                build->cells[cell] = holds ? 0 : -ITN__REACH;
                 row[x >> 6] = holds ? row[x >> 6] | bit : row[x >> 6] & ~bit;
                 holding[x >> 6] |= holds ? bit : 0;
             }
@@ -5912,7 +5954,7 @@ static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
 
 /* Fills cells with minus the chessboard distance to the nearest cell that holds triangles. */
 static int itn__voxel_distances(itn__voxel_build *build) {
-    itn__voxels *voxels = build->voxels;
+    const itn__voxels *voxels = build->voxels;
     itn__bit_grid bits;
     size_t all;
     int distance = 1, made;
@@ -5924,12 +5966,12 @@ static int itn__voxel_distances(itn__voxel_build *build) {
     bits.wider = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
     build->holds = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
     build->row_words = bits.words;
-    voxels->cells = (int32_t *)itn__allocate(&voxels->context, itn__cell_count(voxels),
-                                             sizeof(int32_t));
-    made = bits.now && bits.grown && bits.wider && build->holds && voxels->cells;
+    build->cells = (int32_t *)itn__allocate(&voxels->context, itn__cell_count(voxels),
+                                            sizeof(int32_t));
+    made = bits.now && bits.grown && bits.wider && build->holds && build->cells;
     if (made) {
         itn__bits_start(build, &bits);
-        while (distance < ITN__REACH && itn__grow_cells(voxels, &bits, distance)) distance++;
+        while (distance < ITN__REACH && itn__grow_cells(build, &bits, distance)) distance++;
     }
     itn__free(&voxels->context, bits.now);
     itn__free(&voxels->context, bits.grown);
@@ -6069,6 +6111,31 @@ static float itn__slab_against(const itn__slab *slab) {
     return a < slab->length ? a : INFINITY;
 }
 
+/* The same as a byte that claims no more; alone: all triangles are of the one closed object. */
+static uint32_t itn__against_byte(const itn__slab *slab, int alone) {
+    float a = ceilf(itn__slab_against(slab));
+    return alone && a < 255 ? (uint32_t)a : 255;
+}
+
+/* The second word of a record in `spaces`, for bounds of n.x in cells. */
+static int32_t itn__space_bounds(double below, double above, uint32_t against) {
+    const double most = 2047, least = -2048;
+    below = floor(fmin(below / (double)ITN__SPACE_STEP, most));
+    above = ceil(fmax(above / (double)ITN__SPACE_STEP, least));
+    below = fmax(below, least), above = fmin(above, most);
+    return (int32_t)(((uint32_t)(int32_t)below & 0xfffu) |
+                     ((uint32_t)(int32_t)above & 0xfffu) << 12 | against << 24);
+}
+/* Writes a record of which the first word is given. */
+static void itn__write_space(const itn__voxel_build *build, const itn__slab *slab, int32_t first,
+                             int32_t space[2]) {
+    double margin = slab->length * ((double)ITN__SLAB_MARGIN + 8 * FLT_EPSILON * build->largest /
+                                    build->voxels->cell);
+    space[0] = first;
+    space[1] = itn__space_bounds(slab->least - margin, slab->most + margin,
+                                 itn__against_byte(slab, 1));
+}
+
 /* Sorts a surface cell's list, which nearly is, and fills its packs. */
 static void itn__fill_cell(const itn__voxel_build *build, int record) {
     const itn__voxels *voxels = build->voxels;
@@ -6158,7 +6225,7 @@ static void itn__make_surface_record(void *task, int chunk) {
         const itn__pack *packs = &voxels->packs[word[ITN__FIRST_PACK]];
         itn__summary *summary = &build->summaries[record];
         int cell = build->surface_cells[record], at[3];
-        int count = build->first[cell + 1] - build->first[cell];
+        int count = build->first[cell + 1] - build->first[cell], alone;
         itn__slab slab;
         itn_vec3 n = ITN_ZERO;
         itn__fill_cell(build, record);
@@ -6170,7 +6237,9 @@ static void itn__make_surface_record(void *task, int chunk) {
         itn__slab_add_cell(&slab, packs, count);
         itn__slab_end(&slab);
         itn__slab_words(build, &slab, word + ITN__OWN_BELOW);
-        itn__summary_end(&slab, itn__packs_alone(build, packs, word[ITN__PACK_COUNT]), summary);
+        alone = itn__packs_alone(build, packs, word[ITN__PACK_COUNT]);
+        word[ITN__OWN_NORMAL] |= (int32_t)(itn__against_byte(&slab, alone) << 24);
+        itn__summary_end(&slab, alone, summary);
     }
 }
 
@@ -6200,8 +6269,7 @@ ITN__INLINE uint64_t itn__row_holds(const itn__voxel_build *build, int x, int y,
 ITN__INLINE void itn__block_add(const itn__voxel_build *build, itn__block *block, int x, int y,
                                 int z) {
     const itn__voxels *voxels = build->voxels;
-    int32_t near_one = voxels->cells[(z * voxels->size[1] + y) * voxels->size[0] + x];
-    int32_t record = voxels->nearby[(size_t)near_one * ITN__NEAR_WORDS + ITN__NEAR_SURFACE];
+    int32_t record = build->cells[(z * voxels->size[1] + y) * voxels->size[0] + x];
     const itn__summary *summary = &build->summaries[record];
     block->records[block->count] = record * ITN__SUMMARY_FLOATS;
     block->offset[0][block->count] = (float)(x - block->at[0]);
@@ -6317,11 +6385,11 @@ static int itn__known_reach(const itn__voxel_build *build, const int at[3]) {
 /* Writes what is known of a near cell's block, of the reach that seems best. */
 static void itn__make_region(const itn__voxel_build *build, int near_one) {
     const itn__voxels *voxels = build->voxels;
-    int32_t *word = voxels->nearby + (size_t)near_one * ITN__NEAR_WORDS;
-    int reach = word[ITN__NEAR_SURFACE] < 0 ? -word[ITN__NEAR_SURFACE] : 0, end = reach + 1, known;
+    int cell = build->near_cells[near_one], distance = build->cells[cell], reach, end, known;
     float best = -1;
     itn__block block;
-    itn__cell_place(voxels, build->near_cells[near_one], block.at);
+    distance = distance < 0 ? -distance : 0, reach = distance, end = reach + 1;
+    itn__cell_place(voxels, cell, block.at);
     known = itn__known_reach(build, block.at);
     for (end = end < known ? end : known; reach <= end; reach++) {
         itn__slab slab;
@@ -6336,15 +6404,14 @@ static void itn__make_region(const itn__voxel_build *build, int near_one) {
         score = itn__region_score(&slab, reach);
         if (!(score > best)) continue;
         best = score;
-        word[ITN__NEAR_NORMAL] = packed | reach << 24;
-        itn__slab_words(build, &slab, word + ITN__NEAR_BELOW);
-        word[ITN__NEAR_AGAINST] = itn__float_word(itn__slab_against(&slab));
+        itn__write_space(build, &slab, packed | reach << 24 | distance << 28,
+                         voxels->spaces + 2 * (size_t)cell);
     }
 }
 static void itn__make_regions(void *task, int chunk) {
     const itn__voxel_build *build = (const itn__voxel_build *)task;
     int near_one = chunk * ITN__RECORDS, end = near_one + ITN__RECORDS;
-    if (end > build->voxels->near_count) end = build->voxels->near_count;
+    if (end > build->near_count) end = build->near_count;
     for (; near_one < end; near_one++) itn__make_region(build, near_one);
 }
 
@@ -6360,47 +6427,45 @@ static int itn__allocate_records(itn__voxel_build *build) {
     size_t cell, cells = itn__cell_count(voxels), packs = 0;
     for (cell = 0; cell < cells; cell++) {
         int count = build->first[cell + 1] - build->first[cell];
-        voxels->near_count += itn__is_near(voxels, -voxels->cells[cell]);
+        build->near_count += itn__is_near(voxels, -build->cells[cell]);
         voxels->surface_count += count > 0;
         packs += (size_t)(count + ITN__PACK - 1) / ITN__PACK;
     }
     voxels->pack_count = (int)packs;
-    voxels->nearby = (int32_t *)itn__allocate(context, (size_t)voxels->near_count,
-                                            ITN__NEAR_WORDS * sizeof(int32_t));
+    voxels->spaces = (int32_t *)itn__allocate(context, cells, 2 * sizeof(int32_t));
     voxels->surface = (int32_t *)itn__allocate(context, (size_t)voxels->surface_count,
                                                ITN__SURFACE_WORDS * sizeof(int32_t));
     voxels->pack_memory = itn__allocate(context, packs + 1, sizeof(itn__pack));
-    build->near_cells = (int32_t *)itn__allocate(context, (size_t)voxels->near_count,
+    build->near_cells = (int32_t *)itn__allocate(context, (size_t)build->near_count,
                                                  sizeof(int32_t));
     build->surface_cells = (int32_t *)itn__allocate(context, (size_t)voxels->surface_count,
                                                     sizeof(int32_t));
     build->summaries = (itn__summary *)itn__allocate(context, (size_t)voxels->surface_count,
                                                      sizeof(itn__summary));
-    return voxels->nearby && voxels->surface && voxels->pack_memory && build->near_cells &&
+    return voxels->spaces && voxels->surface && voxels->pack_memory && build->near_cells &&
            build->surface_cells && build->summaries;
 }
 
-/* Numbers the records in the order of cells. */
+/* Numbers the records in the order of cells, and writes what is known without regions. */
 static void itn__number_records(itn__voxel_build *build) {
-    itn__voxels *voxels = build->voxels;
+    const itn__voxels *voxels = build->voxels;
     size_t cell, cells = itn__cell_count(voxels);
-    int near_one = 0, surface = 0, packs = 0;
+    int near_count = 0, surface = 0, packs = 0;
     for (cell = 0; cell < cells; cell++) {
-        int32_t *word = voxels->nearby + (size_t)near_one * ITN__NEAR_WORDS;
         int count = build->first[cell + 1] - build->first[cell];
-        if (!itn__is_near(voxels, -voxels->cells[cell])) continue;
-        word[ITN__NEAR_BELOW] = itn__float_word(-INFINITY);
-        word[ITN__NEAR_ABOVE] = word[ITN__NEAR_AGAINST] = itn__float_word(INFINITY);
-        word[ITN__NEAR_SURFACE] = count ? surface : voxels->cells[cell];
+        int32_t *space = voxels->spaces + 2 * cell, distance = -build->cells[cell];
+        space[0] = count ? 127 : (distance - 1) << 24;
+        space[1] = count ? itn__space_bounds(-INFINITY, INFINITY, 255)
+                         : itn__space_bounds(INFINITY, INFINITY, 255);
+        if (itn__is_near(voxels, distance)) build->near_cells[near_count++] = (int32_t)cell;
         if (count) {
             int32_t *own = voxels->surface + (size_t)surface * ITN__SURFACE_WORDS;
             own[ITN__FIRST_PACK] = packs;
             own[ITN__PACK_COUNT] = (count + ITN__PACK - 1) / ITN__PACK;
             packs += own[ITN__PACK_COUNT];
-            build->surface_cells[surface++] = (int32_t)cell;
+            build->surface_cells[surface] = (int32_t)cell;
+            build->cells[cell] = surface++;
         }
-        build->near_cells[near_one] = (int32_t)cell;
-        voxels->cells[cell] = near_one++;
     }
 }
 
@@ -6414,7 +6479,7 @@ static int itn__voxel_records(itn__voxel_build *build) {
     itn__parallel_for(context, (voxels->surface_count + ITN__RECORDS - 1) / ITN__RECORDS,
                       itn__make_surface_record, build);
     if (voxels->regions)
-        itn__parallel_for(context, (voxels->near_count + ITN__RECORDS - 1) / ITN__RECORDS,
+        itn__parallel_for(context, (build->near_count + ITN__RECORDS - 1) / ITN__RECORDS,
                           itn__make_regions, build);
     return 1;
 }
@@ -6437,16 +6502,23 @@ static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upp
     }
 }
 
-/* Repeats the distances of all cells in a byte each. */
-static int itn__voxel_bytes(itn__voxels *voxels) {
+/* Tells the distances of all cells in a byte each, and where triangles are in a bit. */
+static int itn__voxel_bytes(itn__voxel_build *build) {
+    itn__voxels *voxels = build->voxels;
     size_t count = itn__cell_count(voxels), i;
+    int32_t surface = 0;
     voxels->distances = (uint8_t *)itn__allocate(&voxels->context, count + 3, 1);
-    for (i = 0; voxels->distances && i < count; i++) {
-        int32_t cell = voxels->cells[i];
-        if (cell >= 0) cell = voxels->nearby[(size_t)cell * ITN__NEAR_WORDS + ITN__NEAR_SURFACE];
-        voxels->distances[i] = (uint8_t)(cell >= 0 ? 0 : cell < -255 ? 255 : -cell);
+    voxels->ranks = (int32_t *)itn__allocate(&voxels->context, count / 32 + 1, 2 * sizeof(int32_t));
+    if (!voxels->distances || !voxels->ranks) return 0;
+    for (i = 0; i < count; i++) {
+        int32_t cell = build->cells[i], *rank = voxels->ranks + 2 * (i / 32);
+        voxels->distances[i] = (uint8_t)(cell >= 0 ? 0 : -cell);
+        if (i % 32 == 0) rank[1] = surface;
+        if (cell < 0) continue;
+        rank[0] = (int32_t)((uint32_t)rank[0] | (uint32_t)1 << i % 32);
+        surface++;
     }
-    return voxels->distances != NULL;
+    return 1;
 }
 
 /* Makes the tables for the box from lower to upper and one cell around it, of `resolution` cells
@@ -6476,7 +6548,7 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
                            (double)itn__max_abs(extent));
     else if (!(itn__voxel_slabs(&build) && itn__voxel_lists(&build) &&
                itn__voxel_distances(&build) && itn__voxel_records(&build) &&
-               itn__voxel_bytes(build.voxels)))
+               itn__voxel_bytes(&build)))
         result = itn__out_of_memory(error, "voxels");
     itn__voxel_build_free(&build);
     if (result)
@@ -6526,8 +6598,8 @@ ITN__INLINE itn__vectors itn__vsample_phase(itn__vectors direction, float g, itn
     cosine = itn__select(itn__less(*x, itn__splat(1)), 1 - *x, *y - 1);
     itn__vsincos_turns(v, &sin_phi, &cos_phi);
     itn__vframe(direction, &s, &t);
-    return itn__vnormalize(itn__vto_world(itn__vectors_of(sine * cos_phi, sine * sin_phi, cosine),
-                                          s, t, direction));
+    return itn__vrenormalize(itn__vto_world(
+        itn__vectors_of(sine * cos_phi, sine * sin_phi, cosine), s, t, direction));
 }
 
 /* itn__fresnel; total internal reflection gives 1 and cos_t 0. */
@@ -7276,17 +7348,27 @@ typedef struct itn__unit {
     int next;                  /* first that has not been started: pixel * count + ray */
 } itn__unit;
 
-typedef struct itn__flight_item {
-    int ray, pack;
-    float enter;
-} itn__flight_item;
+/* Visits of flights to cells with triangles, and, as far as they matter, to packs. */
+enum { ITN__VISITS = 256, ITN__VISIT_ROW = ITN__VISITS + 16 };
+typedef struct itn__visits {
+    int32_t ray[ITN__VISIT_ROW], cell[ITN__VISIT_ROW];
+    float enter[ITN__VISIT_ROW], length[ITN__VISIT_ROW]; /* distances */
+    float from[3][ITN__VISIT_ROW], direction[3][ITN__VISIT_ROW];
+    int count;
+} itn__visits;
+typedef struct itn__tests {
+    int32_t ray[ITN__ROW], pack[ITN__ROW];
+    float enter[ITN__ROW];
+    int count;
+} itn__tests;
 
-/* A flight's visit to a cell with triangles. */
-typedef struct itn__visit_item {
-    int ray, cell;
-    float enter, leave; /* distances */
-} itn__visit_item;
-enum { ITN__VISITS = 256 };
+/* A camera ray. */
+typedef struct itn__start {
+    itn_ray ray;
+    uint64_t pixel;
+    uint32_t scramble;
+    int number, sample, in_block; /* of the unit, of the pixel, of the scrambled set */
+} itn__start;
 
 typedef struct itn__crowd {
     const itn__fast *fast;
@@ -7299,9 +7381,9 @@ typedef struct itn__crowd {
     int free_count;
     itn__shear *shears; /* of the flights in `taken` */
     itn_hit *hits;
-    itn__flight_item *items;
-    itn__visit_item visits[ITN__VISITS];
-    int item_count, visit_count;
+    itn__start *starts; /* [ITN__CROWD] */
+    itn__visits visits;
+    itn__tests tests;
     float *radiance; /* [planes][paths of a unit]: radiance, then derivatives [count][channels] */
     int radiance_stride;
     float *scores; /* [2 ITN__CROWD][count]: of each path, and of its link, up to its last surface */
@@ -7670,7 +7752,7 @@ ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s, itn
     for (c = 1; c < itn__colours(features); c++) largest = itn__most(largest, s->beta[c]);
     low = ~itn__less_equal(itn__splat(ITN__ROULETTE * ITN__SAME_WEIGHT), largest);
     if (!itn__mask_bits((low | late) & mask)) return mask;
-    survival = itn__select(low, largest / ITN__ROULETTE, survival);
+    survival = itn__select(low, largest * (1 / ITN__ROULETTE), survival);
     survival = itn__select(late, survival * .999f, survival);
     u = itn__draw(crowd, s, (low | late) & mask, early);
     low = (low | late) & mask;
@@ -7692,24 +7774,31 @@ ITN__INLINE itn__floats itn__vflight(const itn__crowd *crowd, itn__state *s, itn
 /* Safe flights. */
 
 /* What is known around each lane's position: a cube in which a flight is free if both its ends have
-   n.x < below, or both > above, or if it runs against all normals. */
+   n.x < below, or both > above, x from the centre, or if it runs against all normals. */
 typedef struct itn__free_space {
     itn__vectors centre, n;
     itn__floats half, below, above, against;
-    itn__floats np; /* n . position */
+    itn__floats np; /* n . (position - centre) */
 } itn__free_space;
 
 ITN__INLINE itn__floats itn__signed_byte(itn__ints word, int shift) {
     return itn__to_floats(itn__word_ints(itn__int_words(word) << (24 - shift)) >> 24);
 }
 
+/* A normal of itn__pack_normal. */
+ITN__INLINE itn__vectors itn__byte_vectors(itn__ints word) {
+    return itn__vectors_of(itn__signed_byte(word, 0), itn__signed_byte(word, 8),
+                           itn__signed_byte(word, 16));
+}
+
 /* Looks up the surroundings of p for the lanes in the mask. */
 ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
                                   itn__free_space *space) {
-    itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, against, np;
-    itn__ints none = itn__splat_int(0), x, y, z, inside, cell, near_one, word, free_cube, empty;
-    itn__ints reach;
-    itn__vectors n;
+    itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, np;
+    itn__ints none = itn__splat_int(0), x, y, z, inside, at, word, near_one, top, cube, reach;
+    itn__ints free_cube;
+    itn__words bounds;
+    itn__vectors n, centre;
     x = itn__floor_ints((p.x - voxels->lower.x) * voxels->inverse_cell);
     y = itn__floor_ints((p.y - voxels->lower.y) * voxels->inverse_cell);
     z = itn__floor_ints((p.z - voxels->lower.z) * voxels->inverse_cell);
@@ -7717,52 +7806,46 @@ ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn
              itn__int_less(none - 1, z) & itn__int_less(x, itn__splat_int(voxels->size[0])) &
              itn__int_less(y, itn__splat_int(voxels->size[1])) &
              itn__int_less(z, itn__splat_int(voxels->size[2]));
-    cell = itn__gather_ints(voxels->cells, (z * voxels->size[1] + y) * voxels->size[0] + x, inside,
-                            none);
-    half = itn__to_floats(-cell - 1) + half_cell; /* where cell < 0: a cube without triangles */
-    below = itn__splat(INFINITY), above = below, against = below;
-    n = itn__vectors_of(zero, zero, zero), np = zero;
-    near_one = inside & itn__int_less(none - 1, cell);
-    if (itn__mask_bits(near_one)) {
-        const float *words = (const float *)(const void *)voxels->nearby;
-        itn__ints at = cell * 5;
-        word = itn__gather_ints(voxels->nearby, at, near_one, none);
-        below = itn__gather(words, at + 1, near_one, below);
-        above = itn__gather(words, at + 2, near_one, above);
-        against = itn__gather(words, at + 3, near_one, against);
-        empty = itn__gather_ints(voxels->nearby, at + 4, near_one, none);
-        n = itn__vectors_of(itn__signed_byte(word, 0), itn__signed_byte(word, 8),
-                            itn__signed_byte(word, 16));
-        np = itn__vdot(n, p);
-        reach = itn__word_ints(itn__int_words(word) >> 24);
-        half = itn__select(near_one, itn__to_floats(reach) + half_cell, half);
-        /* on neither side of the slab, but in an empty cell: take the cube instead */
-        free_cube = near_one & itn__int_less(empty, none) & itn__less_equal(below, np) &
-                    itn__less_equal(np, above);
-        half = itn__select(free_cube, itn__to_floats(-empty - 1) + half_cell, half);
-        below = itn__select(free_cube, itn__splat(INFINITY), below);
-    }
-    half = itn__select(inside, (half - .01f) * voxels->cell, itn__splat(-1));
+    at = (z * voxels->size[1] + y) * voxels->size[0] + x, at += at;
+    word = itn__gather_ints(voxels->spaces, at, inside, none);
+    bounds = itn__int_words(itn__gather_ints(voxels->spaces + 1, at, inside, none));
+    centre = itn__vectors_of((itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
+                             (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
+                             (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
+    n = itn__byte_vectors(word);
+    np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
+    below = itn__to_floats(itn__word_ints(bounds << 20) >> 20) * (ITN__SPACE_STEP * voxels->cell);
+    above = itn__to_floats(itn__word_ints(bounds << 8) >> 20) * (ITN__SPACE_STEP * voxels->cell);
+    near_one = ~itn__int_equal(word & 0xffffff, none);
+    top = itn__word_ints(itn__int_words(word) >> 24), cube = top >> 4;
+    reach = itn__select_int(near_one, top & 15, top);
+    /* on neither side of the slab, but in an empty cell: take the cube instead */
+    free_cube = near_one & itn__int_less(none, cube) & itn__less_equal(below, np) &
+                itn__less_equal(np, above);
+    reach = itn__select_int(free_cube, cube - 1, reach);
+    below = itn__select(free_cube, itn__splat(INFINITY), below);
+    half = (itn__to_floats(reach) + (half_cell - .01f)) * voxels->cell;
+    half = itn__select(inside, half, zero - 1);
     space->half = itn__select(mask, half, space->half);
-    space->centre = itn__vselect(mask, itn__vectors_of(
-        (itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
-        (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
-        (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z), space->centre);
+    space->centre = itn__vselect(mask, centre, space->centre);
     space->n = itn__vselect(mask, n, space->n);
     space->below = itn__select(mask, below, space->below);
     space->above = itn__select(mask, above, space->above);
-    space->against = itn__select(mask, against, space->against);
+    space->against = itn__select(mask, itn__to_floats(itn__word_ints(bounds >> 24)),
+                                 space->against);
     space->np = itn__select(mask, np, space->np);
 }
 
-/* Whether the flight to q, in direction d, is free; nq receives n . q, and must not be space->np.
-   The cube has lost a hundredth of a cell, so that no rounding of q or of the start counts. */
+/* Whether the flight to q, in direction d, is free; nq receives n . (q - centre), and must not be
+   space->np. The cube has lost a hundredth of a cell, so that no rounding of q or of the start
+   counts. */
 ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vectors q,
                                        itn__vectors d, itn__floats *nq) {
-    itn__floats x = itn__absolute(q.x - space->centre.x), y = itn__absolute(q.y - space->centre.y);
-    itn__floats z = itn__absolute(q.z - space->centre.z), half = space->half;
-    *nq = itn__vdot(space->n, q);
-    return itn__less_equal(x, half) & itn__less_equal(y, half) & itn__less_equal(z, half) &
+    itn__vectors r = itn__valong(q, itn__splat(-1), space->centre);
+    itn__floats half = space->half;
+    *nq = itn__vdot(space->n, r);
+    return itn__less_equal(itn__absolute(r.x), half) & itn__less_equal(itn__absolute(r.y), half) &
+           itn__less_equal(itn__absolute(r.z), half) &
            ((itn__less(space->np, space->below) & itn__less(*nq, space->below)) |
             (itn__less(space->above, space->np) & itn__less(space->above, *nq)) |
             itn__less(itn__vdot(space->n, d), -space->against));
@@ -8118,35 +8201,37 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
 enum { ITN__AHEAD = 4 }; /* packs are asked for so many tests before their own */
 #define ITN__STEP .002f /* beyond a cell's border, in cells; less than ITN__CELL_MARGIN */
 
-/* Notes that a flight passes a pack; tests what has been noted when the list is full. */
+/* Tests the packs that flights pass. */
 static void itn__test_packs(itn__crowd *crowd) {
     const itn__queue *queue = &crowd->taken;
     const itn_scene *scene = crowd->fast->scene;
+    itn__tests *tests = &crowd->tests;
     int i;
-    for (i = 0; i < crowd->item_count; i++) {
-        const itn__flight_item *item = &crowd->items[i];
-        itn_hit *hit = &crowd->hits[item->ray];
-        int slot = itn__row(queue, ITN__SLOT)[item->ray];
+    for (i = 0; i < tests->count; i++) {
+        int ray = tests->ray[i], slot = itn__row(queue, ITN__SLOT)[ray];
+        itn_hit *hit = &crowd->hits[ray];
+        itn__shear *shear = &crowd->shears[ray];
         const itn__path *path = &crowd->paths[slot & ~ITN__LINK];
         const itn__place *place = slot & ITN__LINK ? &path->link_place : &path->place;
-        if (i + ITN__AHEAD < crowd->item_count) {
-            const char *pack = (const char *)&crowd->fast->voxels->packs[item[ITN__AHEAD].pack];
+        itn_vec3 origin = itn__get_vector(queue, ITN__POSITION, ray);
+        if (i + ITN__AHEAD < tests->count) {
+            const itn__pack *pack = &crowd->fast->voxels->packs[tests->pack[i + ITN__AHEAD]];
             int line;
-            for (line = 0; line < (int)sizeof(itn__pack); line += 64) ITN__PREFETCH(pack + line);
+            for (line = 0; line < (int)sizeof(itn__pack); line += 64)
+                ITN__PREFETCH((const char *)pack + line);
         }
-        if (hit->t < item->enter) continue;
-        if (crowd->shears[item->ray].kz < 0) {
-            itn_ray ray;
-            ray.origin = itn__get_vector(queue, ITN__POSITION, item->ray);
-            ray.direction = itn__get_vector(queue, ITN__DIRECTION, item->ray);
-            itn__shear_make(&ray, &crowd->shears[item->ray]);
+        if (hit->t < tests->enter[i]) continue;
+        if (shear->kz < 0) {
+            itn_ray made;
+            made.origin = origin;
+            made.direction = itn__get_vector(queue, ITN__DIRECTION, ray);
+            itn__shear_make(&made, shear);
         }
-        if (itn__pack_hit(&crowd->fast->voxels->packs[item->pack], &crowd->shears[item->ray],
-                      -itn__slack(scene, itn__get_vector(queue, ITN__POSITION, item->ray)),
-                      &place->sides, 0, hit))
+        if (itn__pack_hit(&crowd->fast->voxels->packs[tests->pack[i]], shear,
+                          -itn__slack(scene, origin), &place->sides, 0, hit))
             ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
     }
-    crowd->item_count = 0;
+    tests->count = 0;
 }
 
 /* The part of the way through the voxels that is left to do. */
@@ -8165,58 +8250,89 @@ ITN__INLINE itn__floats itn__leave_cube(const itn__march *m, itn__vectors centre
     return itn__least(x, itn__least(y, z));
 }
 
-/* Goes through the cells with triangles that flights have come to: notes a cell's packs, unless
-   the part of the flight in it stays on one side of the slab that holds them. In two rounds without
-   unforeseeable branches, so that the memory of many cells is waited for at a time. */
-static void itn__visit_cells(itn__crowd *crowd) {
+/* Replaces the cells of visits by their records. */
+static void itn__find_records(itn__crowd *crowd) {
     const itn__voxels *voxels = crowd->fast->voxels;
+    itn__visits *visits = &crowd->visits;
     int i, k;
-    for (i = 0; i < crowd->visit_count; i++) {
-        itn__visit_item *visit = &crowd->visits[i];
-        size_t record = (size_t)voxels->cells[visit->cell] * ITN__NEAR_WORDS;
-        visit->cell = voxels->nearby[record + ITN__NEAR_SURFACE];
-        ITN__PREFETCH(&voxels->surface[(size_t)visit->cell * ITN__SURFACE_WORDS]);
+    for (i = 0; i < visits->count; i += ITN__LANES) {
+        itn__ints mask = itn__first_lanes(visits->count - i), cell, word, bits, record;
+        itn__words lower;
+        cell = itn__load_ints(visits->cell + i);
+        word = (cell >> 5) + (cell >> 5);
+        bits = itn__gather_ints(voxels->ranks, word, mask, cell);
+        record = itn__gather_ints(voxels->ranks, word + 1, mask, cell);
+        lower = itn__splat_word(1) << (itn__int_words(cell) & itn__splat_word(31));
+        lower = itn__int_words(bits) & (lower - 1u); /* cells before it */
+        itn__store_ints(visits->cell + i, record + itn__word_ints(itn__count_words(lower)));
     }
-    for (i = 0; i < crowd->visit_count; i++) {
-        const itn__visit_item *visit = &crowd->visits[i];
-        const int32_t *words = voxels->surface + (size_t)visit->cell * ITN__SURFACE_WORDS;
-        uint32_t bytes = (uint32_t)words[ITN__OWN_NORMAL];
-        itn_vec3 n = itn__vec3((float)(int8_t)bytes, (float)(int8_t)(bytes >> 8),
-                               (float)(int8_t)(bytes >> 16));
-        float start = itn__dot(n, itn__get_vector(&crowd->taken, ITN__POSITION, visit->ray));
-        float slope = itn__dot(n, itn__get_vector(&crowd->taken, ITN__DIRECTION, visit->ray));
-        float enter = start + slope * visit->enter, leave = start + slope * visit->leave;
-        float below, above;
-        int noted;
-        memcpy(&below, &words[ITN__OWN_BELOW], sizeof below);
-        memcpy(&above, &words[ITN__OWN_ABOVE], sizeof above);
-        noted = itn__max(enter, leave) >= below && itn__min(enter, leave) <= above;
-        for (k = 0; k < words[ITN__PACK_COUNT]; k++) {
-            itn__flight_item *item = &crowd->items[crowd->item_count];
-            item->ray = visit->ray, item->pack = words[ITN__FIRST_PACK] + k;
-            item->enter = visit->enter;
-            crowd->item_count += noted;
-            if (crowd->item_count == ITN__CROWD) itn__test_packs(crowd);
+    for (k = 0; k < visits->count; k++)
+        ITN__PREFETCH(&voxels->surface[(size_t)visits->cell[k] * ITN__SURFACE_WORDS]);
+}
+
+/* Goes through the cells with triangles that flights have come to: notes a cell's packs, unless
+   the part of the flight in it stays on one side of the slab that holds them, or runs against
+   them. */
+static void itn__visit_cells(itn__crowd *crowd) {
+    const int32_t *words = crowd->fast->voxels->surface;
+    const float *floats = (const float *)(const void *)words;
+    itn__visits *visits = &crowd->visits;
+    itn__tests *tests = &crowd->tests;
+    int i;
+    itn__find_records(crowd);
+    for (i = 0; i < visits->count; i += ITN__LANES) {
+        itn__ints mask = itn__first_lanes(visits->count - i), none = itn__splat_int(0), at, bytes;
+        itn__ints pack, count;
+        itn__floats zero = itn__splat(0), below, above, against, from, slope, to;
+        itn__vectors n, p, d;
+        at = itn__load_ints(visits->cell + i) * itn__splat_int(ITN__SURFACE_WORDS);
+        bytes = itn__gather_ints(words + ITN__OWN_NORMAL, at, mask, none);
+        below = itn__gather(floats + ITN__OWN_BELOW, at, mask, zero);
+        above = itn__gather(floats + ITN__OWN_ABOVE, at, mask, zero);
+        pack = itn__gather_ints(words + ITN__FIRST_PACK, at, mask, none);
+        count = itn__gather_ints(words + ITN__PACK_COUNT, at, mask, none);
+        n = itn__byte_vectors(bytes);
+        against = itn__to_floats(itn__word_ints(itn__int_words(bytes) >> 24));
+        p = itn__vectors_of(itn__load(visits->from[0] + i), itn__load(visits->from[1] + i),
+                            itn__load(visits->from[2] + i));
+        d = itn__vectors_of(itn__load(visits->direction[0] + i),
+                            itn__load(visits->direction[1] + i),
+                            itn__load(visits->direction[2] + i));
+        from = itn__vdot(n, p), slope = itn__vdot(n, d);
+        to = from + slope * itn__load(visits->length + i);
+        mask &= itn__less_equal(below, itn__most(from, to)) &
+                itn__less_equal(itn__least(from, to), above) &
+                ~itn__less(slope, -against);
+        for (; itn__mask_bits(mask); pack += 1, count -= 1) {
+            unsigned noted;
+            mask &= itn__int_less(none, count), noted = itn__mask_bits(mask);
+            itn__compress_ints(tests->ray + tests->count, itn__load_ints(visits->ray + i), noted);
+            itn__compress_ints(tests->pack + tests->count, pack, noted);
+            itn__compress(tests->enter + tests->count, itn__load(visits->enter + i), noted);
+            tests->count += itn__count_bits(noted);
+            if (tests->count > ITN__CROWD - ITN__LANES) itn__test_packs(crowd);
         }
     }
-    crowd->visit_count = 0;
+    visits->count = 0;
 }
 
 /* Notes that the lanes named by `bits` have come to cells with triangles, until `leave`. */
-ITN__INLINE void itn__note_cells(itn__crowd *crowd, const itn__march *m, itn__ints cell,
-                                 itn__floats leave, unsigned bits) {
-    int32_t cells[ITN__LANES], rays[ITN__LANES];
-    float enters[ITN__LANES], leaves[ITN__LANES];
-    itn__store_ints(cells, cell), itn__store_ints(rays, m->ray);
-    itn__store(enters, m->t), itn__store(leaves, leave);
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        itn__visit_item *visit = &crowd->visits[crowd->visit_count++];
-        visit->ray = rays[k], visit->cell = cells[k];
-        visit->enter = enters[k], visit->leave = leaves[k];
-        ITN__PREFETCH(&crowd->fast->voxels->cells[cells[k]]);
-    }
-    if (crowd->visit_count > ITN__VISITS - ITN__LANES) itn__visit_cells(crowd);
+ITN__INLINE void itn__note_cells(itn__crowd *crowd, const itn__march *m, itn__vectors at,
+                                 itn__ints cell, itn__floats leave, unsigned bits) {
+    itn__visits *visits = &crowd->visits;
+    int to = visits->count;
+    itn__compress_ints(visits->ray + to, m->ray, bits);
+    itn__compress_ints(visits->cell + to, cell, bits);
+    itn__compress(visits->enter + to, m->t, bits);
+    itn__compress(visits->length + to, leave - m->t, bits);
+    itn__compress(visits->from[0] + to, at.x, bits);
+    itn__compress(visits->from[1] + to, at.y, bits);
+    itn__compress(visits->from[2] + to, at.z, bits);
+    itn__compress(visits->direction[0] + to, m->d.x, bits);
+    itn__compress(visits->direction[1] + to, m->d.y, bits);
+    itn__compress(visits->direction[2] + to, m->d.z, bits);
+    visits->count += itn__count_bits(bits);
+    if (visits->count > ITN__VISITS - ITN__LANES) itn__visit_cells(crowd);
 }
 
 /* One step of each lane: past the empty cube around, or through one cell. Returns who is not yet
@@ -8245,7 +8361,7 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
                              (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
     leave = itn__most(itn__leave_cube(m, centre, half), m->t);
     if (itn__mask_bits(surface))
-        itn__note_cells(crowd, m, index, itn__least(leave, m->end), itn__mask_bits(surface));
+        itn__note_cells(crowd, m, at, index, itn__least(leave, m->end), itn__mask_bits(surface));
     m->t = itn__select(inside, leave + ITN__STEP * voxels->cell, m->t);
     return inside & itn__less_equal(m->t, m->end);
 }
@@ -8324,7 +8440,6 @@ static void itn__find_hits(itn__crowd *crowd) {
     const itn__queue *queue = &crowd->taken;
     const float longest = ITN__LONG_MARCH * crowd->fast->voxels->cell;
     int i;
-    crowd->item_count = 0;
     for (i = 0; i < queue->count; i++) {
         crowd->hits[i].t = itn__float_row(queue, ITN__DISTANCE)[i];
         crowd->hits[i].triangle = crowd->hits[i].t <= longest ? -1 : -2;
@@ -8722,39 +8837,53 @@ ITN__INLINE void itn__run_diffuse(itn__crowd *crowd, int features) {
     queue->count = 0;
 }
 
+/* The next surface of item k of `taken`, outside of media; a path that is not alive has none. */
+static void itn__trace_item(itn__crowd *crowd, int k, int alive) {
+    const itn_scene *scene = crowd->fast->scene;
+    const itn__queue *queue = &crowd->taken;
+    int slot = itn__row(queue, ITN__SLOT)[k];
+    itn__path *path = &crowd->paths[slot & ~ITN__LINK];
+    itn_hit *hit = &crowd->hits[k];
+    itn_ray ray;
+    hit->triangle = -2;
+    if (!alive) return;
+    ray.origin = itn__get_vector(queue, ITN__POSITION, k);
+    ray.direction = itn__get_vector(queue, ITN__DIRECTION, k), ray.tmax = INFINITY;
+    if (itn__next_hit(scene, slot & ITN__LINK ? &path->link_place : &path->place, &ray, hit))
+        ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
+    else
+        hit->triangle = -1;
+}
+
 /* Outside of media: the tree tells what comes next. */
 ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
-    const itn_scene *scene = crowd->fast->scene;
     itn__queue *queue = &crowd->taken, swapped = crowd->walk[0];
-    int at;
+    int at, c, k;
     crowd->walk[0] = *queue, *queue = swapped;
     crowd->walk[0].count = 0;
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__state s = itn__load_state(queue, at, features);
         itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
-        unsigned bits, gone = 0;
-        int c;
         links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
         alive = itn__vroulette(crowd, &s, mask & ~links, 1, features) | links;
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
         itn__store_ints(itn__row(queue, ITN__DIMENSION) + at, s.dimension);
         for (c = 0; c < itn__colours(features); c++)
             itn__store(itn__float_row(queue, ITN__BETA + c) + at, s.beta[c]);
-        for (bits = itn__mask_bits(alive); bits; bits &= bits - 1) {
-            int k = at + itn__lowest_bit(bits), slot = itn__row(queue, ITN__SLOT)[k];
-            itn__path *path = &crowd->paths[slot & ~ITN__LINK];
-            itn_ray ray;
-            itn_hit hit;
-            ray.origin = itn__get_vector(queue, ITN__POSITION, k);
-            ray.direction = itn__get_vector(queue, ITN__DIRECTION, k), ray.tmax = INFINITY;
-            if (itn__next_hit(scene, slot & ITN__LINK ? &path->link_place : &path->place, &ray,
-                              &hit))
-                itn__meet(crowd, queue, k, &hit);
-            else if (slot & ITN__LINK)
+        for (k = 0; k < ITN__LANES && at + k < queue->count; k++)
+            itn__trace_item(crowd, at + k, itn__mask_bits(alive) >> k & 1);
+    }
+    itn__prefetch_hits(crowd);
+    for (at = 0; at < queue->count; at += ITN__LANES) {
+        itn__state s = itn__load_state(queue, at, features);
+        unsigned gone = 0;
+        for (k = at; k < at + ITN__LANES && k < queue->count; k++)
+            if (crowd->hits[k].triangle >= 0)
+                itn__meet(crowd, queue, k, &crowd->hits[k]);
+            else if (crowd->hits[k].triangle == -1 && itn__row(queue, ITN__SLOT)[k] >= ITN__LINK)
                 itn__arrive(crowd, queue, k);
-            else
+            else if (crowd->hits[k].triangle == -1)
                 gone |= 1u << (k - at);
-        }
         itn__append(&crowd->sky, &s, gone, features);
     }
     queue->count = 0;
@@ -8846,45 +8975,51 @@ static void itn__pixel_position(const itn__fast *fast, uint64_t pixel, int ray, 
     }
 }
 
-/* Starts the paths of one camera ray. */
-static void itn__start_ray(itn__crowd *crowd) {
+/* Draws one camera ray and finds what it meets. Returns 0 where that was known before: its pixel
+   is empty and has its light. */
+static int itn__start_ray(itn__crowd *crowd, itn__start *start, itn_hit *hit) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
     itn__unit *unit = &crowd->unit;
     int number = unit->next++, cell = number / unit->count, k;
     int x = unit->x0 + cell % unit->width, y = unit->y0 + cell / unit->width;
-    int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample), slot;
-    int in_block = sample - itn__block_first(fast, block);
+    int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample);
     uint64_t pixel = (uint64_t)y * (uint64_t)scene->film.width + (uint64_t)x;
-    itn__place place;
-    itn_hit hit;
     float u, v;
-    itn_ray ray;
-    uint32_t scramble;
-    int met = 0;
     if (fast->only_constant && fast->outside && fast->empty[pixel]) {
         for (k = 0; k < fast->walks * fast->channels; k++)
             crowd->radiance[(size_t)(k % fast->channels) * (size_t)crowd->radiance_stride +
                             (size_t)(number * fast->walks + k / fast->channels)] =
                 fast->constant[k % fast->channels];
-        return;
+        return 0;
     }
-    scramble = itn__scramble(fast, pixel, block);
-    itn__pixel_position(fast, pixel, sample, in_block, scramble, &u, &v);
-    ray = itn__camera_ray(&scene->camera, x, y, u, v);
-    place = fast->camera;
-    if (!fast->outside)
-        met = -1;
-    else if (!fast->empty[pixel])
-        met = itn__next_hit(scene, &place, &ray, &hit);
+    start->number = number, start->sample = sample, start->pixel = pixel;
+    start->in_block = sample - itn__block_first(fast, block);
+    start->scramble = itn__scramble(fast, pixel, block);
+    itn__pixel_position(fast, pixel, sample, start->in_block, start->scramble, &u, &v);
+    start->ray = itn__camera_ray(&scene->camera, x, y, u, v);
+    hit->triangle = -1;
+    if (fast->outside && !fast->empty[pixel]) {
+        itn__place place = fast->camera;
+        if (!itn__next_hit(scene, &place, &start->ray, hit)) hit->triangle = -1;
+    }
+    if (hit->triangle >= 0) ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
+    return 1;
+}
+
+/* Starts the paths of a camera ray. */
+static void itn__start_walks(itn__crowd *crowd, const itn__start *start, const itn_hit *hit) {
+    const itn__fast *fast = crowd->fast;
+    int k;
     for (k = 0; k < fast->walks; k++) {
-        int walk = sample * fast->walks + k;
-        slot = itn__start_path(crowd, &ray, pixel, walk, number * fast->walks + k);
-        crowd->index[slot] = in_block * fast->walks + k;
-        crowd->scramble[slot] = (int32_t)(scramble + 1);
-        if (met > 0) {
-            itn__meet(crowd, &crowd->taken, 0, &hit);
-        } else if (met < 0) {
+        int slot = itn__start_path(crowd, &start->ray, start->pixel,
+                                   start->sample * fast->walks + k,
+                                   start->number * fast->walks + k);
+        crowd->index[slot] = start->in_block * fast->walks + k;
+        crowd->scramble[slot] = (int32_t)(start->scramble + 1);
+        if (hit->triangle >= 0) {
+            itn__meet(crowd, &crowd->taken, 0, hit);
+        } else if (!fast->outside) {
             itn__move(&crowd->taken, 0, itn__departure(
                 crowd, itn__substance_of(fast, &fast->camera), 2));
         } else {
@@ -8895,12 +9030,25 @@ static void itn__start_ray(itn__crowd *crowd) {
     }
 }
 
+/* Starts paths as long as there is room; first all rays are traced, so that the memory of many hits
+   is waited for at a time. */
+static void itn__start_rays(itn__crowd *crowd) {
+    int room = crowd->free_count / crowd->fast->walks, i;
+    crowd->taken.count = 0;
+    while (crowd->taken.count < room && itn__unit_paths_left(crowd)) {
+        int to = crowd->taken.count;
+        crowd->taken.count += itn__start_ray(crowd, &crowd->starts[to], &crowd->hits[to]);
+    }
+    itn__prefetch_hits(crowd);
+    room = crowd->taken.count, crowd->taken.count = 0;
+    for (i = 0; i < room; i++) itn__start_walks(crowd, &crowd->starts[i], &crowd->hits[i]);
+}
+
 /* Follows all paths of the unit to their ends. */
 ITN__INLINE void itn__run_unit(itn__crowd *crowd, int features) {
     int substances = 1 + crowd->fast->scene->medium_count, m;
     while (itn__unit_paths_left(crowd) || crowd->free_count < ITN__CROWD) {
-        while (itn__unit_paths_left(crowd) && crowd->free_count >= crowd->fast->walks)
-            itn__start_ray(crowd);
+        itn__start_rays(crowd);
         if (crowd->boundary.count) itn__run_boundary(crowd, features);
         if (crowd->diffuse.count) itn__run_diffuse(crowd, features);
         for (m = 1; m < substances; m++) {
@@ -8935,13 +9083,13 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
     crowd->free_slots = (int32_t *)itn__allocate(context, 3 * ITN__CROWD, sizeof(int32_t));
     crowd->shears = (itn__shear *)itn__allocate(context, ITN__CROWD, sizeof *crowd->shears);
     crowd->hits = (itn_hit *)itn__allocate(context, ITN__CROWD, sizeof *crowd->hits);
-    crowd->items = (itn__flight_item *)itn__allocate(context, ITN__CROWD, sizeof *crowd->items);
+    crowd->starts = (itn__start *)itn__allocate(context, ITN__CROWD, sizeof *crowd->starts);
     crowd->radiance = (float *)itn__allocate(context, paths, (size_t)fast->planes * sizeof(float));
     crowd->scores = (float *)itn__allocate(context, 2 * ITN__CROWD,
                                            (size_t)fast->count * sizeof(float) + 1);
     crowd->lessons = (double *)itn__allocate(context, 4 * ITN__SITUATIONS, sizeof(double));
     if (!queue || !crowd->memory || !crowd->paths || !crowd->free_slots || !crowd->shears ||
-        !crowd->hits || !crowd->items || !crowd->radiance || !crowd->scores || !crowd->lessons)
+        !crowd->hits || !crowd->starts || !crowd->radiance || !crowd->scores || !crowd->lessons)
         return 0;
     for (i = 0; i < queues; i++) {
         queue[i].rows = (int32_t *)crowd->memory + i * rows;
@@ -8967,7 +9115,7 @@ static void itn__crowd_free(itn__crowd *crowd) {
     itn__free(context, crowd->free_slots);
     itn__free(context, crowd->shears);
     itn__free(context, crowd->hits);
-    itn__free(context, crowd->items);
+    itn__free(context, crowd->starts);
     itn__free(context, crowd->radiance);
     itn__free(context, crowd->scores);
     itn__free(context, crowd->lessons);
@@ -9871,19 +10019,51 @@ static itn_result itn__adam_desc(const itn_adam_desc *given, itn_adam_desc *desc
     return ITN_OK;
 }
 
+/* Returns the index of the first gradient whose square is not finite, or count. */
+static ITN__UNUSED size_t itn__adam_refuses(const float *gradient, size_t count) {
+    itn__floats most = itn__splat(FLT_MAX);
+    size_t k = 0;
+    for (; k + ITN__LANES <= count; k += ITN__LANES) {
+        itn__floats g = itn__load(gradient + k);
+        if (itn__mask_bits(itn__less_equal(g * g, most)) != ITN__ALL_LANES) break;
+    }
+    while (k < count && gradient[k] * gradient[k] <= FLT_MAX) k++;
+    return k;
+}
+
+/* The numbers of one step: 1 - beta, and the corrections of rate and v. */
+typedef struct itn__adam_step {
+    float beta1, beta2, new1, new2, rate, v_scale, epsilon;
+} itn__adam_step;
+
+ITN__INLINE void itn__adam_lanes(const itn__adam_step *s, const float *gradient, float *m,
+                                 float *v, float *weights) {
+    itn__floats g = itn__load(gradient), w = itn__load(weights);
+    itn__floats m1 = s->beta1 * itn__load(m) + s->new1 * g;
+    itn__floats v1 = s->beta2 * itn__load(v) + s->new2 * (g * g);
+    itn__store(m, m1), itn__store(v, v1);
+    itn__store(weights, w - s->rate * m1 / (itn__root(v1 * s->v_scale) + s->epsilon));
+}
+
 /* Step number `step` (1 is the first) of algorithm 1. All arrays: [count]. */
 static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, const float *gradient,
                       float *m, float *v, float *weights) {
-    float beta1 = (float)desc->beta1, beta2 = (float)desc->beta2, epsilon = (float)desc->epsilon;
-    float rate = (float)(desc->learning_rate / (1 - pow(desc->beta1, (double)step)));
-    float v_scale = (float)(1 / (1 - pow(desc->beta2, (double)step)));
-    float new1 = (float)(1 - desc->beta1), new2 = (float)(1 - desc->beta2);
-    size_t k;
-    for (k = 0; k < count; k++) {
-        m[k] = beta1 * m[k] + new1 * gradient[k];
-        v[k] = beta2 * v[k] + new2 * (gradient[k] * gradient[k]);
-        weights[k] -= rate * m[k] / (sqrtf(v[k] * v_scale) + epsilon);
-    }
+    float rest[4][ITN__LANES]; /* what does not fill the lanes: gradient, m, v, weights */
+    itn__adam_step s;
+    size_t k = 0, bytes;
+    s.beta1 = (float)desc->beta1, s.beta2 = (float)desc->beta2, s.epsilon = (float)desc->epsilon;
+    s.new1 = (float)(1 - desc->beta1), s.new2 = (float)(1 - desc->beta2);
+    s.rate = (float)(desc->learning_rate / (1 - pow(desc->beta1, (double)step)));
+    s.v_scale = (float)(1 / (1 - pow(desc->beta2, (double)step)));
+    for (; k + ITN__LANES <= count; k += ITN__LANES)
+        itn__adam_lanes(&s, gradient + k, m + k, v + k, weights + k);
+    bytes = (count - k) * sizeof(float);
+    memset(rest, 0, sizeof rest);
+    memcpy(rest[0], gradient + k, bytes), memcpy(rest[1], m + k, bytes);
+    memcpy(rest[2], v + k, bytes), memcpy(rest[3], weights + k, bytes);
+    itn__adam_lanes(&s, rest[0], rest[1], rest[2], rest[3]);
+    memcpy(m + k, rest[1], bytes), memcpy(v + k, rest[2], bytes);
+    memcpy(weights + k, rest[3], bytes);
 }
 
 /* ---- [layers] convolution, ReLU, pooling, fully connected: forward beside backward ----------- */
@@ -9893,12 +10073,38 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
    weights; the chain rule delivers them from the last layer to the first: given dl/dy, a layer's
    backward function computes
        dl/dx = (dy/dx)^T dl/dy    and    dl/dw = (dy/dw)^T dl/dy.
-   In the code d_x stands for dl/dx. Every backward function adds to its results (+=), so that
-   what is used twice collects both shares; the caller clears them first.
-   All functions here treat one image. Its values are stored [row][column][channel], channels
-   innermost, because every inner loop then runs along memory, also in the deep layers, where images
-   have few pixels and hundreds of channels. Sums have a fixed order, so results do not depend on
-   how the calls are spread over threads. These are the plain forms, and define the results. */
+   In the code d_x stands for dl/dx. Gradients of weights are added to (+=).
+
+   The unit here is a convolution with the ReLU and the 2x2 max-pooling behind it:
+       s[y][x][o] = bias[o] + sum over tap = (ky,kx) and i of in[y+ky-1][x+kx-1][i] w[tap][i][o],
+       out[y][x][o] = max(0, s of the four pixels of window (x, y)),
+   with one ring of zeros around the input. Nothing between `in` and `out` is stored but `chosen`:
+   which of the four was taken, or that the ReLU is shut.
+
+   Layout. Channels are cut into blocks of ITN__LANES: an image is [block][row][column][lane], its
+   ring of zeros included, so that whole vectors of channels are loaded anywhere, and the three
+   pixels that a row of taps reads are one run of memory. Images of fewer channels have one narrower
+   block. The last block may be padded with zero channels.
+
+   Forward, a matrix product: a tile of P pixels times V vectors of output channels stays in
+   registers while the loop runs over the 9 x inputs terms of its sums; each term costs V loads of
+   weights and P of inputs for P V multiply-adds, and registers suffice for P V = 16 (or 8), so the
+   arithmetic is the limit. The weights of a tile's channels are first copied to one compact panel.
+   Pixels may lie anywhere (their addresses are a list, as in Dukhan's indirect convolution, 2019).
+   In small images, equal pixels of several images make a tile: then no tile has to multiply the
+   zeros of the ring, which are half of all terms in an image of 2x2 pixels. Where a layer has few
+   windows in all, memory is the limit instead, and the loops are turned round: weights are read
+   once, in the order of memory, and all sums wait in the cache.
+
+   Backward, a sparse one: of a window's four pixels only the chosen one has a derivative, so three
+   quarters of d_s are zero for certain. With d = d_out[window][o] and `patch` the 3x3 pixels around
+   the one that was chosen,
+       d_w[.][.][o] += d in[patch][.],        summed in 9 vectors over the windows, for every o;
+       d_in[patch][.] += d w[.][.][o],        summed in 9 vectors over the o that chose this pixel.
+   The vectors' lanes are input channels now, and both cost a quarter of the dense sums.
+
+   Every sum has an order that depends on the shapes alone, so results do not depend on how the
+   loops are spread over threads; parts that run side by side write apart. */
 
 /* to[0..n) += s from[0..n). */
 static void itn__add_scaled(float *to, float s, const float *from, size_t n) {
@@ -9918,125 +10124,756 @@ static float itn__dot_product(const float *a, const float *b, size_t n) {
            ((sums[1] + sums[5]) + (sums[3] + sums[7]));
 }
 
-/* Sizes of a convolution: height and width of its input and output, channels of both. */
+ITN__INLINE size_t itn__fewer(size_t a, size_t b) { return a < b ? a : b; }
+
+/* Shape of images in blocks of channels: [blocks][height + 2][width + 2][lanes]. */
+typedef struct itn__blocked {
+    size_t height, width, channels;
+    size_t lanes, blocks;    /* channels of a block, and how many blocks hold all channels */
+    size_t row, plane, size; /* floats from row to row, block to block, image to image */
+} itn__blocked;
+
+/* Behind every image there is room for a vector that starts at its last float. */
+static itn__blocked itn__blocked_make(size_t height, size_t width, size_t channels) {
+    itn__blocked s;
+    s.height = height, s.width = width, s.channels = channels;
+    s.lanes = itn__fewer(channels, ITN__LANES);
+    s.blocks = (channels + s.lanes - 1) / s.lanes;
+    s.row = (width + 2) * s.lanes, s.plane = (height + 2) * s.row;
+    s.size = (s.blocks * s.plane + ITN__LANES + 15) & ~(size_t)15;
+    return s;
+}
+
+/* The place of a channel of pixel (0, 0). */
+static size_t itn__blocked_channel(const itn__blocked *s, size_t channel) {
+    return channel / s->lanes * s->plane + s->row + s->lanes + channel % s->lanes;
+}
+
+/* Copies one image into blocks, or back. plain: [height][width] pixels, whose neighbours in a row
+   are `pixel` floats apart and whose channels are `channel` floats apart. */
+static void itn__to_blocked(const itn__blocked *s, const float *plain, size_t pixel,
+                            size_t channel, float *blocked) {
+    size_t c, x, y;
+    for (c = 0; c < s->channels; c++) {
+        float *to = blocked + itn__blocked_channel(s, c);
+        for (y = 0; y < s->height; y++)
+            for (x = 0; x < s->width; x++)
+                to[y * s->row + x * s->lanes] = plain[(y * s->width + x) * pixel + c * channel];
+    }
+}
+static void itn__from_blocked(const itn__blocked *s, const float *blocked, size_t pixel,
+                              size_t channel, float *plain) {
+    size_t c, x, y;
+    for (c = 0; c < s->channels; c++) {
+        const float *from = blocked + itn__blocked_channel(s, c);
+        for (y = 0; y < s->height; y++)
+            for (x = 0; x < s->width; x++)
+                plain[(y * s->width + x) * pixel + c * channel] = from[y * s->row + x * s->lanes];
+    }
+}
+
+/* A convolution with ReLU and pooling at work on a batch. */
 typedef struct itn__conv {
-    size_t height, width, inputs, outputs;
+    itn__blocked in, out;      /* out: after the pooling, half the height and width */
+    size_t batch;
+    const float *w, *bias;     /* [9][inputs][outputs], [outputs] */
+    const float *images;       /* [batch][in], with zeros in the ring */
+    float *pooled;             /* [batch][out]: the forward result */
+    unsigned char *chosen;     /* as pooled: pixel of the window, 2 row + column, or ITN__SHUT */
+    float *d_pooled;           /* as pooled; backward clears it where the ReLU is shut */
+    float *d_w, *d_bias;       /* as w and bias */
+    float *d_images;           /* as images, overwritten; its ring is left undefined */
+    float *scratch;            /* [itn__conv_scratch] */
+    size_t parts;              /* tasks that stream the weights, which may depend on the threads:
+                                  every sum is the work of one of them */
 } itn__conv;
 
-/* 3x3 convolution, stride 1, one ring of zeros around the image:
-       out[y][x][o] = bias[o] + sum over tap = (ky,kx) and i of in[y+ky-1][x+kx-1][i] w[tap][i][o].
-   Finds the input pixel that a tap (3 ky + kx) of output pixel (x, y) reads. Returns 0 where it
-   lies in the ring, else 1 and the index of the pixel. */
-ITN__INLINE int itn__conv_pixel(const itn__conv *c, size_t x, size_t y, size_t tap,
-                                size_t *pixel) {
-    size_t column = x + tap % 3, row = y + tap / 3; /* in the image with its ring */
-    if (column < 1 || column > c->width || row < 1 || row > c->height) return 0;
-    *pixel = (row - 1) * c->width + (column - 1);
-    return 1;
+enum {
+    ITN__SHUT = 4,                                  /* `chosen` of a window that gave 0 */
+    ITN__TILE_PIXELS = ITN__LANES == 16 ? 8 : 4,    /* P and V above: their product fits into */
+    ITN__TILE_VECTORS = 2,                          /* 32 registers, or 16 of narrower lanes */
+    ITN__TILE_WINDOWS = 8,                          /* windows whose tiles are pooled together */
+    ITN__STREAM_WINDOWS = 16,                       /* at most, to stream the weights */
+    ITN__BAND = 32,                                 /* windows whose inputs fit into the first */
+    ITN__SPREAD_BAND = 16,                          /* level of cache; with weights beside them */
+    ITN__SPREAD_OUTPUTS = 64                        /* channels of those weights */
+};
+
+/* Vectors that hold a run of three pixels of a block. */
+static size_t itn__run_vectors(const itn__blocked *s) {
+    return (3 * s->lanes + ITN__LANES - 1) / ITN__LANES;
 }
 
-/* in: [height][width][inputs], w: [9][inputs][outputs], bias: [outputs],
-   out: [height][width][outputs], overwritten. */
-static void itn__conv_forward(const itn__conv *c, const float *in, const float *w,
-                              const float *bias, float *out) {
-    size_t x, y, tap, i, pixel;
-    for (y = 0; y < c->height; y++)
-        for (x = 0; x < c->width; x++) {
-            float *sum = out + (y * c->width + x) * c->outputs;
-            memcpy(sum, bias, c->outputs * sizeof *sum);
-            for (tap = 0; tap < 9; tap++) {
-                if (!itn__conv_pixel(c, x, y, tap, &pixel)) continue;
-                for (i = 0; i < c->inputs; i++)
-                    itn__add_scaled(sum, in[pixel * c->inputs + i],
-                                    w + (tap * c->inputs + i) * c->outputs, c->outputs);
-            }
-        }
+/* ---- windows, in the order in which all loops take them ---- */
+
+/* Images with few windows go in groups whose equal windows follow each other. */
+static size_t itn__conv_group(const itn__conv *c) {
+    if (c->out.height * c->out.width > 64) return 1;
+    return itn__fewer(c->batch, ITN__TILE_WINDOWS);
+}
+static size_t itn__conv_windows(const itn__conv *c) {
+    return c->batch * c->out.height * c->out.width;
 }
 
-/* d_in[y+ky-1][x+kx-1][i] += sum over o of w[tap][i][o] d_out[y][x][o].
-   w: [9][inputs][outputs], d_out: [height][width][outputs], d_in: [height][width][inputs]. */
-static void itn__conv_backward_input(const itn__conv *c, const float *w, const float *d_out,
-                                     float *d_in) {
-    size_t x, y, tap, i, pixel;
-    for (y = 0; y < c->height; y++)
-        for (x = 0; x < c->width; x++)
-            for (tap = 0; tap < 9; tap++) {
-                const float *d_sum = d_out + (y * c->width + x) * c->outputs;
-                if (!itn__conv_pixel(c, x, y, tap, &pixel)) continue;
-                for (i = 0; i < c->inputs; i++)
-                    d_in[pixel * c->inputs + i] += itn__dot_product(
-                        w + (tap * c->inputs + i) * c->outputs, d_sum, c->outputs);
-            }
+/* Sides of the image at which a window lies: there its taps reach into the ring. */
+enum { ITN__AT_TOP = 1, ITN__AT_BOTTOM = 2, ITN__AT_LEFT = 4, ITN__AT_RIGHT = 8 };
+
+typedef struct itn__window {
+    size_t in, out; /* index of its 4x4 input pixels, and of its output pixel, in block 0 */
+    unsigned sides;
+} itn__window;
+
+/* Fills windows[count] from number `first` on. */
+static void itn__conv_take(const itn__conv *c, size_t first, size_t count, itn__window *windows) {
+    size_t positions = c->out.height * c->out.width, group = itn__conv_group(c);
+    size_t start = first / (positions * group) * group, rest = first - start * positions;
+    size_t images = itn__fewer(c->batch - start, group), k;
+    size_t image = rest % images, x = rest / images % c->out.width;
+    size_t y = rest / images / c->out.width;
+    for (k = 0; k < count; k++) {
+        windows[k].in = (start + image) * c->in.size + 2 * y * c->in.row + 2 * x * c->in.lanes;
+        windows[k].out = (start + image) * c->out.size + (y + 1) * c->out.row +
+                         (x + 1) * c->out.lanes;
+        windows[k].sides = (unsigned)((y == 0) * ITN__AT_TOP + (x == 0) * ITN__AT_LEFT +
+                                      (y + 1 == c->out.height) * ITN__AT_BOTTOM +
+                                      (x + 1 == c->out.width) * ITN__AT_RIGHT);
+        if (++image < images) continue;
+        image = 0;
+        if (++x < c->out.width) continue;
+        x = 0;
+        if (++y < c->out.height) continue;
+        y = 0, start += group;
+        images = itn__fewer(c->batch - start, group);
+    }
 }
 
-/* One row of the weights' gradient, so that rows can be computed side by side:
-       d_w[tap][i][o] += sum over y, x of in[y+ky-1][x+kx-1][i] d_out[y][x][o],  row = (tap, i).
-   in: [height][width][inputs], d_out: [height][width][outputs], d_row: [outputs]. */
-static void itn__conv_backward_weights(const itn__conv *c, size_t row, const float *in,
-                                       const float *d_out, float *d_row) {
-    size_t x, y, pixel, tap = row / c->inputs, i = row % c->inputs;
-    for (y = 0; y < c->height; y++)
-        for (x = 0; x < c->width; x++)
-            if (itn__conv_pixel(c, x, y, tap, &pixel))
-                itn__add_scaled(d_row, in[pixel * c->inputs + i],
-                                d_out + (y * c->width + x) * c->outputs, c->outputs);
+/* From a window's 4x4 pixels to the 3x3 around its pixel `corner` (2 row + column). */
+ITN__INLINE size_t itn__conv_corner(const itn__blocked *in, size_t corner) {
+    return corner / 2 * in->row + corner % 2 * in->lanes;
 }
 
-/* d_bias[o] += sum over y, x of d_out[y][x][o].
-   d_out: [height][width][outputs], d_bias: [outputs]. */
-static void itn__conv_backward_bias(const itn__conv *c, const float *d_out, float *d_bias) {
-    size_t pixel;
-    for (pixel = 0; pixel < c->height * c->width; pixel++)
-        itn__add_scaled(d_bias, 1, d_out + pixel * c->outputs, c->outputs);
+/* ---- forward ---- */
+
+/* Weights of a tile's output channels: `row` floats from one input channel to the next, `tap`
+   input channels from one tap to the next. */
+typedef struct itn__panel {
+    const float *w, *bias;
+    size_t row, tap;
+    int vectors; /* of output channels: 1 or 2 */
+} itn__panel;
+
+/* Sides at which pixel `corner` of a window lies. */
+static unsigned itn__pixel_sides(unsigned sides, size_t corner) {
+    unsigned row = corner / 2 ? ITN__AT_BOTTOM : ITN__AT_TOP;
+    unsigned column = corner % 2 ? ITN__AT_RIGHT : ITN__AT_LEFT;
+    return sides & (row | column);
 }
 
-/* Rectified linear unit, y = max(x, 0), in place. values: [count]. */
-static void itn__relu_forward(float *values, size_t count) {
-    size_t k;
-    for (k = 0; k < count; k++) values[k] = values[k] > 0 ? values[k] : 0;
+/* Terms of a sum: rows and columns of taps, blocks of input channels, each [from, to). */
+typedef struct itn__terms {
+    size_t top, bottom, left, right, first, end;
+} itn__terms;
+
+/* All terms of a pixel that lies at `sides`: taps in the ring are left out. */
+static itn__terms itn__terms_at(unsigned sides, size_t blocks) {
+    itn__terms terms;
+    terms.top = sides & ITN__AT_TOP ? 1 : 0, terms.bottom = sides & ITN__AT_BOTTOM ? 2 : 3;
+    terms.left = sides & ITN__AT_LEFT ? 1 : 0, terms.right = sides & ITN__AT_RIGHT ? 2 : 3;
+    terms.first = 0, terms.end = blocks;
+    return terms;
 }
 
-/* Passes the derivative where y > 0, which is where x > 0; at the kink it is 0.
-   out: [count] the results y, d_out, d_in: [count]. */
-static void itn__relu_backward(const float *out, const float *d_out, float *d_in, size_t count) {
-    size_t k;
-    for (k = 0; k < count; k++) d_in[k] += out[k] > 0 ? d_out[k] : 0;
-}
-
-/* Max-pooling: the largest value of every 2x2 window; the first of equals, in the order of rows.
-   in: [height][width][channels], both sizes even, out: [height/2][width/2][channels],
-   chosen: as out, which of the window's four values was taken (2 row + column). */
-static void itn__pool_forward(const float *in, size_t height, size_t width, size_t channels,
-                              float *out, unsigned char *chosen) {
-    size_t x, y, k, c;
-    for (y = 0; y < height / 2; y++)
-        for (x = 0; x < width / 2; x++) {
-            const float *window = in + (2 * y * width + 2 * x) * channels;
-            memcpy(out, window, channels * sizeof *out);
-            memset(chosen, 0, channels);
-            for (k = 1; k < 4; k++) {
-                const float *from = window + ((k / 2) * width + k % 2) * channels;
-                for (c = 0; c < channels; c++) {
-                    chosen[c] = from[c] > out[c] ? (unsigned char)k : chosen[c];
-                    out[c] = from[c] > out[c] ? from[c] : out[c];
+/* sums[pixel][vector] += the terms. patches: [pixels] addresses of 3x3 input pixels. */
+ITN__INLINE void itn__conv_tile(const itn__blocked *in, const itn__panel *panel, int pixels,
+                                int vectors, const float *const *patches, const itn__terms *terms,
+                                float *sums) {
+    itn__floats sum[ITN__TILE_PIXELS][ITN__TILE_VECTORS], weights[ITN__TILE_VECTORS];
+    /* a single block's neighbouring pixels are one run of channels */
+    size_t columns = in->blocks == 1 ? terms->right - terms->left : 1, length = columns * in->lanes;
+    size_t x, y, b, k, row = panel->row;
+    int p, v;
+    ITN__UNROLL
+    for (p = 0; p < pixels; p++)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++)
+            sum[p][v] = itn__load(sums + (p * vectors + v) * ITN__LANES);
+    for (y = terms->top; y < terms->bottom; y++)
+        for (x = terms->left; x < terms->right; x += columns)
+            for (b = terms->first; b < terms->end; b++) {
+                const float *w = panel->w + ((3 * y + x) * panel->tap + b * in->lanes) * row;
+                size_t from = b * in->plane + y * in->row + x * in->lanes;
+                for (k = from; k < from + length; k++, w += row) {
+                    ITN__UNROLL
+                    for (v = 0; v < vectors; v++) weights[v] = itn__load(w + v * ITN__LANES);
+                    ITN__UNROLL
+                    for (p = 0; p < pixels; p++) {
+                        itn__floats value = itn__splat(patches[p][k]);
+                        ITN__UNROLL
+                        for (v = 0; v < vectors; v++) sum[p][v] += value * weights[v];
+                    }
                 }
             }
-            out += channels, chosen += channels;
+    ITN__UNROLL
+    for (p = 0; p < pixels; p++)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++)
+            itn__store(sums + (p * vectors + v) * ITN__LANES, sum[p][v]);
+}
+
+/* The tile of either size; not inlined, so that it has all registers for itself. */
+ITN__NOINLINE void itn__conv_add(const itn__blocked *in, const itn__panel *panel, size_t pixels,
+                                 const float *const *patches, const itn__terms *terms,
+                                 float *sums) {
+    if (pixels > 4 && panel->vectors == 2)
+        itn__conv_tile(in, panel, ITN__TILE_PIXELS, 2, patches, terms, sums);
+    else if (panel->vectors == 2)
+        itn__conv_tile(in, panel, 4, 2, patches, terms, sums);
+    else if (pixels > 4)
+        itn__conv_tile(in, panel, ITN__TILE_PIXELS, 1, patches, terms, sums);
+    else
+        itn__conv_tile(in, panel, 4, 1, patches, terms, sums);
+}
+
+/* ReLU and pooling of one window's vector: sums of its four pixels, `step` floats apart; the first
+   of equals is taken. */
+ITN__INLINE void itn__conv_pool(const float *sums, size_t step, size_t lanes, float *out,
+                                unsigned char *chosen) {
+    itn__floats best = itn__load(sums), zero = itn__splat(0);
+    itn__ints which = itn__splat_int(0), open;
+    int corner;
+    for (corner = 1; corner < 4; corner++) {
+        itn__floats sum = itn__load(sums + (size_t)corner * step);
+        itn__ints more = itn__less(best, sum);
+        best = itn__select(more, sum, best);
+        which = itn__select_int(more, itn__splat_int(corner), which);
+    }
+    open = itn__less(zero, best);
+    best = itn__select(open, best, zero);
+    which = itn__select_int(open, which, itn__splat_int(ITN__SHUT));
+    if (lanes == ITN__LANES) {
+        itn__store(out, best), itn__store_bytes(chosen, which);
+    } else { /* a narrow block: the next floats are other pixels' */
+        float values[ITN__LANES];
+        unsigned char corners[ITN__LANES];
+        size_t count = itn__fewer(lanes, ITN__LANES);
+        itn__store(values, best), itn__store_bytes(corners, which);
+        memcpy(out, values, count * sizeof *out), memcpy(chosen, corners, count);
+    }
+}
+
+/* The pixels of up to ITN__TILE_WINDOWS windows, ordered by corner, so that those of a tile lie at
+   the same sides where they can. */
+typedef struct itn__pixels {
+    const float *patches[4 * ITN__TILE_WINDOWS];
+    unsigned sides[4 * ITN__TILE_WINDOWS];
+    size_t count;
+} itn__pixels;
+
+static void itn__conv_pixels(const itn__conv *c, const itn__window *windows, size_t count,
+                             itn__pixels *pixels) {
+    size_t corner, k, p = 0;
+    for (corner = 0; corner < 4; corner++)
+        for (k = 0; k < count; k++, p++) {
+            pixels->patches[p] = c->images + windows[k].in + itn__conv_corner(&c->in, corner);
+            pixels->sides[p] = itn__pixel_sides(windows[k].sides, corner);
+        }
+    pixels->count = p;
+}
+
+/* All sums begin with the bias. sums: [pixels][vectors]. */
+static void itn__conv_begin(const itn__panel *panel, size_t pixels, float *sums) {
+    size_t p;
+    int v;
+    for (v = 0; v < panel->vectors; v++) {
+        itn__floats bias = itn__load(panel->bias + v * ITN__LANES);
+        for (p = 0; p < pixels; p++)
+            itn__store(sums + (p * (size_t)panel->vectors + (size_t)v) * ITN__LANES, bias);
+    }
+}
+
+/* ReLU and pooling of all windows of a panel, whose first output block is `block`. */
+static void itn__conv_end(const itn__conv *c, const itn__panel *panel, size_t block,
+                          const itn__window *windows, size_t count, const float *sums) {
+    size_t vectors = (size_t)panel->vectors, k, v;
+    for (k = 0; k < count; k++)
+        for (v = 0; v < vectors; v++) {
+            size_t at = windows[k].out + (block + v) * c->out.plane;
+            itn__conv_pool(sums + (k * vectors + v) * ITN__LANES, count * vectors * ITN__LANES,
+                           c->out.lanes, c->pooled + at, c->chosen + at);
         }
 }
 
-/* Sends the derivative to the value that was taken. Shapes as above. */
-static void itn__pool_backward(const unsigned char *chosen, const float *d_out, size_t height,
-                               size_t width, size_t channels, float *d_in) {
-    size_t x, y, c;
-    for (y = 0; y < height / 2; y++)
-        for (x = 0; x < width / 2; x++) {
-            float *window = d_in + (2 * y * width + 2 * x) * channels;
-            for (c = 0; c < channels; c++)
-                window[((chosen[c] / 2u) * width + chosen[c] % 2u) * channels + c] += d_out[c];
-            d_out += channels, chosen += channels;
+/* Windows [windows, count), up to ITN__TILE_WINDOWS, of one panel, tile after tile. */
+static void itn__conv_tiles(const itn__conv *c, const itn__panel *panel, size_t block,
+                            const itn__window *windows, size_t count) {
+    float sums[4 * ITN__TILE_WINDOWS * ITN__TILE_VECTORS * ITN__LANES];
+    size_t floats = (size_t)panel->vectors * ITN__LANES, p, k, tile;
+    itn__pixels pixels;
+    itn__conv_pixels(c, windows, count, &pixels);
+    itn__conv_begin(panel, pixels.count, sums);
+    for (p = 0; p < pixels.count; p += tile) {
+        unsigned sides = pixels.sides[p];
+        itn__terms terms;
+        tile = pixels.count - p < ITN__TILE_PIXELS ? 4 : ITN__TILE_PIXELS;
+        for (k = 1; k < tile; k++) sides &= pixels.sides[p + k];
+        terms = itn__terms_at(sides, c->in.blocks);
+        itn__conv_add(&c->in, panel, tile, pixels.patches + p, &terms, sums + p * floats);
+    }
+    itn__conv_end(c, panel, block, windows, count, sums);
+}
+
+/* Floats from panel to panel: a row for every term of a sum, and the bias. */
+static size_t itn__panel_rows(const itn__conv *c) { return 9 * c->in.blocks * c->in.lanes + 1; }
+static size_t itn__panel_count(const itn__conv *c) {
+    return (c->out.blocks + ITN__TILE_VECTORS - 1) / ITN__TILE_VECTORS;
+}
+
+/* Whether the windows are so few that reading the weights takes longer than using them. */
+static int itn__conv_streams(const itn__conv *c) {
+    return itn__conv_windows(c) <= ITN__STREAM_WINDOWS && c->out.channels % ITN__LANES == 0 &&
+           c->in.blocks * c->in.lanes == c->in.channels;
+}
+
+static itn__panel itn__conv_panel(const itn__conv *c, size_t index) {
+    itn__panel panel;
+    size_t block = index * ITN__TILE_VECTORS, blocks = c->out.blocks - block;
+    panel.vectors = (int)itn__fewer(blocks, ITN__TILE_VECTORS);
+    if (!itn__conv_streams(c)) {
+        panel.row = (size_t)panel.vectors * ITN__LANES, panel.tap = c->in.blocks * c->in.lanes;
+        panel.w = c->scratch + itn__panel_rows(c) * block * ITN__LANES;
+        panel.bias = panel.w + 9 * panel.tap * panel.row;
+    } else {
+        panel.row = c->out.channels, panel.tap = c->in.channels;
+        panel.w = c->w + block * ITN__LANES, panel.bias = c->bias + block * ITN__LANES;
+    }
+    return panel;
+}
+
+/* Copies a panel's weights to where itn__conv_panel says, zeros for the padding. */
+static void itn__conv_copy_panel(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    itn__panel panel = itn__conv_panel(c, (size_t)index);
+    size_t first = (size_t)index * ITN__TILE_VECTORS * ITN__LANES, tap, i;
+    size_t outputs = itn__fewer(c->out.channels - first, panel.row);
+    float *to = c->scratch + (panel.w - c->scratch);
+    memset(to, 0, itn__panel_rows(c) * panel.row * sizeof *to);
+    for (tap = 0; tap < 9; tap++)
+        for (i = 0; i < c->in.channels; i++)
+            memcpy(to + (tap * panel.tap + i) * panel.row,
+                   c->w + (tap * c->in.channels + i) * c->out.channels + first,
+                   outputs * sizeof *to);
+    memcpy(to + 9 * panel.tap * panel.row, c->bias + first, outputs * sizeof *to);
+}
+
+/* How many parts of at least 256 windows a panel's work is cut into. */
+static size_t itn__conv_parts(const itn__conv *c) {
+    return itn__fewer((itn__conv_windows(c) + 255) / 256, 32768);
+}
+
+static void itn__conv_forward_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t parts = itn__conv_parts(c), windows = itn__conv_windows(c), count;
+    size_t number = (size_t)index / parts, part = (size_t)index % parts;
+    size_t first = windows * part / parts, end = windows * (part + 1) / parts;
+    itn__panel panel = itn__conv_panel(c, number);
+    itn__window taken[ITN__TILE_WINDOWS];
+    for (; first < end; first += count) {
+        count = itn__fewer(end - first, ITN__TILE_WINDOWS);
+        itn__conv_take(c, first, count, taken);
+        itn__conv_tiles(c, &panel, number * ITN__TILE_VECTORS, taken, count);
+    }
+}
+
+/* Asks for a panel's weights of one tap and one block of inputs. Inlined, because GCC leaves out
+   calls of a function that has no result. */
+ITN__INLINE void itn__stream_ask(const itn__conv *c, const itn__panel *panel,
+                                 const itn__terms *terms) {
+    size_t first = (3 * terms->top + terms->left) * panel->tap + terms->first * c->in.lanes, i;
+    for (i = first; i < first + c->in.lanes; i++) {
+        ITN__PREFETCH(panel->w + i * panel->row);
+        ITN__PREFETCH(panel->w + i * panel->row + (panel->vectors - 1) * ITN__LANES);
+    }
+}
+
+/* Adds the terms of one tap and one block of inputs to the sums of all windows of a panel,
+   sums: [group of windows][pixels][vectors]. */
+static void itn__stream_terms(const itn__conv *c, const itn__panel *panel,
+                              const itn__pixels *pixels, size_t groups, const itn__terms *terms,
+                              float *sums) {
+    size_t floats = (size_t)panel->vectors * ITN__LANES, g, p, tile;
+    for (g = 0; g < groups; g++)
+        for (p = 0; p < pixels[g].count; p += tile, sums += tile * floats) {
+            tile = pixels[g].count - p < ITN__TILE_PIXELS ? 4 : ITN__TILE_PIXELS;
+            itn__conv_add(&c->in, panel, tile, pixels[g].patches + p, terms, sums);
         }
 }
+
+/* Adds them to the sums of panels [first, end), `size` floats each. The weights are asked for two
+   panels ahead: the processor cannot guess rows this short. */
+static void itn__stream_panels(const itn__conv *c, const itn__pixels *pixels, size_t groups,
+                               const itn__terms *terms, size_t first, size_t end, size_t size) {
+    enum { AHEAD = 2 };
+    size_t number;
+    for (number = first; number < end; number++) {
+        itn__panel panel = itn__conv_panel(c, number), next;
+        if (number + AHEAD < end) {
+            next = itn__conv_panel(c, number + AHEAD);
+            itn__stream_ask(c, &next, terms);
+        }
+        itn__stream_terms(c, &panel, pixels, groups, terms, c->scratch + number * size);
+    }
+}
+
+/* Few windows, some panels: weights are read where they are, in the order of memory, each once;
+   all sums are kept in the scratch memory meanwhile. */
+static void itn__conv_stream_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    enum { GROUPS = ITN__STREAM_WINDOWS / ITN__TILE_WINDOWS };
+    size_t panels = itn__panel_count(c), windows = itn__conv_windows(c), panel, tap, g;
+    size_t first = panels * (size_t)index / c->parts, end = panels * ((size_t)index + 1) / c->parts;
+    size_t groups = (windows + ITN__TILE_WINDOWS - 1) / ITN__TILE_WINDOWS;
+    size_t size = 4 * windows * ITN__TILE_VECTORS * ITN__LANES; /* of a panel's sums */
+    itn__window taken[ITN__STREAM_WINDOWS];
+    itn__pixels pixels[GROUPS];
+    itn__panel panel_at;
+    itn__terms terms;
+    itn__conv_take(c, 0, windows, taken);
+    for (g = 0; g < groups; g++)
+        itn__conv_pixels(c, taken + g * ITN__TILE_WINDOWS,
+                         itn__fewer(windows - g * ITN__TILE_WINDOWS, ITN__TILE_WINDOWS),
+                         &pixels[g]);
+    for (panel = first; panel < end; panel++) {
+        panel_at = itn__conv_panel(c, panel);
+        itn__conv_begin(&panel_at, 4 * windows, c->scratch + panel * size);
+    }
+    for (tap = 0; tap < 9; tap++)
+        for (terms.first = 0; terms.first < c->in.blocks; terms.first++) {
+            terms.top = tap / 3, terms.bottom = terms.top + 1;
+            terms.left = tap % 3, terms.right = terms.left + 1, terms.end = terms.first + 1;
+            itn__stream_panels(c, pixels, groups, &terms, first, end, size);
+        }
+    for (panel = first; panel < end; panel++) {
+        panel_at = itn__conv_panel(c, panel);
+        for (g = 0; g < groups; g++)
+            itn__conv_end(c, &panel_at, panel * ITN__TILE_VECTORS, taken + g * ITN__TILE_WINDOWS,
+                          pixels[g].count / 4,
+                          c->scratch + panel * size + g * 4 * ITN__TILE_WINDOWS *
+                              (size_t)panel_at.vectors * ITN__LANES);
+    }
+}
+
+static void itn__conv_forward(const itn_context *context, itn__conv *c) {
+    size_t panels = itn__panel_count(c);
+    if (itn__conv_streams(c)) {
+        c->parts = itn__fewer(panels, (size_t)itn__workers(context));
+        itn__parallel_for(context, (int)c->parts, itn__conv_stream_part, c);
+    } else {
+        itn__parallel_for(context, (int)panels, itn__conv_copy_panel, c);
+        itn__parallel_for(context, (int)(panels * itn__conv_parts(c)), itn__conv_forward_part, c);
+    }
+}
+
+/* ---- backward, into the weights ---- */
+
+/* Clears the derivatives of one image where the ReLU is shut. */
+static void itn__conv_shut(void *data, int image) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t k, size = c->out.size;
+    float *d = c->d_pooled + (size_t)image * size;
+    const unsigned char *chosen = c->chosen + (size_t)image * size;
+    for (k = 0; k < size; k += ITN__LANES) {
+        itn__ints shut = itn__int_equal(itn__load_bytes(chosen + k), itn__splat_int(ITN__SHUT));
+        itn__store(d + k, itn__select(shut, itn__splat(0), itn__load(d + k)));
+    }
+}
+
+/* Three runs of 1 to 3 vectors: 3x3 pixels of a block. In memory they are `row` floats apart. */
+typedef struct itn__runs {
+    itn__floats at[3][3];
+} itn__runs;
+
+ITN__INLINE void itn__runs_load(itn__runs *runs, int vectors, const float *from, size_t row) {
+    int y, v;
+    ITN__UNROLL
+    for (y = 0; y < 3; y++, from += row)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++) runs->at[y][v] = itn__load(from + v * ITN__LANES);
+}
+ITN__INLINE void itn__runs_store(const itn__runs *runs, int vectors, float *to, size_t row) {
+    int y, v;
+    ITN__UNROLL
+    for (y = 0; y < 3; y++, to += row)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++) itn__store(to + v * ITN__LANES, runs->at[y][v]);
+}
+/* += s times what is in memory. */
+ITN__INLINE void itn__runs_add(itn__runs *runs, int vectors, float s, const float *from,
+                               size_t row) {
+    itn__floats scale = itn__splat(s);
+    int y, v;
+    ITN__UNROLL
+    for (y = 0; y < 3; y++, from += row)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++) runs->at[y][v] += scale * itn__load(from + v * ITN__LANES);
+}
+
+/* sums[3][vectors] += d in[patch] over windows, for one output channel, whose derivatives and
+   choices begin at d_pooled and chosen; images: of the block of input channels. */
+ITN__INLINE void itn__weights_tile(const itn__blocked *in, int vectors, const itn__window *windows,
+                                   size_t count, const float *images, const float *d_pooled,
+                                   const unsigned char *chosen, float *sums) {
+    size_t corners[5], run = (size_t)vectors * ITN__LANES, k;
+    itn__runs sum;
+    for (k = 0; k < 4; k++) corners[k] = itn__conv_corner(in, k);
+    corners[ITN__SHUT] = 0; /* its derivative is 0 */
+    itn__runs_load(&sum, vectors, sums, run);
+    for (k = 0; k < count; k++) {
+        size_t out = windows[k].out;
+        itn__runs_add(&sum, vectors, d_pooled[out], images + windows[k].in + corners[chosen[out]],
+                      in->row);
+    }
+    itn__runs_store(&sum, vectors, sums, run);
+}
+
+/* The work is cut into tiles of one block of outputs times one of inputs, [outputs][3][run], and,
+   where these are few, the windows into slices, whose sums are added up in order. */
+static size_t itn__weights_tiles(const itn__conv *c) { return c->out.blocks * c->in.blocks; }
+static size_t itn__weights_slices(const itn__conv *c) {
+    size_t tiles = itn__weights_tiles(c), bands = (itn__conv_windows(c) + 255) / 256;
+    if (tiles >= 32) return 1;
+    return itn__fewer(bands, 32 / tiles);
+}
+static size_t itn__weights_tile_size(const itn__conv *c) {
+    return c->out.lanes * 3 * itn__run_vectors(&c->in) * ITN__LANES;
+}
+
+/* Sums of one tile over one slice, into the scratch memory: [slice][tile]. */
+static void itn__weights_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t tiles = itn__weights_tiles(c), tile = (size_t)index % tiles, count, o;
+    size_t slices = itn__weights_slices(c), slice = (size_t)index / tiles;
+    size_t windows = itn__conv_windows(c), first = windows * slice / slices;
+    size_t end = windows * (slice + 1) / slices, size = itn__weights_tile_size(c);
+    size_t vectors = itn__run_vectors(&c->in);
+    size_t out = tile / c->in.blocks * c->out.plane;
+    const float *images = c->images + tile % c->in.blocks * c->in.plane;
+    float *sums = c->scratch + (size_t)index * size;
+    itn__window taken[ITN__BAND];
+    memset(sums, 0, size * sizeof *sums);
+    for (; first < end; first += count) {
+        count = itn__fewer(end - first, ITN__BAND);
+        itn__conv_take(c, first, count, taken);
+        for (o = 0; o < c->out.lanes; o++) {
+            const float *d = c->d_pooled + out + o;
+            const unsigned char *chosen = c->chosen + out + o;
+            float *to = sums + o * 3 * vectors * ITN__LANES;
+            if (vectors == 3)
+                itn__weights_tile(&c->in, 3, taken, count, images, d, chosen, to);
+            else if (vectors == 2)
+                itn__weights_tile(&c->in, 2, taken, count, images, d, chosen, to);
+            else
+                itn__weights_tile(&c->in, 1, taken, count, images, d, chosen, to);
+        }
+    }
+}
+
+/* Channels of a block that are not padding. */
+static size_t itn__blocked_real(const itn__blocked *s, size_t block) {
+    return itn__fewer(s->channels - block * s->lanes, s->lanes);
+}
+
+/* Adds one tile, summed over the slices, to the gradient. */
+static void itn__weights_add_tile(const itn__conv *c, size_t out, size_t in) {
+    size_t tile = out * c->in.blocks + in, size = itn__weights_tile_size(c), slice, y, x, i, o;
+    size_t outputs = itn__blocked_real(&c->out, out), inputs = itn__blocked_real(&c->in, in);
+    size_t run = itn__run_vectors(&c->in) * ITN__LANES;
+    float *sums = c->scratch + tile * size;
+    for (slice = 1; slice < itn__weights_slices(c); slice++)
+        itn__add_scaled(sums, 1, sums + slice * itn__weights_tiles(c) * size, size);
+    for (y = 0; y < 3; y++)
+        for (x = 0; x < 3; x++)
+            for (i = 0; i < inputs; i++) {
+                size_t row = (3 * y + x) * c->in.channels + in * c->in.lanes + i;
+                float *to = c->d_w + row * c->out.channels + out * c->out.lanes;
+                const float *from = sums + y * run + x * c->in.lanes + i;
+                for (o = 0; o < outputs; o++) to[o] += from[o * 3 * run];
+            }
+}
+
+/* All tiles of one block of inputs: together they fill whole rows of memory. */
+static void itn__weights_add(void *data, int block) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t out;
+    for (out = 0; out < c->out.blocks; out++) itn__weights_add_tile(c, out, (size_t)block);
+}
+
+/* d_bias of one block. */
+static void itn__bias_add(void *data, int block) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t image, x, y, o, outputs = itn__blocked_real(&c->out, (size_t)block);
+    itn__floats sum = itn__splat(0);
+    float sums[ITN__LANES];
+    for (image = 0; image < c->batch; image++) {
+        const float *d = c->d_pooled + image * c->out.size + (size_t)block * c->out.plane;
+        for (y = 1; y <= c->out.height; y++)
+            for (x = 1; x <= c->out.width; x++)
+                sum += itn__load(d + y * c->out.row + x * c->out.lanes);
+    }
+    itn__store(sums, sum);
+    for (o = 0; o < outputs; o++) c->d_bias[(size_t)block * c->out.lanes + o] += sums[o];
+}
+
+/* ---- backward, into the inputs ---- */
+
+/* Weights with input channels in the lanes: [block of inputs][output][3][run], zeros for padding.
+   64 outputs at a time, so that what is written stays in the cache. */
+static void itn__conv_turn(void *data, int block) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t run = itn__run_vectors(&c->in) * ITN__LANES, first, end, tap, i, o;
+    size_t outputs = c->out.blocks * c->out.lanes, size = outputs * 3 * run;
+    size_t inputs = itn__blocked_real(&c->in, (size_t)block);
+    float *turned = c->scratch + (size_t)block * size;
+    memset(turned, 0, size * sizeof *turned);
+    for (first = 0; first < c->out.channels; first = end) {
+        end = itn__fewer(first + 64, c->out.channels);
+        for (tap = 0; tap < 9; tap++)
+            for (i = 0; i < inputs; i++) {
+                size_t row = tap * c->in.channels + (size_t)block * c->in.lanes + i;
+                const float *from = c->w + row * c->out.channels;
+                float *to = turned + tap / 3 * run + tap % 3 * c->in.lanes + i;
+                for (o = first; o < end; o++) to[o * 3 * run] = from[o];
+            }
+    }
+}
+
+/* Some of a window's output channels, sorted by the pixel they chose: those of corner k stand at
+   start[k] ... start[k + 1] - 1. */
+typedef struct itn__choices {
+    size_t start[5];
+    float d[ITN__SPREAD_OUTPUTS + ITN__LANES];
+    int32_t output[ITN__SPREAD_OUTPUTS + ITN__LANES]; /* the first of them is 0 */
+} itn__choices;
+
+/* Sorts output blocks [block, end) of the window whose output pixel is `out`. */
+static void itn__choices_make(const itn__conv *c, size_t out, size_t block, size_t end,
+                              itn__choices *choices) {
+    const itn__blocked *s = &c->out;
+    itn__ints number = itn__lane_numbers();
+    itn__ints real = itn__int_less(number, itn__splat_int((int32_t)s->lanes));
+    size_t b, count = 0;
+    int corner;
+    for (corner = 0; corner < 4; corner++) {
+        choices->start[corner] = count;
+        for (b = block; b < end; b++) {
+            const unsigned char *chosen = c->chosen + out + b * s->plane;
+            itn__ints here = itn__int_equal(itn__load_bytes(chosen), itn__splat_int(corner));
+            unsigned bits = itn__mask_bits(here & real);
+            int32_t first = (int32_t)((b - block) * s->lanes);
+            itn__compress(choices->d + count, itn__load(c->d_pooled + out + b * s->plane), bits);
+            itn__compress_ints(choices->output + count, number + itn__splat_int(first), bits);
+            count += (size_t)itn__count_bits(bits);
+        }
+    }
+    choices->start[4] = count;
+}
+
+/* d_patch += sum over n in [from, to) of d[n] w[output[n]]. */
+ITN__INLINE void itn__spread_tile(const itn__blocked *in, int vectors, const float *w,
+                                  const itn__choices *choices, size_t from, size_t to,
+                                  float *d_patch) {
+    int run = vectors * ITN__LANES;
+    itn__runs sum;
+    itn__runs_load(&sum, vectors, d_patch, in->row);
+    for (; from < to; from++)
+        itn__runs_add(&sum, vectors, choices->d[from], w + choices->output[from] * 3 * run,
+                      (size_t)run);
+    itn__runs_store(&sum, vectors, d_patch, in->row);
+}
+
+/* One block of inputs of one window, from its sorted outputs. */
+static void itn__spread_window(const itn__conv *c, size_t block, const float *w,
+                               const itn__window *window, const itn__choices *choices) {
+    size_t vectors = itn__run_vectors(&c->in), corner;
+    for (corner = 0; corner < 4; corner++) {
+        float *d_patch = c->d_images + window->in + block * c->in.plane +
+                         itn__conv_corner(&c->in, corner);
+        size_t from = choices->start[corner], to = choices->start[corner + 1];
+        if (vectors == 3)
+            itn__spread_tile(&c->in, 3, w, choices, from, to, d_patch);
+        else if (vectors == 2)
+            itn__spread_tile(&c->in, 2, w, choices, from, to, d_patch);
+        else
+            itn__spread_tile(&c->in, 1, w, choices, from, to, d_patch);
+    }
+}
+
+/* The work is cut into groups of images times sets of eight blocks of inputs. */
+static size_t itn__spread_sets(const itn__conv *c) { return (c->in.blocks + 7) / 8; }
+
+/* A band of windows, input blocks [first, end): the weights of some outputs stay in the cache while
+   all windows use them. */
+static void itn__spread_band(const itn__conv *c, const itn__window *windows, size_t count,
+                             size_t first, size_t end) {
+    size_t row = 3 * itn__run_vectors(&c->in) * ITN__LANES, blocks, o, k, b;
+    size_t size = c->out.blocks * c->out.lanes * row, most = ITN__SPREAD_OUTPUTS / c->out.lanes;
+    itn__choices choices[ITN__SPREAD_BAND];
+    for (o = 0; o < c->out.blocks; o += blocks) {
+        blocks = itn__fewer(c->out.blocks - o, most);
+        for (k = 0; k < count; k++)
+            itn__choices_make(c, windows[k].out, o, o + blocks, &choices[k]);
+        for (b = first; b < end; b++)
+            for (k = 0; k < count; k++)
+                itn__spread_window(c, b, c->scratch + b * size + o * c->out.lanes * row,
+                                   &windows[k], &choices[k]);
+    }
+}
+
+static void itn__spread_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t sets = itn__spread_sets(c), positions = c->out.height * c->out.width;
+    size_t block = (size_t)index % sets * 8, blocks = itn__fewer(c->in.blocks - block, 8);
+    size_t group = itn__conv_group(c), image = (size_t)index / sets * group, k, count;
+    size_t images = itn__fewer(c->batch - image, group);
+    size_t first = image * positions, end = first + images * positions;
+    itn__window taken[ITN__SPREAD_BAND];
+    for (k = image; k < image + images; k++)
+        memset(c->d_images + k * c->in.size + block * c->in.plane, 0,
+               blocks * c->in.plane * sizeof(float));
+    for (; first < end; first += count) {
+        count = itn__fewer(end - first, ITN__SPREAD_BAND);
+        itn__conv_take(c, first, count, taken);
+        itn__spread_band(c, taken, count, block, block + blocks);
+    }
+}
+
+/* Adds to d_w and d_bias; fills d_images unless it is NULL. */
+static void itn__conv_backward(const itn_context *context, itn__conv *c) {
+    size_t tiles = itn__weights_tiles(c), group = itn__conv_group(c);
+    size_t groups = (c->batch + group - 1) / group;
+    itn__parallel_for(context, (int)c->batch, itn__conv_shut, c);
+    itn__parallel_for(context, (int)c->out.blocks, itn__bias_add, c);
+    itn__parallel_for(context, (int)(tiles * itn__weights_slices(c)), itn__weights_part, c);
+    itn__parallel_for(context, (int)c->in.blocks, itn__weights_add, c);
+    if (!c->d_images) return;
+    itn__parallel_for(context, (int)c->in.blocks, itn__conv_turn, c);
+    itn__parallel_for(context, (int)(groups * itn__spread_sets(c)), itn__spread_part, c);
+}
+
+/* Floats of scratch memory, for this batch or any smaller one: what the panels, the sums of a
+   stream, the slices or the turned weights need. */
+static size_t itn__conv_scratch(const itn__conv *c) {
+    size_t outputs = c->out.blocks * c->out.lanes, most = 0, k;
+    size_t needs[4];
+    needs[0] = itn__panel_rows(c) * c->out.blocks * ITN__LANES;
+    needs[1] = itn__panel_count(c) * 4 * ITN__STREAM_WINDOWS * ITN__TILE_VECTORS * ITN__LANES;
+    needs[2] = itn__weights_tiles(c) * itn__weights_slices(c) * itn__weights_tile_size(c);
+    needs[3] = c->in.blocks * outputs * 3 * itn__run_vectors(&c->in) * ITN__LANES;
+    for (k = 0; k < 4; k++)
+        if (most < needs[k]) most = needs[k];
+    return most;
+}
+
+/* ---- fully connected ---- */
 
 /* Fully connected layer: out[o] = bias[o] + sum over i of w[o][i] in[i].
    in: [inputs], w: [outputs][inputs], bias: [outputs], out: [outputs], overwritten. */
@@ -10192,19 +11029,15 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
 /* Layer l = 0, 1, ... halves the image and doubles its channels: convolution, ReLU, pooling. The
    fully connected layer turns what is left (1x1 pixel with 1024 channels in the authors' network)
    into the outputs. Weights, gradients and the two Adam moments are one slab each, all of the same
-   order; activations are kept for a whole batch, as the backward pass needs them.
-   Tasks that may run side by side: the images of a batch, and in the weights' gradient, which sums
-   over images, the rows of the result, each summed in the order of images. */
+   order; what the layers pass on is kept for a whole batch, as the backward pass needs it, and so
+   is what each pooling chose. Derivatives of activations live in two buffers that the layers use in
+   turn. */
 
 enum { ITN__NET_LAYERS = 12 };
 
 typedef struct itn__net_layer {
     itn__conv conv;
-    size_t weights, bias;  /* offsets in the slabs */
-    size_t pixels, pooled; /* floats of one image after the convolution, after the pooling */
-    float *rectified;      /* [batch][pixels] */
-    float *pool;           /* [batch][pooled] */
-    unsigned char *chosen; /* [batch][pooled] */
+    size_t weights, bias; /* offsets in the slabs */
 } itn__net_layer;
 
 struct itn_net {
@@ -10213,15 +11046,16 @@ struct itn_net {
     itn__net_layer layers[ITN__NET_LAYERS];
     size_t full_weights, full_bias, features; /* of the fully connected layer */
     size_t count;                             /* of parameters */
-    float *parameters, *gradients, *moments;  /* moments: [2][count], m then v */
     uint64_t steps;
-    float *activations;                       /* slab of the float arrays below and in layers */
-    unsigned char *choices;                   /* slab of the `chosen` arrays */
-    float *images;                            /* [batch][height][width][channels] */
-    float *outputs;                           /* [batch][outputs] */
-    float *d_outputs;                         /* [batch][outputs] */
-    float *d_pool, *d_rectified, *d_conv;     /* [batch][largest layer's size], reused by layers */
     int forward_batch;                        /* images whose activations are valid */
+    void *memory;                             /* all arrays below and in layers */
+    float *slab;                              /* the same, aligned to vectors */
+    size_t used;                              /* floats cut off the slab */
+    float *parameters, *gradients, *moments;  /* moments: [2][count], m then v */
+    float *images;                            /* [batch], in blocks */
+    float *last, *d_last;                     /* [batch][features], plain: [row][column][channel] */
+    float *outputs;                           /* [batch][outputs] */
+    float *d[2];                              /* [batch][largest d_pooled] */
 };
 
 /* Fills in the defaults of a desc and checks its ranges. */
@@ -10256,77 +11090,102 @@ static itn_result itn__net_desc(const itn_net_desc *given, itn_net_desc *desc, i
     return ITN_OK;
 }
 
-/* Sets the sizes and offsets of all layers, in 64 bits, which the ranges of the desc cannot
-   overflow (2^26 pixels, 2^16 channels and images). Returns 0 if memory for them cannot be
-   addressed: every later sum of sizes stays below 8 times the largest product tested here. */
-static int itn__net_sizes(itn_net *net) {
-    const itn_net_desc *d = &net->desc;
-    uint64_t limit = SIZE_MAX / 64, batch = (uint64_t)d->batch, outputs = (uint64_t)d->outputs;
-    uint64_t size = (uint64_t)d->height * (uint64_t)d->width, inputs = (uint64_t)d->channels;
-    uint64_t count = 0;
-    int l;
-    if (size * inputs > limit / batch || outputs > limit / batch ||
-        size * (uint64_t)d->first_channels > limit / batch)
-        return 0;
-    for (l = 0; l < d->layer_count; l++) {
-        itn__net_layer *layer = &net->layers[l];
-        uint64_t channels = (uint64_t)d->first_channels << l;
-        layer->conv.height = (size_t)d->height >> l, layer->conv.width = (size_t)d->width >> l;
-        layer->conv.inputs = (size_t)inputs, layer->conv.outputs = (size_t)channels;
-        layer->pixels = (size_t)(size * channels), layer->pooled = layer->pixels / 4;
-        layer->weights = (size_t)count, layer->bias = (size_t)(count + 9 * inputs * channels);
-        count += (9 * inputs + 1) * channels;
-        inputs = channels, size /= 4;
-    }
-    net->features = (size_t)(size * inputs);
-    net->full_weights = (size_t)count;
-    net->full_bias = (size_t)(count + size * inputs * outputs);
-    count += (size * inputs + 1) * outputs;
-    net->count = (size_t)count;
-    return count <= limit;
+/* Floats of a batch of images in blocks, with room to spare. */
+static uint64_t itn__net_floats(uint64_t batch, uint64_t width, uint64_t height,
+                                uint64_t channels) {
+    return batch * ((width + 2) * (height + 2) * (channels + ITN__LANES) + 64);
 }
 
-/* Cuts the next `count` floats off a slab. */
-static float *itn__net_cut(float **slab, size_t count) {
-    float *piece = *slab;
-    *slab += count;
+/* Sets the sizes and offsets of all layers, given the channels of the images and of each layer's
+   result, in 64 bits, which the ranges of the desc cannot overflow (2^26 pixels, 2^16 channels and
+   images). Returns 0 if memory for them cannot be addressed (2^48 bytes never can): every later sum
+   of sizes stays below 32 times the largest product tested here. */
+static int itn__net_chain(itn_net *net, const size_t *channels) {
+    const itn_net_desc *d = &net->desc;
+    uint64_t limit = SIZE_MAX > UINT32_MAX ? (uint64_t)1 << 46 : SIZE_MAX / 128;
+    uint64_t batch = (uint64_t)d->batch, outputs = (uint64_t)d->outputs;
+    uint64_t width = (uint64_t)d->width, height = (uint64_t)d->height, count = 0;
+    int l;
+    for (l = 0; l < d->layer_count; l++, width /= 2, height /= 2) {
+        itn__net_layer *layer = &net->layers[l];
+        itn__conv *c = &layer->conv;
+        uint64_t from = channels[l], to = channels[l + 1];
+        if (itn__net_floats(batch, width, height, from) > limit ||
+            itn__net_floats(batch, width / 2, height / 2, to) > limit || from > INT_MAX / to ||
+            9 * (from + ITN__LANES) * (to + ITN__LANES) > limit)
+            return 0;
+        c->in = itn__blocked_make((size_t)height, (size_t)width, channels[l]);
+        c->out = itn__blocked_make((size_t)height / 2, (size_t)width / 2, channels[l + 1]);
+        c->batch = (size_t)batch;
+        layer->weights = (size_t)count, layer->bias = (size_t)(count + 9 * from * to);
+        count += (9 * from + 1) * to;
+    }
+    net->features = (size_t)(width * height) * channels[l];
+    if (outputs * (net->features + 1) > limit || count > limit) return 0;
+    net->full_weights = (size_t)count;
+    net->full_bias = (size_t)(count + net->features * outputs);
+    net->count = (size_t)(count + (net->features + 1) * outputs);
+    return 1;
+}
+
+/* The same for the channels of a desc. */
+static int itn__net_sizes(itn_net *net) {
+    size_t channels[ITN__NET_LAYERS + 1];
+    int l;
+    channels[0] = (size_t)net->desc.channels;
+    for (l = 0; l < net->desc.layer_count; l++)
+        channels[l + 1] = (size_t)net->desc.first_channels << l;
+    return itn__net_chain(net, channels);
+}
+
+/* Cuts the next `count` floats off the slab; while there is none, only counts. */
+static float *itn__net_cut(itn_net *net, size_t count) {
+    float *piece = net->slab ? net->slab + net->used : NULL;
+    net->used += (count + 15) / 16 * 16;
     return piece;
 }
 
-/* Allocates the slabs and points into them. Returns 0 if memory is out. */
-static int itn__net_allocate(itn_net *net) {
-    size_t batch = (size_t)net->desc.batch, outputs = (size_t)net->desc.outputs;
-    size_t image = net->layers[0].conv.height * net->layers[0].conv.width *
-                   net->layers[0].conv.inputs;
-    size_t pixels = net->layers[0].pixels, pooled = net->layers[0].pooled; /* the largest */
-    size_t values = image + outputs + 2 * pixels + pooled, choices = 0;
-    unsigned char *chosen;
-    float *slab;
-    int l;
-    for (l = 0; l < net->desc.layer_count; l++) {
-        values += net->layers[l].pixels + net->layers[l].pooled;
-        choices += net->layers[l].pooled;
+/* Cuts all arrays off the slab. */
+static void itn__net_place(itn_net *net) {
+    size_t batch = (size_t)net->desc.batch, largest = 0, scratch = 0;
+    float *images, *shared;
+    int l, layers = net->desc.layer_count;
+    net->used = 0;
+    net->parameters = itn__net_cut(net, net->count), net->gradients = itn__net_cut(net, net->count);
+    net->moments = itn__net_cut(net, 2 * net->count);
+    net->last = itn__net_cut(net, batch * net->features);
+    net->d_last = itn__net_cut(net, batch * net->features);
+    net->outputs = itn__net_cut(net, batch * (size_t)net->desc.outputs);
+    for (l = 0; l < layers; l++) {
+        const itn__conv *c = &net->layers[l].conv;
+        if (largest < c->out.size) largest = c->out.size;
+        if (scratch < itn__conv_scratch(c)) scratch = itn__conv_scratch(c);
     }
-    net->parameters = (float *)itn__allocate(&net->context, net->count, sizeof(float));
-    net->gradients = (float *)itn__allocate(&net->context, net->count, sizeof(float));
-    net->moments = (float *)itn__allocate(&net->context, net->count, 2 * sizeof(float));
-    net->activations = (float *)itn__allocate(&net->context, values, batch * sizeof(float));
-    net->choices = (unsigned char *)itn__allocate(&net->context, choices, batch);
-    if (!net->parameters || !net->gradients || !net->moments || !net->activations ||
-        !net->choices)
-        return 0;
-    slab = net->activations, chosen = net->choices;
-    net->images = itn__net_cut(&slab, batch * image);
-    net->outputs = itn__net_cut(&slab, batch * outputs);
-    net->d_pool = itn__net_cut(&slab, batch * pooled);
-    net->d_rectified = itn__net_cut(&slab, batch * pixels);
-    net->d_conv = itn__net_cut(&slab, batch * pixels);
-    for (l = 0; l < net->desc.layer_count; l++) {
+    shared = itn__net_cut(net, scratch);
+    net->d[0] = itn__net_cut(net, batch * largest), net->d[1] = itn__net_cut(net, batch * largest);
+    net->images = images = itn__net_cut(net, batch * net->layers[0].conv.in.size);
+    for (l = 0; l < layers; l++) {
         itn__net_layer *layer = &net->layers[l];
-        layer->rectified = itn__net_cut(&slab, batch * layer->pixels);
-        layer->pool = itn__net_cut(&slab, batch * layer->pooled);
-        layer->chosen = chosen, chosen += batch * layer->pooled;
+        itn__conv *c = &layer->conv;
+        c->images = images, c->scratch = shared;
+        c->pooled = images = itn__net_cut(net, batch * c->out.size);
+        c->chosen = (unsigned char *)itn__net_cut(net, batch * c->out.size / 4 + ITN__LANES);
+        c->d_pooled = net->d[l % 2], c->d_images = l > 0 ? net->d[1 - l % 2] : NULL;
+        if (!net->slab) continue;
+        c->w = net->parameters + layer->weights, c->bias = net->parameters + layer->bias;
+        c->d_w = net->gradients + layer->weights, c->d_bias = net->gradients + layer->bias;
     }
+}
+
+/* Returns 0 if memory is out. */
+static int itn__net_allocate(itn_net *net) {
+    enum { ALIGNMENT = 64 }; /* bytes */
+    itn__net_place(net);
+    net->memory = itn__allocate(&net->context, net->used + ALIGNMENT / 4, sizeof(float));
+    if (!net->memory) return 0;
+    net->slab = (float *)net->memory;
+    while ((uintptr_t)net->slab % ALIGNMENT) net->slab++;
+    itn__net_place(net);
     return 1;
 }
 
@@ -10349,7 +11208,7 @@ static void itn__net_initialise(itn_net *net) {
     int l;
     for (l = 0; l < net->desc.layer_count; l++) {
         itn__net_layer *layer = &net->layers[l];
-        double inputs = 9. * (double)layer->conv.inputs;
+        double inputs = 9. * (double)layer->conv.in.channels;
         itn__net_normal(net->parameters + layer->weights, layer->bias - layer->weights,
                         2 / inputs, net->desc.seed, (uint64_t)l);
     }
@@ -10361,11 +11220,7 @@ ITN_API void itn_net_free(itn_net *net) {
     itn_context context;
     if (!net) return;
     context = net->context;
-    itn__free(&context, net->parameters);
-    itn__free(&context, net->gradients);
-    itn__free(&context, net->moments);
-    itn__free(&context, net->activations);
-    itn__free(&context, net->choices);
+    itn__free(&context, net->memory);
     itn__free(&context, net);
 }
 
@@ -10420,49 +11275,26 @@ static size_t itn__not_finite(const float *values, size_t count) {
 typedef struct itn__net_task {
     itn_net *net;
     const float *images; /* the caller's, [batch][channels][height][width] */
-    int batch;
-    int layer; /* at work in the backward pass */
 } itn__net_task;
 
-/* Copies image `index` from planes to channels innermost. */
-static void itn__net_take_image(const itn__net_task *task, size_t index) {
-    const itn__conv *c = &task->net->layers[0].conv;
-    size_t size = c->height * c->width, pixel, channel;
-    const float *from = task->images + index * size * c->inputs;
-    float *to = task->net->images + index * size * c->inputs;
-    for (channel = 0; channel < c->inputs; channel++)
-        for (pixel = 0; pixel < size; pixel++)
-            to[pixel * c->inputs + channel] = from[channel * size + pixel];
-}
-
-/* All that layer l receives for image `index`: the image, or the layer before's result. */
-static float *itn__net_input(const itn_net *net, int l, size_t index) {
-    const itn__conv *c = &net->layers[0].conv;
-    if (l == 0) return net->images + index * c->height * c->width * c->inputs;
-    return net->layers[l - 1].pool + index * net->layers[l - 1].pooled;
-}
-
-/* Takes one image through all layers. */
-static void itn__net_forward_image(void *data, int image) {
+/* Copies an image from planes to blocks. */
+static void itn__net_take_image(void *data, int image) {
     const itn__net_task *task = (const itn__net_task *)data;
-    const itn_net *net = task->net;
+    const itn__blocked *s = &task->net->layers[0].conv.in;
+    size_t plane = s->height * s->width, index = (size_t)image;
+    itn__to_blocked(s, task->images + index * plane * s->channels, 1, plane,
+                    task->net->images + index * s->size);
+}
+
+/* The fully connected layer, for one image. */
+static void itn__net_forward_full(void *data, int image) {
+    const itn_net *net = ((const itn__net_task *)data)->net;
+    const itn__conv *c = &net->layers[net->desc.layer_count - 1].conv;
     size_t index = (size_t)image, outputs = (size_t)net->desc.outputs;
-    int l;
-    itn__net_take_image(task, index);
-    for (l = 0; l < net->desc.layer_count; l++) {
-        const itn__net_layer *layer = &net->layers[l];
-        const itn__conv *c = &layer->conv;
-        float *rectified = layer->rectified + index * layer->pixels;
-        itn__conv_forward(c, itn__net_input(net, l, index), net->parameters + layer->weights,
-                          net->parameters + layer->bias, rectified);
-        itn__relu_forward(rectified, layer->pixels);
-        itn__pool_forward(rectified, c->height, c->width, c->outputs,
-                          layer->pool + index * layer->pooled,
-                          layer->chosen + index * layer->pooled);
-    }
-    itn__full_forward(itn__net_input(net, l, index), net->parameters + net->full_weights,
-                      net->parameters + net->full_bias, net->features, outputs,
-                      net->outputs + index * outputs);
+    float *last = net->last + index * net->features;
+    itn__from_blocked(&c->out, c->pooled + index * c->out.size, c->out.channels, 1, last);
+    itn__full_forward(last, net->parameters + net->full_weights, net->parameters + net->full_bias,
+                      net->features, outputs, net->outputs + index * outputs);
 }
 
 static itn_result itn__net_call(const char *name, const itn_net *net, int batch, const float *in,
@@ -10481,6 +11313,7 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
     itn_result result = itn__net_call("itn_net_forward", net, batch, images, error);
     itn__net_task task;
     size_t count, size, bad;
+    int l;
     if (result != ITN_OK) return result;
     if (!outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_forward: outputs is NULL");
@@ -10491,8 +11324,13 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
                          "itn_net_forward: value %.0f of image %.0f is not finite",
                          (double)(bad % size), (double)(bad / size));
     net->forward_batch = 0;
-    task.net = net, task.images = images, task.batch = batch, task.layer = 0;
-    itn__parallel_for(&net->context, batch, itn__net_forward_image, &task);
+    task.net = net, task.images = images;
+    itn__parallel_for(&net->context, batch, itn__net_take_image, &task);
+    for (l = 0; l < net->desc.layer_count; l++) {
+        net->layers[l].conv.batch = (size_t)batch;
+        itn__conv_forward(&net->context, &net->layers[l].conv);
+    }
+    itn__parallel_for(&net->context, batch, itn__net_forward_full, &task);
     count = (size_t)batch * (size_t)net->desc.outputs;
     if (itn__not_finite(net->outputs, count) < count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -10503,64 +11341,24 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
     return ITN_OK;
 }
 
-/* The fully connected layer, image after image, into cleared d_pool. */
+/* The fully connected layer, image after image, to the derivatives of the last pooling. */
 static void itn__net_backward_full(itn_net *net, size_t batch, const float *d_outputs) {
+    const itn__conv *c = &net->layers[net->desc.layer_count - 1].conv;
     size_t outputs = (size_t)net->desc.outputs, index;
-    memset(net->d_pool, 0, batch * net->features * sizeof *net->d_pool);
-    for (index = 0; index < batch; index++)
-        itn__full_backward(itn__net_input(net, net->desc.layer_count, index),
-                           net->parameters + net->full_weights, d_outputs + index * outputs,
-                           net->features, outputs, net->d_pool + index * net->features,
+    memset(net->d_last, 0, batch * net->features * sizeof *net->d_last);
+    for (index = 0; index < batch; index++) {
+        float *d_last = net->d_last + index * net->features;
+        itn__full_backward(net->last + index * net->features, net->parameters + net->full_weights,
+                           d_outputs + index * outputs, net->features, outputs, d_last,
                            net->gradients + net->full_weights, net->gradients + net->full_bias);
-}
-
-/* One image back through pooling and ReLU: d_pool to d_rectified to d_conv. */
-static void itn__net_backward_pool(void *data, int image) {
-    const itn__net_task *task = (const itn__net_task *)data;
-    const itn_net *net = task->net;
-    const itn__net_layer *layer = &net->layers[task->layer];
-    size_t index = (size_t)image, bytes = layer->pixels * sizeof(float);
-    float *d_rectified = net->d_rectified + index * layer->pixels;
-    float *d_conv = net->d_conv + index * layer->pixels;
-    memset(d_rectified, 0, bytes);
-    memset(d_conv, 0, bytes);
-    itn__pool_backward(layer->chosen + index * layer->pooled,
-                       net->d_pool + index * layer->pooled, layer->conv.height,
-                       layer->conv.width, layer->conv.outputs, d_rectified);
-    itn__relu_backward(layer->rectified + index * layer->pixels, d_rectified, d_conv,
-                       layer->pixels);
-}
-
-/* One row of a convolution's weights, summed over the images in their order. */
-static void itn__net_backward_weights(void *data, int row) {
-    const itn__net_task *task = (const itn__net_task *)data;
-    const itn_net *net = task->net;
-    const itn__net_layer *layer = &net->layers[task->layer];
-    float *d_row = net->gradients + layer->weights + (size_t)row * layer->conv.outputs;
-    size_t index;
-    for (index = 0; index < (size_t)task->batch; index++)
-        itn__conv_backward_weights(&layer->conv, (size_t)row,
-                                   itn__net_input(net, task->layer, index),
-                                   net->d_conv + index * layer->pixels, d_row);
-}
-
-/* One image back through a convolution: d_conv to the d_pool of the layer before. */
-static void itn__net_backward_input(void *data, int image) {
-    const itn__net_task *task = (const itn__net_task *)data;
-    const itn_net *net = task->net;
-    const itn__net_layer *layer = &net->layers[task->layer];
-    size_t inputs = net->layers[task->layer - 1].pooled;
-    float *d_in = net->d_pool + (size_t)image * inputs;
-    memset(d_in, 0, inputs * sizeof *d_in);
-    itn__conv_backward_input(&layer->conv, net->parameters + layer->weights,
-                             net->d_conv + (size_t)image * layer->pixels, d_in);
+        itn__to_blocked(&c->out, d_last, c->out.channels, 1, c->d_pooled + index * c->out.size);
+    }
 }
 
 ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
                                     itn_error *error) {
     itn_result result = itn__net_call("itn_net_backward", net, batch, d_outputs, error);
-    itn__net_task task;
-    int image;
+    int l;
     if (result != ITN_OK) return result;
     if (batch != net->forward_batch)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -10570,38 +11368,44 @@ ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outp
         (size_t)batch * (size_t)net->desc.outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_backward: a derivative in d_outputs is not finite");
-    task.net = net, task.images = NULL, task.batch = batch;
     itn__net_backward_full(net, (size_t)batch, d_outputs);
-    for (task.layer = net->desc.layer_count - 1; task.layer >= 0; task.layer--) {
-        const itn__net_layer *layer = &net->layers[task.layer];
-        itn__parallel_for(&net->context, batch, itn__net_backward_pool, &task);
-        itn__parallel_for(&net->context, (int)(9 * layer->conv.inputs), itn__net_backward_weights,
-                          &task);
-        for (image = 0; image < batch; image++)
-            itn__conv_backward_bias(&layer->conv, net->d_conv + (size_t)image * layer->pixels,
-                                    net->gradients + layer->bias);
-        if (task.layer > 0)
-            itn__parallel_for(&net->context, batch, itn__net_backward_input, &task);
-    }
+    for (l = net->desc.layer_count - 1; l >= 0; l--)
+        itn__conv_backward(&net->context, &net->layers[l].conv);
     return ITN_OK;
+}
+
+/* One step of Adam, as its parallel loop sees it. */
+typedef struct itn__net_adam {
+    itn_net *net;
+    const itn_adam_desc *desc;
+} itn__net_adam;
+
+enum { ITN__ADAM_PART = 1 << 15 }; /* parameters of one task */
+
+static void itn__net_step_part(void *data, int index) {
+    const itn__net_adam *task = (const itn__net_adam *)data;
+    itn_net *net = task->net;
+    size_t first = (size_t)index * ITN__ADAM_PART;
+    itn__adam(task->desc, net->steps, itn__fewer(net->count - first, ITN__ADAM_PART),
+              net->gradients + first, net->moments + first, net->moments + net->count + first,
+              net->parameters + first);
 }
 
 ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_error *error) {
     itn_adam_desc adam;
+    itn__net_adam task;
     itn_result result;
-    size_t k;
+    size_t bad;
     if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_step: net is NULL");
     if ((result = itn__adam_desc(desc, &adam, error)) != ITN_OK) return result;
-    for (k = 0; k < net->count; k++) {
-        float square = net->gradients[k] * net->gradients[k];
-        if (!(square <= FLT_MAX))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_net_step: gradient %.0f is %g, and its square is not finite; "
-                             "no step was taken", (double)k, (double)net->gradients[k]);
-    }
+    if ((bad = itn__adam_refuses(net->gradients, net->count)) < net->count)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_net_step: gradient %.0f is %g, and its square is not finite; "
+                         "no step was taken", (double)bad, (double)net->gradients[bad]);
     net->steps++;
-    itn__adam(&adam, net->steps, net->count, net->gradients, net->moments,
-              net->moments + net->count, net->parameters);
+    task.net = net, task.desc = &adam;
+    itn__parallel_for(&net->context, (int)((net->count - 1) / ITN__ADAM_PART + 1),
+                      itn__net_step_part, &task);
     net->forward_batch = 0;
     return ITN_OK;
 }
@@ -11039,24 +11843,26 @@ static void itn__refine_estimate(itn__refiner *refiner) {
     refiner->misfit = refiner->chi2;
 }
 
-/* The last evaluations, of many samples: error bars and, for LM, steps of their accuracy until they
-   are small against the error bars, three at most. A step that raises the misfit is taken back. */
+/* The last evaluations, of two, four and eight times the samples: error bars and, for LM, steps of
+   their accuracy, until they are small against the error bars. A step that raises the misfit at the
+   same number of samples is taken back. */
 static itn_result itn__refine_finish(itn__refiner *refiner, itn_error *error) {
     int n = refiner->count, k, pass, settled = refiner->options.method != ITN_METHOD_LM;
     double chi2 = INFINITY, chi2_error = 0, longest, *before = refiner->gradient;
-    for (pass = 0; pass < 4; pass++) {
-        itn_result result = itn__refine_evaluate(refiner, 8 * refiner->options.spp, error);
+    for (pass = settled ? 2 : 0; pass < 5; pass++) {
+        int factor = pass < 2 ? 2 << pass : 8;
+        itn_result result = itn__refine_evaluate(refiner, factor * refiner->options.spp, error);
         if (result) return result;
         if (refiner->chi2 - chi2 > 2 * hypot(chi2_error, refiner->chi2_error)) {
             itn__refine_set(refiner, before);
             return ITN_OK;
         }
-        chi2 = refiner->chi2, chi2_error = refiner->chi2_error, longest = 0;
+        if (factor == 8) chi2 = refiner->chi2, chi2_error = refiner->chi2_error;
         itn__refine_covariance(refiner, fmax(refiner->chi2, 1));
         itn__refine_estimate(refiner);
-        if (settled || pass == 3) return ITN_OK;
+        if (settled || pass == 4) return ITN_OK;
         itn__refine_solve(refiner, 0);
-        for (k = 0, settled = 1; k < n; k++) {
+        for (k = 0, settled = factor == 8, longest = 0; k < n; k++) {
             settled &= fabs(refiner->step[k]) < .5 * itn__coordinate_error(refiner, k);
             longest = fmax(longest, fabs(refiner->step[k]));
             before[k] = refiner->coordinates[k];
@@ -11065,6 +11871,7 @@ static itn_result itn__refine_finish(itn__refiner *refiner, itn_error *error) {
         for (k = 0; k < n; k++)
             refiner->step[k] = before[k] + refiner->step[k] * (longest > .5 ? .5 / longest : 1);
         itn__refine_set(refiner, refiner->step);
+        settled = 0;
     }
     return ITN_OK;
 }

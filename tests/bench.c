@@ -3,14 +3,22 @@
 
    make -C tests bench                  builds tests/build/bench; then, from anywhere,
    bench rays MESH.obj                  nearest hits of four sets of rays
-   bench cnn BATCH released|small       training and inference of two networks of the paper's kind
+   bench cnn [BATCH released|small]     training and inference of two networks of the paper's kind;
+                                        without a batch: the released one, training with 60
+                                        images, inference of one
    bench walk [--csv FILE] [--mesh FILE] [--quick]
                                         the sweeps of the path walk, one row per measurement
-   bench charts [FOLDER]                remakes the SVGs in FOLDER (tests/charts) from its CSV
+   bench gradient [--csv FILE] [--mesh FILE] [--quick]
+                                        error against time of each estimator of derivatives
+   bench invert [--csv FILE] [--mesh FILE] [--quick]
+                                        error against time of the ways to refine an estimate
+   bench charts [FOLDER]                remakes the SVGs in FOLDER (tests/charts) from its CSVs
 
-   All figures and charts of the project, in under ten minutes:
+   All figures and charts of the project, in about ten minutes:
 
-       tests/build/bench walk --csv tests/charts/walk.csv && tests/build/bench charts
+       for what in walk gradient invert; do
+           tests/build/bench $what --csv tests/charts/$what.csv
+       done; tests/build/bench charts
 
    Columns of the walk's rows: what was rendered and by which variant; seconds to make the scene,
    and to prepare it for the fast walk (nothing where an earlier row's tables serve); the shortest
@@ -33,8 +41,8 @@
 
 static const char *const usage =
     "usage: bench rays MESH.obj\n"
-    "       bench cnn BATCH released|small\n"
-    "       bench walk [--csv FILE] [--mesh FILE] [--quick]\n"
+    "       bench cnn [BATCH released|small]\n"
+    "       bench walk|gradient|invert [--csv FILE] [--mesh FILE] [--quick]\n"
     "       bench charts [FOLDER]\n";
 
 /* ---- helpers --------------------------------------------------------------------------------- */
@@ -188,22 +196,10 @@ static itn_net *make_net(const size_t *channels, int batch) {
     itn_net *net = (itn_net *)allocate(1, sizeof *net);
     itn_net_desc desc = ITN_ZERO;
     itn_error error;
-    size_t offset = 0, pixels = NET_SIZE * NET_SIZE;
-    int l;
     desc.batch = batch, desc.channels = (int)channels[0];
     net->context = one_core();
     need(itn__net_desc(&desc, &net->desc, &error), &error);
-    if (!itn__net_sizes(net)) fail("cnn", "the network does not fit into memory");
-    for (l = 0; l < NET_LAYERS; l++, pixels /= 4) {
-        itn__net_layer *layer = &net->layers[l];
-        layer->conv.inputs = channels[l], layer->conv.outputs = channels[l + 1];
-        layer->pixels = pixels * channels[l + 1], layer->pooled = layer->pixels / 4;
-        layer->weights = offset, offset += 9 * channels[l] * channels[l + 1];
-        layer->bias = offset, offset += channels[l + 1];
-    }
-    net->features = pixels * channels[NET_LAYERS], net->full_weights = offset;
-    net->full_bias = offset + net->features * NET_OUTPUTS;
-    net->count = net->full_bias + NET_OUTPUTS;
+    if (!itn__net_chain(net, channels)) fail("cnn", "the network does not fit into memory");
     if (!itn__net_allocate(net)) fail("cnn", "the network does not fit into memory");
     itn__net_initialise(net);
     return net;
@@ -239,28 +235,45 @@ static double net_rate(net_task *task) {
     return task->batch / best;
 }
 
-static void bench_cnn(int batch, const char *kind) {
-    const size_t *channels = !strcmp(kind, "released") ? net_released : net_small;
+/* Rates of a network at a batch, in images per second; either may be NULL. */
+static void net_rates(const size_t *channels, int batch, double *training, double *inference) {
     size_t inputs = (size_t)batch * channels[0] * NET_SIZE * NET_SIZE, i;
     size_t outputs = (size_t)batch * NET_OUTPUTS;
-    double work = net_work(channels), training, inference;
     uint64_t state = 88172645463325252u;
     net_task task = ITN_ZERO;
-    if (channels == net_small && strcmp(kind, "small")) fail(kind, "must be released or small");
     task.net = make_net(channels, batch), task.batch = batch;
     task.images = (float *)allocate(inputs, sizeof(float));
     task.truth = (float *)allocate(outputs, sizeof(float));
     task.outputs = (float *)allocate(outputs, sizeof(float));
     for (i = 0; i < inputs; i++) task.images[i] = 3.4f * (draw(&state) - .5f);
     for (i = 0; i < outputs; i++) task.truth[i] = 3.4f * (draw(&state) - .5f);
-    task.training = 1, training = net_rate(&task);
-    task.training = 0, inference = net_rate(&task);
-    printf("training %.1f images/s (%.1f GFLOP/s); inference %.1f images/s (%.1f GFLOP/s)\n",
-           training, 6e-9 * work * training, inference, 2e-9 * work * inference);
+    task.training = 1;
+    if (training) *training = net_rate(&task);
+    task.training = 0;
+    if (inference) *inference = net_rate(&task);
     itn_net_free(task.net);
     free(task.images);
     free(task.truth);
     free(task.outputs);
+}
+
+/* GFLOP/s are those of dense sums: what the backward pass saves counts as done. */
+static void bench_cnn(int batch, const char *kind) {
+    const size_t *channels = !strcmp(kind, "released") ? net_released : net_small;
+    double work = net_work(channels), training, inference;
+    if (channels == net_small && strcmp(kind, "small")) fail(kind, "must be released or small");
+    net_rates(channels, batch, &training, &inference);
+    printf("batch %d: training %.1f images/s (%.1f GFLOP/s); inference %.1f images/s (%.1f "
+           "GFLOP/s)\n", batch, training, 6e-9 * work * training, inference,
+           2e-9 * work * inference);
+}
+
+static void bench_cnn_released(void) {
+    double training, inference;
+    net_rates(net_released, 60, &training, NULL);
+    net_rates(net_released, 1, NULL, &inference);
+    printf("released network: training %.1f images/s at batch 60; inference of single images "
+           "%.1f images/s\n", training, inference);
 }
 
 /* ---- walk ------------------------------------------------------------------------------------ */
@@ -668,30 +681,215 @@ static void write_note(walk_bench *bench, const char *mesh, int quick) {
             compiler, BENCH_FLAGS, quick ? " --quick" : "", slash ? slash + 1 : mesh);
 }
 
-static void bench_walk(const char *csv, const char *mesh, int quick) {
-    walk_bench bench = ITN_ZERO;
+/* Opens the table and the mesh. */
+static void bench_open(walk_bench *bench, const char *csv, const char *mesh, int quick) {
     itn_context context = one_core();
     itn_error error;
     char path[1024], sky[1024];
+    memset(bench, 0, sizeof *bench);
     if (!mesh) mesh = project_path("scenes/shapes/knot.ply", path, sizeof path);
-    need(itn_mesh_load(mesh, &context, &bench.mesh, &error), &error);
-    need(itn__sky_load(project_path("scenes/t3-e60.sky", sky, sizeof sky), &context, &bench.sky,
+    need(itn_mesh_load(mesh, &context, &bench->mesh, &error), &error);
+    need(itn__sky_load(project_path("scenes/t3-e60.sky", sky, sizeof sky), &context, &bench->sky,
                        &error), &error);
-    normalize_mesh(&bench.mesh);
-    bench.csv = csv ? fopen(csv, "w") : stdout;
-    if (!bench.csv) fail(csv, "cannot be written");
+    normalize_mesh(&bench->mesh);
+    bench->csv = csv ? fopen(csv, "w") : stdout;
+    if (!bench->csv) fail(csv, "cannot be written");
+    write_note(bench, mesh, quick);
+}
+static void bench_close(walk_bench *bench, const char *csv) {
+    if (csv && fclose(bench->csv)) fail(csv, "cannot be written");
+    itn_mesh_free(&bench->mesh);
+}
+
+static void bench_walk(const char *csv, const char *mesh, int quick) {
+    walk_bench bench;
+    bench_open(&bench, csv, mesh, quick);
     bench.images = quick ? 2 : 4, bench.stride = quick ? 2 : 1;
     bench.spp = quick ? 2 : 16, bench.cost_spp = quick ? 4 : 64, bench.longest = quick ? .3 : 4;
     bench.most_triangles = quick ? 100000 : 10000000;
-    write_note(&bench, mesh, quick);
     write_names(&bench);
     sweep_scenes(&bench);
     sweep_spp(&bench);
     sweep_thickness(&bench);
     sweep_albedo_and_g(&bench);
     sweep_triangles(&bench);
-    if (csv && fclose(bench.csv)) fail(csv, "cannot be written");
-    itn_mesh_free(&bench.mesh);
+    bench_close(&bench, csv);
+}
+
+/* ---- derivatives ----------------------------------------------------------------------------- */
+
+enum { MATERIAL = 3, ESTIMATORS = 4, DIFFERENCES = 3 };
+static const char *const material[MATERIAL] = {"milk.sigma_t", "milk.albedo", "milk.g"};
+static const char *const estimators[ESTIMATORS] = {"score, reference", "score", "baseline",
+                                                   "differences"};
+static const double media[3][MATERIAL] = {{5, .9, .5}, {50, .9, .5}, {300, .95, .9}};
+static const char *const media_names[3] = {"thin", "medium", "thick"};
+
+static double plane_mean(const itn_image *image, int plane) {
+    size_t count = (size_t)image->width * (size_t)image->height, i;
+    double sum = 0;
+    for (i = 0; i < count; i++) sum += image->pixels[(size_t)plane * count + i];
+    return sum / (double)count;
+}
+
+/* Derivatives of the image's mean by all three parameters; returns seconds. */
+static double differentiate(const subject *s, int estimator, itn_render_options options,
+                            double *derivatives) {
+    int parameters[MATERIAL], k;
+    itn_image image;
+    itn_error error;
+    double start;
+    for (k = 0; k < MATERIAL; k++) parameters[k] = itn_parameter_find(s->made, material[k]);
+    options.mode = estimator == 0 ? ITN_MODE_REFERENCE : ITN_MODE_FAST;
+    options.estimator = estimator == 1 ? ITN_ESTIMATOR_SCORE : ITN_ESTIMATOR_AUTO;
+    start = seconds_now();
+    need(itn_render(s->made, NULL, &options, parameters, MATERIAL, &image, &error), &error);
+    start = seconds_now() - start;
+    for (k = 0; k < MATERIAL; k++) derivatives[k] = plane_mean(&image, 2 + 2 * k);
+    itn_image_free(&image);
+    return start;
+}
+
+/* The same by central differences over 4 % with common random numbers. */
+static double difference(const subject *s, itn_render_options options, double *derivatives) {
+    float theta[64];
+    int k, side;
+    double start = seconds_now();
+    itn_parameter_values(s->made, theta);
+    for (k = 0; k < MATERIAL; k++) {
+        int parameter = itn_parameter_find(s->made, material[k]);
+        float value = theta[parameter];
+        for (derivatives[k] = 0, side = -1; side <= 1; side += 2) {
+            itn_image image;
+            itn_error error;
+            theta[parameter] = value * (1 + .02f * (float)side);
+            need(itn_render(s->made, theta, &options, NULL, 0, &image, &error), &error);
+            derivatives[k] += side * plane_mean(&image, 0) / (.04 * value);
+            itn_image_free(&image);
+        }
+        theta[parameter] = value;
+    }
+    return seconds_now() - start;
+}
+
+/* Root mean square errors over independent images, against the truth; `truth` is made by the first
+   estimator that is measured. */
+static void measure_gradient(walk_bench *bench, const subject *s, int medium, int estimator,
+                             int spp, int images, const double *truth) {
+    double sums[MATERIAL] = {0, 0, 0}, derivatives[MATERIAL], seconds = HUGE_VAL;
+    itn_render_options options = ITN_ZERO;
+    int i, k;
+    options.spp = spp;
+    for (i = 0; i < images; i++) {
+        options.seed = (uint64_t)i + 1;
+        seconds = fmin(seconds, estimator == DIFFERENCES
+                                    ? difference(s, options, derivatives)
+                                    : differentiate(s, estimator, options, derivatives));
+        for (k = 0; k < MATERIAL; k++) sums[k] += pow(derivatives[k] - truth[k], 2);
+    }
+    for (k = 0; k < MATERIAL; k++)
+        fprintf(bench->csv, "%s,%g,%g,%g,%s,%s,%d,%d,%.4g,%.6g,%.4g\n", media_names[medium],
+                s->sigma_t, s->albedo, s->g, material[k], estimators[estimator], spp, images,
+                seconds, truth[k], sqrt(sums[k] / images) / fabs(truth[k]));
+    fflush(bench->csv);
+    fprintf(stderr, "%-6s %-16s spp %-3d %6.2f s  %.4f %.4f %.4f\n", media_names[medium],
+            estimators[estimator], spp, seconds, sqrt(sums[0] / images) / fabs(truth[0]),
+            sqrt(sums[1] / images) / fabs(truth[1]), sqrt(sums[2] / images) / fabs(truth[2]));
+}
+
+static void bench_gradient(const char *csv, const char *mesh, int quick) {
+    walk_bench bench;
+    int medium, estimator, spp;
+    bench_open(&bench, csv, mesh, quick);
+    fprintf(bench.csv, "medium,sigma_t,albedo,g,parameter,estimator,spp,images,seconds,derivative,"
+                       "relative_error\n");
+    for (medium = 0; medium < 3; medium++) {
+        subject s = studio_subject(&bench);
+        itn_render_options options = ITN_ZERO;
+        double truth[MATERIAL];
+        s.sigma_t = media[medium][0], s.albedo = media[medium][1], s.g = media[medium][2];
+        open_subject(&s, &bench.sky);
+        options.spp = quick ? 32 : 1024, options.seed = 999;
+        differentiate(&s, 2, options, truth);
+        for (estimator = 0; estimator < ESTIMATORS; estimator++)
+            for (spp = 1; spp <= (quick ? 4 : 16); spp *= 4)
+                measure_gradient(&bench, &s, medium, estimator, spp, quick ? 3 : 16, truth);
+        close_subject(&s);
+    }
+    bench_close(&bench, csv);
+}
+
+/* ---- inversion ------------------------------------------------------------------------------- */
+
+typedef struct descent {
+    walk_bench *bench;
+    const subject *subject;
+    const char *method, *start;
+    double began;
+} descent;
+
+static int write_step(void *user, const itn_refine_step *step) {
+    const descent *d = (const descent *)user;
+    const itn_scene *scene = d->subject->made;
+    double off[MATERIAL];
+    int k;
+    for (k = 0; k < MATERIAL; k++) {
+        int parameter = itn_parameter_find(scene, material[k]);
+        off[k] = fabs((double)step->theta[parameter] - itn_parameter_get(scene, parameter)->value);
+    }
+    fprintf(d->bench->csv, "%s,%s,%d,%.4g,%.4g,%.4g,%.4g,%.4g\n", d->method, d->start,
+            step->iteration, seconds_now() - d->began, fabs(step->loss), off[0] / d->subject->sigma_t,
+            off[1], off[2]);
+    return 0;
+}
+
+/* Recovers the material of a picture from a start. */
+static void descend(walk_bench *bench, const subject *s, const itn_image *target, itn_method method,
+                    const char *name, const char *start, const double *from) {
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate estimates[MATERIAL];
+    int parameters[MATERIAL], k;
+    float theta[64];
+    itn_error error;
+    descent d;
+    d.bench = bench, d.subject = s, d.method = name, d.start = start, d.began = seconds_now();
+    itn_parameter_values(s->made, theta);
+    for (k = 0; k < MATERIAL; k++) {
+        parameters[k] = itn_parameter_find(s->made, material[k]);
+        theta[parameters[k]] = (float)from[k];
+    }
+    options.method = method, options.spp = method == ITN_METHOD_LM ? 16 : 4;
+    options.target_variance = target->pixels + (size_t)pixel_count(s);
+    options.progress = write_step, options.progress_user = &d;
+    need(itn_refine(s->made, theta, target->pixels, parameters, MATERIAL, &options, estimates,
+                    &error), &error);
+    fprintf(stderr, "%s from %s: %.1f s, %g %g %g\n", name, start, seconds_now() - d.began,
+            estimates[0].value, estimates[1].value, estimates[2].value);
+}
+
+static void bench_invert(const char *csv, const char *mesh, int quick) {
+    static const double starts[2][MATERIAL] = {{60, .85, .4}, {150, .6, .2}};
+    static const char *const names[2] = {"near", "far"};
+    itn_render_options options = ITN_ZERO;
+    walk_bench bench;
+    itn_image target;
+    itn_error error;
+    subject s;
+    int k;
+    bench_open(&bench, csv, mesh, quick);
+    fprintf(bench.csv, "method,start,iteration,seconds,loss,off_sigma_t,off_albedo,off_g\n");
+    s = studio_subject(&bench);
+    s.sigma_t = 50, s.albedo = .9, s.g = .5;
+    open_subject(&s, &bench.sky);
+    options.spp = quick ? 16 : 256, options.seed = 77;
+    need(itn_render(s.made, NULL, &options, NULL, 0, &target, &error), &error);
+    for (k = 0; k < 2; k++) {
+        descend(&bench, &s, &target, ITN_METHOD_LM, "Levenberg-Marquardt", names[k], starts[k]);
+        if (!quick) descend(&bench, &s, &target, ITN_METHOD_ADAM, "Adam", names[k], starts[k]);
+    }
+    itn_image_free(&target);
+    close_subject(&s);
+    bench_close(&bench, csv);
 }
 
 /* ---- charts ---------------------------------------------------------------------------------- */
@@ -770,23 +968,89 @@ static void chart_triangles(const chart_table *table, chart_panel *panels, const
     save_chart(&c, folder, "triangles.svg");
 }
 
+/* Adds a series of the rows whose columns `where` and `which` have these values. */
+static void add_series(chart_panel *panel, const chart_table *table, const char *name, int style,
+                       const char *where[2][2], const char *x, const char *y) {
+    chart_series *series = chart_begin(panel, name, style);
+    int row;
+    for (row = 0; row < table->rows; row++)
+        if (!strcmp(chart_cell(table, row, where[0][0]), where[0][1]) &&
+            !strcmp(chart_cell(table, row, where[1][0]), where[1][1]) &&
+            (!strcmp(y, "relative_error")
+                 ? !strcmp(chart_cell(table, row, "parameter"), material[0])
+                 : atoi(chart_cell(table, row, "iteration")) > 0))
+            chart_add(panel, series, atof(chart_cell(table, row, x)),
+                      atof(chart_cell(table, row, y)));
+}
+
+static void chart_gradient(const chart_table *table, chart_panel *panels, const char *folder) {
+    static const char *const titles[3] = {"error of d mean / d sigma_t, relative: thin medium",
+                                          "medium", "thick medium"};
+    chart c = chart_of(table, panels, 3, "Derivatives by sigma_t: four estimators, three media",
+                       "Studio scene, rough glass; (sigma_t, albedo, g) = (5, .9, .5), "
+                       "(50, .9, .5), (300, .95, .9)");
+    int m, e;
+    for (m = 0; m < 3; m++) {
+        panels[m].x.title = "render time, seconds on one core";
+        panels[m].y.title = titles[m];
+        for (e = 0; e < ESTIMATORS; e++) {
+            const char *where[2][2] = {{"medium", NULL}, {"estimator", NULL}};
+            where[0][1] = media_names[m], where[1][1] = estimators[e];
+            add_series(&panels[m], table, estimators[e], e, where, "seconds", "relative_error");
+        }
+    }
+    save_chart(&c, folder, "gradient.svg");
+}
+
+static void chart_invert(const chart_table *table, chart_panel *panels, const char *folder) {
+    static const char *const methods[2] = {"Levenberg-Marquardt", "Adam"};
+    static const char *const starts[2] = {"near", "far"};
+    static const char *const titles[2] = {"error of sigma_t, relative: near start", "far start"};
+    chart c = chart_of(table, panels, 2, "From a picture to its material: two ways down",
+                       "Studio scene, rough glass; hidden (50, .9, .5), starts (60, .85, .4) and "
+                       "(150, .6, .2)");
+    int p, m;
+    for (p = 0; p < 2; p++) {
+        panels[p].x.title = "seconds on one core";
+        panels[p].y.title = titles[p];
+        for (m = 0; m < 2; m++) {
+            const char *where[2][2] = {{"method", NULL}, {"start", NULL}};
+            where[0][1] = methods[m], where[1][1] = starts[p];
+            add_series(&panels[p], table, methods[m], m, where, "seconds", "off_sigma_t");
+        }
+    }
+    save_chart(&c, folder, "invert.svg");
+}
+
+static void load_table(const char *folder, const char *name, chart_table *table) {
+    char csv[1100];
+    snprintf(csv, sizeof csv, "%s/%s.csv", folder, name);
+    if (!chart_table_load(csv, table)) fail(csv, "cannot be read, or is not a table");
+}
+
 static void bench_charts(const char *folder) {
-    chart_panel *panels = (chart_panel *)allocate(2, sizeof *panels);
+    chart_panel *panels = (chart_panel *)allocate(3, sizeof *panels);
     chart_table table;
-    char path[1024], csv[1100];
+    char path[1024];
     if (!folder) folder = project_path("tests/charts", path, sizeof path);
-    snprintf(csv, sizeof csv, "%s/walk.csv", folder);
-    if (!chart_table_load(csv, &table)) fail(csv, "cannot be read, or is not a table");
+    load_table(folder, "walk", &table);
     chart_error(&table, panels, folder);
     chart_thickness(&table, panels, folder);
     chart_triangles(&table, panels, folder);
+    chart_table_free(&table);
+    load_table(folder, "gradient", &table);
+    chart_gradient(&table, panels, folder);
+    chart_table_free(&table);
+    load_table(folder, "invert", &table);
+    chart_invert(&table, panels, folder);
     chart_table_free(&table);
     free(panels);
 }
 
 /* ---- command line ---------------------------------------------------------------------------- */
 
-static void walk_command(int argc, char **argv) {
+static void sweep_command(int argc, char **argv,
+                          void (*sweep)(const char *csv, const char *mesh, int quick)) {
     const char *csv = NULL, *mesh = NULL;
     int i, quick = 0;
     for (i = 2; i < argc; i++) {
@@ -795,7 +1059,7 @@ static void walk_command(int argc, char **argv) {
         else if (!strcmp(argv[i], "--mesh") && i + 1 < argc) mesh = argv[++i];
         else fail(argv[i], "unknown option, or its value is missing");
     }
-    bench_walk(csv, mesh, quick);
+    sweep(csv, mesh, quick);
 }
 
 int main(int argc, char **argv) {
@@ -804,7 +1068,10 @@ int main(int argc, char **argv) {
     if (!strcmp(command, "rays") && argc == 3) bench_rays(argv[2]);
     else if (!strcmp(command, "cnn") && argc == 4 && atoi(argv[2]) > 0)
         bench_cnn(atoi(argv[2]), argv[3]);
-    else if (!strcmp(command, "walk")) walk_command(argc, argv);
+    else if (!strcmp(command, "cnn") && argc == 2) bench_cnn_released();
+    else if (!strcmp(command, "walk")) sweep_command(argc, argv, bench_walk);
+    else if (!strcmp(command, "gradient")) sweep_command(argc, argv, bench_gradient);
+    else if (!strcmp(command, "invert")) sweep_command(argc, argv, bench_invert);
     else if (!strcmp(command, "charts") && argc <= 3) bench_charts(argc == 3 ? argv[2] : NULL);
     else return fprintf(stderr, "%s", usage), 2;
     return 0;

@@ -165,8 +165,8 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
     catches "half an allocator" "$1" -std="$2" -fsyntax-only "half_override.$3"
     levels="plain"
     case "$2" in c11) levels= ;; *) [ -z "$FULL" ] || levels="plain native" ;; esac
-    if [ -z "$FULL" ]; then # three optimised builds, the flags spread over them
-        case "$1" in clang) levels="native" ;; clang++) levels= ;; esac
+    if [ -z "$FULL" ]; then # two optimised builds
+        case "$1" in clang | clang++) levels= ;; esac
     fi
     for level in $levels; do
         arch=
