@@ -17,9 +17,6 @@
    shows one picture of every shape (rows) and azimuth (columns). dataset.h says what is in a file.
    The pictures are the same bits for any number of threads. */
 #define _POSIX_C_SOURCE 200809L
-#define ITN_IMPLEMENTATION
-#include "../itn.h"
-
 #include "dataset.h"
 
 static const char *const usage =
@@ -67,8 +64,8 @@ static double shape_lift(const char *dir, int shape) {
     return .001 - (double)lowest;
 }
 
-/* The scene of scenes/data.itn with another shape and sun. A sky's numbers hold for the sun's height
-   and are measured from the zenith and from the sun, so all azimuths share them. */
+/* The scene of scenes/data.itn with another shape and sun. A sky's numbers hold for the height of
+   the sun and are measured from the zenith and from the sun, so all azimuths share them. */
 static void write_scene(const char *dir, int shape, int azimuth) {
     char path[PATH_SIZE], text[2048];
     double angle = azimuth * 3.14159265358979323846 / 180;
@@ -107,7 +104,8 @@ static void object_mask(const char *dir, int shape, unsigned char *mask) {
     itn_mesh mesh;
     itn_bvh *bvh;
     itn_error error;
-    double lift = shape_lift(dir, shape), down[2], half = tan(1.25 * 3.14159265358979323846 / 180);
+    double lift = shape_lift(dir, shape), half = tan(1.25 * 3.14159265358979323846 / 180);
+    double cosine = -1.75 + 32.785, sine = 8.785 - .469, length = hypot(sine, cosine);
     int i;
     snprintf(path, sizeof path, "%s/scenes/%s.ply", dir, shape_names[shape]);
     if (itn_mesh_load(path, NULL, &mesh, &error)) fail(error.message, "");
@@ -116,10 +114,10 @@ static void object_mask(const char *dir, int shape, unsigned char *mask) {
         p[0] = -p[0], p[1] += (float)lift, p[2] = -p[2] - 1.75f;
     }
     if (itn_bvh_create(&mesh, NULL, &bvh, &error)) fail(error.message, "");
-    down[0] = .469 - 8.785, down[1] = -1.75 + 32.785; /* the view's y and z */
+    cosine /= length, sine /= length; /* of the angle at which the camera looks down */
     for (i = 0; i < PIXELS; i++) {
-        double x = half * (1 - (i % FILM + .5) * 2 / FILM), y = half * (1 - (i / FILM + .5) * 2 / FILM);
-        double length = hypot(down[0], down[1]), cosine = down[1] / length, sine = -down[0] / length;
+        double x = half * (1 - (i % FILM + .5) * 2 / FILM);
+        double y = half * (1 - (i / FILM + .5) * 2 / FILM);
         itn_ray ray = ITN_ZERO;
         ray.origin.y = 8.785f, ray.origin.z = -32.785f, ray.tmax = INFINITY;
         ray.direction.x = (float)x;
@@ -263,8 +261,9 @@ static int make_data(const settings *s) {
             if (!made[in * MOST_SHARDS + i]) make_shard(&w, &shards[in][i]);
     pthread_mutex_destroy(&w.lock);
     free(made);
-    printf("%s%d images made in %.0f s, noise at most %.2f %%, %.1f samples per pixel in the mean\n",
-           w.done ? "\r" : "", w.done, seconds() - w.start, 100 * w.worst,
+    if (w.done) fputc('\n', stderr);
+    printf("%d images made in %.0f s, noise at most %.2f %%, %.1f samples per pixel in the mean\n",
+           w.done, seconds() - w.start, 100 * w.worst,
            w.done ? w.samples / w.done : 0);
     return 0;
 }

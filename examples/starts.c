@@ -6,27 +6,31 @@
 
    Compile: cc -O3 -march=native starts.c -o starts -lm -lpthread
    Run:     ./starts --data data -o out rn.net ssn.net itn.net
-   Prints:  start,method,iteration,images,loss,log_sigma_t,albedo,g
-            rn,sgd,1,40,0.0312,0.141,0.0121,0.0811
-            ...
-   Writes:  this table (out/table3.csv), and out/figure.png with out/figure.svg, which adds the
+   Writes:  out/table3.csv with lines as
+            start,method,iteration,images,loss,log_sigma_t,albedo,g
+            rn,sgd,1,40,0.0254,1.45,0.00407,0.171
+            and out/figure.png with out/figure.svg, which adds the
             numbers: two pictures of each split, then each network's answer rendered.
    The table holds medians over --images pictures of each shape of the split `both`: the image loss
-   in units of the mean brightness squared, without its noise, and the squared errors of log sigma_t,
-   albedo and g. Iteration 1 is the start. Descent steps in the optimiser's coordinates. A row lm, 20
-   is what itn_refine returns after 20 iterations at most. The networks rn and itn are searched from.
+   in units of the mean brightness squared, without its noise, and the squared errors of log
+   sigma_t, albedo and g. Iteration 1 is the start. Descent steps in the optimiser's coordinates.
+   A row lm, 20 is what itn_refine returns after 20 iterations at most (a tenth of --iterations).
+   Searches start from the answers of rn and itn.
    Results are the same bits for any number of threads. */
 #define _POSIX_C_SOURCE 200809L
-#define ITN_IMPLEMENTATION
-#include "../itn.h"
-
 #include "dataset.h"
 
 static const char *const usage =
     "usage: starts --data DIR -o DIR [--images N] [--iterations N] [--spp N] [--rate X]\n"
     "              [--seed N] [-t THREADS] NETWORK...\n";
 
-enum { MOST_NETWORKS = 4, MOST_MARKS = 16, MARK = 50, MOST_SEARCHES = 4096, FIGURE_ROWS = 2 * SPLITS };
+enum {
+    MOST_NETWORKS = 4,
+    MOST_MARKS = 16,
+    MARK = 50, /* iterations from mark to mark */
+    MOST_SEARCHES = 4096,
+    FIGURE_ROWS = 2 * SPLITS
+};
 
 typedef struct settings {
     const char *data, *out, *networks[MOST_NETWORKS];
@@ -234,9 +238,13 @@ static void list_searches(searches *all) {
 
 static void print_table(const searches *all) {
     const settings *s = all->settings;
-    char path[PATH_SIZE], text[8192];
-    int n, method, at, i, column, used, length = snprintf(text, sizeof text,
-        "start,method,iteration,images,loss,log_sigma_t,albedo,g\n");
+    char path[PATH_SIZE];
+    int n, method, at, i, column, used;
+    FILE *file;
+    snprintf(path, sizeof path, "%s/table3.csv", s->out);
+    file = fopen(path, "w");
+    if (!file) fail(path, "cannot be written");
+    fprintf(file, "start,method,iteration,images,loss,log_sigma_t,albedo,g\n");
     for (method = 0; method < 2; method++)
         for (n = 0; n < s->network_count; n++) {
             model m;
@@ -247,17 +255,15 @@ static void print_table(const searches *all) {
             for (i = used = 0; i < all->count; i++)
                 used += all->list[i].network == n && all->list[i].method == like.method;
             for (at = 0; used && at < mark_count(s, like.method); at++) {
-                length += snprintf(text + length, sizeof text - (size_t)length, "%s,%s,%d,%d", m.name,
-                                   method ? "lm" : "sgd", mark_iteration(s, like.method, at), used);
+                fprintf(file, "%s,%s,%d,%d", m.name, method ? "lm" : "sgd",
+                        mark_iteration(s, like.method, at), used);
                 for (column = 0; column < 4; column++)
-                    length += snprintf(text + length, sizeof text - (size_t)length, ",%.4g",
-                                       median(all, &like, at, column));
-                length += snprintf(text + length, sizeof text - (size_t)length, "\n");
+                    fprintf(file, ",%.4g", median(all, &like, at, column));
+                fprintf(file, "\n");
             }
         }
-    snprintf(path, sizeof path, "%s/table3.csv", s->out);
-    save_file(path, text, (size_t)length);
-    fprintf(stderr, "\n"), printf("%s", text);
+    if (fclose(file)) fail(path, "cannot be written");
+    fprintf(stderr, "\n"), printf("table: %s\n", path);
 }
 
 static void make_table(const settings *s) {
@@ -348,16 +354,17 @@ static void save_figure(const figure *f) {
     snprintf(path, sizeof path, "%s/figure.svg", f->settings->out);
     file = fopen(path, "w");
     if (!file) fail(path, "cannot be written");
-    fprintf(file, "<svg xmlns='http://www.w3.org/2000/svg' xmlns:xlink='http://www.w3.org/1999/xlink'"
-            " width='%d' height='%d' font-size='11' font-family='sans-serif'><image width='%d' "
+    fprintf(file, "<svg xmlns='http://www.w3.org/2000/svg' "
+            "xmlns:xlink='http://www.w3.org/1999/xlink' width='%d' height='%d' "
+            "font-size='11' font-family='sans-serif'><image width='%d' "
             "height='%d' xlink:href='figure.png'/>", width, FIGURE_ROWS * FILM, width,
             FIGURE_ROWS * FILM);
     for (row = 0; row < FIGURE_ROWS; row++)
         for (column = 0; column < columns; column++) {
             const tile *t = &f->tiles[row][column];
             for (y = 0; y < FILM; y++)
-                memcpy(image.pixels + (row * FILM + y) * width + column * FILM, t->pixels + y * FILM,
-                       FILM * sizeof(float));
+                memcpy(image.pixels + (row * FILM + y) * width + column * FILM,
+                       t->pixels + y * FILM, FILM * sizeof(float));
             fprintf(file, "<rect x='%d' y='%d' width='128' height='14' fill='white'/><text x='%d' "
                     "y='%d'>%s</text>", column * FILM, row * FILM, column * FILM + 3,
                     row * FILM + 11, t->caption);

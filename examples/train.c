@@ -13,9 +13,9 @@
    Prints:  model,split,images,rmse_sigma_t,rmse_albedo,rmse_g,rmse_image,one_minus_ms_ssim
             itn,train,144,52.3,0.113,0.24,0.187,0.21
             ...
-   Writes:  the network with Adam's state (itn.net), what else defines the run (itn.net.txt), the loss
-            of every step (itn.net.csv) and its chart (itn.net.svg); --evaluate writes the table
-            (itn.net.table.csv), every answer (itn.net.answers.csv) and a chart of these
+   Writes:  the network with Adam's state (itn.net), what else defines the run (itn.net.txt), the
+            loss of every step (itn.net.csv) and its chart (itn.net.svg); --evaluate writes the
+            table (itn.net.table.csv), every answer (itn.net.answers.csv) and a chart of these
             (itn.net.answers.svg). `--model truth --evaluate` answers with the truth: its errors are
             those that noise alone makes.
    The number of steps that the network has taken says all about where a run is: the order of the
@@ -23,16 +23,13 @@
    was stopped by Ctrl-C or a crash and goes on with --resume gives the same bits as one that was
    not, on any number of threads.
 
-   Answers are cut to sigma_t 20 to 300, albedo .35 to .97, g -.1 to .9. Their errors are in their own
-   units, over all pictures of a split. Of --images pictures (default: all) of each split the answer
-   is rendered again, with --spp samples. Errors of images are in units of the mean brightness of
-   the training pictures. MS-SSIM (Wang, Simoncelli and Bovik 2003): window 11x11, Gaussian of
-   deviation 1.5, four levels (of 128, 64, 32 and 16 pixels) with the first four of the published
-   weights, scaled to sum to 1; data range: the largest value of the picture in question. */
+   Answers are cut to sigma_t 20 to 300, albedo .35 to .97, g -.1 to .9. Their errors are in their
+   own units, over all pictures of a split. Of --images pictures (default: all) of each split the
+   answer is rendered again, with --spp samples. Errors of images are in units of the mean
+   brightness of the training pictures. MS-SSIM (Wang, Simoncelli and Bovik 2003): window 11x11,
+   Gaussian of deviation 1.5, four levels (of 128, 64, 32 and 16 pixels) with the first four of the
+   published weights, scaled to sum to 1; data range: the picture's largest value. */
 #define _POSIX_C_SOURCE 200809L
-#define ITN_IMPLEMENTATION
-#include "../itn.h"
-
 #include "dataset.h"
 
 #include <signal.h>
@@ -123,8 +120,8 @@ static void picture_loss(void *task, int index) {
     for (k = 0; k < 3; k++) gradient[k] += cut_gradient[k];
 }
 
-/* The answers for the pictures from `first` in the order on, their losses and gradients. Returns the
-   mean losses. */
+/* The answers for the pictures from `first` in the order on, their losses and gradients. Returns
+   the mean losses. */
 static row batch_losses(trainer *t, int first, int batch) {
     itn_error error;
     row r;
@@ -247,21 +244,22 @@ static void set_biases(trainer *t) {
     int i, k;
     for (i = 0; i < t->pictures.count; i++) {
         truth_coordinates(t->scenes[0], t->parameters, t->pictures.thetas[i], truth);
-        for (k = 0; k < 3; k++) weights[count - 3 + (size_t)k] += truth[k] / (float)t->pictures.count;
+        for (k = 0; k < 3; k++)
+            weights[count - 3 + (size_t)k] += truth[k] / (float)t->pictures.count;
     }
 }
 
 /* Makes both terms of the loss about equally large over some pictures. */
 static void choose_lambda(trainer *t, model *m) {
-    int batch = m->batch < t->pictures.count ? m->batch : t->pictures.count, k, rounds = 0;
+    int batch = m->batch < t->pictures.count ? m->batch : t->pictures.count, rounds = 0;
     double parameters = 0, image = 0;
     m->lambda = 1; /* so that it renders */
     t->spp = 4 * m->spp;
     shuffle(t->order, t->pictures.count, mix((uint64_t)m->seed, 0, 2));
-    for (k = 0; k + batch <= t->pictures.count && (k == 0 || k + batch <= 64); k += batch, rounds++) {
-        row r = batch_losses(t, k, batch);
-        parameters += r.parameters, image += r.image;
-    }
+    do {
+        row r = batch_losses(t, rounds * batch, batch);
+        parameters += r.parameters, image += r.image, rounds++;
+    } while ((rounds + 1) * batch <= t->pictures.count && (rounds + 1) * batch <= 64);
     t->spp = m->spp;
     m->lambda = image > 0 ? parameters / image : 1;
     fprintf(stderr, "%s: losses of parameters %.4g, of images %.4g: lambda %.4g\n", m->name,
@@ -597,8 +595,9 @@ static int evaluate(settings *o) {
     fprintf(files[1], "split,shape,azimuth,sigma_t,albedo,g,answer_sigma_t,answer_albedo,answer_g,"
             "rmse_image,one_minus_ms_ssim\n");
     fprintf(files[2], "<svg xmlns='http://www.w3.org/2000/svg' width='880' height='330' font-size="
-            "'13' font-family='sans-serif'><rect width='880' height='330' fill='white'/><text x='40'"
-            " y='310'>%s: answers (up) over truths (right); splits:</text>", o->model.name);
+            "'13' font-family='sans-serif'><rect width='880' height='330' fill='white'/>"
+            "<text x='40' y='310'>%s: answers (up) over truths (right); splits:</text>",
+            o->model.name);
     fprintf(files[0], "%s", head), printf("%s", head);
     for (in = 0; in < SPLITS; in++) {
         trial t;
