@@ -97,6 +97,41 @@ awk 'BEGIN { for (c = 0; c < 3; c++) { print "channel " substr("RGB", c + 1, 1) 
 keep "sky" ./sky table.txt --turbidity 3.5 --albedo 0.2 --elevation 45 -o flat.sky
 prints '2\.000000 2\.000000 2\.000000'
 
+# the learning experiment, a thousandth of it: data that are checked and mended; training that is
+# stopped and goes on bit for bit, on any number of threads; tables
+scenes="--scenes $root/scenes"
+# shellcheck disable=SC2086
+keep "dataset make" ./dataset make data --fraction 1/1000 --noise 1 --spp 2 -t 2 $scenes
+check "dataset check" ./dataset check data
+check "dataset sheet" ./dataset sheet data sheet.png
+check "dataset: renders" ./render data/scenes/knot-50.itn -o a.exr --spp 2 -D milk.g=0.8 -q
+victim=$(ls data/both-*.itnd | head -n 1)
+cp "$victim" whole.itnd
+printf 'x' | dd of="$victim" bs=1 seek=5000 conv=notrunc 2> "$work/log"
+check "dataset check finds damage" sh -c "! ./dataset check data > found && grep -q damaged found"
+# shellcheck disable=SC2086
+check "dataset make mends" ./dataset make data --fraction 1/1000 --noise 1 --spp 2 -t 1 $scenes
+check "dataset: the same bits" cmp "$victim" whole.itnd
+# shellcheck disable=SC2086
+check "dataset: other settings" sh -c "! ./dataset make data --fraction 1/1000 --noise 1 $scenes"
+fit="--data data --batch 4 --spp 2"
+# shellcheck disable=SC2086
+{
+    check "train rn" ./train --model rn $fit --epochs 1 --checkpoint warm.net
+    check "train itn" ./train --model itn $fit --epochs 2 --start warm.net --checkpoint b.net -t 2
+    check "train ssn" ./train --model ssn $fit --epochs 2 --start warm.net --checkpoint c.net
+    check "train itn: on" ./train --model itn $fit --epochs 4 --resume --checkpoint b.net -t 1
+    check "train itn: at once" ./train --model itn $fit --epochs 4 --start warm.net \
+        --checkpoint d.net -t 2
+    check "train: the same bits" cmp b.net d.net
+    check "train: the same curve" cmp b.net.csv d.net.csv
+    keep "train --evaluate" ./train --model itn --data data --spp 2 --checkpoint b.net --evaluate
+}
+prints '^itn,both,7,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+$'
+check "starts" ./starts --data data -o starts --images 1 --iterations 1 --spp 2 b.net
+check "starts: table" grep -q '^itn,sgd,1,4,' starts/table3.csv
+check "starts: figure" test -s starts/figure.png -a -s starts/figure.svg
+
 # the README: its program, and its first command in a copy of the tree that stays clean
 awk '/^```c$/ && !done { on = 1; next } /^```$/ && on { on = 0; done = 1 } on' "$root/README.md" > first.c
 cp "$root/itn.h" .

@@ -1,0 +1,492 @@
+/* The data set of the learning experiment: what is in it, its files, and how they are read.
+
+   Che et al., "Inverse Transport Networks" (2018), train on pictures of six shapes under four suns
+   and test on what the network has not seen. Here: ten shapes, suns at ten azimuths (0: from the
+   side, 90: behind the object), and a grid of 12 x 5 x 5 materials. Four splits:
+       train  6 shapes x 4 azimuths x 300 materials                             7,200 images
+       shape  4 other shapes, the same azimuths                                 1,000
+       light  the same shapes, 6 other azimuths                                 1,000
+       both   4 other shapes x 6 other azimuths x 300 materials                 7,200
+   The images of one split, shape and azimuth are a shard, which is a file:
+       a line of text that says what it is, padded with blanks to 256 bytes;
+       per image four floats: sigma_t, albedo, g, and the noise (see image_noise in dataset.c);
+       per image 128 x 128 pixels as 16-bit floats, row 0 on top;
+       a checksum of all that (64 bits, FNV-1a).
+   Numbers are little-endian. DIR/data.txt says which fraction of everything DIR holds, and
+   DIR/scenes has a scene file per shape and azimuth with all that it needs, for render and invert.
+
+   dataset.c writes all this; train.c and starts.c read it. Each compiles alone, with itn.h in it,
+   or with -DITN_APART against one object of itn.h for all three, as experiment.sh does. */
+#ifndef DATASET_H
+#define DATASET_H
+
+#ifndef ITN_APART
+#define ITN_IMPLEMENTATION
+#endif
+#include "../itn.h"
+
+#include <errno.h>
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+enum {
+    SHAPES = 10,
+    TRAINING_SHAPES = 6,
+    AZIMUTHS = 10,
+    MATERIALS = 300,
+    FILM = 128, /* pixels each way */
+    PIXELS = FILM * FILM,
+    MOST_SHARDS = 64, /* of a split */
+    PATH_SIZE = 1024,
+    HEADER_SIZE = 256,
+    RECORD = 4 /* floats per image before the pixels */
+};
+
+typedef enum split { SPLIT_TRAIN = 0, SPLIT_SHAPE, SPLIT_LIGHT, SPLIT_BOTH, SPLITS } split;
+
+static const char *const split_names[SPLITS] = {"train", "shape", "light", "both"};
+static const int split_totals[SPLITS] = {7200, 1000, 1000, 7200};
+static const char *const shape_names[SHAPES] = {"cube", "star", "blob",  "leaf",  "hound",
+                                                "relief", "knot", "gear", "chain", "figurine"};
+/* ascending, in tens of degrees; the first of each list is the training lights */
+static const int azimuth_lists[2][6] = {{0, 30, 60, 90, -1, -1}, {10, 20, 40, 50, 70, 80}};
+static const int azimuth_counts[2] = {4, 6};
+static const float sigma_t_values[12] = {30, 36, 44, 54, 67, 82, 100, 122, 150, 184, 225, 276};
+static const float albedo_values[5] = {.39f, .59f, .74f, .87f, .95f};
+static const float g_values[5] = {0, .2f, .4f, .6f, .8f};
+static const char *const theta_names[3] = {"milk.sigma_t", "milk.albedo", "milk.g"};
+
+/* What the pictures of a shard have in common. */
+typedef struct shard {
+    split in;
+    int shape, azimuth, count; /* azimuth in degrees */
+} shard;
+
+/* ---- small helpers of all programs ---- */
+
+static inline void fail(const char *what, const char *why) {
+    fprintf(stderr, "%s%s%s\n", what, *why ? ": " : "", why);
+    exit(1);
+}
+
+static inline void *need(size_t count, size_t size) {
+    void *block = calloc(count ? count : 1, size);
+    if (!block) fail("out of memory", "");
+    return block;
+}
+
+static inline double seconds(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* The number that follows an option, in [lowest, highest], or the end of the program. */
+static inline double number(const char *option, const char *text, double lowest, double highest) {
+    char *end = NULL;
+    double value = text ? strtod(text, &end) : 0;
+    const char *slash = text ? strchr(text, '/') : NULL;
+    if (slash && end == slash) value /= strtod(slash + 1, &end); /* 1/50 */
+    if (!text || end == text || *end || !(value >= lowest && value <= highest))
+        fail(option, "needs a number in its range");
+    return value;
+}
+
+static inline int whole(const char *option, const char *text, int lowest) {
+    double value = number(option, text, lowest, 2147483647);
+    if (value != floor(value)) fail(option, "needs a whole number");
+    return (int)value;
+}
+
+static inline void make_folder(const char *path) {
+    if (mkdir(path, 0777) && errno != EEXIST) fail(path, "cannot be made");
+}
+
+/* A hash of up to three numbers with no visible order: whoever needs something random but
+   repeatable asks for it by name. */
+static inline uint64_t mix(uint64_t a, uint64_t b, uint64_t c) {
+    uint64_t part[3], x = 0x9e3779b97f4a7c15u;
+    int i;
+    part[0] = a, part[1] = b, part[2] = c;
+    for (i = 0; i < 3; i++) { /* the finaliser of splitmix64 */
+        x += part[i] + 0x9e3779b97f4a7c15u;
+        x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9u;
+        x = (x ^ (x >> 27)) * 0x94d049bb133111ebu;
+        x ^= x >> 31;
+    }
+    return x;
+}
+
+/* Puts 0 .. count-1 into `order` in the random order that `seed` names (Fisher and Yates). */
+static inline void shuffle(int *order, int count, uint64_t seed) {
+    int i;
+    for (i = 0; i < count; i++) order[i] = i;
+    for (i = count - 1; i > 0; i--) {
+        int j = (int)(mix(seed, (uint64_t)i, 0) % (uint64_t)(i + 1)), swap = order[i];
+        order[i] = order[j], order[j] = swap;
+    }
+}
+
+/* ---- a loop on several threads, also as itn_context.parallel_for ---- */
+
+typedef struct loop {
+    pthread_mutex_t lock;
+    int next, count;
+    void (*body)(void *task, int index);
+    void *task;
+} loop;
+
+static inline void *loop_worker(void *argument) {
+    loop *l = (loop *)argument;
+    for (;;) {
+        int index;
+        pthread_mutex_lock(&l->lock);
+        index = l->next++;
+        pthread_mutex_unlock(&l->lock);
+        if (index >= l->count) return NULL;
+        l->body(l->task, index);
+    }
+}
+
+/* Calls body(task, i) for every i in [0, count), on as many threads as *threads says. */
+static inline void parallel_for(int count, void (*body)(void *task, int index), void *task,
+                         void *threads) {
+    pthread_t others[256];
+    int started = 0, wanted = *(int *)threads;
+    loop l;
+    l.next = 0, l.count = count, l.body = body, l.task = task;
+    pthread_mutex_init(&l.lock, NULL);
+    while (started + 1 < wanted && started + 1 < count && started < 256)
+        if (pthread_create(&others[started], NULL, loop_worker, &l)) break;
+        else started++;
+    loop_worker(&l);
+    while (started) pthread_join(others[--started], NULL);
+    pthread_mutex_destroy(&l.lock);
+}
+
+/* ---- which pictures there are ---- */
+
+/* Lists the shards of a split that have pictures; returns how many. */
+static inline int list_shards(split in, double fraction, shard *shards) {
+    int new_shape = in == SPLIT_SHAPE || in == SPLIT_BOTH;
+    int new_light = in == SPLIT_LIGHT || in == SPLIT_BOTH;
+    int first = new_shape ? TRAINING_SHAPES : 0, last = new_shape ? SHAPES : TRAINING_SHAPES;
+    int azimuths = azimuth_counts[new_light], parts = (last - first) * azimuths, i, count = 0;
+    int64_t total = (int64_t)(split_totals[in] * fraction + .5);
+    for (i = 0; i < parts; i++) { /* shares that differ by one at most */
+        shard *s = &shards[count];
+        s->in = in;
+        s->shape = first + i / azimuths;
+        s->azimuth = azimuth_lists[new_light][i % azimuths];
+        s->count = (int)(total * (i + 1) / parts - total * i / parts);
+        count += s->count > 0;
+    }
+    return count;
+}
+
+/* sigma_t, albedo and g of a shard's picture: the materials in an order of its own, so that a small
+   fraction of the data still has all kinds. thetas: [count][3]. */
+static inline void shard_materials(const shard *s, float (*thetas)[3]) {
+    int order[MATERIALS], i;
+    shuffle(order, MATERIALS, mix((uint64_t)s->in, (uint64_t)s->shape, (uint64_t)s->azimuth));
+    for (i = 0; i < s->count; i++) {
+        thetas[i][0] = sigma_t_values[order[i] / 25];
+        thetas[i][1] = albedo_values[order[i] / 5 % 5];
+        thetas[i][2] = g_values[order[i] % 5];
+    }
+}
+
+static inline void shard_path(const shard *s, const char *dir, char *path) {
+    snprintf(path, PATH_SIZE, "%s/%s-%s-%02d.itnd", dir, split_names[s->in], shape_names[s->shape],
+             s->azimuth);
+}
+
+static inline void scene_path(int shape, int azimuth, const char *dir, char *path) {
+    snprintf(path, PATH_SIZE, "%s/scenes/%s-%02d.itn", dir, shape_names[shape], azimuth);
+}
+
+/* The line at the head of a shard; anything else in a file of its name is a mistake. */
+static inline void shard_header(const shard *s, char header[HEADER_SIZE]) {
+    int length = snprintf(header, HEADER_SIZE, "itn data 1: split %s shape %s azimuth %d images %d "
+                          "width %d height %d half", split_names[s->in], shape_names[s->shape],
+                          s->azimuth, s->count, FILM, FILM);
+    memset(header + length, ' ', (size_t)(HEADER_SIZE - length));
+    header[HEADER_SIZE - 1] = '\n';
+}
+
+static inline size_t shard_size(const shard *s) {
+    return HEADER_SIZE + (size_t)s->count * (RECORD * 4 + PIXELS * 2) + 8;
+}
+
+/* ---- numbers as bytes ---- */
+
+/* The 16-bit float (IEEE 754 binary16) nearest to x >= 0; what is too large becomes infinite. */
+static inline uint16_t half_from_float(float x) {
+    int exponent;
+    double scaled = frexp((double)x, &exponent); /* x = scaled 2^exponent, scaled in [.5,1) */
+    if (!(x > 0)) return 0;
+    if (exponent < -13) return (uint16_t)floor(ldexp((double)x, 24) + .5); /* subnormal */
+    scaled = floor(ldexp(scaled, 11) + .5);                                /* 1024 .. 2048 */
+    if (scaled >= 2048) scaled = 1024, exponent++;
+    if (exponent > 16) return 0x7c00;
+    return (uint16_t)((exponent + 14) * 1024 + (int)scaled - 1024);
+}
+
+static inline float float_from_half(uint16_t half) {
+    int exponent = half >> 10 & 31, mantissa = half & 1023;
+    if (exponent == 31) return INFINITY; /* or NaN: wrong in a picture either way */
+    if (exponent == 0) return (float)ldexp(mantissa, -24);
+    return (float)ldexp(1024 + mantissa, exponent - 25) * (half >> 15 ? -1.f : 1.f);
+}
+
+static inline void put_bytes(unsigned char *at, uint64_t value, int bytes) {
+    int i;
+    for (i = 0; i < bytes; i++) at[i] = (unsigned char)(value >> 8 * i);
+}
+
+static inline uint64_t get_bytes(const unsigned char *at, int bytes) {
+    uint64_t value = 0;
+    int i;
+    for (i = 0; i < bytes; i++) value |= (uint64_t)at[i] << 8 * i;
+    return value;
+}
+
+static inline void put_float(unsigned char *at, float value) {
+    uint32_t bits;
+    memcpy(&bits, &value, 4);
+    put_bytes(at, bits, 4);
+}
+
+static inline float get_float(const unsigned char *at) {
+    uint32_t bits = (uint32_t)get_bytes(at, 4);
+    float value;
+    memcpy(&value, &bits, 4);
+    return value;
+}
+
+static inline uint64_t checksum(const unsigned char *bytes, size_t count) {
+    uint64_t hash = 0xcbf29ce484222325u;
+    size_t i;
+    for (i = 0; i < count; i++) hash = (hash ^ bytes[i]) * 0x100000001b3u;
+    return hash;
+}
+
+/* Writes path.tmp, then renames it: the file appears whole or not at all. */
+static inline void save_file(const char *path, const void *bytes, size_t size) {
+    char temporary[PATH_SIZE + 8];
+    FILE *file;
+    snprintf(temporary, sizeof temporary, "%s.tmp", path);
+    file = fopen(temporary, "wb");
+    if (!file) fail(temporary, "cannot be written");
+    if (fwrite(bytes, 1, size, file) != size || fflush(file)) fail(temporary, "cannot be written");
+    if (fclose(file) || rename(temporary, path)) fail(path, "cannot be written");
+}
+
+/* ---- reading ---- */
+
+/* The fraction of everything that a folder holds, from its data.txt. */
+static inline double read_fraction(const char *dir) {
+    char path[PATH_SIZE];
+    double fraction = 0;
+    FILE *file;
+    snprintf(path, sizeof path, "%s/data.txt", dir);
+    file = fopen(path, "r");
+    if (!file) fail(path, "cannot be read: make the data with `dataset make` first");
+    if (fscanf(file, "fraction %lf", &fraction) != 1 || !(fraction > 0 && fraction <= 1))
+        fail(path, "its first line should be `fraction F` with F in (0,1]");
+    fclose(file);
+    return fraction;
+}
+
+/* What is wrong with the bytes of a shard; NULL: nothing. */
+static inline const char *shard_fault(const shard *s, const unsigned char *bytes, size_t size) {
+    char header[HEADER_SIZE];
+    static const char *const fault[] = {
+        "is cut, or has a surplus", "is another shard, or of another fraction of the data",
+        "is damaged: its checksum does not match", "has a material that it should not have",
+        "has a pixel that is not finite or is negative"};
+    float(*thetas)[3] = (float(*)[3])need((size_t)s->count, sizeof *thetas);
+    const unsigned char *record = bytes + HEADER_SIZE, *pixels = record + s->count * RECORD * 4;
+    size_t i;
+    int result = -1;
+    shard_header(s, header);
+    shard_materials(s, thetas);
+    if (size >= HEADER_SIZE && memcmp(bytes, header, HEADER_SIZE)) result = 1;
+    else if (size != shard_size(s)) result = 0;
+    else if (checksum(bytes, size - 8) != get_bytes(bytes + size - 8, 8)) result = 2;
+    for (i = 0; i < 3 * (size_t)s->count && result < 0; i++)
+        if (get_float(record + i / 3 * RECORD * 4 + i % 3 * 4) != thetas[i / 3][i % 3]) result = 3;
+    for (i = 0; i < (size_t)s->count * PIXELS && result < 0; i++)
+        if (get_bytes(pixels + 2 * i, 2) >= 0x7c00) result = 4;
+    free(thetas);
+    return result < 0 ? NULL : fault[result];
+}
+
+/* Reads a shard, which may be NULL if there is none. Returns its bytes (to be freed) or NULL, and
+   then *fault says why. */
+static inline unsigned char *read_shard(const shard *s, const char *dir, const char **fault) {
+    char path[PATH_SIZE];
+    size_t capacity = shard_size(s) + 1, size;
+    unsigned char *bytes;
+    FILE *file;
+    shard_path(s, dir, path);
+    file = fopen(path, "rb");
+    *fault = "is missing";
+    if (!file) return NULL;
+    bytes = (unsigned char *)need(capacity, 1);
+    size = fread(bytes, 1, capacity, file);
+    fclose(file);
+    *fault = shard_fault(s, bytes, size);
+    if (!*fault) return bytes;
+    free(bytes);
+    return NULL;
+}
+
+/* The pictures of a split in memory. */
+typedef struct pictures {
+    int count, shard_count;
+    shard shards[MOST_SHARDS];
+    int *shard_of;      /* [count] */
+    float (*thetas)[3]; /* [count] sigma_t, albedo, g */
+    float *noise;       /* [count] */
+    uint16_t *pixels;   /* [count][PIXELS] */
+} pictures;
+
+/* Reads all shards of a split, or says which are wrong and ends the program. */
+static inline void load_pictures(const char *dir, split in, pictures *p) {
+    int i, k, faults = 0, next = 0;
+    memset(p, 0, sizeof *p);
+    p->shard_count = list_shards(in, read_fraction(dir), p->shards);
+    for (i = 0; i < p->shard_count; i++) p->count += p->shards[i].count;
+    p->shard_of = (int *)need((size_t)p->count, sizeof *p->shard_of);
+    p->thetas = (float(*)[3])need((size_t)p->count, sizeof *p->thetas);
+    p->noise = (float *)need((size_t)p->count, sizeof *p->noise);
+    p->pixels = (uint16_t *)need((size_t)p->count, PIXELS * sizeof *p->pixels);
+    for (i = 0; i < p->shard_count; i++) {
+        const shard *s = &p->shards[i];
+        const char *fault;
+        char path[PATH_SIZE];
+        unsigned char *bytes = read_shard(s, dir, &fault), *pixels;
+        shard_path(s, dir, path);
+        if (!bytes) fprintf(stderr, "%s %s\n", path, fault), faults++;
+        if (!bytes) continue;
+        pixels = bytes + HEADER_SIZE + s->count * RECORD * 4;
+        for (k = 0; k < s->count * PIXELS; k++)
+            p->pixels[(size_t)next * PIXELS + (size_t)k] = (uint16_t)get_bytes(pixels + 2 * k, 2);
+        for (k = 0; k < s->count; k++, next++) {
+            const unsigned char *record = bytes + HEADER_SIZE + k * RECORD * 4;
+            p->shard_of[next] = i;
+            p->thetas[next][0] = get_float(record), p->thetas[next][1] = get_float(record + 4);
+            p->thetas[next][2] = get_float(record + 8), p->noise[next] = get_float(record + 12);
+        }
+        free(bytes);
+    }
+    if (faults) fail(dir, "`dataset make` makes what is missing or damaged");
+}
+
+static inline void free_pictures(pictures *p) {
+    free(p->pixels);
+    free(p->noise);
+    free(p->thetas);
+    free(p->shard_of);
+    memset(p, 0, sizeof *p);
+}
+
+static inline void get_picture(const pictures *p, int index, float *pixels) {
+    int i;
+    for (i = 0; i < PIXELS; i++)
+        pixels[i] = float_from_half(p->pixels[(size_t)index * PIXELS + (size_t)i]);
+}
+
+/* Loads the scene of a shard for a single thread; the caller's threads share it. */
+static inline itn_scene *load_scene(const shard *s, const char *dir, int parameters[3]) {
+    char path[PATH_SIZE];
+    itn_context context = ITN_ZERO;
+    itn_scene *scene;
+    itn_error error;
+    int k;
+    context.threads = 1;
+    scene_path(s->shape, s->azimuth, dir, path);
+    if (itn_scene_load(path, &context, &scene, &error)) fail(error.message, "");
+    for (k = 0; k < 3; k++)
+        if ((parameters[k] = itn_parameter_find(scene, theta_names[k])) < 0)
+            fail(path, "has no medium named milk");
+    return scene;
+}
+
+/* ---- what the network sees and what it answers ---- */
+
+/* Answers are cut to these, a little more than the materials of the data. */
+static const float lowest_answer[3] = {20, .35f, -.1f}, highest_answer[3] = {300, .97f, .9f};
+
+/* The two channels of the network's input, [2][PIXELS]: the picture over the mean brightness of all
+   training pictures; and an edge weight in [0,1), large where the brightness changes fast. */
+static inline void network_input(const float *pixels, double mean, float *input) {
+    int x, y;
+    for (y = 0; y < FILM; y++)
+        for (x = 0; x < FILM; x++) {
+            int left = x > 0 ? x - 1 : x, right = x + 1 < FILM ? x + 1 : x;
+            int above = y > 0 ? y - 1 : y, below = y + 1 < FILM ? y + 1 : y;
+            double across = pixels[y * FILM + right] - pixels[y * FILM + left];
+            double down = pixels[below * FILM + x] - pixels[above * FILM + x];
+            double slope = hypot(across, down) / mean;
+            input[y * FILM + x] = (float)(pixels[y * FILM + x] / mean);
+            input[PIXELS + y * FILM + x] = (float)(slope / (slope + 1));
+        }
+}
+
+/* The mean brightness of pictures. */
+static inline double mean_brightness(const pictures *p) {
+    double sum = 0;
+    size_t i, count = (size_t)p->count * PIXELS;
+    for (i = 0; i < count; i++) sum += float_from_half(p->pixels[i]);
+    return count ? sum / (double)count : 1;
+}
+
+/* Cuts the coordinates of an answer to the allowed values. */
+static inline void cut_answer(const itn_scene *scene, const int parameters[3], const float *answer,
+                              float *cut) {
+    int k;
+    for (k = 0; k < 3; k++) {
+        const itn_parameter *p = itn_parameter_get(scene, parameters[k]);
+        float low = (float)itn_parameter_to_coordinate(p, lowest_answer[k]);
+        float high = (float)itn_parameter_to_coordinate(p, highest_answer[k]);
+        cut[k] = answer[k] < low ? low : answer[k] > high ? high : answer[k];
+    }
+}
+
+/* What a network needs beside its weights, kept in NETWORK.txt. */
+typedef struct model {
+    char name[8]; /* rn, ssn, itn */
+    double mean, lambda, rate;
+    int batch, spp, seed;
+} model;
+
+static inline void save_model(const char *network, const model *m) {
+    char path[PATH_SIZE], text[512];
+    int length = snprintf(text, sizeof text, "model %s\nmean %.17g\nlambda %.17g\nrate %.17g\n"
+                          "batch %d\nspp %d\nseed %d\n", m->name, m->mean, m->lambda, m->rate,
+                          m->batch, m->spp, m->seed);
+    snprintf(path, sizeof path, "%s.txt", network);
+    save_file(path, text, (size_t)length);
+}
+
+static inline void load_model(const char *network, model *m) {
+    char path[PATH_SIZE];
+    FILE *file;
+    snprintf(path, sizeof path, "%s.txt", network);
+    file = fopen(path, "r");
+    if (!file) fail(path, "cannot be read: train this network first");
+    if (fscanf(file, "model %7s mean %lf lambda %lf rate %lf batch %d spp %d seed %d", m->name,
+               &m->mean, &m->lambda, &m->rate, &m->batch, &m->spp, &m->seed) != 7 || !(m->mean > 0))
+        fail(path, "is not what train writes");
+    fclose(file);
+}
+
+#endif

@@ -1,0 +1,95 @@
+#!/bin/sh
+# The learning experiment of Che et al., "Inverse Transport Networks" (2018), from nothing to tables
+# 1 to 3 and their figures, with one command. Stopped and started again it goes on where it was.
+#
+#   sh examples/experiment.sh [--fraction F] [-o DIR] [-t THREADS]
+#
+# F is the part of the 16,400 pictures to make, 1 by default. Up to 1/20 it is a trial of everything:
+# noisy pictures, few epochs, few searches. `--fraction 1/50` takes 10 minutes on two cores; its
+# tables show that all works, not who wins: 144 training pictures are too few to tell.
+# DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
+# figure.svg, and per network NAME.net and NAME.net.*.
+set -eu
+here=$(cd "$(dirname "$0")" && pwd)
+fraction=1
+out=out/experiment
+threads=$(getconf _NPROCESSORS_ONLN)
+while [ $# -gt 0 ]; do
+    [ $# -gt 1 ] || { echo "experiment: $1 needs a value"; exit 1; }
+    case $1 in
+        --fraction) fraction=$2 ;;
+        -o) out=$2 ;;
+        -t) threads=$2 ;;
+        *) echo "experiment: unknown option $1"; exit 1 ;;
+    esac
+    shift 2
+done
+mkdir -p "$out/done"
+
+if awk "BEGIN { exit !($fraction <= 1 / 20) }"; then
+    picture="--noise 0.2 --spp 4"
+    warm=6 epochs=10 training="--batch 8 --rate 3e-4 --spp 4"
+    trial="--images 16 --spp 4"
+    search="--images 1 --iterations 50 --spp 3"
+else
+    picture="--noise 0.03 --spp 4096"
+    warm=5 epochs=50 training="--batch 16 --rate 1e-4 --spp 4"
+    trial="--images 250 --spp 64"
+    search="--images 10 --iterations 200 --spp 16"
+fi
+
+# step NAME COMMAND...: runs the command unless it has been done before, and tells how long it took.
+step() {
+    name=$1
+    shift
+    [ -e "$out/done/$name" ] && return
+    begun=$(date +%s)
+    "$@"
+    touch "$out/done/$name"
+    echo "== $name: $(($(date +%s) - begun)) s"
+}
+compile() {
+    ${CC:-cc} -std=c99 -O3 -march=native -DITN_IMPLEMENTATION -x c -c "$here/../itn.h" \
+        -o "$out/itn.o" || return
+    for program in dataset train starts; do
+        ${CC:-cc} -std=c99 -O3 -march=native -DITN_APART "$here/$program.c" "$out/itn.o" \
+            -o "$out/$program" -lm -lpthread || return
+    done
+}
+# learn NAME MODEL EPOCHS [START]: a training run, resumed if there is something of it.
+# shellcheck disable=SC2086
+learn() {
+    net=$out/$1.net
+    if [ -e "$net" ]; then start=--resume
+    else start=${4:+--start $out/$4.net}
+    fi
+    "$out/train" --model "$2" --data "$out/data" --checkpoint "$net" --epochs "$3" $training \
+        $start -t "$threads"
+}
+# shellcheck disable=SC2086
+try() {
+    "$out/train" --model "$1" --data "$out/data" --checkpoint "$out/$1.net" --evaluate $trial \
+        -t "$threads"
+}
+
+begin=$(date +%s)
+step compile compile
+# shellcheck disable=SC2086
+step data "$out/dataset" make "$out/data" --fraction "$fraction" --scenes "$here/../scenes" \
+    -t "$threads" $picture
+step check "$out/dataset" check "$out/data"
+step sheet "$out/dataset" sheet "$out/data" "$out/sheet.png"
+step warm learn warm rn "$warm"
+for model in rn ssn itn; do
+    step "learn-$model" learn "$model" "$model" "$epochs" warm
+done
+for model in truth rn ssn itn; do
+    step "try-$model" try "$model"
+done
+awk 'FNR > 1 || NR == 1' "$out/truth.net.table.csv" "$out/rn.net.table.csv" \
+    "$out/ssn.net.table.csv" "$out/itn.net.table.csv" > "$out/table1.csv"
+# shellcheck disable=SC2086
+step starts "$out/starts" --data "$out/data" -o "$out" -t "$threads" $search \
+    "$out/rn.net" "$out/ssn.net" "$out/itn.net"
+cat "$out/table1.csv" "$out/table3.csv"
+echo "experiment: $(($(date +%s) - begin)) s, results in $out"

@@ -1,0 +1,427 @@
+/* What a network's answer is worth as the start of a search: table 3 of Che et al., "Inverse
+   Transport Networks" (2018); and pictures of what the networks' answers look like.
+
+   You learn: how to go on from a network's estimate with plain stochastic gradient descent on
+   itn_loss_gradient, as the paper does, and with itn_refine's Levenberg-Marquardt.
+
+   Compile: cc -O3 -march=native starts.c -o starts -lm -lpthread
+   Run:     ./starts --data data -o out rn.net ssn.net itn.net
+   Writes:  out/table3.csv with lines as
+            start,method,iteration,images,loss,log_sigma_t,albedo,g
+            rn,sgd,1,40,0.0254,1.45,0.00407,0.171
+            and out/figure.png with out/figure.svg, which adds the
+            numbers: two pictures of each split, then each network's answer rendered.
+   The table holds medians over --images pictures of each shape of the split `both`: the image loss
+   in units of the mean brightness squared, without its noise, and the squared errors of log
+   sigma_t, albedo and g. Iteration 1 is the start. Descent steps in the optimiser's coordinates.
+   A row lm, 20 is what itn_refine returns after 20 iterations at most (a tenth of --iterations).
+   Searches start from the answers of rn and itn.
+   Results are the same bits for any number of threads. */
+#define _POSIX_C_SOURCE 200809L
+#include "dataset.h"
+
+static const char *const usage =
+    "usage: starts --data DIR -o DIR [--images N] [--iterations N] [--spp N] [--rate X]\n"
+    "              [--seed N] [-t THREADS] NETWORK...\n";
+
+enum {
+    MOST_NETWORKS = 4,
+    MOST_MARKS = 16,
+    MARK = 50, /* iterations from mark to mark */
+    MOST_SEARCHES = 4096,
+    FIGURE_ROWS = 2 * SPLITS
+};
+
+typedef struct settings {
+    const char *data, *out, *networks[MOST_NETWORKS];
+    int network_count, images, iterations, spp, seed, threads;
+    double rate;
+} settings;
+
+/* Where a search stands at iterations 1, 50, 100, ... of descent or at the end of refinement. */
+typedef struct mark {
+    double loss, errors[3];
+} mark;
+
+/* One picture, one network's answer, one method. */
+typedef struct search {
+    int picture, network;
+    itn_method method; /* ADAM stands for plain descent here */
+    float answer[3];   /* coordinates */
+    mark marks[MOST_MARKS];
+} search;
+
+typedef struct searches {
+    const settings *settings;
+    pictures pictures;
+    itn_scene *scenes[MOST_SHARDS];
+    int parameters[3], count;
+    double mean;
+    search list[MOST_SEARCHES];
+} searches;
+
+/* Descent marks its first iteration, then every 50th. */
+static int mark_count(const settings *s, itn_method method) {
+    return method == ITN_METHOD_LM ? 2 : 1 + s->iterations / MARK;
+}
+
+static int mark_iteration(const settings *s, itn_method method, int index) {
+    if (index == 0) return 1;
+    return method == ITN_METHOD_LM ? (s->iterations + 9) / 10 : index * MARK;
+}
+
+/* ---- searching ---- */
+
+static void set_theta(const searches *all, const itn_scene *scene, const double *coordinates,
+                      float *theta) {
+    int k;
+    itn_parameter_values(scene, theta);
+    for (k = 0; k < 3; k++)
+        theta[all->parameters[k]] = (float)itn_parameter_from_coordinate(
+            itn_parameter_get(scene, all->parameters[k]), coordinates[k]);
+}
+
+/* Judges theta with more samples than a step of the search takes. */
+static mark judge(const searches *all, const search *one, const itn_scene *scene,
+                  const float *theta, const float *target) {
+    const float *truth = all->pictures.thetas[one->picture];
+    itn_render_options options = ITN_ZERO;
+    itn_error error;
+    mark m;
+    int k;
+    options.spp = 4 * all->settings->spp;
+    options.seed = mix((uint64_t)all->settings->seed, (uint64_t)one->picture, 7);
+    if (itn_loss_gradient(scene, theta, &options, target, NULL, 0, &m.loss, NULL, &error))
+        fail(error.message, "");
+    m.loss /= all->mean * all->mean;
+    for (k = 0; k < 3; k++) {
+        double value = theta[all->parameters[k]], right = truth[k];
+        m.errors[k] = k ? pow(value - right, 2) : pow(log(value / right), 2);
+    }
+    return m;
+}
+
+/* Plain descent: a fixed rate; no step is longer than half a unit in a coordinate. */
+static void descend(const searches *all, search *one, const itn_scene *scene, float *theta,
+                    const float *target) {
+    const settings *s = all->settings;
+    double coordinates[3], gradient[3], loss;
+    int i, k;
+    for (k = 0; k < 3; k++) coordinates[k] = one->answer[k];
+    for (i = 1; i <= s->iterations; i++) {
+        itn_render_options options = ITN_ZERO;
+        itn_error error;
+        options.spp = s->spp, options.walks = 1;
+        options.seed = mix((uint64_t)s->seed, (uint64_t)one->picture, 100 + (uint64_t)i);
+        set_theta(all, scene, coordinates, theta);
+        if (i == 1) one->marks[0] = judge(all, one, scene, theta, target);
+        if (itn_loss_gradient(scene, theta, &options, target, all->parameters, 3, &loss, gradient,
+                              &error))
+            fail(error.message, "");
+        for (k = 0; k < 3; k++) {
+            const itn_parameter *p = itn_parameter_get(scene, all->parameters[k]);
+            double value = theta[all->parameters[k]];
+            double step = s->rate * gradient[k] * itn_parameter_slope(p, value);
+            double low = itn_parameter_to_coordinate(p, (double)lowest_answer[k]);
+            double high = itn_parameter_to_coordinate(p, (double)highest_answer[k]);
+            step /= all->mean * all->mean;
+            coordinates[k] -= fmax(-.5, fmin(.5, step));
+            coordinates[k] = fmax(low, fmin(high, coordinates[k]));
+        }
+        if (i % MARK) continue;
+        set_theta(all, scene, coordinates, theta);
+        one->marks[i / MARK] = judge(all, one, scene, theta, target);
+    }
+}
+
+static void refine(const searches *all, search *one, const itn_scene *scene, float *theta,
+                   const float *target) {
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate estimates[3];
+    itn_error error;
+    double coordinates[3];
+    int k;
+    for (k = 0; k < 3; k++) coordinates[k] = one->answer[k];
+    set_theta(all, scene, coordinates, theta);
+    one->marks[0] = judge(all, one, scene, theta, target);
+    options.iterations = mark_iteration(all->settings, ITN_METHOD_LM, 1);
+    options.spp = all->settings->spp;
+    options.seed = mix((uint64_t)all->settings->seed, (uint64_t)one->picture, 8);
+    if (itn_refine(scene, theta, target, all->parameters, 3, &options, estimates, &error))
+        fail(error.message, "");
+    one->marks[1] = judge(all, one, scene, theta, target);
+}
+
+static void run_search(void *task, int index) {
+    searches *all = (searches *)task;
+    search *one = &all->list[index];
+    const itn_scene *scene = all->scenes[all->pictures.shard_of[one->picture]];
+    float *theta = (float *)need((size_t)itn_parameter_count(scene), sizeof *theta);
+    float *target = (float *)need(PIXELS, sizeof *target);
+    get_picture(&all->pictures, one->picture, target);
+    if (one->method == ITN_METHOD_LM) refine(all, one, scene, theta, target);
+    else descend(all, one, scene, theta, target);
+    fprintf(stderr, ".");
+    free(target);
+    free(theta);
+}
+
+/* ---- networks ---- */
+
+static itn_net *open_network(const char *path, model *m) {
+    itn_net *net;
+    itn_error error;
+    load_model(path, m);
+    if (itn_net_open(path, 1, NULL, &net, &error)) fail(error.message, "");
+    return net;
+}
+
+/* The network's answer to a picture, cut to sensible coordinates. */
+static void ask(itn_net *net, const model *m, const itn_scene *scene, const int parameters[3],
+                const float *picture, float *answer) {
+    float *input = (float *)need(2 * PIXELS, sizeof *input);
+    itn_error error;
+    network_input(picture, m->mean, input);
+    if (itn_net_forward(net, 1, input, answer, &error)) fail(error.message, "");
+    cut_answer(scene, parameters, answer, answer);
+    free(input);
+}
+
+/* ---- table 3 ---- */
+
+static int by_size(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* The median of column `column` (0: loss, 1 to 3: errors) of searches like `like`. */
+static double median(const searches *all, const search *like, int at, int column) {
+    static double values[MOST_SEARCHES];
+    int i, count = 0;
+    for (i = 0; i < all->count; i++) {
+        const search *one = &all->list[i];
+        if (one->network != like->network || one->method != like->method) continue;
+        values[count++] = column ? one->marks[at].errors[column - 1] : one->marks[at].loss;
+    }
+    qsort(values, (size_t)count, sizeof *values, by_size);
+    return (values[(count - 1) / 2] + values[count / 2]) / 2;
+}
+
+/* Chooses pictures, by chance but for good, and lists a search for each network and method. */
+static void list_searches(searches *all) {
+    const settings *s = all->settings;
+    int *order = (int *)need((size_t)all->pictures.count, sizeof *order);
+    int taken[SHAPES] = {0}, i, n, method;
+    shuffle(order, all->pictures.count, mix((uint64_t)s->seed, 9, 9));
+    for (n = 0; n < s->network_count; n++) {
+        model m;
+        itn_net *net = open_network(s->networks[n], &m);
+        all->mean = m.mean;
+        memset(taken, 0, sizeof taken);
+        for (i = 0; i < all->pictures.count && strcmp(m.name, "ssn"); i++) {
+            int shard_number = all->pictures.shard_of[order[i]];
+            float picture[PIXELS], answer[3];
+            if (taken[all->pictures.shards[shard_number].shape]++ >= s->images) continue;
+            get_picture(&all->pictures, order[i], picture);
+            ask(net, &m, all->scenes[shard_number], all->parameters, picture, answer);
+            for (method = 0; method < 2 && all->count < MOST_SEARCHES; method++) {
+                search *one = &all->list[all->count++];
+                one->picture = order[i], one->network = n;
+                one->method = method ? ITN_METHOD_LM : ITN_METHOD_ADAM;
+                memcpy(one->answer, answer, sizeof answer);
+            }
+        }
+        itn_net_free(net);
+    }
+    free(order);
+}
+
+static void print_table(const searches *all) {
+    const settings *s = all->settings;
+    char path[PATH_SIZE];
+    int n, method, at, i, column, used;
+    FILE *file;
+    snprintf(path, sizeof path, "%s/table3.csv", s->out);
+    file = fopen(path, "w");
+    if (!file) fail(path, "cannot be written");
+    fprintf(file, "start,method,iteration,images,loss,log_sigma_t,albedo,g\n");
+    for (method = 0; method < 2; method++)
+        for (n = 0; n < s->network_count; n++) {
+            model m;
+            search like;
+            memset(&like, 0, sizeof like);
+            like.network = n, like.method = method ? ITN_METHOD_LM : ITN_METHOD_ADAM;
+            load_model(s->networks[n], &m);
+            for (i = used = 0; i < all->count; i++)
+                used += all->list[i].network == n && all->list[i].method == like.method;
+            for (at = 0; used && at < mark_count(s, like.method); at++) {
+                fprintf(file, "%s,%s,%d,%d", m.name, method ? "lm" : "sgd",
+                        mark_iteration(s, like.method, at), used);
+                for (column = 0; column < 4; column++)
+                    fprintf(file, ",%.4g", median(all, &like, at, column));
+                fprintf(file, "\n");
+            }
+        }
+    if (fclose(file)) fail(path, "cannot be written");
+    fprintf(stderr, "\n"), printf("table: %s\n", path);
+}
+
+static void make_table(const settings *s) {
+    static searches all;
+    int i, threads = s->threads;
+    all.settings = s;
+    load_pictures(s->data, SPLIT_BOTH, &all.pictures);
+    for (i = 0; i < all.pictures.shard_count; i++)
+        all.scenes[i] = load_scene(&all.pictures.shards[i], s->data, all.parameters);
+    list_searches(&all);
+    parallel_for(all.count, run_search, &all, &threads);
+    print_table(&all);
+    for (i = 0; i < all.pictures.shard_count; i++) itn_scene_free(all.scenes[i]);
+    free_pictures(&all.pictures);
+}
+
+/* ---- the figure ---- */
+
+/* A tile of the figure: a picture and its numbers; column 0 is the input. */
+typedef struct tile {
+    const itn_scene *scene;
+    const int *parameters;
+    float values[3], pixels[PIXELS];
+    char caption[96];
+} tile;
+
+typedef struct figure {
+    const settings *settings;
+    tile tiles[FIGURE_ROWS][MOST_NETWORKS + 1];
+} figure;
+
+static void render_tile(void *task, int index) {
+    figure *f = (figure *)task;
+    tile *t = &f->tiles[index / MOST_NETWORKS][1 + index % MOST_NETWORKS];
+    itn_render_options options = ITN_ZERO;
+    itn_image image;
+    itn_error error;
+    float *theta;
+    int k;
+    if (!t->scene) return;
+    theta = (float *)need((size_t)itn_parameter_count(t->scene), sizeof *theta);
+    itn_parameter_values(t->scene, theta);
+    for (k = 0; k < 3; k++) theta[t->parameters[k]] = t->values[k];
+    options.spp = 2 * f->settings->spp, options.seed = (uint64_t)index;
+    if (itn_render(t->scene, theta, &options, NULL, 0, &image, &error)) fail(error.message, "");
+    memcpy(t->pixels, image.pixels, sizeof t->pixels);
+    itn_image_free(&image);
+    free(theta);
+}
+
+static void write_caption(tile *t, const char *name) {
+    snprintf(t->caption, sizeof t->caption, "%s %.0f %.2f %.2f", name, (double)t->values[0],
+             (double)t->values[1], (double)t->values[2]);
+}
+
+/* Fills row `row` with picture `index` and the networks' answers. */
+static void fill_row(figure *f, int row, const pictures *p, int index, const itn_scene *scene,
+                     const int parameters[3]) {
+    tile *tiles = f->tiles[row];
+    int n, k;
+    get_picture(p, index, tiles[0].pixels);
+    memcpy(tiles[0].values, p->thetas[index], sizeof tiles[0].values);
+    write_caption(&tiles[0], split_names[p->shards[0].in]);
+    for (n = 0; n < f->settings->network_count; n++) {
+        tile *t = &tiles[n + 1];
+        float answer[3];
+        model m;
+        itn_net *net = open_network(f->settings->networks[n], &m);
+        ask(net, &m, scene, parameters, tiles[0].pixels, answer);
+        t->scene = scene, t->parameters = parameters;
+        for (k = 0; k < 3; k++)
+            t->values[k] = (float)itn_parameter_from_coordinate(
+                itn_parameter_get(scene, parameters[k]), (double)answer[k]);
+        write_caption(t, m.name);
+        itn_net_free(net);
+    }
+}
+
+/* Pictures as PNG, and a chart that shows them with sigma_t, albedo and g. */
+static void save_figure(const figure *f) {
+    int columns = f->settings->network_count + 1, row, column, y, width = columns * FILM;
+    char path[PATH_SIZE];
+    itn_image image;
+    itn_error error;
+    FILE *file;
+    if (itn_image_create(width, FIGURE_ROWS * FILM, 1, NULL, &image, &error))
+        fail(error.message, "");
+    snprintf(path, sizeof path, "%s/figure.svg", f->settings->out);
+    file = fopen(path, "w");
+    if (!file) fail(path, "cannot be written");
+    fprintf(file, "<svg xmlns='http://www.w3.org/2000/svg' "
+            "xmlns:xlink='http://www.w3.org/1999/xlink' width='%d' height='%d' "
+            "font-size='11' font-family='sans-serif'><image width='%d' "
+            "height='%d' xlink:href='figure.png'/>", width, FIGURE_ROWS * FILM, width,
+            FIGURE_ROWS * FILM);
+    for (row = 0; row < FIGURE_ROWS; row++)
+        for (column = 0; column < columns; column++) {
+            const tile *t = &f->tiles[row][column];
+            for (y = 0; y < FILM; y++)
+                memcpy(image.pixels + (row * FILM + y) * width + column * FILM,
+                       t->pixels + y * FILM, FILM * sizeof(float));
+            fprintf(file, "<rect x='%d' y='%d' width='128' height='14' fill='white'/><text x='%d' "
+                    "y='%d'>%s</text>", column * FILM, row * FILM, column * FILM + 3,
+                    row * FILM + 11, t->caption);
+        }
+    fprintf(file, "</svg>\n");
+    if (fclose(file)) fail(path, "cannot be written");
+    snprintf(path, sizeof path, "%s/figure.png", f->settings->out);
+    if (itn_image_save_png(&image, 0, 1, ITN_PNG_TONE, 0, path, &error)) fail(error.message, "");
+    itn_image_free(&image);
+}
+
+static void make_figure(const settings *s) {
+    static figure f;
+    itn_scene *scenes[FIGURE_ROWS];
+    int parameters[3], row, threads = s->threads;
+    f.settings = s;
+    for (row = 0; row < FIGURE_ROWS; row++) {
+        pictures p;
+        int index;
+        load_pictures(s->data, (split)(row / 2), &p);
+        index = (int)((int64_t)p.count * (1 + 2 * (row % 2)) / 4);
+        scenes[row] = load_scene(&p.shards[p.shard_of[index]], s->data, parameters);
+        fill_row(&f, row, &p, index, scenes[row], parameters);
+        free_pictures(&p);
+    }
+    parallel_for(FIGURE_ROWS * MOST_NETWORKS, render_tile, &f, &threads);
+    save_figure(&f);
+    for (row = 0; row < FIGURE_ROWS; row++) itn_scene_free(scenes[row]);
+}
+
+int main(int argc, char **argv) {
+    static settings s;
+    int i;
+    s.images = 10, s.iterations = 200, s.spp = 16, s.rate = 10, s.seed = 1;
+    s.threads = (int)sysconf(_SC_NPROCESSORS_ONLN);
+    for (i = 1; i < argc; i++) {
+        const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
+        if (option[0] != '-' && s.network_count < MOST_NETWORKS) {
+            s.networks[s.network_count++] = option;
+            continue;
+        }
+        if (!value) fail(option, "unknown option, or its value is missing");
+        i++;
+        if (!strcmp(option, "--data")) s.data = value;
+        else if (!strcmp(option, "-o")) s.out = value;
+        else if (!strcmp(option, "--images")) s.images = whole(option, value, 1);
+        else if (!strcmp(option, "--iterations")) s.iterations = whole(option, value, 1);
+        else if (!strcmp(option, "--spp")) s.spp = whole(option, value, 2);
+        else if (!strcmp(option, "--rate")) s.rate = number(option, value, 1e-9, 1e9);
+        else if (!strcmp(option, "--seed")) s.seed = whole(option, value, 0);
+        else if (!strcmp(option, "-t")) s.threads = whole(option, value, 1);
+        else fail(option, "unknown option");
+    }
+    if (!s.data || !s.out || !s.network_count || s.iterations / MARK >= MOST_MARKS)
+        return fprintf(stderr, "%s", usage), 1;
+    make_folder(s.out);
+    make_figure(&s);
+    make_table(&s);
+    return 0;
+}

@@ -1,0 +1,647 @@
+/* Trains a network to read sigma_t, albedo and g off a picture, and tries it: tables 1 and 2 of
+   Che et al., "Inverse Transport Networks" (2018).
+
+   You learn: how the three networks of the paper differ, which is in their loss alone: the
+   regressor (rn) is told the right answer; the inverse transport network (itn) also how well its
+   answer reproduces the picture when rendered; the single-scattering network (ssn) renders that
+   with one scattering only. And how to stop and go on without a trace.
+
+   Compile: cc -O3 -march=native train.c -o train -lm -lpthread
+   Run:     ./train --model rn --data data --epochs 4 --checkpoint warm.net
+            ./train --model itn --data data --start warm.net --epochs 10 --checkpoint itn.net
+            ./train --model itn --data data --checkpoint itn.net --evaluate
+   Prints:  model,split,images,rmse_sigma_t,rmse_albedo,rmse_g,rmse_image,one_minus_ms_ssim
+            itn,train,144,52.3,0.113,0.24,0.187,0.21
+            ...
+   Writes:  the network with Adam's state (itn.net), what else defines the run (itn.net.txt), the
+            loss of every step (itn.net.csv) and its chart (itn.net.svg); --evaluate writes the
+            table (itn.net.table.csv), every answer (itn.net.answers.csv) and a chart of these
+            (itn.net.answers.svg). `--model truth --evaluate` answers with the truth: its errors are
+            those that noise alone makes.
+   The number of steps that the network has taken says all about where a run is: the order of the
+   pictures is a function of (seed, epoch), random numbers of (seed, step, picture). So a run that
+   was stopped by Ctrl-C or a crash and goes on with --resume gives the same bits as one that was
+   not, on any number of threads.
+
+   Answers are cut to sigma_t 20 to 300, albedo .35 to .97, g -.1 to .9. Their errors are in their
+   own units, over all pictures of a split. Of --images pictures (default: all) of each split the
+   answer is rendered again, with --spp samples. Errors of images are in units of the mean
+   brightness of the training pictures. MS-SSIM (Wang, Simoncelli and Bovik 2003): window 11x11,
+   Gaussian of deviation 1.5, four levels (of 128, 64, 32 and 16 pixels) with the first four of the
+   published weights, scaled to sum to 1; data range: the picture's largest value. */
+#define _POSIX_C_SOURCE 200809L
+#include "dataset.h"
+
+#include <signal.h>
+
+static const char *const usage =
+    "usage: train --model rn|ssn|itn|truth --data DIR --checkpoint FILE [--start FILE] [--resume]\n"
+    "       [--epochs N] [--batch N] [--rate X] [--spp N] [--lambda X] [--seed N] [-t THREADS]\n"
+    "       [--evaluate] [--images MOST]\n";
+
+typedef struct settings {
+    const char *data, *checkpoint, *start;
+    int epochs, threads, resume, evaluate, most_images, spp; /* spp: 0 = the default */
+    model model;
+} settings;
+
+/* One training step's mean losses. */
+typedef struct row {
+    int step;
+    double parameters, image; /* image: in units of the mean brightness squared */
+} row;
+
+typedef struct trainer {
+    const settings *options;
+    itn_model kind;
+    pictures pictures;
+    itn_scene *scenes[MOST_SHARDS];
+    int parameters[3];
+    itn_net *net;
+    int *order;           /* of the pictures in this epoch */
+    float *targets;       /* [batch][PIXELS] */
+    float *inputs;        /* [batch][2][PIXELS] */
+    float *answers, *gradients; /* [batch][3] coordinates */
+    itn_loss *losses;     /* [batch] */
+    int first, step;      /* of the batch: its place in the order; how many steps came before */
+    int spp;
+    row *rows;            /* the curve so far */
+    int row_count;
+} trainer;
+
+static volatile sig_atomic_t stop_asked;
+static void ask_to_stop(int signal_number) { (void)signal_number, stop_asked = 1; }
+
+/* ---- the loss of a batch ---- */
+
+static void truth_coordinates(const itn_scene *scene, const int parameters[3], const float *theta,
+                              float *truth) {
+    int k;
+    for (k = 0; k < 3; k++)
+        truth[k] = (float)itn_parameter_to_coordinate(itn_parameter_get(scene, parameters[k]),
+                                                      (double)theta[k]);
+}
+
+static void prepare_input(void *task, int index) {
+    trainer *t = (trainer *)task;
+    float *target = t->targets + (size_t)index * PIXELS;
+    get_picture(&t->pictures, t->order[t->first + index], target);
+    network_input(target, t->options->model.mean, t->inputs + (size_t)index * 2 * PIXELS);
+}
+
+/* The loss of one picture and its gradient in the network's answer. The image term sees the answer
+   cut to sensible values, and has no say in an answer beyond them. */
+static void picture_loss(void *task, int index) {
+    trainer *t = (trainer *)task;
+    const model *m = &t->options->model;
+    int picture = t->order[t->first + index], k;
+    const itn_scene *scene = t->scenes[t->pictures.shard_of[picture]];
+    const float *answer = t->answers + 3 * index;
+    float *gradient = t->gradients + 3 * index, truth[3], cut[3], cut_gradient[3];
+    itn_loss_desc desc = ITN_ZERO;
+    itn_loss loss = ITN_ZERO;
+    itn_error error;
+    if (!scene) scene = t->scenes[0]; /* a regressor needs no scene but for coordinates */
+    truth_coordinates(scene, t->parameters, t->pictures.thetas[picture], truth);
+    cut_answer(scene, t->parameters, answer, cut);
+    desc.model = t->kind, desc.lambda = m->lambda / (m->mean * m->mean);
+    desc.scene = scene, desc.parameters = t->parameters;
+    desc.options.spp = t->spp, desc.options.walks = 1;
+    desc.options.seed = mix((uint64_t)m->seed, (uint64_t)t->step, (uint64_t)picture);
+    if (itn_loss_training(&desc, 3, cut, truth, t->targets + (size_t)index * PIXELS, &loss,
+                          cut_gradient, &error))
+        fail(error.message, "");
+    for (k = 0; k < 3; k++) {
+        double image_part = (double)cut_gradient[k] - 2 * ((double)cut[k] - (double)truth[k]);
+        gradient[k] = (float)(cut[k] == answer[k] ? image_part : 0);
+    }
+    t->losses[index] = loss;
+    t->losses[index].parameters = itn_loss_parameters(3, answer, truth, cut_gradient);
+    for (k = 0; k < 3; k++) gradient[k] += cut_gradient[k];
+}
+
+/* The answers for the pictures from `first` in the order on, their losses and gradients. Returns
+   the mean losses. */
+static row batch_losses(trainer *t, int first, int batch) {
+    itn_error error;
+    row r;
+    int k, threads = t->options->threads;
+    double mean = t->options->model.mean;
+    memset(&r, 0, sizeof r);
+    t->first = first;
+    parallel_for(batch, prepare_input, t, &threads);
+    if (itn_net_forward(t->net, batch, t->inputs, t->answers, &error)) fail(error.message, "");
+    parallel_for(batch, picture_loss, t, &threads);
+    for (k = 0; k < batch; k++) {
+        r.parameters += t->losses[k].parameters / batch;
+        r.image += t->losses[k].image / (mean * mean) / batch;
+    }
+    return r;
+}
+
+static void train_step(trainer *t, int first, int batch) {
+    itn_adam_desc adam = ITN_ZERO;
+    itn_error error;
+    row r;
+    int k;
+    t->step = (int)itn_net_steps(t->net);
+    r = batch_losses(t, first, batch);
+    for (k = 0; k < 3 * batch; k++) t->gradients[k] /= (float)batch;
+    adam.learning_rate = t->options->model.rate;
+    itn_net_zero_gradients(t->net);
+    if (itn_net_backward(t->net, batch, t->gradients, &error) ||
+        itn_net_step(t->net, &adam, &error))
+        fail(error.message, "");
+    r.step = t->step + 1;
+    t->rows[t->row_count++] = r;
+}
+
+/* ---- curves and checkpoints ---- */
+
+/* The mean losses of all epochs, as polylines on a logarithmic scale. */
+static void save_chart(const trainer *t, int steps_per_epoch) {
+    static const char *const colours[] = {"#1f77b4", "#d62728"};
+    static const char *const names[] = {"parameters", "image"};
+    char path[PATH_SIZE];
+    int epochs = t->row_count ? (t->rows[t->row_count - 1].step - 1) / steps_per_epoch + 1 : 1;
+    double(*means)[3] = (double(*)[3])need((size_t)epochs, sizeof *means);
+    double low = 1e300, high = 1e-300, decades;
+    FILE *file;
+    int i, k;
+    for (i = 0; i < t->row_count; i++) {
+        double *mean = means[(t->rows[i].step - 1) / steps_per_epoch];
+        mean[0] += t->rows[i].parameters, mean[1] += t->rows[i].image, mean[2]++;
+    }
+    for (i = 0; i < epochs; i++)
+        for (k = 0; k < 2; k++) {
+            double mean = means[i][k] /= fmax(means[i][2], 1);
+            if (mean > 0) low = fmin(low, mean), high = fmax(high, mean);
+        }
+    low = pow(10, floor(log10(fmin(low, high)))), high = pow(10, ceil(log10(high)));
+    decades = fmax(log10(high / low), 1);
+    snprintf(path, sizeof path, "%s.svg", t->options->checkpoint);
+    file = fopen(path, "w");
+    if (!file) fail(path, "cannot be written");
+    fprintf(file, "<svg xmlns='http://www.w3.org/2000/svg' width='640' height='360' font-size='13' "
+            "font-family='sans-serif'><rect width='640' height='360' fill='white'/>"
+            "<text x='60' y='20'>%s: mean loss of an epoch</text><path d='M60 30V320H520' "
+            "stroke='#888' fill='none'/><text x='240' y='350'>epoch (1 to %d)</text>",
+            t->options->model.name, epochs);
+    for (i = 0; i <= (int)(decades + .5); i++)
+        fprintf(file, "<path d='M56 %.1fH520' stroke='#ddd'/><text x='8' y='%.1f'>%.0e</text>",
+                320 - 290 * i / decades, 324 - 290 * i / decades, low * pow(10, i));
+    for (k = 0; k < 2; k++) {
+        fprintf(file, "<polyline fill='none' stroke-width='2' stroke='%s' points='", colours[k]);
+        for (i = 0; i < epochs; i++)
+            if (means[i][k] > 0)
+                fprintf(file, "%.1f,%.1f ", 60 + 460. * i / (epochs > 1 ? epochs - 1 : 1),
+                        320 - 290 * log10(means[i][k] / low) / decades);
+        fprintf(file, "'/><text x='530' y='%d' fill='%s'>%s</text>", 50 + 20 * k, colours[k],
+                names[k]);
+    }
+    fprintf(file, "</svg>\n");
+    if (fclose(file)) fail(path, "cannot be written");
+    free(means);
+}
+
+/* The curve first: rows beyond the network's steps are dropped when it is read. */
+static void save_checkpoint(const trainer *t) {
+    char path[PATH_SIZE + 4], temporary[PATH_SIZE + 8];
+    itn_error error;
+    FILE *file;
+    int i;
+    snprintf(path, sizeof path, "%s.csv", t->options->checkpoint);
+    snprintf(temporary, sizeof temporary, "%s.tmp", path);
+    file = fopen(temporary, "w");
+    if (!file) fail(temporary, "cannot be written");
+    fprintf(file, "step,parameters,image\n");
+    for (i = 0; i < t->row_count; i++)
+        fprintf(file, "%d,%.17g,%.17g\n", t->rows[i].step, t->rows[i].parameters, t->rows[i].image);
+    if (fclose(file) || rename(temporary, path)) fail(path, "cannot be written");
+    if (itn_net_save(t->net, t->options->checkpoint, 0, &error)) fail(error.message, "");
+}
+
+static void load_curve(trainer *t, const char *network) {
+    char path[PATH_SIZE];
+    int steps = (int)itn_net_steps(t->net);
+    FILE *file;
+    row r;
+    snprintf(path, sizeof path, "%s.csv", network);
+    file = fopen(path, "r");
+    if (!file) fail(path, "cannot be read");
+    if (fscanf(file, "step,parameters,image") < 0) fail(path, "is empty");
+    while (fscanf(file, "%d,%lf,%lf", &r.step, &r.parameters, &r.image) == 3)
+        if (r.step <= steps) t->rows[t->row_count++] = r;
+    fclose(file);
+}
+
+/* ---- a run ---- */
+
+/* Starts the outputs at the mean of all answers, so that training need not bring them there. */
+static void set_biases(trainer *t) {
+    size_t count;
+    float *weights = itn_net_parameters(t->net, &count), truth[3];
+    int i, k;
+    for (i = 0; i < t->pictures.count; i++) {
+        truth_coordinates(t->scenes[0], t->parameters, t->pictures.thetas[i], truth);
+        for (k = 0; k < 3; k++)
+            weights[count - 3 + (size_t)k] += truth[k] / (float)t->pictures.count;
+    }
+}
+
+/* Makes both terms of the loss about equally large over some pictures. */
+static void choose_lambda(trainer *t, model *m) {
+    int batch = m->batch < t->pictures.count ? m->batch : t->pictures.count, rounds = 0;
+    double parameters = 0, image = 0;
+    m->lambda = 1; /* so that it renders */
+    t->spp = 4 * m->spp;
+    shuffle(t->order, t->pictures.count, mix((uint64_t)m->seed, 0, 2));
+    do {
+        row r = batch_losses(t, rounds * batch, batch);
+        parameters += r.parameters, image += r.image, rounds++;
+    } while ((rounds + 1) * batch <= t->pictures.count && (rounds + 1) * batch <= 64);
+    t->spp = m->spp;
+    m->lambda = image > 0 ? parameters / image : 1;
+    fprintf(stderr, "%s: losses of parameters %.4g, of images %.4g: lambda %.4g\n", m->name,
+            parameters / rounds, image / rounds, m->lambda);
+}
+
+static void make_trainer(trainer *t, const settings *o) {
+    itn_net_desc desc = ITN_ZERO;
+    itn_context context = ITN_ZERO;
+    itn_error error;
+    size_t batch = (size_t)o->model.batch;
+    int i;
+    t->options = o;
+    load_pictures(o->data, SPLIT_TRAIN, &t->pictures);
+    t->kind = !strcmp(o->model.name, "itn") ? ITN_MODEL_ITN
+              : !strcmp(o->model.name, "ssn") ? ITN_MODEL_SSN : ITN_MODEL_RN;
+    for (i = 0; i < t->pictures.shard_count && (i == 0 || t->kind != ITN_MODEL_RN); i++)
+        t->scenes[i] = load_scene(&t->pictures.shards[i], o->data, t->parameters);
+    context.parallel_for = parallel_for, context.parallel_user = (void *)&o->threads;
+    desc.batch = o->model.batch, desc.seed = (uint64_t)o->model.seed;
+    if (itn_net_create(&desc, &context, &t->net, &error)) fail(error.message, "");
+    t->order = (int *)need((size_t)t->pictures.count, sizeof *t->order);
+    t->targets = (float *)need(batch, PIXELS * sizeof(float));
+    t->inputs = (float *)need(batch, 2 * PIXELS * sizeof(float));
+    t->answers = (float *)need(batch, 3 * sizeof(float));
+    t->gradients = (float *)need(batch, 3 * sizeof(float));
+    t->losses = (itn_loss *)need(batch, sizeof *t->losses);
+    t->spp = o->model.spp;
+}
+
+static void free_trainer(trainer *t) {
+    int i;
+    for (i = 0; i < MOST_SHARDS; i++) itn_scene_free(t->scenes[i]);
+    itn_net_free(t->net);
+    free_pictures(&t->pictures);
+    free(t->rows), free(t->losses), free(t->gradients), free(t->answers);
+    free(t->inputs), free(t->targets), free(t->order);
+}
+
+static void show_progress(const trainer *t, int steps, double start, int first_step) {
+    const row *r = &t->rows[t->row_count - 1];
+    double rate = (r->step - first_step) / (seconds() - start);
+    fprintf(stderr, "\r%s: step %d of %d, loss %.4f + %.3g x %.4g, %.1f images/s, %.0f s left    ",
+            t->options->model.name, r->step, steps, r->parameters, t->options->model.lambda,
+            r->image, rate * t->options->model.batch, (steps - r->step) / rate);
+}
+
+/* Loads the start or the checkpoint; settings that a resumed run shares with it are its own. */
+static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
+    const char *from = o->resume ? o->checkpoint : o->start;
+    double lambda = o->model.lambda;
+    model before;
+    itn_error error;
+    if (o->resume) load_model(o->checkpoint, &o->model);
+    make_trainer(t, o);
+    if (!o->resume) o->model.mean = mean_brightness(&t->pictures);
+    *per_epoch = (t->pictures.count + o->model.batch - 1) / o->model.batch;
+    *last_step = *per_epoch * o->epochs;
+    t->rows = (row *)need((size_t)*last_step + 1, sizeof *t->rows);
+    if (from) {
+        load_model(from, &before);
+        if (before.batch != o->model.batch || before.seed != o->model.seed ||
+            before.mean != o->model.mean)
+            fail(from, "was trained with another batch, seed or data");
+        if (itn_net_load(t->net, from, &error)) fail(error.message, "");
+        if ((int)itn_net_steps(t->net) <= *last_step) load_curve(t, from);
+    } else {
+        set_biases(t);
+    }
+    if (o->resume) return;
+    if (t->kind != ITN_MODEL_RN && lambda < 0) choose_lambda(t, &o->model);
+    if (t->kind == ITN_MODEL_RN) o->model.lambda = 0;
+    save_model(o->checkpoint, &o->model);
+}
+
+static int train(settings *o) {
+    static trainer t;
+    int last, per_epoch, step, epoch = -1, first_step;
+    double start = seconds(), saved = start, shown = 0;
+    begin(&t, o, &last, &per_epoch);
+    first_step = step = (int)itn_net_steps(t.net);
+    start = seconds();
+    signal(SIGINT, ask_to_stop), signal(SIGTERM, ask_to_stop);
+    for (; step < last && !stop_asked; step++) {
+        int first = step % per_epoch * o->model.batch, left = t.pictures.count - first;
+        if (epoch != step / per_epoch) {
+            epoch = step / per_epoch;
+            shuffle(t.order, t.pictures.count, mix((uint64_t)o->model.seed, (uint64_t)epoch, 1));
+        }
+        train_step(&t, first, left < o->model.batch ? left : o->model.batch);
+        if (seconds() - shown > .5) show_progress(&t, last, start, first_step), shown = seconds();
+        if (seconds() - saved > 120) save_checkpoint(&t), saved = seconds();
+    }
+    if (step > first_step) show_progress(&t, last, start, first_step), fputc('\n', stderr);
+    if (step > first_step || !o->resume) save_checkpoint(&t);
+    save_chart(&t, per_epoch);
+    if (step > first_step)
+        printf("%s: steps %d to %d in %.1f s, loss %.4f + %.4g x %.4g\n", o->model.name,
+               first_step + 1, step, seconds() - start, t.rows[t.row_count - 1].parameters,
+               o->model.lambda, t.rows[t.row_count - 1].image);
+    free_trainer(&t);
+    return stop_asked ? 3 : 0;
+}
+
+/* ---- how alike pictures look ---- */
+
+typedef struct similarity {
+    double structure, whole; /* means of contrast x structure; of that x luminance */
+} similarity;
+
+/* SSIM of two pictures of size x size pixels with values up to `range` (Wang et al. 2004), over all
+   windows that lie inside. */
+static similarity compare_level(const float *a, const float *b, int size, double range) {
+    enum { WINDOW = 11 };
+    double weights[WINDOW], sum = 0, c1 = pow(.01 * range, 2), c2 = pow(.03 * range, 2);
+    int x, y, i, j, windows = size - WINDOW + 1;
+    similarity mean = {0, 0};
+    for (i = 0; i < WINDOW; i++) sum += weights[i] = exp(-pow((i - 5) / 1.5, 2) / 2);
+    for (y = 0; y < windows; y++)
+        for (x = 0; x < windows; x++) {
+            double ma = 0, mb = 0, aa = 0, bb = 0, ab = 0, structure;
+            for (j = 0; j < WINDOW; j++)
+                for (i = 0; i < WINDOW; i++) {
+                    double w = weights[i] * weights[j] / (sum * sum);
+                    double va = a[(y + j) * size + x + i], vb = b[(y + j) * size + x + i];
+                    ma += w * va, mb += w * vb;
+                    aa += w * va * va, bb += w * vb * vb, ab += w * va * vb;
+                }
+            aa -= ma * ma, bb -= mb * mb, ab -= ma * mb;
+            structure = (2 * ab + c2) / (aa + bb + c2);
+            mean.structure += structure;
+            mean.whole += structure * (2 * ma * mb + c1) / (ma * ma + mb * mb + c1);
+        }
+    mean.structure /= windows * windows, mean.whole /= windows * windows;
+    return mean;
+}
+
+static void halve(float *picture, int size) {
+    int x, y, half = size / 2;
+    for (y = 0; y < half; y++)
+        for (x = 0; x < half; x++) {
+            const float *p = picture + 2 * y * size + 2 * x;
+            picture[y * half + x] = (p[0] + p[1] + p[size] + p[size + 1]) / 4;
+        }
+}
+
+/* MS-SSIM of `picture` and `other`, which are used up. */
+static double ms_ssim(float *picture, float *other) {
+    static const double weights[4] = {.0448, .2856, .3001, .2363};
+    double range = 0, result = 1;
+    int i, level, size = FILM;
+    for (i = 0; i < PIXELS; i++) range = fmax(range, picture[i]);
+    for (level = 0; level < 4; level++, size /= 2) {
+        similarity s = compare_level(picture, other, size, range > 0 ? range : 1);
+        double term = level < 3 ? s.structure : s.whole;
+        result *= pow(fmax(term, 0), weights[level] / .8668);
+        halve(picture, size), halve(other, size);
+    }
+    return result;
+}
+
+/* ---- evaluation ---- */
+
+typedef struct answer {
+    float truth[3], coordinates[3], values[3];
+    double rmse, one_minus_ms_ssim; /* NaN where the picture was not rendered again */
+} answer;
+
+/* A split and what the network says about it. */
+typedef struct trial {
+    const settings *options;
+    split in;
+    pictures pictures;
+    itn_scene *scenes[MOST_SHARDS];
+    int parameters[3], judged; /* judged: how many are rendered again */
+    answer *answers;
+} trial;
+
+/* Renders one of the pictures with the predicted parameters and compares. */
+static void judge(void *task, int index) {
+    trial *t = (trial *)task;
+    int i = (int)((int64_t)index * t->pictures.count / t->judged); /* evenly out of all */
+    answer *a = &t->answers[i];
+    const itn_scene *scene = t->scenes[t->pictures.shard_of[i]];
+    float *theta = (float *)need((size_t)itn_parameter_count(scene), sizeof *theta);
+    float *picture = (float *)need(PIXELS, sizeof *picture);
+    itn_render_options options = ITN_ZERO;
+    itn_image image;
+    itn_error error;
+    double sum = 0;
+    int k;
+    get_picture(&t->pictures, i, picture);
+    itn_parameter_values(scene, theta);
+    for (k = 0; k < 3; k++) theta[t->parameters[k]] = a->values[k];
+    options.spp = t->options->spp ? t->options->spp : 64;
+    options.seed = mix((uint64_t)t->options->model.seed, (uint64_t)t->in, (uint64_t)i);
+    if (itn_render(scene, theta, &options, NULL, 0, &image, &error)) fail(error.message, "");
+    for (k = 0; k < PIXELS; k++) sum += pow((double)(picture[k] - image.pixels[k]), 2);
+    a->rmse = sqrt(sum / PIXELS) / t->options->model.mean;
+    a->one_minus_ms_ssim = 1 - ms_ssim(picture, image.pixels);
+    itn_image_free(&image);
+    free(picture);
+    free(theta);
+}
+
+/* Asks the network about all pictures; without a network the truth is the answer. */
+static void ask(trial *t, itn_net *net) {
+    float *picture = (float *)need(PIXELS, sizeof(float));
+    float *input = (float *)need(2 * PIXELS, sizeof(float));
+    itn_error error;
+    int i, k;
+    for (i = 0; i < t->pictures.count; i++) {
+        answer *a = &t->answers[i];
+        float *coordinates = a->coordinates;
+        memcpy(a->truth, t->pictures.thetas[i], sizeof a->truth);
+        a->rmse = a->one_minus_ms_ssim = NAN;
+        truth_coordinates(t->scenes[0], t->parameters, a->truth, coordinates);
+        if (net) {
+            get_picture(&t->pictures, i, picture);
+            network_input(picture, t->options->model.mean, input);
+            if (itn_net_forward(net, 1, input, coordinates, &error)) fail(error.message, "");
+            cut_answer(t->scenes[0], t->parameters, coordinates, coordinates);
+        }
+        for (k = 0; k < 3; k++)
+            a->values[k] = (float)itn_parameter_from_coordinate(
+                itn_parameter_get(t->scenes[0], t->parameters[k]), (double)coordinates[k]);
+    }
+    free(input);
+    free(picture);
+}
+
+/* One row of tables 1 and 2. */
+static void print_row(const trial *t, FILE *file) {
+    double sums[5] = {0, 0, 0, 0, 0};
+    int i, k, count = t->pictures.count;
+    for (i = 0; i < count; i++) {
+        const answer *a = &t->answers[i];
+        for (k = 0; k < 3; k++) sums[k] += pow((double)(a->values[k] - a->truth[k]), 2) / count;
+        if (!(a->rmse >= 0)) continue;
+        sums[3] += a->rmse / t->judged, sums[4] += a->one_minus_ms_ssim / t->judged;
+    }
+    fprintf(file, "%s,%s,%d,%.4g,%.4g,%.4g,%.4g,%.4g\n", t->options->model.name,
+            split_names[t->in], count, sqrt(sums[0]), sqrt(sums[1]), sqrt(sums[2]), sums[3],
+            sums[4]);
+}
+
+static void print_answers(const trial *t, FILE *file) {
+    int i;
+    for (i = 0; i < t->pictures.count; i++) {
+        const answer *a = &t->answers[i];
+        const shard *s = &t->pictures.shards[t->pictures.shard_of[i]];
+        fprintf(file, "%s,%s,%d,%g,%g,%g,%.5g,%.5g,%.5g,%.5g,%.5g\n", split_names[t->in],
+                shape_names[s->shape], s->azimuth, (double)a->truth[0], (double)a->truth[1],
+                (double)a->truth[2], (double)a->values[0], (double)a->values[1],
+                (double)a->values[2], a->rmse, a->one_minus_ms_ssim);
+    }
+}
+
+/* Dots of answer over truth, a colour per split and a frame per parameter. */
+static void draw_answers(const trial *t, FILE *file) {
+    static const char *const colours[SPLITS] = {"#999999", "#2ca02c", "#1f77b4", "#d62728"};
+    static const char *const names[3] = {"sigma_t (logarithmic)", "albedo", "g"};
+    int i, k;
+    for (k = 0; k < 3 && t->in == SPLIT_TRAIN; k++)
+        fprintf(file, "<rect x='%d' y='40' width='240' height='240' fill='none' stroke='#888'/>"
+                "<path d='M%d 280l240 -240' stroke='#ccc'/><text x='%d' y='30'>%s, %g to %g</text>",
+                40 + 280 * k, 40 + 280 * k, 40 + 280 * k, names[k], (double)lowest_answer[k],
+                (double)highest_answer[k]);
+    fprintf(file, "<text x='%d' y='310' fill='%s'>%s</text><g fill='%s' fill-opacity='.5'>",
+            440 + 60 * (int)t->in, colours[t->in], split_names[t->in], colours[t->in]);
+    for (i = 0; i < t->pictures.count; i++)
+        for (k = 0; k < 3; k++) {
+            double at[3], low = lowest_answer[k], high = highest_answer[k], shift = i % 9 - 4;
+            at[0] = t->answers[i].truth[k], at[1] = t->answers[i].values[k], at[2] = high;
+            if (k == 0) at[0] = log(at[0] / low), at[1] = log(at[1] / low), at[2] = log(high / low);
+            else at[0] -= low, at[1] -= low, at[2] -= low;
+            fprintf(file, "<circle cx='%.1f' cy='%.1f' r='2'/>", /* spread a little to be seen */
+                    40 + 280 * k + 240 * at[0] / at[2] + shift, 280 - 240 * at[1] / at[2]);
+        }
+    fprintf(file, "</g>");
+}
+
+static FILE *open_result(const char *checkpoint, const char *ending) {
+    char path[PATH_SIZE];
+    FILE *file;
+    snprintf(path, sizeof path, "%s.%s", checkpoint, ending);
+    file = fopen(path, "w");
+    if (!file) fail(path, "cannot be written");
+    return file;
+}
+
+static void try_split(trial *t, itn_net *net, FILE *files[3]) {
+    int i, threads = t->options->threads;
+    load_pictures(t->options->data, t->in, &t->pictures);
+    t->judged = t->pictures.count;
+    if (t->options->most_images && t->judged > t->options->most_images)
+        t->judged = t->options->most_images;
+    t->answers = (answer *)need((size_t)t->pictures.count, sizeof *t->answers);
+    for (i = 0; i < t->pictures.shard_count; i++)
+        t->scenes[i] = load_scene(&t->pictures.shards[i], t->options->data, t->parameters);
+    ask(t, net);
+    parallel_for(t->judged, judge, t, &threads);
+    print_row(t, stdout), print_row(t, files[0]);
+    print_answers(t, files[1]);
+    draw_answers(t, files[2]);
+    fflush(stdout);
+    for (i = 0; i < t->pictures.shard_count; i++) itn_scene_free(t->scenes[i]);
+    free(t->answers);
+    free_pictures(&t->pictures);
+}
+
+static int evaluate(settings *o) {
+    static const char *const head =
+        "model,split,images,rmse_sigma_t,rmse_albedo,rmse_g,rmse_image,one_minus_ms_ssim\n";
+    int truth = !strcmp(o->model.name, "truth"), in;
+    FILE *files[3];
+    itn_net *net = NULL;
+    itn_context context = ITN_ZERO;
+    itn_error error;
+    context.parallel_for = parallel_for, context.parallel_user = &o->threads;
+    if (!truth) {
+        load_model(o->checkpoint, &o->model);
+        if (itn_net_open(o->checkpoint, 1, &context, &net, &error)) fail(error.message, "");
+    } else {
+        pictures p;
+        load_pictures(o->data, SPLIT_TRAIN, &p);
+        o->model.mean = mean_brightness(&p);
+        free_pictures(&p);
+    }
+    files[0] = open_result(o->checkpoint, "table.csv");
+    files[1] = open_result(o->checkpoint, "answers.csv");
+    files[2] = open_result(o->checkpoint, "answers.svg");
+    fprintf(files[1], "split,shape,azimuth,sigma_t,albedo,g,answer_sigma_t,answer_albedo,answer_g,"
+            "rmse_image,one_minus_ms_ssim\n");
+    fprintf(files[2], "<svg xmlns='http://www.w3.org/2000/svg' width='880' height='330' font-size="
+            "'13' font-family='sans-serif'><rect width='880' height='330' fill='white'/>"
+            "<text x='40' y='310'>%s: answers (up) over truths (right); splits:</text>",
+            o->model.name);
+    fprintf(files[0], "%s", head), printf("%s", head);
+    for (in = 0; in < SPLITS; in++) {
+        trial t;
+        memset(&t, 0, sizeof t);
+        t.options = o, t.in = (split)in;
+        try_split(&t, net, files);
+    }
+    fprintf(files[2], "</svg>\n");
+    for (in = 0; in < 3; in++)
+        if (fclose(files[in])) fail(o->checkpoint, "results cannot be written");
+    itn_net_free(net);
+    return 0;
+}
+
+int main(int argc, char **argv) {
+    static settings o;
+    const char *name = "";
+    int i;
+    o.epochs = 50, o.model.batch = 16, o.model.seed = 1, o.model.rate = 1e-4, o.model.lambda = -1;
+    o.threads = (int)sysconf(_SC_NPROCESSORS_ONLN);
+    for (i = 1; i < argc; i++) {
+        const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
+        if (!strcmp(option, "--resume")) { o.resume = 1; continue; }
+        if (!strcmp(option, "--evaluate")) { o.evaluate = 1; continue; }
+        if (!value) fail(option, "unknown option, or its value is missing");
+        i++;
+        if (!strcmp(option, "--model")) name = value;
+        else if (!strcmp(option, "--data")) o.data = value;
+        else if (!strcmp(option, "--checkpoint")) o.checkpoint = value;
+        else if (!strcmp(option, "--start")) o.start = value;
+        else if (!strcmp(option, "--epochs")) o.epochs = whole(option, value, 1);
+        else if (!strcmp(option, "--batch")) o.model.batch = whole(option, value, 1);
+        else if (!strcmp(option, "--rate")) o.model.rate = number(option, value, 1e-9, 1);
+        else if (!strcmp(option, "--spp")) o.spp = whole(option, value, 2);
+        else if (!strcmp(option, "--lambda")) o.model.lambda = number(option, value, 0, 1e9);
+        else if (!strcmp(option, "--seed")) o.model.seed = whole(option, value, 0);
+        else if (!strcmp(option, "--images")) o.most_images = whole(option, value, 1);
+        else if (!strcmp(option, "-t")) o.threads = whole(option, value, 1);
+        else fail(option, "unknown option");
+    }
+    if (!o.data || !o.checkpoint || (strcmp(name, "rn") && strcmp(name, "ssn") &&
+                                     strcmp(name, "itn") && (strcmp(name, "truth") || !o.evaluate)))
+        return fprintf(stderr, "%s", usage), 1;
+    snprintf(o.model.name, sizeof o.model.name, "%s", name);
+    o.model.spp = o.spp ? o.spp : 4;
+    return o.evaluate ? evaluate(&o) : train(&o);
+}
