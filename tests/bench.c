@@ -664,7 +664,7 @@ static void processor_name(char *name, size_t size) {
 }
 
 /* The table's note: what was measured, where, by which command. */
-static void write_note(walk_bench *bench, const char *mesh, int quick) {
+static void write_note(walk_bench *bench, const char *what, const char *mesh, int quick) {
     const char *slash = strrchr(mesh, '/');
     char processor[128], compiler[128];
     processor_name(processor, sizeof processor);
@@ -675,14 +675,15 @@ static void write_note(walk_bench *bench, const char *mesh, int quick) {
 #else
     snprintf(compiler, sizeof compiler, "unknown compiler");
 #endif
-    fprintf(bench->csv, "# itn.h %d.%d.%d; one core of %s, %d lanes; %s, %s; bench walk%s --mesh %s"
+    fprintf(bench->csv, "# itn.h %d.%d.%d; one core of %s, %d lanes; %s, %s; bench %s%s --mesh %s"
                         "\n",
             ITN_VERSION_MAJOR, ITN_VERSION_MINOR, ITN_VERSION_PATCH, processor, (int)ITN__LANES,
-            compiler, BENCH_FLAGS, quick ? " --quick" : "", slash ? slash + 1 : mesh);
+            compiler, BENCH_FLAGS, what, quick ? " --quick" : "", slash ? slash + 1 : mesh);
 }
 
 /* Opens the table and the mesh. */
-static void bench_open(walk_bench *bench, const char *csv, const char *mesh, int quick) {
+static void bench_open(walk_bench *bench, const char *what, const char *csv, const char *mesh,
+                       int quick) {
     itn_context context = one_core();
     itn_error error;
     char path[1024], sky[1024];
@@ -694,7 +695,7 @@ static void bench_open(walk_bench *bench, const char *csv, const char *mesh, int
     normalize_mesh(&bench->mesh);
     bench->csv = csv ? fopen(csv, "w") : stdout;
     if (!bench->csv) fail(csv, "cannot be written");
-    write_note(bench, mesh, quick);
+    write_note(bench, what, mesh, quick);
 }
 static void bench_close(walk_bench *bench, const char *csv) {
     if (csv && fclose(bench->csv)) fail(csv, "cannot be written");
@@ -703,7 +704,7 @@ static void bench_close(walk_bench *bench, const char *csv) {
 
 static void bench_walk(const char *csv, const char *mesh, int quick) {
     walk_bench bench;
-    bench_open(&bench, csv, mesh, quick);
+    bench_open(&bench, "walk", csv, mesh, quick);
     bench.images = quick ? 2 : 4, bench.stride = quick ? 2 : 1;
     bench.spp = quick ? 2 : 16, bench.cost_spp = quick ? 4 : 64, bench.longest = quick ? .3 : 4;
     bench.most_triangles = quick ? 100000 : 10000000;
@@ -720,7 +721,7 @@ static void bench_walk(const char *csv, const char *mesh, int quick) {
 
 enum { MATERIAL = 3, ESTIMATORS = 4, DIFFERENCES = 3 };
 static const char *const material[MATERIAL] = {"milk.sigma_t", "milk.albedo", "milk.g"};
-static const char *const estimators[ESTIMATORS] = {"score, reference", "score", "baseline",
+static const char *const estimators[ESTIMATORS] = {"reference score", "score", "baseline",
                                                    "differences"};
 static const double media[3][MATERIAL] = {{5, .9, .5}, {50, .9, .5}, {300, .95, .9}};
 static const char *const media_names[3] = {"thin", "medium", "thick"};
@@ -800,7 +801,7 @@ static void measure_gradient(walk_bench *bench, const subject *s, int medium, in
 static void bench_gradient(const char *csv, const char *mesh, int quick) {
     walk_bench bench;
     int medium, estimator, spp;
-    bench_open(&bench, csv, mesh, quick);
+    bench_open(&bench, "gradient", csv, mesh, quick);
     fprintf(bench.csv, "medium,sigma_t,albedo,g,parameter,estimator,spp,images,seconds,derivative,"
                        "relative_error\n");
     for (medium = 0; medium < 3; medium++) {
@@ -876,9 +877,10 @@ static void bench_invert(const char *csv, const char *mesh, int quick) {
     itn_error error;
     subject s;
     int k;
-    bench_open(&bench, csv, mesh, quick);
+    bench_open(&bench, "invert", csv, mesh, quick);
     fprintf(bench.csv, "method,start,iteration,seconds,loss,off_sigma_t,off_albedo,off_g\n");
     s = studio_subject(&bench);
+    s.scene = "data", s.boundary = "none"; /* light from one side tells more */
     s.sigma_t = 50, s.albedo = .9, s.g = .5;
     open_subject(&s, &bench.sky);
     options.spp = quick ? 16 : 256, options.seed = 77;
@@ -968,6 +970,11 @@ static void chart_triangles(const chart_table *table, chart_panel *panels, const
     save_chart(&c, folder, "triangles.svg");
 }
 
+/* Of a long search, the first steps and then every fifth. */
+static int worth_a_point(int iteration) {
+    return iteration > 0 && (iteration <= 20 || iteration % 5 == 0);
+}
+
 /* Adds a series of the rows whose columns `where` and `which` have these values. */
 static void add_series(chart_panel *panel, const chart_table *table, const char *name, int style,
                        const char *where[2][2], const char *x, const char *y) {
@@ -978,28 +985,31 @@ static void add_series(chart_panel *panel, const chart_table *table, const char 
             !strcmp(chart_cell(table, row, where[1][0]), where[1][1]) &&
             (!strcmp(y, "relative_error")
                  ? !strcmp(chart_cell(table, row, "parameter"), material[0])
-                 : atoi(chart_cell(table, row, "iteration")) > 0))
+                 : worth_a_point(atoi(chart_cell(table, row, "iteration")))))
             chart_add(panel, series, atof(chart_cell(table, row, x)),
                       atof(chart_cell(table, row, y)));
 }
 
-static void chart_gradient(const chart_table *table, chart_panel *panels, const char *folder) {
-    static const char *const titles[3] = {"error of d mean / d sigma_t, relative: thin medium",
-                                          "medium", "thick medium"};
-    chart c = chart_of(table, panels, 3, "Derivatives by sigma_t: four estimators, three media",
-                       "Studio scene, rough glass; (sigma_t, albedo, g) = (5, .9, .5), "
-                       "(50, .9, .5), (300, .95, .9)");
+static void chart_gradient(const chart_table *table, chart_panel *panel, const char *folder) {
+    static const char *const subtitles[3] = {
+        "Studio scene, rough glass, thin medium: sigma_t 5, albedo 0.9, g 0.5",
+        "Studio scene, rough glass, medium: sigma_t 50, albedo 0.9, g 0.5",
+        "Studio scene, rough glass, thick medium: sigma_t 300, albedo 0.95, g 0.9"};
     int m, e;
     for (m = 0; m < 3; m++) {
-        panels[m].x.title = "render time, seconds on one core";
-        panels[m].y.title = titles[m];
+        chart c = chart_of(table, panel, 1, "The derivative by sigma_t, by four estimators",
+                           subtitles[m]);
+        char name[64];
+        panel->x.title = "render time, seconds on one core";
+        panel->y.title = "relative error of d mean / d sigma_t (root mean square)";
         for (e = 0; e < ESTIMATORS; e++) {
             const char *where[2][2] = {{"medium", NULL}, {"estimator", NULL}};
             where[0][1] = media_names[m], where[1][1] = estimators[e];
-            add_series(&panels[m], table, estimators[e], e, where, "seconds", "relative_error");
+            add_series(panel, table, estimators[e], e, where, "seconds", "relative_error");
         }
+        snprintf(name, sizeof name, "gradient_%s.svg", media_names[m]);
+        save_chart(&c, folder, name);
     }
-    save_chart(&c, folder, "gradient.svg");
 }
 
 static void chart_invert(const chart_table *table, chart_panel *panels, const char *folder) {
@@ -1007,7 +1017,7 @@ static void chart_invert(const chart_table *table, chart_panel *panels, const ch
     static const char *const starts[2] = {"near", "far"};
     static const char *const titles[2] = {"error of sigma_t, relative: near start", "far start"};
     chart c = chart_of(table, panels, 2, "From a picture to its material: two ways down",
-                       "Studio scene, rough glass; hidden (50, .9, .5), starts (60, .85, .4) and "
+                       "Data scene, no boundary; hidden (50, .9, .5), starts (60, .85, .4) and "
                        "(150, .6, .2)");
     int p, m;
     for (p = 0; p < 2; p++) {
@@ -1029,7 +1039,7 @@ static void load_table(const char *folder, const char *name, chart_table *table)
 }
 
 static void bench_charts(const char *folder) {
-    chart_panel *panels = (chart_panel *)allocate(3, sizeof *panels);
+    chart_panel *panels = (chart_panel *)allocate(2, sizeof *panels);
     chart_table table;
     char path[1024];
     if (!folder) folder = project_path("tests/charts", path, sizeof path);
