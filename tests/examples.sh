@@ -128,9 +128,9 @@ fit="--data data --batch 4 --spp 2"
     keep "train --evaluate" ./train --model itn --data data --spp 2 --checkpoint b.net --evaluate
 }
 prints '^itn,both,7,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+$'
-check "starts" ./starts --data data -o starts --images 1 --iterations 1 --spp 2 b.net
-check "starts: table" grep -q '^itn,sgd,1,4,' starts/table3.csv
-check "starts: figure" test -s starts/figure.png -a -s starts/figure.svg
+check "starts" ./starts --data data -o tables --images 1 --iterations 1 --spp 2 b.net
+check "starts: table" grep -q '^itn,sgd,1,4,' tables/table3.csv
+check "starts: figure" test -s tables/figure.png -a -s tables/figure.svg
 
 # the README: its program, and its first command in a copy of the tree that stays clean
 awk '/^```c$/ && !done { on = 1; next } /^```$/ && on { on = 0; done = 1 } on' "$root/README.md" > first.c
