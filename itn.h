@@ -7279,7 +7279,7 @@ enum {
     ITN__LEFT = 14, /* with a limit: scatterings to go */
     ITN__CREDIT = 15, /* that roulette owes the path */
     ITN__PLAIN_STATE = 18,
-    ITN__FLIGHTS = 18, /* with scores, gathered since the last surface: sigma_t times the flights' */
+    ITN__FLIGHTS = 18, /* with scores, since the last surface: sigma_t times those of flights */
     ITN__PHASES = 19,  /* of the phase function, by g */
     ITN__HITS = 20,    /* how many collisions */
     ITN__EXPECTED = 21,    /* b of the flight under way */
@@ -7395,7 +7395,7 @@ typedef struct itn__crowd {
     itn__tests tests;
     float *radiance; /* [planes][paths of a unit]: radiance, then derivatives [count][channels] */
     int radiance_stride;
-    float *scores; /* [2 ITN__CROWD][count]: of each path, and of its link, up to its last surface */
+    float *scores; /* [2 ITN__CROWD][count]: of each path, and of its link, to its last surface */
     double *lessons; /* [4][ITN__SITUATIONS]: sums of what paths brought per weight, and how many */
     double collisions;
     void *memory;
@@ -7786,7 +7786,8 @@ ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__i
 ITN__INLINE void itn__owe(itn__state *s, itn__ints low,
                           itn__floats survival, itn__floats u, float value, int c) {
     itn__floats expected = s->beta[c] * value;
-    itn__floats owed = itn__select(itn__less(u, survival), expected - expected / survival, expected);
+    itn__floats owed = itn__select(itn__less(u, survival), expected - expected / survival,
+                                   expected);
     s->credit[c] = itn__select(low, s->credit[c] + owed, s->credit[c]);
 }
 
@@ -7913,7 +7914,7 @@ ITN__INLINE itn__ints itn__situation(const itn__substance *medium, const itn__st
     step = itn__int_words(itn__float_bits(depth)) >> 22;
     side = ITN__DIRECTIONS / 2 * (1 + itn__vdot(s->up, d));
     side = itn__least(itn__most(side, itn__splat(0)), itn__splat(ITN__DIRECTIONS - 1));
-    return itn__word_ints((step - 2 * 127) * ITN__DIRECTIONS) + itn__to_ints(side);
+    return itn__word_ints((step - 2 * 127) * (uint32_t)ITN__DIRECTIONS) + itn__to_ints(side);
 }
 
 /* Notes of paths, in a render that learns, in which situation they have been and with what. Each
@@ -8074,7 +8075,7 @@ ITN__INLINE void itn__scatter_score(itn__crowd *crowd, int substance, itn__state
                                     itn__vectors d, itn__floats score, itn__ints mask,
                                     int features) {
     itn__ints situation = itn__situation(&crowd->fast->substances[substance], s, d) +
-                          ITN__SCATTERING;
+                          itn__splat_int(ITN__SCATTERING);
     int c;
     score = itn__select(mask, score, itn__splat(0));
     s->phases = s->phases + score;
@@ -8128,7 +8129,8 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
             w[c] = s->beta[c] * u * sampled[c] /
                    (light_pdf + itn__select(last, itn__splat(0), u));
         plain[0] = s->phases;
-        if (itn__scored(crowd, features)) s->phases = s->phases + itn__vphase_score(medium->g, x, y);
+        if (itn__scored(crowd, features))
+            s->phases = s->phases + itn__vphase_score(medium->g, x, y);
         *linked = itn__send_links(crowd, substance, s, light, w, ok, space, features);
         s->phases = plain[0];
         for (c = 0; c < itn__colours(features) && (features & ITN__LIMIT); c++)

@@ -880,7 +880,6 @@ static void bench_invert(const char *csv, const char *mesh, int quick) {
     bench_open(&bench, "invert", csv, mesh, quick);
     fprintf(bench.csv, "method,start,iteration,seconds,loss,off_sigma_t,off_albedo,off_g\n");
     s = studio_subject(&bench);
-    s.scene = "data", s.boundary = "none"; /* light from one side tells more */
     s.sigma_t = 50, s.albedo = .9, s.g = .5;
     open_subject(&s, &bench.sky);
     options.spp = quick ? 16 : 256, options.seed = 77;
@@ -1017,8 +1016,8 @@ static void chart_invert(const chart_table *table, chart_panel *panels, const ch
     static const char *const starts[2] = {"near", "far"};
     static const char *const titles[2] = {"error of sigma_t, relative: near start", "far start"};
     chart c = chart_of(table, panels, 2, "From a picture to its material: two ways down",
-                       "Data scene, no boundary; hidden (50, .9, .5), starts (60, .85, .4) and "
-                       "(150, .6, .2)");
+                       "Studio scene, whose even light hardly tells the three apart: hidden "
+                       "(50, .9, .5), starts (60, .85, .4) and (150, .6, .2)");
     int p, m;
     for (p = 0; p < 2; p++) {
         panels[p].x.title = "seconds on one core";
