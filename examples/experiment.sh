@@ -4,9 +4,10 @@
 #
 #   sh examples/experiment.sh [--fraction F] [-o DIR] [-t THREADS]
 #
-# F is the part of the 16,400 pictures to make, 1 by default. Up to 1/20 it is a trial of everything:
-# noisy pictures, few epochs, few searches. `--fraction 1/50` takes 10 minutes on two cores; its
-# tables show that all works, not who wins: 144 training pictures are too few to tell.
+# F is the part of the 16,400 pictures to make, 1 by default. Up to 1/20 it is a trial of
+# everything: noisy pictures, few epochs, few searches. `--fraction 1/50` took 22 minutes on two
+# cores that had as much other work; its tables show that all works, not who wins: 144 training
+# pictures are too few.
 # DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
 # figure.svg, and per network NAME.net and NAME.net.*.
 set -eu
