@@ -39,7 +39,7 @@ for source in "$root"/examples/*.c; do
             continue
         fi
         output="-fsyntax-only"
-        [ $compiler = clang ] || output="-O2 -DITN_STATIC -DITN_ONE_KERNEL -o $work/$name -lm -lpthread"
+        [ $compiler = clang ] || output="-O2 -DITN_ONE_KERNEL -o $work/$name -lm -lpthread"
         # shellcheck disable=SC2086
         check "$compiler $name.c" $compiler -std=c99 -Wall -Wextra -Wpedantic -Werror "$source" \
             $output
