@@ -9876,6 +9876,7 @@ static itn_result itn__learn_expected(itn__picture *picture, float *expected, it
         }
     for (c = 0; c < 3 && total > 0; c++)
         picture->fast.usual[c] = (float)(all[c] * fast->lesson_unit / total);
+    if (!(total > 0)) picture->fast.foresees = 0; /* nothing scatters: nothing has been learnt */
     itn__picture_end(&school);
     return result;
 }
