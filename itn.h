@@ -1171,6 +1171,37 @@ ITN__INLINE itn_vec3 itn__to_world(itn_vec3 v, itn_vec3 s, itn_vec3 t, itn_vec3 
     return itn__along(itn__along(itn__scale(s, v.x), v.y, t), v.z, n);
 }
 
+/* In-place Cholesky factor of a symmetric matrix (lower triangle). Returns 0 if it is not positive
+   definite. */
+static int itn__cholesky(double *a, int n) {
+    int i, j, k;
+    for (j = 0; j < n; j++) {
+        double pivot = a[j * n + j];
+        for (k = 0; k < j; k++) pivot -= a[j * n + k] * a[j * n + k];
+        if (!(pivot > 1e-12 * fabs(a[j * n + j]))) return 0;
+        a[j * n + j] = sqrt(pivot);
+        for (i = j + 1; i < n; i++) {
+            double sum = a[i * n + j];
+            for (k = 0; k < j; k++) sum -= a[i * n + k] * a[j * n + k];
+            a[i * n + j] = sum / a[j * n + j];
+        }
+    }
+    return 1;
+}
+
+/* Solves L L^T x = b in place. */
+static void itn__cholesky_solve(const double *factor, int n, double *x) {
+    int i, k;
+    for (i = 0; i < n; i++) {
+        for (k = 0; k < i; k++) x[i] -= factor[i * n + k] * x[k];
+        x[i] /= factor[i * n + i];
+    }
+    for (i = n - 1; i >= 0; i--) {
+        for (k = i + 1; k < n; k++) x[i] -= factor[k * n + i] * x[k];
+        x[i] /= factor[i * n + i];
+    }
+}
+
 /* ---- [rng] counter-based random numbers ------------------------------------------------------ */
 
 /* A random number is a function of (seed, pixel, sample, dimension) and of nothing else, so results
@@ -7242,15 +7273,27 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
    threads and any size of the queues. With ITN_SAMPLER_SOBOL, draws 2 to 7 of a path (at its first
    boundary and first collision) and the place in the pixel come from a scrambled Sobol sequence.
 
+   Foresight. Let V be what a path is expected to bring home per weight beta. A choice turns what is
+   expected from its mean E over the outcomes into beta V after the outcome; this surprise,
+   Delta = beta V - E, has mean 0, whatever V is. Taken off, all surprises together leave of a
+   path's noise only what V did not know. V is of a form of which the means over flights and new
+   directions are known exactly, that of diffusion near a plane: at depth z (in mean free paths)
+   below the surface nearby and with cosine mu to its inward normal,
+       V = sum over i of e^(-i k z) v_i(mu),    v_i polynomials.
+   A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu) in
+   the mean; for flights see itn__look_ahead. V is learnt from a few paths that are traced before the
+   picture, and the same for all of it. A plane is chosen before each flight, and any would do.
+
    Derivatives. A choice made with a density p that depends on a parameter has the score
    s = d ln p; the mean of s is 0 whatever has been before. So a path's derivative, L sum s for what
    it brings home, may be replaced by
        sum over choices of s (L - b)
    with any b that is known before the choice: the mean stays, and the variance is least where b is
-   what the path was then expected to bring. Here b = beta V, with V a table over the depth below
-   the face where the path was last at a surface, and its direction to that face: all that matters
-   in a half-space. It is learnt from a few paths that are traced before the picture, and the same
-   for all of it. Scores are gathered in lanes between surfaces and booked there.
+   what the path was then expected to bring, the E above. With surprises taken off, L' = L - C_n
+   where C_k is the sum of the first k; choice k concerns later ones only, and of its own the
+   derivative of the mean is known, D = dE with V left as it is:
+       sum over choices of s (L' + C_k - b) - (s Delta - D).
+   The second factors are gathered in lanes between surfaces, as bases, and booked there.
 
    A kernel is the text of this chapter, inlined and specialised by constant features; ITN__KERNELS
    lists them. */
@@ -7277,24 +7320,26 @@ enum {
     ITN__BETA = 10,
     ITN__PDF = 13,  /* with lights; of a link: xi c */
     ITN__LEFT = 14, /* with a limit: scatterings to go */
-    ITN__CREDIT = 15, /* that roulette owes the path */
-    ITN__PLAIN_STATE = 18,
-    ITN__FLIGHTS = 18, /* with scores, since the last surface: sigma_t times those of flights */
-    ITN__PHASES = 19,  /* of the phase function, by g */
-    ITN__HITS = 20,    /* how many collisions */
-    ITN__EXPECTED = 21,    /* b of the flight under way */
-    ITN__FLIGHT_BASE = 24, /* sum of s b for ITN__FLIGHTS */
-    ITN__PHASE_BASE = 27,  /* and for ITN__PHASES */
-    ITN__UP = 30,          /* normal n of the last surface, out of the medium, */
-    ITN__LEVEL = 33,       /* and n . position there */
-    ITN__STATE = 34,
-    ITN__DISTANCE = 34, /* exact: of the flight */
-    ITN__NORMAL = 34,   /* boundary, diffuse */
-    ITN__ETA = 37,      /* boundary */
-    ITN__ALPHA = 38,
-    ITN__FACE = 39,        /* 2 triangle + front, as in itn__place */
-    ITN__REFLECTANCE = 37, /* diffuse: 3 */
-    ITN__FIELDS = 40
+    ITN__CREDIT = 15, /* less the sum of surprises, see itn__surprise */
+    ITN__UP = 18,     /* normal n of the last surface, out of the medium, */
+    ITN__LEVEL = 21,  /* and n . position there; or of the plane adopted since */
+    ITN__CELL = 22,   /* around which the path's surroundings are known, see itn__look, or -1 */
+    ITN__PLAIN_STATE = 23,
+    ITN__FLIGHTS = 23, /* with scores, since the last surface: sigma_t times those of flights */
+    ITN__PHASES = 24,  /* of the phase function, by g */
+    ITN__HITS = 25,    /* how many collisions */
+    ITN__EXPECTED = 26,    /* b of the flight under way */
+    ITN__FLIGHT_BASE = 29, /* what is to be taken from the derivatives by sigma_t, times sigma_t, */
+    ITN__PHASE_BASE = 32,  /* by g, */
+    ITN__HIT_BASE = 35,    /* and by the albedo, times the albedo */
+    ITN__STATE = 38,
+    ITN__DISTANCE = 38, /* exact: of the flight */
+    ITN__NORMAL = 38,   /* boundary, diffuse */
+    ITN__ETA = 41,      /* boundary */
+    ITN__ALPHA = 42,
+    ITN__FACE = 43,        /* 2 triangle + front, as in itn__place */
+    ITN__REFLECTANCE = 41, /* diffuse: 3 */
+    ITN__FIELDS = 44
 };
 enum { ITN__CROWD = 1024, ITN__ROW = ITN__CROWD + 16, ITN__LINK = 1 << 30, ITN__EARLY = 8 };
 
@@ -7308,7 +7353,9 @@ typedef struct itn__queue {
 typedef struct itn__path {
     itn__place place, link_place;
     int number, copies; /* radiance[number] ... [number + copies - 1] */
-    int mark;           /* entry of V that this path teaches, or -1; */
+    int mark;           /* substance whose V this path teaches, or -1; */
+    int mark_face;      /* entry of at_face, or -1: of a path about to fly */
+    float mark_depth, mark_cosine;          /* from there, see itn__view; */
     float mark_weight[3], mark_radiance[3]; /* beta, and what had been brought home, by then */
     int32_t parked[ITN__STATE];
 } itn__path;
@@ -7317,9 +7364,19 @@ typedef struct itn__path {
    parameters asked for they are, or -1. */
 typedef struct itn__substance {
     float sigma_t, mean_free_path, albedo[3], g;
-    float depth_scale; /* of the entries of V */
     int slot_sigma_t, slot_albedo[3], slot_g;
 } itn__substance;
+
+/* V of a substance: e^(-k_i z) times a polynomial of the cosine mu, for each decay k_i. */
+enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = ITN__DECAYS * ITN__ORDERS, ITN__FACES = 32 };
+typedef struct itn__outlook {
+    float decay; /* k, per mean free path: k_i = i k, all below 1 */
+    float flying[3][ITN__DECAYS][ITN__ORDERS];    /* V: by channel, coefficients by powers of mu, */
+    float scattered[3][ITN__DECAYS][ITN__ORDERS]; /* of its mean over a new direction, */
+    float by_g[3][ITN__DECAYS][ITN__ORDERS];      /* and of the derivative of that by g */
+    float entering[3][ITN__ORDERS];               /* V at z = 0 */
+    float at_face[3][ITN__FACES]; /* on arrival at a face, by the cosine to it */
+} itn__outlook;
 
 /* What all crowds of a render share. */
 typedef struct itn__fast {
@@ -7343,11 +7400,10 @@ typedef struct itn__fast {
     const int *slots;  /* of each parameter: its place among those asked for, or -1 */
     const int *only;   /* of each asked for: the channel that it belongs to, or -1 for all */
     int rough_scores;  /* the roughness of some surface is asked for */
-    int foresees;      /* V takes noise away, see itn__foresee and itn__owe */
-    float usual[3];    /* the mean of V over situations */
+    int foresees;      /* surprises are taken off */
     int learning;      /* V is learnt in this render, */
     double lesson_unit; /* in multiples of this */
-    const float *expected; /* V: [3][ITN__SITUATIONS] */
+    itn__outlook *outlooks; /* [1 + medium_count] */
 } itn__fast;
 
 /* Pixels and samples that a crowd works on, and where it has got to. */
@@ -7396,7 +7452,7 @@ typedef struct itn__crowd {
     float *radiance; /* [planes][paths of a unit]: radiance, then derivatives [count][channels] */
     int radiance_stride;
     float *scores; /* [2 ITN__CROWD][count]: of each path, and of its link, to its last surface */
-    double *lessons; /* [4][ITN__SITUATIONS]: sums of what paths brought per weight, and how many */
+    double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS] */
     double collisions;
     void *memory;
 } itn__crowd;
@@ -7405,15 +7461,24 @@ typedef struct itn__crowd {
 typedef struct itn__state {
     itn__vectors p, d;
     itn__words key0, key1;
-    itn__ints dimension, slot, left;
+    itn__ints dimension, slot, left, cell;
     itn__floats beta[3], pdf, credit[3];
-    itn__floats flights, phases, hits, expected[3], flight_base[3], phase_base[3], level;
+    itn__floats flights, phases, hits, expected[3], flight_base[3], phase_base[3], hit_base[3];
+    itn__floats level;
     itn__vectors up;
 } itn__state;
 
 /* Whether scores are gathered: a kernel that can is also used where it need not. */
 ITN__INLINE int itn__scored(const itn__crowd *crowd, int features) {
     return (features & ITN__SCORES) && (crowd->fast->count || crowd->fast->learning);
+}
+/* Whether it matters what paths are expected to bring. */
+ITN__INLINE int itn__looks_ahead(const itn__crowd *crowd, int features) {
+    return itn__scored(crowd, features) || crowd->fast->foresees;
+}
+/* Whether a kernel's paths know how deep they are. */
+ITN__INLINE int itn__knows_depth(int features) {
+    return !(features & ITN__LIGHTS) || (features & ITN__SCORES);
 }
 
 /* Queues. */
@@ -7461,17 +7526,21 @@ ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int 
     }
     if (features & ITN__LIGHTS) ITN__PULL(s->pdf, ITN__PDF);
     if (features & ITN__LIMIT) ITN__PULL_INTS(s->left, ITN__LEFT);
-    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
-        ITN__PULL(s->flights, ITN__FLIGHTS);
-        ITN__PULL(s->phases, ITN__PHASES);
-        ITN__PULL(s->hits, ITN__HITS);
+    if (itn__knows_depth(features)) {
         ITN__PULL(s->up.x, ITN__UP);
         ITN__PULL(s->up.y, ITN__UP + 1);
         ITN__PULL(s->up.z, ITN__UP + 2);
         ITN__PULL(s->level, ITN__LEVEL);
+        ITN__PULL_INTS(s->cell, ITN__CELL);
+    }
+    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
+        ITN__PULL(s->flights, ITN__FLIGHTS);
+        ITN__PULL(s->phases, ITN__PHASES);
+        ITN__PULL(s->hits, ITN__HITS);
         for (c = 0; c < itn__colours(features); c++) {
             ITN__PULL(s->flight_base[c], ITN__FLIGHT_BASE + c);
             ITN__PULL(s->phase_base[c], ITN__PHASE_BASE + c);
+            ITN__PULL(s->hit_base[c], ITN__HIT_BASE + c);
         }
     }
 #undef ITN__PULL
@@ -7491,7 +7560,7 @@ ITN__INLINE itn__state itn__load_state(const itn__queue *queue, int at, int feat
     s.pdf = itn__splat(INFINITY), s.left = itn__splat_int(0);
     for (c = 0; c < 3; c++)
         s.beta[c] = s.credit[c] = s.expected[c] = s.flight_base[c] = s.phase_base[c] =
-            itn__splat(0);
+            s.hit_base[c] = itn__splat(0);
     for (c = 0; c < itn__colours(features); c++) {
         s.beta[c] = itn__load(itn__float_row(queue, ITN__BETA + c) + at);
         s.credit[c] = itn__load(itn__float_row(queue, ITN__CREDIT + c) + at);
@@ -7499,17 +7568,20 @@ ITN__INLINE itn__state itn__load_state(const itn__queue *queue, int at, int feat
     if (features & ITN__LIGHTS) s.pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
     if (features & ITN__LIMIT) s.left = itn__load_ints(itn__row(queue, ITN__LEFT) + at);
     s.flights = s.phases = s.hits = s.level = itn__splat(0);
-    s.up = itn__vectors_of(s.level, s.level, s.level);
+    s.up = itn__vectors_of(s.level, s.level, s.level), s.cell = itn__splat_int(-1);
+    if (itn__knows_depth(features)) {
+        s.up = itn__load_vectors(queue, ITN__UP, at);
+        s.level = itn__load(itn__float_row(queue, ITN__LEVEL) + at);
+    }
     if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
         s.flights = itn__load(itn__float_row(queue, ITN__FLIGHTS) + at);
         s.phases = itn__load(itn__float_row(queue, ITN__PHASES) + at);
         s.hits = itn__load(itn__float_row(queue, ITN__HITS) + at);
-        s.up = itn__load_vectors(queue, ITN__UP, at);
-        s.level = itn__load(itn__float_row(queue, ITN__LEVEL) + at);
         for (c = 0; c < itn__colours(features); c++) {
             s.expected[c] = itn__load(itn__float_row(queue, ITN__EXPECTED + c) + at);
             s.flight_base[c] = itn__load(itn__float_row(queue, ITN__FLIGHT_BASE + c) + at);
             s.phase_base[c] = itn__load(itn__float_row(queue, ITN__PHASE_BASE + c) + at);
+            s.hit_base[c] = itn__load(itn__float_row(queue, ITN__HIT_BASE + c) + at);
         }
     }
     return s;
@@ -7536,17 +7608,21 @@ ITN__INLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bi
     }
     if (features & ITN__LIGHTS) itn__compress(itn__float_row(queue, ITN__PDF) + at, s->pdf, bits);
     if (features & ITN__LIMIT) itn__compress_ints(itn__row(queue, ITN__LEFT) + at, s->left, bits);
+    if (itn__knows_depth(features)) {
+        itn__push_vectors(queue, ITN__UP, s->up, bits);
+        itn__compress(itn__float_row(queue, ITN__LEVEL) + at, s->level, bits);
+        itn__compress_ints(itn__row(queue, ITN__CELL) + at, s->cell, bits);
+    }
     if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
         itn__compress(itn__float_row(queue, ITN__FLIGHTS) + at, s->flights, bits);
         itn__compress(itn__float_row(queue, ITN__PHASES) + at, s->phases, bits);
         itn__compress(itn__float_row(queue, ITN__HITS) + at, s->hits, bits);
-        itn__push_vectors(queue, ITN__UP, s->up, bits);
-        itn__compress(itn__float_row(queue, ITN__LEVEL) + at, s->level, bits);
         for (c = 0; c < itn__colours(features); c++) {
             itn__compress(itn__float_row(queue, ITN__EXPECTED + c) + at, s->expected[c], bits);
             itn__compress(itn__float_row(queue, ITN__FLIGHT_BASE + c) + at, s->flight_base[c],
                           bits);
             itn__compress(itn__float_row(queue, ITN__PHASE_BASE + c) + at, s->phase_base[c], bits);
+            itn__compress(itn__float_row(queue, ITN__HIT_BASE + c) + at, s->hit_base[c], bits);
         }
     }
     queue->count += itn__count_bits(bits);
@@ -7576,16 +7652,6 @@ ITN__INLINE int itn__unit_paths_left(const itn__crowd *crowd) {
 
 /* Scores. */
 
-/* The table V has entries for so many depths times directions, for paths about to fly and for
-   paths about to scatter. */
-enum {
-    ITN__DEPTHS = 24,
-    ITN__DIRECTIONS = 8,
-    ITN__SITUATIONS = 2 * ITN__DEPTHS * ITN__DIRECTIONS,
-    ITN__SCATTERING = ITN__DEPTHS * ITN__DIRECTIONS /* first entry of the latter */
-};
-#define ITN__LARGEST_LESSON 1073741824. /* 2^30 units: 2^23 such sum up exactly in a double */
-
 /* Scores of a path or, with ITN__LINK in its slot, of its link. */
 ITN__INLINE float *itn__scores_of(const itn__crowd *crowd, int slot) {
     int row = (slot & ~ITN__LINK) + (slot & ITN__LINK ? ITN__CROWD : 0);
@@ -7598,44 +7664,6 @@ static void itn__copy_scores(const itn__crowd *crowd, int slot) {
     if (bytes) memcpy(itn__scores_of(crowd, slot | ITN__LINK), itn__scores_of(crowd, slot), bytes);
 }
 
-/* Takes the sums of s b from the derivatives of path `number`, in channel c. */
-static void itn__pay(itn__crowd *crowd, int number, const itn__substance *medium, int c,
-                     float flight_base, float phase_base) {
-    const itn__fast *fast = crowd->fast;
-    float *derivative = crowd->radiance + number +
-                        (size_t)(fast->channels + c) * (size_t)crowd->radiance_stride;
-    size_t stride = (size_t)fast->channels * (size_t)crowd->radiance_stride;
-    if (medium->slot_sigma_t >= 0)
-        derivative[(size_t)medium->slot_sigma_t * stride] -= flight_base / medium->sigma_t;
-    if (medium->slot_g >= 0) derivative[(size_t)medium->slot_g * stride] -= phase_base;
-}
-
-/* Books what an item of a queue has gathered in a substance; the flight that brought it here had
-   length t and no collision. */
-static void itn__book(itn__crowd *crowd, itn__queue *queue, int at, int substance, float t) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
-    int slot = itn__row(queue, ITN__SLOT)[at], c;
-    float *scores = itn__scores_of(crowd, slot), last = -medium->sigma_t * t;
-    if (!crowd->fast->count || !substance) return;
-    if (medium->slot_sigma_t >= 0)
-        scores[medium->slot_sigma_t] +=
-            (itn__float_row(queue, ITN__FLIGHTS)[at] + last) / medium->sigma_t;
-    if (medium->slot_g >= 0) scores[medium->slot_g] += itn__float_row(queue, ITN__PHASES)[at];
-    for (c = 0; c < crowd->fast->channels; c++) {
-        float *flight_base = itn__float_row(queue, ITN__FLIGHT_BASE + c) + at;
-        float *phase_base = itn__float_row(queue, ITN__PHASE_BASE + c) + at;
-        if (medium->slot_albedo[c] >= 0)
-            scores[medium->slot_albedo[c]] +=
-                itn__float_row(queue, ITN__HITS)[at] / medium->albedo[c];
-        if (slot & ITN__LINK) continue;
-        itn__pay(crowd, crowd->paths[slot].number, medium, c,
-                 *flight_base + last * itn__float_row(queue, ITN__EXPECTED + c)[at], *phase_base);
-        *flight_base = *phase_base = 0;
-    }
-    itn__float_row(queue, ITN__FLIGHTS)[at] = itn__float_row(queue, ITN__PHASES)[at] = 0;
-    itn__float_row(queue, ITN__HITS)[at] = 0;
-}
-
 /* Adds to path `number` what it, or its link, with these scores brings home in channel c. */
 static void itn__bring_home(itn__crowd *crowd, int number, const float *scores, int c,
                             float value) {
@@ -7646,6 +7674,70 @@ static void itn__bring_home(itn__crowd *crowd, int number, const float *scores, 
     crowd->radiance[(size_t)c * stride + (size_t)number] += value;
     for (k = 0; k < fast->count; k++, derivative += (size_t)fast->channels * stride)
         if (fast->only[k] < 0 || fast->only[k] == c) *derivative += value * scores[k];
+}
+
+/* What a path has gathered since the last surface. */
+typedef struct itn__gathered {
+    float flights, phases, hits;
+    float credit[3], flight_base[3], phase_base[3], hit_base[3];
+} itn__gathered;
+
+/* Takes the bases from the derivatives of path `number`, in channel c. */
+static void itn__pay(itn__crowd *crowd, int number, const itn__substance *medium,
+                     const itn__gathered *g, int c) {
+    const itn__fast *fast = crowd->fast;
+    size_t stride = (size_t)fast->channels * (size_t)crowd->radiance_stride;
+    float *derivative = crowd->radiance + number +
+                        (size_t)(fast->channels + c) * (size_t)crowd->radiance_stride;
+    if (medium->slot_sigma_t >= 0)
+        derivative[(size_t)medium->slot_sigma_t * stride] -= g->flight_base[c] / medium->sigma_t;
+    if (medium->slot_g >= 0)
+        derivative[(size_t)medium->slot_g * stride] -= g->phase_base[c];
+    if (medium->slot_albedo[c] >= 0)
+        derivative[(size_t)medium->slot_albedo[c] * stride] -= g->hit_base[c] / medium->albedo[c];
+}
+
+/* Books what a path, or with ITN__LINK in its slot its link, has gathered in a substance. */
+static void itn__book(itn__crowd *crowd, int slot, int substance, const itn__gathered *g) {
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    float *scores = itn__scores_of(crowd, slot);
+    int c, number = crowd->paths[slot & ~ITN__LINK].number;
+    if (substance && medium->slot_sigma_t >= 0)
+        scores[medium->slot_sigma_t] += g->flights / medium->sigma_t;
+    if (substance && medium->slot_g >= 0) scores[medium->slot_g] += g->phases;
+    for (c = 0; c < crowd->fast->channels; c++) {
+        if (substance && medium->slot_albedo[c] >= 0)
+            scores[medium->slot_albedo[c]] += g->hits / medium->albedo[c];
+        if (slot & ITN__LINK) continue;
+        if (crowd->fast->foresees) itn__bring_home(crowd, number, scores, c, g->credit[c]);
+        if (substance) itn__pay(crowd, number, medium, g, c);
+    }
+}
+
+/* The same for an item of a queue; the flight that brought it here had length t and no collision. */
+static void itn__book_item(itn__crowd *crowd, itn__queue *queue, int at, int substance, float t) {
+    float last = -crowd->fast->substances[substance].sigma_t * t;
+    itn__gathered g;
+    int c;
+    if (!crowd->fast->count) return;
+    if (!substance) last = 0;
+    g.flights = itn__float_row(queue, ITN__FLIGHTS)[at] + last;
+    g.phases = itn__float_row(queue, ITN__PHASES)[at];
+    g.hits = itn__float_row(queue, ITN__HITS)[at];
+    for (c = 0; c < crowd->fast->channels; c++) {
+        g.credit[c] = itn__float_row(queue, ITN__CREDIT + c)[at];
+        g.flight_base[c] = itn__float_row(queue, ITN__FLIGHT_BASE + c)[at] +
+                           last * itn__float_row(queue, ITN__EXPECTED + c)[at];
+        g.phase_base[c] = itn__float_row(queue, ITN__PHASE_BASE + c)[at];
+        g.hit_base[c] = itn__float_row(queue, ITN__HIT_BASE + c)[at];
+        itn__float_row(queue, ITN__CREDIT + c)[at] = 0;
+        itn__float_row(queue, ITN__FLIGHT_BASE + c)[at] = 0;
+        itn__float_row(queue, ITN__PHASE_BASE + c)[at] = 0;
+        itn__float_row(queue, ITN__HIT_BASE + c)[at] = 0;
+    }
+    itn__float_row(queue, ITN__FLIGHTS)[at] = itn__float_row(queue, ITN__PHASES)[at] = 0;
+    itn__float_row(queue, ITN__HITS)[at] = 0;
+    itn__book(crowd, itn__row(queue, ITN__SLOT)[at], substance, &g);
 }
 
 /* Where paths go next. */
@@ -7661,19 +7753,53 @@ ITN__INLINE itn__queue *itn__departure(itn__crowd *crowd, int substance, int dim
     return substance && crowd->fast->sobol && dimension < ITN__EARLY ? &crowd->early[substance]
                                                                      : &crowd->walk[substance];
 }
-/* What a path has brought home since its mark, per weight that it had there, is a lesson for V,
-   rounded so that sums of lessons are exact, in any order. */
+/* Lessons. V is a least-squares fit to what marked paths bring home per weight. The sums of its
+   normal equations are of whole multiples of powers of two, so that they are exact, in any order.
+   Of a substance: terms times terms, terms times radiance; for each entry of at_face, radiance and
+   number. */
+enum {
+    ITN__NORMAL_SUMS = ITN__TERMS * (ITN__TERMS + 3),
+    ITN__LESSON_SUMS = ITN__NORMAL_SUMS + 4 * ITN__FACES
+};
+#define ITN__TERM_STEPS 4096.
+#define ITN__RIDGE 1e-5
+#define ITN__LARGEST_LESSON 1048576. /* units */
+
+/* P_l(mu) e^(-k_i z) for all i and l. */
+static void itn__lesson_terms(const itn__outlook *outlook, float depth, float mu, double *term) {
+    int i, l;
+    for (i = 0; i < ITN__DECAYS; i++, term += ITN__ORDERS) {
+        term[0] = exp(-(double)outlook->decay * i * depth), term[1] = mu * term[0];
+        for (l = 2; l < ITN__ORDERS; l++)
+            term[l] = ((2 * l - 1) * (double)mu * term[l - 1] - (l - 1) * term[l - 2]) / l;
+    }
+}
+
+/* What a path has brought home since its mark is a lesson. */
 static void itn__learn(itn__crowd *crowd, const itn__path *path) {
-    int c;
+    double *sums = crowd->lessons + (size_t)path->mark * ITN__LESSON_SUMS;
+    double term[ITN__TERMS], lesson[3] = {0, 0, 0};
+    int c, i, j;
     for (c = 0; c < crowd->fast->channels; c++) {
         float now = crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride +
                                     (size_t)path->number];
-        double lesson = (double)(now - path->mark_radiance[c]) / path->mark_weight[c];
-        if (lesson > 0 && lesson < ITN__LARGEST_LESSON * crowd->fast->lesson_unit)
-            crowd->lessons[c * ITN__SITUATIONS + path->mark] +=
-                floor(lesson / crowd->fast->lesson_unit);
+        lesson[c] = (double)(now - path->mark_radiance[c]) / path->mark_weight[c];
+        lesson[c] = floor(lesson[c] / crowd->fast->lesson_unit);
+        if (!(lesson[c] > 0)) lesson[c] = 0;
+        lesson[c] = fmin(lesson[c], ITN__LARGEST_LESSON);
     }
-    crowd->lessons[3 * ITN__SITUATIONS + path->mark]++;
+    if (path->mark_face >= 0) {
+        sums += ITN__NORMAL_SUMS + 4 * path->mark_face;
+        for (c = 0; c < 3; c++) sums[c] += lesson[c];
+        sums[3]++;
+        return;
+    }
+    itn__lesson_terms(&crowd->fast->outlooks[path->mark], path->mark_depth, path->mark_cosine, term);
+    for (i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) {
+        term[i] = floor(term[i] * ITN__TERM_STEPS + .5);
+        for (j = 0; j <= i; j++) sums[j] += term[i] * term[j];
+        for (c = 0; c < 3; c++) sums[ITN__TERMS + c] += term[i] * lesson[c];
+    }
 }
 static void itn__free_slot(itn__crowd *crowd, int slot) {
     if (crowd->fast->learning && crowd->paths[slot].mark >= 0)
@@ -7688,33 +7814,44 @@ static void itn__free_lanes(itn__crowd *crowd, itn__ints slot, unsigned bits) {
 ITN__INLINE void itn__settle(itn__crowd *crowd, const itn__state *s, unsigned bits) {
     int c;
     for (; bits && crowd->fast->foresees; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), number = crowd->paths[ITN__LANE(s->slot, k)].number;
+        int k = itn__lowest_bit(bits), slot = ITN__LANE(s->slot, k);
         for (c = 0; c < crowd->fast->channels; c++)
-            crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride + (size_t)number] +=
-                ITN__LANE(s->credit[c], k);
+            itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot), c,
+                            ITN__LANE(s->credit[c], k));
     }
 }
 /* Ends the path of an item of a queue. */
 static void itn__drop(itn__crowd *crowd, const itn__queue *queue, int at) {
     int slot = itn__row(queue, ITN__SLOT)[at], c;
     for (c = 0; c < crowd->fast->channels && crowd->fast->foresees; c++)
-        crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride +
-                        (size_t)crowd->paths[slot].number] +=
-            itn__float_row(queue, ITN__CREDIT + c)[at];
+        itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot), c,
+                        itn__float_row(queue, ITN__CREDIT + c)[at]);
     itn__free_slot(crowd, slot);
+}
+/* What lane k has gathered. */
+ITN__INLINE itn__gathered itn__gathered_in(const itn__state *s, int k, int features) {
+    itn__gathered g;
+    int c;
+    g.flights = ITN__LANE(s->flights, k), g.phases = ITN__LANE(s->phases, k);
+    g.hits = ITN__LANE(s->hits, k);
+    for (c = 0; c < itn__colours(features); c++) {
+        g.credit[c] = ITN__LANE(s->credit[c], k);
+        g.flight_base[c] = ITN__LANE(s->flight_base[c], k);
+        g.phase_base[c] = ITN__LANE(s->phase_base[c], k);
+        g.hit_base[c] = ITN__LANE(s->hit_base[c], k);
+    }
+    return g;
 }
 /* The same for paths that end in a substance. */
 ITN__INLINE void itn__end_lanes(itn__crowd *crowd, int substance, const itn__state *s,
                                 unsigned bits, int features) {
-    unsigned rest = itn__scored(crowd, features) ? bits : 0;
-    int c;
-    for (; rest; rest &= rest - 1) {
-        int k = itn__lowest_bit(rest), number = crowd->paths[ITN__LANE(s->slot, k)].number;
-        for (c = 0; c < crowd->fast->channels; c++)
-            itn__pay(crowd, number, &crowd->fast->substances[substance], c,
-                     ITN__LANE(s->flight_base[c], k), ITN__LANE(s->phase_base[c], k));
+    unsigned rest = bits;
+    if (!itn__scored(crowd, features) || !crowd->fast->count) itn__settle(crowd, s, bits);
+    for (; rest && itn__scored(crowd, features) && crowd->fast->count; rest &= rest - 1) {
+        int k = itn__lowest_bit(rest);
+        itn__gathered g = itn__gathered_in(s, k, features);
+        itn__book(crowd, ITN__LANE(s->slot, k), substance, &g);
     }
-    itn__settle(crowd, s, bits);
     itn__free_lanes(crowd, s->slot, bits);
 }
 
@@ -7746,6 +7883,15 @@ ITN__INLINE void itn__depart_in(itn__crowd *crowd, int substance, const itn__sta
         bits &= ~early;
     }
     if (bits) itn__append(&crowd->walk[substance], s, bits, features);
+}
+
+/* A choice has been made: what the lanes of the mask are now expected to bring, less what they had
+   been expected to, has mean 0 and is taken off. */
+ITN__INLINE itn__floats itn__surprise(itn__state *s, int c, itn__floats now, itn__floats before,
+                                      itn__ints mask) {
+    itn__floats surprise = itn__select(mask, now - before, itn__splat(0));
+    s->credit[c] = s->credit[c] - surprise;
+    return surprise;
 }
 
 /* Random numbers. */
@@ -7780,36 +7926,30 @@ ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__i
     return u;
 }
 
-/* What roulette does to what a path is expected to bring, beta V, has mean 0: a path that ends
-   loses it, one that survives gains (1/survival - 1) of it. The opposite is put to its credit, with
-   the mean of V in the place of V; outside of media, the light. */
-ITN__INLINE void itn__owe(itn__state *s, itn__ints low,
-                          itn__floats survival, itn__floats u, float value, int c) {
-    itn__floats expected = s->beta[c] * value;
-    itn__floats owed = itn__select(itn__less(u, survival), expected - expected / survival,
-                                   expected);
-    s->credit[c] = itn__select(low, s->credit[c] + owed, s->credit[c]);
-}
-
-/* itn__roulette in lanes; returns who survives. */
-ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, int substance, itn__state *s,
-                                     itn__ints mask, int early, int features) {
-    const float *value = substance ? crowd->fast->usual : crowd->fast->constant;
+/* itn__roulette in lanes, which are expected to bring `value` per weight; returns who survives. */
+ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s,
+                                     const itn__floats value[3], itn__ints mask, int early,
+                                     int features) {
     itn__floats largest = s->beta[0], survival = itn__splat(1), u;
     itn__ints low, late = itn__int_less(itn__splat_int((int32_t)ITN__MANY_DRAWS), s->dimension);
+    itn__ints survives;
     int c;
     for (c = 1; c < itn__colours(features); c++) largest = itn__most(largest, s->beta[c]);
     low = ~itn__less_equal(itn__splat(ITN__ROULETTE * ITN__SAME_WEIGHT), largest);
     if (!itn__mask_bits((low | late) & mask)) return mask;
     survival = itn__select(low, largest * (1 / ITN__ROULETTE), survival);
     survival = itn__select(late, survival * .999f, survival);
-    u = itn__draw(crowd, s, (low | late) & mask, early);
     low = (low | late) & mask;
-    if (crowd->fast->foresees)
-        for (c = 0; c < itn__colours(features); c++) itn__owe(s, low, survival, u, value[c], c);
-    for (c = 0; c < itn__colours(features); c++)
-        s->beta[c] = itn__select(low, s->beta[c] / survival, s->beta[c]);
-    return mask & ~(low & ~itn__less(u, survival));
+    u = itn__draw(crowd, s, low, early);
+    survives = itn__less(u, survival);
+    for (c = 0; c < itn__colours(features); c++) {
+        itn__floats raised = s->beta[c] / survival;
+        if (crowd->fast->foresees)
+            itn__surprise(s, c, itn__select(survives, raised, itn__splat(0)) * value[c],
+                          s->beta[c] * value[c], low);
+        s->beta[c] = itn__select(low, raised, s->beta[c]);
+    }
+    return mask & ~(low & ~survives);
 }
 
 /* Distance to the next collision; a path that may not scatter again goes on to the next surface. */
@@ -7830,7 +7970,12 @@ typedef struct itn__free_space {
     itn__vectors centre, n;
     itn__floats half, below, above, against;
     itn__floats np; /* n . (position - centre) */
+    itn__ints cell;     /* in the middle, with ITN__TOOK_CUBE */
+    itn__floats middle; /* n . x about where the surface is; */
+    itn__ints under;    /* the position is below that */
 } itn__free_space;
+
+enum { ITN__TOOK_CUBE = 1 << 29 }; /* in `cell`: of two things that are known, the cube was taken */
 
 ITN__INLINE itn__floats itn__signed_byte(itn__ints word, int shift) {
     return itn__to_floats(itn__word_ints(itn__int_words(word) << (24 - shift)) >> 24);
@@ -7842,12 +7987,13 @@ ITN__INLINE itn__vectors itn__byte_vectors(itn__ints word) {
                            itn__signed_byte(word, 16));
 }
 
-/* Looks up the surroundings of p for the lanes in the mask. */
-ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
-                                  itn__free_space *space) {
-    itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, np;
+/* Looks up the surroundings of p for the lanes in the mask. again: p is the middle of the cell in
+   space->cell. */
+ITN__INLINE void itn__look(const itn__voxels *voxels, itn__vectors p, itn__ints mask, int again,
+                           itn__free_space *space) {
+    itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, np, middle;
     itn__ints none = itn__splat_int(0), x, y, z, inside, at, word, near_one, top, cube, reach;
-    itn__ints free_cube;
+    itn__ints free_cube, found;
     itn__words bounds;
     itn__vectors n, centre;
     x = itn__floor_ints((p.x - voxels->lower.x) * voxels->inverse_cell);
@@ -7857,7 +8003,7 @@ ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn
              itn__int_less(none - 1, z) & itn__int_less(x, itn__splat_int(voxels->size[0])) &
              itn__int_less(y, itn__splat_int(voxels->size[1])) &
              itn__int_less(z, itn__splat_int(voxels->size[2]));
-    at = (z * voxels->size[1] + y) * voxels->size[0] + x, at += at;
+    at = (z * voxels->size[1] + y) * voxels->size[0] + x, found = at, at += at;
     word = itn__gather_ints(voxels->spaces, at, inside, none);
     bounds = itn__int_words(itn__gather_ints(voxels->spaces + 1, at, inside, none));
     centre = itn__vectors_of((itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
@@ -7873,7 +8019,11 @@ ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn
     /* on neither side of the slab, but in an empty cell: take the cube instead */
     free_cube = near_one & itn__int_less(none, cube) & itn__less_equal(below, np) &
                 itn__less_equal(np, above);
+    if (again) free_cube = ~itn__int_less(space->cell, itn__splat_int(ITN__TOOK_CUBE));
+    found |= free_cube & itn__splat_int(ITN__TOOK_CUBE);
+    space->cell = itn__select_int(mask, itn__select_int(inside, found, none - 1), space->cell);
     reach = itn__select_int(free_cube, cube - 1, reach);
+    middle = .5f * (below + above);
     below = itn__select(free_cube, itn__splat(INFINITY), below);
     half = (itn__to_floats(reach) + (half_cell - .01f)) * voxels->cell;
     half = itn__select(inside, half, zero - 1);
@@ -7885,6 +8035,13 @@ ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn
     space->against = itn__select(mask, itn__to_floats(itn__word_ints(bounds >> 24)),
                                  space->against);
     space->np = itn__select(mask, np, space->np);
+    space->middle = itn__select(mask, middle, space->middle);
+    space->under = itn__select_int(mask, inside & near_one & itn__less(np, middle), space->under);
+}
+
+ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
+                                  itn__free_space *space) {
+    itn__look(voxels, p, mask, 0, space);
 }
 
 /* Whether the flight to q, in direction d, is free; nq receives n . (q - centre), and must not be
@@ -7904,59 +8061,175 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
 
 /* What to expect. */
 
-/* Entry of V for paths at s->p that go along d. Depths count as 1 + depth * scale, in two steps
-   from each power of two to the next: the exponent of the float and the first bit behind. */
-ITN__INLINE itn__ints itn__situation(const itn__substance *medium, const itn__state *s,
-                                     itn__vectors d) {
-    itn__floats depth = 1 + medium->depth_scale * (s->level - itn__vdot(s->up, s->p)), side;
-    itn__words step;
-    depth = itn__least(itn__most(depth, itn__splat(1)), itn__splat(1 << (ITN__DEPTHS / 2 - 1)));
-    step = itn__int_words(itn__float_bits(depth)) >> 22;
-    side = ITN__DIRECTIONS / 2 * (1 + itn__vdot(s->up, d));
-    side = itn__least(itn__most(side, itn__splat(0)), itn__splat(ITN__DIRECTIONS - 1));
-    return itn__word_ints((step - 2 * 127) * (uint32_t)ITN__DIRECTIONS) + itn__to_ints(side);
+/* Where paths are, and where they go, seen from the face where they were last at a surface. */
+typedef struct itn__view {
+    itn__floats depth;              /* z, in mean free paths */
+    itn__floats cosine;             /* mu, to the inward normal */
+    itn__floats fall[ITN__DECAYS];  /* e^(-k_i z) */
+} itn__view;
+
+/* e^(-k_i z) for all i. */
+ITN__INLINE void itn__falls(const itn__outlook *outlook, itn__floats depth, itn__floats *fall) {
+    int i;
+    fall[0] = itn__splat(1), fall[1] = itn__vexp(depth * -outlook->decay);
+    for (i = 2; i < ITN__DECAYS; i++) fall[i] = fall[i - 1] * fall[1];
+}
+ITN__INLINE itn__view itn__view_of(const itn__crowd *crowd, int substance, const itn__state *s,
+                                   itn__vectors d) {
+    itn__view view;
+    view.depth = itn__most(crowd->fast->substances[substance].sigma_t *
+                           (s->level - itn__vdot(s->up, s->p)), itn__splat(0));
+    view.cosine = -itn__vdot(s->up, d);
+    itn__falls(&crowd->fast->outlooks[substance], view.depth, view.fall);
+    return view;
 }
 
-/* Notes of paths, in a render that learns, in which situation they have been and with what. Each
-   does so once, after a number of collisions that its key decides. */
-ITN__INLINE void itn__mark(itn__crowd *crowd, const itn__state *s, itn__ints situation,
-                           itn__ints mask) {
+/* a[0] + a[1] x + a[2] x^2 + ... */
+ITN__INLINE itn__floats itn__power_sum(const float *a, itn__floats x) {
+    itn__floats sum = itn__splat(a[ITN__ORDERS - 1]);
+    int l;
+    for (l = ITN__ORDERS - 2; l >= 0; l--) sum = sum * x + a[l];
+    return sum;
+}
+
+/* Sum over i of falls and polynomials. */
+ITN__INLINE itn__floats itn__fall_sum(const itn__floats *fall,
+                                      const float a[ITN__DECAYS][ITN__ORDERS], itn__floats x) {
+    itn__floats sum = itn__power_sum(a[0], x);
+    int i;
+    for (i = 1; i < ITN__DECAYS; i++) sum = sum + fall[i] * itn__power_sum(a[i], x);
+    return sum;
+}
+
+/* What lanes about to fly expect, per weight. The flight is taken to end where it comes to the
+   plane of the face, tau_0 mean free paths on, or at a collision before:
+       mean = e^(-tau_0) at_face + sum over i of omega_i / (1 + k_i mu) (e^(-k_i z) - e^(-tau_0)),
+   with omega_i the albedo times the polynomial of `scattered`; slope is the derivative of that by
+   ln sigma_t with V left as it is. */
+typedef struct itn__ahead {
+    itn__view view;
+    itn__floats to_face;    /* tau_0 */
+    itn__ints up;           /* there is one */
+    itn__floats mean[3], collided[3], slope[3]; /* collided: the sum over i alone */
+    itn__floats at_face[3], omega[3][ITN__DECAYS];
+} itn__ahead;
+
+#define ITN__FAR 80.f /* mean free paths, for tau_0: e^-80 is nothing */
+
+ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const itn__state *s,
+                                 itn__ints mask, itn__ahead *a, int features) {
+    const itn__outlook *outlook = &crowd->fast->outlooks[substance];
+    itn__floats zero = itn__splat(0), mu, through;
+    itn__ints entry;
+    int c, i;
+    a->view = itn__view_of(crowd, substance, s, s->d), mu = a->view.cosine;
+    a->up = itn__less(mu, zero);
+    a->to_face = itn__least(a->view.depth / itn__select(a->up, -mu, itn__splat(1)),
+                            itn__splat(ITN__FAR));
+    through = itn__select(a->up, itn__vexp(-a->to_face), zero);
+    entry = itn__to_ints(itn__least(itn__most(-mu * ITN__FACES, zero),
+                                    itn__splat(ITN__FACES - 1)));
+    for (c = 0; c < itn__colours(features); c++) {
+        a->at_face[c] = itn__gather(outlook->at_face[c], entry, mask & a->up, zero);
+        a->collided[c] = zero, a->slope[c] = -a->to_face * through * a->at_face[c];
+        for (i = 0; i < ITN__DECAYS; i++) {
+            itn__floats per = 1 / (1 + (float)i * outlook->decay * mu), part;
+            a->omega[c][i] = itn__power_sum(outlook->scattered[c][i], mu) *
+                             crowd->fast->substances[substance].albedo[c];
+            part = a->omega[c][i] * (a->view.fall[i] - through) * per;
+            a->collided[c] = a->collided[c] + part;
+            a->slope[c] = a->slope[c] + part -
+                          (part - a->omega[c][i] * a->to_face * through) * per;
+        }
+        a->mean[c] = a->collided[c] + through * a->at_face[c];
+    }
+}
+
+/* Flights have been drawn. With scores: b, and what the surprise itself adds to the derivatives;
+   see the opening of this chapter. */
+ITN__INLINE void itn__foresee_flight(const itn__crowd *crowd, int substance, itn__state *s,
+                                     const itn__ahead *a, itn__floats distance, itn__ints mask,
+                                     int features) {
+    const itn__outlook *outlook = &crowd->fast->outlooks[substance];
+    itn__floats tau = crowd->fast->substances[substance].sigma_t * distance, zero = itn__splat(0);
+    itn__floats fall[ITN__DECAYS];
+    itn__ints crosses = a->up & itn__less(a->to_face, tau);
+    int c, i;
+    if (crowd->fast->foresees)
+        itn__falls(outlook, itn__most(a->view.depth + a->view.cosine * tau, zero), fall);
+    for (c = 0; c < itn__colours(features); c++) {
+        itn__floats collided = a->omega[c][0], mean = s->beta[c] * a->mean[c], surprise = zero;
+        if (crowd->fast->foresees) {
+            for (i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
+            surprise = itn__surprise(s, c, s->beta[c] * itn__select(crosses, a->at_face[c],
+                                                                    collided), mean, mask);
+        }
+        if (!itn__scored(crowd, features)) continue;
+        s->expected[c] = itn__select(mask, mean + s->credit[c], s->expected[c]);
+        if (!crowd->fast->foresees) continue;
+        collided = s->beta[c] * (itn__select(crosses, zero, collided) - a->collided[c]);
+        s->hit_base[c] = s->hit_base[c] + itn__select(mask, collided, zero);
+        s->flight_base[c] = s->flight_base[c] +
+            itn__select(mask, (1 - tau) * surprise - s->beta[c] * a->slope[c], zero);
+    }
+}
+
+/* New directions have been drawn where directions d ended, with these scores by g. */
+ITN__INLINE void itn__foresee_direction(const itn__crowd *crowd, int substance, itn__state *s,
+                                        itn__vectors d, itn__floats score, itn__ints mask,
+                                        int features) {
+    const itn__outlook *outlook = &crowd->fast->outlooks[substance];
+    itn__view view = itn__view_of(crowd, substance, s, d);
+    itn__floats cosine = -itn__vdot(s->up, s->d), zero = itn__splat(0);
+    int c;
+    if (itn__scored(crowd, features)) s->phases = s->phases + itn__select(mask, score, zero);
+    for (c = 0; c < itn__colours(features); c++) {
+        itn__floats mean = s->beta[c] * itn__fall_sum(view.fall, outlook->scattered[c],
+                                                      view.cosine);
+        itn__floats base = mean + s->credit[c];
+        if (crowd->fast->foresees)
+            itn__surprise(s, c, s->beta[c] * itn__fall_sum(view.fall, outlook->flying[c], cosine),
+                          mean, mask);
+        if (!itn__scored(crowd, features)) continue;
+        base = score * base;
+        if (crowd->fast->foresees)
+            base = base - s->beta[c] * itn__fall_sum(view.fall, outlook->by_g[c], view.cosine);
+        s->phase_base[c] = s->phase_base[c] + itn__select(mask, base, zero);
+    }
+}
+
+/* Marks a path, in a render that learns. */
+static void itn__mark(const itn__crowd *crowd, itn__path *path, int substance, int face,
+                      float depth, float cosine, const float weight[3]) {
+    int c;
+    path->mark = substance, path->mark_face = face;
+    path->mark_depth = depth, path->mark_cosine = cosine;
+    for (c = 0; c < crowd->fast->channels; c++) {
+        path->mark_weight[c] = weight[c];
+        path->mark_radiance[c] = crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride +
+                                                 (size_t)path->number];
+    }
+}
+/* Marks paths about to fly; of each two (by key) one, after a number of collisions that its key
+   decides. */
+ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const itn__state *s,
+                                 itn__ints mask, int features) {
     itn__words doubling = s->key0 & 3, span;
+    itn__view view = itn__view_of(crowd, substance, s, s->d);
+    float weight[3] = {0, 0, 0};
     unsigned bits;
     int c;
     span = (itn__splat_word(1) << doubling) - 1;
     mask &= itn__int_equal(itn__to_ints(s->hits), itn__word_ints(span + ((s->key0 >> 8) & span)));
+    mask &= itn__int_equal(itn__word_ints(s->key1 & 1), itn__splat_int(0));
     for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-        if (path->mark >= 0) continue;
-        path->mark = ITN__LANE(situation, k);
-        for (c = 0; c < crowd->fast->channels; c++) {
-            path->mark_weight[c] = ITN__LANE(s->beta[c], k);
-            path->mark_radiance[c] = crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride +
-                                                     (size_t)path->number];
-        }
+        for (c = 0; c < itn__colours(features); c++) weight[c] = ITN__LANE(s->beta[c], k);
+        if (path->mark < 0)
+            itn__mark(crowd, path, substance, -1, ITN__LANE(view.depth, k),
+                      ITN__LANE(view.cosine, k), weight);
     }
-}
-
-/* b of the flight that the lanes are about to draw. */
-ITN__INLINE void itn__expect(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
-                             int features) {
-    itn__ints situation = itn__situation(&crowd->fast->substances[substance], s, s->d);
-    int c;
-    if (features & ITN__LIMIT) { /* the last flight is not drawn */
-        itn__ints last = mask & itn__int_less(s->left, itn__splat_int(1));
-        for (c = 0; c < itn__colours(features); c++)
-            s->expected[c] = itn__select(last, itn__splat(0), s->expected[c]);
-        mask &= ~last;
-    }
-    for (c = 0; c < itn__colours(features); c++)
-        s->expected[c] = itn__select(mask, s->beta[c] * itn__gather(
-            crowd->fast->expected + c * ITN__SITUATIONS, situation, mask, itn__splat(0)),
-            s->expected[c]);
-    if (crowd->fast->learning)
-        itn__mark(crowd, s, situation,
-                  mask & itn__int_equal(itn__word_ints(s->key1 & 1), itn__splat_int(0)));
 }
 
 /* Links to the lights. */
@@ -7992,10 +8265,12 @@ static void itn__park(itn__crowd *crowd, const itn__state *s, unsigned bits, int
     itn__store_ints(rows[ITN__UP + 1], itn__float_bits(s->up.y));
     itn__store_ints(rows[ITN__UP + 2], itn__float_bits(s->up.z));
     itn__store_ints(rows[ITN__LEVEL], itn__float_bits(s->level));
+    itn__store_ints(rows[ITN__CELL], itn__splat_int(-1));
     for (c = 0; c < 3; c++) {
         itn__store_ints(rows[ITN__EXPECTED + c], itn__float_bits(s->expected[c]));
         itn__store_ints(rows[ITN__FLIGHT_BASE + c], itn__float_bits(s->flight_base[c]));
         itn__store_ints(rows[ITN__PHASE_BASE + c], itn__float_bits(s->phase_base[c]));
+        itn__store_ints(rows[ITN__HIT_BASE + c], itn__float_bits(s->hit_base[c]));
     }
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
@@ -8045,7 +8320,8 @@ ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const it
     bits = itn__mask_bits(mask);
     if (!bits) return mask;
     for (c = 0; c < 3; c++) link.beta[c] = w[c < itn__colours(features) ? c : 0];
-    for (c = 0; c < 3; c++) link.flight_base[c] = link.phase_base[c] = itn__splat(0);
+    for (c = 0; c < 3; c++)
+        link.flight_base[c] = link.phase_base[c] = link.hit_base[c] = itn__splat(0);
     link.d = d, link.dimension = itn__splat_int(0);
     link.slot = s->slot | itn__splat_int(ITN__LINK);
     if (substance)
@@ -8070,23 +8346,6 @@ static void itn__arrive(itn__crowd *crowd, const itn__queue *queue, int at) {
 
 /* Collisions. */
 
-/* Adds the score of a new direction, drawn where direction d ended, and its s b. */
-ITN__INLINE void itn__scatter_score(itn__crowd *crowd, int substance, itn__state *s,
-                                    itn__vectors d, itn__floats score, itn__ints mask,
-                                    int features) {
-    itn__ints situation = itn__situation(&crowd->fast->substances[substance], s, d) +
-                          itn__splat_int(ITN__SCATTERING);
-    int c;
-    score = itn__select(mask, score, itn__splat(0));
-    s->phases = s->phases + score;
-    for (c = 0; c < itn__colours(features); c++)
-        s->phase_base[c] = s->phase_base[c] + score * s->beta[c] * itn__gather(
-            crowd->fast->expected + c * ITN__SITUATIONS, situation, mask, itn__splat(0));
-    if (crowd->fast->learning)
-        itn__mark(crowd, s, situation,
-                  mask & itn__int_equal(itn__word_ints(s->key1 & 1), itn__splat_int(1)));
-}
-
 /* A collision in each lane of the mask, after a flight over `distance`: albedo, a link, a new
    direction. Returns who goes on
    (with its link sent, or with none); *linked receives those with a link, whose paths are parked
@@ -8104,8 +8363,10 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
     if (itn__scored(crowd, features)) {
         itn__floats score = itn__select(mask, 1 - medium->sigma_t * distance, itn__splat(0));
         s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
-        for (c = 0; c < itn__colours(features); c++)
+        for (c = 0; c < itn__colours(features); c++) {
             s->flight_base[c] = s->flight_base[c] + score * s->expected[c];
+            s->hit_base[c] = s->hit_base[c] + itn__select(mask, s->credit[c], itn__splat(0));
+        }
     }
     if (features & ITN__LIMIT) {
         s->left += mask;
@@ -8141,9 +8402,11 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
     s->d = itn__vselect(mask, itn__vsample_phase(d, medium->g, u, v, &x, &y), d);
     if (features & ITN__LIGHTS)
         s->pdf = itn__select(mask, itn__vphase(medium->g, x, y), s->pdf);
-    if (itn__scored(crowd, features))
-        itn__scatter_score(crowd, substance, s, d, itn__vphase_score(medium->g, x, y), mask,
-                           features);
+    if (itn__looks_ahead(crowd, features)) {
+        u = itn__splat(0);
+        if (itn__scored(crowd, features)) u = itn__vphase_score(medium->g, x, y);
+        itn__foresee_direction(crowd, substance, s, d, u, mask, features);
+    }
     return mask;
 }
 
@@ -8160,6 +8423,29 @@ typedef struct itn__lanes_walk {
 
 #define ITN__QUARTER ((ITN__LANES + 3) / 4)
 
+/* Paths that had to leave the lanes come back to what they knew of their surroundings, so that it
+   does not matter that they had. */
+static void itn__look_again(const itn__crowd *crowd, itn__lanes_walk *walk, unsigned lanes) {
+    const itn__voxels *voxels = crowd->fast->voxels;
+    itn__vectors middle = walk->s.p;
+    unsigned bits = 0;
+    for (; lanes; lanes &= lanes - 1) {
+        int k = itn__lowest_bit(lanes), cell = ITN__LANE(walk->s.cell, k), at[3];
+        if (cell < 0) continue;
+        bits |= 1u << k;
+        itn__cell_place(voxels, cell & ~ITN__TOOK_CUBE, at);
+        ITN__LANE(middle.x, k) = voxels->lower.x + ((float)at[0] + .5f) * voxels->cell;
+        ITN__LANE(middle.y, k) = voxels->lower.y + ((float)at[1] + .5f) * voxels->cell;
+        ITN__LANE(middle.z, k) = voxels->lower.z + ((float)at[2] + .5f) * voxels->cell;
+    }
+    if (!bits) return;
+    walk->space.cell = itn__select_int(itn__bits_mask(bits), walk->s.cell, walk->space.cell);
+    itn__look(voxels, middle, itn__bits_mask(bits), 1, &walk->space);
+    walk->space.np = itn__select(itn__bits_mask(bits), itn__vdot(
+        walk->space.n, itn__valong(walk->s.p, itn__splat(-1), walk->space.centre)),
+        walk->space.np);
+}
+
 /* Sends waiting lanes to the exact stage and fills all empty lanes from the queue. */
 ITN__INLINE void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *walk,
                              int features) {
@@ -8168,6 +8454,7 @@ ITN__INLINE void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *
     if (walk->waiting) {
         itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, walk->distance,
                       walk->waiting);
+        walk->s.cell = itn__splat_int(-1);
         itn__append(exact, &walk->s, walk->waiting, features);
         walk->waiting = 0;
     }
@@ -8175,22 +8462,45 @@ ITN__INLINE void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *
     if (!fill) return;
     itn__pull(queue, &walk->s, fill, features);
     walk->space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), walk->space.half);
+    if (itn__looks_ahead(crowd, features)) itn__look_again(crowd, walk, fill);
     walk->busy |= fill;
+}
+
+/* Roulette, and flights of the mask's lanes; returns who survives. */
+ITN__INLINE itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state *s,
+                                    itn__ints mask, itn__floats *distance, int early,
+                                    int features) {
+    const itn__fast *fast = crowd->fast;
+    int looks = itn__looks_ahead(crowd, features);
+    itn__ints active, scatters;
+    itn__ahead ahead;
+    int c;
+    for (c = 0; c < 3; c++) ahead.mean[c] = itn__splat(0);
+    if (looks) itn__look_ahead(crowd, substance, s, mask, &ahead, features);
+    active = itn__vroulette(crowd, s, ahead.mean, mask, early, features);
+    *distance = itn__select(active, itn__vflight(
+        crowd, s, active, fast->substances[substance].mean_free_path, early, features), *distance);
+    if (!looks) return active;
+    scatters = active;
+    if (features & ITN__LIMIT) { /* the last flight is not drawn */
+        scatters &= itn__int_less(itn__splat_int(0), s->left);
+        for (c = 0; c < itn__colours(features); c++)
+            ahead.mean[c] = itn__select(scatters, ahead.mean[c], itn__splat(0));
+    }
+    itn__foresee_flight(crowd, substance, s, &ahead, *distance, active, features);
+    if (fast->learning) itn__mark_lanes(crowd, substance, s, scatters, features);
+    return active;
 }
 
 /* Draws flights for the busy lanes. Returns those that are free; the others become unsure. */
 ITN__INLINE itn__ints itn__fly(itn__crowd *crowd, int substance, itn__lanes_walk *walk,
                                itn__vectors *q, itn__floats *nq, int features) {
-    const float mean_free_path = crowd->fast->substances[substance].mean_free_path;
-    itn__ints active = itn__vroulette(crowd, substance, &walk->s, itn__bits_mask(walk->busy), 0,
-                                      features);
+    itn__ints active = itn__take_off(crowd, substance, &walk->s, itn__bits_mask(walk->busy),
+                                     &walk->distance, 0, features);
     unsigned alive = itn__mask_bits(active);
     itn__ints safe;
     if (walk->busy != alive)
         itn__end_lanes(crowd, substance, &walk->s, walk->busy & ~alive, features);
-    if (itn__scored(crowd, features)) itn__expect(crowd, substance, &walk->s, active, features);
-    walk->distance = itn__select(active, itn__vflight(crowd, &walk->s, active, mean_free_path, 0,
-                                                      features), walk->distance);
     *q = itn__valong(walk->s.p, walk->distance, walk->s.d);
     safe = active & itn__free_flight(&walk->space, *q, walk->s.d, nq);
     walk->unsure |= alive & ~itn__mask_bits(safe);
@@ -8198,11 +8508,22 @@ ITN__INLINE itn__ints itn__fly(itn__crowd *crowd, int substance, itn__lanes_walk
     return safe;
 }
 
+/* Puts the plane of the surface nearby in the place of the last face. */
+ITN__INLINE void itn__adopt_plane(const itn__free_space *space, itn__state *s, itn__ints mask) {
+    itn__floats inverse = 1 / itn__root(itn__vdot(space->n, space->n));
+    itn__vectors up = itn__vscale(space->n, inverse);
+    mask &= space->under;
+    s->up = itn__vselect(mask, up, s->up);
+    s->level = itn__select(mask, itn__vdot(up, space->centre) + space->middle * inverse, s->level);
+}
+
 /* Looks around for the unsure lanes. Returns those whose flight turns out free; the others wait. */
 ITN__INLINE itn__ints itn__make_sure(itn__crowd *crowd, itn__lanes_walk *walk, itn__vectors q,
-                                     itn__floats *nq) {
+                                     itn__floats *nq, int features) {
     itn__ints unsure = itn__bits_mask(walk->unsure), safe;
+    int looks = itn__looks_ahead(crowd, features);
     itn__look_around(crowd->fast->voxels, walk->s.p, unsure, &walk->space);
+    if (looks) itn__adopt_plane(&walk->space, &walk->s, unsure);
     safe = unsure & itn__free_flight(&walk->space, q, walk->s.d, nq);
     if (crowd->fast->unsafe) safe = itn__splat_int(0);
     walk->waiting |= walk->unsure & ~itn__mask_bits(safe);
@@ -8227,13 +8548,15 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
             if (!(walk.busy | walk.unsure)) return;
             if (!walk.unsure && held == itn__count_bits(walk.busy) && held < ITN__LANES / 2 &&
                 (crowd->exact[substance].count || itn__unit_paths_left(crowd))) {
+                walk.s.cell = itn__select_int(itn__less(walk.space.half, itn__splat(0)),
+                                              itn__splat_int(-1), walk.space.cell);
                 itn__append(queue, &walk.s, walk.busy, features); /* for the next turn */
                 return;
             }
         }
         safe = itn__fly(crowd, substance, &walk, &q, &nq, features);
         if (itn__count_bits(walk.unsure) >= ITN__QUARTER || !itn__mask_bits(safe))
-            safe |= itn__make_sure(crowd, &walk, q, &nq);
+            safe |= itn__make_sure(crowd, &walk, q, &nq, features);
         walk.s.p = itn__vselect(safe, q, walk.s.p);
         walk.space.np = itn__select(safe, nq, walk.space.np);
         moved = itn__mask_bits(safe);
@@ -8524,7 +8847,7 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
         float *w = itn__float_row(queue, ITN__BETA + c) + at;
         largest = itn__max(largest, *w *= transmittance);
     }
-    itn__book(crowd, queue, at, substance, itn__max(hit->t, 0));
+    itn__book_item(crowd, queue, at, substance, itn__max(hit->t, 0));
     if (!scene->objects[object].closed ||
         itn__beyond(scene, fast->theta, place, object, &after) || !(largest > floor_weight) ||
         (scene->objects[object].surface >= 0 &&
@@ -8541,6 +8864,18 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
         itn__float_row(&crowd->exact[substance], ITN__DISTANCE)[to] =
             floor_weight > 0 ? logf(largest / floor_weight) *
                                    fast->substances[substance].mean_free_path : INFINITY;
+}
+
+/* Marks a path, of each two one, that arrives at a face from within a substance. */
+static void itn__mark_face(const itn__crowd *crowd, const itn__queue *queue, int at,
+                           float cosine) {
+    itn__path *path = &crowd->paths[itn__row(queue, ITN__SLOT)[at]];
+    int substance = itn__substance_of(crowd->fast, &path->place), c;
+    float weight[3];
+    if (!substance || path->mark >= 0 || !(itn__row(queue, ITN__KEY + 1)[at] & 1)) return;
+    for (c = 0; c < 3; c++) weight[c] = itn__float_row(queue, ITN__BETA + c)[at];
+    itn__mark(crowd, path, substance, (int)fminf(cosine * ITN__FACES, ITN__FACES - 1), 0, cosine,
+              weight);
 }
 
 /* A path is put into the queue of the surface's stage, or through an index-matched boundary. */
@@ -8569,8 +8904,9 @@ static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hi
         for (c = 0; c < 3; c++) /* also where only one counts: roulette looks at all */
             itn__float_row(queue, ITN__BETA + c)[at] *= expf(-sigma_t * itn__max(hit->t, 0));
     }
-    itn__book(crowd, queue, at, itn__substance_of(fast, place), itn__max(hit->t, 0));
+    itn__book_item(crowd, queue, at, itn__substance_of(fast, place), itn__max(hit->t, 0));
     if (itn__dot(n, d) > 0) n = itn__scale(n, -1);
+    if (fast->learning) itn__mark_face(crowd, queue, at, -itn__dot(n, d));
     point = itn__hit_point(scene->bvh, hit);
     itn__set_vector(queue, ITN__POSITION, at, point);
     itn__set_vector(queue, ITN__UP, at, n);
@@ -8623,7 +8959,6 @@ ITN__INLINE void itn__collide_and_depart(itn__crowd *crowd, int substance, itn__
 /* Paths with Sobol draws to come fly from the surface they have come through. */
 ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) {
     itn__queue *queue = &crowd->early[substance], *exact = &crowd->exact[substance];
-    const float mean_free_path = crowd->fast->substances[substance].mean_free_path;
     itn__queue *taken = &crowd->taken, swapped = *taken;
     itn__free_space space;
     int i;
@@ -8634,12 +8969,11 @@ ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) 
         itn__ints mask = itn__first_lanes(queue->count - i), alive, safe;
         itn__floats distance, nq;
         itn__vectors q;
-        alive = itn__vroulette(crowd, substance, &s, mask, 1, features);
+        distance = itn__splat(0);
+        alive = itn__take_off(crowd, substance, &s, mask, &distance, 1, features);
         itn__end_lanes(crowd, substance, &s, itn__mask_bits(mask & ~alive), features);
-        distance = itn__vflight(crowd, &s, alive, mean_free_path, 1, features);
         q = itn__valong(s.p, distance, s.d);
         itn__look_around(crowd->fast->voxels, s.p, alive, &space);
-        if (itn__scored(crowd, features)) itn__expect(crowd, substance, &s, alive, features);
         safe = alive & itn__free_flight(&space, q, s.d, &nq);
         space.np = nq;
         if (crowd->fast->unsafe) safe = itn__splat_int(0);
@@ -8699,9 +9033,9 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
             if (crowd->hits[k].triangle >= 0)
                 itn__meet(crowd, queue, k, &crowd->hits[k]);
             else if (!(slot & ITN__LINK) && itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
-                itn__book(crowd, queue, k, substance, 0), itn__move(queue, k, &crowd->sky);
+                itn__book_item(crowd, queue, k, substance, 0), itn__move(queue, k, &crowd->sky);
             else if (!(slot & ITN__LINK)) /* no way out of the medium */
-                itn__book(crowd, queue, k, substance, 0), itn__drop(crowd, queue, k);
+                itn__book_item(crowd, queue, k, substance, 0), itn__drop(crowd, queue, k);
             else if (itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
                 itn__unpark(crowd, slot & ~ITN__LINK);
             else
@@ -8812,18 +9146,14 @@ ITN__INLINE void itn__leave_surface(itn__crowd *crowd, const itn__state *s, itn_
 }
 
 /* What paths that leave a dielectric boundary in direction o (of local coordinates) are expected to
-   bring, per weight before: V just below the face, or outside the light, which is everywhere the
-   same. */
+   bring, per weight before: V at the face, or outside the light, which is everywhere the same. */
 ITN__INLINE itn__floats itn__prospect(const itn__crowd *crowd, itn__vectors o, itn__floats alpha,
-                                      itn__floats eta, itn__ints mask, int c) {
+                                      itn__floats eta, int c) {
+    const itn__outlook *outlook = &crowd->fast->outlooks[crowd->fast->foresees];
     itn__ints outside = ~(itn__less(itn__splat(0), o.z) ^ itn__less(itn__splat(1), eta));
-    itn__ints side = itn__to_ints(itn__least(itn__most(
-        ITN__DIRECTIONS / 2 * (1 - itn__absolute(o.z)), itn__splat(0)),
-        itn__splat(ITN__DIRECTIONS - 1)));
-    itn__floats inner = itn__gather(crowd->fast->expected + c * ITN__SITUATIONS, side, mask,
-                                    itn__splat(0));
     return itn__vsmith(o, alpha) *
-           itn__select(outside, itn__splat(crowd->fast->constant[c]), inner);
+           itn__select(outside, itn__splat(crowd->fast->constant[c]),
+                       itn__power_sum(outlook->entering[c], itn__absolute(o.z)));
 }
 
 /* Which way a path goes at a boundary is chance of known odds. What it is expected to bring on the
@@ -8835,10 +9165,9 @@ ITN__INLINE void itn__foresee(itn__crowd *crowd, const itn__state *s, itn__vecto
     int c;
     unsigned bits;
     for (c = 0; c < itn__colours(features) && c < crowd->fast->channels; c++) {
-        itn__floats taken = itn__select(ok, itn__prospect(crowd, o, alpha, eta, mask, c),
-                                        itn__splat(0));
+        itn__floats taken = itn__select(ok, itn__prospect(crowd, o, alpha, eta, c), itn__splat(0));
         itn__floats gain = s->beta[c] * odds *
-                           (itn__prospect(crowd, other, alpha, eta, mask, c) - taken);
+                           (itn__prospect(crowd, other, alpha, eta, c) - taken);
         for (bits = itn__mask_bits(mask & itn__less(itn__splat(0), odds)); bits; bits &= bits - 1) {
             int k = itn__lowest_bit(bits), slot = ITN__LANE(s->slot, k);
             itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot), c,
@@ -8884,7 +9213,7 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
         if (itn__scored(crowd, features) && crowd->fast->rough_scores)
             itn__book_rough(crowd, &s.slot, at, itn__vrough_score(i, o, alpha, eta),
                             itn__mask_bits(ok & rough), 0);
-        if (itn__scored(crowd, features)) { /* a reflected path has the medium behind the normal */
+        if (itn__knows_depth(features)) { /* a reflected path has the medium behind the normal */
             itn__floats turned = itn__select(itn__less(o.z, itn__splat(0)), itn__splat(1),
                                              itn__splat(-1));
             s.up = itn__vscale(s.up, turned), s.level = s.level * turned;
@@ -8952,14 +9281,16 @@ static void itn__trace_item(itn__crowd *crowd, int k, int alive) {
 /* Outside of media: the tree tells what comes next. */
 ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
     itn__queue *queue = &crowd->taken, swapped = crowd->walk[0];
+    itn__floats light[3];
     int at, c, k;
     crowd->walk[0] = *queue, *queue = swapped;
     crowd->walk[0].count = 0;
+    for (c = 0; c < 3; c++) light[c] = itn__splat(crowd->fast->constant[c]);
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__state s = itn__load_state(queue, at, features);
         itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
         links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
-        alive = itn__vroulette(crowd, 0, &s, mask & ~links, 1, features) | links;
+        alive = itn__vroulette(crowd, &s, light, mask & ~links, 1, features) | links;
         itn__settle(crowd, &s, itn__mask_bits(mask & ~alive));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
         itn__store_ints(itn__row(queue, ITN__DIMENSION) + at, s.dimension);
@@ -9042,6 +9373,7 @@ static int itn__start_path(itn__crowd *crowd, const itn_ray *ray, uint64_t pixel
     itn__float_row(queue, ITN__PDF)[0] = INFINITY;
     itn__row(queue, ITN__LEFT)[0] = fast->max_scatter ? fast->max_scatter : INT_MAX;
     for (c = ITN__CREDIT; c < ITN__STATE; c++) itn__row(queue, c)[0] = 0; /* the bits of 0.f */
+    itn__row(queue, ITN__CELL)[0] = -1;
     path->mark = -1;
     for (c = 0; c < fast->count; c++) itn__scores_of(crowd, slot)[c] = 0;
     return slot;
@@ -9185,7 +9517,8 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
     crowd->radiance = (float *)itn__allocate(context, paths, (size_t)fast->planes * sizeof(float));
     crowd->scores = (float *)itn__allocate(context, 2 * ITN__CROWD,
                                            (size_t)fast->count * sizeof(float) + 1);
-    crowd->lessons = (double *)itn__allocate(context, 4 * ITN__SITUATIONS, sizeof(double));
+    crowd->lessons = (double *)itn__allocate(context, substances * ITN__LESSON_SUMS,
+                                             sizeof(double));
     if (!queue || !crowd->memory || !crowd->paths || !crowd->free_slots || !crowd->shears ||
         !crowd->hits || !crowd->starts || !crowd->radiance || !crowd->scores || !crowd->lessons)
         return 0;
@@ -9229,6 +9562,17 @@ static void itn__choose_kernel(itn__fast *fast) {
     fast->features = itn__kernels[k];
 }
 
+/* The decay of V: that of diffusion in the medium. */
+static void itn__decay_make(const itn__substance *substance, int channels, itn__outlook *outlook) {
+    float albedo = 0, reduced;
+    int c;
+    for (c = 0; c < channels; c++) albedo += substance->albedo[c] / (float)channels;
+    reduced = 1 - substance->g * albedo;
+    memset(outlook, 0, sizeof *outlook);
+    outlook->decay = sqrtf(3 * (1 - albedo) * reduced);
+    outlook->decay = itn__clamp(outlook->decay, .1f * fminf(reduced, 1), .95f / (ITN__DECAYS - 1));
+}
+
 /* The numbers of all media at theta, and what is known of the lights. */
 static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float *theta,
                             itn__substance *substances, const itn__tables *tables) {
@@ -9244,7 +9588,7 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
         substance->g = theta[scene->media[i].g];
         for (c = 0; c < 3; c++)
             substance->albedo[c] = theta[scene->media[i].albedo + (c < fast->channels ? c : 0)];
-        substance->depth_scale = 4 * substance->sigma_t * (1 - .9f * fabsf(substance->g));
+        itn__decay_make(substance, fast->channels, &fast->outlooks[1 + i]);
         substance->slot_sigma_t = fast->count ? fast->slots[scene->media[i].sigma_t] : -1;
         substance->slot_g = fast->count ? fast->slots[scene->media[i].g] : -1;
         for (c = 0; c < fast->channels; c++)
@@ -9268,7 +9612,7 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     fast->link_weight = (float)(ITN__LINK_LEVEL * level / (4 * (double)ITN__PI));
     level = level / (4 * (double)ITN__PI) + fast->constant[0] + fast->constant[1] +
             fast->constant[2];
-    fast->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 20) : 1;
+    fast->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
     fast->planes = fast->channels * (1 + fast->count);
     itn__choose_kernel(fast);
 }
@@ -9784,12 +10128,12 @@ static itn_result itn__render_tables(const itn__render *render, const itn__table
 
 enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from */
 
-/* Whether itn__foresee pays: one solid of glass in light that is everywhere the same, and many
-   paths. */
+/* Whether V is good enough to foresee what paths bring: one medium in light that is everywhere the
+   same, and many paths. */
 static int itn__can_foresee(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
     double paths = (double)scene->film.width * scene->film.height * fast->spp * fast->walks;
-    return fast->only_constant && scene->object_count == 1 && scene->objects[0].refracts &&
+    return fast->only_constant && scene->medium_count == 1 && !fast->max_scatter &&
            paths >= 8 * ITN__LESSONS;
 }
 
@@ -9806,7 +10150,7 @@ static void itn__fast_make(const itn__render *render, const itn__tables *tables,
         if (scene->surfaces[k].type == ITN_SURFACE_DIELECTRIC && scene->surfaces[k].alpha >= 0)
             fast->rough_scores |= render->slots[scene->surfaces[k].alpha] >= 0;
     itn__fast_begin(fast, scene, render->theta, substances, tables);
-    fast->foresees = itn__can_foresee(fast);
+    fast->foresees = itn__can_foresee(fast) && (render->baseline || !render->count);
 }
 
 /* Mean of what is kept, number k, of pixel i, and the variance of the mean. */
@@ -9846,16 +10190,69 @@ static void itn__fold(const itn__picture *picture, double *sums) {
         }
 }
 
-/* Learns V from a few paths, which are not used for anything else: whatever they teach, the
-   picture's derivatives stay unbiased. expected: [3][ITN__SITUATIONS]. */
-static itn_result itn__learn_expected(itn__picture *picture, float *expected, itn_error *error) {
+/* Coefficients by powers of mu from those by P_l, each times factor[l]. */
+static void itn__powers(const double *legendre, const double *factor, float *power) {
+    double p[3][ITN__ORDERS] = {{1}, {0, 1}}, sum[ITN__ORDERS] = {0};
+    int l, k;
+    for (l = 0; l < ITN__ORDERS; l++) {
+        for (k = 0; k < ITN__ORDERS && l > 1; k++)
+            p[l % 3][k] = ((2 * l - 1) * (k ? p[(l + 2) % 3][k - 1] : 0) -
+                           (l - 1) * p[(l + 1) % 3][k]) / l;
+        for (k = 0; k < ITN__ORDERS; k++) sum[k] += legendre[l] * factor[l] * p[l % 3][k];
+    }
+    for (k = 0; k < ITN__ORDERS; k++) power[k] = (float)sum[k];
+}
+
+/* V of channel c from its coefficients. */
+static void itn__outlook_set(itn__outlook *outlook, int c, const double *terms, double g) {
+    double one[ITN__ORDERS], mean[ITN__ORDERS], slope[ITN__ORDERS];
+    int i, l;
+    for (l = 0; l < ITN__ORDERS; l++) {
+        one[l] = 1, mean[l] = pow(g, l); /* the mean of P_l over new directions is g^l P_l */
+        slope[l] = l ? l * pow(g, l - 1) : 0;
+    }
+    for (i = 0; i < ITN__DECAYS; i++, terms += ITN__ORDERS) {
+        itn__powers(terms, one, outlook->flying[c][i]);
+        itn__powers(terms, mean, outlook->scattered[c][i]);
+        itn__powers(terms, slope, outlook->by_g[c][i]);
+        for (l = 0; l < ITN__ORDERS; l++) outlook->entering[c][l] += outlook->flying[c][i][l];
+    }
+}
+
+/* The least-squares fit of one substance. Returns 0 if there were no lessons. */
+static int itn__fit_outlook(const itn__fast *fast, int substance, const double *sums) {
+    itn__outlook *outlook = &fast->outlooks[substance];
+    double factor[ITN__TERMS * ITN__TERMS], terms[ITN__TERMS], unit = fast->lesson_unit;
+    int c, i, j, n = ITN__TERMS;
+    if (!(sums[0] > 0)) return 0;
+    for (i = 0; i < n; i++) {
+        for (j = 0; j <= i; j++) factor[i * n + j] = sums[i * (n + 3) + j];
+        factor[i * n + i] += ITN__RIDGE * sums[0];
+    }
+    if (!itn__cholesky(factor, n)) return 0;
+    for (c = 0; c < fast->channels; c++) {
+        for (i = 0; i < n; i++) terms[i] = sums[i * (n + 3) + n + c] * unit * ITN__TERM_STEPS;
+        itn__cholesky_solve(factor, n, terms);
+        itn__outlook_set(outlook, c, terms, fast->substances[substance].g);
+        for (i = 0; i < ITN__FACES; i++) {
+            const double *face = sums + ITN__NORMAL_SUMS + 4 * i;
+            outlook->at_face[c][i] = face[3] > 0 ? (float)(face[c] * unit / face[3]) : 0;
+        }
+    }
+    return 1;
+}
+
+/* Learns V from a few paths, which are not used for anything else: whatever they teach, pictures
+   stay unbiased. */
+static itn_result itn__learn_outlooks(itn__picture *picture, itn_error *error) {
     itn__picture school = *picture;
     itn__fast *fast = &school.fast;
-    const itn_film_desc *film = &fast->scene->film;
-    double pixels = (double)film->width * film->height, lessons, all[3] = {0, 0, 0}, total = 0;
+    double pixels;
     itn_result result;
-    int i, k, c;
+    int i, k, substance, learnt = 0;
+    pixels = (double)fast->scene->film.width * fast->scene->film.height;
     fast->learning = 1, fast->foresees = 0, fast->seed = itn__mix64(fast->seed + 1);
+    fast->count = 0, fast->planes = fast->channels, fast->rough_scores = 0, school.weights = NULL;
     itn__choose_kernel(fast);
     if (pixels > ITN__LESSONS / 4) fast->walks = 1;
     fast->spp = (int)itn__max(1, (float)(ITN__LESSONS / (pixels * fast->walks)));
@@ -9863,20 +10260,14 @@ static itn_result itn__learn_expected(itn__picture *picture, float *expected, it
     fast->blocks = itn__sample_blocks(fast);
     result = itn__picture_begin(&school, error);
     if (!result) result = itn__picture_run(&school, NULL, error);
-    for (k = 0; k < ITN__SITUATIONS && !result; k++)
-        for (c = 0; c < fast->channels; c++) {
-            double sum = 0;
-            for (lessons = 0, i = 0; i < school.crowd_count; i++) {
-                sum += school.crowds[i].lessons[c * ITN__SITUATIONS + k];
-                lessons += school.crowds[i].lessons[3 * ITN__SITUATIONS + k];
-            }
-            expected[c * ITN__SITUATIONS + k] =
-                lessons > 0 ? (float)(sum * fast->lesson_unit / lessons) : 0;
-            all[c] += sum, total += c ? 0 : lessons;
-        }
-    for (c = 0; c < 3 && total > 0; c++)
-        picture->fast.usual[c] = (float)(all[c] * fast->lesson_unit / total);
-    if (!(total > 0)) picture->fast.foresees = 0; /* nothing scatters: nothing has been learnt */
+    for (substance = 1; substance <= fast->scene->medium_count && !result; substance++) {
+        double *sums = school.crowds[0].lessons + (size_t)substance * ITN__LESSON_SUMS;
+        for (i = 1; i < school.crowd_count; i++)
+            for (k = 0; k < ITN__LESSON_SUMS; k++)
+                sums[k] += school.crowds[i].lessons[(size_t)substance * ITN__LESSON_SUMS + k];
+        learnt |= itn__fit_outlook(&picture->fast, substance, sums);
+    }
+    if (!learnt) picture->fast.foresees = 0; /* nothing scatters */
     itn__picture_end(&school);
     return result;
 }
@@ -9889,19 +10280,19 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
     const itn__tables *tables;
     itn__tables *own;
     itn__substance *substances;
-    float expected[3 * ITN__SITUATIONS];
     itn_result result = itn__render_tables(render, &tables, &own, error);
     if (result) return result;
     memset(&picture, 0, sizeof picture);
-    memset(expected, 0, sizeof expected);
-    picture.fast.scene = scene, picture.fast.expected = expected;
+    picture.fast.scene = scene;
     picture.weights = render->weights;
     substances = (itn__substance *)itn__allocate(&scene->context, (size_t)scene->medium_count + 1,
                                                  sizeof *substances);
-    if (substances) {
+    picture.fast.outlooks = (itn__outlook *)itn__allocate(
+        &scene->context, (size_t)scene->medium_count + 1, sizeof *picture.fast.outlooks);
+    if (substances && picture.fast.outlooks) {
         itn__fast_make(render, tables, substances, &picture.fast);
         if (render->baseline || picture.fast.foresees)
-            result = itn__learn_expected(&picture, expected, error);
+            result = itn__learn_outlooks(&picture, error);
         if (!result) result = itn__picture_begin(&picture, error);
     } else {
         result = itn__out_of_memory(error, "a render");
@@ -9910,6 +10301,7 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
     if (!result && image) itn__develop(&picture, image);
     if (!result && sums) itn__fold(&picture, sums);
     itn__picture_end(&picture);
+    itn__free(&scene->context, picture.fast.outlooks);
     itn__free(&scene->context, substances);
     itn__tables_free(&scene->context, own);
     return result;
@@ -11583,37 +11975,6 @@ typedef struct itn__refiner {
     double misfit;
     float *moments[2];   /* [count] of Adam */
 } itn__refiner;
-
-/* In-place Cholesky factor of a symmetric matrix (lower triangle). Returns 0 if it is not positive
-   definite. */
-static int itn__cholesky(double *a, int n) {
-    int i, j, k;
-    for (j = 0; j < n; j++) {
-        double pivot = a[j * n + j];
-        for (k = 0; k < j; k++) pivot -= a[j * n + k] * a[j * n + k];
-        if (!(pivot > 1e-12 * fabs(a[j * n + j]))) return 0;
-        a[j * n + j] = sqrt(pivot);
-        for (i = j + 1; i < n; i++) {
-            double sum = a[i * n + j];
-            for (k = 0; k < j; k++) sum -= a[i * n + k] * a[j * n + k];
-            a[i * n + j] = sum / a[j * n + j];
-        }
-    }
-    return 1;
-}
-
-/* Solves L L^T x = b in place. */
-static void itn__cholesky_solve(const double *factor, int n, double *x) {
-    int i, k;
-    for (i = 0; i < n; i++) {
-        for (k = 0; k < i; k++) x[i] -= factor[i * n + k] * x[k];
-        x[i] /= factor[i * n + i];
-    }
-    for (i = n - 1; i >= 0; i--) {
-        for (k = i + 1; k < n; k++) x[i] -= factor[k * n + i] * x[k];
-        x[i] /= factor[i * n + i];
-    }
-}
 
 /* Sets parameters from coordinates. */
 static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
