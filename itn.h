@@ -10134,7 +10134,7 @@ static int itn__can_foresee(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
     double paths = (double)scene->film.width * scene->film.height * fast->spp * fast->walks;
     return fast->only_constant && scene->medium_count == 1 && !fast->max_scatter &&
-           paths >= 8 * ITN__LESSONS;
+           paths >= 4 * ITN__LESSONS;
 }
 
 /* What the fast walk is to do. */
