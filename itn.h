@@ -3215,7 +3215,7 @@ ITN__INLINE int itn__facet(itn_vec3 i, itn_vec3 o, float eta, itn__dual3 *m) {
 }
 
 /* f cos theta_o of a rough boundary; local parameters 0: alpha, 1: eta. pdf receives the density
-   with which itn__sample_rough draws o. 0 where there is no such facet. */
+   with which itn__sample_dielectric draws o. 0 where there is no such facet. */
 ITN__INLINE itn__dual itn__rough(itn_vec3 i, itn_vec3 o, float alpha_value, float eta_value,
                                  float *pdf) {
     itn__dual alpha = itn__variable(alpha_value, 0), eta = itn__variable(eta_value, 1);
@@ -7440,7 +7440,7 @@ typedef struct itn__crowd {
     itn__unit unit;
     itn__queue *walk, *exact; /* per substance; those of substance 0: vacuum, and no exact */
     itn__queue *early;        /* the same for paths with Sobol draws to come */
-    itn__queue taken, boundary, diffuse, sky;
+    itn__queue taken, boundary, diffuse, sky, parking;
     itn__path *paths;         /* [ITN__CROWD] */
     int32_t *free_slots, *index, *scramble; /* [ITN__CROWD]; Sobol index and seed by slot */
     int free_count;
@@ -7502,18 +7502,22 @@ ITN__INLINE itn__ints itn__first_lanes(int count) {
     return itn__int_less(itn__lane_numbers(), itn__splat_int(count));
 }
 
+/* Fills the lanes named by `bits` with items at, at + 1, ... of a queue; the others stay. */
+ITN__INLINE void itn__expand_vectors(const itn__queue *queue, int field, int at, itn__vectors *v,
+                                     unsigned bits) {
+    v->x = itn__expand(itn__float_row(queue, field) + at, v->x, bits);
+    v->y = itn__expand(itn__float_row(queue, field + 1) + at, v->y, bits);
+    v->z = itn__expand(itn__float_row(queue, field + 2) + at, v->z, bits);
+}
+
 /* Fills the lanes named by `bits` with the last items of a queue; the others stay. */
 ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int features) {
     int at = queue->count -= itn__count_bits(bits), c;
 #define ITN__PULL(lanes, field) lanes = itn__expand(itn__float_row(queue, field) + at, lanes, bits)
 #define ITN__PULL_INTS(lanes, field)                                                               \
     lanes = itn__expand_ints(itn__row(queue, field) + at, lanes, bits)
-    ITN__PULL(s->p.x, ITN__POSITION);
-    ITN__PULL(s->p.y, ITN__POSITION + 1);
-    ITN__PULL(s->p.z, ITN__POSITION + 2);
-    ITN__PULL(s->d.x, ITN__DIRECTION);
-    ITN__PULL(s->d.y, ITN__DIRECTION + 1);
-    ITN__PULL(s->d.z, ITN__DIRECTION + 2);
+    itn__expand_vectors(queue, ITN__POSITION, at, &s->p, bits);
+    itn__expand_vectors(queue, ITN__DIRECTION, at, &s->d, bits);
     s->key0 = itn__int_words(itn__expand_ints(itn__row(queue, ITN__KEY) + at,
                                               itn__word_ints(s->key0), bits));
     s->key1 = itn__int_words(itn__expand_ints(itn__row(queue, ITN__KEY + 1) + at,
@@ -7527,9 +7531,7 @@ ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int 
     if (features & ITN__LIGHTS) ITN__PULL(s->pdf, ITN__PDF);
     if (features & ITN__LIMIT) ITN__PULL_INTS(s->left, ITN__LEFT);
     if (itn__knows_depth(features)) {
-        ITN__PULL(s->up.x, ITN__UP);
-        ITN__PULL(s->up.y, ITN__UP + 1);
-        ITN__PULL(s->up.z, ITN__UP + 2);
+        itn__expand_vectors(queue, ITN__UP, at, &s->up, bits);
         ITN__PULL(s->level, ITN__LEVEL);
         ITN__PULL_INTS(s->cell, ITN__CELL);
     }
@@ -7658,6 +7660,12 @@ ITN__INLINE float *itn__scores_of(const itn__crowd *crowd, int slot) {
     return crowd->scores + (size_t)row * (size_t)crowd->fast->count;
 }
 
+/* What path `number` has brought home: plane 0 and on are radiance, by channels, then derivatives,
+   by parameters and channels. */
+ITN__INLINE float *itn__sum_of(const itn__crowd *crowd, int plane, int number) {
+    return crowd->radiance + (size_t)plane * (size_t)crowd->radiance_stride + (size_t)number;
+}
+
 /* A link begins with the scores of its path. */
 static void itn__copy_scores(const itn__crowd *crowd, int slot) {
     size_t bytes = (size_t)crowd->fast->count * sizeof(float);
@@ -7668,12 +7676,11 @@ static void itn__copy_scores(const itn__crowd *crowd, int slot) {
 static void itn__bring_home(itn__crowd *crowd, int number, const float *scores, int c,
                             float value) {
     const itn__fast *fast = crowd->fast;
-    size_t stride = (size_t)crowd->radiance_stride;
-    float *derivative = crowd->radiance + (size_t)(fast->channels + c) * stride + number;
     int k;
-    crowd->radiance[(size_t)c * stride + (size_t)number] += value;
-    for (k = 0; k < fast->count; k++, derivative += (size_t)fast->channels * stride)
-        if (fast->only[k] < 0 || fast->only[k] == c) *derivative += value * scores[k];
+    *itn__sum_of(crowd, c, number) += value;
+    for (k = 0; k < fast->count; k++)
+        if (fast->only[k] < 0 || fast->only[k] == c)
+            *itn__sum_of(crowd, fast->channels * (1 + k) + c, number) += value * scores[k];
 }
 
 /* What a path has gathered since the last surface. */
@@ -7685,16 +7692,15 @@ typedef struct itn__gathered {
 /* Takes the bases from the derivatives of path `number`, in channel c. */
 static void itn__pay(itn__crowd *crowd, int number, const itn__substance *medium,
                      const itn__gathered *g, int c) {
-    const itn__fast *fast = crowd->fast;
-    size_t stride = (size_t)fast->channels * (size_t)crowd->radiance_stride;
-    float *derivative = crowd->radiance + number +
-                        (size_t)(fast->channels + c) * (size_t)crowd->radiance_stride;
+    int channels = crowd->fast->channels;
     if (medium->slot_sigma_t >= 0)
-        derivative[(size_t)medium->slot_sigma_t * stride] -= g->flight_base[c] / medium->sigma_t;
+        *itn__sum_of(crowd, channels * (1 + medium->slot_sigma_t) + c, number) -=
+            g->flight_base[c] / medium->sigma_t;
     if (medium->slot_g >= 0)
-        derivative[(size_t)medium->slot_g * stride] -= g->phase_base[c];
+        *itn__sum_of(crowd, channels * (1 + medium->slot_g) + c, number) -= g->phase_base[c];
     if (medium->slot_albedo[c] >= 0)
-        derivative[(size_t)medium->slot_albedo[c] * stride] -= g->hit_base[c] / medium->albedo[c];
+        *itn__sum_of(crowd, channels * (1 + medium->slot_albedo[c]) + c, number) -=
+            g->hit_base[c] / medium->albedo[c];
 }
 
 /* Books what a path, or with ITN__LINK in its slot its link, has gathered in a substance. */
@@ -7781,9 +7787,8 @@ static void itn__learn(itn__crowd *crowd, const itn__path *path) {
     double term[ITN__TERMS], lesson[3] = {0, 0, 0};
     int c, i, j;
     for (c = 0; c < crowd->fast->channels; c++) {
-        float now = crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride +
-                                    (size_t)path->number];
-        lesson[c] = (double)(now - path->mark_radiance[c]) / path->mark_weight[c];
+        float brought = *itn__sum_of(crowd, c, path->number) - path->mark_radiance[c];
+        lesson[c] = (double)brought / path->mark_weight[c];
         lesson[c] = floor(lesson[c] / crowd->fast->lesson_unit);
         if (!(lesson[c] > 0)) lesson[c] = 0;
         lesson[c] = fmin(lesson[c], ITN__LARGEST_LESSON);
@@ -7810,22 +7815,23 @@ static void itn__free_lanes(itn__crowd *crowd, itn__ints slot, unsigned bits) {
     for (; bits; bits &= bits - 1)
         itn__free_slot(crowd, ITN__LANE(slot, itn__lowest_bit(bits)));
 }
-/* Paths that end are paid their credit. */
-ITN__INLINE void itn__settle(itn__crowd *crowd, const itn__state *s, unsigned bits) {
+/* Pays a path its credit in channel c, as it ends. */
+ITN__INLINE void itn__settle(itn__crowd *crowd, int slot, int c, float credit) {
+    itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot), c, credit);
+}
+ITN__INLINE void itn__settle_lanes(itn__crowd *crowd, const itn__state *s, unsigned bits) {
     int c;
     for (; bits && crowd->fast->foresees; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), slot = ITN__LANE(s->slot, k);
+        int k = itn__lowest_bit(bits);
         for (c = 0; c < crowd->fast->channels; c++)
-            itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot), c,
-                            ITN__LANE(s->credit[c], k));
+            itn__settle(crowd, ITN__LANE(s->slot, k), c, ITN__LANE(s->credit[c], k));
     }
 }
 /* Ends the path of an item of a queue. */
 static void itn__drop(itn__crowd *crowd, const itn__queue *queue, int at) {
     int slot = itn__row(queue, ITN__SLOT)[at], c;
     for (c = 0; c < crowd->fast->channels && crowd->fast->foresees; c++)
-        itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot), c,
-                        itn__float_row(queue, ITN__CREDIT + c)[at]);
+        itn__settle(crowd, slot, c, itn__float_row(queue, ITN__CREDIT + c)[at]);
     itn__free_slot(crowd, slot);
 }
 /* What lane k has gathered. */
@@ -7842,12 +7848,13 @@ ITN__INLINE itn__gathered itn__gathered_in(const itn__state *s, int k, int featu
     }
     return g;
 }
-/* The same for paths that end in a substance. */
+/* Ends the paths of lanes in a substance. */
 ITN__INLINE void itn__end_lanes(itn__crowd *crowd, int substance, const itn__state *s,
                                 unsigned bits, int features) {
-    unsigned rest = bits;
-    if (!itn__scored(crowd, features) || !crowd->fast->count) itn__settle(crowd, s, bits);
-    for (; rest && itn__scored(crowd, features) && crowd->fast->count; rest &= rest - 1) {
+    int booked = itn__scored(crowd, features) && crowd->fast->count;
+    unsigned rest = booked ? bits : 0;
+    if (!booked) itn__settle_lanes(crowd, s, bits);
+    for (; rest; rest &= rest - 1) {
         int k = itn__lowest_bit(rest);
         itn__gathered g = itn__gathered_in(s, k, features);
         itn__book(crowd, ITN__LANE(s->slot, k), substance, &g);
@@ -8206,8 +8213,7 @@ static void itn__mark(const itn__crowd *crowd, itn__path *path, int substance, i
     path->mark_depth = depth, path->mark_cosine = cosine;
     for (c = 0; c < crowd->fast->channels; c++) {
         path->mark_weight[c] = weight[c];
-        path->mark_radiance[c] = crowd->radiance[(size_t)c * (size_t)crowd->radiance_stride +
-                                                 (size_t)path->number];
+        path->mark_radiance[c] = *itn__sum_of(crowd, c, path->number);
     }
 }
 /* Marks paths about to fly; of each two (by key) one, after a number of collisions that its key
@@ -8239,43 +8245,14 @@ ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const i
 
 /* Puts the lanes' paths aside until their links are done. */
 static void itn__park(itn__crowd *crowd, const itn__state *s, unsigned bits, int features) {
-    int32_t rows[ITN__STATE][ITN__LANES];
-    int c, f;
-    itn__store_ints(rows[ITN__POSITION], itn__float_bits(s->p.x));
-    itn__store_ints(rows[ITN__POSITION + 1], itn__float_bits(s->p.y));
-    itn__store_ints(rows[ITN__POSITION + 2], itn__float_bits(s->p.z));
-    itn__store_ints(rows[ITN__DIRECTION], itn__float_bits(s->d.x));
-    itn__store_ints(rows[ITN__DIRECTION + 1], itn__float_bits(s->d.y));
-    itn__store_ints(rows[ITN__DIRECTION + 2], itn__float_bits(s->d.z));
-    itn__store_ints(rows[ITN__KEY], itn__word_ints(s->key0));
-    itn__store_ints(rows[ITN__KEY + 1], itn__word_ints(s->key1));
-    itn__store_ints(rows[ITN__DIMENSION], s->dimension);
-    itn__store_ints(rows[ITN__SLOT], s->slot);
-    for (c = 0; c < 3; c++) {
-        itn__store_ints(rows[ITN__BETA + c],
-                        itn__float_bits(s->beta[c < itn__colours(features) ? c : 0]));
-        itn__store_ints(rows[ITN__CREDIT + c], itn__float_bits(s->credit[c]));
-    }
-    itn__store_ints(rows[ITN__PDF], itn__float_bits(s->pdf));
-    itn__store_ints(rows[ITN__LEFT], s->left);
-    itn__store_ints(rows[ITN__FLIGHTS], itn__float_bits(s->flights));
-    itn__store_ints(rows[ITN__PHASES], itn__float_bits(s->phases));
-    itn__store_ints(rows[ITN__HITS], itn__float_bits(s->hits));
-    itn__store_ints(rows[ITN__UP], itn__float_bits(s->up.x));
-    itn__store_ints(rows[ITN__UP + 1], itn__float_bits(s->up.y));
-    itn__store_ints(rows[ITN__UP + 2], itn__float_bits(s->up.z));
-    itn__store_ints(rows[ITN__LEVEL], itn__float_bits(s->level));
-    itn__store_ints(rows[ITN__CELL], itn__splat_int(-1));
-    for (c = 0; c < 3; c++) {
-        itn__store_ints(rows[ITN__EXPECTED + c], itn__float_bits(s->expected[c]));
-        itn__store_ints(rows[ITN__FLIGHT_BASE + c], itn__float_bits(s->flight_base[c]));
-        itn__store_ints(rows[ITN__PHASE_BASE + c], itn__float_bits(s->phase_base[c]));
-        itn__store_ints(rows[ITN__HIT_BASE + c], itn__float_bits(s->hit_base[c]));
-    }
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-        for (f = 0; f < crowd->walk[0].state; f++) path->parked[f] = rows[f][k];
+    itn__queue *queue = &crowd->parking;
+    itn__state parked = *s;
+    int at, f;
+    parked.cell = itn__splat_int(-1), queue->count = 0;
+    itn__append(queue, &parked, bits, features);
+    for (at = 0; bits; bits &= bits - 1, at++) {
+        itn__path *path = &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(bits))];
+        for (f = 0; f < queue->state; f++) path->parked[f] = itn__row(queue, f)[at];
     }
 }
 /* The same for paths whose links have just been sent from where they are. */
@@ -8773,16 +8750,9 @@ ITN__INLINE void itn__march_begin(const itn__queue *queue, itn__march *m, int fi
                                   unsigned bits) {
     itn__floats one = itn__splat(1);
     int32_t rays[ITN__LANES];
-#define ITN__FILL(lanes, field) \
-    lanes = itn__expand(itn__float_row(queue, field) + first, lanes, bits)
-    ITN__FILL(m->p.x, ITN__POSITION);
-    ITN__FILL(m->p.y, ITN__POSITION + 1);
-    ITN__FILL(m->p.z, ITN__POSITION + 2);
-    ITN__FILL(m->d.x, ITN__DIRECTION);
-    ITN__FILL(m->d.y, ITN__DIRECTION + 1);
-    ITN__FILL(m->d.z, ITN__DIRECTION + 2);
-    ITN__FILL(m->end, ITN__DISTANCE);
-#undef ITN__FILL
+    itn__expand_vectors(queue, ITN__POSITION, first, &m->p, bits);
+    itn__expand_vectors(queue, ITN__DIRECTION, first, &m->d, bits);
+    m->end = itn__expand(itn__float_row(queue, ITN__DISTANCE) + first, m->end, bits);
     itn__store_ints(rays, itn__lane_numbers() + itn__splat_int(first));
     m->ray = itn__expand_ints(rays, m->ray, bits);
     m->t = itn__select(itn__bits_mask(bits), itn__splat(0), m->t);
@@ -8939,14 +8909,15 @@ static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hi
     }
 }
 
-/* Collisions of lanes that are not in the walk; their next flights begin there. */
-ITN__INLINE void itn__collide_and_depart(itn__crowd *crowd, int substance, itn__state *s,
-                                         itn__floats distance, itn__ints mask,
+/* Collisions of lanes that are not in the walk, after these distances; their next flights begin
+   there. */
+static void itn__collide_and_depart(itn__crowd *crowd, int substance, itn__state *s,
+                                         const itn__floats *distances, const itn__ints *masks,
                                          const itn__free_space *space, int features) {
-    unsigned bits = itn__mask_bits(mask), on;
+    unsigned bits = itn__mask_bits(*masks), on;
     itn__ints linked;
     if (!bits) return;
-    on = itn__mask_bits(itn__collide(crowd, substance, s, distance, mask, space, &linked, 1,
+    on = itn__mask_bits(itn__collide(crowd, substance, s, *distances, *masks, space, &linked, 1,
                                      features));
     itn__end_lanes(crowd, substance, s, bits & ~on, features);
     if (features & ITN__LIGHTS) {
@@ -8981,7 +8952,7 @@ ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) 
                       itn__mask_bits(alive & ~safe));
         itn__append(exact, &s, itn__mask_bits(alive & ~safe), features);
         s.p = itn__vselect(safe, q, s.p);
-        itn__collide_and_depart(crowd, substance, &s, distance, safe, &space, features);
+        itn__collide_and_depart(crowd, substance, &s, &distance, &safe, &space, features);
     }
     queue->count = 0;
 }
@@ -9041,8 +9012,8 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
             else
                 itn__arrive(crowd, queue, k);
         }
-        itn__collide_and_depart(crowd, substance, &s, distance, itn__bits_mask(free_bits),
-                                NULL, features);
+        mask = itn__bits_mask(free_bits);
+        itn__collide_and_depart(crowd, substance, &s, &distance, &mask, NULL, features);
     }
     queue->count = 0;
 }
@@ -9218,7 +9189,7 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
                                              itn__splat(-1));
             s.up = itn__vscale(s.up, turned), s.level = s.level * turned;
         }
-        itn__settle(crowd, &s, itn__mask_bits(mask & ~ok & ~linked));
+        itn__settle_lanes(crowd, &s, itn__mask_bits(mask & ~ok & ~linked));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~ok & ~linked));
         itn__cross_lanes(crowd, &s.slot, at, itn__mask_bits(ok & itn__less(o.z, itn__splat(0))));
         itn__leave_surface(crowd, &s, ok, linked, features);
@@ -9291,7 +9262,7 @@ ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
         itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
         links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
         alive = itn__vroulette(crowd, &s, light, mask & ~links, 1, features) | links;
-        itn__settle(crowd, &s, itn__mask_bits(mask & ~alive));
+        itn__settle_lanes(crowd, &s, itn__mask_bits(mask & ~alive));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
         itn__store_ints(itn__row(queue, ITN__DIMENSION) + at, s.dimension);
         for (c = 0; c < itn__colours(features); c++) {
@@ -9334,7 +9305,7 @@ ITN__INLINE void itn__run_sky(itn__crowd *crowd, int features) {
             mis = itn__select(itn__less(s.pdf, itn__splat(INFINITY)), mis, itn__splat(1));
             for (c = 0; c < itn__colours(features); c++) sampled[c] = sampled[c] * mis;
         }
-        itn__settle(crowd, &s, itn__mask_bits(mask));
+        itn__settle_lanes(crowd, &s, itn__mask_bits(mask));
         for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
             int k = itn__lowest_bit(bits), slot = ITN__LANE(s.slot, k);
             const itn__path *path = &crowd->paths[slot];
@@ -9418,8 +9389,7 @@ static int itn__start_ray(itn__crowd *crowd, itn__start *start, itn_hit *hit) {
     float u, v;
     if (fast->only_constant && fast->outside && fast->empty[pixel]) {
         for (k = 0; k < fast->walks * fast->channels; k++)
-            crowd->radiance[(size_t)(k % fast->channels) * (size_t)crowd->radiance_stride +
-                            (size_t)(number * fast->walks + k / fast->channels)] =
+            *itn__sum_of(crowd, k % fast->channels, number * fast->walks + k / fast->channels) =
                 fast->constant[k % fast->channels];
         return 0;
     }
@@ -9501,7 +9471,7 @@ static void itn__run_kernel(itn__crowd *crowd) { ITN__KERNELS(ITN__KERNEL) }
 /* Memory of a crowd, in one block. Returns 0 if there is none. */
 static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_paths) {
     const itn_context *context = &fast->scene->context;
-    size_t substances = (size_t)fast->scene->medium_count + 1, queues = 3 * substances + 4, i;
+    size_t substances = (size_t)fast->scene->medium_count + 1, queues = 3 * substances + 5, i;
     size_t rows = (size_t)ITN__FIELDS * ITN__ROW, paths = (size_t)unit_paths;
     itn__queue *queue;
     memset(crowd, 0, sizeof *crowd);
@@ -9529,7 +9499,7 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
     crowd->exact = queue + substances, crowd->early = crowd->exact + substances;
     queue = crowd->early + substances;
     crowd->taken = queue[0], crowd->boundary = queue[1];
-    crowd->diffuse = queue[2], crowd->sky = queue[3];
+    crowd->diffuse = queue[2], crowd->sky = queue[3], crowd->parking = queue[4];
     crowd->index = crowd->free_slots + ITN__CROWD, crowd->scramble = crowd->index + ITN__CROWD;
     for (i = 0; i < ITN__CROWD; i++)
         crowd->free_slots[crowd->free_count++] = (int32_t)(ITN__CROWD - 1 - i);
@@ -10117,12 +10087,11 @@ static void itn__name_planes(const itn_scene *scene, const int *parameters, int 
 }
 
 #ifndef ITN_NO_FAST
-/* The tables that a fast render needs, see itn__tables_get; derivatives want the finer ones. */
+/* The tables that a fast render needs, see itn__tables_get. */
 static itn_result itn__render_tables(const itn__render *render, const itn__tables **tables,
                                      itn__tables **own, itn_error *error) {
     const itn_film_desc *film = &render->scene->film;
     double paths = (double)film->width * film->height * render->spp * render->walks;
-    if (render->count && paths < 1e6) paths = 1e6;
     return itn__tables_get(render->scene, render->theta, paths, tables, own, error);
 }
 
@@ -10219,25 +10188,38 @@ static void itn__outlook_set(itn__outlook *outlook, int c, const double *terms, 
     }
 }
 
-/* The least-squares fit of one substance. Returns 0 if there were no lessons. */
+/* V on arrival at faces: the mean of lessons and of a few times what V inside says. */
+static void itn__fit_faces(const double *faces, double unit, int c, itn__outlook *outlook) {
+    enum { DOUBT = 4 };
+    int i, l;
+    for (i = 0; i < ITN__FACES; i++, faces += 4) {
+        double cosine = -(i + .5) / ITN__FACES, inside = 0;
+        for (l = ITN__ORDERS - 1; l >= 0; l--) inside = inside * cosine + outlook->entering[c][l];
+        outlook->at_face[c][i] = (float)((faces[c] * unit + DOUBT * inside) / (faces[3] + DOUBT));
+    }
+}
+
+/* The least-squares fit of one substance; it says how V differs from its mean. Returns 0 if there
+   were no lessons. */
 static int itn__fit_outlook(const itn__fast *fast, int substance, const double *sums) {
     itn__outlook *outlook = &fast->outlooks[substance];
-    double factor[ITN__TERMS * ITN__TERMS], terms[ITN__TERMS], unit = fast->lesson_unit;
-    int c, i, j, n = ITN__TERMS;
+    const double step = ITN__TERM_STEPS, unit = fast->lesson_unit * step;
+    double factor[ITN__TERMS * ITN__TERMS], terms[ITN__TERMS], mean;
+    int c, i, j, n = ITN__TERMS, width = ITN__TERMS + 3;
     if (!(sums[0] > 0)) return 0;
     for (i = 0; i < n; i++) {
-        for (j = 0; j <= i; j++) factor[i * n + j] = sums[i * (n + 3) + j];
+        for (j = 0; j <= i; j++) factor[i * n + j] = sums[i * width + j];
         factor[i * n + i] += ITN__RIDGE * sums[0];
     }
     if (!itn__cholesky(factor, n)) return 0;
     for (c = 0; c < fast->channels; c++) {
-        for (i = 0; i < n; i++) terms[i] = sums[i * (n + 3) + n + c] * unit * ITN__TERM_STEPS;
+        mean = sums[n + c] * unit / sums[0];
+        for (i = 0; i < n; i++)
+            terms[i] = sums[i * width + n + c] * unit - mean * sums[i * width];
         itn__cholesky_solve(factor, n, terms);
+        terms[0] += mean;
         itn__outlook_set(outlook, c, terms, fast->substances[substance].g);
-        for (i = 0; i < ITN__FACES; i++) {
-            const double *face = sums + ITN__NORMAL_SUMS + 4 * i;
-            outlook->at_face[c][i] = face[3] > 0 ? (float)(face[c] * unit / face[3]) : 0;
-        }
+        itn__fit_faces(sums + ITN__NORMAL_SUMS, fast->lesson_unit, c, outlook);
     }
     return 1;
 }

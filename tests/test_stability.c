@@ -931,8 +931,7 @@ static void test_memory(int planted) {
     theatre_open(&t, 1);
     context.allocate = bank_allocate, context.deallocate = bank_free, context.memory_user = &b;
     stage_need(itn_scene_create(&t.s.desc, &context, &scene, &error), &error);
-    for (which = 0; which < 8; which++) /* the scene keeps its tables */
-        CHECK(call_once(which, &t, &context, scene, 0) == ITN_OK);
+    stage_need(itn_scene_prepare(scene, NULL, NULL, &error), &error); /* it keeps its tables */
     base = b.live;
     for (which = 0; which < 8; which++)
         for (every = 0; every < 2; every++) {
