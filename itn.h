@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.2.0                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.3.0                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -150,7 +150,7 @@
 #include <stdint.h>
 
 #define ITN_VERSION_MAJOR 0
-#define ITN_VERSION_MINOR 2
+#define ITN_VERSION_MINOR 3
 #define ITN_VERSION_PATCH 0
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
@@ -477,10 +477,12 @@ typedef enum itn_sampler {
     ITN_SAMPLER_SOBOL
 } itn_sampler;
 
-/* How derivatives are estimated; all are unbiased. SCORE: a path's radiance times its score
-   (equation 9). BASELINE (fast walk only): of the radiance, what the path was expected to bring is
-   taken off before each choice's score counts, which leaves the mean and takes away variance, most
-   in thin media and at high albedo. AUTO is BASELINE in the fast walk. */
+/* How images and derivatives are estimated; all ways are unbiased. SCORE: what paths bring home, for
+   derivatives times their scores (equation 9). BASELINE (fast walk only): what a path was expected
+   to bring is taken off before the score of each choice counts and, with one medium in light that
+   is everywhere the same and many paths, whatever its choices change in that is taken off too,
+   which leaves the means and takes away variance (single pixels may then be slightly negative).
+   AUTO is BASELINE in the fast walk. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -9127,22 +9129,40 @@ ITN__INLINE itn__floats itn__prospect(const itn__crowd *crowd, itn__vectors o, i
                        itn__power_sum(outlook->entering[c], itn__absolute(o.z)));
 }
 
-/* Which way a path goes at a boundary is chance of known odds. What it is expected to bring on the
-   way it takes, less the mean over both ways, has mean 0: it is taken off, and with it goes most of
-   the noise of the choice. */
-ITN__INLINE void itn__foresee(itn__crowd *crowd, const itn__state *s, itn__vectors o,
-                              itn__vectors other, itn__floats odds, itn__floats alpha,
-                              itn__floats eta, itn__ints mask, itn__ints ok, int features) {
+/* What a facet has in store: which way a path goes there is chance of known odds. */
+typedef struct itn__bounce {
+    itn__vectors taken, other; /* directions, local */
+    itn__floats odds;          /* of the other */
+    itn__ints ok;              /* the one taken goes somewhere */
+} itn__bounce;
+
+/* What paths are expected to bring that turn at a facet, in the mean over both ways; *taken receives
+   it for the way taken. */
+ITN__INLINE itn__floats itn__bounce_prospect(const itn__crowd *crowd, const itn__bounce *bounce,
+                                           itn__floats alpha, itn__floats eta, int c,
+                                           itn__floats *taken) {
+    itn__floats other = itn__prospect(crowd, bounce->other, alpha, eta, c);
+    *taken = itn__select(bounce->ok, itn__prospect(crowd, bounce->taken, alpha, eta, c),
+                         itn__splat(0));
+    other = itn__select(itn__less(itn__splat(0), bounce->odds), other, *taken);
+    return *taken + bounce->odds * (other - *taken);
+}
+
+/* The surprise of a turn at a boundary, which was expected to bring the mean over both ways and
+   over two facets, the one drawn and the one that leans the other way. */
+ITN__INLINE void itn__foresee_bounce(itn__crowd *crowd, const itn__state *s, const itn__bounce *bounce,
+                                   const itn__bounce *twin, itn__floats alpha, itn__floats eta,
+                                   itn__ints mask, int features) {
     int c;
     unsigned bits;
     for (c = 0; c < itn__colours(features) && c < crowd->fast->channels; c++) {
-        itn__floats taken = itn__select(ok, itn__prospect(crowd, o, alpha, eta, c), itn__splat(0));
-        itn__floats gain = s->beta[c] * odds *
-                           (itn__prospect(crowd, other, alpha, eta, c) - taken);
-        for (bits = itn__mask_bits(mask & itn__less(itn__splat(0), odds)); bits; bits &= bits - 1) {
-            int k = itn__lowest_bit(bits), slot = ITN__LANE(s->slot, k);
-            itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot), c,
-                            ITN__LANE(gain, k));
+        itn__floats taken, unused, gain, mean;
+        mean = itn__bounce_prospect(crowd, bounce, alpha, eta, c, &taken);
+        mean = .5f * (mean + itn__bounce_prospect(crowd, twin, alpha, eta, c, &unused));
+        gain = s->beta[c] * (mean - taken);
+        for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
+            int k = itn__lowest_bit(bits);
+            itn__settle(crowd, ITN__LANE(s->slot, k), c, ITN__LANE(gain, k));
         }
     }
 }
@@ -9155,9 +9175,10 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0), ok, rough;
         itn__state s = itn__load_state(queue, at, features);
-        itn__vectors frame[3], i, o, other;
-        itn__floats eta = itn__load(itn__float_row(queue, ITN__ETA) + at), u, v, w, lost, odds;
+        itn__vectors frame[3], i, o;
+        itn__floats eta = itn__load(itn__float_row(queue, ITN__ETA) + at), u, v, w, lost;
         itn__floats alpha = itn__load(itn__float_row(queue, ITN__ALPHA) + at);
+        itn__bounce bounce, twin;
         rough = mask & itn__less(itn__splat(0), alpha);
         frame[2] = itn__load_vectors(queue, ITN__NORMAL, at);
         itn__vframe(frame[2], &frame[0], &frame[1]);
@@ -9166,9 +9187,14 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
             linked = itn__boundary_links(crowd, &s, frame, i, alpha, eta, rough, at, features);
         u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
         w = itn__draw(crowd, &s, mask, 1);
-        ok = mask & itn__vsample_dielectric(i, alpha, eta, u, v, w, &o, &other, &odds);
-        if (crowd->fast->foresees)
-            itn__foresee(crowd, &s, o, other, odds, alpha, eta, mask, ok, features);
+        bounce.ok = itn__vsample_dielectric(i, alpha, eta, u, v, w, &bounce.taken, &bounce.other,
+                                          &bounce.odds);
+        ok = mask & bounce.ok, o = bounce.taken;
+        if (crowd->fast->foresees) {
+            twin.ok = itn__vsample_dielectric(i, alpha, eta, u, itn__select(itn__less(
+                v, itn__splat(.5f)), v + .5f, v - .5f), w, &twin.taken, &twin.other, &twin.odds);
+            itn__foresee_bounce(crowd, &s, &bounce, &twin, alpha, eta, mask, features);
+        }
         lost = itn__vsmith(o, alpha);
         if (features & ITN__LIGHTS) {
             itn__vrough(i, o, alpha, eta, &s.pdf);
@@ -9345,6 +9371,7 @@ static int itn__start_path(itn__crowd *crowd, const itn_ray *ray, uint64_t pixel
     itn__row(queue, ITN__LEFT)[0] = fast->max_scatter ? fast->max_scatter : INT_MAX;
     for (c = ITN__CREDIT; c < ITN__STATE; c++) itn__row(queue, c)[0] = 0; /* the bits of 0.f */
     itn__row(queue, ITN__CELL)[0] = -1;
+    itn__float_row(queue, ITN__UP + 1)[0] = 1; /* some plane, for paths that begin in a medium */
     path->mark = -1;
     for (c = 0; c < fast->count; c++) itn__scores_of(crowd, slot)[c] = 0;
     return slot;
@@ -9799,7 +9826,7 @@ typedef struct itn__render {
     int *slots;        /* see itn__walk */
     int *only;         /* see itn__fast */
     int channels, count, spp, max_scatter;
-    int fast, walks, sobol, baseline; /* of the fast walk */
+    int fast, walks, sobol, baseline; /* of the fast walk; see itn_estimator */
     uint64_t seed;
     int first_row;
     float *scores;     /* per row: weight, connection and derivative, each [channels][count] */
@@ -9960,7 +9987,7 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     if (options) render->seed = options->seed, render->max_scatter = options->max_scatter;
     render->walks = options && options->walks ? options->walks : 4;
     render->sobol = !options || options->sampler != ITN_SAMPLER_RANDOM;
-    render->baseline = count && !(options && options->estimator == ITN_ESTIMATOR_SCORE);
+    render->baseline = !(options && options->estimator == ITN_ESTIMATOR_SCORE);
     rows = (size_t)scene->film.height, scores = 3 * (size_t)render->channels * (size_t)count + 3;
     render->theta_made = (float *)itn__allocate(context, (size_t)scene->parameter_count,
                                                 sizeof(float));
@@ -10119,7 +10146,7 @@ static void itn__fast_make(const itn__render *render, const itn__tables *tables,
         if (scene->surfaces[k].type == ITN_SURFACE_DIELECTRIC && scene->surfaces[k].alpha >= 0)
             fast->rough_scores |= render->slots[scene->surfaces[k].alpha] >= 0;
     itn__fast_begin(fast, scene, render->theta, substances, tables);
-    fast->foresees = itn__can_foresee(fast) && (render->baseline || !render->count);
+    fast->foresees = render->baseline && itn__can_foresee(fast);
 }
 
 /* Mean of what is kept, number k, of pixel i, and the variance of the mean. */
@@ -10273,7 +10300,7 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
         &scene->context, (size_t)scene->medium_count + 1, sizeof *picture.fast.outlooks);
     if (substances && picture.fast.outlooks) {
         itn__fast_make(render, tables, substances, &picture.fast);
-        if (render->baseline || picture.fast.foresees)
+        if ((render->baseline && render->count) || picture.fast.foresees)
             result = itn__learn_outlooks(&picture, error);
         if (!result) result = itn__picture_begin(&picture, error);
     } else {
@@ -15457,6 +15484,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.3.0  derivatives in the fast walk, foresight, itn_estimator; convolutions in blocked layouts.
+          breaks: images have other bits than before (ITN_ESTIMATOR_SCORE has the old ones)
    0.2.0  the fast walk: paths in lanes, voxel tables, wide hierarchy, Sobol points; itn_mode,
           itn_sampler, walks, itn_scene_prepare, itn_bvh_nearest_many, itn_bvh_occluded_many.
           breaks: images without derivatives have other bits than before (ITN_MODE_REFERENCE

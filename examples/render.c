@@ -17,7 +17,8 @@
 static const char *const usage =
     "usage: render SCENE -o OUT.exr|OUT.pfm|OUT.png [--spp N] [--seed N] [-t THREADS]\n"
     "       [-D name=value]... [--derivatives name,...|all] [--max-scatter N]\n"
-    "       [--mode reference|fast] [--sampler random|sobol] [--walks N] [-q]\n";
+    "       [--mode reference|fast] [--sampler random|sobol] [--walks N]\n"
+    "       [--estimator score|baseline] [-q]\n";
 
 static double seconds(void) {
     struct timespec now;
@@ -179,6 +180,10 @@ int main(int argc, char **argv) {
             options.sampler = ITN_SAMPLER_RANDOM;
         else if (!strcmp(option, "--sampler") && !strcmp(value, "sobol"))
             options.sampler = ITN_SAMPLER_SOBOL;
+        else if (!strcmp(option, "--estimator") && !strcmp(value, "score"))
+            options.estimator = ITN_ESTIMATOR_SCORE;
+        else if (!strcmp(option, "--estimator") && !strcmp(value, "baseline"))
+            options.estimator = ITN_ESTIMATOR_BASELINE;
         else fail(option, "unknown option or value");
         i += takes_value;
     }

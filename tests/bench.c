@@ -284,15 +284,17 @@ typedef struct variant {
     itn_mode mode;
     itn_sampler sampler;
     int walks, untested; /* untested: no flight is proven free, all are marched */
+    itn_estimator estimator;
 } variant;
 
-enum { REFERENCE, LANES, SAFE, SPLIT, SOBOL, VARIANTS };
+enum { REFERENCE, LANES, SAFE, SPLIT, SOBOL, FORESIGHT, VARIANTS };
 static const variant variants[VARIANTS] = {
-    {"reference", ITN_MODE_REFERENCE, ITN_SAMPLER_RANDOM, 1, 0},
-    {"lanes", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 1, 1},
-    {"+ safe test", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 1, 0},
-    {"+ splitting", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 4, 0},
-    {"+ Sobol", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, 0}};
+    {"reference", ITN_MODE_REFERENCE, ITN_SAMPLER_RANDOM, 1, 0, ITN_ESTIMATOR_SCORE},
+    {"lanes", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 1, 1, ITN_ESTIMATOR_SCORE},
+    {"+ safe test", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 1, 0, ITN_ESTIMATOR_SCORE},
+    {"+ splitting", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 4, 0, ITN_ESTIMATOR_SCORE},
+    {"+ Sobol", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, 0, ITN_ESTIMATOR_SCORE},
+    {"+ foresight", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, 0, ITN_ESTIMATOR_AUTO}};
 
 /* What is rendered. */
 typedef struct subject {
@@ -452,6 +454,8 @@ static double render_untested(const subject *s, const itn_render_options *option
     float *theta = (float *)allocate((size_t)s->made->parameter_count, sizeof *theta);
     itn__substance *substances = (itn__substance *)allocate((size_t)s->made->medium_count + 1,
                                                             sizeof *substances);
+    itn__outlook *outlooks = (itn__outlook *)allocate((size_t)s->made->medium_count + 1,
+                                                      sizeof *outlooks);
     const itn__tables *tables;
     itn__tables *own;
     itn__picture picture;
@@ -462,7 +466,7 @@ static double render_untested(const subject *s, const itn_render_options *option
     picture.fast.scene = s->made, picture.fast.seed = options->seed;
     picture.fast.spp = options->spp, picture.fast.walks = options->walks;
     picture.fast.blocks = itn__sample_blocks(&picture.fast);
-    picture.fast.unsafe = 1;
+    picture.fast.unsafe = 1, picture.fast.outlooks = outlooks;
     paths = (double)options->spp * options->walks * pixel_count(s);
     need(itn__tables_get(s->made, theta, paths, &tables, &own, &error), &error);
     itn__fast_begin(&picture.fast, s->made, theta, substances, tables);
@@ -472,6 +476,7 @@ static double render_untested(const subject *s, const itn_render_options *option
         pixels[i] = (float)(picture.totals[2 * i] / ((double)options->spp * options->walks));
     itn__picture_end(&picture);
     itn__tables_free(&s->made->context, own);
+    free(outlooks);
     free(substances);
     free(theta);
     seconds = seconds_now() - start;
@@ -500,6 +505,7 @@ static measurement measure(const subject *s, const variant *v, int spp, int most
     measurement m = ITN_ZERO;
     m.spp = options.spp = spp, options.stats = &m.stats;
     options.mode = v->mode, options.sampler = v->sampler, options.walks = v->walks;
+    options.estimator = v->estimator;
     need(itn_scene_prepare(s->made, NULL, &options, &error), &error);
     m.prepare = seconds_now() - start, m.seconds = HUGE_VAL;
     for (start = seconds_now();
@@ -580,12 +586,12 @@ static void sweep_scenes(walk_bench *bench) {
         subject s = studio_subject(bench);
         s.sigma_t = media[k][0], s.albedo = media[k][1], s.g = media[k][2];
         if (k >= 3) s.scene = "data", s.boundary = "none";
-        run_subject(bench, s, k < 3 ? bench->spp : (bench->spp + 1) / 2, SOBOL, 0);
+        run_subject(bench, s, k < 3 ? bench->spp : (bench->spp + 1) / 2, FORESIGHT, 0);
     }
     for (k = 0; k < 2; k++) {
         subject s = studio_subject(bench);
         s.boundary = others[k];
-        run_subject(bench, s, bench->spp, SOBOL, 0);
+        run_subject(bench, s, bench->spp, FORESIGHT, 0);
     }
 }
 
@@ -596,12 +602,12 @@ static void sweep_albedo_and_g(walk_bench *bench) {
     for (k = 0; k < 6; k += bench->stride) {
         subject s = studio_subject(bench);
         bench->sweep = "albedo", s.albedo = albedos[k];
-        run_subject(bench, s, bench->spp, SOBOL, 0);
+        run_subject(bench, s, bench->spp, FORESIGHT, 0);
     }
     for (k = 0; k < 6; k += bench->stride) {
         subject s = studio_subject(bench);
         bench->sweep = "g", s.g = gs[k];
-        run_subject(bench, s, bench->spp, SOBOL, 0);
+        run_subject(bench, s, bench->spp, FORESIGHT, 0);
     }
 }
 

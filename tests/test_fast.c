@@ -365,7 +365,7 @@ static void mislead(inside *in, int planted) {
             float *by_g = fast->outlooks[m].by_g[c][0];
             for (i = 0; i < ITN__TERMS; i++) terms[i] = .4 / (1 + (i * 7 + m + c) % 5);
             itn__outlook_set(&fast->outlooks[m], c, terms, g);
-            for (i = 0; i < ITN__TERMS && planted == 2; i++) by_g[i] *= 1.5f;
+            for (i = 0; i < ITN__TERMS && planted == 2; i++) by_g[i] *= 3;
             for (i = 0; i < ITN__FACES; i++)
                 fast->outlooks[m].at_face[c][i] = .1f * (float)((i + c) % 7);
         }

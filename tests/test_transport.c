@@ -66,7 +66,7 @@ static void measure_to(const solids_desc *desc, int max_scatter, int way, const 
         double ratio = means[k].error / (q[k].largest * effort);
         if (ratio * ratio > factor) factor = ratio * ratio;
     }
-    if (way) factor *= 1.3; /* the fast walk tells its error from fewer independent parts */
+    if (way) factor *= 1.6; /* the fast walk tells its error from fewer independent parts */
     options.spp = factor > 1500 ? 120000 : factor < .8 ? 64 : (int)(80 * factor);
     options.seed = seed++;
     solids_measure(scene, NULL, &options, names, count - 1, means);
