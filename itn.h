@@ -7770,7 +7770,7 @@ enum {
     ITN__LESSON_SUMS = ITN__NORMAL_SUMS + 4 * ITN__FACES
 };
 #define ITN__TERM_STEPS 4096.
-#define ITN__RIDGE 1e-5
+#define ITN__RIDGE 1e-4 /* of the number of lessons */
 #define ITN__LARGEST_LESSON 1048576. /* units */
 
 /* P_l(mu) e^(-k_i z) for all i and l. */
