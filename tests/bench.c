@@ -918,7 +918,8 @@ static void save_chart(chart *c, const char *folder, const char *name) {
     int p, points = 0;
     for (p = 0; p < c->panel_count; p++)
         if (c->panels[p].series_count) points += c->panels[p].series[0].count;
-    snprintf(path, sizeof path, "%s/%s", folder, name);
+    if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path)
+        fail(folder, "too long a name");
     if (!points) fail(path, "the table has no rows for it");
     if (!chart_write(c, path)) fail(path, "cannot be written");
     printf("%s\n", path);
