@@ -477,12 +477,12 @@ typedef enum itn_sampler {
     ITN_SAMPLER_SOBOL
 } itn_sampler;
 
-/* How images and derivatives are estimated; all ways are unbiased. SCORE: what paths bring home, for
-   derivatives times their scores (equation 9). BASELINE (fast walk only): what a path was expected
-   to bring is taken off before the score of each choice counts and, with one medium in light that
-   is everywhere the same and many paths, whatever its choices change in that is taken off too,
-   which leaves the means and takes away variance (single pixels may then be slightly negative).
-   AUTO is BASELINE in the fast walk. */
+/* How images and derivatives are estimated; all ways are unbiased. SCORE: what paths bring home,
+   for derivatives times their scores (equation 9). BASELINE (fast walk only): what a path was
+   expected to bring is taken off before the score of each choice counts; with one medium, light
+   that is everywhere the same and many paths, whatever choices change in that is taken off too. The
+   means stay and variance goes; single pixels may then be slightly negative. AUTO is BASELINE in
+   the fast walk. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -7283,8 +7283,8 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
    below the surface nearby and with cosine mu to its inward normal,
        V = sum over i of e^(-i k z) v_i(mu),    v_i polynomials.
    A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu) in
-   the mean; for flights see itn__look_ahead. V is learnt from a few paths that are traced before the
-   picture, and the same for all of it. A plane is chosen before each flight, and any would do.
+   the mean; for flights see itn__look_ahead. V is learnt from a few paths that are traced before
+   the picture, and the same for all of it. A plane is chosen before each flight; any would do.
 
    Derivatives. A choice made with a density p that depends on a parameter has the score
    s = d ln p; the mean of s is 0 whatever has been before. So a path's derivative, L sum s for what
@@ -7722,7 +7722,7 @@ static void itn__book(itn__crowd *crowd, int slot, int substance, const itn__gat
     }
 }
 
-/* The same for an item of a queue; the flight that brought it here had length t and no collision. */
+/* The same for an item of a queue; the flight that brought it here had length t, no collision. */
 static void itn__book_item(itn__crowd *crowd, itn__queue *queue, int at, int substance, float t) {
     float last = -crowd->fast->substances[substance].sigma_t * t;
     itn__gathered g;
@@ -7801,7 +7801,8 @@ static void itn__learn(itn__crowd *crowd, const itn__path *path) {
         sums[3]++;
         return;
     }
-    itn__lesson_terms(&crowd->fast->outlooks[path->mark], path->mark_depth, path->mark_cosine, term);
+    itn__lesson_terms(&crowd->fast->outlooks[path->mark], path->mark_depth, path->mark_cosine,
+                      term);
     for (i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) {
         term[i] = floor(term[i] * ITN__TERM_STEPS + .5);
         for (j = 0; j <= i; j++) sums[j] += term[i] * term[j];
@@ -8914,8 +8915,8 @@ static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hi
 /* Collisions of lanes that are not in the walk, after these distances; their next flights begin
    there. */
 static void itn__collide_and_depart(itn__crowd *crowd, int substance, itn__state *s,
-                                         const itn__floats *distances, const itn__ints *masks,
-                                         const itn__free_space *space, int features) {
+                                    const itn__floats *distances, const itn__ints *masks,
+                                    const itn__free_space *space, int features) {
     unsigned bits = itn__mask_bits(*masks), on;
     itn__ints linked;
     if (!bits) return;
@@ -9136,11 +9137,11 @@ typedef struct itn__bounce {
     itn__ints ok;              /* the one taken goes somewhere */
 } itn__bounce;
 
-/* What paths are expected to bring that turn at a facet, in the mean over both ways; *taken receives
-   it for the way taken. */
+/* What paths are expected to bring that have come to a facet, in the mean over both ways; *taken
+   receives it for the way taken. */
 ITN__INLINE itn__floats itn__bounce_prospect(const itn__crowd *crowd, const itn__bounce *bounce,
-                                           itn__floats alpha, itn__floats eta, int c,
-                                           itn__floats *taken) {
+                                             itn__floats alpha, itn__floats eta, int c,
+                                             itn__floats *taken) {
     itn__floats other = itn__prospect(crowd, bounce->other, alpha, eta, c);
     *taken = itn__select(bounce->ok, itn__prospect(crowd, bounce->taken, alpha, eta, c),
                          itn__splat(0));
@@ -9148,11 +9149,12 @@ ITN__INLINE itn__floats itn__bounce_prospect(const itn__crowd *crowd, const itn_
     return *taken + bounce->odds * (other - *taken);
 }
 
-/* The surprise of a turn at a boundary, which was expected to bring the mean over both ways and
+/* The surprise of a bounce at a boundary, which was expected to bring the mean over both ways and
    over two facets, the one drawn and the one that leans the other way. */
-ITN__INLINE void itn__foresee_bounce(itn__crowd *crowd, const itn__state *s, const itn__bounce *bounce,
-                                   const itn__bounce *twin, itn__floats alpha, itn__floats eta,
-                                   itn__ints mask, int features) {
+ITN__INLINE void itn__foresee_bounce(itn__crowd *crowd, const itn__state *s,
+                                     const itn__bounce *bounce, const itn__bounce *twin,
+                                     itn__floats alpha, itn__floats eta, itn__ints mask,
+                                     int features) {
     int c;
     unsigned bits;
     for (c = 0; c < itn__colours(features) && c < crowd->fast->channels; c++) {
@@ -10130,7 +10132,7 @@ static int itn__can_foresee(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
     double paths = (double)scene->film.width * scene->film.height * fast->spp * fast->walks;
     return fast->only_constant && scene->medium_count == 1 && !fast->max_scatter &&
-           paths >= 4 * ITN__LESSONS;
+           paths >= 8 * ITN__LESSONS;
 }
 
 /* What the fast walk is to do. */
