@@ -8137,7 +8137,7 @@ ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const i
     a->to_face = itn__least(a->view.depth / itn__select(a->up, -mu, itn__splat(1)),
                             itn__splat(ITN__FAR));
     through = itn__select(a->up, itn__vexp(-a->to_face), zero);
-    entry = itn__to_ints(itn__least(itn__most(-mu * ITN__FACES, zero),
+    entry = itn__to_ints(itn__least(itn__most(-mu * (float)ITN__FACES, zero),
                                     itn__splat(ITN__FACES - 1)));
     for (c = 0; c < itn__colours(features); c++) {
         a->at_face[c] = itn__gather(outlook->at_face[c], entry, mask & a->up, zero);
@@ -10273,9 +10273,10 @@ static itn_result itn__learn_outlooks(itn__picture *picture, itn_error *error) {
     if (!result) result = itn__picture_run(&school, NULL, error);
     for (substance = 1; substance <= fast->scene->medium_count && !result; substance++) {
         double *sums = school.crowds[0].lessons + (size_t)substance * ITN__LESSON_SUMS;
-        for (i = 1; i < school.crowd_count; i++)
-            for (k = 0; k < ITN__LESSON_SUMS; k++)
-                sums[k] += school.crowds[i].lessons[(size_t)substance * ITN__LESSON_SUMS + k];
+        for (i = 1; i < school.crowd_count; i++) {
+            const double *more = school.crowds[i].lessons + (size_t)substance * ITN__LESSON_SUMS;
+            for (k = 0; k < ITN__LESSON_SUMS; k++) sums[k] += more[k];
+        }
         learnt |= itn__fit_outlook(&picture->fast, substance, sums);
     }
     if (!learnt) picture->fast.foresees = 0; /* nothing scatters */
