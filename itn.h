@@ -7402,7 +7402,7 @@ typedef struct itn__fast {
     const int *slots;  /* of each parameter: its place among those asked for, or -1 */
     const int *only;   /* of each asked for: the channel that it belongs to, or -1 for all */
     int rough_scores;  /* the roughness of some surface is asked for */
-    int foresees;      /* surprises are taken off */
+    int foresees;      /* surprises are taken off: the substance whose V faces have, or 0 */
     int learning;      /* V is learnt in this render, */
     double lesson_unit; /* in multiples of this */
     itn__outlook *outlooks; /* [1 + medium_count] */
@@ -7710,15 +7710,15 @@ static void itn__book(itn__crowd *crowd, int slot, int substance, const itn__gat
     const itn__substance *medium = &crowd->fast->substances[substance];
     float *scores = itn__scores_of(crowd, slot);
     int c, number = crowd->paths[slot & ~ITN__LINK].number;
-    if (substance && medium->slot_sigma_t >= 0)
+    if (medium->slot_sigma_t >= 0)
         scores[medium->slot_sigma_t] += g->flights / medium->sigma_t;
-    if (substance && medium->slot_g >= 0) scores[medium->slot_g] += g->phases;
+    if (medium->slot_g >= 0) scores[medium->slot_g] += g->phases;
     for (c = 0; c < crowd->fast->channels; c++) {
-        if (substance && medium->slot_albedo[c] >= 0)
+        if (medium->slot_albedo[c] >= 0)
             scores[medium->slot_albedo[c]] += g->hits / medium->albedo[c];
         if (slot & ITN__LINK) continue;
         if (crowd->fast->foresees) itn__bring_home(crowd, number, scores, c, g->credit[c]);
-        if (substance) itn__pay(crowd, number, medium, g, c);
+        itn__pay(crowd, number, medium, g, c);
     }
 }
 
@@ -7728,7 +7728,6 @@ static void itn__book_item(itn__crowd *crowd, itn__queue *queue, int at, int sub
     itn__gathered g;
     int c;
     if (!crowd->fast->count) return;
-    if (!substance) last = 0;
     g.flights = itn__float_row(queue, ITN__FLIGHTS)[at] + last;
     g.phases = itn__float_row(queue, ITN__PHASES)[at];
     g.hits = itn__float_row(queue, ITN__HITS)[at];
@@ -8071,7 +8070,7 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
 
 /* What to expect. */
 
-/* Where paths are, and where they go, seen from the face where they were last at a surface. */
+/* Where paths are, and where they go, seen from their plane: that of ITN__UP. */
 typedef struct itn__view {
     itn__floats depth;              /* z, in mean free paths */
     itn__floats cosine;             /* mu, to the inward normal */
@@ -8129,7 +8128,7 @@ typedef struct itn__ahead {
 ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const itn__state *s,
                                  itn__ints mask, itn__ahead *a, int features) {
     const itn__outlook *outlook = &crowd->fast->outlooks[substance];
-    itn__floats zero = itn__splat(0), mu, through;
+    itn__floats zero = itn__splat(0), mu, through, per[ITN__DECAYS];
     itn__ints entry;
     int c, i;
     a->view = itn__view_of(crowd, substance, s, s->d), mu = a->view.cosine;
@@ -8139,17 +8138,19 @@ ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const i
     through = itn__select(a->up, itn__vexp(-a->to_face), zero);
     entry = itn__to_ints(itn__least(itn__most(-mu * (float)ITN__FACES, zero),
                                     itn__splat(ITN__FACES - 1)));
+    per[0] = itn__splat(1);
+    for (i = 1; i < ITN__DECAYS; i++) per[i] = 1 / (1 + (float)i * outlook->decay * mu);
     for (c = 0; c < itn__colours(features); c++) {
         a->at_face[c] = itn__gather(outlook->at_face[c], entry, mask & a->up, zero);
         a->collided[c] = zero, a->slope[c] = -a->to_face * through * a->at_face[c];
         for (i = 0; i < ITN__DECAYS; i++) {
-            itn__floats per = 1 / (1 + (float)i * outlook->decay * mu), part;
+            itn__floats part;
             a->omega[c][i] = itn__power_sum(outlook->scattered[c][i], mu) *
                              crowd->fast->substances[substance].albedo[c];
-            part = a->omega[c][i] * (a->view.fall[i] - through) * per;
+            part = a->omega[c][i] * (a->view.fall[i] - through) * per[i];
             a->collided[c] = a->collided[c] + part;
             a->slope[c] = a->slope[c] + part -
-                          (part - a->omega[c][i] * a->to_face * through) * per;
+                          (part - a->omega[c][i] * a->to_face * through) * per[i];
         }
         a->mean[c] = a->collided[c] + through * a->at_face[c];
     }
@@ -8222,9 +8223,8 @@ static void itn__mark(const itn__crowd *crowd, itn__path *path, int substance, i
 /* Marks paths about to fly; of each two (by key) one, after a number of collisions that its key
    decides. */
 ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const itn__state *s,
-                                 itn__ints mask, int features) {
+                                 const itn__view *view, itn__ints mask, int features) {
     itn__words doubling = s->key0 & 3, span;
-    itn__view view = itn__view_of(crowd, substance, s, s->d);
     float weight[3] = {0, 0, 0};
     unsigned bits;
     int c;
@@ -8236,8 +8236,8 @@ ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const i
         itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
         for (c = 0; c < itn__colours(features); c++) weight[c] = ITN__LANE(s->beta[c], k);
         if (path->mark < 0)
-            itn__mark(crowd, path, substance, -1, ITN__LANE(view.depth, k),
-                      ITN__LANE(view.cosine, k), weight);
+            itn__mark(crowd, path, substance, -1, ITN__LANE(view->depth, k),
+                      ITN__LANE(view->cosine, k), weight);
     }
 }
 
@@ -8327,9 +8327,8 @@ static void itn__arrive(itn__crowd *crowd, const itn__queue *queue, int at) {
 /* Collisions. */
 
 /* A collision in each lane of the mask, after a flight over `distance`: albedo, a link, a new
-   direction. Returns who goes on
-   (with its link sent, or with none); *linked receives those with a link, whose paths are parked
-   and leave the lanes. */
+   direction. Returns who goes on (with its link sent, or with none); *linked receives those with a
+   link, whose paths are parked and leave the lanes. */
 ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
                                    itn__floats distance, itn__ints mask,
                                    const itn__free_space *space, itn__ints *linked, int early,
@@ -8468,7 +8467,7 @@ ITN__INLINE itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state
             ahead.mean[c] = itn__select(scatters, ahead.mean[c], itn__splat(0));
     }
     itn__foresee_flight(crowd, substance, s, &ahead, *distance, active, features);
-    if (fast->learning) itn__mark_lanes(crowd, substance, s, scatters, features);
+    if (fast->learning) itn__mark_lanes(crowd, substance, s, &ahead.view, scatters, features);
     return active;
 }
 
@@ -9567,7 +9566,6 @@ static void itn__decay_make(const itn__substance *substance, int channels, itn__
     int c;
     for (c = 0; c < channels; c++) albedo += substance->albedo[c] / (float)channels;
     reduced = 1 - substance->g * albedo;
-    memset(outlook, 0, sizeof *outlook);
     outlook->decay = sqrtf(3 * (1 - albedo) * reduced);
     outlook->decay = itn__clamp(outlook->decay, .1f * fminf(reduced, 1), .95f / (ITN__DECAYS - 1));
 }
@@ -9578,6 +9576,8 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     double level = 0;
     int i, c;
     fast->scene = scene, fast->theta = theta, fast->substances = substances;
+    substances[0].slot_sigma_t = substances[0].slot_g = -1; /* nothing to differentiate in */
+    for (c = 0; c < 3; c++) substances[0].slot_albedo[c] = -1;
     fast->voxels = tables->voxels, fast->normals = tables->normals, fast->empty = tables->empty;
     fast->channels = scene->film.channels, fast->linked = itn__links_suffice(scene);
     for (i = 0; i < scene->medium_count; i++) {
@@ -10209,6 +10209,7 @@ static void itn__outlook_set(itn__outlook *outlook, int c, const double *terms, 
         one[l] = 1, mean[l] = pow(g, l); /* the mean of P_l over new directions is g^l P_l */
         slope[l] = l ? l * pow(g, l - 1) : 0;
     }
+    for (l = 0; l < ITN__ORDERS; l++) outlook->entering[c][l] = 0;
     for (i = 0; i < ITN__DECAYS; i++, terms += ITN__ORDERS) {
         itn__powers(terms, one, outlook->flying[c][i]);
         itn__powers(terms, mean, outlook->scattered[c][i]);
