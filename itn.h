@@ -3522,7 +3522,7 @@ ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
 static int itn__fill_grid(itn__light *light) {
     itn__grid *grid = &light->grid;
     int width = grid->width, height = grid->height, r, c;
-    double sum = 0, square = 0, area = 0;
+    double sum = 0, square = 0, area = 0, node_size; /* the last over the sine: solid angle */
     for (r = 0; r < height; r++) {
         float v = grid->bottom * (float)r / (float)(height - 1), rgb[3];
         /* a pole's node stands for the cap around it */
@@ -3544,8 +3544,8 @@ static int itn__fill_grid(itn__light *light) {
         }
     }
     light->breadth = sum > 0 ? sum * sum / (square * area) * grid->bottom : 0;
-    light->strength *= 2 * (double)(ITN__PI * ITN__PI) * grid->bottom /
-                       ((double)width * (height - 1));
+    node_size = 2 * (double)(ITN__PI * ITN__PI) * grid->bottom / ((double)width * (height - 1));
+    light->strength *= node_size, light->power = (float)(sum * node_size);
     return 1;
 }
 
@@ -4077,7 +4077,8 @@ static itn_result itn__prepare_light(itn__maker *maker, itn__light *light) {
                          maker->scene->parameters[light->parameter].name,
                          (double)ITN__MAX_RADIANCE);
     if (light->kind == ITN__LIGHT_SUN) {
-        light->strength = itn__strength(solid_angle * itn__luminance(light->radiance), light->sun);
+        light->power = (float)(solid_angle * itn__luminance(light->radiance));
+        light->strength = itn__strength((double)light->power, light->sun);
         light->breadth = solid_angle / (4 * (double)ITN__PI);
     }
     return ITN_OK;
@@ -8244,7 +8245,7 @@ ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const i
 /* Links to the lights. */
 
 /* c, relative to the mean radiance of the sampled lights over all directions. */
-#define ITN__LINK_LEVEL .25
+#define ITN__LINK_LEVEL .1
 
 /* Puts the lanes' paths aside until their links are done. */
 static void itn__park(itn__crowd *crowd, const itn__state *s, unsigned bits, int features) {
