@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.3.0                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.4.0                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -150,7 +150,7 @@
 #include <stdint.h>
 
 #define ITN_VERSION_MAJOR 0
-#define ITN_VERSION_MINOR 3
+#define ITN_VERSION_MINOR 4
 #define ITN_VERSION_PATCH 0
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
@@ -537,6 +537,21 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
                                        const itn_render_options *options, const float *weights,
                                        const int *parameters, int count, double *gradient,
                                        double *variance, itn_error *error);
+
+/* Adjoint by the values of an image in the scene, a surface's texture or a map light: gradient =
+   sum over pixels and channels of weights * dI/d(value), for all of its values at the cost of one
+   render of the reference, however many they are. `item` names the surface or the light; weights as
+   above. The new image has the size of that image, in the scene's channels: Y or R,G,B, and of each
+   its variance, as "Variance.Y" (taken from second moments, so too large where a few texels fill
+   the picture). In a scene of one channel a map counts with its luminance. Free with itn_image_free. The same
+   bits for any number of threads. Memory: 24 bytes per value, channel and thread, up to 16, at most
+   100 MB unless one thread needs more.
+   Errors: ARGUMENT (also: no such item, or one without an image), UNSUPPORTED (mode FAST), MEMORY,
+   CANCELLED. */
+ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
+                                             const itn_render_options *options,
+                                             const float *weights, const char *item,
+                                             itn_image *gradient, itn_error *error);
 
 /* The image loss l = mean over pixels and channels of (I(theta) - target)^2 and its gradient,
    both unbiased: value and derivative come from two independent renders of options->spp samples
@@ -3364,19 +3379,43 @@ ITN__INLINE void itn__grid_locate(int width, int height, float bottom, float u, 
 }
 ITN__INLINE float itn__mix(float a, float b, float t) { return a + t * (b - a); }
 
-static void itn__map_radiance(const itn__light *light, itn_vec3 d, float rgb[3]) {
-    int c0, c1, r, k;
+/* The four texels around a place on an image, and their shares in its value there. */
+typedef struct itn__corners {
+    int at[4];
+    float share[4];
+} itn__corners;
+
+static itn__corners itn__corners_of(int width, int row0, int row1, int c0, int c1, float fx,
+                                    float fy) {
+    itn__corners corners;
+    corners.at[0] = row0 * width + c0, corners.share[0] = (1 - fx) * (1 - fy);
+    corners.at[1] = row0 * width + c1, corners.share[1] = fx * (1 - fy);
+    corners.at[2] = row1 * width + c0, corners.share[2] = (1 - fx) * fy;
+    corners.at[3] = row1 * width + c1, corners.share[3] = fx * fy;
+    return corners;
+}
+
+/* Channel c of the value between texels [height][width][3]. */
+static float itn__bilinear(const float *texels, const itn__corners *corners, int c) {
+    float sum = 0;
+    int k;
+    texels += c;
+    for (k = 0; k < 4; k++) sum += corners->share[k] * texels[3 * (size_t)corners->at[k]];
+    return sum;
+}
+
+static itn__corners itn__map_corners(const itn__light *light, itn_vec3 d) {
+    int c0, c1, r;
     float u, v, fx, fy;
-    const float *row;
     itn__map_coordinates(d, &u, &v);
     itn__grid_locate(light->width, light->height, 1, u, v, &c0, &c1, &r, &fx, &fy);
-    row = light->map + (size_t)r * (size_t)light->width * 3;
-    for (k = 0; k < 3; k++) {
-        float top = itn__mix(row[3 * c0 + k], row[3 * c1 + k], fx);
-        float below = itn__mix(row[3 * (light->width + c0) + k], row[3 * (light->width + c1) + k],
-                               fx);
-        rgb[k] = itn__mix(top, below, fy);
-    }
+    return itn__corners_of(light->width, r, r + 1, c0, c1, fx, fy);
+}
+
+static void itn__map_radiance(const itn__light *light, itn_vec3 d, float rgb[3]) {
+    itn__corners corners = itn__map_corners(light, d);
+    int c;
+    for (c = 0; c < 3; c++) rgb[c] = itn__bilinear(light->map, &corners, c);
 }
 
 /* One channel of the sky above the horizon; its rare negative values are taken as 0. */
@@ -4520,6 +4559,10 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    others, `score` the derivative of that factor; it adds to derivatives only, and a second zero
    ends it.
 
+   The values of an image count as parameters too, as many as they are: a path touches few. Each
+   place where it meets the texture asked for becomes a parameter of the path for a while, of which
+   four texels have a share; lights of a map depend on four texels each.
+
    Where a walk is, is a set of sides, one for each solid: outside it can only meet front faces,
    inside only back faces. So no ray can meet the face it stands on, whatever its rounding, and no
    epsilon moves it; a small negative tmin, relative to the coordinates, lets a vertex that rounding
@@ -4529,8 +4572,21 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
 typedef struct itn__weight {
     float beta[3];
     unsigned char zero[3];
-    float *score; /* [channels][count] */
+    float *score; /* [channels][score_count] */
 } itn__weight;
+
+/* Derivatives by the values of an image: of a texture, or of a map light. */
+enum { ITN__TOUCHES = 64, ITN__TOUCH = -2 }; /* places at a time; parameter of the first of them */
+typedef struct itn__texels {
+    const itn__surface *texture; /* one of these */
+    const itn__light *map;
+    int count;     /* texels */
+    float *path;   /* [channels][count] what the path adds to derivatives */
+    int *touched;  /* [channels * count] which of them are not 0 */
+    int touched_count;
+    itn__corners place[ITN__TOUCHES]; /* where the path has met the texture */
+    int place_count;
+} itn__texels;
 
 /* Where a walk is. Where parts of a solid touch, faces coincide: those just gone through, and not
    yet left behind, are remembered, so that a walk does not go through them again and again. */
@@ -4546,7 +4602,9 @@ typedef struct itn__walk {
     const float *theta;
     const int *slots; /* of each parameter: its place among those asked for, or -1 */
     int channels, count, max_scatter;
+    int score_count; /* count, and with a texture ITN__TOUCHES more */
     int linked; /* links find all light, see itn__links_suffice */
+    itn__texels *texels; /* NULL: not asked for */
     itn__rng rng;
     itn__place place;
     itn__weight weight, connection; /* of the path; of its link to a sampled light */
@@ -4566,13 +4624,14 @@ ITN__INLINE float itn__slack(const itn_scene *scene, itn_vec3 p) {
 ITN__INLINE int itn__channels(const itn__walk *walk) { return walk->channels == 3 ? 3 : 1; }
 
 ITN__INLINE int itn__slot(const itn__walk *walk, int parameter) {
+    if (parameter <= ITN__TOUCH) return walk->count + (ITN__TOUCH - parameter);
     return walk->count && parameter >= 0 ? walk->slots[parameter] : -1;
 }
 
 /* Multiplies channel c of a weight by f / pdf; f depends on `parameter[k]` through f.d[k]. */
 static void itn__weigh_channel(const itn__walk *walk, itn__weight *weight, int c, itn__dual f,
                                float pdf, const int parameter[ITN__DUALS]) {
-    float *score = weight->score + c * walk->count;
+    float *score = weight->score + c * walk->score_count;
     int slots[ITN__DUALS], k, zero = f.v == 0, felt = 0;
     for (k = 0; k < ITN__DUALS; k++) slots[k] = itn__slot(walk, parameter[k]);
     if (!zero) {
@@ -4584,7 +4643,7 @@ static void itn__weigh_channel(const itn__walk *walk, itn__weight *weight, int c
     for (k = 0; k < ITN__DUALS; k++) felt |= slots[k] >= 0 && f.d[k] != 0;
     weight->beta[c] = felt && !weight->zero[c] ? weight->beta[c] / pdf : 0;
     weight->zero[c] = 1;
-    if (walk->count) memset(score, 0, (size_t)walk->count * sizeof *score);
+    if (walk->score_count) memset(score, 0, (size_t)walk->score_count * sizeof *score);
     for (k = 0; k < ITN__DUALS; k++)
         if (slots[k] >= 0) score[slots[k]] += f.d[k];
 }
@@ -4602,22 +4661,7 @@ static void itn__copy_weight(const itn__walk *walk, itn__weight *to, const itn__
     memcpy(to->beta, from->beta, sizeof to->beta);
     memcpy(to->zero, from->zero, sizeof to->zero);
     memcpy(to->score, from->score,
-           (size_t)(walk->channels * walk->count) * sizeof *to->score);
-}
-
-/* Adds beta l to the path's radiance and its derivatives, l = scale * rgb * mis. */
-static void itn__contribute(itn__walk *walk, const itn__weight *weight, const itn__light *light,
-                            const float rgb[3], float mis) {
-    float scale = walk->theta[light->parameter];
-    int slot = itn__slot(walk, light->parameter), c, k;
-    for (c = 0; c < itn__channels(walk); c++) {
-        float plain = weight->beta[c] * rgb[c] * mis, value = plain * scale;
-        const float *score = weight->score + c * walk->count;
-        float *derivative = walk->derivative + c * walk->count;
-        if (!weight->zero[c]) walk->radiance[c] += value;
-        for (k = 0; k < walk->count; k++) derivative[k] += value * score[k];
-        if (slot >= 0 && !weight->zero[c]) derivative[slot] += plain;
-    }
+           (size_t)(walk->channels * walk->score_count) * sizeof *to->score);
 }
 
 /* Radiance of a light in the scene's channels. */
@@ -4625,6 +4669,53 @@ static void itn__scene_radiance(const itn_scene *scene, const itn__light *light,
                                 float rgb[3]) {
     itn__light_radiance(light, d, rgb);
     if (scene->film.channels == 1 && light->kind == ITN__LIGHT_SKY) rgb[0] = itn__luminance(rgb);
+}
+
+/* A path's derivative by texels grows by value times their shares. */
+static void itn__add_texels(itn__texels *texels, int c, const itn__corners *corners, float value) {
+    int k;
+    for (k = 0; k < 4; k++) {
+        int at = c * texels->count + corners->at[k];
+        float part = value * corners->share[k];
+        if (!(part > 0)) continue; /* none is negative */
+        if (texels->path[at] == 0) texels->touched[texels->touched_count++] = at;
+        texels->path[at] += part;
+    }
+}
+
+/* What light in channel c adds to the derivatives by texels: `value` of the path, `plain` of it
+   without the radiance of the light in direction d. */
+static void itn__contribute_texels(itn__walk *walk, const itn__weight *weight,
+                                   const itn__light *light, itn_vec3 d, int c, float value,
+                                   float plain) {
+    itn__texels *texels = walk->texels;
+    const float *score = weight->score + c * walk->score_count + walk->count;
+    int k;
+    for (k = 0; k < texels->place_count; k++)
+        itn__add_texels(texels, c, &texels->place[k], value * score[k]);
+    if (texels->map == light && !weight->zero[c]) {
+        itn__corners corners = itn__map_corners(light, d);
+        itn__add_texels(texels, c, &corners, plain);
+    }
+}
+
+/* Adds beta l to the path's radiance and its derivatives: l is a light's radiance in direction d
+   times `mis`. */
+static void itn__contribute(itn__walk *walk, const itn__weight *weight, const itn__light *light,
+                            itn_vec3 d, float mis) {
+    float scale = walk->theta[light->parameter], rgb[3];
+    int slot = itn__slot(walk, light->parameter), c, k;
+    itn__scene_radiance(walk->scene, light, d, rgb);
+    for (c = 0; c < itn__channels(walk); c++) {
+        float carried = weight->beta[c] * mis, plain = carried * rgb[c], value = plain * scale;
+        const float *score = weight->score + c * walk->score_count;
+        float *derivative = walk->derivative + c * walk->count;
+        if (!weight->zero[c]) walk->radiance[c] += value;
+        for (k = 0; k < walk->count; k++) derivative[k] += value * score[k];
+        if (slot >= 0 && !weight->zero[c]) derivative[slot] += plain;
+        if (walk->texels)
+            itn__contribute_texels(walk, weight, light, d, c, value, carried * scale);
+    }
 }
 
 /* Density with which itn__draw_light draws direction d. */
@@ -4811,10 +4902,9 @@ static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction, i
     walk->place = place;
     for (i = 0; i < walk->scene->light_count && visible; i++) {
         const itn__light *light = &walk->scene->lights[i];
-        float rgb[3];
-        if (!(light->share > 0)) continue;
-        itn__scene_radiance(walk->scene, light, direction, rgb);
-        itn__contribute(walk, &walk->connection, light, rgb, light_pdf / (light_pdf + pdf));
+        if (light->share > 0)
+            itn__contribute(walk, &walk->connection, light, direction,
+                            light_pdf / (light_pdf + pdf));
     }
 }
 
@@ -4827,9 +4917,7 @@ static void itn__escape(itn__walk *walk, itn_vec3 direction) {
         mis = walk->pdf / (walk->pdf + itn__lights_pdf(walk->scene, direction));
     for (i = 0; i < walk->scene->light_count; i++) {
         const itn__light *light = &walk->scene->lights[i];
-        float rgb[3];
-        itn__scene_radiance(walk->scene, light, direction, rgb);
-        itn__contribute(walk, &walk->weight, light, rgb, light->share > 0 ? mis : 1);
+        itn__contribute(walk, &walk->weight, light, direction, light->share > 0 ? mis : 1);
     }
 }
 
@@ -4915,28 +5003,30 @@ static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray
     return 1;
 }
 
-/* Reflectance of channel c at texture coordinates (s, t) as texel * theta[*parameter]; (0, 0) is
-   the lower left corner of an image, (1, 1) the upper right one. */
-static float itn__texel(const itn__surface *surface, float s, float t, int c, int *parameter) {
+/* Of an image texture at coordinates (s, t): (0, 0) is its lower left corner, (1, 1) its upper
+   right one. */
+static itn__corners itn__texture_corners(const itn__surface *surface, float s, float t) {
     int c0, c1, r, row[2];
     float fx, fy;
+    s = s - floorf(s), t = (1 - (t - floorf(t))) * (float)surface->height - .5f;
+    itn__grid_locate(surface->width, 2, 1, s, 0, &c0, &c1, &r, &fx, &fy);
+    if (t < 0) t += (float)surface->height;
+    row[0] = (int)t < surface->height ? (int)t : surface->height - 1;
+    row[1] = row[0] + 1 < surface->height ? row[0] + 1 : 0;
+    return itn__corners_of(surface->width, row[0], row[1], c0, c1, fx, t - (float)row[0]);
+}
+
+/* Reflectance of channel c at texture coordinates (s, t) as texel * theta[*parameter]. */
+static float itn__texel(const itn__surface *surface, float s, float t, int c, int *parameter) {
+    itn__corners corners;
     *parameter = surface->reflectance + c;
     if (surface->texture == ITN_TEXTURE_CHECKER) {
         float sum = floorf(s / surface->checker_size) + floorf(t / surface->checker_size);
         if (fmodf(sum, 2) != 0) *parameter = surface->reflectance2 + c;
     }
     if (surface->texture != ITN_TEXTURE_IMAGE) return 1;
-    s = s - floorf(s), t = (1 - (t - floorf(t))) * (float)surface->height - .5f;
-    itn__grid_locate(surface->width, 2, 1, s, 0, &c0, &c1, &r, &fx, &fy);
-    if (t < 0) t += (float)surface->height;
-    row[0] = (int)t < surface->height ? (int)t : surface->height - 1;
-    row[1] = row[0] + 1 < surface->height ? row[0] + 1 : 0;
-    fy = t - (float)row[0];
-#define ITN__TEXEL(row, column) \
-    surface->texels[3 * ((size_t)(row) * (size_t)surface->width + (size_t)(column)) + (size_t)c]
-    return itn__mix(itn__mix(ITN__TEXEL(row[0], c0), ITN__TEXEL(row[0], c1), fx),
-                    itn__mix(ITN__TEXEL(row[1], c0), ITN__TEXEL(row[1], c1), fx), fy);
-#undef ITN__TEXEL
+    corners = itn__texture_corners(surface, s, t);
+    return itn__bilinear(surface->texels, &corners, c);
 }
 
 /* Texture coordinates of a hit: the mesh's own, else the scene's x and z. */
@@ -4952,15 +5042,47 @@ static void itn__texture_coordinates(const itn_scene *scene, int object, const i
     }
 }
 
-/* Multiplies a weight by reflectance * factor / pdf, channel by channel. */
+/* Of a path that has met the texture too often, every other place is forgotten, by chance, and the
+   scores of the others count twice. */
+static void itn__forget_places(itn__walk *walk) {
+    itn__texels *texels = walk->texels;
+    int k, c, kept = 0;
+    for (k = 0; k < texels->place_count; k++) {
+        if (itn__uniform(&walk->rng) < .5f) continue;
+        texels->place[kept] = texels->place[k];
+        for (c = 0; c < itn__channels(walk); c++) {
+            float *score = walk->weight.score + c * walk->score_count + walk->count;
+            score[kept] = 2 * score[k];
+        }
+        kept++;
+    }
+    texels->place_count = kept;
+}
+
+/* The parameter that a texture is at (s, t), or -1 if it is not asked for. */
+static int itn__touch_texture(itn__walk *walk, const itn__surface *surface, float s, float t) {
+    itn__texels *texels = walk->texels;
+    int k, c;
+    if (!texels || texels->texture != surface) return -1;
+    while (texels->place_count == ITN__TOUCHES) itn__forget_places(walk);
+    k = texels->place_count++, texels->place[k] = itn__texture_corners(surface, s, t);
+    for (c = 0; c < itn__channels(walk); c++)
+        walk->weight.score[c * walk->score_count + walk->count + k] = 0;
+    return ITN__TOUCH - k;
+}
+
+/* Multiplies a weight by reflectance * factor / pdf, channel by channel; `touch` is the parameter
+   that the texture is. */
 static void itn__weigh_reflectance(itn__walk *walk, itn__weight *weight,
-                                   const itn__surface *surface, float s, float t, float factor,
-                                   float pdf) {
+                                   const itn__surface *surface, float s, float t, int touch,
+                                   float factor, float pdf) {
     int parameter[ITN__DUALS], c;
-    parameter[1] = -1;
+    parameter[1] = touch;
     for (c = 0; c < itn__channels(walk); c++) {
         float texel = itn__texel(surface, s, t, c, &parameter[0]) * factor;
-        itn__dual f = itn__daffine(itn__variable(walk->theta[parameter[0]], 0), texel, 0);
+        float reflectance = walk->theta[parameter[0]];
+        itn__dual f = itn__daffine(itn__variable(reflectance, 0), texel, 0);
+        f.d[1] = reflectance * factor;
         itn__weigh_channel(walk, weight, c, f, pdf, parameter);
     }
 }
@@ -4971,14 +5093,16 @@ static int itn__meet_diffuse(itn__walk *walk, itn_ray *ray, const itn_hit *hit, 
     const itn__surface *surface = &walk->scene->surfaces[walk->scene->objects[object].surface];
     itn_vec3 direction, s_axis, t_axis;
     float light_pdf, s, t, u, v;
+    int touch;
     itn__texture_coordinates(walk->scene, object, hit, ray->origin, &s, &t);
+    touch = itn__touch_texture(walk, surface, s, t);
     if (itn__draw_light(walk, &direction, &light_pdf) && itn__dot(direction, n) > 0) {
         float cosine = itn__dot(direction, n) / ITN__PI;
         itn__copy_weight(walk, &walk->connection, &walk->weight);
-        itn__weigh_reflectance(walk, &walk->connection, surface, s, t, cosine, light_pdf);
+        itn__weigh_reflectance(walk, &walk->connection, surface, s, t, touch, cosine, light_pdf);
         itn__connect(walk, ray->origin, direction, -1, NULL, cosine, light_pdf);
     }
-    itn__weigh_reflectance(walk, &walk->weight, surface, s, t, 1, 1);
+    itn__weigh_reflectance(walk, &walk->weight, surface, s, t, touch, 1, 1);
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     direction = itn__sample_cosine(u, v);
     itn__frame(n, &s_axis, &t_axis);
@@ -5159,7 +5283,7 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
 /* One sample of one pixel: walk->radiance and walk->derivative receive its value. */
 static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
     const itn__camera *camera = &walk->scene->camera;
-    size_t scores = (size_t)(walk->channels * walk->count) * sizeof(float);
+    size_t scores = (size_t)walk->channels * sizeof(float);
     float u, v;
     int c;
     walk->rng = itn__rng_make(seed, (uint64_t)y * (uint64_t)camera->width + (uint64_t)x,
@@ -5170,8 +5294,9 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     walk->place.crossed_count = 0;
     for (c = 0; c < 3; c++)
         walk->weight.beta[c] = 1, walk->weight.zero[c] = 0, walk->radiance[c] = 0;
-    memset(walk->weight.score, 0, scores);
-    memset(walk->derivative, 0, scores);
+    memset(walk->weight.score, 0, scores * (size_t)walk->score_count);
+    memset(walk->derivative, 0, scores * (size_t)walk->count);
+    if (walk->texels) walk->texels->place_count = 0;
     walk->pdf = INFINITY, walk->scatterings = walk->boundaries = 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     itn__trace_path(walk, itn__camera_ray(camera, x, y, u, v));
@@ -9831,12 +9956,13 @@ typedef struct itn__render {
     int channels, count, spp, max_scatter;
     int fast, walks, sobol, baseline; /* of the fast walk; see itn_estimator */
     uint64_t seed;
-    int first_row;
+    int first_row, group; /* of the rows under way; most of them, 0: all */
     float *scores;     /* per row: weight, connection and derivative, each [channels][count] */
     double *sums;      /* per row: [channels][1 + count][2]; of a gradient: see there */
     double *collisions; /* per row */
     itn_image *image;  /* itn_render */
     const float *weights; /* itn_render_gradient */
+    struct itn__band *bands; /* itn_render_texel_gradient: [group] */
 } itn__render;
 
 static void itn__render_end(itn__render *render) {
@@ -10029,7 +10155,7 @@ static itn__walk itn__row_walk(const itn__render *render, int row) {
     itn__walk walk;
     memset(&walk, 0, sizeof walk);
     walk.scene = render->scene, walk.theta = render->theta, walk.slots = render->slots;
-    walk.channels = render->channels, walk.count = render->count;
+    walk.channels = render->channels, walk.count = walk.score_count = render->count;
     walk.max_scatter = render->max_scatter;
     walk.linked = itn__links_suffice(render->scene);
     walk.weight.score = render->scores + 3 * (size_t)row * block;
@@ -10043,6 +10169,7 @@ static itn_result itn__render_rows(itn__render *render, const itn_render_options
                                    void (*row)(void *render, int index), itn_error *error) {
     int height = render->scene->film.height, done = 0;
     int group = options && options->progress ? (height + 7) / 8 : height;
+    if (render->group) group = render->group;
     while (done < height) {
         int count = height - done < group ? height - done : group;
         render->first_row = done;
@@ -10372,6 +10499,18 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
     return result;
 }
 
+/* Whether all of [channels][height][width] values are finite. */
+static itn_result itn__check_weights(const itn_scene *scene, const float *weights,
+                                     const char *where, itn_error *error) {
+    size_t i, count = (size_t)scene->film.width * (size_t)scene->film.height *
+                      (size_t)scene->film.channels;
+    for (i = 0; i < count; i++)
+        if (!itn__finite(weights[i]))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: value %d is not finite", where,
+                             (int)i);
+    return ITN_OK;
+}
+
 /* The adjoint: a sample's derivatives are folded with the weights of its pixel at once. `sums` of a
    row: the gradient and its variance [count] each, then two running sums of the pixel [count]. */
 static void itn__gradient_row(void *task, int index) {
@@ -10408,15 +10547,11 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
                                        double *variance, itn_error *error) {
     itn__render render;
     itn_result result;
-    size_t i;
     int y, k, rows;
     if (!scene || !weights || !gradient || count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render_gradient: NULL argument");
-    for (i = 0; i < (size_t)scene->film.width * (size_t)scene->film.height *
-                        (size_t)scene->film.channels; i++)
-        if (!itn__finite(weights[i]))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_render_gradient: weight %d is not finite", (int)i);
+    result = itn__check_weights(scene, weights, "itn_render_gradient: weights", error);
+    if (result) return result;
     result = itn__render_begin(&render, scene, theta, options, parameters, count,
                                4 * (size_t)count, error);
     render.weights = weights;
@@ -10434,6 +10569,163 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
         gradient[k] = sum;
         if (variance) variance[k] = spread;
     }
+    itn__render_end(&render);
+    return result;
+}
+
+/* Derivatives by texels. The rows of a group each have a band of sums of their own, for the row of
+   the next group too; in the end the bands are added in their order. A path's derivatives are
+   gathered texel by texel, and then count with the weights of its pixel. */
+enum { ITN__BANDS = 16, ITN__BAND_VALUES = 4 << 20 };
+
+typedef struct itn__band {
+    itn__texels texels;
+    float *scores; /* [2][channels][ITN__TOUCHES] */
+    double *sums;  /* [2][channels][texels]: of what paths add, and of the squares of that */
+} itn__band;
+
+/* Ends a path: what it has gathered goes to the sums. */
+static void itn__band_add(itn__band *band, const float *weight, size_t plane, double per_path,
+                          size_t values) {
+    itn__texels *texels = &band->texels;
+    int k;
+    for (k = 0; k < texels->touched_count; k++) {
+        size_t at = (size_t)texels->touched[k], c = at / (size_t)texels->count;
+        double value = (double)weight[c * plane] * texels->path[at] * per_path;
+        band->sums[at] += value, band->sums[values + at] += value * value;
+        texels->path[at] = 0;
+    }
+    texels->touched_count = 0;
+}
+
+static void itn__texel_row(void *task, int index) {
+    itn__render *render = (itn__render *)task;
+    itn__band *band = &render->bands[index];
+    const itn_film_desc *film = &render->scene->film;
+    size_t plane = (size_t)film->width * (size_t)film->height;
+    size_t values = (size_t)render->channels * (size_t)band->texels.count;
+    int y = render->first_row + index, x, s;
+    itn__walk walk = itn__row_walk(render, y);
+    walk.texels = &band->texels;
+    if (band->texels.texture) {
+        walk.score_count = ITN__TOUCHES, walk.weight.score = band->scores;
+        walk.connection.score = band->scores + render->channels * ITN__TOUCHES;
+    }
+    for (x = 0; x < film->width; x++)
+        for (s = 0; s < render->spp; s++) {
+            itn__sample_pixel(&walk, render->seed, x, y, s);
+            itn__band_add(band, render->weights + (size_t)y * (size_t)film->width + (size_t)x,
+                          plane, 1. / render->spp, values);
+        }
+    render->collisions[y] = walk.collisions;
+}
+
+/* The image that `item` has; returns 0 if it has none. */
+static int itn__find_texels(const itn_scene *scene, const char *item, itn__texels *texels,
+                            int *width) {
+    int i;
+    for (i = 0; i < scene->surface_count && !texels->texture; i++)
+        if (!strcmp(scene->surfaces[i].name, item) && scene->surfaces[i].texels)
+            texels->texture = &scene->surfaces[i];
+    for (i = 0; i < scene->light_count && !texels->texture && !texels->map; i++) {
+        const itn__light *light = &scene->lights[i];
+        const char *name = scene->parameters[light->parameter].name; /* item.scale */
+        size_t length = strcspn(name, ".");
+        if (light->kind == ITN__LIGHT_MAP && strlen(item) == length && !memcmp(name, item, length))
+            texels->map = light;
+    }
+    *width = texels->texture ? texels->texture->width : texels->map ? texels->map->width : 0;
+    texels->count = *width * (texels->texture ? texels->texture->height
+                                              : texels->map ? texels->map->height : 0);
+    return texels->count > 0;
+}
+
+static void itn__bands_free(const itn_context *context, itn__band *bands, int count) {
+    int i;
+    for (i = 0; bands && i < count; i++) {
+        itn__free(context, bands[i].texels.path);
+        itn__free(context, bands[i].texels.touched);
+        itn__free(context, bands[i].scores);
+        itn__free(context, bands[i].sums);
+    }
+    itn__free(context, bands);
+}
+
+/* Bands for a render; their number depends on nothing but the scene. */
+static itn_result itn__bands_make(itn__render *render, const itn__texels *texels,
+                                  itn_error *error) {
+    const itn_context *context = &render->scene->context;
+    size_t values = (size_t)render->channels * (size_t)texels->count;
+    int i, rows = render->scene->film.height, good;
+    render->group = values < ITN__BAND_VALUES / ITN__BANDS ? ITN__BANDS
+                    : values < ITN__BAND_VALUES ? (int)(ITN__BAND_VALUES / values) : 1;
+    if (render->group > rows) render->group = rows;
+    render->bands = (itn__band *)itn__allocate(context, (size_t)render->group,
+                                               sizeof *render->bands);
+    good = values <= INT_MAX && render->bands;
+    for (i = 0; i < render->group && good; i++) {
+        itn__band *band = &render->bands[i];
+        band->texels = *texels;
+        band->texels.path = (float *)itn__allocate(context, values, sizeof(float));
+        band->texels.touched = (int *)itn__allocate(context, values, sizeof(int));
+        band->scores = (float *)itn__allocate(context, 2 * (size_t)render->channels,
+                                              ITN__TOUCHES * sizeof(float));
+        band->sums = (double *)itn__allocate(context, values, 2 * sizeof(double));
+        good = band->texels.path && band->texels.touched && band->scores && band->sums;
+    }
+    return good ? ITN_OK : itn__out_of_memory(error, "derivatives by texels");
+}
+
+/* Adds the bands into the planes of an image: by channels, gradient, then variance. */
+static void itn__bands_develop(const itn__render *render, itn_image *image) {
+    size_t values = 2 * (size_t)render->channels * (size_t)image->width * (size_t)image->height, i;
+    int k;
+    for (i = 0; i < values; i++) {
+        double sum = 0;
+        for (k = 0; k < render->group; k++) sum += render->bands[k].sums[i];
+        image->pixels[i] = (float)sum;
+    }
+}
+
+ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
+                                             const itn_render_options *options,
+                                             const float *weights, const char *item,
+                                             itn_image *gradient, itn_error *error) {
+    itn_render_options own = ITN_ZERO;
+    itn__render render;
+    itn__texels texels;
+    itn_image made = ITN_ZERO;
+    itn_result result;
+    int width;
+    memset(&texels, 0, sizeof texels);
+    if (!scene || !weights || !item || !gradient)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render_texel_gradient: NULL argument");
+    if (!itn__find_texels(scene, item, &texels, &width))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_render_texel_gradient: no surface or light \"%.32s\" that has an "
+                         "image", item);
+    if (options) own = *options;
+    if (own.mode == ITN_MODE_FAST)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                         "itn_render_texel_gradient: only the reference knows them");
+    if (own.mode == ITN_MODE_AUTO) own.mode = ITN_MODE_REFERENCE;
+    result = itn__check_weights(scene, weights, "itn_render_texel_gradient: weights", error);
+    if (result) return result;
+    result = itn__render_begin(&render, scene, theta, &own, NULL, 0, 1, error);
+    render.weights = weights;
+    if (!result) result = itn__bands_make(&render, &texels, error);
+    if (!result)
+        result = itn_image_create(width, texels.count / width, 2 * scene->film.channels,
+                                  &scene->context, &made, error);
+    if (!result) result = itn__render_rows(&render, &own, itn__texel_row, error);
+    if (!result) {
+        itn__name_planes(scene, NULL, 0, &made);
+        itn__bands_develop(&render, &made);
+        *gradient = made;
+    } else {
+        itn_image_free(&made);
+    }
+    itn__bands_free(&scene->context, render.bands, render.group);
     itn__render_end(&render);
     return result;
 }
@@ -10486,17 +10778,13 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
     itn__half half;
     itn__render probe;
     itn_result result;
-    size_t i;
     if (!scene || !target || !loss || count < 0 || (count && !gradient))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: NULL argument");
     if (options) own = *options;
     if (own.spp == 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: needs spp >= 2");
-    for (i = 0; i < (size_t)scene->film.width * (size_t)scene->film.height *
-                        (size_t)scene->film.channels; i++)
-        if (!itn__finite(target[i]))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_loss_gradient: target value %d is not finite", (int)i);
+    result = itn__check_weights(scene, target, "itn_loss_gradient: target", error);
+    if (result) return result;
     result = itn__render_begin(&probe, scene, theta, &own, parameters, count, 1, error);
     itn__render_end(&probe); /* so that a bad request costs no render */
     if (result) return result;
@@ -15489,6 +15777,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.4.0  itn_render_texel_gradient; faint links to lights are cut.
+          breaks: images with maps, skies and textures have other bits than before
    0.3.0  derivatives in the fast walk, foresight, itn_estimator; convolutions in blocked layouts.
           breaks: images have other bits than before (ITN_ESTIMATOR_SCORE has the old ones)
    0.2.0  the fast walk: paths in lanes, voxel tables, wide hierarchy, Sobol points; itn_mode,
