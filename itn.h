@@ -131,10 +131,11 @@
      and scattering coefficients: sigma_t = mu_a + mu_s, albedo = mu_s / sigma_t; the reduced
      scattering coefficient is sigma_s' = albedo sigma_t (1 - g).
 
-   [limits] Media are homogeneous; sigma_t and g are the same in all channels. Normals are geometric
-     (facets show). Lights are infinitely far away. No emission, polarisation, dispersion, time of
-     flight, motion or depth of field. Rough boundaries are single-scattering GGX: the light that
-     would meet a second facet is lost. A smooth boundary cannot be differentiated in its index.
+   [limits] Media are homogeneous. Normals are geometric (facets show). Lights are infinitely far
+     away. No emission, polarisation, dispersion, time of flight, motion or depth of field. Rough
+     boundaries are single-scattering GGX: the light that would meet a second facet is lost. A
+     smooth boundary cannot be differentiated in its index. Media with a sigma_t or g for each
+     channel are rendered by the reference.
 
    [paper] C. Che, F. Luan, S. Zhao, K. Bala, I. Gkioulekas, "Inverse Transport Networks" (2018);
      equation numbers below are the paper's. Its symbols here: pi theta (parameters), T itn_render,
@@ -345,6 +346,8 @@ typedef struct itn_medium_desc {
     float sigma_t;   /* extinction per scene unit, in [0,1e12] */
     float albedo[3]; /* single-scattering albedo in [0,1]; only [0] with one channel */
     float g;         /* mean cosine of the turn, in [-.999,.999]; > 0 is forward */
+    float sigma_t_rgb[3], g_rgb[3]; /* with three channels: one value for each, in the same ranges,
+                                       instead of sigma_t or g; all 0: those hold in all channels */
 } itn_medium_desc;
 
 typedef enum itn_surface_type { ITN_SURFACE_DIELECTRIC = 0, ITN_SURFACE_DIFFUSE } itn_surface_type;
@@ -433,13 +436,14 @@ ITN_API void itn_scene_free(itn_scene *scene);
 /* The size of the film, and 1 or 3 channels. */
 ITN_API itn_film_desc itn_scene_film(const itn_scene *scene);
 /* Returns the optical thickness of the objects filled with a medium: sigma_t at theta (NULL: as
-   made) times their mean chord 4 volume / surface; 0 if no object has that medium or there is no
-   such medium. What an image can tell of sigma_t depends on this number. */
+   made; the mean of the channels, where they differ) times their mean chord 4 volume / surface; 0
+   if no object has that medium or there is no such medium. What an image can tell of sigma_t
+   depends on this number. */
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, const char *medium);
 
 /* Parameters: everything that can be differentiated, as one flat float vector theta with names
    "item.field" (milk.sigma_t, glass.alpha, ground.reflectance, light.scale; with three channels
-   milk.albedo_r, milk.albedo_g, milk.albedo_b). */
+   milk.albedo_r, milk.albedo_g, milk.albedo_b, and from sigma_t_rgb milk.sigma_t_r and so on). */
 typedef enum itn_transform { ITN_IDENTITY = 0, ITN_LOG, ITN_LOGIT } itn_transform;
 
 typedef struct itn_parameter {
@@ -465,9 +469,10 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* ---- [api-render] images, derivative images, gradients --------------------------------------- */
 
-/* AUTO is FAST, but for derivatives that only the reference knows: in an index of refraction, in
-   the scale of a light, where a factor is 0 (an albedo, a reflectance), and in the sigma_t of a
-   medium with a mean free path of several times the scene. */
+/* AUTO is FAST, but for what only the reference knows: media whose sigma_t or g differ from channel
+   to channel, and derivatives in an index of refraction, in the scale of a light, where a factor is
+   0 (an albedo, a reflectance), and in the sigma_t of a medium with a mean free path of several
+   times the scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
 /* How samples are spread: each on its own, or (fast walk only) by an Owen-scrambled Sobol sequence
    over the pixel, the first boundary and the first flight. AUTO is SOBOL in the fast walk. */
@@ -519,7 +524,8 @@ typedef struct itn_render_options {
    draws more collisions). The fast walk's is another estimate of the same. Either image has the
    same bits for any number of threads.
    Errors: ARGUMENT (theta out of bounds or not finite, index, spp), UNSUPPORTED (the derivative
-   in the ior of a smooth surface, whose directions jump with it), MEMORY, CANCELLED. */
+   in the ior of a smooth surface, whose directions jump with it; what itn_mode says of FAST),
+   MEMORY, CANCELLED. */
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error);
@@ -823,7 +829,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 
        [film  [width N] [height N] [channels 1|3] [filter box|gaussian]]      (128 x 128, 1, box)
        camera  eye X Y Z  target X Y Z  [up X Y Z] [fov DEGREES]     (0 1 0; 30, horizontal axis)
-       medium  NAME  sigma_t S  albedo COLOUR  [phase hg] [g G]                             (g 0)
+       medium  NAME  sigma_t COLOUR  albedo COLOUR  [phase hg] [g COLOUR]                   (g 0)
        surface NAME  type dielectric  [ior N] [alpha A]                 (1.5; 0, which is smooth)
        surface NAME  type diffuse  reflectance COLOUR | reflectance [COLOUR] texture FILE
                                    | reflectance checker COLOUR COLOUR SIZE
@@ -3653,8 +3659,12 @@ enum { ITN__MAX_OBJECTS = 64, ITN__MAX_LIGHTS = 64, ITN__MAX_ITEMS = 4096 };
 
 typedef struct itn__medium {
     char name[ITN_NAME_SIZE];
-    int sigma_t, albedo, g; /* parameters; albedo of channel c is albedo + c */
+    int sigma_t[3], g[3]; /* parameters of each channel, or three times the same one */
+    int albedo;           /* parameter; that of channel c is albedo + c */
 } itn__medium;
+
+/* Whether the channels have parameters of their own. */
+ITN__INLINE int itn__is_spectral(const int parameter[3]) { return parameter[1] != parameter[0]; }
 
 typedef struct itn__surface {
     char name[ITN_NAME_SIZE];
@@ -3699,6 +3709,7 @@ struct itn_scene {
     itn_bvh *bvh;
     double origin[3]; /* what was subtracted from all positions */
     float radius;     /* of the solids (of everything, if there are none) */
+    int spectral;     /* some medium has a sigma_t or g for each channel */
     void **tables;    /* [ITN__TABLE_LEVELS] each NULL or kept, see [tables] */
 };
 
@@ -3736,16 +3747,19 @@ ITN_API itn_film_desc itn_scene_film(const itn_scene *scene) { return scene->fil
 
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta,
                                    const char *medium) {
-    double volume = 0, area = 0;
-    int i, k;
+    double volume = 0, area = 0, sigma_t = 0;
+    int i, k, c;
     for (k = 0; k < scene->medium_count; k++)
         if (!strcmp(scene->media[k].name, medium)) break;
     for (i = 0; i < scene->object_count && k < scene->medium_count; i++)
         if (scene->objects[i].medium == k)
             volume += scene->objects[i].volume, area += scene->objects[i].area;
     if (!(area > 0)) return 0;
-    k = scene->media[k].sigma_t;
-    return (theta ? theta[k] : scene->parameters[k].value) * 4 * volume / area;
+    for (c = 0; c < 3; c++) {
+        i = scene->media[k].sigma_t[c];
+        sigma_t += (theta ? theta[i] : scene->parameters[i].value) / 3.;
+    }
+    return sigma_t * 4 * volume / area;
 }
 
 /* Parameters. */
@@ -3840,15 +3854,31 @@ static int itn__add_parameter(itn__maker *maker, const char *item, const char *f
 
 /* The same for one value per channel of the film. Returns the first index or -1. */
 static int itn__add_channels(itn__maker *maker, const char *item, const char *field,
-                             const float value[3]) {
+                             const float value[3], float lower, float upper,
+                             itn_transform transform) {
     int channels = maker->scene->film.channels, c, first = -1;
     for (c = 0; c < channels; c++) {
-        int index = itn__add_parameter(maker, item, field, channels == 3 ? c : -1, value[c], 0, 1,
-                                       ITN_LOGIT);
+        int index = itn__add_parameter(maker, item, field, channels == 3 ? c : -1, value[c], lower,
+                                       upper, transform);
         if (index < 0) return -1;
         if (c == 0) first = index;
     }
     return first;
+}
+
+/* The same for a field that has one value for all channels, unless `rgb` (not all 0) gives three.
+   index[c] receives the parameter of channel c. */
+static itn_result itn__add_spectrum(itn__maker *maker, const char *item, const char *field,
+                                    float value, const float rgb[3], float lower, float upper,
+                                    itn_transform transform, int index[3]) {
+    int three = rgb[0] != 0 || rgb[1] != 0 || rgb[2] != 0, c;
+    if (three && maker->scene->film.channels != 3)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "%s: %s_rgb needs a film with 3 channels", item, field);
+    index[0] = three ? itn__add_channels(maker, item, field, rgb, lower, upper, transform)
+                     : itn__add_parameter(maker, item, field, -1, value, lower, upper, transform);
+    for (c = 1; c < 3; c++) index[c] = index[0] + (three ? c : 0);
+    return index[0] < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
 }
 
 /* A name is letters, digits, _ and -, beginning with a letter; short enough for "name.field". */
@@ -3926,13 +3956,15 @@ static itn_result itn__make_medium(itn__maker *maker, int index) {
     if (itn__find_name(in->name, maker->scene->media, sizeof *medium, index) >= 0)
         return itn__same_name(maker, "media", in->name);
     itn__copy_name(medium->name, in->name);
-    medium->sigma_t = itn__add_parameter(maker, in->name, "sigma_t", -1, in->sigma_t, 0, 1e12f,
-                                         ITN_LOG);
-    if (medium->sigma_t < 0) return ITN_ERROR_ARGUMENT;
-    medium->albedo = itn__add_channels(maker, in->name, "albedo", in->albedo);
+    result = itn__add_spectrum(maker, in->name, "sigma_t", in->sigma_t, in->sigma_t_rgb, 0, 1e12f,
+                               ITN_LOG, medium->sigma_t);
+    if (result) return result;
+    medium->albedo = itn__add_channels(maker, in->name, "albedo", in->albedo, 0, 1, ITN_LOGIT);
     if (medium->albedo < 0) return ITN_ERROR_ARGUMENT;
-    medium->g = itn__add_parameter(maker, in->name, "g", -1, in->g, -.999f, .999f, ITN_LOGIT);
-    return medium->g < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
+    result = itn__add_spectrum(maker, in->name, "g", in->g, in->g_rgb, -.999f, .999f, ITN_LOGIT,
+                               medium->g);
+    maker->scene->spectral |= itn__is_spectral(medium->sigma_t) || itn__is_spectral(medium->g);
+    return result;
 }
 
 /* Copies an image's light into texels [height][width][3] after checking its values. With one
@@ -3968,7 +4000,8 @@ static itn_result itn__copy_texels(itn__maker *maker, const char *item, const it
 
 static itn_result itn__make_diffuse(itn__maker *maker, const itn_surface_desc *in,
                                     itn__surface *surface) {
-    surface->reflectance = itn__add_channels(maker, in->name, "reflectance", in->reflectance);
+    surface->reflectance = itn__add_channels(maker, in->name, "reflectance", in->reflectance, 0, 1,
+                                             ITN_LOGIT);
     if (surface->reflectance < 0) return ITN_ERROR_ARGUMENT;
     if (in->texture == ITN_TEXTURE_CHECKER) {
         surface->checker_size = in->checker_size != 0 ? in->checker_size : 1;
@@ -3977,7 +4010,7 @@ static itn_result itn__make_diffuse(itn__maker *maker, const itn_surface_desc *i
                              "%s: checker_size %g is not positive", in->name,
                              (double)in->checker_size);
         surface->reflectance2 = itn__add_channels(maker, in->name, "reflectance2",
-                                                  in->reflectance2);
+                                                  in->reflectance2, 0, 1, ITN_LOGIT);
         return surface->reflectance2 < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
     }
     if (in->texture == ITN_TEXTURE_NONE) return ITN_OK;
@@ -4493,7 +4526,7 @@ static itn_result itn__make_arrays(itn__maker *maker) {
                                                   sizeof(itn__object));
     scene->lights = (itn__light *)itn__allocate(context, 2 * (size_t)in->light_count,
                                                 sizeof(itn__light));
-    scene->parameters = (itn_parameter *)itn__allocate(context, 6 * items,
+    scene->parameters = (itn_parameter *)itn__allocate(context, 9 * items,
                                                        sizeof(itn_parameter));
     scene->tables = (void **)itn__allocate(context, ITN__TABLE_LEVELS, sizeof *scene->tables);
     if (!scene->media || !scene->surfaces || !scene->objects || !scene->lights ||
@@ -4559,6 +4592,20 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    others, `score` the derivative of that factor; it adds to derivatives only, and a second zero
    ends it.
 
+   Where sigma_t or g differ from channel to channel, flights and turns are drawn with those of one
+   channel, the hero, which is chosen at the camera (Wilkie et al. 2014). Every channel k could have
+   drawn the same path, with its own density p_k; so p is the mean of the p_k, the density of all
+   of them together (the balance heuristic over heroes, Veach 1997). With share_k = p_k / sum_j p_j
+   of the path so far, a choice that channel k makes with density q_k has the density
+
+       q = sum_k share_k q_k,      and then share_k becomes share_k q_k / q.
+
+   With r_k = p_k / p_h, h being the hero, that is the weight 3 r_c / sum_k r_k for f_c / p_c, but
+   no quotient is formed that could overflow, and beta of channel c is at most 3 share_c times what
+   is left of f_c / p_c. Once a choice is made, it does not matter who is the hero: the weights of
+   links and directions use q, so that they add up to 1 in every channel, and roulette uses beta.
+   Scores are those of f_c: a sigma_t or g of one channel changes nothing in the others.
+
    The values of an image count as parameters too, as many as they are: a path touches few. Each
    place where it meets the texture asked for becomes a parameter of the path for a while, of which
    four texels have a share; lights of a map depend on four texels each.
@@ -4605,6 +4652,8 @@ typedef struct itn__walk {
     int score_count; /* count, and with a texture ITN__TOUCHES more */
     int linked; /* links find all light, see itn__links_suffice */
     itn__texels *texels; /* NULL: not asked for */
+    int hero;       /* the channel that draws flights and turns */
+    float share[3]; /* probability of each channel to be the hero, given the path so far */
     itn__rng rng;
     itn__place place;
     itn__weight weight, connection; /* of the path; of its link to a sampled light */
@@ -4655,6 +4704,36 @@ static void itn__weigh(const itn__walk *walk, itn__weight *weight, itn__dual f, 
     parameter[0] = parameter0, parameter[1] = parameter1;
     for (c = 0; c < itn__channels(walk); c++)
         itn__weigh_channel(walk, weight, c, f, pdf, parameter);
+}
+
+/* The same with a factor f[c] of parameter[c] in each channel. */
+static void itn__weigh_spectrum(const itn__walk *walk, itn__weight *weight, const itn__dual f[3],
+                                float pdf, const int parameter[3]) {
+    int of_channel[ITN__DUALS], c;
+    of_channel[1] = -1;
+    for (c = 0; c < itn__channels(walk); c++) {
+        of_channel[0] = parameter[c];
+        itn__weigh_channel(walk, weight, c, f[c], pdf, of_channel);
+    }
+}
+
+/* Density of a choice that channel k, with its parameter[k], makes with density pdf[k]. At least
+   FLT_MIN, so that quotients by it stay finite on a path that hardly any hero would go. */
+static float itn__mixture(const itn__walk *walk, const int parameter[3], const float pdf[3]) {
+    const float *share = walk->share;
+    if (!itn__is_spectral(parameter)) return pdf[0];
+    return itn__max(share[0] * pdf[0] + share[1] * pdf[1] + share[2] * pdf[2], FLT_MIN);
+}
+
+/* Makes that choice: multiplies the path's weight by f[c] / density, and learns from it who the
+   hero may be. Returns the density. */
+static float itn__weigh_choice(itn__walk *walk, const itn__dual f[3], const float pdf[3],
+                               const int parameter[3]) {
+    float density = itn__mixture(walk, parameter, pdf);
+    int k;
+    itn__weigh_spectrum(walk, &walk->weight, f, density, parameter);
+    for (k = 0; k < 3 && itn__is_spectral(parameter); k++) walk->share[k] *= pdf[k] / density;
+    return density;
 }
 
 static void itn__copy_weight(const itn__walk *walk, itn__weight *to, const itn__weight *from) {
@@ -4860,6 +4939,22 @@ static int itn__hit_normal(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 dire
     return 1;
 }
 
+/* Factor of a flight over t in each channel: the transmittance, times sigma_t if it ended in a
+   collision. */
+static void itn__flight_factors(const itn__walk *walk, const itn__medium *medium, float t,
+                                int collided, itn__dual f[3]) {
+    int c;
+    for (c = 0; c < 3; c++) {
+        float sigma_t = walk->theta[medium->sigma_t[c]];
+        if (c > 0 && !itn__is_spectral(medium->sigma_t)) {
+            f[c] = f[0];
+            continue;
+        }
+        f[c] = itn__transmittance(sigma_t, t);
+        if (collided) f[c] = itn__dmul(f[c], itn__variable(sigma_t, 0));
+    }
+}
+
 /* Carries the connection from `ray` to the lights: transmittance through media and index-matched
    boundaries. Returns 0 if anything else is in the way. */
 static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
@@ -4878,10 +4973,11 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
             (scene->objects[object].surface >= 0 &&
              scene->surfaces[scene->objects[object].surface].type == ITN_SURFACE_DIFFUSE))
             return 0;
-        if (medium)
-            itn__weigh(walk, &walk->connection,
-                       itn__transmittance(walk->theta[medium->sigma_t], itn__max(hit.t, 0)), 1,
-                       medium->sigma_t, -1);
+        if (medium) {
+            itn__dual f[3];
+            itn__flight_factors(walk, medium, itn__max(hit.t, 0), 0, f);
+            itn__weigh_spectrum(walk, &walk->connection, f, 1, medium->sigma_t);
+        }
         itn__cross_boundary(scene, &walk->place, object, &hit);
         ray.origin = itn__hit_point(scene->bvh, &hit);
     }
@@ -4921,26 +5017,40 @@ static void itn__escape(itn__walk *walk, itn_vec3 direction) {
     }
 }
 
-/* Rate at which collisions are drawn: sigma_t itself. Where its derivative is wanted it is at least
-   a quarter per radius, because at sigma_t near 0 the derivative lies in collisions that sigma_t
-   itself would never draw. */
-static float itn__collision_rate(const itn__walk *walk, const itn__medium *medium) {
-    float sigma_t = walk->theta[medium->sigma_t];
-    if (itn__slot(walk, medium->sigma_t) < 0) return sigma_t;
-    return itn__max(sigma_t, .25f / walk->scene->radius);
+/* Whether the path may not scatter again. It then goes straight on, and its weight is the
+   transmittance. */
+ITN__INLINE int itn__exhausted(const itn__walk *walk) {
+    return walk->max_scatter && walk->scatterings >= walk->max_scatter;
 }
 
-/* Factor of a flight over t that was drawn at `rate`: the transmittance, times sigma_t if it ended
-   in a collision. */
-static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, float rate, float t,
-                              int collided) {
-    float sigma_t = walk->theta[medium->sigma_t], pdf;
-    itn__dual f;
-    if (rate == sigma_t && itn__slot(walk, medium->sigma_t) < 0) return; /* f = pdf */
-    f = itn__transmittance(sigma_t, t);
-    pdf = rate == sigma_t ? f.v : expf(-rate * t);
-    if (collided) f = itn__dmul(f, itn__variable(sigma_t, 0)), pdf *= rate;
-    itn__weigh(walk, &walk->weight, f, pdf, medium->sigma_t, -1);
+/* Rate at which each channel draws collisions: sigma_t itself; 0 outside of media and after the
+   last scattering. Where its derivative is wanted it is at least a quarter per radius, because at
+   sigma_t near 0 the derivative lies in collisions that sigma_t itself would never draw. */
+static void itn__collision_rates(const itn__walk *walk, const itn__medium *medium, float rate[3]) {
+    int c;
+    for (c = 0; c < 3; c++) {
+        rate[c] = 0;
+        if (!medium || itn__exhausted(walk)) continue;
+        rate[c] = walk->theta[medium->sigma_t[c]];
+        if (itn__slot(walk, medium->sigma_t[c]) >= 0)
+            rate[c] = itn__max(rate[c], .25f / walk->scene->radius);
+    }
+}
+
+/* Multiplies the weight by f / pdf of a flight over t that was drawn at these rates. */
+static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, const float rate[3],
+                              float t, int collided) {
+    int c, spectral = itn__is_spectral(medium->sigma_t);
+    itn__dual f[3];
+    float pdf[3];
+    if (!spectral && rate[0] == walk->theta[medium->sigma_t[0]] &&
+        itn__slot(walk, medium->sigma_t[0]) < 0)
+        return; /* f = pdf */
+    t = itn__min(t, FLT_MAX);
+    itn__flight_factors(walk, medium, t, collided, f);
+    for (c = 0; c < (spectral ? 3 : 1); c++)
+        pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
+    itn__weigh_choice(walk, f, pdf, medium->sigma_t);
 }
 
 static int itn__alive(const itn__walk *walk) {
@@ -4948,12 +5058,6 @@ static int itn__alive(const itn__walk *walk) {
     for (c = 0; c < itn__channels(walk); c++)
         if (walk->weight.beta[c] > 0) return 1;
     return 0;
-}
-
-/* Whether the path may not scatter again. It then goes straight on, and its weight is the
-   transmittance. */
-ITN__INLINE int itn__exhausted(const itn__walk *walk) {
-    return walk->max_scatter && walk->scatterings >= walk->max_scatter;
 }
 
 /* Whether links from collisions reach all the light there is: no boundary bends or reflects, all
@@ -4970,12 +5074,23 @@ static int itn__links_suffice(const itn_scene *scene) {
     return 1;
 }
 
+/* Phase function of each channel, as factor and as density. */
+static void itn__phase_factors(const itn__walk *walk, const itn__medium *medium, float x, float y,
+                               itn__dual f[3], float pdf[3]) {
+    int c;
+    for (c = 0; c < 3; c++) {
+        f[c] = c == 0 || itn__is_spectral(medium->g) ? itn__phase(walk->theta[medium->g[c]], x, y)
+                                                     : f[0];
+        pdf[c] = f[c].v;
+    }
+}
+
 /* A collision at the origin of the ray: a link to a light, then a new direction. Returns 0 at the
    end of the path. */
 static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray) {
-    float g = walk->theta[medium->g], light_pdf, x, y, u, v;
+    float light_pdf, x, y, u, v, pdf[3];
     itn_vec3 direction;
-    itn__dual f;
+    itn__dual f[3];
     int parameter[ITN__DUALS], c, last;
     walk->collisions++, walk->scatterings++;
     last = itn__exhausted(walk) && walk->linked;
@@ -4989,17 +5104,18 @@ static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray
     if (itn__draw_light(walk, &direction, &light_pdf)) {
         x = itn__one_minus_cosine(ray->direction, direction);
         y = itn__one_minus_cosine(ray->direction, itn__scale(direction, -1));
-        f = itn__phase(g, x, y);
+        itn__phase_factors(walk, medium, x, y, f, pdf);
         itn__copy_weight(walk, &walk->connection, &walk->weight);
-        itn__weigh(walk, &walk->connection, f, light_pdf, medium->g, -1);
-        itn__connect(walk, ray->origin, direction, -1, NULL, last ? 0 : f.v, light_pdf);
+        itn__weigh_spectrum(walk, &walk->connection, f, light_pdf, medium->g);
+        itn__connect(walk, ray->origin, direction, -1, NULL,
+                     last ? 0 : itn__mixture(walk, medium->g, pdf), light_pdf);
     }
     if (last) return 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
-    ray->direction = itn__sample_phase(ray->direction, g, u, v, &x, &y);
-    f = itn__phase(g, x, y);
-    walk->pdf = f.v;
-    itn__weigh(walk, &walk->weight, f, f.v, medium->g, -1);
+    ray->direction = itn__sample_phase(ray->direction, walk->theta[medium->g[walk->hero]], u, v, &x,
+                                       &y);
+    itn__phase_factors(walk, medium, x, y, f, pdf);
+    walk->pdf = itn__weigh_choice(walk, f, pdf, medium->g);
     return 1;
 }
 
@@ -5259,19 +5375,21 @@ static int itn__within(const itn_scene *scene, itn_vec3 p) {
 static void itn__trace_path(itn__walk *walk, itn_ray ray) {
     while (itn__roulette(walk)) {
         const itn__medium *medium = itn__medium_of(walk->scene, walk->place.inside);
-        float rate = medium && !itn__exhausted(walk) ? itn__collision_rate(walk, medium) : 0;
+        float rates[3], rate;
         itn_hit hit;
         int met;
+        itn__collision_rates(walk, medium, rates);
+        rate = rates[walk->hero];
         ray.tmax = rate > 0 ? itn__sample_flight(rate, itn__uniform(&walk->rng)) : INFINITY;
         met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
         if (medium && (met || rate > 0))
-            itn__weigh_flight(walk, medium, rate, met ? itn__max(hit.t, 0) : ray.tmax, !met);
+            itn__weigh_flight(walk, medium, rates, met ? itn__max(hit.t, 0) : ray.tmax, !met);
         if (met) {
             if (!itn__meet_surface(walk, &ray, &hit)) return;
             continue;
         }
         if (rate > 0) ray.origin = itn__along(ray.origin, ray.tmax, ray.direction);
-        if (medium && itn__exhausted(walk) && walk->theta[medium->sigma_t] > 0) return;
+        if (medium && itn__exhausted(walk) && walk->theta[medium->sigma_t[0]] > 0) return;
         if (!(rate > 0) || !itn__within(walk->scene, ray.origin)) {
             itn__escape(walk, ray.direction);
             return;
@@ -5292,13 +5410,16 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     walk->place.inside = itn__find_inside(walk->scene, &walk->place.sides);
     walk->place.refracting = itn__find_refracting(walk->scene, &walk->place.sides);
     walk->place.crossed_count = 0;
-    for (c = 0; c < 3; c++)
+    for (c = 0; c < 3; c++) {
         walk->weight.beta[c] = 1, walk->weight.zero[c] = 0, walk->radiance[c] = 0;
+        walk->share[c] = 1 / 3.f;
+    }
     memset(walk->weight.score, 0, scores * (size_t)walk->score_count);
     memset(walk->derivative, 0, scores * (size_t)walk->count);
     if (walk->texels) walk->texels->place_count = 0;
     walk->pdf = INFINITY, walk->scatterings = walk->boundaries = 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
+    walk->hero = walk->scene->spectral ? (int)(3 * itn__uniform(&walk->rng)) : 0;
     itn__trace_path(walk, itn__camera_ray(camera, x, y, u, v));
 }
 #ifndef ITN_NO_FAST
@@ -7352,7 +7473,7 @@ static int itn__tables_level(const itn_scene *scene, const float *theta, double 
     for (i = 0; i < scene->object_count; i++) {
         const itn__medium *medium = scene->media + scene->objects[i].medium;
         if (scene->objects[i].medium >= 0)
-            cells = fmax(cells, scene->radius * (double)theta[medium->sigma_t]);
+            cells = fmax(cells, scene->radius * (double)theta[medium->sigma_t[0]]);
     }
     while (level < finest && cells > 24 << level) level++;
     return 2 * level + (paths >= 1e6);
@@ -9708,14 +9829,14 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     fast->channels = scene->film.channels, fast->linked = itn__links_suffice(scene);
     for (i = 0; i < scene->medium_count; i++) {
         itn__substance *substance = &substances[1 + i];
-        substance->sigma_t = theta[scene->media[i].sigma_t];
+        substance->sigma_t = theta[scene->media[i].sigma_t[0]];
         substance->mean_free_path = 1 / substance->sigma_t;
-        substance->g = theta[scene->media[i].g];
+        substance->g = theta[scene->media[i].g[0]];
         for (c = 0; c < 3; c++)
             substance->albedo[c] = theta[scene->media[i].albedo + (c < fast->channels ? c : 0)];
         itn__decay_make(substance, fast->channels, &fast->outlooks[1 + i]);
-        substance->slot_sigma_t = fast->count ? fast->slots[scene->media[i].sigma_t] : -1;
-        substance->slot_g = fast->count ? fast->slots[scene->media[i].g] : -1;
+        substance->slot_sigma_t = fast->count ? fast->slots[scene->media[i].sigma_t[0]] : -1;
+        substance->slot_g = fast->count ? fast->slots[scene->media[i].g[0]] : -1;
         for (c = 0; c < fast->channels; c++)
             substance->slot_albedo[c] = fast->count ? fast->slots[scene->media[i].albedo + c] : -1;
     }
@@ -10047,8 +10168,8 @@ static int itn__fast_derivative(const itn_scene *scene, const float *theta, int 
     *only = -1;
     for (i = 0; i < scene->medium_count; i++) {
         const itn__medium *medium = &scene->media[i];
-        if (parameter == medium->sigma_t) return theta[parameter] >= .25f / scene->radius;
-        if (parameter == medium->g) return 1;
+        if (parameter == medium->sigma_t[0]) return theta[parameter] >= .25f / scene->radius;
+        if (parameter == medium->g[0]) return 1;
         for (c = 0; c < channels; c++)
             if (parameter == medium->albedo + c) return *only = c, theta[parameter] > 0;
     }
@@ -10074,6 +10195,11 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
     if (mode == ITN_MODE_FAST)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "render: built without the fast walk");
 #endif
+    if (render->scene->spectral && mode == ITN_MODE_FAST)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                         "render: the fast walk has one sigma_t and one g for all channels of a "
+                         "medium; the reference can have three");
+    if (render->scene->spectral) render->fast = 0;
     for (k = 0; k < render->count; k++) {
         if (itn__fast_derivative(render->scene, render->theta, parameters[k], &render->only[k]))
             continue;
@@ -15431,6 +15557,14 @@ static void itn__take_colour(itn__scene_file *file, const itn__item *item, const
     for (k = 0; k < 3; k++) colour[k] = numbers[three ? k : 0];
 }
 
+/* The number that holds in all channels (or is not given: 0); three go to rgb. */
+static float itn__take_spectrum(itn__scene_file *file, const itn__item *item, const char *name,
+                                float rgb[3]) {
+    const itn__field_value *value = itn__item_value(item, name);
+    if (value->count == 3) itn__take_colour(file, item, value->numbers, 1, rgb);
+    return itn__item_number(item, name, 0);
+}
+
 /* Film and camera come once. */
 static itn_result itn__check_once(const itn__scene_file *file, const itn__item *item, int *line) {
     if (*line)
@@ -15472,8 +15606,8 @@ static itn_result itn__file_medium(itn__scene_file *file, const itn__item *item)
     itn_medium_desc *medium = &file->media[file->desc.medium_count++];
     const itn__field_value *albedo = itn__item_value(item, "albedo");
     medium->name = item->name.word;
-    medium->sigma_t = itn__item_number(item, "sigma_t", 0);
-    medium->g = itn__item_number(item, "g", 0);
+    medium->sigma_t = itn__take_spectrum(file, item, "sigma_t", medium->sigma_t_rgb);
+    medium->g = itn__take_spectrum(file, item, "g", medium->g_rgb);
     itn__take_colour(file, item, albedo->numbers, albedo->count == 3, medium->albedo);
     return itn__choice(file, item, "phase", "hg", "hg") < 0 ? ITN_ERROR_FORMAT : ITN_OK;
 }
@@ -15612,8 +15746,8 @@ static const itn__item_form itn__item_forms[] = {
      {{"eye", "3!", ITN__ANY}, {"target", "3!", ITN__ANY}, {"up", "3", ITN__ANY},
       {"fov", "1", .001f, 179.999f}}},
     {"medium", NULL, 1, itn__file_medium,
-     {{"sigma_t", "1!", 0, 1e12f}, {"albedo", "13!", 0, 1}, {"phase", "w", 0, 0},
-      {"g", "1", -.999f, .999f}}},
+     {{"sigma_t", "13!", 0, 1e12f}, {"albedo", "13!", 0, 1}, {"phase", "w", 0, 0},
+      {"g", "13", -.999f, .999f}}},
     {"surface", NULL, 1, itn__file_surface,
      {{"type", "w!", 0, 0}, {"ior", "1", 1, 4}, {"alpha", "1", 0, 1},
       {"reflectance", "013", 0, 1}, {"texture", "w", 0, 0}, {"checker", "37", 0, 1e12f}}},
@@ -15800,7 +15934,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
      surface  B. Walter et al., Microfacet Models for Refraction through Rough Surfaces, EGSR 2007;
               E. Heitz, Sampling the GGX Distribution of Visible Normals, JCGT 2018
      light    L. Hosek, A. Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, TOG 2012
-     path     E. Veach, Robust Monte Carlo Methods for Light Transport Simulation, 1997
+     path     E. Veach, Robust Monte Carlo Methods for Light Transport Simulation, 1997;
+              A. Wilkie et al., Hero Wavelength Spectral Sampling, EGSR 2014
      adam     D. Kingma, J. Ba, Adam: A Method for Stochastic Optimization, ICLR 2015
      net      K. He et al., Delving Deep into Rectifiers, ICCV 2015
 

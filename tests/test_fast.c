@@ -639,7 +639,7 @@ static void set_lane(itn__vectors *v, int k, itn_vec3 value) {
 /* Extinction where a walk is; 0 outside of media. */
 static float extinction(const flock *f, int k) {
     const itn__medium *medium = itn__medium_of(f->scene, f->places[k].inside);
-    return medium ? f->theta[medium->sigma_t] : 0;
+    return medium ? f->theta[medium->sigma_t[0]] : 0;
 }
 
 /* Sends a lane's walk straight on from the camera until it is in a medium. Returns 0 if it comes
