@@ -4593,10 +4593,11 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    ends it.
 
    Where sigma_t or g differ from channel to channel, flights and turns are drawn with those of one
-   channel, the hero, which is chosen at the camera (Wilkie et al. 2014). Every channel k could have
-   drawn the same path, with its own density p_k; so p is the mean of the p_k, the density of all
-   of them together (the balance heuristic over heroes, Veach 1997). With share_k = p_k / sum_j p_j
-   of the path so far, a choice that channel k makes with density q_k has the density
+   channel, the hero: for the samples of a pixel, each in turn (Wilkie et al. 2014). Every channel k
+   could have drawn the same path, with its own density p_k; so p is the mean of the p_k, the
+   density of all of them together (the balance heuristic over heroes, Veach 1997). With
+   share_k = p_k / sum_j p_j of the path so far, a choice that channel k makes with density q_k has
+   the density
 
        q = sum_k share_k q_k,      and then share_k becomes share_k q_k / q.
 
@@ -4652,6 +4653,7 @@ typedef struct itn__walk {
     int score_count; /* count, and with a texture ITN__TOUCHES more */
     int linked; /* links find all light, see itn__links_suffice */
     itn__texels *texels; /* NULL: not asked for */
+    int strata;     /* 3: each channel in turn is the hero of a sample; else drawn */
     int hero;       /* the channel that draws flights and turns */
     float share[3]; /* probability of each channel to be the hero, given the path so far */
     itn__rng rng;
@@ -4681,7 +4683,8 @@ ITN__INLINE int itn__slot(const itn__walk *walk, int parameter) {
 static void itn__weigh_channel(const itn__walk *walk, itn__weight *weight, int c, itn__dual f,
                                float pdf, const int parameter[ITN__DUALS]) {
     float *score = weight->score + c * walk->score_count;
-    int slots[ITN__DUALS], k, zero = f.v == 0, felt = 0;
+    int slots[ITN__DUALS], k, felt = 0;
+    int zero = f.v < FLT_MIN; /* or so small that d f / f could overflow */
     for (k = 0; k < ITN__DUALS; k++) slots[k] = itn__slot(walk, parameter[k]);
     if (!zero) {
         weight->beta[c] *= f.v / pdf;
@@ -5419,7 +5422,8 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     if (walk->texels) walk->texels->place_count = 0;
     walk->pdf = INFINITY, walk->scatterings = walk->boundaries = 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
-    walk->hero = walk->scene->spectral ? (int)(3 * itn__uniform(&walk->rng)) : 0;
+    walk->hero = walk->strata == 3 ? sample % 3
+               : walk->scene->spectral ? (int)(3 * itn__uniform(&walk->rng)) : 0;
     itn__trace_path(walk, itn__camera_ray(camera, x, y, u, v));
 }
 #ifndef ITN_NO_FAST
@@ -10066,7 +10070,9 @@ static itn_result itn__picture_run(itn__picture *picture, const itn_render_optio
 /* A pixel's samples are summed in double in their own order by whoever takes its row, and rows are
    independent, so the bits of the result do not depend on the number of threads. From the sums of
    x and x^2 over n samples follow the mean and the variance of the mean,
-   (sum x^2 / n - mean^2) / (n - 1). */
+   (sum x^2 / n - mean^2) / (n - 1). Where channels take turns in being the hero, the samples of
+   each are a stratum with sums of its own: the result is the mean of the strata's means, and its
+   variance the sum of theirs / 9. */
 
 typedef struct itn__render {
     const itn_scene *scene;
@@ -10077,9 +10083,11 @@ typedef struct itn__render {
     int channels, count, spp, max_scatter;
     int fast, walks, sobol, baseline; /* of the fast walk; see itn_estimator */
     uint64_t seed;
+    int strata; /* of the reference walk; see itn__walk */
     int first_row, group; /* of the rows under way; most of them, 0: all */
     float *scores;     /* per row: weight, connection and derivative, each [channels][count] */
-    double *sums;      /* per row: [channels][1 + count][2]; of a gradient: see there */
+    size_t row_sums;   /* doubles of a row in sums */
+    double *sums;      /* per row: [strata][channels][1 + count][2]; of a gradient: see there */
     double *collisions; /* per row */
     itn_image *image;  /* itn_render */
     const float *weights; /* itn_render_gradient */
@@ -10213,7 +10221,7 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
     return ITN_OK;
 }
 
-/* Checks a request and allocates what its rows need: `sums` doubles each. */
+/* Checks a request and allocates what its rows need: `sums` doubles each for every stratum. */
 static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
                                     const float *theta, const itn_render_options *options,
                                     const int *parameters, int count, size_t sums,
@@ -10243,13 +10251,15 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     render->walks = options && options->walks ? options->walks : 4;
     render->sobol = !options || options->sampler != ITN_SAMPLER_RANDOM;
     render->baseline = !(options && options->estimator == ITN_ESTIMATOR_SCORE);
+    render->strata = scene->spectral && render->spp >= 6 ? 3 : 1;
+    render->row_sums = sums * (size_t)render->strata;
     rows = (size_t)scene->film.height, scores = 3 * (size_t)render->channels * (size_t)count + 3;
     render->theta_made = (float *)itn__allocate(context, (size_t)scene->parameter_count,
                                                 sizeof(float));
     render->slots = (int *)itn__allocate(context, 2 * (size_t)scene->parameter_count, sizeof(int));
     render->only = render->slots ? render->slots + scene->parameter_count : NULL;
     render->scores = (float *)itn__allocate(context, rows, scores * sizeof(float));
-    render->sums = (double *)itn__allocate(context, rows, sums * sizeof(double));
+    render->sums = (double *)itn__allocate(context, rows, render->row_sums * sizeof(double));
     render->collisions = (double *)itn__allocate(context, rows, sizeof(double));
     if (!render->theta_made || !render->slots || !render->scores || !render->sums ||
         !render->collisions)
@@ -10282,7 +10292,7 @@ static itn__walk itn__row_walk(const itn__render *render, int row) {
     memset(&walk, 0, sizeof walk);
     walk.scene = render->scene, walk.theta = render->theta, walk.slots = render->slots;
     walk.channels = render->channels, walk.count = walk.score_count = render->count;
-    walk.max_scatter = render->max_scatter;
+    walk.max_scatter = render->max_scatter, walk.strata = render->strata;
     walk.linked = itn__links_suffice(render->scene);
     walk.weight.score = render->scores + 3 * (size_t)row * block;
     walk.connection.score = walk.weight.score + block;
@@ -10319,29 +10329,42 @@ static double itn__mean_variance(const double sums[2], int n) {
     return n > 1 ? fmax((sums[1] / n - mean * mean) / (n - 1), 0) : (double)INFINITY;
 }
 
+/* Mean of a pixel's samples and its variance, from sums that are `stride` apart in the strata. */
+static void itn__pixel_mean(const itn__render *render, const double *sums, int stride, double *mean,
+                            double *variance) {
+    int strata = render->strata, h;
+    *mean = *variance = 0;
+    for (h = 0; h < strata; h++, sums += stride) {
+        int n = (render->spp + strata - 1 - h) / strata;
+        *mean += sums[0] / n / strata;
+        *variance += itn__mean_variance(sums, n) / (strata * strata);
+    }
+}
+
 static void itn__image_row(void *task, int index) {
     itn__render *render = (itn__render *)task;
     int y = render->first_row + index, x, s, k, planes = render->channels * (1 + render->count);
     const itn_film_desc *film = &render->scene->film;
     size_t plane = (size_t)film->width * (size_t)film->height;
-    double *sums = render->sums + (size_t)y * 2 * (size_t)planes;
+    double *sums = render->sums + (size_t)y * render->row_sums, mean, variance;
     itn__walk walk = itn__row_walk(render, y);
     for (x = 0; x < film->width; x++) {
         float *pixel = render->image->pixels + (size_t)y * (size_t)film->width + (size_t)x;
-        memset(sums, 0, 2 * (size_t)planes * sizeof *sums);
+        memset(sums, 0, render->row_sums * sizeof *sums);
         for (s = 0; s < render->spp; s++) {
+            double *stratum = sums + 2 * planes * (s % render->strata);
             itn__sample_pixel(&walk, render->seed, x, y, s);
             for (k = 0; k < planes; k++) {
                 int c = k % render->channels, d = k / render->channels - 1;
                 double value = d < 0 ? walk.radiance[c] : walk.derivative[c * render->count + d];
-                sums[2 * k] += value, sums[2 * k + 1] += value * value;
+                stratum[2 * k] += value, stratum[2 * k + 1] += value * value;
             }
         }
         for (k = 0; k < planes; k++) {
             int c = k % render->channels, first = 2 * (k - c) + c; /* means, then variances */
-            pixel[(size_t)first * plane] = (float)(sums[2 * k] / render->spp);
-            pixel[(size_t)(first + render->channels) * plane] =
-                (float)itn__mean_variance(sums + 2 * k, render->spp);
+            itn__pixel_mean(render, sums + 2 * k, 2 * planes, &mean, &variance);
+            pixel[(size_t)first * plane] = (float)mean;
+            pixel[(size_t)(first + render->channels) * plane] = (float)variance;
         }
     }
     render->collisions[y] = walk.collisions;
@@ -10638,30 +10661,31 @@ static itn_result itn__check_weights(const itn_scene *scene, const float *weight
 }
 
 /* The adjoint: a sample's derivatives are folded with the weights of its pixel at once. `sums` of a
-   row: the gradient and its variance [count] each, then two running sums of the pixel [count]. */
+   row: the gradient and its variance [count] each, then of the pixel [strata][count][2]. */
 static void itn__gradient_row(void *task, int index) {
     itn__render *render = (itn__render *)task;
     int y = render->first_row + index, x, s, k, c, count = render->count;
     const itn_film_desc *film = &render->scene->film;
     size_t plane = (size_t)film->width * (size_t)film->height;
-    double *sums = render->sums + (size_t)y * 4 * (size_t)count;
+    double *sums = render->sums + (size_t)y * render->row_sums, mean, variance;
     itn__walk walk = itn__row_walk(render, y);
     for (x = 0; x < film->width; x++) {
         const float *weight = render->weights + (size_t)y * (size_t)film->width + (size_t)x;
         double *pixel = sums + 2 * count;
-        memset(pixel, 0, 2 * (size_t)count * sizeof *pixel);
+        memset(pixel, 0, 2 * (size_t)(count * render->strata) * sizeof *pixel);
         for (s = 0; s < render->spp; s++) {
+            double *stratum = pixel + 2 * count * (s % render->strata);
             itn__sample_pixel(&walk, render->seed, x, y, s);
             for (k = 0; k < count; k++) {
                 double value = 0;
                 for (c = 0; c < render->channels; c++)
                     value += (double)weight[(size_t)c * plane] * walk.derivative[c * count + k];
-                pixel[2 * k] += value, pixel[2 * k + 1] += value * value;
+                stratum[2 * k] += value, stratum[2 * k + 1] += value * value;
             }
         }
         for (k = 0; k < count; k++) {
-            sums[k] += pixel[2 * k] / render->spp;
-            sums[count + k] += itn__mean_variance(pixel + 2 * k, render->spp);
+            itn__pixel_mean(render, pixel + 2 * k, 2 * count, &mean, &variance);
+            sums[k] += mean, sums[count + k] += variance;
         }
     }
     render->collisions[y] = walk.collisions;
@@ -10689,8 +10713,8 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
     for (k = 0; k < count && !result; k++) {
         double sum = 0, spread = 0;
         for (y = 0; y < rows; y++) {
-            sum += render.sums[(size_t)y * 4 * (size_t)count + (size_t)k];
-            spread += render.sums[(size_t)y * 4 * (size_t)count + (size_t)(count + k)];
+            sum += render.sums[(size_t)y * render.row_sums + (size_t)k];
+            spread += render.sums[(size_t)y * render.row_sums + (size_t)(count + k)];
         }
         gradient[k] = sum;
         if (variance) variance[k] = spread;
@@ -15911,7 +15935,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.4.0  itn_render_texel_gradient; faint links to lights are cut.
+   0.4.0  itn_render_texel_gradient; sigma_t and g for each channel; faint links to lights
+          are cut.
           breaks: images with maps, skies and textures have other bits than before
    0.3.0  derivatives in the fast walk, foresight, itn_estimator; convolutions in blocked layouts.
           breaks: images have other bits than before (ITN_ESTIMATOR_SCORE has the old ones)

@@ -56,7 +56,7 @@ static const char *const full_text =
     "\n"
     "camera target 0 0 0 eye 0 0 5 up 0 0.1 0 fov 40\n"
     "medium milk sigma_t 12.5 albedo 0.9 0.8 0.7 phase hg g -0.25\n"
-    "medium tea albedo 0.5 sigma_t 1e2\n"
+    "medium tea albedo 0.5 sigma_t 1e2 0 300 g 0 0.2 -0.3\n"
     "surface glass type dielectric ior 1.33 alpha 0.2\n"
     "surface clear type dielectric\n"
     "surface paint type diffuse reflectance 0.3\n"
@@ -114,7 +114,10 @@ static void check_full_scene(const itn_scene *scene, float milk_g) {
     CHECK(value_of(scene, "milk.sigma_t") == 12.5f && value_of(scene, "milk.g") == milk_g);
     CHECK(value_of(scene, "milk.albedo_r") == .9f && value_of(scene, "milk.albedo_g") == .8f);
     CHECK(value_of(scene, "milk.albedo_b") == .7f);
-    CHECK(value_of(scene, "tea.sigma_t") == 100 && value_of(scene, "tea.g") == 0);
+    CHECK(value_of(scene, "tea.sigma_t_r") == 100 && value_of(scene, "tea.sigma_t_g") == 0);
+    CHECK(value_of(scene, "tea.sigma_t_b") == 300 && value_of(scene, "tea.g_r") == 0);
+    CHECK(value_of(scene, "tea.g_g") == .2f && value_of(scene, "tea.g_b") == -.3f);
+    CHECK(itn_parameter_find(scene, "tea.sigma_t") < 0 && itn_parameter_find(scene, "tea.g") < 0);
     CHECK(value_of(scene, "tea.albedo_r") == .5f && value_of(scene, "tea.albedo_b") == .5f);
     CHECK(value_of(scene, "glass.ior") == 1.33f && value_of(scene, "glass.alpha") == .2f);
     CHECK(value_of(scene, "clear.ior") == 1.5f && itn_parameter_find(scene, "clear.alpha") < 0);
@@ -250,6 +253,13 @@ static const bad_line bad_lines[] = {
     {"medium x sigma_t 1 albedo 1 1", ITN_ERROR_FORMAT, "albedo"},
     {"medium x sigma_t 1 albedo 1 1 1", ITN_ERROR_FORMAT, "channels 3"},
     {"medium x sigma_t 1 albedo 1 g 1", ITN_ERROR_FORMAT, "g: 1 is not in"},
+    {"medium x sigma_t 1 2 albedo 1", ITN_ERROR_FORMAT, "sigma_t"},
+    {"medium x sigma_t 1 2 3 4 albedo 1", ITN_ERROR_FORMAT, "sigma_t"},
+    {"medium x sigma_t 1 2 -3 albedo 1", ITN_ERROR_FORMAT, "sigma_t: -3 is not in"},
+    {"medium x sigma_t 1 2 3 albedo 1", ITN_ERROR_FORMAT, "channels 3"},
+    {"medium x sigma_t 1 albedo 1 g 0 0.1", ITN_ERROR_FORMAT, "g"},
+    {"medium x sigma_t 1 albedo 1 g 0 0.1 1", ITN_ERROR_FORMAT, "g: 1 is not in"},
+    {"medium x sigma_t 1 albedo 1 g 0 0.1 0.2", ITN_ERROR_FORMAT, "channels 3"},
     {"medium x sigma_t 1 albedo 1 phase rayleigh", ITN_ERROR_FORMAT, "rayleigh"},
     {"surface x ior 1.5", ITN_ERROR_FORMAT, "type is missing"},
     {"surface x type metal", ITN_ERROR_FORMAT, "metal"},
@@ -508,7 +518,7 @@ static void test_sky(void) {
 
 static void test_shipped_scenes(void) {
     static const char *const names[] = {"default", "studio", "smooth", "matched", "data",
-                                        "rgb",     "still",  "chain",  "hound"};
+                                        "rgb",     "still",  "chain",  "hound",   "spectral"};
     size_t i;
     for (i = 0; i < sizeof names / sizeof names[0]; i++) {
         itn_render_options options = ITN_ZERO;

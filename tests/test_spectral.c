@@ -1,7 +1,9 @@
 /* Media with a sigma_t and g for each channel. Whatever the channels share in a walk, each of them
    must come out as if it were alone: its image and derivatives are compared, region by region, with
    those of a scene of one channel that has its values, within 4.5 standard errors of the
-   difference, which themselves must be small. */
+   difference, which themselves must be small.
+
+   ITN_LONG_TESTS=1 in the environment takes 40 times the samples; SHOW=1 prints all comparisons. */
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 
@@ -9,7 +11,7 @@
 #include "solids.h"
 #include "stage.h"
 
-enum { SIZE = 8, MOST_PARAMETERS = 24 };
+enum { SIZE = 8, PIXELS = SIZE * SIZE, MOST_PARAMETERS = 24 };
 
 /* What differs between channels. */
 typedef struct spectrum {
@@ -22,10 +24,7 @@ typedef struct subject {
     const char *name;
     kind what;
     spectrum medium;
-    double shade; /* a radiance that makes light bluer would hide mistakes, so all light is grey */
-    double largest[2]; /* standard errors of the image and of a derivative, relative to the largest
-                          value of its kind in the scene */
-    int spp;
+    double largest; /* standard error of the image's mean, relative to it */
 } subject;
 
 /* A medium with its values in all channels (channel -1) or in one. */
@@ -46,7 +45,7 @@ static itn_light_desc *grey_sky(stage *s) {
     return light;
 }
 
-/* The scene with all channels (channel -1), or that of one of them. */
+/* The scene with all channels (channel -1), or that of one of them. All light is grey. */
 static itn_scene *make_scene(const subject *in, int channel) {
     static const spectrum plain = {{1.5, 1.5, 1.5}, {.9, .8, .7}, {.2, .2, .2}};
     itn_mesh ball = solids_sphere(1, 2), core = solids_sphere(.6, 1);
@@ -126,6 +125,8 @@ static void render(const itn_scene *scene, int spp, uint64_t seed, const int *pa
     stage_need(itn_render(scene, NULL, &options, parameters, count, image, &error), &error);
 }
 
+static int samples = 512; /* per pixel */
+
 /* Sum of (difference / standard error)^2 over comparisons, and how many. */
 static double chi_square, comparisons;
 
@@ -133,20 +134,19 @@ static double chi_square, comparisons;
    alone. `k` and `alone_k` count the planes; -1 in alone_k: must be 0. */
 static void compare_plane(const subject *in, const char *name, const itn_image *image, int k,
                           const itn_image *alone, int alone_k, int channel) {
-    const int pixels = SIZE * SIZE;
-    const float *value = image->pixels + (6 * (k + 1) + channel) * pixels;
-    const float *other = alone->pixels + 2 * (alone_k + 1) * pixels;
+    const float *value = image->pixels + (6 * (k + 1) + channel) * PIXELS;
+    const float *other = alone->pixels + 2 * (alone_k + 1) * PIXELS;
     double mean, spread, expected, error, largest = 0;
     int region;
-    for (region = 0; region < pixels && alone_k == -2; region++) largest += fabs(value[region]);
+    for (region = 0; region < PIXELS && alone_k == -2; region++) largest += fabs(value[region]);
     if (alone_k == -2) {
         check_report(largest == 0, __FILE__, __LINE__, "%s %s: channel %d feels it", in->name, name,
                      channel);
         return;
     }
     for (region = 0; region < 5; region++) {
-        region_mean(value, value + 3 * pixels, region, &mean, &spread);
-        region_mean(other, other + pixels, region, &expected, &error);
+        region_mean(value, value + 3 * PIXELS, region, &mean, &spread);
+        region_mean(other, other + PIXELS, region, &expected, &error);
         if (region == 0) largest = fabs(expected);
         error = sqrt(error + spread);
         if (error > 0)
@@ -160,7 +160,7 @@ static void compare_plane(const subject *in, const char *name, const itn_image *
                      "%s %s, channel %d, region %d: %.6g, alone %.6g +- %.2g: %.1f sigma", in->name,
                      name, channel, region, mean, expected, error, (mean - expected) / error);
         if (region == 0 && k < 0)
-            check_report(error <= in->largest[0] * largest, __FILE__, __LINE__,
+            check_report(error <= in->largest * largest, __FILE__, __LINE__,
                          "%s %s, channel %d is blunt: %.3g of %.3g", in->name, name, channel,
                          error, largest);
     }
@@ -176,15 +176,15 @@ static void test_channels(const subject *in, double planted, int no_draw) {
     for (c = 0; c < 2; c++) off.medium.sigma_t[c] *= 1 + planted;
     scene = make_scene(&off, -1);
     CHECK(scene->spectral);
-    if (no_draw) scene->spectral = 0;
+    if (no_draw) scene->spectral = 0; /* strata 1, hero 0 */
     count = parameters_of(scene, parameters);
-    render(scene, in->spp, 1, parameters, count, &image);
+    render(scene, samples, 1, parameters, count, &image);
     for (c = 0; c < 3; c++) {
         itn_scene *alone = make_scene(in, c);
         itn_image picture = ITN_ZERO;
         CHECK(!alone->spectral);
         alone_count = parameters_of(alone, alone_parameters);
-        render(alone, in->spp, (uint64_t)c + 2, alone_parameters, alone_count, &picture);
+        render(alone, samples, (uint64_t)c + 2, alone_parameters, alone_count, &picture);
         compare_plane(in, "image", &image, -1, &picture, -1, c);
         for (k = 0; k < count; k++) {
             const char *name = itn_parameter_get(scene, parameters[k])->name;
@@ -201,19 +201,271 @@ static void test_channels(const subject *in, double planted, int no_draw) {
 }
 
 static const subject subjects[] = {
-    {"matched", MATCHED, {{2, 4, 7}, {.95, .9, .8}, {.6, .2, -.3}}, 0, {.02, .1}, 512},
-    {"rough", ROUGH, {{1, 3, 5}, {.95, .9, .7}, {.5, .3, .2}}, 0, {.02, .1}, 512},
-    {"sky", SKY, {{1, 2, 4}, {.9, .8, .7}, {.4, .4, .4}}, 0, {.02, .1}, 512},
-    {"thick", MATCHED, {{.2, 6, 40}, {.9, .95, .9}, {0, .5, .9}}, 0, {.03, .1}, 512},
-    {"clear", ROUGH, {{0, 2, 6}, {.8, .9, .95}, {.3, .3, .3}}, 0, {.03, .1}, 512},
-    {"turns", MATCHED, {{4, 4, 4}, {.9, .9, .9}, {.9, 0, -.7}}, 0, {.02, .1}, 512},
-    {"nested", NESTED, {{1, 4, 9}, {.95, .8, .9}, {.5, 0, -.2}}, 0, {.03, .1}, 512}};
+    {"matched", MATCHED, {{2, 4, 7}, {.95, .9, .8}, {.6, .2, -.3}}, .01},
+    {"rough", ROUGH, {{1, 3, 5}, {.95, .9, .7}, {.5, .3, .2}}, .012},
+    {"sky", SKY, {{1, 2, 4}, {.9, .8, .7}, {.4, .4, .4}}, .01},
+    {"thick", MATCHED, {{.2, 6, 40}, {.9, .95, .9}, {0, .5, .9}}, .01},
+    {"clear", ROUGH, {{0, 2, 6}, {.8, .9, .95}, {.3, .3, .3}}, .015},
+    {"turns", MATCHED, {{4, 4, 4}, {.9, .9, .9}, {.9, 0, -.7}}, .012},
+    {"nested", NESTED, {{1, 4, 9}, {.95, .8, .9}, {.5, 0, -.2}}, .012}};
+
+/* ---- equal channels -------------------------------------------------------------------------- */
+
+/* Three equal numbers are three parameters that mean what one does: the sum of the derivatives is
+   the derivative of the one. */
+static void test_equal(double planted) {
+    static const subject equal = {"equal", ROUGH, {{3, 3, 3}, {.9, .9, .9}, {.4, .4, .4}}, 0};
+    subject near = equal;
+    itn_scene *one = make_scene(&equal, -1), *three;
+    itn_image images[2] = {ITN_ZERO, ITN_ZERO};
+    int parameters[3], c, region;
+    near.medium.sigma_t[0] *= 1 - 1e-6, near.medium.sigma_t[2] *= 1 + planted;
+    near.medium.g[0] *= 1 - 1e-6;
+    three = make_scene(&near, -1);
+    CHECK(!one->spectral && three->spectral);
+    parameters[0] = itn_parameter_find(one, "m.sigma_t");
+    render(one, samples, 11, parameters, 1, &images[0]);
+    for (c = 0; c < 3; c++)
+        parameters[c] = itn_parameter_find(three, c == 0   ? "m.sigma_t_r"
+                                                  : c == 1 ? "m.sigma_t_g"
+                                                           : "m.sigma_t_b");
+    render(three, samples, 12, parameters, 3, &images[1]);
+    for (c = 0; c < 3; c++)
+        for (region = 0; region < 10; region++) {
+            int plane = region < 5 ? 0 : 6, own = region < 5 ? 0 : 6 + 6 * c;
+            double mean, spread, expected, error;
+            region_mean(images[0].pixels + (plane + c) * PIXELS,
+                        images[0].pixels + (plane + 3 + c) * PIXELS, region % 5, &expected, &error);
+            region_mean(images[1].pixels + (own + c) * PIXELS,
+                        images[1].pixels + (own + 3 + c) * PIXELS, region % 5, &mean, &spread);
+            CHECK_MEAN(mean, sqrt(spread + error), expected, 4.5, .2 * fabs(expected) + .02);
+        }
+    itn_image_free(&images[0]), itn_image_free(&images[1]);
+    itn_scene_free(one), itn_scene_free(three);
+}
+
+/* ---- white furnaces, extremes ---------------------------------------------------------------- */
+
+/* A ball of albedo 1 in light 1 from everywhere: whatever the media are, each channel's mean is 1
+   and derivatives are 0. Light that nobody samples (`linked` 0) comes in whole: the channels of every
+   sample add up to 3, so no weight is larger. Of a map (1) every collision gets its part. */
+static void test_furnace(const double sigma_t[3], const double g[3], double largest, int linked) {
+    itn_mesh ball = solids_sphere(1, 1);
+    itn_image image = ITN_ZERO, map = stage_patch(1, 0, 0, 0);
+    itn_scene *scene;
+    stage s;
+    itn_medium_desc *medium;
+    int parameters[MOST_PARAMETERS], count, c, i, finite = 1, samples = linked ? 1024 : 96;
+    double worst = 0, mean, spread;
+    stage_begin(&s, SIZE, 4, 25);
+    s.desc.film.channels = 3;
+    medium = stage_medium(&s, "m", 1, 1, 0);
+    for (c = 0; c < 3; c++)
+        medium->sigma_t_rgb[c] = (float)sigma_t[c], medium->g_rgb[c] = (float)g[c];
+    stage_object(&s, &ball, "m", NULL);
+    if (linked)
+        stage_map(&s, "light", &map)->has_scale = 1, s.lights[0].scale = 10; /* the map has .1 */
+    else
+        stage_constant(&s, "light", 1);
+    scene = stage_make(&s);
+    render(scene, 1, 3, NULL, 0, &image);
+    for (i = 0; i < PIXELS && !linked; i++) {
+        double sum = (double)image.pixels[i] + image.pixels[PIXELS + i] +
+                     image.pixels[2 * PIXELS + i];
+        worst = fmax(worst, fabs(sum - 3));
+    }
+    CHECK_NEAR(worst, 0, 1e-3);
+    itn_image_free(&image);
+    count = parameters_of(scene, parameters);
+    render(scene, samples, 4, parameters, count, &image);
+    for (i = 0; i < image.plane_count * PIXELS; i++) finite &= !!itn__finite(image.pixels[i]);
+    CHECK(finite);
+    for (c = 0; c < 3; c++) {
+        region_mean(image.pixels + c * PIXELS, image.pixels + (3 + c) * PIXELS, 0, &mean, &spread);
+        CHECK_MEAN(mean, sqrt(spread) + 1e-4, 1, 4.5, largest);
+        for (i = 0; i < 2; i++) { /* sigma_t and g, parameters 0 to 2 and 6 to 8 */
+            const float *plane = image.pixels + (6 * (1 + 6 * i + c) + c) * PIXELS;
+            region_mean(plane, plane + 3 * PIXELS, 0, &mean, &spread);
+            check_report(fabs(mean) <= 4.5 * sqrt(spread) + 1e-4, __FILE__, __LINE__,
+                         "derivative %d of channel %d: %.3g +- %.2g, expected 0", i, c, mean,
+                         sqrt(spread));
+        }
+    }
+    itn_image_free(&image), itn_image_free(&map);
+    itn_scene_free(scene);
+    itn_mesh_free(&ball);
+}
+
+static void test_extremes(void) {
+    static const double sigmas[][3] = {{1, 2, 4}, {1, 1000, 10}, {0, 1000, 1}, {0, 0, 5},
+                                       {1e-30, 1, 100}, {1e-40, 0, 2}};
+    static const double turns[3] = {.9, 0, -.8};
+    static const double gs[][3] = {{.5, 0, -.5}, {0, .9, .999}, {-.999, .999, .1}};
+    size_t i;
+    for (i = 0; i < sizeof sigmas / sizeof sigmas[0]; i++)
+        test_furnace(sigmas[i], gs[i % 3], .03, 0);
+    test_furnace(sigmas[0], turns, .004, 1);
+}
+
+/* What is thicker than any float still gives finite numbers, of at most 3 a sample in light 1, all
+   parameters asked for. */
+static void test_finite(void) {
+    static const spectrum media[] = {{{0, 1e12, 1}, {1, .9, 1}, {0, .999, -.999}},
+                                     {{1e12, 1e-12, 1e6}, {.99, .5, 0}, {-.9, 0, .9}},
+                                     {{1e-38, 1e12, 0}, {0, .5, .9}, {.1, 0, 0}}};
+    itn_mesh ball = solids_sphere(1, 1);
+    size_t k;
+    for (k = 0; k < sizeof media / sizeof media[0]; k++) {
+        int parameters[MOST_PARAMETERS], count, i, finite = 1;
+        itn_image image = ITN_ZERO;
+        itn_scene *scene;
+        float most = 0;
+        stage s;
+        stage_begin(&s, SIZE, 4, 25);
+        s.desc.film.channels = 3;
+        add_medium(&s, "m", &media[k], -1);
+        stage_dielectric(&s, "glass", 1.3, .3);
+        stage_object(&s, &ball, "m", k == 1 ? "glass" : NULL);
+        stage_constant(&s, "light", 1);
+        scene = stage_make(&s);
+        count = parameters_of(scene, parameters);
+        render(scene, 6, 5, parameters, count, &image);
+        for (i = 0; i < image.plane_count * PIXELS; i++) finite &= !!itn__finite(image.pixels[i]);
+        CHECK(finite);
+        itn_image_free(&image);
+        render(scene, 6, 5, NULL, 0, &image);
+        for (i = 0; i < 3 * PIXELS; i++) most = image.pixels[i] > most ? image.pixels[i] : most;
+        CHECK(most > 0 && most <= 3.5f); /* roulette and rough boundaries add a little */
+        itn_image_free(&image);
+        itn_scene_free(scene);
+    }
+    itn_mesh_free(&ball);
+}
+
+/* ---- the same bits, the adjoint -------------------------------------------------------------- */
+
+static void run_backwards(int count, void (*body)(void *task, int index), void *task, void *user) {
+    (void)user;
+    while (count--) body(task, count);
+}
+
+/* Rows in another order give the same bits, and the gradient of a loss is the sum of the weighted
+   derivative images, whose paths it follows, and of their variances. */
+static void test_adjoint(double planted) {
+    itn_scene *scene = make_scene(&subjects[0], -1);
+    itn_render_options options = ITN_ZERO;
+    itn_image image = ITN_ZERO, again = ITN_ZERO;
+    itn_error error;
+    static float weights[3 * PIXELS];
+    double gradient[MOST_PARAMETERS], variance[MOST_PARAMETERS];
+    int parameters[MOST_PARAMETERS], count = parameters_of(scene, parameters), i, k;
+    size_t bytes;
+    for (i = 0; i < 3 * PIXELS; i++) weights[i] = 1 + .1f * (float)(i % 7);
+    options.spp = 8, options.seed = 21; /* AUTO is the reference here */
+    stage_need(itn_render(scene, NULL, &options, parameters, count, &image, &error), &error);
+    scene->context.parallel_for = run_backwards;
+    stage_need(itn_render(scene, NULL, &options, parameters, count, &again, &error), &error);
+    bytes = (size_t)image.plane_count * PIXELS * sizeof(float);
+    CHECK(!memcmp(image.pixels, again.pixels, bytes));
+    stage_need(itn_render_gradient(scene, NULL, &options, weights, parameters, count, gradient,
+                                   variance, &error), &error);
+    for (k = 0; k < count; k++) {
+        double sum = planted, size = 0;
+        for (i = 0; i < 3 * PIXELS; i++) {
+            double term = (double)weights[i] * image.pixels[6 * (k + 1) * PIXELS + i];
+            sum += term, size += fabs(term);
+        }
+        CHECK_NEAR(gradient[k], sum, 1e-5 * size);
+        CHECK(variance[k] > 0);
+    }
+    itn_image_free(&image), itn_image_free(&again);
+    itn_scene_free(scene);
+}
+
+/* ---- the interface --------------------------------------------------------------------------- */
+
+/* Makes a scene of a medium; returns what happened. */
+static itn_result make_medium(int channels, const float sigma_t[3], const float g[3],
+                              itn_scene **scene, itn_error *error) {
+    itn_mesh ball = solids_sphere(1, 0);
+    itn_result result;
+    stage s;
+    itn_medium_desc *medium;
+    stage_begin(&s, SIZE, 4, 25);
+    s.desc.film.channels = channels;
+    medium = stage_medium(&s, "m", 7, .5, .25);
+    memcpy(medium->sigma_t_rgb, sigma_t, sizeof medium->sigma_t_rgb);
+    memcpy(medium->g_rgb, g, sizeof medium->g_rgb);
+    stage_object(&s, &ball, "m", NULL);
+    stage_constant(&s, "light", 1);
+    memset(error, 0, sizeof *error);
+    *scene = NULL;
+    result = itn_scene_create(&s.desc, NULL, scene, error);
+    itn_mesh_free(&ball);
+    return result;
+}
+
+static void test_interface(void) {
+    static const float none[3] = {0, 0, 0}, three[3] = {0, 10, 20}, turns[3] = {-.5f, 0, .5f};
+    static const struct {
+        float sigma_t[3], g[3];
+        int channels;
+        const char *says;
+    } bad[] = {{{1, 2, 3}, {0, 0, 0}, 1, "m: sigma_t_rgb needs a film with 3 channels"},
+               {{0, 0, 0}, {0, 0, .1f}, 1, "m: g_rgb needs a film with 3 channels"},
+               {{1, -2, 3}, {0, 0, 0}, 3, "m: sigma_t -2 is not in"},
+               {{1, 2, 2e12f}, {0, 0, 0}, 3, "m: sigma_t 2e+12 is not in"},
+               {{1, 2, 3}, {0, 1, 0}, 3, "m: g 1 is not in"},
+               {{1, NAN, 3}, {0, 0, 0}, 3, "is not in"}};
+    static const char *const names[] = {"m.sigma_t_r", "m.sigma_t_g", "m.sigma_t_b", "m.albedo_r",
+                                        "m.albedo_g", "m.albedo_b", "m.g_r", "m.g_g", "m.g_b"};
+    itn_render_options options = ITN_ZERO;
+    itn_image image = ITN_ZERO;
+    itn_error error;
+    itn_scene *scene;
+    size_t k;
+    for (k = 0; k < sizeof bad / sizeof bad[0]; k++) {
+        CHECK(make_medium(bad[k].channels, bad[k].sigma_t, bad[k].g, &scene, &error) ==
+              ITN_ERROR_ARGUMENT);
+        check_report(!scene && strstr(error.message, bad[k].says) != NULL, __FILE__, __LINE__,
+                     "'%s' does not say '%s'", error.message, bad[k].says);
+    }
+    CHECK(make_medium(3, none, none, &scene, &error) == ITN_OK); /* the one value holds */
+    CHECK(itn_parameter_get(scene, itn_parameter_find(scene, "m.sigma_t"))->value == 7);
+    CHECK(itn_parameter_get(scene, itn_parameter_find(scene, "m.g"))->value == .25f);
+    CHECK(itn_parameter_find(scene, "m.sigma_t_r") < 0 && itn_parameter_find(scene, "m.g_b") < 0);
+    itn_scene_free(scene);
+    CHECK(make_medium(3, three, turns, &scene, &error) == ITN_OK);
+    for (k = 0; k < 9; k++) {
+        const itn_parameter *p = itn_parameter_get(scene, (int)k);
+        check_report(!strcmp(p->name, names[k]), __FILE__, __LINE__, "%s is not %s", p->name,
+                     names[k]);
+        CHECK(k >= 3 || (p->value == three[k] && p->lower == 0 && p->upper == 1e12f &&
+                         p->transform == ITN_LOG));
+        CHECK(k < 6 || (p->value == turns[k - 6] && p->lower == -.999f && p->upper == .999f &&
+                        p->transform == ITN_LOGIT));
+    }
+    CHECK_NEAR(itn_scene_thickness(scene, NULL, "m"),
+               10 * 4 * scene->objects[0].volume / scene->objects[0].area, 1e-5);
+    options.mode = ITN_MODE_FAST;
+    CHECK(itn_render(scene, NULL, &options, NULL, 0, &image, &error) == ITN_ERROR_UNSUPPORTED);
+    CHECK(!image.pixels && strstr(error.message, "fast walk"));
+    itn_scene_free(scene);
+}
 
 int main(void) {
     size_t i;
+    if (getenv("ITN_LONG_TESTS")) samples *= 40;
     for (i = 0; i < sizeof subjects / sizeof subjects[0]; i++) test_channels(&subjects[i], 0, 0);
     if (getenv("SHOW")) printf("chi^2 %.3f of %.0f\n", chi_square / comparisons, comparisons);
-    CHECK_CATCHES(test_channels(&subjects[0], .1, 0));
+    test_equal(0);
+    test_extremes();
+    test_finite();
+    test_adjoint(0);
+    test_interface();
+    CHECK_CATCHES(test_channels(&subjects[0], .2, 0));
     CHECK_CATCHES(test_channels(&subjects[0], 0, 1));
+    CHECK_CATCHES(test_equal(.2));
+    CHECK_CATCHES(test_adjoint(1));
     return check_end("spectral");
 }
