@@ -613,6 +613,14 @@ ITN_API float *itn_net_parameters(itn_net *net, size_t *count);
 /* Returns the gradients, of the same count and order: what to sum over machines before a step. */
 ITN_API float *itn_net_gradients(itn_net *net, size_t *count);
 
+/* Makes of a picture the two channels that the authors' networks see: the picture over `mean`, and
+   an edge weight s/(s+1) in [0,1), large where that changes fast: s = |(right - left, below -
+   above)|, of a pixel's neighbours, or of itself at the border.
+   mean: the brightness, > 0, of the pictures that the network was trained with. pixels:
+   [height][width], linear radiometric, finite. input: [2][height][width], no overlap with pixels.
+   Errors: ARGUMENT; then input is untouched. */
+ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
+                                 float *input, itn_error *error);
 /* Computes the network's outputs for `batch` images (1 to the desc's batch).
    images: [batch][channels][height][width], finite. outputs: [batch][outputs].
    Errors: ARGUMENT (batch out of range, image values or outputs that are not finite). */
@@ -12230,6 +12238,39 @@ static size_t itn__not_finite(const float *values, size_t count) {
     size_t k = 0;
     while (k < count && itn__finite((double)values[k])) k++;
     return k;
+}
+
+/* The edge weight of pixel (x, y), from central differences. */
+static float itn__edge_weight(int width, int height, const float *pixels, double mean, int x,
+                              int y) {
+    int left = x > 0 ? x - 1 : x, right = x + 1 < width ? x + 1 : x;
+    int above = y > 0 ? y - 1 : y, below = y + 1 < height ? y + 1 : y;
+    const float *line = pixels + (size_t)y * (size_t)width;
+    double across = (double)line[right] - (double)line[left];
+    double down = (double)pixels[(size_t)below * (size_t)width + (size_t)x] -
+                  (double)pixels[(size_t)above * (size_t)width + (size_t)x];
+    double slope = sqrt(across * across + down * down) / mean;
+    return (float)(slope / (slope + 1));
+}
+
+ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
+                                 float *input, itn_error *error) {
+    size_t plane = (size_t)width * (size_t)height, i;
+    int x, y;
+    if (!pixels || !input || width < 1 || height < 1 || !(mean > 0) || !itn__finite(mean))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_net_input: a pointer is NULL, a size (%dx%d) below 1 or the mean "
+                         "(%g) not a positive number", width, height, mean);
+    if ((i = itn__not_finite(pixels, plane)) < plane)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_net_input: pixel (%.0f, %.0f) is not finite",
+                         (double)(i % (size_t)width), (double)(i / (size_t)width));
+    for (y = 0; y < height; y++)
+        for (x = 0; x < width; x++, input++) {
+            *input = (float)((double)pixels[(size_t)y * (size_t)width + (size_t)x] / mean);
+            input[plane] = itn__edge_weight(width, height, pixels, mean, x, y);
+        }
+    return ITN_OK;
 }
 
 /* One call of forward or backward, as its parallel loops see it. */

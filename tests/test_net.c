@@ -943,6 +943,39 @@ static itn_context memory_context(test_memory *memory) {
     return context;
 }
 
+/* A slanted picture 3 x + 4 y: its slope is 5 each pixel, so 10 inside, and by Pythagoras 3 or 4 of
+   it once at the borders; over the mean 2. The fault forgets the mean. */
+static void test_net_input(int fault) {
+    enum { WIDTH = 7, HEIGHT = 5, PLANE = WIDTH * HEIGHT };
+    float pixels[PLANE], input[2 * PLANE];
+    double mean = fault ? 1 : 2;
+    int i;
+    for (i = 0; i < PLANE; i++) pixels[i] = (float)(3 * (i % WIDTH) + 4 * (i / WIDTH));
+    CHECK(itn_net_input(WIDTH, HEIGHT, pixels, mean, input, NULL) == ITN_OK);
+    for (i = 0; i < PLANE; i++) {
+        int x = i % WIDTH, y = i / WIDTH;
+        double across = x == 0 || x == WIDTH - 1 ? 3 : 6;
+        double down = y == 0 || y == HEIGHT - 1 ? 4 : 8, slope = hypot(across, down) / 2;
+        CHECK(input[i] == pixels[i] / 2);
+        CHECK_NEAR((double)input[PLANE + i], slope / (slope + 1), 1e-6);
+    }
+}
+
+static void test_net_input_errors(void) {
+    float pixels[4] = {1, 2, NAN, 4}, input[8] = {7, 7, 7, 7, 7, 7, 7, 7};
+    itn_error error;
+    CHECK(itn_net_input(2, 2, pixels, 1, input, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "pixel (0, 1)") != NULL);
+    pixels[2] = 3;
+    CHECK(itn_net_input(2, 2, pixels, 0, input, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_input(2, 2, pixels, NAN, input, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_input(2, 2, pixels, INFINITY, input, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_input(0, 2, pixels, 1, input, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_input(2, 2, NULL, 1, input, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_input(2, 2, pixels, 1, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(input[0] == 7 && input[7] == 7);
+}
+
 static void test_memory_of_create(void) {
     itn_net_desc d = small_desc();
     test_memory memory;
@@ -1529,6 +1562,9 @@ int main(void) {
     test_adam_refuses();
     test_desc_errors();
     test_call_errors();
+    test_net_input(0);
+    CHECK_CATCHES(test_net_input(1));
+    test_net_input_errors();
     test_memory_of_create();
     test_overfit(1);
     CHECK_CATCHES(test_overfit(-1));
