@@ -13,6 +13,7 @@
    A picture gets as many samples as bring its noise under --noise, but at most --spp. At the 3 % of
    the full experiment these are about 250 times 4 walks for milky materials and thousands for dark
    ones; for a quick trial --noise 0.2 --spp 8 will do.
+   --tests is the part of the three test splits to make, as large as --fraction unless given.
    `make` goes on where it was stopped and mends what `check` finds missing or damaged. `sheet`
    shows one picture of every shape (rows) and azimuth (columns). dataset.h says what is in a file.
    The pictures are the same bits for any number of threads. */
@@ -20,14 +21,14 @@
 #include "dataset.h"
 
 static const char *const usage =
-    "usage: dataset make DIR [--fraction F] [--noise N] [--spp MOST] [--seed N] [-t THREADS]\n"
-    "               [--scenes DIR]\n"
+    "usage: dataset make DIR [--fraction F] [--tests F] [--noise N] [--spp MOST] [--seed N]\n"
+    "               [-t THREADS] [--scenes DIR]\n"
     "       dataset check DIR\n"
     "       dataset sheet DIR OUT.png\n";
 
 typedef struct settings {
     const char *dir, *scenes; /* the data; where shapes, maps and skies are */
-    double fraction, noise;
+    double fraction, tests, noise; /* parts of the training split and of the others to make */
     int spp, seed, threads; /* spp: at most */
 } settings;
 
@@ -179,7 +180,7 @@ static void make_picture(void *task, int index) {
     int k;
     itn_parameter_values(w->scene, theta);
     for (k = 0; k < 3; k++) theta[w->parameters[k]] = w->thetas[index][k];
-    options.seed = mix((uint64_t)s->seed, (uint64_t)(w->shard.in * 100 + w->shard.azimuth),
+    options.seed = mix((uint64_t)s->seed, (uint64_t)((int)w->shard.in * 100 + w->shard.azimuth),
                        (uint64_t)(w->shard.shape * MATERIALS + index));
     for (options.spp = 2;;) { /* noise falls with the root of the samples: 1.1 for good measure */
         itn_image_free(&image);
@@ -220,8 +221,8 @@ static void make_shard(work *w, const shard *s) {
 /* Writes data.txt, or checks that what is there was made with the same settings. */
 static void write_settings(const settings *s) {
     char path[PATH_SIZE], text[256], there[256] = "";
-    int length = snprintf(text, sizeof text, "fraction %.9g\nnoise %.9g\nspp %d\nseed %d\n",
-                          s->fraction, s->noise, s->spp, s->seed);
+    int length = snprintf(text, sizeof text, "fraction %.9g\ntests %.9g\nnoise %.9g\nspp %d\n"
+                          "seed %d\n", s->fraction, s->tests, s->noise, s->spp, s->seed);
     FILE *file;
     snprintf(path, sizeof path, "%s/data.txt", s->dir);
     file = fopen(path, "r");
@@ -243,7 +244,7 @@ static int make_data(const settings *s) {
     write_scenes(s);
     w.settings = s;
     for (in = 0; in < SPLITS; in++) {
-        counts[in] = list_shards((split)in, s->fraction, shards[in]);
+        counts[in] = list_shards((split)in, in == SPLIT_TRAIN ? s->fraction : s->tests, shards[in]);
         for (i = 0; i < counts[in]; i++) {
             const char *fault;
             unsigned char *bytes = read_shard(&shards[in][i], s->dir, &fault);
@@ -271,12 +272,11 @@ static int make_data(const settings *s) {
 /* ---- check and look ---- */
 
 static int check_data(const char *dir) {
-    double fraction = read_fraction(dir);
     int in, i, k, faults = 0;
     for (in = 0; in < SPLITS; in++) {
         shard shards[MOST_SHARDS];
         double noise = 0, worst = 0;
-        int count = list_shards((split)in, fraction, shards), images = 0;
+        int count = list_shards((split)in, read_fraction(dir, (split)in), shards), images = 0;
         for (i = 0; i < count; i++) {
             const char *fault;
             char path[PATH_SIZE];
@@ -335,6 +335,7 @@ int main(int argc, char **argv) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (!value) fail(option, "unknown option, or its value is missing");
         else if (!strcmp(option, "--fraction")) s.fraction = number(option, value, 1e-4, 1);
+        else if (!strcmp(option, "--tests")) s.tests = number(option, value, 1e-4, 1);
         else if (!strcmp(option, "--noise")) s.noise = number(option, value, 1e-3, 1);
         else if (!strcmp(option, "--spp")) s.spp = whole(option, value, 2);
         else if (!strcmp(option, "--seed")) s.seed = whole(option, value, 0);
@@ -342,5 +343,6 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--scenes")) s.scenes = value;
         else fail(option, "unknown option");
     }
+    if (!(s.tests > 0)) s.tests = s.fraction;
     return make_data(&s);
 }

@@ -12,7 +12,7 @@
        per image four floats: sigma_t, albedo, g, and the noise (see image_noise in dataset.c);
        per image 128 x 128 pixels as 16-bit floats, row 0 on top;
        a checksum of all that (64 bits, FNV-1a).
-   Numbers are little-endian. DIR/data.txt says which fraction of everything DIR holds, and
+   Numbers are little-endian. DIR/data.txt says which fraction of them DIR holds, and
    DIR/scenes has a scene file per shape and azimuth with all that it needs, for render and invert.
 
    dataset.c writes all this; train.c and starts.c read it. Each compiles alone, with itn.h in it,
@@ -290,17 +290,19 @@ static inline void save_file(const char *path, const void *bytes, size_t size) {
 
 /* ---- reading ---- */
 
-/* The fraction of everything that a folder holds, from its data.txt. */
-static inline double read_fraction(const char *dir) {
+/* The fraction of a split that a folder holds, from its data.txt. */
+static inline double read_fraction(const char *dir, split in) {
     char path[PATH_SIZE];
-    double fraction = 0;
+    double train = 0, tests = 0, fraction;
     FILE *file;
     snprintf(path, sizeof path, "%s/data.txt", dir);
     file = fopen(path, "r");
     if (!file) fail(path, "cannot be read: make the data with `dataset make` first");
-    if (fscanf(file, "fraction %lf", &fraction) != 1 || !(fraction > 0 && fraction <= 1))
-        fail(path, "its first line should be `fraction F` with F in (0,1]");
+    if (fscanf(file, "fraction %lf tests %lf", &train, &tests) != 2)
+        fail(path, "its first lines should be `fraction F` and `tests F`");
     fclose(file);
+    fraction = in == SPLIT_TRAIN ? train : tests;
+    if (!(fraction > 0 && fraction <= 1)) fail(path, "fractions should be in (0,1]");
     return fraction;
 }
 
@@ -362,7 +364,7 @@ typedef struct pictures {
 static inline void load_pictures(const char *dir, split in, pictures *p) {
     int i, k, faults = 0, next = 0;
     memset(p, 0, sizeof *p);
-    p->shard_count = list_shards(in, read_fraction(dir), p->shards);
+    p->shard_count = list_shards(in, read_fraction(dir, in), p->shards);
     for (i = 0; i < p->shard_count; i++) p->count += p->shards[i].count;
     p->shard_of = (int *)need((size_t)p->count, sizeof *p->shard_of);
     p->thetas = (float(*)[3])need((size_t)p->count, sizeof *p->thetas);
@@ -425,20 +427,11 @@ static inline itn_scene *load_scene(const shard *s, const char *dir, int paramet
 /* Answers are cut to these, a little more than the materials of the data. */
 static const float lowest_answer[3] = {20, .35f, -.1f}, highest_answer[3] = {300, .97f, .9f};
 
-/* The two channels of the network's input, [2][PIXELS]: the picture over the mean brightness of all
-   training pictures; and an edge weight in [0,1), large where the brightness changes fast. */
+/* What a network is shown of a picture, [2][PIXELS]: itn_net_input with the mean brightness of all
+   training pictures. */
 static inline void network_input(const float *pixels, double mean, float *input) {
-    int x, y;
-    for (y = 0; y < FILM; y++)
-        for (x = 0; x < FILM; x++) {
-            int left = x > 0 ? x - 1 : x, right = x + 1 < FILM ? x + 1 : x;
-            int above = y > 0 ? y - 1 : y, below = y + 1 < FILM ? y + 1 : y;
-            double across = pixels[y * FILM + right] - pixels[y * FILM + left];
-            double down = pixels[below * FILM + x] - pixels[above * FILM + x];
-            double slope = hypot(across, down) / mean;
-            input[y * FILM + x] = (float)(pixels[y * FILM + x] / mean);
-            input[PIXELS + y * FILM + x] = (float)(slope / (slope + 1));
-        }
+    itn_error error;
+    if (itn_net_input(FILM, FILM, pixels, mean, input, &error)) fail(error.message, "");
 }
 
 /* The mean brightness of pictures. */

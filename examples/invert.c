@@ -7,7 +7,8 @@
    Run:     ./invert ../scenes/default.itn -o out
    Without --target and --hidden the values in the scene file are the hidden ones: an image is made
    with them, and the search starts from a neutral guess (thickness 10, albedo .7, g .3).
-   Otherwise it starts from the values in the scene file. Prints a row per iteration and at the end a
+   Otherwise it starts from the values in the scene file. With --net it starts from what a network
+   of train.c reads off the picture, which is printed as a row of its own. Prints a row per iteration and at the end a
    line per parameter,
             milk.sigma_t 31.2 +- 0.4 hidden 31
    and fails if a hidden value lies more than four standard errors away. Pictures go to the folder
@@ -22,7 +23,7 @@
 enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024 };
 static const char *const usage =
     "usage: invert SCENE [--target IMAGE.exr | --hidden name=value,...] [--params name,...]\n"
-    "       [--method lm|adam] [--iterations N] [--spp N] [--seed N] [-t THREADS] [-o DIR]\n";
+    "       [--net WEIGHTS] [--method lm|adam] [--iterations N] [--spp N] [--seed N] [-t THREADS] [-o DIR]\n";
 
 /* What the progress callback collects for the chart. */
 typedef struct history {
@@ -156,6 +157,67 @@ static int medium_parameters(const itn_scene *scene, int *parameters, float *the
     return count;
 }
 
+/* The mean brightness that a network is used to, from WEIGHTS.txt, which train writes. */
+static double network_mean(const char *path) {
+    char text[1200];
+    double mean = 0;
+    FILE *file;
+    snprintf(text, sizeof text, "%s.txt", path);
+    file = fopen(text, "r");
+    if (!file) fail(text, "cannot be read; train writes it beside the network");
+    if (fscanf(file, "model %*s mean %lf", &mean) != 1) fail(text, "is not what train writes");
+    fclose(file);
+    return mean;
+}
+
+/* What a network reads off the picture: the coordinates of three parameters. */
+static void ask_network(const char *path, const itn_scene *scene, const float *light,
+                        float answer[3]) {
+    itn_film_desc film = itn_scene_film(scene);
+    itn_net_desc shape;
+    itn_net *net;
+    itn_error error;
+    char text[200];
+    float *input = (float *)calloc(2 * (size_t)film.width * (size_t)film.height, sizeof *input);
+    if (!input) fail("out of memory", "");
+    if (itn_net_open(path, 1, NULL, &net, &error)) fail(error.message, "");
+    shape = itn_net_shape(net);
+    snprintf(text, sizeof text, "answers pictures of %dx%d pixels in %d planes with %d values; it "
+             "should be %dx%d in 2 planes, of one channel, and 3 values", shape.width, shape.height,
+             shape.channels, shape.outputs, film.width, film.height);
+    if (shape.width != film.width || shape.height != film.height || shape.channels != 2 ||
+        shape.outputs != 3 || film.channels != 1)
+        fail(path, text);
+    if (itn_net_input(film.width, film.height, light, network_mean(path), input, &error) ||
+        itn_net_forward(net, 1, input, answer, &error))
+        fail(error.message, "");
+    itn_net_free(net);
+    free(input);
+}
+
+/* Puts a network's answer, sigma_t, albedo and g of a medium, into theta and prints it. */
+static void start_from_network(const char *path, const history *h, const float *light,
+                               float *theta) {
+    static const char *const fields[3] = {"sigma_t", "albedo", "g"};
+    float answer[3];
+    int i, k, length = (int)strcspn(itn_parameter_get(h->scene, h->parameters[0])->name, ".");
+    ask_network(path, h->scene, light, answer);
+    printf("net");
+    for (k = 0; k < 3; k++) {
+        char name[2 * ITN_NAME_SIZE];
+        snprintf(name, sizeof name, "%.*s.%s", length,
+                 itn_parameter_get(h->scene, h->parameters[0])->name, fields[k]);
+        for (i = 0; i < h->count && h->parameters[i] != itn_parameter_find(h->scene, name);) i++;
+        if (i == h->count || h->count != 3)
+            fail(path, "gives sigma_t, albedo and g of one medium: recover just these");
+        i = h->parameters[i];
+        theta[i] = (float)itn_parameter_from_coordinate(itn_parameter_get(h->scene, i),
+                                                        (double)answer[k]);
+        printf("  %s %.5g", name, (double)theta[i]);
+    }
+    printf("\n");
+}
+
 static void save_picture(const itn_image *image, int plane, int channels, itn_png_mode mode,
                          float scale, const char *stem, const char *name) {
     char path[1200];
@@ -253,7 +315,7 @@ static int print_estimates(const history *h, const itn_estimate *estimates, cons
 
 int main(int argc, char **argv) {
     const char *path = NULL, *target_path = NULL, *hidden_list = NULL, *names = NULL, *dir = NULL;
-    const char *base, *ending;
+    const char *network = NULL, *base, *ending;
     int parameters[MOST_PARAMETERS], i, missed;
     itn_context context = ITN_ZERO;
     itn_refine_options refine = ITN_ZERO;
@@ -276,6 +338,7 @@ int main(int argc, char **argv) {
         if (!strcmp(option, "--target")) target_path = value;
         else if (!strcmp(option, "--hidden")) hidden_list = value;
         else if (!strcmp(option, "--params")) names = value;
+        else if (!strcmp(option, "--net")) network = value;
         else if (!strcmp(option, "-o")) dir = value;
         else if (!strcmp(option, "--iterations")) refine.iterations = whole(option, value);
         else if (!strcmp(option, "--spp")) refine.spp = whole(option, value);
@@ -308,6 +371,7 @@ int main(int argc, char **argv) {
     refine.progress = show_step, refine.progress_user = &h;
     h.scene = scene, h.parameters = parameters;
     show_thickness(scene, stdout);
+    if (network) start_from_network(network, &h, light, theta);
     if (itn_refine(scene, theta, light, parameters, h.count, &refine, estimates, &error))
         fail(error.message, "");
     missed = print_estimates(&h, estimates, target_path ? NULL : hidden);

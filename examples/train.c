@@ -85,7 +85,7 @@ static void sum_over_processes(float *values, size_t count) {
 typedef struct settings {
     const char *data, *checkpoint, *start;
     process process;
-    int epochs, threads, resume, evaluate, most_images, spp; /* spp: 0 = the default */
+    int epochs, threads, resume, evaluate, most_images, spp, channels; /* 0 = the default */
     model model;
 } settings;
 
@@ -125,11 +125,29 @@ static void truth_coordinates(const itn_scene *scene, const int parameters[3], c
                                                       (double)theta[k]);
 }
 
+/* A picture moved by up to four pixels each way, its border repeated, and mirrored or not. That is
+   a picture of the same material, moved in front of a camera far away, or in a mirrored world; the
+   few pictures there are teach more this way. */
+static void vary_picture(const float *picture, uint64_t random, float *varied) {
+    int right = (int)(random % 9) - 4, down = (int)(random / 9 % 9) - 4;
+    int mirrored = (int)(random >> 40 & 1), x, y;
+    for (y = 0; y < FILM; y++)
+        for (x = 0; x < FILM; x++) {
+            int column = (mirrored ? FILM - 1 - x : x) - right, line = y - down;
+            column = column < 0 ? 0 : column < FILM ? column : FILM - 1;
+            line = line < 0 ? 0 : line < FILM ? line : FILM - 1;
+            varied[y * FILM + x] = picture[line * FILM + column];
+        }
+}
+
 static void prepare_input(void *task, int index) {
     trainer *t = (trainer *)task;
-    float *target = t->targets + (size_t)index * PIXELS;
-    get_picture(&t->pictures, t->order[t->first + index], target);
-    network_input(target, t->options->model.mean, t->inputs + (size_t)index * 2 * PIXELS);
+    const model *m = &t->options->model;
+    int picture = t->order[t->first + index];
+    float *target = t->targets + (size_t)index * PIXELS, varied[PIXELS];
+    get_picture(&t->pictures, picture, target);
+    vary_picture(target, mix((uint64_t)m->seed + 1, (uint64_t)t->step, (uint64_t)picture), varied);
+    network_input(varied, m->mean, t->inputs + (size_t)index * 2 * PIXELS);
 }
 
 /* The loss of one picture and its gradient in the network's answer. The image term sees the answer
@@ -319,7 +337,8 @@ static void choose_lambda(trainer *t, model *m) {
             parameters / rounds, image / rounds, m->lambda);
 }
 
-static void make_trainer(trainer *t, const settings *o) {
+/* from: the file of the network to go on with, or NULL for a new one. */
+static void make_trainer(trainer *t, const settings *o, const char *from) {
     itn_net_desc desc = ITN_ZERO;
     itn_context context = ITN_ZERO;
     itn_error error;
@@ -333,7 +352,10 @@ static void make_trainer(trainer *t, const settings *o) {
         t->scenes[i] = load_scene(&t->pictures.shards[i], o->data, t->parameters);
     context.parallel_for = parallel_for, context.parallel_user = (void *)&o->threads;
     desc.batch = o->model.batch, desc.seed = (uint64_t)o->model.seed;
-    if (itn_net_create(&desc, &context, &t->net, &error)) fail(error.message, "");
+    desc.first_channels = o->channels;
+    if (from ? itn_net_open(from, o->model.batch, &context, &t->net, &error)
+             : itn_net_create(&desc, &context, &t->net, &error))
+        fail(error.message, "");
     t->order = (int *)need((size_t)t->pictures.count, sizeof *t->order);
     t->targets = (float *)need(batch, PIXELS * sizeof(float));
     t->inputs = (float *)need(batch, 2 * PIXELS * sizeof(float));
@@ -364,9 +386,8 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     const char *from = o->resume ? o->checkpoint : o->start;
     double lambda = o->model.lambda;
     model before;
-    itn_error error;
     if (o->resume) load_model(o->checkpoint, &o->model);
-    make_trainer(t, o);
+    make_trainer(t, o, from);
     if (!o->resume) o->model.mean = mean_brightness(&t->pictures);
     *per_epoch = (t->pictures.count + o->model.batch - 1) / o->model.batch;
     *last_step = *per_epoch * o->epochs;
@@ -376,7 +397,6 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
         if (before.batch != o->model.batch || before.seed != o->model.seed ||
             before.mean != o->model.mean)
             fail(from, "was trained with another batch, seed or data");
-        if (itn_net_load(t->net, from, &error)) fail(error.message, "");
         if ((int)itn_net_steps(t->net) <= *last_step) load_curve(t, from);
     } else {
         set_biases(t);
@@ -690,6 +710,7 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--rate")) o.model.rate = number(option, value, 1e-9, 1);
         else if (!strcmp(option, "--spp")) o.spp = whole(option, value, 2);
         else if (!strcmp(option, "--lambda")) o.model.lambda = number(option, value, 0, 1e9);
+        else if (!strcmp(option, "--channels")) o.channels = whole(option, value, 1);
         else if (!strcmp(option, "--seed")) o.model.seed = whole(option, value, 0);
         else if (!strcmp(option, "--images")) o.most_images = whole(option, value, 1);
         else if (!strcmp(option, "-t")) o.threads = whole(option, value, 1);
