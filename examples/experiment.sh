@@ -4,10 +4,11 @@
 #
 #   sh examples/experiment.sh [--fraction F] [-o DIR] [-t THREADS]
 #
-# F is the part of the 16,400 pictures to make, 1 by default. Up to 1/20 it is a trial of
-# everything: noisy pictures, few epochs, few searches. `--fraction 1/50` took 22 minutes on two
-# cores that had as much other work; its tables show that all works, not who wins: 144 training
-# pictures are too few.
+# F is the part of the 16,400 pictures to make, 1 by default.
+# Up to 1/20 it is a trial of everything: noisy pictures, narrow networks, few epochs, few searches.
+# Its tables show that all works, not who wins: of 1/50 come 144 training pictures, which are too
+# few. Below 1 it is a reduced experiment, with noisy pictures and tests that are 1/24 of the paper's;
+# `--fraction 1/6` made what is in tests/tables.
 # DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
 # figure.svg, and per network NAME.net and NAME.net.*.
 set -eu
@@ -27,17 +28,24 @@ while [ $# -gt 0 ]; do
 done
 mkdir -p "$out/done"
 
-if awk "BEGIN { exit !($fraction <= 1 / 20) }"; then
-    picture="--noise 0.2 --spp 4"
-    warm=6 epochs=10 training="--batch 8 --rate 3e-4 --spp 4"
-    trial="--images 16 --spp 4"
-    search="--images 1 --iterations 50 --spp 3"
+up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
+if up_to 1/20; then
+    picture="--noise 0.4 --spp 4"
+    warm=10 more=2 training="--batch 8 --rate 1e-3 --channels 4" rate=3e-4 spp=2
+    trial="--images 8 --spp 4"
+    search="--images 1 --iterations 50 --spp 2"
+elif up_to .99; then
+    picture="--tests 1/24 --noise 0.3 --spp 8"
+    warm=10 more=2 training="--batch 16 --rate 1e-3 --channels 6" rate=2e-4 spp=2
+    trial="--images 24 --spp 8"
+    search="--images 1 --iterations 200 --spp 2"
 else
     picture="--noise 0.03 --spp 4096"
-    warm=5 epochs=50 training="--batch 16 --rate 1e-4 --spp 4"
+    warm=5 more=45 training="--batch 16 --rate 1e-4" rate=1e-4 spp=4
     trial="--images 250 --spp 64"
     search="--images 10 --iterations 200 --spp 16"
 fi
+epochs=$((warm + more))
 
 # step NAME COMMAND...: runs the command unless it has been done before, and tells how long it took.
 step() {
@@ -65,7 +73,7 @@ learn() {
     else start=${4:+--start $out/$4.net}
     fi
     "$out/train" --model "$2" --data "$out/data" --checkpoint "$net" --epochs "$3" $training \
-        $start -t "$threads"
+        --spp $spp $start -t "$threads"
 }
 # shellcheck disable=SC2086
 try() {
@@ -81,6 +89,7 @@ step data "$out/dataset" make "$out/data" --fraction "$fraction" --scenes "$here
 step check "$out/dataset" check "$out/data"
 step sheet "$out/dataset" sheet "$out/data" "$out/sheet.png"
 step warm learn warm rn "$warm"
+training="$training --rate $rate"
 for model in rn ssn itn; do
     step "learn-$model" learn "$model" "$model" "$epochs" warm
 done

@@ -117,7 +117,7 @@ check "dataset: other settings" sh -c "! ./dataset make data --fraction 1/1000 -
 fit="--data data --batch 4 --spp 2"
 # shellcheck disable=SC2086
 {
-    check "train rn" ./train --model rn $fit --epochs 1 --checkpoint warm.net
+    check "train rn" ./train --model rn $fit --epochs 1 --channels 4 --checkpoint warm.net
     check "train itn" ./train --model itn $fit --epochs 2 --start warm.net --checkpoint b.net -t 2
     check "train ssn" ./train --model ssn $fit --epochs 2 --start warm.net --checkpoint c.net
     check "train itn: on" ./train --model itn $fit --epochs 4 --resume --checkpoint b.net -t 1
@@ -127,7 +127,17 @@ fit="--data data --batch 4 --spp 2"
     check "train: the same curve" cmp b.net.csv d.net.csv
     keep "train --evaluate" ./train --model itn --data data --spp 2 --checkpoint b.net --evaluate
 }
-prints '^itn,both,7,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+$'
+prints '^itn,both,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+$'
+check "train --export" ./train --checkpoint b.net --export small.net
+check "train --export: a third" test "$(wc -c < small.net)" -lt "$(($(wc -c < b.net) / 2))"
+./invert data/scenes/knot-50.itn --net small.net --spp 2 --iterations 1 -o quick > kept 2>&1
+prints '^net  milk\.sigma_t [0-9.]+  milk\.albedo 0\.[0-9]+  milk\.g -?0\.[0-9]+$'
+prints '^  0  loss [0-9.e+-]+ \+- [0-9.e+-]+   milk\.sigma_t'
+check "invert --net: wrong size" sh -c "! ./invert '$root/scenes/default.itn' --net small.net \
+    --spp 2 > found 2>&1 && grep -q 'small.net: answers pictures of 128x128' found"
+check "invert --net: other parameters" sh -c "! ./invert data/scenes/knot-50.itn --net small.net \
+    --params milk.g --spp 2 > found 2>&1 && grep -q 'recover just these' found"
+check "invert --net: no network" sh -c "! ./invert data/scenes/knot-50.itn --net none.net --spp 2"
 check "starts" ./starts --data data -o tables --images 1 --iterations 1 --spp 2 b.net
 check "starts: table" grep -q '^itn,sgd,1,4,' tables/table3.csv
 check "starts: figure" test -s tables/figure.png -a -s tables/figure.svg

@@ -1,0 +1,95 @@
+#!/bin/sh
+# The learning experiment in earnest, for `make -C tests long`: training on several processes, if
+# there is an MPI, and a fiftieth of the whole experiment, which takes minutes.
+here=$(cd "$(dirname "$0")" && pwd)
+root=$(dirname "$here")
+work=$(mktemp -d) || exit 1
+trap 'rm -rf "$work"' EXIT HUP INT TERM
+passed=0 failed=0
+LC_ALL=C
+export LC_ALL
+# leave to run as any user, and more processes than processors, for Open MPI
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1
+
+# check NAME COMMAND...: counts a command that must succeed; its output is shown when it does not.
+check() {
+    name=$1
+    shift
+    if "$@" > "$work/log" 2>&1; then
+        passed=$((passed + 1))
+    else
+        failed=$((failed + 1))
+        echo "FAILED $name"
+        tail -n 12 "$work/log" | sed 's/^/    /'
+    fi
+}
+cd "$work" || exit 1
+
+# same_curve A B: losses of every step agree to 1e-4. The sum over processes rounds in another order,
+# 6e-8 of it a step, and steps pass that on; a lost picture shows as 1e-2.
+same_curve() {
+    paste -d , "$1.csv" "$2.csv" | awk -F , 'NR > 1 {
+        for (k = 2; k <= 3; k++) { d = $k - $(k + 3); if (d < 0) d = -d
+            if (!(d <= 1e-4 * ($k < 0 ? -$k : $k) + 1e-6)) bad = 1 } }
+        END { exit bad || NR < 3 }'
+}
+
+# 1, 2 and 4 processes take the same batches; another seed must be told from the same.
+flags="-std=c99 -O3 -march=native -DITN_ONE_KERNEL"
+if command -v mpicc > /dev/null && command -v mpirun > /dev/null; then
+    # shellcheck disable=SC2086
+    check "compiles with MPI" mpicc $flags -DUSE_MPI "$root/examples/train.c" -o train -lm -lpthread
+    # shellcheck disable=SC2086
+    check "compile dataset" ${CC:-cc} $flags "$root/examples/dataset.c" -o dataset -lm -lpthread
+    check "data" ./dataset make data --fraction 1/300 --noise 1 --spp 2 --scenes "$root/scenes"
+    fit="--data data --batch 8 --spp 2 --channels 2 -t 1"
+    # shellcheck disable=SC2086
+    {
+        check "warm start" mpirun -np 1 ./train --model rn $fit --epochs 2 --checkpoint warm.net
+        for count in 1 2 4; do
+            check "$count processes" mpirun -np $count ./train --model itn $fit --epochs 4 \
+                --start warm.net --checkpoint $count.net
+        done
+        check "another seed" mpirun -np 2 ./train --model itn $fit --epochs 4 --seed 2 \
+            --checkpoint other.net
+    }
+    for count in 2 4; do check "$count processes: the same curve" same_curve 1.net $count.net; done
+    check "another seed: another curve" sh -c "! cmp 1.net.csv other.net.csv"
+    check "another seed is noticed" eval "! same_curve 1.net other.net"
+
+    # a process dies: the job ends, says so, and its last checkpoint is whole
+    cp 2.net before.net
+    # shellcheck disable=SC2086
+    mpirun -np 2 ./train --model itn $fit --epochs 4000 --resume --checkpoint 2.net > killed 2>&1 &
+    job=$!
+    for _ in 1 2 3 4 5 6 7 8 9 10; do
+        sleep 2
+        grep -q 'step' killed && break
+    done
+    victim=$(ps -o pid= --ppid "$job" | tail -n 1)
+    # shellcheck disable=SC2086
+    check "a process is killed" kill -9 $victim
+    wait "$job"
+    check "killed: the job fails" test $? -ne 0
+    check "killed: says so" grep -q 'signal 9' killed
+    check "killed: the checkpoint is whole" cmp 2.net before.net
+    # shellcheck disable=SC2086
+    check "killed: goes on" mpirun -np 2 ./train --model itn $fit --epochs 5 --resume \
+        --checkpoint 2.net
+else
+    echo "learning: no MPI here, its tests are left out"
+fi
+
+# a fiftieth of the experiment
+begun=$(date +%s)
+check "experiment" sh "$root/examples/experiment.sh" --fraction 1/50 -o out
+echo "learning: the experiment took $(($(date +%s) - begun)) s"
+check "experiment: a row per model and split" test "$(grep -c '^[a-z]*,[a-z]*,[0-9.e,-]*$' out/table1.csv)" -eq 16
+check "experiment: searches" grep -q '^itn,lm,' out/table3.csv
+# what must hold even so: training brings the supervised loss down, of every network
+for net in rn ssn itn; do
+    check "experiment: $net learns" awk -F , 'NR > 1 { if (NR < 12) first += $2; l[NR] = $2 }
+        END { for (i = NR - 9; i <= NR; i++) last += l[i]; exit !(last < .8 * first) }' out/$net.net.csv
+done
+echo "learning: $passed passed, $failed failed"
+[ "$failed" -eq 0 ]
