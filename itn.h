@@ -548,10 +548,10 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
    sum over pixels and channels of weights * dI/d(value), for all of its values at the cost of one
    render of the reference, however many they are. `item` names the surface or the light; weights as
    above. The new image has the size of that image, in the scene's channels: Y or R,G,B, and of each
-   its variance, as "Variance.Y" (taken from second moments, so too large where a few texels fill
-   the picture). In a scene of one channel a map counts with its luminance. Free with itn_image_free. The same
-   bits for any number of threads. Memory: 24 bytes per value, channel and thread, up to 16, at most
-   100 MB unless one thread needs more.
+   its variance, as "Variance.Y" (from second moments, so too large where a few texels fill the
+   picture). In a scene of one channel a map counts with its luminance. Free with itn_image_free.
+   The same bits for any number of threads. Memory: 24 bytes per value and channel, up to 16 times,
+   as long as that is at most 100 MB.
    Errors: ARGUMENT (also: no such item, or one without an image), UNSUPPORTED (mode FAST), MEMORY,
    CANCELLED. */
 ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
@@ -717,7 +717,9 @@ typedef struct itn_refine_step {
     int iteration;      /* from 0, which is the start */
     double loss;        /* mean over pixels and channels of (I(theta) - target)^2, unbiased */
     double loss_error;  /* its standard error */
-    const float *theta; /* [parameter_count of the scene], valid during the call */
+    const float *theta; /* [parameter_count of the scene], of the first view if there are several;
+                           valid during the call, as are */
+    const float *values; /* [count] the unknowns */
 } itn_refine_step;
 
 typedef struct itn_refine_options {
@@ -730,7 +732,10 @@ typedef struct itn_refine_options {
     int max_scatter;              /* see itn_render_options */
     double learning_rate;         /* of Adam, in transformed coordinates; 0 = .05 */
     const float *target_variance; /* [C][height][width] variance of the target's values; NULL:
-                                     unknown, then judged by the misfit that remains */
+                                     unknown, then judged by the misfit that remains. Of
+                                     itn_refine; itn_refine_views wants each view's in the view */
+    double *covariance; /* if not NULL, receives [count][count]: of the values; the diagonal holds
+                           the squares of the standard errors */
     double *misfit; /* if not NULL, receives what remains: the mean of (I - T)^2 over what noise
                        explains, 1 where the scene accounts for the picture. Well above 1, the
                        scene is not the one of the picture, or the search ended in a wrong valley */
@@ -756,6 +761,29 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
                               const int *parameters, int count,
                               const itn_refine_options *options, itn_estimate *estimates,
                               itn_error *error);
+
+/* One picture among several. */
+typedef struct itn_view {
+    const itn_scene *scene;
+    const float *theta;  /* [parameter_count of the scene]: of the parameters that are not sought;
+                            NULL: as made */
+    const float *target; /* [C][height][width] of the scene's film, linear radiometric, finite */
+    const float *target_variance; /* as target, see itn_refine_options; NULL: unknown */
+    const int *parameters; /* [count]: which parameter of this scene each unknown is; -1 where the
+                              scene has not got it, for example the light of another view */
+} itn_view;
+
+/* The same for several pictures at once: minimises the sum of ||I - T(pi)||^2 over views, each with
+   its own scene (camera, lights, film, objects), picture and noise, that share `count` unknowns.
+   Unknown k is parameter views[v].parameters[k] of each view v that has it, at least of one; its
+   bounds must be the same in all. Two views may be of one scene. values: [count], in and out: where
+   the search starts, what it finds. estimates: [count]. options may be NULL; its target_variance
+   must be. Nothing that views point to is changed; all other parameters stay at the views' theta.
+   Scenes render one after the other. Of one view, the bits are those of itn_refine.
+   Errors: as itn_refine; then values and estimates are untouched. */
+ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
+                                    int count, const itn_refine_options *options,
+                                    itn_estimate *estimates, itn_error *error);
 
 /* ---- [api-io] files -------------------------------------------------------------------------- */
 
@@ -12436,19 +12464,40 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
    covariances are scaled by it. All of this happens in the transformed coordinates, where bounds
    are out of reach. */
 
-typedef struct itn__refiner {
+/* Several pictures of one material (other lights, other directions) are one picture of more pixels:
+   A, b and all else that is summed over pixels is summed over those of all views. */
+
+enum { ITN__MOST_UNKNOWNS = 1024 };
+
+/* A view as the search sees it. */
+typedef struct itn__refine_view {
     const itn_scene *scene;
     const float *target;
-    const int *parameters;
-    int count;
-    itn_refine_options options;
     size_t pixels; /* all channels */
-    uint64_t renders;
-    float *theta;        /* [parameter_count] */
-    float *weights;      /* [pixels] one over the variance of a residual */
-    float *variance;     /* [pixels] of one sample, see itn__keep_variance */
+    int count;     /* unknowns that it has */
+    int *parameters, *unknowns; /* [count] what they are in its scene, and among all unknowns */
+    int known;              /* whether there is a variance yet */
+    float *theta;           /* [parameter_count] */
+    float *weights;         /* [pixels] one over the variance of a residual */
+    float *variance;        /* [pixels] of one sample, see itn__keep_variance */
     float *target_variance; /* [pixels] averaged */
-    float *row;          /* [width + height], for itn__binomial */
+    float *row;             /* [width + height], for itn__binomial */
+} itn__refine_view;
+
+/* Sums over the pixels of all views of r_a r_b and of its square, and of both in units of its
+   variance where the picture depends on any unknown; and how many pixels those are. */
+typedef struct itn__misfit {
+    double product, square, chi2, chi2_square, pixels, felt;
+} itn__misfit;
+
+typedef struct itn__refiner {
+    itn__refine_view *views;
+    int view_count, count;
+    itn_refine_options options;
+    const itn_context *context; /* of the first scene */
+    const itn_parameter **parameters; /* [count] in the first view that has it */
+    uint64_t renders;
+    float *values;       /* [count] */
     double *numbers;     /* one block for the arrays below */
     double *coordinates; /* [count] */
     double *slopes;      /* [count] d value / d coordinate */
@@ -12463,23 +12512,27 @@ typedef struct itn__refiner {
     double *factor;      /* [count][count], Cholesky */
     double *step;        /* [count] */
     double *covariance;  /* [count][count] */
+    itn__misfit misfit;
     double loss, loss_error, chi2, chi2_error;
-    itn_estimate *estimates; /* [count] and the misfit there, until all has gone well */
-    double misfit;
+    itn_estimate *estimates; /* [count], the covariance of the values [count][count] and the */
+    double *kept, kept_misfit; /* misfit there, until all has gone well */
     float *moments[2];   /* [count] of Adam */
 } itn__refiner;
 
-/* Sets parameters from coordinates. */
+/* Sets the unknowns, in all views, from coordinates. */
 static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
+    itn__refine_view *view;
     int k;
     for (k = 0; k < refiner->count; k++) {
-        const itn_parameter *p = &refiner->scene->parameters[refiner->parameters[k]];
+        const itn_parameter *p = refiner->parameters[k];
         double value = itn_parameter_from_coordinate(p, coordinates[k]);
         refiner->coordinates[k] = coordinates[k];
-        refiner->theta[refiner->parameters[k]] =
-            itn__clamp((float)value, p->lower, p->upper);
+        refiner->values[k] = itn__clamp((float)value, p->lower, p->upper);
         refiner->slopes[k] = itn_parameter_slope(p, value);
     }
+    for (view = refiner->views; view < refiner->views + refiner->view_count; view++)
+        for (k = 0; k < view->count; k++)
+            view->theta[view->parameters[k]] = refiner->values[view->unknowns[k]];
 }
 
 /* Mean of a plane over the (at most) 5 x 5 pixels around x, y. */
@@ -12506,32 +12559,32 @@ static void itn__blur(const float *from, float *to, int width, int height, size_
 
 /* Weights for renders of spp samples from the variances of the last evaluation, one sample's each.
    A floor, a thousandth of the mean variance, bounds the weight of pixels without noise. */
-static void itn__refine_weights(itn__refiner *refiner, int spp) {
+static void itn__refine_weights(itn__refine_view *view, int spp) {
     double mean = 0, square = 0, least;
     size_t i;
-    for (i = 0; i < refiner->pixels; i++) {
-        refiner->weights[i] = refiner->variance[i] / (2 * (float)spp) + refiner->target_variance[i];
-        mean += refiner->weights[i], square += itn__square(refiner->target[i]);
+    for (i = 0; i < view->pixels; i++) {
+        view->weights[i] = view->variance[i] / (2 * (float)spp) + view->target_variance[i];
+        mean += view->weights[i], square += itn__square(view->target[i]);
     }
-    least = (1e-3 * mean + 1e-12 * square) / (double)refiner->pixels;
+    least = (1e-3 * mean + 1e-12 * square) / (double)view->pixels;
     if (!(least > 0)) least = 1; /* a black picture of a black scene */
-    for (i = 0; i < refiner->pixels; i++)
-        refiner->weights[i] = (float)(1 / (refiner->weights[i] + least));
+    for (i = 0; i < view->pixels; i++)
+        view->weights[i] = (float)(1 / (view->weights[i] + least));
 }
 
 /* Makes a's variance planes those of the mean of both renders. */
-static void itn__pool_variance(const itn__refiner *refiner, itn_image *a, const itn_image *b) {
+static void itn__pool_variance(const itn__refine_view *view, itn_image *a, const itn_image *b) {
     size_t i;
-    for (i = refiner->pixels; i < 2 * refiner->pixels; i++)
+    for (i = view->pixels; i < 2 * view->pixels; i++)
         a->pixels[i] = .25f * (a->pixels[i] + b->pixels[i]);
 }
 
 /* Keeps the pooled variance of two renders of spp samples, averaged, as that of one sample. */
-static void itn__keep_variance(itn__refiner *refiner, const itn_image *a, int spp) {
+static void itn__keep_variance(itn__refine_view *view, const itn_image *a, int spp) {
     size_t i;
-    itn__blur(a->pixels + refiner->pixels, refiner->variance, a->width, a->height,
-              refiner->pixels);
-    for (i = 0; i < refiner->pixels; i++) refiner->variance[i] *= 2 * (float)spp;
+    itn__blur(a->pixels + view->pixels, view->variance, a->width, a->height, view->pixels);
+    for (i = 0; i < view->pixels; i++) view->variance[i] *= 2 * (float)spp;
+    view->known = 1;
 }
 
 /* Blurs one line of n pixels, `stride` apart, twice with (1 2 1)/4; beyond its ends all is 0. */
@@ -12559,42 +12612,45 @@ static void itn__binomial(float *pixels, int width, int height, size_t count, fl
     }
 }
 
-/* Turns the planes of derivative k into what the normal equations need: of a, J_a and the variance
-   of (J_a + J_b)/2; of b, K K J_b and, where its variance was, K J_b. */
-static void itn__refine_planes(itn__refiner *refiner, itn_image *a, itn_image *b, int k) {
-    size_t pixels = refiner->pixels, i;
+/* Turns the planes of a view's derivative k into what the normal equations need: of a, J_a and the
+   variance of (J_a + J_b)/2; of b, K K J_b and, where its variance was, K J_b. */
+static void itn__refine_planes(const itn__refiner *refiner, const itn__refine_view *view,
+                               itn_image *a, itn_image *b, int k) {
+    size_t pixels = view->pixels, i;
     float *ja = a->pixels + (size_t)(2 + 2 * k) * pixels, *va = ja + pixels;
     float *jb = b->pixels + (size_t)(2 + 2 * k) * pixels, *vb = jb + pixels;
     for (i = 0; i < pixels; i++) {
-        float scale = sqrtf(refiner->weights[i]) * (float)refiner->slopes[k];
+        float scale = sqrtf(view->weights[i]) * (float)refiner->slopes[view->unknowns[k]];
         va[i] = .25f * (va[i] + vb[i]) * scale * scale;
         ja[i] *= scale, jb[i] *= scale;
     }
-    itn__binomial(jb, a->width, a->height, pixels, refiner->row);
+    itn__binomial(jb, a->width, a->height, pixels, view->row);
     memcpy(vb, jb, pixels * sizeof *vb);
-    itn__binomial(jb, a->width, a->height, pixels, refiner->row);
+    itn__binomial(jb, a->width, a->height, pixels, view->row);
 }
 
 /* Residuals over their standard deviations: r_a replaces the light of a, K r_b that of b; the
    variance of the render in the same units replaces a's. */
-static void itn__refine_residuals(itn__refiner *refiner, itn_image *a, itn_image *b) {
+static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, itn_image *b) {
     size_t i;
-    for (i = 0; i < refiner->pixels; i++) {
-        float scale = sqrtf(refiner->weights[i]);
-        a->pixels[i] = (refiner->target[i] - a->pixels[i]) * scale;
-        b->pixels[i] = (refiner->target[i] - b->pixels[i]) * scale;
-        a->pixels[refiner->pixels + i] *= scale * scale;
+    for (i = 0; i < view->pixels; i++) {
+        float scale = sqrtf(view->weights[i]);
+        a->pixels[i] = (view->target[i] - a->pixels[i]) * scale;
+        b->pixels[i] = (view->target[i] - b->pixels[i]) * scale;
+        a->pixels[view->pixels + i] *= scale * scale;
     }
-    itn__binomial(b->pixels, a->width, a->height, refiner->pixels, refiner->row);
+    itn__binomial(b->pixels, a->width, a->height, view->pixels, view->row);
 }
 
-/* Sums the normal equations from planes made by the two functions above. */
-static void itn__refine_sum(itn__refiner *refiner, const itn_image *a, const itn_image *b) {
-    size_t pixels = refiner->pixels, i;
-    int n = refiner->count, k, l;
-    for (k = 0; k < n; k++) {
-        const float *ja = a->pixels + (size_t)(2 + 2 * k) * pixels, *va = ja + pixels;
-        const float *kjb = b->pixels + (size_t)(3 + 2 * k) * pixels;
+/* Adds a view's part of the normal equations, from planes made by the two functions above. */
+static void itn__refine_sum(itn__refiner *refiner, const itn__refine_view *view,
+                            const itn_image *a, const itn_image *b) {
+    size_t pixels = view->pixels, i;
+    int n = refiner->count, own, other, k, l;
+    for (own = 0; own < view->count; own++) {
+        const float *ja = a->pixels + (size_t)(2 + 2 * own) * pixels, *va = ja + pixels;
+        const float *kjb = b->pixels + (size_t)(3 + 2 * own) * pixels;
+        k = view->unknowns[own];
         for (i = 0; i < pixels; i++) {
             double residual_variance = 1 + (double)a->pixels[pixels + i]; /* of r_a alone, nearly */
             refiner->right[k] += .5 * (double)ja[i] * b->pixels[i];
@@ -12604,41 +12660,48 @@ static void itn__refine_sum(itn__refiner *refiner, const itn_image *a, const itn
                                            (double)ITN__BINOMIAL_NOISE * va[i]);
             refiner->bias[k] += ITN__BINOMIAL_CENTRE * va[i];
         }
-        for (l = 0; l < n; l++) {
-            const float *other = b->pixels + (size_t)(2 + 2 * l) * pixels;
+        for (other = 0; other < view->count; other++) {
+            const float *jb = b->pixels + (size_t)(2 + 2 * other) * pixels;
             double product = 0, outer = 0;
+            l = view->unknowns[other];
             for (i = 0; i < pixels; i++)
-                product += (double)ja[i] * other[pixels + i], outer += (double)ja[i] * other[i];
+                product += (double)ja[i] * jb[pixels + i], outer += (double)ja[i] * jb[i];
             refiner->matrix[k * n + l] += .5 * product, refiner->matrix[l * n + k] += .5 * product;
             refiner->outer[k * n + l] += .5 * outer, refiner->outer[l * n + k] += .5 * outer;
         }
-        refiner->diagonal[k] = fabs(refiner->matrix[k * n + k]) + refiner->bias[k];
     }
 }
 
-/* Loss with its standard error, and the misfit where the image depends on any parameter. */
-static void itn__refine_misfit(itn__refiner *refiner, const itn_image *a, const itn_image *b) {
-    double sum = 0, squares = 0, chi2 = 0, chi2_squares = 0, felt = 0, n = (double)refiner->pixels;
+/* Adds a view's part of the misfit. */
+static void itn__misfit_sum(itn__misfit *misfit, const itn__refine_view *view, const itn_image *a,
+                            const itn_image *b) {
     size_t i;
     int k;
-    for (i = 0; i < refiner->pixels; i++) {
-        double ra = (double)refiner->target[i] - a->pixels[i];
-        double rb = (double)refiner->target[i] - b->pixels[i], product = ra * rb, part;
+    for (i = 0; i < view->pixels; i++) {
+        double ra = (double)view->target[i] - a->pixels[i];
+        double rb = (double)view->target[i] - b->pixels[i], product = ra * rb, part;
         int depends = 0;
-        sum += product, squares += product * product;
-        for (k = 0; k < refiner->count && !depends; k++)
-            depends = a->pixels[(size_t)(2 + 2 * k) * refiner->pixels + i] != 0;
+        misfit->product += product, misfit->square += product * product;
+        for (k = 0; k < view->count && !depends; k++)
+            depends = a->pixels[(size_t)(2 + 2 * k) * view->pixels + i] != 0;
         if (!depends) continue;
-        part = refiner->weights[i] * (product + a->pixels[refiner->pixels + i]);
-        chi2 += part, chi2_squares += part * part, felt++;
+        part = view->weights[i] * (product + a->pixels[view->pixels + i]);
+        misfit->chi2 += part, misfit->chi2_square += part * part, misfit->felt++;
     }
-    refiner->loss = sum / n;
-    refiner->loss_error = sqrt(fmax(squares / n - refiner->loss * refiner->loss, 0) / n);
-    refiner->chi2 = felt > 0 ? chi2 / felt : 1;
-    refiner->chi2_error = felt > 0 ? sqrt(chi2_squares) / felt : 0;
+    misfit->pixels += (double)view->pixels;
 }
 
-/* A new seed for each evaluation. */
+/* Loss with its standard error, and the misfit where the pictures depend on any unknown. */
+static void itn__misfit_means(itn__refiner *refiner) {
+    const itn__misfit *sum = &refiner->misfit;
+    double n = sum->pixels, felt = sum->felt;
+    refiner->loss = sum->product / n;
+    refiner->loss_error = sqrt(fmax(sum->square / n - refiner->loss * refiner->loss, 0) / n);
+    refiner->chi2 = felt > 0 ? sum->chi2 / felt : 1;
+    refiner->chi2_error = felt > 0 ? sqrt(sum->chi2_square) / felt : 0;
+}
+
+/* A new seed for each pair of renders. */
 static uint64_t itn__refine_seed(itn__refiner *refiner) {
     return itn__mix64(itn__mix64(refiner->options.seed) + 2 * refiner->renders++);
 }
@@ -12648,36 +12711,51 @@ static itn_result itn__overflow(itn_error *error) {
                      "itn_refine: squares of the image's values are too large for a float");
 }
 
-/* Renders twice at the present parameters and sets up the normal equations. */
-static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
+/* Renders a view twice and adds what it has to say to the sums. */
+static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view, int spp,
+                                   itn_error *error) {
     itn_render_options options = ITN_ZERO;
     itn_image a = ITN_ZERO, b = ITN_ZERO;
     itn_result result;
-    int n = refiner->count, k;
+    int k;
     options.spp = spp, options.max_scatter = refiner->options.max_scatter;
     options.seed = itn__refine_seed(refiner);
-    result = itn_render(refiner->scene, refiner->theta, &options, refiner->parameters, n, &a,
+    result = itn_render(view->scene, view->theta, &options, view->parameters, view->count, &a,
                         error);
     options.seed = itn__mix64(options.seed + 1);
     if (!result)
-        result = itn_render(refiner->scene, refiner->theta, &options, refiner->parameters, n, &b,
+        result = itn_render(view->scene, view->theta, &options, view->parameters, view->count, &b,
                             error);
     if (!result) {
-        itn__pool_variance(refiner, &a, &b);
-        if (refiner->renders == 1) itn__keep_variance(refiner, &a, spp);
-        itn__refine_weights(refiner, spp);
-        itn__refine_misfit(refiner, &a, &b);
-        itn__keep_variance(refiner, &a, spp);
-        for (k = 0; k < n; k++) itn__refine_planes(refiner, &a, &b, k);
-        itn__refine_residuals(refiner, &a, &b);
-        memset(refiner->matrix, 0, (size_t)(2 * n * n + 5 * n) * sizeof(double)); /* to spread */
-        itn__refine_sum(refiner, &a, &b);
-        for (k = 0; k < 2 * n * n + 5 * n; k++)
-            if (!itn__finite(refiner->matrix[k]) && !result) result = itn__overflow(error);
+        itn__pool_variance(view, &a, &b);
+        if (!view->known) itn__keep_variance(view, &a, spp);
+        itn__refine_weights(view, spp);
+        itn__misfit_sum(&refiner->misfit, view, &a, &b);
+        itn__keep_variance(view, &a, spp);
+        for (k = 0; k < view->count; k++) itn__refine_planes(refiner, view, &a, &b, k);
+        itn__refine_residuals(view, &a, &b);
+        itn__refine_sum(refiner, view, &a, &b);
     }
     itn_image_free(&b);
     itn_image_free(&a);
     return result;
+}
+
+/* Sets up the normal equations at the present point. */
+static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
+    itn_result result = ITN_OK;
+    int n = refiner->count, k;
+    memset(&refiner->misfit, 0, sizeof refiner->misfit);
+    memset(refiner->matrix, 0, (size_t)(2 * n * n + 5 * n) * sizeof(double)); /* to spread */
+    for (k = 0; k < refiner->view_count && !result; k++)
+        result = itn__refine_look(refiner, &refiner->views[k], spp, error);
+    if (result) return result;
+    itn__misfit_means(refiner);
+    for (k = 0; k < n; k++)
+        refiner->diagonal[k] = fabs(refiner->matrix[k * n + k]) + refiner->bias[k];
+    for (k = 0; k < 2 * n * n + 5 * n; k++)
+        if (!itn__finite(refiner->matrix[k])) return itn__overflow(error);
+    return ITN_OK;
 }
 
 /* Factors A + bias E + mu D + a weak prior (standard deviation 8 in a coordinate), with as much
@@ -12729,7 +12807,7 @@ static double itn__coordinate_error(const itn__refiner *refiner, int k) {
 static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_error *error) {
     itn_refine_step step;
     step.iteration = iteration, step.loss = refiner->loss, step.loss_error = refiner->loss_error;
-    step.theta = refiner->theta;
+    step.theta = refiner->views->theta, step.values = refiner->values;
     if (refiner->options.progress &&
         refiner->options.progress(refiner->options.progress_user, &step))
         return itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
@@ -12770,25 +12848,43 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     return result;
 }
 
+/* The loss over all views and its gradient in the coordinates, unbiased. */
+static itn_result itn__refine_gradient(itn__refiner *refiner, itn_error *error) {
+    itn_render_options options = ITN_ZERO;
+    itn_result result = ITN_OK;
+    double loss = 0, pixels = 0, *part = refiner->step;
+    itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
+    int k;
+    options.spp = refiner->options.spp, options.max_scatter = refiner->options.max_scatter;
+    for (k = 0, refiner->loss = 0; k < refiner->count; k++) refiner->gradient[k] = 0;
+    for (; view < end; view++) pixels += (double)view->pixels;
+    for (view = refiner->views; view < end && !result; view++) {
+        double share = (double)view->pixels / pixels;
+        options.seed = itn__refine_seed(refiner);
+        result = itn_loss_gradient(view->scene, view->theta, &options, view->target,
+                                   view->parameters, view->count, &loss, part, error);
+        for (k = 0; k < view->count && !result; k++) {
+            int unknown = view->unknowns[k];
+            refiner->gradient[unknown] += share * part[k] * refiner->slopes[unknown];
+        }
+        if (!result) refiner->loss += share * loss;
+    }
+    return result;
+}
+
 /* Adam on the unbiased loss gradient, with a rate that falls to a tenth over the run. */
 static itn_result itn__refine_adam(itn__refiner *refiner, itn_error *error) {
-    itn_render_options options = ITN_ZERO;
     itn_adam_desc adam = ITN_ZERO;
-    itn_result result = ITN_OK;
+    itn_result result = itn__adam_desc(NULL, &adam, error);
     int n = refiner->count, iteration, k, steps = refiner->options.iterations;
-    options.spp = refiner->options.spp, options.max_scatter = refiner->options.max_scatter;
-    result = itn__adam_desc(NULL, &adam, error);
     for (iteration = 0; iteration < steps && !result; iteration++) {
         float slope, coordinate;
-        options.seed = itn__refine_seed(refiner);
-        result = itn_loss_gradient(refiner->scene, refiner->theta, &options, refiner->target,
-                                   refiner->parameters, n, &refiner->loss, refiner->gradient,
-                                   error);
+        result = itn__refine_gradient(refiner, error);
         if (result) break;
         result = itn__refine_report(refiner, iteration, error);
         adam.learning_rate = refiner->options.learning_rate * pow(.1, (double)iteration / steps);
         for (k = 0; k < n; k++) {
-            slope = (float)(refiner->gradient[k] * refiner->slopes[k]);
+            slope = (float)refiner->gradient[k];
             if (!itn__finite(slope * slope)) return itn__overflow(error);
             coordinate = (float)refiner->coordinates[k];
             itn__adam(&adam, (uint64_t)iteration + 1, 1, &slope, refiner->moments[0] + k,
@@ -12806,12 +12902,14 @@ static void itn__refine_estimate(itn__refiner *refiner) {
     int n = refiner->count, k;
     for (k = 0; k < n; k++) {
         double error = itn__coordinate_error(refiner, k);
-        estimates[k].value = refiner->theta[refiner->parameters[k]];
+        estimates[k].value = refiner->values[k];
         estimates[k].standard_error = error * refiner->slopes[k];
         estimates[k].determined = error < .5 &&
                                   refiner->matrix[k * n + k] > 2 * sqrt(refiner->spread[k]);
     }
-    refiner->misfit = refiner->chi2;
+    for (k = 0; k < n * n; k++)
+        refiner->kept[k] = refiner->covariance[k] * refiner->slopes[k / n] * refiner->slopes[k % n];
+    refiner->kept_misfit = refiner->chi2;
 }
 
 /* The last evaluations, of two, four and eight times the samples: error bars and, for LM, steps of
@@ -12847,43 +12945,78 @@ static itn_result itn__refine_finish(itn__refiner *refiner, itn_error *error) {
     return ITN_OK;
 }
 
-static itn_result itn__refine_begin(itn__refiner *refiner, const float *theta, itn_error *error) {
-    const itn_scene *scene = refiner->scene;
-    size_t n = (size_t)refiner->count, i;
-    double *next;
-    int k;
-    refiner->pixels = (size_t)scene->film.width * (size_t)scene->film.height *
-                      (size_t)scene->film.channels;
-    for (i = 0; i < refiner->pixels; i++)
-        if (!itn__finite(refiner->target[i]) ||
-            (refiner->options.target_variance && !(refiner->options.target_variance[i] >= 0 &&
-             itn__finite(refiner->options.target_variance[i]))))
+/* Which of the unknowns a view has, as which parameters. */
+static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *view,
+                                     const int *parameters, itn_error *error) {
+    int k, number = (int)(view - refiner->views);
+    for (k = 0; k < refiner->count; k++) {
+        const itn_parameter *p = itn_parameter_get(view->scene, parameters[k]), *first;
+        if (!p && parameters[k] != -1)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d has no "
+                             "parameter %d", number, parameters[k]);
+        if (!p) continue;
+        if (!refiner->parameters[k]) refiner->parameters[k] = p;
+        first = refiner->parameters[k];
+        if (p->transform != first->transform || p->lower != first->lower ||
+            p->upper != first->upper)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_refine: target or target_variance is not valid at pixel %d",
-                             (int)i);
-    for (k = 0; k < refiner->count; k++)
-        if (refiner->parameters[k] < 0 || refiner->parameters[k] >= scene->parameter_count)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: no parameter %d",
-                             refiner->parameters[k]);
-    refiner->theta = (float *)itn__allocate(&scene->context, (size_t)scene->parameter_count,
-                                            sizeof(float));
-    refiner->weights = (float *)itn__allocate(
-        &scene->context,
-        3 * refiner->pixels + (size_t)scene->film.width + (size_t)scene->film.height,
-        sizeof(float));
-    refiner->numbers = (double *)itn__allocate(&scene->context, 9 * n + 4 * n * n, sizeof(double));
-    refiner->moments[0] = (float *)itn__allocate(&scene->context, 2 * n, sizeof(float));
-    refiner->estimates = (itn_estimate *)itn__allocate(&scene->context, n, sizeof(itn_estimate));
-    if (!refiner->theta || !refiner->weights || !refiner->numbers || !refiner->moments[0] ||
+                             "itn_refine: %s of view %d has not the bounds of %s of the first",
+                             p->name, number, first->name);
+        view->parameters[view->count] = parameters[k], view->unknowns[view->count++] = k;
+    }
+    if (view->count) return ITN_OK;
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d has none of the unknowns",
+                     number);
+}
+
+/* Checks a view's picture, averages its noise and copies its theta. */
+static itn_result itn__view_begin(itn__refiner *refiner, const itn_view *given,
+                                  itn__refine_view *view, itn_error *error) {
+    const itn_context *context = &given->scene->context;
+    const itn_film_desc *film = &given->scene->film;
+    size_t lines = (size_t)film->width + (size_t)film->height, i;
+    size_t parameters = (size_t)given->scene->parameter_count;
+    view->scene = given->scene, view->target = given->target;
+    view->pixels = (size_t)film->width * (size_t)film->height * (size_t)film->channels;
+    for (i = 0; i < view->pixels; i++)
+        if (!itn__finite(given->target[i]) ||
+            (given->target_variance && !(given->target_variance[i] >= 0 &&
+                                         itn__finite(given->target_variance[i]))))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_refine: target or target_variance of view %d is not valid at "
+                             "pixel %d", (int)(view - refiner->views), (int)i);
+    view->weights = (float *)itn__allocate(context, 3 * view->pixels + lines + parameters,
+                                           sizeof(float));
+    view->parameters = (int *)itn__allocate(context, 2 * (size_t)refiner->count, sizeof(int));
+    if (!view->weights || !view->parameters) return itn__out_of_memory(error, "itn_refine");
+    view->variance = view->weights + view->pixels;
+    view->target_variance = view->variance + view->pixels;
+    view->row = view->target_variance + view->pixels, view->theta = view->row + lines;
+    view->unknowns = view->parameters + refiner->count;
+    if (given->target_variance)
+        itn__blur(given->target_variance, view->target_variance, film->width, film->height,
+                  view->pixels);
+    if (given->theta) memcpy(view->theta, given->theta, parameters * sizeof(float));
+    else itn_parameter_values(view->scene, view->theta);
+    return itn__view_unknowns(refiner, view, given->parameters, error);
+}
+
+/* Allocates what all views share. */
+static itn_result itn__refine_allocate(itn__refiner *refiner, itn_error *error) {
+    const itn_context *context = refiner->context;
+    size_t n = (size_t)refiner->count;
+    double *next;
+    refiner->views = (itn__refine_view *)itn__allocate(context, (size_t)refiner->view_count,
+                                                       sizeof *refiner->views);
+    refiner->parameters = (const itn_parameter **)itn__allocate(context, n,
+                                                                sizeof *refiner->parameters);
+    refiner->numbers = (double *)itn__allocate(context, 9 * n + 5 * n * n, sizeof(double));
+    refiner->values = (float *)itn__allocate(context, 3 * n, sizeof(float));
+    refiner->estimates = (itn_estimate *)itn__allocate(context, n, sizeof(itn_estimate));
+    if (!refiner->views || !refiner->parameters || !refiner->numbers || !refiner->values ||
         !refiner->estimates)
         return itn__out_of_memory(error, "itn_refine");
-    refiner->moments[1] = refiner->moments[0] + n;
-    refiner->variance = refiner->weights + refiner->pixels;
-    refiner->target_variance = refiner->variance + refiner->pixels;
-    refiner->row = refiner->target_variance + refiner->pixels;
-    if (refiner->options.target_variance)
-        itn__blur(refiner->options.target_variance, refiner->target_variance, scene->film.width,
-                  scene->film.height, refiner->pixels);
+    refiner->moments[0] = refiner->values + n, refiner->moments[1] = refiner->values + 2 * n;
     next = refiner->numbers;
     refiner->coordinates = next, next += n;
     refiner->slopes = next, next += n;
@@ -12897,56 +13030,121 @@ static itn_result itn__refine_begin(itn__refiner *refiner, const float *theta, i
     refiner->noise = next, next += n;
     refiner->spread = next, next += n;
     refiner->factor = next, next += n * n;
-    refiner->covariance = next;
-    memcpy(refiner->theta, theta, (size_t)scene->parameter_count * sizeof(float));
-    for (k = 0; k < refiner->count; k++) {
-        int index = refiner->parameters[k];
-        refiner->step[k] = itn_parameter_to_coordinate(&scene->parameters[index], theta[index]);
+    refiner->covariance = next, next += n * n;
+    refiner->kept = next;
+    return ITN_OK;
+}
+
+static itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views,
+                                    const float *values, itn_error *error) {
+    itn_result result = itn__refine_allocate(refiner, error);
+    int v, k;
+    for (v = 0; v < refiner->view_count && !result; v++)
+        result = itn__view_begin(refiner, &views[v], &refiner->views[v], error);
+    for (k = 0; k < refiner->count && !result; k++)
+        if (!refiner->parameters[k])
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: no view has unknown %d", k);
+    for (v = 0; v < refiner->view_count && !result; v++) {
+        itn__refine_view *view = &refiner->views[v];
+        for (k = 0; k < view->count; k++)
+            view->theta[view->parameters[k]] = values[view->unknowns[k]];
+        result = itn__check_theta(view->scene, view->theta, error);
     }
+    if (result) return result;
+    for (k = 0; k < refiner->count; k++)
+        refiner->step[k] = itn_parameter_to_coordinate(refiner->parameters[k], values[k]);
     itn__refine_set(refiner, refiner->step);
     return ITN_OK;
+}
+
+static void itn__refine_end(itn__refiner *refiner) {
+    int v;
+    for (v = 0; refiner->views && v < refiner->view_count; v++) {
+        itn__refine_view *view = &refiner->views[v];
+        if (!view->scene) break;
+        itn__free(&view->scene->context, view->parameters);
+        itn__free(&view->scene->context, view->weights);
+    }
+    itn__free(refiner->context, refiner->estimates);
+    itn__free(refiner->context, refiner->values);
+    itn__free(refiner->context, refiner->numbers);
+    itn__free(refiner->context, refiner->parameters);
+    itn__free(refiner->context, refiner->views);
+}
+
+/* Fills in the defaults of the options and checks their ranges. */
+static itn_result itn__refine_options(itn_refine_options *options, itn_error *error) {
+    if (options->spp == 0) options->spp = 64;
+    if (options->iterations == 0) options->iterations = options->method == ITN_METHOD_LM ? 20 : 200;
+    if (options->learning_rate == 0) options->learning_rate = .05;
+    if ((options->method != ITN_METHOD_LM && options->method != ITN_METHOD_ADAM) ||
+        options->spp < 2 || options->spp > INT_MAX / 8 || options->iterations < 0 ||
+        options->max_scatter < 0 || !(options->learning_rate > 0 && options->learning_rate <= 1))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_refine: needs a known method, spp >= 2, iterations >= 0 and a "
+                         "learning_rate in (0, 1]");
+    if (options->target_variance)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_refine_views: target_variance belongs into the views");
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
+                                    int count, const itn_refine_options *options,
+                                    itn_estimate *estimates, itn_error *error) {
+    itn__refiner refiner;
+    itn_result result;
+    size_t n = (size_t)count;
+    int v;
+    if (!views || !values || !estimates || view_count < 1 || count < 1 ||
+        count > ITN__MOST_UNKNOWNS)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_refine: NULL argument, count %d or view_count %d", count, view_count);
+    for (v = 0; v < view_count; v++)
+        if (!views[v].scene || !views[v].target || !views[v].parameters)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_refine: scene, target or parameters of view %d is NULL", v);
+    memset(&refiner, 0, sizeof refiner);
+    refiner.view_count = view_count, refiner.count = count;
+    refiner.context = &views->scene->context;
+    if (options) refiner.options = *options;
+    result = itn__refine_options(&refiner.options, error);
+    if (result) return result;
+    result = itn__refine_begin(&refiner, views, values, error);
+    if (!result)
+        result = refiner.options.method == ITN_METHOD_LM ? itn__refine_lm(&refiner, error)
+                                                         : itn__refine_adam(&refiner, error);
+    if (!result) result = itn__refine_finish(&refiner, error);
+    if (!result) {
+        memcpy(values, refiner.values, n * sizeof *values);
+        memcpy(estimates, refiner.estimates, n * sizeof *estimates);
+        if (refiner.options.misfit) *refiner.options.misfit = refiner.kept_misfit;
+        if (refiner.options.covariance)
+            memcpy(refiner.options.covariance, refiner.kept, n * n * sizeof(double));
+    }
+    itn__refine_end(&refiner);
+    return result;
 }
 
 ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
                               const int *parameters, int count,
                               const itn_refine_options *options, itn_estimate *estimates,
                               itn_error *error) {
-    itn__refiner refiner;
+    itn_refine_options rest = ITN_ZERO;
+    float values[ITN__MOST_UNKNOWNS];
+    itn_view view = ITN_ZERO;
     itn_result result;
-    if (!scene || !theta || !target || !parameters || !estimates || count < 1 || count > 1024)
+    int k;
+    if (!scene || !theta || !parameters || count < 1 || count > ITN__MOST_UNKNOWNS)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: NULL argument or count %d",
                          count);
-    memset(&refiner, 0, sizeof refiner);
-    refiner.scene = scene, refiner.target = target, refiner.parameters = parameters;
-    refiner.count = count;
-    if (options) refiner.options = *options;
-    if (refiner.options.spp == 0) refiner.options.spp = 64;
-    if (refiner.options.iterations == 0)
-        refiner.options.iterations = refiner.options.method == ITN_METHOD_LM ? 20 : 200;
-    if (refiner.options.learning_rate == 0) refiner.options.learning_rate = .05;
-    if ((refiner.options.method != ITN_METHOD_LM && refiner.options.method != ITN_METHOD_ADAM) ||
-        refiner.options.spp < 2 || refiner.options.spp > INT_MAX / 8 ||
-        refiner.options.iterations < 0 || refiner.options.max_scatter < 0 ||
-        !(refiner.options.learning_rate > 0 && refiner.options.learning_rate <= 1))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_refine: needs a known method, spp >= 2, iterations >= 0 and a "
-                         "learning_rate in (0, 1]");
-    result = itn__check_theta(scene, theta, error);
-    if (!result) result = itn__refine_begin(&refiner, theta, error);
-    if (!result)
-        result = refiner.options.method == ITN_METHOD_LM ? itn__refine_lm(&refiner, error)
-                                                         : itn__refine_adam(&refiner, error);
-    if (!result) result = itn__refine_finish(&refiner, error);
-    if (!result) {
-        memcpy(theta, refiner.theta, (size_t)scene->parameter_count * sizeof(float));
-        memcpy(estimates, refiner.estimates, (size_t)count * sizeof *estimates);
-        if (refiner.options.misfit) *refiner.options.misfit = refiner.misfit;
-    }
-    itn__free(&scene->context, refiner.estimates);
-    itn__free(&scene->context, refiner.moments[0]);
-    itn__free(&scene->context, refiner.numbers);
-    itn__free(&scene->context, refiner.weights);
-    itn__free(&scene->context, refiner.theta);
+    if (options) rest = *options;
+    view.scene = scene, view.theta = theta, view.target = target, view.parameters = parameters;
+    view.target_variance = rest.target_variance, rest.target_variance = NULL;
+    for (k = 0; k < count; k++)
+        values[k] = itn_parameter_get(scene, parameters[k]) ? theta[parameters[k]] : 0;
+    result = itn_refine_views(&view, 1, values, count, &rest, estimates, error);
+    for (k = 0; k < count && !result; k++) theta[parameters[k]] = values[k];
     return result;
 }
 
@@ -15976,8 +16174,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.4.0  itn_render_texel_gradient; sigma_t and g for each channel; faint links to lights
-          are cut.
+   0.4.0  itn_render_texel_gradient; itn_refine_views, covariances; sigma_t and g for each
+          channel; itn_net_input; faint links to lights are cut.
           breaks: images with maps, skies and textures have other bits than before
    0.3.0  derivatives in the fast walk, foresight, itn_estimator; convolutions in blocked layouts.
           breaks: images have other bits than before (ITN_ESTIMATOR_SCORE has the old ones)

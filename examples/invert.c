@@ -1,15 +1,18 @@
-/* Recovers the parameters of a translucent object from one image of it: the main job.
+/* Recovers the parameters of a translucent object from one image of it, or from several: the main
+   job.
 
-   You learn: how to hand an image to itn_refine, what comes back (values with error bars, and word
-   of those that the image does not determine), and how to look at it.
+   You learn: how to hand images to itn_refine_views, what comes back (values with error bars, and
+   word of those that the images do not determine), and how to look at it.
 
    Compile: cc -O3 -march=native invert.c -o invert -lm -lpthread
    Run:     ./invert ../scenes/default.itn -o out
-   Without --target and --hidden the values in the scene file are the hidden ones: an image is made
-   with them, and the search starts from a neutral guess (thickness 10, albedo .7, g .3).
-   Otherwise it starts from the values in the scene file. With --net it starts from what a network
-   of train.c reads off the picture, which is printed as a row of its own. Prints a row per iteration and at the end a
-   line per parameter,
+            ./invert front.itn side.itn --target front.exr --target side.exr -o out
+   Several scenes show one object from several sides or in several lights, each with its own image;
+   parameters of one name are one unknown. Without --target and --hidden the values in the (first)
+   scene file are the hidden ones: images are made with them, and the search starts from a neutral
+   guess (thickness 10, albedo .7, g .3). Otherwise it starts from the values in the scene file.
+   With --net it starts from what a network of train.c reads off the first picture, which is
+   printed as a row of its own. Prints a row per iteration and at the end a line per parameter,
             milk.sigma_t 31.2 +- 0.4 hidden 31
    and fails if a hidden value lies more than four standard errors away. Pictures go to the folder
    after -o, or beside the scene: target, estimate, difference, derivatives (red up, blue down). */
@@ -20,15 +23,24 @@
 
 #include <sys/stat.h>
 
-enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024 };
+enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024, MOST_VIEWS = 16 };
 static const char *const usage =
-    "usage: invert SCENE [--target IMAGE.exr | --hidden name=value,...] [--params name,...]\n"
-    "       [--net WEIGHTS] [--method lm|adam] [--iterations N] [--spp N] [--seed N] [-t THREADS] [-o DIR]\n";
+    "usage: invert SCENE... [--target IMAGE.exr... | --hidden name=value,...] [--params name,...]\n"
+    "       [--net WEIGHTS] [--method lm|adam] [--iterations N] [--spp N] [--seed N]\n"
+    "       [-t THREADS] [-o DIR]\n"
+    "       (of several scenes each needs its --target, in the same order)\n";
 
-/* What the progress callback collects for the chart. */
+/* A scene and the image of it. */
+typedef struct picture {
+    const char *path, *target;
+    itn_scene *scene;
+    int parameters[MOST_PARAMETERS]; /* what the unknowns are in it, or -1 */
+    float *theta, *light, *variance;
+} picture;
+
+/* What is sought, and what the progress callback collects for the chart. */
 typedef struct history {
-    const itn_scene *scene;
-    const int *parameters;
+    const itn_parameter *unknowns[MOST_PARAMETERS];
     int count, rows;
     double loss[MOST_ROWS];
     float values[MOST_ROWS][MOST_PARAMETERS];
@@ -66,28 +78,38 @@ static int show_step(void *user, const itn_refine_step *step) {
     printf("%3d  loss %.4e +- %.1e ", step->iteration, step->loss, step->loss_error);
     h->loss[row] = step->loss;
     for (k = 0; k < h->count; k++) {
-        h->values[row][k] = step->theta[h->parameters[k]];
-        printf("  %s %.5g", itn_parameter_get(h->scene, h->parameters[k])->name,
-               (double)h->values[row][k]);
+        h->values[row][k] = step->values[k];
+        printf("  %s %.5g", h->unknowns[k]->name, (double)step->values[k]);
     }
     printf("\n");
     fflush(stdout);
     return 0;
 }
 
-/* Reads "name,name" or "name=value,name=value": indices, and values into theta if it is given. */
-static int read_list(const itn_scene *scene, const char *text, int *parameters, float *theta) {
+/* The parameter of that name in the first scene that has it, or NULL. */
+static const itn_parameter *find_parameter(const picture *pictures, int views, const char *name) {
+    const itn_parameter *found = NULL;
+    int v;
+    for (v = 0; v < views && !found; v++)
+        found = itn_parameter_get(pictures[v].scene, itn_parameter_find(pictures[v].scene, name));
+    return found;
+}
+
+/* Reads "name,name" or, if values are wanted, "name=value,name=value". */
+static int read_list(const picture *pictures, int views, const char *text,
+                     const itn_parameter **unknowns, float *values) {
     int count = 0;
     while (*text) {
         char name[ITN_NAME_SIZE] = "", *end;
         size_t length = strcspn(text, "=,");
         if (length < sizeof name) memcpy(name, text, length);
-        if (count == MOST_PARAMETERS || (parameters[count] = itn_parameter_find(scene, name)) < 0)
+        if (count == MOST_PARAMETERS ||
+            !(unknowns[count] = find_parameter(pictures, views, name)))
             fail("the scene has no such parameter", text);
         text += length;
-        if (theta) {
+        if (values) {
             if (*text != '=') fail("name=value expected", text);
-            theta[parameters[count]] = strtof(text + 1, &end);
+            values[count] = strtof(text + 1, &end);
             if (end == text + 1) fail("not a number", text);
             text = end;
         }
@@ -134,25 +156,27 @@ static void read_target(const itn_image *image, itn_film_desc film, float **ligh
     }
 }
 
-/* The parameters of the first medium; neutral guesses for them go to theta unless it is NULL. */
-static int medium_parameters(const itn_scene *scene, int *parameters, float *theta) {
-    static const char *const fields[] = {".sigma_t", ".albedo", ".albedo_r", ".albedo_g",
-                                         ".albedo_b", ".g"};
-    static const float guess[] = {10, .7f, .7f, .7f, .7f, .3f};
-    int i, k, count = 0;
-    for (i = 0; i < itn_parameter_count(scene); i++) {
+/* A neutral value for a parameter of a medium; its own for any other. */
+static float neutral_guess(const itn_scene *scene, const itn_parameter *p) {
+    const char *field = strchr(p->name, '.');
+    char medium[ITN_NAME_SIZE] = "";
+    double thickness;
+    if (!strncmp(field, ".albedo", 7)) return .7f;
+    if (!strcmp(field, ".g")) return .3f;
+    if (strcmp(field, ".sigma_t")) return p->value;
+    memcpy(medium, p->name, (size_t)(field - p->name));
+    thickness = itn_scene_thickness(scene, NULL, medium);
+    return thickness > 0 ? (float)(10 * p->value / thickness) : 1;
+}
+
+/* The parameters of the scene's media. */
+static int medium_parameters(const itn_scene *scene, const itn_parameter **unknowns) {
+    int i, count = 0;
+    for (i = 0; i < itn_parameter_count(scene) && count < MOST_PARAMETERS; i++) {
         const itn_parameter *p = itn_parameter_get(scene, i);
-        const char *dot = strchr(p->name, '.');
-        for (k = 0; k < 6; k++) {
-            char medium[ITN_NAME_SIZE] = "";
-            double thickness;
-            if (strcmp(dot, fields[k])) continue;
-            if (count == MOST_PARAMETERS) return count;
-            parameters[count++] = i;
-            memcpy(medium, p->name, (size_t)(dot - p->name));
-            thickness = itn_scene_thickness(scene, NULL, medium);
-            if (theta) theta[i] = k ? guess[k] : thickness > 0 ? (float)(10 * p->value / thickness) : 1;
-        }
+        const char *field = strchr(p->name, '.');
+        if (!strcmp(field, ".sigma_t") || !strncmp(field, ".albedo", 7) || !strcmp(field, ".g"))
+            unknowns[count++] = p;
     }
     return count;
 }
@@ -195,27 +219,55 @@ static void ask_network(const char *path, const itn_scene *scene, const float *l
     free(input);
 }
 
-/* Puts a network's answer, sigma_t, albedo and g of a medium, into theta and prints it. */
-static void start_from_network(const char *path, const history *h, const float *light,
-                               float *theta) {
+/* Takes a network's answer, sigma_t, albedo and g of a medium, for values and prints it. */
+static void start_from_network(const char *path, const history *h, const picture *p,
+                               float *values) {
     static const char *const fields[3] = {"sigma_t", "albedo", "g"};
     float answer[3];
-    int i, k, length = (int)strcspn(itn_parameter_get(h->scene, h->parameters[0])->name, ".");
-    ask_network(path, h->scene, light, answer);
+    int i, k, length = (int)strcspn(h->unknowns[0]->name, ".");
+    ask_network(path, p->scene, p->light, answer);
     printf("net");
     for (k = 0; k < 3; k++) {
         char name[2 * ITN_NAME_SIZE];
-        snprintf(name, sizeof name, "%.*s.%s", length,
-                 itn_parameter_get(h->scene, h->parameters[0])->name, fields[k]);
-        for (i = 0; i < h->count && h->parameters[i] != itn_parameter_find(h->scene, name);) i++;
+        snprintf(name, sizeof name, "%.*s.%s", length, h->unknowns[0]->name, fields[k]);
+        for (i = 0; i < h->count && strcmp(h->unknowns[i]->name, name) != 0;) i++;
         if (i == h->count || h->count != 3)
             fail(path, "gives sigma_t, albedo and g of one medium: recover just these");
-        i = h->parameters[i];
-        theta[i] = (float)itn_parameter_from_coordinate(itn_parameter_get(h->scene, i),
-                                                        (double)answer[k]);
-        printf("  %s %.5g", name, (double)theta[i]);
+        values[i] = (float)itn_parameter_from_coordinate(h->unknowns[i], (double)answer[k]);
+        printf("  %s %.5g", name, (double)values[i]);
     }
     printf("\n");
+}
+
+/* Opens the scene of a picture. */
+static void open_scene(picture *p, const itn_context *context) {
+    itn_error error;
+    if (itn_scene_load(p->path, context, &p->scene, &error)) fail(error.message, "");
+    p->theta = (float *)calloc((size_t)itn_parameter_count(p->scene) + 1, sizeof(float));
+    if (!p->theta) fail("out of memory", "");
+    itn_parameter_values(p->scene, p->theta);
+}
+
+/* Sets parameters in all scenes that have them. */
+static void set_values(picture *pictures, int views, const history *h, const float *values) {
+    int v, k, index;
+    for (v = 0; v < views; v++)
+        for (k = 0; k < h->count; k++) {
+            index = itn_parameter_find(pictures[v].scene, h->unknowns[k]->name);
+            pictures[v].parameters[k] = index;
+            if (index >= 0) pictures[v].theta[index] = values[k];
+        }
+}
+
+/* Reads a picture's image, or renders it with the hidden values, which theta holds. */
+static void make_target(picture *p, const itn_context *context, const itn_render_options *options) {
+    itn_image image;
+    itn_error error;
+    if (p->target ? itn_image_load(p->target, context, &image, &error)
+                  : itn_render(p->scene, p->theta, options, NULL, 0, &image, &error))
+        fail(error.message, "");
+    read_target(&image, itn_scene_film(p->scene), &p->light, &p->variance);
+    itn_image_free(&image);
 }
 
 static void save_picture(const itn_image *image, int plane, int channels, itn_png_mode mode,
@@ -227,7 +279,7 @@ static void save_picture(const itn_image *image, int plane, int channels, itn_pn
 }
 
 /* One curve per parameter (value over final value) and one for the loss, against iterations. */
-static void save_chart(const history *h, const float *theta, const char *stem) {
+static void save_chart(const history *h, const float *values, const char *stem) {
     static const char *const colours[] = {"#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e",
                                           "#8c564b"};
     double x = h->rows > 1 ? 520. / (h->rows - 1) : 0, largest = 0, smallest = 1e300, span;
@@ -250,13 +302,13 @@ static void save_chart(const history *h, const float *theta, const char *stem) {
             "<path d='M60 30V210H580M60 250V430H580M60 340H580' stroke='#aaa' fill='none'/>"
             "<text x='300' y='450'>iteration (0 to %d)</text>", smallest, largest, h->rows - 1);
     for (k = -1; k < h->count; k++) {
-        const char *name = k < 0 ? "loss" : itn_parameter_get(h->scene, h->parameters[k])->name;
+        const char *name = k < 0 ? "loss" : h->unknowns[k]->name;
         fprintf(file, "<polyline fill='none' stroke-width='2' stroke='%s' points='",
                 k < 0 ? "black" : colours[k % 6]);
         for (i = 0; i < h->rows; i++) {
             double loss = fmax(fabs(h->loss[i]), smallest);
             double y = k < 0 ? 30 + 180 * log(largest / loss) / span
-                             : 430 - 90 * fmin(fmax(h->values[i][k] / theta[h->parameters[k]], 0), 2);
+                             : 430 - 90 * fmin(fmax(h->values[i][k] / values[k], 0), 2);
             fprintf(file, "%.1f,%.1f ", 60 + x * i, y);
         }
         fprintf(file, "'/><text x='590' y='%d' fill='%s'>%s</text>", k < 0 ? 45 : 265 + 18 * k,
@@ -267,19 +319,21 @@ static void save_chart(const history *h, const float *theta, const char *stem) {
 }
 
 /* Renders image and derivatives at the estimate and saves all pictures. */
-static void save_pictures(const itn_scene *scene, const float *theta, const float *target,
-                          const history *h, itn_render_options options, const char *stem) {
-    int channels = itn_scene_film(scene).channels, k;
+static void save_pictures(const picture *p, int unknowns, itn_render_options options,
+                          const char *stem) {
+    int channels = itn_scene_film(p->scene).channels, parameters[MOST_PARAMETERS], count = 0, k;
     size_t i, pixels;
     char path[1200];
     itn_image image;
     itn_error error;
+    for (k = 0; k < unknowns; k++)
+        if (p->parameters[k] >= 0) parameters[count++] = p->parameters[k];
     options.spp *= 4;
-    if (itn_render(scene, theta, &options, h->parameters, h->count, &image, &error))
+    if (itn_render(p->scene, p->theta, &options, parameters, count, &image, &error))
         fail(error.message, "");
     pixels = (size_t)image.width * (size_t)image.height * (size_t)channels;
     save_picture(&image, 0, channels, ITN_PNG_TONE, 0, stem, "estimate");
-    for (k = 0; k < h->count; k++) {
+    for (k = 0; k < count; k++) {
         char *name = image.names[2 * (k + 1) * channels];
         char layer[ITN_NAME_SIZE];
         snprintf(layer, sizeof layer, "%.*s", (int)strcspn(name, "."), name);
@@ -288,8 +342,8 @@ static void save_pictures(const itn_scene *scene, const float *theta, const floa
     snprintf(path, sizeof path, "%s_estimate.exr", stem);
     if (itn_image_save_exr(&image, path, &error)) fail(error.message, "");
     for (i = 0; i < pixels; i++) {
-        float difference = target[i] - image.pixels[i];
-        image.pixels[i] = target[i], image.pixels[pixels + i] = difference;
+        float difference = p->light[i] - image.pixels[i];
+        image.pixels[i] = p->light[i], image.pixels[pixels + i] = difference;
     }
     save_picture(&image, 0, channels, ITN_PNG_TONE, 0, stem, "target");
     save_picture(&image, channels, channels, ITN_PNG_SIGNED, 0, stem, "difference");
@@ -301,41 +355,51 @@ static int print_estimates(const history *h, const itn_estimate *estimates, cons
     int k, missed = 0;
     for (k = 0; k < h->count; k++) {
         const itn_estimate *e = &estimates[k];
-        const char *name = itn_parameter_get(h->scene, h->parameters[k])->name;
+        const char *name = h->unknowns[k]->name;
         printf("%s %.5g +- %.2g", name, e->value, e->standard_error);
-        if (hidden) printf(" hidden %.5g", (double)hidden[h->parameters[k]]);
+        if (hidden) printf(" hidden %.5g", (double)hidden[k]);
         printf("\n");
         if (!e->determined)
             printf("warning: this image hardly determines %s; do not rely on its value\n", name);
         else if (hidden)
-            missed += !(fabs(e->value - (double)hidden[h->parameters[k]]) <= 4 * e->standard_error);
+            missed += !(fabs(e->value - (double)hidden[k]) <= 4 * e->standard_error);
     }
     return missed;
 }
 
+/* DIR/name or, without a folder, the path, both without the ending; numbered from the second on. */
+static void make_stem(const char *path, const char *dir, int number, char *stem, size_t size) {
+    char digits[16] = "";
+    const char *base = strrchr(path, '/') && dir ? strrchr(path, '/') + 1 : path;
+    const char *ending = strrchr(base, '.') ? strrchr(base, '.') : base + strlen(base);
+    if (number > 1) snprintf(digits, sizeof digits, "_%d", number);
+    snprintf(stem, size, "%s%s%.*s%s", dir ? dir : "", dir ? "/" : "", (int)(ending - base), base,
+             digits);
+}
+
 int main(int argc, char **argv) {
-    const char *path = NULL, *target_path = NULL, *hidden_list = NULL, *names = NULL, *dir = NULL;
-    const char *network = NULL, *base, *ending;
-    int parameters[MOST_PARAMETERS], i, missed;
+    const char *hidden_list = NULL, *names = NULL, *dir = NULL, *network = NULL;
+    int views = 0, targets = 0, i, k, v, missed;
     itn_context context = ITN_ZERO;
     itn_refine_options refine = ITN_ZERO;
     itn_render_options render = ITN_ZERO;
     itn_estimate estimates[MOST_PARAMETERS];
-    itn_scene *scene;
-    itn_image target;
+    float values[MOST_PARAMETERS], hidden[MOST_PARAMETERS];
+    itn_view look[MOST_VIEWS];
     itn_error error;
+    static picture pictures[MOST_VIEWS];
     static history h;
     char stem[1024];
-    float *theta, *hidden, *light, *variance;
     double misfit;
     refine.spp = 48, refine.misfit = &misfit;
     for (i = 1; i < argc; i++) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (!strcmp(option, "--help")) return printf("%s", usage) < 0;
-        if (option[0] != '-') { path = option; continue; }
+        if (views == MOST_VIEWS || targets == MOST_VIEWS) fail(option, "too many scenes or targets");
+        if (option[0] != '-') { pictures[views++].path = option; continue; }
         if (!value) fail(option, "unknown option, or its value is missing");
         i++;
-        if (!strcmp(option, "--target")) target_path = value;
+        if (!strcmp(option, "--target")) pictures[targets++].target = value;
         else if (!strcmp(option, "--hidden")) hidden_list = value;
         else if (!strcmp(option, "--params")) names = value;
         else if (!strcmp(option, "--net")) network = value;
@@ -349,49 +413,60 @@ int main(int argc, char **argv) {
             refine.method = ITN_METHOD_ADAM;
         else fail(option, "unknown option or value");
     }
-    if (!path || (target_path && hidden_list)) return fprintf(stderr, "%s", usage), 1;
-    if (itn_scene_load(path, &context, &scene, &error)) fail(error.message, "");
-    theta = (float *)calloc(2 * (size_t)itn_parameter_count(scene) + 2, sizeof *theta);
-    if (!theta) fail("out of memory", "");
-    hidden = theta + itn_parameter_count(scene);
-    itn_parameter_values(scene, theta);
-    itn_parameter_values(scene, hidden);
-    if (hidden_list) h.count = read_list(scene, hidden_list, parameters, hidden);
-    else h.count = medium_parameters(scene, parameters, target_path ? NULL : theta);
-    if (names) h.count = read_list(scene, names, parameters, NULL);
-    if (h.count < 1) fail("nothing to recover: name parameters with --params", "");
+    if (!views || (targets && (hidden_list || targets != views)))
+        return fprintf(stderr, "%s", usage), 1;
+    for (v = 0; v < views; v++) open_scene(&pictures[v], &context);
 
-    /* the target: from a file, or rendered with the hidden values and other random numbers */
-    render.spp = 8 * refine.spp, render.seed = refine.seed + 1000003;
-    if (target_path ? itn_image_load(target_path, &context, &target, &error)
-                    : itn_render(scene, hidden, &render, NULL, 0, &target, &error))
-        fail(error.message, "");
-    read_target(&target, itn_scene_film(scene), &light, &variance);
-    refine.target_variance = variance;
+    /* what is hidden, what is sought, where the search starts */
+    if (hidden_list) {
+        h.count = read_list(pictures, views, hidden_list, h.unknowns, hidden);
+        set_values(pictures, views, &h, hidden);
+    } else {
+        h.count = medium_parameters(pictures[0].scene, h.unknowns);
+    }
+    if (names) h.count = read_list(pictures, views, names, h.unknowns, NULL);
+    if (!h.count) fail("nothing to recover: name parameters with --params", "");
+    for (i = 0; i < h.count; i++) {
+        const itn_parameter *p = h.unknowns[i];
+        for (v = 0; (k = itn_parameter_find(pictures[v].scene, p->name)) < 0;) v++;
+        hidden[i] = pictures[v].theta[k];
+        values[i] = targets || hidden_list ? p->value : neutral_guess(pictures[v].scene, p);
+    }
+    set_values(pictures, views, &h, hidden);
+
+    /* the targets: from files, or rendered with the hidden values and other random numbers */
+    render.spp = 8 * refine.spp;
+    for (v = 0; v < views; v++) {
+        render.seed = refine.seed + 1000003 + (uint64_t)v;
+        make_target(&pictures[v], &context, &render);
+        look[v].scene = pictures[v].scene, look[v].theta = pictures[v].theta;
+        look[v].target = pictures[v].light, look[v].target_variance = pictures[v].variance;
+        look[v].parameters = pictures[v].parameters;
+    }
+    show_thickness(pictures[0].scene, stdout);
     refine.progress = show_step, refine.progress_user = &h;
-    h.scene = scene, h.parameters = parameters;
-    show_thickness(scene, stdout);
-    if (network) start_from_network(network, &h, light, theta);
-    if (itn_refine(scene, theta, light, parameters, h.count, &refine, estimates, &error))
+    if (network) start_from_network(network, &h, &pictures[0], values);
+    if (itn_refine_views(look, views, values, h.count, &refine, estimates, &error))
         fail(error.message, "");
-    missed = print_estimates(&h, estimates, target_path ? NULL : hidden);
+    missed = print_estimates(&h, estimates, targets ? NULL : hidden);
     if (misfit > 1.5)
         printf("warning: the picture differs from the scene %.1f times more than noise explains\n",
                sqrt(misfit));
 
-    base = strrchr(path, '/') && dir ? strrchr(path, '/') + 1 : path;
-    ending = strrchr(base, '.') ? strrchr(base, '.') : base + strlen(base);
-    snprintf(stem, sizeof stem, "%s%s%.*s", dir ? dir : "", dir ? "/" : "", (int)(ending - base),
-             base);
     if (dir) mkdir(dir, 0777); /* may be there already */
     render.spp = refine.spp;
-    save_pictures(scene, theta, light, &h, render, stem);
-    save_chart(&h, theta, stem);
-    printf("pictures: %s_*.png, %s_estimate.exr, %s_convergence.svg\n", stem, stem, stem);
-    itn_image_free(&target);
-    itn_scene_free(scene);
-    free(variance);
-    free(light);
-    free(theta);
+    set_values(pictures, views, &h, values);
+    for (v = 0; v < views; v++) {
+        make_stem(pictures[v].path, dir, v + 1, stem, sizeof stem);
+        save_pictures(&pictures[v], h.count, render, stem);
+        if (v == 0) save_chart(&h, values, stem);
+        printf("pictures: %s_*.png, %s_estimate.exr", stem, stem);
+        if (v == 0) printf(", %s_convergence.svg", stem);
+        printf("\n");
+        itn_scene_free(pictures[v].scene);
+        free(pictures[v].variance);
+        free(pictures[v].light);
+        free(pictures[v].theta);
+    }
     return missed != 0;
 }

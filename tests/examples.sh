@@ -82,6 +82,14 @@ check "invert: pictures" test -s quick/default_target.png -a -s quick/default_di
 keep "invert --target" ./invert "$root/scenes/default.itn" --target quick/default_estimate.exr \
     --params milk.albedo --spp 8 -o quick
 prints '^milk\.albedo 0\.[0-9]+ \+- [0-9.e-]+$'
+sed "s/eye 0.25 0.55 2.2/eye 2.2 0.55 0.25/; s/96/48/g; s|shapes/|$root/scenes/shapes/|
+     s|t3-e60|$root/scenes/t3-e60|" "$root/scenes/default.itn" > side.itn
+keep "invert: two views" ./invert side.itn "$root/scenes/default.itn" \
+    --params milk.sigma_t,milk.albedo --hidden milk.sigma_t=35 --spp 8 -o quick
+prints '^milk\.sigma_t [0-9.e+-]+ \+- [0-9.e+-]+ hidden 35$'
+check "invert: pictures of both" test -s quick/side_target.png -a -s quick/default_2_target.png
+check "refused: one target for two scenes" sh -c "! ./invert $root/scenes/default.itn \
+    $root/scenes/default.itn --target quick/default_estimate.exr"
 check "invert --method adam" ./invert "$root/scenes/default.itn" --method adam --params milk.albedo \
     --hidden milk.albedo=0.85 --iterations 60 --spp 4 -o quick
 

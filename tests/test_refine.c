@@ -9,20 +9,26 @@
 
 enum { SIZE = 16, PIXELS = SIZE * SIZE };
 
-/* A cloud (sphere of radius 1, index-matched) in a map: what every test here refines. */
-static itn_scene *cloud(double sigma_t, double albedo, double g) {
+/* A cloud (sphere of radius 1, index-matched) in a map with a bright patch at u: what every test here
+   refines. */
+static itn_scene *lit_cloud(int size, double u, double strength, double sigma_t, double albedo,
+                            double g) {
     itn_mesh mesh = solids_sphere(1, 2);
-    itn_image map = stage_patch(1, .65, .35, 4);
+    itn_image map = stage_patch(1, u, .35, 4);
     stage s;
     itn_scene *scene;
-    stage_begin(&s, SIZE, 4, 32);
+    stage_begin(&s, size, 4, 32);
     stage_medium(&s, "m", sigma_t, albedo, g);
     stage_object(&s, &mesh, "m", NULL);
-    stage_map(&s, NULL, &map);
+    stage_map(&s, NULL, &map)->scale = (float)strength;
     scene = stage_make(&s);
     itn_image_free(&map);
     itn_mesh_free(&mesh);
     return scene;
+}
+
+static itn_scene *cloud(double sigma_t, double albedo, double g) {
+    return lit_cloud(SIZE, .65, 1, sigma_t, albedo, g);
 }
 
 /* A picture of a scene and its variances. */
@@ -31,10 +37,12 @@ static void photograph(const itn_scene *scene, int spp, uint64_t seed, float *ta
     itn_render_options options = ITN_ZERO;
     itn_image image = ITN_ZERO;
     itn_error error;
+    size_t pixels;
     options.spp = spp, options.seed = seed;
     stage_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
-    memcpy(target, image.pixels, PIXELS * sizeof(float));
-    memcpy(variance, image.pixels + PIXELS, PIXELS * sizeof(float));
+    pixels = (size_t)image.width * (size_t)image.height;
+    memcpy(target, image.pixels, pixels * sizeof(float));
+    memcpy(variance, image.pixels + pixels, pixels * sizeof(float));
     itn_image_free(&image);
 }
 
@@ -279,6 +287,182 @@ static void test_coverages(void) {
 static void plant_small_errors(void) {
     static const char *const albedo[] = {"m.albedo"};
     test_coverage(albedo, 1, 32, 4, 1, 3);
+}
+
+/* ---- several pictures -------------------------------------------------------------------------------- */
+
+/* One view is itn_refine, bit for bit; the covariance has the error bars on its diagonal. */
+static void test_one_view(void) {
+    static const char *const names[] = {"m.albedo", "m.g"};
+    itn_scene *scene = cloud(2, .8, .4);
+    static float target[PIXELS], variance[PIXELS];
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate one[2], same[2];
+    itn_error error;
+    double covariance[4], misfits[2];
+    int parameters[2], k, method;
+    float theta[8], values[2];
+    itn_view view = ITN_ZERO;
+    find_parameters(scene, names, 2, parameters);
+    photograph(scene, 64, 7, target, variance);
+    for (method = 0; method < 2; method++) {
+        options.method = (itn_method)method, options.spp = 8, options.iterations = 3;
+        options.target_variance = variance, options.misfit = &misfits[0];
+        itn_parameter_values(scene, theta);
+        values[0] = theta[parameters[0]] = .7f, values[1] = theta[parameters[1]] = .2f;
+        stage_need(itn_refine(scene, theta, target, parameters, 2, &options, one, &error), &error);
+        view.scene = scene, view.target = target, view.target_variance = variance;
+        view.parameters = parameters;
+        options.target_variance = NULL, options.misfit = &misfits[1];
+        options.covariance = covariance;
+        stage_need(itn_refine_views(&view, 1, values, 2, &options, same, &error), &error);
+        options.covariance = NULL;
+        CHECK(misfits[0] == misfits[1]);
+        CHECK_NEAR(covariance[1], covariance[2], 1e-9 * fabs(covariance[1]));
+        for (k = 0; k < 2; k++) {
+            CHECK(one[k].value == same[k].value && values[k] == theta[parameters[k]]);
+            CHECK(one[k].standard_error == same[k].standard_error);
+            CHECK_NEAR(sqrt(covariance[3 * k]), one[k].standard_error,
+                       1e-9 * one[k].standard_error);
+        }
+    }
+    itn_scene_free(scene);
+}
+
+/* A cloud in two lights, each of its own unknown strength, seen by films of different sizes: all is
+   found, with smaller error bars than from one picture. swapped: planted, takes each strength for the
+   other. */
+static void test_two_lights(int swapped) {
+    enum { UNKNOWNS = 5 };
+    static const char *const names[2][UNKNOWNS] = {
+        {"m.sigma_t", "m.albedo", "m.g", "light.scale", ""},
+        {"m.sigma_t", "m.albedo", "m.g", "", "light.scale"}};
+    static const int sizes[2] = {SIZE, 20};
+    static const double truth[UNKNOWNS] = {2, .8, .4, 1, .6}, at[2] = {.65, .15};
+    static float target[2][20 * 20], variance[2][20 * 20];
+    float values[UNKNOWNS] = {3, .7f, .2f, 1.5f, .7f};
+    itn_estimate estimates[UNKNOWNS], alone[4];
+    itn_refine_options options = ITN_ZERO;
+    itn_view views[2];
+    itn_scene *scenes[2];
+    itn_error error;
+    int parameters[2][UNKNOWNS], v, k;
+    float theta[8];
+    double misfit;
+    memset(views, 0, sizeof views);
+    for (v = 0; v < 2; v++) {
+        scenes[v] = lit_cloud(sizes[v], at[v], truth[3 + v], truth[0], truth[1], truth[2]);
+        find_parameters(scenes[v], names[v], UNKNOWNS, parameters[v]);
+        CHECK(parameters[v][4 - v] == -1 && parameters[v][3 + v] >= 0);
+        photograph(scenes[v], 512, 50 + (uint64_t)v, target[v], variance[v]);
+        views[v].scene = scenes[v], views[v].parameters = parameters[v];
+        views[v].target = target[v], views[v].target_variance = variance[v];
+    }
+    for (v = 0; v < 2 && swapped; v++)
+        parameters[v][4 - v] = parameters[v][3 + v], parameters[v][3 + v] = -1;
+    options.spp = 8, options.misfit = &misfit;
+    stage_need(itn_refine_views(views, 2, values, UNKNOWNS, &options, estimates, &error), &error);
+    CHECK(misfit < 1.5);
+    for (k = 0; k < UNKNOWNS; k++) {
+        double off = estimates[k].value - truth[k];
+        CHECK(values[k] == (float)estimates[k].value);
+        check_report(fabs(off) < 4 * estimates[k].standard_error, __FILE__, __LINE__,
+                     "two lights: unknown %d is %g +- %g, hidden %g", k, estimates[k].value,
+                     estimates[k].standard_error, truth[k]);
+        if (getenv("SHOW"))
+            printf("two lights: unknown %d %g +- %g, hidden %g\n", k, estimates[k].value,
+                   estimates[k].standard_error, truth[k]);
+    }
+    itn_parameter_values(scenes[0], theta);
+    options.target_variance = variance[0], options.iterations = 2;
+    stage_need(itn_refine(scenes[0], theta, target[0], parameters[0], 4 - swapped, &options, alone,
+                          &error), &error);
+    for (k = 0; k < 3; k++) CHECK(estimates[k].standard_error < alone[k].standard_error);
+    for (v = 0; v < 2; v++) itn_scene_free(scenes[v]);
+}
+
+/* Two pictures of one scene with other noise: error bars shrink by the square root of two. */
+static void test_two_pictures(void) {
+    static const char *const albedo[] = {"m.albedo"};
+    itn_scene *scene = cloud(2, .8, .4);
+    static float target[2][PIXELS], variance[2][PIXELS];
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate one, two;
+    itn_view views[2];
+    itn_error error;
+    float value = .75f;
+    int parameter, v;
+    find_parameters(scene, albedo, 1, &parameter);
+    memset(views, 0, sizeof views);
+    for (v = 0; v < 2; v++) {
+        photograph(scene, 32, 7 + (uint64_t)v, target[v], variance[v]);
+        views[v].scene = scene, views[v].parameters = &parameter;
+        views[v].target = target[v], views[v].target_variance = variance[v];
+    }
+    options.spp = 32;
+    stage_need(itn_refine_views(views, 1, &value, 1, &options, &one, &error), &error);
+    stage_need(itn_refine_views(views, 2, &value, 1, &options, &two, &error), &error);
+    CHECK_NEAR(one.standard_error / two.standard_error, sqrt(2), .1);
+    CHECK_NEAR(two.value, .8, 4 * two.standard_error);
+    itn_scene_free(scene);
+}
+
+/* What itn_refine_views refuses, and that it then leaves all alone. */
+static void test_view_options(void) {
+    itn_scene *scene = cloud(2, .8, .4);
+    static float target[PIXELS], broken[PIXELS], variance[PIXELS];
+    int albedo = itn_parameter_find(scene, "m.albedo"), g = itn_parameter_find(scene, "m.g");
+    int parameters[2], other[2], k;
+    float values[2] = {.7f, .3f}, theta[8];
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate estimates[2], untouched[2];
+    itn_view views[2], good[2];
+    itn_error error;
+    parameters[0] = albedo, parameters[1] = g;
+    itn_parameter_values(scene, theta);
+    for (k = 0; k < PIXELS; k++) target[k] = broken[k] = .3f, variance[k] = .01f;
+    broken[PIXELS - 1] = NAN;
+    memset(good, 0, sizeof good);
+    for (k = 0; k < 2; k++)
+        good[k].scene = scene, good[k].target = target, good[k].parameters = parameters;
+    memset(estimates, 0x5a, sizeof estimates);
+    memcpy(untouched, estimates, sizeof untouched);
+    options.spp = 4, options.iterations = 1;
+#define REFUSED(assignment, count, phrase)                                                         \
+    do {                                                                                           \
+        memcpy(views, good, sizeof views);                                                         \
+        error.message[0] = 0;                                                                      \
+        assignment;                                                                                \
+        check_report(itn_refine_views(views, count, values, 2, &options, estimates, &error) ==     \
+                             ITN_ERROR_ARGUMENT && strstr(error.message, phrase) != NULL &&        \
+                         values[0] == .7f && values[1] == .3f &&                                   \
+                         !memcmp(estimates, untouched, sizeof untouched),                          \
+                     __FILE__, __LINE__, "%s: %s", #assignment, error.message);                    \
+    } while (0)
+    REFUSED((void)0, 0, "view_count 0");
+    REFUSED(views[1].scene = NULL, 2, "view 1");
+    REFUSED(views[1].target = NULL, 2, "view 1");
+    REFUSED(views[1].parameters = NULL, 2, "view 1");
+    REFUSED(views[1].target = broken, 2, "view 1 is not valid at pixel 255");
+    REFUSED(views[1].target_variance = broken, 2, "view 1");
+    other[0] = -1, other[1] = -1;
+    REFUSED(views[1].parameters = other, 2, "view 1 has none of the unknowns");
+    other[0] = albedo;
+    REFUSED(views[0].parameters = views[1].parameters = other, 2, "no view has unknown 1");
+    other[0] = g, other[1] = albedo;
+    REFUSED(views[1].parameters = other, 2, "m.g of view 1 has not the bounds of m.albedo");
+    other[0] = 99;
+    REFUSED(views[1].parameters = other, 2, "view 1 has no parameter 99");
+    other[0] = -2;
+    REFUSED(views[1].parameters = other, 2, "view 1 has no parameter -2");
+    REFUSED((views[1].theta = theta, theta[itn_parameter_find(scene, "m.sigma_t")] = -1), 2,
+            "m.sigma_t");
+    REFUSED(options.target_variance = variance, 2, "belongs into the views");
+    options.target_variance = NULL;
+    memcpy(views, good, sizeof views);
+    other[0] = -1, other[1] = g, views[0].parameters = other;
+    CHECK(itn_refine_views(views, 2, values, 2, &options, estimates, &error) == ITN_OK);
+    itn_scene_free(scene);
 }
 
 /* ---- what a picture does not tell ------------------------------------------------------------------ */
@@ -543,13 +727,18 @@ int main(void) {
     if (!slow) { /* statistics take too long under a sanitizer */
         test_recoveries();
         test_coverages();
+        test_two_lights(0);
+        test_two_pictures();
         test_undetermined();
     }
     test_idle();
+    test_one_view();
+    test_view_options();
     test_bounds();
     test_options();
     CHECK_CATCHES(test_cholesky(1e-6));
     if (!slow) CHECK_CATCHES(plant_small_errors());
+    if (!slow) CHECK_CATCHES(test_two_lights(1));
     test_overflow();
     return check_end("refine");
 }
