@@ -134,8 +134,7 @@
    [limits] Media are homogeneous. Normals are geometric (facets show). Lights are infinitely far
      away. No emission, polarisation, dispersion, time of flight, motion or depth of field. Rough
      boundaries are single-scattering GGX: the light that would meet a second facet is lost. A
-     smooth boundary cannot be differentiated in its index. Media with a sigma_t or g for each
-     channel are rendered by the reference.
+     smooth boundary cannot be differentiated in its index.
 
    [paper] C. Che, F. Luan, S. Zhao, K. Bala, I. Gkioulekas, "Inverse Transport Networks" (2018);
      equation numbers below are the paper's. Its symbols here: pi theta (parameters), T itn_render,
@@ -469,10 +468,10 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* ---- [api-render] images, derivative images, gradients --------------------------------------- */
 
-/* AUTO is FAST, but for what only the reference knows: media whose sigma_t or g differ from channel
-   to channel, and derivatives in an index of refraction, in the scale of a light, where a factor is
-   0 (an albedo, a reflectance), and in the sigma_t of a medium with a mean free path of several
-   times the scene. */
+/* AUTO is FAST, but for what only the reference knows: media that are clear in one channel alone, or
+   whose sigma_t differ more than 1e6 times between channels, and derivatives in an index of
+   refraction, in the scale of a light, where a factor is 0 (an albedo, a reflectance), and in the
+   sigma_t of a medium with a mean free path of several times the scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
 /* How samples are spread: each on its own, or (fast walk only) by an Owen-scrambled Sobol sequence
    over the pixel, the first boundary and the first flight. AUTO is SOBOL in the fast walk. */
@@ -487,7 +486,7 @@ typedef enum itn_sampler {
    expected to bring is taken off before the score of each choice counts; with one medium, light
    that is everywhere the same and many paths, whatever choices change in that is taken off too. The
    means stay and variance goes; single pixels may then be slightly negative. AUTO is BASELINE in
-   the fast walk. */
+   the fast walk. Where a sigma_t or g differs from channel to channel, all are SCORE. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -4678,6 +4677,7 @@ typedef struct itn__place {
     itn__sides sides;
     int inside;     /* object whose medium the walk is in, -1: none */
     int refracting; /* object whose index of refraction holds there, -1: none, 1 */
+    int hero;       /* the channel that draws flights and turns */
     int crossed[4], crossed_count; /* the latest: 2 triangle + front, in a ring; how many so far */
 } itn__place;
 
@@ -4690,7 +4690,6 @@ typedef struct itn__walk {
     int linked; /* links find all light, see itn__links_suffice */
     itn__texels *texels; /* NULL: not asked for */
     int strata;     /* 3: each channel in turn is the hero of a sample; else drawn */
-    int hero;       /* the channel that draws flights and turns */
     float share[3]; /* probability of each channel to be the hero, given the path so far */
     itn__rng rng;
     itn__place place;
@@ -5151,8 +5150,8 @@ static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray
     }
     if (last) return 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
-    ray->direction = itn__sample_phase(ray->direction, walk->theta[medium->g[walk->hero]], u, v, &x,
-                                       &y);
+    ray->direction = itn__sample_phase(ray->direction, walk->theta[medium->g[walk->place.hero]], u,
+                                       v, &x, &y);
     itn__phase_factors(walk, medium, x, y, f, pdf);
     walk->pdf = itn__weigh_choice(walk, f, pdf, medium->g);
     return 1;
@@ -5418,7 +5417,7 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
         itn_hit hit;
         int met;
         itn__collision_rates(walk, medium, rates);
-        rate = rates[walk->hero];
+        rate = rates[walk->place.hero];
         ray.tmax = rate > 0 ? itn__sample_flight(rate, itn__uniform(&walk->rng)) : INFINITY;
         met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
         if (medium && (met || rate > 0))
@@ -5437,6 +5436,11 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
     }
 }
 
+/* A channel drawn by the key of a path. */
+static int itn__draw_hero(const itn_scene *scene, itn__rng rng) {
+    return scene->spectral ? (int)(rng.key0 % 3) : 0;
+}
+
 /* One sample of one pixel: walk->radiance and walk->derivative receive its value. */
 static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
     const itn__camera *camera = &walk->scene->camera;
@@ -5449,6 +5453,7 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     walk->place.inside = itn__find_inside(walk->scene, &walk->place.sides);
     walk->place.refracting = itn__find_refracting(walk->scene, &walk->place.sides);
     walk->place.crossed_count = 0;
+    walk->place.hero = walk->strata == 3 ? sample % 3 : itn__draw_hero(walk->scene, walk->rng);
     for (c = 0; c < 3; c++) {
         walk->weight.beta[c] = 1, walk->weight.zero[c] = 0, walk->radiance[c] = 0;
         walk->share[c] = 1 / 3.f;
@@ -5458,8 +5463,6 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     if (walk->texels) walk->texels->place_count = 0;
     walk->pdf = INFINITY, walk->scatterings = walk->boundaries = 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
-    walk->hero = walk->strata == 3 ? sample % 3
-               : walk->scene->spectral ? (int)(3 * itn__uniform(&walk->rng)) : 0;
     itn__trace_path(walk, itn__camera_ray(camera, x, y, u, v));
 }
 #ifndef ITN_NO_FAST
@@ -7509,11 +7512,11 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
    has coarse ones. */
 static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
     double triangles = scene->bvh->triangle_count, cells = .25 * sqrt(triangles);
-    int i, level = 0, finest = paths < 1e5 ? 2 : triangles < 1e6 || paths < 1e6 ? 3 : 4;
+    int i, c, level = 0, finest = paths < 1e5 ? 2 : triangles < 1e6 || paths < 1e6 ? 3 : 4;
     for (i = 0; i < scene->object_count; i++) {
         const itn__medium *medium = scene->media + scene->objects[i].medium;
-        if (scene->objects[i].medium >= 0)
-            cells = fmax(cells, scene->radius * (double)theta[medium->sigma_t[0]]);
+        for (c = 0; c < 3 && scene->objects[i].medium >= 0; c++)
+            cells = fmax(cells, scene->radius * (double)theta[medium->sigma_t[c]]);
     }
     while (level < finest && cells > 24 << level) level++;
     return 2 * level + (paths >= 1e6);
@@ -7584,15 +7587,20 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
        sum over choices of s (L' + C_k - b) - (s Delta - D).
    The second factors are gathered in lanes between surfaces, as bases, and booked there.
 
+   Where sigma_t or g differ from channel to channel, each medium is there three times, once for
+   each hero: paths in one queue have one hero, which draws alike for all of them. Densities are
+   relative to its own. There is no foresight then.
+
    A kernel is the text of this chapter, inlined and specialised by constant features; ITN__KERNELS
    lists them. */
-enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__LIMIT = 4, ITN__SCORES = 8 };
+enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__LIMIT = 4, ITN__SCORES = 8, ITN__SPECTRAL = 16 };
+#define ITN__ALL_FEATURES (ITN__RGB | ITN__LIGHTS | ITN__LIMIT | ITN__SCORES | ITN__SPECTRAL)
 #ifdef ITN_ONE_KERNEL
-#define ITN__KERNELS(kernel) kernel(ITN__RGB | ITN__LIGHTS | ITN__LIMIT | ITN__SCORES)
+#define ITN__KERNELS(kernel) kernel(ITN__ALL_FEATURES)
 #else
 #define ITN__KERNELS(kernel)                                                                       \
     kernel(0) kernel(ITN__LIGHTS) kernel(ITN__LIGHTS | ITN__SCORES)                                \
-    kernel(ITN__RGB | ITN__LIGHTS | ITN__LIMIT | ITN__SCORES)
+    kernel(ITN__ALL_FEATURES)
 #endif
 #define ITN__KERNEL_ITEM(list) list,
 static const int itn__kernels[] = {ITN__KERNELS(ITN__KERNEL_ITEM)};
@@ -7614,21 +7622,25 @@ enum {
     ITN__LEVEL = 21,  /* and n . position there; or of the plane adopted since */
     ITN__CELL = 22,   /* around which the path's surroundings are known, see itn__look, or -1 */
     ITN__PLAIN_STATE = 23,
-    ITN__FLIGHTS = 23, /* with scores, since the last surface: sigma_t times those of flights */
+    ITN__FLIGHTS = 23, /* with scores, since the last surface: sigma_t times those of flights; where
+                          channels differ in sigma_t, less the sum of distances */
     ITN__PHASES = 24,  /* of the phase function, by g */
     ITN__HITS = 25,    /* how many collisions */
     ITN__EXPECTED = 26,    /* b of the flight under way */
     ITN__FLIGHT_BASE = 29, /* what is to be taken from the derivatives by sigma_t, times sigma_t, */
     ITN__PHASE_BASE = 32,  /* by g, */
     ITN__HIT_BASE = 35,    /* and by the albedo, times the albedo */
-    ITN__STATE = 38,
-    ITN__DISTANCE = 38, /* exact: of the flight */
-    ITN__NORMAL = 38,   /* boundary, diffuse */
-    ITN__ETA = 41,      /* boundary */
-    ITN__ALPHA = 42,
-    ITN__FACE = 43,        /* 2 triangle + front, as in itn__place */
-    ITN__REFLECTANCE = 41, /* diffuse: 3 */
-    ITN__FIELDS = 44
+    ITN__SCORED_STATE = 38,
+    ITN__SHARE = 38,      /* with heroes, see itn__walk; */
+    ITN__MORE_PHASES = 41, /* as ITN__PHASES, of the second and third channel */
+    ITN__STATE = 43,
+    ITN__DISTANCE = 43, /* exact: of the flight */
+    ITN__NORMAL = 43,   /* boundary, diffuse */
+    ITN__ETA = 46,      /* boundary */
+    ITN__ALPHA = 47,
+    ITN__FACE = 48,        /* 2 triangle + front, as in itn__place */
+    ITN__REFLECTANCE = 46, /* diffuse: 3 */
+    ITN__FIELDS = 49
 };
 enum { ITN__CROWD = 1024, ITN__ROW = ITN__CROWD + 16, ITN__LINK = 1 << 30, ITN__EARLY = 8 };
 
@@ -7652,8 +7664,11 @@ typedef struct itn__path {
 /* A medium with its numbers at theta, or (index 0) all that is not a medium; and where among the
    parameters asked for they are, or -1. */
 typedef struct itn__substance {
-    float sigma_t, mean_free_path, albedo[3], g;
+    float sigma_t, mean_free_path, albedo[3], g; /* sigma_t and g of the hero, if there is one */
     int slot_sigma_t, slot_albedo[3], slot_g;
+    int flights_differ, turns_differ; /* between channels; then their slots are those below */
+    float sigma_t_rgb[3], g_rgb[3];
+    int slot_sigma_t_rgb[3], slot_g_rgb[3];
 } itn__substance;
 
 /* V of a substance: e^(-k_i z) times a polynomial of the cosine mu, for each decay k_i. */
@@ -7674,7 +7689,8 @@ typedef struct itn__fast {
     const itn__voxels *voxels;
     const float *normals; /* [slots][3] unit normals; 0 of triangles without area */
     const unsigned char *empty; /* per pixel: its rays meet nothing */
-    itn__substance *substances; /* [1 + medium_count] */
+    int heroes; /* channels that may lead a path: 1 or 3 */
+    itn__substance *substances; /* [1 + heroes medium_count] */
     int channels, max_scatter, walks, sobol, unsafe, features;
     int spp, blocks; /* camera rays of a pixel; independent sets of them */
     uint64_t seed;
@@ -7692,7 +7708,7 @@ typedef struct itn__fast {
     int foresees;      /* surprises are taken off: the substance whose V faces have, or 0 */
     int learning;      /* V is learnt in this render, */
     double lesson_unit; /* in multiples of this */
-    itn__outlook *outlooks; /* [1 + medium_count] */
+    itn__outlook *outlooks; /* as substances */
 } itn__fast;
 
 /* Pixels and samples that a crowd works on, and where it has got to. */
@@ -7752,8 +7768,8 @@ typedef struct itn__state {
     itn__words key0, key1;
     itn__ints dimension, slot, left, cell;
     itn__floats beta[3], pdf, credit[3];
-    itn__floats flights, phases, hits, expected[3], flight_base[3], phase_base[3], hit_base[3];
-    itn__floats level;
+    itn__floats flights, phases[3], hits, expected[3], flight_base[3], phase_base[3], hit_base[3];
+    itn__floats level, share[3];
     itn__vectors up;
 } itn__state;
 
@@ -7761,13 +7777,22 @@ typedef struct itn__state {
 ITN__INLINE int itn__scored(const itn__crowd *crowd, int features) {
     return (features & ITN__SCORES) && (crowd->fast->count || crowd->fast->learning);
 }
+/* Whether paths have a hero. */
+ITN__INLINE int itn__led(const itn__crowd *crowd, int features) {
+    return (features & ITN__SPECTRAL) && crowd->fast->heroes > 1;
+}
 /* Whether it matters what paths are expected to bring. */
 ITN__INLINE int itn__looks_ahead(const itn__crowd *crowd, int features) {
-    return itn__scored(crowd, features) || crowd->fast->foresees;
+    return (itn__scored(crowd, features) && !itn__led(crowd, features)) || crowd->fast->foresees;
 }
 /* Whether a kernel's paths know how deep they are. */
 ITN__INLINE int itn__knows_depth(int features) {
     return !(features & ITN__LIGHTS) || (features & ITN__SCORES);
+}
+
+/* One substance for each medium and hero, and one for what is not a medium. */
+static int itn__substance_count(const itn_scene *scene) {
+    return 1 + (scene->spectral ? 3 : 1) * scene->medium_count;
 }
 
 /* Queues. */
@@ -7824,15 +7849,19 @@ ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int 
         ITN__PULL(s->level, ITN__LEVEL);
         ITN__PULL_INTS(s->cell, ITN__CELL);
     }
-    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
+    if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
         ITN__PULL(s->flights, ITN__FLIGHTS);
-        ITN__PULL(s->phases, ITN__PHASES);
+        ITN__PULL(s->phases[0], ITN__PHASES);
         ITN__PULL(s->hits, ITN__HITS);
         for (c = 0; c < itn__colours(features); c++) {
             ITN__PULL(s->flight_base[c], ITN__FLIGHT_BASE + c);
             ITN__PULL(s->phase_base[c], ITN__PHASE_BASE + c);
             ITN__PULL(s->hit_base[c], ITN__HIT_BASE + c);
         }
+    }
+    if ((features & ITN__SPECTRAL) && queue->state == ITN__STATE) {
+        for (c = 0; c < 3; c++) ITN__PULL(s->share[c], ITN__SHARE + c);
+        for (c = 1; c < 3; c++) ITN__PULL(s->phases[c], ITN__MORE_PHASES + c - 1);
     }
 #undef ITN__PULL
 #undef ITN__PULL_INTS
@@ -7851,22 +7880,22 @@ ITN__INLINE itn__state itn__load_state(const itn__queue *queue, int at, int feat
     s.pdf = itn__splat(INFINITY), s.left = itn__splat_int(0);
     for (c = 0; c < 3; c++)
         s.beta[c] = s.credit[c] = s.expected[c] = s.flight_base[c] = s.phase_base[c] =
-            s.hit_base[c] = itn__splat(0);
+            s.hit_base[c] = s.share[c] = s.phases[c] = itn__splat(0);
     for (c = 0; c < itn__colours(features); c++) {
         s.beta[c] = itn__load(itn__float_row(queue, ITN__BETA + c) + at);
         s.credit[c] = itn__load(itn__float_row(queue, ITN__CREDIT + c) + at);
     }
     if (features & ITN__LIGHTS) s.pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
     if (features & ITN__LIMIT) s.left = itn__load_ints(itn__row(queue, ITN__LEFT) + at);
-    s.flights = s.phases = s.hits = s.level = itn__splat(0);
+    s.flights = s.hits = s.level = itn__splat(0);
     s.up = itn__vectors_of(s.level, s.level, s.level), s.cell = itn__splat_int(-1);
     if (itn__knows_depth(features)) {
         s.up = itn__load_vectors(queue, ITN__UP, at);
         s.level = itn__load(itn__float_row(queue, ITN__LEVEL) + at);
     }
-    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
+    if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
         s.flights = itn__load(itn__float_row(queue, ITN__FLIGHTS) + at);
-        s.phases = itn__load(itn__float_row(queue, ITN__PHASES) + at);
+        s.phases[0] = itn__load(itn__float_row(queue, ITN__PHASES) + at);
         s.hits = itn__load(itn__float_row(queue, ITN__HITS) + at);
         for (c = 0; c < itn__colours(features); c++) {
             s.expected[c] = itn__load(itn__float_row(queue, ITN__EXPECTED + c) + at);
@@ -7874,6 +7903,11 @@ ITN__INLINE itn__state itn__load_state(const itn__queue *queue, int at, int feat
             s.phase_base[c] = itn__load(itn__float_row(queue, ITN__PHASE_BASE + c) + at);
             s.hit_base[c] = itn__load(itn__float_row(queue, ITN__HIT_BASE + c) + at);
         }
+    }
+    if ((features & ITN__SPECTRAL) && queue->state == ITN__STATE) {
+        for (c = 0; c < 3; c++) s.share[c] = itn__load(itn__float_row(queue, ITN__SHARE + c) + at);
+        for (c = 1; c < 3; c++)
+            s.phases[c] = itn__load(itn__float_row(queue, ITN__MORE_PHASES + c - 1) + at);
     }
     return s;
 }
@@ -7904,9 +7938,9 @@ ITN__INLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bi
         itn__compress(itn__float_row(queue, ITN__LEVEL) + at, s->level, bits);
         itn__compress_ints(itn__row(queue, ITN__CELL) + at, s->cell, bits);
     }
-    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
+    if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
         itn__compress(itn__float_row(queue, ITN__FLIGHTS) + at, s->flights, bits);
-        itn__compress(itn__float_row(queue, ITN__PHASES) + at, s->phases, bits);
+        itn__compress(itn__float_row(queue, ITN__PHASES) + at, s->phases[0], bits);
         itn__compress(itn__float_row(queue, ITN__HITS) + at, s->hits, bits);
         for (c = 0; c < itn__colours(features); c++) {
             itn__compress(itn__float_row(queue, ITN__EXPECTED + c) + at, s->expected[c], bits);
@@ -7915,6 +7949,12 @@ ITN__INLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bi
             itn__compress(itn__float_row(queue, ITN__PHASE_BASE + c) + at, s->phase_base[c], bits);
             itn__compress(itn__float_row(queue, ITN__HIT_BASE + c) + at, s->hit_base[c], bits);
         }
+    }
+    if ((features & ITN__SPECTRAL) && queue->state == ITN__STATE) {
+        for (c = 0; c < 3; c++)
+            itn__compress(itn__float_row(queue, ITN__SHARE + c) + at, s->share[c], bits);
+        for (c = 1; c < 3; c++)
+            itn__compress(itn__float_row(queue, ITN__MORE_PHASES + c - 1) + at, s->phases[c], bits);
     }
     queue->count += itn__count_bits(bits);
 }
@@ -7974,7 +8014,7 @@ static void itn__bring_home(itn__crowd *crowd, int number, const float *scores, 
 
 /* What a path has gathered since the last surface. */
 typedef struct itn__gathered {
-    float flights, phases, hits;
+    float flights, phases[3], hits;
     float credit[3], flight_base[3], phase_base[3], hit_base[3];
 } itn__gathered;
 
@@ -7999,8 +8039,11 @@ static void itn__book(itn__crowd *crowd, int slot, int substance, const itn__gat
     int c, number = crowd->paths[slot & ~ITN__LINK].number;
     if (medium->slot_sigma_t >= 0)
         scores[medium->slot_sigma_t] += g->flights / medium->sigma_t;
-    if (medium->slot_g >= 0) scores[medium->slot_g] += g->phases;
+    if (medium->slot_g >= 0) scores[medium->slot_g] += g->phases[0];
     for (c = 0; c < crowd->fast->channels; c++) {
+        if (medium->slot_sigma_t_rgb[c] >= 0)
+            scores[medium->slot_sigma_t_rgb[c]] += g->hits / medium->sigma_t_rgb[c] + g->flights;
+        if (medium->slot_g_rgb[c] >= 0) scores[medium->slot_g_rgb[c]] += g->phases[c];
         if (medium->slot_albedo[c] >= 0)
             scores[medium->slot_albedo[c]] += g->hits / medium->albedo[c];
         if (slot & ITN__LINK) continue;
@@ -8011,12 +8054,17 @@ static void itn__book(itn__crowd *crowd, int slot, int substance, const itn__gat
 
 /* The same for an item of a queue; the flight that brought it here had length t, no collision. */
 static void itn__book_item(itn__crowd *crowd, itn__queue *queue, int at, int substance, float t) {
-    float last = -crowd->fast->substances[substance].sigma_t * t;
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    float last = -(medium->flights_differ ? 1 : medium->sigma_t) * t;
     itn__gathered g;
     int c;
     if (!crowd->fast->count) return;
     g.flights = itn__float_row(queue, ITN__FLIGHTS)[at] + last;
-    g.phases = itn__float_row(queue, ITN__PHASES)[at];
+    g.phases[0] = itn__float_row(queue, ITN__PHASES)[at];
+    for (c = 1; c < 3; c++) {
+        float *phases = itn__float_row(queue, ITN__MORE_PHASES + c - 1) + at;
+        g.phases[c] = *phases, *phases = 0;
+    }
     g.hits = itn__float_row(queue, ITN__HITS)[at];
     for (c = 0; c < crowd->fast->channels; c++) {
         g.credit[c] = itn__float_row(queue, ITN__CREDIT + c)[at];
@@ -8036,10 +8084,12 @@ static void itn__book_item(itn__crowd *crowd, itn__queue *queue, int at, int sub
 
 /* Where paths go next. */
 
-/* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
+/* The substance at a place: 1 + the medium's index (all media for the first hero, then for the
+   next), or 0 where nothing scatters or absorbs. */
 static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
     const itn__medium *medium = itn__medium_of(fast->scene, place->inside);
-    int substance = medium ? 1 + (int)(medium - fast->scene->media) : 0;
+    int substance = medium ? 1 + (int)(medium - fast->scene->media) +
+                                 place->hero * fast->scene->medium_count : 0;
     return fast->substances[substance].sigma_t > 0 ? substance : 0;
 }
 /* The queue of paths that are about to fly in a substance. */
@@ -8127,9 +8177,9 @@ static void itn__drop(itn__crowd *crowd, const itn__queue *queue, int at) {
 ITN__INLINE itn__gathered itn__gathered_in(const itn__state *s, int k, int features) {
     itn__gathered g;
     int c;
-    g.flights = ITN__LANE(s->flights, k), g.phases = ITN__LANE(s->phases, k);
-    g.hits = ITN__LANE(s->hits, k);
+    g.flights = ITN__LANE(s->flights, k), g.hits = ITN__LANE(s->hits, k);
     for (c = 0; c < itn__colours(features); c++) {
+        g.phases[c] = ITN__LANE(s->phases[c], k);
         g.credit[c] = ITN__LANE(s->credit[c], k);
         g.flight_base[c] = ITN__LANE(s->flight_base[c], k);
         g.phase_base[c] = ITN__LANE(s->phase_base[c], k);
@@ -8480,7 +8530,8 @@ ITN__INLINE void itn__foresee_direction(const itn__crowd *crowd, int substance, 
     itn__view view = itn__view_of(crowd, substance, s, d);
     itn__floats cosine = -itn__vdot(s->up, s->d), zero = itn__splat(0);
     int c;
-    if (itn__scored(crowd, features)) s->phases = s->phases + itn__select(mask, score, zero);
+    if (itn__scored(crowd, features))
+        s->phases[0] = s->phases[0] + itn__select(mask, score, zero);
     for (c = 0; c < itn__colours(features); c++) {
         itn__floats mean = s->beta[c] * itn__fall_sum(view.fall, outlook->scattered[c],
                                                       view.cosine);
@@ -8564,6 +8615,21 @@ static void itn__unpark(itn__crowd *crowd, int slot) {
     queue->count++;
 }
 
+/* How far links can go in a medium before all their weights have fallen below `least`. */
+ITN__INLINE itn__floats itn__link_reach(const itn__crowd *crowd, const itn__substance *medium,
+                                        const itn__floats w[3], itn__floats largest,
+                                        itn__floats least, itn__ints mask, int features) {
+    itn__floats one = itn__splat(1), reach;
+    int c;
+    if (!itn__led(crowd, features) || !medium->flights_differ)
+        return itn__vlog(itn__select(mask, largest / least, itn__splat(INFINITY))) *
+               medium->mean_free_path;
+    for (c = 0, reach = itn__splat(0); c < 3; c++)
+        reach = itn__most(reach, itn__vlog(itn__select(mask, itn__most(w[c] / least, one), one)) /
+                                     medium->sigma_t_rgb[c]);
+    return reach;
+}
+
 /* Sends off links with weights w in direction d from the lanes of s, all in one substance; those
    that roulette or the free space around ends at once are not sent. Returns who is sent. */
 ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const itn__state *s,
@@ -8580,8 +8646,8 @@ ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const it
     link.pdf = itn__uniforms(s->key0, s->key1, &dimension, mask) * fast->link_weight;
     mask &= itn__less(link.pdf, largest);
     if (substance && fast->link_weight > 0)
-        distance = itn__vlog(itn__select(mask, largest / link.pdf, distance)) *
-                   fast->substances[substance].mean_free_path;
+        distance = itn__link_reach(crowd, &fast->substances[substance], w, largest, link.pdf, mask,
+                                   features);
     if (space && fast->link_weight > 0)
         mask &= ~itn__free_flight(space, itn__valong(s->p, distance, d), d, &nq);
     bits = itn__mask_bits(mask);
@@ -8613,6 +8679,52 @@ static void itn__arrive(itn__crowd *crowd, const itn__queue *queue, int at) {
 
 /* Collisions. */
 
+/* Lanes of the mask, which have heroes, have made a choice that channel k makes with density
+   pdf[k]: itn__weigh_choice with f = pdf. */
+ITN__INLINE void itn__vweigh_choice(itn__state *s, const itn__floats pdf[3], itn__ints mask) {
+    itn__floats density = s->share[0] * pdf[0] + s->share[1] * pdf[1] + s->share[2] * pdf[2];
+    int c;
+    density = 1 / itn__most(density, itn__splat(FLT_MIN));
+    for (c = 0; c < 3; c++) {
+        itn__floats ratio = itn__select(mask, pdf[c] * density, itn__splat(1));
+        s->beta[c] = s->beta[c] * ratio, s->share[c] = s->share[c] * ratio;
+    }
+}
+
+/* Flights over these distances have ended in collisions. Densities are relative to the hero's. */
+ITN__INLINE void itn__vweigh_flight(const itn__substance *medium, itn__state *s,
+                                    itn__floats distance, itn__ints mask) {
+    itn__floats pdf[3];
+    int c;
+    distance = itn__select(mask, distance, itn__splat(0));
+    for (c = 0; c < 3; c++)
+        pdf[c] = itn__vexp((medium->sigma_t - medium->sigma_t_rgb[c]) * distance) *
+                 (medium->sigma_t_rgb[c] / medium->sigma_t);
+    itn__vweigh_choice(s, pdf, mask);
+}
+
+/* Phase function of each channel; returns the density of the direction, whoever is the hero. */
+ITN__INLINE itn__floats itn__vphases(const itn__crowd *crowd, const itn__substance *medium,
+                                     const itn__state *s, itn__floats x, itn__floats y,
+                                     itn__floats phase[3], int features) {
+    int c;
+    phase[0] = phase[1] = phase[2] = itn__vphase(medium->g, x, y);
+    if (!itn__led(crowd, features) || !medium->turns_differ) return phase[0];
+    for (c = 0; c < 3; c++) phase[c] = itn__vphase(medium->g_rgb[c], x, y);
+    return s->share[0] * phase[0] + s->share[1] * phase[1] + s->share[2] * phase[2];
+}
+
+/* Adds the scores of turns in each channel. */
+ITN__INLINE void itn__vscore_turns(const itn__crowd *crowd, const itn__substance *medium,
+                                   itn__state *s, itn__floats x, itn__floats y, itn__ints mask,
+                                   int features) {
+    int c, differ = itn__led(crowd, features) && medium->turns_differ;
+    for (c = 0; c < (differ ? 3 : 1); c++)
+        s->phases[c] = s->phases[c] +
+                       itn__select(mask, itn__vphase_score(differ ? medium->g_rgb[c] : medium->g,
+                                                           x, y), itn__splat(0));
+}
+
 /* A collision in each lane of the mask, after a flight over `distance`: albedo, a link, a new
    direction. Returns who goes on (with its link sent, or with none); *linked receives those with a
    link, whose paths are parked and leave the lanes. */
@@ -8621,19 +8733,22 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
                                    const itn__free_space *space, itn__ints *linked, int early,
                                    int features) {
     const itn__substance *medium = &crowd->fast->substances[substance];
-    itn__floats u, v, x, y, w[3], sampled[3], plain[3], light_pdf;
+    itn__floats u, v, x, y, w[3], sampled[3], plain[3], phase[3], light_pdf;
     itn__ints alive = itn__splat_int(0), last = alive, ok;
     itn__vectors d = s->d, light;
-    int c;
+    int c, led = itn__led(crowd, features);
     crowd->collisions += itn__count_bits(itn__mask_bits(mask));
     if (itn__scored(crowd, features)) {
-        itn__floats score = itn__select(mask, 1 - medium->sigma_t * distance, itn__splat(0));
+        itn__floats score = led && medium->flights_differ ? -distance
+                                                          : 1 - medium->sigma_t * distance;
+        score = itn__select(mask, score, itn__splat(0));
         s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
         for (c = 0; c < itn__colours(features); c++) {
             s->flight_base[c] = s->flight_base[c] + score * s->expected[c];
             s->hit_base[c] = s->hit_base[c] + itn__select(mask, s->credit[c], itn__splat(0));
         }
     }
+    if (led && medium->flights_differ) itn__vweigh_flight(medium, s, distance, mask);
     if (features & ITN__LIMIT) {
         s->left += mask;
         if (crowd->fast->linked) last = mask & itn__int_less(s->left, itn__splat_int(1));
@@ -8650,16 +8765,16 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
         ok = itn__vdraw_light(crowd->fast->scene, u0, u1, u2, mask, &light, &light_pdf);
         x = itn__vone_minus_cosine(s->d, light);
         y = itn__vone_minus_cosine(s->d, itn__vscale(light, itn__splat(-1)));
-        u = itn__vphase(medium->g, x, y);
+        u = itn__vphases(crowd, medium, s, x, y, phase, features);
         itn__vradiance(crowd->fast->scene, crowd->fast->theta, light, ok, sampled, plain);
         for (c = 0; c < itn__colours(features); c++)
-            w[c] = s->beta[c] * u * sampled[c] /
+            w[c] = s->beta[c] * phase[c] * sampled[c] /
                    (light_pdf + itn__select(last, itn__splat(0), u));
-        plain[0] = s->phases;
+        for (c = 0; c < 3; c++) plain[c] = s->phases[c];
         if (itn__scored(crowd, features))
-            s->phases = s->phases + itn__vphase_score(medium->g, x, y);
+            itn__vscore_turns(crowd, medium, s, x, y, ok, features);
         *linked = itn__send_links(crowd, substance, s, light, w, ok, space, features);
-        s->phases = plain[0];
+        for (c = 0; c < 3; c++) s->phases[c] = plain[c];
         for (c = 0; c < itn__colours(features) && (features & ITN__LIMIT); c++)
             s->beta[c] = itn__select(last, itn__splat(0), s->beta[c]); /* ends after its link */
         mask &= ~(last & ~*linked);
@@ -8667,7 +8782,10 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
     u = itn__draw(crowd, s, mask, early), v = itn__draw(crowd, s, mask, early);
     s->d = itn__vselect(mask, itn__vsample_phase(d, medium->g, u, v, &x, &y), d);
     if (features & ITN__LIGHTS)
-        s->pdf = itn__select(mask, itn__vphase(medium->g, x, y), s->pdf);
+        s->pdf = itn__select(mask, itn__vphases(crowd, medium, s, x, y, phase, features), s->pdf);
+    if (led && itn__scored(crowd, features))
+        itn__vscore_turns(crowd, medium, s, x, y, mask, features);
+    if (led && medium->turns_differ) itn__vweigh_choice(s, phase, mask);
     if (itn__looks_ahead(crowd, features)) {
         u = itn__splat(0);
         if (itn__scored(crowd, features)) u = itn__vphase_score(medium->g, x, y);
@@ -9097,14 +9215,15 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
     int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, object, after, c, to, substance;
     itn__path *path = &crowd->paths[slot];
     itn__place *place = &path->link_place;
-    float largest = 0, floor_weight = itn__float_row(queue, ITN__PDF)[at], transmittance;
+    float largest = 0, floor_weight = itn__float_row(queue, ITN__PDF)[at], reach = INFINITY;
+    const itn__substance *medium;
     enum { MOST_CROSSINGS = 1024 };
     object = itn__bvh_object(scene->bvh, hit->triangle);
     substance = itn__substance_of(fast, place);
-    transmittance = expf(-fast->substances[substance].sigma_t * itn__max(hit->t, 0));
+    medium = &fast->substances[substance];
     for (c = 0; c < fast->channels; c++) {
         float *w = itn__float_row(queue, ITN__BETA + c) + at;
-        largest = itn__max(largest, *w *= transmittance);
+        largest = itn__max(largest, *w *= expf(-medium->sigma_t_rgb[c] * itn__max(hit->t, 0)));
     }
     itn__book_item(crowd, queue, at, substance, itn__max(hit->t, 0));
     if (!scene->objects[object].closed ||
@@ -9119,10 +9238,36 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
     itn__set_vector(queue, ITN__POSITION, at, itn__hit_point(scene->bvh, hit));
     substance = itn__substance_of(fast, place);
     to = itn__move(queue, at, substance ? &crowd->exact[substance] : &crowd->walk[0]);
-    if (substance)
-        itn__float_row(&crowd->exact[substance], ITN__DISTANCE)[to] =
-            floor_weight > 0 ? logf(largest / floor_weight) *
-                                   fast->substances[substance].mean_free_path : INFINITY;
+    if (!substance) return;
+    medium = &fast->substances[substance];
+    if (floor_weight > 0) reach = logf(largest / floor_weight) * medium->mean_free_path;
+    for (c = 0; c < 3 && floor_weight > 0 && medium->flights_differ; c++) { /* itn__link_reach */
+        float w = itn__float_row(queue, ITN__BETA + c)[at] / floor_weight;
+        float own = w > 1 ? logf(w) / medium->sigma_t_rgb[c] : 0;
+        reach = c == 0 ? own : itn__max(reach, own);
+    }
+    itn__float_row(&crowd->exact[substance], ITN__DISTANCE)[to] = reach;
+}
+
+/* A flight of an item of a queue has come to a surface at t; the last one of a path that may not
+   scatter again was not drawn. */
+static void itn__arrive_at_surface(const itn__crowd *crowd, itn__queue *queue, int at,
+                                   const itn__substance *medium, float t) {
+    float pdf[3], density = 0;
+    int c, last = crowd->fast->max_scatter && itn__row(queue, ITN__LEFT)[at] == 0;
+    if (last) /* also where only one channel counts: roulette looks at all */
+        for (c = 0; c < 3; c++)
+            itn__float_row(queue, ITN__BETA + c)[at] *= expf(-medium->sigma_t_rgb[c] * t);
+    if (last || !medium->flights_differ) return;
+    for (c = 0; c < 3; c++) {
+        pdf[c] = expf((medium->sigma_t - medium->sigma_t_rgb[c]) * t);
+        density += itn__float_row(queue, ITN__SHARE + c)[at] * pdf[c];
+    }
+    density = 1 / itn__max(density, FLT_MIN);
+    for (c = 0; c < 3; c++) {
+        itn__float_row(queue, ITN__BETA + c)[at] *= pdf[c] * density;
+        itn__float_row(queue, ITN__SHARE + c)[at] *= pdf[c] * density;
+    }
 }
 
 /* Marks a path, of each two one, that arrives at a face from within a substance. */
@@ -9158,11 +9303,8 @@ static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hi
         itn__drop(crowd, queue, at);
         return;
     }
-    if (fast->max_scatter && itn__row(queue, ITN__LEFT)[at] == 0) {
-        float sigma_t = fast->substances[itn__substance_of(fast, place)].sigma_t;
-        for (c = 0; c < 3; c++) /* also where only one counts: roulette looks at all */
-            itn__float_row(queue, ITN__BETA + c)[at] *= expf(-sigma_t * itn__max(hit->t, 0));
-    }
+    itn__arrive_at_surface(crowd, queue, at, &fast->substances[itn__substance_of(fast, place)],
+                           itn__max(hit->t, 0));
     itn__book_item(crowd, queue, at, itn__substance_of(fast, place), itn__max(hit->t, 0));
     if (itn__dot(n, d) > 0) n = itn__scale(n, -1);
     if (fast->learning) itn__mark_face(crowd, queue, at, -itn__dot(n, d));
@@ -9660,6 +9802,8 @@ static int itn__start_path(itn__crowd *crowd, const itn_ray *ray, uint64_t pixel
     for (c = ITN__CREDIT; c < ITN__STATE; c++) itn__row(queue, c)[0] = 0; /* the bits of 0.f */
     itn__row(queue, ITN__CELL)[0] = -1;
     itn__float_row(queue, ITN__UP + 1)[0] = 1; /* some plane, for paths that begin in a medium */
+    for (c = 0; c < 3; c++) itn__float_row(queue, ITN__SHARE + c)[0] = 1 / 3.f;
+    path->place.hero = itn__draw_hero(fast->scene, rng);
     path->mark = -1;
     for (c = 0; c < fast->count; c++) itn__scores_of(crowd, slot)[c] = 0;
     return slot;
@@ -9732,11 +9876,14 @@ static void itn__start_walks(itn__crowd *crowd, const itn__start *start, const i
                                    start->number * fast->walks + k);
         crowd->index[slot] = start->in_block * fast->walks + k;
         crowd->scramble[slot] = (int32_t)(start->scramble + 1);
+        if (fast->sobol && fast->heroes > 1) /* channels take turns */
+            crowd->paths[slot].place.hero =
+                (int)((start->scramble % 3 + (uint32_t)crowd->index[slot]) % 3);
         if (hit->triangle >= 0) {
             itn__meet(crowd, &crowd->taken, 0, hit);
         } else if (!fast->outside) {
             itn__move(&crowd->taken, 0, itn__departure(
-                crowd, itn__substance_of(fast, &fast->camera), 2));
+                crowd, itn__substance_of(fast, &crowd->paths[slot].place), 2));
         } else {
             crowd->paths[slot].copies = fast->walks;
             itn__move(&crowd->taken, 0, &crowd->sky);
@@ -9761,7 +9908,7 @@ static void itn__start_rays(itn__crowd *crowd) {
 
 /* Follows all paths of the unit to their ends. */
 ITN__INLINE void itn__run_unit(itn__crowd *crowd, int features) {
-    int substances = 1 + crowd->fast->scene->medium_count, m;
+    int substances = itn__substance_count(crowd->fast->scene), m;
     while (itn__unit_paths_left(crowd) || crowd->free_count < ITN__CROWD) {
         itn__start_rays(crowd);
         if (crowd->boundary.count) itn__run_boundary(crowd, features);
@@ -9786,7 +9933,7 @@ static void itn__run_kernel(itn__crowd *crowd) { ITN__KERNELS(ITN__KERNEL) }
 /* Memory of a crowd, in one block. Returns 0 if there is none. */
 static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_paths) {
     const itn_context *context = &fast->scene->context;
-    size_t substances = (size_t)fast->scene->medium_count + 1, queues = 3 * substances + 5, i;
+    size_t substances = (size_t)itn__substance_count(fast->scene), queues = 3 * substances + 5, i;
     size_t rows = (size_t)ITN__FIELDS * ITN__ROW, paths = (size_t)unit_paths;
     itn__queue *queue;
     memset(crowd, 0, sizeof *crowd);
@@ -9809,7 +9956,8 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
         return 0;
     for (i = 0; i < queues; i++) {
         queue[i].rows = (int32_t *)crowd->memory + i * rows;
-        queue[i].state = fast->count || fast->learning ? ITN__STATE : ITN__PLAIN_STATE;
+        queue[i].state = fast->heroes > 1 ? ITN__STATE
+                       : fast->count || fast->learning ? ITN__SCORED_STATE : ITN__PLAIN_STATE;
     }
     crowd->exact = queue + substances, crowd->early = crowd->exact + substances;
     queue = crowd->early + substances;
@@ -9842,7 +9990,8 @@ static void itn__choose_kernel(itn__fast *fast) {
     int k, features = (fast->channels == 3 ? ITN__RGB : 0) |
                       (fast->only_constant ? 0 : ITN__LIGHTS) |
                       (fast->max_scatter ? ITN__LIMIT : 0) |
-                      (fast->count || fast->learning ? ITN__SCORES : 0);
+                      (fast->count || fast->learning ? ITN__SCORES : 0) |
+                      (fast->heroes > 1 ? ITN__SPECTRAL : 0);
     for (k = 0; k < ITN__KERNEL_COUNT - 1 && (features & ~itn__kernels[k]); k++) continue;
     fast->features = itn__kernels[k];
 }
@@ -9857,28 +10006,47 @@ static void itn__decay_make(const itn__substance *substance, int channels, itn__
     outlook->decay = itn__clamp(outlook->decay, .1f * fminf(reduced, 1), .95f / (ITN__DECAYS - 1));
 }
 
+/* The numbers of a medium at theta, for a hero; medium NULL: of what is none. */
+static void itn__substance_make(const itn__fast *fast, const itn__medium *medium, int hero,
+                                itn__substance *out) {
+    const float *theta = fast->theta;
+    int c;
+    out->slot_sigma_t = out->slot_g = -1; /* nothing to differentiate in */
+    for (c = 0; c < 3; c++)
+        out->slot_albedo[c] = out->slot_sigma_t_rgb[c] = out->slot_g_rgb[c] = -1;
+    if (!medium) return;
+    out->sigma_t = theta[medium->sigma_t[hero]], out->g = theta[medium->g[hero]];
+    out->mean_free_path = 1 / out->sigma_t;
+    out->flights_differ = itn__is_spectral(medium->sigma_t);
+    out->turns_differ = itn__is_spectral(medium->g);
+    for (c = 0; c < 3; c++) {
+        out->albedo[c] = theta[medium->albedo + (c < fast->channels ? c : 0)];
+        out->sigma_t_rgb[c] = theta[medium->sigma_t[c]], out->g_rgb[c] = theta[medium->g[c]];
+    }
+    if (!fast->count) return;
+    if (!out->flights_differ) out->slot_sigma_t = fast->slots[medium->sigma_t[0]];
+    if (!out->turns_differ) out->slot_g = fast->slots[medium->g[0]];
+    for (c = 0; c < fast->channels; c++) {
+        out->slot_albedo[c] = fast->slots[medium->albedo + c];
+        if (out->flights_differ) out->slot_sigma_t_rgb[c] = fast->slots[medium->sigma_t[c]];
+        if (out->turns_differ) out->slot_g_rgb[c] = fast->slots[medium->g[c]];
+    }
+}
+
 /* The numbers of all media at theta, and what is known of the lights. */
 static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float *theta,
                             itn__substance *substances, const itn__tables *tables) {
     double level = 0;
     int i, c;
     fast->scene = scene, fast->theta = theta, fast->substances = substances;
-    substances[0].slot_sigma_t = substances[0].slot_g = -1; /* nothing to differentiate in */
-    for (c = 0; c < 3; c++) substances[0].slot_albedo[c] = -1;
     fast->voxels = tables->voxels, fast->normals = tables->normals, fast->empty = tables->empty;
     fast->channels = scene->film.channels, fast->linked = itn__links_suffice(scene);
-    for (i = 0; i < scene->medium_count; i++) {
-        itn__substance *substance = &substances[1 + i];
-        substance->sigma_t = theta[scene->media[i].sigma_t[0]];
-        substance->mean_free_path = 1 / substance->sigma_t;
-        substance->g = theta[scene->media[i].g[0]];
-        for (c = 0; c < 3; c++)
-            substance->albedo[c] = theta[scene->media[i].albedo + (c < fast->channels ? c : 0)];
-        itn__decay_make(substance, fast->channels, &fast->outlooks[1 + i]);
-        substance->slot_sigma_t = fast->count ? fast->slots[scene->media[i].sigma_t[0]] : -1;
-        substance->slot_g = fast->count ? fast->slots[scene->media[i].g[0]] : -1;
-        for (c = 0; c < fast->channels; c++)
-            substance->slot_albedo[c] = fast->count ? fast->slots[scene->media[i].albedo + c] : -1;
+    fast->heroes = scene->spectral ? 3 : 1;
+    itn__substance_make(fast, NULL, 0, &substances[0]);
+    for (i = 1; i < itn__substance_count(scene); i++) {
+        itn__substance_make(fast, &scene->media[(i - 1) % scene->medium_count],
+                            (i - 1) / scene->medium_count, &substances[i]);
+        itn__decay_make(&substances[i], fast->channels, &fast->outlooks[i]);
     }
     fast->camera.sides = scene->sides;
     fast->camera.inside = itn__find_inside(scene, &scene->sides);
@@ -10212,10 +10380,14 @@ static int itn__fast_derivative(const itn_scene *scene, const float *theta, int 
     *only = -1;
     for (i = 0; i < scene->medium_count; i++) {
         const itn__medium *medium = &scene->media[i];
-        if (parameter == medium->sigma_t[0]) return theta[parameter] >= .25f / scene->radius;
-        if (parameter == medium->g[0]) return 1;
-        for (c = 0; c < channels; c++)
+        for (c = 0; c < channels; c++) {
+            if (parameter == medium->sigma_t[c] || parameter == medium->g[c])
+                *only = itn__is_spectral(parameter == medium->g[c] ? medium->g : medium->sigma_t)
+                            ? c : -1;
+            if (parameter == medium->sigma_t[c]) return theta[parameter] >= .25f / scene->radius;
+            if (parameter == medium->g[c]) return 1;
             if (parameter == medium->albedo + c) return *only = c, theta[parameter] > 0;
+        }
     }
     for (i = 0; i < scene->surface_count; i++) {
         const itn__surface *surface = &scene->surfaces[i];
@@ -10229,6 +10401,14 @@ static int itn__fast_derivative(const itn_scene *scene, const float *theta, int 
     return 0;
 }
 
+/* Whether the fast walk can have any channel of a medium as hero. */
+static int itn__fast_medium(const itn__medium *medium, const float *theta) {
+    float a = theta[medium->sigma_t[0]], b = theta[medium->sigma_t[1]];
+    float c = theta[medium->sigma_t[2]], least = itn__min(a, itn__min(b, c));
+    return !itn__is_spectral(medium->sigma_t) ||
+           (least >= FLT_MIN && itn__max(a, itn__max(b, c)) <= 1e6f * least);
+}
+
 /* Chooses who renders: the fast walk where it can. */
 static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int *parameters,
                                    itn_error *error) {
@@ -10239,11 +10419,15 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
     if (mode == ITN_MODE_FAST)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "render: built without the fast walk");
 #endif
-    if (render->scene->spectral && mode == ITN_MODE_FAST)
-        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                         "render: the fast walk has one sigma_t and one g for all channels of a "
-                         "medium; the reference can have three");
-    if (render->scene->spectral) render->fast = 0;
+    for (k = 0; k < render->scene->medium_count; k++) {
+        if (itn__fast_medium(&render->scene->media[k], render->theta)) continue;
+        if (mode == ITN_MODE_FAST)
+            return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                             "render: in the fast walk, %s may not be clear in one channel alone, "
+                             "nor its sigma_t differ more than 1e6 times; in the reference it may",
+                             render->scene->media[k].name);
+        render->fast = 0;
+    }
     for (k = 0; k < render->count; k++) {
         if (itn__fast_derivative(render->scene, render->theta, parameters[k], &render->only[k]))
             continue;
@@ -10286,7 +10470,7 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     if (options) render->seed = options->seed, render->max_scatter = options->max_scatter;
     render->walks = options && options->walks ? options->walks : 4;
     render->sobol = !options || options->sampler != ITN_SAMPLER_RANDOM;
-    render->baseline = !(options && options->estimator == ITN_ESTIMATOR_SCORE);
+    render->baseline = !(options && options->estimator == ITN_ESTIMATOR_SCORE) && !scene->spectral;
     render->strata = scene->spectral && render->spp >= 6 ? 3 : 1;
     render->row_sums = sums * (size_t)render->strata;
     rows = (size_t)scene->film.height, scores = 3 * (size_t)render->channels * (size_t)count + 3;
@@ -10611,10 +10795,10 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
     memset(&picture, 0, sizeof picture);
     picture.fast.scene = scene;
     picture.weights = render->weights;
-    substances = (itn__substance *)itn__allocate(&scene->context, (size_t)scene->medium_count + 1,
-                                                 sizeof *substances);
+    substances = (itn__substance *)itn__allocate(
+        &scene->context, (size_t)itn__substance_count(scene), sizeof *substances);
     picture.fast.outlooks = (itn__outlook *)itn__allocate(
-        &scene->context, (size_t)scene->medium_count + 1, sizeof *picture.fast.outlooks);
+        &scene->context, (size_t)itn__substance_count(scene), sizeof *picture.fast.outlooks);
     if (substances && picture.fast.outlooks) {
         itn__fast_make(render, tables, substances, &picture.fast);
         if ((render->baseline && render->count) || picture.fast.foresees)

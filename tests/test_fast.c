@@ -41,14 +41,16 @@ enum {
     TINY,    /* the scale 1e-4, */
     VAST,    /* and 1e4 */
     TEXTURE, /* a picture on a mesh with coordinates, seen through rough glass and milk */
+    SPECTRA, /* media with values for each channel, in rough glass, in each other, on a floor */
     MADE,    /* from here on: the scenes of the project, in small films */
-    KINDS = MADE + 9
+    KINDS = MADE + 10
 };
 static const char *const kind_names[KINDS] = {
     "rough", "smooth", "matched", "group", "colour", "inside", "sheets", "black", "white", "leaf",
-    "needles", "dense", "slab", "tiny", "vast", "texture", "../scenes/chain.itn", "../scenes/data.itn",
-    "../scenes/default.itn", "../scenes/hound.itn", "../scenes/matched.itn", "../scenes/rgb.itn",
-    "../scenes/smooth.itn", "../scenes/still.itn", "../scenes/studio.itn"};
+    "needles", "dense", "slab", "tiny", "vast", "texture", "spectra", "../scenes/chain.itn",
+    "../scenes/data.itn", "../scenes/default.itn", "../scenes/hound.itn", "../scenes/matched.itn",
+    "../scenes/rgb.itn", "../scenes/smooth.itn", "../scenes/spectral.itn", "../scenes/still.itn",
+    "../scenes/studio.itn"};
 
 static void stretch(itn_object_desc *object, double x, double y, double z, double dx, double dy,
                     double dz) {
@@ -162,6 +164,24 @@ static void fill_stage(stage *s, int which, const itn_mesh *ball, const itn_mesh
         stage_object(s, ball, "m", "glass");
         stage_object(s, sheet, NULL, "print");
         stage_map(s, "map", map);
+    } else if (which == SPECTRA) {
+        static const float sigma_t[2][3] = {{2, 5, 9}, {20, 3, 1}}, g[3] = {.6f, .1f, -.4f};
+        itn_medium_desc *medium;
+        s->desc.film.channels = 3;
+        medium = stage_medium(s, "m", 1, .9, 0);
+        memcpy(medium->sigma_t_rgb, sigma_t[0], sizeof g), memcpy(medium->g_rgb, g, sizeof g);
+        medium->albedo[1] = .7f;
+        memcpy(stage_medium(s, "n", 1, .8, .3)->sigma_t_rgb, sigma_t[1], sizeof g);
+        memcpy(stage_medium(s, "o", 4, .95, 0)->g_rgb, g, sizeof g);
+        stage_medium(s, "p", 6, .9, .2);
+        stage_dielectric(s, "glass", 1.4, .3), stage_diffuse(s, "floor", .5);
+        stage_object(s, NULL, NULL, "floor");
+        stretch(stage_object(s, ball, "m", "glass"), .8, .8, .8, -.5, 0, 0);
+        stretch(stage_object(s, ball, "n", NULL), .4, .4, .4, -.6, .1, 0);
+        stretch(stage_object(s, box, "o", NULL), .4, .7, .4, .8, 0, 0);
+        stretch(stage_object(s, box, "p", NULL), .2, .3, .2, .8, .1, .4);
+        stage_map(s, "map", map);
+        stage_constant(s, "room", .2);
     }
 }
 
@@ -220,10 +240,10 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
                                  &error), &error);
     stage_need(itn__render_tables(&in->render, &tables, &in->own, &error), &error);
     in->substances = (itn__substance *)itn__allocate(
-        &scene->context, (size_t)scene->medium_count + 1, sizeof *in->substances);
+        &scene->context, (size_t)itn__substance_count(scene), sizeof *in->substances);
     fast->scene = scene;
     fast->outlooks = (itn__outlook *)itn__allocate(
-        &scene->context, (size_t)scene->medium_count + 1, sizeof *fast->outlooks);
+        &scene->context, (size_t)itn__substance_count(scene), sizeof *fast->outlooks);
     itn__fast_make(&in->render, tables, in->substances, fast);
     stage_need(itn__picture_begin(&in->picture, &error), &error);
 }
@@ -307,7 +327,7 @@ static void tally_unit(inside *in, itn__walk *walk, const itn__unit *unit, tally
    way where it comes close to a choice: at most 3 in 1000 of those with fewer than 10 collisions,
    and 10 where solids touch in a face, since rounding tells which of two equal faces comes first.
    What becomes of them is not better or worse: the means agree. `planted` changes the seed of one of
-   the two, the phase function, or the light. */
+   the two, the phase function, the light, or what a channel's parameters are. */
 static void check_paths(int which, int max_scatter, int planted) {
     itn_scene *scene = make_scene(which, NULL);
     itn_render_options options = ITN_ZERO;
@@ -321,11 +341,13 @@ static void check_paths(int which, int max_scatter, int planted) {
     options.walks = 1, options.sampler = ITN_SAMPLER_RANDOM, options.max_scatter = max_scatter;
     open_render(&in, scene, &options);
     in.picture.fast.link_weight = 0;
-    walk = itn__row_walk(&in.render, 0);
+    walk = itn__row_walk(&in.render, 0), walk.strata = 1;
     if (planted == 1) in.picture.fast.seed++;
     if (planted == 2) in.substances[1].g += .001f;
     if (planted == 3) in.picture.fast.constant[0] *= 1.0001f;
     if (planted == 4) in.substances[1].slot_g = in.substances[1].slot_sigma_t;
+    if (planted == 5) in.substances[1].sigma_t_rgb[1] *= 1.02f;
+    if (planted == 6) in.substances[1].slot_g_rgb[1] = in.substances[1].slot_g_rgb[2];
     for (number = 0; number < in.picture.end; number++) {
         itn__unit unit = itn__unit_make(&in.picture, number);
         tally_unit(&in, &walk, &unit, &t);
@@ -440,6 +462,8 @@ static void test_paths(void) {
     CHECK_CATCHES(check_paths(MATCHED, 0, 2));
     CHECK_CATCHES(check_paths(ROUGH, 0, 3));
     CHECK_CATCHES(check_paths(ROUGH, 0, 4));
+    CHECK_CATCHES(check_paths(SPECTRA, 0, 5));
+    CHECK_CATCHES(check_paths(SPECTRA, 0, 6));
 }
 
 /* ---- whatever shares the work ---------------------------------------------------------------- */
