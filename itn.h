@@ -468,8 +468,8 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* ---- [api-render] images, derivative images, gradients --------------------------------------- */
 
-/* AUTO is FAST, but for what only the reference knows: media that are clear in one channel alone, or
-   whose sigma_t differ more than 1e6 times between channels, and derivatives in an index of
+/* AUTO is FAST, but for what only the reference knows: media that are clear in one channel alone,
+   or whose sigma_t differ more than 1e6 times between channels, and derivatives in an index of
    refraction, in the scale of a light, where a factor is 0 (an albedo, a reflectance), and in the
    sigma_t of a medium with a mean free path of several times the scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;

@@ -253,8 +253,8 @@ static void test_equal(double planted) {
 /* ---- white furnaces, extremes ---------------------------------------------------------------- */
 
 /* A ball of albedo 1 in light 1 from everywhere: whatever the media are, each channel's mean is 1
-   and derivatives are 0. Light that nobody samples (`linked` 0) comes in whole: the channels of every
-   sample add up to 3, so no weight is larger. Of a map (1) every collision gets its part. */
+   and derivatives are 0. Light that nobody samples (`linked` 0) comes in whole: the channels of
+   every sample add up to 3, so no weight is larger. Of a map (1) every collision gets its part. */
 static void test_furnace(const double sigma_t[3], const double g[3], double largest, int linked) {
     itn_mesh ball = solids_sphere(1, 1);
     itn_image image = ITN_ZERO, map = stage_patch(1, 0, 0, 0);
