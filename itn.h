@@ -708,7 +708,8 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
 
 typedef enum itn_method {
     ITN_METHOD_LM = 0, /* Levenberg-Marquardt on the derivative images */
-    ITN_METHOD_ADAM    /* Adam on the loss gradient */
+    ITN_METHOD_ADAM,   /* Adam on the loss gradient */
+    ITN_METHOD_SGD     /* plain stochastic gradient descent on it, as in the paper */
 } itn_method;
 
 /* Where an iteration stands, for the progress callback. */
@@ -723,13 +724,16 @@ typedef struct itn_refine_step {
 
 typedef struct itn_refine_options {
     itn_method method;
-    int iterations; /* most; 0 = 20 (LM) or 200 (Adam). LM stops by itself when its steps are
-                       smaller than their standard errors */
-    int spp;        /* samples per pixel of each of the two renders of an iteration; 0 = 64. The
-                       last evaluations, which give the error bars, use eight times as many */
+    int iterations; /* most; 0 = 20 (LM) or 200. LM stops by itself when all that it sees is noise;
+                       if it has not by then, one or two evaluations more give its error bars */
+    int spp;        /* samples per pixel of each of the two renders of an iteration; 0 = 64. LM
+                       takes more as it closes in; error bars are those of eight times as many */
     uint64_t seed;
     int max_scatter;              /* see itn_render_options */
-    double learning_rate;         /* of Adam, in transformed coordinates; 0 = .05 */
+    double learning_rate; /* > 0, falls to a tenth over the iterations. Adam: its first steps in
+                             transformed coordinates, at most 1; 0 = .05. SGD: step over gradient
+                             of loss / mean square of the pictures, at most 1e6; 0 = 1; no step is
+                             longer than .5 */
     const float *target_variance; /* [C][height][width] variance of the target's values; NULL:
                                      unknown, then judged by the misfit that remains. Of
                                      itn_refine; itn_refine_views wants each view's in the view */
@@ -745,7 +749,8 @@ typedef struct itn_refine_options {
 /* What an image says about one parameter. */
 typedef struct itn_estimate {
     double value;
-    double standard_error; /* from the Fisher information of the derivative images; of value */
+    double standard_error; /* from the Fisher information of the derivative images; of value. At
+                              least as much as the search had still to go when iterations ran out */
     int determined;        /* 0: the image says next to nothing about it, do not use the value */
 } itn_estimate;
 
@@ -760,6 +765,24 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
                               const int *parameters, int count,
                               const itn_refine_options *options, itn_estimate *estimates,
                               itn_error *error);
+
+/* Says in words what the pictures determine: a line for each unknown that they tell by itself, and
+   one for those that they tell only together, where values can change against each other and the
+   pictures hardly show it: with what product of powers they tell, and how well. For example
+       milk.albedo is determined: to +-0.0009
+       milk.sigma_t and milk.g are determined only together: milk.sigma_t (1-milk.g)^0.97 to 0.5 %,
+       but milk.sigma_t alone to 12 %, milk.g alone to +-0.06
+   (in one line). Unknowns are told together when the rest of them being known would make their
+   error three times smaller (variance inflation factor 10, Belsley, Kuh and Welsch 1980); the
+   product is the direction of least variance, the last eigenvector of the covariance of those
+   unknowns, in logarithms.
+   parameters: [count] what the unknowns are (itn_parameter_get), count from 1 to 32. estimates:
+   [count], covariance: [count][count], as filled by itn_refine. Like snprintf: writes at most size
+   bytes with the final zero and returns the length of the whole text without it; text may be NULL
+   if size is 0. Returns -1 if an argument is NULL or out of range, or a number is not finite. */
+ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
+                             const itn_estimate *estimates, const double *covariance, char *text,
+                             size_t size);
 
 /* One picture among several. */
 typedef struct itn_view {
@@ -12633,25 +12656,36 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
    K blurs by a few pixels (binomial, symmetric, positive): derivatives vary slowly over the picture
    while their noise does not, so blurred ones judge residuals far better; K = 1 is least squares.
 
-   J and T are random, and samples common to both would bias every product, so each iteration makes
+   J and T are random, and samples common to both would bias every product, so each evaluation makes
    two independent renders a, b and only multiplies across:
        b = 1/2 (J_a^T K r_b + J_b^T K r_a),     A = 1/2 (J_a^T K J_b + J_b^T K J_a),
-   unbiased both. For the same reason the standard deviations come from the iteration before,
+   unbiased both. For the same reason the standard deviations come from the evaluation before,
    averaged over 5 x 5 pixels: a pixel's own would favour those that came out dark by chance. The
-   inverse of a noisy A is still biased: where A is small it is mostly noise. E, the diagonal that
-   (J_a + J_b)/2 with itself would have on top of A, keeps steps short there; what one step leaves
-   undone, the next ones do.
+   inverse of a noisy A is still biased: where A is small it is mostly noise. E, three standard
+   deviations of what the noise of J alone puts into A's diagonal, keeps steps short there; what one
+   step leaves undone, the next ones do.
 
-   At the solution the estimate's covariance is A^-1 N A^-1 with N = covariance of b = J^T K K J,
-   and on its diagonal what the noise of K J adds. If the target's noise is unknown or the scene
-   cannot reproduce it, the misfit chi^2 = mean of r_a r_b exceeds what the render's noise explains;
-   covariances are scaled by it. All of this happens in the transformed coordinates, where bounds
-   are out of reach. */
+   At the solution the estimate's covariance is A^-1 N A^-1, where N, the covariance of b, is
+   J^T K K J (whose part in the target's noise is J^T K F K J, F its share of a residual's variance)
+   and on its diagonal what the noise of K J adds.
 
-/* Several pictures of one material (other lights, other directions) are one picture of more pixels:
+   Near the solution steps are nothing but noise, and it would be a waste to forget what earlier
+   evaluations told: close by, b(pi) = A (pi* - pi), so b + A pi is the same at all points and can
+   be averaged. b^T N^-1 b tells when: its mean is the number of unknowns if all of b is noise.
+   While b is more than that, each evaluation replaces what was known; then they are averaged, each
+   with as many samples as all before it, until the whole has as many as wanted.
+
+   If the target's noise is unknown or the scene cannot reproduce it, the misfit chi^2 = mean of
+   r_a r_b exceeds what noise explains; the excess counts as noise of the target. All of this
+   happens in the transformed coordinates, where bounds are out of reach.
+
+   Several pictures of one material (other lights, other directions) are one picture of more pixels:
    A, b and all else that is summed over pixels is summed over those of all views. */
 
-enum { ITN__MOST_UNKNOWNS = 1024 };
+enum {
+    ITN__MOST_UNKNOWNS = 1024,
+    ITN__FINAL = 8 /* samples of all averaged evaluations, in those of the first */
+};
 
 /* A view as the search sees it. */
 typedef struct itn__refine_view {
@@ -12668,6 +12702,22 @@ typedef struct itn__refine_view {
     float *row;             /* [width + height], for itn__binomial */
 } itn__refine_view;
 
+/* The normal equations of one evaluation, or the average of several, in units of the variance that
+   a residual has at the end of the search. */
+typedef struct itn__normal {
+    double samples;     /* of all evaluations in it, in those of the first */
+    double *means;      /* one block: what averages with the samples as weights, */
+    double *matrix;     /* A [count][count] */
+    double *outer;      /* J^T K K J [count][count] */
+    double *shared;     /* J^T K F K J [count][count] */
+    double *right;      /* b + A pi [count] */
+    double *variances;  /* and one block of variances, for which weights are squared: */
+    double *silence;    /* [count]: what A_kk would vary if J were but noise */
+    double *noise;      /* [count]: what the noise of K J adds to the covariance of b */
+    double *spread;     /* [count]: variance of A_kk */
+    double chi2, chi2_variance;
+} itn__normal;
+
 /* Sums over the pixels of all views of r_a r_b and of its square, and of both in units of its
    variance where the picture depends on any unknown; and how many pixels those are. */
 typedef struct itn__misfit {
@@ -12682,25 +12732,20 @@ typedef struct itn__refiner {
     const itn_parameter **parameters; /* [count] in the first view that has it */
     uint64_t renders;
     float *values;       /* [count] */
-    double *numbers;     /* one block for the arrays below */
+    double *numbers;     /* one block for the arrays below and those of the normal equations */
     double *coordinates; /* [count] */
+    double *before;      /* [count] coordinates */
     double *slopes;      /* [count] d value / d coordinate */
-    double *gradient;    /* [count], Adam */
-    double *matrix;      /* A [count][count] */
-    double *right;       /* b [count] */
-    double *outer;       /* J^T K K J [count][count] */
-    double *diagonal;    /* D [count] */
-    double *bias;        /* E [count] */
-    double *noise;       /* [count]: what the noise of K J adds to the covariance of b */
-    double *spread;      /* [count]: variance of A_kk */
-    double *factor;      /* [count][count], Cholesky */
+    double *gradient;    /* [count] */
     double *step;        /* [count] */
+    double *factor;      /* [count][count], Cholesky */
     double *covariance;  /* [count][count] */
+    itn__normal fresh, known; /* of the last evaluation, and of those that count */
     itn__misfit misfit;
-    double loss, loss_error, chi2, chi2_error;
-    itn_estimate *estimates; /* [count], the covariance of the values [count][count] and the */
-    double *kept, kept_misfit; /* misfit there, until all has gone well */
+    double loss, loss_error;
+    itn_estimate *estimates; /* [count] */
     float *moments[2];   /* [count] of Adam */
+    double square;       /* mean of the pictures' squares, the unit of SGD's rate */
 } itn__refiner;
 
 /* Sets the unknowns, in all views, from coordinates. */
@@ -12741,8 +12786,9 @@ static void itn__blur(const float *from, float *to, int width, int height, size_
                     (float)itn__blurred(from + first, width, height, x, y);
 }
 
-/* Weights for renders of spp samples from the variances of the last evaluation, one sample's each.
-   A floor, a thousandth of the mean variance, bounds the weight of pixels without noise. */
+/* Weights for the end of the search, where renders have spp samples, from the variances of the last
+   evaluation, one sample's each. A floor, a thousandth of the mean variance, bounds the weight of
+   pixels without noise. */
 static void itn__refine_weights(itn__refine_view *view, int spp) {
     double mean = 0, square = 0, least;
     size_t i;
@@ -12784,7 +12830,6 @@ static void itn__binomial_line(float *line, size_t stride, int n, float *row) {
 
 /* K: both ways over [channels][height][width]. The sum of its squared weights is (70/256)^2. */
 #define ITN__BINOMIAL_NOISE .0747681f
-#define ITN__BINOMIAL_CENTRE .140625f /* the weight of the pixel itself, (6/16)^2 */
 static void itn__binomial(float *pixels, int width, int height, size_t count, float *row) {
     size_t plane = (size_t)width * (size_t)height, first;
     int k;
@@ -12797,7 +12842,7 @@ static void itn__binomial(float *pixels, int width, int height, size_t count, fl
 }
 
 /* Turns the planes of a view's derivative k into what the normal equations need: of a, J_a and the
-   variance of (J_a + J_b)/2; of b, K K J_b and, where its variance was, K J_b. */
+   variance of (J_a + J_b)/2; of b, K J_a and K J_b. */
 static void itn__refine_planes(const itn__refiner *refiner, const itn__refine_view *view,
                                itn_image *a, itn_image *b, int k) {
     size_t pixels = view->pixels, i;
@@ -12806,22 +12851,22 @@ static void itn__refine_planes(const itn__refiner *refiner, const itn__refine_vi
     for (i = 0; i < pixels; i++) {
         float scale = sqrtf(view->weights[i]) * (float)refiner->slopes[view->unknowns[k]];
         va[i] = .25f * (va[i] + vb[i]) * scale * scale;
-        ja[i] *= scale, jb[i] *= scale;
+        vb[i] = jb[i] * scale, ja[i] *= scale;
     }
+    memcpy(jb, ja, pixels * sizeof *jb);
     itn__binomial(jb, a->width, a->height, pixels, view->row);
-    memcpy(vb, jb, pixels * sizeof *vb);
-    itn__binomial(jb, a->width, a->height, pixels, view->row);
+    itn__binomial(vb, a->width, a->height, pixels, view->row);
 }
 
 /* Residuals over their standard deviations: r_a replaces the light of a, K r_b that of b; the
-   variance of the render in the same units replaces a's. */
+   target's share of their variance replaces the variance of a. */
 static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, itn_image *b) {
     size_t i;
     for (i = 0; i < view->pixels; i++) {
         float scale = sqrtf(view->weights[i]);
         a->pixels[i] = (view->target[i] - a->pixels[i]) * scale;
         b->pixels[i] = (view->target[i] - b->pixels[i]) * scale;
-        a->pixels[view->pixels + i] *= scale * scale;
+        a->pixels[view->pixels + i] = view->target_variance[i] * view->weights[i];
     }
     itn__binomial(b->pixels, a->width, a->height, view->pixels, view->row);
 }
@@ -12829,29 +12874,34 @@ static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, it
 /* Adds a view's part of the normal equations, from planes made by the two functions above. */
 static void itn__refine_sum(itn__refiner *refiner, const itn__refine_view *view,
                             const itn_image *a, const itn_image *b) {
+    itn__normal *sum = &refiner->fresh;
+    const float *share = a->pixels + view->pixels;
     size_t pixels = view->pixels, i;
     int n = refiner->count, own, other, k, l;
     for (own = 0; own < view->count; own++) {
         const float *ja = a->pixels + (size_t)(2 + 2 * own) * pixels, *va = ja + pixels;
-        const float *kjb = b->pixels + (size_t)(3 + 2 * own) * pixels;
+        const float *kja = b->pixels + (size_t)(2 + 2 * own) * pixels, *kjb = kja + pixels;
         k = view->unknowns[own];
         for (i = 0; i < pixels; i++) {
-            double residual_variance = 1 + (double)a->pixels[pixels + i]; /* of r_a alone, nearly */
-            refiner->right[k] += .5 * (double)ja[i] * b->pixels[i];
-            refiner->right[k] += .5 * (double)kjb[i] * a->pixels[i];
-            refiner->noise[k] += ITN__BINOMIAL_NOISE * va[i] * residual_variance;
-            refiner->spread[k] += va[i] * (2 * (double)kjb[i] * kjb[i] +
-                                           (double)ITN__BINOMIAL_NOISE * va[i]);
-            refiner->bias[k] += ITN__BINOMIAL_CENTRE * va[i];
+            double of_one = share[i] + 2 * (1 - (double)share[i]) * ITN__FINAL / sum->samples;
+            sum->right[k] += .5 * (double)ja[i] * b->pixels[i];
+            sum->right[k] += .5 * (double)kjb[i] * a->pixels[i];
+            sum->noise[k] += ITN__BINOMIAL_NOISE * va[i] * of_one; /* variance of r_a alone */
+            sum->spread[k] += va[i] * (2 * (double)kjb[i] * kjb[i] +
+                                       (double)ITN__BINOMIAL_NOISE * va[i]);
+            sum->silence[k] += (double)ITN__BINOMIAL_NOISE * va[i] * va[i];
         }
         for (other = 0; other < view->count; other++) {
-            const float *jb = b->pixels + (size_t)(2 + 2 * other) * pixels;
-            double product = 0, outer = 0;
+            const float *kj = b->pixels + (size_t)(3 + 2 * other) * pixels;
+            double product = 0, outer = 0, shared = 0;
             l = view->unknowns[other];
-            for (i = 0; i < pixels; i++)
-                product += (double)ja[i] * jb[pixels + i], outer += (double)ja[i] * jb[i];
-            refiner->matrix[k * n + l] += .5 * product, refiner->matrix[l * n + k] += .5 * product;
-            refiner->outer[k * n + l] += .5 * outer, refiner->outer[l * n + k] += .5 * outer;
+            for (i = 0; i < pixels; i++) {
+                double both = (double)kja[i] * kj[i];
+                product += (double)ja[i] * kj[i], outer += both, shared += share[i] * both;
+            }
+            sum->matrix[k * n + l] += .5 * product, sum->matrix[l * n + k] += .5 * product;
+            sum->outer[k * n + l] += .5 * outer, sum->outer[l * n + k] += .5 * outer;
+            sum->shared[k * n + l] += .5 * shared, sum->shared[l * n + k] += .5 * shared;
         }
     }
 }
@@ -12869,7 +12919,7 @@ static void itn__misfit_sum(itn__misfit *misfit, const itn__refine_view *view, c
         for (k = 0; k < view->count && !depends; k++)
             depends = a->pixels[(size_t)(2 + 2 * k) * view->pixels + i] != 0;
         if (!depends) continue;
-        part = view->weights[i] * (product + a->pixels[view->pixels + i]);
+        part = view->weights[i] * (product - (double)view->target_variance[i]);
         misfit->chi2 += part, misfit->chi2_square += part * part, misfit->felt++;
     }
     misfit->pixels += (double)view->pixels;
@@ -12881,8 +12931,8 @@ static void itn__misfit_means(itn__refiner *refiner) {
     double n = sum->pixels, felt = sum->felt;
     refiner->loss = sum->product / n;
     refiner->loss_error = sqrt(fmax(sum->square / n - refiner->loss * refiner->loss, 0) / n);
-    refiner->chi2 = felt > 0 ? sum->chi2 / felt : 1;
-    refiner->chi2_error = felt > 0 ? sqrt(sum->chi2_square) / felt : 0;
+    refiner->fresh.chi2 = 1 + (felt > 0 ? sum->chi2 / felt : 0);
+    refiner->fresh.chi2_variance = felt > 0 ? sum->chi2_square / (felt * felt) : 0;
 }
 
 /* A new seed for each pair of renders. */
@@ -12896,14 +12946,14 @@ static itn_result itn__overflow(itn_error *error) {
 }
 
 /* Renders a view twice and adds what it has to say to the sums. */
-static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view, int spp,
+static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view,
                                    itn_error *error) {
     itn_render_options options = ITN_ZERO;
     itn_image a = ITN_ZERO, b = ITN_ZERO;
     itn_result result;
     int k;
-    options.spp = spp, options.max_scatter = refiner->options.max_scatter;
-    options.seed = itn__refine_seed(refiner);
+    options.spp = refiner->options.spp * (int)refiner->fresh.samples;
+    options.seed = itn__refine_seed(refiner), options.max_scatter = refiner->options.max_scatter;
     result = itn_render(view->scene, view->theta, &options, view->parameters, view->count, &a,
                         error);
     options.seed = itn__mix64(options.seed + 1);
@@ -12912,10 +12962,10 @@ static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view
                             error);
     if (!result) {
         itn__pool_variance(view, &a, &b);
-        if (!view->known) itn__keep_variance(view, &a, spp);
-        itn__refine_weights(view, spp);
+        if (!view->known) itn__keep_variance(view, &a, options.spp);
+        itn__refine_weights(view, ITN__FINAL * refiner->options.spp);
         itn__misfit_sum(&refiner->misfit, view, &a, &b);
-        itn__keep_variance(view, &a, spp);
+        itn__keep_variance(view, &a, options.spp);
         for (k = 0; k < view->count; k++) itn__refine_planes(refiner, view, &a, &b, k);
         itn__refine_residuals(view, &a, &b);
         itn__refine_sum(refiner, view, &a, &b);
@@ -12925,67 +12975,140 @@ static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view
     return result;
 }
 
-/* Sets up the normal equations at the present point. */
-static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
+/* How many numbers the blocks of normal equations hold. */
+static size_t itn__means(int count) { return (size_t)(3 * count * count + count); }
+static size_t itn__variances(int count) { return (size_t)(3 * count); }
+
+/* Evaluates the normal equations at the present point with `samples` times the first samples. */
+static itn_result itn__refine_evaluate(itn__refiner *refiner, double samples, itn_error *error) {
+    itn__normal *fresh = &refiner->fresh;
     itn_result result = ITN_OK;
-    int n = refiner->count, k;
+    size_t i, means = itn__means(refiner->count), variances = itn__variances(refiner->count);
+    int n = refiner->count, k, l;
+    fresh->samples = samples;
     memset(&refiner->misfit, 0, sizeof refiner->misfit);
-    memset(refiner->matrix, 0, (size_t)(2 * n * n + 5 * n) * sizeof(double)); /* to spread */
+    memset(fresh->means, 0, means * sizeof(double));
+    memset(fresh->variances, 0, variances * sizeof(double));
     for (k = 0; k < refiner->view_count && !result; k++)
-        result = itn__refine_look(refiner, &refiner->views[k], spp, error);
+        result = itn__refine_look(refiner, &refiner->views[k], error);
     if (result) return result;
     itn__misfit_means(refiner);
-    for (k = 0; k < n; k++)
-        refiner->diagonal[k] = fabs(refiner->matrix[k * n + k]) + refiner->bias[k];
-    for (k = 0; k < 2 * n * n + 5 * n; k++)
-        if (!itn__finite(refiner->matrix[k])) return itn__overflow(error);
+    for (k = 0; k < n; k++) {
+        refiner->gradient[k] = fresh->right[k];
+        for (l = 0; l < n; l++)
+            fresh->right[k] += fresh->matrix[k * n + l] * refiner->coordinates[l];
+    }
+    for (i = 0; i < means; i++)
+        if (!itn__finite(fresh->means[i])) return itn__overflow(error);
+    for (i = 0; i < variances; i++)
+        if (!itn__finite(fresh->variances[i])) return itn__overflow(error);
     return ITN_OK;
 }
 
-/* Factors A + bias E + mu D + a weak prior (standard deviation 8 in a coordinate), with as much
-   more of D as it takes to be positive definite. */
-static void itn__refine_factor(itn__refiner *refiner, double bias, double mu) {
+/* Averages the last evaluation with those that count, or lets it replace them. */
+static void itn__refine_learn(itn__refiner *refiner, int together) {
+    itn__normal *known = &refiner->known;
+    const itn__normal *fresh = &refiner->fresh;
+    double all = fresh->samples + (together ? known->samples : 0), w = fresh->samples / all;
+    size_t i;
+    for (i = 0; i < itn__means(refiner->count); i++)
+        known->means[i] = (1 - w) * known->means[i] + w * fresh->means[i];
+    for (i = 0; i < itn__variances(refiner->count); i++)
+        known->variances[i] = (1 - w) * (1 - w) * known->variances[i] + w * w * fresh->variances[i];
+    known->chi2 = (1 - w) * known->chi2 + w * fresh->chi2;
+    known->chi2_variance = (1 - w) * (1 - w) * known->chi2_variance +
+                           w * w * fresh->chi2_variance;
+    known->samples = all;
+}
+
+/* N, in the covariance's place, at so many samples, with the misfit's excess over noise. */
+static void itn__refine_noise(itn__refiner *refiner, const itn__normal *normal, double samples,
+                              double target, double excess) {
+    int n = refiner->count, k;
+    for (k = 0; k < n * n; k++)
+        refiner->covariance[k] =
+            ITN__FINAL / samples * (normal->outer[k] - normal->shared[k]) +
+            target * normal->shared[k] + excess * normal->outer[k];
+    for (k = 0; k < n; k++) refiner->covariance[k * n + k] += normal->noise[k];
+}
+
+/* Factors A + `bias` times E + mu D + a weak prior (standard deviation 8 in a coordinate), with as
+   much more of D as it takes to be positive definite. */
+static void itn__refine_factor(itn__refiner *refiner, const itn__normal *normal, double bias,
+                               double mu) {
     int n = refiner->count, k;
     for (;; mu = mu > 0 ? 4 * mu : 1e-3) { /* ends, as all is finite and the diagonal positive */
-        memcpy(refiner->factor, refiner->matrix, (size_t)(n * n) * sizeof(double));
-        for (k = 0; k < n; k++)
-            refiner->factor[k * n + k] += bias * refiner->bias[k] + mu * refiner->diagonal[k] +
-                                          1. / 64;
+        memcpy(refiner->factor, normal->matrix, (size_t)(n * n) * sizeof(double));
+        for (k = 0; k < n; k++) {
+            double e = 3 * sqrt(normal->silence[k]);
+            refiner->factor[k * n + k] += bias * e + 1. / 64 +
+                                          mu * (fabs(normal->matrix[k * n + k]) + e);
+        }
         if (itn__cholesky(refiner->factor, n)) return;
     }
 }
 
-/* The step from the present point; none is longer than 2 in any coordinate. */
-static void itn__refine_solve(itn__refiner *refiner, double mu) {
-    int n = refiner->count, k;
+/* The step from the present point by what is known, at most `most` long in any coordinate. */
+static void itn__refine_solve(itn__refiner *refiner, double mu, double most) {
+    const itn__normal *known = &refiner->known;
+    int n = refiner->count, k, l;
     double longest = 0;
-    itn__refine_factor(refiner, 1, mu);
-    memcpy(refiner->step, refiner->right, (size_t)n * sizeof(double));
+    for (k = 0; k < n; k++) {
+        refiner->step[k] = known->right[k];
+        for (l = 0; l < n; l++)
+            refiner->step[k] -= known->matrix[k * n + l] * refiner->coordinates[l];
+    }
+    itn__refine_factor(refiner, known, 1, mu);
     itn__cholesky_solve(refiner->factor, n, refiner->step);
     for (k = 0; k < n; k++) longest = fmax(longest, fabs(refiner->step[k]));
-    for (k = 0; k < n && longest > 2; k++) refiner->step[k] *= 2 / longest;
+    for (k = 0; k < n && longest > most; k++) refiner->step[k] *= most / longest;
 }
 
-/* Covariance A^-1 N A^-1 of the coordinates times `scale`. */
-static void itn__refine_covariance(itn__refiner *refiner, double scale) {
-    int n = refiner->count, i, j, k;
-    double *columns = refiner->covariance;
-    itn__refine_factor(refiner, 0, 0);
-    for (j = 0; j < n; j++) /* row j: A^-1 times column j of N */
-        for (k = 0; k < n; k++)
-            columns[j * n + k] = refiner->outer[k * n + j] + (j == k ? refiner->noise[k] : 0);
-    for (j = 0; j < n; j++) itn__cholesky_solve(refiner->factor, n, columns + j * n);
-    for (i = 0; i < n; i++) /* transposed, then A^-1 once more */
+/* Takes the step, and remembers from where. */
+static void itn__refine_move(itn__refiner *refiner) {
+    int k;
+    for (k = 0; k < refiner->count; k++) {
+        refiner->before[k] = refiner->coordinates[k];
+        refiner->gradient[k] = refiner->before[k] + refiner->step[k];
+    }
+    itn__refine_set(refiner, refiner->gradient);
+}
+
+/* Covariance A^-1 N A^-1 of the coordinates, by what is known. */
+static void itn__refine_covariance(itn__refiner *refiner) {
+    const itn__normal *known = &refiner->known;
+    int n = refiner->count, i, j;
+    double *rows = refiner->covariance;
+    itn__refine_noise(refiner, known, known->samples, 1, fmax(known->chi2 - 1, 0));
+    itn__refine_factor(refiner, known, 0, 0);
+    for (j = 0; j < n; j++) itn__cholesky_solve(refiner->factor, n, rows + j * n);
+    for (i = 0; i < n; i++) /* row j: A^-1 times column j of N; transposed, then A^-1 once more */
         for (j = 0; j < i; j++) {
-            double swap = columns[i * n + j];
-            columns[i * n + j] = columns[j * n + i], columns[j * n + i] = swap;
+            double swap = rows[i * n + j];
+            rows[i * n + j] = rows[j * n + i], rows[j * n + i] = swap;
         }
-    for (j = 0; j < n; j++) itn__cholesky_solve(refiner->factor, n, columns + j * n);
-    for (k = 0; k < n * n; k++) columns[k] *= scale;
+    for (j = 0; j < n; j++) itn__cholesky_solve(refiner->factor, n, rows + j * n);
 }
 
-static double itn__coordinate_error(const itn__refiner *refiner, int k) {
-    return sqrt(fmax(refiner->covariance[k * refiner->count + k], 0));
+/* How much more the last evaluation says than noise would against what was known before:
+   b^T N^-1 b in units of three standard deviations above its mean; infinite if the step that led
+   here is too long for b to be linear, in any coordinate of which the pictures tell. */
+static double itn__refine_news(itn__refiner *refiner) {
+    const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
+    double samples = 1 / (1 / fresh->samples + 1 / known->samples), square = 0;
+    double *b = refiner->gradient;
+    int n = refiner->count, k;
+    for (k = 0; k < n; k++)
+        if (fabs(refiner->coordinates[k] - refiner->before[k]) > .5 &&
+            fresh->matrix[k * n + k] > 2 * sqrt(fresh->spread[k]))
+            return INFINITY;
+    itn__refine_noise(refiner, fresh, samples, 0, 0);
+    memcpy(refiner->factor, refiner->covariance, (size_t)(n * n) * sizeof(double));
+    memcpy(refiner->step, b, (size_t)n * sizeof(double));
+    if (!itn__cholesky(refiner->factor, n)) return 0; /* N itself is mostly noise */
+    itn__cholesky_solve(refiner->factor, n, refiner->step);
+    for (k = 0; k < n; k++) square += b[k] * refiner->step[k];
+    return square / (n + 3 * sqrt(2. * n));
 }
 
 static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_error *error) {
@@ -12998,38 +13121,49 @@ static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_e
     return ITN_OK;
 }
 
-/* Levenberg-Marquardt: a step is kept unless the misfit has risen beyond its noise. Ends when two
-   steps running were smaller than their standard errors, or when no step helps. */
-static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
-    int n = refiner->count, iteration, k, settled = 0;
-    double mu = .01, *before = refiner->gradient; /* unused by this method */
-    itn_result result = itn__refine_evaluate(refiner, refiner->options.spp, error);
-    if (!result) result = itn__refine_report(refiner, 0, error);
-    for (iteration = 1; iteration <= refiner->options.iterations && !result && settled < 2;
-         iteration++) {
-        double chi2 = refiner->chi2, chi2_error = refiner->chi2_error;
-        int below = mu < .1;
-        itn__refine_covariance(refiner, 1); /* far from the solution the misfit is no noise */
-        itn__refine_solve(refiner, mu);
-        for (k = 0; k < n; k++) {
-            below &= fabs(refiner->step[k]) < itn__coordinate_error(refiner, k);
-            before[k] = refiner->coordinates[k];
-            refiner->step[k] += before[k];
-        }
-        settled = below ? settled + 1 : 0;
-        itn__refine_set(refiner, refiner->step);
-        result = itn__refine_evaluate(refiner, refiner->options.spp, error);
-        if (result) break;
-        if (refiner->chi2 - chi2 > 2 * hypot(chi2_error, refiner->chi2_error)) { /* worse */
-            itn__refine_set(refiner, before);
-            result = itn__refine_evaluate(refiner, refiner->options.spp, error);
-            mu *= 10, settled = mu > 1e6 ? 2 : 0;
-        } else {
-            mu *= .2;
-        }
-        if (!result) result = itn__refine_report(refiner, iteration, error);
+/* Takes a step and evaluates there. A step after which the misfit has risen beyond its noise is
+   taken back. An evaluation that is but noise joins the one before if that was not much more. */
+static itn_result itn__refine_try(itn__refiner *refiner, double samples, double *mu, double *news,
+                                  itn_error *error) {
+    const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
+    double before = *news;
+    itn_result result;
+    itn__refine_solve(refiner, *mu, 2);
+    itn__refine_move(refiner);
+    result = itn__refine_evaluate(refiner, samples, error);
+    if (result) return result;
+    if (fresh->chi2 - known->chi2 > 2 * sqrt(fresh->chi2_variance + known->chi2_variance)) {
+        itn__refine_set(refiner, refiner->before);
+        *mu *= 10, *news = INFINITY;
+    } else {
+        *mu *= .2, *news = itn__refine_news(refiner);
+        itn__refine_learn(refiner, *news < 1 && before < 4);
     }
-    return result;
+    return ITN_OK;
+}
+
+/* Levenberg-Marquardt, until the evaluations that count have enough samples, or no step helps. If
+   iterations run out, one or two more with all samples at once give error bars. */
+static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
+    const itn__normal *known = &refiner->known;
+    int iteration, most = refiner->options.iterations;
+    double mu = 1, news = INFINITY;
+    itn_result result = itn__refine_evaluate(refiner, 1, error);
+    if (result) return result;
+    itn__refine_learn(refiner, 0);
+    result = itn__refine_report(refiner, 0, error);
+    for (iteration = 1; iteration <= most + 2 && !result; iteration++) {
+        double samples = 1;
+        if (mu > 1e6 || (news < 1 && known->samples >= ITN__FINAL)) break;
+        if (iteration > most) samples = ITN__FINAL;
+        else if (news < 1) samples = fmin(known->samples, ITN__FINAL - known->samples);
+        result = itn__refine_try(refiner, samples, &mu, &news, error);
+        if (!result && iteration <= most) result = itn__refine_report(refiner, iteration, error);
+    }
+    if (result) return result;
+    itn__refine_solve(refiner, 0, .5);
+    itn__refine_move(refiner);
+    return ITN_OK;
 }
 
 /* The loss over all views and its gradient in the coordinates, unbiased. */
@@ -13056,77 +13190,54 @@ static itn_result itn__refine_gradient(itn__refiner *refiner, itn_error *error) 
     return result;
 }
 
-/* Adam on the unbiased loss gradient, with a rate that falls to a tenth over the run. */
-static itn_result itn__refine_adam(itn__refiner *refiner, itn_error *error) {
+/* Adam or plain descent on the unbiased loss gradient, with a rate that falls to a tenth over the
+   run. */
+static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
     itn_adam_desc adam = ITN_ZERO;
     itn_result result = itn__adam_desc(NULL, &adam, error);
+    int plain = refiner->options.method == ITN_METHOD_SGD;
     int n = refiner->count, iteration, k, steps = refiner->options.iterations;
     for (iteration = 0; iteration < steps && !result; iteration++) {
-        float slope, coordinate;
+        double rate = refiner->options.learning_rate * pow(.1, (double)iteration / steps);
         result = itn__refine_gradient(refiner, error);
         if (result) break;
         result = itn__refine_report(refiner, iteration, error);
-        adam.learning_rate = refiner->options.learning_rate * pow(.1, (double)iteration / steps);
+        adam.learning_rate = rate;
         for (k = 0; k < n; k++) {
-            slope = (float)refiner->gradient[k];
+            float slope = (float)refiner->gradient[k], coordinate = (float)refiner->coordinates[k];
+            double step = -rate * refiner->gradient[k] / refiner->square;
             if (!itn__finite(slope * slope)) return itn__overflow(error);
-            coordinate = (float)refiner->coordinates[k];
-            itn__adam(&adam, (uint64_t)iteration + 1, 1, &slope, refiner->moments[0] + k,
-                      refiner->moments[1] + k, &coordinate);
-            refiner->step[k] = coordinate;
+            if (!plain)
+                itn__adam(&adam, (uint64_t)iteration + 1, 1, &slope, refiner->moments[0] + k,
+                          refiner->moments[1] + k, &coordinate);
+            refiner->step[k] = plain ? refiner->coordinates[k] + fmax(-.5, fmin(step, .5))
+                                     : coordinate;
         }
         itn__refine_set(refiner, refiner->step);
     }
+    if (!result) result = itn__refine_evaluate(refiner, ITN__FINAL, error);
+    if (!result) itn__refine_learn(refiner, 0);
     return result;
 }
 
-/* Estimates at the present point from the last evaluation. */
+/* Estimates at the present point by what is known. Where the search was not over, the step that is
+   left counts as error. */
 static void itn__refine_estimate(itn__refiner *refiner) {
     itn_estimate *estimates = refiner->estimates;
+    double *scale = refiner->gradient; /* of the covariance */
     int n = refiner->count, k;
+    itn__refine_solve(refiner, 0, 2);
+    itn__refine_covariance(refiner);
     for (k = 0; k < n; k++) {
-        double error = itn__coordinate_error(refiner, k);
+        double error = sqrt(fmax(refiner->covariance[k * n + k], 0));
+        double left = error > 0 ? fmax(fabs(refiner->step[k]) / error, 1) : 1;
+        scale[k] = left * refiner->slopes[k];
         estimates[k].value = refiner->values[k];
-        estimates[k].standard_error = error * refiner->slopes[k];
-        estimates[k].determined = error < .5 &&
-                                  refiner->matrix[k * n + k] > 2 * sqrt(refiner->spread[k]);
+        estimates[k].standard_error = error * scale[k];
+        estimates[k].determined = error * left < .5 && refiner->known.matrix[k * n + k] >
+                                                           2 * sqrt(refiner->known.spread[k]);
     }
-    for (k = 0; k < n * n; k++)
-        refiner->kept[k] = refiner->covariance[k] * refiner->slopes[k / n] * refiner->slopes[k % n];
-    refiner->kept_misfit = refiner->chi2;
-}
-
-/* The last evaluations, of two, four and eight times the samples: error bars and, for LM, steps of
-   their accuracy, until they are small against the error bars. A step that raises the misfit at the
-   same number of samples is taken back. */
-static itn_result itn__refine_finish(itn__refiner *refiner, itn_error *error) {
-    int n = refiner->count, k, pass, settled = refiner->options.method != ITN_METHOD_LM;
-    double chi2 = INFINITY, chi2_error = 0, longest, *before = refiner->gradient;
-    for (pass = settled ? 2 : 0; pass < 5; pass++) {
-        int factor = pass < 2 ? 2 << pass : 8;
-        itn_result result = itn__refine_evaluate(refiner, factor * refiner->options.spp, error);
-        if (result) return result;
-        if (refiner->chi2 - chi2 > 2 * hypot(chi2_error, refiner->chi2_error)) {
-            itn__refine_set(refiner, before);
-            return ITN_OK;
-        }
-        if (factor == 8) chi2 = refiner->chi2, chi2_error = refiner->chi2_error;
-        itn__refine_covariance(refiner, fmax(refiner->chi2, 1));
-        itn__refine_estimate(refiner);
-        if (settled || pass == 4) return ITN_OK;
-        itn__refine_solve(refiner, 0);
-        for (k = 0, settled = factor == 8, longest = 0; k < n; k++) {
-            settled &= fabs(refiner->step[k]) < .5 * itn__coordinate_error(refiner, k);
-            longest = fmax(longest, fabs(refiner->step[k]));
-            before[k] = refiner->coordinates[k];
-        }
-        if (settled) return ITN_OK;
-        for (k = 0; k < n; k++)
-            refiner->step[k] = before[k] + refiner->step[k] * (longest > .5 ? .5 / longest : 1);
-        itn__refine_set(refiner, refiner->step);
-        settled = 0;
-    }
-    return ITN_OK;
+    for (k = 0; k < n * n; k++) refiner->covariance[k] *= scale[k / n] * scale[k % n];
 }
 
 /* Which of the unknowns a view has, as which parameters. */
@@ -13185,16 +13296,28 @@ static itn_result itn__view_begin(itn__refiner *refiner, const itn_view *given,
     return itn__view_unknowns(refiner, view, given->parameters, error);
 }
 
+/* Gives normal equations their place in a block of numbers. */
+static void itn__normal_place(itn__normal *normal, int count, double *block) {
+    int squares = count * count;
+    normal->means = normal->matrix = block;
+    normal->outer = normal->matrix + squares, normal->shared = normal->outer + squares;
+    normal->right = normal->shared + squares;
+    normal->variances = normal->silence = normal->right + count;
+    normal->noise = normal->silence + count, normal->spread = normal->noise + count;
+}
+
 /* Allocates what all views share. */
 static itn_result itn__refine_allocate(itn__refiner *refiner, itn_error *error) {
     const itn_context *context = refiner->context;
     size_t n = (size_t)refiner->count;
+    size_t numbers = itn__means(refiner->count) + itn__variances(refiner->count);
     double *next;
     refiner->views = (itn__refine_view *)itn__allocate(context, (size_t)refiner->view_count,
                                                        sizeof *refiner->views);
     refiner->parameters = (const itn_parameter **)itn__allocate(context, n,
                                                                 sizeof *refiner->parameters);
-    refiner->numbers = (double *)itn__allocate(context, 9 * n + 5 * n * n, sizeof(double));
+    refiner->numbers = (double *)itn__allocate(context, 2 * numbers + 5 * n + 2 * n * n,
+                                               sizeof(double));
     refiner->values = (float *)itn__allocate(context, 3 * n, sizeof(float));
     refiner->estimates = (itn_estimate *)itn__allocate(context, n, sizeof(itn_estimate));
     if (!refiner->views || !refiner->parameters || !refiner->numbers || !refiner->values ||
@@ -13202,21 +13325,29 @@ static itn_result itn__refine_allocate(itn__refiner *refiner, itn_error *error) 
         return itn__out_of_memory(error, "itn_refine");
     refiner->moments[0] = refiner->values + n, refiner->moments[1] = refiner->values + 2 * n;
     next = refiner->numbers;
+    itn__normal_place(&refiner->fresh, refiner->count, next), next += numbers;
+    itn__normal_place(&refiner->known, refiner->count, next), next += numbers;
     refiner->coordinates = next, next += n;
+    refiner->before = next, next += n;
     refiner->slopes = next, next += n;
     refiner->gradient = next, next += n;
     refiner->step = next, next += n;
-    refiner->matrix = next, next += n * n; /* from here to spread: cleared together */
-    refiner->outer = next, next += n * n;
-    refiner->right = next, next += n;
-    refiner->diagonal = next, next += n;
-    refiner->bias = next, next += n;
-    refiner->noise = next, next += n;
-    refiner->spread = next, next += n;
     refiner->factor = next, next += n * n;
-    refiner->covariance = next, next += n * n;
-    refiner->kept = next;
+    refiner->covariance = next;
     return ITN_OK;
+}
+
+/* Mean square of all pictures; 1 if they are black. */
+static double itn__mean_square(const itn__refiner *refiner) {
+    double sum = 0, pixels = 0;
+    size_t i;
+    int v;
+    for (v = 0; v < refiner->view_count; v++) {
+        const itn__refine_view *view = &refiner->views[v];
+        for (i = 0; i < view->pixels; i++) sum += (double)view->target[i] * view->target[i];
+        pixels += (double)view->pixels;
+    }
+    return sum > 0 ? sum / pixels : 1;
 }
 
 static itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views,
@@ -13235,6 +13366,7 @@ static itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views
         result = itn__check_theta(view->scene, view->theta, error);
     }
     if (result) return result;
+    refiner->square = itn__mean_square(refiner);
     for (k = 0; k < refiner->count; k++)
         refiner->step[k] = itn_parameter_to_coordinate(refiner->parameters[k], values[k]);
     itn__refine_set(refiner, refiner->step);
@@ -13258,15 +13390,17 @@ static void itn__refine_end(itn__refiner *refiner) {
 
 /* Fills in the defaults of the options and checks their ranges. */
 static itn_result itn__refine_options(itn_refine_options *options, itn_error *error) {
+    int plain = options->method == ITN_METHOD_SGD;
     if (options->spp == 0) options->spp = 64;
     if (options->iterations == 0) options->iterations = options->method == ITN_METHOD_LM ? 20 : 200;
-    if (options->learning_rate == 0) options->learning_rate = .05;
-    if ((options->method != ITN_METHOD_LM && options->method != ITN_METHOD_ADAM) ||
-        options->spp < 2 || options->spp > INT_MAX / 8 || options->iterations < 0 ||
-        options->max_scatter < 0 || !(options->learning_rate > 0 && options->learning_rate <= 1))
+    if (options->learning_rate == 0) options->learning_rate = plain ? 1 : .05;
+    if (options->method < ITN_METHOD_LM || options->method > ITN_METHOD_SGD || options->spp < 2 ||
+        options->spp > INT_MAX / ITN__FINAL || options->iterations < 0 ||
+        options->iterations > INT_MAX - 2 || options->max_scatter < 0 ||
+        !(options->learning_rate > 0 && options->learning_rate <= (plain ? 1e6 : 1)))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_refine: needs a known method, spp >= 2, iterations >= 0 and a "
-                         "learning_rate in (0, 1]");
+                         "learning_rate in (0, 1] (SGD: in (0, 1e6])");
     if (options->target_variance)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_refine_views: target_variance belongs into the views");
@@ -13297,14 +13431,14 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
     result = itn__refine_begin(&refiner, views, values, error);
     if (!result)
         result = refiner.options.method == ITN_METHOD_LM ? itn__refine_lm(&refiner, error)
-                                                         : itn__refine_adam(&refiner, error);
-    if (!result) result = itn__refine_finish(&refiner, error);
+                                                         : itn__refine_descend(&refiner, error);
     if (!result) {
+        itn__refine_estimate(&refiner);
         memcpy(values, refiner.values, n * sizeof *values);
         memcpy(estimates, refiner.estimates, n * sizeof *estimates);
-        if (refiner.options.misfit) *refiner.options.misfit = refiner.kept_misfit;
+        if (refiner.options.misfit) *refiner.options.misfit = refiner.known.chi2;
         if (refiner.options.covariance)
-            memcpy(refiner.options.covariance, refiner.kept, n * n * sizeof(double));
+            memcpy(refiner.options.covariance, refiner.covariance, n * n * sizeof(double));
     }
     itn__refine_end(&refiner);
     return result;
@@ -13330,6 +13464,169 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
     result = itn_refine_views(&view, 1, values, count, &rest, estimates, error);
     for (k = 0; k < count && !result; k++) theta[parameters[k]] = values[k];
     return result;
+}
+
+/* What the pictures tell. With values in logarithms (of sigma_t; of 1 - g or 1 - albedo, which is
+   what the pictures of a dense medium depend on; in a logit below its middle, of the value itself),
+   a small change of a product of powers is a scalar product, and the eigenvectors of the covariance
+   are the products that the pictures tell, from the least to the most. */
+
+/* A parameter's logarithm, as a product of powers shows it. */
+typedef struct itn__power {
+    double slope;   /* d logarithm / d value */
+    int complement; /* 1: of one minus it */
+} itn__power;
+
+static itn__power itn__power_of(const itn_parameter *p, double value) {
+    itn__power power;
+    power.complement = p->transform == ITN_LOGIT && fabs(p->upper - 1) < .01 &&
+                       (p->lower < 0 || value > .5);
+    if (power.complement) power.slope = -1 / fmax(1 - value, 1e-6);
+    else power.slope = 1 / fmax(fabs(value), 1e-6 * fmin((double)p->upper, 1));
+    return power;
+}
+
+/* Eigenvalues of a symmetric matrix, which end on its diagonal, and eigenvectors, the columns of v:
+   Jacobi's rotations, each of which makes one pair of elements zero. */
+static void itn__eigen(double *a, double *v, int n) {
+    int sweep, i, j, k;
+    for (i = 0; i < n * n; i++) v[i] = i / n == i % n;
+    for (sweep = 0; sweep < 60; sweep++)
+        for (i = 0; i < n; i++)
+            for (j = i + 1; j < n; j++) {
+                double off = a[i * n + j], half = .5 * (a[j * n + j] - a[i * n + i]), t, c, s;
+                if (fabs(off) <= 1e-15 * sqrt(fabs(a[i * n + i] * a[j * n + j]))) continue;
+                t = (half < 0 ? -1 : 1) * fabs(off) / (fabs(half) + hypot(half, off));
+                if (off < 0) t = -t;
+                c = 1 / sqrt(1 + t * t), s = t * c;
+                for (k = 0; k < n; k++) {
+                    double x = a[k * n + i], y = a[k * n + j];
+                    a[k * n + i] = c * x - s * y, a[k * n + j] = s * x + c * y;
+                }
+                for (k = 0; k < n; k++) {
+                    double x = a[i * n + k], y = a[j * n + k], p = v[k * n + i], q = v[k * n + j];
+                    a[i * n + k] = c * x - s * y, a[j * n + k] = s * x + c * y;
+                    v[k * n + i] = c * p - s * q, v[k * n + j] = s * p + c * q;
+                }
+            }
+}
+
+/* Text that is composed in a buffer of the caller's. */
+typedef struct itn__prose {
+    char *text;
+    size_t size, length; /* length: of the whole text, though not all may fit */
+} itn__prose;
+
+static void itn__say(itn__prose *words, const char *format, ...) ITN__PRINTF(2, 3);
+static void itn__say(itn__prose *words, const char *format, ...) {
+    size_t used = words->length < words->size ? words->length : words->size;
+    va_list arguments;
+    int length;
+    va_start(arguments, format);
+    length = vsnprintf(words->text ? words->text + used : NULL, words->size - used, format,
+                       arguments);
+    va_end(arguments);
+    if (length > 0) words->length += (size_t)length;
+}
+
+/* An error as suits the parameter: relative for a quantity with a logarithm, else absolute. */
+static void itn__say_error(itn__prose *words, const itn_parameter *p, const itn_estimate *e) {
+    if (p->transform == ITN_LOG && e->value > 0)
+        itn__say(words, "to %.2g %%", 100 * e->standard_error / e->value);
+    else itn__say(words, "to +-%.2g", e->standard_error);
+}
+
+/* The line of the unknowns in `group`, whose product of powers has a relative `error`. */
+static void itn__say_group(itn__prose *words, const itn_parameter *const *parameters,
+                           const itn_estimate *estimates, const itn__power *powers,
+                           const int *group, int count, const double *exponents, double error) {
+    int i;
+    for (i = 0; i < count; i++)
+        itn__say(words, "%s%s", i == 0 ? "" : i == count - 1 ? " and " : ", ",
+                 parameters[group[i]]->name);
+    itn__say(words, " are determined only together:");
+    for (i = 0; i < count; i++) {
+        const char *name = parameters[group[i]]->name;
+        if (fabs(exponents[i]) < .005) continue;
+        itn__say(words, powers[group[i]].complement ? " (1-%s)" : " %s", name);
+        if (fabs(exponents[i] - 1) > .005) itn__say(words, "^%.2f", exponents[i]);
+    }
+    itn__say(words, " to %.2g %%, but", 100 * error);
+    for (i = 0; i < count; i++) {
+        itn__say(words, "%s %s alone ", i ? "," : "", parameters[group[i]]->name);
+        itn__say_error(words, parameters[group[i]], &estimates[group[i]]);
+    }
+    itn__say(words, "\n");
+}
+
+enum { ITN__MOST_WORDS = 32 };
+
+/* Which unknowns others can stand in for: of a variance more than ten times that which they would
+   have if the rest were known, 1 / (covariance^-1)_kk. */
+static int itn__entangled(const double *covariance, int count, int *group) {
+    double factor[ITN__MOST_WORDS * ITN__MOST_WORDS], column[ITN__MOST_WORDS];
+    int k, n = 0;
+    memcpy(factor, covariance, (size_t)(count * count) * sizeof(double));
+    for (k = 0; k < count; k++) factor[k * count + k] *= 1 + 1e-9;
+    if (!itn__cholesky(factor, count)) return 0;
+    for (k = 0; k < count; k++) {
+        memset(column, 0, sizeof column);
+        column[k] = 1;
+        itn__cholesky_solve(factor, count, column);
+        if (column[k] * covariance[k * count + k] > 10) group[n++] = k;
+    }
+    return n < 2 ? 0 : n;
+}
+
+/* The exponents of the product of powers that is known best, the largest 1, and its variance. */
+static double itn__best_product(const double *covariance, int count, const int *group, int n,
+                                double *exponents) {
+    double a[ITN__MOST_WORDS * ITN__MOST_WORDS], v[ITN__MOST_WORDS * ITN__MOST_WORDS], most = 0;
+    int i, best = 0, largest = 0;
+    for (i = 0; i < n * n; i++) a[i] = covariance[group[i / n] * count + group[i % n]];
+    itn__eigen(a, v, n);
+    for (i = 1; i < n; i++)
+        if (a[i * n + i] < a[best * n + best]) best = i;
+    for (i = 0; i < n; i++)
+        if (fabs(v[i * n + best]) > most) most = fabs(v[i * n + best]), largest = i;
+    for (i = 0; i < n; i++) exponents[i] = v[i * n + best] / v[largest * n + best];
+    return fmax(a[best * n + best], 0) / (most * most);
+}
+
+ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
+                             const itn_estimate *estimates, const double *covariance, char *text,
+                             size_t size) {
+    double scaled[ITN__MOST_WORDS * ITN__MOST_WORDS], exponents[ITN__MOST_WORDS], variance;
+    itn__power powers[ITN__MOST_WORDS];
+    int group[ITN__MOST_WORDS], together[ITN__MOST_WORDS], n, k;
+    itn__prose words;
+    if (!parameters || !estimates || !covariance || count < 1 || count > ITN__MOST_WORDS ||
+        (!text && size > 0))
+        return -1;
+    for (k = 0; k < count; k++) {
+        if (!parameters[k] || !itn__finite(estimates[k].value)) return -1;
+        powers[k] = itn__power_of(parameters[k], estimates[k].value), together[k] = 0;
+    }
+    for (k = 0; k < count * count; k++) {
+        scaled[k] = covariance[k] * powers[k / count].slope * powers[k % count].slope;
+        if (!itn__finite(scaled[k])) return -1;
+    }
+    words.text = text, words.size = size, words.length = 0;
+    if (size > 0) text[0] = 0;
+    n = itn__entangled(scaled, count, group);
+    for (k = 0; k < n; k++) together[group[k]] = 1;
+    for (k = 0; k < count; k++) {
+        if (together[k]) continue;
+        itn__say(&words, "%s is %sdetermined: ", parameters[k]->name,
+                 estimates[k].determined ? "" : "hardly ");
+        itn__say_error(&words, parameters[k], &estimates[k]);
+        itn__say(&words, "\n");
+    }
+    if (n) {
+        variance = itn__best_product(scaled, count, group, n, exponents);
+        itn__say_group(&words, parameters, estimates, powers, group, n, exponents, sqrt(variance));
+    }
+    return (int)words.length;
 }
 
 /* ---- [files] bytes in, bytes out ------------------------------------------------------------- */
@@ -16358,8 +16655,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.4.0  itn_render_texel_gradient; itn_refine_views, covariances; sigma_t and g for each
-          channel; itn_net_input; faint links to lights are cut.
+   0.4.0  itn_render_texel_gradient; itn_refine_views, itn_refine_words, covariances,
+          ITN_METHOD_SGD; sigma_t and g for each channel; itn_net_input; faint links are cut.
           breaks: images with maps, skies and textures have other bits than before
    0.3.0  derivatives in the fast walk, foresight, itn_estimator; convolutions in blocked layouts.
           breaks: images have other bits than before (ITN_ESTIMATOR_SCORE has the old ones)

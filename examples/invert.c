@@ -14,7 +14,8 @@
    With --net it starts from what a network of train.c reads off the first picture, which is
    printed as a row of its own. Prints a row per iteration and at the end a line per parameter,
             milk.sigma_t 31.2 +- 0.4 hidden 31
-   and fails if a hidden value lies more than four standard errors away. Pictures go to the folder
+   says in words what the images determine, and fails if a hidden value lies more than four standard
+   errors away. Pictures go to the folder
    after -o, or beside the scene: target, estimate, difference, derivatives (red up, blue down). */
 #define _POSIX_C_SOURCE 200809L
 #define ITN_THREADS
@@ -26,7 +27,7 @@
 enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024, MOST_VIEWS = 16 };
 static const char *const usage =
     "usage: invert SCENE... [--target IMAGE.exr... | --hidden name=value,...] [--params name,...]\n"
-    "       [--net WEIGHTS] [--method lm|adam] [--iterations N] [--spp N] [--seed N]\n"
+    "       [--net WEIGHTS] [--method lm|adam|sgd] [--iterations N] [--spp N] [--seed N]\n"
     "       [-t THREADS] [-o DIR]\n"
     "       (of several scenes each needs its --target, in the same order)\n";
 
@@ -385,13 +386,14 @@ int main(int argc, char **argv) {
     itn_render_options render = ITN_ZERO;
     itn_estimate estimates[MOST_PARAMETERS];
     float values[MOST_PARAMETERS], hidden[MOST_PARAMETERS];
+    double covariance[MOST_PARAMETERS * MOST_PARAMETERS];
     itn_view look[MOST_VIEWS];
     itn_error error;
     static picture pictures[MOST_VIEWS];
     static history h;
-    char stem[1024];
+    char stem[1024], words[4096];
     double misfit;
-    refine.spp = 48, refine.misfit = &misfit;
+    refine.spp = 48, refine.misfit = &misfit, refine.covariance = covariance;
     for (i = 1; i < argc; i++) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (!strcmp(option, "--help")) return printf("%s", usage) < 0;
@@ -411,6 +413,8 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--method") && !strcmp(value, "lm")) refine.method = ITN_METHOD_LM;
         else if (!strcmp(option, "--method") && !strcmp(value, "adam"))
             refine.method = ITN_METHOD_ADAM;
+        else if (!strcmp(option, "--method") && !strcmp(value, "sgd"))
+            refine.method = ITN_METHOD_SGD;
         else fail(option, "unknown option or value");
     }
     if (!views || (targets && (hidden_list || targets != views)))
@@ -449,6 +453,8 @@ int main(int argc, char **argv) {
     if (itn_refine_views(look, views, values, h.count, &refine, estimates, &error))
         fail(error.message, "");
     missed = print_estimates(&h, estimates, targets ? NULL : hidden);
+    itn_refine_words(h.unknowns, h.count, estimates, covariance, words, sizeof words);
+    printf("%s", words);
     if (misfit > 1.5)
         printf("warning: the picture differs from the scene %.1f times more than noise explains\n",
                sqrt(misfit));

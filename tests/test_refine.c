@@ -228,7 +228,8 @@ static void test_recoveries(void) {
     test_recovery(ITN_METHOD_LM, all, 3, hidden, hidden, 30, 4, 0);
     test_recovery(ITN_METHOD_LM, two, 2, thin, start, 30, 4, 0);
     test_recovery(ITN_METHOD_LM, sigma, 1, hidden, far1, 30, 4, 0);
-    test_recovery(ITN_METHOD_ADAM, albedo, 1, hidden, near1, 60, 5, .02);
+    test_recovery(ITN_METHOD_ADAM, albedo, 1, hidden, near1, 60, 5, 1e-6);
+    test_recovery(ITN_METHOD_SGD, albedo, 1, hidden, near1, 60, 5, 0);
 }
 
 /* ---- error bars -------------------------------------------------------------------------------------- */
@@ -305,7 +306,7 @@ static void test_one_view(void) {
     itn_view view = ITN_ZERO;
     find_parameters(scene, names, 2, parameters);
     photograph(scene, 64, 7, target, variance);
-    for (method = 0; method < 2; method++) {
+    for (method = 0; method < 3; method++) {
         options.method = (itn_method)method, options.spp = 8, options.iterations = 3;
         options.target_variance = variance, options.misfit = &misfits[0];
         itn_parameter_values(scene, theta);
@@ -402,7 +403,7 @@ static void test_two_pictures(void) {
     options.spp = 32;
     stage_need(itn_refine_views(views, 1, &value, 1, &options, &one, &error), &error);
     stage_need(itn_refine_views(views, 2, &value, 1, &options, &two, &error), &error);
-    CHECK_NEAR(one.standard_error / two.standard_error, sqrt(2), .1);
+    CHECK_NEAR(one.standard_error / two.standard_error, sqrt(2), .2);
     CHECK_NEAR(two.value, .8, 4 * two.standard_error);
     itn_scene_free(scene);
 }
@@ -540,7 +541,7 @@ static void test_bounds(void) {
     static const float levels[] = {0, 50, -5, 1e6f};
     int parameters[3], i, k, method;
     find_parameters(scene, names, 3, parameters);
-    for (method = 0; method < 2; method++)
+    for (method = 0; method < 3; method++)
         for (k = 0; k < 4; k++) {
             itn_refine_options options = ITN_ZERO;
             itn_estimate estimates[3];
@@ -550,7 +551,7 @@ static void test_bounds(void) {
             for (i = 0; i < PIXELS; i++) target[i] = levels[k];
             itn_parameter_values(scene, theta);
             w.scene = scene;
-            options.method = method ? ITN_METHOD_ADAM : ITN_METHOD_LM;
+            options.method = (itn_method)method;
             options.learning_rate = 1, options.iterations = 8, options.spp = 2;
             options.max_scatter = 30;
             options.progress = watch_step, options.progress_user = &w;
@@ -564,6 +565,83 @@ static void test_bounds(void) {
             }
         }
     itn_scene_free(scene);
+}
+
+/* ---- in words ---------------------------------------------------------------------------------------- */
+
+/* A covariance made so that ln sigma_t + .5 ln(1 - g) is known to 1 %, the other direction to 40 %,
+   and the albedo by itself: the words say so, in any buffer. planted: exchanges the directions. */
+static void test_words(int planted) {
+    static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
+    itn_scene *scene = cloud(20, .8, .4);
+    const itn_parameter *p[3];
+    itn_estimate e[3];
+    double known = planted ? .4 : .01, rest = planted ? .01 : .4, n = 1.25, covariance[9];
+    double one[2] = {1, .5}, other[2] = {-.5, 1}, slopes[2] = {20, -.6};
+    char text[1000], cut[1000];
+    int i, j, length;
+    memset(covariance, 0, sizeof covariance);
+    for (i = 0; i < 2; i++)
+        for (j = 0; j < 2; j++)
+            covariance[6 * i + 2 * j] = slopes[i] * slopes[j] *
+                                        (known * known * one[i] * one[j] +
+                                         rest * rest * other[i] * other[j]) / (n * n);
+    covariance[4] = .0009 * .0009;
+    for (i = 0; i < 3; i++) {
+        p[i] = itn_parameter_get(scene, itn_parameter_find(scene, names[i]));
+        e[i].value = p[i]->value, e[i].standard_error = sqrt(covariance[4 * i]);
+        e[i].determined = 1;
+    }
+    length = itn_refine_words(p, 3, e, covariance, text, sizeof text);
+    CHECK(length == (int)strlen(text));
+    check_report(!strcmp(text, "m.albedo is determined: to +-0.0009\n"
+                               "m.sigma_t and m.g are determined only together: m.sigma_t "
+                               "(1-m.g)^0.50 to 1 %, but m.sigma_t alone to 16 %, m.g alone to "
+                               "+-0.19\n"), __FILE__, __LINE__, "words: %s", text);
+    for (i = 0; i <= length + 1; i++) {
+        memset(cut, 'x', sizeof cut);
+        CHECK(itn_refine_words(p, 3, e, covariance, i ? cut : NULL, (size_t)i) == length);
+        CHECK(cut[i] == 'x' && (i == 0 || strlen(cut) == (size_t)(i <= length ? i - 1 : length)));
+        CHECK(i == 0 || !memcmp(cut, text, strlen(cut)));
+    }
+    covariance[2] = covariance[6] = 0, e[0].determined = 0;
+    itn_refine_words(p, 3, e, covariance, text, sizeof text);
+    CHECK(strstr(text, "m.sigma_t is hardly determined: to 16 %\n") == text);
+    CHECK(!strstr(text, "together") && strstr(text, "m.g is determined: to +-0.19\n"));
+    CHECK(itn_refine_words(p, 1, e, covariance, text, sizeof text) > 0);
+    CHECK(itn_refine_words(NULL, 3, e, covariance, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 3, NULL, covariance, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 3, e, NULL, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 3, e, covariance, NULL, 1) == -1);
+    CHECK(itn_refine_words(p, 0, e, covariance, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 33, e, covariance, text, sizeof text) == -1);
+    covariance[4] = NAN;
+    CHECK(itn_refine_words(p, 3, e, covariance, text, sizeof text) == -1);
+    p[1] = NULL;
+    CHECK(itn_refine_words(p, 3, e, covariance, text, sizeof text) == -1);
+    itn_scene_free(scene);
+}
+
+/* Eigenvectors of a symmetric matrix: A v = lambda v, v orthonormal. */
+static void test_eigen(void) {
+    enum { N = 7 };
+    double a[N * N], kept[N * N], v[N * N];
+    int i, j, k;
+    for (i = 0; i < N; i++)
+        for (j = 0; j <= i; j++) {
+            double x = sin(3. * i + 7 * j * j + 1) * pow(10, -.5 * (i + j));
+            a[i * N + j] = a[j * N + i] = i == j ? 1 + x : x;
+        }
+    memcpy(kept, a, sizeof kept);
+    itn__eigen(a, v, N);
+    for (i = 0; i < N; i++)
+        for (j = 0; j < N; j++) {
+            double product = 0, dot = 0;
+            for (k = 0; k < N; k++)
+                product += kept[i * N + k] * v[k * N + j], dot += v[k * N + i] * v[k * N + j];
+            CHECK_NEAR(product, a[j * N + j] * v[i * N + j], 1e-13);
+            CHECK_NEAR(dot, i == j, 1e-13);
+        }
 }
 
 /* ---- options ----------------------------------------------------------------------------------------- */
@@ -617,6 +695,8 @@ static void test_options(void) {
         REFUSES_OPTION(options.learning_rate = NAN);
         REFUSES_OPTION(options.learning_rate = INFINITY);
         REFUSES_OPTION(options.method = (itn_method)7);
+        REFUSES_OPTION((options.method = ITN_METHOD_ADAM, options.learning_rate = 1.5));
+        REFUSES_OPTION((options.method = ITN_METHOD_SGD, options.learning_rate = 2e6));
         REFUSES_OPTION((options.target_variance = variance, variance[17] = -1));
         REFUSES_OPTION((options.target_variance = variance, variance[17] = NAN));
         REFUSES_OPTION((options.target_variance = variance, variance[17] = INFINITY));
@@ -685,7 +765,7 @@ static void test_overflow(void) {
     int k, i, method;
     for (i = 0; i < PIXELS; i++) target[i] = 1;
     for (k = 0; k < 3; k++)
-        for (method = 0; method < 2; method++) {
+        for (method = 0; method < 3; method++) {
             itn_refine_options options = ITN_ZERO;
             itn_estimate estimates[2];
             itn_error error;
@@ -704,7 +784,7 @@ static void test_overflow(void) {
             for (i = 0; i < PIXELS; i++) target[i] = levels[k];
             itn_parameter_values(scene, theta);
             options.spp = 4, options.iterations = 3;
-            options.method = method ? ITN_METHOD_ADAM : ITN_METHOD_LM;
+            options.method = (itn_method)method;
             error.message[0] = 0;
             result = itn_refine(scene, theta, target, parameters, 2, &options, estimates, &error);
             check_report(result == ITN_OK || !strstr(error.message, "nan"), __FILE__, __LINE__,
@@ -731,6 +811,8 @@ int main(void) {
         test_two_pictures();
         test_undetermined();
     }
+    test_eigen();
+    test_words(0);
     test_idle();
     test_one_view();
     test_view_options();
@@ -739,6 +821,7 @@ int main(void) {
     CHECK_CATCHES(test_cholesky(1e-6));
     if (!slow) CHECK_CATCHES(plant_small_errors());
     if (!slow) CHECK_CATCHES(test_two_lights(1));
+    CHECK_CATCHES(test_words(1));
     test_overflow();
     return check_end("refine");
 }
