@@ -470,7 +470,7 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* AUTO is FAST, but for what only the reference knows: media that are clear in one channel alone,
    or whose sigma_t differ more than 1e6 times between channels, and derivatives in an index of
-   refraction, in the scale of a light, where a factor is 0 (an albedo, a reflectance), and in the
+   refraction, where a factor is 0 (an albedo, a reflectance, the scale of a light), and in the
    sigma_t of a medium with a mean free path of several times the scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
 /* How samples are spread: each on its own, or (fast walk only) by an Owen-scrambled Sobol sequence
@@ -7727,7 +7727,8 @@ typedef struct itn__fast {
     int count, planes; /* parameters asked for; channels (1 + count) */
     const int *slots;  /* of each parameter: its place among those asked for, or -1 */
     const int *only;   /* of each asked for: the channel that it belongs to, or -1 for all */
-    int rough_scores;  /* the roughness of some surface is asked for */
+    int rough_scores;  /* the roughness of some surface is asked for; */
+    int scales;        /* the scale of some light */
     int foresees;      /* surprises are taken off: the substance whose V faces have, or 0 */
     int learning;      /* V is learnt in this render, */
     double lesson_unit; /* in multiples of this */
@@ -8033,6 +8034,31 @@ static void itn__bring_home(itn__crowd *crowd, int number, const float *scores, 
     for (k = 0; k < fast->count; k++)
         if (fast->only[k] < 0 || fast->only[k] == c)
             *itn__sum_of(crowd, fast->channels * (1 + k) + c, number) += value * scores[k];
+}
+
+/* The same of the derivatives by lights' scales: `value` in each channel has come from direction d,
+   and each light has the part in it that it has in all light from there, where sampled lights count
+   `sampled` times and others `plain` times. */
+static void itn__bring_scales(itn__crowd *crowd, int number, itn_vec3 d, float sampled,
+                              float plain, const float value[3]) {
+    const itn__fast *fast = crowd->fast;
+    const itn_scene *scene = fast->scene;
+    float all[3] = {0, 0, 0};
+    int i, c, round;
+    for (round = 0; round < 2 && fast->scales; round++)
+        for (i = 0; i < scene->light_count; i++) {
+            const itn__light *light = &scene->lights[i];
+            float counts = light->share > 0 ? sampled : plain, rgb[3];
+            int slot = fast->slots[light->parameter];
+            if (round == 1 && slot < 0) continue;
+            itn__scene_radiance(scene, light, d, rgb);
+            for (c = 0; c < fast->channels; c++)
+                if (round == 0)
+                    all[c] += counts * rgb[c] * fast->theta[light->parameter];
+                else if (all[c] > 0)
+                    *itn__sum_of(crowd, fast->channels * (1 + slot) + c, number) +=
+                        value[c] * counts * rgb[c] / all[c];
+        }
 }
 
 /* What a path has gathered since the last surface. */
@@ -8690,13 +8716,16 @@ ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const it
 static void itn__arrive(itn__crowd *crowd, const itn__queue *queue, int at) {
     int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, c;
     const itn__fast *fast = crowd->fast;
-    float largest = 0, raise = 1;
+    float largest = 0, raise = 1, value[3] = {0, 0, 0};
+    int number = crowd->paths[slot].number;
     for (c = 0; c < fast->channels; c++)
         largest = itn__max(largest, itn__float_row(queue, ITN__BETA + c)[at]);
     if (largest < fast->link_weight) raise = fast->link_weight / largest;
-    for (c = 0; c < fast->channels && largest > 0; c++)
-        itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot | ITN__LINK),
-                        c, raise * itn__float_row(queue, ITN__BETA + c)[at]);
+    for (c = 0; c < fast->channels && largest > 0; c++) {
+        value[c] = raise * itn__float_row(queue, ITN__BETA + c)[at];
+        itn__bring_home(crowd, number, itn__scores_of(crowd, slot | ITN__LINK), c, value[c]);
+    }
+    itn__bring_scales(crowd, number, itn__get_vector(queue, ITN__DIRECTION, at), 1, 0, value);
     itn__unpark(crowd, slot);
 }
 
@@ -9775,11 +9804,11 @@ ITN__INLINE void itn__run_sky(itn__crowd *crowd, int features) {
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__state s = itn__load_state(queue, at, features);
         itn__ints mask = itn__first_lanes(queue->count - at);
-        itn__floats sampled[3], plain[3];
+        itn__floats sampled[3], plain[3], mis = itn__splat(1);
         unsigned bits;
         for (c = 0; c < 3; c++) plain[c] = itn__splat(fast->constant[c]), sampled[c] = plain[c] * 0;
         if (features & ITN__LIGHTS) {
-            itn__floats mis = s.pdf / (s.pdf + itn__vlights_pdf(fast->scene, s.d));
+            mis = s.pdf / (s.pdf + itn__vlights_pdf(fast->scene, s.d));
             itn__vradiance(fast->scene, fast->theta, s.d, mask, sampled, plain);
             mis = itn__select(itn__less(s.pdf, itn__splat(INFINITY)), mis, itn__splat(1));
             for (c = 0; c < itn__colours(features); c++) sampled[c] = sampled[c] * mis;
@@ -9788,12 +9817,17 @@ ITN__INLINE void itn__run_sky(itn__crowd *crowd, int features) {
         for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
             int k = itn__lowest_bit(bits), slot = ITN__LANE(s.slot, k);
             const itn__path *path = &crowd->paths[slot];
+            itn_vec3 d = itn__get_vector(queue, ITN__DIRECTION, at + k);
+            float value[3] = {0, 0, 0};
             for (c = 0; c < fast->channels; c++) {
                 itn__floats sum = s.beta[c] * (sampled[c] + plain[c]);
+                value[c] = ITN__LANE(sum, k);
                 for (i = 0; i < path->copies; i++)
                     itn__bring_home(crowd, path->number + i, itn__scores_of(crowd, slot), c,
-                                    ITN__LANE(sum, k));
+                                    value[c]);
             }
+            for (i = 0; i < path->copies; i++)
+                itn__bring_scales(crowd, path->number + i, d, ITN__LANE(mis, k), 1, value);
             itn__free_slot(crowd, slot);
         }
     }
@@ -9873,6 +9907,9 @@ static int itn__start_ray(itn__crowd *crowd, itn__start *start, itn_hit *hit) {
         for (k = 0; k < fast->walks * fast->channels; k++)
             *itn__sum_of(crowd, k % fast->channels, number * fast->walks + k / fast->channels) =
                 fast->constant[k % fast->channels];
+        for (k = 0; k < fast->walks; k++) /* in any direction */
+            itn__bring_scales(crowd, number * fast->walks + k, itn__vec3(0, 1, 0), 0, 1,
+                              fast->constant);
         return 0;
     }
     start->number = number, start->sample = sample, start->pixel = pixel;
@@ -10080,6 +10117,7 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
         const itn__light *light = &scene->lights[i];
         float scale = theta[light->parameter];
         if (light->share > 0) fast->links = 1;
+        if (fast->count && fast->slots[light->parameter] >= 0) fast->scales = 1;
         if (light->kind == ITN__LIGHT_CONSTANT)
             for (c = 0; c < 3; c++) fast->constant[c] += scale * light->radiance[c];
         else
@@ -10395,8 +10433,8 @@ static itn_result itn__check_theta(const itn_scene *scene, const float *theta, i
 }
 
 /* Whether the fast walk can differentiate in a parameter at these values: it knows those of media,
-   reflectances and roughness, where the factor that they are in is not 0. *only receives the
-   channel that alone depends on it, or -1. */
+   reflectances, roughness and scales of lights, where the factor that they are in is not 0. *only
+   receives the channel that alone depends on it, or -1. */
 static int itn__fast_derivative(const itn_scene *scene, const float *theta, int parameter,
                                 int *only) {
     int channels = scene->film.channels, i, c;
@@ -10421,6 +10459,8 @@ static int itn__fast_derivative(const itn_scene *scene, const float *theta, int 
                 (surface->texture == ITN_TEXTURE_CHECKER && parameter == surface->reflectance2 + c))
                 return *only = c, theta[parameter] > 0;
     }
+    for (i = 0; i < scene->light_count; i++)
+        if (parameter == scene->lights[i].parameter) return theta[parameter] > 0;
     return 0;
 }
 
@@ -10784,7 +10824,8 @@ static itn_result itn__learn_outlooks(itn__picture *picture, itn_error *error) {
     int i, k, substance, learnt = 0;
     pixels = (double)fast->scene->film.width * fast->scene->film.height;
     fast->learning = 1, fast->foresees = 0, fast->seed = itn__mix64(fast->seed + 1);
-    fast->count = 0, fast->planes = fast->channels, fast->rough_scores = 0, school.weights = NULL;
+    fast->count = fast->rough_scores = fast->scales = 0, fast->planes = fast->channels;
+    school.weights = NULL;
     itn__choose_kernel(fast);
     if (pixels > ITN__LESSONS / 4) fast->walks = 1;
     fast->spp = (int)itn__max(1, (float)(ITN__LESSONS / (pixels * fast->walks)));
