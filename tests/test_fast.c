@@ -866,7 +866,8 @@ static void check_images(int which, int max_scatter, int planted) {
     itn_render_options options = ITN_ZERO;
     itn_image expected, image;
     int k;
-    options.spp = long_tests ? 3000 : which == WHITE || which == DENSE ? 30 : 60;
+    options.spp = long_tests ? 3000 : which == WHITE || which == DENSE ? 30
+                : which == SPECTRA ? 240 : 60; /* rare bright paths */
     options.max_scatter = max_scatter, options.mode = ITN_MODE_REFERENCE, options.seed = 1;
     render(scene, &options, &expected);
     options.mode = ITN_MODE_FAST;

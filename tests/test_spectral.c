@@ -131,7 +131,11 @@ static void render(const itn_scene *scene, int spp, uint64_t seed, const int *pa
     stage_need(itn_render(scene, NULL, &options, parameters, count, image, &error), &error);
 }
 
-static int samples = 512; /* per pixel */
+#ifdef ITN_SANITIZED
+static int samples = 64; /* per pixel */
+#else
+static int samples = 256;
+#endif
 
 /* Sum of (difference / standard error)^2 over comparisons, and how many. */
 static double chi_square, comparisons;
@@ -166,7 +170,7 @@ static void compare_plane(const subject *in, const char *name, const itn_image *
                      "%s %s, channel %d, region %d: %.6g, alone %.6g +- %.2g: %.1f sigma", in->name,
                      name, channel, region, mean, expected, error, (mean - expected) / error);
         if (region == 0 && k < 0)
-            check_report(error <= in->largest * largest, __FILE__, __LINE__,
+            check_report(error <= in->largest * largest * sqrt(512. / samples), __FILE__, __LINE__,
                          "%s %s, channel %d is blunt: %.3g of %.3g", in->name, name, channel,
                          error, largest);
     }
@@ -244,7 +248,7 @@ static void test_equal(double planted) {
                         images[0].pixels + (plane + 3 + c) * PIXELS, region % 5, &expected, &error);
             region_mean(images[1].pixels + (own + c) * PIXELS,
                         images[1].pixels + (own + 3 + c) * PIXELS, region % 5, &mean, &spread);
-            CHECK_MEAN(mean, sqrt(spread + error), expected, 4.5, .2 * fabs(expected) + .02);
+            CHECK_MEAN(mean, sqrt(spread + error), expected, 4.5, .4 * fabs(expected) + .06);
         }
     itn_image_free(&images[0]), itn_image_free(&images[1]);
     itn_scene_free(one), itn_scene_free(three);
@@ -261,7 +265,7 @@ static void test_furnace(const double sigma_t[3], const double g[3], double larg
     itn_scene *scene;
     stage s;
     itn_medium_desc *medium;
-    int parameters[MOST_PARAMETERS], count, c, i, finite = 1, samples = linked ? 1024 : 96;
+    int parameters[MOST_PARAMETERS], count, c, i, finite = 1, spp = linked ? 1024 : 48;
     double worst = 0, mean, spread;
     stage_begin(&s, SIZE, 4, 25);
     s.desc.film.channels = 3;
@@ -283,7 +287,7 @@ static void test_furnace(const double sigma_t[3], const double g[3], double larg
     CHECK_NEAR(worst, 0, 1e-3);
     itn_image_free(&image);
     count = parameters_of(scene, parameters);
-    render(scene, samples, 4, parameters, count, &image);
+    render(scene, spp, 4, parameters, count, &image);
     for (i = 0; i < image.plane_count * PIXELS; i++) finite &= !!itn__finite(image.pixels[i]);
     CHECK(finite);
     for (c = 0; c < 3; c++) {
@@ -309,7 +313,7 @@ static void test_extremes(void) {
     static const double gs[][3] = {{.5, 0, -.5}, {0, .9, .999}, {-.999, .999, .1}};
     size_t i;
     for (i = 0; i < sizeof sigmas / sizeof sigmas[0]; i++)
-        test_furnace(sigmas[i], gs[i % 3], .03, 0);
+        test_furnace(sigmas[i], gs[i % 3], .04, 0);
     test_furnace(sigmas[0], turns, .004, 1);
 }
 
@@ -473,15 +477,15 @@ int main(void) {
     }
     if (getenv("SHOW")) printf("chi^2 %.3f of %.0f\n", chi_square / comparisons, comparisons);
     test_equal(0);
-    CHECK_CATCHES(test_equal(.2));
-    CHECK_CATCHES(test_channels(&subjects[0], .2, 0));
+    CHECK_CATCHES(test_equal(.5));
+    CHECK_CATCHES(test_channels(&subjects[0], .5, 0));
     mode = ITN_MODE_REFERENCE;
     test_equal(0);
     test_extremes();
     test_finite();
     test_adjoint(0);
     test_interface();
-    CHECK_CATCHES(test_channels(&subjects[0], .2, 0));
+    CHECK_CATCHES(test_channels(&subjects[0], .5, 0));
     CHECK_CATCHES(test_channels(&subjects[0], 0, 1));
     CHECK_CATCHES(test_adjoint(1));
     return check_end("spectral");
