@@ -13115,13 +13115,14 @@ static void itn__refine_move(itn__refiner *refiner) {
     itn__refine_set(refiner, refiner->gradient);
 }
 
-/* Covariance A^-1 N A^-1 of the coordinates, by what is known. */
+/* Covariance A^-1 N A^-1 of the coordinates, by what is known. A noisy A is as often too large as
+   too small, but its inverse counts: A is taken one standard deviation of its noise smaller. */
 static void itn__refine_covariance(itn__refiner *refiner) {
     const itn__normal *known = &refiner->known;
     int n = refiner->count, i, j;
     double *rows = refiner->covariance;
     itn__refine_noise(refiner, known, known->samples, 1, fmax(known->chi2 - 1, 0));
-    itn__refine_factor(refiner, known, 0, 0);
+    itn__refine_factor(refiner, known, -1. / 3, 0);
     for (j = 0; j < n; j++) itn__cholesky_solve(refiner->factor, n, rows + j * n);
     for (i = 0; i < n; i++) /* row j: A^-1 times column j of N; transposed, then A^-1 once more */
         for (j = 0; j < i; j++) {

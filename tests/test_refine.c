@@ -290,6 +290,67 @@ static void plant_small_errors(void) {
     test_coverage(albedo, 1, 32, 4, 1, 3);
 }
 
+/* A number in [0, 1) of a case. */
+static double drawn(int which, int number) {
+    return (double)(itn__mix64((uint64_t)(1000 * (which + 1) + number)) >> 11) / 9007199254740992.;
+}
+
+/* One synthetic case: a cloud of random size of picture, light and material, a picture of random
+   noise, a start that is off by up to e^.4 and .4 in logits. Returns in z the errors of sigma_t,
+   albedo and g in standard errors. */
+static void run_case(int which, double *z) {
+    static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
+    static float target[24 * 24], variance[24 * 24];
+    double truth[3];
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate estimates[3];
+    itn_scene *scene;
+    itn_error error;
+    float theta[8];
+    int parameters[3], k;
+    truth[0] = exp(1.8 * drawn(which, 0)), truth[1] = .5 + .45 * drawn(which, 1);
+    truth[2] = .9 * drawn(which, 2) - .2;
+    scene = lit_cloud(16 + (int)(9 * drawn(which, 3)), drawn(which, 4), 1, truth[0], truth[1],
+                      truth[2]);
+    photograph(scene, (int)(32 * exp(3 * drawn(which, 5))), 5000 + (uint64_t)which, target,
+               variance);
+    find_parameters(scene, names, 3, parameters);
+    itn_parameter_values(scene, theta);
+    for (k = 0; k < 3; k++) {
+        const itn_parameter *p = itn_parameter_get(scene, parameters[k]);
+        double start = itn_parameter_to_coordinate(p, p->value) + .8 * drawn(which, 6 + k) - .4;
+        theta[parameters[k]] = (float)itn_parameter_from_coordinate(p, start);
+    }
+    options.spp = 16, options.seed = (uint64_t)which, options.target_variance = variance;
+    stage_need(itn_refine(scene, theta, target, parameters, 3, &options, estimates, &error),
+               &error);
+    for (k = 0; k < 3; k++) {
+        z[k] = (estimates[k].value - truth[k]) / estimates[k].standard_error;
+        if (getenv("SHOW"))
+            printf("case %d: %s %g +- %g, hidden %g: %.1f sigma\n", which, names[k],
+                   estimates[k].value, estimates[k].standard_error, truth[k], z[k]);
+    }
+    itn_scene_free(scene);
+}
+
+/* Of `cases`, at least `least` and at most `most` of a hundred have the truth within 1.96 standard
+   errors, for each parameter. planted: half the standard errors. A case is run but once. */
+static void test_cases(int cases, double least, double most, int planted) {
+    static double z[200][3];
+    static int known;
+    int within[3] = {0, 0, 0}, which, k;
+    for (which = 0; which < cases; which++) {
+        if (which == known) run_case(known++, z[which]);
+        for (k = 0; k < 3; k++) within[k] += fabs(z[which][k]) < (planted ? .98 : 1.96);
+    }
+    for (k = 0; k < 3; k++) {
+        double share = 100. * within[k] / cases;
+        if (getenv("SHOW")) printf("parameter %d within 1.96 in %.1f %%\n", k, share);
+        check_report(share >= least && share <= most, __FILE__, __LINE__,
+                     "parameter %d: the truth is within 1.96 standard errors in %.1f %%", k, share);
+    }
+}
+
 /* ---- several pictures -------------------------------------------------------------------------------- */
 
 /* One view is itn_refine, bit for bit; the covariance has the error bars on its diagonal. */
@@ -807,6 +868,8 @@ int main(void) {
     if (!slow) { /* statistics take too long under a sanitizer */
         test_recoveries();
         test_coverages();
+        if (getenv("ITN_LONG_TESTS")) test_cases(200, 90, 98, 0);
+        test_cases(20, 80, 100, 0); /* 16 of 20: less by chance in 1 of 400 runs, if it is 95 % */
         test_two_lights(0);
         test_two_pictures();
         test_undetermined();
@@ -820,6 +883,7 @@ int main(void) {
     test_options();
     CHECK_CATCHES(test_cholesky(1e-6));
     if (!slow) CHECK_CATCHES(plant_small_errors());
+    if (!slow) CHECK_CATCHES(test_cases(20, 80, 100, 1));
     if (!slow) CHECK_CATCHES(test_two_lights(1));
     CHECK_CATCHES(test_words(1));
     test_overflow();
