@@ -37,7 +37,7 @@ if up_to 1/20; then
 elif up_to .99; then
     picture="--tests 1/24 --noise 0.3 --spp 8"
     warm=10 more=2 training="--batch 16 --rate 1e-3 --channels 6" rate=2e-4 spp=2
-    trial="--images 24 --spp 8"
+    trial="--images 16 --spp 8"
     search="--images 1 --iterations 200 --spp 2"
 else
     picture="--noise 0.03 --spp 4096"
