@@ -25,8 +25,8 @@ check() {
 }
 cd "$work" || exit 1
 
-# same_curve A B: losses of every step agree to 1e-4. The sum over processes rounds in another order,
-# 6e-8 of it a step, and steps pass that on; a lost picture shows as 1e-2.
+# same_curve A B: losses of every step agree to 1e-4. The sum over processes rounds in another
+# order, 6e-8 of it a step, and steps pass that on.
 same_curve() {
     paste -d , "$1.csv" "$2.csv" | awk -F , 'NR > 1 {
         for (k = 2; k <= 3; k++) { d = $k - $(k + 3); if (d < 0) d = -d
@@ -84,12 +84,14 @@ fi
 begun=$(date +%s)
 check "experiment" sh "$root/examples/experiment.sh" --fraction 1/50 -o out
 echo "learning: the experiment took $(($(date +%s) - begun)) s"
-check "experiment: a row per model and split" test "$(grep -c '^[a-z]*,[a-z]*,[0-9.e,-]*$' out/table1.csv)" -eq 16
+check "experiment: a row per model and split" \
+    test "$(grep -c '^[a-z]*,[a-z]*,[0-9.e,-]*$' out/table1.csv)" -eq 16
 check "experiment: searches" grep -q '^itn,lm,' out/table3.csv
 # what must hold even so: training brings the supervised loss down, of every network
 for net in rn ssn itn; do
     check "experiment: $net learns" awk -F , 'NR > 1 { if (NR < 12) first += $2; l[NR] = $2 }
-        END { for (i = NR - 9; i <= NR; i++) last += l[i]; exit !(last < .8 * first) }' out/$net.net.csv
+        END { for (i = NR - 9; i <= NR; i++) last += l[i]; exit !(last < .8 * first) }' \
+        out/$net.net.csv
 done
 echo "learning: $passed passed, $failed failed"
 [ "$failed" -eq 0 ]
