@@ -89,6 +89,7 @@ check "experiment: a row per model and split" \
 check "experiment: searches" grep -q '^itn,lm,' out/table3.csv
 # what must hold even so: training brings the supervised loss down, of every network
 for net in rn ssn itn; do
+    # shellcheck disable=SC2016
     check "experiment: $net learns" awk -F , 'NR > 1 { if (NR < 12) first += $2; l[NR] = $2 }
         END { for (i = NR - 9; i <= NR; i++) last += l[i]; exit !(last < .8 * first) }' \
         out/$net.net.csv
