@@ -218,7 +218,7 @@ static void test_planes(void) {
         {"floor.reflectance", .1, CENTRAL, .05}, {"floor.reflectance2", .05, CENTRAL, .1},
         {"paint.reflectance", .1, CENTRAL, .05}, {"m.albedo", .05, CENTRAL, .1},
         {"m.sigma_t", .1, CENTRAL, .3},          {"sky.scale", .2, LINEAR, .02},
-        {"sky.sun_scale", .2, LINEAR, .02},
+        {"sky.sun_scale", .2, LINEAR, .05},
     };
     itn_mesh ball = solids_sphere(.7, 2), cloud = solids_sphere(.8, 1);
     itn_image texture = stage_patch(1, .5, .5, .9);
