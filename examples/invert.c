@@ -15,8 +15,8 @@
    printed as a row of its own. Prints a row per iteration and at the end a line per parameter,
             milk.sigma_t 31.2 +- 0.4 hidden 31
    says in words what the images determine, and fails if a hidden value lies more than four standard
-   errors away. Pictures go to the folder
-   after -o, or beside the scene: target, estimate, difference, derivatives (red up, blue down). */
+   errors away. Pictures go to the folder after -o, or beside the scene: target, estimate,
+   difference, derivatives (red up, blue down). */
 #define _POSIX_C_SOURCE 200809L
 #define ITN_THREADS
 #define ITN_IMPLEMENTATION
