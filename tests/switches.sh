@@ -171,6 +171,7 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
     for level in $levels; do
         arch=
         [ $level = plain ] || arch="-march=native"
+        if [ -z "$ITN_LONG_TESTS" ] && [ "$1" = g++ ]; then arch=-DITN_ONE_KERNEL; fi
         check "$1 -std=$2 -O2 $arch" "$1" -std="$2" $warnings -O2 $arch -fno-pie -c "whole.$3" \
             -o "whole-$1-$level.o"
     done
@@ -184,7 +185,7 @@ for name in g++ clang++ c++; do [ -n "$CXX" ] || ! has $name || CXX=$name; done
 # ---- linking -----------------------------------------------------------------------------------------
 
 build() { "$CC" -std=c99 $warnings "$@" -lm -lpthread && ./a.out; }
-define=-DITN_IMPLEMENTATION
+define="-DITN_IMPLEMENTATION -DITN_ONE_KERNEL"
 # every function that the interface declares under these switches must be there to link with
 declared() {
     "$CC" -std=c99 $1 -E -P api.c | tr '\n' ' ' | tr ';' '\n' |
@@ -263,14 +264,14 @@ END
     sed -n '/^#define/,$p' override.c >>arena.c
     "$CC" -std=c99 -c arena.c -o arena.o
     check "ITN_MALLOC and ITN_FREE replace malloc and free" no_malloc arena.o
-    "$CC" -std=c99 -c whole.c -o heap.o
+    "$CC" -std=c99 -DITN_ONE_KERNEL -c whole.c -o heap.o
     catches "malloc without them" no_malloc heap.o
     for flags in "" -DITN_NO_NET; do
-        "$CC" -std=c99 -DITN_STATIC $flags -c whole.c -o static.o
+        "$CC" -std=c99 -DITN_STATIC -DITN_ONE_KERNEL $flags -c whole.c -o static.o
         all_static() { [ -z "$(public static.o)" ]; }
         check "ITN_STATIC leaves no global $flags" all_static
     done
-    "$CC" -std=c99 -DITN_NO_STDIO -c whole.c -o nostdio.o
+    "$CC" -std=c99 -DITN_NO_STDIO -DITN_ONE_KERNEL -c whole.c -o nostdio.o
     no_files() { ! nm -u nostdio.o | grep -Ew 'fopen|fopen64|fclose|fread|fwrite|rename|remove'; }
     check "ITN_NO_STDIO opens no files" no_files
 else
