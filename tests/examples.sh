@@ -33,11 +33,11 @@ keep() {
 # share an object of the header, with that
 built() { # name of an example: how it is built to be run
     case $1 in
-        dataset | train | starts) echo "-O1 -DITN_APART $work/itn.o -o $work/$1 -lm -lpthread" ;;
-        *) echo "-O1 -DITN_ONE_KERNEL -o $work/$1 -lm -lpthread" ;;
+        dataset | train | starts) echo "-O1 -march=native -DITN_APART $work/itn.o -o $work/$1 -lm -lpthread" ;;
+        *) echo "-O1 -march=native -DITN_ONE_KERNEL -o $work/$1 -lm -lpthread" ;;
     esac
 }
-check "object of the header" cc -std=c99 -O2 -DITN_ONE_KERNEL -DITN_IMPLEMENTATION -x c -c \
+check "object of the header" cc -std=c99 -O2 -march=native -DITN_ONE_KERNEL -DITN_IMPLEMENTATION -x c -c \
     "$root/itn.h" -o "$work/itn.o"
 for source in "$root"/examples/*.c; do
     example=$(basename "$source" .c)
@@ -85,7 +85,7 @@ done
 # the main job, of a smaller picture; then a target that the scene is not
 sed "s/96/48/g; s|shapes/|$root/scenes/shapes/|; s|t3-e60|$root/scenes/t3-e60|" \
     "$root/scenes/default.itn" > default.itn
-keep "invert" ./invert default.itn --spp 32 -o quick
+keep "invert" ./invert default.itn --spp 16 -o quick
 for name in sigma_t albedo g; do
     prints "^milk\\.$name [0-9.e+-]+ \\+- [0-9.e+-]+ hidden [0-9.]+$"
 done
