@@ -4686,7 +4686,7 @@ enum { ITN__TOUCHES = 64, ITN__TOUCH = -2 }; /* places at a time; parameter of t
 typedef struct itn__texels {
     const itn__surface *texture; /* one of these */
     const itn__light *map;
-    int count;     /* texels */
+    int width, count; /* texels of a row; of all */
     float *path;   /* [channels][count] what the path adds to derivatives */
     int *touched;  /* [channels * count] which of them are not 0 */
     int touched_count;
@@ -4823,29 +4823,16 @@ static void itn__add_texels(itn__texels *texels, int c, const itn__corners *corn
     }
 }
 
-/* What light in channel c adds to the derivatives by texels: `value` of the path, `plain` of it
-   without the radiance of the light in direction d. */
-static void itn__contribute_texels(itn__walk *walk, const itn__weight *weight,
-                                   const itn__light *light, itn_vec3 d, int c, float value,
-                                   float plain) {
-    itn__texels *texels = walk->texels;
-    const float *score = weight->score + c * walk->score_count + walk->count;
-    int k;
-    for (k = 0; k < texels->place_count; k++)
-        itn__add_texels(texels, c, &texels->place[k], value * score[k]);
-    if (texels->map == light && !weight->zero[c]) {
-        itn__corners corners = itn__map_corners(light, d);
-        itn__add_texels(texels, c, &corners, plain);
-    }
-}
-
 /* Adds beta l to the path's radiance and its derivatives: l is a light's radiance in direction d
    times `mis`. */
 static void itn__contribute(itn__walk *walk, const itn__weight *weight, const itn__light *light,
                             itn_vec3 d, float mis) {
+    itn__texels *texels = walk->texels;
     float scale = walk->theta[light->parameter], rgb[3];
-    int slot = itn__slot(walk, light->parameter), c, k;
+    int slot = itn__slot(walk, light->parameter), of_map = texels && texels->map == light, c, k;
+    itn__corners corners = ITN_ZERO;
     itn__scene_radiance(walk->scene, light, d, rgb);
+    if (of_map) corners = itn__map_corners(light, d);
     for (c = 0; c < itn__channels(walk); c++) {
         float carried = weight->beta[c] * mis, plain = carried * rgb[c], value = plain * scale;
         const float *score = weight->score + c * walk->score_count;
@@ -4853,8 +4840,9 @@ static void itn__contribute(itn__walk *walk, const itn__weight *weight, const it
         if (!weight->zero[c]) walk->radiance[c] += value;
         for (k = 0; k < walk->count; k++) derivative[k] += value * score[k];
         if (slot >= 0 && !weight->zero[c]) derivative[slot] += plain;
-        if (walk->texels)
-            itn__contribute_texels(walk, weight, light, d, c, value, carried * scale);
+        for (k = 0; texels && k < texels->place_count; k++)
+            itn__add_texels(texels, c, &texels->place[k], value * score[walk->count + k]);
+        if (of_map && !weight->zero[c]) itn__add_texels(texels, c, &corners, carried * scale);
     }
 }
 
@@ -8043,22 +8031,25 @@ static void itn__bring_scales(itn__crowd *crowd, int number, itn_vec3 d, float s
                               float plain, const float value[3]) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
-    float all[3] = {0, 0, 0};
-    int i, c, round;
-    for (round = 0; round < 2 && fast->scales; round++)
-        for (i = 0; i < scene->light_count; i++) {
-            const itn__light *light = &scene->lights[i];
-            float counts = light->share > 0 ? sampled : plain, rgb[3];
-            int slot = fast->slots[light->parameter];
-            if (round == 1 && slot < 0) continue;
-            itn__scene_radiance(scene, light, d, rgb);
-            for (c = 0; c < fast->channels; c++)
-                if (round == 0)
-                    all[c] += counts * rgb[c] * fast->theta[light->parameter];
-                else if (all[c] > 0)
-                    *itn__sum_of(crowd, fast->channels * (1 + slot) + c, number) +=
-                        value[c] * counts * rgb[c] / all[c];
-        }
+    float all[3] = {0, 0, 0}, rgb[3];
+    int i, c;
+    if (!fast->scales) return;
+    for (i = 0; i < scene->light_count; i++) {
+        float scale = fast->theta[scene->lights[i].parameter];
+        itn__scene_radiance(scene, &scene->lights[i], d, rgb);
+        for (c = 0; c < fast->channels; c++)
+            all[c] += (scene->lights[i].share > 0 ? sampled : plain) * rgb[c] * scale;
+    }
+    for (i = 0; i < scene->light_count; i++) {
+        float counts = scene->lights[i].share > 0 ? sampled : plain;
+        int slot = fast->slots[scene->lights[i].parameter];
+        if (slot < 0) continue;
+        itn__scene_radiance(scene, &scene->lights[i], d, rgb);
+        for (c = 0; c < fast->channels; c++)
+            if (all[c] > 0)
+                *itn__sum_of(crowd, fast->channels * (1 + slot) + c, number) +=
+                    value[c] * counts * rgb[c] / all[c];
+    }
 }
 
 /* What a path has gathered since the last surface. */
@@ -10612,13 +10603,18 @@ static double itn__mean_variance(const double sums[2], int n) {
     return n > 1 ? fmax((sums[1] / n - mean * mean) / (n - 1), 0) : (double)INFINITY;
 }
 
+/* How many samples of a pixel are in stratum h: every strata-th, from h on. */
+static int itn__stratum_samples(const itn__render *render, int h) {
+    return (render->spp + render->strata - 1 - h) / render->strata;
+}
+
 /* Mean of a pixel's samples and its variance, from sums that are `stride` apart in the strata. */
 static void itn__pixel_mean(const itn__render *render, const double *sums, int stride, double *mean,
                             double *variance) {
     int strata = render->strata, h;
     *mean = *variance = 0;
     for (h = 0; h < strata; h++, sums += stride) {
-        int n = (render->spp + strata - 1 - h) / strata;
+        int n = itn__stratum_samples(render, h);
         *mean += sums[0] / n / strata;
         *variance += itn__mean_variance(sums, n) / (strata * strata);
     }
@@ -11047,17 +11043,18 @@ static void itn__texel_row(void *task, int index) {
     }
     for (x = 0; x < film->width; x++)
         for (s = 0; s < render->spp; s++) {
+            int strata = render->strata;
+            double per_path = 1. / (strata * itn__stratum_samples(render, s % strata));
             itn__sample_pixel(&walk, render->seed, x, y, s);
             itn__band_add(band, render->weights + (size_t)y * (size_t)film->width + (size_t)x,
-                          plane, 1. / render->spp, values);
+                          plane, per_path, values);
         }
     render->collisions[y] = walk.collisions;
 }
 
 /* The image that `item` has; returns 0 if it has none. */
-static int itn__find_texels(const itn_scene *scene, const char *item, itn__texels *texels,
-                            int *width) {
-    int i;
+static int itn__find_texels(const itn_scene *scene, const char *item, itn__texels *texels) {
+    int i, height;
     for (i = 0; i < scene->surface_count && !texels->texture; i++)
         if (!strcmp(scene->surfaces[i].name, item) && scene->surfaces[i].texels)
             texels->texture = &scene->surfaces[i];
@@ -11068,10 +11065,11 @@ static int itn__find_texels(const itn_scene *scene, const char *item, itn__texel
         if (light->kind == ITN__LIGHT_MAP && strlen(item) == length && !memcmp(name, item, length))
             texels->map = light;
     }
-    *width = texels->texture ? texels->texture->width : texels->map ? texels->map->width : 0;
-    texels->count = *width * (texels->texture ? texels->texture->height
-                                              : texels->map ? texels->map->height : 0);
-    return texels->count > 0;
+    if (!texels->texture && !texels->map) return 0;
+    texels->width = texels->texture ? texels->texture->width : texels->map->width;
+    height = texels->texture ? texels->texture->height : texels->map->height;
+    texels->count = texels->width * height;
+    return 1;
 }
 
 static void itn__bands_free(const itn_context *context, itn__band *bands, int count) {
@@ -11090,9 +11088,9 @@ static itn_result itn__bands_make(itn__render *render, const itn__texels *texels
                                   itn_error *error) {
     const itn_context *context = &render->scene->context;
     size_t values = (size_t)render->channels * (size_t)texels->count;
+    size_t most = ITN__BAND_VALUES / values + (values > ITN__BAND_VALUES);
     int i, rows = render->scene->film.height, good;
-    render->group = values < ITN__BAND_VALUES / ITN__BANDS ? ITN__BANDS
-                    : values < ITN__BAND_VALUES ? (int)(ITN__BAND_VALUES / values) : 1;
+    render->group = most < ITN__BANDS ? (int)most : ITN__BANDS;
     if (render->group > rows) render->group = rows;
     render->bands = (itn__band *)itn__allocate(context, (size_t)render->group,
                                                sizeof *render->bands);
@@ -11130,11 +11128,10 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
     itn__texels texels;
     itn_image made = ITN_ZERO;
     itn_result result;
-    int width;
     memset(&texels, 0, sizeof texels);
     if (!scene || !weights || !item || !gradient)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render_texel_gradient: NULL argument");
-    if (!itn__find_texels(scene, item, &texels, &width))
+    if (!itn__find_texels(scene, item, &texels))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_render_texel_gradient: no surface or light \"%.32s\" that has an "
                          "image", item);
@@ -11149,8 +11146,8 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
     render.weights = weights;
     if (!result) result = itn__bands_make(&render, &texels, error);
     if (!result)
-        result = itn_image_create(width, texels.count / width, 2 * scene->film.channels,
-                                  &scene->context, &made, error);
+        result = itn_image_create(texels.width, texels.count / texels.width,
+                                  2 * scene->film.channels, &scene->context, &made, error);
     if (!result) result = itn__render_rows(&render, &own, itn__texel_row, error);
     if (!result) {
         itn__name_planes(scene, NULL, 0, &made);

@@ -1,9 +1,9 @@
 /* Derivatives by the values of images: of a texture and of a map light.
 
    The image is linear in a map's values, and of degree n in a texture's for paths that meet it n
-   times, so by Euler's theorem the derivatives, times the values, add up to what one parameter says,
-   path by path. Single texels are compared with differences of images, and all must be the same for
-   any order of the rows. */
+   times, so by Euler's theorem the derivatives, times the values, add up to what one parameter
+   says, path by path. Single texels are compared with differences of images, and all must be the
+   same for any order of the rows. */
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 
@@ -36,17 +36,21 @@ static itn_image texture_make(int channels) {
 
 static float weight_of(int i) { return .3f + .1f * (float)(i % 5) - .02f * (float)(i % 3); }
 
-/* A cloudy ball above a textured ground, under a map and (with `constant`) a dim constant light. */
-static itn_scene *ground_scene(int channels, const itn_image *texture, const itn_image *map,
-                               double constant) {
+/* A cloudy ball above a textured ground, under a map and (with `constant`) a dim constant light.
+   With `spectral`, of three channels, the cloud has another sigma_t in each. */
+static itn_scene *ground_scene(int channels, int spectral, const itn_image *texture,
+                               const itn_image *map, double constant) {
     itn_mesh ball = solids_sphere(1, 2);
     itn_surface_desc *ground;
     itn_object_desc *plane;
+    itn_medium_desc *cloud;
     itn_scene *scene;
     stage s;
+    int c;
     stage_begin(&s, SIZE, 5, 40);
     s.desc.film.channels = channels, s.desc.camera.eye.y = 3;
-    stage_medium(&s, "m", 3, .9, .3);
+    cloud = stage_medium(&s, "m", 3, .9, .3);
+    for (c = 0; c < 3 && spectral; c++) cloud->sigma_t_rgb[c] = 1 + 2 * (float)c;
     ground = stage_diffuse(&s, "ground", .8);
     ground->texture = ITN_TEXTURE_IMAGE, ground->image = texture;
     stage_object(&s, &ball, "m", NULL);
@@ -90,9 +94,9 @@ static double weighed(const itn_scene *scene, int channels, int only, uint64_t s
 /* ---- sums ----------------------------------------------------------------------------------------- */
 
 /* error: of what is planted, each value times 1 + error. */
-static void test_sums(int channels, double error) {
+static void test_sums(int channels, int spectral, double error) {
     itn_image texture = texture_make(channels), map = stage_patch(channels, .3, .2, 2), gradient;
-    itn_scene *scene = ground_scene(channels, &texture, &map, 0);
+    itn_scene *scene = ground_scene(channels, spectral, &texture, &map, 0);
     int c, i;
     gradient = gradient_of(scene, "dome", 3, 16);
     CHECK(gradient.width == map.width && gradient.height == map.height);
@@ -136,7 +140,7 @@ static double with_texel(int of_map, int at, double value, uint64_t seed, int sp
     itn_scene *scene;
     double result;
     (of_map ? &map : &texture)->pixels[at] = (float)value;
-    scene = ground_scene(1, &texture, &map, .5);
+    scene = ground_scene(1, 0, &texture, &map, .5);
     result = weighed(scene, 1, -1, seed, spp);
     itn_scene_free(scene);
     itn_image_free(&map), itn_image_free(&texture);
@@ -148,7 +152,7 @@ static double with_texel(int of_map, int at, double value, uint64_t seed, int sp
    forward where the texel is black; one of the map's is large, as the image is linear in it. */
 static void test_texel(int of_map, int at, double planted) {
     itn_image texture = texture_make(1), map = stage_patch(1, .3, .2, 2);
-    itn_scene *scene = ground_scene(1, &texture, &map, .5);
+    itn_scene *scene = ground_scene(1, 0, &texture, &map, .5);
     double value = (of_map ? &map : &texture)->pixels[at], mean = 0, square = 0, size = 0, spread;
     double stated = 0;
     int seed, spp = of_map ? 96 : 32;
@@ -177,7 +181,7 @@ static void test_texel(int of_map, int at, double planted) {
 static void test_variance(void) {
     enum { REPEATS = 64 };
     itn_image texture = texture_make(1), map = stage_patch(1, .3, .2, 2);
-    itn_scene *scene = ground_scene(1, &texture, &map, .5);
+    itn_scene *scene = ground_scene(1, 0, &texture, &map, .5);
     double mean[WIDTH * HEIGHT] = {0}, square[WIDTH * HEIGHT] = {0}, stated[WIDTH * HEIGHT] = {0};
     double ratio = 0;
     int seed, i;
@@ -263,7 +267,7 @@ static void test_order(void) {
     itn_image texture = texture_make(1), map = stage_patch(1, .3, .2, 2), gradients[2];
     int k;
     for (k = 0; k < 2; k++) {
-        itn_scene *scene = ground_scene(1, &texture, &map, .5);
+        itn_scene *scene = ground_scene(1, 0, &texture, &map, .5);
         if (k) scene->context.parallel_for = backwards;
         gradients[k] = gradient_of(scene, "dome", 8, 3);
         itn_scene_free(scene);
@@ -290,7 +294,7 @@ static int cancel(void *user, double fraction) { return (void)user, fraction > .
 static void test_errors(void) {
     static float weights[PIXELS];
     itn_image texture = texture_make(1), map = stage_patch(1, .3, .2, 2);
-    itn_scene *scene = ground_scene(1, &texture, &map, .5);
+    itn_scene *scene = ground_scene(1, 0, &texture, &map, .5);
     itn_render_options options = ITN_ZERO;
     options.spp = 1;
     CHECK(refused(scene, &options, weights, "lamp", "lamp") == ITN_ERROR_ARGUMENT);
@@ -309,7 +313,7 @@ static void test_errors(void) {
 }
 
 int main(void) {
-    test_sums(1, 0), test_sums(3, 0);
+    test_sums(1, 0, 0), test_sums(3, 0, 0), test_sums(3, 1, 0);
     if (LONG) {
         test_texel(0, 13, 0), test_texel(0, 6, 0);
         test_texel(1, 36, 0), test_texel(1, 5, 0);
@@ -321,6 +325,6 @@ int main(void) {
     }
     test_order();
     test_errors();
-    CHECK_CATCHES(test_sums(1, 1e-4));
+    CHECK_CATCHES(test_sums(1, 0, 1e-4));
     return check_end("texels");
 }
