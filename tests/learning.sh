@@ -5,24 +5,12 @@ here=$(cd "$(dirname "$0")" && pwd)
 root=$(dirname "$here")
 work=$(mktemp -d) || exit 1
 trap 'rm -rf "$work"' EXIT HUP INT TERM
-passed=0 failed=0
 LC_ALL=C
 export LC_ALL
 # leave to run as any user, and more processes than processors, for Open MPI
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1
 
-# check NAME COMMAND...: counts a command that must succeed; its output is shown when it does not.
-check() {
-    name=$1
-    shift
-    if "$@" > "$work/log" 2>&1; then
-        passed=$((passed + 1))
-    else
-        failed=$((failed + 1))
-        echo "FAILED $name"
-        tail -n 12 "$work/log" | sed 's/^/    /'
-    fi
-}
+. "$here/check.sh"
 cd "$work" || exit 1
 
 # same_curve A B: losses of every step agree to 1e-4. The sum over processes rounds in another

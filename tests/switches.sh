@@ -16,21 +16,11 @@ cd "$work" || exit 1
 LC_ALL=C
 export LC_ALL
 
-passed=0 failed=0 skipped=0
+skipped=0
 warnings="-Wall -Wextra -Wpedantic -Wshadow -Wsign-conversion -Werror"
 
-# check NAME COMMAND...: counts a command that must succeed; its output is shown when it does not.
-check() {
-    name=$1
-    shift
-    if "$@" >log 2>&1; then
-        passed=$((passed + 1))
-    else
-        failed=$((failed + 1))
-        echo "FAILED $name"
-        head -n 12 log | sed 's/^/    /'
-    fi
-}
+. "$here/check.sh"
+show=head
 # catches NAME COMMAND...: counts a command that must fail, because an error was planted.
 catches() {
     name=$1

@@ -1,0 +1,17 @@
+# What the scripts of the tests share, by `. check.sh`, once $work names a folder of their own.
+# Of the output of a command that failed they show the end, or with show=head its beginning.
+passed=0 failed=0
+show=tail
+
+# check NAME COMMAND...: counts a command that must succeed; its output is shown when it does not.
+check() {
+    checked=$1
+    shift
+    if "$@" > "$work/log" 2>&1; then
+        passed=$((passed + 1))
+    else
+        failed=$((failed + 1))
+        echo "FAILED $checked"
+        $show -n 12 "$work/log" | sed 's/^/    /'
+    fi
+}
