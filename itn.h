@@ -7523,7 +7523,7 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
    has coarse ones. */
 static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
     double triangles = scene->bvh->triangle_count, cells = .25 * sqrt(triangles);
-    int i, c, level = 0, finest = paths < 1e5 ? 2 : triangles < 1e6 || paths < 1e6 ? 3 : 4;
+    int i, c, level = 0, finest = paths < 2e6 ? 2 : triangles < 1e6 || paths < 1e6 ? 3 : 4;
     for (i = 0; i < scene->object_count; i++) {
         const itn__medium *medium = scene->media + scene->objects[i].medium;
         for (c = 0; c < 3 && scene->objects[i].medium >= 0; c++)

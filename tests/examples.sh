@@ -158,7 +158,8 @@ check "starts: figure" test -s tables/figure.png -a -s tables/figure.svg
 # the README: its program, and its first command in a copy of the tree that stays clean
 awk '/^```c$/ && !done { on = 1; next } /^```$/ && on { on = 0; done = 1 } on' "$root/README.md" > first.c
 cp "$root/itn.h" .
-check "README: program" cc -std=c99 -O2 -Wall -Wextra -Wpedantic -Werror first.c -o first -lm
+# shellcheck disable=SC2086
+check "README: program" cc $native -O1 -Wall -Wextra -Wpedantic -Werror first.c -o first -lm
 keep "README: program runs" ./first
 prints '^Y +0\.75'
 awk '/^```sh$/ && n < 2 { n++; on = 1; next } /^```$/ { on = 0 } on && n == 1 { print > "one.sh" }
