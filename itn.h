@@ -727,7 +727,9 @@ typedef struct itn_refine_options {
     int iterations; /* most; 0 = 20 (LM) or 200. LM stops by itself when all that it sees is noise;
                        if it has not by then, one or two evaluations more give its error bars */
     int spp;        /* samples per pixel of each of the two renders of an iteration; 0 = 64. LM
-                       takes more as it closes in; error bars are those of eight times as many */
+                       takes more as it closes in, and in the end has evaluations */
+    int final_spp;  /* of so many together, which make the error bars; 0 = 8 spp. More help until
+                       the target's own noise is all that is left */
     uint64_t seed;
     int max_scatter;              /* see itn_render_options */
     double learning_rate; /* > 0, falls to a tenth over the iterations. Adam: its first steps in
@@ -757,8 +759,10 @@ typedef struct itn_estimate {
 /* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
    theta on; other parameters stay. theta: [itn_parameter_count], in and out. target: [C][height]
    [width], linear radiometric, finite. estimates: [count]. options may be NULL.
-   The loss can have several valleys: along sigma_t (1 - g) = constant pictures change little, and
-   error bars speak of one valley only. A good start (a network's estimate) or several tell.
+   Along curves of equal sigma_t albedo (1 - g) and sigma_t (1 - albedo) pictures change little
+   (similarity relations, Wyman, Patterson and Wilson 1989): LM takes its steps along them. The loss
+   can still have several valleys, and error bars speak of one only. A good start (a network's
+   estimate) or several tell.
    Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then theta and estimates are
    untouched. */
 ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
@@ -12713,19 +12717,37 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
    evaluations told: close by, b(pi) = A (pi* - pi), so b + A pi is the same at all points and can
    be averaged. b^T N^-1 b tells when: its mean is the number of unknowns if all of b is noise.
    While b is more than that, each evaluation replaces what was known; then they are averaged, each
-   with as many samples as all before it, until the whole has as many as wanted.
+   with twice the samples of all before it, until the whole has as many as wanted.
+
+   Pictures of a dense medium hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo)
+   stay (similarity relations, Wyman, Patterson and Wilson 1989): the loss has a long valley, curved
+   in sigma_t, albedo and g, along which straight steps would have to creep. Where sigma_t and g of a
+   medium are both unknown, steps are therefore straight in similarity coordinates
+       u = ln sigma_t + ln(1 - g) + mean of ln albedo,    v = logit(albedo) + ln(1 - g),
+   one v for each unknown albedo (u has only those), and g's own coordinate w: the valley lies along
+   w. By the chain rule their derivative images are sums of those by transformed coordinates,
+       J_u = J_sigma,   J_v = J_albedo - (1 - albedo) J_sigma,
+       J_w = J_g - f (sum of J_albedo) - f (1 - mean of (1 - albedo)) J_sigma,   f = d ln(1 - g)/dw,
+   and what noise makes of J_w is told apart from what the picture does (E above).
 
    If the target's noise is unknown or the scene cannot reproduce it, the misfit chi^2 = mean of
    r_a r_b exceeds what noise explains; the excess counts as noise of the target. All of this
-   happens in the transformed coordinates, where bounds are out of reach.
+   happens in transformed coordinates, where bounds are out of reach.
 
    Several pictures of one material (other lights, other directions) are one picture of more pixels:
    A, b and all else that is summed over pixels is summed over those of all views. */
 
 enum {
     ITN__MOST_UNKNOWNS = 1024,
-    ITN__FINAL = 8 /* samples of all averaged evaluations, in those of the first */
+    ITN__FINAL = 8 /* samples of all averaged evaluations, in those of the first, by default */
 };
+
+/* The unknowns of a medium that has similarity coordinates, as indices among all unknowns. */
+typedef struct itn__similarity {
+    int sigma_t, g, albedos, albedo[3]; /* how many albedos (0 to 3) and which */
+    double bend;     /* at the present point: f = d ln(1 - g) / dw */
+    double bends[3]; /* and d ln albedo / d logit(albedo), over the number of albedos */
+} itn__similarity;
 
 /* A view as the search sees it. */
 typedef struct itn__refine_view {
@@ -12770,14 +12792,18 @@ typedef struct itn__refiner {
     itn_refine_options options;
     const itn_context *context; /* of the first scene */
     const itn_parameter **parameters; /* [count] in the first view that has it */
+    itn__similarity *media; /* [media_count] */
+    int media_count;
     uint64_t renders;
+    double final;        /* samples wanted of all averaged evaluations, in those of the first */
     float *values;       /* [count] */
     double *numbers;     /* one block for the arrays below and those of the normal equations */
-    double *coordinates; /* [count] */
-    double *before;      /* [count] coordinates */
-    double *slopes;      /* [count] d value / d coordinate */
+    double *coordinates; /* [count] similarity coordinates */
+    double *before;      /* [count] of the point before */
+    double *plain;       /* [count] transformed coordinates */
+    double *slopes;      /* [count] d value / d transformed coordinate */
     double *gradient;    /* [count] */
-    double *step;        /* [count] */
+    double *step;        /* [count] in similarity coordinates */
     double *factor;      /* [count][count], Cholesky */
     double *covariance;  /* [count][count] */
     itn__normal fresh, known; /* of the last evaluation, and of those that count */
@@ -12788,17 +12814,65 @@ typedef struct itn__refiner {
     double square;       /* mean of the pictures' squares, the unit of SGD's rate */
 } itn__refiner;
 
+/* Turns transformed coordinates into similarity coordinates (direction 1) or back (-1). */
+static void itn__similarity_turn(const itn__refiner *refiner, double *coordinates, int direction) {
+    const itn__similarity *m = refiner->media, *end = m + refiner->media_count;
+    int i;
+    for (; m < end; m++) {
+        const itn_parameter *g = refiner->parameters[m->g];
+        double shift = log(1 - itn_parameter_from_coordinate(g, coordinates[m->g])), albedos = 0;
+        for (i = 0; i < m->albedos; i++) {
+            double *c = &coordinates[m->albedo[i]], turned = *c + direction * shift;
+            const itn_parameter *p = refiner->parameters[m->albedo[i]];
+            double albedo = itn_parameter_from_coordinate(p, direction > 0 ? *c : turned);
+            albedos += log(fmax(albedo, 1e-7)) / m->albedos, *c = turned;
+        }
+        coordinates[m->sigma_t] += direction * (shift + albedos);
+    }
+}
+
+/* Slopes of the turn at the present point. */
+static void itn__similarity_slopes(itn__refiner *refiner) {
+    itn__similarity *m = refiner->media, *end = m + refiner->media_count;
+    int i;
+    for (; m < end; m++) {
+        m->bend = -refiner->slopes[m->g] / (1 - (double)refiner->values[m->g]);
+        for (i = 0; i < m->albedos; i++) {
+            int k = m->albedo[i];
+            m->bends[i] = refiner->slopes[k] / fmax(refiner->values[k], 1e-7) / m->albedos;
+        }
+    }
+}
+
+/* Turns a small step, whose elements are `stride` apart, from similarity to transformed
+   coordinates. */
+static void itn__similarity_step(const itn__refiner *refiner, double *step, int stride) {
+    const itn__similarity *m = refiner->media, *end = m + refiner->media_count;
+    int i;
+    for (; m < end; m++) {
+        double shift = m->bend * step[m->g * stride], albedos = 0;
+        for (i = 0; i < m->albedos; i++) {
+            double *of_albedo = &step[m->albedo[i] * stride];
+            *of_albedo -= shift, albedos += m->bends[i] * *of_albedo;
+        }
+        step[m->sigma_t * stride] -= shift + albedos;
+    }
+}
+
 /* Sets the unknowns, in all views, from coordinates. */
 static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
     itn__refine_view *view;
     int k;
+    memcpy(refiner->coordinates, coordinates, (size_t)refiner->count * sizeof(double));
+    memcpy(refiner->plain, coordinates, (size_t)refiner->count * sizeof(double));
+    itn__similarity_turn(refiner, refiner->plain, -1);
     for (k = 0; k < refiner->count; k++) {
         const itn_parameter *p = refiner->parameters[k];
-        double value = itn_parameter_from_coordinate(p, coordinates[k]);
-        refiner->coordinates[k] = coordinates[k];
+        double value = itn_parameter_from_coordinate(p, refiner->plain[k]);
         refiner->values[k] = itn__clamp((float)value, p->lower, p->upper);
         refiner->slopes[k] = itn_parameter_slope(p, value);
     }
+    itn__similarity_slopes(refiner);
     for (view = refiner->views; view < refiner->views + refiner->view_count; view++)
         for (k = 0; k < view->count; k++)
             view->theta[view->parameters[k]] = refiner->values[view->unknowns[k]];
@@ -12881,19 +12955,63 @@ static void itn__binomial(float *pixels, int width, int height, size_t count, fl
     }
 }
 
+/* Adds `factor` times the derivative by unknown `other`, in its coordinate, to that by `own`, and
+   the square of it to the variance. Views without the medium have neither. */
+static void itn__planes_add(const itn__refine_view *view, itn_image *image, int own, int other,
+                            double factor) {
+    float *to, *from;
+    size_t i;
+    int k = 0, l = 0;
+    while (k < view->count && view->unknowns[k] != own) k++;
+    while (l < view->count && view->unknowns[l] != other) l++;
+    if (k == view->count || l == view->count) return;
+    to = image->pixels + (size_t)(2 + 2 * k) * view->pixels;
+    from = image->pixels + (size_t)(2 + 2 * l) * view->pixels;
+    for (i = 0; i < view->pixels; i++) {
+        to[i] += (float)factor * from[i];
+        to[view->pixels + i] += (float)(factor * factor) * from[view->pixels + i];
+    }
+}
+
+/* Turns derivatives by transformed coordinates into those by similarity coordinates. */
+static void itn__similarity_planes(const itn__refiner *refiner, const itn__refine_view *view,
+                                   itn_image *image) {
+    const itn__similarity *m = refiner->media, *end = m + refiner->media_count;
+    int i;
+    for (; m < end; m++) {
+        double sum = 0;
+        for (i = 0; i < m->albedos; i++) {
+            itn__planes_add(view, image, m->g, m->albedo[i], -m->bend);
+            itn__planes_add(view, image, m->albedo[i], m->sigma_t, -m->bends[i]);
+            sum += m->bends[i];
+        }
+        itn__planes_add(view, image, m->g, m->sigma_t, m->bend * (sum - 1));
+    }
+}
+
+/* The planes of a view's derivatives by transformed coordinates, over the standard deviation of a
+   residual. */
+static void itn__scale_planes(const itn__refiner *refiner, const itn__refine_view *view,
+                              itn_image *image) {
+    size_t pixels = view->pixels, i;
+    int k;
+    for (k = 0; k < view->count; k++) {
+        float slope = (float)refiner->slopes[view->unknowns[k]];
+        float *j = image->pixels + (size_t)(2 + 2 * k) * pixels, *variance = j + pixels;
+        for (i = 0; i < pixels; i++) {
+            float scale = sqrtf(view->weights[i]) * slope;
+            j[i] *= scale, variance[i] *= scale * scale;
+        }
+    }
+}
+
 /* Turns the planes of a view's derivative k into what the normal equations need: of a, J_a and the
    variance of (J_a + J_b)/2; of b, K J_a and K J_b. */
-static void itn__refine_planes(const itn__refiner *refiner, const itn__refine_view *view,
-                               itn_image *a, itn_image *b, int k) {
+static void itn__refine_planes(const itn__refine_view *view, itn_image *a, itn_image *b, int k) {
     size_t pixels = view->pixels, i;
     float *ja = a->pixels + (size_t)(2 + 2 * k) * pixels, *va = ja + pixels;
     float *jb = b->pixels + (size_t)(2 + 2 * k) * pixels, *vb = jb + pixels;
-    for (i = 0; i < pixels; i++) {
-        float scale = sqrtf(view->weights[i]) * (float)refiner->slopes[view->unknowns[k]];
-        va[i] = .25f * (va[i] + vb[i]) * scale * scale;
-        vb[i] = jb[i] * scale, ja[i] *= scale;
-    }
-    memcpy(jb, ja, pixels * sizeof *jb);
+    for (i = 0; i < pixels; i++) va[i] = .25f * (va[i] + vb[i]), vb[i] = jb[i], jb[i] = ja[i];
     itn__binomial(jb, a->width, a->height, pixels, view->row);
     itn__binomial(vb, a->width, a->height, pixels, view->row);
 }
@@ -12923,7 +13041,7 @@ static void itn__refine_sum(itn__refiner *refiner, const itn__refine_view *view,
         const float *kja = b->pixels + (size_t)(2 + 2 * own) * pixels, *kjb = kja + pixels;
         k = view->unknowns[own];
         for (i = 0; i < pixels; i++) {
-            double of_one = share[i] + 2 * (1 - (double)share[i]) * ITN__FINAL / sum->samples;
+            double of_one = share[i] + 2 * (1 - (double)share[i]) * refiner->final / sum->samples;
             sum->right[k] += .5 * (double)ja[i] * b->pixels[i];
             sum->right[k] += .5 * (double)kjb[i] * a->pixels[i];
             sum->noise[k] += ITN__BINOMIAL_NOISE * va[i] * of_one; /* variance of r_a alone */
@@ -13003,10 +13121,12 @@ static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view
     if (!result) {
         itn__pool_variance(view, &a, &b);
         if (!view->known) itn__keep_variance(view, &a, options.spp);
-        itn__refine_weights(view, ITN__FINAL * refiner->options.spp);
+        itn__refine_weights(view, (int)refiner->final * refiner->options.spp);
         itn__misfit_sum(&refiner->misfit, view, &a, &b);
         itn__keep_variance(view, &a, options.spp);
-        for (k = 0; k < view->count; k++) itn__refine_planes(refiner, view, &a, &b, k);
+        itn__scale_planes(refiner, view, &a), itn__similarity_planes(refiner, view, &a);
+        itn__scale_planes(refiner, view, &b), itn__similarity_planes(refiner, view, &b);
+        for (k = 0; k < view->count; k++) itn__refine_planes(view, &a, &b, k);
         itn__refine_residuals(view, &a, &b);
         itn__refine_sum(refiner, view, &a, &b);
     }
@@ -13067,7 +13187,7 @@ static void itn__refine_noise(itn__refiner *refiner, const itn__normal *normal, 
     int n = refiner->count, k;
     for (k = 0; k < n * n; k++)
         refiner->covariance[k] =
-            ITN__FINAL / samples * (normal->outer[k] - normal->shared[k]) +
+            refiner->final / samples * (normal->outer[k] - normal->shared[k]) +
             target * normal->shared[k] + excess * normal->outer[k];
     for (k = 0; k < n; k++) refiner->covariance[k * n + k] += normal->noise[k];
 }
@@ -13167,37 +13287,40 @@ static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_e
 static itn_result itn__refine_try(itn__refiner *refiner, double samples, double *mu, double *news,
                                   itn_error *error) {
     const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
-    double before = *news;
+    double now, rise;
+    int together;
     itn_result result;
     itn__refine_solve(refiner, *mu, 2);
     itn__refine_move(refiner);
     result = itn__refine_evaluate(refiner, samples, error);
     if (result) return result;
-    if (fresh->chi2 - known->chi2 > 2 * sqrt(fresh->chi2_variance + known->chi2_variance)) {
+    now = itn__refine_news(refiner), together = now < 1 && *news < 4;
+    rise = fresh->chi2 - known->chi2;
+    if (!together && rise > 3 * sqrt(fresh->chi2_variance + known->chi2_variance)) {
         itn__refine_set(refiner, refiner->before);
         *mu *= 10, *news = INFINITY;
     } else {
-        *mu *= .2, *news = itn__refine_news(refiner);
-        itn__refine_learn(refiner, *news < 1 && before < 4);
+        *mu *= .2, *news = now;
+        itn__refine_learn(refiner, together);
     }
     return ITN_OK;
 }
 
 /* Levenberg-Marquardt, until the evaluations that count have enough samples, or no step helps. If
-   iterations run out, one or two more with all samples at once give error bars. */
+   iterations run out, one or two more with all samples at once give error bars. An evaluation that
+   told something is followed by one of as many samples, as fewer would not have seen it. */
 static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     const itn__normal *known = &refiner->known;
     int iteration, most = refiner->options.iterations;
-    double mu = 1, news = INFINITY;
-    itn_result result = itn__refine_evaluate(refiner, 1, error);
+    double mu = 1, news = INFINITY, samples = 1;
+    itn_result result = itn__refine_evaluate(refiner, samples, error);
     if (result) return result;
     itn__refine_learn(refiner, 0);
     result = itn__refine_report(refiner, 0, error);
     for (iteration = 1; iteration <= most + 2 && !result; iteration++) {
-        double samples = 1;
-        if (mu > 1e6 || (news < 1 && known->samples >= ITN__FINAL)) break;
-        if (iteration > most) samples = ITN__FINAL;
-        else if (news < 1) samples = fmin(known->samples, ITN__FINAL - known->samples);
+        if (mu > 1e6 || (news < 1 && known->samples >= refiner->final)) break;
+        if (iteration > most) samples = refiner->final;
+        else if (news < 1) samples = fmin(2 * known->samples, refiner->final - known->samples);
         result = itn__refine_try(refiner, samples, &mu, &news, error);
         if (!result && iteration <= most) result = itn__refine_report(refiner, iteration, error);
     }
@@ -13256,7 +13379,7 @@ static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
         }
         itn__refine_set(refiner, refiner->step);
     }
-    if (!result) result = itn__refine_evaluate(refiner, ITN__FINAL, error);
+    if (!result) result = itn__refine_evaluate(refiner, refiner->final, error);
     if (!result) itn__refine_learn(refiner, 0);
     return result;
 }
@@ -13265,20 +13388,25 @@ static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
    left counts as error. */
 static void itn__refine_estimate(itn__refiner *refiner) {
     itn_estimate *estimates = refiner->estimates;
-    double *scale = refiner->gradient; /* of the covariance */
+    double *left = refiner->gradient, *covariance = refiner->covariance;
     int n = refiner->count, k;
     itn__refine_solve(refiner, 0, 2);
     itn__refine_covariance(refiner);
     for (k = 0; k < n; k++) {
-        double error = sqrt(fmax(refiner->covariance[k * n + k], 0));
-        double left = error > 0 ? fmax(fabs(refiner->step[k]) / error, 1) : 1;
-        scale[k] = left * refiner->slopes[k];
-        estimates[k].value = refiner->values[k];
-        estimates[k].standard_error = error * scale[k];
-        estimates[k].determined = error * left < .5 && refiner->known.matrix[k * n + k] >
-                                                           2 * sqrt(refiner->known.spread[k]);
+        double error = sqrt(fmax(covariance[k * n + k], 0));
+        left[k] = error > 0 ? fmax(fabs(refiner->step[k]) / error, 1) : 1;
     }
-    for (k = 0; k < n * n; k++) refiner->covariance[k] *= scale[k / n] * scale[k % n];
+    for (k = 0; k < n * n; k++) covariance[k] *= left[k / n] * left[k % n];
+    for (k = 0; k < n; k++) itn__similarity_step(refiner, covariance + k, n);
+    for (k = 0; k < n; k++) itn__similarity_step(refiner, covariance + k * n, 1);
+    for (k = 0; k < n; k++) {
+        double error = sqrt(fmax(covariance[k * n + k], 0));
+        estimates[k].value = refiner->values[k];
+        estimates[k].standard_error = error * refiner->slopes[k];
+        estimates[k].determined = error < .5 && refiner->known.matrix[k * n + k] >
+                                                    2 * sqrt(refiner->known.spread[k]);
+    }
+    for (k = 0; k < n * n; k++) covariance[k] *= refiner->slopes[k / n] * refiner->slopes[k % n];
 }
 
 /* Which of the unknowns a view has, as which parameters. */
@@ -13303,6 +13431,58 @@ static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *vi
     if (view->count) return ITN_OK;
     return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d has none of the unknowns",
                      number);
+}
+
+/* Which unknown is parameter p of a view's scene; -1 if none. */
+static int itn__view_unknown(const itn__refine_view *view, int parameter) {
+    int k;
+    for (k = 0; k < view->count; k++)
+        if (view->parameters[k] == parameter) return view->unknowns[k];
+    return -1;
+}
+
+/* Whether an unknown belongs to a medium that was found already. */
+static int itn__has_similarity(const itn__refiner *refiner, int unknown) {
+    const itn__similarity *m = refiner->media, *end = m + refiner->media_count;
+    int i;
+    for (; m < end; m++) {
+        if (m->sigma_t == unknown || m->g == unknown) return 1;
+        for (i = 0; i < m->albedos; i++)
+            if (m->albedo[i] == unknown) return 1;
+    }
+    return 0;
+}
+
+/* Adds the similarity coordinates of a medium of a view, in a channel, if sigma_t and g are both
+   unknown and in no others; media whose g differs between channels while sigma_t does not, or the
+   other way round, have none. */
+static void itn__add_similarity(itn__refiner *refiner, const itn__refine_view *view,
+                                const itn__medium *medium, int channel) {
+    itn__similarity *found = &refiner->media[refiner->media_count];
+    int spectral = itn__is_spectral(medium->g), channels = view->scene->film.channels, c, k;
+    memset(found, 0, sizeof *found);
+    found->sigma_t = itn__view_unknown(view, medium->sigma_t[channel]);
+    found->g = itn__view_unknown(view, medium->g[channel]);
+    if (found->sigma_t < 0 || found->g < 0 || spectral != itn__is_spectral(medium->sigma_t)) return;
+    if (itn__has_similarity(refiner, found->sigma_t) || itn__has_similarity(refiner, found->g))
+        return;
+    for (c = 0; c < channels; c++) {
+        k = itn__view_unknown(view, medium->albedo + c);
+        if (k >= 0 && (!spectral || c == channel) && !itn__has_similarity(refiner, k))
+            found->albedo[found->albedos++] = k;
+    }
+    refiner->media_count++;
+}
+
+/* Finds all media that have similarity coordinates. */
+static void itn__find_similarities(itn__refiner *refiner) {
+    int v, k, c;
+    for (v = 0; v < refiner->view_count; v++) {
+        const itn__refine_view *view = &refiner->views[v];
+        for (k = 0; k < view->scene->medium_count; k++)
+            for (c = 0; c < (view->scene->spectral ? 3 : 1); c++)
+                itn__add_similarity(refiner, view, &view->scene->media[k], c);
+    }
 }
 
 /* Checks a view's picture, averages its noise and copies its theta. */
@@ -13357,12 +13537,13 @@ static itn_result itn__refine_allocate(itn__refiner *refiner, itn_error *error) 
                                                        sizeof *refiner->views);
     refiner->parameters = (const itn_parameter **)itn__allocate(context, n,
                                                                 sizeof *refiner->parameters);
-    refiner->numbers = (double *)itn__allocate(context, 2 * numbers + 5 * n + 2 * n * n,
+    refiner->media = (itn__similarity *)itn__allocate(context, n, sizeof *refiner->media);
+    refiner->numbers = (double *)itn__allocate(context, 2 * numbers + 6 * n + 2 * n * n,
                                                sizeof(double));
     refiner->values = (float *)itn__allocate(context, 3 * n, sizeof(float));
     refiner->estimates = (itn_estimate *)itn__allocate(context, n, sizeof(itn_estimate));
-    if (!refiner->views || !refiner->parameters || !refiner->numbers || !refiner->values ||
-        !refiner->estimates)
+    if (!refiner->views || !refiner->parameters || !refiner->media || !refiner->numbers ||
+        !refiner->values || !refiner->estimates)
         return itn__out_of_memory(error, "itn_refine");
     refiner->moments[0] = refiner->values + n, refiner->moments[1] = refiner->values + 2 * n;
     next = refiner->numbers;
@@ -13370,6 +13551,7 @@ static itn_result itn__refine_allocate(itn__refiner *refiner, itn_error *error) 
     itn__normal_place(&refiner->known, refiner->count, next), next += numbers;
     refiner->coordinates = next, next += n;
     refiner->before = next, next += n;
+    refiner->plain = next, next += n;
     refiner->slopes = next, next += n;
     refiner->gradient = next, next += n;
     refiner->step = next, next += n;
@@ -13408,8 +13590,11 @@ static itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views
     }
     if (result) return result;
     refiner->square = itn__mean_square(refiner);
+    refiner->final = ceil((double)refiner->options.final_spp / refiner->options.spp);
     for (k = 0; k < refiner->count; k++)
         refiner->step[k] = itn_parameter_to_coordinate(refiner->parameters[k], values[k]);
+    if (refiner->options.method == ITN_METHOD_LM) itn__find_similarities(refiner);
+    itn__similarity_turn(refiner, refiner->step, 1);
     itn__refine_set(refiner, refiner->step);
     return ITN_OK;
 }
@@ -13425,6 +13610,7 @@ static void itn__refine_end(itn__refiner *refiner) {
     itn__free(refiner->context, refiner->estimates);
     itn__free(refiner->context, refiner->values);
     itn__free(refiner->context, refiner->numbers);
+    itn__free(refiner->context, refiner->media);
     itn__free(refiner->context, refiner->parameters);
     itn__free(refiner->context, refiner->views);
 }
@@ -13442,6 +13628,10 @@ static itn_result itn__refine_options(itn_refine_options *options, itn_error *er
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_refine: needs a known method, spp >= 2, iterations >= 0 and a "
                          "learning_rate in (0, 1] (SGD: in (0, 1e6])");
+    if (options->final_spp < 0 || options->final_spp > INT_MAX - options->spp)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: final_spp %d is not 0 to %d",
+                         options->final_spp, INT_MAX - options->spp);
+    if (options->final_spp == 0) options->final_spp = ITN__FINAL * options->spp;
     if (options->target_variance)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_refine_views: target_variance belongs into the views");
