@@ -52,6 +52,11 @@ static void find_parameters(const itn_scene *scene, const char *const *names, in
     for (k = 0; k < count; k++) parameters[k] = itn_parameter_find(scene, names[k]);
 }
 
+/* A number in [0, 1) of a case. */
+static double drawn(int which, int number) {
+    return (double)(itn__mix64((uint64_t)(1000 * (which + 1) + number)) >> 11) / 9007199254740992.;
+}
+
 /* ---- pieces ------------------------------------------------------------------------------------------ */
 
 static void test_cholesky(double planted) {
@@ -113,6 +118,77 @@ static void test_transforms(void) {
                        p->transform == ITN_LOG ? 2e-14 * p->upper
                                                : 2e-7 * (p->upper - p->lower));
         }
+    }
+    itn_scene_free(scene);
+}
+
+/* Similarity coordinates of a medium with three albedos: there and back; small steps and derivative
+   images by central differences; and what stays along the valley. planted: a wrong slope. */
+static void test_similarity(double planted) {
+    enum { N = 5, AT = 2 }; /* unknowns; pixels */
+    itn_scene *scene = cloud(2, .8, .4);
+    const itn_parameter *parameters[N];
+    static const float values[N] = {3, .7f, .9f, .35f, .6f}; /* sigma_t, albedos, g */
+    double slopes[N], plain[N], start[N], up[N], down[N], matrix[N][N], h = 1e-5;
+    float kept[N], pixels[(2 + 2 * N) * AT], before[(2 + 2 * N) * AT];
+    int unknowns[N], i, k, l;
+    itn__similarity medium = {0, 4, 3, {1, 2, 3}, 0, {0, 0, 0}};
+    itn__refiner refiner;
+    itn__refine_view view;
+    itn_image image = ITN_ZERO;
+    memset(&refiner, 0, sizeof refiner), memset(&view, 0, sizeof view);
+    refiner.parameters = parameters, refiner.count = N, refiner.values = kept;
+    refiner.slopes = slopes, refiner.media = &medium, refiner.media_count = 1;
+    for (k = 0; k < N; k++) {
+        const char *name = k == 0 ? "m.sigma_t" : k == 4 ? "m.g" : "m.albedo";
+        parameters[k] = itn_parameter_get(scene, itn_parameter_find(scene, name));
+        kept[k] = values[k], slopes[k] = itn_parameter_slope(parameters[k], values[k]);
+        plain[k] = start[k] = itn_parameter_to_coordinate(parameters[k], values[k]);
+        unknowns[k] = k;
+    }
+    itn__similarity_turn(&refiner, start, 1);
+    memcpy(up, start, sizeof up);
+    itn__similarity_turn(&refiner, up, -1);
+    for (k = 0; k < N; k++) CHECK_NEAR(up[k], plain[k], 1e-13 * (1 + fabs(plain[k])));
+    itn__similarity_slopes(&refiner);
+    medium.bend *= 1 + planted;
+    for (k = 0; k < N; k++) { /* column k: the step that one of similarity coordinate k makes */
+        double step[2 * N] = {0};
+        step[2 * k] = 1;
+        itn__similarity_step(&refiner, step, 2);
+        memcpy(up, start, sizeof up), memcpy(down, start, sizeof down);
+        up[k] += h, down[k] -= h;
+        itn__similarity_turn(&refiner, up, -1), itn__similarity_turn(&refiner, down, -1);
+        for (l = 0; l < N; l++) {
+            matrix[l][k] = (up[l] - down[l]) / (2 * h);
+            CHECK_NEAR(step[2 * l], matrix[l][k], 1e-7);
+        }
+    }
+    view.pixels = AT, view.count = N, view.unknowns = unknowns, image.pixels = pixels;
+    for (i = 0; i < (2 + 2 * N) * AT; i++) pixels[i] = before[i] = (float)(1 + drawn(1, i));
+    itn__similarity_planes(&refiner, &view, &image);
+    for (k = 0; k < N; k++)
+        for (i = 0; i < AT; i++) {
+            double sum = 0, variance = 0;
+            for (l = 0; l < N; l++) {
+                sum += matrix[l][k] * before[(2 + 2 * l) * AT + i];
+                variance += matrix[l][k] * matrix[l][k] * before[(3 + 2 * l) * AT + i];
+            }
+            CHECK_NEAR(pixels[(2 + 2 * k) * AT + i], sum, 1e-5);
+            if (k == 0) CHECK_NEAR(pixels[(3 + 2 * k) * AT + i], variance, 1e-5);
+        }
+    medium.albedos = 1;
+    for (i = -2; i <= 2; i++) {
+        double sigma_t, albedo, g;
+        memcpy(up, plain, sizeof up);
+        itn__similarity_turn(&refiner, up, 1);
+        up[4] += i;
+        itn__similarity_turn(&refiner, up, -1);
+        sigma_t = itn_parameter_from_coordinate(parameters[0], up[0]);
+        albedo = itn_parameter_from_coordinate(parameters[1], up[1]);
+        g = itn_parameter_from_coordinate(parameters[4], up[4]);
+        CHECK_NEAR(sigma_t * albedo * (1 - g), 3 * .7 * (1 - .6), 1e-6);
+        CHECK_NEAR(sigma_t * (1 - albedo), 3 * (1 - .7), 1e-6);
     }
     itn_scene_free(scene);
 }
@@ -222,10 +298,13 @@ static void test_recoveries(void) {
     static const char *const sigma[] = {"m.sigma_t"}, *const albedo[] = {"m.albedo"};
     static const float hidden[3] = {2, .8f, .4f}, far1[3] = {8, .4f, -.3f};
     static const float near1[3] = {5, .6f, 0};
+    static const float curved[3] = {6, .9f, .6f}, across[3] = {2.2f, .75f, -.3f};
     static const float thin[3] = {.3f, .9f, .5f}, start[3] = {6, .5f, -.5f};
     /* all three: similarity makes one direction of them faint, so the picture counts */
     test_recovery(ITN_METHOD_LM, all, 3, hidden, near1, 30, 4, 0);
     test_recovery(ITN_METHOD_LM, all, 3, hidden, hidden, 30, 4, 0);
+    /* from the same sigma_t albedo (1 - g) and sigma_t (1 - albedo), far along the valley */
+    test_recovery(ITN_METHOD_LM, all, 3, curved, across, 15, 4, 0);
     test_recovery(ITN_METHOD_LM, two, 2, thin, start, 30, 4, 0);
     test_recovery(ITN_METHOD_LM, sigma, 1, hidden, far1, 30, 4, 0);
     test_recovery(ITN_METHOD_ADAM, albedo, 1, hidden, near1, 60, 5, 1e-6);
@@ -288,11 +367,6 @@ static void test_coverages(void) {
 static void plant_small_errors(void) {
     static const char *const albedo[] = {"m.albedo"};
     test_coverage(albedo, 1, 32, 4, 1, 3);
-}
-
-/* A number in [0, 1) of a case. */
-static double drawn(int which, int number) {
-    return (double)(itn__mix64((uint64_t)(1000 * (which + 1) + number)) >> 11) / 9007199254740992.;
 }
 
 /* One synthetic case: a cloud of random size of picture, light and material, a picture of random
@@ -527,6 +601,34 @@ static void test_view_options(void) {
     itn_scene_free(scene);
 }
 
+/* Sixteen times the samples in the end: error bars a fourth, of a picture almost free of noise.
+   factor: planted, of the second's error bar. */
+static void test_final_spp(double factor) {
+    static const char *const albedo[] = {"m.albedo"};
+    itn_scene *scene = cloud(2, .8, .4);
+    static float target[PIXELS], variance[PIXELS];
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate few, many;
+    itn_error error;
+    float theta[8];
+    int parameter;
+    find_parameters(scene, albedo, 1, &parameter);
+    photograph(scene, 16384, 7, target, variance);
+    options.spp = 8, options.target_variance = variance;
+    itn_parameter_values(scene, theta);
+    theta[parameter] = .75f;
+    stage_need(itn_refine(scene, theta, target, &parameter, 1, &options, &few, &error), &error);
+    options.final_spp = 1024;
+    stage_need(itn_refine(scene, theta, target, &parameter, 1, &options, &many, &error), &error);
+    if (getenv("SHOW"))
+        printf("final_spp: .8 is %g +- %g, then %g +- %g\n", few.value, few.standard_error,
+               many.value, many.standard_error);
+    CHECK_NEAR(few.standard_error / (many.standard_error * factor), 4, .8);
+    CHECK_NEAR(few.value, .8, 4 * few.standard_error);
+    CHECK_NEAR(many.value, .8, 4 * many.standard_error);
+    itn_scene_free(scene);
+}
+
 /* ---- what a picture does not tell ------------------------------------------------------------------ */
 
 /* Deep inside a very thick black ball nothing depends on sigma_t: flagged. The albedo of the same
@@ -750,6 +852,8 @@ static void test_options(void) {
         REFUSES_OPTION(options.spp = -1);
         REFUSES_OPTION(options.spp = 1);
         REFUSES_OPTION(options.spp = INT_MAX);
+        REFUSES_OPTION(options.final_spp = -1);
+        REFUSES_OPTION(options.final_spp = INT_MAX);
         REFUSES_OPTION(options.iterations = -1);
         REFUSES_OPTION(options.max_scatter = -1);
         REFUSES_OPTION(options.learning_rate = -.1);
@@ -865,6 +969,7 @@ int main(void) {
 #endif
     test_cholesky(0);
     test_transforms();
+    test_similarity(0);
     if (!slow) { /* statistics take too long under a sanitizer */
         test_recoveries();
         test_coverages();
@@ -872,6 +977,7 @@ int main(void) {
         test_cases(20, 80, 100, 0); /* 16 of 20: less by chance in 1 of 400 runs, if it is 95 % */
         test_two_lights(0);
         test_two_pictures();
+        test_final_spp(1);
         test_undetermined();
     }
     test_eigen();
@@ -882,9 +988,11 @@ int main(void) {
     test_bounds();
     test_options();
     CHECK_CATCHES(test_cholesky(1e-6));
+    CHECK_CATCHES(test_similarity(1e-4));
     if (!slow) CHECK_CATCHES(plant_small_errors());
     if (!slow) CHECK_CATCHES(test_cases(20, 80, 100, 1));
     if (!slow) CHECK_CATCHES(test_two_lights(1));
+    if (!slow) CHECK_CATCHES(test_final_spp(2));
     CHECK_CATCHES(test_words(1));
     test_overflow();
     return check_end("refine");
