@@ -470,7 +470,7 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* AUTO is FAST, but for what only the reference knows: media that are clear in one channel alone,
    or whose sigma_t differ more than 1e6 times between channels, and derivatives in an index of
-   refraction, where a factor is 0 (an albedo, a reflectance, the scale of a light), and in the
+   refraction, in an albedo or a reflectance below .01, the scale of a light that is 0, and the
    sigma_t of a medium with a mean free path of several times the scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
 /* How samples are spread: each on its own, or (fast walk only) by an Owen-scrambled Sobol sequence
@@ -519,9 +519,9 @@ typedef struct itn_render_options {
    a.b) and variance of the derivative ("d_a_b_variance.Y"). With one sample per pixel variances are
    infinite. No parameter may be asked for twice. Free with itn_image_free.
    The reference's image does not depend, but for rounding, on the parameters asked for, except an
-   index of refraction (which spends some paths on its own) and a sigma_t of a thin medium (which
-   draws more collisions). The fast walk's is another estimate of the same. Either image has the
-   same bits for any number of threads.
+   index of refraction (which spends some paths on its own), a sigma_t of a thin medium (which draws
+   more collisions) and an albedo or reflectance below .1 (more paths go on). The fast walk's is
+   another estimate of the same. Either image has the same bits for any number of threads.
    Errors: ARGUMENT (theta out of bounds or not finite, index, spp), UNSUPPORTED (the derivative
    in the ior of a smooth surface, whose directions jump with it; what itn_mode says of FAST),
    MEMORY, CANCELLED. */
@@ -4723,6 +4723,7 @@ typedef struct itn__walk {
     itn__rng rng;
     itn__place place;
     itn__weight weight, connection; /* of the path; of its link to a sampled light */
+    float lift;                     /* how much more the path counts in roulette */
     float pdf;                      /* of the last direction drawn; INFINITY if nothing was drawn */
     int scatterings, boundaries;
     float radiance[3];              /* of this path */
@@ -4741,6 +4742,15 @@ ITN__INLINE int itn__channels(const itn__walk *walk) { return walk->channels == 
 ITN__INLINE int itn__slot(const itn__walk *walk, int parameter) {
     if (parameter <= ITN__TOUCH) return walk->count + (ITN__TOUCH - parameter);
     return walk->count && parameter >= 0 ? walk->slots[parameter] : -1;
+}
+
+/* A factor near 0 is not in the derivative by itself: beta / factor is. So that roulette does not
+   end what that derivative lives on, it counts the path 1 / factor times, for the smallest of such
+   factors whose derivatives are asked for. */
+#define ITN__FAINT .1f
+ITN__INLINE void itn__lift(itn__walk *walk, int parameter, float factor) {
+    if (factor < ITN__FAINT && factor >= FLT_MIN && itn__slot(walk, parameter) >= 0)
+        walk->lift = itn__max(walk->lift, 1 / factor);
 }
 
 /* Multiplies channel c of a weight by f / pdf; f depends on `parameter[k]` through f.d[k]. */
@@ -5103,8 +5113,11 @@ static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, const 
         return; /* f = pdf */
     t = itn__min(t, FLT_MAX);
     itn__flight_factors(walk, medium, t, collided, f);
-    for (c = 0; c < (spectral ? 3 : 1); c++)
+    for (c = 0; c < (spectral ? 3 : 1); c++) {
         pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
+        if (collided)
+            itn__lift(walk, medium->sigma_t[c], walk->theta[medium->sigma_t[c]] / rate[c]);
+    }
     itn__weigh_choice(walk, f, pdf, medium->sigma_t);
 }
 
@@ -5152,8 +5165,9 @@ static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray
     parameter[1] = -1;
     for (c = 0; c < itn__channels(walk); c++) {
         parameter[0] = medium->albedo + c;
-        itn__weigh_channel(walk, &walk->weight, c,
-                           itn__variable(walk->theta[medium->albedo + c], 0), 1, parameter);
+        itn__lift(walk, parameter[0], walk->theta[parameter[0]]);
+        itn__weigh_channel(walk, &walk->weight, c, itn__variable(walk->theta[parameter[0]], 0), 1,
+                           parameter);
     }
     if (!itn__alive(walk)) return 0;
     if (itn__draw_light(walk, &direction, &light_pdf)) {
@@ -5254,6 +5268,7 @@ static void itn__weigh_reflectance(itn__walk *walk, itn__weight *weight,
         float reflectance = walk->theta[parameter[0]];
         itn__dual f = itn__daffine(itn__variable(reflectance, 0), texel, 0);
         f.d[1] = reflectance * factor;
+        itn__lift(walk, parameter[0], reflectance);
         itn__weigh_channel(walk, weight, c, f, pdf, parameter);
     }
 }
@@ -5399,9 +5414,9 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     return 1;
 }
 
-/* Russian roulette by the value alone: a path of weight below .4 goes on with a chance in
-   proportion and then counts as .4. Beyond some million random numbers each further step is
-   survived with .999, so that light trapped without loss (in clear glass, or at albedo 1 in an
+/* Russian roulette by the value alone (but see itn__lift): a path of weight below .4 goes on with a
+   chance in proportion and then counts as .4. Beyond some million random numbers each further step
+   is survived with .999, so that light trapped without loss (in clear glass, or at albedo 1 in an
    object of optical thickness 1e4) ends some day. */
 #define ITN__ROULETTE .4f
 #define ITN__SAME_WEIGHT .9999f /* a weight that roulette has raised may round to a little less */
@@ -5411,6 +5426,7 @@ static int itn__roulette(itn__walk *walk) {
     float largest = 0, survival = 1, step = 1;
     int c;
     for (c = 0; c < itn__channels(walk); c++) largest = itn__max(largest, walk->weight.beta[c]);
+    largest *= walk->lift;
     if (!(largest >= ITN__ROULETTE * ITN__SAME_WEIGHT)) survival = largest / ITN__ROULETTE;
     if (walk->rng.dimension > ITN__MANY_DRAWS) step = .999f;
     if (survival * step >= 1) return 1;
@@ -5478,7 +5494,7 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     memset(walk->weight.score, 0, scores * (size_t)walk->score_count);
     memset(walk->derivative, 0, scores * (size_t)walk->count);
     if (walk->texels) walk->texels->place_count = 0;
-    walk->pdf = INFINITY, walk->scatterings = walk->boundaries = 0;
+    walk->pdf = INFINITY, walk->lift = 1, walk->scatterings = walk->boundaries = 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     itn__trace_path(walk, itn__camera_ray(camera, x, y, u, v));
 }
@@ -10430,8 +10446,9 @@ static itn_result itn__check_theta(const itn_scene *scene, const float *theta, i
 }
 
 /* Whether the fast walk can differentiate in a parameter at these values: it knows those of media,
-   reflectances, roughness and scales of lights, where the factor that they are in is not 0. *only
-   receives the channel that alone depends on it, or -1. */
+   reflectances, roughness and scales of lights, where the factor that they are in is not 0 (a
+   light's) or next to it. *only receives the channel that alone depends on it, or -1. */
+#define ITN__NEAR_0 .01f
 static int itn__fast_derivative(const itn_scene *scene, const float *theta, int parameter,
                                 int *only) {
     int channels = scene->film.channels, i, c;
@@ -10444,7 +10461,7 @@ static int itn__fast_derivative(const itn_scene *scene, const float *theta, int 
                             ? c : -1;
             if (parameter == medium->sigma_t[c]) return theta[parameter] >= .25f / scene->radius;
             if (parameter == medium->g[c]) return 1;
-            if (parameter == medium->albedo + c) return *only = c, theta[parameter] > 0;
+            if (parameter == medium->albedo + c) return *only = c, theta[parameter] >= ITN__NEAR_0;
         }
     }
     for (i = 0; i < scene->surface_count; i++) {
@@ -10454,7 +10471,7 @@ static int itn__fast_derivative(const itn_scene *scene, const float *theta, int 
         for (c = 0; c < channels && diffuse; c++)
             if (parameter == surface->reflectance + c ||
                 (surface->texture == ITN_TEXTURE_CHECKER && parameter == surface->reflectance2 + c))
-                return *only = c, theta[parameter] > 0;
+                return *only = c, theta[parameter] >= ITN__NEAR_0;
     }
     for (i = 0; i < scene->light_count; i++)
         if (parameter == scene->lights[i].parameter) return theta[parameter] > 0;
@@ -16887,7 +16904,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 
 /* [history]
    0.4.0  itn_render_texel_gradient; itn_refine_views, itn_refine_words, covariances,
-          ITN_METHOD_SGD; sigma_t and g for each channel; itn_net_input; faint links are cut.
+          ITN_METHOD_SGD; sigma_t and g for each channel; itn_net_input; faint links are cut;
+          roulette keeps what derivatives in an albedo, reflectance or sigma_t near 0 live on.
           breaks: images with maps, skies and textures have other bits than before
    0.3.0  derivatives in the fast walk, foresight, itn_estimator; convolutions in blocked layouts.
           breaks: images have other bits than before (ITN_ESTIMATOR_SCORE has the old ones)
