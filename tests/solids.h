@@ -123,7 +123,7 @@ SOLIDS_STATIC itn_scene *solids_scene(const solids_desc *in) {
     itn_object_desc object = ITN_ZERO;
     itn_light_desc light = ITN_ZERO;
     itn_scene_desc desc = ITN_ZERO;
-    itn_scene *scene;
+    itn_scene *scene = NULL;
     itn_error error;
     int k;
     medium.name = "m", medium.sigma_t = (float)in->sigma_t, medium.g = (float)in->g;

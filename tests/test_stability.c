@@ -12,6 +12,8 @@
 #include "solids.h"
 #include "stage.h"
 
+#include "limit_cases.h"
+
 /* ---- furnaces --------------------------------------------------------------------------------------- */
 
 /* Renders in one way and checks every pixel of the mean: 1 within rounding. Returns the largest
@@ -376,6 +378,42 @@ static void test_limits(void) {
     itn_mesh_free(&mesh);
 }
 
+/* Each limit at its nearest value, by the reference and by what AUTO takes: radiance and derivatives
+   agree with the truth, and variance planes tell how far they scatter (24 batches know that to a
+   factor of 2). planted: relative error of the truth. */
+static void test_limit(const limit *l, double planted) {
+    itn_scene *scene = limit_make(l, LIMIT_VALUES - 1);
+    double truth[LIMIT_QUANTITIES], claimed[LIMIT_QUANTITIES];
+    int way, k;
+    limit_truth(l, LIMIT_VALUES - 1, truth);
+    for (way = 0; way < 2; way++) {
+        itn_render_options options = ITN_ZERO;
+        solids_mean means[LIMIT_QUANTITIES];
+        options.spp = 4, options.seed = (uint64_t)way + 1;
+        options.mode = way ? ITN_MODE_AUTO : ITN_MODE_REFERENCE;
+        limit_measure(l, scene, &options, means, claimed);
+        for (k = 0; k < LIMIT_QUANTITIES && (k == 0 || l->asked[k - 1] >= 0); k++) {
+            const char *name = k ? limit_parameters[l->asked[k - 1]] : "radiance";
+            double expected = truth[k] * (1 + planted), error = means[k].error;
+            double rounding = 1e-6 * (fabs(truth[k]) + fabs(truth[0]));
+            check_report(fabs(means[k].value - expected) <= 5 * error + rounding, __FILE__,
+                         __LINE__, "%s, %s, way %d: %.7g +- %.2g, expected %.7g", l->name, name,
+                         way, means[k].value, error, expected);
+            check_report(error <= rounding ||
+                             (claimed[k] < 2.5 * error && claimed[k] > .35 * error),
+                         __FILE__, __LINE__, "%s, %s, way %d: error %.3g, the plane says %.3g",
+                         l->name, name, way, error, claimed[k]);
+        }
+        CHECK(means[0].error <= .1 * fabs(truth[0]));
+    }
+    itn_scene_free(scene);
+}
+
+static void test_limit_cases(void) {
+    int k;
+    for (k = 0; k < LIMIT_COUNT; k++) test_limit(&limits[k], 0);
+}
+
 /* Values and derivatives at the ends of all ranges: finite, and not negative where they are
    radiances. */
 static void test_extremes(void) {
@@ -488,6 +526,115 @@ static void test_many_samples(void) {
     }
     itn_scene_free(scene);
     itn_mesh_free(&mesh);
+}
+
+/* ---- searches at the limits ------------------------------------------------------------------ */
+
+typedef struct limit_search {
+    const char *name; /* of the unknown */
+    float hidden, start;
+} limit_search;
+
+/* The hidden value is one of a picture that can be made; starts are ordinary. */
+static const limit_search limit_searches[] = {
+    {"m.albedo", 0, .5f},  {"m.albedo", 1, .8f},       {"m.g", .999f, .5f},
+    {"m.g", -.999f, 0},    {"m.g", 0, .5f},            {"m.sigma_t", 0, .5f},
+    {"m.sigma_t", 1e4f, 5}, {"s.alpha", .001f, .3f},    {"s.ior", 1.0001f, 1.3f},
+    {"light.scale", 0, 1}, {"floor.reflectance", 0, .5f}, {"sealed.sigma_t", 1, 2},
+    {"sealed.albedo", .5f, .9f},
+};
+
+typedef struct limit_watch {
+    const itn_scene *scene;
+    int steps, bad; /* bad: steps that are not finite or out of bounds */
+} limit_watch;
+
+static int watch_step(void *user, const itn_refine_step *step) {
+    limit_watch *w = (limit_watch *)user;
+    int k;
+    w->steps++, w->bad += !(fabs(step->loss) < 1e30) || !(step->loss_error >= 0);
+    for (k = 0; k < itn_parameter_count(w->scene); k++) {
+        const itn_parameter *p = itn_parameter_get(w->scene, k);
+        w->bad += !(step->theta[k] >= p->lower && step->theta[k] <= p->upper);
+    }
+    return 0;
+}
+
+/* A ball of milk over a floor, of glass where alpha and ior are sought; beside it, in a closed shell
+   that no light enters, a medium that does nothing. */
+static itn_scene *limit_search_scene(const itn_mesh *ball, const itn_mesh *seed, int glass) {
+    itn_object_desc *object;
+    stage s;
+    stage_begin(&s, 8, 5, 32);
+    stage_medium(&s, "m", 2, .8, .3);
+    stage_medium(&s, "sealed", 1, .5, 0);
+    stage_dielectric(&s, "s", 1.4, .2);
+    stage_diffuse(&s, "floor", .4);
+    stage_object(&s, ball, "m", glass ? "s" : NULL);
+    object = stage_object(&s, seed, NULL, "floor"); /* a shell, and in it */
+    object->transform[0] = object->transform[5] = object->transform[10] = 1;
+    object->transform[3] = 1.2f, object->transform[7] = -.8f;
+    object = stage_object(&s, seed, "sealed", NULL);
+    object->transform[0] = object->transform[5] = object->transform[10] = .5f;
+    object->transform[3] = 1.2f, object->transform[7] = -.8f;
+    stage_object(&s, NULL, NULL, "floor");
+    stage_constant(&s, NULL, .7);
+    return stage_make(&s);
+}
+
+/* Refines one unknown by one method. The search must stay finite and within bounds, and must not
+   stall silently: what it finds is right within its errors (a logarithm or logit never quite arrives
+   at 0), or it is said not to be determined, or the misfit tells. planted: moves what is found. */
+static void test_limit_search(const limit_search *in, itn_method method, double planted) {
+    itn_mesh ball = solids_sphere(1, 2), seed = solids_sphere(.4, 1);
+    itn_scene *scene = limit_search_scene(&ball, &seed, !strncmp(in->name, "s.", 2));
+    int unknown = itn_parameter_find(scene, in->name);
+    itn_render_options options = ITN_ZERO;
+    itn_refine_options refine = ITN_ZERO;
+    itn_image target = ITN_ZERO;
+    itn_estimate estimate;
+    itn_error error;
+    float theta[64];
+    double misfit = 0, off;
+    limit_watch watch;
+    itn_parameter_values(scene, theta);
+    theta[unknown] = in->hidden;
+    options.spp = 64, options.seed = 5;
+    stage_need(itn_render(scene, theta, &options, NULL, 0, &target, &error), &error);
+    theta[unknown] = in->start;
+    watch.scene = scene, watch.steps = watch.bad = 0;
+    refine.method = method, refine.spp = 8, refine.iterations = method == ITN_METHOD_LM ? 12 : 30;
+    refine.target_variance = target.pixels + 64, refine.misfit = &misfit;
+    refine.progress = watch_step, refine.progress_user = &watch;
+    stage_need(itn_refine(scene, theta, target.pixels, &unknown, 1, &refine, &estimate, &error),
+               &error);
+    off = fabs(estimate.value + planted - in->hidden);
+    check_report(watch.bad == 0 && watch.steps > 0 && theta[unknown] == (float)estimate.value,
+                 __FILE__, __LINE__, "%s to %g, method %d: %d of %d steps are bad", in->name,
+                 (double)in->hidden, (int)method, watch.bad, watch.steps);
+    check_report(fabs(estimate.value) < 1e30 && estimate.standard_error >= 0 && misfit >= 0,
+                 __FILE__, __LINE__, "%s to %g, method %d: %g +- %g, misfit %g", in->name,
+                 (double)in->hidden, (int)method, estimate.value, estimate.standard_error, misfit);
+    check_report(!estimate.determined || off <= 5 * estimate.standard_error + 1e-3 || misfit > 1.5,
+                 __FILE__, __LINE__, "%s to %g, method %d: stalled at %g +- %g, misfit %g",
+                 in->name, (double)in->hidden, (int)method, estimate.value,
+                 estimate.standard_error, misfit);
+    if (!strncmp(in->name, "sealed", 6))
+        CHECK(!estimate.determined && estimate.value == in->start);
+    if (getenv("SHOW"))
+        printf("%s to %g, method %d: %g +- %.2g, determined %d, misfit %.2f, %d steps\n", in->name,
+               (double)in->hidden, (int)method, estimate.value, estimate.standard_error,
+               estimate.determined, misfit, watch.steps);
+    itn_image_free(&target);
+    itn_scene_free(scene);
+    itn_mesh_free(&ball), itn_mesh_free(&seed);
+}
+
+static void test_limit_searches(void) {
+    int k, method;
+    for (k = 0; k < (int)(sizeof limit_searches / sizeof limit_searches[0]); k++)
+        for (method = ITN_METHOD_LM; method <= ITN_METHOD_SGD; method++)
+            test_limit_search(&limit_searches[k], (itn_method)method, 0);
 }
 
 /* ---- bad descs ---------------------------------------------------------------------------------------- */
@@ -979,6 +1126,8 @@ int main(void) {
     test_scale();
     test_touching_boxes(0);
     test_limits();
+    test_limit_cases();
+    test_limit_searches();
     test_extremes();
     test_trapped();
     test_many_samples();
@@ -992,6 +1141,8 @@ int main(void) {
     test_memory(0);
     CHECK_CATCHES(plant_lost_path());
     CHECK_CATCHES(test_touching_boxes(.3));
+    CHECK_CATCHES(test_limit(&limits[1], .02));
+    CHECK_CATCHES(test_limit_search(&limit_searches[4], ITN_METHOD_LM, 1)); /* g to 0 */
 #ifndef __SANITIZE_ADDRESS__ /* this one leaks on purpose */
     CHECK_CATCHES(test_memory(1));
 #endif
