@@ -52,8 +52,8 @@ typedef enum split { SPLIT_TRAIN = 0, SPLIT_SHAPE, SPLIT_LIGHT, SPLIT_BOTH, SPLI
 
 static const char *const split_names[SPLITS] = {"train", "shape", "light", "both"};
 static const int split_totals[SPLITS] = {7200, 1000, 1000, 7200};
-static const char *const shape_names[SHAPES] = {"cube", "star", "blob",  "leaf",  "hound",
-                                                "relief", "knot", "gear", "chain", "figurine"};
+static const char *const shape_names[SHAPES] = {"cube", "star",   "leaf", "hound", "knot", "chain",
+                                                "blob", "relief", "gear", "figurine"};
 /* ascending, in tens of degrees; the first of each list is the training lights */
 static const int azimuth_lists[2][6] = {{0, 30, 60, 90, -1, -1}, {10, 20, 40, 50, 70, 80}};
 static const int azimuth_counts[2] = {4, 6};

@@ -109,6 +109,7 @@ typedef struct trainer {
     int *order;           /* of the pictures in this epoch */
     float *targets;       /* [batch][PIXELS] */
     float *inputs;        /* [batch][2][PIXELS] */
+    float *larger;        /* [batch] see vary_picture */
     float *answers, *gradients; /* [batch][3] coordinates */
     itn_loss *losses;     /* [batch] */
     int first, step;      /* of the batch: its place in the order; how many steps came before */
@@ -129,23 +130,36 @@ static void truth_coordinates(const itn_scene *scene, const int parameters[3], c
                                                       (double)theta[k]);
 }
 
-/* A picture moved by up to four pixels each way, its border repeated, mirrored or not, and with up
-   to 30 % more noise. That is a picture of the same material, moved in front of a camera far away,
-   or in a mirrored world, with fewer samples; the few pictures there are teach more this way, and
-   less about their noise. */
-static void vary_picture(const float *picture, uint64_t random, float *varied) {
-    float noise = .3f * sqrtf(3) * (float)(random >> 44) / (1 << 20); /* of a uniform number */
-    int right = (int)(random % 9) - 4, down = (int)(random / 9 % 9) - 4;
-    int mirrored = (int)(random >> 40 & 1), x, y;
+/* A random number in [-1,1); moves `random` on. */
+static float draw(uint64_t *random) {
+    *random = mix(*random, 1, 0);
+    return (float)(*random >> 40) / (1 << 23) - 1;
+}
+
+/* Shows the object otherwise, so that a network reads the material and does not just recognise the
+   shape: moved, turned, mirrored, sheared, stretched, all a little; larger or smaller by up to a
+   third; and with more noise. Returns the logarithm of how much larger. Nothing in the scene but
+   the ground has a size of its own, so an object that looks e times as large is that object, with
+   sigma_t / e; for the rest the material stays about as it is. Pixels are copied from the nearest:
+   a mean of several would have less noise than the pictures that the network is to read. */
+static float vary_picture(const float *picture, uint64_t random, float *varied) {
+    float larger = .3f * draw(&random), stretched = .1f * draw(&random);
+    float turned = .15f * draw(&random), sheared = .1f * draw(&random);
+    float right = 4 * draw(&random), down = 4 * draw(&random);
+    float noise = .3f * sqrtf(3) * (draw(&random) + 1) / 2; /* of a uniform number */
+    float across = expf(-larger - stretched) * (draw(&random) < 0 ? -1.f : 1.f);
+    float along = expf(-larger + stretched), middle = (FILM - 1) / 2.f;
+    int x, y;
     for (y = 0; y < FILM; y++)
         for (x = 0; x < FILM; x++) {
-            int column = (mirrored ? FILM - 1 - x : x) - right, line = y - down;
-            column = column < 0 ? 0 : column < FILM ? column : FILM - 1;
-            line = line < 0 ? 0 : line < FILM ? line : FILM - 1;
-            random = mix(random, 1, 0);
-            varied[y * FILM + x] = picture[line * FILM + column] *
-                                   (1 + noise * ((float)(random >> 40) / (1 << 23) - 1));
+            float u = (float)x - middle - right, v = (float)y - middle - down;
+            float column = middle + across * (cosf(turned) * u + (sheared - sinf(turned)) * v);
+            float line = middle + along * (sinf(turned) * u + cosf(turned) * v);
+            int from_x = (int)floorf(fmaxf(0, fminf(FILM - 1, column)) + .5f);
+            int from_y = (int)floorf(fmaxf(0, fminf(FILM - 1, line)) + .5f);
+            varied[y * FILM + x] = picture[from_y * FILM + from_x] * (1 + noise * draw(&random));
         }
+    return larger;
 }
 
 static void prepare_input(void *task, int index) {
@@ -154,23 +168,26 @@ static void prepare_input(void *task, int index) {
     int picture = t->order[t->first + index];
     float *target = t->targets + (size_t)index * PIXELS, varied[PIXELS];
     get_picture(&t->pictures, picture, target);
-    vary_picture(target, mix((uint64_t)m->seed + 1, (uint64_t)t->step, (uint64_t)picture), varied);
+    t->larger[index] = vary_picture(
+        target, mix((uint64_t)m->seed + 1, (uint64_t)t->step, (uint64_t)picture), varied);
     network_input(varied, m->mean, t->inputs + (size_t)index * 2 * PIXELS);
 }
 
-/* The loss of one picture and its gradient in the network's answer. The image term sees the answer
-   cut to sensible values, and has no say in an answer beyond them. */
+/* The loss of one picture and its gradient in the network's answer, which becomes the answer about
+   the picture as it was before it was varied: that one is rendered again. The image term sees the
+   answer cut to sensible values, and has no say in an answer beyond them. */
 static void picture_loss(void *task, int index) {
     trainer *t = (trainer *)task;
     const model *m = &t->options->model;
     int picture = t->order[t->first + index], k;
     const itn_scene *scene = t->scenes[t->pictures.shard_of[picture]];
-    const float *answer = t->answers + 3 * index;
+    float *answer = t->answers + 3 * index;
     float *gradient = t->gradients + 3 * index, truth[3], cut[3], cut_gradient[3];
     itn_loss_desc desc = ITN_ZERO;
     itn_loss loss = ITN_ZERO;
     itn_error error;
     if (!scene) scene = t->scenes[0]; /* a regressor needs no scene but for coordinates */
+    answer[0] += t->larger[index]; /* the coordinate of sigma_t is its logarithm */
     truth_coordinates(scene, t->parameters, t->pictures.thetas[picture], truth);
     cut_answer(scene, t->parameters, answer, cut);
     desc.model = t->kind, desc.lambda = m->lambda / (m->mean * m->mean);
@@ -367,6 +384,7 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
     t->order = (int *)need((size_t)t->pictures.count, sizeof *t->order);
     t->targets = (float *)need(batch, PIXELS * sizeof(float));
     t->inputs = (float *)need(batch, 2 * PIXELS * sizeof(float));
+    t->larger = (float *)need(batch, sizeof(float));
     t->answers = (float *)need(batch, 3 * sizeof(float));
     t->gradients = (float *)need(batch, 3 * sizeof(float));
     t->losses = (itn_loss *)need(batch, sizeof *t->losses);
@@ -378,7 +396,7 @@ static void free_trainer(trainer *t) {
     itn_net_free(t->net);
     free_pictures(&t->pictures);
     free(t->rows), free(t->losses), free(t->gradients), free(t->answers);
-    free(t->inputs), free(t->targets), free(t->order);
+    free(t->larger), free(t->inputs), free(t->targets), free(t->order);
 }
 
 static void show_progress(const trainer *t, int steps, double start, int first_step) {
