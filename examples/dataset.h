@@ -7,6 +7,8 @@
        shape  4 other shapes, the same azimuths                                 1,000
        light  the same shapes, 6 other azimuths                                 1,000
        both   4 other shapes x 6 other azimuths x 300 materials                 7,200
+   Both sides have shapes that are bulky, flat and thin: shading tells a material apart only where
+   it is known what thickness does to it, and no network learns that from blocks for chains.
    The images of one split, shape and azimuth are a shard, which is a file:
        a line of text that says what it is, padded with blanks to 256 bytes;
        per image four floats: sigma_t, albedo, g, and the noise (see image_noise in dataset.c);

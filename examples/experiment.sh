@@ -31,21 +31,22 @@ mkdir -p "$out/done"
 up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 if up_to 1/20; then
     picture="--noise 0.4 --spp 4"
-    warm=10 more=2 training="--batch 8 --rate 1e-3 --channels 4" rate=3e-4 spp=2
+    warm=8 calm=2 more=2 training="--batch 8 --channels 4" rates="1e-3 3e-4 3e-4" spp=2
     trial="--images 8 --spp 4"
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests 1/24 --noise 0.3 --spp 8"
-    warm=10 more=2 training="--batch 16 --rate 1e-3 --channels 6" rate=2e-4 spp=2
-    trial="--images 16 --spp 8"
+    warm=24 calm=8 more=3 training="--batch 16 --channels 6" rates="1e-3 3e-4 2e-4" spp=2
+    trial="--images 24 --spp 8"
     search="--images 1 --iterations 200 --spp 2"
 else
     picture="--noise 0.03 --spp 4096"
-    warm=5 more=45 training="--batch 16 --rate 1e-4" rate=1e-4 spp=4
+    warm=5 calm=0 more=45 training="--batch 16" rates="1e-4 1e-4 1e-4" spp=4
     trial="--images 250 --spp 64"
     search="--images 10 --iterations 200 --spp 16"
 fi
-epochs=$((warm + more))
+# shellcheck disable=SC2086
+set -- $rates # of the warm start, its calmer end, and of the three models
 
 # step NAME COMMAND...: runs the command unless it has been done before, and tells how long it took.
 step() {
@@ -65,15 +66,15 @@ compile() {
             -o "$out/$program" -lm -lpthread || return
     done
 }
-# learn NAME MODEL EPOCHS [START]: a training run, resumed if there is something of it.
+# learn NAME MODEL EPOCHS RATE [START]: a training run, resumed if there is something of it.
 # shellcheck disable=SC2086
 learn() {
     net=$out/$1.net
     if [ -e "$net" ]; then start=--resume
-    else start=${4:+--start $out/$4.net}
+    else start=${5:+--start $out/$5.net}
     fi
     "$out/train" --model "$2" --data "$out/data" --checkpoint "$net" --epochs "$3" $training \
-        --spp $spp $start -t "$threads"
+        --rate "$4" --spp $spp $start -t "$threads"
 }
 # shellcheck disable=SC2086
 try() {
@@ -88,10 +89,10 @@ step data "$out/dataset" make "$out/data" --fraction "$fraction" --scenes "$here
     -t "$threads" $picture
 step check "$out/dataset" check "$out/data"
 step sheet "$out/dataset" sheet "$out/data" "$out/sheet.png"
-step warm learn warm rn "$warm"
-training="$training --rate $rate"
+step warm learn warm rn "$warm" "$1"
+step calm learn calm rn $((warm + calm)) "$2" warm
 for model in rn ssn itn; do
-    step "learn-$model" learn "$model" "$model" "$epochs" warm
+    step "learn-$model" learn "$model" "$model" $((warm + calm + more)) "$3" calm
 done
 for model in truth rn ssn itn; do
     step "try-$model" try "$model"

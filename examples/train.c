@@ -17,9 +17,9 @@
    Writes:  the network with Adam's state (itn.net), what else defines the run (itn.net.txt), the
             loss of every step (itn.net.csv) and its chart (itn.net.svg); --evaluate writes the
             table (itn.net.table.csv), every answer (itn.net.answers.csv) and a chart of these
-            (itn.net.answers.svg). `--model truth --evaluate` answers with the truth: its errors are
-            those that noise alone makes. --export writes the network without Adam's state, a third
-            of the size, for `invert --net`.
+            (itn.net.answers.svg). `--model truth --evaluate` answers with the truth, in
+            other samples: its errors are those that noise alone makes. --export writes the network
+            without Adam's state, a third of the size, for `invert --net`.
    --channels sets how wide a new network is: layer 1 has that many, each further one twice as many.
    The number of steps that the network has taken says all about where a run is: the order of the
    pictures is a function of (seed, epoch), random numbers of (seed, step, picture). So a run that
@@ -34,10 +34,12 @@
 
    Answers are cut to sigma_t 20 to 300, albedo .35 to .97, g -.1 to .9. Their errors are in their
    own units, over all pictures of a split. Of --images pictures (default: all) of each split the
-   answer is rendered again, with --spp samples. Errors of images are in units of the mean
-   brightness of the training pictures. MS-SSIM (Wang, Simoncelli and Bovik 2003): window 11x11,
-   Gaussian of deviation 1.5, four levels (of 128, 64, 32 and 16 pixels) with the first four of the
-   published weights, scaled to sum to 1; data range: the picture's largest value. */
+   scene is rendered with the answer and with the truth, with --spp samples, the same for both: so
+   noise, of which the data of a reduced experiment are full, falls out as far as it can. Errors of
+   images are in units of the mean brightness of the training pictures. MS-SSIM (Wang, Simoncelli
+   and Bovik 2003): window 11x11, Gaussian of deviation 1.5, four levels (of 128, 64, 32 and 16
+   pixels) with the first four of the published weights, scaled to sum to 1; data range: the largest
+   value of the picture with the truth. */
 #define _POSIX_C_SOURCE 200809L
 #include "dataset.h"
 
@@ -347,19 +349,38 @@ static void set_biases(trainer *t) {
     }
 }
 
-/* Makes both terms of the loss about equally large over some pictures. */
+/* The mean image loss of the true answers for a batch of pictures: their noise. */
+static double noise_loss(trainer *t, int first, int batch) {
+    itn_model kind = t->kind;
+    double mean = t->options->model.mean, sum = 0;
+    int k, threads = t->options->threads;
+    for (k = 0; k < batch; k++) {
+        const float *theta = t->pictures.thetas[t->order[first + k]];
+        truth_coordinates(t->scenes[0], t->parameters, theta, t->answers + 3 * k);
+        t->larger[k] = 0;
+    }
+    t->kind = ITN_MODEL_ITN;
+    parallel_for(batch, picture_loss, t, &threads);
+    t->kind = kind;
+    for (k = 0; k < batch; k++) sum += t->losses[k].image / (mean * mean) / batch;
+    return sum;
+}
+
+/* Makes both terms of the loss about equally large over some pictures. Their noise, of which no
+   answer can rid the image term, does not count. */
 static void choose_lambda(trainer *t, model *m) {
     int batch = m->batch < t->pictures.count ? m->batch : t->pictures.count, rounds = 0;
-    double parameters = 0, image = 0;
+    double parameters = 0, image = 0, noise = 0;
     m->lambda = 1; /* so that it renders */
     shuffle(t->order, t->pictures.count, mix((uint64_t)m->seed, 0, 2));
     do {
         row r = batch_losses(t, rounds * batch, batch);
-        parameters += r.parameters, image += r.image, rounds++;
-    } while ((rounds + 1) * batch <= t->pictures.count && (rounds + 1) * batch <= 64);
-    m->lambda = image > 0 ? parameters / image : 1;
-    fprintf(stderr, "%s: losses of parameters %.4g, of images %.4g: lambda %.4g\n", m->name,
-            parameters / rounds, image / rounds, m->lambda);
+        parameters += r.parameters, image += r.image;
+        noise += noise_loss(t, rounds * batch, batch), rounds++;
+    } while ((rounds + 1) * batch <= t->pictures.count && (rounds + 1) * batch <= 128);
+    m->lambda = parameters / fmax(image - noise, .1 * image);
+    fprintf(stderr, "%s: losses of parameters %.4g, of images %.4g, of which noise %.4g: lambda "
+            "%.4g\n", m->name, parameters / rounds, image / rounds, noise / rounds, m->lambda);
 }
 
 /* from: the file of the network to go on with, or NULL for a new one. */
@@ -540,31 +561,37 @@ typedef struct trial {
     answer *answers;
 } trial;
 
-/* Renders one of the pictures with the predicted parameters and compares. */
+/* A picture of a scene with three parameters changed. */
+static void render_values(const trial *t, const itn_scene *scene, const float values[3],
+                          uint64_t seed, itn_image *image) {
+    float *theta = (float *)need((size_t)itn_parameter_count(scene), sizeof *theta);
+    itn_render_options options = ITN_ZERO;
+    itn_error error;
+    int k;
+    itn_parameter_values(scene, theta);
+    for (k = 0; k < 3; k++) theta[t->parameters[k]] = values[k];
+    options.spp = t->options->spp ? t->options->spp : 64, options.seed = seed;
+    if (itn_render(scene, theta, &options, NULL, 0, image, &error)) fail(error.message, "");
+    free(theta);
+}
+
+/* Renders one of the scenes with the predicted parameters and with the true ones, and compares. */
 static void judge(void *task, int index) {
     trial *t = (trial *)task;
     int i = (int)((int64_t)index * t->pictures.count / t->judged); /* evenly out of all */
     answer *a = &t->answers[i];
     const itn_scene *scene = t->scenes[t->pictures.shard_of[i]];
-    float *theta = (float *)need((size_t)itn_parameter_count(scene), sizeof *theta);
-    float *picture = (float *)need(PIXELS, sizeof *picture);
-    itn_render_options options = ITN_ZERO;
-    itn_image image;
-    itn_error error;
+    uint64_t seed = mix((uint64_t)t->options->model.seed, (uint64_t)t->in, (uint64_t)i);
+    int other = !strcmp(t->options->model.name, "truth"), k; /* other samples */
+    itn_image picture, image;
     double sum = 0;
-    int k;
-    get_picture(&t->pictures, i, picture);
-    itn_parameter_values(scene, theta);
-    for (k = 0; k < 3; k++) theta[t->parameters[k]] = a->values[k];
-    options.spp = t->options->spp ? t->options->spp : 64;
-    options.seed = mix((uint64_t)t->options->model.seed, (uint64_t)t->in, (uint64_t)i);
-    if (itn_render(scene, theta, &options, NULL, 0, &image, &error)) fail(error.message, "");
-    for (k = 0; k < PIXELS; k++) sum += pow((double)(picture[k] - image.pixels[k]), 2);
+    render_values(t, scene, a->truth, seed, &picture);
+    render_values(t, scene, a->values, seed + (uint64_t)other, &image);
+    for (k = 0; k < PIXELS; k++) sum += pow((double)(picture.pixels[k] - image.pixels[k]), 2);
     a->rmse = sqrt(sum / PIXELS) / t->options->model.mean;
-    a->one_minus_ms_ssim = 1 - ms_ssim(picture, image.pixels);
+    a->one_minus_ms_ssim = 1 - ms_ssim(picture.pixels, image.pixels);
     itn_image_free(&image);
-    free(picture);
-    free(theta);
+    itn_image_free(&picture);
 }
 
 /* Asks the network about all pictures; without a network the truth is the answer. */
