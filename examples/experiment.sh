@@ -36,7 +36,7 @@ if up_to 1/20; then
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests 1/24 --noise 0.3 --spp 8"
-    warm=24 calm=8 more=3 training="--batch 16 --channels 6" rates="1e-3 3e-4 2e-4" spp=2
+    warm=40 calm=16 more=3 training="--batch 16 --channels 6" rates="1e-3 3e-4 2e-4" spp=2
     trial="--images 24 --spp 8"
     search="--images 1 --iterations 200 --spp 2"
 else

@@ -139,13 +139,13 @@ static float draw(uint64_t *random) {
 }
 
 /* Shows the object otherwise, so that a network reads the material and does not just recognise the
-   shape: moved, turned, mirrored, sheared, stretched, all a little; larger or smaller by up to a
-   third; and with more noise. Returns the logarithm of how much larger. Nothing in the scene but
-   the ground has a size of its own, so an object that looks e times as large is that object, with
-   sigma_t / e; for the rest the material stays about as it is. Pixels are copied from the nearest:
+   shape: moved, turned, mirrored, sheared and stretched a little; up to 1.8 times as large or as
+   small; and with more noise. Returns the logarithm of how much larger. Nothing in the scene but
+   the ground has a size of its own, so an object that looks s times as large is that object, with
+   sigma_t / s; for the rest the material stays about as it is. Pixels are copied from the nearest:
    a mean of several would have less noise than the pictures that the network is to read. */
 static float vary_picture(const float *picture, uint64_t random, float *varied) {
-    float larger = .3f * draw(&random), stretched = .1f * draw(&random);
+    float larger = .6f * draw(&random), stretched = .25f * draw(&random);
     float turned = .15f * draw(&random), sheared = .1f * draw(&random);
     float right = 4 * draw(&random), down = 4 * draw(&random);
     float noise = .3f * sqrtf(3) * (draw(&random) + 1) / 2; /* of a uniform number */
