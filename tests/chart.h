@@ -97,21 +97,26 @@ static const char *chart_cell(const chart_table *table, int row, const char *nam
 
 /* ---- charts ---------------------------------------------------------------------------------- */
 
-enum { CHART_SERIES = 6, CHART_POINTS = 64, CHART_TICKS = 128 };
+enum { CHART_SERIES = 12, CHART_POINTS = 64, CHART_TICKS = 128, CHART_STYLES = 6 };
 enum { CHART_WIDTH = 720, CHART_GAP = 14, CHART_TEXT = 12 }; /* pixels */
 
 typedef struct chart_axis {
     const char *title; /* with its unit */
-    int logarithmic;
+    int logarithmic, reversed;
+    int narrow;          /* room for few labels */
+    int fixed;           /* 1: lower and upper are given, and what lies beyond is cut off */
     double lower, upper; /* of the data, then of the axis */
 } chart_axis;
 
 typedef struct chart_series {
     char name[48];
     int style; /* number of its colour and marker */
+    int dashed, plain; /* plain: without markers */
+    int spread; /* how low to high is drawn, 0: not at all, CHART_BARS, CHART_BAND */
     int count;
-    double x[CHART_POINTS], y[CHART_POINTS];
+    double x[CHART_POINTS], y[CHART_POINTS], low[CHART_POINTS], high[CHART_POINTS];
 } chart_series;
+enum { CHART_BARS = 1, CHART_BAND };
 
 typedef struct chart_panel {
     chart_axis x, y;
@@ -126,9 +131,13 @@ typedef struct chart_panel {
 
 typedef struct chart {
     const char *title, *subtitle, *footer;
-    chart_panel *panels; /* side by side */
+    chart_panel *panels; /* row by row */
     int panel_count;
+    int columns;  /* 0: all panels side by side */
+    double width; /* 0: CHART_WIDTH */
     double height;
+    int legend; /* how many names of the first panel stand below the subtitle; 0: names stand at the
+                   ends of the curves */
 } chart;
 
 typedef struct chart_tick {
@@ -136,7 +145,7 @@ typedef struct chart_tick {
     int labelled;
 } chart_tick;
 
-static const char *const chart_colours[CHART_SERIES] = {"#4d4d4d", "#e69f00", "#56b4e9",
+static const char *const chart_colours[CHART_STYLES] = {"#4d4d4d", "#e69f00", "#56b4e9",
                                                         "#009e73", "#d55e00", "#cc79a7"};
 
 /* Adds a point; a chart shows what is finite, and positive on logarithmic axes. */
@@ -144,7 +153,18 @@ static void chart_add(chart_panel *panel, chart_series *series, double x, double
     int good = isfinite(x) && isfinite(y) && (x > 0 || !panel->x.logarithmic) &&
                (y > 0 || !panel->y.logarithmic);
     if (!good || series->count == CHART_POINTS) return;
+    series->low[series->count] = series->high[series->count] = y;
     series->x[series->count] = x, series->y[series->count++] = y;
+}
+
+/* The same with a spread; on a logarithmic axis what is not positive ends at a hundredth of y. */
+static void chart_add_spread(chart_panel *panel, chart_series *series, double x, double y,
+                             double low, double high) {
+    int before = series->count;
+    chart_add(panel, series, x, y);
+    if (series->count == before) return;
+    series->low[before] = panel->y.logarithmic ? fmax(low, .01 * y) : low;
+    series->high[before] = high;
 }
 
 /* The series to fill next. */
@@ -176,6 +196,7 @@ static double chart_step(const chart_axis *axis) {
 /* Widens the range of the data to round numbers; linear axes that begin near 0 begin at 0. */
 static void chart_fit(chart_axis *axis) {
     double step;
+    if (axis->fixed) return;
     if (!(axis->lower <= axis->upper)) axis->lower = axis->upper = 1; /* no data */
     if (axis->logarithmic) {
         axis->lower = chart_round(axis->lower, 0), axis->upper = chart_round(axis->upper, 1);
@@ -203,38 +224,49 @@ static void chart_name_values(chart_panel *panel) {
     }
 }
 
+static void chart_include(chart_axis *axis, double value) {
+    if (axis->fixed) return;
+    axis->lower = fmin(axis->lower, value), axis->upper = fmax(axis->upper, value);
+}
+
 static void chart_ranges(chart_panel *panel) {
     int s, i;
-    panel->x.lower = panel->y.lower = HUGE_VAL, panel->x.upper = panel->y.upper = -HUGE_VAL;
+    if (!panel->x.fixed) panel->x.lower = HUGE_VAL, panel->x.upper = -HUGE_VAL;
+    if (!panel->y.fixed) panel->y.lower = HUGE_VAL, panel->y.upper = -HUGE_VAL;
     for (s = 0; s < panel->series_count; s++)
         for (i = 0; i < panel->series[s].count; i++) {
-            double x = panel->series[s].x[i], y = panel->series[s].y[i];
-            panel->x.lower = fmin(panel->x.lower, x), panel->x.upper = fmax(panel->x.upper, x);
-            panel->y.lower = fmin(panel->y.lower, y), panel->y.upper = fmax(panel->y.upper, y);
+            chart_include(&panel->x, panel->series[s].x[i]);
+            chart_include(&panel->y, panel->series[s].low[i]);
+            chart_include(&panel->y, panel->series[s].high[i]);
         }
     chart_fit(&panel->x);
     chart_fit(&panel->y);
 }
 
 /* Places of the grid lines. Logarithmic: all multiples of the powers of ten; these have labels, and
-   on a short axis 2 and 5 times them. Linear: labels, and four lines between two of them. */
+   on a short axis 2 and 5 times them; on a narrow one that is long, only some powers. Linear:
+   labels, and four lines between two of them. */
 static int chart_ticks(const chart_axis *axis, chart_tick *ticks) {
     int count = 0, k, exponent;
     if (axis->logarithmic) {
         int decades = (int)floor(log10(axis->upper) + 1e-9) - (int)ceil(log10(axis->lower) - 1e-9);
+        int stride = axis->narrow ? 1 + decades / 6 : 1;
         for (exponent = (int)floor(log10(axis->lower) + 1e-9); exponent < 300; exponent++)
             for (k = 1; k < 10; k++) {
                 double value = k * pow(10, exponent);
                 if (value > axis->upper * (1 + 1e-9) || count == CHART_TICKS) return count;
                 if (value < axis->lower * (1 - 1e-9)) continue;
+                if (k > 1 && stride > 1) continue;
                 ticks[count].value = value;
-                ticks[count++].labelled = k == 1 || (decades < 2 && (k == 2 || k == 5));
+                ticks[count++].labelled = (k == 1 && exponent % stride == 0) ||
+                                          (decades < (axis->narrow ? 1 : 2) &&
+                                           (k == 2 || k == 5));
             }
     } else {
         double step = chart_step(axis) / 5;
         int last = (int)floor((axis->upper - axis->lower) / step + .5);
         for (k = 0; k <= last && count < CHART_TICKS; k++) {
-            ticks[count].value = axis->lower + k * step;
+            ticks[count].value = step * floor(axis->lower / step + k + .5); /* 0 is 0 */
             ticks[count++].labelled = k % 5 == 0;
         }
     }
@@ -243,8 +275,13 @@ static int chart_ticks(const chart_axis *axis, chart_tick *ticks) {
 
 /* Where a value lies on its axis, 0 to 1. */
 static double chart_place(const chart_axis *axis, double v) {
-    if (axis->logarithmic) return log(v / axis->lower) / log(axis->upper / axis->lower);
-    return (v - axis->lower) / (axis->upper - axis->lower);
+    double place = (v - axis->lower) / (axis->upper - axis->lower);
+    if (axis->logarithmic) place = log(v / axis->lower) / log(axis->upper / axis->lower);
+    return axis->reversed ? 1 - place : place;
+}
+static int chart_within(const chart_axis *axis, double v) {
+    double place = chart_place(axis, v);
+    return place > -1e-6 && place < 1 + 1e-6;
 }
 static double chart_x(const chart_panel *panel, double v) {
     return panel->left + panel->width * chart_place(&panel->x, v);
@@ -324,7 +361,7 @@ static void chart_grid(FILE *file, const chart_panel *panel) {
 }
 
 static void chart_marker(FILE *file, double x, double y, int style) {
-    static const char *const shapes[CHART_SERIES] = {
+    static const char *const shapes[CHART_STYLES] = {
         "m-3.5 0a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0 -7 0z", /* circle */
         "m-3.2 -3.2h6.4v6.4h-6.4z",                      /* square */
         "m0 -4.4l4.4 4.4l-4.4 4.4l-4.4 -4.4z",           /* diamond */
@@ -335,17 +372,46 @@ static void chart_marker(FILE *file, double x, double y, int style) {
             chart_colours[style], x, y, shapes[style]);
 }
 
+/* From low to high at every point: a bar each, or the band between the two curves. */
+static void chart_spread_write(FILE *file, const chart_panel *panel, const chart_series *series) {
+    int i;
+    if (series->spread == CHART_BARS) {
+        fprintf(file, "<g stroke=\"%s\">\n", chart_colours[series->style]);
+        for (i = 0; i < series->count; i++) {
+            double x = chart_x(panel, series->x[i]);
+            chart_line(file, x, chart_y(panel, series->low[i]), x, chart_y(panel, series->high[i]),
+                       "stroke-width=\"1.5\"");
+        }
+        fputs("</g>\n", file);
+    } else if (series->spread == CHART_BAND) {
+        fprintf(file, "<polygon fill=\"%s\" fill-opacity=\".18\" points=\"",
+                chart_colours[series->style]);
+        for (i = 0; i < 2 * series->count; i++) {
+            int back = i < series->count ? i : 2 * series->count - 1 - i;
+            fprintf(file, "%.1f,%.1f ", chart_x(panel, series->x[back]),
+                    chart_y(panel, i < series->count ? series->low[back] : series->high[back]));
+        }
+        fputs("\"/>\n", file);
+    }
+}
+
+static void chart_stroke(FILE *file, const chart_series *series) {
+    fprintf(file, "<polyline fill=\"none\" stroke=\"%s\" stroke-width=\"%s\" points=\"",
+            chart_colours[series->style], series->dashed ? "1.4\" stroke-dasharray=\"5 3" : "2");
+}
+
 static void chart_curve(FILE *file, const chart_panel *panel, const chart_series *series) {
     int i;
     if (!series->count) return;
-    fprintf(file, "<polyline fill=\"none\" stroke=\"%s\" stroke-width=\"2\" points=\"",
-            chart_colours[series->style]);
+    chart_spread_write(file, panel, series);
+    chart_stroke(file, series);
     for (i = 0; i < series->count; i++)
         fprintf(file, "%.1f,%.1f ", chart_x(panel, series->x[i]), chart_y(panel, series->y[i]));
     fputs("\"/>\n", file);
-    for (i = 0; i < series->count; i++)
-        chart_marker(file, chart_x(panel, series->x[i]), chart_y(panel, series->y[i]),
-                     series->style);
+    for (i = 0; i < series->count && !series->plain; i++)
+        if (chart_within(&panel->x, series->x[i]) && chart_within(&panel->y, series->y[i]))
+            chart_marker(file, chart_x(panel, series->x[i]), chart_y(panel, series->y[i]),
+                         series->style);
 }
 
 /* Heights for the labels at the ends of the curves: in the curves' order, far enough apart, as near
@@ -411,28 +477,51 @@ static void chart_gain(FILE *file, const chart_panel *panel) {
     chart_write_text(file, (x0 + x1) / 2, y - 7, "middle", "class=\"g\"", text);
 }
 
-static void chart_panel_write(FILE *file, const chart_panel *panel) {
+/* The names in a row below the subtitle. */
+static void chart_legend(FILE *file, const chart_panel *panel, int names) {
+    double x = 20, y = 66;
+    int i;
+    for (i = 0; i < names && i < panel->series_count; i++) {
+        const chart_series *s = &panel->series[i];
+        chart_stroke(file, s);
+        fprintf(file, "%.1f,%.1f %.1f,%.1f\"/>\n", x, y, x + 24, y);
+        if (!s->plain) chart_marker(file, x + 12, y, s->style);
+        chart_write_text(file, x + 30, y + 4, "start", "class=\"l\"", s->name);
+        x += 50 + .53 * CHART_TEXT * (double)strlen(s->name);
+    }
+}
+
+static void chart_panel_write(FILE *file, const chart_panel *panel, int number, int legend) {
     int i;
     chart_grid(file, panel);
+    fprintf(file, "<clipPath id=\"p%d\"><rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" "
+                  "height=\"%.1f\"/></clipPath>\n<g clip-path=\"url(#p%d)\">\n",
+            number, panel->left - 5, panel->top - 5, panel->width + 10, panel->height + 10, number);
     for (i = 0; i < panel->series_count; i++) chart_curve(file, panel, &panel->series[i]);
-    chart_labels(file, panel);
+    fputs("</g>\n", file);
+    if (!legend) chart_labels(file, panel);
     chart_gain(file, panel);
 }
 
 /* Room for each panel: numbers to the left, names to the right. */
 static void chart_layout(chart *c) {
-    double width = (double)CHART_WIDTH / c->panel_count;
-    int p, i;
+    int columns = c->columns ? c->columns : c->panel_count, p, i;
+    int rows = (c->panel_count + columns - 1) / columns;
+    double top = c->legend ? 106 : 82, width, height = (c->height - top) / rows;
+    if (c->width == 0) c->width = CHART_WIDTH;
+    width = c->width / columns;
     for (p = 0; p < c->panel_count; p++) {
         chart_panel *panel = &c->panels[p];
         size_t longest = 0;
         chart_name_values(panel);
         for (i = 0; i < panel->series_count; i++)
             if (strlen(panel->series[i].name) > longest) longest = strlen(panel->series[i].name);
-        panel->label_width = CHART_GAP + 22 + .53 * CHART_TEXT * (double)longest;
-        panel->left = p * width + 56, panel->top = 82;
+        panel->label_width = CHART_GAP + 8;
+        if (!c->legend) panel->label_width += 14 + .53 * CHART_TEXT * (double)longest;
+        panel->left = p % columns * width + 56, panel->top = top + p / columns * height;
         panel->width = width - 56 - panel->label_width;
-        panel->height = c->height - panel->top - 74;
+        panel->height = height - 74;
+        panel->x.narrow = panel->width < 220, panel->y.narrow = panel->height < 220;
         chart_ranges(panel);
     }
 }
@@ -443,16 +532,17 @@ static int chart_write(chart *c, const char *path) {
     int p, good;
     if (!file) return 0;
     chart_layout(c);
-    fprintf(file, "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%.0f\" "
-                  "viewBox=\"0 0 %d %.0f\" font-family=\"Helvetica, Arial, sans-serif\" "
+    fprintf(file, "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%.0f\" height=\"%.0f\" "
+                  "viewBox=\"0 0 %.0f %.0f\" font-family=\"Helvetica, Arial, sans-serif\" "
                   "font-size=\"%d\">\n<style>.t{fill:#444}.l{fill:#222}.g{fill:#222;"
                   "font-weight:bold}.f{fill:#777;font-size:10px}.h{fill:#111;font-size:16px;"
                   "font-weight:bold}</style>\n<rect width=\"100%%\" height=\"100%%\" "
                   "fill=\"#ffffff\"/>\n",
-            CHART_WIDTH, c->height, CHART_WIDTH, c->height, CHART_TEXT);
+            c->width, c->height, c->width, c->height, CHART_TEXT);
     chart_write_text(file, 14, 25, "start", "class=\"h\"", c->title);
     chart_write_text(file, 14, 44, "start", "class=\"t\"", c->subtitle);
-    for (p = 0; p < c->panel_count; p++) chart_panel_write(file, &c->panels[p]);
+    if (c->legend) chart_legend(file, &c->panels[0], c->legend);
+    for (p = 0; p < c->panel_count; p++) chart_panel_write(file, &c->panels[p], p, c->legend);
     chart_write_text(file, 14, c->height - 10, "start", "class=\"f\"", c->footer);
     fputs("</svg>\n", file);
     good = !ferror(file);
