@@ -10,13 +10,18 @@
                                         the sweeps of the path walk, one row per measurement
    bench gradient [--csv FILE] [--mesh FILE] [--quick]
                                         error against time of each estimator of derivatives
+   bench limits [--csv FILE] [--quick]  errors and deviations from the truth as parameters go to
+                                        the ends of their ranges
+   bench bias [--csv FILE] [--mesh FILE] [--quick]
+                                        gradients of a loss from one render and from two
    bench invert [--csv FILE] [--mesh FILE] [--quick]
-                                        error against time of the ways to refine an estimate
+                                        loss and error against time of the ways to refine an
+                                        estimate
    bench charts [FOLDER]                remakes the SVGs in FOLDER (tests/charts) from its CSVs
 
-   All figures and charts of the project, in about ten minutes:
+   All figures and charts of the project, in about half an hour:
 
-       for what in walk gradient invert; do
+       for what in walk gradient limits bias invert; do
            tests/build/bench $what --csv tests/charts/$what.csv
        done; tests/build/bench charts
 
@@ -31,7 +36,10 @@
 #include "../itn.h"
 
 #include "chart.h"
+#include "solids.h"
 #include "stage.h"
+
+#include "limit_cases.h"
 
 #include <time.h>
 
@@ -42,7 +50,7 @@
 static const char *const usage =
     "usage: bench rays MESH.obj\n"
     "       bench cnn [BATCH released|small]\n"
-    "       bench walk|gradient|invert [--csv FILE] [--mesh FILE] [--quick]\n"
+    "       bench walk|gradient|limits|bias|invert [--csv FILE] [--mesh FILE] [--quick]\n"
     "       bench charts [FOLDER]\n";
 
 /* ---- helpers --------------------------------------------------------------------------------- */
@@ -733,6 +741,11 @@ static const char *const estimators[ESTIMATORS] = {"reference score", "score", "
 static const double media[3][MATERIAL] = {{5, .9, .5}, {50, .9, .5}, {300, .95, .9}};
 static const char *const media_names[3] = {"thin", "medium", "thick"};
 
+static void material_parameters(const subject *s, int *parameters) {
+    int k;
+    for (k = 0; k < MATERIAL; k++) parameters[k] = itn_parameter_find(s->made, material[k]);
+}
+
 static double plane_mean(const itn_image *image, int plane) {
     size_t count = (size_t)image->width * (size_t)image->height, i;
     double sum = 0;
@@ -747,7 +760,7 @@ static double differentiate(const subject *s, int estimator, itn_render_options 
     itn_image image;
     itn_error error;
     double start;
-    for (k = 0; k < MATERIAL; k++) parameters[k] = itn_parameter_find(s->made, material[k]);
+    material_parameters(s, parameters);
     options.mode = estimator == 0 ? ITN_MODE_REFERENCE : ITN_MODE_FAST;
     options.estimator = estimator == 1 ? ITN_ESTIMATOR_SCORE : ITN_ESTIMATOR_AUTO;
     start = seconds_now();
@@ -827,85 +840,318 @@ static void bench_gradient(const char *csv, const char *mesh, int quick) {
     bench_close(&bench, csv);
 }
 
-/* ---- inversion ------------------------------------------------------------------------------- */
+/* A noisy picture whose material is to be found: 0 the data's scene without a surface, 1 rough
+   glass in the studio. */
+static void open_hidden(const walk_bench *bench, subject *s, int which, int size, int quick,
+                        itn_image *target) {
+    itn_render_options options = ITN_ZERO;
+    itn_error error;
+    *s = studio_subject(bench);
+    s->size = size, s->sigma_t = which ? 25 : 50, s->albedo = .9, s->g = .5;
+    if (!which) s->scene = "data", s->boundary = "none";
+    open_subject(s, &bench->sky);
+    options.spp = quick ? 16 : 512, options.seed = 77;
+    need(itn_render(s->made, NULL, &options, NULL, 0, target, &error), &error);
+}
 
-typedef struct descent {
-    walk_bench *bench;
-    const subject *subject;
-    const char *method, *start;
-    double began;
-} descent;
+/* ---- limits ---------------------------------------------------------------------------------- */
 
-/* Of this process: a search takes minutes, in which the machine may have other work. */
+/* Of this process: a measurement takes a while, in which the machine may have other work. */
 static double processor_seconds(void) { return (double)clock() / CLOCKS_PER_SEC; }
 
-static int write_step(void *user, const itn_refine_step *step) {
-    const descent *d = (const descent *)user;
-    const itn_scene *scene = d->subject->made;
-    double off[MATERIAL], square;
+static const char *const limit_ways[2] = {"reference", "automatic"};
+
+/* Relative size of what floats and the truth's own differences may be wrong by. */
+#define LIMIT_ROUNDING 1e-6
+
+/* Renders as many samples as fit into the seconds, and compares all quantities with the truth. */
+static void measure_limit(walk_bench *bench, const limit *l, int value, int way, double seconds,
+                          const double *truth) {
+    itn_render_options options = ITN_ZERO;
+    itn_scene *scene = limit_make(l, value);
+    solids_mean means[LIMIT_QUANTITIES];
+    double claimed[LIMIT_QUANTITIES], spent;
     int k;
-    for (k = 0; k < MATERIAL; k++) {
-        int parameter = itn_parameter_find(scene, material[k]);
-        off[k] = fabs((double)step->theta[parameter] - itn_parameter_get(scene, parameter)->value);
+    options.mode = way ? ITN_MODE_AUTO : ITN_MODE_REFERENCE;
+    options.spp = 4, options.seed = 1000;
+    limit_measure(l, scene, &options, means, NULL); /* which also makes the tables */
+    spent = processor_seconds();
+    options.spp = 8, options.seed = 1001;
+    limit_measure(l, scene, &options, means, NULL);
+    spent = processor_seconds() - spent;
+    options.spp = (int)fmin(8 * seconds / spent, 4000) + 2;
+    options.seed = (uint64_t)(((l - limits) * LIMIT_VALUES + value) * 2 + way);
+    spent = processor_seconds();
+    limit_measure(l, scene, &options, means, claimed);
+    spent = processor_seconds() - spent;
+    for (k = 0; k < LIMIT_QUANTITIES && (k == 0 || l->asked[k - 1] >= 0); k++) {
+        const char *name = k ? limit_parameters[l->asked[k - 1]] : "radiance";
+        double rounding = LIMIT_ROUNDING * (fabs(truth[k]) + fabs(truth[0]));
+        double off = means[k].value - truth[k], noise = hypot(means[k].error, rounding);
+        double sigmas = off == 0 ? 0 : off / noise;
+        fprintf(bench->csv, "%s,%.9g,%.9g,%s,%s,%d,%.3g,%.7g,%.7g,%.3g,%.3g,%.3g,%.3g\n", l->name,
+                l->values[value], limit_distance(l, value), limit_ways[way], name,
+                options.spp * LIMIT_BATCHES, spent, truth[k], means[k].value, means[k].error,
+                claimed[k], means[k].error * sqrt(spent) / fabs(truth[k]),
+                sigmas);
+        if (!(fabs(sigmas) < 4.5))
+            fprintf(stderr, "%s %g %s: %s %g +- %g, truth %g\n", l->name, l->values[value],
+                    limit_ways[way], name, means[k].value, means[k].error, truth[k]);
     }
-    square = pow(off[0] / d->subject->sigma_t, 2);
-    fprintf(d->bench->csv, "%s,%s,%d,%.4g,%.4g,%.4g,%.4g,%.4g,%.4g\n", d->method, d->start,
-            step->iteration, processor_seconds() - d->began, fabs(step->loss),
-            off[0] / d->subject->sigma_t, off[1], off[2],
-            sqrt((square + off[1] * off[1] + off[2] * off[2]) / MATERIAL));
+    fflush(bench->csv);
+    itn_scene_free(scene);
+}
+
+static void bench_limits(const char *csv, const char *mesh, int quick) {
+    walk_bench bench;
+    int l, value, way;
+    bench_open(&bench, "limits", csv, mesh, quick);
+    fprintf(bench.csv, "limit,value,distance,walk,quantity,spp,seconds,truth,mean,error,"
+                       "claimed_error,relative_error_of_a_second,sigmas\n");
+    for (l = 0; l < LIMIT_COUNT; l++)
+        for (value = 0; value < LIMIT_VALUES; value++) {
+            double truth[LIMIT_QUANTITIES];
+            limit_truth(&limits[l], value, truth);
+            for (way = 0; way < 2; way++)
+                measure_limit(&bench, &limits[l], value, way, quick ? .05 : .5, truth);
+        }
+    bench_close(&bench, csv);
+}
+
+/* ---- bias ------------------------------------------------------------------------------------ */
+
+enum { FORMS = 2, TOTAL_SPP = 1024 };
+static const char *const forms[FORMS] = {"one render", "two renders"};
+
+/* The gradient of the mean of (I - target)^2, multiplied from one render's I and dI, which share
+   their samples, or as itn_loss_gradient has it, from two renders. */
+static void loss_gradient(const subject *s, const float *theta, const itn_image *target, int form,
+                          int spp, uint64_t seed, double *gradient) {
+    size_t count = (size_t)pixel_count(s), i;
+    itn_render_options options = ITN_ZERO;
+    int parameters[MATERIAL], k;
+    itn_image image;
+    itn_error error;
+    double loss;
+    material_parameters(s, parameters);
+    options.spp = spp, options.seed = seed;
+    if (form) {
+        need(itn_loss_gradient(s->made, theta, &options, target->pixels, parameters, MATERIAL,
+                               &loss, gradient, &error), &error);
+        return;
+    }
+    need(itn_render(s->made, theta, &options, parameters, MATERIAL, &image, &error), &error);
+    for (k = 0; k < MATERIAL; k++)
+        for (gradient[k] = 0, i = 0; i < count; i++)
+            gradient[k] += 2 * ((double)image.pixels[i] - target->pixels[i]) *
+                           image.pixels[(size_t)(2 + 2 * k) * count + i] / (double)count;
+    itn_image_free(&image);
+}
+
+/* Means over independent gradients of `spp` samples, with their standard errors. */
+static void mean_gradient(const subject *s, const float *theta, const itn_image *target, int form,
+                          int spp, int repeats, uint64_t seed, double *mean, double *error) {
+    double one[MATERIAL];
+    int r, k;
+    for (k = 0; k < MATERIAL; k++) mean[k] = error[k] = 0;
+    for (r = 0; r < repeats; r++) {
+        loss_gradient(s, theta, target, form, spp, seed + (uint64_t)r, one);
+        for (k = 0; k < MATERIAL; k++)
+            mean[k] += one[k] / repeats, error[k] += one[k] * one[k] / repeats;
+    }
+    for (k = 0; k < MATERIAL; k++)
+        error[k] = sqrt(fmax(error[k] - mean[k] * mean[k], 0) / (repeats - 1));
+}
+
+static void bench_bias(const char *csv, const char *mesh, int quick) {
+    static const double at[MATERIAL] = {60, .88, .3};
+    int parameters[MATERIAL], k, form, spp, total = quick ? TOTAL_SPP / 8 : TOTAL_SPP;
+    double truth[MATERIAL], truth_error[MATERIAL], mean[MATERIAL], error[MATERIAL];
+    itn_image target;
+    walk_bench bench;
+    float theta[64];
+    subject s;
+    bench_open(&bench, "bias", csv, mesh, quick);
+    fprintf(bench.csv, "parameter,form,spp,repeats,gradient,error,truth,truth_error\n");
+    open_hidden(&bench, &s, 0, 16, quick, &target);
+    itn_parameter_values(s.made, theta);
+    material_parameters(&s, parameters);
+    for (k = 0; k < MATERIAL; k++) theta[parameters[k]] = (float)at[k];
+    mean_gradient(&s, theta, &target, 1, total / 8, 16, 1, truth, truth_error);
+    for (form = 0; form < FORMS; form++)
+        for (spp = 2; spp <= 64; spp *= 2) {
+            mean_gradient(&s, theta, &target, form, spp, total / spp, (uint64_t)(1000000 * spp),
+                          mean, error);
+            for (k = 0; k < MATERIAL; k++)
+                fprintf(bench.csv, "%s,%s,%d,%d,%.6g,%.3g,%.6g,%.3g\n", material[k], forms[form],
+                        spp, total / spp, mean[k], error[k], truth[k], truth_error[k]);
+            fflush(bench.csv);
+        }
+    itn_image_free(&target);
+    close_subject(&s);
+    bench_close(&bench, csv);
+}
+
+/* ---- inversion ------------------------------------------------------------------------------- */
+
+/* Every method gets the same seconds, and its samples or its step size by the same rule: of three
+   settings, the one whose searches from both starts in both scenes, with a trial seed, leave the
+   smallest loss (geometric mean). Rates fall to a tenth over as many steps as fit. */
+enum { METHODS = 3, SETTINGS = 3, STARTS = 2, HIDDEN = 2, SEEDS = 5, TIMES = 10 };
+static const char *const method_names[METHODS] = {"LM", "Adam", "SGD"};
+static const double settings[METHODS][SETTINGS] = {{16, 32, 64}, {.05, .15, .5}, {1, 10, 100}};
+static const char *const start_names[STARTS] = {"near", "far"};
+
+typedef struct descent {
+    double began, budget;
+    int parameters[MATERIAL];
+    int steps;
+    double seconds[4096];
+    float values[4096][MATERIAL];
+} descent;
+
+static int note_step(void *user, const itn_refine_step *step) {
+    descent *d = (descent *)user;
+    double seconds = processor_seconds() - d->began;
+    int k;
+    if (d->steps == 4096 || (d->steps && seconds > d->budget)) return 1;
+    for (k = 0; k < MATERIAL; k++) d->values[d->steps][k] = step->theta[d->parameters[k]];
+    d->seconds[d->steps++] = seconds;
     return 0;
 }
 
-/* Recovers the material of a picture from a start. */
-static void descend(walk_bench *bench, const subject *s, const itn_image *target, itn_method method,
-                    const char *name, const char *start, const double *from) {
+/* Searches for the material of a picture, until the method stops by itself or time is up. */
+static void descend(const subject *s, const itn_image *target, int method, double setting,
+                    int start, int iterations, uint64_t seed, descent *d) {
+    static const double from[STARTS][MATERIAL] = {{1.2, .85, .4}, {3, .6, .2}};
     itn_refine_options options = ITN_ZERO;
     itn_estimate estimates[MATERIAL];
-    int parameters[MATERIAL], k;
-    float theta[64];
+    itn_result result;
     itn_error error;
-    descent d;
-    d.bench = bench, d.subject = s, d.method = name, d.start = start, d.began = processor_seconds();
+    float theta[64];
+    int k;
+    material_parameters(s, d->parameters);
     itn_parameter_values(s->made, theta);
-    for (k = 0; k < MATERIAL; k++) {
-        parameters[k] = itn_parameter_find(s->made, material[k]);
-        theta[parameters[k]] = (float)from[k];
-    }
-    options.method = method, options.spp = method == ITN_METHOD_LM ? 32 : 4;
+    for (k = 0; k < MATERIAL; k++)
+        theta[d->parameters[k]] = (float)(from[start][k] * (k ? 1 : s->sigma_t));
+    options.method = (itn_method)method, options.seed = seed, options.iterations = iterations;
+    options.spp = method == ITN_METHOD_LM ? (int)setting : 4;
+    if (method != ITN_METHOD_LM) options.learning_rate = setting;
     options.target_variance = target->pixels + (size_t)pixel_count(s);
-    if (method == ITN_METHOD_SGD) options.learning_rate = 10;
-    if (method != ITN_METHOD_LM) options.iterations = 100;
-    options.progress = write_step, options.progress_user = &d;
-    need(itn_refine(s->made, theta, target->pixels, parameters, MATERIAL, &options, estimates,
-                    &error), &error);
-    fprintf(stderr, "%s from %s: %.1f s, %g %g %g\n", name, start,
-            processor_seconds() - d.began, estimates[0].value, estimates[1].value,
-            estimates[2].value);
+    options.progress = note_step, options.progress_user = d;
+    d->steps = 0, d->began = processor_seconds();
+    result = itn_refine(s->made, theta, target->pixels, d->parameters, MATERIAL, &options,
+                        estimates, &error);
+    if (result != ITN_ERROR_CANCELLED) need(result, &error);
+    if (result || d->steps == 4096) return;
+    for (k = 0; k < MATERIAL; k++) d->values[d->steps][k] = theta[d->parameters[k]];
+    d->seconds[d->steps++] = processor_seconds() - d->began;
+}
+
+/* The loss of values against the picture without noise, over its mean square. */
+static double loss_of(const subject *s, const itn_image *clean, const float *values) {
+    size_t count = (size_t)pixel_count(s), i;
+    itn_render_options options = ITN_ZERO;
+    int parameters[MATERIAL], k;
+    double loss, square = 0;
+    itn_error error;
+    float theta[64];
+    material_parameters(s, parameters);
+    itn_parameter_values(s->made, theta);
+    for (k = 0; k < MATERIAL; k++) theta[parameters[k]] = values[k];
+    options.spp = 64, options.walks = 1, options.seed = 4242;
+    need(itn_loss_gradient(s->made, theta, &options, clean->pixels, NULL, 0, &loss, NULL, &error),
+         &error);
+    for (i = 0; i < count; i++) square += pow(clean->pixels[i], 2) / (double)count;
+    return loss / square;
+}
+
+/* Writes where a search stood at times spread evenly in the logarithm; returns the last loss. */
+static double write_descent(walk_bench *bench, const subject *s, const itn_image *clean,
+                            const char *names, const descent *d) {
+    double loss = 0, off[MATERIAL], square;
+    int t, k, step = 0, known = -1;
+    for (t = 0; t < TIMES; t++) {
+        double seconds = d->budget * pow(.02, 1 - t / (TIMES - 1.));
+        while (step + 1 < d->steps && d->seconds[step + 1] <= seconds) step++;
+        if (step != known) loss = loss_of(s, clean, d->values[step]), known = step;
+        off[0] = d->values[step][0] / s->sigma_t - 1, off[1] = d->values[step][1] - s->albedo;
+        off[2] = d->values[step][2] - s->g;
+        for (square = 0, k = 0; k < MATERIAL; k++) square += off[k] * off[k] / MATERIAL;
+        fprintf(bench->csv, "%s,%.4g,%.4g,%.4g,%.4g,%.4g,%.4g\n", names, seconds, loss, off[0],
+                off[1], off[2], sqrt(square));
+    }
+    fflush(bench->csv);
+    return loss;
+}
+
+typedef struct hidden {
+    subject s;
+    itn_image target, clean;
+} hidden;
+
+/* One search: seed 0 is the trial. Returns the loss at its end. */
+static double search(walk_bench *bench, const hidden *h, int method, double setting, int start,
+                     int seed, double budget) {
+    static descent d;
+    char names[128];
+    double loss;
+    int iterations = 200;
+    d.budget = budget;
+    if (method != ITN_METHOD_LM) { /* how many steps fit? */
+        descend(&h->s, &h->target, method, setting, start, 5, 99, &d);
+        iterations = (int)(budget / ((d.seconds[d.steps - 1] - d.seconds[0]) / (d.steps - 1))) + 1;
+    }
+    descend(&h->s, &h->target, method, setting, start, iterations, (uint64_t)seed, &d);
+    snprintf(names, sizeof names, "%s,%s,%s,%g,%d", h->s.scene, start_names[start],
+             method_names[method], setting, seed);
+    loss = write_descent(bench, &h->s, &h->clean, names, &d);
+    fprintf(stderr, "%-32s %4d steps, loss %.3g\n", names, d.steps - 1, loss);
+    return loss;
+}
+
+/* The setting of a method by the rule above. */
+static double choose_setting(walk_bench *bench, const hidden *h, int method, double budget) {
+    double least = HUGE_VAL, best = 0;
+    int k, i, start;
+    for (k = 0; k < SETTINGS; k++) {
+        double sum = 0;
+        for (i = 0; i < HIDDEN; i++)
+            for (start = 0; start < STARTS; start++)
+                sum += log(fmax(search(bench, &h[i], method, settings[method][k], start, 0,
+                                       budget), 1e-6));
+        if (sum < least) least = sum, best = settings[method][k];
+    }
+    return best;
 }
 
 static void bench_invert(const char *csv, const char *mesh, int quick) {
-    static const double starts[2][MATERIAL] = {{60, .85, .4}, {150, .6, .2}};
-    static const char *const names[2] = {"near", "far"};
-    static const char *const methods[3] = {"Levenberg-Marquardt", "Adam", "SGD"};
+    double budget = quick ? .3 : 4;
     itn_render_options options = ITN_ZERO;
+    hidden h[HIDDEN];
     walk_bench bench;
-    itn_image target;
     itn_error error;
-    subject s;
-    int k, m;
+    int i, method, start, seed;
     bench_open(&bench, "invert", csv, mesh, quick);
-    fprintf(bench.csv, "method,start,iteration,seconds,loss,off_sigma_t,off_albedo,off_g,off\n");
-    s = studio_subject(&bench);
-    s.scene = "data", s.boundary = "none", s.size = 32;
-    s.sigma_t = 50, s.albedo = .9, s.g = .5;
-    open_subject(&s, &bench.sky);
-    options.spp = quick ? 16 : 512, options.seed = 77;
-    need(itn_render(s.made, NULL, &options, NULL, 0, &target, &error), &error);
-    for (k = 0; k < 2; k++)
-        for (m = 0; m < (quick ? 1 : 3); m++)
-            descend(&bench, &s, &target, (itn_method)m, methods[m], names[k], starts[k]);
-    itn_image_free(&target);
-    close_subject(&s);
+    fprintf(bench.csv, "scene,start,method,setting,seed,seconds,loss,off_sigma_t,off_albedo,off_g,"
+                       "off\n");
+    options.spp = quick ? 64 : 1024, options.seed = 78;
+    for (i = 0; i < HIDDEN; i++) {
+        open_hidden(&bench, &h[i].s, i, 32, quick, &h[i].target);
+        need(itn_render(h[i].s.made, NULL, &options, NULL, 0, &h[i].clean, &error), &error);
+    }
+    for (method = 0; method < METHODS; method++) {
+        double setting = choose_setting(&bench, h, method, budget);
+        for (i = 0; i < HIDDEN; i++)
+            for (start = 0; start < STARTS; start++)
+                for (seed = 1; seed <= SEEDS; seed++)
+                    search(&bench, &h[i], method, setting, start, seed, budget);
+    }
+    for (i = 0; i < HIDDEN; i++) {
+        itn_image_free(&h[i].target);
+        itn_image_free(&h[i].clean);
+        close_subject(&h[i].s);
+    }
     bench_close(&bench, csv);
 }
 
@@ -934,6 +1180,8 @@ static void save_chart(chart *c, const char *folder, const char *name) {
     if (!chart_write(c, path)) fail(path, "cannot be written");
     printf("%s\n", path);
 }
+
+enum { MOST_PANELS = 12 };
 
 static chart chart_of(const chart_table *table, chart_panel *panels, int count, const char *title,
                       const char *subtitle) {
@@ -986,24 +1234,11 @@ static void chart_triangles(const chart_table *table, chart_panel *panels, const
     save_chart(&c, folder, "triangles.svg");
 }
 
-/* Of a long search, the first steps and then every fifth. */
-static int worth_a_point(int iteration) {
-    return iteration > 0 && (iteration <= 20 || iteration % 5 == 0);
+static int cell_is(const chart_table *table, int row, const char *column, const char *value) {
+    return !strcmp(chart_cell(table, row, column), value);
 }
-
-/* Adds a series of the rows whose columns `where` and `which` have these values. */
-static void add_series(chart_panel *panel, const chart_table *table, const char *name, int style,
-                       const char *where[2][2], const char *x, const char *y) {
-    chart_series *series = chart_begin(panel, name, style);
-    int row;
-    for (row = 0; row < table->rows; row++)
-        if (!strcmp(chart_cell(table, row, where[0][0]), where[0][1]) &&
-            !strcmp(chart_cell(table, row, where[1][0]), where[1][1]) &&
-            (!strcmp(y, "relative_error")
-                 ? !strcmp(chart_cell(table, row, "parameter"), material[0])
-                 : worth_a_point(atoi(chart_cell(table, row, "iteration")))))
-            chart_add(panel, series, atof(chart_cell(table, row, x)),
-                      atof(chart_cell(table, row, y)));
+static double cell_value(const chart_table *table, int row, const char *column) {
+    return atof(chart_cell(table, row, column));
 }
 
 static void chart_gradient(const chart_table *table, chart_panel *panel, const char *folder) {
@@ -1011,7 +1246,7 @@ static void chart_gradient(const chart_table *table, chart_panel *panel, const c
         "Studio scene, rough glass, thin medium: sigma_t 5, albedo 0.9, g 0.5",
         "Studio scene, rough glass, medium: sigma_t 50, albedo 0.9, g 0.5",
         "Studio scene, rough glass, thick medium: sigma_t 300, albedo 0.95, g 0.9"};
-    int m, e;
+    int m, e, row;
     for (m = 0; m < 3; m++) {
         chart c = chart_of(table, panel, 1, "The derivative by sigma_t, by four estimators",
                            subtitles[m]);
@@ -1019,34 +1254,189 @@ static void chart_gradient(const chart_table *table, chart_panel *panel, const c
         panel->x.title = "render time, seconds on one core";
         panel->y.title = "relative error of d mean / d sigma_t (root mean square)";
         for (e = 0; e < ESTIMATORS; e++) {
-            const char *where[2][2] = {{"medium", NULL}, {"estimator", NULL}};
-            where[0][1] = media_names[m], where[1][1] = estimators[e];
-            add_series(panel, table, estimators[e], e, where, "seconds", "relative_error");
+            chart_series *series = chart_begin(panel, estimators[e], e);
+            for (row = 0; row < table->rows; row++)
+                if (cell_is(table, row, "medium", media_names[m]) &&
+                    cell_is(table, row, "estimator", estimators[e]) &&
+                    cell_is(table, row, "parameter", material[0]))
+                    chart_add(panel, series, cell_value(table, row, "seconds"),
+                              cell_value(table, row, "relative_error"));
         }
         snprintf(name, sizeof name, "gradient_%s.svg", media_names[m]);
         save_chart(&c, folder, name);
     }
 }
 
+static int compare_doubles(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* What is below is noise of the measured loss, which may also be negative. */
+#define LEAST_LOSS 1e-4
+
+/* Median and range over the seeds of a method, scene and start at each time. */
+static void add_searches(chart_panel *panel, const chart_table *table, int method,
+                         const char *scene, const char *start, const char *what) {
+    chart_series *series = chart_begin(panel, method_names[method], method);
+    double values[TIMES][SEEDS], seconds[TIMES] = {0};
+    int found[TIMES] = {0}, row, t = 0;
+    for (row = 0; row < table->rows; row++) {
+        if (!cell_is(table, row, "method", method_names[method]) ||
+            !cell_is(table, row, "scene", scene) || !cell_is(table, row, "start", start) ||
+            cell_is(table, row, "seed", "0"))
+            continue;
+        seconds[t] = cell_value(table, row, "seconds");
+        if (found[t] < SEEDS) values[t][found[t]++] = cell_value(table, row, what);
+        if (!strcmp(what, "loss"))
+            values[t][found[t] - 1] = fmax(values[t][found[t] - 1], LEAST_LOSS);
+        t = (t + 1) % TIMES;
+    }
+    for (t = 0; t < TIMES; t++) {
+        qsort(values[t], (size_t)found[t], sizeof values[t][0], compare_doubles);
+        if (found[t] == SEEDS)
+            chart_add_spread(panel, series, seconds[t], values[t][SEEDS / 2], values[t][0],
+                             values[t][SEEDS - 1]);
+    }
+    series->spread = CHART_BAND;
+}
+
 static void chart_invert(const chart_table *table, chart_panel *panels, const char *folder) {
-    static const char *const methods[3] = {"Levenberg-Marquardt", "Adam", "SGD"};
-    static const char *const names[3] = {"LM", "Adam", "SGD"};
-    static const char *const starts[2] = {"near", "far"};
-    static const char *const titles[2] = {"near start: error of the three, r.m.s.", "far start"};
-    chart c = chart_of(table, panels, 2, "From a picture to its material: three ways down",
-                       "Knot without a surface under sky and sun, 32\xc3\x97" "32 pixels: "
-                       "hidden (50, .9, .5), starts (60, .85, .4) and (150, .6, .2)");
-    int p, m;
-    for (p = 0; p < 2; p++) {
-        panels[p].x.title = "processor time, seconds";
-        panels[p].y.title = titles[p];
-        for (m = 0; m < 3; m++) {
-            const char *where[2][2] = {{"method", NULL}, {"start", NULL}};
-            where[0][1] = methods[m], where[1][1] = starts[p];
-            add_series(&panels[p], table, names[m], m, where, "seconds", "off");
+    static const char *const scenes[HIDDEN] = {"data", "studio"};
+    static const char *const titles[HIDDEN][STARTS] = {{"sun, near start", "sun, far start"},
+                                                       {"glass, near start", "glass, far start"}};
+    static const char *const whats[2] = {"loss", "off"};
+    static const char *const words[2] = {"loss", "error"};
+    static char names[2 * HIDDEN * STARTS][64];
+    chart c = chart_of(table, panels, 2 * HIDDEN * STARTS, "In equal time all three methods fit the "
+                       "picture; from afar only Levenberg-Marquardt finds the material",
+                       "Medians and ranges of five seeds. Loss over the picture's mean square, "
+                       "at least 1e-4; error: r.m.s. of sigma_t (relative), albedo and g");
+    int what, scene, start, method;
+    for (what = 0; what < 2; what++)
+        for (scene = 0; scene < HIDDEN; scene++)
+            for (start = 0; start < STARTS; start++) {
+                int p = (what * HIDDEN + scene) * STARTS + start;
+                snprintf(names[p], sizeof names[p], "%s: %s", titles[scene][start], words[what]);
+                panels[p].y.title = names[p], panels[p].x.title = "processor seconds";
+                for (method = 0; method < METHODS; method++)
+                    add_searches(&panels[p], table, method, scenes[scene], start_names[start],
+                                 whats[what]);
+            }
+    c.columns = HIDDEN * STARTS, c.width = 1000, c.height = 600, c.legend = METHODS;
+    save_chart(&c, folder, "invert.svg");
+}
+
+/* Mean gradients over the true one, with two standard errors each way. */
+static void chart_bias(const chart_table *table, chart_panel *panels, const char *folder) {
+    static const char *const titles[MATERIAL] = {"by sigma_t", "by albedo", "by g"};
+    chart c = chart_of(table, panels, MATERIAL, "The gradient of a loss is biased from one render, "
+                       "by 1 / samples, and not from two",
+                       "Mean gradient over the true one, with two standard errors: value and "
+                       "derivative from the same samples, or from two renders");
+    int k, form, row;
+    for (k = 0; k < MATERIAL; k++) {
+        panels[k].x.title = "samples per pixel", panels[k].y.title = titles[k];
+        panels[k].y.logarithmic = 0;
+        for (form = 0; form < FORMS; form++) {
+            chart_series *series = chart_begin(&panels[k], forms[form], form ? 3 : 4);
+            series->spread = CHART_BARS;
+            for (row = 0; row < table->rows; row++) {
+                double truth = cell_value(table, row, "truth");
+                double mean = cell_value(table, row, "gradient") / truth;
+                double error = cell_value(table, row, "error") / fabs(truth);
+                if (cell_is(table, row, "parameter", material[k]) &&
+                    cell_is(table, row, "form", forms[form]))
+                    chart_add_spread(&panels[k], series, cell_value(table, row, "spp"), mean,
+                                     mean - 2 * error, mean + 2 * error);
+            }
         }
     }
-    save_chart(&c, folder, "invert.svg");
+    c.width = 900, c.height = 360, c.legend = FORMS;
+    save_chart(&c, folder, "bias.svg");
+}
+
+/* Adds the rows of a limit, a walk and a quantity. */
+static void add_limit(chart_panel *panel, const chart_table *table, const limit *l, int way,
+                      const char *quantity, const char *name, int style) {
+    chart_series *series = chart_begin(panel, name, style);
+    int row;
+    series->dashed = series->plain = !way;
+    for (row = 0; row < table->rows; row++)
+        if (cell_is(table, row, "limit", l->name) && cell_is(table, row, "walk", limit_ways[way]) &&
+            cell_is(table, row, "quantity", quantity))
+            chart_add(panel, series, cell_value(table, row, "distance"),
+                      cell_value(table, row, "relative_error_of_a_second"));
+}
+
+/* Quantile of the normal distribution, by bisection. */
+static double normal_quantile(double share) {
+    double lower = -9, upper = 9;
+    while (upper - lower > 1e-9) {
+        double middle = .5 * (lower + upper);
+        if (.5 * erfc(-middle / sqrt(2)) < share) lower = middle;
+        else upper = middle;
+    }
+    return lower;
+}
+
+/* The deviations of all rows of a walk, in their standard errors, against those of a normal
+   distribution; what is exact is left out. */
+static void add_deviations(chart_panel *panel, const chart_table *table, int way, int style) {
+    chart_series *series = chart_begin(panel, limit_ways[way], style);
+    double *sigmas = (double *)allocate((size_t)table->rows, sizeof *sigmas);
+    int row, count = 0, k;
+    for (row = 0; row < table->rows; row++)
+        if (cell_is(table, row, "walk", limit_ways[way]) && cell_value(table, row, "error") > 0)
+            sigmas[count++] = cell_value(table, row, "sigmas");
+    qsort(sigmas, (size_t)count, sizeof *sigmas, compare_doubles);
+    for (k = 0; k < CHART_POINTS && count; k++) { /* more of them at the ends */
+        double z = -3 + 6. * k / (CHART_POINTS - 1), share = .5 * erfc(-z / sqrt(2));
+        int rank = (int)(share * count);
+        if (series->count && chart_place(&panel->x, series->x[series->count - 1]) ==
+                                 chart_place(&panel->x, normal_quantile((rank + .5) / count)))
+            continue;
+        chart_add(panel, series, normal_quantile((rank + .5) / count), sigmas[rank]);
+    }
+    series->dashed = series->plain = !way;
+    free(sigmas);
+}
+
+static void chart_limits(const chart_table *table, chart_panel *panels, const char *folder) {
+    static const char *const x_titles[LIMIT_COUNT] = {
+        "albedo", "1 - albedo", "g", "1 - g", "1 + g", "sigma_t \xc3\x97 thickness",
+        "sigma_t \xc3\x97 thickness", "scale of the light", "cosine of the sun's zenith distance",
+        "alpha", "alpha", "ior - 1", "ior - 1"};
+    static const char *const quantities[6] = {"radiance", "m.sigma_t", "m.albedo", "m.g", "s.alpha",
+                                              "s.ior"};
+    static const char *const names[6] = {"radiance", "its derivative by sigma_t", "albedo", "g",
+                                         "alpha", "ior"};
+    chart c = chart_of(table, panels, 12, "To the ends of all ranges: finite and unbiased "
+                       "everywhere, but in places lost in noise",
+                       "Standard error over true value after a second of one core (above 1 the "
+                       "value is lost); limits to the right. Last: deviations in standard errors");
+    int l, p, q, way;
+    for (l = p = 0; l < LIMIT_COUNT; l++) {
+        chart_panel *panel = &panels[p];
+        if (limits[l].field == LIMIT_SCALE || (limits[l].field == LIMIT_G && limits[l].end == 0))
+            continue; /* nothing happens there; the table has them */
+        panel->x.title = x_titles[l], panel->y.title = limits[l].name;
+        panel->x.reversed = limits[l].end < HUGE_VAL;
+        panel->y.fixed = 1, panel->y.lower = 1e-5, panel->y.upper = 100;
+        for (way = 1; way >= 0; way--)
+            for (q = 0; q < 6; q++)
+                add_limit(panel, table, &limits[l], way, quantities[q],
+                          way ? names[q] : "dashed: by the reference walk", q);
+        p++;
+    }
+    panels[p].x.title = "expected of normal noise", panels[p].y.title = "deviations from truth";
+    panels[p].x.logarithmic = panels[p].y.logarithmic = 0;
+    panels[p].x.fixed = panels[p].y.fixed = 1;
+    panels[p].x.lower = panels[p].y.lower = -4, panels[p].x.upper = panels[p].y.upper = 4;
+    add_deviations(&panels[p], table, 1, 0);
+    add_deviations(&panels[p], table, 0, 0);
+    c.columns = 4, c.width = 1000, c.height = 740, c.legend = 7;
+    save_chart(&c, folder, "limits.svg");
 }
 
 static void load_table(const char *folder, const char *name, chart_table *table) {
@@ -1056,9 +1446,9 @@ static void load_table(const char *folder, const char *name, chart_table *table)
 }
 
 static void bench_charts(const char *folder) {
-    chart_panel *panels = (chart_panel *)allocate(2, sizeof *panels);
+    chart_panel *panels = (chart_panel *)allocate(MOST_PANELS, sizeof *panels);
     chart_table table;
-    char path[1024], csv[1100];
+    char path[1024];
     if (!folder) folder = project_path("tests/charts", path, sizeof path);
     load_table(folder, "walk", &table);
     chart_error(&table, panels, folder);
@@ -1068,9 +1458,14 @@ static void bench_charts(const char *folder) {
     load_table(folder, "gradient", &table);
     chart_gradient(&table, panels, folder);
     chart_table_free(&table);
-    snprintf(csv, sizeof csv, "%s/invert.csv", folder);
-    if (chart_table_load(csv, &table)) chart_invert(&table, panels, folder);
-    else printf("%s: not there, no chart of it\n", csv);
+    load_table(folder, "limits", &table);
+    chart_limits(&table, panels, folder);
+    chart_table_free(&table);
+    load_table(folder, "bias", &table);
+    chart_bias(&table, panels, folder);
+    chart_table_free(&table);
+    load_table(folder, "invert", &table);
+    chart_invert(&table, panels, folder);
     chart_table_free(&table);
     free(panels);
 }
@@ -1099,6 +1494,8 @@ int main(int argc, char **argv) {
     else if (!strcmp(command, "cnn") && argc == 2) bench_cnn_released();
     else if (!strcmp(command, "walk")) sweep_command(argc, argv, bench_walk);
     else if (!strcmp(command, "gradient")) sweep_command(argc, argv, bench_gradient);
+    else if (!strcmp(command, "bias")) sweep_command(argc, argv, bench_bias);
+    else if (!strcmp(command, "limits")) sweep_command(argc, argv, bench_limits);
     else if (!strcmp(command, "invert")) sweep_command(argc, argv, bench_invert);
     else if (!strcmp(command, "charts") && argc <= 3) bench_charts(argc == 3 ? argv[2] : NULL);
     else return fprintf(stderr, "%s", usage), 2;
