@@ -1308,8 +1308,8 @@ static void chart_invert(const chart_table *table, chart_panel *panels, const ch
     static const char *const whats[2] = {"loss", "off"};
     static const char *const words[2] = {"loss", "error"};
     static char names[2 * HIDDEN * STARTS][64];
-    chart c = chart_of(table, panels, 2 * HIDDEN * STARTS, "In equal time all three methods fit the "
-                       "picture; from afar only Levenberg-Marquardt finds the material",
+    chart c = chart_of(table, panels, 2 * HIDDEN * STARTS, "In equal time all three methods fit "
+                       "the picture; from afar only Levenberg-Marquardt finds the material",
                        "Medians and ranges of five seeds. Loss over the picture's mean square, "
                        "at least 1e-4; error: r.m.s. of sigma_t (relative), albedo and g");
     int what, scene, start, method;
