@@ -12738,8 +12738,8 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
 
    Pictures of a dense medium hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo)
    stay (similarity relations, Wyman, Patterson and Wilson 1989): the loss has a long valley, curved
-   in sigma_t, albedo and g, along which straight steps would have to creep. Where sigma_t and g of a
-   medium are both unknown, steps are therefore straight in similarity coordinates
+   in sigma_t, albedo and g, along which straight steps would have to creep. Where sigma_t and g of
+   a medium are both unknown, steps are therefore straight in similarity coordinates
        u = ln sigma_t + ln(1 - g) + mean of ln albedo,    v = logit(albedo) + ln(1 - g),
    one v for each unknown albedo (u has only those), and g's own coordinate w: the valley lies along
    w. By the chain rule their derivative images are sums of those by transformed coordinates,
@@ -12794,7 +12794,7 @@ typedef struct itn__normal {
     double *silence;    /* [count]: what A_kk would vary if J were but noise */
     double *noise;      /* [count]: what the noise of K J adds to the covariance of b */
     double *spread;     /* [count]: variance of A_kk */
-    double chi2, chi2_variance;
+    double chi2, chi2_variance, loss;
 } itn__normal;
 
 /* Sums over the pixels of all views of r_a r_b and of its square, and of both in units of its
@@ -13106,6 +13106,7 @@ static void itn__misfit_means(itn__refiner *refiner) {
     double n = sum->pixels, felt = sum->felt;
     refiner->loss = sum->product / n;
     refiner->loss_error = sqrt(fmax(sum->square / n - refiner->loss * refiner->loss, 0) / n);
+    refiner->fresh.loss = refiner->loss;
     refiner->fresh.chi2 = 1 + (felt > 0 ? sum->chi2 / felt : 0);
     refiner->fresh.chi2_variance = felt > 0 ? sum->chi2_square / (felt * felt) : 0;
 }
@@ -13193,6 +13194,7 @@ static void itn__refine_learn(itn__refiner *refiner, int together) {
     for (i = 0; i < itn__variances(refiner->count); i++)
         known->variances[i] = (1 - w) * (1 - w) * known->variances[i] + w * w * fresh->variances[i];
     known->chi2 = (1 - w) * known->chi2 + w * fresh->chi2;
+    known->loss = (1 - w) * known->loss + w * fresh->loss;
     known->chi2_variance = (1 - w) * (1 - w) * known->chi2_variance +
                            w * w * fresh->chi2_variance;
     known->samples = all;
@@ -13214,7 +13216,7 @@ static void itn__refine_noise(itn__refiner *refiner, const itn__normal *normal, 
 static void itn__refine_factor(itn__refiner *refiner, const itn__normal *normal, double bias,
                                double mu) {
     int n = refiner->count, k;
-    for (;; mu = mu > 0 ? 4 * mu : 1e-3) { /* ends, as all is finite and the diagonal positive */
+    for (;; mu = mu > 0 ? 1.5 * mu : 1e-3) { /* ends, as all is finite and the diagonal positive */
         memcpy(refiner->factor, normal->matrix, (size_t)(n * n) * sizeof(double));
         for (k = 0; k < n; k++) {
             double e = 3 * sqrt(normal->silence[k]);
@@ -13299,21 +13301,40 @@ static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_e
     return ITN_OK;
 }
 
-/* Takes a step and evaluates there. A step after which the misfit has risen beyond its noise is
-   taken back. An evaluation that is but noise joins the one before if that was not much more. */
+/* Where g is high, pictures are noisy and hardly change along the valley; at low g they tell. Makes
+   a step to g = 0 along the valley of each medium of which nothing is known there. Returns whether
+   there is one. */
+static int itn__refine_leap(itn__refiner *refiner) {
+    const itn__normal *known = &refiner->known;
+    const itn__similarity *m = refiner->media, *end = m + refiner->media_count;
+    int n = refiner->count, leaps = 0;
+    memset(refiner->step, 0, (size_t)n * sizeof(double));
+    for (; m < end; m++) {
+        double w = itn_parameter_to_coordinate(refiner->parameters[m->g], 0);
+        if (refiner->coordinates[m->g] < w + 1 ||
+            known->matrix[m->g * n + m->g] > 2 * sqrt(known->spread[m->g]))
+            continue;
+        refiner->step[m->g] = w - refiner->coordinates[m->g], leaps++;
+    }
+    return leaps > 0;
+}
+
+/* Takes the step and evaluates there. A step after which the misfit has risen beyond its noise is
+   taken back, but not if the loss has fallen: then the misfit's unit, the noise of the renders, has
+   become smaller. An evaluation that is but noise joins the one before if that was not much more. */
 static itn_result itn__refine_try(itn__refiner *refiner, double samples, double *mu, double *news,
                                   itn_error *error) {
     const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
     double now, rise;
     int together;
     itn_result result;
-    itn__refine_solve(refiner, *mu, 2);
     itn__refine_move(refiner);
     result = itn__refine_evaluate(refiner, samples, error);
     if (result) return result;
     now = itn__refine_news(refiner), together = now < 1 && *news < 4;
     rise = fresh->chi2 - known->chi2;
-    if (!together && rise > 3 * sqrt(fresh->chi2_variance + known->chi2_variance)) {
+    if (!together && fresh->loss > known->loss &&
+        rise > 3 * sqrt(fresh->chi2_variance + known->chi2_variance)) {
         itn__refine_set(refiner, refiner->before);
         *mu *= 10, *news = INFINITY;
     } else {
@@ -13325,19 +13346,24 @@ static itn_result itn__refine_try(itn__refiner *refiner, double samples, double 
 
 /* Levenberg-Marquardt, until the evaluations that count have enough samples, or no step helps. If
    iterations run out, one or two more with all samples at once give error bars. An evaluation that
-   told something is followed by one of as many samples, as fewer would not have seen it. */
+   told something is followed by one of as many samples, as fewer would not have seen it. Where there
+   is only noise the search may leap, once and while there are iterations to go on from there. */
 static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     const itn__normal *known = &refiner->known;
-    int iteration, most = refiner->options.iterations;
+    int iteration, most = refiner->options.iterations, leapt = 0;
     double mu = 1, news = INFINITY, samples = 1;
     itn_result result = itn__refine_evaluate(refiner, samples, error);
     if (result) return result;
     itn__refine_learn(refiner, 0);
     result = itn__refine_report(refiner, 0, error);
     for (iteration = 1; iteration <= most + 2 && !result; iteration++) {
+        int leaps = 0;
         if (mu > 1e6 || (news < 1 && known->samples >= refiner->final)) break;
         if (iteration > most) samples = refiner->final;
         else if (news < 1) samples = fmin(2 * known->samples, refiner->final - known->samples);
+        if (news < 1 && !leapt && iteration + 5 <= most) leaps = leapt = itn__refine_leap(refiner);
+        if (leaps) news = INFINITY;
+        else itn__refine_solve(refiner, mu, 1);
         result = itn__refine_try(refiner, samples, &mu, &news, error);
         if (!result && iteration <= most) result = itn__refine_report(refiner, iteration, error);
     }
