@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.4.0                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.5.0                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -13302,8 +13302,8 @@ static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_e
 }
 
 /* Where g is high, pictures are noisy and hardly change along the valley; at low g they tell. Makes
-   a step to g = 0 along the valley of each medium of which nothing is known there. Returns whether
-   there is one. */
+   a step to g = 0 along the valley of each medium of which nothing is known there; it stands even
+   where the misfit rises. Returns whether there is one. */
 static int itn__refine_leap(itn__refiner *refiner) {
     const itn__normal *known = &refiner->known;
     const itn__similarity *m = refiner->media, *end = m + refiner->media_count;
@@ -13314,13 +13314,13 @@ static int itn__refine_leap(itn__refiner *refiner) {
         if (refiner->coordinates[m->g] < w + 1 ||
             known->matrix[m->g * n + m->g] > 2 * sqrt(known->spread[m->g]))
             continue;
-        refiner->step[m->g] = w - refiner->coordinates[m->g], leaps++;
+        refiner->step[m->g] = w - refiner->coordinates[m->g], leaps = 1;
     }
-    return leaps > 0;
+    return leaps;
 }
 
 /* Takes the step and evaluates there. A step after which the misfit has risen beyond its noise is
-   taken back, but not if the loss has fallen: then the misfit's unit, the noise of the renders, has
+   taken back, but not if the loss has fallen: then the misfit's unit, the renders' noise, has
    become smaller. An evaluation that is but noise joins the one before if that was not much more. */
 static itn_result itn__refine_try(itn__refiner *refiner, double samples, double *mu, double *news,
                                   itn_error *error) {
@@ -13346,8 +13346,8 @@ static itn_result itn__refine_try(itn__refiner *refiner, double samples, double 
 
 /* Levenberg-Marquardt, until the evaluations that count have enough samples, or no step helps. If
    iterations run out, one or two more with all samples at once give error bars. An evaluation that
-   told something is followed by one of as many samples, as fewer would not have seen it. Where there
-   is only noise the search may leap, once and while there are iterations to go on from there. */
+   told something is followed by one of as many samples, as fewer would not have seen it. The search
+   may leap once, while there are iterations to go on from there. */
 static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     const itn__normal *known = &refiner->known;
     int iteration, most = refiner->options.iterations, leapt = 0;
@@ -13361,8 +13361,9 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
         if (mu > 1e6 || (news < 1 && known->samples >= refiner->final)) break;
         if (iteration > most) samples = refiner->final;
         else if (news < 1) samples = fmin(2 * known->samples, refiner->final - known->samples);
-        if (news < 1 && !leapt && iteration + 5 <= most) leaps = leapt = itn__refine_leap(refiner);
-        if (leaps) news = INFINITY;
+        if (iteration > 1 && !leapt && iteration + 5 <= most)
+            leaps = leapt = itn__refine_leap(refiner);
+        if (leaps) news = INFINITY, refiner->known.chi2_variance = 1e300; /* whatever it rises by */
         else itn__refine_solve(refiner, mu, 1);
         result = itn__refine_try(refiner, samples, &mu, &news, error);
         if (!result && iteration <= most) result = itn__refine_report(refiner, iteration, error);
@@ -16929,9 +16930,11 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.5.0  refinement steps in similarity coordinates, final_spp; roulette keeps what derivatives in an
+          albedo, reflectance or sigma_t near 0 live on; AUTO takes the reference for them.
+          breaks: refinement takes other steps than before
    0.4.0  itn_render_texel_gradient; itn_refine_views, itn_refine_words, covariances,
           ITN_METHOD_SGD; sigma_t and g for each channel; itn_net_input; faint links are cut;
-          roulette keeps what derivatives in an albedo, reflectance or sigma_t near 0 live on.
           breaks: images with maps, skies and textures have other bits than before
    0.3.0  derivatives in the fast walk, foresight, itn_estimator; convolutions in blocked layouts.
           breaks: images have other bits than before (ITN_ESTIMATOR_SCORE has the old ones)
