@@ -150,7 +150,7 @@
 #include <stdint.h>
 
 #define ITN_VERSION_MAJOR 0
-#define ITN_VERSION_MINOR 4
+#define ITN_VERSION_MINOR 5
 #define ITN_VERSION_PATCH 0
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
@@ -16934,7 +16934,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
           albedo, reflectance or sigma_t near 0 live on; AUTO takes the reference for them.
           breaks: refinement takes other steps than before
    0.4.0  itn_render_texel_gradient; itn_refine_views, itn_refine_words, covariances,
-          ITN_METHOD_SGD; sigma_t and g for each channel; itn_net_input; faint links are cut;
+          ITN_METHOD_SGD; sigma_t and g for each channel; itn_net_input; faint links are cut.
           breaks: images with maps, skies and textures have other bits than before
    0.3.0  derivatives in the fast walk, foresight, itn_estimator; convolutions in blocked layouts.
           breaks: images have other bits than before (ITN_ESTIMATOR_SCORE has the old ones)
