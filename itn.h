@@ -8564,19 +8564,20 @@ ITN__INLINE void itn__foresee_flight(const itn__crowd *crowd, int substance, itn
     itn__floats tau = crowd->fast->substances[substance].sigma_t * distance, zero = itn__splat(0);
     itn__floats fall[ITN__DECAYS];
     itn__ints crosses = a->up & itn__less(a->to_face, tau);
-    int c, i;
-    if (crowd->fast->foresees)
+    int foresees = crowd->fast->foresees, c, i;
+    for (i = 0; i < ITN__DECAYS; i++) fall[i] = zero;
+    if (foresees)
         itn__falls(outlook, itn__most(a->view.depth + a->view.cosine * tau, zero), fall);
     for (c = 0; c < itn__colours(features); c++) {
         itn__floats collided = a->omega[c][0], mean = s->beta[c] * a->mean[c], surprise = zero;
-        if (crowd->fast->foresees) {
+        if (foresees) {
             for (i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
             surprise = itn__surprise(s, c, s->beta[c] * itn__select(crosses, a->at_face[c],
                                                                     collided), mean, mask);
         }
         if (!itn__scored(crowd, features)) continue;
         s->expected[c] = itn__select(mask, mean + s->credit[c], s->expected[c]);
-        if (!crowd->fast->foresees) continue;
+        if (!foresees) continue;
         collided = s->beta[c] * (itn__select(crosses, zero, collided) - a->collided[c]);
         s->hit_base[c] = s->hit_base[c] + itn__select(mask, collided, zero);
         s->flight_base[c] = s->flight_base[c] +
