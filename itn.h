@@ -13321,8 +13321,8 @@ static int itn__refine_leap(itn__refiner *refiner) {
 }
 
 /* Takes the step and evaluates there. A step after which the misfit has risen beyond its noise is
-   taken back, but not if the loss has fallen: then the misfit's unit, the renders' noise, has
-   become smaller. An evaluation that is but noise joins the one before if that was not much more. */
+   taken back, but not if the loss has fallen: then the misfit's unit, the renders' noise, is less.
+   An evaluation that is but noise joins the one before if that was not much more. */
 static itn_result itn__refine_try(itn__refiner *refiner, double samples, double *mu, double *news,
                                   itn_error *error) {
     const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
