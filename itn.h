@@ -16962,5 +16962,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
               A. Wilkie et al., Hero Wavelength Spectral Sampling, EGSR 2014
      adam     D. Kingma, J. Ba, Adam: A Method for Stochastic Optimization, ICLR 2015
      net      K. He et al., Delving Deep into Rectifiers, ICCV 2015
+     refine   D. Wyman, M. Patterson, B. Wilson, Similarity Relations for the Interaction
+              Parameters in Radiation Transport, Applied Optics 1989
 
    [license] MIT, see the file LICENSE beside this one. Copyright (c) 2026 the itn.h authors. */
