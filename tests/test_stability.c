@@ -1142,7 +1142,7 @@ int main(void) {
     CHECK_CATCHES(plant_lost_path());
     CHECK_CATCHES(test_touching_boxes(.3));
     CHECK_CATCHES(test_limit(&limits[1], .02));
-    CHECK_CATCHES(test_limit_search(&limit_searches[4], ITN_METHOD_LM, 1)); /* g to 0 */
+    CHECK_CATCHES(test_limit_search(&limit_searches[4], ITN_METHOD_ADAM, 1)); /* g to 0 */
 #ifndef __SANITIZE_ADDRESS__ /* this one leaks on purpose */
     CHECK_CATCHES(test_memory(1));
 #endif
