@@ -16931,8 +16931,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.5.0  refinement steps in similarity coordinates, final_spp; roulette keeps what derivatives in an
-          albedo, reflectance or sigma_t near 0 live on; AUTO takes the reference for them.
+   0.5.0  refinement steps in similarity coordinates, final_spp; roulette keeps what derivatives in
+          an albedo, reflectance or sigma_t near 0 live on; AUTO takes the reference for them.
           breaks: refinement takes other steps than before
    0.4.0  itn_render_texel_gradient; itn_refine_views, itn_refine_words, covariances,
           ITN_METHOD_SGD; sigma_t and g for each channel; itn_net_input; faint links are cut.
