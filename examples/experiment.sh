@@ -31,7 +31,7 @@ mkdir -p "$out/done"
 up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 if up_to 1/20; then
     picture="--noise 0.4 --spp 4"
-    warm=8 calm=2 more=2 training="--batch 8 --channels 4" rates="1e-3 3e-4 3e-4" spp=2
+    warm=40 calm=8 more=2 training="--batch 8 --channels 4" rates="1e-3 3e-4 3e-4" spp=2
     trial="--images 8 --spp 4"
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
