@@ -7,7 +7,7 @@
 # F is the part of the 16,400 pictures to make, 1 by default.
 # Up to 1/20 it is a trial of everything: noisy pictures, narrow networks, few epochs, few searches.
 # Its tables show that all works, not who wins: of 1/50 come 144 training pictures, which are too
-# few; it takes 10 minutes of processor time. Below 1 it is a reduced one, with noisy pictures
+# few; it takes 7 minutes of processor time. Below 1 it is a reduced one, with noisy pictures
 # and 1/24 of the paper's tests; `--fraction 1/6` made what is in tests/tables.
 # DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
 # figure.svg, and per network NAME.net and NAME.net.*.
