@@ -1003,7 +1003,7 @@ static itn_result itn__fail(itn_error *error, itn_result code, int line, const c
 static void *itn__zero(void *block, size_t bytes) { return block ? memset(block, 0, bytes) : NULL; }
 
 /* Returns count * size zeroed bytes, or NULL if that overflows or memory is out. calloc does not
-   touch what comes fresh from the system, half of the time of many a large block. */
+   touch what comes fresh from the system. */
 static void *itn__allocate(const itn_context *context, size_t count, size_t size) {
     if (size && count > (SIZE_MAX / 2) / size) return NULL;
     if (count * size == 0) count = size = 1;
@@ -7545,7 +7545,7 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
    has coarse ones. */
 static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
     double triangles = scene->bvh->triangle_count, cells = .25 * sqrt(triangles);
-    int i, c, level = 0, finest = paths < 2e6 ? 2 : triangles < 1e6 || paths < 1e6 ? 3 : 4;
+    int i, c, level = 0, finest = paths < 2e6 ? 2 : triangles < 1e6 ? 3 : 4;
     for (i = 0; i < scene->object_count; i++) {
         const itn__medium *medium = scene->media + scene->objects[i].medium;
         for (c = 0; c < 3 && scene->objects[i].medium >= 0; c++)
@@ -13321,10 +13321,11 @@ static int itn__refine_leap(itn__refiner *refiner) {
 }
 
 /* Takes the step and evaluates there. A step after which the misfit has risen beyond its noise is
-   taken back, but not if the loss has fallen: then the misfit's unit, the renders' noise, is less.
-   An evaluation that is but noise joins the one before if that was not much more. */
-static itn_result itn__refine_try(itn__refiner *refiner, double samples, double *mu, double *news,
-                                  itn_error *error) {
+   taken back, unless it `stands`, and not if the loss has fallen: then the misfit's unit, the
+   renders' noise, is less. An evaluation that is but noise joins the one before if that was not
+   much more. */
+static itn_result itn__refine_try(itn__refiner *refiner, double samples, int stands, double *mu,
+                                  double *news, itn_error *error) {
     const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
     double now, rise;
     int together;
@@ -13332,9 +13333,9 @@ static itn_result itn__refine_try(itn__refiner *refiner, double samples, double 
     itn__refine_move(refiner);
     result = itn__refine_evaluate(refiner, samples, error);
     if (result) return result;
-    now = itn__refine_news(refiner), together = now < 1 && *news < 4;
+    now = itn__refine_news(refiner), together = !stands && now < 1 && *news < 4;
     rise = fresh->chi2 - known->chi2;
-    if (!together && fresh->loss > known->loss &&
+    if (!stands && !together && fresh->loss > known->loss &&
         rise > 3 * sqrt(fresh->chi2_variance + known->chi2_variance)) {
         itn__refine_set(refiner, refiner->before);
         *mu *= 10, *news = INFINITY;
@@ -13358,15 +13359,14 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     itn__refine_learn(refiner, 0);
     result = itn__refine_report(refiner, 0, error);
     for (iteration = 1; iteration <= most + 2 && !result; iteration++) {
-        int leaps = 0;
+        int leaps;
         if (mu > 1e6 || (news < 1 && known->samples >= refiner->final)) break;
         if (iteration > most) samples = refiner->final;
         else if (news < 1) samples = fmin(2 * known->samples, refiner->final - known->samples);
-        if (iteration > 1 && !leapt && iteration + 5 <= most)
-            leaps = leapt = itn__refine_leap(refiner);
-        if (leaps) news = INFINITY, refiner->known.chi2_variance = 1e300; /* whatever it rises by */
+        leaps = iteration > 1 && !leapt && iteration + 5 <= most && itn__refine_leap(refiner);
+        if (leaps) leapt = 1;
         else itn__refine_solve(refiner, mu, 1);
-        result = itn__refine_try(refiner, samples, &mu, &news, error);
+        result = itn__refine_try(refiner, samples, leaps, &mu, &news, error);
         if (!result && iteration <= most) result = itn__refine_report(refiner, iteration, error);
     }
     if (result) return result;
