@@ -172,14 +172,12 @@ static void make_picture(void *task, int index) {
     work *w = (work *)task;
     const settings *s = w->settings;
     unsigned char *record = w->bytes + HEADER_SIZE + index * RECORD * 4, *pixels;
-    float *theta = (float *)need((size_t)itn_parameter_count(w->scene), sizeof *theta);
+    float *theta = theta_with(w->scene, w->parameters, w->thetas[index]);
     itn_render_options options = ITN_ZERO;
     itn_image image = ITN_ZERO;
     itn_error error;
     double noise = 0;
     int k;
-    itn_parameter_values(w->scene, theta);
-    for (k = 0; k < 3; k++) theta[w->parameters[k]] = w->thetas[index][k];
     options.seed = mix((uint64_t)s->seed, (uint64_t)((int)w->shard.in * 100 + w->shard.azimuth),
                        (uint64_t)(w->shard.shape * MATERIALS + index));
     for (options.spp = 2;;) { /* noise falls with the root of the samples: 1.1 for good measure */

@@ -424,6 +424,16 @@ static inline itn_scene *load_scene(const shard *s, const char *dir, int paramet
     return scene;
 }
 
+/* All parameters of a scene, with these values of those three. The caller frees them. */
+static inline float *theta_with(const itn_scene *scene, const int parameters[3],
+                                const float values[3]) {
+    float *theta = (float *)need((size_t)itn_parameter_count(scene), sizeof *theta);
+    int k;
+    itn_parameter_values(scene, theta);
+    for (k = 0; k < 3; k++) theta[parameters[k]] = values[k];
+    return theta;
+}
+
 /* ---- what the network sees and what it answers ---- */
 
 /* Answers are cut to these, a little more than the materials of the data. */

@@ -31,22 +31,23 @@ mkdir -p "$out/done"
 up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 if up_to 1/20; then
     picture="--noise 0.4 --spp 4"
-    warm=40 calm=8 more=2 training="--batch 8 --channels 4" rates="1e-3 3e-4 3e-4" spp=2
+    warm=40 calm=8 more=2 training="--batch 8 --channels 4" spp=2
+    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
     trial="--images 8 --spp 4"
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests 1/24 --noise 0.3 --spp 8"
-    warm=40 calm=16 more=3 training="--batch 16 --channels 6" rates="1e-3 3e-4 2e-4" spp=2
+    warm=40 calm=16 more=3 training="--batch 16 --channels 6" spp=2
+    warm_rate=1e-3 calm_rate=3e-4 rate=2e-4
     trial="--images 24 --spp 8"
     search="--images 1 --iterations 200 --spp 2"
 else
     picture="--noise 0.03 --spp 4096"
-    warm=5 calm=0 more=45 training="--batch 16" rates="1e-4 1e-4 1e-4" spp=4
+    warm=5 calm=0 more=45 training="--batch 16" spp=4
+    warm_rate=1e-4 calm_rate=1e-4 rate=1e-4
     trial="--images 250 --spp 64"
     search="--images 10 --iterations 200 --spp 16"
 fi
-# shellcheck disable=SC2086
-set -- $rates # of the warm start, its calmer end, and of the three models
 
 # step NAME COMMAND...: runs the command unless it has been done before, and tells how long it took.
 step() {
@@ -89,10 +90,10 @@ step data "$out/dataset" make "$out/data" --fraction "$fraction" --scenes "$here
     -t "$threads" $picture
 step check "$out/dataset" check "$out/data"
 step sheet "$out/dataset" sheet "$out/data" "$out/sheet.png"
-step warm learn warm rn "$warm" "$1"
-step calm learn calm rn $((warm + calm)) "$2" warm
+step warm learn warm rn "$warm" "$warm_rate"
+step calm learn calm rn $((warm + calm)) "$calm_rate" warm
 for model in rn ssn itn; do
-    step "learn-$model" learn "$model" "$model" $((warm + calm + more)) "$3" calm
+    step "learn-$model" learn "$model" "$model" $((warm + calm + more)) "$rate" calm
 done
 for model in truth rn ssn itn; do
     step "try-$model" try "$model"

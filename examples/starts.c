@@ -302,11 +302,8 @@ static void render_tile(void *task, int index) {
     itn_image image;
     itn_error error;
     float *theta;
-    int k;
     if (!t->scene) return;
-    theta = (float *)need((size_t)itn_parameter_count(t->scene), sizeof *theta);
-    itn_parameter_values(t->scene, theta);
-    for (k = 0; k < 3; k++) theta[t->parameters[k]] = t->values[k];
+    theta = theta_with(t->scene, t->parameters, t->values);
     options.spp = 2 * f->settings->spp, options.seed = (uint64_t)index;
     if (itn_render(t->scene, theta, &options, NULL, 0, &image, &error)) fail(error.message, "");
     memcpy(t->pixels, image.pixels, sizeof t->pixels);

@@ -151,12 +151,13 @@ static float vary_picture(const float *picture, uint64_t random, float *varied) 
     float noise = .3f * sqrtf(3) * (draw(&random) + 1) / 2; /* of a uniform number */
     float across = expf(-larger - stretched) * (draw(&random) < 0 ? -1.f : 1.f);
     float along = expf(-larger + stretched), middle = (FILM - 1) / 2.f;
+    float sine = sinf(turned), cosine = cosf(turned);
     int x, y;
     for (y = 0; y < FILM; y++)
         for (x = 0; x < FILM; x++) {
             float u = (float)x - middle - right, v = (float)y - middle - down;
-            float column = middle + across * (cosf(turned) * u + (sheared - sinf(turned)) * v);
-            float line = middle + along * (sinf(turned) * u + cosf(turned) * v);
+            float column = middle + across * (cosine * u + (sheared - sine) * v);
+            float line = middle + along * (sine * u + cosine * v);
             int from_x = (int)floorf(fmaxf(0, fminf(FILM - 1, column)) + .5f);
             int from_y = (int)floorf(fmaxf(0, fminf(FILM - 1, line)) + .5f);
             varied[y * FILM + x] = picture[from_y * FILM + from_x] * (1 + noise * draw(&random));
@@ -208,23 +209,28 @@ static void picture_loss(void *task, int index) {
     for (k = 0; k < 3; k++) gradient[k] += cut_gradient[k];
 }
 
-/* The answers for the pictures from `first` in the order on, their losses and gradients. Returns
-   the mean losses. */
-static row batch_losses(trainer *t, int first, int batch) {
-    itn_error error;
+/* Losses and gradients of the answers of a batch. Returns the mean losses. */
+static row answer_losses(trainer *t, int batch) {
     row r;
     int k, threads = t->options->threads;
     double mean = t->options->model.mean;
     memset(&r, 0, sizeof r);
-    t->first = first;
-    parallel_for(batch, prepare_input, t, &threads);
-    if (itn_net_forward(t->net, batch, t->inputs, t->answers, &error)) fail(error.message, "");
     parallel_for(batch, picture_loss, t, &threads);
     for (k = 0; k < batch; k++) {
         r.parameters += t->losses[k].parameters / batch;
         r.image += t->losses[k].image / (mean * mean) / batch;
     }
     return r;
+}
+
+/* The same after the network has answered for the pictures from `first` in the order on. */
+static row batch_losses(trainer *t, int first, int batch) {
+    itn_error error;
+    int threads = t->options->threads;
+    t->first = first;
+    parallel_for(batch, prepare_input, t, &threads);
+    if (itn_net_forward(t->net, batch, t->inputs, t->answers, &error)) fail(error.message, "");
+    return answer_losses(t, batch);
 }
 
 /* One step with the pictures from `first` in the order on. Returns whether a process was asked to
@@ -349,21 +355,20 @@ static void set_biases(trainer *t) {
     }
 }
 
-/* The mean image loss of the true answers for a batch of pictures: their noise. */
-static double noise_loss(trainer *t, int first, int batch) {
+/* The mean image loss of the true answers for the batch that was answered last: its noise. */
+static double noise_loss(trainer *t, int batch) {
     itn_model kind = t->kind;
-    double mean = t->options->model.mean, sum = 0;
-    int k, threads = t->options->threads;
+    double noise;
+    int k;
     for (k = 0; k < batch; k++) {
-        const float *theta = t->pictures.thetas[t->order[first + k]];
+        const float *theta = t->pictures.thetas[t->order[t->first + k]];
         truth_coordinates(t->scenes[0], t->parameters, theta, t->answers + 3 * k);
         t->larger[k] = 0;
     }
     t->kind = ITN_MODEL_ITN;
-    parallel_for(batch, picture_loss, t, &threads);
+    noise = answer_losses(t, batch).image;
     t->kind = kind;
-    for (k = 0; k < batch; k++) sum += t->losses[k].image / (mean * mean) / batch;
-    return sum;
+    return noise;
 }
 
 /* Makes both terms of the loss about equally large over some pictures. Their noise, of which no
@@ -376,9 +381,9 @@ static void choose_lambda(trainer *t, model *m) {
     do {
         row r = batch_losses(t, rounds * batch, batch);
         parameters += r.parameters, image += r.image;
-        noise += noise_loss(t, rounds * batch, batch), rounds++;
+        noise += noise_loss(t, batch), rounds++;
     } while ((rounds + 1) * batch <= t->pictures.count && (rounds + 1) * batch <= 128);
-    m->lambda = parameters / fmax(image - noise, .1 * image);
+    m->lambda = image > 0 ? parameters / fmax(image - noise, .1 * image) : 1;
     fprintf(stderr, "%s: losses of parameters %.4g, of images %.4g, of which noise %.4g: lambda "
             "%.4g\n", m->name, parameters / rounds, image / rounds, noise / rounds, m->lambda);
 }
@@ -564,12 +569,9 @@ typedef struct trial {
 /* A picture of a scene with three parameters changed. */
 static void render_values(const trial *t, const itn_scene *scene, const float values[3],
                           uint64_t seed, itn_image *image) {
-    float *theta = (float *)need((size_t)itn_parameter_count(scene), sizeof *theta);
+    float *theta = theta_with(scene, t->parameters, values);
     itn_render_options options = ITN_ZERO;
     itn_error error;
-    int k;
-    itn_parameter_values(scene, theta);
-    for (k = 0; k < 3; k++) theta[t->parameters[k]] = values[k];
     options.spp = t->options->spp ? t->options->spp : 64, options.seed = seed;
     if (itn_render(scene, theta, &options, NULL, 0, image, &error)) fail(error.message, "");
     free(theta);
