@@ -861,9 +861,6 @@ static double processor_seconds(void) { return (double)clock() / CLOCKS_PER_SEC;
 
 static const char *const limit_ways[2] = {"reference", "automatic"};
 
-/* Relative size of what floats and the truth's own differences may be wrong by. */
-#define LIMIT_ROUNDING 1e-6
-
 /* Renders as many samples as fit into the seconds, and compares all quantities with the truth. */
 static void measure_limit(walk_bench *bench, const limit *l, int value, int way, double seconds,
                           const double *truth) {
@@ -884,9 +881,9 @@ static void measure_limit(walk_bench *bench, const limit *l, int value, int way,
     spent = processor_seconds();
     limit_measure(l, scene, &options, means, claimed);
     spent = processor_seconds() - spent;
-    for (k = 0; k < LIMIT_QUANTITIES && (k == 0 || l->asked[k - 1] >= 0); k++) {
-        const char *name = k ? limit_parameters[l->asked[k - 1]] : "radiance";
-        double rounding = LIMIT_ROUNDING * (fabs(truth[k]) + fabs(truth[0]));
+    for (k = 0; k < limit_quantities(l); k++) {
+        const char *name = limit_name(l, k);
+        double rounding = limit_rounding(truth, k);
         double off = means[k].value - truth[k], noise = hypot(means[k].error, rounding);
         double sigmas = off == 0 ? 0 : off / noise;
         fprintf(bench->csv, "%s,%.9g,%.9g,%s,%s,%d,%.3g,%.7g,%.7g,%.3g,%.3g,%.3g,%.3g\n", l->name,
@@ -1157,16 +1154,21 @@ static void bench_invert(const char *csv, const char *mesh, int quick) {
 
 /* ---- charts ---------------------------------------------------------------------------------- */
 
+static int cell_is(const chart_table *table, int row, const char *column, const char *value) {
+    return !strcmp(chart_cell(table, row, column), value);
+}
+static double cell_value(const chart_table *table, int row, const char *column) {
+    return atof(chart_cell(table, row, column));
+}
+
 /* Adds the rows of a sweep and a variant as a series. */
 static void add_rows(chart_panel *panel, const chart_table *table, const char *sweep,
                      const variant *v, const char *x, const char *y) {
     chart_series *series = chart_begin(panel, v->name, (int)(v - variants));
     int row;
     for (row = 0; row < table->rows; row++)
-        if (!strcmp(chart_cell(table, row, "sweep"), sweep) &&
-            !strcmp(chart_cell(table, row, "variant"), v->name))
-            chart_add(panel, series, atof(chart_cell(table, row, x)),
-                      atof(chart_cell(table, row, y)));
+        if (cell_is(table, row, "sweep", sweep) && cell_is(table, row, "variant", v->name))
+            chart_add(panel, series, cell_value(table, row, x), cell_value(table, row, y));
 }
 
 static void save_chart(chart *c, const char *folder, const char *name) {
@@ -1232,13 +1234,6 @@ static void chart_triangles(const chart_table *table, chart_panel *panels, const
     strcpy(panels[1].series[0].name, "scene, tree");
     strcpy(panels[1].series[1].name, "fast walk");
     save_chart(&c, folder, "triangles.svg");
-}
-
-static int cell_is(const chart_table *table, int row, const char *column, const char *value) {
-    return !strcmp(chart_cell(table, row, column), value);
-}
-static double cell_value(const chart_table *table, int row, const char *column) {
-    return atof(chart_cell(table, row, column));
 }
 
 static void chart_gradient(const chart_table *table, chart_panel *panel, const char *folder) {
@@ -1439,34 +1434,29 @@ static void chart_limits(const chart_table *table, chart_panel *panels, const ch
     save_chart(&c, folder, "limits.svg");
 }
 
-static void load_table(const char *folder, const char *name, chart_table *table) {
-    char csv[1100];
-    snprintf(csv, sizeof csv, "%s/%s.csv", folder, name);
-    if (!chart_table_load(csv, table)) fail(csv, "cannot be read, or is not a table");
+static void chart_walk(const chart_table *table, chart_panel *panels, const char *folder) {
+    chart_error(table, panels, folder);
+    chart_thickness(table, panels, folder);
+    chart_triangles(table, panels, folder);
 }
 
 static void bench_charts(const char *folder) {
+    static const struct {
+        const char *table;
+        void (*draw)(const chart_table *table, chart_panel *panels, const char *folder);
+    } charts[] = {{"walk", chart_walk}, {"gradient", chart_gradient}, {"limits", chart_limits},
+                  {"bias", chart_bias}, {"invert", chart_invert}};
     chart_panel *panels = (chart_panel *)allocate(MOST_PANELS, sizeof *panels);
-    chart_table table;
-    char path[1024];
+    char path[1024], csv[1100];
+    size_t k;
     if (!folder) folder = project_path("tests/charts", path, sizeof path);
-    load_table(folder, "walk", &table);
-    chart_error(&table, panels, folder);
-    chart_thickness(&table, panels, folder);
-    chart_triangles(&table, panels, folder);
-    chart_table_free(&table);
-    load_table(folder, "gradient", &table);
-    chart_gradient(&table, panels, folder);
-    chart_table_free(&table);
-    load_table(folder, "limits", &table);
-    chart_limits(&table, panels, folder);
-    chart_table_free(&table);
-    load_table(folder, "bias", &table);
-    chart_bias(&table, panels, folder);
-    chart_table_free(&table);
-    load_table(folder, "invert", &table);
-    chart_invert(&table, panels, folder);
-    chart_table_free(&table);
+    for (k = 0; k < sizeof charts / sizeof charts[0]; k++) {
+        chart_table table;
+        snprintf(csv, sizeof csv, "%s/%s.csv", folder, charts[k].table);
+        if (!chart_table_load(csv, &table)) fail(csv, "cannot be read, or is not a table");
+        charts[k].draw(&table, panels, folder);
+        chart_table_free(&table);
+    }
     free(panels);
 }
 

@@ -196,6 +196,21 @@ SOLIDS_STATIC itn_scene *limit_make(const limit *l, int value) {
 
 enum { LIMIT_BATCHES = 24 };
 
+/* How many quantities a measurement has, and their names: the radiance, and what it is
+   differentiated by. */
+SOLIDS_STATIC int limit_quantities(const limit *l) {
+    int count = 1;
+    while (count < LIMIT_QUANTITIES && l->asked[count - 1] >= 0) count++;
+    return count;
+}
+SOLIDS_STATIC const char *limit_name(const limit *l, int quantity) {
+    return quantity ? limit_parameters[l->asked[quantity - 1]] : "radiance";
+}
+/* What floats and the truth's own differences may be wrong by. */
+SOLIDS_STATIC double limit_rounding(const double *truth, int quantity) {
+    return 1e-6 * (fabs(truth[quantity]) + fabs(truth[0]));
+}
+
 /* Means over independent renders, with standard errors from their spread; `claimed`, if not NULL,
    receives those of the variance planes. */
 SOLIDS_STATIC void limit_measure(const limit *l, const itn_scene *scene,
@@ -205,20 +220,19 @@ SOLIDS_STATIC void limit_measure(const limit *l, const itn_scene *scene,
     const char *names[LIMIT_ASKED];
     double square[LIMIT_QUANTITIES] = {0}, variance[LIMIT_QUANTITIES] = {0};
     solids_mean one[LIMIT_QUANTITIES];
-    int b, k, count = 0;
-    for (k = 0; k < LIMIT_ASKED && l->asked[k] >= 0; k++)
-        names[count++] = limit_parameters[l->asked[k]];
+    int b, k, count = limit_quantities(l);
+    for (k = 1; k < count; k++) names[k - 1] = limit_name(l, k);
     memset(means, 0, LIMIT_QUANTITIES * sizeof *means);
     for (b = 0; b < LIMIT_BATCHES; b++) {
         batch.seed = options->seed * LIMIT_BATCHES + (uint64_t)b;
-        solids_measure(scene, NULL, &batch, names, count, one);
-        for (k = 0; k <= count; k++) {
+        solids_measure(scene, NULL, &batch, names, count - 1, one);
+        for (k = 0; k < count; k++) {
             means[k].value += one[k].value / LIMIT_BATCHES;
             square[k] += one[k].value * one[k].value / LIMIT_BATCHES;
             variance[k] += one[k].error * one[k].error / LIMIT_BATCHES / LIMIT_BATCHES;
         }
     }
-    for (k = 0; k <= count; k++) {
+    for (k = 0; k < count; k++) {
         double spread = square[k] - means[k].value * means[k].value;
         means[k].error = sqrt(fmax(spread, 0) / (LIMIT_BATCHES - 1));
         if (claimed) claimed[k] = sqrt(variance[k]);

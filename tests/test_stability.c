@@ -392,10 +392,10 @@ static void test_limit(const limit *l, double planted) {
         options.spp = 4, options.seed = (uint64_t)way + 1;
         options.mode = way ? ITN_MODE_AUTO : ITN_MODE_REFERENCE;
         limit_measure(l, scene, &options, means, claimed);
-        for (k = 0; k < LIMIT_QUANTITIES && (k == 0 || l->asked[k - 1] >= 0); k++) {
-            const char *name = k ? limit_parameters[l->asked[k - 1]] : "radiance";
+        for (k = 0; k < limit_quantities(l); k++) {
+            const char *name = limit_name(l, k);
             double expected = truth[k] * (1 + planted), error = means[k].error;
-            double rounding = 1e-6 * (fabs(truth[k]) + fabs(truth[0]));
+            double rounding = limit_rounding(truth, k);
             check_report(fabs(means[k].value - expected) <= 5 * error + rounding, __FILE__,
                          __LINE__, "%s, %s, way %d: %.7g +- %.2g, expected %.7g", l->name, name,
                          way, means[k].value, error, expected);
