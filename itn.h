@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.5.0                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.5.1                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 5
-#define ITN_VERSION_PATCH 0
+#define ITN_VERSION_PATCH 1
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
 #ifdef __cplusplus
@@ -486,7 +486,8 @@ typedef enum itn_sampler {
    expected to bring is taken off before the score of each choice counts; with one medium, light
    that is everywhere the same and many paths, whatever choices change in that is taken off too. The
    means stay and variance goes; single pixels may then be slightly negative. AUTO is BASELINE in
-   the fast walk. Where a sigma_t or g differs from channel to channel, all are SCORE. */
+   the fast walk. Where a sigma_t or g differs from channel to channel, and for single scattering
+   without refraction, all are SCORE. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -3178,6 +3179,13 @@ ITN_API void itn_bvh_occluded_many(const itn_bvh *bvh, const itn_ray *rays, int 
 /* Distance to the next collision. */
 ITN__INLINE float itn__sample_flight(float sigma_t, float u) { return -logf(u) / sigma_t; }
 
+/* Distance to the next collision if there is one within `length`, drawn by the same u, hence no
+   larger than the above; *chance receives the probability of that. */
+ITN__INLINE float itn__sample_stretch(float sigma_t, float length, float u, float *chance) {
+    *chance = -expm1f(-sigma_t * length);
+    return itn__min(-log1pf(-(1 - u) * *chance) / sigma_t, length);
+}
+
 /* Transmittance over a distance t; local parameter 0 is sigma_t. */
 ITN__INLINE itn__dual itn__transmittance(float sigma_t, float t) {
     return itn__dexp(itn__daffine(itn__variable(sigma_t, 0), -t, 0));
@@ -4675,6 +4683,13 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    place where it meets the texture asked for becomes a parameter of the path for a while, of which
    four texels have a share; lights of a map depend on four texels each.
 
+   With one scattering at most and links that find all light, only the place of the collision has to
+   be drawn. A path goes straight through the scene; from each stretch of length L in a medium it
+   sends one link, from a place drawn as the next collision would be if it came before L, with the
+   weight of that, 1 - e^(-sigma_t L), and goes on with the weight e^(-sigma_t L), so that nothing
+   in a thin medium is missed. Of stretches of more than ITN__STRETCH mean free paths chance decides
+   which of the two is done, as it does everywhere else.
+
    Where a walk is, is a set of sides, one for each solid: outside it can only meet front faces,
    inside only back faces. So no ray can meet the face it stands on, whatever its rounding, and no
    epsilon moves it; a small negative tmin, relative to the coordinates, lets a vertex that rounding
@@ -4717,6 +4732,7 @@ typedef struct itn__walk {
     int channels, count, max_scatter;
     int score_count; /* count, and with a texture ITN__TOUCHES more */
     int linked; /* links find all light, see itn__links_suffice */
+    int straight; /* and paths scatter once, see itn__goes_straight */
     itn__texels *texels; /* NULL: not asked for */
     int strata;     /* 3: each channel in turn is the hero of a sample; else drawn */
     float share[3]; /* probability of each channel to be the hero, given the path so far */
@@ -5142,6 +5158,12 @@ static int itn__links_suffice(const itn_scene *scene) {
     return 1;
 }
 
+/* Whether paths go straight, see the opening of this chapter. */
+static int itn__goes_straight(const itn_scene *scene, int max_scatter) {
+    return max_scatter == 1 && !scene->spectral && itn__links_suffice(scene);
+}
+#define ITN__STRETCH 4.f
+
 /* Phase function of each channel, as factor and as density. */
 static void itn__phase_factors(const itn__walk *walk, const itn__medium *medium, float x, float y,
                                itn__dual f[3], float pdf[3]) {
@@ -5153,32 +5175,47 @@ static void itn__phase_factors(const itn__walk *walk, const itn__medium *medium,
     }
 }
 
-/* A collision at the origin of the ray: a link to a light, then a new direction. Returns 0 at the
-   end of the path. */
-static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray) {
-    float light_pdf, x, y, u, v, pdf[3];
-    itn_vec3 direction;
-    itn__dual f[3];
-    int parameter[ITN__DUALS], c, last;
-    walk->collisions++, walk->scatterings++;
-    last = itn__exhausted(walk) && walk->linked;
+/* Multiplies a weight by the albedo. */
+static void itn__weigh_albedo(itn__walk *walk, itn__weight *weight, const itn__medium *medium) {
+    int parameter[ITN__DUALS], c;
     parameter[1] = -1;
     for (c = 0; c < itn__channels(walk); c++) {
         parameter[0] = medium->albedo + c;
-        itn__lift(walk, parameter[0], walk->theta[parameter[0]]);
-        itn__weigh_channel(walk, &walk->weight, c, itn__variable(walk->theta[parameter[0]], 0), 1,
+        itn__weigh_channel(walk, weight, c, itn__variable(walk->theta[parameter[0]], 0), 1,
                            parameter);
     }
+}
+
+/* The link from a collision at the origin of the ray; walk->connection holds the weight so far.
+   last: no direction is drawn there. */
+static void itn__link_collision(itn__walk *walk, const itn__medium *medium, const itn_ray *ray,
+                                int last) {
+    float light_pdf, x, y, pdf[3];
+    itn_vec3 direction;
+    itn__dual f[3];
+    if (!itn__draw_light(walk, &direction, &light_pdf)) return;
+    x = itn__one_minus_cosine(ray->direction, direction);
+    y = itn__one_minus_cosine(ray->direction, itn__scale(direction, -1));
+    itn__phase_factors(walk, medium, x, y, f, pdf);
+    itn__weigh_spectrum(walk, &walk->connection, f, light_pdf, medium->g);
+    itn__connect(walk, ray->origin, direction, -1, NULL,
+                 last ? 0 : itn__mixture(walk, medium->g, pdf), light_pdf);
+}
+
+/* A collision at the origin of the ray: a link to a light, then a new direction. Returns 0 at the
+   end of the path. */
+static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray) {
+    float x, y, u, v, pdf[3];
+    itn__dual f[3];
+    int c, last;
+    walk->collisions++, walk->scatterings++;
+    last = itn__exhausted(walk) && walk->linked;
+    for (c = 0; c < itn__channels(walk); c++)
+        itn__lift(walk, medium->albedo + c, walk->theta[medium->albedo + c]);
+    itn__weigh_albedo(walk, &walk->weight, medium);
     if (!itn__alive(walk)) return 0;
-    if (itn__draw_light(walk, &direction, &light_pdf)) {
-        x = itn__one_minus_cosine(ray->direction, direction);
-        y = itn__one_minus_cosine(ray->direction, itn__scale(direction, -1));
-        itn__phase_factors(walk, medium, x, y, f, pdf);
-        itn__copy_weight(walk, &walk->connection, &walk->weight);
-        itn__weigh_spectrum(walk, &walk->connection, f, light_pdf, medium->g);
-        itn__connect(walk, ray->origin, direction, -1, NULL,
-                     last ? 0 : itn__mixture(walk, medium->g, pdf), light_pdf);
-    }
+    itn__copy_weight(walk, &walk->connection, &walk->weight);
+    itn__link_collision(walk, medium, ray, last);
     if (last) return 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     ray->direction = itn__sample_phase(ray->direction, walk->theta[medium->g[walk->place.hero]], u,
@@ -5186,6 +5223,24 @@ static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray
     itn__phase_factors(walk, medium, x, y, f, pdf);
     walk->pdf = itn__weigh_choice(walk, f, pdf, medium->g);
     return 1;
+}
+
+/* A path that goes straight has a stretch of that length before it, and u to draw the place of a
+   collision with: its link is sent from there, and it goes on as if it had scattered. */
+static void itn__pass_stretch(itn__walk *walk, const itn__medium *medium, itn_ray *ray, float rate,
+                              float length, float u) {
+    float chance, t = itn__sample_stretch(rate, length, u, &chance);
+    itn__dual f[3];
+    walk->collisions++, walk->scatterings++;
+    ray->origin = itn__along(ray->origin, t, ray->direction);
+    itn__copy_weight(walk, &walk->connection, &walk->weight);
+    itn__flight_factors(walk, medium, t, 1, f);
+    itn__weigh_spectrum(walk, &walk->connection, f, rate * expf(-rate * t) / chance,
+                        medium->sigma_t);
+    itn__weigh_albedo(walk, &walk->connection, medium);
+    itn__link_collision(walk, medium, ray, 1);
+    itn__flight_factors(walk, medium, t, 0, f);
+    itn__weigh_spectrum(walk, &walk->weight, f, 1, medium->sigma_t);
 }
 
 /* Of an image texture at coordinates (s, t): (0, 0) is its lower left corner, (1, 1) its upper
@@ -5448,18 +5503,25 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
         const itn__medium *medium = itn__medium_of(walk->scene, walk->place.inside);
         float rates[3], rate;
         itn_hit hit;
+        float flight = INFINITY, u = 0;
         int met;
         itn__collision_rates(walk, medium, rates);
         rate = rates[walk->place.hero];
-        ray.tmax = rate > 0 ? itn__sample_flight(rate, itn__uniform(&walk->rng)) : INFINITY;
+        if (rate > 0) u = itn__uniform(&walk->rng), flight = itn__sample_flight(rate, u);
+        ray.tmax = rate > 0 && walk->straight ? itn__max(flight, ITN__STRETCH / rate) : flight;
         met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
+        if (rate > 0 && walk->straight && met && hit.t * rate <= ITN__STRETCH) {
+            itn__pass_stretch(walk, medium, &ray, rate, itn__max(hit.t, 0), u);
+            continue;
+        }
         if (medium && (met || rate > 0))
-            itn__weigh_flight(walk, medium, rates, met ? itn__max(hit.t, 0) : ray.tmax, !met);
+            itn__weigh_flight(walk, medium, rates, met ? itn__max(hit.t, 0) : flight, !met);
         if (met) {
+            if (walk->straight) walk->scatterings = 0;
             if (!itn__meet_surface(walk, &ray, &hit)) return;
             continue;
         }
-        if (rate > 0) ray.origin = itn__along(ray.origin, ray.tmax, ray.direction);
+        if (rate > 0) ray.origin = itn__along(ray.origin, flight, ray.direction);
         if (medium && itn__exhausted(walk) && walk->theta[medium->sigma_t[0]] > 0) return;
         if (!(rate > 0) || !itn__within(walk->scene, ray.origin)) {
             itn__escape(walk, ray.direction);
@@ -5565,6 +5627,21 @@ ITN__INLINE itn__floats itn__vexp(itn__floats x) {
     twice = itn__int_words(n) + 254u, half = twice >> 1;
     sum = sum * itn__bits_float(itn__word_ints(half << 23));
     return sum * itn__bits_float(itn__word_ints((twice - half) << 23));
+}
+
+/* 1 - e^-x for x >= 0, and -log(1 - x) for 0 <= x < 1 (from 1 on, 88 or more), without loss where x
+   is small. An error of e in e^-x, or in 1 - x, is one of e in the logarithm too; the quotient of
+   the two is right (after Kahan). Below 3 ulp. */
+ITN__INLINE itn__floats itn__vone_minus_exp(itn__floats x) {
+    itn__floats y = itn__vexp(-x), one = itn__splat(1);
+    itn__ints plain = itn__less(y, itn__splat(.5f)), tiny = itn__less_equal(one, y);
+    itn__floats quotient = x / itn__vlog(itn__select(plain | tiny, itn__splat(.5f), y));
+    return itn__select(plain, 1 - y, itn__select(tiny, x, (y - 1) * quotient));
+}
+ITN__INLINE itn__floats itn__vminus_log_one_minus(itn__floats x) {
+    itn__floats y = 1 - x, part = 1 - y;
+    itn__ints tiny = itn__less_equal(part, itn__splat(0));
+    return itn__select(tiny, x, -itn__vlog(y) * (x / itn__select(tiny, itn__splat(1), part)));
 }
 
 /* Sine and cosine of 2 pi u, |u| < 1e4. The reduction is exact. Relative errors of the polynomials
@@ -6924,6 +7001,13 @@ ITN__INLINE itn__floats itn__vsample_flight(float mean_free_path, itn__floats u)
     return itn__vlog(u) * -mean_free_path;
 }
 
+/* itn__sample_stretch for 1 / sigma_t. */
+ITN__INLINE itn__floats itn__vsample_stretch(float mean_free_path, itn__floats length,
+                                             itn__floats u, itn__floats *chance) {
+    *chance = itn__vone_minus_exp(length / mean_free_path);
+    return itn__least(itn__vminus_log_one_minus((1 - u) * *chance) * mean_free_path, length);
+}
+
 /* itn__one_minus_cosine. */
 ITN__INLINE itn__floats itn__vone_minus_cosine(itn__vectors a, itn__vectors b) {
     itn__vectors chord = itn__vectors_of(a.x - b.x, a.y - b.y, a.z - b.z);
@@ -7593,6 +7677,9 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
    counts as max(w tr, c) if w tr > xi c, and else as nothing, so it can be given up as soon as the
    transmittance falls below xi c / w: a bounded flight, mostly proven blocked by the tables.
 
+   Paths that go straight (see [path]) need no walk: where one has a stretch before it, the exact
+   stage finds its end first, then sends the link from a place on it.
+
    Every random number is the function of (seed, pixel, path, dimension) that the reference uses,
    and a path's decisions depend on nothing else, so that results are the same for any number of
    threads and any size of the queues. With ITN_SAMPLER_SOBOL, draws 2 to 7 of a path (at its first
@@ -7733,6 +7820,7 @@ typedef struct itn__fast {
     int outside;       /* not in a medium */
     int links;         /* some light is sampled */
     int linked;        /* links find all light, see itn__links_suffice */
+    int straight;      /* paths go straight, see itn__goes_straight */
     float link_weight; /* c */
     int count, planes; /* parameters asked for; channels (1 + count) */
     const int *slots;  /* of each parameter: its place among those asked for, or -1 */
@@ -7778,7 +7866,7 @@ typedef struct itn__crowd {
     const itn__fast *fast;
     itn__unit unit;
     itn__queue *walk, *exact; /* per substance; those of substance 0: vacuum, and no exact */
-    itn__queue *early;        /* the same for paths with Sobol draws to come */
+    itn__queue *early;        /* the same for paths with Sobol draws to come, or that go straight */
     itn__queue taken, boundary, diffuse, sky, parking;
     itn__path *paths;         /* [ITN__CROWD] */
     int32_t *free_slots, *index, *scramble; /* [ITN__CROWD]; Sobol index and seed by slot */
@@ -8154,10 +8242,15 @@ static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
                                  place->hero * fast->scene->medium_count : 0;
     return fast->substances[substance].sigma_t > 0 ? substance : 0;
 }
+/* Whether paths that have drawn so many numbers fly one by one, without a walk. */
+ITN__INLINE itn__ints itn__fly_early(const itn__crowd *crowd, itn__ints dimension) {
+    int most = crowd->fast->straight ? INT_MAX : crowd->fast->sobol ? ITN__EARLY : 0;
+    return itn__int_less(dimension, itn__splat_int(most));
+}
 /* The queue of paths that are about to fly in a substance. */
 ITN__INLINE itn__queue *itn__departure(itn__crowd *crowd, int substance, int dimension) {
-    return substance && crowd->fast->sobol && dimension < ITN__EARLY ? &crowd->early[substance]
-                                                                     : &crowd->walk[substance];
+    int early = crowd->fast->straight || (crowd->fast->sobol && dimension < ITN__EARLY);
+    return substance && early ? &crowd->early[substance] : &crowd->walk[substance];
 }
 /* Lessons. V is a least-squares fit to what marked paths bring home per weight. The sums of its
    normal equations are of whole multiples of powers of two, so that they are exact, in any order.
@@ -8284,12 +8377,9 @@ ITN__INLINE void itn__depart(itn__crowd *crowd, const itn__state *s, unsigned bi
 /* The same for lanes that are all in one substance. */
 ITN__INLINE void itn__depart_in(itn__crowd *crowd, int substance, const itn__state *s,
                                 unsigned bits, int features) {
-    if (crowd->fast->sobol) {
-        unsigned early = bits & itn__mask_bits(itn__int_less(s->dimension,
-                                                             itn__splat_int(ITN__EARLY)));
-        if (early) itn__append(&crowd->early[substance], s, early, features);
-        bits &= ~early;
-    }
+    unsigned early = bits & itn__mask_bits(itn__fly_early(crowd, s->dimension));
+    if (early) itn__append(&crowd->early[substance], s, early, features);
+    bits &= ~early;
     if (bits) itn__append(&crowd->walk[substance], s, bits, features);
 }
 
@@ -9371,6 +9461,7 @@ static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hi
     }
     itn__arrive_at_surface(crowd, queue, at, &fast->substances[itn__substance_of(fast, place)],
                            itn__max(hit->t, 0));
+    if (fast->straight) itn__row(queue, ITN__LEFT)[at] = 1;
     itn__book_item(crowd, queue, at, itn__substance_of(fast, place), itn__max(hit->t, 0));
     if (itn__dot(n, d) > 0) n = itn__scale(n, -1);
     if (fast->learning) itn__mark_face(crowd, queue, at, -itn__dot(n, d));
@@ -9424,7 +9515,64 @@ static void itn__collide_and_depart(itn__crowd *crowd, int substance, itn__state
     itn__depart_in(crowd, substance, s, on, features);
 }
 
-/* Paths with Sobol draws to come fly from the surface they have come through. */
+/* How far flights that end after `distance` have to be looked at: of paths that go straight, to the
+   end of a stretch. */
+ITN__INLINE itn__floats itn__flight_reach(const itn__crowd *crowd, int substance,
+                                          itn__floats distance, int features) {
+    float mean_free_path = crowd->fast->substances[substance].mean_free_path;
+    if (!(features & ITN__LIMIT) || !crowd->fast->straight) return distance;
+    return itn__most(distance, itn__splat(ITN__STRETCH * mean_free_path));
+}
+
+/* Paths of the mask, which go straight, have stretches of these lengths before them: their links,
+   as in itn__pass_stretch. */
+ITN__INLINE void itn__pass_stretches(itn__crowd *crowd, int substance, const itn__state *paths,
+                                     itn__floats length, itn__floats u, itn__ints mask,
+                                     int features) {
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    itn__floats chance, t = itn__vsample_stretch(medium->mean_free_path, length, u, &chance), rest;
+    itn__state s = *paths, link;
+    itn__ints linked;
+    int c;
+    s.p = itn__valong(s.p, t, s.d), link = s;
+    for (c = 0; c < itn__colours(features); c++) link.beta[c] = link.beta[c] * chance;
+    itn__collide(crowd, substance, &link, t, mask, NULL, &linked, 1, features);
+    rest = itn__vexp(t * -medium->sigma_t);
+    for (c = 0; c < itn__colours(features); c++) s.beta[c] = s.beta[c] * rest;
+    if (itn__scored(crowd, features)) s.flights = s.flights - medium->sigma_t * t;
+    s.left = itn__splat_int(0);
+    if (crowd->fast->links) s.dimension += 3; /* those of the light */
+    itn__begin_links(crowd, &s, itn__mask_bits(linked), features);
+    itn__depart_in(crowd, substance, &s, itn__mask_bits(mask & ~linked), features);
+}
+
+/* Of the flights from item `at` of `taken` on, those of paths that go straight: draws their lengths
+   again, which replace how far has been looked, and passes the stretches that end within; returns
+   these lanes. */
+ITN__INLINE unsigned itn__run_stretches(itn__crowd *crowd, int substance, const itn__state *s,
+                                        int at, itn__floats *distance, itn__ints mask,
+                                        int features) {
+    float mean_free_path = crowd->fast->substances[substance].mean_free_path;
+    itn__floats length = *distance, u;
+    itn__state before = *s;
+    unsigned bits;
+    mask &= itn__int_less(s->slot, itn__splat_int(ITN__LINK));
+    mask &= itn__int_less(itn__splat_int(0), s->left);
+    before.dimension -= 1, u = itn__draw(crowd, &before, mask, 1);
+    *distance = itn__select(mask, itn__vsample_flight(mean_free_path, u), *distance);
+    for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        const itn_hit *hit = &crowd->hits[at + k];
+        ITN__LANE(length, k) = hit->triangle < 0 ? INFINITY : itn__max(hit->t, 0);
+    }
+    mask &= itn__less_equal(length / mean_free_path, itn__splat(ITN__STRETCH));
+    if (itn__mask_bits(mask))
+        itn__pass_stretches(crowd, substance, s, length, u, mask, features);
+    return itn__mask_bits(mask);
+}
+
+/* Paths with Sobol draws to come fly from the surface they have come through; so do all that go
+   straight. */
 ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) {
     itn__queue *queue = &crowd->early[substance], *exact = &crowd->exact[substance];
     itn__queue *taken = &crowd->taken, swapped = *taken;
@@ -9435,20 +9583,19 @@ ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) 
     for (i = 0; i < queue->count; i += ITN__LANES) {
         itn__state s = itn__load_state(queue, i, features);
         itn__ints mask = itn__first_lanes(queue->count - i), alive, safe;
-        itn__floats distance, nq;
-        itn__vectors q;
+        itn__floats distance, reach, nq;
         distance = itn__splat(0);
         alive = itn__take_off(crowd, substance, &s, mask, &distance, 1, features);
         itn__end_lanes(crowd, substance, &s, itn__mask_bits(mask & ~alive), features);
-        q = itn__valong(s.p, distance, s.d);
+        reach = itn__flight_reach(crowd, substance, distance, features);
         itn__look_around(crowd->fast->voxels, s.p, alive, &space);
-        safe = alive & itn__free_flight(&space, q, s.d, &nq);
-        space.np = nq;
+        safe = alive & itn__free_flight(&space, itn__valong(s.p, reach, s.d), s.d, &nq);
         if (crowd->fast->unsafe) safe = itn__splat_int(0);
-        itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, distance,
+        itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, reach,
                       itn__mask_bits(alive & ~safe));
         itn__append(exact, &s, itn__mask_bits(alive & ~safe), features);
-        s.p = itn__vselect(safe, q, s.p);
+        s.p = itn__vselect(safe, itn__valong(s.p, distance, s.d), s.p);
+        space.np = itn__vdot(space.n, itn__valong(s.p, itn__splat(-1), space.centre));
         itn__collide_and_depart(crowd, substance, &s, &distance, &safe, &space, features);
     }
     queue->count = 0;
@@ -9490,10 +9637,14 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
         itn__floats distance = itn__load(itn__float_row(queue, ITN__DISTANCE) + i);
         unsigned bits = itn__mask_bits(mask), free_bits = 0;
         s = itn__load_state(queue, i, features);
+        if ((features & ITN__LIMIT) && crowd->fast->straight) {
+            bits &= ~itn__run_stretches(crowd, substance, &s, i, &distance, mask, features);
+            mask = itn__bits_mask(bits);
+        }
         s.p = itn__valong(s.p, distance, s.d);
         for (k = 0; k < ITN__LANES && i + k < queue->count; k++)
             free_bits |= (unsigned)(crowd->hits[i + k].triangle < 0) << k;
-        free_bits &= itn__mask_bits(itn__vwithin(scene->bvh, s.p) &
+        free_bits &= itn__mask_bits(mask & itn__vwithin(scene->bvh, s.p) &
                                     itn__int_less(s.slot, itn__splat_int(ITN__LINK)));
         for (bits &= ~free_bits; bits; bits &= bits - 1) {
             int slot;
@@ -10116,6 +10267,7 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     fast->voxels = tables->voxels, fast->normals = tables->normals, fast->empty = tables->empty;
     fast->channels = scene->film.channels, fast->linked = itn__links_suffice(scene);
     fast->heroes = scene->spectral ? 3 : 1;
+    fast->straight = itn__goes_straight(scene, fast->max_scatter);
     itn__substance_make(fast, NULL, 0, &substances[0]);
     for (i = 1; i < itn__substance_count(scene); i++) {
         itn__substance_make(fast, &scene->media[(i - 1) % scene->medium_count],
@@ -10548,7 +10700,8 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     if (options) render->seed = options->seed, render->max_scatter = options->max_scatter;
     render->walks = options && options->walks ? options->walks : 4;
     render->sobol = !options || options->sampler != ITN_SAMPLER_RANDOM;
-    render->baseline = !(options && options->estimator == ITN_ESTIMATOR_SCORE) && !scene->spectral;
+    render->baseline = !(options && options->estimator == ITN_ESTIMATOR_SCORE) &&
+                       !scene->spectral && !itn__goes_straight(scene, render->max_scatter);
     render->strata = scene->spectral && render->spp >= 6 ? 3 : 1;
     render->row_sums = sums * (size_t)render->strata;
     rows = (size_t)scene->film.height, scores = 3 * (size_t)render->channels * (size_t)count + 3;
@@ -10592,6 +10745,7 @@ static itn__walk itn__row_walk(const itn__render *render, int row) {
     walk.channels = render->channels, walk.count = walk.score_count = render->count;
     walk.max_scatter = render->max_scatter, walk.strata = render->strata;
     walk.linked = itn__links_suffice(render->scene);
+    walk.straight = itn__goes_straight(render->scene, render->max_scatter);
     walk.weight.score = render->scores + 3 * (size_t)row * block;
     walk.connection.score = walk.weight.score + block;
     walk.derivative = walk.connection.score + block;
@@ -16931,6 +17085,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.5.1  single scattering without refraction needs no walk, and does not miss thin media.
+          breaks: its images have other bits than before
    0.5.0  refinement steps in similarity coordinates, final_spp; roulette keeps what derivatives in
           an albedo, reflectance or sigma_t near 0 live on; AUTO takes the reference for them.
           breaks: refinement takes other steps than before

@@ -327,7 +327,8 @@ static void tally_unit(inside *in, itn__walk *walk, const itn__unit *unit, tally
    way where it comes close to a choice: at most 3 in 1000 of those with fewer than 10 collisions,
    and 10 where solids touch in a face, since rounding tells which of two equal faces comes first.
    What becomes of them is not better or worse: the means agree. `planted` changes the seed of one of
-   the two, the phase function, the light, or what a channel's parameters are. */
+   the two, the phase function, the light, what a channel's parameters are, or how stretches are
+   passed. */
 static void check_paths(int which, int max_scatter, int planted) {
     itn_scene *scene = make_scene(which, NULL);
     itn_render_options options = ITN_ZERO;
@@ -348,6 +349,7 @@ static void check_paths(int which, int max_scatter, int planted) {
     if (planted == 4) in.substances[1].slot_g = in.substances[1].slot_sigma_t;
     if (planted == 5) in.substances[1].sigma_t_rgb[1] *= 1.02f;
     if (planted == 6) in.substances[1].slot_g_rgb[1] = in.substances[1].slot_g_rgb[2];
+    if (planted == 7) in.picture.fast.straight = 0;
     for (number = 0; number < in.picture.end; number++) {
         itn__unit unit = itn__unit_make(&in.picture, number);
         tally_unit(&in, &walk, &unit, &t);
@@ -464,6 +466,7 @@ static void test_paths(void) {
     CHECK_CATCHES(check_paths(ROUGH, 0, 4));
     CHECK_CATCHES(check_paths(SPECTRA, 0, 5));
     CHECK_CATCHES(check_paths(SPECTRA, 0, 6));
+    CHECK_CATCHES(check_paths(MATCHED, 1, 7));
 }
 
 /* ---- whatever shares the work ---------------------------------------------------------------- */

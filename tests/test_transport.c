@@ -432,14 +432,15 @@ static void test_single_scattering(void) {
 }
 
 /* pi times the reflection (mu > 0) or transmission (mu < 0) function of a slab in a beam at cosine
-   mu0, seen at cosine |mu|, at a right angle to it in azimuth. The beam is a sun. */
+   mu0, seen at cosine |mu|, at a right angle to it in azimuth. The beam is a sun. by_sigma_t: its
+   derivative; 0: not asked for. */
 static void check_beam(const char *label, double albedo, double thickness, double mu0, double mu,
-                       int max_scatter, double expected) {
+                       int max_scatter, double expected, double by_sigma_t) {
     const double pi = 3.14159265358979323846, radius = .2679 * pi / 180;
     itn_mesh mesh = solids_slab(thickness, thickness > 100 ? thickness : 200 * thickness);
     itn_light_desc light = ITN_ZERO;
     double solid_angle = 4 * pi * pow(sin(radius / 2), 2);
-    quantity q;
+    quantity q[2];
     int k;
     solids_desc desc = ITN_ZERO;
     desc.mesh = &mesh, desc.sigma_t = 1, desc.albedo = albedo, desc.light = &light;
@@ -447,9 +448,18 @@ static void check_beam(const char *label, double albedo, double thickness, doubl
     desc.eye = solids_vec3(0, mu, sqrt(1 - mu * mu)), desc.up = solids_vec3(1, 0, 0);
     if (mu < 0) desc.eye.y -= (float)thickness, desc.target.y = -(float)thickness;
     for (k = 0; k < 3; k++) light.sky.sun_radiance[k] = (float)(pi / (mu0 * solid_angle));
-    q = wanted(NULL, expected, .002 * expected);
-    check_scene(label, &desc, max_scatter, &q, 1);
+    q[0] = wanted(NULL, expected, .002 * expected);
+    q[1] = wanted("m.sigma_t", by_sigma_t, .003 * fabs(by_sigma_t));
+    check_scene(label, &desc, max_scatter, q, by_sigma_t != 0 ? 2 : 1);
     itn_mesh_free(&mesh);
+}
+
+/* A slab that scatters once, from so thin that one path in a thousand would collide. `planted`
+   changes what is expected. */
+static void check_single_beam(double thickness, double mu0, double planted) {
+    double paths = thickness * (1 / .5 + 1 / mu0), most = .7 / (4 * (.5 + mu0));
+    check_beam("beam, single", .7, thickness, mu0, .5, 1, most * -expm1(-paths) * (1 + planted),
+               paths < 1 ? most * paths * exp(-paths) : 0);
 }
 
 static void test_beams(void) {
@@ -459,19 +469,23 @@ static void test_beams(void) {
     static const double transmitted[6] = {.14864, .14731, .13963, .12222, .09425, .06601};
     static const double h[3] = {1.1721431, 1.5560338, 1.8500985}; /* H at .1, .5, 1 for a = .9 */
     static const double at[3] = {.1, .5, 1};
+    static const double thick[4] = {.001, .1, 1.9, 2.1}; /* 2: stretches of the longest */
     int k, j;
     for (k = 0; k < 6; k++) {
-        double m = mu[k], sum = 1 / .5 + 1 / m;
-        check_beam("beam, R", .8, 2, m, .5, 0, reflected[k]);
-        if (long_tests || k == 0 || k == 3) check_beam("beam, T", .8, 2, m, -.5, 0, transmitted[k]);
-        check_beam("beam, single", .7, 1.5, m, .5, 1, .7 / (4 * (.5 + m)) * (1 - exp(-1.5 * sum)));
+        double m = mu[k];
+        check_beam("beam, R", .8, 2, m, .5, 0, reflected[k], 0);
+        if (long_tests || k == 0 || k == 3)
+            check_beam("beam, T", .8, 2, m, -.5, 0, transmitted[k], 0);
+        check_single_beam(1.5, m, 0);
     }
+    for (k = 0; k < 4; k++) check_single_beam(thick[k], .7, 0);
     for (k = 0; k < 3; k++)
         for (j = 0; j < 3; j++)
             if (long_tests || j == 1)
                 check_beam("beam, H", .9, 600, at[k], at[j], 0,
-                           .9 / (4 * (at[k] + at[j])) * h[k] * h[j]);
-    CHECK_CATCHES(check_beam("", .8, 2, .7, -.5, 0, .14731));
+                           .9 / (4 * (at[k] + at[j])) * h[k] * h[j], 0);
+    CHECK_CATCHES(check_beam("", .8, 2, .7, -.5, 0, .14731, 0));
+    CHECK_CATCHES(check_single_beam(.001, .7, .02));
 }
 
 /* ---- solids in uniform light ----------------------------------------------------------------- */
@@ -600,7 +614,7 @@ static void test_mean_path(void) {
    the centre outwards. */
 static void check_absorbing_sphere(double x) {
     const double pi = 3.14159265358979323846, e = exp(-2 * x);
-    itn_mesh mesh = solids_sphere(1, 5);
+    itn_mesh mesh = solids_sphere(1, 6);
     double mean = (1 - (1 + 2 * x) * e) / (2 * x * x), share = pi / pow(2.02, 2);
     double slope = 2 * e / x - 2 * mean / x; /* of the mean, by x */
     quantity q[2];
