@@ -752,9 +752,12 @@ typedef struct itn_refine_options {
 /* What an image says about one parameter. */
 typedef struct itn_estimate {
     double value;
-    double standard_error; /* from the Fisher information of the derivative images; of value. At
-                              least as much as the search had still to go when iterations ran out */
-    int determined;        /* 0: the image says next to nothing about it, do not use the value */
+    double standard_error; /* from the Fisher information of the derivative images, and from how
+                              well that itself is known (Fieller 1954); of value. At least as much
+                              as the search had still to go when iterations ran out. Very large
+                              where the information is less than three of its standard errors */
+    int determined;        /* 0: the image, or the final_spp, say next to nothing about it, do not
+                              use the value */
 } itn_estimate;
 
 /* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
@@ -12877,13 +12880,24 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
        b = 1/2 (J_a^T K r_b + J_b^T K r_a),     A = 1/2 (J_a^T K J_b + J_b^T K J_a),
    unbiased both. For the same reason the standard deviations come from the evaluation before,
    averaged over 5 x 5 pixels: a pixel's own would favour those that came out dark by chance. The
-   inverse of a noisy A is still biased: where A is small it is mostly noise. E, three standard
-   deviations of what the noise of J alone puts into A's diagonal, keeps steps short there; what one
-   step leaves undone, the next ones do.
+   inverse of a noisy A is still biased: where A is small it is mostly noise. E, one and a half
+   standard deviations of what the noise of J alone puts into A's diagonal, keeps steps short there;
+   what one step leaves undone, the next ones do.
 
    At the solution the estimate's covariance is A^-1 N A^-1, where N, the covariance of b, is
    J^T K K J (whose part in the target's noise is J^T K F K J, F its share of a residual's variance)
-   and on its diagonal what the noise of K J adds.
+   and what the noise of K J adds. Noise of J that unknowns have in common may cancel between them:
+   P, the sum over pixels of (J_a - J_b)^T (J_a - J_b) / 4, tells how much. And A is known no better
+   than its own noise. With c = A^-1 e_k / (A^-1)_kk, the change of all unknowns that the picture
+   tells least from a change of unknown k, i = c^T A c = 1/(A^-1)_kk is all the information about k:
+   J_c^T K J_c of a single derivative image J_c = J c. If V is the variance of J_c in a pixel, of
+   the mean of both renders, the variance of i is
+       S = 4 sum of V (K J_c)^2 + 4 (70/256)^2 sum of V^2.
+   A value at distance d from the estimate is not excluded by b at three standard deviations if
+       (i d)^2 <= 9 (c^T N c + S d^2),   that is   d <= 3 sqrt(c^T N c / (i^2 - 9 S))
+   (Fieller 1954). A third of that is the standard error; where i is less than three of its own
+   standard deviations no value is excluded, and unknown k is not determined. Two would be too few:
+   the search looks several times, and stops where i came out large.
 
    Near the solution steps are nothing but noise, and it would be a waste to forget what earlier
    evaluations told: close by, b(pi) = A (pi* - pi), so b + A pi is the same at all points and can
@@ -12944,11 +12958,11 @@ typedef struct itn__normal {
     double *matrix;     /* A [count][count] */
     double *outer;      /* J^T K K J [count][count] */
     double *shared;     /* J^T K F K J [count][count] */
+    double *power;      /* P [count][count] */
     double *right;      /* b + A pi [count] */
     double *variances;  /* and one block of variances, for which weights are squared: */
     double *silence;    /* [count]: what A_kk would vary if J were but noise */
     double *noise;      /* [count]: what the noise of K J adds to the covariance of b */
-    double *spread;     /* [count]: variance of A_kk */
     double chi2, chi2_variance, loss;
 } itn__normal;
 
@@ -12978,6 +12992,7 @@ typedef struct itn__refiner {
     double *step;        /* [count] in similarity coordinates */
     double *factor;      /* [count][count], Cholesky */
     double *covariance;  /* [count][count] */
+    double *direction;   /* [count] c, see above */
     itn__normal fresh, known; /* of the last evaluation, and of those that count */
     itn__misfit misfit;
     double loss, loss_error;
@@ -13201,7 +13216,23 @@ static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, it
     itn__binomial(b->pixels, a->width, a->height, view->pixels, view->row);
 }
 
-/* Adds a view's part of the normal equations, from planes made by the two functions above. */
+/* Adds a view's part of P. */
+static void itn__refine_power(itn__refiner *refiner, const itn__refine_view *view,
+                              const itn_image *a, const itn_image *b) {
+    size_t pixels = view->pixels, i;
+    int n = refiner->count, k, l;
+    for (k = 0; k < view->count; k++)
+        for (l = 0; l < view->count; l++) {
+            size_t own = (size_t)(2 + 2 * k) * pixels, other = (size_t)(2 + 2 * l) * pixels;
+            double sum = 0;
+            for (i = 0; i < pixels; i++)
+                sum += ((double)a->pixels[own + i] - b->pixels[own + i]) *
+                       ((double)a->pixels[other + i] - b->pixels[other + i]);
+            refiner->fresh.power[view->unknowns[k] * n + view->unknowns[l]] += .25 * sum;
+        }
+}
+
+/* Adds a view's part of the normal equations, from planes made by the functions before. */
 static void itn__refine_sum(itn__refiner *refiner, const itn__refine_view *view,
                             const itn_image *a, const itn_image *b) {
     itn__normal *sum = &refiner->fresh;
@@ -13217,9 +13248,7 @@ static void itn__refine_sum(itn__refiner *refiner, const itn__refine_view *view,
             sum->right[k] += .5 * (double)ja[i] * b->pixels[i];
             sum->right[k] += .5 * (double)kjb[i] * a->pixels[i];
             sum->noise[k] += ITN__BINOMIAL_NOISE * va[i] * of_one; /* variance of r_a alone */
-            sum->spread[k] += va[i] * (2 * (double)kjb[i] * kjb[i] +
-                                       (double)ITN__BINOMIAL_NOISE * va[i]);
-            sum->silence[k] += (double)ITN__BINOMIAL_NOISE * va[i] * va[i];
+            sum->silence[k] += 4 * (double)ITN__BINOMIAL_NOISE * va[i] * va[i]; /* J_a: 2 va */
         }
         for (other = 0; other < view->count; other++) {
             const float *kj = b->pixels + (size_t)(3 + 2 * other) * pixels;
@@ -13299,6 +13328,7 @@ static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view
         itn__keep_variance(view, &a, options.spp);
         itn__scale_planes(refiner, view, &a), itn__similarity_planes(refiner, view, &a);
         itn__scale_planes(refiner, view, &b), itn__similarity_planes(refiner, view, &b);
+        itn__refine_power(refiner, view, &a, &b);
         for (k = 0; k < view->count; k++) itn__refine_planes(view, &a, &b, k);
         itn__refine_residuals(view, &a, &b);
         itn__refine_sum(refiner, view, &a, &b);
@@ -13309,8 +13339,8 @@ static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view
 }
 
 /* How many numbers the blocks of normal equations hold. */
-static size_t itn__means(int count) { return (size_t)(3 * count * count + count); }
-static size_t itn__variances(int count) { return (size_t)(3 * count); }
+static size_t itn__means(int count) { return (size_t)(4 * count * count + count); }
+static size_t itn__variances(int count) { return (size_t)(2 * count); }
 
 /* Evaluates the normal equations at the present point with `samples` times the first samples. */
 static itn_result itn__refine_evaluate(itn__refiner *refiner, double samples, itn_error *error) {
@@ -13363,27 +13393,66 @@ static void itn__refine_noise(itn__refiner *refiner, const itn__normal *normal, 
         refiner->covariance[k] =
             refiner->final / samples * (normal->outer[k] - normal->shared[k]) +
             target * normal->shared[k] + excess * normal->outer[k];
-    for (k = 0; k < n; k++) refiner->covariance[k * n + k] += normal->noise[k];
+    for (k = 0; k < n * n; k++) {
+        double square = normal->power[k / n * (n + 1)] * normal->power[k % n * (n + 1)];
+        double noise = sqrt(normal->noise[k / n] * normal->noise[k % n]);
+        if (square > 0) refiner->covariance[k] += noise * normal->power[k] / sqrt(square);
+    }
 }
 
-/* Factors A + `bias` times E + mu D + a weak prior (standard deviation 8 in a coordinate), with as
-   much more of D as it takes to be positive definite. */
+/* c^T M c. */
+static double itn__quadratic(const double *matrix, int n, const double *c) {
+    double sum = 0;
+    int k, l;
+    for (k = 0; k < n; k++)
+        for (l = 0; l < n; l++) sum += c[k] * matrix[k * n + l] * c[l];
+    return sum;
+}
+
+/* Variance of c^T A c. How unevenly V is spread over the pixels, sum V^2 / (sum V)^2, is averaged
+   over the unknowns by their noise; pixels weigh residuals by their noise, so that V differs little
+   between those that tell, and is taken as its mean, weighted with itself. */
+static double itn__refine_spread(const itn__normal *normal, int n, const double *c) {
+    double power = itn__quadratic(normal->power, n, c), all = 0, uneven = 0;
+    double outer = fmax(itn__quadratic(normal->outer, n, c), 0);
+    int k;
+    for (k = 0; k < n; k++) {
+        double own = normal->power[k * n + k], share = c[k] * c[k] * own;
+        if (!(own > 0)) continue;
+        uneven += share * normal->silence[k] / (own * own), all += share;
+    }
+    return all > 0 ? uneven / all * power * (outer / ITN__BINOMIAL_NOISE + power) : 0;
+}
+
+/* Whether pictures tell of unknown k, if all others are known: A_kk is more than noise. */
+static int itn__refine_tells(const itn__refiner *refiner, const itn__normal *normal, int k) {
+    int n = refiner->count;
+    memset(refiner->direction, 0, (size_t)n * sizeof(double));
+    refiner->direction[k] = 1;
+    return normal->matrix[k * n + k] > 2 * sqrt(itn__refine_spread(normal, n, refiner->direction));
+}
+
+#define ITN__PRIOR 8. /* standard deviation of a coordinate before anything is known */
+
+/* Factors A + `bias` times E + mu D + that weak prior, with as much more of D as it takes to be
+   positive definite. */
 static void itn__refine_factor(itn__refiner *refiner, const itn__normal *normal, double bias,
                                double mu) {
     int n = refiner->count, k;
     for (;; mu = mu > 0 ? 1.5 * mu : 1e-3) { /* ends, as all is finite and the diagonal positive */
         memcpy(refiner->factor, normal->matrix, (size_t)(n * n) * sizeof(double));
         for (k = 0; k < n; k++) {
-            double e = 3 * sqrt(normal->silence[k]);
-            refiner->factor[k * n + k] += bias * e + 1. / 64 +
+            double e = 1.5 * sqrt(normal->silence[k]);
+            refiner->factor[k * n + k] += bias * e + 1 / (ITN__PRIOR * ITN__PRIOR) +
                                           mu * (fabs(normal->matrix[k * n + k]) + e);
         }
         if (itn__cholesky(refiner->factor, n)) return;
     }
 }
 
-/* The step from the present point by what is known, at most `most` long in any coordinate. */
-static void itn__refine_solve(itn__refiner *refiner, double mu, double most) {
+/* The step from the present point by what is known, at most `most` long in any coordinate. `bias`
+   and mu as above. */
+static void itn__refine_solve(itn__refiner *refiner, double bias, double mu, double most) {
     const itn__normal *known = &refiner->known;
     int n = refiner->count, k, l;
     double longest = 0;
@@ -13392,7 +13461,7 @@ static void itn__refine_solve(itn__refiner *refiner, double mu, double most) {
         for (l = 0; l < n; l++)
             refiner->step[k] -= known->matrix[k * n + l] * refiner->coordinates[l];
     }
-    itn__refine_factor(refiner, known, 1, mu);
+    itn__refine_factor(refiner, known, bias, mu);
     itn__cholesky_solve(refiner->factor, n, refiner->step);
     for (k = 0; k < n; k++) longest = fmax(longest, fabs(refiner->step[k]));
     for (k = 0; k < n && longest > most; k++) refiner->step[k] *= most / longest;
@@ -13408,14 +13477,27 @@ static void itn__refine_move(itn__refiner *refiner) {
     itn__refine_set(refiner, refiner->gradient);
 }
 
-/* Covariance A^-1 N A^-1 of the coordinates, by what is known. A noisy A is as often too large as
-   too small, but its inverse counts: A is taken one standard deviation of its noise smaller. */
+/* Standard error of coordinate k over the square root of c^T N c / i^2: what A's own noise makes of
+   it, by the factor of A. Infinite where A tells nothing. */
+static double itn__refine_doubt(itn__refiner *refiner, int k) {
+    double *c = refiner->direction, information, spread;
+    int n = refiner->count, l;
+    memset(c, 0, (size_t)n * sizeof(double));
+    c[k] = 1;
+    itn__cholesky_solve(refiner->factor, n, c);
+    information = 1 / c[k];
+    for (l = 0; l < n; l++) c[l] *= information;
+    spread = itn__refine_spread(&refiner->known, n, c) / (information * information);
+    return 9 * spread < 1 ? 1 / sqrt(1 - 9 * spread) : INFINITY;
+}
+
+/* Covariance A^-1 N A^-1 of the coordinates, by what is known, leaving A's factor. */
 static void itn__refine_covariance(itn__refiner *refiner) {
     const itn__normal *known = &refiner->known;
     int n = refiner->count, i, j;
     double *rows = refiner->covariance;
     itn__refine_noise(refiner, known, known->samples, 1, fmax(known->chi2 - 1, 0));
-    itn__refine_factor(refiner, known, -1. / 3, 0);
+    itn__refine_factor(refiner, known, 0, 0);
     for (j = 0; j < n; j++) itn__cholesky_solve(refiner->factor, n, rows + j * n);
     for (i = 0; i < n; i++) /* row j: A^-1 times column j of N; transposed, then A^-1 once more */
         for (j = 0; j < i; j++) {
@@ -13435,7 +13517,7 @@ static double itn__refine_news(itn__refiner *refiner) {
     int n = refiner->count, k;
     for (k = 0; k < n; k++)
         if (fabs(refiner->coordinates[k] - refiner->before[k]) > .5 &&
-            fresh->matrix[k * n + k] > 2 * sqrt(fresh->spread[k]))
+            itn__refine_tells(refiner, fresh, k))
             return INFINITY;
     itn__refine_noise(refiner, fresh, samples, 0, 0);
     memcpy(refiner->factor, refiner->covariance, (size_t)(n * n) * sizeof(double));
@@ -13466,9 +13548,7 @@ static int itn__refine_leap(itn__refiner *refiner) {
     memset(refiner->step, 0, (size_t)n * sizeof(double));
     for (; m < end; m++) {
         double w = itn_parameter_to_coordinate(refiner->parameters[m->g], 0);
-        if (refiner->coordinates[m->g] < w + 1 ||
-            known->matrix[m->g * n + m->g] > 2 * sqrt(known->spread[m->g]))
-            continue;
+        if (refiner->coordinates[m->g] < w + 1 || itn__refine_tells(refiner, known, m->g)) continue;
         refiner->step[m->g] = w - refiner->coordinates[m->g], leaps = 1;
     }
     return leaps;
@@ -13519,12 +13599,12 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
         else if (news < 1) samples = fmin(2 * known->samples, refiner->final - known->samples);
         leaps = iteration > 1 && !leapt && iteration + 5 <= most && itn__refine_leap(refiner);
         if (leaps) leapt = 1;
-        else itn__refine_solve(refiner, mu, 1);
+        else itn__refine_solve(refiner, 1, mu, 1);
         result = itn__refine_try(refiner, samples, leaps, &mu, &news, error);
         if (!result && iteration <= most) result = itn__refine_report(refiner, iteration, error);
     }
     if (result) return result;
-    itn__refine_solve(refiner, 0, .5);
+    itn__refine_solve(refiner, 1, 0, .5);
     itn__refine_move(refiner);
     return ITN_OK;
 }
@@ -13583,27 +13663,36 @@ static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
     return result;
 }
 
-/* Estimates at the present point by what is known. Where the search was not over, the step that is
-   left counts as error. */
+/* By how much more than sqrt((A^-1 N A^-1)_kk) the standard error of coordinate k is. Where the
+   search was not over, the step that is left counts as error; where nothing is known, the prior. */
+static double itn__refine_widening(itn__refiner *refiner, int k) {
+    int n = refiner->count, l;
+    double *covariance = refiner->covariance, error, wide;
+    if (!(covariance[k * n + k] > 0)) { /* N, too, is mostly noise */
+        for (l = 0; l < n; l++) covariance[k * n + l] = covariance[l * n + k] = 0;
+        covariance[k * n + k] = ITN__PRIOR * ITN__PRIOR;
+    }
+    error = sqrt(covariance[k * n + k]), wide = error * itn__refine_doubt(refiner, k);
+    if (!(wide <= ITN__PRIOR)) wide = fmax(error, ITN__PRIOR);
+    return fmax(wide, fabs(refiner->step[k])) / error;
+}
+
+/* Estimates at the present point by what is known. */
 static void itn__refine_estimate(itn__refiner *refiner) {
     itn_estimate *estimates = refiner->estimates;
-    double *left = refiner->gradient, *covariance = refiner->covariance;
+    double *widening = refiner->gradient, *covariance = refiner->covariance;
     int n = refiner->count, k;
-    itn__refine_solve(refiner, 0, 2);
+    itn__refine_solve(refiner, 0, 0, 2);
     itn__refine_covariance(refiner);
-    for (k = 0; k < n; k++) {
-        double error = sqrt(fmax(covariance[k * n + k], 0));
-        left[k] = error > 0 ? fmax(fabs(refiner->step[k]) / error, 1) : 1;
-    }
-    for (k = 0; k < n * n; k++) covariance[k] *= left[k / n] * left[k % n];
+    for (k = 0; k < n; k++) widening[k] = itn__refine_widening(refiner, k);
+    for (k = 0; k < n * n; k++) covariance[k] *= widening[k / n] * widening[k % n];
     for (k = 0; k < n; k++) itn__similarity_step(refiner, covariance + k, n);
     for (k = 0; k < n; k++) itn__similarity_step(refiner, covariance + k * n, 1);
     for (k = 0; k < n; k++) {
         double error = sqrt(fmax(covariance[k * n + k], 0));
         estimates[k].value = refiner->values[k];
         estimates[k].standard_error = error * refiner->slopes[k];
-        estimates[k].determined = error < .5 && refiner->known.matrix[k * n + k] >
-                                                    2 * sqrt(refiner->known.spread[k]);
+        estimates[k].determined = error < .5 && itn__refine_tells(refiner, &refiner->known, k);
     }
     for (k = 0; k < n * n; k++) covariance[k] *= refiner->slopes[k / n] * refiner->slopes[k % n];
 }
@@ -13721,9 +13810,9 @@ static void itn__normal_place(itn__normal *normal, int count, double *block) {
     int squares = count * count;
     normal->means = normal->matrix = block;
     normal->outer = normal->matrix + squares, normal->shared = normal->outer + squares;
-    normal->right = normal->shared + squares;
+    normal->power = normal->shared + squares, normal->right = normal->power + squares;
     normal->variances = normal->silence = normal->right + count;
-    normal->noise = normal->silence + count, normal->spread = normal->noise + count;
+    normal->noise = normal->silence + count;
 }
 
 /* Allocates what all views share. */
@@ -13737,7 +13826,7 @@ static itn_result itn__refine_allocate(itn__refiner *refiner, itn_error *error) 
     refiner->parameters = (const itn_parameter **)itn__allocate(context, n,
                                                                 sizeof *refiner->parameters);
     refiner->media = (itn__similarity *)itn__allocate(context, n, sizeof *refiner->media);
-    refiner->numbers = (double *)itn__allocate(context, 2 * numbers + 6 * n + 2 * n * n,
+    refiner->numbers = (double *)itn__allocate(context, 2 * numbers + 7 * n + 2 * n * n,
                                                sizeof(double));
     refiner->values = (float *)itn__allocate(context, 3 * n, sizeof(float));
     refiner->estimates = (itn_estimate *)itn__allocate(context, n, sizeof(itn_estimate));
@@ -13754,6 +13843,7 @@ static itn_result itn__refine_allocate(itn__refiner *refiner, itn_error *error) 
     refiner->slopes = next, next += n;
     refiner->gradient = next, next += n;
     refiner->step = next, next += n;
+    refiner->direction = next, next += n;
     refiner->factor = next, next += n * n;
     refiner->covariance = next;
     return ITN_OK;
@@ -17085,8 +17175,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.5.1  single scattering without refraction needs no walk, and does not miss thin media.
-          breaks: its images have other bits than before
+   0.5.1  single scattering without refraction needs no walk, and does not miss thin media; error
+          bars of refinement know the noise of the information itself.
+          breaks: images of single scattering have other bits than before; wider error bars
    0.5.0  refinement steps in similarity coordinates, final_spp; roulette keeps what derivatives in
           an albedo, reflectance or sigma_t near 0 live on; AUTO takes the reference for them.
           breaks: refinement takes other steps than before
@@ -17119,6 +17210,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
      adam     D. Kingma, J. Ba, Adam: A Method for Stochastic Optimization, ICLR 2015
      net      K. He et al., Delving Deep into Rectifiers, ICCV 2015
      refine   D. Wyman, M. Patterson, B. Wilson, Similarity Relations for the Interaction
-              Parameters in Radiation Transport, Applied Optics 1989
+              Parameters in Radiation Transport, Applied Optics 1989;
+              E. Fieller, Some Problems in Interval Estimation, J. R. Stat. Soc. B 1954
 
    [license] MIT, see the file LICENSE beside this one. Copyright (c) 2026 the itn.h authors. */

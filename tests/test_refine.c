@@ -369,6 +369,108 @@ static void plant_small_errors(void) {
     test_coverage(albedo, 1, 32, 4, 1, 3);
 }
 
+/* The variance of A over many evaluations at one point is what itn__refine_spread says, where it is
+   the noise of J: of sigma_t and g along the valley. A sample variance of 40 has a standard error
+   of 23 %. planted: factor of the claim. */
+static void test_spread(double planted) {
+    enum { TIMES = 40, N = 3, WAYS = 2 };
+    static const char *const names[N] = {"m.sigma_t", "m.albedo", "m.g"};
+    static const double ways[WAYS][N] = {{1, 0, 0}, {0, 0, 1}};
+    static float target[PIXELS], variance[PIXELS];
+    itn_scene *scene = cloud(4, .9, .5);
+    double sum[WAYS] = {0}, square[WAYS] = {0}, claimed[WAYS] = {0};
+    float values[N] = {4, .9f, .5f};
+    itn__refiner refiner;
+    itn_view view = ITN_ZERO;
+    itn_error error;
+    int parameters[N], t, w, k, l;
+    memset(&refiner, 0, sizeof refiner);
+    find_parameters(scene, names, N, parameters);
+    photograph(scene, 256, 7, target, variance);
+    view.scene = scene, view.target = target, view.target_variance = variance;
+    view.parameters = parameters;
+    refiner.view_count = 1, refiner.count = N, refiner.context = &scene->context;
+    refiner.options.spp = refiner.options.final_spp = 32;
+    stage_need(itn__refine_begin(&refiner, &view, values, &error), &error);
+    stage_need(itn__refine_evaluate(&refiner, 1, &error), &error);
+    for (t = 0; t < TIMES; t++) {
+        stage_need(itn__refine_evaluate(&refiner, 1, &error), &error);
+        for (w = 0; w < WAYS; w++) {
+            double a = 0;
+            for (k = 0; k < N; k++)
+                for (l = 0; l < N; l++)
+                    a += ways[w][k] * refiner.fresh.matrix[k * N + l] * ways[w][l];
+            sum[w] += a / TIMES, square[w] += a * a / TIMES;
+            claimed[w] += planted * itn__refine_spread(&refiner.fresh, N, ways[w]) / TIMES;
+        }
+    }
+    for (w = 0; w < WAYS; w++) {
+        double ratio = (square[w] - sum[w] * sum[w]) * TIMES / (TIMES - 1) / claimed[w];
+        check_report(ratio > .5 && ratio < 1.8, __FILE__, __LINE__,
+                     "variance of A over what is claimed, way %d: %.2f", w, ratio);
+        if (getenv("SHOW"))
+            printf("A, way %d: %.4g, variance %.2f of what is claimed\n", w, sum[w], ratio);
+    }
+    itn__refine_end(&refiner);
+    itn_scene_free(scene);
+}
+
+/* What A's noise makes of an error bar, of one unknown: Fieller's set by its definition. */
+static void test_doubt(double planted) {
+    double numbers[10], doubt, i = 5, bar, d;
+    itn__refiner refiner;
+    memset(&refiner, 0, sizeof refiner), memset(numbers, 0, sizeof numbers);
+    refiner.count = 1, refiner.direction = numbers, refiner.factor = numbers + 1;
+    itn__normal_place(&refiner.known, 1, numbers + 2);
+    refiner.known.matrix[0] = i, refiner.known.silence[0] = 1 + planted;
+    refiner.known.power[0] = 3;
+    refiner.factor[0] = sqrt(i);
+    doubt = itn__refine_doubt(&refiner, 0);
+    bar = doubt * sqrt(2) / i, d = 3 * bar; /* c^T N c = 2 */
+    CHECK_NEAR(i * i * d * d, 9 * (2 + 1 * d * d), 1e-9);
+    refiner.known.silence[0] = i * i / 8.9;
+    CHECK(itn__refine_doubt(&refiner, 0) == (double)INFINITY);
+    refiner.known.silence[0] = 0;
+    CHECK(itn__refine_doubt(&refiner, 0) == 1);
+}
+
+/* With few samples in the end little is known along the valley, and error bars say so: of `SEEDS`
+   searches that start from both sides of the truth none is more than four standard errors off. */
+static void test_few_samples(void) {
+    enum { SEEDS = 12 };
+    static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
+    static const float hidden[3] = {6, .9f, .6f};
+    static const float starts[2][3] = {{3, .818f, .2f}, {12, .947f, .8f}};
+    static float target[PIXELS], variance[PIXELS];
+    itn_scene *scene = cloud(hidden[0], hidden[1], hidden[2]);
+    double furthest = 0;
+    int parameters[3], seed, k, determined = 0;
+    find_parameters(scene, names, 3, parameters);
+    photograph(scene, 4096, 7, target, variance);
+    for (seed = 0; seed < SEEDS; seed++) {
+        itn_refine_options options = ITN_ZERO;
+        itn_estimate estimates[3];
+        itn_error error;
+        float theta[8];
+        itn_parameter_values(scene, theta);
+        for (k = 0; k < 3; k++) theta[parameters[k]] = starts[seed % 2][k];
+        options.spp = 8, options.final_spp = 64, options.seed = (uint64_t)seed;
+        options.target_variance = variance;
+        stage_need(itn_refine(scene, theta, target, parameters, 3, &options, estimates, &error),
+                   &error);
+        for (k = 0; k < 3; k++) {
+            double z = fabs(estimates[k].value - (double)hidden[k]) / estimates[k].standard_error;
+            furthest = fmax(furthest, z), determined += estimates[k].determined;
+        }
+    }
+    check_report(furthest < 4, __FILE__, __LINE__, "few samples: %.1f standard errors off",
+                 furthest);
+    if (getenv("SHOW"))
+        printf("few samples: at most %.1f standard errors off, %d of %d determined\n", furthest,
+               determined, 3 * SEEDS);
+    itn_scene_free(scene);
+}
+
 /* One synthetic case: a cloud of random size of picture, light and material, a picture of random
    noise, a start that is off by up to e^.4 and .4 in logits. Returns in z the errors of sigma_t,
    albedo and g in standard errors. */
@@ -970,6 +1072,7 @@ int main(void) {
     test_cholesky(0);
     test_transforms();
     test_similarity(0);
+    test_doubt(0);
     if (!slow) { /* statistics take too long under a sanitizer */
         test_recoveries();
         test_coverages();
@@ -978,6 +1081,8 @@ int main(void) {
         test_two_lights(0);
         test_two_pictures();
         test_final_spp(1);
+        test_spread(1);
+        test_few_samples();
         test_undetermined();
     }
     test_eigen();
@@ -989,10 +1094,12 @@ int main(void) {
     test_options();
     CHECK_CATCHES(test_cholesky(1e-6));
     CHECK_CATCHES(test_similarity(1e-4));
+    CHECK_CATCHES(test_doubt(.01));
     if (!slow) CHECK_CATCHES(plant_small_errors());
     if (!slow) CHECK_CATCHES(test_cases(20, 80, 100, 1));
     if (!slow) CHECK_CATCHES(test_two_lights(1));
     if (!slow) CHECK_CATCHES(test_final_spp(2));
+    if (!slow) CHECK_CATCHES(test_spread(.25));
     CHECK_CATCHES(test_words(1));
     test_overflow();
     return check_end("refine");
