@@ -13,6 +13,11 @@
    A picture gets as many samples as bring its noise under --noise, but at most --spp. At the 3 % of
    the full experiment these are about 250 times 4 walks for milky materials and thousands for dark
    ones; for a quick trial --noise 0.2 --spp 8 will do.
+   One walk serves up to three materials that differ in albedo alone, as the colours of a medium:
+   the sky is grey (sky.c), so that its channels are one picture in three albedos. In the whole data
+   the five albedos of a sigma_t and g take two walks instead of five, and half the time; a small
+   fraction has few to share. The noise of such pictures is alike: errors of one tell something of
+   errors of the others, and a mean over all three is noisier than over three on their own.
    --tests is the part of the three test splits to make, as large as --fraction unless given.
    `make` goes on where it was stopped and mends what `check` finds missing or damaged. `sheet`
    shows one picture of every shape (rows) and azimuth (columns). dataset.h says what is in a file.
@@ -65,21 +70,23 @@ static double shape_lift(const char *dir, int shape) {
     return .001 - (double)lowest;
 }
 
-/* The scene of scenes/data.itn with another shape and sun. A sky's numbers hold for the height of
-   the sun and are measured from the zenith and from the sun, so all azimuths share them. */
-static void write_scene(const char *dir, int shape, int azimuth) {
+/* The scene of scenes/data.itn with another shape and sun, and a grey sky. A sky's numbers hold for
+   the height of the sun and are measured from the zenith and from the sun, so all azimuths share
+   them. channels: 1, or 3 for three albedos at a time. */
+static void write_scene(const char *dir, int shape, int azimuth, int channels) {
     char path[PATH_SIZE], text[2048];
     double angle = azimuth * 3.14159265358979323846 / 180;
     int length = snprintf(text, sizeof text,
-        "film    width %d height %d  filter gaussian\n"
+        "film    width %d height %d  channels %d  filter gaussian\n"
         "camera  eye 0 8.785 -32.785  target 0 0.469 -1.75  fov 2.5\n"
         "medium  milk   sigma_t 54  albedo 0.87  g 0.4\n"
         "surface ground type diffuse  reflectance texture concrete.pfm\n"
         "object  plane  y 0 half 20  surface ground\n"
         "object  mesh %s.ply  medium milk  rotate 0 1 0 180  translate 0 %.4f -1.75\n"
-        "light   sky t3-e60.sky  sun %.6f 0.866025 %.6f  sun_scale 2  sun_radius_scale 70\n",
-        FILM, FILM, shape_names[shape], shape_lift(dir, shape), .5 * cos(angle), .5 * sin(angle));
-    scene_path(shape, azimuth, dir, path);
+        "light   sky t3-e60-grey.sky  sun %.6f 0.866025 %.6f  sun_scale 2  sun_radius_scale 70\n",
+        FILM, FILM, channels, shape_names[shape], shape_lift(dir, shape), .5 * cos(angle),
+        .5 * sin(angle));
+    scene_path(shape, azimuth, channels, dir, path);
     save_file(path, text, (size_t)length);
 }
 
@@ -89,11 +96,14 @@ static void write_scenes(const settings *s) {
     snprintf(folder, sizeof folder, "%s/scenes", s->dir);
     make_folder(folder);
     copy_file(s->scenes, "maps/concrete.pfm", folder);
-    copy_file(s->scenes, "t3-e60.sky", folder);
+    copy_file(s->scenes, "t3-e60-grey.sky", folder);
     for (shape = 0; shape < SHAPES; shape++) {
         snprintf(name, sizeof name, "shapes/%s.ply", shape_names[shape]);
         copy_file(s->scenes, name, folder);
-        for (azimuth = 0; azimuth < 100; azimuth += 10) write_scene(s->dir, shape, azimuth);
+        for (azimuth = 0; azimuth < 100; azimuth += 10) {
+            write_scene(s->dir, shape, azimuth, 1);
+            write_scene(s->dir, shape, azimuth, 3);
+        }
     }
 }
 
@@ -130,84 +140,139 @@ static void object_mask(const char *dir, int shape, unsigned char *mask) {
     itn_mesh_free(&mesh);
 }
 
-/* The noise of a picture: over the object's pixels, the root of the mean variance of a pixel,
-   relative to their mean. */
-static double image_noise(const itn_image *image, const unsigned char *mask) {
+/* The noise of a picture, one channel of a render: over the object's pixels, the root of the mean
+   variance of a pixel, relative to their mean. */
+static double image_noise(const itn_image *image, int channel, const unsigned char *mask) {
+    const float *pixels = image->pixels + channel * PIXELS, *variances = pixels + 3 * PIXELS;
     double light = 0, variance = 0;
     int i, count = 0;
-    for (i = 0; i < PIXELS; i++) {
-        if (!mask[i]) continue;
-        light += image->pixels[i], variance += image->pixels[PIXELS + i], count++;
-    }
+    for (i = 0; i < PIXELS; i++)
+        if (mask[i]) light += pixels[i], variance += variances[i], count++;
     return count ? sqrt(variance * count) / light : 0;
 }
 
 /* ---- pictures ---- */
 
+/* Pictures of a shard that one walk makes: of the same sigma_t and g. */
+typedef struct family {
+    int members[3], count;
+} family;
+
 /* The pictures of a shard, and how far all of them are. */
 typedef struct work {
     const settings *settings;
-    const itn_scene *scene;
+    const itn_scene *scene; /* of three channels */
     shard shard;
     float (*thetas)[3];
-    int parameters[3];
+    family families[MATERIALS];
+    int parameters[5]; /* sigma_t, g, albedo_r, albedo_g, albedo_b */
     unsigned char mask[PIXELS], *bytes;
     pthread_mutex_t lock; /* of what follows */
     int done, total;
     double start, worst, samples;
 } work;
 
-static void show_progress(work *w, double noise, int spp) {
+static void show_progress(work *w, int count, double noise, int spp) {
     double rate;
     pthread_mutex_lock(&w->lock);
-    w->done++, w->samples += spp, w->worst = fmax(w->worst, noise);
+    w->done += count, w->samples += count * spp, w->worst = fmax(w->worst, noise);
     rate = w->done / (seconds() - w->start);
     fprintf(stderr, "\r%d of %d images, %.2f a second, %.0f s left   ", w->done, w->total, rate,
             (w->total - w->done) / rate);
     pthread_mutex_unlock(&w->lock);
 }
 
-/* Renders picture `index` of the shard, with more samples until its noise is small enough. */
-static void make_picture(void *task, int index) {
+/* The picture of a material, or -1. */
+static int find_picture(const work *w, float sigma_t, float albedo, float g) {
+    int i;
+    for (i = 0; i < w->shard.count; i++)
+        if (w->thetas[i][0] == sigma_t && w->thetas[i][1] == albedo && w->thetas[i][2] == g)
+            return i;
+    return -1;
+}
+
+/* Neighbours in albedo go together, as dark ones need more and shorter paths. Returns how many. */
+static int list_families(work *w) {
+    int i, k, picture, count = 0;
+    memset(w->families, 0, sizeof w->families);
+    for (i = 0; i < 60; i++) {
+        for (k = 0; k < 5; k++) {
+            family *f = &w->families[count];
+            picture = find_picture(w, sigma_t_values[i / 5], albedo_values[k], g_values[i % 5]);
+            if (picture < 0) continue;
+            f->members[f->count++] = picture;
+            count += f->count == 3;
+        }
+        count += w->families[count].count > 0;
+    }
+    return count;
+}
+
+/* All parameters of the scene, with the materials of a family; if it has less than three members,
+   the last stands for the rest. The caller frees them. */
+static float *family_theta(const work *w, const family *f) {
+    float *theta = (float *)need((size_t)itn_parameter_count(w->scene), sizeof *theta);
+    int k;
+    itn_parameter_values(w->scene, theta);
+    theta[w->parameters[0]] = w->thetas[f->members[0]][0];
+    theta[w->parameters[1]] = w->thetas[f->members[0]][2];
+    for (k = 0; k < 3; k++)
+        theta[w->parameters[2 + k]] = w->thetas[f->members[k < f->count ? k : f->count - 1]][1];
+    return theta;
+}
+
+/* Stores a channel of a render as picture `index` of the shard. */
+static void put_picture(const work *w, int index, const itn_image *image, int channel) {
+    unsigned char *record = w->bytes + HEADER_SIZE + index * RECORD * 4;
+    unsigned char *at = w->bytes + HEADER_SIZE + w->shard.count * RECORD * 4;
+    const float *pixels = image->pixels + channel * PIXELS;
+    int k;
+    for (k = 0; k < 3; k++) put_float(record + 4 * k, w->thetas[index][k]);
+    put_float(record + 12, (float)image_noise(image, channel, w->mask));
+    at += (size_t)index * PIXELS * 2;
+    for (k = 0; k < PIXELS; k++) put_bytes(at + 2 * k, half_from_float(pixels[k]), 2);
+}
+
+/* Renders a family, with more samples until the noise of all of it is small enough. */
+static void make_family(void *task, int index) {
     work *w = (work *)task;
     const settings *s = w->settings;
-    unsigned char *record = w->bytes + HEADER_SIZE + index * RECORD * 4, *pixels;
-    float *theta = theta_with(w->scene, w->parameters, w->thetas[index]);
+    const family *f = &w->families[index];
+    float *theta = family_theta(w, f);
     itn_render_options options = ITN_ZERO;
     itn_image image = ITN_ZERO;
     itn_error error;
-    double noise = 0;
+    double noise;
     int k;
     options.seed = mix((uint64_t)s->seed, (uint64_t)((int)w->shard.in * 100 + w->shard.azimuth),
-                       (uint64_t)(w->shard.shape * MATERIALS + index));
+                       (uint64_t)(w->shard.shape * MATERIALS + f->members[0]));
     for (options.spp = 2;;) { /* noise falls with the root of the samples: 1.1 for good measure */
         itn_image_free(&image);
         if (itn_render(w->scene, theta, &options, NULL, 0, &image, &error)) fail(error.message, "");
-        noise = image_noise(&image, w->mask);
+        for (noise = k = 0; k < f->count; k++) noise = fmax(noise, image_noise(&image, k, w->mask));
         if (noise < s->noise || options.spp >= s->spp) break;
         options.spp = (int)fmin(s->spp, ceil(options.spp * 1.1 * pow(noise / s->noise, 2)));
     }
-    pixels = w->bytes + HEADER_SIZE + w->shard.count * RECORD * 4 + (size_t)index * PIXELS * 2;
-    for (k = 0; k < 3; k++) put_float(record + 4 * k, w->thetas[index][k]);
-    put_float(record + 12, (float)noise);
-    for (k = 0; k < PIXELS; k++) put_bytes(pixels + 2 * k, half_from_float(image.pixels[k]), 2);
+    for (k = 0; k < f->count; k++) put_picture(w, f->members[k], &image, k);
     itn_image_free(&image);
     free(theta);
-    show_progress(w, noise, options.spp);
+    show_progress(w, f->count, noise, options.spp);
 }
 
 static void make_shard(work *w, const shard *s) {
+    static const char *const names[5] = {"milk.sigma_t", "milk.g", "milk.albedo_r", "milk.albedo_g",
+                                         "milk.albedo_b"};
     char path[PATH_SIZE];
     size_t size = shard_size(s);
     int threads = w->settings->threads;
-    itn_scene *scene = load_scene(s, w->settings->dir, w->parameters);
+    itn_scene *scene = load_scene(s, 3, w->settings->dir, names, 5, w->parameters);
     w->scene = scene, w->shard = *s;
     w->thetas = (float(*)[3])need((size_t)s->count, sizeof *w->thetas);
     w->bytes = (unsigned char *)need(size, 1);
     shard_header(s, (char *)w->bytes);
     shard_materials(s, w->thetas);
     object_mask(w->settings->dir, s->shape, w->mask);
-    parallel_for(s->count, make_picture, w, &threads);
+    parallel_for(list_families(w), make_family, w, &threads);
     put_bytes(w->bytes + size - 8, checksum(w->bytes, size - 8), 8);
     shard_path(s, w->settings->dir, path);
     save_file(path, w->bytes, size);

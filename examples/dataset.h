@@ -15,7 +15,8 @@
        per image 128 x 128 pixels as 16-bit floats, row 0 on top;
        a checksum of all that (64 bits, FNV-1a).
    Numbers are little-endian. DIR/data.txt says which fraction of them DIR holds, and
-   DIR/scenes has a scene file per shape and azimuth with all that it needs, for render and invert.
+   DIR/scenes has a scene file per shape and azimuth with all that it needs, for render and invert
+   (and one of three channels, which dataset.c itself uses).
 
    dataset.c writes all this; train.c and starts.c read it. Each compiles alone, with itn.h in it,
    or with -DITN_APART against one object of itn.h for all three, as experiment.sh does. */
@@ -209,13 +210,14 @@ static inline void shard_path(const shard *s, const char *dir, char *path) {
              s->azimuth);
 }
 
-static inline void scene_path(int shape, int azimuth, const char *dir, char *path) {
-    snprintf(path, PATH_SIZE, "%s/scenes/%s-%02d.itn", dir, shape_names[shape], azimuth);
+static inline void scene_path(int shape, int azimuth, int channels, const char *dir, char *path) {
+    snprintf(path, PATH_SIZE, "%s/scenes/%s-%02d%s.itn", dir, shape_names[shape], azimuth,
+             channels == 3 ? "-rgb" : "");
 }
 
 /* The line at the head of a shard; anything else in a file of its name is a mistake. */
 static inline void shard_header(const shard *s, char header[HEADER_SIZE]) {
-    int length = snprintf(header, HEADER_SIZE, "itn data 1: split %s shape %s azimuth %d images %d "
+    int length = snprintf(header, HEADER_SIZE, "itn data 2: split %s shape %s azimuth %d images %d "
                           "width %d height %d half", split_names[s->in], shape_names[s->shape],
                           s->azimuth, s->count, FILM, FILM);
     memset(header + length, ' ', (size_t)(HEADER_SIZE - length));
@@ -408,20 +410,26 @@ static inline void get_picture(const pictures *p, int index, float *pixels) {
         pixels[i] = float_from_half(p->pixels[(size_t)index * PIXELS + (size_t)i]);
 }
 
-/* Loads the scene of a shard for a single thread; the caller's threads share it. */
-static inline itn_scene *load_scene(const shard *s, const char *dir, int parameters[3]) {
+/* Loads the scene of a shard for a single thread; the caller's threads share it. channels: 1 or 3.
+   parameters[count] receives where the parameters of these names are. */
+static inline itn_scene *load_scene(const shard *s, int channels, const char *dir,
+                                    const char *const *names, int count, int *parameters) {
     char path[PATH_SIZE];
     itn_context context = ITN_ZERO;
     itn_scene *scene;
     itn_error error;
     int k;
     context.threads = 1;
-    scene_path(s->shape, s->azimuth, dir, path);
+    scene_path(s->shape, s->azimuth, channels, dir, path);
     if (itn_scene_load(path, &context, &scene, &error)) fail(error.message, "");
-    for (k = 0; k < 3; k++)
-        if ((parameters[k] = itn_parameter_find(scene, theta_names[k])) < 0)
-            fail(path, "has no medium named milk");
+    for (k = 0; k < count; k++)
+        if ((parameters[k] = itn_parameter_find(scene, names[k])) < 0) fail(path, names[k]);
     return scene;
+}
+
+/* The scene that the networks answer about, whose parameters are theta_names. */
+static inline itn_scene *load_theta_scene(const shard *s, const char *dir, int parameters[3]) {
+    return load_scene(s, 1, dir, theta_names, 3, parameters);
 }
 
 /* All parameters of a scene, with these values of those three. The caller frees them. */

@@ -400,7 +400,7 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
     t->kind = !strcmp(o->model.name, "itn") ? ITN_MODEL_ITN
               : !strcmp(o->model.name, "ssn") ? ITN_MODEL_SSN : ITN_MODEL_RN;
     for (i = 0; i < t->pictures.shard_count && (i == 0 || t->kind != ITN_MODEL_RN); i++)
-        t->scenes[i] = load_scene(&t->pictures.shards[i], o->data, t->parameters);
+        t->scenes[i] = load_theta_scene(&t->pictures.shards[i], o->data, t->parameters);
     context.parallel_for = parallel_for, context.parallel_user = (void *)&o->threads;
     desc.batch = o->model.batch, desc.seed = (uint64_t)o->model.seed;
     desc.first_channels = o->channels;
@@ -689,7 +689,7 @@ static void try_split(trial *t, itn_net *net, FILE *files[3]) {
         t->judged = t->options->most_images;
     t->answers = (answer *)need((size_t)t->pictures.count, sizeof *t->answers);
     for (i = 0; i < t->pictures.shard_count; i++)
-        t->scenes[i] = load_scene(&t->pictures.shards[i], t->options->data, t->parameters);
+        t->scenes[i] = load_theta_scene(&t->pictures.shards[i], t->options->data, t->parameters);
     ask(t, net);
     parallel_for(t->judged, judge, t, &threads);
     print_row(t, stdout), print_row(t, files[0]);
