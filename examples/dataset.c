@@ -72,27 +72,29 @@ static double shape_lift(const char *dir, int shape) {
 
 /* The scene of scenes/data.itn with another shape and sun, and a grey sky. A sky's numbers hold for
    the height of the sun and are measured from the zenith and from the sun, so all azimuths share
-   them. channels: 1, or 3 for three albedos at a time. */
-static void write_scene(const char *dir, int shape, int azimuth, int channels) {
+   them. */
+static void write_scene(const char *dir, int shape, int azimuth, film on) {
+    static const char *const films[FILMS] = {
+        "width 128 height 128  filter gaussian",
+        "width 128 height 128  channels 3  filter gaussian", "width 32 height 32"}; /* FILM, SMALL */
     char path[PATH_SIZE], text[2048];
     double angle = azimuth * 3.14159265358979323846 / 180;
     int length = snprintf(text, sizeof text,
-        "film    width %d height %d  channels %d  filter gaussian\n"
+        "film    %s\n"
         "camera  eye 0 8.785 -32.785  target 0 0.469 -1.75  fov 2.5\n"
         "medium  milk   sigma_t 54  albedo 0.87  g 0.4\n"
         "surface ground type diffuse  reflectance texture concrete.pfm\n"
         "object  plane  y 0 half 20  surface ground\n"
         "object  mesh %s.ply  medium milk  rotate 0 1 0 180  translate 0 %.4f -1.75\n"
         "light   sky t3-e60-grey.sky  sun %.6f 0.866025 %.6f  sun_scale 2  sun_radius_scale 70\n",
-        FILM, FILM, channels, shape_names[shape], shape_lift(dir, shape), .5 * cos(angle),
-        .5 * sin(angle));
-    scene_path(shape, azimuth, channels, dir, path);
+        films[on], shape_names[shape], shape_lift(dir, shape), .5 * cos(angle), .5 * sin(angle));
+    scene_path(shape, azimuth, on, dir, path);
     save_file(path, text, (size_t)length);
 }
 
 static void write_scenes(const settings *s) {
     char folder[PATH_SIZE], name[64];
-    int shape, azimuth;
+    int shape, azimuth, on;
     snprintf(folder, sizeof folder, "%s/scenes", s->dir);
     make_folder(folder);
     copy_file(s->scenes, "maps/concrete.pfm", folder);
@@ -100,10 +102,8 @@ static void write_scenes(const settings *s) {
     for (shape = 0; shape < SHAPES; shape++) {
         snprintf(name, sizeof name, "shapes/%s.ply", shape_names[shape]);
         copy_file(s->scenes, name, folder);
-        for (azimuth = 0; azimuth < 100; azimuth += 10) {
-            write_scene(s->dir, shape, azimuth, 1);
-            write_scene(s->dir, shape, azimuth, 3);
-        }
+        for (azimuth = 0; azimuth < 100; azimuth += 10)
+            for (on = 0; on < FILMS; on++) write_scene(s->dir, shape, azimuth, (film)on);
     }
 }
 
@@ -265,7 +265,7 @@ static void make_shard(work *w, const shard *s) {
     char path[PATH_SIZE];
     size_t size = shard_size(s);
     int threads = w->settings->threads;
-    itn_scene *scene = load_scene(s, 3, w->settings->dir, names, 5, w->parameters);
+    itn_scene *scene = load_scene(s, FILM_THREE, w->settings->dir, names, 5, w->parameters);
     w->scene = scene, w->shard = *s;
     w->thetas = (float(*)[3])need((size_t)s->count, sizeof *w->thetas);
     w->bytes = (unsigned char *)need(size, 1);

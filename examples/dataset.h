@@ -15,8 +15,8 @@
        per image 128 x 128 pixels as 16-bit floats, row 0 on top;
        a checksum of all that (64 bits, FNV-1a).
    Numbers are little-endian. DIR/data.txt says which fraction of them DIR holds, and
-   DIR/scenes has a scene file per shape and azimuth with all that it needs, for render and invert
-   (and one of three channels, which dataset.c itself uses).
+   DIR/scenes has a scene file per shape and azimuth with all that it needs, for render and invert,
+   and two of other films (see film), for dataset and train.
 
    dataset.c writes all this; train.c and starts.c read it. Each compiles alone, with itn.h in it,
    or with -DITN_APART against one object of itn.h for all three, as experiment.sh does. */
@@ -45,11 +45,17 @@ enum {
     MATERIALS = 300,
     FILM = 128, /* pixels each way */
     PIXELS = FILM * FILM,
+    SMALL = 32, /* pixels each way of what training renders */
+    SMALL_PIXELS = SMALL * SMALL,
     MOST_SHARDS = 64, /* of a split */
     PATH_SIZE = 1024,
     HEADER_SIZE = 256,
     RECORD = 4 /* floats per image before the pixels */
 };
+
+/* The films on which a shape under a light is rendered: a picture; three pictures whose albedos
+   differ, as colours; and a small one, for training. */
+typedef enum film { FILM_ONE = 0, FILM_THREE, FILM_SMALL, FILMS } film;
 
 typedef enum split { SPLIT_TRAIN = 0, SPLIT_SHAPE, SPLIT_LIGHT, SPLIT_BOTH, SPLITS } split;
 
@@ -210,9 +216,10 @@ static inline void shard_path(const shard *s, const char *dir, char *path) {
              s->azimuth);
 }
 
-static inline void scene_path(int shape, int azimuth, int channels, const char *dir, char *path) {
+static inline void scene_path(int shape, int azimuth, film on, const char *dir, char *path) {
+    static const char *const endings[FILMS] = {"", "-three", "-small"};
     snprintf(path, PATH_SIZE, "%s/scenes/%s-%02d%s.itn", dir, shape_names[shape], azimuth,
-             channels == 3 ? "-rgb" : "");
+             endings[on]);
 }
 
 /* The line at the head of a shard; anything else in a file of its name is a mistake. */
@@ -396,6 +403,28 @@ static inline void load_pictures(const char *dir, split in, pictures *p) {
     if (faults) fail(dir, "`dataset make` makes what is missing or damaged");
 }
 
+/* Whether a name is in a list of names with commas. */
+static inline int is_listed(const char *name, const char *list) {
+    size_t length = strlen(name);
+    for (; list; list = strchr(list, ','), list += list != NULL)
+        if (!strncmp(list, name, length) && (list[length] == ',' || !list[length])) return 1;
+    return 0;
+}
+
+/* Drops all pictures but those whose shapes are in the list (listed: 1), or are not (0). */
+static inline void keep_shapes(pictures *p, const char *list, int listed) {
+    int i, kept = 0;
+    for (i = 0; i < p->count; i++) {
+        if (is_listed(shape_names[p->shards[p->shard_of[i]].shape], list) != listed) continue;
+        p->shard_of[kept] = p->shard_of[i], p->noise[kept] = p->noise[i];
+        memmove(p->thetas[kept], p->thetas[i], sizeof p->thetas[i]);
+        memmove(p->pixels + (size_t)kept * PIXELS, p->pixels + (size_t)i * PIXELS,
+                PIXELS * sizeof *p->pixels);
+        kept++;
+    }
+    p->count = kept;
+}
+
 static inline void free_pictures(pictures *p) {
     free(p->pixels);
     free(p->noise);
@@ -410,9 +439,9 @@ static inline void get_picture(const pictures *p, int index, float *pixels) {
         pixels[i] = float_from_half(p->pixels[(size_t)index * PIXELS + (size_t)i]);
 }
 
-/* Loads the scene of a shard for a single thread; the caller's threads share it. channels: 1 or 3.
+/* Loads the scene of a shard for a single thread; the caller's threads share it.
    parameters[count] receives where the parameters of these names are. */
-static inline itn_scene *load_scene(const shard *s, int channels, const char *dir,
+static inline itn_scene *load_scene(const shard *s, film on, const char *dir,
                                     const char *const *names, int count, int *parameters) {
     char path[PATH_SIZE];
     itn_context context = ITN_ZERO;
@@ -420,7 +449,7 @@ static inline itn_scene *load_scene(const shard *s, int channels, const char *di
     itn_error error;
     int k;
     context.threads = 1;
-    scene_path(s->shape, s->azimuth, channels, dir, path);
+    scene_path(s->shape, s->azimuth, on, dir, path);
     if (itn_scene_load(path, &context, &scene, &error)) fail(error.message, "");
     for (k = 0; k < count; k++)
         if ((parameters[k] = itn_parameter_find(scene, names[k])) < 0) fail(path, names[k]);
@@ -428,8 +457,9 @@ static inline itn_scene *load_scene(const shard *s, int channels, const char *di
 }
 
 /* The scene that the networks answer about, whose parameters are theta_names. */
-static inline itn_scene *load_theta_scene(const shard *s, const char *dir, int parameters[3]) {
-    return load_scene(s, 1, dir, theta_names, 3, parameters);
+static inline itn_scene *load_theta_scene(const shard *s, film on, const char *dir,
+                                          int parameters[3]) {
+    return load_scene(s, on, dir, theta_names, 3, parameters);
 }
 
 /* All parameters of a scene, with these values of those three. The caller frees them. */
@@ -479,13 +509,14 @@ typedef struct model {
     char name[8]; /* rn, ssn, itn */
     double mean, lambda, rate;
     int batch, spp, seed;
+    char leave[64]; /* names of training shapes that it was not shown, with commas; or "none" */
 } model;
 
 static inline void save_model(const char *network, const model *m) {
     char path[PATH_SIZE], text[512];
     int length = snprintf(text, sizeof text, "model %s\nmean %.17g\nlambda %.17g\nrate %.17g\n"
-                          "batch %d\nspp %d\nseed %d\n", m->name, m->mean, m->lambda, m->rate,
-                          m->batch, m->spp, m->seed);
+                          "batch %d\nspp %d\nseed %d\nleave %s\n", m->name, m->mean, m->lambda,
+                          m->rate, m->batch, m->spp, m->seed, m->leave);
     snprintf(path, sizeof path, "%s.txt", network);
     save_file(path, text, (size_t)length);
 }
@@ -496,8 +527,9 @@ static inline void load_model(const char *network, model *m) {
     snprintf(path, sizeof path, "%s.txt", network);
     file = fopen(path, "r");
     if (!file) fail(path, "cannot be read: train this network first");
-    if (fscanf(file, "model %7s mean %lf lambda %lf rate %lf batch %d spp %d seed %d", m->name,
-               &m->mean, &m->lambda, &m->rate, &m->batch, &m->spp, &m->seed) != 7 || !(m->mean > 0))
+    if (fscanf(file, "model %7s mean %lf lambda %lf rate %lf batch %d spp %d seed %d leave %63s",
+               m->name, &m->mean, &m->lambda, &m->rate, &m->batch, &m->spp, &m->seed,
+               m->leave) != 8 || !(m->mean > 0))
         fail(path, "is not what train writes");
     fclose(file);
 }

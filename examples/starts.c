@@ -272,7 +272,8 @@ static void make_table(const settings *s) {
     all.settings = s;
     load_pictures(s->data, SPLIT_BOTH, &all.pictures);
     for (i = 0; i < all.pictures.shard_count; i++)
-        all.scenes[i] = load_theta_scene(&all.pictures.shards[i], s->data, all.parameters);
+        all.scenes[i] =
+            load_theta_scene(&all.pictures.shards[i], FILM_ONE, s->data, all.parameters);
     list_searches(&all);
     parallel_for(all.count, run_search, &all, &threads);
     print_table(&all);
@@ -383,7 +384,7 @@ static void make_figure(const settings *s) {
         int index;
         load_pictures(s->data, (split)(row / 2), &p);
         index = (int)((int64_t)p.count * (1 + 2 * (row % 2)) / 4);
-        scenes[row] = load_theta_scene(&p.shards[p.shard_of[index]], s->data, parameters);
+        scenes[row] = load_theta_scene(&p.shards[p.shard_of[index]], FILM_ONE, s->data, parameters);
         fill_row(&f, row, &p, index, scenes[row], parameters);
         free_pictures(&p);
     }
