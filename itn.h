@@ -11617,6 +11617,8 @@ enum {
     ITN__TILE_VECTORS = 2,                          /* 32 registers, or 16 of narrower lanes */
     ITN__TILE_WINDOWS = 8,                          /* windows whose tiles are pooled together */
     ITN__STREAM_WINDOWS = 16,                       /* at most, to stream the weights */
+    ITN__STREAM_ROWS = ITN__LANES == 16 ? 4 :       /* inputs that are streamed at a time, all */
+                       ITN__LANES > 1 ? 2 : 1,      /* of one block */
     ITN__BAND = 32,                                 /* windows whose inputs fit into the first */
     ITN__SPREAD_BAND = 16,                          /* level of cache; with weights beside them */
     ITN__SPREAD_OUTPUTS = 64                        /* channels of those weights */
@@ -11692,17 +11694,16 @@ static unsigned itn__pixel_sides(unsigned sides, size_t corner) {
     return sides & (row | column);
 }
 
-/* Terms of a sum: rows and columns of taps, blocks of input channels, each [from, to). */
+/* Terms of a sum: rows and columns of taps, each [from, to). */
 typedef struct itn__terms {
-    size_t top, bottom, left, right, first, end;
+    size_t top, bottom, left, right;
 } itn__terms;
 
 /* All terms of a pixel that lies at `sides`: taps in the ring are left out. */
-static itn__terms itn__terms_at(unsigned sides, size_t blocks) {
+static itn__terms itn__terms_at(unsigned sides) {
     itn__terms terms;
     terms.top = sides & ITN__AT_TOP ? 1 : 0, terms.bottom = sides & ITN__AT_BOTTOM ? 2 : 3;
     terms.left = sides & ITN__AT_LEFT ? 1 : 0, terms.right = sides & ITN__AT_RIGHT ? 2 : 3;
-    terms.first = 0, terms.end = blocks;
     return terms;
 }
 
@@ -11722,7 +11723,7 @@ ITN__INLINE void itn__conv_tile(const itn__blocked *in, const itn__panel *panel,
             sum[p][v] = itn__load(sums + (p * vectors + v) * ITN__LANES);
     for (y = terms->top; y < terms->bottom; y++)
         for (x = terms->left; x < terms->right; x += columns)
-            for (b = terms->first; b < terms->end; b++) {
+            for (b = 0; b < in->blocks; b++) {
                 const float *w = panel->w + ((3 * y + x) * panel->tap + b * in->lanes) * row;
                 size_t from = b * in->plane + y * in->row + x * in->lanes;
                 for (k = from; k < from + length; k++, w += row) {
@@ -11784,11 +11785,11 @@ ITN__INLINE void itn__conv_pool(const float *sums, size_t step, size_t lanes, fl
     }
 }
 
-/* The pixels of up to ITN__TILE_WINDOWS windows, ordered by corner, so that those of a tile lie at
-   the same sides where they can. */
+/* The pixels of up to ITN__STREAM_WINDOWS windows, ordered by corner, so that those of a tile lie
+   at the same sides where they can. */
 typedef struct itn__pixels {
-    const float *patches[4 * ITN__TILE_WINDOWS];
-    unsigned sides[4 * ITN__TILE_WINDOWS];
+    const float *patches[4 * ITN__STREAM_WINDOWS];
+    unsigned sides[4 * ITN__STREAM_WINDOWS];
     size_t count;
 } itn__pixels;
 
@@ -11839,7 +11840,7 @@ static void itn__conv_tiles(const itn__conv *c, const itn__panel *panel, size_t 
         itn__terms terms;
         tile = pixels.count - p < ITN__TILE_PIXELS ? 4 : ITN__TILE_PIXELS;
         for (k = 1; k < tile; k++) sides &= pixels.sides[p + k];
-        terms = itn__terms_at(sides, c->in.blocks);
+        terms = itn__terms_at(sides);
         itn__conv_add(&c->in, panel, tile, pixels.patches + p, &terms, sums + p * floats);
     }
     itn__conv_end(c, panel, block, windows, count, sums);
@@ -11854,21 +11855,20 @@ static size_t itn__panel_count(const itn__conv *c) {
 /* Whether the windows are so few that reading the weights takes longer than using them. */
 static int itn__conv_streams(const itn__conv *c) {
     return itn__conv_windows(c) <= ITN__STREAM_WINDOWS && c->out.channels % ITN__LANES == 0 &&
-           c->in.blocks * c->in.lanes == c->in.channels;
+           c->in.channels % ITN__LANES == 0;
 }
+
+/* Floats from the sums of a pixel to those of the next: not a power of two, which would put all of
+   them into the same few places of the cache. */
+static size_t itn__stream_step(const itn__conv *c) { return c->out.channels + ITN__LANES; }
 
 static itn__panel itn__conv_panel(const itn__conv *c, size_t index) {
     itn__panel panel;
     size_t block = index * ITN__TILE_VECTORS, blocks = c->out.blocks - block;
     panel.vectors = (int)itn__fewer(blocks, ITN__TILE_VECTORS);
-    if (!itn__conv_streams(c)) {
-        panel.row = (size_t)panel.vectors * ITN__LANES, panel.tap = c->in.blocks * c->in.lanes;
-        panel.w = c->scratch + itn__panel_rows(c) * block * ITN__LANES;
-        panel.bias = panel.w + 9 * panel.tap * panel.row;
-    } else {
-        panel.row = c->out.channels, panel.tap = c->in.channels;
-        panel.w = c->w + block * ITN__LANES, panel.bias = c->bias + block * ITN__LANES;
-    }
+    panel.row = (size_t)panel.vectors * ITN__LANES, panel.tap = c->in.blocks * c->in.lanes;
+    panel.w = c->scratch + itn__panel_rows(c) * block * ITN__LANES;
+    panel.bias = panel.w + 9 * panel.tap * panel.row;
     return panel;
 }
 
@@ -11907,88 +11907,73 @@ static void itn__conv_forward_part(void *data, int index) {
     }
 }
 
-/* Asks for a panel's weights of one tap and one block of inputs. Inlined, because GCC leaves out
-   calls of a function that has no result. */
-ITN__INLINE void itn__stream_ask(const itn__conv *c, const itn__panel *panel,
-                                 const itn__terms *terms) {
-    size_t first = (3 * terms->top + terms->left) * panel->tap + terms->first * c->in.lanes, i;
-    for (i = first; i < first + c->in.lanes; i++) {
-        ITN__PREFETCH(panel->w + i * panel->row);
-        ITN__PREFETCH(panel->w + i * panel->row + (panel->vectors - 1) * ITN__LANES);
+/* Adds the terms of ITN__STREAM_ROWS inputs, of which inputs has four pixels' addresses, to `count`
+   sums of each pixel. The rows of weights for the next inputs are asked for meanwhile, if they are
+   whole in the order of memory: rows are too short for the processor to see where this goes. */
+ITN__NOINLINE void itn__stream_rows(const itn__conv *c, const float *w, const float *const *inputs,
+                                    size_t count, float *sums) {
+    itn__floats values[4][ITN__STREAM_ROWS], weights[ITN__STREAM_ROWS];
+    size_t row = c->out.channels, step = itn__stream_step(c), whole = count == row, o;
+    const float *next = w + ITN__STREAM_ROWS * row;
+    int p, r;
+    ITN__UNROLL
+    for (p = 0; p < 4; p++)
+        ITN__UNROLL
+        for (r = 0; r < ITN__STREAM_ROWS; r++) values[p][r] = itn__splat(inputs[p][r]);
+    for (o = 0; o < count; o += ITN__LANES) {
+        const float *ask = next + o * (whole ? ITN__STREAM_ROWS : 1);
+        ITN__UNROLL
+        for (r = 0; r < ITN__STREAM_ROWS; r++) {
+            weights[r] = itn__load(w + (size_t)r * row + o);
+            ITN__PREFETCH(ask + (size_t)r * (whole ? ITN__LANES : row));
+        }
+        ITN__UNROLL
+        for (p = 0; p < 4; p++) {
+            itn__floats sum = itn__load(sums + (size_t)p * step + o);
+            ITN__UNROLL
+            for (r = 0; r < ITN__STREAM_ROWS; r++) sum += values[p][r] * weights[r];
+            itn__store(sums + (size_t)p * step + o, sum);
+        }
     }
 }
 
-/* Adds the terms of one tap and one block of inputs to the sums of all windows of a panel,
-   sums: [group of windows][pixels][vectors]. */
-static void itn__stream_terms(const itn__conv *c, const itn__panel *panel,
-                              const itn__pixels *pixels, size_t groups, const itn__terms *terms,
-                              float *sums) {
-    size_t floats = (size_t)panel->vectors * ITN__LANES, g, p, tile;
-    for (g = 0; g < groups; g++)
-        for (p = 0; p < pixels[g].count; p += tile, sums += tile * floats) {
-            tile = pixels[g].count - p < ITN__TILE_PIXELS ? 4 : ITN__TILE_PIXELS;
-            itn__conv_add(&c->in, panel, tile, pixels[g].patches + p, terms, sums);
-        }
-}
-
-/* Adds them to the sums of panels [first, end), `size` floats each. The weights are asked for two
-   panels ahead: the processor cannot guess rows this short. */
-static void itn__stream_panels(const itn__conv *c, const itn__pixels *pixels, size_t groups,
-                               const itn__terms *terms, size_t first, size_t end, size_t size) {
-    enum { AHEAD = 2 };
-    size_t number;
-    for (number = first; number < end; number++) {
-        itn__panel panel = itn__conv_panel(c, number), next;
-        if (number + AHEAD < end) {
-            next = itn__conv_panel(c, number + AHEAD);
-            itn__stream_ask(c, &next, terms);
-        }
-        itn__stream_terms(c, &panel, pixels, groups, terms, c->scratch + number * size);
-    }
-}
-
-/* Few windows, some panels: weights are read where they are, in the order of memory, each once;
-   all sums are kept in the scratch memory meanwhile. */
+/* Few windows, some blocks of output channels: weights are read where they are, in the order of
+   memory, each once; all sums are kept in the scratch memory meanwhile. */
 static void itn__conv_stream_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
-    enum { GROUPS = ITN__STREAM_WINDOWS / ITN__TILE_WINDOWS };
-    size_t panels = itn__panel_count(c), windows = itn__conv_windows(c), panel, tap, g;
-    size_t first = panels * (size_t)index / c->parts, end = panels * ((size_t)index + 1) / c->parts;
-    size_t groups = (windows + ITN__TILE_WINDOWS - 1) / ITN__TILE_WINDOWS;
-    size_t size = 4 * windows * ITN__TILE_VECTORS * ITN__LANES; /* of a panel's sums */
-    itn__window taken[ITN__STREAM_WINDOWS];
-    itn__pixels pixels[GROUPS];
-    itn__panel panel_at;
-    itn__terms terms;
-    itn__conv_take(c, 0, windows, taken);
-    for (g = 0; g < groups; g++)
-        itn__conv_pixels(c, taken + g * ITN__TILE_WINDOWS,
-                         itn__fewer(windows - g * ITN__TILE_WINDOWS, ITN__TILE_WINDOWS),
-                         &pixels[g]);
-    for (panel = first; panel < end; panel++) {
-        panel_at = itn__conv_panel(c, panel);
-        itn__conv_begin(&panel_at, 4 * windows, c->scratch + panel * size);
-    }
-    for (tap = 0; tap < 9; tap++)
-        for (terms.first = 0; terms.first < c->in.blocks; terms.first++) {
-            terms.top = tap / 3, terms.bottom = terms.top + 1;
-            terms.left = tap % 3, terms.right = terms.left + 1, terms.end = terms.first + 1;
-            itn__stream_panels(c, pixels, groups, &terms, first, end, size);
+    size_t outputs = c->out.channels, blocks = c->out.blocks, count = itn__conv_windows(c);
+    size_t first = blocks * (size_t)index / c->parts, end = blocks * ((size_t)index + 1) / c->parts;
+    size_t from = first * ITN__LANES, floats = (end - first) * ITN__LANES, term, block, p, k;
+    size_t step = itn__stream_step(c);
+    itn__window windows[ITN__STREAM_WINDOWS];
+    itn__pixels pixels;
+    itn__conv_take(c, 0, count, windows);
+    itn__conv_pixels(c, windows, count, &pixels);
+    for (p = 0; p < pixels.count; p++)
+        memcpy(c->scratch + p * step + from, c->bias + from, floats * sizeof *c->bias);
+    for (term = 0; term < 9 * c->in.channels; term += ITN__STREAM_ROWS) {
+        size_t tap = term / c->in.channels, channel = term % c->in.channels;
+        size_t at = tap / 3 * c->in.row + tap % 3 * ITN__LANES +
+                    channel / ITN__LANES * c->in.plane + channel % ITN__LANES;
+        for (p = 0; p < pixels.count; p += 4) {
+            const float *inputs[4];
+            for (k = 0; k < 4; k++) inputs[k] = pixels.patches[p + k] + at;
+            itn__stream_rows(c, c->w + term * outputs + from, inputs, floats,
+                             c->scratch + p * step + from);
         }
-    for (panel = first; panel < end; panel++) {
-        panel_at = itn__conv_panel(c, panel);
-        for (g = 0; g < groups; g++)
-            itn__conv_end(c, &panel_at, panel * ITN__TILE_VECTORS, taken + g * ITN__TILE_WINDOWS,
-                          pixels[g].count / 4,
-                          c->scratch + panel * size + g * 4 * ITN__TILE_WINDOWS *
-                              (size_t)panel_at.vectors * ITN__LANES);
     }
+    for (k = 0; k < count; k++)
+        for (block = first; block < end; block++) {
+            size_t to = windows[k].out + block * c->out.plane;
+            itn__conv_pool(c->scratch + k * step + block * ITN__LANES, count * step, ITN__LANES,
+                           c->pooled + to, c->chosen + to);
+        }
 }
 
 static void itn__conv_forward(const itn_context *context, itn__conv *c) {
     size_t panels = itn__panel_count(c);
     if (itn__conv_streams(c)) {
-        c->parts = itn__fewer(panels, (size_t)itn__workers(context));
+        c->parts = itn__fewer(c->out.blocks, (size_t)itn__workers(context));
         itn__parallel_for(context, (int)c->parts, itn__conv_stream_part, c);
     } else {
         itn__parallel_for(context, (int)panels, itn__conv_copy_panel, c);
@@ -12288,7 +12273,7 @@ static size_t itn__conv_scratch(const itn__conv *c) {
     size_t outputs = c->out.blocks * c->out.lanes, most = 0, k;
     size_t needs[4];
     needs[0] = itn__panel_rows(c) * c->out.blocks * ITN__LANES;
-    needs[1] = itn__panel_count(c) * 4 * ITN__STREAM_WINDOWS * ITN__TILE_VECTORS * ITN__LANES;
+    needs[1] = 4 * ITN__STREAM_WINDOWS * itn__stream_step(c);
     needs[2] = itn__weights_tiles(c) * itn__weights_slices(c) * itn__weights_tile_size(c);
     needs[3] = c->in.blocks * outputs * 3 * itn__run_vectors(&c->in) * ITN__LANES;
     for (k = 0; k < 4; k++)
