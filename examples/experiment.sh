@@ -40,7 +40,7 @@ up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 if [ -n "$noise" ]; then
     picture="--tests 1/12 --noise $noise --spp 24"
     warm=16 calm=8 more=6 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 calm_rate=3e-4 rate=5e-5
+    warm_rate=1e-3 calm_rate=3e-4 rate=1e-4
     trial="--images 48 --spp 4"
     search="--images 2 --iterations 200 --spp 2"
 elif up_to 1/20; then
