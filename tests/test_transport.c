@@ -473,8 +473,9 @@ static void test_beams(void) {
     int k, j;
     for (k = 0; k < 6; k++) {
         double m = mu[k];
+        if (!long_tests && k % 2 == 1) continue;
         check_beam("beam, R", .8, 2, m, .5, 0, reflected[k], 0);
-        if (long_tests || k == 0 || k == 3)
+        if (long_tests || k == 0 || k == 4)
             check_beam("beam, T", .8, 2, m, -.5, 0, transmitted[k], 0);
         check_single_beam(1.5, m, 0);
     }
