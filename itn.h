@@ -5507,13 +5507,13 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
         float rates[3], rate;
         itn_hit hit;
         float flight = INFINITY, u = 0;
-        int met;
+        int met, straight;
         itn__collision_rates(walk, medium, rates);
-        rate = rates[walk->place.hero];
+        rate = rates[walk->place.hero], straight = walk->straight && rate > 0;
         if (rate > 0) u = itn__uniform(&walk->rng), flight = itn__sample_flight(rate, u);
-        ray.tmax = rate > 0 && walk->straight ? itn__max(flight, ITN__STRETCH / rate) : flight;
+        ray.tmax = straight ? itn__max(flight, ITN__STRETCH / rate) : flight;
         met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
-        if (rate > 0 && walk->straight && met && hit.t * rate <= ITN__STRETCH) {
+        if (straight && met && hit.t * rate <= ITN__STRETCH) {
             itn__pass_stretch(walk, medium, &ray, rate, itn__max(hit.t, 0), u);
             continue;
         }
@@ -5539,8 +5539,8 @@ static int itn__draw_hero(const itn_scene *scene, itn__rng rng) {
     return scene->spectral ? (int)(rng.key0 % 3) : 0;
 }
 
-/* One sample of one pixel: walk->radiance and walk->derivative receive its value. */
-static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
+/* Begins one sample of one pixel; returns its camera ray. */
+static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
     const itn__camera *camera = &walk->scene->camera;
     size_t scores = (size_t)walk->channels * sizeof(float);
     float u, v;
@@ -5561,7 +5561,12 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     if (walk->texels) walk->texels->place_count = 0;
     walk->pdf = INFINITY, walk->lift = 1, walk->scatterings = walk->boundaries = 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
-    itn__trace_path(walk, itn__camera_ray(camera, x, y, u, v));
+    return itn__camera_ray(camera, x, y, u, v);
+}
+
+/* One sample of one pixel: walk->radiance and walk->derivative receive its value. */
+static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
+    itn__trace_path(walk, itn__begin_path(walk, seed, x, y, sample));
 }
 #ifndef ITN_NO_FAST
 /* ---- [lane-math] logarithm, exponential, angles in lanes ------------------------------------- */
@@ -7739,7 +7744,7 @@ enum {
     ITN__SLOT = 9, /* of what is rarely needed, see itn__path */
     ITN__BETA = 10,
     ITN__PDF = 13,  /* with lights; of a link: xi c */
-    ITN__LEFT = 14, /* with a limit: scatterings to go */
+    ITN__LEFT = 14, /* with a limit: scatterings to go; of a straight path's link: c */
     ITN__CREDIT = 15, /* less the sum of surprises, see itn__surprise */
     ITN__UP = 18,     /* normal n of the last surface, out of the medium, */
     ITN__LEVEL = 21,  /* and n . position there; or of the plane adopted since */
@@ -8245,15 +8250,14 @@ static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
                                  place->hero * fast->scene->medium_count : 0;
     return fast->substances[substance].sigma_t > 0 ? substance : 0;
 }
-/* Whether paths that have drawn so many numbers fly one by one, without a walk. */
-ITN__INLINE itn__ints itn__fly_early(const itn__crowd *crowd, itn__ints dimension) {
-    int most = crowd->fast->straight ? INT_MAX : crowd->fast->sobol ? ITN__EARLY : 0;
-    return itn__int_less(dimension, itn__splat_int(most));
+/* Paths that have drawn fewer numbers than this fly one by one, without a walk. */
+ITN__INLINE int itn__early_end(const itn__fast *fast) {
+    return fast->straight ? INT_MAX : fast->sobol ? ITN__EARLY : 0;
 }
 /* The queue of paths that are about to fly in a substance. */
 ITN__INLINE itn__queue *itn__departure(itn__crowd *crowd, int substance, int dimension) {
-    int early = crowd->fast->straight || (crowd->fast->sobol && dimension < ITN__EARLY);
-    return substance && early ? &crowd->early[substance] : &crowd->walk[substance];
+    return substance && dimension < itn__early_end(crowd->fast) ? &crowd->early[substance]
+                                                                : &crowd->walk[substance];
 }
 /* Lessons. V is a least-squares fit to what marked paths bring home per weight. The sums of its
    normal equations are of whole multiples of powers of two, so that they are exact, in any order.
@@ -8380,7 +8384,8 @@ ITN__INLINE void itn__depart(itn__crowd *crowd, const itn__state *s, unsigned bi
 /* The same for lanes that are all in one substance. */
 ITN__INLINE void itn__depart_in(itn__crowd *crowd, int substance, const itn__state *s,
                                 unsigned bits, int features) {
-    unsigned early = bits & itn__mask_bits(itn__fly_early(crowd, s->dimension));
+    itn__ints end = itn__splat_int(itn__early_end(crowd->fast));
+    unsigned early = bits & itn__mask_bits(itn__int_less(s->dimension, end));
     if (early) itn__append(&crowd->early[substance], s, early, features);
     bits &= ~early;
     if (bits) itn__append(&crowd->walk[substance], s, bits, features);
@@ -8737,7 +8742,8 @@ ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const i
 
 /* Links to the lights. */
 
-/* c, relative to the mean radiance of the sampled lights over all directions. */
+/* c, relative to the mean radiance of the sampled lights over all directions; links of paths that go
+   straight are as faint as a stretch is thin, so theirs is at most so much of their own weight. */
 #define ITN__LINK_LEVEL .1
 
 /* Puts the lanes' paths aside until their links are done. */
@@ -8793,13 +8799,16 @@ ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const it
                                       const itn__free_space *space, int features) {
     const itn__fast *fast = crowd->fast;
     itn__queue *queue = substance ? &crowd->exact[substance] : &crowd->walk[0];
-    itn__floats largest = w[0], distance = itn__splat(INFINITY), nq;
+    itn__floats largest = w[0], cut = itn__splat(fast->link_weight);
+    itn__floats distance = itn__splat(INFINITY), nq;
     itn__ints dimension = s->dimension + itn__splat_int(1 << 30);
     itn__state link = *s;
     unsigned bits;
     int c;
     for (c = 1; c < itn__colours(features); c++) largest = itn__most(largest, w[c]);
-    link.pdf = itn__uniforms(s->key0, s->key1, &dimension, mask) * fast->link_weight;
+    if ((features & ITN__LIMIT) && fast->straight)
+        cut = itn__least(cut, largest * (float)ITN__LINK_LEVEL), link.left = itn__float_bits(cut);
+    link.pdf = itn__uniforms(s->key0, s->key1, &dimension, mask) * cut;
     mask &= itn__less(link.pdf, largest);
     if (substance && fast->link_weight > 0)
         distance = itn__link_reach(crowd, &fast->substances[substance], w, largest, link.pdf, mask,
@@ -8824,10 +8833,11 @@ static void itn__arrive(itn__crowd *crowd, const itn__queue *queue, int at) {
     int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, c;
     const itn__fast *fast = crowd->fast;
     float largest = 0, raise = 1, value[3] = {0, 0, 0};
+    float cut = fast->straight ? itn__float_row(queue, ITN__LEFT)[at] : fast->link_weight;
     int number = crowd->paths[slot].number;
     for (c = 0; c < fast->channels; c++)
         largest = itn__max(largest, itn__float_row(queue, ITN__BETA + c)[at]);
-    if (largest < fast->link_weight) raise = fast->link_weight / largest;
+    if (largest < cut) raise = cut / largest;
     for (c = 0; c < fast->channels && largest > 0; c++) {
         value[c] = raise * itn__float_row(queue, ITN__BETA + c)[at];
         itn__bring_home(crowd, number, itn__scores_of(crowd, slot | ITN__LINK), c, value[c]);

@@ -211,14 +211,12 @@ static int list_families(work *w) {
 /* All parameters of the scene, with the materials of a family; if it has less than three members,
    the last stands for the rest. The caller frees them. */
 static float *family_theta(const work *w, const family *f) {
-    float *theta = (float *)need((size_t)itn_parameter_count(w->scene), sizeof *theta);
+    float values[5];
     int k;
-    itn_parameter_values(w->scene, theta);
-    theta[w->parameters[0]] = w->thetas[f->members[0]][0];
-    theta[w->parameters[1]] = w->thetas[f->members[0]][2];
+    values[0] = w->thetas[f->members[0]][0], values[1] = w->thetas[f->members[0]][2];
     for (k = 0; k < 3; k++)
-        theta[w->parameters[2 + k]] = w->thetas[f->members[k < f->count ? k : f->count - 1]][1];
-    return theta;
+        values[2 + k] = w->thetas[f->members[k < f->count ? k : f->count - 1]][1];
+    return theta_with(w->scene, 5, w->parameters, values);
 }
 
 /* Stores a channel of a render as picture `index` of the shard. */

@@ -462,13 +462,13 @@ static inline itn_scene *load_theta_scene(const shard *s, film on, const char *d
     return load_scene(s, on, dir, theta_names, 3, parameters);
 }
 
-/* All parameters of a scene, with these values of those three. The caller frees them. */
-static inline float *theta_with(const itn_scene *scene, const int parameters[3],
-                                const float values[3]) {
+/* All parameters of a scene, with these values of `count` of them. The caller frees them. */
+static inline float *theta_with(const itn_scene *scene, int count, const int *parameters,
+                                const float *values) {
     float *theta = (float *)need((size_t)itn_parameter_count(scene), sizeof *theta);
     int k;
     itn_parameter_values(scene, theta);
-    for (k = 0; k < 3; k++) theta[parameters[k]] = values[k];
+    for (k = 0; k < count; k++) theta[parameters[k]] = values[k];
     return theta;
 }
 

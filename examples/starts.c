@@ -304,7 +304,7 @@ static void render_tile(void *task, int index) {
     itn_error error;
     float *theta;
     if (!t->scene) return;
-    theta = theta_with(t->scene, t->parameters, t->values);
+    theta = theta_with(t->scene, 3, t->parameters, t->values);
     options.spp = 2 * f->settings->spp, options.seed = (uint64_t)index;
     if (itn_render(t->scene, theta, &options, NULL, 0, &image, &error)) fail(error.message, "");
     memcpy(t->pixels, image.pixels, sizeof t->pixels);

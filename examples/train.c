@@ -586,7 +586,7 @@ typedef struct trial {
 /* A picture of a scene with three parameters changed. */
 static void render_values(const trial *t, const itn_scene *scene, const float values[3],
                           uint64_t seed, itn_image *image) {
-    float *theta = theta_with(scene, t->parameters, values);
+    float *theta = theta_with(scene, 3, t->parameters, values);
     itn_render_options options = ITN_ZERO;
     itn_error error;
     options.spp = t->options->spp ? t->options->spp : 64, options.seed = seed;
@@ -640,9 +640,11 @@ static void ask(trial *t, itn_net *net) {
 }
 
 /* Where some shapes were left out of training, they take the place of the last split. */
+static int is_of_left(const trial *t) {
+    return strcmp(t->options->model.leave, "none") && t->in != SPLIT_TRAIN;
+}
 static const char *trial_name(const trial *t) {
-    int left = strcmp(t->options->model.leave, "none") && t->in != SPLIT_TRAIN;
-    return left ? "left" : split_names[t->in];
+    return is_of_left(t) ? "left" : split_names[t->in];
 }
 
 /* One row of tables 1 and 2. */
@@ -707,7 +709,7 @@ static FILE *open_result(const char *checkpoint, const char *ending) {
 static void try_split(trial *t, itn_net *net, FILE *files[3]) {
     int i, threads = t->options->threads;
     const char *leave = t->options->model.leave;
-    int left = !strcmp(trial_name(t), "left");
+    int left = is_of_left(t);
     load_pictures(t->options->data, left ? SPLIT_TRAIN : t->in, &t->pictures);
     if (t->in == SPLIT_TRAIN || left) keep_shapes(&t->pictures, leave, left);
     t->judged = t->pictures.count;

@@ -120,17 +120,9 @@ static void reuse_trace(reuse_record *record, const itn_scene *scene, const floa
         for (x = 0; x < film.width; x++)
             for (s = 0; s < spp; s++) {
                 reuse_path path;
-                float u, v;
                 memset(&path, 0, sizeof path);
                 path.pixel = y * film.width + x;
-                walk.rng = itn__rng_make(seed, (uint64_t)path.pixel, (uint64_t)s);
-                walk.place.sides = scene->sides, walk.place.crossed_count = 0;
-                walk.place.inside = itn__find_inside(scene, &walk.place.sides);
-                walk.place.refracting = itn__find_refracting(scene, &walk.place.sides);
-                walk.weight.beta[0] = 1, walk.weight.zero[0] = 0, walk.radiance[0] = 0;
-                walk.pdf = INFINITY, walk.lift = 1, walk.boundaries = 0;
-                u = itn__uniform(&walk.rng), v = itn__uniform(&walk.rng);
-                reuse_walk(record, &walk, itn__camera_ray(&scene->camera, x, y, u, v), &path);
+                reuse_walk(record, &walk, itn__begin_path(&walk, seed, x, y, s), &path);
             }
 }
 

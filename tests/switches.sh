@@ -161,7 +161,7 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
     for level in $levels; do
         arch=
         [ $level = plain ] || arch="-march=native"
-        if [ -z "$ITN_LONG_TESTS" ] && [ "$1" = g++ ]; then arch=-DITN_ONE_KERNEL; fi
+        [ -n "$ITN_LONG_TESTS" ] || arch=-DITN_ONE_KERNEL
         check "$1 -std=$2 -O2 $arch" "$1" -std="$2" $warnings -O2 $arch -fno-pie -c "whole.$3" \
             -o "whole-$1-$level.o"
     done
@@ -175,7 +175,7 @@ for name in g++ clang++ c++; do [ -n "$CXX" ] || ! has $name || CXX=$name; done
 # ---- linking -----------------------------------------------------------------------------------------
 
 build() { "$CC" -std=c99 $warnings "$@" -lm -lpthread && ./a.out; }
-define="-DITN_IMPLEMENTATION -DITN_ONE_KERNEL"
+define="-DITN_IMPLEMENTATION -DITN_NO_FAST"
 # every function that the interface declares under these switches must be there to link with
 declared() {
     "$CC" -std=c99 $1 -E -P api.c | tr '\n' ' ' | tr ';' '\n' |
@@ -195,7 +195,7 @@ declared() {
 for flags in "" "-DITN_NO_STDIO" "-DITN_NO_NET" "-DITN_NO_STDIO -DITN_NO_NET"; do
     check "declared but not defined: $flags" declared "$flags" 25
 done
-check "caller runs" build $define use.c
+check "caller runs" build -DITN_IMPLEMENTATION -DITN_ONE_KERNEL use.c
 check "caller runs, threads" build $define -DITN_THREADS use.c
 check "caller runs, static" build $define -DITN_STATIC use.c
 # the macro on the command line meets the header in several places of one file
@@ -252,7 +252,7 @@ static void *my_malloc(size_t bytes) { return bytes ? NULL : NULL; }
 static void my_free(void *block) { (void)block; }
 END
     sed -n '/^#define/,$p' override.c >>arena.c
-    "$CC" -std=c99 -c arena.c -o arena.o
+    "$CC" -std=c99 -DITN_ONE_KERNEL -c arena.c -o arena.o
     check "ITN_MALLOC and ITN_FREE replace malloc and free" no_malloc arena.o
     "$CC" -std=c99 -DITN_ONE_KERNEL -c whole.c -o heap.o
     catches "malloc without them" no_malloc heap.o

@@ -582,7 +582,7 @@ static void expect_losses(const itn_scene *scene, const float *target, const int
 
 /* At 2 samples per pixel, loss and gradient are right in the mean over many seeds. */
 static void test_loss(int same_samples) {
-    enum { SEEDS = 1500, COUNT = LOSS_COUNT };
+    enum { SEEDS = 700, COUNT = LOSS_COUNT };
     static const char *const names[COUNT] = {"m.sigma_t", "m.albedo", "map.scale"};
     itn_scene *scene = small_scene(1, LOSS_SIZE);
     float target[LOSS_PIXELS], theta[32];
@@ -703,7 +703,7 @@ static void test_reuse_turns(double planted) {
 /* Images and derivatives from the paths of neighbouring parameters against fresh renders; the
    effective share of paths falls with the distance. planted: of the walk's sigma_t. */
 static void test_reuse_image(double planted) {
-    enum { PIXELS = SIZE * SIZE, PATHS = 1 << 18, RECORDS = 12, PLANES = 4 };
+    enum { PIXELS = SIZE * SIZE, PATHS = 1 << 18, RECORDS = 8, PLANES = 4 };
     static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
     static float planes[PLANES * PIXELS];
     itn_mesh mesh = solids_sphere(1, 2);
@@ -723,7 +723,7 @@ static void test_reuse_image(double planted) {
     stage_map(&s, NULL, &map);
     scene = stage_make(&s);
     for (k = 0; k < 3; k++) parameters[k] = itn_parameter_find(scene, names[k]);
-    options.spp = 4096;
+    options.spp = 1536;
     stage_need(itn_render(scene, NULL, &options, parameters, 3, &fresh, &error), &error);
     itn_parameter_values(scene, theta);
     theta[parameters[0]] = 3.3f, theta[parameters[1]] = .88f, theta[parameters[2]] = .46f;

@@ -38,7 +38,7 @@ static quantity wanted(const char *name, double expected, double largest) {
 
 static void check_quantity(const char *label, const quantity *q, solids_mean mean) {
     double largest = q->largest * effort;
-    check_report(fabs(mean.value - q->expected) <= sigmas * mean.error + 1e-6 * fabs(q->expected) &&
+    check_report(fabs(mean.value - q->expected) <= sigmas * mean.error + 4e-6 * fabs(q->expected) &&
                      mean.error <= largest,
                  __FILE__, __LINE__,
                  "%s, %s: %.7g +- %.2g (at most %.2g), expected %.7g: %.1f sigma", label,
@@ -250,7 +250,7 @@ static void test_slabs(void) {
     int k;
     for (k = 0; k < 8; k++) check_slab(&slabs[k], 2);
     for (k = 0; k < 8; k++)
-        if (long_tests || k < 2) check_slab(&slabs[k], 0), check_slab(&slabs[k], 1);
+        if (long_tests || k == 0) check_slab(&slabs[k], 0), check_slab(&slabs[k], 1);
     wrong.by_b[1] *= 1.2;
     CHECK_CATCHES(check_slab(&wrong, 2));
     wrong = slabs[0], wrong.g = -wrong.g;
@@ -313,7 +313,7 @@ static void test_smooth_faces(void) {
     check_half_space(.9, 0, 1.5, .002, .04 + .21992, 0, 0);
     for (k = 0; k < 4; k++) check_faces(faces[k], 2);
     for (k = 0; k < 4; k++)
-        if (long_tests || k == 1) check_faces(faces[k], 0), check_faces(faces[k], 1);
+        if (long_tests || k == 0) check_faces(faces[k], 0), check_faces(faces[k], 1);
     CHECK_CATCHES(check_half_space(.9, 0, 1.45, 0, .04 + .21992, 0, 0));
 }
 
@@ -431,23 +431,32 @@ static void test_single_scattering(void) {
     itn_mesh_free(&mesh);
 }
 
-/* pi times the reflection (mu > 0) or transmission (mu < 0) function of a slab in a beam at cosine
-   mu0, seen at cosine |mu|, at a right angle to it in azimuth. The beam is a sun. by_sigma_t: its
-   derivative; 0: not asked for. */
-static void check_beam(const char *label, double albedo, double thickness, double mu0, double mu,
-                       int max_scatter, double expected, double by_sigma_t) {
+/* A slab in a beam at cosine mu0, seen at cosine |mu|, from above (mu > 0) or below, at a right angle
+   to the beam in azimuth. The beam is a sun; pi times the reflection or transmission function is
+   seen. */
+static solids_desc beam(itn_mesh *mesh, itn_light_desc *light, double albedo, double thickness,
+                        double mu0, double mu) {
     const double pi = 3.14159265358979323846, radius = .2679 * pi / 180;
-    itn_mesh mesh = solids_slab(thickness, thickness > 100 ? thickness : 200 * thickness);
-    itn_light_desc light = ITN_ZERO;
     double solid_angle = 4 * pi * pow(sin(radius / 2), 2);
-    quantity q[2];
-    int k;
     solids_desc desc = ITN_ZERO;
-    desc.mesh = &mesh, desc.sigma_t = 1, desc.albedo = albedo, desc.light = &light;
-    light.type = ITN_LIGHT_SKY, light.sun_direction = solids_vec3(sqrt(1 - mu0 * mu0), mu0, 0);
+    int k;
+    *mesh = solids_slab(thickness, thickness > 100 ? thickness : 200 * thickness);
+    memset(light, 0, sizeof *light);
+    desc.mesh = mesh, desc.sigma_t = 1, desc.albedo = albedo, desc.light = light;
+    light->type = ITN_LIGHT_SKY, light->sun_direction = solids_vec3(sqrt(1 - mu0 * mu0), mu0, 0);
+    for (k = 0; k < 3; k++) light->sky.sun_radiance[k] = (float)(pi / (mu0 * solid_angle));
     desc.eye = solids_vec3(0, mu, sqrt(1 - mu * mu)), desc.up = solids_vec3(1, 0, 0);
     if (mu < 0) desc.eye.y -= (float)thickness, desc.target.y = -(float)thickness;
-    for (k = 0; k < 3; k++) light.sky.sun_radiance[k] = (float)(pi / (mu0 * solid_angle));
+    return desc;
+}
+
+/* by_sigma_t: the derivative; 0: not asked for. */
+static void check_beam(const char *label, double albedo, double thickness, double mu0, double mu,
+                       int max_scatter, double expected, double by_sigma_t) {
+    itn_mesh mesh;
+    itn_light_desc light;
+    solids_desc desc = beam(&mesh, &light, albedo, thickness, mu0, mu);
+    quantity q[2];
     q[0] = wanted(NULL, expected, .002 * expected);
     q[1] = wanted("m.sigma_t", by_sigma_t, .003 * fabs(by_sigma_t));
     check_scene(label, &desc, max_scatter, q, by_sigma_t != 0 ? 2 : 1);
@@ -460,6 +469,28 @@ static void check_single_beam(double thickness, double mu0, double planted) {
     double paths = thickness * (1 / .5 + 1 / mu0), most = .7 / (4 * (.5 + mu0));
     check_beam("beam, single", .7, thickness, mu0, .5, 1, most * -expm1(-paths) * (1 + planted),
                paths < 1 ? most * paths * exp(-paths) : 0);
+}
+
+/* However thin, 64 samples a pixel are enough: no collision happens by chance, and no link is too
+   faint to be followed. */
+static void check_thin_beam(double thickness, double planted) {
+    double paths = thickness * (1 / .5 + 1 / .7), expected = .7 / (4 * 1.2) * -expm1(-paths);
+    itn_mesh mesh;
+    itn_light_desc light;
+    solids_desc desc = beam(&mesh, &light, .7, thickness, .7, .5);
+    itn_scene *scene = solids_scene(&desc);
+    int way;
+    for (way = 0; way < SOLIDS_WAYS; way++) {
+        itn_render_options options = ITN_ZERO;
+        solids_mean mean;
+        options.spp = 64, options.max_scatter = 1;
+        solids_way(&options, way);
+        solids_measure(scene, NULL, &options, NULL, 0, &mean);
+        CHECK_NEAR(mean.value, expected * (1 + planted), 4 * mean.error + 4e-6 * expected);
+        CHECK(mean.error <= .01 * paths * expected);
+    }
+    itn_scene_free(scene);
+    itn_mesh_free(&mesh);
 }
 
 static void test_beams(void) {
@@ -487,6 +518,8 @@ static void test_beams(void) {
                            .9 / (4 * (at[k] + at[j])) * h[k] * h[j], 0);
     CHECK_CATCHES(check_beam("", .8, 2, .7, -.5, 0, .14731, 0));
     CHECK_CATCHES(check_single_beam(.001, .7, .02));
+    check_thin_beam(.01, 0), check_thin_beam(.0001, 0);
+    CHECK_CATCHES(check_thin_beam(.01, .01));
 }
 
 /* ---- solids in uniform light ----------------------------------------------------------------- */
@@ -538,13 +571,10 @@ static void check_furnace(double sigma_t, double albedo, double g, double ior) {
 }
 
 static void test_furnace(void) {
-    static const double g[3] = {.8, 0, -.5};
+    static const double g[3] = {.8, 0, -.5}, ior[3] = {0, 1.33, 1.5};
     int k;
-    for (k = 0; k < 3; k++) {
-        check_furnace(3, 1, g[k], 0);
-        check_furnace(3, 1, g[k], 1.33);
-        check_furnace(2, 1, g[k], 1.5);
-    }
+    for (k = 0; k < 9; k++)
+        if (long_tests || k % 3 == k / 3) check_furnace(k < 6 ? 3 : 2, 1, g[k % 3], ior[k / 3]);
     check_furnace(0, 1, .5, 1.5);
     check_furnace(0, 1, .5, 0);
     CHECK_CATCHES(check_furnace(3, .999, 0, 0));
@@ -556,7 +586,7 @@ static void test_furnace(void) {
    averaged over all directions to look from, is sigma_t n^2 volume. */
 static void check_mean_path(const char *label, const itn_mesh *mesh, double radius, double sigma_t,
                             double g, double ior) {
-    enum { DIRECTIONS = 96, PIXELS = 64 * 64 };
+    const int directions = long_tests ? 96 : 48;
     itn_mesh_report report;
     itn_error error;
     itn_render_options options = ITN_ZERO;
@@ -565,8 +595,8 @@ static void check_mean_path(const char *label, const itn_mesh *mesh, double radi
     quantity q;
     int k;
     solids_need(itn_mesh_check(mesh, NULL, &report, &error), &error);
-    for (k = 0; k < DIRECTIONS; k++) { /* a spiral of golden turns */
-        double z = 1 - (2 * k + 1.) / DIRECTIONS, r = sqrt(1 - z * z), turn = 2.399963229728653 * k;
+    for (k = 0; k < directions; k++) { /* a spiral of golden turns */
+        double z = 1 - (2 * k + 1.) / directions, r = sqrt(1 - z * z), turn = 2.399963229728653 * k;
         solids_mean means[2];
         itn_scene *scene;
         solids_desc desc = ITN_ZERO;
@@ -576,10 +606,10 @@ static void check_mean_path(const char *label, const itn_mesh *mesh, double radi
         options.spp = long_tests ? 18 : 2, options.seed = seed++;
         solids_measure(scene, NULL, &options, by_albedo, 1, means);
         itn_scene_free(scene);
-        sum.value += means[1].value * area / DIRECTIONS;
+        sum.value += means[1].value * area / directions;
         sum.error += means[1].error * means[1].error;
     }
-    sum.error = sqrt(sum.error) * area / DIRECTIONS;
+    sum.error = sqrt(sum.error) * area / directions;
     q = wanted("m.albedo", sigma_t * report.volume, .005 * sigma_t * report.volume);
     if (ior != 0) q.expected *= ior * ior;
     check_quantity(label, &q, sum);
@@ -637,7 +667,7 @@ static void check_absorbing_sphere(double x) {
 
 static void test_absorbing_spheres(void) {
     check_absorbing_sphere(.5);
-    check_absorbing_sphere(1);
+    if (long_tests) check_absorbing_sphere(1);
     check_absorbing_sphere(2);
 }
 
