@@ -8742,8 +8742,8 @@ ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const i
 
 /* Links to the lights. */
 
-/* c, relative to the mean radiance of the sampled lights over all directions; links of paths that go
-   straight are as faint as a stretch is thin, so theirs is at most so much of their own weight. */
+/* c, relative to the mean radiance of the sampled lights over all directions. Links of paths that
+   go straight are as faint as a stretch is thin: theirs is at most so much of their own weight. */
 #define ITN__LINK_LEVEL .1
 
 /* Puts the lanes' paths aside until their links are done. */

@@ -8,9 +8,9 @@
 # Up to 1/20 it is a trial of everything: noisy pictures, narrow networks, few epochs, few searches.
 # Its tables show that all works, not who wins: of 1/50 come 144 training pictures, which are too
 # few; it takes 7 minutes of processor time. Below 1 it is a reduced one, with noisy pictures
-# and 1/24 of the paper's tests; `--fraction 1/6` made what is in tests/tables.
+# and 1/24 of the paper's tests.
 # N is the noise of the pictures, .03 by default. Another one makes all pictures to learn from, 1/12
-# of the tests, and trains narrower networks for fewer epochs.
+# of the tests, and trains narrower networks for fewer epochs; .2 made what is in tests/tables.
 # DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
 # figure.svg, and per network NAME.net and NAME.net.*.
 set -eu

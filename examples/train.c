@@ -673,11 +673,11 @@ static void print_answers(const trial *t, FILE *file) {
     }
 }
 
-/* Dots of answer over truth, a colour per split and a frame per parameter. */
+/* Dots of answer over truth, some 600 of each split, a colour per split and a frame per parameter. */
 static void draw_answers(const trial *t, FILE *file) {
     static const char *const colours[SPLITS] = {"#999999", "#2ca02c", "#1f77b4", "#d62728"};
     static const char *const names[3] = {"sigma_t (logarithmic)", "albedo", "g"};
-    int i, k;
+    int every = 1 + (t->pictures.count - 1) / 600, i, k;
     for (k = 0; k < 3 && t->in == SPLIT_TRAIN; k++)
         fprintf(file, "<rect x='%d' y='40' width='240' height='240' fill='none' stroke='#888'/>"
                 "<path d='M%d 280l240 -240' stroke='#ccc'/><text x='%d' y='30'>%s, %g to %g</text>",
@@ -685,7 +685,7 @@ static void draw_answers(const trial *t, FILE *file) {
                 (double)highest_answer[k]);
     fprintf(file, "<text x='%d' y='310' fill='%s'>%s</text><g fill='%s' fill-opacity='.5'>",
             440 + 60 * (int)t->in, colours[t->in], trial_name(t), colours[t->in]);
-    for (i = 0; i < t->pictures.count; i++)
+    for (i = 0; i < t->pictures.count; i += every)
         for (k = 0; k < 3; k++) {
             double at[3], low = lowest_answer[k], high = highest_answer[k], shift = i % 9 - 4;
             at[0] = t->answers[i].truth[k], at[1] = t->answers[i].values[k], at[2] = high;
