@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.5.1                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.5.2                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 5
-#define ITN_VERSION_PATCH 1
+#define ITN_VERSION_PATCH 2
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
 #ifdef __cplusplus
@@ -17170,6 +17170,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.5.2  single scattering in thin media: faint links are followed (other bits there)
    0.5.1  single scattering without refraction needs no walk, and does not miss thin media; error
           bars of refinement know the noise of the information itself.
           breaks: images of single scattering have other bits than before; wider error bars
