@@ -459,14 +459,14 @@ static double chart_reach(const chart_series *s, double y) {
     return 0;
 }
 
-/* An arrow at the height where the first and the last curve overlap most: what is gained. */
+/* An arrow from the first curve to the last where both get to least: what is gained. */
 static void chart_gain(FILE *file, const chart_panel *panel) {
     const chart_series *a = &panel->series[0], *b = &panel->series[panel->series_count - 1];
     double upper, lower, level, from, to, y, x0, x1;
     char text[64];
     if (!panel->gain || panel->series_count < 2 || !a->count || !b->count) return;
     upper = fmin(a->y[0], b->y[0]), lower = fmax(a->y[a->count - 1], b->y[b->count - 1]);
-    level = sqrt(upper * lower), from = chart_reach(a, level), to = chart_reach(b, level);
+    level = 1.01 * lower, from = chart_reach(a, level), to = chart_reach(b, level);
     if (!(upper > lower) || !(from > 0) || !(to > 0)) return;
     y = chart_y(panel, level), x0 = chart_x(panel, from) - 5, x1 = chart_x(panel, to) + 6;
     chart_line(file, x0, y, x1 + 6, y, "stroke=\"#222\" stroke-width=\"1.3\"");
