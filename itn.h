@@ -8742,8 +8742,9 @@ ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const i
 
 /* Links to the lights. */
 
-/* c, relative to the mean radiance of the sampled lights over all directions. Links of paths that
-   go straight are as faint as a stretch is thin: theirs is at most so much of their own weight. */
+/* c, relative to the mean radiance of the sampled lights over all directions, times the largest
+   albedo or reflectance. Links of paths that go straight are as faint as a stretch is thin: theirs
+   is at most so much of their own weight. */
 #define ITN__LINK_LEVEL .1
 
 /* Puts the lanes' paths aside until their links are done. */
@@ -10271,6 +10272,28 @@ static void itn__substance_make(const itn__fast *fast, const itn__medium *medium
     }
 }
 
+/* The largest albedo or reflectance of an object: how bright it can be in a light of 1. */
+static float itn__brightest(const itn__fast *fast) {
+    const itn_scene *scene = fast->scene;
+    float brightest = 0;
+    int i, c;
+    for (i = 0; i < scene->object_count; i++) {
+        const itn__object *object = &scene->objects[i];
+        const itn__surface *surface =
+            object->surface < 0 ? NULL : &scene->surfaces[object->surface];
+        for (c = 0; c < fast->channels; c++) {
+            if (object->medium >= 0)
+                brightest = itn__max(brightest,
+                                     fast->theta[scene->media[object->medium].albedo + c]);
+            if (!surface || surface->type != ITN_SURFACE_DIFFUSE) continue;
+            brightest = itn__max(brightest, fast->theta[surface->reflectance + c]);
+            if (surface->texture == ITN_TEXTURE_CHECKER)
+                brightest = itn__max(brightest, fast->theta[surface->reflectance2 + c]);
+        }
+    }
+    return brightest;
+}
+
 /* The numbers of all media at theta, and what is known of the lights. */
 static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float *theta,
                             itn__substance *substances, const itn__tables *tables) {
@@ -10303,9 +10326,9 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
             fast->only_constant = 0;
         level += (double)scale * light->power;
     }
-    fast->link_weight = (float)(ITN__LINK_LEVEL * level / (4 * (double)ITN__PI));
-    level = level / (4 * (double)ITN__PI) + fast->constant[0] + fast->constant[1] +
-            fast->constant[2];
+    level /= 4 * (double)ITN__PI;
+    fast->link_weight = (float)(ITN__LINK_LEVEL * level) * itn__brightest(fast);
+    level += fast->constant[0] + fast->constant[1] + fast->constant[2];
     fast->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
     fast->planes = fast->channels * (1 + fast->count);
     itn__choose_kernel(fast);
@@ -17170,7 +17193,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.5.2  single scattering in thin media: faint links are followed (other bits there)
+   0.5.2  faint links are followed in single scattering and where all is dark (other bits there)
    0.5.1  single scattering without refraction needs no walk, and does not miss thin media; error
           bars of refinement know the noise of the information itself.
           breaks: images of single scattering have other bits than before; wider error bars
