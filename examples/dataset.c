@@ -158,6 +158,9 @@ typedef struct family {
     int members[3], count;
 } family;
 
+static const char *const family_names[5] = {"milk.sigma_t", "milk.g", "milk.albedo_r",
+                                            "milk.albedo_g", "milk.albedo_b"};
+
 /* The pictures of a shard, and how far all of them are. */
 typedef struct work {
     const settings *settings;
@@ -165,7 +168,7 @@ typedef struct work {
     shard shard;
     float (*thetas)[3];
     family families[MATERIALS];
-    int parameters[5]; /* sigma_t, g, albedo_r, albedo_g, albedo_b */
+    int parameters[5]; /* family_names */
     unsigned char mask[PIXELS], *bytes;
     pthread_mutex_t lock; /* of what follows */
     int done, total;
@@ -258,12 +261,10 @@ static void make_family(void *task, int index) {
 }
 
 static void make_shard(work *w, const shard *s) {
-    static const char *const names[5] = {"milk.sigma_t", "milk.g", "milk.albedo_r", "milk.albedo_g",
-                                         "milk.albedo_b"};
     char path[PATH_SIZE];
     size_t size = shard_size(s);
     int threads = w->settings->threads;
-    itn_scene *scene = load_scene(s, FILM_THREE, w->settings->dir, names, 5, w->parameters);
+    itn_scene *scene = load_scene(s, FILM_THREE, w->settings->dir, family_names, 5, w->parameters);
     w->scene = scene, w->shard = *s;
     w->thetas = (float(*)[3])need((size_t)s->count, sizeof *w->thetas);
     w->bytes = (unsigned char *)need(size, 1);

@@ -43,8 +43,6 @@ static double own_mean(const work *w, const itn_scene *scene, const int paramete
 static void test_families(int planted) {
     static float thetas[COUNT][3] = {
         {54, .95f, .4f}, {54, .39f, .4f}, {82, .74f, .4f}, {54, .74f, .4f}, {82, .95f, .4f}};
-    static const char *const names[5] = {"milk.sigma_t", "milk.g", "milk.albedo_r", "milk.albedo_g",
-                                         "milk.albedo_b"};
     static work w;
     settings s;
     itn_scene *scene, *own;
@@ -56,7 +54,7 @@ static void test_families(int planted) {
     w.settings = &s, w.thetas = thetas, w.total = COUNT, w.start = seconds();
     w.shard.in = SPLIT_TRAIN, w.shard.shape = 1, w.shard.azimuth = 30, w.shard.count = COUNT;
     pthread_mutex_init(&w.lock, NULL);
-    scene = load_scene(&w.shard, FILM_THREE, s.dir, names, 5, w.parameters), w.scene = scene;
+    scene = load_scene(&w.shard, FILM_THREE, s.dir, family_names, 5, w.parameters), w.scene = scene;
     own = load_theta_scene(&w.shard, FILM_ONE, s.dir, parameters);
     w.bytes = (unsigned char *)need(shard_size(&w.shard), 1);
     object_mask(s.dir, w.shard.shape, w.mask);
