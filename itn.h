@@ -7636,14 +7636,14 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
    about as large as a mean free path, and not so large that they hold many triangles; a small job
    has coarse ones. */
 static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
-    double triangles = scene->bvh->triangle_count, cells = .25 * sqrt(triangles);
+    double triangles = scene->bvh->triangle_count, cells = .2 * sqrt(triangles);
     int i, c, level = 0, finest = paths < 2e6 ? 2 : triangles < 1e6 ? 3 : 4;
     for (i = 0; i < scene->object_count; i++) {
         const itn__medium *medium = scene->media + scene->objects[i].medium;
         for (c = 0; c < 3 && scene->objects[i].medium >= 0; c++)
             cells = fmax(cells, scene->radius * (double)theta[medium->sigma_t[c]]);
     }
-    while (level < finest && cells > 24 << level) level++;
+    while (level < finest && cells > 12 << level) level++;
     return 2 * level + (paths >= 1e6);
 }
 
@@ -7862,9 +7862,10 @@ typedef struct itn__tests {
     int count;
 } itn__tests;
 
-/* A camera ray. */
+/* A camera ray, and what it meets. */
 typedef struct itn__start {
     itn_ray ray;
+    itn_hit hit;
     uint64_t pixel;
     uint32_t scramble;
     int number, sample, in_block; /* of the unit, of the pixel, of the scrambled set */
@@ -9419,96 +9420,192 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
     itn__float_row(&crowd->exact[substance], ITN__DISTANCE)[to] = reach;
 }
 
-/* A flight of an item of a queue has come to a surface at t; the last one of a path that may not
-   scatter again was not drawn. */
-static void itn__arrive_at_surface(const itn__crowd *crowd, itn__queue *queue, int at,
-                                   const itn__substance *medium, float t) {
-    float pdf[3], density = 0;
-    int c, last = crowd->fast->max_scatter && itn__row(queue, ITN__LEFT)[at] == 0;
-    if (last) /* also where only one channel counts: roulette looks at all */
-        for (c = 0; c < 3; c++)
-            itn__float_row(queue, ITN__BETA + c)[at] *= expf(-medium->sigma_t_rgb[c] * t);
-    if (last || !medium->flights_differ) return;
-    for (c = 0; c < 3; c++) {
-        pdf[c] = expf((medium->sigma_t - medium->sigma_t_rgb[c]) * t);
-        density += itn__float_row(queue, ITN__SHARE + c)[at] * pdf[c];
+/* Surfaces that lanes have met. */
+typedef struct itn__meeting {
+    float t[ITN__LANES], u[ITN__LANES], v[ITN__LANES]; /* see itn_hit */
+    float corner[3][3][ITN__LANES], normal[3][ITN__LANES];
+    float eta[ITN__LANES], alpha[ITN__LANES], reflectance[3][ITN__LANES];
+    int32_t face[ITN__LANES];
+} itn__meeting;
+
+/* Takes down where the paths of the lanes, items at ... of `taken`, meet a triangle. Returns those
+   whose triangle has an area. */
+static unsigned itn__note_hits(const itn__crowd *crowd, int at, unsigned bits, itn__meeting *m) {
+    const itn_bvh *bvh = crowd->fast->scene->bvh;
+    unsigned good = 0;
+    int j, l;
+    memset(m, 0, sizeof *m);
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits), slot = bvh->slots[crowd->hits[at + k].triangle];
+        const itn_hit *hit = &crowd->hits[at + k];
+        const float *normal = crowd->fast->normals + 3 * (size_t)slot;
+        m->t[k] = itn__max(hit->t, 0), m->u[k] = hit->u, m->v[k] = hit->v;
+        m->face[k] = 2 * hit->triangle + hit->front;
+        for (j = 0; j < 3; j++) {
+            m->normal[j][k] = normal[j];
+            for (l = 0; l < 3; l++) m->corner[j][l][k] = bvh->triangles[slot].corner[j][l];
+        }
+        if (normal[0] != 0 || normal[1] != 0 || normal[2] != 0) good |= 1u << k;
     }
-    density = 1 / itn__max(density, FLT_MIN);
+    return good;
+}
+
+/* Flights in a substance have come to surfaces after t; the last one of a path that may not scatter
+   again was not drawn. */
+ITN__INLINE void itn__arrive_at_surfaces(const itn__crowd *crowd, int substance, itn__state *s,
+                                         itn__floats t, itn__ints mask, int features) {
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    itn__floats pdf[3];
+    itn__ints last = mask & itn__int_equal(s->left, itn__splat_int(0));
+    int c;
+    if ((features & ITN__LIMIT) && crowd->fast->max_scatter) {
+        for (c = 0; c < itn__colours(features); c++)
+            s->beta[c] = itn__select(last, s->beta[c] * itn__vexp(t * -medium->sigma_t_rgb[c]),
+                                     s->beta[c]);
+        mask &= ~last;
+    }
+    if (!itn__led(crowd, features) || !medium->flights_differ) return;
+    for (c = 0; c < 3; c++) pdf[c] = itn__vexp((medium->sigma_t - medium->sigma_t_rgb[c]) * t);
+    itn__vweigh_choice(s, pdf, mask);
+}
+
+/* Books what lanes have gathered in a substance; the flights that brought them here had lengths t,
+   no collision. */
+ITN__INLINE void itn__book_lanes(itn__crowd *crowd, int substance, itn__state *s, itn__floats t,
+                                 unsigned bits, int features) {
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    itn__floats last = t * -(medium->flights_differ ? 1 : medium->sigma_t), zero = itn__splat(0);
+    itn__ints kept = ~itn__bits_mask(bits);
+    int c;
+    s->flights = s->flights + last;
+    for (c = 0; c < itn__colours(features); c++)
+        s->flight_base[c] = s->flight_base[c] + last * s->expected[c];
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__gathered g = itn__gathered_in(s, k, features);
+        itn__book(crowd, ITN__LANE(s->slot, k), substance, &g);
+    }
+    s->flights = itn__select(kept, s->flights, zero), s->hits = itn__select(kept, s->hits, zero);
     for (c = 0; c < 3; c++) {
-        itn__float_row(queue, ITN__BETA + c)[at] *= pdf[c] * density;
-        itn__float_row(queue, ITN__SHARE + c)[at] *= pdf[c] * density;
+        s->phases[c] = itn__select(kept, s->phases[c], zero);
+        s->credit[c] = itn__select(kept, s->credit[c], zero);
+        s->flight_base[c] = itn__select(kept, s->flight_base[c], zero);
+        s->phase_base[c] = itn__select(kept, s->phase_base[c], zero);
+        s->hit_base[c] = itn__select(kept, s->hit_base[c], zero);
     }
 }
 
-/* Marks a path, of each two one, that arrives at a face from within a substance. */
-static void itn__mark_face(const itn__crowd *crowd, const itn__queue *queue, int at,
-                           float cosine) {
-    itn__path *path = &crowd->paths[itn__row(queue, ITN__SLOT)[at]];
-    int substance = itn__substance_of(crowd->fast, &path->place), c;
-    float weight[3];
-    if (!substance || path->mark >= 0 || !(itn__row(queue, ITN__KEY + 1)[at] & 1)) return;
-    for (c = 0; c < 3; c++) weight[c] = itn__float_row(queue, ITN__BETA + c)[at];
-    itn__mark(crowd, path, substance, (int)fminf(cosine * ITN__FACES, ITN__FACES - 1), 0, cosine,
-              weight);
+/* Marks paths, of each two one, that arrive at a face from within a substance. */
+ITN__INLINE void itn__mark_faces(const itn__crowd *crowd, int substance, const itn__state *s,
+                                 itn__floats cosine, unsigned bits, int features) {
+    float weight[3] = {0, 0, 0};
+    int c;
+    for (; bits && substance; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        if (path->mark >= 0 || !(ITN__LANE(s->key1, k) & 1)) continue;
+        for (c = 0; c < itn__colours(features); c++) weight[c] = ITN__LANE(s->beta[c], k);
+        itn__mark(crowd, path, substance,
+                  (int)fminf(ITN__LANE(cosine, k) * ITN__FACES, ITN__FACES - 1), 0,
+                  ITN__LANE(cosine, k), weight);
+    }
 }
 
-/* A path is put into the queue of the surface's stage, or through an index-matched boundary. */
-static void itn__meet(itn__crowd *crowd, itn__queue *queue, int at, const itn_hit *hit) {
+/* Path `slot`, in lane k, is at a diffuse surface: notes its reflectance there. */
+static void itn__note_texel(itn__crowd *crowd, int slot, const itn_hit *hit, itn_vec3 point, int k,
+                            itn__meeting *m) {
+    const itn__fast *fast = crowd->fast;
+    int object = itn__bvh_object(fast->scene->bvh, hit->triangle), c, parameter;
+    const itn__surface *surface = &fast->scene->surfaces[fast->scene->objects[object].surface];
+    float s, t;
+    itn__texture_coordinates(fast->scene, object, hit, point, &s, &t);
+    for (c = 0; c < fast->channels; c++) {
+        m->reflectance[c][k] = itn__texel(surface, s, t, c, &parameter) * fast->theta[parameter];
+        if (fast->count && fast->slots[parameter] >= 0)
+            itn__scores_of(crowd, slot)[fast->slots[parameter]] += 1 / fast->theta[parameter];
+    }
+}
+
+/* Which stage lanes at surfaces come to: *diffuse and *boundary receive them; what those need is
+   noted. The others have gone through a boundary that light does not feel. */
+static void itn__sort_meeting(itn__crowd *crowd, int at, const itn__ints *slots,
+                              const itn__vectors *point, unsigned bits, itn__meeting *m,
+                              unsigned *diffuse, unsigned *boundary) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
-    int slot = itn__row(queue, ITN__SLOT)[at], triangle, object, surface, after, to, c, parameter;
-    itn__place *place = &crowd->paths[slot & ~ITN__LINK].place;
-    const float *normal;
-    itn_vec3 n, d = itn__get_vector(queue, ITN__DIRECTION, at), point;
-    if (slot & ITN__LINK) {
-        itn__meet_link(crowd, queue, at, hit);
-        return;
-    }
-    triangle = scene->bvh->slots[hit->triangle];
-    object = scene->bvh->triangles[triangle].object;
-    surface = scene->objects[object].surface;
-    normal = fast->normals + 3 * (size_t)triangle;
-    n = itn__vec3(normal[0], normal[1], normal[2]);
-    if (itn__dot(n, n) == 0) {
-        itn__drop(crowd, queue, at);
-        return;
-    }
-    itn__arrive_at_surface(crowd, queue, at, &fast->substances[itn__substance_of(fast, place)],
-                           itn__max(hit->t, 0));
-    if (fast->straight) itn__row(queue, ITN__LEFT)[at] = 1;
-    itn__book_item(crowd, queue, at, itn__substance_of(fast, place), itn__max(hit->t, 0));
-    if (itn__dot(n, d) > 0) n = itn__scale(n, -1);
-    if (fast->learning) itn__mark_face(crowd, queue, at, -itn__dot(n, d));
-    point = itn__hit_point(scene->bvh, hit);
-    itn__set_vector(queue, ITN__POSITION, at, point);
-    itn__set_vector(queue, ITN__UP, at, n);
-    itn__float_row(queue, ITN__LEVEL)[at] = itn__dot(n, point);
-    if (surface >= 0 && scene->surfaces[surface].type == ITN_SURFACE_DIFFUSE) {
-        float s, t;
-        to = itn__move(queue, at, &crowd->diffuse);
-        itn__set_vector(&crowd->diffuse, ITN__NORMAL, to, n);
-        itn__texture_coordinates(scene, object, hit, point, &s, &t);
-        for (c = 0; c < fast->channels; c++) {
-            float texel = itn__texel(&scene->surfaces[surface], s, t, c, &parameter);
-            itn__float_row(&crowd->diffuse, ITN__REFLECTANCE + c)[to] =
-                texel * fast->theta[parameter];
-            if (fast->count && fast->slots[parameter] >= 0)
-                itn__scores_of(crowd, slot)[fast->slots[parameter]] += 1 / fast->theta[parameter];
+    for (*diffuse = *boundary = 0; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits), slot = ITN__LANE(*slots, k), after;
+        const itn_hit *hit = &crowd->hits[at + k];
+        itn__place *place = &crowd->paths[slot].place;
+        int object = itn__bvh_object(scene->bvh, hit->triangle);
+        const itn__surface *surface = scene->objects[object].surface < 0
+                                          ? NULL : &scene->surfaces[scene->objects[object].surface];
+        if (surface && surface->type == ITN_SURFACE_DIFFUSE) {
+            *diffuse |= 1u << k;
+            itn__note_texel(crowd, slot, hit,
+                            itn__vec3(ITN__LANE(point->x, k), ITN__LANE(point->y, k),
+                                      ITN__LANE(point->z, k)), k, m);
+        } else if (itn__beyond(scene, fast->theta, place, object, &after)) {
+            *boundary |= 1u << k;
+            m->eta[k] = itn__ior(scene, fast->theta, after) /
+                        itn__ior(scene, fast->theta, place->refracting);
+            m->alpha[k] = surface->alpha >= 0 ? fast->theta[surface->alpha] : 0;
+        } else {
+            itn__cross_boundary(scene, place, object, hit);
         }
-    } else if (itn__beyond(scene, fast->theta, place, object, &after)) {
-        int alpha = scene->surfaces[surface].alpha;
-        to = itn__move(queue, at, &crowd->boundary);
-        itn__set_vector(&crowd->boundary, ITN__NORMAL, to, n);
-        itn__float_row(&crowd->boundary, ITN__ETA)[to] =
-            itn__ior(scene, fast->theta, after) /
-            itn__ior(scene, fast->theta, place->refracting);
-        itn__float_row(&crowd->boundary, ITN__ALPHA)[to] = alpha >= 0 ? fast->theta[alpha] : 0;
-        itn__row(&crowd->boundary, ITN__FACE)[to] = 2 * hit->triangle + hit->front;
-    } else {
-        itn__cross_boundary(scene, place, object, hit);
-        itn__move(queue, at, itn__departure(crowd, itn__substance_of(fast, place),
-                                            itn__row(queue, ITN__DIMENSION)[at]));
     }
+}
+
+/* Paths of the lanes named by `bits`, items at ... of `taken`, have come to surfaces within or
+   around a substance, at crowd->hits: they are put into the queue of the surface's stage, or go
+   through an index-matched boundary. */
+static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits, int features) {
+    itn__state s;
+    itn__meeting m;
+    itn__vectors n, p[3];
+    itn__floats t, one = itn__splat(1);
+    unsigned good, diffuse, boundary;
+    int c;
+    if (!bits) return;
+    s = itn__load_state(&crowd->taken, at, features);
+    good = itn__note_hits(crowd, at, bits, &m);
+    itn__settle_lanes(crowd, &s, bits & ~good);
+    itn__free_lanes(crowd, s.slot, bits & ~good);
+    t = itn__load(m.t);
+    itn__arrive_at_surfaces(crowd, substance, &s, t, itn__bits_mask(good), features);
+    if (crowd->fast->straight) s.left = itn__splat_int(1);
+    if (itn__scored(crowd, features) && crowd->fast->count)
+        itn__book_lanes(crowd, substance, &s, t, good, features);
+    n = itn__vectors_of(itn__load(m.normal[0]), itn__load(m.normal[1]), itn__load(m.normal[2]));
+    n = itn__vscale(n, itn__select(itn__less(itn__splat(0), itn__vdot(n, s.d)), -one, one));
+    if (crowd->fast->learning)
+        itn__mark_faces(crowd, substance, &s, -itn__vdot(n, s.d), good, features);
+    for (c = 0; c < 3; c++)
+        p[c] = itn__vectors_of(itn__load(m.corner[c][0]), itn__load(m.corner[c][1]),
+                               itn__load(m.corner[c][2]));
+    s.p = itn__valong(p[0], itn__load(m.u), itn__valong(p[1], itn__splat(-1), p[0]));
+    s.p = itn__valong(s.p, itn__load(m.v), itn__valong(p[2], itn__splat(-1), p[0]));
+    s.up = n, s.level = itn__vdot(n, s.p), s.cell = itn__splat_int(-1);
+    itn__sort_meeting(crowd, at, &s.slot, &s.p, good, &m, &diffuse, &boundary);
+    if (boundary) {
+        itn__queue *queue = &crowd->boundary;
+        itn__push_vectors(queue, ITN__NORMAL, n, boundary);
+        itn__compress(itn__float_row(queue, ITN__ETA) + queue->count, itn__load(m.eta), boundary);
+        itn__compress(itn__float_row(queue, ITN__ALPHA) + queue->count, itn__load(m.alpha),
+                      boundary);
+        itn__compress_ints(itn__row(queue, ITN__FACE) + queue->count, itn__load_ints(m.face),
+                           boundary);
+        itn__append(queue, &s, boundary, features);
+    }
+    if (diffuse) {
+        itn__queue *queue = &crowd->diffuse;
+        itn__push_vectors(queue, ITN__NORMAL, n, diffuse);
+        for (c = 0; c < itn__colours(features); c++)
+            itn__compress(itn__float_row(queue, ITN__REFLECTANCE + c) + queue->count,
+                          itn__load(m.reflectance[c]), diffuse);
+        itn__append(queue, &s, diffuse, features);
+    }
+    itn__depart(crowd, &s, good & ~(diffuse | boundary), features);
 }
 
 /* Collisions of lanes that are not in the walk, after these distances; their next flights begin
@@ -9635,6 +9732,16 @@ ITN__INLINE itn__ints itn__vwithin(const itn_bvh *bvh, itn__vectors p) {
            itn__less_equal(p.y, itn__splat(b.y)) & itn__less_equal(p.z, itn__splat(b.z));
 }
 
+/* Those of the lanes, items at ... of `taken`, that have met a surface. */
+ITN__INLINE unsigned itn__hit_lanes(const itn__crowd *crowd, int at, unsigned bits) {
+    unsigned met = 0;
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        met |= (unsigned)(crowd->hits[at + k].triangle >= 0) << k;
+    }
+    return met;
+}
+
 /* Flights that the tables could not prove free. */
 ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) {
     const itn_scene *scene = crowd->fast->scene;
@@ -9649,22 +9756,21 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
         itn__state s;
         itn__ints mask = itn__first_lanes(queue->count - i);
         itn__floats distance = itn__load(itn__float_row(queue, ITN__DISTANCE) + i);
-        unsigned bits = itn__mask_bits(mask), free_bits = 0;
+        unsigned bits = itn__mask_bits(mask), met = itn__hit_lanes(crowd, i, bits), links, free_bits;
         s = itn__load_state(queue, i, features);
+        links = itn__mask_bits(itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot));
         if ((features & ITN__LIMIT) && crowd->fast->straight) {
             bits &= ~itn__run_stretches(crowd, substance, &s, i, &distance, mask, features);
             mask = itn__bits_mask(bits);
         }
         s.p = itn__valong(s.p, distance, s.d);
-        for (k = 0; k < ITN__LANES && i + k < queue->count; k++)
-            free_bits |= (unsigned)(crowd->hits[i + k].triangle < 0) << k;
-        free_bits &= itn__mask_bits(mask & itn__vwithin(scene->bvh, s.p) &
-                                    itn__int_less(s.slot, itn__splat_int(ITN__LINK)));
-        for (bits &= ~free_bits; bits; bits &= bits - 1) {
+        free_bits = ~(met | links) & itn__mask_bits(mask & itn__vwithin(scene->bvh, s.p));
+        met &= bits, itn__meet(crowd, substance, i, met & ~links, features);
+        for (bits &= ~(free_bits | (met & ~links)); bits; bits &= bits - 1) {
             int slot;
             k = i + itn__lowest_bit(bits), slot = itn__row(queue, ITN__SLOT)[k];
             if (crowd->hits[k].triangle >= 0)
-                itn__meet(crowd, queue, k, &crowd->hits[k]);
+                itn__meet_link(crowd, queue, k, &crowd->hits[k]);
             else if (!(slot & ITN__LINK) && itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
                 itn__book_item(crowd, queue, k, substance, 0), itn__move(queue, k, &crowd->sky);
             else if (!(slot & ITN__LINK)) /* no way out of the medium */
@@ -9962,14 +10068,19 @@ ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
     itn__prefetch_hits(crowd);
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__state s = itn__load_state(queue, at, features);
-        unsigned gone = 0;
-        for (k = at; k < at + ITN__LANES && k < queue->count; k++)
+        unsigned here = itn__mask_bits(itn__first_lanes(queue->count - at)), gone = 0;
+        unsigned met = itn__hit_lanes(crowd, at, here);
+        met &= ~itn__mask_bits(itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot));
+        itn__meet(crowd, 0, at, met, features);
+        for (here &= ~met; here; here &= here - 1) {
+            k = at + itn__lowest_bit(here);
             if (crowd->hits[k].triangle >= 0)
-                itn__meet(crowd, queue, k, &crowd->hits[k]);
+                itn__meet_link(crowd, queue, k, &crowd->hits[k]);
             else if (crowd->hits[k].triangle == -1 && itn__row(queue, ITN__SLOT)[k] >= ITN__LINK)
                 itn__arrive(crowd, queue, k);
             else if (crowd->hits[k].triangle == -1)
                 gone |= 1u << (k - at);
+        }
         itn__append(&crowd->sky, &s, gone, features);
     }
     queue->count = 0;
@@ -10015,36 +10126,6 @@ ITN__INLINE void itn__run_sky(itn__crowd *crowd, int features) {
 
 /* The beginning of paths. */
 
-/* Starts `copies` paths, number `number` of the unit and after, that come from the camera along a
-   ray, as items of crowd->taken, which is used as one item's place. Returns the item's slot. */
-static int itn__start_path(itn__crowd *crowd, const itn_ray *ray, uint64_t pixel, int walk,
-                           int number) {
-    const itn__fast *fast = crowd->fast;
-    itn__queue *queue = &crowd->taken;
-    int slot = crowd->free_slots[--crowd->free_count], c;
-    itn__path *path = &crowd->paths[slot];
-    itn__rng rng = itn__rng_make(fast->seed, pixel, (uint64_t)walk);
-    path->number = number, path->copies = 1;
-    path->place = fast->camera;
-    itn__set_vector(queue, ITN__POSITION, 0, ray->origin);
-    itn__set_vector(queue, ITN__DIRECTION, 0, ray->direction);
-    itn__row(queue, ITN__KEY)[0] = (int32_t)rng.key0;
-    itn__row(queue, ITN__KEY + 1)[0] = (int32_t)rng.key1;
-    itn__row(queue, ITN__DIMENSION)[0] = 2;
-    itn__row(queue, ITN__SLOT)[0] = slot;
-    for (c = 0; c < 3; c++) itn__float_row(queue, ITN__BETA + c)[0] = 1;
-    itn__float_row(queue, ITN__PDF)[0] = INFINITY;
-    itn__row(queue, ITN__LEFT)[0] = fast->max_scatter ? fast->max_scatter : INT_MAX;
-    for (c = ITN__CREDIT; c < ITN__STATE; c++) itn__row(queue, c)[0] = 0; /* the bits of 0.f */
-    itn__row(queue, ITN__CELL)[0] = -1;
-    itn__float_row(queue, ITN__UP + 1)[0] = 1; /* some plane, for paths that begin in a medium */
-    for (c = 0; c < 3; c++) itn__float_row(queue, ITN__SHARE + c)[0] = 1 / 3.f;
-    path->place.hero = itn__draw_hero(fast->scene, rng);
-    path->mark = -1;
-    for (c = 0; c < fast->count; c++) itn__scores_of(crowd, slot)[c] = 0;
-    return slot;
-}
-
 /* Block (independently scrambled set) of a camera ray, and its first ray. */
 ITN__INLINE int itn__block_first(const itn__fast *fast, int block) {
     return (int)((int64_t)block * fast->spp / fast->blocks);
@@ -10073,7 +10154,7 @@ static void itn__pixel_position(const itn__fast *fast, uint64_t pixel, int ray, 
 
 /* Draws one camera ray and finds what it meets. Returns 0 where that was known before: its pixel
    is empty and has its light. */
-static int itn__start_ray(itn__crowd *crowd, itn__start *start, itn_hit *hit) {
+static int itn__start_ray(itn__crowd *crowd, itn__start *start) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
     itn__unit *unit = &crowd->unit;
@@ -10096,60 +10177,107 @@ static int itn__start_ray(itn__crowd *crowd, itn__start *start, itn_hit *hit) {
     start->scramble = itn__scramble(fast, pixel, block);
     itn__pixel_position(fast, pixel, sample, start->in_block, start->scramble, &u, &v);
     start->ray = itn__camera_ray(&scene->camera, x, y, u, v);
-    hit->triangle = -1;
+    start->hit.triangle = -1;
     if (fast->outside && !fast->empty[pixel]) {
         itn__place place = fast->camera;
-        if (!itn__next_hit(scene, &place, &start->ray, hit)) hit->triangle = -1;
+        if (!itn__next_hit(scene, &place, &start->ray, &start->hit)) start->hit.triangle = -1;
     }
-    if (hit->triangle >= 0) ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
+    if (start->hit.triangle >= 0) ITN__PREFETCH(&scene->bvh->slots[start->hit.triangle]);
     return 1;
 }
 
-/* Starts the paths of a camera ray. */
-static void itn__start_walks(itn__crowd *crowd, const itn__start *start, const itn_hit *hit) {
+/* Starts a path of a camera ray, as the last item of `taken`; itn__fill_starts completes it. */
+static void itn__start_path(itn__crowd *crowd, const itn__start *start, int walk) {
+    const itn__fast *fast = crowd->fast;
+    itn__queue *queue = &crowd->taken;
+    int slot = crowd->free_slots[--crowd->free_count], at = queue->count++, c;
+    itn__path *path = &crowd->paths[slot];
+    itn__rng rng = itn__rng_make(fast->seed, start->pixel,
+                                 (uint64_t)(start->sample * fast->walks + walk));
+    path->number = start->number * fast->walks + walk, path->copies = 1;
+    path->place = fast->camera;
+    path->mark = -1;
+    for (c = 0; c < fast->count; c++) itn__scores_of(crowd, slot)[c] = 0;
+    itn__set_vector(queue, ITN__POSITION, at, start->ray.origin);
+    itn__set_vector(queue, ITN__DIRECTION, at, start->ray.direction);
+    itn__row(queue, ITN__KEY)[at] = (int32_t)rng.key0;
+    itn__row(queue, ITN__KEY + 1)[at] = (int32_t)rng.key1;
+    itn__row(queue, ITN__SLOT)[at] = slot;
+    crowd->hits[at] = start->hit;
+    crowd->index[slot] = start->in_block * fast->walks + walk;
+    crowd->scramble[slot] = (int32_t)(start->scramble + 1);
+    path->place.hero = itn__draw_hero(fast->scene, rng);
+    if (fast->sobol && fast->heroes > 1) /* channels take turns */
+        path->place.hero = (int)((start->scramble % 3 + (uint32_t)crowd->index[slot]) % 3);
+}
+
+/* Starts the paths of a camera ray; one that sees nothing needs only one for all. */
+static void itn__start_walks(itn__crowd *crowd, const itn__start *start) {
     const itn__fast *fast = crowd->fast;
     int k;
     for (k = 0; k < fast->walks; k++) {
-        int slot = itn__start_path(crowd, &start->ray, start->pixel,
-                                   start->sample * fast->walks + k,
-                                   start->number * fast->walks + k);
-        crowd->index[slot] = start->in_block * fast->walks + k;
-        crowd->scramble[slot] = (int32_t)(start->scramble + 1);
-        if (fast->sobol && fast->heroes > 1) /* channels take turns */
-            crowd->paths[slot].place.hero =
-                (int)((start->scramble % 3 + (uint32_t)crowd->index[slot]) % 3);
-        if (hit->triangle >= 0) {
-            itn__meet(crowd, &crowd->taken, 0, hit);
-        } else if (!fast->outside) {
-            itn__move(&crowd->taken, 0, itn__departure(
-                crowd, itn__substance_of(fast, &crowd->paths[slot].place), 2));
-        } else {
-            crowd->paths[slot].copies = fast->walks;
-            itn__move(&crowd->taken, 0, &crowd->sky);
-            break;
-        }
+        itn__start_path(crowd, start, k);
+        if (start->hit.triangle >= 0 || !fast->outside) continue;
+        crowd->paths[itn__row(&crowd->taken, ITN__SLOT)[crowd->taken.count - 1]].copies =
+            fast->walks;
+        return;
     }
+}
+
+ITN__INLINE void itn__fill_row(const itn__queue *queue, int field, float value) {
+    float *row = itn__float_row(queue, field);
+    int i;
+    for (i = 0; i < queue->count; i++) row[i] = value;
+}
+ITN__INLINE void itn__fill_int_row(const itn__queue *queue, int field, int32_t value) {
+    int32_t *row = itn__row(queue, field);
+    int i;
+    for (i = 0; i < queue->count; i++) row[i] = value;
+}
+/* What all paths in `taken` have in common as they start. */
+static void itn__fill_starts(itn__crowd *crowd) {
+    const itn__fast *fast = crowd->fast;
+    const itn__queue *queue = &crowd->taken;
+    int f;
+    itn__fill_int_row(queue, ITN__DIMENSION, 2);
+    for (f = 0; f < 3; f++) itn__fill_row(queue, ITN__BETA + f, 1);
+    itn__fill_row(queue, ITN__PDF, INFINITY);
+    itn__fill_int_row(queue, ITN__LEFT, fast->max_scatter ? fast->max_scatter : INT_MAX);
+    for (f = ITN__CREDIT; f < queue->state; f++) itn__fill_row(queue, f, 0);
+    itn__fill_row(queue, ITN__UP + 1, 1); /* some plane, for paths that begin in a medium */
+    itn__fill_int_row(queue, ITN__CELL, -1);
+    for (f = 0; f < 3; f++) itn__fill_row(queue, ITN__SHARE + f, 1 / 3.f);
 }
 
 /* Starts paths as long as there is room; first all rays are traced, so that the memory of many hits
    is waited for at a time. */
-static void itn__start_rays(itn__crowd *crowd) {
-    int room = crowd->free_count / crowd->fast->walks, i;
-    crowd->taken.count = 0;
-    while (crowd->taken.count < room && itn__unit_paths_left(crowd)) {
-        int to = crowd->taken.count;
-        crowd->taken.count += itn__start_ray(crowd, &crowd->starts[to], &crowd->hits[to]);
-    }
+static void itn__start_rays(itn__crowd *crowd, int features) {
+    const itn__fast *fast = crowd->fast;
+    itn__queue *queue = &crowd->taken;
+    int room = crowd->free_count / fast->walks, rays = 0, at, k;
+    while (rays < room && itn__unit_paths_left(crowd))
+        rays += itn__start_ray(crowd, &crowd->starts[rays]);
+    for (queue->count = 0, k = 0; k < rays; k++) itn__start_walks(crowd, &crowd->starts[k]);
+    itn__fill_starts(crowd);
     itn__prefetch_hits(crowd);
-    room = crowd->taken.count, crowd->taken.count = 0;
-    for (i = 0; i < room; i++) itn__start_walks(crowd, &crowd->starts[i], &crowd->hits[i]);
+    for (at = 0; at < queue->count; at += ITN__LANES) {
+        unsigned rest = itn__mask_bits(itn__first_lanes(queue->count - at));
+        unsigned met = itn__hit_lanes(crowd, at, rest);
+        itn__meet(crowd, 0, at, met, features);
+        for (rest &= ~met; rest; rest &= rest - 1) {
+            int slot;
+            k = at + itn__lowest_bit(rest), slot = itn__row(queue, ITN__SLOT)[k];
+            itn__move(queue, k, fast->outside ? &crowd->sky : itn__departure(
+                crowd, itn__substance_of(fast, &crowd->paths[slot].place), 2));
+        }
+    }
 }
 
 /* Follows all paths of the unit to their ends. */
 ITN__INLINE void itn__run_unit(itn__crowd *crowd, int features) {
     int substances = itn__substance_count(crowd->fast->scene), m;
     while (itn__unit_paths_left(crowd) || crowd->free_count < ITN__CROWD) {
-        itn__start_rays(crowd);
+        itn__start_rays(crowd, features);
         if (crowd->boundary.count) itn__run_boundary(crowd, features);
         if (crowd->diffuse.count) itn__run_diffuse(crowd, features);
         for (m = 1; m < substances; m++) {
