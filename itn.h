@@ -5848,6 +5848,8 @@ typedef struct itn__voxels {
     itn__pack *packs; /* aligned to a cache line, in pack_memory */
     void *pack_memory;
     int surface_count, pack_count, regions;
+    int whole;       /* no triangle lies outside */
+    uint64_t closed; /* the one closed object of the scene, if there is just one */
 } itn__voxels;
 
 static void itn__voxels_free(itn__voxels *voxels) {
@@ -5877,7 +5879,6 @@ enum { ITN__SUMMARY_FLOATS = sizeof(itn__summary) / sizeof(float) };
 typedef struct itn__voxel_build {
     const itn_bvh *bvh;
     itn__voxels *voxels;
-    uint64_t closed; /* the one closed object of the scene, if there is just one */
     double largest;  /* coordinate in the grid */
     int slabs;       /* of ITN__LAYERS layers */
     int fill;        /* 0: triangles are counted, 1: listed */
@@ -6360,23 +6361,23 @@ static int itn__grow_cells(const itn__voxel_build *build, itn__bit_grid *bits, i
     return any;
 }
 
-/* Whether triangles lie outside of the grid. */
-static int itn__voxels_exceeded(const itn__voxel_build *build) {
+/* Whether all triangles lie in the grid. */
+static int itn__voxels_whole(const itn__voxel_build *build) {
     const itn__voxels *voxels = build->voxels;
     const itn_bvh *bvh = build->bvh;
     float c = voxels->cell;
-    return !(bvh->lower.x > voxels->lower.x && bvh->lower.y > voxels->lower.y &&
-             bvh->lower.z > voxels->lower.z &&
-             bvh->upper.x < voxels->lower.x + c * (float)voxels->size[0] &&
-             bvh->upper.y < voxels->lower.y + c * (float)voxels->size[1] &&
-             bvh->upper.z < voxels->lower.z + c * (float)voxels->size[2]);
+    return bvh->lower.x > voxels->lower.x && bvh->lower.y > voxels->lower.y &&
+           bvh->lower.z > voxels->lower.z &&
+           bvh->upper.x < voxels->lower.x + c * (float)voxels->size[0] &&
+           bvh->upper.y < voxels->lower.y + c * (float)voxels->size[1] &&
+           bvh->upper.z < voxels->lower.z + c * (float)voxels->size[2];
 }
 
 /* Sets the bits of cells that hold triangles, and of the border if triangles may lie there; cells
    start with the largest distance. */
 static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
     const itn__voxels *voxels = build->voxels;
-    uint64_t border = itn__voxels_exceeded(build) ? ~(uint64_t)0 : 0;
+    uint64_t border = voxels->whole ? 0 : ~(uint64_t)0;
     size_t i, cell = 0, all = bits->words * bits->rows * bits->planes;
     int x, y, z;
     for (i = 0; i < all; i++) bits->now[i] = border;
@@ -6641,7 +6642,7 @@ static int itn__packs_alone(const itn__voxel_build *build, const itn__pack *pack
     int i, alone = 1;
     for (i = 0; i < count; i++)
         alone = alone && packs[i].object >= 0 &&
-                (itn__object_bit(packs[i].object) & build->closed);
+                (itn__object_bit(packs[i].object) & build->voxels->closed);
     return alone;
 }
 
@@ -6816,7 +6817,7 @@ static float itn__region_score(const itn__slab *slab, int reach) {
    outside of the grid. */
 static int itn__known_reach(const itn__voxel_build *build, const int at[3]) {
     int k, reach = ITN__REGION_REACH;
-    for (k = 0; k < 3 && itn__voxels_exceeded(build); k++) {
+    for (k = 0; k < 3 && !build->voxels->whole; k++) {
         int after = build->voxels->size[k] - 1 - at[k];
         reach = at[k] < reach ? at[k] : reach;
         reach = after < reach ? after : reach;
@@ -6939,6 +6940,7 @@ static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upp
     build->largest += 2 * cell;
     for (;; cell *= 2) {
         if (!itn__grid_make(voxels, lower, extent, cell)) return 0;
+        voxels->whole = itn__voxels_whole(build);
         if (itn__voxel_ranges(build) <= most) return 1;
         if (itn__voxel_total(voxels->size) <= 27) return 1;
     }
@@ -6976,11 +6978,11 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
           extent.x >= 0 && extent.y >= 0 && extent.z >= 0 && resolution > 0))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "voxels: the box or resolution is empty");
     build.bvh = bvh;
-    build.closed = closed & (closed - 1) ? 0 : closed;
     build.voxels = (itn__voxels *)itn__allocate(context, 1, sizeof(itn__voxels));
     if (!build.voxels) return itn__out_of_memory(error, "voxels");
     build.voxels->context = *context;
     build.voxels->regions = regions != 0;
+    build.voxels->closed = closed & (closed - 1) ? 0 : closed;
     build.ranges = (int32_t *)itn__allocate(context, (size_t)bvh->triangle_count, sizeof(int32_t));
     if (!build.ranges)
         result = itn__out_of_memory(error, "voxels");
@@ -7826,6 +7828,7 @@ typedef struct itn__fast {
     int only_constant; /* there is no other */
     itn__place camera; /* where it is; */
     int outside;       /* not in a medium */
+    int marches;       /* rays outside of media go through the voxels too */
     int links;         /* some light is sampled */
     int linked;        /* links find all light, see itn__links_suffice */
     int straight;      /* paths go straight, see itn__goes_straight */
@@ -7885,6 +7888,7 @@ typedef struct itn__crowd {
     itn__start *starts; /* [ITN__CROWD] */
     itn__visits visits;
     itn__tests tests;
+    float inward; /* the flights are inside of solids: 1, or outside: -1 */
     float *radiance; /* [planes][paths of a unit]: radiance, then derivatives [count][channels] */
     int radiance_stride;
     float *scores; /* [2 ITN__CROWD][count]: of each path, and of its link, to its last surface */
@@ -7940,6 +7944,18 @@ ITN__INLINE itn__vectors itn__load_vectors(const itn__queue *queue, int field, i
     return itn__vectors_of(itn__load(itn__float_row(queue, field) + at),
                            itn__load(itn__float_row(queue, field + 1) + at),
                            itn__load(itn__float_row(queue, field + 2) + at));
+}
+
+/* The same value for all items of a queue. */
+ITN__INLINE void itn__fill_row(const itn__queue *queue, int field, float value) {
+    float *row = itn__float_row(queue, field);
+    int i;
+    for (i = 0; i < queue->count; i++) row[i] = value;
+}
+ITN__INLINE void itn__fill_int_row(const itn__queue *queue, int field, int32_t value) {
+    int32_t *row = itn__row(queue, field);
+    int i;
+    for (i = 0; i < queue->count; i++) row[i] = value;
 }
 
 /* The mask of `count` lanes, or of all if there are more. */
@@ -7999,48 +8015,46 @@ ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int 
 }
 
 /* The state of items at, at + 1, ... of a queue. */
-ITN__INLINE itn__state itn__load_state(const itn__queue *queue, int at, int features) {
-    itn__state s;
+ITN__INLINE void itn__load_state(const itn__queue *queue, int at, itn__state *s, int features) {
     int c;
-    s.p = itn__load_vectors(queue, ITN__POSITION, at);
-    s.d = itn__load_vectors(queue, ITN__DIRECTION, at);
-    s.key0 = itn__load_words((const uint32_t *)itn__row(queue, ITN__KEY) + at);
-    s.key1 = itn__load_words((const uint32_t *)itn__row(queue, ITN__KEY + 1) + at);
-    s.dimension = itn__load_ints(itn__row(queue, ITN__DIMENSION) + at);
-    s.slot = itn__load_ints(itn__row(queue, ITN__SLOT) + at);
-    s.pdf = itn__splat(INFINITY), s.left = itn__splat_int(0);
+    s->p = itn__load_vectors(queue, ITN__POSITION, at);
+    s->d = itn__load_vectors(queue, ITN__DIRECTION, at);
+    s->key0 = itn__load_words((const uint32_t *)itn__row(queue, ITN__KEY) + at);
+    s->key1 = itn__load_words((const uint32_t *)itn__row(queue, ITN__KEY + 1) + at);
+    s->dimension = itn__load_ints(itn__row(queue, ITN__DIMENSION) + at);
+    s->slot = itn__load_ints(itn__row(queue, ITN__SLOT) + at);
+    s->pdf = itn__splat(INFINITY), s->left = itn__splat_int(0);
     for (c = 0; c < 3; c++)
-        s.beta[c] = s.credit[c] = s.expected[c] = s.flight_base[c] = s.phase_base[c] =
-            s.hit_base[c] = s.share[c] = s.phases[c] = itn__splat(0);
+        s->beta[c] = s->credit[c] = s->expected[c] = s->flight_base[c] = s->phase_base[c] =
+            s->hit_base[c] = s->share[c] = s->phases[c] = itn__splat(0);
     for (c = 0; c < itn__colours(features); c++) {
-        s.beta[c] = itn__load(itn__float_row(queue, ITN__BETA + c) + at);
-        s.credit[c] = itn__load(itn__float_row(queue, ITN__CREDIT + c) + at);
+        s->beta[c] = itn__load(itn__float_row(queue, ITN__BETA + c) + at);
+        s->credit[c] = itn__load(itn__float_row(queue, ITN__CREDIT + c) + at);
     }
-    if (features & ITN__LIGHTS) s.pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
-    if (features & ITN__LIMIT) s.left = itn__load_ints(itn__row(queue, ITN__LEFT) + at);
-    s.flights = s.hits = s.level = itn__splat(0);
-    s.up = itn__vectors_of(s.level, s.level, s.level), s.cell = itn__splat_int(-1);
+    if (features & ITN__LIGHTS) s->pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
+    if (features & ITN__LIMIT) s->left = itn__load_ints(itn__row(queue, ITN__LEFT) + at);
+    s->flights = s->hits = s->level = itn__splat(0);
+    s->up = itn__vectors_of(s->level, s->level, s->level), s->cell = itn__splat_int(-1);
     if (itn__knows_depth(features)) {
-        s.up = itn__load_vectors(queue, ITN__UP, at);
-        s.level = itn__load(itn__float_row(queue, ITN__LEVEL) + at);
+        s->up = itn__load_vectors(queue, ITN__UP, at);
+        s->level = itn__load(itn__float_row(queue, ITN__LEVEL) + at);
     }
     if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
-        s.flights = itn__load(itn__float_row(queue, ITN__FLIGHTS) + at);
-        s.phases[0] = itn__load(itn__float_row(queue, ITN__PHASES) + at);
-        s.hits = itn__load(itn__float_row(queue, ITN__HITS) + at);
+        s->flights = itn__load(itn__float_row(queue, ITN__FLIGHTS) + at);
+        s->phases[0] = itn__load(itn__float_row(queue, ITN__PHASES) + at);
+        s->hits = itn__load(itn__float_row(queue, ITN__HITS) + at);
         for (c = 0; c < itn__colours(features); c++) {
-            s.expected[c] = itn__load(itn__float_row(queue, ITN__EXPECTED + c) + at);
-            s.flight_base[c] = itn__load(itn__float_row(queue, ITN__FLIGHT_BASE + c) + at);
-            s.phase_base[c] = itn__load(itn__float_row(queue, ITN__PHASE_BASE + c) + at);
-            s.hit_base[c] = itn__load(itn__float_row(queue, ITN__HIT_BASE + c) + at);
+            s->expected[c] = itn__load(itn__float_row(queue, ITN__EXPECTED + c) + at);
+            s->flight_base[c] = itn__load(itn__float_row(queue, ITN__FLIGHT_BASE + c) + at);
+            s->phase_base[c] = itn__load(itn__float_row(queue, ITN__PHASE_BASE + c) + at);
+            s->hit_base[c] = itn__load(itn__float_row(queue, ITN__HIT_BASE + c) + at);
         }
     }
     if ((features & ITN__SPECTRAL) && queue->state == ITN__STATE) {
-        for (c = 0; c < 3; c++) s.share[c] = itn__load(itn__float_row(queue, ITN__SHARE + c) + at);
+        for (c = 0; c < 3; c++) s->share[c] = itn__load(itn__float_row(queue, ITN__SHARE + c) + at);
         for (c = 1; c < 3; c++)
-            s.phases[c] = itn__load(itn__float_row(queue, ITN__MORE_PHASES + c - 1) + at);
+            s->phases[c] = itn__load(itn__float_row(queue, ITN__MORE_PHASES + c - 1) + at);
     }
-    return s;
 }
 
 ITN__INLINE void itn__push_vectors(itn__queue *queue, int field, itn__vectors v, unsigned bits) {
@@ -8751,9 +8765,10 @@ ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const i
 /* Puts the lanes' paths aside until their links are done. */
 static void itn__park(itn__crowd *crowd, const itn__state *s, unsigned bits, int features) {
     itn__queue *queue = &crowd->parking;
-    itn__state parked = *s;
+    itn__state parked;
     int at, f;
-    parked.cell = itn__splat_int(-1), queue->count = 0;
+    if (!bits) return;
+    parked = *s, parked.cell = itn__splat_int(-1), queue->count = 0;
     itn__append(queue, &parked, bits, features);
     for (at = 0; bits; bits &= bits - 1, at++) {
         itn__path *path = &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(bits))];
@@ -9091,7 +9106,7 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
     itn__queue *queue = &crowd->walk[substance];
     itn__lanes_walk walk;
     memset(&walk, 0, sizeof walk);
-    walk.s = itn__load_state(queue, 0, features);
+    itn__load_state(queue, 0, &walk.s, features);
     for (;;) {
         int held = itn__count_bits(walk.busy | walk.unsure);
         itn__ints safe, linked;
@@ -9205,7 +9220,7 @@ static void itn__find_records(itn__crowd *crowd) {
 
 /* Goes through the cells with triangles that flights have come to: notes a cell's packs, unless
    the part of the flight in it stays on one side of the slab that holds them, or runs against
-   them. */
+   them (outside: away from them). */
 static void itn__visit_cells(itn__crowd *crowd) {
     const int32_t *words = crowd->fast->voxels->surface;
     const float *floats = (const float *)(const void *)words;
@@ -9235,7 +9250,7 @@ static void itn__visit_cells(itn__crowd *crowd) {
         to = from + slope * itn__load(visits->length + i);
         mask &= itn__less_equal(below, itn__most(from, to)) &
                 itn__less_equal(itn__least(from, to), above) &
-                ~itn__less(slope, -against);
+                ~itn__less(slope * crowd->inward, -against);
         for (; itn__mask_bits(mask); pack += 1, count -= 1) {
             unsigned noted;
             mask &= itn__int_less(none, count), noted = itn__mask_bits(mask);
@@ -9337,8 +9352,9 @@ ITN__INLINE void itn__march_begin(const itn__queue *queue, itn__march *m, int fi
     m->inverse = itn__vectors_of(one / m->d.x, one / m->d.y, one / m->d.z);
 }
 
-/* Marches all flights of `taken` that are not long, with lanes filled again as they come free. */
-static void itn__march_all(itn__crowd *crowd, float longest) {
+/* Marches all flights of `taken` that are not long, with lanes filled again as they come free. One
+   that has left the voxels meets nothing if they hold all there is, unless it began beyond them. */
+static void itn__march_all(itn__crowd *crowd, float longest, int outside) {
     const itn__queue *queue = &crowd->taken;
     unsigned busy = 0, fill, rest;
     int next = 0;
@@ -9355,23 +9371,26 @@ static void itn__march_all(itn__crowd *crowd, float longest) {
         }
         if (!busy && next == queue->count) return;
         busy = itn__mask_bits(itn__march_step(crowd, &m, itn__bits_mask(busy), &lost));
+        if (outside) lost &= itn__less_equal(m.t, itn__splat(0));
         for (rest = itn__mask_bits(lost); rest; rest &= rest - 1)
             crowd->hits[ITN__LANE(m.ray, itn__lowest_bit(rest))].triangle = -2;
     }
 }
 
 /* The next surface of each flight in `taken`, up to its distance: crowd->hits with t as far as the
-   flight goes and triangle -1 where there is none. */
-static void itn__find_hits(itn__crowd *crowd) {
+   flight goes and triangle -1 where there is none. The flights are in a solid with a medium, or
+   outside of media in a scene that is all in voxels. */
+static void itn__find_hits(itn__crowd *crowd, int outside) {
     const itn__queue *queue = &crowd->taken;
-    const float longest = ITN__LONG_MARCH * crowd->fast->voxels->cell;
+    float longest = outside ? INFINITY : ITN__LONG_MARCH * crowd->fast->voxels->cell;
     int i;
+    crowd->inward = outside ? -1.f : 1.f;
     for (i = 0; i < queue->count; i++) {
         crowd->hits[i].t = itn__float_row(queue, ITN__DISTANCE)[i];
         crowd->hits[i].triangle = crowd->hits[i].t <= longest ? -1 : -2;
         crowd->shears[i].kz = -1; /* not made yet */
     }
-    itn__march_all(crowd, longest);
+    itn__march_all(crowd, longest, outside);
     itn__visit_cells(crowd);
     itn__test_packs(crowd);
     for (i = 0; i < queue->count; i++) itn__settle_hit(crowd, i);
@@ -9564,11 +9583,9 @@ static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits, i
     itn__meeting m;
     itn__vectors n, p[3];
     itn__floats t, one = itn__splat(1);
-    unsigned good, diffuse, boundary;
+    unsigned good = itn__note_hits(crowd, at, bits, &m), diffuse, boundary;
     int c;
-    if (!bits) return;
-    s = itn__load_state(&crowd->taken, at, features);
-    good = itn__note_hits(crowd, at, bits, &m);
+    itn__load_state(&crowd->taken, at, &s, features);
     itn__settle_lanes(crowd, &s, bits & ~good);
     itn__free_lanes(crowd, s.slot, bits & ~good);
     t = itn__load(m.t);
@@ -9692,9 +9709,10 @@ ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) 
     *taken = *queue, *queue = swapped, queue->count = 0, queue = taken;
     memset(&space, 0, sizeof space);
     for (i = 0; i < queue->count; i += ITN__LANES) {
-        itn__state s = itn__load_state(queue, i, features);
+        itn__state s;
         itn__ints mask = itn__first_lanes(queue->count - i), alive, safe;
         itn__floats distance, reach, nq;
+        itn__load_state(queue, i, &s, features);
         distance = itn__splat(0);
         alive = itn__take_off(crowd, substance, &s, mask, &distance, 1, features);
         itn__end_lanes(crowd, substance, &s, itn__mask_bits(mask & ~alive), features);
@@ -9750,14 +9768,14 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
     itn__queue swapped = crowd->exact[substance];
     crowd->exact[substance] = *queue, *queue = swapped;
     crowd->exact[substance].count = 0;
-    itn__find_hits(crowd);
+    itn__find_hits(crowd, 0);
     itn__prefetch_hits(crowd);
     for (i = 0; i < queue->count; i += ITN__LANES) {
         itn__state s;
         itn__ints mask = itn__first_lanes(queue->count - i);
         itn__floats distance = itn__load(itn__float_row(queue, ITN__DISTANCE) + i);
         unsigned bits = itn__mask_bits(mask), met = itn__hit_lanes(crowd, i, bits), links, free_bits;
-        s = itn__load_state(queue, i, features);
+        itn__load_state(queue, i, &s, features);
         links = itn__mask_bits(itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot));
         if ((features & ITN__LIMIT) && crowd->fast->straight) {
             bits &= ~itn__run_stretches(crowd, substance, &s, i, &distance, mask, features);
@@ -9765,7 +9783,8 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
         }
         s.p = itn__valong(s.p, distance, s.d);
         free_bits = ~(met | links) & itn__mask_bits(mask & itn__vwithin(scene->bvh, s.p));
-        met &= bits, itn__meet(crowd, substance, i, met & ~links, features);
+        met &= bits;
+        if (met & ~links) itn__meet(crowd, substance, i, met & ~links, features);
         for (bits &= ~(free_bits | (met & ~links)); bits; bits &= bits - 1) {
             int slot;
             k = i + itn__lowest_bit(bits), slot = itn__row(queue, ITN__SLOT)[k];
@@ -9941,11 +9960,12 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
     int at, c;
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0), ok, rough;
-        itn__state s = itn__load_state(queue, at, features);
+        itn__state s;
         itn__vectors frame[3], i, o;
         itn__floats eta = itn__load(itn__float_row(queue, ITN__ETA) + at), u, v, w, lost;
         itn__floats alpha = itn__load(itn__float_row(queue, ITN__ALPHA) + at);
         itn__bounce bounce, twin;
+        itn__load_state(queue, at, &s, features);
         rough = mask & itn__less(itn__splat(0), alpha);
         frame[2] = itn__load_vectors(queue, ITN__NORMAL, at);
         itn__vframe(frame[2], &frame[0], &frame[1]);
@@ -9996,9 +10016,10 @@ ITN__INLINE void itn__run_diffuse(itn__crowd *crowd, int features) {
     int at, c;
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0), ok;
-        itn__state s = itn__load_state(queue, at, features);
+        itn__state s;
         itn__vectors n = itn__load_vectors(queue, ITN__NORMAL, at), x, y, d;
         itn__floats u, v, reflectance[3];
+        itn__load_state(queue, at, &s, features);
         for (c = 0; c < itn__colours(features); c++)
             reflectance[c] = itn__load(itn__float_row(queue, ITN__REFLECTANCE + c) + at);
         if ((features & ITN__LIGHTS) && crowd->fast->links) {
@@ -10024,64 +10045,72 @@ ITN__INLINE void itn__run_diffuse(itn__crowd *crowd, int features) {
     queue->count = 0;
 }
 
-/* The next surface of item k of `taken`, outside of media; a path that is not alive has none. */
-static void itn__trace_item(itn__crowd *crowd, int k, int alive) {
+/* The next surface of each item of `taken`, outside of media. */
+static void itn__look_outside(itn__crowd *crowd) {
     const itn_scene *scene = crowd->fast->scene;
     const itn__queue *queue = &crowd->taken;
-    int slot = itn__row(queue, ITN__SLOT)[k];
-    itn__path *path = &crowd->paths[slot & ~ITN__LINK];
-    itn_hit *hit = &crowd->hits[k];
-    itn_ray ray;
-    hit->triangle = -2;
-    if (!alive) return;
-    ray.origin = itn__get_vector(queue, ITN__POSITION, k);
-    ray.direction = itn__get_vector(queue, ITN__DIRECTION, k), ray.tmax = INFINITY;
-    if (itn__next_hit(scene, slot & ITN__LINK ? &path->link_place : &path->place, &ray, hit))
-        ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
-    else
-        hit->triangle = -1;
+    int k;
+    itn__fill_row(queue, ITN__DISTANCE, INFINITY);
+    if (crowd->fast->marches) {
+        itn__find_hits(crowd, 1);
+        return;
+    }
+    for (k = 0; k < queue->count; k++) {
+        int slot = itn__row(queue, ITN__SLOT)[k];
+        itn__path *path = &crowd->paths[slot & ~ITN__LINK];
+        itn_hit *hit = &crowd->hits[k];
+        itn_ray ray;
+        ray.origin = itn__get_vector(queue, ITN__POSITION, k);
+        ray.direction = itn__get_vector(queue, ITN__DIRECTION, k), ray.tmax = INFINITY;
+        if (itn__next_hit(scene, slot & ITN__LINK ? &path->link_place : &path->place, &ray, hit))
+            ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
+        else
+            hit->triangle = -1;
+    }
 }
 
-/* Outside of media: the tree tells what comes next. */
-ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
-    itn__queue *queue = &crowd->taken, swapped = crowd->walk[0];
+/* Roulette for the paths outside of media; those that live, and links, come to `taken`. */
+ITN__INLINE void itn__take_outside(itn__crowd *crowd, int features) {
+    itn__queue *queue = &crowd->walk[0];
     itn__floats light[3];
-    int at, c, k;
-    crowd->walk[0] = *queue, *queue = swapped;
-    crowd->walk[0].count = 0;
+    int at, c;
+    crowd->taken.count = 0;
     for (c = 0; c < 3; c++) light[c] = itn__splat(crowd->fast->constant[c]);
     for (at = 0; at < queue->count; at += ITN__LANES) {
-        itn__state s = itn__load_state(queue, at, features);
+        itn__state s;
         itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
+        itn__load_state(queue, at, &s, features);
         links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
         alive = itn__vroulette(crowd, &s, light, mask & ~links, 1, features) | links;
         itn__settle_lanes(crowd, &s, itn__mask_bits(mask & ~alive));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
-        itn__store_ints(itn__row(queue, ITN__DIMENSION) + at, s.dimension);
-        for (c = 0; c < itn__colours(features); c++) {
-            itn__store(itn__float_row(queue, ITN__BETA + c) + at, s.beta[c]);
-            itn__store(itn__float_row(queue, ITN__CREDIT + c) + at, s.credit[c]);
-        }
-        for (k = 0; k < ITN__LANES && at + k < queue->count; k++)
-            itn__trace_item(crowd, at + k, itn__mask_bits(alive) >> k & 1);
+        itn__append(&crowd->taken, &s, itn__mask_bits(alive), features);
     }
+    queue->count = 0;
+}
+
+/* Outside of media. */
+ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
+    itn__queue *queue = &crowd->taken;
+    int at, k;
+    itn__take_outside(crowd, features);
+    itn__look_outside(crowd);
     itn__prefetch_hits(crowd);
     for (at = 0; at < queue->count; at += ITN__LANES) {
-        itn__state s = itn__load_state(queue, at, features);
-        unsigned here = itn__mask_bits(itn__first_lanes(queue->count - at)), gone = 0;
+        itn__state s;
+        unsigned here = itn__mask_bits(itn__first_lanes(queue->count - at)), rest, links;
         unsigned met = itn__hit_lanes(crowd, at, here);
-        met &= ~itn__mask_bits(itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot));
-        itn__meet(crowd, 0, at, met, features);
-        for (here &= ~met; here; here &= here - 1) {
-            k = at + itn__lowest_bit(here);
-            if (crowd->hits[k].triangle >= 0)
-                itn__meet_link(crowd, queue, k, &crowd->hits[k]);
-            else if (crowd->hits[k].triangle == -1 && itn__row(queue, ITN__SLOT)[k] >= ITN__LINK)
-                itn__arrive(crowd, queue, k);
-            else if (crowd->hits[k].triangle == -1)
-                gone |= 1u << (k - at);
+        itn__load_state(queue, at, &s, features);
+        links = itn__mask_bits(itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot));
+        if (met & ~links) itn__meet(crowd, 0, at, met & ~links, features);
+        itn__append(&crowd->sky, &s, here & ~(met | links), features);
+        for (rest = here & links; rest; rest &= rest - 1) {
+            k = itn__lowest_bit(rest);
+            if (met >> k & 1)
+                itn__meet_link(crowd, queue, at + k, &crowd->hits[at + k]);
+            else
+                itn__arrive(crowd, queue, at + k);
         }
-        itn__append(&crowd->sky, &s, gone, features);
     }
     queue->count = 0;
 }
@@ -10092,10 +10121,11 @@ ITN__INLINE void itn__run_sky(itn__crowd *crowd, int features) {
     itn__queue *queue = &crowd->sky;
     int at, c, i;
     for (at = 0; at < queue->count; at += ITN__LANES) {
-        itn__state s = itn__load_state(queue, at, features);
+        itn__state s;
         itn__ints mask = itn__first_lanes(queue->count - at);
         itn__floats sampled[3], plain[3], mis = itn__splat(1);
         unsigned bits;
+        itn__load_state(queue, at, &s, features);
         for (c = 0; c < 3; c++) plain[c] = itn__splat(fast->constant[c]), sampled[c] = plain[c] * 0;
         if (features & ITN__LIGHTS) {
             mis = s.pdf / (s.pdf + itn__vlights_pdf(fast->scene, s.d));
@@ -10224,16 +10254,6 @@ static void itn__start_walks(itn__crowd *crowd, const itn__start *start) {
     }
 }
 
-ITN__INLINE void itn__fill_row(const itn__queue *queue, int field, float value) {
-    float *row = itn__float_row(queue, field);
-    int i;
-    for (i = 0; i < queue->count; i++) row[i] = value;
-}
-ITN__INLINE void itn__fill_int_row(const itn__queue *queue, int field, int32_t value) {
-    int32_t *row = itn__row(queue, field);
-    int i;
-    for (i = 0; i < queue->count; i++) row[i] = value;
-}
 /* What all paths in `taken` have in common as they start. */
 static void itn__fill_starts(itn__crowd *crowd) {
     const itn__fast *fast = crowd->fast;
@@ -10263,7 +10283,7 @@ static void itn__start_rays(itn__crowd *crowd, int features) {
     for (at = 0; at < queue->count; at += ITN__LANES) {
         unsigned rest = itn__mask_bits(itn__first_lanes(queue->count - at));
         unsigned met = itn__hit_lanes(crowd, at, rest);
-        itn__meet(crowd, 0, at, met, features);
+        if (met) itn__meet(crowd, 0, at, met, features);
         for (rest &= ~met; rest; rest &= rest - 1) {
             int slot;
             k = at + itn__lowest_bit(rest), slot = itn__row(queue, ITN__SLOT)[k];
@@ -10422,6 +10442,18 @@ static float itn__brightest(const itn__fast *fast) {
     return brightest;
 }
 
+/* Whether rays outside of media can go through the voxels: these hold all triangles, and what is
+   outside of media is outside of the object of which the voxels know that it is closed. */
+static int itn__marches_outside(const itn__fast *fast) {
+    const itn_scene *scene = fast->scene;
+    int i, marches = fast->voxels->whole;
+    for (i = 0; i < scene->object_count; i++)
+        if (fast->voxels->closed & itn__object_bit(i))
+            marches = marches && scene->objects[i].medium >= 0 &&
+                      fast->substances[1 + scene->objects[i].medium].sigma_t > 0;
+    return marches;
+}
+
 /* The numbers of all media at theta, and what is known of the lights. */
 static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float *theta,
                             itn__substance *substances, const itn__tables *tables) {
@@ -10442,6 +10474,7 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     fast->camera.inside = itn__find_inside(scene, &scene->sides);
     fast->camera.refracting = itn__find_refracting(scene, &scene->sides);
     fast->outside = itn__substance_of(fast, &fast->camera) == 0;
+    fast->marches = tables->voxels && itn__marches_outside(fast);
     fast->only_constant = 1;
     for (i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
