@@ -3768,7 +3768,7 @@ typedef struct itn__object {
 typedef struct itn__kept {
     void (*release)(const itn_context *context, void *kept);
 } itn__kept;
-enum { ITN__TABLE_LEVELS = 10 };
+enum { ITN__TABLE_LEVELS = 15 };
 
 struct itn_scene {
     itn_context context;
@@ -5847,7 +5847,8 @@ typedef struct itn__voxels {
                          claim; first and number of its packs */
     itn__pack *packs; /* aligned to a cache line, in pack_memory */
     void *pack_memory;
-    int surface_count, pack_count, regions;
+    int surface_count, pack_count;
+    int regions;     /* blocks that are tried around each cell, 0 to 2 */
     int whole;       /* no triangle lies outside */
     uint64_t closed; /* the one closed object of the scene, if there is just one */
 } itn__voxels;
@@ -5893,7 +5894,8 @@ typedef struct itn__voxel_build {
     int32_t *surface_cells; /* [surface_count] of the records */
     int near_count;
     itn__summary *summaries;             /* [surface_count] */
-    uint64_t *holds;                     /* bit per cell that holds triangles, see itn__bit_grid */
+    uint64_t *holds; /* bit per cell that holds triangles, see itn__bit_grid; */
+    uint64_t *outer; /* of those that do not, and from which nothing parts the border */
     size_t row_words;
 } itn__voxel_build;
 
@@ -5909,6 +5911,7 @@ static void itn__voxel_build_free(const itn__voxel_build *build) {
     itn__free(context, build->surface_cells);
     itn__free(context, build->summaries);
     itn__free(context, build->holds);
+    itn__free(context, build->outer);
 }
 
 /* The grid. */
@@ -6395,6 +6398,42 @@ static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
         }
 }
 
+/* Spreads the bits of a word to its neighbours in it, as far as the word `free` goes. */
+ITN__INLINE uint64_t itn__spread_bits(uint64_t bits, uint64_t free) {
+    uint64_t before;
+    do {
+        before = bits;
+        bits |= (bits << 1 | bits >> 1) & free;
+    } while (bits != before);
+    return bits;
+}
+
+/* Lets the outer cells spread to those beside, above and behind them, word by word, in the order of
+   words or (step -1) against it. Returns whether there were any. */
+static int itn__spread_outer(const itn__voxel_build *build, const itn__bit_grid *bits, int step) {
+    size_t plane = bits->rows * bits->words, all = plane * bits->planes, i, at;
+    uint64_t *outer = build->outer;
+    int any = 0;
+    for (i = plane; i < all - plane; i++) {
+        uint64_t more;
+        at = step > 0 ? i : all - 1 - i;
+        more = outer[at] | outer[at - plane] | outer[at + plane] | outer[at - bits->words] |
+               outer[at + bits->words] | outer[at - 1] >> 63 | outer[at + 1] << 63;
+        more = itn__spread_bits(more & ~build->holds[at], ~build->holds[at]);
+        any = any || more != outer[at];
+        outer[at] = more;
+    }
+    return any;
+}
+
+/* Finds the outer cells, from the border on. None, if triangles may lie beyond it. */
+static void itn__find_outer(const itn__voxel_build *build, const itn__bit_grid *bits) {
+    size_t plane = bits->rows * bits->words, all = plane * bits->planes, i;
+    for (i = 0; i < all && build->voxels->whole; i++)
+        build->outer[i] = i < plane || i >= all - plane ? ~(uint64_t)0 : 0;
+    while (itn__spread_outer(build, bits, 1) && itn__spread_outer(build, bits, -1)) continue;
+}
+
 /* Fills cells with minus the chessboard distance to the nearest cell that holds triangles. */
 static int itn__voxel_distances(itn__voxel_build *build) {
     const itn__voxels *voxels = build->voxels;
@@ -6408,12 +6447,14 @@ static int itn__voxel_distances(itn__voxel_build *build) {
     bits.grown = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
     bits.wider = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
     build->holds = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
+    build->outer = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
     build->row_words = bits.words;
     build->cells = (int32_t *)itn__allocate(&voxels->context, itn__cell_count(voxels),
                                             sizeof(int32_t));
-    made = bits.now && bits.grown && bits.wider && build->holds && build->cells;
+    made = bits.now && bits.grown && bits.wider && build->holds && build->outer && build->cells;
     if (made) {
         itn__bits_start(build, &bits);
+        itn__find_outer(build, &bits);
         while (distance < ITN__REACH && itn__grow_cells(build, &bits, distance)) distance++;
     }
     itn__free(&voxels->context, bits.now);
@@ -6831,7 +6872,7 @@ static void itn__make_region(const itn__voxel_build *build, int near_one) {
     int cell = build->near_cells[near_one], distance = build->cells[cell], reach, end, known;
     float best = -1;
     itn__block block;
-    distance = distance < 0 ? -distance : 0, reach = distance, end = reach + 1;
+    distance = distance < 0 ? -distance : 0, reach = distance, end = reach + voxels->regions - 1;
     itn__cell_place(voxels, cell, block.at);
     known = itn__known_reach(build, block.at);
     for (end = end < known ? end : known; reach <= end; reach++) {
@@ -6858,9 +6899,16 @@ static void itn__make_regions(void *task, int chunk) {
     for (; near_one < end; near_one++) itn__make_region(build, near_one);
 }
 
-/* Whether a cell, of which the distance to the nearest triangle is given, has a record. */
-ITN__INLINE int itn__is_near(const itn__voxels *voxels, int distance) {
-    return distance == 0 || (voxels->regions && distance <= ITN__REGION_REACH);
+/* Whether a cell has a record: not one that no path in a solid comes to. */
+ITN__INLINE int itn__is_near(const itn__voxel_build *build, size_t cell) {
+    int distance = -build->cells[cell], at[3];
+    size_t row;
+    if (distance <= 0 || distance > ITN__REGION_REACH || !build->voxels->regions)
+        return distance <= 0;
+    itn__cell_place(build->voxels, (int)cell, at);
+    row = (size_t)(at[2] + 1) * (size_t)(build->voxels->size[1] + 2) + (size_t)(at[1] + 1);
+    return !(build->outer[row * build->row_words + (size_t)(at[0] + 1) / 64] >>
+             (at[0] + 1) % 64 & 1);
 }
 
 /* Counts records and packs; returns whether there is memory for them. */
@@ -6870,7 +6918,7 @@ static int itn__allocate_records(itn__voxel_build *build) {
     size_t cell, cells = itn__cell_count(voxels), packs = 0;
     for (cell = 0; cell < cells; cell++) {
         int count = build->first[cell + 1] - build->first[cell];
-        build->near_count += itn__is_near(voxels, -build->cells[cell]);
+        build->near_count += itn__is_near(build, cell);
         voxels->surface_count += count > 0;
         packs += (size_t)(count + ITN__PACK - 1) / ITN__PACK;
     }
@@ -6900,7 +6948,7 @@ static void itn__number_records(itn__voxel_build *build) {
         space[0] = count ? 127 : (distance - 1) << 24;
         space[1] = count ? itn__space_bounds(-INFINITY, INFINITY, 255)
                          : itn__space_bounds(INFINITY, INFINITY, 255);
-        if (itn__is_near(voxels, distance)) build->near_cells[near_count++] = (int32_t)cell;
+        if (itn__is_near(build, cell)) build->near_cells[near_count++] = (int32_t)cell;
         if (count) {
             int32_t *own = voxels->surface + (size_t)surface * ITN__SURFACE_WORDS;
             own[ITN__FIRST_PACK] = packs;
@@ -6967,7 +7015,8 @@ static int itn__voxel_bytes(itn__voxel_build *build) {
 
 /* Makes the tables for the box from lower to upper and one cell around it, of `resolution` cells
    along its longest axis; fewer if there is not enough room or precision. closed: bits of the
-   closed objects. regions 0: only cubes and packs. */
+   closed objects. regions: how many blocks are tried around each near cell, at most 2; with none,
+   only cubes and packs. */
 static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bvh, uint64_t closed,
                                    itn_vec3 lower, itn_vec3 upper, int resolution, int regions,
                                    itn__voxels **voxels, itn_error *error) {
@@ -6981,7 +7030,7 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
     build.voxels = (itn__voxels *)itn__allocate(context, 1, sizeof(itn__voxels));
     if (!build.voxels) return itn__out_of_memory(error, "voxels");
     build.voxels->context = *context;
-    build.voxels->regions = regions != 0;
+    build.voxels->regions = regions;
     build.voxels->closed = closed & (closed - 1) ? 0 : closed;
     build.ranges = (int32_t *)itn__allocate(context, (size_t)bvh->triangle_count, sizeof(int32_t));
     if (!build.ranges)
@@ -7634,19 +7683,19 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
     return result;
 }
 
-/* The level for a job of that many paths: resolution 16 << level / 2, regions level % 2. Cells are
+/* The level for a job of that many paths: resolution 16 << level / 3, regions level % 3. Cells are
    about as large as a mean free path, and not so large that they hold many triangles; a small job
-   has coarse ones. */
+   has coarse ones, a large one never very coarse ones. */
 static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
     double triangles = scene->bvh->triangle_count, cells = .2 * sqrt(triangles);
-    int i, c, level = 0, finest = paths < 2e6 ? 2 : triangles < 1e6 ? 3 : 4;
+    int i, c, level = paths < 2e6 ? 0 : 2, finest = paths < 2e6 ? 2 : triangles < 1e6 ? 3 : 4;
     for (i = 0; i < scene->object_count; i++) {
         const itn__medium *medium = scene->media + scene->objects[i].medium;
         for (c = 0; c < 3 && scene->objects[i].medium >= 0; c++)
             cells = fmax(cells, scene->radius * (double)theta[medium->sigma_t[c]]);
     }
     while (level < finest && cells > 12 << level) level++;
-    return 2 * level + (paths >= 1e6);
+    return 3 * level + (paths >= 1e6) + (paths >= 2e6);
 }
 
 /* The tables for a job; *own receives them if the scene does not keep them. */
@@ -7657,7 +7706,7 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
     itn__tables *made = NULL, *kept = (itn__tables *)itn__once_get(&scene->tables[level]);
     itn_result result = ITN_OK;
     *own = NULL;
-    if (!kept) result = itn__tables_make(scene, 16 << level / 2, level % 2, &made, error);
+    if (!kept) result = itn__tables_make(scene, 16 << level / 3, level % 3, &made, error);
     if (result) return result;
     if (!kept && itn__once_set(&scene->tables[level], made)) kept = made;
     *tables = kept ? kept : made;
