@@ -2368,28 +2368,32 @@ ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, const itn__sh
     return itn__nearer_hit(&triangle, shear, tmin, sides, best);
 }
 
-/* itn__nearer_hit for all triangles of a pack. Returns whether *best has changed.
-   any: stops at the first hit. */
-ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, float tmin,
-                              const itn__sides *sides, int any, itn_hit *best) {
+/* The triangles of a pack that a ray may hit before it has come to t, as bits. */
+ITN__INLINE unsigned itn__pack_candidates(const itn__pack *pack, const itn__shear *shear,
+                                          float tmin, const itn__sides *sides, float t) {
     float least = tmin - (4 * FLT_EPSILON * fabsf(tmin) + FLT_MIN);
-    unsigned front = ~0u, back = ~0u;
-    int from, found = 0;
+    float most = t + (4 * FLT_EPSILON * fabsf(t) + FLT_MIN);
+    unsigned front = ~0u, back = ~0u, bits = 0;
+    int from;
     ITN__PREFETCH(pack->index);
     if (sides && pack->object >= 0) {
         front = 0u - (unsigned)(sides->front >> pack->object & 1);
         back = 0u - (unsigned)(sides->back >> pack->object & 1);
         if (!(front | back)) return 0;
     }
-    for (from = 0; from < ITN__PACK; from += ITN__LANES) {
-        float most = best->t + (4 * FLT_EPSILON * fabsf(best->t) + FLT_MIN);
-        unsigned bits = itn__pack_propose(pack, from, shear, least, most, front, back);
-        for (bits &= pack->used >> from; bits; bits &= bits - 1) {
-            int place = from + itn__lowest_bit(bits);
-            found |= itn__place_hit(pack, place, shear, tmin, sides, best);
-            if (any && found) return 1;
-        }
-    }
+    for (from = 0; from < ITN__PACK; from += ITN__LANES)
+        bits |= itn__pack_propose(pack, from, shear, least, most, front, back) << from;
+    return bits & pack->used;
+}
+
+/* itn__nearer_hit for all triangles of a pack. Returns whether *best has changed.
+   any: stops at the first hit. */
+ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, float tmin,
+                              const itn__sides *sides, int any, itn_hit *best) {
+    unsigned bits = itn__pack_candidates(pack, shear, tmin, sides, best->t);
+    int found = 0;
+    for (; bits && !(any && found); bits &= bits - 1)
+        found |= itn__place_hit(pack, itn__lowest_bit(bits), shear, tmin, sides, best);
     return found;
 }
 
@@ -7901,7 +7905,7 @@ typedef struct itn__unit {
 } itn__unit;
 
 /* Visits of flights to cells with triangles, and, as far as they matter, to packs. */
-enum { ITN__VISITS = 256, ITN__VISIT_ROW = ITN__VISITS + 16 };
+enum { ITN__VISITS = 256, ITN__VISIT_ROW = ITN__VISITS + 16, ITN__CANDIDATES = 24 };
 typedef struct itn__visits {
     int32_t ray[ITN__VISIT_ROW], cell[ITN__VISIT_ROW];
     float enter[ITN__VISIT_ROW], length[ITN__VISIT_ROW]; /* distances */
@@ -7912,6 +7916,8 @@ typedef struct itn__tests {
     int32_t ray[ITN__ROW], pack[ITN__ROW];
     float enter[ITN__ROW];
     int count;
+    int32_t candidate[ITN__CANDIDATES + 2 * 16]; /* see itn__test_candidates */
+    int candidates;
 } itn__tests;
 
 /* A camera ray, and what it meets. */
@@ -9198,36 +9204,64 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
 enum { ITN__AHEAD = 4 }; /* packs are asked for so many tests before their own */
 #define ITN__STEP .002f /* beyond a cell's border, in cells; less than ITN__CELL_MARGIN */
 
-/* Tests the packs that flights pass. */
+/* Tests the candidates: place c % ITN__PACK of the pack of test c / ITN__PACK. */
+static void itn__test_candidates(itn__crowd *crowd) {
+    const itn_scene *scene = crowd->fast->scene;
+    itn__tests *tests = &crowd->tests;
+    int i;
+    for (i = 0; i < tests->candidates; i++) {
+        int test = tests->candidate[i] / ITN__PACK, ray = tests->ray[test];
+        int slot = itn__row(&crowd->taken, ITN__SLOT)[ray];
+        const itn__path *path = &crowd->paths[slot & ~ITN__LINK];
+        const itn__place *place = slot & ITN__LINK ? &path->link_place : &path->place;
+        itn_vec3 origin = itn__get_vector(&crowd->taken, ITN__POSITION, ray);
+        if (itn__place_hit(&crowd->fast->voxels->packs[tests->pack[test]],
+                           tests->candidate[i] % ITN__PACK, &crowd->shears[ray],
+                           -itn__slack(scene, origin), &place->sides, &crowd->hits[ray]))
+            ITN__PREFETCH(&scene->bvh->slots[crowd->hits[ray].triangle]);
+    }
+    tests->candidates = 0;
+}
+
+/* Tests the packs that flights pass: their lanes propose candidates, which are tested some at a
+   time, since one after the other each would wait for what the processor guessed wrong. */
 static void itn__test_packs(itn__crowd *crowd) {
     const itn__queue *queue = &crowd->taken;
     const itn_scene *scene = crowd->fast->scene;
     itn__tests *tests = &crowd->tests;
-    int i;
+    int i, from;
     for (i = 0; i < tests->count; i++) {
         int ray = tests->ray[i], slot = itn__row(queue, ITN__SLOT)[ray];
-        itn_hit *hit = &crowd->hits[ray];
+        const itn__pack *pack = &crowd->fast->voxels->packs[tests->pack[i]];
         itn__shear *shear = &crowd->shears[ray];
         const itn__path *path = &crowd->paths[slot & ~ITN__LINK];
         const itn__place *place = slot & ITN__LINK ? &path->link_place : &path->place;
         itn_vec3 origin = itn__get_vector(queue, ITN__POSITION, ray);
+        unsigned bits;
         if (i + ITN__AHEAD < tests->count) {
-            const itn__pack *pack = &crowd->fast->voxels->packs[tests->pack[i + ITN__AHEAD]];
+            const itn__pack *later = &crowd->fast->voxels->packs[tests->pack[i + ITN__AHEAD]];
             int line;
             for (line = 0; line < (int)sizeof(itn__pack); line += 64)
-                ITN__PREFETCH((const char *)pack + line);
+                ITN__PREFETCH((const char *)later + line);
         }
-        if (hit->t < tests->enter[i]) continue;
+        if (crowd->hits[ray].t < tests->enter[i]) continue;
         if (shear->kz < 0) {
             itn_ray made;
             made.origin = origin;
             made.direction = itn__get_vector(queue, ITN__DIRECTION, ray);
             itn__shear_make(&made, shear);
         }
-        if (itn__pack_hit(&crowd->fast->voxels->packs[tests->pack[i]], shear,
-                          -itn__slack(scene, origin), &place->sides, 0, hit))
-            ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
+        bits = itn__pack_candidates(pack, shear, -itn__slack(scene, origin), &place->sides,
+                                    crowd->hits[ray].t);
+        for (from = 0; from < ITN__PACK; from += ITN__LANES) {
+            unsigned some = bits >> from & ITN__ALL_LANES;
+            itn__compress_ints(tests->candidate + tests->candidates,
+                               itn__lane_numbers() + itn__splat_int(i * ITN__PACK + from), some);
+            tests->candidates += itn__count_bits(some);
+        }
+        if (tests->candidates >= ITN__CANDIDATES) itn__test_candidates(crowd);
     }
+    itn__test_candidates(crowd);
     tests->count = 0;
 }
 
@@ -9236,6 +9270,7 @@ typedef struct itn__march {
     itn__vectors p, d, inverse;
     itn__floats t, end;
     itn__ints ray; /* item of `taken` */
+    unsigned busy; /* lanes with a flight */
 } itn__march;
 
 /* Distance at which a ray leaves the cube of half size `half` around `centre`. */
@@ -9401,28 +9436,36 @@ ITN__INLINE void itn__march_begin(const itn__queue *queue, itn__march *m, int fi
     m->inverse = itn__vectors_of(one / m->d.x, one / m->d.y, one / m->d.z);
 }
 
-/* Marches all flights of `taken` that are not long, with lanes filled again as they come free. One
-   that has left the voxels meets nothing if they hold all there is, unless it began beyond them. */
+/* Gives free lanes the next flights of `taken`, of which those that are not long become busy.
+   Returns the flight after them. */
+ITN__INLINE int itn__march_refill(const itn__queue *queue, itn__march *m, int next, float longest) {
+    unsigned fill = ITN__ALL_LANES & ~m->busy;
+    while (itn__count_bits(fill) > queue->count - next) fill &= fill - 1;
+    itn__march_begin(queue, m, next, fill);
+    m->busy |= fill & itn__mask_bits(itn__less_equal(m->end, itn__splat(longest)));
+    return next + itn__count_bits(fill);
+}
+
+/* Marches all flights of `taken` that are not long, with lanes filled again as they come free: two
+   vectors of them in turn, so that one goes on while the other waits for what it reads. One that
+   has left the voxels meets nothing if they hold all there is, unless it began beyond them. */
 static void itn__march_all(itn__crowd *crowd, float longest, int outside) {
     const itn__queue *queue = &crowd->taken;
-    unsigned busy = 0, fill, rest;
-    int next = 0;
-    itn__march m;
-    memset(&m, 0, sizeof m);
-    for (;;) {
+    int next = 0, k = 0;
+    itn__march marches[2];
+    memset(marches, 0, sizeof marches);
+    for (;; k ^= 1) {
+        itn__march *m = &marches[k];
         itn__ints lost;
-        if (itn__count_bits(busy) <= ITN__LANES - (ITN__LANES + 3) / 4 && next < queue->count) {
-            for (fill = ITN__ALL_LANES & ~busy; itn__count_bits(fill) > queue->count - next;)
-                fill &= fill - 1;
-            itn__march_begin(queue, &m, next, fill);
-            next += itn__count_bits(fill);
-            busy |= fill & itn__mask_bits(itn__less_equal(m.end, itn__splat(longest)));
-        }
-        if (!busy && next == queue->count) return;
-        busy = itn__mask_bits(itn__march_step(crowd, &m, itn__bits_mask(busy), &lost));
-        if (outside) lost &= itn__less_equal(m.t, itn__splat(0));
+        unsigned rest;
+        if (itn__count_bits(m->busy) <= ITN__LANES - ITN__QUARTER && next < queue->count)
+            next = itn__march_refill(queue, m, next, longest);
+        if (!(marches[0].busy | marches[1].busy) && next == queue->count) return;
+        if (!m->busy) continue;
+        m->busy = itn__mask_bits(itn__march_step(crowd, m, itn__bits_mask(m->busy), &lost));
+        if (outside) lost &= itn__less_equal(m->t, itn__splat(0));
         for (rest = itn__mask_bits(lost); rest; rest &= rest - 1)
-            crowd->hits[ITN__LANE(m.ray, itn__lowest_bit(rest))].triangle = -2;
+            crowd->hits[ITN__LANE(m->ray, itn__lowest_bit(rest))].triangle = -2;
     }
 }
 
