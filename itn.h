@@ -1607,6 +1607,9 @@ ITN__INLINE itn__ints itn__gather_ints(const int32_t *base, itn__ints index, itn
     return (itn__ints)_mm512_mask_i32gather_epi32((__m512i)other,
                                                   _mm512_movepi32_mask((__m512i)mask),
                                                   (__m512i)index, base, 4);
+#elif defined(ITN__X86) && ITN__LANES == 8
+    return (itn__ints)_mm256_mask_i32gather_epi32((__m256i)other, base, (__m256i)index,
+                                                  (__m256i)mask, 4);
 #else
     int k;
     for (k = 0; k < ITN__LANES; k++)
@@ -1621,6 +1624,10 @@ ITN__INLINE itn__ints itn__gather_bytes(const uint8_t *base, itn__ints index, it
     itn__ints words = (itn__ints)_mm512_mask_i32gather_epi32(
         (__m512i)other, _mm512_movepi32_mask((__m512i)mask), (__m512i)index, base, 1);
     return itn__select_int(mask, words & 255, other);
+#elif defined(ITN__X86) && ITN__LANES == 8
+    itn__ints words = (itn__ints)_mm256_mask_i32gather_epi32(
+        (__m256i)other, (const int *)(const void *)base, (__m256i)index, (__m256i)mask, 1);
+    return itn__select_int(mask, words & 255, other);
 #else
     int k;
     for (k = 0; k < ITN__LANES; k++)
@@ -1634,6 +1641,9 @@ ITN__INLINE itn__floats itn__gather(const float *base, itn__ints index, itn__int
     return (itn__floats)_mm512_mask_i32gather_ps((__m512)other,
                                                  _mm512_movepi32_mask((__m512i)mask),
                                                  (__m512i)index, base, 4);
+#elif defined(ITN__X86) && ITN__LANES == 8
+    return (itn__floats)_mm256_mask_i32gather_ps((__m256)other, base, (__m256i)index, (__m256)mask,
+                                                 4);
 #else
     int k;
     for (k = 0; k < ITN__LANES; k++)
@@ -1642,11 +1652,25 @@ ITN__INLINE itn__floats itn__gather(const float *base, itn__ints index, itn__int
 #endif
 }
 
+/* Eight lanes are moved by their numbers, a byte each, that bit operations put in order. */
+#if defined(ITN__X86) && ITN__LANES == 8 && defined(__BMI2__) && defined(__x86_64__)
+#define ITN__ORDER_BYTES
+ITN__INLINE uint64_t itn__bytes_of_bits(unsigned bits) {
+    return _pdep_u64(bits, 0x0101010101010101u) * 255;
+}
+ITN__INLINE __m256i itn__order(uint64_t bytes) {
+    return _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((long long)bytes));
+}
+#endif
+
 /* Writes the lanes named by `bits` one after the other (compress). A whole vector may be written:
    `to` has room for ITN__LANES elements. */
 ITN__INLINE void itn__compress(float *to, itn__floats v, unsigned bits) {
 #if defined(ITN__X86) && ITN__LANES == 16
     _mm512_storeu_ps(to, _mm512_maskz_compress_ps((__mmask16)bits, (__m512)v));
+#elif defined(ITN__ORDER_BYTES)
+    __m256i order = itn__order(_pext_u64(0x0706050403020100u, itn__bytes_of_bits(bits)));
+    _mm256_storeu_ps(to, _mm256_permutevar8x32_ps((__m256)v, order));
 #else
     for (; bits; bits &= bits - 1, to++) { /* copied as bytes, for integers come here too */
         float lane = ITN__LANE(v, itn__lowest_bit(bits));
@@ -1660,6 +1684,13 @@ ITN__INLINE itn__floats itn__expand(const float *from, itn__floats other, unsign
 #if defined(ITN__X86) && ITN__LANES == 16
     return (itn__floats)_mm512_mask_expand_ps((__m512)other, (__mmask16)bits,
                                               _mm512_loadu_ps(from));
+#elif defined(ITN__ORDER_BYTES)
+    uint64_t bytes = itn__bytes_of_bits(bits);
+    __m256i order = itn__order(_pdep_u64(0x0706050403020100u, bytes));
+    __m256i mask = _mm256_cvtepi8_epi32(_mm_cvtsi64_si128((long long)bytes));
+    return (itn__floats)_mm256_blendv_ps((__m256)other,
+                                         _mm256_permutevar8x32_ps(_mm256_loadu_ps(from), order),
+                                         (__m256)mask);
 #else
     for (; bits; bits &= bits - 1, from++) {
         float lane;
@@ -9866,7 +9897,8 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
         itn__state s;
         itn__ints mask = itn__first_lanes(queue->count - i);
         itn__floats distance = itn__load(itn__float_row(queue, ITN__DISTANCE) + i);
-        unsigned bits = itn__mask_bits(mask), met = itn__hit_lanes(crowd, i, bits), links, free_bits;
+        unsigned bits = itn__mask_bits(mask), met = itn__hit_lanes(crowd, i, bits), links;
+        unsigned free_bits;
         itn__load_state(queue, i, &s, features);
         links = itn__mask_bits(itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot));
         if ((features & ITN__LIMIT) && crowd->fast->straight) {
