@@ -10309,24 +10309,30 @@ static void itn__pixel_position(const itn__fast *fast, uint64_t pixel, int ray, 
     }
 }
 
+/* All paths of a pixel of the unit whose rays meet nothing bring the same light; they are done. */
+static void itn__fill_pixel(itn__crowd *crowd, int cell) {
+    const itn__fast *fast = crowd->fast;
+    int paths = crowd->unit.count * fast->walks, first = cell * paths, c, k;
+    for (c = 0; c < fast->channels; c++)
+        for (k = first; k < first + paths; k++) *itn__sum_of(crowd, c, k) = fast->constant[c];
+    for (k = first; k < first + paths && fast->scales; k++) /* in any direction */
+        itn__bring_scales(crowd, k, itn__vec3(0, 1, 0), 0, 1, fast->constant);
+    crowd->unit.next = (cell + 1) * crowd->unit.count;
+}
+
 /* Draws one camera ray and finds what it meets. Returns 0 where that was known before: its pixel
    is empty and has its light. */
 static int itn__start_ray(itn__crowd *crowd, itn__start *start) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
     itn__unit *unit = &crowd->unit;
-    int number = unit->next++, cell = number / unit->count, k;
+    int number = unit->next++, cell = number / unit->count;
     int x = unit->x0 + cell % unit->width, y = unit->y0 + cell / unit->width;
     int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample);
     uint64_t pixel = (uint64_t)y * (uint64_t)scene->film.width + (uint64_t)x;
     float u, v;
     if (fast->only_constant && fast->outside && fast->empty[pixel]) {
-        for (k = 0; k < fast->walks * fast->channels; k++)
-            *itn__sum_of(crowd, k % fast->channels, number * fast->walks + k / fast->channels) =
-                fast->constant[k % fast->channels];
-        for (k = 0; k < fast->walks; k++) /* in any direction */
-            itn__bring_scales(crowd, number * fast->walks + k, itn__vec3(0, 1, 0), 0, 1,
-                              fast->constant);
+        itn__fill_pixel(crowd, cell);
         return 0;
     }
     start->number = number, start->sample = sample, start->pixel = pixel;

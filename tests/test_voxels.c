@@ -352,7 +352,7 @@ static void claims_hold(int shape, int turned, int resolution, float scale, floa
     total->segments += sum.segments, total->claimed += sum.claimed, total->cube += sum.cube;
     total->slab += sum.slab, total->normals += sum.normals;
     if (shape == BALL && distance == 0) { /* not by saying nothing */
-        CHECK((double)sum.claimed > .25 * (double)sum.segments); /* a half is outside */
+        CHECK((double)sum.claimed > .2 * (double)sum.segments); /* a half is outside */
         CHECK((double)sum.normals > .05 * (double)sum.segments);
     }
     if (shape != BALL && shape != CUBE && shape != NEEDLES && shape != SLAB && shape != GROUND)
