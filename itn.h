@@ -6778,10 +6778,16 @@ typedef struct itn__block {
     float offset[3][ITN__BLOCK_CELLS + ITN__LANES]; /* from the middle cell */
 } itn__block;
 
+/* Row y, z of a bit grid. */
+ITN__INLINE const uint64_t *itn__bit_row(const itn__voxel_build *build, const uint64_t *bits, int y,
+                                         int z) {
+    size_t rows = (size_t)build->voxels->size[1] + 2;
+    return bits + ((size_t)(z + 1) * rows + (size_t)(y + 1)) * build->row_words;
+}
+
 /* Bits of cells x, x + 1, ... (up to 64 of them) of a row that hold triangles. */
 ITN__INLINE uint64_t itn__row_holds(const itn__voxel_build *build, int x, int y, int z) {
-    const uint64_t *row = build->holds + ((size_t)(z + 1) * (size_t)(build->voxels->size[1] + 2) +
-                                          (size_t)(y + 1)) * build->row_words;
+    const uint64_t *row = itn__bit_row(build, build->holds, y, z);
     size_t word = (size_t)(x + 1) >> 6, shift = (size_t)(x + 1) & 63;
     uint64_t bits = row[word] >> shift;
     return shift && word + 1 < build->row_words ? bits | row[word + 1] << (64 - shift) : bits;
@@ -6939,12 +6945,10 @@ static void itn__make_regions(void *task, int chunk) {
 /* Whether a cell has a record: not one that no path in a solid comes to. */
 ITN__INLINE int itn__is_near(const itn__voxel_build *build, size_t cell) {
     int distance = -build->cells[cell], at[3];
-    size_t row;
     if (distance <= 0 || distance > ITN__REGION_REACH || !build->voxels->regions)
         return distance <= 0;
     itn__cell_place(build->voxels, (int)cell, at);
-    row = (size_t)(at[2] + 1) * (size_t)(build->voxels->size[1] + 2) + (size_t)(at[1] + 1);
-    return !(build->outer[row * build->row_words + (size_t)(at[0] + 1) / 64] >>
+    return !(itn__bit_row(build, build->outer, at[1], at[2])[(at[0] + 1) / 64] >>
              (at[0] + 1) % 64 & 1);
 }
 
@@ -7725,14 +7729,15 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
    has coarse ones, a large one never very coarse ones. */
 static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
     double triangles = scene->bvh->triangle_count, cells = .2 * sqrt(triangles);
-    int i, c, level = paths < 2e6 ? 0 : 2, finest = paths < 2e6 ? 2 : triangles < 1e6 ? 3 : 4;
+    int large = paths >= 2e6, level = large ? 2 : 0, i, c;
+    int finest = !large ? 2 : triangles < 1e6 ? 3 : 4;
     for (i = 0; i < scene->object_count; i++) {
         const itn__medium *medium = scene->media + scene->objects[i].medium;
         for (c = 0; c < 3 && scene->objects[i].medium >= 0; c++)
             cells = fmax(cells, scene->radius * (double)theta[medium->sigma_t[c]]);
     }
     while (level < finest && cells > 12 << level) level++;
-    return 3 * level + (paths >= 1e6) + (paths >= 2e6);
+    return 3 * level + (paths >= 1e6) + large;
 }
 
 /* The tables for a job; *own receives them if the scene does not keep them. */
@@ -8036,15 +8041,13 @@ ITN__INLINE itn__vectors itn__load_vectors(const itn__queue *queue, int field, i
 }
 
 /* The same value for all items of a queue. */
-ITN__INLINE void itn__fill_row(const itn__queue *queue, int field, float value) {
-    float *row = itn__float_row(queue, field);
-    int i;
-    for (i = 0; i < queue->count; i++) row[i] = value;
-}
 ITN__INLINE void itn__fill_int_row(const itn__queue *queue, int field, int32_t value) {
     int32_t *row = itn__row(queue, field);
     int i;
     for (i = 0; i < queue->count; i++) row[i] = value;
+}
+ITN__INLINE void itn__fill_row(const itn__queue *queue, int field, float value) {
+    itn__fill_int_row(queue, field, itn__float_word(value));
 }
 
 /* The mask of `count` lanes, or of all if there are more. */
@@ -9238,6 +9241,12 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
 enum { ITN__AHEAD = 4 }; /* packs are asked for so many tests before their own */
 #define ITN__STEP .002f /* beyond a cell's border, in cells; less than ITN__CELL_MARGIN */
 
+/* Where a path or, with ITN__LINK in its slot, its link is. */
+ITN__INLINE itn__place *itn__place_of(const itn__crowd *crowd, int slot) {
+    itn__path *path = &crowd->paths[slot & ~ITN__LINK];
+    return slot & ITN__LINK ? &path->link_place : &path->place;
+}
+
 /* Tests the candidates: place c % ITN__PACK of the pack of test c / ITN__PACK. */
 static void itn__test_candidates(itn__crowd *crowd) {
     const itn_scene *scene = crowd->fast->scene;
@@ -9246,8 +9255,7 @@ static void itn__test_candidates(itn__crowd *crowd) {
     for (i = 0; i < tests->candidates; i++) {
         int test = tests->candidate[i] / ITN__PACK, ray = tests->ray[test];
         int slot = itn__row(&crowd->taken, ITN__SLOT)[ray];
-        const itn__path *path = &crowd->paths[slot & ~ITN__LINK];
-        const itn__place *place = slot & ITN__LINK ? &path->link_place : &path->place;
+        const itn__place *place = itn__place_of(crowd, slot);
         itn_vec3 origin = itn__get_vector(&crowd->taken, ITN__POSITION, ray);
         if (itn__place_hit(&crowd->fast->voxels->packs[tests->pack[test]],
                            tests->candidate[i] % ITN__PACK, &crowd->shears[ray],
@@ -9268,8 +9276,7 @@ static void itn__test_packs(itn__crowd *crowd) {
         int ray = tests->ray[i], slot = itn__row(queue, ITN__SLOT)[ray];
         const itn__pack *pack = &crowd->fast->voxels->packs[tests->pack[i]];
         itn__shear *shear = &crowd->shears[ray];
-        const itn__path *path = &crowd->paths[slot & ~ITN__LINK];
-        const itn__place *place = slot & ITN__LINK ? &path->link_place : &path->place;
+        const itn__place *place = itn__place_of(crowd, slot);
         itn_vec3 origin = itn__get_vector(queue, ITN__POSITION, ray);
         unsigned bits;
         if (i + ITN__AHEAD < tests->count) {
@@ -9438,8 +9445,7 @@ static void itn__settle_hit(itn__crowd *crowd, int at) {
     const itn_scene *scene = crowd->fast->scene;
     const itn__queue *queue = &crowd->taken;
     int slot = itn__row(queue, ITN__SLOT)[at];
-    itn__path *path = &crowd->paths[slot & ~ITN__LINK];
-    itn__place *place = slot & ITN__LINK ? &path->link_place : &path->place;
+    itn__place *place = itn__place_of(crowd, slot);
     itn_hit *hit = &crowd->hits[at];
     itn_ray ray;
     float slack;
@@ -9450,7 +9456,10 @@ static void itn__settle_hit(itn__crowd *crowd, int at) {
         (hit->triangle >= 0 && hit->t <= slack && itn__just_crossed(place, hit))) {
         ray.direction = itn__get_vector(queue, ITN__DIRECTION, at);
         ray.tmax = itn__float_row(queue, ITN__DISTANCE)[at];
-        if (!itn__next_hit(scene, place, &ray, hit)) hit->t = ray.tmax, hit->triangle = -1;
+        if (itn__next_hit(scene, place, &ray, hit))
+            ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
+        else
+            hit->t = ray.tmax, hit->triangle = -1;
     } else if (hit->t > slack) {
         place->crossed_count = 0;
     }
@@ -9916,9 +9925,9 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
         }
         s.p = itn__valong(s.p, distance, s.d);
         free_bits = ~(met | links) & itn__mask_bits(mask & itn__vwithin(scene->bvh, s.p));
-        met &= bits;
-        if (met & ~links) itn__meet(crowd, substance, i, met & ~links, features);
-        for (bits &= ~(free_bits | (met & ~links)); bits; bits &= bits - 1) {
+        met &= bits & ~links;
+        if (met) itn__meet(crowd, substance, i, met, features);
+        for (bits &= ~(free_bits | met); bits; bits &= bits - 1) {
             int slot;
             k = i + itn__lowest_bit(bits), slot = itn__row(queue, ITN__SLOT)[k];
             if (crowd->hits[k].triangle >= 0)
@@ -10180,26 +10189,11 @@ ITN__INLINE void itn__run_diffuse(itn__crowd *crowd, int features) {
 
 /* The next surface of each item of `taken`, outside of media. */
 static void itn__look_outside(itn__crowd *crowd) {
-    const itn_scene *scene = crowd->fast->scene;
-    const itn__queue *queue = &crowd->taken;
     int k;
-    itn__fill_row(queue, ITN__DISTANCE, INFINITY);
-    if (crowd->fast->marches) {
-        itn__find_hits(crowd, 1);
-        return;
-    }
-    for (k = 0; k < queue->count; k++) {
-        int slot = itn__row(queue, ITN__SLOT)[k];
-        itn__path *path = &crowd->paths[slot & ~ITN__LINK];
-        itn_hit *hit = &crowd->hits[k];
-        itn_ray ray;
-        ray.origin = itn__get_vector(queue, ITN__POSITION, k);
-        ray.direction = itn__get_vector(queue, ITN__DIRECTION, k), ray.tmax = INFINITY;
-        if (itn__next_hit(scene, slot & ITN__LINK ? &path->link_place : &path->place, &ray, hit))
-            ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
-        else
-            hit->triangle = -1;
-    }
+    itn__fill_row(&crowd->taken, ITN__DISTANCE, INFINITY);
+    if (crowd->fast->marches) itn__find_hits(crowd, 1);
+    for (k = 0; k < crowd->taken.count && !crowd->fast->marches; k++)
+        crowd->hits[k].triangle = -2, itn__settle_hit(crowd, k);
 }
 
 /* Roulette for the paths outside of media; those that live, and links, come to `taken`. */

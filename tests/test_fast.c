@@ -557,7 +557,8 @@ static void check_tables(int which, int planted) {
                              (size_t)in.picture.fast.channels * sizeof(float);
         itn__tables *tables = NULL;
         itn_error error;
-        stage_need(itn__tables_make(scene, k < 2 ? 16 : 96, k == 3 ? 2 : 0, &tables, &error), &error);
+        stage_need(itn__tables_make(scene, k < 2 ? 16 : 96, k == 3 ? 2 : 0, &tables, &error),
+                   &error);
         if (k && planted) tables->voxels->lower.x += .3f * tables->voxels->cell;
         in.picture.fast.voxels = tables->voxels, in.picture.fast.unsafe = k == 0;
         radiance[k] = (float *)malloc(bytes);
