@@ -506,7 +506,8 @@ typedef struct itn_render_options {
     itn_mode mode;
     itn_sampler sampler;
     itn_estimator estimator;
-    int walks; /* fast walk: walks that share each of the spp camera rays, at most 256; 0 = 4 */
+    int walks; /* fast walk: walks that share each of the spp camera rays, at most 256; 0 = 4. In
+                  pixels with the edge of an object each walk has a ray of its own */
     int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
                                                      a non-zero return cancels; may be NULL */
     void *progress_user;
@@ -7607,10 +7608,10 @@ ITN__INLINE void itn__vradiance(const itn_scene *scene, const float *theta, itn_
 /* ---- [tables] what the fast walk knows of a scene -------------------------------------------- */
 
 /* The fast walk needs the voxels around the media, the normals of all triangles and the pixels that
-   see nothing. How fine the voxels are is a matter of the media and of the job: cells of about a
-   mean free path prove the most flights free, but a short render does not live to see them paid
-   for. A scene keeps the tables of each level it was asked for; the first render that needs a level
-   makes it, and if two threads make the same one, the first to finish is kept. */
+   see nothing or an edge. How fine the voxels are is a matter of the media and of the job: cells of
+   about a mean free path prove the most flights free, but a short render does not live to see them
+   paid for. A scene keeps the tables of each level it was asked for; the first render that needs a
+   level makes it, and if two threads make the same one, the first to finish is kept. */
 
 /* Unit normals of all triangles of a tree, computed as in itn__hit_normal. */
 static float *itn__make_normals(const itn_context *context, const itn_bvh *bvh) {
@@ -7630,14 +7631,17 @@ static float *itn__make_normals(const itn_context *context, const itn_bvh *bvh) 
     return normals;
 }
 
-/* Pixels whose rays meet nothing: no triangle's box in the film, widened by the filter, covers
+/* What is known of a pixel. Empty: its rays meet nothing. Edge: they meet more than one thing. */
+enum { ITN__EMPTY = 1, ITN__EDGE = 2 };
+
+/* Marks the pixels that are empty: no triangle's box in the film, widened by the filter, covers
    them. A triangle that reaches behind the camera may be anywhere. */
-static void itn__mark_empty(const itn_scene *scene, unsigned char *empty) {
+static void itn__mark_empty(const itn_scene *scene, unsigned char *pixels) {
     const itn__camera *camera = &scene->camera;
     float right2 = itn__dot(camera->right, camera->right), up2 = itn__dot(camera->up, camera->up);
     float reach = camera->filter == ITN_FILTER_GAUSSIAN ? 2.f : .5f;
     int width = camera->width, height = camera->height, i, k, x, y;
-    memset(empty, 1, (size_t)width * (size_t)height);
+    memset(pixels, ITN__EMPTY, (size_t)width * (size_t)height);
     for (i = 0; i < scene->bvh->triangle_count; i++) {
         float lower[2] = {FLT_MAX, FLT_MAX}, upper[2] = {-FLT_MAX, -FLT_MAX};
         int from[2], to[2];
@@ -7657,9 +7661,56 @@ static void itn__mark_empty(const itn_scene *scene, unsigned char *empty) {
             to[x] = (int)itn__clamp(k < 3 ? size : upper[x] + margin, 0, size);
         }
         for (y = from[1]; y < to[1]; y++)
-            memset(empty + (size_t)y * (size_t)width + from[0], 0,
+            memset(pixels + (size_t)y * (size_t)width + from[0], 0,
                    (size_t)(to[0] > from[0] ? to[0] - from[0] : 0));
     }
+}
+
+/* The object seen through the corner of pixels at (x, y), or -1. */
+static int itn__seen_object(const itn_scene *scene, int x, int y) {
+    itn__camera camera = scene->camera;
+    itn_ray ray;
+    itn_hit hit;
+    camera.filter = ITN_FILTER_BOX;
+    ray = itn__camera_ray(&camera, x, y, 0, 0);
+    return itn_bvh_nearest(scene->bvh, &ray, &hit) ? itn__bvh_object(scene->bvh, hit.triangle)
+                                                   : -1;
+}
+
+/* Marks the pixels with an edge: of those that are not empty, the ones around which corners of
+   pixels see more than one object, or one and none. What is finer than a pixel may be missed, which
+   costs only variance. seen: room for [height + 1][width + 1]. */
+static void itn__mark_edges(const itn_scene *scene, unsigned char *pixels, int *seen) {
+    int width = scene->camera.width, height = scene->camera.height, x, y, i, j;
+    int reach = scene->camera.filter == ITN_FILTER_GAUSSIAN, stride = width + 1;
+    for (i = 0; i < stride * (height + 1); i++) seen[i] = INT_MIN;
+    for (y = 0; y < height; y++)
+        for (x = 0; x < width; x++) {
+            unsigned char *pixel = pixels + (size_t)y * (size_t)width + x;
+            int first = INT_MIN;
+            for (j = y - reach; j <= y + 1 + reach && !*pixel; j++)
+                for (i = x - reach; i <= x + 1 + reach && !*pixel; i++) {
+                    int at = (int)itn__clamp(j, 0, height) * stride + (int)itn__clamp(i, 0, width);
+                    if (seen[at] == INT_MIN)
+                        seen[at] = itn__seen_object(scene, at % stride, at / stride);
+                    if (first == INT_MIN) first = seen[at];
+                    if (seen[at] != first) *pixel = ITN__EDGE;
+                }
+        }
+}
+
+static unsigned char *itn__make_pixels(const itn_scene *scene) {
+    size_t width = (size_t)scene->film.width, height = (size_t)scene->film.height;
+    unsigned char *pixels = (unsigned char *)itn__allocate(&scene->context, width * height, 1);
+    int *seen = (int *)itn__allocate(&scene->context, (width + 1) * (height + 1), sizeof *seen);
+    if (pixels && seen) {
+        itn__mark_empty(scene, pixels);
+        itn__mark_edges(scene, pixels, seen);
+    } else {
+        itn__free(&scene->context, pixels), pixels = NULL;
+    }
+    itn__free(&scene->context, seen);
+    return pixels;
 }
 
 /* What the fast walk knows of a scene's geometry. */
@@ -7667,7 +7718,7 @@ typedef struct itn__tables {
     itn__kept kept;
     itn__voxels *voxels;
     float *normals;
-    unsigned char *empty;
+    unsigned char *pixels; /* [height][width], see itn__mark_empty */
 } itn__tables;
 
 static void itn__tables_free(const itn_context *context, void *made) {
@@ -7675,7 +7726,7 @@ static void itn__tables_free(const itn_context *context, void *made) {
     if (!tables) return;
     itn__voxels_free(tables->voxels);
     itn__free(context, tables->normals);
-    itn__free(context, tables->empty);
+    itn__free(context, tables->pixels);
     itn__free(context, tables);
 }
 
@@ -7710,12 +7761,9 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
                                   &tables->voxels, error);
     if (!result) {
         tables->normals = itn__make_normals(context, scene->bvh);
-        tables->empty = (unsigned char *)itn__allocate(
-            context, (size_t)scene->film.width * (size_t)scene->film.height, 1);
-        if (!tables->normals || !tables->empty)
+        tables->pixels = itn__make_pixels(scene);
+        if (!tables->normals || !tables->pixels)
             result = itn__out_of_memory(error, "the tables of a scene");
-        else
-            itn__mark_empty(scene, tables->empty);
     }
     if (result)
         itn__tables_free(context, tables);
@@ -7761,7 +7809,7 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
 /* A crowd of paths is on its way at once, each in one of a few queues, and stages take turns to
    bring whole queues forward, always with full lanes:
 
-     camera    starts paths, as long as there is room; they share camera rays
+     camera    starts paths, as long as there is room; they share camera rays, but at edges
      walk      in a medium: roulette, flight, collision, new direction, and so on, for as long as
                the voxel tables prove each flight free; this is where nearly all time would go
      exact     a flight that the tables could not prove free is marched through the voxels, and the
@@ -7910,7 +7958,7 @@ typedef struct itn__fast {
     const float *theta;
     const itn__voxels *voxels;
     const float *normals; /* [slots][3] unit normals; 0 of triangles without area */
-    const unsigned char *empty; /* per pixel: its rays meet nothing */
+    const unsigned char *pixels; /* what is known of each, see itn__mark_empty */
     int heroes; /* channels that may lead a path: 1 or 3 */
     itn__substance *substances; /* [1 + heroes medium_count] */
     int channels, max_scatter, walks, sobol, unsafe, features;
@@ -7965,7 +8013,9 @@ typedef struct itn__start {
     itn_hit hit;
     uint64_t pixel;
     uint32_t scramble;
-    int number, sample, in_block; /* of the unit, of the pixel, of the scrambled set */
+    int x, y, index;              /* the pixel; the place in it: number of the scrambled set */
+    int number, sample, in_block; /* of its first path: of the unit, of the pixel, of the set */
+    int paths;                    /* that share it */
 } itn__start;
 
 typedef struct itn__crowd {
@@ -10296,57 +10346,71 @@ ITN__INLINE uint32_t itn__scramble(const itn__fast *fast, uint64_t pixel, int bl
     return itn__rng_make(~fast->seed, pixel, (uint64_t)block).key0;
 }
 
-/* Position in the pixel of a camera ray, which is number `in_block` of its block. */
-static void itn__pixel_position(const itn__fast *fast, uint64_t pixel, int ray, int in_block,
-                                uint32_t scramble, float *u, float *v) {
-    if (fast->sobol) {
-        itn__words index = itn__splat_word((uint32_t)in_block), seed = itn__splat_word(scramble);
-        itn__floats x = itn__sobol(index, 0, seed), y = itn__sobol(index, 1, seed);
-        *u = ITN__LANE(x, 0), *v = ITN__LANE(y, 0);
-    } else {
-        itn__rng rng = itn__rng_make(fast->seed, pixel, (uint64_t)ray * (uint64_t)fast->walks);
-        *u = itn__uniform(&rng), *v = itn__uniform(&rng);
-    }
-}
-
-/* All paths of a pixel of the unit whose rays meet nothing bring the same light; they are done. */
-static void itn__fill_pixel(itn__crowd *crowd, int cell) {
+/* Paths of the unit, from the first on, whose ray meets nothing, in a light that is everywhere the
+   same: they are done. */
+static void itn__fill_paths(itn__crowd *crowd, int first, int count) {
     const itn__fast *fast = crowd->fast;
-    int paths = crowd->unit.count * fast->walks, first = cell * paths, c, k;
+    int c, k;
     for (c = 0; c < fast->channels; c++)
-        for (k = first; k < first + paths; k++) *itn__sum_of(crowd, c, k) = fast->constant[c];
-    for (k = first; k < first + paths && fast->scales; k++) /* in any direction */
+        for (k = first; k < first + count; k++) *itn__sum_of(crowd, c, k) = fast->constant[c];
+    for (k = first; k < first + count && fast->scales; k++) /* in any direction */
         itn__bring_scales(crowd, k, itn__vec3(0, 1, 0), 0, 1, fast->constant);
-    crowd->unit.next = (cell + 1) * crowd->unit.count;
 }
 
-/* Draws one camera ray and finds what it meets. Returns 0 where that was known before: its pixel
-   is empty and has its light. */
-static int itn__start_ray(itn__crowd *crowd, itn__start *start) {
+/* Begins a camera ray for all walks of a sample or, in a pixel with an edge, where what a ray meets
+   matters most, one for each. Returns their number; 0 where nothing is to be traced: the pixel is
+   empty and has its light. */
+static int itn__start_sample(itn__crowd *crowd, itn__start *start) {
     const itn__fast *fast = crowd->fast;
-    const itn_scene *scene = fast->scene;
     itn__unit *unit = &crowd->unit;
-    int number = unit->next++, cell = number / unit->count;
+    int number = unit->next++, cell = number / unit->count, k, rays = 1;
     int x = unit->x0 + cell % unit->width, y = unit->y0 + cell / unit->width;
     int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample);
-    uint64_t pixel = (uint64_t)y * (uint64_t)scene->film.width + (uint64_t)x;
-    float u, v;
-    if (fast->only_constant && fast->outside && fast->empty[pixel]) {
-        itn__fill_pixel(crowd, cell);
+    int in_block = sample - itn__block_first(fast, block);
+    uint64_t pixel = (uint64_t)y * (uint64_t)fast->scene->film.width + (uint64_t)x;
+    if (fast->only_constant && fast->outside && (fast->pixels[pixel] & ITN__EMPTY)) {
+        itn__fill_paths(crowd, cell * unit->count * fast->walks, unit->count * fast->walks);
+        unit->next = (cell + 1) * unit->count;
         return 0;
     }
-    start->number = number, start->sample = sample, start->pixel = pixel;
-    start->in_block = sample - itn__block_first(fast, block);
-    start->scramble = itn__scramble(fast, pixel, block);
-    itn__pixel_position(fast, pixel, sample, start->in_block, start->scramble, &u, &v);
-    start->ray = itn__camera_ray(&scene->camera, x, y, u, v);
-    start->hit.triangle = -1;
-    if (fast->outside && !fast->empty[pixel]) {
-        itn__place place = fast->camera;
-        if (!itn__next_hit(scene, &place, &start->ray, &start->hit)) start->hit.triangle = -1;
+    if (fast->pixels[pixel] & ITN__EDGE) rays = fast->walks;
+    for (k = 0; k < rays; k++, start++) {
+        start->pixel = pixel, start->x = x, start->y = y, start->paths = fast->walks / rays;
+        start->number = number * fast->walks + k, start->sample = sample * fast->walks + k;
+        start->in_block = in_block * fast->walks + k;
+        start->scramble = itn__scramble(fast, pixel, block);
+        start->index = rays > 1 ? start->in_block : in_block;
     }
-    if (start->hit.triangle >= 0) ITN__PREFETCH(&scene->bvh->slots[start->hit.triangle]);
-    return 1;
+    return rays;
+}
+
+/* Finds what camera rays meet, at most as many as there are lanes. */
+static void itn__trace_starts(const itn__fast *fast, itn__start *start, int count) {
+    itn__words key0 = itn__splat_word(0), key1 = key0;
+    itn__ints dimension = itn__splat_int(0), all = itn__first_lanes(count);
+    itn__floats u, v;
+    int k;
+    for (k = 0; k < count; k++) {
+        itn__rng rng = itn__rng_make(fast->seed, start[k].pixel, (uint64_t)start[k].sample);
+        ITN__LANE(key0, k) = fast->sobol ? (uint32_t)start[k].index : rng.key0;
+        ITN__LANE(key1, k) = fast->sobol ? start[k].scramble : rng.key1;
+    }
+    if (fast->sobol) {
+        u = itn__sobol(key0, 0, key1), v = itn__sobol(key0, 1, key1);
+    } else {
+        u = itn__uniforms(key0, key1, &dimension, all);
+        v = itn__uniforms(key0, key1, &dimension, all);
+    }
+    for (k = 0; k < count; k++, start++) {
+        itn__place place = fast->camera;
+        start->ray = itn__camera_ray(&fast->scene->camera, start->x, start->y, ITN__LANE(u, k),
+                                     ITN__LANE(v, k));
+        start->hit.triangle = -1;
+        if (!fast->outside || (fast->pixels[start->pixel] & ITN__EMPTY)) continue;
+        if (!itn__next_hit(fast->scene, &place, &start->ray, &start->hit)) start->hit.triangle = -1;
+        if (start->hit.triangle >= 0)
+            ITN__PREFETCH(&fast->scene->bvh->slots[start->hit.triangle]);
+    }
 }
 
 /* Starts a path of a camera ray, as the last item of `taken`; itn__fill_starts completes it. */
@@ -10355,9 +10419,8 @@ static void itn__start_path(itn__crowd *crowd, const itn__start *start, int walk
     itn__queue *queue = &crowd->taken;
     int slot = crowd->free_slots[--crowd->free_count], at = queue->count++, c;
     itn__path *path = &crowd->paths[slot];
-    itn__rng rng = itn__rng_make(fast->seed, start->pixel,
-                                 (uint64_t)(start->sample * fast->walks + walk));
-    path->number = start->number * fast->walks + walk, path->copies = 1;
+    itn__rng rng = itn__rng_make(fast->seed, start->pixel, (uint64_t)(start->sample + walk));
+    path->number = start->number + walk, path->copies = 1;
     path->place = fast->camera;
     path->mark = -1;
     for (c = 0; c < fast->count; c++) itn__scores_of(crowd, slot)[c] = 0;
@@ -10367,24 +10430,25 @@ static void itn__start_path(itn__crowd *crowd, const itn__start *start, int walk
     itn__row(queue, ITN__KEY + 1)[at] = (int32_t)rng.key1;
     itn__row(queue, ITN__SLOT)[at] = slot;
     crowd->hits[at] = start->hit;
-    crowd->index[slot] = start->in_block * fast->walks + walk;
+    crowd->index[slot] = start->in_block + walk;
     crowd->scramble[slot] = (int32_t)(start->scramble + 1);
     path->place.hero = itn__draw_hero(fast->scene, rng);
     if (fast->sobol && fast->heroes > 1) /* channels take turns */
         path->place.hero = (int)((start->scramble % 3 + (uint32_t)crowd->index[slot]) % 3);
 }
 
-/* Starts the paths of a camera ray; one that sees nothing needs only one for all. */
-static void itn__start_walks(itn__crowd *crowd, const itn__start *start) {
+/* Starts the paths of a camera ray; those that see nothing are done, or need only one for all. */
+static void itn__start_paths(itn__crowd *crowd, const itn__start *start) {
     const itn__fast *fast = crowd->fast;
-    int k;
-    for (k = 0; k < fast->walks; k++) {
-        itn__start_path(crowd, start, k);
-        if (start->hit.triangle >= 0 || !fast->outside) continue;
-        crowd->paths[itn__row(&crowd->taken, ITN__SLOT)[crowd->taken.count - 1]].copies =
-            fast->walks;
+    int alone = start->hit.triangle < 0 && fast->outside, k;
+    if (alone && fast->only_constant) {
+        itn__fill_paths(crowd, start->number, start->paths);
         return;
     }
+    for (k = 0; k < (alone ? 1 : start->paths); k++) itn__start_path(crowd, start, k);
+    if (alone)
+        crowd->paths[itn__row(&crowd->taken, ITN__SLOT)[crowd->taken.count - 1]].copies =
+            start->paths;
 }
 
 /* What all paths in `taken` have in common as they start. */
@@ -10407,10 +10471,12 @@ static void itn__fill_starts(itn__crowd *crowd) {
 static void itn__start_rays(itn__crowd *crowd, int features) {
     const itn__fast *fast = crowd->fast;
     itn__queue *queue = &crowd->taken;
-    int room = crowd->free_count / fast->walks, rays = 0, at, k;
-    while (rays < room && itn__unit_paths_left(crowd))
-        rays += itn__start_ray(crowd, &crowd->starts[rays]);
-    for (queue->count = 0, k = 0; k < rays; k++) itn__start_walks(crowd, &crowd->starts[k]);
+    int room = crowd->free_count / fast->walks, rays = 0, more, at, k;
+    for (; room > 0 && itn__unit_paths_left(crowd); rays += more)
+        more = itn__start_sample(crowd, &crowd->starts[rays]), room -= more > 0;
+    for (k = 0; k < rays; k += ITN__LANES)
+        itn__trace_starts(fast, &crowd->starts[k], rays - k < ITN__LANES ? rays - k : ITN__LANES);
+    for (queue->count = 0, k = 0; k < rays; k++) itn__start_paths(crowd, &crowd->starts[k]);
     itn__fill_starts(crowd);
     itn__prefetch_hits(crowd);
     for (at = 0; at < queue->count; at += ITN__LANES) {
@@ -10593,7 +10659,7 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     double level = 0;
     int i, c;
     fast->scene = scene, fast->theta = theta, fast->substances = substances;
-    fast->voxels = tables->voxels, fast->normals = tables->normals, fast->empty = tables->empty;
+    fast->voxels = tables->voxels, fast->normals = tables->normals, fast->pixels = tables->pixels;
     fast->channels = scene->film.channels, fast->linked = itn__links_suffice(scene);
     fast->heroes = scene->spectral ? 3 : 1;
     fast->straight = itn__goes_straight(scene, fast->max_scatter);

@@ -949,6 +949,46 @@ static void test_variances(void) {
     CHECK_CATCHES(check_variance(ROUGH, ITN_SAMPLER_SOBOL, 4, 16, .4));
 }
 
+/* ---- edges ----------------------------------------------------------------------------------- */
+
+/* A black box before a white sky. In pixels with an edge every walk has a ray of its own, so that
+   few samples of many walks see what many samples of one walk see; and the share of the film that
+   is black is known. */
+static void check_edges(itn_filter filter, itn_sampler sampler, int walks, double wide) {
+    itn_mesh box = solids_box(solids_vec3(-.31, -.31, -.5), solids_vec3(.31, .31, .5));
+    itn_render_options options = ITN_ZERO;
+    itn_image images[2];
+    itn_scene *scene;
+    stage s;
+    double share = wide * .31 / (1.5 * tan(20 * 3.14159265358979 / 180)), sum = 0, variance = 0;
+    int between = 0, k;
+    stage_begin(&s, 16, 2, 40);
+    s.desc.film.filter = filter;
+    stage_diffuse(&s, "black", 0), stage_object(&s, &box, NULL, "black");
+    stage_constant(&s, "sky", 1);
+    scene = stage_make(&s);
+    options.sampler = sampler, options.seed = 7;
+    options.spp = 16, options.walks = 4, render(scene, &options, &images[0]);
+    options.spp = 64 / walks, options.walks = walks, render(scene, &options, &images[1]);
+    for (k = 0; k < 16 * 16; k++) {
+        between += images[0].pixels[k] > 0 && images[0].pixels[k] < 1;
+        sum += images[0].pixels[k] / 256, variance += images[0].pixels[256 + k] / (256. * 256);
+    }
+    CHECK(!memcmp(images[0].pixels, images[1].pixels, 16 * 16 * sizeof(float)));
+    CHECK(between >= 20);
+    CHECK_MEAN(sum, sqrt(variance), 1 - share * share, 4, .003);
+    for (k = 0; k < 2; k++) itn_image_free(&images[k]);
+    itn_scene_free(scene), itn_mesh_free(&box);
+}
+
+static void test_edges(void) {
+    check_edges(ITN_FILTER_BOX, ITN_SAMPLER_SOBOL, 1, 1);
+    check_edges(ITN_FILTER_BOX, ITN_SAMPLER_RANDOM, 1, 1);
+    check_edges(ITN_FILTER_GAUSSIAN, ITN_SAMPLER_SOBOL, 1, 1);
+    check_edges(ITN_FILTER_BOX, ITN_SAMPLER_SOBOL, 2, 1);
+    CHECK_CATCHES(check_edges(ITN_FILTER_BOX, ITN_SAMPLER_SOBOL, 1, 1.01));
+}
+
 int main(void) {
     long_tests = getenv("ITN_LONG_TESTS") && strcmp(getenv("ITN_LONG_TESTS"), "0") != 0;
     verbose = getenv("ITN_VERBOSE") != NULL;
@@ -960,5 +1000,6 @@ int main(void) {
     test_flights();
     test_images();
     test_variances();
+    test_edges();
     return check_end("fast");
 }
