@@ -7666,37 +7666,49 @@ static void itn__mark_empty(const itn_scene *scene, unsigned char *pixels) {
     }
 }
 
-/* The object seen through the corner of pixels at (x, y), or -1. */
-static int itn__seen_object(const itn_scene *scene, int x, int y) {
+/* The object seen through the corner of pixels nearest to (x, y), or -1. seen: what is known of
+   the corners so far, [height + 1][width + 1], or INT_MIN. */
+static int itn__seen_object(const itn_scene *scene, int x, int y, int *seen) {
     itn__camera camera = scene->camera;
     itn_ray ray;
     itn_hit hit;
+    x = (int)itn__clamp((float)x, 0, (float)camera.width);
+    y = (int)itn__clamp((float)y, 0, (float)camera.height);
+    seen += (size_t)y * (size_t)(camera.width + 1) + (size_t)x;
     camera.filter = ITN_FILTER_BOX;
     ray = itn__camera_ray(&camera, x, y, 0, 0);
-    return itn_bvh_nearest(scene->bvh, &ray, &hit) ? itn__bvh_object(scene->bvh, hit.triangle)
-                                                   : -1;
+    if (*seen == INT_MIN)
+        *seen = itn_bvh_nearest(scene->bvh, &ray, &hit) ? itn__bvh_object(scene->bvh, hit.triangle)
+                                                        : -1;
+    return *seen;
+}
+
+/* What all the corners see at x0, x0 + step, ... x1 and the same in y; -2 if it is not the same. */
+static int itn__all_seen(const itn_scene *scene, int x0, int x1, int y0, int y1, int step,
+                         int *seen) {
+    int first = itn__seen_object(scene, x0, y0, seen), x, y;
+    for (y = y0; y <= y1; y += step)
+        for (x = x0; x <= x1; x += step)
+            if (itn__seen_object(scene, x, y, seen) != first) return -2;
+    return first;
 }
 
 /* Marks the pixels with an edge: of those that are not empty, the ones around which corners of
-   pixels see more than one object, or one and none. What is finer than a pixel may be missed, which
-   costs only variance. seen: room for [height + 1][width + 1]. */
+   pixels do not all see the same. Where the corners of a block see one object, so do those within.
+   What is finer may be missed, which costs only variance. */
 static void itn__mark_edges(const itn_scene *scene, unsigned char *pixels, int *seen) {
-    int width = scene->camera.width, height = scene->camera.height, x, y, i, j;
-    int reach = scene->camera.filter == ITN_FILTER_GAUSSIAN, stride = width + 1;
-    for (i = 0; i < stride * (height + 1); i++) seen[i] = INT_MIN;
-    for (y = 0; y < height; y++)
-        for (x = 0; x < width; x++) {
-            unsigned char *pixel = pixels + (size_t)y * (size_t)width + x;
-            int first = INT_MIN;
-            for (j = y - reach; j <= y + 1 + reach && !*pixel; j++)
-                for (i = x - reach; i <= x + 1 + reach && !*pixel; i++) {
-                    int at = (int)itn__clamp(j, 0, height) * stride + (int)itn__clamp(i, 0, width);
-                    if (seen[at] == INT_MIN)
-                        seen[at] = itn__seen_object(scene, at % stride, at / stride);
-                    if (first == INT_MIN) first = seen[at];
-                    if (seen[at] != first) *pixel = ITN__EDGE;
-                }
-        }
+    enum { BLOCK = 4 };
+    int width = scene->camera.width, height = scene->camera.height, x, y, at;
+    int reach = scene->camera.filter == ITN_FILTER_GAUSSIAN;
+    for (at = 0; at < (width + 1) * (height + 1); at++) seen[at] = INT_MIN;
+    for (at = 0; at < width * height; at++) {
+        x = at % width, y = at / width;
+        if (pixels[at]) continue;
+        if (itn__all_seen(scene, x & -BLOCK, (x & -BLOCK) + BLOCK, y & -BLOCK, (y & -BLOCK) + BLOCK,
+                          BLOCK, seen) >= 0) continue;
+        if (itn__all_seen(scene, x - reach, x + 1 + reach, y - reach, y + 1 + reach, 1, seen) == -2)
+            pixels[at] = ITN__EDGE;
+    }
 }
 
 static unsigned char *itn__make_pixels(const itn_scene *scene) {
