@@ -174,7 +174,9 @@ static void fill_stage(stage *s, int which, const itn_mesh *ball, const itn_mesh
         memcpy(stage_medium(s, "n", 1, .8, .3)->sigma_t_rgb, sigma_t[1], sizeof g);
         memcpy(stage_medium(s, "o", 4, .95, 0)->g_rgb, g, sizeof g);
         stage_medium(s, "p", 6, .9, .2);
-        stage_dielectric(s, "glass", 1.4, .3), stage_diffuse(s, "floor", .5);
+        stage_dielectric(s, "glass", 1.4, .3);
+        stage_diffuse(s, "floor", .7)->texture = ITN_TEXTURE_IMAGE;
+        s->surfaces[1].image = picture;
         stage_object(s, NULL, NULL, "floor");
         stretch(stage_object(s, ball, "m", "glass"), .8, .8, .8, -.5, 0, 0);
         stretch(stage_object(s, ball, "n", NULL), .4, .4, .4, -.6, .1, 0);
@@ -949,6 +951,146 @@ static void test_variances(void) {
     CHECK_CATCHES(check_variance(ROUGH, ITN_SAMPLER_SOBOL, 4, 16, .4));
 }
 
+/* ---- values of images ------------------------------------------------------------------------ */
+
+static const float *texel_weights(void) {
+    static float weights[3 * PIXELS];
+    int i;
+    for (i = 0; i < 3 * PIXELS; i++) weights[i] = .3f + .1f * (float)(i % 5) - .02f * (float)(i % 3);
+    return weights;
+}
+
+static itn_image texel_gradient(const itn_scene *scene, const char *item,
+                                const itn_render_options *options) {
+    itn_image gradient = ITN_ZERO;
+    itn_error error;
+    stage_need(itn_render_texel_gradient(scene, NULL, options, texel_weights(), item, &gradient,
+                                         &error), &error);
+    return gradient;
+}
+
+/* The fast walk against the reference, texel by texel, in stated errors; those are too large, if
+   anything. planted: relative error of the latter's gradient. */
+static void check_texels(int which, const char *item, int max_scatter, double planted) {
+    itn_scene *scene = make_scene(which, NULL);
+    itn_render_options options = ITN_ZERO;
+    itn_image gradients[2];
+    double worst = 0, sum = 0, square = 0;
+    int texels, i, k;
+    options.spp = 600, options.max_scatter = max_scatter;
+    for (k = 0; k < 2; k++) {
+        options.mode = k ? ITN_MODE_FAST : ITN_MODE_REFERENCE, options.seed = (uint64_t)k;
+        gradients[k] = texel_gradient(scene, item, &options);
+    }
+    texels = gradients[0].width * gradients[0].height * gradients[0].plane_count / 2;
+    for (i = 0; i < texels; i++) {
+        double a = gradients[0].pixels[i] * (1 + planted), b = gradients[1].pixels[i];
+        double variance = (double)gradients[0].pixels[texels + i] + gradients[1].pixels[texels + i];
+        sum += variance / 2, square += b * b;
+        if (variance > 0) worst = fmax(worst, fabs(a - b) / sqrt(variance));
+    }
+    if (verbose && !check_quiet)
+        printf("%s %s: worst of %d texels %.1f sigma, relative error %.3f\n", kind_names[which],
+               item, texels, worst, sqrt(sum / square));
+    check_report(worst <= 4.5, __FILE__, __LINE__, "%s %s: worst texel %.1f sigma",
+                 kind_names[which], item, worst);
+    CHECK(sqrt(sum / square) < .1);
+    for (k = 0; k < 2; k++) itn_image_free(&gradients[k]);
+    itn_scene_free(scene);
+}
+
+/* A path that has met a texture n times brings something of degree n in its values: by Euler's
+   theorem derivatives times values add up to what the factor of all of them says, for the same
+   paths. The same bits for any number of threads, watched or not. */
+static void check_texel_sum(int which, const char *item, const char *parameter, int channel,
+                            double planted) {
+    itn_render_options options = ITN_ZERO;
+    itn_context context = ITN_ZERO;
+    itn_image picture = stage_patch(1, .3, .6, .7), gradients[2];
+    double sum = 0, expected = 0, seen = 0;
+    float theta[64];
+    itn_scene *scene;
+    itn_error error;
+    int asked, texels = picture.width * picture.height, i;
+    options.spp = 64, options.mode = ITN_MODE_FAST, options.estimator = ITN_ESTIMATOR_SCORE;
+    options.walks = 1;
+    for (i = 0; i < 2; i++) {
+        context.threads = i ? 3 : 1;
+        options.progress = i ? watch : NULL, options.progress_user = &seen;
+        scene = make_scene(which, &context);
+        gradients[i] = texel_gradient(scene, item, &options);
+        if (!i) itn_scene_free(scene);
+    }
+    asked = itn_parameter_find(scene, parameter);
+    itn_parameter_values(scene, theta);
+    stage_need(itn_render_gradient(scene, NULL, &options, texel_weights(), &asked, 1, &expected,
+                                   NULL, &error), &error);
+    for (i = 0; i < texels; i++)
+        sum += (double)picture.pixels[i] * gradients[0].pixels[channel * texels + i];
+    if (verbose && !check_quiet)
+        printf("%s %s: %.7g, expected %.7g\n", kind_names[which], parameter, sum,
+               expected * theta[asked]);
+    CHECK_NEAR(sum * (1 + planted), expected * theta[asked], 2e-4 * expected * theta[asked]);
+    CHECK(!memcmp(gradients[0].pixels, gradients[1].pixels,
+                  (size_t)texels * (size_t)gradients[0].plane_count * sizeof(float)));
+    itn_image_free(&gradients[0]), itn_image_free(&gradients[1]), itn_image_free(&picture);
+    itn_scene_free(scene);
+}
+
+/* The same in a deep white well, where many paths meet the texture so often that they have to forget
+   some of that. */
+static void check_well(double planted) {
+    enum { SEEDS = 16 };
+    itn_mesh well = solids_box(solids_vec3(-.1, -.1, -1.6), solids_vec3(.1, .1, 0));
+    itn_image white = stage_patch(1, .3, .6, 0);
+    itn_render_options options = ITN_ZERO;
+    double mean = 0, square = 0;
+    itn_scene *scene;
+    itn_error error;
+    int asked, i, seed;
+    stage s;
+    for (i = 0; i < 6; i++) well.triangles[6 + i] = well.triangles[30 + i]; /* open at the top */
+    well.triangle_count -= 2;
+    for (i = 0; i < white.width * white.height; i++) white.pixels[i] = .99f;
+    stage_begin(&s, SIZE, 4, 2.5);
+    stage_diffuse(&s, "wall", 1)->texture = ITN_TEXTURE_IMAGE, s.surfaces[0].image = &white;
+    stage_object(&s, &well, NULL, "wall"), stage_constant(&s, NULL, 1);
+    scene = stage_make(&s);
+    asked = itn_parameter_find(scene, "wall.reflectance");
+    options.spp = 16, options.walks = 1, options.estimator = ITN_ESTIMATOR_SCORE;
+    options.mode = ITN_MODE_FAST;
+    for (seed = 0; seed < SEEDS; seed++) {
+        double sum = 0, expected;
+        itn_image gradient;
+        options.seed = (uint64_t)seed, gradient = texel_gradient(scene, "wall", &options);
+        stage_need(itn_render_gradient(scene, NULL, &options, texel_weights(), &asked, 1, &expected,
+                                       NULL, &error), &error);
+        for (i = 0; i < white.width * white.height; i++) sum += .99 * (double)gradient.pixels[i];
+        sum = sum / expected * (1 + planted) - 1;
+        mean += sum / SEEDS, square += sum * sum / SEEDS;
+        itn_image_free(&gradient);
+    }
+    square = sqrt((square - mean * mean) / (SEEDS - 1));
+    if (verbose && !check_quiet) printf("well: %.4f +- %.4f\n", mean, square);
+    CHECK_MEAN(mean, square, 0, 4.5, .02);
+    CHECK(square > 1e-4);
+    itn_scene_free(scene), itn_image_free(&white), itn_mesh_free(&well);
+}
+
+static void test_texels(void) {
+    check_texels(TEXTURE, "print", 0, 0), check_texels(TEXTURE, "map", 0, 0);
+    check_texels(TEXTURE, "print", 1, 0);
+    check_texels(SPECTRA, "floor", 0, 0), check_texels(SPECTRA, "map", 0, 0);
+    check_texels(GROUP, "map", 0, 0);
+    CHECK_CATCHES(check_texels(TEXTURE, "map", 0, .2));
+    check_texel_sum(TEXTURE, "print", "print.reflectance", 0, 0);
+    check_texel_sum(SPECTRA, "floor", "floor.reflectance_r", 0, 0);
+    check_texel_sum(SPECTRA, "floor", "floor.reflectance_b", 2, 0);
+    CHECK_CATCHES(check_texel_sum(TEXTURE, "print", "print.reflectance", 0, 1e-3));
+    check_well(0);
+    CHECK_CATCHES(check_well(.2));
+}
+
 /* ---- edges ----------------------------------------------------------------------------------- */
 
 /* A black box before a white sky. In pixels with an edge every walk has a ray of its own, so that
@@ -1000,6 +1142,7 @@ int main(void) {
     test_flights();
     test_images();
     test_variances();
+    test_texels();
     test_edges();
     return check_end("fast");
 }
