@@ -7740,11 +7740,11 @@ static int itn__seen_object(const itn_scene *scene, int x, int y, int *seen) {
     x = (int)itn__clamp((float)x, 0, (float)camera.width);
     y = (int)itn__clamp((float)y, 0, (float)camera.height);
     seen += (size_t)y * (size_t)(camera.width + 1) + (size_t)x;
+    if (*seen != INT_MIN) return *seen;
     camera.filter = ITN_FILTER_BOX;
     ray = itn__camera_ray(&camera, x, y, 0, 0);
-    if (*seen == INT_MIN)
-        *seen = itn_bvh_nearest(scene->bvh, &ray, &hit) ? itn__bvh_object(scene->bvh, hit.triangle)
-                                                        : -1;
+    *seen = -1;
+    if (itn_bvh_nearest(scene->bvh, &ray, &hit)) *seen = itn__bvh_object(scene->bvh, hit.triangle);
     return *seen;
 }
 
@@ -7762,16 +7762,17 @@ static int itn__all_seen(const itn_scene *scene, int x, int y, int size, int ste
    What is finer may be missed, which costs only variance. */
 static void itn__mark_edges(const itn_scene *scene, unsigned char *pixels, int *seen) {
     enum { BLOCK = 4 };
-    int width = scene->camera.width, height = scene->camera.height, x, y, at;
-    int reach = scene->camera.filter == ITN_FILTER_GAUSSIAN;
-    for (at = 0; at < (width + 1) * (height + 1); at++) seen[at] = INT_MIN;
-    for (at = 0; at < width * height; at++) {
-        if (pixels[at]) continue;
-        x = (at % width & -BLOCK) - reach, y = (at / width & -BLOCK) - reach;
-        if (itn__all_seen(scene, x, y, BLOCK + 2 * reach, BLOCK + 2 * reach, seen) >= 0) continue;
-        x = at % width - reach, y = at / width - reach;
-        if (itn__all_seen(scene, x, y, 1 + 2 * reach, 1, seen) == -2) pixels[at] = ITN__EDGE;
-    }
+    int width = scene->camera.width, height = scene->camera.height, x, y;
+    int reach = scene->camera.filter == ITN_FILTER_GAUSSIAN, size = BLOCK + 2 * reach;
+    size_t corners = ((size_t)width + 1) * ((size_t)height + 1), i;
+    for (i = 0; i < corners; i++) seen[i] = INT_MIN;
+    for (y = 0; y < height; y++)
+        for (x = 0; x < width; x++, pixels++) {
+            int left = x / BLOCK * BLOCK - reach, top = y / BLOCK * BLOCK - reach;
+            if (*pixels || itn__all_seen(scene, left, top, size, size, seen) >= 0) continue;
+            left = x - reach, top = y - reach;
+            if (itn__all_seen(scene, left, top, 1 + 2 * reach, 1, seen) == -2) *pixels = ITN__EDGE;
+        }
 }
 
 static unsigned char *itn__make_pixels(const itn_scene *scene) {

@@ -6,6 +6,8 @@
    bench cnn [BATCH released|small]     training and inference of two networks of the paper's kind;
                                         without a batch: the released one, training with 60
                                         images, inference of one
+   bench texels                         derivatives by the 100,000 values of a texture and of a
+                                        map, beside the image itself
    bench walk [--csv FILE] [--mesh FILE] [--quick]
                                         the sweeps of the path walk, one row per measurement
    bench gradient [--csv FILE] [--mesh FILE] [--quick]
@@ -51,6 +53,7 @@
 static const char *const usage =
     "usage: bench rays MESH.obj\n"
     "       bench cnn [BATCH released|small]\n"
+    "       bench texels\n"
     "       bench walk|gradient|limits|bias|invert [--csv FILE] [--mesh FILE] [--quick]\n"
     "       bench charts [FOLDER]\n";
 
@@ -183,6 +186,68 @@ static void bench_rays(const char *path) {
     itn_bvh_free(bvh);
     itn_mesh_free(&mesh);
     free(rays);
+}
+
+/* ---- texels ---------------------------------------------------------------------------------- */
+
+/* A frosted ball on a printed ground, under a map; picture: of both. */
+static itn_scene *printed_scene(const itn_image *picture) {
+    itn_mesh ball = solids_sphere(1, 5);
+    itn_surface_desc *ground;
+    itn_scene *scene;
+    itn_error error;
+    itn_context context = one_core();
+    stage s;
+    stage_begin(&s, 128, 5, 40), s.desc.camera.eye.y = 3;
+    stage_medium(&s, "milk", 50, .9, .3), stage_dielectric(&s, "glass", 1.4, .2);
+    ground = stage_diffuse(&s, "ground", .8);
+    ground->texture = ITN_TEXTURE_IMAGE, ground->image = picture;
+    stage_object(&s, &ball, "milk", "glass");
+    stage_object(&s, NULL, NULL, "ground")->plane_y = -1.2f;
+    stage_map(&s, "dome", picture);
+    need(itn_scene_create(&s.desc, &context, &scene, &error), &error);
+    itn_mesh_free(&ball);
+    return scene;
+}
+
+/* Seconds of the image (item NULL), or of the gradient by an item's values. */
+static double texel_seconds(const itn_scene *scene, const char *item, itn_mode mode,
+                            const float *weights) {
+    itn_render_options options = ITN_ZERO;
+    itn_image made;
+    itn_error error;
+    double seconds = processor_seconds();
+    options.spp = 64, options.walks = 1, options.mode = mode;
+    if (item)
+        need(itn_render_texel_gradient(scene, NULL, &options, weights, item, &made, &error),
+             &error);
+    else
+        need(itn_render(scene, NULL, &options, NULL, 0, &made, &error), &error);
+    itn_image_free(&made);
+    return processor_seconds() - seconds;
+}
+
+static void bench_texels(void) {
+    static const char *const items[3] = {NULL, "ground", "dome"};
+    static const char *const names[3] = {"image of 128x128, 64 paths a pixel",
+                                         "gradient by 400x250 texels",
+                                         "gradient by a map of 400x250"};
+    itn_image picture;
+    itn_scene *scene;
+    itn_error error;
+    float *weights = (float *)allocate(128 * 128, sizeof *weights);
+    int i;
+    need(itn_image_create(400, 250, 1, NULL, &picture, &error), &error);
+    strcpy(picture.names[0], "Y");
+    for (i = 0; i < 400 * 250; i++) picture.pixels[i] = .2f + .03f * (float)(i * 7 % 20);
+    for (i = 0; i < 128 * 128; i++) weights[i] = 1;
+    scene = printed_scene(&picture);
+    texel_seconds(scene, NULL, ITN_MODE_FAST, weights); /* makes the tables */
+    for (i = 0; i < 3; i++)
+        printf("%-36s %.2f s, by the reference %.2f s\n", names[i],
+               texel_seconds(scene, items[i], ITN_MODE_FAST, weights),
+               texel_seconds(scene, items[i], ITN_MODE_REFERENCE, weights));
+    itn_scene_free(scene), itn_image_free(&picture), free(weights);
 }
 
 /* ---- cnn ------------------------------------------------------------------------------------- */
@@ -1519,6 +1584,7 @@ int main(int argc, char **argv) {
     else if (!strcmp(command, "cnn") && argc == 4 && atoi(argv[2]) > 0)
         bench_cnn(atoi(argv[2]), argv[3]);
     else if (!strcmp(command, "cnn") && argc == 2) bench_cnn_released();
+    else if (!strcmp(command, "texels") && argc == 2) bench_texels();
     else if (!strcmp(command, "walk")) sweep_command(argc, argv, bench_walk);
     else if (!strcmp(command, "gradient")) sweep_command(argc, argv, bench_gradient);
     else if (!strcmp(command, "bias")) sweep_command(argc, argv, bench_bias);
