@@ -8072,6 +8072,12 @@ typedef struct itn__unit {
     int next;                  /* first that has not been started: pixel * count + ray */
 } itn__unit;
 
+/* The pixel, number y width + x of the film, that is number `cell` of a unit. */
+ITN__INLINE size_t itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int cell) {
+    return (size_t)(unit->y0 + cell / unit->width) * (size_t)scene->film.width +
+           (size_t)(unit->x0 + cell % unit->width);
+}
+
 /* Visits of flights to cells with triangles, and, as far as they matter, to packs. */
 enum { ITN__VISITS = 256, ITN__VISIT_ROW = ITN__VISITS + 16, ITN__CANDIDATES = 24 };
 typedef struct itn__visits {
@@ -8094,7 +8100,7 @@ typedef struct itn__start {
     itn_hit hit;
     uint64_t pixel;
     uint32_t scramble;
-    int x, y, index;              /* the pixel; the place in it: number of the scrambled set */
+    int index;                    /* its place in the pixel: number of the scrambled set */
     int number, sample, in_block; /* of its first path: of the unit, of the pixel, of the set */
     int paths;                    /* that share it */
 } itn__start;
@@ -8424,11 +8430,10 @@ static void itn__bring_scales(itn__crowd *crowd, int number, itn_vec3 d, float s
 static void itn__band_path(itn__crowd *crowd, int slot) {
     const itn__fast *fast = crowd->fast;
     const itn_film_desc *film = &fast->scene->film;
-    const itn__unit *unit = &crowd->unit;
-    int cell = crowd->paths[slot].number / (unit->count * fast->walks);
-    size_t x = (size_t)(unit->x0 + cell % unit->width), width = (size_t)film->width;
-    size_t y = (size_t)(unit->y0 + cell / unit->width), plane = width * (size_t)film->height;
-    itn__band_add(crowd->band, fast->texel_weights + y * width + x, plane,
+    int cell = crowd->paths[slot].number / (crowd->unit.count * fast->walks);
+    itn__band_add(crowd->band,
+                  fast->texel_weights + itn__unit_pixel(fast->scene, &crowd->unit, cell),
+                  (size_t)film->width * (size_t)film->height,
                   1 / ((double)fast->spp * fast->walks),
                   (size_t)fast->channels * (size_t)crowd->band->texels.count);
 }
@@ -10547,10 +10552,10 @@ static int itn__start_sample(itn__crowd *crowd, itn__start *start) {
     const itn__fast *fast = crowd->fast;
     itn__unit *unit = &crowd->unit;
     int number = unit->next++, cell = number / unit->count, k, rays = 1;
-    int x = unit->x0 + cell % unit->width, y = unit->y0 + cell / unit->width;
     int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample);
     int in_block = sample - itn__block_first(fast, block);
-    uint64_t pixel = (uint64_t)y * (uint64_t)fast->scene->film.width + (uint64_t)x;
+    uint64_t pixel = itn__unit_pixel(fast->scene, unit, cell);
+    uint32_t scramble = itn__scramble(fast, pixel, block);
     if (fast->fills && (fast->pixels[pixel] & ITN__EMPTY)) {
         itn__fill_paths(crowd, cell * unit->count * fast->walks, unit->count * fast->walks);
         unit->next = (cell + 1) * unit->count;
@@ -10558,10 +10563,9 @@ static int itn__start_sample(itn__crowd *crowd, itn__start *start) {
     }
     if (fast->only_constant && (fast->pixels[pixel] & ITN__EDGE)) rays = fast->walks;
     for (k = 0; k < rays; k++, start++) {
-        start->pixel = pixel, start->x = x, start->y = y, start->paths = fast->walks / rays;
+        start->pixel = pixel, start->scramble = scramble, start->paths = fast->walks / rays;
         start->number = number * fast->walks + k, start->sample = sample * fast->walks + k;
         start->in_block = in_block * fast->walks + k;
-        start->scramble = itn__scramble(fast, pixel, block);
         start->index = rays > 1 ? start->in_block : in_block;
     }
     return rays;
@@ -10572,11 +10576,15 @@ static void itn__trace_starts(const itn__fast *fast, itn__start *start, int coun
     itn__words key0 = itn__splat_word(0), key1 = key0;
     itn__ints dimension = itn__splat_int(0), all = itn__first_lanes(count);
     itn__floats u, v;
+    uint64_t width = (uint64_t)fast->scene->film.width;
     int k;
-    for (k = 0; k < count; k++) {
+    for (k = 0; k < count && fast->sobol; k++) {
+        ITN__LANE(key0, k) = (uint32_t)start[k].index;
+        ITN__LANE(key1, k) = start[k].scramble;
+    }
+    for (k = 0; k < count && !fast->sobol; k++) {
         itn__rng rng = itn__rng_make(fast->seed, start[k].pixel, (uint64_t)start[k].sample);
-        ITN__LANE(key0, k) = fast->sobol ? (uint32_t)start[k].index : rng.key0;
-        ITN__LANE(key1, k) = fast->sobol ? start[k].scramble : rng.key1;
+        ITN__LANE(key0, k) = rng.key0, ITN__LANE(key1, k) = rng.key1;
     }
     if (fast->sobol) {
         u = itn__sobol(key0, 0, key1), v = itn__sobol(key0, 1, key1);
@@ -10586,7 +10594,8 @@ static void itn__trace_starts(const itn__fast *fast, itn__start *start, int coun
     }
     for (k = 0; k < count; k++, start++) {
         itn__place place = fast->camera;
-        start->ray = itn__camera_ray(&fast->scene->camera, start->x, start->y, ITN__LANE(u, k),
+        start->ray = itn__camera_ray(&fast->scene->camera, (int)(start->pixel % width),
+                                     (int)(start->pixel / width), ITN__LANE(u, k),
                                      ITN__LANE(v, k));
         start->hit.triangle = -1;
         if (!fast->outside || (fast->pixels[start->pixel] & ITN__EMPTY)) continue;
@@ -10932,11 +10941,9 @@ static double itn__sum_rays(const itn__crowd *crowd, int k, int pixel, int first
 /* The same of what is kept: a plane, or a derivative folded with the weights. */
 static double itn__sum_kept(const itn__picture *picture, const itn__crowd *crowd, int k, int pixel,
                             int first, int end) {
-    const itn__unit *unit = &crowd->unit;
     const itn_film_desc *film = &picture->fast.scene->film;
     int channels = picture->fast.channels, c;
-    size_t at = (size_t)(unit->y0 + pixel / unit->width) * (size_t)film->width +
-                (size_t)(unit->x0 + pixel % unit->width);
+    size_t at = itn__unit_pixel(picture->fast.scene, &crowd->unit, pixel);
     double sum = 0;
     if (!picture->weights) return itn__sum_rays(crowd, k, pixel, first, end);
     for (c = 0; c < channels; c++)
@@ -10985,17 +10992,15 @@ static void itn__picture_worker(void *task, int index) {
 /* Adds the wave's sums to the totals. */
 static void itn__picture_add(itn__picture *picture) {
     const itn__fast *fast = &picture->fast;
-    size_t per_pixel = (size_t)picture->kept * 2, width = (size_t)fast->scene->film.width, k;
+    size_t per_pixel = (size_t)picture->kept * 2, k;
     size_t stride = (size_t)picture->tile_width * (size_t)picture->tile_height * per_pixel;
     int number, pixel;
     for (number = picture->first; number < picture->end; number++) {
         itn__unit unit = itn__unit_make(picture, number);
         const double *sums = picture->sums + (size_t)(number - picture->first) * stride;
         for (pixel = 0; pixel < unit.width * unit.height; pixel++) {
-            size_t x = (size_t)(unit.x0 + pixel % unit.width);
-            size_t y = (size_t)(unit.y0 + pixel / unit.width);
-            for (k = 0; k < per_pixel; k++)
-                picture->totals[(y * width + x) * per_pixel + k] += *sums++;
+            size_t at = itn__unit_pixel(fast->scene, &unit, pixel) * per_pixel;
+            for (k = 0; k < per_pixel; k++) picture->totals[at + k] += *sums++;
         }
     }
 }
