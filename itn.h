@@ -7917,10 +7917,14 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
    path's noise only what V did not know. V is of a form of which the means over flights and new
    directions are known exactly, that of diffusion near a plane: at depth z (in mean free paths)
    below the surface nearby and with cosine mu to its inward normal,
-       V = sum over i of e^(-i k z) v_i(mu),    v_i polynomials.
-   A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu) in
-   the mean; for flights see itn__look_ahead. V is learnt from a few paths that are traced before
-   the picture, and the same for all of it. A plane is chosen before each flight; any would do.
+       V = sum over i of e^(-i k z) (v_i(mu) + s w_i(mu)),    v_i and w_i polynomials.
+   The shade s of a surface is the part of the light outside that paths which leave it do not bring
+   home, since they meet another surface: in a hollow, between limbs. It is learnt for sites, parts
+   of the scene times octants of the normal, which also tell a thin wall's dark side from its bright
+   one. A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu)
+   in the mean; for flights see itn__look_ahead. First the shades, then V are learnt from a few paths
+   that are traced before the picture. A plane and its shade are chosen before each flight; any
+   would do.
 
    Derivatives. A choice made with a density p that depends on a parameter has the score
    s = d ln p; the mean of s is 0 whatever has been before. So a path's derivative, L sum s for what
@@ -7968,27 +7972,28 @@ enum {
     ITN__CREDIT = 15, /* less the sum of surprises, see itn__surprise */
     ITN__UP = 18,     /* normal n of the last surface, out of the medium, */
     ITN__LEVEL = 21,  /* and n . position there; or of the plane adopted since */
-    ITN__CELL = 22,   /* around which the path's surroundings are known, see itn__look, or -1 */
-    ITN__PLAIN_STATE = 23,
-    ITN__FLIGHTS = 23, /* with scores, since the last surface: sigma_t times those of flights; where
+    ITN__SHADE = 22,  /* of the plane, see itn__shade_at */
+    ITN__CELL = 23,   /* around which the path's surroundings are known, see itn__look, or -1 */
+    ITN__PLAIN_STATE = 24,
+    ITN__FLIGHTS = 24, /* with scores, since the last surface: sigma_t times those of flights; where
                           channels differ in sigma_t, less the sum of distances */
-    ITN__PHASES = 24,  /* of the phase function, by g */
-    ITN__HITS = 25,    /* how many collisions */
-    ITN__EXPECTED = 26,    /* b of the flight under way */
-    ITN__FLIGHT_BASE = 29, /* what is to be taken from the derivatives by sigma_t, times sigma_t, */
-    ITN__PHASE_BASE = 32,  /* by g, */
-    ITN__HIT_BASE = 35,    /* and by the albedo, times the albedo */
-    ITN__SCORED_STATE = 38,
-    ITN__SHARE = 38,      /* with heroes, see itn__walk; */
-    ITN__MORE_PHASES = 41, /* as ITN__PHASES, of the second and third channel */
-    ITN__STATE = 43,
-    ITN__DISTANCE = 43, /* exact: of the flight */
-    ITN__NORMAL = 43,   /* boundary, diffuse */
-    ITN__ETA = 46,      /* boundary */
-    ITN__ALPHA = 47,
-    ITN__FACE = 48,        /* 2 triangle + front, as in itn__place */
-    ITN__REFLECTANCE = 46, /* diffuse: 3 */
-    ITN__FIELDS = 49
+    ITN__PHASES = 25,  /* of the phase function, by g */
+    ITN__HITS = 26,    /* how many collisions */
+    ITN__EXPECTED = 27,    /* b of the flight under way */
+    ITN__FLIGHT_BASE = 30, /* what is to be taken from the derivatives by sigma_t, times sigma_t, */
+    ITN__PHASE_BASE = 33,  /* by g, */
+    ITN__HIT_BASE = 36,    /* and by the albedo, times the albedo */
+    ITN__SCORED_STATE = 39,
+    ITN__SHARE = 39,      /* with heroes, see itn__walk; */
+    ITN__MORE_PHASES = 42, /* as ITN__PHASES, of the second and third channel */
+    ITN__STATE = 44,
+    ITN__DISTANCE = 44, /* exact: of the flight */
+    ITN__NORMAL = 44,   /* boundary, diffuse */
+    ITN__ETA = 47,      /* boundary */
+    ITN__ALPHA = 48,
+    ITN__FACE = 49,        /* 2 triangle + front, as in itn__place */
+    ITN__REFLECTANCE = 47, /* diffuse: 3 */
+    ITN__FIELDS = 50
 };
 enum { ITN__CROWD = 1024, ITN__ROW = ITN__CROWD + 16, ITN__LINK = 1 << 30, ITN__EARLY = 8 };
 
@@ -8002,9 +8007,9 @@ typedef struct itn__queue {
 typedef struct itn__path {
     itn__place place, link_place;
     int number, copies; /* radiance[number] ... [number + copies - 1] */
-    int mark;           /* substance whose V this path teaches, or -1; */
-    int mark_face;      /* entry of at_face, or -1: of a path about to fly */
-    float mark_depth, mark_cosine;          /* from there, see itn__view; */
+    int mark;           /* substance whose V this path teaches (0: what is outside), or -1; */
+    int mark_face;      /* entry of at_face (of shades), or -1: of a path about to fly */
+    float mark_depth, mark_cosine, mark_shade; /* from there, see itn__view; */
     float mark_weight[3], mark_radiance[3]; /* beta, and what had been brought home, by then */
     int32_t parked[ITN__STATE];
 } itn__path;
@@ -8019,16 +8024,24 @@ typedef struct itn__substance {
     int slot_sigma_t_rgb[3], slot_g_rgb[3];
 } itn__substance;
 
-/* V of a substance: e^(-k_i z) times a polynomial of the cosine mu, for each decay k_i. */
-enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = ITN__DECAYS * ITN__ORDERS, ITN__FACES = 32 };
+/* e^(-k_i z) times a polynomial of the cosine mu, for each decay k_i: the coefficients by powers of
+   mu; a value without shade and what a unit of shade adds. */
+enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = 2 * ITN__DECAYS * ITN__ORDERS };
+typedef float itn__expansion[2][ITN__DECAYS][ITN__ORDERS];
+
+/* V of a substance, by channel. */
+enum { ITN__FACES = 32 };
 typedef struct itn__outlook {
     float decay; /* k, per mean free path: k_i = i k, all below 1 */
-    float flying[3][ITN__DECAYS][ITN__ORDERS];    /* V: by channel, coefficients by powers of mu, */
-    float scattered[3][ITN__DECAYS][ITN__ORDERS]; /* of its mean over a new direction, */
-    float by_g[3][ITN__DECAYS][ITN__ORDERS];      /* and of the derivative of that by g */
-    float entering[3][ITN__ORDERS];               /* V at z = 0 */
-    float at_face[3][ITN__FACES]; /* on arrival at a face, by the cosine to it */
+    itn__expansion flying[3];       /* V, */
+    itn__expansion scattered[3];    /* its mean over a new direction, */
+    itn__expansion by_g[3];         /* and the derivative of that by g */
+    float entering[3][2][ITN__ORDERS]; /* V at z = 0 */
+    float at_face[3][2][ITN__FACES];   /* on arrival at a face, by the cosine to it */
 } itn__outlook;
+
+/* Sites, for which shades are learnt: parts of the scene each way, times ways to face. */
+enum { ITN__PARTS = 4, ITN__SITES = 8 * ITN__PARTS * ITN__PARTS * ITN__PARTS };
 
 /* What all crowds of a render share. */
 typedef struct itn__fast {
@@ -8060,9 +8073,11 @@ typedef struct itn__fast {
     int foresees;      /* surprises are taken off: the substance whose V faces have, or 0 */
     itn__band *bands;  /* derivatives by texels are asked for: [crowds], else NULL; */
     const float *texel_weights; /* of pixels, for these, [channels][height][width] */
-    int learning;      /* V is learnt in this render, */
+    int learning;      /* what is learnt in this render, ITN__LEARN_..., */
     double lesson_unit; /* in multiples of this */
     itn__outlook *outlooks; /* as substances */
+    float shades[ITN__SITES];
+    int shaded;        /* they are not all 0 */
 } itn__fast;
 
 /* Pixels and samples that a crowd works on, and where it has got to. */
@@ -8145,7 +8160,7 @@ typedef struct itn__state {
     itn__ints dimension, slot, left, cell;
     itn__floats beta[3], pdf, credit[3];
     itn__floats flights, phases[3], hits, expected[3], flight_base[3], phase_base[3], hit_base[3];
-    itn__floats level, share[3];
+    itn__floats level, shade, share[3];
     itn__vectors up;
 } itn__state;
 
@@ -8233,6 +8248,7 @@ ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int 
     if (itn__knows_depth(features)) {
         itn__expand_vectors(queue, ITN__UP, at, &s->up, bits);
         ITN__PULL(s->level, ITN__LEVEL);
+        ITN__PULL(s->shade, ITN__SHADE);
         ITN__PULL_INTS(s->cell, ITN__CELL);
     }
     if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
@@ -8272,11 +8288,12 @@ ITN__INLINE void itn__load_state(const itn__queue *queue, int at, itn__state *s,
     }
     if (features & ITN__LIGHTS) s->pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
     if (features & ITN__LIMIT) s->left = itn__load_ints(itn__row(queue, ITN__LEFT) + at);
-    s->flights = s->hits = s->level = itn__splat(0);
+    s->flights = s->hits = s->level = s->shade = itn__splat(0);
     s->up = itn__vectors_of(s->level, s->level, s->level), s->cell = itn__splat_int(-1);
     if (itn__knows_depth(features)) {
         s->up = itn__load_vectors(queue, ITN__UP, at);
         s->level = itn__load(itn__float_row(queue, ITN__LEVEL) + at);
+        s->shade = itn__load(itn__float_row(queue, ITN__SHADE) + at);
     }
     if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
         s->flights = itn__load(itn__float_row(queue, ITN__FLIGHTS) + at);
@@ -8320,6 +8337,7 @@ ITN__INLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bi
     if (itn__knows_depth(features)) {
         itn__push_vectors(queue, ITN__UP, s->up, bits);
         itn__compress(itn__float_row(queue, ITN__LEVEL) + at, s->level, bits);
+        itn__compress(itn__float_row(queue, ITN__SHADE) + at, s->shade, bits);
         itn__compress_ints(itn__row(queue, ITN__CELL) + at, s->cell, bits);
     }
     if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
@@ -8599,23 +8617,38 @@ ITN__INLINE itn__queue *itn__departure(itn__crowd *crowd, int substance, int dim
 }
 /* Lessons. V is a least-squares fit to what marked paths bring home per weight. The sums of its
    normal equations are of whole multiples of powers of two, so that they are exact, in any order.
-   Of a substance: terms times terms, terms times radiance; for each entry of at_face, radiance and
-   number. */
+   Of a substance: terms times terms, terms times radiance; the same for each entry of at_face, of
+   which the terms are 1 and the shade. Of what is outside, for each site: number of lessons and
+   radiance of all channels. */
+enum { ITN__LEARN_SHADES = 1, ITN__LEARN_VALUES };
 enum {
     ITN__NORMAL_SUMS = ITN__TERMS * (ITN__TERMS + 3),
-    ITN__LESSON_SUMS = ITN__NORMAL_SUMS + 4 * ITN__FACES
+    ITN__FACE_SUMS = 2 * (2 + 3),
+    ITN__LESSON_SUMS = ITN__NORMAL_SUMS + ITN__FACE_SUMS * ITN__FACES /* > 2 ITN__SITES */
 };
 #define ITN__TERM_STEPS 4096.
 #define ITN__RIDGE 1e-4 /* of the number of lessons */
 #define ITN__LARGEST_LESSON 1048576. /* units */
 
-/* P_l(mu) e^(-k_i z) for all i and l. */
-static void itn__lesson_terms(const itn__outlook *outlook, float depth, float mu, double *term) {
+/* P_l(mu) e^(-k_i z) for all i and l, then the same times the shade. */
+static void itn__lesson_terms(const itn__outlook *outlook, const itn__path *path, double *term) {
+    double mu = (double)path->mark_cosine;
     int i, l;
     for (i = 0; i < ITN__DECAYS; i++, term += ITN__ORDERS) {
-        term[0] = exp(-(double)outlook->decay * i * depth), term[1] = mu * term[0];
+        term[0] = exp(-(double)outlook->decay * i * path->mark_depth), term[1] = mu * term[0];
         for (l = 2; l < ITN__ORDERS; l++)
-            term[l] = ((2 * l - 1) * (double)mu * term[l - 1] - (l - 1) * term[l - 2]) / l;
+            term[l] = ((2 * l - 1) * mu * term[l - 1] - (l - 1) * term[l - 2]) / l;
+    }
+    for (i = 0; i < ITN__TERMS / 2; i++) term[i] = path->mark_shade * term[i - ITN__TERMS / 2];
+}
+
+/* Adds `count` terms, which become whole multiples of 1 / ITN__TERM_STEPS, of a lesson. */
+static void itn__add_lesson(double *sums, double *term, int count, const double lesson[3]) {
+    int i, j, c;
+    for (i = 0; i < count; i++, sums += count + 3) {
+        term[i] = floor(term[i] * ITN__TERM_STEPS + .5);
+        for (j = 0; j <= i; j++) sums[j] += term[i] * term[j];
+        for (c = 0; c < 3; c++) sums[count + c] += term[i] * lesson[c];
     }
 }
 
@@ -8623,7 +8656,7 @@ static void itn__lesson_terms(const itn__outlook *outlook, float depth, float mu
 static void itn__learn(itn__crowd *crowd, const itn__path *path) {
     double *sums = crowd->lessons + (size_t)path->mark * ITN__LESSON_SUMS;
     double term[ITN__TERMS], lesson[3] = {0, 0, 0};
-    int c, i, j;
+    int c;
     for (c = 0; c < crowd->fast->channels; c++) {
         float brought = *itn__sum_of(crowd, c, path->number) - path->mark_radiance[c];
         lesson[c] = (double)brought / path->mark_weight[c];
@@ -8631,18 +8664,16 @@ static void itn__learn(itn__crowd *crowd, const itn__path *path) {
         if (!(lesson[c] > 0)) lesson[c] = 0;
         lesson[c] = fmin(lesson[c], ITN__LARGEST_LESSON);
     }
-    if (path->mark_face >= 0) {
-        sums += ITN__NORMAL_SUMS + 4 * path->mark_face;
-        for (c = 0; c < 3; c++) sums[c] += lesson[c];
-        sums[3]++;
-        return;
-    }
-    itn__lesson_terms(&crowd->fast->outlooks[path->mark], path->mark_depth, path->mark_cosine,
-                      term);
-    for (i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) {
-        term[i] = floor(term[i] * ITN__TERM_STEPS + .5);
-        for (j = 0; j <= i; j++) sums[j] += term[i] * term[j];
-        for (c = 0; c < 3; c++) sums[ITN__TERMS + c] += term[i] * lesson[c];
+    if (path->mark == 0) {
+        sums += 2 * path->mark_face;
+        sums[0]++, sums[1] += lesson[0] + lesson[1] + lesson[2];
+    } else if (path->mark_face >= 0) {
+        term[0] = 1, term[1] = (double)path->mark_shade;
+        sums += ITN__NORMAL_SUMS + ITN__FACE_SUMS * path->mark_face;
+        itn__add_lesson(sums, term, 2, lesson);
+    } else {
+        itn__lesson_terms(&crowd->fast->outlooks[path->mark], path, term);
+        itn__add_lesson(sums, term, ITN__TERMS, lesson);
     }
 }
 static void itn__free_slot(itn__crowd *crowd, int slot) {
@@ -8910,8 +8941,36 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
 typedef struct itn__view {
     itn__floats depth;              /* z, in mean free paths */
     itn__floats cosine;             /* mu, to the inward normal */
+    itn__floats shade;              /* of the plane, */
+    int shaded;                     /* if there is any */
     itn__floats fall[ITN__DECAYS];  /* e^(-k_i z) */
 } itn__view;
+
+/* Site of a surface: the part of the scene that p lies in, and the octant of the normal n. */
+ITN__INLINE itn__ints itn__site(const itn__voxels *voxels, itn__vectors p, itn__vectors n) {
+    itn__floats zero = itn__splat(0), last = itn__splat(ITN__PARTS - 1);
+    itn__floats from[3], facing[3];
+    itn__ints site = itn__splat_int(0);
+    int i;
+    from[0] = p.x - voxels->lower.x, facing[0] = n.x;
+    from[1] = p.y - voxels->lower.y, facing[1] = n.y;
+    from[2] = p.z - voxels->lower.z, facing[2] = n.z;
+    for (i = 0; i < 3; i++) {
+        float parts = (float)ITN__PARTS / (float)voxels->size[i] * voxels->inverse_cell;
+        site = site * itn__splat_int(ITN__PARTS) +
+               itn__to_ints(itn__least(itn__most(from[i] * parts, zero), last));
+    }
+    for (i = 0; i < 3; i++)
+        site = site + site + (itn__less(zero, facing[i]) & itn__splat_int(1));
+    return site;
+}
+
+/* How much of the light that is everywhere the same is kept from paths that leave a surface. */
+ITN__INLINE itn__floats itn__shade_at(const itn__fast *fast, itn__vectors p, itn__vectors n,
+                                      itn__ints mask) {
+    if (!fast->shaded) return itn__splat(0);
+    return itn__gather(fast->shades, itn__site(fast->voxels, p, n), mask, itn__splat(0));
+}
 
 /* e^(-k_i z) for all i. */
 ITN__INLINE void itn__falls(const itn__outlook *outlook, itn__floats depth, itn__floats *fall) {
@@ -8925,6 +8984,7 @@ ITN__INLINE itn__view itn__view_of(const itn__crowd *crowd, int substance, const
     view.depth = itn__most(crowd->fast->substances[substance].sigma_t *
                            (s->level - itn__vdot(s->up, s->p)), itn__splat(0));
     view.cosine = -itn__vdot(s->up, d);
+    view.shade = s->shade, view.shaded = crowd->fast->shaded;
     itn__falls(&crowd->fast->outlooks[substance], view.depth, view.fall);
     return view;
 }
@@ -8937,12 +8997,20 @@ ITN__INLINE itn__floats itn__power_sum(const float *a, itn__floats x) {
     return sum;
 }
 
-/* Sum over i of falls and polynomials. */
-ITN__INLINE itn__floats itn__fall_sum(const itn__floats *fall,
-                                      const float a[ITN__DECAYS][ITN__ORDERS], itn__floats x) {
-    itn__floats sum = itn__power_sum(a[0], x);
+/* The polynomial of decay i, in the shade. */
+ITN__INLINE itn__floats itn__shaded_sum(const itn__view *view, itn__expansion *a, int i,
+                                        itn__floats x) {
+    itn__floats sum = itn__power_sum((*a)[0][i], x);
+    return view->shaded ? sum + view->shade * itn__power_sum((*a)[1][i], x) : sum;
+}
+
+/* Sum over i of falls and polynomials, of cosine x. */
+ITN__INLINE itn__floats itn__expand_view(const itn__view *view, itn__expansion *a,
+                                         itn__floats x) {
+    itn__floats sum = itn__shaded_sum(view, a, 0, x);
     int i;
-    for (i = 1; i < ITN__DECAYS; i++) sum = sum + fall[i] * itn__power_sum(a[i], x);
+    for (i = 1; i < ITN__DECAYS; i++)
+        sum = sum + view->fall[i] * itn__shaded_sum(view, a, i, x);
     return sum;
 }
 
@@ -8963,7 +9031,7 @@ typedef struct itn__ahead {
 
 ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const itn__state *s,
                                  itn__ints mask, itn__ahead *a, int features) {
-    const itn__outlook *outlook = &crowd->fast->outlooks[substance];
+    itn__outlook *outlook = &crowd->fast->outlooks[substance];
     itn__floats zero = itn__splat(0), mu, through, per[ITN__DECAYS];
     itn__ints entry;
     int c, i;
@@ -8977,11 +9045,14 @@ ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const i
     per[0] = itn__splat(1);
     for (i = 1; i < ITN__DECAYS; i++) per[i] = 1 / (1 + (float)i * outlook->decay * mu);
     for (c = 0; c < itn__colours(features); c++) {
-        a->at_face[c] = itn__gather(outlook->at_face[c], entry, mask & a->up, zero);
+        a->at_face[c] = itn__gather(outlook->at_face[c][0], entry, mask & a->up, zero);
+        if (a->view.shaded)
+            a->at_face[c] = a->at_face[c] + a->view.shade *
+                itn__gather(outlook->at_face[c][1], entry, mask & a->up, zero);
         a->collided[c] = zero, a->slope[c] = -a->to_face * through * a->at_face[c];
         for (i = 0; i < ITN__DECAYS; i++) {
             itn__floats part;
-            a->omega[c][i] = itn__power_sum(outlook->scattered[c][i], mu) *
+            a->omega[c][i] = itn__shaded_sum(&a->view, &outlook->scattered[c], i, mu) *
                              crowd->fast->substances[substance].albedo[c];
             part = a->omega[c][i] * (a->view.fall[i] - through) * per[i];
             a->collided[c] = a->collided[c] + part;
@@ -9026,56 +9097,66 @@ ITN__INLINE void itn__foresee_flight(const itn__crowd *crowd, int substance, itn
 ITN__INLINE void itn__foresee_direction(const itn__crowd *crowd, int substance, itn__state *s,
                                         itn__vectors d, itn__floats score, itn__ints mask,
                                         int features) {
-    const itn__outlook *outlook = &crowd->fast->outlooks[substance];
+    itn__outlook *outlook = &crowd->fast->outlooks[substance];
     itn__view view = itn__view_of(crowd, substance, s, d);
     itn__floats cosine = -itn__vdot(s->up, s->d), zero = itn__splat(0);
     int c;
     if (itn__scored(crowd, features))
         s->phases[0] = s->phases[0] + itn__select(mask, score, zero);
     for (c = 0; c < itn__colours(features); c++) {
-        itn__floats mean = s->beta[c] * itn__fall_sum(view.fall, outlook->scattered[c],
-                                                      view.cosine);
+        itn__floats mean = s->beta[c] * itn__expand_view(&view, &outlook->scattered[c],
+                                                         view.cosine);
         itn__floats base = mean + s->credit[c];
         if (crowd->fast->foresees)
-            itn__surprise(s, c, s->beta[c] * itn__fall_sum(view.fall, outlook->flying[c], cosine),
+            itn__surprise(s, c, s->beta[c] * itn__expand_view(&view, &outlook->flying[c], cosine),
                           mean, mask);
         if (!itn__scored(crowd, features)) continue;
         base = score * base;
         if (crowd->fast->foresees)
-            base = base - s->beta[c] * itn__fall_sum(view.fall, outlook->by_g[c], view.cosine);
+            base = base - s->beta[c] * itn__expand_view(&view, &outlook->by_g[c], view.cosine);
         s->phase_base[c] = s->phase_base[c] + itn__select(mask, base, zero);
     }
 }
 
-/* Marks a path, in a render that learns. */
-static void itn__mark(const itn__crowd *crowd, itn__path *path, int substance, int face,
-                      float depth, float cosine, const float weight[3]) {
+/* Marks the path in lane k, in a render that learns. */
+static void itn__mark(const itn__crowd *crowd, const itn__state *s, int k, int substance, int face,
+                      float depth, float cosine) {
+    itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
     int c;
     path->mark = substance, path->mark_face = face;
-    path->mark_depth = depth, path->mark_cosine = cosine;
+    path->mark_depth = depth, path->mark_cosine = cosine, path->mark_shade = ITN__LANE(s->shade, k);
     for (c = 0; c < crowd->fast->channels; c++) {
-        path->mark_weight[c] = weight[c];
+        path->mark_weight[c] = ITN__LANE(s->beta[c], k);
         path->mark_radiance[c] = *itn__sum_of(crowd, c, path->number);
     }
 }
 /* Marks paths about to fly; of each two (by key) one, after a number of collisions that its key
    decides. */
 ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const itn__state *s,
-                                 const itn__view *view, itn__ints mask, int features) {
+                                 const itn__view *view, itn__ints mask) {
     itn__words doubling = s->key0 & 3, span;
-    float weight[3] = {0, 0, 0};
     unsigned bits;
-    int c;
     span = (itn__splat_word(1) << doubling) - 1;
     mask &= itn__int_equal(itn__to_ints(s->hits), itn__word_ints(span + ((s->key0 >> 8) & span)));
     mask &= itn__int_equal(itn__word_ints(s->key1 & 1), itn__splat_int(0));
     for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
-        itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-        for (c = 0; c < itn__colours(features); c++) weight[c] = ITN__LANE(s->beta[c], k);
-        if (path->mark < 0)
-            itn__mark(crowd, path, substance, -1, ITN__LANE(view->depth, k),
-                      ITN__LANE(view->cosine, k), weight);
+        if (crowd->paths[ITN__LANE(s->slot, k)].mark < 0)
+            itn__mark(crowd, s, k, substance, -1, ITN__LANE(view->depth, k),
+                      ITN__LANE(view->cosine, k));
+    }
+}
+/* Marks paths that have left a surface, whose normal is -up; of each two that do so again one. */
+ITN__INLINE void itn__mark_departures(const itn__crowd *crowd, const itn__state *s,
+                                      itn__ints mask) {
+    itn__ints site = itn__site(crowd->fast->voxels, s->p, itn__vscale(s->up, itn__splat(-1)));
+    unsigned bits;
+    mask &= itn__less(itn__splat(0), itn__vdot(s->up, s->up));
+    for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        if (crowd->paths[ITN__LANE(s->slot, k)].mark < 0 ||
+            (ITN__LANE(s->key1, k) >> (ITN__LANE(s->dimension, k) & 31) & 1))
+            itn__mark(crowd, s, k, 0, ITN__LANE(site, k), 0, 0);
     }
 }
 
@@ -9383,7 +9464,8 @@ ITN__INLINE itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state
             ahead.mean[c] = itn__select(scatters, ahead.mean[c], itn__splat(0));
     }
     itn__foresee_flight(crowd, substance, s, &ahead, *distance, active, features);
-    if (fast->learning) itn__mark_lanes(crowd, substance, s, &ahead.view, scatters, features);
+    if (fast->learning == ITN__LEARN_VALUES)
+        itn__mark_lanes(crowd, substance, s, &ahead.view, scatters);
     return active;
 }
 
@@ -9404,12 +9486,14 @@ ITN__INLINE itn__ints itn__fly(itn__crowd *crowd, int substance, itn__lanes_walk
 }
 
 /* Puts the plane of the surface nearby in the place of the last face. */
-ITN__INLINE void itn__adopt_plane(const itn__free_space *space, itn__state *s, itn__ints mask) {
+ITN__INLINE void itn__adopt_plane(const itn__fast *fast, const itn__free_space *space,
+                                  itn__state *s, itn__ints mask) {
     itn__floats inverse = 1 / itn__root(itn__vdot(space->n, space->n));
     itn__vectors up = itn__vscale(space->n, inverse);
     mask &= space->under;
     s->up = itn__vselect(mask, up, s->up);
     s->level = itn__select(mask, itn__vdot(up, space->centre) + space->middle * inverse, s->level);
+    s->shade = itn__select(mask, itn__shade_at(fast, s->p, up, mask), s->shade);
 }
 
 /* Looks around for the unsure lanes. Returns those whose flight turns out free; the others wait. */
@@ -9418,7 +9502,7 @@ ITN__INLINE itn__ints itn__make_sure(itn__crowd *crowd, itn__lanes_walk *walk, i
     itn__ints unsure = itn__bits_mask(walk->unsure), safe;
     int looks = itn__looks_ahead(crowd, features);
     itn__look_around(crowd->fast->voxels, walk->s.p, unsure, &walk->space);
-    if (looks) itn__adopt_plane(&walk->space, &walk->s, unsure);
+    if (looks) itn__adopt_plane(crowd->fast, &walk->space, &walk->s, unsure);
     safe = unsure & itn__free_flight(&walk->space, q, walk->s.d, nq);
     if (crowd->fast->unsafe) safe = itn__splat_int(0);
     walk->waiting |= walk->unsure & ~itn__mask_bits(safe);
@@ -9884,17 +9968,13 @@ ITN__INLINE void itn__book_lanes(itn__crowd *crowd, int substance, itn__state *s
 
 /* Marks paths, of each two one, that arrive at a face from within a substance. */
 ITN__INLINE void itn__mark_faces(const itn__crowd *crowd, int substance, const itn__state *s,
-                                 itn__floats cosine, unsigned bits, int features) {
-    float weight[3] = {0, 0, 0};
-    int c;
+                                 itn__floats cosine, unsigned bits) {
     for (; bits && substance; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
-        itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-        if (path->mark >= 0 || !(ITN__LANE(s->key1, k) & 1)) continue;
-        for (c = 0; c < itn__colours(features); c++) weight[c] = ITN__LANE(s->beta[c], k);
-        itn__mark(crowd, path, substance,
+        if (crowd->paths[ITN__LANE(s->slot, k)].mark >= 0 || !(ITN__LANE(s->key1, k) & 1)) continue;
+        itn__mark(crowd, s, k, substance,
                   (int)fminf(ITN__LANE(cosine, k) * ITN__FACES, ITN__FACES - 1), 0,
-                  ITN__LANE(cosine, k), weight);
+                  ITN__LANE(cosine, k));
     }
 }
 
@@ -9987,14 +10067,16 @@ static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits, i
         itn__book_lanes(crowd, substance, &s, t, good, features);
     n = itn__vectors_of(itn__load(m.normal[0]), itn__load(m.normal[1]), itn__load(m.normal[2]));
     n = itn__vscale(n, itn__select(itn__less(itn__splat(0), itn__vdot(n, s.d)), -one, one));
-    if (crowd->fast->learning)
-        itn__mark_faces(crowd, substance, &s, -itn__vdot(n, s.d), good, features);
     for (c = 0; c < 3; c++)
         p[c] = itn__vectors_of(itn__load(m.corner[c][0]), itn__load(m.corner[c][1]),
                                itn__load(m.corner[c][2]));
     s.p = itn__valong(p[0], itn__load(m.u), itn__valong(p[1], itn__splat(-1), p[0]));
     s.p = itn__valong(s.p, itn__load(m.v), itn__valong(p[2], itn__splat(-1), p[0]));
     s.up = n, s.level = itn__vdot(n, s.p), s.cell = itn__splat_int(-1);
+    s.shade = itn__shade_at(crowd->fast, s.p, itn__vscale(n, substance ? -one : one),
+                            itn__bits_mask(good));
+    if (crowd->fast->learning == ITN__LEARN_VALUES)
+        itn__mark_faces(crowd, substance, &s, -itn__vdot(n, s.d), good);
     itn__sort_meeting(crowd, at, &s.slot, &s.p, good, &m, &diffuse, &boundary);
     if (boundary) itn__send_to_boundary(crowd, &s, n, &m, boundary, features);
     if (diffuse) itn__send_to_diffuse(crowd, &s, n, &m, diffuse, features);
@@ -10280,31 +10362,35 @@ ITN__INLINE void itn__leave_surface(itn__crowd *crowd, const itn__state *s, itn_
     itn__depart(crowd, s, on, features);
 }
 
-/* What paths that leave a dielectric boundary in direction o (of local coordinates) are expected to
-   bring, per weight before: V at the face, or outside the light, which is everywhere the same. */
-ITN__INLINE itn__floats itn__prospect(const itn__crowd *crowd, itn__vectors o, itn__floats alpha,
-                                      itn__floats eta, int c) {
-    const itn__outlook *outlook = &crowd->fast->outlooks[crowd->fast->foresees];
-    itn__ints outside = ~(itn__less(itn__splat(0), o.z) ^ itn__less(itn__splat(1), eta));
-    return itn__vsmith(o, alpha) *
-           itn__select(outside, itn__splat(crowd->fast->constant[c]),
-                       itn__power_sum(outlook->entering[c], itn__absolute(o.z)));
-}
-
 /* What a facet has in store: which way a path goes there is chance of known odds. */
 typedef struct itn__bounce {
-    itn__vectors taken, other; /* directions, local */
-    itn__floats odds;          /* of the other */
-    itn__ints ok;              /* the one taken goes somewhere */
+    itn__floats alpha, eta, shade; /* of the surface */
+    itn__vectors taken, other;     /* directions, local */
+    itn__floats odds;              /* of the other */
+    itn__ints ok;                  /* the one taken goes somewhere */
 } itn__bounce;
+
+/* What paths that leave a dielectric boundary in direction o (of local coordinates) are expected to
+   bring, per weight before: V at the face, or outside the light, which is everywhere the same, less
+   what shade keeps from them. */
+ITN__INLINE itn__floats itn__prospect(const itn__crowd *crowd, itn__vectors o,
+                                      const itn__bounce *bounce, int c) {
+    const itn__outlook *outlook = &crowd->fast->outlooks[crowd->fast->foresees];
+    itn__ints outside = ~(itn__less(itn__splat(0), o.z) ^ itn__less(itn__splat(1), bounce->eta));
+    itn__floats inside = itn__power_sum(outlook->entering[c][0], itn__absolute(o.z));
+    if (crowd->fast->shaded)
+        inside = inside +
+                 bounce->shade * itn__power_sum(outlook->entering[c][1], itn__absolute(o.z));
+    return itn__vsmith(o, bounce->alpha) *
+           itn__select(outside, crowd->fast->constant[c] * (1 - bounce->shade), inside);
+}
 
 /* What paths are expected to bring that have come to a facet, in the mean over both ways; *taken
    receives it for the way taken. */
 ITN__INLINE itn__floats itn__bounce_prospect(const itn__crowd *crowd, const itn__bounce *bounce,
-                                             itn__floats alpha, itn__floats eta, int c,
-                                             itn__floats *taken) {
-    itn__floats other = itn__prospect(crowd, bounce->other, alpha, eta, c);
-    *taken = itn__select(bounce->ok, itn__prospect(crowd, bounce->taken, alpha, eta, c),
+                                             int c, itn__floats *taken) {
+    itn__floats other = itn__prospect(crowd, bounce->other, bounce, c);
+    *taken = itn__select(bounce->ok, itn__prospect(crowd, bounce->taken, bounce, c),
                          itn__splat(0));
     other = itn__select(itn__less(itn__splat(0), bounce->odds), other, *taken);
     return *taken + bounce->odds * (other - *taken);
@@ -10314,14 +10400,13 @@ ITN__INLINE itn__floats itn__bounce_prospect(const itn__crowd *crowd, const itn_
    over two facets, the one drawn and the one that leans the other way. */
 ITN__INLINE void itn__foresee_bounce(itn__crowd *crowd, const itn__state *s,
                                      const itn__bounce *bounce, const itn__bounce *twin,
-                                     itn__floats alpha, itn__floats eta, itn__ints mask,
-                                     int features) {
+                                     itn__ints mask, int features) {
     int c;
     unsigned bits;
     for (c = 0; c < itn__colours(features) && c < crowd->fast->channels; c++) {
         itn__floats taken, unused, gain, mean;
-        mean = itn__bounce_prospect(crowd, bounce, alpha, eta, c, &taken);
-        mean = .5f * (mean + itn__bounce_prospect(crowd, twin, alpha, eta, c, &unused));
+        mean = itn__bounce_prospect(crowd, bounce, c, &taken);
+        mean = .5f * (mean + itn__bounce_prospect(crowd, twin, c, &unused));
         gain = s->beta[c] * (mean - taken);
         for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
             int k = itn__lowest_bit(bits);
@@ -10351,13 +10436,14 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
             linked = itn__boundary_links(crowd, &s, frame, i, alpha, eta, rough, at, features);
         u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
         w = itn__draw(crowd, &s, mask, 1);
+        bounce.alpha = alpha, bounce.eta = eta, bounce.shade = s.shade, twin = bounce;
         bounce.ok = itn__vsample_dielectric(i, alpha, eta, u, v, w, &bounce.taken, &bounce.other,
-                                          &bounce.odds);
+                                            &bounce.odds);
         ok = mask & bounce.ok, o = bounce.taken;
         if (crowd->fast->foresees) {
             twin.ok = itn__vsample_dielectric(i, alpha, eta, u, itn__select(itn__less(
                 v, itn__splat(.5f)), v + .5f, v - .5f), w, &twin.taken, &twin.other, &twin.odds);
-            itn__foresee_bounce(crowd, &s, &bounce, &twin, alpha, eta, mask, features);
+            itn__foresee_bounce(crowd, &s, &bounce, &twin, mask, features);
         }
         lost = itn__vsmith(o, alpha);
         if (features & ITN__LIGHTS) {
@@ -10437,12 +10523,14 @@ ITN__INLINE void itn__take_outside(itn__crowd *crowd, int features) {
     itn__floats light[3];
     int at, c;
     crowd->taken.count = 0;
-    for (c = 0; c < 3; c++) light[c] = itn__splat(crowd->fast->constant[c]);
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__state s;
         itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
         itn__load_state(queue, at, &s, features);
         links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
+        for (c = 0; c < 3; c++) light[c] = crowd->fast->constant[c] * (1 - s.shade);
+        if (crowd->fast->learning == ITN__LEARN_SHADES)
+            itn__mark_departures(crowd, &s, mask & ~links);
         alive = itn__vroulette(crowd, &s, light, mask & ~links, 1, features) | links;
         itn__settle_lanes(crowd, &s, itn__mask_bits(mask & ~alive));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
@@ -11451,7 +11539,7 @@ static itn_result itn__render_tables(const itn__render *render, const itn__table
     return itn__tables_get(render->scene, render->theta, paths, tables, own, error);
 }
 
-enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from */
+enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from; shades: from a fourth of them */
 
 /* Whether V is good enough to foresee what paths bring: one medium in light that is everywhere the
    same, and many paths. */
@@ -11541,28 +11629,38 @@ static void itn__powers(const double *legendre, const double *factor, float *pow
 /* V of channel c from its coefficients. */
 static void itn__outlook_set(itn__outlook *outlook, int c, const double *terms, double g) {
     double one[ITN__ORDERS], mean[ITN__ORDERS], slope[ITN__ORDERS];
-    int i, l;
+    int i, l, shade;
     for (l = 0; l < ITN__ORDERS; l++) {
         one[l] = 1, mean[l] = pow(g, l); /* the mean of P_l over new directions is g^l P_l */
         slope[l] = l ? l * pow(g, l - 1) : 0;
+        outlook->entering[c][0][l] = outlook->entering[c][1][l] = 0;
     }
-    for (l = 0; l < ITN__ORDERS; l++) outlook->entering[c][l] = 0;
-    for (i = 0; i < ITN__DECAYS; i++, terms += ITN__ORDERS) {
-        itn__powers(terms, one, outlook->flying[c][i]);
-        itn__powers(terms, mean, outlook->scattered[c][i]);
-        itn__powers(terms, slope, outlook->by_g[c][i]);
-        for (l = 0; l < ITN__ORDERS; l++) outlook->entering[c][l] += outlook->flying[c][i][l];
+    for (i = 0; i < 2 * ITN__DECAYS; i++, terms += ITN__ORDERS) {
+        shade = i / ITN__DECAYS;
+        itn__powers(terms, one, outlook->flying[c][shade][i % ITN__DECAYS]);
+        itn__powers(terms, mean, outlook->scattered[c][shade][i % ITN__DECAYS]);
+        itn__powers(terms, slope, outlook->by_g[c][shade][i % ITN__DECAYS]);
+        for (l = 0; l < ITN__ORDERS; l++)
+            outlook->entering[c][shade][l] += outlook->flying[c][shade][i % ITN__DECAYS][l];
     }
 }
 
-/* V on arrival at faces: the mean of lessons and of a few times what V inside says. */
-static void itn__fit_faces(const double *faces, double unit, int c, itn__outlook *outlook) {
-    enum { DOUBT = 4 };
-    int i, l;
-    for (i = 0; i < ITN__FACES; i++, faces += 4) {
-        double cosine = -(i + .5) / ITN__FACES, inside = 0;
-        for (l = ITN__ORDERS - 1; l >= 0; l--) inside = inside * cosine + outlook->entering[c][l];
-        outlook->at_face[c][i] = (float)((faces[c] * unit + DOUBT * inside) / (faces[3] + DOUBT));
+/* V on arrival at faces: the line through lessons and a few more in which V inside is right. */
+static void itn__fit_faces(const double *sums, double unit, int c, itn__outlook *outlook) {
+    const double doubt = 4 * ITN__TERM_STEPS * ITN__TERM_STEPS; /* 4 lessons */
+    int i, l, shade;
+    for (i = 0; i < ITN__FACES; i++, sums += ITN__FACE_SUMS) {
+        double cosine = -(i + .5) / ITN__FACES, inside[2] = {0, 0}, factor[4], line[2];
+        for (l = ITN__ORDERS - 1; l >= 0; l--)
+            for (shade = 0; shade < 2; shade++)
+                inside[shade] = inside[shade] * cosine + outlook->entering[c][shade][l];
+        factor[0] = sums[0] + doubt, factor[2] = sums[5], factor[3] = sums[6] + doubt;
+        line[0] = sums[2 + c] * unit - sums[0] * inside[0] - sums[5] * inside[1];
+        line[1] = sums[7 + c] * unit - sums[5] * inside[0] - sums[6] * inside[1];
+        itn__cholesky(factor, 2);
+        itn__cholesky_solve(factor, 2, line);
+        for (shade = 0; shade < 2; shade++)
+            outlook->at_face[c][shade][i] = (float)(inside[shade] + line[shade]);
     }
 }
 
@@ -11586,41 +11684,72 @@ static int itn__fit_outlook(const itn__fast *fast, int substance, const double *
         itn__cholesky_solve(factor, n, terms);
         terms[0] += mean;
         itn__outlook_set(outlook, c, terms, fast->substances[substance].g);
-        itn__fit_faces(sums + ITN__NORMAL_SUMS, fast->lesson_unit, c, outlook);
+        itn__fit_faces(sums + ITN__NORMAL_SUMS, unit, c, outlook);
     }
     return 1;
 }
 
-/* Learns V from a few paths, which are not used for anything else: whatever they teach, pictures
-   stay unbiased. */
-static itn_result itn__learn_outlooks(itn__picture *picture, itn_error *error) {
+/* Shades from lessons of paths that have left: what their light lacks. Where there have been few,
+   it is taken to be as dark as elsewhere in the mean. What is hardly shaded at all is rendered
+   faster without. */
+static void itn__fit_shades(itn__fast *fast, const double *sums) {
+    const double doubt = 4, least = .03; /* lessons; mean square */
+    double full = 0, count = 0, sum = 0, square = 0;
+    int c, i;
+    for (c = 0; c < fast->channels; c++) full += (double)fast->constant[c] / fast->lesson_unit;
+    for (i = 0; i < ITN__SITES; i++) count += sums[2 * i], sum += sums[2 * i + 1];
+    if (!(count > 0 && full > 0)) return;
+    for (i = 0; i < ITN__SITES; i++) {
+        double mean = (sums[2 * i + 1] + doubt * sum / count) / (sums[2 * i] + doubt);
+        fast->shades[i] = itn__clamp((float)(1 - mean / full), 0, 1);
+        square += sums[2 * i] / count * pow((double)fast->shades[i], 2);
+    }
+    fast->shaded = square >= least;
+}
+
+/* Sums of lessons over all crowds, which come to the first. */
+static void itn__gather_lessons(itn__picture *school, int substances) {
+    double *sums = school->crowds[0].lessons;
+    int i, k;
+    for (i = 1; i < school->crowd_count; i++)
+        for (k = 0; k < substances * ITN__LESSON_SUMS; k++) sums[k] += school->crowds[i].lessons[k];
+}
+
+/* Learns from a few paths, which are not used for anything else: whatever they teach, pictures stay
+   unbiased. */
+static itn_result itn__teach(itn__picture *picture, int what, itn_error *error) {
     itn__picture school = *picture;
     itn__fast *fast = &school.fast;
-    double pixels;
+    double pixels = (double)fast->scene->film.width * fast->scene->film.height;
+    double paths = what == ITN__LEARN_SHADES ? ITN__LESSONS / 4 : ITN__LESSONS;
     itn_result result;
-    int i, k, substance, learnt = 0;
-    pixels = (double)fast->scene->film.width * fast->scene->film.height;
-    fast->learning = 1, fast->foresees = 0, fast->seed = itn__mix64(fast->seed + 1);
+    int m, learnt = 0;
+    fast->learning = what, fast->foresees = 0, fast->seed = itn__mix64(fast->seed + (uint64_t)what);
     fast->count = fast->rough_scores = fast->scales = 0, fast->planes = fast->channels;
     school.weights = NULL;
     itn__choose_kernel(fast);
-    if (pixels > ITN__LESSONS / 4) fast->walks = 1;
-    fast->spp = (int)itn__max(1, (float)(ITN__LESSONS / (pixels * fast->walks)));
+    if (pixels > paths / 4) fast->walks = 1;
+    fast->spp = (int)fmax(1, paths / (pixels * fast->walks));
     if (fast->spp > picture->fast.spp / 8 + 1) fast->spp = picture->fast.spp / 8 + 1;
     fast->blocks = itn__sample_blocks(fast);
     result = itn__picture_begin(&school, error);
     if (!result) result = itn__picture_run(&school, NULL, error);
-    for (substance = 1; substance <= fast->scene->medium_count && !result; substance++) {
-        double *sums = school.crowds[0].lessons + (size_t)substance * ITN__LESSON_SUMS;
-        for (i = 1; i < school.crowd_count; i++) {
-            const double *more = school.crowds[i].lessons + (size_t)substance * ITN__LESSON_SUMS;
-            for (k = 0; k < ITN__LESSON_SUMS; k++) sums[k] += more[k];
-        }
-        learnt |= itn__fit_outlook(&picture->fast, substance, sums);
-    }
-    if (!learnt) picture->fast.foresees = 0; /* nothing scatters */
+    if (!result) itn__gather_lessons(&school, 1 + fast->scene->medium_count);
+    if (!result && what == ITN__LEARN_SHADES)
+        itn__fit_shades(&picture->fast, school.crowds[0].lessons);
+    for (m = 1; m <= fast->scene->medium_count && !result && what == ITN__LEARN_VALUES; m++)
+        learnt |= itn__fit_outlook(&picture->fast, m, school.crowds[0].lessons +
+                                                          (size_t)m * ITN__LESSON_SUMS);
+    if (!learnt && what == ITN__LEARN_VALUES) picture->fast.foresees = 0; /* nothing scatters */
     itn__picture_end(&school);
     return result;
+}
+
+/* First the shades, which V depends on. */
+static itn_result itn__learn_outlooks(itn__picture *picture, itn_error *error) {
+    itn_result result = ITN_OK;
+    if (picture->fast.only_constant) result = itn__teach(picture, ITN__LEARN_SHADES, error);
+    return result ? result : itn__teach(picture, ITN__LEARN_VALUES, error);
 }
 
 /* The fast walk: an image, or (with weights) sums of a gradient, see itn__fold. */

@@ -379,7 +379,7 @@ static void check_paths(int which, int max_scatter, int planted) {
 }
 
 /* A V that is wrong everywhere. planted: 1, what it expects of a new direction does not follow from
-   it; 2, the derivative of that does not. */
+   it; 2, the derivative of that does not; 3, what shade adds to it does not. */
 static void mislead(inside *in, int planted) {
     itn__fast *fast = &in->picture.fast;
     double terms[ITN__TERMS];
@@ -388,13 +388,18 @@ static void mislead(inside *in, int planted) {
     for (m = 1; m <= in->scene->medium_count; m++)
         for (c = 0; c < 3; c++) {
             float g = fast->substances[m].g + (planted == 1 ? .3f : 0);
-            float *by_g = fast->outlooks[m].by_g[c][0];
+            float *by_g = fast->outlooks[m].by_g[c][0][0];
+            float *shaded = fast->outlooks[m].scattered[c][1][0];
             for (i = 0; i < ITN__TERMS; i++) terms[i] = .4 / (1 + (i * 7 + m + c) % 5);
             itn__outlook_set(&fast->outlooks[m], c, terms, g);
             for (i = 0; i < ITN__TERMS && planted == 2; i++) by_g[i] *= 3;
-            for (i = 0; i < ITN__FACES; i++)
-                fast->outlooks[m].at_face[c][i] = .1f * (float)((i + c) % 7);
+            for (i = 0; i < ITN__TERMS / 2 && planted == 3; i++) shaded[i] *= 2;
+            for (i = 0; i < 2 * ITN__FACES; i++)
+                fast->outlooks[m].at_face[c][i / ITN__FACES][i % ITN__FACES] =
+                    .1f * (float)((i + c) % 7);
         }
+    fast->shaded = 1;
+    for (i = 0; i < ITN__SITES; i++) fast->shades[i] = (float)(i * 5 % 9) / 9;
 }
 
 /* Means of all paths of a render, by planes, and their variances. */
@@ -453,6 +458,7 @@ static void test_foresight(void) {
         check_foresight(kinds[i], 0);
     CHECK_CATCHES(check_foresight(ROUGH, 1));
     CHECK_CATCHES(check_foresight(ROUGH, 2));
+    CHECK_CATCHES(check_foresight(ROUGH, 3));
 }
 
 static void test_paths(void) {
