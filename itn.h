@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.5.4                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.5.5                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -7922,9 +7922,9 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
    home, since they meet another surface: in a hollow, between limbs. It is learnt for sites, parts
    of the scene times octants of the normal, which also tell a thin wall's dark side from its bright
    one. A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu)
-   in the mean; for flights see itn__look_ahead. First the shades, then V are learnt from a few paths
-   that are traced before the picture. A plane and its shade are chosen before each flight; any
-   would do.
+   in the mean; for flights see itn__look_ahead. First the shades, then V are learnt from a few
+   paths that are traced before the picture. A plane and its shade are chosen before each flight;
+   any would do.
 
    Derivatives. A choice made with a density p that depends on a parameter has the score
    s = d ln p; the mean of s is 0 whatever has been before. So a path's derivative, L sum s for what
@@ -9146,7 +9146,7 @@ ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const i
                       ITN__LANE(view->cosine, k));
     }
 }
-/* Marks paths that have left a surface, whose normal is -up; of each two that do so again one. */
+/* Marks paths that have left a surface, whose normal is -up; those that do so again by halves. */
 ITN__INLINE void itn__mark_departures(const itn__crowd *crowd, const itn__state *s,
                                       itn__ints mask) {
     itn__ints site = itn__site(crowd->fast->voxels, s->p, itn__vscale(s->up, itn__splat(-1)));
@@ -10503,6 +10503,8 @@ ITN__INLINE void itn__run_diffuse(itn__crowd *crowd, int features) {
         itn__vframe(n, &x, &y);
         s.pdf = d.z / ITN__PI;
         s.d = itn__vnormalize(itn__vto_world(d, x, y, n));
+        if (itn__knows_depth(features)) /* what the path is in now lies behind the normal */
+            s.up = itn__vscale(n, itn__splat(-1)), s.level = itn__splat(0) - s.level;
         itn__leave_surface(crowd, &s, mask, linked, features);
     }
     queue->count = 0;
@@ -17847,6 +17849,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.5.5  foresight knows how dark it is around a surface: in constant light half the variance in
+          hollows and between thin walls.
+          breaks: images in constant light have other bits than before
    0.5.4  in constant light each walk has a camera ray of its own at edges: up to a fifth less
           variance; itn_render_texel_gradient by the fast walk.
           breaks: images in constant light have other bits than before at edges

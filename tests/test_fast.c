@@ -1097,6 +1097,75 @@ static void test_texels(void) {
     CHECK_CATCHES(check_well(.2));
 }
 
+/* ---- shades ---------------------------------------------------------------------------------- */
+
+/* The shade that has been learnt for the middle of a wall's face at z, which looks up or down. */
+static double shade_of_wall(const itn__fast *fast, double z, double up) {
+    itn__floats zero = itn__splat(0);
+    itn__floats shade = itn__shade_at(fast, itn__vectors_of(zero, zero, itn__splat((float)z)),
+                                      itn__vectors_of(zero, zero, itn__splat((float)up)),
+                                      itn__splat_int(-1));
+    return (double)ITN__LANE(shade, 0);
+}
+
+/* The mean variance of a picture of two thin walls with a narrow gap in between, from whose faces
+   hardly anything comes out. known: as shades are learnt; else without. */
+static double noise_of_walls(int known) {
+    static const double ends[2][2] = {{-.12, -.06}, {.06, .12}}; /* in z */
+    itn_render_options options = ITN_ZERO;
+    double sum = 0, variance;
+    itn_mesh walls[2];
+    itn_scene *scene;
+    itn__fast *fast;
+    itn_error error;
+    inside in;
+    stage s;
+    int i;
+    stage_begin(&s, SIZE, 4, 12);
+    stage_medium(&s, "m", 100, .95, .5), stage_dielectric(&s, "glass", 1.4, .2);
+    stage_constant(&s, "room", 2);
+    for (i = 0; i < 2; i++) {
+        walls[i] = solids_box(solids_vec3(-1, -1, ends[i][0]), solids_vec3(1, 1, ends[i][1]));
+        stage_object(&s, &walls[i], "m", "glass");
+    }
+    scene = stage_make(&s);
+    options.spp = 1024, options.seed = 3; /* as many paths as foresight asks for */
+    open_render(&in, scene, &options);
+    fast = &in.picture.fast;
+    CHECK(fast->foresees);
+    if (known) {
+        stage_need(itn__learn_outlooks(&in.picture, &error), &error);
+        CHECK_NEAR(shade_of_wall(fast, .12, 1), 0, .02);
+        CHECK_NEAR(shade_of_wall(fast, -.12, -1), 0, .1); /* few paths come there */
+        CHECK(shade_of_wall(fast, .06, -1) > .3 && shade_of_wall(fast, -.06, 1) > .3);
+    } else {
+        stage_need(itn__teach(&in.picture, ITN__LEARN_VALUES, &error), &error);
+    }
+    stage_need(itn__picture_run(&in.picture, NULL, &error), &error);
+    for (i = 0; i < PIXELS; i++)
+        itn__mean_kept(&in.picture, (size_t)i, 0, &variance), sum += variance;
+    if (verbose && !check_quiet)
+        printf("walls: variance %.3g, shades %.3f %.3f %.3f %.3f\n", sum / PIXELS,
+               shade_of_wall(fast, -.12, -1), shade_of_wall(fast, -.06, 1),
+               shade_of_wall(fast, .06, -1), shade_of_wall(fast, .12, 1));
+    close_render(&in);
+    itn_scene_free(scene);
+    for (i = 0; i < 2; i++) itn_mesh_free(&walls[i]);
+    return sum / PIXELS;
+}
+
+/* Shades take more than a sixth off the variance. */
+static void check_shades(double without, int known) {
+    double with = noise_of_walls(known);
+    check_report(with < .83 * without, __FILE__, __LINE__,
+                 "walls: variance %g with shades, %g without", with, without);
+}
+static void test_shades(void) {
+    double without = noise_of_walls(0);
+    check_shades(without, 1);
+    CHECK_CATCHES(check_shades(without, 0));
+}
+
 /* ---- edges ----------------------------------------------------------------------------------- */
 
 /* A black box before a white sky. In pixels with an edge every walk has a ray of its own, so that
@@ -1149,6 +1218,7 @@ int main(void) {
     test_images();
     test_variances();
     test_texels();
+    test_shades();
     test_edges();
     return check_end("fast");
 }
