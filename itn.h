@@ -8077,7 +8077,7 @@ typedef struct itn__fast {
     double lesson_unit; /* in multiples of this */
     itn__outlook *outlooks; /* as substances */
     float shades[ITN__SITES];
-    int shaded;        /* they are not all 0 */
+    int shaded;        /* they are dark enough to matter */
 } itn__fast;
 
 /* Pixels and samples that a crowd works on, and where it has got to. */
@@ -11747,10 +11747,10 @@ static itn_result itn__teach(itn__picture *picture, int what, itn_error *error) 
     return result;
 }
 
-/* First the shades, which V depends on. */
+/* First the shades, which V depends on, if there are enough paths to gain by them. */
 static itn_result itn__learn_outlooks(itn__picture *picture, itn_error *error) {
     itn_result result = ITN_OK;
-    if (picture->fast.only_constant) result = itn__teach(picture, ITN__LEARN_SHADES, error);
+    if (picture->fast.foresees) result = itn__teach(picture, ITN__LEARN_SHADES, error);
     return result ? result : itn__teach(picture, ITN__LEARN_VALUES, error);
 }
 
