@@ -144,30 +144,12 @@ static float draw(uint64_t *random) {
     return (float)(*random >> 40) / (1 << 23) - 1;
 }
 
-/* Hides parts of a picture behind rectangles as bright as one of its pixels: a network that cannot
-   count on the whole outline learns less of the training shapes by heart. */
-static void hide_parts(float *picture, uint64_t *random) {
-    enum { HIDDEN = 3 };
-    int i, x, y;
-    for (i = 0; i < HIDDEN; i++) {
-        float across = 20 + 12 * draw(random), along = 20 + 12 * draw(random); /* half sizes */
-        float right = FILM / 2 * (1 + draw(random)), down = FILM / 2 * (1 + draw(random));
-        int from_x = (int)(FILM / 2 + 50 * draw(random));
-        int from_y = (int)(FILM / 2 + 50 * draw(random));
-        float brightness = picture[from_y * FILM + from_x];
-        for (y = (int)fmaxf(0, down - along); y < fminf(FILM, down + along); y++)
-            for (x = (int)fmaxf(0, right - across); x < fminf(FILM, right + across); x++)
-                picture[y * FILM + x] = brightness;
-    }
-}
-
 /* Shows the object otherwise, so that a network reads the material and does not just recognise the
    shape: moved, turned, mirrored, sheared and stretched a little; up to 1.8 times as large or as
-   small; with more noise; and in parts. Returns the logarithm of how much larger. Nothing in the
-   scene but the ground has a size of its own, so an object that looks s times as large is that
-   object, with sigma_t / s; for the rest the material stays about as it is. Pixels are copied from
-   the nearest: a mean of several would have less noise than the pictures that the network is to
-   read. */
+   small; and with more noise. Returns the logarithm of how much larger. Nothing in the scene but
+   the ground has a size of its own, so an object that looks s times as large is that object, with
+   sigma_t / s; for the rest the material stays about as it is. Pixels are copied from the nearest:
+   a mean of several would have less noise than the pictures that the network is to read. */
 static float vary_picture(const float *picture, uint64_t random, float *varied) {
     float larger = .6f * draw(&random), stretched = .25f * draw(&random);
     float turned = .15f * draw(&random), sheared = .1f * draw(&random);
@@ -186,7 +168,6 @@ static float vary_picture(const float *picture, uint64_t random, float *varied) 
             int from_y = (int)floorf(fmaxf(0, fminf(FILM - 1, line)) + .5f);
             varied[y * FILM + x] = picture[from_y * FILM + from_x] * (1 + noise * draw(&random));
         }
-    hide_parts(varied, &random);
     return larger;
 }
 
