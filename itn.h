@@ -8620,7 +8620,7 @@ ITN__INLINE itn__queue *itn__departure(itn__crowd *crowd, int substance, int dim
    Of a substance: terms times terms, terms times radiance; the same for each entry of at_face, of
    which the terms are 1 and the shade. Of what is outside, for each site: number of lessons and
    radiance of all channels. */
-enum { ITN__LEARN_SHADES = 1, ITN__LEARN_VALUES };
+enum { ITN__LEARN_VALUES = 1, ITN__LEARN_SHADES };
 enum {
     ITN__NORMAL_SUMS = ITN__TERMS * (ITN__TERMS + 3),
     ITN__FACE_SUMS = 2 * (2 + 3),

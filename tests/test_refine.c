@@ -522,7 +522,7 @@ static void test_cases(int cases, double least, double most, int planted) {
     int within[3] = {0, 0, 0}, which, k;
     for (which = 0; which < cases; which++) {
         if (which == known) run_case(known++, z[which]);
-        for (k = 0; k < 3; k++) within[k] += fabs(z[which][k]) < (planted ? .98 : 1.96);
+        for (k = 0; k < 3; k++) within[k] += fabs(z[which][k]) < (planted ? .65 : 1.96);
     }
     for (k = 0; k < 3; k++) {
         double share = 100. * within[k] / cases;
