@@ -515,7 +515,7 @@ static void run_case(int which, double *z) {
 }
 
 /* Of `cases`, at least `least` and at most `most` of a hundred have the truth within 1.96 standard
-   errors, for each parameter. planted: half the standard errors. A case is run but once. */
+   errors, for each parameter. planted: a third of the standard errors. A case is run but once. */
 static void test_cases(int cases, double least, double most, int planted) {
     static double z[200][3];
     static int known;
