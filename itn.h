@@ -8941,8 +8941,7 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
 typedef struct itn__view {
     itn__floats depth;              /* z, in mean free paths */
     itn__floats cosine;             /* mu, to the inward normal */
-    itn__floats shade;              /* of the plane, */
-    int shaded;                     /* if there is any */
+    itn__floats shade;              /* of the plane */
     itn__floats fall[ITN__DECAYS];  /* e^(-k_i z) */
 } itn__view;
 
@@ -8983,8 +8982,7 @@ ITN__INLINE itn__view itn__view_of(const itn__crowd *crowd, int substance, const
     itn__view view;
     view.depth = itn__most(crowd->fast->substances[substance].sigma_t *
                            (s->level - itn__vdot(s->up, s->p)), itn__splat(0));
-    view.cosine = -itn__vdot(s->up, d);
-    view.shade = s->shade, view.shaded = crowd->fast->shaded;
+    view.cosine = -itn__vdot(s->up, d), view.shade = s->shade;
     itn__falls(&crowd->fast->outlooks[substance], view.depth, view.fall);
     return view;
 }
@@ -8997,20 +8995,20 @@ ITN__INLINE itn__floats itn__power_sum(const float *a, itn__floats x) {
     return sum;
 }
 
-/* The polynomial of decay i, in the shade. */
-ITN__INLINE itn__floats itn__shaded_sum(const itn__view *view, itn__expansion *a, int i,
-                                        itn__floats x) {
-    itn__floats sum = itn__power_sum((*a)[0][i], x);
-    return view->shaded ? sum + view->shade * itn__power_sum((*a)[1][i], x) : sum;
+/* What there is without shade, and what a unit of shade adds: polynomials. */
+ITN__INLINE itn__floats itn__shaded_sum(const itn__crowd *crowd, itn__floats shade,
+                                        const float *plain, const float *added, itn__floats x) {
+    itn__floats sum = itn__power_sum(plain, x);
+    return crowd->fast->shaded ? sum + shade * itn__power_sum(added, x) : sum;
 }
 
 /* Sum over i of falls and polynomials, of cosine x. */
-ITN__INLINE itn__floats itn__expand_view(const itn__view *view, itn__expansion *a,
-                                         itn__floats x) {
-    itn__floats sum = itn__shaded_sum(view, a, 0, x);
+ITN__INLINE itn__floats itn__expand_view(const itn__crowd *crowd, const itn__view *view,
+                                         const itn__expansion a, itn__floats x) {
+    itn__floats sum = itn__shaded_sum(crowd, view->shade, a[0][0], a[1][0], x);
     int i;
     for (i = 1; i < ITN__DECAYS; i++)
-        sum = sum + view->fall[i] * itn__shaded_sum(view, a, i, x);
+        sum = sum + view->fall[i] * itn__shaded_sum(crowd, view->shade, a[0][i], a[1][i], x);
     return sum;
 }
 
@@ -9031,7 +9029,7 @@ typedef struct itn__ahead {
 
 ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const itn__state *s,
                                  itn__ints mask, itn__ahead *a, int features) {
-    itn__outlook *outlook = &crowd->fast->outlooks[substance];
+    const itn__outlook *outlook = &crowd->fast->outlooks[substance];
     itn__floats zero = itn__splat(0), mu, through, per[ITN__DECAYS];
     itn__ints entry;
     int c, i;
@@ -9046,13 +9044,14 @@ ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const i
     for (i = 1; i < ITN__DECAYS; i++) per[i] = 1 / (1 + (float)i * outlook->decay * mu);
     for (c = 0; c < itn__colours(features); c++) {
         a->at_face[c] = itn__gather(outlook->at_face[c][0], entry, mask & a->up, zero);
-        if (a->view.shaded)
+        if (crowd->fast->shaded)
             a->at_face[c] = a->at_face[c] + a->view.shade *
                 itn__gather(outlook->at_face[c][1], entry, mask & a->up, zero);
         a->collided[c] = zero, a->slope[c] = -a->to_face * through * a->at_face[c];
         for (i = 0; i < ITN__DECAYS; i++) {
             itn__floats part;
-            a->omega[c][i] = itn__shaded_sum(&a->view, &outlook->scattered[c], i, mu) *
+            a->omega[c][i] = itn__shaded_sum(crowd, a->view.shade, outlook->scattered[c][0][i],
+                                             outlook->scattered[c][1][i], mu) *
                              crowd->fast->substances[substance].albedo[c];
             part = a->omega[c][i] * (a->view.fall[i] - through) * per[i];
             a->collided[c] = a->collided[c] + part;
@@ -9097,23 +9096,24 @@ ITN__INLINE void itn__foresee_flight(const itn__crowd *crowd, int substance, itn
 ITN__INLINE void itn__foresee_direction(const itn__crowd *crowd, int substance, itn__state *s,
                                         itn__vectors d, itn__floats score, itn__ints mask,
                                         int features) {
-    itn__outlook *outlook = &crowd->fast->outlooks[substance];
+    const itn__outlook *outlook = &crowd->fast->outlooks[substance];
     itn__view view = itn__view_of(crowd, substance, s, d);
     itn__floats cosine = -itn__vdot(s->up, s->d), zero = itn__splat(0);
     int c;
     if (itn__scored(crowd, features))
         s->phases[0] = s->phases[0] + itn__select(mask, score, zero);
     for (c = 0; c < itn__colours(features); c++) {
-        itn__floats mean = s->beta[c] * itn__expand_view(&view, &outlook->scattered[c],
+        itn__floats mean = s->beta[c] * itn__expand_view(crowd, &view, outlook->scattered[c],
                                                          view.cosine);
         itn__floats base = mean + s->credit[c];
         if (crowd->fast->foresees)
-            itn__surprise(s, c, s->beta[c] * itn__expand_view(&view, &outlook->flying[c], cosine),
-                          mean, mask);
+            itn__surprise(s, c, s->beta[c] * itn__expand_view(crowd, &view, outlook->flying[c],
+                                                              cosine), mean, mask);
         if (!itn__scored(crowd, features)) continue;
         base = score * base;
         if (crowd->fast->foresees)
-            base = base - s->beta[c] * itn__expand_view(&view, &outlook->by_g[c], view.cosine);
+            base = base - s->beta[c] * itn__expand_view(crowd, &view, outlook->by_g[c],
+                                                        view.cosine);
         s->phase_base[c] = s->phase_base[c] + itn__select(mask, base, zero);
     }
 }
@@ -10377,10 +10377,8 @@ ITN__INLINE itn__floats itn__prospect(const itn__crowd *crowd, itn__vectors o,
                                       const itn__bounce *bounce, int c) {
     const itn__outlook *outlook = &crowd->fast->outlooks[crowd->fast->foresees];
     itn__ints outside = ~(itn__less(itn__splat(0), o.z) ^ itn__less(itn__splat(1), bounce->eta));
-    itn__floats inside = itn__power_sum(outlook->entering[c][0], itn__absolute(o.z));
-    if (crowd->fast->shaded)
-        inside = inside +
-                 bounce->shade * itn__power_sum(outlook->entering[c][1], itn__absolute(o.z));
+    itn__floats inside = itn__shaded_sum(crowd, bounce->shade, outlook->entering[c][0],
+                                         outlook->entering[c][1], itn__absolute(o.z));
     return itn__vsmith(o, bounce->alpha) *
            itn__select(outside, crowd->fast->constant[c] * (1 - bounce->shade), inside);
 }
