@@ -1490,7 +1490,11 @@ ITN__INLINE itn__ints itn__select_int(itn__ints mask, itn__ints a, itn__ints b) 
     return (a & mask) | (b & ~mask);
 }
 ITN__INLINE itn__floats itn__select(itn__ints mask, itn__floats a, itn__floats b) {
+#ifdef ITN__SIMD
     return itn__bits_float(itn__select_int(mask, itn__float_bits(a), itn__float_bits(b)));
+#else
+    return mask ? a : b;
+#endif
 }
 
 /* The mask as bits 0 ... ITN__LANES-1 of a number. */
@@ -1557,6 +1561,8 @@ ITN__INLINE itn__floats itn__least(itn__floats a, itn__floats b) {
     return (itn__floats)_mm256_min_ps((__m256)a, (__m256)b);
 #elif defined(ITN__X86) && ITN__LANES == 4
     return (itn__floats)_mm_min_ps((__m128)a, (__m128)b);
+#elif !defined(ITN__SIMD)
+    return itn__min(a, b);
 #else
     return itn__select(itn__less(a, b), a, b);
 #endif
@@ -1568,6 +1574,8 @@ ITN__INLINE itn__floats itn__most(itn__floats a, itn__floats b) {
     return (itn__floats)_mm256_max_ps((__m256)a, (__m256)b);
 #elif defined(ITN__X86) && ITN__LANES == 4
     return (itn__floats)_mm_max_ps((__m128)a, (__m128)b);
+#elif !defined(ITN__SIMD)
+    return itn__max(a, b);
 #else
     return itn__select(itn__less(b, a), a, b);
 #endif
@@ -2508,10 +2516,20 @@ ITN__INLINE itn__box itn__box_empty(void) {
     return box;
 }
 ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
-    itn__box a = *box, b = *other; /* copies that cannot overlap are joined in lanes */
+#if ITN__LANES > 8
+    __m256 a = _mm256_loadu_ps(box->bound), b = _mm256_loadu_ps(other->bound);
+    _mm256_storeu_ps(box->bound, _mm256_min_ps(a, b));
+#else
+    itn__box a = *box, b = *other; /* copies cannot overlap */
     int k;
+#ifdef ITN__SIMD
+    for (k = 0; k < 8; k += ITN__LANES)
+        itn__store(a.bound + k, itn__least(itn__load(a.bound + k), itn__load(b.bound + k)));
+#else
     for (k = 0; k < 8; k++) a.bound[k] = itn__min(a.bound[k], b.bound[k]);
+#endif
     *box = a;
+#endif
 }
 /* Half the surface area. */
 ITN__INLINE double itn__box_area(const itn__box *box) {
@@ -7850,11 +7868,12 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
 
 /* The level for a job of that many paths: resolution 16 << level / 3, regions level % 3. Cells are
    about as large as a mean free path, and not so large that they hold many triangles; a small job
-   has coarse ones, a large one never very coarse ones. */
+   has coarse ones, and the more so the more lanes share what exact flights cost; a large one never
+   has very coarse ones. */
 static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
     double triangles = scene->bvh->triangle_count, cells = .2 * sqrt(triangles);
     int large = paths >= 2e6, level = large ? 2 : 0, i, c;
-    int finest = !large ? 2 : triangles < 1e6 ? 3 : 4;
+    int finest = paths < 1e4 * ITN__LANES ? 1 : !large ? 2 : triangles < 1e6 ? 3 : 4;
     for (i = 0; i < scene->object_count; i++) {
         const itn__medium *medium = scene->media + scene->objects[i].medium;
         for (c = 0; c < 3 && scene->objects[i].medium >= 0; c++)
