@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 5
-#define ITN_VERSION_PATCH 4
+#define ITN_VERSION_PATCH 6
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
 #ifdef __cplusplus
