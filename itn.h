@@ -17868,9 +17868,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.5.6  trees are built in four fifths of the time with 8 or 16 lanes, the first picture of a blocky
-          figure too; a third less time with ITN_NO_SIMD; rays that leave flat ground upright do not
-          test it. Other bits for jobs of very few paths, within rounding
+   0.5.6  trees are built in four fifths of the time with 8 or 16 lanes, and so is the first picture
+          of a blocky figure; a third less time with ITN_NO_SIMD; rays that leave flat ground
+          upright do not test it (other bits for jobs of very few paths, within rounding)
    0.5.5  foresight knows how dark it is around a surface: in constant light half the variance in
           hollows and between thin walls.
           breaks: images in constant light have other bits than before

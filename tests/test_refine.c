@@ -742,7 +742,8 @@ static void test_final_spp(double factor) {
 /* ---- what a picture does not tell ------------------------------------------------------------------ */
 
 /* Deep inside a very thick black ball nothing depends on sigma_t: flagged. The albedo of the same
-   ball is plain to see. */
+   ball is plain to see, and always found; what its error bar is told to be depends on what noise
+   makes of the covariance with a sigma_t far off: of two seeds, in about one it is flagged too. */
 static void test_undetermined(void) {
     static const char *const names[] = {"m.sigma_t", "m.albedo"};
     itn_scene *scene = cloud(3000, .8, 0);
@@ -751,10 +752,11 @@ static void test_undetermined(void) {
     itn_estimate estimates[2];
     itn_error error;
     float theta[8];
+    const int seeds = 12;
     int parameters[2], seed, flagged = 0, plain = 0;
     find_parameters(scene, names, 2, parameters);
     photograph(scene, 256, 7, target, variance);
-    for (seed = 0; seed < 3; seed++) {
+    for (seed = 0; seed < seeds; seed++) {
         itn_parameter_values(scene, theta);
         theta[parameters[0]] = 1000, theta[parameters[1]] = .7f;
         options.spp = 8, options.seed = (uint64_t)seed, options.iterations = 6;
@@ -762,7 +764,7 @@ static void test_undetermined(void) {
         stage_need(itn_refine(scene, theta, target, parameters, 2, &options, estimates, &error),
                    &error);
         flagged += !estimates[0].determined;
-        plain += estimates[1].determined; /* a sigma_t far off may blur it in the covariance */
+        plain += estimates[1].determined;
         CHECK(fabs(estimates[1].value - .8) < .03);
         CHECK(theta[parameters[0]] > 0 && itn__finite(theta[parameters[0]]));
         if (getenv("SHOW"))
@@ -770,7 +772,7 @@ static void test_undetermined(void) {
                    estimates[0].standard_error, estimates[0].determined, estimates[1].value,
                    estimates[1].standard_error);
     }
-    CHECK(flagged == 3 && plain >= 2);
+    CHECK(flagged == seeds && plain >= 2);
     itn_scene_free(scene);
 }
 
