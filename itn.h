@@ -1561,8 +1561,6 @@ ITN__INLINE itn__floats itn__least(itn__floats a, itn__floats b) {
     return (itn__floats)_mm256_min_ps((__m256)a, (__m256)b);
 #elif defined(ITN__X86) && ITN__LANES == 4
     return (itn__floats)_mm_min_ps((__m128)a, (__m128)b);
-#elif !defined(ITN__SIMD)
-    return itn__min(a, b);
 #else
     return itn__select(itn__less(a, b), a, b);
 #endif
@@ -1574,8 +1572,6 @@ ITN__INLINE itn__floats itn__most(itn__floats a, itn__floats b) {
     return (itn__floats)_mm256_max_ps((__m256)a, (__m256)b);
 #elif defined(ITN__X86) && ITN__LANES == 4
     return (itn__floats)_mm_max_ps((__m128)a, (__m128)b);
-#elif !defined(ITN__SIMD)
-    return itn__max(a, b);
 #else
     return itn__select(itn__less(b, a), a, b);
 #endif
@@ -2518,18 +2514,13 @@ ITN__INLINE itn__box itn__box_empty(void) {
     return box;
 }
 ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
-#if ITN__LANES > 8
+#if defined(ITN__X86) && ITN__LANES >= 8
     __m256 a = _mm256_loadu_ps(box->bound), b = _mm256_loadu_ps(other->bound);
     _mm256_storeu_ps(box->bound, _mm256_min_ps(a, b));
 #else
     itn__box a = *box, b = *other; /* copies cannot overlap */
     int k;
-#ifdef ITN__SIMD
-    for (k = 0; k < 8; k += ITN__LANES)
-        itn__store(a.bound + k, itn__least(itn__load(a.bound + k), itn__load(b.bound + k)));
-#else
     for (k = 0; k < 8; k++) a.bound[k] = itn__min(a.bound[k], b.bound[k]);
-#endif
     *box = a;
 #endif
 }

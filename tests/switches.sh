@@ -291,7 +291,6 @@ check "unfinished" nothing -w -e TODO -e FIXME -e XXX itn.h
 printf '%0101d\n' 0 >long.h
 catches "a long line" nothing '.\{101\}' long.h
 
-# tags of the contents list and of the section banners, in order
 # one_version FILE: its first line, its macros and the top of its history name the same version.
 one_version() {
     macros=$(awk '$2 ~ /^ITN_VERSION_(MAJOR|MINOR|PATCH)$/ { printf "%s%s", dot, $3; dot = "." }' "$1")
@@ -302,6 +301,8 @@ one_version() {
 check "one version" one_version itn.h
 sed '1s/version [0-9]*/version 99/' itn.h >aged.h
 catches "another version in the first line" one_version aged.h
+
+# tags of the contents list and of the section banners, in order
 listed() { sed -n '/\[contents\]/,/\[switches\]/p' "$1" | grep -v '\[contents\]\|\[switches\]' | grep -o '\[[a-z][a-z0-9-]*\]'; }
 banners() { sed -n 's|^/\* ---- \(\[[a-z][a-z0-9-]*\]\) .*|\1|p' "$1"; }
 same_tags() {
