@@ -439,6 +439,46 @@ static void test_doubt(double planted) {
     CHECK(itn__refine_doubt(&refiner, 0) == 1);
 }
 
+/* Two unknowns, of which the pictures tell only the first, or only a sum: the second is let go, and
+   the first follows it as far as it may be. planted: added to how they are coupled. */
+static void test_let_go(double planted) {
+    enum { N = 2, BLOCK = 22 };
+    static const struct {
+        double coupled, own, power, silence; /* A_01, A_11, P_11 and what A_11 varies by */
+    } cases[] = {{90, 0, 5, 25}, {9000, 8100, 900, 900 * 900}};
+    double numbers[2 * BLOCK] = {0}, coordinates[N] = {0, 2}, slopes[N] = {1, 1}, gradient[N];
+    double step[N], direction[N], factor[N * N], covariance[N * N];
+    double first = 1e4, noise = 3e3, prior = ITN__PRIOR * ITN__PRIOR; /* A_00, N_00 */
+    float values[N] = {0, 0};
+    itn_estimate estimates[N];
+    int told[N], which;
+    itn__refiner refiner;
+    itn__normal *known = &refiner.known;
+    memset(&refiner, 0, sizeof refiner);
+    refiner.count = N, refiner.final = 1, refiner.estimates = estimates, refiner.told = told;
+    refiner.coordinates = coordinates, refiner.values = values, refiner.slopes = slopes;
+    refiner.gradient = gradient, refiner.step = step, refiner.direction = direction;
+    refiner.factor = factor, refiner.covariance = covariance;
+    itn__normal_place(&refiner.fresh, N, numbers);
+    itn__normal_place(known, N, numbers + BLOCK);
+    known->samples = known->chi2 = 1, known->outer[0] = noise, known->silence[0] = 1;
+    for (which = 0; which < 2; which++) {
+        double inverse = 1 / (first + 1 / prior), follows = -cases[which].coupled * inverse;
+        known->matrix[0] = first, known->matrix[3] = cases[which].own;
+        known->matrix[1] = known->matrix[2] = cases[which].coupled + planted;
+        known->power[3] = cases[which].power, known->silence[1] = cases[which].silence;
+        known->right[0] = known->matrix[1] * 2, known->right[1] = known->matrix[3] * 2;
+        itn__refine_estimate(&refiner);
+        CHECK(told[0] && !told[1]);
+        CHECK(estimates[0].determined == (which == 0) && !estimates[1].determined);
+        CHECK_NEAR(covariance[3] / prior, 1, 1e-12);
+        CHECK_NEAR(covariance[1] / (prior * follows), 1, 1e-12);
+        CHECK_NEAR(covariance[0] / (noise * inverse * inverse + prior * follows * follows), 1,
+                   1e-6);
+        CHECK_NEAR(step[0], 0, 1e-9);
+    }
+}
+
 /* With few samples in the end little is known along the valley, and error bars say so: of `SEEDS`
    searches that start from both sides of the truth none is more than four standard errors off. */
 static void test_few_samples(void) {
@@ -742,8 +782,8 @@ static void test_final_spp(double factor) {
 /* ---- what a picture does not tell ------------------------------------------------------------------ */
 
 /* Deep inside a very thick black ball nothing depends on sigma_t: flagged. The albedo of the same
-   ball is plain to see, and always found; what its error bar is told to be depends on what noise
-   makes of the covariance with a sigma_t far off: of two seeds, in about one it is flagged too. */
+   ball is plain to see, always found, and nearly always known to be: sigma_t is let go. Of twelve
+   searches one or two may end where sigma_t is so low that it shows. */
 static void test_undetermined(void) {
     static const char *const names[] = {"m.sigma_t", "m.albedo"};
     itn_scene *scene = cloud(3000, .8, 0);
@@ -765,14 +805,14 @@ static void test_undetermined(void) {
                    &error);
         flagged += !estimates[0].determined;
         plain += estimates[1].determined;
-        CHECK(fabs(estimates[1].value - .8) < .03);
+        CHECK(fabs(estimates[1].value - .8) < fmin(.03, 4 * estimates[1].standard_error));
         CHECK(theta[parameters[0]] > 0 && itn__finite(theta[parameters[0]]));
         if (getenv("SHOW"))
             printf("thick: sigma_t %g +- %g (%d), albedo %g +- %g\n", estimates[0].value,
                    estimates[0].standard_error, estimates[0].determined, estimates[1].value,
                    estimates[1].standard_error);
     }
-    CHECK(flagged == seeds && plain >= 2);
+    CHECK(flagged == seeds && plain >= 9);
     itn_scene_free(scene);
 }
 
@@ -1084,6 +1124,7 @@ int main(void) {
     test_transforms();
     test_similarity(0);
     test_doubt(0);
+    test_let_go(0);
     if (!slow) { /* statistics take too long under a sanitizer */
         test_recoveries();
         test_coverages();
@@ -1106,6 +1147,7 @@ int main(void) {
     CHECK_CATCHES(test_cholesky(1e-6));
     CHECK_CATCHES(test_similarity(1e-4));
     CHECK_CATCHES(test_doubt(.01));
+    CHECK_CATCHES(test_let_go(1));
     if (!slow) CHECK_CATCHES(plant_small_errors());
     if (!slow) CHECK_CATCHES(test_cases(20, 80, 100, 1));
     if (!slow) CHECK_CATCHES(test_two_lights(1));
