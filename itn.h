@@ -14358,7 +14358,7 @@ static void itn__refine_tell(itn__refiner *refiner) {
     const itn__normal *known = &refiner->known;
     int n = refiner->count, k, weakest;
     memcpy(refiner->fresh.matrix, known->matrix, (size_t)(n * n) * sizeof(double));
-    for (k = 0; k < n; k++) refiner->told[k] = itn__refine_tells(refiner, known, k);
+    for (k = 0; k < n; k++) refiner->told[k] = itn__refine_strength(refiner, known, k) > 3;
     for (k = 0; k < n; k++)
         if (!refiner->told[k]) itn__refine_let_go(refiner, k);
     do {
