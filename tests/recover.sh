@@ -4,13 +4,14 @@
 # has 15 iterations, and final samples for about a minute on two cores.
 #
 #   make -C tests recover         writes tests/tables/recovery.csv and prints medians; half an hour
+#   sh tests/recover.sh DIR       writes DIR/recovery.csv
 #
 # Columns: what is hidden and what was found, with standard errors; whether the picture determines
 # all three; steps that were taken, and seconds of the whole search on so many cores.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 root=$(dirname "$here")
-out=${1:-$here/tables}/recovery.csv
+out=$(cd "${1:-$here/tables}" && pwd)/recovery.csv
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT HUP INT TERM
 LC_ALL=C
