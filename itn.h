@@ -14173,7 +14173,7 @@ static void itn__refine_move(itn__refiner *refiner) {
 
 /* Standard error of coordinate k over the square root of c^T N c / i^2: what A's own noise makes of
    it, by the factor of A. Infinite where A tells nothing. */
-static double itn__refine_doubt(itn__refiner *refiner, int k) {
+static double itn__refine_doubt(const itn__refiner *refiner, int k) {
     double *c = refiner->direction, information, spread;
     int n = refiner->count, l;
     memset(c, 0, (size_t)n * sizeof(double));
@@ -14352,26 +14352,33 @@ static void itn__refine_let_go(itn__refiner *refiner, int k) {
     known->right[k] = 0, refiner->told[k] = 0;
 }
 
+/* Of what still counts as told, and by A's factor is not, the least known; -1 if there is none. */
+static int itn__refine_weakest(const itn__refiner *refiner) {
+    double least = INFINITY;
+    int k, weakest = -1;
+    for (k = 0; k < refiner->count; k++) {
+        double strength;
+        if (!refiner->told[k] || itn__finite(itn__refine_doubt(refiner, k))) continue;
+        strength = itn__refine_strength(refiner, &refiner->known, k);
+        if (weakest < 0 || strength < least) least = strength, weakest = k;
+    }
+    return weakest;
+}
+
 /* Lets go of what cannot be told by what is known, and leaves the factor of the rest of A, all of
    which stays in the last evaluation's place. */
 static void itn__refine_tell(itn__refiner *refiner) {
     const itn__normal *known = &refiner->known;
-    int n = refiner->count, k, weakest;
+    int n = refiner->count, k;
     memcpy(refiner->fresh.matrix, known->matrix, (size_t)(n * n) * sizeof(double));
     for (k = 0; k < n; k++) refiner->told[k] = itn__refine_strength(refiner, known, k) > 3;
     for (k = 0; k < n; k++)
         if (!refiner->told[k]) itn__refine_let_go(refiner, k);
-    do {
-        double least = INFINITY;
+    itn__refine_factor(refiner, known, 0, 0);
+    while ((k = itn__refine_weakest(refiner)) >= 0) {
+        itn__refine_let_go(refiner, k);
         itn__refine_factor(refiner, known, 0, 0);
-        for (k = 0, weakest = -1; k < n; k++) {
-            double strength;
-            if (!refiner->told[k] || itn__finite(itn__refine_doubt(refiner, k))) continue;
-            strength = itn__refine_strength(refiner, known, k);
-            if (weakest < 0 || strength < least) least = strength, weakest = k;
-        }
-        if (weakest >= 0) itn__refine_let_go(refiner, weakest);
-    } while (weakest >= 0);
+    }
 }
 
 /* Covariance A^-1 N A^-1 of the coordinates that are told, by A's factor; 0 of the others. */

@@ -40,12 +40,14 @@
 
    Answers are cut to sigma_t 20 to 300, albedo .35 to .97, g -.1 to .9. Their errors are in their
    own units, over all pictures of a split. Of --images pictures (default: all) of each split the
-   scene is rendered with the answer and with the truth, with --spp samples, the same for both: so
-   noise, of which the data of a reduced experiment are full, falls out as far as it can. Errors of
-   images are in units of the mean brightness of the training pictures. MS-SSIM (Wang, Simoncelli
-   and Bovik 2003): window 11x11, Gaussian of deviation 1.5, four levels (of 128, 64, 32 and 16
-   pixels) with the first four of the published weights, scaled to sum to 1; data range: the largest
-   value of the picture with the truth. */
+   scene is rendered with the answer and with the truth, by the same --spp samples, and both once
+   more by others. The two differences of answer and truth have independent noise, so that their
+   product is in the mean the square of what the answer does to the picture, without any noise;
+   rmse_image is the root of its mean over pixels and pictures, in units of the mean brightness of
+   the training pictures. MS-SSIM (Wang, Simoncelli and Bovik 2003) is of the means of both runs,
+   and tells noise as well: window 11x11, Gaussian of deviation 1.5, four levels (of 128, 64, 32 and
+   16 pixels) with the first four of the published weights, scaled to sum to 1; data range: the
+   largest value of the picture with the truth. */
 #define _POSIX_C_SOURCE 200809L
 #include "dataset.h"
 
@@ -570,7 +572,8 @@ static double ms_ssim(float *picture, float *other) {
 
 typedef struct answer {
     float truth[3], coordinates[3], values[3];
-    double rmse, one_minus_ms_ssim; /* NaN where the picture was not rendered again */
+    /* NaN where the picture was not rendered again; mse can fall below 0 by chance */
+    double mse, one_minus_ms_ssim;
 } answer;
 
 /* A split and what the network says about it. */
@@ -594,7 +597,8 @@ static void render_values(const trial *t, const itn_scene *scene, const float va
     free(theta);
 }
 
-/* Renders one of the scenes with the predicted parameters and with the true ones, and compares. */
+/* Renders one of the scenes with the predicted parameters and with the true ones, each twice, and
+   compares. */
 static void judge(void *task, int index) {
     trial *t = (trial *)task;
     int i = (int)((int64_t)index * t->pictures.count / t->judged); /* evenly out of all */
@@ -602,15 +606,22 @@ static void judge(void *task, int index) {
     const itn_scene *scene = t->scenes[t->pictures.shard_of[i]];
     uint64_t seed = mix((uint64_t)t->options->model.seed, (uint64_t)t->in, (uint64_t)i);
     int other = !strcmp(t->options->model.name, "truth"), k; /* other samples */
-    itn_image picture, image;
+    itn_image truths[2], images[2];
     double sum = 0;
-    render_values(t, scene, a->truth, seed, &picture);
-    render_values(t, scene, a->values, seed + (uint64_t)other, &image);
-    for (k = 0; k < PIXELS; k++) sum += pow((double)(picture.pixels[k] - image.pixels[k]), 2);
-    a->rmse = sqrt(sum / PIXELS) / t->options->model.mean;
-    a->one_minus_ms_ssim = 1 - ms_ssim(picture.pixels, image.pixels);
-    itn_image_free(&image);
-    itn_image_free(&picture);
+    for (k = 0; k < 2; k++) {
+        render_values(t, scene, a->truth, seed + 2 * (uint64_t)k, &truths[k]);
+        render_values(t, scene, a->values, seed + 2 * (uint64_t)k + (uint64_t)other, &images[k]);
+    }
+    for (k = 0; k < PIXELS; k++)
+        sum += (double)(truths[0].pixels[k] - images[0].pixels[k]) *
+               (double)(truths[1].pixels[k] - images[1].pixels[k]);
+    a->mse = sum / PIXELS / pow(t->options->model.mean, 2);
+    for (k = 0; k < PIXELS; k++) {
+        truths[0].pixels[k] = (truths[0].pixels[k] + truths[1].pixels[k]) / 2;
+        images[0].pixels[k] = (images[0].pixels[k] + images[1].pixels[k]) / 2;
+    }
+    a->one_minus_ms_ssim = 1 - ms_ssim(truths[0].pixels, images[0].pixels);
+    for (k = 0; k < 2; k++) itn_image_free(&truths[k]), itn_image_free(&images[k]);
 }
 
 /* Asks the network about all pictures; without a network the truth is the answer. */
@@ -623,7 +634,7 @@ static void ask(trial *t, itn_net *net) {
         answer *a = &t->answers[i];
         float *coordinates = a->coordinates;
         memcpy(a->truth, t->pictures.thetas[i], sizeof a->truth);
-        a->rmse = a->one_minus_ms_ssim = NAN;
+        a->mse = a->one_minus_ms_ssim = NAN;
         truth_coordinates(t->scenes[0], t->parameters, a->truth, coordinates);
         if (net) {
             get_picture(&t->pictures, i, picture);
@@ -654,11 +665,12 @@ static void print_row(const trial *t, FILE *file) {
     for (i = 0; i < count; i++) {
         const answer *a = &t->answers[i];
         for (k = 0; k < 3; k++) sums[k] += pow((double)(a->values[k] - a->truth[k]), 2) / count;
-        if (!(a->rmse >= 0)) continue;
-        sums[3] += a->rmse / t->judged, sums[4] += a->one_minus_ms_ssim / t->judged;
+        if (isnan(a->mse)) continue;
+        sums[3] += a->mse / t->judged, sums[4] += a->one_minus_ms_ssim / t->judged;
     }
     fprintf(file, "%s,%s,%.4g,%.4g,%.4g,%.4g,%.4g\n", t->options->model.name,
-            trial_name(t), sqrt(sums[0]), sqrt(sums[1]), sqrt(sums[2]), sums[3], sums[4]);
+            trial_name(t), sqrt(sums[0]), sqrt(sums[1]), sqrt(sums[2]), sqrt(fmax(sums[3], 0)),
+            sums[4]);
 }
 
 static void print_answers(const trial *t, FILE *file) {
@@ -669,7 +681,8 @@ static void print_answers(const trial *t, FILE *file) {
         fprintf(file, "%s,%s,%d,%g,%g,%g,%.5g,%.5g,%.5g,%.5g,%.5g\n", trial_name(t),
                 shape_names[s->shape], s->azimuth, (double)a->truth[0], (double)a->truth[1],
                 (double)a->truth[2], (double)a->values[0], (double)a->values[1],
-                (double)a->values[2], a->rmse, a->one_minus_ms_ssim);
+                (double)a->values[2], isnan(a->mse) ? NAN : sqrt(fmax(a->mse, 0)),
+                a->one_minus_ms_ssim);
     }
 }
 

@@ -18,12 +18,19 @@ keep() {
     cp "$work/log" "$work/kept"
 }
 
-# every example, with each compiler there is; those of gcc are run, with one kernel. Those that can
-# share an object of the header do, and are looked at alone too
+# every example by itself passes each compiler there is. To be run, all are compiled without the code
+# of the header, which one object has, with one kernel; but slab.c, which is as a user compiles it
 native="-std=c99 -march=native"
 # shellcheck disable=SC2086
-check "object of the header" cc $native -O1 -DITN_ONE_KERNEL -DITN_IMPLEMENTATION -x c -c \
-    "$root/itn.h" -o "$work/itn.o"
+check "object of the header" cc $native -O2 -DITN_ONE_KERNEL -DITN_THREADS -DITN_IMPLEMENTATION -x c \
+    -c "$root/itn.h" -o "$work/itn.o"
+mkdir "$work/examples"
+cp "$root/itn.h" "$work"
+printf '#include <%s.h>\n' math stdio stdlib string > "$work/examples/code.h" # what the code includes
+for source in "$root"/examples/*.[ch]; do
+    sed 's/^#define ITN_IMPLEMENTATION/#include "code.h"/' "$source" \
+        > "$work/examples/$(basename "$source")"
+done
 for source in "$root"/examples/*.c; do
     example=$(basename "$source" .c)
     for compiler in gcc clang; do
@@ -32,21 +39,15 @@ for source in "$root"/examples/*.c; do
             skipped=$((skipped + 1))
             continue
         fi
-        shared=-DITN_ONE_KERNEL
-        case $example in
-        dataset | train | starts) shared="-DITN_APART $work/itn.o" ;;
-        shapes) shared=-DITN_NO_FAST ;;
-        esac
-        if [ $compiler = clang ] || [ "$shared" != -DITN_ONE_KERNEL ]; then
-            check "$compiler $example.c" $compiler -std=c99 -Wall -Wextra -Wpedantic -Werror \
-                "$source" -fsyntax-only
-        fi
-        [ $compiler = clang ] && continue
-        # shellcheck disable=SC2086
-        check "$compiler $example.c, to be run" $compiler $native -O1 -Wall -Wextra -Wpedantic \
-            -Werror "$source" $shared -o "$work/$example" -lm -lpthread
+        check "$compiler $example.c" $compiler -std=c99 -Wall -Wextra -Wpedantic -Werror \
+            "$source" -fsyntax-only
     done
+    # shellcheck disable=SC2086
+    check "$example.c, to be run" cc $native -O1 -Wall -Wextra -Wpedantic -Werror -DITN_APART \
+        "$work/examples/$example.c" "$work/itn.o" -o "$work/$example" -lm -lpthread
 done
+# shellcheck disable=SC2086
+check "slab.c, as its first lines say" cc $native -O1 "$root/examples/slab.c" -o "$work/slab" -lm
 cd "$work" || exit 1
 
 check "slab" ./slab
@@ -137,7 +138,8 @@ fit="--data data --batch 4 --spp 2"
         --checkpoint d.net -t 2
     check "train: the same bits" cmp b.net d.net
     check "train: the same curve" cmp b.net.csv d.net.csv
-    keep "train --evaluate" ./train --model itn --data data --spp 2 --checkpoint b.net --evaluate
+    keep "train --evaluate" ./train --model itn --data data --spp 2 --images 2 --checkpoint b.net \
+        --evaluate
 }
 prints '^itn,both,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+$'
 check "train --export" ./train --checkpoint b.net --export small.net

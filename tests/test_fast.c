@@ -14,7 +14,7 @@
 
 static int long_tests, verbose;
 
-/* Every scene is looked at; with sanitizers, every fourth. */
+/* Every scene is looked at; with sanitizers, every fourth, with a tenth of the samples in places. */
 #ifdef ITN_SANITIZED
 enum { STRIDE = 4 };
 #else
@@ -983,7 +983,7 @@ static void check_texels(int which, const char *item, int max_scatter, double pl
     itn_image gradients[2];
     double worst = 0, sum = 0, square = 0;
     int texels, i, k;
-    options.spp = 600, options.max_scatter = max_scatter;
+    options.spp = STRIDE > 1 ? 60 : 600, options.max_scatter = max_scatter;
     for (k = 0; k < 2; k++) {
         options.mode = k ? ITN_MODE_FAST : ITN_MODE_REFERENCE, options.seed = (uint64_t)k;
         gradients[k] = texel_gradient(scene, item, &options);
@@ -1000,7 +1000,7 @@ static void check_texels(int which, const char *item, int max_scatter, double pl
                item, texels, worst, sqrt(sum / square));
     check_report(worst <= 4.5, __FILE__, __LINE__, "%s %s: worst texel %.1f sigma",
                  kind_names[which], item, worst);
-    CHECK(sqrt(sum / square) < .1);
+    CHECK(sqrt(sum / square) < (STRIDE > 1 ? .3 : .1));
     for (k = 0; k < 2; k++) itn_image_free(&gradients[k]);
     itn_scene_free(scene);
 }
@@ -1088,7 +1088,7 @@ static void test_texels(void) {
     check_texels(TEXTURE, "print", 1, 0);
     check_texels(SPECTRA, "floor", 0, 0), check_texels(SPECTRA, "map", 0, 0);
     check_texels(GROUP, "map", 0, 0);
-    CHECK_CATCHES(check_texels(TEXTURE, "map", 0, .2));
+    if (STRIDE == 1) CHECK_CATCHES(check_texels(TEXTURE, "map", 0, .2));
     check_texel_sum(TEXTURE, "print", "print.reflectance", 0, 0);
     check_texel_sum(SPECTRA, "floor", "floor.reflectance_r", 0, 0);
     check_texel_sum(SPECTRA, "floor", "floor.reflectance_b", 2, 0);
@@ -1161,7 +1161,12 @@ static void check_shades(double without, int known) {
                  "walls: variance %g with shades, %g without", with, without);
 }
 static void test_shades(void) {
-    double without = noise_of_walls(0);
+    double without;
+    if (STRIDE > 1) { /* one run shows what sanitizers look for */
+        noise_of_walls(1);
+        return;
+    }
+    without = noise_of_walls(0);
     check_shades(without, 1);
     CHECK_CATCHES(check_shades(without, 0));
 }
