@@ -11,8 +11,6 @@
 # and 1/24 of the paper's tests.
 # N is the noise of the pictures, .03 by default. Another one makes all pictures to learn from, 1/12
 # of the tests, and trains narrower networks for fewer epochs; .2 made what is in tests/tables.
-# Training: `warm` supervised epochs that all three networks share, then `own` and `last` ones by
-# each model's own loss, at rates that fall.
 # DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
 # figure.svg, and per network NAME.net and NAME.net.*.
 set -eu
@@ -41,26 +39,26 @@ mkdir -p "$out/done"
 up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 if [ -n "$noise" ]; then
     picture="--tests 1/12 --noise $noise --spp 24"
-    warm=6 own=6 last=3 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 own_rate=3e-4 last_rate=1e-4
+    warm=16 calm=8 more=6 training="--batch 16 --channels 6" spp=16
+    warm_rate=1e-3 calm_rate=3e-4 rate=1e-4
     trial="--images 48 --spp 4"
     search="--images 2 --iterations 200 --spp 2"
 elif up_to 1/20; then
     picture="--noise 0.4 --spp 4"
-    warm=46 own=2 last=2 training="--batch 8 --channels 4" spp=8
-    warm_rate=1e-3 own_rate=3e-4 last_rate=3e-4
+    warm=40 calm=8 more=2 training="--batch 8 --channels 4" spp=8
+    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
     trial="--images 8 --spp 4"
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests 1/24 --noise 0.3 --spp 8"
-    warm=24 own=6 last=3 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 own_rate=3e-4 last_rate=1e-4
+    warm=40 calm=16 more=3 training="--batch 16 --channels 6" spp=16
+    warm_rate=1e-3 calm_rate=3e-4 rate=2e-4
     trial="--images 24 --spp 8"
     search="--images 1 --iterations 200 --spp 2"
 else
     picture="--noise 0.03 --spp 4096"
-    warm=5 own=45 last=0 training="--batch 16" spp=64
-    warm_rate=1e-4 own_rate=1e-4 last_rate=1e-4
+    warm=5 calm=0 more=45 training="--batch 16" spp=64
+    warm_rate=1e-4 calm_rate=1e-4 rate=1e-4
     trial="--images 250 --spp 64"
     search="--images 10 --iterations 200 --spp 16"
 fi
@@ -107,9 +105,9 @@ step data "$out/dataset" make "$out/data" --fraction "$fraction" --scenes "$here
 step check "$out/dataset" check "$out/data"
 step sheet "$out/dataset" sheet "$out/data" "$out/sheet.png"
 step warm learn warm rn "$warm" "$warm_rate"
+step calm learn calm rn $((warm + calm)) "$calm_rate" warm
 for model in rn ssn itn; do
-    step "own-$model" learn "$model-own" "$model" $((warm + own)) "$own_rate" warm
-    step "last-$model" learn "$model" "$model" $((warm + own + last)) "$last_rate" "$model-own"
+    step "learn-$model" learn "$model" "$model" $((warm + calm + more)) "$rate" calm
 done
 for model in truth rn ssn itn; do
     step "try-$model" try "$model"
