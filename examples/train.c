@@ -612,14 +612,13 @@ static void judge(void *task, int index) {
         render_values(t, scene, a->truth, seed + 2 * (uint64_t)k, &truths[k]);
         render_values(t, scene, a->values, seed + 2 * (uint64_t)k + (uint64_t)other, &images[k]);
     }
-    for (k = 0; k < PIXELS; k++)
+    for (k = 0; k < PIXELS; k++) {
         sum += (double)(truths[0].pixels[k] - images[0].pixels[k]) *
                (double)(truths[1].pixels[k] - images[1].pixels[k]);
-    a->mse = sum / PIXELS / pow(t->options->model.mean, 2);
-    for (k = 0; k < PIXELS; k++) {
         truths[0].pixels[k] = (truths[0].pixels[k] + truths[1].pixels[k]) / 2;
         images[0].pixels[k] = (images[0].pixels[k] + images[1].pixels[k]) / 2;
     }
+    a->mse = sum / PIXELS / pow(t->options->model.mean, 2);
     a->one_minus_ms_ssim = 1 - ms_ssim(truths[0].pixels, images[0].pixels);
     for (k = 0; k < 2; k++) itn_image_free(&truths[k]), itn_image_free(&images[k]);
 }
