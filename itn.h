@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.5.7                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.5.8                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 5
-#define ITN_VERSION_PATCH 7
+#define ITN_VERSION_PATCH 8
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
 #ifdef __cplusplus
@@ -733,7 +733,8 @@ typedef struct itn_refine_options {
     int spp;        /* samples per pixel of each of the two renders of an iteration; 0 = 64. LM
                        takes more as it closes in, and in the end has evaluations */
     int final_spp;  /* of so many together, which make the error bars; 0 = 8 spp. More help until
-                       the target's own noise is all that is left */
+                       the target's own noise is all that is left. In the end they come where
+                       pixels tell most: spp and final_spp are those of the mean pixel, roughly */
     uint64_t seed;
     int max_scatter;              /* see itn_render_options */
     double learning_rate; /* > 0, falls to a tenth over the iterations. Adam: its first steps in
@@ -3771,6 +3772,20 @@ static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u,
         itn__along(itn__along(camera->forward, sx, camera->right), sy, camera->up));
     ray.tmin = 0, ray.tmax = INFINITY;
     return ray;
+}
+
+/* How many samples each pixel gets, where not all get the same: multiples of a set (see [sobol]). */
+typedef struct itn__allotment {
+    int *samples; /* [height][width], */
+    int set, most;
+    double sum;
+} itn__allotment;
+
+/* How many samples a set has: pixels have four sets or more, of up to 16. */
+static int itn__set_size(int samples) {
+    int size = 16;
+    while (size > 1 && 4 * size > samples) size /= 2;
+    return size;
 }
 
 /* ---- [scene] a desc, checked and made ready -------------------------------------------------- */
@@ -8066,7 +8081,9 @@ typedef struct itn__fast {
     int heroes; /* channels that may lead a path: 1 or 3 */
     itn__substance *substances; /* [1 + heroes medium_count] */
     int channels, max_scatter, walks, sobol, unsafe, features;
-    int spp, blocks; /* camera rays of a pixel; independent sets of them */
+    double samples;  /* camera rays; */
+    int spp, blocks; /* of a pixel; independent sets of them; */
+    const itn__allotment *allotment; /* NULL: all pixels have so many, else it is the most */
     uint64_t seed;
     float constant[3]; /* sum of the lights that are everywhere the same; */
     int only_constant; /* there is no other */
@@ -10621,6 +10638,11 @@ ITN__INLINE void itn__run_sky(itn__crowd *crowd, int features) {
 
 /* The beginning of paths. */
 
+/* Camera rays of a pixel. */
+ITN__INLINE int itn__pixel_rays(const itn__fast *fast, uint64_t pixel) {
+    return fast->allotment ? fast->allotment->samples[pixel] : fast->spp;
+}
+
 /* Block (independently scrambled set) of a camera ray, and its first ray. */
 ITN__INLINE int itn__block_first(const itn__fast *fast, int block) {
     return (int)((int64_t)block * fast->spp / fast->blocks);
@@ -10648,7 +10670,7 @@ static void itn__fill_paths(itn__crowd *crowd, int first, int count) {
 /* Begins a camera ray for all walks of a sample or, in a pixel with an edge, where what a ray meets
    matters most, one for each; but not where lights are sampled: those the walks of one ray share
    out among themselves, and that matters more. Returns the number of rays; 0 where nothing is to be
-   traced: the pixel is empty and has its light. */
+   traced: the pixel is empty and has its light, or has had all its rays. */
 static int itn__start_sample(itn__crowd *crowd, itn__start *start) {
     const itn__fast *fast = crowd->fast;
     itn__unit *unit = &crowd->unit;
@@ -10657,8 +10679,12 @@ static int itn__start_sample(itn__crowd *crowd, itn__start *start) {
     int in_block = sample - itn__block_first(fast, block);
     uint64_t pixel = itn__unit_pixel(fast->scene, unit, cell);
     uint32_t scramble = itn__scramble(fast, pixel, block);
-    if (fast->fills && (fast->pixels[pixel] & ITN__EMPTY)) {
-        itn__fill_paths(crowd, cell * unit->count * fast->walks, unit->count * fast->walks);
+    int left = itn__pixel_rays(fast, pixel) - unit->first;
+    int fills = fast->fills && (fast->pixels[pixel] & ITN__EMPTY);
+    if (left > unit->count) left = unit->count;
+    if (fills && left > 0)
+        itn__fill_paths(crowd, cell * unit->count * fast->walks, left * fast->walks);
+    if (fills || number % unit->count >= left) {
         unit->next = (cell + 1) * unit->count;
         return 0;
     }
@@ -11116,13 +11142,11 @@ static void itn__picture_end(itn__picture *picture) {
     itn__free(context, picture->totals);
 }
 
-/* How many independent sets the camera rays of a pixel make: all of them, or, with a Sobol
-   sequence, at least four of up to 16 rays. */
+/* How many independent sets the camera rays of a pixel make: all of them, unless they are of a
+   Sobol sequence. */
 static int itn__sample_blocks(const itn__fast *fast) {
-    int rays = 16;
-    if (!fast->sobol) return fast->spp;
-    while (rays > 1 && 4 * rays > fast->spp) rays /= 2;
-    return fast->spp / rays;
+    int set = fast->allotment ? fast->allotment->set : itn__set_size(fast->spp);
+    return fast->sobol ? fast->spp / set : fast->spp;
 }
 
 /* Divides the work, and allocates what it needs. */
@@ -11181,9 +11205,7 @@ static itn_result itn__picture_run(itn__picture *picture, const itn_render_optio
             return itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
     }
     if (options && options->stats) {
-        const itn_film_desc *film = &picture->fast.scene->film;
-        options->stats->paths = (double)picture->fast.spp * picture->fast.walks * film->width *
-                                film->height;
+        options->stats->paths = picture->fast.samples * picture->fast.walks;
         for (options->stats->collisions = 0, i = 0; i < picture->crowd_count; i++)
             options->stats->collisions += picture->crowds[i].collisions;
     }
@@ -11206,6 +11228,8 @@ typedef struct itn__render {
     int *slots;        /* see itn__walk */
     int *only;         /* see itn__fast */
     int channels, count, spp, max_scatter;
+    const itn__allotment *allotment; /* NULL: every pixel has spp samples, else that is the most */
+    double samples; /* of all pixels */
     int fast, walks, sobol, baseline; /* of the fast walk; see itn_estimator */
     uint64_t seed;
     int strata; /* of the reference walk; see itn__walk */
@@ -11391,6 +11415,7 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     context = &scene->context;
     render->scene = scene, render->channels = scene->film.channels, render->count = count;
     render->spp = options && options->spp ? options->spp : 64;
+    render->samples = (double)scene->film.width * scene->film.height * render->spp;
     if (options) render->seed = options->seed, render->max_scatter = options->max_scatter;
     render->walks = options && options->walks ? options->walks : 4;
     render->sobol = !options || options->sampler != ITN_SAMPLER_RANDOM;
@@ -11462,7 +11487,7 @@ static itn_result itn__render_rows(itn__render *render, const itn_render_options
             return itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
     }
     if (options && options->stats) {
-        options->stats->paths = (double)render->spp * render->scene->film.width * height;
+        options->stats->paths = render->samples;
         for (options->stats->collisions = 0, done = 0; done < height; done++)
             options->stats->collisions += render->collisions[done];
     }
@@ -11475,18 +11500,18 @@ static double itn__mean_variance(const double sums[2], int n) {
     return n > 1 ? fmax((sums[1] / n - mean * mean) / (n - 1), 0) : (double)INFINITY;
 }
 
-/* How many samples of a pixel are in stratum h: every strata-th, from h on. */
-static int itn__stratum_samples(const itn__render *render, int h) {
-    return (render->spp + render->strata - 1 - h) / render->strata;
+/* How many of a pixel's samples are in stratum h: every strata-th, from h on. */
+static int itn__stratum_samples(const itn__render *render, int samples, int h) {
+    return (samples + render->strata - 1 - h) / render->strata;
 }
 
 /* Mean of a pixel's samples and its variance, from sums that are `stride` apart in the strata. */
-static void itn__pixel_mean(const itn__render *render, const double *sums, int stride, double *mean,
-                            double *variance) {
+static void itn__pixel_mean(const itn__render *render, int samples, const double *sums, int stride,
+                            double *mean, double *variance) {
     int strata = render->strata, h;
     *mean = *variance = 0;
     for (h = 0; h < strata; h++, sums += stride) {
-        int n = itn__stratum_samples(render, h);
+        int n = itn__stratum_samples(render, samples, h);
         *mean += sums[0] / n / strata;
         *variance += itn__mean_variance(sums, n) / (strata * strata);
     }
@@ -11500,9 +11525,11 @@ static void itn__image_row(void *task, int index) {
     double *sums = render->sums + (size_t)y * render->row_sums, mean, variance;
     itn__walk walk = itn__row_walk(render, y);
     for (x = 0; x < film->width; x++) {
-        float *pixel = render->image->pixels + (size_t)y * (size_t)film->width + (size_t)x;
+        size_t at = (size_t)y * (size_t)film->width + (size_t)x;
+        int samples = render->allotment ? render->allotment->samples[at] : render->spp;
+        float *pixel = render->image->pixels + at;
         memset(sums, 0, render->row_sums * sizeof *sums);
-        for (s = 0; s < render->spp; s++) {
+        for (s = 0; s < samples; s++) {
             double *stratum = sums + 2 * planes * (s % render->strata);
             itn__sample_pixel(&walk, render->seed, x, y, s);
             for (k = 0; k < planes; k++) {
@@ -11513,7 +11540,7 @@ static void itn__image_row(void *task, int index) {
         }
         for (k = 0; k < planes; k++) {
             int c = k % render->channels, first = 2 * (k - c) + c; /* means, then variances */
-            itn__pixel_mean(render, sums + 2 * k, 2 * planes, &mean, &variance);
+            itn__pixel_mean(render, samples, sums + 2 * k, 2 * planes, &mean, &variance);
             pixel[(size_t)first * plane] = (float)mean;
             pixel[(size_t)(first + render->channels) * plane] = (float)variance;
         }
@@ -11547,9 +11574,8 @@ static void itn__name_planes(const itn_scene *scene, const int *parameters, int 
 /* The tables that a fast render needs, see itn__tables_get. */
 static itn_result itn__render_tables(const itn__render *render, const itn__tables **tables,
                                      itn__tables **own, itn_error *error) {
-    const itn_film_desc *film = &render->scene->film;
-    double paths = (double)film->width * film->height * render->spp * render->walks;
-    return itn__tables_get(render->scene, render->theta, paths, tables, own, error);
+    return itn__tables_get(render->scene, render->theta, render->samples * render->walks, tables,
+                           own, error);
 }
 
 enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from; shades: from a fourth of them */
@@ -11558,7 +11584,7 @@ enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from; shades: from a fo
    same, and many paths. */
 static int itn__can_foresee(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
-    double paths = (double)scene->film.width * scene->film.height * fast->spp * fast->walks;
+    double paths = fast->samples * fast->walks;
     return fast->only_constant && scene->medium_count == 1 && !fast->max_scatter &&
            paths >= 8 * ITN__LESSONS;
 }
@@ -11568,7 +11594,8 @@ static void itn__fast_make(const itn__render *render, const itn__tables *tables,
                            itn__substance *substances, itn__fast *fast) {
     const itn_scene *scene = render->scene;
     int k;
-    fast->spp = render->spp, fast->max_scatter = render->max_scatter, fast->seed = render->seed;
+    fast->samples = render->samples, fast->spp = render->spp, fast->allotment = render->allotment;
+    fast->max_scatter = render->max_scatter, fast->seed = render->seed;
     fast->walks = render->walks, fast->sobol = render->sobol;
     fast->blocks = itn__sample_blocks(fast);
     fast->slots = render->slots, fast->only = render->only, fast->count = render->count;
@@ -11592,8 +11619,9 @@ static void itn__seek_map(itn__fast *fast) {
 /* Mean of what is kept, number k, of pixel i, and the variance of the mean. */
 static double itn__mean_kept(const itn__picture *picture, size_t i, int k, double *variance) {
     const double *sums = picture->totals + 2 * (i * (size_t)picture->kept + (size_t)k);
-    double n = (double)picture->fast.spp * picture->fast.walks, mean = sums[0] / n;
-    int blocks = picture->fast.blocks;
+    int rays = itn__pixel_rays(&picture->fast, i);
+    double n = (double)rays * picture->fast.walks, mean = sums[0] / n;
+    int blocks = (int)((int64_t)rays * picture->fast.blocks / picture->fast.spp);
     *variance = blocks > 1 ? fmax((sums[1] / n - mean * mean) / (blocks - 1), 0) : (double)INFINITY;
     return mean;
 }
@@ -11739,11 +11767,12 @@ static itn_result itn__teach(itn__picture *picture, int what, itn_error *error) 
     int m, learnt = 0;
     fast->learning = what, fast->foresees = 0, fast->seed = itn__mix64(fast->seed + (uint64_t)what);
     fast->count = fast->rough_scores = fast->scales = 0, fast->planes = fast->channels;
-    school.weights = NULL;
+    school.weights = NULL, fast->allotment = NULL;
     itn__choose_kernel(fast);
     if (pixels > paths / 4) fast->walks = 1;
     fast->spp = (int)fmax(1, paths / (pixels * fast->walks));
     if (fast->spp > picture->fast.spp / 8 + 1) fast->spp = picture->fast.spp / 8 + 1;
+    fast->samples = pixels * fast->spp;
     fast->blocks = itn__sample_blocks(fast);
     result = itn__picture_begin(&school, error);
     if (!result) result = itn__picture_run(&school, NULL, error);
@@ -11824,9 +11853,11 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
     return result;
 }
 
-ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
-                              const itn_render_options *options, const int *parameters, int count,
-                              itn_image *image, itn_error *error) {
+/* itn_render with so many samples of each pixel, of which options->spp is the most; NULL: all that. */
+static itn_result itn__render_allotted(const itn_scene *scene, const float *theta,
+                                       const itn_render_options *options,
+                                       const itn__allotment *allotment, const int *parameters,
+                                       int count, itn_image *image, itn_error *error) {
     itn__render render;
     itn_image made = ITN_ZERO;
     size_t planes = scene && count >= 0 ? (size_t)scene->film.channels * (1 + (size_t)count) : 1;
@@ -11834,6 +11865,7 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
     if (!image) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
     result = itn__render_begin(&render, scene, theta, options, parameters, count, 2 * planes,
                                error);
+    if (!result && allotment) render.allotment = allotment, render.samples = allotment->sum;
     if (!result)
         result = itn_image_create(scene->film.width, scene->film.height, 2 * (int)planes,
                                   &scene->context, &made, error);
@@ -11851,6 +11883,12 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
     else
         *image = made;
     return result;
+}
+
+ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
+                              const itn_render_options *options, const int *parameters, int count,
+                              itn_image *image, itn_error *error) {
+    return itn__render_allotted(scene, theta, options, NULL, parameters, count, image, error);
 }
 
 /* Whether all of [channels][height][width] values are finite. */
@@ -11889,7 +11927,7 @@ static void itn__gradient_row(void *task, int index) {
             }
         }
         for (k = 0; k < count; k++) {
-            itn__pixel_mean(render, pixel + 2 * k, 2 * count, &mean, &variance);
+            itn__pixel_mean(render, render->spp, pixel + 2 * k, 2 * count, &mean, &variance);
             sums[k] += mean, sums[count + k] += variance;
         }
     }
@@ -11947,7 +11985,7 @@ static void itn__texel_row(void *task, int index) {
     for (x = 0; x < film->width; x++)
         for (s = 0; s < render->spp; s++) {
             int strata = render->strata;
-            double per_path = 1. / (strata * itn__stratum_samples(render, s % strata));
+            double per_path = 1. / (strata * itn__stratum_samples(render, render->spp, s % strata));
             itn__sample_pixel(&walk, render->seed, x, y, s);
             itn__band_add(band, render->weights + (size_t)y * (size_t)film->width + (size_t)x,
                           plane, per_path, values);
@@ -13594,6 +13632,17 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
    While b is more than that, each evaluation replaces what was known; then they are averaged, each
    with twice the samples of all before it, until the whole has as many as wanted.
 
+   Not all pixels tell as much, and by then it is known which do: pixel i adds w (K J)^T (K J) to A,
+   w = 1/(V/n + F) with V the variance of a sample, n samples and F the target's variance. More of
+   them make (A^-1)_kk less by
+       d (A^-1)_kk / dn = -(A^-1 K J)_k^2 dw/dn,    dw/dn = (w/n) (V/n) w,
+   so that the samples of pixel i tell, of all unknowns each in units of its own variance,
+       gain_i = w (V/n) w sum over k of (A^-1 K J_a)_k (A^-1 K J_b)_k / (A^-1)_kk,
+   unbiased again. The best design gives no samples where others tell more (Kiefer 1974); one step
+   towards it is to give each pixel samples in proportion to its gain, from a fourth to four times
+   the mean, which for clean pictures makes standard errors a third less. Where noise makes the
+   products negative nearly as often as not, so much of the samples is spread evenly.
+
    Pictures of a dense medium hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo)
    stay (similarity relations, Wyman, Patterson and Wilson 1989): the loss has a long valley, curved
    in sigma_t, albedo and g, along which straight steps would have to creep. Where sigma_t and g of
@@ -13632,6 +13681,9 @@ typedef struct itn__refine_view {
     int count;     /* unknowns that it has */
     int *parameters, *unknowns; /* [count] what they are in its scene, and among all unknowns */
     int known;              /* whether there is a variance yet */
+    float *gain;            /* [height][width] what samples of a pixel tell, see above */
+    float *density;         /* [height][width] samples of a pixel over those of an evaluation */
+    itn__allotment allotment;
     float *theta;           /* [parameter_count] */
     float *weights;         /* [pixels] one over the variance of a residual */
     float *variance;        /* [pixels] of one sample, see itn__keep_variance */
@@ -13671,6 +13723,7 @@ typedef struct itn__refiner {
     int media_count;
     uint64_t renders;
     double final;        /* samples wanted of all averaged evaluations, in those of the first */
+    int designed;        /* whether samples go where they tell */
     float *values;       /* [count] */
     double *numbers;     /* one block for the arrays below and those of the normal equations */
     double *coordinates; /* [count] similarity coordinates */
@@ -13777,14 +13830,20 @@ static void itn__blur(const float *from, float *to, int width, int height, size_
                     (float)itn__blurred(from + first, width, height, x, y);
 }
 
+static size_t itn__film_pixels(const itn__refine_view *view) {
+    const itn_film_desc *film = &view->scene->film;
+    return (size_t)film->width * (size_t)film->height;
+}
+
 /* Weights for the end of the search, where renders have spp samples, from the variances of the last
    evaluation, one sample's each. A floor, a thousandth of the mean variance, bounds the weight of
    pixels without noise. */
 static void itn__refine_weights(itn__refine_view *view, int spp) {
     double mean = 0, square = 0, least;
-    size_t i;
+    size_t i, plane = itn__film_pixels(view);
     for (i = 0; i < view->pixels; i++) {
-        view->weights[i] = view->variance[i] / (2 * (float)spp) + view->target_variance[i];
+        float samples = 2 * (float)spp * view->density[i % plane];
+        view->weights[i] = view->variance[i] / samples + view->target_variance[i];
         mean += view->weights[i], square += itn__square(view->target[i]);
     }
     least = (1e-3 * mean + 1e-12 * square) / (double)view->pixels;
@@ -13800,11 +13859,15 @@ static void itn__pool_variance(const itn__refine_view *view, itn_image *a, const
         a->pixels[i] = .25f * (a->pixels[i] + b->pixels[i]);
 }
 
-/* Keeps the pooled variance of two renders of spp samples, averaged, as that of one sample. */
-static void itn__keep_variance(itn__refine_view *view, const itn_image *a, int spp) {
-    size_t i;
-    itn__blur(a->pixels + view->pixels, view->variance, a->width, a->height, view->pixels);
-    for (i = 0; i < view->pixels; i++) view->variance[i] *= 2 * (float)spp;
+/* Keeps the pooled variance of two renders of about spp samples as that of one sample, averaged; in
+   between it takes b's place. */
+static void itn__keep_variance(itn__refine_view *view, const itn_image *a, itn_image *b, int spp) {
+    size_t i, plane = itn__film_pixels(view);
+    const float *pooled = a->pixels + view->pixels;
+    float *of_one = b->pixels + view->pixels;
+    for (i = 0; i < view->pixels; i++)
+        of_one[i] = pooled[i] * 2 * (float)spp * view->density[i % plane];
+    itn__blur(of_one, view->variance, a->width, a->height, view->pixels);
     view->known = 1;
 }
 
@@ -13995,33 +14058,141 @@ static itn_result itn__overflow(itn_error *error) {
                      "itn_refine: squares of the image's values are too large for a float");
 }
 
+#define ITN__PRIOR 8. /* standard deviation of a coordinate before anything is known */
+
+/* Factors A + `bias` times E + mu D + that weak prior, with as much more of D as it takes to be
+   positive definite. */
+static void itn__refine_factor(itn__refiner *refiner, const itn__normal *normal, double bias,
+                               double mu) {
+    int n = refiner->count, k;
+    for (;; mu = mu > 0 ? 1.5 * mu : 1e-3) { /* ends, as all is finite and the diagonal positive */
+        memcpy(refiner->factor, normal->matrix, (size_t)(n * n) * sizeof(double));
+        for (k = 0; k < n; k++) {
+            double e = 1.5 * sqrt(normal->silence[k]);
+            refiner->factor[k * n + k] += bias * e + 1 / (ITN__PRIOR * ITN__PRIOR) +
+                                          mu * (fabs(normal->matrix[k * n + k]) + e);
+        }
+        if (itn__cholesky(refiner->factor, n)) return;
+    }
+}
+
+/* A^-1 by what is known, in the covariance's place. */
+static void itn__refine_inverse(itn__refiner *refiner) {
+    int n = refiner->count, k;
+    itn__refine_factor(refiner, &refiner->known, 1, 0);
+    memset(refiner->covariance, 0, (size_t)(n * n) * sizeof(double));
+    for (k = 0; k < n; k++) {
+        refiner->covariance[k * n + k] = 1;
+        itn__cholesky_solve(refiner->factor, n, refiner->covariance + k * n);
+    }
+}
+
+/* The gains of a view's pixels, by that inverse and planes as for the normal equations. */
+static void itn__refine_gains(const itn__refiner *refiner, itn__refine_view *view,
+                              const itn_image *a, const itn_image *b) {
+    size_t plane = itn__film_pixels(view), at;
+    int n = refiner->count, k, l;
+    memset(view->gain, 0, plane * sizeof *view->gain);
+    for (at = 0; at < view->pixels; at++) {
+        double sum = 0;
+        for (k = 0; k < n; k++) {
+            const double *row = refiner->covariance + k * n;
+            const float *kja = b->pixels + 2 * view->pixels + at, *kjb = kja + view->pixels;
+            double of_a = 0, of_b = 0;
+            for (l = 0; l < view->count; l++, kja += 2 * view->pixels, kjb += 2 * view->pixels)
+                of_a += row[view->unknowns[l]] * *kja, of_b += row[view->unknowns[l]] * *kjb;
+            sum += of_a * of_b / row[k];
+        }
+        view->gain[at % plane] += (float)(sum * (1 - (double)a->pixels[view->pixels + at]));
+    }
+}
+
+/* A gain as a density. */
+static float itn__design(float gain) { return itn__clamp(gain, .25f, 4); }
+
+/* The factor that makes gains, kept within a fourth and four, 1 in the mean of the pixels that have
+   any. */
+static float itn__refine_unit(const itn__refiner *refiner) {
+    const itn__refine_view *view, *end = refiner->views + refiner->view_count;
+    double scale = 1, sum, pixels;
+    size_t i;
+    int pass;
+    for (pass = 0; pass < 100; pass++) {
+        for (sum = pixels = 0, view = refiner->views; view < end; view++)
+            for (i = 0; i < itn__film_pixels(view); i++)
+                if (view->gain[i] != 0) sum += itn__design((float)scale * view->gain[i]), pixels++;
+        if (!(pixels > 0) || fabs(sum - pixels) < .01 * pixels) break;
+        scale *= pixels / sum;
+    }
+    return (float)scale;
+}
+
+/* Sends the samples of the evaluations to come where they tell, as far as that is known. */
+static void itn__refine_design(itn__refiner *refiner) {
+    itn__refine_view *view, *end = refiner->views + refiner->view_count;
+    double sum = 0, size = 0;
+    float unit, sure;
+    size_t i;
+    for (view = refiner->views; view < end; view++) {
+        const itn_film_desc *film = &view->scene->film;
+        size_t plane = itn__film_pixels(view);
+        memcpy(view->density, view->gain, plane * sizeof *view->gain);
+        itn__blur(view->density, view->gain, film->width, film->height, plane);
+        for (i = 0; i < plane; i++) sum += view->gain[i], size += fabsf(view->gain[i]);
+    }
+    if (!(sum > 0 && itn__finite((float)size))) return; /* nothing is known, or not as numbers */
+    sure = (float)(sum / size / fmax(refiner->known.chi2, 1)), unit = itn__refine_unit(refiner);
+    for (view = refiner->views; view < end; view++)
+        for (i = 0; i < itn__film_pixels(view); i++)
+            view->density[i] = 1 + sure * (itn__design(unit * view->gain[i]) - 1);
+    refiner->designed = 1;
+}
+
+/* Makes of the densities, as near as renders can, numbers of samples, about spp each: six sets at
+   least, as one does not know its variance (nor do two, if channels take turns). */
+static void itn__allot(itn__refine_view *view, int spp) {
+    itn__allotment *allotment = &view->allotment;
+    size_t i;
+    allotment->set = itn__set_size(spp / 4), allotment->most = 0, allotment->sum = 0;
+    for (i = 0; i < itn__film_pixels(view); i++) {
+        double sets = ceil((double)view->density[i] * spp / allotment->set);
+        int samples = allotment->set * (int)fmax(6, sets);
+        allotment->samples[i] = samples, allotment->sum += samples;
+        if (samples > allotment->most) allotment->most = samples;
+        view->density[i] = (float)samples / (float)spp;
+    }
+}
+
 /* Renders a view twice and adds what it has to say to the sums. */
 static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view,
                                    itn_error *error) {
+    int spp = refiner->options.spp * (int)refiner->fresh.samples, k;
+    const itn__allotment *allotment = refiner->designed ? &view->allotment : NULL;
     itn_render_options options = ITN_ZERO;
     itn_image a = ITN_ZERO, b = ITN_ZERO;
     itn_result result;
-    int k;
-    options.spp = refiner->options.spp * (int)refiner->fresh.samples;
+    if (allotment) itn__allot(view, spp);
+    options.spp = allotment ? allotment->most : spp;
     options.seed = itn__refine_seed(refiner), options.max_scatter = refiner->options.max_scatter;
-    result = itn_render(view->scene, view->theta, &options, view->parameters, view->count, &a,
-                        error);
+    result = itn__render_allotted(view->scene, view->theta, &options, allotment, view->parameters,
+                                  view->count, &a, error);
     options.seed = itn__mix64(options.seed + 1);
     if (!result)
-        result = itn_render(view->scene, view->theta, &options, view->parameters, view->count, &b,
-                            error);
+        result = itn__render_allotted(view->scene, view->theta, &options, allotment,
+                                      view->parameters, view->count, &b, error);
     if (!result) {
         itn__pool_variance(view, &a, &b);
-        if (!view->known) itn__keep_variance(view, &a, options.spp);
+        if (!view->known) itn__keep_variance(view, &a, &b, spp);
         itn__refine_weights(view, (int)refiner->final * refiner->options.spp);
         itn__misfit_sum(&refiner->misfit, view, &a, &b);
-        itn__keep_variance(view, &a, options.spp);
+        itn__keep_variance(view, &a, &b, spp);
         itn__scale_planes(refiner, view, &a), itn__similarity_planes(refiner, view, &a);
         itn__scale_planes(refiner, view, &b), itn__similarity_planes(refiner, view, &b);
         itn__refine_power(refiner, view, &a, &b);
         for (k = 0; k < view->count; k++) itn__refine_planes(view, &a, &b, k);
         itn__refine_residuals(view, &a, &b);
         itn__refine_sum(refiner, view, &a, &b);
+        if (refiner->known.samples > 0) itn__refine_gains(refiner, view, &a, &b);
     }
     itn_image_free(&b);
     itn_image_free(&a);
@@ -14042,6 +14213,7 @@ static itn_result itn__refine_evaluate(itn__refiner *refiner, double samples, it
     memset(&refiner->misfit, 0, sizeof refiner->misfit);
     memset(fresh->means, 0, means * sizeof(double));
     memset(fresh->variances, 0, variances * sizeof(double));
+    if (refiner->known.samples > 0) itn__refine_inverse(refiner);
     for (k = 0; k < refiner->view_count && !result; k++)
         result = itn__refine_look(refiner, &refiner->views[k], error);
     if (result) return result;
@@ -14126,24 +14298,6 @@ static int itn__refine_tells(const itn__refiner *refiner, const itn__normal *nor
     return itn__refine_strength(refiner, normal, k) > 2;
 }
 
-#define ITN__PRIOR 8. /* standard deviation of a coordinate before anything is known */
-
-/* Factors A + `bias` times E + mu D + that weak prior, with as much more of D as it takes to be
-   positive definite. */
-static void itn__refine_factor(itn__refiner *refiner, const itn__normal *normal, double bias,
-                               double mu) {
-    int n = refiner->count, k;
-    for (;; mu = mu > 0 ? 1.5 * mu : 1e-3) { /* ends, as all is finite and the diagonal positive */
-        memcpy(refiner->factor, normal->matrix, (size_t)(n * n) * sizeof(double));
-        for (k = 0; k < n; k++) {
-            double e = 1.5 * sqrt(normal->silence[k]);
-            refiner->factor[k * n + k] += bias * e + 1 / (ITN__PRIOR * ITN__PRIOR) +
-                                          mu * (fabs(normal->matrix[k * n + k]) + e);
-        }
-        if (itn__cholesky(refiner->factor, n)) return;
-    }
-}
-
 /* The step from the present point by what is known, at most `most` long in any coordinate. `bias`
    and mu as above. */
 static void itn__refine_solve(itn__refiner *refiner, double bias, double mu, double most) {
@@ -14185,19 +14339,31 @@ static double itn__refine_doubt(const itn__refiner *refiner, int k) {
     return 9 * spread < 1 ? 1 / sqrt(1 - 9 * spread) : INFINITY;
 }
 
+/* What a sample of those known is worth in samples of the last evaluation, which went where they
+   tell more: mean ratio of the diagonals of A. */
+static double itn__refine_worth(const itn__refiner *refiner) {
+    double sum = 0;
+    int n = refiner->count, k;
+    for (k = 0; k < n; k++) {
+        double before = refiner->known.matrix[k * n + k], now = refiner->fresh.matrix[k * n + k];
+        sum += refiner->designed && before > 0 && before < now ? before / now : 1;
+    }
+    return sum / n;
+}
+
 /* How much more the last evaluation says than noise would against what was known before:
    b^T N^-1 b in units of three standard deviations above its mean; infinite if the step that led
    here is too long for b to be linear, in any coordinate of which the pictures tell. */
 static double itn__refine_news(itn__refiner *refiner) {
     const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
-    double samples = 1 / (1 / fresh->samples + 1 / known->samples), square = 0;
+    double before = known->samples * itn__refine_worth(refiner), square = 0;
     double *b = refiner->gradient;
     int n = refiner->count, k;
     for (k = 0; k < n; k++)
         if (fabs(refiner->coordinates[k] - refiner->before[k]) > .5 &&
             itn__refine_tells(refiner, fresh, k))
             return INFINITY;
-    itn__refine_noise(refiner, fresh, samples, 0, 0);
+    itn__refine_noise(refiner, fresh, 1 / (1 / fresh->samples + 1 / before), 0, 0);
     memcpy(refiner->factor, refiner->covariance, (size_t)(n * n) * sizeof(double));
     memcpy(refiner->step, b, (size_t)n * sizeof(double));
     if (!itn__cholesky(refiner->factor, n)) return 0; /* N itself is mostly noise */
@@ -14247,7 +14413,7 @@ static itn_result itn__refine_try(itn__refiner *refiner, double samples, int sta
     if (result) return result;
     now = itn__refine_news(refiner), together = !stands && now < 1 && *news < 4;
     rise = fresh->chi2 - known->chi2;
-    if (!stands && !together && fresh->loss > known->loss &&
+    if (!stands && !together && !refiner->designed && fresh->loss > known->loss &&
         rise > 3 * sqrt(fresh->chi2_variance + known->chi2_variance)) {
         itn__refine_set(refiner, refiner->before);
         *mu *= 10, *news = INFINITY;
@@ -14275,6 +14441,7 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
         if (mu > 1e6 || (news < 1 && known->samples >= refiner->final)) break;
         if (iteration > most) samples = refiner->final;
         else if (news < 1) samples = fmin(2 * known->samples, refiner->final - known->samples);
+        if (news < 1) itn__refine_design(refiner);
         leaps = iteration > 1 && !leapt && iteration + 5 <= most && itn__refine_leap(refiner);
         if (leaps) leapt = 1;
         else itn__refine_solve(refiner, 1, mu, 1);
@@ -14531,9 +14698,10 @@ static itn_result itn__view_begin(itn__refiner *refiner, const itn_view *given,
     const itn_context *context = &given->scene->context;
     const itn_film_desc *film = &given->scene->film;
     size_t lines = (size_t)film->width + (size_t)film->height, i;
+    size_t plane = (size_t)film->width * (size_t)film->height;
     size_t parameters = (size_t)given->scene->parameter_count;
     view->scene = given->scene, view->target = given->target;
-    view->pixels = (size_t)film->width * (size_t)film->height * (size_t)film->channels;
+    view->pixels = plane * (size_t)film->channels;
     for (i = 0; i < view->pixels; i++)
         if (!itn__finite(given->target[i]) ||
             (given->target_variance && !(given->target_variance[i] >= 0 &&
@@ -14541,14 +14709,18 @@ static itn_result itn__view_begin(itn__refiner *refiner, const itn_view *given,
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                              "itn_refine: target or target_variance of view %d is not valid at "
                              "pixel %d", (int)(view - refiner->views), (int)i);
-    view->weights = (float *)itn__allocate(context, 3 * view->pixels + lines + parameters,
-                                           sizeof(float));
-    view->parameters = (int *)itn__allocate(context, 2 * (size_t)refiner->count, sizeof(int));
+    view->weights = (float *)itn__allocate(
+        context, 3 * view->pixels + 2 * plane + lines + parameters, sizeof(float));
+    view->parameters = (int *)itn__allocate(context, 2 * (size_t)refiner->count + plane,
+                                            sizeof(int));
     if (!view->weights || !view->parameters) return itn__out_of_memory(error, "itn_refine");
     view->variance = view->weights + view->pixels;
     view->target_variance = view->variance + view->pixels;
-    view->row = view->target_variance + view->pixels, view->theta = view->row + lines;
+    view->gain = view->target_variance + view->pixels, view->density = view->gain + plane;
+    view->row = view->density + plane, view->theta = view->row + lines;
     view->unknowns = view->parameters + refiner->count;
+    view->allotment.samples = view->unknowns + refiner->count;
+    for (i = 0; i < plane; i++) view->density[i] = 1;
     if (given->target_variance)
         itn__blur(given->target_variance, view->target_variance, film->width, film->height,
                   view->pixels);
@@ -14671,9 +14843,9 @@ static itn_result itn__refine_options(itn_refine_options *options, itn_error *er
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_refine: needs a known method, spp >= 2, iterations >= 0 and a "
                          "learning_rate in (0, 1] (SGD: in (0, 1e6])");
-    if (options->final_spp < 0 || options->final_spp > INT_MAX - options->spp)
+    if (options->final_spp < 0 || options->final_spp > INT_MAX / ITN__FINAL)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: final_spp %d is not 0 to %d",
-                         options->final_spp, INT_MAX - options->spp);
+                         options->final_spp, INT_MAX / ITN__FINAL);
     if (options->final_spp == 0) options->final_spp = ITN__FINAL * options->spp;
     if (options->target_variance)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -17929,6 +18101,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.5.8  near its end refinement sends samples to pixels that tell most: error bars of clean
+          pictures are a third smaller for the same number of samples
    0.5.7  refinement lets go of unknowns that pictures do not tell, so that they do not blur the
           error bars of the others
    0.5.6  trees are built in four fifths of the time with 8 or 16 lanes, and so is the first picture

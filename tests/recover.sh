@@ -46,7 +46,7 @@ recover() {
     start=$(awk "BEGIN { print $5 * ($1 % 2 ? 3 : 1 / 3), $6 - .3, $7 + ($7 > .35 ? -.3 : .3) }")
     # shellcheck disable=SC2086
     scene "$2" "$3" "$4" $start > start.itn
-    ./render truth.itn -o target.exr --spp 4096 --seed 99 -q > /dev/null
+    ./render truth.itn -o target.exr --spp 16384 --seed 99 -q > /dev/null
     begin=$(date +%s)
     ./invert start.itn --target target.exr --iterations 15 --spp 24 --final-spp "$8" > log
     awk -v row="$2,$3,$4,$5,$6,$7" -v seconds=$(($(date +%s) - begin)) -v cores="$cores" '
@@ -59,16 +59,16 @@ recover() {
 {
     echo "shape,light,alpha,sigma_t,albedo,g,found_sigma_t,error_sigma_t,found_albedo,error_albedo,\
 found_g,error_g,determined,steps,seconds,cores"
-    recover 0 figurine sun none 40 .9 .5 2000
-    recover 1 chain sun none 25 .8 .7 8000
-    recover 2 hound sun none 60 .95 .3 2200
-    recover 3 gear studio none 30 .97 .2 850
-    recover 4 star sun none 54 .87 .4 1150
-    recover 5 leaf sun none 100 .9 .6 1100
-    recover 6 knot studio .1 20 .85 .4 1150
-    recover 7 vase sun none 40 .9 .6 1250
-    recover 8 blob studio none 8 .95 .7 1400
-    recover 9 cube sun none 10 .7 .1 1300
+    recover 0 figurine sun none 40 .9 .5 4600
+    recover 1 chain sun none 25 .8 .7 6000
+    recover 2 hound sun none 60 .95 .3 3300
+    recover 3 gear studio none 30 .97 .2 1050
+    recover 4 star sun none 54 .87 .4 1480
+    recover 5 leaf sun none 100 .9 .6 1850
+    recover 6 knot studio .1 20 .85 .4 1500
+    recover 7 vase sun none 40 .9 .6 1450
+    recover 8 blob studio none 8 .95 .7 2100
+    recover 9 cube sun none 10 .7 .1 1500
 } | tee "$work/table"
 cp "$work/table" "$out.new"
 mv "$out.new" "$out"

@@ -311,6 +311,91 @@ static void test_recoveries(void) {
     test_recovery(ITN_METHOD_SGD, albedo, 1, hidden, near1, 60, 5, 0);
 }
 
+/* ---- samples where they tell ------------------------------------------------------------------------- */
+
+/* Renders with the samples of an allotment, of which the pixels' number is i. */
+static void render_allotted(const itn_scene *scene, int way, uint64_t seed,
+                            const itn__allotment *allotment, int spp, itn_image *image) {
+    static const char *const names[] = {"m.sigma_t", "m.g"};
+    itn_render_options options = ITN_ZERO;
+    itn_error error;
+    int parameters[2];
+    find_parameters(scene, names, 2, parameters);
+    solids_way(&options, way);
+    options.spp = spp, options.seed = seed;
+    stage_need(itn__render_allotted(scene, NULL, &options, allotment, parameters, 2, image,
+                                    &error), &error);
+}
+
+/* Means over pixels of squared errors, over those that the variances say, of pixels with few
+   samples and of those with many; of the picture and its derivatives. planted: sums were divided by
+   the mean number of samples. */
+static void test_allotment(int way, int planted) {
+    enum { SET = 4, PLANES = 3 };
+    itn_scene *scene = cloud(3, .8, .4);
+    static int samples[PIXELS];
+    itn__allotment allotment = ITN_ZERO;
+    itn_image truth = ITN_ZERO, image = ITN_ZERO;
+    int i, p;
+    allotment.samples = samples, allotment.set = SET;
+    for (i = 0; i < PIXELS; i++) {
+        samples[i] = SET * (6 + 7 * i % 64), allotment.sum += samples[i];
+        if (samples[i] > allotment.most) allotment.most = samples[i];
+    }
+    render_allotted(scene, way, 1, NULL, 1024, &truth);
+    render_allotted(scene, way, 2, &allotment, allotment.most, &image);
+    for (p = 0; p < PLANES; p++) {
+        const float *expected = truth.pixels + 2 * p * PIXELS, *unsure = expected + PIXELS;
+        const float *found = image.pixels + 2 * p * PIXELS, *variance = found + PIXELS;
+        double square[2] = {0, 0}, said[2] = {0, 0};
+        for (i = 0; i < PIXELS; i++) {
+            double scale = planted ? samples[i] * PIXELS / allotment.sum : 1;
+            int many = samples[i] * PIXELS > allotment.sum;
+            square[many] += pow(found[i] * scale - expected[i], 2);
+            said[many] += variance[i] + unsure[i];
+        }
+        for (i = 0; i < 2; i++) /* of some 80 pixels each: 5 standard errors, and tails */
+            check_report(fabs(square[i] / said[i] - 1) < .9, __FILE__, __LINE__,
+                         "way %d, plane %d, %s samples: squared error %g of that said", way, p,
+                         i ? "many" : "few", square[i] / said[i]);
+        if (getenv("SHOW"))
+            printf("allotment, way %d, plane %d: squared errors %.2f and %.2f of those said\n", way,
+                   p, square[0] / said[0], square[1] / said[1]);
+    }
+    itn_image_free(&image);
+    itn_image_free(&truth);
+    itn_scene_free(scene);
+}
+
+/* An allotment of the same to all is none. */
+static void test_even_allotment(int way) {
+    enum { SPP = 32 };
+    itn_scene *scene = cloud(3, .8, .4);
+    static int samples[PIXELS];
+    itn__allotment allotment = ITN_ZERO;
+    itn_image plain = ITN_ZERO, image = ITN_ZERO;
+    int i;
+    for (i = 0; i < PIXELS; i++) samples[i] = SPP;
+    allotment.samples = samples, allotment.set = itn__set_size(SPP), allotment.most = SPP;
+    allotment.sum = PIXELS * SPP;
+    render_allotted(scene, way, 1, NULL, SPP, &plain);
+    render_allotted(scene, way, 1, &allotment, SPP, &image);
+    CHECK(!memcmp(plain.pixels, image.pixels,
+                  (size_t)(PIXELS * plain.plane_count) * sizeof(float)));
+    itn_image_free(&image);
+    itn_image_free(&plain);
+    itn_scene_free(scene);
+}
+
+static void test_allotments(void) {
+    int way;
+    for (way = 0; way < SOLIDS_WAYS; way++) {
+        test_allotment(way, 0);
+        test_even_allotment(way);
+        CHECK_CATCHES(test_allotment(way, 1));
+    }
+}
+
 /* ---- error bars -------------------------------------------------------------------------------------- */
 
 /* Normalised errors (estimate - truth) / standard error over many noisy pictures: the sum of their
@@ -1137,6 +1222,7 @@ int main(void) {
         test_few_samples();
         test_undetermined();
     }
+    test_allotments();
     test_eigen();
     test_words(0);
     test_idle();
