@@ -3774,7 +3774,7 @@ static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u,
     return ray;
 }
 
-/* How many samples each pixel gets, where not all get the same: multiples of a set (see [sobol]). */
+/* How many samples pixels get, where not all get the same: multiples of a set (see [sobol]). */
 typedef struct itn__allotment {
     int *samples; /* [height][width], */
     int set, most;
@@ -11853,7 +11853,7 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
     return result;
 }
 
-/* itn_render with so many samples of each pixel, of which options->spp is the most; NULL: all that. */
+/* itn_render with so many samples of each pixel, of which options->spp is the most; NULL: all. */
 static itn_result itn__render_allotted(const itn_scene *scene, const float *theta,
                                        const itn_render_options *options,
                                        const itn__allotment *allotment, const int *parameters,
@@ -13641,7 +13641,8 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
    unbiased again. The best design gives no samples where others tell more (Kiefer 1974); one step
    towards it is to give each pixel samples in proportion to its gain, from a fourth to four times
    the mean, which for clean pictures makes standard errors a third less. Where noise makes the
-   products negative nearly as often as not, so much of the samples is spread evenly.
+   products negative nearly as often as not, so much of the samples is spread evenly; and all of
+   them if three fourths of what blurs the answer is the target's noise.
 
    Pictures of a dense medium hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo)
    stay (similarity relations, Wyman, Patterson and Wilson 1989): the loss has a long valley, curved
@@ -13681,7 +13682,8 @@ typedef struct itn__refine_view {
     int count;     /* unknowns that it has */
     int *parameters, *unknowns; /* [count] what they are in its scene, and among all unknowns */
     int known;              /* whether there is a variance yet */
-    float *gain;            /* [height][width] what samples of a pixel tell, see above */
+    float *gain;            /* [height][width] what samples of a pixel tell, see above; */
+    double told;            /* sum of gains without their factor (V/n) w */
     float *density;         /* [height][width] samples of a pixel over those of an evaluation */
     itn__allotment allotment;
     float *theta;           /* [parameter_count] */
@@ -13723,7 +13725,7 @@ typedef struct itn__refiner {
     int media_count;
     uint64_t renders;
     double final;        /* samples wanted of all averaged evaluations, in those of the first */
-    int designed;        /* whether samples go where they tell */
+    int designed;        /* whether samples go where they tell most */
     float *values;       /* [count] */
     double *numbers;     /* one block for the arrays below and those of the normal equations */
     double *coordinates; /* [count] similarity coordinates */
@@ -14092,7 +14094,7 @@ static void itn__refine_gains(const itn__refiner *refiner, itn__refine_view *vie
                               const itn_image *a, const itn_image *b) {
     size_t plane = itn__film_pixels(view), at;
     int n = refiner->count, k, l;
-    memset(view->gain, 0, plane * sizeof *view->gain);
+    memset(view->gain, 0, plane * sizeof *view->gain), view->told = 0;
     for (at = 0; at < view->pixels; at++) {
         double sum = 0;
         for (k = 0; k < n; k++) {
@@ -14104,6 +14106,7 @@ static void itn__refine_gains(const itn__refiner *refiner, itn__refine_view *vie
             sum += of_a * of_b / row[k];
         }
         view->gain[at % plane] += (float)(sum * (1 - (double)a->pixels[view->pixels + at]));
+        view->told += sum;
     }
 }
 
@@ -14130,22 +14133,22 @@ static float itn__refine_unit(const itn__refiner *refiner) {
 /* Sends the samples of the evaluations to come where they tell, as far as that is known. */
 static void itn__refine_design(itn__refiner *refiner) {
     itn__refine_view *view, *end = refiner->views + refiner->view_count;
-    double sum = 0, size = 0;
-    float unit, sure;
+    double sum = 0, size = 0, told = 0;
+    float unit = 1, sure = 0;
     size_t i;
-    for (view = refiner->views; view < end; view++) {
+    for (view = refiner->views; view < end; told += view->told, view++) {
         const itn_film_desc *film = &view->scene->film;
         size_t plane = itn__film_pixels(view);
         memcpy(view->density, view->gain, plane * sizeof *view->gain);
         itn__blur(view->density, view->gain, film->width, film->height, plane);
         for (i = 0; i < plane; i++) sum += view->gain[i], size += fabsf(view->gain[i]);
     }
-    if (!(sum > 0 && itn__finite((float)size))) return; /* nothing is known, or not as numbers */
-    sure = (float)(sum / size / fmax(refiner->known.chi2, 1)), unit = itn__refine_unit(refiner);
+    refiner->designed = sum > told / 4 && sum > 0 && itn__finite((float)size);
+    if (refiner->designed) unit = itn__refine_unit(refiner);
+    if (refiner->designed) sure = (float)(sum / size / fmax(refiner->known.chi2, 1));
     for (view = refiner->views; view < end; view++)
         for (i = 0; i < itn__film_pixels(view); i++)
-            view->density[i] = 1 + sure * (itn__design(unit * view->gain[i]) - 1);
-    refiner->designed = 1;
+            view->density[i] = sure > 0 ? 1 + sure * (itn__design(unit * view->gain[i]) - 1) : 1;
 }
 
 /* Makes of the densities, as near as renders can, numbers of samples, about spp each: six sets at
