@@ -3774,7 +3774,7 @@ static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u,
     return ray;
 }
 
-/* How many samples pixels get, where not all get the same: multiples of a set (see [sobol]). */
+/* How many samples pixels get, where not all get the same: multiples of a set. */
 typedef struct itn__allotment {
     int *samples; /* [height][width], */
     int set, most;
@@ -13642,7 +13642,8 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
    towards it is to give each pixel samples in proportion to its gain, from a fourth to four times
    the mean, which for clean pictures makes standard errors a third less. Where noise makes the
    products negative nearly as often as not, so much of the samples is spread evenly; and all of
-   them if three fourths of what blurs the answer is the target's noise.
+   them if three fourths of what blurs the answer is the target's noise, or the misfit tells of more
+   noise than is known (below), which counts as the same in all pixels.
 
    Pictures of a dense medium hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo)
    stay (similarity relations, Wyman, Patterson and Wilson 1989): the loss has a long valley, curved
@@ -14125,7 +14126,7 @@ static float itn__refine_unit(const itn__refiner *refiner) {
             for (i = 0; i < itn__film_pixels(view); i++)
                 if (view->gain[i] != 0) sum += itn__design((float)scale * view->gain[i]), pixels++;
         if (!(pixels > 0) || fabs(sum - pixels) < .01 * pixels) break;
-        scale *= pixels / sum;
+        scale = fmin(scale * pixels / sum, 1e30);
     }
     return (float)scale;
 }
@@ -14133,7 +14134,7 @@ static float itn__refine_unit(const itn__refiner *refiner) {
 /* Sends the samples of the evaluations to come where they tell, as far as that is known. */
 static void itn__refine_design(itn__refiner *refiner) {
     itn__refine_view *view, *end = refiner->views + refiner->view_count;
-    double sum = 0, size = 0, told = 0;
+    double sum = 0, size = 0, told = 0, excess = refiner->known.chi2 - 1;
     float unit = 1, sure = 0;
     size_t i;
     for (view = refiner->views; view < end; told += view->told, view++) {
@@ -14143,7 +14144,8 @@ static void itn__refine_design(itn__refiner *refiner) {
         itn__blur(view->density, view->gain, film->width, film->height, plane);
         for (i = 0; i < plane; i++) sum += view->gain[i], size += fabsf(view->gain[i]);
     }
-    refiner->designed = sum > told / 4 && sum > 0 && itn__finite((float)size);
+    excess -= 3 * sqrt(refiner->known.chi2_variance);
+    refiner->designed = sum > told / 4 && sum > 0 && excess < .25 && itn__finite((float)size);
     if (refiner->designed) unit = itn__refine_unit(refiner);
     if (refiner->designed) sure = (float)(sum / size / fmax(refiner->known.chi2, 1));
     for (view = refiner->views; view < end; view++)
@@ -14404,7 +14406,7 @@ static int itn__refine_leap(itn__refiner *refiner) {
 /* Takes the step and evaluates there. A step after which the misfit has risen beyond its noise is
    taken back, unless it `stands`, and not if the loss has fallen: then the misfit's unit, the
    renders' noise, is less. An evaluation that is but noise joins the one before if that was not
-   much more. */
+   much more. Where samples go changes the unit as well: then no step is taken back. */
 static itn_result itn__refine_try(itn__refiner *refiner, double samples, int stands, double *mu,
                                   double *news, itn_error *error) {
     const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
@@ -14840,7 +14842,7 @@ static itn_result itn__refine_options(itn_refine_options *options, itn_error *er
     if (options->iterations == 0) options->iterations = options->method == ITN_METHOD_LM ? 20 : 200;
     if (options->learning_rate == 0) options->learning_rate = plain ? 1 : .05;
     if (options->method < ITN_METHOD_LM || options->method > ITN_METHOD_SGD || options->spp < 2 ||
-        options->spp > INT_MAX / ITN__FINAL || options->iterations < 0 ||
+        options->spp > INT_MAX / ITN__FINAL / ITN__FINAL || options->iterations < 0 ||
         options->iterations > INT_MAX - 2 || options->max_scatter < 0 ||
         !(options->learning_rate > 0 && options->learning_rate <= (plain ? 1e6 : 1)))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,

@@ -543,9 +543,10 @@ static double render_untested(const subject *s, const itn_render_options *option
     itn_parameter_values(s->made, theta);
     picture.fast.scene = s->made, picture.fast.seed = options->seed;
     picture.fast.spp = options->spp, picture.fast.walks = options->walks;
+    picture.fast.samples = (double)options->spp * pixel_count(s);
     picture.fast.blocks = itn__sample_blocks(&picture.fast);
     picture.fast.unsafe = 1, picture.fast.outlooks = outlooks;
-    paths = (double)options->spp * options->walks * pixel_count(s);
+    paths = picture.fast.samples * options->walks;
     need(itn__tables_get(s->made, theta, paths, &tables, &own, &error), &error);
     itn__fast_begin(&picture.fast, s->made, theta, substances, tables);
     need(itn__picture_begin(&picture, &error), &error);
