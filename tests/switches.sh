@@ -162,11 +162,11 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
         case $1 in gcc | g++) levels=plain ;; *) levels= ;; esac
     fi
     for level in $levels; do
-        arch=-O2
-        [ $level = plain ] || arch="-O2 -march=native"
-        [ -n "$ITN_LONG_TESTS" ] || arch="-O2 -DITN_ONE_KERNEL"
-        [ -n "$ITN_LONG_TESTS" ] || [ "$1" = gcc ] || arch="-O1 -DITN_ONE_KERNEL"
-        check "$1 -std=$2 $arch" "$1" -std="$2" $warnings $arch -fno-pie -c "whole.$3" \
+        build_flags=-O2
+        [ $level = plain ] || build_flags="-O2 -march=native"
+        [ -n "$ITN_LONG_TESTS" ] || build_flags="-O2 -DITN_ONE_KERNEL"
+        [ -n "$ITN_LONG_TESTS" ] || [ "$1" = gcc ] || build_flags="-O1 -DITN_ONE_KERNEL"
+        check "$1 -std=$2 $build_flags" "$1" -std="$2" $warnings $build_flags -fno-pie -c "whole.$3" \
             -o "whole-$1-$level.o"
     done
 done

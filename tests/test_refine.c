@@ -313,7 +313,7 @@ static void test_recoveries(void) {
 
 /* ---- samples where they tell ------------------------------------------------------------------------- */
 
-/* Renders with the samples of an allotment, of which the pixels' number is i. */
+/* The picture and two derivatives, with the samples of an allotment; NULL: spp in each pixel. */
 static void render_allotted(const itn_scene *scene, int way, uint64_t seed,
                             const itn__allotment *allotment, int spp, itn_image *image) {
     static const char *const names[] = {"m.sigma_t", "m.g"};
