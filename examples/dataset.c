@@ -224,13 +224,12 @@ static float *family_theta(const work *w, const family *f) {
 
 /* Stores a channel of a render as picture `index` of the shard. */
 static void put_picture(const work *w, int index, const itn_image *image, int channel) {
-    unsigned char *record = w->bytes + HEADER_SIZE + index * RECORD * 4;
-    unsigned char *at = w->bytes + HEADER_SIZE + w->shard.count * RECORD * 4;
+    unsigned char *record = w->bytes + record_place(index);
+    unsigned char *at = w->bytes + pixels_place(&w->shard, index);
     const float *pixels = image->pixels + channel * PIXELS;
     int k;
     for (k = 0; k < 3; k++) put_float(record + 4 * k, w->thetas[index][k]);
     put_float(record + 12, (float)image_noise(image, channel, w->mask));
-    at += (size_t)index * PIXELS * 2;
     for (k = 0; k < PIXELS; k++) put_bytes(at + 2 * k, half_from_float(pixels[k]), 2);
 }
 
@@ -346,7 +345,7 @@ static int check_data(const char *dir) {
             shard_path(&shards[i], dir, path);
             if (!bytes) printf("%s %s\n", path, fault), faults++;
             for (k = 0; bytes && k < shards[i].count; k++, images++) {
-                double one = get_float(bytes + HEADER_SIZE + k * RECORD * 4 + 12);
+                double one = get_float(bytes + record_place(k) + 12);
                 noise += one, worst = fmax(worst, one);
             }
             free(bytes);

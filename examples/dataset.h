@@ -231,9 +231,13 @@ static inline void shard_header(const shard *s, char header[HEADER_SIZE]) {
     header[HEADER_SIZE - 1] = '\n';
 }
 
-static inline size_t shard_size(const shard *s) {
-    return HEADER_SIZE + (size_t)s->count * (RECORD * 4 + PIXELS * 2) + 8;
+/* Where in a shard's bytes a picture has its four floats, and where its pixels. */
+static inline size_t record_place(int index) { return HEADER_SIZE + (size_t)index * RECORD * 4; }
+static inline size_t pixels_place(const shard *s, int index) {
+    return record_place(s->count) + (size_t)index * PIXELS * 2;
 }
+
+static inline size_t shard_size(const shard *s) { return pixels_place(s, s->count) + 8; }
 
 /* ---- numbers as bytes ---- */
 
@@ -325,7 +329,7 @@ static inline const char *shard_fault(const shard *s, const unsigned char *bytes
         "is damaged: its checksum does not match", "has a material that it should not have",
         "has a pixel that is not finite or is negative"};
     float(*thetas)[3] = (float(*)[3])need((size_t)s->count, sizeof *thetas);
-    const unsigned char *record = bytes + HEADER_SIZE, *pixels = record + s->count * RECORD * 4;
+    const unsigned char *record = bytes + record_place(0), *pixels = bytes + pixels_place(s, 0);
     size_t i;
     int result = -1;
     shard_header(s, header);
@@ -389,11 +393,11 @@ static inline void load_pictures(const char *dir, split in, pictures *p) {
         shard_path(s, dir, path);
         if (!bytes) fprintf(stderr, "%s %s\n", path, fault), faults++;
         if (!bytes) continue;
-        pixels = bytes + HEADER_SIZE + s->count * RECORD * 4;
+        pixels = bytes + pixels_place(s, 0);
         for (k = 0; k < s->count * PIXELS; k++)
             p->pixels[(size_t)next * PIXELS + (size_t)k] = (uint16_t)get_bytes(pixels + 2 * k, 2);
         for (k = 0; k < s->count; k++, next++) {
-            const unsigned char *record = bytes + HEADER_SIZE + k * RECORD * 4;
+            const unsigned char *record = bytes + record_place(k);
             p->shard_of[next] = i;
             p->thetas[next][0] = get_float(record), p->thetas[next][1] = get_float(record + 4);
             p->thetas[next][2] = get_float(record + 8), p->noise[next] = get_float(record + 12);

@@ -188,7 +188,8 @@ static void prepare_input(void *task, int index) {
     int picture = t->order[t->first + index];
     float pixels[PIXELS], varied[PIXELS];
     get_picture(&t->pictures, picture, pixels);
-    reduce_picture(pixels, t->targets + (size_t)index * SMALL_PIXELS);
+    if (t->kind != ITN_MODEL_RN)
+        reduce_picture(pixels, t->targets + (size_t)index * SMALL_PIXELS);
     t->larger[index] = vary_picture(
         pixels, mix((uint64_t)m->seed + 1, (uint64_t)t->step, (uint64_t)picture), varied);
     network_input(varied, m->mean, t->inputs + (size_t)index * 2 * PIXELS);
@@ -473,8 +474,10 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
         set_biases(t);
     }
     if (o->resume) return;
-    if (t->kind != ITN_MODEL_RN && lambda < 0) choose_lambda(t, &o->model);
     if (t->kind == ITN_MODEL_RN) o->model.lambda = 0;
+    else if (lambda < 0 && from && !strcmp(before.name, o->model.name))
+        o->model.lambda = before.lambda; /* the same loss goes on, at another rate or spp */
+    else if (lambda < 0) choose_lambda(t, &o->model);
     if (!o->process.rank) save_model(o->checkpoint, &o->model);
 }
 

@@ -11,10 +11,9 @@ enum { COUNT = 5 };
 
 /* Mean of the object's pixels in a picture of a shard. */
 static double stored_mean(const work *w, int index) {
-    const unsigned char *at = w->bytes + HEADER_SIZE + w->shard.count * RECORD * 4;
+    const unsigned char *at = w->bytes + pixels_place(&w->shard, index);
     double sum = 0;
     int i, count = 0;
-    at += (size_t)index * PIXELS * 2;
     for (i = 0; i < PIXELS; i++)
         if (w->mask[i]) sum += (double)float_from_half((uint16_t)get_bytes(at + 2 * i, 2)), count++;
     return sum / count;
@@ -63,7 +62,7 @@ static void test_families(int planted) {
     for (i = 0; i < families; i++) make_family(&w, i);
     fputc('\n', stderr);
     for (i = 0; i < COUNT; i++) {
-        const unsigned char *record = w.bytes + HEADER_SIZE + i * RECORD * 4;
+        const unsigned char *record = w.bytes + record_place(i);
         double error, expected = own_mean(&w, own, parameters, thetas[i], &error);
         CHECK(get_float(record) == thetas[i][0] && get_float(record + 4) == thetas[i][1] &&
               get_float(record + 8) == thetas[i][2]);
