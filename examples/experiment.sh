@@ -2,7 +2,8 @@
 # The learning experiment of Che et al., "Inverse Transport Networks" (2018), from nothing to tables
 # 1 to 3 and their figures, with one command. Stopped and started again it goes on where it was.
 #
-#   sh examples/experiment.sh [--fraction F | --noise N] [-o DIR] [-t THREADS]
+#   sh examples/experiment.sh [--fraction F | --noise N] [-o DIR] [--data DIR] [--seed N]
+#                             [-t THREADS]
 #
 # F is the part of the 16,400 pictures to make, 1 by default.
 # Up to 1/20 it is a trial of everything: noisy pictures, narrow networks, few epochs, few searches.
@@ -13,11 +14,16 @@
 # of the tests, and trains narrower networks for fewer epochs; .2 made what is in tests/tables.
 # DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
 # figure.svg, and per network NAME.net and NAME.net.*.
+# --data is the folder of the pictures, DIR/data by default; what is there is not made again. --seed
+# is that of the networks, 1 by default. A second run tells how much of the tables is chance:
+#   sh examples/experiment.sh --noise 0.2 --seed 2 --data out/experiment/data -o out/second
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 fraction=1
 noise=
 out=out/experiment
+data=
+seed=1
 threads=$(getconf _NPROCESSORS_ONLN)
 while [ $# -gt 0 ]; do
     [ $# -gt 1 ] || { echo "experiment: $1 needs a value"; exit 1; }
@@ -25,6 +31,8 @@ while [ $# -gt 0 ]; do
         --fraction) fraction=$2 ;;
         --noise) noise=$2 ;;
         -o) out=$2 ;;
+        --data) data=$2 ;;
+        --seed) seed=$2 ;;
         -t) threads=$2 ;;
         *) echo "experiment: unknown option $1"; exit 1 ;;
     esac
@@ -34,12 +42,13 @@ if [ -n "$noise" ] && [ "$fraction" != 1 ]; then
     echo "experiment: --noise is for the whole data"
     exit 1
 fi
+data=${data:-$out/data}
 mkdir -p "$out/done"
 
 up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 if [ -n "$noise" ]; then
     picture="--tests 1/12 --noise $noise --spp 24"
-    warm=16 calm=8 more=6 last=3 training="--batch 16 --channels 6" spp=16
+    warm=32 calm=12 more=6 last=3 training="--batch 16 --channels 6" spp=16
     warm_rate=1e-3 calm_rate=3e-4 rate=1e-4 last_rate=3e-5
     trial="--images 48 --spp 4"
     search="--images 2 --iterations 200 --spp 2"
@@ -51,7 +60,7 @@ elif up_to 1/20; then
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests 1/24 --noise 0.3 --spp 8"
-    warm=40 calm=16 more=2 last=1 training="--batch 16 --channels 6" spp=16
+    warm=80 calm=24 more=2 last=1 training="--batch 16 --channels 6" spp=16
     warm_rate=1e-3 calm_rate=3e-4 rate=2e-4 last_rate=6e-5
     trial="--images 24 --spp 8"
     search="--images 1 --iterations 200 --spp 2"
@@ -88,22 +97,22 @@ learn() {
     if [ -e "$net" ]; then start=--resume
     else start=${5:+--start $out/$5.net}
     fi
-    "$out/train" --model "$2" --data "$out/data" --checkpoint "$net" --epochs "$3" $training \
-        --rate "$4" --spp $spp $start -t "$threads"
+    "$out/train" --model "$2" --data "$data" --checkpoint "$net" --epochs "$3" $training \
+        --rate "$4" --spp $spp --seed "$seed" $start -t "$threads"
 }
 # shellcheck disable=SC2086
 try() {
-    "$out/train" --model "$1" --data "$out/data" --checkpoint "$out/$1.net" --evaluate $trial \
-        -t "$threads"
+    "$out/train" --model "$1" --data "$data" --checkpoint "$out/$1.net" --evaluate $trial \
+        --seed "$seed" -t "$threads"
 }
 
 begin=$(date +%s)
 step compile compile
 # shellcheck disable=SC2086
-step data "$out/dataset" make "$out/data" --fraction "$fraction" --scenes "$here/../scenes" \
+step data "$out/dataset" make "$data" --fraction "$fraction" --scenes "$here/../scenes" \
     -t "$threads" $picture
-step check "$out/dataset" check "$out/data"
-step sheet "$out/dataset" sheet "$out/data" "$out/sheet.png"
+step check "$out/dataset" check "$data"
+step sheet "$out/dataset" sheet "$data" "$out/sheet.png"
 step warm learn warm rn "$warm" "$warm_rate"
 step calm learn calm rn $((warm + calm)) "$calm_rate" warm
 # from one start, so that the models differ in their losses alone
@@ -118,7 +127,7 @@ done
 awk 'FNR > 1 || NR == 1' "$out/truth.net.table.csv" "$out/rn.net.table.csv" \
     "$out/ssn.net.table.csv" "$out/itn.net.table.csv" > "$out/table1.csv"
 # shellcheck disable=SC2086
-step starts "$out/starts" --data "$out/data" -o "$out" -t "$threads" $search \
+step starts "$out/starts" --data "$data" -o "$out" -t "$threads" $search \
     "$out/rn.net" "$out/ssn.net" "$out/itn.net"
 cat "$out/table1.csv" "$out/table3.csv"
 echo "experiment: $(($(date +%s) - begin)) s, results in $out"

@@ -130,6 +130,11 @@ typedef struct trainer {
 static volatile sig_atomic_t stop_asked;
 static void ask_to_stop(int signal_number) { (void)signal_number, stop_asked = 1; }
 
+enum {
+    KNOTS = 8,     /* of what bends a picture, each way */
+    MOST_BEND = 36 /* pixels by which a knot is moved */
+};
+
 /* ---- the loss of a batch ---- */
 
 static void truth_coordinates(const itn_scene *scene, const int parameters[3], const float *theta,
@@ -146,12 +151,36 @@ static float draw(uint64_t *random) {
     return (float)(*random >> 40) / (1 << 23) - 1;
 }
 
+/* The first of the four knots whose cubic B-splines reach a pixel (of a line or a column), and what
+   these are there. */
+static int reaching_knots(int pixel, float splines[4]) {
+    float place = (float)pixel * (KNOTS - 3) / FILM, t = place - floorf(place), s = 1 - t;
+    splines[0] = s * s * s / 6, splines[1] = (4 + t * t * (3 * t - 6)) / 6;
+    splines[2] = (4 + s * s * (3 * s - 6)) / 6, splines[3] = t * t * t / 6;
+    return (int)place;
+}
+
+/* A smooth function of the place on the film, on a line of it. */
+static void smooth_line(float knots[KNOTS][KNOTS], int y, float values[FILM]) {
+    float splines[4], across[KNOTS];
+    int first = reaching_knots(y, splines), i, x;
+    for (i = 0; i < KNOTS; i++)
+        across[i] = splines[0] * knots[first][i] + splines[1] * knots[first + 1][i] +
+                    splines[2] * knots[first + 2][i] + splines[3] * knots[first + 3][i];
+    for (x = 0; x < FILM; x++) {
+        first = reaching_knots(x, splines);
+        values[x] = splines[0] * across[first] + splines[1] * across[first + 1] +
+                    splines[2] * across[first + 2] + splines[3] * across[first + 3];
+    }
+}
+
 /* Shows the object otherwise, so that a network reads the material and does not just recognise the
    shape: moved, turned, mirrored, sheared and stretched a little; up to 1.8 times as large or as
-   small; and with more noise. Returns the logarithm of how much larger. Nothing in the scene but
-   the ground has a size of its own, so an object that looks s times as large is that object, with
-   sigma_t / s; for the rest the material stays about as it is. Pixels are copied from the nearest:
-   a mean of several would have less noise than the pictures that the network is to read. */
+   small; bent, by ten pixels here and there; and with more noise. Returns the logarithm of how much
+   larger. Nothing in the scene but the ground has a size of its own, so an object that looks s
+   times as large is that object, with sigma_t / s; for the rest the material stays about as it is.
+   Pixels are copied from the nearest: a mean of several would have less noise than the pictures
+   that the network is to read. */
 static float vary_picture(const float *picture, uint64_t random, float *varied) {
     float larger = .6f * draw(&random), stretched = .25f * draw(&random);
     float turned = .15f * draw(&random), sheared = .1f * draw(&random);
@@ -160,16 +189,22 @@ static float vary_picture(const float *picture, uint64_t random, float *varied) 
     float across = expf(-larger - stretched) * (draw(&random) < 0 ? -1.f : 1.f);
     float along = expf(-larger + stretched), middle = (FILM - 1) / 2.f;
     float sine = sinf(turned), cosine = cosf(turned);
+    float bends[2][KNOTS][KNOTS], bent[2][FILM]; /* to the right, down */
     int x, y;
-    for (y = 0; y < FILM; y++)
+    for (x = 0; x < 2 * KNOTS * KNOTS; x++)
+        bends[x / (KNOTS * KNOTS)][x / KNOTS % KNOTS][x % KNOTS] = MOST_BEND * draw(&random);
+    for (y = 0; y < FILM; y++) {
+        smooth_line(bends[0], y, bent[0]), smooth_line(bends[1], y, bent[1]);
         for (x = 0; x < FILM; x++) {
-            float u = (float)x - middle - right, v = (float)y - middle - down;
+            float u = (float)x - middle - right + bent[0][x];
+            float v = (float)y - middle - down + bent[1][x];
             float column = middle + across * (cosine * u + (sheared - sine) * v);
             float line = middle + along * (sine * u + cosine * v);
             int from_x = (int)floorf(fmaxf(0, fminf(FILM - 1, column)) + .5f);
             int from_y = (int)floorf(fmaxf(0, fminf(FILM - 1, line)) + .5f);
             varied[y * FILM + x] = picture[from_y * FILM + from_x] * (1 + noise * draw(&random));
         }
+    }
     return larger;
 }
 
