@@ -130,20 +130,12 @@ typedef struct trainer {
 static volatile sig_atomic_t stop_asked;
 static void ask_to_stop(int signal_number) { (void)signal_number, stop_asked = 1; }
 
+/* ---- pictures shown otherwise ---- */
+
 enum {
     KNOTS = 8,     /* of what bends a picture, each way */
     MOST_BEND = 36 /* pixels by which a knot is moved */
 };
-
-/* ---- the loss of a batch ---- */
-
-static void truth_coordinates(const itn_scene *scene, const int parameters[3], const float *theta,
-                              float *truth) {
-    int k;
-    for (k = 0; k < 3; k++)
-        truth[k] = (float)itn_parameter_to_coordinate(itn_parameter_get(scene, parameters[k]),
-                                                      (double)theta[k]);
-}
 
 /* A random number in [-1,1); moves `random` on. */
 static float draw(uint64_t *random) {
@@ -160,8 +152,15 @@ static int reaching_knots(int pixel, float splines[4]) {
     return (int)place;
 }
 
-/* A smooth function of the place on the film, on a line of it. */
-static void smooth_line(float knots[KNOTS][KNOTS], int y, float values[FILM]) {
+/* Draws a smooth random function of the place on the film. */
+static void draw_bend(uint64_t *random, float knots[KNOTS][KNOTS]) {
+    int i, j;
+    for (i = 0; i < KNOTS; i++)
+        for (j = 0; j < KNOTS; j++) knots[i][j] = MOST_BEND * draw(random);
+}
+
+/* Its values on a line of the film. */
+static void bend_line(float knots[KNOTS][KNOTS], int y, float values[FILM]) {
     float splines[4], across[KNOTS];
     int first = reaching_knots(y, splines), i, x;
     for (i = 0; i < KNOTS; i++)
@@ -176,11 +175,11 @@ static void smooth_line(float knots[KNOTS][KNOTS], int y, float values[FILM]) {
 
 /* Shows the object otherwise, so that a network reads the material and does not just recognise the
    shape: moved, turned, mirrored, sheared and stretched a little; up to 1.8 times as large or as
-   small; bent, by ten pixels here and there; and with more noise. Returns the logarithm of how much
-   larger. Nothing in the scene but the ground has a size of its own, so an object that looks s
-   times as large is that object, with sigma_t / s; for the rest the material stays about as it is.
-   Pixels are copied from the nearest: a mean of several would have less noise than the pictures
-   that the network is to read. */
+   small; bent, points of it moved by some ten pixels; and with more noise. Returns the logarithm of
+   how much larger. Nothing in the scene but the ground has a size of its own, so an object that
+   looks s times as large is that object, with sigma_t / s; for the rest the material stays about as
+   it is. Pixels are copied from the nearest: a mean of several would have less noise than the
+   pictures that the network is to read. */
 static float vary_picture(const float *picture, uint64_t random, float *varied) {
     float larger = .6f * draw(&random), stretched = .25f * draw(&random);
     float turned = .15f * draw(&random), sheared = .1f * draw(&random);
@@ -191,10 +190,9 @@ static float vary_picture(const float *picture, uint64_t random, float *varied) 
     float sine = sinf(turned), cosine = cosf(turned);
     float bends[2][KNOTS][KNOTS], bent[2][FILM]; /* to the right, down */
     int x, y;
-    for (x = 0; x < 2 * KNOTS * KNOTS; x++)
-        bends[x / (KNOTS * KNOTS)][x / KNOTS % KNOTS][x % KNOTS] = MOST_BEND * draw(&random);
+    draw_bend(&random, bends[0]), draw_bend(&random, bends[1]);
     for (y = 0; y < FILM; y++) {
-        smooth_line(bends[0], y, bent[0]), smooth_line(bends[1], y, bent[1]);
+        bend_line(bends[0], y, bent[0]), bend_line(bends[1], y, bent[1]);
         for (x = 0; x < FILM; x++) {
             float u = (float)x - middle - right + bent[0][x];
             float v = (float)y - middle - down + bent[1][x];
@@ -206,6 +204,16 @@ static float vary_picture(const float *picture, uint64_t random, float *varied) 
         }
     }
     return larger;
+}
+
+/* ---- the loss of a batch ---- */
+
+static void truth_coordinates(const itn_scene *scene, const int parameters[3], const float *theta,
+                              float *truth) {
+    int k;
+    for (k = 0; k < 3; k++)
+        truth[k] = (float)itn_parameter_to_coordinate(itn_parameter_get(scene, parameters[k]),
+                                                      (double)theta[k]);
 }
 
 /* The means of squares of pixels. */
