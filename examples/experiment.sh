@@ -48,8 +48,8 @@ mkdir -p "$out/done"
 up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 if [ -n "$noise" ]; then
     picture="--tests 1/12 --noise $noise --spp 24"
-    warm=32 calm=12 more=6 last=3 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 calm_rate=3e-4 rate=1e-4 last_rate=3e-5
+    warm=32 calm=6 more=7 last=3 training="--batch 16 --channels 6" spp=16
+    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4 last_rate=5e-5
     trial="--images 48 --spp 4"
     search="--images 2 --iterations 200 --spp 2"
 elif up_to 1/20; then
