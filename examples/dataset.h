@@ -512,15 +512,15 @@ static inline void cut_answer(const itn_scene *scene, const int parameters[3], c
 typedef struct model {
     char name[8]; /* rn, ssn, itn */
     double mean, lambda, rate;
-    int batch, spp, seed;
+    int batch, spp, seed, bend; /* bend: see vary_picture */
     char leave[64]; /* names of training shapes that it was not shown, with commas; or "none" */
 } model;
 
 static inline void save_model(const char *network, const model *m) {
     char path[PATH_SIZE], text[512];
     int length = snprintf(text, sizeof text, "model %s\nmean %.17g\nlambda %.17g\nrate %.17g\n"
-                          "batch %d\nspp %d\nseed %d\nleave %s\n", m->name, m->mean, m->lambda,
-                          m->rate, m->batch, m->spp, m->seed, m->leave);
+                          "batch %d\nspp %d\nseed %d\nbend %d\nleave %s\n", m->name, m->mean,
+                          m->lambda, m->rate, m->batch, m->spp, m->seed, m->bend, m->leave);
     snprintf(path, sizeof path, "%s.txt", network);
     save_file(path, text, (size_t)length);
 }
@@ -531,9 +531,9 @@ static inline void load_model(const char *network, model *m) {
     snprintf(path, sizeof path, "%s.txt", network);
     file = fopen(path, "r");
     if (!file) fail(path, "cannot be read: train this network first");
-    if (fscanf(file, "model %7s mean %lf lambda %lf rate %lf batch %d spp %d seed %d leave %63s",
-               m->name, &m->mean, &m->lambda, &m->rate, &m->batch, &m->spp, &m->seed,
-               m->leave) != 8 || !(m->mean > 0))
+    if (fscanf(file, "model %7s mean %lf lambda %lf rate %lf batch %d spp %d seed %d bend %d "
+               "leave %63s", m->name, &m->mean, &m->lambda, &m->rate, &m->batch, &m->spp, &m->seed,
+               &m->bend, m->leave) != 9 || !(m->mean > 0))
         fail(path, "is not what train writes");
     fclose(file);
 }

@@ -48,26 +48,26 @@ mkdir -p "$out/done"
 up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 if [ -n "$noise" ]; then
     picture="--tests 1/12 --noise $noise --spp 24"
-    warm=32 calm=6 more=7 last=3 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4 last_rate=5e-5
+    warm=32 calm=6 more=7 last=1 training="--batch 16 --channels 6" spp=16
+    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
     trial="--images 48 --spp 4"
     search="--images 2 --iterations 200 --spp 2"
 elif up_to 1/20; then
     picture="--noise 0.4 --spp 4"
     warm=40 calm=8 more=1 last=1 training="--batch 8 --channels 4" spp=8
-    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4 last_rate=1e-4
+    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
     trial="--images 8 --spp 4"
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests 1/24 --noise 0.3 --spp 8"
-    warm=80 calm=24 more=2 last=1 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 calm_rate=3e-4 rate=2e-4 last_rate=6e-5
+    warm=80 calm=24 more=2 last=3 training="--batch 16 --channels 6" spp=16
+    warm_rate=1e-3 calm_rate=3e-4 rate=2e-4
     trial="--images 24 --spp 8"
     search="--images 1 --iterations 200 --spp 2"
 else
     picture="--noise 0.03 --spp 4096"
-    warm=5 calm=0 more=35 last=10 training="--batch 16" spp=64
-    warm_rate=1e-4 calm_rate=1e-4 rate=1e-4 last_rate=3e-5
+    warm=5 calm=0 more=44 last=1 training="--batch 16" spp=64
+    warm_rate=1e-4 calm_rate=1e-4 rate=1e-4
     trial="--images 250 --spp 64"
     search="--images 10 --iterations 200 --spp 16"
 fi
@@ -90,15 +90,15 @@ compile() {
             -o "$out/$program" -lm -lpthread || return
     done
 }
-# learn NAME MODEL EPOCHS RATE [START]: a training run, resumed if there is something of it.
+# learn NAME MODEL EPOCHS RATE BEND [START]: a training run, resumed if there is something of it.
 # shellcheck disable=SC2086
 learn() {
     net=$out/$1.net
     if [ -e "$net" ]; then start=--resume
-    else start=${5:+--start $out/$5.net}
+    else start=${6:+--start $out/$6.net}
     fi
     "$out/train" --model "$2" --data "$data" --checkpoint "$net" --epochs "$3" $training \
-        --rate "$4" --spp $spp --seed "$seed" $start -t "$threads"
+        --rate "$4" --bend "$5" --spp $spp --seed "$seed" $start -t "$threads"
 }
 # shellcheck disable=SC2086
 try() {
@@ -113,13 +113,13 @@ step data "$out/dataset" make "$data" --fraction "$fraction" --scenes "$here/../
     -t "$threads" $picture
 step check "$out/dataset" check "$data"
 step sheet "$out/dataset" sheet "$data" "$out/sheet.png"
-step warm learn warm rn "$warm" "$warm_rate"
-step calm learn calm rn $((warm + calm)) "$calm_rate" warm
+bend=36 # pixels; only the last epochs show shapes as they are
+step warm learn warm rn "$warm" "$warm_rate" $bend
+step calm learn calm rn $((warm + calm)) "$calm_rate" $bend warm
 # from one start, so that the models differ in their losses alone
 for model in rn ssn itn; do
-    step "own-$model" learn "own-$model" "$model" $((warm + calm + more)) "$rate" calm
-    step "learn-$model" learn "$model" "$model" $((warm + calm + more + last)) "$last_rate" \
-        "own-$model"
+    step "own-$model" learn "own-$model" "$model" $((warm + calm + more)) "$rate" $bend calm
+    step "learn-$model" learn "$model" "$model" $((warm + calm + more + last)) 1e-4 0 "own-$model"
 done
 for model in truth rn ssn itn; do
     step "try-$model" try "$model"

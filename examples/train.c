@@ -21,6 +21,8 @@
             other samples: its errors are those that noise alone makes. --export writes the network
             without Adam's state, a third of the size, for `invert --net`.
    --channels sets how wide a new network is: layer 1 has that many, each further one twice as many.
+   --bend (36) is how much the shapes in the pictures are bent, so that they are not learnt by
+   heart; some steps at the end with 0 are good for all shapes.
    --leave cube,knot trains without these of the training shapes; --evaluate of such a network has a
    row `left` of them, in place of the three splits of the tests: choose by it, then test once.
    The number of steps that the network has taken says all about where a run is: the order of the
@@ -59,7 +61,7 @@
 static const char *const usage =
     "usage: train --model rn|ssn|itn|truth --data DIR --checkpoint FILE [--start FILE] [--resume]\n"
     "       [--epochs N] [--batch N] [--rate X] [--spp N] [--lambda X] [--seed N] [-t THREADS]\n"
-    "       [--channels N] [--leave SHAPE,SHAPE...] [--evaluate] [--images MOST]\n"
+    "       [--channels N] [--bend PIXELS] [--leave SHAPE,SHAPE...] [--evaluate] [--images MOST]\n"
     "       train --checkpoint FILE --export FILE\n";
 
 /* ---- several processes ---- */
@@ -132,10 +134,7 @@ static void ask_to_stop(int signal_number) { (void)signal_number, stop_asked = 1
 
 /* ---- pictures shown otherwise ---- */
 
-enum {
-    KNOTS = 8,     /* of what bends a picture, each way */
-    MOST_BEND = 36 /* pixels by which a knot is moved */
-};
+enum { KNOTS = 8 }; /* of what bends a picture, each way */
 
 /* A random number in [-1,1); moves `random` on. */
 static float draw(uint64_t *random) {
@@ -152,11 +151,11 @@ static int reaching_knots(int pixel, float splines[4]) {
     return (int)place;
 }
 
-/* Draws a smooth random function of the place on the film. */
-static void draw_bend(uint64_t *random, float knots[KNOTS][KNOTS]) {
+/* Draws a smooth random function of the place on the film; most: of a knot. */
+static void draw_bend(uint64_t *random, float most, float knots[KNOTS][KNOTS]) {
     int i, j;
     for (i = 0; i < KNOTS; i++)
-        for (j = 0; j < KNOTS; j++) knots[i][j] = MOST_BEND * draw(random);
+        for (j = 0; j < KNOTS; j++) knots[i][j] = most * draw(random);
 }
 
 /* Its values on a line of the film. */
@@ -175,12 +174,12 @@ static void bend_line(float knots[KNOTS][KNOTS], int y, float values[FILM]) {
 
 /* Shows the object otherwise, so that a network reads the material and does not just recognise the
    shape: moved, turned, mirrored, sheared and stretched a little; up to 1.8 times as large or as
-   small; bent, points of it moved by some ten pixels; and with more noise. Returns the logarithm of
-   how much larger. Nothing in the scene but the ground has a size of its own, so an object that
-   looks s times as large is that object, with sigma_t / s; for the rest the material stays about as
-   it is. Pixels are copied from the nearest: a mean of several would have less noise than the
-   pictures that the network is to read. */
-static float vary_picture(const float *picture, uint64_t random, float *varied) {
+   small; bent, its points moved by about a fourth of `bend` pixels; and with more noise. Returns the
+   logarithm of how much larger. Nothing in the scene but the ground has a size of its own, so an
+   object that looks s times as large is that object, with sigma_t / s; for the rest the material
+   stays about as it is. Pixels are copied from the nearest: a mean of several would have less noise
+   than the pictures that the network is to read. */
+static float vary_picture(const float *picture, int bend, uint64_t random, float *varied) {
     float larger = .6f * draw(&random), stretched = .25f * draw(&random);
     float turned = .15f * draw(&random), sheared = .1f * draw(&random);
     float right = 4 * draw(&random), down = 4 * draw(&random);
@@ -190,7 +189,7 @@ static float vary_picture(const float *picture, uint64_t random, float *varied) 
     float sine = sinf(turned), cosine = cosf(turned);
     float bends[2][KNOTS][KNOTS], bent[2][FILM]; /* to the right, down */
     int x, y;
-    draw_bend(&random, bends[0]), draw_bend(&random, bends[1]);
+    draw_bend(&random, (float)bend, bends[0]), draw_bend(&random, (float)bend, bends[1]);
     for (y = 0; y < FILM; y++) {
         bend_line(bends[0], y, bent[0]), bend_line(bends[1], y, bent[1]);
         for (x = 0; x < FILM; x++) {
@@ -234,7 +233,7 @@ static void prepare_input(void *task, int index) {
     if (t->kind != ITN_MODEL_RN)
         reduce_picture(pixels, t->targets + (size_t)index * SMALL_PIXELS);
     t->larger[index] = vary_picture(
-        pixels, mix((uint64_t)m->seed + 1, (uint64_t)t->step, (uint64_t)picture), varied);
+        pixels, m->bend, mix((uint64_t)m->seed + 1, (uint64_t)t->step, (uint64_t)picture), varied);
     network_input(varied, m->mean, t->inputs + (size_t)index * 2 * PIXELS);
 }
 
@@ -860,6 +859,7 @@ int main(int argc, char **argv) {
     int i, status;
     o.process = begin_processes(&argc, &argv);
     o.epochs = 50, o.model.batch = 16, o.model.seed = 1, o.model.rate = 1e-4, o.model.lambda = -1;
+    o.model.bend = 36;
     snprintf(o.model.leave, sizeof o.model.leave, "none");
     o.threads = (int)sysconf(_SC_NPROCESSORS_ONLN);
     for (i = 1; i < argc; i++) {
@@ -880,6 +880,7 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--lambda")) o.model.lambda = number(option, value, 0, 1e9);
         else if (!strcmp(option, "--channels")) o.channels = whole(option, value, 1);
         else if (!strcmp(option, "--seed")) o.model.seed = whole(option, value, 0);
+        else if (!strcmp(option, "--bend")) o.model.bend = whole(option, value, 0);
         else if (!strcmp(option, "--leave")) take_leave(value, &o.model);
         else if (!strcmp(option, "--images")) o.most_images = whole(option, value, 1);
         else if (!strcmp(option, "-t")) o.threads = whole(option, value, 1);

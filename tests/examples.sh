@@ -140,13 +140,16 @@ fit="--data data --batch 4 --spp 2"
         --checkpoint d.net -t 2
     check "train: the same bits" cmp b.net d.net
     check "train: the same curve" cmp b.net.csv d.net.csv
-    check "train itn: at another rate" ./train --model itn $fit --epochs 5 --rate 1e-5 \
+    check "train itn: otherwise" ./train --model itn $fit --epochs 5 --rate 1e-5 --bend 0 \
         --start b.net --checkpoint e.net
+    check "train itn: on as before" ./train --model itn $fit --epochs 5 --rate 1e-5 \
+        --start b.net --checkpoint f.net
     keep "train --evaluate" ./train --model itn --data data --spp 2 --images 2 --checkpoint b.net \
         --evaluate
 }
-check "train itn: at another rate: the same loss" test "$(grep lambda e.net.txt)" = \
+check "train itn: otherwise: the same loss" test "$(grep lambda e.net.txt)" = \
     "$(grep lambda b.net.txt)"
+check "train: --bend changes pictures" sh -c "! cmp e.net f.net > found 2>&1"
 prints '^itn,both,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+$'
 check "train --export" ./train --checkpoint b.net --export small.net
 check "train --export: a third" test "$(wc -c < small.net)" -lt "$(($(wc -c < b.net) / 2))"
