@@ -6,7 +6,7 @@
 #                             [-t THREADS]
 #
 # F is the part of the 16,400 pictures to make, 1 by default.
-# Up to 1/20 it is a trial of everything: noisy pictures, narrow networks, few epochs, few searches.
+# Up to 1/20 it is a trial of everything: noisy pictures, narrow networks, few searches.
 # Its tables show that all works, not who wins: of 1/50 come 144 training pictures, which are too
 # few; it takes 7 minutes of processor time. Below 1 it is a reduced one, with noisy pictures
 # and 1/24 of the paper's tests.
@@ -15,7 +15,8 @@
 # DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
 # figure.svg, and per network NAME.net and NAME.net.*.
 # --data is the folder of the pictures, DIR/data by default; what is there is not made again. --seed
-# is that of the networks, 1 by default. A second run tells how much of the tables is chance:
+# is that of the training, 1 by default. Each run has a DIR of its own; a second one on the same
+# pictures tells how much is chance of training:
 #   sh examples/experiment.sh --noise 0.2 --seed 2 --data out/experiment/data -o out/second
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
@@ -32,7 +33,9 @@ while [ $# -gt 0 ]; do
         --noise) noise=$2 ;;
         -o) out=$2 ;;
         --data) data=$2 ;;
-        --seed) seed=$2 ;;
+        --seed)
+            case $2 in '' | *[!0-9]*) echo "experiment: --seed needs a whole number"; exit 1 ;; esac
+            seed=$2 ;;
         -t) threads=$2 ;;
         *) echo "experiment: unknown option $1"; exit 1 ;;
     esac
@@ -43,31 +46,37 @@ if [ -n "$noise" ] && [ "$fraction" != 1 ]; then
     exit 1
 fi
 data=${data:-$out/data}
-mkdir -p "$out/done"
+mkdir -p "$out/done" "$data"
+settings="fraction $fraction noise ${noise:-default} seed $seed data $data bent"
+[ -e "$out/done/compile" ] || echo "$settings" > "$out/done/settings"
+if [ "$settings" != "$(cat "$out/done/settings" 2>&1)" ]; then
+    echo "experiment: $out is of another version or run: $(cat "$out/done/settings" 2>&1)"
+    exit 1
+fi
 
 up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 if [ -n "$noise" ]; then
     picture="--tests 1/12 --noise $noise --spp 24"
     warm=32 calm=6 more=7 last=1 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
+    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4 last_rate=1e-4
     trial="--images 48 --spp 4"
     search="--images 2 --iterations 200 --spp 2"
 elif up_to 1/20; then
     picture="--noise 0.4 --spp 4"
     warm=40 calm=8 more=1 last=1 training="--batch 8 --channels 4" spp=8
-    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
+    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4 last_rate=1e-4
     trial="--images 8 --spp 4"
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests 1/24 --noise 0.3 --spp 8"
     warm=80 calm=24 more=2 last=3 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 calm_rate=3e-4 rate=2e-4
+    warm_rate=1e-3 calm_rate=3e-4 rate=2e-4 last_rate=1e-4
     trial="--images 24 --spp 8"
     search="--images 1 --iterations 200 --spp 2"
 else
     picture="--noise 0.03 --spp 4096"
     warm=5 calm=0 more=44 last=1 training="--batch 16" spp=64
-    warm_rate=1e-4 calm_rate=1e-4 rate=1e-4
+    warm_rate=1e-4 calm_rate=1e-4 rate=1e-4 last_rate=1e-4
     trial="--images 250 --spp 64"
     search="--images 10 --iterations 200 --spp 16"
 fi
@@ -113,13 +122,14 @@ step data "$out/dataset" make "$data" --fraction "$fraction" --scenes "$here/../
     -t "$threads" $picture
 step check "$out/dataset" check "$data"
 step sheet "$out/dataset" sheet "$data" "$out/sheet.png"
-bend=36 # pixels; only the last epochs show shapes as they are
+bend=36 # pixels; the last epochs show shapes that are not bent
 step warm learn warm rn "$warm" "$warm_rate" $bend
 step calm learn calm rn $((warm + calm)) "$calm_rate" $bend warm
 # from one start, so that the models differ in their losses alone
 for model in rn ssn itn; do
     step "own-$model" learn "own-$model" "$model" $((warm + calm + more)) "$rate" $bend calm
-    step "learn-$model" learn "$model" "$model" $((warm + calm + more + last)) 1e-4 0 "own-$model"
+    step "learn-$model" learn "$model" "$model" $((warm + calm + more + last)) "$last_rate" 0 \
+        "own-$model"
 done
 for model in truth rn ssn itn; do
     step "try-$model" try "$model"

@@ -21,8 +21,9 @@
             other samples: its errors are those that noise alone makes. --export writes the network
             without Adam's state, a third of the size, for `invert --net`.
    --channels sets how wide a new network is: layer 1 has that many, each further one twice as many.
-   --bend (36) is how much the shapes in the pictures are bent, so that they are not learnt by
-   heart; some steps at the end with 0 are good for all shapes.
+   --bend (36) is how much the shapes in the pictures are bent, so that they are less easily learnt
+   by heart; some steps at the end with 0 bring back what is lost on known shapes.
+   --start from a network of the same model keeps its lambda; --resume all but --epochs and -t.
    --leave cube,knot trains without these of the training shapes; --evaluate of such a network has a
    row `left` of them, in place of the three splits of the tests: choose by it, then test once.
    The number of steps that the network has taken says all about where a run is: the order of the
@@ -119,7 +120,7 @@ typedef struct trainer {
     int parameters[3];
     itn_net *net;
     int *order;           /* of the pictures in this epoch */
-    float *targets;       /* [batch][SMALL_PIXELS] */
+    float *targets;       /* [batch][SMALL_PIXELS], not of rn */
     float *inputs;        /* [batch][2][PIXELS] */
     float *larger;        /* [batch] see vary_picture */
     float *answers, *gradients; /* [batch][3] coordinates */
@@ -174,11 +175,12 @@ static void bend_line(float knots[KNOTS][KNOTS], int y, float values[FILM]) {
 
 /* Shows the object otherwise, so that a network reads the material and does not just recognise the
    shape: moved, turned, mirrored, sheared and stretched a little; up to 1.8 times as large or as
-   small; bent, its points moved by about a fourth of `bend` pixels; and with more noise. Returns the
-   logarithm of how much larger. Nothing in the scene but the ground has a size of its own, so an
-   object that looks s times as large is that object, with sigma_t / s; for the rest the material
-   stays about as it is. Pixels are copied from the nearest: a mean of several would have less noise
-   than the pictures that the network is to read. */
+   small; bent, its points moved by about a fourth of `bend` pixels each way; and with more noise.
+   Returns the logarithm of how much larger. Nothing in the scene but the ground has a size of its
+   own, so an object that looks s times as large is that object, with sigma_t / s; for the rest the
+   material stays about as it is, though where a picture is bent it is larger or smaller, too.
+   Pixels are copied from the nearest: a mean of several would have less noise than the pictures
+   that the network is to read. */
 static float vary_picture(const float *picture, int bend, uint64_t random, float *varied) {
     float larger = .6f * draw(&random), stretched = .25f * draw(&random);
     float turned = .15f * draw(&random), sheared = .1f * draw(&random);
@@ -518,7 +520,7 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     if (o->resume) return;
     if (t->kind == ITN_MODEL_RN) o->model.lambda = 0;
     else if (lambda < 0 && from && !strcmp(before.name, o->model.name))
-        o->model.lambda = before.lambda; /* the same loss goes on, at another rate or spp */
+        o->model.lambda = before.lambda; /* the same loss goes on */
     else if (lambda < 0) choose_lambda(t, &o->model);
     if (!o->process.rank) save_model(o->checkpoint, &o->model);
 }
@@ -880,7 +882,7 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--lambda")) o.model.lambda = number(option, value, 0, 1e9);
         else if (!strcmp(option, "--channels")) o.channels = whole(option, value, 1);
         else if (!strcmp(option, "--seed")) o.model.seed = whole(option, value, 0);
-        else if (!strcmp(option, "--bend")) o.model.bend = whole(option, value, 0);
+        else if (!strcmp(option, "--bend")) o.model.bend = (int)number(option, value, 0, FILM);
         else if (!strcmp(option, "--leave")) take_leave(value, &o.model);
         else if (!strcmp(option, "--images")) o.most_images = whole(option, value, 1);
         else if (!strcmp(option, "-t")) o.threads = whole(option, value, 1);

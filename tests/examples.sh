@@ -133,16 +133,17 @@ fit="--data data --batch 4 --spp 2"
 # shellcheck disable=SC2086
 {
     check "train rn" ./train --model rn $fit --epochs 1 --channels 4 --checkpoint warm.net
-    check "train itn" ./train --model itn $fit --epochs 2 --start warm.net --checkpoint b.net -t 2
+    check "train itn" ./train --model itn $fit --epochs 2 --bend 12 --start warm.net \
+        --checkpoint b.net -t 2
     check "train ssn" ./train --model ssn $fit --epochs 2 --start warm.net --checkpoint c.net
     check "train itn: on" ./train --model itn $fit --epochs 4 --resume --checkpoint b.net -t 1
-    check "train itn: at once" ./train --model itn $fit --epochs 4 --start warm.net \
+    check "train itn: at once" ./train --model itn $fit --epochs 4 --bend 12 --start warm.net \
         --checkpoint d.net -t 2
     check "train: the same bits" cmp b.net d.net
     check "train: the same curve" cmp b.net.csv d.net.csv
     check "train itn: otherwise" ./train --model itn $fit --epochs 5 --rate 1e-5 --bend 0 \
         --start b.net --checkpoint e.net
-    check "train itn: on as before" ./train --model itn $fit --epochs 5 --rate 1e-5 \
+    check "train itn: on as before" ./train --model itn $fit --epochs 5 --rate 1e-5 --bend 12 \
         --start b.net --checkpoint f.net
     keep "train --evaluate" ./train --model itn --data data --spp 2 --images 2 --checkpoint b.net \
         --evaluate
