@@ -58,25 +58,25 @@ up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 if [ -n "$noise" ]; then
     picture="--tests 1/12 --noise $noise --spp 24"
     warm=32 calm=6 more=7 last=1 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4 last_rate=1e-4
+    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
     trial="--images 48 --spp 4"
     search="--images 2 --iterations 200 --spp 2"
 elif up_to 1/20; then
     picture="--noise 0.4 --spp 4"
     warm=40 calm=8 more=1 last=1 training="--batch 8 --channels 4" spp=8
-    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4 last_rate=1e-4
+    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
     trial="--images 8 --spp 4"
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests 1/24 --noise 0.3 --spp 8"
     warm=80 calm=24 more=2 last=3 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 calm_rate=3e-4 rate=2e-4 last_rate=1e-4
+    warm_rate=1e-3 calm_rate=3e-4 rate=2e-4
     trial="--images 24 --spp 8"
     search="--images 1 --iterations 200 --spp 2"
 else
     picture="--noise 0.03 --spp 4096"
     warm=5 calm=0 more=44 last=1 training="--batch 16" spp=64
-    warm_rate=1e-4 calm_rate=1e-4 rate=1e-4 last_rate=1e-4
+    warm_rate=1e-4 calm_rate=1e-4 rate=1e-4
     trial="--images 250 --spp 64"
     search="--images 10 --iterations 200 --spp 16"
 fi
@@ -122,7 +122,7 @@ step data "$out/dataset" make "$data" --fraction "$fraction" --scenes "$here/../
     -t "$threads" $picture
 step check "$out/dataset" check "$data"
 step sheet "$out/dataset" sheet "$data" "$out/sheet.png"
-bend=36 # pixels; the last epochs show shapes that are not bent
+bend=36 last_rate=1e-4 # bend: pixels; the last epochs show shapes that are not bent
 step warm learn warm rn "$warm" "$warm_rate" $bend
 step calm learn calm rn $((warm + calm)) "$calm_rate" $bend warm
 # from one start, so that the models differ in their losses alone

@@ -152,24 +152,27 @@ static int reaching_knots(int pixel, float splines[4]) {
     return (int)place;
 }
 
-/* Draws a smooth random function of the place on the film; most: of a knot. */
-static void draw_bend(uint64_t *random, float most, float knots[KNOTS][KNOTS]) {
-    int i, j;
-    for (i = 0; i < KNOTS; i++)
-        for (j = 0; j < KNOTS; j++) knots[i][j] = most * draw(random);
+/* The sum of four knots, `apart` from each other, times their splines. */
+static float blend_knots(const float splines[4], const float *knots, int apart) {
+    return splines[0] * knots[0] + splines[1] * knots[apart] + splines[2] * knots[2 * apart] +
+           splines[3] * knots[3 * apart];
+}
+
+/* Draws a smooth random function of the place on the film; most: of a knot. knots: [KNOTS][KNOTS]. */
+static void draw_bend(uint64_t *random, float most, float *knots) {
+    int i;
+    for (i = 0; i < KNOTS * KNOTS; i++) knots[i] = most * draw(random);
 }
 
 /* Its values on a line of the film. */
-static void bend_line(float knots[KNOTS][KNOTS], int y, float values[FILM]) {
+static void bend_line(const float *knots, int y, float values[FILM]) {
     float splines[4], across[KNOTS];
     int first = reaching_knots(y, splines), i, x;
     for (i = 0; i < KNOTS; i++)
-        across[i] = splines[0] * knots[first][i] + splines[1] * knots[first + 1][i] +
-                    splines[2] * knots[first + 2][i] + splines[3] * knots[first + 3][i];
+        across[i] = blend_knots(splines, knots + first * KNOTS + i, KNOTS);
     for (x = 0; x < FILM; x++) {
         first = reaching_knots(x, splines);
-        values[x] = splines[0] * across[first] + splines[1] * across[first + 1] +
-                    splines[2] * across[first + 2] + splines[3] * across[first + 3];
+        values[x] = blend_knots(splines, across + first, 1);
     }
 }
 
@@ -189,7 +192,7 @@ static float vary_picture(const float *picture, int bend, uint64_t random, float
     float across = expf(-larger - stretched) * (draw(&random) < 0 ? -1.f : 1.f);
     float along = expf(-larger + stretched), middle = (FILM - 1) / 2.f;
     float sine = sinf(turned), cosine = cosf(turned);
-    float bends[2][KNOTS][KNOTS], bent[2][FILM]; /* to the right, down */
+    float bends[2][KNOTS * KNOTS], bent[2][FILM]; /* to the right, down */
     int x, y;
     draw_bend(&random, (float)bend, bends[0]), draw_bend(&random, (float)bend, bends[1]);
     for (y = 0; y < FILM; y++) {
@@ -882,12 +885,13 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--lambda")) o.model.lambda = number(option, value, 0, 1e9);
         else if (!strcmp(option, "--channels")) o.channels = whole(option, value, 1);
         else if (!strcmp(option, "--seed")) o.model.seed = whole(option, value, 0);
-        else if (!strcmp(option, "--bend")) o.model.bend = (int)number(option, value, 0, FILM);
+        else if (!strcmp(option, "--bend")) o.model.bend = whole(option, value, 0);
         else if (!strcmp(option, "--leave")) take_leave(value, &o.model);
         else if (!strcmp(option, "--images")) o.most_images = whole(option, value, 1);
         else if (!strcmp(option, "-t")) o.threads = whole(option, value, 1);
         else fail(option, "unknown option");
     }
+    if (o.model.bend > FILM) fail("--bend", "needs a number in its range");
     if (o.checkpoint && o.shipped) return export_network(&o);
     if (!o.data || !o.checkpoint || (strcmp(name, "rn") && strcmp(name, "ssn") &&
                                      strcmp(name, "itn") && (strcmp(name, "truth") || !o.evaluate)))
