@@ -1015,7 +1015,7 @@ static void check_texel_sum(int which, const char *item, const char *parameter, 
     itn_image picture = stage_patch(1, .3, .6, .7), gradients[2];
     double sum = 0, expected = 0, seen = 0;
     float theta[64];
-    itn_scene *scene;
+    itn_scene *scene = NULL;
     itn_error error;
     int asked, texels = picture.width * picture.height, i;
     options.spp = 64, options.mode = ITN_MODE_FAST, options.estimator = ITN_ESTIMATOR_SCORE;

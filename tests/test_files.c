@@ -554,15 +554,15 @@ static void lie(const char *after, size_t skip, uint32_t value, size_t width, it
 
 /* Names of 63 characters and 1024 channels are read, one more of either is not. */
 static void test_exr_limits(void) {
-    int channels, length, i;
+    int channels, length, i, k, rest;
     for (channels = 1023; channels <= 1025; channels++)
         for (length = 63; length <= 64; length++) {
             itn__buffer file = ITN_ZERO, list = ITN_ZERO;
             accountant a;
             for (i = 0; i < channels; i++) {
-                char name[80];
-                snprintf(name, sizeof name, "%0*d", length, i);
-                itn__put(&list, name, strlen(name) + 1);
+                char name[65] = "";
+                for (k = length, rest = i; k--; rest /= 10) name[k] = (char)('0' + rest % 10);
+                itn__put(&list, name, (size_t)length + 1);
                 itn__put(&list, "\2\0\0\0\0\0\0\0\1\0\0\0\1\0\0", 16);
             }
             itn__put_u8(&list, 0);
