@@ -158,7 +158,7 @@ static float blend_knots(const float splines[4], const float *knots, int apart) 
            splines[3] * knots[3 * apart];
 }
 
-/* Draws a smooth random function of the place on the film; most: of a knot. knots: [KNOTS][KNOTS]. */
+/* Draws knots[KNOTS][KNOTS] of a smooth random function on the film; each is at most `most`. */
 static void draw_bend(uint64_t *random, float most, float *knots) {
     int i;
     for (i = 0; i < KNOTS * KNOTS; i++) knots[i] = most * draw(random);
