@@ -14146,8 +14146,10 @@ static void itn__refine_design(itn__refiner *refiner) {
     }
     excess -= 3 * sqrt(refiner->known.chi2_variance);
     refiner->designed = sum > told / 4 && sum > 0 && excess < .25 && itn__finite((float)size);
-    if (refiner->designed) unit = itn__refine_unit(refiner);
-    if (refiner->designed) sure = (float)(sum / size / fmax(refiner->known.chi2, 1));
+    if (refiner->designed) {
+        unit = itn__refine_unit(refiner);
+        sure = (float)(sum / size / fmax(refiner->known.chi2, 1));
+    }
     for (view = refiner->views; view < end; view++)
         for (i = 0; i < itn__film_pixels(view); i++)
             view->density[i] = sure > 0 ? 1 + sure * (itn__design(unit * view->gain[i]) - 1) : 1;

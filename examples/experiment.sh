@@ -55,22 +55,21 @@ if [ "$settings" != "$(cat "$out/done/settings" 2>&1)" ]; then
 fi
 
 up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
+warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
 if [ -n "$noise" ]; then
     picture="--tests 1/12 --noise $noise --spp 24"
     warm=130 calm=16 more=7 settle=4 last=1 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
     trial="--images 48 --spp 4"
     search="--images 2 --iterations 200 --spp 2"
 elif up_to 1/20; then
     picture="--noise 0.4 --spp 4"
     warm=40 calm=8 more=1 settle=1 last=1 training="--batch 8 --channels 4" spp=8
-    warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
     trial="--images 8 --spp 4"
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests 1/24 --noise 0.3 --spp 8"
     warm=80 calm=24 more=2 settle=1 last=2 training="--batch 16 --channels 6" spp=16
-    warm_rate=1e-3 calm_rate=3e-4 rate=2e-4
+    rate=2e-4
     trial="--images 24 --spp 8"
     search="--images 1 --iterations 200 --spp 2"
 else
