@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.5.8                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.5.9                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 5
-#define ITN_VERSION_PATCH 8
+#define ITN_VERSION_PATCH 9
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
 #ifdef __cplusplus
@@ -577,7 +577,7 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
 typedef struct itn_adam_desc {
     double learning_rate; /* in (0,1]; 0 = 1e-4 */
     double beta1, beta2;  /* decay of the moments, in (0,1); 0 = .9 and .999 */
-    double epsilon;       /* > 0; 0 = 1e-8 */
+    double epsilon;       /* in [1e-30,1]; 0 = 1e-8 */
 } itn_adam_desc;
 
 #ifndef ITN_NO_NET
@@ -617,10 +617,11 @@ ITN_API float *itn_net_parameters(itn_net *net, size_t *count);
 ITN_API float *itn_net_gradients(itn_net *net, size_t *count);
 
 /* Makes of a picture the two channels that the authors' networks see: the picture over `mean`, and
-   an edge weight s/(s+1) in [0,1), large where that changes fast: s = |(right - left, below -
+   an edge weight s/(s+1) in [0,1], large where that changes fast: s = |(right - left, below -
    above)|, of a pixel's neighbours, or of itself at the border.
    mean: the brightness, > 0, of the pictures that the network was trained with. pixels:
-   [height][width], linear radiometric, finite. input: [2][height][width], no overlap with pixels.
+   [height][width], linear radiometric, finite, also over mean. input: [2][height][width], no
+   overlap with pixels.
    Errors: ARGUMENT; then input is untouched. */
 ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
                                  float *input, itn_error *error);
@@ -696,7 +697,8 @@ ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const cha
 #ifndef ITN_NO_STDIO
 /* Writes shape, weights and (unless weights_only) Adam's moments and step count, so that training
    goes on bit for bit as if never stopped. The file appears whole or not at all.
-   Errors: FILE, MEMORY, ARGUMENT (a weight that is not finite), UNSUPPORTED (over 2 GiB). */
+   Errors: FILE, MEMORY, ARGUMENT (a weight or moment to be written is not finite),
+   UNSUPPORTED (over 2 GiB). */
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error);
 /* Replaces weights, moments and step count by a file's; a file of weights only starts Adam afresh.
@@ -720,7 +722,8 @@ typedef enum itn_method {
 typedef struct itn_refine_step {
     int iteration;      /* from 0, which is the start */
     double loss;        /* mean over pixels and channels of (I(theta) - target)^2, unbiased */
-    double loss_error;  /* its standard error */
+    double loss_error;  /* its standard error, by the noise of the renders; 0, as not known, with
+                           ADAM and SGD */
     const float *theta; /* [parameter_count of the scene], of the first view if there are several;
                            valid during the call, as are */
     const float *values; /* [count] the unknowns */
@@ -730,11 +733,12 @@ typedef struct itn_refine_options {
     itn_method method;
     int iterations; /* most; 0 = 20 (LM) or 200. LM stops by itself when all that it sees is noise;
                        if it has not by then, one or two evaluations more give its error bars */
-    int spp;        /* samples per pixel of each of the two renders of an iteration; 0 = 64. LM
-                       takes more as it closes in, and in the end has evaluations */
-    int final_spp;  /* of so many together, which make the error bars; 0 = 8 spp. More help until
-                       the target's own noise is all that is left. In the end they come where
-                       pixels tell most: spp and final_spp are those of the mean pixel, roughly */
+    int spp;        /* samples per pixel of each of the two renders of an iteration, at least 2;
+                       0 = 64. LM takes more as it closes in */
+    int final_spp;  /* samples of the evaluations that LM averages in the end, all together, which
+                       make the error bars; 0 = 8 spp. More help until the target's own noise is all
+                       that is left. In the end they come where pixels tell most: spp and final_spp
+                       are those of the mean pixel, roughly */
     uint64_t seed;
     int max_scatter;              /* see itn_render_options */
     double learning_rate; /* > 0, falls to a tenth over the iterations. Adam: its first steps in
@@ -759,15 +763,18 @@ typedef struct itn_estimate {
     double standard_error; /* from the Fisher information of the derivative images, and from how
                               well that itself is known (Fieller 1954); of value. At least as much
                               as the search had still to go when iterations ran out. Very large
-                              where the information is less than three of its standard errors;
-                              then those of others are for this one being anywhere */
-    int determined;        /* 0: the image, or the final_spp, say next to nothing about it, do not
-                              use the value */
+                              where the information is less than three of its standard errors, of
+                              the transformed coordinate; then those of others are for this one
+                              being anywhere */
+    int determined;        /* look here first. 0: the image, or the final_spp, say next to nothing
+                              about it, its coordinate has an error of .5 or more: do not use the
+                              value, nor its error, which shrinks where bounds are near */
 } itn_estimate;
 
 /* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
    theta on; other parameters stay. theta: [itn_parameter_count], in and out. target: [C][height]
-   [width], linear radiometric, finite. estimates: [count]. options may be NULL.
+   [width], linear radiometric, finite. parameters: [count], all different, count from 1 to 1024.
+   estimates: [count]. options may be NULL.
    Along curves of equal sigma_t albedo (1 - g) and sigma_t (1 - albedo) pictures change little
    (similarity relations, Wyman, Patterson and Wilson 1989): LM takes its steps along them. The loss
    can still have several valleys, and error bars speak of one only. A good start (a network's
@@ -792,7 +799,8 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
    parameters: [count] what the unknowns are (itn_parameter_get), count from 1 to 32. estimates:
    [count], covariance: [count][count], as filled by itn_refine. Like snprintf: writes at most size
    bytes with the final zero and returns the length of the whole text without it; text may be NULL
-   if size is 0. Returns -1 if an argument is NULL or out of range, or a number is not finite. */
+   if size is 0. Returns -1 if an argument is NULL or out of range, a number is not finite or an
+   error negative. */
 ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
                              const itn_estimate *estimates, const double *covariance, char *text,
                              size_t size);
@@ -1120,9 +1128,16 @@ static void itn__thread_join(itn__thread thread) { pthread_join(thread, NULL); }
 static int itn__processors(void) { return (int)sysconf(_SC_NPROCESSORS_ONLN); }
 #endif
 
+enum { ITN__MOST_THREADS = 64 };
+
+/* How many threads those asked for are; 0 = as many as there are processors. */
+static int itn__thread_count(int asked) {
+    int threads = asked > 0 ? asked : itn__processors();
+    return threads < 1 ? 1 : threads < ITN__MOST_THREADS ? threads : ITN__MOST_THREADS;
+}
+
 static void itn__fork_join(int threads, int count, void (*body)(void *, int), void *task) {
-    enum { MAX_THREADS = 64 };
-    itn__thread thread[MAX_THREADS];
+    itn__thread thread[ITN__MOST_THREADS];
     itn__fork fork;
     int started = 0, k;
     fork.count = count, fork.next = 0, fork.body = body, fork.task = task;
@@ -1131,8 +1146,7 @@ static void itn__fork_join(int threads, int count, void (*body)(void *, int), vo
 #else
     pthread_mutex_init(&fork.mutex, NULL);
 #endif
-    if (threads <= 0) threads = itn__processors();
-    if (threads > MAX_THREADS) threads = MAX_THREADS;
+    threads = itn__thread_count(threads);
     while (started < threads - 1 && started < count - 1 &&
            itn__thread_start(&thread[started], &fork))
         started++; /* a thread that cannot start leaves its share to the others */
@@ -1169,7 +1183,7 @@ static ITN__UNUSED void itn__parallel_for(const itn_context *context, int count,
 static ITN__UNUSED int itn__workers(const itn_context *context) {
     if (context->parallel_for) return 32;
 #ifdef ITN_THREADS
-    return 4 * (context->threads > 0 ? context->threads : itn__processors());
+    return 4 * itn__thread_count(context->threads);
 #else
     return 1;
 #endif
@@ -12174,9 +12188,9 @@ static itn_result itn__adam_desc(const itn_adam_desc *given, itn_adam_desc *desc
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_adam_desc: beta1 is %g and beta2 %g, must be in (0,1)", desc->beta1,
                          desc->beta2);
-    if (!(desc->epsilon > 0 && desc->epsilon <= 1))
+    if (!(desc->epsilon >= 1e-30 && desc->epsilon <= 1)) /* as a float it must not be 0 */
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_adam_desc: epsilon is %g, must be in (0,1]", desc->epsilon);
+                         "itn_adam_desc: epsilon is %g, must be in [1e-30,1]", desc->epsilon);
     return ITN_OK;
 }
 
@@ -12497,20 +12511,21 @@ ITN__NOINLINE void itn__conv_add(const itn__blocked *in, const itn__panel *panel
 }
 
 /* ReLU and pooling of one window's vector: sums of its four pixels, `step` floats apart; the first
-   of equals is taken. */
+   of equals is taken. Comparisons pass over NaN: `bad`, else 0, keeps it. */
 ITN__INLINE void itn__conv_pool(const float *sums, size_t step, size_t lanes, float *out,
                                 unsigned char *chosen) {
-    itn__floats best = itn__load(sums), zero = itn__splat(0);
+    itn__floats best = itn__load(sums), zero = itn__splat(0), bad = zero * best;
     itn__ints which = itn__splat_int(0), open;
     int corner;
     for (corner = 1; corner < 4; corner++) {
         itn__floats sum = itn__load(sums + (size_t)corner * step);
         itn__ints more = itn__less(best, sum);
+        bad += zero * sum;
         best = itn__select(more, sum, best);
         which = itn__select_int(more, itn__splat_int(corner), which);
     }
     open = itn__less(zero, best);
-    best = itn__select(open, best, zero);
+    best = itn__select(open, best, zero) + bad;
     which = itn__select_int(open, which, itn__splat_int(ITN__SHUT));
     if (lanes == ITN__LANES) {
         itn__store(out, best), itn__store_bytes(chosen, which);
@@ -13442,6 +13457,11 @@ ITN_API itn_result itn_net_input(int width, int height, const float *pixels, dou
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_input: pixel (%.0f, %.0f) is not finite",
                          (double)(i % (size_t)width), (double)(i / (size_t)width));
+    for (i = 0; i < plane; i++)
+        if (fabs((double)pixels[i]) > FLT_MAX * mean)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_net_input: pixel (%.0f, %.0f) is too large for a mean of %g",
+                             (double)(i % (size_t)width), (double)(i / (size_t)width), mean);
     for (y = 0; y < height; y++)
         for (x = 0; x < width; x++, input++) {
             *input = (float)((double)pixels[(size_t)y * (size_t)width + (size_t)x] / mean);
@@ -13601,11 +13621,11 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
    J and T are random, and samples common to both would bias every product, so each evaluation makes
    two independent renders a, b and only multiplies across:
        b = 1/2 (J_a^T K r_b + J_b^T K r_a),     A = 1/2 (J_a^T K J_b + J_b^T K J_a),
-   unbiased both. For the same reason the standard deviations come from the evaluation before,
-   averaged over 5 x 5 pixels: a pixel's own would favour those that came out dark by chance. The
-   inverse of a noisy A is still biased: where A is small it is mostly noise. E, one and a half
-   standard deviations of what the noise of J alone puts into A's diagonal, keeps steps short there;
-   what one step leaves undone, the next ones do.
+   unbiased both. For the same reason the standard deviations come from the evaluation before, if
+   there is one, averaged over 5 x 5 pixels: a pixel's own would favour those that came out dark by
+   chance. The inverse of a noisy A is still biased: where A is small it is mostly noise. E, one and
+   a half standard deviations of what the noise of J alone puts into A's diagonal, keeps steps short
+   there; what one step leaves undone, the next ones do.
 
    At the solution the estimate's covariance is A^-1 N A^-1, where N, the covariance of b, is
    J^T K K J (whose part in the target's noise is J^T K F K J, F its share of a residual's variance)
@@ -13624,7 +13644,8 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
    first, until the rest could be told if those gone were known. As they are not, the rest follows
    them: with unknown u off by its prior standard deviation it is off by A^-1 A_u times as much, the
    square of which adds to the covariance. So a material too dense for its sigma_t to show has an
-   albedo all the same.
+   albedo all the same. The prior, 8 for each coordinate, adds 1/64 to the diagonals of A and N: it
+   is all there is where a picture tells next to nothing.
 
    Near the solution steps are nothing but noise, and it would be a waste to forget what earlier
    evaluations told: close by, b(pi) = A (pi* - pi), so b + A pi is the same at all points and can
@@ -13652,7 +13673,7 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
        u = ln sigma_t + ln(1 - g) + mean of ln albedo,    v = logit(albedo) + ln(1 - g),
    one v for each unknown albedo (u has only those), and g's own coordinate w: the valley lies along
    w. By the chain rule their derivative images are sums of those by transformed coordinates,
-       J_u = J_sigma,   J_v = J_albedo - (1 - albedo) J_sigma,
+       J_u = J_sigma,   J_v = J_albedo - (1 - albedo) J_sigma / (how many v),
        J_w = J_g - f (sum of J_albedo) - f (1 - mean of (1 - albedo)) J_sigma,   f = d ln(1 - g)/dw,
    and what noise makes of J_w is told apart from what the picture does (E above).
 
@@ -13710,10 +13731,11 @@ typedef struct itn__normal {
     double chi2, chi2_variance, loss;
 } itn__normal;
 
-/* Sums over the pixels of all views of r_a r_b and of its square, and of both in units of its
-   variance where the picture depends on any unknown; and how many pixels those are. */
+/* Sums over the pixels of all views of r_a r_b and of its variance by the renders' noise; where the
+   picture depends on any unknown, of r_a r_b over its variance, less 1, and of that one's square;
+   and how many pixels those are. */
 typedef struct itn__misfit {
-    double product, square, chi2, chi2_square, pixels, felt;
+    double product, noise, chi2, chi2_square, pixels, felt;
 } itn__misfit;
 
 typedef struct itn__refiner {
@@ -13847,7 +13869,7 @@ static void itn__refine_weights(itn__refine_view *view, int spp) {
     for (i = 0; i < view->pixels; i++) {
         float samples = 2 * (float)spp * view->density[i % plane];
         view->weights[i] = view->variance[i] / samples + view->target_variance[i];
-        mean += view->weights[i], square += itn__square(view->target[i]);
+        mean += view->weights[i], square += (double)view->target[i] * view->target[i];
     }
     least = (1e-3 * mean + 1e-12 * square) / (double)view->pixels;
     if (!(least > 0)) least = 1; /* a black picture of a black scene */
@@ -13898,16 +13920,22 @@ static void itn__binomial(float *pixels, int width, int height, size_t count, fl
     }
 }
 
+/* Where a view has an unknown; -1 if it has not. */
+static int itn__view_place(const itn__refine_view *view, int unknown) {
+    int k;
+    for (k = 0; k < view->count; k++)
+        if (view->unknowns[k] == unknown) return k;
+    return -1;
+}
+
 /* Adds `factor` times the derivative by unknown `other`, in its coordinate, to that by `own`, and
-   the square of it to the variance. Views without the medium have neither. */
+   the square of it to the variance. A view that has no `other` does not change with it. */
 static void itn__planes_add(const itn__refine_view *view, itn_image *image, int own, int other,
                             double factor) {
+    int k = itn__view_place(view, own), l = itn__view_place(view, other);
     float *to, *from;
     size_t i;
-    int k = 0, l = 0;
-    while (k < view->count && view->unknowns[k] != own) k++;
-    while (l < view->count && view->unknowns[l] != other) l++;
-    if (k == view->count || l == view->count) return;
+    if (k < 0 || l < 0) return;
     to = image->pixels + (size_t)(2 + 2 * k) * view->pixels;
     from = image->pixels + (size_t)(2 + 2 * l) * view->pixels;
     for (i = 0; i < view->pixels; i++) {
@@ -14025,13 +14053,13 @@ static void itn__refine_sum(itn__refiner *refiner, const itn__refine_view *view,
 static void itn__misfit_sum(itn__misfit *misfit, const itn__refine_view *view, const itn_image *a,
                             const itn_image *b) {
     size_t i;
-    int k;
+    int k, depends;
     for (i = 0; i < view->pixels; i++) {
         double ra = (double)view->target[i] - a->pixels[i];
         double rb = (double)view->target[i] - b->pixels[i], product = ra * rb, part;
-        int depends = 0;
-        misfit->product += product, misfit->square += product * product;
-        for (k = 0; k < view->count && !depends; k++)
+        double v = 2 * (double)a->pixels[view->pixels + i]; /* of each render, from both */
+        misfit->product += product, misfit->noise += v * (ra * ra + rb * rb - v);
+        for (k = depends = 0; k < view->count && !depends; k++)
             depends = a->pixels[(size_t)(2 + 2 * k) * view->pixels + i] != 0;
         if (!depends) continue;
         part = view->weights[i] * (product - (double)view->target_variance[i]);
@@ -14045,7 +14073,7 @@ static void itn__misfit_means(itn__refiner *refiner) {
     const itn__misfit *sum = &refiner->misfit;
     double n = sum->pixels, felt = sum->felt;
     refiner->loss = sum->product / n;
-    refiner->loss_error = sqrt(fmax(sum->square / n - refiner->loss * refiner->loss, 0) / n);
+    refiner->loss_error = sqrt(fmax(sum->noise, 0)) / n;
     refiner->fresh.loss = refiner->loss;
     refiner->fresh.chi2 = 1 + (felt > 0 ? sum->chi2 / felt : 0);
     refiner->fresh.chi2_variance = felt > 0 ? sum->chi2_square / (felt * felt) : 0;
@@ -14412,7 +14440,7 @@ static int itn__refine_leap(itn__refiner *refiner) {
 static itn_result itn__refine_try(itn__refiner *refiner, double samples, int stands, double *mu,
                                   double *news, itn_error *error) {
     const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
-    double now, rise;
+    double now, rise, loss = refiner->loss, loss_error = refiner->loss_error;
     int together;
     itn_result result;
     itn__refine_move(refiner);
@@ -14423,6 +14451,7 @@ static itn_result itn__refine_try(itn__refiner *refiner, double samples, int sta
     if (!stands && !together && !refiner->designed && fresh->loss > known->loss &&
         rise > 3 * sqrt(fresh->chi2_variance + known->chi2_variance)) {
         itn__refine_set(refiner, refiner->before);
+        refiner->loss = loss, refiner->loss_error = loss_error;
         *mu *= 10, *news = INFINITY;
     } else {
         *mu *= .2, *news = now;
@@ -14563,6 +14592,7 @@ static void itn__refine_covariance(itn__refiner *refiner) {
     itn__refine_noise(refiner, known, known->samples, 1, fmax(known->chi2 - 1, 0));
     for (i = 0; i < n * n; i++)
         if (!refiner->told[i / n] || !refiner->told[i % n]) rows[i] = 0;
+        else if (i / n == i % n) rows[i] += 1 / (ITN__PRIOR * ITN__PRIOR);
     for (j = 0; j < n; j++) itn__cholesky_solve(refiner->factor, n, rows + j * n);
     for (i = 0; i < n; i++) /* row j: A^-1 times column j of N; transposed, then A^-1 once more */
         for (j = 0; j < i; j++) {
@@ -14667,9 +14697,18 @@ static int itn__has_similarity(const itn__refiner *refiner, int unknown) {
     return 0;
 }
 
+/* Whether all views that have unknown `own` have `other`, too. */
+static int itn__brings(const itn__refiner *refiner, int own, int other) {
+    const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
+    for (; view < end; view++)
+        if (itn__view_place(view, own) >= 0 && itn__view_place(view, other) < 0) return 0;
+    return 1;
+}
+
 /* Adds the similarity coordinates of a medium of a view, in a channel, if sigma_t and g are both
    unknown and in no others; media whose g differs between channels while sigma_t does not, or the
-   other way round, have none. */
+   other way round, have none. Nor has what a view shares in part: there sigma_t would change with
+   a g or an albedo that the view has not got. */
 static void itn__add_similarity(itn__refiner *refiner, const itn__refine_view *view,
                                 const itn__medium *medium, int channel) {
     itn__similarity *found = &refiner->media[refiner->media_count];
@@ -14678,11 +14717,13 @@ static void itn__add_similarity(itn__refiner *refiner, const itn__refine_view *v
     found->sigma_t = itn__view_unknown(view, medium->sigma_t[channel]);
     found->g = itn__view_unknown(view, medium->g[channel]);
     if (found->sigma_t < 0 || found->g < 0 || spectral != itn__is_spectral(medium->sigma_t)) return;
-    if (itn__has_similarity(refiner, found->sigma_t) || itn__has_similarity(refiner, found->g))
+    if (itn__has_similarity(refiner, found->sigma_t) || itn__has_similarity(refiner, found->g) ||
+        !itn__brings(refiner, found->sigma_t, found->g))
         return;
     for (c = 0; c < channels; c++) {
         k = itn__view_unknown(view, medium->albedo + c);
-        if (k >= 0 && (!spectral || c == channel) && !itn__has_similarity(refiner, k))
+        if (k >= 0 && (!spectral || c == channel) && !itn__has_similarity(refiner, k) &&
+            itn__brings(refiner, found->sigma_t, k) && itn__brings(refiner, k, found->g))
             found->albedo[found->albedos++] = k;
     }
     refiner->media_count++;
@@ -15057,8 +15098,11 @@ ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
         (!text && size > 0))
         return -1;
     for (k = 0; k < count; k++) {
-        if (!parameters[k] || !itn__finite(estimates[k].value)) return -1;
-        powers[k] = itn__power_of(parameters[k], estimates[k].value), together[k] = 0;
+        const itn_estimate *e = &estimates[k];
+        if (!parameters[k] || !itn__finite(e->value) || !(e->standard_error >= 0) ||
+            !itn__finite(e->standard_error))
+            return -1;
+        powers[k] = itn__power_of(parameters[k], e->value), together[k] = 0;
     }
     for (k = 0; k < count * count; k++) {
         scaled[k] = covariance[k] * powers[k / count].slope * powers[k % count].slope;
@@ -17281,6 +17325,9 @@ static itn_result itn__weights_parse(const unsigned char *bytes, size_t size, co
         return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: damaged: the checksum does not match",
                          name);
     w->count = (size_t)count, w->steps = itn__get_u64(bytes + 48);
+    if (w->steps >> 53)
+        return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: nobody takes %.0f steps", name,
+                         (double)w->steps);
     w->values = bytes + ITN__WEIGHTS_HEADER;
     result = itn__weights_shape(bytes, name, w, error);
     return result != ITN_OK ? result : itn__weights_values(w, name, error);
@@ -17342,12 +17389,12 @@ ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weight
     itn__buffer buffer = ITN_ZERO;
     if (!net || !path)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_save: a pointer is NULL");
-    if (net->count > (ITN__WEIGHTS_LIMIT - ITN__WEIGHTS_FRAME) / 12)
+    if (net->count > (ITN__WEIGHTS_LIMIT - ITN__WEIGHTS_FRAME) / (weights_only ? 4 : 12))
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                          "%s: networks of %.0f parameters do not fit in a file of 2 GiB", path,
                          (double)net->count);
     if (itn__not_finite(net->parameters, net->count) < net->count ||
-        itn__not_finite(net->moments, 2 * net->count) < 2 * net->count)
+        (!weights_only && itn__not_finite(net->moments, 2 * net->count) < 2 * net->count))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "%s: not written, because a weight or Adam moment is not finite", path);
     buffer.context = net->context;
@@ -18108,6 +18155,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.5.9  networks with NaN among their weights no longer answer; error bars of what a very noisy
+          picture does not tell, and of views that share sigma_t of a medium but not its g or albedo
    0.5.8  near its end refinement sends samples to pixels that tell most: error bars of clean
           pictures are a third smaller for the same number of samples
    0.5.7  refinement lets go of unknowns that pictures do not tell, so that they do not blur the

@@ -241,15 +241,16 @@ static inline size_t shard_size(const shard *s) { return pixels_place(s, s->coun
 
 /* ---- numbers as bytes ---- */
 
-/* The 16-bit float (IEEE 754 binary16) nearest to x >= 0; what is too large becomes infinite. */
+/* The 16-bit float (IEEE 754 binary16) nearest to x >= 0; what is too large or NaN becomes
+   infinite. */
 static inline uint16_t half_from_float(float x) {
     int exponent;
     double scaled = frexp((double)x, &exponent); /* x = scaled 2^exponent, scaled in [.5,1) */
+    if (!(x < 65520)) return 0x7c00;
     if (!(x > 0)) return 0;
     if (exponent < -13) return (uint16_t)floor(ldexp((double)x, 24) + .5); /* subnormal */
     scaled = floor(ldexp(scaled, 11) + .5);                                /* 1024 .. 2048 */
     if (scaled >= 2048) scaled = 1024, exponent++;
-    if (exponent > 16) return 0x7c00;
     return (uint16_t)((exponent + 14) * 1024 + (int)scaled - 1024);
 }
 
@@ -533,9 +534,22 @@ static inline void load_model(const char *network, model *m) {
     if (!file) fail(path, "cannot be read: train this network first");
     if (fscanf(file, "model %7s mean %lf lambda %lf rate %lf batch %d spp %d seed %d bend %d "
                "leave %63s", m->name, &m->mean, &m->lambda, &m->rate, &m->batch, &m->spp, &m->seed,
-               &m->bend, m->leave) != 9 || !(m->mean > 0))
+               &m->bend, m->leave) != 9 || !(m->mean > 0) || m->batch < 1 || m->spp < 2 ||
+        m->bend < 0 || m->bend > FILM)
         fail(path, "is not what train writes");
     fclose(file);
+}
+
+/* Opens a network that reads sigma_t, albedo and g off the data's pictures. */
+static inline itn_net *open_network(const char *path, int batch, const itn_context *context) {
+    itn_net *net;
+    itn_net_desc shape;
+    itn_error error;
+    if (itn_net_open(path, batch, context, &net, &error)) fail(error.message, "");
+    shape = itn_net_shape(net);
+    if (shape.width != FILM || shape.height != FILM || shape.channels != 2 || shape.outputs != 3)
+        fail(path, "is a network for other pictures or answers");
+    return net;
 }
 
 #endif

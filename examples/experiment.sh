@@ -34,7 +34,9 @@ while [ $# -gt 0 ]; do
         -o) out=$2 ;;
         --data) data=$2 ;;
         --seed)
-            case $2 in '' | *[!0-9]*) echo "experiment: --seed needs a whole number"; exit 1 ;; esac
+            case $2 in '' | *[!0-9]* | ??????????*)
+                echo "experiment: --seed needs a whole number of at most 9 digits"; exit 1 ;;
+            esac
             seed=$2 ;;
         -t) threads=$2 ;;
         *) echo "experiment: unknown option $1"; exit 1 ;;
@@ -48,7 +50,7 @@ fi
 data=${data:-$out/data}
 mkdir -p "$out/done" "$data"
 settings="fraction $fraction noise ${noise:-default} seed $seed data $data settled"
-[ -e "$out/done/compile" ] || echo "$settings" > "$out/done/settings"
+[ -e "$out/done/data" ] || echo "$settings" > "$out/done/settings"
 if [ "$settings" != "$(cat "$out/done/settings" 2>&1)" ]; then
     echo "experiment: $out is of another version or run: $(cat "$out/done/settings" 2>&1)"
     exit 1
@@ -102,11 +104,12 @@ compile() {
 # shellcheck disable=SC2086
 learn() {
     net=$out/$1.net
-    if [ -e "$net" ]; then start=--resume
-    else start=${6:+--start $out/$6.net}
+    options="--model $2 --epochs $3 --rate $4 --bend $5 $training --spp $spp --seed $seed"
+    if [ -e "$net" ]; then set -- --resume
+    elif [ -n "${6:-}" ]; then set -- --start "$out/$6.net"
+    else set --
     fi
-    "$out/train" --model "$2" --data "$data" --checkpoint "$net" --epochs "$3" $training \
-        --rate "$4" --bend "$5" --spp $spp --seed "$seed" $start -t "$threads"
+    "$out/train" $options --data "$data" --checkpoint "$net" "$@" -t "$threads"
 }
 # shellcheck disable=SC2086
 try() {

@@ -12,8 +12,8 @@
             and out/figure.png with out/figure.svg, which adds the
             numbers: two pictures of each split, then each network's answer rendered.
    The table holds medians over --images pictures of each shape of the split `both`: the image loss
-   in units of the mean brightness squared, without its noise, and the squared errors of log
-   sigma_t, albedo and g. Iteration 1 is the start. Descent steps in the optimiser's coordinates.
+   in units of the mean brightness squared, without the noise of renders but with the picture's own,
+   and the squared errors of log sigma_t, albedo and g. Iteration 1 is the start. Descent steps in the optimiser's coordinates.
    A row lm, 20 is what itn_refine returns after 20 iterations at most (a tenth of --iterations).
    Searches start from the answers of rn and itn.
    Results are the same bits for any number of threads. */
@@ -168,12 +168,9 @@ static void run_search(void *task, int index) {
 
 /* ---- networks ---- */
 
-static itn_net *open_network(const char *path, model *m) {
-    itn_net *net;
-    itn_error error;
+static itn_net *open_start(const char *path, model *m) {
     load_model(path, m);
-    if (itn_net_open(path, 1, NULL, &net, &error)) fail(error.message, "");
-    return net;
+    return open_network(path, 1, NULL);
 }
 
 /* The network's answer to a picture, cut to sensible coordinates. */
@@ -215,7 +212,7 @@ static void list_searches(searches *all) {
     shuffle(order, all->pictures.count, mix((uint64_t)s->seed, 9, 9));
     for (n = 0; n < s->network_count; n++) {
         model m;
-        itn_net *net = open_network(s->networks[n], &m);
+        itn_net *net = open_start(s->networks[n], &m);
         all->mean = m.mean;
         memset(taken, 0, sizeof taken);
         for (i = 0; i < all->pictures.count && strcmp(m.name, "ssn"); i++) {
@@ -329,7 +326,7 @@ static void fill_row(figure *f, int row, const pictures *p, int index, const itn
         tile *t = &tiles[n + 1];
         float answer[3];
         model m;
-        itn_net *net = open_network(f->settings->networks[n], &m);
+        itn_net *net = open_start(f->settings->networks[n], &m);
         ask(net, &m, scene, parameters, tiles[0].pixels, answer);
         t->scene = scene, t->parameters = parameters;
         for (k = 0; k < 3; k++)

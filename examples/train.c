@@ -54,6 +54,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include "dataset.h"
 
+#include <limits.h>
 #include <signal.h>
 #ifdef USE_MPI
 #include <mpi.h>
@@ -132,6 +133,13 @@ typedef struct trainer {
 
 static volatile sig_atomic_t stop_asked;
 static void ask_to_stop(int signal_number) { (void)signal_number, stop_asked = 1; }
+static void catch_signals(void) { /* every time that they come, unlike signal() */
+    struct sigaction action;
+    memset(&action, 0, sizeof action);
+    action.sa_handler = ask_to_stop, action.sa_flags = SA_RESTART;
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, NULL), sigaction(SIGTERM, &action, NULL);
+}
 
 /* ---- pictures shown otherwise ---- */
 
@@ -376,7 +384,8 @@ static void save_chart(const trainer *t, int steps_per_epoch) {
     free(means);
 }
 
-/* The curve first: rows beyond the network's steps are dropped when it is read. */
+/* The curve first: rows beyond the network's steps are dropped when it is read. What else defines
+   the run comes with its first network, so that both are always of one run. */
 static void save_checkpoint(const trainer *t) {
     char path[PATH_SIZE + 4], temporary[PATH_SIZE + 8];
     itn_error error;
@@ -389,7 +398,8 @@ static void save_checkpoint(const trainer *t) {
     fprintf(file, "step,parameters,image\n");
     for (i = 0; i < t->row_count; i++)
         fprintf(file, "%d,%.17g,%.17g\n", t->rows[i].step, t->rows[i].parameters, t->rows[i].image);
-    if (fclose(file) || rename(temporary, path)) fail(path, "cannot be written");
+    if (ferror(file) | fclose(file) || rename(temporary, path)) fail(path, "cannot be written");
+    save_model(t->options->checkpoint, &t->options->model);
     if (itn_net_save(t->net, t->options->checkpoint, 0, &error)) fail(error.message, "");
 }
 
@@ -402,9 +412,12 @@ static void load_curve(trainer *t, const char *network) {
     file = fopen(path, "r");
     if (!file) fail(path, "cannot be read");
     if (fscanf(file, "step,parameters,image") < 0) fail(path, "is empty");
-    while (fscanf(file, "%d,%lf,%lf", &r.step, &r.parameters, &r.image) == 3)
-        if (r.step <= steps) t->rows[t->row_count++] = r;
+    while (t->row_count < steps &&
+           fscanf(file, "%d,%lf,%lf", &r.step, &r.parameters, &r.image) == 3 &&
+           r.step == t->row_count + 1)
+        t->rows[t->row_count++] = r;
     fclose(file);
+    if (t->row_count < steps) fail(path, "does not hold every step of the network, in order");
 }
 
 /* ---- a run ---- */
@@ -471,9 +484,8 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
     context.parallel_for = parallel_for, context.parallel_user = (void *)&o->threads;
     desc.batch = o->model.batch, desc.seed = (uint64_t)o->model.seed;
     desc.first_channels = o->channels;
-    if (from ? itn_net_open(from, o->model.batch, &context, &t->net, &error)
-             : itn_net_create(&desc, &context, &t->net, &error))
-        fail(error.message, "");
+    if (from) t->net = open_network(from, o->model.batch, &context);
+    else if (itn_net_create(&desc, &context, &t->net, &error)) fail(error.message, "");
     t->order = (int *)need((size_t)t->pictures.count, sizeof *t->order);
     t->targets = (float *)need(batch, SMALL_PIXELS * sizeof(float));
     t->inputs = (float *)need(batch, 2 * PIXELS * sizeof(float));
@@ -507,16 +519,18 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     model before;
     if (o->resume) load_model(o->checkpoint, &o->model);
     make_trainer(t, o, from);
-    if (!o->resume) o->model.mean = mean_brightness(&t->pictures);
+    o->model.mean = mean_brightness(&t->pictures);
     *per_epoch = (t->pictures.count + o->model.batch - 1) / o->model.batch;
+    if (o->epochs > INT_MAX / *per_epoch) fail("--epochs", "needs a smaller number");
     *last_step = *per_epoch * o->epochs;
+    if (itn_net_steps(t->net) > (uint64_t)*last_step) fail(from, "has more --epochs behind it");
     t->rows = (row *)need((size_t)*last_step + 1, sizeof *t->rows);
     if (from) {
         load_model(from, &before);
         if (before.batch != o->model.batch || before.seed != o->model.seed ||
             before.mean != o->model.mean || strcmp(before.leave, o->model.leave))
             fail(from, "was trained with another batch, seed or data, or leaves out other shapes");
-        if ((int)itn_net_steps(t->net) <= *last_step) load_curve(t, from);
+        load_curve(t, from);
     } else {
         set_biases(t);
     }
@@ -525,7 +539,6 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     else if (lambda < 0 && from && !strcmp(before.name, o->model.name))
         o->model.lambda = before.lambda; /* the same loss goes on */
     else if (lambda < 0) choose_lambda(t, &o->model);
-    if (!o->process.rank) save_model(o->checkpoint, &o->model);
 }
 
 static int train(settings *o) {
@@ -533,7 +546,7 @@ static int train(settings *o) {
     int last, per_epoch, step, epoch = -1, first_step;
     int stop = 0, first_process = !o->process.rank;
     double start = seconds(), saved = start, shown = 0;
-    signal(SIGINT, ask_to_stop), signal(SIGTERM, ask_to_stop);
+    catch_signals();
     begin(&t, o, &last, &per_epoch);
     first_step = step = (int)itn_net_steps(t.net);
     start = seconds();
@@ -619,6 +632,8 @@ static double ms_ssim(float *picture, float *other) {
 }
 
 /* ---- evaluation ---- */
+
+static const char *const result_endings[3] = {"table.csv", "answers.csv", "answers.svg"};
 
 typedef struct answer {
     float truth[3], coordinates[3], values[3];
@@ -759,13 +774,21 @@ static void draw_answers(const trial *t, FILE *file) {
     fprintf(file, "</g>");
 }
 
+/* Results are written under other names, so that those there are stay until all is done. */
 static FILE *open_result(const char *checkpoint, const char *ending) {
     char path[PATH_SIZE];
     FILE *file;
-    snprintf(path, sizeof path, "%s.%s", checkpoint, ending);
+    snprintf(path, sizeof path, "%s.%s.tmp", checkpoint, ending);
     file = fopen(path, "w");
     if (!file) fail(path, "cannot be written");
     return file;
+}
+
+static void close_result(FILE *file, const char *checkpoint, const char *ending) {
+    char path[PATH_SIZE], temporary[PATH_SIZE + 4];
+    snprintf(path, sizeof path, "%s.%s", checkpoint, ending);
+    snprintf(temporary, sizeof temporary, "%s.tmp", path);
+    if (ferror(file) | fclose(file) || rename(temporary, path)) fail(path, "cannot be written");
 }
 
 static void try_split(trial *t, itn_net *net, FILE *files[3]) {
@@ -799,20 +822,17 @@ static int evaluate(settings *o) {
     FILE *files[3];
     itn_net *net = NULL;
     itn_context context = ITN_ZERO;
-    itn_error error;
     context.parallel_for = parallel_for, context.parallel_user = &o->threads;
     if (!truth) {
         load_model(o->checkpoint, &o->model);
-        if (itn_net_open(o->checkpoint, 1, &context, &net, &error)) fail(error.message, "");
+        net = open_network(o->checkpoint, 1, &context);
     } else {
         pictures p;
         load_pictures(o->data, SPLIT_TRAIN, &p);
         o->model.mean = mean_brightness(&p);
         free_pictures(&p);
     }
-    files[0] = open_result(o->checkpoint, "table.csv");
-    files[1] = open_result(o->checkpoint, "answers.csv");
-    files[2] = open_result(o->checkpoint, "answers.svg");
+    for (in = 0; in < 3; in++) files[in] = open_result(o->checkpoint, result_endings[in]);
     fprintf(files[1], "split,shape,azimuth,sigma_t,albedo,g,answer_sigma_t,answer_albedo,answer_g,"
             "rmse_image,one_minus_ms_ssim\n");
     fprintf(files[2], "<svg xmlns='http://www.w3.org/2000/svg' width='880' height='330' font-size="
@@ -828,8 +848,7 @@ static int evaluate(settings *o) {
         try_split(&t, net, files);
     }
     fprintf(files[2], "</svg>\n");
-    for (in = 0; in < 3; in++)
-        if (fclose(files[in])) fail(o->checkpoint, "results cannot be written");
+    for (in = 0; in < 3; in++) close_result(files[in], o->checkpoint, result_endings[in]);
     itn_net_free(net);
     return 0;
 }
@@ -839,9 +858,9 @@ static int export_network(settings *o) {
     itn_net *net;
     itn_error error;
     load_model(o->checkpoint, &o->model);
-    if (itn_net_open(o->checkpoint, 1, NULL, &net, &error) ||
-        itn_net_save(net, o->shipped, 1, &error))
-        fail(error.message, "");
+    if (!strcmp(o->checkpoint, o->shipped)) fail(o->shipped, "is the checkpoint itself");
+    net = open_network(o->checkpoint, 1, NULL);
+    if (itn_net_save(net, o->shipped, 1, &error)) fail(error.message, "");
     save_model(o->shipped, &o->model);
     itn_net_free(net);
     return 0;

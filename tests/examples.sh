@@ -148,6 +148,17 @@ fit="--data data --batch 4 --spp 2"
     keep "train --evaluate" ./train --model itn --data data --spp 2 --images 2 --checkpoint b.net \
         --evaluate
 }
+sed 3d b.net.csv > damaged.csv
+# shellcheck disable=SC2086
+{
+    check "refused: fewer epochs than taken" sh -c "! ./train --model itn $fit --epochs 1 \
+        --start b.net --checkpoint g.net && ! test -e g.net.txt"
+    cp b.net g.net && cp b.net.txt g.net.txt && cp damaged.csv g.net.csv
+    check "refused: a curve that lacks a step" sh -c "! ./train --model itn $fit --epochs 5 --resume \
+        --checkpoint g.net && cmp damaged.csv g.net.csv"
+    check "refused: a network without its state over itself" sh -c "! ./train --checkpoint g.net \
+        --export g.net && cmp b.net g.net"
+}
 check "train itn: otherwise: the same loss" test "$(grep lambda e.net.txt)" = \
     "$(grep lambda b.net.txt)"
 check "train: --bend changes pictures" sh -c "! cmp e.net f.net > found 2>&1"
@@ -168,6 +179,8 @@ check "invert --net: other parameters" sh -c "! ./invert data/scenes/knot-50.itn
 check "invert --net: no network" sh -c "! ./invert data/scenes/knot-50.itn --net none.net --spp 2"
 # shellcheck disable=SC2086
 check "dataset make: a few" ./dataset make few --fraction 1/3600 --noise 1 --spp 2 $scenes
+check "refused: other data" sh -c "cp b.net.csv g.net.csv && ! ./train --model itn --data few \
+    --epochs 400 --resume --checkpoint g.net"
 check "starts" ./starts --data few -o tables --images 1 --iterations 1 --spp 2 b.net
 check "starts: table" grep -q '^itn,sgd,1,2,' tables/table3.csv
 check "starts: figure" test -s tables/figure.png -a -s tables/figure.svg

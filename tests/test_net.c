@@ -804,7 +804,7 @@ static void test_adam_refuses(void) {
     itn_net_desc d = small_desc();
     itn_net *net = make(&d, NULL);
     static const float bad[4] = {NAN, INFINITY, -INFINITY, 1e20f};
-    static const double zero_to_one[3] = {-.1, 1.5, NAN};
+    static const double zero_to_one[3] = {-.1, 1.5, NAN}, tiny = 1e-50; /* 0 as a float */
     float *state = floats(3 * net->count);
     itn_adam_desc adam;
     int k;
@@ -827,6 +827,8 @@ static void test_adam_refuses(void) {
         memset(&adam, 0, sizeof adam), adam.epsilon = zero_to_one[k];
         check_step_refused(net, &adam, state, "epsilon");
     }
+    memset(&adam, 0, sizeof adam), adam.epsilon = tiny;
+    check_step_refused(net, &adam, state, "epsilon");
     CHECK(itn_net_step(NULL, NULL, NULL) == ITN_ERROR_ARGUMENT);
     free(state);
     itn_net_free(net);
@@ -883,6 +885,7 @@ static void test_call_errors(void) {
     size_t size = (size_t)(d.width * d.height * d.channels);
     float *images = floats(3 * size), outputs[6] = {1, 2, 3, 4, 5, 6}, kept[6], d_outputs[6] = {0};
     itn_error error = ITN_ZERO;
+    int k;
     memcpy(kept, outputs, sizeof kept);
     CHECK(itn_net_forward(NULL, 1, images, outputs, NULL) == ITN_ERROR_ARGUMENT);
     CHECK(itn_net_forward(net, 1, NULL, outputs, NULL) == ITN_ERROR_ARGUMENT);
@@ -901,6 +904,14 @@ static void test_call_errors(void) {
     CHECK(strstr(error.message, "weight") != NULL);
     CHECK(!memcmp(kept, outputs, sizeof kept));
     net->parameters[net->full_bias] = 0;
+    for (k = 0; k < 2; k++) { /* ReLU and pooling must not hide one in the first layer */
+        size_t at = k ? net->full_bias / 2 : 0;
+        float kept_weight = net->parameters[at];
+        net->parameters[at] = NAN;
+        CHECK(itn_net_forward(net, 3, images, outputs, &error) == ITN_ERROR_ARGUMENT);
+        CHECK(!memcmp(kept, outputs, sizeof kept));
+        net->parameters[at] = kept_weight;
+    }
     CHECK(itn_net_forward(net, 2, images, outputs, NULL) == ITN_OK);
     CHECK(outputs[4] == 5 && outputs[5] == 6); /* beyond the batch */
     CHECK(itn_net_backward(net, 3, d_outputs, &error) == ITN_ERROR_ARGUMENT);
@@ -967,6 +978,8 @@ static void test_net_input_errors(void) {
     CHECK(itn_net_input(2, 2, pixels, 1, input, &error) == ITN_ERROR_ARGUMENT);
     CHECK(strstr(error.message, "pixel (0, 1)") != NULL);
     pixels[2] = 3;
+    CHECK(itn_net_input(2, 2, pixels, 1e-40, input, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "too large for a mean") != NULL);
     CHECK(itn_net_input(2, 2, pixels, 0, input, &error) == ITN_ERROR_ARGUMENT);
     CHECK(itn_net_input(2, 2, pixels, NAN, input, &error) == ITN_ERROR_ARGUMENT);
     CHECK(itn_net_input(2, 2, pixels, INFINITY, input, &error) == ITN_ERROR_ARGUMENT);
@@ -1224,6 +1237,7 @@ static void test_damaged_files(void) {
         check_refused(net, bytes, k, k < 16 ? "not a network file" : "cut off");
     bytes[size] = 0;
     check_refused(net, bytes, size + 1, "cut off");
+    check_word_refused(net, bytes, size, 52, 1u << 31, "steps");
     check_word_refused(net, bytes, size, 0, 0x46464952, "not a network file");
     check_word_refused(net, bytes, size, 8, 2, "version 2");
     check_word_refused(net, bytes, size, 12, 1, "cut off");

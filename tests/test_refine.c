@@ -780,6 +780,85 @@ static void test_two_pictures(void) {
     itn_scene_free(scene);
 }
 
+/* A matrix from 1x1 to 4x4. */
+static void invert_matrix(const double *matrix, int n, double *inverse) {
+    double factor[16];
+    int k;
+    memcpy(factor, matrix, (size_t)(n * n) * sizeof(double));
+    CHECK(itn__cholesky(factor, n));
+    memset(inverse, 0, (size_t)(n * n) * sizeof(double));
+    for (k = 0; k < n; k++) {
+        inverse[k * n + k] = 1;
+        itn__cholesky_solve(factor, n, inverse + k * n);
+    }
+}
+
+/* Refines the views, at the truth, of those unknowns that any of them has; covariance: [4][4]. */
+static void refine_shared(const itn_view *views, int count, double *covariance) {
+    static const float truth[4] = {2, .4f, .8f, .8f};
+    itn_view some[2];
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate estimates[4];
+    itn_error error;
+    float values[4];
+    int parameters[2][4], v, k, n = 0;
+    for (k = 0; k < 4; k++) {
+        int any = 0;
+        for (v = 0; v < count; v++) any |= (parameters[v][n] = views[v].parameters[k]) >= 0;
+        if (any) values[n++] = truth[k];
+    }
+    for (v = 0; v < count; v++) some[v] = views[v], some[v].parameters = parameters[v];
+    options.spp = 64, options.covariance = covariance;
+    stage_need(itn_refine_views(some, count, values, n, &options, estimates, &error), &error);
+}
+
+/* Two views that share the unknowns of a medium in part tell together what they tell each for
+   itself: informations, the inverses of covariances, add up. Of names in each view, "" is not
+   unknown there. forgotten: planted, leaves out the second view's. */
+static void test_shared_in_part(const char *const names[2][4], int forgotten) {
+    static const double lights[2] = {.65, .15};
+    static float target[2][PIXELS], variance[2][PIXELS];
+    double sum[16], covariance[16], own[16], own_inverse[16];
+    itn_scene *scenes[2];
+    itn_view views[2];
+    int parameters[2][4], v, i, k, l, n, m;
+    memset(views, 0, sizeof views), memset(sum, 0, sizeof sum);
+    for (n = 0; n < 4 && (*names[0][n] || *names[1][n]);) n++;
+    for (v = 0; v < 2; v++) {
+        int at[4];
+        scenes[v] = lit_cloud(SIZE, lights[v], 1, 2, .8, .4);
+        find_parameters(scenes[v], names[v], 4, parameters[v]);
+        photograph(scenes[v], 16, 60 + (uint64_t)v, target[v], variance[v]);
+        views[v].scene = scenes[v], views[v].parameters = parameters[v];
+        views[v].target = target[v], views[v].target_variance = variance[v];
+        refine_shared(&views[v], 1, own);
+        for (k = m = 0; k < n; k++)
+            if (parameters[v][k] >= 0) at[m++] = k;
+        invert_matrix(own, m, own_inverse);
+        for (i = 0; i < m * m && !(forgotten && v); i++)
+            sum[at[i / m] * n + at[i % m]] += own_inverse[i];
+    }
+    for (k = 0; k < n; k++) sum[k * n + k] *= 1 + 1e-9;
+    refine_shared(views, 2, covariance);
+    invert_matrix(sum, n, own_inverse);
+    for (k = 0; k < n; k++) {
+        double error = sqrt(covariance[k * n + k]), expected = sqrt(own_inverse[k * n + k]);
+        check_report(error > .7 * expected && error < 1.4 * expected, __FILE__, __LINE__,
+                     "shared in part: error of unknown %d is %g, expected %g", k, error, expected);
+        if (getenv("SHOW")) printf("shared in part: %d: %g, %g\n", k, error, expected);
+    }
+    for (l = 0; l < 2; l++) itn_scene_free(scenes[l]);
+}
+
+static void test_shared_in_parts(void) {
+    static const char *const one_g[2][4] = {{"m.sigma_t", "m.g", "", ""}, {"m.sigma_t", "", "", ""}};
+    static const char *const albedos[2][4] = {{"m.sigma_t", "m.g", "m.albedo", ""},
+                                              {"m.sigma_t", "m.g", "", "m.albedo"}};
+    test_shared_in_part(one_g, 0);
+    test_shared_in_part(albedos, 0);
+    CHECK_CATCHES(test_shared_in_part(one_g, 1));
+}
+
 /* What itn_refine_views refuses, and that it then leaves all alone. */
 static void test_view_options(void) {
     itn_scene *scene = cloud(2, .8, .4);
@@ -906,6 +985,65 @@ static void test_undetermined(void) {
     itn_scene_free(scene);
 }
 
+/* A picture so noisy that it says nothing leaves the start as it was, but not as a result. */
+static void test_noisy(void) {
+    static const char *const albedo[] = {"m.albedo"};
+    static const float noises[] = {1e3f, 1e5f, 1e7f, 1e9f};
+    itn_scene *scene = cloud(2, .8, 0);
+    static float target[PIXELS], variance[PIXELS];
+    int parameter, i, k;
+    find_parameters(scene, albedo, 1, &parameter);
+    photograph(scene, 64, 7, target, variance);
+    for (k = 0; k < 4; k++) {
+        itn_refine_options options = ITN_ZERO;
+        itn_estimate estimate;
+        itn_error error;
+        float theta[8];
+        for (i = 0; i < PIXELS; i++) variance[i] = noises[k];
+        itn_parameter_values(scene, theta);
+        theta[parameter] = .3f, options.spp = 8, options.target_variance = variance;
+        stage_need(itn_refine(scene, theta, target, &parameter, 1, &options, &estimate, &error),
+                   &error);
+        CHECK(!estimate.determined && fabs(estimate.value - .8) < 4 * estimate.standard_error);
+    }
+    itn_scene_free(scene);
+}
+
+/* What the callback hears of the first evaluation; then it cancels. */
+static int first_step(void *user, const itn_refine_step *step) {
+    ((double *)user)[0] = step->loss, ((double *)user)[1] = step->loss_error;
+    return 1;
+}
+
+/* The standard error of the loss is how much it differs from seed to seed, also where the picture
+   does not fit. factor: planted. */
+static void test_loss_error(double factor) {
+    enum { SEEDS = 40 };
+    itn_scene *scene = cloud(2, .8, 0);
+    static float target[PIXELS];
+    double mean = 0, square = 0, error_square = 0;
+    int parameter = itn_parameter_find(scene, "m.albedo"), i;
+    for (i = 0; i < PIXELS; i++) target[i] = (float)(i % SIZE) / SIZE;
+    for (i = 0; i < SEEDS; i++) {
+        itn_refine_options options = ITN_ZERO;
+        itn_estimate estimate;
+        double heard[2];
+        float theta[8];
+        itn_parameter_values(scene, theta);
+        options.spp = 4, options.seed = (uint64_t)i;
+        options.progress = first_step, options.progress_user = heard;
+        CHECK(itn_refine(scene, theta, target, &parameter, 1, &options, &estimate, NULL) ==
+              ITN_ERROR_CANCELLED);
+        mean += heard[0] / SEEDS, square += heard[0] * heard[0] / SEEDS;
+        error_square += factor * heard[1] * heard[1] / SEEDS;
+    }
+    square -= mean * mean; /* within 3 of its standard errors, sqrt(2 / SEEDS) */
+    check_report(square > .4 * error_square && square < 1.7 * error_square, __FILE__, __LINE__,
+                 "variance of the loss %g, by its error %g", square, error_square);
+    if (getenv("SHOW")) printf("loss %g, variance %g, %g\n", mean, square, error_square);
+    itn_scene_free(scene);
+}
+
 /* A parameter that nothing depends on stays where it is, and is flagged. */
 static void test_idle(void) {
     itn_scene *scene;
@@ -1020,7 +1158,11 @@ static void test_words(int planted) {
     CHECK(itn_refine_words(p, 3, e, covariance, NULL, 1) == -1);
     CHECK(itn_refine_words(p, 0, e, covariance, text, sizeof text) == -1);
     CHECK(itn_refine_words(p, 33, e, covariance, text, sizeof text) == -1);
-    covariance[4] = NAN;
+    e[1].standard_error = INFINITY;
+    CHECK(itn_refine_words(p, 3, e, covariance, text, sizeof text) == -1);
+    e[1].standard_error = -1;
+    CHECK(itn_refine_words(p, 3, e, covariance, text, sizeof text) == -1);
+    e[1].standard_error = .0009, covariance[4] = NAN;
     CHECK(itn_refine_words(p, 3, e, covariance, text, sizeof text) == -1);
     p[1] = NULL;
     CHECK(itn_refine_words(p, 3, e, covariance, text, sizeof text) == -1);
@@ -1222,15 +1364,18 @@ int main(void) {
         test_cases(20, 80, 100, 0); /* 16 of 20: less by chance in 1 of 400 runs, if it is 95 % */
         test_two_lights(0);
         test_two_pictures();
+        test_shared_in_parts();
         test_final_spp(1);
         test_spread(1);
         test_few_samples();
         test_undetermined();
+        test_loss_error(1);
     }
     test_allotments();
     test_eigen();
     test_words(0);
     test_idle();
+    test_noisy();
     test_one_view();
     test_view_options();
     test_bounds();
@@ -1244,6 +1389,7 @@ int main(void) {
     if (!slow) CHECK_CATCHES(test_two_lights(1));
     if (!slow) CHECK_CATCHES(test_final_spp(2));
     if (!slow) CHECK_CATCHES(test_spread(.25));
+    if (!slow) CHECK_CATCHES(test_loss_error(6));
     CHECK_CATCHES(test_words(1));
     test_overflow();
     return check_end("refine");
