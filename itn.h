@@ -18155,8 +18155,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.5.9  networks with NaN among their weights no longer answer; error bars of what a very noisy
-          picture does not tell, and of views that share sigma_t of a medium but not its g or albedo
+   0.5.9  networks with NaN among their weights no longer answer; error bars are right for what a
+          very noisy picture does not tell, and for views that share sigma_t of a medium but not its
+          g or albedo
    0.5.8  near its end refinement sends samples to pixels that tell most: error bars of clean
           pictures are a third smaller for the same number of samples
    0.5.7  refinement lets go of unknowns that pictures do not tell, so that they do not blur the
