@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.5.9                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.5.10                          [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 5
-#define ITN_VERSION_PATCH 9
+#define ITN_VERSION_PATCH 10
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
 #ifdef __cplusplus
@@ -597,7 +597,7 @@ typedef struct itn_net_desc {
 
 /* A network with its gradients, Adam moments and activations. One thread at a time may use it;
    it spreads its own loops over the context's parallel_for, and its results are bit-identical
-   however that does so. */
+   however that does so. What returns no itn_result wants a network that is not NULL. */
 typedef struct itn_net itn_net;
 
 /* Makes a network with zero biases and normal weights of variance 2/n before a ReLU and 1/n in the
@@ -650,7 +650,8 @@ typedef enum itn_model {
     ITN_MODEL_ITN     /* inverse transport network: renders with full transport */
 } itn_model;
 
-/* Returns whether a model's loss renders; if so, sets options->max_scatter as the model wants. */
+/* Returns whether a model's loss renders; if so, sets options->max_scatter as the model wants.
+   options may be NULL. */
 ITN_API int itn_model_renders(itn_model model, itn_render_options *options);
 
 /* Supervised loss: returns sum_k (truth[k] - predicted[k])^2 and stores its gradient in
@@ -663,7 +664,8 @@ ITN_API double itn_loss_parameters(int count, const float *predicted, const floa
 typedef struct itn_loss_desc {
     itn_model model;
     double lambda;              /* weight of the image term, >= 0; 0 leaves it out */
-    const itn_scene *scene;     /* what the image shows; the fields from here on: not used by RN */
+    const itn_scene *scene;     /* what the image shows; the fields from here on: not used by RN,
+                                   nor if lambda is 0 */
     const float *theta;         /* the scene's other parameters; NULL: as made */
     const int *parameters;      /* [count] what the outputs mean, as indices of the scene */
     itn_render_options options; /* take a new seed for every image and step */
@@ -679,9 +681,10 @@ typedef struct itn_loss {
    coordinates of the parameters of T, and the derivative of `total` in the outputs N(I). Where a
    prediction lies beyond a parameter's bounds, the value and slope on the bound are used.
    count: outputs of the network. predicted, truth, gradient: [count] coordinates.
-   image: [C][height][width] of the scene's film, linear radiometric; not used by RN (may be NULL).
-   Errors: ARGUMENT (NULL, lambda, an index, a prediction or truth that is not finite) and those of
-   itn_loss_gradient; then loss and gradient are untouched. */
+   image: [C][height][width] of the scene's film, linear radiometric; not used by RN (may be NULL),
+   nor if lambda is 0.
+   Errors: ARGUMENT (NULL, lambda, an index, a prediction or truth that is not finite, a gradient
+   too large for a float) and those of itn_loss_gradient; then loss and gradient are untouched. */
 ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const float *predicted,
                                      const float *truth, const float *image, itn_loss *loss,
                                      float *gradient, itn_error *error);
@@ -787,15 +790,16 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
                               itn_error *error);
 
 /* Says in words what the pictures determine: a line for each unknown that they tell by itself, and
-   one for those that they tell only together, where values can change against each other and the
-   pictures hardly show it: with what product of powers they tell, and how well. For example
+   one for each group that they tell only together, where values can change against each other and
+   the pictures hardly show it: with what product of powers they tell, and how well. For example
        milk.albedo is determined: to +-0.0009
        milk.sigma_t and milk.g are determined only together: milk.sigma_t (1-milk.g)^0.97 to 0.5 %,
        but milk.sigma_t alone to 12 %, milk.g alone to +-0.06
    (in one line). Unknowns are told together when the rest of them being known would make their
-   error three times smaller (variance inflation factor 10, Belsley, Kuh and Welsch 1980); the
-   product is the direction of least variance, the last eigenvector of the covariance of those
-   unknowns, in logarithms.
+   error three times smaller (variance inflation factor 10, Belsley, Kuh and Welsch 1980), in one
+   group where their errors correlate by more than .4, directly or through others; the product is
+   the direction of least variance, the last eigenvector of the covariance of the group, in
+   logarithms.
    parameters: [count] what the unknowns are (itn_parameter_get), count from 1 to 32. estimates:
    [count], covariance: [count][count], as filled by itn_refine. Like snprintf: writes at most size
    bytes with the final zero and returns the length of the whole text without it; text may be NULL
@@ -832,8 +836,9 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
 
 /* Every loader takes untrusted bytes: sizes are checked before memory is asked for, and damage
    gives an error that says where. Every saver writes path.tmp, then renames it, so that path holds
-   either its old contents or all of the new (paths under /dev/ are written directly). Numbers in
-   text are read with a decimal point whatever the locale. */
+   either its old contents or all of the new (paths under /dev/ are written directly; on Windows the
+   old contents are path.tmp.old for a moment). Numbers in text are read with a decimal point
+   whatever the locale. */
 
 /* Makes a mesh from the bytes of an OBJ or PLY file (PLY if the first line is "ply"). `name` stands
    for the file in error messages; NULL = "mesh". Free with itn_mesh_free.
@@ -13070,7 +13075,7 @@ static void itn__full_backward(const float *in, const float *w, const float *d_o
 
 ITN_API int itn_model_renders(itn_model model, itn_render_options *options) {
     if (model == ITN_MODEL_RN) return 0;
-    options->max_scatter = model == ITN_MODEL_SSN ? 1 : 0;
+    if (options) options->max_scatter = model == ITN_MODEL_SSN ? 1 : 0;
     return 1;
 }
 
@@ -13136,6 +13141,7 @@ static itn_result itn__loss_check(const itn_loss_desc *desc, int count, const fl
     if (!(desc->lambda >= 0) || !itn__finite(desc->lambda))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_loss_training: lambda is %g, must be >= 0", desc->lambda);
+    if (desc->lambda == 0) return ITN_OK;
     if (!desc->scene || !desc->parameters || !image)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_loss_training: this model renders, so it needs scene, parameters "
@@ -13148,6 +13154,29 @@ static itn_result itn__loss_check(const itn_loss_desc *desc, int count, const fl
     return ITN_OK;
 }
 
+/* Puts the terms together; image_gradient is NULL if nothing was rendered. */
+static itn_result itn__loss_total(const itn_loss_desc *desc, int count, const float *predicted,
+                                  const float *truth, double image_loss,
+                                  const double *image_gradient, itn_loss *loss, float *gradient,
+                                  itn_error *error) {
+    int k;
+    for (k = 0; k < count; k++) {
+        double slope = 2 * ((double)predicted[k] - (double)truth[k]);
+        if (image_gradient) slope += desc->lambda * image_gradient[k];
+        if (!(fabs(slope) <= (double)FLT_MAX))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_loss_training: the gradient in coordinate %d is %g, too large "
+                             "for a float (predicted %g, truth %g)", k, slope,
+                             (double)predicted[k], (double)truth[k]);
+    }
+    loss->parameters = itn_loss_parameters(count, predicted, truth, gradient);
+    loss->image = image_loss;
+    loss->total = loss->parameters + (image_gradient ? desc->lambda * image_loss : 0);
+    for (k = 0; image_gradient && k < count; k++)
+        gradient[k] = (float)((double)gradient[k] + desc->lambda * image_gradient[k]);
+    return ITN_OK;
+}
+
 ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const float *predicted,
                                      const float *truth, const float *image, itn_loss *loss,
                                      float *gradient, itn_error *error) {
@@ -13156,13 +13185,9 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
     itn__loss_work work;
     const itn_context *context;
     double image_loss = 0;
-    int k;
     if (result != ITN_OK) return result;
-    if (desc->model == ITN_MODEL_RN || desc->lambda == 0) {
-        loss->parameters = loss->total = itn_loss_parameters(count, predicted, truth, gradient);
-        loss->image = 0;
-        return ITN_OK;
-    }
+    if (desc->model == ITN_MODEL_RN || desc->lambda == 0)
+        return itn__loss_total(desc, count, predicted, truth, 0, NULL, loss, gradient, error);
     context = &desc->scene->context;
     work.theta = (float *)itn__allocate(context, (size_t)itn_parameter_count(desc->scene),
                                         sizeof *work.theta);
@@ -13173,13 +13198,9 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
         work.slopes = work.gradient + count;
         result = itn__loss_image(desc, count, predicted, image, &work, &image_loss, error);
     }
-    if (result == ITN_OK) {
-        loss->parameters = itn_loss_parameters(count, predicted, truth, gradient);
-        loss->image = image_loss;
-        loss->total = loss->parameters + desc->lambda * image_loss;
-        for (k = 0; k < count; k++)
-            gradient[k] = (float)((double)gradient[k] + desc->lambda * work.gradient[k]);
-    }
+    if (result == ITN_OK)
+        result = itn__loss_total(desc, count, predicted, truth, image_loss, work.gradient, loss,
+                                 gradient, error);
     itn__free(context, work.theta);
     itn__free(context, work.gradient);
     return result;
@@ -13814,18 +13835,26 @@ static void itn__similarity_step(const itn__refiner *refiner, double *step, int 
     }
 }
 
-/* Sets the unknowns, in all views, from coordinates. */
+/* Sets the unknowns, in all views, from coordinates; what would lie beyond its bounds is held on
+   them. */
 static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
     itn__refine_view *view;
-    int k;
+    int held = 0, k;
     memcpy(refiner->coordinates, coordinates, (size_t)refiner->count * sizeof(double));
     memcpy(refiner->plain, coordinates, (size_t)refiner->count * sizeof(double));
     itn__similarity_turn(refiner, refiner->plain, -1);
     for (k = 0; k < refiner->count; k++) {
         const itn_parameter *p = refiner->parameters[k];
         double value = itn_parameter_from_coordinate(p, refiner->plain[k]);
+        double within = itn_parameter_to_coordinate(p, value), beyond = within - refiner->plain[k];
+        if (fabs(beyond) > 1e-6 * fmax(fabs(within), 1))
+            refiner->plain[k] = within, value = itn_parameter_from_coordinate(p, within), held = 1;
         refiner->values[k] = itn__clamp((float)value, p->lower, p->upper);
         refiner->slopes[k] = itn_parameter_slope(p, value);
+    }
+    if (held) {
+        memcpy(refiner->coordinates, refiner->plain, (size_t)refiner->count * sizeof(double));
+        itn__similarity_turn(refiner, refiner->coordinates, 1);
     }
     itn__similarity_slopes(refiner);
     for (view = refiner->views; view < refiner->views + refiner->view_count; view++)
@@ -14433,10 +14462,11 @@ static int itn__refine_leap(itn__refiner *refiner) {
     return leaps;
 }
 
-/* Takes the step and evaluates there. A step after which the misfit has risen beyond its noise is
-   taken back, unless it `stands`, and not if the loss has fallen: then the misfit's unit, the
-   renders' noise, is less. An evaluation that is but noise joins the one before if that was not
-   much more. Where samples go changes the unit as well: then no step is taken back. */
+/* Takes the step and evaluates there. A step after which the misfit has risen by more than its
+   spread over pixels explains is taken back, unless it `stands`, and not if the loss has fallen:
+   then the misfit's unit, the renders' noise, is less. An evaluation that is but noise joins the
+   one before if that was not much more. Where samples go changes the unit as well: then no step is
+   taken back. */
 static itn_result itn__refine_try(itn__refiner *refiner, double samples, int stands, double *mu,
                                   double *news, itn_error *error) {
     const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
@@ -15057,19 +15087,34 @@ enum { ITN__MOST_WORDS = 32 };
 
 /* Which unknowns others can stand in for: of a variance more than ten times that which they would
    have if the rest were known, 1 / (covariance^-1)_kk. */
-static int itn__entangled(const double *covariance, int count, int *group) {
+static void itn__entangled(const double *covariance, int count, int *tangled) {
     double factor[ITN__MOST_WORDS * ITN__MOST_WORDS], column[ITN__MOST_WORDS];
-    int k, n = 0;
+    int known, k;
     memcpy(factor, covariance, (size_t)(count * count) * sizeof(double));
     for (k = 0; k < count; k++) factor[k * count + k] *= 1 + 1e-9;
-    if (!itn__cholesky(factor, count)) return 0;
+    known = itn__cholesky(factor, count);
     for (k = 0; k < count; k++) {
         memset(column, 0, sizeof column);
         column[k] = 1;
-        itn__cholesky_solve(factor, count, column);
-        if (column[k] * covariance[k * count + k] > 10) group[n++] = k;
+        if (known) itn__cholesky_solve(factor, count, column);
+        tangled[k] = known && column[k] * covariance[k * count + k] > 10;
     }
-    return n < 2 ? 0 : n;
+}
+
+/* The group of entangled unknown `first`, in order; returns how many they are. */
+static int itn__group(const double *covariance, int count, const int *tangled, int first,
+                      int *group) {
+    int in[ITN__MOST_WORDS] = ITN_ZERO, grown = 1, n = 0, k, l;
+    for (in[first] = 1; grown;)
+        for (grown = k = 0; k < count; k++)
+            for (l = 0; l < count; l++) {
+                double c = covariance[k * count + l];
+                double least = .16 * covariance[k * count + k] * covariance[l * count + l];
+                if (in[k] && !in[l] && tangled[l] && c * c > least) in[l] = grown = 1;
+            }
+    for (k = 0; k < count; k++)
+        if (in[k]) group[n++] = k;
+    return n;
 }
 
 /* The exponents of the product of powers that is known best, the largest 1, and its variance. */
@@ -15092,7 +15137,7 @@ ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
                              size_t size) {
     double scaled[ITN__MOST_WORDS * ITN__MOST_WORDS], exponents[ITN__MOST_WORDS], variance;
     itn__power powers[ITN__MOST_WORDS];
-    int group[ITN__MOST_WORDS], together[ITN__MOST_WORDS], n, k;
+    int tangled[ITN__MOST_WORDS], group[ITN__MOST_WORDS], n, k;
     itn__prose words;
     if (!parameters || !estimates || !covariance || count < 1 || count > ITN__MOST_WORDS ||
         (!text && size > 0))
@@ -15102,7 +15147,7 @@ ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
         if (!parameters[k] || !itn__finite(e->value) || !(e->standard_error >= 0) ||
             !itn__finite(e->standard_error))
             return -1;
-        powers[k] = itn__power_of(parameters[k], e->value), together[k] = 0;
+        powers[k] = itn__power_of(parameters[k], e->value);
     }
     for (k = 0; k < count * count; k++) {
         scaled[k] = covariance[k] * powers[k / count].slope * powers[k % count].slope;
@@ -15110,16 +15155,19 @@ ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
     }
     words.text = text, words.size = size, words.length = 0;
     if (size > 0) text[0] = 0;
-    n = itn__entangled(scaled, count, group);
-    for (k = 0; k < n; k++) together[group[k]] = 1;
+    itn__entangled(scaled, count, tangled);
     for (k = 0; k < count; k++) {
-        if (together[k]) continue;
+        if (tangled[k]) tangled[k] = itn__group(scaled, count, tangled, k, group) > 1;
+        if (tangled[k]) continue;
         itn__say(&words, "%s is %sdetermined: ", parameters[k]->name,
                  estimates[k].determined ? "" : "hardly ");
         itn__say_error(&words, parameters[k], &estimates[k]);
         itn__say(&words, "\n");
     }
-    if (n) {
+    for (k = 0; k < count; k++) {
+        if (!tangled[k]) continue;
+        n = itn__group(scaled, count, tangled, k, group);
+        if (group[0] < k) continue; /* said already */
         variance = itn__best_product(scaled, count, group, n, exponents);
         itn__say_group(&words, parameters, estimates, powers, group, n, exponents, sqrt(variance));
     }
@@ -15419,6 +15467,24 @@ static int itn__write_bytes(const char *path, const void *bytes, size_t size) {
     return cause;
 }
 
+/* Gives a file the name of another, which it replaces; returns 0, or errno. Windows' rename does
+   not replace: there the other one is put aside until its successor stands in its place. */
+static int itn__replace_file(const char *successor, const char *path) {
+#ifdef _WIN32
+    char aside[4104];
+    int had, cause;
+    snprintf(aside, sizeof aside, "%s.tmp.old", path);
+    remove(aside);
+    had = !rename(path, aside);
+    cause = rename(successor, path) ? errno : 0;
+    if (had && cause) rename(aside, path);
+    else if (had) remove(aside);
+    return cause;
+#else
+    return rename(successor, path) ? errno : 0;
+#endif
+}
+
 /* Replaces a file by these bytes; on failure it is as it was, and the temporary is removed. Devices
    cannot be replaced by a rename and are written to directly. */
 static itn_result itn__write_file(const char *path, const void *bytes, size_t size,
@@ -15434,10 +15500,7 @@ static itn_result itn__write_file(const char *path, const void *bytes, size_t si
         memcpy(temporary, path, strlen(path));
         memcpy(temporary + strlen(path), ".tmp", 5);
         cause = itn__write_bytes(temporary, bytes, size);
-#ifdef _WIN32
-        if (!cause) remove(path); /* its rename does not replace */
-#endif
-        if (!cause && rename(temporary, path)) cause = errno;
+        if (!cause) cause = itn__replace_file(temporary, path);
         if (cause) remove(temporary);
     }
     if (!cause) return ITN_OK;
@@ -17289,6 +17352,7 @@ static itn_result itn__weights_shape(const unsigned char *bytes, const char *nam
     desc->layer_count = (int)itn__get_i32(bytes + 28);
     desc->first_channels = (int)itn__get_i32(bytes + 32);
     desc->outputs = (int)itn__get_i32(bytes + 36);
+    desc->batch = 1; /* any batch may have written it */
     if (!desc->width || !desc->height || !desc->channels || !desc->layer_count ||
         !desc->first_channels || !desc->outputs ||
         itn__net_desc(desc, &shape.desc, NULL) != ITN_OK || !itn__net_sizes(&shape) ||
@@ -18155,6 +18219,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.5.10 itn_refine_words tells groups of unknowns apart that have nothing to do with each other; a
+          search that runs into a bound turns round at once; itn_loss_training refuses gradients too
+          large for a float, and needs no scene when lambda is 0
    0.5.9  networks with NaN among their weights no longer answer; error bars are right for what a
           very noisy picture does not tell, and for views that share sigma_t of a medium but not its
           g or albedo

@@ -317,7 +317,7 @@ static void save_chart(const history *h, const float *values, const char *stem) 
                 k < 0 ? "black" : colours[k % 6], name);
     }
     fprintf(file, "</svg>\n");
-    if (fclose(file)) fail(path, "cannot be written");
+    if (ferror(file) | fclose(file)) fail(path, "cannot be written");
 }
 
 /* Renders image and derivatives at the estimate and saves all pictures. */
@@ -398,11 +398,13 @@ int main(int argc, char **argv) {
     for (i = 1; i < argc; i++) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (!strcmp(option, "--help")) return printf("%s", usage) < 0;
-        if (views == MOST_VIEWS || targets == MOST_VIEWS) fail(option, "too many scenes or targets");
+        int target = !strcmp(option, "--target");
+        if ((option[0] != '-' && views == MOST_VIEWS) || (target && targets == MOST_VIEWS))
+            fail(option, "too many scenes or targets");
         if (option[0] != '-') { pictures[views++].path = option; continue; }
         if (!value) fail(option, "unknown option, or its value is missing");
         i++;
-        if (!strcmp(option, "--target")) pictures[targets++].target = value;
+        if (target) pictures[targets++].target = value;
         else if (!strcmp(option, "--hidden")) hidden_list = value;
         else if (!strcmp(option, "--params")) names = value;
         else if (!strcmp(option, "--net")) network = value;
@@ -421,6 +423,7 @@ int main(int argc, char **argv) {
     }
     if (!views || (targets && (hidden_list || targets != views)))
         return fprintf(stderr, "%s", usage), 1;
+    if (refine.spp > 1 << 24) fail("--spp", "must be at most 16777216");
     for (v = 0; v < views; v++) open_scene(&pictures[v], &context);
 
     /* what is hidden, what is sought, where the search starts */

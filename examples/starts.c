@@ -221,7 +221,8 @@ static void list_searches(searches *all) {
             if (taken[all->pictures.shards[shard_number].shape]++ >= s->images) continue;
             get_picture(&all->pictures, order[i], picture);
             ask(net, &m, all->scenes[shard_number], all->parameters, picture, answer);
-            for (method = 0; method < 2 && all->count < MOST_SEARCHES; method++) {
+            if (all->count + 2 > MOST_SEARCHES) fail("--images", "makes more than 4096 searches");
+            for (method = 0; method < 2; method++) {
                 search *one = &all->list[all->count++];
                 one->picture = order[i], one->network = n;
                 one->method = method ? ITN_METHOD_LM : ITN_METHOD_ADAM;
@@ -259,7 +260,7 @@ static void print_table(const searches *all) {
                 fprintf(file, "\n");
             }
         }
-    if (fclose(file)) fail(path, "cannot be written");
+    if (ferror(file) | fclose(file)) fail(path, "cannot be written");
     fprintf(stderr, "\n"), printf("table: %s\n", path);
 }
 
@@ -365,7 +366,7 @@ static void save_figure(const figure *f) {
                     row * FILM + 11, t->caption);
         }
     fprintf(file, "</svg>\n");
-    if (fclose(file)) fail(path, "cannot be written");
+    if (ferror(file) | fclose(file)) fail(path, "cannot be written");
     snprintf(path, sizeof path, "%s/figure.png", f->settings->out);
     if (itn_image_save_png(&image, 0, 1, ITN_PNG_TONE, 0, path, &error)) fail(error.message, "");
     itn_image_free(&image);

@@ -76,7 +76,8 @@ typedef struct process {
 static process begin_processes(int *argc, char ***argv) {
     process p = {0, 1};
 #ifdef USE_MPI
-    MPI_Init(argc, argv);
+    int level; /* only the main thread of a process talks to others */
+    MPI_Init_thread(argc, argv, MPI_THREAD_FUNNELED, &level);
     MPI_Comm_rank(MPI_COMM_WORLD, &p.rank);
     MPI_Comm_size(MPI_COMM_WORLD, &p.count);
 #endif
@@ -241,13 +242,13 @@ static void prepare_input(void *task, int index) {
     trainer *t = (trainer *)task;
     const model *m = &t->options->model;
     int picture = t->order[t->first + index];
-    float pixels[PIXELS], varied[PIXELS];
+    float *input = t->inputs + (size_t)index * 2 * PIXELS, *pixels = input, varied[PIXELS];
     get_picture(&t->pictures, picture, pixels);
     if (t->kind != ITN_MODEL_RN)
         reduce_picture(pixels, t->targets + (size_t)index * SMALL_PIXELS);
     t->larger[index] = vary_picture(
         pixels, m->bend, mix((uint64_t)m->seed + 1, (uint64_t)t->step, (uint64_t)picture), varied);
-    network_input(varied, m->mean, t->inputs + (size_t)index * 2 * PIXELS);
+    network_input(varied, m->mean, input);
 }
 
 /* The loss of one picture and its gradient in the network's answer, which becomes the answer about
@@ -380,7 +381,7 @@ static void save_chart(const trainer *t, int steps_per_epoch) {
                 names[k]);
     }
     fprintf(file, "</svg>\n");
-    if (fclose(file)) fail(path, "cannot be written");
+    if (ferror(file) | fclose(file)) fail(path, "cannot be written");
     free(means);
 }
 
@@ -797,6 +798,11 @@ static void try_split(trial *t, itn_net *net, FILE *files[3]) {
     int left = is_of_left(t);
     load_pictures(t->options->data, left ? SPLIT_TRAIN : t->in, &t->pictures);
     if (t->in == SPLIT_TRAIN || left) keep_shapes(&t->pictures, leave, left);
+    if (!t->pictures.count) {
+        fprintf(stderr, "%s: no pictures\n", trial_name(t));
+        free_pictures(&t->pictures);
+        return;
+    }
     t->judged = t->pictures.count;
     if (t->options->most_images && t->judged > t->options->most_images)
         t->judged = t->options->most_images;

@@ -1466,16 +1466,19 @@ static void test_loss_choices(void) {
     int k;
     loss_case_make(&c, NULL);
     itn_loss_parameters(3, c.predicted, c.truth, supervised);
-    c.desc.model = ITN_MODEL_ITN, c.desc.lambda = 0; /* nothing is rendered */
-    CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, c.image, &zero, gradient, NULL) ==
-          ITN_OK);
-    CHECK(zero.image == 0 && zero.total == zero.parameters);
-    CHECK(!memcmp(gradient, supervised, sizeof gradient));
-    memset(&c.desc, 0, sizeof c.desc); /* all-zero: RN, which needs no scene */
+    for (k = 0; k < 2; k++) { /* nothing is rendered, with or without a scene */
+        c.desc.model = ITN_MODEL_ITN, c.desc.lambda = 0;
+        CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, k ? NULL : c.image, &zero,
+                                gradient, NULL) == ITN_OK);
+        CHECK(zero.image == 0 && zero.total == zero.parameters);
+        CHECK(!memcmp(gradient, supervised, sizeof gradient));
+        if (k == 0) itn_scene_free(c.scene);
+        memset(&c.desc, 0, sizeof c.desc);
+    }
+    /* all-zero: RN */
     CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, NULL, &loss, gradient, NULL) ==
           ITN_OK);
     CHECK(loss.total == zero.total && !memcmp(gradient, supervised, sizeof gradient));
-    itn_scene_free(c.scene);
 
     loss_case_make(&c, NULL); /* other parameters come from theta */
     c.desc.model = ITN_MODEL_ITN;
@@ -1533,6 +1536,9 @@ static void test_loss_errors(void) {
         check_loss_refused(&c, 3, c.image, "lambda");
     }
     c.desc.lambda = 1, c.predicted[1] = NAN, check_loss_refused(&c, 3, c.image, "coordinate 1");
+    c.predicted[1] = 3e38f, check_loss_refused(&c, 3, c.image, "in coordinate 1");
+    c.desc.model = ITN_MODEL_RN, check_loss_refused(&c, 3, NULL, "in coordinate 1");
+    c.desc.model = ITN_MODEL_ITN;
     c.predicted[1] = 0, c.truth[2] = INFINITY, check_loss_refused(&c, 3, c.image, "coordinate 2");
     c.truth[2] = 0, c.parameters[0] = 99, check_loss_refused(&c, 3, c.image, "parameters[0] is 99");
     c.parameters[0] = -1, check_loss_refused(&c, 3, c.image, "parameters[0] is -1");

@@ -122,6 +122,38 @@ static void test_transforms(void) {
     itn_scene_free(scene);
 }
 
+/* A step past the bound of sigma_t ends on it, in similarity coordinates, too: a search that took
+   itself for further would have to come back all the way. One within bounds keeps its bits.
+   past: of ln sigma_t; expected: what stays of that. */
+static void test_held(double past, double expected) {
+    static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
+    itn_scene *scene = cloud(2, .8, .4);
+    const itn_parameter *parameters[3];
+    double slopes[3], plain[3], coordinates[3], start[3], wanted[3];
+    float kept[3];
+    itn__similarity medium = {0, 2, 1, {1}, 0, {0, 0, 0}};
+    itn__refiner refiner;
+    int k;
+    memset(&refiner, 0, sizeof refiner);
+    refiner.parameters = parameters, refiner.count = 3, refiner.values = kept;
+    refiner.slopes = slopes, refiner.media = &medium, refiner.media_count = 1;
+    refiner.plain = plain, refiner.coordinates = coordinates;
+    for (k = 0; k < 3; k++) {
+        parameters[k] = itn_parameter_get(scene, itn_parameter_find(scene, names[k]));
+        wanted[k] = itn_parameter_to_coordinate(parameters[k], parameters[k]->value);
+    }
+    wanted[0] = log((double)parameters[0]->upper);
+    memcpy(start, wanted, sizeof start);
+    start[0] += past, wanted[0] += expected;
+    itn__similarity_turn(&refiner, start, 1);
+    itn__refine_set(&refiner, start);
+    if (past == expected) CHECK(!memcmp(coordinates, start, sizeof start));
+    itn__similarity_turn(&refiner, coordinates, -1);
+    for (k = 0; k < 3; k++) CHECK_NEAR(coordinates[k], wanted[k], 1e-9);
+    CHECK(kept[0] <= parameters[0]->upper);
+    itn_scene_free(scene);
+}
+
 /* Similarity coordinates of a medium with three albedos: there and back; small steps and derivative
    images by central differences; and what stays along the valley. planted: a wrong slope. */
 static void test_similarity(double planted) {
@@ -1169,6 +1201,42 @@ static void test_words(int planted) {
     itn_scene_free(scene);
 }
 
+/* Two media, each with sigma_t and g that only their product tells, have a line each, as products
+   of their own; an albedo between them, told by itself, comes first. tie: correlation between them,
+   beyond .4 all four are one group. */
+static void test_words_of_two(double tie) {
+    static const char *const names[] = {"m.sigma_t", "m.g", "m.albedo", "m.sigma_t", "m.g"};
+    itn_scene *scene = cloud(20, .8, .4);
+    const itn_parameter *p[5];
+    itn_estimate e[5];
+    double slopes[5] = {20, -.6, 1, 20, -.6}, covariance[25];
+    char text[1000];
+    int i, j;
+    for (i = 0; i < 25; i++) { /* in logarithms: of variance 1, g's against sigma_t's */
+        int row = i / 5, column = i % 5;
+        double c = row == column ? 1 : (row < 2) != (column < 2) ? .999 * tie : .999;
+        if ((row % 3 == 1) != (column % 3 == 1)) c = -c;
+        covariance[i] = .16 * c * slopes[row] * slopes[column];
+    }
+    for (i = 0; i < 5; i++)
+        for (j = 0; j < 5; j++)
+            if ((i == 2) != (j == 2)) covariance[5 * i + j] = 0;
+    covariance[12] = .0009 * .0009;
+    for (i = 0; i < 5; i++) {
+        p[i] = itn_parameter_get(scene, itn_parameter_find(scene, names[i]));
+        e[i].value = p[i]->value, e[i].standard_error = sqrt(covariance[6 * i]);
+        e[i].determined = 1;
+    }
+    CHECK(itn_refine_words(p, 5, e, covariance, text, sizeof text) > 0);
+    check_report(!strcmp(text, "m.albedo is determined: to +-0.0009\n"
+                               "m.sigma_t and m.g are determined only together: m.sigma_t (1-m.g) "
+                               "to 1.8 %, but m.sigma_t alone to 40 %, m.g alone to +-0.24\n"
+                               "m.sigma_t and m.g are determined only together: m.sigma_t (1-m.g) "
+                               "to 1.8 %, but m.sigma_t alone to 40 %, m.g alone to +-0.24\n"),
+                 __FILE__, __LINE__, "words: %s", text);
+    itn_scene_free(scene);
+}
+
 /* Eigenvectors of a symmetric matrix: A v = lambda v, v orthonormal. */
 static void test_eigen(void) {
     enum { N = 7 };
@@ -1354,6 +1422,8 @@ int main(void) {
 #endif
     test_cholesky(0);
     test_transforms();
+    test_held(1, 0);
+    test_held(-1, -1);
     test_similarity(0);
     test_doubt(0);
     test_let_go(0);
@@ -1374,6 +1444,7 @@ int main(void) {
     test_allotments();
     test_eigen();
     test_words(0);
+    test_words_of_two(.3);
     test_idle();
     test_noisy();
     test_one_view();
@@ -1382,6 +1453,7 @@ int main(void) {
     test_options();
     CHECK_CATCHES(test_cholesky(1e-6));
     CHECK_CATCHES(test_similarity(1e-4));
+    CHECK_CATCHES(test_held(1, 1e-3));
     CHECK_CATCHES(test_doubt(.01));
     CHECK_CATCHES(test_let_go(1));
     if (!slow) CHECK_CATCHES(plant_small_errors());
@@ -1391,6 +1463,7 @@ int main(void) {
     if (!slow) CHECK_CATCHES(test_spread(.25));
     if (!slow) CHECK_CATCHES(test_loss_error(6));
     CHECK_CATCHES(test_words(1));
+    CHECK_CATCHES(test_words_of_two(.5));
     test_overflow();
     return check_end("refine");
 }
