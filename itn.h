@@ -723,7 +723,7 @@ typedef enum itn_method {
 
 /* Where an iteration stands, for the progress callback. */
 typedef struct itn_refine_step {
-    int iteration;      /* from 0, which is the start */
+    int iteration;      /* from 0, which is the start; a second search counts on */
     double loss;        /* mean over pixels and channels of (I(theta) - target)^2, unbiased */
     double loss_error;  /* its standard error, by the noise of the renders; 0, as not known, with
                            ADAM and SGD */
@@ -734,8 +734,9 @@ typedef struct itn_refine_step {
 
 typedef struct itn_refine_options {
     itn_method method;
-    int iterations; /* most; 0 = 20 (LM) or 200. LM stops by itself when all that it sees is noise;
-                       if it has not by then, one or two evaluations more give its error bars */
+    int iterations; /* most of a search; 0 = 20 (LM) or 200. LM stops by itself when all that it
+                       sees is noise; if it has not by then, one or two evaluations more give its
+                       error bars */
     int spp;        /* samples per pixel of each of the two renders of an iteration, at least 2;
                        0 = 64. LM takes more as it closes in */
     int final_spp;  /* samples of the evaluations that LM averages in the end, all together, which
@@ -780,8 +781,11 @@ typedef struct itn_estimate {
    estimates: [count]. options may be NULL.
    Along curves of equal sigma_t albedo (1 - g) and sigma_t (1 - albedo) pictures change little
    (similarity relations, Wyman, Patterson and Wilson 1989): LM takes its steps along them. The loss
-   can still have several valleys, and error bars speak of one only. A good start (a network's
-   estimate) or several tell.
+   can still have several valleys, and error bars speak of one only. In thin objects light scattered
+   ahead and back can look alike: where more misfit remains than noise explains (without
+   target_variance: where some g is below 0 as well), LM searches once more with the sign of every
+   unknown g changed, and keeps the better end. Beyond that a good start (a network's estimate) or
+   several tell.
    Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then theta and estimates are
    untouched. */
 ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
@@ -13768,6 +13772,7 @@ typedef struct itn__refiner {
     itn__similarity *media; /* [media_count] */
     int media_count;
     uint64_t renders;
+    int iteration, begun; /* the latest, and the first of this search */
     double final;        /* samples wanted of all averaged evaluations, in those of the first */
     int designed;        /* whether samples go where they tell most */
     float *values;       /* [count] */
@@ -14438,7 +14443,9 @@ static double itn__refine_news(itn__refiner *refiner) {
 
 static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_error *error) {
     itn_refine_step step;
-    step.iteration = iteration, step.loss = refiner->loss, step.loss_error = refiner->loss_error;
+    refiner->iteration = refiner->begun + iteration;
+    step.iteration = refiner->iteration;
+    step.loss = refiner->loss, step.loss_error = refiner->loss_error;
     step.theta = refiner->views->theta, step.values = refiner->values;
     if (refiner->options.progress &&
         refiner->options.progress(refiner->options.progress_user, &step))
@@ -14493,10 +14500,11 @@ static itn_result itn__refine_try(itn__refiner *refiner, double samples, int sta
 /* Levenberg-Marquardt, until the evaluations that count have enough samples, or no step helps. If
    iterations run out, one or two more with all samples at once give error bars. An evaluation that
    told something is followed by one of as many samples, as fewer would not have seen it. The search
-   may leap once, while there are iterations to go on from there. */
+   may leap once, while there are iterations to go on from there; a second one does not, as it
+   starts where it should. */
 static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     const itn__normal *known = &refiner->known;
-    int iteration, most = refiner->options.iterations, leapt = 0;
+    int iteration, most = refiner->options.iterations, leapt = refiner->begun > 0;
     double mu = 1, news = INFINITY, samples = 1;
     itn_result result = itn__refine_evaluate(refiner, samples, error);
     if (result) return result;
@@ -14931,6 +14939,66 @@ static itn_result itn__refine_options(itn_refine_options *options, itn_error *er
     return ITN_OK;
 }
 
+/* One search from these values on, and what it found. */
+static itn_result itn__refine_search(itn__refiner *refiner, const itn_view *views,
+                                     const float *values, itn_error *error) {
+    itn_result result = itn__refine_begin(refiner, views, values, error);
+    if (!result)
+        result = refiner->options.method == ITN_METHOD_LM ? itn__refine_lm(refiner, error)
+                                                          : itn__refine_descend(refiner, error);
+    if (!result) itn__refine_estimate(refiner);
+    return result;
+}
+
+/* The values found, with the sign of every unknown g changed; returns the g farthest from 0. */
+static float itn__mirror(const itn__refiner *refiner, float *values) {
+    const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
+    float most = 0;
+    int k, c, g;
+    memcpy(values, refiner->values, (size_t)refiner->count * sizeof *values);
+    for (; view < end; view++)
+        for (k = 0; k < view->scene->medium_count; k++)
+            for (c = 0; c < 3; c++) {
+                g = itn__view_unknown(view, view->scene->media[k].g[c]);
+                if (g < 0) continue;
+                values[g] = -refiner->values[g];
+                if (fabsf(values[g]) > fabsf(most)) most = refiner->values[g];
+            }
+    return most;
+}
+
+/* Whether the search may have ended in the wrong valley: more misfit remains than noise explains.
+   Where that of a picture is not known, all of it may be noise, and only a g below 0 is odd. */
+static int itn__refine_astray(const itn__refiner *refiner, const itn_view *views, float g) {
+    const itn__normal *known = &refiner->known;
+    double excess = known->chi2 - 1;
+    int v;
+    if (refiner->options.method != ITN_METHOD_LM || fabsf(g) < .1f) return 0;
+    for (v = 0; v < refiner->view_count; v++)
+        if (!views[v].target_variance && g > 0) return 0;
+    return excess > 5 * sqrt(known->chi2_variance);
+}
+
+/* Searches once more from the mirror image of what was found, if that may be wrong, and keeps what
+   leaves less misfit. */
+static itn_result itn__refine_again(itn__refiner *refiner, const itn_view *views,
+                                    itn_error *error) {
+    itn__refiner other, swap;
+    itn_result result = ITN_OK;
+    float *values = refiner->moments[0]; /* not needed any more */
+    float g = itn__mirror(refiner, values);
+    if (!itn__refine_astray(refiner, views, g)) return ITN_OK;
+    memset(&other, 0, sizeof other);
+    other.view_count = refiner->view_count, other.count = refiner->count;
+    other.context = refiner->context, other.options = refiner->options;
+    other.renders = refiner->renders, other.begun = refiner->iteration + 1;
+    result = itn__refine_search(&other, views, values, error);
+    if (!result && other.known.chi2 < refiner->known.chi2)
+        swap = *refiner, *refiner = other, other = swap;
+    itn__refine_end(&other);
+    return result;
+}
+
 ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
                                     int count, const itn_refine_options *options,
                                     itn_estimate *estimates, itn_error *error) {
@@ -14952,12 +15020,9 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
     if (options) refiner.options = *options;
     result = itn__refine_options(&refiner.options, error);
     if (result) return result;
-    result = itn__refine_begin(&refiner, views, values, error);
-    if (!result)
-        result = refiner.options.method == ITN_METHOD_LM ? itn__refine_lm(&refiner, error)
-                                                         : itn__refine_descend(&refiner, error);
+    result = itn__refine_search(&refiner, views, values, error);
+    if (!result) result = itn__refine_again(&refiner, views, error);
     if (!result) {
-        itn__refine_estimate(&refiner);
         memcpy(values, refiner.values, n * sizeof *values);
         memcpy(estimates, refiner.estimates, n * sizeof *estimates);
         if (refiner.options.misfit) *refiner.options.misfit = refiner.known.chi2;
@@ -18220,8 +18285,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 
 /* [history]
    0.5.10 itn_refine_words tells groups of unknowns apart that have nothing to do with each other; a
-          search that runs into a bound turns round at once; itn_loss_training refuses gradients too
-          large for a float, and needs no scene when lambda is 0
+          search that runs into a bound turns round at once; one that leaves more misfit than noise
+          explains is followed by another from its mirror image in g; itn_loss_training refuses
+          gradients too large for a float, and needs no scene when lambda is 0
    0.5.9  networks with NaN among their weights no longer answer; error bars are right for what a
           very noisy picture does not tell, and for views that share sigma_t of a medium but not its
           g or albedo
