@@ -783,9 +783,9 @@ typedef struct itn_estimate {
    (similarity relations, Wyman, Patterson and Wilson 1989): LM takes its steps along them. The loss
    can still have several valleys, and error bars speak of one only. In thin objects light scattered
    ahead and back can look alike: where more misfit remains than noise explains (without
-   target_variance: where some g is below 0 as well), LM searches once more with the sign of every
-   unknown g changed, and keeps the better end. Beyond that a good start (a network's estimate) or
-   several tell.
+   target_variance: where no g is above 0 as well), LM searches once more with the sign of every
+   unknown g changed (from .5 or more on, if it was below .3), and keeps the better end. Beyond that
+   a good start (a network's estimate) or several tell.
    Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then theta and estimates are
    untouched. */
 ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
@@ -14950,10 +14950,11 @@ static itn_result itn__refine_search(itn__refiner *refiner, const itn_view *view
     return result;
 }
 
-/* The values found, with the sign of every unknown g changed; returns the g farthest from 0. */
+/* The values found, with every unknown g on the other side: what lies between the valleys is about
+   .3, not 0, as g below 0 is found where light goes ahead. Returns the greatest g; -1 if none. */
 static float itn__mirror(const itn__refiner *refiner, float *values) {
     const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    float most = 0;
+    float most = -1;
     int k, c, g;
     memcpy(values, refiner->values, (size_t)refiner->count * sizeof *values);
     for (; view < end; view++)
@@ -14962,18 +14963,19 @@ static float itn__mirror(const itn__refiner *refiner, float *values) {
                 g = itn__view_unknown(view, view->scene->media[k].g[c]);
                 if (g < 0) continue;
                 values[g] = -refiner->values[g];
-                if (fabsf(values[g]) > fabsf(most)) most = refiner->values[g];
+                if (values[g] > -.3f) values[g] = itn__max(values[g], .5f);
+                most = itn__max(most, refiner->values[g]);
             }
     return most;
 }
 
 /* Whether the search may have ended in the wrong valley: more misfit remains than noise explains.
-   Where that of a picture is not known, all of it may be noise, and only a g below 0 is odd. */
+   Where that of a picture is not known, all of it may be noise, and only g below 0 are odd. */
 static int itn__refine_astray(const itn__refiner *refiner, const itn_view *views, float g) {
     const itn__normal *known = &refiner->known;
     double excess = known->chi2 - 1;
     int v;
-    if (refiner->options.method != ITN_METHOD_LM || fabsf(g) < .1f) return 0;
+    if (refiner->options.method != ITN_METHOD_LM || g <= -1) return 0;
     for (v = 0; v < refiner->view_count; v++)
         if (!views[v].target_variance && g > 0) return 0;
     return excess > 5 * sqrt(known->chi2_variance);
