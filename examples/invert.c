@@ -362,7 +362,8 @@ static int print_estimates(const history *h, const itn_estimate *estimates, cons
         if (hidden) printf(" hidden %.5g", (double)hidden[k]);
         printf("\n");
         if (!e->determined)
-            printf("warning: this image hardly determines %s; do not rely on its value\n", name);
+            printf("warning: at this --spp the image hardly determines %s; do not rely on its value\n",
+                   name);
         else if (hidden)
             missed += !(fabs(e->value - (double)hidden[k]) <= 4 * e->standard_error);
     }
