@@ -972,11 +972,13 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #define ITN__INLINE static inline __attribute__((always_inline, unused))
 #define ITN__PRINTF(string, first) __attribute__((format(printf, string, first)))
 #define ITN__PREFETCH(address) __builtin_prefetch(address)
+#define ITN__PREFETCH_FAR(address) __builtin_prefetch(address, 0, 2) /* the second level of cache */
 #define ITN__NOINLINE static __attribute__((noinline, unused))
 #else
 #define ITN__INLINE static inline
 #define ITN__PRINTF(string, first)
 #define ITN__PREFETCH(address) ((void)(address))
+#define ITN__PREFETCH_FAR(address) ((void)(address))
 #define ITN__NOINLINE static
 #endif
 /* Before a loop of constant count over an array of lanes: unrolled, the array is registers. Clang
@@ -12280,6 +12282,17 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
    windows in all, memory is the limit instead, and the loops are turned round: weights are read
    once, in the order of memory, and all sums wait in the cache.
 
+   A window's four sums need 36 multiplications per input channel; in images of 16 windows or more
+   they are made of 16 (Winograd's minimal filtering, for networks by Lavin and Gray 2016, F(2x2,
+   3x3)). With d the window's 4x4 input pixels, w the 3x3 taps and * by elements,
+       s = bias + A^T [ sum over i of (G w G^T) * (B^T d B) ] A,
+       G =  1    0    0      B^T = 1  0 -1  0      A^T = 1  1  1  0
+           1/2  1/2  1/2           0  1  1  0            0  1 -1 -1.
+           1/2 -1/2  1/2           0 -1  1  0
+            0    0    1            0  1  0 -1
+   G w G^T is what a panel then holds. The sum over i is one matrix product for each of the 16
+   elements, by the same tiles. The transforms add and halve only, so rounding hardly grows.
+
    Backward, a sparse one: of a window's four pixels only the chosen one has a derivative, so three
    quarters of d_s are zero for certain. With d = d_out[window][o] and `patch` the 3x3 pixels around
    the one that was chosen,
@@ -12378,8 +12391,12 @@ enum {
     ITN__TILE_VECTORS = 2,                          /* 32 registers, or 16 of narrower lanes */
     ITN__TILE_WINDOWS = 8,                          /* windows whose tiles are pooled together */
     ITN__STREAM_WINDOWS = 16,                       /* at most, to stream the weights */
+    ITN__WINOGRAD_WINDOWS = 16,                     /* of an image, at least, for Winograd's */
+    ITN__WINOGRAD_BLOCKS = 4,                       /* of inputs that are transformed at a time */
+    ITN__WINOGRAD_AHEAD = 8,                        /* inputs whose weights are on their way */
     ITN__STREAM_ROWS = ITN__LANES == 16 ? 4 :       /* inputs that are streamed at a time, all */
                        ITN__LANES > 1 ? 2 : 1,      /* of one block */
+    ITN__STREAM_AHEAD = 4,                          /* times as many are on their way */
     ITN__BAND = 32,                                 /* windows whose inputs fit into the first */
     ITN__SPREAD_BAND = 16,                          /* level of cache; with weights beside them */
     ITN__SPREAD_OUTPUTS = 64                        /* channels of those weights */
@@ -12608,16 +12625,27 @@ static void itn__conv_tiles(const itn__conv *c, const itn__panel *panel, size_t 
     itn__conv_end(c, panel, block, windows, count, sums);
 }
 
-/* Floats from panel to panel: a row for every term of a sum, and the bias. */
-static size_t itn__panel_rows(const itn__conv *c) { return 9 * c->in.blocks * c->in.lanes + 1; }
+/* Whether the windows go through Winograd's transform: it needs whole blocks, and enough windows
+   for the transform of the weights to be worth while. The batch has no say, so an image's outputs
+   do not depend on its company. */
+static int itn__conv_winograd(const itn__conv *c) {
+    return c->out.height * c->out.width >= ITN__WINOGRAD_WINDOWS &&
+           c->out.channels % ITN__LANES == 0 && c->in.channels % ITN__LANES == 0;
+}
+
+/* Taps of a panel, each with a row for every input channel; and all rows, the bias behind them. */
+static size_t itn__panel_taps(const itn__conv *c) { return itn__conv_winograd(c) ? 16 : 9; }
+static size_t itn__panel_rows(const itn__conv *c) {
+    return itn__panel_taps(c) * c->in.blocks * c->in.lanes + 1;
+}
 static size_t itn__panel_count(const itn__conv *c) {
     return (c->out.blocks + ITN__TILE_VECTORS - 1) / ITN__TILE_VECTORS;
 }
 
 /* Whether the windows are so few that reading the weights takes longer than using them. */
 static int itn__conv_streams(const itn__conv *c) {
-    return itn__conv_windows(c) <= ITN__STREAM_WINDOWS && c->out.channels % ITN__LANES == 0 &&
-           c->in.channels % ITN__LANES == 0;
+    return itn__conv_windows(c) <= ITN__STREAM_WINDOWS && !itn__conv_winograd(c) &&
+           c->out.channels % ITN__LANES == 0 && c->in.channels % ITN__LANES == 0;
 }
 
 /* Floats from the sums of a pixel to those of the next: not a power of two, which would put all of
@@ -12630,8 +12658,51 @@ static itn__panel itn__conv_panel(const itn__conv *c, size_t index) {
     panel.vectors = (int)itn__fewer(blocks, ITN__TILE_VECTORS);
     panel.row = (size_t)panel.vectors * ITN__LANES, panel.tap = c->in.blocks * c->in.lanes;
     panel.w = c->scratch + itn__panel_rows(c) * block * ITN__LANES;
-    panel.bias = panel.w + 9 * panel.tap * panel.row;
+    panel.bias = panel.w + itn__panel_taps(c) * panel.tap * panel.row;
     return panel;
+}
+
+/* One dimension of Winograd's transforms, of three weights and of four pixels. */
+ITN__INLINE void itn__winograd_3(itn__floats a, itn__floats b, itn__floats c, itn__floats *to) {
+    itn__floats half = itn__splat(.5f), even = half * (a + c), odd = half * b;
+    to[0] = a, to[1] = even + odd, to[2] = even - odd, to[3] = c;
+}
+ITN__INLINE void itn__winograd_4(itn__floats a, itn__floats b, itn__floats c, itn__floats d,
+                                 itn__floats *to) {
+    to[0] = a - c, to[1] = b + c, to[2] = c - b, to[3] = b - d;
+}
+
+/* Weights of a panel, transformed to where itn__conv_panel says: G w G^T. */
+static void itn__winograd_weights(const itn__conv *c, size_t first, const itn__panel *panel,
+                                  float *to) {
+    size_t outputs = c->out.channels, ahead = ITN__WINOGRAD_AHEAD * outputs, i, o;
+    int x, y;
+    for (i = 0; i < panel->tap; i++)
+        for (o = 0; o < panel->row; o += ITN__LANES) {
+            const float *w = c->w + i * outputs + first + o;
+            itn__floats rows[4][3], u[4];
+            ITN__UNROLL
+            for (x = 0; x < 3; x++) {
+                const float *taps[3];
+                itn__floats column[4];
+                ITN__UNROLL
+                for (y = 0; y < 3; y++) {
+                    taps[y] = w + (size_t)(3 * y + x) * panel->tap * outputs;
+                    ITN__PREFETCH_FAR(taps[y] + ahead);
+                }
+                itn__winograd_3(itn__load(taps[0]), itn__load(taps[1]), itn__load(taps[2]),
+                                column);
+                ITN__UNROLL
+                for (y = 0; y < 4; y++) rows[y][x] = column[y];
+            }
+            ITN__UNROLL
+            for (y = 0; y < 4; y++) {
+                itn__winograd_3(rows[y][0], rows[y][1], rows[y][2], u);
+                ITN__UNROLL
+                for (x = 0; x < 4; x++)
+                    itn__store(to + ((size_t)(4 * y + x) * panel->tap + i) * panel->row + o, u[x]);
+            }
+        }
 }
 
 /* Copies a panel's weights to where itn__conv_panel says, zeros for the padding. */
@@ -12641,13 +12712,101 @@ static void itn__conv_copy_panel(void *data, int index) {
     size_t first = (size_t)index * ITN__TILE_VECTORS * ITN__LANES, tap, i;
     size_t outputs = itn__fewer(c->out.channels - first, panel.row);
     float *to = c->scratch + (panel.w - c->scratch);
-    memset(to, 0, itn__panel_rows(c) * panel.row * sizeof *to);
-    for (tap = 0; tap < 9; tap++)
-        for (i = 0; i < c->in.channels; i++)
-            memcpy(to + (tap * panel.tap + i) * panel.row,
-                   c->w + (tap * c->in.channels + i) * c->out.channels + first,
-                   outputs * sizeof *to);
-    memcpy(to + 9 * panel.tap * panel.row, c->bias + first, outputs * sizeof *to);
+    if (itn__conv_winograd(c)) {
+        itn__winograd_weights(c, first, &panel, to);
+    } else {
+        memset(to, 0, itn__panel_rows(c) * panel.row * sizeof *to);
+        for (tap = 0; tap < 9; tap++)
+            for (i = 0; i < c->in.channels; i++)
+                memcpy(to + (tap * panel.tap + i) * panel.row,
+                       c->w + (tap * c->in.channels + i) * c->out.channels + first,
+                       outputs * sizeof *to);
+    }
+    memcpy(to + (panel.bias - panel.w), c->bias + first, outputs * sizeof *to);
+}
+
+/* B^T d B of one block of a window's 4x4 input pixels; its 16 vectors go `step` floats apart. */
+static void itn__winograd_input(const itn__blocked *in, const float *pixels, float *to,
+                                size_t step) {
+    itn__floats rows[4][4], v[4];
+    int x, y;
+    ITN__UNROLL
+    for (y = 0; y < 4; y++) {
+        const float *p = pixels + (size_t)y * in->row;
+        itn__winograd_4(itn__load(p), itn__load(p + ITN__LANES), itn__load(p + 2 * ITN__LANES),
+                        itn__load(p + 3 * ITN__LANES), rows[y]);
+    }
+    ITN__UNROLL
+    for (x = 0; x < 4; x++) {
+        itn__winograd_4(rows[0][x], rows[1][x], rows[2][x], rows[3][x], v);
+        ITN__UNROLL
+        for (y = 0; y < 4; y++) itn__store(to + (size_t)(4 * y + x) * step, v[y]);
+    }
+}
+
+/* A^T m A, from 16 vectors `step` floats apart, plus the bias, to a window's four sums, which are
+   `corner` floats apart. */
+static void itn__winograd_output(const float *m, size_t step, itn__floats bias, float *sums,
+                                 size_t corner) {
+    itn__floats rows[4][2];
+    int x, y;
+    ITN__UNROLL
+    for (y = 0; y < 4; y++) {
+        const float *p = m + 4 * (size_t)y * step;
+        itn__floats m1 = itn__load(p + step), m2 = itn__load(p + 2 * step);
+        rows[y][0] = itn__load(p) + (m1 + m2), rows[y][1] = (m1 - m2) - itn__load(p + 3 * step);
+    }
+    ITN__UNROLL
+    for (x = 0; x < 2; x++) {
+        itn__store(sums + (size_t)x * corner, bias + (rows[0][x] + (rows[1][x] + rows[2][x])));
+        itn__store(sums + (size_t)(2 + x) * corner,
+                   bias + ((rows[1][x] - rows[2][x]) - rows[3][x]));
+    }
+}
+
+/* products[tap][window] += those of blocks [block, end), at most ITN__WINOGRAD_BLOCKS. */
+static void itn__winograd_multiply(const itn__conv *c, const itn__panel *panel, size_t block,
+                                   size_t end, const itn__window *windows, size_t count,
+                                   float *products) {
+    float inputs[16 * ITN__TILE_WINDOWS * ITN__WINOGRAD_BLOCKS * ITN__LANES];
+    const float *patches[ITN__TILE_WINDOWS];
+    size_t channels = (end - block) * ITN__LANES, step = ITN__TILE_WINDOWS * channels;
+    size_t floats = (size_t)panel->vectors * ITN__LANES, tap, k, b;
+    itn__blocked run = c->in; /* what lies at patches[k]: one pixel of all these channels */
+    itn__terms one = {0, 1, 0, 1};
+    run.blocks = 1, run.lanes = channels;
+    for (k = 0; k < count; k++)
+        for (b = block; b < end; b++)
+            itn__winograd_input(&c->in, c->images + windows[k].in + b * c->in.plane,
+                                inputs + k * channels + (b - block) * ITN__LANES, step);
+    for (tap = 0; tap < 16; tap++) {
+        itn__panel part = *panel;
+        part.w = panel->w + (tap * panel->tap + block * ITN__LANES) * panel->row;
+        for (k = 0; k < ITN__TILE_WINDOWS; k++)
+            patches[k] = inputs + tap * step + itn__fewer(k, count - 1) * channels;
+        for (k = 0; k < count; k += ITN__TILE_PIXELS)
+            itn__conv_add(&run, &part, ITN__TILE_PIXELS, patches + k, &one,
+                          products + (tap * ITN__TILE_WINDOWS + k) * floats);
+    }
+}
+
+/* As itn__conv_tiles, through the transform. */
+static void itn__winograd_tiles(const itn__conv *c, const itn__panel *panel, size_t block,
+                                const itn__window *windows, size_t count) {
+    float products[16 * ITN__TILE_WINDOWS * ITN__TILE_VECTORS * ITN__LANES];
+    float sums[4 * ITN__TILE_WINDOWS * ITN__TILE_VECTORS * ITN__LANES];
+    size_t floats = (size_t)panel->vectors * ITN__LANES, b, end, k, v;
+    memset(products, 0, sizeof products);
+    for (b = 0; b < c->in.blocks; b = end) {
+        end = itn__fewer(b + ITN__WINOGRAD_BLOCKS, c->in.blocks);
+        itn__winograd_multiply(c, panel, b, end, windows, count, products);
+    }
+    for (k = 0; k < count; k++)
+        for (v = 0; v < floats; v += ITN__LANES)
+            itn__winograd_output(products + k * floats + v, ITN__TILE_WINDOWS * floats,
+                                 itn__load(panel->bias + v), sums + k * floats + v,
+                                 count * floats);
+    itn__conv_end(c, panel, block, windows, count, sums);
 }
 
 /* How many parts of at least 256 windows a panel's work is cut into. */
@@ -12665,21 +12824,25 @@ static void itn__conv_forward_part(void *data, int index) {
     for (; first < end; first += count) {
         count = itn__fewer(end - first, ITN__TILE_WINDOWS);
         itn__conv_take(c, first, count, taken);
-        itn__conv_tiles(c, &panel, number * ITN__TILE_VECTORS, taken, count);
+        if (itn__conv_winograd(c))
+            itn__winograd_tiles(c, &panel, number * ITN__TILE_VECTORS, taken, count);
+        else
+            itn__conv_tiles(c, &panel, number * ITN__TILE_VECTORS, taken, count);
     }
 }
 
-/* Adds the terms of ITN__STREAM_ROWS inputs, of which inputs has four pixels' addresses, to `count`
-   sums of each pixel. The rows of weights for the next inputs are asked for meanwhile, if they are
-   whole in the order of memory: rows are too short for the processor to see where this goes. */
-ITN__NOINLINE void itn__stream_rows(const itn__conv *c, const float *w, const float *const *inputs,
-                                    size_t count, float *sums) {
+/* Adds the terms of ITN__STREAM_ROWS inputs of some pixels, 1 to 4, to `count` sums of each.
+   inputs, sums: [pixels] addresses. Meanwhile rows of weights for later inputs are asked for, if
+   they are whole in the order of memory: rows are too short for the processor to see where this
+   goes. */
+ITN__INLINE void itn__stream_tile(size_t row, const float *w, int pixels,
+                                  const float *const *inputs, size_t count, float *const *sums) {
     itn__floats values[4][ITN__STREAM_ROWS], weights[ITN__STREAM_ROWS];
-    size_t row = c->out.channels, step = itn__stream_step(c), whole = count == row, o;
-    const float *next = w + ITN__STREAM_ROWS * row;
+    size_t whole = count == row, o;
+    const float *next = w + ITN__STREAM_AHEAD * ITN__STREAM_ROWS * row;
     int p, r;
     ITN__UNROLL
-    for (p = 0; p < 4; p++)
+    for (p = 0; p < pixels; p++)
         ITN__UNROLL
         for (r = 0; r < ITN__STREAM_ROWS; r++) values[p][r] = itn__splat(inputs[p][r]);
     for (o = 0; o < count; o += ITN__LANES) {
@@ -12687,16 +12850,38 @@ ITN__NOINLINE void itn__stream_rows(const itn__conv *c, const float *w, const fl
         ITN__UNROLL
         for (r = 0; r < ITN__STREAM_ROWS; r++) {
             weights[r] = itn__load(w + (size_t)r * row + o);
-            ITN__PREFETCH(ask + (size_t)r * (whole ? ITN__LANES : row));
+            ITN__PREFETCH_FAR(ask + (size_t)r * (whole ? ITN__LANES : row));
         }
         ITN__UNROLL
-        for (p = 0; p < 4; p++) {
-            itn__floats sum = itn__load(sums + (size_t)p * step + o);
+        for (p = 0; p < pixels; p++) {
+            itn__floats sum = itn__load(sums[p] + o);
             ITN__UNROLL
             for (r = 0; r < ITN__STREAM_ROWS; r++) sum += values[p][r] * weights[r];
-            itn__store(sums + (size_t)p * step + o, sum);
+            itn__store(sums[p] + o, sum);
         }
     }
+}
+
+/* The tile of any number of pixels. */
+ITN__NOINLINE void itn__stream_rows(size_t row, const float *w, size_t pixels,
+                                    const float *const *inputs, size_t count, float *const *sums) {
+    switch (pixels) {
+    case 1: itn__stream_tile(row, w, 1, inputs, count, sums); return;
+    case 2: itn__stream_tile(row, w, 2, inputs, count, sums); return;
+    case 3: itn__stream_tile(row, w, 3, inputs, count, sums); return;
+    default: itn__stream_tile(row, w, 4, inputs, count, sums);
+    }
+}
+
+/* Fills inside[] with the pixels for which a tap does not lie in the ring; returns how many. */
+static size_t itn__pixels_inside(const itn__pixels *pixels, size_t tap, size_t *inside) {
+    size_t y = tap / 3, x = tap % 3, count = 0, p;
+    for (p = 0; p < pixels->count; p++) {
+        itn__terms terms = itn__terms_at(pixels->sides[p]);
+        if (y >= terms.top && y < terms.bottom && x >= terms.left && x < terms.right)
+            inside[count++] = p;
+    }
+    return count;
 }
 
 /* Few windows, some blocks of output channels: weights are read where they are, in the order of
@@ -12706,7 +12891,7 @@ static void itn__conv_stream_part(void *data, int index) {
     size_t outputs = c->out.channels, blocks = c->out.blocks, count = itn__conv_windows(c);
     size_t first = blocks * (size_t)index / c->parts, end = blocks * ((size_t)index + 1) / c->parts;
     size_t from = first * ITN__LANES, floats = (end - first) * ITN__LANES, term, block, p, k;
-    size_t step = itn__stream_step(c);
+    size_t step = itn__stream_step(c), inside[4 * ITN__STREAM_WINDOWS], pixel_count = 0;
     itn__window windows[ITN__STREAM_WINDOWS];
     itn__pixels pixels;
     itn__conv_take(c, 0, count, windows);
@@ -12717,11 +12902,16 @@ static void itn__conv_stream_part(void *data, int index) {
         size_t tap = term / c->in.channels, channel = term % c->in.channels;
         size_t at = tap / 3 * c->in.row + tap % 3 * ITN__LANES +
                     channel / ITN__LANES * c->in.plane + channel % ITN__LANES;
-        for (p = 0; p < pixels.count; p += 4) {
+        if (!channel) pixel_count = itn__pixels_inside(&pixels, tap, inside);
+        for (p = 0; p < pixel_count; p += 4) {
             const float *inputs[4];
-            for (k = 0; k < 4; k++) inputs[k] = pixels.patches[p + k] + at;
-            itn__stream_rows(c, c->w + term * outputs + from, inputs, floats,
-                             c->scratch + p * step + from);
+            float *sums[4];
+            size_t tile = itn__fewer(pixel_count - p, 4);
+            for (k = 0; k < tile; k++) {
+                inputs[k] = pixels.patches[inside[p + k]] + at;
+                sums[k] = c->scratch + inside[p + k] * step + from;
+            }
+            itn__stream_rows(outputs, c->w + term * outputs + from, tile, inputs, floats, sums);
         }
     }
     for (k = 0; k < count; k++)
@@ -18289,7 +18479,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
    0.5.10 itn_refine_words tells groups of unknowns apart that have nothing to do with each other; a
           search that runs into a bound turns round at once; one that leaves more misfit than noise
           explains is followed by another from its mirror image in g; itn_loss_training refuses
-          gradients too large for a float, and needs no scene when lambda is 0
+          gradients too large for a float, and needs no scene when lambda is 0; a network reads a
+          single picture 1.3 times as fast, large layers by Winograd's transform
    0.5.9  networks with NaN among their weights no longer answer; error bars are right for what a
           very noisy picture does not tell, and for views that share sigma_t of a medium but not its
           g or albedo

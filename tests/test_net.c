@@ -271,7 +271,7 @@ static void conv_differences(const conv_case *c, double *values, size_t count, d
     }
 }
 
-enum { NO_FAULT, FAULT_SIGN, FAULT_NO_BIAS, FAULT_SHIFT };
+enum { NO_FAULT, FAULT_SIGN, FAULT_NO_BIAS, FAULT_SHIFT, FAULT_TAP };
 
 static void test_conv(int height, int width, int inputs, int outputs, int fault) {
     conv_case c;
@@ -526,6 +526,7 @@ static void test_blocked(size_t batch, size_t height, size_t width, size_t input
     plain = layer_make(batch, height, width, inputs, outputs);
     seed(height * 31 + width + 7 * inputs);
     blocked = layer_make(batch, height, width, inputs, outputs);
+    if (fault == FAULT_TAP) blocked.w[inputs * outputs] = 0;
     layer_plain(&plain);
     layer_blocked(&blocked, &context);
     if (fault == FAULT_SHIFT)
@@ -565,6 +566,8 @@ static void test_blocked_shapes(void) {
     test_blocked(19, 4, 2, 20, 40, NO_FAULT); /* several groups of images */
     test_blocked(3, 4, 4, 32, 64, NO_FAULT);  /* few windows, but more than one tile's */
     test_blocked(1, 40, 36, 2, 3, NO_FAULT);  /* several parts and slices */
+    test_blocked(3, 10, 14, 80, 80, NO_FAULT); /* by Winograd's transform at every width of lanes */
+    CHECK_CATCHES(test_blocked(1, 8, 8, 16, 16, FAULT_TAP));
     CHECK_CATCHES(test_blocked(2, 6, 4, 3, 5, FAULT_SHIFT));
     CHECK_CATCHES(test_blocked(2, 6, 4, 3, 5, FAULT_SIGN));
     CHECK_CATCHES(test_blocked(2, 6, 4, 3, 5, FAULT_NO_BIAS));
