@@ -19,7 +19,8 @@
    errors of the others, and a mean over all three is noisier than over three on their own.
    --tests is the part of the three test splits to make, as large as --fraction unless given.
    `make` goes on where it was stopped and mends what `check` finds missing or damaged. `sheet`
-   shows one picture of every shape (rows) and azimuth (columns). dataset.h says what is in a file.
+   shows one picture of every shape, or of a variant (rows), and azimuth (columns). dataset.h says
+   what is in a file.
    The pictures are the same bits for any number of threads. */
 #define _POSIX_C_SOURCE 200809L
 #include "dataset.h"
@@ -54,40 +55,55 @@ static void copy_file(const char *from_dir, const char *name, const char *to_dir
     save_file(path, block, size);
 }
 
-/* How far the shape has to be lifted to stand on the ground. */
-static double shape_lift(const char *dir, int shape) {
-    char path[PATH_SIZE];
+/* The file of a shape, or of a variant of it, in DIR/scenes. */
+static void mesh_name(int shape, int azimuth, int variant, char name[64]) {
+    if (variant) snprintf(name, 64, "%s-%02d-%02d.ply", shape_names[shape], azimuth, variant);
+    else snprintf(name, 64, "%s.ply", shape_names[shape]);
+}
+
+static itn_mesh load_mesh(const char *dir, int shape, int azimuth, int variant) {
+    char path[PATH_SIZE], name[64];
     itn_mesh mesh;
     itn_error error;
+    mesh_name(shape, azimuth, variant, name);
+    snprintf(path, sizeof path, "%s/scenes/%s", dir, name);
+    if (itn_mesh_load(path, NULL, &mesh, &error)) fail(error.message, "");
+    return mesh;
+}
+
+/* How far a mesh has to be lifted to stand on the ground. */
+static double mesh_lift(const itn_mesh *mesh) {
     float lowest = 0;
     int i;
-    snprintf(path, sizeof path, "%s/scenes/%s.ply", dir, shape_names[shape]);
-    if (itn_mesh_load(path, NULL, &mesh, &error)) fail(error.message, "");
-    for (i = 0; i < mesh.vertex_count; i++)
-        lowest = fminf(lowest, mesh.positions[3 * i + 1]);
-    itn_mesh_free(&mesh);
+    for (i = 0; i < mesh->vertex_count; i++)
+        lowest = fminf(lowest, mesh->positions[3 * i + 1]);
     return .001 - (double)lowest;
 }
 
 /* The scene of scenes/data.itn with another shape and sun, and a grey sky. A sky's numbers hold for
    the height of the sun and are measured from the zenith and from the sun, so all azimuths share
    them. */
-static void write_scene(const char *dir, int shape, int azimuth, film on) {
+static void write_scene(const char *dir, int shape, int azimuth, int variant, film on) {
     static const char *const films[FILMS] = {
         "width 128 height 128  filter gaussian",
         "width 128 height 128  channels 3  filter gaussian", "width 32 height 32"}; /* FILM, SMALL */
-    char path[PATH_SIZE], text[2048];
-    double angle = azimuth * 3.14159265358979323846 / 180;
-    int length = snprintf(text, sizeof text,
+    char path[PATH_SIZE], text[2048], name[64];
+    double angle = azimuth * 3.14159265358979323846 / 180, lift;
+    itn_mesh mesh = load_mesh(dir, shape, azimuth, variant);
+    int length;
+    lift = mesh_lift(&mesh);
+    itn_mesh_free(&mesh);
+    mesh_name(shape, azimuth, variant, name);
+    length = snprintf(text, sizeof text,
         "film    %s\n"
         "camera  eye 0 8.785 -32.785  target 0 0.469 -1.75  fov 2.5\n"
         "medium  milk   sigma_t 54  albedo 0.87  g 0.4\n"
         "surface ground type diffuse  reflectance texture concrete.pfm\n"
         "object  plane  y 0 half 20  surface ground\n"
-        "object  mesh %s.ply  medium milk  rotate 0 1 0 180  translate 0 %.4f -1.75\n"
+        "object  mesh %s  medium milk  rotate 0 1 0 180  translate 0 %.4f -1.75\n"
         "light   sky t3-e60-grey.sky  sun %.6f 0.866025 %.6f  sun_scale 2  sun_radius_scale 70\n",
-        films[on], shape_names[shape], shape_lift(dir, shape), .5 * cos(angle), .5 * sin(angle));
-    scene_path(shape, azimuth, on, dir, path);
+        films[on], name, lift, .5 * cos(angle), .5 * sin(angle));
+    scene_path(shape, azimuth, variant, on, dir, path);
     save_file(path, text, (size_t)length);
 }
 
@@ -102,23 +118,165 @@ static void write_scenes(const settings *s) {
         snprintf(name, sizeof name, "shapes/%s.ply", shape_names[shape]);
         copy_file(s->scenes, name, folder);
         for (azimuth = 0; azimuth < 100; azimuth += 10)
-            for (on = 0; on < FILMS; on++) write_scene(s->dir, shape, azimuth, (film)on);
+            for (on = 0; on < FILMS; on++) write_scene(s->dir, shape, azimuth, 0, (film)on);
     }
+}
+
+/* ---- shapes shown otherwise ---- */
+
+static void draw_direction(uint64_t *random, double d[3]) {
+    double n;
+    do {
+        d[0] = draw(random), d[1] = draw(random), d[2] = draw(random);
+        n = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+    } while (n > 1 || n < .01);
+    n = sqrt(n), d[0] /= n, d[1] /= n, d[2] /= n;
+}
+
+/* Centres a mesh and makes its longest side 1, as that of the shapes. */
+static void fit_mesh(itn_mesh *mesh) {
+    float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    float side = 0, *p = mesh->positions;
+    int i;
+    for (i = 0; i < 3 * mesh->vertex_count; i++)
+        low[i % 3] = fminf(low[i % 3], p[i]), high[i % 3] = fmaxf(high[i % 3], p[i]);
+    for (i = 0; i < 3; i++) side = fmaxf(side, high[i] - low[i]);
+    for (i = 0; i < 3 * mesh->vertex_count; i++)
+        p[i] = (p[i] - (low[i % 3] + high[i % 3]) / 2) / side;
+}
+
+/* Rounds edges off: each time, every corner goes half of the way to the mean of its neighbours (of
+   which each stands before it in one triangle and after it in another). */
+static void smooth_mesh(itn_mesh *mesh, int times) {
+    double(*sums)[4] = (double(*)[4])need((size_t)mesh->vertex_count, sizeof *sums);
+    int i, j, k;
+    for (; times > 0; times--) {
+        memset(sums, 0, (size_t)mesh->vertex_count * sizeof *sums);
+        for (i = 0; i < 3 * mesh->triangle_count; i++) {
+            const int *corners = mesh->triangles + i / 3 * 3;
+            double *sum = sums[corners[i % 3]];
+            for (j = 0; j < 3; j++)
+                sum[j] += (double)mesh->positions[3 * corners[(i + 1) % 3] + j];
+            sum[3]++;
+        }
+        for (i = 0; i < mesh->vertex_count; i++)
+            for (j = 0; j < 3; j++) {
+                k = 3 * i + j;
+                mesh->positions[k] =
+                    (float)(.5 * (double)mesh->positions[k] + .5 * sums[i][j] / sums[i][3]);
+            }
+    }
+    free(sums);
+}
+
+/* Moves every point p by the sum over WAVES random waves of a sin(k.p + phase), of lengths .18 to 2
+   times the shape's size; `gradient` is the sum of |a| |k|. Below 1, points that are apart stay so:
+   the map is one to one, and what does not cross itself will not (that flat triangles between its
+   points do not either, test_dataset.c tries). */
+static void bend_mesh(itn_mesh *mesh, double gradient, uint64_t *random) {
+    enum { WAVES = 5 };
+    double k[WAVES][3], a[WAVES][3], phase[WAVES];
+    int i, j, w;
+    for (w = 0; w < WAVES; w++) {
+        double number = 6.2831853 / (2 * exp(-1.2 * (1 + draw(random))));
+        draw_direction(random, k[w]), draw_direction(random, a[w]);
+        for (j = 0; j < 3; j++) k[w][j] *= number, a[w][j] *= gradient / WAVES / number;
+        phase[w] = 3.14159265 * draw(random);
+    }
+    for (i = 0; i < mesh->vertex_count; i++) {
+        float *p = mesh->positions + 3 * i;
+        double moved[3] = {0, 0, 0};
+        for (w = 0; w < WAVES; w++) {
+            double wave = sin(k[w][0] * p[0] + k[w][1] * p[1] + k[w][2] * p[2] + phase[w]);
+            for (j = 0; j < 3; j++) moved[j] += a[w][j] * wave;
+        }
+        for (j = 0; j < 3; j++) p[j] += (float)moved[j];
+    }
+}
+
+/* A rotation, all of them alike likely: that of a random unit quaternion (w, x, y, z). */
+static void draw_rotation(uint64_t *random, double r[3][3]) {
+    double q[4], n, w, x, y, z;
+    int j;
+    do {
+        for (n = j = 0; j < 4; j++) q[j] = draw(random), n += q[j] * q[j];
+    } while (n > 1 || n < .01);
+    n = sqrt(n);
+    w = q[0] / n, x = q[1] / n, y = q[2] / n, z = q[3] / n;
+    r[0][0] = 1 - 2 * (y * y + z * z), r[0][1] = 2 * (x * y - w * z), r[0][2] = 2 * (x * z + w * y);
+    r[1][0] = 2 * (x * y + w * z), r[1][1] = 1 - 2 * (x * x + z * z), r[1][2] = 2 * (y * z - w * x);
+    r[2][0] = 2 * (x * z - w * y), r[2][1] = 2 * (y * z + w * x), r[2][2] = 1 - 2 * (x * x + y * y);
+}
+
+/* Stretches a mesh along its axes, by up to 1.5 times, and turns it. */
+static void stretch_and_turn(itn_mesh *mesh, uint64_t *random) {
+    double s[3], r[3][3];
+    int i, j;
+    for (j = 0; j < 3; j++) s[j] = exp(.4 * draw(random));
+    draw_rotation(random, r);
+    for (i = 0; i < mesh->vertex_count; i++) {
+        float *p = mesh->positions + 3 * i;
+        double x = p[0] * s[0], y = p[1] * s[1], z = p[2] * s[2];
+        for (j = 0; j < 3; j++) p[j] = (float)(r[j][0] * x + r[j][1] * y + r[j][2] * z);
+    }
+}
+
+/* Makes another shape of the same family: how thick its parts are changes, how sharp its edges are,
+   and how it lies. */
+static void vary_mesh(itn_mesh *mesh, double gradient, uint64_t random) {
+    double smoothness = .5 * draw(&random) + .5;
+    int bend;
+    smooth_mesh(mesh, (int)(60 * smoothness * smoothness));
+    fit_mesh(mesh);
+    for (bend = 0; bend < 5; bend++) bend_mesh(mesh, gradient, &random);
+    stretch_and_turn(mesh, &random);
+    fit_mesh(mesh);
+}
+
+/* Which variants of its shape the pictures of a shard show. Returns how many. */
+static int list_variants(const shard *s, const float (*thetas)[3], int variants[PAIRS]) {
+    unsigned char used[PAIRS] = {0};
+    int i, count = 0;
+    for (i = 0; i < s->count; i++) used[variant_of(s, thetas[i])] = 1;
+    for (i = 0; i < PAIRS; i++)
+        if (used[i]) variants[count++] = i;
+    return count;
+}
+
+static void write_variant(const char *dir, int shape, int azimuth, int variant) {
+    char path[PATH_SIZE], name[64];
+    itn_mesh mesh = load_mesh(dir, shape, azimuth, 0);
+    itn_error error;
+    int on;
+    vary_mesh(&mesh, .8, mix((uint64_t)shape, (uint64_t)azimuth, (uint64_t)variant));
+    mesh_name(shape, azimuth, variant, name);
+    snprintf(path, sizeof path, "%s/scenes/%s", dir, name);
+    if (itn_mesh_save_ply(&mesh, path, &error)) fail(error.message, "");
+    itn_mesh_free(&mesh);
+    for (on = 0; on < FILMS; on++) write_scene(dir, shape, azimuth, variant, (film)on);
+}
+
+/* Writes what the pictures of a shard show beside the shapes themselves. */
+static void write_variants(const char *dir, const shard *s) {
+    float(*thetas)[3] = (float(*)[3])need((size_t)s->count, sizeof *thetas);
+    int variants[PAIRS], count, i;
+    shard_materials(s, thetas);
+    count = list_variants(s, (const float(*)[3])thetas, variants);
+    for (i = 0; i < count; i++)
+        if (variants[i]) write_variant(dir, s->shape, s->azimuth, variants[i]);
+    free(thetas);
 }
 
 /* ---- noise ---- */
 
 /* Marks the pixels whose middle shows the object: rays from the camera of write_scene. */
-static void object_mask(const char *dir, int shape, unsigned char *mask) {
-    char path[PATH_SIZE];
-    itn_mesh mesh;
+static void object_mask(const char *dir, const shard *s, int variant, unsigned char *mask) {
+    itn_mesh mesh = load_mesh(dir, s->shape, s->azimuth, variant);
     itn_bvh *bvh;
     itn_error error;
-    double lift = shape_lift(dir, shape), half = tan(1.25 * 3.14159265358979323846 / 180);
+    double lift = mesh_lift(&mesh), half = tan(1.25 * 3.14159265358979323846 / 180);
     double cosine = -1.75 + 32.785, sine = 8.785 - .469, length = hypot(sine, cosine);
     int i;
-    snprintf(path, sizeof path, "%s/scenes/%s.ply", dir, shape_names[shape]);
-    if (itn_mesh_load(path, NULL, &mesh, &error)) fail(error.message, "");
     for (i = 0; i < mesh.vertex_count; i++) { /* half a turn about y, then up and towards the eye */
         float *p = mesh.positions + 3 * i;
         p[0] = -p[0], p[1] += (float)lift, p[2] = -p[2] - 1.75f;
@@ -152,7 +310,7 @@ static double image_noise(const itn_image *image, int channel, const unsigned ch
 
 /* ---- pictures ---- */
 
-/* Pictures of a shard that one walk makes: of the same sigma_t and g. */
+/* Pictures of a shard that one walk makes: of the same sigma_t and g, and so of one variant. */
 typedef struct family {
     int members[3], count;
 } family;
@@ -163,12 +321,13 @@ static const char *const family_names[5] = {"milk.sigma_t", "milk.g", "milk.albe
 /* The pictures of a shard, and how far all of them are. */
 typedef struct work {
     const settings *settings;
-    const itn_scene *scene; /* of three channels */
     shard shard;
+    itn_scene *scenes[PAIRS]; /* of three channels, by variant */
+    int variants[PAIRS];      /* those that are used */
     float (*thetas)[3];
     family families[MATERIALS];
     int parameters[5]; /* family_names */
-    unsigned char mask[PIXELS], *bytes;
+    unsigned char masks[PAIRS][PIXELS], *bytes;
     pthread_mutex_t lock; /* of what follows */
     int done, total;
     double start, worst, samples;
@@ -197,7 +356,7 @@ static int find_picture(const work *w, float sigma_t, float albedo, float g) {
 static int list_families(work *w) {
     int i, k, picture, count = 0;
     memset(w->families, 0, sizeof w->families);
-    for (i = 0; i < 60; i++) {
+    for (i = 0; i < PAIRS; i++) {
         for (k = 0; k < 5; k++) {
             family *f = &w->families[count];
             picture = find_picture(w, sigma_t_values[i / 5], albedo_values[k], g_values[i % 5]);
@@ -210,15 +369,15 @@ static int list_families(work *w) {
     return count;
 }
 
-/* All parameters of the scene, with the materials of a family; if it has less than three members,
+/* All parameters of a scene, with the materials of a family; if it has less than three members,
    the last stands for the rest. The caller frees them. */
-static float *family_theta(const work *w, const family *f) {
+static float *family_theta(const work *w, const itn_scene *scene, const family *f) {
     float values[5];
     int k;
     values[0] = w->thetas[f->members[0]][0], values[1] = w->thetas[f->members[0]][2];
     for (k = 0; k < 3; k++)
         values[2 + k] = w->thetas[f->members[k < f->count ? k : f->count - 1]][1];
-    return theta_with(w->scene, 5, w->parameters, values);
+    return theta_with(scene, 5, w->parameters, values);
 }
 
 /* Stores a channel of a render as picture `index` of the shard. */
@@ -226,9 +385,10 @@ static void put_picture(const work *w, int index, const itn_image *image, int ch
     unsigned char *record = w->bytes + record_place(index);
     unsigned char *at = w->bytes + pixels_place(&w->shard, index);
     const float *pixels = image->pixels + channel * PIXELS;
+    const unsigned char *mask = w->masks[variant_of(&w->shard, w->thetas[index])];
     int k;
     for (k = 0; k < 3; k++) put_float(record + 4 * k, w->thetas[index][k]);
-    put_float(record + 12, (float)image_noise(image, channel, w->mask));
+    put_float(record + 12, (float)image_noise(image, channel, mask));
     for (k = 0; k < PIXELS; k++) put_bytes(at + 2 * k, half_from_float(pixels[k]), 2);
 }
 
@@ -237,7 +397,9 @@ static void make_family(void *task, int index) {
     work *w = (work *)task;
     const settings *s = w->settings;
     const family *f = &w->families[index];
-    float *theta = family_theta(w, f);
+    int variant = variant_of(&w->shard, w->thetas[f->members[0]]);
+    const itn_scene *scene = w->scenes[variant];
+    float *theta = family_theta(w, scene, f);
     itn_render_options options = ITN_ZERO;
     itn_image image = ITN_ZERO;
     itn_error error;
@@ -247,8 +409,9 @@ static void make_family(void *task, int index) {
                        (uint64_t)(w->shard.shape * MATERIALS + f->members[0]));
     for (options.spp = 2;;) { /* noise falls with the root of the samples: 1.1 for good measure */
         itn_image_free(&image);
-        if (itn_render(w->scene, theta, &options, NULL, 0, &image, &error)) fail(error.message, "");
-        for (noise = k = 0; k < f->count; k++) noise = fmax(noise, image_noise(&image, k, w->mask));
+        if (itn_render(scene, theta, &options, NULL, 0, &image, &error)) fail(error.message, "");
+        for (noise = k = 0; k < f->count; k++)
+            noise = fmax(noise, image_noise(&image, k, w->masks[variant]));
         if (noise < s->noise || options.spp >= s->spp) break;
         options.spp = (int)fmin(s->spp, ceil(options.spp * 1.1 * pow(noise / s->noise, 2)));
     }
@@ -258,31 +421,40 @@ static void make_family(void *task, int index) {
     show_progress(w, f->count, noise, options.spp);
 }
 
+/* Loads the scene of one of the used variants; the parameters are in the same places in all. */
+static void prepare_variant(void *task, int index) {
+    work *w = (work *)task;
+    int variant = w->variants[index], parameters[5];
+    w->scenes[variant] = load_scene(&w->shard, variant, FILM_THREE, w->settings->dir, family_names,
+                                    5, index ? parameters : w->parameters);
+    object_mask(w->settings->dir, &w->shard, variant, w->masks[variant]);
+}
+
 static void make_shard(work *w, const shard *s) {
     char path[PATH_SIZE];
     size_t size = shard_size(s);
-    int threads = w->settings->threads;
-    itn_scene *scene = load_scene(s, FILM_THREE, w->settings->dir, family_names, 5, w->parameters);
-    w->scene = scene, w->shard = *s;
+    int threads = w->settings->threads, i, variants;
+    w->shard = *s;
     w->thetas = (float(*)[3])need((size_t)s->count, sizeof *w->thetas);
     w->bytes = (unsigned char *)need(size, 1);
     shard_header(s, (char *)w->bytes);
     shard_materials(s, w->thetas);
-    object_mask(w->settings->dir, s->shape, w->mask);
+    variants = list_variants(s, (const float(*)[3])w->thetas, w->variants);
+    parallel_for(variants, prepare_variant, w, &threads);
     parallel_for(list_families(w), make_family, w, &threads);
     put_bytes(w->bytes + size - 8, checksum(w->bytes, size - 8), 8);
     shard_path(s, w->settings->dir, path);
     save_file(path, w->bytes, size);
     free(w->bytes);
     free(w->thetas);
-    itn_scene_free(scene);
+    for (i = 0; i < PAIRS; i++) itn_scene_free(w->scenes[i]), w->scenes[i] = NULL;
 }
 
 /* Writes data.txt, or checks that what is there was made with the same settings. */
 static void write_settings(const settings *s) {
     char path[PATH_SIZE], text[256], there[256] = "";
     int length = snprintf(text, sizeof text, "fraction %.9g\ntests %.9g\nnoise %.9g\nspp %d\n"
-                          "seed %d\n", s->fraction, s->tests, s->noise, s->spp, s->seed);
+                          "seed %d\nversion 3\n", s->fraction, s->tests, s->noise, s->spp, s->seed);
     FILE *file;
     snprintf(path, sizeof path, "%s/data.txt", s->dir);
     file = fopen(path, "r");
@@ -312,6 +484,7 @@ static int make_data(const settings *s) {
             if (bytes) found += shards[in][i].count;
             else w.total += shards[in][i].count;
             free(bytes);
+            write_variants(s->dir, &shards[in][i]);
         }
     }
     if (found) fprintf(stderr, "%d images are there already\n", found);
@@ -355,7 +528,8 @@ static int check_data(const char *dir) {
     return faults != 0;
 }
 
-/* One picture of every shape (rows) and azimuth (columns), which of its materials by chance. */
+/* One picture of every shape (rows) and azimuth (columns); which of its materials, and in training
+   which variant, by chance. */
 static int save_sheet(const char *dir, const char *path) {
     itn_image sheet;
     itn_error error;

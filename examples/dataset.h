@@ -9,14 +9,19 @@
        both   4 other shapes x 6 other azimuths x 300 materials                 7,200
    Both sides have shapes that are bulky, flat and thin: shading tells a material apart only where
    it is known what thickness does to it, and no network learns that from blocks for chains.
+   For the same reason half of the training pictures show a variant of their shape, which is
+   smoothed, bent, stretched and turned in space (vary_mesh in dataset.c): of a shape and light, 29
+   of the 60 pairs of sigma_t and g have one of their own. So networks see 696 shapes of six families
+   beside the six, and read new ones better. In the tests all are as they are. Variants have even
+   numbers from 2 to 58.
    The images of one split, shape and azimuth are a shard, which is a file:
        a line of text that says what it is, padded with blanks to 256 bytes;
        per image four floats: sigma_t, albedo, g, and the noise (see image_noise in dataset.c);
        per image 128 x 128 pixels as 16-bit floats, row 0 on top;
        a checksum of all that (64 bits, FNV-1a).
    Numbers are little-endian. DIR/data.txt says which fraction of them DIR holds, and
-   DIR/scenes has a scene file per shape and azimuth with all that it needs, for render and invert,
-   and two of other films (see film), for dataset and train.
+   DIR/scenes has a scene file per shape and azimuth (and variant: cube-30-08.itn) with all that it
+   needs, for render and invert, and two of other films (see film), for dataset and train.
 
    dataset.c writes all this; train.c and starts.c read it. Each compiles alone, with itn.h in it,
    or with -DITN_APART against one object of itn.h for all three, as experiment.sh does. */
@@ -43,6 +48,7 @@ enum {
     TRAINING_SHAPES = 6,
     AZIMUTHS = 10,
     MATERIALS = 300,
+    PAIRS = 60, /* of sigma_t and g; numbers of variants are below it */
     FILM = 128, /* pixels each way */
     PIXELS = FILM * FILM,
     SMALL = 32, /* pixels each way of what training renders */
@@ -142,6 +148,12 @@ static inline void shuffle(int *order, int count, uint64_t seed) {
     }
 }
 
+/* A random number in [-1,1); moves `random` on. */
+static inline double draw(uint64_t *random) {
+    *random = mix(*random, 1, 0);
+    return (double)(*random >> 11) / 4503599627370496.0 - 1; /* 2^52 */
+}
+
 /* ---- a loop on several threads, also as itn_context.parallel_for ---- */
 
 typedef struct loop {
@@ -211,20 +223,41 @@ static inline void shard_materials(const shard *s, float (*thetas)[3]) {
     }
 }
 
+/* Which pair of sigma_t and g a material of the grid has. */
+static inline int pair_of(const float theta[3]) {
+    int i = 0, k = 0;
+    while (i < 12 && sigma_t_values[i] != theta[0]) i++;
+    while (k < 5 && g_values[k] != theta[2]) k++;
+    if (i == 12 || k == 5) fail("a material", "is not of the grid");
+    return 5 * i + k;
+}
+
+/* Which variant of its shape a shard's picture of a material shows; 0 is the shape itself. */
+static inline int variant_of(const shard *s, const float theta[3]) {
+    int order[PAIRS], number;
+    if (s->in != SPLIT_TRAIN) return 0;
+    shuffle(order, PAIRS, mix(77, (uint64_t)s->shape, (uint64_t)s->azimuth));
+    number = order[pair_of(theta)];
+    return number % 2 ? 0 : number;
+}
+
 static inline void shard_path(const shard *s, const char *dir, char *path) {
     snprintf(path, PATH_SIZE, "%s/%s-%s-%02d.itnd", dir, split_names[s->in], shape_names[s->shape],
              s->azimuth);
 }
 
-static inline void scene_path(int shape, int azimuth, film on, const char *dir, char *path) {
+static inline void scene_path(int shape, int azimuth, int variant, film on, const char *dir,
+                              char *path) {
     static const char *const endings[FILMS] = {"", "-three", "-small"};
-    snprintf(path, PATH_SIZE, "%s/scenes/%s-%02d%s.itn", dir, shape_names[shape], azimuth,
+    char number[16] = "";
+    if (variant) snprintf(number, sizeof number, "-%02d", variant);
+    snprintf(path, PATH_SIZE, "%s/scenes/%s-%02d%s%s.itn", dir, shape_names[shape], azimuth, number,
              endings[on]);
 }
 
 /* The line at the head of a shard; anything else in a file of its name is a mistake. */
 static inline void shard_header(const shard *s, char header[HEADER_SIZE]) {
-    int length = snprintf(header, HEADER_SIZE, "itn data 2: split %s shape %s azimuth %d images %d "
+    int length = snprintf(header, HEADER_SIZE, "itn data 3: split %s shape %s azimuth %d images %d "
                           "width %d height %d half", split_names[s->in], shape_names[s->shape],
                           s->azimuth, s->count, FILM, FILM);
     memset(header + length, ' ', (size_t)(HEADER_SIZE - length));
@@ -416,11 +449,14 @@ static inline int is_listed(const char *name, const char *list) {
     return 0;
 }
 
-/* Drops all pictures but those whose shapes are in the list (listed: 1), or are not (0). */
+/* Drops all pictures but those whose shapes are in the list and are shown as they are (listed: 1),
+   or whose shapes are not in the list (0). */
 static inline void keep_shapes(pictures *p, const char *list, int listed) {
     int i, kept = 0;
     for (i = 0; i < p->count; i++) {
-        if (is_listed(shape_names[p->shards[p->shard_of[i]].shape], list) != listed) continue;
+        const shard *s = &p->shards[p->shard_of[i]];
+        if (is_listed(shape_names[s->shape], list) != listed) continue;
+        if (listed && variant_of(s, p->thetas[i])) continue;
         p->shard_of[kept] = p->shard_of[i], p->noise[kept] = p->noise[i];
         memmove(p->thetas[kept], p->thetas[i], sizeof p->thetas[i]);
         memmove(p->pixels + (size_t)kept * PIXELS, p->pixels + (size_t)i * PIXELS,
@@ -444,9 +480,9 @@ static inline void get_picture(const pictures *p, int index, float *pixels) {
         pixels[i] = float_from_half(p->pixels[(size_t)index * PIXELS + (size_t)i]);
 }
 
-/* Loads the scene of a shard for a single thread; the caller's threads share it.
+/* Loads a scene of a shard for a single thread; the caller's threads share it.
    parameters[count] receives where the parameters of these names are. */
-static inline itn_scene *load_scene(const shard *s, film on, const char *dir,
+static inline itn_scene *load_scene(const shard *s, int variant, film on, const char *dir,
                                     const char *const *names, int count, int *parameters) {
     char path[PATH_SIZE];
     itn_context context = ITN_ZERO;
@@ -454,7 +490,7 @@ static inline itn_scene *load_scene(const shard *s, film on, const char *dir,
     itn_error error;
     int k;
     context.threads = 1;
-    scene_path(s->shape, s->azimuth, on, dir, path);
+    scene_path(s->shape, s->azimuth, variant, on, dir, path);
     if (itn_scene_load(path, &context, &scene, &error)) fail(error.message, "");
     for (k = 0; k < count; k++)
         if ((parameters[k] = itn_parameter_find(scene, names[k])) < 0) fail(path, names[k]);
@@ -462,9 +498,57 @@ static inline itn_scene *load_scene(const shard *s, film on, const char *dir,
 }
 
 /* The scene that the networks answer about, whose parameters are theta_names. */
-static inline itn_scene *load_theta_scene(const shard *s, film on, const char *dir,
+static inline itn_scene *load_theta_scene(const shard *s, int variant, film on, const char *dir,
                                           int parameters[3]) {
-    return load_scene(s, on, dir, theta_names, 3, parameters);
+    return load_scene(s, variant, on, dir, theta_names, 3, parameters);
+}
+
+/* The scenes of pictures, by shard and variant. */
+typedef struct stages {
+    itn_scene *scenes[MOST_SHARDS][PAIRS]; /* NULL: not used */
+    int parameters[3];
+} stages;
+
+typedef struct stage_loader {
+    stages *stages;
+    const pictures *pictures;
+    film on;
+    const char *dir;
+    unsigned char used[MOST_SHARDS][PAIRS];
+} stage_loader;
+
+static inline void load_stage(void *task, int index) {
+    stage_loader *l = (stage_loader *)task;
+    int shard_number = index / PAIRS, variant = index % PAIRS, parameters[3];
+    if (l->used[shard_number][variant])
+        l->stages->scenes[shard_number][variant] = load_theta_scene(
+            &l->pictures->shards[shard_number], variant, l->on, l->dir, parameters);
+}
+
+/* The scene of a picture; NULL if it was not loaded. */
+static inline const itn_scene *scene_of(const stages *s, const pictures *p, int index) {
+    const shard *of = &p->shards[p->shard_of[index]];
+    return s->scenes[p->shard_of[index]][variant_of(of, p->thetas[index])];
+}
+
+/* Loads the scenes of the first `count` pictures. Their parameters have the same places in all. */
+static inline void load_stages(const pictures *p, int count, film on, const char *dir, int threads,
+                               stages *s) {
+    stage_loader l;
+    int i, k;
+    memset(s, 0, sizeof *s), memset(&l, 0, sizeof l);
+    if (!p->count) fail(dir, "has no pictures for this");
+    l.stages = s, l.pictures = p, l.on = on, l.dir = dir;
+    for (i = 0; i < count; i++)
+        l.used[p->shard_of[i]][variant_of(&p->shards[p->shard_of[i]], p->thetas[i])] = 1;
+    parallel_for(p->shard_count * PAIRS, load_stage, &l, &threads);
+    for (k = 0; k < 3; k++)
+        s->parameters[k] = itn_parameter_find(scene_of(s, p, 0), theta_names[k]);
+}
+
+static inline void free_stages(stages *s) {
+    int i;
+    for (i = 0; i < MOST_SHARDS * PAIRS; i++) itn_scene_free(s->scenes[i / PAIRS][i % PAIRS]);
 }
 
 /* All parameters of a scene, with these values of `count` of them. The caller frees them. */

@@ -49,8 +49,8 @@ if [ -n "$noise" ] && [ "$fraction" != 1 ]; then
 fi
 data=${data:-$out/data}
 mkdir -p "$out/done" "$data"
-settings="fraction $fraction noise ${noise:-default} seed $seed data $data cooled"
-[ -e "$out/done/data" ] || echo "$settings" > "$out/done/settings"
+settings="fraction $fraction noise ${noise:-default} seed $seed data $data varied"
+[ -e "$out/done/data" ] || { rm -f "$out/done/compile"; echo "$settings" > "$out/done/settings"; }
 if [ "$settings" != "$(cat "$out/done/settings" 2>&1)" ]; then
     echo "experiment: $out is of another version or run: $(cat "$out/done/settings" 2>&1)"
     exit 1
@@ -60,23 +60,23 @@ up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
 if [ -n "$noise" ]; then
     picture="--noise $noise --spp 24"
-    warm=130 calm=16 more=7 settle=4 last=1 cool=2 training="--batch 16 --channels 6" spp=16
+    warm=110 calm=16 more=5 settle=4 cool=2 training="--batch 16 --channels 6" spp=8
     trial="--images 144 --spp 4"
     search="--images 6 --iterations 200 --spp 2"
 elif up_to 1/20; then
     picture="--noise 0.4 --spp 4"
-    warm=40 calm=8 more=1 settle=1 last=1 cool=1 training="--batch 8 --channels 4" spp=8
+    warm=40 calm=8 more=1 settle=2 cool=1 training="--batch 8 --channels 4" spp=8
     trial="--images 8 --spp 4"
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests 1/24 --noise 0.3 --spp 8"
-    warm=80 calm=24 more=2 settle=1 last=2 cool=1 training="--batch 16 --channels 6" spp=16
+    warm=80 calm=24 more=2 settle=3 cool=1 training="--batch 16 --channels 6" spp=16
     rate=2e-4
     trial="--images 24 --spp 8"
     search="--images 1 --iterations 200 --spp 2"
 else
     picture="--noise 0.03 --spp 4096"
-    warm=5 calm=0 more=40 settle=4 last=1 cool=2 training="--batch 16" spp=64
+    warm=5 calm=0 more=40 settle=5 cool=2 training="--batch 16" spp=64
     warm_rate=1e-4 calm_rate=1e-4 rate=1e-4
     trial="--images 250 --spp 64"
     search="--images 10 --iterations 200 --spp 16"
@@ -124,18 +124,17 @@ step data "$out/dataset" make "$data" --fraction "$fraction" --scenes "$here/../
     -t "$threads" $picture
 step check "$out/dataset" check "$data"
 step sheet "$out/dataset" sheet "$data" "$out/sheet.png"
-# bend: pixels; the last epochs show shapes that are not bent, in the end at a low rate, which averages
-# out what of the answers is chance of the latest pictures
-bend=36 last_rate=1e-4 cool_rate=2e-5
-shared=$((warm + calm)) settled=$((shared + more + settle)) shown=$((settled + last))
+# bend: pixels; the last epochs show shapes that are not bent, in the end at a low rate, which
+# averages out what of the answers is chance of the latest pictures
+bend=12 last_rate=1e-4 cool_rate=2e-5
+shared=$((warm + calm)) settled=$((shared + more + settle))
 step warm learn warm rn "$warm" "$warm_rate" $bend
 step calm learn calm rn $shared "$calm_rate" $bend warm
 # from one start, so that the models differ in their losses alone
 for model in rn ssn itn; do
     step "own-$model" learn "own-$model" "$model" $((shared + more)) "$rate" $bend calm
-    step "settle-$model" learn "settle-$model" "$model" $settled "$last_rate" $bend "own-$model"
-    step "show-$model" learn "show-$model" "$model" $shown "$last_rate" 0 "settle-$model"
-    step "learn-$model" learn "$model" "$model" $((shown + cool)) "$cool_rate" 0 "show-$model"
+    step "settle-$model" learn "settle-$model" "$model" $settled "$last_rate" 0 "own-$model"
+    step "learn-$model" learn "$model" "$model" $((settled + cool)) "$cool_rate" 0 "settle-$model"
 done
 for model in truth rn ssn itn; do
     step "try-$model" try "$model"

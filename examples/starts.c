@@ -13,7 +13,8 @@
             numbers: two pictures of each split, then each network's answer rendered.
    The table holds medians over --images pictures of each shape of the split `both`: the image loss
    in units of the mean brightness squared, without the noise of renders but with the picture's own,
-   and the squared errors of log sigma_t, albedo and g. Iteration 1 is the start. Descent steps in the optimiser's coordinates.
+   and the squared errors of log sigma_t, albedo and g. Iteration 1 is the start. Descent steps in
+   the optimiser's coordinates.
    A row lm, 20 is what itn_refine returns after 20 iterations at most (a tenth of --iterations).
    Searches start from the answers of rn and itn.
    Results are the same bits for any number of threads. */
@@ -54,8 +55,8 @@ typedef struct search {
 typedef struct searches {
     const settings *settings;
     pictures pictures;
-    itn_scene *scenes[MOST_SHARDS];
-    int parameters[3], count;
+    stages stages;
+    int count;
     double mean;
     search list[MOST_SEARCHES];
 } searches;
@@ -77,8 +78,8 @@ static void set_theta(const searches *all, const itn_scene *scene, const double 
     int k;
     itn_parameter_values(scene, theta);
     for (k = 0; k < 3; k++)
-        theta[all->parameters[k]] = (float)itn_parameter_from_coordinate(
-            itn_parameter_get(scene, all->parameters[k]), coordinates[k]);
+        theta[all->stages.parameters[k]] = (float)itn_parameter_from_coordinate(
+            itn_parameter_get(scene, all->stages.parameters[k]), coordinates[k]);
 }
 
 /* Judges theta with more samples than a step of the search takes. */
@@ -95,7 +96,7 @@ static mark judge(const searches *all, const search *one, const itn_scene *scene
         fail(error.message, "");
     m.loss /= all->mean * all->mean;
     for (k = 0; k < 3; k++) {
-        double value = theta[all->parameters[k]], right = truth[k];
+        double value = theta[all->stages.parameters[k]], right = truth[k];
         m.errors[k] = k ? pow(value - right, 2) : pow(log(value / right), 2);
     }
     return m;
@@ -115,12 +116,12 @@ static void descend(const searches *all, search *one, const itn_scene *scene, fl
         options.seed = mix((uint64_t)s->seed, (uint64_t)one->picture, 100 + (uint64_t)i);
         set_theta(all, scene, coordinates, theta);
         if (i == 1) one->marks[0] = judge(all, one, scene, theta, target);
-        if (itn_loss_gradient(scene, theta, &options, target, all->parameters, 3, &loss, gradient,
-                              &error))
+        if (itn_loss_gradient(scene, theta, &options, target, all->stages.parameters, 3, &loss,
+                              gradient, &error))
             fail(error.message, "");
         for (k = 0; k < 3; k++) {
-            const itn_parameter *p = itn_parameter_get(scene, all->parameters[k]);
-            double value = theta[all->parameters[k]];
+            const itn_parameter *p = itn_parameter_get(scene, all->stages.parameters[k]);
+            double value = theta[all->stages.parameters[k]];
             double step = s->rate * gradient[k] * itn_parameter_slope(p, value);
             double low = itn_parameter_to_coordinate(p, (double)lowest_answer[k]);
             double high = itn_parameter_to_coordinate(p, (double)highest_answer[k]);
@@ -147,7 +148,7 @@ static void refine(const searches *all, search *one, const itn_scene *scene, flo
     options.iterations = mark_iteration(all->settings, ITN_METHOD_LM, 1);
     options.spp = all->settings->spp;
     options.seed = mix((uint64_t)all->settings->seed, (uint64_t)one->picture, 8);
-    if (itn_refine(scene, theta, target, all->parameters, 3, &options, estimates, &error))
+    if (itn_refine(scene, theta, target, all->stages.parameters, 3, &options, estimates, &error))
         fail(error.message, "");
     one->marks[1] = judge(all, one, scene, theta, target);
 }
@@ -155,7 +156,7 @@ static void refine(const searches *all, search *one, const itn_scene *scene, flo
 static void run_search(void *task, int index) {
     searches *all = (searches *)task;
     search *one = &all->list[index];
-    const itn_scene *scene = all->scenes[all->pictures.shard_of[one->picture]];
+    const itn_scene *scene = scene_of(&all->stages, &all->pictures, one->picture);
     float *theta = (float *)need((size_t)itn_parameter_count(scene), sizeof *theta);
     float *target = (float *)need(PIXELS, sizeof *target);
     get_picture(&all->pictures, one->picture, target);
@@ -220,7 +221,8 @@ static void list_searches(searches *all) {
             float picture[PIXELS], answer[3];
             if (taken[all->pictures.shards[shard_number].shape]++ >= s->images) continue;
             get_picture(&all->pictures, order[i], picture);
-            ask(net, &m, all->scenes[shard_number], all->parameters, picture, answer);
+            ask(net, &m, scene_of(&all->stages, &all->pictures, order[i]), all->stages.parameters,
+                picture, answer);
             if (all->count + 2 > MOST_SEARCHES) fail("--images", "makes more than 4096 searches");
             for (method = 0; method < 2; method++) {
                 search *one = &all->list[all->count++];
@@ -266,16 +268,14 @@ static void print_table(const searches *all) {
 
 static void make_table(const settings *s) {
     static searches all;
-    int i, threads = s->threads;
+    int threads = s->threads;
     all.settings = s;
     load_pictures(s->data, SPLIT_BOTH, &all.pictures);
-    for (i = 0; i < all.pictures.shard_count; i++)
-        all.scenes[i] =
-            load_theta_scene(&all.pictures.shards[i], FILM_ONE, s->data, all.parameters);
+    load_stages(&all.pictures, all.pictures.count, FILM_ONE, s->data, threads, &all.stages);
     list_searches(&all);
     parallel_for(all.count, run_search, &all, &threads);
     print_table(&all);
-    for (i = 0; i < all.pictures.shard_count; i++) itn_scene_free(all.scenes[i]);
+    free_stages(&all.stages);
     free_pictures(&all.pictures);
 }
 
@@ -379,10 +379,13 @@ static void make_figure(const settings *s) {
     f.settings = s;
     for (row = 0; row < FIGURE_ROWS; row++) {
         pictures p;
+        const shard *in;
         int index;
         load_pictures(s->data, (split)(row / 2), &p);
         index = (int)((int64_t)p.count * (1 + 2 * (row % 2)) / 4);
-        scenes[row] = load_theta_scene(&p.shards[p.shard_of[index]], FILM_ONE, s->data, parameters);
+        in = &p.shards[p.shard_of[index]];
+        scenes[row] = load_theta_scene(in, variant_of(in, p.thetas[index]), FILM_ONE, s->data,
+                                       parameters);
         fill_row(&f, row, &p, index, scenes[row], parameters);
         free_pictures(&p);
     }

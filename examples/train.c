@@ -21,11 +21,13 @@
             other samples: its errors are those that noise alone makes. --export writes the network
             without Adam's state, a third of the size, for `invert --net`.
    --channels sets how wide a new network is: layer 1 has that many, each further one twice as many.
-   --bend (36) is how much the shapes in the pictures are bent, so that they are less easily learnt
+   --bend (12) is how much the shapes in the pictures are bent, so that they are less easily learnt
    by heart; some steps at the end with 0 bring back what is lost on known shapes.
    --start from a network of the same model keeps its lambda; --resume all but --epochs and -t.
    --leave cube,knot trains without these of the training shapes; --evaluate of such a network has a
-   row `left` of them, in place of the three splits of the tests: choose by it, then test once.
+   row `left` of them, as they are, in place of the three splits of the tests: choose by it, then
+   test once. The row `train` is of all pictures that were trained on, variants of shapes too.
+   The image term needs the scenes of all of them: in the whole data 720, 2.5 GB a process.
    The number of steps that the network has taken says all about where a run is: the order of the
    pictures is a function of (seed, epoch), random numbers of (seed, step, picture). So a run that
    was stopped by Ctrl-C or a crash and goes on with --resume gives the same bits as one that was
@@ -118,8 +120,7 @@ typedef struct trainer {
     const settings *options;
     itn_model kind;
     pictures pictures;
-    itn_scene *scenes[MOST_SHARDS];
-    int parameters[3];
+    stages stages; /* a regressor needs no scene but the first, for coordinates */
     itn_net *net;
     int *order;           /* of the pictures in this epoch */
     float *targets;       /* [batch][SMALL_PIXELS], not of rn */
@@ -146,11 +147,7 @@ static void catch_signals(void) { /* every time that they come, unlike signal() 
 
 enum { KNOTS = 8 }; /* of what bends a picture, each way */
 
-/* A random number in [-1,1); moves `random` on. */
-static float draw(uint64_t *random) {
-    *random = mix(*random, 1, 0);
-    return (float)(*random >> 40) / (1 << 23) - 1;
-}
+static float draw_float(uint64_t *random) { return (float)draw(random); }
 
 /* The first of the four knots whose cubic B-splines reach a pixel (of a line or a column), and what
    these are there. */
@@ -170,7 +167,7 @@ static float blend_knots(const float splines[4], const float *knots, int apart) 
 /* Draws knots[KNOTS][KNOTS] of a smooth random function on the film; each is at most `most`. */
 static void draw_bend(uint64_t *random, float most, float *knots) {
     int i;
-    for (i = 0; i < KNOTS * KNOTS; i++) knots[i] = most * draw(random);
+    for (i = 0; i < KNOTS * KNOTS; i++) knots[i] = most * draw_float(random);
 }
 
 /* Its values on a line of the film. */
@@ -194,10 +191,10 @@ static void bend_line(const float *knots, int y, float values[FILM]) {
    Pixels are copied from the nearest: a mean of several would have less noise than the pictures
    that the network is to read. */
 static float vary_picture(const float *picture, int bend, uint64_t random, float *varied) {
-    float larger = .6f * draw(&random), stretched = .25f * draw(&random);
-    float turned = .15f * draw(&random), sheared = .1f * draw(&random);
-    float right = 4 * draw(&random), down = 4 * draw(&random);
-    float noise = .3f * sqrtf(3) * (draw(&random) + 1) / 2; /* of a uniform number */
+    float larger = .6f * draw_float(&random), stretched = .25f * draw_float(&random);
+    float turned = .15f * draw_float(&random), sheared = .1f * draw_float(&random);
+    float right = 4 * draw_float(&random), down = 4 * draw_float(&random);
+    float noise = .3f * sqrtf(3) * (draw_float(&random) + 1) / 2; /* of a uniform number */
     float across = expf(-larger - stretched) * (draw(&random) < 0 ? -1.f : 1.f);
     float along = expf(-larger + stretched), middle = (FILM - 1) / 2.f;
     float sine = sinf(turned), cosine = cosf(turned);
@@ -213,7 +210,8 @@ static float vary_picture(const float *picture, int bend, uint64_t random, float
             float line = middle + along * (sine * u + cosine * v);
             int from_x = (int)floorf(fmaxf(0, fminf(FILM - 1, column)) + .5f);
             int from_y = (int)floorf(fmaxf(0, fminf(FILM - 1, line)) + .5f);
-            varied[y * FILM + x] = picture[from_y * FILM + from_x] * (1 + noise * draw(&random));
+            varied[y * FILM + x] =
+                picture[from_y * FILM + from_x] * (1 + noise * draw_float(&random));
         }
     }
     return larger;
@@ -258,18 +256,19 @@ static void picture_loss(void *task, int index) {
     trainer *t = (trainer *)task;
     const model *m = &t->options->model;
     int picture = t->order[t->first + index], k;
-    const itn_scene *scene = t->scenes[t->pictures.shard_of[picture]];
+    const itn_scene *scene = scene_of(&t->stages, &t->pictures, picture);
+    const int *parameters = t->stages.parameters;
     float *answer = t->answers + 3 * index;
     float *gradient = t->gradients + 3 * index, truth[3], cut[3], cut_gradient[3];
     itn_loss_desc desc = ITN_ZERO;
     itn_loss loss = ITN_ZERO;
     itn_error error;
-    if (!scene) scene = t->scenes[0]; /* a regressor needs no scene but for coordinates */
+    if (!scene) scene = scene_of(&t->stages, &t->pictures, 0);
     answer[0] += t->larger[index]; /* the coordinate of sigma_t is its logarithm */
-    truth_coordinates(scene, t->parameters, t->pictures.thetas[picture], truth);
-    cut_answer(scene, t->parameters, answer, cut);
+    truth_coordinates(scene, parameters, t->pictures.thetas[picture], truth);
+    cut_answer(scene, parameters, answer, cut);
     desc.model = t->kind, desc.lambda = m->lambda / (m->mean * m->mean);
-    desc.scene = scene, desc.parameters = t->parameters;
+    desc.scene = scene, desc.parameters = parameters;
     desc.options.spp = m->spp, desc.options.walks = 1;
     desc.options.seed = mix((uint64_t)m->seed, (uint64_t)t->step, (uint64_t)picture);
     if (itn_loss_training(&desc, 3, cut, truth, t->targets + (size_t)index * SMALL_PIXELS, &loss,
@@ -429,7 +428,8 @@ static void set_biases(trainer *t) {
     float *weights = itn_net_parameters(t->net, &count), truth[3];
     int i, k;
     for (i = 0; i < t->pictures.count; i++) {
-        truth_coordinates(t->scenes[0], t->parameters, t->pictures.thetas[i], truth);
+        truth_coordinates(scene_of(&t->stages, &t->pictures, 0), t->stages.parameters,
+                          t->pictures.thetas[i], truth);
         for (k = 0; k < 3; k++)
             weights[count - 3 + (size_t)k] += truth[k] / (float)t->pictures.count;
     }
@@ -442,7 +442,8 @@ static double noise_loss(trainer *t, int batch) {
     int k;
     for (k = 0; k < batch; k++) {
         const float *theta = t->pictures.thetas[t->order[t->first + k]];
-        truth_coordinates(t->scenes[0], t->parameters, theta, t->answers + 3 * k);
+        truth_coordinates(scene_of(&t->stages, &t->pictures, 0), t->stages.parameters, theta,
+                          t->answers + 3 * k);
         t->larger[k] = 0;
     }
     t->kind = ITN_MODEL_ITN;
@@ -474,14 +475,13 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
     itn_context context = ITN_ZERO;
     itn_error error;
     size_t batch = (size_t)o->model.batch;
-    int i;
     t->options = o;
     load_pictures(o->data, SPLIT_TRAIN, &t->pictures);
     keep_shapes(&t->pictures, o->model.leave, 0);
     t->kind = !strcmp(o->model.name, "itn") ? ITN_MODEL_ITN
               : !strcmp(o->model.name, "ssn") ? ITN_MODEL_SSN : ITN_MODEL_RN;
-    for (i = 0; i < t->pictures.shard_count && (i == 0 || t->kind != ITN_MODEL_RN); i++)
-        t->scenes[i] = load_theta_scene(&t->pictures.shards[i], FILM_SMALL, o->data, t->parameters);
+    load_stages(&t->pictures, t->kind == ITN_MODEL_RN ? 1 : t->pictures.count, FILM_SMALL, o->data,
+                o->threads, &t->stages);
     context.parallel_for = parallel_for, context.parallel_user = (void *)&o->threads;
     desc.batch = o->model.batch, desc.seed = (uint64_t)o->model.seed;
     desc.first_channels = o->channels;
@@ -497,8 +497,7 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
 }
 
 static void free_trainer(trainer *t) {
-    int i;
-    for (i = 0; i < MOST_SHARDS; i++) itn_scene_free(t->scenes[i]);
+    free_stages(&t->stages);
     itn_net_free(t->net);
     free_pictures(&t->pictures);
     free(t->rows), free(t->losses), free(t->gradients), free(t->answers);
@@ -647,15 +646,15 @@ typedef struct trial {
     const settings *options;
     split in;
     pictures pictures;
-    itn_scene *scenes[MOST_SHARDS];
-    int parameters[3], judged; /* judged: how many are rendered again */
+    stages stages;
+    int judged; /* how many are rendered again */
     answer *answers;
 } trial;
 
 /* A picture of a scene with three parameters changed. */
 static void render_values(const trial *t, const itn_scene *scene, const float values[3],
                           uint64_t seed, itn_image *image) {
-    float *theta = theta_with(scene, 3, t->parameters, values);
+    float *theta = theta_with(scene, 3, t->stages.parameters, values);
     itn_render_options options = ITN_ZERO;
     itn_error error;
     options.spp = t->options->spp ? t->options->spp : 64, options.seed = seed;
@@ -669,7 +668,7 @@ static void judge(void *task, int index) {
     trial *t = (trial *)task;
     int i = (int)((int64_t)index * t->pictures.count / t->judged); /* evenly out of all */
     answer *a = &t->answers[i];
-    const itn_scene *scene = t->scenes[t->pictures.shard_of[i]];
+    const itn_scene *scene = scene_of(&t->stages, &t->pictures, i);
     uint64_t seed = mix((uint64_t)t->options->model.seed, (uint64_t)t->in, (uint64_t)i);
     int other = !strcmp(t->options->model.name, "truth"), k; /* other samples */
     itn_image truths[2], images[2];
@@ -693,6 +692,8 @@ static void judge(void *task, int index) {
 static void ask(trial *t, itn_net *net) {
     float *picture = (float *)need(PIXELS, sizeof(float));
     float *input = (float *)need(2 * PIXELS, sizeof(float));
+    const itn_scene *scene = scene_of(&t->stages, &t->pictures, 0);
+    const int *parameters = t->stages.parameters;
     itn_error error;
     int i, k;
     for (i = 0; i < t->pictures.count; i++) {
@@ -700,16 +701,16 @@ static void ask(trial *t, itn_net *net) {
         float *coordinates = a->coordinates;
         memcpy(a->truth, t->pictures.thetas[i], sizeof a->truth);
         a->mse = a->one_minus_ms_ssim = NAN;
-        truth_coordinates(t->scenes[0], t->parameters, a->truth, coordinates);
+        truth_coordinates(scene, parameters, a->truth, coordinates);
         if (net) {
             get_picture(&t->pictures, i, picture);
             network_input(picture, t->options->model.mean, input);
             if (itn_net_forward(net, 1, input, coordinates, &error)) fail(error.message, "");
-            cut_answer(t->scenes[0], t->parameters, coordinates, coordinates);
+            cut_answer(scene, parameters, coordinates, coordinates);
         }
         for (k = 0; k < 3; k++)
             a->values[k] = (float)itn_parameter_from_coordinate(
-                itn_parameter_get(t->scenes[0], t->parameters[k]), (double)coordinates[k]);
+                itn_parameter_get(scene, parameters[k]), (double)coordinates[k]);
     }
     free(input);
     free(picture);
@@ -793,9 +794,8 @@ static void close_result(FILE *file, const char *checkpoint, const char *ending)
 }
 
 static void try_split(trial *t, itn_net *net, FILE *files[3]) {
-    int i, threads = t->options->threads;
+    int threads = t->options->threads, left = is_of_left(t);
     const char *leave = t->options->model.leave;
-    int left = is_of_left(t);
     load_pictures(t->options->data, left ? SPLIT_TRAIN : t->in, &t->pictures);
     if (t->in == SPLIT_TRAIN || left) keep_shapes(&t->pictures, leave, left);
     if (!t->pictures.count) {
@@ -807,16 +807,14 @@ static void try_split(trial *t, itn_net *net, FILE *files[3]) {
     if (t->options->most_images && t->judged > t->options->most_images)
         t->judged = t->options->most_images;
     t->answers = (answer *)need((size_t)t->pictures.count, sizeof *t->answers);
-    for (i = 0; i < t->pictures.shard_count; i++)
-        t->scenes[i] = load_theta_scene(&t->pictures.shards[i], FILM_ONE, t->options->data,
-                                        t->parameters);
+    load_stages(&t->pictures, t->pictures.count, FILM_ONE, t->options->data, threads, &t->stages);
     ask(t, net);
     parallel_for(t->judged, judge, t, &threads);
     print_row(t, stdout), print_row(t, files[0]);
     print_answers(t, files[1]);
     draw_answers(t, files[2]);
     fflush(stdout);
-    for (i = 0; i < t->pictures.shard_count; i++) itn_scene_free(t->scenes[i]);
+    free_stages(&t->stages);
     free(t->answers);
     free_pictures(&t->pictures);
 }
@@ -889,7 +887,7 @@ int main(int argc, char **argv) {
     int i, status;
     o.process = begin_processes(&argc, &argv);
     o.epochs = 50, o.model.batch = 16, o.model.seed = 1, o.model.rate = 1e-4, o.model.lambda = -1;
-    o.model.bend = 36;
+    o.model.bend = 12;
     snprintf(o.model.leave, sizeof o.model.leave, "none");
     o.threads = (int)sysconf(_SC_NPROCESSORS_ONLN);
     for (i = 1; i < argc; i++) {

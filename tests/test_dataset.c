@@ -1,6 +1,7 @@
 /* Pictures of the learning experiment that share a walk, as the colours of a medium with three
    albedos, against pictures of each material on its own: under which material the file keeps each
-   of them. Runs in the folder tests; its files go into build/families. */
+   of them, and which variant of the shape it shows. And what variants are: closed meshes that do
+   not cross themselves. Runs in the folder tests; its files go into build/families. */
 #define main dataset_main
 #include "../examples/dataset.c"
 #undef main
@@ -13,15 +14,16 @@ enum { COUNT = 5 };
 static double stored_mean(const work *w, int index) {
     const unsigned char *at = w->bytes + pixels_place(&w->shard, index);
     double sum = 0;
+    const unsigned char *mask = w->masks[variant_of(&w->shard, w->thetas[index])];
     int i, count = 0;
     for (i = 0; i < PIXELS; i++)
-        if (w->mask[i]) sum += (double)float_from_half((uint16_t)get_bytes(at + 2 * i, 2)), count++;
+        if (mask[i]) sum += (double)float_from_half((uint16_t)get_bytes(at + 2 * i, 2)), count++;
     return sum / count;
 }
 
 /* The same of a material in the scene of one channel; *error: the noise of a picture's mean. */
 static double own_mean(const work *w, const itn_scene *scene, const int parameters[3],
-                       const float material[3], double *error) {
+                       const unsigned char *mask, const float material[3], double *error) {
     float *theta = theta_with(scene, 3, parameters, material);
     itn_render_options options = ITN_ZERO;
     itn_image image = ITN_ZERO;
@@ -31,21 +33,22 @@ static double own_mean(const work *w, const itn_scene *scene, const int paramete
     options.spp = w->settings->spp, options.seed = 77;
     if (itn_render(scene, theta, &options, NULL, 0, &image, &problem)) fail(problem.message, "");
     for (i = 0; i < PIXELS; i++)
-        if (w->mask[i]) sum += image.pixels[i], variance += image.pixels[PIXELS + i], count++;
+        if (mask[i]) sum += image.pixels[i], variance += image.pixels[PIXELS + i], count++;
     itn_image_free(&image);
     free(theta);
     *error = sqrt(variance) / count;
     return sum / count;
 }
 
-/* planted: a material's picture is looked for under its neighbour. */
+/* planted: 1: a material's picture is looked for under its neighbour; 2: in another variant. */
 static void test_families(int planted) {
     static float thetas[COUNT][3] = {
         {54, .95f, .4f}, {54, .39f, .4f}, {82, .74f, .4f}, {54, .74f, .4f}, {82, .95f, .4f}};
     static work w;
+    static stages own;
+    int shards[COUNT] = {0}, i, families;
     settings s;
-    itn_scene *scene, *own;
-    int parameters[3], i, families;
+    pictures p;
     memset(&s, 0, sizeof s), memset(&w, 0, sizeof w);
     s.dir = "build/families", s.scenes = "../scenes", s.noise = 1, s.spp = 2, s.threads = 1;
     make_folder(s.dir);
@@ -53,29 +56,131 @@ static void test_families(int planted) {
     w.settings = &s, w.thetas = thetas, w.total = COUNT, w.start = seconds();
     w.shard.in = SPLIT_TRAIN, w.shard.shape = 1, w.shard.azimuth = 30, w.shard.count = COUNT;
     pthread_mutex_init(&w.lock, NULL);
-    scene = load_scene(&w.shard, FILM_THREE, s.dir, family_names, 5, w.parameters), w.scene = scene;
-    own = load_theta_scene(&w.shard, FILM_ONE, s.dir, parameters);
+    CHECK(list_variants(&w.shard, (const float(*)[3])thetas, w.variants) == 2);
+    for (i = 0; i < 2; i++) {
+        if (w.variants[i]) write_variant(s.dir, w.shard.shape, w.shard.azimuth, w.variants[i]);
+        prepare_variant(&w, i);
+    }
     w.bytes = (unsigned char *)need(shard_size(&w.shard), 1);
-    object_mask(s.dir, w.shard.shape, w.mask);
     families = list_families(&w);
     CHECK(families == 2 && w.families[0].count == 3 && w.families[1].count == 2);
     for (i = 0; i < families; i++) make_family(&w, i);
     fputc('\n', stderr);
+    memset(&p, 0, sizeof p);
+    p.count = COUNT, p.shard_count = 1, p.shards[0] = w.shard, p.shard_of = shards;
+    p.thetas = thetas;
+    load_stages(&p, COUNT, FILM_ONE, s.dir, 2, &own);
     for (i = 0; i < COUNT; i++) {
         const unsigned char *record = w.bytes + record_place(i);
-        double error, expected = own_mean(&w, own, parameters, thetas[i], &error);
+        int shown = planted == 2 ? (i + 1) % COUNT : i;
+        const unsigned char *mask = w.masks[variant_of(&w.shard, thetas[shown])];
+        double error, expected = own_mean(&w, scene_of(&own, &p, shown), own.parameters, mask,
+                                          thetas[i], &error);
         CHECK(get_float(record) == thetas[i][0] && get_float(record + 4) == thetas[i][1] &&
               get_float(record + 8) == thetas[i][2]);
-        CHECK_MEAN(stored_mean(&w, (i + planted) % COUNT), error * sqrt(2), expected, 4.5,
-                   .02 * expected);
+        CHECK_MEAN(stored_mean(&w, planted == 1 ? (i + 1) % COUNT : i), error * sqrt(2), expected,
+                   4.5, .02 * expected);
     }
+    free_stages(&own);
     pthread_mutex_destroy(&w.lock);
     free(w.bytes);
-    itn_scene_free(own), itn_scene_free(scene);
+    for (i = 0; i < PAIRS; i++) itn_scene_free(w.scenes[i]);
+}
+
+/* Every other pair of sigma_t and g has a variant of its own, whatever the albedo; tests have
+   none. */
+static void test_order(void) {
+    shard s = {SPLIT_TRAIN, 3, 60, MATERIALS};
+    float thetas[MATERIALS][3];
+    int seen[PAIRS][PAIRS] = {{0}}, pairs[PAIRS] = {0}, variants[PAIRS], i, k, own = 0;
+    shard_materials(&s, thetas);
+    for (i = 0; i < MATERIALS; i++) seen[variant_of(&s, thetas[i])][pair_of(thetas[i])]++;
+    for (i = 0; i < PAIRS; i++)
+        for (k = 0; k < PAIRS; k++) pairs[i] += seen[i][k] == 5;
+    for (i = 1; i < PAIRS; i++) own += pairs[i] == 1;
+    CHECK(pairs[0] == 31 && own == 29);
+    CHECK(list_variants(&s, (const float(*)[3])thetas, variants) == 30);
+    s.in = SPLIT_LIGHT;
+    CHECK(list_variants(&s, (const float(*)[3])thetas, variants) == 1 && variants[0] == 0);
+}
+
+/* Whether a ray through a mesh meets its outside and its inside in turn, as it does if the mesh is
+   closed and does not cross itself. */
+static int alternates(const itn_bvh *bvh, itn_ray ray) {
+    itn_hit hit;
+    int inside = 0;
+    for (; itn_bvh_nearest(bvh, &ray, &hit); ray.tmin = hit.t, inside = !inside)
+        if (hit.front == inside) return 0;
+    return !inside;
+}
+
+/* The variants of a shape under a light differ from each other, and under another light. */
+static void test_difference(void) {
+    itn_mesh meshes[3];
+    int i, k;
+    for (i = 0; i < 3; i++) {
+        write_variant("build/families", 2, i == 2 ? 60 : 0, i == 1 ? 4 : 2);
+        meshes[i] = load_mesh("build/families", 2, i == 2 ? 60 : 0, i == 1 ? 4 : 2);
+    }
+    for (i = 1; i < 3; i++) {
+        double apart = 0;
+        for (k = 0; k < 3 * meshes[0].vertex_count; k++)
+            apart += fabs((double)(meshes[i].positions[k] - meshes[0].positions[k]));
+        CHECK(apart > .1 * meshes[0].vertex_count);
+    }
+    for (i = 0; i < 3; i++) itn_mesh_free(&meshes[i]);
+}
+
+/* How many of 1000 rays show that a mesh crosses itself. */
+static int count_crossed(const itn_mesh *mesh, uint64_t random) {
+    itn_bvh *bvh;
+    int i, crossed = 0;
+    CHECK(!itn_bvh_create(mesh, NULL, &bvh, NULL));
+    for (i = 0; i < 1000; i++) {
+        itn_ray ray = ITN_ZERO;
+        double d[3];
+        draw_direction(&random, d);
+        ray.direction.x = (float)d[0], ray.direction.y = (float)d[1];
+        ray.direction.z = (float)d[2], ray.tmax = INFINITY;
+        ray.origin.x = (float)(.5 * draw(&random) - 2 * d[0]);
+        ray.origin.y = (float)(.5 * draw(&random) - 2 * d[1]);
+        ray.origin.z = (float)(.5 * draw(&random) - 2 * d[2]);
+        crossed += !alternates(bvh, ray);
+    }
+    itn_bvh_free(bvh);
+    return crossed;
+}
+
+/* planted: they are bent too much to be sure. */
+static void test_variants(int planted) {
+    int shape, variant, i, crossed = 0;
+    for (shape = 0; shape < TRAINING_SHAPES; shape++)
+        for (variant = 2; variant < PAIRS; variant += 6) {
+            itn_mesh mesh = load_mesh("build/families", shape, 0, 0);
+            itn_mesh_report report;
+            float side = 0;
+            vary_mesh(&mesh, planted ? 2.5 : .8,
+                      mix((uint64_t)shape, (uint64_t)(variant % 4 * 30), (uint64_t)variant));
+            for (i = 0; i < 3 * mesh.vertex_count; i++)
+                side = fmaxf(side, fabsf(mesh.positions[i]));
+            CHECK_NEAR(side, .5, 1e-6);
+            CHECK(!itn_mesh_check(&mesh, NULL, &report, NULL));
+            CHECK(!report.bad_vertices && !report.open_edges && !report.flipped_edges &&
+                  !report.degenerate_triangles && report.volume > 0);
+            crossed += count_crossed(&mesh, (uint64_t)variant);
+            itn_mesh_free(&mesh);
+        }
+    CHECK(crossed == 0);
+    if (getenv("SHOW")) printf("%d of 60000 rays\n", crossed);
 }
 
 int main(void) {
     test_families(0);
     CHECK_CATCHES(test_families(1));
+    CHECK_CATCHES(test_families(2));
+    test_order();
+    test_difference();
+    test_variants(0);
+    CHECK_CATCHES(test_variants(1));
     return check_end("dataset");
 }
