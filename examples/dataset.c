@@ -82,34 +82,36 @@ static double mesh_lift(const itn_mesh *mesh) {
 
 /* The scene of scenes/data.itn with another shape and sun, and a grey sky. A sky's numbers hold for
    the height of the sun and are measured from the zenith and from the sun, so all azimuths share
-   them. */
-static void write_scene(const char *dir, int shape, int azimuth, int variant, film on) {
+   them. A file for each film. */
+static void write_scene(const char *dir, int shape, int azimuth, int variant) {
     static const char *const films[FILMS] = {
         "width 128 height 128  filter gaussian",
         "width 128 height 128  channels 3  filter gaussian", "width 32 height 32"}; /* FILM, SMALL */
     char path[PATH_SIZE], text[2048], name[64];
     double angle = azimuth * 3.14159265358979323846 / 180, lift;
     itn_mesh mesh = load_mesh(dir, shape, azimuth, variant);
-    int length;
+    int on;
     lift = mesh_lift(&mesh);
     itn_mesh_free(&mesh);
     mesh_name(shape, azimuth, variant, name);
-    length = snprintf(text, sizeof text,
-        "film    %s\n"
-        "camera  eye 0 8.785 -32.785  target 0 0.469 -1.75  fov 2.5\n"
-        "medium  milk   sigma_t 54  albedo 0.87  g 0.4\n"
-        "surface ground type diffuse  reflectance texture concrete.pfm\n"
-        "object  plane  y 0 half 20  surface ground\n"
-        "object  mesh %s  medium milk  rotate 0 1 0 180  translate 0 %.4f -1.75\n"
-        "light   sky t3-e60-grey.sky  sun %.6f 0.866025 %.6f  sun_scale 2  sun_radius_scale 70\n",
-        films[on], name, lift, .5 * cos(angle), .5 * sin(angle));
-    scene_path(shape, azimuth, variant, on, dir, path);
-    save_file(path, text, (size_t)length);
+    for (on = 0; on < FILMS; on++) {
+        int length = snprintf(text, sizeof text,
+            "film    %s\n"
+            "camera  eye 0 8.785 -32.785  target 0 0.469 -1.75  fov 2.5\n"
+            "medium  milk   sigma_t 54  albedo 0.87  g 0.4\n"
+            "surface ground type diffuse  reflectance texture concrete.pfm\n"
+            "object  plane  y 0 half 20  surface ground\n"
+            "object  mesh %s  medium milk  rotate 0 1 0 180  translate 0 %.4f -1.75\n"
+            "light   sky t3-e60-grey.sky  sun %.6f 0.866025 %.6f  sun_scale 2  sun_radius_scale 70\n",
+            films[on], name, lift, .5 * cos(angle), .5 * sin(angle));
+        scene_path(shape, azimuth, variant, (film)on, dir, path);
+        save_file(path, text, (size_t)length);
+    }
 }
 
 static void write_scenes(const settings *s) {
     char folder[PATH_SIZE], name[64];
-    int shape, azimuth, on;
+    int shape, azimuth;
     snprintf(folder, sizeof folder, "%s/scenes", s->dir);
     make_folder(folder);
     copy_file(s->scenes, "maps/concrete.pfm", folder);
@@ -117,8 +119,7 @@ static void write_scenes(const settings *s) {
     for (shape = 0; shape < SHAPES; shape++) {
         snprintf(name, sizeof name, "shapes/%s.ply", shape_names[shape]);
         copy_file(s->scenes, name, folder);
-        for (azimuth = 0; azimuth < 100; azimuth += 10)
-            for (on = 0; on < FILMS; on++) write_scene(s->dir, shape, azimuth, 0, (film)on);
+        for (azimuth = 0; azimuth < 100; azimuth += 10) write_scene(s->dir, shape, azimuth, 0);
     }
 }
 
@@ -247,13 +248,12 @@ static void write_variant(const char *dir, int shape, int azimuth, int variant) 
     char path[PATH_SIZE], name[64];
     itn_mesh mesh = load_mesh(dir, shape, azimuth, 0);
     itn_error error;
-    int on;
     vary_mesh(&mesh, .8, mix((uint64_t)shape, (uint64_t)azimuth, (uint64_t)variant));
     mesh_name(shape, azimuth, variant, name);
     snprintf(path, sizeof path, "%s/scenes/%s", dir, name);
     if (itn_mesh_save_ply(&mesh, path, &error)) fail(error.message, "");
     itn_mesh_free(&mesh);
-    for (on = 0; on < FILMS; on++) write_scene(dir, shape, azimuth, variant, (film)on);
+    write_scene(dir, shape, azimuth, variant);
 }
 
 /* Writes what the pictures of a shard show beside the shapes themselves. */

@@ -486,7 +486,7 @@ static inline itn_scene *load_scene(const shard *s, int variant, film on, const 
                                     const char *const *names, int count, int *parameters) {
     char path[PATH_SIZE];
     itn_context context = ITN_ZERO;
-    itn_scene *scene;
+    itn_scene *scene = NULL;
     itn_error error;
     int k;
     context.threads = 1;
@@ -506,7 +506,8 @@ static inline itn_scene *load_theta_scene(const shard *s, int variant, film on, 
 /* The scenes of pictures, by shard and variant. */
 typedef struct stages {
     itn_scene *scenes[MOST_SHARDS][PAIRS]; /* NULL: not used */
-    int parameters[3];
+    const itn_scene *any; /* one of them, where only what they have in common is asked for */
+    int parameters[3];    /* theta_names: in the same places in all */
 } stages;
 
 typedef struct stage_loader {
@@ -531,7 +532,12 @@ static inline const itn_scene *scene_of(const stages *s, const pictures *p, int 
     return s->scenes[p->shard_of[index]][variant_of(of, p->thetas[index])];
 }
 
-/* Loads the scenes of the first `count` pictures. Their parameters have the same places in all. */
+/* The index of one of `count` pictures that lie evenly among `total`; the first is 0. */
+static inline int evenly(int index, int count, int total) {
+    return (int)((int64_t)index * total / count);
+}
+
+/* Loads the scenes of `count` pictures, evenly out of all. */
 static inline void load_stages(const pictures *p, int count, film on, const char *dir, int threads,
                                stages *s) {
     stage_loader l;
@@ -539,11 +545,13 @@ static inline void load_stages(const pictures *p, int count, film on, const char
     memset(s, 0, sizeof *s), memset(&l, 0, sizeof l);
     if (!p->count) fail(dir, "has no pictures for this");
     l.stages = s, l.pictures = p, l.on = on, l.dir = dir;
-    for (i = 0; i < count; i++)
-        l.used[p->shard_of[i]][variant_of(&p->shards[p->shard_of[i]], p->thetas[i])] = 1;
+    for (i = 0; i < count; i++) {
+        int picture = evenly(i, count, p->count), shard_number = p->shard_of[picture];
+        l.used[shard_number][variant_of(&p->shards[shard_number], p->thetas[picture])] = 1;
+    }
     parallel_for(p->shard_count * PAIRS, load_stage, &l, &threads);
-    for (k = 0; k < 3; k++)
-        s->parameters[k] = itn_parameter_find(scene_of(s, p, 0), theta_names[k]);
+    s->any = scene_of(s, p, 0);
+    for (k = 0; k < 3; k++) s->parameters[k] = itn_parameter_find(s->any, theta_names[k]);
 }
 
 static inline void free_stages(stages *s) {

@@ -120,7 +120,7 @@ typedef struct trainer {
     const settings *options;
     itn_model kind;
     pictures pictures;
-    stages stages; /* a regressor needs no scene but the first, for coordinates */
+    stages stages; /* a regressor has one scene, for coordinates */
     itn_net *net;
     int *order;           /* of the pictures in this epoch */
     float *targets;       /* [batch][SMALL_PIXELS], not of rn */
@@ -263,7 +263,7 @@ static void picture_loss(void *task, int index) {
     itn_loss_desc desc = ITN_ZERO;
     itn_loss loss = ITN_ZERO;
     itn_error error;
-    if (!scene) scene = scene_of(&t->stages, &t->pictures, 0);
+    if (!scene) scene = t->stages.any;
     answer[0] += t->larger[index]; /* the coordinate of sigma_t is its logarithm */
     truth_coordinates(scene, parameters, t->pictures.thetas[picture], truth);
     cut_answer(scene, parameters, answer, cut);
@@ -428,8 +428,7 @@ static void set_biases(trainer *t) {
     float *weights = itn_net_parameters(t->net, &count), truth[3];
     int i, k;
     for (i = 0; i < t->pictures.count; i++) {
-        truth_coordinates(scene_of(&t->stages, &t->pictures, 0), t->stages.parameters,
-                          t->pictures.thetas[i], truth);
+        truth_coordinates(t->stages.any, t->stages.parameters, t->pictures.thetas[i], truth);
         for (k = 0; k < 3; k++)
             weights[count - 3 + (size_t)k] += truth[k] / (float)t->pictures.count;
     }
@@ -442,8 +441,7 @@ static double noise_loss(trainer *t, int batch) {
     int k;
     for (k = 0; k < batch; k++) {
         const float *theta = t->pictures.thetas[t->order[t->first + k]];
-        truth_coordinates(scene_of(&t->stages, &t->pictures, 0), t->stages.parameters, theta,
-                          t->answers + 3 * k);
+        truth_coordinates(t->stages.any, t->stages.parameters, theta, t->answers + 3 * k);
         t->larger[k] = 0;
     }
     t->kind = ITN_MODEL_ITN;
@@ -666,7 +664,7 @@ static void render_values(const trial *t, const itn_scene *scene, const float va
    compares. */
 static void judge(void *task, int index) {
     trial *t = (trial *)task;
-    int i = (int)((int64_t)index * t->pictures.count / t->judged); /* evenly out of all */
+    int i = evenly(index, t->judged, t->pictures.count);
     answer *a = &t->answers[i];
     const itn_scene *scene = scene_of(&t->stages, &t->pictures, i);
     uint64_t seed = mix((uint64_t)t->options->model.seed, (uint64_t)t->in, (uint64_t)i);
@@ -692,7 +690,7 @@ static void judge(void *task, int index) {
 static void ask(trial *t, itn_net *net) {
     float *picture = (float *)need(PIXELS, sizeof(float));
     float *input = (float *)need(2 * PIXELS, sizeof(float));
-    const itn_scene *scene = scene_of(&t->stages, &t->pictures, 0);
+    const itn_scene *scene = t->stages.any;
     const int *parameters = t->stages.parameters;
     itn_error error;
     int i, k;
@@ -807,7 +805,7 @@ static void try_split(trial *t, itn_net *net, FILE *files[3]) {
     if (t->options->most_images && t->judged > t->options->most_images)
         t->judged = t->options->most_images;
     t->answers = (answer *)need((size_t)t->pictures.count, sizeof *t->answers);
-    load_stages(&t->pictures, t->pictures.count, FILM_ONE, t->options->data, threads, &t->stages);
+    load_stages(&t->pictures, t->judged, FILM_ONE, t->options->data, threads, &t->stages);
     ask(t, net);
     parallel_for(t->judged, judge, t, &threads);
     print_row(t, stdout), print_row(t, files[0]);
