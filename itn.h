@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.5.10                          [itn]
+/* itn.h - inverse transport networks in one C header, version 0.5.11                          [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 5
-#define ITN_VERSION_PATCH 10
+#define ITN_VERSION_PATCH 11
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
 #ifdef __cplusplus
@@ -508,6 +508,13 @@ typedef struct itn_render_options {
     itn_estimator estimator;
     int walks; /* fast walk: walks that share each of the spp camera rays, at most 256; 0 = 4.
                   With constant lights, at the edges of objects, each has a ray of its own */
+    const int *samples; /* itn_render alone: [height][width], how many samples each pixel has, at
+                           least 1 and at most 2^24, in the place of spp; NULL: all have spp. They
+                           come in sets of a fourth of the least number, at most 16, and are rounded
+                           up to whole sets. In proportion to the deviation of a pixel's samples
+                           (from the variances of another image) they bring the least mean square
+                           error for their number (Neyman 1934); with another seed than that
+                           image's, else the mean is no longer unbiased. The caller's */
     int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
                                                      a non-zero return cancels; may be NULL */
     void *progress_user;
@@ -524,9 +531,9 @@ typedef struct itn_render_options {
    index of refraction (which spends some paths on its own), a sigma_t of a thin medium (which draws
    more collisions) and an albedo or reflectance below .1 (more paths go on). The fast walk's is
    another estimate of the same. Either image has the same bits for any number of threads.
-   Errors: ARGUMENT (theta out of bounds or not finite, index, spp), UNSUPPORTED (the derivative
-   in the ior of a smooth surface, whose directions jump with it; what itn_mode says of FAST),
-   MEMORY, CANCELLED. */
+   Errors: ARGUMENT (theta out of bounds or not finite, index, spp, samples), UNSUPPORTED (the
+   derivative in the ior of a smooth surface, whose directions jump with it; what itn_mode says of
+   FAST), MEMORY, CANCELLED. */
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error);
@@ -3800,6 +3807,7 @@ static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u,
 }
 
 /* How many samples pixels get, where not all get the same: multiples of a set. */
+enum { ITN__MOST_SAMPLES = 1 << 24 };
 typedef struct itn__allotment {
     int *samples; /* [height][width], */
     int set, most;
@@ -11437,6 +11445,9 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
                          "render: spp %d, max_scatter %d, walks %d, mode %d, sampler %d, "
                          "estimator %d", options->spp, options->max_scatter, options->walks,
                          (int)options->mode, (int)options->sampler, (int)options->estimator);
+    if (options && options->samples)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "render: samples by pixel are for itn_render alone");
     context = &scene->context;
     render->scene = scene, render->channels = scene->film.channels, render->count = count;
     render->spp = options && options->spp ? options->spp : 64;
@@ -11910,10 +11921,45 @@ static itn_result itn__render_allotted(const itn_scene *scene, const float *thet
     return result;
 }
 
+/* Numbers of samples, rounded up to whole sets; the caller frees them, in any case. */
+static itn_result itn__allotment_make(const itn_scene *scene, const int *samples,
+                                      itn__allotment *allotment, itn_error *error) {
+    size_t pixels = (size_t)scene->film.width * (size_t)scene->film.height, i;
+    int least = ITN__MOST_SAMPLES, set;
+    for (i = 0; i < pixels; i++) {
+        if (samples[i] < 1 || samples[i] > ITN__MOST_SAMPLES)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_render: samples[%d] = %d is not in [1, %d]", (int)i, samples[i],
+                             ITN__MOST_SAMPLES);
+        if (samples[i] < least) least = samples[i];
+    }
+    allotment->samples = (int *)itn__allocate(&scene->context, pixels, sizeof(int));
+    if (!allotment->samples) return itn__out_of_memory(error, "samples by pixel");
+    allotment->set = set = itn__set_size(least);
+    for (i = 0; i < pixels; i++) {
+        int rounded = (samples[i] + set - 1) / set * set;
+        allotment->samples[i] = rounded, allotment->sum += rounded;
+        if (rounded > allotment->most) allotment->most = rounded;
+    }
+    return ITN_OK;
+}
+
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error) {
-    return itn__render_allotted(scene, theta, options, NULL, parameters, count, image, error);
+    itn_render_options own;
+    itn__allotment allotment;
+    itn_result result;
+    if (!scene || !options || !options->samples)
+        return itn__render_allotted(scene, theta, options, NULL, parameters, count, image, error);
+    memset(&allotment, 0, sizeof allotment);
+    result = itn__allotment_make(scene, options->samples, &allotment, error);
+    own = *options, own.samples = NULL, own.spp = allotment.most;
+    if (!result)
+        result = itn__render_allotted(scene, theta, &own, &allotment, parameters, count, image,
+                                      error);
+    itn__free(&scene->context, allotment.samples);
+    return result;
 }
 
 /* Whether all of [channels][height][width] values are finite. */
@@ -18476,6 +18522,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.5.11 itn_render_options.samples: as many samples of each pixel as it needs
    0.5.10 itn_refine_words tells groups of unknowns apart that have nothing to do with each other; a
           search that runs into a bound turns round at once; one that leaves more misfit than noise
           explains is followed by another from its mirror image in g; itn_loss_training refuses

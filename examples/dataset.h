@@ -257,7 +257,7 @@ static inline void scene_path(int shape, int azimuth, int variant, film on, cons
 
 /* The line at the head of a shard; anything else in a file of its name is a mistake. */
 static inline void shard_header(const shard *s, char header[HEADER_SIZE]) {
-    int length = snprintf(header, HEADER_SIZE, "itn data 3: split %s shape %s azimuth %d images %d "
+    int length = snprintf(header, HEADER_SIZE, "itn data 4: split %s shape %s azimuth %d images %d "
                           "width %d height %d half", split_names[s->in], shape_names[s->shape],
                           s->azimuth, s->count, FILM, FILM);
     memset(header + length, ' ', (size_t)(HEADER_SIZE - length));

@@ -59,7 +59,7 @@ fi
 up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
 warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
 if [ -n "$noise" ]; then
-    picture="--noise $noise --spp 24"
+    picture="--noise $noise --spp 4096"
     warm=110 calm=16 more=5 settle=4 cool=2 training="--batch 16 --channels 6" spp=8
     trial="--images 144 --spp 4"
     search="--images 6 --iterations 200 --spp 2"

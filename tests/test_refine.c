@@ -345,18 +345,17 @@ static void test_recoveries(void) {
 
 /* ---- samples where they tell ------------------------------------------------------------------------- */
 
-/* The picture and two derivatives, with the samples of an allotment; NULL: spp in each pixel. */
-static void render_allotted(const itn_scene *scene, int way, uint64_t seed,
-                            const itn__allotment *allotment, int spp, itn_image *image) {
+/* The picture and two derivatives, with so many samples by pixel; NULL: spp in each. */
+static void render_allotted(const itn_scene *scene, int way, uint64_t seed, const int *samples,
+                            int spp, itn_image *image) {
     static const char *const names[] = {"m.sigma_t", "m.g"};
     itn_render_options options = ITN_ZERO;
     itn_error error;
     int parameters[2];
     find_parameters(scene, names, 2, parameters);
     solids_way(&options, way);
-    options.spp = spp, options.seed = seed;
-    stage_need(itn__render_allotted(scene, NULL, &options, allotment, parameters, 2, image,
-                                    &error), &error);
+    options.spp = spp, options.samples = samples, options.seed = seed;
+    stage_need(itn_render(scene, NULL, &options, parameters, 2, image, &error), &error);
 }
 
 /* Means over pixels of squared errors, over those that the variances say, of pixels with few
@@ -366,23 +365,19 @@ static void test_allotment(int way, int planted) {
     enum { SET = 4, PLANES = 3 };
     itn_scene *scene = cloud(3, .8, .4);
     static int samples[PIXELS];
-    itn__allotment allotment = ITN_ZERO;
+    double sum = 0;
     itn_image truth = ITN_ZERO, image = ITN_ZERO;
     int i, p;
-    allotment.samples = samples, allotment.set = SET;
-    for (i = 0; i < PIXELS; i++) {
-        samples[i] = SET * (6 + 7 * i % 64), allotment.sum += samples[i];
-        if (samples[i] > allotment.most) allotment.most = samples[i];
-    }
+    for (i = 0; i < PIXELS; i++) samples[i] = SET * (6 + 7 * i % 64), sum += samples[i];
     render_allotted(scene, way, 1, NULL, 1024, &truth);
-    render_allotted(scene, way, 2, &allotment, allotment.most, &image);
+    render_allotted(scene, way, 2, samples, 1, &image);
     for (p = 0; p < PLANES; p++) {
         const float *expected = truth.pixels + 2 * p * PIXELS, *unsure = expected + PIXELS;
         const float *found = image.pixels + 2 * p * PIXELS, *variance = found + PIXELS;
         double square[2] = {0, 0}, said[2] = {0, 0};
         for (i = 0; i < PIXELS; i++) {
-            double scale = planted ? samples[i] * PIXELS / allotment.sum : 1;
-            int many = samples[i] * PIXELS > allotment.sum;
+            double scale = planted ? samples[i] * PIXELS / sum : 1;
+            int many = samples[i] * PIXELS > sum;
             square[many] += pow(found[i] * scale - expected[i], 2);
             said[many] += variance[i] + unsure[i];
         }
@@ -399,23 +394,61 @@ static void test_allotment(int way, int planted) {
     itn_scene_free(scene);
 }
 
-/* An allotment of the same to all is none. */
+/* Whether renders with these samples have the same bits. */
+static int is_same_render(const itn_scene *scene, int way, const int *a, const int *b, int spp_b) {
+    itn_image first = ITN_ZERO, second = ITN_ZERO;
+    int same;
+    render_allotted(scene, way, 1, a, 1, &first);
+    render_allotted(scene, way, 1, b, spp_b, &second);
+    same = !memcmp(first.pixels, second.pixels,
+                   (size_t)(PIXELS * first.plane_count) * sizeof(float));
+    itn_image_free(&first);
+    itn_image_free(&second);
+    return same;
+}
+
+/* The same for all pixels is what spp does; other numbers are rounded up to whole sets, here of 16
+   at 64 and more. */
 static void test_even_allotment(int way) {
     enum { SPP = 32 };
     itn_scene *scene = cloud(3, .8, .4);
-    static int samples[PIXELS];
-    itn__allotment allotment = ITN_ZERO;
-    itn_image plain = ITN_ZERO, image = ITN_ZERO;
+    static int samples[PIXELS], rounded[PIXELS];
     int i;
     for (i = 0; i < PIXELS; i++) samples[i] = SPP;
-    allotment.samples = samples, allotment.set = itn__set_size(SPP), allotment.most = SPP;
-    allotment.sum = PIXELS * SPP;
-    render_allotted(scene, way, 1, NULL, SPP, &plain);
-    render_allotted(scene, way, 1, &allotment, SPP, &image);
-    CHECK(!memcmp(plain.pixels, image.pixels,
-                  (size_t)(PIXELS * plain.plane_count) * sizeof(float)));
-    itn_image_free(&image);
-    itn_image_free(&plain);
+    CHECK(is_same_render(scene, way, samples, NULL, SPP));
+    CHECK_CATCHES(CHECK(is_same_render(scene, way, samples, NULL, SPP + 8)));
+    for (i = 0; i < PIXELS; i++) samples[i] = 64 + i % 33, rounded[i] = (samples[i] + 15) / 16 * 16;
+    CHECK(is_same_render(scene, way, samples, rounded, 1));
+    itn_scene_free(scene);
+}
+
+/* Wrong numbers, and calls that have none. */
+static void test_wrong_samples(void) {
+    static const int wrong[] = {0, -1, (1 << 24) + 1, INT_MAX, INT_MIN};
+    static const int parameters[] = {0};
+    static int samples[PIXELS];
+    static float target[PIXELS];
+    itn_scene *scene = cloud(3, .8, .4);
+    itn_render_options options = ITN_ZERO;
+    itn_image image = ITN_ZERO;
+    itn_error error;
+    double value, gradient;
+    int i;
+    options.samples = samples;
+    for (i = 0; i < PIXELS; i++) samples[i] = 4;
+    for (i = 0; i < 5; i++) {
+        samples[7] = wrong[i];
+        CHECK(itn_render(scene, NULL, &options, NULL, 0, &image, &error) == ITN_ERROR_ARGUMENT);
+        CHECK(strstr(error.message, "samples[7]") && !image.pixels);
+    }
+    samples[7] = 4;
+    CHECK(itn_render(NULL, NULL, &options, NULL, 0, &image, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_render(scene, NULL, &options, NULL, 0, NULL, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_render_gradient(scene, NULL, &options, target, parameters, 1, &gradient, NULL,
+                              &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_loss_gradient(scene, NULL, &options, target, parameters, 1, &value, &gradient,
+                            &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_scene_prepare(scene, NULL, &options, &error) == ITN_ERROR_ARGUMENT);
     itn_scene_free(scene);
 }
 
@@ -431,6 +464,7 @@ static void test_allotments(void) {
         test_even_allotment(way);
         CHECK_CATCHES(test_allotment(way, 1));
     }
+    test_wrong_samples();
 }
 
 /* ---- error bars -------------------------------------------------------------------------------------- */
