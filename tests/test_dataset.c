@@ -1,6 +1,6 @@
 /* Pictures of the learning experiment that share a walk, as the colours of a medium with three
    albedos, against pictures of each material on its own: under which material the file keeps each
-   of them, and which variant of the shape it shows. And what variants are: closed meshes that do
+   of them, and which variant of the shape it shows; and that their noise is what was asked for. And what variants are: closed meshes that do
    not cross themselves. Runs in the folder tests; its files go into build/families. */
 #define main dataset_main
 #include "../examples/dataset.c"
@@ -40,51 +40,97 @@ static double own_mean(const work *w, const itn_scene *scene, const int paramete
     return sum / count;
 }
 
+static float materials[COUNT][3] = {
+    {54, .95f, .4f}, {54, .39f, .4f}, {82, .74f, .4f}, {54, .74f, .4f}, {82, .95f, .4f}};
+
+/* Makes the pictures of a small shard, which are two families. */
+static void begin_work(work *w, settings *s, double noise, int spp, int seed) {
+    int i, families;
+    memset(s, 0, sizeof *s), memset(w, 0, sizeof *w);
+    s->dir = "build/families", s->scenes = "../scenes", s->threads = 1;
+    s->noise = noise, s->spp = spp, s->seed = seed;
+    make_folder(s->dir);
+    write_scenes(s);
+    w->settings = s, w->thetas = materials, w->total = COUNT, w->start = seconds();
+    w->shard.in = SPLIT_TRAIN, w->shard.shape = 1, w->shard.azimuth = 30, w->shard.count = COUNT;
+    pthread_mutex_init(&w->lock, NULL);
+    CHECK(list_variants(&w->shard, (const float(*)[3])materials, w->variants) == 2);
+    for (i = 0; i < 2; i++) {
+        if (w->variants[i]) write_variant(s->dir, w->shard.shape, w->shard.azimuth, w->variants[i]);
+        prepare_variant(w, i);
+    }
+    w->bytes = (unsigned char *)need(shard_size(&w->shard), 1);
+    families = list_families(w);
+    CHECK(families == 2 && w->families[0].count == 3 && w->families[1].count == 2);
+    for (i = 0; i < families; i++) make_family(w, i);
+    fputc('\n', stderr);
+}
+
+static void end_work(work *w) {
+    int i;
+    pthread_mutex_destroy(&w->lock);
+    free(w->bytes);
+    for (i = 0; i < PAIRS; i++) itn_scene_free(w->scenes[i]);
+}
+
 /* planted: 1: a material's picture is looked for under its neighbour; 2: in another variant. */
 static void test_families(int planted) {
-    static float thetas[COUNT][3] = {
-        {54, .95f, .4f}, {54, .39f, .4f}, {82, .74f, .4f}, {54, .74f, .4f}, {82, .95f, .4f}};
     static work w;
     static stages own;
-    int shards[COUNT] = {0}, i, families;
+    int shards[COUNT] = {0}, i;
     settings s;
     pictures p;
-    memset(&s, 0, sizeof s), memset(&w, 0, sizeof w);
-    s.dir = "build/families", s.scenes = "../scenes", s.noise = 1, s.spp = 2, s.threads = 1;
-    make_folder(s.dir);
-    write_scenes(&s);
-    w.settings = &s, w.thetas = thetas, w.total = COUNT, w.start = seconds();
-    w.shard.in = SPLIT_TRAIN, w.shard.shape = 1, w.shard.azimuth = 30, w.shard.count = COUNT;
-    pthread_mutex_init(&w.lock, NULL);
-    CHECK(list_variants(&w.shard, (const float(*)[3])thetas, w.variants) == 2);
-    for (i = 0; i < 2; i++) {
-        if (w.variants[i]) write_variant(s.dir, w.shard.shape, w.shard.azimuth, w.variants[i]);
-        prepare_variant(&w, i);
-    }
-    w.bytes = (unsigned char *)need(shard_size(&w.shard), 1);
-    families = list_families(&w);
-    CHECK(families == 2 && w.families[0].count == 3 && w.families[1].count == 2);
-    for (i = 0; i < families; i++) make_family(&w, i);
-    fputc('\n', stderr);
+    begin_work(&w, &s, 1, 2, 0);
     memset(&p, 0, sizeof p);
     p.count = COUNT, p.shard_count = 1, p.shards[0] = w.shard, p.shard_of = shards;
-    p.thetas = thetas;
+    p.thetas = materials;
     load_stages(&p, COUNT, FILM_ONE, s.dir, 2, &own);
     for (i = 0; i < COUNT; i++) {
         const unsigned char *record = w.bytes + record_place(i);
         int shown = planted == 2 ? (i + 1) % COUNT : i;
-        const unsigned char *mask = w.masks[variant_of(&w.shard, thetas[shown])];
+        const unsigned char *mask = w.masks[variant_of(&w.shard, materials[shown])];
         double error, expected = own_mean(&w, scene_of(&own, &p, shown), own.parameters, mask,
-                                          thetas[i], &error);
-        CHECK(get_float(record) == thetas[i][0] && get_float(record + 4) == thetas[i][1] &&
-              get_float(record + 8) == thetas[i][2]);
+                                          materials[i], &error);
+        CHECK(get_float(record) == materials[i][0] && get_float(record + 4) == materials[i][1] &&
+              get_float(record + 8) == materials[i][2]);
         CHECK_MEAN(stored_mean(&w, planted == 1 ? (i + 1) % COUNT : i), error * sqrt(2), expected,
                    4.5, .02 * expected);
     }
     free_stages(&own);
-    pthread_mutex_destroy(&w.lock);
-    free(w.bytes);
-    for (i = 0; i < PAIRS; i++) itn_scene_free(w.scenes[i]);
+    end_work(&w);
+}
+
+/* Pictures have the noise that was asked for, as they say themselves, and as two of them differ.
+   planted: factor to what they say. */
+static void test_noise(double noise, double planted) {
+    static work w[2];
+    settings s[2];
+    int i, k, j;
+    for (k = 0; k < 2; k++) begin_work(&w[k], &s[k], noise, 4096, k);
+    for (i = 0; i < COUNT; i++) {
+        const unsigned char *mask = w[0].masks[variant_of(&w[0].shard, materials[i])];
+        double said = 0, square = 0, light = 0, found;
+        int count = 0;
+        for (k = 0; k < 2; k++) {
+            double one = (double)get_float(w[k].bytes + record_place(i) + 12);
+            CHECK(one > 0 && one < noise);
+            said += one * one;
+        }
+        for (j = 0; j < PIXELS; j++) {
+            size_t at = pixels_place(&w[0].shard, i) + 2 * (size_t)j;
+            double a = (double)float_from_half((uint16_t)get_bytes(w[0].bytes + at, 2));
+            double b = (double)float_from_half((uint16_t)get_bytes(w[1].bytes + at, 2));
+            if (mask[j]) square += (a - b) * (a - b), light += (a + b) / 2, count++;
+        }
+        found = sqrt(square * count) / light;
+        check_report(fabs(found / (planted * sqrt(said)) - 1) < .15, __FILE__, __LINE__,
+                     "noise %g: two pictures differ by %.3f, should by %.3f", noise, found,
+                     planted * sqrt(said));
+        if (getenv("SHOW"))
+            printf("noise %g: picture %d says %.4f, found %.4f\n", noise, i, sqrt(said / 2),
+                   found / sqrt(2));
+    }
+    for (k = 0; k < 2; k++) end_work(&w[k]);
 }
 
 /* Every other pair of sigma_t and g has a variant of its own, whatever the albedo; tests have
@@ -178,6 +224,9 @@ int main(void) {
     test_families(0);
     CHECK_CATCHES(test_families(1));
     CHECK_CATCHES(test_families(2));
+    test_noise(.4, 1); /* few samples for all pixels */
+    test_noise(.1, 1);
+    CHECK_CATCHES(test_noise(.4, 1.4));
     test_order();
     test_difference();
     test_variants(0);
