@@ -510,11 +510,11 @@ typedef struct itn_render_options {
                   With constant lights, at the edges of objects, each has a ray of its own */
     const int *samples; /* itn_render alone: [height][width], how many samples each pixel has, at
                            least 1 and at most 2^24, in the place of spp; NULL: all have spp. They
-                           come in sets of a fourth of the least number, at most 16, and are rounded
-                           up to whole sets. In proportion to the deviation of a pixel's samples
-                           (from the variances of another image) they bring the least mean square
-                           error for their number (Neyman 1934); with another seed than that
-                           image's, else the mean is no longer unbiased. The caller's */
+                           come in sets of 16, or of a smaller power of 2 where the least number is
+                           below four such sets, and are rounded up to whole sets. In proportion to
+                           the deviation of a pixel's samples (from the variances of another image)
+                           they bring the least mean square error for their number (Neyman 1934);
+                           with another seed than that image's, else means are biased. The caller's */
     int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
                                                      a non-zero return cancels; may be NULL */
     void *progress_user;

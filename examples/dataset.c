@@ -5,10 +5,10 @@
    them is lost when the program is stopped.
 
    Compile: cc -O3 -march=native dataset.c -o dataset -lm -lpthread
-   Run:     ./dataset make data --fraction 1/50 --scenes ../scenes
+   Run:     ./dataset make data --fraction 1/50 --noise 0.2 --spp 8 --scenes ../scenes
             ./dataset check data
             ./dataset sheet data sheet.png
-   Prints:  328 images made in 140 s, noise at most 2.99 %, 5.1 samples per pixel in the mean
+   Prints:  328 images made in 101 s, noise at most 71.66 %, 6.9 samples per pixel in the mean
    A picture gets as many samples as bring its noise under --noise, but at most --spp per pixel in
    the mean: a few first, which tell the deviation of each pixel's samples, then in proportion to it
    (Neyman 1934), which takes two thirds of what the same number for all pixels would. At the 3 % of
@@ -511,7 +511,8 @@ static double choose_samples(const settings *s, const itn_image *image, int spp,
                              const unsigned char *mask, int *samples) {
     double deviations[PIXELS], noise = family_noise(image, f, mask), mean, all;
     int least, i;
-    mean = spp * pow(noise / s->noise, 2), least = (int)fmin(LEAST, fmax(mean, spp));
+    mean = fmin(spp * pow(noise / s->noise, 2), s->spp);
+    least = (int)fmin(LEAST, fmax(mean, spp));
     list_deviations(image, f, mask, deviations);
     for (i = 0; i < 3; i++) { /* noise falls with the root of the samples, but for the least ones */
         spread_samples(deviations, mask, mean, least, samples);

@@ -133,6 +133,18 @@ static void test_noise(double noise, double planted) {
     for (k = 0; k < 2; k++) end_work(&w[k]);
 }
 
+/* Samples are at most as many as allowed, but for rounding, and hardly fewer if they are wanted. */
+static void test_limit(int spp) {
+    static work w;
+    settings s;
+    double mean;
+    begin_work(&w, &s, .01, spp, 0);
+    mean = w.samples / w.done;
+    check_report(mean > .9 * spp && mean < 1.05 * spp, __FILE__, __LINE__, "%g samples, %d allowed",
+                 mean, spp);
+    end_work(&w);
+}
+
 /* Every other pair of sigma_t and g has a variant of its own, whatever the albedo; tests have
    none. */
 static void test_order(void) {
@@ -225,8 +237,10 @@ int main(void) {
     CHECK_CATCHES(test_families(1));
     CHECK_CATCHES(test_families(2));
     test_noise(.4, 1); /* few samples for all pixels */
-    test_noise(.1, 1);
+    test_noise(.15, 1);
     CHECK_CATCHES(test_noise(.4, 1.4));
+    test_limit(8);
+    test_limit(80);
     test_order();
     test_difference();
     test_variants(0);
