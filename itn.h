@@ -514,7 +514,8 @@ typedef struct itn_render_options {
                            below four such sets, and are rounded up to whole sets. In proportion to
                            the deviation of a pixel's samples (from the variances of another image)
                            they bring the least mean square error for their number (Neyman 1934);
-                           with another seed than that image's, else means are biased. The caller's */
+                           with another seed than that image's, else means are biased. The
+                           caller's */
     int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
                                                      a non-zero return cancels; may be NULL */
     void *progress_user;

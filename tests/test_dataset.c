@@ -1,7 +1,8 @@
 /* Pictures of the learning experiment that share a walk, as the colours of a medium with three
    albedos, against pictures of each material on its own: under which material the file keeps each
-   of them, and which variant of the shape it shows; and that their noise is what was asked for. And what variants are: closed meshes that do
-   not cross themselves. Runs in the folder tests; its files go into build/families. */
+   of them, and which variant of the shape it shows; and that their noise is what was asked for. And
+   what variants are: closed meshes that do not cross themselves. Runs in the folder tests; its
+   files go into build/families. */
 #define main dataset_main
 #include "../examples/dataset.c"
 #undef main
