@@ -3808,7 +3808,6 @@ static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u,
 }
 
 /* How many samples pixels get, where not all get the same: multiples of a set. */
-enum { ITN__MOST_SAMPLES = 1 << 24 };
 typedef struct itn__allotment {
     int *samples; /* [height][width], */
     int set, most;
@@ -11921,6 +11920,8 @@ static itn_result itn__render_allotted(const itn_scene *scene, const float *thet
         *image = made;
     return result;
 }
+
+enum { ITN__MOST_SAMPLES = 1 << 24 };
 
 /* Numbers of samples, rounded up to whole sets; the caller frees them, in any case. */
 static itn_result itn__allotment_make(const itn_scene *scene, const int *samples,
