@@ -3821,6 +3821,14 @@ static int itn__set_size(int samples) {
     return size;
 }
 
+/* Gives a pixel so many samples, rounded up to whole sets. Returns how many these are. */
+static int itn__allot_pixel(itn__allotment *allotment, size_t pixel, int samples) {
+    int rounded = (samples + allotment->set - 1) / allotment->set * allotment->set;
+    allotment->samples[pixel] = rounded, allotment->sum += rounded;
+    if (rounded > allotment->most) allotment->most = rounded;
+    return rounded;
+}
+
 /* ---- [scene] a desc, checked and made ready -------------------------------------------------- */
 
 /* Every number that can be differentiated lives in the parameter table; media, surfaces and lights
@@ -11927,7 +11935,7 @@ enum { ITN__MOST_SAMPLES = 1 << 24 };
 static itn_result itn__allotment_make(const itn_scene *scene, const int *samples,
                                       itn__allotment *allotment, itn_error *error) {
     size_t pixels = (size_t)scene->film.width * (size_t)scene->film.height, i;
-    int least = ITN__MOST_SAMPLES, set;
+    int least = ITN__MOST_SAMPLES;
     for (i = 0; i < pixels; i++) {
         if (samples[i] < 1 || samples[i] > ITN__MOST_SAMPLES)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -11937,12 +11945,8 @@ static itn_result itn__allotment_make(const itn_scene *scene, const int *samples
     }
     allotment->samples = (int *)itn__allocate(&scene->context, pixels, sizeof(int));
     if (!allotment->samples) return itn__out_of_memory(error, "samples by pixel");
-    allotment->set = set = itn__set_size(least);
-    for (i = 0; i < pixels; i++) {
-        int rounded = (samples[i] + set - 1) / set * set;
-        allotment->samples[i] = rounded, allotment->sum += rounded;
-        if (rounded > allotment->most) allotment->most = rounded;
-    }
+    allotment->set = itn__set_size(least);
+    for (i = 0; i < pixels; i++) itn__allot_pixel(allotment, i, samples[i]);
     return ITN_OK;
 }
 
@@ -14463,9 +14467,7 @@ static void itn__allot(itn__refine_view *view, int spp) {
     allotment->set = itn__set_size(spp / 4), allotment->most = 0, allotment->sum = 0;
     for (i = 0; i < itn__film_pixels(view); i++) {
         double sets = ceil((double)view->density[i] * spp / allotment->set);
-        int samples = allotment->set * (int)fmax(6, sets);
-        allotment->samples[i] = samples, allotment->sum += samples;
-        if (samples > allotment->most) allotment->most = samples;
+        int samples = itn__allot_pixel(allotment, i, allotment->set * (int)fmax(6, sets));
         view->density[i] = (float)samples / (float)spp;
     }
 }

@@ -302,14 +302,19 @@ static void object_mask(const char *dir, const shard *s, int variant, unsigned c
     itn_mesh_free(&mesh);
 }
 
-/* The noise of a picture, one channel of a render: over the object's pixels, the root of the mean
-   variance of a pixel, relative to their mean. */
-static double image_noise(const itn_image *image, int channel, const unsigned char *mask) {
+/* The noise of a picture, one channel of a render with `spp` samples of each pixel: over the
+   object's pixels, the root of the mean variance of a pixel, relative to their mean. samples not
+   NULL: what it would be with these numbers of samples instead. */
+static double image_noise(const itn_image *image, int channel, const unsigned char *mask, int spp,
+                          const int *samples) {
     const float *pixels = image->pixels + channel * PIXELS, *variances = pixels + 3 * PIXELS;
     double light = 0, variance = 0;
     int i, count = 0;
-    for (i = 0; i < PIXELS; i++)
-        if (mask[i]) light += pixels[i], variance += variances[i], count++;
+    for (i = 0; i < PIXELS; i++) {
+        if (!mask[i]) continue;
+        light += (double)pixels[i], count++;
+        variance += samples ? (double)variances[i] * spp / samples[i] : (double)variances[i];
+    }
     return count ? sqrt(variance * count) / light : 0;
 }
 
@@ -393,15 +398,17 @@ static void put_picture(const work *w, int index, const itn_image *image, int ch
     const unsigned char *mask = w->masks[variant_of(&w->shard, w->thetas[index])];
     int k;
     for (k = 0; k < 3; k++) put_float(record + 4 * k, w->thetas[index][k]);
-    put_float(record + 12, (float)image_noise(image, channel, mask));
+    put_float(record + 12, (float)image_noise(image, channel, mask, 0, NULL));
     for (k = 0; k < PIXELS; k++) put_bytes(at + 2 * k, half_from_float(pixels[k]), 2);
 }
 
-/* The noise of the noisiest picture of a family. */
-static double family_noise(const itn_image *image, const family *f, const unsigned char *mask) {
+/* The noise of the noisiest picture of a family; see image_noise. */
+static double family_noise(const itn_image *image, const family *f, const unsigned char *mask,
+                           int spp, const int *samples) {
     double noise = 0;
     int k;
-    for (k = 0; k < f->count; k++) noise = fmax(noise, image_noise(image, k, mask));
+    for (k = 0; k < f->count; k++)
+        noise = fmax(noise, image_noise(image, k, mask, spp, samples));
     return noise;
 }
 
@@ -485,38 +492,18 @@ static double spread_samples(const double *deviations, const unsigned char *mask
     return all / PIXELS;
 }
 
-/* What the noise of a family will be with these numbers of samples, as far as an image with `spp`
-   of each pixel tells. */
-static double expect_noise(const itn_image *image, int spp, const family *f,
-                           const unsigned char *mask, const int *samples) {
-    double worst = 0;
-    int i, k;
-    for (k = 0; k < f->count; k++) {
-        const float *pixels = image->pixels + k * PIXELS, *variances = pixels + 3 * PIXELS;
-        double light = 0, variance = 0;
-        int count = 0;
-        for (i = 0; i < PIXELS; i++) {
-            if (!mask[i]) continue;
-            light += (double)pixels[i], count++;
-            variance += (double)variances[i] * spp / samples[i];
-        }
-        if (count) worst = fmax(worst, sqrt(variance * count) / light);
-    }
-    return worst;
-}
-
-/* Decides from a first image, with `spp` samples of each pixel, how many bring the noise of a
-   family to what is asked for. Returns how many there are per pixel in the mean. */
-static double choose_samples(const settings *s, const itn_image *image, int spp, const family *f,
-                             const unsigned char *mask, int *samples) {
-    double deviations[PIXELS], noise = family_noise(image, f, mask), mean, all;
+/* Decides from a first image, with `spp` samples of each pixel and of this noise, how many bring the
+   noise of a family to what is asked for. Returns how many there are per pixel in the mean. */
+static double choose_samples(const settings *s, const itn_image *image, int spp, double noise,
+                             const family *f, const unsigned char *mask, int *samples) {
+    double deviations[PIXELS], mean, all;
     int least, i;
     mean = fmin(spp * pow(noise / s->noise, 2), s->spp);
     least = (int)fmin(LEAST, fmax(mean, spp));
     list_deviations(image, f, mask, deviations);
     for (i = 0; i < 3; i++) { /* noise falls with the root of the samples, but for the least ones */
         spread_samples(deviations, mask, mean, least, samples);
-        noise = expect_noise(image, spp, f, mask, samples);
+        noise = family_noise(image, f, mask, spp, samples);
         mean *= pow(noise / s->noise, 2);
     }
     all = spread_samples(deviations, mask, mean, least, samples);
@@ -536,12 +523,12 @@ static void make_family(void *task, int index) {
     int spp = (int)fmin(fmin(LEAST, s->spp), fmax(4, .12 / (s->noise * s->noise)));
     int samples[PIXELS], extra[PIXELS], round = 0, i;
     itn_image image = render_family(w, f, spp, NULL, round), more;
-    double all = spp, noise = family_noise(&image, f, mask), ratio;
+    double all = spp, noise = family_noise(&image, f, mask, 0, NULL), ratio;
     if (noise >= s->noise && spp < s->spp) {
-        all = choose_samples(s, &image, spp, f, mask, samples);
+        all = choose_samples(s, &image, spp, noise, f, mask, samples);
         itn_image_free(&image);
         image = render_family(w, f, 0, samples, ++round);
-        noise = family_noise(&image, f, mask);
+        noise = family_noise(&image, f, mask, 0, NULL);
     }
     while (noise >= s->noise && all < .99 * s->spp && round < 9) {
         ratio = fmin(fmax(1.02 * pow(noise / s->noise, 2), 1.1), s->spp / all) - 1;
@@ -550,7 +537,7 @@ static void make_family(void *task, int index) {
         merge_images(&image, &more, ratio);
         itn_image_free(&more);
         for (i = 0; i < PIXELS; i++) samples[i] += extra[i];
-        all *= 1 + ratio, noise = family_noise(&image, f, mask);
+        all *= 1 + ratio, noise = family_noise(&image, f, mask, 0, NULL);
     }
     for (i = 0; i < f->count; i++) put_picture(w, f->members[i], &image, i);
     itn_image_free(&image);

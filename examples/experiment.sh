@@ -11,7 +11,8 @@
 # few; it takes 7 minutes of processor time. Below 1 it is a reduced one, with noisy pictures
 # and 1/24 of the paper's tests.
 # N is the noise of the pictures, .03 by default. With another one narrower networks are trained, for
-# more epochs; .2 made what is in tests/tables.
+# more epochs; .2 made what is in tests/tables (with version 0.5.10, whose pictures had at most 24
+# samples a pixel).
 # DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
 # figure.svg, and per network NAME.net and NAME.net.*.
 # --data is the folder of the pictures, DIR/data by default; what is there is not made again. --seed

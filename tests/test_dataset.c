@@ -11,14 +11,18 @@
 
 enum { COUNT = 5 };
 
+static double stored_pixel(const work *w, int index, int pixel) {
+    const unsigned char *at = w->bytes + pixels_place(&w->shard, index) + 2 * pixel;
+    return (double)float_from_half((uint16_t)get_bytes(at, 2));
+}
+
 /* Mean of the object's pixels in a picture of a shard. */
 static double stored_mean(const work *w, int index) {
-    const unsigned char *at = w->bytes + pixels_place(&w->shard, index);
     double sum = 0;
     const unsigned char *mask = w->masks[variant_of(&w->shard, w->thetas[index])];
     int i, count = 0;
     for (i = 0; i < PIXELS; i++)
-        if (mask[i]) sum += (double)float_from_half((uint16_t)get_bytes(at + 2 * i, 2)), count++;
+        if (mask[i]) sum += stored_pixel(w, index, i), count++;
     return sum / count;
 }
 
@@ -41,17 +45,20 @@ static double own_mean(const work *w, const itn_scene *scene, const int paramete
     return sum / count;
 }
 
+static void begin_settings(settings *s) {
+    memset(s, 0, sizeof *s);
+    s->dir = "build/families", s->scenes = "../scenes", s->threads = 1;
+}
+
 static float materials[COUNT][3] = {
     {54, .95f, .4f}, {54, .39f, .4f}, {82, .74f, .4f}, {54, .74f, .4f}, {82, .95f, .4f}};
 
 /* Makes the pictures of a small shard, which are two families. */
 static void begin_work(work *w, settings *s, double noise, int spp, int seed) {
     int i, families;
-    memset(s, 0, sizeof *s), memset(w, 0, sizeof *w);
-    s->dir = "build/families", s->scenes = "../scenes", s->threads = 1;
+    memset(w, 0, sizeof *w);
+    begin_settings(s);
     s->noise = noise, s->spp = spp, s->seed = seed;
-    make_folder(s->dir);
-    write_scenes(s);
     w->settings = s, w->thetas = materials, w->total = COUNT, w->start = seconds();
     w->shard.in = SPLIT_TRAIN, w->shard.shape = 1, w->shard.azimuth = 30, w->shard.count = COUNT;
     pthread_mutex_init(&w->lock, NULL);
@@ -118,9 +125,7 @@ static void test_noise(double noise, double planted) {
             said += one * one;
         }
         for (j = 0; j < PIXELS; j++) {
-            size_t at = pixels_place(&w[0].shard, i) + 2 * (size_t)j;
-            double a = (double)float_from_half((uint16_t)get_bytes(w[0].bytes + at, 2));
-            double b = (double)float_from_half((uint16_t)get_bytes(w[1].bytes + at, 2));
+            double a = stored_pixel(&w[0], i, j), b = stored_pixel(&w[1], i, j);
             if (mask[j]) square += (a - b) * (a - b), light += (a + b) / 2, count++;
         }
         found = sqrt(square * count) / light;
@@ -234,6 +239,10 @@ static void test_variants(int planted) {
 }
 
 int main(void) {
+    settings s;
+    begin_settings(&s);
+    make_folder(s.dir);
+    write_scenes(&s);
     test_families(0);
     CHECK_CATCHES(test_families(1));
     CHECK_CATCHES(test_families(2));
