@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.5.11                          [itn]
+/* itn.h - inverse transport networks in one C header, version 0.5.12                          [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 5
-#define ITN_VERSION_PATCH 11
+#define ITN_VERSION_PATCH 12
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
 #ifdef __cplusplus
@@ -195,8 +195,8 @@ typedef enum itn_result {
 /* Where and why, in words. Filled only when a call fails; pass NULL if not wanted. */
 typedef struct itn_error {
     itn_result code;
-    int line;          /* line of the file (scene, OBJ, PLY header), 0 where it has no meaning */
-    char message[400]; /* one sentence, with the file's name first where there is one */
+    int line;           /* line of the file (scene, OBJ, PLY header), 0 where it has no meaning */
+    char message[1000]; /* one sentence, with the file's name first where there is one */
 } itn_error;
 
 /* Returns a constant name for a code ("out of memory"), never NULL. */
@@ -365,7 +365,7 @@ typedef struct itn_surface_desc {
     float reflectance2[3]; /* diffuse: the other squares of a checker */
     itn_texture_type texture;
     float checker_size;       /* side of a square, in units of the texture coordinates; 0 = 1 */
-    const itn_image *image;   /* texture: Y or R,G,B, values in [0,1], at least 2 rows; copied */
+    const itn_image *image;   /* texture: as of a map (see itn_light_desc), values in [0,1]; copied */
 } itn_surface_desc;
 
 /* A mesh with what is inside it and what its surface does. Where closed objects overlap, the medium
@@ -399,8 +399,8 @@ typedef struct itn_light_desc {
     float radiance[3];       /* constant: in [0,1e18]; only [0] with one channel */
     const itn_image *image;  /* map: latitude-longitude; row 0 is +y, and with u, v in [0,1] across
                                 and down, direction = (sin 2 pi u sin pi v, cos pi v,
-                                -cos 2 pi u sin pi v); Y or R,G,B (with one channel their
-                                luminance) in [0,1e18], at least 2 rows and at most 715 million
+                                -cos 2 pi u sin pi v); Y or R,G,B or a single plane (with one
+                                channel their luminance) in [0,1e18], at least 2 rows and at most 715 million
                                 pixels; copied */
     itn_sky sky;             /* sky */
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
@@ -854,7 +854,7 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
 
 /* Makes a mesh from the bytes of an OBJ or PLY file (PLY if the first line is "ply"). `name` stands
    for the file in error messages; NULL = "mesh". Free with itn_mesh_free.
-   OBJ: v, vt and f; all other statements are skipped. Indices may be negative, and must name what
+   OBJ: v, vt and f; all other statements, and what follows their numbers, are skipped. Indices may be negative, and must name what
    stands above them. uvs are made if every face has texture coordinates.
    PLY: ascii or binary of either byte order; elements vertex (x y z, and u v or s t if present) and
    face (vertex_indices or vertex_index, and a list texcoord of u v pairs if present).
@@ -1933,17 +1933,18 @@ ITN_API float *itn_image_plane(const itn_image *image, const char *name) {
     return NULL;
 }
 
-/* The planes that hold an image's light: R, G, B if all are there, else Y (or the first plane)
-   three times over. Returns 3 or 1, the number of different ones. */
+/* The planes that hold an image's light: R, G, B if all are there, else Y, or the only plane, three
+   times over. Returns 3 or 1, the number of different ones, or 0 if none of that is there: of a
+   file of layers the first plane is often alpha. */
 static int itn__image_colours(const itn_image *image, const float *planes[3]) {
     static const char *const rgb[3] = {"R", "G", "B"};
     int k;
     for (k = 0; k < 3; k++) planes[k] = itn_image_plane(image, rgb[k]);
     if (planes[0] && planes[1] && planes[2]) return 3;
     planes[0] = itn_image_plane(image, "Y");
-    if (!planes[0]) planes[0] = image->pixels;
+    if (!planes[0] && image->plane_count == 1) planes[0] = image->pixels;
     planes[1] = planes[2] = planes[0];
-    return 1;
+    return planes[0] != NULL;
 }
 /* ---- [mesh] triangle meshes, and whether they are solids ------------------------------------- */
 
@@ -2138,7 +2139,7 @@ static void itn__mesh_centre(const itn_mesh *mesh, double centre[3]) {
 
 /* Area, signed volume, and triangles without area. */
 static void itn__measure(const itn_mesh *mesh, itn_mesh_report *report) {
-    double centre[3], p[3][3], n[3];
+    double centre[3], p[3][3], n[3], terms = 0; /* terms: sum of the volume's parts, unsigned */
     int i, j, k;
     itn__mesh_centre(mesh, centre);
     for (i = 0; i < mesh->triangle_count; i++) {
@@ -2157,8 +2158,14 @@ static void itn__measure(const itn_mesh *mesh, itn_mesh_report *report) {
         if (!itn__finite(area)) continue; /* a bad vertex */
         if (area == 0 && !report->degenerate_triangles++) report->first_degenerate_triangle = i;
         report->area += area;
-        for (k = 0; k < 3; k++) report->volume += (p[0][k] - centre[k]) * n[k] / 6;
+        for (k = 0; k < 3; k++) {
+            double term = (p[0][k] - centre[k]) * n[k] / 6;
+            report->volume += term, terms += fabs(term);
+        }
     }
+    /* a flat mesh is as large as what rounding leaves of the sum */
+    if (fabs(report->volume) <= DBL_EPSILON * (mesh->triangle_count + 8.) * terms)
+        report->volume = 0;
 }
 
 static void itn__welding_free(itn__welding *w, const itn_context *context) {
@@ -4159,10 +4166,18 @@ static itn_result itn__copy_texels(itn__maker *maker, const char *item, const it
         image->height < 2)
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
                          "%s: needs an image of at least 1 x 2 pixels", item);
+    if ((double)image->width * image->height > INT_MAX / 3) /* its numbers are counted in ints */
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "%s: the image of %d x %d pixels has more than %d", item, image->width,
+                         image->height, INT_MAX / 3);
+    if (!itn__image_colours(image, planes))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "%s: the image has neither Y nor R, G, B among its %d planes '%s', '%s'%s",
+                         item, image->plane_count, image->names[0], image->names[1],
+                         image->plane_count > 2 ? " ..." : "");
     count = (size_t)image->width * (size_t)image->height;
     *texels = (float *)itn__allocate(&maker->scene->context, count, 3 * sizeof(float));
     if (!*texels) return itn__out_of_memory(maker->error, item);
-    itn__image_colours(image, planes);
     for (i = 0; i < count; i++) {
         float *texel = *texels + 3 * i;
         for (k = 0; k < 3; k++) {
@@ -4305,12 +4320,7 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown type", name);
     light->kind = ITN__LIGHT_MAP;
     if (in->image) light->width = in->image->width, light->height = in->image->height;
-    if ((double)light->width * light->height > INT_MAX / 3) /* its numbers are counted in ints */
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: a map of %d x %d pixels, more than %d", name, light->width,
-                         light->height, INT_MAX / 3);
-    return itn__copy_texels(maker, name, in->image, ITN__MAX_RADIANCE,
-                            &light->map);
+    return itn__copy_texels(maker, name, in->image, ITN__MAX_RADIANCE, &light->map);
 }
 
 /* Makes a light ready to be sampled: its grid, its strength and breadth. */
@@ -15760,13 +15770,15 @@ static itn_result itn__read_file(const char *path, size_t limit, itn__buffer *bu
     return itn__fail(error, ITN_ERROR_FILE, 0, "%s: larger than %.0f bytes", path, (double)limit);
 }
 
-/* Writes bytes to a file; returns 0, or errno. A full disk may show at fwrite or only at fclose. */
-static int itn__write_bytes(const char *path, const void *bytes, size_t size) {
+/* Writes bytes to a file; returns 0, or errno. A full disk may show at fwrite or only at fclose.
+   *opened tells whether there was a file to write to. */
+static int itn__write_bytes(const char *path, const void *bytes, size_t size, int *opened) {
     FILE *file;
     size_t written;
     int cause;
     errno = 0;
     file = fopen(path, "wb");
+    *opened = file != NULL;
     if (!file) return errno ? errno : EIO;
     written = size ? fwrite(bytes, 1, size, file) : 0;
     cause = written == size && !fflush(file) ? 0 : errno ? errno : EIO;
@@ -15797,18 +15809,18 @@ static int itn__replace_file(const char *successor, const char *path) {
 static itn_result itn__write_file(const char *path, const void *bytes, size_t size,
                                   itn_error *error) {
     char temporary[4096];
-    int cause;
+    int cause, opened;
     if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
     if (strlen(path) + 5 > sizeof temporary)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is longer than 4091 characters");
     if (!strncmp(path, "/dev/", 5)) {
-        cause = itn__write_bytes(path, bytes, size);
+        cause = itn__write_bytes(path, bytes, size, &opened);
     } else {
         memcpy(temporary, path, strlen(path));
         memcpy(temporary + strlen(path), ".tmp", 5);
-        cause = itn__write_bytes(temporary, bytes, size);
+        cause = itn__write_bytes(temporary, bytes, size, &opened);
         if (!cause) cause = itn__replace_file(temporary, path);
-        if (cause) remove(temporary);
+        if (cause && opened) remove(temporary);
     }
     if (!cause) return ITN_OK;
     return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot write: %s", path, strerror(cause));
@@ -17037,16 +17049,14 @@ static itn_result itn__builder_mesh(itn__builder *builder, const char *name,
 /* OBJ is lines of a keyword and arguments: "v x y z", "vt u v", "f a/t/n ...". Indices count from
    1, or backwards from -1, the latest. */
 
-static itn_result itn__obj_numbers(itn__text *text, int least, float *numbers, const char *what,
-                                   itn_error *error) {
+/* Reads least to most numbers; what stands behind them (weights, colours) is let go. */
+static itn_result itn__obj_numbers(itn__text *text, int least, int most, float *numbers,
+                                   const char *what, itn_error *error) {
+    itn_result result = ITN_OK;
     int i;
-    for (i = 0; i < least || !itn__line_done(text); i++) {
-        float number = 0;
-        itn_result result = itn__text_float(text, what, &number, error);
-        if (result) return result;
-        if (i < 3) numbers[i] = number; /* weights and colours are let go */
-    }
-    return ITN_OK;
+    for (i = 0; !result && i < most && (i < least || !itn__line_done(text)); i++)
+        result = itn__text_float(text, what, &numbers[i], error);
+    return result;
 }
 
 /* Reads an index and makes it count from 0; -1 if it is not a number that names one of `count`. */
@@ -17113,14 +17123,13 @@ static itn_result itn__obj_decode(const void *bytes, size_t size, const char *na
         float numbers[3] = {0, 0, 0};
         if (itn__line_done(&text)) continue;
         if (itn__accept_word(&text, "v")) {
-            result = itn__obj_numbers(&text, 3, numbers, "vertex", error);
+            result = itn__obj_numbers(&text, 3, 3, numbers, "vertex", error);
             itn__put(&builder->positions, numbers, sizeof numbers);
         } else if (itn__accept_word(&text, "vt")) {
-            result = itn__obj_numbers(&text, 1, numbers, "texture coordinate", error);
+            result = itn__obj_numbers(&text, 1, 2, numbers, "texture coordinate", error);
             itn__put(&builder->texcoords, numbers, 2 * sizeof(float));
         } else if (itn__accept_word(&text, "vn")) {
-            result = itn__obj_numbers(&text, 3, numbers, "normal", error);
-            normals++;
+            normals++; /* counted for the corners that name them, no more */
         } else if (itn__accept_word(&text, "f")) {
             result = itn__obj_face(&text, builder, normals, error);
         }
@@ -17170,6 +17179,7 @@ typedef struct itn__ply {
     const itn__ply_element *element; /* being read */
     uint64_t index;                  /* of the one being read */
     itn__builder *builder;
+    int textured;          /* every vertex has texture coordinates */
     itn__buffer texcoords; /* float each, of the face being read */
 } itn__ply;
 
@@ -17312,6 +17322,7 @@ static const char *itn__ply_header_complete(const itn__ply *ply) {
 static itn_result itn__ply_header(itn__ply *ply, itn_error *error) {
     itn__text *text = &ply->text;
     int newline = itn__newline(text->at + 3, text->end); /* behind "ply"; CR LF or LF or CR */
+    int lone_return = newline == 1 && text->at[3] == '\r'; /* then "\r\n" is CR and a datum */
     const char *fault = NULL;
     itn__next_line(text);
     for (; text->at < text->end && !fault; itn__next_line(text)) {
@@ -17319,12 +17330,14 @@ static itn_result itn__ply_header(itn__ply *ply, itn_error *error) {
         if (!itn__newline(text->at, text->end)) fault = itn__ply_header_line(ply);
         if (fault) break;
     }
-    if (!fault && text->end - text->at < newline) fault = "header has no end";
+    if (!fault) itn__skip_blanks(text);
+    newline = itn__newline(text->at, text->end);
+    if (!fault && !newline) fault = "header has no end";
     if (!fault && !ply->format) fault = "header has no format";
     if (fault) return itn__ply_fail(ply, ITN_ERROR_FORMAT, fault, error);
     fault = itn__ply_header_complete(ply);
     if (fault) return itn__ply_fail(ply, ITN_ERROR_UNSUPPORTED, fault, error);
-    text->at += newline; /* what follows may be binary, and then look like anything */
+    text->at += lone_return ? 1 : newline; /* what follows may be binary, and look like anything */
     text->line++;
     return ITN_OK;
 }
@@ -17383,12 +17396,12 @@ static int itn__ply_skip(itn__ply *ply, int type) {
 }
 
 /* Adds a corner that names vertex `value`. */
-static const char *itn__ply_corner(itn__ply *ply, double value, int textured) {
+static const char *itn__ply_corner(itn__ply *ply, double value) {
     double vertices = (double)itn__vertex_count(ply->builder);
     if (ply->builder->positions.failed) return "out of memory";
     if (!(value >= 0 && value < vertices && value == floor(value)))
         return "names a vertex that does not exist";
-    itn__add_corner(ply->builder, (size_t)value, textured ? (int64_t)value : -1);
+    itn__add_corner(ply->builder, (size_t)value, ply->textured ? (int64_t)value : -1);
     return NULL;
 }
 
@@ -17396,7 +17409,6 @@ static const char *itn__ply_corner(itn__ply *ply, double value, int textured) {
 static const char *itn__ply_list(itn__ply *ply, const itn__ply_property *property) {
     double count, value = 0;
     const char *fault = NULL;
-    int textured = ply->builder->texcoords.size > 0; /* by the vertices */
     if (!itn__ply_value(ply, property->list, &count)) return "list has no count";
     if (!(count >= 0 && count == floor(count))) return "list has no valid count";
     for (; count > 0 && !fault; count--) {
@@ -17406,7 +17418,7 @@ static const char *itn__ply_list(itn__ply *ply, const itn__ply_property *propert
         }
         if (!itn__ply_value(ply, property->type, &value)) return "list ends early or is no number";
         if (property->role == ITN__PLY_CORNERS) {
-            fault = itn__ply_corner(ply, value, textured);
+            fault = itn__ply_corner(ply, value);
         } else {
             float coordinate = (float)value;
             if (!itn__finite(coordinate)) return "has a texture coordinate that is not finite";
@@ -17481,6 +17493,8 @@ static itn_result itn__ply_read_element(itn__ply *ply, itn_error *error) {
         fault = itn__ply_entry(ply);
         if (fault) return itn__ply_fail(ply, itn__mesh_fault(fault), fault, error);
     }
+    if (element->kind == ITN__PLY_VERTEX)
+        ply->textured = itn__texcoord_count(ply->builder) == itn__vertex_count(ply->builder);
     return ITN_OK;
 }
 
@@ -18072,7 +18086,8 @@ typedef struct itn__scene_file {
     itn_image textures[ITN__MOST_ITEMS]; /* of the surfaces */
     itn_object_desc objects[ITN__MOST_ITEMS];
     itn_mesh meshes[ITN__MOST_ITEMS];  /* of the objects */
-    int object_lines[ITN__MOST_ITEMS]; /* where the objects stand */
+    int object_lines[ITN__MOST_ITEMS], light_lines[ITN__MOST_ITEMS]; /* where they stand */
+    int surface_lines[ITN__MOST_ITEMS];
     itn_light_desc lights[ITN__MOST_ITEMS];
     itn_image maps[ITN__MOST_ITEMS]; /* of the lights */
 } itn__scene_file;
@@ -18127,7 +18142,7 @@ static itn_result itn__load_named(itn__scene_file *file, const itn__item *item, 
     result = loader(path, context, loaded, &inner);
     itn__free(context, path);
     if (!result) return ITN_OK;
-    return itn__fail(file->error, result, item->line, "%s:%d: %.300s", file->text.name, item->line,
+    return itn__fail(file->error, result, item->line, "%s:%d: %s", file->text.name, item->line,
                      inner.message);
 }
 
@@ -18211,10 +18226,8 @@ static itn_result itn__file_camera(itn__scene_file *file, const itn__item *item)
     camera->target = itn__item_vector(item, "target");
     camera->up = itn__item_has(item, "up") ? itn__item_vector(item, "up") : itn__vec3(0, 1, 0);
     camera->fov = itn__item_number(item, "fov", 30);
-    if (itn__length(itn__cross(itn__sub(camera->target, camera->eye), camera->up)) > 0)
-        return ITN_OK;
-    return itn__file_fail(&file->text, item->line, file->error,
-                          "camera: eye is target, or up is zero or points along the view");
+    if (itn__length(itn__direction(camera->up)) > 0) return ITN_OK; /* 0 0 0 would mean 0 1 0 */
+    return itn__file_fail(&file->text, item->line, file->error, "camera: up is zero");
 }
 
 static itn_result itn__file_medium(itn__scene_file *file, const itn__item *item) {
@@ -18264,6 +18277,7 @@ static itn_result itn__file_reflectance(itn__scene_file *file, const itn__item *
 static itn_result itn__file_surface(itn__scene_file *file, const itn__item *item) {
     int k = file->desc.surface_count++, diffuse;
     itn_surface_desc *surface = &file->surfaces[k];
+    file->surface_lines[k] = item->line;
     surface->name = item->name.word;
     surface->ior = itn__item_number(item, "ior", 1.5f);
     surface->alpha = itn__item_number(item, "alpha", 0);
@@ -18301,6 +18315,9 @@ static itn_result itn__file_mesh(itn__scene_file *file, const itn__item *item) {
     itn_mesh *mesh = &file->meshes[object - file->objects];
     int k;
     for (k = 0; k < 12; k++) object->transform[k] = (float)item->transform[k];
+    if (itn__object_matrix(object) == itn__identity) /* all 0, which would mean no transform */
+        return itn__file_fail(&file->text, item->line, file->error,
+                              "the transform is too small for a float");
     object->medium = itn__item_value(item, "medium")->word;
     object->force = itn__item_has(item, "force");
     object->mesh = mesh;
@@ -18310,7 +18327,8 @@ static itn_result itn__file_mesh(itn__scene_file *file, const itn__item *item) {
 /* What all lights share. */
 static itn_light_desc *itn__begin_light(itn__scene_file *file, const itn__item *item,
                                         itn_light_type type) {
-    itn_light_desc *light = &file->lights[file->desc.light_count++];
+    itn_light_desc *light = &file->lights[file->desc.light_count];
+    file->light_lines[file->desc.light_count++] = item->line;
     light->name = itn__item_value(item, "name")->word;
     light->type = type;
     light->has_scale = 1;
@@ -18380,7 +18398,7 @@ static const itn__item_form itn__item_forms[] = {
      {{"map", "w", 0, 0}, {"scale", "1", 0, 1e12f}, {"name", "w", 0, 0}}},
     {"light", "sky", 0, itn__file_sky,
      {{"sky", "w", 0, 0}, {"sun", "3!", ITN__ANY}, {"scale", "1", 0, 1e12f},
-      {"sun_scale", "1", 0, 1e12f}, {"sun_radius_scale", "1", ITN__POSITIVE},
+      {"sun_scale", "1", 0, 1e12f}, {"sun_radius_scale", "1", .01f, 320},
       {"name", "w", 0, 0}}}};
 #undef ITN__ANY
 #undef ITN__POSITIVE
@@ -18471,11 +18489,30 @@ static itn_result itn__check_file(const itn__scene_file *file) {
     return result;
 }
 
-/* The line an error of itn_scene_create is about: it calls objects by their number. */
+/* Whether a message begins with this name and a colon. */
+static int itn__is_about(const char *message, const char *name) {
+    size_t length = name ? strlen(name) : 0;
+    return length && !strncmp(message, name, length) && message[length] == ':';
+}
+
+/* The line an error of itn_scene_create is about: it calls objects by their number, lights and
+   surfaces by their name. */
 static int itn__error_line(const itn__scene_file *file, const char *message) {
-    int number = 0;
-    if (sscanf(message, "object %d", &number) != 1) return 0;
-    return number >= 1 && number <= file->desc.object_count ? file->object_lines[number - 1] : 0;
+    int number = 0, k;
+    if (sscanf(message, "object %d:", &number) == 1)
+        return number >= 1 && number <= file->desc.object_count ? file->object_lines[number - 1]
+                                                                : 0;
+    if (itn__is_about(message, "camera")) return file->camera_line;
+    if (itn__is_about(message, "film")) return file->film_line;
+    for (k = 0; k < file->desc.light_count; k++) {
+        char unnamed[32] = "light";
+        if (k) snprintf(unnamed, sizeof unnamed, "light%d", k + 1);
+        if (itn__is_about(message, file->lights[k].name ? file->lights[k].name : unnamed))
+            return file->light_lines[k];
+    }
+    for (k = 0; k < file->desc.surface_count; k++)
+        if (itn__is_about(message, file->surfaces[k].name)) return file->surface_lines[k];
+    return 0;
 }
 
 /* Reads all lines and makes the scene. */
@@ -18496,7 +18533,7 @@ static itn_result itn__file_scene(itn__scene_file *file, itn_scene **scene) {
     result = itn_scene_create(&file->desc, &file->buffer.context, scene, &inner);
     if (!result) return ITN_OK;
     line = itn__error_line(file, inner.message);
-    return itn__fail(file->error, result, line, "%s:%d: %.300s", file->text.name, line,
+    return itn__fail(file->error, result, line, "%s:%d: %s", file->text.name, line,
                      inner.message);
 }
 
@@ -18526,6 +18563,10 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.5.12 images without Y or R, G, B and with more than one plane are refused as light or texture
+          (the first plane was taken, often alpha); faces of a PLY file with and without texture
+          coordinates of their own; what follows numbers in OBJ files, and normals, may be anything;
+          errors of lights, surfaces and the camera have the line of the scene file
    0.5.11 itn_render_options.samples: as many samples of each pixel as it needs
    0.5.10 itn_refine_words tells groups of unknowns apart that have nothing to do with each other; a
           search that runs into a bound turns round at once; one that leaves more misfit than noise

@@ -5,6 +5,7 @@
 #include "../itn.h"
 #include "accountant.h"
 #include "check.h"
+#include <sys/stat.h>
 #include <unistd.h>
 
 static char directory[64];
@@ -782,6 +783,8 @@ static void test_obj(void) {
     expect_mesh("v 0 \\\n 0 0\nv 1 0\\\r\n 0\nv 1 1 0\nf 1 2\\\n 3\n", 3, 1, 0);
     expect_mesh("# ends in a backslash \\\nv 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n", 3, 1, 0);
     expect_mesh(SQUARE "vn 0 0 1\nf 1//1 2//1 3//-1\n", 4, 1, 0);
+    expect_mesh(SQUARE "vn nan -nan(ind) nan\nf 1//1 2//1 3//-1\n", 4, 1, 0); /* not used */
+    expect_mesh("v 0 0 0 nan 1 1\nv 1 0 0\nv 1 1 0\nvt 0 0 nan\nf 1/1 2/1 3/1\n", 3, 1, 1);
     expect_mesh(SQUARE "vt 0 0\nvt 1 0 0\nvt 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1 2/2 3/-1\n",
                 4, 2, 1);
     expect_mesh(SQUARE "vt 0 0\nf 1/1 2/1 3/1\nf 1 2 3\n", 4, 2, 0);
@@ -811,7 +814,7 @@ static void test_obj(void) {
     expect_refusal("v 0 \\\n 0 \\\r\n x\n", 3, "'x'");
     expect_refusal("v 0 0 1e39\n", 1, "'1e39'");
     expect_refusal("v 0 0 0x1\n", 1, "'0x1'");
-    expect_refusal("v 0 0 0 red\n", 1, "'red'");
+    expect_refusal("v 0 0 red\n", 1, "'red'");
     expect_refusal("v 0 0 1,5\n", 1, "'1,5'");
     expect_refusal("\x89PNG\r\n\x1a\n", 0, "no face");
 }
@@ -928,7 +931,12 @@ static void test_ply_ascii(void) {
                    "0 0 0\n1 0 0\n1 1 0\n3 0 1 2 6 1 2 3 4 5 6\n", &error);
     CHECK(mesh.uvs && mesh.uvs[0] == 1 && mesh.uvs[5] == 6);
     itn_mesh_free(&mesh);
+    /* a face with texture coordinates and one without: no uvs, rather than another face's */
+    expect_mesh("ply\nformat ascii 1.0\n" PLY_VERTEX "element face 2\n"
+                "property list uchar int vertex_indices\nproperty list uchar float texcoord\n"
+                "end_header\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2 6 1 2 3 4 5 6\n3 2 1 0 0\n", 3, 2, 0);
     expect_refusal("ply\n", 2, "no end");
+    expect_refusal("ply\nformat ascii 1.0\n" PLY_VERTEX PLY_FACE "end_header x\n", 9, "no end");
     expect_refusal("ply\nformat ascii 1.0\nend_header\n", 3, "no vertex");
     expect_refusal("ply\nelement vertex 1\nend_header\n", 3, "no format");
     expect_refusal("ply\nformat ascii 1.0\nelement face 1\nelement face 1\n", 4, "twice");
@@ -1157,6 +1165,8 @@ static void test_disk(void) {
     CHECK(itn_image_save_exr(&image, directory, &error) == ITN_ERROR_FILE); /* a directory */
     snprintf(error.message, sizeof error.message, "%s.tmp", directory);
     CHECK(access(error.message, F_OK) != 0);
+    CHECK(!mkdir(temporary, 0700)); /* what cannot be opened is not ours to remove */
+    CHECK(itn_image_save_exr(&image, old, &error) == ITN_ERROR_FILE && !rmdir(temporary));
     CHECK(itn_image_save_exr(&image, old, &error) == ITN_OK && access(temporary, F_OK) != 0);
     itn_image_free(&image);
 }

@@ -175,6 +175,35 @@ static void swap_corners(itn_mesh *mesh, int triangle) {
     t[1] = t[2], t[2] = saved;
 }
 
+/* A sheet with two sides is flat however it lies: what rounding leaves of its volume is none. */
+static void test_check_flat(void) {
+    static const int corners[12] = {0, 1, 2, 0, 2, 3, 0, 2, 1, 0, 3, 2};
+    static const int other_diagonal[6] = {0, 3, 1, 1, 3, 2};
+    int round, i, k;
+    for (round = 0; round < 100; round++) {
+        itn_mesh mesh = ITN_ZERO;
+        itn_mesh_report r;
+        float sides[9];
+        CHECK(itn_mesh_create(4, 4, 0, NULL, &mesh, NULL) == ITN_OK);
+        memcpy(mesh.triangles, corners, sizeof corners);
+        for (i = 0; i < 9; i++) sides[i] = (float)sin(1 + 9 * round + i);
+        for (i = 0; i < 4; i++)
+            for (k = 0; k < 3; k++)
+                mesh.positions[3 * i + k] = sides[k] + (i == 1 || i == 2) * sides[3 + k] +
+                                            (i >= 2) * sides[6 + k];
+        r = report_of(&mesh);
+        expect_counts(&r, 0, 0, 0, 0);
+        CHECK(r.volume == 0 && r.area > 0);
+        /* planted: bent along one diagonal on one side, along the other on the other */
+        memcpy(mesh.triangles + 6, other_diagonal, sizeof other_diagonal);
+        for (k = 0; k < 3; k++) mesh.positions[k] += 1e-4f * (float)sin(round + k);
+        r = report_of(&mesh);
+        expect_counts(&r, 0, 0, 0, 0);
+        CHECK(r.volume != 0);
+        itn_mesh_free(&mesh);
+    }
+}
+
 static void test_check_closed(void) {
     itn_mesh mesh = box(.5f, 1, 1.5f);
     itn_mesh_report r = report_of(&mesh);
@@ -1069,6 +1098,7 @@ static void test_memory(void) {
 
 int main(void) {
     test_check_closed();
+    test_check_flat();
     test_check_seams();
     test_check_faults();
     test_check_odd();

@@ -82,6 +82,16 @@ static void write_files(void) {
     strcpy(image.names[0], "Y");
     for (k = 0; k < 12; k++) image.pixels[k] = (float)k / 12;
     CHECK(itn_image_save_pfm(&image, 0, 1, in_directory("image.pfm"), NULL) == ITN_OK);
+    for (k = 0; k < 12; k++) image.pixels[k] = 2; /* more than a surface reflects */
+    CHECK(itn_image_save_pfm(&image, 0, 1, in_directory("bright.pfm"), NULL) == ITN_OK);
+    itn_image_free(&image);
+    CHECK(itn_image_create(4, 1, 1, NULL, &image, NULL) == ITN_OK);
+    strcpy(image.names[0], "Y");
+    CHECK(itn_image_save_pfm(&image, 0, 1, in_directory("row.pfm"), NULL) == ITN_OK);
+    itn_image_free(&image);
+    CHECK(itn_image_create(4, 3, 2, NULL, &image, NULL) == ITN_OK);
+    strcpy(image.names[0], "layer.A"), strcpy(image.names[1], "layer.R");
+    CHECK(itn_image_save_exr(&image, in_directory("layers.exr"), NULL) == ITN_OK);
     itn_image_free(&image);
 }
 
@@ -310,9 +320,15 @@ static const bad_line bad_lines[] = {
     {"light constant radiance 1 name 7", ITN_ERROR_FORMAT, "name '7'"},
     {"light map", ITN_ERROR_FORMAT, "map"},
     {"light map none.exr", ITN_ERROR_FILE, "none.exr"},
+    {"light map row.pfm", ITN_ERROR_ARGUMENT, "at least 1 x 2"},
+    {"light map row.pfm name dusk", ITN_ERROR_ARGUMENT, "dusk: needs an image"},
+    {"light map layers.exr", ITN_ERROR_ARGUMENT, "'layer.A', 'layer.R'"},
+    {"surface s type diffuse reflectance texture bright.pfm", ITN_ERROR_ARGUMENT, "s: image value 2"},
+    {"object mesh cube.obj medium m scale 1e-30 scale 1e-30", ITN_ERROR_FORMAT, "too small"},
     {"light sky a.sky", ITN_ERROR_FORMAT, "sun is missing"},
     {"light sky a.sky sun 1 0 0", ITN_ERROR_FORMAT, "horizon"},
     {"light sky a.sky sun 0 1 0 sun_radius_scale 0", ITN_ERROR_FORMAT, "sun_radius_scale"},
+    {"light sky a.sky sun 0 1 0 sun_radius_scale 321", ITN_ERROR_FORMAT, "[0.01, 320]"},
     {"light sky none.sky sun 0 1 0", ITN_ERROR_FILE, "none.sky"},
     {"light sky bad.sky sun 0 1 0", ITN_ERROR_FORMAT, "bad.sky:3: radiance is given twice"}};
 
@@ -359,9 +375,18 @@ static void test_other_errors(void) {
     strcpy(text, base);
     for (i = 0; i < 65; i++) strcat(text, "object mesh open.obj medium m force\n");
     CHECK(!load_text(text, NULL, &error) && error.line == 67 && strstr(error.message, "64"));
-    strcpy(text, "camera eye 1 1 1 target 1 1 1\n");
+    strcpy(text, "camera eye 1 1 1 target 1 1 1\nmedium m sigma_t 1 albedo 1\n");
     strcat(text, rest);
     CHECK(!load_text(text, NULL, &error) && error.line == 1);
+    strcpy(text, "\ncamera eye 0 9 0.00001 target 0 0 0\nmedium m sigma_t 1 albedo 1\n");
+    strcat(text, rest);
+    CHECK(!load_text(text, NULL, &error) && error.line == 2 && strstr(error.message, "parallel"));
+    strcpy(text, "camera eye 0 0 9 target 0 0 0 up 0 1e-24 0\nmedium m sigma_t 1 albedo 1\n");
+    strcat(text, rest);
+    scene = load_text(text, NULL, &error);
+    CHECK(scene != NULL); /* how long up is does not matter */
+    itn_scene_free(scene);
+    scene = NULL;
     strcpy(text, "film channels 1\ncamera eye 1 1 1 target 0 0 0\n"
                  "medium m sigma_t 1 albedo 1 1 1\n");
     strcat(text, rest);
@@ -544,7 +569,8 @@ static void test_shipped_scenes(void) {
 
 static void remove_files(void) {
     static const char *const names[] = {"cube.obj", "open.obj",  "moved.obj", "a.sky",
-                                        "bad.sky",  "image.pfm", "scene.itn", "damaged.sky"};
+                                        "bad.sky",  "image.pfm", "scene.itn", "damaged.sky",
+                                        "row.pfm", "bright.pfm", "layers.exr"};
     size_t i;
     for (i = 0; i < sizeof names / sizeof names[0]; i++) remove(in_directory(names[i]));
     CHECK(rmdir(directory) == 0);
