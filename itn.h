@@ -365,7 +365,7 @@ typedef struct itn_surface_desc {
     float reflectance2[3]; /* diffuse: the other squares of a checker */
     itn_texture_type texture;
     float checker_size;       /* side of a square, in units of the texture coordinates; 0 = 1 */
-    const itn_image *image;   /* texture: as of a map (see itn_light_desc), values in [0,1]; copied */
+    const itn_image *image;   /* texture: as of a map light, values in [0,1]; copied */
 } itn_surface_desc;
 
 /* A mesh with what is inside it and what its surface does. Where closed objects overlap, the medium
@@ -400,8 +400,8 @@ typedef struct itn_light_desc {
     const itn_image *image;  /* map: latitude-longitude; row 0 is +y, and with u, v in [0,1] across
                                 and down, direction = (sin 2 pi u sin pi v, cos pi v,
                                 -cos 2 pi u sin pi v); Y or R,G,B or a single plane (with one
-                                channel their luminance) in [0,1e18], at least 2 rows and at most 715 million
-                                pixels; copied */
+                                channel their luminance) in [0,1e18], at least 2 rows and at
+                                most 715 million pixels; copied */
     itn_sky sky;             /* sky */
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
     float scale;             /* multiplies the light (not the sun); 0 with has_scale 0 = 1 */
@@ -854,8 +854,9 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
 
 /* Makes a mesh from the bytes of an OBJ or PLY file (PLY if the first line is "ply"). `name` stands
    for the file in error messages; NULL = "mesh". Free with itn_mesh_free.
-   OBJ: v, vt and f; all other statements, and what follows their numbers, are skipped. Indices may be negative, and must name what
-   stands above them. uvs are made if every face has texture coordinates.
+   OBJ: v, vt and f; all other statements, and what follows the numbers of v and vt, are skipped.
+   Indices may be negative, and must name what stands above them. uvs are made if every face has
+   texture coordinates.
    PLY: ascii or binary of either byte order; elements vertex (x y z, and u v or s t if present) and
    face (vertex_indices or vertex_index, and a list texcoord of u v pairs if present).
    Polygons are cut into triangles: fans where convex, ears where not (up to 256 corners).
