@@ -11920,7 +11920,10 @@ static itn_result itn__render_allotted(const itn_scene *scene, const float *thet
     if (!image) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
     result = itn__render_begin(&render, scene, theta, options, parameters, count, 2 * planes,
                                error);
-    if (!result && allotment) render.allotment = allotment, render.samples = allotment->sum;
+    if (!result && allotment) {
+        render.allotment = allotment, render.samples = allotment->sum;
+        if (allotment->set == 1) render.strata = 1; /* some pixels may have fewer than strata */
+    }
     if (!result)
         result = itn_image_create(scene->film.width, scene->film.height, 2 * (int)planes,
                                   &scene->context, &made, error);
