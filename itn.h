@@ -1935,13 +1935,13 @@ ITN_API float *itn_image_plane(const itn_image *image, const char *name) {
 }
 
 /* The planes that hold an image's light: R, G, B if all are there, else Y, or the only plane, three
-   times over. Returns 3 or 1, the number of different ones, or 0 if none of that is there: of a
-   file of layers the first plane is often alpha. */
+   times over. Returns 0 if none of that is there: of a file of layers the first plane is often
+   alpha. */
 static int itn__image_colours(const itn_image *image, const float *planes[3]) {
     static const char *const rgb[3] = {"R", "G", "B"};
     int k;
     for (k = 0; k < 3; k++) planes[k] = itn_image_plane(image, rgb[k]);
-    if (planes[0] && planes[1] && planes[2]) return 3;
+    if (planes[0] && planes[1] && planes[2]) return 1;
     planes[0] = itn_image_plane(image, "Y");
     if (!planes[0] && image->plane_count == 1) planes[0] = image->pixels;
     planes[1] = planes[2] = planes[0];
@@ -4287,21 +4287,23 @@ static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, con
     return sky->parameter < 0 || sun->parameter < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
 }
 
+/* What a light is called: as its desc says, or by its place. */
+static void itn__light_name(const itn_light_desc *in, int index, char name[ITN_NAME_SIZE]) {
+    if (in->name) itn__copy_name(name, in->name);
+    else if (index) snprintf(name, ITN_NAME_SIZE, "light%d", index + 1);
+    else itn__copy_name(name, "light");
+}
+
 static itn_result itn__make_light(itn__maker *maker, int index) {
     const itn_light_desc *in = &maker->desc->lights[index];
     itn_scene *scene = maker->scene;
     itn__light *light = &scene->lights[scene->light_count];
     char name[ITN_NAME_SIZE];
-    itn_result result;
-    if (index)
-        snprintf(name, sizeof name, "light%d", index + 1);
-    else
-        itn__copy_name(name, "light");
     if (in->name) {
-        result = itn__check_name(maker, "light", index, in->name);
+        itn_result result = itn__check_name(maker, "light", index, in->name);
         if (result) return result;
-        itn__copy_name(name, in->name);
     }
+    itn__light_name(in, index, name);
     /* until the shares are known, `share` holds the scale as given */
     light[0].share = in->scale == 0 && !in->has_scale ? 1 : in->scale;
     light[1].share = in->sun_scale == 0 && !in->has_scale ? 1 : in->sun_scale;
@@ -17325,8 +17327,8 @@ static const char *itn__ply_header_complete(const itn__ply *ply) {
 
 static itn_result itn__ply_header(itn__ply *ply, itn_error *error) {
     itn__text *text = &ply->text;
-    int newline = itn__newline(text->at + 3, text->end); /* behind "ply"; CR LF or LF or CR */
-    int lone_return = newline == 1 && text->at[3] == '\r'; /* then "\r\n" is CR and a datum */
+    /* "ply" ends in CR LF or LF or CR; in CR, a CR LF at the end is a line end and a datum */
+    int lone_return = text->at[3] == '\r' && itn__newline(text->at + 3, text->end) == 1, newline;
     const char *fault = NULL;
     itn__next_line(text);
     for (; text->at < text->end && !fault; itn__next_line(text)) {
@@ -18495,8 +18497,8 @@ static itn_result itn__check_file(const itn__scene_file *file) {
 
 /* Whether a message begins with this name and a colon. */
 static int itn__is_about(const char *message, const char *name) {
-    size_t length = name ? strlen(name) : 0;
-    return length && !strncmp(message, name, length) && message[length] == ':';
+    size_t length = strlen(name);
+    return !strncmp(message, name, length) && message[length] == ':';
 }
 
 /* The line an error of itn_scene_create is about: it calls objects by their number, lights and
@@ -18509,10 +18511,9 @@ static int itn__error_line(const itn__scene_file *file, const char *message) {
     if (itn__is_about(message, "camera")) return file->camera_line;
     if (itn__is_about(message, "film")) return file->film_line;
     for (k = 0; k < file->desc.light_count; k++) {
-        char unnamed[32] = "light";
-        if (k) snprintf(unnamed, sizeof unnamed, "light%d", k + 1);
-        if (itn__is_about(message, file->lights[k].name ? file->lights[k].name : unnamed))
-            return file->light_lines[k];
+        char name[ITN_NAME_SIZE];
+        itn__light_name(&file->lights[k], k, name);
+        if (itn__is_about(message, name)) return file->light_lines[k];
     }
     for (k = 0; k < file->desc.surface_count; k++)
         if (itn__is_about(message, file->surfaces[k].name)) return file->surface_lines[k];
