@@ -1771,6 +1771,9 @@ ITN__INLINE itn__vectors itn__valong(itn__vectors a, itn__floats s, itn__vectors
 ITN__INLINE itn__vectors itn__vscale(itn__vectors a, itn__floats s) {
     return itn__vectors_of(a.x * s, a.y * s, a.z * s);
 }
+ITN__INLINE itn_vec3 itn__lane_vector(const itn__vectors *v, int k) {
+    return itn__vec3(ITN__LANE(v->x, k), ITN__LANE(v->y, k), ITN__LANE(v->z, k));
+}
 ITN__INLINE itn__vectors itn__vselect(itn__ints mask, itn__vectors a, itn__vectors b) {
     return itn__vectors_of(itn__select(mask, a.x, b.x), itn__select(mask, a.y, b.y),
                            itn__select(mask, a.z, b.z));
@@ -2239,20 +2242,28 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
    over, so that a ray which starts on a face does not meet that face again, however its origin was
    rounded, and no epsilon is needed.
 
-   Open sheets have no inside. A ray that starts at a point of a sheet must not meet the sheet there
-   again, so a sheet's triangle is met only at t > 0 and only from an origin o that is not in its
-   plane. That is judged by F = n . (p0 - o), n = (p1-p0) x (p2-p0). An o computed as a point of the
-   triangle, by weighting its corners or along a ray of comparable length, is off by at most 16 u M
-   in each coordinate (u = 2^-24; M, the largest coordinate among o and the corners; three products
-   and two sums of rounded weights make 5 u M, a point o' + t d from t of this test makes 10 u M),
-   which changes F by at most 16 u M |n|_1, where |n|_1 = |nx| + |ny| + |nz|. F itself is computed
-   in double and adds nothing to that. Larger |F| means: the origin is off the plane. A neighbour
-   that is coplanar but for the rounding of its corners passes within a few u M of the same point
-   wherever that point is close enough to the common edge to matter. */
+   Open sheets have no inside, but where a ray begins tells the same:
+     - somewhere in space: it meets a sheet at t > 0.
+     - where it was thrown back, by the sheet itself or by a surface on it: it does not meet there
+       what lies in the same plane.
+     - at a boundary that it has just gone through: a sheet may lie in it, as the ground under an
+       object that stands on it, and is met at once, at t = 0.
+   What a ray goes through before it has left that place behind does not change which of them holds.
+   How far a point o is from a triangle's plane, measured along the axes, is |F| / |n|_1, where
+   F = n . (p0 - o), n = (p1-p0) x (p2-p0), |n|_1 = |nx| + |ny| + |nz|; in double, which adds nothing
+   to the error of o. A ray's origin on a face is a rounded point of it, and how far it is from that
+   face's own plane is known so. Twice as much, and 16 u |o| (u = 2^-24) for planes that agree but
+   for rounding, counts as in the plane. A neighbour in the same plane has other rounded corners, but
+   shares the edge that alone brings it near o. For a sheet, t = F / (n . d) too, in double: a ground
+   is often so large that floats of its corners' size cannot tell what lies on it from what does
+   not. */
 
-/* The objects, as bits, whose front faces and whose back faces a walk may meet; at most 64. */
+/* The objects, as bits, whose front faces and whose back faces a walk may meet, at most 64; open
+   sheets have both. And where its ray begins. */
 typedef struct itn__sides {
     uint64_t front, back;
+    float flush; /* planes not further than this from the ray's origin go through it; 0: in space */
+    int thrown;  /* back, there; else it has gone through */
 } itn__sides;
 
 ITN__INLINE uint64_t itn__object_bit(int object) { return (uint64_t)1 << object; }
@@ -2289,25 +2300,33 @@ ITN__INLINE int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
     return itn__finite3(ray->origin) && itn__finite3(ray->direction) && itn__finite(shear->sz);
 }
 
-/* Whether a ray's origin is further from a triangle's plane than rounding may have put it. */
-static int itn__off_plane(const itn__triangle *triangle, const float origin[3]) {
-    double a[3], b[3], c[3], n[3], plane = 0, size = 0, largest = 0;
-    int k, l;
+/* n and F of a triangle and a point, see above. Returns |n|_1. */
+static double itn__plane_of(const itn__triangle *triangle, const float point[3], double n[3],
+                            double *plane) {
+    double a[3], b[3], c[3];
+    int k;
     for (k = 0; k < 3; k++) {
-        a[k] = (double)triangle->corner[0][k] - origin[k];
+        a[k] = (double)triangle->corner[0][k] - point[k];
         b[k] = (double)triangle->corner[1][k] - triangle->corner[0][k];
         c[k] = (double)triangle->corner[2][k] - triangle->corner[0][k];
-        largest = fabs(origin[k]) > largest ? fabs(origin[k]) : largest;
-        for (l = 0; l < 3; l++) {
-            double x = fabs(triangle->corner[l][k]);
-            largest = x > largest ? x : largest;
-        }
     }
     n[0] = b[1] * c[2] - b[2] * c[1];
     n[1] = b[2] * c[0] - b[0] * c[2];
     n[2] = b[0] * c[1] - b[1] * c[0];
-    for (k = 0; k < 3; k++) plane += n[k] * a[k], size += fabs(n[k]);
-    return fabs(plane) > 8 * FLT_EPSILON * largest * size; /* 16 u = 8 FLT_EPSILON */
+    *plane = n[0] * a[0] + n[1] * a[1] + n[2] * a[2];
+    return fabs(n[0]) + fabs(n[1]) + fabs(n[2]);
+}
+
+/* Whether a ray meets the sheet of a triangle on its way, and *t where. */
+static int itn__meets_sheet(const itn__triangle *triangle, const itn__shear *s,
+                            const itn__sides *sides, float *t) {
+    double n[3], plane, size = itn__plane_of(triangle, s->origin, n, &plane);
+    if (fabs(plane) <= (double)sides->flush * size) {
+        *t = 0;
+        return sides->flush > 0 && !sides->thrown;
+    }
+    *t = (float)(plane * s->sz / (n[s->kx] * s->sx + n[s->ky] * s->sy + n[s->kz]));
+    return *t > 0;
 }
 
 /* Returns 1 and fills hit if the ray meets the triangle at tmin < t < tmax. */
@@ -2326,14 +2345,13 @@ ITN__INLINE int itn__triangle_hit(const itn__triangle *triangle, const itn__shea
     most = w > most ? w : most;
     if (!(least >= 0 || most <= 0) || det == 0) return 0;
     t = (float)((u * az + v * bz + w * cz) / det * s->sz);
-    if (!(t > tmin && t < tmax)) return 0;
     if (sides) {
         uint64_t object = itn__object_bit(triangle->object);
         if (!((det > 0 ? sides->front : sides->back) & object)) return 0;
-        if ((sides->front & sides->back & object) &&
-            !(t > 0 && itn__off_plane(triangle, s->origin)))
+        if ((sides->front & sides->back & object) && !itn__meets_sheet(triangle, s, sides, &t))
             return 0;
     }
+    if (!(t > tmin && t < tmax)) return 0;
     hit->t = t;
     hit->u = (float)(v / det);
     hit->v = (float)(w / det);
@@ -2461,8 +2479,6 @@ ITN__INLINE unsigned itn__pack_candidates(const itn__pack *pack, const itn__shea
         front = 0u - (unsigned)(sides->front >> pack->object & 1);
         back = 0u - (unsigned)(sides->back >> pack->object & 1);
         if (!(front | back)) return 0;
-        if (front & back) /* a sheet is met at t > 0 only */
-            least = itn__max(least, FLT_MIN * FLT_EPSILON);
     }
     for (from = 0; from < ITN__PACK; from += ITN__LANES)
         bits |= itn__pack_propose(pack, from, shear, least, most, front, back) << from;
@@ -4838,7 +4854,8 @@ typedef struct itn__texels {
 } itn__texels;
 
 /* Where a walk is. Where parts of a solid touch, faces coincide: those just gone through, and not
-   yet left behind, are remembered, so that a walk does not go through them again and again. */
+   yet left behind, are remembered, so that a walk does not go through them again and again. So is,
+   in `sides`, what [tri] says of sheets. */
 typedef struct itn__place {
     itn__sides sides;
     int inside;     /* object whose medium the walk is in, -1: none */
@@ -5134,13 +5151,39 @@ static float itn__ior(const itn_scene *scene, const float *theta, int object) {
     return parameter >= 0 ? theta[parameter] : 1;
 }
 
-/* Goes through the boundary of an object. */
+/* The ray of a walk begins anew at `point` of a triangle, thrown back or gone through. */
+static void itn__begin_at(const itn_scene *scene, itn__place *place, int triangle, itn_vec3 point,
+                          int thrown) {
+    const itn__triangle *face = &scene->bvh->triangles[scene->bvh->slots[triangle]];
+    double n[3], plane, size;
+    float p[3];
+    if (!(scene->sides.front & scene->sides.back)) return; /* there are no sheets */
+    p[0] = point.x, p[1] = point.y, p[2] = point.z;
+    size = itn__plane_of(face, p, n, &plane);
+    place->sides.flush = 8 * FLT_EPSILON * itn__max_abs(point) + FLT_MIN;
+    if (size > 0) place->sides.flush += (float)(2 * fabs(plane) / size);
+    place->sides.thrown = thrown;
+}
+
+/* Goes through the boundary of an object, at `point`. */
 static void itn__cross_boundary(const itn_scene *scene, itn__place *place, int object,
-                                const itn_hit *hit) {
+                                const itn_hit *hit, itn_vec3 point) {
     itn__change_side(&place->sides, object);
+    if (!(place->sides.flush > 0)) itn__begin_at(scene, place, hit->triangle, point, 0);
     place->inside = itn__find_inside(scene, &place->sides);
     place->refracting = itn__find_refracting(scene, &place->sides);
     place->crossed[place->crossed_count++ % 4] = 2 * hit->triangle + hit->front;
+}
+
+/* Is thrown back by a face at `point` of it. */
+static void itn__turn_back(const itn_scene *scene, itn__place *place, const itn_hit *hit,
+                           itn_vec3 point) {
+    itn__begin_at(scene, place, hit->triangle, point, 1);
+}
+
+/* Has left behind where it went through a boundary or was thrown back. */
+ITN__INLINE void itn__leave_behind(itn__place *place) {
+    place->crossed_count = 0, place->sides.flush = 0;
 }
 
 /* Whether a face is among those just gone through. */
@@ -5157,11 +5200,11 @@ static int itn__next_hit(const itn_scene *scene, itn__place *place, itn_ray *ray
     ray->tmin = -slack;
     while (itn__bvh_trace(scene->bvh, ray, &place->sides, 0, hit)) {
         int known = itn__just_crossed(place, hit);
-        if (hit->t > slack) place->crossed_count = 0;
+        if (hit->t > slack) itn__leave_behind(place);
         if (!known || hit->t > slack) return 1;
         ray->tmin = hit->t;
     }
-    if (ray->tmax > slack) place->crossed_count = 0;
+    if (ray->tmax > slack) itn__leave_behind(place);
     return 0;
 }
 
@@ -5244,21 +5287,23 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
             itn__flight_factors(walk, medium, itn__max(hit.t, 0), 0, f);
             itn__weigh_spectrum(walk, &walk->connection, f, 1, medium->sigma_t);
         }
-        itn__cross_boundary(scene, &walk->place, object, &hit);
         ray.origin = itn__hit_point(scene->bvh, &hit);
+        itn__cross_boundary(scene, &walk->place, object, &hit, ray.origin);
     }
     return 0;
 }
 
 /* Ends a connection whose weight already holds the vertex's f over the light's pdf. `pdf` is the
-   density with which the vertex itself would draw the direction. If the direction goes through a
-   boundary at once, `crossed` is its object and `hit` the face; else -1. */
+   density with which the vertex itself would draw the direction. If the vertex is at a surface,
+   `hit` is its face, and `crossed` the object through whose boundary the direction goes there, or
+   -1. */
 static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction, int crossed,
                          const itn_hit *hit, float pdf, float light_pdf) {
     itn__place place = walk->place;
     int i, visible;
     itn_ray ray;
-    if (crossed >= 0) itn__cross_boundary(walk->scene, &walk->place, crossed, hit);
+    if (crossed >= 0) itn__cross_boundary(walk->scene, &walk->place, crossed, hit, origin);
+    else if (hit) itn__turn_back(walk->scene, &walk->place, hit, origin);
     ray.origin = origin, ray.direction = direction;
     visible = itn__connect_visible(walk, ray);
     walk->place = place;
@@ -5526,8 +5571,9 @@ static int itn__meet_diffuse(itn__walk *walk, itn_ray *ray, const itn_hit *hit, 
         float cosine = itn__dot(direction, n) / ITN__PI;
         itn__copy_weight(walk, &walk->connection, &walk->weight);
         itn__weigh_reflectance(walk, &walk->connection, surface, s, t, touch, cosine, light_pdf);
-        itn__connect(walk, ray->origin, direction, -1, NULL, cosine, light_pdf);
+        itn__connect(walk, ray->origin, direction, -1, hit, cosine, light_pdf);
     }
+    itn__turn_back(walk->scene, &walk->place, hit, ray->origin);
     itn__weigh_reflectance(walk, &walk->weight, surface, s, t, touch, 1, 1);
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     direction = itn__sample_cosine(u, v);
@@ -5633,7 +5679,8 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
             itn__weigh_rough(walk, &walk->weight, surface, f, walk->pdf, after);
         }
     }
-    if (o.z < 0) itn__cross_boundary(walk->scene, &walk->place, object, hit);
+    if (o.z < 0) itn__cross_boundary(walk->scene, &walk->place, object, hit, ray->origin);
+    else itn__turn_back(walk->scene, &walk->place, hit, ray->origin);
     ray->direction = itn__normalize(itn__to_world(o, s, t, n));
     return 1;
 }
@@ -5650,7 +5697,7 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
         return itn__meet_diffuse(walk, ray, hit, object, n);
     if (itn__beyond(scene, walk->theta, &walk->place, object, &after))
         return itn__meet_dielectric(walk, ray, hit, object, after, n);
-    itn__cross_boundary(scene, &walk->place, object, hit);
+    itn__cross_boundary(scene, &walk->place, object, hit, ray->origin);
     return 1;
 }
 
@@ -9479,6 +9526,7 @@ typedef struct itn__lanes_walk {
     itn__free_space space;
     itn__floats distance; /* of the flight drawn */
     unsigned busy, unsure, waiting;
+    unsigned moved; /* have flown freely since they came, and so left behind where they were */
 } itn__lanes_walk;
 
 #define ITN__QUARTER ((ITN__LANES + 3) / 4)
@@ -9506,6 +9554,12 @@ static void itn__look_again(const itn__crowd *crowd, itn__lanes_walk *walk, unsi
         walk->space.np);
 }
 
+/* Some lanes leave the walk. */
+static void itn__note_moves(itn__crowd *crowd, itn__lanes_walk *walk, unsigned lanes) {
+    for (lanes &= walk->moved; lanes; lanes &= lanes - 1)
+        itn__leave_behind(&crowd->paths[ITN__LANE(walk->s.slot, itn__lowest_bit(lanes))].place);
+}
+
 /* Sends waiting lanes to the exact stage and fills all empty lanes from the queue. */
 ITN__INLINE void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *walk,
                              int features) {
@@ -9515,12 +9569,14 @@ ITN__INLINE void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *
         itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, walk->distance,
                       walk->waiting);
         walk->s.cell = itn__splat_int(-1);
+        itn__note_moves(crowd, walk, walk->waiting);
         itn__append(exact, &walk->s, walk->waiting, features);
         walk->waiting = 0;
     }
     while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
     if (!fill) return;
     itn__pull(queue, &walk->s, fill, features);
+    walk->moved &= ~fill;
     walk->space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), walk->space.half);
     if (itn__looks_ahead(crowd, features)) itn__look_again(crowd, walk, fill);
     walk->busy |= fill;
@@ -9613,6 +9669,7 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
                 (crowd->exact[substance].count || itn__unit_paths_left(crowd))) {
                 walk.s.cell = itn__select_int(itn__less(walk.space.half, itn__splat(0)),
                                               itn__splat_int(-1), walk.space.cell);
+                itn__note_moves(crowd, &walk, walk.busy);
                 itn__append(queue, &walk.s, walk.busy, features); /* for the next turn */
                 return;
             }
@@ -9622,13 +9679,14 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
             safe |= itn__make_sure(crowd, &walk, q, &nq, features);
         walk.s.p = itn__vselect(safe, q, walk.s.p);
         walk.space.np = itn__select(safe, nq, walk.space.np);
-        moved = itn__mask_bits(safe);
+        moved = itn__mask_bits(safe), walk.moved |= moved;
         safe = itn__collide(crowd, substance, &walk.s, walk.distance, safe, &walk.space, &linked, 0,
                             features);
         walk.busy = itn__mask_bits(safe);
         if (moved != walk.busy)
             itn__end_lanes(crowd, substance, &walk.s, moved & ~walk.busy, features);
         if ((features & ITN__LIGHTS) && itn__mask_bits(linked)) {
+            itn__note_moves(crowd, &walk, itn__mask_bits(linked));
             itn__begin_links(crowd, &walk.s, itn__mask_bits(linked), features);
             walk.busy &= ~itn__mask_bits(linked);
         }
@@ -9850,7 +9908,7 @@ static void itn__settle_hit(itn__crowd *crowd, int at) {
     itn_hit *hit = &crowd->hits[at];
     itn_ray ray;
     float slack;
-    if (hit->triangle != -2 && !place->crossed_count) return;
+    if (hit->triangle != -2 && !place->crossed_count && !(place->sides.flush > 0)) return;
     ray.origin = itn__get_vector(queue, ITN__POSITION, at);
     slack = itn__slack(scene, ray.origin);
     if (hit->triangle == -2 ||
@@ -9862,7 +9920,7 @@ static void itn__settle_hit(itn__crowd *crowd, int at) {
         else
             hit->t = ray.tmax, hit->triangle = -1;
     } else if (hit->t > slack) {
-        place->crossed_count = 0;
+        itn__leave_behind(place);
     }
 }
 
@@ -9941,6 +9999,7 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
     int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, object, after, c, to, substance;
     itn__path *path = &crowd->paths[slot];
     itn__place *place = &path->link_place;
+    itn_vec3 point;
     float largest = 0, floor_weight = itn__float_row(queue, ITN__PDF)[at], reach = INFINITY;
     const itn__substance *medium;
     enum { MOST_CROSSINGS = 1024 };
@@ -9960,8 +10019,9 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
         itn__unpark(crowd, slot);
         return;
     }
-    itn__cross_boundary(scene, place, object, hit);
-    itn__set_vector(queue, ITN__POSITION, at, itn__hit_point(scene->bvh, hit));
+    point = itn__hit_point(scene->bvh, hit);
+    itn__cross_boundary(scene, place, object, hit, point);
+    itn__set_vector(queue, ITN__POSITION, at, point);
     substance = itn__substance_of(fast, place);
     to = itn__move(queue, at, substance ? &crowd->exact[substance] : &crowd->walk[0]);
     if (!substance) return;
@@ -10090,21 +10150,21 @@ static void itn__sort_meeting(itn__crowd *crowd, int at, const itn__ints *slots,
         int k = itn__lowest_bit(bits), slot = ITN__LANE(*slots, k), after;
         const itn_hit *hit = &crowd->hits[at + k];
         itn__place *place = &crowd->paths[slot].place;
+        itn_vec3 p = itn__lane_vector(point, k);
         int object = itn__bvh_object(scene->bvh, hit->triangle);
         const itn__surface *surface = scene->objects[object].surface < 0
                                           ? NULL : &scene->surfaces[scene->objects[object].surface];
         if (surface && surface->type == ITN_SURFACE_DIFFUSE) {
             *diffuse |= 1u << k;
-            itn__note_texel(crowd, slot, hit,
-                            itn__vec3(ITN__LANE(point->x, k), ITN__LANE(point->y, k),
-                                      ITN__LANE(point->z, k)), k, m);
+            itn__note_texel(crowd, slot, hit, p, k, m);
+            itn__turn_back(scene, place, hit, p);
         } else if (itn__beyond(scene, fast->theta, place, object, &after)) {
             *boundary |= 1u << k;
             m->eta[k] = itn__ior(scene, fast->theta, after) /
                         itn__ior(scene, fast->theta, place->refracting);
             m->alpha[k] = surface->alpha >= 0 ? fast->theta[surface->alpha] : 0;
         } else {
-            itn__cross_boundary(scene, place, object, hit);
+            itn__cross_boundary(scene, place, object, hit, p);
         }
     }
 }
@@ -10348,30 +10408,39 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
     queue->count = 0;
 }
 
-/* Links that start at a surface; `through` are the lanes whose link goes through it at once. */
-static void itn__place_links(itn__crowd *crowd, const itn__ints *slots, int at, unsigned through) {
-    for (; through; through &= through - 1) {
-        int k = itn__lowest_bit(through), face = itn__row(&crowd->boundary, ITN__FACE)[at + k];
-        itn__path *path = &crowd->paths[ITN__LANE(*slots, k)];
+/* Paths of lanes that leave the boundary they stand on, items at ... of its queue, or with ITN__LINK
+   their links; `through` are those that go through it. */
+static void itn__leave_boundary(itn__crowd *crowd, const itn__state *s, int at, unsigned bits,
+                                unsigned through, int link) {
+    const itn_scene *scene = crowd->fast->scene;
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits), face = itn__row(&crowd->boundary, ITN__FACE)[at + k];
+        itn__place *place = itn__place_of(crowd, ITN__LANE(s->slot, k) | link);
+        itn_vec3 point = itn__lane_vector(&s->p, k);
         itn_hit hit;
         hit.triangle = face / 2, hit.front = face & 1;
-        itn__cross_boundary(crowd->fast->scene, &path->link_place,
-                            itn__bvh_object(crowd->fast->scene->bvh, hit.triangle), &hit);
+        if (through >> k & 1)
+            itn__cross_boundary(scene, place, itn__bvh_object(scene->bvh, hit.triangle), &hit,
+                                point);
+        else
+            itn__turn_back(scene, place, &hit, point);
+    }
+}
+
+/* Prepares links of lanes at surfaces. */
+static void itn__place_links(itn__crowd *crowd, const itn__state *s, unsigned bits) {
+    for (; bits; bits &= bits - 1) {
+        int slot = ITN__LANE(s->slot, itn__lowest_bit(bits));
+        crowd->paths[slot].link_place = crowd->paths[slot].place;
+        itn__copy_scores(crowd, slot);
     }
 }
 
 /* Sends links from lanes at surfaces, which may start in different substances. */
 ITN__INLINE itn__ints itn__surface_links(itn__crowd *crowd, const itn__state *s, itn__vectors d,
-                                         const itn__floats w[3], itn__ints mask, int at,
-                                         itn__ints through, int features) {
+                                         const itn__floats w[3], itn__ints mask, int features) {
     unsigned bits = itn__mask_bits(mask), rest, same;
     itn__ints sent = itn__splat_int(0);
-    for (rest = bits; rest; rest &= rest - 1) {
-        itn__path *path = &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(rest))];
-        path->link_place = path->place;
-        itn__copy_scores(crowd, ITN__LANE(s->slot, itn__lowest_bit(rest)));
-    }
-    itn__place_links(crowd, &s->slot, at, bits & itn__mask_bits(through));
     while (bits) {
         int substance = -1;
         for (same = 0, rest = bits; rest; rest &= rest - 1) {
@@ -10417,22 +10486,14 @@ ITN__INLINE itn__ints itn__boundary_links(itn__crowd *crowd, itn__state *s,
     itn__vradiance(crowd->fast->scene, crowd->fast->theta, d, mask, sampled, plain);
     for (c = 0; c < itn__colours(features); c++)
         w[c] = s->beta[c] * f * sampled[c] / (light_pdf + pdf);
-    mask = itn__surface_links(crowd, s, d, w, mask, at, itn__less(o.z, itn__splat(0)), features);
+    itn__place_links(crowd, s, itn__mask_bits(mask));
+    itn__leave_boundary(crowd, s, at, itn__mask_bits(mask),
+                        itn__mask_bits(itn__less(o.z, itn__splat(0))), ITN__LINK);
+    mask = itn__surface_links(crowd, s, d, w, mask, features);
     if (itn__scored(crowd, features) && crowd->fast->rough_scores)
         itn__book_rough(crowd, &s->slot, at, itn__vrough_score(i, o, alpha, eta),
                         itn__mask_bits(mask), ITN__LINK);
     return mask;
-}
-
-/* Lanes that go through the boundary they stand on. */
-static void itn__cross_lanes(itn__crowd *crowd, const itn__ints *slots, int at, unsigned bits) {
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), face = itn__row(&crowd->boundary, ITN__FACE)[at + k];
-        itn_hit hit;
-        hit.triangle = face / 2, hit.front = face & 1;
-        itn__cross_boundary(crowd->fast->scene, &crowd->paths[ITN__LANE(*slots, k)].place,
-                            itn__bvh_object(crowd->fast->scene->bvh, hit.triangle), &hit);
-    }
 }
 
 /* Parks the lanes with links, sends the others to their next flight. */
@@ -10549,7 +10610,8 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
         }
         itn__settle_lanes(crowd, &s, itn__mask_bits(mask & ~ok & ~linked));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~ok & ~linked));
-        itn__cross_lanes(crowd, &s.slot, at, itn__mask_bits(ok & itn__less(o.z, itn__splat(0))));
+        itn__leave_boundary(crowd, &s, at, itn__mask_bits(ok),
+                            itn__mask_bits(itn__less(o.z, itn__splat(0))), 0);
         itn__leave_surface(crowd, &s, ok, linked, features);
     }
     queue->count = 0;
@@ -10577,7 +10639,8 @@ ITN__INLINE void itn__run_diffuse(itn__crowd *crowd, int features) {
             itn__vradiance(crowd->fast->scene, crowd->fast->theta, d, ok, sampled, plain);
             for (c = 0; c < itn__colours(features); c++)
                 w[c] = s.beta[c] * reflectance[c] * cosine * sampled[c] / (light_pdf + cosine);
-            linked = itn__surface_links(crowd, &s, d, w, ok, at, itn__splat_int(0), features);
+            itn__place_links(crowd, &s, itn__mask_bits(ok));
+            linked = itn__surface_links(crowd, &s, d, w, ok, features);
         }
         for (c = 0; c < itn__colours(features); c++) s.beta[c] = s.beta[c] * reflectance[c];
         u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);

@@ -177,6 +177,77 @@ static void test_thin_slab_over_large_ground(void) {
     itn_mesh_free(&slab), itn_mesh_free(&ground);
 }
 
+/* (x, y, z), turned by `angle` about an axis in no particular direction. */
+static itn_vec3 turned(double x, double y, double z, double angle) {
+    static const double a[3] = {.48, .6, .64};
+    double c = cos(angle), s = sin(angle), along = (1 - c) * (a[0] * x + a[1] * y + a[2] * z);
+    return solids_vec3(c * x + along * a[0] + s * (a[1] * z - a[2] * y),
+                       c * y + along * a[1] + s * (a[2] * x - a[0] * z),
+                       c * z + along * a[2] + s * (a[0] * y - a[1] * x));
+}
+
+static void turn_mesh(itn_mesh *mesh, double angle) {
+    int i;
+    for (i = 0; i < mesh->vertex_count; i++) {
+        float *p = mesh->positions + 3 * i;
+        itn_vec3 moved = turned((double)p[0], (double)p[1], (double)p[2], angle);
+        memcpy(p, &moved, sizeof moved);
+    }
+}
+
+/* A square of two triangles around the origin that faces up. */
+static itn_mesh square(double half) {
+    static const int corners[6] = {0, 2, 1, 0, 3, 2};
+    itn_mesh mesh;
+    itn_error error;
+    int i;
+    stage_need(itn_mesh_create(4, 2, 0, NULL, &mesh, &error), &error);
+    for (i = 0; i < 4; i++) {
+        mesh.positions[3 * i] = (float)(i == 0 || i == 3 ? -half : half);
+        mesh.positions[3 * i + 2] = (float)(i < 2 ? -half : half);
+    }
+    memcpy(mesh.triangles, corners, sizeof corners);
+    return mesh;
+}
+
+/* A look through a box that stands `gap` above a square, all of it turned. */
+static solids_mean brightness_above(double half, double gap, double angle, double sigma_t,
+                                    double reflectance, int square_first, int spp) {
+    itn_mesh ground = square(half);
+    itn_mesh box = solids_box(solids_vec3(-1, gap, -1), solids_vec3(1, 1 + gap, 1));
+    solids_mean mean;
+    stage s;
+    turn_mesh(&ground, angle), turn_mesh(&box, angle);
+    stage_begin(&s, 8, 0, 6);
+    s.desc.camera.eye = turned(1, 5, 4, angle), s.desc.camera.target = turned(0, .3, 0, angle);
+    stage_medium(&s, "m", sigma_t, .98, 0);
+    stage_diffuse(&s, "ground", reflectance);
+    if (square_first) stage_object(&s, &ground, NULL, "ground");
+    stage_object(&s, &box, "m", NULL);
+    if (!square_first) stage_object(&s, &ground, NULL, "ground");
+    stage_constant(&s, NULL, 1);
+    mean = brightness(&s, spp);
+    itn_mesh_free(&ground), itn_mesh_free(&box);
+    return mean;
+}
+
+/* An object may stand exactly on an open ground, or just above it, however large the ground is and
+   whichever is first: no light comes through a black one, and a white one gives back what it gives
+   a little lower. */
+static void test_standing_on_the_ground(double planted) {
+    static const double halves[] = {20, 1e4, 1e6}, gaps[] = {0, 1e-4};
+    int k;
+    for (k = 0; k < 24; k++) {
+        double half = halves[k % 3], gap = gaps[k / 3 % 2], angle = k / 6 % 2 ? .7 : 0;
+        int first = k / 12;
+        double through = brightness_above(half, gap, angle, 0, 0, first, 64).value;
+        solids_mean milk = brightness_above(half, gap + planted, angle, 5, .8, first, 200), other;
+        other = brightness_above(half, .01, angle, 5, .8, first, 200);
+        CHECK(through == 0);
+        CHECK_MEAN(milk.value - other.value, hypot(milk.error, other.error), 0, 4.5, .002);
+    }
+}
+
 /* `force` with a closed mesh that is inside out: its inside is what it encloses. */
 static void test_forced_inside_out(void) {
     itn_mesh box = unit_box();
@@ -795,6 +866,7 @@ int main(void) {
     RUN(test_eye_in_touching_cubes(0));
     RUN(test_far_unused_vertex());
     RUN(test_thin_slab_over_large_ground());
+    RUN(test_standing_on_the_ground(0));
     RUN(test_forced_inside_out());
     RUN(test_speed_of_axis_parallel_rays());
     RUN(test_needles_under_a_map());
@@ -816,6 +888,7 @@ int main(void) {
     RUN(test_seeds_of_the_loss());
     RUN(test_seeds_of_the_refinement(0));
     CHECK_CATCHES(test_eye_in_touching_cubes(.02));
+    CHECK_CATCHES(test_standing_on_the_ground(.5));
     CHECK_CATCHES(test_power_of_the_sun(.003));
     CHECK_CATCHES(test_index_derivative_beside_black_red(.05));
     CHECK_CATCHES(test_seeds_of_the_refinement(5));
