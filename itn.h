@@ -2250,13 +2250,13 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
        object that stands on it, and is met at once, at t = 0.
    What a ray goes through before it has left that place behind does not change which of them holds.
    How far a point o is from a triangle's plane, measured along the axes, is |F| / |n|_1, where
-   F = n . (p0 - o), n = (p1-p0) x (p2-p0), |n|_1 = |nx| + |ny| + |nz|; in double, which adds nothing
-   to the error of o. A ray's origin on a face is a rounded point of it, and how far it is from that
-   face's own plane is known so. Twice as much, and 16 u |o| (u = 2^-24) for planes that agree but
-   for rounding, counts as in the plane. A neighbour in the same plane has other rounded corners, but
-   shares the edge that alone brings it near o. For a sheet, t = F / (n . d) too, in double: a ground
-   is often so large that floats of its corners' size cannot tell what lies on it from what does
-   not. */
+   F = n . (p0 - o), n = (p1-p0) x (p2-p0), |n|_1 = |nx| + |ny| + |nz|; in double, which adds next
+   to nothing to the error of o. A ray's origin on a face is a rounded point of it, and how far it
+   is from that face's own plane is known so. Twice as much, and 16 u |o| (u = 2^-24) for planes
+   that agree but for rounding, counts as in the plane. A neighbour in the same plane has other
+   rounded corners, but shares the edge that alone brings it near o. The t of sheets is computed in
+   double, too: a ground is often so large that floats of its corners' size cannot tell what lies on
+   it from what does not. */
 
 /* The objects, as bits, whose front faces and whose back faces a walk may meet, at most 64; open
    sheets have both. And where its ray begins. */
@@ -2300,9 +2300,14 @@ ITN__INLINE int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
     return itn__finite3(ray->origin) && itn__finite3(ray->direction) && itn__finite(shear->sz);
 }
 
-/* n and F of a triangle and a point, see above. Returns |n|_1. */
-static double itn__plane_of(const itn__triangle *triangle, const float point[3], double n[3],
-                            double *plane) {
+/* A triangle's plane and a point, see above. */
+typedef struct itn__plane {
+    double n[3], size; /* and |n|_1 */
+    double f, error;   /* F, and what rounding makes of it at most */
+} itn__plane;
+
+static itn__plane itn__plane_of(const itn__triangle *triangle, const float point[3]) {
+    itn__plane plane;
     double a[3], b[3], c[3];
     int k;
     for (k = 0; k < 3; k++) {
@@ -2310,23 +2315,61 @@ static double itn__plane_of(const itn__triangle *triangle, const float point[3],
         b[k] = (double)triangle->corner[1][k] - triangle->corner[0][k];
         c[k] = (double)triangle->corner[2][k] - triangle->corner[0][k];
     }
-    n[0] = b[1] * c[2] - b[2] * c[1];
-    n[1] = b[2] * c[0] - b[0] * c[2];
-    n[2] = b[0] * c[1] - b[1] * c[0];
-    *plane = n[0] * a[0] + n[1] * a[1] + n[2] * a[2];
-    return fabs(n[0]) + fabs(n[1]) + fabs(n[2]);
+    plane.size = plane.f = plane.error = 0;
+    for (k = 0; k < 3; k++) {
+        int l = (k + 1) % 3, m = (k + 2) % 3;
+        plane.n[k] = b[l] * c[m] - b[m] * c[l];
+        plane.size += fabs(plane.n[k]), plane.f += plane.n[k] * a[k];
+        plane.error += 4 * DBL_EPSILON * (fabs(b[l] * c[m]) + fabs(b[m] * c[l])) * fabs(a[k]);
+    }
+    return plane;
 }
 
-/* Whether a ray meets the sheet of a triangle on its way, and *t where. */
+/* The t of a hit once more, in double, if it is one there, too, but for an ulp. */
+static float itn__exact_t(const itn__triangle *triangle, const itn__shear *s, float t) {
+    double x[3], y[3], z[3], w[3], det, sum;
+    float least = INFINITY, most = -INFINITY;
+    int k;
+    for (k = 0; k < 3; k++) {
+        const float *p = triangle->corner[k];
+        float of_corner = (p[s->kz] - s->origin[s->kz]) * s->sz;
+        least = itn__min(least, of_corner), most = itn__max(most, of_corner);
+        z[k] = (double)p[s->kz] - s->origin[s->kz];
+        x[k] = (double)p[s->kx] - s->origin[s->kx] - s->sx * z[k];
+        y[k] = (double)p[s->ky] - s->origin[s->ky] - s->sy * z[k];
+    }
+    for (k = 0; k < 3; k++) {
+        int l = (k + 1) % 3, m = (k + 2) % 3;
+        w[k] = x[m] * y[l] - y[m] * x[l];
+    }
+    det = w[0] + w[1] + w[2], sum = (w[0] * z[0] + w[1] * z[1] + w[2] * z[2]) / det * s->sz;
+    for (k = 0; k < 3; k++)
+        if (!(w[k] / det >= -FLT_EPSILON)) return t;
+    return itn__clamp((float)sum, least, most);
+}
+
+/* Whether a ray meets the sheet of a triangle on its way; *t, as floats know it, becomes exact. */
 static int itn__meets_sheet(const itn__triangle *triangle, const itn__shear *s,
                             const itn__sides *sides, float *t) {
-    double n[3], plane, size = itn__plane_of(triangle, s->origin, n, &plane);
-    if (fabs(plane) <= (double)sides->flush * size) {
+    itn__plane plane = itn__plane_of(triangle, s->origin);
+    if (fabs(plane.f) <= (double)sides->flush * plane.size + plane.error) {
         *t = 0;
         return sides->flush > 0 && !sides->thrown;
     }
-    *t = (float)(plane * s->sz / (n[s->kx] * s->sx + n[s->ky] * s->sy + n[s->kz]));
+    *t = itn__exact_t(triangle, s, *t);
     return *t > 0;
+}
+
+/* Notes that a ray begins at a point of a triangle, thrown back there or gone through. */
+static void itn__begin_at(itn__sides *sides, const itn__triangle *triangle, itn_vec3 point,
+                          int thrown) {
+    itn__plane plane;
+    float p[3];
+    p[0] = point.x, p[1] = point.y, p[2] = point.z;
+    plane = itn__plane_of(triangle, p);
+    sides->flush = 8 * FLT_EPSILON * itn__max_abs(point) + FLT_MIN; /* 16 u = 8 FLT_EPSILON */
+    if (plane.size > 0) sides->flush += (float)(2 * fabs(plane.f) / plane.size);
+    sides->thrown = thrown;
 }
 
 /* Returns 1 and fills hit if the ray meets the triangle at tmin < t < tmax. */
@@ -5151,34 +5194,22 @@ static float itn__ior(const itn_scene *scene, const float *theta, int object) {
     return parameter >= 0 ? theta[parameter] : 1;
 }
 
-/* The ray of a walk begins anew at `point` of a triangle, thrown back or gone through. */
-static void itn__begin_at(const itn_scene *scene, itn__place *place, int triangle, itn_vec3 point,
-                          int thrown) {
-    const itn__triangle *face = &scene->bvh->triangles[scene->bvh->slots[triangle]];
-    double n[3], plane, size;
-    float p[3];
-    if (!(scene->sides.front & scene->sides.back)) return; /* there are no sheets */
-    p[0] = point.x, p[1] = point.y, p[2] = point.z;
-    size = itn__plane_of(face, p, n, &plane);
-    place->sides.flush = 8 * FLT_EPSILON * itn__max_abs(point) + FLT_MIN;
-    if (size > 0) place->sides.flush += (float)(2 * fabs(plane) / size);
-    place->sides.thrown = thrown;
+/* Is thrown back by a face, or goes through it, at `point` of it. */
+static void itn__begin_at_face(const itn_scene *scene, itn__place *place, const itn_hit *hit,
+                               itn_vec3 point, int thrown) {
+    if (scene->sides.front & scene->sides.back) /* there are sheets */
+        itn__begin_at(&place->sides, &scene->bvh->triangles[scene->bvh->slots[hit->triangle]],
+                      point, thrown);
 }
 
 /* Goes through the boundary of an object, at `point`. */
 static void itn__cross_boundary(const itn_scene *scene, itn__place *place, int object,
                                 const itn_hit *hit, itn_vec3 point) {
     itn__change_side(&place->sides, object);
-    if (!(place->sides.flush > 0)) itn__begin_at(scene, place, hit->triangle, point, 0);
+    if (!(place->sides.flush > 0)) itn__begin_at_face(scene, place, hit, point, 0);
     place->inside = itn__find_inside(scene, &place->sides);
     place->refracting = itn__find_refracting(scene, &place->sides);
     place->crossed[place->crossed_count++ % 4] = 2 * hit->triangle + hit->front;
-}
-
-/* Is thrown back by a face at `point` of it. */
-static void itn__turn_back(const itn_scene *scene, itn__place *place, const itn_hit *hit,
-                           itn_vec3 point) {
-    itn__begin_at(scene, place, hit->triangle, point, 1);
 }
 
 /* Has left behind where it went through a boundary or was thrown back. */
@@ -5303,7 +5334,7 @@ static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction, i
     int i, visible;
     itn_ray ray;
     if (crossed >= 0) itn__cross_boundary(walk->scene, &walk->place, crossed, hit, origin);
-    else if (hit) itn__turn_back(walk->scene, &walk->place, hit, origin);
+    else if (hit) itn__begin_at_face(walk->scene, &walk->place, hit, origin, 1);
     ray.origin = origin, ray.direction = direction;
     visible = itn__connect_visible(walk, ray);
     walk->place = place;
@@ -5573,7 +5604,7 @@ static int itn__meet_diffuse(itn__walk *walk, itn_ray *ray, const itn_hit *hit, 
         itn__weigh_reflectance(walk, &walk->connection, surface, s, t, touch, cosine, light_pdf);
         itn__connect(walk, ray->origin, direction, -1, hit, cosine, light_pdf);
     }
-    itn__turn_back(walk->scene, &walk->place, hit, ray->origin);
+    itn__begin_at_face(walk->scene, &walk->place, hit, ray->origin, 1);
     itn__weigh_reflectance(walk, &walk->weight, surface, s, t, touch, 1, 1);
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     direction = itn__sample_cosine(u, v);
@@ -5680,7 +5711,7 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
         }
     }
     if (o.z < 0) itn__cross_boundary(walk->scene, &walk->place, object, hit, ray->origin);
-    else itn__turn_back(walk->scene, &walk->place, hit, ray->origin);
+    else itn__begin_at_face(walk->scene, &walk->place, hit, ray->origin, 1);
     ray->direction = itn__normalize(itn__to_world(o, s, t, n));
     return 1;
 }
@@ -10157,7 +10188,7 @@ static void itn__sort_meeting(itn__crowd *crowd, int at, const itn__ints *slots,
         if (surface && surface->type == ITN_SURFACE_DIFFUSE) {
             *diffuse |= 1u << k;
             itn__note_texel(crowd, slot, hit, p, k, m);
-            itn__turn_back(scene, place, hit, p);
+            itn__begin_at_face(scene, place, hit, p, 1);
         } else if (itn__beyond(scene, fast->theta, place, object, &after)) {
             *boundary |= 1u << k;
             m->eta[k] = itn__ior(scene, fast->theta, after) /
@@ -10408,8 +10439,8 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
     queue->count = 0;
 }
 
-/* Paths of lanes that leave the boundary they stand on, items at ... of its queue, or with ITN__LINK
-   their links; `through` are those that go through it. */
+/* Paths of lanes that leave the boundary they stand on, items at ... of its queue (or with ITN__LINK
+   their links); `through` are those that go through it. */
 static void itn__leave_boundary(itn__crowd *crowd, const itn__state *s, int at, unsigned bits,
                                 unsigned through, int link) {
     const itn_scene *scene = crowd->fast->scene;
@@ -10423,7 +10454,7 @@ static void itn__leave_boundary(itn__crowd *crowd, const itn__state *s, int at, 
             itn__cross_boundary(scene, place, itn__bvh_object(scene->bvh, hit.triangle), &hit,
                                 point);
         else
-            itn__turn_back(scene, place, &hit, point);
+            itn__begin_at_face(scene, place, &hit, point, 1);
     }
 }
 

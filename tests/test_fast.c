@@ -699,7 +699,7 @@ static int enter(flock *f, int k) {
         object = itn__bvh_object(scene->bvh, hit.triangle);
         ray.origin = itn__hit_point(scene->bvh, &hit);
         if (!scene->objects[object].closed) return 0;
-        itn__cross_boundary(scene, place, object, &hit);
+        itn__cross_boundary(scene, place, object, &hit, ray.origin);
     }
     set_lane(&f->p, k, ray.origin), set_lane(&f->d, k, ray.direction);
     ITN__LANE(f->space.half, k) = -1;
@@ -732,11 +732,13 @@ static void fly(flock *f, int k) {
         set_lane(&f->p, k, itn__along(ray.origin, ray.tmax, ray.direction));
     } else { /* in, out, or back where it came from */
         int object = itn__bvh_object(f->scene->bvh, hit.triangle);
-        set_lane(&f->p, k, itn__hit_point(f->scene->bvh, &hit));
+        itn_vec3 point = itn__hit_point(f->scene->bvh, &hit);
+        set_lane(&f->p, k, point);
         if (itn__uniform(&f->rng) < .5f) {
+            itn__begin_at_face(f->scene, &f->places[k], &hit, point, 1);
             set_lane(&f->d, k, itn__scale(ray.direction, -1));
         } else if (f->scene->objects[object].closed) {
-            itn__cross_boundary(f->scene, &f->places[k], object, &hit);
+            itn__cross_boundary(f->scene, &f->places[k], object, &hit, point);
         }
     }
     while (!(extinction(f, k) > 0) || !itn__within(f->scene, lane_vector(&f->p, k)))
