@@ -10439,8 +10439,8 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
     queue->count = 0;
 }
 
-/* Paths of lanes that leave the boundary they stand on, items at ... of its queue (or with ITN__LINK
-   their links); `through` are those that go through it. */
+/* Paths of lanes that leave the boundary they stand on, items at ... of its queue, or with
+   ITN__LINK their links; `through` are those that go through it. */
 static void itn__leave_boundary(itn__crowd *crowd, const itn__state *s, int at, unsigned bits,
                                 unsigned through, int link) {
     const itn_scene *scene = crowd->fast->scene;
@@ -14000,18 +14000,23 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
        b = 1/2 (J_a^T K r_b + J_b^T K r_a),     A = 1/2 (J_a^T K J_b + J_b^T K J_a),
    unbiased both. For the same reason the standard deviations come from the evaluation before, if
    there is one, averaged over 5 x 5 pixels: a pixel's own would favour those that came out dark by
-   chance. The inverse of a noisy A is still biased: where A is small it is mostly noise. E, one and
-   a half standard deviations of what the noise of J alone puts into A's diagonal, keeps steps short
-   there; what one step leaves undone, the next ones do.
+   chance. That of the target's noise, which is the same each time, is spread over pixels as that of
+   the renders, to an amount that is averaged over 33 x 33. The inverse of a noisy A is still
+   biased: where A is small it is mostly noise. E, one and a half standard deviations of what the
+   noise of J alone puts into A's diagonal, keeps steps short there; what one step leaves undone,
+   the next ones do.
 
    At the solution the estimate's covariance is A^-1 N A^-1, where N, the covariance of b, is
-   J^T K K J (whose part in the target's noise is J^T K F K J, F its share of a residual's variance)
-   and what the noise of K J adds. Noise of J that unknowns have in common may cancel between them:
-   P, the sum over pixels of (J_a - J_b)^T (J_a - J_b) / 4, tells how much. And A is known no better
-   than its own noise. With c = A^-1 e_k / (A^-1)_kk, the change of all unknowns that the picture
-   tells least from a change of unknown k, i = c^T A c = 1/(A^-1)_kk is all the information about k:
-   J_c^T K J_c of a single derivative image J_c = J c. If V is the variance of J_c in a pixel, of
-   the mean of both renders, the variance of i is
+   J^T K C K J and what the noise of K J adds. C is the covariance of residuals: of a pixel's own,
+   F, the target's share of their variance, and 1 - F, that of the renders; of two of its channels,
+   whose light the same paths may have brought, the root of both shares times the correlation of
+   their noise. That of the renders is seen in a - b, that of the target, about, in I - (a + b)/2.
+   (Errors of three channels that are one picture do not average out.) Noise of J that unknowns have
+   in common may cancel between them: P, the sum over pixels of (J_a - J_b)^T (J_a - J_b) / 4, tells
+   how much. And A is known no better than its own noise. With c = A^-1 e_k / (A^-1)_kk, the change
+   of all unknowns that the picture tells least from a change of unknown k, i = c^T A c =
+   1/(A^-1)_kk is all the information about k: J_c^T K J_c of a single derivative image J_c = J c.
+   If V is the variance of J_c in a pixel, of the mean of both renders, the variance of i is
        S = 4 sum of V (K J_c)^2 + 4 (70/256)^2 sum of V^2.
    A value at distance d from the estimate is not excluded by b at three standard deviations if
        (i d)^2 <= 9 (c^T N c + S d^2),   that is   d <= 3 sqrt(c^T N c / (i^2 - 9 S))
@@ -14088,8 +14093,10 @@ typedef struct itn__refine_view {
     float *theta;           /* [parameter_count] */
     float *weights;         /* [pixels] one over the variance of a residual */
     float *variance;        /* [pixels] of one sample, see itn__keep_variance */
-    float *target_variance; /* [pixels] averaged */
+    float *target_variance; /* [pixels] averaged, */
+    float *level;           /* and over more of them */
     float *row;             /* [width + height], for itn__binomial */
+    double drawn[3][3], taken[3][3]; /* correlations between channels: renders', target's noise */
 } itn__refine_view;
 
 /* The normal equations of one evaluation, or the average of several, in units of the variance that
@@ -14099,7 +14106,8 @@ typedef struct itn__normal {
     double *means;      /* one block: what averages with the samples as weights, */
     double *matrix;     /* A [count][count] */
     double *outer;      /* J^T K K J [count][count] */
-    double *shared;     /* J^T K F K J [count][count] */
+    double *drawn;      /* J^T K C K J [count][count], of the renders' noise; */
+    double *taken;      /* and of the target's */
     double *power;      /* P [count][count] */
     double *right;      /* b + A pi [count] */
     double *variances;  /* and one block of variances, for which weights are squared: */
@@ -14219,42 +14227,56 @@ static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
             view->theta[view->parameters[k]] = refiner->values[view->unknowns[k]];
 }
 
-/* Mean of a plane over the (at most) 5 x 5 pixels around x, y. */
-static double itn__blurred(const float *plane, int width, int height, int x, int y) {
-    double sum = 0;
-    int i, j, n = 0;
-    for (j = y - 2; j <= y + 2; j++)
-        for (i = x - 2; i <= x + 2; i++)
-            if (i >= 0 && j >= 0 && i < width && j < height)
-                sum += plane[(size_t)j * (size_t)width + (size_t)i], n++;
-    return sum / n;
+/* Replaces each of n values, `stride` apart, by the mean of those up to `radius` away from it. */
+static void itn__blur_line(float *line, size_t stride, int n, int radius, float *row) {
+    int i, k;
+    for (i = 0; i < n; i++) row[i] = line[(size_t)i * stride];
+    for (i = 0; i < n; i++) {
+        int first = i < radius ? 0 : i - radius, last = n - 1 - i < radius ? n - 1 : i + radius;
+        double sum = 0;
+        for (k = first; k <= last; k++) sum += row[k];
+        line[(size_t)i * stride] = (float)(sum / (last - first + 1));
+    }
 }
 
-/* Replaces each value of [channels][height][width] by its local mean. */
-static void itn__blur(const float *from, float *to, int width, int height, size_t pixels) {
+/* Replaces each value of [count / (width height)][height][width] by the mean over the square of
+   pixels up to `radius` away. row: [width + height]. */
+static void itn__blur(float *pixels, int width, int height, size_t count, int radius, float *row) {
     size_t plane = (size_t)width * (size_t)height, first;
-    int x, y;
-    for (first = 0; first < pixels; first += plane)
-        for (y = 0; y < height; y++)
-            for (x = 0; x < width; x++)
-                to[first + (size_t)y * (size_t)width + (size_t)x] =
-                    (float)itn__blurred(from + first, width, height, x, y);
+    int k;
+    for (first = 0; first < count; first += plane) {
+        for (k = 0; k < height; k++)
+            itn__blur_line(pixels + first + (size_t)k * (size_t)width, 1, width, radius, row);
+        for (k = 0; k < width; k++)
+            itn__blur_line(pixels + first + k, (size_t)width, height, radius, row);
+    }
 }
+
+enum { ITN__NEAR = 2, ITN__AROUND = 16 }; /* radii */
 
 static size_t itn__film_pixels(const itn__refine_view *view) {
     const itn_film_desc *film = &view->scene->film;
     return (size_t)film->width * (size_t)film->height;
 }
 
+/* Variance, in units of one sample's, over which the last evaluation was one of `spp` samples. */
+static float itn__samples_of(const itn__refine_view *view, int spp, size_t pixel) {
+    return 2 * (float)spp * view->density[pixel % itn__film_pixels(view)];
+}
+
 /* Weights for the end of the search, where renders have spp samples, from the variances of the last
-   evaluation, one sample's each. A floor, a thousandth of the mean variance, bounds the weight of
-   pixels without noise. */
+   evaluation, one sample's each. The target's are spread as those are. A floor, a thousandth of the
+   mean variance, bounds the weight of pixels without noise. */
 static void itn__refine_weights(itn__refine_view *view, int spp) {
+    const itn_film_desc *film = &view->scene->film;
     double mean = 0, square = 0, least;
-    size_t i, plane = itn__film_pixels(view);
+    size_t i;
+    memcpy(view->weights, view->variance, view->pixels * sizeof(float));
+    itn__blur(view->weights, film->width, film->height, view->pixels, ITN__AROUND, view->row);
     for (i = 0; i < view->pixels; i++) {
-        float samples = 2 * (float)spp * view->density[i % plane];
-        view->weights[i] = view->variance[i] / samples + view->target_variance[i];
+        float spread = view->weights[i] > 0 ? view->variance[i] / view->weights[i] : 1;
+        view->weights[i] = view->variance[i] / itn__samples_of(view, spp, i) +
+                           view->level[i] * spread;
         mean += view->weights[i], square += (double)view->target[i] * view->target[i];
     }
     least = (1e-3 * mean + 1e-12 * square) / (double)view->pixels;
@@ -14270,15 +14292,13 @@ static void itn__pool_variance(const itn__refine_view *view, itn_image *a, const
         a->pixels[i] = .25f * (a->pixels[i] + b->pixels[i]);
 }
 
-/* Keeps the pooled variance of two renders of about spp samples as that of one sample, averaged; in
-   between it takes b's place. */
-static void itn__keep_variance(itn__refine_view *view, const itn_image *a, itn_image *b, int spp) {
-    size_t i, plane = itn__film_pixels(view);
+/* Keeps the pooled variance of two renders of about spp samples as that of one sample, averaged. */
+static void itn__keep_variance(itn__refine_view *view, const itn_image *a, int spp) {
     const float *pooled = a->pixels + view->pixels;
-    float *of_one = b->pixels + view->pixels;
+    size_t i;
     for (i = 0; i < view->pixels; i++)
-        of_one[i] = pooled[i] * 2 * (float)spp * view->density[i % plane];
-    itn__blur(of_one, view->variance, a->width, a->height, view->pixels);
+        view->variance[i] = pooled[i] * itn__samples_of(view, spp, i);
+    itn__blur(view->variance, a->width, a->height, view->pixels, ITN__NEAR, view->row);
     view->known = 1;
 }
 
@@ -14363,25 +14383,30 @@ static void itn__scale_planes(const itn__refiner *refiner, const itn__refine_vie
 }
 
 /* Turns the planes of a view's derivative k into what the normal equations need: of a, J_a and the
-   variance of (J_a + J_b)/2; of b, K J_a and K J_b. */
+   standard deviation of (J_a + J_b)/2; of b, K J_a and K J_b. */
 static void itn__refine_planes(const itn__refine_view *view, itn_image *a, itn_image *b, int k) {
     size_t pixels = view->pixels, i;
     float *ja = a->pixels + (size_t)(2 + 2 * k) * pixels, *va = ja + pixels;
     float *jb = b->pixels + (size_t)(2 + 2 * k) * pixels, *vb = jb + pixels;
-    for (i = 0; i < pixels; i++) va[i] = .25f * (va[i] + vb[i]), vb[i] = jb[i], jb[i] = ja[i];
+    for (i = 0; i < pixels; i++)
+        va[i] = .5f * sqrtf(va[i] + vb[i]), vb[i] = jb[i], jb[i] = ja[i];
     itn__binomial(jb, a->width, a->height, pixels, view->row);
     itn__binomial(vb, a->width, a->height, pixels, view->row);
 }
 
 /* Residuals over their standard deviations: r_a replaces the light of a, K r_b that of b; the
-   target's share of their variance replaces the variance of a. */
-static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, itn_image *b) {
+   shares of their variance replace the variances: the target's that of a, and that of the renders,
+   with spp samples at the end of the search, that of b. */
+static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, itn_image *b,
+                                  int spp) {
+    float *taken = a->pixels + view->pixels, *drawn = b->pixels + view->pixels;
     size_t i;
     for (i = 0; i < view->pixels; i++) {
         float scale = sqrtf(view->weights[i]);
         a->pixels[i] = (view->target[i] - a->pixels[i]) * scale;
         b->pixels[i] = (view->target[i] - b->pixels[i]) * scale;
-        a->pixels[view->pixels + i] = view->target_variance[i] * view->weights[i];
+        taken[i] = view->target_variance[i] * view->weights[i];
+        drawn[i] = view->variance[i] / itn__samples_of(view, spp, i) * view->weights[i];
     }
     itn__binomial(b->pixels, a->width, a->height, view->pixels, view->row);
 }
@@ -14402,55 +14427,152 @@ static void itn__refine_power(itn__refiner *refiner, const itn__refine_view *vie
         }
 }
 
+/* Makes sums of products between channels their correlations. */
+static void itn__correlate(double sums[3][3], int channels) {
+    double root[3];
+    int c, d;
+    for (c = 0; c < channels; c++) root[c] = sqrt(sums[c][c]);
+    for (c = 0; c < channels; c++)
+        for (d = 0; d < channels; d++)
+            sums[c][d] = c == d ? 1 : root[c] * root[d] > 0 ? sums[c][d] / (root[c] * root[d]) : 0;
+}
+
+/* Finds the correlations between channels, from renders and weights. */
+static void itn__refine_correlations(itn__refine_view *view, const itn_image *a,
+                                     const itn_image *b) {
+    size_t plane = itn__film_pixels(view), i;
+    int channels = view->scene->film.channels, c, d;
+    memset(view->drawn, 0, sizeof view->drawn), memset(view->taken, 0, sizeof view->taken);
+    for (i = 0; i < plane; i++) {
+        double apart[3], off[3];
+        for (c = 0; c < channels; c++) {
+            size_t at = (size_t)c * plane + i;
+            double of_a = (double)a->pixels[at], of_b = (double)b->pixels[at];
+            double scale = sqrt((double)view->weights[at]);
+            apart[c] = scale * (of_a - of_b);
+            off[c] = scale * ((double)view->target[at] - (of_a + of_b) / 2);
+        }
+        for (c = 0; c < channels; c++)
+            for (d = 0; d < channels; d++)
+                view->drawn[c][d] += apart[c] * apart[d], view->taken[c][d] += off[c] * off[d];
+    }
+    itn__correlate(view->drawn, channels), itn__correlate(view->taken, channels);
+}
+
+/* Shares of the residuals' variances, by pixel: those of the renders' noise and the target's. */
+typedef struct itn__shares {
+    const float *drawn, *taken;
+} itn__shares;
+
+/* The covariance of residuals of two channels, at places i and k: the parts of both noises. */
+ITN__INLINE void itn__covariances(const itn__refine_view *view, const itn__shares *shares, int c,
+                                  size_t i, int d, size_t k, double *drawn, double *taken) {
+    double of_drawn = (double)shares->drawn[i] * shares->drawn[k];
+    double of_taken = (double)shares->taken[i] * shares->taken[k];
+    *drawn = view->drawn[c][d] * (c == d ? (double)shares->drawn[i] : sqrt(of_drawn));
+    *taken = view->taken[c][d] * (c == d ? (double)shares->taken[i] : sqrt(of_taken));
+}
+
+/* Adds what a view's pixels make of N for two unknowns, whose K J are x and y. */
+static void itn__covariance_sum(const itn__refine_view *view, const itn__shares *shares,
+                                const float *x, const float *y, double *drawn_sum,
+                                double *taken_sum) {
+    size_t plane = itn__film_pixels(view), n;
+    int channels = view->scene->film.channels, c, d;
+    for (c = 0; c < channels; c++)
+        for (d = 0; d < channels; d++) {
+            size_t i = (size_t)c * plane, k = (size_t)d * plane;
+            for (n = 0; n < plane; n++, i++, k++) {
+                double product = (double)x[i] * y[k], drawn, taken;
+                if (product == 0) continue;
+                itn__covariances(view, shares, c, i, d, k, &drawn, &taken);
+                *drawn_sum += product * drawn, *taken_sum += product * taken;
+            }
+        }
+}
+
+/* Adds what the noise of a derivative makes of b and of A's diagonal; `deviation` is that of a
+   pixel of the mean of J_a and J_b, and r_a has `ratio` times its renders' share of variance. */
+static void itn__noise_sum(const itn__refine_view *view, const itn__shares *shares,
+                           const float *deviation, double ratio, double *noise, double *silence) {
+    size_t plane = itn__film_pixels(view), n;
+    int channels = view->scene->film.channels, c, d;
+    for (c = 0; c < channels; c++)
+        for (d = 0; d < channels; d++) {
+            size_t i = (size_t)c * plane, k = (size_t)d * plane;
+            for (n = 0; n < plane; n++, i++, k++) {
+                double v = view->drawn[c][d] * deviation[i] * deviation[k], drawn, taken;
+                if (v == 0) continue;
+                itn__covariances(view, shares, c, i, d, k, &drawn, &taken);
+                *noise += (double)ITN__BINOMIAL_NOISE * v * (taken + ratio * drawn);
+                *silence += 4 * (double)ITN__BINOMIAL_NOISE * v * v; /* J_a: 2 v */
+            }
+        }
+}
+
 /* Adds a view's part of the normal equations, from planes made by the functions before. */
 static void itn__refine_sum(itn__refiner *refiner, const itn__refine_view *view,
                             const itn_image *a, const itn_image *b) {
     itn__normal *sum = &refiner->fresh;
-    const float *share = a->pixels + view->pixels;
     size_t pixels = view->pixels, i;
     int n = refiner->count, own, other, k, l;
+    itn__shares shares;
+    shares.drawn = b->pixels + pixels, shares.taken = a->pixels + pixels;
     for (own = 0; own < view->count; own++) {
-        const float *ja = a->pixels + (size_t)(2 + 2 * own) * pixels, *va = ja + pixels;
+        const float *ja = a->pixels + (size_t)(2 + 2 * own) * pixels;
         const float *kja = b->pixels + (size_t)(2 + 2 * own) * pixels, *kjb = kja + pixels;
         k = view->unknowns[own];
+        itn__noise_sum(view, &shares, ja + pixels, 2 * refiner->final / sum->samples,
+                       &sum->noise[k], &sum->silence[k]);
         for (i = 0; i < pixels; i++) {
-            double of_one = share[i] + 2 * (1 - (double)share[i]) * refiner->final / sum->samples;
             sum->right[k] += .5 * (double)ja[i] * b->pixels[i];
             sum->right[k] += .5 * (double)kjb[i] * a->pixels[i];
-            sum->noise[k] += ITN__BINOMIAL_NOISE * va[i] * of_one; /* variance of r_a alone */
-            sum->silence[k] += 4 * (double)ITN__BINOMIAL_NOISE * va[i] * va[i]; /* J_a: 2 va */
         }
         for (other = 0; other < view->count; other++) {
             const float *kj = b->pixels + (size_t)(3 + 2 * other) * pixels;
-            double product = 0, outer = 0, shared = 0;
+            double product = 0, outer = 0, drawn = 0, taken = 0;
             l = view->unknowns[other];
-            for (i = 0; i < pixels; i++) {
-                double both = (double)kja[i] * kj[i];
-                product += (double)ja[i] * kj[i], outer += both, shared += share[i] * both;
-            }
+            for (i = 0; i < pixels; i++)
+                product += (double)ja[i] * kj[i], outer += (double)kja[i] * kj[i];
+            itn__covariance_sum(view, &shares, kja, kj, &drawn, &taken);
             sum->matrix[k * n + l] += .5 * product, sum->matrix[l * n + k] += .5 * product;
             sum->outer[k * n + l] += .5 * outer, sum->outer[l * n + k] += .5 * outer;
-            sum->shared[k * n + l] += .5 * shared, sum->shared[l * n + k] += .5 * shared;
+            sum->drawn[k * n + l] += .5 * drawn, sum->drawn[l * n + k] += .5 * drawn;
+            sum->taken[k * n + l] += .5 * taken, sum->taken[l * n + k] += .5 * taken;
         }
     }
+}
+
+/* Adds a pixel's part of the misfit, all of its channels together. */
+static void itn__misfit_pixel(itn__misfit *misfit, const itn__refine_view *view, const itn_image *a,
+                              const itn_image *b, size_t pixel) {
+    size_t plane = itn__film_pixels(view), at = pixel;
+    int channels = view->scene->film.channels, c, d, k, depends;
+    double ra[3], rb[3], deviation[3], together = 0;
+    for (c = 0; c < channels; c++, at += plane) {
+        ra[c] = (double)view->target[at] - a->pixels[at];
+        rb[c] = (double)view->target[at] - b->pixels[at];
+        deviation[c] = sqrt(2 * (double)a->pixels[view->pixels + at]); /* of each, from both */
+        misfit->product += ra[c] * rb[c];
+        for (k = depends = 0; k < view->count && !depends; k++)
+            depends = a->pixels[(size_t)(2 + 2 * k) * view->pixels + at] != 0;
+        if (!depends) continue;
+        together += view->weights[at] * (ra[c] * rb[c] - (double)view->target_variance[at]);
+        misfit->felt++;
+    }
+    for (c = 0; c < channels; c++)
+        for (d = 0; d < channels; d++) {
+            double v = view->drawn[c][d] * deviation[c] * deviation[d];
+            misfit->noise += v * (ra[c] * ra[d] + rb[c] * rb[d] - v);
+        }
+    misfit->chi2 += together, misfit->chi2_square += together * together;
 }
 
 /* Adds a view's part of the misfit. */
 static void itn__misfit_sum(itn__misfit *misfit, const itn__refine_view *view, const itn_image *a,
                             const itn_image *b) {
-    size_t i;
-    int k, depends;
-    for (i = 0; i < view->pixels; i++) {
-        double ra = (double)view->target[i] - a->pixels[i];
-        double rb = (double)view->target[i] - b->pixels[i], product = ra * rb, part;
-        double v = 2 * (double)a->pixels[view->pixels + i]; /* of each render, from both */
-        misfit->product += product, misfit->noise += v * (ra * ra + rb * rb - v);
-        for (k = depends = 0; k < view->count && !depends; k++)
-            depends = a->pixels[(size_t)(2 + 2 * k) * view->pixels + i] != 0;
-        if (!depends) continue;
-        part = view->weights[i] * (product - (double)view->target_variance[i]);
-        misfit->chi2 += part, misfit->chi2_square += part * part, misfit->felt++;
-    }
+    size_t plane = itn__film_pixels(view), i;
+    for (i = 0; i < plane; i++) itn__misfit_pixel(misfit, view, a, b, i);
     misfit->pixels += (double)view->pixels;
 }
 
@@ -14506,7 +14628,7 @@ static void itn__refine_inverse(itn__refiner *refiner) {
 
 /* The gains of a view's pixels, by that inverse and planes as for the normal equations. */
 static void itn__refine_gains(const itn__refiner *refiner, itn__refine_view *view,
-                              const itn_image *a, const itn_image *b) {
+                              const itn_image *b) {
     size_t plane = itn__film_pixels(view), at;
     int n = refiner->count, k, l;
     memset(view->gain, 0, plane * sizeof *view->gain), view->told = 0;
@@ -14520,7 +14642,7 @@ static void itn__refine_gains(const itn__refiner *refiner, itn__refine_view *vie
                 of_a += row[view->unknowns[l]] * *kja, of_b += row[view->unknowns[l]] * *kjb;
             sum += of_a * of_b / row[k];
         }
-        view->gain[at % plane] += (float)(sum * (1 - (double)a->pixels[view->pixels + at]));
+        view->gain[at % plane] += (float)(sum * b->pixels[view->pixels + at]);
         view->told += sum;
     }
 }
@@ -14554,8 +14676,7 @@ static void itn__refine_design(itn__refiner *refiner) {
     for (view = refiner->views; view < end; told += view->told, view++) {
         const itn_film_desc *film = &view->scene->film;
         size_t plane = itn__film_pixels(view);
-        memcpy(view->density, view->gain, plane * sizeof *view->gain);
-        itn__blur(view->density, view->gain, film->width, film->height, plane);
+        itn__blur(view->gain, film->width, film->height, plane, ITN__NEAR, view->row);
         for (i = 0; i < plane; i++) sum += view->gain[i], size += fabsf(view->gain[i]);
     }
     excess -= 3 * sqrt(refiner->known.chi2_variance);
@@ -14601,17 +14722,18 @@ static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view
                                       view->parameters, view->count, &b, error);
     if (!result) {
         itn__pool_variance(view, &a, &b);
-        if (!view->known) itn__keep_variance(view, &a, &b, spp);
+        if (!view->known) itn__keep_variance(view, &a, spp);
         itn__refine_weights(view, (int)refiner->final * refiner->options.spp);
+        itn__refine_correlations(view, &a, &b);
         itn__misfit_sum(&refiner->misfit, view, &a, &b);
-        itn__keep_variance(view, &a, &b, spp);
+        itn__keep_variance(view, &a, spp);
         itn__scale_planes(refiner, view, &a), itn__similarity_planes(refiner, view, &a);
         itn__scale_planes(refiner, view, &b), itn__similarity_planes(refiner, view, &b);
         itn__refine_power(refiner, view, &a, &b);
         for (k = 0; k < view->count; k++) itn__refine_planes(view, &a, &b, k);
-        itn__refine_residuals(view, &a, &b);
+        itn__refine_residuals(view, &a, &b, (int)refiner->final * refiner->options.spp);
         itn__refine_sum(refiner, view, &a, &b);
-        if (refiner->known.samples > 0) itn__refine_gains(refiner, view, &a, &b);
+        if (refiner->known.samples > 0) itn__refine_gains(refiner, view, &b);
     }
     itn_image_free(&b);
     itn_image_free(&a);
@@ -14619,7 +14741,7 @@ static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view
 }
 
 /* How many numbers the blocks of normal equations hold. */
-static size_t itn__means(int count) { return (size_t)(4 * count * count + count); }
+static size_t itn__means(int count) { return (size_t)(5 * count * count + count); }
 static size_t itn__variances(int count) { return (size_t)(2 * count); }
 
 /* Evaluates the normal equations at the present point with `samples` times the first samples. */
@@ -14672,8 +14794,8 @@ static void itn__refine_noise(itn__refiner *refiner, const itn__normal *normal, 
     int n = refiner->count, k;
     for (k = 0; k < n * n; k++)
         refiner->covariance[k] =
-            refiner->final / samples * (normal->outer[k] - normal->shared[k]) +
-            target * normal->shared[k] + excess * normal->outer[k];
+            (refiner->final / samples + excess) * normal->drawn[k] +
+            (target + excess) * normal->taken[k];
     for (k = 0; k < n * n; k++) {
         double square = normal->power[k / n * (n + 1)] * normal->power[k % n * (n + 1)];
         double noise = sqrt(normal->noise[k / n] * normal->noise[k % n]);
@@ -15146,20 +15268,26 @@ static itn_result itn__view_begin(itn__refiner *refiner, const itn_view *given,
                              "itn_refine: target or target_variance of view %d is not valid at "
                              "pixel %d", (int)(view - refiner->views), (int)i);
     view->weights = (float *)itn__allocate(
-        context, 3 * view->pixels + 2 * plane + lines + parameters, sizeof(float));
+        context, 4 * view->pixels + 2 * plane + lines + parameters, sizeof(float));
     view->parameters = (int *)itn__allocate(context, 2 * (size_t)refiner->count + plane,
                                             sizeof(int));
     if (!view->weights || !view->parameters) return itn__out_of_memory(error, "itn_refine");
     view->variance = view->weights + view->pixels;
     view->target_variance = view->variance + view->pixels;
-    view->gain = view->target_variance + view->pixels, view->density = view->gain + plane;
+    view->level = view->target_variance + view->pixels;
+    view->gain = view->level + view->pixels, view->density = view->gain + plane;
     view->row = view->density + plane, view->theta = view->row + lines;
     view->unknowns = view->parameters + refiner->count;
     view->allotment.samples = view->unknowns + refiner->count;
     for (i = 0; i < plane; i++) view->density[i] = 1;
-    if (given->target_variance)
-        itn__blur(given->target_variance, view->target_variance, film->width, film->height,
-                  view->pixels);
+    if (given->target_variance) {
+        size_t size = view->pixels * sizeof(float);
+        memcpy(view->level, given->target_variance, size);
+        memcpy(view->target_variance, given->target_variance, size);
+        itn__blur(view->level, film->width, film->height, view->pixels, ITN__AROUND, view->row);
+        itn__blur(view->target_variance, film->width, film->height, view->pixels, ITN__NEAR,
+                  view->row);
+    }
     if (given->theta) memcpy(view->theta, given->theta, parameters * sizeof(float));
     else itn_parameter_values(view->scene, view->theta);
     return itn__view_unknowns(refiner, view, given->parameters, error);
@@ -15169,8 +15297,9 @@ static itn_result itn__view_begin(itn__refiner *refiner, const itn_view *given,
 static void itn__normal_place(itn__normal *normal, int count, double *block) {
     int squares = count * count;
     normal->means = normal->matrix = block;
-    normal->outer = normal->matrix + squares, normal->shared = normal->outer + squares;
-    normal->power = normal->shared + squares, normal->right = normal->power + squares;
+    normal->outer = normal->matrix + squares, normal->drawn = normal->outer + squares;
+    normal->taken = normal->drawn + squares, normal->power = normal->taken + squares;
+    normal->right = normal->power + squares;
     normal->variances = normal->silence = normal->right + count;
     normal->noise = normal->silence + count;
 }

@@ -11,13 +11,14 @@ enum { SIZE = 16, PIXELS = SIZE * SIZE };
 
 /* A cloud (sphere of radius 1, index-matched) in a map with a bright patch at u: what every test here
    refines. */
-static itn_scene *lit_cloud(int size, double u, double strength, double sigma_t, double albedo,
-                            double g) {
+static itn_scene *cloud_in(int channels, int size, double u, double strength, double sigma_t,
+                           double albedo, double g) {
     itn_mesh mesh = solids_sphere(1, 2);
     itn_image map = stage_patch(1, u, .35, 4);
     stage s;
     itn_scene *scene;
     stage_begin(&s, size, 4, 32);
+    s.desc.film.channels = channels;
     stage_medium(&s, "m", sigma_t, albedo, g);
     stage_object(&s, &mesh, "m", NULL);
     stage_map(&s, NULL, &map)->scale = (float)strength;
@@ -25,6 +26,11 @@ static itn_scene *lit_cloud(int size, double u, double strength, double sigma_t,
     itn_image_free(&map);
     itn_mesh_free(&mesh);
     return scene;
+}
+
+static itn_scene *lit_cloud(int size, double u, double strength, double sigma_t, double albedo,
+                            double g) {
+    return cloud_in(1, size, u, strength, sigma_t, albedo, g);
 }
 
 static itn_scene *cloud(double sigma_t, double albedo, double g) {
@@ -40,7 +46,7 @@ static void photograph(const itn_scene *scene, int spp, uint64_t seed, float *ta
     size_t pixels;
     options.spp = spp, options.seed = seed;
     stage_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
-    pixels = (size_t)image.width * (size_t)image.height;
+    pixels = (size_t)image.width * (size_t)image.height * (size_t)(image.plane_count / 2);
     memcpy(target, image.pixels, pixels * sizeof(float));
     memcpy(variance, image.pixels + pixels, pixels * sizeof(float));
     itn_image_free(&image);
@@ -512,12 +518,49 @@ static void test_coverage(const char *const *names, int count, int target_spp, i
     itn_scene_free(scene);
 }
 
+/* The same where three channels are one picture: its noise is one, too. shrink: as above; the root of
+   3 is what taking it for three would make. */
+static void test_coverage_in_colours(double shrink) {
+    enum { SEEDS = 24 };
+    itn_scene *scene = cloud_in(3, SIZE, .65, 1, 2, .8, .4);
+    static float target[3 * PIXELS], variance[3 * PIXELS];
+    double square[2] = {0, 0};
+    static const char *const names[] = {"m.sigma_t", "m.g"};
+    int parameters[2], k, seed;
+    find_parameters(scene, names, 2, parameters);
+    for (seed = 0; seed < SEEDS; seed++) {
+        itn_refine_options options = ITN_ZERO;
+        itn_estimate estimates[2];
+        itn_error error;
+        float theta[16];
+        photograph(scene, 64, (uint64_t)(1000 + seed), target, variance);
+        itn_parameter_values(scene, theta);
+        options.spp = 4, options.seed = (uint64_t)seed, options.iterations = 3;
+        options.target_variance = variance;
+        stage_need(itn_refine(scene, theta, target, parameters, 2, &options, estimates, &error),
+                   &error);
+        for (k = 0; k < 2; k++) {
+            double z = (estimates[k].value - itn_parameter_get(scene, parameters[k])->value) /
+                       (estimates[k].standard_error / shrink);
+            square[k] += z * z / SEEDS;
+        }
+    }
+    for (k = 0; k < 2; k++) /* quantiles of chi^2(24)/24 at 1e-3: .34 and 2.13 */
+        check_report(square[k] > .34 && square[k] < 2.13, __FILE__, __LINE__,
+                     "%s: mean square of normalised errors in three channels %.2f", names[k],
+                     square[k]);
+    if (getenv("SHOW")) printf("coverage in colours: %.2f, %.2f\n", square[0], square[1]);
+    itn_scene_free(scene);
+}
+
 static void test_coverages(void) {
     static const char *const albedo[] = {"m.albedo"};
     static const char *const both[] = {"m.sigma_t", "m.g"};
     test_coverage(albedo, 1, 32, 4, 1, 1);
     test_coverage(both, 2, 64, 4, 1, 1);
     test_coverage(albedo, 1, 32, 4, 0, 1);
+    test_coverage(albedo, 1, 4, 4, 1, 1); /* of few samples: dark ones say they are sure */
+    test_coverage_in_colours(1);
 }
 
 static void plant_small_errors(void) {
@@ -598,7 +641,7 @@ static void test_doubt(double planted) {
 /* Two unknowns, of which the pictures tell only the first, or only a sum: the second is let go, and
    the first follows it as far as it may be. planted: added to how they are coupled. */
 static void test_let_go(double planted) {
-    enum { N = 2, BLOCK = 22 };
+    enum { N = 2, BLOCK = 26 };
     static const struct {
         double coupled, own, power, silence; /* A_01, A_11, P_11 and what A_11 varies by */
     } cases[] = {{90, 0, 5, 25}, {9000, 8100, 900, 900 * 900}};
@@ -617,7 +660,8 @@ static void test_let_go(double planted) {
     refiner.factor = factor, refiner.covariance = covariance;
     itn__normal_place(&refiner.fresh, N, numbers);
     itn__normal_place(known, N, numbers + BLOCK);
-    known->samples = known->chi2 = 1, known->outer[0] = noise, known->silence[0] = 1;
+    known->samples = known->chi2 = 1, known->outer[0] = known->drawn[0] = noise;
+    known->silence[0] = 1;
     for (which = 0; which < 2; which++) {
         double inverse = 1 / (first + 1 / prior), follows = -cases[which].coupled * inverse;
         known->matrix[0] = first, known->matrix[3] = cases[which].own;
@@ -1532,6 +1576,7 @@ int main(void) {
     CHECK_CATCHES(test_doubt(.01));
     CHECK_CATCHES(test_let_go(1));
     if (!slow) CHECK_CATCHES(plant_small_errors());
+    if (!slow) CHECK_CATCHES(test_coverage_in_colours(sqrt(3)));
     if (!slow) CHECK_CATCHES(test_cases(20, 80, 100, 1));
     if (!slow) CHECK_CATCHES(test_two_lights(1));
     if (!slow) CHECK_CATCHES(test_final_spp(2));
