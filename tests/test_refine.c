@@ -518,14 +518,12 @@ static void test_coverage(const char *const *names, int count, int target_spp, i
     itn_scene_free(scene);
 }
 
-/* The same where three channels are one picture: its noise is one, too. shrink: as above; the root of
-   3 is what taking it for three would make. */
-static void test_coverage_in_colours(double shrink) {
+/* The mean squares of normalised errors of sigma_t and g where three channels are one picture. */
+static void measure_colours(double square[2]) {
     enum { SEEDS = 24 };
-    itn_scene *scene = cloud_in(3, SIZE, .65, 1, 2, .8, .4);
-    static float target[3 * PIXELS], variance[3 * PIXELS];
-    double square[2] = {0, 0};
     static const char *const names[] = {"m.sigma_t", "m.g"};
+    static float target[3 * PIXELS], variance[3 * PIXELS];
+    itn_scene *scene = cloud_in(3, SIZE, .65, 1, 2, .8, .4);
     int parameters[2], k, seed;
     find_parameters(scene, names, 2, parameters);
     for (seed = 0; seed < SEEDS; seed++) {
@@ -541,16 +539,22 @@ static void test_coverage_in_colours(double shrink) {
                    &error);
         for (k = 0; k < 2; k++) {
             double z = (estimates[k].value - itn_parameter_get(scene, parameters[k])->value) /
-                       (estimates[k].standard_error / shrink);
+                       estimates[k].standard_error;
             square[k] += z * z / SEEDS;
         }
     }
-    for (k = 0; k < 2; k++) /* quantiles of chi^2(24)/24 at 1e-3: .34 and 2.13 */
-        check_report(square[k] > .34 && square[k] < 2.13, __FILE__, __LINE__,
-                     "%s: mean square of normalised errors in three channels %.2f", names[k],
-                     square[k]);
     if (getenv("SHOW")) printf("coverage in colours: %.2f, %.2f\n", square[0], square[1]);
     itn_scene_free(scene);
+}
+/* Their noise is one, too. factor: planted; taking them for three pictures makes 3. */
+static void test_coverage_in_colours(double factor) {
+    static double square[2];
+    int k;
+    if (square[0] == 0) measure_colours(square); /* once */
+    for (k = 0; k < 2; k++) /* quantiles of chi^2(24)/24 at 1e-3: .34 and 2.13 */
+        check_report(square[k] * factor > .34 && square[k] * factor < 2.13, __FILE__, __LINE__,
+                     "unknown %d: mean square of normalised errors in three channels %.2f", k,
+                     square[k] * factor);
 }
 
 static void test_coverages(void) {
@@ -1037,8 +1041,8 @@ static void run_final_spp(itn_estimate *few, itn_estimate *many) {
     float theta[8];
     int parameter;
     find_parameters(scene, albedo, 1, &parameter);
-    photograph(scene, 8192, 7, target, variance);
-    options.spp = 8, options.target_variance = variance;
+    photograph(scene, 8192, 8, target, variance);
+    options.spp = 8, options.seed = 1, options.target_variance = variance;
     itn_parameter_values(scene, theta);
     theta[parameter] = .75f;
     stage_need(itn_refine(scene, theta, target, &parameter, 1, &options, few, &error), &error);
@@ -1576,7 +1580,7 @@ int main(void) {
     CHECK_CATCHES(test_doubt(.01));
     CHECK_CATCHES(test_let_go(1));
     if (!slow) CHECK_CATCHES(plant_small_errors());
-    if (!slow) CHECK_CATCHES(test_coverage_in_colours(sqrt(3)));
+    if (!slow) CHECK_CATCHES(test_coverage_in_colours(3));
     if (!slow) CHECK_CATCHES(test_cases(20, 80, 100, 1));
     if (!slow) CHECK_CATCHES(test_two_lights(1));
     if (!slow) CHECK_CATCHES(test_final_spp(2));

