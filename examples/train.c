@@ -514,8 +514,9 @@ static void show_progress(const trainer *t, int steps, double start, int first_s
 static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     const char *from = o->resume ? o->checkpoint : o->start;
     double lambda = o->model.lambda;
-    model before;
+    model before, asked = o->model;
     if (o->resume) load_model(o->checkpoint, &o->model);
+    if (strcmp(asked.name, o->model.name)) fail(o->checkpoint, "is of another --model");
     make_trainer(t, o, from);
     o->model.mean = mean_brightness(&t->pictures);
     *per_epoch = (t->pictures.count + o->model.batch - 1) / o->model.batch;

@@ -155,6 +155,8 @@ sed 3d b.net.csv > damaged.csv
 {
     check "refused: fewer epochs than taken" sh -c "! ./train --model itn $fit --epochs 1 \
         --start b.net --checkpoint g.net && ! test -e g.net.txt"
+    check "refused: to go on as another model" sh -c "! ./train --model rn $fit --epochs 5 --resume \
+        --checkpoint b.net"
     cp b.net g.net && cp b.net.txt g.net.txt && cp damaged.csv g.net.csv
     check "refused: a curve that lacks a step" sh -c "! ./train --model itn $fit --epochs 5 --resume \
         --checkpoint g.net && cmp damaged.csv g.net.csv"
