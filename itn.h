@@ -15260,13 +15260,16 @@ static itn_result itn__view_begin(itn__refiner *refiner, const itn_view *given,
     size_t parameters = (size_t)given->scene->parameter_count;
     view->scene = given->scene, view->target = given->target;
     view->pixels = plane * (size_t)film->channels;
-    for (i = 0; i < view->pixels; i++)
-        if (!itn__finite(given->target[i]) ||
-            (given->target_variance && !(given->target_variance[i] >= 0 &&
-                                         itn__finite(given->target_variance[i]))))
+    for (i = 0; i < view->pixels; i++) {
+        const char *bad = itn__finite(given->target[i]) ? NULL : "target is not finite";
+        if (!bad && given->target_variance &&
+            !(given->target_variance[i] >= 0 && itn__finite(given->target_variance[i])))
+            bad = "target_variance is not finite or below 0";
+        if (bad)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_refine: target or target_variance of view %d is not valid at "
-                             "pixel %d", (int)(view - refiner->views), (int)i);
+                             "itn_refine: view %d: %s at pixel %d", (int)(view - refiner->views),
+                             bad, (int)(i % plane));
+    }
     view->weights = (float *)itn__allocate(
         context, 4 * view->pixels + 2 * plane + lines + parameters, sizeof(float));
     view->parameters = (int *)itn__allocate(context, 2 * (size_t)refiner->count + plane,

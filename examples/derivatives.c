@@ -6,7 +6,7 @@
    Compile: cc -O3 -march=native derivatives.c -o derivatives -lm -lpthread
    Run:     ./derivatives ../scenes/studio.itn studio
    Prints a line per parameter, the derivative of the image's mean and the same by differences,
-            milk.sigma_t    -0.0005 +- 0.0001   by differences -0.0004 +- 0.0003
+            milk.sigma_t    -0.000265 +- 5e-06   by differences -0.00027 +- 3.2e-06
    writes studio.png and studio_d_milk_sigma_t.png and so on (red: brighter, blue: darker), and fails
    if the two disagree by more than four standard errors. */
 #define ITN_THREADS

@@ -23,6 +23,7 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 
+#include <errno.h>
 #include <sys/stat.h>
 
 enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024, MOST_VIEWS = 16 };
@@ -56,7 +57,8 @@ static void fail(const char *what, const char *why) {
 static int whole(const char *option, const char *text) {
     char *end;
     long value = strtol(text, &end, 10);
-    if (end == text || *end || value < 0 || value > 2147483647) fail(option, "needs a whole number");
+    if (end == text || *end || value < 0 || value > 2147483647)
+        fail(option, "needs a whole number from 0 on");
     return (int)value;
 }
 
@@ -120,6 +122,17 @@ static int read_list(const picture *pictures, int views, const char *text,
         count++;
     }
     return count;
+}
+
+/* Fails at the first value of a target that is no number. */
+static void check_target(const char *path, itn_film_desc film, const float *light) {
+    char why[100];
+    int i, count = film.width * film.height * film.channels;
+    for (i = 0; i < count && light[i] - light[i] == 0; i++) {}
+    if (i == count) return;
+    snprintf(why, sizeof why, "the value of pixel %d, %d (column, row) is NaN or infinite",
+             i % film.width, i / film.width % film.height);
+    fail(path, why);
 }
 
 /* Copies the light of an image, and its variance if it has that layer, in the scene's channels: of
@@ -269,6 +282,7 @@ static void make_target(picture *p, const itn_context *context, const itn_render
                   : itn_render(p->scene, p->theta, options, NULL, 0, &image, &error))
         fail(error.message, "");
     read_target(&image, itn_scene_film(p->scene), &p->light, &p->variance);
+    if (p->target) check_target(p->target, itn_scene_film(p->scene), p->light);
     itn_image_free(&image);
 }
 
@@ -362,8 +376,8 @@ static int print_estimates(const history *h, const itn_estimate *estimates, cons
         if (hidden) printf(" hidden %.5g", (double)hidden[k]);
         printf("\n");
         if (!e->determined)
-            printf("warning: at this --spp the image hardly determines %s; do not rely on its value\n",
-                   name);
+            printf("warning: with so few samples the image hardly determines %s: do not rely on its "
+                   "value, try a larger --final-spp\n", name);
         else if (hidden)
             missed += !(fabs(e->value - (double)hidden[k]) <= 4 * e->standard_error);
     }
@@ -422,9 +436,11 @@ int main(int argc, char **argv) {
             refine.method = ITN_METHOD_SGD;
         else fail(option, "unknown option or value");
     }
-    if (!views || (targets && (hidden_list || targets != views)))
-        return fprintf(stderr, "%s", usage), 1;
-    if (refine.spp > 1 << 24) fail("--spp", "must be at most 16777216");
+    if (!views) return fprintf(stderr, "%s", usage), 1;
+    if (targets && hidden_list) fail("--hidden", "has no meaning with --target");
+    if (targets && targets != views) fail("--target", "needed for each of the scenes, or for none");
+    if (refine.spp < 2 || refine.spp > 1 << 24) fail("--spp", "must be in 2..16777216");
+    if (dir && mkdir(dir, 0777) && errno != EEXIST) fail(dir, "this folder cannot be made");
     for (v = 0; v < views; v++) open_scene(&pictures[v], &context);
 
     /* what is hidden, what is sought, where the search starts */
@@ -465,7 +481,6 @@ int main(int argc, char **argv) {
         printf("warning: the picture differs from the scene %.1f times more than noise explains\n",
                sqrt(misfit));
 
-    if (dir) mkdir(dir, 0777); /* may be there already */
     render.spp = refine.spp;
     set_values(pictures, views, &h, values);
     for (v = 0; v < views; v++) {

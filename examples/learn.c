@@ -5,7 +5,7 @@
    must tell the disc's radius and place. No step repeats a picture, so it cannot learn by heart.
 
    Compile: cc -std=c99 -O2 learn.c -o learn -lm
-   Run:     ./learn        (about four seconds)
+   Run:     ./learn        (about a second)
    Prints:  step   0  loss 0.9170
             ...
             step 350  loss 0.0071

@@ -13,6 +13,7 @@
 #include "../itn.h"
 
 #include <time.h>
+#include <unistd.h>
 
 static const char *const usage =
     "usage: render SCENE -o OUT.exr|OUT.pfm|OUT.png [--spp N] [--seed N] [-t THREADS]\n"
@@ -36,7 +37,7 @@ static int whole(const char *option, const char *text, int lowest) {
     char *end;
     long value = text ? strtol(text, &end, 10) : 0;
     if (!text || end == text || *end || value < lowest || value > 2147483647)
-        fail(option, "needs a whole number");
+        fail(option, lowest ? "needs a whole number from 1 on" : "needs a whole number from 0 on");
     return (int)value;
 }
 
@@ -102,15 +103,24 @@ static int find_parameters(const itn_scene *scene, const float *theta, const cha
     return count;
 }
 
+/* Fails where nothing can be saved at a path, before any work is done. */
+static void check_path(const char *path) {
+    const char *ending = strrchr(path, '.'), *slash = strrchr(path, '/');
+    char folder[1024];
+    if (!ending || (strcmp(ending, ".exr") && strcmp(ending, ".pfm") && strcmp(ending, ".png")))
+        fail(path, "must end in .exr, .pfm or .png");
+    snprintf(folder, sizeof folder, "%.*s", slash ? (int)(slash - path) + 1 : 1, slash ? path : ".");
+    if (access(folder, W_OK)) fail(path, "its folder is not there or must not be written to");
+}
+
 /* Writes `image` in the format that the path's ending names: EXR holds all planes, PFM and PNG
    have one file for the image and one for each derivative. */
 static itn_result save(const itn_image *image, int channels, const char *path, itn_error *error) {
     const char *ending = strrchr(path, '.');
     char name[1024];
-    int first, exr = ending && !strcmp(ending, ".exr"), pfm = ending && !strcmp(ending, ".pfm");
+    int first, pfm = !strcmp(ending, ".pfm");
     itn_result result = ITN_OK;
-    if (exr) return itn_image_save_exr(image, path, error);
-    if (!pfm && !(ending && !strcmp(ending, ".png"))) fail(path, "must end in .exr, .pfm or .png");
+    if (!strcmp(ending, ".exr")) return itn_image_save_exr(image, path, error);
     for (first = 0; first < image->plane_count && !result; first += 2 * channels) {
         int layer = (int)strcspn(image->names[first], "."); /* "d_milk_g" of "d_milk_g.Y" */
         snprintf(name, sizeof name, "%.*s%s%.*s%s", (int)(ending - path), path, first ? "." : "",
@@ -188,6 +198,7 @@ int main(int argc, char **argv) {
         i += takes_value;
     }
     if (!path || !out) return fprintf(stderr, "%s", usage), 1;
+    check_path(out);
 
     start = seconds();
     if (itn_scene_load(path, &context, &scene, &error)) fail(error.message, "");

@@ -5,7 +5,8 @@
    Compile: cc -O2 shapes.c -o shapes -lm
    Run:     ./shapes OUTDIR             writes every shape as OUTDIR/NAME.ply
             ./shapes OUTDIR NAME...     writes the shapes (or images: studio, concrete) named
-   Prints:  one line a shape, `OUTDIR/blob.ply: 4800 triangles, volume 0.2652, area 2.2864`
+   Prints:  one line a shape, `OUTDIR/blob.ply: 4800 triangles, volume 0.2652, area 2.2864`, and none
+            for images
 
    A shape is centred, its longest side has length 1, its triangles are counter-clockwise seen from
    outside. Three constructors make all of them: a grid of points that is bent into a ring or a

@@ -1009,7 +1009,7 @@ static void test_view_options(void) {
     REFUSED(views[1].scene = NULL, 2, "view 1");
     REFUSED(views[1].target = NULL, 2, "view 1");
     REFUSED(views[1].parameters = NULL, 2, "view 1");
-    REFUSED(views[1].target = broken, 2, "view 1 is not valid at pixel 255");
+    REFUSED(views[1].target = broken, 2, "view 1: target is not finite at pixel 255");
     REFUSED(views[1].target_variance = broken, 2, "view 1");
     other[0] = -1, other[1] = -1;
     REFUSED(views[1].parameters = other, 2, "view 1 has none of the unknowns");
