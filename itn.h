@@ -14394,9 +14394,9 @@ static void itn__refine_planes(const itn__refine_view *view, itn_image *a, itn_i
     itn__binomial(vb, a->width, a->height, pixels, view->row);
 }
 
-/* Residuals over their standard deviations: r_a replaces the light of a, K r_b that of b; the
-   shares of their variance replace the variances: the target's that of a, and that of the renders,
-   with spp samples at the end of the search, that of b. */
+/* Residuals over their standard deviations: r_a replaces the light of a, K r_b that of b. How much
+   they then deviate by one noise alone replaces the variances: by the target's that of a, by the
+   renders', with spp samples at the end of the search, that of b. */
 static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, itn_image *b,
                                   int spp) {
     float *taken = a->pixels + view->pixels, *drawn = b->pixels + view->pixels;
@@ -14405,8 +14405,8 @@ static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, it
         float scale = sqrtf(view->weights[i]);
         a->pixels[i] = (view->target[i] - a->pixels[i]) * scale;
         b->pixels[i] = (view->target[i] - b->pixels[i]) * scale;
-        taken[i] = view->target_variance[i] * view->weights[i];
-        drawn[i] = view->variance[i] / itn__samples_of(view, spp, i) * view->weights[i];
+        taken[i] = sqrtf(view->target_variance[i]) * scale;
+        drawn[i] = sqrtf(view->variance[i] / itn__samples_of(view, spp, i)) * scale;
     }
     itn__binomial(b->pixels, a->width, a->height, view->pixels, view->row);
 }
@@ -14459,70 +14459,54 @@ static void itn__refine_correlations(itn__refine_view *view, const itn_image *a,
     itn__correlate(view->drawn, channels), itn__correlate(view->taken, channels);
 }
 
-/* Shares of the residuals' variances, by pixel: those of the renders' noise and the target's. */
-typedef struct itn__shares {
-    const float *drawn, *taken;
-} itn__shares;
-
-/* The covariance of residuals of two channels, at places i and k: the parts of both noises. */
-ITN__INLINE void itn__covariances(const itn__refine_view *view, const itn__shares *shares, int c,
-                                  size_t i, int d, size_t k, double *drawn, double *taken) {
-    double of_drawn = (double)shares->drawn[i] * shares->drawn[k];
-    double of_taken = (double)shares->taken[i] * shares->taken[k];
-    *drawn = view->drawn[c][d] * (c == d ? (double)shares->drawn[i] : sqrt(of_drawn));
-    *taken = view->taken[c][d] * (c == d ? (double)shares->taken[i] : sqrt(of_taken));
-}
-
-/* Adds what a view's pixels make of N for two unknowns, whose K J are x and y. */
-static void itn__covariance_sum(const itn__refine_view *view, const itn__shares *shares,
-                                const float *x, const float *y, double *drawn_sum,
-                                double *taken_sum) {
+/* Sum over pixels, and pairs of their channels, of s x in one and s y in the other, times what the
+   pair has `together`. */
+static double itn__pairs_sum(const itn__refine_view *view, double together[3][3], const float *s,
+                             const float *x, const float *y) {
     size_t plane = itn__film_pixels(view), n;
     int channels = view->scene->film.channels, c, d;
+    double all = 0;
     for (c = 0; c < channels; c++)
         for (d = 0; d < channels; d++) {
             size_t i = (size_t)c * plane, k = (size_t)d * plane;
-            for (n = 0; n < plane; n++, i++, k++) {
-                double product = (double)x[i] * y[k], drawn, taken;
-                if (product == 0) continue;
-                itn__covariances(view, shares, c, i, d, k, &drawn, &taken);
-                *drawn_sum += product * drawn, *taken_sum += product * taken;
-            }
+            double sum = 0;
+            for (n = 0; n < plane; n++, i++, k++)
+                sum += (double)s[i] * x[i] * ((double)s[k] * y[k]);
+            all += together[c][d] * sum;
         }
+    return all;
 }
 
 /* Adds what the noise of a derivative makes of b and of A's diagonal; `deviation` is that of a
-   pixel of the mean of J_a and J_b, and r_a has `ratio` times its renders' share of variance. */
-static void itn__noise_sum(const itn__refine_view *view, const itn__shares *shares,
+   pixel of the mean of J_a and J_b, and r_a has `ratio` times the variance of its renders' part. */
+static void itn__noise_sum(itn__refine_view *view, const float *drawn, const float *taken,
                            const float *deviation, double ratio, double *noise, double *silence) {
-    size_t plane = itn__film_pixels(view), n;
-    int channels = view->scene->film.channels, c, d;
-    for (c = 0; c < channels; c++)
-        for (d = 0; d < channels; d++) {
-            size_t i = (size_t)c * plane, k = (size_t)d * plane;
-            for (n = 0; n < plane; n++, i++, k++) {
-                double v = view->drawn[c][d] * deviation[i] * deviation[k], drawn, taken;
-                if (v == 0) continue;
-                itn__covariances(view, shares, c, i, d, k, &drawn, &taken);
-                *noise += (double)ITN__BINOMIAL_NOISE * v * (taken + ratio * drawn);
-                *silence += 4 * (double)ITN__BINOMIAL_NOISE * v * v; /* J_a: 2 v */
-            }
+    double squares[3][3], mixed[3][3], by_drawn, by_taken;
+    int c, d;
+    for (c = 0; c < 3; c++)
+        for (d = 0; d < 3; d++) {
+            squares[c][d] = view->drawn[c][d] * view->drawn[c][d];
+            mixed[c][d] = view->drawn[c][d] * view->taken[c][d];
         }
+    by_drawn = itn__pairs_sum(view, squares, drawn, deviation, deviation);
+    by_taken = itn__pairs_sum(view, mixed, taken, deviation, deviation);
+    *noise += (double)ITN__BINOMIAL_NOISE * (by_taken + ratio * by_drawn);
+    *silence += 4 * (double)ITN__BINOMIAL_NOISE * /* J_a has twice the variance */
+                itn__pairs_sum(view, squares, deviation, deviation, deviation);
 }
 
 /* Adds a view's part of the normal equations, from planes made by the functions before. */
-static void itn__refine_sum(itn__refiner *refiner, const itn__refine_view *view,
-                            const itn_image *a, const itn_image *b) {
+static void itn__refine_sum(itn__refiner *refiner, itn__refine_view *view, const itn_image *a,
+                            const itn_image *b) {
     itn__normal *sum = &refiner->fresh;
     size_t pixels = view->pixels, i;
     int n = refiner->count, own, other, k, l;
-    itn__shares shares;
-    shares.drawn = b->pixels + pixels, shares.taken = a->pixels + pixels;
+    const float *of_drawn = b->pixels + pixels, *of_taken = a->pixels + pixels;
     for (own = 0; own < view->count; own++) {
         const float *ja = a->pixels + (size_t)(2 + 2 * own) * pixels;
         const float *kja = b->pixels + (size_t)(2 + 2 * own) * pixels, *kjb = kja + pixels;
         k = view->unknowns[own];
-        itn__noise_sum(view, &shares, ja + pixels, 2 * refiner->final / sum->samples,
+        itn__noise_sum(view, of_drawn, of_taken, ja + pixels, 2 * refiner->final / sum->samples,
                        &sum->noise[k], &sum->silence[k]);
         for (i = 0; i < pixels; i++) {
             sum->right[k] += .5 * (double)ja[i] * b->pixels[i];
@@ -14530,11 +14514,12 @@ static void itn__refine_sum(itn__refiner *refiner, const itn__refine_view *view,
         }
         for (other = 0; other < view->count; other++) {
             const float *kj = b->pixels + (size_t)(3 + 2 * other) * pixels;
-            double product = 0, outer = 0, drawn = 0, taken = 0;
+            double drawn = itn__pairs_sum(view, view->drawn, of_drawn, kja, kj);
+            double taken = itn__pairs_sum(view, view->taken, of_taken, kja, kj);
+            double product = 0, outer = 0;
             l = view->unknowns[other];
             for (i = 0; i < pixels; i++)
                 product += (double)ja[i] * kj[i], outer += (double)kja[i] * kj[i];
-            itn__covariance_sum(view, &shares, kja, kj, &drawn, &taken);
             sum->matrix[k * n + l] += .5 * product, sum->matrix[l * n + k] += .5 * product;
             sum->outer[k * n + l] += .5 * outer, sum->outer[l * n + k] += .5 * outer;
             sum->drawn[k * n + l] += .5 * drawn, sum->drawn[l * n + k] += .5 * drawn;
@@ -14642,7 +14627,7 @@ static void itn__refine_gains(const itn__refiner *refiner, itn__refine_view *vie
                 of_a += row[view->unknowns[l]] * *kja, of_b += row[view->unknowns[l]] * *kjb;
             sum += of_a * of_b / row[k];
         }
-        view->gain[at % plane] += (float)(sum * b->pixels[view->pixels + at]);
+        view->gain[at % plane] += (float)(sum * itn__square(b->pixels[view->pixels + at]));
         view->told += sum;
     }
 }

@@ -665,9 +665,6 @@ typedef struct flock {
     double free, cached, wrong, unproven; /* flights */
 } flock;
 
-static itn_vec3 lane_vector(const itn__vectors *v, int k) {
-    return itn__vec3(ITN__LANE(v->x, k), ITN__LANE(v->y, k), ITN__LANE(v->z, k));
-}
 static void set_lane(itn__vectors *v, int k, itn_vec3 value) {
     ITN__LANE(v->x, k) = value.x, ITN__LANE(v->y, k) = value.y, ITN__LANE(v->z, k) = value.z;
 }
@@ -711,7 +708,7 @@ static void aim(flock *f) {
     int k;
     for (k = 0; k < ITN__LANES; k++) {
         float u = itn__uniform(&f->rng), v = itn__uniform(&f->rng), w = itn__uniform(&f->rng), x, y;
-        itn_vec3 d = lane_vector(&f->d, k);
+        itn_vec3 d = itn__lane_vector(&f->d, k);
         if (w > .1f)
             set_lane(&f->d, k, itn__sample_phase(d, w > .5f ? .8f : -.2f, u, v, &x, &y));
         w = itn__uniform(&f->rng);
@@ -724,7 +721,7 @@ static void aim(flock *f) {
 static void fly(flock *f, int k) {
     itn_ray ray;
     itn_hit hit;
-    ray.origin = lane_vector(&f->p, k), ray.direction = lane_vector(&f->d, k);
+    ray.origin = itn__lane_vector(&f->p, k), ray.direction = itn__lane_vector(&f->d, k);
     ray.tmax = ITN__LANE(f->distance, k);
     f->unproven++;
     ITN__LANE(f->space.half, k) = -1;
@@ -741,7 +738,7 @@ static void fly(flock *f, int k) {
             itn__cross_boundary(f->scene, &f->places[k], object, &hit, point);
         }
     }
-    while (!(extinction(f, k) > 0) || !itn__within(f->scene, lane_vector(&f->p, k)))
+    while (!(extinction(f, k) > 0) || !itn__within(f->scene, itn__lane_vector(&f->p, k)))
         while (!enter(f, k)) {}
 }
 
@@ -749,12 +746,12 @@ static void fly(flock *f, int k) {
 static void retrace(flock *f, int k, const itn__vectors *to) {
     itn_ray ray;
     itn_hit hit;
-    ray.origin = lane_vector(&f->p, k), ray.direction = lane_vector(&f->d, k);
+    ray.origin = itn__lane_vector(&f->p, k), ray.direction = itn__lane_vector(&f->d, k);
     ray.tmin = -itn__slack(f->scene, ray.origin), ray.tmax = ITN__LANE(f->distance, k);
     f->free++;
     f->wrong += itn__bvh_trace(f->scene->bvh, &ray, &f->places[k].sides, 0, &hit);
     f->places[k].crossed_count = 0;
-    set_lane(&f->p, k, lane_vector(to, k));
+    set_lane(&f->p, k, itn__lane_vector(to, k));
 }
 
 static void step(flock *f) {
