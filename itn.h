@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.5.13                          [itn]
+/* itn.h - inverse transport networks in one C header, version 0.5.14                          [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 5
-#define ITN_VERSION_PATCH 13
+#define ITN_VERSION_PATCH 14
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
 #ifdef __cplusplus
@@ -748,9 +748,10 @@ typedef struct itn_refine_options {
     int spp;        /* samples per pixel of each of the two renders of an iteration, at least 2;
                        0 = 64. LM takes more as it closes in */
     int final_spp;  /* samples of the evaluations that LM averages in the end, all together, which
-                       make the error bars; 0 = 8 spp. More help until the target's own noise is all
-                       that is left. In the end they come where pixels tell most: spp and final_spp
-                       are those of the mean pixel, roughly */
+                       make the error bars; 0 = 8 spp, and up to 16 times as many where these would
+                       leave undetermined what so many tell. More help until the target's own noise
+                       is all that is left. In the end they come where pixels tell most: spp and
+                       final_spp are those of the mean pixel, roughly */
     uint64_t seed;
     int max_scatter;              /* see itn_render_options */
     double learning_rate; /* > 0, falls to a tenth over the iterations. Adam: its first steps in
@@ -14033,7 +14034,11 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
    evaluations told: close by, b(pi) = A (pi* - pi), so b + A pi is the same at all points and can
    be averaged. b^T N^-1 b tells when: its mean is the number of unknowns if all of b is noise.
    While b is more than that, each evaluation replaces what was known; then they are averaged, each
-   with twice the samples of all before it, until the whole has as many as wanted.
+   with twice the samples of all before it, until the whole has as many as wanted. If then some
+   unknown is not told (below), as behind rough glass, whose derivatives are noisy, more samples may
+   tell: i over its standard deviation grows with them. Unless the caller has said how many there
+   are to be, the end moves to half as many again as that takes, up to sixteen times as far in all,
+   and once if nothing comes of it. It begins anew, as what was known is not typical: it decided.
 
    Not all pixels tell as much, and by then it is known which do: pixel i adds w (K J)^T (K J) to A,
    w = 1/(V/n + F) with V the variance of a sample, n samples and F the target's variance. More of
@@ -14068,7 +14073,8 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
 
 enum {
     ITN__MOST_UNKNOWNS = 1024,
-    ITN__FINAL = 8 /* samples of all averaged evaluations, in those of the first, by default */
+    ITN__FINAL = 8, /* samples of all averaged evaluations, in those of the first, by default, */
+    ITN__PATIENCE = 16 /* and how many times as many where they are needed */
 };
 
 /* The unknowns of a medium that has similarity coordinates, as indices among all unknowns. */
@@ -14134,6 +14140,7 @@ typedef struct itn__refiner {
     uint64_t renders;
     int iteration, begun; /* the latest, and the first of this search */
     double final;        /* samples wanted of all averaged evaluations, in those of the first */
+    double patience;     /* how many times as many there may yet be */
     int designed;        /* whether samples go where they tell most */
     float *values;       /* [count] */
     double *numbers;     /* one block for the arrays below and those of the normal equations */
@@ -14583,11 +14590,12 @@ static itn_result itn__overflow(itn_error *error) {
 }
 
 #define ITN__PRIOR 8. /* standard deviation of a coordinate before anything is known */
+#define ITN__CERTAIN 3. /* standard deviations of its own that information about an unknown needs */
 
 /* Factors A + `bias` times E + mu D + that weak prior, with as much more of D as it takes to be
    positive definite. */
-static void itn__refine_factor(itn__refiner *refiner, const itn__normal *normal, double bias,
-                               double mu) {
+static void itn__refine_factor(const itn__refiner *refiner, const itn__normal *normal,
+                               double bias, double mu) {
     int n = refiner->count, k;
     for (;; mu = mu > 0 ? 1.5 * mu : 1e-3) { /* ends, as all is finite and the diagonal positive */
         memcpy(refiner->factor, normal->matrix, (size_t)(n * n) * sizeof(double));
@@ -14851,18 +14859,38 @@ static void itn__refine_move(itn__refiner *refiner) {
     itn__refine_set(refiner, refiner->gradient);
 }
 
-/* Standard error of coordinate k over the square root of c^T N c / i^2: what A's own noise makes of
-   it, by the factor of A. Infinite where A tells nothing. */
-static double itn__refine_doubt(const itn__refiner *refiner, int k) {
-    double *c = refiner->direction, information, spread;
+/* All information about unknown k, i, over its standard deviation, by the factor of A. */
+static double itn__refine_certainty(const itn__refiner *refiner, int k) {
+    double *c = refiner->direction, information;
     int n = refiner->count, l;
     memset(c, 0, (size_t)n * sizeof(double));
     c[k] = 1;
     itn__cholesky_solve(refiner->factor, n, c);
     information = 1 / c[k];
     for (l = 0; l < n; l++) c[l] *= information;
-    spread = itn__refine_spread(&refiner->known, n, c) / (information * information);
-    return 9 * spread < 1 ? 1 / sqrt(1 - 9 * spread) : INFINITY;
+    return information / sqrt(itn__refine_spread(&refiner->known, n, c));
+}
+
+/* Standard error of coordinate k over the square root of c^T N c / i^2: what A's own noise makes of
+   it. Infinite where A tells nothing. */
+static double itn__refine_doubt(const itn__refiner *refiner, int k) {
+    double doubt = ITN__CERTAIN / itn__refine_certainty(refiner, k);
+    return doubt >= 0 && doubt < 1 ? 1 / sqrt(1 - doubt * doubt) : INFINITY;
+}
+
+/* How many times as many samples would tell what is not told yet; 1 if all is, or if there may be no
+   more. Where the information is no more than its noise, it takes a first few to know. */
+static double itn__refine_want(const itn__refiner *refiner) {
+    double want = 1;
+    int k;
+    itn__refine_factor(refiner, &refiner->known, 0, 0);
+    for (k = 0; k < refiner->count; k++) {
+        double certainty = itn__refine_certainty(refiner, k);
+        if (certainty > ITN__CERTAIN) continue;
+        if (!(certainty > 1) && refiner->patience < ITN__PATIENCE) return 1;
+        want = fmax(want, ceil(1.5 * ITN__CERTAIN / fmax(certainty, 1)));
+    }
+    return fmin(want, floor(refiner->patience));
 }
 
 /* What a sample of those known is worth in samples of the last evaluation, which went where they
@@ -14954,11 +14982,19 @@ static itn_result itn__refine_try(itn__refiner *refiner, double samples, int sta
     return ITN_OK;
 }
 
+/* Moves the end of the search, if that would tell what is not told yet. Returns whether it has. */
+static int itn__refine_more(itn__refiner *refiner) {
+    double want = itn__refine_want(refiner);
+    refiner->final *= want, refiner->patience /= want;
+    return want > 1;
+}
+
 /* Levenberg-Marquardt, until the evaluations that count have enough samples, or no step helps. If
    iterations run out, one or two more with all samples at once give error bars. An evaluation that
    told something is followed by one of as many samples, as fewer would not have seen it. The search
    may leap once, while there are iterations to go on from there; a second one does not, as it
-   starts where it should. */
+   starts where it should. Where the end has moved, what is known is replaced, whatever the misfit:
+   its unit is another. */
 static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     const itn__normal *known = &refiner->known;
     int iteration, most = refiner->options.iterations, leapt = refiner->begun > 0;
@@ -14968,15 +15004,20 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     itn__refine_learn(refiner, 0);
     result = itn__refine_report(refiner, 0, error);
     for (iteration = 1; iteration <= most + 2 && !result; iteration++) {
-        int leaps;
-        if (mu > 1e6 || (news < 1 && known->samples >= refiner->final)) break;
+        int leaps, moves = 0;
+        if (mu > 1e6) break;
+        if (news < 1 && known->samples >= refiner->final) {
+            moves = iteration <= most && itn__refine_more(refiner);
+            if (!moves) break;
+        }
         if (iteration > most) samples = refiner->final;
+        else if (moves) samples = fmin(2 * known->samples, refiner->final);
         else if (news < 1) samples = fmin(2 * known->samples, refiner->final - known->samples);
         if (news < 1) itn__refine_design(refiner);
         leaps = iteration > 1 && !leapt && iteration + 5 <= most && itn__refine_leap(refiner);
         if (leaps) leapt = 1;
         else itn__refine_solve(refiner, 1, mu, 1);
-        result = itn__refine_try(refiner, samples, leaps, &mu, &news, error);
+        result = itn__refine_try(refiner, samples, leaps || moves, &mu, &news, error);
         if (!result && iteration <= most) result = itn__refine_report(refiner, iteration, error);
     }
     if (result) return result;
@@ -15069,7 +15110,8 @@ static void itn__refine_tell(itn__refiner *refiner) {
     const itn__normal *known = &refiner->known;
     int n = refiner->count, k;
     memcpy(refiner->fresh.matrix, known->matrix, (size_t)(n * n) * sizeof(double));
-    for (k = 0; k < n; k++) refiner->told[k] = itn__refine_strength(refiner, known, k) > 3;
+    for (k = 0; k < n; k++)
+        refiner->told[k] = itn__refine_strength(refiner, known, k) > ITN__CERTAIN;
     for (k = 0; k < n; k++)
         if (!refiner->told[k]) itn__refine_let_go(refiner, k);
     itn__refine_factor(refiner, known, 0, 0);
@@ -15390,8 +15432,8 @@ static itn_result itn__refine_options(itn_refine_options *options, itn_error *er
     if (options->iterations == 0) options->iterations = options->method == ITN_METHOD_LM ? 20 : 200;
     if (options->learning_rate == 0) options->learning_rate = plain ? 1 : .05;
     if (options->method < ITN_METHOD_LM || options->method > ITN_METHOD_SGD || options->spp < 2 ||
-        options->spp > INT_MAX / ITN__FINAL / ITN__FINAL || options->iterations < 0 ||
-        options->iterations > INT_MAX - 2 || options->max_scatter < 0 ||
+        options->spp > INT_MAX / ITN__FINAL / ITN__FINAL / ITN__PATIENCE ||
+        options->iterations < 0 || options->iterations > INT_MAX - 2 || options->max_scatter < 0 ||
         !(options->learning_rate > 0 && options->learning_rate <= (plain ? 1e6 : 1)))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_refine: needs a known method, spp >= 2, iterations >= 0 and a "
@@ -15460,6 +15502,7 @@ static itn_result itn__refine_again(itn__refiner *refiner, const itn_view *views
     memset(&other, 0, sizeof other);
     other.view_count = refiner->view_count, other.count = refiner->count;
     other.context = refiner->context, other.options = refiner->options;
+    other.options.final_spp = (int)refiner->final * other.options.spp, other.patience = 1;
     other.renders = refiner->renders, other.begun = refiner->iteration + 1;
     result = itn__refine_search(&other, views, values, error);
     if (!result && other.known.chi2 < refiner->known.chi2)
@@ -15487,6 +15530,7 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
     refiner.view_count = view_count, refiner.count = count;
     refiner.context = &views->scene->context;
     if (options) refiner.options = *options;
+    refiner.patience = refiner.options.final_spp == 0 ? ITN__PATIENCE : 1;
     result = itn__refine_options(&refiner.options, error);
     if (result) return result;
     result = itn__refine_search(&refiner, views, values, error);
@@ -18779,6 +18823,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.5.14 where the usual samples would leave something undetermined, itn_refine takes up to 16
+          times as many by itself, unless final_spp says how many
    0.5.13 what stands exactly on a sheet loses no light through it, and a ground of half size up to
           1e6 is seen by what lies close above; error bars know that channels of a film share their
           noise (three channels that are one picture had bars 1.7 times too small); weights by

@@ -12,6 +12,7 @@
    scene file are the hidden ones: images are made with them, and the search starts from a neutral
    guess (thickness 10, albedo .7, g .3). Otherwise it starts from the values in the scene file.
    --final-spp gives the last evaluations more samples than eight times --spp: smaller error bars.
+   Without it they take up to 16 times as many by themselves where something else stays undetermined.
    With --net it starts from what a network of train.c reads off the first picture, which is
    printed as a row of its own. Prints a row per iteration and at the end a line per parameter,
             milk.sigma_t 31.2 +- 0.4 hidden 31
