@@ -15,10 +15,10 @@
    the full experiment these are about 250 times 4 walks for milky materials and thousands for dark
    ones; for a quick trial --noise 0.2 --spp 8 will do.
    One walk serves up to three materials that differ in albedo alone, as the colours of a medium:
-   the sky is grey (sky.c), so that its channels are one picture in three albedos. In the whole data
-   the five albedos of a sigma_t and g take two walks instead of five, and half the time; a small
-   fraction has few to share. The noise of such pictures is alike: errors of one tell something of
-   errors of the others, and a mean over all three is noisier than over three on their own.
+   the sky is grey (sky.c), so that its channels are one picture in three albedos. The five albedos
+   of a sigma_t and g, which follow each other in a shard, take two walks instead of five, and half
+   the time. The noise of such pictures is alike: errors of one tell something of errors of the
+   others, and a mean over all three is noisier than over three on their own.
    --tests is the part of the three test splits to make, as large as --fraction unless given.
    `make` goes on where it was stopped and mends what `check` finds missing or damaged. `sheet`
    shows one picture of every shape, or of a variant (rows), and azimuth (columns). dataset.h says
@@ -520,7 +520,7 @@ static void make_family(void *task, int index) {
     const settings *s = w->settings;
     const family *f = &w->families[index];
     const unsigned char *mask = w->masks[variant_of(&w->shard, w->thetas[f->members[0]])];
-    int spp = (int)fmin(fmin(LEAST, s->spp), fmax(4, .12 / (s->noise * s->noise)));
+    int spp = (int)fmin(fmin(LEAST, s->spp), fmax(4, .06 / (s->noise * s->noise)));
     int samples[PIXELS], extra[PIXELS], round = 0, i;
     itn_image image = render_family(w, f, spp, NULL, round), more;
     double all = spp, noise = family_noise(&image, f, mask, 0, NULL), ratio;
@@ -577,7 +577,7 @@ static void make_shard(work *w, const shard *s) {
 static void write_settings(const settings *s) {
     char path[PATH_SIZE], text[256], there[256] = "";
     int length = snprintf(text, sizeof text, "fraction %.9g\ntests %.9g\nnoise %.9g\nspp %d\n"
-                          "seed %d\nversion 4\n", s->fraction, s->tests, s->noise, s->spp, s->seed);
+                          "seed %d\nversion 5\n", s->fraction, s->tests, s->noise, s->spp, s->seed);
     FILE *file;
     snprintf(path, sizeof path, "%s/data.txt", s->dir);
     file = fopen(path, "r");

@@ -211,15 +211,17 @@ static inline int list_shards(split in, double fraction, shard *shards) {
     return count;
 }
 
-/* sigma_t, albedo and g of a shard's picture: the materials in an order of its own, so that a small
-   fraction of the data still has all kinds. thetas: [count][3]. */
+/* sigma_t, albedo and g of a shard's picture. Pairs of sigma_t and g in an order of the shard's own,
+   so that a part of the data still has all kinds; each with its albedos one after the other, as
+   these can share a walk. thetas: [count][3]. */
 static inline void shard_materials(const shard *s, float (*thetas)[3]) {
-    int order[MATERIALS], i;
-    shuffle(order, MATERIALS, mix((uint64_t)s->in, (uint64_t)s->shape, (uint64_t)s->azimuth));
+    int order[PAIRS], i;
+    shuffle(order, PAIRS, mix((uint64_t)s->in, (uint64_t)s->shape, (uint64_t)s->azimuth));
     for (i = 0; i < s->count; i++) {
-        thetas[i][0] = sigma_t_values[order[i] / 25];
-        thetas[i][1] = albedo_values[order[i] / 5 % 5];
-        thetas[i][2] = g_values[order[i] % 5];
+        int pair = order[i / 5];
+        thetas[i][0] = sigma_t_values[pair / 5];
+        thetas[i][1] = albedo_values[(i + pair) % 5];
+        thetas[i][2] = g_values[pair % 5];
     }
 }
 
