@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.5.14                          [itn]
+/* itn.h - inverse transport networks in one C header, version 0.6.0                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -150,8 +150,8 @@
 #include <stdint.h>
 
 #define ITN_VERSION_MAJOR 0
-#define ITN_VERSION_MINOR 5
-#define ITN_VERSION_PATCH 14
+#define ITN_VERSION_MINOR 6
+#define ITN_VERSION_PATCH 0
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
 #ifdef __cplusplus
@@ -624,9 +624,12 @@ ITN_API float *itn_net_parameters(itn_net *net, size_t *count);
 /* Returns the gradients, of the same count and order: what to sum over machines before a step. */
 ITN_API float *itn_net_gradients(itn_net *net, size_t *count);
 
-/* Makes of a picture the two channels that the authors' networks see: the picture over `mean`, and
-   an edge weight s/(s+1) in [0,1], large where that changes fast: s = |(right - left, below -
-   above)|, of a pixel's neighbours, or of itself at the border.
+/* Makes of a picture the two channels that the authors' networks see, a brightness and an edge
+   weight. The brightness is that of the picture over `mean`, blurred by (1 4 6 4 1)/16 along rows
+   and columns (theirs is not): else networks read the noise of the pictures they learn from, and
+   fail on others. The edge weight is s/(s+1) in [0,1], large where the brightness changes fast: s =
+   |(right - left, below - above)|, of a pixel's neighbours. Pixels of the border are repeated
+   outside.
    mean: the brightness, > 0, of the pictures that the network was trained with. pixels:
    [height][width], linear radiometric, finite, also over mean. input: [2][height][width], no
    overlap with pixels.
@@ -13810,16 +13813,32 @@ static size_t itn__not_finite(const float *values, size_t count) {
     return k;
 }
 
+/* Returns the number nearest to k in 0 to count - 1. */
+static int itn__inside(int k, int count) { return k < 0 ? 0 : k < count ? k : count - 1; }
+
+/* Blurs along rows (across = 1) or columns (0) with binomial weights. */
+static void itn__blur_input(int width, int height, int across, const float *from, float *to) {
+    int x, y, k;
+    for (y = 0; y < height; y++) {
+        const float *lines[5];
+        for (k = 0; k < 5; k++)
+            lines[k] = from + (size_t)itn__inside(across ? y : y + k - 2, height) * (size_t)width;
+        for (x = 0; x < width; x++, to++) {
+            double around[5];
+            for (k = 0; k < 5; k++)
+                around[k] = (double)lines[k][across ? itn__inside(x + k - 2, width) : x];
+            *to = (float)((around[0] + around[4] + 4 * (around[1] + around[3]) + 6 * around[2]) / 16);
+        }
+    }
+}
+
 /* The edge weight of pixel (x, y), from central differences. */
-static float itn__edge_weight(int width, int height, const float *pixels, double mean, int x,
-                              int y) {
-    int left = x > 0 ? x - 1 : x, right = x + 1 < width ? x + 1 : x;
-    int above = y > 0 ? y - 1 : y, below = y + 1 < height ? y + 1 : y;
-    const float *line = pixels + (size_t)y * (size_t)width;
-    double across = (double)line[right] - (double)line[left];
-    double down = (double)pixels[(size_t)below * (size_t)width + (size_t)x] -
-                  (double)pixels[(size_t)above * (size_t)width + (size_t)x];
-    double slope = sqrt(across * across + down * down) / mean;
+static float itn__edge_weight(int width, int height, const float *brightness, int x, int y) {
+    const float *row = brightness + (size_t)y * (size_t)width, *column = brightness + x;
+    double across = (double)row[itn__inside(x + 1, width)] - (double)row[itn__inside(x - 1, width)];
+    double down = (double)column[(size_t)itn__inside(y + 1, height) * (size_t)width] -
+                  (double)column[(size_t)itn__inside(y - 1, height) * (size_t)width];
+    double slope = sqrt(across * across + down * down);
     return (float)(slope / (slope + 1));
 }
 
@@ -13840,11 +13859,12 @@ ITN_API itn_result itn_net_input(int width, int height, const float *pixels, dou
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                              "itn_net_input: pixel (%.0f, %.0f) is too large for a mean of %g",
                              (double)(i % (size_t)width), (double)(i / (size_t)width), mean);
-    for (y = 0; y < height; y++)
-        for (x = 0; x < width; x++, input++) {
-            *input = (float)((double)pixels[(size_t)y * (size_t)width + (size_t)x] / mean);
-            input[plane] = itn__edge_weight(width, height, pixels, mean, x, y);
-        }
+    for (i = 0; i < plane; i++) input[i] = (float)((double)pixels[i] / mean);
+    itn__blur_input(width, height, 1, input, input + plane);
+    itn__blur_input(width, height, 0, input + plane, input);
+    for (y = 0, i = plane; y < height; y++)
+        for (x = 0; x < width; x++, i++)
+            input[i] = itn__edge_weight(width, height, input, x, y);
     return ITN_OK;
 }
 
@@ -14878,8 +14898,8 @@ static double itn__refine_doubt(const itn__refiner *refiner, int k) {
     return doubt >= 0 && doubt < 1 ? 1 / sqrt(1 - doubt * doubt) : INFINITY;
 }
 
-/* How many times as many samples would tell what is not told yet; 1 if all is, or if there may be no
-   more. Where the information is no more than its noise, it takes a first few to know. */
+/* How many times as many samples would tell what is not told yet; 1 if all is, or if there may be
+   no more. Where the information is no more than its noise, it takes a first few to know. */
 static double itn__refine_want(const itn__refiner *refiner) {
     double want = 1;
     int k;
@@ -18823,6 +18843,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.6.0  itn_net_input blurs the brightness: networks that were trained before have to be trained
+          anew
    0.5.14 where the usual samples would leave something undetermined, itn_refine takes up to 16
           times as many by itself, unless final_spp says how many
    0.5.13 what stands exactly on a sheet loses no light through it, and a ground of half size up to

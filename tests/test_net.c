@@ -957,10 +957,26 @@ static itn_context memory_context(test_memory *memory) {
     return context;
 }
 
-/* A slanted picture 3 x + 4 y: its slope is 5 each pixel, so 10 inside, and by Pythagoras 3 or 4 of
-   it once at the borders; over the mean 2. The fault forgets the mean. */
+/* The blur of the input, as one sum over what it takes from every pixel; what would be taken from
+   outside is taken from the border. */
+static double blurred_pixel(int width, int height, const float *pixels, int x, int y) {
+    static const int binomial[5] = {1, 4, 6, 4, 1};
+    double sum = 0;
+    int i, j;
+    for (j = -2; j <= 2; j++)
+        for (i = -2; i <= 2; i++) {
+            int u = x + i < 0 ? 0 : x + i >= width ? width - 1 : x + i;
+            int v = y + j < 0 ? 0 : y + j >= height ? height - 1 : y + j;
+            sum += binomial[2 + i] * binomial[2 + j] / 256. * (double)pixels[v * width + u];
+        }
+    return sum;
+}
+
+/* A slanted picture 3 x + 4 y stays itself where the blur does not reach the border, and its slope
+   is there 5 a pixel, so 10 over two; over the mean 2. A point becomes the binomial weights. Of a
+   picture of random numbers every pixel is compared. The fault forgets the mean. */
 static void test_net_input(int fault) {
-    enum { WIDTH = 7, HEIGHT = 5, PLANE = WIDTH * HEIGHT };
+    enum { WIDTH = 9, HEIGHT = 8, PLANE = WIDTH * HEIGHT };
     float pixels[PLANE], input[2 * PLANE];
     double mean = fault ? 1 : 2;
     int i;
@@ -968,9 +984,23 @@ static void test_net_input(int fault) {
     CHECK(itn_net_input(WIDTH, HEIGHT, pixels, mean, input, NULL) == ITN_OK);
     for (i = 0; i < PLANE; i++) {
         int x = i % WIDTH, y = i / WIDTH;
-        double across = x == 0 || x == WIDTH - 1 ? 3 : 6;
-        double down = y == 0 || y == HEIGHT - 1 ? 4 : 8, slope = hypot(across, down) / 2;
+        if (x < 2 || x > WIDTH - 3 || y < 2 || y > HEIGHT - 3) continue;
         CHECK(input[i] == pixels[i] / 2);
+        if (x == 2 || x == WIDTH - 3 || y == 2 || y == HEIGHT - 3) continue;
+        CHECK_NEAR((double)input[PLANE + i], 5. / 6, 1e-6);
+    }
+    for (i = 0; i < PLANE; i++) pixels[i] = (float)(i == 4 * WIDTH + 4);
+    CHECK(itn_net_input(WIDTH, HEIGHT, pixels, mean, input, NULL) == ITN_OK);
+    CHECK(input[4 * WIDTH + 4] == 36 / 512.f && input[4 * WIDTH + 3] == 24 / 512.f &&
+          input[2 * WIDTH + 2] == 1 / 512.f && input[4 * WIDTH + 1] == 0);
+    for (i = 0; i < PLANE; i++) pixels[i] = (float)((i * 7919 + 13) % 101);
+    CHECK(itn_net_input(WIDTH, HEIGHT, pixels, mean, input, NULL) == ITN_OK);
+    for (i = 0; i < PLANE; i++) {
+        int x = i % WIDTH, y = i / WIDTH, right = x + (x < WIDTH - 1), below = y + (y < HEIGHT - 1);
+        double across = (double)input[y * WIDTH + right] - (double)input[i - (x > 0)];
+        double down = (double)input[below * WIDTH + x] - (double)input[i - (y > 0) * WIDTH];
+        double slope = hypot(across, down);
+        CHECK_NEAR((double)input[i], blurred_pixel(WIDTH, HEIGHT, pixels, x, y) / 2, 1e-5);
         CHECK_NEAR((double)input[PLANE + i], slope / (slope + 1), 1e-6);
     }
 }

@@ -475,22 +475,23 @@ static void test_allotments(void) {
 
 /* ---- error bars -------------------------------------------------------------------------------------- */
 
-/* Normalised errors (estimate - truth) / standard error over many noisy pictures: the sum of their
-   squares is chi^2 of `SEEDS` degrees of freedom; bounds at a two-sided level of 1e-4. Mean within
-   4 / sqrt(SEEDS). shrink: planted, divides the standard errors. */
-static void test_coverage(const char *const *names, int count, int target_spp, int spp,
-                          int known_variance, double shrink) {
-    enum { SEEDS = 20 };
-    itn_scene *scene = cloud(2, .8, .4);
-    static float target[PIXELS], variance[PIXELS];
-    double sum[3] = {0, 0, 0}, square[3] = {0, 0, 0};
+/* Normalised errors z = (estimate - truth) / standard error of each unknown over noisy pictures, in
+   one or three channels: their mean and mean square. */
+typedef struct coverage {
+    double mean[3], square[3];
+} coverage;
+
+static coverage measure_coverage(const itn_scene *scene, const char *const *names, int count,
+                                 int seeds, int target_spp, int spp, int known_variance) {
+    static float target[3 * PIXELS], variance[3 * PIXELS];
+    coverage c = ITN_ZERO;
     int parameters[3], k, seed;
     find_parameters(scene, names, count, parameters);
-    for (seed = 0; seed < SEEDS; seed++) {
+    for (seed = 0; seed < seeds; seed++) {
         itn_refine_options options = ITN_ZERO;
         itn_estimate estimates[3];
         itn_error error;
-        float theta[8];
+        float theta[16];
         photograph(scene, target_spp, (uint64_t)(1000 + seed), target, variance);
         itn_parameter_values(scene, theta);
         options.spp = spp, options.seed = (uint64_t)seed, options.iterations = 3;
@@ -499,14 +500,26 @@ static void test_coverage(const char *const *names, int count, int target_spp, i
                               &error), &error);
         for (k = 0; k < count; k++) {
             double z = (estimates[k].value - itn_parameter_get(scene, parameters[k])->value) /
-                       (estimates[k].standard_error / shrink);
-            sum[k] += z, square[k] += z * z;
+                       estimates[k].standard_error;
+            c.mean[k] += z / seeds, c.square[k] += z * z / seeds;
         }
     }
+    return c;
+}
+
+/* The sum of squares of normalised errors is chi^2 of `SEEDS` degrees of freedom; bounds at a
+   two-sided level of 1e-4. Mean within 4 / sqrt(SEEDS). shrink: planted, divides the standard
+   errors. */
+static void test_coverage(const char *const *names, int count, int target_spp, int spp,
+                          int known_variance, double shrink) {
+    enum { SEEDS = 20 };
+    itn_scene *scene = cloud(2, .8, .4);
+    coverage c = measure_coverage(scene, names, count, SEEDS, target_spp, spp, known_variance);
+    int k;
     for (k = 0; k < count; k++) {
         /* quantiles of chi^2(20)/20 at 5e-5 and 1 - 5e-5: .20 and 2.61; the model behind the error
            bars is linear and their own noise is left out, so .18 to 2.8 */
-        double ratio = square[k] / SEEDS, mean = sum[k] / SEEDS;
+        double ratio = c.square[k] * shrink * shrink, mean = c.mean[k] * shrink;
         check_report(ratio > .18 && ratio < 2.8, __FILE__, __LINE__,
                      "%s (of %d): mean square of normalised errors %.2f", names[k], count, ratio);
         check_report(fabs(mean) < 4 * sqrt(ratio / SEEDS), __FILE__, __LINE__,
@@ -518,43 +531,22 @@ static void test_coverage(const char *const *names, int count, int target_spp, i
     itn_scene_free(scene);
 }
 
-/* The mean squares of normalised errors of sigma_t and g where three channels are one picture. */
-static void measure_colours(double square[2]) {
-    enum { SEEDS = 24 };
-    static const char *const names[] = {"m.sigma_t", "m.g"};
-    static float target[3 * PIXELS], variance[3 * PIXELS];
-    itn_scene *scene = cloud_in(3, SIZE, .65, 1, 2, .8, .4);
-    int parameters[2], k, seed;
-    find_parameters(scene, names, 2, parameters);
-    for (seed = 0; seed < SEEDS; seed++) {
-        itn_refine_options options = ITN_ZERO;
-        itn_estimate estimates[2];
-        itn_error error;
-        float theta[16];
-        photograph(scene, 64, (uint64_t)(1000 + seed), target, variance);
-        itn_parameter_values(scene, theta);
-        options.spp = 4, options.seed = (uint64_t)seed, options.iterations = 3;
-        options.target_variance = variance;
-        stage_need(itn_refine(scene, theta, target, parameters, 2, &options, estimates, &error),
-                   &error);
-        for (k = 0; k < 2; k++) {
-            double z = (estimates[k].value - itn_parameter_get(scene, parameters[k])->value) /
-                       estimates[k].standard_error;
-            square[k] += z * z / SEEDS;
-        }
-    }
-    if (getenv("SHOW")) printf("coverage in colours: %.2f, %.2f\n", square[0], square[1]);
-    itn_scene_free(scene);
-}
-/* Their noise is one, too. factor: planted; taking them for three pictures makes 3. */
+/* Where three channels are one picture, their noise is one, too. factor: planted; taking them for
+   three pictures makes 3. */
 static void test_coverage_in_colours(double factor) {
-    static double square[2];
+    static const char *const names[] = {"m.sigma_t", "m.g"};
+    static coverage c;
     int k;
-    if (square[0] == 0) measure_colours(square); /* once */
+    if (c.square[0] == 0) { /* once */
+        itn_scene *scene = cloud_in(3, SIZE, .65, 1, 2, .8, .4);
+        c = measure_coverage(scene, names, 2, 24, 64, 4, 1);
+        itn_scene_free(scene);
+    }
+    if (getenv("SHOW")) printf("coverage in colours: %.2f, %.2f\n", c.square[0], c.square[1]);
     for (k = 0; k < 2; k++) /* quantiles of chi^2(24)/24 at 1e-3: .34 and 2.13 */
-        check_report(square[k] * factor > .34 && square[k] * factor < 2.13, __FILE__, __LINE__,
+        check_report(c.square[k] * factor > .34 && c.square[k] * factor < 2.13, __FILE__, __LINE__,
                      "unknown %d: mean square of normalised errors in three channels %.2f", k,
-                     square[k] * factor);
+                     c.square[k] * factor);
 }
 
 static void test_coverages(void) {
