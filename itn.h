@@ -13824,10 +13824,10 @@ static void itn__blur_input(int width, int height, int across, const float *from
         for (k = 0; k < 5; k++)
             lines[k] = from + (size_t)itn__inside(across ? y : y + k - 2, height) * (size_t)width;
         for (x = 0; x < width; x++, to++) {
-            double around[5];
+            double of[5];
             for (k = 0; k < 5; k++)
-                around[k] = (double)lines[k][across ? itn__inside(x + k - 2, width) : x];
-            *to = (float)((around[0] + around[4] + 4 * (around[1] + around[3]) + 6 * around[2]) / 16);
+                of[k] = (double)lines[k][across ? itn__inside(x + k - 2, width) : x];
+            *to = (float)((of[0] + of[4] + 4 * (of[1] + of[3]) + 6 * of[2]) / 16);
         }
     }
 }

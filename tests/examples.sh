@@ -120,15 +120,15 @@ keep "dataset make" ./dataset make data --fraction 1/1000 --noise 1 --spp 2 -t 2
 check "dataset check" ./dataset check data
 check "dataset sheet" ./dataset sheet data sheet.png
 check "dataset: renders" ./render data/scenes/knot-50.itn -o a.exr --spp 2 -D milk.g=0.8 -q
-victim=data/train-star-60.itnd # one picture, of variant 28
+victim=data/train-chain-00.itnd # one picture, of variant 32
 cp "$victim" whole.itnd
 printf 'x' | dd of="$victim" bs=1 seek=5000 conv=notrunc 2> "$work/log"
 check "dataset check finds damage" sh -c "! ./dataset check data > found && grep -q damaged found"
-rm data/scenes/star-60-28.ply
+rm data/scenes/chain-00-32.ply
 # shellcheck disable=SC2086
 check "dataset make mends" ./dataset make data --fraction 1/1000 --noise 1 --spp 2 -t 1 $scenes
 check "dataset: the same bits" cmp "$victim" whole.itnd
-check "dataset: renders a variant" ./render data/scenes/star-60-28.itn -o a.exr --spp 2 -q
+check "dataset: renders a variant" ./render data/scenes/chain-00-32.itn -o a.exr --spp 2 -q
 # shellcheck disable=SC2086
 check "dataset: other settings" sh -c "! ./dataset make data --fraction 1/1000 --noise 1 $scenes"
 fit="--data data --batch 4 --spp 2"
