@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.6.0                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.6.1                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 6
-#define ITN_VERSION_PATCH 0
+#define ITN_VERSION_PATCH 1
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
 #ifdef __cplusplus
@@ -329,7 +329,8 @@ typedef enum itn_filter { ITN_FILTER_BOX = 0, ITN_FILTER_GAUSSIAN } itn_filter;
 typedef struct itn_film_desc {
     int width, height; /* pixels, at most 65536; 0 = 128 */
     int channels;      /* 1 (default, Y) or 3 (R, G, B) */
-    itn_filter filter; /* box: the pixel's square; Gaussian: deviation .5 pixel, cut at 2 */
+    itn_filter filter; /* box: the pixel's square; Gaussian: cut at four deviations */
+    float deviation;   /* of the Gaussian, in pixels, .1 to 4; 0 = .5. With box: 0 */
 } itn_film_desc;
 
 typedef struct itn_camera_desc {
@@ -928,7 +929,8 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
    wrong counts, values out of range and undefined names are errors. At most 64 media, 64 surfaces,
    64 objects and 64 lights.
 
-       [film  [width N] [height N] [channels 1|3] [filter box|gaussian]]      (128 x 128, 1, box)
+       [film  [width N] [height N] [channels 1|3] [filter box|gaussian]       (128 x 128, 1, box)
+              [deviation PIXELS]]                                    (of the Gaussian: .5 pixels)
        camera  eye X Y Z  target X Y Z  [up X Y Z] [fov DEGREES]     (0 1 0; 30, horizontal axis)
        medium  NAME  sigma_t COLOUR  albedo COLOUR  [phase hg] [g COLOUR]                   (g 0)
        surface NAME  type dielectric  [ior N] [alpha A]                 (1.5; 0, which is smooth)
@@ -3858,15 +3860,16 @@ static itn_result itn__light_grid(const itn_context *context, itn__light *light,
 typedef struct itn__camera {
     itn_vec3 eye, forward, right, up; /* right and up are as long as half the film at distance 1 */
     int width, height;
-    itn_filter filter;
+    float deviation; /* of a Gaussian filter; 0: box */
 } itn__camera;
 
 /* Ray through pixel (x, y) for u, v in (0,1). */
 static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u, float v) {
     float dx = u - .5f, dy = v - .5f, sx, sy;
     itn_ray ray;
-    if (camera->filter == ITN_FILTER_GAUSSIAN) { /* radius by its inverse distribution, cut at 2 */
-        float cut = 1 - expf(-8.f), r = .5f * sqrtf(-2 * logf(1 - cut * u)), phi = 2 * ITN__PI * v;
+    if (camera->deviation > 0) { /* radius by its inverse distribution, cut at 4 deviations */
+        float cut = 1 - expf(-8.f), phi = 2 * ITN__PI * v;
+        float r = camera->deviation * sqrtf(-2 * logf(1 - cut * u));
         dx = r * cosf(phi), dy = r * sinf(phi);
     }
     sx = 2 * ((float)x + .5f + dx) / (float)camera->width - 1;
@@ -4177,6 +4180,12 @@ static itn_result itn__make_film(itn__maker *maker) {
         (film.filter != ITN_FILTER_BOX && film.filter != ITN_FILTER_GAUSSIAN))
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
                          "film: channels are 1 or 3, filter is box or gaussian");
+    if (film.filter == ITN_FILTER_GAUSSIAN && film.deviation == 0) film.deviation = .5f;
+    if (film.filter == ITN_FILTER_BOX ? film.deviation != 0
+                                      : !(film.deviation >= .1f && film.deviation <= 4))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "film: deviation %g is not in [.1, 4], or the filter is no Gaussian",
+                         (double)film.deviation);
     if (!itn__finite3(in->eye) || !itn__finite3(forward) || !itn__finite3(up) ||
         !(itn__length(forward) > 0))
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
@@ -4195,7 +4204,7 @@ static itn_result itn__make_film(itn__maker *maker) {
     camera->up = itn__scale(itn__cross(camera->right, camera->forward),
                             half * (float)film.height / (float)film.width);
     camera->right = itn__scale(camera->right, half);
-    camera->width = film.width, camera->height = film.height, camera->filter = film.filter;
+    camera->width = film.width, camera->height = film.height, camera->deviation = film.deviation;
     maker->scene->film = film;
     return ITN_OK;
 }
@@ -7867,7 +7876,7 @@ enum { ITN__EMPTY = 1, ITN__EDGE = 2 };
 static void itn__mark_empty(const itn_scene *scene, unsigned char *pixels) {
     const itn__camera *camera = &scene->camera;
     float right2 = itn__dot(camera->right, camera->right), up2 = itn__dot(camera->up, camera->up);
-    float reach = camera->filter == ITN_FILTER_GAUSSIAN ? 2.f : .5f;
+    float reach = camera->deviation > 0 ? 4 * camera->deviation : .5f;
     int width = camera->width, height = camera->height, i, k, x, y;
     memset(pixels, ITN__EMPTY, (size_t)width * (size_t)height);
     for (i = 0; i < scene->bvh->triangle_count; i++) {
@@ -7904,7 +7913,7 @@ static int itn__seen_object(const itn_scene *scene, int x, int y, int *seen) {
     y = (int)itn__clamp((float)y, 0, (float)camera.height);
     seen += (size_t)y * (size_t)(camera.width + 1) + (size_t)x;
     if (*seen != INT_MIN) return *seen;
-    camera.filter = ITN_FILTER_BOX;
+    camera.deviation = 0;
     ray = itn__camera_ray(&camera, x, y, 0, 0);
     *seen = -1;
     if (itn_bvh_nearest(scene->bvh, &ray, &hit)) *seen = itn__bvh_object(scene->bvh, hit.triangle);
@@ -7926,7 +7935,7 @@ static int itn__all_seen(const itn_scene *scene, int x, int y, int size, int ste
 static void itn__mark_edges(const itn_scene *scene, unsigned char *pixels, int *seen) {
     enum { BLOCK = 4 };
     int width = scene->camera.width, height = scene->camera.height, x, y;
-    int reach = scene->camera.filter == ITN_FILTER_GAUSSIAN, size = BLOCK + 2 * reach;
+    int reach = (int)ceilf(2 * scene->camera.deviation), size = BLOCK + 2 * reach;
     size_t corners = ((size_t)width + 1) * ((size_t)height + 1), i;
     for (i = 0; i < corners; i++) seen[i] = INT_MIN;
     for (y = 0; y < height; y++)
@@ -18495,8 +18504,13 @@ static itn_result itn__file_film(itn__scene_file *file, const itn__item *item) {
     film->height = (int)itn__item_number(item, "height", 128);
     film->channels = (int)itn__item_number(item, "channels", 1);
     film->filter = filter ? ITN_FILTER_GAUSSIAN : ITN_FILTER_BOX;
-    if (film->channels != 2) return ITN_OK;
-    return itn__file_fail(&file->text, item->line, file->error, "channels is 1 or 3, not 2");
+    film->deviation = itn__item_number(item, "deviation", 0);
+    if (film->channels == 2)
+        return itn__file_fail(&file->text, item->line, file->error, "channels is 1 or 3, not 2");
+    if (film->deviation > 0 && !filter)
+        return itn__file_fail(&file->text, item->line, file->error,
+                              "deviation is that of filter gaussian");
+    return ITN_OK;
 }
 
 static itn_result itn__file_camera(itn__scene_file *file, const itn__item *item) {
@@ -18655,7 +18669,7 @@ typedef struct itn__item_form {
 static const itn__item_form itn__item_forms[] = {
     {"film", NULL, 0, itn__file_film,
      {{"width", "1i", 1, 65536}, {"height", "1i", 1, 65536}, {"channels", "1i", 1, 3},
-      {"filter", "w", 0, 0}}},
+      {"filter", "w", 0, 0}, {"deviation", "1", .1f, 4}}},
     {"camera", NULL, 0, itn__file_camera,
      {{"eye", "3!", ITN__ANY}, {"target", "3!", ITN__ANY}, {"up", "3", ITN__ANY},
       {"fov", "1", .001f, 179.999f}}},
@@ -18843,6 +18857,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.6.1  itn_film_desc.deviation and `deviation` in scene files: how wide a Gaussian filter is
    0.6.0  itn_net_input blurs the brightness: networks that were trained before have to be trained
           anew
    0.5.14 where the usual samples would leave something undetermined, itn_refine takes up to 16

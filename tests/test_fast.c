@@ -1202,12 +1202,53 @@ static void check_edges(itn_filter filter, itn_sampler sampler, int walks, doubl
     itn_scene_free(scene), itn_mesh_free(&box);
 }
 
+/* The share of a Gaussian about x, of this deviation, that lies between -edge and edge. */
+static double share_between(double x, double edge, double deviation) {
+    double root = deviation * sqrt(2);
+    return (erf((edge - x) / root) + erf((edge + x) / root)) / 2;
+}
+
+/* The same box through a Gaussian filter: every pixel sees as much of it as the filter around its
+   middle covers. planted: factor to the deviation. */
+static void check_blur(float deviation, double planted) {
+    itn_mesh box = solids_box(solids_vec3(-.31, -.31, -.5), solids_vec3(.31, .31, .5));
+    itn_render_options options = ITN_ZERO;
+    itn_image image;
+    itn_scene *scene;
+    stage s;
+    double edge = 8 * .31 / (1.5 * tan(20 * 3.14159265358979 / 180)), width = deviation, chi = 0;
+    int between = 0, x, y;
+    width = (width > 0 ? width : .5) * planted;
+    stage_begin(&s, 16, 2, 40);
+    s.desc.film.filter = ITN_FILTER_GAUSSIAN, s.desc.film.deviation = deviation;
+    stage_diffuse(&s, "black", 0), stage_object(&s, &box, NULL, "black");
+    stage_constant(&s, "sky", 1);
+    scene = stage_make(&s);
+    options.spp = 1024, options.walks = 1, options.sampler = ITN_SAMPLER_RANDOM, options.seed = 7;
+    render(scene, &options, &image);
+    for (y = 0; y < 16; y++)
+        for (x = 0; x < 16; x++) {
+            double share = share_between(x - 7.5, edge, width) * share_between(y - 7.5, edge, width);
+            double off = image.pixels[16 * y + x] - (1 - share);
+            if (share < .01 || share > .99) continue;
+            chi += off * off / (share * (1 - share) / 1024), between++;
+        }
+    check_report(between > 20 && fabs(chi / between - 1) < 4.5 * sqrt(2. / between), __FILE__,
+                 __LINE__, "deviation %g: mean square %g of %d", (double)deviation, chi / between,
+                 between);
+    itn_image_free(&image), itn_scene_free(scene), itn_mesh_free(&box);
+}
+
 static void test_edges(void) {
     check_edges(ITN_FILTER_BOX, ITN_SAMPLER_SOBOL, 1, 1);
     check_edges(ITN_FILTER_BOX, ITN_SAMPLER_RANDOM, 1, 1);
     check_edges(ITN_FILTER_GAUSSIAN, ITN_SAMPLER_SOBOL, 1, 1);
     check_edges(ITN_FILTER_BOX, ITN_SAMPLER_SOBOL, 2, 1);
     CHECK_CATCHES(check_edges(ITN_FILTER_BOX, ITN_SAMPLER_SOBOL, 1, 1.01));
+    check_blur(0, 1);
+    check_blur(.75f, 1);
+    check_blur(2, 1);
+    CHECK_CATCHES(check_blur(.75f, 1.1));
 }
 
 int main(void) {

@@ -52,7 +52,7 @@ static const char *const sky_text =
 /* Every keyword and every field once. */
 static const char *const full_text =
     "# a comment\n"
-    "film height 32 width 16 channels 3 filter gaussian # another\n"
+    "film height 32 width 16 channels 3 filter gaussian deviation .75 # another\n"
     "\n"
     "camera target 0 0 0 eye 0 0 5 up 0 0.1 0 fov 40\n"
     "medium milk sigma_t 12.5 albedo 0.9 0.8 0.7 phase hg g -0.25\n"
@@ -120,7 +120,7 @@ static float value_of(const itn_scene *scene, const char *name) {
 static void check_full_scene(const itn_scene *scene, float milk_g) {
     itn_film_desc film = itn_scene_film(scene);
     CHECK(film.width == 16 && film.height == 32 && film.channels == 3);
-    CHECK(film.filter == ITN_FILTER_GAUSSIAN);
+    CHECK(film.filter == ITN_FILTER_GAUSSIAN && film.deviation == .75f);
     CHECK(value_of(scene, "milk.sigma_t") == 12.5f && value_of(scene, "milk.g") == milk_g);
     CHECK(value_of(scene, "milk.albedo_r") == .9f && value_of(scene, "milk.albedo_g") == .8f);
     CHECK(value_of(scene, "milk.albedo_b") == .7f);
@@ -243,6 +243,9 @@ static const bad_line bad_lines[] = {
     {"film channels 4", ITN_ERROR_FORMAT, "channels"},
     {"film filter tent", ITN_ERROR_FORMAT, "tent"},
     {"film filter", ITN_ERROR_FORMAT, "filter"},
+    {"film deviation 0.5", ITN_ERROR_FORMAT, "that of filter gaussian"},
+    {"film filter box deviation 0.5", ITN_ERROR_FORMAT, "that of filter gaussian"},
+    {"film filter gaussian deviation 5", ITN_ERROR_FORMAT, "deviation: 5 is not in [0.1, 4]"},
     {"medium", ITN_ERROR_FORMAT, "medium"},
     {"medium x", ITN_ERROR_FORMAT, "sigma_t is missing"},
     {"medium x sigma_t 1", ITN_ERROR_FORMAT, "albedo is missing"},

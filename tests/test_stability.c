@@ -771,6 +771,9 @@ static void test_bad_words(int channels) {
     SPOIL(t.s.desc.film.height = 1 << 20, "film");
     SPOIL(t.s.desc.film.channels = 2, "film");
     SPOIL(t.s.desc.film.filter = (itn_filter)5, "film");
+    SPOIL(t.s.desc.film.deviation = .5f, "film");
+    SPOIL((t.s.desc.film.filter = ITN_FILTER_GAUSSIAN, t.s.desc.film.deviation = NAN), "film");
+    SPOIL((t.s.desc.film.filter = ITN_FILTER_GAUSSIAN, t.s.desc.film.deviation = -1), "film");
     SPOIL(t.s.desc.camera.target = t.s.desc.camera.eye, "camera");
     SPOIL(t.s.desc.camera.up.z = 1, "camera");
     SPOIL(t.s.media[0].name = NULL, "medium");
