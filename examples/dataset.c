@@ -5,15 +5,17 @@
    them is lost when the program is stopped.
 
    Compile: cc -O3 -march=native dataset.c -o dataset -lm -lpthread
-   Run:     ./dataset make data --fraction 1/50 --noise 0.2 --spp 8 --scenes ../scenes
+   Run:     ./dataset make data --fraction 1/50 --noise 0.1 --spp 8 --scenes ../scenes
             ./dataset check data
             ./dataset sheet data sheet.png
-   Prints:  328 images made in 101 s, noise at most 71.66 %, 6.9 samples per pixel in the mean
+   Prints:  328 images made in 76 s, noise at most 22.49 %, 8.0 samples per pixel in the mean
+   A picture is seen through a Gaussian filter of deviation .75 pixels, and every sample counts for
+   all pixels in whose filter it lies, which takes an eighth of the samples or less: the walk's film
+   has half of the pixel size, and pictures are weighted sums of its pixels. So neighbours in a
+   picture have noise in common.
    A picture gets as many samples as bring its noise under --noise, but at most --spp per pixel in
-   the mean: a few first, which tell the deviation of each pixel's samples, then in proportion to it
-   (Neyman 1934), which takes two thirds of what the same number for all pixels would. At the 3 % of
-   the full experiment these are about 250 times 4 walks for milky materials and thousands for dark
-   ones; for a quick trial --noise 0.2 --spp 8 will do.
+   the mean, at least 8: a few first, which tell the deviation of each pixel's samples, then in
+   proportion to it (Neyman 1934). For 3 % these are some 40 times 4 walks in the mean.
    One walk serves up to three materials that differ in albedo alone, as the colours of a medium:
    the sky is grey (sky.c), so that its channels are one picture in three albedos. The five albedos
    of a sigma_t and g, which follow each other in a shard, take two walks instead of five, and half
@@ -33,8 +35,13 @@ static const char *const usage =
     "       dataset check DIR\n"
     "       dataset sheet DIR OUT.png\n";
 
-/* Samples that every pixel has where most have more: whole sets of 16, which are spread well. */
-enum { LEAST = 64 };
+/* Samples that every pixel of the fine film has where most have more. */
+enum { LEAST = 8 };
+
+/* How many more are taken than a few samples say: where these fall short by chance, more go. */
+#define CARE 1.12
+
+#define RADIANS (3.14159265358979323846 / 180) /* a degree */
 
 typedef struct settings {
     const char *dir, *scenes; /* the data; where shapes, maps and skies are */
@@ -89,26 +96,28 @@ static double mesh_lift(const itn_mesh *mesh) {
    the height of the sun and are measured from the zenith and from the sun, so all azimuths share
    them. A file for each film. */
 static void write_scene(const char *dir, int shape, int azimuth, int variant) {
-    static const char *const films[FILMS] = {
-        "width 128 height 128  filter gaussian",
-        "width 128 height 128  channels 3  filter gaussian", "width 32 height 32"}; /* FILM, SMALL */
-    char path[PATH_SIZE], text[2048], name[64];
-    double angle = azimuth * 3.14159265358979323846 / 180, lift;
+    char path[PATH_SIZE], text[2048], name[64], films[FILMS][96];
+    double angle = azimuth * RADIANS, lift, fovs[FILMS] = {2.5, 0, 2.5};
     itn_mesh mesh = load_mesh(dir, shape, azimuth, variant);
     int on;
     lift = mesh_lift(&mesh);
     itn_mesh_free(&mesh);
     mesh_name(shape, azimuth, variant, name);
+    fovs[FILM_FINE] = 2 / RADIANS * atan(tan(1.25 * RADIANS) * FINE / (PARTS * FILM));
+    snprintf(films[FILM_ONE], 96, "width %d height %d  filter gaussian  deviation %g", FILM, FILM,
+             DEVIATION);
+    snprintf(films[FILM_FINE], 96, "width %d height %d  channels 3", FINE, FINE);
+    snprintf(films[FILM_SMALL], 96, "width %d height %d  filter gaussian", SMALL, SMALL);
     for (on = 0; on < FILMS; on++) {
         int length = snprintf(text, sizeof text,
             "film    %s\n"
-            "camera  eye 0 8.785 -32.785  target 0 0.469 -1.75  fov 2.5\n"
+            "camera  eye 0 8.785 -32.785  target 0 0.469 -1.75  fov %.8g\n"
             "medium  milk   sigma_t 54  albedo 0.87  g 0.4\n"
             "surface ground type diffuse  reflectance texture concrete.pfm\n"
             "object  plane  y 0 half 20  surface ground\n"
             "object  mesh %s  medium milk  rotate 0 1 0 180  translate 0 %.4f -1.75\n"
             "light   sky t3-e60-grey.sky  sun %.6f 0.866025 %.6f  sun_scale 2  sun_radius_scale 70\n",
-            films[on], name, lift, .5 * cos(angle), .5 * sin(angle));
+            films[on], fovs[on], name, lift, .5 * cos(angle), .5 * sin(angle));
         scene_path(shape, azimuth, variant, (film)on, dir, path);
         save_file(path, text, (size_t)length);
     }
@@ -279,7 +288,7 @@ static void object_mask(const char *dir, const shard *s, int variant, unsigned c
     itn_mesh mesh = load_mesh(dir, s->shape, s->azimuth, variant);
     itn_bvh *bvh;
     itn_error error;
-    double lift = mesh_lift(&mesh), half = tan(1.25 * 3.14159265358979323846 / 180);
+    double lift = mesh_lift(&mesh), half = tan(1.25 * RADIANS);
     double cosine = -1.75 + 32.785, sine = 8.785 - .469, length = hypot(sine, cosine);
     int i;
     for (i = 0; i < mesh.vertex_count; i++) { /* half a turn about y, then up and towards the eye */
@@ -302,20 +311,52 @@ static void object_mask(const char *dir, const shard *s, int variant, unsigned c
     itn_mesh_free(&mesh);
 }
 
-/* The noise of a picture, one channel of a render with `spp` samples of each pixel: over the
-   object's pixels, the root of the mean variance of a pixel, relative to their mean. samples not
-   NULL: what it would be with these numbers of samples instead. */
-static double image_noise(const itn_image *image, int channel, const unsigned char *mask, int spp,
+/* What a variant's fine film tells of its object: how much a pixel counts for pixels of the picture
+   that show it, the sums of weights and of their squares, and how many of these there are. */
+typedef struct view {
+    unsigned char mask[PIXELS];
+    float shares[FINE_PIXELS], squares[FINE_PIXELS];
+    int count;
+} view;
+
+/* Weights of a line of the fine film in one of a picture, [FILM][FINE], whose filter together with
+   the fine pixels' squares (of variance 1/12) has the deviation DEVIATION; and their squares. */
+typedef struct filter {
+    float weights[FILM * FINE], squares[FILM * FINE];
+} filter;
+
+static void make_filter(filter *f) {
+    int i;
+    line_weights(FINE, FILM, MARGIN, PARTS, sqrt(pow(PARTS * DEVIATION, 2) - 1 / 12.), f->weights);
+    for (i = 0; i < FILM * FINE; i++) f->squares[i] = f->weights[i] * f->weights[i];
+}
+
+static view *make_view(const char *dir, const shard *s, int variant, const filter *f) {
+    view *v = (view *)need(1, sizeof *v);
+    float mask[PIXELS];
+    int i;
+    object_mask(dir, s, variant, v->mask);
+    for (i = 0; i < PIXELS; i++) mask[i] = v->mask[i], v->count += v->mask[i];
+    weigh_picture(mask, FILM, f->weights, 1, FINE, FINE, v->shares);
+    weigh_picture(mask, FILM, f->squares, 1, FINE, FINE, v->squares);
+    return v;
+}
+
+/* The noise of a picture, made of one channel of a fine render with `spp` samples of each pixel:
+   over the object's pixels, the root of the mean variance of a pixel, relative to their mean.
+   samples not NULL: what it would be with these numbers of samples instead. */
+static double image_noise(const itn_image *image, int channel, const view *v, int spp,
                           const int *samples) {
-    const float *pixels = image->pixels + channel * PIXELS, *variances = pixels + 3 * PIXELS;
+    const float *pixels = image->pixels + channel * FINE_PIXELS;
+    const float *variances = pixels + 3 * FINE_PIXELS;
     double light = 0, variance = 0;
-    int i, count = 0;
-    for (i = 0; i < PIXELS; i++) {
-        if (!mask[i]) continue;
-        light += (double)pixels[i], count++;
-        variance += samples ? (double)variances[i] * spp / samples[i] : (double)variances[i];
+    int i;
+    for (i = 0; i < FINE_PIXELS; i++) {
+        double one = (double)v->squares[i] * (double)variances[i];
+        light += (double)v->shares[i] * (double)pixels[i];
+        variance += samples ? one * spp / samples[i] : one;
     }
-    return count ? sqrt(variance * count) / light : 0;
+    return v->count ? sqrt(variance * v->count) / light : 0;
 }
 
 /* ---- pictures ---- */
@@ -337,7 +378,9 @@ typedef struct work {
     float (*thetas)[3];
     family families[MATERIALS];
     int parameters[5]; /* family_names */
-    unsigned char masks[PAIRS][PIXELS], *bytes;
+    view *views[PAIRS];
+    filter filter;
+    unsigned char *bytes;
     pthread_mutex_t lock; /* of what follows */
     int done, total;
     double start, worst, samples;
@@ -390,25 +433,26 @@ static float *family_theta(const work *w, const itn_scene *scene, const family *
     return theta_with(scene, 5, w->parameters, values);
 }
 
-/* Stores a channel of a render as picture `index` of the shard. */
+/* Stores the picture that a channel of a fine render makes as picture `index` of the shard. */
 static void put_picture(const work *w, int index, const itn_image *image, int channel) {
     unsigned char *record = w->bytes + record_place(index);
     unsigned char *at = w->bytes + pixels_place(&w->shard, index);
-    const float *pixels = image->pixels + channel * PIXELS;
-    const unsigned char *mask = w->masks[variant_of(&w->shard, w->thetas[index])];
+    const view *v = w->views[variant_of(&w->shard, w->thetas[index])];
+    float pixels[PIXELS];
     int k;
+    weigh_picture(image->pixels + channel * FINE_PIXELS, FINE, w->filter.weights, FINE, 1, FILM,
+                  pixels);
     for (k = 0; k < 3; k++) put_float(record + 4 * k, w->thetas[index][k]);
-    put_float(record + 12, (float)image_noise(image, channel, mask, 0, NULL));
+    put_float(record + 12, (float)image_noise(image, channel, v, 0, NULL));
     for (k = 0; k < PIXELS; k++) put_bytes(at + 2 * k, half_from_float(pixels[k]), 2);
 }
 
 /* The noise of the noisiest picture of a family; see image_noise. */
-static double family_noise(const itn_image *image, const family *f, const unsigned char *mask,
-                           int spp, const int *samples) {
+static double family_noise(const itn_image *image, const family *f, const view *v, int spp,
+                           const int *samples) {
     double noise = 0;
     int k;
-    for (k = 0; k < f->count; k++)
-        noise = fmax(noise, image_noise(image, k, mask, spp, samples));
+    for (k = 0; k < f->count; k++) noise = fmax(noise, image_noise(image, k, v, spp, samples));
     return noise;
 }
 
@@ -436,7 +480,7 @@ static void merge_images(itn_image *first, const itn_image *second, double ratio
     double sum = 1 + ratio;
     int i, k;
     for (k = 0; k < first->plane_count; k++) /* means, then variances */
-        for (i = k * PIXELS; i < (k + 1) * PIXELS; i++) {
+        for (i = k * FINE_PIXELS; i < (k + 1) * FINE_PIXELS; i++) {
             double a = (double)first->pixels[i], b = (double)second->pixels[i];
             first->pixels[i] = (float)(k < first->plane_count / 2
                                            ? (a + ratio * b) / sum
@@ -450,65 +494,68 @@ static double relative_variance(const itn_image *image, const family *f, const d
     double sum = 0;
     int k;
     for (k = 0; k < f->count; k++)
-        sum += (double)image->pixels[(3 + k) * PIXELS + pixel] / (light[k] * light[k]);
+        sum += (double)image->pixels[(3 + k) * FINE_PIXELS + pixel] / (light[k] * light[k]);
     return sum;
 }
 
-/* How each pixel's samples deviate. A few samples say little of their variance, so that most of it
-   is taken from the pixels around. */
-static void list_deviations(const itn_image *image, const family *f, const unsigned char *mask,
+/* How much the deviation of each pixel's samples makes noise of the object's pixels. A few samples
+   say little of their variance, so that most of it is taken from the pixels around. */
+static void list_deviations(const itn_image *image, const family *f, const view *v,
                             double *deviations) {
+    enum { AROUND = 2 };
     double light[3] = {0, 0, 0};
     int i, k, x, y;
     for (k = 0; k < f->count; k++)
-        for (i = 0; i < PIXELS; i++) light[k] += mask[i] * (double)image->pixels[k * PIXELS + i];
-    for (i = 0; i < PIXELS; i++) {
+        for (i = 0; i < FINE_PIXELS; i++)
+            light[k] += (double)v->shares[i] * (double)image->pixels[k * FINE_PIXELS + i];
+    for (i = 0; i < FINE_PIXELS; i++) {
         double around = 0;
-        int left = i % FILM - 1, top = i / FILM - 1, count = 0;
-        for (y = top; y < top + 3; y++)
-            for (x = left; x < left + 3; x++) {
-                if (x < 0 || y < 0 || x >= FILM || y >= FILM) continue;
-                around += relative_variance(image, f, light, y * FILM + x), count++;
+        int left = i % FINE - AROUND, top = i / FINE - AROUND, count = 0;
+        deviations[i] = 0;
+        if (!(v->squares[i] > 0)) continue;
+        for (y = top; y <= top + 2 * AROUND; y++)
+            for (x = left; x <= left + 2 * AROUND; x++) {
+                if (x < 0 || y < 0 || x >= FINE || y >= FINE) continue;
+                around += relative_variance(image, f, light, y * FINE + x), count++;
             }
-        deviations[i] = sqrt(.85 * around / count + .15 * relative_variance(image, f, light, i));
+        around = .95 * around / count + .05 * relative_variance(image, f, light, i);
+        deviations[i] = sqrt((double)v->squares[i] * around);
     }
 }
 
-/* Numbers of samples in proportion to deviations, `mean` of them per pixel of the object in the
-   mean, at least `least` each, and at most four times as many where there is no object. Returns how
-   many there are per pixel of the picture. */
-static double spread_samples(const double *deviations, const unsigned char *mask, double mean,
-                             int least, int *samples) {
+/* Numbers of samples in proportion to deviations, `mean` of them in the mean of pixels that have
+   some, at least `least` each. Returns how many there are per pixel. */
+static double spread_samples(const double *deviations, double mean, int least, int *samples) {
     double sum = 0, all = 0;
     int i, count = 0;
-    for (i = 0; i < PIXELS; i++)
-        if (mask[i]) sum += deviations[i], count++;
-    for (i = 0; i < PIXELS; i++) {
-        double wanted = mean * deviations[i] * count / sum;
-        if (!mask[i]) wanted = fmin(wanted, 4 * least);
+    for (i = 0; i < FINE_PIXELS; i++) sum += deviations[i], count += deviations[i] > 0;
+    for (i = 0; i < FINE_PIXELS; i++) {
+        double wanted = count ? mean * deviations[i] * count / sum : 0;
         samples[i] = (int)ceil(fmin(fmax(wanted, least), 1 << 24));
         all += samples[i];
     }
-    return all / PIXELS;
+    return all / FINE_PIXELS;
 }
 
 /* Decides from a first image, with `spp` samples of each pixel and of this noise, how many bring the
    noise of a family to what is asked for. Returns how many there are per pixel in the mean. */
 static double choose_samples(const settings *s, const itn_image *image, int spp, double noise,
-                             const family *f, const unsigned char *mask, int *samples) {
-    double deviations[PIXELS], mean, all;
+                             const family *f, const view *v, int *samples) {
+    double *deviations = (double *)need(FINE_PIXELS, sizeof *deviations), mean, all;
+    double most = s->spp / (double)(PARTS * PARTS);
     int least, i;
-    mean = fmin(spp * pow(noise / s->noise, 2), s->spp);
+    mean = fmin(spp * pow(noise / s->noise, 2), most);
     least = (int)fmin(LEAST, fmax(mean, spp));
-    list_deviations(image, f, mask, deviations);
+    list_deviations(image, f, v, deviations);
     for (i = 0; i < 3; i++) { /* noise falls with the root of the samples, but for the least ones */
-        spread_samples(deviations, mask, mean, least, samples);
-        noise = family_noise(image, f, mask, spp, samples);
-        mean *= pow(noise / s->noise, 2);
+        spread_samples(deviations, mean, least, samples);
+        noise = family_noise(image, f, v, spp, samples);
+        mean *= CARE * pow(noise / s->noise, 2);
     }
-    all = spread_samples(deviations, mask, mean, least, samples);
-    for (i = 0; i < 3 && all > s->spp; i++)
-        all = spread_samples(deviations, mask, mean *= s->spp / all, least, samples);
+    all = spread_samples(deviations, mean, least, samples);
+    for (i = 0; i < 20 && all > most; i++) /* what goes to the least ones stays */
+        all = spread_samples(deviations, mean *= most / all, least, samples);
+    free(deviations);
     return all;
 }
 
@@ -519,38 +566,40 @@ static void make_family(void *task, int index) {
     work *w = (work *)task;
     const settings *s = w->settings;
     const family *f = &w->families[index];
-    const unsigned char *mask = w->masks[variant_of(&w->shard, w->thetas[f->members[0]])];
-    int spp = (int)fmin(fmin(LEAST, s->spp), fmax(4, .06 / (s->noise * s->noise)));
-    int samples[PIXELS], extra[PIXELS], round = 0, i;
+    const view *v = w->views[variant_of(&w->shard, w->thetas[f->members[0]])];
+    int *samples = (int *)need(2 * FINE_PIXELS, sizeof *samples), *extra = samples + FINE_PIXELS;
+    int most = s->spp / (PARTS * PARTS), round = 0, i;
+    int spp = (int)fmin(fmin(LEAST, most), fmax(2, .0025 / (s->noise * s->noise)));
     itn_image image = render_family(w, f, spp, NULL, round), more;
-    double all = spp, noise = family_noise(&image, f, mask, 0, NULL), ratio;
-    if (noise >= s->noise && spp < s->spp) {
-        all = choose_samples(s, &image, spp, noise, f, mask, samples);
+    double all = spp, noise = family_noise(&image, f, v, 0, NULL), ratio;
+    if (noise >= s->noise && spp < most) {
+        all = choose_samples(s, &image, spp, noise, f, v, samples);
         itn_image_free(&image);
         image = render_family(w, f, 0, samples, ++round);
-        noise = family_noise(&image, f, mask, 0, NULL);
+        noise = family_noise(&image, f, v, 0, NULL);
     }
-    while (noise >= s->noise && all < .99 * s->spp && round < 9) {
-        ratio = fmin(fmax(1.02 * pow(noise / s->noise, 2), 1.1), s->spp / all) - 1;
-        for (i = 0; i < PIXELS; i++) extra[i] = (int)fmax(ceil(samples[i] * ratio), 8);
+    while (noise >= s->noise && all < .99 * most && round < 9) {
+        ratio = fmin(fmax(1.02 * pow(noise / s->noise, 2), 1.1), most / all) - 1;
+        for (i = 0; i < FINE_PIXELS; i++) extra[i] = (int)fmax(ceil(samples[i] * ratio), 2);
         more = render_family(w, f, 0, extra, ++round);
         merge_images(&image, &more, ratio);
         itn_image_free(&more);
-        for (i = 0; i < PIXELS; i++) samples[i] += extra[i];
-        all *= 1 + ratio, noise = family_noise(&image, f, mask, 0, NULL);
+        for (i = 0; i < FINE_PIXELS; i++) samples[i] += extra[i];
+        all *= 1 + ratio, noise = family_noise(&image, f, v, 0, NULL);
     }
     for (i = 0; i < f->count; i++) put_picture(w, f->members[i], &image, i);
     itn_image_free(&image);
-    show_progress(w, f->count, noise, all);
+    free(samples);
+    show_progress(w, f->count, noise, all * PARTS * PARTS);
 }
 
 /* Loads the scene of one of the used variants; the parameters are in the same places in all. */
 static void prepare_variant(void *task, int index) {
     work *w = (work *)task;
     int variant = w->variants[index], parameters[5];
-    w->scenes[variant] = load_scene(&w->shard, variant, FILM_THREE, w->settings->dir, family_names,
+    w->scenes[variant] = load_scene(&w->shard, variant, FILM_FINE, w->settings->dir, family_names,
                                     5, index ? parameters : w->parameters);
-    object_mask(w->settings->dir, &w->shard, variant, w->masks[variant]);
+    w->views[variant] = make_view(w->settings->dir, &w->shard, variant, &w->filter);
 }
 
 static void make_shard(work *w, const shard *s) {
@@ -570,14 +619,18 @@ static void make_shard(work *w, const shard *s) {
     save_file(path, w->bytes, size);
     free(w->bytes);
     free(w->thetas);
-    for (i = 0; i < PAIRS; i++) itn_scene_free(w->scenes[i]), w->scenes[i] = NULL;
+    for (i = 0; i < PAIRS; i++) {
+        itn_scene_free(w->scenes[i]), w->scenes[i] = NULL;
+        free(w->views[i]), w->views[i] = NULL;
+    }
 }
 
 /* Writes data.txt, or checks that what is there was made with the same settings. */
 static void write_settings(const settings *s) {
     char path[PATH_SIZE], text[256], there[256] = "";
     int length = snprintf(text, sizeof text, "fraction %.9g\ntests %.9g\nnoise %.9g\nspp %d\n"
-                          "seed %d\nversion 5\n", s->fraction, s->tests, s->noise, s->spp, s->seed);
+                          "seed %d\nversion %d\n", s->fraction, s->tests, s->noise, s->spp,
+                          s->seed, VERSION);
     FILE *file;
     snprintf(path, sizeof path, "%s/data.txt", s->dir);
     file = fopen(path, "r");
@@ -598,6 +651,7 @@ static int make_data(const settings *s) {
     write_settings(s);
     write_scenes(s);
     w.settings = s;
+    make_filter(&w.filter);
     for (in = 0; in < SPLITS; in++) {
         counts[in] = list_shards((split)in, read_fraction(s->dir, (split)in), shards[in]);
         for (i = 0; i < counts[in]; i++) {
@@ -694,7 +748,7 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--fraction")) s.fraction = number(option, value, 1e-4, 1);
         else if (!strcmp(option, "--tests")) s.tests = number(option, value, 1e-4, 1);
         else if (!strcmp(option, "--noise")) s.noise = number(option, value, 1e-3, 1);
-        else if (!strcmp(option, "--spp")) s.spp = whole(option, value, 2);
+        else if (!strcmp(option, "--spp")) s.spp = whole(option, value, 2 * PARTS * PARTS);
         else if (!strcmp(option, "--seed")) s.seed = whole(option, value, 0);
         else if (!strcmp(option, "-t")) s.threads = whole(option, value, 1);
         else if (!strcmp(option, "--scenes")) s.scenes = value;

@@ -53,15 +53,23 @@ enum {
     PIXELS = FILM * FILM,
     SMALL = 32, /* pixels each way of what training renders */
     SMALL_PIXELS = SMALL * SMALL,
+    PARTS = 2,  /* pixels each way, of the film from which pictures are made, per pixel of theirs */
+    MARGIN = 6, /* more of them on each side, as far as the filter reaches */
+    FINE = PARTS * FILM + 2 * MARGIN,
+    FINE_PIXELS = FINE * FINE,
+    VERSION = 6, /* of the data */
     MOST_SHARDS = 64, /* of a split */
     PATH_SIZE = 1024,
     HEADER_SIZE = 256,
     RECORD = 4 /* floats per image before the pixels */
 };
 
-/* The films on which a shape under a light is rendered: a picture; three pictures whose albedos
-   differ, as colours; and a small one, for training. */
-typedef enum film { FILM_ONE = 0, FILM_THREE, FILM_SMALL, FILMS } film;
+/* A picture's filter is a Gaussian of this deviation in pixels, about that of a lens. */
+#define DEVIATION .75
+
+/* The films on which a shape under a light is rendered: a picture; a fine one, from which three
+   pictures whose albedos differ, as colours, are made; and a small one, for training. */
+typedef enum film { FILM_ONE = 0, FILM_FINE, FILM_SMALL, FILMS } film;
 
 typedef enum split { SPLIT_TRAIN = 0, SPLIT_SHAPE, SPLIT_LIGHT, SPLIT_BOTH, SPLITS } split;
 
@@ -250,7 +258,7 @@ static inline void shard_path(const shard *s, const char *dir, char *path) {
 
 static inline void scene_path(int shape, int azimuth, int variant, film on, const char *dir,
                               char *path) {
-    static const char *const endings[FILMS] = {"", "-three", "-small"};
+    static const char *const endings[FILMS] = {"", "-fine", "-small"};
     char number[16] = "";
     if (variant) snprintf(number, sizeof number, "-%02d", variant);
     snprintf(path, PATH_SIZE, "%s/scenes/%s-%02d%s%s.itn", dir, shape_names[shape], azimuth, number,
@@ -259,9 +267,9 @@ static inline void scene_path(int shape, int azimuth, int variant, film on, cons
 
 /* The line at the head of a shard; anything else in a file of its name is a mistake. */
 static inline void shard_header(const shard *s, char header[HEADER_SIZE]) {
-    int length = snprintf(header, HEADER_SIZE, "itn data 4: split %s shape %s azimuth %d images %d "
-                          "width %d height %d half", split_names[s->in], shape_names[s->shape],
-                          s->azimuth, s->count, FILM, FILM);
+    int length = snprintf(header, HEADER_SIZE, "itn data %d: split %s shape %s azimuth %d images "
+                          "%d width %d height %d half", VERSION, split_names[s->in],
+                          shape_names[s->shape], s->azimuth, s->count, FILM, FILM);
     memset(header + length, ' ', (size_t)(HEADER_SIZE - length));
     header[HEADER_SIZE - 1] = '\n';
 }
@@ -273,6 +281,47 @@ static inline size_t pixels_place(const shard *s, int index) {
 }
 
 static inline size_t shard_size(const shard *s) { return pixels_place(s, s->count) + 8; }
+
+/* ---- pictures of other sizes ---- */
+
+/* Weights of the pixels of one line in those of another, [to][from], by a Gaussian of `deviation`
+   about each of these: the first of them begins at pixel `before` of the one line and is `size` of
+   its pixels long. */
+static inline void line_weights(int from, int to, double before, double size, double deviation,
+                                float *weights) {
+    int i, k;
+    for (i = 0; i < to; i++, weights += from) {
+        double middle = before + (i + .5) * size - .5, sum = 0;
+        for (k = 0; k < from; k++) {
+            double off = (k - middle) / deviation;
+            weights[k] = fabs(off) > 4 ? 0 : (float)exp(-off * off / 2);
+            sum += (double)weights[k];
+        }
+        for (k = 0; k < from; k++) weights[k] = (float)((double)weights[k] / sum);
+    }
+}
+
+/* other[to][to]: sums over picture[from][from] with weights across and down. The weight of pixel k of
+   a line for pixel i of another is at weights[row i + column k]. */
+static inline void weigh_picture(const float *picture, int from, const float *weights, int row,
+                                 int column, int to, float *other) {
+    float *lines = (float *)need((size_t)from, (size_t)to * sizeof *lines);
+    int i, k, x;
+    memset(other, 0, (size_t)(to * to) * sizeof *other);
+    for (i = 0; i < to; i++)
+        for (k = 0; k < from; k++) {
+            float weight = weights[row * i + column * k];
+            for (x = 0; x < from && weight > 0; x++)
+                lines[i * from + x] += weight * picture[k * from + x];
+        }
+    for (i = 0; i < to; i++)
+        for (k = 0; k < from; k++) {
+            float weight = weights[row * i + column * k];
+            for (x = 0; x < to && weight > 0; x++)
+                other[x * to + i] += weight * lines[x * from + k];
+        }
+    free(lines);
+}
 
 /* ---- numbers as bytes ---- */
 

@@ -39,9 +39,10 @@
             mpicc -DUSE_MPI -O3 -march=native train.c -o train_mpi -lm -lpthread
             mpirun -np 4 ./train_mpi --model itn --data data ... -t 1
 
-   The image term compares pictures of 32 x 32 pixels, each the mean of 4 x 4 of the data's: what
-   tells materials apart is smooth, and noise, of which the gradient is a product of two, has a
-   fourth of the deviation. At equal time the gradient is three to four times less noisy.
+   The image term compares pictures of 32 x 32 pixels, which Gaussians of some 50 of the data's
+   make, so that both pictures have seen the same filter: what tells materials apart is smooth, and
+   noise, of which the gradient is a product of two, is small there. At equal time the gradient is
+   three to four times less noisy than that of the data's own pixels.
 
    Answers are cut to sigma_t 20 to 300, albedo .35 to .97, g -.1 to .9. Their errors are in their
    own units, over all pictures of a split. Of --images pictures (default: all) of each split the
@@ -123,7 +124,8 @@ typedef struct trainer {
     stages stages; /* a regressor has one scene, for coordinates */
     itn_net *net;
     int *order;           /* of the pictures in this epoch */
-    float *targets;       /* [batch][SMALL_PIXELS], not of rn */
+    float *targets;       /* [batch][SMALL_PIXELS], not of rn, */
+    float reduce[SMALL * FILM]; /* and the weights of pixels in them, see line_weights */
     float *inputs;        /* [batch][2][PIXELS] */
     float *larger;        /* [batch] see vary_picture */
     float *answers, *gradients; /* [batch][3] coordinates */
@@ -219,21 +221,16 @@ static float vary_picture(const float *picture, int bend, uint64_t random, float
 
 /* ---- the loss of a batch ---- */
 
+/* The deviation, in pixels, of what makes small pictures of the data's: theirs together with it is
+   that of a small film's filter, half of a pixel there. */
+#define REDUCE sqrt(pow(.5 * FILM / SMALL, 2) - DEVIATION * DEVIATION)
+
 static void truth_coordinates(const itn_scene *scene, const int parameters[3], const float *theta,
                               float *truth) {
     int k;
     for (k = 0; k < 3; k++)
         truth[k] = (float)itn_parameter_to_coordinate(itn_parameter_get(scene, parameters[k]),
                                                       (double)theta[k]);
-}
-
-/* The means of squares of pixels. */
-static void reduce_picture(const float *picture, float *small) {
-    enum { SIDE = FILM / SMALL };
-    int i;
-    for (i = 0; i < SMALL_PIXELS; i++) small[i] = 0;
-    for (i = 0; i < PIXELS; i++)
-        small[i / FILM / SIDE * SMALL + i % FILM / SIDE] += picture[i] / (SIDE * SIDE);
 }
 
 static void prepare_input(void *task, int index) {
@@ -243,7 +240,8 @@ static void prepare_input(void *task, int index) {
     float *input = t->inputs + (size_t)index * 2 * PIXELS, *pixels = input, varied[PIXELS];
     get_picture(&t->pictures, picture, pixels);
     if (t->kind != ITN_MODEL_RN)
-        reduce_picture(pixels, t->targets + (size_t)index * SMALL_PIXELS);
+        weigh_picture(pixels, FILM, t->reduce, FILM, 1, SMALL,
+                      t->targets + (size_t)index * SMALL_PIXELS);
     t->larger[index] = vary_picture(
         pixels, m->bend, mix((uint64_t)m->seed + 1, (uint64_t)t->step, (uint64_t)picture), varied);
     network_input(varied, m->mean, input);
@@ -485,6 +483,7 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
     desc.first_channels = o->channels;
     if (from) t->net = open_network(from, o->model.batch, &context);
     else if (itn_net_create(&desc, &context, &t->net, &error)) fail(error.message, "");
+    line_weights(FILM, SMALL, 0, FILM / SMALL, REDUCE, t->reduce);
     t->order = (int *)need((size_t)t->pictures.count, sizeof *t->order);
     t->targets = (float *)need(batch, SMALL_PIXELS * sizeof(float));
     t->inputs = (float *)need(batch, 2 * PIXELS * sizeof(float));

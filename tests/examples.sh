@@ -116,7 +116,7 @@ prints '2\.000000 2\.000000 2\.000000'
 # stopped and goes on bit for bit, on any number of threads; tables
 scenes="--scenes $root/scenes"
 # shellcheck disable=SC2086
-keep "dataset make" ./dataset make data --fraction 1/1000 --noise 1 --spp 2 -t 2 $scenes
+keep "dataset make" ./dataset make data --fraction 1/1000 --noise 1 --spp 8 -t 2 $scenes
 check "dataset check" ./dataset check data
 check "dataset sheet" ./dataset sheet data sheet.png
 check "dataset: renders" ./render data/scenes/knot-50.itn -o a.exr --spp 2 -D milk.g=0.8 -q
@@ -126,7 +126,7 @@ printf 'x' | dd of="$victim" bs=1 seek=5000 conv=notrunc 2> "$work/log"
 check "dataset check finds damage" sh -c "! ./dataset check data > found && grep -q damaged found"
 rm data/scenes/chain-00-32.ply
 # shellcheck disable=SC2086
-check "dataset make mends" ./dataset make data --fraction 1/1000 --noise 1 --spp 2 -t 1 $scenes
+check "dataset make mends" ./dataset make data --fraction 1/1000 --noise 1 --spp 8 -t 1 $scenes
 check "dataset: the same bits" cmp "$victim" whole.itnd
 check "dataset: renders a variant" ./render data/scenes/chain-00-32.itn -o a.exr --spp 2 -q
 # shellcheck disable=SC2086
@@ -182,7 +182,7 @@ check "invert --net: other parameters" sh -c "! ./invert data/scenes/knot-50.itn
     --params milk.g --spp 2 > found 2>&1 && grep -q 'recover just these' found"
 check "invert --net: no network" sh -c "! ./invert data/scenes/knot-50.itn --net none.net --spp 2"
 # shellcheck disable=SC2086
-check "dataset make: a few" ./dataset make few --fraction 1/3600 --noise 1 --spp 2 $scenes
+check "dataset make: a few" ./dataset make few --fraction 1/3600 --noise 1 --spp 8 $scenes
 check "train --evaluate: splits without pictures" sh -c "./train --model truth --data few --spp 2 \
     --checkpoint few --evaluate && test \$(wc -l < few.table.csv) -eq 3"
 check "refused: other data" sh -c "cp b.net.csv g.net.csv && ! ./train --model itn --data few \

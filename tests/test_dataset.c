@@ -19,7 +19,7 @@ static double stored_pixel(const work *w, int index, int pixel) {
 /* Mean of the object's pixels in a picture of a shard. */
 static double stored_mean(const work *w, int index) {
     double sum = 0;
-    const unsigned char *mask = w->masks[variant_of(&w->shard, w->thetas[index])];
+    const unsigned char *mask = w->views[variant_of(&w->shard, w->thetas[index])]->mask;
     int i, count = 0;
     for (i = 0; i < PIXELS; i++)
         if (mask[i]) sum += stored_pixel(w, index, i), count++;
@@ -62,6 +62,7 @@ static void begin_work(work *w, settings *s, double noise, int spp, int seed) {
     w->settings = s, w->thetas = materials, w->total = COUNT, w->start = seconds();
     w->shard.in = SPLIT_TRAIN, w->shard.shape = 1, w->shard.azimuth = 30, w->shard.count = COUNT;
     pthread_mutex_init(&w->lock, NULL);
+    make_filter(&w->filter);
     CHECK(list_variants(&w->shard, (const float(*)[3])materials, w->variants) == 2);
     for (i = 0; i < 2; i++) {
         if (w->variants[i]) write_variant(s->dir, w->shard.shape, w->shard.azimuth, w->variants[i]);
@@ -78,7 +79,7 @@ static void end_work(work *w) {
     int i;
     pthread_mutex_destroy(&w->lock);
     free(w->bytes);
-    for (i = 0; i < PAIRS; i++) itn_scene_free(w->scenes[i]);
+    for (i = 0; i < PAIRS; i++) itn_scene_free(w->scenes[i]), free(w->views[i]);
 }
 
 /* planted: 1: a material's picture is looked for under its neighbour; 2: in another variant. */
@@ -88,7 +89,7 @@ static void test_families(int planted) {
     int shards[COUNT] = {0}, i;
     settings s;
     pictures p;
-    begin_work(&w, &s, 1, 2, 0);
+    begin_work(&w, &s, 1, 8, 0);
     memset(&p, 0, sizeof p);
     p.count = COUNT, p.shard_count = 1, p.shards[0] = w.shard, p.shard_of = shards;
     p.thetas = materials;
@@ -96,7 +97,7 @@ static void test_families(int planted) {
     for (i = 0; i < COUNT; i++) {
         const unsigned char *record = w.bytes + record_place(i);
         int shown = planted == 2 ? (i + 1) % COUNT : i;
-        const unsigned char *mask = w.masks[variant_of(&w.shard, materials[shown])];
+        const unsigned char *mask = w.views[variant_of(&w.shard, materials[shown])]->mask;
         double error, expected = own_mean(&w, scene_of(&own, &p, shown), own.parameters, mask,
                                           materials[i], &error);
         CHECK(get_float(record) == materials[i][0] && get_float(record + 4) == materials[i][1] &&
@@ -116,7 +117,7 @@ static void test_noise(double noise, double planted) {
     int i, k, j;
     for (k = 0; k < 2; k++) begin_work(&w[k], &s[k], noise, 4096, k);
     for (i = 0; i < COUNT; i++) {
-        const unsigned char *mask = w[0].masks[variant_of(&w[0].shard, materials[i])];
+        const unsigned char *mask = w[0].views[variant_of(&w[0].shard, materials[i])]->mask;
         double said = 0, square = 0, light = 0, found;
         int count = 0;
         for (k = 0; k < 2; k++) {
@@ -137,6 +138,28 @@ static void test_noise(double noise, double planted) {
                    found / sqrt(2));
     }
     for (k = 0; k < 2; k++) end_work(&w[k]);
+}
+
+/* A picture is as seen through the Gaussian: of a wave, the means over fine pixels become the wave,
+   e^(-k^2 DEVIATION^2 / 2) of it, at any length to be seen. planted: factor to the deviation. */
+static void test_filter(double planted) {
+    static filter f;
+    int length, i, k;
+    make_filter(&f);
+    for (length = 2; length < 40; length += 3) {
+        double number = 6.283185307 / length, worst = 0; /* by pixels of the picture */
+        double left = exp(-pow(number * DEVIATION * planted, 2) / 2);
+        for (i = 0; i < FILM; i++) {
+            double sum = 0;
+            for (k = 0; k < FINE; k++) {
+                double from = (double)(k - MARGIN) / PARTS, to = from + 1. / PARTS;
+                sum += (double)f.weights[i * FINE + k] * PARTS *
+                       (sin(number * to) - sin(number * from)) / number;
+            }
+            worst = fmax(worst, fabs(sum - left * cos(number * (i + .5))));
+        }
+        check_report(worst < .001, __FILE__, __LINE__, "wave of %d pixels: %g off", length, worst);
+    }
 }
 
 /* Samples are at most as many as allowed, but for rounding, and hardly fewer if they are wanted. */
@@ -246,11 +269,13 @@ int main(void) {
     test_families(0);
     CHECK_CATCHES(test_families(1));
     CHECK_CATCHES(test_families(2));
-    test_noise(.4, 1); /* few samples for all pixels */
-    test_noise(.15, 1);
-    CHECK_CATCHES(test_noise(.4, 1.4));
+    test_noise(.2, 1); /* few samples for all pixels */
+    test_noise(.05, 1);
+    CHECK_CATCHES(test_noise(.2, 1.4));
     test_limit(8);
-    test_limit(80);
+    test_limit(40);
+    test_filter(1);
+    CHECK_CATCHES(test_filter(1.04));
     test_order();
     test_difference();
     test_variants(0);
