@@ -926,8 +926,8 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
    hold no blanks. A name is a letter, then letters, digits, _ and -, at most 32 in all; no two
    items have the same one. COLOUR is one number, or three (r g b) where the film has three
    channels. Fields in [ ] may be left out. Nothing is guessed: unknown, doubled and missing fields,
-   wrong counts, values out of range and undefined names are errors. At most 64 media, 64 surfaces,
-   64 objects and 64 lights.
+   wrong counts, values out of range and undefined names are errors. One camera, 1 to 64 objects and
+   1 to 64 lights, at most 64 media and 64 surfaces.
 
        [film  [width N] [height N] [channels 1|3] [filter box|gaussian]       (128 x 128, 1, box)
               [deviation PIXELS]]                                    (of the Gaussian: .5 pixels)
@@ -18781,6 +18781,9 @@ static itn_result itn__check_file(const itn__scene_file *file) {
                                 "a colour of three numbers needs a film with channels 3");
     if (!result && !file->camera_line)
         result = itn__file_fail(&file->text, file->text.line, file->error, "there is no camera");
+    if (!result && !file->desc.light_count)
+        result = itn__file_fail(&file->text, file->text.line, file->error,
+                                "there is no light: all would be black");
     return result;
 }
 
@@ -18857,7 +18860,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.6.1  itn_film_desc.deviation and `deviation` in scene files: how wide a Gaussian filter is
+   0.6.1  itn_film_desc.deviation and `deviation` in scene files: how wide a Gaussian filter is;
+          a scene file without a light is an error
    0.6.0  itn_net_input blurs the brightness: networks that were trained before have to be trained
           anew
    0.5.14 where the usual samples would leave something undetermined, itn_refine takes up to 16
