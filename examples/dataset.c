@@ -42,6 +42,7 @@ enum { LEAST = 8 };
 #define CARE 1.12
 
 #define RADIANS (3.14159265358979323846 / 180) /* a degree */
+#define FOV 2.5 /* degrees, of pictures */
 
 typedef struct settings {
     const char *dir, *scenes; /* the data; where shapes, maps and skies are */
@@ -97,13 +98,13 @@ static double mesh_lift(const itn_mesh *mesh) {
    them. A file for each film. */
 static void write_scene(const char *dir, int shape, int azimuth, int variant) {
     char path[PATH_SIZE], text[2048], name[64], films[FILMS][96];
-    double angle = azimuth * RADIANS, lift, fovs[FILMS] = {2.5, 0, 2.5};
+    double angle = azimuth * RADIANS, lift, fovs[FILMS] = {FOV, 0, FOV};
     itn_mesh mesh = load_mesh(dir, shape, azimuth, variant);
     int on;
     lift = mesh_lift(&mesh);
     itn_mesh_free(&mesh);
     mesh_name(shape, azimuth, variant, name);
-    fovs[FILM_FINE] = 2 / RADIANS * atan(tan(1.25 * RADIANS) * FINE / (PARTS * FILM));
+    fovs[FILM_FINE] = 2 / RADIANS * atan(tan(FOV / 2 * RADIANS) * FINE / (PARTS * FILM));
     snprintf(films[FILM_ONE], 96, "width %d height %d  filter gaussian  deviation %g", FILM, FILM,
              DEVIATION);
     snprintf(films[FILM_FINE], 96, "width %d height %d  channels 3", FINE, FINE);
@@ -288,7 +289,7 @@ static void object_mask(const char *dir, const shard *s, int variant, unsigned c
     itn_mesh mesh = load_mesh(dir, s->shape, s->azimuth, variant);
     itn_bvh *bvh;
     itn_error error;
-    double lift = mesh_lift(&mesh), half = tan(1.25 * RADIANS);
+    double lift = mesh_lift(&mesh), half = tan(FOV / 2 * RADIANS);
     double cosine = -1.75 + 32.785, sine = 8.785 - .469, length = hypot(sine, cosine);
     int i;
     for (i = 0; i < mesh.vertex_count; i++) { /* half a turn about y, then up and towards the eye */
@@ -314,7 +315,6 @@ static void object_mask(const char *dir, const shard *s, int variant, unsigned c
 /* What a variant's fine film tells of its object: how much a pixel counts for pixels of the picture
    that show it, the sums of weights and of their squares, and how many of these there are. */
 typedef struct view {
-    unsigned char mask[PIXELS];
     float shares[FINE_PIXELS], squares[FINE_PIXELS];
     int count;
 } view;
@@ -333,13 +333,23 @@ static void make_filter(filter *f) {
 
 static view *make_view(const char *dir, const shard *s, int variant, const filter *f) {
     view *v = (view *)need(1, sizeof *v);
-    float mask[PIXELS];
+    unsigned char mask[PIXELS];
+    float shown[PIXELS];
     int i;
-    object_mask(dir, s, variant, v->mask);
-    for (i = 0; i < PIXELS; i++) mask[i] = v->mask[i], v->count += v->mask[i];
-    weigh_picture(mask, FILM, f->weights, 1, FINE, FINE, v->shares);
-    weigh_picture(mask, FILM, f->squares, 1, FINE, FINE, v->squares);
+    object_mask(dir, s, variant, mask);
+    for (i = 0; i < PIXELS; i++) shown[i] = mask[i], v->count += mask[i];
+    weigh_picture(shown, FILM, f->weights, 1, FINE, FINE, v->shares);
+    weigh_picture(shown, FILM, f->squares, 1, FINE, FINE, v->squares);
     return v;
+}
+
+/* The sum of the object's pixels in a picture made of one channel of a fine render. */
+static double object_light(const itn_image *image, int channel, const view *v) {
+    const float *pixels = image->pixels + channel * FINE_PIXELS;
+    double light = 0;
+    int i;
+    for (i = 0; i < FINE_PIXELS; i++) light += (double)v->shares[i] * (double)pixels[i];
+    return light;
 }
 
 /* The noise of a picture, made of one channel of a fine render with `spp` samples of each pixel:
@@ -347,16 +357,14 @@ static view *make_view(const char *dir, const shard *s, int variant, const filte
    samples not NULL: what it would be with these numbers of samples instead. */
 static double image_noise(const itn_image *image, int channel, const view *v, int spp,
                           const int *samples) {
-    const float *pixels = image->pixels + channel * FINE_PIXELS;
-    const float *variances = pixels + 3 * FINE_PIXELS;
-    double light = 0, variance = 0;
+    const float *variances = image->pixels + (3 + channel) * FINE_PIXELS;
+    double variance = 0;
     int i;
     for (i = 0; i < FINE_PIXELS; i++) {
         double one = (double)v->squares[i] * (double)variances[i];
-        light += (double)v->shares[i] * (double)pixels[i];
         variance += samples ? one * spp / samples[i] : one;
     }
-    return v->count ? sqrt(variance * v->count) / light : 0;
+    return v->count ? sqrt(variance * v->count) / object_light(image, channel, v) : 0;
 }
 
 /* ---- pictures ---- */
@@ -505,9 +513,7 @@ static void list_deviations(const itn_image *image, const family *f, const view 
     enum { AROUND = 2 };
     double light[3] = {0, 0, 0};
     int i, k, x, y;
-    for (k = 0; k < f->count; k++)
-        for (i = 0; i < FINE_PIXELS; i++)
-            light[k] += (double)v->shares[i] * (double)image->pixels[k * FINE_PIXELS + i];
+    for (k = 0; k < f->count; k++) light[k] = object_light(image, k, v);
     for (i = 0; i < FINE_PIXELS; i++) {
         double around = 0;
         int left = i % FINE - AROUND, top = i / FINE - AROUND, count = 0;

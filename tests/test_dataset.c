@@ -16,11 +16,17 @@ static double stored_pixel(const work *w, int index, int pixel) {
     return (double)float_from_half((uint16_t)get_bytes(at, 2));
 }
 
+/* The pixels that show the object in the picture of a material. */
+static void shown_mask(const work *w, const float material[3], unsigned char *mask) {
+    object_mask(w->settings->dir, &w->shard, variant_of(&w->shard, material), mask);
+}
+
 /* Mean of the object's pixels in a picture of a shard. */
 static double stored_mean(const work *w, int index) {
     double sum = 0;
-    const unsigned char *mask = w->views[variant_of(&w->shard, w->thetas[index])]->mask;
+    unsigned char mask[PIXELS];
     int i, count = 0;
+    shown_mask(w, w->thetas[index], mask);
     for (i = 0; i < PIXELS; i++)
         if (mask[i]) sum += stored_pixel(w, index, i), count++;
     return sum / count;
@@ -97,9 +103,11 @@ static void test_families(int planted) {
     for (i = 0; i < COUNT; i++) {
         const unsigned char *record = w.bytes + record_place(i);
         int shown = planted == 2 ? (i + 1) % COUNT : i;
-        const unsigned char *mask = w.views[variant_of(&w.shard, materials[shown])]->mask;
-        double error, expected = own_mean(&w, scene_of(&own, &p, shown), own.parameters, mask,
-                                          materials[i], &error);
+        unsigned char mask[PIXELS];
+        double error, expected;
+        shown_mask(&w, materials[shown], mask);
+        expected = own_mean(&w, scene_of(&own, &p, shown), own.parameters, mask, materials[i],
+                            &error);
         CHECK(get_float(record) == materials[i][0] && get_float(record + 4) == materials[i][1] &&
               get_float(record + 8) == materials[i][2]);
         CHECK_MEAN(stored_mean(&w, planted == 1 ? (i + 1) % COUNT : i), error * sqrt(2), expected,
@@ -117,9 +125,10 @@ static void test_noise(double noise, double planted) {
     int i, k, j;
     for (k = 0; k < 2; k++) begin_work(&w[k], &s[k], noise, 4096, k);
     for (i = 0; i < COUNT; i++) {
-        const unsigned char *mask = w[0].views[variant_of(&w[0].shard, materials[i])]->mask;
+        unsigned char mask[PIXELS];
         double said = 0, square = 0, light = 0, found;
         int count = 0;
+        shown_mask(&w[0], materials[i], mask);
         for (k = 0; k < 2; k++) {
             double one = (double)get_float(w[k].bytes + record_place(i) + 12);
             CHECK(one > 0 && one < noise);

@@ -1172,22 +1172,27 @@ static void test_shades(void) {
 
 /* ---- edges ----------------------------------------------------------------------------------- */
 
-/* A black box before a white sky. In pixels with an edge every walk has a ray of its own, so that
-   few samples of many walks see what many samples of one walk see; and the share of the film that
-   is black is known. */
+/* A black box before a white sky, in 16x16 pixels; its sides are at +-BOX_EDGE of half of the film. */
+#define BOX_EDGE (.31 / (1.5 * tan(20 * 3.14159265358979 / 180)))
+static itn_scene *black_box(itn_mesh *box, itn_filter filter, float deviation) {
+    stage s;
+    *box = solids_box(solids_vec3(-.31, -.31, -.5), solids_vec3(.31, .31, .5));
+    stage_begin(&s, 16, 2, 40);
+    s.desc.film.filter = filter, s.desc.film.deviation = deviation;
+    stage_diffuse(&s, "black", 0), stage_object(&s, box, NULL, "black");
+    stage_constant(&s, "sky", 1);
+    return stage_make(&s);
+}
+
+/* In pixels with an edge every walk has a ray of its own, so that few samples of many walks see what
+   many samples of one walk see; and the share of the film that is black is known. */
 static void check_edges(itn_filter filter, itn_sampler sampler, int walks, double wide) {
-    itn_mesh box = solids_box(solids_vec3(-.31, -.31, -.5), solids_vec3(.31, .31, .5));
+    itn_mesh box;
     itn_render_options options = ITN_ZERO;
     itn_image images[2];
-    itn_scene *scene;
-    stage s;
-    double share = wide * .31 / (1.5 * tan(20 * 3.14159265358979 / 180)), sum = 0, variance = 0;
+    itn_scene *scene = black_box(&box, filter, 0);
+    double share = wide * BOX_EDGE, sum = 0, variance = 0;
     int between = 0, k;
-    stage_begin(&s, 16, 2, 40);
-    s.desc.film.filter = filter;
-    stage_diffuse(&s, "black", 0), stage_object(&s, &box, NULL, "black");
-    stage_constant(&s, "sky", 1);
-    scene = stage_make(&s);
     options.sampler = sampler, options.seed = 7;
     options.spp = 16, options.walks = 4, render(scene, &options, &images[0]);
     options.spp = 64 / walks, options.walks = walks, render(scene, &options, &images[1]);
@@ -1211,19 +1216,12 @@ static double share_between(double x, double edge, double deviation) {
 /* The same box through a Gaussian filter: every pixel sees as much of it as the filter around its
    middle covers. planted: factor to the deviation. */
 static void check_blur(float deviation, double planted) {
-    itn_mesh box = solids_box(solids_vec3(-.31, -.31, -.5), solids_vec3(.31, .31, .5));
+    itn_mesh box;
     itn_render_options options = ITN_ZERO;
     itn_image image;
-    itn_scene *scene;
-    stage s;
-    double edge = 8 * .31 / (1.5 * tan(20 * 3.14159265358979 / 180)), width = deviation, chi = 0;
+    itn_scene *scene = black_box(&box, ITN_FILTER_GAUSSIAN, deviation);
+    double edge = 8 * BOX_EDGE, width = planted * (deviation > 0 ? deviation : .5), chi = 0;
     int between = 0, x, y;
-    width = (width > 0 ? width : .5) * planted;
-    stage_begin(&s, 16, 2, 40);
-    s.desc.film.filter = ITN_FILTER_GAUSSIAN, s.desc.film.deviation = deviation;
-    stage_diffuse(&s, "black", 0), stage_object(&s, &box, NULL, "black");
-    stage_constant(&s, "sky", 1);
-    scene = stage_make(&s);
     options.spp = 1024, options.walks = 1, options.sampler = ITN_SAMPLER_RANDOM, options.seed = 7;
     render(scene, &options, &image);
     for (y = 0; y < 16; y++)
