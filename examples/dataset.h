@@ -657,29 +657,32 @@ typedef struct model {
     char name[8]; /* rn, ssn, itn */
     double mean, lambda, rate;
     int batch, spp, seed, bend; /* bend: see vary_picture */
+    int own_units; /* whether it was trained in the parameters' own units or in coordinates */
     char leave[64]; /* names of training shapes that it was not shown, with commas; or "none" */
 } model;
 
 static inline void save_model(const char *network, const model *m) {
     char path[PATH_SIZE], text[512];
     int length = snprintf(text, sizeof text, "model %s\nmean %.17g\nlambda %.17g\nrate %.17g\n"
-                          "batch %d\nspp %d\nseed %d\nbend %d\nleave %s\n", m->name, m->mean,
-                          m->lambda, m->rate, m->batch, m->spp, m->seed, m->bend, m->leave);
+                          "batch %d\nspp %d\nseed %d\nbend %d\nunits %s\nleave %s\n", m->name, m->mean,
+                          m->lambda, m->rate, m->batch, m->spp, m->seed, m->bend,
+                          m->own_units ? "own" : "coordinates", m->leave);
     snprintf(path, sizeof path, "%s.txt", network);
     save_file(path, text, (size_t)length);
 }
 
 static inline void load_model(const char *network, model *m) {
-    char path[PATH_SIZE];
+    char path[PATH_SIZE], units[12];
     FILE *file;
     snprintf(path, sizeof path, "%s.txt", network);
     file = fopen(path, "r");
     if (!file) fail(path, "cannot be read: train this network first");
     if (fscanf(file, "model %7s mean %lf lambda %lf rate %lf batch %d spp %d seed %d bend %d "
-               "leave %63s", m->name, &m->mean, &m->lambda, &m->rate, &m->batch, &m->spp, &m->seed,
-               &m->bend, m->leave) != 9 || !(m->mean > 0) || m->batch < 1 || m->spp < 2 ||
-        m->bend < 0 || m->bend > FILM)
+               "units %11s leave %63s", m->name, &m->mean, &m->lambda, &m->rate, &m->batch,
+               &m->spp, &m->seed, &m->bend, units, m->leave) != 10 || !(m->mean > 0) ||
+        m->batch < 1 || m->spp < 2 || m->bend < 0 || m->bend > FILM)
         fail(path, "is not what train writes");
+    m->own_units = !strcmp(units, "own");
     fclose(file);
 }
 

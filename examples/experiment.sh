@@ -44,7 +44,7 @@ while [ $# -gt 0 ]; do
 done
 data=${data:-$out/data}
 mkdir -p "$out/done" "$data"
-settings="fraction $fraction noise ${noise:-default} seed $seed data $data varied"
+settings="fraction $fraction noise ${noise:-default} seed $seed data $data own units"
 [ -e "$out/done/data" ] || { rm -f "$out/done/compile"; echo "$settings" > "$out/done/settings"; }
 if [ "$settings" != "$(cat "$out/done/settings" 2>&1)" ]; then
     echo "experiment: $out is of another version or run: $(cat "$out/done/settings" 2>&1)"
@@ -66,7 +66,7 @@ elif up_to .99; then
     search="--images 1 --iterations 200 --spp 2"
 else
     picture="--noise ${noise:-0.03} --spp 4096"
-    warm=110 calm=16 more=4 settle=3 cool=2 training="--batch 16 --channels 6" spp=8
+    warm=110 calm=16 more=30 settle=6 cool=4 training="--batch 16 --channels 6" spp=8
     trial="--images 72 --spp 4"
     search="--images 6 --iterations 200 --spp 2"
 fi
@@ -89,13 +89,14 @@ compile() {
             -o "$out/$program" -lm -lpthread || return
     done
 }
-# learn NAME MODEL EPOCHS RATE BEND [START]: a training run, resumed if there is something of it.
+# learn NAME MODEL EPOCHS RATE BEND UNITS [START]: a training run; what there is of it is resumed.
 # shellcheck disable=SC2086
 learn() {
     net=$out/$1.net
-    options="--model $2 --epochs $3 --rate $4 --bend $5 $training --spp $spp --seed $seed"
+    options="--model $2 --epochs $3 --rate $4 --bend $5 --units $6 $training"
+    options="$options --spp $spp --seed $seed"
     if [ -e "$net" ]; then set -- --resume
-    elif [ -n "${6:-}" ]; then set -- --start "$out/$6.net"
+    elif [ -n "${7:-}" ]; then set -- --start "$out/$7.net"
     else set --
     fi
     "$out/train" $options --data "$data" --checkpoint "$net" "$@" -t "$threads"
@@ -117,13 +118,14 @@ step sheet "$out/dataset" sheet "$data" "$out/sheet.png"
 # averages out what of the answers is chance of the latest pictures
 bend=12 last_rate=1e-4 cool_rate=2e-5
 shared=$((warm + calm)) settled=$((shared + more + settle))
-step warm learn warm rn "$warm" "$warm_rate" $bend
-step calm learn calm rn $shared "$calm_rate" $bend warm
+step warm learn warm rn "$warm" "$warm_rate" $bend coordinates
+step calm learn calm rn $shared "$calm_rate" $bend coordinates warm
 # from one start, so that the models differ in their losses alone
 for model in rn ssn itn; do
-    step "own-$model" learn "own-$model" "$model" $((shared + more)) "$rate" $bend calm
-    step "settle-$model" learn "settle-$model" "$model" $settled "$last_rate" 0 "own-$model"
-    step "learn-$model" learn "$model" "$model" $((settled + cool)) "$cool_rate" 0 "settle-$model"
+    step "own-$model" learn "own-$model" "$model" $((shared + more)) "$rate" $bend own calm
+    step "settle-$model" learn "settle-$model" "$model" $settled "$last_rate" 0 own "own-$model"
+    step "learn-$model" learn "$model" "$model" $((settled + cool)) "$cool_rate" 0 own \
+        "settle-$model"
 done
 for model in truth rn ssn itn; do
     step "try-$model" try "$model"

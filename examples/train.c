@@ -23,6 +23,9 @@
    --channels sets how wide a new network is: layer 1 has that many, each further one twice as many.
    --bend (12) is how much the shapes in the pictures are bent, so that they are less easily learnt
    by heart; some steps at the end with 0 bring back what is lost on known shapes.
+   --units own judges answers as equation (3) has it: by their errors in the parameters' own units,
+   each over its deviation in the data, which is what the table tells; --units coordinates, the
+   default, by those in coordinates (itn_parameter_to_coordinate), which is easier to begin with.
    --start from a network of the same model keeps its lambda; --resume all but --epochs and -t.
    --leave cube,knot trains without these of the training shapes; --evaluate of such a network has a
    row `left` of them, as they are, in place of the three splits of the tests: choose by it, then
@@ -66,7 +69,8 @@
 static const char *const usage =
     "usage: train --model rn|ssn|itn|truth --data DIR --checkpoint FILE [--start FILE] [--resume]\n"
     "       [--epochs N] [--batch N] [--rate X] [--spp N] [--lambda X] [--seed N] [-t THREADS]\n"
-    "       [--channels N] [--bend PIXELS] [--leave SHAPE,SHAPE...] [--evaluate] [--images MOST]\n"
+    "       [--channels N] [--bend PIXELS] [--units coordinates|own] [--leave SHAPE,SHAPE...]\n"
+    "       [--evaluate] [--images MOST]\n"
     "       train --checkpoint FILE --export FILE\n";
 
 /* ---- several processes ---- */
@@ -130,6 +134,7 @@ typedef struct trainer {
     float *larger;        /* [batch] see vary_picture */
     float *answers, *gradients; /* [batch][3] coordinates */
     itn_loss *losses;     /* [batch] */
+    double spreads[3];    /* the deviations of the parameters in the data */
     int first, step;      /* of the batch: its place in the order; how many steps came before */
     row *rows;            /* the curve so far */
     int row_count;
@@ -247,6 +252,22 @@ static void prepare_input(void *task, int index) {
     network_input(varied, m->mean, input);
 }
 
+/* The squared error of an answer and its gradient, both in coordinates, where the error itself is
+   told in the parameters' own units, over their spreads. */
+static double own_loss(const trainer *t, const float answer[3], const float theta[3],
+                       float gradient[3]) {
+    double loss = 0;
+    int k;
+    for (k = 0; k < 3; k++) {
+        const itn_parameter *p = itn_parameter_get(t->stages.any, t->stages.parameters[k]);
+        double value = itn_parameter_from_coordinate(p, (double)answer[k]);
+        double error = (value - (double)theta[k]) / t->spreads[k];
+        loss += error * error;
+        gradient[k] = (float)(2 * error * itn_parameter_slope(p, value) / t->spreads[k]);
+    }
+    return loss;
+}
+
 /* The loss of one picture and its gradient in the network's answer, which becomes the answer about
    the picture as it was before it was varied: that one is rendered again. The image term sees the
    answer cut to sensible values, and has no say in an answer beyond them. */
@@ -277,7 +298,9 @@ static void picture_loss(void *task, int index) {
         gradient[k] = (float)(cut[k] == answer[k] ? image_part : 0);
     }
     t->losses[index] = loss;
-    t->losses[index].parameters = itn_loss_parameters(3, answer, truth, cut_gradient);
+    t->losses[index].parameters =
+        m->own_units ? own_loss(t, answer, t->pictures.thetas[picture], cut_gradient)
+                     : itn_loss_parameters(3, answer, truth, cut_gradient);
     for (k = 0; k < 3; k++) gradient[k] += cut_gradient[k];
 }
 
@@ -432,6 +455,17 @@ static void set_biases(trainer *t) {
     }
 }
 
+/* The deviations of the three parameters in the pictures' truths. */
+static void measure_spreads(const pictures *p, double spreads[3]) {
+    int i, k;
+    for (k = 0; k < 3; k++) {
+        double sum = 0, squares = 0;
+        for (i = 0; i < p->count; i++) sum += (double)p->thetas[i][k] / p->count;
+        for (i = 0; i < p->count; i++) squares += pow((double)p->thetas[i][k] - sum, 2) / p->count;
+        spreads[k] = squares > 0 ? sqrt(squares) : 1;
+    }
+}
+
 /* The mean image loss of the true answers for the batch that was answered last: its noise. */
 static double noise_loss(trainer *t, int batch) {
     itn_model kind = t->kind;
@@ -474,6 +508,7 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
     t->options = o;
     load_pictures(o->data, SPLIT_TRAIN, &t->pictures);
     keep_shapes(&t->pictures, o->model.leave, 0);
+    measure_spreads(&t->pictures, t->spreads);
     t->kind = !strcmp(o->model.name, "itn") ? ITN_MODEL_ITN
               : !strcmp(o->model.name, "ssn") ? ITN_MODEL_SSN : ITN_MODEL_RN;
     load_stages(&t->pictures, t->kind == ITN_MODEL_RN ? 1 : t->pictures.count, FILM_SMALL, o->data,
@@ -750,7 +785,7 @@ static void print_answers(const trial *t, FILE *file) {
     }
 }
 
-/* Dots of answer over truth, some 600 of each split, a colour per split and a frame per parameter. */
+/* Dots of answer over truth: some 600 of each split, a colour a split and a frame a parameter. */
 static void draw_answers(const trial *t, FILE *file) {
     static const char *const colours[SPLITS] = {"#999999", "#2ca02c", "#1f77b4", "#d62728"};
     static const char *const names[3] = {"sigma_t (logarithmic)", "albedo", "g"};
@@ -879,6 +914,13 @@ static void take_leave(const char *list, model *m) {
     snprintf(m->leave, sizeof m->leave, "%s", list);
 }
 
+/* Whether the units after --units are the parameters' own. */
+static int take_units(const char *units) {
+    int own = !strcmp(units, "own");
+    if (!own && strcmp(units, "coordinates")) fail("--units", "needs own or coordinates");
+    return own;
+}
+
 int main(int argc, char **argv) {
     static settings o;
     const char *name = "";
@@ -907,6 +949,7 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--channels")) o.channels = whole(option, value, 1);
         else if (!strcmp(option, "--seed")) o.model.seed = whole(option, value, 0);
         else if (!strcmp(option, "--bend")) o.model.bend = whole(option, value, 0);
+        else if (!strcmp(option, "--units")) o.model.own_units = take_units(value);
         else if (!strcmp(option, "--leave")) take_leave(value, &o.model);
         else if (!strcmp(option, "--images")) o.most_images = whole(option, value, 1);
         else if (!strcmp(option, "-t")) o.threads = whole(option, value, 1);

@@ -147,6 +147,8 @@ fit="--data data --batch 4 --spp 2"
         --start b.net --checkpoint e.net
     check "train itn: on as before" ./train --model itn $fit --epochs 5 --rate 1e-5 --bend 20 \
         --start b.net --checkpoint f.net
+    check "train itn: own units" ./train --model itn $fit --epochs 5 --rate 1e-5 --bend 20 \
+        --units own --start b.net --checkpoint u.net
     keep "train --evaluate" ./train --model itn --data data --spp 2 --images 2 --checkpoint b.net \
         --evaluate
 }
@@ -166,6 +168,8 @@ sed 3d b.net.csv > damaged.csv
 check "train itn: otherwise: the same loss" test "$(grep lambda e.net.txt)" = \
     "$(grep lambda b.net.txt)"
 check "train: --bend changes pictures" sh -c "! cmp e.net f.net > found 2>&1"
+check "train: --units changes the loss" sh -c "! cmp u.net f.net > found 2>&1 && \
+    grep -q '^units own' u.net.txt"
 prints '^itn,both,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+$'
 check "train --export" ./train --checkpoint b.net --export small.net
 check "train --export: a third" test "$(wc -c < small.net)" -lt "$(($(wc -c < b.net) / 2))"
