@@ -161,6 +161,9 @@ static void fit_mesh(itn_mesh *mesh) {
         p[i] = (p[i] - (low[i % 3] + high[i % 3]) / 2) / side;
 }
 
+/* The corner after another one of its triangle. */
+static int next_corner(int corner) { return corner / 3 * 3 + (corner + 1) % 3; }
+
 /* Rounds edges off: each time, every corner goes half of the way to the mean of its neighbours (of
    which each stands before it in one triangle and after it in another). */
 static void smooth_mesh(itn_mesh *mesh, int times) {
@@ -169,10 +172,9 @@ static void smooth_mesh(itn_mesh *mesh, int times) {
     for (; times > 0; times--) {
         memset(sums, 0, (size_t)mesh->vertex_count * sizeof *sums);
         for (i = 0; i < 3 * mesh->triangle_count; i++) {
-            const int *corners = mesh->triangles + i / 3 * 3;
-            double *sum = sums[corners[i % 3]];
+            double *sum = sums[mesh->triangles[i]];
             for (j = 0; j < 3; j++)
-                sum[j] += (double)mesh->positions[3 * corners[(i + 1) % 3] + j];
+                sum[j] += (double)mesh->positions[3 * mesh->triangles[next_corner(i)] + j];
             sum[3]++;
         }
         for (i = 0; i < mesh->vertex_count; i++)
@@ -185,16 +187,61 @@ static void smooth_mesh(itn_mesh *mesh, int times) {
     free(sums);
 }
 
-/* Moves every point p by the sum over WAVES random waves of a sin(k.p + phase), of lengths .18 to 2
-   times the shape's size; `gradient` is the sum of |a| |k|. Below 1, points that are apart stay so:
-   the map is one to one, and what does not cross itself will not (that flat triangles between its
-   points do not either, test_dataset.c tries). */
-static void bend_mesh(itn_mesh *mesh, double gradient, uint64_t *random) {
+/* Numbers the edges of a closed mesh: edges[i] is that from corner i to the next, of two triangles,
+   which run through it in opposite directions. Returns how many there are. */
+static int number_edges(const itn_mesh *mesh, int *edges) {
+    int *last = (int *)need((size_t)mesh->vertex_count, sizeof *last); /* corner there, or -1 */
+    int *before = (int *)need(3 * (size_t)mesh->triangle_count, sizeof *before);
+    int i, k, count = 0;
+    for (i = 0; i < mesh->vertex_count; i++) last[i] = -1;
+    for (i = 0; i < 3 * mesh->triangle_count; i++) {
+        int from = mesh->triangles[i], to = mesh->triangles[next_corner(i)];
+        for (k = last[to]; k >= 0 && mesh->triangles[next_corner(k)] != from;) k = before[k];
+        edges[i] = k >= 0 ? edges[k] : count++;
+        before[i] = last[from], last[from] = i;
+    }
+    free(before);
+    free(last);
+    return count;
+}
+
+/* Cuts every triangle into four, at the middles of its edges. */
+static void divide_mesh(itn_mesh *mesh) {
+    int corners = 3 * mesh->triangle_count, points = mesh->vertex_count, i, j;
+    int *edges = (int *)need((size_t)corners, sizeof *edges);
+    int all = points + number_edges(mesh, edges);
+    itn_mesh finer;
+    itn_error error;
+    if (itn_mesh_create(all, 4 * mesh->triangle_count, 0, NULL, &finer, &error))
+        fail(error.message, "");
+    memcpy(finer.positions, mesh->positions, 3 * (size_t)points * sizeof *finer.positions);
+    for (i = 0; i < corners; i++) {
+        int *inner = finer.triangles + 12 * (i / 3), *outer = inner + 3 * (1 + i % 3);
+        int from = mesh->triangles[i], to = mesh->triangles[next_corner(i)];
+        int middle = points + edges[i];
+        for (j = 0; j < 3; j++)
+            finer.positions[3 * middle + j] =
+                (mesh->positions[3 * from + j] + mesh->positions[3 * to + j]) / 2;
+        inner[i % 3] = middle;
+        outer[0] = from, outer[1] = middle;
+        outer[2] = points + edges[next_corner(next_corner(i))];
+    }
+    free(edges);
+    itn_mesh_free(mesh);
+    *mesh = finer;
+}
+
+/* Moves every point p by the sum over WAVES random waves of a sin(k.p + phase), of lengths from
+   `shortest` to `longest`; `gradient` is the sum of |a| |k|. Below 1, points that are apart stay
+   so: the map is one to one, and what does not cross itself will not (that flat triangles between
+   its points do not either, test_dataset.c tries). */
+static void bend_mesh(itn_mesh *mesh, double shortest, double longest, double gradient,
+                      uint64_t *random) {
     enum { WAVES = 5 };
     double k[WAVES][3], a[WAVES][3], phase[WAVES];
     int i, j, w;
     for (w = 0; w < WAVES; w++) {
-        double number = 6.2831853 / (2 * exp(-1.2 * (1 + draw(random))));
+        double number = 6.2831853 / (longest * pow(shortest / longest, (1 + draw(random)) / 2));
         draw_direction(random, k[w]), draw_direction(random, a[w]);
         for (j = 0; j < 3; j++) k[w][j] *= number, a[w][j] *= gradient / WAVES / number;
         phase[w] = 3.14159265 * draw(random);
@@ -238,13 +285,15 @@ static void stretch_and_turn(itn_mesh *mesh, uint64_t *random) {
 }
 
 /* Makes another shape of the same family: how thick its parts are changes, how sharp its edges are,
-   and how it lies. */
+   how rough it is, and how it lies. */
 static void vary_mesh(itn_mesh *mesh, double gradient, uint64_t random) {
-    double smoothness = .5 * draw(&random) + .5;
+    double smoothness = .5 * draw(&random) + .5, roughness = .5 * draw(&random) + .5;
     int bend;
     smooth_mesh(mesh, (int)(60 * smoothness * smoothness));
     fit_mesh(mesh);
-    for (bend = 0; bend < 5; bend++) bend_mesh(mesh, gradient, &random);
+    divide_mesh(mesh);
+    for (bend = 0; bend < 5; bend++) bend_mesh(mesh, .18, 2, gradient, &random);
+    for (bend = 0; bend < 4; bend++) bend_mesh(mesh, .06, .35, gradient * roughness, &random);
     stretch_and_turn(mesh, &random);
     fit_mesh(mesh);
 }

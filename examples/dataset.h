@@ -10,10 +10,10 @@
    Both sides have shapes that are bulky, flat and thin: shading tells a material apart only where
    it is known what thickness does to it, and no network learns that from blocks for chains.
    For the same reason half of the training pictures show a variant of their shape, which is
-   smoothed, bent, stretched and turned in space (vary_mesh in dataset.c): of a shape and light, 29
-   of the 60 pairs of sigma_t and g have one of their own. So networks see 696 shapes of six families
-   beside the six, and read new ones better. In the tests all are as they are. Variants have even
-   numbers from 2 to 58.
+   smoothed, bent, roughened, stretched and turned (vary_mesh in dataset.c): of a shape and light,
+   29 of the 60 pairs of sigma_t and g have one of their own. So networks see 696 shapes of six
+   families beside the six, and read new ones better. In the tests all are as they are. Variants
+   have even numbers from 2 to 58.
    The images of one split, shape and azimuth are a shard, which is a file:
        a line of text that says what it is, padded with blanks to 256 bytes;
        per image four floats: sigma_t, albedo, g, and the noise (see image_noise in dataset.c);
@@ -57,7 +57,7 @@ enum {
     MARGIN = 6, /* more of them on each side, as far as the filter reaches */
     FINE = PARTS * FILM + 2 * MARGIN,
     FINE_PIXELS = FINE * FINE,
-    VERSION = 6, /* of the data */
+    VERSION = 7, /* of the data */
     MOST_SHARDS = 64, /* of a split */
     PATH_SIZE = 1024,
     HEADER_SIZE = 256,
