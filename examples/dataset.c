@@ -98,16 +98,18 @@ static double mesh_lift(const itn_mesh *mesh) {
    them. A file for each film. */
 static void write_scene(const char *dir, int shape, int azimuth, int variant) {
     char path[PATH_SIZE], text[2048], name[64], films[FILMS][96];
-    double angle = azimuth * RADIANS, lift, fovs[FILMS] = {FOV, 0, FOV};
+    double angle = azimuth * RADIANS, lift, fovs[FILMS] = {FOV, 0, 0, FOV};
     itn_mesh mesh = load_mesh(dir, shape, azimuth, variant);
     int on;
     lift = mesh_lift(&mesh);
     itn_mesh_free(&mesh);
     mesh_name(shape, azimuth, variant, name);
     fovs[FILM_FINE] = 2 / RADIANS * atan(tan(FOV / 2 * RADIANS) * FINE / (PARTS * FILM));
+    fovs[FILM_FAMILY] = fovs[FILM_FINE];
     snprintf(films[FILM_ONE], 96, "width %d height %d  filter gaussian  deviation %g", FILM, FILM,
              DEVIATION);
-    snprintf(films[FILM_FINE], 96, "width %d height %d  channels 3", FINE, FINE);
+    snprintf(films[FILM_FINE], 96, "width %d height %d", FINE, FINE);
+    snprintf(films[FILM_FAMILY], 96, "width %d height %d  channels 3", FINE, FINE);
     snprintf(films[FILM_SMALL], 96, "width %d height %d  filter gaussian", SMALL, SMALL);
     for (on = 0; on < FILMS; on++) {
         int length = snprintf(text, sizeof text,
@@ -368,15 +370,14 @@ typedef struct view {
     int count;
 } view;
 
-/* Weights of a line of the fine film in one of a picture, [FILM][FINE], whose filter together with
-   the fine pixels' squares (of variance 1/12) has the deviation DEVIATION; and their squares. */
+/* What fine_weights gives, and its squares. */
 typedef struct filter {
     float weights[FILM * FINE], squares[FILM * FINE];
 } filter;
 
 static void make_filter(filter *f) {
     int i;
-    line_weights(FINE, FILM, MARGIN, PARTS, sqrt(pow(PARTS * DEVIATION, 2) - 1 / 12.), f->weights);
+    fine_weights(f->weights);
     for (i = 0; i < FILM * FINE; i++) f->squares[i] = f->weights[i] * f->weights[i];
 }
 
@@ -652,8 +653,8 @@ static void make_family(void *task, int index) {
 static void prepare_variant(void *task, int index) {
     work *w = (work *)task;
     int variant = w->variants[index], parameters[5];
-    w->scenes[variant] = load_scene(&w->shard, variant, FILM_FINE, w->settings->dir, family_names,
-                                    5, index ? parameters : w->parameters);
+    w->scenes[variant] = load_scene(&w->shard, variant, FILM_FAMILY, w->settings->dir,
+                                    family_names, 5, index ? parameters : w->parameters);
     w->views[variant] = make_view(w->settings->dir, &w->shard, variant, &w->filter);
 }
 

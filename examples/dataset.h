@@ -21,7 +21,7 @@
        a checksum of all that (64 bits, FNV-1a).
    Numbers are little-endian. DIR/data.txt says which fraction of them DIR holds, and
    DIR/scenes has a scene file per shape and azimuth (and variant: cube-30-08.itn) with all that it
-   needs, for render and invert, and two of other films (see film), for dataset and train.
+   needs, for render and invert, and three of other films (see film), for dataset and train.
 
    dataset.c writes all this; train.c and starts.c read it. Each compiles alone, with itn.h in it,
    or with -DITN_APART against one object of itn.h for all three, as experiment.sh does. */
@@ -67,9 +67,10 @@ enum {
 /* A picture's filter is a Gaussian of this deviation in pixels, about that of a lens. */
 #define DEVIATION .75
 
-/* The films on which a shape under a light is rendered: a picture; a fine one, from which three
-   pictures whose albedos differ, as colours, are made; and a small one, for training. */
-typedef enum film { FILM_ONE = 0, FILM_FINE, FILM_SMALL, FILMS } film;
+/* The films on which a shape under a light is rendered: a picture; a fine one, from which a picture
+   is made that has less noise; the same in three channels, for three pictures whose albedos differ,
+   as colours; and a small one, for training. */
+typedef enum film { FILM_ONE = 0, FILM_FINE, FILM_FAMILY, FILM_SMALL, FILMS } film;
 
 typedef enum split { SPLIT_TRAIN = 0, SPLIT_SHAPE, SPLIT_LIGHT, SPLIT_BOTH, SPLITS } split;
 
@@ -258,7 +259,7 @@ static inline void shard_path(const shard *s, const char *dir, char *path) {
 
 static inline void scene_path(int shape, int azimuth, int variant, film on, const char *dir,
                               char *path) {
-    static const char *const endings[FILMS] = {"", "-fine", "-small"};
+    static const char *const endings[FILMS] = {"", "-fine", "-family", "-small"};
     char number[16] = "";
     if (variant) snprintf(number, sizeof number, "-%02d", variant);
     snprintf(path, PATH_SIZE, "%s/scenes/%s-%02d%s%s.itn", dir, shape_names[shape], azimuth, number,
@@ -299,6 +300,12 @@ static inline void line_weights(int from, int to, double before, double size, do
         }
         for (k = 0; k < from; k++) weights[k] = (float)((double)weights[k] / sum);
     }
+}
+
+/* The weights [FILM][FINE] of a line of the fine film in one of a picture, whose filter together
+   with the fine pixels' squares (of variance 1/12) has the deviation DEVIATION. */
+static inline void fine_weights(float *weights) {
+    line_weights(FINE, FILM, MARGIN, PARTS, sqrt(pow(PARTS * DEVIATION, 2) - 1 / 12.), weights);
 }
 
 /* other[to][to]: sums over picture[from][from] with weights across and down. The weight of pixel k of
@@ -618,6 +625,22 @@ static inline float *theta_with(const itn_scene *scene, int count, const int *pa
     itn_parameter_values(scene, theta);
     for (k = 0; k < count; k++) theta[parameters[k]] = values[k];
     return theta;
+}
+
+/* A picture of a scene of FILM_FINE with these values of its three parameters, from `spp` samples
+   of each pixel of that film; weights as of fine_weights. */
+static inline void render_picture(const itn_scene *scene, const int parameters[3],
+                                  const float values[3], const float *weights, int spp,
+                                  uint64_t seed, float picture[PIXELS]) {
+    float *theta = theta_with(scene, 3, parameters, values);
+    itn_render_options options = ITN_ZERO;
+    itn_image image;
+    itn_error error;
+    options.spp = spp, options.seed = seed;
+    if (itn_render(scene, theta, &options, NULL, 0, &image, &error)) fail(error.message, "");
+    weigh_picture(image.pixels, FINE, weights, FINE, 1, FILM, picture);
+    itn_image_free(&image);
+    free(theta);
 }
 
 /* ---- what the network sees and what it answers ---- */

@@ -56,18 +56,18 @@ warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
 if up_to 1/20; then
     picture="--noise ${noise:-0.05} --spp 8"
     warm=40 calm=8 more=1 settle=2 cool=1 training="--batch 8 --channels 4" spp=8
-    trial="--images 8 --spp 4"
+    trial="--images 8 --spp 2"
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests 1/24 --noise ${noise:-0.05}"
     warm=80 calm=24 more=2 settle=3 cool=1 training="--batch 16 --channels 6" spp=16
     rate=2e-4
-    trial="--images 24 --spp 8"
+    trial="--images 24 --spp 2"
     search="--images 1 --iterations 200 --spp 2"
 else
     picture="--noise ${noise:-0.03} --spp 4096"
     warm=110 calm=16 more=30 settle=6 cool=4 training="--batch 16 --channels 6" spp=8
-    trial="--images 72 --spp 4"
+    trial="--images 72 --spp 2"
     search="--images 6 --iterations 200 --spp 2"
 fi
 

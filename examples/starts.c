@@ -291,23 +291,16 @@ typedef struct tile {
 
 typedef struct figure {
     const settings *settings;
+    float weights[FILM * FINE]; /* fine_weights */
     tile tiles[FIGURE_ROWS][MOST_NETWORKS + 1];
 } figure;
 
 static void render_tile(void *task, int index) {
     figure *f = (figure *)task;
     tile *t = &f->tiles[index / MOST_NETWORKS][1 + index % MOST_NETWORKS];
-    itn_render_options options = ITN_ZERO;
-    itn_image image;
-    itn_error error;
-    float *theta;
-    if (!t->scene) return;
-    theta = theta_with(t->scene, 3, t->parameters, t->values);
-    options.spp = 2 * f->settings->spp, options.seed = (uint64_t)index;
-    if (itn_render(t->scene, theta, &options, NULL, 0, &image, &error)) fail(error.message, "");
-    memcpy(t->pixels, image.pixels, sizeof t->pixels);
-    itn_image_free(&image);
-    free(theta);
+    if (t->scene)
+        render_picture(t->scene, t->parameters, t->values, f->weights, 4 * f->settings->spp,
+                       (uint64_t)index, t->pixels);
 }
 
 static void write_caption(tile *t, const char *name) {
@@ -376,7 +369,7 @@ static void make_figure(const settings *s) {
     static figure f;
     itn_scene *scenes[FIGURE_ROWS];
     int parameters[3], row, threads = s->threads;
-    f.settings = s;
+    f.settings = s, fine_weights(f.weights);
     for (row = 0; row < FIGURE_ROWS; row++) {
         pictures p;
         const shard *in;
@@ -384,8 +377,8 @@ static void make_figure(const settings *s) {
         load_pictures(s->data, (split)(row / 2), &p);
         index = evenly(1 + 2 * (row % 2), 4, p.count);
         in = &p.shards[p.shard_of[index]];
-        scenes[row] = load_theta_scene(in, variant_of(in, p.thetas[index]), FILM_ONE, s->data,
-                                       parameters);
+        scenes[row] = load_theta_scene(in, variant_of(in, p.thetas[index]), FILM_FINE,
+                                       s->data, parameters);
         fill_row(&f, row, &p, index, scenes[row], parameters);
         free_pictures(&p);
     }

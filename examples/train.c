@@ -49,14 +49,14 @@
 
    Answers are cut to sigma_t 20 to 300, albedo .35 to .97, g -.1 to .9. Their errors are in their
    own units, over all pictures of a split. Of --images pictures (default: all) of each split the
-   scene is rendered with the answer and with the truth, by the same --spp samples, and both once
-   more by others. The two differences of answer and truth have independent noise, so that their
-   product is in the mean the square of what the answer does to the picture, without any noise;
-   rmse_image is the root of its mean over pixels and pictures, in units of the mean brightness of
-   the training pictures. MS-SSIM (Wang, Simoncelli and Bovik 2003) is of the means of both runs,
-   and tells noise as well: window 11x11, Gaussian of deviation 1.5, four levels (of 128, 64, 32 and
-   16 pixels) with the first four of the published weights, scaled to sum to 1; data range: the
-   largest value of the picture with the truth. */
+   scene is rendered with the answer and with the truth, by the same samples (--spp, 8 unless given,
+   of each pixel of the data's fine film), and both once more by others. The two differences of
+   answer and truth have independent noise, so that their product is in the mean the square of what
+   the answer does to the picture, without any noise; rmse_image is the root of its mean over pixels
+   and pictures, in units of the mean brightness of the training pictures. MS-SSIM (Wang, Simoncelli
+   and Bovik 2003) is of the means of both runs, and tells noise as well: window 11x11, Gaussian of
+   deviation 1.5, four levels (of 128, 64, 32 and 16 pixels) with the first four of the published
+   weights, scaled to sum to 1; data range: the largest value of the picture with the truth. */
 #define _POSIX_C_SOURCE 200809L
 #include "dataset.h"
 
@@ -681,18 +681,15 @@ typedef struct trial {
     pictures pictures;
     stages stages;
     int judged; /* how many are rendered again */
+    float weights[FILM * FINE]; /* fine_weights */
     answer *answers;
 } trial;
 
 /* A picture of a scene with three parameters changed. */
 static void render_values(const trial *t, const itn_scene *scene, const float values[3],
-                          uint64_t seed, itn_image *image) {
-    float *theta = theta_with(scene, 3, t->stages.parameters, values);
-    itn_render_options options = ITN_ZERO;
-    itn_error error;
-    options.spp = t->options->spp ? t->options->spp : 64, options.seed = seed;
-    if (itn_render(scene, theta, &options, NULL, 0, image, &error)) fail(error.message, "");
-    free(theta);
+                          uint64_t seed, float picture[PIXELS]) {
+    int spp = t->options->spp ? t->options->spp : 8;
+    render_picture(scene, t->stages.parameters, values, t->weights, spp, seed, picture);
 }
 
 /* Renders one of the scenes with the predicted parameters and with the true ones, each twice, and
@@ -704,21 +701,19 @@ static void judge(void *task, int index) {
     const itn_scene *scene = scene_of(&t->stages, &t->pictures, i);
     uint64_t seed = mix((uint64_t)t->options->model.seed, (uint64_t)t->in, (uint64_t)i);
     int other = !strcmp(t->options->model.name, "truth"), k; /* other samples */
-    itn_image truths[2], images[2];
+    float truths[2][PIXELS], images[2][PIXELS];
     double sum = 0;
     for (k = 0; k < 2; k++) {
-        render_values(t, scene, a->truth, seed + 2 * (uint64_t)k, &truths[k]);
-        render_values(t, scene, a->values, seed + 2 * (uint64_t)k + (uint64_t)other, &images[k]);
+        render_values(t, scene, a->truth, seed + 2 * (uint64_t)k, truths[k]);
+        render_values(t, scene, a->values, seed + 2 * (uint64_t)k + (uint64_t)other, images[k]);
     }
     for (k = 0; k < PIXELS; k++) {
-        sum += (double)(truths[0].pixels[k] - images[0].pixels[k]) *
-               (double)(truths[1].pixels[k] - images[1].pixels[k]);
-        truths[0].pixels[k] = (truths[0].pixels[k] + truths[1].pixels[k]) / 2;
-        images[0].pixels[k] = (images[0].pixels[k] + images[1].pixels[k]) / 2;
+        sum += (double)(truths[0][k] - images[0][k]) * (double)(truths[1][k] - images[1][k]);
+        truths[0][k] = (truths[0][k] + truths[1][k]) / 2;
+        images[0][k] = (images[0][k] + images[1][k]) / 2;
     }
     a->mse = sum / PIXELS / pow(t->options->model.mean, 2);
-    a->one_minus_ms_ssim = 1 - ms_ssim(truths[0].pixels, images[0].pixels);
-    for (k = 0; k < 2; k++) itn_image_free(&truths[k]), itn_image_free(&images[k]);
+    a->one_minus_ms_ssim = 1 - ms_ssim(truths[0], images[0]);
 }
 
 /* Asks the network about all pictures; without a network the truth is the answer. */
@@ -840,7 +835,8 @@ static void try_split(trial *t, itn_net *net, FILE *files[3]) {
     if (t->options->most_images && t->judged > t->options->most_images)
         t->judged = t->options->most_images;
     t->answers = (answer *)need((size_t)t->pictures.count, sizeof *t->answers);
-    load_stages(&t->pictures, t->judged, FILM_ONE, t->options->data, threads, &t->stages);
+    fine_weights(t->weights);
+    load_stages(&t->pictures, t->judged, FILM_FINE, t->options->data, threads, &t->stages);
     ask(t, net);
     parallel_for(t->judged, judge, t, &threads);
     print_row(t, stdout), print_row(t, files[0]);
@@ -878,7 +874,7 @@ static int evaluate(settings *o) {
             o->model.name);
     fprintf(files[0], "%s", head), printf("%s", head);
     for (in = 0; in < SPLITS; in++) {
-        trial t;
+        static trial t;
         if (strcmp(o->model.leave, "none") && (in == SPLIT_SHAPE || in == SPLIT_LIGHT)) continue;
         memset(&t, 0, sizeof t);
         t.options = o, t.in = (split)in;
