@@ -917,6 +917,17 @@ static int take_units(const char *units) {
     return own;
 }
 
+/* The truth has nothing to be trained, but can be tried. */
+static int is_model(const char *name, int tried) {
+    return !strcmp(name, "rn") || !strcmp(name, "ssn") || !strcmp(name, "itn") ||
+           (tried && !strcmp(name, "truth"));
+}
+
+static int show_usage(void) {
+    fprintf(stderr, "%s", usage);
+    return 1;
+}
+
 int main(int argc, char **argv) {
     static settings o;
     const char *name = "";
@@ -952,13 +963,11 @@ int main(int argc, char **argv) {
         else fail(option, "unknown option");
     }
     if (o.model.bend > FILM) fail("--bend", "needs a number in its range");
-    if (o.checkpoint && o.shipped) return export_network(&o);
-    if (!o.data || !o.checkpoint || (strcmp(name, "rn") && strcmp(name, "ssn") &&
-                                     strcmp(name, "itn") && (strcmp(name, "truth") || !o.evaluate)))
-        return fprintf(stderr, "%s", usage), 1;
     snprintf(o.model.name, sizeof o.model.name, "%s", name);
     o.model.spp = o.spp ? o.spp : 16;
-    status = o.evaluate ? evaluate(&o) : train(&o);
+    if (o.checkpoint && o.shipped) status = export_network(&o);
+    else if (!o.data || !o.checkpoint || !is_model(name, o.evaluate)) status = show_usage();
+    else status = o.evaluate ? evaluate(&o) : train(&o);
     end_processes();
     return status;
 }
