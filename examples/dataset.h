@@ -703,7 +703,8 @@ static inline void load_model(const char *network, model *m) {
     if (fscanf(file, "model %7s mean %lf lambda %lf rate %lf batch %d spp %d seed %d bend %d "
                "units %11s leave %63s", m->name, &m->mean, &m->lambda, &m->rate, &m->batch,
                &m->spp, &m->seed, &m->bend, units, m->leave) != 10 || !(m->mean > 0) ||
-        m->batch < 1 || m->spp < 2 || m->bend < 0 || m->bend > FILM)
+        m->batch < 1 || m->spp < 2 || m->bend < 0 || m->bend > FILM ||
+        (strcmp(units, "own") && strcmp(units, "coordinates")))
         fail(path, "is not what train writes");
     m->own_units = !strcmp(units, "own");
     fclose(file);

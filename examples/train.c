@@ -25,12 +25,12 @@
    by heart; some steps at the end with 0 bring back what is lost on known shapes.
    --units own judges answers as equation (3) has it: by their errors in the parameters' own units,
    each over its deviation in the data, which is what the table tells; --units coordinates, the
-   default, by those in coordinates (itn_parameter_to_coordinate), which is easier to begin with.
+   default, by those in coordinates (itn_parameter_to_coordinate).
    --start from a network of the same model keeps its lambda; --resume all but --epochs and -t.
    --leave cube,knot trains without these of the training shapes; --evaluate of such a network has a
    row `left` of them, as they are, in place of the three splits of the tests: choose by it, then
    test once. The row `train` is of all pictures that were trained on, variants of shapes too.
-   The image term needs the scenes of all of them: in the whole data 720, 2.5 GB a process.
+   The image term needs the scenes of all of them: in the whole data 720, 5 GB a process.
    The number of steps that the network has taken says all about where a run is: the order of the
    pictures is a function of (seed, epoch), random numbers of (seed, step, picture). So a run that
    was stopped by Ctrl-C or a crash and goes on with --resume gives the same bits as one that was
@@ -687,7 +687,7 @@ typedef struct trial {
 
 /* A picture of a scene with three parameters changed. */
 static void render_values(const trial *t, const itn_scene *scene, const float values[3],
-                          uint64_t seed, float picture[PIXELS]) {
+                          uint64_t seed, float *picture) {
     int spp = t->options->spp ? t->options->spp : 8;
     render_picture(scene, t->stages.parameters, values, t->weights, spp, seed, picture);
 }
@@ -701,9 +701,10 @@ static void judge(void *task, int index) {
     const itn_scene *scene = scene_of(&t->stages, &t->pictures, i);
     uint64_t seed = mix((uint64_t)t->options->model.seed, (uint64_t)t->in, (uint64_t)i);
     int other = !strcmp(t->options->model.name, "truth"), k; /* other samples */
-    float truths[2][PIXELS], images[2][PIXELS];
+    float *truths[2], *images[2];
     double sum = 0;
     for (k = 0; k < 2; k++) {
+        truths[k] = (float *)need(2 * PIXELS, sizeof(float)), images[k] = truths[k] + PIXELS;
         render_values(t, scene, a->truth, seed + 2 * (uint64_t)k, truths[k]);
         render_values(t, scene, a->values, seed + 2 * (uint64_t)k + (uint64_t)other, images[k]);
     }
@@ -714,6 +715,7 @@ static void judge(void *task, int index) {
     }
     a->mse = sum / PIXELS / pow(t->options->model.mean, 2);
     a->one_minus_ms_ssim = 1 - ms_ssim(truths[0], images[0]);
+    free(truths[0]), free(truths[1]);
 }
 
 /* Asks the network about all pictures; without a network the truth is the answer. */
