@@ -54,7 +54,10 @@ if command -v mpicc > /dev/null && command -v mpirun > /dev/null; then
         sleep 2
         grep -q 'step' killed && break
     done
+    # the job's children, or those of its only child (as in MPICH), are the processes
     victim=$(ps -o pid= --ppid "$job" | tail -n 1)
+    child=$(ps -o pid= --ppid "$victim" | tail -n 1)
+    victim=${child:-$victim}
     # shellcheck disable=SC2086
     check "a process is killed" kill -9 $victim
     wait "$job"
