@@ -299,7 +299,7 @@ static void render_tile(void *task, int index) {
     figure *f = (figure *)task;
     tile *t = &f->tiles[index / MOST_NETWORKS][1 + index % MOST_NETWORKS];
     if (t->scene)
-        render_picture(t->scene, t->parameters, t->values, f->weights, 4 * f->settings->spp,
+        render_picture(t->scene, t->parameters, t->values, f->weights, f->settings->spp,
                        (uint64_t)index, t->pixels);
 }
 

@@ -149,7 +149,7 @@ fit="--data data --batch 4 --spp 2"
         --start b.net --checkpoint f.net
     check "train itn: own units" ./train --model itn $fit --epochs 5 --rate 1e-5 --bend 20 \
         --units own --start b.net --checkpoint u.net
-    keep "train --evaluate" ./train --model itn --data data --spp 2 --images 2 --checkpoint b.net \
+    keep "train --evaluate" ./train --model itn --data data --spp 2 --images 1 --checkpoint b.net \
         --evaluate
 }
 sed 3d b.net.csv > damaged.csv
@@ -187,7 +187,7 @@ check "invert --net: other parameters" sh -c "! ./invert data/scenes/knot-50.itn
 check "invert --net: no network" sh -c "! ./invert data/scenes/knot-50.itn --net none.net --spp 2"
 # shellcheck disable=SC2086
 check "dataset make: a few" ./dataset make few --fraction 1/3600 --noise 1 --spp 8 $scenes
-check "train --evaluate: splits without pictures" sh -c "./train --model truth --data few --spp 2 \
+check "train --evaluate: splits without pictures" sh -c "./train --model truth --data few --spp 2 --images 1 \
     --checkpoint few --evaluate && test \$(wc -l < few.table.csv) -eq 3"
 check "refused: other data" sh -c "cp b.net.csv g.net.csv && ! ./train --model itn --data few \
     --epochs 400 --resume --checkpoint g.net"
