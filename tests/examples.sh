@@ -187,8 +187,8 @@ check "invert --net: other parameters" sh -c "! ./invert data/scenes/knot-50.itn
 check "invert --net: no network" sh -c "! ./invert data/scenes/knot-50.itn --net none.net --spp 2"
 # shellcheck disable=SC2086
 check "dataset make: a few" ./dataset make few --fraction 1/3600 --noise 1 --spp 8 $scenes
-check "train --evaluate: splits without pictures" sh -c "./train --model truth --data few --spp 2 --images 1 \
-    --checkpoint few --evaluate && test \$(wc -l < few.table.csv) -eq 3"
+check "train --evaluate: splits without pictures" sh -c "./train --model truth --data few --spp 2 \
+    --images 1 --checkpoint few --evaluate && test \$(wc -l < few.table.csv) -eq 3"
 check "refused: other data" sh -c "cp b.net.csv g.net.csv && ! ./train --model itn --data few \
     --epochs 400 --resume --checkpoint g.net"
 check "starts" ./starts --data few -o tables --images 1 --iterations 1 --spp 2 b.net
