@@ -9,7 +9,7 @@
             ./dataset check data
             ./dataset sheet data sheet.png
    Prints:  328 images made in 76 s, noise at most 22.49 %, 8.0 samples per pixel in the mean
-   A picture is seen through a Gaussian filter of deviation .75 pixels, and every sample counts for
+   A picture is seen through a Gaussian filter of deviation 1 pixel, and every sample counts for
    all pixels in whose filter it lies, which takes an eighth of the samples or less: the walk's film
    has half of the pixel size, and pictures are weighted sums of its pixels. So neighbours in a
    picture have noise in common.

@@ -54,10 +54,10 @@ enum {
     SMALL = 32, /* pixels each way of what training renders */
     SMALL_PIXELS = SMALL * SMALL,
     PARTS = 2,  /* pixels each way, of the film from which pictures are made, per pixel of theirs */
-    MARGIN = 6, /* more of them on each side, as far as the filter reaches */
+    MARGIN = 8, /* more of them on each side, as far as the filter reaches */
     FINE = PARTS * FILM + 2 * MARGIN,
     FINE_PIXELS = FINE * FINE,
-    VERSION = 7, /* of the data */
+    VERSION = 8, /* of the data */
     MOST_SHARDS = 64, /* of a split */
     PATH_SIZE = 1024,
     HEADER_SIZE = 256,
@@ -65,7 +65,7 @@ enum {
 };
 
 /* A picture's filter is a Gaussian of this deviation in pixels, about that of a lens. */
-#define DEVIATION .75
+#define DEVIATION 1.
 
 /* The films on which a shape under a light is rendered: a picture; a fine one, from which a picture
    is made that has less noise; the same in three channels, for three pictures whose albedos differ,
