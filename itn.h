@@ -8116,8 +8116,8 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
    each hero: paths in one queue have one hero, which draws alike for all of them. Densities are
    relative to its own. There is no foresight then.
 
-   A kernel is the text of this chapter, inlined and specialised by constant features; ITN__KERNELS
-   lists them. */
+   A kernel is the walk and the exact stage, inlined and specialised by constant features;
+   ITN__KERNELS lists them. The other stages, where paths spend little time, are compiled once. */
 enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__LIMIT = 4, ITN__SCORES = 8, ITN__SPECTRAL = 16 };
 #define ITN__ALL_FEATURES (ITN__RGB | ITN__LIGHTS | ITN__LIMIT | ITN__SCORES | ITN__SPECTRAL)
 #ifdef ITN_ONE_KERNEL
@@ -10347,11 +10347,11 @@ ITN__INLINE unsigned itn__run_stretches(itn__crowd *crowd, int substance, const 
 
 /* Paths with Sobol draws to come fly from the surface they have come through; so do all that go
    straight. */
-ITN__INLINE void itn__run_early(itn__crowd *crowd, int substance, int features) {
+ITN__NOINLINE void itn__run_early(itn__crowd *crowd, int substance) {
     itn__queue *queue = &crowd->early[substance], *exact = &crowd->exact[substance];
     itn__queue *taken = &crowd->taken, swapped = *taken;
     itn__free_space space;
-    int i;
+    int features = crowd->fast->features, i;
     *taken = *queue, *queue = swapped, queue->count = 0, queue = taken;
     memset(&space, 0, sizeof space);
     for (i = 0; i < queue->count; i += ITN__LANES) {
@@ -10604,9 +10604,9 @@ ITN__INLINE void itn__foresee_bounce(itn__crowd *crowd, const itn__state *s,
 
 /* Dielectric boundaries, as itn__meet_dielectric. A path that has sent a link lives until the link
    is done, even if its own direction fails: then with weight 0. */
-ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
+ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
     itn__queue *queue = &crowd->boundary;
-    int at, c;
+    int features = crowd->fast->features, at, c;
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0), ok, rough;
         itn__state s;
@@ -10662,9 +10662,9 @@ ITN__INLINE void itn__run_boundary(itn__crowd *crowd, int features) {
 }
 
 /* Diffuse surfaces, as itn__meet_diffuse. */
-ITN__INLINE void itn__run_diffuse(itn__crowd *crowd, int features) {
+ITN__NOINLINE void itn__run_diffuse(itn__crowd *crowd) {
     itn__queue *queue = &crowd->diffuse;
-    int at, c;
+    int features = crowd->fast->features, at, c;
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0), ok;
         itn__state s;
@@ -10731,9 +10731,9 @@ ITN__INLINE void itn__take_outside(itn__crowd *crowd, int features) {
 }
 
 /* Outside of media. */
-ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
+ITN__NOINLINE void itn__run_vacuum(itn__crowd *crowd) {
     itn__queue *queue = &crowd->taken;
-    int at, k;
+    int features = crowd->fast->features, at, k;
     itn__take_outside(crowd, features);
     itn__look_outside(crowd);
     itn__prefetch_hits(crowd);
@@ -10757,10 +10757,10 @@ ITN__INLINE void itn__run_vacuum(itn__crowd *crowd, int features) {
 }
 
 /* Paths that have left: adds the lights in their directions, as itn__escape, and ends them. */
-ITN__INLINE void itn__run_sky(itn__crowd *crowd, int features) {
+ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
     const itn__fast *fast = crowd->fast;
     itn__queue *queue = &crowd->sky;
-    int at, c, i;
+    int features = fast->features, at, c, i;
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__state s;
         itn__ints mask = itn__first_lanes(queue->count - at);
@@ -10978,15 +10978,15 @@ ITN__INLINE void itn__run_unit(itn__crowd *crowd, int features) {
     int substances = itn__substance_count(crowd->fast->scene), m;
     while (itn__unit_paths_left(crowd) || crowd->free_count < ITN__CROWD) {
         itn__start_rays(crowd, features);
-        if (crowd->boundary.count) itn__run_boundary(crowd, features);
-        if (crowd->diffuse.count) itn__run_diffuse(crowd, features);
+        if (crowd->boundary.count) itn__run_boundary(crowd);
+        if (crowd->diffuse.count) itn__run_diffuse(crowd);
         for (m = 1; m < substances; m++) {
-            if (crowd->early[m].count) itn__run_early(crowd, m, features);
+            if (crowd->early[m].count) itn__run_early(crowd, m);
             if (crowd->walk[m].count) itn__run_walk(crowd, m, features);
             if (crowd->exact[m].count) itn__run_exact(crowd, m, features);
         }
-        if (crowd->walk[0].count) itn__run_vacuum(crowd, features);
-        if (crowd->sky.count) itn__run_sky(crowd, features);
+        if (crowd->walk[0].count) itn__run_vacuum(crowd);
+        if (crowd->sky.count) itn__run_sky(crowd);
     }
 }
 

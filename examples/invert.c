@@ -4,7 +4,7 @@
    You learn: how to hand images to itn_refine_views, what comes back (values with error bars, and
    word of those that the images do not determine), and how to look at it.
 
-   Compile: cc -O3 -march=native invert.c -o invert -lm -lpthread
+   Compile: cc -O2 -march=native invert.c -o invert -lm -lpthread
    Run:     ./invert ../scenes/default.itn -o out
             ./invert front.itn side.itn --target front.exr --target side.exr -o out
    Several scenes show one object from several sides or in several lights, each with its own image;

@@ -116,7 +116,8 @@ prints '2\.000000 2\.000000 2\.000000'
 # stopped and goes on bit for bit, on any number of threads; tables
 scenes="--scenes $root/scenes"
 # shellcheck disable=SC2086
-keep "dataset make" ./dataset make data --fraction 1/1000 --noise 1 --spp 8 -t 2 $scenes
+keep "dataset make" ./dataset make data --fraction 1/1000 --tests 1/3600 --noise 1 --spp 8 -t 2 \
+    $scenes
 check "dataset check" ./dataset check data
 check "dataset sheet" ./dataset sheet data sheet.png
 check "dataset: renders" ./render data/scenes/knot-50.itn -o a.exr --spp 2 -D milk.g=0.8 -q
@@ -126,7 +127,8 @@ printf 'x' | dd of="$victim" bs=1 seek=5000 conv=notrunc 2> "$work/log"
 check "dataset check finds damage" sh -c "! ./dataset check data > found && grep -q damaged found"
 rm data/scenes/chain-00-32.ply
 # shellcheck disable=SC2086
-check "dataset make mends" ./dataset make data --fraction 1/1000 --noise 1 --spp 8 -t 1 $scenes
+check "dataset make mends" ./dataset make data --fraction 1/1000 --tests 1/3600 --noise 1 --spp 8 \
+    -t 1 $scenes
 check "dataset: the same bits" cmp "$victim" whole.itnd
 check "dataset: renders a variant" ./render data/scenes/chain-00-32.itn -o a.exr --spp 2 -q
 # shellcheck disable=SC2086
@@ -171,6 +173,7 @@ check "train: --bend changes pictures" sh -c "! cmp e.net f.net > found 2>&1"
 check "train: --units changes the loss" sh -c "! cmp u.net f.net > found 2>&1 && \
     grep -q '^units own' u.net.txt"
 prints '^itn,both,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+$'
+check "train --evaluate: splits without pictures" test "$(wc -l < b.net.table.csv)" -eq 3
 check "train --export" ./train --checkpoint b.net --export small.net
 check "train --export: a third" test "$(wc -c < small.net)" -lt "$(($(wc -c < b.net) / 2))"
 # the shipped network knows this shape and this light; its albedo is off by .05 in the mean
@@ -187,8 +190,8 @@ check "invert --net: other parameters" sh -c "! ./invert data/scenes/knot-50.itn
 check "invert --net: no network" sh -c "! ./invert data/scenes/knot-50.itn --net none.net --spp 2"
 # shellcheck disable=SC2086
 check "dataset make: a few" ./dataset make few --fraction 1/3600 --noise 1 --spp 8 $scenes
-check "train --evaluate: splits without pictures" sh -c "./train --model truth --data few --spp 2 \
-    --images 1 --checkpoint few --evaluate && test \$(wc -l < few.table.csv) -eq 3"
+check "train --evaluate: of the truth" sh -c "./train --model truth --data few --spp 2 --images 1 \
+    --checkpoint few --evaluate && test \$(wc -l < few.table.csv) -eq 3"
 check "refused: other data" sh -c "cp b.net.csv g.net.csv && ! ./train --model itn --data few \
     --epochs 400 --resume --checkpoint g.net"
 check "starts" ./starts --data few -o tables --images 1 --iterations 1 --spp 2 b.net

@@ -1103,7 +1103,7 @@ static void test_more_samples(double hidden) {
 /* ---- what a picture does not tell ------------------------------------------------------------------ */
 
 /* Deep inside a very thick black ball nothing depends on sigma_t: flagged. The albedo of the same
-   ball is plain to see, always found, and nearly always known to be: sigma_t is let go. Of twelve
+   ball is plain to see, always found, and nearly always known to be: sigma_t is let go. Of eight
    searches one or two may end where sigma_t is so low that it shows. */
 static void test_undetermined(void) {
     static const char *const names[] = {"m.sigma_t", "m.albedo"};
@@ -1113,7 +1113,7 @@ static void test_undetermined(void) {
     itn_estimate estimates[2];
     itn_error error;
     float theta[8];
-    const int seeds = 12;
+    const int seeds = 8;
     int parameters[2], seed, flagged = 0, plain = 0;
     find_parameters(scene, names, 2, parameters);
     photograph(scene, 256, 7, target, variance);
@@ -1133,7 +1133,7 @@ static void test_undetermined(void) {
                    estimates[0].standard_error, estimates[0].determined, estimates[1].value,
                    estimates[1].standard_error);
     }
-    CHECK(flagged == seeds && plain >= 9);
+    CHECK(flagged == seeds && plain >= 6);
     itn_scene_free(scene);
 }
 
