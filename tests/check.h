@@ -43,7 +43,14 @@ static int check_report(int holds, const char *file, int line, const char *forma
                  #value, (double)(value), (double)(error), (double)(largest), (double)(expected),  \
                  ((double)(value) - (double)(expected)) / (double)(error))
 
-/* Runs a test function with a planted error; passes when at least one of its checks fails. */
+/* Runs a test function with a planted error; passes when at least one of its checks fails. With
+   sanitizers, which are slow and look at other things, it does nothing. */
+#ifdef ITN_SANITIZED
+#define CHECK_CATCHES(call)                                                                        \
+    do {                                                                                           \
+        if (0) call;                                                                               \
+    } while (0)
+#else
 #define CHECK_CATCHES(call)                                                                        \
     do {                                                                                           \
         int passed_before = check_passed, failed_before = check_failed, caught;                    \
@@ -55,6 +62,7 @@ static int check_report(int holds, const char *file, int line, const char *forma
         check_failed = failed_before;                                                              \
         check_report(caught, __FILE__, __LINE__, "planted error not caught: %s", #call);           \
     } while (0)
+#endif
 
 /* Ends a suite: prints its count, returns the exit status. */
 static int check_end(const char *suite) {
