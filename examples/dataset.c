@@ -15,7 +15,7 @@
    picture have noise in common.
    A picture gets as many samples as bring its noise under --noise, but at most --spp per pixel in
    the mean, at least 8: a few first, which tell the deviation of each pixel's samples, then in
-   proportion to it (Neyman 1934). For 3 % these are some 40 times 4 walks in the mean.
+   proportion to it (Neyman 1934).
    One walk serves up to three materials that differ in albedo alone, as the colours of a medium:
    the sky is grey (sky.c), so that its channels are one picture in three albedos. The five albedos
    of a sigma_t and g, which follow each other in a shard, take two walks instead of five, and half

@@ -9,8 +9,7 @@
 # Up to 1/20 it is a trial of everything: noisy pictures, narrow networks, few searches.
 # Its tables show that all works, not who wins: of 1/50 come 144 training pictures, which are too
 # few; it takes 9 minutes on two cores. Below 1 it is a reduced one, with noisy pictures
-# and 1/24 of the paper's tests. --tests is the part of these to make: more of them take their time
-# but hardly tell more, as pictures of one shape and light are read alike.
+# and 1/24 of the paper's tests. --tests is the part of these to make, where all take too long.
 # N is the most noise of a picture, .03 by default, .05 where F is below 1.
 # DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
 # figure.svg, and per network NAME.net and NAME.net.*.
