@@ -10949,10 +10949,11 @@ static void itn__fill_starts(itn__crowd *crowd) {
 
 /* Starts paths as long as there is room; first all rays are traced, so that the memory of many hits
    is waited for at a time. */
-static void itn__start_rays(itn__crowd *crowd, int features) {
+ITN__NOINLINE void itn__start_rays(itn__crowd *crowd) {
     const itn__fast *fast = crowd->fast;
     itn__queue *queue = &crowd->taken;
-    int room = crowd->free_count / fast->walks, rays = 0, more, at, k;
+    int features = fast->features, room = crowd->free_count / fast->walks;
+    int rays = 0, more, at, k;
     for (; room > 0 && itn__unit_paths_left(crowd); rays += more)
         more = itn__start_sample(crowd, &crowd->starts[rays]), room -= more > 0;
     for (k = 0; k < rays; k += ITN__LANES)
@@ -10977,7 +10978,7 @@ static void itn__start_rays(itn__crowd *crowd, int features) {
 ITN__INLINE void itn__run_unit(itn__crowd *crowd, int features) {
     int substances = itn__substance_count(crowd->fast->scene), m;
     while (itn__unit_paths_left(crowd) || crowd->free_count < ITN__CROWD) {
-        itn__start_rays(crowd, features);
+        itn__start_rays(crowd);
         if (crowd->boundary.count) itn__run_boundary(crowd);
         if (crowd->diffuse.count) itn__run_diffuse(crowd);
         for (m = 1; m < substances; m++) {
