@@ -10,6 +10,12 @@
 static int check_passed, check_failed;
 static int check_quiet; /* 1 while a planted error is on trial: failures are wanted */
 
+/* Whether ITN_LONG_TESTS=1 in the environment asks for the longer statistical runs. */
+static inline int check_long(void) {
+    const char *set = getenv("ITN_LONG_TESTS");
+    return set && strcmp(set, "0") != 0;
+}
+
 /* Counts one check; prints it when it fails. Returns whether it holds. */
 static int check_report(int holds, const char *file, int line, const char *format, ...) {
     if (holds) {

@@ -3,7 +3,7 @@
 # macros it leaves behind, and checks the form of its text. Prints what failed and a count.
 #
 #   sh tests/switches.sh            subsets of the switches, among which any two of them are on and
-#                                   off in all four ways; optimised builds of a few
+#                                   off in all four ways; builds of a few
 #   ITN_LONG_TESTS=1                all subsets by every compiler, as C11 too, and all optimised
 #                                   builds (minutes)
 #   HEADER=path                     another header than ../itn.h
@@ -158,14 +158,13 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
     catches "half an allocator" "$1" -std="$2" -fsyntax-only "half_override.$3"
     levels="plain native"
     [ "$2" != c11 ] || levels=
-    if [ -z "$ITN_LONG_TESTS" ]; then # two optimised builds
+    if [ -z "$ITN_LONG_TESTS" ]; then # two builds
         case $1 in gcc | g++) levels=plain ;; *) levels= ;; esac
     fi
     for level in $levels; do
         build_flags=-O2
         [ $level = plain ] || build_flags="-O2 -march=native"
-        [ -n "$ITN_LONG_TESTS" ] || build_flags="-O2 -DITN_ONE_KERNEL"
-        [ -n "$ITN_LONG_TESTS" ] || [ "$1" = gcc ] || build_flags="-O1 -DITN_ONE_KERNEL"
+        [ -n "$ITN_LONG_TESTS" ] || build_flags="-O1 -DITN_ONE_KERNEL"
         check "$1 -std=$2 $build_flags" "$1" -std="$2" $warnings $build_flags -fno-pie -c "whole.$3" \
             -o "whole-$1-$level.o"
     done
@@ -256,18 +255,18 @@ static void *my_malloc(size_t bytes) { return bytes ? NULL : NULL; }
 static void my_free(void *block) { (void)block; }
 END
     sed -n '/^#define/,$p' override.c >>arena.c
-    "$CC" -std=c99 -DITN_ONE_KERNEL -c arena.c -o arena.o
+    "$CC" -std=c99 -DITN_NO_STDIO -DITN_ONE_KERNEL -c arena.c -o arena.o
+    "$CC" -std=c99 -DITN_NO_FAST -c whole.c -o heap.o
     check "ITN_MALLOC and ITN_FREE replace malloc and free" no_malloc arena.o
-    "$CC" -std=c99 -DITN_ONE_KERNEL -c whole.c -o heap.o
     catches "malloc without them" no_malloc heap.o
-    for flags in "" -DITN_NO_NET; do
-        "$CC" -std=c99 -DITN_STATIC -DITN_ONE_KERNEL $flags -c whole.c -o static.o
+    no_files() { ! nm -u "$1" | grep -Ew 'fopen|fopen64|fclose|fread|fwrite|rename|remove'; }
+    check "ITN_NO_STDIO opens no files" no_files arena.o
+    catches "files without it" no_files heap.o
+    for flags in -DITN_ONE_KERNEL "-DITN_NO_FAST -DITN_NO_NET"; do
+        "$CC" -std=c99 -DITN_STATIC $flags -c whole.c -o static.o
         all_static() { [ -z "$(public static.o)" ]; }
         check "ITN_STATIC leaves no global $flags" all_static
     done
-    "$CC" -std=c99 -DITN_NO_STDIO -DITN_ONE_KERNEL -c whole.c -o nostdio.o
-    no_files() { ! nm -u nostdio.o | grep -Ew 'fopen|fopen64|fclose|fread|fwrite|rename|remove'; }
-    check "ITN_NO_STDIO opens no files" no_files
 else
     skip "symbols: nm is not installed"
 fi

@@ -521,7 +521,7 @@ static double expected_loss(const itn_scene *scene, const float *theta, const fl
     itn_error error;
     double sum = 0;
     int i;
-    options.spp = 4096, options.seed = seed;
+    options.spp = check_long() ? 4096 : 1536, options.seed = seed;
     stage_need(itn_render(scene, theta, &options, NULL, 0, &image, &error), &error);
     for (i = 0; i < LOSS_PIXELS; i++) {
         double residual = (double)image.pixels[i] - target[i];
@@ -551,7 +551,7 @@ static void same_samples_gradient(const itn_scene *scene, const float *theta,
     itn_image_free(&image);
 }
 
-/* The gradient of the loss by differences at 4096 samples, four seeds, then the loss itself, with
+/* The gradient of the loss by differences at many samples, four seeds, then the loss itself, with
    standard errors; worked out once. */
 enum { LOSS_COUNT = 3 };
 static void expect_losses(const itn_scene *scene, const float *target, const int *parameters,

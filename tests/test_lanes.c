@@ -542,7 +542,7 @@ int main(void) {
 #ifdef ITN_SANITIZED
     step = 521 * 17;
 #else
-    if (getenv("ITN_LONG_TESTS")) step = 1;
+    if (check_long()) step = 1;
 #endif
     test_memory();
     test_constants();

@@ -499,7 +499,7 @@ static void test_few_samples(void) {
 int main(void) {
     enum { COUNT = sizeof subjects / sizeof subjects[0] };
     int i;
-    if (getenv("ITN_LONG_TESTS")) samples *= 40;
+    if (check_long()) samples *= 40;
     for (i = 0; i < 2 * COUNT; i++) {
         mode = i < COUNT ? ITN_MODE_REFERENCE : ITN_MODE_FAST;
         if (mode == ITN_MODE_FAST && subjects[i % COUNT].medium.sigma_t[0] == 0) continue;

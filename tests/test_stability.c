@@ -48,7 +48,7 @@ static double check_furnace_way(const char *title, stage *s, int spp, int way, d
 static double check_furnace(const char *title, stage *s, int spp, double planted) {
     double worst = 0;
     int way;
-    if (!getenv("ITN_LONG_TESTS")) spp /= 2;
+    if (!check_long()) spp = (spp + 3) / 4;
     for (way = 0; way < SOLIDS_WAYS; way++)
         worst = fmax(worst, check_furnace_way(title, s, spp, way, planted));
     return worst;
@@ -100,7 +100,7 @@ static void test_furnaces(void) {
     int k;
     for (k = 0; k < (int)(sizeof cases / sizeof cases[0]); k++) {
         test_furnace(&cases[k], 0, 0);
-        if (k % 3 == 0 || getenv("ITN_LONG_TESTS")) test_furnace(&cases[k], 1, 0);
+        if (k % 3 == 0 || check_long()) test_furnace(&cases[k], 1, 0);
     }
 }
 

@@ -7,7 +7,7 @@
    in double precision, good to all digits given; it reproduces Chandrasekhar's H functions, van de
    Hulst's Multiple Light Scattering (1980), Table 12, and Giovanelli's .2600.
 
-   ITN_LONG_TESTS=1 in the environment runs complete tables with two ninths of the error;
+   ITN_LONG_TESTS=1 in the environment runs complete tables with a sixth of the error;
    ITN_VERBOSE=1 prints every measurement. */
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
@@ -17,7 +17,7 @@
 #include "solids.h"
 
 static int long_tests;
-static double effort = 1.5; /* factor of all standard errors asked for */
+static double effort = 2; /* factor of all standard errors asked for */
 static const double sigmas = 4;
 static uint64_t seed = 1; /* of the next run: every check has its own random numbers */
 
@@ -127,8 +127,8 @@ static void test_isotropic_half_spaces(void) {
                                       {.999, .9128453, 41.292438}};
     int k;
     for (k = 0; k < 7; k++) check_half_space(rows[k][0], 0, 0, 0, rows[k][1], rows[k][2], 0);
-    CHECK_CATCHES(check_half_space(.5, 0, 0, 0, 1.02 * .1152259, .354720, 0));
-    CHECK_CATCHES(check_half_space(.5, 0, 0, 0, .1152259, 1.08 * .354720, 0));
+    CHECK_CATCHES(check_half_space(.5, 0, 0, 0, 1.03 * .1152259, .354720, 0));
+    CHECK_CATCHES(check_half_space(.5, 0, 0, 0, .1152259, 1.12 * .354720, 0));
     CHECK_CATCHES(check_half_space(.81, 0, 0, 0, .2852545, 0, 0));
 }
 
@@ -364,7 +364,7 @@ static void check_channels(double worst_albedo) {
         static const char *const names[3] = {"m.albedo_r", "m.albedo_g", "m.albedo_b"};
         parameters[c] = itn_parameter_find(scene, names[c]);
     }
-    options.spp = 2400, options.seed = seed++;
+    options.spp = 1200, options.seed = seed++;
     solids_need(itn_render(scene, NULL, &options, parameters, 3, &image, &error), &error);
     for (c = 0; c < 3; c++) {
         static const char *const rgb[3] = {"R", "G", "B"};
@@ -372,23 +372,23 @@ static void check_channels(double worst_albedo) {
         solids_mean mean;
         sprintf(name[0], "Variance.%s", rgb[c]);
         mean = solids_plane_mean(&image, rgb[c], name[0]);
-        CHECK_MEAN(mean.value, mean.error, (c + 1) * value[c], sigmas, .006 * (c + 1) * value[c]);
+        CHECK_MEAN(mean.value, mean.error, (c + 1) * value[c], sigmas, .009 * (c + 1) * value[c]);
         for (d = 0; d < 3; d++) { /* by albedo d: nothing unless it is the channel's own */
             sprintf(name[0], "d_m_albedo_%c.%s", "rgb"[d], rgb[c]);
             sprintf(name[1], "d_m_albedo_%c_variance.%s", "rgb"[d], rgb[c]);
             mean = solids_plane_mean(&image, name[0], name[1]);
             CHECK_MEAN(mean.value, mean.error, c == d ? (c + 1) * slope[c] : 0, sigmas,
-                       .02 * (c + 1) * slope[c]);
+                       .03 * (c + 1) * slope[c]);
         }
     }
     itn_image_free(&image);
-    options.spp = 1200; /* times 4 */
+    options.spp = 600; /* times 4 */
     solids_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
     for (c = 0; c < 3; c++) {
         static const char *const planes[3][2] = {
             {"R", "Variance.R"}, {"G", "Variance.G"}, {"B", "Variance.B"}};
         solids_mean mean = solids_plane_mean(&image, planes[c][0], planes[c][1]);
-        CHECK_MEAN(mean.value, mean.error, (c + 1) * value[c], sigmas, .006 * (c + 1) * value[c]);
+        CHECK_MEAN(mean.value, mean.error, (c + 1) * value[c], sigmas, .009 * (c + 1) * value[c]);
     }
     itn_image_free(&image);
     itn_scene_free(scene);
@@ -420,10 +420,10 @@ static void test_single_scattering(void) {
         static const char *const names[1] = {"m.albedo"};
         itn_render_options options = ITN_ZERO;
         itn_scene *scene = solids_scene(&desc);
-        options.spp = 12000, options.max_scatter = scatter, options.seed = seed++;
+        options.spp = 6000, options.max_scatter = scatter, options.seed = seed++;
         solids_measure(scene, NULL, &options, names, 1, means);
         CHECK(means[0].value == 0 && means[0].error == 0);
-        q[1].largest = .002 * slope / effort;
+        q[1].largest = .0028 * slope / effort;
         check_quantity("albedo 0", &q[1], means[1]);
         options.spp = 500;
         solids_measure(scene, NULL, &options, NULL, 0, means); /* the fast walk */
@@ -598,7 +598,7 @@ static void test_furnace(void) {
    averaged over all directions to look from, is sigma_t n^2 volume. */
 static void check_mean_path(const char *label, const itn_mesh *mesh, double radius, double sigma_t,
                             double g, double ior) {
-    const int directions = long_tests ? 96 : 48;
+    const int directions = long_tests ? 96 : 32;
     itn_mesh_report report;
     itn_error error;
     itn_render_options options = ITN_ZERO;
@@ -692,7 +692,7 @@ static void run(const char *name, void (*test)(void)) {
 }
 
 int main(void) {
-    long_tests = getenv("ITN_LONG_TESTS") && strcmp(getenv("ITN_LONG_TESTS"), "0") != 0;
+    long_tests = check_long();
     if (long_tests) effort = 1 / 3.;
     run("isotropic half-spaces", test_isotropic_half_spaces);
     run("half-spaces", test_half_spaces);

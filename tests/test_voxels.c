@@ -362,7 +362,7 @@ static void claims_hold(int shape, int turned, int resolution, float scale, floa
 }
 static void all_claims_hold(void) {
     static const int resolutions[3] = {5, 24, 90};
-    long long count = getenv("ITN_LONG_TESTS") ? 3000000 : 20000;
+    long long count = check_long() ? 3000000 : 20000;
     tally total = ITN_ZERO;
     int shape, k;
     for (shape = 0; shape < SHAPES; shape++)
