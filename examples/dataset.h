@@ -508,13 +508,13 @@ static inline int is_listed(const char *name, const char *list) {
 }
 
 /* Drops all pictures but those whose shapes are in the list and are shown as they are (listed: 1),
-   or whose shapes are not in the list (0). */
-static inline void keep_shapes(pictures *p, const char *list, int listed) {
+   or whose shapes are not in the list (0) and, if `plain`, are shown as they are. */
+static inline void keep_shapes(pictures *p, const char *list, int listed, int plain) {
     int i, kept = 0;
     for (i = 0; i < p->count; i++) {
         const shard *s = &p->shards[p->shard_of[i]];
         if (is_listed(shape_names[s->shape], list) != listed) continue;
-        if (listed && variant_of(s, p->thetas[i])) continue;
+        if ((listed || plain) && variant_of(s, p->thetas[i])) continue;
         p->shard_of[kept] = p->shard_of[i], p->noise[kept] = p->noise[i];
         memmove(p->thetas[kept], p->thetas[i], sizeof p->thetas[i]);
         memmove(p->pixels + (size_t)kept * PIXELS, p->pixels + (size_t)i * PIXELS,
@@ -590,9 +590,13 @@ static inline const itn_scene *scene_of(const stages *s, const pictures *p, int 
     return s->scenes[p->shard_of[index]][variant_of(of, p->thetas[index])];
 }
 
-/* The index of one of `count` pictures that lie evenly among `total`; the first is 0. */
+/* The index of one of `count` pictures among `total`: one of each of as many equal parts, drawn, as
+   materials repeat at even steps; the first is 0. */
 static inline int evenly(int index, int count, int total) {
-    return (int)((int64_t)index * total / count);
+    int first = (int)((int64_t)index * total / count);
+    int next = (int)((int64_t)(index + 1) * total / count);
+    if (!index || next <= first) return first;
+    return first + (int)(mix(5, (uint64_t)index, (uint64_t)count) % (uint64_t)(next - first));
 }
 
 /* Loads the scenes of `count` pictures, evenly out of all. */
@@ -679,7 +683,8 @@ static inline void cut_answer(const itn_scene *scene, const int parameters[3], c
 typedef struct model {
     char name[8]; /* rn, ssn, itn */
     double mean, lambda, rate;
-    int batch, spp, seed, bend; /* bend: see vary_picture */
+    int batch, spp, seed;
+    int bend; /* see vary_picture; -1: pictures and shapes are shown as they are */
     int own_units; /* whether it was trained in the parameters' own units or in coordinates */
     char leave[64]; /* names of training shapes that it was not shown, with commas; or "none" */
 } model;
@@ -703,7 +708,7 @@ static inline void load_model(const char *network, model *m) {
     if (fscanf(file, "model %7s mean %lf lambda %lf rate %lf batch %d spp %d seed %d bend %d "
                "units %11s leave %63s", m->name, &m->mean, &m->lambda, &m->rate, &m->batch,
                &m->spp, &m->seed, &m->bend, units, m->leave) != 10 || !(m->mean > 0) ||
-        m->batch < 1 || m->spp < 2 || m->bend < 0 || m->bend > FILM ||
+        m->batch < 1 || m->spp < 2 || m->bend < -1 || m->bend > FILM ||
         (strcmp(units, "own") && strcmp(units, "coordinates")))
         fail(path, "is not what train writes");
     m->own_units = !strcmp(units, "own");

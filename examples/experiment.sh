@@ -46,6 +46,11 @@ while [ $# -gt 0 ]; do
 done
 data=${data:-$out/data}
 mkdir -p "$out/done" "$data"
+exec 9> "$out/done/lock" # held until the last of what this script starts has ended
+if command -v flock > /dev/null && ! flock -n 9; then
+    echo "experiment: a run is still at work in $out"
+    exit 1
+fi
 settings="fraction $fraction tests ${tests:-default} noise ${noise:-default} seed $seed"
 settings="$settings data $data own units"
 [ -e "$out/done/data" ] || { rm -f "$out/done/compile"; echo "$settings" > "$out/done/settings"; }
@@ -110,12 +115,15 @@ try() {
         --seed "$seed" -t "$threads"
 }
 
+# what is found damaged is made again by the next run
+examine() { "$out/dataset" check "$data" || { rm -f "$out/done/data"; return 1; }; }
+
 begin=$(date +%s)
 step compile compile
 # shellcheck disable=SC2086
 step data "$out/dataset" make "$data" --fraction "$fraction" --scenes "$here/../scenes" \
     -t "$threads" $picture
-step check "$out/dataset" check "$data"
+step check examine
 step sheet "$out/dataset" sheet "$data" "$out/sheet.png"
 # bend: pixels; the last epochs show shapes that are not bent, in the end at a low rate, which
 # averages out what of the answers is chance of the latest pictures

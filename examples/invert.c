@@ -68,10 +68,11 @@ static int whole(const char *option, const char *text) {
 static void show_thickness(const itn_scene *scene, FILE *file) {
     int i;
     for (i = 0; i < itn_parameter_count(scene); i++) {
-        char medium[ITN_NAME_SIZE];
+        char medium[ITN_NAME_SIZE], *field;
         snprintf(medium, sizeof medium, "%s", itn_parameter_get(scene, i)->name);
-        if (!strstr(medium, ".sigma_t")) continue;
-        *strchr(medium, '.') = 0;
+        field = strchr(medium, '.');
+        if (!field || (strcmp(field, ".sigma_t") && strcmp(field, ".sigma_t_r"))) continue;
+        *field = 0;
         fprintf(file, "%s: optical thickness %.3g (sigma_t times the mean chord)\n", medium,
                 itn_scene_thickness(scene, NULL, medium));
     }
@@ -145,15 +146,16 @@ static void read_target(const itn_image *image, itn_film_desc film, float **ligh
     static const float luminance[3] = {.2126f, .7152f, .0722f};
     size_t i, plane = (size_t)film.width * (size_t)film.height;
     float **out[2];
+    const int mono = film.channels == 1, has_grey = mono && itn_image_plane(image, "Y");
     int v, c;
     out[0] = light, out[1] = variance;
     if (image->width != film.width || image->height != film.height)
         fail("the target's size is not that of the scene's film", "");
     for (v = 0; v < 2; v++) {
-        const float *grey = itn_image_plane(image, names[v][3]), *colour[3];
+        const float *grey = has_grey ? itn_image_plane(image, names[v][3]) : NULL, *colour[3];
         for (c = 0; c < 3; c++) colour[c] = itn_image_plane(image, names[v][c]);
         *out[v] = NULL;
-        if ((film.channels == 3 || !grey) && !(colour[0] && colour[1] && colour[2])) {
+        if (has_grey ? !grey : !(colour[0] && colour[1] && colour[2])) {
             if (!v) fail("the target has not the channels that the scene's film has", "");
             return;
         }
@@ -162,11 +164,12 @@ static void read_target(const itn_image *image, itn_film_desc film, float **ligh
         for (c = 0; c < film.channels; c++)
             for (i = 0; i < plane; i++) {
                 const float *w = luminance;
-                float sum = film.channels == 3 ? colour[c][i] : grey ? grey[i] : 0;
-                if (film.channels == 1 && !grey) /* the variance of a weighted sum: weights squared */
-                    sum = (v ? w[0] * w[0] : w[0]) * colour[0][i] +
-                          (v ? w[1] * w[1] : w[1]) * colour[1][i] +
-                          (v ? w[2] * w[2] : w[2]) * colour[2][i];
+                float sum = !mono ? colour[c][i] : grey ? grey[i] : 0;
+                if (mono && !grey && !v)
+                    sum = w[0] * colour[0][i] + w[1] * colour[1][i] + w[2] * colour[2][i];
+                if (mono && !grey && v) /* as if all channels had one noise */
+                    sum = powf(w[0] * sqrtf(colour[0][i]) + w[1] * sqrtf(colour[1][i]) +
+                               w[2] * sqrtf(colour[2][i]), 2);
                 (*out[v])[(size_t)c * plane + i] = sum;
             }
     }
@@ -178,8 +181,8 @@ static float neutral_guess(const itn_scene *scene, const itn_parameter *p) {
     char medium[ITN_NAME_SIZE] = "";
     double thickness;
     if (!strncmp(field, ".albedo", 7)) return .7f;
-    if (!strcmp(field, ".g")) return .3f;
-    if (strcmp(field, ".sigma_t")) return p->value;
+    if (!strcmp(field, ".g") || !strncmp(field, ".g_", 3)) return .3f;
+    if (strncmp(field, ".sigma_t", 8)) return p->value;
     memcpy(medium, p->name, (size_t)(field - p->name));
     thickness = itn_scene_thickness(scene, NULL, medium);
     return thickness > 0 ? (float)(10 * p->value / thickness) : 1;
@@ -188,11 +191,14 @@ static float neutral_guess(const itn_scene *scene, const itn_parameter *p) {
 /* The parameters of the scene's media. */
 static int medium_parameters(const itn_scene *scene, const itn_parameter **unknowns) {
     int i, count = 0;
-    for (i = 0; i < itn_parameter_count(scene) && count < MOST_PARAMETERS; i++) {
+    for (i = 0; i < itn_parameter_count(scene); i++) {
         const itn_parameter *p = itn_parameter_get(scene, i);
         const char *field = strchr(p->name, '.');
-        if (!strcmp(field, ".sigma_t") || !strncmp(field, ".albedo", 7) || !strcmp(field, ".g"))
-            unknowns[count++] = p;
+        if (strncmp(field, ".sigma_t", 8) && strncmp(field, ".albedo", 7) &&
+            strcmp(field, ".g") && strncmp(field, ".g_", 3))
+            continue;
+        if (count == MOST_PARAMETERS) fail("too many parameters", "name some of them by --params");
+        unknowns[count++] = p;
     }
     return count;
 }
@@ -389,7 +395,8 @@ static int print_estimates(const history *h, const itn_estimate *estimates, cons
 static void make_stem(const char *path, const char *dir, int number, char *stem, size_t size) {
     char digits[16] = "";
     const char *base = strrchr(path, '/') && dir ? strrchr(path, '/') + 1 : path;
-    const char *ending = strrchr(base, '.') ? strrchr(base, '.') : base + strlen(base);
+    const char *file = strrchr(base, '/') ? strrchr(base, '/') + 1 : base;
+    const char *ending = strrchr(file, '.') ? strrchr(file, '.') : file + strlen(file);
     if (number > 1) snprintf(digits, sizeof digits, "_%d", number);
     snprintf(stem, size, "%s%s%.*s%s", dir ? dir : "", dir ? "/" : "", (int)(ending - base), base,
              digits);
@@ -440,7 +447,7 @@ int main(int argc, char **argv) {
     if (!views) return fprintf(stderr, "%s", usage), 1;
     if (targets && hidden_list) fail("--hidden", "has no meaning with --target");
     if (targets && targets != views) fail("--target", "needed for each of the scenes, or for none");
-    if (refine.spp < 2 || refine.spp > 1 << 24) fail("--spp", "must be in 2..16777216");
+    if (refine.spp < 2 || refine.spp > 2097151) fail("--spp", "must be in 2..2097151");
     if (dir && mkdir(dir, 0777) && errno != EEXIST) fail(dir, "this folder cannot be made");
     for (v = 0; v < views; v++) open_scene(&pictures[v], &context);
 
@@ -448,7 +455,7 @@ int main(int argc, char **argv) {
     if (hidden_list) {
         h.count = read_list(pictures, views, hidden_list, h.unknowns, hidden);
         set_values(pictures, views, &h, hidden);
-    } else {
+    } else if (!names) {
         h.count = medium_parameters(pictures[0].scene, h.unknowns);
     }
     if (names) h.count = read_list(pictures, views, names, h.unknowns, NULL);
@@ -476,13 +483,15 @@ int main(int argc, char **argv) {
     if (itn_refine_views(look, views, values, h.count, &refine, estimates, &error))
         fail(error.message, "");
     missed = print_estimates(&h, estimates, targets ? NULL : hidden);
-    itn_refine_words(h.unknowns, h.count, estimates, covariance, words, sizeof words);
-    printf("%s", words);
+    if (itn_refine_words(h.unknowns, h.count, estimates, covariance, words, sizeof words) >= 0)
+        printf("%s", words);
+    for (v = 0; v < views && pictures[v].variance;) v++;
     if (misfit > 1.5)
-        printf("warning: the picture differs from the scene %.1f times more than noise explains\n",
-               sqrt(misfit));
+        printf("%s: the picture differs from the scene %.1f times more than %s\n",
+               v == views ? "warning" : "note", sqrt(misfit),
+               v == views ? "noise explains" : "the renders' noise explains; its own is not known");
 
-    render.spp = refine.spp;
+    render.spp = refine.spp, render.seed = refine.seed + 2000003; /* not the targets' numbers */
     set_values(pictures, views, &h, values);
     for (v = 0; v < views; v++) {
         make_stem(pictures[v].path, dir, v + 1, stem, sizeof stem);

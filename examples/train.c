@@ -22,11 +22,13 @@
             without Adam's state, a third of the size, for `invert --net`.
    --channels sets how wide a new network is: layer 1 has that many, each further one twice as many.
    --bend (12) is how much the shapes in the pictures are bent, so that they are less easily learnt
-   by heart; some steps at the end with 0 bring back what is lost on known shapes.
+   by heart; some steps at the end with 0 bring back what is lost on known shapes. --bend none shows
+   pictures just as they are, and of shapes no variants, as the paper's networks were trained.
    --units own judges answers as equation (3) has it: by their errors in the parameters' own units,
    each over its deviation in the data, which is what the table tells; --units coordinates, the
    default, by those in coordinates (itn_parameter_to_coordinate).
-   --start from a network of the same model keeps its lambda; --resume all but --epochs and -t.
+   --start from a network of the same model and units keeps its lambda; --resume keeps all but
+   --epochs and -t.
    --leave cube,knot trains without these of the training shapes; --evaluate of such a network has a
    row `left` of them, as they are, in place of the three splits of the tests: choose by it, then
    test once. The row `train` is of all pictures that were trained on, variants of shapes too.
@@ -69,8 +71,8 @@
 static const char *const usage =
     "usage: train --model rn|ssn|itn|truth --data DIR --checkpoint FILE [--start FILE] [--resume]\n"
     "       [--epochs N] [--batch N] [--rate X] [--spp N] [--lambda X] [--seed N] [-t THREADS]\n"
-    "       [--channels N] [--bend PIXELS] [--units coordinates|own] [--leave SHAPE,SHAPE...]\n"
-    "       [--evaluate] [--images MOST]\n"
+    "       [--channels N] [--bend PIXELS|none] [--units coordinates|own]\n"
+    "       [--leave SHAPE,SHAPE...] [--evaluate] [--images MOST]\n"
     "       train --checkpoint FILE --export FILE\n";
 
 /* ---- several processes ---- */
@@ -247,8 +249,12 @@ static void prepare_input(void *task, int index) {
     if (t->kind != ITN_MODEL_RN)
         weigh_picture(pixels, FILM, t->reduce, FILM, 1, SMALL,
                       t->targets + (size_t)index * SMALL_PIXELS);
-    t->larger[index] = vary_picture(
-        pixels, m->bend, mix((uint64_t)m->seed + 1, (uint64_t)t->step, (uint64_t)picture), varied);
+    t->larger[index] = 0;
+    if (m->bend < 0) memcpy(varied, pixels, sizeof varied);
+    else
+        t->larger[index] =
+            vary_picture(pixels, m->bend,
+                         mix((uint64_t)m->seed + 1, (uint64_t)t->step, (uint64_t)picture), varied);
     network_input(varied, m->mean, input);
 }
 
@@ -507,7 +513,7 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
     size_t batch = (size_t)o->model.batch;
     t->options = o;
     load_pictures(o->data, SPLIT_TRAIN, &t->pictures);
-    keep_shapes(&t->pictures, o->model.leave, 0);
+    keep_shapes(&t->pictures, o->model.leave, 0, o->model.bend < 0);
     measure_spreads(&t->pictures, t->spreads);
     t->kind = !strcmp(o->model.name, "itn") ? ITN_MODEL_ITN
               : !strcmp(o->model.name, "ssn") ? ITN_MODEL_SSN : ITN_MODEL_RN;
@@ -516,8 +522,11 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
     context.parallel_for = parallel_for, context.parallel_user = (void *)&o->threads;
     desc.batch = o->model.batch, desc.seed = (uint64_t)o->model.seed;
     desc.first_channels = o->channels;
-    if (from) t->net = open_network(from, o->model.batch, &context);
-    else if (itn_net_create(&desc, &context, &t->net, &error)) fail(error.message, "");
+    if (from) {
+        t->net = open_network(from, o->model.batch, &context);
+        if (o->channels && itn_net_shape(t->net).first_channels != o->channels)
+            fail(from, "has another number of --channels");
+    } else if (itn_net_create(&desc, &context, &t->net, &error)) fail(error.message, "");
     line_weights(FILM, SMALL, 0, FILM / SMALL, REDUCE, t->reduce);
     t->order = (int *)need((size_t)t->pictures.count, sizeof *t->order);
     t->targets = (float *)need(batch, SMALL_PIXELS * sizeof(float));
@@ -569,7 +578,8 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     }
     if (o->resume) return;
     if (t->kind == ITN_MODEL_RN) o->model.lambda = 0;
-    else if (lambda < 0 && from && !strcmp(before.name, o->model.name))
+    else if (lambda < 0 && from && !strcmp(before.name, o->model.name) &&
+             before.own_units == o->model.own_units)
         o->model.lambda = before.lambda; /* the same loss goes on */
     else if (lambda < 0) choose_lambda(t, &o->model);
 }
@@ -825,9 +835,10 @@ static void close_result(FILE *file, const char *checkpoint, const char *ending)
 
 static void try_split(trial *t, itn_net *net, FILE *files[3]) {
     int threads = t->options->threads, left = is_of_left(t);
-    const char *leave = t->options->model.leave;
+    const model *m = &t->options->model;
+    const char *leave = m->leave;
     load_pictures(t->options->data, left ? SPLIT_TRAIN : t->in, &t->pictures);
-    if (t->in == SPLIT_TRAIN || left) keep_shapes(&t->pictures, leave, left);
+    if (t->in == SPLIT_TRAIN || left) keep_shapes(&t->pictures, leave, left, m->bend < 0);
     if (!t->pictures.count) {
         fprintf(stderr, "%s: no pictures\n", trial_name(t));
         free_pictures(&t->pictures);
@@ -859,7 +870,9 @@ static int evaluate(settings *o) {
     itn_context context = ITN_ZERO;
     context.parallel_for = parallel_for, context.parallel_user = &o->threads;
     if (!truth) {
+        model asked = o->model;
         load_model(o->checkpoint, &o->model);
+        if (strcmp(asked.name, o->model.name)) fail(o->checkpoint, "is of another --model");
         net = open_network(o->checkpoint, 1, &context);
     } else {
         pictures p;
@@ -919,6 +932,13 @@ static int take_units(const char *units) {
     return own;
 }
 
+/* What a model keeps of --bend. */
+static int take_bend(const char *pixels) {
+    int bend = strcmp(pixels, "none") ? whole("--bend", pixels, 0) : -1;
+    if (bend > FILM) fail("--bend", "needs a number in its range");
+    return bend;
+}
+
 /* The truth has nothing to be trained, but can be tried. */
 static int is_model(const char *name, int tried) {
     return !strcmp(name, "rn") || !strcmp(name, "ssn") || !strcmp(name, "itn") ||
@@ -957,14 +977,13 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--lambda")) o.model.lambda = number(option, value, 0, 1e9);
         else if (!strcmp(option, "--channels")) o.channels = whole(option, value, 1);
         else if (!strcmp(option, "--seed")) o.model.seed = whole(option, value, 0);
-        else if (!strcmp(option, "--bend")) o.model.bend = whole(option, value, 0);
+        else if (!strcmp(option, "--bend")) o.model.bend = take_bend(value);
         else if (!strcmp(option, "--units")) o.model.own_units = take_units(value);
         else if (!strcmp(option, "--leave")) take_leave(value, &o.model);
         else if (!strcmp(option, "--images")) o.most_images = whole(option, value, 1);
         else if (!strcmp(option, "-t")) o.threads = whole(option, value, 1);
         else fail(option, "unknown option");
     }
-    if (o.model.bend > FILM) fail("--bend", "needs a number in its range");
     snprintf(o.model.name, sizeof o.model.name, "%s", name);
     o.model.spp = o.spp ? o.spp : 16;
     if (o.checkpoint && o.shipped) status = export_network(&o);

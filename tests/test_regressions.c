@@ -748,12 +748,13 @@ static void test_reports_of_the_loss(void) {
     itn_render_options options = ITN_ZERO;
     itn_render_stats stats = {-1, -1};
     watch w = ITN_ZERO;
-    float target[16] = {0};
+    float target[16] = {0}, *theta;
     double loss = -1, gradient = -1;
     int albedo, ior, wrong = 99, k;
     stage s;
     begin_box(&s, &box, 1, .5);
     stage_dielectric(&s, "glass", 1.5, 0), s.objects[0].surface = "glass";
+    s.lights[0].radiance[0] = 1e9f;
     scene = stage_make(&s);
     albedo = itn_parameter_find(scene, "m.albedo"), ior = itn_parameter_find(scene, "glass.ior");
     options.spp = 16, options.stats = &stats;
@@ -771,6 +772,14 @@ static void test_reports_of_the_loss(void) {
     CHECK(LOSS(&albedo, 1, &gradient) == ITN_OK);
     CHECK(stats.paths == (4 + 4) * 16 * 16 && stats.collisions > 0); /* 4 walks a ray */
     CHECK(w.calls >= 2 && w.wrong == 0 && w.last > .9);
+    stats.paths = stats.collisions = -1, loss = gradient = -1, options.progress = NULL;
+    theta = (float *)malloc((size_t)itn_parameter_count(scene) * sizeof *theta);
+    itn_parameter_values(scene, theta);
+    theta[itn_parameter_find(scene, "light.scale")] = 1e12f;
+    CHECK(itn_loss_gradient(scene, theta, &options, target, &albedo, 1, &loss, &gradient, &error) ==
+          ITN_ERROR_ARGUMENT); /* a radiance whose square is none */
+    CHECK(stats.paths == -1 && loss == -1 && gradient == -1);
+    free(theta), options.progress = watch_progress;
     for (k = w.calls; k > 0; k--) { /* cancelled at every call, also late ones */
         watch stop = ITN_ZERO;
         stats.paths = stats.collisions = -1;
@@ -854,6 +863,40 @@ static void test_seeds_of_the_refinement(uint64_t planted) {
     itn_mesh_free(&box);
 }
 
+/* Adam's steps do not depend on the unit of light. Pictures so dark that floats lose their squares
+   are refused. planted: the second picture is another. */
+static void test_refinement_in_dim_light(double planted) {
+    static const double lights[3] = {1, 1e-6, 1e-18};
+    itn_mesh box = unit_box();
+    itn_error error;
+    float target[16], found[2];
+    int k, i;
+    for (k = 0; k < 3; k++) {
+        itn_refine_options options = ITN_ZERO;
+        itn_estimate estimate;
+        float theta[8];
+        int parameter;
+        itn_scene *scene;
+        stage s;
+        begin_box(&s, &box, 1, .5);
+        for (i = 0; i < 3; i++) s.lights[0].radiance[i] = (float)lights[k];
+        scene = stage_make(&s);
+        parameter = itn_parameter_find(scene, "m.albedo");
+        for (i = 0; i < 16; i++) target[i] = (float)(lights[k] * (.8 + (k ? planted : 0)));
+        options.method = ITN_METHOD_ADAM, options.iterations = 6, options.spp = 8;
+        itn_parameter_values(scene, theta);
+        error.message[0] = 0;
+        CHECK(itn_refine(scene, theta, target, &parameter, 1, &options, &estimate, &error) ==
+              (k < 2 ? ITN_OK : ITN_ERROR_ARGUMENT));
+        if (k < 2) found[k] = theta[parameter];
+        else CHECK(strstr(error.message, "too small") != NULL);
+        itn_scene_free(scene);
+    }
+    CHECK(found[0] > .52f);
+    CHECK_NEAR(found[1], found[0], 1e-4);
+    itn_mesh_free(&box);
+}
+
 #define RUN(call)                                                                                  \
     do {                                                                                           \
         clock_t start = clock();                                                                   \
@@ -887,10 +930,12 @@ int main(void) {
     RUN(test_reports_of_the_loss());
     RUN(test_seeds_of_the_loss());
     RUN(test_seeds_of_the_refinement(0));
+    RUN(test_refinement_in_dim_light(0));
     CHECK_CATCHES(test_eye_in_touching_cubes(.02));
     CHECK_CATCHES(test_standing_on_the_ground(.5));
     CHECK_CATCHES(test_power_of_the_sun(.003));
     CHECK_CATCHES(test_index_derivative_beside_black_red(.05));
     CHECK_CATCHES(test_seeds_of_the_refinement(5));
+    CHECK_CATCHES(test_refinement_in_dim_light(-.3));
     return check_end("regressions");
 }

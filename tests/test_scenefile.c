@@ -78,6 +78,9 @@ static void write_files(void) {
     write_text("open.obj", open_text);
     write_text("a.sky", sky_text);
     write_text("bad.sky", "radiance 1 2 3\n\nradiance 1 2 3\n");
+    write_text("hot.sky", "coefficients_r 0 0 1e30 0 0 0 0 0 0\ncoefficients_g 0 0 1e30 0 0 0 0 0 0\n"
+                          "coefficients_b 0 0 1e30 0 0 0 0 0 0\nradiance 1 1 1\n"
+                          "sun_radiance 1 1 1\n");
     CHECK(itn_image_create(4, 3, 1, NULL, &image, NULL) == ITN_OK);
     strcpy(image.names[0], "Y");
     for (k = 0; k < 12; k++) image.pixels[k] = (float)k / 12;
@@ -330,6 +333,7 @@ static const bad_line bad_lines[] = {
      "s: image value 2"},
     {"object mesh cube.obj medium m scale 1e-30 scale 1e-30", ITN_ERROR_FORMAT, "too small"},
     {"light sky a.sky", ITN_ERROR_FORMAT, "sun is missing"},
+    {"light sky hot.sky sun 0 1 0", ITN_ERROR_ARGUMENT, "radiance beyond"},
     {"light sky a.sky sun 1 0 0", ITN_ERROR_FORMAT, "horizon"},
     {"light sky a.sky sun 0 1 0 sun_radius_scale 0", ITN_ERROR_FORMAT, "sun_radius_scale"},
     {"light sky a.sky sun 0 1 0 sun_radius_scale 321", ITN_ERROR_FORMAT, "[0.01, 320]"},
@@ -577,7 +581,7 @@ static void test_shipped_scenes(void) {
 static void remove_files(void) {
     static const char *const names[] = {"cube.obj", "open.obj",  "moved.obj", "a.sky",
                                         "bad.sky",  "image.pfm", "scene.itn", "damaged.sky",
-                                        "row.pfm", "bright.pfm", "layers.exr"};
+                                        "hot.sky",  "row.pfm", "bright.pfm", "layers.exr"};
     size_t i;
     for (i = 0; i < sizeof names / sizeof names[0]; i++) remove(in_directory(names[i]));
     CHECK(rmdir(directory) == 0);
