@@ -153,7 +153,8 @@
 #define ITN_VERSION_MINOR 6
 #define ITN_VERSION_PATCH 2
 
-/* ITN_ZERO: an initialiser that sets every field to zero, which always means "the default". */
+/* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
+   has one; names, meshes, where the camera stands and the like must be given. */
 #ifdef __cplusplus
 #define ITN_ZERO {}
 #else
@@ -202,8 +203,9 @@ typedef struct itn_error {
 /* Returns a constant name for a code ("out of memory"), never NULL. */
 ITN_API const char *itn_result_text(itn_result result);
 
-/* How an object gets memory and runs loops; all-zero is malloc/free and one thread. Copied into
-   each object made with it, so it need not outlive the call; `user` pointers must.
+/* How an object gets memory and runs loops; all-zero is malloc/free and one thread, or with
+   ITN_THREADS one for each processor. Copied into each object made with it, so it need not outlive
+   the call; `user` pointers must.
    parallel_for calls body(task, i) once for every i in [0, count), in any order, on any threads,
    and returns when all are done. Results do not depend on how it does so. */
 typedef struct itn_context {
@@ -305,6 +307,7 @@ typedef struct itn_hit {
    Errors: ARGUMENT (bad indices, coordinates that are not finite, no triangle), MEMORY. */
 ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
                                   itn_error *error);
+/* Frees a hierarchy; NULL does nothing. */
 ITN_API void itn_bvh_free(itn_bvh *bvh);
 /* Returns 1 and fills hit with the nearest intersection, or returns 0 and leaves hit alone.
    Watertight: a ray through an edge or vertex shared by triangles never slips between them
@@ -343,7 +346,8 @@ typedef struct itn_camera_desc {
    digits, _ or -, beginning with a letter, and tell the items of a scene apart. */
 typedef struct itn_medium_desc {
     const char *name;
-    float sigma_t;   /* extinction per scene unit, in [0,1e12] */
+    float sigma_t;   /* extinction per scene unit, in [0,1e12]; a scene of more than 1e6 mean free
+                        paths comes out too bright, as floats lose such short flights */
     float albedo[3]; /* single-scattering albedo in [0,1]; only [0] with one channel */
     float g;         /* mean cosine of the turn, in [-.999,.999]; > 0 is forward */
     float sigma_t_rgb[3], g_rgb[3]; /* with three channels: one value for each, in the same ranges,
@@ -375,9 +379,12 @@ typedef struct itn_surface_desc {
    mesh without uvs are its x, z. */
 typedef struct itn_object_desc {
     const itn_mesh *mesh; /* copied; NULL: a horizontal square at plane_y, half_size each way */
-    float plane_y, half_size;
+    float plane_y, half_size; /* half_size > 0; points on the square are known to 1e-7 of it, so no
+                                 more than some 1e5 times what stands on it. A square has a diffuse
+                                 surface and no medium */
     const char *medium;  /* name, or NULL: nothing inside */
-    const char *surface; /* name, or NULL: index-matched, the index around it goes on inside */
+    const char *surface; /* name, or NULL: index-matched, the index around it goes on inside; then
+                            it has a medium */
     float transform[12]; /* rows of a 3x4 matrix applied to positions; all zero = identity */
     int force;           /* 1: take a mesh for a medium even if it is open or inside out */
 } itn_object_desc;
@@ -386,11 +393,12 @@ typedef enum itn_light_type { ITN_LIGHT_CONSTANT = 0, ITN_LIGHT_MAP, ITN_LIGHT_S
 
 /* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8): nine
    coefficients in the order of the published data, A B C D E F G I H (the eighth multiplies
-   sqrt(cos theta), the ninth is the asymmetry of chi), and one radiance, per channel. */
+   sqrt(cos theta), the ninth, in (-1,1), is the asymmetry of chi), and one radiance, per
+   channel. */
 typedef struct itn_sky {
     float coefficients[3][9];
     float radiance[3];
-    float sun_radiance[3]; /* of the disc at its natural radius */
+    float sun_radiance[3]; /* of the disc at its natural radius; it and radiance in [0,1e18] */
 } itn_sky;
 
 /* All lights are infinitely far away; several add up. */
@@ -405,8 +413,9 @@ typedef struct itn_light_desc {
                                 most 715 million pixels; copied */
     itn_sky sky;             /* sky */
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
-    float scale;             /* multiplies the light (not the sun); 0 with has_scale 0 = 1 */
-    float sun_scale;         /* sky: multiplies the sun; 0 with has_scale 0 = 1 */
+    float scale;             /* multiplies the light (not the sun), in [0,1e12]; 0 with has_scale
+                                0 = 1 */
+    float sun_scale;         /* sky: multiplies the sun, in [0,1e12]; 0 with has_scale 0 = 1 */
     int has_scale;           /* 1: scale and sun_scale are taken as they are, also when 0 */
     float sun_radius_scale;  /* sky: widens the disc at constant power, in [.01, 320]; 0 = 1 */
 } itn_light_desc;
@@ -425,13 +434,17 @@ typedef struct itn_scene_desc {
 } itn_scene_desc;
 
 /* A scene, immutable once made: any number of threads may render it, each with its own theta. It
-   has 1 to 64 objects and up to 64 lights. Where a function takes a scene, it must not be NULL. */
+   has 1 to 64 objects, up to 64 lights, and up to 4096 media and surfaces each; arrays of none may
+   be NULL.
+   Where a function takes a scene, it must not be NULL. */
 typedef struct itn_scene itn_scene;
 
 /* Makes a scene; everything in the desc is copied. Errors: ARGUMENT (which item, which field, what
-   range), MESH (which edges), MEMORY. context may be NULL. Free with itn_scene_free. */
+   range), MESH (how many edges, and the first), MEMORY. context may be NULL. Free with
+   itn_scene_free. */
 ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
                                     itn_scene **scene, itn_error *error);
+/* Frees a scene; NULL does nothing. */
 ITN_API void itn_scene_free(itn_scene *scene);
 /* The size of the film, and 1 or 3 channels. */
 ITN_API itn_film_desc itn_scene_film(const itn_scene *scene);
@@ -454,6 +467,7 @@ typedef struct itn_parameter {
                                 ln((x-lower)/(upper-x)) */
 } itn_parameter;
 
+/* Returns how many parameters a scene has: the length of theta. */
 ITN_API int itn_parameter_count(const itn_scene *scene);
 /* Returns parameter `index`, owned by the scene; NULL if out of range. */
 ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index);
@@ -572,12 +586,12 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
                                              const float *weights, const char *item,
                                              itn_image *gradient, itn_error *error);
 
-/* The image loss l = mean over pixels and channels of (I(theta) - target)^2 and its gradient,
-   both unbiased: value and derivative come from two independent renders of options->spp samples
-   each (seeds derived from options->seed; spp at least 2), and the noise that squaring adds is
-   taken off the loss (which may therefore come out slightly negative). target: [C][height][width],
-   finite. count may be 0 for the loss alone. Errors: as itn_render; ARGUMENT (an image so bright
-   that its variances are not finite). */
+/* The image loss l = mean over pixels and channels of (I(theta) - target)^2 and its gradient, both
+   unbiased (loss must not be NULL): value and derivative come from two independent renders of
+   options->spp samples each (seeds derived from options->seed; spp at least 2), and the noise that
+   squaring adds is taken off the loss (which may therefore come out slightly negative). target:
+   [C][height][width], finite. count may be 0 for the loss alone. Errors: as itn_render; ARGUMENT
+   (an image so bright that its variances are not finite). */
 ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, const float *target,
                                      const int *parameters, int count, double *loss,
@@ -649,6 +663,7 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
    d_outputs: [batch][outputs], finite. Errors: ARGUMENT. */
 ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
                                     itn_error *error);
+/* Sets all gradients to zero, to which itn_net_backward adds. */
 ITN_API void itn_net_zero_gradients(itn_net *net);
 
 /* One Adam step against the gradients (which stay as they are). desc may be NULL.
@@ -742,8 +757,8 @@ typedef struct itn_refine_step {
     double loss_error;  /* its standard error, by the noise of the renders; 0, as not known, with
                            ADAM and SGD */
     const float *theta; /* [parameter_count of the scene], of the first view if there are several;
-                           valid during the call, as are */
-    const float *values; /* [count] the unknowns */
+                           valid during the call */
+    const float *values; /* [count] the unknowns; valid during the call */
 } itn_refine_step;
 
 typedef struct itn_refine_options {
@@ -873,7 +888,8 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
                                         const itn_context *context, itn_mesh *mesh,
                                         itn_error *error);
-/* Makes an image from the bytes of an EXR or PFM file. Free with itn_image_free.
+/* Makes an image from the bytes of an EXR or PFM file. `name` stands for the file in error
+   messages; NULL = "image". Free with itn_image_free.
    EXR: one part of scan lines, compression none, RLE, ZIPS or ZIP, channels half, float or uint
    (rounded to float), without subsampling; the image is the data window, and its planes keep the
    names and the order of the file. PFM: "Y" or "R", "G", "B"; the size of its scale is ignored.
@@ -1910,8 +1926,9 @@ ITN_API itn_result itn_image_create(int width, int height, int plane_count,
     itn_image made;
     itn_result result;
     if (!image || width < 1 || height < 1 || plane_count < 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_create: %d x %d x %d planes",
-                         width, height, plane_count);
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_image_create: image is NULL, or of %d x %d x %d planes one is not "
+                         "positive", width, height, plane_count);
     result = itn__context(context, &made.context, error);
     if (result) return result;
     made.width = width, made.height = height, made.plane_count = plane_count;
@@ -2138,17 +2155,19 @@ static void itn__judge_edges(const itn__welding *w, itn_mesh_report *report) {
     }
 }
 
-/* The mean of the finite vertices. */
+/* The mean of the triangles' corners that are finite. */
 static void itn__mesh_centre(const itn_mesh *mesh, double centre[3]) {
-    double sum[3] = {0, 0, 0};
-    int i, k, count = 0;
-    for (i = 0; i < mesh->vertex_count; i++) {
-        const float *p = mesh->positions + 3 * (size_t)i;
-        if (!itn__finite3(itn__vec3(p[0], p[1], p[2]))) continue;
-        for (k = 0; k < 3; k++) sum[k] += p[k];
-        count++;
-    }
-    for (k = 0; k < 3; k++) centre[k] = count ? sum[k] / count : 0;
+    double sum[3] = {0, 0, 0}, count = 0;
+    int i, j, k;
+    for (i = 0; i < mesh->triangle_count; i++)
+        for (j = 0; j < 3 && itn__mesh_indexed(mesh, i); j++) {
+            const float *p =
+                mesh->positions + 3 * (size_t)mesh->triangles[3 * (size_t)i + (size_t)j];
+            if (!itn__finite3(itn__vec3(p[0], p[1], p[2]))) continue;
+            for (k = 0; k < 3; k++) sum[k] += p[k];
+            count++;
+        }
+    for (k = 0; k < 3; k++) centre[k] = count > 0 ? sum[k] / count : 0;
 }
 
 /* Area, signed volume, and triangles without area. */
@@ -4625,6 +4644,10 @@ static itn_result itn__make_origin(itn__maker *maker) {
     for (i = 0; i < scene->object_count; i++) {
         itn__object_bounds(maker, i);
         solids += scene->objects[i].solid;
+        for (k = 0; k < 3; k++)
+            if (!(fmax(-scene->objects[i].lower[k], scene->objects[i].upper[k]) < 1e18))
+                return itn__fail(maker->error, ITN_ERROR_MESH, 0,
+                                 "object %d reaches beyond 1e18", i + 1);
     }
     for (i = 0; i < scene->object_count; i++)
         for (k = 0; k < 3 && (scene->objects[i].solid || !solids); k++) {
@@ -5234,23 +5257,36 @@ ITN__INLINE void itn__leave_behind(itn__place *place) {
     place->crossed_count = 0, place->sides.flush = 0;
 }
 
-/* Whether a face is among those just gone through. */
+/* Whether a face is among those just gone through. After so many in one point all count as such, as
+   there may be faces of one mesh that lead to each other for ever. */
 static int itn__just_crossed(const itn__place *place, const itn_hit *hit) {
-    int known = 0, k;
+    int known = place->crossed_count >= 64, k;
     for (k = 0; k < place->crossed_count && k < 4; k++)
         known |= place->crossed[k] == 2 * hit->triangle + hit->front;
     return known;
 }
 
-/* The next face that a walk at that place can meet along the ray up to tmax. Sets ray->tmin. */
+/* The next face that a walk at that place can meet along the ray up to tmax. Sets ray->tmin. Where
+   it is one just gone through, other objects may have a face in the same point: these are looked
+   for before the ray goes on. */
 static int itn__next_hit(const itn_scene *scene, itn__place *place, itn_ray *ray, itn_hit *hit) {
-    float slack = itn__slack(scene, ray->origin);
+    float slack = itn__slack(scene, ray->origin), at = 0;
+    itn__sides sides = place->sides;
+    int masked = 0;
     ray->tmin = -slack;
-    while (itn__bvh_trace(scene->bvh, ray, &place->sides, 0, hit)) {
-        int known = itn__just_crossed(place, hit);
+    for (;;) {
+        int found = itn__bvh_trace(scene->bvh, ray, &sides, 0, hit), known;
+        uint64_t bit;
+        if (masked && !(found && hit->t == at)) { /* none has */
+            ray->tmin = at, sides = place->sides, masked = 0;
+            continue;
+        }
+        if (!found) break;
+        known = itn__just_crossed(place, hit);
         if (hit->t > slack) itn__leave_behind(place);
         if (!known || hit->t > slack) return 1;
-        ray->tmin = hit->t;
+        bit = itn__object_bit(itn__bvh_object(scene->bvh, hit->triangle));
+        sides.front &= ~bit, sides.back &= ~bit, at = hit->t, masked = 1;
     }
     if (ray->tmax > slack) itn__leave_behind(place);
     return 0;
@@ -5315,10 +5351,8 @@ static void itn__flight_factors(const itn__walk *walk, const itn__medium *medium
 /* Carries the connection from `ray` to the lights: transmittance through media and index-matched
    boundaries. Returns 0 if anything else is in the way. */
 static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
-    enum { MOST_CROSSINGS = 1024 };
     const itn_scene *scene = walk->scene;
-    int crossing;
-    for (crossing = 0; crossing < MOST_CROSSINGS; crossing++) {
+    for (;;) {
         const itn__medium *medium = itn__medium_of(scene, walk->place.inside);
         itn_hit hit;
         int object, after;
@@ -5338,7 +5372,6 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
         ray.origin = itn__hit_point(scene->bvh, &hit);
         itn__cross_boundary(scene, &walk->place, object, &hit, ray.origin);
     }
-    return 0;
 }
 
 /* Ends a connection whose weight already holds the vertex's f over the light's pdf. `pdf` is the
@@ -5422,12 +5455,12 @@ static int itn__alive(const itn__walk *walk) {
     return 0;
 }
 
-/* Whether links from collisions reach all the light there is: no boundary bends or reflects, all
+/* Whether links from collisions reach all the light there is: no surface bends or reflects, all
    lights are sampled. Then a last scattering needs its link only, and no direction. */
 static int itn__links_suffice(const itn_scene *scene) {
     int i, c;
     for (i = 0; i < scene->object_count; i++)
-        if (scene->objects[i].refracts) return 0;
+        if (scene->objects[i].surface >= 0) return 0;
     for (i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
         for (c = 0; c < 3; c++)
@@ -6966,13 +6999,14 @@ static int itn__packs_alone(const itn__voxel_build *build, const itn__pack *pack
     return alone;
 }
 
-/* Completes a summary by the slab of the same cell. */
+/* Completes a summary by the slab of the same cell. The cell itself bounds it, too, which keeps it
+   finite where a triangle is vast: 0 times infinity would be no number. */
 static void itn__summary_end(const itn__slab *slab, int alone, itn__summary *summary) {
     float scale = 1 / slab->length;
     summary->unit[0] = slab->n.x * scale, summary->unit[1] = slab->n.y * scale;
     summary->unit[2] = slab->n.z * scale;
-    summary->least = slab->least * scale - ITN__SUMMARY_MARGIN;
-    summary->most = slab->most * scale + ITN__SUMMARY_MARGIN;
+    summary->least = itn__max(slab->least * scale, -2 * slab->half) - ITN__SUMMARY_MARGIN;
+    summary->most = itn__min(slab->most * scale, 2 * slab->half) + ITN__SUMMARY_MARGIN;
     summary->sine = slab->steepest * scale + ITN__SUMMARY_MARGIN;
     if (!(alone && summary->sine < 1)) summary->sine = INFINITY;
     summary->cosine = itn__safe_sqrt(1 - summary->sine * summary->sine);
@@ -10050,7 +10084,6 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
     itn_vec3 point;
     float largest = 0, floor_weight = itn__float_row(queue, ITN__PDF)[at], reach = INFINITY;
     const itn__substance *medium;
-    enum { MOST_CROSSINGS = 1024 };
     object = itn__bvh_object(scene->bvh, hit->triangle);
     substance = itn__substance_of(fast, place);
     medium = &fast->substances[substance];
@@ -10062,8 +10095,7 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
     if (!scene->objects[object].closed ||
         itn__beyond(scene, fast->theta, place, object, &after) || !(largest > floor_weight) ||
         (scene->objects[object].surface >= 0 &&
-         scene->surfaces[scene->objects[object].surface].type == ITN_SURFACE_DIFFUSE) ||
-        ++itn__row(queue, ITN__DIMENSION)[at] > MOST_CROSSINGS) {
+         scene->surfaces[scene->objects[object].surface].type == ITN_SURFACE_DIFFUSE)) {
         itn__unpark(crowd, slot);
         return;
     }
@@ -10410,6 +10442,40 @@ ITN__INLINE unsigned itn__hit_lanes(const itn__crowd *crowd, int at, unsigned bi
     return met;
 }
 
+/* How far a ray goes until it has left the box of all triangles. */
+static float itn__way_out(const itn_bvh *bvh, itn_vec3 p, itn_vec3 d) {
+    float x = ((d.x > 0 ? bvh->upper.x : bvh->lower.x) - p.x) / d.x;
+    float y = ((d.y > 0 ? bvh->upper.y : bvh->lower.y) - p.y) / d.y;
+    float z = ((d.z > 0 ? bvh->upper.z : bvh->lower.z) - p.z) / d.z;
+    float way = INFINITY;
+    if (d.x != 0) way = itn__min(way, x);
+    if (d.y != 0) way = itn__min(way, y);
+    if (d.z != 0) way = itn__min(way, z);
+    return itn__max(way, 0);
+}
+
+/* A path has flown out of a substance through a hole of a mesh that was forced: it sees the sky,
+   after a flight without collision to where nothing more can be met. */
+static void itn__leave_by_hole(itn__crowd *crowd, itn__queue *queue, int at, int substance,
+                               int features) {
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    float way = itn__way_out(crowd->fast->scene->bvh, itn__get_vector(queue, ITN__POSITION, at),
+                             itn__get_vector(queue, ITN__DIRECTION, at));
+    float pdf[3], density = 0;
+    int c, differ = itn__led(crowd, features) && medium->flights_differ;
+    itn__book_item(crowd, queue, at, substance, way);
+    for (c = 0; c < 3 && differ; c++) { /* as itn__vweigh_choice */
+        pdf[c] = expf((medium->sigma_t - medium->sigma_t_rgb[c]) * way);
+        density += itn__float_row(queue, ITN__SHARE + c)[at] * pdf[c];
+    }
+    for (c = 0; c < 3 && differ; c++) {
+        float ratio = pdf[c] / itn__max(density, FLT_MIN);
+        itn__float_row(queue, ITN__BETA + c)[at] *= ratio;
+        itn__float_row(queue, ITN__SHARE + c)[at] *= ratio;
+    }
+    itn__move(queue, at, &crowd->sky);
+}
+
 /* Flights that the tables could not prove free. */
 ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) {
     const itn_scene *scene = crowd->fast->scene;
@@ -10442,7 +10508,7 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
             if (crowd->hits[k].triangle >= 0)
                 itn__meet_link(crowd, queue, k, &crowd->hits[k]);
             else if (!(slot & ITN__LINK) && itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
-                itn__book_item(crowd, queue, k, substance, 0), itn__move(queue, k, &crowd->sky);
+                itn__leave_by_hole(crowd, queue, k, substance, features);
             else if (!(slot & ITN__LINK)) /* no way out of the medium */
                 itn__book_item(crowd, queue, k, substance, 0), itn__drop(crowd, queue, k);
             else if (itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
@@ -11575,9 +11641,10 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
                     options->estimator < ITN_ESTIMATOR_AUTO ||
                     options->estimator > ITN_ESTIMATOR_BASELINE))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "render: spp %d, max_scatter %d, walks %d, mode %d, sampler %d, "
-                         "estimator %d", options->spp, options->max_scatter, options->walks,
-                         (int)options->mode, (int)options->sampler, (int)options->estimator);
+                         "render: spp %d or max_scatter %d is negative, walks %d is not 0 to 256, "
+                         "or mode %d, sampler %d or estimator %d is none", options->spp,
+                         options->max_scatter, options->walks, (int)options->mode,
+                         (int)options->sampler, (int)options->estimator);
     if (options && options->samples)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "render: samples by pixel are for itn_render alone");
@@ -11754,7 +11821,7 @@ enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from; shades: from a fo
 static int itn__can_foresee(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
     double paths = fast->samples * fast->walks;
-    return fast->only_constant && scene->medium_count == 1 && !fast->max_scatter &&
+    return fast->voxels && fast->only_constant && scene->medium_count == 1 && !fast->max_scatter &&
            paths >= 8 * ITN__LESSONS;
 }
 
@@ -12183,6 +12250,7 @@ static void itn__texel_row(void *task, int index) {
     int y = render->first_row + index, x, s;
     itn__walk walk = itn__row_walk(render, y);
     walk.texels = &band->texels;
+    if (band->texels.map) walk.linked = walk.straight = 0; /* no link goes where a map is black */
     if (band->texels.texture) {
         walk.score_count = ITN__TOUCHES, walk.weight.score = band->scores;
         walk.connection.score = band->scores + render->channels * ITN__TOUCHES;
@@ -18904,7 +18972,11 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
    0.6.2  error bars of a picture whose variance nobody gives count what its noise makes together
           with that of derivatives (of g they were up to 1.4 times too small); Adam's refinement
           does not depend on the unit of light; losses and refinements whose squares no float holds
-          are refused; polygons of OBJ and PLY files are cut in quadratic time, and -0 is 0 there
+          are refused; polygons of OBJ and PLY files are cut in quadratic time, and -0 is 0 there;
+          with max_scatter, light that comes from the ground after the last scattering counts under
+          maps and skies, too; a medium that no object has no longer crashes renders under a
+          constant light; spectra and derivatives of meshes that are open by force are right in the
+          fast walk, and objects that begin where two parts of another touch are seen
    0.6.1  itn_film_desc.deviation and `deviation` in scene files: how wide a Gaussian filter is;
           a scene file without a light is an error
    0.6.0  itn_net_input blurs the brightness: networks that were trained before have to be trained

@@ -11,6 +11,10 @@
    parameters of one name are one unknown. Without --target and --hidden the values in the (first)
    scene file are the hidden ones: images are made with them, and the search starts from a neutral
    guess (thickness 10, albedo .7, g .3). Otherwise it starts from the values in the scene file.
+   --params names the unknowns (glass.alpha,milk.g), which else are sigma_t, albedo and g of all
+   media of the first scene. What is not of a medium has no neutral guess and starts from the hidden
+   value itself: say with --hidden what is to be hidden instead. --method adam|sgd does without
+   Levenberg-Marquardt, --iterations is the most of a search.
    --final-spp gives the last evaluations more samples than eight times --spp: smaller error bars.
    Without it they take up to 16 times as many by themselves where something else stays undetermined.
    With --net it starts from what a network of train.c reads off the first picture, which is
@@ -29,10 +33,11 @@
 
 enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024, MOST_VIEWS = 16 };
 static const char *const usage =
-    "usage: invert SCENE... [--target IMAGE.exr... | --hidden name=value,...] [--params name,...]\n"
+    "usage: invert SCENE... [--target IMAGE]... [--hidden name=value,...] [--params name,...]\n"
     "       [--net WEIGHTS] [--method lm|adam|sgd] [--iterations N] [--spp N] [--final-spp N]\n"
     "       [--seed N] [-t THREADS] [-o DIR]\n"
-    "       (of several scenes each needs its --target, in the same order)\n";
+    "       (IMAGE: EXR or PFM; a --target for each of the scenes, in the same order, or for none;\n"
+    "       --hidden for none)\n";
 
 /* A scene and the image of it. */
 typedef struct picture {
@@ -101,6 +106,16 @@ static const itn_parameter *find_parameter(const picture *pictures, int views, c
     return found;
 }
 
+/* Fails because of a text that does not begin with a parameter's name, and says which there are. */
+static void fail_parameter(const itn_scene *scene, const char *text) {
+    int i;
+    fprintf(stderr, "invert: no parameter of the scene: %s\nthere are", text);
+    for (i = 0; i < itn_parameter_count(scene); i++)
+        fprintf(stderr, " %s", itn_parameter_get(scene, i)->name);
+    fprintf(stderr, "\n");
+    exit(1);
+}
+
 /* Reads "name,name" or, if values are wanted, "name=value,name=value". */
 static int read_list(const picture *pictures, int views, const char *text,
                      const itn_parameter **unknowns, float *values) {
@@ -109,9 +124,9 @@ static int read_list(const picture *pictures, int views, const char *text,
         char name[ITN_NAME_SIZE] = "", *end;
         size_t length = strcspn(text, "=,");
         if (length < sizeof name) memcpy(name, text, length);
-        if (count == MOST_PARAMETERS ||
-            !(unknowns[count] = find_parameter(pictures, views, name)))
-            fail("the scene has no such parameter", text);
+        if (count == MOST_PARAMETERS) fail("more than 16 parameters", text);
+        unknowns[count] = find_parameter(pictures, views, name);
+        if (!unknowns[count]) fail_parameter(pictures[0].scene, text);
         text += length;
         if (values) {
             if (*text != '=') fail("name=value expected", text);
@@ -139,18 +154,20 @@ static void check_target(const char *path, itn_film_desc film, const float *ligh
 
 /* Copies the light of an image, and its variance if it has that layer, in the scene's channels: of
    a coloured image a monochrome scene takes the luminance. */
-static void read_target(const itn_image *image, itn_film_desc film, float **light,
+static void read_target(const char *path, const itn_image *image, itn_film_desc film, float **light,
                         float **variance) {
     static const char *const names[2][4] = {{"R", "G", "B", "Y"},
                                             {"Variance.R", "Variance.G", "Variance.B", "Variance.Y"}};
     static const float luminance[3] = {.2126f, .7152f, .0722f};
     size_t i, plane = (size_t)film.width * (size_t)film.height;
     float **out[2];
+    char why[120];
     const int mono = film.channels == 1, has_grey = mono && itn_image_plane(image, "Y");
     int v, c;
     out[0] = light, out[1] = variance;
-    if (image->width != film.width || image->height != film.height)
-        fail("the target's size is not that of the scene's film", "");
+    snprintf(why, sizeof why, "has %dx%d pixels, the film of the scene %dx%d: change the latter",
+             image->width, image->height, film.width, film.height);
+    if (image->width != film.width || image->height != film.height) fail(path, why);
     for (v = 0; v < 2; v++) {
         const float *grey = has_grey ? itn_image_plane(image, names[v][3]) : NULL, *colour[3];
         for (c = 0; c < 3; c++) colour[c] = itn_image_plane(image, names[v][c]);
@@ -288,7 +305,7 @@ static void make_target(picture *p, const itn_context *context, const itn_render
     if (p->target ? itn_image_load(p->target, context, &image, &error)
                   : itn_render(p->scene, p->theta, options, NULL, 0, &image, &error))
         fail(error.message, "");
-    read_target(&image, itn_scene_film(p->scene), &p->light, &p->variance);
+    read_target(p->target ? p->target : p->path, &image, itn_scene_film(p->scene), &p->light, &p->variance);
     if (p->target) check_target(p->target, itn_scene_film(p->scene), p->light);
     itn_image_free(&image);
 }

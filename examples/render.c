@@ -52,13 +52,24 @@ static int show_progress(void *user, double fraction) {
 static void show_thickness(const itn_scene *scene, FILE *file) {
     int i;
     for (i = 0; i < itn_parameter_count(scene); i++) {
-        char medium[ITN_NAME_SIZE];
+        char medium[ITN_NAME_SIZE], *field;
         snprintf(medium, sizeof medium, "%s", itn_parameter_get(scene, i)->name);
-        if (!strstr(medium, ".sigma_t")) continue;
-        *strchr(medium, '.') = 0;
+        field = strchr(medium, '.');
+        if (!field || (strcmp(field, ".sigma_t") && strcmp(field, ".sigma_t_r"))) continue;
+        *field = 0;
         fprintf(file, "%s: optical thickness %.3g (sigma_t times the mean chord)\n", medium,
                 itn_scene_thickness(scene, NULL, medium));
     }
+}
+
+/* Fails because of a text that does not begin with a parameter's name, and says which there are. */
+static void fail_parameter(const itn_scene *scene, const char *option, const char *text) {
+    int i;
+    fprintf(stderr, "render: %s: no parameter of the scene: %s\nthere are", option, text);
+    for (i = 0; i < itn_parameter_count(scene); i++)
+        fprintf(stderr, " %s", itn_parameter_get(scene, i)->name);
+    fprintf(stderr, "\n");
+    exit(1);
 }
 
 /* Applies "name=value" to theta. */
@@ -70,18 +81,18 @@ static void set_parameter(const itn_scene *scene, float *theta, const char *text
         memcpy(name, text, (size_t)(equals - text));
         index = itn_parameter_find(scene, name);
     }
-    if (index < 0) fail("-D wants name=value with a parameter of the scene", text);
+    if (index < 0) fail_parameter(scene, "-D wants name=value", text);
     theta[index] = strtof(equals + 1, &end);
     if (end == equals + 1 || *end) fail("-D: not a number", text);
 }
 
 /* Turns "name,name,..." or "all" into indices; all means all that the scene can answer. */
-static int find_parameters(const itn_scene *scene, const float *theta, const char *text,
-                           int *parameters) {
+static int find_parameters(const itn_scene *scene, const float *theta, itn_mode mode,
+                           const char *text, int *parameters) {
     int count = 0, index;
     itn_render_options probe = ITN_ZERO;
     itn_image image;
-    probe.spp = 1, probe.max_scatter = 1;
+    probe.spp = 1, probe.max_scatter = 1, probe.mode = mode;
     if (strcmp(text, "all") == 0) {
         for (index = 0; index < itn_parameter_count(scene); index++) {
             if (itn_render(scene, theta, &probe, &index, 1, &image, NULL)) continue;
@@ -96,7 +107,7 @@ static int find_parameters(const itn_scene *scene, const float *theta, const cha
         if (length < sizeof name) memcpy(name, text, length);
         index = itn_parameter_find(scene, name);
         if (index < 0 || count == itn_parameter_count(scene))
-            fail("--derivatives: the scene has no such parameter", text);
+            fail_parameter(scene, "--derivatives", text);
         parameters[count++] = index;
         text += length + (text[length] == ',');
     }
@@ -137,7 +148,7 @@ static int reads_back(const itn_image *image, int channels, const char *path) {
     itn_image loaded;
     size_t bytes = (size_t)image->width * (size_t)image->height * sizeof(float);
     int c, same = 1;
-    if (strstr(path, ".png")) return 1;
+    if (!strcmp(strrchr(path, '.'), ".png")) return 1;
     if (itn_image_load(path, NULL, &loaded, NULL)) return 0;
     for (c = 0; c < channels; c++) {
         const float *plane = itn_image_plane(&loaded, image->names[c]);
@@ -208,7 +219,7 @@ int main(int argc, char **argv) {
     if (!theta || !parameters) fail("out of memory", "");
     itn_parameter_values(scene, theta);
     for (i = 0; i < change_count; i++) set_parameter(scene, theta, changes[i]);
-    count = find_parameters(scene, theta, derivatives, parameters);
+    count = find_parameters(scene, theta, options.mode, derivatives, parameters);
     start = seconds();
     if (!count && itn_scene_prepare(scene, theta, &options, &error)) fail(error.message, "");
     build += seconds() - start;

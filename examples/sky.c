@@ -7,6 +7,7 @@
    Compile: cc -O2 sky.c -o sky -lm
    Run:     ./sky TABLE.txt --turbidity 3 --albedo 0.15 --elevation 60 -o t3-e60.sky
    Prints:  the radiance at the zenith, which for these three numbers is 3.631779 5.522326 10.403060
+   --sun R G B gives the radiance of the sun instead.
    --grey makes all three channels the same, near to the luminance of the colours (t3-e60-grey.sky).
    The table is the authors' data as text: lines that begin with `#`, then for each channel R, G, B
    a line `channel R coefficients` and 2 (ground albedo 0, 1) x 10 (turbidity 1 to 10) x

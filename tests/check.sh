@@ -1,6 +1,9 @@
 # What the scripts of the tests share, by `. check.sh`, once $work names a folder of their own.
 # Of the output of a command that failed they show the end, or with show=head its beginning.
 passed=0 failed=0
+CC=${CC:-cc}
+native= # what compiles for this machine, where the compiler knows how
+! $CC -march=native -x c -E /dev/null > /dev/null 2>&1 || native=-march=native
 show=tail
 
 # check NAME COMMAND...: counts a command that must succeed; its output is shown when it does not.

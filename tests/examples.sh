@@ -20,9 +20,9 @@ keep() {
 
 # every example by itself passes each compiler there is. To be run, all are compiled without the code
 # of the header, which one object has, with one kernel
-native="-std=c99 -march=native"
+native="-std=c99 $native"
 # shellcheck disable=SC2086
-check "object of the header" cc $native -O2 -Wall -Wextra -Wpedantic -Werror -DITN_ONE_KERNEL \
+check "object of the header" $CC $native -O2 -Wall -Wextra -Wpedantic -Werror -DITN_ONE_KERNEL \
     -DITN_THREADS -DITN_IMPLEMENTATION -x c -c "$root/itn.h" -o "$work/itn.o"
 mkdir "$work/examples"
 cp "$root/itn.h" "$work"
@@ -43,14 +43,15 @@ for source in "$root"/examples/*.c; do
             "$source" -fsyntax-only
     done
     # shellcheck disable=SC2086
-    check "$example.c, to be run" cc $native -O1 -Wall -Wextra -Wpedantic -Werror -DITN_APART \
+    check "$example.c, to be run" $CC $native -O1 -Wall -Wextra -Wpedantic -Werror -DITN_APART \
         "$work/examples/$example.c" "$work/itn.o" -o "$work/$example" -lm -lpthread
 done
 cd "$work" || exit 1
+ln -s "$root/scenes" scenes # paths in scene files have no blanks
 
 check "slab" ./slab
 check "learn" ./learn
-sed "s/128/32/g; s|shapes/|$root/scenes/shapes/|" "$root/scenes/studio.itn" > studio.itn
+sed "s/128/32/g; s|shapes/|scenes/shapes/|" "scenes/studio.itn" > studio.itn
 check "derivatives" ./derivatives studio.itn studio
 check "derivatives: pictures" test -s studio.png -a -s studio_d_milk_sigma_t.png
 
@@ -60,23 +61,23 @@ for scene in "$root"/scenes/*.itn; do
     keep "render $(basename "$scene")" ./render "$scene" -o scene.exr --spp 2 -q
     prints "$line"
 done
-check "render derivatives" ./render "$root/scenes/studio.itn" -o a.exr --spp 2 --derivatives all -q
+check "render derivatives" ./render "scenes/studio.itn" -o a.exr --spp 2 --derivatives all -q
 for ending in pfm png; do
-    check "render $ending" ./render "$root/scenes/studio.itn" -o "a.$ending" --spp 2 -t 2 --seed 3 \
+    check "render $ending" ./render "scenes/studio.itn" -o "a.$ending" --spp 2 -t 2 --seed 3 \
         -D milk.g=0.2 --derivatives milk.g,glass.alpha --max-scatter 4 --mode reference -q
     check "render $ending: files" test -s "a.$ending" -a -s "a.d_milk_g.$ending" \
         -a -s "a.d_glass_alpha.$ending"
 done
-for wrong in "" "no.itn -o a.exr" "$root/scenes/studio.itn" "$root/scenes/studio.itn -o a.txt --spp 1" \
-    "$root/scenes/studio.itn -o a.exr --spp 0" "$root/scenes/studio.itn -o a.exr -D milk.g=2" \
-    "$root/scenes/studio.itn -o a.exr -D no.such=1" "$root/scenes/studio.itn -o /no/such/a.exr --spp 1"; do
+for wrong in "" "no.itn -o a.exr" "scenes/studio.itn" "scenes/studio.itn -o a.txt --spp 1" \
+    "scenes/studio.itn -o a.exr --spp 0" "scenes/studio.itn -o a.exr -D milk.g=2" \
+    "scenes/studio.itn -o a.exr -D no.such=1" "scenes/studio.itn -o /no/such/a.exr --spp 1"; do
     # shellcheck disable=SC2086
     check "refused: render $wrong" sh -c "! ./render $wrong -q"
 done
 
 # the main job, of a smaller picture; then a target that the scene is not
-sed "s/96/48/g; s|shapes/|$root/scenes/shapes/|; s|t3-e60|$root/scenes/t3-e60|" \
-    "$root/scenes/default.itn" > default.itn
+sed "s/96/48/g; s|shapes/|scenes/shapes/|; s|t3-e60|scenes/t3-e60|" \
+    scenes/default.itn > default.itn
 keep "invert" ./invert default.itn --spp 16 -o quick
 for name in sigma_t albedo g; do
     prints "^milk\\.$name [0-9.e+-]+ \\+- [0-9.e+-]+ hidden [0-9.]+$"
@@ -110,7 +111,7 @@ prints '2\.000000 2\.000000 2\.000000'
 
 # the learning experiment, a thousandth of it: data that are checked and mended; training that is
 # stopped and goes on bit for bit, on any number of threads; tables. One picture tests, of a thin material
-scenes="--scenes $root/scenes"
+scenes="--scenes scenes"
 # shellcheck disable=SC2086
 keep "dataset make" ./dataset make data --fraction 1/1000 --tests 1/8000 --noise 1 --spp 8 -t 2 \
     $scenes
@@ -173,13 +174,13 @@ check "train --evaluate: splits without pictures" test "$(wc -l < b.net.table.cs
 check "train --export" ./train --checkpoint b.net --export small.net
 check "train --export: a third" test "$(wc -c < small.net)" -lt "$(($(wc -c < b.net) / 2))"
 # the shipped network knows this shape and this light; its albedo is off by .05 in the mean
-./invert "$root/scenes/data.itn" --net "$root/scenes/data.net" --spp 2 --iterations 1 -o quick \
+./invert "scenes/data.itn" --net "scenes/data.net" --spp 2 --iterations 1 -o quick \
     --hidden milk.sigma_t=100,milk.albedo=0.87,milk.g=0.4 > kept 2>&1
 prints '^net  milk\.sigma_t [0-9.]+  milk\.albedo 0\.[0-9]+  milk\.g -?0\.[0-9]+$'
 prints '^  0  loss [0-9.e+-]+ \+- [0-9.e+-]+   milk\.sigma_t'
 check "invert --net: the shipped network" awk '/^net / { d = $5 - 0.87; ok = $3 > 50 && $3 < 200 &&
     d * d < 0.015 } END { exit !ok }' kept
-check "invert --net: wrong size" sh -c "! ./invert '$root/scenes/default.itn' --net small.net \
+check "invert --net: wrong size" sh -c "! ./invert 'scenes/default.itn' --net small.net \
     --spp 2 > found 2>&1 && grep -q 'small.net: answers pictures of 128x128' found"
 check "invert --net: other parameters" sh -c "! ./invert data/scenes/knot-50.itn --net small.net \
     --params milk.g --spp 2 > found 2>&1 && grep -q 'recover just these' found"
@@ -198,7 +199,7 @@ check "starts: figure" test -s tables/figure.png -a -s tables/figure.svg
 # the README: its program, and its first command in a copy of the tree that stays clean
 awk '/^```c$/ && !done { on = 1; next } /^```$/ && on { on = 0; done = 1 } on' "$root/README.md" > first.c
 # shellcheck disable=SC2086
-check "README: program" cc $native -O1 -Wall -Wextra -Wpedantic -Werror first.c -o first -lm
+check "README: program" $CC $native -O1 -Wall -Wextra -Wpedantic -Werror first.c -o first -lm
 keep "README: program runs" ./first
 prints '^Y +0\.75'
 awk '/^```sh$/ && n < 2 { n++; on = 1; next } /^```$/ { on = 0 } on && n == 1 { print > "one.sh" }

@@ -18,6 +18,7 @@ LC_ALL=C
 export LC_ALL
 cores=$(getconf _NPROCESSORS_ONLN)
 cd "$work"
+ln -s "$root/scenes" scenes # paths in scene files have no blanks
 for program in render invert; do
     ${CC:-cc} -std=c99 -O3 -march=native "$root/examples/$program.c" -o "$program" -lm -lpthread
 done
@@ -32,11 +33,11 @@ scene() {
         surface="surface glass"
     fi
     echo "medium milk sigma_t $4 albedo $5 g $6"
-    echo "object mesh $root/scenes/shapes/$1.ply medium milk $surface"
+    echo "object mesh scenes/shapes/$1.ply medium milk $surface"
     case $2 in
-        sun) echo "light sky $root/scenes/t3-e60.sky sun 0.42 0.866 -0.27 sun_scale 2" \
+        sun) echo "light sky scenes/t3-e60.sky sun 0.42 0.866 -0.27 sun_scale 2" \
                   "sun_radius_scale 20" ;;
-        *) echo "light map $root/scenes/maps/$2.exr" ;;
+        *) echo "light map scenes/maps/$2.exr" ;;
     esac
 }
 
@@ -69,7 +70,9 @@ found_g,error_g,determined,steps,seconds,cores"
     recover 7 vase sun none 40 .9 .6 1450
     recover 8 blob studio none 8 .95 .7 2100
     recover 9 cube sun none 10 .7 .1 1500
+    touch "$work/complete"
 } | tee "$work/table"
+[ -e "$work/complete" ] || { echo "recover: a search failed; $out is as it was" >&2; exit 1; }
 cp "$work/table" "$out.new"
 mv "$out.new" "$out"
 

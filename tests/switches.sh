@@ -152,6 +152,9 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
     done
     for flags in -DITN_NO_FAST -DITN_NO_SIMD -DITN_ONE_KERNEL "-DITN_NO_FAST -DITN_NO_SIMD -DITN_STATIC" \
         "-O1 -mavx2 -mfma" "-O1 -march=native"; do
+        case $flags in -O1*) # not on every machine
+            "$1" $flags -x c -E /dev/null >log 2>&1 || { skip "$1 $flags: not here"; continue; } ;;
+        esac
         check "$1 -std=$2 $flags" "$1" -std="$2" $warnings $flags -fsyntax-only "whole.$3"
     done
     check "$1 -std=$2 interface only" "$1" -std="$2" $warnings -fsyntax-only "api.$3"
@@ -317,7 +320,7 @@ same_tags() {
 check "contents list and sections differ" same_tags itn.h
 repeated() { banners itn.h | sort | uniq -d >twice; cat twice; [ ! -s twice ]; }
 check "section tag twice" repeated
-sed '0,/^\/\* ---- \[rng\]/s//\/* ---- [random]/' itn.h >renamed.h
+sed 's|^/\* ---- \[rng\]|/* ---- [random]|' itn.h >renamed.h
 catches "a renamed section" same_tags renamed.h
 
 # lengths of functions: from a line that begins in column 0 and ends in `{` to the next `}` there

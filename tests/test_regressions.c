@@ -100,11 +100,23 @@ static void begin_floor(stage *s, int size, double reflectance) {
 
 /* ---- meshes and places ----------------------------------------------------------------------- */
 
+/* Two boxes as one mesh. */
+static itn_mesh both_of(const itn_mesh *a, const itn_mesh *b) {
+    itn_mesh both;
+    itn_error error;
+    int i;
+    stage_need(itn_mesh_create(16, 24, 0, NULL, &both, &error), &error);
+    memcpy(both.positions, a->positions, 24 * sizeof(float));
+    memcpy(both.positions + 24, b->positions, 24 * sizeof(float));
+    for (i = 0; i < 36; i++)
+        both.triangles[i] = a->triangles[i], both.triangles[36 + i] = 8 + b->triangles[i];
+    return both;
+}
+
 /* Two cubes of one mesh share a face; the eye in one looks away from, or through, the other. */
 static void test_eye_in_touching_cubes(double planted) {
     itn_mesh cubes[2], both;
-    itn_error error;
-    int order, i, across;
+    int order, across;
     cubes[0] = solids_box(solids_vec3(-1, -1, -2), solids_vec3(1, 1, 0));
     cubes[1] = solids_box(solids_vec3(-1, -1, 0), solids_vec3(1, 1, 2));
     for (order = 0; order < 2; order++)
@@ -112,11 +124,7 @@ static void test_eye_in_touching_cubes(double planted) {
             const itn_mesh *a = &cubes[order], *b = &cubes[1 - order];
             solids_mean mean;
             stage s;
-            stage_need(itn_mesh_create(16, 24, 0, NULL, &both, &error), &error);
-            memcpy(both.positions, a->positions, 24 * sizeof(float));
-            memcpy(both.positions + 24, b->positions, 24 * sizeof(float));
-            for (i = 0; i < 36; i++)
-                both.triangles[i] = a->triangles[i], both.triangles[36 + i] = 8 + b->triangles[i];
+            both = both_of(a, b);
             begin_box(&s, &both, 1, 0);
             s.desc.camera.eye.z = -1, s.desc.camera.target.z = across ? 10 : -10;
             s.desc.camera.fov = .01f;
@@ -127,16 +135,134 @@ static void test_eye_in_touching_cubes(double planted) {
     itn_mesh_free(&cubes[0]), itn_mesh_free(&cubes[1]);
 }
 
+/* In the plane where two cubes of one mesh touch another object begins: it is seen. */
+static void test_object_between_touching_cubes(double planted) {
+    itn_mesh cubes[2], both, plate = solids_box(solids_vec3(-1, -1, -.5), solids_vec3(1, 1, 0));
+    solids_mean mean;
+    stage s;
+    cubes[0] = solids_box(solids_vec3(-1, -1, -1), solids_vec3(1, 1, 0));
+    cubes[1] = solids_box(solids_vec3(-1, -1, 0), solids_vec3(1, 1, 1));
+    both = both_of(&cubes[0], &cubes[1]);
+    begin_box(&s, &both, .01, 0);
+    stage_medium(&s, "n", 4, 0, 0), stage_object(&s, &plate, "n", NULL);
+    s.desc.camera.fov = .01f;
+    mean = brightness(&s, 4096);
+    CHECK_MEAN(mean.value, mean.error, exp(-.015 - 2) + planted, 4.5, .003);
+    itn_mesh_free(&both), itn_mesh_free(&plate);
+    itn_mesh_free(&cubes[0]), itn_mesh_free(&cubes[1]);
+}
+
+/* A map of nothing but ones. */
+static itn_image white_map(void) {
+    itn_image map;
+    itn_error error;
+    int i;
+    stage_need(itn_image_create(4, 3, 1, NULL, &map, &error), &error);
+    strcpy(map.names[0], "Y");
+    for (i = 0; i < 12; i++) map.pixels[i] = 1;
+    return map;
+}
+
+/* After the last scattering light still comes from the ground: a map of ones is a light that is 1
+   everywhere. planted: added to the latter. */
+static void test_ground_after_last_scattering(double planted) {
+    itn_mesh box = unit_box();
+    itn_image map = white_map();
+    solids_mean means[2][2];
+    int light, way;
+    for (light = 0; light < 2; light++)
+        for (way = 0; way < 2; way++) {
+            itn_render_options options = ITN_ZERO;
+            itn_scene *scene;
+            stage s;
+            begin_box(&s, &box, 1, .9);
+            stage_diffuse(&s, "floor", .9), stage_object(&s, NULL, NULL, "floor");
+            if (light) s.desc.light_count = 0, stage_map(&s, NULL, &map);
+            s.desc.camera.eye.y = 3;
+            scene = stage_make(&s);
+            options.spp = 1024, options.max_scatter = 1;
+            solids_way(&options, 2 * way);
+            solids_measure(scene, NULL, &options, NULL, 0, &means[light][way]);
+            itn_scene_free(scene);
+        }
+    for (way = 0; way < 2; way++) {
+        double error = hypot(means[0][way].error, means[1][way].error);
+        CHECK_MEAN(means[1][way].value, error, means[0][way].value + planted, 4.5, .01);
+    }
+    itn_image_free(&map);
+    itn_mesh_free(&box);
+}
+
+/* A medium that no object has does no harm, however many paths there are to learn from. */
+static void test_unused_medium(void) {
+    itn_image image;
+    stage s;
+    begin_floor(&s, 16, .5);
+    stage_medium(&s, "m", 1, .9, 0), stage_constant(&s, NULL, 1);
+    image = picture(&s, 640, NULL);
+    CHECK_NEAR(image.pixels[0], .5, 1e-5);
+    itn_image_free(&image);
+}
+
+/* Paths that leave a forced box by its open top count alike in both walks: mean and derivative by
+   the extinction, also of channels that differ in it. planted: factor of the fast walk's. */
+static void test_leaving_by_a_hole(double planted) {
+    static const char *const planes[2][2] = {{"Y", "d_m_sigma_t.Y"}, {"R", "d_m_sigma_t_r.R"}};
+    static const char *const variances[2][2] = {
+        {"Variance.Y", "d_m_sigma_t_variance.Y"}, {"Variance.R", "d_m_sigma_t_r_variance.R"}};
+    itn_mesh box = unit_box();
+    int colours, k, i;
+    for (i = 0; i < 6; i++) box.triangles[6 + i] = box.triangles[30 + i];
+    box.triangle_count -= 2;
+    for (colours = 0; colours < 2; colours++) {
+        itn_image images[2];
+        stage s;
+        begin_box(&s, &box, 1, .9);
+        s.objects[0].force = 1, s.desc.camera.eye.y = s.desc.camera.eye.x = 2;
+        if (colours) {
+            s.desc.film.channels = 3;
+            for (i = 0; i < 3; i++)
+                s.media[0].albedo[i] = .9f, s.media[0].sigma_t_rgb[i] = i ? 3 : .5f;
+        }
+        for (k = 0; k < 2; k++)
+            images[k] = picture_as(&s, 2048, colours ? "m.sigma_t_r" : "m.sigma_t",
+                                   k ? ITN_MODE_FAST : ITN_MODE_REFERENCE);
+        for (i = 0; i < 2; i++) {
+            solids_mean a = solids_plane_mean(&images[0], planes[colours][i], variances[colours][i]);
+            solids_mean b = solids_plane_mean(&images[1], planes[colours][i], variances[colours][i]);
+            /* the fast walk goes on a cell beyond the mesh */
+            check_report(fabs(planted * b.value - a.value) <
+                             4.5 * hypot(a.error, b.error) + .005 * fabs(a.value),
+                         __FILE__, __LINE__, "%s: %g +- %g, in the fast walk %g +- %g",
+                         planes[colours][i], a.value, a.error, b.value, b.error);
+        }
+        for (k = 0; k < 2; k++) itn_image_free(&images[k]);
+    }
+    itn_mesh_free(&box);
+}
+
+/* Sheets of a size whose square no float holds are refused. */
+static void test_huge_sheets(void) {
+    itn_mesh box = unit_box();
+    stage s;
+    begin_box(&s, &box, 1, .5);
+    stage_diffuse(&s, "floor", .9), stage_object(&s, NULL, NULL, "floor")->half_size = 2e38f;
+    check_refused(&s, NULL, ITN_ERROR_MESH, __LINE__);
+    s.objects[1].half_size = 9e17f;
+    check_refused(&s, NULL, ITN_OK, __LINE__);
+    itn_mesh_free(&box);
+}
+
 /* A vertex that no triangle uses changes nothing, however far it is. */
 static void test_far_unused_vertex(void) {
-    static const double places[] = {1e4, 1e7, 1e15};
+    static const double places[] = {1e4, 1e7, 1e15, 1e20};
     itn_mesh sphere = solids_sphere(1, 3);
     itn_image image, other;
     int k, i;
     stage s;
     begin_box(&s, &sphere, 20, .9);
     image = picture(&s, 64, NULL);
-    for (k = 0; k < 3; k++) {
+    for (k = 0; k < 4; k++) {
         itn_mesh more;
         itn_error error;
         int count = sphere.vertex_count;
@@ -907,6 +1033,11 @@ static void test_refinement_in_dim_light(double planted) {
 
 int main(void) {
     RUN(test_eye_in_touching_cubes(0));
+    RUN(test_object_between_touching_cubes(0));
+    RUN(test_ground_after_last_scattering(0));
+    RUN(test_unused_medium());
+    RUN(test_leaving_by_a_hole(1));
+    RUN(test_huge_sheets());
     RUN(test_far_unused_vertex());
     RUN(test_thin_slab_over_large_ground());
     RUN(test_standing_on_the_ground(0));
@@ -932,6 +1063,9 @@ int main(void) {
     RUN(test_seeds_of_the_refinement(0));
     RUN(test_refinement_in_dim_light(0));
     CHECK_CATCHES(test_eye_in_touching_cubes(.02));
+    CHECK_CATCHES(test_object_between_touching_cubes(.02));
+    CHECK_CATCHES(test_ground_after_last_scattering(.05));
+    CHECK_CATCHES(test_leaving_by_a_hole(1.05));
     CHECK_CATCHES(test_standing_on_the_ground(.5));
     CHECK_CATCHES(test_power_of_the_sun(.003));
     CHECK_CATCHES(test_index_derivative_beside_black_red(.05));
