@@ -435,8 +435,7 @@ typedef struct itn_scene_desc {
 
 /* A scene, immutable once made: any number of threads may render it, each with its own theta. It
    has 1 to 64 objects, up to 64 lights, and up to 4096 media and surfaces each; arrays of none may
-   be NULL.
-   Where a function takes a scene, it must not be NULL. */
+   be NULL. Where a function takes a scene, it must not be NULL. */
 typedef struct itn_scene itn_scene;
 
 /* Makes a scene; everything in the desc is copied. Errors: ARGUMENT (which item, which field, what

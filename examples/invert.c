@@ -192,15 +192,25 @@ static void read_target(const char *path, const itn_image *image, itn_film_desc 
     }
 }
 
+/* Whether the parameter is FIELD of a medium, in one of its channels or in all. */
+static int is_field(const itn_parameter *p, const char *field) {
+    const char *name = strchr(p->name, '.') + 1;
+    size_t size = strlen(field);
+    return !strncmp(name, field, size) && (!name[size] || name[size] == '_');
+}
+
+static int is_of_medium(const itn_parameter *p) {
+    return is_field(p, "sigma_t") || is_field(p, "albedo") || is_field(p, "g");
+}
+
 /* A neutral value for a parameter of a medium; its own for any other. */
 static float neutral_guess(const itn_scene *scene, const itn_parameter *p) {
-    const char *field = strchr(p->name, '.');
     char medium[ITN_NAME_SIZE] = "";
     double thickness;
-    if (!strncmp(field, ".albedo", 7)) return .7f;
-    if (!strcmp(field, ".g") || !strncmp(field, ".g_", 3)) return .3f;
-    if (strncmp(field, ".sigma_t", 8)) return p->value;
-    memcpy(medium, p->name, (size_t)(field - p->name));
+    if (is_field(p, "albedo")) return .7f;
+    if (is_field(p, "g")) return .3f;
+    if (!is_field(p, "sigma_t")) return p->value;
+    memcpy(medium, p->name, (size_t)(strchr(p->name, '.') - p->name));
     thickness = itn_scene_thickness(scene, NULL, medium);
     return thickness > 0 ? (float)(10 * p->value / thickness) : 1;
 }
@@ -210,10 +220,7 @@ static int medium_parameters(const itn_scene *scene, const itn_parameter **unkno
     int i, count = 0;
     for (i = 0; i < itn_parameter_count(scene); i++) {
         const itn_parameter *p = itn_parameter_get(scene, i);
-        const char *field = strchr(p->name, '.');
-        if (strncmp(field, ".sigma_t", 8) && strncmp(field, ".albedo", 7) &&
-            strcmp(field, ".g") && strncmp(field, ".g_", 3))
-            continue;
+        if (!is_of_medium(p)) continue;
         if (count == MOST_PARAMETERS) fail("too many parameters", "name some of them by --params");
         unknowns[count++] = p;
     }

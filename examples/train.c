@@ -836,9 +836,8 @@ static void close_result(FILE *file, const char *checkpoint, const char *ending)
 static void try_split(trial *t, itn_net *net, FILE *files[3]) {
     int threads = t->options->threads, left = is_of_left(t);
     const model *m = &t->options->model;
-    const char *leave = m->leave;
     load_pictures(t->options->data, left ? SPLIT_TRAIN : t->in, &t->pictures);
-    if (t->in == SPLIT_TRAIN || left) keep_shapes(&t->pictures, leave, left, m->bend < 0);
+    if (t->in == SPLIT_TRAIN || left) keep_shapes(&t->pictures, m->leave, left, m->bend < 0);
     if (!t->pictures.count) {
         fprintf(stderr, "%s: no pictures\n", trial_name(t));
         free_pictures(&t->pictures);

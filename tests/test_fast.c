@@ -12,7 +12,7 @@
 #include "solids.h"
 #include "stage.h"
 
-static int long_tests, verbose;
+static int verbose;
 
 /* Every scene is looked at; with sanitizers, every fourth, with fewer samples, and what is much like
    another test is left out. */
@@ -809,13 +809,13 @@ static double check_flights(int which, int resolution, int regions, double fligh
 
 static void test_flights(void) {
     static const int resolutions[3] = {16, 32, 128};
-    double flights = long_tests ? 6e6 : 2e4, all = 0;
+    double flights = check_long() ? 6e6 : 2e4, all = 0;
     int which, k;
     if (STRIDE > 1) flights = 2e3;
     for (which = 0; which < KINDS; which += STRIDE)
         for (k = 0; k < 3; k++) all += check_flights(which, resolutions[k], (which + k) % 3, flights, 0);
     if (verbose) printf("%g flights are free\n", all);
-    CHECK(all > (long_tests ? 1e8 : .25 * 3 * KINDS / STRIDE * flights));
+    CHECK(all > (check_long() ? 1e8 : .25 * 3 * KINDS / STRIDE * flights));
     CHECK_CATCHES(check_flights(MATCHED, 32, 2, 3e4, .3));
     CHECK_CATCHES(check_flights(LEAF, 32, 2, 3e4, -.3));
 }
@@ -879,7 +879,7 @@ static void check_images(int which, int max_scatter, int planted) {
     itn_render_options options = ITN_ZERO;
     itn_image expected, image;
     int k;
-    options.spp = long_tests ? 3000 : which == WHITE || which == DENSE ? 30
+    options.spp = check_long() ? 3000 : which == WHITE || which == DENSE ? 30
                 : which == SPECTRA ? 240 : 60; /* rare bright paths */
     if (STRIDE > 1) options.spp /= 4;
     options.max_scatter = max_scatter, options.mode = ITN_MODE_REFERENCE, options.seed = 1;
@@ -985,7 +985,7 @@ static void check_texels(int which, const char *item, int max_scatter, double pl
     itn_image gradients[2];
     double worst = 0, sum = 0, square = 0;
     int texels, i, k;
-    options.spp = STRIDE > 1 ? 60 : long_tests ? 600 : 300, options.max_scatter = max_scatter;
+    options.spp = STRIDE > 1 ? 60 : check_long() ? 600 : 300, options.max_scatter = max_scatter;
     for (k = 0; k < 2; k++) {
         options.mode = k ? ITN_MODE_FAST : ITN_MODE_REFERENCE, options.seed = (uint64_t)k;
         gradients[k] = texel_gradient(scene, item, &options);
@@ -1253,7 +1253,6 @@ static void test_edges(void) {
 }
 
 int main(void) {
-    long_tests = check_long();
     verbose = getenv("ITN_VERBOSE") != NULL;
     test_paths();
     test_foresight();

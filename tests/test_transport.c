@@ -16,7 +16,6 @@
 #include "check.h"
 #include "solids.h"
 
-static int long_tests;
 static double effort = 2; /* factor of all standard errors asked for */
 static const double sigmas = 4;
 static uint64_t seed = 1; /* of the next run: every check has its own random numbers */
@@ -84,7 +83,7 @@ static void check_scene(const char *label, const solids_desc *desc, int max_scat
     measure_to(desc, max_scatter, 0, q, count, means);
     for (k = 0; k < count; k++) check_quantity(label, &q[k], means[k]);
     for (way = 1; way < SOLIDS_WAYS; way++)
-        if (long_tests || (uint64_t)way == 1 + seed / 2 % 2) {
+        if (check_long() || (uint64_t)way == 1 + seed / 2 % 2) {
             measure_to(desc, max_scatter, way, q, 1, means);
             check_quantity(way == 1 ? "the same, fast, random" : "the same, fast, Sobol", q, means[0]);
         }
@@ -150,7 +149,7 @@ static void test_half_spaces(void) {
     }
     for (r = 0; r < 5; r++)
         for (c = 0; c < 5; c++)
-            if (long_tests || (r == 0 && c == 0) || (r == 3 && c == 3))
+            if (check_long() || (r == 0 && c == 0) || (r == 3 && c == 3))
                 check_half_space(albedo[r], g[c], 0, 0, value[r][c], 0, 0);
     CHECK_CATCHES(check_half_space(.74, -.4, 0, 0, .147645, .59041, -.23810));
 }
@@ -252,7 +251,7 @@ static void test_slabs(void) {
     int k;
     for (k = 0; k < 8; k++) check_slab(&slabs[k], 2);
     for (k = 0; k < 8; k++)
-        if (long_tests || k == 0) check_slab(&slabs[k], 0), check_slab(&slabs[k], 1);
+        if (check_long() || k == 0) check_slab(&slabs[k], 0), check_slab(&slabs[k], 1);
     wrong.by_b[1] *= 1.2;
     CHECK_CATCHES(check_slab(&wrong, 2));
     wrong = slabs[0], wrong.g = -wrong.g;
@@ -315,7 +314,7 @@ static void test_smooth_faces(void) {
     check_half_space(.9, 0, 1.5, .002, .04 + .21992, 0, 0);
     for (k = 0; k < 4; k++) check_faces(faces[k], 2);
     for (k = 0; k < 4; k++)
-        if (long_tests || k == 0) check_faces(faces[k], 0), check_faces(faces[k], 1);
+        if (check_long() || k == 0) check_faces(faces[k], 0), check_faces(faces[k], 1);
     CHECK_CATCHES(check_half_space(.9, 0, 1.45, 0, .04 + .21992, 0, 0));
 }
 
@@ -516,16 +515,16 @@ static void test_beams(void) {
     int k, j;
     for (k = 0; k < 6; k++) {
         double m = mu[k];
-        if (!long_tests && k % 2 == 1) continue;
+        if (!check_long() && k % 2 == 1) continue;
         check_beam("beam, R", .8, 2, m, .5, 0, reflected[k], 0);
-        if (long_tests || k == 0 || k == 4)
+        if (check_long() || k == 0 || k == 4)
             check_beam("beam, T", .8, 2, m, -.5, 0, transmitted[k], 0);
         check_single_beam(1.5, m, 0);
     }
     for (k = 0; k < 4; k++) check_single_beam(thick[k], .7, 0);
     for (k = 0; k < 3; k++)
         for (j = 0; j < 3; j++)
-            if (long_tests || j == 1)
+            if (check_long() || j == 1)
                 check_beam("beam, H", .9, 600, at[k], at[j], 0,
                            .9 / (4 * (at[k] + at[j])) * h[k] * h[j], 0);
     CHECK_CATCHES(check_beam("", .8, 2, .7, -.5, 0, .14731, 0));
@@ -586,7 +585,7 @@ static void test_furnace(void) {
     static const double g[3] = {.8, 0, -.5}, ior[3] = {0, 1.33, 1.5};
     int k;
     for (k = 0; k < 9; k++)
-        if (long_tests || k % 3 == k / 3) check_furnace(k < 6 ? 3 : 2, 1, g[k % 3], ior[k / 3]);
+        if (check_long() || k % 3 == k / 3) check_furnace(k < 6 ? 3 : 2, 1, g[k % 3], ior[k / 3]);
     check_furnace(0, 1, .5, 1.5);
     check_furnace(0, 1, .5, 0);
     CHECK_CATCHES(check_furnace(3, .999, 0, 0));
@@ -598,7 +597,7 @@ static void test_furnace(void) {
    averaged over all directions to look from, is sigma_t n^2 volume. */
 static void check_mean_path(const char *label, const itn_mesh *mesh, double radius, double sigma_t,
                             double g, double ior) {
-    const int directions = long_tests ? 96 : 32;
+    const int directions = check_long() ? 96 : 32;
     itn_mesh_report report;
     itn_error error;
     itn_render_options options = ITN_ZERO;
@@ -615,7 +614,7 @@ static void check_mean_path(const char *label, const itn_mesh *mesh, double radi
         desc.mesh = mesh, desc.sigma_t = sigma_t, desc.albedo = 1, desc.g = g, desc.ior = ior;
         look_from(&desc, radius, r * cos(turn), r * sin(turn), z);
         scene = solids_scene(&desc);
-        options.spp = long_tests ? 18 : 2, options.seed = seed++;
+        options.spp = check_long() ? 18 : 2, options.seed = seed++;
         solids_measure(scene, NULL, &options, by_albedo, 1, means);
         itn_scene_free(scene);
         sum.value += means[1].value * area / directions;
@@ -679,7 +678,7 @@ static void check_absorbing_sphere(double x) {
 
 static void test_absorbing_spheres(void) {
     check_absorbing_sphere(.5);
-    if (long_tests) check_absorbing_sphere(1);
+    if (check_long()) check_absorbing_sphere(1);
     check_absorbing_sphere(2);
 }
 
@@ -692,8 +691,7 @@ static void run(const char *name, void (*test)(void)) {
 }
 
 int main(void) {
-    long_tests = check_long();
-    if (long_tests) effort = 1 / 3.;
+    if (check_long()) effort = 1 / 3.;
     run("isotropic half-spaces", test_isotropic_half_spaces);
     run("half-spaces", test_half_spaces);
     run("Lambertian light", test_lambertian);
