@@ -30,7 +30,8 @@ enum {
     MOST_MARKS = 16,
     MARK = 50, /* iterations from mark to mark */
     MOST_SEARCHES = 4096,
-    FIGURE_ROWS = 2 * SPLITS
+    FIGURE_ROWS = 2 * SPLITS,
+    FIGURE_EFFORT = 16 /* its samples to those of a step, for calm pictures */
 };
 
 typedef struct settings {
@@ -299,8 +300,8 @@ static void render_tile(void *task, int index) {
     figure *f = (figure *)task;
     tile *t = &f->tiles[index / MOST_NETWORKS][1 + index % MOST_NETWORKS];
     if (t->scene)
-        render_picture(t->scene, t->parameters, t->values, f->weights, f->settings->spp,
-                       (uint64_t)index, t->pixels);
+        render_picture(t->scene, t->parameters, t->values, f->weights,
+                       FIGURE_EFFORT * f->settings->spp, (uint64_t)index, t->pixels);
 }
 
 static void write_caption(tile *t, const char *name) {
