@@ -9,8 +9,8 @@
    Writes:  out/table3.csv with lines as
             start,method,iteration,images,loss,log_sigma_t,albedo,g
             rn,sgd,1,40,0.0254,1.45,0.00407,0.171
-            and out/figure.png with out/figure.svg, which adds the
-            numbers: two pictures of each split, then each network's answer rendered.
+            and out/figure.png, with numbers in out/figure.svg: two pictures of each split, then
+            each network's answer rendered.
    The table holds medians over --images pictures of each shape of the split `both`: the image loss
    in units of the mean brightness squared, without the noise of renders but with the picture's own,
    and the squared errors of log sigma_t, albedo and g. Iteration 1 is the start. Descent steps in
@@ -31,7 +31,7 @@ enum {
     MARK = 50, /* iterations from mark to mark */
     MOST_SEARCHES = 4096,
     FIGURE_ROWS = 2 * SPLITS,
-    FIGURE_EFFORT = 16 /* its samples to those of a step, for calm pictures */
+    FIGURE_EFFORT = 4 /* its samples to those of a step, for calm pictures */
 };
 
 typedef struct settings {
@@ -332,38 +332,63 @@ static void fill_row(figure *f, int row, const pictures *p, int index, const itn
     }
 }
 
-/* Pictures as PNG, and a chart that shows them with sigma_t, albedo and g. */
-static void save_figure(const figure *f) {
-    int columns = f->settings->network_count + 1, row, column, y, width = columns * FILM;
-    char path[PATH_SIZE];
+/* Appends a file in base 64 (RFC 4648). */
+static void put_base64(FILE *out, const char *path) {
+    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    unsigned char bytes[3];
+    size_t count;
+    FILE *in = fopen(path, "rb");
+    if (!in) fail(path, "cannot be read");
+    while (memset(bytes, 0, 3), (count = fread(bytes, 1, 3, in)) > 0) {
+        unsigned long all = (unsigned long)bytes[0] << 16 | (unsigned long)bytes[1] << 8 |
+                            bytes[2];
+        fputc(digits[all >> 18], out), fputc(digits[all >> 12 & 63], out);
+        fputc(count > 1 ? digits[all >> 6 & 63] : '=', out);
+        fputc(count > 2 ? digits[all & 63] : '=', out);
+    }
+    fclose(in);
+}
+
+/* The pictures of all tiles as one PNG. */
+static void save_tiles(const figure *f, int columns, const char *path) {
+    int row, column, y, width = columns * FILM;
     itn_image image;
     itn_error error;
-    FILE *file;
     if (itn_image_create(width, FIGURE_ROWS * FILM, 1, NULL, &image, &error))
         fail(error.message, "");
+    for (row = 0; row < FIGURE_ROWS; row++)
+        for (column = 0; column < columns; column++)
+            for (y = 0; y < FILM; y++)
+                memcpy(image.pixels + (row * FILM + y) * width + column * FILM,
+                       f->tiles[row][column].pixels + y * FILM, FILM * sizeof(float));
+    if (itn_image_save_png(&image, 0, 1, ITN_PNG_TONE, 0, path, &error)) fail(error.message, "");
+    itn_image_free(&image);
+}
+
+/* Pictures as PNG, and a chart that holds them with sigma_t, albedo and g. */
+static void save_figure(const figure *f) {
+    int columns = f->settings->network_count + 1, row, column, width = columns * FILM;
+    char path[PATH_SIZE], picture[PATH_SIZE];
+    FILE *file;
+    snprintf(picture, sizeof picture, "%s/figure.png", f->settings->out);
+    save_tiles(f, columns, picture);
     snprintf(path, sizeof path, "%s/figure.svg", f->settings->out);
     file = fopen(path, "w");
     if (!file) fail(path, "cannot be written");
     fprintf(file, "<svg xmlns='http://www.w3.org/2000/svg' "
             "xmlns:xlink='http://www.w3.org/1999/xlink' width='%d' height='%d' "
-            "font-size='11' font-family='sans-serif'><image width='%d' "
-            "height='%d' xlink:href='figure.png'/>", width, FIGURE_ROWS * FILM, width,
+            "font-size='11' font-family='sans-serif'><image width='%d' height='%d' "
+            "xlink:href='data:image/png;base64,", width, FIGURE_ROWS * FILM, width,
             FIGURE_ROWS * FILM);
+    put_base64(file, picture);
+    fprintf(file, "'/>");
     for (row = 0; row < FIGURE_ROWS; row++)
-        for (column = 0; column < columns; column++) {
-            const tile *t = &f->tiles[row][column];
-            for (y = 0; y < FILM; y++)
-                memcpy(image.pixels + (row * FILM + y) * width + column * FILM,
-                       t->pixels + y * FILM, FILM * sizeof(float));
+        for (column = 0; column < columns; column++)
             fprintf(file, "<rect x='%d' y='%d' width='128' height='14' fill='white'/><text x='%d' "
                     "y='%d'>%s</text>", column * FILM, row * FILM, column * FILM + 3,
-                    row * FILM + 11, t->caption);
-        }
+                    row * FILM + 11, f->tiles[row][column].caption);
     fprintf(file, "</svg>\n");
     if (ferror(file) | fclose(file)) fail(path, "cannot be written");
-    snprintf(path, sizeof path, "%s/figure.png", f->settings->out);
-    if (itn_image_save_png(&image, 0, 1, ITN_PNG_TONE, 0, path, &error)) fail(error.message, "");
-    itn_image_free(&image);
 }
 
 static void make_figure(const settings *s) {
