@@ -165,9 +165,11 @@ static void read_target(const char *path, const itn_image *image, itn_film_desc 
     const int mono = film.channels == 1, has_grey = mono && itn_image_plane(image, "Y");
     int v, c;
     out[0] = light, out[1] = variance;
-    snprintf(why, sizeof why, "has %dx%d pixels, the film of the scene %dx%d: change the latter",
-             image->width, image->height, film.width, film.height);
-    if (image->width != film.width || image->height != film.height) fail(path, why);
+    if (image->width != film.width || image->height != film.height) {
+        snprintf(why, sizeof why, "has %dx%d pixels, the film of the scene %dx%d: change the latter",
+                 image->width, image->height, film.width, film.height);
+        fail(path, why);
+    }
     for (v = 0; v < 2; v++) {
         const float *grey = has_grey ? itn_image_plane(image, names[v][3]) : NULL, *colour[3];
         for (c = 0; c < 3; c++) colour[c] = itn_image_plane(image, names[v][c]);
@@ -312,7 +314,8 @@ static void make_target(picture *p, const itn_context *context, const itn_render
     if (p->target ? itn_image_load(p->target, context, &image, &error)
                   : itn_render(p->scene, p->theta, options, NULL, 0, &image, &error))
         fail(error.message, "");
-    read_target(p->target ? p->target : p->path, &image, itn_scene_film(p->scene), &p->light, &p->variance);
+    read_target(p->target ? p->target : p->path, &image, itn_scene_film(p->scene), &p->light,
+                &p->variance);
     if (p->target) check_target(p->target, itn_scene_film(p->scene), p->light);
     itn_image_free(&image);
 }
