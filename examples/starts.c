@@ -346,7 +346,7 @@ static void put_base64(FILE *out, const char *path) {
         fputc(count > 1 ? digits[all >> 6 & 63] : '=', out);
         fputc(count > 2 ? digits[all & 63] : '=', out);
     }
-    fclose(in);
+    if (ferror(in) | fclose(in)) fail(path, "cannot be read");
 }
 
 /* The pictures of all tiles as one PNG. */

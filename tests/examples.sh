@@ -27,10 +27,18 @@ check "object of the header" $CC $native -O2 -Wall -Wextra -Wpedantic -Werror -D
 mkdir "$work/examples"
 cp "$root/itn.h" "$work"
 printf '#include <%s.h>\n' math stdio stdlib string > "$work/examples/code.h" # what the code includes
-for source in "$root"/examples/*.[ch]; do
-    sed 's/^#define ITN_IMPLEMENTATION/#include "code.h"/' "$source" \
-        > "$work/examples/$(basename "$source")"
-done
+# apart SOURCE: a copy of it in examples, without the code of the header
+apart() {
+    sed 's/^#define ITN_IMPLEMENTATION/#include "code.h"/' "$1" \
+        > "$work/examples/$(basename "$1")"
+}
+# to_be_run NAME: compiles the copy of NAME.c
+# shellcheck disable=SC2086
+to_be_run() {
+    check "$1.c, to be run" $CC $native -O1 -Wall -Wextra -Wpedantic -Werror -DITN_APART \
+        -I"$work" "$work/examples/$1.c" "$work/itn.o" -o "$work/$1" -lm -lpthread
+}
+for source in "$root"/examples/*.[ch]; do apart "$source"; done
 for source in "$root"/examples/*.c; do
     example=$(basename "$source" .c)
     for compiler in gcc clang; do
@@ -42,9 +50,7 @@ for source in "$root"/examples/*.c; do
         check "$compiler $example.c" $compiler -std=c99 -Wall -Wextra -Wpedantic -Werror \
             "$source" -fsyntax-only
     done
-    # shellcheck disable=SC2086
-    check "$example.c, to be run" $CC $native -O1 -Wall -Wextra -Wpedantic -Werror -DITN_APART \
-        "$work/examples/$example.c" "$work/itn.o" -o "$work/$example" -lm -lpthread
+    to_be_run "$example"
 done
 cd "$work" || exit 1
 ln -s "$root/scenes" scenes # paths in scene files have no blanks
@@ -201,10 +207,8 @@ check "starts: figure" cmp tables/figure.png held.png
 awk '/^```c$/ && !done { on = 1; next } /^```$/ && on { on = 0; done = 1 } on' "$root/README.md" > first.c
 # shellcheck disable=SC2086
 check "README: program" $CC $native -Wall -Wextra -Wpedantic -Werror first.c -fsyntax-only
-sed 's/^#define ITN_IMPLEMENTATION/#include "examples\/code.h"/' first.c > part.c
-# shellcheck disable=SC2086
-check "README: program, to be run" $CC $native -O1 -Wall -Wextra -Wpedantic -Werror part.c \
-    "$work/itn.o" -o first -lm -lpthread
+apart first.c
+to_be_run first
 keep "README: program runs" ./first
 prints '^Y +0\.75'
 awk '/^```sh$/ && n < 2 { n++; on = 1; next } /^```$/ { on = 0 } on && n == 1 { print > "one.sh" }
