@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.6.2                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.6.3                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -119,8 +119,8 @@
      given, says where and why. Nothing prints, exits or aborts. Any free function accepts NULL.
      Memory: every object copies what it is given, keeps its context and frees by it. Arrays are
      row-major, with shapes as in [channels][height][width]. Pointers must not alias unless said.
-     Threads: no globals. A scene, mesh or tree may be used by many threads at once, a network
-     by one.
+     Threads: no globals. A scene, mesh or tree may be used by many threads at once, which then
+     all call the functions of its context, a network by one.
      Determinism: results are the same bits for any number of threads and any parallel_for, on one
      build. Random numbers are functions of (seed, pixel, sample, dimension).
      Floats: correct without -ffast-math, which also removes the NaN checks: do not use it.
@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 6
-#define ITN_VERSION_PATCH 2
+#define ITN_VERSION_PATCH 3
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -204,8 +204,8 @@ typedef struct itn_error {
 ITN_API const char *itn_result_text(itn_result result);
 
 /* How an object gets memory and runs loops; all-zero is malloc/free and one thread, or with
-   ITN_THREADS one for each processor. Copied into each object made with it, so it need not outlive
-   the call; `user` pointers must.
+   ITN_THREADS one for each processor, at most 64. Copied into each object made with it, so it need
+   not outlive the call; `user` pointers must. Blocks must be aligned as those of malloc.
    parallel_for calls body(task, i) once for every i in [0, count), in any order, on any threads,
    and returns when all are done. Results do not depend on how it does so. */
 typedef struct itn_context {
@@ -214,7 +214,7 @@ typedef struct itn_context {
     void *memory_user;
     void (*parallel_for)(int count, void (*body)(void *task, int index), void *task, void *user);
     void *parallel_user;
-    int threads; /* used with ITN_THREADS and no parallel_for: 0 = all processors */
+    int threads; /* used with ITN_THREADS and no parallel_for: at most 64; 0 = all processors */
 } itn_context;
 
 /* ---- [api-math] vectors ---------------------------------------------------------------------- */
@@ -266,7 +266,8 @@ ITN_API void itn_mesh_free(itn_mesh *mesh);
 
 /* What is wrong with a mesh. Vertices at equal positions count as one, so that seams are closed.
    An edge is good when exactly two triangles share it, in opposite directions (an even number,
-   half of each direction, where parts of the mesh touch). All counts 0 and volume > 0: a solid. */
+   half of each direction, where parts of the mesh touch). All counts 0 and volume > 0: a solid,
+   unless parts of it overlap, which is not looked for: those belong into objects of their own. */
 typedef struct itn_mesh_report {
     int bad_vertices;         /* coordinates that are NaN or infinite */
     int bad_indices;          /* triangles that name a vertex out of range */
@@ -291,7 +292,7 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
 typedef struct itn_bvh itn_bvh;
 
 typedef struct itn_ray {
-    itn_vec3 origin, direction; /* direction need not have unit length, but not zero length */
+    itn_vec3 origin, direction; /* direction need not have unit length; hits nothing below 1e-38 */
     float tmin, tmax;           /* hits with tmin < t < tmax count, in lengths of direction */
 } itn_ray;
 
@@ -343,7 +344,7 @@ typedef struct itn_camera_desc {
 } itn_camera_desc;
 
 /* A homogeneous medium with a Henyey-Greenstein phase function. Names of items are 1 to 32 letters,
-   digits, _ or -, beginning with a letter, and tell the items of a scene apart. */
+   digits, _ or -, beginning with a letter, and tell the items of a kind apart. */
 typedef struct itn_medium_desc {
     const char *name;
     float sigma_t;   /* extinction per scene unit, in [0,1e12]; a scene of more than 1e6 mean free
@@ -370,13 +371,14 @@ typedef struct itn_surface_desc {
     float reflectance2[3]; /* diffuse: the other squares of a checker */
     itn_texture_type texture;
     float checker_size;       /* side of a square, in units of the texture coordinates; 0 = 1 */
-    const itn_image *image;   /* texture: as of a map light, values in [0,1]; copied */
+    const itn_image *image;   /* texture: planes as of a map light, values in [0,1]; its pixels lie
+                                 in the middle of equal squares; copied */
 } itn_surface_desc;
 
 /* A mesh with what is inside it and what its surface does. Where closed objects overlap, the medium
    of the one that comes later in the list fills the overlap, and of those with a dielectric surface
    the later one's index holds; opaque surfaces always show. Texture coordinates of a
-   mesh without uvs are its x, z. */
+   mesh without uvs are x, z of the scene. */
 typedef struct itn_object_desc {
     const itn_mesh *mesh; /* copied; NULL: a horizontal square at plane_y, half_size each way */
     float plane_y, half_size; /* half_size > 0; points on the square are known to 1e-7 of it, so no
@@ -406,11 +408,12 @@ typedef struct itn_light_desc {
     const char *name; /* NULL = "light", "light2", ... in order */
     itn_light_type type;
     float radiance[3];       /* constant: in [0,1e18]; only [0] with one channel */
-    const itn_image *image;  /* map: latitude-longitude; row 0 is +y, and with u, v in [0,1] across
-                                and down, direction = (sin 2 pi u sin pi v, cos pi v,
-                                -cos 2 pi u sin pi v); Y or R,G,B or a single plane (with one
-                                channel their luminance) in [0,1e18], at least 2 rows and at
-                                most 715 million pixels; copied */
+    const itn_image *image;  /* map: latitude-longitude; with u, v in [0,1] across and down,
+                                direction = (sin 2 pi u sin pi v, cos pi v, -cos 2 pi u sin pi v);
+                                pixels are at u = (column + .5) / width, v = row / (height - 1):
+                                the first row is the zenith, +y, the last the nadir; Y or R,G,B
+                                or a single plane (with one channel their luminance) in
+                                [0,1e18], at least 2 rows and at most 715 million pixels; copied */
     itn_sky sky;             /* sky */
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
     float scale;             /* multiplies the light (not the sun), in [0,1e12]; 0 with has_scale
@@ -475,7 +478,7 @@ ITN_API int itn_parameter_find(const itn_scene *scene, const char *name);
 /* Copies all values into theta[itn_parameter_count]. */
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta);
 /* The optimiser's coordinate of a value, its inverse, and d value / d coordinate at a value.
-   Values on the bounds of a logit map to +-16, so that all stays finite. */
+   Values on the bounds of a logit, or beyond, map to +-16, so that all stays finite. */
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *parameter, double value);
 ITN_API double itn_parameter_from_coordinate(const itn_parameter *parameter, double coordinate);
 ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value);
@@ -501,7 +504,7 @@ typedef enum itn_sampler {
    that is everywhere the same and many paths, whatever choices change in that is taken off too. The
    means stay and variance goes; single pixels may then be slightly negative. AUTO is BASELINE in
    the fast walk. Where a sigma_t or g differs from channel to channel, and for single scattering
-   without refraction, all are SCORE. */
+   without surfaces in lights that are all sampled, all are SCORE. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -718,7 +721,9 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
                                      float *gradient, itn_error *error);
 
 /* Makes a network from the bytes of a file that itn_net_save wrote, for `batch` images (0 = 16).
-   `name` stands for the file in error messages; NULL = "network". context may be NULL.
+   `name` stands for the file in error messages; NULL = "network". context may be NULL. Of weights
+   it holds what the file has, of activations what the pictures' size and the batch ask for: a file
+   of a megabyte may need gigabytes, so give untrusted ones a context that limits memory.
    Errors: FORMAT (no such file type or version, damaged, cut, NaN), ARGUMENT, MEMORY. Free with
    itn_net_free. */
 ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const char *name, int batch,
@@ -935,7 +940,8 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 /* Loads a scene from a text file: parses it, loads the meshes, images and skies it names and calls
    itn_scene_create. Free with itn_scene_free. context may be NULL. Errors: FILE, FORMAT, MEMORY and
    those of itn_scene_create and of the loaders; error->line is the line of the scene file, and the
-   message starts with "file:line: " (line 0: what is wrong is not in a single line).
+   message starts with "file:line: " (line 0: what is wrong is not in a single line), or with
+   "file: " if the file cannot be read.
 
    The file holds one item a line, in any order: a keyword, for some a name, then `field value...`
    pairs in any order, but that of an object or a light which is shown first below comes first. A
@@ -1170,7 +1176,13 @@ static int itn__thread_start(itn__thread *thread, itn__fork *fork) {
     return pthread_create(thread, NULL, itn__fork_entry, fork) == 0;
 }
 static void itn__thread_join(itn__thread thread) { pthread_join(thread, NULL); }
-static int itn__processors(void) { return (int)sysconf(_SC_NPROCESSORS_ONLN); }
+static int itn__processors(void) {
+#ifdef _SC_NPROCESSORS_ONLN
+    return (int)sysconf(_SC_NPROCESSORS_ONLN);
+#else
+    return 1; /* some systems hide it where _POSIX_C_SOURCE is defined */
+#endif
+}
 #endif
 
 enum { ITN__MOST_THREADS = 64 };
@@ -1205,7 +1217,6 @@ static void itn__fork_join(int threads, int count, void (*body)(void *, int), vo
 }
 #endif /* ITN_THREADS */
 
-#define ITN__PARALLEL_DEFINED
 static ITN__UNUSED void itn__parallel_for(const itn_context *context, int count,
                                           void (*body)(void *task, int index), void *task) {
     int index;
@@ -2274,17 +2285,20 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
      - somewhere in space: it meets a sheet at t > 0.
      - where it was thrown back, by the sheet itself or by a surface on it: it does not meet there
        what lies in the same plane.
-     - at a boundary that it has just gone through: a sheet may lie in it, as the ground under an
-       object that stands on it, and is met at once, at t = 0.
+     - at a boundary that it has just gone through, or that has thrown it back towards a sheet which
+       had thrown it there: a sheet may lie in it, as the ground under an object that stands on it,
+       and is met at once, at t = 0.
    What a ray goes through before it has left that place behind does not change which of them holds.
+   It has done so where it meets a face too far on that lies in another plane.
    How far a point o is from a triangle's plane, measured along the axes, is |F| / |n|_1, where
    F = n . (p0 - o), n = (p1-p0) x (p2-p0), |n|_1 = |nx| + |ny| + |nz|; in double, which adds next
    to nothing to the error of o. A ray's origin on a face is a rounded point of it, and how far it
    is from that face's own plane is known so. Twice as much, and 16 u |o| (u = 2^-24) for planes
    that agree but for rounding, counts as in the plane. A neighbour in the same plane has other
    rounded corners, but shares the edge that alone brings it near o. The t of sheets is computed in
-   double, too: a ground is often so large that floats of its corners' size cannot tell what lies on
-   it from what does not. */
+   double, too: a ground is often so large that floats of its corners' size cannot tell what lies
+   on it from what does not. It counts for a little more, so that of a boundary on a sheet and the
+   sheet the boundary is met first. */
 
 /* The objects, as bits, whose front faces and whose back faces a walk may meet, at most 64; open
    sheets have both. And where its ray begins. */
@@ -2385,7 +2399,10 @@ static int itn__meets_sheet(const itn__triangle *triangle, const itn__shear *s,
         return sides->flush > 0 && !sides->thrown;
     }
     *t = itn__exact_t(triangle, s, *t);
-    return *t > 0;
+    if (!(*t > 0)) return 0;
+    *t += 2 * FLT_EPSILON * (*t + itn__max(fabsf(s->origin[0]), itn__max(fabsf(s->origin[1]),
+                                                                         fabsf(s->origin[2]))));
+    return 1;
 }
 
 /* Notes that a ray begins at a point of a triangle, thrown back there or gone through. */
@@ -4071,6 +4088,8 @@ ITN_API double itn_parameter_to_coordinate(const itn_parameter *p, double value)
         double floor_value = itn__log_floor(p);
         return log(value > floor_value ? value : floor_value);
     }
+    if (value <= (double)p->lower) return -16;
+    if (value >= (double)p->upper) return 16;
     ratio = log((value - (double)p->lower) / ((double)p->upper - value));
     return ratio > 16 ? 16 : ratio < -16 ? -16 : ratio;
 }
@@ -4170,8 +4189,8 @@ static itn_result itn__check_name(itn__maker *maker, const char *kind, int index
     }
     if (good) return ITN_OK;
     return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                     "%s %d: a name is 1 to 32 letters, digits, _ or -, beginning with a letter",
-                     kind, index);
+                     "%s %d: the name \"%.40s\" is not 1 to 32 letters, digits, _ or -, beginning "
+                     "with a letter", kind, index + 1, name ? name : "");
 }
 
 /* Index of the item of that name (their first field) among `count`, or -1. */
@@ -4614,23 +4633,34 @@ static itn_result itn__check_object(itn__maker *maker, int index) {
     object->mirrored = (itn__determinant(itn__object_matrix(in)) < 0) !=
                        (object->solid && report.volume < 0);
     object->volume = fabs(report.volume) * determinant;
-    object->area = report.area * pow(determinant, 2. / 3); /* exact for uniform scaling */
     return ITN_OK;
 }
 
-/* The box around an object. */
-static void itn__object_bounds(itn__maker *maker, int index) {
+/* The area of a triangle. */
+static double itn__triangle_area(double p[3][3]) {
+    double a[3], b[3], n[3];
+    int k;
+    for (k = 0; k < 3; k++) a[k] = p[1][k] - p[0][k], b[k] = p[2][k] - p[0][k];
+    for (k = 0; k < 3; k++)
+        n[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+    return .5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+/* The box around an object, and its surface; both of what is in use, where it stands. */
+static void itn__object_extent(itn__maker *maker, int index) {
     const itn_object_desc *in = &maker->desc->objects[index];
     itn__object *object = &maker->scene->objects[index];
-    double p[3];
+    double p[3][3];
     int i, k;
     for (k = 0; k < 3; k++) object->lower[k] = DBL_MAX, object->upper[k] = -DBL_MAX;
-    for (i = 0; i < 3 * itn__object_triangles(in); i++) { /* only vertices in use count */
-        itn__object_vertex(in, itn__object_corner(in, i), p);
+    for (i = 0; i < 3 * itn__object_triangles(in); i++) {
+        double *corner = p[i % 3];
+        itn__object_vertex(in, itn__object_corner(in, i), corner);
         for (k = 0; k < 3; k++) {
-            if (p[k] < object->lower[k]) object->lower[k] = p[k];
-            if (p[k] > object->upper[k]) object->upper[k] = p[k];
+            if (corner[k] < object->lower[k]) object->lower[k] = corner[k];
+            if (corner[k] > object->upper[k]) object->upper[k] = corner[k];
         }
+        if (i % 3 == 2) object->area += itn__triangle_area(p);
     }
 }
 
@@ -4641,7 +4671,7 @@ static itn_result itn__make_origin(itn__maker *maker) {
     int i, k, solids = 0;
     for (k = 0; k < 3; k++) lower[k] = DBL_MAX, upper[k] = -DBL_MAX;
     for (i = 0; i < scene->object_count; i++) {
-        itn__object_bounds(maker, i);
+        itn__object_extent(maker, i);
         solids += scene->objects[i].solid;
         for (k = 0; k < 3; k++)
             if (!(fmax(-scene->objects[i].lower[k], scene->objects[i].upper[k]) < 1e18))
@@ -5241,6 +5271,13 @@ static void itn__begin_at_face(const itn_scene *scene, itn__place *place, const 
                       point, thrown);
 }
 
+/* Is thrown back by a boundary: up from a sheet there, or down to it if that threw it here. */
+static void itn__throw_back(const itn_scene *scene, itn__place *place, const itn_hit *hit,
+                            itn_vec3 point) {
+    int from_sheet = place->sides.flush > 0 && place->sides.thrown;
+    itn__begin_at_face(scene, place, hit, point, !from_sheet);
+}
+
 /* Goes through the boundary of an object, at `point`. */
 static void itn__cross_boundary(const itn_scene *scene, itn__place *place, int object,
                                 const itn_hit *hit, itn_vec3 point) {
@@ -5254,6 +5291,18 @@ static void itn__cross_boundary(const itn_scene *scene, itn__place *place, int o
 /* Has left behind where it went through a boundary or was thrown back. */
 ITN__INLINE void itn__leave_behind(itn__place *place) {
     place->crossed_count = 0, place->sides.flush = 0;
+}
+
+/* The same where a ray from `origin` meets another face, unless that lies in the plane it left. */
+static void itn__go_on_to(const itn_scene *scene, itn__place *place, itn_vec3 origin,
+                          const itn_hit *hit) {
+    float flush = place->sides.flush, from[3];
+    itn__plane plane;
+    itn__leave_behind(place);
+    if (!(flush > 0)) return;
+    from[0] = origin.x, from[1] = origin.y, from[2] = origin.z;
+    plane = itn__plane_of(&scene->bvh->triangles[scene->bvh->slots[hit->triangle]], from);
+    if (fabs(plane.f) <= (double)flush * plane.size) place->sides.flush = flush;
 }
 
 /* Whether a face is among those just gone through. After so many in one point all count as such, as
@@ -5282,7 +5331,7 @@ static int itn__next_hit(const itn_scene *scene, itn__place *place, itn_ray *ray
         }
         if (!found) break;
         known = itn__just_crossed(place, hit);
-        if (hit->t > slack) itn__leave_behind(place);
+        if (hit->t > slack) itn__go_on_to(scene, place, ray->origin, hit);
         if (!known || hit->t > slack) return 1;
         bit = itn__object_bit(itn__bvh_object(scene->bvh, hit->triangle));
         sides.front &= ~bit, sides.back &= ~bit, at = hit->t, masked = 1;
@@ -5383,7 +5432,7 @@ static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction, i
     int i, visible;
     itn_ray ray;
     if (crossed >= 0) itn__cross_boundary(walk->scene, &walk->place, crossed, hit, origin);
-    else if (hit) itn__begin_at_face(walk->scene, &walk->place, hit, origin, 1);
+    else if (hit) itn__throw_back(walk->scene, &walk->place, hit, origin);
     ray.origin = origin, ray.direction = direction;
     visible = itn__connect_visible(walk, ray);
     walk->place = place;
@@ -5760,7 +5809,7 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
         }
     }
     if (o.z < 0) itn__cross_boundary(walk->scene, &walk->place, object, hit, ray->origin);
-    else itn__begin_at_face(walk->scene, &walk->place, hit, ray->origin, 1);
+    else itn__throw_back(walk->scene, &walk->place, hit, ray->origin);
     ray->direction = itn__normalize(itn__to_world(o, s, t, n));
     return 1;
 }
@@ -10001,7 +10050,8 @@ static void itn__settle_hit(itn__crowd *crowd, int at) {
         else
             hit->t = ray.tmax, hit->triangle = -1;
     } else if (hit->t > slack) {
-        itn__leave_behind(place);
+        if (hit->triangle >= 0) itn__go_on_to(scene, place, ray.origin, hit);
+        else itn__leave_behind(place);
     }
 }
 
@@ -10536,7 +10586,7 @@ static void itn__leave_boundary(itn__crowd *crowd, const itn__state *s, int at, 
             itn__cross_boundary(scene, place, itn__bvh_object(scene->bvh, hit.triangle), &hit,
                                 point);
         else
-            itn__begin_at_face(scene, place, &hit, point, 1);
+            itn__throw_back(scene, place, &hit, point);
     }
 }
 
@@ -12265,13 +12315,13 @@ static void itn__texel_row(void *task, int index) {
     render->collisions[y] = walk.collisions;
 }
 
-/* The image that `item` has; returns 0 if it has none. */
+/* The images of that name's surface and light; returns how many there are. */
 static int itn__find_texels(const itn_scene *scene, const char *item, itn__texels *texels) {
     int i, height;
     for (i = 0; i < scene->surface_count && !texels->texture; i++)
         if (!strcmp(scene->surfaces[i].name, item) && scene->surfaces[i].texels)
             texels->texture = &scene->surfaces[i];
-    for (i = 0; i < scene->light_count && !texels->texture && !texels->map; i++) {
+    for (i = 0; i < scene->light_count && !texels->map; i++) {
         const itn__light *light = &scene->lights[i];
         const char *name = scene->parameters[light->parameter].name; /* item.scale */
         size_t length = strcspn(name, ".");
@@ -12282,7 +12332,7 @@ static int itn__find_texels(const itn_scene *scene, const char *item, itn__texel
     texels->width = texels->texture ? texels->texture->width : texels->map->width;
     height = texels->texture ? texels->texture->height : texels->map->height;
     texels->count = texels->width * height;
-    return 1;
+    return 1 + (texels->texture && texels->map);
 }
 
 /* Whether a texture has values of which the fast walk cannot tell derivatives. */
@@ -12313,13 +12363,15 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
     itn__texels texels;
     itn_image made = ITN_ZERO;
     itn_result result;
+    int found;
     memset(&texels, 0, sizeof texels);
     if (!scene || !weights || !item || !gradient)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render_texel_gradient: NULL argument");
-    if (!itn__find_texels(scene, item, &texels))
+    found = itn__find_texels(scene, item, &texels);
+    if (found != 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_render_texel_gradient: no surface or light \"%.32s\" that has an "
-                         "image", item);
+                         "itn_render_texel_gradient: %s \"%.32s\" that has an image",
+                         found ? "both a surface and a light" : "no surface or light", item);
     if (options) own = *options;
     if (texels.texture && itn__is_dark(texels.texture)) {
         if (own.mode == ITN_MODE_FAST)
@@ -15494,6 +15546,7 @@ static double itn__mean_square(const itn__refiner *refiner) {
 static itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views,
                                     const float *values, itn_error *error) {
     itn_result result = itn__refine_allocate(refiner, error);
+    itn_error why;
     int v, k;
     for (v = 0; v < refiner->view_count && !result; v++)
         result = itn__view_begin(refiner, &views[v], &refiner->views[v], error);
@@ -15504,7 +15557,8 @@ static itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views
         itn__refine_view *view = &refiner->views[v];
         for (k = 0; k < view->count; k++)
             view->theta[view->parameters[k]] = values[view->unknowns[k]];
-        result = itn__check_theta(view->scene, view->theta, error);
+        result = itn__check_theta(view->scene, view->theta, &why);
+        if (result) itn__fail(error, result, 0, "itn_refine: view %d: %s", v, why.message);
     }
     if (result) return result;
     refiner->square = itn__mean_square(refiner);
@@ -15700,6 +15754,7 @@ static itn__power itn__power_of(const itn_parameter *p, double value) {
     power.complement = p->transform == ITN_LOGIT && fabs(p->upper - 1) < .01 &&
                        (p->lower < 0 || value > .5);
     if (power.complement) power.slope = -1 / fmax(1 - value, 1e-6);
+    else if (p->transform == ITN_LOG) power.slope = 1 / itn_parameter_slope(p, value);
     else power.slope = 1 / fmax(fabs(value), 1e-6 * fmin((double)p->upper, 1));
     return power;
 }
@@ -16098,8 +16153,8 @@ static const char *itn__parse_number(const char *at, const char *end, double *va
 
 /* Reads a number that ends at a blank or line end and is finite as a float; `what` is for the error
    message. */
-static itn_result itn__text_float(itn__text *text, const char *what, float *value,
-                                  itn_error *error) {
+static itn_result itn__text_number(itn__text *text, const char *what, double *value,
+                                   itn_error *error) {
     double number = 0;
     const char *after;
     int length;
@@ -16110,9 +16165,17 @@ static itn_result itn__text_float(itn__text *text, const char *what, float *valu
         return itn__fail(error, ITN_ERROR_FORMAT, text->line,
                          "%s:%d: %s: '%.*s' is not a finite number", text->name, text->line, what,
                          length > 40 ? 40 : length, text->at);
-    *value = (float)number;
+    *value = number;
     text->at = after;
     return ITN_OK;
+}
+
+static itn_result itn__text_float(itn__text *text, const char *what, float *value,
+                                  itn_error *error) {
+    double number;
+    itn_result result = itn__text_number(text, what, &number, error);
+    if (!result) *value = (float)number;
+    return result;
 }
 
 #ifndef ITN_NO_STDIO
@@ -16894,10 +16957,10 @@ static int itn__is_pfm(const unsigned char *bytes, size_t size) {
 }
 
 /* Reads one number of the header; line ends count as blanks. */
-static itn_result itn__pfm_number(itn__text *text, const char *what, float *value,
+static itn_result itn__pfm_number(itn__text *text, const char *what, double *value,
                                   itn_error *error) {
     itn__skip_space(text);
-    return itn__text_float(text, what, value, error);
+    return itn__text_number(text, what, value, error);
 }
 
 static itn_result itn__pfm_decode(const unsigned char *bytes, size_t size, const char *name,
@@ -16906,21 +16969,19 @@ static itn_result itn__pfm_decode(const unsigned char *bytes, size_t size, const
     static const char *const names[] = {"R", "G", "B"};
     itn__text text = itn__text_make(bytes, size, name);
     int channels = bytes[1] == 'F' ? 3 : 1, big, x, row, k;
-    float width = 0, height = 0, scale = 0;
-    double needed;
+    double width = 0, height = 0, scale = 0, needed;
     itn_result result;
     text.at += 2;
     result = itn__pfm_number(&text, "PFM width", &width, error);
     if (!result) result = itn__pfm_number(&text, "PFM height", &height, error);
     if (!result) result = itn__pfm_number(&text, "PFM scale", &scale, error);
     if (result) return result;
-    if (!(width >= 1 && width < 1e9f && width == floorf(width)) || scale == 0 ||
-        !(height >= 1 && height < 1e9f && height == floorf(height)))
+    if (!(width >= 1 && width < 1e9 && width == floor(width)) || scale == 0 ||
+        !(height >= 1 && height < 1e9 && height == floor(height)))
         return itn__fail(error, ITN_ERROR_FORMAT, text.line,
-                         "%s: PFM of %g x %g pixels with scale %g", name, (double)width,
-                         (double)height, (double)scale);
+                         "%s: PFM of %g x %g pixels with scale %g", name, width, height, scale);
     if (text.at < text.end) text.at++; /* the one white space character */
-    needed = (double)width * (double)height * channels * 4;
+    needed = width * height * channels * 4;
     if ((double)(text.end - text.at) != needed)
         return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: PFM has %.0f bytes of pixels, needs %.0f",
                          name, (double)(text.end - text.at), needed);
@@ -18570,8 +18631,8 @@ static int itn__choice(const itn__scene_file *file, const itn__item *item, const
     const itn__field_value *value = itn__item_value(item, name);
     if (!value->given || !strcmp(value->word, first)) return 0;
     if (!strcmp(value->word, second)) return 1;
-    itn__file_fail(&file->text, item->line, file->error, "%s is %s or %s, not '%.40s'", name, first,
-                   second, value->word);
+    itn__file_fail(&file->text, item->line, file->error, "%s is %s%s%s, not '%.40s'", name, first,
+                   second == first ? "" : " or ", second == first ? "" : second, value->word);
     return -1;
 }
 
@@ -18634,11 +18695,12 @@ static itn_result itn__file_camera(itn__scene_file *file, const itn__item *item)
 static itn_result itn__file_medium(itn__scene_file *file, const itn__item *item) {
     itn_medium_desc *medium = &file->media[file->desc.medium_count++];
     const itn__field_value *albedo = itn__item_value(item, "albedo");
+    static const char only[] = "hg";
     medium->name = item->name.word;
     medium->sigma_t = itn__take_spectrum(file, item, "sigma_t", medium->sigma_t_rgb);
     medium->g = itn__take_spectrum(file, item, "g", medium->g_rgb);
     itn__take_colour(file, item, albedo->numbers, albedo->count == 3, medium->albedo);
-    return itn__choice(file, item, "phase", "hg", "hg") < 0 ? ITN_ERROR_FORMAT : ITN_OK;
+    return itn__choice(file, item, "phase", only, only) < 0 ? ITN_ERROR_FORMAT : ITN_OK;
 }
 
 /* The three forms of reflectance: a colour, an image (times a colour), a checker. */
@@ -18968,6 +19030,12 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.6.3  glass exactly on a ground (up to 2 % too dark) and objects a rounding above one (up to 4
+          %) are as bright as a little higher, and no light from below comes past it;
+          itn_scene_thickness of objects that are scaled more in one direction; words about a
+          refinement do not depend on the unit of length; coordinates of values beyond a logit's
+          bounds are those of the bounds; the values of an image that a surface and a light of one
+          name both have are no longer taken for the surface's; PFM files wider than 2^24
    0.6.2  error bars of a picture whose variance nobody gives count what its noise makes together
           with that of derivatives (of g they were up to 1.4 times too small); Adam's refinement
           does not depend on the unit of light; losses and refinements whose squares no float holds

@@ -27,6 +27,7 @@
    what is in a file.
    The pictures are the same bits for any number of threads. */
 #define _POSIX_C_SOURCE 200809L
+#define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
 #include "dataset.h"
 
 static const char *const usage =
@@ -74,12 +75,17 @@ static void mesh_name(int shape, int azimuth, int variant, char name[64]) {
     else snprintf(name, 64, "%s.ply", shape_names[shape]);
 }
 
+static void mesh_path(const char *dir, int shape, int azimuth, int variant, char *path) {
+    char name[64];
+    mesh_name(shape, azimuth, variant, name);
+    snprintf(path, PATH_SIZE, "%s/scenes/%s", dir, name);
+}
+
 static itn_mesh load_mesh(const char *dir, int shape, int azimuth, int variant) {
-    char path[PATH_SIZE], name[64];
+    char path[PATH_SIZE];
     itn_mesh mesh;
     itn_error error;
-    mesh_name(shape, azimuth, variant, name);
-    snprintf(path, sizeof path, "%s/scenes/%s", dir, name);
+    mesh_path(dir, shape, azimuth, variant, path);
     if (itn_mesh_load(path, NULL, &mesh, &error)) fail(error.message, "");
     return mesh;
 }
@@ -119,7 +125,8 @@ static void write_scene(const char *dir, int shape, int azimuth, int variant) {
             "surface ground type diffuse  reflectance texture concrete.pfm\n"
             "object  plane  y 0 half 20  surface ground\n"
             "object  mesh %s  medium milk  rotate 0 1 0 180  translate 0 %.4f -1.75\n"
-            "light   sky t3-e60-grey.sky  sun %.6f 0.866025 %.6f  sun_scale 2  sun_radius_scale 70\n",
+            "light   sky t3-e60-grey.sky  sun %.6f 0.866025 %.6f  sun_scale 2"
+            "  sun_radius_scale 70\n",
             films[on], fovs[on], name, lift, .5 * cos(angle), .5 * sin(angle));
         scene_path(shape, azimuth, variant, (film)on, dir, path);
         save_file(path, text, (size_t)length);
@@ -311,12 +318,11 @@ static int list_variants(const shard *s, const float (*thetas)[3], int variants[
 }
 
 static void write_variant(const char *dir, int shape, int azimuth, int variant) {
-    char path[PATH_SIZE], name[64];
+    char path[PATH_SIZE];
     itn_mesh mesh = load_mesh(dir, shape, azimuth, 0);
     itn_error error;
     vary_mesh(&mesh, .8, mix((uint64_t)shape, (uint64_t)azimuth, (uint64_t)variant));
-    mesh_name(shape, azimuth, variant, name);
-    snprintf(path, sizeof path, "%s/scenes/%s", dir, name);
+    mesh_path(dir, shape, azimuth, variant, path);
     if (itn_mesh_save_ply(&mesh, path, &error)) fail(error.message, "");
     itn_mesh_free(&mesh);
     write_scene(dir, shape, azimuth, variant);
@@ -737,6 +743,32 @@ static int make_data(const settings *s) {
 
 /* ---- check and look ---- */
 
+static int is_missing(const char *path) {
+    FILE *file = fopen(path, "rb");
+    if (file) return fclose(file), 0;
+    printf("%s is missing\n", path);
+    return 1;
+}
+
+/* How many of the files are missing that show what the pictures of a shard show. */
+static int missing_scenes(const char *dir, const shard *s) {
+    float(*thetas)[3] = (float(*)[3])need((size_t)s->count, sizeof *thetas);
+    int variants[PAIRS], count, i, on, missing = 0;
+    char path[PATH_SIZE];
+    shard_materials(s, thetas);
+    count = list_variants(s, (const float(*)[3])thetas, variants);
+    for (i = 0; i < count; i++) {
+        mesh_path(dir, s->shape, s->azimuth, variants[i], path);
+        missing += is_missing(path);
+        for (on = 0; on < FILMS; on++) {
+            scene_path(s->shape, s->azimuth, variants[i], (film)on, dir, path);
+            missing += is_missing(path);
+        }
+    }
+    free(thetas);
+    return missing;
+}
+
 static int check_data(const char *dir) {
     int in, i, k, faults = 0;
     for (in = 0; in < SPLITS; in++) {
@@ -749,6 +781,7 @@ static int check_data(const char *dir) {
             unsigned char *bytes = read_shard(&shards[i], dir, &fault);
             shard_path(&shards[i], dir, path);
             if (!bytes) printf("%s %s\n", path, fault), faults++;
+            faults += missing_scenes(dir, &shards[i]);
             for (k = 0; bytes && k < shards[i].count; k++, images++) {
                 double one = get_float(bytes + record_place(k) + 12);
                 noise += one, worst = fmax(worst, one);

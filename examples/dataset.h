@@ -220,9 +220,9 @@ static inline int list_shards(split in, double fraction, shard *shards) {
     return count;
 }
 
-/* sigma_t, albedo and g of a shard's picture. Pairs of sigma_t and g in an order of the shard's own,
-   so that a part of the data still has all kinds; each with its albedos one after the other, as
-   these can share a walk. thetas: [count][3]. */
+/* sigma_t, albedo and g of a shard's pictures. Pairs of sigma_t and g in an order of the shard's
+   own, so that a part of the data has others in each shard; each with its albedos one after the
+   other, as these can share a walk. thetas: [count][3]. */
 static inline void shard_materials(const shard *s, float (*thetas)[3]) {
     int order[PAIRS], i;
     shuffle(order, PAIRS, mix((uint64_t)s->in, (uint64_t)s->shape, (uint64_t)s->azimuth));
@@ -384,15 +384,31 @@ static inline uint64_t checksum(const unsigned char *bytes, size_t count) {
     return hash;
 }
 
-/* Writes path.tmp, then renames it: the file appears whole or not at all. */
-static inline void save_file(const char *path, const void *bytes, size_t size) {
+/* Begins a file, as path.tmp, which end_file renames: it appears whole or not at all, and what was
+   there before stays until then. */
+static inline FILE *begin_file(const char *path) {
     char temporary[PATH_SIZE + 8];
     FILE *file;
     snprintf(temporary, sizeof temporary, "%s.tmp", path);
     file = fopen(temporary, "wb");
     if (!file) fail(temporary, "cannot be written");
-    if (fwrite(bytes, 1, size, file) != size || fflush(file)) fail(temporary, "cannot be written");
-    if (fclose(file) || rename(temporary, path)) fail(path, "cannot be written");
+    return file;
+}
+
+static inline void end_file(FILE *file, const char *path) {
+    char temporary[PATH_SIZE + 8];
+    int bad = ferror(file);
+    snprintf(temporary, sizeof temporary, "%s.tmp", path);
+    if (fclose(file) || bad || rename(temporary, path)) {
+        remove(temporary);
+        fail(path, "cannot be written");
+    }
+}
+
+static inline void save_file(const char *path, const void *bytes, size_t size) {
+    FILE *file = begin_file(path);
+    fwrite(bytes, 1, size, file);
+    end_file(file, path);
 }
 
 /* ---- reading ---- */
@@ -689,25 +705,30 @@ typedef struct model {
     char leave[64]; /* names of training shapes that it was not shown, with commas; or "none" */
 } model;
 
+enum { INPUT = 1 }; /* which itn_net_input it is for: the blurred one */
+
 static inline void save_model(const char *network, const model *m) {
     char path[PATH_SIZE], text[512];
-    int length = snprintf(text, sizeof text, "model %s\nmean %.17g\nlambda %.17g\nrate %.17g\n"
-                          "batch %d\nspp %d\nseed %d\nbend %d\nunits %s\nleave %s\n", m->name, m->mean,
-                          m->lambda, m->rate, m->batch, m->spp, m->seed, m->bend,
-                          m->own_units ? "own" : "coordinates", m->leave);
+    int length = snprintf(text, sizeof text, "model %s\ninput %d\nmean %.17g\nlambda %.17g\n"
+                          "rate %.17g\nbatch %d\nspp %d\nseed %d\nbend %d\nunits %s\nleave %s\n",
+                          m->name, INPUT, m->mean, m->lambda, m->rate, m->batch, m->spp,
+                          m->seed, m->bend, m->own_units ? "own" : "coordinates", m->leave);
     snprintf(path, sizeof path, "%s.txt", network);
     save_file(path, text, (size_t)length);
 }
 
 static inline void load_model(const char *network, model *m) {
     char path[PATH_SIZE], units[12];
+    int input = 0;
     FILE *file;
     snprintf(path, sizeof path, "%s.txt", network);
     file = fopen(path, "r");
     if (!file) fail(path, "cannot be read: train this network first");
-    if (fscanf(file, "model %7s mean %lf lambda %lf rate %lf batch %d spp %d seed %d bend %d "
-               "units %11s leave %63s", m->name, &m->mean, &m->lambda, &m->rate, &m->batch,
-               &m->spp, &m->seed, &m->bend, units, m->leave) != 10 || !(m->mean > 0) ||
+    if (fscanf(file, "model %7s input %d", m->name, &input) != 2 || input != INPUT)
+        fail(path, "is of a network for another input: train it anew");
+    if (fscanf(file, " mean %lf lambda %lf rate %lf batch %d spp %d seed %d bend %d "
+               "units %11s leave %63s", &m->mean, &m->lambda, &m->rate, &m->batch, &m->spp,
+               &m->seed, &m->bend, units, m->leave) != 9 || !(m->mean > 0) ||
         m->batch < 1 || m->spp < 2 || m->bend < -1 || m->bend > FILM ||
         (strcmp(units, "own") && strcmp(units, "coordinates")))
         fail(path, "is not what train writes");

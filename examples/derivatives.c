@@ -5,10 +5,11 @@
 
    Compile: cc -O3 -march=native derivatives.c -o derivatives -lm -lpthread
    Run:     ./derivatives ../scenes/studio.itn studio
-   Prints a line per parameter, the derivative of the image's mean and the same by differences,
+   Prints a line per parameter, the derivative of the image's mean (of all channels) and the same by
+   differences,
             milk.sigma_t    -0.000265 +- 5e-06   by differences -0.00027 +- 3.2e-06
-   writes studio.png and studio_d_milk_sigma_t.png and so on (red: brighter, blue: darker), and fails
-   if the two disagree by more than four standard errors. */
+   writes studio.png and studio_d_milk_sigma_t.png and so on (red: brighter, blue: darker), and
+   fails if the two disagree by more than four standard errors and 2 %. */
 #define ITN_THREADS
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
@@ -18,13 +19,24 @@ static int fail(const char *why) {
     return 1;
 }
 
-/* Mean of a plane and its standard error, from the plane of variances `step` planes further on. */
-static void plane_mean(const itn_image *image, int plane, int step, double *mean, double *error) {
+/* Mean of the planes of all channels, the first of which is `plane`, and its standard error, from
+   the planes of variances behind them. A pixel's channels are of the same paths: their errors add
+   up. */
+static void planes_mean(const itn_image *image, int plane, int channels, double *mean,
+                        double *error) {
     size_t i, pixels = (size_t)image->width * (size_t)image->height;
     const float *value = image->pixels + (size_t)plane * pixels;
-    const float *variance = value + (size_t)step * pixels;
-    for (*mean = *error = 0, i = 0; i < pixels; i++) *mean += value[i], *error += variance[i];
-    *mean /= (double)pixels, *error = sqrt(*error) / (double)pixels;
+    const float *variance = value + (size_t)channels * pixels;
+    int c;
+    for (*mean = *error = 0, i = 0; i < pixels; i++) {
+        double deviation = 0;
+        for (c = 0; c < channels; c++) {
+            size_t at = (size_t)c * pixels + i;
+            *mean += value[at], deviation += sqrt(variance[at]);
+        }
+        *error += deviation * deviation;
+    }
+    *mean /= (double)pixels * channels, *error = sqrt(*error) / ((double)pixels * channels);
 }
 
 /* (mean at value + h - mean at value - h) / 2h with common random numbers, which make the error
@@ -41,7 +53,7 @@ static int difference(const itn_scene *scene, float *theta, int index, itn_rende
         itn_image image;
         theta[index] = side ? value + h : value - h;
         if (itn_render(scene, theta, &options, NULL, 0, &image, NULL)) return 0;
-        plane_mean(&image, 0, itn_scene_film(scene).channels, &mean[side], &spread[side]);
+        planes_mean(&image, 0, itn_scene_film(scene).channels, &mean[side], &spread[side]);
         itn_image_free(&image);
     }
     theta[index] = value;
@@ -52,7 +64,8 @@ static int difference(const itn_scene *scene, float *theta, int index, itn_rende
 
 int main(int argc, char **argv) {
     enum { MOST = 32 };
-    const char *path = argc > 1 ? argv[1] : "../scenes/studio.itn", *stem = argc > 2 ? argv[2] : NULL;
+    const char *path = argc > 1 ? argv[1] : "../scenes/studio.itn";
+    const char *stem = argc > 2 ? argv[2] : NULL;
     itn_render_options options = ITN_ZERO;
     int parameters[MOST] = {0}, count = 0, i, k, channels, bad = 0;
     itn_scene *scene;
@@ -67,7 +80,7 @@ int main(int argc, char **argv) {
     itn_parameter_values(scene, theta);
     channels = itn_scene_film(scene).channels;
 
-    /* the index of a smooth surface cannot be differentiated: the library says so, we leave it out */
+    /* the index of a smooth surface cannot be differentiated: the library says so, it is left out */
     for (i = 0; i < itn_parameter_count(scene) && count < MOST; i++) {
         itn_render_options probe = ITN_ZERO;
         probe.spp = 1;
@@ -85,11 +98,12 @@ int main(int argc, char **argv) {
     for (k = 0; k < count; k++) {
         const itn_parameter *p = itn_parameter_get(scene, parameters[k]);
         double slope, slope_error, other = 0, other_error = 0;
-        plane_mean(&image, 2 * (k + 1) * channels, channels, &slope, &slope_error);
+        planes_mean(&image, 2 * (k + 1) * channels, channels, &slope, &slope_error);
         printf("%-22s %10.5g +- %-8.2g", p ? p->name : "", slope, slope_error);
         if (difference(scene, theta, parameters[k], options, &other, &other_error)) {
             printf(" by differences %10.5g +- %-8.2g", other, other_error);
-            bad += !(fabs(slope - other) <= 4 * hypot(slope_error, other_error) + .02 * fabs(slope));
+            bad += !(fabs(slope - other) <=
+                     4 * hypot(slope_error, other_error) + .02 * fabs(slope));
         }
         printf("\n");
     }

@@ -115,15 +115,16 @@ try() {
         --seed "$seed" -t "$threads"
 }
 
-# what is found damaged is made again by the next run
-examine() { "$out/dataset" check "$data" || { rm -f "$out/done/data"; return 1; }; }
+# shellcheck disable=SC2086
+make_data() {
+    "$out/dataset" make "$data" --fraction "$fraction" --scenes "$here/../scenes" \
+        -t "$threads" $picture
+}
 
 begin=$(date +%s)
 step compile compile
-# shellcheck disable=SC2086
-step data "$out/dataset" make "$data" --fraction "$fraction" --scenes "$here/../scenes" \
-    -t "$threads" $picture
-step check examine
+step data make_data
+"$out/dataset" check "$data" || { make_data; "$out/dataset" check "$data"; } # lost or damaged since
 step sheet "$out/dataset" sheet "$data" "$out/sheet.png"
 # bend: pixels; the last epochs show shapes that are not bent, in the end at a low rate, which
 # averages out what of the answers is chance of the latest pictures
@@ -142,7 +143,8 @@ for model in truth rn ssn itn; do
     step "try-$model" try "$model"
 done
 awk 'FNR > 1 || NR == 1' "$out/truth.net.table.csv" "$out/rn.net.table.csv" \
-    "$out/ssn.net.table.csv" "$out/itn.net.table.csv" > "$out/table1.csv"
+    "$out/ssn.net.table.csv" "$out/itn.net.table.csv" > "$out/table1.csv.tmp"
+mv "$out/table1.csv.tmp" "$out/table1.csv"
 # shellcheck disable=SC2086
 step starts "$out/starts" --data "$data" -o "$out" -t "$threads" $search \
     "$out/rn.net" "$out/ssn.net" "$out/itn.net"

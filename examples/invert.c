@@ -24,6 +24,7 @@
    errors away. Pictures go to the folder after -o, or beside the scene: target, estimate,
    difference, derivatives (red up, blue down). */
 #define _POSIX_C_SOURCE 200809L
+#define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
 #define ITN_THREADS
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
@@ -205,16 +206,31 @@ static int is_of_medium(const itn_parameter *p) {
     return is_field(p, "sigma_t") || is_field(p, "albedo") || is_field(p, "g");
 }
 
-/* A neutral value for a parameter of a medium; its own for any other. */
+/* The mean chord of the medium's objects: their thickness where sigma_t is 1. */
+static double mean_chord(const itn_scene *scene, const char *medium) {
+    int i, count = itn_parameter_count(scene);
+    float *theta = (float *)calloc((size_t)count, sizeof *theta);
+    double chord;
+    if (!theta) fail("out of memory", "");
+    itn_parameter_values(scene, theta);
+    for (i = 0; i < count; i++)
+        if (is_field(itn_parameter_get(scene, i), "sigma_t")) theta[i] = 1;
+    chord = itn_scene_thickness(scene, theta, medium);
+    free(theta);
+    return chord;
+}
+
+/* A neutral value for a parameter of a medium, which depends on the objects' size alone; its own
+   for any other. */
 static float neutral_guess(const itn_scene *scene, const itn_parameter *p) {
     char medium[ITN_NAME_SIZE] = "";
-    double thickness;
+    double chord;
     if (is_field(p, "albedo")) return .7f;
     if (is_field(p, "g")) return .3f;
     if (!is_field(p, "sigma_t")) return p->value;
     memcpy(medium, p->name, (size_t)(strchr(p->name, '.') - p->name));
-    thickness = itn_scene_thickness(scene, NULL, medium);
-    return thickness > 0 ? (float)(10 * p->value / thickness) : 1;
+    chord = mean_chord(scene, medium);
+    return chord > 0 ? (float)(10 / chord) : 1;
 }
 
 /* The parameters of the scene's media. */
@@ -233,11 +249,13 @@ static int medium_parameters(const itn_scene *scene, const itn_parameter **unkno
 static double network_mean(const char *path) {
     char text[1200];
     double mean = 0;
+    int input = 0;
     FILE *file;
     snprintf(text, sizeof text, "%s.txt", path);
     file = fopen(text, "r");
     if (!file) fail(text, "cannot be read; train writes it beside the network");
-    if (fscanf(file, "model %*s mean %lf", &mean) != 1) fail(text, "is not what train writes");
+    if (fscanf(file, "model %*s input %d mean %lf", &input, &mean) != 2 || input != 1)
+        fail(text, "is of a network for another input: train it anew");
     fclose(file);
     return mean;
 }
@@ -325,7 +343,8 @@ static void save_picture(const itn_image *image, int plane, int channels, itn_pn
     char path[1200];
     itn_error error;
     snprintf(path, sizeof path, "%s_%s.png", stem, name);
-    if (itn_image_save_png(image, plane, channels, mode, scale, path, &error)) fail(error.message, "");
+    if (itn_image_save_png(image, plane, channels, mode, scale, path, &error))
+        fail(error.message, "");
 }
 
 /* One curve per parameter (value over final value) and one for the loss, against iterations. */
@@ -333,12 +352,13 @@ static void save_chart(const history *h, const float *values, const char *stem) 
     static const char *const colours[] = {"#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e",
                                           "#8c564b"};
     double x = h->rows > 1 ? 520. / (h->rows - 1) : 0, largest = 0, smallest = 1e300, span;
-    char path[1200];
+    char path[1200], temporary[1204];
     FILE *file;
-    int i, k;
+    int i, k, bad;
     snprintf(path, sizeof path, "%s_convergence.svg", stem);
-    file = fopen(path, "w");
-    if (!file) fail(path, "cannot be written");
+    snprintf(temporary, sizeof temporary, "%s.tmp", path);
+    file = fopen(temporary, "w");
+    if (!file) fail(temporary, "cannot be written");
     for (i = 0; i < h->rows; i++) {
         double loss = fabs(h->loss[i]);
         if (loss > largest) largest = loss;
@@ -365,7 +385,19 @@ static void save_chart(const history *h, const float *values, const char *stem) 
                 k < 0 ? "black" : colours[k % 6], name);
     }
     fprintf(file, "</svg>\n");
-    if (ferror(file) | fclose(file)) fail(path, "cannot be written");
+    bad = ferror(file);
+    if (fclose(file) || bad || rename(temporary, path))
+        remove(temporary), fail(path, "cannot be written");
+}
+
+/* Fails if the estimate would be written over the target. */
+static void keep_target(const char *target, const char *stem) {
+    char path[1200];
+    struct stat from, to;
+    snprintf(path, sizeof path, "%s_estimate.exr", stem);
+    if (!stat(target, &from) && !stat(path, &to) && from.st_dev == to.st_dev &&
+        from.st_ino == to.st_ino)
+        fail(target, "the estimate would be written over it: name another folder with -o");
 }
 
 /* Renders image and derivatives at the estimate and saves all pictures. */
@@ -476,7 +508,11 @@ int main(int argc, char **argv) {
     if (targets && targets != views) fail("--target", "needed for each of the scenes, or for none");
     if (refine.spp < 2 || refine.spp > 2097151) fail("--spp", "must be in 2..2097151");
     if (dir && mkdir(dir, 0777) && errno != EEXIST) fail(dir, "this folder cannot be made");
-    for (v = 0; v < views; v++) open_scene(&pictures[v], &context);
+    for (v = 0; v < views; v++) {
+        make_stem(pictures[v].path, dir, v + 1, stem, sizeof stem);
+        if (targets) keep_target(pictures[v].target, stem);
+        open_scene(&pictures[v], &context);
+    }
 
     /* what is hidden, what is sought, where the search starts */
     if (hidden_list) {

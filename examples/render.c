@@ -8,6 +8,7 @@
    Prints:  render 1.234 s, build 0.045 s, 5.678 Mpaths/s, 90.1 Mcollisions/s, mean 0.712 +- 0.001
    The file is read back and compared with what was rendered; the exit status tells. */
 #define _POSIX_C_SOURCE 200809L
+#define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
 #define ITN_THREADS
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
@@ -120,7 +121,8 @@ static void check_path(const char *path) {
     char folder[1024];
     if (!ending || (strcmp(ending, ".exr") && strcmp(ending, ".pfm") && strcmp(ending, ".png")))
         fail(path, "must end in .exr, .pfm or .png");
-    snprintf(folder, sizeof folder, "%.*s", slash ? (int)(slash - path) + 1 : 1, slash ? path : ".");
+    snprintf(folder, sizeof folder, "%.*s", slash ? (int)(slash - path) + 1 : 1,
+             slash ? path : ".");
     if (access(folder, W_OK)) fail(path, "its folder is not there or must not be written to");
 }
 
@@ -160,9 +162,17 @@ static int reads_back(const itn_image *image, int channels, const char *path) {
 
 static void report(const itn_image *image, int channels, const itn_render_stats *stats,
                    double render, double build) {
+    size_t i, plane = (size_t)image->width * (size_t)image->height;
+    size_t pixels = plane * (size_t)channels;
     double mean = 0, variance = 0;
-    size_t i, pixels = (size_t)image->width * (size_t)image->height * (size_t)channels;
-    for (i = 0; i < pixels; i++) mean += image->pixels[i], variance += image->pixels[pixels + i];
+    for (i = 0; i < pixels; i++) mean += image->pixels[i];
+    for (i = 0; i < plane; i++) { /* the colours of a pixel are of the same paths */
+        double error = 0;
+        int c;
+        for (c = 0; c < channels; c++)
+            error += sqrt(image->pixels[pixels + (size_t)c * plane + i]);
+        variance += error * error;
+    }
     printf("render %.3f s, build %.3f s, %.3f Mpaths/s, %.1f Mcollisions/s, mean %.6f +- %.6f\n",
            render, build, 1e-6 * stats->paths / render, 1e-6 * stats->collisions / render,
            mean / (double)pixels, sqrt(variance) / (double)pixels);
@@ -184,6 +194,7 @@ int main(int argc, char **argv) {
         int takes_value = 1;
         if (!strcmp(option, "--help")) return printf("%s", usage) < 0;
         if (!strcmp(option, "-q")) quiet = 1, takes_value = 0;
+        else if (option[0] != '-' && path) fail(option, "is a second scene");
         else if (option[0] != '-') path = option, takes_value = 0;
         else if (!value) fail(option, "unknown option, or its value is missing");
         else if (!strcmp(option, "-o")) out = value;

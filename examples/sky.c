@@ -172,9 +172,13 @@ static void make_grey(sky *s) {
 /* ---- the file ---- */
 
 static void write_sky(const char *path, const sky *s, const char *comments) {
-    FILE *file = fopen(path, "w");
+    char temporary[1200];
+    FILE *file;
     int c, k, bad;
-    if (!file) fail(path, "cannot write");
+    if (snprintf(temporary, sizeof temporary, "%s.tmp", path) >= (int)sizeof temporary)
+        fail(path, "is too long a name");
+    file = fopen(temporary, "w");
+    if (!file) fail(temporary, "cannot write");
     fprintf(file,
             "# Sky for turbidity %g, ground albedo %g, sun elevation %g degrees.\n"
             "# Per channel the coefficients A B C D E F G I H of\n"
@@ -191,7 +195,8 @@ static void write_sky(const char *path, const sky *s, const char *comments) {
     fprintf(file, "sun_radiance %.6g %.6g %.6g\n", s->sun[0], s->sun[1], s->sun[2]);
     fprintf(file, "#\n# The numbers (but the sun's) were computed from this table:\n%s", comments);
     bad = ferror(file);
-    if (fclose(file) || bad) fail(path, "cannot write");
+    if (fclose(file) || bad || rename(temporary, path))
+        remove(temporary), fail(path, "cannot write");
 }
 
 /* The number after an option, in [lower, upper]. The model ends there: nothing is extrapolated. */

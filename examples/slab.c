@@ -27,7 +27,8 @@ int main(void) {
     itn_image image;
     for (i = 0; i < 24; i++) /* corner i/3 has its bits as signs: 1000 x 1000 x 1 */
         corners[i] = (i % 3 == 2 ? .5f : 500.f) * (((i / 3) >> (i % 3)) & 1 ? 1.f : -1.f);
-    slab.positions = corners, slab.vertex_count = 8, slab.triangles = faces, slab.triangle_count = 12;
+    slab.positions = corners, slab.vertex_count = 8;
+    slab.triangles = faces, slab.triangle_count = 12;
     milk.name = "milk", milk.sigma_t = 2, milk.albedo[0] = .9f, milk.g = .75f;
     object.mesh = &slab, object.medium = "milk", light.radiance[0] = 1;
     desc.film.width = desc.film.height = 1, desc.camera.eye.z = 10, desc.camera.fov = .001f;

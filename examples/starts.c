@@ -19,6 +19,7 @@
    Searches start from the answers of rn and itn.
    Results are the same bits for any number of threads. */
 #define _POSIX_C_SOURCE 200809L
+#define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
 #include "dataset.h"
 
 static const char *const usage =
@@ -243,8 +244,7 @@ static void print_table(const searches *all) {
     int n, method, at, i, column, used;
     FILE *file;
     snprintf(path, sizeof path, "%s/table3.csv", s->out);
-    file = fopen(path, "w");
-    if (!file) fail(path, "cannot be written");
+    file = begin_file(path);
     fprintf(file, "start,method,iteration,images,loss,log_sigma_t,albedo,g\n");
     for (method = 0; method < 2; method++)
         for (n = 0; n < s->network_count; n++) {
@@ -263,7 +263,7 @@ static void print_table(const searches *all) {
                 fprintf(file, "\n");
             }
         }
-    if (ferror(file) | fclose(file)) fail(path, "cannot be written");
+    end_file(file, path);
     fprintf(stderr, "\n"), printf("table: %s\n", path);
 }
 
@@ -373,8 +373,7 @@ static void save_figure(const figure *f) {
     snprintf(picture, sizeof picture, "%s/figure.png", f->settings->out);
     save_tiles(f, columns, picture);
     snprintf(path, sizeof path, "%s/figure.svg", f->settings->out);
-    file = fopen(path, "w");
-    if (!file) fail(path, "cannot be written");
+    file = begin_file(path);
     fprintf(file, "<svg xmlns='http://www.w3.org/2000/svg' "
             "xmlns:xlink='http://www.w3.org/1999/xlink' width='%d' height='%d' "
             "font-size='11' font-family='sans-serif'><image width='%d' height='%d' "
@@ -388,7 +387,7 @@ static void save_figure(const figure *f) {
                     "y='%d'>%s</text>", column * FILM, row * FILM, column * FILM + 3,
                     row * FILM + 11, f->tiles[row][column].caption);
     fprintf(file, "</svg>\n");
-    if (ferror(file) | fclose(file)) fail(path, "cannot be written");
+    end_file(file, path);
 }
 
 static void make_figure(const settings *s) {

@@ -60,6 +60,7 @@
    deviation 1.5, four levels (of 128, 64, 32 and 16 pixels) with the first four of the published
    weights, scaled to sum to 1; data range: the largest value of the picture with the truth. */
 #define _POSIX_C_SOURCE 200809L
+#define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
 #include "dataset.h"
 
 #include <limits.h>
@@ -387,8 +388,7 @@ static void save_chart(const trainer *t, int steps_per_epoch) {
     low = pow(10, floor(log10(fmin(low, high)))), high = pow(10, ceil(log10(high)));
     decades = fmax(log10(high / low), 1);
     snprintf(path, sizeof path, "%s.svg", t->options->checkpoint);
-    file = fopen(path, "w");
-    if (!file) fail(path, "cannot be written");
+    file = begin_file(path);
     fprintf(file, "<svg xmlns='http://www.w3.org/2000/svg' width='640' height='360' font-size='13' "
             "font-family='sans-serif'><rect width='640' height='360' fill='white'/>"
             "<text x='60' y='20'>%s: mean loss of an epoch</text><path d='M60 30V320H520' "
@@ -407,25 +407,23 @@ static void save_chart(const trainer *t, int steps_per_epoch) {
                 names[k]);
     }
     fprintf(file, "</svg>\n");
-    if (ferror(file) | fclose(file)) fail(path, "cannot be written");
+    end_file(file, path);
     free(means);
 }
 
 /* The curve first: rows beyond the network's steps are dropped when it is read. What else defines
    the run comes with its first network, so that both are always of one run. */
 static void save_checkpoint(const trainer *t) {
-    char path[PATH_SIZE + 4], temporary[PATH_SIZE + 8];
+    char path[PATH_SIZE];
     itn_error error;
     FILE *file;
     int i;
     snprintf(path, sizeof path, "%s.csv", t->options->checkpoint);
-    snprintf(temporary, sizeof temporary, "%s.tmp", path);
-    file = fopen(temporary, "w");
-    if (!file) fail(temporary, "cannot be written");
+    file = begin_file(path);
     fprintf(file, "step,parameters,image\n");
     for (i = 0; i < t->row_count; i++)
         fprintf(file, "%d,%.17g,%.17g\n", t->rows[i].step, t->rows[i].parameters, t->rows[i].image);
-    if (ferror(file) | fclose(file) || rename(temporary, path)) fail(path, "cannot be written");
+    end_file(file, path);
     save_model(t->options->checkpoint, &t->options->model);
     if (itn_net_save(t->net, t->options->checkpoint, 0, &error)) fail(error.message, "");
 }
@@ -816,21 +814,8 @@ static void draw_answers(const trial *t, FILE *file) {
     fprintf(file, "</g>");
 }
 
-/* Results are written under other names, so that those there are stay until all is done. */
-static FILE *open_result(const char *checkpoint, const char *ending) {
-    char path[PATH_SIZE];
-    FILE *file;
-    snprintf(path, sizeof path, "%s.%s.tmp", checkpoint, ending);
-    file = fopen(path, "w");
-    if (!file) fail(path, "cannot be written");
-    return file;
-}
-
-static void close_result(FILE *file, const char *checkpoint, const char *ending) {
-    char path[PATH_SIZE], temporary[PATH_SIZE + 4];
-    snprintf(path, sizeof path, "%s.%s", checkpoint, ending);
-    snprintf(temporary, sizeof temporary, "%s.tmp", path);
-    if (ferror(file) | fclose(file) || rename(temporary, path)) fail(path, "cannot be written");
+static void result_path(const char *checkpoint, int result, char path[PATH_SIZE]) {
+    snprintf(path, PATH_SIZE, "%s.%s", checkpoint, result_endings[result]);
 }
 
 static void try_split(trial *t, itn_net *net, FILE *files[3]) {
@@ -864,6 +849,7 @@ static int evaluate(settings *o) {
     static const char *const head =
         "model,split,rmse_sigma_t,rmse_albedo,rmse_g,rmse_image,one_minus_ms_ssim\n";
     int truth = !strcmp(o->model.name, "truth"), in;
+    char path[PATH_SIZE];
     FILE *files[3];
     itn_net *net = NULL;
     itn_context context = ITN_ZERO;
@@ -872,6 +858,7 @@ static int evaluate(settings *o) {
         model asked = o->model;
         load_model(o->checkpoint, &o->model);
         if (strcmp(asked.name, o->model.name)) fail(o->checkpoint, "is of another --model");
+        o->model.seed = asked.seed;
         net = open_network(o->checkpoint, 1, &context);
     } else {
         pictures p;
@@ -879,7 +866,8 @@ static int evaluate(settings *o) {
         o->model.mean = mean_brightness(&p);
         free_pictures(&p);
     }
-    for (in = 0; in < 3; in++) files[in] = open_result(o->checkpoint, result_endings[in]);
+    for (in = 0; in < 3; in++)
+        result_path(o->checkpoint, in, path), files[in] = begin_file(path);
     fprintf(files[1], "split,shape,azimuth,sigma_t,albedo,g,answer_sigma_t,answer_albedo,answer_g,"
             "rmse_image,one_minus_ms_ssim\n");
     fprintf(files[2], "<svg xmlns='http://www.w3.org/2000/svg' width='880' height='330' font-size="
@@ -895,7 +883,7 @@ static int evaluate(settings *o) {
         try_split(&t, net, files);
     }
     fprintf(files[2], "</svg>\n");
-    for (in = 0; in < 3; in++) close_result(files[in], o->checkpoint, result_endings[in]);
+    for (in = 0; in < 3; in++) result_path(o->checkpoint, in, path), end_file(files[in], path);
     itn_net_free(net);
     return 0;
 }
@@ -904,8 +892,11 @@ static int evaluate(settings *o) {
 static int export_network(settings *o) {
     itn_net *net;
     itn_error error;
+    struct stat from, to;
     load_model(o->checkpoint, &o->model);
-    if (!strcmp(o->checkpoint, o->shipped)) fail(o->shipped, "is the checkpoint itself");
+    if (!stat(o->checkpoint, &from) && !stat(o->shipped, &to) && from.st_dev == to.st_dev &&
+        from.st_ino == to.st_ino)
+        fail(o->shipped, "is the checkpoint itself");
     net = open_network(o->checkpoint, 1, NULL);
     if (itn_net_save(net, o->shipped, 1, &error)) fail(error.message, "");
     save_model(o->shipped, &o->model);

@@ -19,11 +19,10 @@ keep() {
 }
 
 # every example by itself passes each compiler there is. To be run, all are compiled without the code
-# of the header, which one object has, with one kernel
+# of the header, which one object has, the same as for the suites
 native="-std=c99 $native"
-# shellcheck disable=SC2086
-check "object of the header" $CC $native -O2 -Wall -Wextra -Wpedantic -Werror -DITN_ONE_KERNEL \
-    -DITN_THREADS -DITN_IMPLEMENTATION -x c -c "$root/itn.h" -o "$work/itn.o"
+check "object of the header" make -s -C "$here" build/itn.o
+cp "$here/build/itn.o" "$work" || exit 1
 mkdir "$work/examples"
 cp "$root/itn.h" "$work"
 printf '#include <%s.h>\n' math stdio stdlib string > "$work/examples/code.h" # what the code includes
@@ -75,14 +74,14 @@ for ending in pfm png; do
         -a -s "a.d_glass_alpha.$ending"
 done
 for wrong in "" "no.itn -o a.exr" "scenes/studio.itn" "scenes/studio.itn -o a.txt --spp 1" \
-    "scenes/studio.itn -o a.exr --spp 0" "scenes/studio.itn -o a.exr -D milk.g=2" \
+    "scenes/studio.itn scenes/data.itn -o a.exr" "scenes/studio.itn -o a.exr --spp 0" "scenes/studio.itn -o a.exr -D milk.g=2" \
     "scenes/studio.itn -o a.exr -D no.such=1" "scenes/studio.itn -o /no/such/a.exr --spp 1"; do
     # shellcheck disable=SC2086
     check "refused: render $wrong" sh -c "! ./render $wrong -q"
 done
 
 # the main job, of a smaller picture; then a target that the scene is not
-sed "s/96/48/g; s|shapes/|scenes/shapes/|; s|t3-e60|scenes/t3-e60|" \
+sed "s/96/32/g; s|shapes/|scenes/shapes/|; s|t3-e60|scenes/t3-e60|" \
     scenes/default.itn > default.itn
 keep "invert" ./invert default.itn --spp 16 -o quick
 for name in sigma_t albedo g; do
@@ -91,8 +90,10 @@ done
 check "invert: pictures" test -s quick/default_target.png -a -s quick/default_difference.png \
     -a -s quick/default_d_milk_g.png -a -s quick/default_convergence.svg -a -s quick/default_estimate.exr
 keep "invert --target" ./invert default.itn --target quick/default_estimate.exr \
-    --params milk.albedo --spp 8 -o quick
+    --params milk.albedo --spp 8 -o again
 prints '^milk\.albedo 0\.[0-9]+ \+- [0-9.e-]+$'
+check "refused: an estimate over its target" sh -c "! ./invert default.itn \
+    --target quick/default_estimate.exr --params milk.albedo --spp 8 -o quick"
 sed "s/eye 0.25 0.55 2.2/eye 2.2 0.55 0.25/" default.itn > side.itn
 keep "invert: two views" ./invert side.itn default.itn \
     --params milk.sigma_t,milk.albedo --hidden milk.sigma_t=35 --spp 8 -o quick
@@ -129,6 +130,8 @@ cp "$victim" whole.itnd
 printf 'x' | dd of="$victim" bs=1 seek=5000 conv=notrunc 2> "$work/log"
 check "dataset check finds damage" sh -c "! ./dataset check data > found && grep -q damaged found"
 rm data/scenes/chain-00-32.ply
+check "dataset check misses a mesh" sh -c "! ./dataset check data > found && \
+    grep -q 'chain-00-32.ply is missing' found"
 # shellcheck disable=SC2086
 check "dataset make mends" ./dataset make data --fraction 1/1000 --tests 1/8000 --noise 1 --spp 8 \
     -t 1 $scenes
@@ -168,7 +171,10 @@ sed 3d b.net.csv > damaged.csv
     check "refused: a curve that lacks a step" sh -c "! ./train --model itn $fit --epochs 5 --resume \
         --checkpoint g.net && cmp damaged.csv g.net.csv"
     check "refused: a network without its state over itself" sh -c "! ./train --checkpoint g.net \
-        --export g.net && cmp b.net g.net"
+        --export ./g.net && cmp b.net g.net"
+    cp b.net i.net && sed 's/^input.*/input 0/' b.net.txt > i.net.txt
+    check "refused: a network for another input" sh -c "! ./train --model itn --data data \
+        --checkpoint i.net --evaluate > found 2>&1 && grep -q 'another input' found"
 }
 check "train itn: otherwise: the same loss" test "$(grep lambda e.net.txt)" = \
     "$(grep lambda b.net.txt)"

@@ -100,8 +100,8 @@ static void compare_variance(const char *what, solids_mean measured, double clai
                  claimed, measured.error);
 }
 
-/* Checks all probes of a scene. planted: relative error added to the derivatives. Runs in the
-   scene's own parameter values unless theta is given. */
+/* Checks all probes of a scene; with half of the samples unless tests may be long. planted: relative
+   error added to the derivatives. Runs in the scene's own parameter values unless theta is given. */
 static void compare(const char *title, const itn_scene *scene, const float *theta, int spp,
                     const probe *probes, int count, double planted) {
     static double exact[MOST_PROBES][MOST_REGIONS][BATCHES];
@@ -116,7 +116,7 @@ static void compare(const char *title, const itn_scene *scene, const float *thet
         itn_render_options options = ITN_ZERO;
         itn_image image = ITN_ZERO;
         itn_error problem;
-        options.spp = spp, options.seed = (uint64_t)(1000 + b);
+        options.spp = check_long() ? spp : spp / 2, options.seed = (uint64_t)(1000 + b);
         stage_need(itn_render(scene, theta, &options, parameters, count, &image, &problem),
                    &problem);
         for (k = 0; k < count; k++) {
@@ -147,6 +147,7 @@ static void compare(const char *title, const itn_scene *scene, const float *thet
         for (r = 0; r < regions; r++) {
             solids_mean d = batch_mean(exact[k][r]), e = batch_mean(error[k][r]);
             double largest = probes[k].largest * scale * (channels == 1 && r ? 3 : 1);
+            if (!check_long()) largest *= 1.5;
             snprintf(what, sizeof what, "%s, %s, region %d: ", title, probes[k].name, r);
             check_report(fabs(e.value) <= 5 * e.error + 1e-4 * scale && e.error <= largest,
                          __FILE__, __LINE__,
@@ -521,7 +522,7 @@ static double expected_loss(const itn_scene *scene, const float *theta, const fl
     itn_error error;
     double sum = 0;
     int i;
-    options.spp = check_long() ? 4096 : 1536, options.seed = seed;
+    options.spp = check_long() ? 4096 : 900, options.seed = seed;
     stage_need(itn_render(scene, theta, &options, NULL, 0, &image, &error), &error);
     for (i = 0; i < LOSS_PIXELS; i++) {
         double residual = (double)image.pixels[i] - target[i];
@@ -582,7 +583,7 @@ static void expect_losses(const itn_scene *scene, const float *target, const int
 
 /* At 2 samples per pixel, loss and gradient are right in the mean over many seeds. */
 static void test_loss(int same_samples) {
-    enum { SEEDS = 700, COUNT = LOSS_COUNT };
+    enum { SEEDS = 400, COUNT = LOSS_COUNT };
     static const char *const names[COUNT] = {"m.sigma_t", "m.albedo", "map.scale"};
     itn_scene *scene = small_scene(1, LOSS_SIZE);
     float target[LOSS_PIXELS], theta[32];
@@ -611,7 +612,7 @@ static void test_loss(int same_samples) {
         if (getenv("SHOW"))
             printf("loss %d: %.5g +- %.2g, expected %.5g (%.1f sigma)\n", k, mean, spread, exact[k],
                    (mean - exact[k]) / spread);
-        CHECK_MEAN(mean, spread, exact[k], 4.5, .12 * fabs(exact[k]));
+        CHECK_MEAN(mean, spread, exact[k], 4.5, .16 * fabs(exact[k]));
     }
     itn_scene_free(scene);
 }

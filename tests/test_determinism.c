@@ -1,7 +1,9 @@
 /* The same bits for any number of threads, any parallel_for, with or without somebody watching; and
    other bits for another seed, pixel or sample. */
 #define ITN_THREADS
+#ifndef ITN_APART
 #define ITN_IMPLEMENTATION
+#endif
 #include "../itn.h"
 
 #include "check.h"
@@ -228,21 +230,6 @@ static void test_seeds(void) {
     itn_scene_free(scene);
 }
 
-/* Numbers of a path depend on each of seed, pixel, sample and dimension, and are not repeated where
-   the three are exchanged or large. */
-static void test_counters(void) {
-    enum { PATHS = 4096 };
-    static uint32_t bits[PATHS];
-    int i, j, repeated = 0;
-    for (i = 0; i < PATHS; i++) {
-        itn__rng rng = itn__rng_make((uint64_t)(i % 16), (uint64_t)(i / 16 % 16),
-                                     (uint64_t)(i / 256) * 0x10000000ull);
-        bits[i] = itn__rng_bits(&rng);
-        for (j = 0; j < i; j++) repeated += bits[i] == bits[j];
-    }
-    CHECK(repeated < 20); /* 2 are expected among 2^23 pairs of 2^32 values */
-}
-
 /* ---- derivatives on and off ------------------------------------------------------------------------- */
 
 /* Derivatives ride along with the reference: its image has the same bits without them, for all parameters but
@@ -331,7 +318,6 @@ int main(void) {
     test_threads(1);
     test_threads(2);
     test_seeds();
-    test_counters();
     test_with_and_without();
     test_company();
     test_history();

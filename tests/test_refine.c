@@ -343,7 +343,7 @@ static void test_recoveries(void) {
     if (check_long()) test_recovery(ITN_METHOD_LM, all, 3, hidden, hidden, 30, 4, 0);
     /* from the same sigma_t albedo (1 - g) and sigma_t (1 - albedo), far along the valley */
     test_recovery(ITN_METHOD_LM, all, 3, curved, across, 15, 4, 0);
-    test_recovery(ITN_METHOD_LM, two, 2, thin, start, 30, 4, 0);
+    if (check_long()) test_recovery(ITN_METHOD_LM, two, 2, thin, start, 30, 4, 0);
     test_recovery(ITN_METHOD_LM, sigma, 1, hidden, far1, 30, 4, 0);
     test_recovery(ITN_METHOD_ADAM, albedo, 1, hidden, near1, 60, 5, 1e-6);
     test_recovery(ITN_METHOD_SGD, albedo, 1, hidden, near1, 60, 5, 0);
@@ -724,7 +724,7 @@ static void test_let_go(double planted) {
 /* With few samples in the end little is known along the valley, and error bars say so: of
    searches that start from both sides of the truth none is more than four standard errors off. */
 static void test_few_samples(void) {
-    const int seeds = check_long() ? 8 : 4;
+    const int seeds = check_long() ? 8 : 2;
     static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
     static const float hidden[3] = {6, .9f, .6f};
     static const float starts[2][3] = {{3, .818f, .2f}, {12, .947f, .8f}};
@@ -1100,7 +1100,7 @@ static void test_final_spp(double factor) {
     CHECK_NEAR(many.value, .8, 4 * many.standard_error);
 }
 
-enum { SEARCHES = 5 };
+enum { SEARCHES = 3 };
 
 /* Searches for three parameters with three samples a pixel, the end where the caller wants it (way 0)
    and where the searches themselves do (1). g: [2][SEARCHES], what they say. */
@@ -1143,13 +1143,13 @@ static void test_more_samples(double hidden) {
             determined[way] += g[way][i].determined;
             CHECK_NEAR(g[way][i].value, hidden, 4 * g[way][i].standard_error);
         }
-    CHECK(determined[0] <= 2 && determined[1] >= 4);
+    CHECK(determined[0] <= 1 && determined[1] >= 2);
 }
 
 /* ---- what a picture does not tell ------------------------------------------------------------------ */
 
 /* Deep inside a very thick black ball nothing depends on sigma_t: flagged. The albedo of the same
-   ball is plain to see, always found, and nearly always known to be: sigma_t is let go. Of six
+   ball is plain to see, always found, and nearly always known to be: sigma_t is let go. Of four
    searches one may end where sigma_t is so low that it shows. */
 static void test_undetermined(void) {
     static const char *const names[] = {"m.sigma_t", "m.albedo"};
@@ -1159,7 +1159,7 @@ static void test_undetermined(void) {
     itn_estimate estimates[2];
     itn_error error;
     float theta[8];
-    const int seeds = check_long() ? 12 : 6;
+    const int seeds = check_long() ? 12 : 4;
     int parameters[2], seed, flagged = 0, plain = 0;
     find_parameters(scene, names, 2, parameters);
     photograph(scene, 256, 7, target, variance);
@@ -1379,6 +1379,12 @@ static void test_words(int planted) {
                                "m.sigma_t and m.g are determined only together: m.sigma_t "
                                "(1-m.g)^0.50 to 1 %, but m.sigma_t alone to 16 %, m.g alone to "
                                "+-0.19\n"), __FILE__, __LINE__, "words: %s", text);
+    e[0].value *= 1e-9, e[0].standard_error *= 1e-9; /* in another unit of length: the same words */
+    for (i = 0; i < 3; i++) covariance[i] *= 1e-9, covariance[3 * i] *= 1e-9;
+    itn_refine_words(p, 3, e, covariance, cut, sizeof cut);
+    check_report(!strcmp(text, cut), __FILE__, __LINE__, "words: %s", cut);
+    for (i = 0; i < 3; i++) covariance[i] *= 1e9, covariance[3 * i] *= 1e9;
+    e[0].value *= 1e9, e[0].standard_error *= 1e9;
     for (i = 0; i <= length + 1; i++) {
         memset(cut, 'x', sizeof cut);
         CHECK(itn_refine_words(p, 3, e, covariance, i ? cut : NULL, (size_t)i) == length);
@@ -1637,7 +1643,7 @@ int main(void) {
         test_recoveries();
         test_coverages();
         if (check_long()) test_cases(200, 90, 98, 0);
-        test_cases(12, 75, 100, 0); /* 9 of 12: less by chance in 1 of 440 runs, if it is 95 % */
+        test_cases(5, 60, 100, 0); /* 3 of 5: less by chance in 1 of 860 runs, if it is 95 % */
         test_two_lights(0);
         test_two_pictures();
         test_shared_in_parts();
@@ -1667,7 +1673,7 @@ int main(void) {
     CHECK_CATCHES(test_let_go(1));
     CHECK_CATCHES(test_coverage(0, 3));
     CHECK_CATCHES(test_coverage_in_colours(3));
-    CHECK_CATCHES(test_cases(12, 75, 100, 1));
+    CHECK_CATCHES(test_cases(5, 60, 100, 1));
     CHECK_CATCHES(test_two_lights(1));
     CHECK_CATCHES(test_final_spp(2));
     CHECK_CATCHES(test_more_samples(.9));

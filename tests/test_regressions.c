@@ -374,6 +374,59 @@ static void test_standing_on_the_ground(double planted) {
     }
 }
 
+/* The same of a box of glass (ior 1.4, rough if alpha is not 0; with ior 0 index-matched) above a
+   white plane, in light from everywhere or from straight below alone. */
+static solids_mean glass_above(double gap, double ior, double alpha, int below, itn_mode mode) {
+    itn_mesh box = solids_box(solids_vec3(-.5, 0, -.5), solids_vec3(.5, 1, .5));
+    itn_image map, image;
+    itn_object_desc *object;
+    itn_error error;
+    solids_mean mean;
+    stage s;
+    int i;
+    stage_need(itn_image_create(8, 5, 1, NULL, &map, &error), &error);
+    strcpy(map.names[0], "Y");
+    for (i = 32; i < 40; i++) map.pixels[i] = 1;
+    stage_begin(&s, 4, 0, 16);
+    s.desc.camera.eye = solids_vec3(2, 1.7, 2), s.desc.camera.target = solids_vec3(0, .4, 0);
+    stage_medium(&s, "m", 1.5, .95, .5);
+    stage_diffuse(&s, "ground", .5);
+    if (ior > 0) stage_dielectric(&s, "glass", ior, alpha);
+    object = stage_object(&s, &box, "m", ior > 0 ? "glass" : NULL);
+    object->transform[0] = object->transform[5] = object->transform[10] = 1;
+    object->transform[7] = (float)gap;
+    object = stage_object(&s, NULL, NULL, "ground");
+    object->plane_y = 0, object->half_size = 20;
+    if (below) stage_map(&s, NULL, &map);
+    else stage_constant(&s, NULL, 1);
+    image = picture_as(&s, below ? 500 : 1000, NULL, mode);
+    mean = solids_plane_mean(&image, "Y", "Variance.Y");
+    itn_mesh_free(&box);
+    itn_image_free(&map), itn_image_free(&image);
+    return mean;
+}
+
+/* Glass that stands exactly on the ground, or a rounding above it, is as bright as a little higher,
+   and no light from below comes past the ground. planted: how high it is instead. */
+static void test_glass_on_the_ground(double planted) {
+    static const double gaps[] = {0, 6e-8, 4e-7};
+    static const double kinds[3][2] = {{1.4, 0}, {1.4, .2}, {0, 0}}; /* ior, alpha */
+    int k, kind;
+    for (kind = 0; kind < 3; kind++)
+        for (k = 0; k < 2 * (planted > 0 ? 1 : 3); k++) {
+            itn_mode mode = k % 2 ? ITN_MODE_FAST : ITN_MODE_REFERENCE;
+            double ior = kinds[kind][0], alpha = kinds[kind][1], gap = gaps[k / 2] + planted;
+            double below = glass_above(gap, ior, alpha, 1, mode).value;
+            solids_mean at = glass_above(gap, ior, alpha, 0, mode);
+            solids_mean above = glass_above(1e-4, ior, alpha, 0, mode);
+            check_report(below == 0, __FILE__, __LINE__, "light from below at a gap of %g: %g", gap,
+                         below);
+            check_report(fabs(at.value - above.value) < .0015, __FILE__, __LINE__, /* same paths */
+                         "ior %g, alpha %g, mode %d, gap %g: %.5f, a little higher %.5f", ior,
+                         alpha, (int)mode, gap, at.value, above.value);
+        }
+}
+
 /* `force` with a closed mesh that is inside out: its inside is what it encloses. */
 static void test_forced_inside_out(void) {
     itn_mesh box = unit_box();
@@ -1031,6 +1084,71 @@ static void test_refinement_in_dim_light(double planted) {
             printf("%s: %.2f s\n", #call, (double)(clock() - start) / CLOCKS_PER_SEC);             \
     } while (0)
 
+/* The thickness of an object that is scaled more in one direction: a box of 2 x 2 x 2, drawn out
+   to 200 x 200 x 2, has the mean chord 4 x 80000 / 81600. planted: the area of a cube of that
+   volume. */
+static void test_thickness_of_a_drawn_out_box(int planted) {
+    itn_mesh box = solids_box(solids_vec3(-1, -1, -1), solids_vec3(1, 1, 1));
+    itn_object_desc *object;
+    itn_scene *scene;
+    double area = planted ? 6 * pow(80000, 2. / 3) : 81600;
+    stage s;
+    stage_begin(&s, 4, 400, 30);
+    stage_medium(&s, "m", 1, .5, 0);
+    object = stage_object(&s, &box, "m", NULL);
+    object->transform[0] = object->transform[5] = 100, object->transform[10] = 1;
+    stage_constant(&s, NULL, 1);
+    scene = stage_make(&s);
+    CHECK_NEAR(itn_scene_thickness(scene, NULL, "m"), 4 * 80000 / area, 1e-4);
+    itn_scene_free(scene);
+    itn_mesh_free(&box);
+}
+
+/* Values beyond a logit's bounds, as of a material that another program made, have the coordinate
+   of the bound; those of a logarithm do, too. */
+static void test_coordinates_beyond(void) {
+    itn_parameter p = ITN_ZERO;
+    p.lower = -.999f, p.upper = .999f, p.transform = ITN_LOGIT;
+    CHECK(itn_parameter_to_coordinate(&p, 1.5) == 16 && itn_parameter_to_coordinate(&p, -1) == -16);
+    CHECK(itn_parameter_to_coordinate(&p, (double)p.upper) == 16);
+    p.lower = 0, p.upper = 1e12f, p.transform = ITN_LOG;
+    CHECK(itn_parameter_to_coordinate(&p, -1) == itn_parameter_to_coordinate(&p, 0));
+}
+
+/* The size of a PFM is read digit by digit: 2^24 + 1 is no float. */
+static void test_size_of_a_pfm(void) {
+    static const char file[] = "Pf\n16777217 1\n-1.0\nabcd";
+    itn_image image = ITN_ZERO;
+    itn_error error;
+    CHECK(itn_image_from_memory(file, sizeof file - 1, "a.pfm", NULL, &image, &error) ==
+          ITN_ERROR_FORMAT);
+    CHECK(strstr(error.message, "needs 67108868") != NULL && !image.pixels);
+}
+
+/* A surface and a light of one name are told apart by everything but the values of images. */
+static void test_texels_of_two(void) {
+    itn_image map = stage_patch(1, .3, .2, 2), texture = stage_patch(1, .3, .2, .5);
+    itn_image gradient = ITN_ZERO;
+    itn_surface_desc *surface;
+    itn_render_options options = ITN_ZERO;
+    static float weights[16];
+    itn_scene *scene;
+    itn_error error;
+    stage s;
+    stage_begin(&s, 4, 4, 30);
+    surface = stage_diffuse(&s, "a", .5);
+    surface->texture = ITN_TEXTURE_IMAGE, surface->image = &texture;
+    stage_object(&s, NULL, NULL, "a");
+    stage_map(&s, "a", &map);
+    scene = stage_make(&s);
+    options.spp = 1;
+    CHECK(itn_render_texel_gradient(scene, NULL, &options, weights, "a", &gradient, &error) ==
+          ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "both a surface and a light \"a\"") && !gradient.pixels);
+    itn_scene_free(scene);
+    itn_image_free(&map), itn_image_free(&texture);
+}
+
 int main(void) {
     RUN(test_eye_in_touching_cubes(0));
     RUN(test_object_between_touching_cubes(0));
@@ -1041,6 +1159,7 @@ int main(void) {
     RUN(test_far_unused_vertex());
     RUN(test_thin_slab_over_large_ground());
     RUN(test_standing_on_the_ground(0));
+    RUN(test_glass_on_the_ground(0));
     RUN(test_forced_inside_out());
     RUN(test_speed_of_axis_parallel_rays());
     RUN(test_needles_under_a_map());
@@ -1062,14 +1181,20 @@ int main(void) {
     RUN(test_seeds_of_the_loss());
     RUN(test_seeds_of_the_refinement(0));
     RUN(test_refinement_in_dim_light(0));
+    RUN(test_thickness_of_a_drawn_out_box(0));
+    RUN(test_coordinates_beyond());
+    RUN(test_size_of_a_pfm());
+    RUN(test_texels_of_two());
     CHECK_CATCHES(test_eye_in_touching_cubes(.02));
     CHECK_CATCHES(test_object_between_touching_cubes(.02));
     CHECK_CATCHES(test_ground_after_last_scattering(.05));
     CHECK_CATCHES(test_leaving_by_a_hole(1.05));
     CHECK_CATCHES(test_standing_on_the_ground(.5));
+    CHECK_CATCHES(test_glass_on_the_ground(.3));
     CHECK_CATCHES(test_power_of_the_sun(.003));
     CHECK_CATCHES(test_index_derivative_beside_black_red(.05));
     CHECK_CATCHES(test_seeds_of_the_refinement(5));
     CHECK_CATCHES(test_refinement_in_dim_light(-.3));
+    CHECK_CATCHES(test_thickness_of_a_drawn_out_box(1));
     return check_end("regressions");
 }

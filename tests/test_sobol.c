@@ -1,7 +1,7 @@
 /* Scrambled Sobol points: direction numbers from their polynomials, stratification in one and two
    dimensions, Owen's scrambling against one that really draws a bit per node of the tree, and what
    the points are for: unbiased estimates of small variance. Every property is also asked of points
-   with a planted error, which must fail. */
+   with a planted error, which must fail. And the counters that the reference draws from. */
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
@@ -451,6 +451,23 @@ static void test_variance(maker how, int seeds) {
         }
 }
 
+/* ---- counters -------------------------------------------------------------------------------- */
+
+/* Numbers of a path depend on each of seed, pixel, sample and dimension, and are not repeated where
+   the three are exchanged or large. */
+static void test_counters(void) {
+    enum { PATHS = 4096 };
+    static uint32_t bits[PATHS];
+    int i, j, repeated = 0;
+    for (i = 0; i < PATHS; i++) {
+        itn__rng rng = itn__rng_make((uint64_t)(i % 16), (uint64_t)(i / 16 % 16),
+                                     (uint64_t)(i / 256) * 0x10000000ull);
+        bits[i] = itn__rng_bits(&rng);
+        for (j = 0; j < i; j++) repeated += bits[i] == bits[j];
+    }
+    CHECK(repeated < 20); /* 2 are expected among 2^23 pairs of 2^32 values */
+}
+
 int main(void) {
     int d, cut = 1;
 #ifdef ITN_SANITIZED
@@ -483,5 +500,6 @@ int main(void) {
     CHECK_CATCHES(test_variance(DIGIT_FLIPS, 500));
     CHECK_CATCHES(test_variance(WRONG_DIRECTION, 500));
     CHECK_CATCHES(test_variance(RANDOM, 500));
+    test_counters();
     return check_end("sobol");
 }
