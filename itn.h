@@ -2394,14 +2394,15 @@ static float itn__exact_t(const itn__triangle *triangle, const itn__shear *s, fl
 static int itn__meets_sheet(const itn__triangle *triangle, const itn__shear *s,
                             const itn__sides *sides, float *t) {
     itn__plane plane = itn__plane_of(triangle, s->origin);
+    float size;
     if (fabs(plane.f) <= (double)sides->flush * plane.size + plane.error) {
         *t = 0;
         return sides->flush > 0 && !sides->thrown;
     }
     *t = itn__exact_t(triangle, s, *t);
     if (!(*t > 0)) return 0;
-    *t += 2 * FLT_EPSILON * (*t + itn__max(fabsf(s->origin[0]), itn__max(fabsf(s->origin[1]),
-                                                                         fabsf(s->origin[2]))));
+    size = itn__max(fabsf(s->origin[0]), itn__max(fabsf(s->origin[1]), fabsf(s->origin[2])));
+    *t += 2 * FLT_EPSILON * (*t + size * fabsf(s->sz)); /* in lengths of the direction */
     return 1;
 }
 
