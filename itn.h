@@ -2180,6 +2180,17 @@ static void itn__mesh_centre(const itn_mesh *mesh, double centre[3]) {
     for (k = 0; k < 3; k++) centre[k] = count > 0 ? sum[k] / count : 0;
 }
 
+/* The area of a triangle; n receives (p1 - p0) x (p2 - p0). */
+static double itn__triangle_area(double p[3][3], double n[3]) {
+    int k;
+    for (k = 0; k < 3; k++) {
+        int l = (k + 1) % 3, m = (k + 2) % 3;
+        n[k] = (p[1][l] - p[0][l]) * (p[2][m] - p[0][m]) -
+               (p[1][m] - p[0][m]) * (p[2][l] - p[0][l]);
+    }
+    return .5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
 /* Area, signed volume, and triangles without area. */
 static void itn__measure(const itn_mesh *mesh, itn_mesh_report *report) {
     double centre[3], p[3][3], n[3], terms = 0; /* terms: sum of the volume's parts, unsigned */
@@ -2192,12 +2203,7 @@ static void itn__measure(const itn_mesh *mesh, itn_mesh_report *report) {
             for (k = 0; k < 3; k++)
                 p[j][k] = mesh->positions[3 * (size_t)mesh->triangles[3 * (size_t)i + (size_t)j] +
                                           (size_t)k];
-        for (k = 0; k < 3; k++) {
-            int l = (k + 1) % 3, m = (k + 2) % 3;
-            n[k] = (p[1][l] - p[0][l]) * (p[2][m] - p[0][m]) -
-                   (p[1][m] - p[0][m]) * (p[2][l] - p[0][l]);
-        }
-        area = .5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        area = itn__triangle_area(p, n);
         if (!itn__finite(area)) continue; /* a bad vertex */
         if (area == 0 && !report->degenerate_triangles++) report->first_degenerate_triangle = i;
         report->area += area;
@@ -2348,12 +2354,14 @@ typedef struct itn__plane {
     double f, error;   /* F, and what rounding makes of it at most */
 } itn__plane;
 
-static itn__plane itn__plane_of(const itn__triangle *triangle, const float point[3]) {
+static itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
     itn__plane plane;
     double a[3], b[3], c[3];
+    float p[3];
     int k;
+    p[0] = point.x, p[1] = point.y, p[2] = point.z;
     for (k = 0; k < 3; k++) {
-        a[k] = (double)triangle->corner[0][k] - point[k];
+        a[k] = (double)triangle->corner[0][k] - p[k];
         b[k] = (double)triangle->corner[1][k] - triangle->corner[0][k];
         c[k] = (double)triangle->corner[2][k] - triangle->corner[0][k];
     }
@@ -2390,29 +2398,27 @@ static float itn__exact_t(const itn__triangle *triangle, const itn__shear *s, fl
     return itn__clamp((float)sum, least, most);
 }
 
-/* Whether a ray meets the sheet of a triangle on its way; *t, as floats know it, becomes exact. */
+/* Whether a ray meets the sheet of a triangle on its way; *t, as floats know it, becomes exact but
+   for the little that sheets count for more. */
 static int itn__meets_sheet(const itn__triangle *triangle, const itn__shear *s,
                             const itn__sides *sides, float *t) {
-    itn__plane plane = itn__plane_of(triangle, s->origin);
-    float size;
+    itn_vec3 origin = itn__vec3(s->origin[0], s->origin[1], s->origin[2]);
+    itn__plane plane = itn__plane_of(triangle, origin);
     if (fabs(plane.f) <= (double)sides->flush * plane.size + plane.error) {
         *t = 0;
         return sides->flush > 0 && !sides->thrown;
     }
     *t = itn__exact_t(triangle, s, *t);
     if (!(*t > 0)) return 0;
-    size = itn__max(fabsf(s->origin[0]), itn__max(fabsf(s->origin[1]), fabsf(s->origin[2])));
-    *t += 2 * FLT_EPSILON * (*t + size * fabsf(s->sz)); /* in lengths of the direction */
+    /* in lengths of the direction, as t is */
+    *t += 2 * FLT_EPSILON * (*t + itn__max_abs(origin) * fabsf(s->sz));
     return 1;
 }
 
 /* Notes that a ray begins at a point of a triangle, thrown back there or gone through. */
 static void itn__begin_at(itn__sides *sides, const itn__triangle *triangle, itn_vec3 point,
                           int thrown) {
-    itn__plane plane;
-    float p[3];
-    p[0] = point.x, p[1] = point.y, p[2] = point.z;
-    plane = itn__plane_of(triangle, p);
+    itn__plane plane = itn__plane_of(triangle, point);
     sides->flush = 8 * FLT_EPSILON * itn__max_abs(point) + FLT_MIN; /* 16 u = 8 FLT_EPSILON */
     if (plane.size > 0) sides->flush += (float)(2 * fabs(plane.f) / plane.size);
     sides->thrown = thrown;
@@ -4637,21 +4643,11 @@ static itn_result itn__check_object(itn__maker *maker, int index) {
     return ITN_OK;
 }
 
-/* The area of a triangle. */
-static double itn__triangle_area(double p[3][3]) {
-    double a[3], b[3], n[3];
-    int k;
-    for (k = 0; k < 3; k++) a[k] = p[1][k] - p[0][k], b[k] = p[2][k] - p[0][k];
-    for (k = 0; k < 3; k++)
-        n[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
-    return .5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-}
-
 /* The box around an object, and its surface; both of what is in use, where it stands. */
 static void itn__object_extent(itn__maker *maker, int index) {
     const itn_object_desc *in = &maker->desc->objects[index];
     itn__object *object = &maker->scene->objects[index];
-    double p[3][3];
+    double p[3][3], n[3];
     int i, k;
     for (k = 0; k < 3; k++) object->lower[k] = DBL_MAX, object->upper[k] = -DBL_MAX;
     for (i = 0; i < 3 * itn__object_triangles(in); i++) {
@@ -4661,7 +4657,7 @@ static void itn__object_extent(itn__maker *maker, int index) {
             if (corner[k] < object->lower[k]) object->lower[k] = corner[k];
             if (corner[k] > object->upper[k]) object->upper[k] = corner[k];
         }
-        if (i % 3 == 2) object->area += itn__triangle_area(p);
+        if (i % 3 == 2) object->area += itn__triangle_area(p, n);
     }
 }
 
@@ -5297,12 +5293,11 @@ ITN__INLINE void itn__leave_behind(itn__place *place) {
 /* The same where a ray from `origin` meets another face, unless that lies in the plane it left. */
 static void itn__go_on_to(const itn_scene *scene, itn__place *place, itn_vec3 origin,
                           const itn_hit *hit) {
-    float flush = place->sides.flush, from[3];
+    float flush = place->sides.flush;
     itn__plane plane;
     itn__leave_behind(place);
     if (!(flush > 0)) return;
-    from[0] = origin.x, from[1] = origin.y, from[2] = origin.z;
-    plane = itn__plane_of(&scene->bvh->triangles[scene->bvh->slots[hit->triangle]], from);
+    plane = itn__plane_of(&scene->bvh->triangles[scene->bvh->slots[hit->triangle]], origin);
     if (fabs(plane.f) <= (double)flush * plane.size) place->sides.flush = flush;
 }
 
@@ -18631,9 +18626,9 @@ static int itn__choice(const itn__scene_file *file, const itn__item *item, const
                        const char *first, const char *second) {
     const itn__field_value *value = itn__item_value(item, name);
     if (!value->given || !strcmp(value->word, first)) return 0;
-    if (!strcmp(value->word, second)) return 1;
+    if (second && !strcmp(value->word, second)) return 1;
     itn__file_fail(&file->text, item->line, file->error, "%s is %s%s%s, not '%.40s'", name, first,
-                   second == first ? "" : " or ", second == first ? "" : second, value->word);
+                   second ? " or " : "", second ? second : "", value->word);
     return -1;
 }
 
@@ -18696,12 +18691,11 @@ static itn_result itn__file_camera(itn__scene_file *file, const itn__item *item)
 static itn_result itn__file_medium(itn__scene_file *file, const itn__item *item) {
     itn_medium_desc *medium = &file->media[file->desc.medium_count++];
     const itn__field_value *albedo = itn__item_value(item, "albedo");
-    static const char only[] = "hg";
     medium->name = item->name.word;
     medium->sigma_t = itn__take_spectrum(file, item, "sigma_t", medium->sigma_t_rgb);
     medium->g = itn__take_spectrum(file, item, "g", medium->g_rgb);
     itn__take_colour(file, item, albedo->numbers, albedo->count == 3, medium->albedo);
-    return itn__choice(file, item, "phase", only, only) < 0 ? ITN_ERROR_FORMAT : ITN_OK;
+    return itn__choice(file, item, "phase", "hg", NULL) < 0 ? ITN_ERROR_FORMAT : ITN_OK;
 }
 
 /* The three forms of reflectance: a colour, an image (times a colour), a checker. */

@@ -328,15 +328,21 @@ static void write_variant(const char *dir, int shape, int azimuth, int variant) 
     write_scene(dir, shape, azimuth, variant);
 }
 
-/* Writes what the pictures of a shard show beside the shapes themselves. */
-static void write_variants(const char *dir, const shard *s) {
+/* The same of all the shard's pictures. */
+static int list_shown(const shard *s, int variants[PAIRS]) {
     float(*thetas)[3] = (float(*)[3])need((size_t)s->count, sizeof *thetas);
-    int variants[PAIRS], count, i;
+    int count;
     shard_materials(s, thetas);
     count = list_variants(s, (const float(*)[3])thetas, variants);
+    free(thetas);
+    return count;
+}
+
+/* Writes what the pictures of a shard show beside the shapes themselves. */
+static void write_variants(const char *dir, const shard *s) {
+    int variants[PAIRS], count = list_shown(s, variants), i;
     for (i = 0; i < count; i++)
         if (variants[i]) write_variant(dir, s->shape, s->azimuth, variants[i]);
-    free(thetas);
 }
 
 /* ---- noise ---- */
@@ -752,11 +758,8 @@ static int is_missing(const char *path) {
 
 /* How many of the files are missing that show what the pictures of a shard show. */
 static int missing_scenes(const char *dir, const shard *s) {
-    float(*thetas)[3] = (float(*)[3])need((size_t)s->count, sizeof *thetas);
-    int variants[PAIRS], count, i, on, missing = 0;
+    int variants[PAIRS], count = list_shown(s, variants), i, on, missing = 0;
     char path[PATH_SIZE];
-    shard_materials(s, thetas);
-    count = list_variants(s, (const float(*)[3])thetas, variants);
     for (i = 0; i < count; i++) {
         mesh_path(dir, s->shape, s->azimuth, variants[i], path);
         missing += is_missing(path);
@@ -765,7 +768,6 @@ static int missing_scenes(const char *dir, const shard *s) {
             missing += is_missing(path);
         }
     }
-    free(thetas);
     return missing;
 }
 

@@ -74,7 +74,8 @@ for ending in pfm png; do
         -a -s "a.d_glass_alpha.$ending"
 done
 for wrong in "" "no.itn -o a.exr" "scenes/studio.itn" "scenes/studio.itn -o a.txt --spp 1" \
-    "scenes/studio.itn scenes/data.itn -o a.exr" "scenes/studio.itn -o a.exr --spp 0" "scenes/studio.itn -o a.exr -D milk.g=2" \
+    "scenes/studio.itn scenes/data.itn -o a.exr" "scenes/studio.itn -o a.exr --spp 0" \
+    "scenes/studio.itn -o a.exr -D milk.g=2" \
     "scenes/studio.itn -o a.exr -D no.such=1" "scenes/studio.itn -o /no/such/a.exr --spp 1"; do
     # shellcheck disable=SC2086
     check "refused: render $wrong" sh -c "! ./render $wrong -q"

@@ -411,20 +411,21 @@ static solids_mean glass_above(double gap, double ior, double alpha, int below, 
 static void test_glass_on_the_ground(double planted) {
     static const double gaps[] = {0, 6e-8, 4e-7};
     static const double kinds[3][2] = {{1.4, 0}, {1.4, .2}, {0, 0}}; /* ior, alpha */
-    int k, kind;
-    for (kind = 0; kind < 3; kind++)
-        for (k = 0; k < 2 * (planted > 0 ? 1 : 3); k++) {
-            itn_mode mode = k % 2 ? ITN_MODE_FAST : ITN_MODE_REFERENCE;
-            double ior = kinds[kind][0], alpha = kinds[kind][1], gap = gaps[k / 2] + planted;
-            double below = glass_above(gap, ior, alpha, 1, mode).value;
+    int way, k;
+    for (way = 0; way < 6; way++) {
+        itn_mode mode = way % 2 ? ITN_MODE_FAST : ITN_MODE_REFERENCE;
+        double ior = kinds[way / 2][0], alpha = kinds[way / 2][1];
+        solids_mean above = glass_above(1e-4, ior, alpha, 0, mode);
+        for (k = 0; k < (planted > 0 ? 1 : 3); k++) {
+            double gap = gaps[k] + planted, below = glass_above(gap, ior, alpha, 1, mode).value;
             solids_mean at = glass_above(gap, ior, alpha, 0, mode);
-            solids_mean above = glass_above(1e-4, ior, alpha, 0, mode);
             check_report(below == 0, __FILE__, __LINE__, "light from below at a gap of %g: %g", gap,
                          below);
             check_report(fabs(at.value - above.value) < .0015, __FILE__, __LINE__, /* same paths */
                          "ior %g, alpha %g, mode %d, gap %g: %.5f, a little higher %.5f", ior,
                          alpha, (int)mode, gap, at.value, above.value);
         }
+    }
 }
 
 /* `force` with a closed mesh that is inside out: its inside is what it encloses. */
@@ -1076,14 +1077,6 @@ static void test_refinement_in_dim_light(double planted) {
     itn_mesh_free(&box);
 }
 
-#define RUN(call)                                                                                  \
-    do {                                                                                           \
-        clock_t start = clock();                                                                   \
-        call;                                                                                      \
-        if (getenv("SHOW"))                                                                        \
-            printf("%s: %.2f s\n", #call, (double)(clock() - start) / CLOCKS_PER_SEC);             \
-    } while (0)
-
 /* The thickness of an object that is scaled more in one direction: a box of 2 x 2 x 2, drawn out
    to 200 x 200 x 2, has the mean chord 4 x 80000 / 81600. planted: the area of a cube of that
    volume. */
@@ -1148,6 +1141,14 @@ static void test_texels_of_two(void) {
     itn_scene_free(scene);
     itn_image_free(&map), itn_image_free(&texture);
 }
+
+#define RUN(call)                                                                                  \
+    do {                                                                                           \
+        clock_t start = clock();                                                                   \
+        call;                                                                                      \
+        if (getenv("SHOW"))                                                                        \
+            printf("%s: %.2f s\n", #call, (double)(clock() - start) / CLOCKS_PER_SEC);             \
+    } while (0)
 
 int main(void) {
     RUN(test_eye_in_touching_cubes(0));
