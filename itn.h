@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.6.3                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.6.4                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -151,7 +151,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 6
-#define ITN_VERSION_PATCH 3
+#define ITN_VERSION_PATCH 4
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -3502,12 +3502,14 @@ ITN__INLINE itn__dual itn__smith(itn_vec3 w, itn__dual alpha) {
 }
 
 /* The facet normal that takes i to o, as a dual in local parameter 1 (eta). Returns 0 if no facet
-   on the outside does. */
-ITN__INLINE int itn__facet(itn_vec3 i, itn_vec3 o, float eta, itn__dual3 *m) {
+   on the outside does. Where eta is near 1, all facets refract to about -i, and rounded directions
+   do not tell which it was: pass it as `drawn` (or NULL) where it is known. */
+ITN__INLINE int itn__facet(itn_vec3 i, itn_vec3 o, const itn_vec3 *drawn, float eta,
+                           itn__dual3 *m) {
     itn_vec3 h = o.z > 0 ? itn__add(i, o) : itn__along(i, eta, o), slope = itn__vec3(0, 0, 0), n;
     float length = itn__length(h), sign = h.z < 0 ? -1.f : 1.f;
     if (!(length > 0)) return 0;
-    n = itn__scale(h, sign / length);
+    n = drawn ? *drawn : itn__scale(h, sign / length);
     if (o.z < 0) /* dm/deta: the part of o across m, over the length of h */
         slope = itn__scale(itn__along(o, -itn__dot(n, o), n), sign / length);
     m->x = itn__constant(n.x), m->y = itn__constant(n.y), m->z = itn__constant(n.z);
@@ -3516,14 +3518,15 @@ ITN__INLINE int itn__facet(itn_vec3 i, itn_vec3 o, float eta, itn__dual3 *m) {
 }
 
 /* f cos theta_o of a rough boundary; local parameters 0: alpha, 1: eta. pdf receives the density
-   with which itn__sample_dielectric draws o. 0 where there is no such facet. */
-ITN__INLINE itn__dual itn__rough(itn_vec3 i, itn_vec3 o, float alpha_value, float eta_value,
-                                 float *pdf) {
+   with which o is drawn. 0 where no facet takes i to o. drawn: as of itn__facet. */
+ITN__INLINE itn__dual itn__rough(itn_vec3 i, itn_vec3 o, const itn_vec3 *drawn, float alpha_value,
+                                 float eta_value, float *pdf) {
     itn__dual alpha = itn__variable(alpha_value, 0), eta = itn__variable(eta_value, 1);
     itn__dual cos_i, cos_o, cos_t, fresnel, f, smith_o;
     itn__dual3 m;
     *pdf = 0;
-    if (!(i.z > 0) || o.z == 0 || !itn__facet(i, o, eta_value, &m)) return itn__constant(0);
+    if (!(i.z > 0) || o.z == 0 || !itn__facet(i, o, drawn, eta_value, &m))
+        return itn__constant(0);
     cos_i = itn__ddot(m, i), cos_o = itn__ddot(m, o);
     fresnel = itn__fresnel(cos_i, eta, &cos_t);
     smith_o = itn__smith(o, alpha);
@@ -3543,11 +3546,12 @@ ITN__INLINE itn__dual itn__rough(itn_vec3 i, itn_vec3 o, float alpha_value, floa
 }
 
 /* Draws a facet as direction i sees them: a point on the disc that the hemisphere of facets, made
-   round by stretching, shows to i (Heitz 2018). */
+   round by stretching, shows to i (Heitz 2018). alpha 0, a smooth boundary, has one facet. */
 static itn_vec3 itn__sample_facet(itn_vec3 i, float alpha, float u, float v) {
     itn_vec3 w = itn__normalize(itn__vec3(alpha * i.x, alpha * i.y, i.z)), s, t, m;
     float r = sqrtf(u), phi = 2 * ITN__PI * v, x = r * cosf(phi), y = r * sinf(phi);
     float across = w.x * w.x + w.y * w.y, lit = .5f * (1 + w.z);
+    if (!(alpha > 0)) return itn__vec3(0, 0, 1);
     s = across > 0 ? itn__scale(itn__vec3(-w.y, w.x, 0), 1 / sqrtf(across)) : itn__vec3(1, 0, 0);
     t = itn__cross(w, s);
     y = (1 - lit) * itn__safe_sqrt(1 - x * x) + lit * y;
@@ -3555,16 +3559,14 @@ static itn_vec3 itn__sample_facet(itn_vec3 i, float alpha, float u, float v) {
     return itn__normalize(itn__vec3(alpha * m.x, alpha * m.y, itn__max(m.z, 0)));
 }
 
-/* Draws o at a dielectric boundary by u[0..2]; alpha 0 is smooth. Returns 0 if the direction comes
-   out on the wrong side (light lost to a second facet). */
-static int itn__sample_dielectric(itn_vec3 i, float alpha, float eta, const float u[3],
-                                  itn_vec3 *o) {
-    itn_vec3 m = alpha > 0 ? itn__sample_facet(i, alpha, u[0], u[1]) : itn__vec3(0, 0, 1);
+/* Draws o at facet m of a dielectric boundary by u. Returns 0 if the direction comes out on the
+   wrong side (light lost to a second facet). */
+static int itn__sample_dielectric(itn_vec3 i, itn_vec3 m, float eta, float u, itn_vec3 *o) {
     itn__dual cos_t, fresnel;
     float cos_i = itn__min(itn__dot(i, m), 1);
     if (!(cos_i > 0)) return 0;
     fresnel = itn__fresnel(itn__constant(cos_i), itn__constant(eta), &cos_t);
-    if (u[2] < fresnel.v) {
+    if (u < fresnel.v) {
         *o = itn__normalize(itn__reflect(i, m));
         return o->z > 0;
     }
@@ -5772,7 +5774,7 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
     float eta = itn__ior(walk->scene, walk->theta, after) /
                 itn__ior(walk->scene, walk->theta, walk->place.refracting);
     float light_pdf, u[3], chosen = 0;
-    itn_vec3 s, t, i, o, direction;
+    itn_vec3 s, t, i, o, m, direction;
     itn__dual f;
     int k, edge = 0;
     itn__frame(n, &s, &t);
@@ -5780,7 +5782,7 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
     if (alpha > 0 && itn__draw_light(walk, &direction, &light_pdf)) {
         float pdf;
         o = itn__to_local(direction, s, t, n);
-        f = itn__rough(i, o, alpha, eta, &pdf);
+        f = itn__rough(i, o, NULL, alpha, eta, &pdf);
         if (f.v > 0) {
             itn__copy_weight(walk, &walk->connection, &walk->weight);
             itn__weigh_rough(walk, &walk->connection, surface, f, light_pdf, after);
@@ -5796,10 +5798,11 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
         if (!itn__sample_edge(walk, surface, i, eta, after, chosen, &o)) return 0;
     } else {
         for (k = 0; k < 3; k++) u[k] = itn__uniform(&walk->rng);
-        if (!itn__sample_dielectric(i, alpha, eta, u, &o)) return 0;
+        m = itn__sample_facet(i, alpha, u[0], u[1]);
+        if (!itn__sample_dielectric(i, m, eta, u[2], &o)) return 0;
         walk->pdf = INFINITY;
         if (alpha > 0) {
-            f = itn__rough(i, o, alpha, eta, &walk->pdf);
+            f = itn__rough(i, o, &m, alpha, eta, &walk->pdf);
             if (!(f.v > 0)) return 0;
             itn__weigh_rough(walk, &walk->weight, surface, f, walk->pdf, after);
         }
@@ -7479,12 +7482,14 @@ ITN__INLINE itn__floats itn__vsmith(itn__vectors w, itn__floats alpha) {
     return 2 / (1 + itn__root(1 + alpha * alpha * tan2));
 }
 
-/* itn__sample_facet; alpha 0 gives the normal itself. */
+/* itn__sample_facet. */
 ITN__INLINE itn__vectors itn__vsample_facet(itn__vectors i, itn__floats alpha, itn__floats u,
                                             itn__floats v) {
     itn__floats zero = itn__splat(0), one = itn__splat(1), r = itn__root(u), x, y, across, lit;
-    itn__vectors w = itn__vnormalize(itn__vectors_of(alpha * i.x, alpha * i.y, i.z)), s, t, m;
-    itn__ints tilted;
+    itn__ints rough = itn__less(zero, alpha), tilted;
+    itn__vectors w, s, t, m;
+    alpha = itn__select(rough, alpha, one);
+    w = itn__vnormalize(itn__vectors_of(alpha * i.x, alpha * i.y, i.z));
     itn__vsincos_turns(v, &y, &x);
     x = r * x, y = r * y;
     across = w.x * w.x + w.y * w.y, lit = .5f * (1 + w.z);
@@ -7495,24 +7500,23 @@ ITN__INLINE itn__vectors itn__vsample_facet(itn__vectors i, itn__floats alpha, i
     t = itn__vectors_of(w.y * s.z - w.z * s.y, w.z * s.x - w.x * s.z, w.x * s.y - w.y * s.x);
     y = (1 - lit) * itn__safe_root(1 - x * x) + lit * y;
     m = itn__vto_world(itn__vectors_of(x, y, itn__safe_root(1 - x * x - y * y)), s, t, w);
-    return itn__vnormalize(itn__vectors_of(alpha * m.x, alpha * m.y, itn__most(m.z, zero)));
+    m = itn__vnormalize(itn__vectors_of(alpha * m.x, alpha * m.y, itn__most(m.z, zero)));
+    return itn__vselect(rough, m, itn__vectors_of(zero, zero, one));
 }
 
 /* itn__sample_dielectric; the mask tells where a direction came out. A facet reflects or refracts:
    *other receives the direction not taken, *odds the probability that it would have been, 0 where
    there is none. */
-ITN__INLINE itn__ints itn__vsample_dielectric(itn__vectors i, itn__floats alpha, itn__floats eta,
-                                              itn__floats u, itn__floats v, itn__floats w,
-                                              itn__vectors *o, itn__vectors *other,
+ITN__INLINE itn__ints itn__vsample_dielectric(itn__vectors i, itn__vectors m, itn__floats eta,
+                                              itn__floats u, itn__vectors *o, itn__vectors *other,
                                               itn__floats *odds) {
-    itn__ints rough = itn__less(itn__splat(0), alpha), reflects, good;
+    itn__ints reflects, good;
     itn__floats zero = itn__splat(0), one = itn__splat(1), cos_i, cos_t, fresnel;
-    itn__vectors m = itn__vsample_facet(i, itn__select(rough, alpha, one), u, v), r, t;
-    m = itn__vselect(rough, m, itn__vectors_of(zero, zero, one));
+    itn__vectors r, t;
     cos_i = itn__least(itn__vdot(i, m), one);
     good = itn__less(zero, cos_i);
     fresnel = itn__vfresnel(cos_i, eta, &cos_t);
-    reflects = itn__less(w, fresnel);
+    reflects = itn__less(u, fresnel);
     r = itn__vnormalize(itn__valong(itn__vscale(i, -one), 2 * cos_i, m));
     t = itn__vnormalize(itn__valong(itn__vscale(i, -1 / eta), cos_i / eta - cos_t, m));
     *o = itn__vselect(reflects, r, t), *other = itn__vselect(reflects, t, r);
@@ -7521,13 +7525,18 @@ ITN__INLINE itn__ints itn__vsample_dielectric(itn__vectors i, itn__floats alpha,
     return good & ((reflects & itn__less(zero, o->z)) | (~reflects & itn__less(o->z, zero)));
 }
 
+/* The normal of the facet that takes i to o, of any length, and to either side. */
+ITN__INLINE itn__vectors itn__vfacet(itn__vectors i, itn__vectors o, itn__floats eta) {
+    return itn__valong(i, itn__select(itn__less(itn__splat(0), o.z), itn__splat(1), eta), o);
+}
+
 /* itn__rough: f cos theta_o, and the density with which itn__vsample_dielectric draws o. */
 ITN__INLINE itn__floats itn__vrough(itn__vectors i, itn__vectors o, itn__floats alpha,
                                     itn__floats eta, itn__floats *pdf) {
     itn__floats zero = itn__splat(0), one = itn__splat(1), scale, length, cos_i, cos_o, cos_t;
     itn__floats fresnel, flat, facets, smith_o, f, root;
     itn__ints reflects = itn__less(zero, o.z), good;
-    itn__vectors h = itn__valong(i, itn__select(reflects, one, eta), o), m;
+    itn__vectors h = itn__vfacet(i, o, eta), m;
     length = itn__root(itn__vdot(h, h));
     good = itn__less(zero, length) & itn__less(zero, i.z) & ~itn__int_equal(
         itn__float_bits(o.z) & itn__splat_int(0x7fffffff), itn__splat_int(0));
@@ -7555,11 +7564,9 @@ ITN__INLINE itn__floats itn__vsmith_score(itn__vectors w, itn__floats alpha) {
     return -stretched / (root * (1 + root));
 }
 
-/* d ln itn__vrough / d alpha, where itn__vrough is not 0. */
-ITN__INLINE itn__floats itn__vrough_score(itn__vectors i, itn__vectors o, itn__floats alpha,
-                                          itn__floats eta) {
-    itn__ints reflects = itn__less(itn__splat(0), o.z);
-    itn__vectors h = itn__valong(i, itn__select(reflects, itn__splat(1), eta), o);
+/* d ln itn__vrough / d alpha, where itn__vrough is not 0, of the facet with normal h. */
+ITN__INLINE itn__floats itn__vrough_score(itn__vectors i, itn__vectors o, itn__vectors h,
+                                          itn__floats alpha) {
     itn__floats across = (h.x * h.x + h.y * h.y) / (alpha * alpha), flat = across + h.z * h.z;
     itn__floats facets = 4 * (across / flat) - 2;
     return (facets + itn__vsmith_score(i, alpha) + itn__vsmith_score(o, alpha)) / alpha;
@@ -10650,7 +10657,8 @@ ITN__INLINE itn__ints itn__boundary_links(itn__crowd *crowd, itn__state *s,
                         itn__mask_bits(itn__less(o.z, itn__splat(0))), ITN__LINK);
     mask = itn__surface_links(crowd, s, d, w, mask, features);
     if (itn__scored(crowd, features) && crowd->fast->rough_scores)
-        itn__book_rough(crowd, &s->slot, at, itn__vrough_score(i, o, alpha, eta),
+        itn__book_rough(crowd, &s->slot, at,
+                        itn__vrough_score(i, o, itn__vfacet(i, o, eta), alpha),
                         itn__mask_bits(mask), ITN__LINK);
     return mask;
 }
@@ -10725,7 +10733,7 @@ ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0), ok, rough;
         itn__state s;
-        itn__vectors frame[3], i, o;
+        itn__vectors frame[3], i, o, facet;
         itn__floats eta = itn__load(itn__float_row(queue, ITN__ETA) + at), u, v, w, lost;
         itn__floats alpha = itn__load(itn__float_row(queue, ITN__ALPHA) + at);
         itn__bounce bounce, twin;
@@ -10739,12 +10747,14 @@ ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
         u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
         w = itn__draw(crowd, &s, mask, 1);
         bounce.alpha = alpha, bounce.eta = eta, bounce.shade = s.shade, twin = bounce;
-        bounce.ok = itn__vsample_dielectric(i, alpha, eta, u, v, w, &bounce.taken, &bounce.other,
+        facet = itn__vsample_facet(i, alpha, u, v);
+        bounce.ok = itn__vsample_dielectric(i, facet, eta, w, &bounce.taken, &bounce.other,
                                             &bounce.odds);
         ok = mask & bounce.ok, o = bounce.taken;
         if (crowd->fast->foresees) {
-            twin.ok = itn__vsample_dielectric(i, alpha, eta, u, itn__select(itn__less(
-                v, itn__splat(.5f)), v + .5f, v - .5f), w, &twin.taken, &twin.other, &twin.odds);
+            itn__floats turned = itn__select(itn__less(v, itn__splat(.5f)), v + .5f, v - .5f);
+            twin.ok = itn__vsample_dielectric(i, itn__vsample_facet(i, alpha, u, turned), eta, w,
+                                              &twin.taken, &twin.other, &twin.odds);
             itn__foresee_bounce(crowd, &s, &bounce, &twin, mask, features);
         }
         lost = itn__vsmith(o, alpha);
@@ -10760,7 +10770,7 @@ ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
         s.d = itn__vselect(ok, itn__vnormalize(itn__vto_world(o, frame[0], frame[1], frame[2])),
                            s.d);
         if (itn__scored(crowd, features) && crowd->fast->rough_scores)
-            itn__book_rough(crowd, &s.slot, at, itn__vrough_score(i, o, alpha, eta),
+            itn__book_rough(crowd, &s.slot, at, itn__vrough_score(i, o, facet, alpha),
                             itn__mask_bits(ok & rough), 0);
         if (itn__knows_depth(features)) { /* a reflected path has the medium behind the normal */
             itn__floats turned = itn__select(itn__less(o.z, itn__splat(0)), itn__splat(1),
@@ -19025,6 +19035,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.6.4  derivatives by alpha and the index of a nearly smooth boundary between nearly equal
+          indices are without bias (alpha .001, index 1.0001: 144 +- 3 by alpha instead of 0)
    0.6.3  glass exactly on a ground (up to 2 % too dark) and objects a rounding above one (up to 4
           %) are as bright as a little higher, and no light from below comes past it;
           itn_scene_thickness of objects that are scaled more in one direction; words about a

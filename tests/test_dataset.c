@@ -264,7 +264,7 @@ static void test_variants(int planted) {
 }
 
 static void test_pictures(void) {
-    static const double noises[2] = {.2, .05}; /* few samples for all pixels, and many */
+    static const double noises[2] = {.2, .08}; /* few samples for all pixels, and many */
     static work w[2];
     settings s[2];
     int i, k;

@@ -273,7 +273,7 @@ static void test_sun(void) {
 
 /* .5 / pi int L cos over the upper half. */
 static double irradiated(const itn_image *map, double radius_scale, int channel) {
-    enum { ROWS = 1200, COLUMNS = 2400 };
+    enum { ROWS = 600, COLUMNS = 1200 };
     double sum = 0, half = .2679 * pi / 180;
     itn__light light;
     int r, c;

@@ -283,7 +283,7 @@ static void test_recovery(itn_method method, const char *const *names, int count
     float theta[8], before[8];
     int parameters[3], all[3], k;
     static const char *const medium[] = {"m.sigma_t", "m.albedo", "m.g"};
-    photograph(scene, 1024, 77, target, variance);
+    photograph(scene, 512, 77, target, variance);
     find_parameters(scene, names, count, parameters);
     find_parameters(scene, medium, 3, all);
     itn_parameter_values(scene, theta);
@@ -294,7 +294,7 @@ static void test_recovery(itn_method method, const char *const *names, int count
     }
     memcpy(before, theta, sizeof theta);
     w.scene = scene;
-    options.method = method, options.spp = method == ITN_METHOD_LM ? 32 : 8;
+    options.method = method, options.spp = method == ITN_METHOD_LM ? 16 : 8;
     options.seed = 5, options.iterations = iterations;
     options.target_variance = variance;
     options.progress = watch_step, options.progress_user = &w;
@@ -784,7 +784,7 @@ static void run_case(int which, double *z) {
         double start = itn_parameter_to_coordinate(p, p->value) + .8 * drawn(which, 6 + k) - .4;
         theta[parameters[k]] = (float)itn_parameter_from_coordinate(p, start);
     }
-    options.spp = 16, options.seed = (uint64_t)which, options.target_variance = variance;
+    options.spp = 8, options.seed = (uint64_t)which, options.target_variance = variance;
     stage_need(itn_refine(scene, theta, target, parameters, 3, &options, estimates, &error),
                &error);
     for (k = 0; k < 3; k++) {
@@ -960,7 +960,7 @@ static void refine_shared(const itn_view *views, int count, double *covariance) 
         if (any) values[n++] = truth[k];
     }
     for (v = 0; v < count; v++) some[v] = views[v], some[v].parameters = parameters[v];
-    options.spp = 32, options.covariance = covariance;
+    options.spp = 16, options.covariance = covariance;
     stage_need(itn_refine_views(some, count, values, n, &options, estimates, &error), &error);
 }
 
@@ -1079,7 +1079,7 @@ static void run_final_spp(itn_estimate *few, itn_estimate *many) {
     float theta[8];
     int parameter;
     find_parameters(scene, albedo, 1, &parameter);
-    photograph(scene, 8192, 8, target, variance);
+    photograph(scene, 4096, 8, target, variance);
     options.spp = 8, options.seed = 1, options.target_variance = variance;
     itn_parameter_values(scene, theta);
     theta[parameter] = .75f;
@@ -1166,7 +1166,7 @@ static void test_undetermined(void) {
     for (seed = 0; seed < seeds; seed++) {
         itn_parameter_values(scene, theta);
         theta[parameters[0]] = 1000, theta[parameters[1]] = .7f;
-        options.spp = 8, options.seed = (uint64_t)seed, options.iterations = 6;
+        options.spp = 4, options.seed = (uint64_t)seed, options.iterations = 6;
         options.target_variance = variance;
         stage_need(itn_refine(scene, theta, target, parameters, 2, &options, estimates, &error),
                    &error);

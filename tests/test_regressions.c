@@ -665,6 +665,43 @@ static void test_power_of_the_sun(double planted) {
     for (k = 0; k < 6; k++) s.lights[0].sun_radius_scale = refused[k], REFUSED(&s);
 }
 
+/* Sample numbers near the largest give other paths, and the sums do not overflow. */
+static void test_many_samples(void) {
+    itn_mesh mesh = solids_sphere(1, 1);
+    itn__render render;
+    itn_render_options options = ITN_ZERO;
+    itn_error error;
+    itn__walk walk;
+    itn_scene *scene;
+    stage s;
+    double sum = 0, square = 0;
+    int k;
+    stage_begin(&s, 2, 4, 30);
+    stage_medium(&s, "m", 1, .5, 0);
+    stage_object(&s, &mesh, "m", NULL);
+    stage_constant(&s, NULL, 1);
+    scene = stage_make(&s);
+    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, 2, &error), &error);
+    walk = itn__row_walk(&render, 0);
+    for (k = 0; k < 20000; k++) {
+        itn__sample_pixel(&walk, ~0ull, 1, 1, INT_MAX - k);
+        sum += walk.radiance[0], square += (double)walk.radiance[0] * walk.radiance[0];
+    }
+    itn__render_end(&render);
+    {
+        itn_image image = ITN_ZERO;
+        solids_mean mean;
+        options.spp = 20000;
+        stage_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
+        mean.value = image.pixels[3], mean.error = sqrt(image.pixels[4 + 3]);
+        sum /= 20000, square = (square / 20000 - sum * sum) / 20000;
+        CHECK_MEAN(sum, sqrt(square + mean.error * mean.error), mean.value, 4.5, .01);
+        itn_image_free(&image);
+    }
+    itn_scene_free(scene);
+    itn_mesh_free(&mesh);
+}
+
 static void test_counts_at_the_limit(void) {
     int k;
     for (k = 1; k < 16; k++) {
@@ -1169,6 +1206,7 @@ int main(void) {
     RUN(test_images_without_names_or_pixels());
     RUN(test_exploding_skies());
     RUN(test_power_of_the_sun(0));
+    RUN(test_many_samples());
     RUN(test_counts_at_the_limit());
     RUN(test_sizes_at_the_limit());
     RUN(test_names_that_collide());

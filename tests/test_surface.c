@@ -142,6 +142,10 @@ static void test_fresnel(void) {
     CHECK_CATCHES(check_fresnel(.3, 1.5, -1));
 }
 
+static int draw(itn_vec3 i, float alpha, float eta, const float u[3], itn_vec3 *o) {
+    return itn__sample_dielectric(i, itn__sample_facet(i, alpha, u[0], u[1]), eta, u[2], o);
+}
+
 /* ---- the smooth face ------------------------------------------------------------------------- */
 
 static void test_smooth(void) {
@@ -155,7 +159,7 @@ static void test_smooth(void) {
             for (k = 0; k < 1000; k++) {
                 float u[3];
                 u[0] = .3f, u[1] = .9f, u[2] = ((float)k + .5f) / 1000;
-                CHECK(itn__sample_dielectric(i, 0, eta, u, &o));
+                CHECK(draw(i, 0, eta, u, &o));
                 CHECK_NEAR(itn__length(o), 1, 3e-7);
                 if (o.z > 0) { /* mirrored */
                     share += 1e-3;
@@ -181,9 +185,9 @@ static void check_rough(float alpha, float eta, float mu, double factor) {
         itn__dual got;
         real3 ri, ro;
         u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng), u[2] = itn__uniform(&rng);
-        if (!itn__sample_dielectric(i, alpha, eta, u, &o)) continue;
+        if (!draw(i, alpha, eta, u, &o)) continue;
         if (fabs(o.z) < .02) continue; /* G1 by the angle has few digits there */
-        got = itn__rough(i, o, alpha, eta, &pdf);
+        got = itn__rough(i, o, NULL, alpha, eta, &pdf);
         ri = real(i.x, i.y, i.z), ro = real(o.x, o.y, o.z);
         f = rough(ri, ro, alpha, eta), unit = f / alpha / alpha;
         by_alpha = (rough(ri, ro, alpha + h * alpha, eta) - rough(ri, ro, alpha - h * alpha, eta)) /
@@ -208,11 +212,12 @@ static void check_rough(float alpha, float eta, float mu, double factor) {
 }
 
 /* Shares and their slopes as the walk finds them: f / pdf and df / pdf over the sampler's draws.
-   errors: standard errors of the slopes, as if the draws were random. */
-static void walk_albedo(double mu, double alpha, double eta, int up, int down, double *value,
-                        double *by_alpha, double *by_eta, double errors[2]) {
+   errors: standard errors of the slopes, as if the draws were random. told: itn__rough is told the
+   facet that was drawn, as by the walk. */
+static void told_albedo(int told, double mu, double alpha, double eta, int up, int down,
+                        double *value, double *by_alpha, double *by_eta, double errors[2]) {
     enum { STEPS = 1 << 20 };
-    itn_vec3 i = itn__vec3((float)sqrt(1 - mu * mu), 0, (float)mu), o;
+    itn_vec3 i = itn__vec3((float)sqrt(1 - mu * mu), 0, (float)mu), o, m;
     double sums[5] = {0};
     uint32_t k;
     for (k = 0; k < STEPS; k++) { /* a lattice of three irrational steps (Roberts 2018) */
@@ -221,15 +226,21 @@ static void walk_albedo(double mu, double alpha, double eta, int up, int down, d
         u[0] = (float)(((k * 3518319155u) >> 8) + .5) / 16777216.f;
         u[1] = (float)(((k * 2882110345u) >> 8) + .5) / 16777216.f;
         u[2] = (float)(((k * 2360945575u) >> 8) + .5) / 16777216.f;
-        if (!itn__sample_dielectric(i, (float)alpha, (float)eta, u, &o)) continue;
+        m = itn__sample_facet(i, (float)alpha, u[0], u[1]);
+        if (!itn__sample_dielectric(i, m, (float)eta, u[2], &o)) continue;
         if (o.z > 0 ? !up : !down) continue;
-        f = itn__rough(i, o, (float)alpha, (float)eta, &pdf);
+        f = itn__rough(i, o, told ? &m : NULL, (float)alpha, (float)eta, &pdf);
         if (!(f.v > 0)) continue;
         sums[0] += f.v / pdf, sums[1] += f.d[0] / pdf, sums[2] += f.d[1] / pdf;
         sums[3] += pow(f.d[0] / pdf, 2), sums[4] += pow(f.d[1] / pdf, 2);
     }
     errors[0] = sqrt(sums[3]) / STEPS, errors[1] = sqrt(sums[4]) / STEPS;
     *value = sums[0] / STEPS, *by_alpha = sums[1] / STEPS, *by_eta = sums[2] / STEPS;
+}
+
+static void walk_albedo(double mu, double alpha, double eta, int up, int down, double *value,
+                        double *by_alpha, double *by_eta, double errors[2]) {
+    told_albedo(1, mu, alpha, eta, up, down, value, by_alpha, by_eta, errors);
 }
 
 /* The slope of face_albedo by alpha or the index, by central differences. */
@@ -256,7 +267,7 @@ static void check_albedo(double alpha, double mu, const double table[3], double 
                 CHECK_NEAR(value, face_albedo(mu, alpha, ends[e], 0, 1, 0), .001);
             slope = face_slope(mu, alpha, ends[e], 0, down, 0);
             CHECK_NEAR(by_alpha, slope, .01 * fabs(slope) + 5 * errors[0]);
-            CHECK(errors[0] < .015 && errors[1] < .02);
+            CHECK(errors[0] < .015 && errors[1] < .025);
             /* What is transmitted has an edge, o_z = -i_z / eta, where the facet stands upright and
                GGX does not vanish. It moves with eta, and the detached derivative does not see
                that, so transmission is exact only straight down and for small alpha. */
@@ -298,7 +309,7 @@ static void check_histogram(float alpha, float eta, float mu, double factor) {
         float u[3];
         double turn;
         u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng), u[2] = itn__uniform(&rng);
-        if (!itn__sample_dielectric(i, alpha, eta, u, &o)) continue;
+        if (!draw(i, alpha, eta, u, &o)) continue;
         turn = (atan2(o.y, o.x) / (2 * pi) + .5) * TURNS;
         turn = turn < TURNS ? turn : 0;
         c = (int)((sqrt(1 - fabs(o.z)) * (o.z > 0 ? 1 : -1) * .5 + .5) * COSINES), t = (int)turn;
@@ -314,7 +325,7 @@ static void check_histogram(float alpha, float eta, float mu, double factor) {
                     double phi = 2 * pi * ((t + (b + .5) / FINE) / TURNS - .5);
                     float pdf;
                     o = itn__vec3((float)(r * cos(phi)), (float)(r * sin(phi)), (float)z);
-                    itn__rough(i, o, alpha, eta, &pdf);
+                    itn__rough(i, o, NULL, alpha, eta, &pdf);
                     expected += pdf * factor * 8 * pi * fabs(s) /
                                 ((double)COSINES * TURNS * FINE * FINE);
                 }
@@ -338,11 +349,11 @@ static void check_reciprocity(float alpha, float eta, double factor) {
         itn_vec3 i = itn__vec3(r * cosf(turn), r * sinf(turn), z), o, from, to;
         double there, back;
         u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng), u[2] = itn__uniform(&rng);
-        if (!itn__sample_dielectric(i, alpha, eta, u, &o) || fabs(o.z) < .05) continue;
+        if (!draw(i, alpha, eta, u, &o) || fabs(o.z) < .05) continue;
         from = o, to = i;
         if (o.z < 0) from.z = -o.z, to.z = -i.z;
-        there = itn__rough(i, o, alpha, eta, &pdf).v / fabs(o.z);
-        back = itn__rough(from, to, alpha, o.z < 0 ? 1 / eta : eta, &pdf).v / i.z * factor;
+        there = itn__rough(i, o, NULL, alpha, eta, &pdf).v / fabs(o.z);
+        back = itn__rough(from, to, NULL, alpha, o.z < 0 ? 1 / eta : eta, &pdf).v / i.z * factor;
         if (o.z < 0) there /= (double)eta * eta;
         met++;
         CHECK_NEAR(there / back, 1, 2e-3 + 4e-6 / (alpha * fabs(eta - 1)));
@@ -384,9 +395,9 @@ static void test_extremes(void) {
                     itn__dual f;
                     u[0] = ends[k % 5], u[1] = ends[k / 5 % 5], u[2] = ends[k / 25];
                     all++;
-                    if (!itn__sample_dielectric(i, alphas[a], etas[e], u, &o)) continue;
+                    if (!draw(i, alphas[a], etas[e], u, &o)) continue;
                     sent++;
-                    f = itn__rough(i, o, alphas[a], etas[e], &pdf);
+                    f = itn__rough(i, o, NULL, alphas[a], etas[e], &pdf);
                     CHECK(itn__finite3(o) && fabs(itn__length(o) - 1) < 3e-7);
                     CHECK(f.v >= 0 && itn__finite(f.v) && itn__finite(pdf));
                     CHECK(itn__finite(f.d[0]) && itn__finite(f.d[1]));
@@ -406,6 +417,21 @@ static void test_nearly_smooth(void) {
     CHECK_NEAR(value, .96, 1e-4);
     walk_albedo(.5, .001, 1 / 1.5, 1, 1, &value, &by_alpha, &by_eta, errors); /* total reflection */
     CHECK_NEAR(value, 1, 1e-4);
+}
+
+/* A face between nearly equal indices sends on everything, of whatever alpha and index: all facets
+   refract to about the same direction, which does not tell them apart. */
+static void test_nearly_matched(int told) {
+    static const double etas[3] = {1.0001, 1 / 1.0001, 1.001}, mus[2] = {1, .6};
+    double value, by_alpha, by_eta, errors[2];
+    int e, m;
+    for (e = 0; e < 3; e++)
+        for (m = 0; m < 2; m++) {
+            told_albedo(told, mus[m], .001, etas[e], 1, 1, &value, &by_alpha, &by_eta, errors);
+            CHECK_NEAR(value, 1, 1e-4);
+            CHECK_NEAR(by_alpha, 0, 4 * errors[0]);
+            CHECK_NEAR(by_eta, 0, 4 * errors[1]);
+        }
 }
 
 /* Cosine-distributed directions: E[cos] = 2/3, E[cos^2] = 1/2. */
@@ -433,6 +459,8 @@ int main(void) {
     test_albedo();
     test_extremes();
     test_nearly_smooth();
+    test_nearly_matched(1);
     test_cosine();
+    CHECK_CATCHES(test_nearly_matched(0));
     return check_end("surface");
 }
