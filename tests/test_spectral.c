@@ -4,9 +4,7 @@
    difference, which themselves must be small.
 
    ITN_LONG_TESTS=1 in the environment takes 40 times the samples; SHOW=1 prints all comparisons. */
-#ifndef ITN_APART
 #define ITN_IMPLEMENTATION
-#endif
 #include "../itn.h"
 
 #include "check.h"
@@ -290,7 +288,7 @@ static void test_furnace(const double sigma_t[3], const double g[3], double larg
     itn_image_free(&image);
     count = parameters_of(scene, parameters);
     render(scene, spp, 4, parameters, count, &image);
-    for (i = 0; i < image.plane_count * PIXELS; i++) finite &= !!isfinite(image.pixels[i]);
+    for (i = 0; i < image.plane_count * PIXELS; i++) finite &= !!itn__finite(image.pixels[i]);
     CHECK(finite);
     for (c = 0; c < 3; c++) {
         region_mean(image.pixels + c * PIXELS, image.pixels + (3 + c) * PIXELS, 0, &mean, &spread);
@@ -342,7 +340,7 @@ static void test_finite(void) {
         scene = stage_make(&s);
         count = parameters_of(scene, parameters);
         render(scene, 6, 5, parameters, count, &image);
-        for (i = 0; i < image.plane_count * PIXELS; i++) finite &= !!isfinite(image.pixels[i]);
+        for (i = 0; i < image.plane_count * PIXELS; i++) finite &= !!itn__finite(image.pixels[i]);
         CHECK(finite);
         itn_image_free(&image);
         render(scene, 6, 5, NULL, 0, &image);
@@ -486,7 +484,7 @@ static void test_few_samples(void) {
         int finite = 0;
         for (i = c * pixels; i < (c + 1) * pixels; i++) {
             sum += (double)image.pixels[i], squares += pow((double)image.pixels[i], 2);
-            expected += (double)even.pixels[i], finite += isfinite(image.pixels[i]);
+            expected += (double)even.pixels[i], finite += itn__finite(image.pixels[i]);
         }
         check_report(finite == pixels && fabs(sum - expected) < 5 * sqrt(squares), __FILE__,
                      __LINE__, "few samples, channel %d: %d finite, sum %g of %g +- %g", c, finite,

@@ -10,6 +10,8 @@
 #endif
 #include "../itn.h"
 
+#include <limits.h>
+
 #include "check.h"
 #include "solids.h"
 #include "stage.h"

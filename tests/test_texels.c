@@ -4,9 +4,7 @@
    times, so by Euler's theorem the derivatives, times the values, add up to what one parameter
    says, path by path. Single texels are compared with differences of images, and all must be the
    same for any order of the rows. */
-#ifndef ITN_APART
 #define ITN_IMPLEMENTATION
-#endif
 #include "../itn.h"
 
 #include "check.h"
