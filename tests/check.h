@@ -3,6 +3,7 @@
 #define CHECK_H
 #include <math.h>
 #include <stdarg.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,6 +15,14 @@ static int check_quiet; /* 1 while a planted error is on trial: failures are wan
 static inline int check_long(void) {
     const char *set = getenv("ITN_LONG_TESTS");
     return set && strcmp(set, "0") != 0;
+}
+
+/* A random number in [0, 1), of what `state` holds, which moves on (splitmix64). */
+static inline double check_uniform(uint64_t *state) {
+    uint64_t x = *state += 0x9e3779b97f4a7c15u;
+    x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9u;
+    x = (x ^ (x >> 27)) * 0x94d049bb133111ebu;
+    return (double)((x ^ (x >> 31)) >> 11) / 9007199254740992.; /* 2^53 */
 }
 
 /* Counts one check; prints it when it fails. Returns whether it holds. */

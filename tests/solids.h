@@ -101,6 +101,25 @@ SOLIDS_STATIC itn_mesh solids_sphere(double radius, int levels) {
     return mesh;
 }
 
+/* Triangles of next to no height in the plane y = 0, not closed, drawn from `random`. */
+SOLIDS_STATIC itn_mesh solids_needles(uint64_t *random, double height, int count) {
+    itn_mesh mesh;
+    itn_error error;
+    int i, k;
+    solids_need(itn_mesh_create(3 * count, count, 0, NULL, &mesh, &error), &error);
+    for (i = 0; i < count; i++) {
+        double a[2], c[2], t = check_uniform(random);
+        float *p = mesh.positions + 9 * i;
+        for (k = 0; k < 2; k++)
+            a[k] = 2 * check_uniform(random) - 1, c[k] = 2 * check_uniform(random) - 1;
+        p[0] = (float)a[0], p[2] = (float)a[1], p[3] = (float)c[0], p[5] = (float)c[1];
+        p[6] = (float)(a[0] + t * (c[0] - a[0]) - height * (c[1] - a[1]));
+        p[8] = (float)(a[1] + t * (c[1] - a[1]) + height * (c[0] - a[0]));
+        for (k = 0; k < 3; k++) mesh.triangles[3 * i + k] = 3 * i + k;
+    }
+    return mesh;
+}
+
 /* ---- scenes: one solid, one light, one camera ------------------------------------------------ */
 
 /* A solid of medium "m" with surface "s" (if ior is not 0) in a light "light". All-zero fields:

@@ -771,6 +771,45 @@ static void test_reuse_image(double planted) {
     itn_scene_free(scene);
 }
 
+/* ---- the last samples ------------------------------------------------------------------------------ */
+
+/* Sample numbers near the largest give other paths, and the sums do not overflow. */
+static void test_many_samples(void) {
+    itn_mesh mesh = solids_sphere(1, 1);
+    itn__render render;
+    itn_render_options options = ITN_ZERO;
+    itn_error error;
+    itn__walk walk;
+    itn_scene *scene;
+    stage s;
+    double sum = 0, square = 0;
+    int k;
+    stage_begin(&s, 2, 4, 30);
+    stage_medium(&s, "m", 1, .5, 0);
+    stage_object(&s, &mesh, "m", NULL);
+    stage_constant(&s, NULL, 1);
+    scene = stage_make(&s);
+    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, 2, &error), &error);
+    walk = itn__row_walk(&render, 0);
+    for (k = 0; k < 20000; k++) {
+        itn__sample_pixel(&walk, ~0ull, 1, 1, INT_MAX - k);
+        sum += walk.radiance[0], square += (double)walk.radiance[0] * walk.radiance[0];
+    }
+    itn__render_end(&render);
+    {
+        itn_image image = ITN_ZERO;
+        solids_mean mean;
+        options.spp = 20000;
+        stage_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
+        mean.value = image.pixels[3], mean.error = sqrt(image.pixels[4 + 3]);
+        sum /= 20000, square = (square / 20000 - sum * sum) / 20000;
+        CHECK_MEAN(sum, sqrt(square + mean.error * mean.error), mean.value, 4.5, .01);
+        itn_image_free(&image);
+    }
+    itn_scene_free(scene);
+    itn_mesh_free(&mesh);
+}
+
 int main(void) {
     test_index_matched(0);
     test_rough(0);
@@ -792,5 +831,6 @@ int main(void) {
     CHECK_CATCHES(test_loss(1));
     CHECK_CATCHES(test_reuse_turns(.002));
     CHECK_CATCHES(test_reuse_image(.02));
+    test_many_samples();
     return check_end("derivatives");
 }

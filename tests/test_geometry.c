@@ -4,6 +4,7 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
+#include "solids.h"
 
 #ifdef ITN_SANITIZED
 enum { MANY = 50000, RAYS = 10 }; /* RAYS: per cent of the rays of a test */
@@ -1106,6 +1107,38 @@ static void test_memory(void) {
     itn_mesh_free(&mesh);
 }
 
+/* The normal of a needle that a ray hits is perpendicular to it and faces the ray. */
+static void test_normals_of_needles(void) {
+    static const double heights[] = {1e-6, 1e-7, 1e-8};
+    uint64_t random = 9;
+    int k, i, hits = 0, none = 0, wrong = 0;
+    for (k = 0; k < 3; k++)
+        for (i = 0; i < 20000; i++) {
+            itn_mesh mesh = solids_needles(&random, heights[k], 1);
+            const float *p = mesh.positions;
+            float w = (float)check_uniform(&random), v = (float)check_uniform(&random) * (1 - w);
+            float u = 1 - w - v;
+            itn_bvh *bvh;
+            itn_ray ray;
+            itn_hit hit;
+            itn_vec3 n;
+            itn_error error;
+            solids_need(itn_bvh_create(&mesh, NULL, &bvh, &error), &error);
+            ray.origin = solids_vec3(u * p[0] + v * p[3] + w * p[6], 1,
+                                     u * p[2] + v * p[5] + w * p[8]);
+            ray.direction = solids_vec3(0, -1, 0), ray.tmin = 0, ray.tmax = INFINITY;
+            if (itn_bvh_nearest(bvh, &ray, &hit)) {
+                hits++;
+                if (!itn__hit_normal(bvh, &hit, ray.direction, &n)) none++;
+                else wrong += !(n.y > .999f);
+            }
+            itn_bvh_free(bvh);
+            itn_mesh_free(&mesh);
+        }
+    CHECK(hits > 1000 && none == 0);
+    check_report(wrong == 0, __FILE__, __LINE__, "%d of %d normals are wrong", wrong, hits);
+}
+
 int main(void) {
     test_check_closed();
     test_check_flat();
@@ -1126,6 +1159,7 @@ int main(void) {
     test_sheets();
     test_bad_rays();
     test_bad_meshes();
+    test_normals_of_needles();
     test_extremes();
     test_memory();
     return check_end("geometry");
