@@ -31,8 +31,9 @@
 
 #include <errno.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
-enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024, MOST_VIEWS = 16 };
+enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024, MOST_VIEWS = 16, STEM_SIZE = 1024 };
 static const char *const usage =
     "usage: invert SCENE... [--target IMAGE]... [--hidden name=value,...] [--params name,...]\n"
     "       [--net WEIGHTS] [--method lm|adam|sgd] [--iterations N] [--spp N] [--final-spp N]\n"
@@ -46,6 +47,7 @@ typedef struct picture {
     itn_scene *scene;
     int parameters[MOST_PARAMETERS]; /* what the unknowns are in it, or -1 */
     float *theta, *light, *variance;
+    char stem[STEM_SIZE]; /* where its results go, up to _estimate.exr and the like */
 } picture;
 
 /* What is sought, and what the progress callback collects for the chart. */
@@ -142,14 +144,16 @@ static int read_list(const picture *pictures, int views, const char *text,
     return count;
 }
 
-/* Fails at the first value of a target that is no number. */
-static void check_target(const char *path, itn_film_desc film, const float *light) {
-    char why[100];
+/* Fails at the first value of a target, or of its variance, that is no number. */
+static void check_target(const char *path, itn_film_desc film, const float *light, int variance) {
+    char why[160];
     int i, count = film.width * film.height * film.channels;
-    for (i = 0; i < count && light[i] - light[i] == 0; i++) {}
+    for (i = 0; i < count && light[i] - light[i] == 0 && !(variance && light[i] < 0); i++) {}
     if (i == count) return;
-    snprintf(why, sizeof why, "the value of pixel %d, %d (column, row) is NaN or infinite",
-             i % film.width, i / film.width % film.height);
+    snprintf(why, sizeof why, "the %s of pixel %d, %d (column, row) is %s",
+             variance ? "variance" : "value", i % film.width, i / film.width % film.height,
+             !variance ? "NaN or infinite" :
+             "negative, NaN or, as of one sample, infinite: leave out its layer");
     fail(path, why);
 }
 
@@ -176,7 +180,9 @@ static void read_target(const char *path, const itn_image *image, itn_film_desc 
         for (c = 0; c < 3; c++) colour[c] = itn_image_plane(image, names[v][c]);
         *out[v] = NULL;
         if (has_grey ? !grey : !(colour[0] && colour[1] && colour[2])) {
-            if (!v) fail("the target has not the channels that the scene's film has", "");
+            if (!v)
+                fail(path, mono ? "has neither Y nor R, G and B" : "has not R, G and B, which the "
+                                                                   "film of the scene has");
             return;
         }
         *out[v] = (float *)calloc(plane * (size_t)film.channels, sizeof(float));
@@ -260,49 +266,57 @@ static double network_mean(const char *path) {
     return mean;
 }
 
-/* What a network reads off the picture: the coordinates of three parameters. */
-static void ask_network(const char *path, const itn_scene *scene, const float *light,
-                        float answer[3]) {
+/* Opens a network that reads pictures of the scene; then finds which of the unknowns are sigma_t,
+   albedo and g of one medium, which is what it answers. */
+static itn_net *open_network(const char *path, const itn_scene *scene, const history *h,
+                             int places[3]) {
+    static const char *const fields[3] = {"sigma_t", "albedo", "g"};
     itn_film_desc film = itn_scene_film(scene);
     itn_net_desc shape;
     itn_net *net;
     itn_error error;
     char text[200];
-    float *input = (float *)calloc(2 * (size_t)film.width * (size_t)film.height, sizeof *input);
-    if (!input) fail("out of memory", "");
+    int i, k, length = (int)strcspn(h->unknowns[0]->name, ".");
     if (itn_net_open(path, 1, NULL, &net, &error)) fail(error.message, "");
     shape = itn_net_shape(net);
+    if (film.channels != 1) fail(path, "reads grey pictures; the film of the scene has colours");
     snprintf(text, sizeof text, "answers pictures of %dx%d pixels in %d planes with %d values; it "
-             "should be %dx%d in 2 planes, of one channel, and 3 values", shape.width, shape.height,
+             "should be %dx%d in 2 planes, and 3 values", shape.width, shape.height,
              shape.channels, shape.outputs, film.width, film.height);
     if (shape.width != film.width || shape.height != film.height || shape.channels != 2 ||
-        shape.outputs != 3 || film.channels != 1)
+        shape.outputs != 3)
         fail(path, text);
-    if (itn_net_input(film.width, film.height, light, network_mean(path), input, &error) ||
-        itn_net_forward(net, 1, input, answer, &error))
-        fail(error.message, "");
-    itn_net_free(net);
-    free(input);
-}
-
-/* Takes a network's answer, sigma_t, albedo and g of a medium, for values and prints it. */
-static void start_from_network(const char *path, const history *h, const picture *p,
-                               float *values) {
-    static const char *const fields[3] = {"sigma_t", "albedo", "g"};
-    float answer[3];
-    int i, k, length = (int)strcspn(h->unknowns[0]->name, ".");
-    ask_network(path, p->scene, p->light, answer);
-    printf("net");
     for (k = 0; k < 3; k++) {
         char name[2 * ITN_NAME_SIZE];
         snprintf(name, sizeof name, "%.*s.%s", length, h->unknowns[0]->name, fields[k]);
         for (i = 0; i < h->count && strcmp(h->unknowns[i]->name, name) != 0;) i++;
         if (i == h->count || h->count != 3)
             fail(path, "gives sigma_t, albedo and g of one medium: recover just these");
-        values[i] = (float)itn_parameter_from_coordinate(h->unknowns[i], (double)answer[k]);
-        printf("  %s %.5g", name, (double)values[i]);
+        places[k] = i;
+    }
+    return net;
+}
+
+/* Takes what a network reads off the picture for values and prints it. */
+static void start_from_network(itn_net *net, double mean, const int places[3], const history *h,
+                               const picture *p, float *values) {
+    itn_film_desc film = itn_scene_film(p->scene);
+    float *input = (float *)calloc(2 * (size_t)film.width * (size_t)film.height, sizeof *input);
+    float answer[3]; /* coordinates */
+    itn_error error;
+    int k;
+    if (!input) fail("out of memory", "");
+    if (itn_net_input(film.width, film.height, p->light, mean, input, &error) ||
+        itn_net_forward(net, 1, input, answer, &error))
+        fail(error.message, "");
+    printf("net");
+    for (k = 0; k < 3; k++) {
+        const itn_parameter *unknown = h->unknowns[places[k]];
+        values[places[k]] = (float)itn_parameter_from_coordinate(unknown, (double)answer[k]);
+        printf("  %s %.5g", unknown->name, (double)values[places[k]]);
     }
     printf("\n");
+    free(input);
 }
 
 /* Opens the scene of a picture. */
@@ -334,7 +348,10 @@ static void make_target(picture *p, const itn_context *context, const itn_render
         fail(error.message, "");
     read_target(p->target ? p->target : p->path, &image, itn_scene_film(p->scene), &p->light,
                 &p->variance);
-    if (p->target) check_target(p->target, itn_scene_film(p->scene), p->light);
+    if (p->target) {
+        check_target(p->target, itn_scene_film(p->scene), p->light, 0);
+        if (p->variance) check_target(p->target, itn_scene_film(p->scene), p->variance, 1);
+    }
     itn_image_free(&image);
 }
 
@@ -390,16 +407,6 @@ static void save_chart(const history *h, const float *values, const char *stem) 
         remove(temporary), fail(path, "cannot be written");
 }
 
-/* Fails if the estimate would be written over the target. */
-static void keep_target(const char *target, const char *stem) {
-    char path[1200];
-    struct stat from, to;
-    snprintf(path, sizeof path, "%s_estimate.exr", stem);
-    if (!stat(target, &from) && !stat(path, &to) && from.st_dev == to.st_dev &&
-        from.st_ino == to.st_ino)
-        fail(target, "the estimate would be written over it: name another folder with -o");
-}
-
 /* Renders image and derivatives at the estimate and saves all pictures. */
 static void save_pictures(const picture *p, int unknowns, itn_render_options options,
                           const char *stem) {
@@ -442,8 +449,8 @@ static int print_estimates(const history *h, const itn_estimate *estimates, cons
         if (hidden) printf(" hidden %.5g", (double)hidden[k]);
         printf("\n");
         if (!e->determined)
-            printf("warning: with so few samples the image hardly determines %s: do not rely on its "
-                   "value, try a larger --final-spp\n", name);
+            printf("warning: with so few samples and iterations the image hardly determines %s: do "
+                   "not rely on its value; a larger --final-spp or --iterations may help\n", name);
         else if (hidden)
             missed += !(fabs(e->value - (double)hidden[k]) <= 4 * e->standard_error);
     }
@@ -451,14 +458,45 @@ static int print_estimates(const history *h, const itn_estimate *estimates, cons
 }
 
 /* DIR/name or, without a folder, the path, both without the ending; numbered from the second on. */
-static void make_stem(const char *path, const char *dir, int number, char *stem, size_t size) {
+static void make_stem(const char *path, const char *dir, int number, char stem[STEM_SIZE]) {
     char digits[16] = "";
     const char *base = strrchr(path, '/') && dir ? strrchr(path, '/') + 1 : path;
     const char *file = strrchr(base, '/') ? strrchr(base, '/') + 1 : base;
     const char *ending = strrchr(file, '.') ? strrchr(file, '.') : file + strlen(file);
     if (number > 1) snprintf(digits, sizeof digits, "_%d", number);
-    snprintf(stem, size, "%s%s%.*s%s", dir ? dir : "", dir ? "/" : "", (int)(ending - base), base,
-             digits);
+    if (snprintf(stem, STEM_SIZE, "%s%s%.*s%s", dir ? dir : "", dir ? "/" : "",
+                 (int)(ending - base), base, digits) >= STEM_SIZE)
+        fail(path, "this path, or that of -o, is too long");
+}
+
+/* Fails if the estimate of a stem would be written over the target. */
+static void keep_target(const char *target, const char *stem) {
+    char path[1200];
+    struct stat from, to;
+    snprintf(path, sizeof path, "%s_estimate.exr", stem);
+    if (!stat(target, &from) && !stat(path, &to) && from.st_dev == to.st_dev &&
+        from.st_ino == to.st_ino)
+        fail(target, "the estimate would be written over it: name another folder with -o");
+}
+
+/* Makes the stems of all pictures' results; fails, before there is work that could be lost, where
+   they cannot be written or would replace a target or each other. */
+static void make_stems(picture *pictures, int views, const char *dir) {
+    int v, w;
+    for (v = 0; v < views; v++) {
+        char folder[STEM_SIZE], *slash;
+        make_stem(pictures[v].path, dir, v + 1, pictures[v].stem);
+        strcpy(folder, pictures[v].stem);
+        slash = strrchr(folder, '/');
+        strcpy(slash ? slash + 1 : folder, ".");
+        if (access(folder, W_OK)) fail(folder, "this is no folder, or must not be written to");
+        for (w = 0; w < v; w++)
+            if (!strcmp(pictures[v].stem, pictures[w].stem))
+                fail(pictures[v].path, "its results would have the names of another scene's");
+    }
+    for (v = 0; v < views; v++)
+        for (w = 0; w < views && pictures[v].target; w++)
+            keep_target(pictures[v].target, pictures[w].stem);
 }
 
 int main(int argc, char **argv) {
@@ -474,8 +512,10 @@ int main(int argc, char **argv) {
     itn_error error;
     static picture pictures[MOST_VIEWS];
     static history h;
-    char stem[1024], words[4096];
-    double misfit;
+    char words[4096];
+    itn_net *net = NULL;
+    double misfit, mean = 0; /* of the pictures that the network is used to */
+    int places[3] = {0, 0, 0};
     refine.spp = 48, refine.misfit = &misfit, refine.covariance = covariance;
     for (i = 1; i < argc; i++) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
@@ -508,11 +548,8 @@ int main(int argc, char **argv) {
     if (targets && targets != views) fail("--target", "needed for each of the scenes, or for none");
     if (refine.spp < 2 || refine.spp > 2097151) fail("--spp", "must be in 2..2097151");
     if (dir && mkdir(dir, 0777) && errno != EEXIST) fail(dir, "this folder cannot be made");
-    for (v = 0; v < views; v++) {
-        make_stem(pictures[v].path, dir, v + 1, stem, sizeof stem);
-        if (targets) keep_target(pictures[v].target, stem);
-        open_scene(&pictures[v], &context);
-    }
+    make_stems(pictures, views, dir);
+    for (v = 0; v < views; v++) open_scene(&pictures[v], &context);
 
     /* what is hidden, what is sought, where the search starts */
     if (hidden_list) {
@@ -530,6 +567,10 @@ int main(int argc, char **argv) {
         values[i] = targets || hidden_list ? p->value : neutral_guess(pictures[v].scene, p);
     }
     set_values(pictures, views, &h, hidden);
+    if (network) {
+        net = open_network(network, pictures[0].scene, &h, places);
+        mean = network_mean(network);
+    }
 
     /* the targets: from files, or rendered with the hidden values and other random numbers */
     render.spp = 8 * refine.spp;
@@ -542,7 +583,8 @@ int main(int argc, char **argv) {
     }
     show_thickness(pictures[0].scene, stdout);
     refine.progress = show_step, refine.progress_user = &h;
-    if (network) start_from_network(network, &h, &pictures[0], values);
+    if (net) start_from_network(net, mean, places, &h, &pictures[0], values);
+    itn_net_free(net);
     if (itn_refine_views(look, views, values, h.count, &refine, estimates, &error))
         fail(error.message, "");
     missed = print_estimates(&h, estimates, targets ? NULL : hidden);
@@ -557,7 +599,7 @@ int main(int argc, char **argv) {
     render.spp = refine.spp, render.seed = refine.seed + 2000003; /* not the targets' numbers */
     set_values(pictures, views, &h, values);
     for (v = 0; v < views; v++) {
-        make_stem(pictures[v].path, dir, v + 1, stem, sizeof stem);
+        const char *stem = pictures[v].stem;
         save_pictures(&pictures[v], h.count, render, stem);
         if (v == 0) save_chart(&h, values, stem);
         printf("pictures: %s_*.png, %s_estimate.exr", stem, stem);

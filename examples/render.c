@@ -78,11 +78,12 @@ static void set_parameter(const itn_scene *scene, float *theta, const char *text
     char name[ITN_NAME_SIZE] = "", *end = NULL;
     const char *equals = strchr(text, '=');
     int index = -1;
-    if (equals && equals - text < ITN_NAME_SIZE) {
+    if (!equals) fail("-D wants name=value", text);
+    if (equals - text < ITN_NAME_SIZE) {
         memcpy(name, text, (size_t)(equals - text));
         index = itn_parameter_find(scene, name);
     }
-    if (index < 0) fail_parameter(scene, "-D wants name=value", text);
+    if (index < 0) fail_parameter(scene, "-D", text);
     theta[index] = strtof(equals + 1, &end);
     if (end == equals + 1 || *end) fail("-D: not a number", text);
 }
@@ -123,6 +124,7 @@ static void check_path(const char *path) {
         fail(path, "must end in .exr, .pfm or .png");
     snprintf(folder, sizeof folder, "%.*s", slash ? (int)(slash - path) + 1 : 1,
              slash ? path : ".");
+    if (strlen(path) > 800) fail(path, "this path is too long");
     if (access(folder, W_OK)) fail(path, "its folder is not there or must not be written to");
 }
 

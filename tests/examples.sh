@@ -100,6 +100,14 @@ keep "invert: two views" ./invert side.itn default.itn \
     --params milk.sigma_t,milk.albedo --hidden milk.sigma_t=35 --spp 8 -o quick
 prints '^milk\.sigma_t [0-9.e+-]+ \+- [0-9.e+-]+ hidden 35$'
 check "invert: pictures of both" test -s quick/side_target.png -a -s quick/default_2_target.png
+cp default.itn default_2.itn
+cp quick/default_estimate.exr quick/default_2_estimate.exr
+check "refused: an estimate over the other's target" sh -c "! ./invert default.itn side.itn \
+    --target quick/default_2_estimate.exr --target quick/default_estimate.exr --spp 8 -o quick"
+check "refused: two scenes' results of one name" sh -c "! ./invert default_2.itn default.itn \
+    --params milk.albedo --spp 8 -o quick"
+check "refused: a file for a folder" sh -c "! ./invert default.itn --spp 8 -o default.itn > found 2>&1 && \
+    grep -q 'no folder' found"
 check "refused: one target for two scenes" sh -c "! ./invert default.itn default.itn \
     --target quick/default_estimate.exr"
 check "invert --method adam" ./invert default.itn --method adam --params milk.albedo \

@@ -195,6 +195,35 @@ static void test_ground_after_last_scattering(double planted) {
     itn_mesh_free(&box);
 }
 
+/* Where the phase function is narrow a last scattering is not left to the light's directions: a map
+   that is white everywhere is as good as a constant light. planted: of the mean. */
+static void test_narrow_last_scattering(double planted) {
+    itn_mesh box = unit_box();
+    itn_image map = white_map();
+    solids_mean means[2];
+    int light, way;
+    for (way = 0; way < 2; way++) {
+        for (light = 0; light < 2; light++) {
+            itn_render_options options = ITN_ZERO;
+            itn_scene *scene;
+            stage s;
+            begin_box(&s, &box, 1, .9);
+            s.media[0].g = .95f, s.desc.camera.eye.y = 3;
+            if (light) s.desc.light_count = 0, stage_map(&s, NULL, &map);
+            scene = stage_make(&s);
+            options.spp = 256, options.max_scatter = 1;
+            solids_way(&options, 2 * way);
+            solids_measure(scene, NULL, &options, NULL, 0, &means[light]);
+            itn_scene_free(scene);
+        }
+        CHECK(means[1].error < .02 * means[1].value);
+        CHECK_MEAN(means[1].value, hypot(means[0].error, means[1].error),
+                   means[0].value * (1 + planted), 4.5, .01);
+    }
+    itn_image_free(&map);
+    itn_mesh_free(&box);
+}
+
 /* A medium that no object has does no harm, however many paths there are to learn from. */
 static void test_unused_medium(void) {
     itn_image image;
@@ -1107,6 +1136,7 @@ int main(void) {
     RUN(test_eye_in_touching_cubes(0));
     RUN(test_object_between_touching_cubes(0));
     RUN(test_ground_after_last_scattering(0));
+    RUN(test_narrow_last_scattering(0));
     RUN(test_unused_medium());
     RUN(test_leaving_by_a_hole(1));
     RUN(test_huge_sheets());
@@ -1140,6 +1170,7 @@ int main(void) {
     RUN(test_texels_of_two());
     CHECK_CATCHES(test_eye_in_touching_cubes(.02));
     CHECK_CATCHES(test_object_between_touching_cubes(.02));
+    CHECK_CATCHES(test_narrow_last_scattering(.05));
     CHECK_CATCHES(test_ground_after_last_scattering(.05));
     CHECK_CATCHES(test_leaving_by_a_hole(1.05));
     CHECK_CATCHES(test_standing_on_the_ground(.5));
