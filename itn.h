@@ -491,7 +491,8 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
    sigma_t of a medium with a mean free path of several times the scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
 /* How samples are spread: each on its own, or (fast walk only) by an Owen-scrambled Sobol sequence
-   over the pixel, the first boundary and the first flight. AUTO is SOBOL in the fast walk. */
+   over the pixel, the first boundary and the first flight. AUTO is SOBOL in the fast walk. What is
+   of the fast walk only, here and below, the reference takes no notice of. */
 typedef enum itn_sampler {
     ITN_SAMPLER_AUTO = 0,
     ITN_SAMPLER_RANDOM,
@@ -504,7 +505,7 @@ typedef enum itn_sampler {
    that is everywhere the same and many paths, whatever choices change in that is taken off too. The
    means stay and variance goes; single pixels may then be slightly negative. AUTO is BASELINE in
    the fast walk. Where a sigma_t or g differs from channel to channel, and for single scattering
-   without surfaces in lights that are all sampled, all are SCORE. */
+   without surfaces, by |g| up to .6, in lights that are all sampled, all are SCORE. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -4604,10 +4605,10 @@ static itn_result itn__not_a_solid(itn__maker *maker, int index, const itn_mesh 
     if (report->open_edges || report->flipped_edges)
         return itn__fail(maker->error, ITN_ERROR_MESH, 0,
                          "object %d: the mesh is not closed: %d open and %d flipped edges, first "
-                         "between vertices %d (%g, %g, %g) and %d (%g, %g, %g)", index + 1,
-                         report->open_edges, report->flipped_edges, edge[0], (double)p[3 * a],
-                         (double)p[3 * a + 1], (double)p[3 * a + 2], edge[1], (double)p[3 * b],
-                         (double)p[3 * b + 1], (double)p[3 * b + 2]);
+                         "between vertices %d (%g, %g, %g) and %d (%g, %g, %g), counted from 0",
+                         index + 1, report->open_edges, report->flipped_edges, edge[0],
+                         (double)p[3 * a], (double)p[3 * a + 1], (double)p[3 * a + 2], edge[1],
+                         (double)p[3 * b], (double)p[3 * b + 1], (double)p[3 * b + 2]);
     return itn__fail(maker->error, ITN_ERROR_MESH, 0,
                      "object %d: the mesh is inside out or flat: its volume is %g (triangles must "
                      "be counter-clockwise seen from outside)", index + 1, report->volume);

@@ -372,7 +372,7 @@ static void save_chart(const history *h, const float *values, const char *stem) 
     char path[1200], temporary[1204];
     FILE *file;
     int i, k, bad;
-    snprintf(path, sizeof path, "%s_convergence.svg", stem);
+    snprintf(path, sizeof path, "%.*s_convergence.svg", STEM_SIZE, stem);
     snprintf(temporary, sizeof temporary, "%s.tmp", path);
     file = fopen(temporary, "w");
     if (!file) fail(temporary, "cannot be written");
