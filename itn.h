@@ -3549,10 +3549,12 @@ ITN__INLINE itn__dual itn__rough(itn_vec3 i, itn_vec3 o, const itn_vec3 *drawn, 
 /* Draws a facet as direction i sees them: a point on the disc that the hemisphere of facets, made
    round by stretching, shows to i (Heitz 2018). alpha 0, a smooth boundary, has one facet. */
 static itn_vec3 itn__sample_facet(itn_vec3 i, float alpha, float u, float v) {
-    itn_vec3 w = itn__normalize(itn__vec3(alpha * i.x, alpha * i.y, i.z)), s, t, m;
-    float r = sqrtf(u), phi = 2 * ITN__PI * v, x = r * cosf(phi), y = r * sinf(phi);
-    float across = w.x * w.x + w.y * w.y, lit = .5f * (1 + w.z);
+    itn_vec3 w, s, t, m;
+    float r, phi, x, y, across, lit;
     if (!(alpha > 0)) return itn__vec3(0, 0, 1);
+    w = itn__normalize(itn__vec3(alpha * i.x, alpha * i.y, i.z));
+    r = sqrtf(u), phi = 2 * ITN__PI * v, x = r * cosf(phi), y = r * sinf(phi);
+    across = w.x * w.x + w.y * w.y, lit = .5f * (1 + w.z);
     s = across > 0 ? itn__scale(itn__vec3(-w.y, w.x, 0), 1 / sqrtf(across)) : itn__vec3(1, 0, 0);
     t = itn__cross(w, s);
     y = (1 - lit) * itn__safe_sqrt(1 - x * x) + lit * y;

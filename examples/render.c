@@ -122,9 +122,9 @@ static void check_path(const char *path) {
     char folder[1024];
     if (!ending || (strcmp(ending, ".exr") && strcmp(ending, ".pfm") && strcmp(ending, ".png")))
         fail(path, "must end in .exr, .pfm or .png");
+    if (strlen(path) > 800) fail(path, "this path is too long");
     snprintf(folder, sizeof folder, "%.*s", slash ? (int)(slash - path) + 1 : 1,
              slash ? path : ".");
-    if (strlen(path) > 800) fail(path, "this path is too long");
     if (access(folder, W_OK)) fail(path, "its folder is not there or must not be written to");
 }
 

@@ -216,7 +216,7 @@ static void check_rough(float alpha, float eta, float mu, double factor) {
    facet that was drawn, as by the walk. */
 static void told_albedo(int told, double mu, double alpha, double eta, int up, int down,
                         double *value, double *by_alpha, double *by_eta, double errors[2]) {
-    enum { STEPS = 1 << 20 };
+    enum { STEPS = 3 << 19 };
     itn_vec3 i = itn__vec3((float)sqrt(1 - mu * mu), 0, (float)mu), o, m;
     double sums[5] = {0};
     uint32_t k;
@@ -267,7 +267,7 @@ static void check_albedo(double alpha, double mu, const double table[3], double 
                 CHECK_NEAR(value, face_albedo(mu, alpha, ends[e], 0, 1, 0), .001);
             slope = face_slope(mu, alpha, ends[e], 0, down, 0);
             CHECK_NEAR(by_alpha, slope, .01 * fabs(slope) + 5 * errors[0]);
-            CHECK(errors[0] < .015 && errors[1] < .025);
+            CHECK(errors[0] < .015 && errors[1] < .02);
             /* What is transmitted has an edge, o_z = -i_z / eta, where the facet stands upright and
                GGX does not vanish. It moves with eta, and the detached derivative does not see
                that, so transmission is exact only straight down and for small alpha. */
