@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.6.4                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.7.0                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -150,8 +150,8 @@
 #include <stdint.h>
 
 #define ITN_VERSION_MAJOR 0
-#define ITN_VERSION_MINOR 6
-#define ITN_VERSION_PATCH 4
+#define ITN_VERSION_MINOR 7
+#define ITN_VERSION_PATCH 0
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -188,7 +188,8 @@ typedef enum itn_result {
     ITN_ERROR_MEMORY,      /* the allocator returned NULL, or a size does not fit in size_t */
     ITN_ERROR_FILE,        /* a file cannot be opened, read, written or renamed */
     ITN_ERROR_FORMAT,      /* a file was read but its contents are not valid */
-    ITN_ERROR_MESH,        /* a mesh is open, inside out or flat, and a medium needs better */
+    ITN_ERROR_MESH,        /* a mesh is open, inside out or flat, and a medium or a dielectric
+                              needs better; or a coordinate is not finite or too large */
     ITN_ERROR_UNSUPPORTED, /* a valid request that this estimator or build cannot answer */
     ITN_ERROR_CANCELLED    /* the progress callback asked to stop */
 } itn_result;
@@ -196,7 +197,7 @@ typedef enum itn_result {
 /* Where and why, in words. Filled only when a call fails; pass NULL if not wanted. */
 typedef struct itn_error {
     itn_result code;
-    int line;           /* line of the file (scene, OBJ, PLY header), 0 where it has no meaning */
+    int line;           /* line of a file, as far as it is text, 0 where it has no meaning */
     char message[1000]; /* one sentence, with the file's name first where there is one */
 } itn_error;
 
@@ -251,10 +252,11 @@ ITN_API float *itn_image_plane(const itn_image *image, const char *name);
    fields; itn_mesh_free is for meshes that itn_mesh_load or itn_mesh_create made. */
 typedef struct itn_mesh {
     int vertex_count, triangle_count;
-    float *positions;    /* [vertex_count][3], scene units */
+    float *positions;    /* [vertex_count][3], scene units; in a scene within 1e18 of its origin */
     int *triangles;      /* [triangle_count][3], indices of vertices */
-    float *uvs;          /* [triangle_count][3][2], texture coordinates of the corners, or NULL;
-                            (0,0) is the lower left corner of an image, (1,1) the upper right one */
+    float *uvs;          /* [triangle_count][3][2], texture coordinates of the corners, in a scene
+                            in [-1e6,1e6], or NULL; (0,0) is the lower left corner of an image,
+                            (1,1) the upper right one */
     itn_context context; /* what made it and frees it */
 } itn_mesh;
 
@@ -371,8 +373,8 @@ typedef struct itn_surface_desc {
     float reflectance2[3]; /* diffuse: the other squares of a checker */
     itn_texture_type texture;
     float checker_size;       /* side of a square, in units of the texture coordinates; 0 = 1 */
-    const itn_image *image;   /* texture: planes as of a map light, values in [0,1]; its pixels lie
-                                 in the middle of equal squares; copied */
+    const itn_image *image;   /* texture: planes as of a map light, values in [0,1], two rows or
+                                 more; its pixels lie in the middle of equal squares; copied */
 } itn_surface_desc;
 
 /* A mesh with what is inside it and what its surface does. Where closed objects overlap, the medium
@@ -388,7 +390,8 @@ typedef struct itn_object_desc {
     const char *surface; /* name, or NULL: index-matched, the index around it goes on inside; then
                             it has a medium */
     float transform[12]; /* rows of a 3x4 matrix applied to positions; all zero = identity */
-    int force;           /* 1: take a mesh for a medium even if it is open or inside out */
+    int force;           /* 1: take a mesh for a medium even if it is open or inside out; behind a
+                            hole the medium ends with the box of all the scene's triangles */
 } itn_object_desc;
 
 typedef enum itn_light_type { ITN_LIGHT_CONSTANT = 0, ITN_LIGHT_MAP, ITN_LIGHT_SKY } itn_light_type;
@@ -478,7 +481,8 @@ ITN_API int itn_parameter_find(const itn_scene *scene, const char *name);
 /* Copies all values into theta[itn_parameter_count]. */
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta);
 /* The optimiser's coordinate of a value, its inverse, and d value / d coordinate at a value.
-   Values on the bounds of a logit, or beyond, map to +-16, so that all stays finite. */
+   Values on the bounds of a logit, or beyond, map to +-16, and those of a logarithm that are below
+   e^-80 of the upper bound to that, so that all stays finite: there the inverse is not exact. */
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *parameter, double value);
 ITN_API double itn_parameter_from_coordinate(const itn_parameter *parameter, double coordinate);
 ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value);
@@ -500,7 +504,7 @@ typedef enum itn_sampler {
 } itn_sampler;
 
 /* How images and derivatives are estimated; all ways are unbiased. SCORE: what paths bring home,
-   for derivatives times their scores (equation 9). BASELINE (fast walk only): what a path was
+   for derivatives times their scores (equation 10). BASELINE (fast walk only): what a path was
    expected to bring is taken off before the score of each choice counts; with one medium, light
    that is everywhere the same and many paths, whatever choices change in that is taken off too. The
    means stay and variance goes; single pixels may then be slightly negative. AUTO is BASELINE in
@@ -514,7 +518,8 @@ typedef enum itn_estimator {
 
 /* What a render did. */
 typedef struct itn_render_stats {
-    double paths, collisions; /* paths traced; scattering events in media */
+    double paths, collisions; /* that samples stand for, also where nothing is to be seen and none
+                                 is traced; scattering events in media */
 } itn_render_stats;
 
 typedef struct itn_render_options {
@@ -541,7 +546,7 @@ typedef struct itn_render_options {
 } itn_render_options;
 
 /* Renders the scene at theta (NULL: as made) and, in the same walk, its derivatives with respect
-   to `count` parameters (indices in `parameters`; both 0 for none): equation (9),
+   to `count` parameters (indices in `parameters`; both 0 for none): equation (10),
    dT/dpi = mean of f/p times the path's score. Planes of the new image, C channels each:
    mean, variance of the mean ("Variance.Y"), then for each parameter derivative ("d_a_b.Y" for
    a.b) and variance of the derivative ("d_a_b_variance.Y"). With one sample per pixel variances are
@@ -581,7 +586,8 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
    Each path has a camera ray of its own: of the options, walks and estimator do not count. The fast
    walk needs a texture without values below .01; others are left to the reference. The same bits
    for any number of threads. Memory: 24 bytes per value and channel, up to 16 times, as long as
-   that is at most 100 MB; in the fast walk 2 MB for the paths on their way, as many times.
+   that is at most 100 MB; in the fast walk, as many times, 5 MB for the paths on their way, and .7
+   MB for each further medium that objects have.
    Errors: ARGUMENT (also: no such item, or one without an image), UNSUPPORTED (mode FAST with such
    a texture, or as itn_render), MEMORY, CANCELLED. */
 ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
@@ -710,7 +716,8 @@ typedef struct itn_loss {
 } itn_loss;
 
 /* One image's term of equation (3), ||pi - N(I)||^2 + lambda ||I - T(N(I))||^2, where N(I) are the
-   coordinates of the parameters of T, and the derivative of `total` in the outputs N(I). Where a
+   coordinates of the parameters of T, and the derivative of `total` in the outputs N(I). The second
+   is a mean over pixels and channels, so lambda is the paper's times their number. Where a
    prediction lies beyond a parameter's bounds, the value and slope on the bound are used.
    count: outputs of the network. predicted, truth, gradient: [count] coordinates.
    image: [C][height][width] of the scene's film, linear radiometric; not used by RN (may be NULL),
@@ -740,7 +747,8 @@ ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weight
                                 itn_error *error);
 /* Replaces weights, moments and step count by a file's; a file of weights only starts Adam afresh.
    The network must have the file's shape (any batch and seed) and is untouched on failure;
-   gradients stay as they are. Errors: FILE, MEMORY, FORMAT (as above, or of another shape). */
+   gradients stay as they are. Errors: ARGUMENT (NULL), FILE, MEMORY, FORMAT (as above, or of
+   another shape). */
 ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error);
 /* itn_net_from_memory of a file's bytes. Further error: FILE. */
 ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
@@ -812,9 +820,12 @@ typedef struct itn_estimate {
 } itn_estimate;
 
 /* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
-   theta on; other parameters stay. theta: [itn_parameter_count], in and out. target: [C][height]
-   [width], linear radiometric, finite. parameters: [count], all different, count from 1 to 1024.
-   estimates: [count]. options may be NULL.
+   theta on; other parameters stay. Adam and SGD take it as it stands; LM divides each pixel's
+   difference by what noise makes of it and compares pictures slightly blurred, which has the same
+   minimum where the scene accounts for the picture, and another one where it does not.
+   theta: [itn_parameter_count], in and out. target: [C][height][width], linear radiometric, finite.
+   parameters: [count], all different, count from 1 to 1024. estimates: [count]. options may be
+   NULL.
    Along curves of equal sigma_t albedo (1 - g) and sigma_t (1 - albedo) pictures change little
    (similarity relations, Wyman, Patterson and Wilson 1989): LM takes its steps along them. The loss
    can still have several valleys, and error bars speak of one only. In thin objects light scattered
@@ -898,7 +909,8 @@ ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const ch
    EXR: one part of scan lines, compression none, RLE, ZIPS or ZIP, channels half, float or uint
    (rounded to float), without subsampling; the image is the data window, and its planes keep the
    names and the order of the file. PFM: "Y" or "R", "G", "B"; the size of its scale is ignored.
-   Errors: FORMAT, UNSUPPORTED (names the feature), ARGUMENT, MEMORY. */
+   Errors: FORMAT, UNSUPPORTED (names the feature; more than 1024 channels are one), ARGUMENT,
+   MEMORY. */
 ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_context *context, itn_image *image,
                                          itn_error *error);
@@ -914,7 +926,8 @@ ITN_API itn_result itn_image_load(const char *path, const itn_context *context, 
    Errors: ARGUMENT (indices out of range, coordinates not finite), FILE, MEMORY. */
 ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error);
 /* Writes all planes as float channels of an uncompressed EXR file, bit for bit (also NaN), sorted
-   by name as the format demands. Errors: ARGUMENT (names empty or equal), FILE, MEMORY. */
+   by name as the format demands; itn_image_load reads at most 1024. Errors: ARGUMENT (names empty
+   or equal), FILE, MEMORY. */
 ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path, itn_error *error);
 /* Writes plane_count (1 or 3) planes from first_plane on as a little-endian PFM file, bit for bit.
    Errors: ARGUMENT, FILE, MEMORY. */
@@ -4908,8 +4921,10 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
        score  = sum over its vertices of d f_k / f_k for each parameter asked for (equation 8),
 
    and every light it reaches adds beta l to the image and beta l score to its derivatives (equation
-   9). Each local factor f_k arrives as a dual number; p is what the factor was drawn with and is
-   never differentiated. In most places f_k / p = 1 and only the score changes.
+   10). From its vertices go links, straight flights to a light that is drawn, which add what that
+   light brings (next-event estimation). Each local factor f_k arrives as a dual number; p is what
+   the factor was drawn with and is never differentiated. In most places f_k / p = 1 and only the
+   score changes.
 
    A factor may be 0 where its derivative is not (albedo 0, black reflectance). Then the score is
    not defined, but the derivative is: by the product rule it is the factor's own derivative times
@@ -5398,27 +5413,43 @@ static void itn__flight_factors(const itn__walk *walk, const itn__medium *medium
     }
 }
 
+/* How far a ray goes until it has left the box of all triangles. */
+static float itn__way_out(const itn_bvh *bvh, itn_vec3 p, itn_vec3 d) {
+    float x = ((d.x > 0 ? bvh->upper.x : bvh->lower.x) - p.x) / d.x;
+    float y = ((d.y > 0 ? bvh->upper.y : bvh->lower.y) - p.y) / d.y;
+    float z = ((d.z > 0 ? bvh->upper.z : bvh->lower.z) - p.z) / d.z;
+    float way = INFINITY;
+    if (d.x != 0) way = itn__min(way, x);
+    if (d.y != 0) way = itn__min(way, y);
+    if (d.z != 0) way = itn__min(way, z);
+    return itn__max(way, 0);
+}
+
 /* Carries the connection from `ray` to the lights: transmittance through media and index-matched
-   boundaries. Returns 0 if anything else is in the way. */
+   boundaries. Returns 0 if anything else is in the way. A medium whose mesh has a hole there, taken
+   by force, ends with the box of all triangles. */
 static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
     const itn_scene *scene = walk->scene;
     for (;;) {
         const itn__medium *medium = itn__medium_of(scene, walk->place.inside);
         itn_hit hit;
-        int object, after;
+        int object, after, met;
         ray.tmax = INFINITY;
-        if (!itn__next_hit(walk->scene, &walk->place, &ray, &hit)) return 1;
+        met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
+        if (!met && !medium) return 1;
+        if (!met) hit.t = itn__way_out(scene->bvh, ray.origin, ray.direction);
+        if (medium) {
+            itn__dual f[3];
+            itn__flight_factors(walk, medium, itn__max(hit.t, 0), 0, f);
+            itn__weigh_spectrum(walk, &walk->connection, f, 1, medium->sigma_t);
+        }
+        if (!met) return 1;
         object = itn__bvh_object(scene->bvh, hit.triangle);
         if (!scene->objects[object].closed ||
             itn__beyond(scene, walk->theta, &walk->place, object, &after) ||
             (scene->objects[object].surface >= 0 &&
              scene->surfaces[scene->objects[object].surface].type == ITN_SURFACE_DIFFUSE))
             return 0;
-        if (medium) {
-            itn__dual f[3];
-            itn__flight_factors(walk, medium, itn__max(hit.t, 0), 0, f);
-            itn__weigh_spectrum(walk, &walk->connection, f, 1, medium->sigma_t);
-        }
         ray.origin = itn__hit_point(scene->bvh, &hit);
         itn__cross_boundary(scene, &walk->place, object, &hit, ray.origin);
     }
@@ -5838,12 +5869,20 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
 }
 
 /* Russian roulette by the value alone (but see itn__lift): a path of weight below .4 goes on with a
-   chance in proportion and then counts as .4. Beyond some million random numbers each further step
-   is survived with .999, so that light trapped without loss (in clear glass, or at albedo 1 in an
-   object of optical thickness 1e4) ends some day. */
+   chance in proportion and then counts as .4. Beyond many random numbers each further step is
+   survived with .999, so that light trapped without loss ends some day: at albedo 1 in an object of
+   optical thickness 1e4 after a million collisions, in clear glass after ten thousand total
+   reflections. */
 #define ITN__ROULETTE .4f
 #define ITN__SAME_WEIGHT .9999f /* a weight that roulette has raised may round to a little less */
 #define ITN__MANY_DRAWS 3000000u
+#define ITN__MANY_DRAWS_CLEAR 30000u
+
+/* How many are many where a walk is. */
+ITN__INLINE uint32_t itn__many_draws(const itn_scene *scene, const itn__place *place) {
+    int clear = place->refracting >= 0 && !itn__medium_of(scene, place->inside);
+    return clear ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
+}
 
 static int itn__roulette(itn__walk *walk) {
     float largest = 0, survival = 1, step = 1;
@@ -5851,7 +5890,9 @@ static int itn__roulette(itn__walk *walk) {
     for (c = 0; c < itn__channels(walk); c++) largest = itn__max(largest, walk->weight.beta[c]);
     largest *= walk->lift;
     if (!(largest >= ITN__ROULETTE * ITN__SAME_WEIGHT)) survival = largest / ITN__ROULETTE;
-    if (walk->rng.dimension > ITN__MANY_DRAWS) step = .999f;
+    if (walk->rng.dimension > ITN__MANY_DRAWS_CLEAR &&
+        walk->rng.dimension > itn__many_draws(walk->scene, &walk->place))
+        step = .999f;
     if (survival * step >= 1) return 1;
     if (!(itn__uniform(&walk->rng) < survival * step)) return 0;
     for (c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= survival * step;
@@ -5890,7 +5931,9 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
             continue;
         }
         if (rate > 0) ray.origin = itn__along(ray.origin, flight, ray.direction);
-        if (medium && itn__exhausted(walk) && walk->theta[medium->sigma_t[0]] > 0) return;
+        if (medium && itn__exhausted(walk)) /* by a hole */
+            itn__weigh_flight(walk, medium, rates,
+                              itn__way_out(walk->scene->bvh, ray.origin, ray.direction), 0);
         if (!(rate > 0) || !itn__within(walk->scene, ray.origin)) {
             itn__escape(walk, ray.direction);
             return;
@@ -6514,7 +6557,7 @@ ITN__INLINE itn__vectors itn__raster_turn(const itn__voxels *voxels, const int l
 ITN__INLINE itn__ints itn__most_int(itn__ints a, itn__ints b) {
     return itn__select_int(itn__int_less(a, b), b, a);
 }
-ITN__INLINE itn__ints itn__least_int(itn__ints a, itn__ints b) {
+ITN__INLINE itn__ints itn__int_least(itn__ints a, itn__ints b) {
     return itn__select_int(itn__int_less(a, b), a, b);
 }
 ITN__INLINE itn__ints itn__cells_of(itn__floats x) {
@@ -6570,7 +6613,7 @@ ITN__INLINE void itn__raster_make(const itn__voxel_build *build, const int32_t *
         itn__floats least = itn__least3(p[0][k], p[1][k], p[2][k]) - touch;
         itn__floats most = itn__most3(p[0][k], p[1][k], p[2][k]) + touch;
         r->lower[k] = itn__most_int(r->lower[k], itn__cells_of(least));
-        r->upper[k] = itn__least_int(r->upper[k], itn__cells_of(most));
+        r->upper[k] = itn__int_least(r->upper[k], itn__cells_of(most));
     }
     itn__raster_depth(p, n, half, vast, r);
     itn__raster_edges(p, 0, n.z, half, vast, r);
@@ -6614,7 +6657,7 @@ ITN__INLINE void itn__raster_march(itn__voxel_build *build, const itn__raster *r
         itn__floats slope = r->slope_u * x + r->slope_v * y;
         here = left & itn__raster_touches(r, 0, x, y);
         k = itn__most_int(r->lower[2], itn__cells_of(r->depth[0] + slope));
-        last = itn__least_int(r->upper[2], itn__cells_of(r->depth[1] + slope));
+        last = itn__int_least(r->upper[2], itn__cells_of(r->depth[1] + slope));
         here &= ~itn__int_less(last, k);
         while (itn__mask_bits(here)) {
             itn__floats z = itn__to_floats(k);
@@ -7619,9 +7662,6 @@ typedef struct itn__vcells {
     itn__floats fx, fy;
 } itn__vcells;
 
-ITN__INLINE itn__ints itn__int_least(itn__ints a, itn__ints b) {
-    return itn__select_int(itn__int_less(a, b), a, b);
-}
 ITN__INLINE itn__floats itn__vmix(itn__floats a, itn__floats b, itn__floats t) {
     return a + t * (b - a);
 }
@@ -8183,10 +8223,11 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
 
    Foresight. Let V be what a path is expected to bring home per weight beta. A choice turns what is
    expected from its mean E over the outcomes into beta V after the outcome; this surprise,
-   Delta = beta V - E, has mean 0, whatever V is. Taken off, all surprises together leave of a
-   path's noise only what V did not know. V is of a form of which the means over flights and new
-   directions are known exactly, that of diffusion near a plane: at depth z (in mean free paths)
-   below the surface nearby and with cosine mu to its inward normal,
+   Delta = beta V - E, has mean 0, whatever V is: a control variate. Taken off, all surprises
+   together leave of a path's noise only what V did not know. V, a value function, is of a form of
+   which the means over flights and new directions are known exactly, that of diffusion near a
+   plane: at depth z (in mean free paths) below the surface nearby and with cosine mu to its inward
+   normal,
        V = sum over i of e^(-i k z) (v_i(mu) + s w_i(mu)),    v_i and w_i polynomials.
    The shade s of a surface is the part of the light outside that paths which leave it do not bring
    home, since they meet another surface: in a hollow, between limbs. It is learnt for sites, parts
@@ -8970,13 +9011,6 @@ ITN__INLINE void itn__settle_lanes(itn__crowd *crowd, const itn__state *s, unsig
             itn__settle(crowd, ITN__LANE(s->slot, k), c, ITN__LANE(s->credit[c], k));
     }
 }
-/* Ends the path of an item of a queue. */
-static void itn__drop(itn__crowd *crowd, const itn__queue *queue, int at) {
-    int slot = itn__row(queue, ITN__SLOT)[at], c;
-    for (c = 0; c < crowd->fast->channels && crowd->fast->foresees; c++)
-        itn__settle(crowd, slot, c, itn__float_row(queue, ITN__CREDIT + c)[at]);
-    itn__free_slot(crowd, slot);
-}
 /* What lane k has gathered. */
 ITN__INLINE itn__gathered itn__gathered_in(const itn__state *s, int k, int features) {
     itn__gathered g;
@@ -9074,13 +9108,25 @@ ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__i
     return u;
 }
 
-/* itn__roulette in lanes, which are expected to bring `value` per weight; returns who survives. */
+/* Which paths outside of media have drawn many random numbers for where they are. */
+ITN__INLINE itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, itn__ints mask) {
+    itn__ints limit = itn__splat_int((int32_t)ITN__MANY_DRAWS_CLEAR);
+    unsigned bits = itn__mask_bits(mask & itn__int_less(limit, s->dimension));
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        ITN__LANE(limit, k) = (int32_t)itn__many_draws(crowd->fast->scene, &path->place);
+    }
+    return itn__int_less(limit, s->dimension);
+}
+
+/* itn__roulette in lanes, which are expected to bring `value` per weight; late: who has drawn many
+   random numbers. Returns who survives. */
 ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s,
-                                     const itn__floats value[3], itn__ints mask, int early,
-                                     int features) {
+                                     const itn__floats value[3], itn__ints mask, itn__ints late,
+                                     int early, int features) {
     itn__floats largest = s->beta[0], survival = itn__splat(1), u;
-    itn__ints low, late = itn__int_less(itn__splat_int((int32_t)ITN__MANY_DRAWS), s->dimension);
-    itn__ints survives;
+    itn__ints low, survives;
     int c;
     for (c = 1; c < itn__colours(features); c++) largest = itn__most(largest, s->beta[c]);
     low = ~itn__less_equal(itn__splat(ITN__ROULETTE * ITN__SAME_WEIGHT), largest);
@@ -9730,12 +9776,13 @@ ITN__INLINE itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state
                                     int features) {
     const itn__fast *fast = crowd->fast;
     int looks = itn__looks_ahead(crowd, features);
-    itn__ints active, scatters;
+    itn__ints active, scatters, late;
     itn__ahead ahead;
     int c;
     for (c = 0; c < 3; c++) ahead.mean[c] = itn__splat(0);
     if (looks) itn__look_ahead(crowd, substance, s, mask, &ahead, features);
-    active = itn__vroulette(crowd, s, ahead.mean, mask, early, features);
+    late = itn__int_less(itn__splat_int((int32_t)ITN__MANY_DRAWS), s->dimension);
+    active = itn__vroulette(crowd, s, ahead.mean, mask, late, early, features);
     *distance = itn__select(active, itn__vflight(
         crowd, s, active, fast->substances[substance].mean_free_path, early, features), *distance);
     if (!looks) return active;
@@ -10503,20 +10550,23 @@ ITN__INLINE unsigned itn__hit_lanes(const itn__crowd *crowd, int at, unsigned bi
     return met;
 }
 
-/* How far a ray goes until it has left the box of all triangles. */
-static float itn__way_out(const itn_bvh *bvh, itn_vec3 p, itn_vec3 d) {
-    float x = ((d.x > 0 ? bvh->upper.x : bvh->lower.x) - p.x) / d.x;
-    float y = ((d.y > 0 ? bvh->upper.y : bvh->lower.y) - p.y) / d.y;
-    float z = ((d.z > 0 ? bvh->upper.z : bvh->lower.z) - p.z) / d.z;
-    float way = INFINITY;
-    if (d.x != 0) way = itn__min(way, x);
-    if (d.y != 0) way = itn__min(way, y);
-    if (d.z != 0) way = itn__min(way, z);
-    return itn__max(way, 0);
+/* A link or the last flight of a path, neither of which is drawn, goes on to where nothing more can
+   be met, through a hole of a mesh that was forced. Returns the largest weight. */
+static float itn__pass_hole(itn__crowd *crowd, itn__queue *queue, int at, int substance) {
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    float way = itn__way_out(crowd->fast->scene->bvh, itn__get_vector(queue, ITN__POSITION, at),
+                             itn__get_vector(queue, ITN__DIRECTION, at)), largest = 0;
+    int c;
+    for (c = 0; c < crowd->fast->channels; c++) {
+        float *w = itn__float_row(queue, ITN__BETA + c) + at;
+        largest = itn__max(largest, *w *= expf(-medium->sigma_t_rgb[c] * way));
+    }
+    itn__book_item(crowd, queue, at, substance, way);
+    return largest;
 }
 
-/* A path has flown out of a substance through a hole of a mesh that was forced: it sees the sky,
-   after a flight without collision to where nothing more can be met. */
+/* A path has flown out of a substance by such a hole: it sees the sky, after a flight without
+   collision. */
 static void itn__leave_by_hole(itn__crowd *crowd, itn__queue *queue, int at, int substance,
                                int features) {
     const itn__substance *medium = &crowd->fast->substances[substance];
@@ -10570,12 +10620,13 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
                 itn__meet_link(crowd, queue, k, &crowd->hits[k]);
             else if (!(slot & ITN__LINK) && itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
                 itn__leave_by_hole(crowd, queue, k, substance, features);
-            else if (!(slot & ITN__LINK)) /* no way out of the medium */
-                itn__book_item(crowd, queue, k, substance, 0), itn__drop(crowd, queue, k);
-            else if (itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
-                itn__unpark(crowd, slot & ~ITN__LINK);
-            else
+            else if (!(slot & ITN__LINK))
+                itn__pass_hole(crowd, queue, k, substance), itn__move(queue, k, &crowd->sky);
+            else if (itn__pass_hole(crowd, queue, k, substance) >
+                     itn__float_row(queue, ITN__PDF)[k])
                 itn__arrive(crowd, queue, k);
+            else
+                itn__unpark(crowd, slot & ~ITN__LINK);
         }
         mask = itn__bits_mask(free_bits);
         itn__collide_and_depart(crowd, substance, &s, &distance, &mask, NULL, features);
@@ -10856,7 +10907,8 @@ ITN__INLINE void itn__take_outside(itn__crowd *crowd, int features) {
         for (c = 0; c < 3; c++) light[c] = crowd->fast->constant[c] * (1 - s.shade);
         if (crowd->fast->learning == ITN__LEARN_SHADES)
             itn__mark_departures(crowd, &s, mask & ~links);
-        alive = itn__vroulette(crowd, &s, light, mask & ~links, 1, features) | links;
+        alive = links | itn__vroulette(crowd, &s, light, mask & ~links,
+                                       itn__late(crowd, &s, mask & ~links), 1, features);
         itn__settle_lanes(crowd, &s, itn__mask_bits(mask & ~alive));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
         itn__append(&crowd->taken, &s, itn__mask_bits(alive), features);
@@ -11132,17 +11184,29 @@ static void itn__run_kernel(itn__crowd *crowd) { ITN__KERNELS(ITN__KERNEL) }
 
 /* Making ready. */
 
+/* Whether an object has the medium of a substance, so that paths come into it. */
+static int itn__is_in_use(const itn_scene *scene, int substance) {
+    int k, used = substance == 0;
+    for (k = 0; k < scene->object_count && !used; k++) {
+        const itn__medium *medium = itn__medium_of(scene, k);
+        used = medium && medium - scene->media == (substance - 1) % scene->medium_count;
+    }
+    return used;
+}
+
 /* Memory of a crowd, in one block. Returns 0 if there is none. */
 static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_paths) {
     const itn_context *context = &fast->scene->context;
     size_t substances = (size_t)itn__substance_count(fast->scene), queues = 3 * substances + 5, i;
-    size_t rows = (size_t)ITN__FIELDS * ITN__ROW, paths = (size_t)unit_paths;
+    size_t rows = (size_t)ITN__FIELDS * ITN__ROW, paths = (size_t)unit_paths, used = 0;
     itn__queue *queue;
     memset(crowd, 0, sizeof *crowd);
     crowd->fast = fast, crowd->radiance_stride = unit_paths;
+    for (i = 0; i < queues; i++)
+        used += i >= 3 * substances || itn__is_in_use(fast->scene, (int)(i % substances));
     queue = (itn__queue *)itn__allocate(context, queues, sizeof *queue);
     crowd->walk = queue;
-    crowd->memory = itn__allocate(context, queues * rows, sizeof(int32_t));
+    crowd->memory = itn__allocate(context, used * rows, sizeof(int32_t));
     crowd->paths = (itn__path *)itn__allocate(context, ITN__CROWD, sizeof *crowd->paths);
     crowd->free_slots = (int32_t *)itn__allocate(context, 3 * ITN__CROWD, sizeof(int32_t));
     crowd->shears = (itn__shear *)itn__allocate(context, ITN__CROWD, sizeof *crowd->shears);
@@ -11159,8 +11223,9 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
         !crowd->hits || !crowd->starts || !crowd->radiance || !crowd->scores || !crowd->lessons ||
         (fast->bands && fast->bands[0].texels.texture && !crowd->touches))
         return 0;
-    for (i = 0; i < queues; i++) {
-        queue[i].rows = (int32_t *)crowd->memory + i * rows;
+    for (i = used = 0; i < queues; i++) {
+        if (i >= 3 * substances || itn__is_in_use(fast->scene, (int)(i % substances)))
+            queue[i].rows = (int32_t *)crowd->memory + used++ * rows;
         queue[i].state = fast->heroes > 1 ? ITN__STATE
                        : fast->count || fast->learning ? ITN__SCORED_STATE : ITN__PLAIN_STATE;
     }
@@ -13579,7 +13644,8 @@ static void itn__full_backward(const float *in, const float *w, const float *d_o
 /* ---- [loss] what a network is trained for ---------------------------------------------------- */
 
 /* Equation (3) of the paper, for one image I with parameters pi and the network's answer N(I):
-       l = ||pi - N(I)||^2 + lambda ||I - T(N(I))||^2.
+       l = ||pi - N(I)||^2 + lambda ||I - T(N(I))||^2,
+   the second a mean over pixels and channels, so that lambda does not depend on the size of films.
    The first term alone makes a regressor network (RN, equation (2)); with the renderer T it becomes
    an inverse transport network (ITN), with single scattering only an SSN.
    Networks answer in the optimiser's coordinates c, in which every real number is a valid answer
@@ -18594,7 +18660,10 @@ static char *itn__path_beside(const itn_context *context, const char *path, cons
     size_t folder = strlen(path), length = strlen(name) + 1;
     char *joined;
     while (folder && path[folder - 1] != '/' && path[folder - 1] != '\\') folder--;
-    if (name[0] == '/' || name[0] == '\\' || name[1] == ':') folder = 0;
+    if (name[0] == '/') folder = 0;
+#ifdef _WIN32
+    if (name[0] == '\\' || (name[0] && name[1] == ':')) folder = 0;
+#endif
     joined = (char *)itn__allocate(context, folder + length, 1);
     if (!joined) return NULL;
     memcpy(joined, path, folder);
@@ -18883,7 +18952,7 @@ static const itn__item_form itn__item_forms[] = {
      {{"plane", "", 0, 0}, {"y", "1", ITN__ANY}, {"half", "1", ITN__POSITIVE},
       {"surface", "w!", 0, 0}}},
     {"light", "constant", 0, itn__file_constant,
-     {{"constant", "", 0, 0}, {"radiance", "13!", 0, 1e12f}, {"scale", "1", 0, 1e12f},
+     {{"constant", "", 0, 0}, {"radiance", "13!", 0, 1e18f}, {"scale", "1", 0, 1e12f},
       {"name", "w", 0, 0}}},
     {"light", "map", 0, itn__file_map,
      {{"map", "w", 0, 0}, {"scale", "1", 0, 1e12f}, {"name", "w", 0, 0}}},
@@ -19058,6 +19127,11 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.7.0  light that comes through holes of meshes taken by force is right under maps, skies and
+          suns (up to 5 % off, up or down), and with max_scatter not lost; an eye in clear smooth
+          glass, where light is trapped, waits milliseconds for a path instead of seconds; media
+          that no object has take no memory in the fast walk; names as a:b.obj in scene files are
+          relative, except where drives are called so
    0.6.4  derivatives by alpha and the index of a nearly smooth boundary between nearly equal
           indices are without bias (alpha .001, index 1.0001: 144 +- 3 by alpha instead of 0);
           refinement does not stop early where an unknown has no part in any picture, or where the

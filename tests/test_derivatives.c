@@ -522,7 +522,7 @@ static double expected_loss(const itn_scene *scene, const float *theta, const fl
     itn_error error;
     double sum = 0;
     int i;
-    options.spp = check_long() ? 4096 : 1536, options.seed = seed;
+    options.spp = check_long() ? 4096 : 768, options.seed = seed;
     stage_need(itn_render(scene, theta, &options, NULL, 0, &image, &error), &error);
     for (i = 0; i < LOSS_PIXELS; i++) {
         double residual = (double)image.pixels[i] - target[i];
@@ -724,7 +724,7 @@ static void test_reuse_image(double planted) {
     stage_map(&s, NULL, &map);
     scene = stage_make(&s);
     for (k = 0; k < 3; k++) parameters[k] = itn_parameter_find(scene, names[k]);
-    options.spp = 1536;
+    options.spp = check_long() ? 1536 : 768;
     stage_need(itn_render(scene, NULL, &options, parameters, 3, &fresh, &error), &error);
     itn_parameter_values(scene, theta);
     theta[parameters[0]] = 3.3f, theta[parameters[1]] = .88f, theta[parameters[2]] = .46f;

@@ -272,6 +272,48 @@ static void test_leaving_by_a_hole(double planted) {
     itn_mesh_free(&box);
 }
 
+/* Behind a hole a forced mesh's medium ends with the box of it all, for paths, their last flights and
+   links alike: a box without its top is as bright under a map that is 1 everywhere as in light 1,
+   and so are its derivatives by the extinction, in both walks. planted: factor under the map. */
+static void test_lights_through_a_hole(double planted) {
+    static const char *const names[1] = {"m.sigma_t"};
+    itn_mesh box = unit_box();
+    itn_image map = white_map();
+    solids_mean means[4][2]; /* in light 1 and under the map, in each walk */
+    int scatter, k, i;
+    for (i = 0; i < 6; i++) box.triangles[6 + i] = box.triangles[30 + i];
+    box.triangle_count -= 2;
+    for (scatter = 0; scatter < 2; scatter++) {
+        for (k = 0; k < 4; k++) {
+            itn_render_options options = ITN_ZERO;
+            itn_scene *scene;
+            stage s;
+            begin_box(&s, &box, 1, .9);
+            s.objects[0].force = 1, s.desc.camera.eye.y = s.desc.camera.eye.x = 2;
+            if (k % 2) s.desc.light_count = 0, stage_map(&s, NULL, &map);
+            scene = stage_make(&s);
+            options.spp = 1024, options.max_scatter = scatter, options.seed = (uint64_t)k;
+            solids_way(&options, k / 2 * 2);
+            solids_measure(scene, NULL, &options, names, 1, means[k]);
+            itn_scene_free(scene);
+        }
+        for (k = 1; k < 4; k++)
+            for (i = 0; i < 2; i++) {
+                double factor = k % 2 ? planted : 1;
+                double error = hypot(means[0][i].error, means[k][i].error);
+                check_report(fabs(factor * means[k][i].value - means[0][i].value) <
+                                 4.5 * error + .005 * fabs(means[0][i].value),
+                             __FILE__, __LINE__, "max_scatter %d, %d: %g instead of %g +- %g",
+                             scatter, k, means[k][i].value, means[0][i].value, error);
+                if (getenv("SHOW"))
+                    printf("hole, max_scatter %d, %d: %g, %g +- %g\n", scatter, k,
+                           means[k][i].value, means[0][i].value, error);
+            }
+    }
+    itn_image_free(&map);
+    itn_mesh_free(&box);
+}
+
 /* Sheets of a size whose square no float holds are refused. */
 static void test_huge_sheets(void) {
     itn_mesh box = unit_box();
@@ -1139,6 +1181,7 @@ int main(void) {
     RUN(test_narrow_last_scattering(0));
     RUN(test_unused_medium());
     RUN(test_leaving_by_a_hole(1));
+    RUN(test_lights_through_a_hole(1));
     RUN(test_huge_sheets());
     RUN(test_far_unused_vertex());
     RUN(test_thin_slab_over_large_ground());
@@ -1173,6 +1216,7 @@ int main(void) {
     CHECK_CATCHES(test_narrow_last_scattering(.05));
     CHECK_CATCHES(test_ground_after_last_scattering(.05));
     CHECK_CATCHES(test_leaving_by_a_hole(1.05));
+    CHECK_CATCHES(test_lights_through_a_hole(1.05));
     CHECK_CATCHES(test_standing_on_the_ground(.5));
     CHECK_CATCHES(test_glass_on_the_ground(.3));
     CHECK_CATCHES(test_power_of_the_sun(.003));
