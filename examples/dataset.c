@@ -294,11 +294,12 @@ static void stretch_and_turn(itn_mesh *mesh, uint64_t *random) {
 }
 
 /* Makes another shape of the same family: how thick its parts are changes, how sharp its edges are,
-   how rough it is, and how it lies. */
-static void vary_mesh(itn_mesh *mesh, double gradient, uint64_t random) {
+   how rough it is, and how it lies. The bolt's thread is not to be smoothed away. */
+static void vary_mesh(itn_mesh *mesh, int shape, double gradient, uint64_t random) {
+    static const int most[TRAINING_SHAPES] = {60, 60, 60, 60, 8, 60}; /* roundings */
     double smoothness = .5 * draw(&random) + .5, roughness = .5 * draw(&random) + .5;
     int bend;
-    smooth_mesh(mesh, (int)(60 * smoothness * smoothness));
+    smooth_mesh(mesh, (int)(most[shape] * smoothness * smoothness));
     fit_mesh(mesh);
     divide_mesh(mesh);
     for (bend = 0; bend < 5; bend++) bend_mesh(mesh, .18, 2, gradient, &random);
@@ -321,7 +322,7 @@ static void write_variant(const char *dir, int shape, int azimuth, int variant) 
     char path[PATH_SIZE];
     itn_mesh mesh = load_mesh(dir, shape, azimuth, 0);
     itn_error error;
-    vary_mesh(&mesh, .8, mix((uint64_t)shape, (uint64_t)azimuth, (uint64_t)variant));
+    vary_mesh(&mesh, shape, .8, mix((uint64_t)shape, (uint64_t)azimuth, (uint64_t)variant));
     mesh_path(dir, shape, azimuth, variant, path);
     if (itn_mesh_save_ply(&mesh, path, &error)) fail(error.message, "");
     itn_mesh_free(&mesh);

@@ -7,8 +7,9 @@
        shape  4 other shapes, the same azimuths                                 1,000
        light  the same shapes, 6 other azimuths                                 1,000
        both   4 other shapes x 6 other azimuths x 300 materials                 7,200
-   Both sides have shapes that are bulky, flat and thin: shading tells a material apart only where
-   it is known what thickness does to it, and no network learns that from blocks for chains.
+   Both sides have shapes that are bulky, flat, thin and finely detailed: shading tells a material
+   apart only where it is known what thickness does to it, and no network learns that from blocks
+   for chains, or from smooth shapes for teeth.
    For the same reason half of the training pictures show a variant of their shape, which is
    smoothed, bent, roughened, stretched and turned (vary_mesh in dataset.c): of a shape and light,
    29 of the 60 pairs of sigma_t and g have one of their own. So networks see 696 shapes of six
@@ -57,7 +58,7 @@ enum {
     MARGIN = 8, /* more of them on each side, as far as the filter reaches */
     FINE = PARTS * FILM + 2 * MARGIN,
     FINE_PIXELS = FINE * FINE,
-    VERSION = 8, /* of the data */
+    VERSION = 9, /* of the data */
     MOST_SHARDS = 64, /* of a split */
     PATH_SIZE = 1024,
     HEADER_SIZE = 256,
@@ -76,7 +77,7 @@ typedef enum split { SPLIT_TRAIN = 0, SPLIT_SHAPE, SPLIT_LIGHT, SPLIT_BOTH, SPLI
 
 static const char *const split_names[SPLITS] = {"train", "shape", "light", "both"};
 static const int split_totals[SPLITS] = {7200, 1000, 1000, 7200};
-static const char *const shape_names[SHAPES] = {"cube", "star",   "leaf", "hound", "knot", "chain",
+static const char *const shape_names[SHAPES] = {"cube", "star",   "leaf", "hound", "bolt", "chain",
                                                 "blob", "relief", "gear", "figurine"};
 /* ascending, in tens of degrees; the first of each list is the training lights */
 static const int azimuth_lists[2][6] = {{0, 30, 60, 90, -1, -1}, {10, 20, 40, 50, 70, 80}};

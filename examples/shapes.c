@@ -457,6 +457,30 @@ static point vase(double u, double v, const void *user) {
     return make_point(r * cos(2 * PI * u), y, r * sin(2 * PI * u));
 }
 
+/* A bolt that stands on its head: six sides, and above them a shaft with a sharp thread. The head
+   is an outline of radius and height, the shaft is in [.3, .94] of v. */
+static point bolt(double u, double v, const void *user) {
+    static const double head[7][2] = {{0, -.5},    {.24, -.5}, {.28, -.47}, {.28, -.33},
+                                      {.26, -.3}, {.17, -.29}, {.14, -.27}};
+    double side = cos(fmod(6 * u, 1) * PI / 3 - PI / 6), r, y;
+    (void)user;
+    if (v < .3) {
+        double along = v * 6 / .3, t;
+        int k = along < 5 ? (int)along : 5;
+        t = along - k;
+        r = head[k][0] + t * (head[k + 1][0] - head[k][0]);
+        y = head[k][1] + t * (head[k + 1][1] - head[k][1]);
+        if (r > .17) r = .17 + (r - .17) / side;
+    } else if (v < .94) {
+        double t = (v - .3) / .64, turn = fabs(fmod(6.5 * t - u + 1, 1) - .5);
+        y = -.27 + .75 * t;
+        r = .14 + .1 * turn * step_between(0, .1, t) * step_between(1, .9, t);
+    } else {
+        y = .5 - .02 * (1 - v) / .06, r = .14 * (1 - v) / .06;
+    }
+    return make_point(r * cos(2 * PI * u), y, r * sin(2 * PI * u));
+}
+
 /* ---- figures ---- */
 
 /* Union with a fillet of about size k (polynomial smooth minimum). */
@@ -527,6 +551,7 @@ static void make_leaf(shape *s) { add_cube(s, 24, leaf); }
 static void make_knot(shape *s) { add_ring(s, 240, 16, knot, NULL); }
 static void make_gear(shape *s) { add_ring(s, 180, 12, gear, NULL); }
 static void make_vase(shape *s) { add_ball(s, 64, 49, vase, NULL); }
+static void make_bolt(shape *s) { add_ball(s, 60, 99, bolt, NULL); }
 static void make_chain(shape *s) {
     static const double places[3][2] = {{1.42, .35}, {0, .35 + PI / 2}, {-1.42, .35}};
     int i;
@@ -542,10 +567,10 @@ static void make_hound(shape *s) {
 static const struct {
     const char *name;
     void (*make)(shape *s);
-} shapes[] = {{"blob", make_blob},     {"chain", make_chain}, {"cube", make_cube},
-              {"figurine", make_figurine}, {"gear", make_gear},   {"hound", make_hound},
-              {"knot", make_knot},     {"leaf", make_leaf},   {"relief", make_relief},
-              {"star", make_star},     {"vase", make_vase}};
+} shapes[] = {{"blob", make_blob}, {"bolt", make_bolt},         {"chain", make_chain},
+              {"cube", make_cube}, {"figurine", make_figurine}, {"gear", make_gear},
+              {"hound", make_hound}, {"knot", make_knot},       {"leaf", make_leaf},
+              {"relief", make_relief}, {"star", make_star},     {"vase", make_vase}};
 enum { SHAPES = sizeof shapes / sizeof shapes[0] };
 
 /* Copies a shape into a mesh: centred, longest side 1. */

@@ -133,7 +133,7 @@ keep "dataset make" ./dataset make data --fraction 1/1000 --tests 1/8000 --noise
     $scenes
 check "dataset check" ./dataset check data
 check "dataset sheet" ./dataset sheet data sheet.png
-check "dataset: renders" ./render data/scenes/knot-50.itn -o a.exr --spp 2 -D milk.g=0.8 -q
+check "dataset: renders" ./render data/scenes/bolt-50.itn -o a.exr --spp 2 -D milk.g=0.8 -q
 victim=data/train-chain-00.itnd # one picture, of variant 32
 cp "$victim" whole.itnd
 printf 'x' | dd of="$victim" bs=1 seek=5000 conv=notrunc 2> "$work/log"
@@ -203,9 +203,9 @@ check "invert --net: the shipped network" awk '/^net / { d = $5 - 0.87; ok = $3 
     d * d < 0.015 } END { exit !ok }' kept
 check "invert --net: wrong size" sh -c "! ./invert 'scenes/default.itn' --net small.net \
     --spp 2 > found 2>&1 && grep -q 'small.net: answers pictures of 128x128' found"
-check "invert --net: other parameters" sh -c "! ./invert data/scenes/knot-50.itn --net small.net \
+check "invert --net: other parameters" sh -c "! ./invert data/scenes/bolt-50.itn --net small.net \
     --params milk.g --spp 2 > found 2>&1 && grep -q 'recover just these' found"
-check "invert --net: no network" sh -c "! ./invert data/scenes/knot-50.itn --net none.net --spp 2"
+check "invert --net: no network" sh -c "! ./invert data/scenes/bolt-50.itn --net none.net --spp 2"
 # shellcheck disable=SC2086
 check "dataset make: a few" ./dataset make few --fraction 1/3600 --tests 1/8000 --noise 1 \
     --spp 8 $scenes
