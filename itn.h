@@ -1481,7 +1481,6 @@ ITN__INLINE itn__words itn__load_words(const uint32_t *from) {
     memcpy(&v, from, sizeof v);
     return v;
 }
-ITN__INLINE void itn__store_words(uint32_t *to, itn__words v) { memcpy(to, &v, sizeof v); }
 
 /* Bytes to lanes and back, ITN__LANES of them. */
 #ifdef ITN__SIMD
@@ -6090,11 +6089,6 @@ ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x) {
     return itn__with_sign(angle, y);
 }
 
-/* Arcsine for |x| <= 1, below 3 ulp; what rounding has put outside counts as +-1. */
-ITN__INLINE itn__floats itn__vasin(itn__floats x) {
-    return itn__vatan2(x, itn__safe_root((1 - x) * (1 + x)));
-}
-
 /* ---- [sobol] scrambled points that fill the cube evenly -------------------------------------- */
 
 /* The i-th Sobol point has in every dimension the coordinate whose binary digits are the exclusive
@@ -7792,9 +7786,9 @@ ITN__INLINE itn__floats itn__vgrid_sample(const itn__grid *grid, itn__floats u, 
 
 /* itn__one_minus_cosine in lanes, from one direction to the light's own. */
 ITN__INLINE itn__floats itn__vfrom_sun(const itn__light *light, itn__vectors d) {
-    itn__vectors chord = itn__vectors_of(d.x - light->sun.x, d.y - light->sun.y,
-                                         d.z - light->sun.z);
-    return itn__least(.5f * itn__vdot(chord, chord), itn__splat(2));
+    return itn__vone_minus_cosine(d, itn__vectors_of(itn__splat(light->sun.x),
+                                                     itn__splat(light->sun.y),
+                                                     itn__splat(light->sun.z)));
 }
 
 ITN__INLINE itn__vectors itn__vsun_sample(const itn__light *light, itn__floats u, itn__floats v) {
@@ -12345,7 +12339,8 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
     itn_result result;
     int y, k, rows;
     if (!scene || !weights || !gradient || count < 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render_gradient: NULL argument");
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_render_gradient: NULL argument or count %d", count);
     result = itn__check_weights(scene, weights, "itn_render_gradient: weights", error);
     if (result) return result;
     result = itn__render_begin(&render, scene, theta, options, parameters, count,
@@ -12539,7 +12534,8 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
     itn__render probe;
     itn_result result;
     if (!scene || !target || !loss || count < 0 || (count && !gradient))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: NULL argument");
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_loss_gradient: NULL argument or count %d", count);
     if (options) own = *options;
     if (own.spp == 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: needs spp >= 2");
@@ -19212,6 +19208,12 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 
    [references] by chapter
      tri      S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013
+     bvh-...  J. MacDonald, K. Booth, Heuristics for Ray Tracing Using Space Subdivision, The Visual
+              Computer 1990;
+              H. Ylitie, T. Karras, S. Laine, Efficient Incoherent Ray Traversal on GPUs Through
+              Compressed Wide BVHs, HPG 2017;
+              I. Wald, On Fast Construction of SAH-based Bounding Volume Hierarchies, RT 2007;
+              T. Ize, Robust BVH Ray Traversal, JCGT 2013
      rng      J. Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011
      sobol    S. Joe, F. Kuo, Constructing Sobol Sequences, SIAM J. Sci. Comput. 2008;
               S. Laine, T. Karras, Stratified Sampling for Stochastic Transparency, EGSR 2011;
@@ -19222,13 +19224,23 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
      medium   L. Henyey, J. Greenstein, Diffuse Radiation in the Galaxy, ApJ 1941
      surface  B. Walter et al., Microfacet Models for Refraction through Rough Surfaces, EGSR 2007;
               E. Heitz, Sampling the GGX Distribution of Visible Normals, JCGT 2018
-     light    L. Hosek, A. Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, TOG 2012
+     light    L. Hosek, A. Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, TOG 2012;
+              H. Chen, Y. Asau, On Generating Random Variates from an Empirical Distribution, AIIE
+              Transactions 1974
      path     E. Veach, Robust Monte Carlo Methods for Light Transport Simulation, 1997;
               A. Wilkie et al., Hero Wavelength Spectral Sampling, EGSR 2014
+     layers   M. Dukhan, The Indirect Convolution Algorithm, 2019;
+              A. Lavin, S. Gray, Fast Algorithms for Convolutional Neural Networks, CVPR 2016
      adam     D. Kingma, J. Ba, Adam: A Method for Stochastic Optimization, ICLR 2015
      net      K. He et al., Delving Deep into Rectifiers, ICCV 2015
      refine   D. Wyman, M. Patterson, B. Wilson, Similarity Relations for the Interaction
               Parameters in Radiation Transport, Applied Optics 1989;
-              E. Fieller, Some Problems in Interval Estimation, J. R. Stat. Soc. B 1954
+              E. Fieller, Some Problems in Interval Estimation, J. R. Stat. Soc. B 1954;
+              J. Neyman, On the Two Different Aspects of the Representative Method, J. R. Stat. Soc.
+              1934;
+              J. Kiefer, General Equivalence Theory for Optimum Designs, Annals of Statistics 1974;
+              D. Belsley, E. Kuh, R. Welsch, Regression Diagnostics, 1980
+     files    W. Clinger, How to Read Floating Point Numbers Accurately, PLDI 1990
+     obj      G. Meisters, Polygons Have Ears, American Mathematical Monthly 1975
 
    [license] MIT, see the file LICENSE beside this one. Copyright (c) 2026 the itn.h authors. */

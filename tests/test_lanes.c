@@ -46,9 +46,11 @@ static void test_memory(void) {
     }
     for (start = 0; start <= N; start++) { /* every offset, most of them odd addresses */
         int wrong = 0;
+        itn__words loaded;
         itn__store(copy + start, itn__load(floats + start + N));
         itn__store_ints(ints_copy + start, itn__load_ints(ints + start + N));
-        itn__store_words(words_copy + start, itn__load_words(words + start + N));
+        loaded = itn__load_words(words + start + N);
+        memcpy(words_copy + start, &loaded, sizeof loaded);
         for (k = 0; k < N; k++)
             wrong += !same(copy[start + k], floats[start + N + k]) ||
                      ints_copy[start + k] != ints[start + N + k] ||
@@ -293,13 +295,13 @@ static void test_uniforms(uint32_t skip) {
 /* ---- elementary functions -------------------------------------------------------------------- */
 
 typedef enum function {
-    LOG, EXP, SINE, COSINE, ASIN, ATAN_STEEP, ATAN_FLAT, ATAN_BACK, ONE_MINUS_EXP, LOG_ONE_MINUS
+    LOG, EXP, SINE, COSINE, ATAN_STEEP, ATAN_FLAT, ATAN_BACK, ONE_MINUS_EXP, LOG_ONE_MINUS
 } function;
-static const char *const names[] = {"log",  "exp",          "sine",         "cosine",
-                                    "asin", "atan2 (x, 1)", "atan2 (1, x)", "atan2 (x, -1)",
-                                    "1 - exp -x", "-log (1 - x)"};
+static const char *const names[] = {"log", "exp", "sine", "cosine", "atan2 (x, 1)",
+                                    "atan2 (1, x)", "atan2 (x, -1)", "1 - exp -x",
+                                    "-log (1 - x)"};
 /* The bounds that the comments of the chapter state, in units in the last place. */
-static const double bound[] = {1.9, 1.1, 1.7, 1.7, 3, 2, 2, 2, 3, 3};
+static const double bound[] = {1.9, 1.1, 1.7, 1.7, 2, 2, 2, 3, 3};
 
 static void evaluate(function which, const float *x, float *out) {
     itn__floats v = itn__load(x), s, c, one = itn__splat(1);
@@ -311,7 +313,6 @@ static void evaluate(function which, const float *x, float *out) {
         itn__vsincos_turns(v, &s, &c);
         v = which == SINE ? s : c;
         break;
-    case ASIN: v = itn__vasin(v); break;
     case ATAN_STEEP: v = itn__vatan2(v, one); break;
     case ATAN_FLAT: v = itn__vatan2(one, v); break;
     case ATAN_BACK: v = itn__vatan2(v, -one); break;
@@ -345,7 +346,6 @@ static double exact(function which, double x, double error) {
         return exp(x) * (1 + error * f * f * f);
     case SINE: return sine_turns(x) - error * u * u * u;
     case COSINE: return cosine_turns(x) - error * u * u;
-    case ASIN: return asin(x) - error * x * x * x;
     case ATAN_STEEP: return atan2(x, 1) - (fabs(x) < 1 ? error * x * x * x : 0);
     case ATAN_FLAT: return atan2(1, x) - (fabs(x) > 1 ? error / (x * x * x) : 0);
     case ONE_MINUS_EXP: return -expm1(-x) - (x < 1 ? error * x * x : 0);
@@ -404,7 +404,6 @@ static void test_full_range(double error) {
     check_function(EXP, 0, 87, 1, error / 6);
     check_function(SINE, 0, 1e4, 1, error * 41);
     check_function(COSINE, 0, 1e4, 1, error * 20);
-    check_function(ASIN, 0, 1, 1, error / 6);
     check_function(ATAN_STEEP, 0, 3.40282347e38, 1, error / 3);
     check_function(ATAN_FLAT, 0, 3.40282347e38, 1, error / 3);
     check_function(ATAN_BACK, 0, 3.40282347e38, 1, error / 3);
@@ -507,10 +506,6 @@ static void test_special(void) {
         CHECK(one(COSINE, (float)k / 4) == quarter[(k + 1) & 3]);
     }
     CHECK_NEAR(one(SINE, .125f), sqrt(.5), 6e-8);
-    CHECK_NEAR(one(ASIN, 1), pi / 2, 1e-7);
-    CHECK_NEAR(one(ASIN, 1.0000002f), pi / 2, 1e-7);
-    CHECK_NEAR(one(ASIN, -1.0000002f), -pi / 2, 1e-7);
-    CHECK(same(one(ASIN, 0), 0) && one(ASIN, NAN) != one(ASIN, NAN));
     for (a = 0; a < SPECIALS; a++)
         for (b = 0; b < SPECIALS; b++) {
             float y = special[a], x = special[b], got = angle(y, x), want = atan2f(y, x);
@@ -567,7 +562,6 @@ int main(void) {
     CHECK_CATCHES(check_function(EXP, 0, 80, 1, 1e-4 / 6));
     CHECK_CATCHES(check_function(SINE, 0, 1, 1, 1e-4 * 41));
     CHECK_CATCHES(check_function(COSINE, 0, 1, 1, 1e-4 * 20));
-    CHECK_CATCHES(check_function(ASIN, 0, 1, 1, 1e-4 / 6));
     CHECK_CATCHES(check_function(ATAN_STEEP, 0, 1, 1, 1e-4 / 3));
     CHECK_CATCHES(check_function(ATAN_FLAT, 1, 100, 1, 1e-4 / 3));
     CHECK_CATCHES(check_function(ATAN_BACK, 0, 1, 1, 1e-4 / 3));

@@ -383,7 +383,7 @@ static void check_channels(double worst_albedo) {
         }
     }
     itn_image_free(&image);
-    options.spp = 600; /* times 4 */
+    options.spp = check_long() ? 600 : 300; /* times 4 */
     solids_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
     for (c = 0; c < 3; c++) {
         static const char *const planes[3][2] = {
