@@ -76,20 +76,55 @@
        [light]          constant, map, sky, sun
        [sensor]         camera and film
        [scene]          a desc, checked and made ready
+       [place]          where a walk is
+       [throughput]     what a path carries
+       [texels]         derivatives by the values of an image
        [path]           the reference path tracer
        [lane-math]      logarithm, exponential, angles in lanes
        [sobol]          scrambled points that fill the cube evenly
        [voxels]         where there is nothing to hit
+       [raster]         triangles into cells
+       [distances]      how far the nearest triangle is
+       [regions]        planes with nothing on one side
        [scatter-lanes]  flights, phase function and boundaries in lanes
        [light-lanes]    many directions to the lights
        [tables]         what the fast walk knows of a scene
+       [value]          what a path is expected to bring home
        [fast]           the same walk, many paths at a time
+       [scores]         what paths bring home, and its derivatives
+       [lessons]        how V is learnt
+       [queues]         where paths go next, and how they end
+       [draws]          random numbers, roulette and flights of a crowd
+       [safe]           flights that the tables prove free
+       [control]        the control variate in lanes
+       [links]          flights to the lights
+       [walk]           collisions, one after the other
+       [exact]          flights through voxels and triangles
+       [meet]           what flights come to
+       [boundaries]     dielectric and diffuse surfaces of a crowd
+       [outside]        outside of media, and the lights
+       [starts]         camera rays, and a crowd at work
+       [picture]        who does what of a picture
        [render]         samples into images
+       [gradients]      derivatives folded with weights
        [adam]           a step that knows the size of its gradients
-       [layers]         convolution, ReLU, pooling, fully connected: forward beside backward
+       [layers]         convolution, ReLU and pooling as one layer
+       [forward]        convolution as a matrix product
+       [backward]       derivatives of a convolution
+       [full]           a fully connected layer
        [loss]           what a network is trained for
        [net]            the assembled network
        [refine]         analysis by synthesis
+       [similarity]     along the valley of the loss
+       [residuals]      pictures over their noise
+       [normal]         the normal equations, and their noise
+       [design]         where samples tell most
+       [evaluate]       one evaluation, and what is known from all
+       [certainty]      whether pictures tell an unknown
+       [search]         steps
+       [estimates]      values and error bars
+       [views]          pictures taken in, and searches
+       [words]          what the pictures tell, in words
        [files]          bytes in, bytes out
        [inflate]        decompression (RFC 1950, RFC 1951)
        [exr]            OpenEXR images
@@ -605,6 +640,7 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, const float *target,
                                      const int *parameters, int count, double *loss,
                                      double *gradient, itn_error *error);
+
 /* ---- [api-net] a network that learns to invert ----------------------------------------------- */
 
 /* Options of Adam (Kingma and Ba 2015, algorithm 1); all-zero is the defaults. */
@@ -755,6 +791,7 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
                                 itn_net **net, itn_error *error);
 #endif
 #endif /* ITN_NO_NET */
+
 /* ---- [api-refine] analysis by synthesis ------------------------------------------------------ */
 
 typedef enum itn_method {
@@ -784,8 +821,9 @@ typedef struct itn_refine_options {
     int final_spp;  /* samples of the evaluations that LM averages in the end, all together, at most
                        268435455, which make the error bars; 0 = 8 spp, and up to 16 times as many
                        where these would leave undetermined what so many tell. More help until the
-                       target's own noise is all that is left. In the end they come where pixels
-                       tell most: spp and final_spp are those of the mean pixel, roughly */
+                       target's own noise is all that is left. In the end pixels that tell more
+                       about the unknowns get more samples: spp and final_spp are then those of
+                       the mean pixel, roughly */
     uint64_t seed;
     int max_scatter;              /* see itn_render_options */
     double learning_rate; /* > 0, falls to a tenth over the iterations. Adam: its first steps in
@@ -811,9 +849,9 @@ typedef struct itn_estimate {
     double standard_error; /* from the Fisher information of the derivative images, and from how
                               well that itself is known (Fieller 1954); of value. At least as much
                               as the search had still to go when iterations ran out. Very large
-                              where the information is less than three of its standard errors, of
-                              the transformed coordinate; then those of others are for this one
-                              being anywhere */
+                              where the information (about the transformed coordinate) is less
+                              than three of its own standard errors; the errors of the others
+                              then allow for any value of this one */
     int determined;        /* look here first. 0: the image, or the final_spp, say next to nothing
                               about it, its coordinate has an error of .5 or more: do not use the
                               value, nor its error, which shrinks where bounds are near */
@@ -948,6 +986,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error);
 #endif
+
 /* ---- [api-scenefile] scenes as text files ---------------------------------------------------- */
 
 #ifndef ITN_NO_STDIO
@@ -1022,6 +1061,10 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 
 /* ---- [config] compiler, switches ------------------------------------------------------------- */
 
+/* What depends on the compiler alone is settled here, so that all that follows reads the same
+   everywhere: how functions are inlined, memory is asked for ahead and loops are unrolled; and who
+   allocates, if not a context. */
+
 #if defined(__GNUC__)
 #define ITN__INLINE static inline __attribute__((always_inline, unused))
 #define ITN__PRINTF(string, first) __attribute__((format(printf, string, first)))
@@ -1052,6 +1095,17 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif
 
 /* ---- [memory] errors, checked sizes, loops --------------------------------------------------- */
+
+/* All memory comes from itn__allocate, which checks the product of count and size and returns
+   zeros, or NULL; an object keeps the context that it was made with, and is freed by it. A function
+   that fails returns itn__fail(...), which says what is wrong and where; outputs are written at the
+   end, when nothing can fail any more.
+
+   A loop whose turns may run side by side is a function of the index. itn__parallel_for runs it by
+   the context's hook, by the platform's threads (ITN_THREADS), or one by one. Turns write to places
+   of their own, and what belongs together is added in its order afterwards: so results do not
+   depend on who did what. What many threads may make at once, as the tables of a scene, is
+   published by one atomic pointer: the first to finish is kept. */
 
 ITN_API const char *itn_result_text(itn_result result) {
     switch (result) {
@@ -1248,7 +1302,6 @@ static ITN__UNUSED void itn__parallel_for(const itn_context *context, int count,
     for (index = 0; index < count; index++) body(task, index);
 }
 
-
 /* How many tasks it pays to divide a loop into that needs memory for each. */
 static ITN__UNUSED int itn__workers(const itn_context *context) {
     if (context->parallel_for) return 32;
@@ -1289,6 +1342,10 @@ ITN__INLINE int itn__once_set(void **shared, void *made) {
 #endif
 
 /* ---- [math] scalars, vectors, frames --------------------------------------------------------- */
+
+/* Vectors are small structs, passed by value. Floats carry positions, directions and radiance;
+   doubles carry sums, the geometry of meshes and the algebra of small matrices. Comparisons
+   are written so that a NaN fails them: !(x > 0), not x <= 0. */
 
 #define ITN__PI 3.14159265358979323846f
 
@@ -1941,7 +1998,11 @@ ITN__INLINE itn__dual itn__dexp(itn__dual a) {
     float r = expf(a.v);
     return itn__chain(a, r, r);
 }
+
 /* ---- [image] planes of floats ---------------------------------------------------------------- */
+
+/* Planes of floats, one after the other, each with a name, by which files and callers find it: Y or
+   R, G, B; Variance.Y; and of parameters' derivatives d_milk_g.Y, d_milk_g_variance.Y and so on. */
 
 ITN_API itn_result itn_image_create(int width, int height, int plane_count,
                                     const itn_context *context, itn_image *image,
@@ -2000,6 +2061,7 @@ static int itn__image_colours(const itn_image *image, const float *planes[3]) {
     planes[1] = planes[2] = planes[0];
     return planes[0] != NULL;
 }
+
 /* ---- [mesh] triangle meshes, and whether they are solids ------------------------------------- */
 
 /* A mesh bounds a solid when its oriented triangles have no boundary: every directed edge (a,b) is
@@ -2293,47 +2355,25 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
    the one rounding of the difference keeps its sign, whether or not the compiler contracts it to a
    fused multiply-add. det == 0 (a triangle without area, or seen edge-on) is no hit; the
    neighbours across its edges then cover the point. Whether the front is seen is the sign of det:
-   it cannot disagree with the hit.
-
-   A path walk knows for each closed object whether it is inside, and there can only meet a back
-   face, and outside only a front face. With `sides`, faces of the wrong orientation are passed
-   over, so that a ray which starts on a face does not meet that face again, however its origin was
-   rounded, and no epsilon is needed.
-
-   Open sheets have no inside, but where a ray begins tells the same:
-     - somewhere in space: it meets a sheet at t > 0.
-     - where it was thrown back, by the sheet itself or by a surface on it: it does not meet there
-       what lies in the same plane.
-     - at a boundary that it has just gone through, or that has thrown it back towards a sheet which
-       had thrown it there: a sheet may lie in it, as the ground under an object that stands on it,
-       and is met at once, at t = 0.
-   What a ray goes through before it has left that place behind does not change which of them holds.
-   It has done so where it meets a face too far on that lies in another plane.
-   How far a point o is from a triangle's plane, measured along the axes, is |F| / |n|_1, where
-   F = n . (p0 - o), n = (p1-p0) x (p2-p0), |n|_1 = |nx| + |ny| + |nz|; in double, which adds next
-   to nothing to the error of o. A ray's origin on a face is a rounded point of it, and how far it
-   is from that face's own plane is known so. Twice as much, and 16 u |o| (u = 2^-24) for planes
-   that agree but for rounding, counts as in the plane. A neighbour in the same plane has other
-   rounded corners, but shares the edge that alone brings it near o. The t of sheets is computed in
-   double, too: a ground is often so large that floats of its corners' size cannot tell what lies
-   on it from what does not. It counts for a little more, so that of a boundary on a sheet and the
-   sheet the boundary is met first. */
-
-/* The objects, as bits, whose front faces and whose back faces a walk may meet, at most 64; open
-   sheets have both. And where its ray begins. */
-typedef struct itn__sides {
-    uint64_t front, back;
-    float flush; /* planes not further than this from the ray's origin go through it; 0: in space */
-    int thrown;  /* back, there; else it has gone through */
-} itn__sides;
-
-ITN__INLINE uint64_t itn__object_bit(int object) { return (uint64_t)1 << object; }
+   it cannot disagree with the hit. The rest of the chapter is which of the triangles that a ray
+   goes through a walk can meet: by sides, of closed objects, and by where it began, of sheets. */
 
 typedef struct itn__triangle {
     float corner[3][3];
     int index;  /* in the mesh */
     int object; /* it belongs to */
 } itn__triangle;
+
+/* Unit normal of a triangle's front, in double, where the edges of floats and their products are
+   exact enough for the thinnest needle. Returns 0 if there is none. */
+static int itn__unit_normal(const itn__triangle *triangle, double n[3]) {
+    double p[3][3], length;
+    int k;
+    for (k = 0; k < 9; k++) p[k / 3][k % 3] = (double)triangle->corner[k / 3][k % 3];
+    length = 2 * itn__triangle_area(p, n);
+    for (k = 0; k < 3 && length > 0; k++) n[k] /= length;
+    return length > 0;
+}
 
 /* A ray made ready for triangles. */
 typedef struct itn__shear {
@@ -2361,7 +2401,41 @@ ITN__INLINE int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
     return itn__finite3(ray->origin) && itn__finite3(ray->direction) && itn__finite(shear->sz);
 }
 
-/* A triangle's plane and a point, see above. */
+/* Sides. A path walk knows for each closed object whether it is inside, and there can only meet a
+   back face, and outside only a front face. With `sides`, faces of the wrong orientation are passed
+   over, so that a ray which starts on a face does not meet that face again, however its origin was
+   rounded, and no epsilon is needed.
+
+   The objects, as bits, whose front faces and whose back faces a walk may meet, at most 64; open
+   sheets have both. And where its ray begins. */
+typedef struct itn__sides {
+    uint64_t front, back;
+    float flush; /* planes not further than this from the ray's origin go through it; 0: in space */
+    int thrown;  /* it was thrown back there; else it has gone through */
+} itn__sides;
+
+ITN__INLINE uint64_t itn__object_bit(int object) { return (uint64_t)1 << object; }
+
+/* Sheets. Open meshes have no inside, but where a ray begins tells the same:
+     - somewhere in space: it meets a sheet at t > 0.
+     - where it was thrown back, by the sheet itself or by a surface on it: it does not meet there
+       what lies in the same plane.
+     - at a boundary that it has just gone through, or that has thrown it back towards a sheet which
+       had thrown it there: a sheet may lie in it, as the ground under an object that stands on it,
+       and is met at once, at t = 0.
+   What a ray goes through before it has left that place behind does not change which of them holds.
+   It has left it where it meets, further on, a face that lies in another plane.
+   How far a point o is from a triangle's plane, measured along the axes, is |F| / |n|_1, where
+   F = n . (p0 - o), n = (p1-p0) x (p2-p0), |n|_1 = |nx| + |ny| + |nz|; in double, which adds next
+   to nothing to the error of o. A ray's origin on a face is a rounded point of it, and how far it
+   is from that face's own plane is known so. Twice as much, and 16 u |o| (u = 2^-24) for planes
+   that agree but for rounding, counts as in the plane. A neighbour in the same plane has other
+   rounded corners, but shares the edge that alone brings it near o. The t of sheets is computed in
+   double, too: a ground is often so large that floats of its corners' size cannot tell what lies
+   on it from what does not. It counts for a little more, so that of a boundary on a sheet and the
+   sheet the boundary is met first. */
+
+/* A triangle's plane and a point. */
 typedef struct itn__plane {
     double n[3], size; /* and |n|_1 */
     double f, error;   /* F, and what rounding makes of it at most */
@@ -2613,12 +2687,11 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, fl
    relative to testing one leaf and to the area of the whole, since a ray that meets a convex box
    meets a smaller one inside it with a probability of the ratio of their areas.
    The tree is made in two steps. First a binary tree from the top down. Candidate splits are the
-   borders of equal bins of the triangles' centres along each axis (Wald 2007, "On fast construction
-   of SAH-based bounding volume hierarchies"); both sides are priced as if they became full leaves,
-   and a branch that fits a leaf is split only if that saves ITN__SPLIT_COST of its area. Where no
-   border separates anything (equal centres), and below ITN__SAH_DEPTH levels, the list is cut in
-   the middle: fewer than 2^30 triangles then end within 30 more levels, so the depth of any tree is
-   below ITN__DEPTH, whatever the mesh.
+   borders of equal bins of the triangles' centres along each axis (Wald 2007); both sides are
+   priced as if they became full leaves, and a branch that fits a leaf is split only if that saves
+   ITN__SPLIT_COST of its area. Where no border separates anything (equal centres), and below
+   ITN__SAH_DEPTH levels, the list is cut in the middle: fewer than 2^30 triangles then end within
+   30 more levels, so the depth of any tree is below ITN__DEPTH, whatever the mesh.
    The references to the triangles are sorted in place, a branch is a part of their list, and each
    split is a border in the list that no other split has; so the children of the split at border b
    are the branches 2 b and 2 b + 1, and subtrees can be built at the same time without asking each
@@ -3442,6 +3515,7 @@ ITN__INLINE itn_vec3 itn__sample_phase(itn_vec3 direction, float g, float u, flo
     return itn__normalize(itn__to_world(
         itn__vec3(sine * cosf(phi), sine * sinf(phi), *x < 1 ? 1 - *x : *y - 1), s, t, direction));
 }
+
 /* ---- [surface] Fresnel, rough boundary, diffuse ---------------------------------------------- */
 
 /* At a boundary a walk that arrives along -omega_i leaves along omega_o. Everything here is in a
@@ -3594,6 +3668,7 @@ ITN__INLINE itn_vec3 itn__sample_cosine(float u, float v) {
     float r = sqrtf(u), phi = 2 * ITN__PI * v;
     return itn__vec3(r * cosf(phi), r * sinf(phi), sqrtf(1 - u));
 }
+
 /* ---- [light] constant, map, sky, sun --------------------------------------------------------- */
 
 /* All lights are infinitely far away, so a light is its radiance as a function of direction. A
@@ -3915,11 +3990,13 @@ static itn_result itn__light_grid(const itn_context *context, itn__light *light,
     itn__grid_prepare(grid);
     return ITN_OK;
 }
+
 /* ---- [sensor] camera and film ---------------------------------------------------------------- */
 
 /* A pinhole at `eye`; a pixel's value is the mean radiance over the reconstruction filter around
    its centre. Positions are drawn from the filter itself (filter importance sampling), so every
-   sample has weight 1 and belongs to one pixel only, and pixels are independent. */
+   sample has weight 1 and belongs to one pixel only, and pixels are independent. How many samples a
+   pixel has is kept in an allotment where not all have the same number. */
 typedef struct itn__camera {
     itn_vec3 eye, forward, right, up; /* right and up are as long as half the film at distance 1 */
     int width, height;
@@ -3946,12 +4023,14 @@ static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u,
 
 /* How many samples pixels get, where not all get the same: multiples of a set. */
 typedef struct itn__allotment {
-    int *samples; /* [height][width], */
-    int set, most;
-    double sum;
+    int *samples;  /* [height][width] */
+    int set, most; /* samples of a set; most of a pixel */
+    double sum;    /* of all pixels */
 } itn__allotment;
 
-/* How many samples a set has: pixels have four sets or more, of up to 16. */
+/* Samples of a pixel come in sets: a set is a Sobol sequence of its own ([sobol]), scrambled apart
+   from the others, so that their means are independent and tell the variance. Sets are of up to 16
+   samples, and there are four or more of them, unless there are fewer samples than that. */
 static int itn__set_size(int samples) {
     int size = 16;
     while (size > 1 && 4 * size > samples) size /= 2;
@@ -4909,336 +4988,29 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
         *scene = maker.scene;
     return result;
 }
-/* ---- [path] the reference path tracer -------------------------------------------------------- */
 
-/* The image is an integral over paths, T(pi) = int f(x) dx (equation 4), estimated by the mean of
-   f/p over random paths (equation 6). A path is built from the camera: fly (free path in a medium,
-   else to the next surface), scatter or meet a surface, choose a direction, and so on until it
-   leaves for the lights. Along the way it carries, per channel,
+/* ---- [place] where a walk is ----------------------------------------------------------------- */
 
-       beta   = f/p of what has been chosen so far,
-       score  = sum over its vertices of d f_k / f_k for each parameter asked for (equation 8),
-
-   and every light it reaches adds beta l to the image and beta l score to its derivatives (equation
-   10). From its vertices go links, straight flights to a light that is drawn, which add what that
-   light brings (next-event estimation). Each local factor f_k arrives as a dual number; p is what
-   the factor was drawn with and is never differentiated. In most places f_k / p = 1 and only the
-   score changes.
-
-   A factor may be 0 where its derivative is not (albedo 0, black reflectance). Then the score is
-   not defined, but the derivative is: by the product rule it is the factor's own derivative times
-   all other factors. `zero` marks a path that has met one such factor: beta is the product of the
-   others, `score` the derivative of that factor; it adds to derivatives only, and a second zero
-   ends it.
-
-   Where sigma_t or g differ from channel to channel, flights and turns are drawn with those of one
-   channel, the hero: for the samples of a pixel, each in turn (Wilkie et al. 2014). Every channel k
-   could have drawn the same path, with its own density p_k; so p is the mean of the p_k, the
-   density of all of them together (the balance heuristic over heroes, Veach 1997). With
-   share_k = p_k / sum_j p_j of the path so far, a choice that channel k makes with density q_k has
-   the density
-
-       q = sum_k share_k q_k,      and then share_k becomes share_k q_k / q.
-
-   With r_k = p_k / p_h, h being the hero, that is the weight 3 r_c / sum_k r_k for f_c / p_c, but
-   no quotient is formed that could overflow, and beta of channel c is at most 3 share_c times what
-   is left of f_c / p_c. Once a choice is made, it does not matter who is the hero: the weights of
-   links and directions use q, so that they add up to 1 in every channel, and roulette uses beta.
-   Scores are those of f_c: a sigma_t or g of one channel changes nothing in the others.
-
-   The values of an image count as parameters too, as many as they are: a path touches few. Each
-   place where it meets the texture asked for becomes a parameter of the path for a while, of which
-   four texels have a share; lights of a map depend on four texels each.
-
-   With one scattering at most and links that find all light, only the place of the collision has to
-   be drawn. A path goes straight through the scene; from each stretch of length L in a medium it
-   sends one link, from a place drawn as the next collision would be if it came before L, with the
-   weight of that, 1 - e^(-sigma_t L), and goes on with the weight e^(-sigma_t L), so that nothing
-   in a thin medium is missed. Of stretches of more than ITN__STRETCH mean free paths chance decides
-   which of the two is done, as it does everywhere else.
-
-   Where a walk is, is a set of sides, one for each solid: outside it can only meet front faces,
+/* Where a walk is, is a set of sides, one for each solid: outside it can only meet front faces,
    inside only back faces. So no ray can meet the face it stands on, whatever its rounding, and no
    epsilon moves it; a small negative tmin, relative to the coordinates, lets a vertex that rounding
    has put beyond a wall find its way out. The medium is that of the last solid in the list that the
-   walk is inside of. Of sheets, which have no inside, it counts where the ray begins ([tri]). */
+   walk is inside of. Of sheets, which have no inside, it counts where the ray begins ([tri]).
 
-typedef struct itn__weight {
-    float beta[3];
-    unsigned char zero[3];
-    float *score; /* [channels][score_count] */
-} itn__weight;
+   Where parts of a solid touch, faces coincide: those just gone through, and not yet left behind,
+   are remembered, so that a walk does not go through them again and again. */
 
-/* Derivatives by the values of an image: of a texture, or of a map light. */
-enum { ITN__TOUCHES = 64, ITN__TOUCH = -2 }; /* places at a time; parameter of the first of them */
-typedef struct itn__texels {
-    const itn__surface *texture; /* one of these */
-    const itn__light *map;
-    int width, count; /* texels of a row; of all */
-    float *path;   /* [channels][count] what the path adds to derivatives */
-    int *touched;  /* [channels * count] which of them are not 0 */
-    int touched_count;
-    itn__corners place[ITN__TOUCHES]; /* where the path has met the texture */
-    int place_count;
-} itn__texels;
-
-/* Where a walk is. Where parts of a solid touch, faces coincide: those just gone through, and not
-   yet left behind, are remembered, so that a walk does not go through them again and again. So is,
-   in `sides`, what [tri] says of sheets. */
 typedef struct itn__place {
     itn__sides sides;
     int inside;     /* object whose medium the walk is in, -1: none */
     int refracting; /* object whose index of refraction holds there, -1: none, 1 */
-    int hero;       /* the channel that draws flights and turns */
+    int hero;       /* the channel that draws flights and turns, see [throughput] */
     int crossed[4], crossed_count; /* the latest: 2 triangle + front, in a ring; how many so far */
 } itn__place;
-
-typedef struct itn__walk {
-    const itn_scene *scene;
-    const float *theta;
-    const int *slots; /* of each parameter: its place among those asked for, or -1 */
-    int channels, count, max_scatter;
-    int score_count; /* count, and with a texture ITN__TOUCHES more */
-    int linked; /* links find all light, see itn__links_suffice */
-    int straight; /* and paths scatter once, see itn__goes_straight */
-    itn__texels *texels; /* NULL: not asked for */
-    int strata;     /* 3: each channel in turn is the hero of a sample; else drawn */
-    float share[3]; /* probability of each channel to be the hero, given the path so far */
-    itn__rng rng;
-    itn__place place;
-    itn__weight weight, connection; /* of the path; of its link to a sampled light */
-    float lift;                     /* how much more the path counts in roulette */
-    float pdf;                      /* of the last direction drawn; INFINITY if nothing was drawn */
-    int scatterings, boundaries;
-    float radiance[3];              /* of this path */
-    float *derivative;              /* [channels][count], of this path */
-    double collisions;              /* of all paths so far, for the record */
-} itn__walk;
 
 /* How far behind itself a ray may find a wall that it should have met. */
 ITN__INLINE float itn__slack(const itn_scene *scene, itn_vec3 p) {
     return 4 * FLT_EPSILON * itn__max(itn__max_abs(p), scene->radius);
-}
-
-/* 1 or 3; said this way, the compiler knows it too. */
-ITN__INLINE int itn__channels(const itn__walk *walk) { return walk->channels == 3 ? 3 : 1; }
-
-ITN__INLINE int itn__slot(const itn__walk *walk, int parameter) {
-    if (parameter <= ITN__TOUCH) return walk->count + (ITN__TOUCH - parameter);
-    return walk->count && parameter >= 0 ? walk->slots[parameter] : -1;
-}
-
-/* A factor near 0 is not in the derivative by itself: beta / factor is. So that roulette does not
-   end what that derivative lives on, it counts the path 1 / factor times, for the smallest of such
-   factors whose derivatives are asked for. */
-#define ITN__FAINT .1f
-ITN__INLINE void itn__lift(itn__walk *walk, int parameter, float factor) {
-    if (factor < ITN__FAINT && factor >= FLT_MIN && itn__slot(walk, parameter) >= 0)
-        walk->lift = itn__max(walk->lift, 1 / factor);
-}
-
-/* Multiplies channel c of a weight by f / pdf; f depends on `parameter[k]` through f.d[k]. */
-static void itn__weigh_channel(const itn__walk *walk, itn__weight *weight, int c, itn__dual f,
-                               float pdf, const int parameter[ITN__DUALS]) {
-    float *score = weight->score + c * walk->score_count;
-    int slots[ITN__DUALS], k, felt = 0;
-    int zero = f.v < FLT_MIN; /* or so small that d f / f could overflow */
-    for (k = 0; k < ITN__DUALS; k++) slots[k] = itn__slot(walk, parameter[k]);
-    if (!zero) {
-        weight->beta[c] *= f.v / pdf;
-        for (k = 0; k < ITN__DUALS; k++)
-            if (slots[k] >= 0 && !weight->zero[c]) score[slots[k]] += f.d[k] / f.v;
-        return;
-    }
-    for (k = 0; k < ITN__DUALS; k++) felt |= slots[k] >= 0 && f.d[k] != 0;
-    weight->beta[c] = felt && !weight->zero[c] ? weight->beta[c] / pdf : 0;
-    weight->zero[c] = 1;
-    if (walk->score_count) memset(score, 0, (size_t)walk->score_count * sizeof *score);
-    for (k = 0; k < ITN__DUALS; k++)
-        if (slots[k] >= 0) score[slots[k]] += f.d[k];
-}
-
-/* The same for all channels. */
-static void itn__weigh(const itn__walk *walk, itn__weight *weight, itn__dual f, float pdf,
-                       int parameter0, int parameter1) {
-    int parameter[ITN__DUALS], c;
-    parameter[0] = parameter0, parameter[1] = parameter1;
-    for (c = 0; c < itn__channels(walk); c++)
-        itn__weigh_channel(walk, weight, c, f, pdf, parameter);
-}
-
-/* The same with a factor f[c] of parameter[c] in each channel. */
-static void itn__weigh_spectrum(const itn__walk *walk, itn__weight *weight, const itn__dual f[3],
-                                float pdf, const int parameter[3]) {
-    int of_channel[ITN__DUALS], c;
-    of_channel[1] = -1;
-    for (c = 0; c < itn__channels(walk); c++) {
-        of_channel[0] = parameter[c];
-        itn__weigh_channel(walk, weight, c, f[c], pdf, of_channel);
-    }
-}
-
-/* Density of a choice that channel k, with its parameter[k], makes with density pdf[k]. At least
-   FLT_MIN, so that quotients by it stay finite on a path that hardly any hero would go. */
-static float itn__mixture(const itn__walk *walk, const int parameter[3], const float pdf[3]) {
-    const float *share = walk->share;
-    if (!itn__is_spectral(parameter)) return pdf[0];
-    return itn__max(share[0] * pdf[0] + share[1] * pdf[1] + share[2] * pdf[2], FLT_MIN);
-}
-
-/* Makes that choice: multiplies the path's weight by f[c] / density, and learns from it who the
-   hero may be. Returns the density. */
-static float itn__weigh_choice(itn__walk *walk, const itn__dual f[3], const float pdf[3],
-                               const int parameter[3]) {
-    float density = itn__mixture(walk, parameter, pdf);
-    int k;
-    itn__weigh_spectrum(walk, &walk->weight, f, density, parameter);
-    for (k = 0; k < 3 && itn__is_spectral(parameter); k++) walk->share[k] *= pdf[k] / density;
-    return density;
-}
-
-static void itn__copy_weight(const itn__walk *walk, itn__weight *to, const itn__weight *from) {
-    memcpy(to->beta, from->beta, sizeof to->beta);
-    memcpy(to->zero, from->zero, sizeof to->zero);
-    memcpy(to->score, from->score,
-           (size_t)(walk->channels * walk->score_count) * sizeof *to->score);
-}
-
-/* Radiance of a light in the scene's channels. */
-static void itn__scene_radiance(const itn_scene *scene, const itn__light *light, itn_vec3 d,
-                                float rgb[3]) {
-    itn__light_radiance(light, d, rgb);
-    if (scene->film.channels == 1 && light->kind == ITN__LIGHT_SKY) rgb[0] = itn__luminance(rgb);
-}
-
-/* A path's derivative by texels grows by value times their shares. */
-static void itn__add_texels(itn__texels *texels, int c, const itn__corners *corners, float value) {
-    int k;
-    for (k = 0; k < 4; k++) {
-        int at = c * texels->count + corners->at[k];
-        float part = value * corners->share[k];
-        if (!(part > 0)) continue; /* none is negative */
-        if (texels->path[at] == 0) texels->touched[texels->touched_count++] = at;
-        texels->path[at] += part;
-    }
-}
-
-/* Sums of that over paths, in a few bands, which in the end are added in their order: so that the
-   bits of the result do not depend on who did what, the band of a path depends on its pixel and
-   sample alone. */
-enum { ITN__BANDS = 16, ITN__BAND_VALUES = 4 << 20 };
-
-typedef struct itn__band {
-    itn__texels texels;
-    float *scores; /* [2][channels][ITN__TOUCHES] */
-    double *sums;  /* [2][channels][texels]: of what paths add, and of the squares of that */
-} itn__band;
-
-/* Ends a path: what it has gathered goes to the sums. */
-static void itn__band_add(itn__band *band, const float *weight, size_t plane, double per_path,
-                          size_t values) {
-    itn__texels *texels = &band->texels;
-    int k;
-    for (k = 0; k < texels->touched_count; k++) {
-        size_t at = (size_t)texels->touched[k], c = at / (size_t)texels->count;
-        double value = (double)weight[c * plane] * texels->path[at] * per_path;
-        band->sums[at] += value, band->sums[values + at] += value * value;
-        texels->path[at] = 0;
-    }
-    texels->touched_count = 0;
-}
-
-static void itn__bands_free(const itn_context *context, itn__band *bands, int count) {
-    int i;
-    for (i = 0; bands && i < count; i++) {
-        itn__free(context, bands[i].texels.path);
-        itn__free(context, bands[i].texels.touched);
-        itn__free(context, bands[i].scores);
-        itn__free(context, bands[i].sums);
-    }
-    itn__free(context, bands);
-}
-
-/* How many bands a scene's images are worth: at most one for each row of the film. */
-static int itn__band_count(const itn_scene *scene, const itn__texels *texels) {
-    size_t values = (size_t)scene->film.channels * (size_t)texels->count;
-    size_t most = ITN__BAND_VALUES / values + (values > ITN__BAND_VALUES);
-    int count = most < ITN__BANDS ? (int)most : ITN__BANDS;
-    return count < scene->film.height ? count : scene->film.height;
-}
-
-static itn_result itn__bands_make(const itn_scene *scene, const itn__texels *texels, int count,
-                                  itn__band **bands, itn_error *error) {
-    const itn_context *context = &scene->context;
-    size_t channels = (size_t)scene->film.channels, values = channels * (size_t)texels->count;
-    int i, good;
-    *bands = (itn__band *)itn__allocate(context, (size_t)count, sizeof **bands);
-    good = values <= INT_MAX && *bands;
-    for (i = 0; i < count && good; i++) {
-        itn__band *band = *bands + i;
-        band->texels = *texels;
-        band->texels.path = (float *)itn__allocate(context, values, sizeof(float));
-        band->texels.touched = (int *)itn__allocate(context, values, sizeof(int));
-        band->scores = (float *)itn__allocate(context, 2 * channels, ITN__TOUCHES * sizeof(float));
-        band->sums = (double *)itn__allocate(context, values, 2 * sizeof(double));
-        good = band->texels.path && band->texels.touched && band->scores && band->sums;
-    }
-    return good ? ITN_OK : itn__out_of_memory(error, "derivatives by texels");
-}
-
-/* Adds beta l to the path's radiance and its derivatives: l is a light's radiance in direction d
-   times `mis`. */
-static void itn__contribute(itn__walk *walk, const itn__weight *weight, const itn__light *light,
-                            itn_vec3 d, float mis) {
-    itn__texels *texels = walk->texels;
-    float scale = walk->theta[light->parameter], rgb[3];
-    int slot = itn__slot(walk, light->parameter), of_map = texels && texels->map == light, c, k;
-    itn__corners corners = ITN_ZERO;
-    itn__scene_radiance(walk->scene, light, d, rgb);
-    if (of_map) corners = itn__map_corners(light, d);
-    for (c = 0; c < itn__channels(walk); c++) {
-        float carried = weight->beta[c] * mis, plain = carried * rgb[c], value = plain * scale;
-        const float *score = weight->score + c * walk->score_count;
-        float *derivative = walk->derivative + c * walk->count;
-        if (!weight->zero[c]) walk->radiance[c] += value;
-        for (k = 0; k < walk->count; k++) derivative[k] += value * score[k];
-        if (slot >= 0 && !weight->zero[c]) derivative[slot] += plain;
-        for (k = 0; texels && k < texels->place_count; k++)
-            itn__add_texels(texels, c, &texels->place[k], value * score[walk->count + k]);
-        if (of_map && !weight->zero[c]) itn__add_texels(texels, c, &corners, carried * scale);
-    }
-}
-
-/* Density with which itn__draw_light draws direction d. */
-static float itn__lights_pdf(const itn_scene *scene, itn_vec3 d) {
-    float pdf = 0;
-    int i;
-    for (i = 0; i < scene->light_count; i++)
-        if (scene->lights[i].share > 0)
-            pdf += scene->lights[i].share * itn__light_pdf(&scene->lights[i], d);
-    return pdf;
-}
-
-/* Draws a direction to a light; pdf receives its density. Returns 0 where no light is sampled. */
-static int itn__draw_light(itn__walk *walk, itn_vec3 *direction, float *pdf) {
-    const itn_scene *scene = walk->scene;
-    const itn__light *chosen = NULL;
-    float u, v;
-    int i;
-    for (i = 0; i < scene->light_count && !chosen; i++)
-        if (scene->lights[i].share > 0) chosen = &scene->lights[i];
-    if (!chosen) return 0;
-    u = itn__uniform(&walk->rng);
-    for (i = 0; i < scene->light_count; i++) {
-        if (!(scene->lights[i].share > 0)) continue;
-        chosen = &scene->lights[i];
-        if (u < chosen->share) break;
-        u -= chosen->share;
-    }
-    u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
-    *direction = itn__light_sample(chosen, u, v);
-    *pdf = itn__lights_pdf(scene, *direction);
-    return *pdf > 0;
 }
 
 ITN__INLINE int itn__is_inside(const itn__sides *sides, int object) {
@@ -5376,24 +5148,418 @@ static itn_vec3 itn__hit_point(const itn_bvh *bvh, const itn_hit *hit) {
                       itn__sub(p[2], p[0]));
 }
 
-/* Unit normal of the triangle that a ray along `direction` has hit, on the side it comes from. In
-   double, where the edges of floats and their products are exact enough for the thinnest needle.
+/* Unit normal of the triangle that a ray along `direction` has hit, on the side it comes from.
    Returns 0 if there is none. */
 static int itn__hit_normal(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 direction,
                            itn_vec3 *normal) {
-    itn_vec3 p[3];
-    double a[3], b[3], n[3], length;
-    itn__bvh_corners(bvh, hit->triangle, p);
-    a[0] = (double)p[1].x - p[0].x, a[1] = (double)p[1].y - p[0].y, a[2] = (double)p[1].z - p[0].z;
-    b[0] = (double)p[2].x - p[0].x, b[1] = (double)p[2].y - p[0].y, b[2] = (double)p[2].z - p[0].z;
-    n[0] = a[1] * b[2] - a[2] * b[1];
-    n[1] = a[2] * b[0] - a[0] * b[2];
-    n[2] = a[0] * b[1] - a[1] * b[0];
-    length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    if (!(length > 0)) return 0;
-    if (n[0] * direction.x + n[1] * direction.y + n[2] * direction.z > 0) length = -length;
-    *normal = itn__vec3((float)(n[0] / length), (float)(n[1] / length), (float)(n[2] / length));
+    double n[3], side;
+    if (!itn__unit_normal(&bvh->triangles[bvh->slots[hit->triangle]], n)) return 0;
+    side = n[0] * direction.x + n[1] * direction.y + n[2] * direction.z > 0 ? -1 : 1;
+    *normal = itn__vec3((float)(side * n[0]), (float)(side * n[1]), (float)(side * n[2]));
     return 1;
+}
+
+/* How far a ray goes until it has left the box of all triangles. */
+static float itn__way_out(const itn_bvh *bvh, itn_vec3 p, itn_vec3 d) {
+    float x = ((d.x > 0 ? bvh->upper.x : bvh->lower.x) - p.x) / d.x;
+    float y = ((d.y > 0 ? bvh->upper.y : bvh->lower.y) - p.y) / d.y;
+    float z = ((d.z > 0 ? bvh->upper.z : bvh->lower.z) - p.z) / d.z;
+    float way = INFINITY;
+    if (d.x != 0) way = itn__min(way, x);
+    if (d.y != 0) way = itn__min(way, y);
+    if (d.z != 0) way = itn__min(way, z);
+    return itn__max(way, 0);
+}
+
+/* Whether p lies in the box of the scene's triangles; a walk that has lost its solid through a
+   hole does not. */
+static int itn__within(const itn_scene *scene, itn_vec3 p) {
+    itn_vec3 a = scene->bvh->lower, b = scene->bvh->upper;
+    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
+}
+
+/* ---- [throughput] what a path carries -------------------------------------------------------- */
+
+/* The image is an integral over paths, T(pi) = int f(x) dx (equation 4), estimated by the mean of
+   f/p over random paths (equation 6). Along its way a path carries, per channel,
+
+       beta   = f/p of what has been chosen so far,
+       score  = sum over its vertices of d f_k / f_k for each parameter asked for (equation 8),
+
+   and every light it reaches adds beta l to the image and beta l score to its derivatives (equation
+   10). Each local factor f_k arrives as a dual number; p is what the factor was drawn with and is
+   never differentiated. In most places f_k / p = 1 and only the score changes.
+
+   A factor may be 0 where its derivative is not (albedo 0, black reflectance). Then the score is
+   not defined, but the derivative is: by the product rule it is the factor's own derivative times
+   all other factors. `zero` marks a path that has met one such factor: beta is the product of the
+   others, `score` the derivative of that factor; it adds to derivatives only, and a second zero
+   ends it. */
+
+/* Heroes. Where sigma_t or g differ from channel to channel, flights and turns are drawn with those
+   of one channel, the hero: for the samples of a pixel, each in turn (Wilkie et al. 2014). Every
+   channel k could have drawn the same path, with its own density p_k; so p is the mean of the p_k,
+   the density of all of them together (the balance heuristic over heroes, Veach 1997). With
+   share_k = p_k / sum_j p_j of the path so far, a choice that channel k makes with density q_k has
+   the density
+
+       q = sum_k share_k q_k,      and then share_k becomes share_k q_k / q.
+
+   With r_k = p_k / p_h, h being the hero, that is the weight 3 r_c / sum_k r_k for f_c / p_c, but
+   no quotient is formed that could overflow, and beta of channel c is at most 3 share_c times what
+   is left of f_c / p_c. Once a choice is made, it does not matter who is the hero: the weights of
+   links and directions use q, so that they add up to 1 in every channel, and roulette uses beta.
+   Scores are those of f_c: a sigma_t or g of one channel changes nothing in the others. */
+
+typedef struct itn__weight {
+    float beta[3];
+    unsigned char zero[3];
+    float *score; /* [channels][score_count] */
+} itn__weight;
+
+/* What a path adds to the derivatives by the values of an image, see [texels]. */
+enum { ITN__TOUCHES = 64, ITN__TOUCH = -2 }; /* most at a time; the first one's parameter */
+typedef struct itn__texels {
+    const itn__surface *texture; /* one of these */
+    const itn__light *map;
+    int width, count; /* texels of a row; of all */
+    float *path;   /* [channels][count] what the path adds to derivatives */
+    int *touched;  /* [channels * count] which of them are not 0 */
+    int touched_count;
+    itn__corners place[ITN__TOUCHES]; /* where the path has met the texture */
+    int place_count;
+} itn__texels;
+
+typedef struct itn__walk {
+    const itn_scene *scene;
+    const float *theta;
+    const int *slots; /* of each parameter: its place among those asked for, or -1 */
+    int channels, count, max_scatter;
+    int score_count; /* count, and with a texture ITN__TOUCHES more */
+    int linked; /* links find all light, see itn__links_suffice */
+    int straight; /* and paths scatter once, see itn__goes_straight */
+    itn__texels *texels; /* NULL: not asked for */
+    int strata;     /* 3: each channel in turn is the hero of a sample; else drawn */
+    float share[3]; /* probability of each channel to be the hero, given the path so far */
+    itn__rng rng;
+    itn__place place;
+    itn__weight weight, connection; /* of the path; of its link to a sampled light */
+    float lift;                     /* how much more the path counts in roulette */
+    float pdf;                      /* of the last direction drawn; INFINITY if nothing was drawn */
+    int scatterings, boundaries;
+    float radiance[3];              /* of this path */
+    float *derivative;              /* [channels][count], of this path */
+    double collisions;              /* of all paths so far, for the record */
+} itn__walk;
+
+/* 1 or 3; said this way, the compiler knows it too. */
+ITN__INLINE int itn__channels(const itn__walk *walk) { return walk->channels == 3 ? 3 : 1; }
+
+ITN__INLINE int itn__slot(const itn__walk *walk, int parameter) {
+    if (parameter <= ITN__TOUCH) return walk->count + (ITN__TOUCH - parameter);
+    return walk->count && parameter >= 0 ? walk->slots[parameter] : -1;
+}
+
+/* A factor near 0 is not in the derivative by itself: beta / factor is. So that roulette does not
+   end what that derivative lives on, it counts the path 1 / factor times, for the smallest of such
+   factors whose derivatives are asked for. */
+#define ITN__FAINT .1f
+ITN__INLINE void itn__lift(itn__walk *walk, int parameter, float factor) {
+    if (factor < ITN__FAINT && factor >= FLT_MIN && itn__slot(walk, parameter) >= 0)
+        walk->lift = itn__max(walk->lift, 1 / factor);
+}
+
+/* Multiplies channel c of a weight by f / pdf; f depends on `parameter[k]` through f.d[k]. */
+static void itn__weigh_channel(const itn__walk *walk, itn__weight *weight, int c, itn__dual f,
+                               float pdf, const int parameter[ITN__DUALS]) {
+    float *score = weight->score + c * walk->score_count;
+    int slots[ITN__DUALS], k, felt = 0;
+    int zero = f.v < FLT_MIN; /* or so small that d f / f could overflow */
+    for (k = 0; k < ITN__DUALS; k++) slots[k] = itn__slot(walk, parameter[k]);
+    if (!zero) {
+        weight->beta[c] *= f.v / pdf;
+        for (k = 0; k < ITN__DUALS; k++)
+            if (slots[k] >= 0 && !weight->zero[c]) score[slots[k]] += f.d[k] / f.v;
+        return;
+    }
+    for (k = 0; k < ITN__DUALS; k++) felt |= slots[k] >= 0 && f.d[k] != 0;
+    weight->beta[c] = felt && !weight->zero[c] ? weight->beta[c] / pdf : 0;
+    weight->zero[c] = 1;
+    if (walk->score_count) memset(score, 0, (size_t)walk->score_count * sizeof *score);
+    for (k = 0; k < ITN__DUALS; k++)
+        if (slots[k] >= 0) score[slots[k]] += f.d[k];
+}
+
+/* The same for all channels. */
+static void itn__weigh(const itn__walk *walk, itn__weight *weight, itn__dual f, float pdf,
+                       int parameter0, int parameter1) {
+    int parameter[ITN__DUALS], c;
+    parameter[0] = parameter0, parameter[1] = parameter1;
+    for (c = 0; c < itn__channels(walk); c++)
+        itn__weigh_channel(walk, weight, c, f, pdf, parameter);
+}
+
+/* The same with a factor f[c] of parameter[c] in each channel. */
+static void itn__weigh_spectrum(const itn__walk *walk, itn__weight *weight, const itn__dual f[3],
+                                float pdf, const int parameter[3]) {
+    int of_channel[ITN__DUALS], c;
+    of_channel[1] = -1;
+    for (c = 0; c < itn__channels(walk); c++) {
+        of_channel[0] = parameter[c];
+        itn__weigh_channel(walk, weight, c, f[c], pdf, of_channel);
+    }
+}
+/* Density of a choice that channel k, with its parameter[k], makes with density pdf[k]. At least
+   FLT_MIN, so that quotients by it stay finite on a path that hardly any hero would go. */
+static float itn__mixture(const itn__walk *walk, const int parameter[3], const float pdf[3]) {
+    const float *share = walk->share;
+    if (!itn__is_spectral(parameter)) return pdf[0];
+    return itn__max(share[0] * pdf[0] + share[1] * pdf[1] + share[2] * pdf[2], FLT_MIN);
+}
+
+/* Makes that choice: multiplies the path's weight by f[c] / density, and learns from it who the
+   hero may be. Returns the density. */
+static float itn__weigh_choice(itn__walk *walk, const itn__dual f[3], const float pdf[3],
+                               const int parameter[3]) {
+    float density = itn__mixture(walk, parameter, pdf);
+    int k;
+    itn__weigh_spectrum(walk, &walk->weight, f, density, parameter);
+    for (k = 0; k < 3 && itn__is_spectral(parameter); k++) walk->share[k] *= pdf[k] / density;
+    return density;
+}
+
+static void itn__copy_weight(const itn__walk *walk, itn__weight *to, const itn__weight *from) {
+    memcpy(to->beta, from->beta, sizeof to->beta);
+    memcpy(to->zero, from->zero, sizeof to->zero);
+    memcpy(to->score, from->score,
+           (size_t)(walk->channels * walk->score_count) * sizeof *to->score);
+}
+
+/* ---- [texels] derivatives by the values of an image ------------------------------------------ */
+
+/* The values of an image, of a texture or of a map light, are parameters too, as many as they are,
+   but a path touches few. Each place where it meets the texture asked for becomes a parameter of
+   the path for a while, shared by four texels; so is what comes from a direction of a map. What a
+   path adds to the derivatives by these goes to sums as it ends. Textures are looked up here, too,
+   for all renders. */
+
+/* A path's derivative by texels grows by value times their shares. */
+static void itn__add_texels(itn__texels *texels, int c, const itn__corners *corners, float value) {
+    int k;
+    for (k = 0; k < 4; k++) {
+        int at = c * texels->count + corners->at[k];
+        float part = value * corners->share[k];
+        if (!(part > 0)) continue; /* none is negative */
+        if (texels->path[at] == 0) texels->touched[texels->touched_count++] = at;
+        texels->path[at] += part;
+    }
+}
+
+/* Sums of that over paths, in a few bands, which in the end are added in their order: so that the
+   bits of the result do not depend on who did what, the band of a path depends on its pixel and
+   sample alone. */
+enum { ITN__BANDS = 16, ITN__BAND_VALUES = 4 << 20 };
+
+typedef struct itn__band {
+    itn__texels texels;
+    float *scores; /* [2][channels][ITN__TOUCHES] */
+    double *sums;  /* [2][channels][texels]: of what paths add, and of the squares of that */
+} itn__band;
+
+/* Ends a path: what it has gathered goes to the sums. */
+static void itn__band_add(itn__band *band, const float *weight, size_t plane, double per_path,
+                          size_t values) {
+    itn__texels *texels = &band->texels;
+    int k;
+    for (k = 0; k < texels->touched_count; k++) {
+        size_t at = (size_t)texels->touched[k], c = at / (size_t)texels->count;
+        double value = (double)weight[c * plane] * texels->path[at] * per_path;
+        band->sums[at] += value, band->sums[values + at] += value * value;
+        texels->path[at] = 0;
+    }
+    texels->touched_count = 0;
+}
+
+static void itn__bands_free(const itn_context *context, itn__band *bands, int count) {
+    int i;
+    for (i = 0; bands && i < count; i++) {
+        itn__free(context, bands[i].texels.path);
+        itn__free(context, bands[i].texels.touched);
+        itn__free(context, bands[i].scores);
+        itn__free(context, bands[i].sums);
+    }
+    itn__free(context, bands);
+}
+
+/* How many bands a scene's images are worth: at most one for each row of the film. */
+static int itn__band_count(const itn_scene *scene, const itn__texels *texels) {
+    size_t values = (size_t)scene->film.channels * (size_t)texels->count;
+    size_t most = ITN__BAND_VALUES / values + (values > ITN__BAND_VALUES);
+    int count = most < ITN__BANDS ? (int)most : ITN__BANDS;
+    return count < scene->film.height ? count : scene->film.height;
+}
+
+static itn_result itn__bands_make(const itn_scene *scene, const itn__texels *texels, int count,
+                                  itn__band **bands, itn_error *error) {
+    const itn_context *context = &scene->context;
+    size_t channels = (size_t)scene->film.channels, values = channels * (size_t)texels->count;
+    int i, good;
+    *bands = (itn__band *)itn__allocate(context, (size_t)count, sizeof **bands);
+    good = values <= INT_MAX && *bands;
+    for (i = 0; i < count && good; i++) {
+        itn__band *band = *bands + i;
+        band->texels = *texels;
+        band->texels.path = (float *)itn__allocate(context, values, sizeof(float));
+        band->texels.touched = (int *)itn__allocate(context, values, sizeof(int));
+        band->scores = (float *)itn__allocate(context, 2 * channels, ITN__TOUCHES * sizeof(float));
+        band->sums = (double *)itn__allocate(context, values, 2 * sizeof(double));
+        good = band->texels.path && band->texels.touched && band->scores && band->sums;
+    }
+    return good ? ITN_OK : itn__out_of_memory(error, "derivatives by texels");
+}
+
+/* Of an image texture at coordinates (s, t): (0, 0) is its lower left corner, (1, 1) its upper
+   right one. */
+static itn__corners itn__texture_corners(const itn__surface *surface, float s, float t) {
+    int c0, c1, r, row[2];
+    float fx, fy;
+    s = s - floorf(s), t = (1 - (t - floorf(t))) * (float)surface->height - .5f;
+    itn__grid_locate(surface->width, 2, 1, s, 0, &c0, &c1, &r, &fx, &fy);
+    if (t < 0) t += (float)surface->height;
+    row[0] = (int)t < surface->height ? (int)t : surface->height - 1;
+    row[1] = row[0] + 1 < surface->height ? row[0] + 1 : 0;
+    return itn__corners_of(surface->width, row[0], row[1], c0, c1, fx, t - (float)row[0]);
+}
+
+/* Reflectance of channel c at texture coordinates (s, t) as texel * theta[*parameter]. */
+static float itn__texel(const itn__surface *surface, float s, float t, int c, int *parameter) {
+    itn__corners corners;
+    *parameter = surface->reflectance + c;
+    if (surface->texture == ITN_TEXTURE_CHECKER) {
+        float sum = floorf(s / surface->checker_size) + floorf(t / surface->checker_size);
+        if (fmodf(sum, 2) != 0) *parameter = surface->reflectance2 + c;
+    }
+    if (surface->texture != ITN_TEXTURE_IMAGE) return 1;
+    corners = itn__texture_corners(surface, s, t);
+    return itn__bilinear(surface->texels, &corners, c);
+}
+
+/* Texture coordinates of a hit: the mesh's own, else the scene's x and z. */
+static void itn__texture_coordinates(const itn_scene *scene, int object, const itn_hit *hit,
+                                     itn_vec3 point, float *s, float *t) {
+    const itn__object *o = &scene->objects[object];
+    *s = (float)(point.x + scene->origin[0]), *t = (float)(point.z + scene->origin[2]);
+    if (o->uvs) {
+        const float *uv = o->uvs + 6 * (size_t)(hit->triangle - o->first_triangle);
+        float w = 1 - hit->u - hit->v;
+        *s = w * uv[0] + hit->u * uv[2] + hit->v * uv[4];
+        *t = w * uv[1] + hit->u * uv[3] + hit->v * uv[5];
+    }
+}
+
+/* Of a path that has met the texture too often, every other place is forgotten, by chance, and the
+   scores of the others count twice. */
+static void itn__forget_places(itn__walk *walk) {
+    itn__texels *texels = walk->texels;
+    int k, c, kept = 0;
+    for (k = 0; k < texels->place_count; k++) {
+        if (itn__uniform(&walk->rng) < .5f) continue;
+        texels->place[kept] = texels->place[k];
+        for (c = 0; c < itn__channels(walk); c++) {
+            float *score = walk->weight.score + c * walk->score_count + walk->count;
+            score[kept] = 2 * score[k];
+        }
+        kept++;
+    }
+    texels->place_count = kept;
+}
+
+/* The parameter that a texture is at (s, t), or -1 if it is not asked for. */
+static int itn__touch_texture(itn__walk *walk, const itn__surface *surface, float s, float t) {
+    itn__texels *texels = walk->texels;
+    int k, c;
+    if (!texels || texels->texture != surface) return -1;
+    while (texels->place_count == ITN__TOUCHES) itn__forget_places(walk);
+    k = texels->place_count++, texels->place[k] = itn__texture_corners(surface, s, t);
+    for (c = 0; c < itn__channels(walk); c++)
+        walk->weight.score[c * walk->score_count + walk->count + k] = 0;
+    return ITN__TOUCH - k;
+}
+
+/* ---- [path] the reference path tracer -------------------------------------------------------- */
+
+/* A path is built from the camera: fly (free path in a medium, else to the next surface), scatter
+   or meet a surface, choose a direction, and so on until it leaves for the lights. From its
+   vertices go links, straight flights to a light that is drawn, which add what that light brings
+   (next-event estimation).
+
+   With one scattering at most and links that find all light, only the place of the collision has to
+   be drawn. A path goes straight through the scene; from each stretch of length L in a medium it
+   sends one link, from a place drawn as the next collision would be if it came before L, with the
+   weight of that, 1 - e^(-sigma_t L), and goes on with the weight e^(-sigma_t L), so that nothing
+   in a thin medium is missed. Of stretches of more than ITN__STRETCH mean free paths chance decides
+   which of the two is done, as it does everywhere else. */
+
+/* Radiance of a light in the scene's channels. */
+static void itn__scene_radiance(const itn_scene *scene, const itn__light *light, itn_vec3 d,
+                                float rgb[3]) {
+    itn__light_radiance(light, d, rgb);
+    if (scene->film.channels == 1 && light->kind == ITN__LIGHT_SKY) rgb[0] = itn__luminance(rgb);
+}
+
+/* Adds beta l to the path's radiance and its derivatives: l is a light's radiance in direction d
+   times `mis`. */
+static void itn__contribute(itn__walk *walk, const itn__weight *weight, const itn__light *light,
+                            itn_vec3 d, float mis) {
+    itn__texels *texels = walk->texels;
+    float scale = walk->theta[light->parameter], rgb[3];
+    int slot = itn__slot(walk, light->parameter), of_map = texels && texels->map == light, c, k;
+    itn__corners corners = ITN_ZERO;
+    itn__scene_radiance(walk->scene, light, d, rgb);
+    if (of_map) corners = itn__map_corners(light, d);
+    for (c = 0; c < itn__channels(walk); c++) {
+        float carried = weight->beta[c] * mis, plain = carried * rgb[c], value = plain * scale;
+        const float *score = weight->score + c * walk->score_count;
+        float *derivative = walk->derivative + c * walk->count;
+        if (!weight->zero[c]) walk->radiance[c] += value;
+        for (k = 0; k < walk->count; k++) derivative[k] += value * score[k];
+        if (slot >= 0 && !weight->zero[c]) derivative[slot] += plain;
+        for (k = 0; texels && k < texels->place_count; k++)
+            itn__add_texels(texels, c, &texels->place[k], value * score[walk->count + k]);
+        if (of_map && !weight->zero[c]) itn__add_texels(texels, c, &corners, carried * scale);
+    }
+}
+
+/* Density with which itn__draw_light draws direction d. */
+static float itn__lights_pdf(const itn_scene *scene, itn_vec3 d) {
+    float pdf = 0;
+    int i;
+    for (i = 0; i < scene->light_count; i++)
+        if (scene->lights[i].share > 0)
+            pdf += scene->lights[i].share * itn__light_pdf(&scene->lights[i], d);
+    return pdf;
+}
+
+/* Draws a direction to a light; pdf receives its density. Returns 0 where no light is sampled. */
+static int itn__draw_light(itn__walk *walk, itn_vec3 *direction, float *pdf) {
+    const itn_scene *scene = walk->scene;
+    const itn__light *chosen = NULL;
+    float u, v;
+    int i;
+    for (i = 0; i < scene->light_count && !chosen; i++)
+        if (scene->lights[i].share > 0) chosen = &scene->lights[i];
+    if (!chosen) return 0;
+    u = itn__uniform(&walk->rng);
+    for (i = 0; i < scene->light_count; i++) {
+        if (!(scene->lights[i].share > 0)) continue;
+        chosen = &scene->lights[i];
+        if (u < chosen->share) break;
+        u -= chosen->share;
+    }
+    u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
+    *direction = itn__light_sample(chosen, u, v);
+    *pdf = itn__lights_pdf(scene, *direction);
+    return *pdf > 0;
 }
 
 /* Factor of a flight over t in each channel: the transmittance, times sigma_t if it ended in a
@@ -5410,18 +5576,6 @@ static void itn__flight_factors(const itn__walk *walk, const itn__medium *medium
         f[c] = itn__transmittance(sigma_t, t);
         if (collided) f[c] = itn__dmul(f[c], itn__variable(sigma_t, 0));
     }
-}
-
-/* How far a ray goes until it has left the box of all triangles. */
-static float itn__way_out(const itn_bvh *bvh, itn_vec3 p, itn_vec3 d) {
-    float x = ((d.x > 0 ? bvh->upper.x : bvh->lower.x) - p.x) / d.x;
-    float y = ((d.y > 0 ? bvh->upper.y : bvh->lower.y) - p.y) / d.y;
-    float z = ((d.z > 0 ? bvh->upper.z : bvh->lower.z) - p.z) / d.z;
-    float way = INFINITY;
-    if (d.x != 0) way = itn__min(way, x);
-    if (d.y != 0) way = itn__min(way, y);
-    if (d.z != 0) way = itn__min(way, z);
-    return itn__max(way, 0);
 }
 
 /* Carries the connection from `ray` to the lights: transmittance through media and index-matched
@@ -5638,74 +5792,6 @@ static void itn__pass_stretch(itn__walk *walk, const itn__medium *medium, itn_ra
     itn__weigh_spectrum(walk, &walk->weight, f, 1, medium->sigma_t);
 }
 
-/* Of an image texture at coordinates (s, t): (0, 0) is its lower left corner, (1, 1) its upper
-   right one. */
-static itn__corners itn__texture_corners(const itn__surface *surface, float s, float t) {
-    int c0, c1, r, row[2];
-    float fx, fy;
-    s = s - floorf(s), t = (1 - (t - floorf(t))) * (float)surface->height - .5f;
-    itn__grid_locate(surface->width, 2, 1, s, 0, &c0, &c1, &r, &fx, &fy);
-    if (t < 0) t += (float)surface->height;
-    row[0] = (int)t < surface->height ? (int)t : surface->height - 1;
-    row[1] = row[0] + 1 < surface->height ? row[0] + 1 : 0;
-    return itn__corners_of(surface->width, row[0], row[1], c0, c1, fx, t - (float)row[0]);
-}
-
-/* Reflectance of channel c at texture coordinates (s, t) as texel * theta[*parameter]. */
-static float itn__texel(const itn__surface *surface, float s, float t, int c, int *parameter) {
-    itn__corners corners;
-    *parameter = surface->reflectance + c;
-    if (surface->texture == ITN_TEXTURE_CHECKER) {
-        float sum = floorf(s / surface->checker_size) + floorf(t / surface->checker_size);
-        if (fmodf(sum, 2) != 0) *parameter = surface->reflectance2 + c;
-    }
-    if (surface->texture != ITN_TEXTURE_IMAGE) return 1;
-    corners = itn__texture_corners(surface, s, t);
-    return itn__bilinear(surface->texels, &corners, c);
-}
-
-/* Texture coordinates of a hit: the mesh's own, else the scene's x and z. */
-static void itn__texture_coordinates(const itn_scene *scene, int object, const itn_hit *hit,
-                                     itn_vec3 point, float *s, float *t) {
-    const itn__object *o = &scene->objects[object];
-    *s = (float)(point.x + scene->origin[0]), *t = (float)(point.z + scene->origin[2]);
-    if (o->uvs) {
-        const float *uv = o->uvs + 6 * (size_t)(hit->triangle - o->first_triangle);
-        float w = 1 - hit->u - hit->v;
-        *s = w * uv[0] + hit->u * uv[2] + hit->v * uv[4];
-        *t = w * uv[1] + hit->u * uv[3] + hit->v * uv[5];
-    }
-}
-
-/* Of a path that has met the texture too often, every other place is forgotten, by chance, and the
-   scores of the others count twice. */
-static void itn__forget_places(itn__walk *walk) {
-    itn__texels *texels = walk->texels;
-    int k, c, kept = 0;
-    for (k = 0; k < texels->place_count; k++) {
-        if (itn__uniform(&walk->rng) < .5f) continue;
-        texels->place[kept] = texels->place[k];
-        for (c = 0; c < itn__channels(walk); c++) {
-            float *score = walk->weight.score + c * walk->score_count + walk->count;
-            score[kept] = 2 * score[k];
-        }
-        kept++;
-    }
-    texels->place_count = kept;
-}
-
-/* The parameter that a texture is at (s, t), or -1 if it is not asked for. */
-static int itn__touch_texture(itn__walk *walk, const itn__surface *surface, float s, float t) {
-    itn__texels *texels = walk->texels;
-    int k, c;
-    if (!texels || texels->texture != surface) return -1;
-    while (texels->place_count == ITN__TOUCHES) itn__forget_places(walk);
-    k = texels->place_count++, texels->place[k] = itn__texture_corners(surface, s, t);
-    for (c = 0; c < itn__channels(walk); c++)
-        walk->weight.score[c * walk->score_count + walk->count + k] = 0;
-    return ITN__TOUCH - k;
-}
-
 /* Multiplies a weight by reflectance * factor / pdf, channel by channel; `touch` is the parameter
    that the texture is. */
 static void itn__weigh_reflectance(itn__walk *walk, itn__weight *weight,
@@ -5867,8 +5953,8 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     return 1;
 }
 
-/* Russian roulette by the value alone (but see itn__lift): a path of weight below .4 goes on with a
-   chance in proportion and then counts as .4. Beyond many random numbers each further step is
+/* Russian roulette by the weight alone (but see itn__lift): a path of weight below .4 goes on with
+   a chance in proportion and then counts as .4. Beyond many random numbers each further step is
    survived with .999, so that light trapped without loss ends some day: at albedo 1 in an object of
    optical thickness 1e4 after a million collisions, in clear glass after ten thousand total
    reflections. */
@@ -5896,13 +5982,6 @@ static int itn__roulette(itn__walk *walk) {
     if (!(itn__uniform(&walk->rng) < survival * step)) return 0;
     for (c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= survival * step;
     return 1;
-}
-
-/* Whether p lies in the box of the scene's triangles; a walk that has lost its solid through a
-   hole does not. */
-static int itn__within(const itn_scene *scene, itn_vec3 p) {
-    itn_vec3 a = scene->bvh->lower, b = scene->bvh->upper;
-    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
 }
 
 /* Follows one path from the camera to its end. */
@@ -5976,6 +6055,7 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     itn__trace_path(walk, itn__begin_path(walk, seed, x, y, sample));
 }
 #ifndef ITN_NO_FAST
+
 /* ---- [lane-math] logarithm, exponential, angles in lanes ------------------------------------- */
 
 /* The elementary functions the walk needs, without branches, tables or calls. Each one reduces its
@@ -6182,27 +6262,11 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
      region  all triangles in a block of cells lie in the slab below <= n.x <= above; a segment in
              the block with both ends below, or both above, is free. On a surface that is nearly
              flat at the scale of a block, n is its normal and the slab thin.
-     normals where all triangles of a block face within an angle of less than 90 degrees around n,
-             a segment with n.d < -against (d of unit length, cos against/|n| = 90 degrees less
-             that angle) runs against all their normals and meets front faces only, which are not
-             met from the inside of a solid.
+     normals where all triangles of a block face within an angle a < 90 degrees of n, a segment of
+             unit direction d with n.d < -against, against = |n| sin a, runs against all their
+             normals and meets front faces only, which are not met from the inside of a solid.
    A segment that is not proven free is marched through the cells, and the packs of triangles in its
-   cells are tested.
-
-   Nothing here may ever be wrong in claiming freedom. A triangle belongs to all cells that it comes
-   within ITN__CELL_MARGIN cells of, by the separating axis theorem: a triangle and a box are
-   disjoint iff their projections are on one of 13 axes, those of the box, the normal of the
-   triangle, and the 9 cross products of their edges; the latter amount to the edges of the
-   triangle's three shadows on the coordinate planes (Schwarz and Seidel, "Fast parallel surface and
-   solid voxelization on GPUs", 2010). For any vector d, be it a rounded edge normal or not, a
-   triangle lies where d.x is at least the least d.corner, so that rounding of d costs tightness and
-   not correctness. A slab holds each triangle's part in the block: n.x is at least n.corner for
-   some corner; and with the triangle's unit normal m, any a and r = n - a m,
-     n.x = a m.x + r.x,   m.x between the least and the most m.corner,
-                          r.x >= r.centre - |r|_1 half for x in the block,
-   which is the better bound for triangles larger than the block; a = n.m makes r small. The
-   triangles of each cell are summarised by the box and the slab of their parts in it, which takes
-   the place of one triangle when a block's cells are put together. */
+   cells are tested. Nothing here may ever be wrong in claiming freedom. */
 
 enum { /* words of a record in `surface` */
     ITN__OWN_NORMAL,
@@ -6282,30 +6346,30 @@ enum { ITN__SUMMARY_FLOATS = sizeof(itn__summary) / sizeof(float) };
 typedef struct itn__voxel_build {
     const itn_bvh *bvh;
     itn__voxels *voxels;
-    double largest;  /* coordinate in the grid */
-    int slabs;       /* of ITN__LAYERS layers */
-    int fill;        /* 0: triangles are counted, 1: listed */
-    int32_t *ranges;     /* [triangles] first slab | last slab << 16; -1: nowhere */
-    int32_t *slab_first; /* [slabs + 2] */
-    int32_t *slab_slots; /* triangles of each slab */
-    int32_t *first;      /* [cells + 2] */
-    int32_t *slots;      /* triangles of each cell, in the order of slots */
-    int32_t *cells;      /* minus the distance to the nearest cell with triangles; of these: the
-                            record in `surface` */
-    int32_t *near_cells; /* [near_count] cells with regions */
+    double largest;       /* coordinate in the grid */
+    int groups;           /* of ITN__LAYERS layers */
+    int fill;             /* 0: triangles are counted, 1: listed */
+    int32_t *ranges;      /* [triangles] first group | last group << 16; -1: nowhere */
+    int32_t *group_first; /* [groups + 2] */
+    int32_t *group_slots; /* triangles of each group */
+    int32_t *first;       /* [cells + 2] */
+    int32_t *slots;       /* triangles of each cell, in the order of slots */
+    int32_t *cells;       /* minus the distance to the nearest cell with triangles; of these: the
+                             record in `surface` */
+    int32_t *near_cells;  /* [near_count] cells with regions */
     int32_t *surface_cells; /* [surface_count] of the records */
     int near_count;
-    itn__summary *summaries;             /* [surface_count] */
-    uint64_t *holds; /* bit per cell that holds triangles, see itn__bit_grid; */
-    uint64_t *outer; /* of those that do not, and from which nothing parts the border */
+    itn__summary *summaries; /* [surface_count] */
+    uint64_t *holds;      /* bit per cell that holds triangles, see itn__bit_grid; */
+    uint64_t *outer;      /* of those that do not, and from which nothing parts the border */
     size_t row_words;
 } itn__voxel_build;
 
 static void itn__voxel_build_free(const itn__voxel_build *build) {
     const itn_context *context = &build->voxels->context;
     itn__free(context, build->ranges);
-    itn__free(context, build->slab_first);
-    itn__free(context, build->slab_slots);
+    itn__free(context, build->group_first);
+    itn__free(context, build->group_slots);
     itn__free(context, build->first);
     itn__free(context, build->slots);
     itn__free(context, build->cells);
@@ -6315,8 +6379,6 @@ static void itn__voxel_build_free(const itn__voxel_build *build) {
     itn__free(context, build->holds);
     itn__free(context, build->outer);
 }
-
-/* The grid. */
 
 ITN__INLINE double itn__voxel_total(const int size[3]) {
     return (double)size[0] * size[1] * size[2];
@@ -6376,11 +6438,21 @@ ITN__INLINE void itn__cell_place(const itn__voxels *voxels, int cell, int at[3])
     at[1] = cell % voxels->size[1], at[2] = cell / voxels->size[1];
 }
 
-/* Triangles into slabs of layers. */
+/* ---- [raster] triangles into cells ----------------------------------------------------------- */
+
+/* A triangle belongs to all cells that it comes within ITN__CELL_MARGIN cells of, by the separating
+   axis theorem: a triangle and a box are disjoint iff their projections are on one of 13 axes,
+   those of the box, the normal of the triangle, and the 9 cross products of their edges; the latter
+   amount to the edges of the triangle's three shadows on the coordinate planes (Schwarz and Seidel,
+   "Fast parallel surface and solid voxelization on GPUs", 2010). For any vector d, be it a rounded
+   edge normal or not, a triangle lies where d.x is at least the least d.corner, so that rounding of
+   d costs tightness and not correctness.
+
+   Triangles are first sorted into groups of layers of cells, each of which is one task's. */
 
 /* Margin, in cells, within which a triangle touches a cell; its coordinates relative to the grid
    are up to `size` cells, with errors of a few roundings of that. */
-#define ITN__TOUCH(size) (1.2f * ITN__CELL_MARGIN + 16 * FLT_EPSILON * (size))
+#define ITN__TOUCH_MARGIN(size) (1.2f * ITN__CELL_MARGIN + 16 * FLT_EPSILON * (size))
 #define ITN__VAST 1048576.f /* cells; of a larger triangle only the bounding box is looked at */
 
 /* A place in cells, kept in what int32_t can say. */
@@ -6405,8 +6477,8 @@ static int itn__triangle_cells(const itn__voxels *voxels, const itn__triangle *t
         size = itn__max(size, itn__max(-least[k], most[k]));
     }
     for (k = 0; k < 3; k++) {
-        range[k][0] = itn__cell_of(least[k] - ITN__TOUCH(size));
-        range[k][1] = itn__cell_of(most[k] + ITN__TOUCH(size));
+        range[k][0] = itn__cell_of(least[k] - ITN__TOUCH_MARGIN(size));
+        range[k][1] = itn__cell_of(most[k] + ITN__TOUCH_MARGIN(size));
         range[k][0] = range[k][0] < 0 ? 0 : range[k][0];
         range[k][1] = range[k][1] < voxels->size[k] ? range[k][1] : voxels->size[k] - 1;
         inside = inside && range[k][0] <= range[k][1];
@@ -6415,7 +6487,7 @@ static int itn__triangle_cells(const itn__voxels *voxels, const itn__triangle *t
     return !(itn__equal_corners(a, b) || itn__equal_corners(b, c) || itn__equal_corners(c, a));
 }
 
-/* Finds each triangle's slabs. Returns how many columns of cells all will look at. */
+/* Finds each triangle's groups of layers. Returns how many columns of cells all will look at. */
 static double itn__voxel_ranges(itn__voxel_build *build) {
     double columns = 0;
     int i, range[3][2];
@@ -6444,41 +6516,39 @@ static int itn__prefix_sum(int32_t *first, size_t count) {
     return 1;
 }
 
-/* Lists the triangles of each slab, in their order. */
-static int itn__voxel_slabs(itn__voxel_build *build) {
+/* Lists the triangles of each group, in their order. */
+static int itn__voxel_groups(itn__voxel_build *build) {
     const itn_context *context = &build->voxels->context;
-    int i, slab;
-    build->slabs = (build->voxels->size[2] + ITN__LAYERS - 1) / ITN__LAYERS;
-    build->slab_first = (int32_t *)itn__allocate(context, (size_t)build->slabs + 2,
-                                                 sizeof(int32_t));
-    if (!build->slab_first) return 0;
+    int i, group;
+    build->groups = (build->voxels->size[2] + ITN__LAYERS - 1) / ITN__LAYERS;
+    build->group_first = (int32_t *)itn__allocate(context, (size_t)build->groups + 2,
+                                                  sizeof(int32_t));
+    if (!build->group_first) return 0;
     for (build->fill = 0; build->fill < 2; build->fill++) {
         for (i = 0; i < build->bvh->triangle_count; i++)
-            for (slab = build->ranges[i] & 0xffff;
-                 build->ranges[i] >= 0 && slab <= build->ranges[i] >> 16; slab++) {
+            for (group = build->ranges[i] & 0xffff;
+                 build->ranges[i] >= 0 && group <= build->ranges[i] >> 16; group++) {
                 if (build->fill)
-                    build->slab_slots[build->slab_first[slab + 1]++] = i;
+                    build->group_slots[build->group_first[group + 1]++] = i;
                 else
-                    build->slab_first[slab + 2]++;
+                    build->group_first[group + 2]++;
             }
         if (build->fill) continue;
-        if (!itn__prefix_sum(build->slab_first, (size_t)build->slabs)) return 0;
-        build->slab_slots = (int32_t *)itn__allocate(
-            context, (size_t)build->slab_first[build->slabs + 1], sizeof(int32_t));
-        if (!build->slab_slots) return 0;
+        if (!itn__prefix_sum(build->group_first, (size_t)build->groups)) return 0;
+        build->group_slots = (int32_t *)itn__allocate(
+            context, (size_t)build->group_first[build->groups + 1], sizeof(int32_t));
+        if (!build->group_slots) return 0;
     }
     return 1;
 }
-
-/* Triangles into cells. */
 
 /* As many triangles as there are lanes, in units of cells. Axes are permuted in a cycle so that the
    normal's largest component is along w; projection 0 is on the plane of u and v, 1 on v and w, 2
    on w and u. */
 typedef struct itn__raster {
-    itn__ints lower[3], upper[3], stride[3];       /* cells to look at */
-    itn__floats a[3][3], b[3][3], c[3][3];         /* [projection][edge]: a i + b j + c >= 0 */
-    itn__floats slope_u, slope_v, depth[2];        /* w between depth + slopes . (i, j) */
+    itn__ints lower[3], upper[3], stride[3]; /* cells to look at */
+    itn__floats a[3][3], b[3][3], c[3][3];   /* [projection][edge]: a i + b j + c >= 0 */
+    itn__floats slope_u, slope_v, depth[2];  /* w between depth + slopes . (i, j) */
 } itn__raster;
 
 ITN__INLINE itn__floats itn__select3(const itn__ints masks[3], itn__floats x, itn__floats y,
@@ -6599,7 +6669,7 @@ ITN__INLINE void itn__raster_make(const itn__voxel_build *build, const int32_t *
     itn__raster_load(build, slots, count, p);
     for (j = 0; j < 3; j++)
         for (k = 0; k < 3; k++) size = itn__most(size, itn__absolute(p[j][k]));
-    touch = ITN__TOUCH(size);
+    touch = ITN__TOUCH_MARGIN(size);
     half = .5f + touch;
     vast = ~itn__less(size, itn__splat(ITN__VAST));
     n = itn__raster_turn(build->voxels, layers, p, r);
@@ -6670,14 +6740,14 @@ ITN__INLINE void itn__raster_march(itn__voxel_build *build, const itn__raster *r
     }
 }
 
-static void itn__raster_slab(void *task, int slab) {
+static void itn__raster_group(void *task, int group) {
     itn__voxel_build *build = (itn__voxel_build *)task;
-    int at = build->slab_first[slab], end = build->slab_first[slab + 1], layers[2];
-    layers[0] = slab * ITN__LAYERS;
+    int at = build->group_first[group], end = build->group_first[group + 1], layers[2];
+    layers[0] = group * ITN__LAYERS;
     layers[1] = layers[0] + ITN__LAYERS - 1;
     if (layers[1] >= build->voxels->size[2]) layers[1] = build->voxels->size[2] - 1;
     for (; at < end; at += ITN__LANES) {
-        const int32_t *slots = build->slab_slots + at;
+        const int32_t *slots = build->group_slots + at;
         int count = end - at < ITN__LANES ? end - at : ITN__LANES;
         itn__raster r;
         itn__raster_make(build, slots, count, layers, &r);
@@ -6692,17 +6762,22 @@ static int itn__voxel_lists(itn__voxel_build *build) {
     build->first = (int32_t *)itn__allocate(context, cells + 2, sizeof(int32_t));
     if (!build->first) return 0;
     build->fill = 0;
-    itn__parallel_for(context, build->slabs, itn__raster_slab, build);
+    itn__parallel_for(context, build->groups, itn__raster_group, build);
     if (!itn__prefix_sum(build->first, cells)) return 0;
     build->slots = (int32_t *)itn__allocate(context, (size_t)build->first[cells + 1],
                                             sizeof(int32_t));
     if (!build->slots) return 0;
     build->fill = 1;
-    itn__parallel_for(context, build->slabs, itn__raster_slab, build);
+    itn__parallel_for(context, build->groups, itn__raster_group, build);
     return 1;
 }
 
-/* Distances. */
+/* ---- [distances] how far the nearest triangle is --------------------------------------------- */
+
+/* The chessboard distance from each cell to the nearest one that holds triangles comes from growing
+   the set of those cells by one cell at a time, 64 cells per word. Cells that hold none and
+   are connected with the border of the grid by such lie outside of all solids: no walk in a medium
+   comes there, so they need no regions. */
 
 /* Bits of all cells, with a border of one cell around; a row is a number of whole words. */
 typedef struct itn__bit_grid {
@@ -6867,7 +6942,17 @@ static int itn__voxel_distances(itn__voxel_build *build) {
     return made;
 }
 
-/* Slabs. */
+/* ---- [regions] planes with nothing on one side ----------------------------------------------- */
+
+/* A slab below <= n.x <= above holds each triangle's part in a block of cells: n.x is at least
+   n.corner for some corner; and with the triangle's unit normal m, any a and r = n - a m,
+     n.x = a m.x + r.x,   m.x between the least and the most m.corner,
+                          r.x >= r.centre - |r|_1 half for x in the block,
+   which is the better bound for triangles larger than the block; a = n.m makes r small. The
+   triangles of each cell are summarised by the box and the slab of their parts in it, which takes
+   the place of one triangle when a block's cells are put together. Where the triangles of all cells
+   are known, this chapter makes first the record of each cell with triangles, then the regions; its
+   end, itn__voxels_make, makes the whole of the tables. */
 
 /* A box of cells and a direction n, with what its triangles say of it: in lanes while they are
    added, then over all lanes. Lengths are in cells and relative to the centre. */
@@ -6941,8 +7026,6 @@ ITN__INLINE void itn__slab_add_cell(itn__slab *slab, const itn__pack *packs, int
         itn__slab_add(slab, &t, itn__int_less(itn__lane_numbers(), itn__splat_int(count - from)));
     }
 }
-
-/* Records. */
 
 ITN__INLINE int32_t itn__float_word(float x) {
     int32_t word;
@@ -7131,8 +7214,6 @@ static void itn__make_surface_record(void *task, int chunk) {
         itn__summary_end(&slab, alone, summary);
     }
 }
-
-/* Regions. */
 
 /* The surface cells of a block. */
 enum {
@@ -7384,7 +7465,7 @@ static int itn__voxel_records(itn__voxel_build *build) {
     return 1;
 }
 
-/* Chooses the grid and finds each triangle's slabs; cells are enlarged until the triangles do not
+/* Chooses the grid and finds each triangle's groups; cells are enlarged until the triangles do not
    look at too many of them. Returns 0 if floats cannot say the grid's numbers. */
 static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upper,
                            int resolution) {
@@ -7448,7 +7529,7 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
         result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                            "voxels: a box of %g is too small or large for floats",
                            (double)itn__max_abs(extent));
-    else if (!(itn__voxel_slabs(&build) && itn__voxel_lists(&build) &&
+    else if (!(itn__voxel_groups(&build) && itn__voxel_lists(&build) &&
                itn__voxel_distances(&build) && itn__voxel_records(&build) &&
                itn__voxel_bytes(&build)))
         result = itn__out_of_memory(error, "voxels");
@@ -7459,6 +7540,7 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
         *voxels = build.voxels;
     return result;
 }
+
 /* ---- [scatter-lanes] flights, phase function and boundaries in lanes ------------------------- */
 
 /* The formulas of [medium] and [surface], value only, in lanes. Each function says which scalar one
@@ -7973,6 +8055,7 @@ ITN__INLINE void itn__vradiance(const itn_scene *scene, const float *theta, itn_
         for (k = 0; k < channels; k++) sum[k] += theta[light->parameter] * rgb[k];
     }
 }
+
 /* ---- [tables] what the fast walk knows of a scene -------------------------------------------- */
 
 /* The fast walk needs the voxels around the media, the normals of all triangles and the pixels that
@@ -7981,20 +8064,15 @@ ITN__INLINE void itn__vradiance(const itn_scene *scene, const float *theta, itn_
    paid for. A scene keeps the tables of each level it was asked for; the first render that needs a
    level makes it, and if two threads make the same one, the first to finish is kept. */
 
-/* Unit normals of all triangles of a tree, computed as in itn__hit_normal. */
+/* Unit normals of all triangles of a tree, by slots; 0 where there is none. */
 static float *itn__make_normals(const itn_context *context, const itn_bvh *bvh) {
     float *normals = (float *)itn__allocate(context, (size_t)bvh->triangle_count,
                                             3 * sizeof(float));
     int i, k;
     for (i = 0; normals && i < bvh->triangle_count; i++) {
-        const float (*p)[3] = (const float (*)[3])bvh->triangles[i].corner;
-        double a[3], b[3], n[3], length;
-        for (k = 0; k < 3; k++) a[k] = (double)p[1][k] - p[0][k], b[k] = (double)p[2][k] - p[0][k];
-        n[0] = a[1] * b[2] - a[2] * b[1];
-        n[1] = a[2] * b[0] - a[0] * b[2];
-        n[2] = a[0] * b[1] - a[1] * b[0];
-        length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-        for (k = 0; k < 3 && length > 0; k++) normals[3 * i + k] = (float)(n[k] / length);
+        double n[3];
+        if (!itn__unit_normal(&bvh->triangles[i], n)) continue;
+        for (k = 0; k < 3; k++) normals[3 * i + k] = (float)n[k];
     }
     return normals;
 }
@@ -8184,14 +8262,99 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
     return ITN_OK;
 }
 
+/* ---- [value] what a path is expected to bring home ------------------------------------------- */
+
+/* Let V be a guess of what a path is expected to bring home per weight beta. A choice (a flight, a
+   direction, roulette) turns what was expected before it, the mean E of beta V over its outcomes,
+   into beta V after its outcome. Their difference, Delta = beta V - E, has mean 0 whatever V is. So
+   the sum of all these differences is a control variate (a martingale, as in Henderson and Glynn
+   2002): taken off, it leaves of a path's noise only what V did not know.
+
+   The means must be known exactly. Over flights and new directions they are, for V of the form that
+   diffusion has near a plane: at depth z (in mean free paths) below the surface nearby and with
+   cosine mu to its inward normal,
+       V = sum over i of e^(-k_i z) (v_i(mu) + o w_i(mu)),   k_i = i k,   polynomials v_i and w_i.
+   A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu) in
+   the mean; for flights see itn__ahead. A plane is chosen before each flight; any would do.
+
+   o is the occlusion of the surface: the part of the light outside that paths which leave it do not
+   bring home, since they meet another surface, as in a hollow or between limbs. It is learnt for
+   sites, parts of the scene times octants of the normal, which also tell a thin wall's dark side
+   from its bright one. First the occlusions, then V are learnt ([lessons]) from a few paths traced
+   before the picture (itn__learn_values in [render]); for k see itn__decay_make. */
+
+/* e^(-k_i z) times a polynomial of the cosine mu, for each decay k_i: the coefficients by powers of
+   mu; a value without occlusion and what a unit of occlusion adds. */
+enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = 2 * ITN__DECAYS * ITN__ORDERS };
+typedef float itn__expansion[2][ITN__DECAYS][ITN__ORDERS];
+
+/* V of a substance (a medium, drawn by one hero; see itn__substance), by channel. */
+enum { ITN__FACES = 32 };
+typedef struct itn__value {
+    float decay; /* k, per mean free path: k_i = i k, all below 1 */
+    itn__expansion flying[3];          /* V, */
+    itn__expansion scattered[3];       /* its mean over a new direction, */
+    itn__expansion by_g[3];            /* and the derivative of that by g */
+    float entering[3][2][ITN__ORDERS]; /* V at z = 0 */
+    float at_face[3][2][ITN__FACES];   /* on arrival at a face, by the cosine to it */
+} itn__value;
+
+/* Sites, for which occlusions are learnt: parts of the scene each way, times ways to face. */
+enum { ITN__PARTS = 4, ITN__SITES = 8 * ITN__PARTS * ITN__PARTS * ITN__PARTS };
+
+/* Where paths are, and where they go, seen from their plane: that of the last surface, or one
+   adopted since (ITN__UP). */
+typedef struct itn__view {
+    itn__floats depth;             /* z, in mean free paths */
+    itn__floats cosine;            /* mu, to the inward normal */
+    itn__floats occlusion;         /* of the plane */
+    itn__floats fall[ITN__DECAYS]; /* e^(-k_i z) */
+} itn__view;
+
+/* Site of a surface: the part of the scene that p lies in, and the octant of the normal n. */
+ITN__INLINE itn__ints itn__site(const itn__voxels *voxels, itn__vectors p, itn__vectors n) {
+    itn__floats zero = itn__splat(0), last = itn__splat(ITN__PARTS - 1);
+    itn__floats from[3], facing[3];
+    itn__ints site = itn__splat_int(0);
+    int i;
+    from[0] = p.x - voxels->lower.x, facing[0] = n.x;
+    from[1] = p.y - voxels->lower.y, facing[1] = n.y;
+    from[2] = p.z - voxels->lower.z, facing[2] = n.z;
+    for (i = 0; i < 3; i++) {
+        float parts = (float)ITN__PARTS / (float)voxels->size[i] * voxels->inverse_cell;
+        site = site * itn__splat_int(ITN__PARTS) +
+               itn__to_ints(itn__least(itn__most(from[i] * parts, zero), last));
+    }
+    for (i = 0; i < 3; i++)
+        site = site + site + (itn__less(zero, facing[i]) & itn__splat_int(1));
+    return site;
+}
+
+/* e^(-k_i z) for all i. */
+ITN__INLINE void itn__falls(const itn__value *value, itn__floats depth, itn__floats *fall) {
+    int i;
+    fall[0] = itn__splat(1), fall[1] = itn__vexp(depth * -value->decay);
+    for (i = 2; i < ITN__DECAYS; i++) fall[i] = fall[i - 1] * fall[1];
+}
+
+/* a[0] + a[1] x + a[2] x^2 + ... */
+ITN__INLINE itn__floats itn__power_sum(const float *a, itn__floats x) {
+    itn__floats sum = itn__splat(a[ITN__ORDERS - 1]);
+    int l;
+    for (l = ITN__ORDERS - 2; l >= 0; l--) sum = sum * x + a[l];
+    return sum;
+}
+
 /* ---- [fast] the same walk, many paths at a time ---------------------------------------------- */
 
 /* A crowd of paths is on its way at once, each in one of a few queues, and stages take turns to
-   bring whole queues forward, always with full lanes:
+   bring whole queues forward, always with full lanes (a wavefront: Laine, Karras and Aila 2013):
 
      camera    starts paths, as long as there is room; they share camera rays
+     early     in a medium: flights of paths with Sobol draws to come, or that go straight, which
+               the walk does not know
      walk      in a medium: roulette, flight, collision, new direction, and so on, for as long as
-               the voxel tables prove each flight free; this is where nearly all time would go
+               the voxel tables prove each flight free; this is where nearly all time goes
      exact     a flight that the tables could not prove free is marched through the voxels, and the
                triangles on its way are tested; it ends at a collision or at a surface
      boundary  a dielectric surface: facet, Fresnel, new direction
@@ -8200,55 +8363,11 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
                scene, else by the tree
      sky       a path that leaves for the lights adds their radiance
 
-   With sampled lights, each vertex sends out a link: a straight flight to the light that carries
-   what the light would add. It goes through the same stages while its path is parked, so that a
-   path does one thing at a time and its sums do not depend on the order of queues.
-   A link of weight w and transmittance tr is cut by roulette before it is traced: for uniform xi it
-   counts as max(w tr, c) if w tr > xi c, and else as nothing, so it can be given up as soon as the
-   transmittance falls below xi c / w: a bounded flight, mostly proven blocked by the tables.
+   With sampled lights, links go through the same stages, while their paths are parked ([links]).
+   A path's decisions depend on nothing but its random numbers ([draws]), and its sums do not depend
+   on the order of queues: results are the same for any number of threads and any size of queues. */
 
-   Paths that go straight (see [path]) need no walk: where one has a stretch before it, the exact
-   stage finds its end first, then sends the link from a place on it.
-
-   Every random number is the function of (seed, pixel, path, dimension) that the reference uses,
-   and a path's decisions depend on nothing else, so that results are the same for any number of
-   threads and any size of the queues. With ITN_SAMPLER_SOBOL, draws 2 to 7 of a path (at its first
-   boundary and first collision) and the place in the pixel come from a scrambled Sobol sequence.
-
-   Foresight. Let V be what a path is expected to bring home per weight beta. A choice turns what is
-   expected from its mean E over the outcomes into beta V after the outcome; this surprise,
-   Delta = beta V - E, has mean 0, whatever V is: a control variate. Taken off, all surprises
-   together leave of a path's noise only what V did not know. V, a value function, is of a form of
-   which the means over flights and new directions are known exactly, that of diffusion near a
-   plane: at depth z (in mean free paths) below the surface nearby and with cosine mu to its inward
-   normal,
-       V = sum over i of e^(-i k z) (v_i(mu) + s w_i(mu)),    v_i and w_i polynomials.
-   The shade s of a surface is the part of the light outside that paths which leave it do not bring
-   home, since they meet another surface: in a hollow, between limbs. It is learnt for sites, parts
-   of the scene times octants of the normal, which also tell a thin wall's dark side from its bright
-   one. A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu)
-   in the mean; for flights see itn__look_ahead. First the shades, then V are learnt from a few
-   paths that are traced before the picture. A plane and its shade are chosen before each flight;
-   any would do.
-
-   Derivatives. A choice made with a density p that depends on a parameter has the score
-   s = d ln p; the mean of s is 0 whatever has been before. So a path's derivative, L sum s for what
-   it brings home, may be replaced by
-       sum over choices of s (L - b)
-   with any b that is known before the choice: the mean stays, and the variance is least where b is
-   what the path was then expected to bring, the E above. With surprises taken off, L' = L - C_n
-   where C_k is the sum of the first k; choice k concerns later ones only, and of its own the
-   derivative of the mean is known, D = dE with V left as it is:
-       sum over choices of s (L' + C_k - b) - (s Delta - D).
-   The second factors are gathered in lanes between surfaces, as bases, and booked there.
-   The values of an image are parameters too: what a path brings home counts for each place where it
-   has met the texture, with the score 1 / value; what it carries to a map counts as it is.
-
-   Where sigma_t or g differ from channel to channel, each medium is there three times, once for
-   each hero: paths in one queue have one hero, which draws alike for all of them. Densities are
-   relative to its own. There is no foresight then.
-
-   A kernel is the walk and the exact stage, inlined and specialised by constant features;
+/* A kernel is the walk and the exact stage, inlined and specialised by constant features;
    ITN__KERNELS lists them. The other stages, where paths spend little time, are compiled once. */
 enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__LIMIT = 4, ITN__SCORES = 8, ITN__SPECTRAL = 16 };
 #define ITN__ALL_FEATURES (ITN__RGB | ITN__LIGHTS | ITN__LIMIT | ITN__SCORES | ITN__SPECTRAL)
@@ -8272,19 +8391,19 @@ enum {
     ITN__DIMENSION = 8,
     ITN__SLOT = 9, /* of what is rarely needed, see itn__path */
     ITN__BETA = 10,
-    ITN__PDF = 13,  /* with lights; of a link: xi c */
+    ITN__PDF = 13,  /* with lights; of a link: xi c, see [links] */
     ITN__LEFT = 14, /* with a limit: scatterings to go; of a straight path's link: c */
-    ITN__CREDIT = 15, /* less the sum of surprises, see itn__surprise */
-    ITN__UP = 18,     /* normal n of the last surface, out of the medium, */
-    ITN__LEVEL = 21,  /* and n . position there; or of the plane adopted since */
-    ITN__SHADE = 22,  /* of the plane, see itn__shade_at */
-    ITN__CELL = 23,   /* around which the path's surroundings are known, see itn__look, or -1 */
+    ITN__CONTROL = 15,   /* minus the sum of differences not yet booked, see itn__difference */
+    ITN__UP = 18,        /* normal n of the last surface, out of the medium, */
+    ITN__LEVEL = 21,     /* and n . position there; or of the plane adopted since */
+    ITN__OCCLUSION = 22, /* of the plane, see itn__occlusion_at */
+    ITN__CELL = 23,      /* around which the path's surroundings are known, see itn__look, or -1 */
     ITN__PLAIN_STATE = 24,
     ITN__FLIGHTS = 24, /* with scores, since the last surface: sigma_t times those of flights; where
-                          channels differ in sigma_t, less the sum of distances */
+                          channels differ in sigma_t, minus the sum of distances */
     ITN__PHASES = 25,  /* of the phase function, by g */
     ITN__HITS = 26,    /* how many collisions */
-    ITN__EXPECTED = 27,    /* b of the flight under way */
+    ITN__EXPECTED = 27,    /* b - C_k of the flight under way, see [scores] */
     ITN__FLIGHT_BASE = 30, /* what is to be taken from the derivatives by sigma_t, times sigma_t, */
     ITN__PHASE_BASE = 33,  /* by g, */
     ITN__HIT_BASE = 36,    /* and by the albedo, times the albedo */
@@ -8313,8 +8432,8 @@ typedef struct itn__path {
     itn__place place, link_place;
     int number, copies; /* radiance[number] ... [number + copies - 1] */
     int mark;           /* substance whose V this path teaches (0: what is outside), or -1; */
-    int mark_face;      /* entry of at_face (of shades), or -1: of a path about to fly */
-    float mark_depth, mark_cosine, mark_shade; /* from there, see itn__view; */
+    int mark_face;      /* entry of at_face (of occlusions), or -1: of a path about to fly */
+    float mark_depth, mark_cosine, mark_occlusion; /* at the mark, see itn__view; */
     float mark_weight[3], mark_radiance[3]; /* beta, and what had been brought home, by then */
     int32_t parked[ITN__STATE];
 } itn__path;
@@ -8328,25 +8447,6 @@ typedef struct itn__substance {
     float sigma_t_rgb[3], g_rgb[3];
     int slot_sigma_t_rgb[3], slot_g_rgb[3];
 } itn__substance;
-
-/* e^(-k_i z) times a polynomial of the cosine mu, for each decay k_i: the coefficients by powers of
-   mu; a value without shade and what a unit of shade adds. */
-enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = 2 * ITN__DECAYS * ITN__ORDERS };
-typedef float itn__expansion[2][ITN__DECAYS][ITN__ORDERS];
-
-/* V of a substance, by channel. */
-enum { ITN__FACES = 32 };
-typedef struct itn__outlook {
-    float decay; /* k, per mean free path: k_i = i k, all below 1 */
-    itn__expansion flying[3];       /* V, */
-    itn__expansion scattered[3];    /* its mean over a new direction, */
-    itn__expansion by_g[3];         /* and the derivative of that by g */
-    float entering[3][2][ITN__ORDERS]; /* V at z = 0 */
-    float at_face[3][2][ITN__FACES];   /* on arrival at a face, by the cosine to it */
-} itn__outlook;
-
-/* Sites, for which shades are learnt: parts of the scene each way, times ways to face. */
-enum { ITN__PARTS = 4, ITN__SITES = 8 * ITN__PARTS * ITN__PARTS * ITN__PARTS };
 
 /* What all crowds of a render share. */
 typedef struct itn__fast {
@@ -8371,20 +8471,20 @@ typedef struct itn__fast {
     int links;         /* some light is sampled */
     int linked;        /* links find all light, see itn__links_suffice */
     int straight;      /* paths go straight, see itn__goes_straight */
-    float link_weight; /* c */
+    float link_weight; /* c of [links] */
     int count, planes; /* parameters asked for; channels (1 + count) */
     const int *slots;  /* of each parameter: its place among those asked for, or -1 */
     const int *only;   /* of each asked for: the channel that it belongs to, or -1 for all */
     int rough_scores;  /* the roughness of some surface is asked for; */
     int scales;        /* the scale of some light */
-    int foresees;      /* surprises are taken off: the substance whose V faces have, or 0 */
+    int controls;      /* differences are taken off: the substance of V at boundaries; else 0 */
     itn__band *bands;  /* derivatives by texels are asked for: [crowds], else NULL; */
     const float *texel_weights; /* of pixels, for these, [channels][height][width] */
     int learning;      /* what is learnt in this render, ITN__LEARN_..., */
     double lesson_unit; /* in multiples of this */
-    itn__outlook *outlooks; /* as substances */
-    float shades[ITN__SITES];
-    int shaded;        /* they are dark enough to matter */
+    itn__value *values; /* as substances */
+    float occlusions[ITN__SITES];
+    int occluded;      /* they are large enough to matter */
 } itn__fast;
 
 /* Pixels and samples that a crowd works on, and where it has got to. */
@@ -8465,9 +8565,9 @@ typedef struct itn__state {
     itn__vectors p, d;
     itn__words key0, key1;
     itn__ints dimension, slot, left, cell;
-    itn__floats beta[3], pdf, credit[3];
+    itn__floats beta[3], pdf, control[3];
     itn__floats flights, phases[3], hits, expected[3], flight_base[3], phase_base[3], hit_base[3];
-    itn__floats level, shade, share[3];
+    itn__floats level, occlusion, share[3];
     itn__vectors up;
 } itn__state;
 
@@ -8481,7 +8581,7 @@ ITN__INLINE int itn__led(const itn__crowd *crowd, int features) {
 }
 /* Whether it matters what paths are expected to bring. */
 ITN__INLINE int itn__looks_ahead(const itn__crowd *crowd, int features) {
-    return (itn__scored(crowd, features) && !itn__led(crowd, features)) || crowd->fast->foresees;
+    return (itn__scored(crowd, features) && !itn__led(crowd, features)) || crowd->fast->controls;
 }
 /* Whether a kernel's paths know how deep they are. */
 ITN__INLINE int itn__knows_depth(int features) {
@@ -8492,8 +8592,6 @@ ITN__INLINE int itn__knows_depth(int features) {
 static int itn__substance_count(const itn_scene *scene) {
     return 1 + (scene->spectral ? 3 : 1) * scene->medium_count;
 }
-
-/* Queues. */
 
 ITN__INLINE int32_t *itn__row(const itn__queue *queue, int field) {
     return queue->rows + (size_t)field * ITN__ROW;
@@ -8548,14 +8646,14 @@ ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int 
     ITN__PULL_INTS(s->slot, ITN__SLOT);
     for (c = 0; c < itn__colours(features); c++) {
         ITN__PULL(s->beta[c], ITN__BETA + c);
-        ITN__PULL(s->credit[c], ITN__CREDIT + c);
+        ITN__PULL(s->control[c], ITN__CONTROL + c);
     }
     if (features & ITN__LIGHTS) ITN__PULL(s->pdf, ITN__PDF);
     if (features & ITN__LIMIT) ITN__PULL_INTS(s->left, ITN__LEFT);
     if (itn__knows_depth(features)) {
         itn__expand_vectors(queue, ITN__UP, at, &s->up, bits);
         ITN__PULL(s->level, ITN__LEVEL);
-        ITN__PULL(s->shade, ITN__SHADE);
+        ITN__PULL(s->occlusion, ITN__OCCLUSION);
         ITN__PULL_INTS(s->cell, ITN__CELL);
     }
     if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
@@ -8587,20 +8685,20 @@ ITN__INLINE void itn__load_state(const itn__queue *queue, int at, itn__state *s,
     s->slot = itn__load_ints(itn__row(queue, ITN__SLOT) + at);
     s->pdf = itn__splat(INFINITY), s->left = itn__splat_int(0);
     for (c = 0; c < 3; c++)
-        s->beta[c] = s->credit[c] = s->expected[c] = s->flight_base[c] = s->phase_base[c] =
+        s->beta[c] = s->control[c] = s->expected[c] = s->flight_base[c] = s->phase_base[c] =
             s->hit_base[c] = s->share[c] = s->phases[c] = itn__splat(0);
     for (c = 0; c < itn__colours(features); c++) {
         s->beta[c] = itn__load(itn__float_row(queue, ITN__BETA + c) + at);
-        s->credit[c] = itn__load(itn__float_row(queue, ITN__CREDIT + c) + at);
+        s->control[c] = itn__load(itn__float_row(queue, ITN__CONTROL + c) + at);
     }
     if (features & ITN__LIGHTS) s->pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
     if (features & ITN__LIMIT) s->left = itn__load_ints(itn__row(queue, ITN__LEFT) + at);
-    s->flights = s->hits = s->level = s->shade = itn__splat(0);
+    s->flights = s->hits = s->level = s->occlusion = itn__splat(0);
     s->up = itn__vectors_of(s->level, s->level, s->level), s->cell = itn__splat_int(-1);
     if (itn__knows_depth(features)) {
         s->up = itn__load_vectors(queue, ITN__UP, at);
         s->level = itn__load(itn__float_row(queue, ITN__LEVEL) + at);
-        s->shade = itn__load(itn__float_row(queue, ITN__SHADE) + at);
+        s->occlusion = itn__load(itn__float_row(queue, ITN__OCCLUSION) + at);
     }
     if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
         s->flights = itn__load(itn__float_row(queue, ITN__FLIGHTS) + at);
@@ -8637,14 +8735,14 @@ ITN__INLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bi
     itn__compress_ints(itn__row(queue, ITN__SLOT) + at, s->slot, bits);
     for (c = 0; c < itn__colours(features); c++) {
         itn__compress(itn__float_row(queue, ITN__BETA + c) + at, s->beta[c], bits);
-        itn__compress(itn__float_row(queue, ITN__CREDIT + c) + at, s->credit[c], bits);
+        itn__compress(itn__float_row(queue, ITN__CONTROL + c) + at, s->control[c], bits);
     }
     if (features & ITN__LIGHTS) itn__compress(itn__float_row(queue, ITN__PDF) + at, s->pdf, bits);
     if (features & ITN__LIMIT) itn__compress_ints(itn__row(queue, ITN__LEFT) + at, s->left, bits);
     if (itn__knows_depth(features)) {
         itn__push_vectors(queue, ITN__UP, s->up, bits);
         itn__compress(itn__float_row(queue, ITN__LEVEL) + at, s->level, bits);
-        itn__compress(itn__float_row(queue, ITN__SHADE) + at, s->shade, bits);
+        itn__compress(itn__float_row(queue, ITN__OCCLUSION) + at, s->occlusion, bits);
         itn__compress_ints(itn__row(queue, ITN__CELL) + at, s->cell, bits);
     }
     if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
@@ -8690,7 +8788,24 @@ ITN__INLINE int itn__unit_paths_left(const itn__crowd *crowd) {
     return unit->next < unit->width * unit->height * unit->count;
 }
 
-/* Scores. */
+/* ---- [scores] what paths bring home, and its derivatives ------------------------------------- */
+
+/* A choice made with a density p that depends on a parameter has the score s = d ln p; the mean of
+   s is 0 whatever has been before. So a path's derivative, L sum s for what it brings home, may be
+   replaced by
+       sum over choices of s (L - b)
+   with any b that is known before the choice: the mean stays, and the variance is least where b is
+   what the path was then expected to bring, the E of [value]. With the control variate taken off L
+   becomes L' = L - C_n, where C_k is the sum of the first k differences. The score of choice k goes
+   with later differences alone; and s Delta, with its own, has the known mean D = dE (V left as it
+   is), so that s Delta - D is taken off, too:
+       sum over choices of s (L' + C_k - b) - (s Delta - D).
+   All but the terms s L' is summed in lanes between surfaces, as what is to be taken off (`bases`:
+   s (b - C_k) + s Delta - D), and booked at the next surface or at the end.
+
+   The values of an image are parameters too ([texels]): what a path brings home counts for each
+   place where it has met the texture, with the score 1 / value; what it carries to a map counts as
+   it is. */
 
 /* Scores of a path or, with ITN__LINK in its slot, of its link. */
 ITN__INLINE float *itn__scores_of(const itn__crowd *crowd, int slot) {
@@ -8748,8 +8863,6 @@ static void itn__bring_scales(itn__crowd *crowd, int number, itn_vec3 d, float s
                     value[c] * (counts * rgb[c] / all[c]); /* the share first, or it overflows */
     }
 }
-
-/* Derivatives by texels. */
 
 /* What a path has gathered for the band counts with the weights of its pixel. */
 static void itn__band_path(itn__crowd *crowd, int slot) {
@@ -8836,12 +8949,12 @@ static void itn__bring_map(itn__crowd *crowd, int slot, itn_vec3 d, const float 
 /* What a path has gathered since the last surface. */
 typedef struct itn__gathered {
     float flights, phases[3], hits;
-    float credit[3], flight_base[3], phase_base[3], hit_base[3];
+    float control[3], flight_base[3], phase_base[3], hit_base[3];
 } itn__gathered;
 
 /* Takes the bases from the derivatives of path `number`, in channel c. */
-static void itn__pay(itn__crowd *crowd, int number, const itn__substance *medium,
-                     const itn__gathered *g, int c) {
+static void itn__take_bases(itn__crowd *crowd, int number, const itn__substance *medium,
+                            const itn__gathered *g, int c) {
     int channels = crowd->fast->channels;
     if (medium->slot_sigma_t >= 0)
         *itn__sum_of(crowd, channels * (1 + medium->slot_sigma_t) + c, number) -=
@@ -8868,8 +8981,8 @@ static void itn__book(itn__crowd *crowd, int slot, int substance, const itn__gat
         if (medium->slot_albedo[c] >= 0)
             scores[medium->slot_albedo[c]] += g->hits / medium->albedo[c];
         if (slot & ITN__LINK) continue;
-        if (crowd->fast->foresees) itn__bring_home(crowd, number, scores, c, g->credit[c]);
-        itn__pay(crowd, number, medium, g, c);
+        if (crowd->fast->controls) itn__bring_home(crowd, number, scores, c, g->control[c]);
+        itn__take_bases(crowd, number, medium, g, c);
     }
 }
 
@@ -8888,12 +9001,12 @@ static void itn__book_item(itn__crowd *crowd, itn__queue *queue, int at, int sub
     }
     g.hits = itn__float_row(queue, ITN__HITS)[at];
     for (c = 0; c < crowd->fast->channels; c++) {
-        g.credit[c] = itn__float_row(queue, ITN__CREDIT + c)[at];
+        g.control[c] = itn__float_row(queue, ITN__CONTROL + c)[at];
         g.flight_base[c] = itn__float_row(queue, ITN__FLIGHT_BASE + c)[at] +
                            last * itn__float_row(queue, ITN__EXPECTED + c)[at];
         g.phase_base[c] = itn__float_row(queue, ITN__PHASE_BASE + c)[at];
         g.hit_base[c] = itn__float_row(queue, ITN__HIT_BASE + c)[at];
-        itn__float_row(queue, ITN__CREDIT + c)[at] = 0;
+        itn__float_row(queue, ITN__CONTROL + c)[at] = 0;
         itn__float_row(queue, ITN__FLIGHT_BASE + c)[at] = 0;
         itn__float_row(queue, ITN__PHASE_BASE + c)[at] = 0;
         itn__float_row(queue, ITN__HIT_BASE + c)[at] = 0;
@@ -8903,31 +9016,16 @@ static void itn__book_item(itn__crowd *crowd, itn__queue *queue, int at, int sub
     itn__book(crowd, itn__row(queue, ITN__SLOT)[at], substance, &g);
 }
 
-/* Where paths go next. */
+/* ---- [lessons] how V is learnt --------------------------------------------------------------- */
 
-/* The substance at a place: 1 + the medium's index (all media for the first hero, then for the
-   next), or 0 where nothing scatters or absorbs. */
-static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
-    const itn__medium *medium = itn__medium_of(fast->scene, place->inside);
-    int substance = medium ? 1 + (int)(medium - fast->scene->media) +
-                                 place->hero * fast->scene->medium_count : 0;
-    return fast->substances[substance].sigma_t > 0 ? substance : 0;
-}
-/* Paths that have drawn fewer numbers than this fly one by one, without a walk. */
-ITN__INLINE int itn__early_end(const itn__fast *fast) {
-    return fast->straight ? INT_MAX : fast->sobol ? ITN__EARLY : 0;
-}
-/* The queue of paths that are about to fly in a substance. */
-ITN__INLINE itn__queue *itn__departure(itn__crowd *crowd, int substance, int dimension) {
-    return substance && dimension < itn__early_end(crowd->fast) ? &crowd->early[substance]
-                                                                : &crowd->walk[substance];
-}
-/* Lessons. V is a least-squares fit to what marked paths bring home per weight. The sums of its
+/* A few paths, traced before the picture, are marked somewhere on their way; what one brings home
+   after its mark, per weight, is a lesson. V is a least-squares fit to lessons. The sums of its
    normal equations are of whole multiples of powers of two, so that they are exact, in any order.
    Of a substance: terms times terms, terms times radiance; the same for each entry of at_face, of
-   which the terms are 1 and the shade. Of what is outside, for each site: number of lessons and
+   which the terms are 1 and the occlusion. Of what is outside, for each site: number of lessons and
    radiance of all channels. */
-enum { ITN__LEARN_VALUES = 1, ITN__LEARN_SHADES };
+
+enum { ITN__LEARN_VALUES = 1, ITN__LEARN_OCCLUSIONS };
 enum {
     ITN__NORMAL_SUMS = ITN__TERMS * (ITN__TERMS + 3),
     ITN__FACE_SUMS = 2 * (2 + 3),
@@ -8937,16 +9035,16 @@ enum {
 #define ITN__RIDGE 1e-4 /* of the number of lessons */
 #define ITN__LARGEST_LESSON 1048576. /* units */
 
-/* P_l(mu) e^(-k_i z) for all i and l, then the same times the shade. */
-static void itn__lesson_terms(const itn__outlook *outlook, const itn__path *path, double *term) {
+/* P_l(mu) e^(-k_i z) for all i and l, then the same times the occlusion. */
+static void itn__lesson_terms(const itn__value *value, const itn__path *path, double *term) {
     double mu = (double)path->mark_cosine;
     int i, l;
     for (i = 0; i < ITN__DECAYS; i++, term += ITN__ORDERS) {
-        term[0] = exp(-(double)outlook->decay * i * path->mark_depth), term[1] = mu * term[0];
+        term[0] = exp(-(double)value->decay * i * path->mark_depth), term[1] = mu * term[0];
         for (l = 2; l < ITN__ORDERS; l++)
             term[l] = ((2 * l - 1) * mu * term[l - 1] - (l - 1) * term[l - 2]) / l;
     }
-    for (i = 0; i < ITN__TERMS / 2; i++) term[i] = path->mark_shade * term[i - ITN__TERMS / 2];
+    for (i = 0; i < ITN__TERMS / 2; i++) term[i] = path->mark_occlusion * term[i - ITN__TERMS / 2];
 }
 
 /* Adds `count` terms, which become whole multiples of 1 / ITN__TERM_STEPS, of a lesson. */
@@ -8975,14 +9073,182 @@ static void itn__learn(itn__crowd *crowd, const itn__path *path) {
         sums += 2 * path->mark_face;
         sums[0]++, sums[1] += lesson[0] + lesson[1] + lesson[2];
     } else if (path->mark_face >= 0) {
-        term[0] = 1, term[1] = (double)path->mark_shade;
+        term[0] = 1, term[1] = (double)path->mark_occlusion;
         sums += ITN__NORMAL_SUMS + ITN__FACE_SUMS * path->mark_face;
         itn__add_lesson(sums, term, 2, lesson);
     } else {
-        itn__lesson_terms(&crowd->fast->outlooks[path->mark], path, term);
+        itn__lesson_terms(&crowd->fast->values[path->mark], path, term);
         itn__add_lesson(sums, term, ITN__TERMS, lesson);
     }
 }
+
+/* Marks the path in lane k, in a render that learns. */
+static void itn__mark(const itn__crowd *crowd, const itn__state *s, int k, int substance, int face,
+                      float depth, float cosine) {
+    itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+    int c;
+    path->mark = substance, path->mark_face = face;
+    path->mark_depth = depth, path->mark_cosine = cosine;
+    path->mark_occlusion = ITN__LANE(s->occlusion, k);
+    for (c = 0; c < crowd->fast->channels; c++) {
+        path->mark_weight[c] = ITN__LANE(s->beta[c], k);
+        path->mark_radiance[c] = *itn__sum_of(crowd, c, path->number);
+    }
+}
+
+/* Marks paths about to fly; of each two (by key) one, after a number of collisions that its key
+   decides. */
+ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const itn__state *s,
+                                 const itn__view *view, itn__ints mask) {
+    itn__words doubling = s->key0 & 3, span;
+    unsigned bits;
+    span = (itn__splat_word(1) << doubling) - 1;
+    mask &= itn__int_equal(itn__to_ints(s->hits), itn__word_ints(span + ((s->key0 >> 8) & span)));
+    mask &= itn__int_equal(itn__word_ints(s->key1 & 1), itn__splat_int(0));
+    for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        if (crowd->paths[ITN__LANE(s->slot, k)].mark < 0)
+            itn__mark(crowd, s, k, substance, -1, ITN__LANE(view->depth, k),
+                      ITN__LANE(view->cosine, k));
+    }
+}
+
+/* Marks paths that have left a surface, whose normal is -up; one that was marked before is marked
+   anew with a chance of one half. */
+ITN__INLINE void itn__mark_departures(const itn__crowd *crowd, const itn__state *s,
+                                      itn__ints mask) {
+    itn__ints site = itn__site(crowd->fast->voxels, s->p, itn__vscale(s->up, itn__splat(-1)));
+    unsigned bits;
+    mask &= itn__less(itn__splat(0), itn__vdot(s->up, s->up));
+    for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        if (crowd->paths[ITN__LANE(s->slot, k)].mark < 0 ||
+            (ITN__LANE(s->key1, k) >> (ITN__LANE(s->dimension, k) & 31) & 1))
+            itn__mark(crowd, s, k, 0, ITN__LANE(site, k), 0, 0);
+    }
+}
+
+/* Coefficients by powers of mu from those by P_l, each times factor[l]. */
+static void itn__powers(const double *legendre, const double *factor, float *power) {
+    double p[3][ITN__ORDERS] = {{1}, {0, 1}}, sum[ITN__ORDERS] = {0};
+    int l, k;
+    for (l = 0; l < ITN__ORDERS; l++) {
+        for (k = 0; k < ITN__ORDERS && l > 1; k++)
+            p[l % 3][k] = ((2 * l - 1) * (k ? p[(l + 2) % 3][k - 1] : 0) -
+                           (l - 1) * p[(l + 1) % 3][k]) / l;
+        for (k = 0; k < ITN__ORDERS; k++) sum[k] += legendre[l] * factor[l] * p[l % 3][k];
+    }
+    for (k = 0; k < ITN__ORDERS; k++) power[k] = (float)sum[k];
+}
+
+/* V of channel c from its coefficients. */
+static void itn__value_set(itn__value *value, int c, const double *terms, double g) {
+    double one[ITN__ORDERS], mean[ITN__ORDERS], slope[ITN__ORDERS];
+    int i, l, occlusion;
+    for (l = 0; l < ITN__ORDERS; l++) {
+        one[l] = 1, mean[l] = pow(g, l); /* the mean of P_l over new directions is g^l P_l */
+        slope[l] = l ? l * pow(g, l - 1) : 0;
+        value->entering[c][0][l] = value->entering[c][1][l] = 0;
+    }
+    for (i = 0; i < 2 * ITN__DECAYS; i++, terms += ITN__ORDERS) {
+        occlusion = i / ITN__DECAYS;
+        itn__powers(terms, one, value->flying[c][occlusion][i % ITN__DECAYS]);
+        itn__powers(terms, mean, value->scattered[c][occlusion][i % ITN__DECAYS]);
+        itn__powers(terms, slope, value->by_g[c][occlusion][i % ITN__DECAYS]);
+        for (l = 0; l < ITN__ORDERS; l++)
+            value->entering[c][occlusion][l] += value->flying[c][occlusion][i % ITN__DECAYS][l];
+    }
+}
+
+/* V on arrival at faces: the line through lessons and a few more in which V inside is right. */
+static void itn__fit_faces(const double *sums, double unit, int c, itn__value *value) {
+    const double doubt = 4 * ITN__TERM_STEPS * ITN__TERM_STEPS; /* 4 lessons */
+    int i, l, occlusion;
+    for (i = 0; i < ITN__FACES; i++, sums += ITN__FACE_SUMS) {
+        double cosine = -(i + .5) / ITN__FACES, inside[2] = {0, 0}, factor[4], line[2];
+        for (l = ITN__ORDERS - 1; l >= 0; l--)
+            for (occlusion = 0; occlusion < 2; occlusion++)
+                inside[occlusion] = inside[occlusion] * cosine + value->entering[c][occlusion][l];
+        factor[0] = sums[0] + doubt, factor[2] = sums[5], factor[3] = sums[6] + doubt;
+        line[0] = sums[2 + c] * unit - sums[0] * inside[0] - sums[5] * inside[1];
+        line[1] = sums[7 + c] * unit - sums[5] * inside[0] - sums[6] * inside[1];
+        itn__cholesky(factor, 2);
+        itn__cholesky_solve(factor, 2, line);
+        for (occlusion = 0; occlusion < 2; occlusion++)
+            value->at_face[c][occlusion][i] = (float)(inside[occlusion] + line[occlusion]);
+    }
+}
+
+/* The least-squares fit of one substance; it says how V differs from its mean. Returns 0 if there
+   were no lessons. */
+static int itn__fit_value(const itn__fast *fast, int substance, const double *sums) {
+    itn__value *value = &fast->values[substance];
+    const double step = ITN__TERM_STEPS, unit = fast->lesson_unit * step;
+    double factor[ITN__TERMS * ITN__TERMS], terms[ITN__TERMS], mean;
+    int c, i, j, n = ITN__TERMS, width = ITN__TERMS + 3;
+    if (!(sums[0] > 0)) return 0;
+    for (i = 0; i < n; i++) {
+        for (j = 0; j <= i; j++) factor[i * n + j] = sums[i * width + j];
+        factor[i * n + i] += ITN__RIDGE * sums[0];
+    }
+    if (!itn__cholesky(factor, n)) return 0;
+    for (c = 0; c < fast->channels; c++) {
+        mean = sums[n + c] * unit / sums[0];
+        for (i = 0; i < n; i++)
+            terms[i] = sums[i * width + n + c] * unit - mean * sums[i * width];
+        itn__cholesky_solve(factor, n, terms);
+        terms[0] += mean;
+        itn__value_set(value, c, terms, fast->substances[substance].g);
+        itn__fit_faces(sums + ITN__NORMAL_SUMS, unit, c, value);
+    }
+    return 1;
+}
+
+/* Occlusions from lessons of paths that have left: what their light lacks. Where there have been
+   few, it is taken to be as much as elsewhere in the mean. What is hardly occluded at all is
+   rendered faster without. */
+static void itn__fit_occlusions(itn__fast *fast, const double *sums) {
+    const double doubt = 4, least = .03; /* lessons; mean square */
+    double full = 0, count = 0, sum = 0, square = 0;
+    int c, i;
+    for (c = 0; c < fast->channels; c++) full += (double)fast->constant[c] / fast->lesson_unit;
+    for (i = 0; i < ITN__SITES; i++) count += sums[2 * i], sum += sums[2 * i + 1];
+    if (!(count > 0 && full > 0)) return;
+    for (i = 0; i < ITN__SITES; i++) {
+        double mean = (sums[2 * i + 1] + doubt * sum / count) / (sums[2 * i] + doubt);
+        fast->occlusions[i] = itn__clamp((float)(1 - mean / full), 0, 1);
+        square += sums[2 * i] / count * pow((double)fast->occlusions[i], 2);
+    }
+    fast->occluded = square >= least;
+}
+
+/* ---- [queues] where paths go next, and how they end ------------------------------------------ */
+
+/* A path that is about to fly waits in the queue of the walk of its substance; in that of the early
+   stage if it has Sobol draws to come or goes straight, as the walk knows neither. A path ends
+   where its weight is 0, where roulette says so, or at the lights: it books what it has gathered
+   since the last surface, takes off what is left of its control variate, and leaves its slot. */
+
+/* The substance at a place: 1 + the medium's index (all media for the first hero, then for the
+   next), or 0 where nothing scatters or absorbs. */
+static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
+    const itn__medium *medium = itn__medium_of(fast->scene, place->inside);
+    int substance = medium ? 1 + (int)(medium - fast->scene->media) +
+                                 place->hero * fast->scene->medium_count : 0;
+    return fast->substances[substance].sigma_t > 0 ? substance : 0;
+}
+
+/* Paths that have drawn fewer numbers than this fly one by one, without a walk. */
+ITN__INLINE int itn__early_end(const itn__fast *fast) {
+    return fast->straight ? INT_MAX : fast->sobol ? ITN__EARLY : 0;
+}
+
+/* The queue of paths that are about to fly in a substance. */
+ITN__INLINE itn__queue *itn__departure(itn__crowd *crowd, int substance, int dimension) {
+    return substance && dimension < itn__early_end(crowd->fast) ? &crowd->early[substance]
+                                                                : &crowd->walk[substance];
+}
+
 static void itn__free_slot(itn__crowd *crowd, int slot) {
     if (crowd->fast->learning && crowd->paths[slot].mark >= 0)
         itn__learn(crowd, &crowd->paths[slot]);
@@ -8993,16 +9259,17 @@ static void itn__free_lanes(itn__crowd *crowd, itn__ints slot, unsigned bits) {
     for (; bits; bits &= bits - 1)
         itn__free_slot(crowd, ITN__LANE(slot, itn__lowest_bit(bits)));
 }
-/* Pays a path its credit in channel c, as it ends. */
-ITN__INLINE void itn__settle(itn__crowd *crowd, int slot, int c, float credit) {
-    itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot), c, credit);
+
+/* Takes off, as a path ends, its control variate in channel c; `control` is minus it. */
+ITN__INLINE void itn__add_control(itn__crowd *crowd, int slot, int c, float control) {
+    itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot), c, control);
 }
-ITN__INLINE void itn__settle_lanes(itn__crowd *crowd, const itn__state *s, unsigned bits) {
+ITN__INLINE void itn__add_controls(itn__crowd *crowd, const itn__state *s, unsigned bits) {
     int c;
-    for (; bits && crowd->fast->foresees; bits &= bits - 1) {
+    for (; bits && crowd->fast->controls; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         for (c = 0; c < crowd->fast->channels; c++)
-            itn__settle(crowd, ITN__LANE(s->slot, k), c, ITN__LANE(s->credit[c], k));
+            itn__add_control(crowd, ITN__LANE(s->slot, k), c, ITN__LANE(s->control[c], k));
     }
 }
 /* What lane k has gathered. */
@@ -9012,19 +9279,20 @@ ITN__INLINE itn__gathered itn__gathered_in(const itn__state *s, int k, int featu
     g.flights = ITN__LANE(s->flights, k), g.hits = ITN__LANE(s->hits, k);
     for (c = 0; c < itn__colours(features); c++) {
         g.phases[c] = ITN__LANE(s->phases[c], k);
-        g.credit[c] = ITN__LANE(s->credit[c], k);
+        g.control[c] = ITN__LANE(s->control[c], k);
         g.flight_base[c] = ITN__LANE(s->flight_base[c], k);
         g.phase_base[c] = ITN__LANE(s->phase_base[c], k);
         g.hit_base[c] = ITN__LANE(s->hit_base[c], k);
     }
     return g;
 }
+
 /* Ends the paths of lanes in a substance. */
 ITN__INLINE void itn__end_lanes(itn__crowd *crowd, int substance, const itn__state *s,
                                 unsigned bits, int features) {
     int booked = itn__scored(crowd, features) && crowd->fast->count;
     unsigned rest = booked ? bits : 0;
-    if (!booked) itn__settle_lanes(crowd, s, bits);
+    if (!booked) itn__add_controls(crowd, s, bits);
     for (; rest; rest &= rest - 1) {
         int k = itn__lowest_bit(rest);
         itn__gathered g = itn__gathered_in(s, k, features);
@@ -9061,16 +9329,13 @@ ITN__INLINE void itn__depart_in(itn__crowd *crowd, int substance, const itn__sta
     if (bits) itn__append(&crowd->walk[substance], s, bits, features);
 }
 
-/* A choice has been made: what the lanes of the mask are now expected to bring, less what they had
-   been expected to, has mean 0 and is taken off. */
-ITN__INLINE itn__floats itn__surprise(itn__state *s, int c, itn__floats now, itn__floats before,
-                                      itn__ints mask) {
-    itn__floats surprise = itn__select(mask, now - before, itn__splat(0));
-    s->credit[c] = s->credit[c] - surprise;
-    return surprise;
-}
+/* ---- [draws] random numbers, roulette and flights of a crowd --------------------------------- */
 
-/* Random numbers. */
+/* Every random number is the function of (seed, pixel, path, dimension) that the reference uses.
+   With ITN_SAMPLER_SOBOL, draws 2 to 7 of a path (at its first boundary and first collision) and
+   the place in the pixel come from a scrambled Sobol sequence instead. Roulette, the choice that
+   all paths make, is here, and with it itn__difference, which takes a choice's Delta off
+   ([value]). */
 
 /* Puts Sobol numbers in the place of u where the draw just made (dimension - 1) is an early one. */
 static void itn__early_draws(const itn__crowd *crowd, const itn__ints *slot,
@@ -9114,6 +9379,15 @@ ITN__INLINE itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, it
     return itn__int_less(limit, s->dimension);
 }
 
+/* A choice has been made: what the lanes of the mask are now expected to bring, less what they had
+   been expected to, has mean 0 and is taken off. */
+ITN__INLINE itn__floats itn__difference(itn__state *s, int c, itn__floats now, itn__floats before,
+                                        itn__ints mask) {
+    itn__floats difference = itn__select(mask, now - before, itn__splat(0));
+    s->control[c] = s->control[c] - difference;
+    return difference;
+}
+
 /* itn__roulette in lanes, which are expected to bring `value` per weight; late: who has drawn many
    random numbers. Returns who survives. */
 ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s,
@@ -9132,9 +9406,9 @@ ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s,
     survives = itn__less(u, survival);
     for (c = 0; c < itn__colours(features); c++) {
         itn__floats raised = s->beta[c] / survival;
-        if (crowd->fast->foresees)
-            itn__surprise(s, c, itn__select(survives, raised, itn__splat(0)) * value[c],
-                          s->beta[c] * value[c], low);
+        if (crowd->fast->controls)
+            itn__difference(s, c, itn__select(survives, raised, itn__splat(0)) * value[c],
+                            s->beta[c] * value[c], low);
         s->beta[c] = itn__select(low, raised, s->beta[c]);
     }
     return mask & ~(low & ~survives);
@@ -9150,14 +9424,17 @@ ITN__INLINE itn__floats itn__vflight(const itn__crowd *crowd, itn__state *s, itn
     return features & ITN__LIMIT ? itn__select(scatters, distance, itn__splat(INFINITY)) : distance;
 }
 
-/* Safe flights. */
+/* ---- [safe] flights that the tables prove free ----------------------------------------------- */
+
+/* A lane keeps what the voxel tables say of its surroundings, and looks again only when a flight
+   leaves them. So in the thick of a medium most flights cost a few comparisons. */
 
 /* What is known around each lane's position: a cube in which a flight is free if both its ends have
    n.x < below, or both > above, x from the centre, or if it runs against all normals. */
 typedef struct itn__free_space {
     itn__vectors centre, n;
     itn__floats half, below, above, against;
-    itn__floats np; /* n . (position - centre) */
+    itn__floats np;     /* n . (position - centre) */
     itn__ints cell;     /* in the middle, with ITN__TOOK_CUBE */
     itn__floats middle; /* n . x about where the surface is; */
     itn__ints under;    /* the position is below that */
@@ -9248,92 +9525,55 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
             itn__less(itn__vdot(space->n, d), -space->against));
 }
 
-/* What to expect. */
+/* ---- [control] the control variate in lanes -------------------------------------------------- */
 
-/* Where paths are, and where they go, seen from their plane: that of ITN__UP. */
-typedef struct itn__view {
-    itn__floats depth;              /* z, in mean free paths */
-    itn__floats cosine;             /* mu, to the inward normal */
-    itn__floats shade;              /* of the plane */
-    itn__floats fall[ITN__DECAYS];  /* e^(-k_i z) */
-} itn__view;
-
-/* Site of a surface: the part of the scene that p lies in, and the octant of the normal n. */
-ITN__INLINE itn__ints itn__site(const itn__voxels *voxels, itn__vectors p, itn__vectors n) {
-    itn__floats zero = itn__splat(0), last = itn__splat(ITN__PARTS - 1);
-    itn__floats from[3], facing[3];
-    itn__ints site = itn__splat_int(0);
-    int i;
-    from[0] = p.x - voxels->lower.x, facing[0] = n.x;
-    from[1] = p.y - voxels->lower.y, facing[1] = n.y;
-    from[2] = p.z - voxels->lower.z, facing[2] = n.z;
-    for (i = 0; i < 3; i++) {
-        float parts = (float)ITN__PARTS / (float)voxels->size[i] * voxels->inverse_cell;
-        site = site * itn__splat_int(ITN__PARTS) +
-               itn__to_ints(itn__least(itn__most(from[i] * parts, zero), last));
-    }
-    for (i = 0; i < 3; i++)
-        site = site + site + (itn__less(zero, facing[i]) & itn__splat_int(1));
-    return site;
-}
+/* What lanes expect before and after flights and turns, by V of [value]. A flight is taken to end
+   where it comes to the plane of the face, tau_0 mean free paths on, or at a collision before; on
+   its way z changes in proportion to its length, so that the mean of V over lengths is an integral
+   of exponentials. */
 
 /* How much of the light that is everywhere the same is kept from paths that leave a surface. */
-ITN__INLINE itn__floats itn__shade_at(const itn__fast *fast, itn__vectors p, itn__vectors n,
-                                      itn__ints mask) {
-    if (!fast->shaded) return itn__splat(0);
-    return itn__gather(fast->shades, itn__site(fast->voxels, p, n), mask, itn__splat(0));
+ITN__INLINE itn__floats itn__occlusion_at(const itn__fast *fast, itn__vectors p, itn__vectors n,
+                                          itn__ints mask) {
+    if (!fast->occluded) return itn__splat(0);
+    return itn__gather(fast->occlusions, itn__site(fast->voxels, p, n), mask, itn__splat(0));
 }
 
-/* e^(-k_i z) for all i. */
-ITN__INLINE void itn__falls(const itn__outlook *outlook, itn__floats depth, itn__floats *fall) {
-    int i;
-    fall[0] = itn__splat(1), fall[1] = itn__vexp(depth * -outlook->decay);
-    for (i = 2; i < ITN__DECAYS; i++) fall[i] = fall[i - 1] * fall[1];
-}
 ITN__INLINE itn__view itn__view_of(const itn__crowd *crowd, int substance, const itn__state *s,
                                    itn__vectors d) {
     itn__view view;
     view.depth = itn__most(crowd->fast->substances[substance].sigma_t *
                            (s->level - itn__vdot(s->up, s->p)), itn__splat(0));
-    view.cosine = -itn__vdot(s->up, d), view.shade = s->shade;
-    itn__falls(&crowd->fast->outlooks[substance], view.depth, view.fall);
+    view.cosine = -itn__vdot(s->up, d), view.occlusion = s->occlusion;
+    itn__falls(&crowd->fast->values[substance], view.depth, view.fall);
     return view;
 }
 
-/* a[0] + a[1] x + a[2] x^2 + ... */
-ITN__INLINE itn__floats itn__power_sum(const float *a, itn__floats x) {
-    itn__floats sum = itn__splat(a[ITN__ORDERS - 1]);
-    int l;
-    for (l = ITN__ORDERS - 2; l >= 0; l--) sum = sum * x + a[l];
-    return sum;
-}
-
-/* What there is without shade, and what a unit of shade adds: polynomials. */
-ITN__INLINE itn__floats itn__shaded_sum(const itn__crowd *crowd, itn__floats shade,
-                                        const float *plain, const float *added, itn__floats x) {
+/* What there is without occlusion, and what a unit of occlusion adds: polynomials. */
+ITN__INLINE itn__floats itn__occluded_sum(const itn__crowd *crowd, itn__floats occlusion,
+                                          const float *plain, const float *added, itn__floats x) {
     itn__floats sum = itn__power_sum(plain, x);
-    return crowd->fast->shaded ? sum + shade * itn__power_sum(added, x) : sum;
+    return crowd->fast->occluded ? sum + occlusion * itn__power_sum(added, x) : sum;
 }
 
 /* Sum over i of falls and polynomials, of cosine x. */
 ITN__INLINE itn__floats itn__expand_view(const itn__crowd *crowd, const itn__view *view,
                                          const itn__expansion a, itn__floats x) {
-    itn__floats sum = itn__shaded_sum(crowd, view->shade, a[0][0], a[1][0], x);
+    itn__floats sum = itn__occluded_sum(crowd, view->occlusion, a[0][0], a[1][0], x);
     int i;
     for (i = 1; i < ITN__DECAYS; i++)
-        sum = sum + view->fall[i] * itn__shaded_sum(crowd, view->shade, a[0][i], a[1][i], x);
+        sum = sum + view->fall[i] * itn__occluded_sum(crowd, view->occlusion, a[0][i], a[1][i], x);
     return sum;
 }
 
-/* What lanes about to fly expect, per weight. The flight is taken to end where it comes to the
-   plane of the face, tau_0 mean free paths on, or at a collision before:
+/* What lanes about to fly expect, per weight, if that is how the flight ends:
        mean = e^(-tau_0) at_face + sum over i of omega_i / (1 + k_i mu) (e^(-k_i z) - e^(-tau_0)),
    with omega_i the albedo times the polynomial of `scattered`; slope is the derivative of that by
    ln sigma_t with V left as it is. */
 typedef struct itn__ahead {
     itn__view view;
-    itn__floats to_face;    /* tau_0 */
-    itn__ints up;           /* there is one */
+    itn__floats to_face; /* tau_0 */
+    itn__ints up;        /* there is one */
     itn__floats mean[3], collided[3], slope[3]; /* collided: the sum over i alone */
     itn__floats at_face[3], omega[3][ITN__DECAYS];
 } itn__ahead;
@@ -9342,7 +9582,7 @@ typedef struct itn__ahead {
 
 ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const itn__state *s,
                                  itn__ints mask, itn__ahead *a, int features) {
-    const itn__outlook *outlook = &crowd->fast->outlooks[substance];
+    const itn__value *value = &crowd->fast->values[substance];
     itn__floats zero = itn__splat(0), mu, through, per[ITN__DECAYS];
     itn__ints entry;
     int c, i;
@@ -9354,17 +9594,17 @@ ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const i
     entry = itn__to_ints(itn__least(itn__most(-mu * (float)ITN__FACES, zero),
                                     itn__splat(ITN__FACES - 1)));
     per[0] = itn__splat(1);
-    for (i = 1; i < ITN__DECAYS; i++) per[i] = 1 / (1 + (float)i * outlook->decay * mu);
+    for (i = 1; i < ITN__DECAYS; i++) per[i] = 1 / (1 + (float)i * value->decay * mu);
     for (c = 0; c < itn__colours(features); c++) {
-        a->at_face[c] = itn__gather(outlook->at_face[c][0], entry, mask & a->up, zero);
-        if (crowd->fast->shaded)
-            a->at_face[c] = a->at_face[c] + a->view.shade *
-                itn__gather(outlook->at_face[c][1], entry, mask & a->up, zero);
+        a->at_face[c] = itn__gather(value->at_face[c][0], entry, mask & a->up, zero);
+        if (crowd->fast->occluded)
+            a->at_face[c] = a->at_face[c] + a->view.occlusion *
+                itn__gather(value->at_face[c][1], entry, mask & a->up, zero);
         a->collided[c] = zero, a->slope[c] = -a->to_face * through * a->at_face[c];
         for (i = 0; i < ITN__DECAYS; i++) {
             itn__floats part;
-            a->omega[c][i] = itn__shaded_sum(crowd, a->view.shade, outlook->scattered[c][0][i],
-                                             outlook->scattered[c][1][i], mu) *
+            a->omega[c][i] = itn__occluded_sum(crowd, a->view.occlusion, value->scattered[c][0][i],
+                                               value->scattered[c][1][i], mu) *
                              crowd->fast->substances[substance].albedo[c];
             part = a->omega[c][i] * (a->view.fall[i] - through) * per[i];
             a->collided[c] = a->collided[c] + part;
@@ -9375,105 +9615,72 @@ ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const i
     }
 }
 
-/* Flights have been drawn. With scores: b, and what the surprise itself adds to the derivatives;
-   see the opening of this chapter. */
-ITN__INLINE void itn__foresee_flight(const itn__crowd *crowd, int substance, itn__state *s,
+/* Flights have been drawn. With scores: b - C_k, and what the flight's s Delta - D adds to the
+   bases; see [scores]. */
+ITN__INLINE void itn__control_flight(const itn__crowd *crowd, int substance, itn__state *s,
                                      const itn__ahead *a, itn__floats distance, itn__ints mask,
                                      int features) {
-    const itn__outlook *outlook = &crowd->fast->outlooks[substance];
+    const itn__value *value = &crowd->fast->values[substance];
     itn__floats tau = crowd->fast->substances[substance].sigma_t * distance, zero = itn__splat(0);
     itn__floats fall[ITN__DECAYS];
     itn__ints crosses = a->up & itn__less(a->to_face, tau);
-    int foresees = crowd->fast->foresees, c, i;
+    int controls = crowd->fast->controls, c, i;
     for (i = 0; i < ITN__DECAYS; i++) fall[i] = zero;
-    if (foresees)
-        itn__falls(outlook, itn__most(a->view.depth + a->view.cosine * tau, zero), fall);
+    if (controls)
+        itn__falls(value, itn__most(a->view.depth + a->view.cosine * tau, zero), fall);
     for (c = 0; c < itn__colours(features); c++) {
-        itn__floats collided = a->omega[c][0], mean = s->beta[c] * a->mean[c], surprise = zero;
-        if (foresees) {
+        itn__floats collided = a->omega[c][0], mean = s->beta[c] * a->mean[c], difference = zero;
+        if (controls) {
             for (i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
-            surprise = itn__surprise(s, c, s->beta[c] * itn__select(crosses, a->at_face[c],
-                                                                    collided), mean, mask);
+            difference = itn__difference(s, c, s->beta[c] * itn__select(crosses, a->at_face[c],
+                                                                        collided), mean, mask);
         }
         if (!itn__scored(crowd, features)) continue;
-        s->expected[c] = itn__select(mask, mean + s->credit[c], s->expected[c]);
-        if (!foresees) continue;
+        s->expected[c] = itn__select(mask, mean + s->control[c], s->expected[c]);
+        if (!controls) continue;
         collided = s->beta[c] * (itn__select(crosses, zero, collided) - a->collided[c]);
         s->hit_base[c] = s->hit_base[c] + itn__select(mask, collided, zero);
         s->flight_base[c] = s->flight_base[c] +
-            itn__select(mask, (1 - tau) * surprise - s->beta[c] * a->slope[c], zero);
+            itn__select(mask, (1 - tau) * difference - s->beta[c] * a->slope[c], zero);
     }
 }
 
 /* New directions have been drawn where directions d ended, with these scores by g. */
-ITN__INLINE void itn__foresee_direction(const itn__crowd *crowd, int substance, itn__state *s,
+ITN__INLINE void itn__control_direction(const itn__crowd *crowd, int substance, itn__state *s,
                                         itn__vectors d, itn__floats score, itn__ints mask,
                                         int features) {
-    const itn__outlook *outlook = &crowd->fast->outlooks[substance];
+    const itn__value *value = &crowd->fast->values[substance];
     itn__view view = itn__view_of(crowd, substance, s, d);
     itn__floats cosine = -itn__vdot(s->up, s->d), zero = itn__splat(0);
     int c;
     if (itn__scored(crowd, features))
         s->phases[0] = s->phases[0] + itn__select(mask, score, zero);
     for (c = 0; c < itn__colours(features); c++) {
-        itn__floats mean = s->beta[c] * itn__expand_view(crowd, &view, outlook->scattered[c],
+        itn__floats mean = s->beta[c] * itn__expand_view(crowd, &view, value->scattered[c],
                                                          view.cosine);
-        itn__floats base = mean + s->credit[c];
-        if (crowd->fast->foresees)
-            itn__surprise(s, c, s->beta[c] * itn__expand_view(crowd, &view, outlook->flying[c],
-                                                              cosine), mean, mask);
+        itn__floats base = mean + s->control[c];
+        if (crowd->fast->controls)
+            itn__difference(s, c, s->beta[c] * itn__expand_view(crowd, &view, value->flying[c],
+                                                                cosine), mean, mask);
         if (!itn__scored(crowd, features)) continue;
         base = score * base;
-        if (crowd->fast->foresees)
-            base = base - s->beta[c] * itn__expand_view(crowd, &view, outlook->by_g[c],
+        if (crowd->fast->controls)
+            base = base - s->beta[c] * itn__expand_view(crowd, &view, value->by_g[c],
                                                         view.cosine);
         s->phase_base[c] = s->phase_base[c] + itn__select(mask, base, zero);
     }
 }
 
-/* Marks the path in lane k, in a render that learns. */
-static void itn__mark(const itn__crowd *crowd, const itn__state *s, int k, int substance, int face,
-                      float depth, float cosine) {
-    itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-    int c;
-    path->mark = substance, path->mark_face = face;
-    path->mark_depth = depth, path->mark_cosine = cosine, path->mark_shade = ITN__LANE(s->shade, k);
-    for (c = 0; c < crowd->fast->channels; c++) {
-        path->mark_weight[c] = ITN__LANE(s->beta[c], k);
-        path->mark_radiance[c] = *itn__sum_of(crowd, c, path->number);
-    }
-}
-/* Marks paths about to fly; of each two (by key) one, after a number of collisions that its key
-   decides. */
-ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const itn__state *s,
-                                 const itn__view *view, itn__ints mask) {
-    itn__words doubling = s->key0 & 3, span;
-    unsigned bits;
-    span = (itn__splat_word(1) << doubling) - 1;
-    mask &= itn__int_equal(itn__to_ints(s->hits), itn__word_ints(span + ((s->key0 >> 8) & span)));
-    mask &= itn__int_equal(itn__word_ints(s->key1 & 1), itn__splat_int(0));
-    for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        if (crowd->paths[ITN__LANE(s->slot, k)].mark < 0)
-            itn__mark(crowd, s, k, substance, -1, ITN__LANE(view->depth, k),
-                      ITN__LANE(view->cosine, k));
-    }
-}
-/* Marks paths that have left a surface, whose normal is -up; those that do so again by halves. */
-ITN__INLINE void itn__mark_departures(const itn__crowd *crowd, const itn__state *s,
-                                      itn__ints mask) {
-    itn__ints site = itn__site(crowd->fast->voxels, s->p, itn__vscale(s->up, itn__splat(-1)));
-    unsigned bits;
-    mask &= itn__less(itn__splat(0), itn__vdot(s->up, s->up));
-    for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        if (crowd->paths[ITN__LANE(s->slot, k)].mark < 0 ||
-            (ITN__LANE(s->key1, k) >> (ITN__LANE(s->dimension, k) & 31) & 1))
-            itn__mark(crowd, s, k, 0, ITN__LANE(site, k), 0, 0);
-    }
-}
+/* ---- [links] flights to the lights ----------------------------------------------------------- */
 
-/* Links to the lights. */
+/* With sampled lights, each vertex sends out a link: a straight flight to the light that carries
+   what the light would add. It goes through the same stages while its path is parked, so that a
+   path does one thing at a time and its sums do not depend on the order of queues.
+
+   A link of weight w and transmittance tr is cut by roulette before it is traced, at a level c
+   (ITN__LINK_LEVEL): for uniform xi it counts as max(w tr, c) if w tr > xi c, and else as nothing.
+   So it can be given up as soon as the transmittance falls below xi c / w: a bounded flight, which
+   the tables mostly prove to stay inside, where the link ends as nothing. */
 
 /* c, relative to the mean radiance of the sampled lights over all directions, times the largest
    albedo or reflectance. Links of paths that go straight are as faint as a stretch is thin: theirs
@@ -9582,7 +9789,14 @@ static void itn__arrive(itn__crowd *crowd, const itn__queue *queue, int at) {
     itn__unpark(crowd, slot);
 }
 
-/* Collisions. */
+/* ---- [walk] collisions, one after the other -------------------------------------------------- */
+
+/* The stage where nearly all time is spent: roulette, flight, collision, new direction, for as long
+   as each flight is proven free.
+
+   Where sigma_t or g differ from channel to channel, each medium is there three times, once for
+   each hero ([throughput]): paths in one queue have one hero, which draws alike for all of them.
+   Densities are relative to its own. There is no control variate where there are heroes. */
 
 /* Lanes of the mask, which have heroes, have made a choice that channel k makes with density
    pdf[k]: itn__weigh_choice with f = pdf. */
@@ -9650,7 +9864,7 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
         s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
         for (c = 0; c < itn__colours(features); c++) {
             s->flight_base[c] = s->flight_base[c] + score * s->expected[c];
-            s->hit_base[c] = s->hit_base[c] + itn__select(mask, s->credit[c], itn__splat(0));
+            s->hit_base[c] = s->hit_base[c] + itn__select(mask, s->control[c], itn__splat(0));
         }
     }
     if (led && medium->flights_differ) itn__vweigh_flight(medium, s, distance, mask);
@@ -9694,7 +9908,7 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
     if (itn__looks_ahead(crowd, features)) {
         u = itn__splat(0);
         if (itn__scored(crowd, features)) u = itn__vphase_score(medium->g, x, y);
-        itn__foresee_direction(crowd, substance, s, d, u, mask, features);
+        itn__control_direction(crowd, substance, s, d, u, mask, features);
     }
     return mask;
 }
@@ -9786,7 +10000,7 @@ ITN__INLINE itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state
         for (c = 0; c < itn__colours(features); c++)
             ahead.mean[c] = itn__select(scatters, ahead.mean[c], itn__splat(0));
     }
-    itn__foresee_flight(crowd, substance, s, &ahead, *distance, active, features);
+    itn__control_flight(crowd, substance, s, &ahead, *distance, active, features);
     if (fast->learning == ITN__LEARN_VALUES)
         itn__mark_lanes(crowd, substance, s, &ahead.view, scatters);
     return active;
@@ -9816,7 +10030,7 @@ ITN__INLINE void itn__adopt_plane(const itn__fast *fast, const itn__free_space *
     mask &= space->under;
     s->up = itn__vselect(mask, up, s->up);
     s->level = itn__select(mask, itn__vdot(up, space->centre) + space->middle * inverse, s->level);
-    s->shade = itn__select(mask, itn__shade_at(fast, s->p, up, mask), s->shade);
+    s->occlusion = itn__select(mask, itn__occlusion_at(fast, s->p, up, mask), s->occlusion);
 }
 
 /* Looks around for the unsure lanes. Returns those whose flight turns out free; the others wait. */
@@ -9876,7 +10090,12 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
     }
 }
 
-/* Exact flights. */
+/* ---- [exact] flights through voxels and triangles -------------------------------------------- */
+
+/* Flights that the tables could not prove free march through the grid: past the empty cube around
+   a point, or through one cell. Cells with triangles are noted, and visited many at a time; those
+   whose slab the flight does not reach, or passes against all normals, are done, of the others the
+   packs are tested, again many at a time. What this cannot tell, the tree does. */
 
 /* Flights longer than so many cells go through the tree. */
 #define ITN__LONG_MARCH 48
@@ -10174,7 +10393,14 @@ static void itn__find_hits(itn__crowd *crowd, int outside) {
     for (i = 0; i < queue->count; i++) itn__settle_hit(crowd, i);
 }
 
-/* What happens at the surface that an item of a queue has met. */
+/* ---- [meet] what flights come to ------------------------------------------------------------- */
+
+/* The stages in which paths end a flight. Early: flights of paths with Sobol draws to come, or that
+   go straight. Exact: flights that the tables could not prove free, by [exact]. They end at a
+   collision, at a surface, or (links) at the lights.
+
+   Paths that go straight ([path]) need no walk: where one has a stretch before it, the exact stage
+   finds its end first, then sends the link from a place on it. */
 
 /* A link is stopped, or goes on behind an index-matched boundary. */
 static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const itn_hit *hit) {
@@ -10285,7 +10511,7 @@ ITN__INLINE void itn__book_lanes(itn__crowd *crowd, int substance, itn__state *s
     s->flights = itn__select(kept, s->flights, zero), s->hits = itn__select(kept, s->hits, zero);
     for (c = 0; c < 3; c++) {
         s->phases[c] = itn__select(kept, s->phases[c], zero);
-        s->credit[c] = itn__select(kept, s->credit[c], zero);
+        s->control[c] = itn__select(kept, s->control[c], zero);
         s->flight_base[c] = itn__select(kept, s->flight_base[c], zero);
         s->phase_base[c] = itn__select(kept, s->phase_base[c], zero);
         s->hit_base[c] = itn__select(kept, s->hit_base[c], zero);
@@ -10384,7 +10610,7 @@ static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits, i
     unsigned good = itn__note_hits(crowd, at, bits, &m), diffuse, boundary;
     int c;
     itn__load_state(&crowd->taken, at, &s, features);
-    itn__settle_lanes(crowd, &s, bits & ~good);
+    itn__add_controls(crowd, &s, bits & ~good);
     itn__free_lanes(crowd, s.slot, bits & ~good);
     t = itn__load(m.t);
     itn__arrive_at_surfaces(crowd, substance, &s, t, itn__bits_mask(good), features);
@@ -10399,8 +10625,8 @@ static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits, i
     s.p = itn__valong(p[0], itn__load(m.u), itn__valong(p[1], itn__splat(-1), p[0]));
     s.p = itn__valong(s.p, itn__load(m.v), itn__valong(p[2], itn__splat(-1), p[0]));
     s.up = n, s.level = itn__vdot(n, s.p), s.cell = itn__splat_int(-1);
-    s.shade = itn__shade_at(crowd->fast, s.p, itn__vscale(n, substance ? -one : one),
-                            itn__bits_mask(good));
+    s.occlusion = itn__occlusion_at(crowd->fast, s.p, itn__vscale(n, substance ? -one : one),
+                                    itn__bits_mask(good));
     if (crowd->fast->learning == ITN__LEARN_VALUES)
         itn__mark_faces(crowd, substance, &s, -itn__vdot(n, s.d), good);
     itn__sort_meeting(crowd, at, &s.slot, &s.p, good, &m, &diffuse, &boundary);
@@ -10628,6 +10854,13 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
     queue->count = 0;
 }
 
+/* ---- [boundaries] dielectric and diffuse surfaces of a crowd --------------------------------- */
+
+/* The stages in which paths stand on a surface: itn__meet_dielectric and itn__meet_diffuse, in
+   lanes. Each first sends a link to a light, then chooses a direction. What paths are expected
+   to bring is known on both sides of a facet, so which way one goes there is part of the control
+   variate, too. */
+
 /* Paths of lanes that leave the boundary they stand on, items at ... of its queue, or with
    ITN__LINK their links; `through` are those that go through it. */
 static void itn__leave_boundary(itn__crowd *crowd, const itn__state *s, int at, unsigned bits,
@@ -10728,53 +10961,53 @@ ITN__INLINE void itn__leave_surface(itn__crowd *crowd, const itn__state *s, itn_
     itn__depart(crowd, s, on, features);
 }
 
-/* What a facet has in store: which way a path goes there is chance of known odds. */
+/* What a facet does with a path: which of two ways it goes from there is chance, of known odds. */
 typedef struct itn__bounce {
-    itn__floats alpha, eta, shade; /* of the surface */
-    itn__vectors taken, other;     /* directions, local */
-    itn__floats odds;              /* of the other */
-    itn__ints ok;                  /* the one taken goes somewhere */
+    itn__floats alpha, eta, occlusion; /* of the surface */
+    itn__vectors taken, other;         /* directions, local */
+    itn__floats odds;                  /* of the other */
+    itn__ints ok;                      /* the one taken goes somewhere */
 } itn__bounce;
 
 /* What paths that leave a dielectric boundary in direction o (of local coordinates) are expected to
-   bring, per weight before: V at the face, or outside the light, which is everywhere the same, less
-   what shade keeps from them. */
-ITN__INLINE itn__floats itn__prospect(const itn__crowd *crowd, itn__vectors o,
-                                      const itn__bounce *bounce, int c) {
-    const itn__outlook *outlook = &crowd->fast->outlooks[crowd->fast->foresees];
+   bring, per weight before: inside, V at the face; outside, the light that is everywhere the same,
+   less what occlusion keeps from them. */
+ITN__INLINE itn__floats itn__boundary_value(const itn__crowd *crowd, itn__vectors o,
+                                            const itn__bounce *bounce, int c) {
+    const itn__value *value = &crowd->fast->values[crowd->fast->controls];
     itn__ints outside = ~(itn__less(itn__splat(0), o.z) ^ itn__less(itn__splat(1), bounce->eta));
-    itn__floats inside = itn__shaded_sum(crowd, bounce->shade, outlook->entering[c][0],
-                                         outlook->entering[c][1], itn__absolute(o.z));
+    itn__floats inside = itn__occluded_sum(crowd, bounce->occlusion, value->entering[c][0],
+                                           value->entering[c][1], itn__absolute(o.z));
     return itn__vsmith(o, bounce->alpha) *
-           itn__select(outside, crowd->fast->constant[c] * (1 - bounce->shade), inside);
+           itn__select(outside, crowd->fast->constant[c] * (1 - bounce->occlusion), inside);
 }
 
 /* What paths are expected to bring that have come to a facet, in the mean over both ways; *taken
    receives it for the way taken. */
-ITN__INLINE itn__floats itn__bounce_prospect(const itn__crowd *crowd, const itn__bounce *bounce,
-                                             int c, itn__floats *taken) {
-    itn__floats other = itn__prospect(crowd, bounce->other, bounce, c);
-    *taken = itn__select(bounce->ok, itn__prospect(crowd, bounce->taken, bounce, c),
+ITN__INLINE itn__floats itn__bounce_value(const itn__crowd *crowd, const itn__bounce *bounce,
+                                          int c, itn__floats *taken) {
+    itn__floats other = itn__boundary_value(crowd, bounce->other, bounce, c);
+    *taken = itn__select(bounce->ok, itn__boundary_value(crowd, bounce->taken, bounce, c),
                          itn__splat(0));
     other = itn__select(itn__less(itn__splat(0), bounce->odds), other, *taken);
     return *taken + bounce->odds * (other - *taken);
 }
 
-/* The surprise of a bounce at a boundary, which was expected to bring the mean over both ways and
+/* The difference of a bounce at a boundary, which was expected to bring the mean over both ways and
    over two facets, the one drawn and the one that leans the other way. */
-ITN__INLINE void itn__foresee_bounce(itn__crowd *crowd, const itn__state *s,
+ITN__INLINE void itn__control_bounce(itn__crowd *crowd, const itn__state *s,
                                      const itn__bounce *bounce, const itn__bounce *twin,
                                      itn__ints mask, int features) {
     int c;
     unsigned bits;
     for (c = 0; c < itn__colours(features) && c < crowd->fast->channels; c++) {
         itn__floats taken, unused, gain, mean;
-        mean = itn__bounce_prospect(crowd, bounce, c, &taken);
-        mean = .5f * (mean + itn__bounce_prospect(crowd, twin, c, &unused));
+        mean = itn__bounce_value(crowd, bounce, c, &taken);
+        mean = .5f * (mean + itn__bounce_value(crowd, twin, c, &unused));
         gain = s->beta[c] * (mean - taken);
         for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
             int k = itn__lowest_bit(bits);
-            itn__settle(crowd, ITN__LANE(s->slot, k), c, ITN__LANE(gain, k));
+            itn__add_control(crowd, ITN__LANE(s->slot, k), c, ITN__LANE(gain, k));
         }
     }
 }
@@ -10800,16 +11033,16 @@ ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
             linked = itn__boundary_links(crowd, &s, frame, i, alpha, eta, rough, at, features);
         u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
         w = itn__draw(crowd, &s, mask, 1);
-        bounce.alpha = alpha, bounce.eta = eta, bounce.shade = s.shade, twin = bounce;
+        bounce.alpha = alpha, bounce.eta = eta, bounce.occlusion = s.occlusion, twin = bounce;
         facet = itn__vsample_facet(i, alpha, u, v);
         bounce.ok = itn__vsample_dielectric(i, facet, eta, w, &bounce.taken, &bounce.other,
                                             &bounce.odds);
         ok = mask & bounce.ok, o = bounce.taken;
-        if (crowd->fast->foresees) {
+        if (crowd->fast->controls) {
             itn__floats turned = itn__select(itn__less(v, itn__splat(.5f)), v + .5f, v - .5f);
             twin.ok = itn__vsample_dielectric(i, itn__vsample_facet(i, alpha, u, turned), eta, w,
                                               &twin.taken, &twin.other, &twin.odds);
-            itn__foresee_bounce(crowd, &s, &bounce, &twin, mask, features);
+            itn__control_bounce(crowd, &s, &bounce, &twin, mask, features);
         }
         lost = itn__vsmith(o, alpha);
         if (features & ITN__LIGHTS) {
@@ -10831,7 +11064,7 @@ ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
                                              itn__splat(-1));
             s.up = itn__vscale(s.up, turned), s.level = s.level * turned;
         }
-        itn__settle_lanes(crowd, &s, itn__mask_bits(mask & ~ok & ~linked));
+        itn__add_controls(crowd, &s, itn__mask_bits(mask & ~ok & ~linked));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~ok & ~linked));
         itn__leave_boundary(crowd, &s, at, itn__mask_bits(ok),
                             itn__mask_bits(itn__less(o.z, itn__splat(0))), 0);
@@ -10878,6 +11111,11 @@ ITN__NOINLINE void itn__run_diffuse(itn__crowd *crowd) {
     queue->count = 0;
 }
 
+/* ---- [outside] outside of media, and the lights ---------------------------------------------- */
+
+/* Between objects paths fly to the next surface or leave. Where they leave, they add the lights in
+   their direction, with the weight of having met a sampled light by chance. */
+
 /* The next surface of each item of `taken`, outside of media. */
 static void itn__look_outside(itn__crowd *crowd) {
     int k;
@@ -10898,12 +11136,12 @@ ITN__INLINE void itn__take_outside(itn__crowd *crowd, int features) {
         itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
         itn__load_state(queue, at, &s, features);
         links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
-        for (c = 0; c < 3; c++) light[c] = crowd->fast->constant[c] * (1 - s.shade);
-        if (crowd->fast->learning == ITN__LEARN_SHADES)
+        for (c = 0; c < 3; c++) light[c] = crowd->fast->constant[c] * (1 - s.occlusion);
+        if (crowd->fast->learning == ITN__LEARN_OCCLUSIONS)
             itn__mark_departures(crowd, &s, mask & ~links);
         alive = links | itn__vroulette(crowd, &s, light, mask & ~links,
                                        itn__late(crowd, &s, mask & ~links), 1, features);
-        itn__settle_lanes(crowd, &s, itn__mask_bits(mask & ~alive));
+        itn__add_controls(crowd, &s, itn__mask_bits(mask & ~alive));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
         itn__append(&crowd->taken, &s, itn__mask_bits(alive), features);
     }
@@ -10954,7 +11192,7 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
             mis = itn__select(itn__less(s.pdf, itn__splat(INFINITY)), mis, itn__splat(1));
             for (c = 0; c < itn__colours(features); c++) sampled[c] = sampled[c] * mis;
         }
-        itn__settle_lanes(crowd, &s, itn__mask_bits(mask));
+        itn__add_controls(crowd, &s, itn__mask_bits(mask));
         for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
             int k = itn__lowest_bit(bits), slot = ITN__LANE(s.slot, k);
             const itn__path *path = &crowd->paths[slot];
@@ -10977,7 +11215,11 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
     queue->count = 0;
 }
 
-/* The beginning of paths. */
+/* ---- [starts] camera rays, and a crowd at work ----------------------------------------------- */
+
+/* The paths of a camera ray share what it meets. In a pixel whose rays all meet nothing, in light
+   that is everywhere the same, the paths are done before they start. A crowd takes turns between
+   its stages until all paths of its unit have come to their ends. */
 
 /* Camera rays of a pixel. */
 ITN__INLINE int itn__pixel_rays(const itn__fast *fast, uint64_t pixel) {
@@ -11121,7 +11363,7 @@ static void itn__fill_starts(itn__crowd *crowd) {
     for (f = 0; f < 3; f++) itn__fill_row(queue, ITN__BETA + f, 1);
     itn__fill_row(queue, ITN__PDF, INFINITY);
     itn__fill_int_row(queue, ITN__LEFT, fast->max_scatter ? fast->max_scatter : INT_MAX);
-    for (f = ITN__CREDIT; f < queue->state; f++) itn__fill_row(queue, f, 0);
+    for (f = ITN__CONTROL; f < queue->state; f++) itn__fill_row(queue, f, 0);
     itn__fill_row(queue, ITN__UP + 1, 1); /* some plane, for paths that begin in a medium */
     itn__fill_int_row(queue, ITN__CELL, -1);
     for (f = 0; f < 3; f++) itn__fill_row(queue, ITN__SHARE + f, 1 / 3.f);
@@ -11176,7 +11418,11 @@ ITN__INLINE void itn__run_unit(itn__crowd *crowd, int features) {
 static void itn__run_kernel(itn__crowd *crowd) { ITN__KERNELS(ITN__KERNEL) }
 #undef ITN__KERNEL
 
-/* Making ready. */
+/* ---- [picture] who does what of a picture ---------------------------------------------------- */
+
+/* A picture's units of work are tiles of pixels times sets of camera rays. A few crowds share them
+   out; each unit's sums have a place of their own and are added in their order, so that the bits of
+   the picture do not depend on who did what. */
 
 /* Whether an object has the medium of a substance, so that paths come into it. */
 static int itn__is_in_use(const itn_scene *scene, int substance) {
@@ -11262,13 +11508,13 @@ static void itn__choose_kernel(itn__fast *fast) {
 }
 
 /* The decay of V: that of diffusion in the medium. */
-static void itn__decay_make(const itn__substance *substance, int channels, itn__outlook *outlook) {
+static void itn__decay_make(const itn__substance *substance, int channels, itn__value *value) {
     float albedo = 0, reduced;
     int c;
     for (c = 0; c < channels; c++) albedo += substance->albedo[c] / (float)channels;
     reduced = 1 - substance->g * albedo;
-    outlook->decay = sqrtf(3 * (1 - albedo) * reduced);
-    outlook->decay = itn__clamp(outlook->decay, .1f * fminf(reduced, 1), .95f / (ITN__DECAYS - 1));
+    value->decay = sqrtf(3 * (1 - albedo) * reduced);
+    value->decay = itn__clamp(value->decay, .1f * fminf(reduced, 1), .95f / (ITN__DECAYS - 1));
 }
 
 /* The numbers of a medium at theta, for a hero; medium NULL: of what is none. */
@@ -11346,7 +11592,7 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     for (i = 1; i < itn__substance_count(scene); i++) {
         itn__substance_make(fast, &scene->media[(i - 1) % scene->medium_count],
                             (i - 1) / scene->medium_count, &substances[i]);
-        itn__decay_make(&substances[i], fast->channels, &fast->outlooks[i]);
+        itn__decay_make(&substances[i], fast->channels, &fast->values[i]);
     }
     fast->camera.sides = scene->sides;
     fast->camera.inside = itn__find_inside(scene, &scene->sides);
@@ -11374,9 +11620,6 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     itn__choose_kernel(fast);
 }
 
-/* A picture. Its units of work are tiles of pixels times sets of camera rays. A few crowds share
-   them out; each unit's sums have a place of their own and are added in their order, so that the
-   bits of the picture do not depend on who did what. */
 enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384, ITN__WAVE = 4096 };
 
 typedef struct itn__picture {
@@ -11567,11 +11810,13 @@ static itn_result itn__picture_run(itn__picture *picture, const itn_render_optio
     return ITN_OK;
 }
 #endif /* ITN_NO_FAST */
+
 /* ---- [render] samples into images ------------------------------------------------------------ */
 
-/* A pixel's samples are summed in double in their own order by whoever takes its row, and rows are
-   independent, so the bits of the result do not depend on the number of threads. From the sums of
-   x and x^2 over n samples follow the mean and the variance of the mean,
+/* In the reference a pixel's samples are summed in double in their own order by whoever takes its
+   row, and rows are independent, so the bits of the result do not depend on the number of threads;
+   for the fast walk see [picture]. From the sums of x and x^2 over n samples (in the fast walk with
+   a Sobol sequence: over n sets of them) follow the mean and the variance of the mean,
    (sum x^2 / n - mean^2) / (n - 1). Where channels take turns in being the hero, the samples of
    each are a stratum with sums of its own: the result is the mean of the strata's means, and its
    variance the sum of theirs / 9. */
@@ -11939,11 +12184,11 @@ static itn_result itn__render_tables(const itn__render *render, const itn__table
                            own, error);
 }
 
-enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from; shades: from a fourth of them */
+enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from; for occlusions a fourth */
 
-/* Whether V is good enough to foresee what paths bring: one medium in light that is everywhere the
-   same, and many paths. */
-static int itn__can_foresee(const itn__fast *fast) {
+/* Whether V is good enough for a control variate: one medium in light that is everywhere the same,
+   and many paths. */
+static int itn__can_control(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
     double paths = fast->samples * fast->walks;
     return fast->voxels && fast->only_constant && scene->medium_count == 1 && !fast->max_scatter &&
@@ -11965,7 +12210,7 @@ static void itn__fast_make(const itn__render *render, const itn__tables *tables,
             fast->rough_scores |= render->slots[scene->surfaces[k].alpha] >= 0;
     fast->bands = render->bands, fast->texel_weights = render->weights;
     itn__fast_begin(fast, scene, render->theta, substances, tables);
-    fast->foresees = render->baseline && itn__can_foresee(fast);
+    fast->controls = render->baseline && itn__can_control(fast);
 }
 
 /* Derivatives by a map: what a path would bring is linear in the map's values, however bright they
@@ -12015,144 +12260,50 @@ static void itn__fold(const itn__picture *picture, double *sums) {
         }
 }
 
-/* Coefficients by powers of mu from those by P_l, each times factor[l]. */
-static void itn__powers(const double *legendre, const double *factor, float *power) {
-    double p[3][ITN__ORDERS] = {{1}, {0, 1}}, sum[ITN__ORDERS] = {0};
-    int l, k;
-    for (l = 0; l < ITN__ORDERS; l++) {
-        for (k = 0; k < ITN__ORDERS && l > 1; k++)
-            p[l % 3][k] = ((2 * l - 1) * (k ? p[(l + 2) % 3][k - 1] : 0) -
-                           (l - 1) * p[(l + 1) % 3][k]) / l;
-        for (k = 0; k < ITN__ORDERS; k++) sum[k] += legendre[l] * factor[l] * p[l % 3][k];
-    }
-    for (k = 0; k < ITN__ORDERS; k++) power[k] = (float)sum[k];
-}
-
-/* V of channel c from its coefficients. */
-static void itn__outlook_set(itn__outlook *outlook, int c, const double *terms, double g) {
-    double one[ITN__ORDERS], mean[ITN__ORDERS], slope[ITN__ORDERS];
-    int i, l, shade;
-    for (l = 0; l < ITN__ORDERS; l++) {
-        one[l] = 1, mean[l] = pow(g, l); /* the mean of P_l over new directions is g^l P_l */
-        slope[l] = l ? l * pow(g, l - 1) : 0;
-        outlook->entering[c][0][l] = outlook->entering[c][1][l] = 0;
-    }
-    for (i = 0; i < 2 * ITN__DECAYS; i++, terms += ITN__ORDERS) {
-        shade = i / ITN__DECAYS;
-        itn__powers(terms, one, outlook->flying[c][shade][i % ITN__DECAYS]);
-        itn__powers(terms, mean, outlook->scattered[c][shade][i % ITN__DECAYS]);
-        itn__powers(terms, slope, outlook->by_g[c][shade][i % ITN__DECAYS]);
-        for (l = 0; l < ITN__ORDERS; l++)
-            outlook->entering[c][shade][l] += outlook->flying[c][shade][i % ITN__DECAYS][l];
-    }
-}
-
-/* V on arrival at faces: the line through lessons and a few more in which V inside is right. */
-static void itn__fit_faces(const double *sums, double unit, int c, itn__outlook *outlook) {
-    const double doubt = 4 * ITN__TERM_STEPS * ITN__TERM_STEPS; /* 4 lessons */
-    int i, l, shade;
-    for (i = 0; i < ITN__FACES; i++, sums += ITN__FACE_SUMS) {
-        double cosine = -(i + .5) / ITN__FACES, inside[2] = {0, 0}, factor[4], line[2];
-        for (l = ITN__ORDERS - 1; l >= 0; l--)
-            for (shade = 0; shade < 2; shade++)
-                inside[shade] = inside[shade] * cosine + outlook->entering[c][shade][l];
-        factor[0] = sums[0] + doubt, factor[2] = sums[5], factor[3] = sums[6] + doubt;
-        line[0] = sums[2 + c] * unit - sums[0] * inside[0] - sums[5] * inside[1];
-        line[1] = sums[7 + c] * unit - sums[5] * inside[0] - sums[6] * inside[1];
-        itn__cholesky(factor, 2);
-        itn__cholesky_solve(factor, 2, line);
-        for (shade = 0; shade < 2; shade++)
-            outlook->at_face[c][shade][i] = (float)(inside[shade] + line[shade]);
-    }
-}
-
-/* The least-squares fit of one substance; it says how V differs from its mean. Returns 0 if there
-   were no lessons. */
-static int itn__fit_outlook(const itn__fast *fast, int substance, const double *sums) {
-    itn__outlook *outlook = &fast->outlooks[substance];
-    const double step = ITN__TERM_STEPS, unit = fast->lesson_unit * step;
-    double factor[ITN__TERMS * ITN__TERMS], terms[ITN__TERMS], mean;
-    int c, i, j, n = ITN__TERMS, width = ITN__TERMS + 3;
-    if (!(sums[0] > 0)) return 0;
-    for (i = 0; i < n; i++) {
-        for (j = 0; j <= i; j++) factor[i * n + j] = sums[i * width + j];
-        factor[i * n + i] += ITN__RIDGE * sums[0];
-    }
-    if (!itn__cholesky(factor, n)) return 0;
-    for (c = 0; c < fast->channels; c++) {
-        mean = sums[n + c] * unit / sums[0];
-        for (i = 0; i < n; i++)
-            terms[i] = sums[i * width + n + c] * unit - mean * sums[i * width];
-        itn__cholesky_solve(factor, n, terms);
-        terms[0] += mean;
-        itn__outlook_set(outlook, c, terms, fast->substances[substance].g);
-        itn__fit_faces(sums + ITN__NORMAL_SUMS, unit, c, outlook);
-    }
-    return 1;
-}
-
-/* Shades from lessons of paths that have left: what their light lacks. Where there have been few,
-   it is taken to be as dark as elsewhere in the mean. What is hardly shaded at all is rendered
-   faster without. */
-static void itn__fit_shades(itn__fast *fast, const double *sums) {
-    const double doubt = 4, least = .03; /* lessons; mean square */
-    double full = 0, count = 0, sum = 0, square = 0;
-    int c, i;
-    for (c = 0; c < fast->channels; c++) full += (double)fast->constant[c] / fast->lesson_unit;
-    for (i = 0; i < ITN__SITES; i++) count += sums[2 * i], sum += sums[2 * i + 1];
-    if (!(count > 0 && full > 0)) return;
-    for (i = 0; i < ITN__SITES; i++) {
-        double mean = (sums[2 * i + 1] + doubt * sum / count) / (sums[2 * i] + doubt);
-        fast->shades[i] = itn__clamp((float)(1 - mean / full), 0, 1);
-        square += sums[2 * i] / count * pow((double)fast->shades[i], 2);
-    }
-    fast->shaded = square >= least;
-}
-
 /* Sums of lessons over all crowds, which come to the first. */
-static void itn__gather_lessons(itn__picture *school, int substances) {
-    double *sums = school->crowds[0].lessons;
+static void itn__gather_lessons(itn__picture *pilot, int substances) {
+    double *sums = pilot->crowds[0].lessons;
     int i, k;
-    for (i = 1; i < school->crowd_count; i++)
-        for (k = 0; k < substances * ITN__LESSON_SUMS; k++) sums[k] += school->crowds[i].lessons[k];
+    for (i = 1; i < pilot->crowd_count; i++)
+        for (k = 0; k < substances * ITN__LESSON_SUMS; k++) sums[k] += pilot->crowds[i].lessons[k];
 }
 
-/* Learns from a few paths, which are not used for anything else: whatever they teach, pictures stay
+/* Learns from a few paths, which are not used for anything else: whatever these tell, pictures stay
    unbiased. */
-static itn_result itn__teach(itn__picture *picture, int what, itn_error *error) {
-    itn__picture school = *picture;
-    itn__fast *fast = &school.fast;
+static itn_result itn__pilot_run(itn__picture *picture, int what, itn_error *error) {
+    itn__picture pilot = *picture;
+    itn__fast *fast = &pilot.fast;
     double pixels = (double)fast->scene->film.width * fast->scene->film.height;
-    double paths = what == ITN__LEARN_SHADES ? ITN__LESSONS / 4 : ITN__LESSONS;
+    double paths = what == ITN__LEARN_OCCLUSIONS ? ITN__LESSONS / 4 : ITN__LESSONS;
     itn_result result;
     int m, learnt = 0;
-    fast->learning = what, fast->foresees = 0, fast->seed = itn__mix64(fast->seed + (uint64_t)what);
+    fast->learning = what, fast->controls = 0, fast->seed = itn__mix64(fast->seed + (uint64_t)what);
     fast->count = fast->rough_scores = fast->scales = 0, fast->planes = fast->channels;
-    school.weights = NULL, fast->allotment = NULL;
+    pilot.weights = NULL, fast->allotment = NULL;
     itn__choose_kernel(fast);
     if (pixels > paths / 4) fast->walks = 1;
     fast->spp = (int)fmax(1, paths / (pixels * fast->walks));
     if (fast->spp > picture->fast.spp / 8 + 1) fast->spp = picture->fast.spp / 8 + 1;
     fast->samples = pixels * fast->spp;
     fast->blocks = itn__sample_blocks(fast);
-    result = itn__picture_begin(&school, error);
-    if (!result) result = itn__picture_run(&school, NULL, error);
-    if (!result) itn__gather_lessons(&school, 1 + fast->scene->medium_count);
-    if (!result && what == ITN__LEARN_SHADES)
-        itn__fit_shades(&picture->fast, school.crowds[0].lessons);
+    result = itn__picture_begin(&pilot, error);
+    if (!result) result = itn__picture_run(&pilot, NULL, error);
+    if (!result) itn__gather_lessons(&pilot, 1 + fast->scene->medium_count);
+    if (!result && what == ITN__LEARN_OCCLUSIONS)
+        itn__fit_occlusions(&picture->fast, pilot.crowds[0].lessons);
     for (m = 1; m <= fast->scene->medium_count && !result && what == ITN__LEARN_VALUES; m++)
-        learnt |= itn__fit_outlook(&picture->fast, m, school.crowds[0].lessons +
+        learnt |= itn__fit_value(&picture->fast, m, pilot.crowds[0].lessons +
                                                           (size_t)m * ITN__LESSON_SUMS);
-    if (!learnt && what == ITN__LEARN_VALUES) picture->fast.foresees = 0; /* nothing scatters */
-    itn__picture_end(&school);
+    if (!learnt && what == ITN__LEARN_VALUES) picture->fast.controls = 0; /* nothing scatters */
+    itn__picture_end(&pilot);
     return result;
 }
 
-/* First the shades, which V depends on, if there are enough paths to gain by them. */
-static itn_result itn__learn_outlooks(itn__picture *picture, itn_error *error) {
+/* First the occlusions, which V depends on, if there are enough paths to gain by them. */
+static itn_result itn__learn_values(itn__picture *picture, itn_error *error) {
     itn_result result = ITN_OK;
-    if (picture->fast.foresees) result = itn__teach(picture, ITN__LEARN_SHADES, error);
-    return result ? result : itn__teach(picture, ITN__LEARN_VALUES, error);
+    if (picture->fast.controls) result = itn__pilot_run(picture, ITN__LEARN_OCCLUSIONS, error);
+    return result ? result : itn__pilot_run(picture, ITN__LEARN_VALUES, error);
 }
 
 /* The fast walk: an image, or (with weights) sums of a gradient, see itn__fold. */
@@ -12171,13 +12322,13 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
     picture.band_count = render->group;
     substances = (itn__substance *)itn__allocate(
         &scene->context, (size_t)itn__substance_count(scene), sizeof *substances);
-    picture.fast.outlooks = (itn__outlook *)itn__allocate(
-        &scene->context, (size_t)itn__substance_count(scene), sizeof *picture.fast.outlooks);
-    if (substances && picture.fast.outlooks) {
+    picture.fast.values = (itn__value *)itn__allocate(
+        &scene->context, (size_t)itn__substance_count(scene), sizeof *picture.fast.values);
+    if (substances && picture.fast.values) {
         itn__fast_make(render, tables, substances, &picture.fast);
         if (render->bands && render->bands[0].texels.map) itn__seek_map(&picture.fast);
-        if ((render->baseline && render->count) || picture.fast.foresees)
-            result = itn__learn_outlooks(&picture, error);
+        if ((render->baseline && render->count) || picture.fast.controls)
+            result = itn__learn_values(&picture, error);
         if (!result) result = itn__picture_begin(&picture, error);
     } else {
         result = itn__out_of_memory(error, "a render");
@@ -12186,7 +12337,7 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
     if (!result && image) itn__develop(&picture, image);
     if (!result && sums) itn__fold(&picture, sums);
     itn__picture_end(&picture);
-    itn__free(&scene->context, picture.fast.outlooks);
+    itn__free(&scene->context, picture.fast.values);
     itn__free(&scene->context, substances);
     itn__tables_free(&scene->context, own);
     return result;
@@ -12288,6 +12439,15 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
     return result;
 }
 
+/* ---- [gradients] derivatives folded with weights --------------------------------------------- */
+
+/* Where not the derivative images are wanted but their sum with weights over all pixels, as of a
+   loss, each sample (in the fast walk, each set of them) is folded with the weights of its pixel at
+   once (the adjoint): a number for each parameter takes the place of an image. The gradient of a
+   squared error takes two renders of different seeds, one for the residual and one for the
+   derivative: in one render both would have their noise in common, and the product a bias. Of
+   derivatives by texels ([texels]) there are as many sums as values. */
+
 /* Whether all of [channels][height][width] values are finite. */
 static itn_result itn__check_weights(const itn_scene *scene, const float *weights,
                                      const char *where, itn_error *error) {
@@ -12300,8 +12460,8 @@ static itn_result itn__check_weights(const itn_scene *scene, const float *weight
     return ITN_OK;
 }
 
-/* The adjoint: a sample's derivatives are folded with the weights of its pixel at once. `sums` of a
-   row: the gradient and its variance [count] each, then of the pixel [strata][count][2]. */
+/* itn_render_gradient by the reference. `sums` of a row: the gradient and its variance [count]
+   each, then of the pixel [strata][count][2]. */
 static void itn__gradient_row(void *task, int index) {
     itn__render *render = (itn__render *)task;
     int y = render->first_row + index, x, s, k, c, count = render->count;
@@ -12364,9 +12524,8 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
     return result;
 }
 
-/* Derivatives by texels. The rows of a group each have a band of sums of their own, for the row of
-   the next group too. */
-
+/* Derivatives by texels: the rows of a group under way have a band of sums each; in the next group
+   these bands serve again. */
 static void itn__texel_row(void *task, int index) {
     itn__render *render = (itn__render *)task;
     itn__band *band = &render->bands[index];
@@ -12554,6 +12713,7 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
     }
     return result;
 }
+
 /* ---- [adam] a step that knows the size of its gradients -------------------------------------- */
 
 /* Adam (Kingma and Ba 2015, algorithm 1) keeps decaying means of the gradient g and of its square,
@@ -12633,7 +12793,7 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
     memcpy(weights + k, rest[3], bytes);
 }
 
-/* ---- [layers] convolution, ReLU, pooling, fully connected: forward beside backward ----------- */
+/* ---- [layers] convolution, ReLU and pooling as one layer ------------------------------------- */
 #ifndef ITN_NO_NET
 
 /* A network is a chain of layers y = f(x; w). Training needs the derivatives of a loss l in the
@@ -12652,34 +12812,6 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
    ring of zeros included, so that whole vectors of channels are loaded anywhere, and the three
    pixels that a row of taps reads are one run of memory. Images of fewer channels have one narrower
    block. The last block may be padded with zero channels.
-
-   Forward, a matrix product: a tile of P pixels times V vectors of output channels stays in
-   registers while the loop runs over the 9 x inputs terms of its sums; each term costs V loads of
-   weights and P of inputs for P V multiply-adds, and registers suffice for P V = 16 (or 8), so the
-   arithmetic is the limit. The weights of a tile's channels are first copied to one compact panel.
-   Pixels may lie anywhere (their addresses are a list, as in Dukhan's indirect convolution, 2019).
-   In small images, equal pixels of several images make a tile: then no tile has to multiply the
-   zeros of the ring, which are half of all terms in an image of 2x2 pixels. Where a layer has few
-   windows in all, memory is the limit instead, and the loops are turned round: weights are read
-   once, in the order of memory, and all sums wait in the cache.
-
-   A window's four sums need 36 multiplications per input channel; in images of 16 windows or more
-   they are made of 16 (Winograd's minimal filtering, for networks by Lavin and Gray 2016, F(2x2,
-   3x3)). With d the window's 4x4 input pixels, w the 3x3 taps and * by elements,
-       s = bias + A^T [ sum over i of (G w G^T) * (B^T d B) ] A,
-       G =  1    0    0      B^T = 1  0 -1  0      A^T = 1  1  1  0
-           1/2  1/2  1/2           0  1  1  0            0  1 -1 -1.
-           1/2 -1/2  1/2           0 -1  1  0
-            0    0    1            0  1  0 -1
-   G w G^T is what a panel then holds. The sum over i is one matrix product for each of the 16
-   elements, by the same tiles. The transforms add and halve only, so rounding hardly grows.
-
-   Backward, a sparse one: of a window's four pixels only the chosen one has a derivative, so three
-   quarters of d_s are zero for certain. With d = d_out[window][o] and `patch` the 3x3 pixels around
-   the one that was chosen,
-       d_w[.][.][o] += d in[patch][.],        summed in 9 vectors over the windows, for every o;
-       d_in[patch][.] += d w[.][.][o],        summed in 9 vectors over the o that chose this pixel.
-   The vectors' lanes are input channels now, and both cost a quarter of the dense sums.
 
    Every sum has an order that depends on the shapes alone, so results do not depend on how the
    loops are spread over threads; parts that run side by side write apart. */
@@ -12768,7 +12900,7 @@ typedef struct itn__conv {
 
 enum {
     ITN__SHUT = 4,                                  /* `chosen` of a window that gave 0 */
-    ITN__TILE_PIXELS = ITN__LANES == 16 ? 8 : 4,    /* P and V above: their product fits into */
+    ITN__TILE_PIXELS = ITN__LANES == 16 ? 8 : 4,    /* P and V of [forward]: P V sums fit in */
     ITN__TILE_VECTORS = 2,                          /* 32 registers, or 16 of narrower lanes */
     ITN__TILE_WINDOWS = 8,                          /* windows whose tiles are pooled together */
     ITN__STREAM_WINDOWS = 16,                       /* at most, to stream the weights */
@@ -12788,9 +12920,8 @@ static size_t itn__run_vectors(const itn__blocked *s) {
     return (3 * s->lanes + ITN__LANES - 1) / ITN__LANES;
 }
 
-/* ---- windows, in the order in which all loops take them ---- */
-
-/* Images with few windows go in groups whose equal windows follow each other. */
+/* Windows, in the order in which all loops take them. Images with few of them go in groups whose
+   equal windows follow each other. */
 static size_t itn__conv_group(const itn__conv *c) {
     if (c->out.height * c->out.width > 64) return 1;
     return itn__fewer(c->batch, ITN__TILE_WINDOWS);
@@ -12836,7 +12967,17 @@ ITN__INLINE size_t itn__conv_corner(const itn__blocked *in, size_t corner) {
     return corner / 2 * in->row + corner % 2 * in->lanes;
 }
 
-/* ---- forward ---- */
+/* ---- [forward] convolution as a matrix product ----------------------------------------------- */
+
+/* A tile of P pixels times V vectors of output channels stays in registers while the loop runs over
+   the 9 x inputs terms of its sums; each term costs V loads of weights and P of inputs for P V
+   multiply-adds, and registers suffice for P V = 16 (or 8), so the arithmetic is the limit. The
+   weights of a tile's channels are first copied to one compact panel. Pixels may lie anywhere
+   (their addresses are a list, as in Dukhan's indirect convolution, 2019). In small images, equal
+   pixels of several images make a tile: then no tile has to multiply the zeros of the ring, which
+   are half of all terms in an image of 2x2 pixels. Where a layer has few windows in all, memory is
+   the limit instead, and the loops are turned round: weights are read once, in the order of memory,
+   and all sums wait in the cache. */
 
 /* Weights of a tile's output channels: `row` floats from one input channel to the next, `tap`
    input channels from one tap to the next. */
@@ -13005,6 +13146,17 @@ static void itn__conv_tiles(const itn__conv *c, const itn__panel *panel, size_t 
     }
     itn__conv_end(c, panel, block, windows, count, sums);
 }
+
+/* Winograd's minimal filtering (for networks by Lavin and Gray 2016, F(2x2, 3x3)). A window's four
+   sums need 36 multiplications per input channel; in images of 16 windows or more they are made of
+   16. With d the window's 4x4 input pixels, w the 3x3 taps and * by elements,
+       s = bias + A^T [ sum over i of (G w G^T) * (B^T d B) ] A,
+       G =  1    0    0      B^T = 1  0 -1  0      A^T = 1  1  1  0
+           1/2  1/2  1/2           0  1  1  0            0  1 -1 -1.
+           1/2 -1/2  1/2           0 -1  1  0
+            0    0    1            0  1  0 -1
+   G w G^T is what a panel then holds. The sum over i is one matrix product for each of the 16
+   elements, by the same tiles. The transforms add and halve only, so rounding hardly grows. */
 
 /* Whether the windows go through Winograd's transform: it needs whole blocks, and enough windows
    for the transform of the weights to be worth while. The batch has no say, so an image's outputs
@@ -13314,7 +13466,14 @@ static void itn__conv_forward(const itn_context *context, itn__conv *c) {
     }
 }
 
-/* ---- backward, into the weights ---- */
+/* ---- [backward] derivatives of a convolution ------------------------------------------------- */
+
+/* Of a window's four pixels only the chosen one has a derivative, so three quarters of d_s are zero
+   for certain: sums are sparse. With d = d_out[window][o] and `patch` the 3x3 pixels around the one
+   that was chosen,
+       d_w[.][.][o] += d in[patch][.],        summed in 9 vectors over the windows, for every o;
+       d_in[patch][.] += d w[.][.][o],        summed in 9 vectors over the o that chose this pixel.
+   The vectors' lanes are input channels now, and both cost a quarter of the dense sums. */
 
 /* Clears the derivatives of one image where the ReLU is shut. */
 static void itn__conv_shut(void *data, int image) {
@@ -13464,8 +13623,6 @@ static void itn__bias_add(void *data, int block) {
     for (o = 0; o < outputs; o++) c->d_bias[(size_t)block * c->out.lanes + o] += sums[o];
 }
 
-/* ---- backward, into the inputs ---- */
-
 /* Weights with input channels in the lanes: [block of inputs][output][3][run], zeros for padding.
    64 outputs at a time, so that what is written stays in the cache. */
 static void itn__conv_turn(void *data, int block) {
@@ -13614,9 +13771,9 @@ static size_t itn__conv_scratch(const itn__conv *c) {
     return most;
 }
 
-/* ---- fully connected ---- */
+/* ---- [full] a fully connected layer ---------------------------------------------------------- */
 
-/* Fully connected layer: out[o] = bias[o] + sum over i of w[o][i] in[i].
+/* out[o] = bias[o] + sum over i of w[o][i] in[i]. Backward, the same matrix serves transposed.
    in: [inputs], w: [outputs][inputs], bias: [outputs], out: [outputs], overwritten. */
 static void itn__full_forward(const float *in, const float *w, const float *bias, size_t inputs,
                               size_t outputs, float *out) {
@@ -13626,7 +13783,7 @@ static void itn__full_forward(const float *in, const float *w, const float *bias
 }
 
 /* d_in[i] += sum over o of w[o][i] d_out[o], d_w[o][i] += in[i] d_out[o], d_bias[o] += d_out[o].
-   Shapes as above. */
+   Shapes as there. */
 static void itn__full_backward(const float *in, const float *w, const float *d_out, size_t inputs,
                                size_t outputs, float *d_in, float *d_w, float *d_bias) {
     size_t o;
@@ -14223,6 +14380,7 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
     return ITN_OK;
 }
 #endif /* ITN_NO_NET */
+
 /* ---- [refine] analysis by synthesis ---------------------------------------------------------- */
 
 /* Analysis by synthesis looks for pi minimising ||I - T(pi)||^2 (equation 1). With J = dT/dpi and
@@ -14231,79 +14389,11 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
        (A + E + mu D) delta = b,    A = J^T K J,    b = J^T K r,    D = diagonal of A + E.
    K blurs by a few pixels (binomial, symmetric, positive): derivatives vary slowly over the picture
    while their noise does not, so blurred ones judge residuals far better; K = 1 is least squares.
+   E keeps steps short where A is mostly noise ([normal]).
 
-   J and T are random, and samples common to both would bias every product, so each evaluation makes
-   two independent renders a, b and only multiplies across:
-       b = 1/2 (J_a^T K r_b + J_b^T K r_a),     A = 1/2 (J_a^T K J_b + J_b^T K J_a),
-   unbiased both. For the same reason the standard deviations come from the evaluation before, if
-   there is one, averaged over 5 x 5 pixels: a pixel's own would favour those that came out dark by
-   chance. That of the target's noise, which is the same each time, is spread over pixels as that of
-   the renders, to an amount that is averaged over 33 x 33. The inverse of a noisy A is still
-   biased: where A is small it is mostly noise. E, one and a half standard deviations of what the
-   noise of J alone puts into A's diagonal, keeps steps short there; what one step leaves undone,
-   the next ones do.
-
-   At the solution the estimate's covariance is A^-1 N A^-1, where N, the covariance of b, is
-   J^T K C K J and what the noise of K J adds. C is the covariance of residuals: of a pixel's own,
-   F, the target's share of their variance, and 1 - F, that of the renders; of two of its channels,
-   whose light the same paths may have brought, the root of both shares times the correlation of
-   their noise. That of the renders is seen in a - b, that of the target, about, in I - (a + b)/2.
-   (Errors of three channels that are one picture do not average out.) Noise of J that unknowns have
-   in common may cancel between them: P, the sum over pixels of (J_a - J_b)^T (J_a - J_b) / 4, tells
-   how much. And A is known no better than its own noise. With c = A^-1 e_k / (A^-1)_kk, the change
-   of all unknowns that the picture tells least from a change of unknown k, i = c^T A c =
-   1/(A^-1)_kk is all the information about k: J_c^T K J_c of a single derivative image J_c = J c.
-   If V is the variance of J_c in a pixel, of the mean of both renders, the variance of i is
-       S = 4 sum of V (K J_c)^2 + 4 (70/256)^2 sum of V^2.
-   A value at distance d from the estimate is not excluded by b at three standard deviations if
-       (i d)^2 <= 9 (c^T N c + S d^2),   that is   d <= 3 sqrt(c^T N c / (i^2 - 9 S))
-   (Fieller 1954). A third of that is the standard error; where i is less than three of its own
-   standard deviations no value is excluded. Two would be too few: the search looks several times,
-   and stops where i came out large. Such unknowns are let go one by one, that least told by itself
-   first, until the rest could be told if those gone were known. As they are not, the rest follows
-   them: with unknown u off by its prior standard deviation it is off by A^-1 A_u times as much, the
-   square of which adds to the covariance. So a material too dense for its sigma_t to show has an
-   albedo all the same. The prior, 8 for each coordinate, adds 1/64 to the diagonals of A and N: it
-   is all there is where a picture tells next to nothing.
-
-   Near the solution steps are nothing but noise, and it would be a waste to forget what earlier
-   evaluations told: close by, b(pi) = A (pi* - pi), so b + A pi is the same at all points and can
-   be averaged. b^T N^-1 b tells when: its mean is the number of unknowns if all of b is noise.
-   While b is more than that, each evaluation replaces what was known; then they are averaged, each
-   with twice the samples of all before it, until the whole has as many as wanted. If then some
-   unknown is not told (below), as behind rough glass, whose derivatives are noisy, more samples may
-   tell: i over its standard deviation grows with them. Unless the caller has said how many there
-   are to be, the end moves to half as many again as that takes, up to sixteen times as far in all,
-   and once if nothing comes of it. It begins anew, as what was known is not typical: it decided.
-
-   Not all pixels tell as much, and by then it is known which do: pixel i adds w (K J)^T (K J) to A,
-   w = 1/(V/n + F) with V the variance of a sample, n samples and F the target's variance. More of
-   them make (A^-1)_kk less by
-       d (A^-1)_kk / dn = -(A^-1 K J)_k^2 dw/dn,    dw/dn = (w/n) (V/n) w,
-   so that the samples of pixel i tell, of all unknowns each in units of its own variance,
-       gain_i = w (V/n) w sum over k of (A^-1 K J_a)_k (A^-1 K J_b)_k / (A^-1)_kk,
-   unbiased again. The best design gives no samples where others tell more (Kiefer 1974); one step
-   towards it is to give each pixel samples in proportion to its gain, from a fourth to four times
-   the mean, which for clean pictures makes standard errors a third less. Where noise makes the
-   products negative nearly as often as not, so much of the samples is spread evenly; and all of
-   them if three fourths of what blurs the answer is the target's noise, or the misfit tells of more
-   noise than is known (below), which counts as the same in all pixels.
-
-   Pictures of a dense medium hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo)
-   stay (similarity relations, Wyman, Patterson and Wilson 1989): the loss has a long valley, curved
-   in sigma_t, albedo and g, along which straight steps would have to creep. Where sigma_t and g of
-   a medium are both unknown, steps are therefore straight in similarity coordinates
-       u = ln sigma_t + ln(1 - g) + mean of ln albedo,    v = logit(albedo) + ln(1 - g),
-   one v for each unknown albedo (u has only those), and g's own coordinate w: the valley lies along
-   w. By the chain rule their derivative images are sums of those by transformed coordinates,
-       J_u = J_sigma,   J_v = J_albedo - (1 - albedo) J_sigma / (how many v),
-       J_w = J_g - f (sum of J_albedo) - f (1 - mean of (1 - albedo)) J_sigma,   f = d ln(1 - g)/dw,
-   and what noise makes of J_w is told apart from what the picture does (E above).
-
-   If the target's noise is unknown or the scene cannot reproduce it, the misfit chi^2 = mean of
-   r_a r_b exceeds what noise explains; the excess counts as noise of the target, as large in all
-   pixels as their residuals' variance, with the correlations of I - (a + b)/2. All of this happens
-   in transformed coordinates, where bounds are out of reach.
+   All of this happens in transformed coordinates, where bounds are out of reach; and where pictures
+   can hardly tell sigma_t, albedo and g of a medium apart, in coordinates that follow the valley of
+   the loss ([similarity]).
 
    Several pictures of one material (other lights, other directions) are one picture of more pixels:
    A, b and all else that is summed over pixels is summed over those of all views. */
@@ -14329,7 +14419,7 @@ typedef struct itn__refine_view {
     int count;     /* unknowns that it has */
     int *parameters, *unknowns; /* [count] what they are in its scene, and among all unknowns */
     int known;              /* whether there is a variance yet */
-    float *gain;            /* [height][width] what samples of a pixel tell, see above; */
+    float *gain;            /* [height][width] what samples of a pixel tell, see [design]; */
     double told;            /* sum of gains without their factor (V/n) w */
     float *density;         /* [height][width] samples of a pixel over those of an evaluation */
     itn__allotment allotment;
@@ -14362,8 +14452,8 @@ typedef struct itn__normal {
 } itn__normal;
 
 /* Sums over the pixels of all views of r_a r_b and of its variance by the renders' noise; where the
-   picture depends on any unknown, of r_a r_b over its variance, less 1, and of that one's square;
-   and how many pixels those are. */
+   picture depends on any unknown, of r_a r_b less the target's variance, over that of a residual,
+   and of the square of that, all channels of a pixel together; and how many values those are. */
 typedef struct itn__misfit {
     double product, noise, chi2, chi2_square, pixels, felt;
 } itn__misfit;
@@ -14391,7 +14481,7 @@ typedef struct itn__refiner {
     double *step;        /* [count] in similarity coordinates */
     double *factor;      /* [count][count], Cholesky */
     double *covariance;  /* [count][count] */
-    double *direction;   /* [count] c, see above */
+    double *direction;   /* [count] c, see [certainty] */
     itn__normal fresh, known; /* of the last evaluation, and of those that count */
     itn__misfit misfit;
     double loss, loss_error;
@@ -14400,6 +14490,19 @@ typedef struct itn__refiner {
     float *moments[2];   /* [count] of Adam */
     double square;       /* mean of the pictures' squares, the unit of what descends */
 } itn__refiner;
+
+/* ---- [similarity] along the valley of the loss ----------------------------------------------- */
+
+/* Pictures of a dense medium hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo)
+   stay (similarity relations, Wyman, Patterson and Wilson 1989): the loss has a long valley, curved
+   in sigma_t, albedo and g, along which straight steps would have to creep. Where sigma_t and g of
+   a medium are both unknown, steps are therefore straight in similarity coordinates
+       u = ln sigma_t + ln(1 - g) + mean of ln albedo,    v = logit(albedo) + ln(1 - g),
+   one v for each unknown albedo (u has only those), and g's own coordinate w: the valley lies along
+   w. By the chain rule their derivative images are sums of those by transformed coordinates,
+       J_u = J_sigma,   J_v = J_albedo - (1 - albedo) J_sigma / (how many v),
+       J_w = J_g - f (sum of J_albedo) - f (1 - mean of (1 - albedo)) J_sigma,   f = d ln(1 - g)/dw,
+   and what noise makes of J_w is told apart from what the picture does (E in [normal]). */
 
 /* Turns transformed coordinates into similarity coordinates (direction 1) or back (-1). */
 static void itn__similarity_turn(const itn__refiner *refiner, double *coordinates, int direction) {
@@ -14472,6 +14575,14 @@ static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
         for (k = 0; k < view->count; k++)
             view->theta[view->parameters[k]] = refiner->values[view->unknowns[k]];
 }
+
+/* ---- [residuals] pictures over their noise --------------------------------------------------- */
+
+/* Residuals and derivative images are divided by the standard deviation of the residual in each
+   pixel. Samples common to both would bias every product; so the standard deviations come from the
+   evaluation before, if there is one, averaged over 5 x 5 pixels: a pixel's own would favour those
+   that came out dark by chance. The target's variance, the same each time, is averaged over 33 x 33
+   pixels, and varies from one to the other as that of the renders does. */
 
 /* Replaces each of n values, `stride` apart, by the mean of those up to `radius` away from it. */
 static void itn__blur_line(float *line, size_t stride, int n, int radius, float *row) {
@@ -14657,6 +14768,28 @@ static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, it
     itn__binomial(b->pixels, a->width, a->height, view->pixels, view->row);
 }
 
+/* ---- [normal] the normal equations, and their noise ------------------------------------------ */
+
+/* J and T are random, and samples common to both would bias every product, so each evaluation makes
+   two independent renders a, b and only multiplies across:
+       b = 1/2 (J_a^T K r_b + J_b^T K r_a),     A = 1/2 (J_a^T K J_b + J_b^T K J_a),
+   unbiased both. The inverse of a noisy A is still biased: where A is small it is mostly noise. E,
+   one and a half standard deviations of what the noise of J alone puts into A's diagonal, keeps
+   steps short there; what one step leaves undone, the next ones do.
+
+   N, the covariance of b, is J^T K C K J and what the noise of K J adds. C is the covariance of
+   residuals: of a pixel's own, F, the target's share of their variance, and 1 - F, that of the
+   renders; of two of its channels, whose light the same paths may have brought, the root of both
+   shares times the correlation of their noise. That of the renders is seen in a - b, that of the
+   target, about, in I - (a + b)/2. (Errors of three channels that are one picture do not average
+   out.) Noise of J that unknowns have in common may cancel between them: P, the sum over pixels of
+   (J_a - J_b)^T (J_a - J_b) / 4, tells how much.
+
+   If the target's noise is unknown, or the scene cannot reproduce the picture, the misfit chi^2, 1
+   plus the mean of r_a r_b - F, exceeds 1 by more than chance; the excess counts as noise of the
+   target, as large in all pixels as their residuals' variance, with the correlations of
+   I - (a + b)/2. */
+
 /* Adds a view's part of P. */
 static void itn__refine_power(itn__refiner *refiner, const itn__refine_view *view,
                               const itn_image *a, const itn_image *b) {
@@ -14724,8 +14857,8 @@ static double itn__pairs_sum(const itn__refine_view *view, double together[3][3]
 }
 
 /* Adds what the noise of unknown k's derivative makes of b and of A's diagonal; `deviation` is that
-   of a pixel of the mean of J_a and J_b, and r_a has `ratio` times the variance of its renders'
-   part. */
+   of a pixel of the mean of J_a and J_b, and of r_a the part by the renders has `ratio` times the
+   variance that it will have at the end. */
 static void itn__noise_sum(itn__refine_view *view, const float *drawn, const float *taken,
                            const float *deviation, double ratio, itn__normal *sum, int k) {
     double squares[3][3], mixed[3][3], by_drawn, by_taken, by_beyond;
@@ -14823,21 +14956,10 @@ static void itn__misfit_means(itn__refiner *refiner) {
     refiner->fresh.chi2_variance = felt > 0 ? sum->chi2_square / (felt * felt) : 0;
 }
 
-/* A new seed for each pair of renders. */
-static uint64_t itn__refine_seed(itn__refiner *refiner) {
-    return itn__mix64(itn__mix64(refiner->options.seed) + 2 * refiner->renders++);
-}
-
-static itn_result itn__overflow(itn_error *error) {
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                     "itn_refine: squares of the image's values are too large for a float");
-}
-
 #define ITN__PRIOR 8. /* standard deviation of a coordinate before anything is known */
-#define ITN__CERTAIN 3. /* standard deviations of its own that information about an unknown needs */
 
 /* Factors A + `bias` times E + mu D + that weak prior, with as much more of D as it takes to be
-   positive definite. Or so N, which has no E: `silence` is NULL. */
+   positive definite. The same of N, which has no E: there `silence` is NULL. */
 static void itn__refine_factor(const itn__refiner *refiner, const double *matrix,
                                const double *silence, double bias, double mu) {
     int n = refiner->count, k;
@@ -14868,7 +14990,37 @@ static void itn__refine_inverse(itn__refiner *refiner) {
     }
 }
 
-/* The gains of a view's pixels, by that inverse and planes as for the normal equations. */
+/* N, in the covariance's place, at so many samples, with the misfit's excess over noise. */
+static void itn__refine_noise(itn__refiner *refiner, const itn__normal *normal, double samples,
+                              double target, double excess) {
+    int n = refiner->count, k;
+    for (k = 0; k < n * n; k++)
+        refiner->covariance[k] = refiner->final / samples * normal->drawn[k] +
+                                 target * normal->taken[k] + excess * normal->beyond[k];
+    for (k = 0; k < n * n; k++) {
+        double square = normal->power[k / n * (n + 1)] * normal->power[k % n * (n + 1)];
+        double noise = sqrt((normal->noise[k / n] + excess * normal->stray[k / n]) *
+                            (normal->noise[k % n] + excess * normal->stray[k % n]));
+        if (square > 0) refiner->covariance[k] += noise * normal->power[k] / sqrt(square);
+    }
+}
+
+/* ---- [design] where samples tell most -------------------------------------------------------- */
+
+/* Not all pixels tell as much, and near the solution it is known which do: pixel i (J not yet over
+   the deviation) adds w (K J)^T (K J) to A, w = 1/(V/n + T), with V the variance of a sample, n
+   samples and T the target's variance. More of them make (A^-1)_kk less by
+       d (A^-1)_kk / dn = -(A^-1 K J)_k^2 dw/dn,    dw/dn = (w/n) (V/n) w,
+   so that the samples of pixel i tell, of all unknowns each in units of its own variance,
+       gain_i = w (V/n) w sum over k of (A^-1 K J_a)_k (A^-1 K J_b)_k / (A^-1)_kk,
+   unbiased again. The best design gives no samples where others tell more (Kiefer 1974); one step
+   towards it is to give each pixel samples in proportion to its gain, from a fourth to four times
+   the mean, which for clean pictures makes standard errors a third less. Where noise makes the
+   products negative nearly as often as not, so much of the samples is spread evenly; and all of
+   them if three fourths of what blurs the answer is the target's noise, or the misfit tells of more
+   noise than is known, which counts as the same in all pixels. */
+
+/* The gains of a view's pixels, by itn__refine_inverse and planes as for the normal equations. */
 static void itn__refine_gains(const itn__refiner *refiner, itn__refine_view *view,
                               const itn_image *b) {
     size_t plane = itn__film_pixels(view), at;
@@ -14943,6 +15095,24 @@ static void itn__allot(itn__refine_view *view, int spp) {
         int samples = itn__allot_pixel(allotment, i, allotment->set * (int)fmax(6, sets));
         view->density[i] = (float)samples / (float)spp;
     }
+}
+
+/* ---- [evaluate] one evaluation, and what is known from all ----------------------------------- */
+
+/* Near the solution steps are nothing but noise, and it would be a waste to forget what earlier
+   evaluations told: close by, b(pi) = A (pi* - pi), so b + A pi is the same at all points and can
+   be averaged. b^T N^-1 b tells when: its mean is the number of unknowns if all of b is noise.
+   While b is more than that, each evaluation replaces what was known; then they are averaged, each
+   with twice the samples of all before it, until the whole has as many as wanted. */
+
+/* A new seed for each pair of renders. */
+static uint64_t itn__refine_seed(itn__refiner *refiner) {
+    return itn__mix64(itn__mix64(refiner->options.seed) + 2 * refiner->renders++);
+}
+
+static itn_result itn__overflow(itn_error *error) {
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                     "itn_refine: squares of the image's values are too large for a float");
 }
 
 /* Renders a view twice and adds what it has to say to the sums. */
@@ -15030,20 +15200,27 @@ static void itn__refine_learn(itn__refiner *refiner, int together) {
     known->samples = all;
 }
 
-/* N, in the covariance's place, at so many samples, with the misfit's excess over noise. */
-static void itn__refine_noise(itn__refiner *refiner, const itn__normal *normal, double samples,
-                              double target, double excess) {
-    int n = refiner->count, k;
-    for (k = 0; k < n * n; k++)
-        refiner->covariance[k] = refiner->final / samples * normal->drawn[k] +
-                                 target * normal->taken[k] + excess * normal->beyond[k];
-    for (k = 0; k < n * n; k++) {
-        double square = normal->power[k / n * (n + 1)] * normal->power[k % n * (n + 1)];
-        double noise = sqrt((normal->noise[k / n] + excess * normal->stray[k / n]) *
-                            (normal->noise[k % n] + excess * normal->stray[k % n]));
-        if (square > 0) refiner->covariance[k] += noise * normal->power[k] / sqrt(square);
-    }
-}
+/* ---- [certainty] whether pictures tell an unknown -------------------------------------------- */
+
+/* At the solution the estimate's covariance is A^-1 N A^-1, but A is known no better than its own
+   noise. Of all changes of the unknowns in which unknown k changes by 1, c = A^-1 e_k / (A^-1)_kk
+   shows least in the picture. So i = c^T A c = 1/(A^-1)_kk is all the information about k, that is
+   J_c^T K J_c of a single derivative image J_c = J c. If V is the variance of J_c in a pixel, of
+   the mean of both renders, the variance of i is
+       S = 4 sum of V (K J_c)^2 + 4 (70/256)^2 sum of V^2.
+   A value at distance d from the estimate is not excluded by b at three standard deviations if
+       (i d)^2 <= 9 (c^T N c + S d^2),   that is   d <= 3 sqrt(c^T N c / (i^2 - 9 S))
+   (Fieller 1954). A third of that is the standard error; where i is less than three of its own
+   standard deviations no value is excluded. Two would be too few: the search looks several times,
+   and stops where i came out large.
+
+   If some unknown is not told, as behind rough glass, whose derivatives are noisy, more samples may
+   tell: i over its standard deviation grows with them. Unless the caller has said how many there
+   are to be, the end moves to half as many again as that takes, up to sixteen times as far in all,
+   and once if nothing comes of it. The search goes on from where it is, but the next evaluation
+   replaces what was known: that was not typical, as it decided. */
+
+#define ITN__CERTAIN 3. /* standard deviations of its own that information about an unknown needs */
 
 /* c^T M c. */
 static double itn__quadratic(const double *matrix, int n, const double *c) {
@@ -15081,33 +15258,6 @@ static int itn__refine_tells(const itn__refiner *refiner, const itn__normal *nor
     return itn__refine_strength(refiner, normal, k) > 2;
 }
 
-/* The step from the present point by what is known, at most `most` long in any coordinate. `bias`
-   and mu as above. */
-static void itn__refine_solve(itn__refiner *refiner, double bias, double mu, double most) {
-    const itn__normal *known = &refiner->known;
-    int n = refiner->count, k, l;
-    double longest = 0;
-    for (k = 0; k < n; k++) {
-        refiner->step[k] = known->right[k];
-        for (l = 0; l < n; l++)
-            refiner->step[k] -= known->matrix[k * n + l] * refiner->coordinates[l];
-    }
-    itn__refine_factor_known(refiner, bias, mu);
-    itn__cholesky_solve(refiner->factor, n, refiner->step);
-    for (k = 0; k < n; k++) longest = fmax(longest, fabs(refiner->step[k]));
-    for (k = 0; k < n && longest > most; k++) refiner->step[k] *= most / longest;
-}
-
-/* Takes the step, and remembers from where. */
-static void itn__refine_move(itn__refiner *refiner) {
-    int k;
-    for (k = 0; k < refiner->count; k++) {
-        refiner->before[k] = refiner->coordinates[k];
-        refiner->gradient[k] = refiner->before[k] + refiner->step[k];
-    }
-    itn__refine_set(refiner, refiner->gradient);
-}
-
 /* All information about unknown k, i, over its standard deviation, by the factor of A. */
 static double itn__refine_certainty(const itn__refiner *refiner, int k) {
     double *c = refiner->direction, information;
@@ -15140,6 +15290,39 @@ static double itn__refine_want(const itn__refiner *refiner) {
         want = fmax(want, ceil(1.5 * ITN__CERTAIN / fmax(certainty, 1)));
     }
     return fmin(want, floor(refiner->patience));
+}
+
+/* ---- [search] steps -------------------------------------------------------------------------- */
+
+/* Levenberg-Marquardt: a step is taken back if the misfit has risen by more than chance explains,
+   and mu is raised; else mu falls. Adam and plain descent are there for comparison with the paper:
+   both follow the unbiased gradient of two renders. */
+
+/* The step from the present point by what is known, at most `most` long in any coordinate. `bias`
+   and mu as in itn__refine_factor. */
+static void itn__refine_solve(itn__refiner *refiner, double bias, double mu, double most) {
+    const itn__normal *known = &refiner->known;
+    int n = refiner->count, k, l;
+    double longest = 0;
+    for (k = 0; k < n; k++) {
+        refiner->step[k] = known->right[k];
+        for (l = 0; l < n; l++)
+            refiner->step[k] -= known->matrix[k * n + l] * refiner->coordinates[l];
+    }
+    itn__refine_factor_known(refiner, bias, mu);
+    itn__cholesky_solve(refiner->factor, n, refiner->step);
+    for (k = 0; k < n; k++) longest = fmax(longest, fabs(refiner->step[k]));
+    for (k = 0; k < n && longest > most; k++) refiner->step[k] *= most / longest;
+}
+
+/* Takes the step, and remembers from where. */
+static void itn__refine_move(itn__refiner *refiner) {
+    int k;
+    for (k = 0; k < refiner->count; k++) {
+        refiner->before[k] = refiner->coordinates[k];
+        refiner->gradient[k] = refiner->before[k] + refiner->step[k];
+    }
+    itn__refine_set(refiner, refiner->gradient);
 }
 
 /* What a sample of those known is worth in samples of the last evaluation, which went where they
@@ -15329,6 +15512,16 @@ static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
     return result;
 }
 
+/* ---- [estimates] values and error bars ------------------------------------------------------- */
+
+/* Unknowns that the pictures do not tell ([certainty]) are let go: first all that they would not
+   tell if every other were known, then one by one, that least told by itself first, until the rest
+   could be told if those gone were known. As they are not, the rest follows them: with unknown u
+   off by its prior standard deviation it is off by A^-1 A_u times as much, the square of which adds
+   to the covariance. So a material too dense for its sigma_t to show has an albedo all the same.
+   The prior, 8 for each coordinate, adds 1/64 to the diagonals of A and N: it is all there is where
+   a picture tells next to nothing. */
+
 /* Holds unknown k where it is: as if the pictures did not depend on it. */
 static void itn__refine_let_go(itn__refiner *refiner, int k) {
     itn__normal *known = &refiner->known;
@@ -15353,8 +15546,8 @@ static int itn__refine_weakest(const itn__refiner *refiner) {
     return weakest;
 }
 
-/* Lets go of what cannot be told by what is known, and leaves the factor of the rest of A, all of
-   which stays in the last evaluation's place. */
+/* Lets go of what cannot be told by what is known, and leaves the factor of the rest of A; all of A
+   is kept as refiner->fresh.matrix. */
 static void itn__refine_tell(itn__refiner *refiner) {
     const itn__normal *known = &refiner->known;
     int n = refiner->count, k;
@@ -15438,6 +15631,12 @@ static void itn__refine_estimate(itn__refiner *refiner) {
     }
     for (k = 0; k < n * n; k++) covariance[k] *= refiner->slopes[k / n] * refiner->slopes[k % n];
 }
+
+/* ---- [views] pictures taken in, and searches ------------------------------------------------- */
+
+/* What is given is checked and copied, and its unknowns are found, before anything is rendered. A
+   search that ends with more misfit than noise explains may have ended in the wrong of two valleys,
+   at the mirror image of g: one more search starts there, and the better of both counts. */
 
 /* Which of the unknowns a view has, as which parameters. */
 static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *view,
@@ -15827,10 +16026,12 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
     return result;
 }
 
-/* What the pictures tell. With values in logarithms (of sigma_t; of 1 - g or 1 - albedo, which is
-   what the pictures of a dense medium depend on; in a logit below its middle, of the value itself),
-   a small change of a product of powers is a scalar product, and the eigenvectors of the covariance
-   are the products that the pictures tell, from the least to the most. */
+/* ---- [words] what the pictures tell, in words ------------------------------------------------ */
+
+/* With values in logarithms (of sigma_t; of 1 - g or 1 - albedo, which is what the pictures of a
+   dense medium depend on; in a logit below its middle, of the value itself), a small change of a
+   product of powers is a scalar product, and the eigenvectors of the covariance are the products
+   that the pictures tell, from the least to the most. */
 
 /* A parameter's logarithm, as a product of powers shows it. */
 typedef struct itn__power {
@@ -18156,6 +18357,7 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
 }
 
 #endif /* ITN_NO_STDIO */
+
 /* ---- [weights] files of networks ------------------------------------------------------------- */
 #ifndef ITN_NO_NET
 
@@ -18373,6 +18575,7 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
 }
 #endif /* ITN_NO_STDIO */
 #endif /* ITN_NO_NET */
+
 /* ---- [scenefile] scenes as text files -------------------------------------------------------- */
 
 /* A scene file is read in two steps. The first knows only the form of a line: a keyword (and for
@@ -19180,8 +19383,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
    0.5.6  trees are built in four fifths of the time with 8 or 16 lanes, and so is the first picture
           of a blocky figure; a third less time with ITN_NO_SIMD; rays that leave flat ground
           upright do not test it (other bits for jobs of very few paths, within rounding)
-   0.5.5  foresight knows how dark it is around a surface: in constant light half the variance in
-          hollows and between thin walls.
+   0.5.5  the control variate knows how dark it is around a surface: in constant light half the
+          variance in hollows and between thin walls.
           breaks: images in constant light have other bits than before
    0.5.4  in constant light each walk has a camera ray of its own at edges: up to a fifth less
           variance; itn_render_texel_gradient by the fast walk.
@@ -19198,7 +19401,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
    0.4.0  itn_render_texel_gradient; itn_refine_views, itn_refine_words, covariances,
           ITN_METHOD_SGD; sigma_t and g for each channel; itn_net_input; faint links are cut.
           breaks: images with maps, skies and textures have other bits than before
-   0.3.0  derivatives in the fast walk, foresight, itn_estimator; convolutions in blocked layouts.
+   0.3.0  derivatives in the fast walk, control variates, itn_estimator; convolutions in blocked
+          layouts.
           breaks: images have other bits than before (ITN_ESTIMATOR_SCORE has the old ones)
    0.2.0  the fast walk: paths in lanes, voxel tables, wide hierarchy, Sobol points; itn_mode,
           itn_sampler, walks, itn_scene_prepare, itn_bvh_nearest_many, itn_bvh_occluded_many.
@@ -19207,40 +19411,47 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
    0.1.0  first version: geometry, reference path tracer, derivatives, network, refinement, files
 
    [references] by chapter
-     tri      S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013
-     bvh-...  J. MacDonald, K. Booth, Heuristics for Ray Tracing Using Space Subdivision, The Visual
-              Computer 1990;
-              H. Ylitie, T. Karras, S. Laine, Efficient Incoherent Ray Traversal on GPUs Through
-              Compressed Wide BVHs, HPG 2017;
-              I. Wald, On Fast Construction of SAH-based Bounding Volume Hierarchies, RT 2007;
-              T. Ize, Robust BVH Ray Traversal, JCGT 2013
-     rng      J. Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011
-     sobol    S. Joe, F. Kuo, Constructing Sobol Sequences, SIAM J. Sci. Comput. 2008;
-              S. Laine, T. Karras, Stratified Sampling for Stochastic Transparency, EGSR 2011;
-              B. Burley, Practical Hash-based Owen Scrambling, JCGT 2020;
-              N. Vegdahl, Building a Better LK Hash, 2021
-     voxels   M. Schwarz, H.-P. Seidel, Fast Parallel Surface and Solid Voxelization, TOG 2010
-     math     T. Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017
-     medium   L. Henyey, J. Greenstein, Diffuse Radiation in the Galaxy, ApJ 1941
-     surface  B. Walter et al., Microfacet Models for Refraction through Rough Surfaces, EGSR 2007;
-              E. Heitz, Sampling the GGX Distribution of Visible Normals, JCGT 2018
-     light    L. Hosek, A. Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, TOG 2012;
-              H. Chen, Y. Asau, On Generating Random Variates from an Empirical Distribution, AIIE
-              Transactions 1974
-     path     E. Veach, Robust Monte Carlo Methods for Light Transport Simulation, 1997;
-              A. Wilkie et al., Hero Wavelength Spectral Sampling, EGSR 2014
-     layers   M. Dukhan, The Indirect Convolution Algorithm, 2019;
-              A. Lavin, S. Gray, Fast Algorithms for Convolutional Neural Networks, CVPR 2016
-     adam     D. Kingma, J. Ba, Adam: A Method for Stochastic Optimization, ICLR 2015
-     net      K. He et al., Delving Deep into Rectifiers, ICCV 2015
-     refine   D. Wyman, M. Patterson, B. Wilson, Similarity Relations for the Interaction
-              Parameters in Radiation Transport, Applied Optics 1989;
-              E. Fieller, Some Problems in Interval Estimation, J. R. Stat. Soc. B 1954;
-              J. Neyman, On the Two Different Aspects of the Representative Method, J. R. Stat. Soc.
-              1934;
-              J. Kiefer, General Equivalence Theory for Optimum Designs, Annals of Statistics 1974;
-              D. Belsley, E. Kuh, R. Welsch, Regression Diagnostics, 1980
-     files    W. Clinger, How to Read Floating Point Numbers Accurately, PLDI 1990
-     obj      G. Meisters, Polygons Have Ears, American Mathematical Monthly 1975
+     tri          S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013
+     bvh-...      J. MacDonald, K. Booth, Heuristics for Ray Tracing Using Space Subdivision, The
+                  Visual Computer 1990;
+                  H. Ylitie, T. Karras, S. Laine, Efficient Incoherent Ray Traversal on GPUs Through
+                  Compressed Wide BVHs, HPG 2017;
+                  I. Wald, On Fast Construction of SAH-based Bounding Volume Hierarchies, RT 2007;
+                  T. Ize, Robust BVH Ray Traversal, JCGT 2013
+     rng          J. Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011
+     sobol        S. Joe, F. Kuo, Constructing Sobol Sequences, SIAM J. Sci. Comput. 2008;
+                  S. Laine, T. Karras, Stratified Sampling for Stochastic Transparency, EGSR 2011;
+                  B. Burley, Practical Hash-based Owen Scrambling, JCGT 2020;
+                  N. Vegdahl, Building a Better LK Hash, 2021
+     raster       M. Schwarz, H.-P. Seidel, Fast Parallel Surface and Solid Voxelization, TOG 2010
+     math         T. Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017
+     medium       L. Henyey, J. Greenstein, Diffuse Radiation in the Galaxy, ApJ 1941
+     surface      B. Walter et al., Microfacet Models for Refraction through Rough Surfaces, EGSR
+                  2007;
+                  E. Heitz, Sampling the GGX Distribution of Visible Normals, JCGT 2018
+     light        L. Hosek, A. Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, TOG
+                  2012;
+                  H. Chen, Y. Asau, On Generating Random Variates from an Empirical Distribution,
+                  AIIE Transactions 1974
+     throughput   E. Veach, Robust Monte Carlo Methods for Light Transport Simulation, 1997;
+                  A. Wilkie et al., Hero Wavelength Spectral Sampling, EGSR 2014
+     value        S. Henderson, P. Glynn, Approximating Martingales for Variance Reduction in Markov
+                  Process Simulation, Mathematics of Operations Research 2002
+     fast         S. Laine, T. Karras, T. Aila, Megakernels Considered Harmful: Wavefront Path
+                  Tracing on GPUs, HPG 2013
+     forward      M. Dukhan, The Indirect Convolution Algorithm, 2019;
+                  A. Lavin, S. Gray, Fast Algorithms for Convolutional Neural Networks, CVPR 2016
+     adam         D. Kingma, J. Ba, Adam: A Method for Stochastic Optimization, ICLR 2015
+     net          K. He et al., Delving Deep into Rectifiers, ICCV 2015
+     similarity   D. Wyman, M. Patterson, B. Wilson, Similarity Relations for the Interaction
+                  Parameters in Radiation Transport, Applied Optics 1989
+     certainty    E. Fieller, Some Problems in Interval Estimation, J. R. Stat. Soc. B 1954
+     design       J. Neyman, On the Two Different Aspects of the Representative Method, J. R. Stat.
+                  Soc. 1934;
+                  J. Kiefer, General Equivalence Theory for Optimum Designs, Annals of Statistics
+                  1974
+     words        D. Belsley, E. Kuh, R. Welsch, Regression Diagnostics, 1980
+     files        W. Clinger, How to Read Floating Point Numbers Accurately, PLDI 1990
+     obj          G. Meisters, Polygons Have Ears, American Mathematical Monthly 1975
 
    [license] MIT, see the file LICENSE beside this one. Copyright (c) 2026 the itn.h authors. */

@@ -371,7 +371,7 @@ static const variant variants[VARIANTS] = {
     {"+ safe test", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 1, 0, ITN_ESTIMATOR_SCORE},
     {"+ splitting", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 4, 0, ITN_ESTIMATOR_SCORE},
     {"+ Sobol", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, 0, ITN_ESTIMATOR_SCORE},
-    {"+ foresight", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, 0, ITN_ESTIMATOR_AUTO}};
+    {"+ control", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, 0, ITN_ESTIMATOR_AUTO}};
 
 /* What is rendered. */
 typedef struct subject {
@@ -532,8 +532,8 @@ static double render_untested(const subject *s, const itn_render_options *option
     float *theta = (float *)allocate((size_t)s->made->parameter_count, sizeof *theta);
     itn__substance *substances = (itn__substance *)allocate((size_t)s->made->medium_count + 1,
                                                             sizeof *substances);
-    itn__outlook *outlooks = (itn__outlook *)allocate((size_t)s->made->medium_count + 1,
-                                                      sizeof *outlooks);
+    itn__value *values = (itn__value *)allocate((size_t)s->made->medium_count + 1,
+                                                sizeof *values);
     const itn__tables *tables;
     itn__tables *own;
     itn__picture picture;
@@ -545,7 +545,7 @@ static double render_untested(const subject *s, const itn_render_options *option
     picture.fast.spp = options->spp, picture.fast.walks = options->walks;
     picture.fast.samples = (double)options->spp * pixel_count(s);
     picture.fast.blocks = itn__sample_blocks(&picture.fast);
-    picture.fast.unsafe = 1, picture.fast.outlooks = outlooks;
+    picture.fast.unsafe = 1, picture.fast.values = values;
     paths = picture.fast.samples * options->walks;
     need(itn__tables_get(s->made, theta, paths, &tables, &own, &error), &error);
     itn__fast_begin(&picture.fast, s->made, theta, substances, tables);
@@ -555,7 +555,7 @@ static double render_untested(const subject *s, const itn_render_options *option
         pixels[i] = (float)(picture.totals[2 * i] / ((double)options->spp * options->walks));
     itn__picture_end(&picture);
     itn__tables_free(&s->made->context, own);
-    free(outlooks);
+    free(values);
     free(substances);
     free(theta);
     seconds = seconds_now() - start;

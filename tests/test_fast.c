@@ -24,7 +24,7 @@ enum { STRIDE = 1 };
 
 /* ---- scenes ---------------------------------------------------------------------------------- */
 
-enum { SIZE = 12, PIXELS = SIZE * SIZE };
+enum { SIZE = 8, PIXELS = SIZE * SIZE };
 enum {
     ROUGH,   /* milk in rough glass, in light from everywhere */
     SMOOTH,  /* milk in smooth glass, in a map */
@@ -245,14 +245,14 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
     in->substances = (itn__substance *)itn__allocate(
         &scene->context, (size_t)itn__substance_count(scene), sizeof *in->substances);
     fast->scene = scene;
-    fast->outlooks = (itn__outlook *)itn__allocate(
-        &scene->context, (size_t)itn__substance_count(scene), sizeof *fast->outlooks);
+    fast->values = (itn__value *)itn__allocate(
+        &scene->context, (size_t)itn__substance_count(scene), sizeof *fast->values);
     itn__fast_make(&in->render, tables, in->substances, fast);
     stage_need(itn__picture_begin(&in->picture, &error), &error);
 }
 static void close_render(inside *in) {
     itn__picture_end(&in->picture);
-    itn__free(&in->scene->context, in->picture.fast.outlooks);
+    itn__free(&in->scene->context, in->picture.fast.values);
     itn__free(&in->scene->context, in->substances);
     itn__tables_free(&in->scene->context, in->own);
     itn__render_end(&in->render);
@@ -380,27 +380,27 @@ static void check_paths(int which, int max_scatter, int planted) {
 }
 
 /* A V that is wrong everywhere. planted: 1, what it expects of a new direction does not follow from
-   it; 2, the derivative of that does not; 3, what shade adds to it does not. */
+   it; 2, the derivative of that does not; 3, what occlusion adds to it does not. */
 static void mislead(inside *in, int planted) {
     itn__fast *fast = &in->picture.fast;
     double terms[ITN__TERMS];
     int m, c, i;
-    fast->foresees = 1;
+    fast->controls = 1;
     for (m = 1; m <= in->scene->medium_count; m++)
         for (c = 0; c < 3; c++) {
             float g = fast->substances[m].g + (planted == 1 ? .3f : 0);
-            float *by_g = fast->outlooks[m].by_g[c][0][0];
-            float *shaded = fast->outlooks[m].scattered[c][1][0];
+            float *by_g = fast->values[m].by_g[c][0][0];
+            float *occluded = fast->values[m].scattered[c][1][0];
             for (i = 0; i < ITN__TERMS; i++) terms[i] = .4 / (1 + (i * 7 + m + c) % 5);
-            itn__outlook_set(&fast->outlooks[m], c, terms, g);
+            itn__value_set(&fast->values[m], c, terms, g);
             for (i = 0; i < ITN__TERMS && planted == 2; i++) by_g[i] *= 3;
-            for (i = 0; i < ITN__TERMS / 2 && planted == 3; i++) shaded[i] *= 2;
+            for (i = 0; i < ITN__TERMS / 2 && planted == 3; i++) occluded[i] *= 2;
             for (i = 0; i < 2 * ITN__FACES; i++)
-                fast->outlooks[m].at_face[c][i / ITN__FACES][i % ITN__FACES] =
+                fast->values[m].at_face[c][i / ITN__FACES][i % ITN__FACES] =
                     .1f * (float)((i + c) % 7);
         }
-    fast->shaded = 1;
-    for (i = 0; i < ITN__SITES; i++) fast->shades[i] = (float)(i * 5 % 9) / 9;
+    fast->occluded = 1;
+    for (i = 0; i < ITN__SITES; i++) fast->occlusions[i] = (float)(i * 5 % 9) / 9;
 }
 
 /* Means of all paths of a render, by planes, and their variances. */
@@ -435,8 +435,8 @@ static int mean_of_paths(const itn_scene *scene, int spp, int misled, int plante
     return planes;
 }
 
-/* Whatever V is, foresight leaves the means of images and derivatives alone. */
-static void check_foresight(int which, int planted) {
+/* Whatever V is, the control variate leaves the means of images and derivatives alone. */
+static void check_control(int which, int planted) {
     enum { MOST = 128 };
     double plain[MOST], plain_variance[MOST], mean[MOST], variance[MOST];
     itn_scene *scene = make_scene(which, NULL);
@@ -446,20 +446,20 @@ static void check_foresight(int which, int planted) {
     for (k = 0; k < planes; k++) {
         double error = sqrt(variance[k] + plain_variance[k]);
         check_report(fabs(mean[k] - plain[k]) <= 4.5 * error, __FILE__, __LINE__,
-                     "%s, plane %d: %.5g with foresight, %.5g +- %.2g without", kind_names[which],
+                     "%s, plane %d: %.5g with it, %.5g +- %.2g without", kind_names[which],
                      k, mean[k], plain[k], error);
     }
     itn_scene_free(scene);
 }
 
-static void test_foresight(void) {
+static void test_control(void) {
     static const int kinds[] = {ROUGH, SMOOTH, MATCHED, GROUP, COLOUR, INSIDE, SHEETS, SLAB};
     int i;
     for (i = 0; i < (int)(sizeof kinds / sizeof *kinds); i += STRIDE)
-        check_foresight(kinds[i], 0);
-    CHECK_CATCHES(check_foresight(ROUGH, 1));
-    CHECK_CATCHES(check_foresight(ROUGH, 2));
-    CHECK_CATCHES(check_foresight(ROUGH, 3));
+        check_control(kinds[i], 0);
+    CHECK_CATCHES(check_control(ROUGH, 1));
+    CHECK_CATCHES(check_control(ROUGH, 2));
+    CHECK_CATCHES(check_control(ROUGH, 3));
 }
 
 static void test_paths(void) {
@@ -985,7 +985,7 @@ static void check_texels(int which, const char *item, int max_scatter, double pl
     itn_image gradients[2];
     double worst = 0, sum = 0, square = 0;
     int texels, i, k;
-    options.spp = STRIDE > 1 ? 60 : check_long() ? 600 : 200, options.max_scatter = max_scatter;
+    options.spp = STRIDE > 1 ? 60 : check_long() ? 1200 : 420, options.max_scatter = max_scatter;
     for (k = 0; k < 2; k++) {
         options.mode = k ? ITN_MODE_FAST : ITN_MODE_REFERENCE, options.seed = (uint64_t)k;
         gradients[k] = texel_gradient(scene, item, &options);
@@ -1099,19 +1099,20 @@ static void test_texels(void) {
     CHECK_CATCHES(check_well(.2));
 }
 
-/* ---- shades ---------------------------------------------------------------------------------- */
+/* ---- occlusions ------------------------------------------------------------------------------ */
 
-/* The shade that has been learnt for the middle of a wall's face at z, which looks up or down. */
-static double shade_of_wall(const itn__fast *fast, double z, double up) {
+/* The occlusion that has been learnt for the middle of a wall's face at z, which looks up or
+   down. */
+static double occlusion_of_wall(const itn__fast *fast, double z, double up) {
     itn__floats zero = itn__splat(0);
-    itn__floats shade = itn__shade_at(fast, itn__vectors_of(zero, zero, itn__splat((float)z)),
-                                      itn__vectors_of(zero, zero, itn__splat((float)up)),
-                                      itn__splat_int(-1));
-    return (double)ITN__LANE(shade, 0);
+    itn__floats occlusion =
+        itn__occlusion_at(fast, itn__vectors_of(zero, zero, itn__splat((float)z)),
+                          itn__vectors_of(zero, zero, itn__splat((float)up)), itn__splat_int(-1));
+    return (double)ITN__LANE(occlusion, 0);
 }
 
 /* The mean variance of a picture of two thin walls with a narrow gap in between, from whose faces
-   hardly anything comes out. known: as shades are learnt; else without. */
+   hardly anything comes out. known: as occlusions are learnt; else without. */
 static double noise_of_walls(int known) {
     static const double ends[2][2] = {{-.12, -.06}, {.06, .12}}; /* in z */
     itn_render_options options = ITN_ZERO;
@@ -1131,46 +1132,46 @@ static double noise_of_walls(int known) {
         stage_object(&s, &walls[i], "m", "glass");
     }
     scene = stage_make(&s);
-    options.spp = 1024, options.seed = 3; /* as many paths as foresight asks for */
+    options.spp = 2304, options.seed = 3; /* as many paths as the control variate asks for */
     open_render(&in, scene, &options);
     fast = &in.picture.fast;
-    CHECK(fast->foresees);
+    CHECK(fast->controls);
     if (known) {
-        stage_need(itn__learn_outlooks(&in.picture, &error), &error);
-        CHECK_NEAR(shade_of_wall(fast, .12, 1), 0, .02);
-        CHECK_NEAR(shade_of_wall(fast, -.12, -1), 0, .1); /* few paths come there */
-        CHECK(shade_of_wall(fast, .06, -1) > .3 && shade_of_wall(fast, -.06, 1) > .3);
+        stage_need(itn__learn_values(&in.picture, &error), &error);
+        CHECK_NEAR(occlusion_of_wall(fast, .12, 1), 0, .02);
+        CHECK_NEAR(occlusion_of_wall(fast, -.12, -1), 0, .1); /* few paths come there */
+        CHECK(occlusion_of_wall(fast, .06, -1) > .3 && occlusion_of_wall(fast, -.06, 1) > .3);
     } else {
-        stage_need(itn__teach(&in.picture, ITN__LEARN_VALUES, &error), &error);
+        stage_need(itn__pilot_run(&in.picture, ITN__LEARN_VALUES, &error), &error);
     }
     if (STRIDE == 1) stage_need(itn__picture_run(&in.picture, NULL, &error), &error);
     for (i = 0; i < PIXELS && STRIDE == 1; i++)
         itn__mean_kept(&in.picture, (size_t)i, 0, &variance), sum += variance;
     if (verbose && !check_quiet)
-        printf("walls: variance %.3g, shades %.3f %.3f %.3f %.3f\n", sum / PIXELS,
-               shade_of_wall(fast, -.12, -1), shade_of_wall(fast, -.06, 1),
-               shade_of_wall(fast, .06, -1), shade_of_wall(fast, .12, 1));
+        printf("walls: variance %.3g, occlusions %.3f %.3f %.3f %.3f\n", sum / PIXELS,
+               occlusion_of_wall(fast, -.12, -1), occlusion_of_wall(fast, -.06, 1),
+               occlusion_of_wall(fast, .06, -1), occlusion_of_wall(fast, .12, 1));
     close_render(&in);
     itn_scene_free(scene);
     for (i = 0; i < 2; i++) itn_mesh_free(&walls[i]);
     return sum / PIXELS;
 }
 
-/* Shades take more than a sixth off the variance. */
-static void check_shades(double without, int known) {
+/* Occlusions take more than a sixth off the variance. */
+static void check_occlusion(double without, int known) {
     double with = noise_of_walls(known);
     check_report(with < .83 * without, __FILE__, __LINE__,
-                 "walls: variance %g with shades, %g without", with, without);
+                 "walls: variance %g with occlusions, %g without", with, without);
 }
-static void test_shades(void) {
+static void test_occlusion(void) {
     double without;
     if (STRIDE > 1) { /* learning shows what sanitizers look for */
         noise_of_walls(1);
         return;
     }
     without = noise_of_walls(0);
-    check_shades(without, 1);
-    CHECK_CATCHES(check_shades(without, 0));
+    check_occlusion(without, 1);
+    CHECK_CATCHES(check_occlusion(without, 0));
 }
 
 /* ---- edges ----------------------------------------------------------------------------------- */
@@ -1255,7 +1256,7 @@ static void test_edges(void) {
 int main(void) {
     verbose = getenv("ITN_VERBOSE") != NULL;
     test_paths();
-    test_foresight();
+    test_control();
     test_parts();
     test_tables();
     test_threads();
@@ -1263,7 +1264,7 @@ int main(void) {
     test_images();
     test_variances();
     test_texels();
-    test_shades();
+    test_occlusion();
     test_edges();
     return check_end("fast");
 }

@@ -180,19 +180,19 @@ static void test_defaults_and_transform(void) {
     itn_scene *b = load_text("film width 128 height 128 channels 1 filter box\n"
                              "camera eye 0 0 5 target 0 0 0 up 0 1 0 fov 30\n"
                              "medium m sigma_t 1 albedo 0.5 phase hg g 0\n"
-                             "object mesh moved.obj medium m\n"
+                             "object mesh a:moved.obj medium m\n"
                              "light constant radiance 1 scale 1 name light\n", NULL, NULL);
     itn_ray ray = ITN_ZERO;
     itn_hit hit = ITN_ZERO;
-    CHECK(a && !b); /* there is no moved.obj yet */
+    CHECK(a && !b); /* there is none yet; the colon is a part of the name */
     /* x, y, z go to 1 - 2y, 2 + 2x, 3 + 2z */
-    write_text("moved.obj", "v 1 2 3\nv 1 4 3\nv -1 2 3\nv -1 4 3\nv 1 2 5\nv 1 4 5\nv -1 2 5\n"
-                            "v -1 4 5\nf 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\n"
-                            "f 2 4 8 6\n");
+    write_text("a:moved.obj", "v 1 2 3\nv 1 4 3\nv -1 2 3\nv -1 4 3\nv 1 2 5\nv 1 4 5\nv -1 2 5\n"
+                              "v -1 4 5\nf 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\n"
+                              "f 2 4 8 6\n");
     b = load_text("film width 128 height 128 channels 1 filter box\n"
                   "camera eye 0 0 5 target 0 0 0 up 0 1 0 fov 30\n"
                   "medium m sigma_t 1 albedo 0.5 phase hg g 0\n"
-                  "object mesh moved.obj medium m\n"
+                  "object mesh a:moved.obj medium m\n"
                   "light constant radiance 1 scale 1 name light\n", NULL, NULL);
     CHECK(b != NULL);
     if (a && b) {
@@ -579,7 +579,7 @@ static void test_shipped_scenes(void) {
 }
 
 static void remove_files(void) {
-    static const char *const names[] = {"cube.obj", "open.obj",  "moved.obj", "a.sky",
+    static const char *const names[] = {"cube.obj", "open.obj",  "a:moved.obj", "a.sky",
                                         "bad.sky",  "image.pfm", "scene.itn", "damaged.sky",
                                         "hot.sky",  "row.pfm", "bright.pfm", "layers.exr"};
     size_t i;
