@@ -52,7 +52,7 @@ static double check_furnace_way(const char *title, stage *s, int spp, int way, d
 static double check_furnace(const char *title, stage *s, int spp, double planted) {
     double worst = 0;
     int way;
-    if (!check_long()) spp = (spp + 3) / 4;
+    if (!check_long()) spp = (spp + 7) / 8;
     for (way = 0; way < SOLIDS_WAYS; way++)
         worst = fmax(worst, check_furnace_way(title, s, spp, way, planted));
     return worst;

@@ -16,7 +16,7 @@ enum { LONG = 0 };
 #else
 enum { LONG = 1 };
 #endif
-enum { SIZE = 16, PIXELS = SIZE * SIZE, WIDTH = 5, HEIGHT = 4, SEEDS = 16 };
+enum { SIZE = 12, PIXELS = SIZE * SIZE, WIDTH = 5, HEIGHT = 4, SEEDS = 16 };
 
 /* A texture of WIDTH x HEIGHT with one texel black, whose neighbours are black too. */
 static itn_image texture_make(int channels) {
