@@ -75,7 +75,10 @@
        [surface]        Fresnel, rough boundary, diffuse
        [light]          constant, map, sky, sun
        [sensor]         camera and film
-       [scene]          a desc, checked and made ready
+       [scene]          what a scene holds
+       [parameters]     numbers that can be differentiated
+       [maker]          a desc, checked and made ready
+       [objects]        meshes, transformed and merged into one tree
        [place]          where a walk is
        [throughput]     what a path carries
        [texels]         derivatives by the values of an image
@@ -4045,12 +4048,12 @@ static int itn__allot_pixel(itn__allotment *allotment, size_t pixel, int samples
     return rounded;
 }
 
-/* ---- [scene] a desc, checked and made ready -------------------------------------------------- */
+/* ---- [scene] what a scene holds -------------------------------------------------------------- */
 
 /* Every number that can be differentiated lives in the parameter table; media, surfaces and lights
    hold indices into it, and a render reads its values from theta. All triangles share one tree, in
    coordinates whose origin is the middle of the solids, so that a scene far from its own origin
-   keeps its digits. */
+   keeps its digits. What is computed on demand, as the tables of the fast walk, is kept with it. */
 #define ITN__SAME_INDEX 1e-5f /* relative difference of indices that is not felt */
 enum { ITN__MAX_OBJECTS = 64, ITN__MAX_LIGHTS = 64, ITN__MAX_ITEMS = 4096 };
 
@@ -4159,7 +4162,13 @@ ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta,
     return sigma_t * 4 * volume / area;
 }
 
-/* Parameters. */
+/* ---- [parameters] numbers that can be differentiated ----------------------------------------- */
+
+/* A coordinate of a parameter has no bounds, and steps in it are of a size that fits: the logarithm
+   of a sigma_t, the logit log((x - lower) / (upper - x)) of what lies between two bounds, the value
+   itself of what can be anything. Derivatives go over by the chain rule, with the slope dx/du of
+   value by coordinate. Where a logarithm or a logit would be infinite it is cut, so that a value on
+   its bound has a coordinate, too. */
 
 ITN_API int itn_parameter_count(const itn_scene *scene) { return scene->parameter_count; }
 
@@ -4214,7 +4223,14 @@ ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
     return ratio * (1 - ratio) * ((double)p->upper - (double)p->lower);
 }
 
-/* Making a scene. The maker carries the scene under construction and the first error. */
+/* ---- [maker] a desc, checked and made ready -------------------------------------------------- */
+
+/* A scene is made item by item: film, media, surfaces, lights, and last the objects ([objects]),
+   which name the others. Each is checked before anything is taken from it, and enters its numbers
+   into the parameter table; an image is copied. The first error ends it all, and what was made is
+   freed. */
+
+/* Carries the scene under construction and the first error. */
 typedef struct itn__maker {
     itn_scene *scene;
     const itn_scene_desc *desc;
@@ -4601,7 +4617,13 @@ static itn_result itn__share_lights(itn__maker *maker) {
             scene->lights[i].share = .95f * scene->lights[i].share + .05f / (float)sampled;
     return ITN_OK;
 }
-/* Objects: meshes are transformed, checked and merged into one. */
+
+/* ---- [objects] meshes, transformed and merged into one tree ---------------------------------- */
+
+/* An object's mesh is transformed in double and checked: a medium or a dielectric surface needs a
+   solid, unless it is forced. The middle of all solids becomes the origin, all meshes become one,
+   and over that the tree is built. Where the camera is, inside of which solids, tells on which
+   sides of them its paths begin. At the end all parts come together in itn_scene_create. */
 
 static const float itn__identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
 
