@@ -10424,6 +10424,20 @@ static void itn__find_hits(itn__crowd *crowd, int outside) {
    Paths that go straight ([path]) need no walk: where one has a stretch before it, the exact stage
    finds its end first, then sends the link from a place on it. */
 
+/* A link, or the last flight of a path, neither of which is drawn, has gone a way t in a substance.
+   Returns the largest weight that is left. */
+static float itn__pass_way(itn__crowd *crowd, itn__queue *queue, int at, int substance, float t) {
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    float largest = 0;
+    int c;
+    for (c = 0; c < crowd->fast->channels; c++) {
+        float *w = itn__float_row(queue, ITN__BETA + c) + at;
+        largest = itn__max(largest, *w *= expf(-medium->sigma_t_rgb[c] * t));
+    }
+    itn__book_item(crowd, queue, at, substance, t);
+    return largest;
+}
+
 /* A link is stopped, or goes on behind an index-matched boundary. */
 static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const itn_hit *hit) {
     const itn__fast *fast = crowd->fast;
@@ -10432,16 +10446,11 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
     itn__path *path = &crowd->paths[slot];
     itn__place *place = &path->link_place;
     itn_vec3 point;
-    float largest = 0, floor_weight = itn__float_row(queue, ITN__PDF)[at], reach = INFINITY;
+    float largest, floor_weight = itn__float_row(queue, ITN__PDF)[at], reach = INFINITY;
     const itn__substance *medium;
     object = itn__bvh_object(scene->bvh, hit->triangle);
     substance = itn__substance_of(fast, place);
-    medium = &fast->substances[substance];
-    for (c = 0; c < fast->channels; c++) {
-        float *w = itn__float_row(queue, ITN__BETA + c) + at;
-        largest = itn__max(largest, *w *= expf(-medium->sigma_t_rgb[c] * itn__max(hit->t, 0)));
-    }
-    itn__book_item(crowd, queue, at, substance, itn__max(hit->t, 0));
+    largest = itn__pass_way(crowd, queue, at, substance, itn__max(hit->t, 0));
     if (!scene->objects[object].closed ||
         itn__beyond(scene, fast->theta, place, object, &after) || !(largest > floor_weight) ||
         (scene->objects[object].surface >= 0 &&
@@ -10792,19 +10801,16 @@ ITN__INLINE unsigned itn__hit_lanes(const itn__crowd *crowd, int at, unsigned bi
     return met;
 }
 
-/* A link or the last flight of a path, neither of which is drawn, goes on to where nothing more can
-   be met, through a hole of a mesh that was forced. Returns the largest weight. */
+/* How far item `at` of a queue goes to where nothing more can be met, through a hole of a mesh that
+   was forced. */
+static float itn__item_way_out(const itn__crowd *crowd, const itn__queue *queue, int at) {
+    return itn__way_out(crowd->fast->scene->bvh, itn__get_vector(queue, ITN__POSITION, at),
+                        itn__get_vector(queue, ITN__DIRECTION, at));
+}
+
+/* A link, or the last flight of a path, goes all that way. Returns the largest weight. */
 static float itn__pass_hole(itn__crowd *crowd, itn__queue *queue, int at, int substance) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
-    float way = itn__way_out(crowd->fast->scene->bvh, itn__get_vector(queue, ITN__POSITION, at),
-                             itn__get_vector(queue, ITN__DIRECTION, at)), largest = 0;
-    int c;
-    for (c = 0; c < crowd->fast->channels; c++) {
-        float *w = itn__float_row(queue, ITN__BETA + c) + at;
-        largest = itn__max(largest, *w *= expf(-medium->sigma_t_rgb[c] * way));
-    }
-    itn__book_item(crowd, queue, at, substance, way);
-    return largest;
+    return itn__pass_way(crowd, queue, at, substance, itn__item_way_out(crowd, queue, at));
 }
 
 /* A path has flown out of a substance by such a hole: it sees the sky, after a flight without
@@ -10812,9 +10818,7 @@ static float itn__pass_hole(itn__crowd *crowd, itn__queue *queue, int at, int su
 static void itn__leave_by_hole(itn__crowd *crowd, itn__queue *queue, int at, int substance,
                                int features) {
     const itn__substance *medium = &crowd->fast->substances[substance];
-    float way = itn__way_out(crowd->fast->scene->bvh, itn__get_vector(queue, ITN__POSITION, at),
-                             itn__get_vector(queue, ITN__DIRECTION, at));
-    float pdf[3], density = 0;
+    float way = itn__item_way_out(crowd, queue, at), pdf[3], density = 0;
     int c, differ = itn__led(crowd, features) && medium->flights_differ;
     itn__book_item(crowd, queue, at, substance, way);
     for (c = 0; c < 3 && differ; c++) { /* as itn__vweigh_choice */
@@ -11446,9 +11450,11 @@ static void itn__run_kernel(itn__crowd *crowd) { ITN__KERNELS(ITN__KERNEL) }
    out; each unit's sums have a place of their own and are added in their order, so that the bits of
    the picture do not depend on who did what. */
 
-/* Whether an object has the medium of a substance, so that paths come into it. */
-static int itn__is_in_use(const itn_scene *scene, int substance) {
-    int k, used = substance == 0;
+/* Whether paths come into queue number i of a crowd: not into those (walk, exact, early) of a
+   substance whose medium no object has. */
+static int itn__is_in_use(const itn_scene *scene, int i) {
+    int substances = itn__substance_count(scene), substance = i % substances, k;
+    int used = i >= 3 * substances || substance == 0;
     for (k = 0; k < scene->object_count && !used; k++) {
         const itn__medium *medium = itn__medium_of(scene, k);
         used = medium && medium - scene->media == (substance - 1) % scene->medium_count;
@@ -11464,8 +11470,7 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
     itn__queue *queue;
     memset(crowd, 0, sizeof *crowd);
     crowd->fast = fast, crowd->radiance_stride = unit_paths;
-    for (i = 0; i < queues; i++)
-        used += i >= 3 * substances || itn__is_in_use(fast->scene, (int)(i % substances));
+    for (i = 0; i < queues; i++) used += (size_t)itn__is_in_use(fast->scene, (int)i);
     queue = (itn__queue *)itn__allocate(context, queues, sizeof *queue);
     crowd->walk = queue;
     crowd->memory = itn__allocate(context, used * rows, sizeof(int32_t));
@@ -11486,7 +11491,7 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
         (fast->bands && fast->bands[0].texels.texture && !crowd->touches))
         return 0;
     for (i = used = 0; i < queues; i++) {
-        if (i >= 3 * substances || itn__is_in_use(fast->scene, (int)(i % substances)))
+        if (itn__is_in_use(fast->scene, (int)i))
             queue[i].rows = (int32_t *)crowd->memory + used++ * rows;
         queue[i].state = fast->heroes > 1 ? ITN__STATE
                        : fast->count || fast->learning ? ITN__SCORED_STATE : ITN__PLAIN_STATE;

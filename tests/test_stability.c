@@ -1105,7 +1105,6 @@ int main(void) {
     test_extremes();
     test_trapped(0);
     test_trapped(1);
-
     test_bad_numbers(1);
     test_bad_numbers(3);
     test_bad_words(1);
