@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.7.0                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.7.1                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -189,7 +189,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 7
-#define ITN_VERSION_PATCH 0
+#define ITN_VERSION_PATCH 1
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -227,7 +227,8 @@ typedef enum itn_result {
     ITN_ERROR_FILE,        /* a file cannot be opened, read, written or renamed */
     ITN_ERROR_FORMAT,      /* a file was read but its contents are not valid */
     ITN_ERROR_MESH,        /* a mesh is open, inside out or flat, and a medium or a dielectric
-                              needs better; or a coordinate is not finite or too large */
+                              needs better; or it is empty, a coordinate is not finite or too
+                              large, or a triangle names no vertex */
     ITN_ERROR_UNSUPPORTED, /* a valid request that this estimator or build cannot answer */
     ITN_ERROR_CANCELLED    /* the progress callback asked to stop */
 } itn_result;
@@ -398,8 +399,9 @@ typedef struct itn_medium_desc {
 typedef enum itn_surface_type { ITN_SURFACE_DIELECTRIC = 0, ITN_SURFACE_DIFFUSE } itn_surface_type;
 typedef enum itn_texture_type {
     ITN_TEXTURE_NONE = 0,
-    ITN_TEXTURE_CHECKER, /* squares of reflectance and reflectance2 */
-    ITN_TEXTURE_IMAGE    /* reflectance times the image, bilinear, repeated */
+    ITN_TEXTURE_CHECKER, /* squares of reflectance, from coordinates (0, 0) on, and reflectance2 */
+    ITN_TEXTURE_IMAGE    /* reflectance times the image, bilinear, repeated; at (0, 0) is its lower
+                            left corner, its first row is below (0, 1) */
 } itn_texture_type;
 
 typedef struct itn_surface_desc {
@@ -436,8 +438,8 @@ typedef enum itn_light_type { ITN_LIGHT_CONSTANT = 0, ITN_LIGHT_MAP, ITN_LIGHT_S
 
 /* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8): nine
    coefficients in the order of the published data, A B C D E F G I H (the eighth multiplies
-   sqrt(cos theta), the ninth, in (-1,1), is the asymmetry of chi), and one radiance, per
-   channel. */
+   sqrt(cos theta), the ninth, in (-1,1), is the asymmetry of chi), and one radiance, per channel:
+   always R, G and B, of which a film of one channel has the luminance. */
 typedef struct itn_sky {
     float coefficients[3][9];
     float radiance[3];
@@ -483,8 +485,8 @@ typedef struct itn_scene_desc {
 typedef struct itn_scene itn_scene;
 
 /* Makes a scene; everything in the desc is copied. Errors: ARGUMENT (which item, which field, what
-   range), MESH (how many edges, and the first), MEMORY. context may be NULL. Free with
-   itn_scene_free. */
+   range), MESH (how many edges, and the first; what else itn_result says), MEMORY. context may be
+   NULL. Free with itn_scene_free. */
 ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
                                     itn_scene **scene, itn_error *error);
 /* Frees a scene; NULL does nothing. */
@@ -514,7 +516,7 @@ typedef struct itn_parameter {
 ITN_API int itn_parameter_count(const itn_scene *scene);
 /* Returns parameter `index`, owned by the scene; NULL if out of range. */
 ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index);
-/* Returns the index of a name, or -1. */
+/* Returns the index of a name, or -1 (also of NULL). */
 ITN_API int itn_parameter_find(const itn_scene *scene, const char *name);
 /* Copies all values into theta[itn_parameter_count]. */
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta);
@@ -593,9 +595,11 @@ typedef struct itn_render_options {
    index of refraction (which spends some paths on its own), a sigma_t of a thin medium (which draws
    more collisions) and an albedo or reflectance below .1 (more paths go on). The fast walk's is
    another estimate of the same. Either image has the same bits for any number of threads.
-   Errors: ARGUMENT (theta out of bounds or not finite, index, spp, samples), UNSUPPORTED (the
-   derivative in the ior of a smooth surface, whose directions jump with it; what itn_mode says of
-   FAST), MEMORY, CANCELLED. */
+   Errors: ARGUMENT (theta out of bounds or not finite, index, spp, samples; spp * walks beyond
+   2^31 - 1 in the fast walk), UNSUPPORTED (the derivative in the ior of a smooth surface, whose
+   directions jump with it, or of a rough one where it is 1, or where boxes of two dielectric
+   objects meet of which the other's surface is smooth or another one of the same index; what
+   itn_mode says of FAST), MEMORY, CANCELLED. */
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error);
@@ -607,9 +611,10 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, itn_error *error);
 
 /* Adjoint: gradient[k] = sum over pixels and channels of weights * dI/dtheta of parameters[k],
-   with its variance if `variance` is not NULL, without storing derivative images.
-   weights: [C][height][width], finite, for example dl/dI of a loss from other samples. count at
-   least 1; gradient and variance: [count]. Errors: as itn_render. */
+   with its variance if `variance` is not NULL, without derivative images (the fast walk holds 16
+   bytes per pixel and parameter, whatever the channels). weights: [C][height][width], finite, for
+   example dl/dI of a loss from other samples. count at least 1; gradient and variance: [count].
+   Errors: as itn_render. */
 ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *theta,
                                        const itn_render_options *options, const float *weights,
                                        const int *parameters, int count, double *gradient,
@@ -757,7 +762,8 @@ typedef struct itn_loss {
 /* One image's term of equation (3), ||pi - N(I)||^2 + lambda ||I - T(N(I))||^2, where N(I) are the
    coordinates of the parameters of T, and the derivative of `total` in the outputs N(I). The second
    is a mean over pixels and channels, so lambda is the paper's times their number. Where a
-   prediction lies beyond a parameter's bounds, the value and slope on the bound are used.
+   prediction lies beyond a parameter's bounds, the value and slope on the bound are used; an ior is
+   at least 1.001, where it still has a derivative.
    count: outputs of the network. predicted, truth, gradient: [count] coordinates.
    image: [C][height][width] of the scene's film, linear radiometric; not used by RN (may be NULL),
    nor if lambda is 0.
@@ -915,11 +921,11 @@ typedef struct itn_view {
 /* The same for several pictures at once: minimises the sum of ||I - T(pi)||^2 over views, each with
    its own scene (camera, lights, film, objects), picture and noise, that share `count` unknowns.
    Unknown k is parameter views[v].parameters[k] of each view v that has it, at least of one; its
-   bounds must be the same in all. Two views may be of one scene. values: [count], in and out: where
-   the search starts, what it finds. estimates: [count]. options may be NULL; its target_variance
-   must be. Nothing that views point to is changed; all other parameters stay at the views' theta.
-   Scenes render one after the other. Of one view, the bits are those of itn_refine.
-   Errors: as itn_refine; then values and estimates are untouched. */
+   bounds must be the same in all, and each view has at least one. Two views may be of one scene.
+   values: [count], in and out: where the search starts, what it finds. estimates: [count]. options
+   may be NULL; its target_variance must be. Nothing that views point to is changed; all other
+   parameters stay at the views' theta. Scenes render one after the other. Of one view, the bits are
+   those of itn_refine. Errors: as itn_refine; then values and estimates are untouched. */
 ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
                                     int count, const itn_refine_options *options,
                                     itn_estimate *estimates, itn_error *error);
@@ -964,7 +970,8 @@ ITN_API itn_result itn_image_load(const char *path, const itn_context *context, 
                                   itn_error *error);
 
 /* Writes a binary little-endian PLY file, with uvs as the faces' list texcoord.
-   Errors: ARGUMENT (indices out of range, coordinates not finite), FILE, MEMORY. */
+   Errors: ARGUMENT (an empty mesh, indices out of range, coordinates or uvs not finite), FILE,
+   MEMORY. */
 ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error);
 /* Writes all planes as float channels of an uncompressed EXR file, bit for bit (also NaN), sorted
    by name as the format demands; itn_image_load reads at most 1024. Errors: ARGUMENT (names empty
@@ -1001,14 +1008,15 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 
    The file holds one item a line, in any order: a keyword, for some a name, then `field value...`
    pairs in any order, but that of an object or a light which is shown first below comes first. A
-   word that begins with `#` starts a comment; a backslash at the end of a line joins the next one
-   to it. Lengths are scene units, angles degrees, sigma_t per scene unit; axes are right-handed, y
-   is up. Paths are relative to the scene file's folder; paths and names hold no blanks. A name is a
-   letter, then letters, digits, _ and -, at most 32 in all; no two items have the same one. COLOUR
-   is one number, or three (r g b) where the film has three channels; both of a checker have one
-   form. Fields in [ ] may be left out. Nothing is guessed: unknown, doubled and missing fields,
-   wrong counts, values out of range and undefined names are errors. One camera, 1 to 64 objects and
-   1 to 64 lights, at most 64 media and 64 surfaces.
+   word that begins with `#` starts a comment; a backslash at the end of a line, but not of a
+   comment, joins the next one to it. Lengths are scene units, angles degrees, sigma_t per scene
+   unit; axes are right-handed, y is up. Paths are relative to the scene file's folder; paths and
+   names hold no blanks. A name is a letter, then letters, digits, _ and -, at most 32 in all; no
+   two items have the same one. COLOUR is one number, or three (r g b) where the film has three
+   channels; both of a checker have one form. Fields in [ ] may be left out; ranges are those of the
+   descs' fields. Nothing is guessed: unknown, doubled and missing fields, wrong counts, values out
+   of range and undefined names are errors. One camera, 1 to 64 objects and 1 to 64 lights, at most
+   64 media and 64 surfaces.
 
        [film  [width N] [height N] [channels 1|3] [filter box|gaussian]       (128 x 128, 1, box)
               [deviation PIXELS]]                                    (of the Gaussian: .5 pixels)
@@ -1023,11 +1031,11 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
        light   map FILE  [scale S] [name NAME]
        light   sky FILE  sun X Y Z  [scale S] [sun_scale S] [sun_radius_scale S] [name NAME]
 
-   TRANSFORM is `scale S`, `scale X Y Z`, `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or
-   `translate X Y Z`; any number of them are applied to the mesh from left to right. An object
-   without a surface is index-matched; without a medium it is empty inside. `force` takes a mesh for
-   a medium even if it is open or inside out. Meshes are OBJ or PLY, images EXR or PFM. `scale`
-   multiplies a light.
+   Of sigma_t and g, three numbers are three parameters unless all are 0. TRANSFORM is `scale S`,
+   `scale X Y Z` (positive, at most 1e12), `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or `translate X Y
+   Z`; any number of them are applied to the mesh from left to right. An object without a surface is
+   index-matched; without a medium it is empty inside. `force` takes a mesh for a medium even if it
+   is open or inside out. Meshes are OBJ or PLY, images EXR or PFM. `scale` multiplies a light.
 
    A sky file has, in the same manner, for each channel the nine coefficients of
    F(theta, gamma) = (1 + A exp(B / (cos theta + .01))) (C + D exp(E gamma) + F cos^2 gamma
@@ -2269,6 +2277,16 @@ static double itn__triangle_area(double p[3][3], double n[3]) {
     return .5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
+/* Whether two corners are one point: what contracted products leave of the area may not be 0. */
+static int itn__has_twins(double p[3][3]) {
+    int j, twins = 0;
+    for (j = 0; j < 3; j++) {
+        const double *a = p[j], *b = p[(j + 1) % 3];
+        twins |= a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
+    }
+    return twins;
+}
+
 /* Area, signed volume, and triangles without area. */
 static void itn__measure(const itn_mesh *mesh, itn_mesh_report *report) {
     double centre[3], p[3][3], n[3], terms = 0; /* terms: sum of the volume's parts, unsigned */
@@ -2283,7 +2301,8 @@ static void itn__measure(const itn_mesh *mesh, itn_mesh_report *report) {
                                           (size_t)k];
         area = itn__triangle_area(p, n);
         if (!itn__finite(area)) continue; /* a bad vertex */
-        if (area == 0 && !report->degenerate_triangles++) report->first_degenerate_triangle = i;
+        if ((area == 0 || itn__has_twins(p)) && !report->degenerate_triangles++)
+            report->first_degenerate_triangle = i;
         report->area += area;
         for (k = 0; k < 3; k++) {
             double term = (p[0][k] - centre[k]) * n[k] / 6;
@@ -4150,7 +4169,7 @@ ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta,
     double volume = 0, area = 0, sigma_t = 0;
     int i, k, c;
     for (k = 0; k < scene->medium_count; k++)
-        if (!strcmp(scene->media[k].name, medium)) break;
+        if (medium && !strcmp(scene->media[k].name, medium)) break;
     for (i = 0; i < scene->object_count && k < scene->medium_count; i++)
         if (scene->objects[i].medium == k)
             volume += scene->objects[i].volume, area += scene->objects[i].area;
@@ -4178,9 +4197,15 @@ ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index
 
 ITN_API int itn_parameter_find(const itn_scene *scene, const char *name) {
     int i;
-    for (i = 0; i < scene->parameter_count; i++)
+    for (i = 0; i < scene->parameter_count && name; i++)
         if (!strcmp(scene->parameters[i].name, name)) return i;
     return -1;
+}
+
+/* The least value that a search gives a parameter: its lower bound, but of an index, whose bound is
+   1, a value where it still has a derivative (itn__check_ior). */
+ITN__INLINE double itn__least_sought(const itn_parameter *p) {
+    return p->lower == 1 ? 1.001 : (double)p->lower;
 }
 
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
@@ -11791,7 +11816,7 @@ static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
     picture->unit_blocks = (int)((int64_t)rays * fast->blocks / fast->spp);
     if (picture->unit_blocks < 1) picture->unit_blocks = 1;
     if (picture->unit_blocks > fast->blocks) picture->unit_blocks = fast->blocks;
-    picture->chunks = (fast->blocks + picture->unit_blocks - 1) / picture->unit_blocks;
+    picture->chunks = (fast->blocks - 1) / picture->unit_blocks + 1;
     units = picture->tiles_x * picture->tiles_y; /* at most 2^26 */
     if (picture->chunks > INT_MAX / units || fast->spp > INT_MAX / fast->walks)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
@@ -12135,7 +12160,7 @@ static double itn__mean_variance(double mean, double square, int n) {
 
 /* How many of a pixel's samples are in stratum h: every strata-th, from h on. */
 static int itn__stratum_samples(const itn__render *render, int samples, int h) {
-    return (samples + render->strata - 1 - h) / render->strata;
+    return samples / render->strata + (h < samples % render->strata);
 }
 
 /* Mean of a pixel's samples and its variance, from sums that are `stride` apart in the strata. */
@@ -12667,15 +12692,16 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
     return result;
 }
 
-/* Progress of one of two renders, as a part of both. */
+/* Progress of one render, as a part of one or two. */
 typedef struct itn__half {
     const itn_render_options *options;
-    double done;
+    double done, share; /* renders before this one; of one in all of them */
 } itn__half;
 
 static int itn__half_progress(void *user, double fraction) {
     const itn__half *half = (const itn__half *)user;
-    return half->options->progress(half->options->progress_user, .5 * (half->done + fraction));
+    return half->options->progress(half->options->progress_user,
+                                   half->share * (half->done + fraction));
 }
 
 /* The two renders of a loss gradient: the first gives the weights by which the second is folded. */
@@ -12730,7 +12756,7 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
     result = itn__render_begin(&probe, scene, theta, &own, parameters, count, 1, error);
     itn__render_end(&probe); /* so that a bad request costs no render */
     if (result) return result;
-    half.options = options, half.done = 0, own.stats = stats;
+    half.options = options, half.done = 0, half.share = count ? .5 : 1, own.stats = stats;
     if (own.progress) own.progress = itn__half_progress, own.progress_user = &half;
     result = itn__loss_renders(scene, theta, own, target, parameters, count, loss, gradient, &half,
                                error);
@@ -13378,7 +13404,8 @@ static void itn__conv_forward_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
     size_t parts = itn__conv_parts(c), windows = itn__conv_windows(c), count;
     size_t number = (size_t)index / parts, part = (size_t)index % parts;
-    size_t first = windows * part / parts, end = windows * (part + 1) / parts;
+    size_t first = (size_t)((uint64_t)windows * part / parts);
+    size_t end = (size_t)((uint64_t)windows * (part + 1) / parts);
     itn__panel panel = itn__conv_panel(c, number);
     itn__window taken[ITN__TILE_WINDOWS];
     for (; first < end; first += count) {
@@ -13873,6 +13900,7 @@ static itn_result itn__loss_image(const itn_loss_desc *desc, int count, const fl
     for (k = 0; k < count; k++) {
         const itn_parameter *p = itn_parameter_get(desc->scene, desc->parameters[k]);
         double value = itn_parameter_from_coordinate(p, (double)predicted[k]);
+        value = fmax(value, itn__least_sought(p));
         work->theta[desc->parameters[k]] = (float)value;
         work->slopes[k] = itn_parameter_slope(p, value);
     }
@@ -13943,6 +13971,8 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
     itn_result result =
         itn__loss_check(desc, count, predicted, truth, image, loss, gradient, error);
     itn__loss_work work;
+    itn_loss_desc own;
+    itn_render_stats stats = ITN_ZERO;
     const itn_context *context;
     double image_loss = 0;
     if (result != ITN_OK) return result;
@@ -13956,11 +13986,13 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
         result = itn__out_of_memory(error, "the gradient of a training loss");
     } else {
         work.slopes = work.gradient + count;
-        result = itn__loss_image(desc, count, predicted, image, &work, &image_loss, error);
+        own = *desc, own.options.stats = &stats; /* which the caller gets if all goes well */
+        result = itn__loss_image(&own, count, predicted, image, &work, &image_loss, error);
     }
     if (result == ITN_OK)
         result = itn__loss_total(desc, count, predicted, truth, image_loss, work.gradient, loss,
                                  gradient, error);
+    if (result == ITN_OK && desc->options.stats) *desc->options.stats = stats;
     itn__free(context, work.theta);
     itn__free(context, work.gradient);
     return result;
@@ -14586,7 +14618,8 @@ static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
     itn__similarity_turn(refiner, refiner->plain, -1);
     for (k = 0; k < refiner->count; k++) {
         const itn_parameter *p = refiner->parameters[k];
-        double value = itn_parameter_from_coordinate(p, refiner->plain[k]);
+        double value = fmax(itn_parameter_from_coordinate(p, refiner->plain[k]),
+                            itn__least_sought(p));
         double within = itn_parameter_to_coordinate(p, value), beyond = within - refiner->plain[k];
         if (fabs(beyond) > 1e-6 * fmax(fabs(within), 1))
             refiner->plain[k] = within, value = itn_parameter_from_coordinate(p, within), held = 1;
@@ -14986,24 +15019,25 @@ static void itn__misfit_means(itn__refiner *refiner) {
 #define ITN__PRIOR 8. /* standard deviation of a coordinate before anything is known */
 
 /* Factors A + `bias` times E + mu D + that weak prior, with as much more of D as it takes to be
-   positive definite. The same of N, which has no E: there `silence` is NULL. */
-static void itn__refine_factor(const itn__refiner *refiner, const double *matrix,
+   positive definite. Returns whether it takes none. The same of N, which has no E: there `silence`
+   is NULL. */
+static int itn__refine_factor(const itn__refiner *refiner, const double *matrix,
                                const double *silence, double bias, double mu) {
-    int n = refiner->count, k;
-    for (;; mu = mu > 0 ? 1.5 * mu : 1e-3) { /* ends, as all is finite and the diagonal positive */
+    int n = refiner->count, whole = 1, k;
+    for (;; mu = mu > 0 ? 1.5 * mu : 1e-3, whole = 0) { /* ends: all is finite, D is positive */
         memcpy(refiner->factor, matrix, (size_t)(n * n) * sizeof(double));
         for (k = 0; k < n; k++) {
             double e = silence ? 1.5 * sqrt(silence[k]) : 0;
             refiner->factor[k * n + k] += bias * e + 1 / (ITN__PRIOR * ITN__PRIOR) +
                                           mu * (fabs(matrix[k * n + k]) + e);
         }
-        if (itn__cholesky(refiner->factor, n)) return;
+        if (itn__cholesky(refiner->factor, n)) return whole;
     }
 }
 
 /* The same of A by what is known. */
-static void itn__refine_factor_known(const itn__refiner *refiner, double bias, double mu) {
-    itn__refine_factor(refiner, refiner->known.matrix, refiner->known.silence, bias, mu);
+static int itn__refine_factor_known(const itn__refiner *refiner, double bias, double mu) {
+    return itn__refine_factor(refiner, refiner->known.matrix, refiner->known.silence, bias, mu);
 }
 
 /* A^-1 by what is known, in the covariance's place. */
@@ -15308,10 +15342,9 @@ static double itn__refine_doubt(const itn__refiner *refiner, int k) {
    no more. Where the information is no more than its noise, it takes a first few to know. */
 static double itn__refine_want(const itn__refiner *refiner) {
     double want = 1;
-    int k;
-    itn__refine_factor_known(refiner, 0, 0);
+    int whole = itn__refine_factor_known(refiner, 0, 0), k;
     for (k = 0; k < refiner->count; k++) {
-        double certainty = itn__refine_certainty(refiner, k);
+        double certainty = whole ? itn__refine_certainty(refiner, k) : 0;
         if (certainty > ITN__CERTAIN) continue;
         if (!(certainty > 1) && refiner->patience < ITN__PATIENCE) return 1;
         want = fmax(want, ceil(1.5 * ITN__CERTAIN / fmax(certainty, 1)));
@@ -15453,10 +15486,11 @@ static int itn__refine_more(itn__refiner *refiner) {
    told something is followed by one of as many samples, as fewer would not have seen it. The search
    may leap once, while there are iterations to go on from there; a second one does not, as it
    starts where it should. Where the end has moved, what is known is replaced, whatever the misfit:
-   its unit is another. */
+   its unit is another. The last step is not tried any more, and not made if the one before was
+   taken back: then it counts as error ([estimates]). */
 static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     const itn__normal *known = &refiner->known;
-    int iteration, most = refiner->options.iterations, leapt = refiner->begun > 0;
+    int iteration, most = refiner->options.iterations, leapt = refiner->begun > 0, back = 0;
     double mu = 1, news = INFINITY, samples = 1;
     itn_result result = itn__refine_evaluate(refiner, samples, error);
     if (result) return result;
@@ -15464,6 +15498,7 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     result = itn__refine_report(refiner, 0, error);
     for (iteration = 1; iteration <= most + 2 && !result; iteration++) {
         int leaps, moves = 0;
+        double before = mu;
         if (mu > 1e6) break;
         if (news < 1 && known->samples >= refiner->final) {
             moves = iteration <= most && itn__refine_more(refiner);
@@ -15477,9 +15512,10 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
         if (leaps) leapt = 1;
         else itn__refine_solve(refiner, 1, mu, 1);
         result = itn__refine_try(refiner, samples, leaps || moves, &mu, &news, error);
+        back = mu > before;
         if (!result && iteration <= most) result = itn__refine_report(refiner, iteration, error);
     }
-    if (result) return result;
+    if (result || back) return result;
     itn__refine_solve(refiner, 1, 0, .5);
     itn__refine_move(refiner);
     return ITN_OK;
@@ -15560,13 +15596,15 @@ static void itn__refine_let_go(itn__refiner *refiner, int k) {
     known->right[k] = 0, refiner->told[k] = 0;
 }
 
-/* Of what still counts as told, and by A's factor is not, the least known; -1 if there is none. */
-static int itn__refine_weakest(const itn__refiner *refiner) {
+/* Of what still counts as told, and by A's factor is not, the least known; -1 if there is none.
+   Where A is not `whole`, nothing is: by noise, some unknown has less than no information, and the
+   factor tells of what was added. */
+static int itn__refine_weakest(const itn__refiner *refiner, int whole) {
     double least = INFINITY;
     int k, weakest = -1;
     for (k = 0; k < refiner->count; k++) {
         double strength;
-        if (!refiner->told[k] || itn__finite(itn__refine_doubt(refiner, k))) continue;
+        if (!refiner->told[k] || (whole && itn__finite(itn__refine_doubt(refiner, k)))) continue;
         strength = itn__refine_strength(refiner, &refiner->known, k);
         if (weakest < 0 || strength < least) least = strength, weakest = k;
     }
@@ -15577,16 +15615,16 @@ static int itn__refine_weakest(const itn__refiner *refiner) {
    is kept as refiner->fresh.matrix. */
 static void itn__refine_tell(itn__refiner *refiner) {
     const itn__normal *known = &refiner->known;
-    int n = refiner->count, k;
+    int n = refiner->count, whole, k;
     memcpy(refiner->fresh.matrix, known->matrix, (size_t)(n * n) * sizeof(double));
     for (k = 0; k < n; k++)
         refiner->told[k] = itn__refine_strength(refiner, known, k) > ITN__CERTAIN;
     for (k = 0; k < n; k++)
         if (!refiner->told[k]) itn__refine_let_go(refiner, k);
-    itn__refine_factor_known(refiner, 0, 0);
-    while ((k = itn__refine_weakest(refiner)) >= 0) {
+    whole = itn__refine_factor_known(refiner, 0, 0);
+    while ((k = itn__refine_weakest(refiner, whole)) >= 0) {
         itn__refine_let_go(refiner, k);
-        itn__refine_factor_known(refiner, 0, 0);
+        whole = itn__refine_factor_known(refiner, 0, 0);
     }
 }
 
@@ -15976,11 +16014,12 @@ static int itn__refine_astray(const itn__refiner *refiner, const itn_view *views
 }
 
 /* Searches once more from the mirror image of what was found, if that may be wrong, and keeps what
-   leaves less misfit. */
+   leaves less misfit; the first, if the second cannot be made. */
 static itn_result itn__refine_again(itn__refiner *refiner, const itn_view *views,
                                     itn_error *error) {
     itn__refiner other, swap;
-    itn_result result = ITN_OK;
+    itn_result result;
+    itn_error why = ITN_ZERO;
     float *values = refiner->moments[0]; /* not needed any more */
     float g = itn__mirror(refiner, values);
     if (!itn__refine_astray(refiner, views, g)) return ITN_OK;
@@ -15989,10 +16028,12 @@ static itn_result itn__refine_again(itn__refiner *refiner, const itn_view *views
     other.context = refiner->context, other.options = refiner->options;
     other.options.final_spp = (int)refiner->final * other.options.spp, other.patience = 1;
     other.renders = refiner->renders, other.begun = refiner->iteration + 1;
-    result = itn__refine_search(&other, views, values, error);
+    result = itn__refine_search(&other, views, values, &why);
     if (!result && other.known.chi2 < refiner->known.chi2)
         swap = *refiner, *refiner = other, other = swap;
     itn__refine_end(&other);
+    if (result != ITN_ERROR_CANCELLED) return ITN_OK;
+    if (error) *error = why;
     return result;
 }
 
@@ -16881,6 +16922,7 @@ typedef struct itn__exr {
     int channel_count, compression, has_window;
     int64_t x0, y0, x1, y1; /* the data window, both ends included */
     uint64_t row_bytes;
+    uint64_t taken; /* bytes of the blocks so far */
 } itn__exr;
 
 static itn_result itn__exr_damaged(const itn__exr *exr, const char *what, itn_error *error) {
@@ -17087,7 +17129,9 @@ static itn_result itn__exr_block(itn__exr *exr, int block, unsigned char *scratc
     if (offset > exr->size - 8) return itn__exr_damaged(exr, text, error);
     data = exr->bytes + offset + 8;
     size = itn__get_u32(data - 4);
-    if (itn__get_i32(data - 8) != exr->y0 + row || size > raw || size > exr->size - 8 - offset)
+    exr->taken += 8 + (uint64_t)size; /* blocks that share bytes could ask for any time */
+    if (itn__get_i32(data - 8) != exr->y0 + row || size > raw || size > exr->size - 8 - offset ||
+        exr->taken > exr->size)
         return itn__exr_damaged(exr, text, error);
     if (size < raw) {
         fault = exr->compression == ITN__EXR_NONE ? "less data than expected"
@@ -19353,6 +19397,12 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.7.1  unknowns of which pictures tell a sum alone could both be called determined, with tiny
+          errors, where noise made the information on their difference negative; a search does not
+          end with a step that was taken back; indices of refraction are sought from 1.001 on, where
+          they have a derivative; triangles with two equal corners are degenerate whatever rounding
+          makes of their area; EXR blocks may not share bytes; networks with 2^20 windows and more
+          in a layer on 32-bit machines; progress of a loss without gradient goes to 1
    0.7.0  light that comes through holes of meshes taken by force is right under maps, skies and
           suns (up to 5 % off, up or down), and with max_scatter not lost; an eye in clear smooth
           glass, where light is trapped, waits milliseconds for a path instead of seconds; media

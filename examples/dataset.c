@@ -653,8 +653,9 @@ static void make_family(void *task, int index) {
         more = render_family(w, f, 0, extra, ++round);
         merge_images(&image, &more, ratio);
         itn_image_free(&more);
-        for (i = 0; i < FINE_PIXELS; i++) samples[i] += extra[i];
-        all *= 1 + ratio, noise = family_noise(&image, f, v, 0, NULL);
+        for (i = 0, all = 0; i < FINE_PIXELS; i++)
+            samples[i] += extra[i], all += (double)samples[i] / FINE_PIXELS;
+        noise = family_noise(&image, f, v, 0, NULL);
     }
     for (i = 0; i < f->count; i++) put_picture(w, f->members[i], &image, i);
     itn_image_free(&image);
@@ -774,6 +775,9 @@ static int missing_scenes(const char *dir, const shard *s) {
 
 static int check_data(const char *dir) {
     int in, i, k, faults = 0;
+    char shared[PATH_SIZE];
+    snprintf(shared, PATH_SIZE, "%s/scenes/concrete.pfm", dir), faults += is_missing(shared);
+    snprintf(shared, PATH_SIZE, "%s/scenes/t3-e60-grey.sky", dir), faults += is_missing(shared);
     for (in = 0; in < SPLITS; in++) {
         shard shards[MOST_SHARDS];
         double noise = 0, worst = 0;

@@ -117,7 +117,7 @@ static inline double number(const char *option, const char *text, double lowest,
     char *end = NULL;
     double value = text ? strtod(text, &end) : 0;
     const char *slash = text ? strchr(text, '/') : NULL;
-    if (slash && end == slash) value /= strtod(slash + 1, &end); /* 1/50 */
+    if (slash && slash != text && end == slash) value /= strtod(slash + 1, &end); /* 1/50 */
     if (!text || end == text || *end || !(value >= lowest && value <= highest))
         fail(option, "needs a number in its range");
     return value;

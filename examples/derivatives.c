@@ -46,17 +46,18 @@ static int difference(const itn_scene *scene, float *theta, int index, itn_rende
     const itn_parameter *p = itn_parameter_get(scene, index);
     float value = theta[index];
     float h = .1f * fminf(fabsf(value), fminf(value - p->lower, p->upper - value));
-    double mean[2], spread[2];
-    int side;
-    if (!(h > 0)) return 0;
-    for (side = 0; side < 2; side++) {
+    double mean[2] = {0, 0}, spread[2] = {0, 0};
+    int side, failed = !(h > 0);
+    for (side = 0; side < 2 && !failed; side++) {
         itn_image image;
         theta[index] = side ? value + h : value - h;
-        if (itn_render(scene, theta, &options, NULL, 0, &image, NULL)) return 0;
+        failed = itn_render(scene, theta, &options, NULL, 0, &image, NULL) != ITN_OK;
+        if (failed) continue;
         planes_mean(&image, 0, itn_scene_film(scene).channels, &mean[side], &spread[side]);
         itn_image_free(&image);
     }
     theta[index] = value;
+    if (failed) return 0;
     *slope = (mean[1] - mean[0]) / (2 * (double)h);
     *error = hypot(spread[0], spread[1]) / (2 * (double)h);
     return 1;

@@ -53,7 +53,10 @@ if command -v flock > /dev/null && ! flock -n 9; then
 fi
 settings="fraction $fraction tests ${tests:-default} noise ${noise:-default} seed $seed"
 settings="$settings data $data own units"
-[ -e "$out/done/data" ] || { rm -f "$out/done/compile"; echo "$settings" > "$out/done/settings"; }
+if [ ! -e "$out/done/data" ]; then
+    rm -f "$out/done/compile"
+    printf '%s\n' "$settings" > "$out/done/settings"
+fi
 if [ "$settings" != "$(cat "$out/done/settings" 2>&1)" ]; then
     echo "experiment: $out is of another version or run: $(cat "$out/done/settings" 2>&1)"
     exit 1
@@ -117,8 +120,14 @@ try() {
 
 # shellcheck disable=SC2086
 make_data() {
+    exec 8> "$data/lock" # another run may share them
+    if command -v flock > /dev/null && ! flock -n 8; then
+        echo "experiment: a run is still making pictures in $data"
+        exit 1
+    fi
     "$out/dataset" make "$data" --fraction "$fraction" --scenes "$here/../scenes" \
         -t "$threads" $picture
+    exec 8>&-
 }
 
 begin=$(date +%s)

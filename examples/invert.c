@@ -20,9 +20,9 @@
    With --net it starts from what a network of train.c reads off the first picture, which is
    printed as a row of its own. Prints a row per iteration and at the end a line per parameter,
             milk.sigma_t 31.2 +- 0.4 hidden 31
-   says in words what the images determine, and fails if a hidden value lies more than four standard
-   errors away. Pictures go to the folder after -o, or beside the scene: target, estimate,
-   difference, derivatives (red up, blue down). */
+   says in words what the images determine, and fails if a hidden value that they determine lies
+   more than four standard errors away. Pictures go to the folder after -o, or beside the scene:
+   target, estimate, difference, derivatives (red up, blue down). */
 #define _POSIX_C_SOURCE 200809L
 #define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
 #define ITN_THREADS
@@ -484,7 +484,7 @@ static void keep_target(const char *target, const char *stem) {
 static void make_stems(picture *pictures, int views, const char *dir) {
     int v, w;
     for (v = 0; v < views; v++) {
-        char folder[STEM_SIZE], *slash;
+        char folder[STEM_SIZE + 2], *slash;
         make_stem(pictures[v].path, dir, v + 1, pictures[v].stem);
         strcpy(folder, pictures[v].stem);
         slash = strrchr(folder, '/');

@@ -6,7 +6,7 @@
    Compile: cc -O3 -march=native render.c -o render -lm -lpthread
    Run:     ./render ../scenes/studio.itn -o studio.exr --spp 64 --derivatives all
    Prints:  render 1.234 s, build 0.045 s, 5.678 Mpaths/s, 90.1 Mcollisions/s, mean 0.712 +- 0.001
-   The file is read back and compared with what was rendered; the exit status tells. */
+   EXR (all of it) and PFM (the light) are read back and compared; the exit status tells. */
 #define _POSIX_C_SOURCE 200809L
 #define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
 #define ITN_THREADS
@@ -94,10 +94,13 @@ static int find_parameters(const itn_scene *scene, const float *theta, itn_mode 
     int count = 0, index;
     itn_render_options probe = ITN_ZERO;
     itn_image image;
+    itn_error error;
     probe.spp = 1, probe.max_scatter = 1, probe.mode = mode;
     if (strcmp(text, "all") == 0) {
         for (index = 0; index < itn_parameter_count(scene); index++) {
-            if (itn_render(scene, theta, &probe, &index, 1, &image, NULL)) continue;
+            itn_result result = itn_render(scene, theta, &probe, &index, 1, &image, &error);
+            if (result == ITN_ERROR_UNSUPPORTED) continue;
+            if (result) fail(error.message, "");
             itn_image_free(&image);
             parameters[count++] = index;
         }
@@ -147,16 +150,17 @@ static itn_result save(const itn_image *image, int channels, const char *path, i
     return result;
 }
 
-/* Whether the file at `path` holds exactly the light of `image` (for EXR and PFM). */
+/* Whether the file at `path` holds exactly what `image` does: an EXR all planes, a PFM the light. */
 static int reads_back(const itn_image *image, int channels, const char *path) {
     itn_image loaded;
     size_t bytes = (size_t)image->width * (size_t)image->height * sizeof(float);
-    int c, same = 1;
+    int k, same = 1;
     if (!strcmp(strrchr(path, '.'), ".png")) return 1;
     if (itn_image_load(path, NULL, &loaded, NULL)) return 0;
-    for (c = 0; c < channels; c++) {
-        const float *plane = itn_image_plane(&loaded, image->names[c]);
-        same = same && plane && !memcmp(plane, itn_image_plane(image, image->names[c]), bytes);
+    if (!strcmp(strrchr(path, '.'), ".exr")) channels = image->plane_count;
+    for (k = 0; k < channels; k++) {
+        const float *plane = itn_image_plane(&loaded, image->names[k]);
+        same = same && plane && !memcmp(plane, itn_image_plane(image, image->names[k]), bytes);
     }
     itn_image_free(&loaded);
     return same;

@@ -51,6 +51,7 @@ typedef struct search {
     int picture, network;
     itn_method method; /* ADAM stands for plain descent here */
     float answer[3];   /* coordinates */
+    double mean;       /* of the pictures' brightness, in whose units the network's losses are */
     mark marks[MOST_MARKS];
 } search;
 
@@ -59,7 +60,6 @@ typedef struct searches {
     pictures pictures;
     stages stages;
     int count;
-    double mean;
     search list[MOST_SEARCHES];
 } searches;
 
@@ -96,7 +96,7 @@ static mark judge(const searches *all, const search *one, const itn_scene *scene
     options.seed = mix((uint64_t)all->settings->seed, (uint64_t)one->picture, 7);
     if (itn_loss_gradient(scene, theta, &options, target, NULL, 0, &m.loss, NULL, &error))
         fail(error.message, "");
-    m.loss /= all->mean * all->mean;
+    m.loss /= one->mean * one->mean;
     for (k = 0; k < 3; k++) {
         double value = theta[all->stages.parameters[k]], right = truth[k];
         m.errors[k] = k ? pow(value - right, 2) : pow(log(value / right), 2);
@@ -127,7 +127,7 @@ static void descend(const searches *all, search *one, const itn_scene *scene, fl
             double step = s->rate * gradient[k] * itn_parameter_slope(p, value);
             double low = itn_parameter_to_coordinate(p, (double)lowest_answer[k]);
             double high = itn_parameter_to_coordinate(p, (double)highest_answer[k]);
-            step /= all->mean * all->mean;
+            step /= one->mean * one->mean;
             coordinates[k] -= fmax(-.5, fmin(.5, step));
             coordinates[k] = fmax(low, fmin(high, coordinates[k]));
         }
@@ -216,7 +216,6 @@ static void list_searches(searches *all) {
     for (n = 0; n < s->network_count; n++) {
         model m;
         itn_net *net = open_start(s->networks[n], &m);
-        all->mean = m.mean;
         memset(taken, 0, sizeof taken);
         for (i = 0; i < all->pictures.count && strcmp(m.name, "ssn"); i++) {
             int shard_number = all->pictures.shard_of[order[i]];
@@ -228,7 +227,7 @@ static void list_searches(searches *all) {
             if (all->count + 2 > MOST_SEARCHES) fail("--images", "makes more than 4096 searches");
             for (method = 0; method < 2; method++) {
                 search *one = &all->list[all->count++];
-                one->picture = order[i], one->network = n;
+                one->picture = order[i], one->network = n, one->mean = m.mean;
                 one->method = method ? ITN_METHOD_LM : ITN_METHOD_ADAM;
                 memcpy(one->answer, answer, sizeof answer);
             }
@@ -392,7 +391,7 @@ static void save_figure(const figure *f) {
 
 static void make_figure(const settings *s) {
     static figure f;
-    itn_scene *scenes[FIGURE_ROWS];
+    itn_scene *scenes[FIGURE_ROWS] = {NULL};
     int parameters[3], row, threads = s->threads;
     f.settings = s, fine_weights(f.weights);
     for (row = 0; row < FIGURE_ROWS; row++) {
@@ -400,6 +399,7 @@ static void make_figure(const settings *s) {
         const shard *in;
         int index;
         load_pictures(s->data, (split)(row / 2), &p);
+        if (!p.count) continue;
         index = evenly(1 + 2 * (row % 2), 4, p.count);
         in = &p.shards[p.shard_of[index]];
         scenes[row] = load_theta_scene(in, variant_of(in, p.thetas[index]), FILM_FINE,

@@ -83,6 +83,15 @@ typedef struct process {
     int rank, count;
 } process;
 
+/* A process that ends before its work is done ends the others, which would wait for it. */
+#ifdef USE_MPI
+static void abandon(void) {
+    int done;
+    MPI_Finalized(&done);
+    if (!done) MPI_Abort(MPI_COMM_WORLD, 1);
+}
+#endif
+
 static process begin_processes(int *argc, char ***argv) {
     process p = {0, 1};
 #ifdef USE_MPI
@@ -90,6 +99,7 @@ static process begin_processes(int *argc, char ***argv) {
     MPI_Init_thread(argc, argv, MPI_THREAD_FUNNELED, &level);
     MPI_Comm_rank(MPI_COMM_WORLD, &p.rank);
     MPI_Comm_size(MPI_COMM_WORLD, &p.count);
+    atexit(abandon);
 #endif
     (void)argc, (void)argv;
     return p;
@@ -411,8 +421,8 @@ static void save_chart(const trainer *t, int steps_per_epoch) {
     free(means);
 }
 
-/* The curve first: rows beyond the network's steps are dropped when it is read. What else defines
-   the run comes with its first network, so that both are always of one run. */
+/* The curve first: rows beyond the network's steps are dropped when it is read. All are always of
+   one run, as another is not begun over them. */
 static void save_checkpoint(const trainer *t) {
     char path[PATH_SIZE];
     itn_error error;
@@ -556,6 +566,9 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     const char *from = o->resume ? o->checkpoint : o->start;
     double lambda = o->model.lambda;
     model before, asked = o->model;
+    if (!o->resume && !o->process.rank && !access(o->checkpoint, F_OK) &&
+        (!o->start || strcmp(o->start, o->checkpoint)))
+        fail(o->checkpoint, "is there already: go on with --resume, or name another one");
     if (o->resume) load_model(o->checkpoint, &o->model);
     if (strcmp(asked.name, o->model.name)) fail(o->checkpoint, "is of another --model");
     make_trainer(t, o, from);
@@ -863,6 +876,7 @@ static int evaluate(settings *o) {
     } else {
         pictures p;
         load_pictures(o->data, SPLIT_TRAIN, &p);
+        keep_shapes(&p, o->model.leave, 0, o->model.bend < 0); /* as make_trainer */
         o->model.mean = mean_brightness(&p);
         free_pictures(&p);
     }
@@ -893,11 +907,14 @@ static int export_network(settings *o) {
     itn_net *net;
     itn_error error;
     struct stat from, to;
+    char path[PATH_SIZE];
     load_model(o->checkpoint, &o->model);
     if (!stat(o->checkpoint, &from) && !stat(o->shipped, &to) && from.st_dev == to.st_dev &&
         from.st_ino == to.st_ino)
         fail(o->shipped, "is the checkpoint itself");
     net = open_network(o->checkpoint, 1, NULL);
+    snprintf(path, sizeof path, "%s.txt", o->shipped);
+    remove(path); /* without it, a network that is there alone is refused */
     if (itn_net_save(net, o->shipped, 1, &error)) fail(error.message, "");
     save_model(o->shipped, &o->model);
     itn_net_free(net);

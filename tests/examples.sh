@@ -4,7 +4,8 @@
 here=$(cd "$(dirname "$0")" && pwd)
 root=$(dirname "$here")
 work=$(mktemp -d) || exit 1
-trap 'rm -rf "$work"' EXIT HUP INT TERM
+trap 'rm -rf "$work"' EXIT
+trap 'exit 1' HUP INT TERM
 skipped=0
 LC_ALL=C
 export LC_ALL
@@ -78,7 +79,7 @@ for wrong in "" "no.itn -o a.exr" "scenes/studio.itn" "scenes/studio.itn -o a.tx
     "scenes/studio.itn -o a.exr -D milk.g=2" \
     "scenes/studio.itn -o a.exr -D no.such=1" "scenes/studio.itn -o /no/such/a.exr --spp 1"; do
     # shellcheck disable=SC2086
-    check "refused: render $wrong" sh -c "! ./render $wrong -q"
+    refused '' "render $wrong" ./render $wrong -q
 done
 
 # the main job, of a smaller picture; then a target that the scene is not
@@ -93,8 +94,8 @@ check "invert: pictures" test -s quick/default_target.png -a -s quick/default_di
 keep "invert --target" ./invert default.itn --target quick/default_estimate.exr \
     --params milk.albedo --spp 8 -o again
 prints '^milk\.albedo 0\.[0-9]+ \+- [0-9.e-]+$'
-check "refused: an estimate over its target" sh -c "! ./invert default.itn \
-    --target quick/default_estimate.exr --params milk.albedo --spp 8 -o quick"
+refused 'written over it' "an estimate over its target" ./invert default.itn \
+    --target quick/default_estimate.exr --params milk.albedo --spp 8 -o quick
 sed "s/eye 0.25 0.55 2.2/eye 2.2 0.55 0.25/" default.itn > side.itn
 keep "invert: two views" ./invert side.itn default.itn \
     --params milk.sigma_t,milk.albedo --hidden milk.sigma_t=35 --spp 8 -o quick
@@ -102,14 +103,13 @@ prints '^milk\.sigma_t [0-9.e+-]+ \+- [0-9.e+-]+ hidden 35$'
 check "invert: pictures of both" test -s quick/side_target.png -a -s quick/default_2_target.png
 cp default.itn default_2.itn
 cp quick/default_estimate.exr quick/default_2_estimate.exr
-check "refused: an estimate over the other's target" sh -c "! ./invert default.itn side.itn \
-    --target quick/default_2_estimate.exr --target quick/default_estimate.exr --spp 8 -o quick"
-check "refused: two scenes' results of one name" sh -c "! ./invert default_2.itn default.itn \
-    --params milk.albedo --spp 8 -o quick"
-check "refused: a file for a folder" sh -c "! ./invert default.itn --spp 8 -o default.itn > found 2>&1 && \
-    grep -q 'no folder' found"
-check "refused: one target for two scenes" sh -c "! ./invert default.itn default.itn \
-    --target quick/default_estimate.exr"
+refused 'written over it' "an estimate over the other's target" ./invert default.itn side.itn \
+    --target quick/default_2_estimate.exr --target quick/default_estimate.exr --spp 8 -o quick
+refused "another scene's" "two scenes' results of one name" ./invert default_2.itn default.itn \
+    --params milk.albedo --spp 8 -o quick
+refused 'no folder' "a file for a folder" ./invert default.itn --spp 8 -o default.itn
+refused 'needed for each' "one target for two scenes" ./invert default.itn default.itn \
+    --target quick/default_estimate.exr
 check "invert --method adam" ./invert default.itn --method adam --params milk.albedo \
     --hidden milk.albedo=0.85 --iterations 30 --spp 4 -o quick
 
@@ -137,17 +137,20 @@ check "dataset: renders" ./render data/scenes/bolt-50.itn -o a.exr --spp 2 -D mi
 victim=data/train-chain-00.itnd # one picture, of variant 32
 cp "$victim" whole.itnd
 printf 'x' | dd of="$victim" bs=1 seek=5000 conv=notrunc 2> "$work/log"
-check "dataset check finds damage" sh -c "! ./dataset check data > found && grep -q damaged found"
+refused damaged "dataset check finds damage" ./dataset check data
 rm data/scenes/chain-00-32.ply
-check "dataset check misses a mesh" sh -c "! ./dataset check data > found && \
-    grep -q 'chain-00-32.ply is missing' found"
+refused 'chain-00-32.ply is missing' "dataset check misses a mesh" ./dataset check data
+mv data/scenes/concrete.pfm .
+refused 'concrete.pfm is missing' "dataset check misses a texture" ./dataset check data
 # shellcheck disable=SC2086
 check "dataset make mends" ./dataset make data --fraction 1/1000 --tests 1/8000 --noise 1 --spp 8 \
     -t 1 $scenes
 check "dataset: the same bits" cmp "$victim" whole.itnd
 check "dataset: renders a variant" ./render data/scenes/chain-00-32.itn -o a.exr --spp 2 -q
 # shellcheck disable=SC2086
-check "dataset: other settings" sh -c "! ./dataset make data --fraction 1/1000 --noise 1 $scenes"
+refused 'other settings' "dataset: other settings" ./dataset make data --fraction 1/1000 --noise 1 \
+    $scenes
+refused 'needs a number' "dataset: no number" ./dataset make data --fraction /10 --noise 1 $scenes
 fit="--data data --batch 4 --spp 2"
 # shellcheck disable=SC2086
 {
@@ -172,24 +175,29 @@ fit="--data data --batch 4 --spp 2"
 sed 3d b.net.csv > damaged.csv
 # shellcheck disable=SC2086
 {
-    check "refused: fewer epochs than taken" sh -c "! ./train --model itn $fit --epochs 1 \
-        --start b.net --checkpoint g.net && ! test -e g.net.txt"
-    check "refused: to go on as another model" sh -c "! ./train --model rn $fit --epochs 5 --resume \
-        --checkpoint b.net"
+    refused 'more --epochs behind it' "fewer epochs than taken" ./train --model itn $fit --epochs 1 \
+        --start b.net --checkpoint g.net
+    check "fewer epochs: nothing is written" test ! -e g.net.txt
+    refused 'another --model' "to go on as another model" ./train --model rn $fit --epochs 5 \
+        --resume --checkpoint b.net
+    refused 'there already' "to begin anew over a network" ./train --model itn $fit --epochs 9 \
+        --start warm.net --checkpoint b.net
     cp b.net g.net && cp b.net.txt g.net.txt && cp damaged.csv g.net.csv
-    check "refused: a curve that lacks a step" sh -c "! ./train --model itn $fit --epochs 5 --resume \
-        --checkpoint g.net && cmp damaged.csv g.net.csv"
-    check "refused: a network without its state over itself" sh -c "! ./train --checkpoint g.net \
-        --export ./g.net && cmp b.net g.net"
+    refused 'every step' "a curve that lacks a step" ./train --model itn $fit --epochs 5 --resume \
+        --checkpoint g.net
+    check "a curve that lacks a step: is left" cmp damaged.csv g.net.csv
+    refused 'the checkpoint itself' "a network without its state over itself" ./train \
+        --checkpoint g.net --export ./g.net
+    check "a network over itself: is left" cmp b.net g.net
     cp b.net i.net && sed 's/^input.*/input 0/' b.net.txt > i.net.txt
-    check "refused: a network for another input" sh -c "! ./train --model itn --data data \
-        --checkpoint i.net --evaluate > found 2>&1 && grep -q 'another input' found"
+    refused 'another input' "a network for another input" ./train --model itn --data data \
+        --checkpoint i.net --evaluate
 }
 check "train itn: otherwise: the same loss" test "$(grep lambda e.net.txt)" = \
     "$(grep lambda b.net.txt)"
-check "train: --bend changes pictures" sh -c "! cmp e.net f.net > found 2>&1"
-check "train: --units changes the loss" sh -c "! cmp u.net f.net > found 2>&1 && \
-    grep -q '^units own' u.net.txt"
+refused differ "train: --bend changes pictures: cmp" cmp e.net f.net
+refused differ "train: --units changes the loss: cmp" cmp u.net f.net
+check "train: --units is kept" grep -q '^units own' u.net.txt
 prints '^itn,both,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+$'
 check "train --evaluate: splits without pictures" test "$(wc -l < b.net.table.csv)" -eq 3
 check "train --export" ./train --checkpoint b.net --export small.net
@@ -201,18 +209,19 @@ prints '^net  milk\.sigma_t [0-9.]+  milk\.albedo 0\.[0-9]+  milk\.g -?0\.[0-9]+
 prints '^  0  loss [0-9.e+-]+ \+- [0-9.e+-]+   milk\.sigma_t'
 check "invert --net: the shipped network" awk '/^net / { d = $5 - 0.87; ok = $3 > 50 && $3 < 200 &&
     d * d < 0.015 } END { exit !ok }' kept
-check "invert --net: wrong size" sh -c "! ./invert 'scenes/default.itn' --net small.net \
-    --spp 2 > found 2>&1 && grep -q 'small.net: answers pictures of 128x128' found"
-check "invert --net: other parameters" sh -c "! ./invert data/scenes/bolt-50.itn --net small.net \
-    --params milk.g --spp 2 > found 2>&1 && grep -q 'recover just these' found"
-check "invert --net: no network" sh -c "! ./invert data/scenes/bolt-50.itn --net none.net --spp 2"
+refused 'small.net: answers pictures of 128x128' "invert --net: wrong size" ./invert \
+    scenes/default.itn --net small.net --spp 2
+refused 'recover just these' "invert --net: other parameters" ./invert data/scenes/bolt-50.itn \
+    --net small.net --params milk.g --spp 2
+refused 'none.net' "invert --net: no network" ./invert data/scenes/bolt-50.itn --net none.net --spp 2
 # shellcheck disable=SC2086
 check "dataset make: a few" ./dataset make few --fraction 1/3600 --tests 1/8000 --noise 1 \
     --spp 8 $scenes
 check "train --evaluate: of the truth" sh -c "./train --model truth --data few --spp 2 --images 1 \
     --checkpoint few --evaluate && test \$(wc -l < few.table.csv) -eq 3"
-check "refused: other data" sh -c "cp b.net.csv g.net.csv && ! ./train --model itn --data few \
-    --epochs 400 --resume --checkpoint g.net"
+cp b.net.csv g.net.csv
+refused 'other' "other data" ./train --model itn --data few --epochs 400 --resume \
+    --checkpoint g.net
 check "starts" ./starts --data few -o tables --images 1 --iterations 1 --spp 2 b.net
 check "starts: table" grep -q '^itn,sgd,1,1,' tables/table3.csv
 sed "s/.*base64,//; s/'.*//" tables/figure.svg | base64 -d > held.png

@@ -4,7 +4,9 @@
 here=$(cd "$(dirname "$0")" && pwd)
 root=$(dirname "$here")
 work=$(mktemp -d) || exit 1
-trap 'rm -rf "$work"' EXIT HUP INT TERM
+trap 'rm -rf "$work"' EXIT
+trap '[ -z "$job" ] || kill "$job"; exit 1' HUP INT TERM
+job=
 LC_ALL=C
 export LC_ALL
 # leave to run as any user, and more processes than processors, for Open MPI
@@ -42,7 +44,7 @@ if command -v mpicc > /dev/null && command -v mpirun > /dev/null; then
             --checkpoint other.net
     }
     for count in 2 4; do check "$count processes: the same curve" same_curve 1.net $count.net; done
-    check "another seed: another curve" sh -c "! cmp 1.net.csv other.net.csv"
+    refused differ "another seed: the same curve" cmp 1.net.csv other.net.csv
     check "another seed is noticed" eval "! same_curve 1.net other.net"
 
     # a process dies: the job ends, says so, and its last checkpoint is whole
@@ -97,10 +99,10 @@ fit="--data out/data --batch 8"
     check "leave: still without them" test "$(wc -l < left.net.csv)" -eq 25
     check "leave: evaluate" out/train --model rn $fit --spp 2 --images 4 --checkpoint left.net \
         --evaluate
-    check "leave: no such shape" sh -c "! out/train --model rn $fit --leave cube,blob \
-        --checkpoint none.net"
-    check "leave: a start that was shown them" sh -c "! out/train --model rn $fit --leave cube \
-        --start left.net --checkpoint none.net"
+    refused 'training shapes' "leave: no such shape" out/train --model rn $fit --leave cube,blob \
+        --checkpoint none.net
+    refused 'other shapes' "leave: a start that was shown them" out/train --model rn $fit \
+        --leave cube --start left.net --checkpoint none.net
 }
 check "leave: rows" test "$(cut -d , -f 2 left.net.table.csv | tr '\n' ' ')" = "split train left "
 # of 24 pictures each those that show no variant

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Adds up the logs of all suites: prints each one's failures and its count, and last the sum.
+# Adds up the logs of all suites: prints each one's failures, what it skipped and its count, and last
+# the sum.
 # A log without a count, or missing, is a failure.
 passed=0 failed=0
 for log in "$@"; do
@@ -9,7 +10,7 @@ for log in "$@"; do
         failed=$((failed + 1))
         continue
     fi
-    grep -E '^FAILED|exit status|ERROR|runtime error' "$log" | head -n 40
+    grep -E '^FAILED|exit status|ERROR|runtime error|^skipped|left out' "$log" | head -n 40
     line=$(grep -E '[0-9]+ passed, [0-9]+ failed$' "$log" | tail -n 1)
     p=$(printf '%s\n' "$line" | sed -n 's/.*[^0-9]\([0-9][0-9]*\) passed.*/\1/p')
     f=$(printf '%s\n' "$line" | sed -n 's/.*, \([0-9][0-9]*\) failed$/\1/p')

@@ -239,6 +239,9 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
     itn_parameter_values(scene, theta);
     for (k = 0; k < scene->parameter_count; k++)
         if (itn__fast_derivative(scene, theta, k, &only)) in->parameters[in->count++] = k;
+        else
+            check_report(strstr(scene->parameters[k].name, ".ior") || theta[k] == 0, __FILE__,
+                         __LINE__, "%s is left to the reference", scene->parameters[k].name);
     stage_need(itn__render_begin(&in->render, scene, NULL, options, in->parameters, in->count, 1,
                                  &error), &error);
     stage_need(itn__render_tables(&in->render, &tables, &in->own, &error), &error);
@@ -277,15 +280,18 @@ typedef struct tally {
     double collisions[2];           /* of both */
 } tally;
 
+/* The larger of two, NaN if one is. */
+static double worse(double a, double b) { return b <= a || isnan(a) ? a : b; }
+
 /* How far two paths' radiances are from each other, relative to the larger one. */
 static double distance_of(const float *a, const float *b, int channels) {
     double apart = 0, size = 0;
     int c;
     for (c = 0; c < channels; c++) {
-        apart = fmax(apart, fabs((double)a[c] - b[c]));
+        apart = worse(apart, fabs((double)a[c] - b[c]));
         size = fmax(size, fmax(fabs((double)a[c]), fabs((double)b[c])));
     }
-    return apart > 0 ? apart / size : 0;
+    return apart == 0 ? 0 : apart / size;
 }
 
 /* The same for the derivatives of a path; those of parameters that matter little count as their
@@ -298,9 +304,9 @@ static double derivatives_apart(const itn__crowd *crowd, const itn__walk *walk, 
             double reference = walk->derivative[c * walk->count + k];
             double fast = crowd->radiance[(walk->channels * (1 + k) + c) *
                                           crowd->radiance_stride + number];
-            apart = fmax(apart, fabs(fast - reference)), size = fmax(size, fabs(reference));
+            apart = worse(apart, fabs(fast - reference)), size = fmax(size, fabs(reference));
         }
-    return apart > 0 ? apart / size : 0;
+    return apart == 0 ? 0 : apart / size;
 }
 
 static void tally_unit(inside *in, itn__walk *walk, const itn__unit *unit, tally *t) {
@@ -372,6 +378,10 @@ static void check_paths(int which, int max_scatter, int planted) {
     check_report(t.derivatives_apart <= .002 * t.bright + 1, __FILE__, __LINE__,
                  "%s: of %g paths that are equal %g have other derivatives", kind_names[which],
                  t.bright, t.derivatives_apart);
+    check_report(which == DENSE || which == WHITE ||
+                     fabs(t.collisions[1] - t.collisions[0]) <= .02 * t.collisions[0],
+                 __FILE__, __LINE__, "%s: %g and %g collisions", kind_names[which],
+                 t.collisions[0], t.collisions[1]);
     check_report(fabs(t.difference) <= 4 * error, __FILE__, __LINE__,
                  "%s: the difference of means is %.1f sigma", kind_names[which],
                  t.difference / error);
@@ -1253,6 +1263,52 @@ static void test_edges(void) {
     CHECK_CATCHES(check_blur(.75f, 1.1));
 }
 
+/* What the fast walk cannot differentiate in, it refuses, and AUTO leaves to the reference; all else
+   it takes. planted: values that it takes are expected to be refused. */
+static void test_refusals(int planted) {
+    static const struct {
+        const char *name;
+        float value;
+        int taken;
+    } cases[] = {{"glass.ior", 1.4f, 0},     {"glass.alpha", .3f, 1}, {"m.sigma_t", 3, 1},
+                 {"m.sigma_t", 1e-3f, 0},    {"m.albedo", .5f, 1},    {"m.albedo", 0, 0},
+                 {"m.g", 0, 1},              {"floor.reflectance", .5f, 1},
+                 {"floor.reflectance", 0, 0}, {"room.scale", 1, 1},   {"room.scale", 0, 0}};
+    itn_mesh ball = solids_sphere(1, 1);
+    itn_scene *scene;
+    float theta[16];
+    stage s;
+    size_t k;
+    stage_begin(&s, 4, 4, 35);
+    stage_medium(&s, "m", 3, .8, .3);
+    stage_dielectric(&s, "glass", 1.4, .3);
+    stage_diffuse(&s, "floor", .5);
+    stage_object(&s, NULL, NULL, "floor");
+    stage_object(&s, &ball, "m", "glass");
+    stage_constant(&s, "room", 1);
+    scene = stage_make(&s);
+    for (k = 0; k < sizeof cases / sizeof cases[0]; k++) {
+        itn_render_options options = ITN_ZERO;
+        itn_image image = ITN_ZERO;
+        itn_error error = ITN_ZERO;
+        int parameter = itn_parameter_find(scene, cases[k].name);
+        itn_result expected = cases[k].taken && !planted ? ITN_OK : ITN_ERROR_UNSUPPORTED;
+        itn_parameter_values(scene, theta);
+        theta[parameter] = cases[k].value;
+        options.spp = 1, options.mode = ITN_MODE_FAST;
+        check_report(itn_render(scene, theta, &options, &parameter, 1, &image, &error) == expected,
+                     __FILE__, __LINE__, "%s at %g, fast: '%s'", cases[k].name,
+                     (double)cases[k].value, error.message);
+        CHECK(expected == ITN_OK || (!image.pixels && strstr(error.message, cases[k].name)));
+        itn_image_free(&image);
+        options.mode = ITN_MODE_AUTO;
+        CHECK(itn_render(scene, theta, &options, &parameter, 1, &image, &error) == ITN_OK);
+        itn_image_free(&image);
+    }
+    itn_scene_free(scene);
+    itn_mesh_free(&ball);
+}
+
 int main(void) {
     verbose = getenv("ITN_VERBOSE") != NULL;
     test_paths();
@@ -1266,5 +1322,7 @@ int main(void) {
     test_texels();
     test_occlusion();
     test_edges();
+    test_refusals(0);
+    CHECK_CATCHES(test_refusals(1));
     return check_end("fast");
 }

@@ -603,6 +603,31 @@ static void test_exr_lies(void) {
     lie("dataWindo", 0, 'W', 1, ITN_ERROR_FORMAT);               /* no data window */
 }
 
+/* Two blocks of an uncompressed file of 4096 x 2 pixels, the second of which begins within the
+   first: more bytes are asked for than the file has. planted: it begins where it should. */
+static void test_exr_shared_bytes(int planted) {
+    enum { WIDTH = 4096 };
+    itn_image image;
+    itn__buffer file = ITN_ZERO;
+    size_t table, first;
+    accountant a;
+    CHECK(itn_image_create(WIDTH, 2, 1, NULL, &image, NULL) == ITN_OK);
+    strcpy(image.names[0], "Y");
+    CHECK(itn_image_save_exr(&image, in_directory("image.exr"), NULL) == ITN_OK);
+    CHECK(itn__read_file(in_directory("image.exr"), SIZE_MAX / 4, &file, NULL) == ITN_OK);
+    first = file.size - 2 * (8 + 4 * WIDTH), table = first - 16;
+    CHECK(itn__get_u64(file.bytes + table) == first);
+    if (!planted) {
+        uint64_t second = first + 8;
+        memcpy(file.bytes + second, file.bytes + first + 8 + 4 * WIDTH, 8);
+        memcpy(file.bytes + table + 8, &second, 8);
+        file.size = first + 16 + 4 * WIDTH;
+    }
+    CHECK(load_checked(0, file.bytes, file.size, 0, &a) == ITN_ERROR_FORMAT);
+    itn__buffer_free(&file);
+    itn_image_free(&image);
+}
+
 static void test_image_arguments(void) {
     itn_image image = random_image(4, 3, 3, NULL);
     itn_error error = ITN_ZERO;
@@ -1231,6 +1256,8 @@ int main(void) {
     test_half();
     test_exr_limits();
     test_exr_lies();
+    test_exr_shared_bytes(0);
+    CHECK_CATCHES(test_exr_shared_bytes(1));
     test_image_arguments();
     check_png(1);
     CHECK_CATCHES(check_png(1.02f));

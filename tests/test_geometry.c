@@ -321,6 +321,13 @@ static void test_check_odd(void) {
     r = report_of(&mesh);
     CHECK(r.flipped_edges > 0);
     itn_mesh_free(&mesh);
+    mesh = make(3, 1); /* two equal corners, of which rounded products make an area */
+    add_vertex(&mesh, .1f, .2f, .3f), add_vertex(&mesh, 100.3f, 50.7f, 20.9f);
+    add_vertex(&mesh, 100.3f, 50.7f, 20.9f);
+    add_triangle(&mesh, 0, 1, 2);
+    r = report_of(&mesh);
+    CHECK(r.degenerate_triangles == 1 && r.first_degenerate_triangle == 0);
+    itn_mesh_free(&mesh);
     mesh = make(4, 3); /* a zero-area triangle closes the slit of a T-joint: only the rim is open */
     add_vertex(&mesh, 0, 0, 0), add_vertex(&mesh, 2, 0, 0);
     add_vertex(&mesh, 1, 0, 0), add_vertex(&mesh, 1, 1, 0);

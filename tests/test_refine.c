@@ -753,6 +753,38 @@ static void test_let_go(double planted) {
     }
 }
 
+/* Two unknowns of which pictures tell one sum alone: of the difference they tell 0, of which noise
+   makes a little more or, `sign` -1, less than nothing. Neither is determined, both follow each
+   other. planted: the other diagonal element, which tells them apart. */
+static void test_less_than_nothing(double sign, double planted) {
+    enum { N = 2, BLOCK = 32 };
+    double numbers[2 * BLOCK] = {0}, coordinates[N] = {0, 0}, slopes[N] = {1, 1}, gradient[N];
+    double step[N], direction[N], factor[N * N], covariance[N * N];
+    float values[N] = {0, 0};
+    itn_estimate estimates[N];
+    int told[N], k;
+    itn__refiner refiner;
+    itn__normal *known = &refiner.known;
+    memset(&refiner, 0, sizeof refiner);
+    refiner.count = N, refiner.final = 1, refiner.estimates = estimates, refiner.told = told;
+    refiner.coordinates = coordinates, refiner.values = values, refiner.slopes = slopes;
+    refiner.gradient = gradient, refiner.step = step, refiner.direction = direction;
+    refiner.factor = factor, refiner.covariance = covariance;
+    itn__normal_place(&refiner.fresh, N, numbers);
+    itn__normal_place(known, N, numbers + BLOCK);
+    known->samples = known->chi2 = 1;
+    for (k = 0; k < N; k++) {
+        known->matrix[3 * k] = 1e8 * (k ? planted : 1);
+        known->outer[3 * k] = known->drawn[3 * k] = 3e3;
+        known->power[3 * k] = 900, known->silence[k] = 900 * 900;
+    }
+    known->matrix[1] = known->matrix[2] = 1e8 - sign * 6000;
+    itn__refine_estimate(&refiner);
+    CHECK(told[0] + told[1] == 1);
+    CHECK(!estimates[0].determined && !estimates[1].determined);
+    CHECK(estimates[0].standard_error > 1 && estimates[1].standard_error > 1);
+}
+
 /* With few samples in the end little is known along the valley, and error bars say so: of
    searches that start from both sides of the truth none is more than four standard errors off. */
 static void test_few_samples(void) {
@@ -1358,8 +1390,10 @@ static int count_steps(void *user, const itn_refine_step *step) {
 
 /* A thin cloud that scatters back, from a start that scatters ahead: the search ends far from the
    picture, in a valley that goes on to dense clouds, and a second one from the mirror image finds
-   the truth. informed: 0 hides the picture's noise, so that all that is left may be noise. */
+   the truth; of 16 seeds 14 do in so few iterations, here 2 of 3 must. informed: 0 hides the
+   picture's noise, so that all that is left may be noise. */
 static void test_second_search(int informed) {
+    enum { SEEDS = 3 };
     static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
     static const double truth[3] = {1.5, .7, -.7}, start[3] = {1.05, .665, .63};
     static float target[PIXELS], variance[PIXELS];
@@ -1369,23 +1403,27 @@ static void test_second_search(int informed) {
     itn_error error;
     float theta[8];
     double misfit;
-    int parameters[3], steps = 0, k;
+    int parameters[3], seed, steps, most = 0, right = 0, k;
     photograph(scene, 1024, 7, target, variance);
     find_parameters(scene, names, 3, parameters);
-    itn_parameter_values(scene, theta);
-    for (k = 0; k < 3; k++) theta[parameters[k]] = (float)start[k];
     options.spp = 32, options.iterations = 12, options.misfit = &misfit;
     options.target_variance = informed ? variance : NULL;
     options.progress = count_steps, options.progress_user = &steps;
-    stage_need(itn_refine(scene, theta, target, parameters, 3, &options, estimates, &error),
-               &error);
-    if (getenv("SHOW")) printf("second search: %d steps, misfit %.2f\n", steps, misfit);
-    CHECK(misfit < 2);
-    for (k = 0; k < 3; k++) {
-        CHECK(estimates[k].determined && estimates[k].standard_error < .1);
-        CHECK_NEAR(estimates[k].value, truth[k], 4 * estimates[k].standard_error);
+    for (seed = 0; seed < SEEDS; seed++) {
+        int found = 1;
+        itn_parameter_values(scene, theta);
+        for (k = 0; k < 3; k++) theta[parameters[k]] = (float)start[k];
+        options.seed = (uint64_t)seed, steps = 0;
+        stage_need(itn_refine(scene, theta, target, parameters, 3, &options, estimates, &error),
+                   &error);
+        if (getenv("SHOW")) printf("second search: %d steps, misfit %.2f\n", steps, misfit);
+        for (k = 0; k < 3; k++)
+            found &= estimates[k].determined && estimates[k].standard_error < .1 &&
+                     fabs(estimates[k].value - truth[k]) < 4 * estimates[k].standard_error;
+        right += found && misfit < 2, most = steps > most ? steps : most;
     }
-    CHECK(steps > 13); /* a search has the start and 12 more at most */
+    check_report(right >= 2, __FILE__, __LINE__, "second search: %d of %d", right, SEEDS);
+    CHECK(most > 13); /* a search has the start and 12 more at most */
     itn_scene_free(scene);
 }
 
@@ -1714,6 +1752,7 @@ int main(void) {
     test_similarity(0);
     test_doubt(0);
     test_let_go(0);
+    test_less_than_nothing(1, 1), test_less_than_nothing(-1, 1);
     if (!slow) { /* statistics take too long under a sanitizer */
         test_recoveries();
         test_coverages();
@@ -1747,6 +1786,7 @@ int main(void) {
     CHECK_CATCHES(test_held(1, 1e-3));
     CHECK_CATCHES(test_doubt(.01));
     CHECK_CATCHES(test_let_go(1));
+    CHECK_CATCHES(test_less_than_nothing(-1, 2));
     CHECK_CATCHES(test_coverage(0, 3));
     CHECK_CATCHES(test_coverage_in_colours(3));
     if (!slow) {

@@ -6,6 +6,7 @@
 
 #include <float.h>
 #include <limits.h>
+#include <pthread.h>
 #include <time.h>
 
 #include "check.h"
@@ -976,6 +977,9 @@ static void test_reports_of_the_loss(void) {
     CHECK(LOSS(&albedo, 1, &gradient) == ITN_OK);
     CHECK(stats.paths == (4 + 4) * 16 * 16 && stats.collisions > 0); /* 4 walks a ray */
     CHECK(w.calls >= 2 && w.wrong == 0 && w.last > .9);
+    memset(&w, 0, sizeof w);
+    CHECK(LOSS(NULL, 0, NULL) == ITN_OK); /* one render */
+    CHECK(w.calls >= 1 && w.wrong == 0 && w.last > .9);
     stats.paths = stats.collisions = -1, loss = gradient = -1, options.progress = NULL;
     theta = (float *)malloc((size_t)itn_parameter_count(scene) * sizeof *theta);
     itn_parameter_values(scene, theta);
@@ -994,6 +998,96 @@ static void test_reports_of_the_loss(void) {
     }
 #undef LOSS
     itn_scene_free(scene);
+    itn_mesh_free(&box);
+}
+
+/* An index of 1, where a rough surface has no derivative in it, is a place to which a network or a
+   step can come: both go on from 1.001. And what has no name is not found. */
+static void test_index_of_one(void) {
+    itn_mesh box = unit_box();
+    itn_scene *scene;
+    itn_error error;
+    itn_loss_desc desc = ITN_ZERO;
+    itn_loss loss;
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate estimate;
+    itn_render_stats stats = {-1, -1};
+    float target[16] = {0}, *theta, predicted = -20, truth = 0, gradient;
+    int ior;
+    stage s;
+    begin_box(&s, &box, 1, .5);
+    stage_dielectric(&s, "glass", 1.5, .3), s.objects[0].surface = "glass";
+    scene = stage_make(&s);
+    ior = itn_parameter_find(scene, "glass.ior");
+    desc.model = ITN_MODEL_ITN, desc.scene = scene, desc.parameters = &ior, desc.lambda = 1;
+    desc.options.spp = 4, desc.options.stats = &stats;
+    CHECK(itn_loss_training(&desc, 1, &predicted, &truth, target, &loss, &gradient, &error) ==
+          ITN_OK);
+    CHECK(loss.image > 0 && isfinite((double)gradient) && stats.paths > 0);
+    desc.lambda = 1e300, stats.paths = -1;
+    CHECK(itn_loss_training(&desc, 1, &predicted, &truth, target, &loss, &gradient, &error) ==
+          ITN_ERROR_ARGUMENT); /* a gradient that is no float */
+    CHECK(stats.paths == -1);
+    theta = (float *)malloc((size_t)itn_parameter_count(scene) * sizeof *theta);
+    itn_parameter_values(scene, theta);
+    theta[ior] = 1;
+    options.iterations = 1, options.spp = 4, options.final_spp = 8;
+    CHECK(itn_refine(scene, theta, target, &ior, 1, &options, &estimate, &error) == ITN_OK);
+    CHECK(theta[ior] >= 1.001f && theta[ior] <= 4);
+    CHECK(itn_parameter_find(scene, NULL) == -1 && itn_scene_thickness(scene, NULL, NULL) == 0);
+    free(theta);
+    itn_scene_free(scene);
+    itn_mesh_free(&box);
+}
+
+/* ---- threads ---------------------------------------------------------------------------------- */
+
+/* A render of a scene by a thread that others do not know of. */
+typedef struct visitor {
+    const itn_scene *scene;
+    itn_image image;
+    itn_result result;
+} visitor;
+
+static void *visit(void *argument) {
+    visitor *v = (visitor *)argument;
+    itn_render_options options = ITN_ZERO;
+    int albedo = itn_parameter_find(v->scene, "m.albedo");
+    options.spp = 16;
+    v->result = itn_render(v->scene, NULL, &options, &albedo, 1, &v->image, NULL);
+    return NULL;
+}
+
+/* Threads that render a new scene at once, all of which find that its tables are still to be made,
+   get the bits that one of them gets alone; nothing is lost or freed twice. planted: one has other
+   light. */
+static void test_visitors(int planted) {
+    enum { VISITORS = 4, ROUNDS = 20 };
+    itn_mesh box = unit_box();
+    stage s;
+    int round, k, different = 0;
+    begin_box(&s, &box, 10, .9);
+    for (round = 0; round < ROUNDS; round++) {
+        pthread_t threads[VISITORS];
+        visitor visitors[VISITORS];
+        itn_scene *scene = stage_make(&s), *other;
+        s.lights[0].radiance[0] *= 1.5f;
+        other = stage_make(&s);
+        s.lights[0].radiance[0] /= 1.5f;
+        memset(visitors, 0, sizeof visitors);
+        for (k = 0; k < VISITORS; k++) {
+            visitors[k].scene = planted && k == 1 ? other : scene;
+            CHECK(pthread_create(&threads[k], NULL, visit, &visitors[k]) == 0);
+        }
+        for (k = 0; k < VISITORS; k++) {
+            CHECK(pthread_join(threads[k], NULL) == 0 && visitors[k].result == ITN_OK);
+            different += memcmp(visitors[k].image.pixels, visitors[0].image.pixels,
+                                4 * 16 * sizeof(float)) != 0;
+        }
+        for (k = 0; k < VISITORS; k++) itn_image_free(&visitors[k].image);
+        itn_scene_free(scene), itn_scene_free(other);
+    }
+    CHECK(different == 0);
     itn_mesh_free(&box);
 }
 
@@ -1204,6 +1298,8 @@ int main(void) {
     RUN(test_noise_with_an_index_asked_for());
     RUN(test_gradients_of_any_size());
     RUN(test_reports_of_the_loss());
+    RUN(test_index_of_one());
+    RUN(test_visitors(0));
     RUN(test_seeds_of_the_loss());
     RUN(test_seeds_of_the_refinement(0));
     RUN(test_refinement_in_dim_light(0));
@@ -1221,6 +1317,7 @@ int main(void) {
     CHECK_CATCHES(test_glass_on_the_ground(.3));
     CHECK_CATCHES(test_power_of_the_sun(.003));
     CHECK_CATCHES(test_index_derivative_beside_black_red(.05));
+    CHECK_CATCHES(test_visitors(1));
     CHECK_CATCHES(test_seeds_of_the_refinement(5));
     CHECK_CATCHES(test_refinement_in_dim_light(-.3));
     CHECK_CATCHES(test_thickness_of_a_drawn_out_box(1));

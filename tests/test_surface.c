@@ -3,6 +3,7 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
+#include "solids.h"
 
 static const double pi = 3.14159265358979323846;
 
@@ -277,6 +278,43 @@ static void check_albedo(double alpha, double mu, const double table[3], double 
         }
 }
 
+/* From within a black layer, obliquely through its rough face, light 1 from everywhere: the share
+   that the face sends on, and its slopes, that by the index with the part that the moving edge of
+   transmission has, which the detached derivatives of check_albedo miss. planted: a relative error
+   in the slope by the index. */
+static void test_edge(double mu, double alpha, double planted) {
+    const double sigma_t = 100, depth = .002, ior = 1.5, h = .015;
+    static const char *const names[2] = {"s.ior", "s.alpha"};
+    itn_mesh mesh = solids_slab(1, 100);
+    itn_light_desc light = ITN_ZERO;
+    itn_render_options options = ITN_ZERO;
+    solids_desc desc = ITN_ZERO;
+    solids_mean found[3];
+    double passed = exp(-sigma_t * (double)(float)depth / mu), truth[3];
+    itn_scene *scene;
+    light.radiance[0] = 1;
+    desc.mesh = &mesh, desc.light = &light, desc.sigma_t = sigma_t;
+    desc.ior = ior, desc.alpha = alpha, desc.eye = solids_vec3(0, -depth, 0);
+    desc.target = solids_vec3(sqrt(1 - mu * mu), mu - depth, 0);
+    scene = solids_scene(&desc);
+    options.spp = 10000, options.mode = ITN_MODE_REFERENCE;
+    solids_measure(scene, NULL, &options, names, 2, found);
+    truth[0] = passed * face_albedo(mu, alpha, 1 / ior, 0, 0, 1);
+    truth[1] = passed * (face_albedo(mu, alpha, 1 / (ior + h), 0, 0, 1) -
+                         face_albedo(mu, alpha, 1 / (ior - h), 0, 0, 1)) / (2 * h);
+    truth[2] = passed * (face_albedo(mu, alpha + h, 1 / ior, 0, 0, 1) -
+                         face_albedo(mu, alpha - h, 1 / ior, 0, 0, 1)) / (2 * h);
+    if (getenv("SHOW"))
+        printf("edge %g %g: %.5f +- %.5f, %.5f; by ior %.4f +- %.4f, %.4f; by alpha %.4f +- %.4f, "
+               "%.4f\n", mu, alpha, found[0].value, found[0].error, truth[0], found[1].value,
+               found[1].error, truth[1], found[2].value, found[2].error, truth[2]);
+    CHECK_MEAN(found[0].value, found[0].error, truth[0], 4, .01 * truth[0]);
+    CHECK_MEAN(found[1].value, found[1].error, truth[1] * (1 + planted), 4, .02 * fabs(truth[1]));
+    CHECK_MEAN(found[2].value, found[2].error, truth[2], 4, .02 * fabs(truth[2]));
+    itn_scene_free(scene);
+    itn_mesh_free(&mesh);
+}
+
 /* Directional albedo, separable Smith: of a mirror with F = 1, and of a face of index 1.5 (all
    light sent on) from outside and inside; quadrature good to 1e-4. At alpha 1, seen straight down,
    the mirror's is 1 - ln 2 and its slope -1/2. */
@@ -457,10 +495,12 @@ int main(void) {
     test_smooth();
     test_rough();
     test_albedo();
+    test_edge(.9, .5, 0), test_edge(.5, .3, 0), test_edge(.4, .5, 0);
     test_extremes();
     test_nearly_smooth();
     test_nearly_matched(1);
     test_cosine();
     CHECK_CATCHES(test_nearly_matched(0));
+    CHECK_CATCHES(test_edge(.5, .3, .1));
     return check_end("surface");
 }
