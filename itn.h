@@ -15358,8 +15358,9 @@ static double itn__refine_want(const itn__refiner *refiner) {
    and mu is raised; else mu falls. Adam and plain descent are there for comparison with the paper:
    both follow the unbiased gradient of two renders. */
 
-/* The step from the present point by what is known, at most `most` long in any coordinate. `bias`
-   and mu as in itn__refine_factor. */
+/* The step from the present point by what is known, at most `most` long in any coordinate; what
+   noise alone makes of an unknown that pictures do not tell shortens no other's. `bias` and mu as
+   in itn__refine_factor. */
 static void itn__refine_solve(itn__refiner *refiner, double bias, double mu, double most) {
     const itn__normal *known = &refiner->known;
     int n = refiner->count, k, l;
@@ -15371,7 +15372,11 @@ static void itn__refine_solve(itn__refiner *refiner, double bias, double mu, dou
     }
     itn__refine_factor_known(refiner, bias, mu);
     itn__cholesky_solve(refiner->factor, n, refiner->step);
-    for (k = 0; k < n; k++) longest = fmax(longest, fabs(refiner->step[k]));
+    for (k = 0; k < n; k++) {
+        if (!itn__refine_tells(refiner, known, k))
+            refiner->step[k] = fmax(-most, fmin(refiner->step[k], most));
+        longest = fmax(longest, fabs(refiner->step[k]));
+    }
     for (k = 0; k < n && longest > most; k++) refiner->step[k] *= most / longest;
 }
 

@@ -753,6 +753,25 @@ static void test_let_go(double planted) {
     }
 }
 
+/* An unknown that pictures do not tell, and of which noise makes a step of 13, goes as far as any may,
+   and leaves the other's step as it is. told: planted, they tell it. */
+static void test_untold_step(int told) {
+    enum { N = 2, BLOCK = 32 };
+    double numbers[BLOCK] = {0}, coordinates[N] = {0, 0}, step[N], factor[N * N], direction[N];
+    itn__refiner refiner;
+    itn__normal *known = &refiner.known;
+    memset(&refiner, 0, sizeof refiner);
+    refiner.count = N, refiner.coordinates = coordinates, refiner.step = step;
+    refiner.factor = factor, refiner.direction = direction;
+    itn__normal_place(known, N, numbers);
+    known->matrix[0] = 1e4, known->right[0] = 3e3, known->power[0] = 1, known->silence[0] = 1;
+    known->matrix[3] = .011, known->right[1] = .35;
+    known->power[3] = told ? 1e-6 : 1, known->silence[1] = told ? 1e-12 : 1;
+    itn__refine_solve(&refiner, 0, 0, 1);
+    CHECK_NEAR(step[0], .3, 1e-5);
+    CHECK_NEAR(step[1], 1, 1e-9);
+}
+
 /* Two unknowns of which pictures tell one sum alone: of the difference they tell 0, of which noise
    makes a little more or, `sign` -1, less than nothing. Neither is determined, both follow each
    other. planted: the other diagonal element, which tells them apart. */
@@ -1790,6 +1809,7 @@ int main(void) {
     test_similarity(0);
     test_doubt(0);
     test_let_go(0);
+    test_untold_step(0);
     test_less_than_nothing(1, 1), test_less_than_nothing(-1, 1);
     if (!slow) { /* statistics take too long under a sanitizer */
         test_recoveries();
@@ -1825,6 +1845,7 @@ int main(void) {
     CHECK_CATCHES(test_held(1, 1e-3));
     CHECK_CATCHES(test_doubt(.01));
     CHECK_CATCHES(test_let_go(1));
+    CHECK_CATCHES(test_untold_step(1));
     CHECK_CATCHES(test_less_than_nothing(-1, 2));
     CHECK_CATCHES(test_coverage(0, 3));
     CHECK_CATCHES(test_coverage_in_colours(3));
