@@ -170,9 +170,10 @@
      scattering coefficient is sigma_s' = albedo sigma_t (1 - g).
 
    [limits] Media are homogeneous. Normals are geometric (facets show). Lights are infinitely far
-     away. No emission, polarisation, dispersion, time of flight, motion or depth of field. Rough
-     boundaries are single-scattering GGX: the light that would meet a second facet is lost. A
-     smooth boundary cannot be differentiated in its index.
+     away. An eye within a dielectric of index n sees basic radiance, L / n^2. No emission,
+     polarisation, dispersion, time of flight, motion or depth of field. Rough boundaries are
+     single-scattering GGX: the light that would meet a second facet is lost. A smooth boundary
+     cannot be differentiated in its index.
 
    [paper] C. Che, F. Luan, S. Zhao, K. Bala, I. Gkioulekas, "Inverse Transport Networks" (2018);
      equation numbers below are the paper's. Its symbols here: pi theta (parameters), T itn_render,
@@ -3746,7 +3747,7 @@ typedef struct itn__light {
 } itn__light;
 
 #define ITN__MAX_RADIANCE 1e18f /* so that sums and products of a few stay finite */
-#define ITN__SUN_RADIUS 0.2679f /* degrees, half of the disc's mean angular diameter */
+#define ITN__SUN_RADIUS 0.2679f /* degrees; the mean over the year is .2666 */
 
 ITN__INLINE float itn__luminance(const float rgb[3]) {
     return .2126f * rgb[0] + .7152f * rgb[1] + .0722f * rgb[2];
@@ -5847,11 +5848,11 @@ static void itn__weigh_reflectance(itn__walk *walk, itn__weight *weight,
     int parameter[ITN__DUALS], c;
     parameter[1] = touch;
     for (c = 0; c < itn__channels(walk); c++) {
-        float texel = itn__texel(surface, s, t, c, &parameter[0]) * factor;
+        float texel = itn__texel(surface, s, t, c, &parameter[0]);
         float reflectance = walk->theta[parameter[0]];
-        itn__dual f = itn__daffine(itn__variable(reflectance, 0), texel, 0);
+        itn__dual f = itn__daffine(itn__variable(reflectance, 0), texel * factor, 0);
         f.d[1] = reflectance * factor;
-        itn__lift(walk, parameter[0], reflectance);
+        itn__lift(walk, parameter[0], reflectance), itn__lift(walk, touch, texel);
         itn__weigh_channel(walk, weight, c, f, pdf, parameter);
     }
 }
@@ -6003,7 +6004,7 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
 /* Russian roulette by the weight alone (but see itn__lift): a path of weight below .4 goes on with
    a chance in proportion and then counts as .4. Beyond many random numbers each further step is
    survived with .999, so that light trapped without loss ends some day: at albedo 1 in an object of
-   optical thickness 1e4 after a million collisions, in clear glass after ten thousand total
+   optical thickness 1e4 after half a million collisions, in clear glass after ten thousand total
    reflections. */
 #define ITN__ROULETTE .4f
 #define ITN__SAME_WEIGHT .9999f /* a weight that roulette has raised may round to a little less */
@@ -6037,6 +6038,7 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
         const itn__medium *medium = itn__medium_of(walk->scene, walk->place.inside);
         float rates[3], rate;
         itn_hit hit;
+        itn_vec3 end;
         float flight = INFINITY, u = 0;
         int met, straight;
         itn__collision_rates(walk, medium, rates);
@@ -6048,21 +6050,22 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
             itn__pass_stretch(walk, medium, &ray, rate, itn__max(hit.t, 0), u);
             continue;
         }
-        if (medium && (met || rate > 0))
-            itn__weigh_flight(walk, medium, rates, met ? itn__max(hit.t, 0) : flight, !met);
         if (met) {
+            if (medium) itn__weigh_flight(walk, medium, rates, itn__max(hit.t, 0), 0);
             if (walk->straight) walk->scatterings = 0;
             if (!itn__meet_surface(walk, &ray, &hit)) return;
             continue;
         }
-        if (rate > 0) ray.origin = itn__along(ray.origin, flight, ray.direction);
-        if (medium && itn__exhausted(walk)) /* by a hole */
-            itn__weigh_flight(walk, medium, rates,
-                              itn__way_out(walk->scene->bvh, ray.origin, ray.direction), 0);
-        if (!(rate > 0) || !itn__within(walk->scene, ray.origin)) {
+        end = rate > 0 ? itn__along(ray.origin, flight, ray.direction) : ray.origin;
+        if (!(rate > 0) || !itn__within(walk->scene, end)) {
+            if (medium) /* by a hole */
+                itn__weigh_flight(walk, medium, rates,
+                                  itn__way_out(walk->scene->bvh, ray.origin, ray.direction), 0);
             itn__escape(walk, ray.direction);
             return;
         }
+        itn__weigh_flight(walk, medium, rates, flight, 1);
+        ray.origin = end;
         if (!itn__scatter(walk, medium, &ray)) return;
     }
 }
@@ -19402,12 +19405,15 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.7.1  unknowns of which pictures tell a sum alone could both be called determined, with tiny
-          errors, where noise made the information on their difference negative; a search does not
-          end with a step that was taken back; indices of refraction are sought from 1.001 on, where
-          they have a derivative; triangles with two equal corners are degenerate whatever rounding
-          makes of their area; EXR blocks may not share bytes; networks with 2^20 windows and more
-          in a layer on 32-bit machines; progress of a loss without gradient goes to 1
+   0.7.1  thin media of meshes taken by force, and such that are clear in one channel, are right
+          where a path leaves by a hole, also with a derivative by sigma_t, which made them dark;
+          derivatives by dark texels have less noise; unknowns of which pictures tell a sum alone
+          could both be called determined, with tiny errors, where noise made the information on
+          their difference negative; a search does not end with a step that was taken back; indices
+          of refraction are sought from 1.001 on, where they have a derivative; triangles with two
+          equal corners are degenerate whatever rounding makes of their area; EXR blocks may not
+          share bytes; networks with 2^20 windows and more in a layer on 32-bit machines; progress
+          of a loss without gradient goes to 1
    0.7.0  light that comes through holes of meshes taken by force is right under maps, skies and
           suns (up to 5 % off, up or down), and with max_scatter not lost; an eye in clear smooth
           glass, where light is trapped, waits milliseconds for a path instead of seconds; media

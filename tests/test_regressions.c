@@ -273,6 +273,45 @@ static void test_leaving_by_a_hole(double planted) {
     itn_mesh_free(&box);
 }
 
+/* From within a forced box of a thin black medium out by its open top: what is left of the light is
+   e^(-sigma_t way), also where the derivative by the extinction draws more collisions than there
+   are, and in a channel that is clear while the others are not. planted: factor of the light. */
+static void test_thin_medium_with_a_hole(double planted) {
+    itn_mesh box = unit_box();
+    int colours, i;
+    for (i = 0; i < 6; i++) box.triangles[6 + i] = box.triangles[30 + i];
+    box.triangle_count -= 2;
+    for (colours = 0; colours < 2; colours++) {
+        const char *planes[4] = {"Y", "Variance.Y", "d_m_sigma_t.Y", "d_m_sigma_t_variance.Y"};
+        const char *reds[4] = {"R", "Variance.R", "d_m_sigma_t_r.R", "d_m_sigma_t_r_variance.R"};
+        const char **names = colours ? reds : planes;
+        double sigma_t = colours ? .4 : 1e-3, way = 1.5;
+        itn_image image;
+        solids_mean value, slope;
+        stage s;
+        begin_box(&s, &box, sigma_t, 0);
+        s.objects[0].force = 1;
+        s.desc.camera.eye = solids_vec3(0, -.5, 0), s.desc.camera.target = solids_vec3(0, 1, 0);
+        s.desc.camera.up = solids_vec3(0, 0, 1), s.desc.camera.fov = .01f;
+        if (colours) {
+            s.desc.film.channels = 3;
+            for (i = 0; i < 3; i++)
+                s.media[0].albedo[i] = 0, s.media[0].sigma_t_rgb[i] = i < 2 ? .4f : 0;
+        }
+        image = picture_as(&s, 1024, colours ? "m.sigma_t_r" : "m.sigma_t", ITN_MODE_AUTO);
+        value = solids_plane_mean(&image, names[0], names[1]);
+        slope = solids_plane_mean(&image, names[2], names[3]);
+        CHECK_MEAN(value.value, value.error + 1e-6, planted * exp(-sigma_t * way), 4.5, .01);
+        CHECK_MEAN(slope.value, slope.error + 1e-6, -way * exp(-sigma_t * way), 4.5, .03);
+        if (colours) {
+            value = solids_plane_mean(&image, "B", "Variance.B");
+            CHECK_MEAN(value.value, value.error + 1e-6, planted, 4.5, .01);
+        }
+        itn_image_free(&image);
+    }
+    itn_mesh_free(&box);
+}
+
 /* Behind a hole a forced mesh's medium ends with the box of it all, for paths, their last flights and
    links alike: a box without its top is as bright under a map that is 1 everywhere as in light 1,
    and so are its derivatives by the extinction, in both walks. planted: factor under the map. */
@@ -1276,6 +1315,7 @@ int main(void) {
     RUN(test_unused_medium());
     RUN(test_leaving_by_a_hole(1));
     RUN(test_lights_through_a_hole(1));
+    RUN(test_thin_medium_with_a_hole(1));
     RUN(test_huge_sheets());
     RUN(test_far_unused_vertex());
     RUN(test_thin_slab_over_large_ground());
@@ -1313,6 +1353,7 @@ int main(void) {
     CHECK_CATCHES(test_ground_after_last_scattering(.05));
     CHECK_CATCHES(test_leaving_by_a_hole(1.05));
     CHECK_CATCHES(test_lights_through_a_hole(1.05));
+    CHECK_CATCHES(test_thin_medium_with_a_hole(1.1));
     CHECK_CATCHES(test_standing_on_the_ground(.5));
     CHECK_CATCHES(test_glass_on_the_ground(.3));
     CHECK_CATCHES(test_power_of_the_sun(.003));
