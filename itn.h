@@ -5848,11 +5848,11 @@ static void itn__weigh_reflectance(itn__walk *walk, itn__weight *weight,
     int parameter[ITN__DUALS], c;
     parameter[1] = touch;
     for (c = 0; c < itn__channels(walk); c++) {
-        float texel = itn__texel(surface, s, t, c, &parameter[0]);
+        float texel = itn__texel(surface, s, t, c, &parameter[0]) * factor;
         float reflectance = walk->theta[parameter[0]];
-        itn__dual f = itn__daffine(itn__variable(reflectance, 0), texel * factor, 0);
+        itn__dual f = itn__daffine(itn__variable(reflectance, 0), texel, 0);
         f.d[1] = reflectance * factor;
-        itn__lift(walk, parameter[0], reflectance), itn__lift(walk, touch, texel);
+        itn__lift(walk, parameter[0], reflectance);
         itn__weigh_channel(walk, weight, c, f, pdf, parameter);
     }
 }
@@ -19407,13 +19407,12 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 /* [history]
    0.7.1  thin media of meshes taken by force, and such that are clear in one channel, are right
           where a path leaves by a hole, also with a derivative by sigma_t, which made them dark;
-          derivatives by dark texels have less noise; unknowns of which pictures tell a sum alone
-          could both be called determined, with tiny errors, where noise made the information on
-          their difference negative; a search does not end with a step that was taken back; indices
-          of refraction are sought from 1.001 on, where they have a derivative; triangles with two
-          equal corners are degenerate whatever rounding makes of their area; EXR blocks may not
-          share bytes; networks with 2^20 windows and more in a layer on 32-bit machines; progress
-          of a loss without gradient goes to 1
+          unknowns of which pictures tell a sum alone could both be called determined, with tiny
+          errors, where noise made the information on their difference negative; a search does not
+          end with a step that was taken back; indices of refraction are sought from 1.001 on, where
+          they have a derivative; triangles with two equal corners are degenerate whatever rounding
+          makes of their area; EXR blocks may not share bytes; networks with 2^20 windows and more
+          in a layer on 32-bit machines; progress of a loss without gradient goes to 1
    0.7.0  light that comes through holes of meshes taken by force is right under maps, skies and
           suns (up to 5 % off, up or down), and with max_scatter not lost; an eye in clear smooth
           glass, where light is trapped, waits milliseconds for a path instead of seconds; media

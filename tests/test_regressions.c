@@ -273,7 +273,7 @@ static void test_leaving_by_a_hole(double planted) {
     itn_mesh_free(&box);
 }
 
-/* From within a forced box of a thin black medium out by its open top: what is left of the light is
+/* From within a forced box of a thin black medium out by its open side: what is left of the light is
    e^(-sigma_t way), also where the derivative by the extinction draws more collisions than there
    are, and in a channel that is clear while the others are not. planted: factor of the light. */
 static void test_thin_medium_with_a_hole(double planted) {
@@ -291,8 +291,8 @@ static void test_thin_medium_with_a_hole(double planted) {
         stage s;
         begin_box(&s, &box, sigma_t, 0);
         s.objects[0].force = 1;
-        s.desc.camera.eye = solids_vec3(0, -.5, 0), s.desc.camera.target = solids_vec3(0, 1, 0);
-        s.desc.camera.up = solids_vec3(0, 0, 1), s.desc.camera.fov = .01f;
+        s.desc.camera.eye = solids_vec3(0, 0, -.5), s.desc.camera.target = solids_vec3(0, 0, 1);
+        s.desc.camera.fov = .01f;
         if (colours) {
             s.desc.film.channels = 3;
             for (i = 0; i < 3; i++)
