@@ -4130,6 +4130,7 @@ struct itn_scene {
     double origin[3]; /* what was subtracted from all positions */
     float radius;     /* of the solids (of everything, if there are none) */
     int spectral;     /* some medium has a sigma_t or g for each channel */
+    int leaky;        /* some solid is open, taken by force */
     void **tables;    /* [ITN__TABLE_LEVELS] each NULL or kept, see [tables] */
 };
 
@@ -4781,6 +4782,7 @@ static itn_result itn__check_object(itn__maker *maker, int index) {
     object->closed = !report.open_edges && !report.flipped_edges && report.volume > 0;
     if (object->solid && !object->closed && !in->force)
         return itn__not_a_solid(maker, index, in->mesh, &report);
+    maker->scene->leaky |= object->solid && !object->closed;
     object->closed |= object->solid;
     object->mirrored = (itn__determinant(itn__object_matrix(in)) < 0) !=
                        (object->solid && report.volume < 0);
@@ -8151,10 +8153,14 @@ static void itn__mark_empty(const itn_scene *scene, unsigned char *pixels) {
             lower[0] = itn__min(lower[0], sx), upper[0] = itn__max(upper[0], sx);
             lower[1] = itn__min(lower[1], sy), upper[1] = itn__max(upper[1], sy);
         }
+        if (k < 3) {
+            memset(pixels, 0, (size_t)width * (size_t)height);
+            return;
+        }
         for (x = 0; x < 2; x++) { /* a hundredth of a pixel and 1e-5 of the film for rounding */
             float size = (float)(x ? height : width), margin = reach + .51f + 1e-5f * size;
-            from[x] = (int)itn__clamp(k < 3 ? 0 : lower[x] - margin, 0, size);
-            to[x] = (int)itn__clamp(k < 3 ? size : upper[x] + margin, 0, size);
+            from[x] = (int)itn__clamp(lower[x] - margin, 0, size);
+            to[x] = (int)itn__clamp(upper[x] + margin, 0, size);
         }
         for (y = from[1]; y < to[1]; y++)
             memset(pixels + (size_t)y * (size_t)width + from[0], 0,
@@ -9769,6 +9775,14 @@ static void itn__unpark(itn__crowd *crowd, int slot) {
     queue->count++;
 }
 
+/* itn__within. */
+ITN__INLINE itn__ints itn__vwithin(const itn_bvh *bvh, itn__vectors p) {
+    itn_vec3 a = bvh->lower, b = bvh->upper;
+    return itn__less_equal(itn__splat(a.x), p.x) & itn__less_equal(itn__splat(a.y), p.y) &
+           itn__less_equal(itn__splat(a.z), p.z) & itn__less_equal(p.x, itn__splat(b.x)) &
+           itn__less_equal(p.y, itn__splat(b.y)) & itn__less_equal(p.z, itn__splat(b.z));
+}
+
 /* How far links can go in a medium before all their weights have fallen below `least`. */
 ITN__INLINE itn__floats itn__link_reach(const itn__crowd *crowd, const itn__substance *medium,
                                         const itn__floats w[3], itn__floats largest,
@@ -9805,7 +9819,7 @@ ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const it
     if (substance && fast->link_weight > 0)
         distance = itn__link_reach(crowd, &fast->substances[substance], w, largest, link.pdf, mask,
                                    features);
-    if (space && fast->link_weight > 0)
+    if (space && fast->link_weight > 0 && !fast->scene->leaky)
         mask &= ~itn__free_flight(space, itn__valong(s->p, distance, d), d, &nq);
     bits = itn__mask_bits(mask);
     if (!bits) return mask;
@@ -10056,6 +10070,15 @@ ITN__INLINE itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state
     return active;
 }
 
+/* Those of the lanes in whose free space flights to q end. Through a hole that reaches beyond the
+   box of all triangles, where there is no medium any more. */
+ITN__INLINE itn__ints itn__flies_free(const itn__fast *fast, const itn__free_space *space,
+                                      itn__vectors q, itn__vectors d, itn__floats *nq) {
+    itn__ints free_lanes = itn__free_flight(space, q, d, nq);
+    if (fast->scene->leaky) free_lanes &= itn__vwithin(fast->scene->bvh, q);
+    return free_lanes;
+}
+
 /* Draws flights for the busy lanes. Returns those that are free; the others become unsure. */
 ITN__INLINE itn__ints itn__fly(itn__crowd *crowd, int substance, itn__lanes_walk *walk,
                                itn__vectors *q, itn__floats *nq, int features) {
@@ -10066,7 +10089,7 @@ ITN__INLINE itn__ints itn__fly(itn__crowd *crowd, int substance, itn__lanes_walk
     if (walk->busy != alive)
         itn__end_lanes(crowd, substance, &walk->s, walk->busy & ~alive, features);
     *q = itn__valong(walk->s.p, walk->distance, walk->s.d);
-    safe = active & itn__free_flight(&walk->space, *q, walk->s.d, nq);
+    safe = active & itn__flies_free(crowd->fast, &walk->space, *q, walk->s.d, nq);
     walk->unsure |= alive & ~itn__mask_bits(safe);
     walk->busy = 0;
     return safe;
@@ -10090,7 +10113,7 @@ ITN__INLINE itn__ints itn__make_sure(itn__crowd *crowd, itn__lanes_walk *walk, i
     int looks = itn__looks_ahead(crowd, features);
     itn__look_around(crowd->fast->voxels, walk->s.p, unsure, &walk->space);
     if (looks) itn__adopt_plane(crowd->fast, &walk->space, &walk->s, unsure);
-    safe = unsure & itn__free_flight(&walk->space, q, walk->s.d, nq);
+    safe = unsure & itn__flies_free(crowd->fast, &walk->space, q, walk->s.d, nq);
     if (crowd->fast->unsafe) safe = itn__splat_int(0);
     walk->waiting |= walk->unsure & ~itn__mask_bits(safe);
     walk->unsure = 0;
@@ -10787,7 +10810,7 @@ ITN__NOINLINE void itn__run_early(itn__crowd *crowd, int substance) {
         itn__end_lanes(crowd, substance, &s, itn__mask_bits(mask & ~alive), features);
         reach = itn__flight_reach(crowd, substance, distance, features);
         itn__look_around(crowd->fast->voxels, s.p, alive, &space);
-        safe = alive & itn__free_flight(&space, itn__valong(s.p, reach, s.d), s.d, &nq);
+        safe = alive & itn__flies_free(crowd->fast, &space, itn__valong(s.p, reach, s.d), s.d, &nq);
         if (crowd->fast->unsafe) safe = itn__splat_int(0);
         itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, reach,
                       itn__mask_bits(alive & ~safe));
@@ -10809,14 +10832,6 @@ static void itn__prefetch_hits(const itn__crowd *crowd) {
             ITN__PREFETCH(&bvh->triangles[slot]);
             ITN__PREFETCH(&crowd->fast->normals[3 * (size_t)slot]);
         }
-}
-
-/* itn__within. */
-ITN__INLINE itn__ints itn__vwithin(const itn_bvh *bvh, itn__vectors p) {
-    itn_vec3 a = bvh->lower, b = bvh->upper;
-    return itn__less_equal(itn__splat(a.x), p.x) & itn__less_equal(itn__splat(a.y), p.y) &
-           itn__less_equal(itn__splat(a.z), p.z) & itn__less_equal(p.x, itn__splat(b.x)) &
-           itn__less_equal(p.y, itn__splat(b.y)) & itn__less_equal(p.z, itn__splat(b.z));
 }
 
 /* Those of the lanes, items at ... of `taken`, that have met a surface. */
@@ -11827,6 +11842,7 @@ static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
     rays = picture->unit_blocks * (fast->spp / fast->blocks + 1);
     picture->crowd_count = fast->bands ? picture->band_count : itn__workers(context);
     if (picture->crowd_count > picture->end) picture->crowd_count = picture->end;
+    if (picture->wave < 2 * picture->crowd_count) picture->wave = 2 * picture->crowd_count;
     units = picture->end < picture->wave ? picture->end : picture->wave;
     picture->crowds = (itn__crowd *)itn__allocate(context, (size_t)picture->crowd_count,
                                                   sizeof *picture->crowds);
@@ -12337,6 +12353,7 @@ static itn_result itn__pilot_run(itn__picture *picture, int what, itn_error *err
     pilot.weights = NULL, fast->allotment = NULL;
     itn__choose_kernel(fast);
     if (pixels > paths / 4) fast->walks = 1;
+    else fast->walks = (int)fmin(fast->walks, paths / pixels);
     fast->spp = (int)fmax(1, paths / (pixels * fast->walks));
     if (fast->spp > picture->fast.spp / 8 + 1) fast->spp = picture->fast.spp / 8 + 1;
     fast->samples = pixels * fast->spp;
@@ -19406,13 +19423,15 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 
 /* [history]
    0.7.1  thin media of meshes taken by force, and such that are clear in one channel, are right
-          where a path leaves by a hole, also with a derivative by sigma_t, which made them dark;
-          unknowns of which pictures tell a sum alone could both be called determined, with tiny
-          errors, where noise made the information on their difference negative; a search does not
-          end with a step that was taken back; indices of refraction are sought from 1.001 on, where
-          they have a derivative; triangles with two equal corners are degenerate whatever rounding
-          makes of their area; EXR blocks may not share bytes; networks with 2^20 windows and more
-          in a layer on 32-bit machines; progress of a loss without gradient goes to 1
+          where a path leaves by a hole, also with a derivative by sigma_t, which made them dark; so
+          are thick ones under maps in the fast walk; a camera within a mesh of a million triangles
+          does not wait minutes for tables; unknowns of which pictures tell a sum alone could both
+          be called determined, with tiny errors, where noise made the information on their
+          difference negative; a search does not end with a step that was taken back; indices of
+          refraction are sought from 1.001 on, where they have a derivative; triangles with two
+          equal corners are degenerate whatever rounding makes of their area; EXR blocks may not
+          share bytes; networks with 2^20 windows and more in a layer on 32-bit machines; progress
+          of a loss without gradient goes to 1
    0.7.0  light that comes through holes of meshes taken by force is right under maps, skies and
           suns (up to 5 % off, up or down), and with max_scatter not lost; an eye in clear smooth
           glass, where light is trapped, waits milliseconds for a path instead of seconds; media

@@ -320,19 +320,22 @@ static void test_lights_through_a_hole(double planted) {
     itn_mesh box = unit_box();
     itn_image map = white_map();
     solids_mean means[4][2]; /* in light 1 and under the map, in each walk */
-    int scatter, k, i;
+    int scatter, k, i;       /* 2: many times, from within a thick medium */
     for (i = 0; i < 6; i++) box.triangles[6 + i] = box.triangles[30 + i];
     box.triangle_count -= 2;
-    for (scatter = 0; scatter < 2; scatter++) {
+    for (scatter = 0; scatter < 3; scatter++) {
         for (k = 0; k < 4; k++) {
             itn_render_options options = ITN_ZERO;
             itn_scene *scene;
             stage s;
-            begin_box(&s, &box, 1, .9);
+            begin_box(&s, &box, scatter == 2 ? 5 : 1, .9);
             s.objects[0].force = 1, s.desc.camera.eye.y = s.desc.camera.eye.x = 2;
+            if (scatter == 2)
+                s.desc.camera.eye = solids_vec3(0, 0, -.3), s.desc.camera.target.z = 1;
             if (k % 2) s.desc.light_count = 0, stage_map(&s, NULL, &map);
             scene = stage_make(&s);
-            options.spp = 1024, options.max_scatter = scatter, options.seed = (uint64_t)k;
+            options.spp = scatter == 2 ? 6144 : 1024, options.seed = (uint64_t)k;
+            options.max_scatter = scatter % 2;
             solids_way(&options, k / 2 * 2);
             solids_measure(scene, NULL, &options, names, 1, means[k]);
             itn_scene_free(scene);
