@@ -712,96 +712,91 @@ static void test_doubt(double planted) {
     CHECK(itn__refine_doubt(&refiner, 0) == 1);
 }
 
+/* A search for two unknowns whose normal equations a test fills in: no picture stands behind it. */
+typedef struct pair {
+    itn__refiner refiner;
+    double numbers[64], coordinates[2], slopes[2], gradient[2], step[2], direction[2];
+    double factor[4], covariance[4];
+    float values[2];
+    itn_estimate estimates[2];
+    int told[2];
+} pair;
+
+/* Returns what is known, all of it 0 but for one sample and a misfit of 1. */
+static itn__normal *begin_pair(pair *p) {
+    itn__refiner *refiner = &p->refiner;
+    memset(p, 0, sizeof *p);
+    p->slopes[0] = p->slopes[1] = 1;
+    refiner->count = 2, refiner->final = 1, refiner->estimates = p->estimates;
+    refiner->told = p->told, refiner->coordinates = p->coordinates, refiner->values = p->values;
+    refiner->slopes = p->slopes, refiner->gradient = p->gradient, refiner->step = p->step;
+    refiner->direction = p->direction, refiner->factor = p->factor;
+    refiner->covariance = p->covariance;
+    itn__normal_place(&refiner->fresh, 2, p->numbers);
+    itn__normal_place(&refiner->known, 2, p->numbers + 32);
+    refiner->known.samples = refiner->known.chi2 = 1;
+    return &refiner->known;
+}
+
 /* Two unknowns, of which the pictures tell only the first, or only a sum: the second is let go, and
    the first follows it as far as it may be. planted: added to how they are coupled. */
 static void test_let_go(double planted) {
-    enum { N = 2, BLOCK = 32 };
     static const struct {
         double coupled, own, power, silence; /* A_01, A_11, P_11 and what A_11 varies by */
     } cases[] = {{90, 0, 5, 25}, {9000, 8100, 900, 900 * 900}};
-    double numbers[2 * BLOCK] = {0}, coordinates[N] = {0, 2}, slopes[N] = {1, 1}, gradient[N];
-    double step[N], direction[N], factor[N * N], covariance[N * N];
     double first = 1e4, noise = 3e3, prior = ITN__PRIOR * ITN__PRIOR; /* A_00, N_00 */
-    float values[N] = {0, 0};
-    itn_estimate estimates[N];
-    int told[N], which;
-    itn__refiner refiner;
-    itn__normal *known = &refiner.known;
-    memset(&refiner, 0, sizeof refiner);
-    refiner.count = N, refiner.final = 1, refiner.estimates = estimates, refiner.told = told;
-    refiner.coordinates = coordinates, refiner.values = values, refiner.slopes = slopes;
-    refiner.gradient = gradient, refiner.step = step, refiner.direction = direction;
-    refiner.factor = factor, refiner.covariance = covariance;
-    itn__normal_place(&refiner.fresh, N, numbers);
-    itn__normal_place(known, N, numbers + BLOCK);
-    known->samples = known->chi2 = 1, known->outer[0] = known->drawn[0] = noise;
-    known->silence[0] = 1;
+    pair p;
+    itn__normal *known = begin_pair(&p);
+    int which;
+    p.coordinates[1] = 2;
+    known->outer[0] = known->drawn[0] = noise, known->silence[0] = 1;
     for (which = 0; which < 2; which++) {
         double inverse = 1 / (first + 1 / prior), follows = -cases[which].coupled * inverse;
         known->matrix[0] = first, known->matrix[3] = cases[which].own;
         known->matrix[1] = known->matrix[2] = cases[which].coupled + planted;
         known->power[3] = cases[which].power, known->silence[1] = cases[which].silence;
         known->right[0] = known->matrix[1] * 2, known->right[1] = known->matrix[3] * 2;
-        itn__refine_estimate(&refiner);
-        CHECK(told[0] && !told[1]);
-        CHECK(estimates[0].determined == (which == 0) && !estimates[1].determined);
-        CHECK_NEAR(covariance[3] / prior, 1, 1e-12);
-        CHECK_NEAR(covariance[1] / (prior * follows), 1, 1e-12);
-        CHECK_NEAR(covariance[0] / (noise * inverse * inverse + prior * follows * follows), 1,
+        itn__refine_estimate(&p.refiner);
+        CHECK(p.told[0] && !p.told[1]);
+        CHECK(p.estimates[0].determined == (which == 0) && !p.estimates[1].determined);
+        CHECK_NEAR(p.covariance[3] / prior, 1, 1e-12);
+        CHECK_NEAR(p.covariance[1] / (prior * follows), 1, 1e-12);
+        CHECK_NEAR(p.covariance[0] / (noise * inverse * inverse + prior * follows * follows), 1,
                    1e-6);
-        CHECK_NEAR(step[0], 0, 1e-9);
+        CHECK_NEAR(p.step[0], 0, 1e-9);
     }
 }
 
 /* An unknown that pictures do not tell, and of which noise makes a step of 13, goes as far as any may,
    and leaves the other's step as it is. told: planted, they tell it. */
 static void test_untold_step(int told) {
-    enum { N = 2, BLOCK = 32 };
-    double numbers[BLOCK] = {0}, coordinates[N] = {0, 0}, step[N], factor[N * N], direction[N];
-    itn__refiner refiner;
-    itn__normal *known = &refiner.known;
-    memset(&refiner, 0, sizeof refiner);
-    refiner.count = N, refiner.coordinates = coordinates, refiner.step = step;
-    refiner.factor = factor, refiner.direction = direction;
-    itn__normal_place(known, N, numbers);
+    pair p;
+    itn__normal *known = begin_pair(&p);
     known->matrix[0] = 1e4, known->right[0] = 3e3, known->power[0] = 1, known->silence[0] = 1;
     known->matrix[3] = .011, known->right[1] = .35;
     known->power[3] = told ? 1e-6 : 1, known->silence[1] = told ? 1e-12 : 1;
-    itn__refine_solve(&refiner, 0, 0, 1);
-    CHECK_NEAR(step[0], .3, 1e-5);
-    CHECK_NEAR(step[1], 1, 1e-9);
+    itn__refine_solve(&p.refiner, 0, 0, 1);
+    CHECK_NEAR(p.step[0], .3, 1e-5);
+    CHECK_NEAR(p.step[1], 1, 1e-9);
 }
 
 /* Two unknowns of which pictures tell one sum alone: of the difference they tell 0, of which noise
    makes a little more or, `sign` -1, less than nothing. Neither is determined, both follow each
    other. planted: the other diagonal element, which tells them apart. */
 static void test_less_than_nothing(double sign, double planted) {
-    enum { N = 2, BLOCK = 32 };
-    double numbers[2 * BLOCK] = {0}, coordinates[N] = {0, 0}, slopes[N] = {1, 1}, gradient[N];
-    double step[N], direction[N], factor[N * N], covariance[N * N];
-    float values[N] = {0, 0};
-    itn_estimate estimates[N];
-    int told[N], k;
-    itn__refiner refiner;
-    itn__normal *known = &refiner.known;
-    memset(&refiner, 0, sizeof refiner);
-    refiner.count = N, refiner.final = 1, refiner.estimates = estimates, refiner.told = told;
-    refiner.coordinates = coordinates, refiner.values = values, refiner.slopes = slopes;
-    refiner.gradient = gradient, refiner.step = step, refiner.direction = direction;
-    refiner.factor = factor, refiner.covariance = covariance;
-    itn__normal_place(&refiner.fresh, N, numbers);
-    itn__normal_place(known, N, numbers + BLOCK);
-    known->samples = known->chi2 = 1;
-    for (k = 0; k < N; k++) {
+    pair p;
+    itn__normal *known = begin_pair(&p);
+    int k;
+    for (k = 0; k < 2; k++) {
         known->matrix[3 * k] = 1e8 * (k ? planted : 1);
         known->outer[3 * k] = known->drawn[3 * k] = 3e3;
         known->power[3 * k] = 900, known->silence[k] = 900 * 900;
     }
     known->matrix[1] = known->matrix[2] = 1e8 - sign * 6000;
-    itn__refine_estimate(&refiner);
-    CHECK(told[0] + told[1] == 1);
-    CHECK(!estimates[0].determined && !estimates[1].determined);
-    CHECK(estimates[0].standard_error > 1 && estimates[1].standard_error > 1);
+    itn__refine_estimate(&p.refiner);
+    CHECK(p.told[0] + p.told[1] == 1);
+    CHECK(!p.estimates[0].determined && !p.estimates[1].determined);
+    CHECK(p.estimates[0].standard_error > 1 && p.estimates[1].standard_error > 1);
 }
 
 /* With few samples in the end little is known along the valley, and error bars say so: of
