@@ -15,6 +15,8 @@
    media of the first scene. What is not of a medium has no neutral guess and starts from the hidden
    value itself: say with --hidden what is to be hidden instead. --method adam|sgd does without
    Levenberg-Marquardt, --iterations is the most of a search.
+   An image has the size of the film, or is a whole number of times as large; where its plane A is
+   below 1 it does not count.
    --final-spp gives the last evaluations more samples than eight times --spp: smaller error bars.
    Without it they take up to 16 times as many by themselves where something else stays undetermined.
    With --net it starts from what a network of train.c reads off the first picture, which is
@@ -47,6 +49,7 @@ typedef struct picture {
     itn_scene *scene;
     int parameters[MOST_PARAMETERS]; /* what the unknowns are in it, or -1 */
     float *theta, *light, *variance;
+    int noise_known; /* whether variance says more than which pixels count */
     char stem[STEM_SIZE]; /* where its results go, up to _estimate.exr and the like */
 } picture;
 
@@ -157,48 +160,112 @@ static void check_target(const char *path, itn_film_desc film, const float *ligh
     fail(path, why);
 }
 
-/* Copies the light of an image, and its variance if it has that layer, in the scene's channels: of
-   a coloured image a monochrome scene takes the luminance. */
-static void read_target(const char *path, const itn_image *image, itn_film_desc film, float **light,
-                        float **variance) {
-    static const char *const names[2][4] = {{"R", "G", "B", "Y"},
-                                            {"Variance.R", "Variance.G", "Variance.B", "Variance.Y"}};
-    static const float luminance[3] = {.2126f, .7152f, .0722f};
-    size_t i, plane = (size_t)film.width * (size_t)film.height;
-    float **out[2];
-    char why[120];
-    const int mono = film.channels == 1, has_grey = mono && itn_image_plane(image, "Y");
-    int v, c;
-    out[0] = light, out[1] = variance;
-    if (image->width != film.width || image->height != film.height) {
-        snprintf(why, sizeof why, "has %dx%d pixels, the film of the scene %dx%d: change the latter",
-                 image->width, image->height, film.width, film.height);
-        fail(path, why);
-    }
-    for (v = 0; v < 2; v++) {
-        const float *grey = has_grey ? itn_image_plane(image, names[v][3]) : NULL, *colour[3];
-        for (c = 0; c < 3; c++) colour[c] = itn_image_plane(image, names[v][c]);
-        *out[v] = NULL;
-        if (has_grey ? !grey : !(colour[0] && colour[1] && colour[2])) {
-            if (!v)
-                fail(path, mono ? "has neither Y nor R, G and B" : "has not R, G and B, which the "
-                                                                   "film of the scene has");
-            return;
-        }
-        *out[v] = (float *)calloc(plane * (size_t)film.channels, sizeof(float));
-        if (!*out[v]) fail("out of memory", "");
-        for (c = 0; c < film.channels; c++)
-            for (i = 0; i < plane; i++) {
-                const float *w = luminance;
-                float sum = !mono ? colour[c][i] : grey ? grey[i] : 0;
-                if (mono && !grey && !v)
-                    sum = w[0] * colour[0][i] + w[1] * colour[1][i] + w[2] * colour[2][i];
-                if (mono && !grey && v) /* as if all channels had one noise */
-                    sum = powf(w[0] * sqrtf(colour[0][i]) + w[1] * sqrtf(colour[1][i]) +
-                               w[2] * sqrtf(colour[2][i]), 2);
-                (*out[v])[(size_t)c * plane + i] = sum;
+/* Makes an image as large as the film, where it is a whole number of times as large: by the means
+   of blocks of pixels, and the variances of these. */
+static void fit_image(const char *path, itn_image *image, itn_film_desc film) {
+    int width = image->width, height = image->height, times = width / film.width, p, x, y, i;
+    char why[200];
+    if (width == film.width && height == film.height) return;
+    snprintf(why, sizeof why, "has %dx%d pixels, not the film's %dx%d or a multiple of both: give "
+             "the film its proportions, or scale the image (some 128 pixels will do)", width,
+             height, film.width, film.height);
+    if (times * film.width != width || times * film.height != height) fail(path, why);
+    for (p = 0; p < image->plane_count; p++) {
+        const float *from = image->pixels + (size_t)p * (size_t)width * (size_t)height;
+        float *to = image->pixels + (size_t)p * (size_t)film.width * (size_t)film.height;
+        double blocks = !strncmp(image->names[p], "Variance.", 9) ? pow(times, 4) : pow(times, 2);
+        for (y = 0; y < film.height; y++)
+            for (x = 0; x < film.width; x++) { /* writes no further than has been read */
+                double sum = 0;
+                for (i = 0; i < times * times; i++)
+                    sum += (double)from[(size_t)(y * times + i / times) * (size_t)width +
+                                        (size_t)(x * times + i % times)];
+                *to++ = (float)(sum / blocks);
             }
     }
+    image->width = film.width, image->height = film.height;
+    printf("%s: means of %dx%d pixels\n", path, times, times);
+}
+
+/* The planes of an image that show the scene's channels: R, G and B, or for a grey film also Y or
+   the only plane there is (then colour[0] and no other); or those of the variances. Returns 0 if
+   there are none. */
+static int find_planes(const itn_image *image, int grey, int variance, const float *colour[3]) {
+    static const char *const names[2][4] = {
+        {"R", "G", "B", "Y"}, {"Variance.R", "Variance.G", "Variance.B", "Variance.Y"}};
+    int c, coloured = 1;
+    for (c = 0; c < 3; c++) coloured &= !!itn_image_plane(image, names[0][c]);
+    for (c = 0; c < 3; c++)
+        colour[c] = coloured ? itn_image_plane(image, names[variance][c]) : NULL;
+    if (coloured) return colour[0] && colour[1] && colour[2];
+    if (grey) colour[0] = itn_image_plane(image, names[variance][3]);
+    if (grey && !variance && !colour[0] && image->plane_count == 1) colour[0] = image->pixels;
+    return colour[0] != NULL;
+}
+
+/* Copies a plane for each channel of the scene; a grey one takes the luminance of a coloured image,
+   whose variance is that of channels that all have one noise. */
+static float *copy_planes(const float *const colour[3], size_t plane, int channels, int variance) {
+    static const float luminance[3] = {.2126f, .7152f, .0722f};
+    float *out = (float *)calloc(plane * (size_t)channels, sizeof(float));
+    size_t i;
+    int c;
+    if (!out) fail("out of memory", "");
+    for (c = 0; c < channels && (channels == 3 || !colour[1]); c++)
+        memcpy(out + (size_t)c * plane, colour[c], plane * sizeof(float));
+    for (i = 0; i < plane && channels == 1 && colour[1]; i++) {
+        for (c = 0; c < 3; c++)
+            out[i] += luminance[c] * (variance ? sqrtf(colour[c][i]) : colour[c][i]);
+        if (variance) out[i] *= out[i];
+    }
+    return out;
+}
+
+/* Fails because an image has no planes that the film could show, and says which it has. */
+static void fail_planes(const char *path, const itn_image *image, int grey) {
+    char why[300];
+    size_t at;
+    int p;
+    at = (size_t)snprintf(why, sizeof why, "%s; its planes are",
+                          grey ? "has neither Y nor R, G and B"
+                               : "has not R, G and B, which the film of the scene has");
+    for (p = 0; p < image->plane_count && at < sizeof why - 80; p++)
+        at += (size_t)snprintf(why + at, sizeof why - at, " %s", image->names[p]);
+    fail(path, why);
+}
+
+/* Where an image is transparent (A below 1) something else than the scene is behind the object:
+   these pixels do not count. */
+static void leave_out_transparent(picture *p, const char *path, const itn_image *image,
+                                  itn_film_desc film) {
+    const float *alpha = itn_image_plane(image, "A");
+    size_t plane = (size_t)film.width * (size_t)film.height, i;
+    int c, left_out = 0;
+    for (i = 0; alpha && i < plane; i++) left_out += !(alpha[i] >= 1);
+    if (!left_out) return;
+    if (!p->variance) p->variance = (float *)calloc(plane * (size_t)film.channels, sizeof(float));
+    if (!p->variance) fail("out of memory", "");
+    for (i = 0; i < plane; i++)
+        for (c = 0; c < film.channels && !(alpha[i] >= 1); c++)
+            p->variance[(size_t)c * plane + i] = INFINITY;
+    printf("%s: %d pixels, where A is below 1, do not count\n", path, left_out);
+}
+
+/* Copies the light of an image, and its variance if it has that layer, in the scene's channels. */
+static void read_target(picture *p, const char *path, itn_image *image) {
+    itn_film_desc film = itn_scene_film(p->scene);
+    size_t plane = (size_t)film.width * (size_t)film.height;
+    const float *colour[3];
+    fit_image(path, image, film);
+    if (!find_planes(image, film.channels == 1, 0, colour))
+        fail_planes(path, image, film.channels == 1);
+    p->light = copy_planes(colour, plane, film.channels, 0);
+    p->noise_known = find_planes(image, film.channels == 1, 1, colour);
+    if (p->noise_known) p->variance = copy_planes(colour, plane, film.channels, 1);
+    if (!p->target) return;
+    check_target(path, film, p->light, 0);
+    if (p->variance) check_target(path, film, p->variance, 1);
+    leave_out_transparent(p, path, image, film);
 }
 
 /* Whether the parameter is FIELD of a medium, in one of its channels or in all. */
@@ -346,12 +413,7 @@ static void make_target(picture *p, const itn_context *context, const itn_render
     if (p->target ? itn_image_load(p->target, context, &image, &error)
                   : itn_render(p->scene, p->theta, options, NULL, 0, &image, &error))
         fail(error.message, "");
-    read_target(p->target ? p->target : p->path, &image, itn_scene_film(p->scene), &p->light,
-                &p->variance);
-    if (p->target) {
-        check_target(p->target, itn_scene_film(p->scene), p->light, 0);
-        if (p->variance) check_target(p->target, itn_scene_film(p->scene), p->variance, 1);
-    }
+    read_target(p, p->target ? p->target : p->path, &image);
     itn_image_free(&image);
 }
 
@@ -590,7 +652,7 @@ int main(int argc, char **argv) {
     missed = print_estimates(&h, estimates, targets ? NULL : hidden);
     if (itn_refine_words(h.unknowns, h.count, estimates, covariance, words, sizeof words) >= 0)
         printf("%s", words);
-    for (v = 0; v < views && pictures[v].variance;) v++;
+    for (v = 0; v < views && pictures[v].noise_known;) v++;
     if (misfit > 1.5)
         printf("%s: the picture differs from the scene %.1f times more than %s\n",
                v == views ? "warning" : "note", sqrt(misfit),

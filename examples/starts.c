@@ -399,7 +399,10 @@ static void make_figure(const settings *s) {
         const shard *in;
         int index;
         load_pictures(s->data, (split)(row / 2), &p);
-        if (!p.count) continue;
+        if (!p.count) {
+            free_pictures(&p);
+            continue;
+        }
         index = evenly(1 + 2 * (row % 2), 4, p.count);
         in = &p.shards[p.shard_of[index]];
         scenes[row] = load_theta_scene(in, variant_of(in, p.thetas[index]), FILM_FINE,

@@ -29,7 +29,7 @@
    default, by those in coordinates (itn_parameter_to_coordinate).
    --start from a network of the same model and units keeps its lambda; --resume keeps all but
    --epochs and -t.
-   --leave cube,knot trains without these of the training shapes; --evaluate of such a network has a
+   --leave cube,bolt trains without these of the training shapes; --evaluate of such a network has a
    row `left` of them, as they are, in place of the three splits of the tests: choose by it, then
    test once. The row `train` is of all pictures that were trained on, variants of shapes too.
    The image term needs the scenes of all of them: in the whole data 720, 5 GB a process.

@@ -96,6 +96,37 @@ keep "invert --target" ./invert default.itn --target quick/default_estimate.exr 
 prints '^milk\.albedo 0\.[0-9]+ \+- [0-9.e-]+$'
 refused 'written over it' "an estimate over its target" ./invert default.itn \
     --target quick/default_estimate.exr --params milk.albedo --spp 8 -o quick
+# a target twice as large as the film, whole and with its left half cut out
+sed "s/width 32 height 32/width 64 height 64/" default.itn > large.itn
+check "render: twice as large" ./render large.itn -o large.exr --spp 16 -q
+keep "invert: twice as large" ./invert default.itn --target large.exr --params milk.albedo --spp 8 \
+    -o again
+prints 'means of 2x2 pixels'
+prints '^milk\.albedo 0\.(89|90)[0-9]* '
+cat > examples/cutout.c << 'END'
+#include "itn.h"
+#include <string.h>
+int main(void) {
+    itn_image whole, cut;
+    int i, half, count;
+    if (itn_image_load("large.exr", NULL, &whole, NULL)) return 1;
+    if (itn_image_create(whole.width, whole.height, 2, NULL, &cut, NULL)) return 1;
+    count = whole.width * whole.height, half = whole.width / 2;
+    strcpy(cut.names[0], "Y"), strcpy(cut.names[1], "A");
+    for (i = 0; i < count; i++)
+        if (i % whole.width >= half)
+            cut.pixels[i] = itn_image_plane(&whole, "Y")[i], cut.pixels[count + i] = 1;
+    return itn_image_save_exr(&cut, "cut.exr", NULL) != ITN_OK;
+}
+END
+to_be_run cutout
+check "cutout" ./cutout
+keep "invert: cut out" ./invert default.itn --target cut.exr --params milk.albedo --spp 8 -o again
+prints '512 pixels, where A is below 1, do not count'
+prints '^milk\.albedo 0\.(89|90)[0-9]* '
+sed "s/width 32 height 32/width 48 height 48/" default.itn > odd.itn
+check "render: half as large again" ./render odd.itn -o odd.exr --spp 2 -q
+refused 'multiple of both' "a target of another size" ./invert default.itn --target odd.exr
 sed "s/eye 0.25 0.55 2.2/eye 2.2 0.55 0.25/" default.itn > side.itn
 keep "invert: two views" ./invert side.itn default.itn \
     --params milk.sigma_t,milk.albedo --hidden milk.sigma_t=35 --spp 8 -o quick

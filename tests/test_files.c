@@ -861,7 +861,7 @@ static void planar_area(const itn_mesh *mesh, double *area, double *absolute) {
     }
 }
 
-/* A star of 258 corners is refused, in both formats, a convex polygon of 258 is not. */
+/* A star of 4098 corners is refused, in both formats, a convex polygon of so many is not. */
 static void check_large_concave(void) {
     int kind, i;
     for (kind = 0; kind < 3; kind++) {
@@ -869,16 +869,16 @@ static void check_large_concave(void) {
         char line[100];
         accountant a;
         if (kind == 2)
-            itn__put_text(&text, "ply\nformat ascii 1.0\nelement vertex 258\nproperty float x\n"
+            itn__put_text(&text, "ply\nformat ascii 1.0\nelement vertex 4098\nproperty float x\n"
                                  "property float y\nproperty float z\n" PLY_FACE "end_header\n");
-        for (i = 0; i < 258; i++) {
-            double angle = 2 * 3.14159265358979 * i / 258, radius = kind && i % 2 ? .5 : 1;
+        for (i = 0; i < 4098; i++) {
+            double angle = 2 * 3.14159265358979 * i / 4098, radius = kind && i % 2 ? .5 : 1;
             snprintf(line, sizeof line, "%s%.9g %.9g 0\n", kind == 2 ? "" : "v ",
                      radius * cos(angle), radius * sin(angle));
             itn__put_text(&text, line);
         }
-        itn__put_text(&text, kind == 2 ? "258" : "f");
-        for (i = 0; i < 258; i++) {
+        itn__put_text(&text, kind == 2 ? "4098" : "f");
+        for (i = 0; i < 4098; i++) {
             snprintf(line, sizeof line, " %d", kind == 2 ? i : i + 1);
             itn__put_text(&text, line);
         }
@@ -886,6 +886,17 @@ static void check_large_concave(void) {
               (kind ? ITN_ERROR_UNSUPPORTED : ITN_OK));
         itn__buffer_free(&text);
     }
+}
+
+/* A mesh 1 large keeps its shape at 1000 and loses it at 5800000, which is refused. */
+static void check_far_mesh(void) {
+    static const char *const text[2] = {"v 1000 0 0\nv 1001 0 0\nv 1000 1 0\nf 1 2 3\n",
+                                        "v 5800000 0 0\nv 5800001 0 0\nv 5800000 1 0\nf 1 2 3\n"};
+    accountant a;
+    int k;
+    for (k = 0; k < 2; k++)
+        CHECK(load_checked(1, (const unsigned char *)text[k], strlen(text[k]), 0, &a) ==
+              (k ? ITN_ERROR_FORMAT : ITN_OK));
 }
 
 /* A square with a square hole, of which a bridge makes one polygon; its ends are twice in the file,
@@ -921,13 +932,14 @@ static void check_bridges(const char *zero) {
 /* Polygons that are not convex keep their area and turn no triangle over. */
 static void check_polygons(double wrong) {
     int n, i;
-    for (n = 4; n <= 256; n = n < 12 ? n + 1 : 2 * n > 256 && n < 256 ? 256 : 2 * n) {
+    for (n = 4; n <= 4096; n = n < 12 ? n + 1 : 2 * n > 4096 && n < 4096 ? 4096 : 2 * n) {
         int kind;
         for (kind = 0; kind < 4; kind++) {
             itn__buffer text = ITN_ZERO;
             char line[100];
             itn_mesh mesh = ITN_ZERO;
-            double area = 0, absolute, expected = 0, px[256], py[256];
+            static double px[4096], py[4096];
+            double area = 0, absolute, expected = 0;
             for (i = 0; i < n; i++) { /* star, spiral arm, comb, rounded */
                 double angle = 2 * 3.14159265358979 * i / n;
                 double radius = kind == 0 ? (i % 2 ? .3 : 1) : kind == 1 ? .2 + .8 * i / n : 1;
@@ -955,7 +967,7 @@ static void check_polygons(double wrong) {
             itn__buffer_free(&text);
         }
     }
-    check_large_concave();
+    check_large_concave(), check_far_mesh();
     check_bridges("0"), check_bridges("-0.0");
     /* a square in each plane, an L, a bow that crosses itself, one with all corners equal */
     expect_mesh("v 0 0 0\nv 0 1 0\nv 0 1 1\nv 0 0 1\nf 1 2 3 4\nf 4 3 2 1", 4, 4, 0);

@@ -712,28 +712,29 @@ static void test_doubt(double planted) {
     CHECK(itn__refine_doubt(&refiner, 0) == 1);
 }
 
-/* A search for two unknowns whose normal equations a test fills in: no picture stands behind it. */
-typedef struct pair {
+/* A search for two or three unknowns whose normal equations a test fills in: no picture stands behind
+   it. */
+typedef struct search {
     itn__refiner refiner;
-    double numbers[64], coordinates[2], slopes[2], gradient[2], step[2], direction[2];
-    double factor[4], covariance[4];
-    float values[2];
-    itn_estimate estimates[2];
-    int told[2];
-} pair;
+    double numbers[192], coordinates[3], slopes[3], gradient[3], step[3], direction[3];
+    double factor[9], covariance[9];
+    float values[3];
+    itn_estimate estimates[3];
+    int told[3];
+} search;
 
 /* Returns what is known, all of it 0 but for one sample and a misfit of 1. */
-static itn__normal *begin_pair(pair *p) {
+static itn__normal *begin_search(search *p, int count) {
     itn__refiner *refiner = &p->refiner;
     memset(p, 0, sizeof *p);
-    p->slopes[0] = p->slopes[1] = 1;
-    refiner->count = 2, refiner->final = 1, refiner->estimates = p->estimates;
+    p->slopes[0] = p->slopes[1] = p->slopes[2] = 1;
+    refiner->count = count, refiner->final = 1, refiner->estimates = p->estimates;
     refiner->told = p->told, refiner->coordinates = p->coordinates, refiner->values = p->values;
     refiner->slopes = p->slopes, refiner->gradient = p->gradient, refiner->step = p->step;
     refiner->direction = p->direction, refiner->factor = p->factor;
     refiner->covariance = p->covariance;
-    itn__normal_place(&refiner->fresh, 2, p->numbers);
-    itn__normal_place(&refiner->known, 2, p->numbers + 32);
+    itn__normal_place(&refiner->fresh, count, p->numbers);
+    itn__normal_place(&refiner->known, count, p->numbers + 96);
     refiner->known.samples = refiner->known.chi2 = 1;
     return &refiner->known;
 }
@@ -745,8 +746,8 @@ static void test_let_go(double planted) {
         double coupled, own, power, silence; /* A_01, A_11, P_11 and what A_11 varies by */
     } cases[] = {{90, 0, 5, 25}, {9000, 8100, 900, 900 * 900}};
     double first = 1e4, noise = 3e3, prior = ITN__PRIOR * ITN__PRIOR; /* A_00, N_00 */
-    pair p;
-    itn__normal *known = begin_pair(&p);
+    search p;
+    itn__normal *known = begin_search(&p, 2);
     int which;
     p.coordinates[1] = 2;
     known->outer[0] = known->drawn[0] = noise, known->silence[0] = 1;
@@ -770,8 +771,8 @@ static void test_let_go(double planted) {
 /* An unknown that pictures do not tell, and of which noise makes a step of 13, goes as far as any may,
    and leaves the other's step as it is. told: planted, they tell it. */
 static void test_untold_step(int told) {
-    pair p;
-    itn__normal *known = begin_pair(&p);
+    search p;
+    itn__normal *known = begin_search(&p, 2);
     known->matrix[0] = 1e4, known->right[0] = 3e3, known->power[0] = 1, known->silence[0] = 1;
     known->matrix[3] = .011, known->right[1] = .35;
     known->power[3] = told ? 1e-6 : 1, known->silence[1] = told ? 1e-12 : 1;
@@ -784,8 +785,8 @@ static void test_untold_step(int told) {
    makes a little more or, `sign` -1, less than nothing. Neither is determined, both follow each
    other. planted: the other diagonal element, which tells them apart. */
 static void test_less_than_nothing(double sign, double planted) {
-    pair p;
-    itn__normal *known = begin_pair(&p);
+    search p;
+    itn__normal *known = begin_search(&p, 2);
     int k;
     for (k = 0; k < 2; k++) {
         known->matrix[3 * k] = 1e8 * (k ? planted : 1);
@@ -797,6 +798,24 @@ static void test_less_than_nothing(double sign, double planted) {
     CHECK(p.told[0] + p.told[1] == 1);
     CHECK(!p.estimates[0].determined && !p.estimates[1].determined);
     CHECK(p.estimates[0].standard_error > 1 && p.estimates[1].standard_error > 1);
+}
+
+/* A third unknown beside these, which the pictures tell by itself, though less surely than either, is
+   determined, and one of the two is let go. planted: its part in what they are short of. */
+static void test_told_beside(double planted) {
+    search p;
+    itn__normal *known = begin_search(&p, 3);
+    int k;
+    for (k = 0; k < 3; k++) {
+        known->matrix[4 * k] = k ? 1e4 : 50;
+        known->outer[4 * k] = known->drawn[4 * k] = k ? 1e3 : 10;
+        known->power[4 * k] = k ? 33 : 10, known->silence[k] = k ? 33 * 33 : 7;
+    }
+    known->matrix[5] = known->matrix[7] = 1e4 + 1;
+    known->matrix[1] = known->matrix[3] = planted;
+    itn__refine_estimate(&p.refiner);
+    CHECK(p.told[0] && p.told[1] + p.told[2] == 1);
+    CHECK(p.estimates[0].determined && !p.estimates[1].determined && !p.estimates[2].determined);
 }
 
 /* With few samples in the end little is known along the valley, and error bars say so: of
@@ -929,6 +948,44 @@ static void test_one_view(void) {
                        1e-9 * one[k].standard_error);
         }
     }
+    itn_scene_free(scene);
+}
+
+/* Values of infinite variance do not count, whatever they are: a third of the picture is left out. Where
+   no other's noise is known the error bars come from the misfit. planted: they count. */
+static void test_left_out(int planted) {
+    static const char *const names[] = {"m.albedo", "m.g"};
+    static const float truth[] = {.8f, .4f};
+    itn_scene *scene = cloud(2, .8, .4);
+    static float target[PIXELS], variance[PIXELS];
+    itn_refine_options options = ITN_ZERO;
+    itn_estimate found[3][2];
+    itn_error error;
+    double misfit;
+    int parameters[2], way, k;
+    find_parameters(scene, names, 2, parameters);
+    options.target_variance = variance, options.spp = 16, options.misfit = &misfit;
+    for (way = 0; way < 3; way++) { /* NaN, 5, NaN without the others' noise */
+        float theta[8];
+        photograph(scene, 256, 7, target, variance);
+        for (k = 0; k < PIXELS; k++) {
+            int out = k % SIZE < SIZE / 3;
+            if (out) target[k] = way == 1 || planted ? 5 : NAN;
+            if (out) variance[k] = planted ? .01f : INFINITY;
+            else if (way == 2) variance[k] = 0;
+        }
+        itn_parameter_values(scene, theta);
+        theta[parameters[0]] = .7f, theta[parameters[1]] = .2f;
+        stage_need(itn_refine(scene, theta, target, parameters, 2, &options, found[way], &error),
+                   &error);
+        CHECK(way == 2 || fabs(misfit - 1) < .5);
+        for (k = 0; k < 2; k++) {
+            const itn_estimate *e = &found[way][k];
+            CHECK(e->determined);
+            CHECK_MEAN(e->value, e->standard_error, truth[k], 4.5, .2);
+        }
+    }
+    CHECK(!memcmp(found[0], found[1], sizeof found[0]));
     itn_scene_free(scene);
 }
 
@@ -1092,7 +1149,7 @@ static void test_shared_in_parts(void) {
 /* What itn_refine_views refuses, and that it then leaves all alone. */
 static void test_view_options(void) {
     itn_scene *scene = cloud(2, .8, .4);
-    static float target[PIXELS], broken[PIXELS], variance[PIXELS];
+    static float target[PIXELS], broken[PIXELS], variance[PIXELS], endless[PIXELS];
     int albedo = itn_parameter_find(scene, "m.albedo"), g = itn_parameter_find(scene, "m.g");
     int parameters[2], other[2], k;
     float values[2] = {.7f, .3f}, theta[8];
@@ -1102,7 +1159,7 @@ static void test_view_options(void) {
     itn_error error;
     parameters[0] = albedo, parameters[1] = g;
     itn_parameter_values(scene, theta);
-    for (k = 0; k < PIXELS; k++) target[k] = broken[k] = .3f, variance[k] = .01f;
+    for (k = 0; k < PIXELS; k++) target[k] = broken[k] = .3f, variance[k] = .01f, endless[k] = INFINITY;
     broken[PIXELS - 1] = NAN;
     memset(good, 0, sizeof good);
     for (k = 0; k < 2; k++)
@@ -1126,7 +1183,10 @@ static void test_view_options(void) {
     REFUSED(views[1].target = NULL, 2, "view 1");
     REFUSED(views[1].parameters = NULL, 2, "view 1");
     REFUSED(views[1].target = broken, 2, "view 1: target is not finite at pixel 143");
-    REFUSED(views[1].target_variance = broken, 2, "view 1");
+    REFUSED(views[1].target_variance = broken, 2, "view 1: target_variance is NaN");
+    REFUSED((views[0].target_variance = endless, options.method = ITN_METHOD_ADAM), 2, "LM only");
+    options.method = ITN_METHOD_LM;
+    REFUSED(views[0].target_variance = endless, 2, "view 0: no value counts");
     other[0] = -1, other[1] = -1;
     REFUSED(views[1].parameters = other, 2, "view 1 has none of the unknowns");
     other[0] = albedo;
@@ -1693,7 +1753,8 @@ static void test_options(void) {
         REFUSES_OPTION((options.method = ITN_METHOD_SGD, options.learning_rate = 2e6));
         REFUSES_OPTION((options.target_variance = variance, variance[17] = -1));
         REFUSES_OPTION((options.target_variance = variance, variance[17] = NAN));
-        REFUSES_OPTION((options.target_variance = variance, variance[17] = INFINITY));
+        REFUSES_OPTION((options.target_variance = variance, variance[17] = INFINITY,
+                        options.method = ITN_METHOD_SGD));
         variance[17] = .01f;
         memset(&options, 0, sizeof options);
         options.spp = 4, options.iterations = 2;
@@ -1806,6 +1867,7 @@ int main(void) {
     test_let_go(0);
     test_untold_step(0);
     test_less_than_nothing(1, 1), test_less_than_nothing(-1, 1);
+    test_told_beside(0);
     if (!slow) { /* statistics take too long under a sanitizer */
         test_recoveries();
         test_coverages();
@@ -1832,6 +1894,7 @@ int main(void) {
     test_idle();
     test_noisy();
     test_one_view();
+    test_left_out(0);
     test_view_options();
     test_bounds();
     test_options();
@@ -1842,6 +1905,7 @@ int main(void) {
     CHECK_CATCHES(test_let_go(1));
     CHECK_CATCHES(test_untold_step(1));
     CHECK_CATCHES(test_less_than_nothing(-1, 2));
+    CHECK_CATCHES(test_told_beside(700));
     CHECK_CATCHES(test_coverage(0, 3));
     CHECK_CATCHES(test_coverage_in_colours(3));
     if (!slow) {
@@ -1850,6 +1914,7 @@ int main(void) {
     }
     CHECK_CATCHES(test_cases(5, 60, 100, 1));
     CHECK_CATCHES(test_two_lights(1));
+    CHECK_CATCHES(test_left_out(1));
     CHECK_CATCHES(test_final_spp(2));
     CHECK_CATCHES(test_more_samples(.9));
     CHECK_CATCHES(test_spread(.25));

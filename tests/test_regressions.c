@@ -116,6 +116,44 @@ static itn_mesh both_of(const itn_mesh *a, const itn_mesh *b) {
     return both;
 }
 
+/* Parts of one mesh that overlap, lie in each other or are inside out are refused, with `force` taken;
+   those that stand apart, touch or are cavities are parts of a solid: of light that passes both, the
+   medium takes what its length in them takes. planted: moves the second part. */
+static void test_parts_of_a_mesh(double planted) {
+    static const struct {
+        double lower[3], upper[3];
+        int turned, refused;
+        double way; /* along x */
+    } parts[] = {{{2, -1, -1}, {4, 1, 1}, 0, 0, 4},       {{1, -1, -1}, {3, 1, 1}, 0, 0, 4},
+                 {{.5, -1, -1}, {2.5, 1, 1}, 0, 1, 0},    {{-.5, -.5, -.5}, {.5, .5, .5}, 0, 1, 0},
+                 {{-.5, -.5, -.5}, {.5, .5, .5}, 1, 0, 1}, {{2, -.5, -.5}, {3, .5, .5}, 1, 1, 0}};
+    int k, i;
+    for (k = 0; k < 6; k++) {
+        const double *a = parts[k].lower, *b = parts[k].upper;
+        itn_mesh first = unit_box(), both, second;
+        stage s;
+        second = solids_box(solids_vec3(a[0] + planted, a[1], a[2]),
+                            solids_vec3(b[0] + planted, b[1], b[2]));
+        for (i = 0; i < 12 && parts[k].turned; i++) {
+            int swap = second.triangles[3 * i + 1];
+            second.triangles[3 * i + 1] = second.triangles[3 * i + 2];
+            second.triangles[3 * i + 2] = swap;
+        }
+        both = both_of(&first, &second);
+        begin_box(&s, &both, 1, 0);
+        s.desc.camera.eye = solids_vec3(9, 0, 0), s.desc.camera.fov = .01f;
+        check_refused(&s, NULL, parts[k].refused ? ITN_ERROR_MESH : ITN_OK, __LINE__);
+        if (parts[k].refused) {
+            s.objects[0].force = 1;
+            check_refused(&s, NULL, ITN_OK, __LINE__);
+        } else if (planted == 0) {
+            solids_mean mean = brightness(&s, 8192);
+            CHECK_MEAN(mean.value, mean.error, exp(-parts[k].way), 4.5, .002);
+        }
+        itn_mesh_free(&first), itn_mesh_free(&second), itn_mesh_free(&both);
+    }
+}
+
 /* Two cubes of one mesh share a face; the eye in one looks away from, or through, the other. */
 static void test_eye_in_touching_cubes(double planted) {
     itn_mesh cubes[2], both;
@@ -274,7 +312,7 @@ static void test_leaving_by_a_hole(double planted) {
 }
 
 /* From within a forced box of a thin black medium out by its open side: what is left of the light is
-   e^(-sigma_t way), also where the derivative by the extinction draws more collisions than there
+   e^(-sigma_t way), though the floor goes on beyond the box, also where the derivative by the extinction draws more collisions than there
    are, and in a channel that is clear while the others are not. planted: factor of the light. */
 static void test_thin_medium_with_a_hole(double planted) {
     itn_mesh box = unit_box();
@@ -291,6 +329,7 @@ static void test_thin_medium_with_a_hole(double planted) {
         stage s;
         begin_box(&s, &box, sigma_t, 0);
         s.objects[0].force = 1;
+        stage_diffuse(&s, "floor", .5), stage_object(&s, NULL, NULL, "floor")->half_size = 50;
         s.desc.camera.eye = solids_vec3(0, 0, -.5), s.desc.camera.target = solids_vec3(0, 0, 1);
         s.desc.camera.fov = .01f;
         if (colours) {
@@ -312,7 +351,7 @@ static void test_thin_medium_with_a_hole(double planted) {
     itn_mesh_free(&box);
 }
 
-/* Behind a hole a forced mesh's medium ends with the box of it all, for paths, their last flights and
+/* Behind a hole a forced mesh's medium ends with the box of the solids, for paths, their last flights and
    links alike: a box without its top is as bright under a map that is 1 everywhere as in light 1,
    and so are its derivatives by the extinction, in both walks. planted: factor under the map. */
 static void test_lights_through_a_hole(double planted) {
@@ -1311,6 +1350,7 @@ static void test_texels_of_two(void) {
     } while (0)
 
 int main(void) {
+    RUN(test_parts_of_a_mesh(0));
     RUN(test_eye_in_touching_cubes(0));
     RUN(test_object_between_touching_cubes(0));
     RUN(test_ground_after_last_scattering(0));
@@ -1355,6 +1395,7 @@ int main(void) {
     CHECK_CATCHES(test_narrow_last_scattering(.05));
     CHECK_CATCHES(test_ground_after_last_scattering(.05));
     CHECK_CATCHES(test_leaving_by_a_hole(1.05));
+    CHECK_CATCHES(test_parts_of_a_mesh(-1));
     CHECK_CATCHES(test_lights_through_a_hole(1.05));
     CHECK_CATCHES(test_thin_medium_with_a_hole(1.1));
     CHECK_CATCHES(test_standing_on_the_ground(.5));
