@@ -1070,7 +1070,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
    `scale` multiplies a light.
 
    A sky file has, in the same manner, for each channel the nine coefficients of
-   F(theta, gamma) = (1 + A exp(B / (cos theta + .01))) (C + D exp(E gamma) + F cos^2 gamma
+   f(theta, gamma) = (1 + A exp(B / (cos theta + .01))) (C + D exp(E gamma) + F cos^2 gamma
                      + G chi(H, gamma) + I sqrt(cos theta)),
    chi(H, gamma) = (1 + cos^2 gamma) / (1 + H^2 - 2 H cos gamma)^(3/2),
    in the order of the published data, which is A B C D E F G I H, and the radiances by which
@@ -1199,7 +1199,8 @@ static void itn__free(const itn_context *context, void *block) {
 }
 
 /* A caller's context, or the default one; a half-set allocator is refused. */
-static itn_result itn__context(const itn_context *given, itn_context *context, itn_error *error) {
+static itn_result itn__context_check(const itn_context *given, itn_context *context,
+                                     itn_error *error) {
     memset(context, 0, sizeof *context);
     if (given && !given->allocate != !given->deallocate)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -2056,7 +2057,7 @@ ITN_API itn_result itn_image_create(int width, int height, int plane_count,
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_image_create: image is NULL, or of %d x %d x %d planes one is not "
                          "positive", width, height, plane_count);
-    result = itn__context(context, &made.context, error);
+    result = itn__context_check(context, &made.context, error);
     if (result) return result;
     made.width = width, made.height = height, made.plane_count = plane_count;
     if ((size_t)width > SIZE_MAX / 8 / (size_t)height / (size_t)plane_count)
@@ -2123,7 +2124,7 @@ static int itn__image_colours(const itn_image *image, const float *planes[3]) {
 ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int with_uvs,
                                    const itn_context *context, itn_mesh *mesh, itn_error *error) {
     itn_mesh made = ITN_ZERO;
-    itn_result result = itn__context(context, &made.context, error);
+    itn_result result = itn__context_check(context, &made.context, error);
     if (result) return result;
     if (!mesh) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_create: mesh is NULL");
     if (vertex_count < 0 || triangle_count < 0)
@@ -2377,7 +2378,7 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
     itn_context own;
     itn__welding welding;
     itn_mesh_report found = ITN_ZERO;
-    itn_result result = itn__context(context, &own, error);
+    itn_result result = itn__context_check(context, &own, error);
     if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
     if (result) return result;
     if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
@@ -3250,7 +3251,7 @@ static itn_result itn__bvh_build(const itn_mesh *mesh, const int *object_of_tria
     itn_bvh *made = NULL;
     itn__build *build;
     size_t count;
-    itn_result result = itn__context(context, &own, error);
+    itn_result result = itn__context_check(context, &own, error);
     if (!result) result = itn__bvh_acceptable(mesh, error);
     if (result) return result;
     if (!bvh) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: bvh is NULL");
@@ -3589,6 +3590,9 @@ ITN__INLINE itn_vec3 itn__sample_phase(itn_vec3 direction, float g, float u, flo
    2018), and reflect or transmit by F; in either case f cos theta_o / pdf = G1(omega_o). Light that
    would meet a second facet is lost: a white furnace with a rough boundary is darker than 1.
 
+   A diffuse surface has f = reflectance / pi on either side; omega_o is drawn with density
+   cos theta_o / pi, so that f cos theta_o / pdf is the reflectance.
+
    Derivatives are detached: directions stay, f changes. With omega_i and omega_o fixed, the facet
    that refracts one into the other turns with eta, so there m is a dual number as well. */
 
@@ -3739,7 +3743,7 @@ ITN__INLINE itn_vec3 itn__sample_cosine(float u, float v) {
    u, v in [0,1] across and down, omega = (sin 2 pi u sin pi v, cos pi v, -cos 2 pi u sin pi v).
 
    Sky (Hosek and Wilkie 2012, equation 8), theta from the zenith, gamma from the sun:
-       F = (1 + A e^(B/(cos theta + .01)))
+       f = (1 + A e^(B/(cos theta + .01)))
            (C + D e^(E gamma) + F cos^2 gamma + G chi + I sqrt(cos theta)),
        chi = (1 + cos^2 gamma) / (1 + H^2 - 2 H cos gamma)^(3/2),
    times a radiance; the published data hold A B C D E F G I H in this order. */
@@ -4049,8 +4053,9 @@ static itn_result itn__light_grid(const itn_context *context, itn__light *light,
 
 /* A pinhole at `eye`; a pixel's value is the mean radiance over the reconstruction filter around
    its centre. Positions are drawn from the filter itself (filter importance sampling), so every
-   sample has weight 1 and belongs to one pixel only, and pixels are independent. How many samples a
-   pixel has is kept in an allotment where not all have the same number. */
+   sample has weight 1 and belongs to one pixel only, and pixels are independent. A Gaussian's, cut
+   at four deviations, are at the distance deviation sqrt(-2 ln(1 - (1 - e^-8) u)). How many samples
+   a pixel has is kept in an allotment where not all have the same number. */
 typedef struct itn__camera {
     itn_vec3 eye, forward, right, up; /* right and up are as long as half the film at distance 1 */
     int width, height;
@@ -5138,7 +5143,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
     itn_result result;
     if (!desc || !scene)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
-    result = itn__context(context, &own, error);
+    result = itn__context_check(context, &own, error);
     if (result) return result;
     maker.scene = (itn_scene *)itn__allocate(&own, 1, sizeof(itn_scene));
     if (!maker.scene) return itn__out_of_memory(error, "a scene");
@@ -6786,7 +6791,7 @@ ITN__INLINE itn__vectors itn__raster_turn(const itn__voxels *voxels, const int l
 }
 
 /* The larger or smaller of ints. */
-ITN__INLINE itn__ints itn__most_int(itn__ints a, itn__ints b) {
+ITN__INLINE itn__ints itn__int_most(itn__ints a, itn__ints b) {
     return itn__select_int(itn__int_less(a, b), b, a);
 }
 ITN__INLINE itn__ints itn__int_least(itn__ints a, itn__ints b) {
@@ -6844,7 +6849,7 @@ ITN__INLINE void itn__raster_make(const itn__voxel_build *build, const int32_t *
     for (k = 0; k < 3; k++) {
         itn__floats least = itn__least3(p[0][k], p[1][k], p[2][k]) - touch;
         itn__floats most = itn__most3(p[0][k], p[1][k], p[2][k]) + touch;
-        r->lower[k] = itn__most_int(r->lower[k], itn__cells_of(least));
+        r->lower[k] = itn__int_most(r->lower[k], itn__cells_of(least));
         r->upper[k] = itn__int_least(r->upper[k], itn__cells_of(most));
     }
     itn__raster_depth(p, n, half, vast, r);
@@ -6888,7 +6893,7 @@ ITN__INLINE void itn__raster_march(itn__voxel_build *build, const itn__raster *r
         itn__floats x = itn__to_floats(i), y = itn__to_floats(j);
         itn__floats slope = r->slope_u * x + r->slope_v * y;
         here = left & itn__raster_touches(r, 0, x, y);
-        k = itn__most_int(r->lower[2], itn__cells_of(r->depth[0] + slope));
+        k = itn__int_most(r->lower[2], itn__cells_of(r->depth[0] + slope));
         last = itn__int_least(r->upper[2], itn__cells_of(r->depth[1] + slope));
         here &= ~itn__int_less(last, k);
         while (itn__mask_bits(here)) {
@@ -12913,7 +12918,7 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
    Networks are trained with it, and it is one of the methods that fit a single image. */
 
 /* Fills in the defaults of a desc and checks its ranges. */
-static itn_result itn__adam_desc(const itn_adam_desc *given, itn_adam_desc *desc,
+static itn_result itn__adam_desc_fill(const itn_adam_desc *given, itn_adam_desc *desc,
                                  itn_error *error) {
     memset(desc, 0, sizeof *desc);
     if (given) *desc = *given;
@@ -14171,7 +14176,8 @@ struct itn_net {
 };
 
 /* Fills in the defaults of a desc and checks its ranges. */
-static itn_result itn__net_desc(const itn_net_desc *given, itn_net_desc *desc, itn_error *error) {
+static itn_result itn__net_desc_fill(const itn_net_desc *given, itn_net_desc *desc,
+                                     itn_error *error) {
     static const char *const names[7] = {"width",   "height", "channels", "layer_count",
                                          "outputs", "batch",  "first_channels"};
     static const int defaults[7] = {128, 128, 2, 7, 3, 16, 16};
@@ -14343,8 +14349,8 @@ ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *c
     itn_net *made;
     itn_result result;
     if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_create: net is NULL");
-    if ((result = itn__net_desc(desc, &filled, error)) != ITN_OK ||
-        (result = itn__context(context, &own, error)) != ITN_OK)
+    if ((result = itn__net_desc_fill(desc, &filled, error)) != ITN_OK ||
+        (result = itn__context_check(context, &own, error)) != ITN_OK)
         return result;
     made = (itn_net *)itn__allocate(&own, 1, sizeof *made);
     if (!made) return itn__out_of_memory(error, "a network");
@@ -14564,7 +14570,7 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
     itn_result result;
     size_t bad;
     if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_step: net is NULL");
-    if ((result = itn__adam_desc(desc, &adam, error)) != ITN_OK) return result;
+    if ((result = itn__adam_desc_fill(desc, &adam, error)) != ITN_OK) return result;
     if ((bad = itn__adam_refuses(net->gradients, net->count)) < net->count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_step: gradient %.0f is %g, and its square is not finite; "
@@ -15712,7 +15718,7 @@ static itn_result itn__refine_gradient(itn__refiner *refiner, itn_error *error) 
    run. */
 static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
     itn_adam_desc adam = ITN_ZERO;
-    itn_result result = itn__adam_desc(NULL, &adam, error);
+    itn_result result = itn__adam_desc_fill(NULL, &adam, error);
     int plain = refiner->options.method == ITN_METHOD_SGD;
     int n = refiner->count, iteration, k, steps = refiner->options.iterations;
     for (iteration = 0; iteration < steps && !result; iteration++) {
@@ -16148,7 +16154,7 @@ static void itn__refine_end(itn__refiner *refiner) {
 }
 
 /* Fills in the defaults of the options and checks their ranges. */
-static itn_result itn__refine_options(itn_refine_options *options, itn_error *error) {
+static itn_result itn__refine_options_fill(itn_refine_options *options, itn_error *error) {
     const int most = INT_MAX / ITN__FINAL / ITN__FINAL / ITN__PATIENCE;
     int plain = options->method == ITN_METHOD_SGD;
     if (options->spp == 0) options->spp = 64;
@@ -16259,7 +16265,7 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
     refiner.context = &views->scene->context;
     if (options) refiner.options = *options;
     refiner.patience = refiner.options.final_spp == 0 ? ITN__PATIENCE : 1;
-    result = itn__refine_options(&refiner.options, error);
+    result = itn__refine_options_fill(&refiner.options, error);
     if (result) return result;
     result = itn__refine_search(&refiner, views, values, error);
     if (!result) result = itn__refine_again(&refiner, views, error);
@@ -17396,7 +17402,7 @@ static itn_result itn__check_image(const itn_image *image, int first_plane, int 
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "saving an image: planes %d to %.0f of an image of %d", first_plane,
                          (double)first_plane + plane_count - 1, image->plane_count);
-    return itn__context(&image->context, &buffer->context, error);
+    return itn__context_check(&image->context, &buffer->context, error);
 }
 
 /* Sorts the planes by name and checks the names. */
@@ -17588,7 +17594,7 @@ ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const c
 ITN_API itn_result itn_image_load(const char *path, const itn_context *context, itn_image *image,
                                   itn_error *error) {
     itn__buffer file = ITN_ZERO;
-    itn_result result = itn__context(context, &file.context, error);
+    itn_result result = itn__context_check(context, &file.context, error);
     if (!result) result = itn__read_file(path, SIZE_MAX / 4, &file, error);
     if (result) return result;
     result = itn_image_from_memory(file.bytes, file.size, path, context, image, error);
@@ -18581,7 +18587,7 @@ ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const ch
     itn_result result;
     if (!bytes || !mesh)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_from_memory: NULL argument");
-    result = itn__context(context, &checked, error);
+    result = itn__context_check(context, &checked, error);
     if (result) return result;
     if (!name) name = "mesh";
     itn__builder_make(&builder, &checked);
@@ -18602,7 +18608,7 @@ ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const ch
 ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, itn_mesh *mesh,
                                  itn_error *error) {
     itn__buffer file = ITN_ZERO;
-    itn_result result = itn__context(context, &file.context, error);
+    itn_result result = itn__context_check(context, &file.context, error);
     if (!result) result = itn__read_file(path, SIZE_MAX / 4, &file, error);
     if (result) return result;
     result = itn_mesh_from_memory(file.bytes, file.size, path, context, mesh, error);
@@ -18638,7 +18644,7 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
     char header[400];
     size_t i, k;
     itn_result result = itn__check_mesh(mesh, error);
-    if (!result) result = itn__context(&mesh->context, &buffer.context, error);
+    if (!result) result = itn__context_check(&mesh->context, &buffer.context, error);
     if (result) return result;
     snprintf(header, sizeof header,
              "ply\nformat binary_little_endian 1.0\nelement vertex %d\n"
@@ -18728,7 +18734,7 @@ static itn_result itn__weights_shape(const unsigned char *bytes, const char *nam
     desc->batch = 1; /* any batch may have written it */
     if (!desc->width || !desc->height || !desc->channels || !desc->layer_count ||
         !desc->first_channels || !desc->outputs ||
-        itn__net_desc(desc, &shape.desc, NULL) != ITN_OK || !itn__net_sizes(&shape) ||
+        itn__net_desc_fill(desc, &shape.desc, NULL) != ITN_OK || !itn__net_sizes(&shape) ||
         shape.count != w->count)
         return itn__fail(error, ITN_ERROR_FORMAT, 0,
                          "%s: its shape (%dx%d, %d channels, %d layers from %d channels, %d "
@@ -18868,7 +18874,7 @@ ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error
 ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
                                 itn_net **net, itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
-    itn_result result = itn__context(context, &buffer.context, error);
+    itn_result result = itn__context_check(context, &buffer.context, error);
     if (result == ITN_OK) result = itn__read_file(path, ITN__WEIGHTS_LIMIT, &buffer, error);
     if (result != ITN_OK) return result;
     result = itn_net_from_memory(buffer.bytes, buffer.size, path, batch, context, net, error);
@@ -19606,7 +19612,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
                                   itn_error *error) {
     itn_context own;
     itn__scene_file *file;
-    itn_result result = itn__context(context, &own, error);
+    itn_result result = itn__context_check(context, &own, error);
     if (result) return result;
     if (!path || !scene)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_load: path or scene is NULL");

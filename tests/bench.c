@@ -275,7 +275,7 @@ static itn_net *make_net(const size_t *channels, int batch) {
     itn_error error;
     desc.batch = batch, desc.channels = (int)channels[0];
     net->context = one_core();
-    need(itn__net_desc(&desc, &net->desc, &error), &error);
+    need(itn__net_desc_fill(&desc, &net->desc, &error), &error);
     if (!itn__net_chain(net, channels)) fail("cnn", "the network does not fit into memory");
     if (!itn__net_allocate(net)) fail("cnn", "the network does not fit into memory");
     itn__net_initialise(net);
