@@ -38,6 +38,7 @@
 #include "../itn.h"
 
 #include "chart.h"
+#include "check.h"
 #include "solids.h"
 #include "stage.h"
 

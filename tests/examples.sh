@@ -52,6 +52,8 @@ for source in "$root"/examples/*.c; do
     done
     to_be_run "$example"
 done
+# shellcheck disable=SC2086
+check "bench.c" $CC -Wall -Wextra -Wpedantic -Werror "$here/bench.c" -fsyntax-only
 cd "$work" || exit 1
 ln -s "$root/scenes" scenes # paths in scene files have no blanks
 
