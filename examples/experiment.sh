@@ -78,7 +78,7 @@ elif up_to .99; then
 else
     picture="--tests ${tests:-1} --noise ${noise:-0.03} --spp 4096"
     warm=110 calm=16 more=14 settle=4 cool=2 training="--batch 16 --channels 6" spp=4
-    trial="--images 24 --spp 2"
+    trial="--images 72 --spp 2"
     search="--images 2 --iterations 200 --spp 2"
 fi
 
