@@ -5006,28 +5006,30 @@ static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line, int
 
 enum { ITN__TRIED_LINES = 400 };
 
+/* A line in any direction, from outside of all solids, through a point of an object's box. */
+static itn_ray itn__draw_line(const itn_scene *scene, const itn__object *object, itn__rng *rng) {
+    float p[3], u, v, x, y;
+    itn_ray line;
+    int k;
+    for (k = 0; k < 3; k++)
+        p[k] = (float)(object->lower[k] - scene->origin[k] +
+                       (double)itn__uniform(rng) * (object->upper[k] - object->lower[k]));
+    u = itn__uniform(rng), v = itn__uniform(rng);
+    line.direction = itn__sample_phase(itn__vec3(0, 0, 1), 0, u, v, &x, &y);
+    line.origin = itn__along(itn__vec3(p[0], p[1], p[2]), -4 * scene->radius, line.direction);
+    line.tmin = 0, line.tmax = INFINITY;
+    return line;
+}
+
 /* Whether more than one line in 40 through a solid is tangled; fewer are where a scanned surface
-   crosses itself a little, which hardly shows. Lines go through random points of its box. */
+   crosses itself a little, which hardly shows. */
 static int itn__parts_tangled(const itn_scene *scene, int index, int *lines, int *tangled) {
-    const itn__object *object = &scene->objects[index];
-    int i, k;
+    itn__rng rng = itn__rng_make(0, (uint64_t)index, 0);
+    int i;
     *lines = *tangled = 0;
     for (i = 0; i < ITN__TRIED_LINES; i++) {
-        float number[5], side, turn;
-        double middle[3];
         int met = 0;
-        itn_ray line;
-        for (k = 0; k < 5; k++)
-            number[k] = (float)(itn__mix64((uint64_t)(5 * i + k + 1)) >> 40) / 16777216;
-        for (k = 0; k < 3; k++)
-            middle[k] = object->lower[k] - scene->origin[k] +
-                        (double)number[k] * (object->upper[k] - object->lower[k]);
-        side = sqrtf(itn__max(1 - (2 * number[3] - 1) * (2 * number[3] - 1), 0));
-        turn = 2 * ITN__PI * number[4];
-        line.direction = itn__vec3(side * cosf(turn), side * sinf(turn), 2 * number[3] - 1);
-        line.origin = itn__along(itn__vec3((float)middle[0], (float)middle[1], (float)middle[2]),
-                                 -4 * scene->radius, line.direction);
-        line.tmin = 0, line.tmax = INFINITY;
+        itn_ray line = itn__draw_line(scene, &scene->objects[index], &rng);
         *tangled += itn__is_tangled(scene, index, line, &met);
         *lines += met > 0;
     }
@@ -15469,12 +15471,24 @@ static double itn__refine_spread(const itn__normal *normal, int n, const double 
     return all > 0 ? uneven / all * power * (outer / ITN__BINOMIAL_NOISE + power) : 0;
 }
 
+/* The direction of unknown k alone. */
+static double *itn__refine_axis(const itn__refiner *refiner, int k) {
+    memset(refiner->direction, 0, (size_t)refiner->count * sizeof(double));
+    refiner->direction[k] = 1;
+    return refiner->direction;
+}
+
+/* A^-1's column k, by A's factor. */
+static double *itn__refine_column(const itn__refiner *refiner, int k) {
+    itn__cholesky_solve(refiner->factor, refiner->count, itn__refine_axis(refiner, k));
+    return refiner->direction;
+}
+
 /* What pictures tell of unknown k, if all others are known: A_kk in units of its noise. */
 static double itn__refine_strength(const itn__refiner *refiner, const itn__normal *normal, int k) {
     int n = refiner->count;
-    memset(refiner->direction, 0, (size_t)n * sizeof(double));
-    refiner->direction[k] = 1;
-    return normal->matrix[k * n + k] / sqrt(itn__refine_spread(normal, n, refiner->direction));
+    return normal->matrix[k * n + k] /
+           sqrt(itn__refine_spread(normal, n, itn__refine_axis(refiner, k)));
 }
 
 static int itn__refine_tells(const itn__refiner *refiner, const itn__normal *normal, int k) {
@@ -15483,12 +15497,8 @@ static int itn__refine_tells(const itn__refiner *refiner, const itn__normal *nor
 
 /* All information about unknown k, i, over its standard deviation, by the factor of A. */
 static double itn__refine_certainty(const itn__refiner *refiner, int k) {
-    double *c = refiner->direction, information;
+    double *c = itn__refine_column(refiner, k), information = 1 / c[k];
     int n = refiner->count, l;
-    memset(c, 0, (size_t)n * sizeof(double));
-    c[k] = 1;
-    itn__cholesky_solve(refiner->factor, n, c);
-    information = 1 / c[k];
     for (l = 0; l < n; l++) c[l] *= information;
     return information / sqrt(itn__refine_spread(&refiner->known, n, c));
 }
@@ -15767,11 +15777,7 @@ static void itn__refine_let_go(itn__refiner *refiner, int k) {
 
 /* Whether others can stand for more than half of what is known of unknown k, by A's factor. */
 static int itn__refine_stood_for(const itn__refiner *refiner, int k) {
-    int n = refiner->count;
-    memset(refiner->direction, 0, (size_t)n * sizeof(double));
-    refiner->direction[k] = 1;
-    itn__cholesky_solve(refiner->factor, n, refiner->direction);
-    return refiner->direction[k] * refiner->known.matrix[k * n + k] > 2;
+    return itn__refine_column(refiner, k)[k] * refiner->known.matrix[k * (refiner->count + 1)] > 2;
 }
 
 /* Of what still counts as told, and by A's factor is not, the least known; -1 if there is none.

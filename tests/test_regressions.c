@@ -93,6 +93,25 @@ static itn_mesh unit_box(void) {
     return solids_box(solids_vec3(-1, -1, -1), solids_vec3(1, 1, 1));
 }
 
+/* The same without its side z = 1. */
+static itn_mesh open_box(void) {
+    itn_mesh box = unit_box();
+    int i;
+    for (i = 0; i < 6; i++) box.triangles[6 + i] = box.triangles[30 + i];
+    box.triangle_count -= 2;
+    return box;
+}
+
+/* Turns a mesh inside out. */
+static void turn_over(itn_mesh *mesh) {
+    int i;
+    for (i = 0; i < mesh->triangle_count; i++) {
+        int swap = mesh->triangles[3 * i + 1];
+        mesh->triangles[3 * i + 1] = mesh->triangles[3 * i + 2];
+        mesh->triangles[3 * i + 2] = swap;
+    }
+}
+
 /* A diffuse floor below an eye that looks straight down. */
 static void begin_floor(stage *s, int size, double reflectance) {
     stage_begin(s, size, 0, 10);
@@ -127,18 +146,14 @@ static void test_parts_of_a_mesh(double planted) {
     } parts[] = {{{2, -1, -1}, {4, 1, 1}, 0, 0, 4},       {{1, -1, -1}, {3, 1, 1}, 0, 0, 4},
                  {{.5, -1, -1}, {2.5, 1, 1}, 0, 1, 0},    {{-.5, -.5, -.5}, {.5, .5, .5}, 0, 1, 0},
                  {{-.5, -.5, -.5}, {.5, .5, .5}, 1, 0, 1}, {{2, -.5, -.5}, {3, .5, .5}, 1, 1, 0}};
-    int k, i;
+    int k;
     for (k = 0; k < 6; k++) {
         const double *a = parts[k].lower, *b = parts[k].upper;
         itn_mesh first = unit_box(), both, second;
         stage s;
         second = solids_box(solids_vec3(a[0] + planted, a[1], a[2]),
                             solids_vec3(b[0] + planted, b[1], b[2]));
-        for (i = 0; i < 12 && parts[k].turned; i++) {
-            int swap = second.triangles[3 * i + 1];
-            second.triangles[3 * i + 1] = second.triangles[3 * i + 2];
-            second.triangles[3 * i + 2] = swap;
-        }
+        if (parts[k].turned) turn_over(&second);
         both = both_of(&first, &second);
         begin_box(&s, &both, 1, 0);
         s.desc.camera.eye = solids_vec3(9, 0, 0), s.desc.camera.fov = .01f;
@@ -280,10 +295,8 @@ static void test_leaving_by_a_hole(double planted) {
     static const char *const planes[2][2] = {{"Y", "d_m_sigma_t.Y"}, {"R", "d_m_sigma_t_r.R"}};
     static const char *const variances[2][2] = {
         {"Variance.Y", "d_m_sigma_t_variance.Y"}, {"Variance.R", "d_m_sigma_t_r_variance.R"}};
-    itn_mesh box = unit_box();
+    itn_mesh box = open_box();
     int colours, k, i;
-    for (i = 0; i < 6; i++) box.triangles[6 + i] = box.triangles[30 + i];
-    box.triangle_count -= 2;
     for (colours = 0; colours < 2; colours++) {
         itn_image images[2];
         stage s;
@@ -312,13 +325,12 @@ static void test_leaving_by_a_hole(double planted) {
 }
 
 /* From within a forced box of a thin black medium out by its open side: what is left of the light is
-   e^(-sigma_t way), though the floor goes on beyond the box, also where the derivative by the extinction draws more collisions than there
-   are, and in a channel that is clear while the others are not. planted: factor of the light. */
+   e^(-sigma_t way), though the floor goes on beyond the box, also where the derivative by the
+   extinction draws more collisions than there are, and in a channel that is clear while the others
+   are not. planted: factor of the light. */
 static void test_thin_medium_with_a_hole(double planted) {
-    itn_mesh box = unit_box();
+    itn_mesh box = open_box();
     int colours, i;
-    for (i = 0; i < 6; i++) box.triangles[6 + i] = box.triangles[30 + i];
-    box.triangle_count -= 2;
     for (colours = 0; colours < 2; colours++) {
         const char *planes[4] = {"Y", "Variance.Y", "d_m_sigma_t.Y", "d_m_sigma_t_variance.Y"};
         const char *reds[4] = {"R", "Variance.R", "d_m_sigma_t_r.R", "d_m_sigma_t_r_variance.R"};
@@ -356,12 +368,10 @@ static void test_thin_medium_with_a_hole(double planted) {
    and so are its derivatives by the extinction, in both walks. planted: factor under the map. */
 static void test_lights_through_a_hole(double planted) {
     static const char *const names[1] = {"m.sigma_t"};
-    itn_mesh box = unit_box();
+    itn_mesh box = open_box();
     itn_image map = white_map();
     solids_mean means[4][2]; /* in light 1 and under the map, in each walk */
     int scatter, k, i;       /* 2: many times, from within a thick medium */
-    for (i = 0; i < 6; i++) box.triangles[6 + i] = box.triangles[30 + i];
-    box.triangle_count -= 2;
     for (scatter = 0; scatter < 3; scatter++) {
         for (k = 0; k < 4; k++) {
             itn_render_options options = ITN_ZERO;
@@ -588,11 +598,7 @@ static void test_forced_inside_out(void) {
     itn_mesh box = unit_box();
     solids_mean mean;
     stage s;
-    int i;
-    for (i = 0; i < 12; i++) {
-        int swap = box.triangles[3 * i + 1];
-        box.triangles[3 * i + 1] = box.triangles[3 * i + 2], box.triangles[3 * i + 2] = swap;
-    }
+    turn_over(&box);
     begin_box(&s, &box, 1, 0);
     s.desc.camera.fov = .01f;
     check_refused(&s, NULL, ITN_ERROR_MESH, __LINE__);
