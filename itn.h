@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.7.2                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.7.3                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -190,7 +190,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 7
-#define ITN_VERSION_PATCH 2
+#define ITN_VERSION_PATCH 3
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -5167,7 +5167,8 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    walk is inside of. Of sheets, which have no inside, it counts where the ray begins ([tri]).
 
    Where parts of a solid touch, faces coincide: those just gone through, and not yet left behind,
-   are remembered, so that a walk does not go through them again and again. */
+   are remembered, so that a walk does not go through them again and again; and a ray that goes on
+   straight behind a face never does so from further back. */
 
 typedef struct itn__place {
     itn__sides sides;
@@ -5317,6 +5318,17 @@ static itn_vec3 itn__hit_point(const itn_bvh *bvh, const itn_hit *hit) {
     itn__bvh_corners(bvh, hit->triangle, p);
     return itn__along(itn__along(p[0], hit->u, itn__sub(p[1], p[0])), hit->v,
                       itn__sub(p[2], p[0]));
+}
+
+/* The point where a ray that has hit a face goes on straight, behind it: that of the hit, unless
+   rounding leaves it less than half of the way ahead or behind the ray; then one as far along the
+   ray. So it never comes back, and two faces of an edge cannot send it to and fro for ever. */
+static itn_vec3 itn__passed_point(const itn_bvh *bvh, itn_vec3 origin, itn_vec3 direction,
+                                  const itn_hit *hit) {
+    itn_vec3 point = itn__hit_point(bvh, hit);
+    float t = itn__max(hit->t, 0);
+    if (itn__dot(itn__sub(point, origin), direction) >= t / 2) return point;
+    return itn__along(origin, t, direction);
 }
 
 /* Unit normal of the triangle that a ray along `direction` has hit, on the side it comes from.
@@ -5775,7 +5787,7 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
             (scene->objects[object].surface >= 0 &&
              scene->surfaces[scene->objects[object].surface].type == ITN_SURFACE_DIFFUSE))
             return 0;
-        ray.origin = itn__hit_point(scene->bvh, &hit);
+        ray.origin = itn__passed_point(scene->bvh, ray.origin, ray.direction, &hit);
         itn__cross_boundary(scene, &walk->place, object, &hit, ray.origin);
     }
 }
@@ -6114,13 +6126,14 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     const itn_scene *scene = walk->scene;
     int object = itn__bvh_object(scene->bvh, hit->triangle);
     int surface = scene->objects[object].surface, after;
-    itn_vec3 n;
+    itn_vec3 n, origin = ray->origin;
     if (!itn__hit_normal(scene->bvh, hit, ray->direction, &n)) return 0;
     ray->origin = itn__hit_point(scene->bvh, hit);
     if (surface >= 0 && scene->surfaces[surface].type == ITN_SURFACE_DIFFUSE)
         return itn__meet_diffuse(walk, ray, hit, object, n);
     if (itn__beyond(scene, walk->theta, &walk->place, object, &after))
         return itn__meet_dielectric(walk, ray, hit, object, after, n);
+    ray->origin = itn__passed_point(scene->bvh, origin, ray->direction, hit);
     itn__cross_boundary(scene, &walk->place, object, hit, ray->origin);
     return 1;
 }
@@ -10632,7 +10645,8 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
         itn__unpark(crowd, slot);
         return;
     }
-    point = itn__hit_point(scene->bvh, hit);
+    point = itn__passed_point(scene->bvh, itn__get_vector(queue, ITN__POSITION, at),
+                              itn__get_vector(queue, ITN__DIRECTION, at), hit);
     itn__cross_boundary(scene, place, object, hit, point);
     itn__set_vector(queue, ITN__POSITION, at, point);
     substance = itn__substance_of(fast, place);
@@ -10753,9 +10767,10 @@ static void itn__note_texel(itn__crowd *crowd, int slot, const itn_hit *hit, itn
 }
 
 /* Which stage lanes at surfaces come to: *diffuse and *boundary receive them; what those need is
-   noted. The others have gone through a boundary that light does not feel. */
+   noted. The others have gone through a boundary that light does not feel: `point` receives where
+   they go on. */
 static void itn__sort_meeting(itn__crowd *crowd, int at, const itn__ints *slots,
-                              const itn__vectors *point, unsigned bits, itn__meeting *m,
+                              itn__vectors *point, unsigned bits, itn__meeting *m,
                               unsigned *diffuse, unsigned *boundary) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
@@ -10777,7 +10792,11 @@ static void itn__sort_meeting(itn__crowd *crowd, int at, const itn__ints *slots,
                         itn__ior(scene, fast->theta, place->refracting);
             m->alpha[k] = surface->alpha >= 0 ? fast->theta[surface->alpha] : 0;
         } else {
+            p = itn__passed_point(scene->bvh, itn__get_vector(&crowd->taken, ITN__POSITION, at + k),
+                                  itn__get_vector(&crowd->taken, ITN__DIRECTION, at + k), hit);
             itn__cross_boundary(scene, place, object, hit, p);
+            ITN__LANE(point->x, k) = p.x, ITN__LANE(point->y, k) = p.y;
+            ITN__LANE(point->z, k) = p.z;
         }
     }
 }
@@ -19640,6 +19659,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.7.3  rendering never came to an end where rounding sent a ray to and fro between two faces of
+          an edge, of a mesh whose boundary light does not feel, which a training met once
    0.7.2  solids whose parts overlap, lie within each other or are inside out, which gave pictures
           that were wrong without a word, are refused (`force` takes them); behind a hole a medium
           ends with the box of the solids, not of the ground as well; values of a target that are
