@@ -481,7 +481,8 @@ typedef struct pictures {
     int *shard_of;      /* [count] */
     float (*thetas)[3]; /* [count] sigma_t, albedo, g */
     float *noise;       /* [count] */
-    uint16_t *pixels;   /* [count][PIXELS] */
+    uint16_t *pixels;   /* [count][PIXELS], or of those from `first` on that were kept */
+    int first;
 } pictures;
 
 /* Reads all shards of a split, or says which are wrong and ends the program. */
@@ -541,6 +542,15 @@ static inline void keep_shapes(pictures *p, const char *list, int listed, int pl
     p->count = kept;
 }
 
+/* Forgets the pixels of all pictures but those from `first` to before `end`. */
+static inline void keep_pixels(pictures *p, int first, int end) {
+    size_t count = (size_t)(end - first) * PIXELS;
+    uint16_t *kept = (uint16_t *)need(count, sizeof *kept);
+    memcpy(kept, p->pixels + (size_t)(first - p->first) * PIXELS, count * sizeof *kept);
+    free(p->pixels);
+    p->pixels = kept, p->first = first;
+}
+
 static inline void free_pictures(pictures *p) {
     free(p->pixels);
     free(p->noise);
@@ -552,7 +562,7 @@ static inline void free_pictures(pictures *p) {
 static inline void get_picture(const pictures *p, int index, float *pixels) {
     int i;
     for (i = 0; i < PIXELS; i++)
-        pixels[i] = float_from_half(p->pixels[(size_t)index * PIXELS + (size_t)i]);
+        pixels[i] = float_from_half(p->pixels[(size_t)(index - p->first) * PIXELS + (size_t)i]);
 }
 
 /* Loads a scene of a shard for a single thread; the caller's threads share it.
@@ -616,20 +626,21 @@ static inline int evenly(int index, int count, int total) {
     return first + (int)(mix(5, (uint64_t)index, (uint64_t)count) % (uint64_t)(next - first));
 }
 
-/* Loads the scenes of `count` pictures, evenly out of all. */
-static inline void load_stages(const pictures *p, int count, film on, const char *dir, int threads,
-                               stages *s) {
+/* Loads the scenes of `count` pictures, evenly out of those from `first` to before `end`. */
+static inline void load_stages(const pictures *p, int first, int end, int count, film on,
+                               const char *dir, int threads, stages *s) {
     stage_loader l;
     int i, k;
     memset(s, 0, sizeof *s), memset(&l, 0, sizeof l);
-    if (!p->count) fail(dir, "has no pictures for this");
+    if (first >= end) fail(dir, "has no pictures for this");
     l.stages = s, l.pictures = p, l.on = on, l.dir = dir;
     for (i = 0; i < count; i++) {
-        int picture = evenly(i, count, p->count), shard_number = p->shard_of[picture];
+        int picture = first + evenly(i, count, end - first);
+        int shard_number = p->shard_of[picture];
         l.used[shard_number][variant_of(&p->shards[shard_number], p->thetas[picture])] = 1;
     }
     parallel_for(p->shard_count * PAIRS, load_stage, &l, &threads);
-    s->any = scene_of(s, p, 0);
+    s->any = scene_of(s, p, first);
     for (k = 0; k < 3; k++) s->parameters[k] = itn_parameter_find(s->any, theta_names[k]);
 }
 

@@ -271,7 +271,8 @@ static void make_table(const settings *s) {
     int threads = s->threads;
     all.settings = s;
     load_pictures(s->data, SPLIT_BOTH, &all.pictures);
-    load_stages(&all.pictures, all.pictures.count, FILM_ONE, s->data, threads, &all.stages);
+    load_stages(&all.pictures, 0, all.pictures.count, all.pictures.count, FILM_ONE, s->data,
+                threads, &all.stages);
     list_searches(&all);
     parallel_for(all.count, run_search, &all, &threads);
     print_table(&all);

@@ -12,7 +12,7 @@
             ./train --model itn --data data --checkpoint itn.net --evaluate
             ./train --checkpoint itn.net --export ../scenes/data.net
    Prints:  model,split,rmse_sigma_t,rmse_albedo,rmse_g,rmse_image,one_minus_ms_ssim
-            itn,train,52.3,0.113,0.24,0.187,0.21
+            itn,train,44.06,0.06736,0.1783,0.02293,0.01181
             ...
    Writes:  the network with Adam's state (itn.net), what else defines the run (itn.net.txt), the
             loss of every step (itn.net.csv) and its chart (itn.net.svg); --evaluate writes the
@@ -32,15 +32,16 @@
    --leave cube,bolt trains without these of the training shapes; --evaluate of such a network has a
    row `left` of them, as they are, in place of the three splits of the tests: choose by it, then
    test once. The row `train` is of all pictures that were trained on, variants of shapes too.
-   The image term needs the scenes of all of them: in the whole data 720, 5 GB a process.
+   The image term needs the scenes of all of them: in the whole data 720, 5 GB, of which each of
+   several processes holds its part.
    The number of steps that the network has taken says all about where a run is: the order of the
    pictures is a function of (seed, epoch), random numbers of (seed, step, picture). So a run that
    was stopped by Ctrl-C or a crash and goes on with --resume gives the same bits as one that was
    not, on any number of threads.
 
-   On several machines (or processes), each of which takes its part of every batch; once a step they
-   sum the gradients, after which all have the same network. Training only; same results but for the
-   rounding of that sum:
+   On several machines (or processes), each of which takes the same places of every batch and keeps
+   the pictures and scenes of these only; once a step they sum the gradients, after which all have
+   the same network. Training only; same results but for the rounding of that sum:
             mpicc -DUSE_MPI -O3 -march=native train.c -o train_mpi -lm -lpthread
             mpirun -np 4 ./train_mpi --model itn --data data ... -t 1
 
@@ -146,6 +147,7 @@ typedef struct trainer {
     float *inputs;        /* [batch][2][PIXELS] */
     float *larger;        /* [batch] see vary_picture */
     float *answers, *gradients; /* [batch][3] coordinates */
+    float *sums;          /* what processes add up: all gradients of a step, then its three sums */
     itn_loss *losses;     /* [batch] */
     double spreads[3];    /* the deviations of the parameters in the data */
     int first, step;      /* of the batch: its place in the order; how many steps came before */
@@ -335,7 +337,7 @@ static row answer_losses(trainer *t, int batch) {
     return r;
 }
 
-/* The same after the network has answered for the pictures from `first` in the order on. */
+/* The same after the network has answered for the pictures from place `first` of the order on. */
 static row batch_losses(trainer *t, int first, int batch) {
     itn_error error;
     int threads = t->options->threads;
@@ -345,28 +347,83 @@ static row batch_losses(trainer *t, int first, int batch) {
     return answer_losses(t, batch);
 }
 
-/* One step with the pictures from `first` in the order on. Returns whether a process was asked to
-   stop. */
-static int train_step(trainer *t, int first, int batch) {
-    process p = t->options->process;
-    int from = batch * p.rank / p.count, mine = batch * (p.rank + 1) / p.count - from, k;
+/* ---- the order of the pictures, and whose they are ---- */
+
+/* Each place of a batch has an equal part of the pictures for itself, those from part(place) to
+   before part(place + 1), one of them in every batch of an epoch. So a process that takes the same
+   places of every batch needs the pictures of these only, and how many processes there are makes no
+   difference to the batches. */
+static int part(const trainer *t, int place) {
+    return (int)((int64_t)place * t->pictures.count / t->options->model.batch);
+}
+
+/* The first place of a batch that is not for the processes before the one of this rank. */
+static int place_of(const trainer *t, int rank) {
+    return (int)((int64_t)t->options->model.batch * rank / t->options->process.count);
+}
+
+/* How many of the places before this one have a picture in a batch; all, but in the last of an
+   epoch. */
+static int taken_before(const trainer *t, int batch, int place) {
+    int i, taken = 0;
+    for (i = 0; i < place; i++) taken += part(t, i + 1) - part(t, i) > batch;
+    return taken;
+}
+
+/* Puts the pictures in an order, batch after batch. */
+static void draw_order(trainer *t, uint64_t seed) {
+    int *shuffled = (int *)need((size_t)t->pictures.count, sizeof *shuffled);
+    int places = t->options->model.batch, next = 0, batch, place;
+    for (place = 0; place < places; place++)
+        shuffle(shuffled + part(t, place), part(t, place + 1) - part(t, place),
+                mix(seed, (uint64_t)place, 3));
+    for (batch = 0; next < t->pictures.count; batch++)
+        for (place = 0; place < places; place++)
+            if (part(t, place) + batch < part(t, place + 1))
+                t->order[next++] = part(t, place) + shuffled[part(t, place) + batch];
+    free(shuffled);
+}
+
+/* A batch of the order: how many pictures it has, of them `mine` from place `first` of the order on
+   for this process. */
+typedef struct share {
+    int count, first, mine;
+} share;
+
+static share share_of(const trainer *t, int batch) {
+    int rank = t->options->process.rank, before = taken_before(t, batch, place_of(t, rank));
+    share s;
+    s.count = taken_before(t, batch, t->options->model.batch);
+    s.first = batch * t->options->model.batch + before;
+    s.mine = taken_before(t, batch, place_of(t, rank + 1)) - before;
+    return s;
+}
+
+/* One step with a batch of the order. Returns whether a process was asked to stop. */
+static int train_step(trainer *t, int batch) {
+    share s = share_of(t, batch);
     itn_adam_desc adam = ITN_ZERO;
     itn_error error;
     size_t count;
-    float *gradients = itn_net_gradients(t->net, &count), sums[3];
+    float *gradients = itn_net_gradients(t->net, &count), *sums = t->sums + count;
+    int k;
     row r;
     memset(&r, 0, sizeof r);
     t->step = (int)itn_net_steps(t->net);
     itn_net_zero_gradients(t->net);
-    if (mine) {
-        r = batch_losses(t, first + from, mine);
-        for (k = 0; k < 3 * mine; k++) t->gradients[k] /= (float)batch;
-        if (itn_net_backward(t->net, mine, t->gradients, &error)) fail(error.message, "");
+    if (s.mine) {
+        r = batch_losses(t, s.first, s.mine);
+        for (k = 0; k < 3 * s.mine; k++) t->gradients[k] /= (float)s.count;
+        if (itn_net_backward(t->net, s.mine, t->gradients, &error)) fail(error.message, "");
     }
-    sums[0] = (float)(r.parameters * mine / batch), sums[1] = (float)(r.image * mine / batch);
+    sums[0] = (float)(r.parameters * s.mine / s.count);
+    sums[1] = (float)(r.image * s.mine / s.count);
     sums[2] = stop_asked ? 1.f : 0.f;
-    sum_over_processes(sums, 3);
-    sum_over_processes(gradients, count);
+    if (t->options->process.count > 1) {
+        memcpy(t->sums, gradients, count * sizeof *gradients);
+        sum_over_processes(t->sums, count + 3);
+        memcpy(gradients, t->sums, count * sizeof *gradients);
+    }
     adam.learning_rate = t->options->model.rate;
     if (itn_net_step(t->net, &adam, &error)) fail(error.message, "");
     r.step = t->step + 1, r.parameters = (double)sums[0], r.image = (double)sums[1];
@@ -499,18 +556,36 @@ static double noise_loss(trainer *t, int batch) {
 /* Makes both terms of the loss about equally large over some pictures. Their noise, of which no
    answer can rid the image term, does not count. */
 static void choose_lambda(trainer *t, model *m) {
-    int batch = m->batch < t->pictures.count ? m->batch : t->pictures.count, rounds = 0;
+    int rounds = 0, all = t->pictures.count < 128 ? t->pictures.count : 128;
     double parameters = 0, image = 0, noise = 0;
     m->lambda = 1; /* so that it renders */
-    shuffle(t->order, t->pictures.count, mix((uint64_t)m->seed, 0, 2));
+    draw_order(t, mix((uint64_t)m->seed, 0, 2));
     do {
-        row r = batch_losses(t, rounds * batch, batch);
-        parameters += r.parameters, image += r.image;
-        noise += noise_loss(t, batch), rounds++;
-    } while ((rounds + 1) * batch <= t->pictures.count && (rounds + 1) * batch <= 128);
+        share s = share_of(t, rounds);
+        float sums[3] = {0, 0, 0};
+        if (s.mine) {
+            row r = batch_losses(t, s.first, s.mine);
+            double weight = (double)s.mine / s.count;
+            sums[0] = (float)(r.parameters * weight), sums[1] = (float)(r.image * weight);
+            sums[2] = (float)(noise_loss(t, s.mine) * weight);
+        }
+        sum_over_processes(sums, 3);
+        parameters += (double)sums[0], image += (double)sums[1], noise += (double)sums[2];
+    } while ((++rounds + 1) * m->batch <= all);
     m->lambda = image > 0 ? parameters / fmax(image - noise, .1 * image) : 1;
-    fprintf(stderr, "%s: losses of parameters %.4g, of images %.4g, of which noise %.4g: lambda "
-            "%.4g\n", m->name, parameters / rounds, image / rounds, noise / rounds, m->lambda);
+    if (!t->options->process.rank)
+        fprintf(stderr, "%s: losses of parameters %.4g, of images %.4g, of which noise %.4g: "
+                "lambda %.4g\n", m->name, parameters / rounds, image / rounds, noise / rounds,
+                m->lambda);
+}
+
+/* The pictures that a process trains with, from *first to before *end; one that has no place in a
+   batch keeps one all the same, as it needs a scene. */
+static void find_pictures(const trainer *t, int *first, int *end) {
+    *first = part(t, place_of(t, t->options->process.rank));
+    *end = part(t, place_of(t, t->options->process.rank + 1));
+    if (*first == *end && *first == t->pictures.count) --*first;
+    if (*first == *end) *end = *first + 1;
 }
 
 /* from: the file of the network to go on with, or NULL for a new one. */
@@ -518,15 +593,18 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
     itn_net_desc desc = ITN_ZERO;
     itn_context context = ITN_ZERO;
     itn_error error;
-    size_t batch = (size_t)o->model.batch;
+    size_t batch = (size_t)o->model.batch, count;
+    int first, end;
     t->options = o;
     load_pictures(o->data, SPLIT_TRAIN, &t->pictures);
     keep_shapes(&t->pictures, o->model.leave, 0, o->model.bend < 0);
+    if (!t->pictures.count) fail(o->data, "has no pictures for this");
     measure_spreads(&t->pictures, t->spreads);
+    find_pictures(t, &first, &end);
     t->kind = !strcmp(o->model.name, "itn") ? ITN_MODEL_ITN
               : !strcmp(o->model.name, "ssn") ? ITN_MODEL_SSN : ITN_MODEL_RN;
-    load_stages(&t->pictures, t->kind == ITN_MODEL_RN ? 1 : t->pictures.count, FILM_SMALL, o->data,
-                o->threads, &t->stages);
+    load_stages(&t->pictures, first, end, t->kind == ITN_MODEL_RN ? 1 : end - first, FILM_SMALL,
+                o->data, o->threads, &t->stages);
     context.parallel_for = parallel_for, context.parallel_user = (void *)&o->threads;
     desc.batch = o->model.batch, desc.seed = (uint64_t)o->model.seed;
     desc.first_channels = o->channels;
@@ -536,6 +614,8 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
             fail(from, "has another number of --channels");
     } else if (itn_net_create(&desc, &context, &t->net, &error)) fail(error.message, "");
     line_weights(FILM, SMALL, 0, FILM / SMALL, REDUCE, t->reduce);
+    itn_net_parameters(t->net, &count);
+    t->sums = (float *)need(count + 3, sizeof *t->sums);
     t->order = (int *)need((size_t)t->pictures.count, sizeof *t->order);
     t->targets = (float *)need(batch, SMALL_PIXELS * sizeof(float));
     t->inputs = (float *)need(batch, 2 * PIXELS * sizeof(float));
@@ -550,7 +630,7 @@ static void free_trainer(trainer *t) {
     itn_net_free(t->net);
     free_pictures(&t->pictures);
     free(t->rows), free(t->losses), free(t->gradients), free(t->answers);
-    free(t->larger), free(t->inputs), free(t->targets), free(t->order);
+    free(t->larger), free(t->inputs), free(t->targets), free(t->order), free(t->sums);
 }
 
 static void show_progress(const trainer *t, int steps, double start, int first_step) {
@@ -566,6 +646,7 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     const char *from = o->resume ? o->checkpoint : o->start;
     double lambda = o->model.lambda;
     model before, asked = o->model;
+    int first, end;
     if (!o->resume && !o->process.rank && !access(o->checkpoint, F_OK) &&
         (!o->start || strcmp(o->start, o->checkpoint)))
         fail(o->checkpoint, "is there already: go on with --resume, or name another one");
@@ -587,6 +668,8 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     } else {
         set_biases(t);
     }
+    find_pictures(t, &first, &end);
+    if (o->process.count > 1) keep_pixels(&t->pictures, first, end);
     if (o->resume) return;
     if (t->kind == ITN_MODEL_RN) o->model.lambda = 0;
     else if (lambda < 0 && from && !strcmp(before.name, o->model.name) &&
@@ -605,12 +688,11 @@ static int train(settings *o) {
     first_step = step = (int)itn_net_steps(t.net);
     start = seconds();
     for (; step < last && !stop; step++) {
-        int first = step % per_epoch * o->model.batch, left = t.pictures.count - first;
         if (epoch != step / per_epoch) {
             epoch = step / per_epoch;
-            shuffle(t.order, t.pictures.count, mix((uint64_t)o->model.seed, (uint64_t)epoch, 1));
+            draw_order(&t, mix((uint64_t)o->model.seed, (uint64_t)epoch, 1));
         }
-        stop = train_step(&t, first, left < o->model.batch ? left : o->model.batch);
+        stop = train_step(&t, step % per_epoch);
         if (!first_process) continue;
         if (seconds() - shown > .5) show_progress(&t, last, start, first_step), shown = seconds();
         if (seconds() - saved > 120) save_checkpoint(&t), saved = seconds();
@@ -846,7 +928,8 @@ static void try_split(trial *t, itn_net *net, FILE *files[3]) {
         t->judged = t->options->most_images;
     t->answers = (answer *)need((size_t)t->pictures.count, sizeof *t->answers);
     fine_weights(t->weights);
-    load_stages(&t->pictures, t->judged, FILM_FINE, t->options->data, threads, &t->stages);
+    load_stages(&t->pictures, 0, t->pictures.count, t->judged, FILM_FINE, t->options->data, threads,
+                &t->stages);
     ask(t, net);
     parallel_for(t->judged, judge, t, &threads);
     print_row(t, stdout), print_row(t, files[0]);

@@ -73,6 +73,33 @@ else
     echo "learning: no MPI here, its tests are left out"
 fi
 
+# stopped in the middle and gone on with, wherever that is: the same bits
+fit="--model rn --data part --batch 8 --channels 2 --epochs 900"
+# shellcheck disable=SC2086
+check "compile" ${CC:-cc} $flags "$root/examples/dataset.c" -o dataset -lm -lpthread
+# shellcheck disable=SC2086
+check "compile" ${CC:-cc} $flags "$root/examples/train.c" -o train -lm -lpthread
+check "a part" ./dataset make part --fraction 1/300 --noise 1 --spp 8 --scenes "$root/scenes"
+# shellcheck disable=SC2086
+{
+    check "at once" ./train $fit --checkpoint once.net
+    ./train $fit --checkpoint twice.net > stopped 2>&1 &
+    job=$!
+    for _ in 1 2 3 4 5 6 7 8 9 10; do
+        grep -q 'step' stopped && break
+        sleep .5
+    done
+    check "is stopped" kill -INT $job
+    wait $job
+    check "stopped: says so" test $? -eq 3
+    job=
+    check "stopped: before its end" test "$(wc -l < twice.net.csv)" -lt "$(wc -l < once.net.csv)"
+    refused differ "stopped: another network" cmp once.net twice.net
+    check "goes on" ./train $fit --resume --checkpoint twice.net
+}
+check "stopped: the same bits" cmp once.net twice.net
+check "stopped: the same curve" cmp once.net.csv twice.net.csv
+
 # a fiftieth of the experiment
 begun=$(date +%s)
 check "experiment" sh "$root/examples/experiment.sh" --fraction 1/50 -o out

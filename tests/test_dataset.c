@@ -96,7 +96,7 @@ static void test_families(const work *w, int planted) {
     memset(&p, 0, sizeof p);
     p.count = COUNT, p.shard_count = 1, p.shards[0] = w->shard, p.shard_of = shards;
     p.thetas = materials;
-    load_stages(&p, COUNT, FILM_ONE, w->settings->dir, 2, &own);
+    load_stages(&p, 0, COUNT, COUNT, FILM_ONE, w->settings->dir, 2, &own);
     for (i = first; i < end; i++) {
         const unsigned char *record = w->bytes + record_place(i);
         int shown = planted == 2 ? (i + 1) % COUNT : i;

@@ -1,6 +1,6 @@
 /* What the training program adds to the library: the loss in the parameters' own units against
-   differences, pictures shown otherwise against how much larger they are said to be, and MS-SSIM
-   where it has a closed form. */
+   differences, pictures shown otherwise against how much larger they are said to be, MS-SSIM where
+   it has a closed form, and which pictures of a batch are for which process. */
 #define main train_main
 #include "../examples/train.c"
 #undef main
@@ -87,6 +87,39 @@ static void test_ms_ssim(double range) {
     CHECK_NEAR(ms_ssim(picture, other), 1, 1e-9);
 }
 
+/* However many processes there are, an epoch shows every picture once, in the same batches, and each
+   process only its own. planted: the order is one of all pictures together. */
+static void test_order(int count, int batch, int planted) {
+    static trainer t;
+    static settings o;
+    int order[200], processes, seen[200], i;
+    memset(&t, 0, sizeof t);
+    t.options = &o, t.order = order, t.pictures.count = count, o.model.batch = batch;
+    draw_order(&t, 5);
+    if (planted) shuffle(order, count, 5);
+    for (processes = 1; processes <= 9; processes++) {
+        memset(seen, 0, sizeof seen);
+        for (i = 0; i < (count + batch - 1) / batch; i++) {
+            int from = i * batch, next = from, rank;
+            for (rank = 0; rank < processes; rank++) {
+                int first, end;
+                share s;
+                o.process.rank = rank, o.process.count = processes;
+                find_pictures(&t, &first, &end);
+                s = share_of(&t, i);
+                CHECK(s.count == (count - from < batch ? count - from : batch));
+                CHECK(s.first == next && first >= 0 && first < end && end <= count);
+                for (; next < s.first + s.mine; next++) {
+                    CHECK(order[next] >= first && order[next] < end);
+                    if (order[next] >= 0 && order[next] < count) seen[order[next]]++;
+                }
+            }
+            CHECK(next == (from + batch < count ? from + batch : count));
+        }
+        for (i = 0; i < count; i++) CHECK(seen[i] == 1);
+    }
+}
+
 int main(void) {
     test_own_loss(1);
     CHECK_CATCHES(test_own_loss(1.01));
@@ -95,5 +128,7 @@ int main(void) {
     CHECK_CATCHES(test_vary_picture(0, -1));
     test_ms_ssim(3);
     CHECK_CATCHES(test_ms_ssim(30));
+    test_order(96, 8, 0), test_order(101, 16, 0), test_order(3, 7, 0);
+    CHECK_CATCHES(test_order(96, 8, 1));
     return check_end("train");
 }
