@@ -22,9 +22,9 @@
    the time. The noise of such pictures is alike: errors of one tell something of errors of the
    others, and a mean over all three is noisier than over three on their own.
    --tests is the part of the three test splits to make, as large as --fraction unless given.
-   `make` goes on where it was stopped and mends what `check` finds missing or damaged. `sheet`
-   shows one picture of every shape, or of a variant (rows), and azimuth (columns). dataset.h says
-   what is in a file.
+   `check` reads every file: pictures, meshes, scenes, ground and sky. `make` goes on where it was
+   stopped and mends what `check` finds missing or damaged. `sheet` shows one picture of every
+   shape, or of a variant (rows), and azimuth (columns). dataset.h says what is in a file.
    The pictures are the same bits for any number of threads. */
 #define _POSIX_C_SOURCE 200809L
 #define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
@@ -38,6 +38,8 @@ static const char *const usage =
 
 /* Samples that every pixel of the fine film has where most have more. */
 enum { LEAST = 8 };
+
+enum { SCENE_SIZE = 2048 }; /* more than the text of a scene has */
 
 /* How many more are taken than a few samples say: where these fall short by chance, more go. */
 #define CARE 1.12
@@ -99,16 +101,13 @@ static double mesh_lift(const itn_mesh *mesh) {
     return .001 - (double)lowest;
 }
 
-/* The scene of scenes/data.itn with another shape and sun, and a grey sky. A sky's numbers hold for
-   the height of the sun and are measured from the zenith and from the sun, so all azimuths share
-   them. A file for each film. */
-static void write_scene(const char *dir, int shape, int azimuth, int variant) {
-    char path[PATH_SIZE], text[2048], name[64], films[FILMS][96];
-    double angle = azimuth * RADIANS, lift, fovs[FILMS] = {FOV, 0, 0, FOV};
-    itn_mesh mesh = load_mesh(dir, shape, azimuth, variant);
-    int on;
-    lift = mesh_lift(&mesh);
-    itn_mesh_free(&mesh);
+/* The text of a scene file: the scene of scenes/data.itn with another shape and sun, and a grey sky,
+   for one of the films. A sky's numbers hold for the height of the sun and are measured from the
+   zenith and from the sun, so all azimuths share them. Returns its length. */
+static int scene_text(const itn_mesh *mesh, int shape, int azimuth, int variant, film on,
+                      char text[SCENE_SIZE]) {
+    char name[64], films[FILMS][96];
+    double angle = azimuth * RADIANS, fovs[FILMS] = {FOV, 0, 0, FOV};
     mesh_name(shape, azimuth, variant, name);
     fovs[FILM_FINE] = 2 / RADIANS * atan(tan(FOV / 2 * RADIANS) * FINE / (PARTS * FILM));
     fovs[FILM_FAMILY] = fovs[FILM_FINE];
@@ -117,20 +116,29 @@ static void write_scene(const char *dir, int shape, int azimuth, int variant) {
     snprintf(films[FILM_FINE], 96, "width %d height %d", FINE, FINE);
     snprintf(films[FILM_FAMILY], 96, "width %d height %d  channels 3", FINE, FINE);
     snprintf(films[FILM_SMALL], 96, "width %d height %d  filter gaussian", SMALL, SMALL);
+    return snprintf(text, SCENE_SIZE,
+        "film    %s\n"
+        "camera  eye 0 8.785 -32.785  target 0 0.469 -1.75  fov %.8g\n"
+        "medium  milk   sigma_t 54  albedo 0.87  g 0.4\n"
+        "surface ground type diffuse  reflectance texture concrete.pfm\n"
+        "object  plane  y 0 half 20  surface ground\n"
+        "object  mesh %s  medium milk  rotate 0 1 0 180  translate 0 %.4f -1.75\n"
+        "light   sky t3-e60-grey.sky  sun %.6f 0.866025 %.6f  sun_scale 2"
+        "  sun_radius_scale 70\n",
+        films[on], fovs[on], name, mesh_lift(mesh), .5 * cos(angle), .5 * sin(angle));
+}
+
+/* Writes the files of a scene, one for each film. */
+static void write_scene(const char *dir, int shape, int azimuth, int variant) {
+    char path[PATH_SIZE], text[SCENE_SIZE];
+    itn_mesh mesh = load_mesh(dir, shape, azimuth, variant);
+    int on;
     for (on = 0; on < FILMS; on++) {
-        int length = snprintf(text, sizeof text,
-            "film    %s\n"
-            "camera  eye 0 8.785 -32.785  target 0 0.469 -1.75  fov %.8g\n"
-            "medium  milk   sigma_t 54  albedo 0.87  g 0.4\n"
-            "surface ground type diffuse  reflectance texture concrete.pfm\n"
-            "object  plane  y 0 half 20  surface ground\n"
-            "object  mesh %s  medium milk  rotate 0 1 0 180  translate 0 %.4f -1.75\n"
-            "light   sky t3-e60-grey.sky  sun %.6f 0.866025 %.6f  sun_scale 2"
-            "  sun_radius_scale 70\n",
-            films[on], fovs[on], name, lift, .5 * cos(angle), .5 * sin(angle));
+        int length = scene_text(&mesh, shape, azimuth, variant, (film)on, text);
         scene_path(shape, azimuth, variant, (film)on, dir, path);
         save_file(path, text, (size_t)length);
     }
+    itn_mesh_free(&mesh);
 }
 
 static void write_scenes(const settings *s) {
@@ -751,33 +759,61 @@ static int make_data(const settings *s) {
 
 /* ---- check and look ---- */
 
-static int is_missing(const char *path) {
+/* Whether a file has these bytes, or says on the way what is wrong with it. */
+static int is_text(const char *path, const char *text, int length) {
+    char there[SCENE_SIZE];
     FILE *file = fopen(path, "rb");
-    if (file) return fclose(file), 0;
-    printf("%s is missing\n", path);
-    return 1;
+    int size = file ? (int)fread(there, 1, sizeof there, file) : -1;
+    if (file) fclose(file);
+    if (size == length && !memcmp(there, text, (size_t)length)) return 1;
+    printf("%s %s\n", path, file ? "is not as `dataset make` writes it" : "is missing");
+    return 0;
 }
 
-/* How many of the files are missing that show what the pictures of a shard show. */
-static int missing_scenes(const char *dir, const shard *s) {
-    int variants[PAIRS], count = list_shown(s, variants), i, on, missing = 0;
-    char path[PATH_SIZE];
-    for (i = 0; i < count; i++) {
-        mesh_path(dir, s->shape, s->azimuth, variants[i], path);
-        missing += is_missing(path);
-        for (on = 0; on < FILMS; on++) {
-            scene_path(s->shape, s->azimuth, variants[i], (film)on, dir, path);
-            missing += is_missing(path);
-        }
+/* How many files of a scene are missing or damaged: those of all films, and its mesh, which is read
+   and should be closed. */
+static int scene_faults(const char *dir, int shape, int azimuth, int variant) {
+    char path[PATH_SIZE], text[SCENE_SIZE];
+    itn_mesh mesh;
+    itn_mesh_report report;
+    itn_error error;
+    int on, faults = 0;
+    mesh_path(dir, shape, azimuth, variant, path);
+    if (itn_mesh_load(path, NULL, &mesh, &error)) return printf("%s\n", error.message), 1;
+    if (itn_mesh_check(&mesh, NULL, &report, &error)) fail(path, error.message);
+    if (report.bad_vertices || report.bad_indices || report.open_edges || report.flipped_edges ||
+        !(report.volume > 0))
+        printf("%s is damaged: not closed\n", path), faults++;
+    for (on = 0; on < FILMS; on++) {
+        int length = scene_text(&mesh, shape, azimuth, variant, (film)on, text);
+        scene_path(shape, azimuth, variant, (film)on, dir, path);
+        faults += !is_text(path, text, length);
     }
-    return missing;
+    itn_mesh_free(&mesh);
+    return faults;
+}
+
+/* How many scenes of a shard's pictures have faults. All have ground and sky from the same files,
+   which are read with the first scene that has none itself. */
+static int shard_scene_faults(const char *dir, const shard *s, int *shared_is_read) {
+    int variants[PAIRS], count = list_shown(s, variants), i, faults = 0;
+    for (i = 0; i < count; i++) {
+        char path[PATH_SIZE];
+        itn_scene *scene;
+        itn_error error;
+        int bad = scene_faults(dir, s->shape, s->azimuth, variants[i]);
+        faults += bad;
+        if (bad || *shared_is_read) continue;
+        scene_path(s->shape, s->azimuth, variants[i], FILM_SMALL, dir, path);
+        if (itn_scene_load(path, NULL, &scene, &error)) printf("%s\n", error.message), faults++;
+        else itn_scene_free(scene);
+        *shared_is_read = 1;
+    }
+    return faults;
 }
 
 static int check_data(const char *dir) {
-    int in, i, k, faults = 0;
-    char shared[PATH_SIZE];
-    snprintf(shared, PATH_SIZE, "%s/scenes/concrete.pfm", dir), faults += is_missing(shared);
-    snprintf(shared, PATH_SIZE, "%s/scenes/t3-e60-grey.sky", dir), faults += is_missing(shared);
+    int in, i, k, faults = 0, shared_is_read = 0;
     for (in = 0; in < SPLITS; in++) {
         shard shards[MOST_SHARDS];
         double noise = 0, worst = 0;
@@ -788,7 +824,7 @@ static int check_data(const char *dir) {
             unsigned char *bytes = read_shard(&shards[i], dir, &fault);
             shard_path(&shards[i], dir, path);
             if (!bytes) printf("%s %s\n", path, fault), faults++;
-            faults += missing_scenes(dir, &shards[i]);
+            faults += shard_scene_faults(dir, &shards[i], &shared_is_read);
             for (k = 0; bytes && k < shards[i].count; k++, images++) {
                 double one = get_float(bytes + record_place(k) + 12);
                 noise += one, worst = fmax(worst, one);

@@ -171,10 +171,31 @@ victim=data/train-chain-00.itnd # one picture, of variant 32
 cp "$victim" whole.itnd
 printf 'x' | dd of="$victim" bs=1 seek=5000 conv=notrunc 2> "$work/log"
 refused damaged "dataset check finds damage" ./dataset check data
+cp "$victim" damaged.itnd && cp whole.itnd "$victim"
+# broken NAME FILE WHAT COMMAND...: a file that a command has changed is found, and only that
+broken() {
+    what=$1 file=data/scenes/$2 why=$3
+    shift 3
+    cp "$file" kept
+    "$@"
+    refused "$why" "dataset check: $what" ./dataset check data
+    check "dataset check: $what alone" test "$(grep -vc ' images in ' "$work/log")" -eq 1
+    cp kept "$file"
+}
+cut_file() { head -c "$2" "$1" > cut && cp cut "$1"; }
+other_sun() { sed 's/sun_scale 2/sun_scale 1/' "$1" > cut && cp cut "$1"; }
+broken "no mesh" chain-00-32.ply 'chain-00-32\.ply' rm data/scenes/chain-00-32.ply
+broken "a mesh that is cut" chain-00-32.ply 'chain-00-32\.ply' \
+    cut_file data/scenes/chain-00-32.ply 3000
+broken "no texture" concrete.pfm 'concrete\.pfm' rm data/scenes/concrete.pfm
+broken "a texture that is cut" concrete.pfm 'concrete\.pfm' cut_file data/scenes/concrete.pfm 1000
+broken "a sky that is cut" t3-e60-grey.sky 't3-e60-grey\.sky' \
+    cut_file data/scenes/t3-e60-grey.sky 500
+broken "a scene of another sun" chain-00-32-small.itn 'chain-00-32-small\.itn' \
+    other_sun data/scenes/chain-00-32-small.itn
+check "dataset check: whole again" ./dataset check data
+cp damaged.itnd "$victim"
 rm data/scenes/chain-00-32.ply
-refused 'chain-00-32.ply is missing' "dataset check misses a mesh" ./dataset check data
-mv data/scenes/concrete.pfm .
-refused 'concrete.pfm is missing' "dataset check misses a texture" ./dataset check data
 # shellcheck disable=SC2086
 check "dataset make mends" ./dataset make data --fraction 1/1000 --tests 1/8000 --noise 1 --spp 8 \
     -t 1 $scenes
