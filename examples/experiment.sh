@@ -79,7 +79,7 @@ else
     picture="--tests ${tests:-1} --noise ${noise:-0.03} --spp 4096"
     warm=110 calm=16 more=14 settle=4 cool=2 training="--batch 16 --channels 6" spp=4
     trial="--images 72 --spp 2"
-    search="--images 2 --iterations 200 --spp 2"
+    search="--images 10 --iterations 200 --spp 2"
 fi
 
 # step NAME COMMAND...: runs the command unless it has been done before, and tells how long it took.

@@ -32,6 +32,9 @@
    --leave cube,bolt trains without these of the training shapes; --evaluate of such a network has a
    row `left` of them, as they are, in place of the three splits of the tests: choose by it, then
    test once. The row `train` is of all pictures that were trained on, variants of shapes too.
+   --save (120) is how many seconds of training a crash may cost: so often the checkpoint is
+   written, to a file of its own that then takes the place of the old one: there is always a whole
+   one.
    The image term needs the scenes of all of them: in the whole data 720, 5 GB, of which each of
    several processes holds its part.
    The number of steps that the network has taken says all about where a run is: the order of the
@@ -74,7 +77,7 @@ static const char *const usage =
     "usage: train --model rn|ssn|itn|truth --data DIR --checkpoint FILE [--start FILE] [--resume]\n"
     "       [--epochs N] [--batch N] [--rate X] [--spp N] [--lambda X] [--seed N] [-t THREADS]\n"
     "       [--channels N] [--bend PIXELS|none] [--units coordinates|own]\n"
-    "       [--leave SHAPE,SHAPE...] [--evaluate] [--images MOST]\n"
+    "       [--leave SHAPE,SHAPE...] [--save SECONDS] [--evaluate] [--images MOST]\n"
     "       train --checkpoint FILE --export FILE\n";
 
 /* ---- several processes ---- */
@@ -126,6 +129,7 @@ typedef struct settings {
     const char *data, *checkpoint, *start, *shipped; /* shipped: where to export to */
     process process;
     int epochs, threads, resume, evaluate, most_images, spp, channels; /* 0 = the default */
+    double save; /* seconds from checkpoint to checkpoint */
     model model;
 } settings;
 
@@ -695,7 +699,7 @@ static int train(settings *o) {
         stop = train_step(&t, step % per_epoch);
         if (!first_process) continue;
         if (seconds() - shown > .5) show_progress(&t, last, start, first_step), shown = seconds();
-        if (seconds() - saved > 120) save_checkpoint(&t), saved = seconds();
+        if (seconds() - saved > o->save) save_checkpoint(&t), saved = seconds();
     }
     if (first_process && (step > first_step || !o->resume)) save_checkpoint(&t);
     if (first_process) save_chart(&t, per_epoch);
@@ -1046,7 +1050,7 @@ int main(int argc, char **argv) {
     int i, status;
     o.process = begin_processes(&argc, &argv);
     o.epochs = 50, o.model.batch = 16, o.model.seed = 1, o.model.rate = 1e-4, o.model.lambda = -1;
-    o.model.bend = 12;
+    o.model.bend = 12, o.save = 120;
     snprintf(o.model.leave, sizeof o.model.leave, "none");
     o.threads = (int)sysconf(_SC_NPROCESSORS_ONLN);
     for (i = 1; i < argc; i++) {
@@ -1070,6 +1074,7 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--bend")) o.model.bend = take_bend(value);
         else if (!strcmp(option, "--units")) o.model.own_units = take_units(value);
         else if (!strcmp(option, "--leave")) take_leave(value, &o.model);
+        else if (!strcmp(option, "--save")) o.save = number(option, value, 0, 1e9);
         else if (!strcmp(option, "--images")) o.most_images = whole(option, value, 1);
         else if (!strcmp(option, "-t")) o.threads = whole(option, value, 1);
         else fail(option, "unknown option");
