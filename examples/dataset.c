@@ -760,12 +760,11 @@ static int make_data(const settings *s) {
 /* ---- check and look ---- */
 
 /* Whether a file has these bytes, or says on the way what is wrong with it. */
-static int is_text(const char *path, const char *text, int length) {
-    char there[SCENE_SIZE];
+static int is_text(const char *path, const char *text) {
+    char there[SCENE_SIZE] = "";
     FILE *file = fopen(path, "rb");
-    int size = file ? (int)fread(there, 1, sizeof there, file) : -1;
-    if (file) fclose(file);
-    if (size == length && !memcmp(there, text, (size_t)length)) return 1;
+    if (file) there[fread(there, 1, sizeof there - 1, file)] = 0, fclose(file);
+    if (file && !strcmp(there, text)) return 1;
     printf("%s %s\n", path, file ? "is not as `dataset make` writes it" : "is missing");
     return 0;
 }
@@ -785,9 +784,9 @@ static int scene_faults(const char *dir, int shape, int azimuth, int variant) {
         !(report.volume > 0))
         printf("%s is damaged: not closed\n", path), faults++;
     for (on = 0; on < FILMS; on++) {
-        int length = scene_text(&mesh, shape, azimuth, variant, (film)on, text);
+        scene_text(&mesh, shape, azimuth, variant, (film)on, text);
         scene_path(shape, azimuth, variant, (film)on, dir, path);
-        faults += !is_text(path, text, length);
+        faults += !is_text(path, text);
     }
     itn_mesh_free(&mesh);
     return faults;
