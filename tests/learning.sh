@@ -123,6 +123,7 @@ for there in out/data/train-chain-00.itnd out/done/sheet; do
     check "experiment: is stopped after $there" kill -s TERM -- -$job
     wait $job
     check "experiment: has not ended" test $? -ne 0 -a ! -e out/table1.csv
+    while kill -s 0 -- -$job 2> stopped; do sleep .1; done # what it started still saves
     job=
 done
 $experiment > told 2>&1
@@ -146,8 +147,8 @@ done
 # for noise, of which the choice tells how much it is. alike FACTOR NAME: with so many times lambda
 alike() {
     awk -F '[ ,:]+' -v factor="$1" -v name="$2" '
-        FILENAME == "told" && $1 == name && /of which noise/ { noise = $12, lambda = $14 }
-        FILENAME != "told" && FNR > 865 && FNR <= 883 { parameters += $2, image += $3 - noise }
+        FILENAME == "told" && $1 == name && /of which noise/ { noise = $12; lambda = $14 }
+        FILENAME != "told" && FNR > 865 && FNR <= 883 { parameters += $2; image += $3 - noise }
         END { ratio = factor * lambda * image / parameters; print name, lambda, ratio
             exit !(ratio > .5 && ratio < 2) }' told "out/own-$2.net.csv"
 }
