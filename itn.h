@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.7.3                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.7.4                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -190,7 +190,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 7
-#define ITN_VERSION_PATCH 3
+#define ITN_VERSION_PATCH 4
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -1346,14 +1346,21 @@ static ITN__UNUSED void itn__parallel_for(const itn_context *context, int count,
     for (index = 0; index < count; index++) body(task, index);
 }
 
-/* How many tasks it pays to divide a loop into that needs memory for each. */
-static ITN__UNUSED int itn__workers(const itn_context *context) {
-    if (context->parallel_for) return 32;
+/* How many threads run loops; a guess where the caller's hook does. */
+static ITN__UNUSED int itn__loop_threads(const itn_context *context) {
+    if (context->parallel_for) return 8;
 #ifdef ITN_THREADS
-    return 4 * itn__thread_count(context->threads);
+    return itn__thread_count(context->threads);
 #else
     return 1;
 #endif
+}
+
+/* How many tasks it pays to divide a loop into that needs memory for each: several for a thread, as
+   one takes longer than another. */
+static ITN__UNUSED int itn__workers(const itn_context *context) {
+    int threads = itn__loop_threads(context);
+    return threads > 1 ? 4 * threads : 1;
 }
 
 /* A pointer that several threads may set once and read at any time: what a scene computes on demand
@@ -13109,8 +13116,8 @@ typedef struct itn__conv {
     float *d_w, *d_bias;       /* as w and bias */
     float *d_images;           /* as images, overwritten; its ring is left undefined */
     float *scratch;            /* [itn__conv_scratch] */
-    size_t parts;              /* tasks that stream the weights, which may depend on the threads:
-                                  every sum is the work of one of them */
+    size_t parts;              /* tasks that stream the weights, alike in length, so that there is
+                                  one for a thread: every sum is the work of one of them */
 } itn__conv;
 
 enum {
@@ -13674,7 +13681,7 @@ static void itn__conv_stream_part(void *data, int index) {
 static void itn__conv_forward(const itn_context *context, itn__conv *c) {
     size_t panels = itn__panel_count(c);
     if (itn__conv_streams(c)) {
-        c->parts = itn__fewer(c->out.blocks, (size_t)itn__workers(context));
+        c->parts = itn__fewer(c->out.blocks, (size_t)itn__loop_threads(context));
         itn__parallel_for(context, (int)c->parts, itn__conv_stream_part, c);
     } else {
         itn__parallel_for(context, (int)panels, itn__conv_copy_panel, c);
@@ -19659,6 +19666,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.7.4  a network on one thread of several reads a picture 1.3 times as fast
    0.7.3  rendering never came to an end where rounding sent a ray to and fro between two faces of
           an edge, of a mesh whose boundary light does not feel, which a training met once
    0.7.2  solids whose parts overlap, lie within each other or are inside out, which gave pictures
