@@ -101,9 +101,9 @@ static double mesh_lift(const itn_mesh *mesh) {
     return .001 - (double)lowest;
 }
 
-/* The text of a scene file: the scene of scenes/data.itn with another shape and sun, and a grey sky,
-   for one of the films. A sky's numbers hold for the height of the sun and are measured from the
-   zenith and from the sun, so all azimuths share them. Returns its length. */
+/* The text of a scene file, and its length: the scene of scenes/data.itn with another shape and sun,
+   and a grey sky, for one of the films. A sky's numbers hold for the height of the sun and are
+   measured from the zenith and from the sun, so all azimuths share them. */
 static int scene_text(const itn_mesh *mesh, int shape, int azimuth, int variant, film on,
                       char text[SCENE_SIZE]) {
     char name[64], films[FILMS][96];
@@ -759,7 +759,7 @@ static int make_data(const settings *s) {
 
 /* ---- check and look ---- */
 
-/* Whether a file has these bytes, or says on the way what is wrong with it. */
+/* Whether a file holds this text; says what is wrong with it if not. */
 static int is_text(const char *path, const char *text) {
     char there[SCENE_SIZE] = "";
     FILE *file = fopen(path, "rb");
@@ -792,27 +792,26 @@ static int scene_faults(const char *dir, int shape, int azimuth, int variant) {
     return faults;
 }
 
-/* How many scenes of a shard's pictures have faults. All have ground and sky from the same files,
-   which are read with the first scene that has none itself. */
-static int shard_scene_faults(const char *dir, const shard *s, int *shared_is_read) {
+/* The same of the scenes of a shard's pictures. */
+static int shard_scene_faults(const char *dir, const shard *s) {
     int variants[PAIRS], count = list_shown(s, variants), i, faults = 0;
-    for (i = 0; i < count; i++) {
-        char path[PATH_SIZE];
-        itn_scene *scene;
-        itn_error error;
-        int bad = scene_faults(dir, s->shape, s->azimuth, variants[i]);
-        faults += bad;
-        if (bad || *shared_is_read) continue;
-        scene_path(s->shape, s->azimuth, variants[i], FILM_SMALL, dir, path);
-        if (itn_scene_load(path, NULL, &scene, &error)) printf("%s\n", error.message), faults++;
-        else itn_scene_free(scene);
-        *shared_is_read = 1;
-    }
+    for (i = 0; i < count; i++) faults += scene_faults(dir, s->shape, s->azimuth, variants[i]);
     return faults;
 }
 
+/* Whether ground and sky are missing or damaged, which all scenes read from the same files. */
+static int shared_faults(const char *dir) {
+    char path[PATH_SIZE];
+    itn_scene *scene;
+    itn_error error;
+    scene_path(0, 0, 0, FILM_SMALL, dir, path);
+    if (itn_scene_load(path, NULL, &scene, &error)) return printf("%s\n", error.message), 1;
+    itn_scene_free(scene);
+    return 0;
+}
+
 static int check_data(const char *dir) {
-    int in, i, k, faults = 0, shared_is_read = 0;
+    int in, i, k, faults = shared_faults(dir);
     for (in = 0; in < SPLITS; in++) {
         shard shards[MOST_SHARDS];
         double noise = 0, worst = 0;
@@ -823,7 +822,7 @@ static int check_data(const char *dir) {
             unsigned char *bytes = read_shard(&shards[i], dir, &fault);
             shard_path(&shards[i], dir, path);
             if (!bytes) printf("%s %s\n", path, fault), faults++;
-            faults += shard_scene_faults(dir, &shards[i], &shared_is_read);
+            faults += shard_scene_faults(dir, &shards[i]);
             for (k = 0; bytes && k < shards[i].count; k++, images++) {
                 double one = get_float(bytes + record_place(k) + 12);
                 noise += one, worst = fmax(worst, one);

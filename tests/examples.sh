@@ -172,27 +172,24 @@ cp "$victim" whole.itnd
 printf 'x' | dd of="$victim" bs=1 seek=5000 conv=notrunc 2> "$work/log"
 refused damaged "dataset check finds damage" ./dataset check data
 cp "$victim" damaged.itnd && cp whole.itnd "$victim"
-# broken NAME FILE WHAT COMMAND...: a file that a command has changed is found, and only that
+# broken NAME FILE PATTERN COMMAND...: a file that the command has changed is found, and only that
 broken() {
     what=$1 file=data/scenes/$2 why=$3
     shift 3
     cp "$file" kept
-    "$@"
+    "$@" "$file"
     refused "$why" "dataset check: $what" ./dataset check data
     check "dataset check: $what alone" test "$(grep -vc ' images in ' "$work/log")" -eq 1
     cp kept "$file"
 }
-cut_file() { head -c "$2" "$1" > cut && cp cut "$1"; }
-other_sun() { sed 's/sun_scale 2/sun_scale 1/' "$1" > cut && cp cut "$1"; }
-broken "no mesh" chain-00-32.ply 'chain-00-32\.ply' rm data/scenes/chain-00-32.ply
-broken "a mesh that is cut" chain-00-32.ply 'chain-00-32\.ply' \
-    cut_file data/scenes/chain-00-32.ply 3000
-broken "no texture" concrete.pfm 'concrete\.pfm' rm data/scenes/concrete.pfm
-broken "a texture that is cut" concrete.pfm 'concrete\.pfm' cut_file data/scenes/concrete.pfm 1000
-broken "a sky that is cut" t3-e60-grey.sky 't3-e60-grey\.sky' \
-    cut_file data/scenes/t3-e60-grey.sky 500
-broken "a scene of another sun" chain-00-32-small.itn 'chain-00-32-small\.itn' \
-    other_sun data/scenes/chain-00-32-small.itn
+cut_file() { head -c "$1" kept > "$2"; }
+other_sun() { sed 's/sun_scale 2/sun_scale 1/' kept > "$1"; }
+broken "no mesh" chain-00-32.ply 'chain-00-32\.ply: cannot open' rm
+broken "a mesh that is cut" chain-00-32.ply 'chain-00-32\.ply: .* larger than' cut_file 3000
+broken "no texture" concrete.pfm 'concrete\.pfm: cannot open' rm
+broken "a texture that is cut" concrete.pfm 'concrete\.pfm: .* needs 16384' cut_file 1000
+broken "a sky that is cut" t3-e60-grey.sky 't3-e60-grey\.sky:7: coefficients' cut_file 500
+broken "a scene of another sun" chain-00-32-small.itn 'chain-00-32-small\.itn is not' other_sun
 check "dataset check: whole again" ./dataset check data
 cp damaged.itnd "$victim"
 rm data/scenes/chain-00-32.ply

@@ -24,6 +24,15 @@ same_curve() {
         END { exit bad || NR < 3 }'
 }
 
+# await COMMAND...: until it succeeds, five minutes at most.
+await() {
+    for _ in $(seq 1500); do
+        "$@" && return
+        sleep .2
+    done
+}
+differ() { ! cmp -s "$1" "$2"; }
+
 # 1, 2 and 4 processes take the same batches; another seed must be told from the same.
 flags="-std=c99 -O3 -march=native -DITN_ONE_KERNEL"
 if command -v mpicc > /dev/null && command -v mpirun > /dev/null; then
@@ -55,10 +64,7 @@ if command -v mpicc > /dev/null && command -v mpirun > /dev/null; then
         mpirun -np 2 ./train --model itn $fit --epochs 4000 --save 0 --resume --checkpoint 2.net \
             > killed 2>&1 &
         job=$!
-        for _ in $(seq 100); do
-            cmp -s 2.net before.net || break
-            sleep .2
-        done
+        await differ 2.net before.net
         # the job's children, or those of its only child (as in MPICH), are the processes
         family=$(ps -o pid= --ppid "$job")
         [ "$(echo "$family" | wc -l)" -gt 1 ] || family=$(ps -o pid= --ppid "$family")
@@ -94,10 +100,7 @@ check "a part" ./dataset make part --fraction 1/300 --noise 1 --spp 8 --scenes "
     check "at once" ./train $fit --checkpoint once.net
     ./train $fit --checkpoint twice.net > stopped 2>&1 &
     job=$!
-    for _ in 1 2 3 4 5 6 7 8 9 10; do
-        grep -q 'step' stopped && break
-        sleep .5
-    done
+    await grep -q step stopped
     check "is stopped" kill -INT $job
     wait $job
     check "stopped: says so" test $? -eq 3
@@ -115,15 +118,12 @@ experiment="sh $root/examples/experiment.sh --fraction 1/50 -o out"
 for there in out/data/train-chain-00.itnd out/done/sheet; do
     setsid $experiment > stopped 2>&1 & # a process group of its own
     job=$!
-    for _ in $(seq 600); do
-        [ -e $there ] && break
-        sleep .5
-    done
+    await test -e $there
     sleep 2
     check "experiment: is stopped after $there" kill -s TERM -- -$job
     wait $job
     check "experiment: has not ended" test $? -ne 0 -a ! -e out/table1.csv
-    while kill -s 0 -- -$job 2> stopped; do sleep .1; done # what it started still saves
+    await eval "! kill -s 0 -- -$job 2> stopped" # what it started still saves
     job=
 done
 $experiment > told 2>&1

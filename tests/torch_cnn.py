@@ -60,5 +60,5 @@ if __name__ == "__main__":
     torch.set_num_threads(1)
     torch.manual_seed(1)
     made = make_network()
-    print(f"PyTorch {torch.__version__}: training {training_rate(made, 60):.1f} images/s at batch 60; "
-          f"inference of single images {inference_rate(made, 1):.1f} images/s")
+    print(f"PyTorch {torch.__version__}: training {training_rate(made, 60):.1f} images/s at batch "
+          f"60; inference of single images {inference_rate(made, 1):.1f} images/s")
