@@ -66,12 +66,12 @@ if command -v mpicc > /dev/null && command -v mpirun > /dev/null; then
         job=$!
         await differ 2.net before.net
         # the job's children, or those of its only child (as in MPICH), are the processes
-        family=$(ps -o pid= --ppid "$job")
-        [ "$(echo "$family" | wc -l)" -gt 1 ] || family=$(ps -o pid= --ppid "$family")
-        [ $which = first ] && victim=$(echo "$family" | head -n 1)
-        [ $which = last ] && victim=$(echo "$family" | tail -n 1)
-        # shellcheck disable=SC2086
-        check "the $which process is killed" kill -9 $victim
+        # shellcheck disable=SC2046
+        set -- $(ps -o pid= --ppid "$job")
+        # shellcheck disable=SC2046
+        [ $# -gt 1 ] || set -- $(ps -o pid= --ppid "$1")
+        if [ $which = first ]; then victim=$1; else victim=$2; fi
+        check "the $which process is killed" kill -9 "$victim"
         wait "$job"
         check "killed: the job fails" test $? -ne 0
         job=
