@@ -707,6 +707,14 @@ static inline void cut_answer(const itn_scene *scene, const int parameters[3], c
     }
 }
 
+/* The coordinates of sigma_t, albedo and g that a network reads off a picture, cut. */
+static inline void read_picture(itn_net *net, double mean, const itn_scene *scene,
+                                const int parameters[3], const float *picture, float answer[3]) {
+    itn_error error;
+    if (itn_net_read(net, picture, mean, answer, &error)) fail(error.message, "");
+    cut_answer(scene, parameters, answer, answer);
+}
+
 /* What a network needs beside its weights, kept in NETWORK.txt. */
 typedef struct model {
     char name[8]; /* rn, ssn, itn */

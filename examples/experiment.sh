@@ -3,7 +3,7 @@
 # 1 to 3 and their figures, with one command. Stopped and started again it goes on where it was.
 #
 #   sh examples/experiment.sh [--fraction F] [--tests F] [--noise N] [-o DIR] [--data DIR]
-#                             [--seed N] [-t THREADS]
+#                             [--channels C] [--seed N] [-t THREADS]
 #
 # F is the part of the 16,400 pictures to make, 1 by default.
 # Up to 1/20 it is a trial of everything: noisy pictures, narrow networks, few searches.
@@ -11,6 +11,8 @@
 # few; it takes 9 minutes on two cores. Below 1 it is a reduced one, with noisy pictures
 # and 1/24 of the paper's tests. --tests is the part of these to make, where all take too long.
 # N is the most noise of a picture, .03 by default, .05 where F is below 1.
+# C is the width of the networks' first layer: 16 by default, as released, less where F is below 1.
+# The shipped network has 6.
 # DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
 # figure.svg, and per network NAME.net and NAME.net.*.
 # --data is the folder of the pictures, DIR/data by default; what is there is not made again. --seed
@@ -24,6 +26,7 @@ noise=
 tests=
 out=out/experiment
 data=
+channels=
 seed=1
 threads=$(getconf _NPROCESSORS_ONLN)
 while [ $# -gt 0 ]; do
@@ -32,6 +35,7 @@ while [ $# -gt 0 ]; do
         --fraction) fraction=$2 ;;
         --noise) noise=$2 ;;
         --tests) tests=$2 ;;
+        --channels) channels=$2 ;;
         -o) out=$2 ;;
         --data) data=$2 ;;
         --seed)
@@ -52,7 +56,7 @@ if command -v flock > /dev/null && ! flock -n 9; then
     exit 1
 fi
 settings="fraction $fraction tests ${tests:-default} noise ${noise:-default} seed $seed"
-settings="$settings data $data own units"
+settings="$settings data $data channels ${channels:-default} own units"
 if [ ! -e "$out/done/data" ]; then
     rm -f "$out/done/compile"
     printf '%s\n' "$settings" > "$out/done/settings"
@@ -63,21 +67,28 @@ if [ "$settings" != "$(cat "$out/done/settings" 2>&1)" ]; then
 fi
 
 up_to() { awk "BEGIN { exit !($fraction <= $1) }"; }
-warm_rate=1e-3 calm_rate=3e-4 rate=3e-4
+# bend: pixels; the last epochs show shapes that are not bent, in the end at a low rate, which
+# averages out what of the answers is chance of the latest pictures
+bend=12 warm_rate=1e-3 calm_rate=3e-4 rate=3e-4 last_rate=1e-4 cool_rate=2e-5
 if up_to 1/20; then
     picture="--tests ${tests:-$fraction} --noise ${noise:-0.05} --spp 8"
-    warm=40 calm=8 more=1 settle=2 cool=1 training="--batch 8 --channels 4" spp=8
+    warm=40 calm=8 more=1 settle=2 cool=1 spp=8
+    training="--batch 8 --channels ${channels:-4}"
     trial="--images 8 --spp 2"
     search="--images 1 --iterations 50 --spp 2"
 elif up_to .99; then
     picture="--tests ${tests:-1/24} --noise ${noise:-0.05}"
-    warm=80 calm=24 more=2 settle=3 cool=1 training="--batch 16 --channels 6" spp=16
-    rate=2e-4
+    warm=80 calm=24 more=2 settle=3 cool=1 rate=2e-4 spp=16
+    training="--batch 16 --channels ${channels:-6}"
     trial="--images 24 --spp 2"
     search="--images 1 --iterations 200 --spp 2"
 else
     picture="--tests ${tests:-1} --noise ${noise:-0.03} --spp 4096"
-    warm=110 calm=16 more=14 settle=4 cool=2 training="--batch 16 --channels 6" spp=4
+    warm=110 calm=16 more=14 settle=4 cool=2 spp=4
+    if [ "${channels:-16}" -gt 8 ]; then # wide layers take lower rates, and fewer epochs
+        warm=80 warm_rate=3e-4 calm_rate=1e-4 rate=1e-4 last_rate=3e-5 cool_rate=1e-5
+    fi
+    training="--batch 16 --channels ${channels:-16}"
     trial="--images 72 --spp 2"
     search="--images 10 --iterations 200 --spp 2"
 fi
@@ -135,9 +146,6 @@ step compile compile
 step data make_data
 "$out/dataset" check "$data" || { make_data; "$out/dataset" check "$data"; } # lost or damaged since
 step sheet "$out/dataset" sheet "$data" "$out/sheet.png"
-# bend: pixels; the last epochs show shapes that are not bent, in the end at a low rate, which
-# averages out what of the answers is chance of the latest pictures
-bend=12 last_rate=1e-4 cool_rate=2e-5
 shared=$((warm + calm)) settled=$((shared + more + settle))
 step warm learn warm rn "$warm" "$warm_rate" $bend coordinates
 step calm learn calm rn $shared "$calm_rate" $bend coordinates warm

@@ -367,15 +367,10 @@ static itn_net *open_network(const char *path, const itn_scene *scene, const his
 /* Takes what a network reads off the picture for values and prints it. */
 static void start_from_network(itn_net *net, double mean, const int places[3], const history *h,
                                const picture *p, float *values) {
-    itn_film_desc film = itn_scene_film(p->scene);
-    float *input = (float *)calloc(2 * (size_t)film.width * (size_t)film.height, sizeof *input);
     float answer[3]; /* coordinates */
     itn_error error;
     int k;
-    if (!input) fail("out of memory", "");
-    if (itn_net_input(film.width, film.height, p->light, mean, input, &error) ||
-        itn_net_forward(net, 1, input, answer, &error))
-        fail(error.message, "");
+    if (itn_net_read(net, p->light, mean, answer, &error)) fail(error.message, "");
     printf("net");
     for (k = 0; k < 3; k++) {
         const itn_parameter *unknown = h->unknowns[places[k]];
@@ -383,7 +378,6 @@ static void start_from_network(itn_net *net, double mean, const int places[3], c
         printf("  %s %.5g", unknown->name, (double)values[places[k]]);
     }
     printf("\n");
-    free(input);
 }
 
 /* Opens the scene of a picture. */

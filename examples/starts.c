@@ -176,17 +176,6 @@ static itn_net *open_start(const char *path, model *m) {
     return open_network(path, 1, NULL);
 }
 
-/* The network's answer to a picture, cut to sensible coordinates. */
-static void ask(itn_net *net, const model *m, const itn_scene *scene, const int parameters[3],
-                const float *picture, float *answer) {
-    float *input = (float *)need(2 * PIXELS, sizeof *input);
-    itn_error error;
-    network_input(picture, m->mean, input);
-    if (itn_net_forward(net, 1, input, answer, &error)) fail(error.message, "");
-    cut_answer(scene, parameters, answer, answer);
-    free(input);
-}
-
 /* ---- table 3 ---- */
 
 static int by_size(const void *a, const void *b) {
@@ -222,8 +211,8 @@ static void list_searches(searches *all) {
             float picture[PIXELS], answer[3];
             if (taken[all->pictures.shards[shard_number].shape]++ >= s->images) continue;
             get_picture(&all->pictures, order[i], picture);
-            ask(net, &m, scene_of(&all->stages, &all->pictures, order[i]), all->stages.parameters,
-                picture, answer);
+            read_picture(net, m.mean, scene_of(&all->stages, &all->pictures, order[i]),
+                         all->stages.parameters, picture, answer);
             if (all->count + 2 > MOST_SEARCHES) fail("--images", "makes more than 4096 searches");
             for (method = 0; method < 2; method++) {
                 search *one = &all->list[all->count++];
@@ -322,7 +311,7 @@ static void fill_row(figure *f, int row, const pictures *p, int index, const itn
         float answer[3];
         model m;
         itn_net *net = open_start(f->settings->networks[n], &m);
-        ask(net, &m, scene, parameters, tiles[0].pixels, answer);
+        read_picture(net, m.mean, scene, parameters, tiles[0].pixels, answer);
         t->scene = scene, t->parameters = parameters;
         for (k = 0; k < 3; k++)
             t->values[k] = (float)itn_parameter_from_coordinate(

@@ -53,16 +53,17 @@
    noise, of which the gradient is a product of two, is small there. At equal time the gradient is
    three to four times less noisy than that of the data's own pixels.
 
-   Answers are cut to sigma_t 20 to 300, albedo .35 to .97, g -.1 to .9. Their errors are in their
-   own units, over all pictures of a split. Of --images pictures (default: all) of each split the
-   scene is rendered with the answer and with the truth, by the same samples (--spp, 8 unless given,
-   of each pixel of the data's fine film), and both once more by others. The two differences of
-   answer and truth have independent noise, so that their product is in the mean the square of what
-   the answer does to the picture, without any noise; rmse_image is the root of its mean over pixels
-   and pictures, in units of the mean brightness of the training pictures. MS-SSIM (Wang, Simoncelli
-   and Bovik 2003) is of the means of both runs, and tells noise as well: window 11x11, Gaussian of
-   deviation 1.5, four levels (of 128, 64, 32 and 16 pixels) with the first four of the published
-   weights, scaled to sum to 1; data range: the largest value of the picture with the truth. */
+   A picture is read in five sizes (itn_net_read). Answers are cut to sigma_t 20 to 300, albedo
+   .35 to .97, g -.1 to .9. Their errors are in their own units, over all pictures of a split. Of
+   --images pictures (default: all) of each split the scene is rendered with the answer and with
+   the truth, by the same samples (--spp, 8 unless given, of each pixel of the data's fine film),
+   and both once more by others. The two differences of answer and truth have independent noise,
+   so that their product is in the mean the square of what the answer does to the picture,
+   without any noise; rmse_image is the root of its mean over pixels and pictures, in units of
+   the mean brightness of the training pictures. MS-SSIM (Wang, Simoncelli and Bovik 2003) is of
+   the means of both runs, and tells noise as well: window 11x11, Gaussian of deviation 1.5, four
+   levels (of 128, 64, 32 and 16 pixels) with the first four of the published weights, scaled to
+   sum to 1; data range: the largest value of the picture with the truth. */
 #define _POSIX_C_SOURCE 200809L
 #define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
 #include "dataset.h"
@@ -828,10 +829,8 @@ static void judge(void *task, int index) {
 /* Asks the network about all pictures; without a network the truth is the answer. */
 static void ask(trial *t, itn_net *net) {
     float *picture = (float *)need(PIXELS, sizeof(float));
-    float *input = (float *)need(2 * PIXELS, sizeof(float));
     const itn_scene *scene = t->stages.any;
     const int *parameters = t->stages.parameters;
-    itn_error error;
     int i, k;
     for (i = 0; i < t->pictures.count; i++) {
         answer *a = &t->answers[i];
@@ -841,15 +840,12 @@ static void ask(trial *t, itn_net *net) {
         truth_coordinates(scene, parameters, a->truth, coordinates);
         if (net) {
             get_picture(&t->pictures, i, picture);
-            network_input(picture, t->options->model.mean, input);
-            if (itn_net_forward(net, 1, input, coordinates, &error)) fail(error.message, "");
-            cut_answer(scene, parameters, coordinates, coordinates);
+            read_picture(net, t->options->model.mean, scene, parameters, picture, coordinates);
         }
         for (k = 0; k < 3; k++)
             a->values[k] = (float)itn_parameter_from_coordinate(
                 itn_parameter_get(scene, parameters[k]), (double)coordinates[k]);
     }
-    free(input);
     free(picture);
 }
 

@@ -1080,6 +1080,59 @@ static void test_net_input(int fault) {
     }
 }
 
+/* What the network reads is its mean about five sizes. fault: the last one is left out. */
+static void test_net_read(int fault) {
+    enum { SIDE = 16, PLANE = SIDE * SIDE };
+    itn_net_desc desc = ITN_ZERO;
+    itn_net *net;
+    float pixels[PLANE], sized[PLANE], input[2 * PLANE], outputs[2], read[2];
+    double expected[2] = {0, 0};
+    int size, k;
+    desc.width = desc.height = SIDE, desc.layer_count = 2, desc.first_channels = 5;
+    desc.outputs = 2, desc.batch = 1, desc.seed = 3, net = make(&desc, NULL);
+    seed(13);
+    for (k = 0; k < PLANE; k++) pixels[k] = (float)(1 + .5 * uniform());
+    for (size = -2; size <= 2 - fault; size++) {
+        double by = exp(-.25 * size);
+        for (k = 0; k < PLANE; k++) {
+            double x = 7.5 + by * (k % SIDE - 7.5), y = 7.5 + by * (k / SIDE - 7.5);
+            int column = x <= 0 ? 0 : x >= SIDE - 1 ? SIDE - 1 : (int)(x + .5);
+            int line = y <= 0 ? 0 : y >= SIDE - 1 ? SIDE - 1 : (int)(y + .5);
+            sized[k] = pixels[line * SIDE + column];
+        }
+        CHECK(itn_net_input(SIDE, SIDE, sized, 2, input, NULL) == ITN_OK);
+        CHECK(itn_net_forward(net, 1, input, outputs, NULL) == ITN_OK);
+        for (k = 0; k < 2; k++) expected[k] += (double)outputs[k] / (5 - fault);
+    }
+    CHECK(itn_net_read(net, pixels, 2, read, NULL) == ITN_OK);
+    check_arrays("read", read, expected, 2, 1e-6);
+    CHECK(itn_net_backward(net, 1, outputs, NULL) == ITN_ERROR_ARGUMENT); /* of which size? */
+    itn_net_free(net);
+}
+
+static void test_net_read_errors(void) {
+    itn_net_desc desc = ITN_ZERO;
+    itn_net *net;
+    float pixels[16], outputs[3] = {7, 7, 7};
+    itn_error error;
+    int k;
+    for (k = 0; k < 16; k++) pixels[k] = 1;
+    desc.width = desc.height = 4, desc.layer_count = 1, net = make(&desc, NULL);
+    CHECK(itn_net_read(NULL, pixels, 1, outputs, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_read(net, NULL, 1, outputs, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_read(net, pixels, 1, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_read(net, pixels, 0, outputs, NULL) == ITN_ERROR_ARGUMENT);
+    pixels[5] = NAN;
+    CHECK(itn_net_read(net, pixels, 1, outputs, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "pixel (1, 1) is not finite") != NULL);
+    itn_net_free(net);
+    desc.channels = 1, net = make(&desc, NULL);
+    CHECK(itn_net_read(net, pixels, 1, outputs, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "sees 1 channels") != NULL);
+    itn_net_free(net);
+    CHECK(outputs[0] == 7 && outputs[1] == 7 && outputs[2] == 7);
+}
+
 static void test_net_input_errors(void) {
     float pixels[4] = {1, 2, NAN, 4}, input[8] = {7, 7, 7, 7, 7, 7, 7, 7};
     itn_error error;
@@ -1699,6 +1752,9 @@ int main(void) {
     test_net_input(0);
     CHECK_CATCHES(test_net_input(1));
     test_net_input_errors();
+    test_net_read(0);
+    CHECK_CATCHES(test_net_read(1));
+    test_net_read_errors();
     test_memory_of_create();
     test_overfit(1);
     CHECK_CATCHES(test_overfit(-1));
