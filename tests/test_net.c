@@ -1113,6 +1113,8 @@ static void test_net_read(int fault) {
 static void test_net_read_errors(void) {
     itn_net_desc desc = ITN_ZERO;
     itn_net *net;
+    test_memory memory;
+    itn_context context = memory_context(&memory);
     float pixels[16], outputs[3] = {7, 7, 7};
     itn_error error;
     int k;
@@ -1125,6 +1127,10 @@ static void test_net_read_errors(void) {
     pixels[5] = NAN;
     CHECK(itn_net_read(net, pixels, 1, outputs, &error) == ITN_ERROR_ARGUMENT);
     CHECK(strstr(error.message, "pixel (1, 1) is not finite") != NULL);
+    pixels[5] = 1, itn_net_free(net);
+    net = make(&desc, &context);
+    memory.fail_at = memory.calls;
+    CHECK(itn_net_read(net, pixels, 1, outputs, NULL) == ITN_ERROR_MEMORY && memory.live == 2);
     itn_net_free(net);
     desc.channels = 1, net = make(&desc, NULL);
     CHECK(itn_net_read(net, pixels, 1, outputs, &error) == ITN_ERROR_ARGUMENT);
