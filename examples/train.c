@@ -12,7 +12,7 @@
             ./train --model itn --data data --checkpoint itn.net --evaluate
             ./train --checkpoint itn.net --export ../scenes/data.net
    Prints:  model,split,rmse_sigma_t,rmse_albedo,rmse_g,rmse_image,one_minus_ms_ssim
-            itn,train,44.06,0.06736,0.1783,0.02293,0.01181
+            itn,train,35.2,0.05236,0.1474,0.01451,0.007087
             ...
    Writes:  the network with Adam's state (itn.net), what else defines the run (itn.net.txt), the
             loss of every step (itn.net.csv) and its chart (itn.net.svg); --evaluate writes the
