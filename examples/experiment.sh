@@ -35,14 +35,13 @@ while [ $# -gt 0 ]; do
         --fraction) fraction=$2 ;;
         --noise) noise=$2 ;;
         --tests) tests=$2 ;;
-        --channels) channels=$2 ;;
         -o) out=$2 ;;
         --data) data=$2 ;;
-        --seed)
+        --channels | --seed)
             case $2 in '' | *[!0-9]* | ??????????*)
-                echo "experiment: --seed needs a whole number of at most 9 digits"; exit 1 ;;
+                echo "experiment: $1 needs a whole number of at most 9 digits"; exit 1 ;;
             esac
-            seed=$2 ;;
+            if [ "$1" = --seed ]; then seed=$2; else channels=$2; fi ;;
         -t) threads=$2 ;;
         *) echo "experiment: unknown option $1"; exit 1 ;;
     esac
@@ -85,10 +84,11 @@ elif up_to .99; then
 else
     picture="--tests ${tests:-1} --noise ${noise:-0.03} --spp 4096"
     warm=110 calm=16 more=14 settle=4 cool=2 spp=4
-    if [ "${channels:-16}" -gt 8 ]; then # wide layers take lower rates, and fewer epochs
+    channels=${channels:-16}
+    if [ "$channels" -gt 8 ]; then # wide layers take lower rates, and fewer epochs
         warm=80 warm_rate=3e-4 calm_rate=1e-4 rate=1e-4 last_rate=3e-5 cool_rate=1e-5
     fi
-    training="--batch 16 --channels ${channels:-16}"
+    training="--batch 16 --channels $channels"
     trial="--images 72 --spp 2"
     search="--images 10 --iterations 200 --spp 2"
 fi
