@@ -740,8 +740,10 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
    does not know differs from size to size, and the mean has less of it. An object that looks s
    times as large is that object with sigma_t / s, and albedo and g as they are; in the mean of log
    sigma_t, its coordinate, these log s cancel.
-   net: of 2 channels; backward then needs another forward call. pixels: [height][width] of the
-   net's desc, and mean: as for itn_net_input. outputs: [outputs], no overlap with pixels.
+   net: of 2 channels; as many sizes as its batch holds go through it at a time, which is faster
+   and makes no difference to the outputs; backward then needs another forward call. pixels:
+   [height][width] of the net's desc, and mean: as for itn_net_input. outputs: [outputs], no overlap
+   with pixels.
    Errors: ARGUMENT, MEMORY; then outputs is untouched. */
 ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, float *outputs,
                                 itn_error *error);
@@ -13126,8 +13128,8 @@ typedef struct itn__conv {
     float *d_w, *d_bias;       /* as w and bias */
     float *d_images;           /* as images, overwritten; its ring is left undefined */
     float *scratch;            /* [itn__conv_scratch] */
-    size_t parts;              /* tasks that stream the weights, alike in length, so that there is
-                                  one for a thread: every sum is the work of one of them */
+    size_t parts;              /* tasks of a forward pass of few windows; every sum is the work of
+                                  one. Those that stream the weights are one for a thread */
 } itn__conv;
 
 enum {
@@ -13417,12 +13419,13 @@ static int itn__conv_streams(const itn__conv *c) {
    them into the same few places of the cache. */
 static size_t itn__stream_step(const itn__conv *c) { return c->out.channels + ITN__LANES; }
 
-static itn__panel itn__conv_panel(const itn__conv *c, size_t index) {
+/* Panel `index`, which lies where that of number `place` has its own memory. */
+static itn__panel itn__conv_panel(const itn__conv *c, size_t index, size_t place) {
     itn__panel panel;
-    size_t block = index * ITN__TILE_VECTORS, blocks = c->out.blocks - block;
+    size_t blocks = c->out.blocks - index * ITN__TILE_VECTORS;
     panel.vectors = (int)itn__fewer(blocks, ITN__TILE_VECTORS);
     panel.row = (size_t)panel.vectors * ITN__LANES, panel.tap = c->in.blocks * c->in.lanes;
-    panel.w = c->scratch + itn__panel_rows(c) * block * ITN__LANES;
+    panel.w = c->scratch + itn__panel_rows(c) * place * ITN__TILE_VECTORS * ITN__LANES;
     panel.bias = panel.w + itn__panel_taps(c) * panel.tap * panel.row;
     return panel;
 }
@@ -13470,24 +13473,22 @@ static void itn__winograd_weights(const itn__conv *c, size_t first, const itn__p
         }
 }
 
-/* Copies a panel's weights to where itn__conv_panel says, zeros for the padding. */
-static void itn__conv_copy_panel(void *data, int index) {
-    const itn__conv *c = (const itn__conv *)data;
-    itn__panel panel = itn__conv_panel(c, (size_t)index);
-    size_t first = (size_t)index * ITN__TILE_VECTORS * ITN__LANES, tap, i;
-    size_t outputs = itn__fewer(c->out.channels - first, panel.row);
-    float *to = c->scratch + (panel.w - c->scratch);
+/* Copies the weights of panel `index` to its place, zeros for the padding. */
+static void itn__conv_copy_panel(const itn__conv *c, size_t index, const itn__panel *panel) {
+    size_t first = index * ITN__TILE_VECTORS * ITN__LANES, tap, i;
+    size_t outputs = itn__fewer(c->out.channels - first, panel->row);
+    float *to = c->scratch + (panel->w - c->scratch);
     if (itn__conv_winograd(c)) {
-        itn__winograd_weights(c, first, &panel, to);
+        itn__winograd_weights(c, first, panel, to);
     } else {
-        memset(to, 0, itn__panel_rows(c) * panel.row * sizeof *to);
+        memset(to, 0, itn__panel_rows(c) * panel->row * sizeof *to);
         for (tap = 0; tap < 9; tap++)
             for (i = 0; i < c->in.channels; i++)
-                memcpy(to + (tap * panel.tap + i) * panel.row,
+                memcpy(to + (tap * panel->tap + i) * panel->row,
                        c->w + (tap * c->in.channels + i) * c->out.channels + first,
                        outputs * sizeof *to);
     }
-    memcpy(to + (panel.bias - panel.w), c->bias + first, outputs * sizeof *to);
+    memcpy(to + (panel->bias - panel->w), c->bias + first, outputs * sizeof *to);
 }
 
 /* B^T d B of one block of a window's 4x4 input pixels; its 16 vectors go `step` floats apart. */
@@ -13574,26 +13575,49 @@ static void itn__winograd_tiles(const itn__conv *c, const itn__panel *panel, siz
     itn__conv_end(c, panel, block, windows, count, sums);
 }
 
+/* Windows [first, end), of one panel. */
+static void itn__conv_forward_panel(const itn__conv *c, size_t index, const itn__panel *panel,
+                                    size_t first, size_t end) {
+    itn__window taken[ITN__TILE_WINDOWS];
+    size_t count;
+    for (; first < end; first += count) {
+        count = itn__fewer(end - first, ITN__TILE_WINDOWS);
+        itn__conv_take(c, first, count, taken);
+        if (itn__conv_winograd(c))
+            itn__winograd_tiles(c, panel, index * ITN__TILE_VECTORS, taken, count);
+        else
+            itn__conv_tiles(c, panel, index * ITN__TILE_VECTORS, taken, count);
+    }
+}
+
 /* How many parts of at least 256 windows a panel's work is cut into. */
 static size_t itn__conv_parts(const itn__conv *c) {
     return itn__fewer((itn__conv_windows(c) + 255) / 256, 32768);
 }
 
+/* Many windows: all panels are copied first, then used part by part. */
+static void itn__conv_copy_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    itn__panel panel = itn__conv_panel(c, (size_t)index, (size_t)index);
+    itn__conv_copy_panel(c, (size_t)index, &panel);
+}
 static void itn__conv_forward_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
-    size_t parts = itn__conv_parts(c), windows = itn__conv_windows(c), count;
+    size_t parts = itn__conv_parts(c), windows = itn__conv_windows(c);
     size_t number = (size_t)index / parts, part = (size_t)index % parts;
-    size_t first = (size_t)((uint64_t)windows * part / parts);
-    size_t end = (size_t)((uint64_t)windows * (part + 1) / parts);
-    itn__panel panel = itn__conv_panel(c, number);
-    itn__window taken[ITN__TILE_WINDOWS];
-    for (; first < end; first += count) {
-        count = itn__fewer(end - first, ITN__TILE_WINDOWS);
-        itn__conv_take(c, first, count, taken);
-        if (itn__conv_winograd(c))
-            itn__winograd_tiles(c, &panel, number * ITN__TILE_VECTORS, taken, count);
-        else
-            itn__conv_tiles(c, &panel, number * ITN__TILE_VECTORS, taken, count);
+    itn__panel panel = itn__conv_panel(c, number, number);
+    itn__conv_forward_panel(c, number, &panel, (size_t)((uint64_t)windows * part / parts),
+                            (size_t)((uint64_t)windows * (part + 1) / parts));
+}
+
+/* Fewer windows: a task's panels lie in one place in turn, which stays in the cache. */
+static void itn__conv_forward_share(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t number = (size_t)index, panels = itn__panel_count(c);
+    for (; number < panels; number += c->parts) {
+        itn__panel panel = itn__conv_panel(c, number, (size_t)index);
+        itn__conv_copy_panel(c, number, &panel);
+        itn__conv_forward_panel(c, number, &panel, 0, itn__conv_windows(c));
     }
 }
 
@@ -13689,13 +13713,16 @@ static void itn__conv_stream_part(void *data, int index) {
 }
 
 static void itn__conv_forward(const itn_context *context, itn__conv *c) {
-    size_t panels = itn__panel_count(c);
+    size_t panels = itn__panel_count(c), parts = itn__conv_parts(c);
     if (itn__conv_streams(c)) {
         c->parts = itn__fewer(c->out.blocks, (size_t)itn__loop_threads(context));
         itn__parallel_for(context, (int)c->parts, itn__conv_stream_part, c);
+    } else if (parts == 1) {
+        c->parts = itn__fewer(panels, (size_t)itn__workers(context));
+        itn__parallel_for(context, (int)c->parts, itn__conv_forward_share, c);
     } else {
-        itn__parallel_for(context, (int)panels, itn__conv_copy_panel, c);
-        itn__parallel_for(context, (int)(panels * itn__conv_parts(c)), itn__conv_forward_part, c);
+        itn__parallel_for(context, (int)panels, itn__conv_copy_part, c);
+        itn__parallel_for(context, (int)(panels * parts), itn__conv_forward_part, c);
     }
 }
 
@@ -14568,42 +14595,50 @@ static void itn__resize_picture(int width, int height, const float *from, double
     }
 }
 
-/* As itn_net_read; room: a picture, the network's input, outputs and their means. */
-static itn_result itn__net_read(itn_net *net, const float *pixels, double mean, float *room,
-                                float *outputs, itn_error *error) {
+/* As itn_net_read, of as many sizes at a time as inputs and answers have room for.
+   picture: [height][width]; means: [outputs], all 0. */
+static itn_result itn__net_read(itn_net *net, const float *pixels, double mean, float *picture,
+                                int batch, float *inputs, float *answers, float *means,
+                                itn_error *error) {
     const itn_net_desc *d = &net->desc;
-    size_t plane = (size_t)d->width * (size_t)d->height;
-    float *input = room + plane, *answer = input + 2 * plane, *means = answer + d->outputs;
-    int size, k;
-    for (size = 0; size < ITN__READ_SIZES; size++) { /* as it is first: errors tell its pixels */
+    size_t input = 2 * (size_t)d->width * (size_t)d->height;
+    int size = 0, count, k;
+    for (; size < ITN__READ_SIZES; size += count) { /* as it is first: errors tell its pixels */
         static const double larger[ITN__READ_SIZES] = {0, -.5, -.25, .25, .5};
-        itn_result result;
-        itn__resize_picture(d->width, d->height, pixels, larger[size], room);
-        result = itn_net_input(d->width, d->height, room, mean, input, error);
-        if (!result) result = itn_net_forward(net, 1, input, answer, error);
+        itn_result result = ITN_OK;
+        count = batch < ITN__READ_SIZES - size ? batch : ITN__READ_SIZES - size;
+        for (k = 0; k < count && !result; k++) {
+            itn__resize_picture(d->width, d->height, pixels, larger[size + k], picture);
+            result = itn_net_input(d->width, d->height, picture, mean,
+                                   inputs + (size_t)k * input, error);
+        }
+        if (!result) result = itn_net_forward(net, count, inputs, answers, error);
         if (result) return result;
-        for (k = 0; k < d->outputs; k++) means[k] += answer[k] / ITN__READ_SIZES;
+        for (k = 0; k < count * d->outputs; k++)
+            means[k % d->outputs] += answers[k] / ITN__READ_SIZES;
     }
-    memcpy(outputs, means, (size_t)d->outputs * sizeof *outputs);
     return ITN_OK;
 }
 
 ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, float *outputs,
                                 itn_error *error) {
     itn_result result;
-    float *room;
-    size_t plane;
+    float *room, *inputs, *answers, *means;
+    size_t plane, batch, count;
     if (!net || !pixels || !outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_read: a pointer is NULL");
     if (net->desc.channels != 2)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_read: the network sees %d channels, a picture has 2",
                          net->desc.channels);
-    plane = (size_t)net->desc.width * (size_t)net->desc.height;
-    room = (float *)itn__allocate(&net->context, 3 * plane + 2 * (size_t)net->desc.outputs,
-                                  sizeof *room);
+    plane = (size_t)net->desc.width * (size_t)net->desc.height, count = (size_t)net->desc.outputs;
+    batch = itn__fewer((size_t)net->desc.batch, ITN__READ_SIZES);
+    room = (float *)itn__allocate(&net->context,
+                                  plane + batch * (2 * plane + count) + count, sizeof *room);
     if (!room) return itn__fail(error, ITN_ERROR_MEMORY, 0, "itn_net_read: out of memory");
-    result = itn__net_read(net, pixels, mean, room, outputs, error);
+    inputs = room + plane, answers = inputs + 2 * batch * plane, means = answers + batch * count;
+    result = itn__net_read(net, pixels, mean, room, (int)batch, inputs, answers, means, error);
+    if (!result) memcpy(outputs, means, count * sizeof *outputs);
     net->forward_batch = 0;
     itn__free(&net->context, room);
     return result;

@@ -768,4 +768,11 @@ static inline itn_net *open_network(const char *path, int batch, const itn_conte
     return net;
 }
 
+/* The same for one thread, to read pictures with: a batch holds the five sizes of one. */
+static inline itn_net *open_reader(const char *path) {
+    itn_context context = ITN_ZERO;
+    context.threads = 1;
+    return open_network(path, 5, &context);
+}
+
 #endif

@@ -173,7 +173,7 @@ static void run_search(void *task, int index) {
 
 static itn_net *open_start(const char *path, model *m) {
     load_model(path, m);
-    return open_network(path, 1, NULL);
+    return open_reader(path);
 }
 
 /* ---- table 3 ---- */

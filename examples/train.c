@@ -774,6 +774,8 @@ static double ms_ssim(float *picture, float *other) {
 
 /* ---- evaluation ---- */
 
+enum { MOST_NETS = 64 };
+
 static const char *const result_endings[3] = {"table.csv", "answers.csv", "answers.svg"};
 
 typedef struct answer {
@@ -791,6 +793,8 @@ typedef struct trial {
     int judged; /* how many are rendered again */
     float weights[FILM * FINE]; /* fine_weights */
     answer *answers;
+    itn_net *const *nets; /* [net_count], one for a thread; NULL: the truth is the answer */
+    int net_count;
 } trial;
 
 /* A picture of a scene with three parameters changed. */
@@ -826,13 +830,15 @@ static void judge(void *task, int index) {
     free(truths[0]), free(truths[1]);
 }
 
-/* Asks the network about all pictures; without a network the truth is the answer. */
-static void ask(trial *t, itn_net *net) {
+/* Asks one of the networks about its share of the pictures. */
+static void ask(void *task, int index) {
+    trial *t = (trial *)task;
+    itn_net *net = t->nets[index];
     float *picture = (float *)need(PIXELS, sizeof(float));
     const itn_scene *scene = t->stages.any;
     const int *parameters = t->stages.parameters;
     int i, k;
-    for (i = 0; i < t->pictures.count; i++) {
+    for (i = index; i < t->pictures.count; i += t->net_count) {
         answer *a = &t->answers[i];
         float *coordinates = a->coordinates;
         memcpy(a->truth, t->pictures.thetas[i], sizeof a->truth);
@@ -913,7 +919,7 @@ static void result_path(const char *checkpoint, int result, char path[PATH_SIZE]
     snprintf(path, PATH_SIZE, "%s.%s", checkpoint, result_endings[result]);
 }
 
-static void try_split(trial *t, itn_net *net, FILE *files[3]) {
+static void try_split(trial *t, FILE *files[3]) {
     int threads = t->options->threads, left = is_of_left(t);
     const model *m = &t->options->model;
     load_pictures(t->options->data, left ? SPLIT_TRAIN : t->in, &t->pictures);
@@ -930,7 +936,7 @@ static void try_split(trial *t, itn_net *net, FILE *files[3]) {
     fine_weights(t->weights);
     load_stages(&t->pictures, 0, t->pictures.count, t->judged, FILM_FINE, t->options->data, threads,
                 &t->stages);
-    ask(t, net);
+    parallel_for(t->net_count, ask, t, &threads);
     parallel_for(t->judged, judge, t, &threads);
     print_row(t, stdout), print_row(t, files[0]);
     print_answers(t, files[1]);
@@ -944,16 +950,17 @@ static void try_split(trial *t, itn_net *net, FILE *files[3]) {
 static int evaluate(settings *o) {
     static const char *const head =
         "model,split,rmse_sigma_t,rmse_albedo,rmse_g,rmse_image,one_minus_ms_ssim\n";
-    int truth = !strcmp(o->model.name, "truth"), in;
+    itn_net *nets[MOST_NETS] = {NULL};
+    int truth = !strcmp(o->model.name, "truth"), net_count = 1, in, k;
     char path[PATH_SIZE];
     FILE *files[3];
-    itn_net *net = NULL;
     if (!truth) {
         model asked = o->model;
         load_model(o->checkpoint, &o->model);
         if (strcmp(asked.name, o->model.name)) fail(o->checkpoint, "is of another --model");
         o->model.seed = asked.seed;
-        net = open_network(o->checkpoint, 1, NULL); /* a thread is as good as two for one picture */
+        if ((net_count = o->threads) > MOST_NETS) net_count = MOST_NETS;
+        for (k = 0; k < net_count; k++) nets[k] = open_reader(o->checkpoint);
     } else {
         pictures p;
         load_pictures(o->data, SPLIT_TRAIN, &p);
@@ -974,12 +981,12 @@ static int evaluate(settings *o) {
         static trial t;
         if (strcmp(o->model.leave, "none") && (in == SPLIT_SHAPE || in == SPLIT_LIGHT)) continue;
         memset(&t, 0, sizeof t);
-        t.options = o, t.in = (split)in;
-        try_split(&t, net, files);
+        t.options = o, t.in = (split)in, t.nets = nets, t.net_count = net_count;
+        try_split(&t, files);
     }
     fprintf(files[2], "</svg>\n");
     for (in = 0; in < 3; in++) result_path(o->checkpoint, in, path), end_file(files[in], path);
-    itn_net_free(net);
+    for (k = 0; k < net_count; k++) itn_net_free(nets[k]);
     return 0;
 }
 
@@ -993,7 +1000,7 @@ static int export_network(settings *o) {
     if (!stat(o->checkpoint, &from) && !stat(o->shipped, &to) && from.st_dev == to.st_dev &&
         from.st_ino == to.st_ino)
         fail(o->shipped, "is the checkpoint itself");
-    net = open_network(o->checkpoint, 1, NULL);
+    net = open_reader(o->checkpoint);
     snprintf(path, sizeof path, "%s.txt", o->shipped);
     remove(path); /* without it, a network that is there alone is refused */
     if (itn_net_save(net, o->shipped, 1, &error)) fail(error.message, "");

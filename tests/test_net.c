@@ -1081,7 +1081,7 @@ static void test_net_input(int fault) {
 }
 
 /* What the network reads is its mean about five sizes. fault: the last one is left out. */
-static void test_net_read(int fault) {
+static void test_net_read(int batch, int fault) {
     enum { SIDE = 16, PLANE = SIDE * SIDE };
     itn_net_desc desc = ITN_ZERO;
     itn_net *net;
@@ -1089,7 +1089,7 @@ static void test_net_read(int fault) {
     double expected[2] = {0, 0};
     int size, k;
     desc.width = desc.height = SIDE, desc.layer_count = 2, desc.first_channels = 5;
-    desc.outputs = 2, desc.batch = 1, desc.seed = 3, net = make(&desc, NULL);
+    desc.outputs = 2, desc.batch = batch, desc.seed = 3, net = make(&desc, NULL);
     seed(13);
     for (k = 0; k < PLANE; k++) pixels[k] = (float)(1 + .5 * uniform());
     for (size = -2; size <= 2 - fault; size++) {
@@ -1758,8 +1758,11 @@ int main(void) {
     test_net_input(0);
     CHECK_CATCHES(test_net_input(1));
     test_net_input_errors();
-    test_net_read(0);
-    CHECK_CATCHES(test_net_read(1));
+    test_net_read(1, 0);
+    test_net_read(2, 0); /* five sizes as two, two and one */
+    test_net_read(16, 0);
+    CHECK_CATCHES(test_net_read(1, 1));
+    CHECK_CATCHES(test_net_read(16, 1));
     test_net_read_errors();
     test_memory_of_create();
     test_overfit(1);
