@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.7.5                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.7.6                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -190,7 +190,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 7
-#define ITN_VERSION_PATCH 5
+#define ITN_VERSION_PATCH 6
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -14407,13 +14407,13 @@ ITN_API void itn_net_free(itn_net *net) {
     itn__free(&context, net);
 }
 
-ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *context,
-                                  itn_net **net, itn_error *error) {
+/* A network whose weights are all 0. */
+static itn_result itn__net_make(const itn_net_desc *desc, const itn_context *context,
+                                itn_net **net, itn_error *error) {
     itn_net_desc filled;
     itn_context own;
     itn_net *made;
     itn_result result;
-    if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_create: net is NULL");
     if ((result = itn__net_desc_fill(desc, &filled, error)) != ITN_OK ||
         (result = itn__context_check(context, &own, error)) != ITN_OK)
         return result;
@@ -14424,6 +14424,16 @@ ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *c
         itn_net_free(made);
         return itn__out_of_memory(error, "a network of this shape and batch");
     }
+    *net = made;
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *context,
+                                  itn_net **net, itn_error *error) {
+    itn_net *made;
+    itn_result result;
+    if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_create: net is NULL");
+    if ((result = itn__net_make(desc, context, &made, error)) != ITN_OK) return result;
     itn__net_initialise(made);
     *net = made;
     return ITN_OK;
@@ -18933,7 +18943,7 @@ ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const cha
                                 error);
     if (result != ITN_OK) return result;
     w.desc.batch = batch;
-    result = itn_net_create(&w.desc, context, &made, error);
+    result = itn__net_make(&w.desc, context, &made, error);
     if (result != ITN_OK) return result;
     itn__weights_take(made, &w);
     *net = made;
@@ -19768,6 +19778,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.7.6  itn_net_read shows the sizes to the network together; panels of weights stay in the cache
    0.7.5  itn_net_read: a network reads a picture in five sizes, and new shapes better
    0.7.4  with ITN_THREADS, a network on one thread reads a picture 1.3 times as fast
    0.7.3  rendering never came to an end where rounding sent a ray to and fro between two faces of

@@ -22,8 +22,8 @@
    the time. The noise of such pictures is alike: errors of one tell something of errors of the
    others, and a mean over all three is noisier than over three on their own.
    --tests is the part of the three test splits to make, as large as --fraction unless given.
-   `check` reads every file: pictures, meshes, scenes, ground and sky. `make` goes on where it was
-   stopped and mends what `check` finds missing or damaged. `sheet` shows one picture of every
+   `check` reads every file: pictures, meshes, scenes, ground and sky, and compares them with what
+   was written. `make` goes on where it was stopped and mends what `check` finds missing or damaged. `sheet` shows one picture of every
    shape, or of a variant (rows), and azimuth (columns). dataset.h says what is in a file.
    The pictures are the same bits for any number of threads. */
 #define _POSIX_C_SOURCE 200809L
@@ -54,6 +54,10 @@ typedef struct settings {
 } settings;
 
 /* ---- scenes ---- */
+
+/* Files of DIR/scenes that all scenes share. */
+#define GROUND "concrete.pfm"
+#define SKY "t3-e60-grey.sky"
 
 static void copy_file(const char *from_dir, const char *name, const char *to_dir) {
     static char block[1 << 20]; /* more than any of them */
@@ -120,10 +124,10 @@ static int scene_text(const itn_mesh *mesh, int shape, int azimuth, int variant,
         "film    %s\n"
         "camera  eye 0 8.785 -32.785  target 0 0.469 -1.75  fov %.8g\n"
         "medium  milk   sigma_t 54  albedo 0.87  g 0.4\n"
-        "surface ground type diffuse  reflectance texture concrete.pfm\n"
+        "surface ground type diffuse  reflectance texture " GROUND "\n"
         "object  plane  y 0 half 20  surface ground\n"
         "object  mesh %s  medium milk  rotate 0 1 0 180  translate 0 %.4f -1.75\n"
-        "light   sky t3-e60-grey.sky  sun %.6f 0.866025 %.6f  sun_scale 2"
+        "light   sky " SKY "  sun %.6f 0.866025 %.6f  sun_scale 2"
         "  sun_radius_scale 70\n",
         films[on], fovs[on], name, mesh_lift(mesh), .5 * cos(angle), .5 * sin(angle));
 }
@@ -146,8 +150,8 @@ static void write_scenes(const settings *s) {
     int shape, azimuth;
     snprintf(folder, sizeof folder, "%s/scenes", s->dir);
     make_folder(folder);
-    copy_file(s->scenes, "maps/concrete.pfm", folder);
-    copy_file(s->scenes, "t3-e60-grey.sky", folder);
+    copy_file(s->scenes, "maps/" GROUND, folder);
+    copy_file(s->scenes, SKY, folder);
     for (shape = 0; shape < SHAPES; shape++) {
         snprintf(name, sizeof name, "shapes/%s.ply", shape_names[shape]);
         copy_file(s->scenes, name, folder);
@@ -352,6 +356,64 @@ static void write_variants(const char *dir, const shard *s) {
     int variants[PAIRS], count = list_shown(s, variants), i;
     for (i = 0; i < count; i++)
         if (variants[i]) write_variant(dir, s->shape, s->azimuth, variants[i]);
+}
+
+/* ---- checksums of what scenes are made of ---- */
+
+enum { SUM_SIZE = 96 }; /* of a line of scenes/sums.txt, at most */
+
+/* A text file of any length, to be freed, or NULL if there is none. */
+static char *read_text(const char *path) {
+    struct stat status;
+    FILE *file = fopen(path, "rb");
+    char *text;
+    if (!file) return NULL;
+    if (fstat(fileno(file), &status)) fail(path, "cannot be read");
+    text = (char *)need((size_t)status.st_size + 1, 1);
+    text[fread(text, 1, (size_t)status.st_size, file)] = 0;
+    fclose(file);
+    return text;
+}
+
+/* A file's line: its name and checksum. */
+static void sum_line(const char *dir, const char *name, char line[SUM_SIZE]) {
+    static unsigned char block[1 << 16];
+    char path[PATH_SIZE];
+    uint64_t sum = checksum(NULL, 0);
+    size_t size;
+    FILE *file;
+    snprintf(path, sizeof path, "%s/scenes/%s", dir, name);
+    file = fopen(path, "rb");
+    if (!file) fail(path, "cannot be read");
+    while ((size = fread(block, 1, sizeof block, file)) > 0)
+        sum = checksum_on(sum, block, size);
+    fclose(file);
+    snprintf(line, SUM_SIZE, "%s %016llx\n", name, (unsigned long long)sum);
+}
+
+static void write_sums(const char *dir) {
+    char path[PATH_SIZE], line[SUM_SIZE], name[64];
+    int in, i, k;
+    FILE *file;
+    snprintf(path, sizeof path, "%s/scenes/sums.txt", dir);
+    file = begin_file(path);
+    sum_line(dir, GROUND, line), fputs(line, file);
+    sum_line(dir, SKY, line), fputs(line, file);
+    for (i = 0; i < SHAPES; i++)
+        mesh_name(i, 0, 0, name), sum_line(dir, name, line), fputs(line, file);
+    for (in = 0; in < SPLITS; in++) {
+        shard shards[MOST_SHARDS];
+        int count = list_shards((split)in, read_fraction(dir, (split)in), shards);
+        for (i = 0; i < count; i++) {
+            int variants[PAIRS], shown = list_shown(&shards[i], variants);
+            for (k = 0; k < shown; k++) {
+                if (!variants[k]) continue;
+                mesh_name(shards[i].shape, shards[i].azimuth, variants[k], name);
+                sum_line(dir, name, line), fputs(line, file);
+            }
+        }
+    }
+    end_file(file, path);
 }
 
 /* ---- noise ---- */
@@ -742,6 +804,7 @@ static int make_data(const settings *s) {
             write_variants(s->dir, &shards[in][i]);
         }
     }
+    write_sums(s->dir);
     if (found) fprintf(stderr, "%d images are there already\n", found);
     pthread_mutex_init(&w.lock, NULL);
     w.start = seconds();
@@ -759,20 +822,29 @@ static int make_data(const settings *s) {
 
 /* ---- check and look ---- */
 
+/* Whether scenes/sums.txt, whose text is `sums`, has the checksum of a sound file. */
+static int is_as_written(const char *dir, const char *name, const char *sums) {
+    char line[SUM_SIZE];
+    sum_line(dir, name, line);
+    if (strstr(sums, line)) return 1;
+    printf("%s/scenes/%s is not as `dataset make` wrote it\n", dir, name);
+    return 0;
+}
+
 /* Whether a file holds this text; says what is wrong with it if not. */
 static int is_text(const char *path, const char *text) {
-    char there[SCENE_SIZE] = "";
-    FILE *file = fopen(path, "rb");
-    if (file) there[fread(there, 1, sizeof there - 1, file)] = 0, fclose(file);
-    if (file && !strcmp(there, text)) return 1;
-    printf("%s %s\n", path, file ? "is not as `dataset make` writes it" : "is missing");
-    return 0;
+    char *there = read_text(path);
+    int same = there && !strcmp(there, text);
+    if (!same)
+        printf("%s %s\n", path, there ? "is not as `dataset make` writes it" : "is missing");
+    free(there);
+    return same;
 }
 
 /* How many files of a scene are missing or damaged: those of all films, and its mesh, which is read
    and should be closed. */
-static int scene_faults(const char *dir, int shape, int azimuth, int variant) {
-    char path[PATH_SIZE], text[SCENE_SIZE];
+static int scene_faults(const char *dir, int shape, int azimuth, int variant, const char *sums) {
+    char path[PATH_SIZE], text[SCENE_SIZE], name[64];
     itn_mesh mesh;
     itn_mesh_report report;
     itn_error error;
@@ -783,6 +855,8 @@ static int scene_faults(const char *dir, int shape, int azimuth, int variant) {
     if (report.bad_vertices || report.bad_indices || report.open_edges || report.flipped_edges ||
         !(report.volume > 0))
         printf("%s is damaged: not closed\n", path), faults++;
+    mesh_name(shape, azimuth, variant, name);
+    if (!faults) faults += !is_as_written(dir, name, sums);
     for (on = 0; on < FILMS; on++) {
         scene_text(&mesh, shape, azimuth, variant, (film)on, text);
         scene_path(shape, azimuth, variant, (film)on, dir, path);
@@ -793,25 +867,31 @@ static int scene_faults(const char *dir, int shape, int azimuth, int variant) {
 }
 
 /* The same of the scenes of a shard's pictures. */
-static int shard_scene_faults(const char *dir, const shard *s) {
+static int shard_scene_faults(const char *dir, const shard *s, const char *sums) {
     int variants[PAIRS], count = list_shown(s, variants), i, faults = 0;
-    for (i = 0; i < count; i++) faults += scene_faults(dir, s->shape, s->azimuth, variants[i]);
+    for (i = 0; i < count; i++)
+        faults += scene_faults(dir, s->shape, s->azimuth, variants[i], sums);
     return faults;
 }
 
-/* Whether ground and sky are missing or damaged, which all scenes read from the same files. */
-static int shared_faults(const char *dir) {
+/* How many of ground and sky are missing or damaged, which all scenes read from the same files. */
+static int shared_faults(const char *dir, const char *sums) {
     char path[PATH_SIZE];
     itn_scene *scene;
     itn_error error;
     scene_path(0, 0, 0, FILM_SMALL, dir, path);
     if (itn_scene_load(path, NULL, &scene, &error)) return printf("%s\n", error.message), 1;
     itn_scene_free(scene);
-    return 0;
+    return !is_as_written(dir, GROUND, sums) + !is_as_written(dir, SKY, sums);
 }
 
 static int check_data(const char *dir) {
-    int in, i, k, faults = shared_faults(dir);
+    char sums_path[PATH_SIZE], *sums;
+    int in, i, k, faults;
+    snprintf(sums_path, sizeof sums_path, "%s/scenes/sums.txt", dir);
+    sums = read_text(sums_path);
+    if (!sums) return printf("%s is missing\n", sums_path), 1;
+    faults = shared_faults(dir, sums);
     for (in = 0; in < SPLITS; in++) {
         shard shards[MOST_SHARDS];
         double noise = 0, worst = 0;
@@ -822,7 +902,7 @@ static int check_data(const char *dir) {
             unsigned char *bytes = read_shard(&shards[i], dir, &fault);
             shard_path(&shards[i], dir, path);
             if (!bytes) printf("%s %s\n", path, fault), faults++;
-            faults += shard_scene_faults(dir, &shards[i]);
+            faults += shard_scene_faults(dir, &shards[i], sums);
             for (k = 0; bytes && k < shards[i].count; k++, images++) {
                 double one = get_float(bytes + record_place(k) + 12);
                 noise += one, worst = fmax(worst, one);
@@ -832,6 +912,7 @@ static int check_data(const char *dir) {
         printf("%-5s %4d images in %2d files, noise %.2f %% in the mean, at most %.2f %%\n",
                split_names[in], images, count, images ? 100 * noise / images : 0, 100 * worst);
     }
+    free(sums);
     return faults != 0;
 }
 
@@ -867,11 +948,11 @@ int main(int argc, char **argv) {
     int i;
     memset(&s, 0, sizeof s);
     s.scenes = "scenes", s.fraction = 1, s.noise = .03, s.spp = 4096, s.seed = 1;
-    s.threads = (int)sysconf(_SC_NPROCESSORS_ONLN);
-    if (argc == 3 && !strcmp(argv[1], "check")) return check_data(argv[2]);
-    if (argc == 4 && !strcmp(argv[1], "sheet")) return save_sheet(argv[2], argv[3]);
+    s.threads = default_threads();
+    if (argc == 3 && !strcmp(argv[1], "check")) return check_data(short_path(argv[2]));
+    if (argc == 4 && !strcmp(argv[1], "sheet")) return save_sheet(short_path(argv[2]), argv[3]);
     if (argc < 3 || strcmp(argv[1], "make")) return fprintf(stderr, "%s", usage), 1;
-    s.dir = argv[2];
+    s.dir = short_path(argv[2]);
     for (i = 3; i < argc; i += 2) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (!value) fail(option, "unknown option, or its value is missing");
@@ -881,7 +962,7 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--spp")) s.spp = whole(option, value, 2 * PARTS * PARTS);
         else if (!strcmp(option, "--seed")) s.seed = whole(option, value, 0);
         else if (!strcmp(option, "-t")) s.threads = whole(option, value, 1);
-        else if (!strcmp(option, "--scenes")) s.scenes = value;
+        else if (!strcmp(option, "--scenes")) s.scenes = short_path(value);
         else fail(option, "unknown option");
     }
     if (!(s.tests > 0)) s.tests = s.fraction;

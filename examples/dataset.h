@@ -22,7 +22,8 @@
        a checksum of all that (64 bits, FNV-1a).
    Numbers are little-endian. DIR/data.txt says which fraction of them DIR holds, and
    DIR/scenes has a scene file per shape and azimuth (and variant: cube-30-08.itn) with all that it
-   needs, for render and invert, and three of other films (see film), for dataset and train.
+   needs, for render and invert, and three of other films (see film), for dataset and train; the
+   checksums of meshes, ground and sky are in sums.txt.
 
    dataset.c writes all this; train.c and starts.c read it. Each compiles alone, with itn.h in it,
    or with -DITN_APART against one object of itn.h for all three, as experiment.sh does. */
@@ -129,6 +130,12 @@ static inline int whole(const char *option, const char *text, int lowest) {
     return (int)value;
 }
 
+/* A path that leaves room for the names and endings that are added to it, or the end. */
+static inline const char *short_path(const char *path) {
+    if (strlen(path) > PATH_SIZE - 64) fail(path, "is too long a path");
+    return path;
+}
+
 static inline void make_folder(const char *path) {
     if (mkdir(path, 0777) && errno != EEXIST) fail(path, "cannot be made");
 }
@@ -183,6 +190,12 @@ static inline void *loop_worker(void *argument) {
         if (index >= l->count) return NULL;
         l->body(l->task, index);
     }
+}
+
+/* As many threads as there are processors. */
+static inline int default_threads(void) {
+    long processors = sysconf(_SC_NPROCESSORS_ONLN);
+    return processors > 1 ? (int)processors : 1;
 }
 
 /* Calls body(task, i) for every i in [0, count), on as many threads as *threads says. */
@@ -378,11 +391,14 @@ static inline float get_float(const unsigned char *at) {
     return value;
 }
 
-static inline uint64_t checksum(const unsigned char *bytes, size_t count) {
-    uint64_t hash = 0xcbf29ce484222325u;
+/* FNV-1a of some bytes; of more of them after those of `hash`. */
+static inline uint64_t checksum_on(uint64_t hash, const unsigned char *bytes, size_t count) {
     size_t i;
     for (i = 0; i < count; i++) hash = (hash ^ bytes[i]) * 0x100000001b3u;
     return hash;
+}
+static inline uint64_t checksum(const unsigned char *bytes, size_t count) {
+    return checksum_on(0xcbf29ce484222325u, bytes, count);
 }
 
 /* Begins a file, as path.tmp, which end_file renames: it appears whole or not at all, and what was
@@ -404,6 +420,14 @@ static inline void end_file(FILE *file, const char *path) {
         remove(temporary);
         fail(path, "cannot be written");
     }
+}
+
+/* Ends the program, before any work is done, if a file cannot be written. */
+static inline void try_file(const char *path) {
+    char temporary[PATH_SIZE + 8];
+    fclose(begin_file(path));
+    snprintf(temporary, sizeof temporary, "%s.tmp", path);
+    remove(temporary);
 }
 
 static inline void save_file(const char *path, const void *bytes, size_t size) {
@@ -749,7 +773,8 @@ static inline void load_model(const char *network, model *m) {
     if (fscanf(file, " mean %lf lambda %lf rate %lf batch %d spp %d seed %d bend %d "
                "units %11s leave %63s", &m->mean, &m->lambda, &m->rate, &m->batch, &m->spp,
                &m->seed, &m->bend, units, m->leave) != 9 || !(m->mean > 0) ||
-        m->batch < 1 || m->spp < 2 || m->bend < -1 || m->bend > FILM ||
+        !(m->lambda >= 0 && m->lambda < 1e9) || !(m->rate > 0 && m->rate <= 1) || m->batch < 1 ||
+        m->spp < 2 || m->seed < 0 || m->bend < -1 || m->bend > FILM ||
         (strcmp(units, "own") && strcmp(units, "coordinates")))
         fail(path, "is not what train writes");
     m->own_units = !strcmp(units, "own");

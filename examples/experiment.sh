@@ -41,7 +41,13 @@ while [ $# -gt 0 ]; do
             case $2 in '' | *[!0-9]* | ??????????*)
                 echo "experiment: $1 needs a whole number of at most 9 digits"; exit 1 ;;
             esac
-            if [ "$1" = --seed ]; then seed=$2; else channels=$2; fi ;;
+            if [ "$1" = --seed ]; then
+                seed=$2
+            elif [ "$2" -lt 1 ] || [ "$2" -gt 1024 ]; then
+                echo "experiment: --channels needs a number from 1 to 1024"; exit 1
+            else
+                channels=$2
+            fi ;;
         -t) threads=$2 ;;
         *) echo "experiment: unknown option $1"; exit 1 ;;
     esac

@@ -335,8 +335,8 @@ static double network_mean(const char *path) {
 
 /* Opens a network that reads pictures of the scene; then finds which of the unknowns are sigma_t,
    albedo and g of one medium, which is what it answers. */
-static itn_net *open_network(const char *path, const itn_scene *scene, const history *h,
-                             int places[3]) {
+static itn_net *open_network(const char *path, const itn_context *context, const itn_scene *scene,
+                             const history *h, int places[3]) {
     static const char *const fields[3] = {"sigma_t", "albedo", "g"};
     itn_film_desc film = itn_scene_film(scene);
     itn_net_desc shape;
@@ -344,7 +344,7 @@ static itn_net *open_network(const char *path, const itn_scene *scene, const his
     itn_error error;
     char text[200];
     int i, k, length = (int)strcspn(h->unknowns[0]->name, ".");
-    if (itn_net_open(path, 5, NULL, &net, &error)) fail(error.message, ""); /* five sizes */
+    if (itn_net_open(path, 5, context, &net, &error)) fail(error.message, ""); /* five sizes */
     shape = itn_net_shape(net);
     if (film.channels != 1) fail(path, "reads grey pictures; the film of the scene has colours");
     snprintf(text, sizeof text, "answers pictures of %dx%d pixels in %d planes with %d values; it "
@@ -624,7 +624,7 @@ int main(int argc, char **argv) {
     }
     set_values(pictures, views, &h, hidden);
     if (network) {
-        net = open_network(network, pictures[0].scene, &h, places);
+        net = open_network(network, &context, pictures[0].scene, &h, places);
         mean = network_mean(network);
     }
 

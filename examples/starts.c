@@ -409,17 +409,17 @@ int main(int argc, char **argv) {
     static settings s;
     int i;
     s.images = 10, s.iterations = 200, s.spp = 16, s.rate = 10, s.seed = 1;
-    s.threads = (int)sysconf(_SC_NPROCESSORS_ONLN);
+    s.threads = default_threads();
     for (i = 1; i < argc; i++) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (option[0] != '-' && s.network_count < MOST_NETWORKS) {
-            s.networks[s.network_count++] = option;
+            s.networks[s.network_count++] = short_path(option);
             continue;
         }
         if (!value) fail(option, "unknown option, or its value is missing");
         i++;
-        if (!strcmp(option, "--data")) s.data = value;
-        else if (!strcmp(option, "-o")) s.out = value;
+        if (!strcmp(option, "--data")) s.data = short_path(value);
+        else if (!strcmp(option, "-o")) s.out = short_path(value);
         else if (!strcmp(option, "--images")) s.images = whole(option, value, 1);
         else if (!strcmp(option, "--iterations")) s.iterations = whole(option, value, 1);
         else if (!strcmp(option, "--spp")) s.spp = whole(option, value, 2);

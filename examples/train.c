@@ -511,7 +511,7 @@ static void load_curve(trainer *t, const char *network) {
     if (fscanf(file, "step,parameters,image") < 0) fail(path, "is empty");
     while (t->row_count < steps &&
            fscanf(file, "%d,%lf,%lf", &r.step, &r.parameters, &r.image) == 3 &&
-           r.step == t->row_count + 1)
+           r.step == t->row_count + 1 && isfinite(r.parameters) && isfinite(r.image))
         t->rows[t->row_count++] = r;
     fclose(file);
     if (t->row_count < steps) fail(path, "does not hold every step of the network, in order");
@@ -577,7 +577,10 @@ static void choose_lambda(trainer *t, model *m) {
         sum_over_processes(sums, 3);
         parameters += (double)sums[0], image += (double)sums[1], noise += (double)sums[2];
     } while ((++rounds + 1) * m->batch <= all);
-    m->lambda = image > 0 ? parameters / fmax(image - noise, .1 * image) : 1;
+    if (!(image > 0))
+        fail("--lambda", "cannot be chosen, as noise hides the image loss: take more --spp, or name "
+             "one");
+    m->lambda = parameters / fmax(image - noise, .1 * image);
     if (!t->options->process.rank)
         fprintf(stderr, "%s: losses of parameters %.4g, of images %.4g, of which noise %.4g: "
                 "lambda %.4g\n", m->name, parameters / rounds, image / rounds, noise / rounds,
@@ -657,6 +660,7 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
         fail(o->checkpoint, "is there already: go on with --resume, or name another one");
     if (o->resume) load_model(o->checkpoint, &o->model);
     if (strcmp(asked.name, o->model.name)) fail(o->checkpoint, "is of another --model");
+    if (!o->process.rank) try_file(o->checkpoint);
     make_trainer(t, o, from);
     o->model.mean = mean_brightness(&t->pictures);
     *per_epoch = (t->pictures.count + o->model.batch - 1) / o->model.batch;
@@ -712,7 +716,7 @@ static int train(settings *o) {
                o->model.lambda, t.rows[t.row_count - 1].image);
     }
     free_trainer(&t);
-    return stop ? 3 : 0;
+    return step < last ? 3 : 0;
 }
 
 /* ---- how alike pictures look ---- */
@@ -774,7 +778,7 @@ static double ms_ssim(float *picture, float *other) {
 
 /* ---- evaluation ---- */
 
-enum { MOST_NETS = 64 };
+enum { MOST_NETS = 16 }; /* with more, opening them takes longer than it saves */
 
 static const char *const result_endings[3] = {"table.csv", "answers.csv", "answers.svg"};
 
@@ -990,16 +994,33 @@ static int evaluate(settings *o) {
     return 0;
 }
 
+/* Whether both are there and one file. */
+static int is_same_file(const char *a, const char *b) {
+    struct stat one, other;
+    return !stat(a, &one) && !stat(b, &other) && one.st_dev == other.st_dev &&
+           one.st_ino == other.st_ino;
+}
+
+/* Refuses to write a network over a file of the checkpoint. */
+static void keep_checkpoint(const char *checkpoint, const char *shipped) {
+    static const char *const endings[] = {"", ".txt", ".csv"};
+    char from[PATH_SIZE], to[PATH_SIZE];
+    int i, k;
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < 2; k++) {
+            snprintf(from, sizeof from, "%s%s", checkpoint, endings[i]);
+            snprintf(to, sizeof to, "%s%s", shipped, endings[k]);
+            if (is_same_file(from, to)) fail(to, "is a file of the checkpoint itself");
+        }
+}
+
 /* Writes the network of the checkpoint without Adam's state, to be used and not trained further. */
 static int export_network(settings *o) {
     itn_net *net;
     itn_error error;
-    struct stat from, to;
     char path[PATH_SIZE];
     load_model(o->checkpoint, &o->model);
-    if (!stat(o->checkpoint, &from) && !stat(o->shipped, &to) && from.st_dev == to.st_dev &&
-        from.st_ino == to.st_ino)
-        fail(o->shipped, "is the checkpoint itself");
+    keep_checkpoint(o->checkpoint, o->shipped);
     net = open_reader(o->checkpoint);
     snprintf(path, sizeof path, "%s.txt", o->shipped);
     remove(path); /* without it, a network that is there alone is refused */
@@ -1053,7 +1074,7 @@ int main(int argc, char **argv) {
     o.epochs = 50, o.model.batch = 16, o.model.seed = 1, o.model.rate = 1e-4, o.model.lambda = -1;
     o.model.bend = 12, o.save = 120;
     snprintf(o.model.leave, sizeof o.model.leave, "none");
-    o.threads = (int)sysconf(_SC_NPROCESSORS_ONLN);
+    o.threads = default_threads();
     for (i = 1; i < argc; i++) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (!strcmp(option, "--resume")) { o.resume = 1; continue; }
@@ -1061,10 +1082,10 @@ int main(int argc, char **argv) {
         if (!value) fail(option, "unknown option, or its value is missing");
         i++;
         if (!strcmp(option, "--model")) name = value;
-        else if (!strcmp(option, "--data")) o.data = value;
-        else if (!strcmp(option, "--checkpoint")) o.checkpoint = value;
-        else if (!strcmp(option, "--start")) o.start = value;
-        else if (!strcmp(option, "--export")) o.shipped = value;
+        else if (!strcmp(option, "--data")) o.data = short_path(value);
+        else if (!strcmp(option, "--checkpoint")) o.checkpoint = short_path(value);
+        else if (!strcmp(option, "--start")) o.start = short_path(value);
+        else if (!strcmp(option, "--export")) o.shipped = short_path(value);
         else if (!strcmp(option, "--epochs")) o.epochs = whole(option, value, 1);
         else if (!strcmp(option, "--batch")) o.model.batch = whole(option, value, 1);
         else if (!strcmp(option, "--rate")) o.model.rate = number(option, value, 1e-9, 1);

@@ -184,8 +184,16 @@ broken() {
 }
 cut_file() { head -c "$1" kept > "$2"; }
 other_sun() { sed 's/sun_scale 2/sun_scale 1/' kept > "$1"; }
+swap_byte() { printf 'x' | dd of="$2" bs=1 seek="$1" conv=notrunc 2> /dev/null; }
+moved_corner() {
+    start=$(LC_ALL=C awk '{ n += length($0) + 1 } /^end_header/ { print n; exit }' "$1")
+    swap_byte $((start + 1200)) "$1" # the last bits of an x
+}
+other_ground() { swap_byte $(($(wc -c < "$1") - 4)) "$1"; }
 broken "no mesh" chain-00-32.ply 'chain-00-32\.ply: cannot open' rm
 broken "a mesh that is cut" chain-00-32.ply 'chain-00-32\.ply: .* larger than' cut_file 3000
+broken "a mesh of which a corner is moved" chain-00-32.ply 'chain-00-32\.ply is not' moved_corner
+broken "another texture" concrete.pfm 'concrete\.pfm is not' other_ground
 broken "no texture" concrete.pfm 'concrete\.pfm: cannot open' rm
 broken "a texture that is cut" concrete.pfm 'concrete\.pfm: .* needs 16384' cut_file 1000
 broken "a sky that is cut" t3-e60-grey.sky 't3-e60-grey\.sky:7: coefficients' cut_file 500
@@ -201,6 +209,9 @@ check "dataset: renders a variant" ./render data/scenes/chain-00-32.itn -o a.exr
 # shellcheck disable=SC2086
 refused 'other settings' "dataset: other settings" ./dataset make data --fraction 1/1000 --noise 1 \
     $scenes
+refused 'from 1 to 1024' "experiment: too wide a network" sh "$root/examples/experiment.sh" \
+    -o wide --channels 2000
+check "experiment: too wide a network: nothing is made" test ! -e wide
 refused 'needs a number' "dataset: no number" ./dataset make data --fraction /10 --noise 1 $scenes
 fit="--data data --batch 4 --spp 2"
 # shellcheck disable=SC2086
@@ -220,8 +231,11 @@ fit="--data data --batch 4 --spp 2"
         --start b.net --checkpoint f.net
     check "train itn: own units" ./train --model itn $fit --epochs 5 --rate 1e-5 --bend 20 \
         --units own --start b.net --checkpoint u.net
+    check "train --evaluate: three networks" ./train --model itn --data data --spp 2 --images 1 \
+        --checkpoint b.net --evaluate -t 3
+    cp b.net.answers.csv three.csv
     keep "train --evaluate" ./train --model itn --data data --spp 2 --images 1 --checkpoint b.net \
-        --evaluate
+        --evaluate -t 1
 }
 sed 3d b.net.csv > damaged.csv
 # shellcheck disable=SC2086
@@ -237,9 +251,25 @@ sed 3d b.net.csv > damaged.csv
     refused 'every step' "a curve that lacks a step" ./train --model itn $fit --epochs 5 --resume \
         --checkpoint g.net
     check "a curve that lacks a step: is left" cmp damaged.csv g.net.csv
-    refused 'the checkpoint itself' "a network without its state over itself" ./train \
+    refused 'file of the checkpoint' "a network without its state over itself" ./train \
         --checkpoint g.net --export ./g.net
     check "a network over itself: is left" cmp b.net g.net
+    cp b.net.txt g.net.txt && cp g.net q.txt && cp g.net.txt q.txt.txt
+    refused 'file of the checkpoint' "a network's text over a network" ./train --checkpoint q.txt \
+        --export q
+    refused 'file of the checkpoint' "a network over its text" ./train --checkpoint g.net \
+        --export g.net.txt
+    check "a network over its text: is left" cmp g.net.txt b.net.txt
+    refused 'nowhere/a\.net.* cannot be written' "a checkpoint where nothing can be written" ./train \
+        --model rn $fit --epochs 400 --checkpoint nowhere/a.net
+    refused 'too long a path' "a checkpoint of a very long name" ./train --model rn $fit \
+        --checkpoint "$(printf '%01000d' 0)"
+    sed 's/^lambda.*/lambda nan/' b.net.txt > g.net.txt && cp b.net.csv g.net.csv
+    refused 'not what train writes' "a lambda that is not a number" ./train --model itn $fit \
+        --epochs 5 --resume --checkpoint g.net
+    cp b.net.txt g.net.txt && sed '3s/,[^,]*$/,nan/' b.net.csv > g.net.csv
+    refused 'every step' "a loss that is not a number" ./train --model itn $fit --epochs 5 \
+        --resume --checkpoint g.net
     cp b.net i.net && sed 's/^input.*/input 0/' b.net.txt > i.net.txt
     refused 'another input' "a network for another input" ./train --model itn --data data \
         --checkpoint i.net --evaluate
@@ -249,6 +279,9 @@ check "train itn: otherwise: the same loss" test "$(grep lambda e.net.txt)" = \
 refused differ "train: --bend changes pictures: cmp" cmp e.net f.net
 refused differ "train: --units changes the loss: cmp" cmp u.net f.net
 check "train: --units is kept" grep -q '^units own' u.net.txt
+check "train --evaluate: the same answers by any number of networks" cmp three.csv b.net.answers.csv
+check "train --evaluate: all pictures" awk -F, 'NR > 1 && !($4 >= 20 && $7 >= 20) { bad = 1 }
+    END { exit bad || NR < 2 }' b.net.answers.csv
 prints '^itn,both,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+,[0-9.]+$'
 check "train --evaluate: splits without pictures" test "$(wc -l < b.net.table.csv)" -eq 3
 check "train --export" ./train --checkpoint b.net --export small.net

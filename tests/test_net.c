@@ -1086,9 +1086,10 @@ static void test_net_read(int batch, int fault) {
     itn_net_desc desc = ITN_ZERO;
     itn_net *net;
     float pixels[PLANE], sized[PLANE], input[2 * PLANE], outputs[2], read[2];
+    static float alone[2];
     double expected[2] = {0, 0};
     int size, k;
-    desc.width = desc.height = SIDE, desc.layer_count = 2, desc.first_channels = 5;
+    desc.width = desc.height = SIDE, desc.layer_count = 2, desc.first_channels = 16;
     desc.outputs = 2, desc.batch = batch, desc.seed = 3, net = make(&desc, NULL);
     seed(13);
     for (k = 0; k < PLANE; k++) pixels[k] = (float)(1 + .5 * uniform());
@@ -1106,6 +1107,8 @@ static void test_net_read(int batch, int fault) {
     }
     CHECK(itn_net_read(net, pixels, 2, read, NULL) == ITN_OK);
     check_arrays("read", read, expected, 2, 1e-6);
+    if (batch == 1) memcpy(alone, read, sizeof read); /* as a batch of one reads it */
+    CHECK(!memcmp(alone, read, sizeof read));
     CHECK(itn_net_backward(net, 1, outputs, NULL) == ITN_ERROR_ARGUMENT); /* of which size? */
     itn_net_free(net);
 }
@@ -1265,6 +1268,28 @@ static void test_orders(int images, int fault) {
     free(state);
     free_lesson(&l);
     itn_net_free(net);
+}
+
+/* So are the outputs of a layer with more panels of weights than the loop has tasks, whose last one
+   is narrower: what is written where another lay before. */
+static void test_more_panels(int fault) {
+    itn_net_desc d = lesson_desc();
+    itn_context context = ITN_ZERO;
+    itn_net *nets[2];
+    lesson l;
+    float outputs[2][3];
+    int k;
+    d.layer_count = 1, d.first_channels = (2 * 32 + 1) * ITN__LANES;
+    context.parallel_for = loop_backwards;
+    l = make_lesson(&d, 1);
+    for (k = 0; k < 2; k++) nets[k] = make(&d, k ? &context : NULL);
+    if (fault) nets[1]->parameters[nets[1]->layers[0].bias - 1]++; /* of the last panel */
+    for (k = 0; k < 2; k++) {
+        CHECK(itn_net_forward(nets[k], 1, l.images, outputs[k], NULL) == ITN_OK);
+        itn_net_free(nets[k]);
+    }
+    CHECK(!memcmp(outputs[0], outputs[1], sizeof outputs[0]));
+    free_lesson(&l);
 }
 
 /* The outputs of an image are the same, bit by bit, in any company. */
@@ -1770,6 +1795,8 @@ int main(void) {
     test_orders(8, 0);
     test_orders(2, 0); /* few windows: weights are streamed, by all threads together */
     CHECK_CATCHES(test_orders(8, 1));
+    test_more_panels(0);
+    CHECK_CATCHES(test_more_panels(1));
     test_any_batch(0);
     CHECK_CATCHES(test_any_batch(1));
     test_file_format();
