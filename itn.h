@@ -911,9 +911,9 @@ typedef struct itn_estimate {
    theta on; other parameters stay. Adam and SGD take it as it stands; LM divides each pixel's
    difference by what noise makes of it and compares pictures slightly blurred, which has the same
    minimum where the scene accounts for the picture, and another one where it does not.
-   theta: [itn_parameter_count], in and out. target: [C][height][width], linear radiometric, finite.
-   parameters: [count], all different, count from 1 to 1024. estimates: [count]. options may be
-   NULL.
+   theta: [itn_parameter_count], in and out. target: [C][height][width], linear radiometric, within
+   -1e18 to 1e18. parameters: [count], all different, count from 1 to 1024. estimates: [count].
+   options may be NULL.
    Along curves of equal sigma_t albedo (1 - g) and sigma_t (1 - albedo) pictures change little
    (similarity relations, Wyman, Patterson and Wilson 1989): LM takes its steps along them. The loss
    can still have several valleys, and error bars speak of one only. In thin objects light scattered
@@ -953,8 +953,8 @@ typedef struct itn_view {
     const itn_scene *scene;
     const float *theta;  /* [parameter_count of the scene]: of the parameters that are not sought;
                             NULL: as made */
-    const float *target; /* [C][height][width] of the scene's film, linear radiometric, finite where
-                            it counts */
+    const float *target; /* [C][height][width] of the scene's film, linear radiometric, within
+                            -1e18 to 1e18 where it counts */
     const float *target_variance; /* as target, see itn_refine_options; NULL: unknown */
     const int *parameters; /* [count]: which parameter of this scene each unknown is; -1 where the
                               scene has not got it, for example the light of another view */
@@ -16127,8 +16127,8 @@ static itn_result itn__view_check(const itn__refiner *refiner, const itn_view *g
         else if (variance < INFINITY) counted++;
         else if (refiner->options.method != ITN_METHOD_LM)
             bad = "target_variance is infinite, which is for LM only,";
-        if (!bad && variance < INFINITY && !itn__finite(given->target[i]))
-            bad = "target is not finite";
+        if (!bad && variance < INFINITY && !(fabsf(given->target[i]) <= 1e18f))
+            bad = itn__finite(given->target[i]) ? "target is beyond 1e18" : "target is not finite";
         if (bad)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d: %s at pixel %d",
                              index, bad, (int)(i % plane));

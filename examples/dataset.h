@@ -117,10 +117,11 @@ static inline double seconds(void) {
 static inline double number(const char *option, const char *text, double lowest, double highest) {
     char *end = NULL;
     double value = text ? strtod(text, &end) : 0;
+    char why[80];
     const char *slash = text ? strchr(text, '/') : NULL;
     if (slash && slash != text && end == slash) value /= strtod(slash + 1, &end); /* 1/50 */
-    if (!text || end == text || *end || !(value >= lowest && value <= highest))
-        fail(option, "needs a number in its range");
+    snprintf(why, sizeof why, "needs a number from %.10g to %.10g", lowest, highest);
+    if (!text || end == text || *end || !(value >= lowest && value <= highest)) fail(option, why);
     return value;
 }
 

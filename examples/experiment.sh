@@ -29,26 +29,31 @@ data=
 channels=
 seed=1
 threads=$(getconf _NPROCESSORS_ONLN)
+# needs OPTION VALUE LOWEST HIGHEST: a number, or one over another, in this range
+needs() {
+    echo "$2" | awk -F/ '!/^[0-9.]+(e-?[0-9]+)?(\/[0-9.]+)?$/ || (NF == 2 && $2 == 0) { exit 1 }
+        { x = NF == 2 ? $1 / $2 : $1 + 0; exit !(x >= '"$3"' && x <= '"$4"') }' && return
+    echo "experiment: $1 needs a number from $3 to $4"
+    exit 1
+}
 while [ $# -gt 0 ]; do
+    [ "$1" != --help ] || { sed -n '5,6s/^# *//p' "$0"; exit; }
     [ $# -gt 1 ] || { echo "experiment: $1 needs a value"; exit 1; }
     case $1 in
-        --fraction) fraction=$2 ;;
-        --noise) noise=$2 ;;
-        --tests) tests=$2 ;;
+        --fraction) needs "$1" "$2" 1e-4 1; fraction=$2 ;;
+        --noise) needs "$1" "$2" 1e-3 1; noise=$2 ;;
+        --tests) needs "$1" "$2" 1e-4 1; tests=$2 ;;
         -o) out=$2 ;;
         --data) data=$2 ;;
-        --channels | --seed)
+        --channels | --seed | -t)
             case $2 in '' | *[!0-9]* | ??????????*)
                 echo "experiment: $1 needs a whole number of at most 9 digits"; exit 1 ;;
             esac
-            if [ "$1" = --seed ]; then
-                seed=$2
-            elif [ "$2" -lt 1 ] || [ "$2" -gt 1024 ]; then
-                echo "experiment: --channels needs a number from 1 to 1024"; exit 1
-            else
-                channels=$2
-            fi ;;
-        -t) threads=$2 ;;
+            case $1 in
+                --seed) seed=$2 ;;
+                --channels) needs "$1" "$2" 1 1024; channels=$2 ;;
+                -t) needs "$1" "$2" 1 256; threads=$2 ;;
+            esac ;;
         *) echo "experiment: unknown option $1"; exit 1 ;;
     esac
     shift 2

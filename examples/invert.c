@@ -70,7 +70,7 @@ static int whole(const char *option, const char *text) {
     char *end;
     long value = strtol(text, &end, 10);
     if (end == text || *end || value < 0 || value > 2147483647)
-        fail(option, "needs a whole number from 0 on");
+        fail(option, "needs a whole number from 0 to 2147483647");
     return (int)value;
 }
 
@@ -151,13 +151,27 @@ static int read_list(const picture *pictures, int views, const char *text,
 static void check_target(const char *path, itn_film_desc film, const float *light, int variance) {
     char why[160];
     int i, count = film.width * film.height * film.channels;
-    for (i = 0; i < count && light[i] - light[i] == 0 && !(variance && light[i] < 0); i++) {}
+    for (i = 0; i < count && fabsf(light[i]) <= (variance ? FLT_MAX : 1e18f) &&
+                !(variance && light[i] < 0); i++) {}
     if (i == count) return;
     snprintf(why, sizeof why, "the %s of pixel %d, %d (column, row) is %s",
              variance ? "variance" : "value", i % film.width, i / film.width % film.height,
-             !variance ? "NaN or infinite" :
+             !variance ? "NaN, or beyond 1e18" :
              "negative, NaN or, as of one sample, infinite: leave out its layer");
     fail(path, why);
+}
+
+/* Says if a target's variance tells of more noise than there is light. */
+static void note_noise(const char *path, const picture *p, itn_film_desc film) {
+    double light = 0, noise = 0;
+    int i, count = film.width * film.height * film.channels;
+    for (i = 0; i < count; i++) {
+        light += pow((double)p->light[i], 2) / count;
+        noise += (double)p->variance[i] / count;
+    }
+    if (noise > light)
+        printf("note: %s: its variance tells of more noise, %.2g, than light, %.2g (root mean "
+               "squares)\n", path, sqrt(noise), sqrt(light));
 }
 
 /* Makes an image as large as the film, where it is a whole number of times as large: by the means
@@ -264,7 +278,7 @@ static void read_target(picture *p, const char *path, itn_image *image) {
     if (p->noise_known) p->variance = copy_planes(colour, plane, film.channels, 1);
     if (!p->target) return;
     check_target(path, film, p->light, 0);
-    if (p->variance) check_target(path, film, p->variance, 1);
+    if (p->variance) check_target(path, film, p->variance, 1), note_noise(path, p, film);
     leave_out_transparent(p, path, image, film);
 }
 
@@ -495,8 +509,18 @@ static void save_pictures(const picture *p, int unknowns, itn_render_options opt
     itn_image_free(&image);
 }
 
+/* Says if more differs than noise explains. */
+static void print_misfit(double misfit, int noise_known) {
+    if (misfit > 1.5)
+        printf("%s: the picture differs from the scene %.1f times more than %s\n",
+               noise_known ? "warning" : "note", sqrt(misfit),
+               noise_known ? "noise explains" : "the renders' noise explains; its own is not known");
+}
+
 /* Prints the table. Returns how many hidden values lie beyond four standard errors. */
-static int print_estimates(const history *h, const itn_estimate *estimates, const float *hidden) {
+static int print_estimates(const history *h, const itn_estimate *estimates, const float *hidden,
+                           double misfit) {
+    int poor = misfit > 9; /* differences of three times the noise: no samples help */
     int k, missed = 0;
     for (k = 0; k < h->count; k++) {
         const itn_estimate *e = &estimates[k];
@@ -505,8 +529,10 @@ static int print_estimates(const history *h, const itn_estimate *estimates, cons
         if (hidden) printf(" hidden %.5g", (double)hidden[k]);
         printf("\n");
         if (!e->determined)
-            printf("warning: with so few samples and iterations the image hardly determines %s: do "
-                   "not rely on its value; a larger --final-spp or --iterations may help\n", name);
+            printf("warning: with so %s the image hardly determines %s: do not rely on its value; "
+                   "%s may help\n", poor ? "poor a fit" : "few samples and iterations", name,
+                   poor ? "a scene like the picture's or another start"
+                        : "a larger --final-spp or --iterations");
         else if (hidden)
             missed += !(fabs(e->value - (double)hidden[k]) <= 4 * e->standard_error);
     }
@@ -643,14 +669,11 @@ int main(int argc, char **argv) {
     itn_net_free(net);
     if (itn_refine_views(look, views, values, h.count, &refine, estimates, &error))
         fail(error.message, "");
-    missed = print_estimates(&h, estimates, targets ? NULL : hidden);
+    for (v = 0; v < views && pictures[v].noise_known;) v++;
+    print_misfit(misfit, v == views);
+    missed = print_estimates(&h, estimates, targets ? NULL : hidden, misfit);
     if (itn_refine_words(h.unknowns, h.count, estimates, covariance, words, sizeof words) >= 0)
         printf("%s", words);
-    for (v = 0; v < views && pictures[v].noise_known;) v++;
-    if (misfit > 1.5)
-        printf("%s: the picture differs from the scene %.1f times more than %s\n",
-               v == views ? "warning" : "note", sqrt(misfit),
-               v == views ? "noise explains" : "the renders' noise explains; its own is not known");
 
     render.spp = refine.spp, render.seed = refine.seed + 2000003; /* not the targets' numbers */
     set_values(pictures, views, &h, values);

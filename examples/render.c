@@ -13,6 +13,7 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -38,7 +39,8 @@ static int whole(const char *option, const char *text, int lowest) {
     char *end;
     long value = text ? strtol(text, &end, 10) : 0;
     if (!text || end == text || *end || value < lowest || value > 2147483647)
-        fail(option, lowest ? "needs a whole number from 1 on" : "needs a whole number from 0 on");
+        fail(option, lowest ? "needs a whole number from 1 to 2147483647"
+                            : "needs a whole number from 0 to 2147483647");
     return (int)value;
 }
 
@@ -123,12 +125,14 @@ static int find_parameters(const itn_scene *scene, const float *theta, itn_mode 
 static void check_path(const char *path) {
     const char *ending = strrchr(path, '.'), *slash = strrchr(path, '/');
     char folder[1024];
+    struct stat there;
     if (!ending || (strcmp(ending, ".exr") && strcmp(ending, ".pfm") && strcmp(ending, ".png")))
         fail(path, "must end in .exr, .pfm or .png");
     if (strlen(path) > 800) fail(path, "this path is too long");
     snprintf(folder, sizeof folder, "%.*s", slash ? (int)(slash - path) + 1 : 1,
              slash ? path : ".");
     if (access(folder, W_OK)) fail(path, "its folder is not there or must not be written to");
+    if (!stat(path, &there) && S_ISDIR(there.st_mode)) fail(path, "is a folder");
 }
 
 /* Writes `image` in the format that the path's ending names: EXR holds all planes, PFM and PNG

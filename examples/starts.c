@@ -412,7 +412,8 @@ int main(int argc, char **argv) {
     s.threads = default_threads();
     for (i = 1; i < argc; i++) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
-        if (option[0] != '-' && s.network_count < MOST_NETWORKS) {
+        if (option[0] != '-') {
+            if (s.network_count == MOST_NETWORKS) fail(option, "is a fifth network: 4 at most");
             s.networks[s.network_count++] = short_path(option);
             continue;
         }
@@ -428,7 +429,9 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "-t")) s.threads = whole(option, value, 1);
         else fail(option, "unknown option");
     }
-    if (!s.data || !s.out || !s.network_count || s.iterations / MARK >= MOST_MARKS)
+    if (s.iterations / MARK >= MOST_MARKS)
+        fail("--iterations", "needs a number of at most 799");
+    if (!s.data || !s.out || !s.network_count)
         return fprintf(stderr, "%s", usage), 1;
     make_folder(s.out);
     make_figure(&s);

@@ -664,6 +664,7 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     make_trainer(t, o, from);
     o->model.mean = mean_brightness(&t->pictures);
     *per_epoch = (t->pictures.count + o->model.batch - 1) / o->model.batch;
+    if (o->model.batch > t->pictures.count) fail("--batch", "is more than there are pictures");
     if (o->epochs > INT_MAX / *per_epoch) fail("--epochs", "needs a smaller number");
     *last_step = *per_epoch * o->epochs;
     if (itn_net_steps(t->net) > (uint64_t)*last_step) fail(from, "has more --epochs behind it");
@@ -1051,7 +1052,7 @@ static int take_units(const char *units) {
 /* What a model keeps of --bend. */
 static int take_bend(const char *pixels) {
     int bend = strcmp(pixels, "none") ? whole("--bend", pixels, 0) : -1;
-    if (bend > FILM) fail("--bend", "needs a number in its range");
+    if (bend > FILM) fail("--bend", "needs `none` or a number from 0 to 128");
     return bend;
 }
 

@@ -211,7 +211,11 @@ refused 'other settings' "dataset: other settings" ./dataset make data --fractio
     $scenes
 refused 'from 1 to 1024' "experiment: too wide a network" sh "$root/examples/experiment.sh" \
     -o wide --channels 2000
-check "experiment: too wide a network: nothing is made" test ! -e wide
+for wrong in "--fraction abc" "--fraction 2" "--fraction 1/0" "--tests 0" "-t 0" "-t x" "--seed -1"; do
+    # shellcheck disable=SC2086
+    refused 'needs a' "experiment: $wrong" sh "$root/examples/experiment.sh" -o wide $wrong
+done
+check "experiment: wrong numbers: nothing is made" test ! -e wide
 refused 'needs a number' "dataset: no number" ./dataset make data --fraction /10 --noise 1 $scenes
 fit="--data data --batch 4 --spp 2"
 # shellcheck disable=SC2086
@@ -307,6 +311,13 @@ cp b.net.csv g.net.csv
 refused 'other' "other data" ./train --model itn --data few --epochs 400 --resume \
     --checkpoint g.net
 check "starts" ./starts --data few -o tables --images 1 --iterations 1 --spp 2 b.net
+refused 'a fifth network: 4' "starts: five networks" ./starts --data few -o tables b.net b.net b.net \
+    b.net b.net
+refused 'at most 799' "starts: too many steps" ./starts --data few -o tables --iterations 800 b.net
+refused 'more than there are pictures' "train: too large a batch" ./train --model rn --data data \
+    --batch 100 --checkpoint large.net
+mkdir folder.exr
+refused 'is a folder' "render: a folder for a picture" ./render default.itn -o folder.exr --spp 1 -q
 check "starts: table" grep -q '^itn,sgd,1,1,' tables/table3.csv
 sed "s/.*base64,//; s/'.*//" tables/figure.svg | base64 -d > held.png
 check "starts: figure" cmp tables/figure.png held.png

@@ -1183,6 +1183,8 @@ static void test_view_options(void) {
     REFUSED(views[1].target = NULL, 2, "view 1");
     REFUSED(views[1].parameters = NULL, 2, "view 1");
     REFUSED(views[1].target = broken, 2, "view 1: target is not finite at pixel 143");
+    broken[143] = -2e18f;
+    REFUSED(views[1].target = broken, 2, "view 1: target is beyond 1e18 at pixel 143");
     REFUSED(views[1].target_variance = broken, 2, "view 1: target_variance is NaN");
     REFUSED((views[0].target_variance = endless, options.method = ITN_METHOD_ADAM), 2, "LM only");
     options.method = ITN_METHOD_LM;

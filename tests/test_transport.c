@@ -70,7 +70,7 @@ static void measure_to(const solids_desc *desc, int max_scatter, int way, const 
         if (ratio * ratio > factor) factor = ratio * ratio;
     }
     if (way) factor *= 1.6; /* the fast walk tells its error from fewer independent parts */
-    options.spp = factor > 4800 ? 120000 : factor < .8 ? 20 : (int)(25 * factor);
+    options.spp = factor > 4e4 ? 1000000 : factor < .8 ? 20 : (int)(25 * factor);
     options.seed = seed++;
     solids_measure(scene, NULL, &options, names, count - 1, means);
     itn_scene_free(scene);
