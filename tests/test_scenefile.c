@@ -604,5 +604,5 @@ int main(void) {
     test_sky();
     test_shipped_scenes();
     remove_files();
-    return check_end("test_scenefile");
+    return check_end("scenefile");
 }
