@@ -13527,7 +13527,7 @@ static void itn__winograd_multiply(const itn__conv *c, const itn__panel *panel, 
                                    size_t end, const itn__window *windows, size_t count,
                                    float *products) {
     float inputs[16 * ITN__TILE_WINDOWS * ITN__WINOGRAD_BLOCKS * ITN__LANES];
-    static const float zeros[ITN__TILE_VECTORS * ITN__LANES];
+    static const float zeros[ITN__TILE_VECTORS * ITN__LANES] = ITN_ZERO;
     const float *patches[ITN__TILE_WINDOWS];
     size_t channels = (end - block) * ITN__LANES, step = ITN__TILE_WINDOWS * channels;
     size_t floats = (size_t)panel->vectors * ITN__LANES, tap, k, b;

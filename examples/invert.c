@@ -32,6 +32,7 @@
 #include "../itn.h"
 
 #include <errno.h>
+#include <float.h>
 #include <sys/stat.h>
 #include <unistd.h>
 

@@ -664,7 +664,6 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     make_trainer(t, o, from);
     o->model.mean = mean_brightness(&t->pictures);
     *per_epoch = (t->pictures.count + o->model.batch - 1) / o->model.batch;
-    if (o->model.batch > t->pictures.count) fail("--batch", "is more than there are pictures");
     if (o->epochs > INT_MAX / *per_epoch) fail("--epochs", "needs a smaller number");
     *last_step = *per_epoch * o->epochs;
     if (itn_net_steps(t->net) > (uint64_t)*last_step) fail(from, "has more --epochs behind it");
@@ -678,6 +677,7 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     } else {
         set_biases(t);
     }
+    if (o->model.batch > t->pictures.count) fail("--batch", "is more than there are pictures");
     find_pictures(t, &first, &end);
     if (o->process.count > 1) keep_pixels(&t->pictures, first, end);
     if (o->resume) return;
