@@ -14607,36 +14607,43 @@ static void itn__resize_picture(int width, int height, const float *from, double
     }
 }
 
-/* As itn_net_read, of as many sizes at a time as inputs and answers have room for.
-   picture: [height][width]; means: [outputs], all 0. */
-static itn_result itn__net_read(itn_net *net, const float *pixels, double mean, float *picture,
-                                int batch, float *inputs, float *answers, float *means,
-                                itn_error *error) {
+/* How many sizes a network reads at a time. */
+static size_t itn__read_batch(const itn_net *net) {
+    return itn__fewer((size_t)net->desc.batch, ITN__READ_SIZES);
+}
+
+/* As itn_net_read; room: mean outputs, which are 0, then outputs and inputs of the network for the
+   sizes of a batch, and a picture. */
+static itn_result itn__net_read(itn_net *net, const float *pixels, double mean, float *room,
+                                float *outputs, itn_error *error) {
     const itn_net_desc *d = &net->desc;
-    size_t input = 2 * (size_t)d->width * (size_t)d->height;
+    size_t plane = (size_t)d->width * (size_t)d->height, batch = itn__read_batch(net);
+    float *means = room, *answers = means + d->outputs;
+    float *inputs = answers + batch * (size_t)d->outputs, *picture = inputs + batch * 2 * plane;
     int size = 0, count, k;
     for (; size < ITN__READ_SIZES; size += count) { /* as it is first: errors tell its pixels */
         static const double larger[ITN__READ_SIZES] = {0, -.5, -.25, .25, .5};
         itn_result result = ITN_OK;
-        count = batch < ITN__READ_SIZES - size ? batch : ITN__READ_SIZES - size;
+        count = (int)itn__fewer(batch, (size_t)(ITN__READ_SIZES - size));
         for (k = 0; k < count && !result; k++) {
             itn__resize_picture(d->width, d->height, pixels, larger[size + k], picture);
             result = itn_net_input(d->width, d->height, picture, mean,
-                                   inputs + (size_t)k * input, error);
+                                   inputs + (size_t)k * 2 * plane, error);
         }
         if (!result) result = itn_net_forward(net, count, inputs, answers, error);
         if (result) return result;
         for (k = 0; k < count * d->outputs; k++)
             means[k % d->outputs] += answers[k] / ITN__READ_SIZES;
     }
+    memcpy(outputs, means, (size_t)d->outputs * sizeof *outputs);
     return ITN_OK;
 }
 
 ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, float *outputs,
                                 itn_error *error) {
     itn_result result;
-    float *room, *inputs, *answers, *means;
-    size_t plane, batch, count;
+    float *room;
+    size_t plane, count;
     if (!net || !pixels || !outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_read: a pointer is NULL");
     if (net->desc.channels != 2)
@@ -14644,13 +14651,11 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
                          "itn_net_read: the network sees %d channels, a picture has 2",
                          net->desc.channels);
     plane = (size_t)net->desc.width * (size_t)net->desc.height, count = (size_t)net->desc.outputs;
-    batch = itn__fewer((size_t)net->desc.batch, ITN__READ_SIZES);
     room = (float *)itn__allocate(&net->context,
-                                  plane + batch * (2 * plane + count) + count, sizeof *room);
+                                  count + itn__read_batch(net) * (count + 2 * plane) + plane,
+                                  sizeof *room);
     if (!room) return itn__fail(error, ITN_ERROR_MEMORY, 0, "itn_net_read: out of memory");
-    inputs = room + plane, answers = inputs + 2 * batch * plane, means = answers + batch * count;
-    result = itn__net_read(net, pixels, mean, room, (int)batch, inputs, answers, means, error);
-    if (!result) memcpy(outputs, means, count * sizeof *outputs);
+    result = itn__net_read(net, pixels, mean, room, outputs, error);
     net->forward_batch = 0;
     itn__free(&net->context, room);
     return result;

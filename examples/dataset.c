@@ -23,8 +23,9 @@
    others, and a mean over all three is noisier than over three on their own.
    --tests is the part of the three test splits to make, as large as --fraction unless given.
    `check` reads every file: pictures, meshes, scenes, ground and sky, and compares them with what
-   was written. `make` goes on where it was stopped and mends what `check` finds missing or damaged. `sheet` shows one picture of every
-   shape, or of a variant (rows), and azimuth (columns). dataset.h says what is in a file.
+   was written. `make` goes on where it was stopped and mends what `check` finds missing or damaged.
+   `sheet` shows one picture of every shape, or of a variant (rows), and azimuth (columns).
+   dataset.h says what is in a file.
    The pictures are the same bits for any number of threads. */
 #define _POSIX_C_SOURCE 200809L
 #define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
@@ -59,20 +60,30 @@ typedef struct settings {
 #define GROUND "concrete.pfm"
 #define SKY "t3-e60-grey.sky"
 
+/* A file's bytes, to be freed, with a 0 behind them; NULL if it cannot be read. */
+static char *read_file(const char *path, size_t *size) {
+    struct stat status;
+    FILE *file = fopen(path, "rb");
+    char *bytes;
+    if (!file) return NULL;
+    if (fstat(fileno(file), &status)) fail(path, "cannot be read");
+    bytes = (char *)need((size_t)status.st_size + 1, 1);
+    *size = fread(bytes, 1, (size_t)status.st_size, file);
+    fclose(file);
+    return bytes;
+}
+
 static void copy_file(const char *from_dir, const char *name, const char *to_dir) {
-    static char block[1 << 20]; /* more than any of them */
-    char path[PATH_SIZE];
+    char path[PATH_SIZE], *bytes;
     const char *base = strrchr(name, '/') ? strrchr(name, '/') + 1 : name;
     size_t size;
-    FILE *file;
     snprintf(path, sizeof path, "%s/%s", from_dir, name);
-    file = fopen(path, "rb");
-    if (!file) fail(path, "cannot be read; --scenes names the folder of the shipped scenes");
-    size = fread(block, 1, sizeof block, file);
-    fclose(file);
-    if (size == 0 || size == sizeof block) fail(path, "has not the size of a shipped file");
+    bytes = read_file(path, &size);
+    if (!bytes) fail(path, "cannot be read; --scenes names the folder of the shipped scenes");
+    if (size == 0 || size >= 1 << 20) fail(path, "has not the size of a shipped file");
     snprintf(path, sizeof path, "%s/%s", to_dir, base);
-    save_file(path, block, size);
+    save_file(path, bytes, size);
+    free(bytes);
 }
 
 /* The file of a shape, or of a variant of it, in DIR/scenes. */
@@ -362,58 +373,42 @@ static void write_variants(const char *dir, const shard *s) {
 
 enum { SUM_SIZE = 96 }; /* of a line of scenes/sums.txt, at most */
 
-/* A text file of any length, to be freed, or NULL if there is none. */
-static char *read_text(const char *path) {
-    struct stat status;
-    FILE *file = fopen(path, "rb");
-    char *text;
-    if (!file) return NULL;
-    if (fstat(fileno(file), &status)) fail(path, "cannot be read");
-    text = (char *)need((size_t)status.st_size + 1, 1);
-    text[fread(text, 1, (size_t)status.st_size, file)] = 0;
-    fclose(file);
-    return text;
-}
-
-/* A file's line: its name and checksum. */
+/* The line of a file of DIR/scenes: its name and checksum. */
 static void sum_line(const char *dir, const char *name, char line[SUM_SIZE]) {
-    static unsigned char block[1 << 16];
-    char path[PATH_SIZE];
-    uint64_t sum = checksum(NULL, 0);
+    char path[PATH_SIZE], *bytes;
     size_t size;
-    FILE *file;
     snprintf(path, sizeof path, "%s/scenes/%s", dir, name);
-    file = fopen(path, "rb");
-    if (!file) fail(path, "cannot be read");
-    while ((size = fread(block, 1, sizeof block, file)) > 0)
-        sum = checksum_on(sum, block, size);
-    fclose(file);
-    snprintf(line, SUM_SIZE, "%s %016llx\n", name, (unsigned long long)sum);
+    bytes = read_file(path, &size);
+    if (!bytes) fail(path, "cannot be read");
+    snprintf(line, SUM_SIZE, "%s %016llx\n", name,
+             (unsigned long long)checksum((const unsigned char *)bytes, size));
+    free(bytes);
 }
 
-static void write_sums(const char *dir) {
-    char path[PATH_SIZE], line[SUM_SIZE], name[64];
-    int in, i, k;
-    FILE *file;
-    snprintf(path, sizeof path, "%s/scenes/sums.txt", dir);
-    file = begin_file(path);
-    sum_line(dir, GROUND, line), fputs(line, file);
-    sum_line(dir, SKY, line), fputs(line, file);
-    for (i = 0; i < SHAPES; i++)
-        mesh_name(i, 0, 0, name), sum_line(dir, name, line), fputs(line, file);
-    for (in = 0; in < SPLITS; in++) {
-        shard shards[MOST_SHARDS];
-        int count = list_shards((split)in, read_fraction(dir, (split)in), shards);
-        for (i = 0; i < count; i++) {
-            int variants[PAIRS], shown = list_shown(&shards[i], variants);
-            for (k = 0; k < shown; k++) {
-                if (!variants[k]) continue;
-                mesh_name(shards[i].shape, shards[i].azimuth, variants[k], name);
-                sum_line(dir, name, line), fputs(line, file);
-            }
-        }
+static void put_sum(const char *dir, const char *name, FILE *sums) {
+    char line[SUM_SIZE];
+    sum_line(dir, name, line);
+    fputs(line, sums);
+}
+
+/* Those of what write_scenes has written. */
+static void put_scene_sums(const char *dir, FILE *sums) {
+    char name[64];
+    int shape;
+    put_sum(dir, GROUND, sums), put_sum(dir, SKY, sums);
+    for (shape = 0; shape < SHAPES; shape++)
+        mesh_name(shape, 0, 0, name), put_sum(dir, name, sums);
+}
+
+/* Those of what write_variants has written. */
+static void put_variant_sums(const char *dir, const shard *s, FILE *sums) {
+    int variants[PAIRS], count = list_shown(s, variants), i;
+    char name[64];
+    for (i = 0; i < count; i++) {
+        if (!variants[i]) continue;
+        mesh_name(s->shape, s->azimuth, variants[i], name);
+        put_sum(dir, name, sums);
     }
-    end_file(file, path);
 }
 
 /* ---- noise ---- */
@@ -785,11 +780,15 @@ static void write_settings(const settings *s) {
 static int make_data(const settings *s) {
     static work w;
     shard shards[SPLITS][MOST_SHARDS];
-    char *made = (char *)need(SPLITS * MOST_SHARDS, 1);
+    char *made = (char *)need(SPLITS * MOST_SHARDS, 1), sums_path[PATH_SIZE];
     int counts[SPLITS], in, i, found = 0;
+    FILE *sums;
     make_folder(s->dir);
     write_settings(s);
     write_scenes(s);
+    snprintf(sums_path, sizeof sums_path, "%s/scenes/sums.txt", s->dir);
+    sums = begin_file(sums_path);
+    put_scene_sums(s->dir, sums);
     w.settings = s;
     make_filter(&w.filter);
     for (in = 0; in < SPLITS; in++) {
@@ -802,9 +801,10 @@ static int make_data(const settings *s) {
             else w.total += shards[in][i].count;
             free(bytes);
             write_variants(s->dir, &shards[in][i]);
+            put_variant_sums(s->dir, &shards[in][i], sums);
         }
     }
-    write_sums(s->dir);
+    end_file(sums, sums_path);
     if (found) fprintf(stderr, "%d images are there already\n", found);
     pthread_mutex_init(&w.lock, NULL);
     w.start = seconds();
@@ -833,7 +833,8 @@ static int is_as_written(const char *dir, const char *name, const char *sums) {
 
 /* Whether a file holds this text; says what is wrong with it if not. */
 static int is_text(const char *path, const char *text) {
-    char *there = read_text(path);
+    size_t size;
+    char *there = read_file(path, &size);
     int same = there && !strcmp(there, text);
     if (!same)
         printf("%s %s\n", path, there ? "is not as `dataset make` writes it" : "is missing");
@@ -887,9 +888,10 @@ static int shared_faults(const char *dir, const char *sums) {
 
 static int check_data(const char *dir) {
     char sums_path[PATH_SIZE], *sums;
+    size_t size;
     int in, i, k, faults;
     snprintf(sums_path, sizeof sums_path, "%s/scenes/sums.txt", dir);
-    sums = read_text(sums_path);
+    sums = read_file(sums_path, &size);
     if (!sums) return printf("%s is missing\n", sums_path), 1;
     faults = shared_faults(dir, sums);
     for (in = 0; in < SPLITS; in++) {

@@ -392,14 +392,11 @@ static inline float get_float(const unsigned char *at) {
     return value;
 }
 
-/* FNV-1a of some bytes; of more of them after those of `hash`. */
-static inline uint64_t checksum_on(uint64_t hash, const unsigned char *bytes, size_t count) {
+static inline uint64_t checksum(const unsigned char *bytes, size_t count) {
+    uint64_t hash = 0xcbf29ce484222325u;
     size_t i;
     for (i = 0; i < count; i++) hash = (hash ^ bytes[i]) * 0x100000001b3u;
     return hash;
-}
-static inline uint64_t checksum(const unsigned char *bytes, size_t count) {
-    return checksum_on(0xcbf29ce484222325u, bytes, count);
 }
 
 /* Begins a file, as path.tmp, which end_file renames: it appears whole or not at all, and what was

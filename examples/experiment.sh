@@ -36,6 +36,12 @@ needs() {
     echo "experiment: $1 needs a number from $3 to $4"
     exit 1
 }
+# digits OPTION VALUE: a whole number
+digits() {
+    case $2 in '' | *[!0-9]* | ??????????*)
+        echo "experiment: $1 needs a whole number of at most 9 digits"; exit 1 ;;
+    esac
+}
 while [ $# -gt 0 ]; do
     [ "$1" != --help ] || { sed -n '5,6s/^# *//p' "$0"; exit; }
     [ $# -gt 1 ] || { echo "experiment: $1 needs a value"; exit 1; }
@@ -45,15 +51,9 @@ while [ $# -gt 0 ]; do
         --tests) needs "$1" "$2" 1e-4 1; tests=$2 ;;
         -o) out=$2 ;;
         --data) data=$2 ;;
-        --channels | --seed | -t)
-            case $2 in '' | *[!0-9]* | ??????????*)
-                echo "experiment: $1 needs a whole number of at most 9 digits"; exit 1 ;;
-            esac
-            case $1 in
-                --seed) seed=$2 ;;
-                --channels) needs "$1" "$2" 1 1024; channels=$2 ;;
-                -t) needs "$1" "$2" 1 256; threads=$2 ;;
-            esac ;;
+        --seed) digits "$1" "$2"; seed=$2 ;;
+        --channels) digits "$1" "$2"; needs "$1" "$2" 1 1024; channels=$2 ;;
+        -t) digits "$1" "$2"; needs "$1" "$2" 1 256; threads=$2 ;;
         *) echo "experiment: unknown option $1"; exit 1 ;;
     esac
     shift 2
