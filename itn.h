@@ -313,7 +313,8 @@ ITN_API void itn_mesh_free(itn_mesh *mesh);
    An edge is good when exactly two triangles share it, in opposite directions (an even number,
    half of each direction, where parts of the mesh touch). All counts 0, but for degenerate
    triangles, and volume > 0: a solid, unless parts of it overlap, lie within each other or are
-   inside out, which only itn_scene_create looks for: those belong in objects of their own. */
+   inside out, which only itn_scene_create looks for (it refuses a solid of whose lines more than
+   one in 40 enters or leaves twice in a row): those belong in objects of their own. */
 typedef struct itn_mesh_report {
     int bad_vertices;         /* those with a coordinate that is NaN or infinite */
     int bad_indices;          /* triangles that name a vertex out of range */
@@ -340,8 +341,8 @@ typedef struct itn_bvh itn_bvh;
 
 /* A ray, or the part of it that counts. */
 typedef struct itn_ray {
-    itn_vec3 origin, direction; /* direction need not have unit length; one whose components are all
-                                   below 1 / FLT_MAX hits nothing */
+    itn_vec3 origin, direction; /* direction need not have unit length; components below 1 / FLT_MAX
+                                   may count as 0, and where all are, it hits nothing */
     float tmin, tmax;           /* hits with tmin < t < tmax count, in lengths of direction */
 } itn_ray;
 
@@ -978,7 +979,8 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
    gives an error that says where. Every saver writes path.tmp, then renames it, so that path holds
    either its old contents or all of the new; paths are of at most 4091 characters (else ARGUMENT;
    those under /dev/, other than /dev/shm/, are written directly; on Windows the old contents are
-   path.tmp.old for a moment). Numbers in text are read with a decimal point whatever the locale. */
+   path.tmp.old for a moment). Paths go to fopen as they are (on Windows: in the code page). Numbers
+   in text are read with a decimal point whatever the locale. */
 
 /* Makes a mesh from the bytes of an OBJ or PLY file (PLY if the first line is "ply"). `name` stands
    for the file in error messages; NULL = "mesh". Free with itn_mesh_free.
@@ -989,7 +991,8 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
    texture_v if present) and face (vertex_indices or vertex_index, and a list texcoord of u v pairs
    if present).
    Polygons are cut into triangles: fans where convex, ears where not (up to 4096 corners).
-   Errors: FORMAT (line, or vertex and face in binary files; coordinates must be finite),
+   Errors: FORMAT (line, or vertex and face in binary files; coordinates must be finite, and at most
+   8,000 times as far from the origin as the mesh is large: floats lose the shape of more),
    UNSUPPORTED (PLY without vertices and then faces, large concave faces), ARGUMENT, MEMORY. */
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
                                         const itn_context *context, itn_mesh *mesh,
@@ -2212,6 +2215,7 @@ typedef struct itn__welding {
     itn__edge *edges;  /* [edge_count], in the order in which the mesh names them */
     int *edge_table;   /* welded vertices -> edge */
     size_t vertex_mask, edge_mask;
+    uint64_t key; /* of both, made of all that is in the mesh: files can hardly choose slots */
     int edge_count;
 } itn__welding;
 
@@ -2222,11 +2226,21 @@ static size_t itn__table_size(size_t count) {
     return size;
 }
 
-static uint64_t itn__hash_position(itn_vec3 p) {
+static uint64_t itn__hash_position(itn_vec3 p, uint64_t key) {
     uint32_t bits[3];
     p = itn__add(p, itn__vec3(0, 0, 0)); /* -0 and 0 are one position */
     memcpy(bits, &p, sizeof bits);
-    return itn__mix64(itn__mix64(bits[0] | (uint64_t)bits[1] << 32) + bits[2]);
+    return itn__mix64(itn__mix64(key ^ (bits[0] | (uint64_t)bits[1] << 32)) + bits[2]);
+}
+
+static uint64_t itn__hash_mesh(const itn_mesh *mesh) {
+    uint64_t key = 1;
+    size_t i;
+    for (i = 0; i < (size_t)mesh->vertex_count; i++)
+        key = itn__hash_position(itn__mesh_position(mesh, (int)i), key);
+    for (i = 0; i < 3 * (size_t)mesh->triangle_count; i++)
+        key = itn__mix64(key + (uint32_t)mesh->triangles[i]);
+    return key;
 }
 
 /* Finds the first vertex at each position. One that is not finite equals only itself. */
@@ -2234,7 +2248,7 @@ static void itn__weld(itn__welding *w, itn_mesh_report *report) {
     int i;
     for (i = 0; i < w->mesh->vertex_count; i++) {
         itn_vec3 p = itn__mesh_position(w->mesh, i);
-        size_t slot = (size_t)itn__hash_position(p) & w->vertex_mask;
+        size_t slot = (size_t)itn__hash_position(p, w->key) & w->vertex_mask;
         w->weld[i] = i;
         if (!itn__finite3(p)) {
             if (!report->bad_vertices++) report->first_bad_vertex = i;
@@ -2252,7 +2266,7 @@ static void itn__weld(itn__welding *w, itn_mesh_report *report) {
 /* Counts one use of the directed edge from -> to. */
 static void itn__use_edge(itn__welding *w, int from, int to, int triangle) {
     uint64_t low = (uint64_t)(from < to ? from : to), high = (uint64_t)(from < to ? to : from);
-    size_t slot = (size_t)itn__mix64(low << 32 | high) & w->edge_mask;
+    size_t slot = (size_t)itn__mix64((low << 32 | high) ^ w->key) & w->edge_mask;
     itn__edge *edge;
     for (; w->edge_table[slot]; slot = (slot + 1) & w->edge_mask) {
         edge = &w->edges[w->edge_table[slot] - 1];
@@ -2387,9 +2401,12 @@ static itn_result itn__welding_make(itn__welding *w, const itn_mesh *mesh,
         w->edges = (itn__edge *)itn__allocate(context, edges, sizeof(itn__edge));
         w->edge_table = (int *)itn__allocate(context, edge_slots, sizeof(int));
     }
-    if (w->weld && w->vertex_table && w->edges && w->edge_table) return ITN_OK;
-    itn__welding_free(w, context);
-    return itn__out_of_memory(error, "a mesh check");
+    if (!w->weld || !w->vertex_table || !w->edges || !w->edge_table) {
+        itn__welding_free(w, context);
+        return itn__out_of_memory(error, "a mesh check");
+    }
+    w->key = itn__hash_mesh(mesh);
+    return ITN_OK;
 }
 
 ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
@@ -4997,23 +5014,24 @@ static int itn__camera_inside(const itn_scene *scene, int object) {
     return votes >= 2;
 }
 
+enum { ITN__TRIED_LINES = 400, ITN__TRIED_CROSSINGS = 256 };
+
 /* Whether on a line that comes from outside a closed object two fronts or two backs follow each
    other, as they do where parts overlap, lie within each other or are inside out, or whether it
-   ends inside. *hits counts what it meets. Where parts touch a back and a front are in one point.
-   Ends: with each turn the line's rest is shorter. */
-static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line, int *hits) {
+   ends inside. Where parts touch a back and a front are in one point. A line is followed through
+   so many crossings that time grows with the size of a mesh only, however often it is folded. */
+static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
     const float near = 64 * FLT_EPSILON * scene->radius;
     itn__sides fronts = ITN_ZERO, backs = ITN_ZERO;
-    int inside = 0;
+    int inside = 0, i;
     fronts.front = backs.back = itn__object_bit(object);
-    for (;;) {
+    for (i = 0; i < ITN__TRIED_CROSSINGS; i++) {
         itn_hit front, back;
         front.t = back.t = INFINITY;
         itn__bvh_trace(scene->bvh, &line, &fronts, 0, &front);
         itn__bvh_trace(scene->bvh, &line, &backs, 0, &back);
         line.tmin = itn__min(front.t, back.t);
         if (line.tmin == INFINITY) return inside;
-        ++*hits;
         if (fabsf(front.t - back.t) <= near) {
             line.tmin = itn__max(front.t, back.t);
             continue;
@@ -5021,54 +5039,76 @@ static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line, int
         if ((front.t < back.t) == inside) return 1;
         inside = !inside;
     }
+    return 0;
 }
 
-enum { ITN__TRIED_LINES = 400 };
+/* Area of an object's triangle; p receives its corners, n its normal. */
+static double itn__object_area(const itn__maker *maker, int index, int triangle, double p[3][3],
+                               double n[3]) {
+    const itn_object_desc *in = &maker->desc->objects[index];
+    int j, k;
+    for (j = 0; j < 3; j++) {
+        itn__object_vertex(in, itn__object_corner(in, 3 * triangle + j), p[j]);
+        for (k = 0; k < 3; k++) p[j][k] -= maker->scene->origin[k];
+    }
+    return itn__triangle_area(p, n);
+}
 
-/* A line in any direction, from outside of all solids, through a point of an object's box. */
-static itn_ray itn__draw_line(const itn_scene *scene, const itn__object *object, itn__rng *rng) {
-    float p[3], u, v, x, y;
+/* A line from outside of all solids through a point of a triangle, at a likelihood in proportion to
+   its cosine with the normal: all lines that cross the triangle are as likely. */
+static itn_ray itn__draw_line(const itn_scene *scene, double p[3][3], const double n[3],
+                              itn__rng *rng) {
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    double u = itn__uniform(rng), v = itn__uniform(rng);
+    float x[3], a, b;
+    itn_vec3 normal = itn__vec3((float)(n[0] / length), (float)(n[1] / length),
+                                (float)(n[2] / length));
+    itn_vec3 s, t;
     itn_ray line;
     int k;
-    for (k = 0; k < 3; k++)
-        p[k] = (float)(object->lower[k] - scene->origin[k] +
-                       (double)itn__uniform(rng) * (object->upper[k] - object->lower[k]));
-    u = itn__uniform(rng), v = itn__uniform(rng);
-    line.direction = itn__sample_phase(itn__vec3(0, 0, 1), 0, u, v, &x, &y);
-    line.origin = itn__along(itn__vec3(p[0], p[1], p[2]), -4 * scene->radius, line.direction);
+    if (u + v > 1) u = 1 - u, v = 1 - v;
+    for (k = 0; k < 3; k++) x[k] = (float)(p[0][k] + u * (p[1][k] - p[0][k]) +
+                                           v * (p[2][k] - p[0][k]));
+    itn__frame(normal, &s, &t);
+    a = itn__uniform(rng), b = itn__uniform(rng);
+    line.direction = itn__normalize(itn__to_world(itn__sample_cosine(a, b), s, t, normal));
+    line.origin = itn__along(itn__vec3(x[0], x[1], x[2]), -4 * scene->radius, line.direction);
     line.tmin = 0, line.tmax = INFINITY;
     return line;
 }
 
-/* Whether more than one line in 40 through a solid is tangled; fewer are where a scanned surface
-   crosses itself a little, which hardly shows. */
-static int itn__parts_tangled(const itn_scene *scene, int index, int *lines, int *tangled) {
+/* How many of ITN__TRIED_LINES through points at equal steps of a solid's surface are tangled. */
+static int itn__count_tangled(const itn__maker *maker, int index) {
+    int count = itn__object_triangles(&maker->desc->objects[index]), lines = 0, tangled = 0, i;
     itn__rng rng = itn__rng_make(0, (uint64_t)index, 0);
-    int i;
-    *lines = *tangled = 0;
-    for (i = 0; i < ITN__TRIED_LINES; i++) {
-        int met = 0;
-        itn_ray line = itn__draw_line(scene, &scene->objects[index], &rng);
-        *tangled += itn__is_tangled(scene, index, line, &met);
-        *lines += met > 0;
+    double p[3][3], n[3], area = 0, reached = 0;
+    for (i = 0; i < count; i++) area += itn__object_area(maker, index, i, p, n);
+    for (i = 0; i < count; i++) {
+        reached += itn__object_area(maker, index, i, p, n);
+        for (; reached * ITN__TRIED_LINES > (lines + .5) * area; lines++) {
+            itn_ray line = itn__draw_line(maker->scene, p, n, &rng);
+            tangled += itn__is_tangled(maker->scene, index, line);
+        }
     }
-    return *tangled > 2 && 40 * *tangled > *lines;
+    return tangled;
 }
 
-/* Fails where parts of a solid are tangled, unless it was taken by force: then its medium ends as
-   behind a hole. */
+/* Fails where more than one line in 40 through a solid is tangled, unless it was taken by force:
+   then its medium ends as behind a hole. Fewer are where a scanned surface crosses itself a little,
+   which hardly shows. */
 static itn_result itn__check_parts(itn__maker *maker) {
     itn_scene *scene = maker->scene;
-    int i, lines, tangled;
+    int i;
     for (i = 0; i < scene->object_count; i++) {
-        if (!scene->objects[i].solid || !itn__parts_tangled(scene, i, &lines, &tangled)) continue;
+        int tangled = scene->objects[i].solid ? itn__count_tangled(maker, i) : 0;
+        if (40 * tangled <= ITN__TRIED_LINES) continue;
         scene->leaky = 1;
         if (maker->desc->objects[i].force) continue;
         return itn__fail(maker->error, ITN_ERROR_MESH, 0,
                          "object %d: parts of the mesh overlap, lie within each other or are "
                          "inside out: %d of %d lines through it enter or leave twice in a row "
                          "(make each part an object of its own; `force` takes it as it is)", i + 1,
-                         tangled, lines);
+                         tangled, ITN__TRIED_LINES);
     }
     return ITN_OK;
 }
@@ -17284,9 +17324,13 @@ typedef struct itn__exr {
     uint64_t taken; /* bytes of the blocks so far */
 } itn__exr;
 
+static itn_result itn__exr_damaged_at(const itn__exr *exr, uint64_t byte, const char *what,
+                                      itn_error *error) {
+    return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: byte %.0f: EXR %s", exr->name, (double)byte,
+                     what);
+}
 static itn_result itn__exr_damaged(const itn__exr *exr, const char *what, itn_error *error) {
-    return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: byte %.0f: EXR %s", exr->name,
-                     (double)exr->at, what);
+    return itn__exr_damaged_at(exr, exr->at, what, error);
 }
 
 static itn_result itn__exr_unsupported(const itn__exr *exr, const char *what, itn_error *error) {
@@ -17477,7 +17521,7 @@ static void itn__exr_line(const itn__exr *exr, const unsigned char *data, int ro
 static itn_result itn__exr_block(itn__exr *exr, int block, unsigned char *scratch,
                                  itn_image *image, itn_error *error) {
     int lines = itn__exr_block_lines(exr), row = block * lines, i;
-    uint64_t offset = itn__get_u64(exr->bytes + exr->at + 8 * (size_t)block);
+    uint64_t entry = exr->at + 8 * (uint64_t)block, offset = itn__get_u64(exr->bytes + entry);
     const unsigned char *data;
     const char *fault;
     size_t size, raw;
@@ -17485,20 +17529,20 @@ static itn_result itn__exr_block(itn__exr *exr, int block, unsigned char *scratc
     if (lines > image->height - row) lines = image->height - row;
     raw = (size_t)lines * (size_t)exr->row_bytes;
     snprintf(text, sizeof text, "block %d is missing or damaged", block);
-    if (offset > exr->size - 8) return itn__exr_damaged(exr, text, error);
+    if (offset > exr->size - 8) return itn__exr_damaged_at(exr, entry, text, error);
     data = exr->bytes + offset + 8;
     size = itn__get_u32(data - 4);
     exr->taken += 8 + (uint64_t)size; /* blocks that share bytes could ask for any time */
     if (itn__get_i32(data - 8) != exr->y0 + row || size > raw || size > exr->size - 8 - offset ||
         exr->taken > exr->size)
-        return itn__exr_damaged(exr, text, error);
+        return itn__exr_damaged_at(exr, offset, text, error);
     if (size < raw) {
         fault = exr->compression == ITN__EXR_NONE ? "less data than expected"
                 : exr->compression == ITN__EXR_RLE
                     ? itn__exr_unpack_runs(data, size, scratch, raw)
                     : itn__zlib_decode(data, size, scratch, raw);
         snprintf(text, sizeof text, "block %d: %s", block, fault ? fault : "");
-        if (fault) return itn__exr_damaged(exr, text, error);
+        if (fault) return itn__exr_damaged_at(exr, offset, text, error);
         itn__exr_unpredict(scratch, scratch + raw, raw);
         data = scratch + raw;
     }
@@ -17700,8 +17744,11 @@ static itn_result itn__pfm_decode(const unsigned char *bytes, size_t size, const
         !(height >= 1 && height < 1e9 && height == floor(height)))
         return itn__fail(error, ITN_ERROR_FORMAT, text.line,
                          "%s: PFM of %g x %g pixels with scale %g", name, width, height, scale);
-    if (text.at < text.end) text.at++; /* the one white space character */
     needed = width * height * channels * 4;
+    /* the one white space character, or two, of a file that was written as text on Windows */
+    if ((double)(text.end - text.at) == needed + 2 && text.at[0] == '\r' && text.at[1] == '\n')
+        text.at++;
+    if (text.at < text.end) text.at++;
     if ((double)(text.end - text.at) != needed)
         return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: PFM has %.0f bytes of pixels, needs %.0f",
                          name, (double)(text.end - text.at), needed);
@@ -18116,6 +18163,17 @@ static int itn__same_point(const itn__polygon *polygon, int a, int b) {
     return p[0] == q[0] && p[1] == q[1] && p[2] == q[2];
 }
 
+/* Lets go of corners that are where the one before is, which hide how the polygon turns there; at
+   least three stay. */
+static void itn__drop_twins(const itn__polygon *polygon, itn__corner *corners, int *count) {
+    int n = *count, kept = 1, i;
+    for (i = 1; i < n; i++)
+        if (kept + n - i <= 3 || !itn__same_point(polygon, kept - 1, i))
+            corners[kept++] = corners[i];
+    while (kept > 3 && itn__same_point(polygon, kept - 1, 0)) kept--;
+    *count = kept;
+}
+
 /* Whether the i-th of the n corners left in the ring is an ear. */
 static int itn__is_ear(const itn__polygon *polygon, const int *ring, int n, int i) {
     int a = ring[(i + n - 1) % n], b = ring[i], c = ring[(i + 1) % n], k;
@@ -18185,6 +18243,7 @@ static const char *itn__add_polygon(itn__builder *builder) {
     polygon.corners = (const itn__corner *)(const void *)builder->corners.bytes;
     polygon.count = (int)itn__corner_count(builder);
     for (i = 0; i < polygon.count; i++) builder->untextured |= polygon.corners[i].texture < 0;
+    itn__drop_twins(&polygon, (itn__corner *)(void *)builder->corners.bytes, &polygon.count);
     if (polygon.count > 3) itn__polygon_project(&polygon);
     if (polygon.count == 3 || itn__polygon_convex(&polygon)) {
         for (i = 1; i + 1 < polygon.count; i++)
@@ -19374,8 +19433,11 @@ static itn_result itn__check_item_name(const itn__scene_file *file, const itn__i
                               "with a letter", item->keyword, name);
     for (k = 0; k < file->desc.medium_count; k++) taken |= !strcmp(file->media[k].name, name);
     for (k = 0; k < file->desc.surface_count; k++) taken |= !strcmp(file->surfaces[k].name, name);
-    for (k = 0; k < file->desc.light_count; k++)
-        taken |= file->lights[k].name && !strcmp(file->lights[k].name, name);
+    for (k = 0; k < file->desc.light_count; k++) {
+        char light[ITN_NAME_SIZE];
+        itn__light_name(&file->lights[k], k, light);
+        taken |= !strcmp(light, name);
+    }
     if (!taken) return ITN_OK;
     return itn__file_fail(&file->text, item->line, file->error, "the name '%s' is used twice",
                           name);
@@ -19660,6 +19722,8 @@ static int itn__item_count(const itn_scene_desc *desc, const char *keyword) {
 static itn_result itn__file_line(itn__scene_file *file) {
     const itn__item_form *form = itn__find_form(&file->text, file->error);
     itn__item item;
+    itn_light_desc light = ITN_ZERO;
+    char light_name[ITN_NAME_SIZE];
     const char *name;
     itn_result result = ITN_OK;
     int k;
@@ -19672,7 +19736,12 @@ static itn_result itn__file_line(itn__scene_file *file) {
     itn__next_line(&file->text); /* now the line's own bytes are not needed any more */
     itn__end_word(file, &item.name);
     for (k = 0; k < ITN__MOST_FIELDS; k++) itn__end_word(file, &item.values[k]);
-    name = *form->keyword == 'l' ? itn__item_value(&item, "name")->word : item.name.word;
+    name = item.name.word;
+    if (*form->keyword == 'l') {
+        light.name = itn__item_value(&item, "name")->word;
+        itn__light_name(&light, file->desc.light_count, light_name);
+        name = light.name ? light.name : light_name;
+    }
     if (name) result = itn__check_item_name(file, &item, name);
     if (!result && itn__item_count(&file->desc, form->keyword) == ITN__MOST_ITEMS)
         result = itn__file_fail(&file->text, item.line, file->error,

@@ -385,7 +385,9 @@ static void test_pfm_variants(void) {
         size_t pixel_bytes;
         itn_result result;
     } cases[] = {{"Pf\n2 1\n-1\n", 8, ITN_OK},          {"Pf 2\t1 1.0\n", 8, ITN_OK},
-                 {"PF\r\n2 1\r\n-1.0\n", 24, ITN_OK},     {"Pf\n2 1\n0\n", 8, ITN_ERROR_FORMAT},
+                 {"PF\r\n2 1\r\n-1.0\n", 24, ITN_OK},
+                 {"PF\r\n2 1\r\n-1.0\r\n", 24, ITN_OK}, {"Pf\n2 1\n-1\r", 8, ITN_OK},
+                 {"Pf\n2 1\n-1\r\n", 9, ITN_ERROR_FORMAT}, {"Pf\n2 1\n0\n", 8, ITN_ERROR_FORMAT},
                  {"Pf\n2 1\n-1\n", 7, ITN_ERROR_FORMAT},  {"Pf\n2 1\n-1\n", 9, ITN_ERROR_FORMAT},
                  {"Pf\n-2 1\n-1\n", 8, ITN_ERROR_FORMAT}, {"Pf\n2.5 1\n-1\n", 8, ITN_ERROR_FORMAT},
                  {"Pf\n9e8 9e8\n-1\n", 8, ITN_ERROR_FORMAT},
@@ -400,6 +402,18 @@ static void test_pfm_variants(void) {
         memset(bytes + length, 0, sizeof bytes - length);
         CHECK(load_checked(0, bytes, length + cases[i].pixel_bytes, 0, &a) == cases[i].result);
         CHECK(a.largest < 4096);
+    }
+    { /* a file that was written as text on Windows; a line feed may be part of the first number */
+        static const char *const text[] = {"Pf\r\n1 1\r\n-1\r\n\0\0\x80\x3f",
+                                           "Pf 1 1 -1\r\n\0\x80\x3f"};
+        static const size_t size[] = {17, 14};
+        static const float value[] = {1, 1.00000119f};
+        itn_image image;
+        for (i = 0; i < 2; i++) {
+            CHECK(itn_image_from_memory(text[i], size[i], NULL, NULL, &image, NULL) == ITN_OK);
+            CHECK(image.pixels[0] == value[i]);
+            itn_image_free(&image);
+        }
     }
     { /* the same number in both byte orders, the lower row first */
         itn_image image;
@@ -626,6 +640,25 @@ static void test_exr_shared_bytes(int planted) {
     CHECK(load_checked(0, file.bytes, file.size, 0, &a) == ITN_ERROR_FORMAT);
     itn__buffer_free(&file);
     itn_image_free(&image);
+}
+
+/* Of a damaged block the error tells the place. */
+static void test_exr_damaged_block(void) {
+    enum { WIDTH = 64, BLOCK = 8 + 4 * WIDTH };
+    itn_image image;
+    itn__buffer file = ITN_ZERO;
+    itn_error error = ITN_ZERO;
+    char place[40];
+    CHECK(itn_image_create(WIDTH, 4, 1, NULL, &image, NULL) == ITN_OK);
+    strcpy(image.names[0], "Y");
+    CHECK(itn_image_save_exr(&image, in_directory("image.exr"), NULL) == ITN_OK);
+    itn_image_free(&image);
+    CHECK(itn__read_file(in_directory("image.exr"), SIZE_MAX / 4, &file, NULL) == ITN_OK);
+    file.bytes[file.size - 2 * BLOCK]++; /* the row of the last block but one */
+    CHECK(itn_image_from_memory(file.bytes, file.size, NULL, NULL, &image, &error));
+    sprintf(place, "byte %d: EXR block 2 ", (int)file.size - 2 * BLOCK);
+    check_report(strstr(error.message, place) != NULL, __FILE__, __LINE__, "%s", error.message);
+    itn__buffer_free(&file);
 }
 
 static void test_image_arguments(void) {
@@ -929,6 +962,30 @@ static void check_bridges(const char *zero) {
     itn__buffer_free(&text);
 }
 
+/* Corners given twice, in a row, do not change how a polygon is cut: an arrow with any of its four
+   corners twice or three times, also at the end of the list. */
+static void check_twins(void) {
+    static const char *const corner[4] = {"0 2", "-2 -1", "0 0", "2 -1"};
+    int times, i, k, n;
+    for (times = 0; times < 81; times++) {
+        char text[400] = "v 9 9 0\n", face[100] = "f";
+        itn_mesh mesh = ITN_ZERO;
+        double area, absolute;
+        int code = times;
+        for (i = 0, n = 1; i < 4; i++, code /= 3)
+            for (k = 0; k <= code % 3; k++) {
+                sprintf(text + strlen(text), "v %s 0\n", corner[i]);
+                sprintf(face + strlen(face), " %d", ++n);
+            }
+        if (times % 2) strcat(face, " 2"); /* the first once more */
+        strcat(text, face);
+        CHECK(itn_mesh_from_memory(text, strlen(text), NULL, NULL, &mesh, NULL) == ITN_OK);
+        planar_area(&mesh, &area, &absolute);
+        CHECK(mesh.triangle_count == 2 && area == 4 && absolute == 4);
+        itn_mesh_free(&mesh);
+    }
+}
+
 /* Polygons that are not convex keep their area and turn no triangle over. */
 static void check_polygons(double wrong) {
     int n, i;
@@ -969,11 +1026,12 @@ static void check_polygons(double wrong) {
     }
     check_large_concave(), check_far_mesh();
     check_bridges("0"), check_bridges("-0.0");
+    check_twins();
     /* a square in each plane, an L, a bow that crosses itself, one with all corners equal */
     expect_mesh("v 0 0 0\nv 0 1 0\nv 0 1 1\nv 0 0 1\nf 1 2 3 4\nf 4 3 2 1", 4, 4, 0);
     expect_mesh("v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\nf 1 2 3 4 5 6", 6, 4, 0);
     expect_mesh("v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4", 4, 2, 0);
-    expect_mesh("v 1 1 1\nf 1 1 1 1 1 1 1\n", 1, 5, 0);
+    expect_mesh("v 1 1 1\nf 1 1 1 1 1 1 1\n", 1, 1, 0);
 }
 
 /* ---- PLY ---- */
@@ -1270,6 +1328,7 @@ int main(void) {
     test_exr_lies();
     test_exr_shared_bytes(0);
     CHECK_CATCHES(test_exr_shared_bytes(1));
+    test_exr_damaged_block();
     test_image_arguments();
     check_png(1);
     CHECK_CATCHES(check_png(1.02f));

@@ -169,6 +169,28 @@ static void test_parts_of_a_mesh(double planted) {
     }
 }
 
+/* Thin parts that overlap are refused too: two rods in a line, at a slant, so that hardly a line
+   through the box of both meets them. planted: how far the second stands from its place. */
+static void test_thin_parts(double planted) {
+    int k;
+    for (k = 0; k < 2; k++) {
+        double from = (k ? 0 : -1.5) + planted;
+        itn_mesh rods[2], both;
+        stage s;
+        int i;
+        rods[0] = solids_box(solids_vec3(-3, -.004, -.004), solids_vec3(0, .004, .004));
+        rods[1] = solids_box(solids_vec3(from, -.004, -.004), solids_vec3(from + 3, .004, .004));
+        both = both_of(&rods[0], &rods[1]);
+        for (i = 0; i < 16; i++) { /* turned to the cube's diagonal, but for a slant of the sides */
+            float *p = both.positions + 3 * i, x = p[0];
+            p[0] = .6f * x, p[1] += .6f * x, p[2] += .5f * x;
+        }
+        begin_box(&s, &both, 1, 0);
+        check_refused(&s, NULL, k ? ITN_OK : ITN_ERROR_MESH, __LINE__);
+        itn_mesh_free(&rods[0]), itn_mesh_free(&rods[1]), itn_mesh_free(&both);
+    }
+}
+
 /* Two cubes of one mesh share a face; the eye in one looks away from, or through, the other. */
 static void test_eye_in_touching_cubes(double planted) {
     itn_mesh cubes[2], both;
@@ -1357,6 +1379,7 @@ static void test_texels_of_two(void) {
 
 int main(void) {
     RUN(test_parts_of_a_mesh(0));
+    RUN(test_thin_parts(0));
     RUN(test_eye_in_touching_cubes(0));
     RUN(test_object_between_touching_cubes(0));
     RUN(test_ground_after_last_scattering(0));
@@ -1402,6 +1425,7 @@ int main(void) {
     CHECK_CATCHES(test_ground_after_last_scattering(.05));
     CHECK_CATCHES(test_leaving_by_a_hole(1.05));
     CHECK_CATCHES(test_parts_of_a_mesh(-1));
+    CHECK_CATCHES(test_thin_parts(4));
     CHECK_CATCHES(test_lights_through_a_hole(1.05));
     CHECK_CATCHES(test_thin_medium_with_a_hole(1.1));
     CHECK_CATCHES(test_standing_on_the_ground(.5));

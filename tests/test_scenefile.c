@@ -402,6 +402,12 @@ static void test_other_errors(void) {
                  "medium m sigma_t 1 albedo 1 1 1\n");
     strcat(text, rest);
     CHECK(!load_text(text, NULL, &error) && error.line == 3);
+    for (i = 0; i < 2; i++) { /* a light without a name has one all the same */
+        sprintf(text, "%slight constant radiance 1%s\nlight constant radiance 1%s\n", base,
+                i ? " name light2" : "", i ? "" : " name light");
+        CHECK(!load_text(text, NULL, &error) && error.line == 4);
+        CHECK(strstr(error.message, i ? "'light2' is used twice" : "'light' is used twice"));
+    }
     write_bytes("scene.itn", "camera\0 eye 0 0 1 target 0 0 0\n", 31);
     CHECK(itn_scene_load(in_directory("scene.itn"), NULL, &scene, &error) == ITN_ERROR_FORMAT);
 }
