@@ -570,10 +570,11 @@ typedef enum itn_sampler {
 /* How images and derivatives are estimated; all ways are unbiased. SCORE: what paths bring home,
    for derivatives times their scores (equation 10). BASELINE (fast walk only): what a path was
    expected to bring is taken off before the score of each choice counts; with one medium, light
-   that is everywhere the same and many paths, the effect of each choice on that is taken off as
-   well. The means stay and variance goes; single pixels may then be slightly negative. AUTO is
-   BASELINE in the fast walk. Where sigma_t or g differ between channels, and for single scattering
-   without surfaces, with |g| at most .6 and all lights sampled, every setting means SCORE. */
+   that is everywhere the same, no limit of scatterings and many paths, the effect of each choice on
+   that is taken off as well. The means stay and variance goes; single pixels may then be slightly
+   negative. AUTO is BASELINE in the fast walk. Where sigma_t or g differ between channels, and for
+   single scattering without surfaces, with |g| at most .6 and all lights sampled, every setting
+   means SCORE. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -5420,6 +5421,15 @@ static int itn__within(const itn_scene *scene, itn_vec3 p) {
     return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
 }
 
+/* Leaves all solids, through a hole of one, where their box ends: there is nothing of them ahead. */
+static void itn__leave_solids(const itn_scene *scene, itn__place *place) {
+    int object;
+    while ((object = itn__find_inside(scene, &place->sides)) >= 0)
+        itn__change_side(&place->sides, object);
+    place->inside = place->refracting = -1;
+    itn__leave_behind(place);
+}
+
 /* ---- [throughput] what a path carries -------------------------------------------------------- */
 
 /* The image is an integral over paths, T(pi) = int f(x) dx (equation 4), estimated by the mean of
@@ -6200,8 +6210,8 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
 /* Russian roulette by the weight alone (but see itn__lift): a path of weight below .4 goes on with
    a chance in proportion and then counts as .4. Beyond many random numbers each further step is
    survived with .999, so that light trapped without loss ends some day: at albedo 1 in an object of
-   optical thickness 1e4 after half a million collisions, in clear glass after ten thousand total
-   reflections. */
+   optical thickness 1e4 after half a million collisions, in clear glass or between white walls
+   after ten thousand reflections. */
 #define ITN__ROULETTE .4f
 #define ITN__SAME_WEIGHT .9999f /* a weight that roulette has raised may round to a little less */
 #define ITN__MANY_DRAWS 3000000u
@@ -6209,8 +6219,7 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
 
 /* How many are many where a walk is. */
 ITN__INLINE uint32_t itn__many_draws(const itn_scene *scene, const itn__place *place) {
-    int clear = place->refracting >= 0 && !itn__medium_of(scene, place->inside);
-    return clear ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
+    return !itn__medium_of(scene, place->inside) ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
 }
 
 static int itn__roulette(itn__walk *walk) {
@@ -6228,6 +6237,16 @@ static int itn__roulette(itn__walk *walk) {
     return 1;
 }
 
+/* A flight leaves its medium through a hole of the mesh, where the box of all solids ends. */
+static void itn__leave_by_hole(itn__walk *walk, const itn__medium *medium, const float rates[3],
+                               itn_ray *ray) {
+    float way = itn__way_out(walk->scene, ray->origin, ray->direction);
+    itn__weigh_flight(walk, medium, rates, way, 0);
+    ray->origin = itn__along(ray->origin, way, ray->direction);
+    itn__leave_solids(walk->scene, &walk->place);
+    if (walk->straight) walk->scatterings = 0;
+}
+
 /* Follows one path from the camera to its end. */
 static void itn__trace_path(itn__walk *walk, itn_ray ray) {
     while (itn__roulette(walk)) {
@@ -6236,11 +6255,12 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
         itn_hit hit;
         itn_vec3 end;
         float flight = INFINITY, u = 0;
-        int met, straight;
+        int met, straight, leaks = medium && walk->scene->leaky;
+        float way = leaks ? itn__way_out(walk->scene, ray.origin, ray.direction) : INFINITY;
         itn__collision_rates(walk, medium, rates);
         rate = rates[walk->place.hero], straight = walk->straight && rate > 0;
         if (rate > 0) u = itn__uniform(&walk->rng), flight = itn__sample_flight(rate, u);
-        ray.tmax = straight ? itn__max(flight, ITN__STRETCH / rate) : flight;
+        ray.tmax = itn__min(straight ? itn__max(flight, ITN__STRETCH / rate) : flight, way);
         met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
         if (straight && met && hit.t * rate <= ITN__STRETCH) {
             itn__pass_stretch(walk, medium, &ray, rate, itn__max(hit.t, 0), u);
@@ -6252,13 +6272,14 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
             if (!itn__meet_surface(walk, &ray, &hit)) return;
             continue;
         }
-        end = rate > 0 ? itn__along(ray.origin, flight, ray.direction) : ray.origin;
-        if (!(rate > 0) || !itn__within(walk->scene, end)) {
-            if (medium) /* by a hole */
-                itn__weigh_flight(walk, medium, rates,
-                                  itn__way_out(walk->scene, ray.origin, ray.direction), 0);
+        if (!medium) {
             itn__escape(walk, ray.direction);
             return;
+        }
+        end = rate > 0 ? itn__along(ray.origin, flight, ray.direction) : ray.origin;
+        if (!(rate > 0) || !itn__within(walk->scene, end)) {
+            itn__leave_by_hole(walk, medium, rates, &ray);
+            continue;
         }
         itn__weigh_flight(walk, medium, rates, flight, 1);
         ray.origin = end;
@@ -9583,10 +9604,10 @@ ITN__INLINE void itn__depart_in(itn__crowd *crowd, int substance, const itn__sta
 /* ---- [draws] random numbers, roulette and flights of a crowd --------------------------------- */
 
 /* Every random number is the function of (seed, pixel, path, dimension) that the reference uses.
-   With ITN_SAMPLER_SOBOL, draws 2 to 7 of a path (at its first boundary and first collision) and
-   the place in the pixel come from a scrambled Sobol sequence instead. Roulette, the choice that
-   all paths make, is here, and with it itn__difference, which takes a choice's Delta off
-   ([value]). */
+   With ITN_SAMPLER_SOBOL the first eight come from the dimensions 0 to 7 of a scrambled Sobol
+   sequence instead: the place in the pixel (0 and 1), and draws 2 to 7 of a path, at its first
+   boundary and first collision. Roulette, the choice that all paths make, is here, and with it
+   itn__difference, which takes a choice's Delta off ([value]). */
 
 /* Puts Sobol numbers in the place of u where the draw just made (dimension - 1) is an early one. */
 static void itn__early_draws(const itn__crowd *crowd, const itn__ints *slot,
@@ -9597,15 +9618,15 @@ static void itn__early_draws(const itn__crowd *crowd, const itn__ints *slot,
     scramble = itn__int_words(itn__gather_ints(crowd->scramble, *slot, *mask, zero));
 #define ITN__EARLY_DRAW(k)                                                                         \
     {                                                                                              \
-        itn__ints here = *mask & itn__int_equal(*dimension, itn__splat_int((k) + 3));              \
+        itn__ints here = *mask & itn__int_equal(*dimension, itn__splat_int((k) + 1));              \
         if (itn__mask_bits(here)) *u = itn__select(here, itn__sobol(index, k, scramble), *u);      \
     }
-    ITN__EARLY_DRAW(0)
-    ITN__EARLY_DRAW(1)
     ITN__EARLY_DRAW(2)
     ITN__EARLY_DRAW(3)
     ITN__EARLY_DRAW(4)
     ITN__EARLY_DRAW(5)
+    ITN__EARLY_DRAW(6)
+    ITN__EARLY_DRAW(7)
 #undef ITN__EARLY_DRAW
 }
 ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__ints mask,
@@ -11052,15 +11073,39 @@ static float itn__item_way_out(const itn__crowd *crowd, const itn__queue *queue,
                         itn__get_vector(queue, ITN__DIRECTION, at));
 }
 
+/* Lets go of hits beyond the box of all solids, which paths leave first: through a hole of a mesh
+   that was forced. */
+static void itn__forget_far_hits(itn__crowd *crowd) {
+    const itn__queue *queue = &crowd->taken;
+    int i;
+    for (i = 0; i < queue->count; i++) {
+        itn_hit *hit = &crowd->hits[i];
+        if (hit->triangle < 0 || (itn__row(queue, ITN__SLOT)[i] & ITN__LINK)) continue;
+        if (hit->t > itn__item_way_out(crowd, queue, i)) hit->triangle = -1;
+    }
+}
+
 /* A link, or the last flight of a path, goes all that way. Returns the largest weight. */
 static float itn__pass_hole(itn__crowd *crowd, itn__queue *queue, int at, int substance) {
     return itn__pass_way(crowd, queue, at, substance, itn__item_way_out(crowd, queue, at));
 }
 
-/* A path has flown out of a substance by such a hole: it sees the sky, after a flight without
-   collision. */
-static void itn__leave_by_hole(itn__crowd *crowd, itn__queue *queue, int at, int substance,
-                               int features) {
+/* A path that has flown out of a substance by such a hole, and all of whose way is weighed, goes on
+   outside. */
+static void itn__go_outside(itn__crowd *crowd, itn__queue *queue, int at, int features) {
+    const itn__fast *fast = crowd->fast;
+    itn_vec3 d = itn__get_vector(queue, ITN__DIRECTION, at);
+    float way = itn__item_way_out(crowd, queue, at);
+    itn__set_vector(queue, ITN__POSITION, at,
+                    itn__along(itn__get_vector(queue, ITN__POSITION, at), way, d));
+    itn__leave_solids(fast->scene, itn__place_of(crowd, itn__row(queue, ITN__SLOT)[at]));
+    if ((features & ITN__LIMIT) && fast->straight) itn__row(queue, ITN__LEFT)[at] = 1;
+    itn__move(queue, at, &crowd->walk[0]);
+}
+
+/* The same after a flight that was drawn, and ends without collision. */
+static void itn__vleave_by_hole(itn__crowd *crowd, itn__queue *queue, int at, int substance,
+                                int features) {
     const itn__substance *medium = &crowd->fast->substances[substance];
     float way = itn__item_way_out(crowd, queue, at), pdf[3], density = 0;
     int c, differ = itn__led(crowd, features) && medium->flights_differ;
@@ -11074,7 +11119,7 @@ static void itn__leave_by_hole(itn__crowd *crowd, itn__queue *queue, int at, int
         itn__float_row(queue, ITN__BETA + c)[at] *= ratio;
         itn__float_row(queue, ITN__SHARE + c)[at] *= ratio;
     }
-    itn__move(queue, at, &crowd->sky);
+    itn__go_outside(crowd, queue, at, features);
 }
 
 /* Flights that the tables could not prove free. */
@@ -11086,6 +11131,7 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
     crowd->exact[substance] = *queue, *queue = swapped;
     crowd->exact[substance].count = 0;
     itn__find_hits(crowd, 0);
+    if (scene->leaky) itn__forget_far_hits(crowd);
     itn__prefetch_hits(crowd);
     for (i = 0; i < queue->count; i += ITN__LANES) {
         itn__state s;
@@ -11109,9 +11155,10 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
             if (crowd->hits[k].triangle >= 0)
                 itn__meet_link(crowd, queue, k, &crowd->hits[k]);
             else if (!(slot & ITN__LINK) && itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
-                itn__leave_by_hole(crowd, queue, k, substance, features);
+                itn__vleave_by_hole(crowd, queue, k, substance, features);
             else if (!(slot & ITN__LINK))
-                itn__pass_hole(crowd, queue, k, substance), itn__move(queue, k, &crowd->sky);
+                itn__pass_hole(crowd, queue, k, substance),
+                    itn__go_outside(crowd, queue, k, features);
             else if (itn__pass_hole(crowd, queue, k, substance) >
                      itn__float_row(queue, ITN__PDF)[k])
                 itn__arrive(crowd, queue, k);

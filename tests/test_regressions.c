@@ -346,6 +346,38 @@ static void test_leaving_by_a_hole(double planted) {
     itn_mesh_free(&box);
 }
 
+/* What stands beyond the box of the solids is seen through a hole, and the medium ends before it:
+   from within a forced box of a black medium, a wall of reflectance r a box's width behind its open
+   side has r e^(-sigma_t way). planted: how much brighter the wall is. */
+static void test_wall_behind_a_hole(double planted) {
+    static const float up[12] = {1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 3}; /* y = 0 becomes z = 3 */
+    itn_mesh box = open_box();
+    int i;
+    for (i = 0; i < 8; i++) { /* walk, reflectance, limit */
+        double way = 1.5, sigma_t = 1, r = i & 2 ? .5 : 0, expected = r * exp(-sigma_t * way);
+        itn_render_options options = ITN_ZERO;
+        static const char *const names[1] = {"m.sigma_t"};
+        itn_scene *scene;
+        itn_object_desc *wall;
+        solids_mean means[2];
+        stage s;
+        begin_box(&s, &box, sigma_t, 0);
+        s.objects[0].force = 1;
+        stage_diffuse(&s, "wall", r + planted), wall = stage_object(&s, NULL, NULL, "wall");
+        wall->half_size = 1e4f, memcpy(wall->transform, up, sizeof up);
+        s.desc.camera.eye = solids_vec3(0, 0, -.5), s.desc.camera.target = solids_vec3(0, 0, 1);
+        s.desc.camera.fov = .01f;
+        scene = stage_make(&s);
+        options.spp = 4096, options.max_scatter = i & 4 ? 2 : 0;
+        solids_way(&options, i & 1 ? 2 : 0);
+        solids_measure(scene, NULL, &options, names, 1, means);
+        itn_scene_free(scene);
+        CHECK_MEAN(means[0].value, means[0].error, expected, 4.5, .005);
+        CHECK_MEAN(means[1].value, means[1].error, -way * expected, 4.5, .005);
+    }
+    itn_mesh_free(&box);
+}
+
 /* From within a forced box of a thin black medium out by its open side: what is left of the light is
    e^(-sigma_t way), though the floor goes on beyond the box, also where the derivative by the
    extinction draws more collisions than there are, and in a channel that is clear while the others
@@ -1149,6 +1181,43 @@ static void test_index_of_one(void) {
     itn_mesh_free(&box);
 }
 
+/* Half a pixel sees an absorbing box, half the light behind it: the Sobol sampler spreads places in
+   the pixel and flights together, so that its pictures differ less than random ones. planted: the
+   sampler in its place. */
+static void test_edge_pixel(itn_sampler planted) {
+    itn_mesh box = unit_box();
+    double deviations[2];
+    int walks, k, i;
+    for (walks = 1; walks <= 16; walks *= 4) {
+        itn_scene *scene;
+        stage s;
+        begin_box(&s, &box, .35, 0);
+        s.desc.camera.eye = solids_vec3(1, 0, 1000), s.desc.camera.target = solids_vec3(1, 0, 0);
+        s.desc.camera.fov = .02f, s.desc.film.width = s.desc.film.height = 1;
+        scene = stage_make(&s);
+        for (k = 0; k < 2; k++) {
+            double sum = 0, squares = 0;
+            for (i = 0; i < 100; i++) {
+                itn_render_options options = ITN_ZERO;
+                itn_image image;
+                itn_error error;
+                options.mode = ITN_MODE_FAST, options.sampler = k ? planted : ITN_SAMPLER_RANDOM;
+                options.walks = walks, options.spp = 64, options.seed = (uint64_t)i;
+                stage_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
+                sum += image.pixels[0] / 100, squares += image.pixels[0] * image.pixels[0] / 100;
+                itn_image_free(&image);
+            }
+            CHECK_NEAR(sum, .75, .02);
+            deviations[k] = sqrt(fabs(squares - sum * sum));
+        }
+        check_report(deviations[1] < .5 * deviations[0], __FILE__, __LINE__,
+                     "%d walks: deviation %g, by random points %g", walks, deviations[1],
+                     deviations[0]);
+        itn_scene_free(scene);
+    }
+    itn_mesh_free(&box);
+}
+
 /* ---- threads ---------------------------------------------------------------------------------- */
 
 /* A render of a scene by a thread that others do not know of. */
@@ -1387,6 +1456,8 @@ int main(void) {
     RUN(test_unused_medium());
     RUN(test_leaving_by_a_hole(1));
     RUN(test_lights_through_a_hole(1));
+    RUN(test_wall_behind_a_hole(0));
+    RUN(test_edge_pixel(ITN_SAMPLER_SOBOL));
     RUN(test_thin_medium_with_a_hole(1));
     RUN(test_huge_sheets());
     RUN(test_far_unused_vertex());
@@ -1427,6 +1498,8 @@ int main(void) {
     CHECK_CATCHES(test_parts_of_a_mesh(-1));
     CHECK_CATCHES(test_thin_parts(4));
     CHECK_CATCHES(test_lights_through_a_hole(1.05));
+    CHECK_CATCHES(test_wall_behind_a_hole(.1));
+    CHECK_CATCHES(test_edge_pixel(ITN_SAMPLER_RANDOM));
     CHECK_CATCHES(test_thin_medium_with_a_hole(1.1));
     CHECK_CATCHES(test_standing_on_the_ground(.5));
     CHECK_CATCHES(test_glass_on_the_ground(.3));
