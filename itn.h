@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.7.6                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.7.7                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -190,7 +190,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 7
-#define ITN_VERSION_PATCH 6
+#define ITN_VERSION_PATCH 7
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -553,10 +553,11 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* ---- [api-render] images, derivative images, gradients --------------------------------------- */
 
-/* AUTO is FAST, except for what only the reference can do: media that are clear in one channel
-   alone, or whose sigma_t differ more than 1e6 times between channels; and derivatives in an index
-   of refraction, in an albedo or a reflectance below .01, in a light's scale of 0, or in a sigma_t
-   whose mean free path is more than four radii of what is in the scene. */
+/* AUTO is FAST, except for what only the reference can do: media that differ between channels and
+   are clear in one of them, or whose sigma_t differ more than 1e6 times between channels; and
+   derivatives in an index of refraction, in an albedo or a reflectance below .01, in a light's
+   scale of 0, or in a sigma_t whose mean free path is more than four radii of what is in the
+   scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
 /* How samples are spread: each on its own, or (fast walk only) by an Owen-scrambled Sobol sequence
    over the pixel, the first boundary and the first flight. AUTO is SOBOL in the fast walk. What is
@@ -881,7 +882,10 @@ typedef struct itn_refine_options {
                              longer than .5 */
     const float *target_variance; /* [C][height][width] variance of the target's values, about
                                      each: it is averaged over 33 x 33 pixels. NULL: unknown, then
-                                     judged by the misfit that remains. INFINITY (LM only): the
+                                     judged by the misfit that remains, which takes many more
+                                     values than unknowns, and noise that is about as the renders'
+                                     spread over the picture: where it is not, error bars may be
+                                     half too small. INFINITY (LM only): the
                                      value does not count, and may be anything, NaN too; where all
                                      others are 0, noise is unknown. Of itn_refine;
                                      itn_refine_views wants each view's in the view */
@@ -965,11 +969,13 @@ typedef struct itn_view {
 /* The same for several pictures at once: minimises the sum of ||I - T(pi)||^2 over views, each with
    its own scene (camera, lights, film, objects), picture and noise, that share `count` unknowns.
    Unknown k is parameter views[v].parameters[k] of each view v that has it, at least of one; its
-   bounds must be the same in all, and each view has at least one. Two views may be of one scene.
-   values: [count], in and out: where the search starts, what it finds. estimates: [count]. options
-   may be NULL; its target_variance must be. Nothing that views point to is changed; all other
-   parameters stay at the views' theta. Scenes render one after the other. Of one view, the bits are
-   those of itn_refine. Errors: as itn_refine; then values and estimates are untouched. */
+   bounds must be the same in all, and each view has at least one. Two views may be of one scene,
+   but each picture has noise of its own: the same one twice would make errors seem smaller than
+   they are. values: [count], in and out: where the search starts, what it finds. estimates:
+   [count]. options may be NULL; its target_variance must be. Nothing that views point to is
+   changed; all other parameters stay at the views' theta. Scenes render one after the other. Of one
+   view, the bits are those of itn_refine. Errors: as itn_refine; then values and estimates are
+   untouched. */
 ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
                                     int count, const itn_refine_options *options,
                                     itn_estimate *estimates, itn_error *error);
@@ -5421,7 +5427,7 @@ static int itn__within(const itn_scene *scene, itn_vec3 p) {
     return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
 }
 
-/* Leaves all solids, through a hole of one, where their box ends: there is nothing of them ahead. */
+/* Leaves all solids, by a hole of one, where their box ends: there is nothing of them ahead. */
 static void itn__leave_solids(const itn_scene *scene, itn__place *place) {
     int object;
     while ((object = itn__find_inside(scene, &place->sides)) >= 0)
@@ -6210,8 +6216,8 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
 /* Russian roulette by the weight alone (but see itn__lift): a path of weight below .4 goes on with
    a chance in proportion and then counts as .4. Beyond many random numbers each further step is
    survived with .999, so that light trapped without loss ends some day: at albedo 1 in an object of
-   optical thickness 1e4 after half a million collisions, in clear glass or between white walls
-   after ten thousand reflections. */
+   optical thickness 1e4 after half a million collisions, in clear glass after ten thousand total
+   reflections. */
 #define ITN__ROULETTE .4f
 #define ITN__SAME_WEIGHT .9999f /* a weight that roulette has raised may round to a little less */
 #define ITN__MANY_DRAWS 3000000u
@@ -6219,7 +6225,8 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
 
 /* How many are many where a walk is. */
 ITN__INLINE uint32_t itn__many_draws(const itn_scene *scene, const itn__place *place) {
-    return !itn__medium_of(scene, place->inside) ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
+    int clear = place->refracting >= 0 && !itn__medium_of(scene, place->inside);
+    return clear ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
 }
 
 static int itn__roulette(itn__walk *walk) {
@@ -16456,7 +16463,7 @@ static int itn__refine_astray(const itn__refiner *refiner, float g) {
     if (refiner->options.method != ITN_METHOD_LM || g <= -1) return 0;
     for (v = 0; v < refiner->view_count; v++)
         if (refiner->views[v].noise_unknown && g > 0) return 0;
-    return excess > 5 * sqrt(known->chi2_variance);
+    return excess > 3 * sqrt(known->chi2_variance);
 }
 
 /* Searches once more from the mirror image of what was found, if that may be wrong, and keeps what
@@ -19901,6 +19908,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.7.7  places in pixels and paths' first draws have Sobol dimensions of their own (edges had up
+          to ten times the noise); thin parts that overlap are found; what is beyond the box of the
+          solids is seen through a forced mesh's hole; corners given twice do not fold polygons
    0.7.6  itn_net_read shows the sizes to the network together; single pictures 1.1 times as fast
    0.7.5  itn_net_read: a network reads a picture in five sizes, and new shapes better
    0.7.4  with ITN_THREADS, a network on one thread reads a picture 1.3 times as fast

@@ -250,7 +250,19 @@ static void fail_planes(const char *path, const itn_image *image, int grey) {
 }
 
 /* Where an image is transparent (A below 1) something else than the scene is behind the object:
-   these pixels do not count. */
+   these pixels do not count. First what they hold, which may be NaN, becomes 0, */
+static void clear_transparent(picture *p, const itn_image *image, itn_film_desc film) {
+    const float *alpha = itn_image_plane(image, "A");
+    size_t plane = (size_t)film.width * (size_t)film.height, i;
+    int c;
+    for (i = 0; alpha && i < plane; i++)
+        for (c = 0; c < film.channels && !(alpha[i] >= 1); c++) {
+            p->light[(size_t)c * plane + i] = 0;
+            if (p->variance) p->variance[(size_t)c * plane + i] = 0;
+        }
+}
+
+/* and when all others have been checked, their noise infinite. */
 static void leave_out_transparent(picture *p, const char *path, const itn_image *image,
                                   itn_film_desc film) {
     const float *alpha = itn_image_plane(image, "A");
@@ -278,6 +290,7 @@ static void read_target(picture *p, const char *path, itn_image *image) {
     p->noise_known = find_planes(image, film.channels == 1, 1, colour);
     if (p->noise_known) p->variance = copy_planes(colour, plane, film.channels, 1);
     if (!p->target) return;
+    clear_transparent(p, image, film);
     check_target(path, film, p->light, 0);
     if (p->variance) check_target(path, film, p->variance, 1), note_noise(path, p, film);
     leave_out_transparent(p, path, image, film);

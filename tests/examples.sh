@@ -118,6 +118,8 @@ int main(void) {
     for (i = 0; i < count; i++)
         if (i % whole.width >= half)
             cut.pixels[i] = itn_image_plane(&whole, "Y")[i], cut.pixels[count + i] = 1;
+        else
+            cut.pixels[i] = NAN;
     return itn_image_save_exr(&cut, "cut.exr", NULL) != ITN_OK;
 }
 END

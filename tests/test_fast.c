@@ -890,7 +890,7 @@ static void check_images(int which, int max_scatter, int planted) {
     itn_image expected, image;
     int k;
     options.spp = check_long() ? 3000 : which == WHITE || which == DENSE ? 30
-                : which == SPECTRA ? 240 : 60; /* rare bright paths */
+                : which == SPECTRA || which >= MADE ? 240 : 60; /* rare bright paths */
     if (STRIDE > 1) options.spp /= 4;
     options.max_scatter = max_scatter, options.mode = ITN_MODE_REFERENCE, options.seed = 1;
     render(scene, &options, &expected);

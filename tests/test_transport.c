@@ -635,7 +635,7 @@ static itn_mesh star(void) {
     itn_mesh mesh = solids_sphere(1, 3);
     int i, k;
     for (i = 0; i < mesh.vertex_count; i++) {
-        float *p = mesh.positions + 3 * i, r = 1 - 5 * p[0] * p[0] * p[1] * p[1] - .5f * p[2];
+        float *p = mesh.positions + 3 * i, r = 1 - 3.6f * p[0] * p[0] * p[1] * p[1] - .5f * p[2];
         for (k = 0; k < 3; k++) p[k] *= r;
     }
     return mesh;
