@@ -883,12 +883,12 @@ typedef struct itn_refine_options {
     const float *target_variance; /* [C][height][width] variance of the target's values, about
                                      each: it is averaged over 33 x 33 pixels. NULL: unknown, then
                                      judged by the misfit that remains, which takes many more
-                                     values than unknowns, and noise that is about as the renders'
-                                     spread over the picture: where it is not, error bars may be
-                                     half too small. INFINITY (LM only): the
-                                     value does not count, and may be anything, NaN too; where all
-                                     others are 0, noise is unknown. Of itn_refine;
-                                     itn_refine_views wants each view's in the view */
+                                     values than unknowns, and noise that is either spread over
+                                     the picture as that of the renders or the same everywhere.
+                                     INFINITY (LM only): the value does not count, and may be
+                                     anything, NaN too; where all others are 0, noise is unknown.
+                                     Of itn_refine; itn_refine_views wants each view's in the
+                                     view */
     double *covariance; /* if not NULL, receives [count][count]: of the values; the diagonal holds
                            the squares of the standard errors */
     double *misfit; /* if not NULL, receives what remains: the mean of (I - T)^2 over what noise
@@ -14873,6 +14873,7 @@ typedef struct itn__refine_view {
     float *variance;        /* [pixels] of one sample, see itn__keep_variance */
     float *target_variance; /* [pixels] averaged, INFINITY where the target does not count, */
     float *level;           /* and over more of them */
+    float *spread;          /* [pixels] of the misfit's excess, see itn__spread_excess */
     float *row;             /* [width + height], for itn__binomial */
     double drawn[3][3], taken[3][3]; /* correlations between channels: renders', target's noise */
 } itn__refine_view;
@@ -15247,8 +15248,10 @@ static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, it
 
    If the target's noise is unknown, or the scene cannot reproduce the picture, the misfit chi^2, 1
    plus the mean of r_a r_b - F, exceeds 1 by more than chance; the excess counts as noise of the
-   target, as large in all pixels as their residuals' variance, with the correlations of
-   I - (a + b)/2. */
+   target, with the correlations of I - (a + b)/2. Part of it goes with the residuals' variance, the
+   other part is the same in all pixels, over that variance in proportion to the weight w: its mean
+   and its mean times w tell how much is of either. Of unknown noise, what `told` unknowns fit of n
+   values is missing from the misfit: it is n / (n - told) times as much. */
 
 /* Adds a view's part of P. */
 static void itn__refine_power(itn__refiner *refiner, const itn__refine_view *view,
@@ -15300,7 +15303,7 @@ static void itn__refine_correlations(itn__refine_view *view, const itn_image *a,
 }
 
 /* Sum over pixels, and pairs of their channels, of s x in one and s y in the other, times what the
-   pair has `together`; s is 1 where it is NULL. */
+   pair has `together`. */
 static double itn__pairs_sum(const itn__refine_view *view, double together[3][3], const float *s,
                              const float *x, const float *y) {
     size_t plane = itn__film_pixels(view), n;
@@ -15311,7 +15314,7 @@ static double itn__pairs_sum(const itn__refine_view *view, double together[3][3]
             size_t i = (size_t)c * plane, k = (size_t)d * plane;
             double sum = 0;
             for (n = 0; n < plane; n++, i++, k++)
-                sum += (s ? (double)s[i] * s[k] : 1) * ((double)x[i] * y[k]);
+                sum += (double)s[i] * s[k] * ((double)x[i] * y[k]);
             all += together[c][d] * sum;
         }
     return all;
@@ -15331,7 +15334,7 @@ static void itn__noise_sum(itn__refine_view *view, const float *drawn, const flo
         }
     by_drawn = itn__pairs_sum(view, squares, drawn, deviation, deviation);
     by_taken = itn__pairs_sum(view, mixed, taken, deviation, deviation);
-    by_beyond = itn__pairs_sum(view, mixed, NULL, deviation, deviation);
+    by_beyond = itn__pairs_sum(view, mixed, view->spread, deviation, deviation);
     sum->noise[k] += (double)ITN__BINOMIAL_NOISE * (by_taken + ratio * by_drawn);
     sum->stray[k] += (double)ITN__BINOMIAL_NOISE * by_beyond;
     sum->silence[k] += 4 * (double)ITN__BINOMIAL_NOISE * /* J_a has twice the variance */
@@ -15359,7 +15362,7 @@ static void itn__refine_sum(itn__refiner *refiner, itn__refine_view *view, const
             const float *kj = b->pixels + (size_t)(3 + 2 * other) * pixels;
             double drawn = itn__pairs_sum(view, view->drawn, of_drawn, kja, kj);
             double taken = itn__pairs_sum(view, view->taken, of_taken, kja, kj);
-            double beyond = itn__pairs_sum(view, view->taken, NULL, kja, kj);
+            double beyond = itn__pairs_sum(view, view->taken, view->spread, kja, kj);
             double product = 0, outer = 0;
             l = view->unknowns[other];
             for (i = 0; i < pixels; i++)
@@ -15373,11 +15376,46 @@ static void itn__refine_sum(itn__refiner *refiner, itn__refine_view *view, const
     }
 }
 
+/* Whether any unknown's derivative in a value is not 0. */
+static int itn__depends(const itn__refine_view *view, const itn_image *a, size_t at) {
+    int k;
+    for (k = 0; k < view->count; k++)
+        if (a->pixels[(size_t)(2 + 2 * k) * view->pixels + at] != 0) return 1;
+    return 0;
+}
+
+/* How much of the misfit a value has beyond noise, in the variance of a residual. */
+static double itn__excess(const itn__refine_view *view, const itn_image *a, const itn_image *b,
+                          size_t at) {
+    double ra = (double)view->target[at] - a->pixels[at];
+    double rb = (double)view->target[at] - b->pixels[at];
+    return view->weights[at] * (ra * rb - (double)view->target_variance[at]);
+}
+
+/* Finds how the excess is spread: the root of each value's over that of the mean. */
+static void itn__spread_excess(itn__refine_view *view, const itn_image *a, const itn_image *b) {
+    double count = 0, weight = 0, square = 0, mean = 0, weighed = 0, even = 0;
+    size_t i;
+    for (i = 0; i < view->pixels; i++) {
+        double w = view->weights[i], excess;
+        if (!itn__counts(view, i) || !itn__depends(view, a, i)) continue;
+        excess = itn__excess(view, a, b, i);
+        count++, weight += w, square += w * w, mean += excess, weighed += excess * w;
+    }
+    if (mean > 0 && square * count > weight * weight) /* the share that is the same everywhere */
+        even = (weighed * count - mean * weight) * weight /
+               ((square * count - weight * weight) * mean);
+    even = fmax(0, fmin(even, 1));
+    for (i = 0; i < view->pixels; i++)
+        view->spread[i] = (float)sqrt(1 - even + (even > 0 ? even * count / weight : 0) *
+                                                     (double)view->weights[i]);
+}
+
 /* Adds a pixel's part of the misfit, all of its channels together. */
 static void itn__misfit_pixel(itn__misfit *misfit, const itn__refine_view *view, const itn_image *a,
                               const itn_image *b, size_t pixel) {
     size_t plane = itn__film_pixels(view), at = pixel;
-    int channels = view->scene->film.channels, c, d, k, depends;
+    int channels = view->scene->film.channels, c, d;
     double ra[3], rb[3], deviation[3], together = 0;
     for (c = 0; c < channels; c++, at += plane) {
         ra[c] = rb[c] = deviation[c] = 0;
@@ -15387,11 +15425,7 @@ static void itn__misfit_pixel(itn__misfit *misfit, const itn__refine_view *view,
         rb[c] = (double)view->target[at] - b->pixels[at];
         deviation[c] = sqrt(2 * (double)a->pixels[view->pixels + at]); /* of each, from both */
         misfit->product += ra[c] * rb[c];
-        for (k = depends = 0; k < view->count && !depends; k++)
-            depends = a->pixels[(size_t)(2 + 2 * k) * view->pixels + at] != 0;
-        if (!depends) continue;
-        together += view->weights[at] * (ra[c] * rb[c] - (double)view->target_variance[at]);
-        misfit->felt++;
+        if (itn__depends(view, a, at)) together += itn__excess(view, a, b, at), misfit->felt++;
     }
     for (c = 0; c < channels; c++)
         for (d = 0; d < channels; d++) {
@@ -15601,7 +15635,7 @@ static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view
         if (!view->known) itn__keep_variance(view, &a, spp);
         itn__refine_weights(view, (int)refiner->final * refiner->options.spp);
         itn__refine_correlations(view, &a, &b);
-        itn__misfit_sum(&refiner->misfit, view, &a, &b);
+        itn__misfit_sum(&refiner->misfit, view, &a, &b), itn__spread_excess(view, &a, &b);
         itn__keep_variance(view, &a, spp);
         itn__scale_planes(refiner, view, &a), itn__similarity_planes(refiner, view, &a);
         itn__scale_planes(refiner, view, &b), itn__similarity_planes(refiner, view, &b);
@@ -16003,6 +16037,14 @@ static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
    The prior, 8 for each coordinate, adds 1/64 to the diagonals of A and N: it is all there is where
    a picture tells next to nothing. */
 
+/* Whether the noise of any picture is unknown. */
+static int itn__noise_unknown(const itn__refiner *refiner) {
+    int v;
+    for (v = 0; v < refiner->view_count; v++)
+        if (refiner->views[v].noise_unknown) return 1;
+    return 0;
+}
+
 /* Holds unknown k where it is: as if the pictures did not depend on it. */
 static void itn__refine_let_go(itn__refiner *refiner, int k) {
     itn__normal *known = &refiner->known;
@@ -16054,12 +16096,21 @@ static void itn__refine_tell(itn__refiner *refiner) {
     }
 }
 
+/* The misfit's excess, with what the unknowns that are told have fitted of unknown noise. */
+static double itn__refine_excess(const itn__refiner *refiner) {
+    double excess = fmax(refiner->known.chi2 - 1, 0), felt = refiner->misfit.felt, left = felt;
+    int k;
+    if (!itn__noise_unknown(refiner)) return excess;
+    for (k = 0; k < refiner->count; k++) left -= refiner->told[k];
+    return left >= 1 ? excess * felt / left : excess;
+}
+
 /* Covariance A^-1 N A^-1 of the coordinates that are told, by A's factor; 0 of the others. */
 static void itn__refine_covariance(itn__refiner *refiner) {
     const itn__normal *known = &refiner->known;
     int n = refiner->count, i, j;
     double *rows = refiner->covariance;
-    itn__refine_noise(refiner, known, known->samples, 1, fmax(known->chi2 - 1, 0));
+    itn__refine_noise(refiner, known, known->samples, 1, itn__refine_excess(refiner));
     for (i = 0; i < n * n; i++)
         if (!refiner->told[i / n] || !refiner->told[i % n]) rows[i] = 0;
         else if (i / n == i % n) rows[i] += 1 / (ITN__PRIOR * ITN__PRIOR);
@@ -16270,14 +16321,15 @@ static itn_result itn__view_begin(itn__refiner *refiner, const itn_view *given,
     result = itn__view_check(refiner, given, (int)(view - refiner->views), error);
     if (result) return result;
     view->weights = (float *)itn__allocate(
-        context, 4 * view->pixels + 2 * plane + lines + parameters, sizeof(float));
+        context, 5 * view->pixels + 2 * plane + lines + parameters, sizeof(float));
     view->parameters = (int *)itn__allocate(context, 2 * (size_t)refiner->count + plane,
                                             sizeof(int));
     if (!view->weights || !view->parameters) return itn__out_of_memory(error, "itn_refine");
     view->variance = view->weights + view->pixels;
     view->target_variance = view->variance + view->pixels;
     view->level = view->target_variance + view->pixels;
-    view->gain = view->level + view->pixels, view->density = view->gain + plane;
+    view->spread = view->level + view->pixels;
+    view->gain = view->spread + view->pixels, view->density = view->gain + plane;
     view->row = view->density + plane, view->theta = view->row + lines;
     view->unknowns = view->parameters + refiner->count;
     view->allotment.samples = view->unknowns + refiner->count;
@@ -16459,10 +16511,8 @@ static float itn__mirror(const itn__refiner *refiner, float *values) {
 static int itn__refine_astray(const itn__refiner *refiner, float g) {
     const itn__normal *known = &refiner->known;
     double excess = known->chi2 - 1;
-    int v;
     if (refiner->options.method != ITN_METHOD_LM || g <= -1) return 0;
-    for (v = 0; v < refiner->view_count; v++)
-        if (refiner->views[v].noise_unknown && g > 0) return 0;
+    if (itn__noise_unknown(refiner) && g > 0) return 0;
     return excess > 3 * sqrt(known->chi2_variance);
 }
 

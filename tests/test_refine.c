@@ -1457,6 +1457,62 @@ static void test_idle_and_others(int planted) {
     itn_mesh_free(&mesh);
 }
 
+/* Noise that is the same in all pixels, though that of the renders is not: error bars are those of
+   known noise when it is not known, of three unknowns that a picture tells well. planted: factor of
+   the noise that is told. */
+static void test_even_noise(double planted) {
+    static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
+    static float target[400], variance[400], noise[400];
+    double ratios[3] = {0, 0, 0}, mean = 0;
+    int parameters[3], i, k, known, fit;
+    itn_scene *scene;
+    itn_error why;
+    FILE *file = fopen("build/even.itn", "w");
+    if (!CHECK(file != NULL)) return;
+    fputs("film width 20 height 20\ncamera eye 0.5 0.5 4.2 target 0 0 0 fov 26\n"
+          "medium m sigma_t 1.5 albedo 0.7 g -0.6\n"
+          "object mesh ../../scenes/shapes/cube.ply medium m\n"
+          "light sky ../../scenes/t3-e60.sky sun 0.42 0.866 -0.27 sun_scale 2 "
+          "sun_radius_scale 20\n", file);
+    fclose(file);
+    stage_need(itn_scene_load("build/even.itn", NULL, &scene, &why), &why);
+    find_parameters(scene, names, 3, parameters);
+    photograph(scene, 4096, 7, target, variance);
+    for (i = 0; i < 400; i++) mean += target[i] / 400;
+    for (fit = 0; fit < 2; fit++) {
+        itn_estimate estimates[2][3];
+        for (known = 0; known < 2; known++) {
+            itn_refine_options options = ITN_ZERO;
+            float theta[16], picture[400];
+            itn_error error;
+            for (i = 0; i < 400; i++) { /* nearly normal: a sum of twelve */
+                double sum = -6;
+                for (k = 0; k < 12; k++) sum += drawn(100 + fit, 12 * i + k);
+                picture[i] = target[i] + (float)(.05 * mean * sum);
+                noise[i] = (float)pow(planted * .05 * mean, 2);
+            }
+            itn_parameter_values(scene, theta);
+            options.spp = 32, options.seed = (uint64_t)fit + 1;
+            if (known) options.target_variance = noise;
+            stage_need(itn_refine(scene, theta, picture, parameters, 3, &options,
+                                  estimates[known], &error), &error);
+        }
+        for (k = 0; k < 3; k++)
+            ratios[k] += estimates[0][k].standard_error / estimates[1][k].standard_error / 2;
+        if (getenv("SHOW"))
+            printf("even noise: sigma_t %g +- %g, %g +- %g, g %g +- %g, %g +- %g\n",
+                   estimates[0][0].value, estimates[0][0].standard_error, estimates[1][0].value,
+                   estimates[1][0].standard_error, estimates[0][2].value,
+                   estimates[0][2].standard_error, estimates[1][2].value,
+                   estimates[1][2].standard_error);
+    }
+    for (k = 0; k < 3; k++)
+        check_report(fabs(log(ratios[k])) < .2, __FILE__, __LINE__,
+                     "%s: unknown noise makes the error %.2f times as large", names[k], ratios[k]);
+    itn_scene_free(scene);
+    remove("build/even.itn");
+}
+
 static int note_values(void *user, const itn_refine_step *step) {
     *(float *)user = step->values[0];
     CHECK(step->values[0] == step->theta[1]); /* m.albedo */
@@ -1885,6 +1941,7 @@ int main(void) {
         test_few_samples();
         test_undetermined();
         test_idle_and_others(0);
+        test_even_noise(1);
         test_loss_error(1);
         test_second_search(1);
         test_single_scattering(1);
@@ -1921,6 +1978,7 @@ int main(void) {
     CHECK_CATCHES(test_more_samples(.9));
     CHECK_CATCHES(test_spread(.25));
     CHECK_CATCHES(test_stray_noise(1));
+    CHECK_CATCHES(test_even_noise(1.5));
     CHECK_CATCHES(test_loss_error(6));
     CHECK_CATCHES(test_words(1));
     CHECK_CATCHES(test_second_search(0));
