@@ -107,6 +107,7 @@ prints 'means of 2x2 pixels'
 prints '^milk\.albedo 0\.(89|90)[0-9]* '
 cat > examples/cutout.c << 'END'
 #include "itn.h"
+#include <math.h>
 #include <string.h>
 int main(void) {
     itn_image whole, cut;
