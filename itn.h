@@ -19960,7 +19960,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 /* [history]
    0.7.7  places in pixels and paths' first draws have Sobol dimensions of their own (edges had up
           to ten times the noise); thin parts that overlap are found; what is beyond the box of the
-          solids is seen through a forced mesh's hole; corners given twice do not fold polygons
+          solids is seen through a forced mesh's hole; corners given twice do not fold polygons;
+          error bars know noise that is the same in all pixels, though nobody told it
    0.7.6  itn_net_read shows the sizes to the network together; single pictures 1.1 times as fast
    0.7.5  itn_net_read: a network reads a picture in five sizes, and new shapes better
    0.7.4  with ITN_THREADS, a network on one thread reads a picture 1.3 times as fast
