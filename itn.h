@@ -18269,13 +18269,13 @@ static int itn__same_point(const itn__polygon *polygon, int a, int b) {
 
 /* Lets go of corners that are where the one before is, which hide how the polygon turns there; at
    least three stay. */
-static void itn__drop_twins(const itn__polygon *polygon, itn__corner *corners, int *count) {
-    int n = *count, kept = 1, i;
+static void itn__drop_twins(itn__polygon *polygon, itn__corner *corners) {
+    int n = polygon->count, kept = 1, i;
     for (i = 1; i < n; i++)
         if (kept + n - i <= 3 || !itn__same_point(polygon, kept - 1, i))
             corners[kept++] = corners[i];
     while (kept > 3 && itn__same_point(polygon, kept - 1, 0)) kept--;
-    *count = kept;
+    polygon->count = kept;
 }
 
 /* Whether the i-th of the n corners left in the ring is an ear. */
@@ -18347,7 +18347,7 @@ static const char *itn__add_polygon(itn__builder *builder) {
     polygon.corners = (const itn__corner *)(const void *)builder->corners.bytes;
     polygon.count = (int)itn__corner_count(builder);
     for (i = 0; i < polygon.count; i++) builder->untextured |= polygon.corners[i].texture < 0;
-    itn__drop_twins(&polygon, (itn__corner *)(void *)builder->corners.bytes, &polygon.count);
+    itn__drop_twins(&polygon, (itn__corner *)(void *)builder->corners.bytes);
     if (polygon.count > 3) itn__polygon_project(&polygon);
     if (polygon.count == 3 || itn__polygon_convex(&polygon)) {
         for (i = 1; i + 1 < polygon.count; i++)
@@ -19844,7 +19844,7 @@ static itn_result itn__file_line(itn__scene_file *file) {
     if (*form->keyword == 'l') {
         light.name = itn__item_value(&item, "name")->word;
         itn__light_name(&light, file->desc.light_count, light_name);
-        name = light.name ? light.name : light_name;
+        name = light_name;
     }
     if (name) result = itn__check_item_name(file, &item, name);
     if (!result && itn__item_count(&file->desc, form->keyword) == ITN__MOST_ITEMS)

@@ -249,33 +249,18 @@ static void fail_planes(const char *path, const itn_image *image, int grey) {
     fail(path, why);
 }
 
-/* Where an image is transparent (A below 1) something else than the scene is behind the object:
-   these pixels do not count. First what they hold, which may be NaN, becomes 0, */
-static void clear_transparent(picture *p, const itn_image *image, itn_film_desc film) {
+/* Gives values a value where the image is transparent (A below 1): something else than the scene is
+   behind the object there. Returns in how many pixels. */
+static int set_transparent(float *values, const itn_image *image, itn_film_desc film, float value) {
     const float *alpha = itn_image_plane(image, "A");
     size_t plane = (size_t)film.width * (size_t)film.height, i;
-    int c;
-    for (i = 0; alpha && i < plane; i++)
-        for (c = 0; c < film.channels && !(alpha[i] >= 1); c++) {
-            p->light[(size_t)c * plane + i] = 0;
-            if (p->variance) p->variance[(size_t)c * plane + i] = 0;
-        }
-}
-
-/* and when all others have been checked, their noise infinite. */
-static void leave_out_transparent(picture *p, const char *path, const itn_image *image,
-                                  itn_film_desc film) {
-    const float *alpha = itn_image_plane(image, "A");
-    size_t plane = (size_t)film.width * (size_t)film.height, i;
-    int c, left_out = 0;
-    for (i = 0; alpha && i < plane; i++) left_out += !(alpha[i] >= 1);
-    if (!left_out) return;
-    if (!p->variance) p->variance = (float *)calloc(plane * (size_t)film.channels, sizeof(float));
-    if (!p->variance) fail("out of memory", "");
-    for (i = 0; i < plane; i++)
-        for (c = 0; c < film.channels && !(alpha[i] >= 1); c++)
-            p->variance[(size_t)c * plane + i] = INFINITY;
-    printf("%s: %d pixels, where A is below 1, do not count\n", path, left_out);
+    int c, count = 0;
+    for (i = 0; alpha && i < plane; i++) {
+        if (alpha[i] >= 1) continue;
+        for (c = 0; c < film.channels; c++) values[(size_t)c * plane + i] = value;
+        count++;
+    }
+    return count;
 }
 
 /* Copies the light of an image, and its variance if it has that layer, in the scene's channels. */
@@ -283,6 +268,7 @@ static void read_target(picture *p, const char *path, itn_image *image) {
     itn_film_desc film = itn_scene_film(p->scene);
     size_t plane = (size_t)film.width * (size_t)film.height;
     const float *colour[3];
+    int left_out;
     fit_image(path, image, film);
     if (!find_planes(image, film.channels == 1, 0, colour))
         fail_planes(path, image, film.channels == 1);
@@ -290,10 +276,16 @@ static void read_target(picture *p, const char *path, itn_image *image) {
     p->noise_known = find_planes(image, film.channels == 1, 1, colour);
     if (p->noise_known) p->variance = copy_planes(colour, plane, film.channels, 1);
     if (!p->target) return;
-    clear_transparent(p, image, film);
+    /* what transparent pixels hold may be NaN, and does not count: all others are checked */
+    left_out = set_transparent(p->light, image, film, 0);
+    if (p->variance) set_transparent(p->variance, image, film, 0);
     check_target(path, film, p->light, 0);
     if (p->variance) check_target(path, film, p->variance, 1), note_noise(path, p, film);
-    leave_out_transparent(p, path, image, film);
+    if (!left_out) return;
+    if (!p->variance) p->variance = (float *)calloc(plane * (size_t)film.channels, sizeof(float));
+    if (!p->variance) fail("out of memory", "");
+    set_transparent(p->variance, image, film, INFINITY);
+    printf("%s: %d pixels, where A is below 1, do not count\n", path, left_out);
 }
 
 /* Whether the parameter is FIELD of a medium, in one of its channels or in all. */
