@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.7.7                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.7.8                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -190,7 +190,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 7
-#define ITN_VERSION_PATCH 7
+#define ITN_VERSION_PATCH 8
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -904,8 +904,10 @@ typedef struct itn_estimate {
     double value;
     double standard_error; /* from the Fisher information of the derivative images, and from how
                               well that itself is known (Fieller 1954); of value. At least as much
-                              as the search had still to go when iterations ran out. Very large
-                              where the information (about the transformed coordinate) is less
+                              as the search had still to go when iterations ran out. The greatest
+                              of all, if it is more than .1 of its coordinate, is at least what it
+                              would be two of it further up, where pictures may tell less. Very
+                              large where the information (about the transformed coordinate) is less
                               than three of its own standard errors; the errors of the others
                               then allow for any value of this one */
     int determined;        /* look here first. 0: the image, or the final_spp, say next to nothing
@@ -14845,8 +14847,11 @@ ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_err
 enum {
     ITN__MOST_UNKNOWNS = 1024,
     ITN__FINAL = 8, /* samples of all averaged evaluations, in those of the first, by default, */
-    ITN__PATIENCE = 16 /* and how many times as many where they are needed */
+    ITN__PATIENCE = 16, /* and how many times as many where they are needed */
+    ITN__LOOKS = 3      /* how often the end of a long last step is looked at */
 };
+#define ITN__STRAIGHT .1 /* coordinates over which A may be taken as constant, */
+#define ITN__HARDLY .5   /* and the error of one that is not determined */
 
 /* The unknowns of a medium that has similarity coordinates, as indices among all unknowns. */
 typedef struct itn__similarity {
@@ -14935,6 +14940,9 @@ typedef struct itn__refiner {
     double loss, loss_error;
     itn_estimate *estimates; /* [count] */
     int *told;           /* [count] in the end: what the pictures do not leave open */
+    double *all;         /* [count][count] in the end: A of all unknowns; */
+    int widest;          /* the unknown with the greatest error, */
+    double further;      /* and that error further up; 0 if nobody looked */
     float *moments[2];   /* [count] of Adam */
     double square;       /* mean of the pictures' squares, the unit of what descends */
 } itn__refiner;
@@ -15933,16 +15941,36 @@ static int itn__refine_more(itn__refiner *refiner) {
     return want > 1;
 }
 
+/* Whether the step that is left leads to where A may be another. */
+static int itn__refine_afar(itn__refiner *refiner) {
+    int k;
+    itn__refine_solve(refiner, 1, 0, 1);
+    for (k = 0; k < refiner->count; k++)
+        if (itn__refine_tells(refiner, &refiner->known, k) &&
+            fabs(refiner->step[k]) > ITN__STRAIGHT)
+            return 1;
+    return 0;
+}
+
+/* Whether there is more to be done where all samples are there: more of them, or to look where a
+   long last step ends. */
+static int itn__refine_goes_on(itn__refiner *refiner, int *looks) {
+    if (itn__refine_more(refiner)) return 1;
+    return *looks < ITN__LOOKS && itn__refine_afar(refiner) && ++*looks;
+}
+
 /* Levenberg-Marquardt, until the evaluations that count have enough samples, or no step helps. If
    iterations run out, one or two more with all samples at once give error bars. An evaluation that
    told something is followed by one of as many samples, as fewer would not have seen it. The search
    may leap once, while there are iterations to go on from there; a second one does not, as it
    starts where it should. Where the end has moved, what is known is replaced, whatever the misfit:
-   its unit is another. The last step is not tried any more, and not made if the one before was
-   taken back: then it counts as error ([estimates]). */
+   its unit is another. A last step that is long is tried in the same way, three times at most; else
+   it is not, and not made if the one before was taken back: then it counts as error
+   ([estimates]). */
 static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
     const itn__normal *known = &refiner->known;
-    int iteration, most = refiner->options.iterations, leapt = refiner->begun > 0, back = 0;
+    int iteration, most = refiner->options.iterations, leapt = refiner->begun > 0;
+    int looks = 0, back = 0;
     double mu = 1, news = INFINITY, samples = 1;
     itn_result result = itn__refine_evaluate(refiner, samples, error);
     if (result) return result;
@@ -15953,7 +15981,7 @@ static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
         double before = mu;
         if (mu > 1e6) break;
         if (news < 1 && known->samples >= refiner->final) {
-            moves = iteration <= most && itn__refine_more(refiner);
+            moves = iteration <= most && itn__refine_goes_on(refiner, &looks);
             if (!moves) break;
         }
         if (iteration > most) samples = refiner->final;
@@ -16035,7 +16063,14 @@ static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
    off by its prior standard deviation it is off by A^-1 A_u times as much, the square of which adds
    to the covariance. So a material too dense for its sigma_t to show has an albedo all the same.
    The prior, 8 for each coordinate, adds 1/64 to the diagonals of A and N: it is all there is where
-   a picture tells next to nothing. */
+   a picture tells next to nothing.
+
+   All of this takes A as constant over an error bar. Where that is a tenth of a coordinate or more,
+   it is not: along the valley pictures tell less and less the higher g, and of searches whose noise
+   leads them to where pictures tell much each would be sure of a low value. So one more evaluation,
+   two standard errors up in the unknown with the greatest one, says what its error would be there,
+   and the greater of both counts. What is told there had no say in where it is looked at: it only
+   needs to be more than its own standard deviation. */
 
 /* Whether the noise of any picture is unknown. */
 static int itn__noise_unknown(const itn__refiner *refiner) {
@@ -16080,11 +16115,11 @@ static int itn__refine_weakest(const itn__refiner *refiner, int whole) {
 }
 
 /* Lets go of what cannot be told by what is known, and leaves the factor of the rest of A; all of A
-   is kept as refiner->fresh.matrix. */
+   is kept as refiner->all. */
 static void itn__refine_tell(itn__refiner *refiner) {
     const itn__normal *known = &refiner->known;
     int n = refiner->count, whole, k;
-    memcpy(refiner->fresh.matrix, known->matrix, (size_t)(n * n) * sizeof(double));
+    memcpy(refiner->all, known->matrix, (size_t)(n * n) * sizeof(double));
     for (k = 0; k < n; k++)
         refiner->told[k] = itn__refine_strength(refiner, known, k) > ITN__CERTAIN;
     for (k = 0; k < n; k++)
@@ -16138,10 +16173,65 @@ static double itn__refine_widening(itn__refiner *refiner, int k) {
     return fmax(wide, fabs(refiner->step[k])) / error;
 }
 
+/* Standard error of coordinate k, by the covariance and A's factor; 0 of what is not told. */
+static double itn__refine_error(itn__refiner *refiner, int k) {
+    double widening = itn__refine_widening(refiner, k);
+    return refiner->told[k] ? sqrt(refiner->covariance[k * (refiner->count + 1)]) * widening : 0;
+}
+
+/* Exchanges what is known and what the last evaluation told. */
+static void itn__refine_swap(itn__refiner *refiner) {
+    itn__normal known = refiner->known;
+    refiner->known = refiner->fresh, refiner->fresh = known;
+}
+
+/* The error of coordinate k by the last evaluation alone, all else as it is known. */
+static double itn__refine_error_there(itn__refiner *refiner, int k) {
+    double error = ITN__PRIOR;
+    int n = refiner->count, l;
+    refiner->fresh.chi2 = refiner->known.chi2;
+    itn__refine_swap(refiner);
+    for (l = 0; l < n; l++)
+        if (!refiner->told[l]) itn__refine_let_go(refiner, l);
+    if (itn__refine_factor_known(refiner, 0, 0) && itn__refine_certainty(refiner, k) > 1) {
+        itn__refine_covariance(refiner);
+        error = fmin(error, sqrt(fmax(refiner->covariance[k * (n + 1)], 0)));
+    }
+    itn__refine_swap(refiner);
+    return error;
+}
+
+/* Looks two standard errors up, in the unknown with the greatest one, if it is more than A may be
+   taken as constant for; where that is not determined anyway, there is nothing to look for. */
+static itn_result itn__refine_look_up(itn__refiner *refiner, itn_error *error) {
+    double *there = refiner->gradient, *c, unit, most = ITN__STRAIGHT;
+    int n = refiner->count, widest = -1, k;
+    itn_result result;
+    itn__refine_solve(refiner, 0, 0, 2);
+    itn__refine_covariance(refiner);
+    for (k = 0; k < n; k++) {
+        double own = itn__refine_error(refiner, k);
+        if (own > most) most = own, widest = k;
+    }
+    if (widest < 0 || most >= ITN__HARDLY) return ITN_OK;
+    c = itn__refine_column(refiner, widest), unit = c[widest];
+    for (k = 0; k < n; k++) {
+        refiner->before[k] = refiner->coordinates[k];
+        there[k] = refiner->before[k] + 2 * most * c[k] / unit;
+    }
+    itn__refine_set(refiner, there);
+    result = itn__refine_evaluate(refiner, refiner->final, error);
+    itn__refine_set(refiner, refiner->before);
+    if (result) return result;
+    refiner->widest = widest, refiner->further = itn__refine_error_there(refiner, widest);
+    itn__refine_factor_known(refiner, 0, 0);
+    return ITN_OK;
+}
+
 /* Adds to the covariance that unknown u, of which nothing is known but its prior, may be elsewhere,
    with what is told of the others following it: they change by -A^-1 A_u. */
 static void itn__refine_follow(itn__refiner *refiner, int u) {
-    const double *all = refiner->fresh.matrix;
+    const double *all = refiner->all;
     double *change = refiner->direction;
     int n = refiner->count, k;
     for (k = 0; k < n; k++) change[k] = refiner->told[k] ? -all[k * n + u] : 0;
@@ -16151,15 +16241,17 @@ static void itn__refine_follow(itn__refiner *refiner, int u) {
         refiner->covariance[k] += ITN__PRIOR * ITN__PRIOR * change[k / n] * change[k % n];
 }
 
-/* Estimates at the present point by what is known. */
+/* Estimates at the present point by what is known and told. */
 static void itn__refine_estimate(itn__refiner *refiner) {
     itn_estimate *estimates = refiner->estimates;
     double *widening = refiner->gradient, *covariance = refiner->covariance;
-    int n = refiner->count, k;
-    itn__refine_tell(refiner);
+    int n = refiner->count, widest = refiner->widest, k;
     itn__refine_solve(refiner, 0, 0, 2);
     itn__refine_covariance(refiner);
     for (k = 0; k < n; k++) widening[k] = itn__refine_widening(refiner, k);
+    if (refiner->further > 0)
+        widening[widest] = fmax(widening[widest],
+                                refiner->further / sqrt(covariance[widest * (n + 1)]));
     for (k = 0; k < n * n; k++) covariance[k] *= widening[k / n] * widening[k % n];
     for (k = 0; k < n; k++)
         if (!refiner->told[k]) itn__refine_follow(refiner, k);
@@ -16169,7 +16261,7 @@ static void itn__refine_estimate(itn__refiner *refiner) {
         double error = sqrt(fmax(covariance[k * n + k], 0));
         estimates[k].value = refiner->values[k];
         estimates[k].standard_error = error * refiner->slopes[k];
-        estimates[k].determined = error < .5 && refiner->told[k];
+        estimates[k].determined = error < ITN__HARDLY && refiner->told[k];
     }
     for (k = 0; k < n * n; k++) covariance[k] *= refiner->slopes[k / n] * refiner->slopes[k % n];
 }
@@ -16364,7 +16456,7 @@ static itn_result itn__refine_allocate(itn__refiner *refiner, itn_error *error) 
     refiner->parameters = (const itn_parameter **)itn__allocate(context, n,
                                                                 sizeof *refiner->parameters);
     refiner->media = (itn__similarity *)itn__allocate(context, n, sizeof *refiner->media);
-    refiner->numbers = (double *)itn__allocate(context, 2 * numbers + 7 * n + 2 * n * n,
+    refiner->numbers = (double *)itn__allocate(context, 2 * numbers + 7 * n + 3 * n * n,
                                                sizeof(double));
     refiner->values = (float *)itn__allocate(context, 3 * n, sizeof(float));
     refiner->estimates = (itn_estimate *)itn__allocate(context, n, sizeof(itn_estimate));
@@ -16384,7 +16476,8 @@ static itn_result itn__refine_allocate(itn__refiner *refiner, itn_error *error) 
     refiner->step = next, next += n;
     refiner->direction = next, next += n;
     refiner->factor = next, next += n * n;
-    refiner->covariance = next;
+    refiner->covariance = next, next += n * n;
+    refiner->all = next;
     return ITN_OK;
 }
 
@@ -16483,6 +16576,9 @@ static itn_result itn__refine_search(itn__refiner *refiner, const itn_view *view
     if (!result)
         result = refiner->options.method == ITN_METHOD_LM ? itn__refine_lm(refiner, error)
                                                           : itn__refine_descend(refiner, error);
+    if (result) return result;
+    itn__refine_tell(refiner);
+    result = itn__refine_look_up(refiner, error);
     if (!result) itn__refine_estimate(refiner);
     return result;
 }
@@ -19958,6 +20054,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.7.8  error bars of more than a tenth of a coordinate are as wide as two of them further up,
+          and a long last step is looked at where it ends: behind rough glass half of the searches
+          were too sure of values that were too low
    0.7.7  places in pixels and paths' first draws have Sobol dimensions of their own (edges had up
           to ten times the noise); thin parts that overlap are found; what is beyond the box of the
           solids is seen through a forced mesh's hole; corners given twice do not fold polygons;

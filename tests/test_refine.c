@@ -693,6 +693,61 @@ static void test_stray_noise(int planted) {
     itn_scene_free(scene);
 }
 
+/* A search for sigma_t, in a photo that is all noise, that has evaluated once at `value`. */
+static void begin_look(itn__refiner *refiner, itn_view *view, float value) {
+    itn_error error;
+    memset(refiner, 0, sizeof *refiner);
+    refiner->view_count = 1, refiner->count = 1, refiner->context = &view->scene->context;
+    refiner->options.spp = refiner->options.final_spp = 256;
+    stage_need(itn__refine_begin(refiner, view, &value, &error), &error);
+    stage_need(itn__refine_evaluate(refiner, 1, &error), &error);
+    itn__refine_learn(refiner, 0);
+    itn__refine_tell(refiner);
+    itn__refine_solve(refiner, 0, 0, 2);
+    itn__refine_covariance(refiner);
+}
+
+/* An error bar is as wide as that of a search two of them further up, and the search stays where it
+   is. The photo's noise makes it a third of a coordinate; the ball is dense, so that up there the
+   picture tells less. up: 2, or planted. */
+static void test_look_up(double up) {
+    static const char *const names[1] = {"m.sigma_t"};
+    static float target[PIXELS], variance[PIXELS];
+    static double further, own, expected[2];
+    itn_scene *scene = cloud(20, .9, 0);
+    const itn_parameter *sigma_t;
+    itn__refiner refiner;
+    itn_view view = ITN_ZERO;
+    itn_error error;
+    int parameter, i, way = up != 2;
+    find_parameters(scene, names, 1, &parameter);
+    sigma_t = itn_parameter_get(scene, parameter);
+    photograph(scene, 256, 7, target, variance);
+    for (i = 0; i < PIXELS; i++) variance[i] += .004f;
+    view.scene = scene, view.target = target, view.target_variance = variance;
+    view.parameters = &parameter;
+    if (further == 0) { /* once */
+        begin_look(&refiner, &view, 20);
+        own = itn__refine_error(&refiner, 0);
+        stage_need(itn__refine_look_up(&refiner, &error), &error);
+        CHECK(refiner.values[0] == 20);
+        further = refiner.further;
+        itn__refine_estimate(&refiner);
+        CHECK_NEAR(refiner.estimates[0].standard_error, further * refiner.slopes[0], 1e-6);
+        itn__refine_end(&refiner);
+    }
+    if (expected[way] == 0) {
+        double there = itn_parameter_to_coordinate(sigma_t, 20) + up * own;
+        begin_look(&refiner, &view, (float)itn_parameter_from_coordinate(sigma_t, there));
+        expected[way] = sqrt(refiner.covariance[0]);
+        itn__refine_end(&refiner);
+    }
+    if (getenv("SHOW")) printf("error %.3f, further %.3f, there %.3f\n", own, further, expected[way]);
+    CHECK(own > .2 && own < .4 && further > 1.2 * own);
+    CHECK_NEAR(further / expected[way], 1, .1);
+    itn_scene_free(scene);
+}
+
 /* What A's noise makes of an error bar, of one unknown: Fieller's set by its definition. */
 static void test_doubt(double planted) {
     double numbers[12], doubt, i = 5, bar, d;
@@ -717,7 +772,7 @@ static void test_doubt(double planted) {
 typedef struct search {
     itn__refiner refiner;
     double numbers[192], coordinates[3], slopes[3], gradient[3], step[3], direction[3];
-    double factor[9], covariance[9];
+    double factor[9], covariance[9], all[9];
     float values[3];
     itn_estimate estimates[3];
     int told[3];
@@ -732,11 +787,16 @@ static itn__normal *begin_search(search *p, int count) {
     refiner->told = p->told, refiner->coordinates = p->coordinates, refiner->values = p->values;
     refiner->slopes = p->slopes, refiner->gradient = p->gradient, refiner->step = p->step;
     refiner->direction = p->direction, refiner->factor = p->factor;
-    refiner->covariance = p->covariance;
+    refiner->covariance = p->covariance, refiner->all = p->all;
     itn__normal_place(&refiner->fresh, count, p->numbers);
     itn__normal_place(&refiner->known, count, p->numbers + 96);
     refiner->known.samples = refiner->known.chi2 = 1;
     return &refiner->known;
+}
+
+static void conclude(itn__refiner *refiner) {
+    itn__refine_tell(refiner);
+    itn__refine_estimate(refiner);
 }
 
 /* Two unknowns, of which the pictures tell only the first, or only a sum: the second is let go, and
@@ -757,7 +817,7 @@ static void test_let_go(double planted) {
         known->matrix[1] = known->matrix[2] = cases[which].coupled + planted;
         known->power[3] = cases[which].power, known->silence[1] = cases[which].silence;
         known->right[0] = known->matrix[1] * 2, known->right[1] = known->matrix[3] * 2;
-        itn__refine_estimate(&p.refiner);
+        conclude(&p.refiner);
         CHECK(p.told[0] && !p.told[1]);
         CHECK(p.estimates[0].determined == (which == 0) && !p.estimates[1].determined);
         CHECK_NEAR(p.covariance[3] / prior, 1, 1e-12);
@@ -794,10 +854,71 @@ static void test_less_than_nothing(double sign, double planted) {
         known->power[3 * k] = 900, known->silence[k] = 900 * 900;
     }
     known->matrix[1] = known->matrix[2] = 1e8 - sign * 6000;
-    itn__refine_estimate(&p.refiner);
+    conclude(&p.refiner);
     CHECK(p.told[0] + p.told[1] == 1);
     CHECK(!p.estimates[0].determined && !p.estimates[1].determined);
     CHECK(p.estimates[0].standard_error > 1 && p.estimates[1].standard_error > 1);
+}
+
+/* The error that the last evaluation alone gives an unknown, at its own A and N: there A is a fourth
+   of what it is where the search ended, of one unknown or of two of which the second is let go; and
+   where it is within its own deviation, nothing is told. What is known stays. planted: times A
+   there. */
+static void test_further(double planted) {
+    int count, which;
+    for (count = 1; count <= 2; count++)
+        for (which = 0; which < 2; which++) {
+            search p;
+            itn__normal *known = begin_search(&p, count), *fresh = &p.refiner.fresh;
+            double there = 25 * planted, noise = 100, prior = 1 / (ITN__PRIOR * ITN__PRIOR), error;
+            known->matrix[0] = 100, known->outer[0] = known->drawn[0] = noise;
+            fresh->matrix[0] = there, fresh->outer[0] = fresh->drawn[0] = noise;
+            fresh->power[0] = which ? 1 : .01, fresh->silence[0] = which ? 1 : 1e-4;
+            fresh->samples = 1, fresh->chi2 = 5;
+            p.told[0] = 1;
+            if (count == 2) fresh->matrix[1] = fresh->matrix[2] = 90, fresh->matrix[3] = 1e4;
+            error = itn__refine_error_there(&p.refiner, 0);
+            if (which) CHECK(error == ITN__PRIOR);
+            else CHECK_NEAR(error, sqrt(noise + prior) / (25 + prior), 1e-9);
+            CHECK(known->matrix[0] == 100 && known->samples == 1 && known->chi2 == 1);
+            CHECK(p.step[0] == 0 && p.coordinates[0] == 0);
+        }
+}
+
+/* The greater of both errors counts. planted: it does not. */
+static void test_further_counts(int planted) {
+    int greater;
+    for (greater = 0; greater < 2; greater++) {
+        search p;
+        itn__normal *known = begin_search(&p, 1);
+        double own = 10 / 100.; /* about: the prior is a ten thousandth */
+        known->matrix[0] = 100, known->outer[0] = known->drawn[0] = 100;
+        known->power[0] = .001, known->silence[0] = 1e-6;
+        p.refiner.further = planted ? 0 : greater ? .3 : .05;
+        conclude(&p.refiner);
+        CHECK_NEAR(p.estimates[0].standard_error, greater ? .3 : own, greater ? 1e-9 : 1e-3);
+        CHECK(p.estimates[0].determined);
+    }
+}
+
+/* A last step of more than a tenth of a coordinate is looked at, three times at most; but not that of
+   an unknown of which pictures tell nothing. planted: longer than the step is. */
+static void test_last_step(double planted) {
+    static const struct {
+        double step, silence;
+        int looks, goes_on;
+    } cases[] = {{.05, 1e-4, 0, 0}, {.2, 1e-4, 0, 1}, {.2, 1e-4, 3, 0}, {.2, 1e4, 0, 0}};
+    int which;
+    for (which = 0; which < 4; which++) {
+        search p;
+        itn__normal *known = begin_search(&p, 1);
+        int looks = cases[which].looks;
+        p.refiner.patience = 1;
+        known->matrix[0] = 100, known->right[0] = 100 * (cases[which].step + planted);
+        known->power[0] = sqrt(cases[which].silence), known->silence[0] = cases[which].silence;
+        CHECK(itn__refine_goes_on(&p.refiner, &looks) == cases[which].goes_on);
+        CHECK(looks == cases[which].looks + cases[which].goes_on);
+    }
 }
 
 /* A third unknown beside these, which the pictures tell by itself, though less surely than either, is
@@ -813,7 +934,7 @@ static void test_told_beside(double planted) {
     }
     known->matrix[5] = known->matrix[7] = 1e4 + 1;
     known->matrix[1] = known->matrix[3] = planted;
-    itn__refine_estimate(&p.refiner);
+    conclude(&p.refiner);
     CHECK(p.told[0] && p.told[1] + p.told[2] == 1);
     CHECK(p.estimates[0].determined && !p.estimates[1].determined && !p.estimates[2].determined);
 }
@@ -1922,10 +2043,14 @@ int main(void) {
     test_held(-1, -1);
     test_similarity(0);
     test_doubt(0);
+    if (!slow) test_look_up(2);
     test_let_go(0);
     test_untold_step(0);
     test_less_than_nothing(1, 1), test_less_than_nothing(-1, 1);
     test_told_beside(0);
+    test_further(1);
+    test_further_counts(0);
+    test_last_step(0);
     if (!slow) { /* statistics take too long under a sanitizer */
         test_recoveries();
         test_coverages();
@@ -1961,10 +2086,14 @@ int main(void) {
     CHECK_CATCHES(test_similarity(1e-4));
     CHECK_CATCHES(test_held(1, 1e-3));
     CHECK_CATCHES(test_doubt(.01));
+    if (!slow) CHECK_CATCHES(test_look_up(0));
     CHECK_CATCHES(test_let_go(1));
     CHECK_CATCHES(test_untold_step(1));
     CHECK_CATCHES(test_less_than_nothing(-1, 2));
     CHECK_CATCHES(test_told_beside(700));
+    CHECK_CATCHES(test_further(1.1));
+    CHECK_CATCHES(test_further_counts(1));
+    CHECK_CATCHES(test_last_step(.1));
     CHECK_CATCHES(test_coverage(0, 3));
     CHECK_CATCHES(test_coverage_in_colours(3));
     if (!slow) {
