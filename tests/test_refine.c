@@ -742,7 +742,8 @@ static void test_look_up(double up) {
         expected[way] = sqrt(refiner.covariance[0]);
         itn__refine_end(&refiner);
     }
-    if (getenv("SHOW")) printf("error %.3f, further %.3f, there %.3f\n", own, further, expected[way]);
+    if (getenv("SHOW"))
+        printf("error %.3f, further %.3f, there %.3f\n", own, further, expected[way]);
     CHECK(own > .2 && own < .4 && further > 1.2 * own);
     CHECK_NEAR(further / expected[way], 1, .1);
     itn_scene_free(scene);
