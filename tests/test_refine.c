@@ -1087,6 +1087,7 @@ static void test_left_out(int planted) {
     int parameters[2], way, k;
     find_parameters(scene, names, 2, parameters);
     options.target_variance = variance, options.spp = 16, options.misfit = &misfit;
+    if (planted) options.iterations = 3; /* there is nothing to find */
     for (way = 0; way < 3; way++) { /* NaN, 5, NaN without the others' noise */
         float theta[8];
         photograph(scene, 256, 7, target, variance);
@@ -1264,7 +1265,7 @@ static void test_shared_in_parts(void) {
     static const char *const albedos[2][4] = {{"m.sigma_t", "m.g", "m.albedo", ""},
                                               {"m.sigma_t", "m.g", "", "m.albedo"}};
     test_shared_in_part(one_g, 0);
-    test_shared_in_part(albedos, 0);
+    if (check_long()) test_shared_in_part(albedos, 0);
     CHECK_CATCHES(test_shared_in_part(one_g, 1));
 }
 
@@ -1602,8 +1603,10 @@ static void test_even_noise(double planted) {
     photograph(scene, 4096, 7, target, variance);
     for (i = 0; i < 400; i++) mean += target[i] / 400;
     for (fit = 0; fit < 2; fit++) {
+        static itn_estimate unknown[2][3]; /* the same whatever is planted */
         itn_estimate estimates[2][3];
-        for (known = 0; known < 2; known++) {
+        memcpy(estimates[0], unknown[fit], sizeof unknown[fit]);
+        for (known = estimates[0][0].standard_error > 0; known < 2; known++) {
             itn_refine_options options = ITN_ZERO;
             float theta[16], picture[400];
             itn_error error;
@@ -1619,6 +1622,7 @@ static void test_even_noise(double planted) {
             stage_need(itn_refine(scene, theta, picture, parameters, 3, &options,
                                   estimates[known], &error), &error);
         }
+        memcpy(unknown[fit], estimates[0], sizeof unknown[fit]);
         for (k = 0; k < 3; k++)
             ratios[k] += estimates[0][k].standard_error / estimates[1][k].standard_error / 2;
         if (getenv("SHOW"))
