@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.7.8                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.7.9                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -190,7 +190,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 7
-#define ITN_VERSION_PATCH 8
+#define ITN_VERSION_PATCH 9
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -869,7 +869,8 @@ typedef struct itn_refine_options {
     int spp;        /* samples per pixel of each of the two renders of an iteration, 2 to 2097151;
                        0 = 64. LM takes more as it closes in */
     int final_spp;  /* samples of the evaluations that LM averages in the end, all together, at most
-                       268435455, which make the error bars; 0 = 8 spp, and up to 16 times as many
+                       268435455, which make the error bars (with Adam and SGD one evaluation
+                       at the end does); 0 = 8 spp, and with LM up to 16 times as many
                        where these would leave undetermined what so many tell. More help until the
                        target's own noise is all that is left. In the end pixels that tell more
                        about the unknowns get more samples: spp and final_spp are then those of
@@ -887,6 +888,7 @@ typedef struct itn_refine_options {
                                      the picture as that of the renders or the same everywhere.
                                      INFINITY (LM only): the value does not count, and may be
                                      anything, NaN too; where all others are 0, noise is unknown.
+                                     A large number instead would count in the averages around.
                                      Of itn_refine; itn_refine_views wants each view's in the
                                      view */
     double *covariance; /* if not NULL, receives [count][count]: of the values; the diagonal holds
@@ -905,8 +907,8 @@ typedef struct itn_estimate {
     double standard_error; /* from the Fisher information of the derivative images, and from how
                               well that itself is known (Fieller 1954); of value. At least as much
                               as the search had still to go when iterations ran out. The greatest
-                              of all, if it is more than .1 of its coordinate, is at least what it
-                              would be two of it further up, where pictures may tell less. Very
+                              below .5 of its coordinate, if it is more than .1, is at least what
+                              it would be two of it further up, where pictures may tell less. Very
                               large where the information (about the transformed coordinate) is less
                               than three of its own standard errors; the errors of the others
                               then allow for any value of this one */
@@ -929,8 +931,10 @@ typedef struct itn_estimate {
    target_variance: where no g is above 0 as well), LM searches once more with the sign of every
    unknown g changed (from .5 or more on, if it was below .3), and keeps the better end. Beyond that
    a good start (a network's estimate) or several tell.
-   Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then theta and estimates are
-   untouched. */
+   Evaluations after the last iteration, which give error bars, are not reported, nor can they be
+   cancelled. Adam and SGD should not start on a bound, where slopes vanish.
+   Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then theta, estimates and what
+   options point to are untouched. */
 ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
                               const int *parameters, int count,
                               const itn_refine_options *options, itn_estimate *estimates,
@@ -973,11 +977,11 @@ typedef struct itn_view {
    Unknown k is parameter views[v].parameters[k] of each view v that has it, at least of one; its
    bounds must be the same in all, and each view has at least one. Two views may be of one scene,
    but each picture has noise of its own: the same one twice would make errors seem smaller than
-   they are. values: [count], in and out: where the search starts, what it finds. estimates:
-   [count]. options may be NULL; its target_variance must be. Nothing that views point to is
-   changed; all other parameters stay at the views' theta. Scenes render one after the other. Of one
-   view, the bits are those of itn_refine. Errors: as itn_refine; then values and estimates are
-   untouched. */
+   they are. Where noise is not known, it is judged for each picture by its own misfit. values:
+   [count], in and out: where the search starts, what it finds. estimates: [count]. options may be
+   NULL; its target_variance must be. Nothing that views point to is changed; all other parameters
+   stay at the views' theta. Scenes render one after the other. Of one view, the bits are those of
+   itn_refine. Errors: as itn_refine; then values and estimates are untouched. */
 ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
                                     int count, const itn_refine_options *options,
                                     itn_estimate *estimates, itn_error *error);
@@ -14879,6 +14883,8 @@ typedef struct itn__refine_view {
     float *target_variance; /* [pixels] averaged, INFINITY where the target does not count, */
     float *level;           /* and over more of them */
     float *spread;          /* [pixels] of the misfit's excess, see itn__spread_excess */
+    double excess, felt;    /* its sum over the view in the last evaluation, of how many values, */
+    double share;           /* and its mean over that of all views, in the evaluation before */
     float *row;             /* [width + height], for itn__binomial */
     double drawn[3][3], taken[3][3]; /* correlations between channels: renders', target's noise */
 } itn__refine_view;
@@ -14900,6 +14906,7 @@ typedef struct itn__normal {
     double *noise;      /* [count]: what the noise of K J adds to the covariance of b, */
     double *stray;      /* and per unit of the misfit's excess */
     double chi2, chi2_variance, loss;
+    double felt;        /* how many values the misfit is of */
 } itn__normal;
 
 /* How far the pictures are from the render: sums over the pixels of all views. */
@@ -15258,8 +15265,9 @@ static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, it
    plus the mean of r_a r_b - F, exceeds 1 by more than chance; the excess counts as noise of the
    target, with the correlations of I - (a + b)/2. Part of it goes with the residuals' variance, the
    other part is the same in all pixels, over that variance in proportion to the weight w: its mean
-   and its mean times w tell how much is of either. Of unknown noise, what `told` unknowns fit of n
-   values is missing from the misfit: it is n / (n - told) times as much. */
+   and its mean times w tell how much is of either. Each view has its own excess, by the evaluation
+   before. Of unknown noise, what `told` unknowns fit of n values is missing from the misfit: it is
+   n / (n - told) times as much. */
 
 /* Adds a view's part of P. */
 static void itn__refine_power(itn__refiner *refiner, const itn__refine_view *view,
@@ -15400,7 +15408,7 @@ static double itn__excess(const itn__refine_view *view, const itn_image *a, cons
     return view->weights[at] * (ra * rb - (double)view->target_variance[at]);
 }
 
-/* Finds how the excess is spread: the root of each value's over that of the mean. */
+/* Finds how the excess is spread: the root of each value's over that of the mean of all views. */
 static void itn__spread_excess(itn__refine_view *view, const itn_image *a, const itn_image *b) {
     double count = 0, weight = 0, square = 0, mean = 0, weighed = 0, even = 0;
     size_t i;
@@ -15415,8 +15423,9 @@ static void itn__spread_excess(itn__refine_view *view, const itn_image *a, const
                ((square * count - weight * weight) * mean);
     even = fmax(0, fmin(even, 1));
     for (i = 0; i < view->pixels; i++)
-        view->spread[i] = (float)sqrt(1 - even + (even > 0 ? even * count / weight : 0) *
-                                                     (double)view->weights[i]);
+        view->spread[i] = (float)sqrt(view->share *
+                                      (1 - even + (even > 0 ? even * count / weight : 0) *
+                                                      (double)view->weights[i]));
 }
 
 /* Adds a pixel's part of the misfit, all of its channels together. */
@@ -15444,10 +15453,22 @@ static void itn__misfit_pixel(itn__misfit *misfit, const itn__refine_view *view,
 }
 
 /* Adds a view's part of the misfit. */
-static void itn__misfit_sum(itn__misfit *misfit, const itn__refine_view *view, const itn_image *a,
+static void itn__misfit_sum(itn__misfit *misfit, itn__refine_view *view, const itn_image *a,
                             const itn_image *b) {
     size_t plane = itn__film_pixels(view), i;
+    view->excess = -misfit->chi2, view->felt = -misfit->felt;
     for (i = 0; i < plane; i++) itn__misfit_pixel(misfit, view, a, b, i);
+    view->excess += misfit->chi2, view->felt += misfit->felt;
+}
+
+/* Finds each view's share in the misfit's excess, if that is more than chance. */
+static void itn__share_excess(itn__refiner *refiner) {
+    const itn__misfit *sum = &refiner->misfit;
+    itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
+    int excess = sum->chi2 > 3 * sqrt(sum->chi2_square);
+    for (; view < end; view++)
+        view->share = !excess || !(view->felt > 0) ? 1 :
+                      fmax(view->excess / view->felt, 0) * sum->felt / sum->chi2;
 }
 
 /* Loss with its standard error, and the misfit where the pictures depend on any unknown. */
@@ -15459,6 +15480,8 @@ static void itn__misfit_means(itn__refiner *refiner) {
     refiner->fresh.loss = refiner->loss;
     refiner->fresh.chi2 = 1 + (felt > 0 ? sum->chi2 / felt : 0);
     refiner->fresh.chi2_variance = felt > 0 ? sum->chi2_square / (felt * felt) : 0;
+    refiner->fresh.felt = felt;
+    if (refiner->view_count > 1) itn__share_excess(refiner);
 }
 
 #define ITN__PRIOR 8. /* standard deviation of a coordinate before anything is known */
@@ -15701,6 +15724,7 @@ static void itn__refine_learn(itn__refiner *refiner, int together) {
         known->variances[i] = (1 - w) * (1 - w) * known->variances[i] + w * w * fresh->variances[i];
     known->chi2 = (1 - w) * known->chi2 + w * fresh->chi2;
     known->loss = (1 - w) * known->loss + w * fresh->loss;
+    known->felt = fresh->felt;
     known->chi2_variance = (1 - w) * (1 - w) * known->chi2_variance +
                            w * w * fresh->chi2_variance;
     known->samples = all;
@@ -16037,6 +16061,7 @@ static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
         result = itn__refine_gradient(refiner, error);
         if (result) break;
         result = itn__refine_report(refiner, iteration, error);
+        if (result) break;
         adam.learning_rate = rate;
         for (k = 0; k < n; k++) {
             double relative = refiner->gradient[k] / refiner->square, step = -rate * relative;
@@ -16050,6 +16075,7 @@ static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
         }
         itn__refine_set(refiner, refiner->step);
     }
+    if (!result) result = itn__refine_evaluate(refiner, 1, error); /* for weights and shares */
     if (!result) result = itn__refine_evaluate(refiner, refiner->final, error);
     if (!result) itn__refine_learn(refiner, 0);
     return result;
@@ -16068,9 +16094,9 @@ static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
    All of this takes A as constant over an error bar. Where that is a tenth of a coordinate or more,
    it is not: along the valley pictures tell less and less the higher g, and of searches whose noise
    leads them to where pictures tell much each would be sure of a low value. So one more evaluation,
-   two standard errors up in the unknown with the greatest one, says what its error would be there,
-   and the greater of both counts. What is told there had no say in where it is looked at: it only
-   needs to be more than its own standard deviation. */
+   two standard errors up in the determined unknown with the greatest one, says what its error would
+   be there, and the greater of both counts. What is told there had no say in where it is looked at:
+   it only needs to be more than its own standard deviation. */
 
 /* Whether the noise of any picture is unknown. */
 static int itn__noise_unknown(const itn__refiner *refiner) {
@@ -16133,7 +16159,7 @@ static void itn__refine_tell(itn__refiner *refiner) {
 
 /* The misfit's excess, with what the unknowns that are told have fitted of unknown noise. */
 static double itn__refine_excess(const itn__refiner *refiner) {
-    double excess = fmax(refiner->known.chi2 - 1, 0), felt = refiner->misfit.felt, left = felt;
+    double excess = fmax(refiner->known.chi2 - 1, 0), felt = refiner->known.felt, left = felt;
     int k;
     if (!itn__noise_unknown(refiner)) return excess;
     for (k = 0; k < refiner->count; k++) left -= refiner->told[k];
@@ -16170,7 +16196,7 @@ static double itn__refine_widening(itn__refiner *refiner, int k) {
     }
     error = sqrt(covariance[k * n + k]), wide = error * itn__refine_doubt(refiner, k);
     if (!(wide <= ITN__PRIOR)) wide = fmax(error, ITN__PRIOR);
-    return fmax(wide, fabs(refiner->step[k])) / error;
+    return fmax(wide, fmin(fabs(refiner->step[k]), 2)) / error;
 }
 
 /* Standard error of coordinate k, by the covariance and A's factor; 0 of what is not told. */
@@ -16195,25 +16221,26 @@ static double itn__refine_error_there(itn__refiner *refiner, int k) {
         if (!refiner->told[l]) itn__refine_let_go(refiner, l);
     if (itn__refine_factor_known(refiner, 0, 0) && itn__refine_certainty(refiner, k) > 1) {
         itn__refine_covariance(refiner);
-        error = fmin(error, sqrt(fmax(refiner->covariance[k * (n + 1)], 0)));
+        if (refiner->covariance[k * (n + 1)] > 0) /* else N is mostly noise */
+            error = fmin(error, sqrt(refiner->covariance[k * (n + 1)]));
     }
     itn__refine_swap(refiner);
     return error;
 }
 
-/* Looks two standard errors up, in the unknown with the greatest one, if it is more than A may be
-   taken as constant for; where that is not determined anyway, there is nothing to look for. */
+/* Looks two standard errors up, in the unknown with the greatest one of those determined, if it is
+   more than A may be taken as constant for. */
 static itn_result itn__refine_look_up(itn__refiner *refiner, itn_error *error) {
     double *there = refiner->gradient, *c, unit, most = ITN__STRAIGHT;
     int n = refiner->count, widest = -1, k;
     itn_result result;
-    itn__refine_solve(refiner, 0, 0, 2);
+    itn__refine_solve(refiner, 0, 0, INFINITY);
     itn__refine_covariance(refiner);
     for (k = 0; k < n; k++) {
         double own = itn__refine_error(refiner, k);
-        if (own > most) most = own, widest = k;
+        if (own > most && own < ITN__HARDLY) most = own, widest = k;
     }
-    if (widest < 0 || most >= ITN__HARDLY) return ITN_OK;
+    if (widest < 0) return ITN_OK;
     c = itn__refine_column(refiner, widest), unit = c[widest];
     for (k = 0; k < n; k++) {
         refiner->before[k] = refiner->coordinates[k];
@@ -16246,7 +16273,7 @@ static void itn__refine_estimate(itn__refiner *refiner) {
     itn_estimate *estimates = refiner->estimates;
     double *widening = refiner->gradient, *covariance = refiner->covariance;
     int n = refiner->count, widest = refiner->widest, k;
-    itn__refine_solve(refiner, 0, 0, 2);
+    itn__refine_solve(refiner, 0, 0, INFINITY);
     itn__refine_covariance(refiner);
     for (k = 0; k < n; k++) widening[k] = itn__refine_widening(refiner, k);
     if (refiner->further > 0)
@@ -16409,7 +16436,7 @@ static itn_result itn__view_begin(itn__refiner *refiner, const itn_view *given,
     size_t parameters = (size_t)given->scene->parameter_count;
     itn_result result;
     view->scene = given->scene, view->target = given->target;
-    view->pixels = plane * (size_t)film->channels;
+    view->pixels = plane * (size_t)film->channels, view->share = 1;
     result = itn__view_check(refiner, given, (int)(view - refiner->views), error);
     if (result) return result;
     view->weights = (float *)itn__allocate(
@@ -16481,16 +16508,14 @@ static itn_result itn__refine_allocate(itn__refiner *refiner, itn_error *error) 
     return ITN_OK;
 }
 
-/* Mean square of all pictures; 1 if they are black. */
-static double itn__mean_square(const itn__refiner *refiner) {
+/* Mean square of so many views' pictures; 1 if they are black. */
+static double itn__mean_square(const itn__refine_view *view, int count) {
+    const itn__refine_view *end = view + count;
     double sum = 0, pixels = 0;
     size_t i;
-    int v;
-    for (v = 0; v < refiner->view_count; v++) {
-        const itn__refine_view *view = &refiner->views[v];
+    for (; view < end; view++)
         for (i = 0; i < view->pixels; i++)
             if (itn__counts(view, i)) sum += (double)view->target[i] * view->target[i], pixels++;
-    }
     return sum > 0 ? sum / pixels : 1;
 }
 
@@ -16512,11 +16537,14 @@ static itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views
         if (result) itn__fail(error, result, 0, "itn_refine: view %d: %s", v, why.message);
     }
     if (result) return result;
-    refiner->square = itn__mean_square(refiner);
-    if (refiner->square < 1e-30)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_refine: the pictures' mean square is %g, too small for floats; give "
-                         "the light and them another unit", refiner->square);
+    for (v = 0; v < refiner->view_count; v++) {
+        double square = itn__mean_square(&refiner->views[v], 1);
+        if (square < 1e-30)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_refine: view %d: the picture's mean square is %g, too small for "
+                             "floats; give the light and it another unit", v, square);
+    }
+    refiner->square = itn__mean_square(refiner->views, refiner->view_count);
     refiner->final = ceil((double)refiner->options.final_spp / refiner->options.spp);
     for (k = 0; k < refiner->count; k++)
         refiner->step[k] = itn_parameter_to_coordinate(refiner->parameters[k], values[k]);
@@ -20054,6 +20082,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.7.9  of several pictures each has noise of its own where it is not known (a noisy one beside
+          clean ones made error bars half as wide as they are); a step that is left is told of its
+          own unknown; a determined unknown is looked at further up beside one that is not
    0.7.8  error bars of more than a tenth of a coordinate are as wide as two of them further up,
           and a long last step is looked at where it ends: behind rough glass half of the searches
           were too sure of values that were too low

@@ -868,13 +868,14 @@ static void test_less_than_nothing(double sign, double planted) {
 static void test_further(double planted) {
     int count, which;
     for (count = 1; count <= 2; count++)
-        for (which = 0; which < 2; which++) {
+        for (which = 0; which < 3; which++) { /* 1: A there is but noise, 2: N is */
             search p;
             itn__normal *known = begin_search(&p, count), *fresh = &p.refiner.fresh;
             double there = 25 * planted, noise = 100, prior = 1 / (ITN__PRIOR * ITN__PRIOR), error;
             known->matrix[0] = 100, known->outer[0] = known->drawn[0] = noise;
-            fresh->matrix[0] = there, fresh->outer[0] = fresh->drawn[0] = noise;
-            fresh->power[0] = which ? 1 : .01, fresh->silence[0] = which ? 1 : 1e-4;
+            fresh->matrix[0] = there, fresh->outer[0] = noise;
+            fresh->drawn[0] = which == 2 ? -1 : noise;
+            fresh->power[0] = which == 1 ? 1 : .01, fresh->silence[0] = which == 1 ? 1 : 1e-4;
             fresh->samples = 1, fresh->chi2 = 5;
             p.told[0] = 1;
             if (count == 2) fresh->matrix[1] = fresh->matrix[2] = 90, fresh->matrix[3] = 1e4;
@@ -884,6 +885,24 @@ static void test_further(double planted) {
             CHECK(known->matrix[0] == 100 && known->samples == 1 && known->chi2 == 1);
             CHECK(p.step[0] == 0 && p.coordinates[0] == 0);
         }
+}
+
+/* A step that is left counts as the error of its own unknown, whatever the others' are, but for no
+   more than 2. planted: how much of it. */
+static void test_step_left(double planted) {
+    static const double left[2] = {20, .3};
+    search p;
+    itn__normal *known = begin_search(&p, 2);
+    int k;
+    for (k = 0; k < 2; k++) {
+        known->matrix[3 * k] = known->outer[3 * k] = known->drawn[3 * k] = 1e4;
+        known->right[k] = 1e4 * left[k];
+        known->power[3 * k] = .01, known->silence[k] = 1e-4;
+    }
+    conclude(&p.refiner);
+    for (k = 0; k < 2; k++)
+        CHECK_NEAR(p.estimates[k].standard_error, fmin(2, left[k] * planted), 1e-5);
+    CHECK(!p.estimates[0].determined && p.estimates[1].determined);
 }
 
 /* The greater of both errors counts. planted: it does not. */
@@ -1309,6 +1328,8 @@ static void test_view_options(void) {
     broken[143] = -2e18f;
     REFUSED(views[1].target = broken, 2, "view 1: target is beyond 1e18 at pixel 143");
     REFUSED(views[1].target_variance = broken, 2, "view 1: target_variance is NaN");
+    for (k = 0; k < PIXELS; k++) broken[k] = 1e-16f;
+    REFUSED(views[1].target = broken, 2, "view 1: the picture's mean square is 1e-32, too small");
     REFUSED((views[0].target_variance = endless, options.method = ITN_METHOD_ADAM), 2, "LM only");
     options.method = ITN_METHOD_LM;
     REFUSED(views[0].target_variance = endless, 2, "view 0: no value counts");
@@ -1578,6 +1599,51 @@ static void test_idle_and_others(int planted) {
         CHECK(fabs(estimates[k].value - truth[k]) < 4 * estimates[k].standard_error);
     itn_scene_free(scene);
     itn_mesh_free(&mesh);
+}
+
+/* The scale of a noisy picture's light, beside a larger clean picture of another light, has the error
+   that it has alone, whether the clean one's noise is known or not. planted: what it is times. */
+static void test_noisy_view(double planted) {
+    enum { LARGE = 2 * SIZE };
+    static float target[2][LARGE * LARGE], variance[2][LARGE * LARGE];
+    static double error[3];
+    itn_scene *scenes[2];
+    itn_view views[2];
+    int parameters[2][2], v, k, way;
+    memset(views, 0, sizeof views);
+    for (v = 0; v < 2; v++) {
+        scenes[v] = lit_cloud(v ? SIZE : LARGE, .65, 1, 2, .8, .4);
+        photograph(scenes[v], 256, 50 + (uint64_t)v, target[v], variance[v]);
+        parameters[v][v] = itn_parameter_find(scenes[v], "light.scale");
+        parameters[v][1 - v] = -1;
+        views[v].scene = scenes[v], views[v].target = target[v];
+        views[v].parameters = parameters[v];
+    }
+    for (k = 0; k < PIXELS; k++) { /* nearly normal: a sum of twelve */
+        double sum = -6;
+        for (v = 0; v < 12; v++) sum += drawn(100, 12 * k + v);
+        target[1][k] += (float)(.1 * sum);
+    }
+    for (way = 0; way < 3 && !(error[way] > 0); way++) { /* alone, beside one that is known, or not */
+        itn_refine_options options = ITN_ZERO;
+        itn_estimate estimates[2];
+        itn_error why;
+        float values[2] = {1.1f, 1.1f};
+        int alone = parameters[1][1];
+        options.spp = 4, options.final_spp = 16, options.iterations = 3;
+        views[0].target_variance = way == 1 ? variance[0] : NULL;
+        views[1].parameters = way ? parameters[1] : &alone;
+        stage_need(itn_refine_views(way ? views : views + 1, 1 + !!way, way ? values : values + 1,
+                                    1 + !!way, &options, way ? estimates : estimates + 1, &why),
+                   &why);
+        error[way] = estimates[1].standard_error;
+        if (getenv("SHOW"))
+            printf("noisy view: %g +- %g\n", estimates[1].value, estimates[1].standard_error);
+    }
+    for (way = 1; way < 3; way++)
+        check_report(fabs(log(error[way] / error[0] * planted)) < .25, __FILE__, __LINE__,
+                     "noisy view: error %g beside another, %g alone", error[way], error[0]);
+    for (v = 0; v < 2; v++) itn_scene_free(scenes[v]);
 }
 
 /* Noise that is the same in all pixels, though that of the renders is not: error bars are those of
@@ -2055,6 +2121,7 @@ int main(void) {
     test_told_beside(0);
     test_further(1);
     test_further_counts(0);
+    test_step_left(1);
     test_last_step(0);
     if (!slow) { /* statistics take too long under a sanitizer */
         test_recoveries();
@@ -2072,6 +2139,8 @@ int main(void) {
         test_undetermined();
         test_idle_and_others(0);
         test_even_noise(1);
+        test_noisy_view(1);
+        CHECK_CATCHES(test_noisy_view(1.5));
         test_loss_error(1);
         test_second_search(1);
         test_single_scattering(1);
@@ -2097,6 +2166,7 @@ int main(void) {
     CHECK_CATCHES(test_less_than_nothing(-1, 2));
     CHECK_CATCHES(test_told_beside(700));
     CHECK_CATCHES(test_further(1.1));
+    CHECK_CATCHES(test_step_left(1.1));
     CHECK_CATCHES(test_further_counts(1));
     CHECK_CATCHES(test_last_step(.1));
     CHECK_CATCHES(test_coverage(0, 3));
