@@ -15461,14 +15461,14 @@ static void itn__misfit_sum(itn__misfit *misfit, itn__refine_view *view, const i
     view->excess += misfit->chi2, view->felt += misfit->felt;
 }
 
-/* Finds each view's share in the misfit's excess, if that is more than chance. */
+/* Finds each view's share in the misfit's excess, if that is more than chance. One view's is 1. */
 static void itn__share_excess(itn__refiner *refiner) {
     const itn__misfit *sum = &refiner->misfit;
     itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
     int excess = sum->chi2 > 3 * sqrt(sum->chi2_square);
     for (; view < end; view++)
         view->share = !excess || !(view->felt > 0) ? 1 :
-                      fmax(view->excess / view->felt, 0) * sum->felt / sum->chi2;
+                      fmax(view->excess, 0) * sum->felt / (view->felt * sum->chi2);
 }
 
 /* Loss with its standard error, and the misfit where the pictures depend on any unknown. */
@@ -15481,7 +15481,7 @@ static void itn__misfit_means(itn__refiner *refiner) {
     refiner->fresh.chi2 = 1 + (felt > 0 ? sum->chi2 / felt : 0);
     refiner->fresh.chi2_variance = felt > 0 ? sum->chi2_square / (felt * felt) : 0;
     refiner->fresh.felt = felt;
-    if (refiner->view_count > 1) itn__share_excess(refiner);
+    itn__share_excess(refiner);
 }
 
 #define ITN__PRIOR 8. /* standard deviation of a coordinate before anything is known */

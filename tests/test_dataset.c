@@ -287,7 +287,7 @@ int main(void) {
     make_folder(s.dir);
     write_scenes(&s);
     test_pictures();
-    if (check_long()) test_limit(8);
+    test_limit(8);
     test_limit(16);
     test_filter(1);
     CHECK_CATCHES(test_filter(1.04));

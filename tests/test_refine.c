@@ -1284,7 +1284,7 @@ static void test_shared_in_parts(void) {
     static const char *const albedos[2][4] = {{"m.sigma_t", "m.g", "m.albedo", ""},
                                               {"m.sigma_t", "m.g", "", "m.albedo"}};
     test_shared_in_part(one_g, 0);
-    if (check_long()) test_shared_in_part(albedos, 0);
+    test_shared_in_part(albedos, 0);
     CHECK_CATCHES(test_shared_in_part(one_g, 1));
 }
 
