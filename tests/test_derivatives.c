@@ -4,14 +4,14 @@
    that take another turn at the other parameter value) and by terms of fourth order in the step. So
    everything is repeated for BATCHES seeds, and the mean of derivative minus difference must be 0
    within 5 of its measured standard errors, which themselves must be small. */
+#ifndef ITN_APART
 #define ITN_IMPLEMENTATION
+#endif
 #include "../itn.h"
 
 #include "check.h"
 #include "solids.h"
 #include "stage.h"
-
-#include "reuse.h"
 
 enum { BATCHES = 16, MOST_PROBES = 8, MOST_REGIONS = 5, SIZE = 16 };
 
@@ -727,145 +727,6 @@ static void test_unsupported(void) {
     /* equal indices: the inner boundary vanishes as it does at index 1 in empty space */
     CHECK(ior_derivative(1.5, .2, 1.5, .2, "inner.ior", &error) == ITN_ERROR_UNSUPPORTED);
 }
-
-/* ---- paths used again -------------------------------------------------------------------------------- */
-
-/* Turns of a recorded path, their polynomial and its slope against the phase functions themselves,
-   over 60 collisions. planted: of g. */
-static void test_reuse_turns(double planted) {
-    static const double inside[] = {-1, -.7, -.25, 0, .1, .8, 1};
-    reuse_record record = ITN_ZERO;
-    float turns[REUSE_NODES] = {0, 0, 0, 0}, cosines[60];
-    itn__rng rng = itn__rng_make(1, 2, 3);
-    double slope;
-    size_t i, k;
-    record.g = .6, record.reach = reuse_reach(record.g, .1);
-    CHECK_NEAR(record.reach, .1, 0), CHECK_NEAR(reuse_reach(-.9, .1), .05, 1e-12);
-    for (i = 0; i < 60; i++) {
-        cosines[i] = 2 * itn__uniform(&rng) - 1;
-        reuse_turn(&record, 1 - cosines[i], 1 + cosines[i], turns);
-    }
-    for (k = 0; k < sizeof inside / sizeof *inside; k++) {
-        double g = record.g + inside[k] * record.reach, sum = 0, by_g = 0;
-        for (i = 0; i < 60; i++) {
-            itn__dual p = itn__phase((float)(g + planted), 1 - cosines[i], 1 + cosines[i]);
-            float before = itn__phase((float)record.g, 1 - cosines[i], 1 + cosines[i]).v;
-            sum += log((double)p.v / (double)before), by_g += (double)p.d[0] / (double)p.v;
-        }
-        CHECK_NEAR(reuse_phase(&record, turns, g, &slope), sum, 2e-3);
-        CHECK_NEAR(slope, by_g, .01 * fabs(by_g) + .2);
-    }
-}
-
-/* Images and derivatives from the paths of neighbouring parameters against fresh renders; the
-   effective share of paths falls with the distance. planted: of the walk's sigma_t. */
-static void test_reuse_image(double planted) {
-    enum { PIXELS = SIZE * SIZE, PATHS = 1 << 18, RECORDS = 8, PLANES = 4 };
-    static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
-    static float planes[PLANES * PIXELS];
-    itn_mesh mesh = solids_sphere(1, 2);
-    itn_image map = stage_patch(1, .65, .35, 4), fresh = ITN_ZERO;
-    itn_render_options options = ITN_ZERO;
-    double sum[PLANES] = {0}, square[PLANES] = {0}, share = 1;
-    int parameters[3], k, i, r;
-    reuse_record record = ITN_ZERO;
-    itn_scene *scene;
-    itn_error error;
-    stage s;
-    float theta[16];
-    stage_begin(&s, SIZE, 4, 32);
-    stage_medium(&s, "m", 3, .9, .5);
-    stage_dielectric(&s, "glass", 1.4, .2);
-    stage_object(&s, &mesh, "m", "glass");
-    stage_map(&s, NULL, &map);
-    scene = stage_make(&s);
-    for (k = 0; k < 3; k++) parameters[k] = itn_parameter_find(scene, names[k]);
-    options.spp = check_long() ? 1536 : 768;
-    stage_need(itn_render(scene, NULL, &options, parameters, 3, &fresh, &error), &error);
-    itn_parameter_values(scene, theta);
-    theta[parameters[0]] = 3.3f, theta[parameters[1]] = .88f, theta[parameters[2]] = .46f;
-    record.most = PATHS, record.paths = (reuse_path *)malloc(PATHS * sizeof(reuse_path));
-    for (r = 0; r < RECORDS; r++) {
-        reuse_trace(&record, scene, theta, 64, 100 + (uint64_t)r);
-        CHECK(!record.full && record.count > 0);
-        record.sigma_t *= 1 + planted;
-        reuse_image(&record, 3, .9, .5, planes);
-        for (k = 0; k < PLANES; k++) {
-            double mean = 0;
-            for (i = 0; i < PIXELS; i++) mean += (double)planes[k * PIXELS + i] / PIXELS;
-            sum[k] += mean / RECORDS, square[k] += mean * mean / RECORDS;
-        }
-    }
-    for (k = 0; k < PLANES; k++) {
-        double truth = 0, variance = 0, noise, sigmas;
-        for (i = 0; i < PIXELS; i++) {
-            truth += (double)fresh.pixels[2 * k * PIXELS + i] / PIXELS;
-            variance += (double)fresh.pixels[(2 * k + 1) * PIXELS + i] / PIXELS / PIXELS;
-        }
-        noise = sqrt((square[k] - sum[k] * sum[k]) / (RECORDS - 1) + variance);
-        sigmas = (sum[k] - truth) / noise;
-        check_report(fabs(sigmas) < 4.5, __FILE__, __LINE__, "reuse, plane %d: %g, fresh %g: %.1f",
-                     k, sum[k], truth, sigmas);
-        if (getenv("SHOW"))
-            printf("reuse, plane %d: %g, fresh %g +- %g: %.1f sigma\n", k, sum[k], truth, noise,
-                   sigmas);
-    }
-    for (k = 0; k < 6; k++) { /* 0, 5, 10, ... % away */
-        double now = reuse_image(&record, record.sigma_t * (1 + .05 * k), record.albedo, record.g,
-                                 planes);
-        CHECK(k ? now < share : fabs(now - 1) < 1e-9);
-        share = now;
-        if (getenv("SHOW")) printf("reuse, %d %% away: effective share %.3f\n", 5 * k, share);
-    }
-    record.most = 100;
-    reuse_trace(&record, scene, theta, 1, 1);
-    CHECK(record.full && record.count == 100);
-    free(record.paths);
-    itn_image_free(&fresh);
-    itn_image_free(&map);
-    itn_mesh_free(&mesh);
-    itn_scene_free(scene);
-}
-
-/* ---- the last samples ------------------------------------------------------------------------------ */
-
-/* Sample numbers near the largest give other paths, and the sums do not overflow. */
-static void test_many_samples(void) {
-    itn_mesh mesh = solids_sphere(1, 1);
-    itn__render render;
-    itn_render_options options = ITN_ZERO;
-    itn_error error;
-    itn__walk walk;
-    itn_scene *scene;
-    stage s;
-    double sum = 0, square = 0;
-    int k;
-    stage_begin(&s, 2, 4, 30);
-    stage_medium(&s, "m", 1, .5, 0);
-    stage_object(&s, &mesh, "m", NULL);
-    stage_constant(&s, NULL, 1);
-    scene = stage_make(&s);
-    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, 2, &error), &error);
-    walk = itn__row_walk(&render, 0);
-    for (k = 0; k < 20000; k++) {
-        itn__sample_pixel(&walk, ~0ull, 1, 1, INT_MAX - k);
-        sum += walk.radiance[0], square += (double)walk.radiance[0] * walk.radiance[0];
-    }
-    itn__render_end(&render);
-    {
-        itn_image image = ITN_ZERO;
-        solids_mean mean;
-        options.spp = 20000;
-        stage_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
-        mean.value = image.pixels[3], mean.error = sqrt(image.pixels[4 + 3]);
-        sum /= 20000, square = (square / 20000 - sum * sum) / 20000;
-        CHECK_MEAN(sum, sqrt(square + mean.error * mean.error), mean.value, 4.5, .01);
-        itn_image_free(&image);
-    }
-    itn_scene_free(scene);
-    itn_mesh_free(&mesh);
-}
-
 int main(void) {
     test_index_matched(0);
     test_rough(0);
@@ -880,16 +741,11 @@ int main(void) {
     test_idle_parameters();
     test_loss(0);
     test_unsupported();
-    test_reuse_turns(0);
-    test_reuse_image(0);
     CHECK_CATCHES(test_index_matched(.5));
     CHECK_CATCHES(test_absorption(1.01));
     CHECK_CATCHES(test_grey_adjoint(ITN_MODE_FAST, .01));
     CHECK_CATCHES(test_zero_factors(.5));
     CHECK_CATCHES(test_adjoint(1, ITN_MODE_REFERENCE, 1e-4));
     CHECK_CATCHES(test_loss(1));
-    CHECK_CATCHES(test_reuse_turns(.002));
-    CHECK_CATCHES(test_reuse_image(.02));
-    test_many_samples();
     return check_end("derivatives");
 }

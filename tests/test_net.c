@@ -742,7 +742,7 @@ static void test_released_gradients(int fault) {
     twin_net(&d, wide, image, expected);
     check_arrays("released network", outputs, expected, 3, 1e-5);
     CHECK(itn_net_backward(net, 1, d_outputs, NULL) == ITN_OK);
-    if (fault) gradients[count - 2000] = -gradients[count - 2000];
+    if (fault) gradients[0] = -gradients[0]; /* the largest: the first layer has the fewest */
     for (layer = 0; layer < 8; layer++, begin = end, inputs = channels, channels *= 2) {
         double slope = 0, size = 0, up;
         end = layer < 7 ? begin + (9 * inputs + 1) * channels : count;
