@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.7.9                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.7.10                          [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -190,7 +190,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 7
-#define ITN_VERSION_PATCH 9
+#define ITN_VERSION_PATCH 10
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -238,7 +238,7 @@ typedef enum itn_result {
 typedef struct itn_error {
     itn_result code;
     int line;           /* line of a file, as far as it is text, 0 where it has no meaning */
-    char message[1000]; /* one sentence, with the file's name first where there is one */
+    char message[1000]; /* one sentence; of what is wrong with a file, with its name first */
 } itn_error;
 
 /* Returns a constant name for a code ("out of memory"), never NULL. */
@@ -326,6 +326,8 @@ typedef struct itn_mesh_report {
     int open_edge[4][2];      /* vertices of the first open edges, first min(4, open_edges) valid */
     int flipped_edge[4][2];   /* the same for flipped ones */
     int flipped_triangle;     /* a triangle at the first flipped edge, -1: none */
+    int inverted_parts;       /* parts of negative volume, which are cavities or inside out; a part
+                                 is what edges of two triangles join */
     double volume;            /* signed: negative when the mesh is inside out */
     double area;
 } itn_mesh_report;
@@ -364,9 +366,9 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
 ITN_API void itn_bvh_free(itn_bvh *bvh);
 /* Returns 1 and fills hit with the nearest intersection, or returns 0 and leaves hit alone.
    Watertight: a ray through an edge or vertex shared by triangles never slips between them
-   (Woop, Benthin and Wald 2013). Of hits at equal t, the one of the smaller triangle index counts.
-   A ray that is not finite hits nothing; only tmin and tmax may be infinite. Pointers must not be
-   NULL here and below. */
+   (Woop, Benthin and Wald 2013), unless coordinates are beyond 1e37. Of hits at equal t, the one of
+   the smaller triangle index counts. A ray that is not finite hits nothing; only tmin and tmax may
+   be infinite. Pointers must not be NULL here and below. */
 ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit);
 /* Returns 1 if anything lies between tmin and tmax, else 0. */
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
@@ -394,7 +396,8 @@ typedef struct itn_film_desc {
 
 /* A pinhole camera; the middle of its film is on the line from eye to target. */
 typedef struct itn_camera_desc {
-    itn_vec3 eye, target; /* not the same point */
+    itn_vec3 eye, target; /* not the same point. The eye is at most 1e6 times as far from the middle
+                             of the objects as they reach, outlines are sharp to 1e-7 of that */
     itn_vec3 up;          /* not parallel to the view; (0,0,0) = (0,1,0) */
     float fov;            /* degrees, of the horizontal axis, in (0,180); 0 = 30 */
 } itn_camera_desc;
@@ -990,10 +993,11 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
 
 /* Every loader takes untrusted bytes: sizes are checked before memory is asked for, and damage
    gives an error that says where. Every saver writes path.tmp, then renames it, so that path holds
-   either its old contents or all of the new; paths are of at most 4091 characters (else ARGUMENT;
-   those under /dev/, other than /dev/shm/, are written directly; on Windows the old contents are
-   path.tmp.old for a moment). Paths go to fopen as they are (on Windows: in the code page). Numbers
-   in text are read with a decimal point whatever the locale. */
+   either its old contents or all of the new (a symbolic link becomes a file, and what it led to
+   stays); paths are of at most 4091 characters (else ARGUMENT; those under /dev/, other than
+   /dev/shm/, are written directly; on Windows the old contents are path.tmp.old for a moment).
+   Paths go to fopen as they are (on Windows: in the code page). Numbers in text are read with a
+   decimal point whatever the locale. */
 
 /* Makes a mesh from the bytes of an OBJ or PLY file (PLY if the first line is "ply"). `name` stands
    for the file in error messages; NULL = "mesh". Free with itn_mesh_free.
@@ -1063,7 +1067,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
    itn_scene_create. Free with itn_scene_free. context may be NULL. Errors: FILE, FORMAT, MEMORY and
    those of itn_scene_create and of the loaders; error->line is the line of the scene file, and the
    message starts with "file:line: " (line 0: what is wrong is not in a single line), or with
-   "file: " if the file cannot be read.
+   "file: " if the file cannot be read; where memory runs out it says what for.
 
    The file holds one item a line, in any order: a keyword, for some a name, then `field value...`
    pairs in any order, except that the field of an object or a light that is shown first below must
@@ -1102,7 +1106,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
                      + G chi(H, gamma) + I sqrt(cos theta)),
    chi(H, gamma) = (1 + cos^2 gamma) / (1 + H^2 - 2 H cos gamma)^(3/2),
    in the order of the published data, which is A B C D E F G I H, and the radiances by which
-   F is multiplied (theta: angle to the zenith, gamma: to the sun):
+   f is multiplied (theta: angle to the zenith, gamma: to the sun):
 
        coefficients_r A B C D E F G I H      coefficients_g ...      coefficients_b ...
        radiance R G B
@@ -1252,11 +1256,23 @@ static void itn__copy_name(char *to, const char *from) {
 /* Loops over independent tasks: the caller's hook, else (with ITN_THREADS) a plain fork and join on
    the platform's threads, else one after the other. */
 #if defined(ITN_THREADS) && defined(_WIN32)
+#ifndef WIN32_LEAN_AND_MEAN
 #define WIN32_LEAN_AND_MEAN
+#define ITN__MADE_LEAN
+#endif
+#ifndef NOMINMAX
 #define NOMINMAX
+#define ITN__MADE_NOMINMAX
+#endif
 #include <windows.h>
+#ifdef ITN__MADE_LEAN
 #undef WIN32_LEAN_AND_MEAN
+#undef ITN__MADE_LEAN
+#endif
+#ifdef ITN__MADE_NOMINMAX
 #undef NOMINMAX
+#undef ITN__MADE_NOMINMAX
+#endif
 typedef HANDLE itn__thread;
 typedef CRITICAL_SECTION itn__mutex;
 #define ITN__LOCK(mutex) EnterCriticalSection(mutex)
@@ -2217,7 +2233,7 @@ ITN__INLINE int itn__mesh_indexed(const itn_mesh *mesh, int triangle) {
    it was first met, and how often in the other. */
 typedef struct itn__edge {
     int from, to, along, against;
-    int triangle; /* the last one to use it */
+    int first, triangle; /* the first and the last one to use it */
 } itn__edge;
 
 /* What itn_mesh_check works on. Both hash tables have open addressing and hold index + 1. */
@@ -2227,6 +2243,8 @@ typedef struct itn__welding {
     int *vertex_table; /* positions -> vertex */
     itn__edge *edges;  /* [edge_count], in the order in which the mesh names them */
     int *edge_table;   /* welded vertices -> edge */
+    int *part;           /* [triangle_count] another triangle of the same part, or itself */
+    double (*volume)[2]; /* [triangle_count] of parts, see itn__count_inverted */
     size_t vertex_mask, edge_mask;
     uint64_t key; /* of both, made of all that is in the mesh: files can hardly choose slots */
     int edge_count;
@@ -2287,7 +2305,7 @@ static void itn__use_edge(itn__welding *w, int from, int to, int triangle) {
     }
     if (!w->edge_table[slot]) {
         edge = &w->edges[w->edge_count++];
-        edge->from = from, edge->to = to;
+        edge->from = from, edge->to = to, edge->first = triangle;
         w->edge_table[slot] = w->edge_count;
     }
     edge = &w->edges[w->edge_table[slot] - 1];
@@ -2393,7 +2411,45 @@ static void itn__measure(const itn_mesh *mesh, itn_mesh_report *report) {
         report->volume = 0;
 }
 
+/* The triangle that stands for all of a triangle's part. */
+static int itn__part_of(int *part, int triangle) {
+    while (part[triangle] != triangle) triangle = part[triangle] = part[part[triangle]];
+    return triangle;
+}
+
+/* Counts parts of negative volume, which is the sum of what their triangles add, seen from a corner
+   of the part, with a sum without signs beside it, of which rounding leaves a little. */
+static void itn__count_inverted(itn__welding *w, itn_mesh_report *report) {
+    double p[3][3], n[3], least = -DBL_EPSILON * (w->mesh->triangle_count + 8.);
+    int i, j, k;
+    for (i = 0; i < w->mesh->triangle_count; i++) w->part[i] = i;
+    for (i = 0; i < w->edge_count; i++) {
+        const itn__edge *edge = &w->edges[i];
+        if (edge->along + edge->against == 2)
+            w->part[itn__part_of(w->part, edge->first)] = itn__part_of(w->part, edge->triangle);
+    }
+    for (i = 0; i < w->mesh->triangle_count; i++) {
+        const int *corner = w->mesh->triangles + 3 * (size_t)i;
+        int part = itn__part_of(w->part, i), from = w->mesh->triangles[3 * (size_t)part];
+        const float *origin = w->mesh->positions + 3 * (size_t)from;
+        if (!itn__mesh_indexed(w->mesh, i)) continue;
+        for (j = 0; j < 3; j++)
+            for (k = 0; k < 3; k++)
+                p[j][k] = (double)w->mesh->positions[3 * (size_t)corner[j] + (size_t)k] -
+                          (double)origin[k];
+        itn__triangle_area(p, n);
+        for (k = 0; k < 3; k++) {
+            w->volume[part][0] += p[0][k] * n[k];
+            w->volume[part][1] += fabs(p[0][k] * n[k]);
+        }
+    }
+    for (i = 0; i < w->mesh->triangle_count; i++)
+        report->inverted_parts += w->volume[i][0] < least * w->volume[i][1];
+}
+
 static void itn__welding_free(itn__welding *w, const itn_context *context) {
+    itn__free(context, w->volume);
+    itn__free(context, w->part);
     itn__free(context, w->edge_table);
     itn__free(context, w->edges);
     itn__free(context, w->vertex_table);
@@ -2413,8 +2469,11 @@ static itn_result itn__welding_make(itn__welding *w, const itn_mesh *mesh,
         w->vertex_table = (int *)itn__allocate(context, vertex_slots, sizeof(int));
         w->edges = (itn__edge *)itn__allocate(context, edges, sizeof(itn__edge));
         w->edge_table = (int *)itn__allocate(context, edge_slots, sizeof(int));
+        w->part = (int *)itn__allocate(context, edges / 3, sizeof(int));
+        w->volume = (double(*)[2])itn__allocate(context, edges / 3, sizeof *w->volume);
     }
-    if (!w->weld || !w->vertex_table || !w->edges || !w->edge_table) {
+    if (!w->weld || !w->vertex_table || !w->edges || !w->edge_table || !w->part ||
+        !w->volume) {
         itn__welding_free(w, context);
         return itn__out_of_memory(error, "a mesh check");
     }
@@ -2439,6 +2498,7 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
     itn__find_edges(&welding, &found);
     itn__judge_edges(&welding, &found);
     itn__measure(mesh, &found);
+    itn__count_inverted(&welding, &found);
     itn__welding_free(&welding, &own);
     *report = found;
     return ITN_OK;
@@ -4867,7 +4927,8 @@ static itn_result itn__check_object(itn__maker *maker, int index) {
                          "%d triangles that name missing vertices (first %d)", index + 1,
                          report.bad_vertices, report.first_bad_vertex, report.bad_indices,
                          report.first_bad_triangle);
-    object->closed = !report.open_edges && !report.flipped_edges && report.volume > 0;
+    object->closed = !report.open_edges && !report.flipped_edges && report.volume > 0 &&
+                     (object->solid || !report.inverted_parts);
     if (object->solid && !object->closed && !in->force)
         return itn__not_a_solid(maker, index, in->mesh, &report);
     maker->scene->leaky |= object->solid && (report.open_edges || report.flipped_edges);
@@ -5126,6 +5187,23 @@ static itn_result itn__check_parts(itn__maker *maker) {
     return ITN_OK;
 }
 
+/* Fails where the eye is so far away that rays, which are floats, hardly know what they pass. */
+static itn_result itn__check_eye(const itn__maker *maker) {
+    const itn_scene *scene = maker->scene;
+    const itn_vec3 *eye = &maker->desc->camera.eye;
+    double x = (double)eye->x - scene->origin[0], y = (double)eye->y - scene->origin[1];
+    double z = (double)eye->z - scene->origin[2], distance = sqrt(x * x + y * y + z * z), reach = 0;
+    int i, k;
+    for (i = 0; i < scene->object_count; i++)
+        for (k = 0; k < 3; k++)
+            reach = fmax(reach, fmax(scene->origin[k] - scene->objects[i].lower[k],
+                                     scene->objects[i].upper[k] - scene->origin[k]));
+    if (distance <= 1e6 * reach) return ITN_OK;
+    return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                     "camera: the eye is %g away from objects that reach %g, more than 1e6 times "
+                     "as far: floats lose them", distance, reach);
+}
+
 static void itn__make_sides(itn_scene *scene) {
     int i;
     for (i = 0; i < scene->object_count; i++) {
@@ -5148,6 +5226,7 @@ static itn_result itn__make_objects(itn__maker *maker) {
     if (!result) result = itn__make_origin(maker);
     if (!result) result = itn__make_tree(maker);
     if (!result) result = itn__check_parts(maker);
+    if (!result) result = itn__check_eye(maker);
     if (result) return result;
     scene->camera.eye = itn__vec3((float)(camera->eye.x - scene->origin[0]),
                                   (float)(camera->eye.y - scene->origin[1]),
@@ -6222,16 +6301,26 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
 /* Russian roulette by the weight alone (but see itn__lift): a path of weight below .4 goes on with
    a chance in proportion and then counts as .4. Beyond many random numbers each further step is
    survived with .999, so that light trapped without loss ends some day: at albedo 1 in an object of
-   optical thickness 1e4 after half a million collisions, in clear glass after ten thousand total
-   reflections. */
+   optical thickness 1e4 after half a million collisions; where next to nothing scatters after ten
+   thousand reflections, total ones in clear glass or those of white walls. */
 #define ITN__ROULETTE .4f
 #define ITN__SAME_WEIGHT .9999f /* a weight that roulette has raised may round to a little less */
 #define ITN__MANY_DRAWS 3000000u
 #define ITN__MANY_DRAWS_CLEAR 30000u
 
-/* How many are many where a walk is. */
-ITN__INLINE uint32_t itn__many_draws(const itn_scene *scene, const itn__place *place) {
-    int clear = place->refracting >= 0 && !itn__medium_of(scene, place->inside);
+/* Whether light in a medium, trapped, makes more than ten thousand reflections for a scattering. */
+ITN__INLINE int itn__is_thin(const itn_scene *scene, float sigma_t) {
+    return sigma_t * scene->radius < 1e-5f;
+}
+
+/* How many are many where a walk is. Outside of all, it may have come from any medium. */
+static uint32_t itn__many_draws(const itn_scene *scene, const float *theta,
+                                const itn__place *place) {
+    const itn__medium *medium = itn__medium_of(scene, place->inside);
+    int outside = !medium && place->refracting < 0, clear = 1, k;
+    if (medium) clear = itn__is_thin(scene, theta[medium->sigma_t[place->hero]]);
+    for (k = 0; k < 3 * scene->medium_count && outside; k++)
+        clear &= itn__is_thin(scene, theta[scene->media[k / 3].sigma_t[k % 3]]);
     return clear ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
 }
 
@@ -6242,7 +6331,7 @@ static int itn__roulette(itn__walk *walk) {
     largest *= walk->lift;
     if (!(largest >= ITN__ROULETTE * ITN__SAME_WEIGHT)) survival = largest / ITN__ROULETTE;
     if (walk->rng.dimension > ITN__MANY_DRAWS_CLEAR &&
-        walk->rng.dimension > itn__many_draws(walk->scene, &walk->place))
+        walk->rng.dimension > itn__many_draws(walk->scene, walk->theta, &walk->place))
         step = .999f;
     if (survival * step >= 1) return 1;
     if (!(itn__uniform(&walk->rng) < survival * step)) return 0;
@@ -9652,14 +9741,21 @@ ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__i
     return u;
 }
 
-/* Which paths outside of media have drawn many random numbers for where they are. */
-ITN__INLINE itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, itn__ints mask) {
+/* Which paths have drawn many random numbers for where they are, in a substance or outside. */
+ITN__INLINE itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, itn__ints mask,
+                                int substance) {
+    const itn__fast *fast = crowd->fast;
     itn__ints limit = itn__splat_int((int32_t)ITN__MANY_DRAWS_CLEAR);
-    unsigned bits = itn__mask_bits(mask & itn__int_less(limit, s->dimension));
-    for (; bits; bits &= bits - 1) {
+    unsigned bits;
+    if (substance) {
+        if (!itn__is_thin(fast->scene, fast->substances[substance].sigma_t))
+            limit = itn__splat_int((int32_t)ITN__MANY_DRAWS);
+        return itn__int_less(limit, s->dimension);
+    }
+    for (bits = itn__mask_bits(mask & itn__int_less(limit, s->dimension)); bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-        ITN__LANE(limit, k) = (int32_t)itn__many_draws(crowd->fast->scene, &path->place);
+        ITN__LANE(limit, k) = (int32_t)itn__many_draws(fast->scene, fast->theta, &path->place);
     }
     return itn__int_less(limit, s->dimension);
 }
@@ -10282,7 +10378,7 @@ ITN__INLINE itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state
     int c;
     for (c = 0; c < 3; c++) ahead.mean[c] = itn__splat(0);
     if (looks) itn__look_ahead(crowd, substance, s, mask, &ahead, features);
-    late = itn__int_less(itn__splat_int((int32_t)ITN__MANY_DRAWS), s->dimension);
+    late = itn__late(crowd, s, mask, substance);
     active = itn__vroulette(crowd, s, ahead.mean, mask, late, early, features);
     *distance = itn__select(active, itn__vflight(
         crowd, s, active, fast->substances[substance].mean_free_path, early, features), *distance);
@@ -11470,7 +11566,7 @@ ITN__INLINE void itn__take_outside(itn__crowd *crowd, int features) {
         if (crowd->fast->learning == ITN__LEARN_OCCLUSIONS)
             itn__mark_departures(crowd, &s, mask & ~links);
         alive = links | itn__vroulette(crowd, &s, light, mask & ~links,
-                                       itn__late(crowd, &s, mask & ~links), 1, features);
+                                       itn__late(crowd, &s, mask & ~links, 0), 1, features);
         itn__add_controls(crowd, &s, itn__mask_bits(mask & ~alive));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
         itn__append(&crowd->taken, &s, itn__mask_bits(alive), features);
@@ -20082,6 +20178,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
+   0.7.10 a part of a diffuse mesh that is inside out shows (it was black); light trapped between
+          white walls, or in glass with hardly a medium, ends a hundred times sooner; an eye too far
+          away for floats is refused
    0.7.9  of several pictures each has noise of its own where it is not known (a noisy one beside
           clean ones made error bars half as wide as they are); a step that is left is told of its
           own unknown; a determined unknown is looked at further up beside one that is not

@@ -176,6 +176,11 @@ static void swap_corners(itn_mesh *mesh, int triangle) {
     t[1] = t[2], t[2] = saved;
 }
 
+static void swap_all(itn_mesh *mesh) {
+    int i;
+    for (i = 0; i < mesh->triangle_count; i++) swap_corners(mesh, i);
+}
+
 /* A sheet with two sides is flat however it lies: what rounding leaves of its volume is none. */
 static void test_check_flat(void) {
     static const int corners[12] = {0, 1, 2, 0, 2, 3, 0, 2, 1, 0, 3, 2};
@@ -336,6 +341,45 @@ static void test_check_odd(void) {
     expect_counts(&r, 0, 1, 3, 0);
     CHECK_NEAR(r.area, 1, 0);
     itn_mesh_free(&mesh);
+    itn_mesh_free(&one);
+}
+
+/* Boxes of 2 x 2 x 2, the second anywhere and either way out: their volumes are told apart. planted:
+   one part more. */
+static void test_check_parts(int planted) {
+    static const struct {
+        float size, shift[3];
+        int turned, inverted;
+    } second[] = {{1, {5, 0, 0}, 0, 0}, {1, {5, 0, 0}, 1, 1},         /* apart */
+                  {1, {2, 2, 0}, 0, 0}, {1, {2, 2, 0}, 1, 1},         /* at a common edge, */
+                  {1, {2, 2, 2}, 1, 1}, {1, {2, 0, 0}, 1, 1},         /* corner, face */
+                  {.5f, {0, 0, 0}, 1, 1}, {1e-4f, {900, 800, 0}, 1, 1}, /* a cavity; small and far */
+                  {0, {3, 0, 0}, 1, 0}, {2, {9, 0, 0}, 1, 1}};        /* none; larger */
+    itn_mesh one = box(1, 1, 1);
+    size_t k;
+    int i;
+    for (k = 0; k < sizeof second / sizeof *second; k++) {
+        itn_mesh mesh = make(16, 24);
+        itn_mesh_report r;
+        for (i = 0; i < 16; i++) {
+            const float *p = one.positions + 3 * (i % 8);
+            float size = i < 8 ? 1 : second[k].size;
+            const float *shift = second[k].shift;
+            add_vertex(&mesh, size * p[0] + (i < 8 ? 0 : shift[0]),
+                       size * p[1] + (i < 8 ? 0 : shift[1]), size * p[2] + (i < 8 ? 0 : shift[2]));
+        }
+        for (i = 0; i < 24; i++) {
+            const int *t = one.triangles + 3 * (i % 12);
+            int first = i < 12 ? 0 : 8, turned = i >= 12 && second[k].turned;
+            add_triangle(&mesh, first + t[0], first + t[1 + turned], first + t[2 - turned]);
+        }
+        r = report_of(&mesh);
+        CHECK(r.inverted_parts == second[k].inverted + (planted && k == 3));
+        if (k != 5) expect_counts(&r, 0, second[k].size > 0 ? 0 : 12, 0, 0);
+        itn_mesh_free(&mesh);
+    }
+    swap_all(&one);
+    CHECK(report_of(&one).inverted_parts == 1);
     itn_mesh_free(&one);
 }
 
@@ -1152,6 +1196,8 @@ int main(void) {
     test_check_seams();
     test_check_faults();
     test_check_odd();
+    test_check_parts(0);
+    CHECK_CATCHES(test_check_parts(1));
     test_check_arguments();
     test_one_triangle();
     test_trees();

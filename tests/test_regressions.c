@@ -662,6 +662,28 @@ static void test_forced_inside_out(void) {
     itn_mesh_free(&box);
 }
 
+/* A diffuse mesh shows, whichever way out its parts are: of two boxes in even light, that of the
+   second that looks away from the first is as bright as it reflects. planted: of the radiance. */
+static void test_inside_out_part(double planted) {
+    int turned;
+    for (turned = 0; turned < 2; turned++) {
+        itn_mesh first = unit_box(), second, both;
+        solids_mean mean;
+        stage s;
+        second = solids_box(solids_vec3(2, -.5, -.5), solids_vec3(3, .5, .5));
+        if (turned) turn_over(&second);
+        both = both_of(&first, &second);
+        stage_begin(&s, 4, 0, .01f);
+        s.desc.camera.eye = solids_vec3(9, .1, .2), s.desc.camera.target = solids_vec3(0, .1, .2);
+        stage_diffuse(&s, "w", .5);
+        stage_object(&s, &both, NULL, "w");
+        stage_constant(&s, NULL, 1);
+        mean = brightness(&s, 1024);
+        CHECK_NEAR(mean.value, .5 + planted, 4.5 * mean.error + 1e-3);
+        itn_mesh_free(&first), itn_mesh_free(&second), itn_mesh_free(&both);
+    }
+}
+
 static double seconds_of_rays(const itn_bvh *bvh, float tilt, float shift, int count, int *hits) {
     clock_t start = clock();
     uint64_t random = 3;
@@ -1465,6 +1487,7 @@ int main(void) {
     RUN(test_standing_on_the_ground(0));
     RUN(test_glass_on_the_ground(0));
     RUN(test_forced_inside_out());
+    RUN(test_inside_out_part(0));
     RUN(test_speed_of_axis_parallel_rays());
     RUN(test_needles_under_a_map());
     RUN(test_huge_texture_coordinates());
@@ -1496,6 +1519,7 @@ int main(void) {
     CHECK_CATCHES(test_ground_after_last_scattering(.05));
     CHECK_CATCHES(test_leaving_by_a_hole(1.05));
     CHECK_CATCHES(test_parts_of_a_mesh(-1));
+    CHECK_CATCHES(test_inside_out_part(.01));
     CHECK_CATCHES(test_thin_parts(4));
     CHECK_CATCHES(test_lights_through_a_hole(1.05));
     CHECK_CATCHES(test_wall_behind_a_hole(.1));
