@@ -620,7 +620,8 @@ typedef struct itn_render_options {
    dT/dpi = mean of f/p times the path's score. Planes of the new image, C channels each:
    mean, variance of the mean ("Variance.Y"), then for each parameter derivative ("d_a_b.Y" for
    a.b) and variance of the derivative ("d_a_b_variance.Y"). With one sample per pixel variances are
-   infinite. No parameter may be asked for twice. Free with itn_image_free.
+   infinite; of standard errors below 1e-22, which floats cannot square, 0. No parameter may be
+   asked for twice. Free with itn_image_free.
    The reference's image does not depend, but for rounding, on the parameters asked for, except an
    index of refraction (which spends some paths on its own), a sigma_t of a thin medium (which draws
    more collisions) and an albedo or reflectance below .1 (more paths go on). The fast walk's is
@@ -2430,9 +2431,10 @@ static void itn__count_inverted(itn__welding *w, itn_mesh_report *report) {
     }
     for (i = 0; i < w->mesh->triangle_count; i++) {
         const int *corner = w->mesh->triangles + 3 * (size_t)i;
-        int part = itn__part_of(w->part, i), from = w->mesh->triangles[3 * (size_t)part];
-        const float *origin = w->mesh->positions + 3 * (size_t)from;
+        int part = itn__part_of(w->part, i);
+        const float *origin;
         if (!itn__mesh_indexed(w->mesh, i)) continue;
+        origin = w->mesh->positions + 3 * (size_t)w->mesh->triangles[3 * (size_t)part];
         for (j = 0; j < 3; j++)
             for (k = 0; k < 3; k++)
                 p[j][k] = (double)w->mesh->positions[3 * (size_t)corner[j] + (size_t)k] -
@@ -8475,8 +8477,9 @@ static void itn__mark_empty(const itn_scene *scene, unsigned char *pixels) {
             memset(pixels, 0, (size_t)width * (size_t)height);
             return;
         }
-        for (x = 0; x < 2; x++) { /* a hundredth of a pixel and 1e-5 of the film for rounding */
-            float size = (float)(x ? height : width), margin = reach + .51f + 1e-5f * size;
+        for (x = 0; x < 2; x++) { /* rounding: a hundredth of a pixel, of the film, of directions */
+            float size = (float)(x ? height : width), half = sqrtf(x ? up2 : right2);
+            float margin = reach + .51f + (1e-5f + 4 * FLT_EPSILON / half) * size;
             from[x] = (int)itn__clamp(lower[x] - margin, 0, size);
             to[x] = (int)itn__clamp(upper[x] + margin, 0, size);
         }
@@ -8927,7 +8930,7 @@ typedef struct itn__crowd {
     float *radiance; /* [planes][paths of a unit]: radiance, then derivatives [count][channels] */
     int radiance_stride;
     float *scores; /* [2 ITN__CROWD][count]: of each path, and of its link, to its last surface */
-    double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS] */
+    double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS], where V is learnt */
     itn__band *band; /* NULL: derivatives by texels are not asked for; */
     itn__touches *touches; /* [ITN__CROWD], or NULL: those by a texture */
     double collisions;
@@ -11129,6 +11132,7 @@ ITN__NOINLINE void itn__run_early(itn__crowd *crowd, int substance) {
     itn__queue *taken = &crowd->taken, swapped = *taken;
     itn__free_space space;
     int features = crowd->fast->features, i;
+    unsigned bits;
     *taken = *queue, *queue = swapped, queue->count = 0, queue = taken;
     memset(&space, 0, sizeof space);
     for (i = 0; i < queue->count; i += ITN__LANES) {
@@ -11147,6 +11151,8 @@ ITN__NOINLINE void itn__run_early(itn__crowd *crowd, int substance) {
                       itn__mask_bits(alive & ~safe));
         itn__append(exact, &s, itn__mask_bits(alive & ~safe), features);
         s.p = itn__vselect(safe, itn__valong(s.p, distance, s.d), s.p);
+        for (bits = itn__mask_bits(safe); bits; bits &= bits - 1)
+            itn__leave_behind(&crowd->paths[ITN__LANE(s.slot, itn__lowest_bit(bits))].place);
         space.np = itn__vdot(space.n, itn__valong(s.p, itn__splat(-1), space.centre));
         itn__collide_and_depart(crowd, substance, &s, &distance, &safe, &space, features);
     }
@@ -11882,12 +11888,14 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
     crowd->radiance = (float *)itn__allocate(context, paths, (size_t)fast->planes * sizeof(float));
     crowd->scores = (float *)itn__allocate(context, 2 * ITN__CROWD,
                                            (size_t)fast->count * sizeof(float) + 1);
-    crowd->lessons = (double *)itn__allocate(context, substances * ITN__LESSON_SUMS,
-                                             sizeof(double));
+    if (fast->learning)
+        crowd->lessons = (double *)itn__allocate(context, substances * ITN__LESSON_SUMS,
+                                                 sizeof(double));
     if (fast->bands && fast->bands[0].texels.texture)
         crowd->touches = (itn__touches *)itn__allocate(context, ITN__CROWD, sizeof(itn__touches));
     if (!queue || !crowd->memory || !crowd->paths || !crowd->free_slots || !crowd->shears ||
-        !crowd->hits || !crowd->starts || !crowd->radiance || !crowd->scores || !crowd->lessons ||
+        !crowd->hits || !crowd->starts || !crowd->radiance || !crowd->scores ||
+        (fast->learning && !crowd->lessons) ||
         (fast->bands && fast->bands[0].texels.texture && !crowd->touches))
         return 0;
     for (i = used = 0; i < queues; i++) {
@@ -20180,7 +20188,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 /* [history]
    0.7.10 a part of a diffuse mesh that is inside out shows (it was black); light trapped between
           white walls, or in glass with hardly a medium, ends a hundred times sooner; an eye too far
-          away for floats is refused
+          away for floats is refused, and from nearly as far the fast walk sees the same outlines
    0.7.9  of several pictures each has noise of its own where it is not known (a noisy one beside
           clean ones made error bars half as wide as they are); a step that is left is told of its
           own unknown; a determined unknown is looked at further up beside one that is not

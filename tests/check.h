@@ -15,7 +15,6 @@ static int check_quiet; /* 1 while a planted error is on trial: failures are wan
 #pragma GCC diagnostic ignored "-Wclobbered" /* nothing is changed between setjmp and longjmp */
 #endif
 static jmp_buf check_caught; /* where a planted error's first failure leads: that one is enough */
-static int check_passed_before;
 
 /* Whether ITN_LONG_TESTS=1 in the environment asks for the longer statistical runs. */
 static inline int check_long(void) {
@@ -74,14 +73,14 @@ static int check_report(int holds, const char *file, int line, const char *forma
 #else
 #define CHECK_CATCHES(call)                                                                        \
     do {                                                                                           \
-        int missed;                                                                                \
-        check_passed_before = check_passed, check_quiet = 1;                                       \
+        int passed_before = check_passed, missed;                                                  \
+        check_quiet = 1;                                                                           \
         if (setjmp(check_caught)) {                                                                \
             check_quiet = 0;                                                                       \
         } else {                                                                                   \
             call;                                                                                  \
         }                                                                                          \
-        missed = check_quiet, check_quiet = 0, check_passed = check_passed_before;                 \
+        missed = check_quiet, check_quiet = 0, check_passed = passed_before;                       \
         check_report(!missed, __FILE__, __LINE__, "planted error not caught: %s", #call);          \
     } while (0)
 #endif

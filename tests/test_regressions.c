@@ -684,6 +684,30 @@ static void test_inside_out_part(double planted) {
     }
 }
 
+/* Seen from so far away that directions, which are floats, miss by a pixel or so, a ball has the same
+   outline in both walks. planted: of the ball's radius, relative. */
+static void test_far_eye(double planted) {
+    enum { PIXELS = 128 * 128 };
+    itn_mesh ball = solids_sphere(1, 3), other = solids_sphere(1 + planted, 3);
+    itn_image reference, fast;
+    int i, apart = 0;
+    stage s;
+    stage_begin(&s, 128, 0, (float)(2 * atan(1.2 / 9e5) * 180 / 3.14159265358979));
+    s.desc.camera.eye = solids_vec3(9e5 * .536, 9e5 * .429, 9e5 * .727); /* as far as that */
+    stage_diffuse(&s, "black", 0);
+    stage_object(&s, &ball, NULL, "black");
+    stage_constant(&s, NULL, 1);
+    reference = picture_as(&s, 16, NULL, ITN_MODE_REFERENCE);
+    s.objects[0].mesh = &other;
+    fast = picture_as(&s, 16, NULL, ITN_MODE_FAST);
+    for (i = 0; i < PIXELS; i++)
+        apart += fabs((double)fast.pixels[i] - (double)reference.pixels[i]) > .9;
+    if (getenv("SHOW")) printf("far eye: %d pixels apart\n", apart);
+    CHECK(apart == 0);
+    itn_image_free(&reference), itn_image_free(&fast);
+    itn_mesh_free(&ball), itn_mesh_free(&other);
+}
+
 static double seconds_of_rays(const itn_bvh *bvh, float tilt, float shift, int count, int *hits) {
     clock_t start = clock();
     uint64_t random = 3;
@@ -1488,6 +1512,7 @@ int main(void) {
     RUN(test_glass_on_the_ground(0));
     RUN(test_forced_inside_out());
     RUN(test_inside_out_part(0));
+    RUN(test_far_eye(0));
     RUN(test_speed_of_axis_parallel_rays());
     RUN(test_needles_under_a_map());
     RUN(test_huge_texture_coordinates());
@@ -1520,6 +1545,7 @@ int main(void) {
     CHECK_CATCHES(test_leaving_by_a_hole(1.05));
     CHECK_CATCHES(test_parts_of_a_mesh(-1));
     CHECK_CATCHES(test_inside_out_part(.01));
+    CHECK_CATCHES(test_far_eye(.03));
     CHECK_CATCHES(test_thin_parts(4));
     CHECK_CATCHES(test_lights_through_a_hole(1.05));
     CHECK_CATCHES(test_wall_behind_a_hole(.1));
