@@ -312,9 +312,9 @@ ITN_API void itn_mesh_free(itn_mesh *mesh);
 /* What is wrong with a mesh. Vertices at equal positions count as one, so that seams are closed.
    An edge is good when exactly two triangles share it, in opposite directions (an even number,
    half of each direction, where parts of the mesh touch). All counts 0, but for degenerate
-   triangles, and volume > 0: a solid, unless parts of it overlap, lie within each other or are
-   inside out, which only itn_scene_create looks for (it refuses a solid of whose lines more than
-   one in 40 enters or leaves twice in a row): those belong in objects of their own. */
+   triangles and cavities, and volume > 0: a solid, unless parts of it overlap, lie within each
+   other or are inside out, which only itn_scene_create looks for (it refuses a solid of whose lines
+   more than one in 40 enters or leaves twice in a row): those belong in objects of their own. */
 typedef struct itn_mesh_report {
     int bad_vertices;         /* those with a coordinate that is NaN or infinite */
     int bad_indices;          /* triangles that name a vertex out of range */
@@ -2240,10 +2240,10 @@ typedef struct itn__edge {
 /* What itn_mesh_check works on. Both hash tables have open addressing and hold index + 1. */
 typedef struct itn__welding {
     const itn_mesh *mesh;
-    int *weld;         /* [vertex_count] first vertex at the same position */
-    int *vertex_table; /* positions -> vertex */
-    itn__edge *edges;  /* [edge_count], in the order in which the mesh names them */
-    int *edge_table;   /* welded vertices -> edge */
+    int *weld;           /* [vertex_count] first vertex at the same position */
+    int *vertex_table;   /* positions -> vertex */
+    itn__edge *edges;    /* [edge_count], in the order in which the mesh names them */
+    int *edge_table;     /* welded vertices -> edge */
     int *part;           /* [triangle_count] another triangle of the same part, or itself */
     double (*volume)[2]; /* [triangle_count] of parts, see itn__count_inverted */
     size_t vertex_mask, edge_mask;
