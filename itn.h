@@ -2385,18 +2385,23 @@ static int itn__has_twins(double p[3][3]) {
     return twins;
 }
 
+/* The corners of a triangle whose indices are good. */
+static void itn__mesh_corners(const itn_mesh *mesh, int triangle, double p[3][3]) {
+    const int *corner = mesh->triangles + 3 * (size_t)triangle;
+    int k;
+    for (k = 0; k < 9; k++)
+        p[k / 3][k % 3] = (double)mesh->positions[3 * (size_t)corner[k / 3] + (size_t)(k % 3)];
+}
+
 /* Area, signed volume, and triangles without area. */
 static void itn__measure(const itn_mesh *mesh, itn_mesh_report *report) {
     double centre[3], p[3][3], n[3], terms = 0; /* terms: sum of the volume's parts, unsigned */
-    int i, j, k;
+    int i, k;
     itn__mesh_centre(mesh, centre);
     for (i = 0; i < mesh->triangle_count; i++) {
         double area;
         if (!itn__mesh_indexed(mesh, i)) continue;
-        for (j = 0; j < 3; j++)
-            for (k = 0; k < 3; k++)
-                p[j][k] = mesh->positions[3 * (size_t)mesh->triangles[3 * (size_t)i + (size_t)j] +
-                                          (size_t)k];
+        itn__mesh_corners(mesh, i, p);
         area = itn__triangle_area(p, n);
         if (!itn__finite(area)) continue; /* a bad vertex */
         if ((area == 0 || itn__has_twins(p)) && !report->degenerate_triangles++)
@@ -2421,8 +2426,8 @@ static int itn__part_of(int *part, int triangle) {
 /* Counts parts of negative volume, which is the sum of what their triangles add, seen from a corner
    of the part, with a sum without signs beside it, of which rounding leaves a little. */
 static void itn__count_inverted(itn__welding *w, itn_mesh_report *report) {
-    double p[3][3], n[3], least = -DBL_EPSILON * (w->mesh->triangle_count + 8.);
-    int i, j, k;
+    double p[3][3], q[3][3], n[3], least = -DBL_EPSILON * (w->mesh->triangle_count + 8.);
+    int i, k;
     for (i = 0; i < w->mesh->triangle_count; i++) w->part[i] = i;
     for (i = 0; i < w->edge_count; i++) {
         const itn__edge *edge = &w->edges[i];
@@ -2430,15 +2435,10 @@ static void itn__count_inverted(itn__welding *w, itn_mesh_report *report) {
             w->part[itn__part_of(w->part, edge->first)] = itn__part_of(w->part, edge->triangle);
     }
     for (i = 0; i < w->mesh->triangle_count; i++) {
-        const int *corner = w->mesh->triangles + 3 * (size_t)i;
         int part = itn__part_of(w->part, i);
-        const float *origin;
         if (!itn__mesh_indexed(w->mesh, i)) continue;
-        origin = w->mesh->positions + 3 * (size_t)w->mesh->triangles[3 * (size_t)part];
-        for (j = 0; j < 3; j++)
-            for (k = 0; k < 3; k++)
-                p[j][k] = (double)w->mesh->positions[3 * (size_t)corner[j] + (size_t)k] -
-                          (double)origin[k];
+        itn__mesh_corners(w->mesh, i, p), itn__mesh_corners(w->mesh, part, q);
+        for (k = 0; k < 9; k++) p[k / 3][k % 3] -= q[0][k % 3];
         itn__triangle_area(p, n);
         for (k = 0; k < 3; k++) {
             w->volume[part][0] += p[0][k] * n[k];
@@ -6310,20 +6310,24 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
 #define ITN__MANY_DRAWS 3000000u
 #define ITN__MANY_DRAWS_CLEAR 30000u
 
-/* Whether light in a medium, trapped, makes more than ten thousand reflections for a scattering. */
-ITN__INLINE int itn__is_thin(const itn_scene *scene, float sigma_t) {
-    return sigma_t * scene->radius < 1e-5f;
+/* How many are many in a medium; it counts as clear where light, trapped, makes more than ten
+   thousand reflections for a scattering. */
+ITN__INLINE uint32_t itn__many_draws_in(const itn_scene *scene, float sigma_t) {
+    return sigma_t * scene->radius < 1e-5f ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
 }
 
 /* How many are many where a walk is. Outside of all, it may have come from any medium. */
 static uint32_t itn__many_draws(const itn_scene *scene, const float *theta,
                                 const itn__place *place) {
     const itn__medium *medium = itn__medium_of(scene, place->inside);
-    int outside = !medium && place->refracting < 0, clear = 1, k;
-    if (medium) clear = itn__is_thin(scene, theta[medium->sigma_t[place->hero]]);
-    for (k = 0; k < 3 * scene->medium_count && outside; k++)
-        clear &= itn__is_thin(scene, theta[scene->media[k / 3].sigma_t[k % 3]]);
-    return clear ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
+    uint32_t many = ITN__MANY_DRAWS_CLEAR, more;
+    int k;
+    if (medium) return itn__many_draws_in(scene, theta[medium->sigma_t[place->hero]]);
+    for (k = 0; k < 3 * scene->medium_count && place->refracting < 0; k++) {
+        more = itn__many_draws_in(scene, theta[scene->media[k / 3].sigma_t[k % 3]]);
+        many = more > many ? more : many;
+    }
+    return many;
 }
 
 static int itn__roulette(itn__walk *walk) {
@@ -9744,18 +9748,12 @@ ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__i
     return u;
 }
 
-/* Which paths have drawn many random numbers for where they are, in a substance or outside. */
-ITN__INLINE itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, itn__ints mask,
-                                int substance) {
+/* Which paths outside of media have drawn many random numbers for where they are. */
+ITN__INLINE itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, itn__ints mask) {
     const itn__fast *fast = crowd->fast;
     itn__ints limit = itn__splat_int((int32_t)ITN__MANY_DRAWS_CLEAR);
-    unsigned bits;
-    if (substance) {
-        if (!itn__is_thin(fast->scene, fast->substances[substance].sigma_t))
-            limit = itn__splat_int((int32_t)ITN__MANY_DRAWS);
-        return itn__int_less(limit, s->dimension);
-    }
-    for (bits = itn__mask_bits(mask & itn__int_less(limit, s->dimension)); bits; bits &= bits - 1) {
+    unsigned bits = itn__mask_bits(mask & itn__int_less(limit, s->dimension));
+    for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
         ITN__LANE(limit, k) = (int32_t)itn__many_draws(fast->scene, fast->theta, &path->place);
@@ -10381,7 +10379,8 @@ ITN__INLINE itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state
     int c;
     for (c = 0; c < 3; c++) ahead.mean[c] = itn__splat(0);
     if (looks) itn__look_ahead(crowd, substance, s, mask, &ahead, features);
-    late = itn__late(crowd, s, mask, substance);
+    late = itn__int_less(itn__splat_int((int32_t)itn__many_draws_in(
+        fast->scene, fast->substances[substance].sigma_t)), s->dimension);
     active = itn__vroulette(crowd, s, ahead.mean, mask, late, early, features);
     *distance = itn__select(active, itn__vflight(
         crowd, s, active, fast->substances[substance].mean_free_path, early, features), *distance);
@@ -11572,7 +11571,7 @@ ITN__INLINE void itn__take_outside(itn__crowd *crowd, int features) {
         if (crowd->fast->learning == ITN__LEARN_OCCLUSIONS)
             itn__mark_departures(crowd, &s, mask & ~links);
         alive = links | itn__vroulette(crowd, &s, light, mask & ~links,
-                                       itn__late(crowd, &s, mask & ~links, 0), 1, features);
+                                       itn__late(crowd, &s, mask & ~links), 1, features);
         itn__add_controls(crowd, &s, itn__mask_bits(mask & ~alive));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
         itn__append(&crowd->taken, &s, itn__mask_bits(alive), features);

@@ -73,14 +73,13 @@ static int check_report(int holds, const char *file, int line, const char *forma
 #else
 #define CHECK_CATCHES(call)                                                                        \
     do {                                                                                           \
-        int passed_before = check_passed, missed;                                                  \
+        int passed_before = check_passed, missed = 0;                                              \
         check_quiet = 1;                                                                           \
-        if (setjmp(check_caught)) {                                                                \
-            check_quiet = 0;                                                                       \
-        } else {                                                                                   \
+        if (!setjmp(check_caught)) {                                                               \
             call;                                                                                  \
+            missed = 1;                                                                            \
         }                                                                                          \
-        missed = check_quiet, check_quiet = 0, check_passed = passed_before;                       \
+        check_quiet = 0, check_passed = passed_before;                                             \
         check_report(!missed, __FILE__, __LINE__, "planted error not caught: %s", #call);          \
     } while (0)
 #endif

@@ -289,14 +289,14 @@ static void *my_malloc(size_t bytes) { return bytes ? NULL : NULL; }
 static void my_free(void *block) { (void)block; }
 END
     sed -n '/^#define/,$p' override.c >>arena.c
-    "$CC" -std=c99 -DITN_NO_STDIO -DITN_ONE_KERNEL -DITN_NO_SIMD -c arena.c -o arena.o
+    "$CC" -std=c99 -DITN_NO_STDIO -DITN_ONE_KERNEL -c arena.c -o arena.o
     "$CC" -std=c99 -DITN_NO_FAST -c whole.c -o heap.o
     check "ITN_MALLOC and ITN_FREE replace malloc and free" no_malloc arena.o
     catches "malloc without them" no_malloc heap.o
     no_files() { ! nm -u "$1" | grep -Ew 'fopen|fopen64|fclose|fread|fwrite|rename|remove'; }
     check "ITN_NO_STDIO opens no files" no_files arena.o
     catches "files without it" no_files heap.o
-    for flags in "-DITN_ONE_KERNEL -DITN_NO_SIMD" "-DITN_NO_FAST -DITN_NO_NET"; do
+    for flags in -DITN_ONE_KERNEL "-DITN_NO_FAST -DITN_NO_NET"; do
         "$CC" -std=c99 -DITN_STATIC $flags -c whole.c -o static.o
         all_static() { [ -z "$(public static.o)" ]; }
         check "ITN_STATIC leaves no global $flags" all_static

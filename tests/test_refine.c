@@ -63,6 +63,14 @@ static double drawn(int which, int number) {
     return (double)(itn__mix64((uint64_t)(1000 * (which + 1) + number)) >> 11) / 9007199254740992.;
 }
 
+/* Nearly normal, of variance 1: a sum of twelve. */
+static double drawn_normal(int which, int number) {
+    double sum = -6;
+    int k;
+    for (k = 0; k < 12; k++) sum += drawn(which, 12 * number + k);
+    return sum;
+}
+
 /* ---- pieces ------------------------------------------------------------------------------------------ */
 
 static void test_cholesky(double planted) {
@@ -1619,11 +1627,7 @@ static void test_noisy_view(double planted) {
         views[v].scene = scenes[v], views[v].target = target[v];
         views[v].parameters = parameters[v];
     }
-    for (k = 0; k < PIXELS; k++) { /* nearly normal: a sum of twelve */
-        double sum = -6;
-        for (v = 0; v < 12; v++) sum += drawn(100, 12 * k + v);
-        target[1][k] += (float)(.1 * sum);
-    }
+    for (k = 0; k < PIXELS; k++) target[1][k] += (float)(.1 * drawn_normal(100, k));
     for (way = 0; way < 3 && !(error[way] > 0); way++) { /* alone, beside one that is known, or not */
         itn_refine_options options = ITN_ZERO;
         itn_estimate estimates[2];
@@ -1676,10 +1680,8 @@ static void test_even_noise(double planted) {
             itn_refine_options options = ITN_ZERO;
             float theta[16], picture[400];
             itn_error error;
-            for (i = 0; i < 400; i++) { /* nearly normal: a sum of twelve */
-                double sum = -6;
-                for (k = 0; k < 12; k++) sum += drawn(100 + fit, 12 * i + k);
-                picture[i] = target[i] + (float)(.05 * mean * sum);
+            for (i = 0; i < 400; i++) {
+                picture[i] = target[i] + (float)(.05 * mean * drawn_normal(100 + fit, i));
                 noise[i] = (float)pow(planted * .05 * mean, 2);
             }
             itn_parameter_values(scene, theta);

@@ -148,6 +148,7 @@ static void test_many_samples(void) {
     itn_scene_free(scene);
     itn_mesh_free(&mesh);
 }
+
 int main(void) {
     test_reuse_turns(0);
     test_reuse_image(0);
