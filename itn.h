@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.7.10                          [itn]
+/* itn.h - inverse transport networks in one C header, version 0.7.11                          [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -11,7 +11,7 @@
        #define ITN_IMPLEMENTATION
        #include "itn.h"
 
-       int main(void) { // a slab of milk, 1 thick and 1000 wide, seen from above in uniform light
+       int main(void) { // a slab of milk, 1 thick and 1000 wide, seen face on in uniform light
            static int faces[36] = {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4,
                                    2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5};
            float corners[24];
@@ -24,7 +24,7 @@
            itn_render_options options = ITN_ZERO;
            itn_scene *scene;
            itn_image image;
-           for (i = 0; i < 24; i++) // the bits of a corner's number are its signs
+           for (i = 0; i < 24; i++) // bits 0, 1, 2 of a corner's number: whether x, y, z is > 0
                corners[i] = (i % 3 == 2 ? .5f : 500.f) * (((i / 3) >> (i % 3)) & 1 ? 1.f : -1.f);
            slab.positions = corners, slab.vertex_count = 8;
            slab.triangles = faces, slab.triangle_count = 12;
@@ -44,6 +44,10 @@
        }
    Compile: cc -O3 -march=native slab.c -o slab -lm
 
+   Only GCC (from 9) and Clang have the fast walk and the network work on many numbers at a time:
+   16 or 8 with -march=native where the processor has AVX-512 or AVX2, else 4. Compiling the
+   implementation takes up to a minute: give it a file of its own. MIT licence, at the end.
+
    [contents] to find a chapter search for `---- [tag]`
 
      Part I, the interface
@@ -58,7 +62,8 @@
        [api-io]         files
        [api-scenefile]  scenes as text files
 
-     Part II, the implementation: read from top to bottom, nothing is used before it is defined
+     Part II, the implementation: read from top to bottom, theory first; nothing is used before it
+     is defined
        [config]         compiler, switches
        [memory]         errors, checked sizes, loops
        [math]           scalars, vectors, frames
@@ -138,6 +143,8 @@
        [weights]        files of networks
        [scenefile]      scenes as text files
 
+     At the end: history, references, licence
+
    [switches] define them before including the header in the file with ITN_IMPLEMENTATION
 
      ITN_IMPLEMENTATION   makes this file hold the code; in one file of a program
@@ -157,7 +164,7 @@
      given, says where and why. Nothing prints, exits or aborts. Any free function accepts NULL.
      Memory: every object copies what it is given, keeps its context and frees by it. Arrays are
      row-major, with shapes as in [channels][height][width]. Pointers must not alias unless said.
-     Threads: no globals. A scene, mesh or tree may be used by many threads at once, which then
+     Threads: no globals. A scene, mesh or BVH may be used by many threads at once, which then
      all call the functions of its context; a network may be used by one at a time.
      Determinism: results are the same bits for any number of threads and any parallel_for, on one
      build. Random numbers are functions of (seed, pixel, sample, dimension).
@@ -165,14 +172,15 @@
 
    [units] Lengths are scene units, sigma_t is per scene unit, angles are degrees in descs. Axes are
      right-handed, y is up. Triangles are counter-clockwise seen from outside. Row 0 of an image is
-     its top. Pixels are linear radiance, never gamma-coded. g > 0 scatters forward. From absorption
+     its top, and x goes right. Pixels are linear radiance, never gamma-coded; where a pixel's rays
+     meet no object they see the lights themselves. g > 0 scatters forward. From absorption
      and scattering coefficients: sigma_t = mu_a + mu_s, albedo = mu_s / sigma_t; the reduced
      scattering coefficient is sigma_s' = albedo sigma_t (1 - g).
 
    [limits] Media are homogeneous. Normals are geometric (facets show). Lights are infinitely far
      away. An eye within a dielectric of index n sees basic radiance, L / n^2. No emission,
      polarisation, dispersion, time of flight, motion or depth of field. Rough boundaries are
-     single-scattering GGX: the light that would meet a second facet is lost. A smooth boundary
+     single-scattering GGX: the light that would meet a second microfacet is lost. A smooth boundary
      cannot be differentiated in its index.
 
    [paper] C. Che, F. Luan, S. Zhao, K. Bala, I. Gkioulekas, "Inverse Transport Networks" (2018);
@@ -190,7 +198,7 @@
 
 #define ITN_VERSION_MAJOR 0
 #define ITN_VERSION_MINOR 7
-#define ITN_VERSION_PATCH 10
+#define ITN_VERSION_PATCH 11
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -311,10 +319,11 @@ ITN_API void itn_mesh_free(itn_mesh *mesh);
 
 /* What is wrong with a mesh. Vertices at equal positions count as one, so that seams are closed.
    An edge is good when exactly two triangles share it, in opposite directions (an even number,
-   half of each direction, where parts of the mesh touch). All counts 0, but for degenerate
-   triangles and cavities, and volume > 0: a solid, unless parts of it overlap, lie within each
-   other or are inside out, which only itn_scene_create looks for (it refuses a solid of whose lines
-   more than one in 40 enters or leaves twice in a row): those belong in objects of their own. */
+   half of each direction, where parts of the mesh touch). The mesh is a solid if volume > 0 and all
+   counts are 0, except degenerate_triangles, and inverted_parts that are cavities. That parts
+   overlap, or lie within each other, only itn_scene_create finds: it refuses a solid if more than 1
+   in 40 lines through it enters, or leaves, twice in a row. Such parts are to be objects of their
+   own. */
 typedef struct itn_mesh_report {
     int bad_vertices;         /* those with a coordinate that is NaN or infinite */
     int bad_indices;          /* triangles that name a vertex out of range */
@@ -394,7 +403,7 @@ typedef struct itn_film_desc {
     float deviation;   /* of the Gaussian, in pixels, .1 to 4; 0 = .5. With box: 0 */
 } itn_film_desc;
 
-/* A pinhole camera; the middle of its film is on the line from eye to target. */
+/* A pinhole camera; the middle of its film is on the line from eye to target. Pixels are square. */
 typedef struct itn_camera_desc {
     itn_vec3 eye, target; /* not the same point. The eye is at most 1e6 times as far from the middle
                              of the objects as they reach, outlines are sharp to 1e-7 of that */
@@ -505,8 +514,8 @@ typedef struct itn_scene_desc {
 } itn_scene_desc;
 
 /* A scene, immutable once made: any number of threads may render it, each with its own theta. It
-   has 1 to 64 objects, up to 64 lights, and up to 4096 media and surfaces each; arrays of none may
-   be NULL. Where a function takes a scene, it must not be NULL. */
+   has 1 to 64 objects, up to 64 lights, and up to 4096 media and surfaces each (a scene file: 64);
+   arrays of none may be NULL. Where a function takes a scene, it must not be NULL. */
 typedef struct itn_scene itn_scene;
 
 /* Makes a scene; everything in the desc is copied. Errors: ARGUMENT (which item, which field, what
@@ -525,8 +534,14 @@ ITN_API itn_film_desc itn_scene_film(const itn_scene *scene);
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, const char *medium);
 
 /* Parameters: everything that can be differentiated, as one flat float vector theta with names
-   "item.field" (milk.sigma_t, glass.alpha, ground.reflectance, light.scale; with three channels
-   milk.albedo_r, milk.albedo_g, milk.albedo_b, and from sigma_t_rgb milk.sigma_t_r and so on).
+   "item.field". In this order, items of a kind as in the desc, with the ranges of their values:
+       media      sigma_t (0 to 1e12), albedo (0 to 1), g (-.999 to .999)
+       surfaces   diffuse: reflectance (0 to 1), and of a checker reflectance2 (0 to 1)
+                  dielectric: ior (1 to 4) and, if it is rough, alpha (.001 to 1)
+       lights     scale and, of a sky, sun_scale (0 to 1e12)
+   for example milk.sigma_t, glass.alpha, light.scale. With three channels albedo and reflectances
+   are three each (milk.albedo_r, milk.albedo_g, milk.albedo_b), and so are sigma_t and g that were
+   given as sigma_t_rgb and g_rgb (milk.sigma_t_r ...).
    Optimisers step in a coordinate: the value x itself, ln x, or ln((x-lower)/(upper-x)). */
 typedef enum itn_transform { ITN_IDENTITY = 0, ITN_LOG, ITN_LOGIT } itn_transform;
 
@@ -547,9 +562,9 @@ ITN_API int itn_parameter_find(const itn_scene *scene, const char *name);
 /* Copies all values into theta[itn_parameter_count]. */
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta);
 /* The optimiser's coordinate of a value, its inverse, and d value / d coordinate at a value.
-   Values on the bounds of a logit, or beyond, map to +-16, and those of a logarithm that are below
-   the lower bound (e^-80 of the upper one where that is 0) to that, so that all stays finite: there
-   the inverse is not exact. It gives values within the bounds. */
+   All are finite: logits are cut to +-16, and a logarithm is that of the lower bound at least (of
+   e^-80 times the upper one, where the lower is 0). A value beyond these limits does not come back
+   exactly. from_coordinate gives values within the bounds. */
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *parameter, double value);
 ITN_API double itn_parameter_from_coordinate(const itn_parameter *parameter, double coordinate);
 ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value);
@@ -571,14 +586,14 @@ typedef enum itn_sampler {
     ITN_SAMPLER_SOBOL
 } itn_sampler;
 
-/* How images and derivatives are estimated; all ways are unbiased. SCORE: what paths bring home,
-   for derivatives times their scores (equation 10). BASELINE (fast walk only): what a path was
-   expected to bring is taken off before the score of each choice counts; with one medium, light
-   that is everywhere the same, no limit of scatterings and many paths, the effect of each choice on
-   that is taken off as well. The means stay and variance goes; single pixels may then be slightly
-   negative. AUTO is BASELINE in the fast walk. Where sigma_t or g differ between channels, and for
-   single scattering without surfaces, with |g| at most .6 and all lights sampled, every setting
-   means SCORE. */
+/* How images and derivatives are estimated; all ways are unbiased. SCORE: the mean of what paths
+   bring home, for derivatives times their scores (equation 10). BASELINE (fast walk only): each
+   random choice's score is multiplied by what the path brought less what it was expected to bring
+   before the choice, which keeps the mean and lowers the variance. With one medium, light that is
+   everywhere the same, no limit of scatterings and many paths, images too have such a control
+   variate; single pixels may then be slightly negative. AUTO is BASELINE in the fast walk. Where
+   sigma_t or g differ between channels, and for single scattering without surfaces, with |g| at
+   most .6 and all lights sampled, every setting means SCORE. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -587,7 +602,7 @@ typedef enum itn_estimator {
 
 /* What a render did. */
 typedef struct itn_render_stats {
-    double paths;      /* that samples stand for, traced or not: none is where nothing is seen */
+    double paths;      /* samples times walks; none are traced where a pixel sees no object */
     double collisions; /* scattering events in media */
 } itn_render_stats;
 
@@ -599,16 +614,15 @@ typedef struct itn_render_options {
     itn_mode mode;
     itn_sampler sampler;
     itn_estimator estimator;
-    int walks; /* fast walk: walks that share each of the spp camera rays, at most 256; 0 = 4.
-                  With constant lights, at the edges of objects, each has a ray of its own */
-    const int *samples; /* itn_render alone: [height][width], how many samples each pixel has, at
-                           least 1 and at most 2^24, in the place of spp; NULL: all have spp. They
-                           come in sets of 16, or of a smaller power of 2 where the least number is
-                           below four such sets, and are rounded up to whole sets. In proportion to
-                           the deviation of a pixel's samples (from the variances of another image)
-                           they bring the least mean square error for their number (Neyman 1934);
-                           with another seed than that image's, else means are biased. The
-                           caller's */
+    int walks; /* fast walk: how many walks go on from each of the spp camera rays, at most 256;
+                  0 = 4. With constant lights, at edges of objects, each has a ray of its own */
+    const int *samples; /* itn_render alone: [height][width], how many samples each pixel has, 1 to
+                           2^24, in the place of spp; NULL: all have spp. Numbers are rounded up to
+                           whole sets, of 16 samples, or of a smaller power of 2 if the least number
+                           is below four such sets. Best in mean square for their sum are numbers in
+                           proportion to the standard deviation of a pixel's samples (Neyman 1934),
+                           estimated from an image of another seed: of the same one it biases the
+                           means. The caller's */
     int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
                                                      a non-zero return cancels; may be NULL */
     void *progress_user;
@@ -636,8 +650,8 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               itn_image *image, itn_error *error);
 
 /* Makes now the tables that renders with these options will use, and which the scene keeps; else
-   the first such render makes them. theta and options may be NULL; options->samples must
-   be, with their mean as spp instead. Errors: as itn_render. */
+   the first such render makes them. theta and options may be NULL; options->samples must be NULL:
+   give their mean as spp. Errors: as itn_render. */
 ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, itn_error *error);
 
@@ -659,9 +673,9 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
    scene of one channel a map counts with its luminance. Free with itn_image_free.
    Each path has a camera ray of its own: of the options, walks and estimator do not count. The fast
    walk needs a texture without values below .01; others are left to the reference. The same bits
-   for any number of threads. Memory: 24 bytes per value and channel, up to 16 times, as long as
-   that is at most 100 MB; in the fast walk, as many times, 5 MB for the paths on their way, and .7
-   MB for each further medium that objects have.
+   for any number of threads. Memory: sums are held in up to 16 copies, of 24 bytes per value and
+   channel each, as long as all take at most 100 MB; in the fast walk each copy has 5 MB for the
+   paths on their way, and .7 MB for each medium of objects after the first.
    Errors: ARGUMENT (also: no such item, or one without an image), UNSUPPORTED (mode FAST with such
    a texture, or as itn_render), MEMORY, CANCELLED. */
 ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
@@ -749,8 +763,10 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
    sigma_t, its coordinate, these log s cancel.
    net: of 2 channels; as many sizes as its batch holds go through it at a time, which is faster
    and makes no difference to the outputs; backward then needs another forward call. pixels:
-   [height][width] of the net's desc, and mean: as for itn_net_input. outputs: [outputs], no overlap
-   with pixels.
+   [height][width] of the net's desc, and mean: as for itn_net_input (of a network NAME.net that
+   examples/train.c made it stands in NAME.net.txt). outputs: [outputs], no overlap with pixels;
+   those of such a network are coordinates of sigma_t, albedo and g, for
+   itn_parameter_from_coordinate.
    Errors: ARGUMENT, MEMORY; then outputs is untouched. */
 ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, float *outputs,
                                 itn_error *error);
@@ -872,29 +888,28 @@ typedef struct itn_refine_options {
                        error bars */
     int spp;        /* samples per pixel of each of the two renders of an iteration, 2 to 2097151;
                        0 = 64. LM takes more as it closes in */
-    int final_spp;  /* samples of the evaluations that LM averages in the end, all together, at most
-                       268435455, which make the error bars (with Adam and SGD one evaluation
-                       at the end does); 0 = 8 spp, and with LM up to 16 times as many
-                       where these would leave undetermined what so many tell. More help until the
-                       target's own noise is all that is left. In the end pixels that tell more
-                       about the unknowns get more samples: spp and final_spp are then those of
-                       the mean pixel, roughly */
+    int final_spp;  /* samples, at most 268435455, of the last evaluations together, which LM
+                       averages and which make the error bars (Adam and SGD have one such evaluation
+                       at the end). 0 = 8 spp; if these leave an unknown undetermined, LM then takes
+                       up to 16 times as many. More make error bars smaller, until the target's own
+                       noise is all that is left. In the end pixels that tell more about the
+                       unknowns get more samples: spp and final_spp are then roughly those of the
+                       mean pixel */
     uint64_t seed;
     int max_scatter;              /* see itn_render_options */
     double learning_rate; /* > 0, falls to a tenth over the iterations. Adam: its first steps in
                              transformed coordinates, at most 1; 0 = .05. SGD: step over gradient
                              of loss / mean square of the pictures, at most 1e6; 0 = 1; no step is
                              longer than .5 */
-    const float *target_variance; /* [C][height][width] variance of the target's values, about
-                                     each: it is averaged over 33 x 33 pixels. NULL: unknown, then
-                                     judged by the misfit that remains, which takes many more
-                                     values than unknowns, and noise that is either spread over
-                                     the picture as that of the renders or the same everywhere.
-                                     INFINITY (LM only): the value does not count, and may be
-                                     anything, NaN too; where all others are 0, noise is unknown.
-                                     A large number instead would count in the averages around.
-                                     Of itn_refine; itn_refine_views wants each view's in the
-                                     view */
+    const float *target_variance; /* [C][height][width] variance of each value of the target, used
+                                     as averages over 33 x 33 pixels. NULL: estimated from the
+                                     misfit that remains, taking noise to be either the same
+                                     everywhere or in proportion to that of the renders; this needs
+                                     many more values than unknowns. INFINITY (LM only) masks a
+                                     value, which may then be anything, NaN too; a large number
+                                     instead would count in the averages around. If all that are
+                                     not masked are 0: as NULL. itn_refine only: each itn_view has
+                                     its own */
     double *covariance; /* if not NULL, receives [count][count]: of the values; the diagonal holds
                            the squares of the standard errors */
     double *misfit; /* if not NULL, receives what remains: the mean of (I - T)^2 over what noise
@@ -908,17 +923,18 @@ typedef struct itn_refine_options {
 /* What an image says about one parameter. */
 typedef struct itn_estimate {
     double value;
-    double standard_error; /* from the Fisher information of the derivative images, and from how
-                              well that itself is known (Fieller 1954); of value. At least as much
-                              as the search had still to go when iterations ran out. The greatest
-                              below .5 of its coordinate, if it is more than .1, is at least what
-                              it would be two of it further up, where pictures may tell less. Very
-                              large where the information (about the transformed coordinate) is less
-                              than three of its own standard errors; the errors of the others
-                              then allow for any value of this one */
-    int determined;        /* look here first. 0: the image, or the final_spp, say next to nothing
-                              about it, its coordinate has an error of .5 or more: do not use the
-                              value, nor its error, which shrinks where bounds are near */
+    double standard_error; /* of value: from the Fisher information of the derivative images, and
+                              from how well that itself is known (Fieller 1954). If iterations ran
+                              out, at least the step that was still to be made. If the largest of
+                              the determined unknowns' errors is more than .1 of its coordinate, the
+                              information is looked at once more two errors further up, where
+                              pictures may tell less, and the larger error counts. Very large where
+                              the information is less than three of its own standard errors; the
+                              others' errors then allow for any value of this one */
+    int determined;        /* look here first. 0: the error of its coordinate is .5 or more, as the
+                              picture, or so few samples (final_spp), say next to nothing about it:
+                              do not use the value, nor its standard_error, which shrinks where
+                              bounds are near */
 } itn_estimate;
 
 /* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
@@ -931,10 +947,10 @@ typedef struct itn_estimate {
    Along curves of equal sigma_t albedo (1 - g) and sigma_t (1 - albedo) pictures change little
    (similarity relations, Wyman, Patterson and Wilson 1989): LM takes its steps along them. The loss
    can still have several valleys, and error bars speak of one only. In thin objects light scattered
-   ahead and back can look alike: where more misfit remains than noise explains (without
-   target_variance: where no g is above 0 as well), LM searches once more with the sign of every
-   unknown g changed (from .5 or more on, if it was below .3), and keeps the better end. Beyond that
-   a good start (a network's estimate) or several tell.
+   ahead and back can look alike. So LM searches once more, from the other sign of every unknown g
+   (if it was below .3, from .5 or more), and keeps the better end, if more misfit remains than
+   noise explains; where a picture's noise is not known, only if no unknown g is above 0 as well.
+   Against other wrong valleys a good start helps (a network's estimate), or several.
    Evaluations after the last iteration, which give error bars, are not reported, nor can they be
    cancelled. Adam and SGD should not start on a bound, where slopes vanish.
    Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then theta, estimates and what
@@ -944,9 +960,10 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
                               const itn_refine_options *options, itn_estimate *estimates,
                               itn_error *error);
 
-/* Says in words what the pictures determine: a line for each unknown that they tell by itself, and
-   one for each group that they tell only together, where values can change against each other and
-   the pictures hardly show it: with what product of powers they tell, and how well. For example
+/* Says in words what the pictures determine: a line for each unknown that is determined by itself,
+   and one for each group of unknowns that is determined only together, as the pictures hardly
+   change when the right changes of all are made at once; it gives the product of powers that is
+   determined best, and how well. For example
        milk.albedo is determined: to +-0.0009
        milk.sigma_t and milk.g are determined only together: milk.sigma_t (1-milk.g)^0.97 to 0.5 %,
        but milk.sigma_t alone to 12 %, milk.g alone to +-0.06
@@ -983,9 +1000,9 @@ typedef struct itn_view {
    but each picture has noise of its own: the same one twice would make errors seem smaller than
    they are. Where noise is not known, it is judged for each picture by its own misfit. values:
    [count], in and out: where the search starts, what it finds. estimates: [count]. options may be
-   NULL; its target_variance must be. Nothing that views point to is changed; all other parameters
-   stay at the views' theta. Scenes render one after the other. Of one view, the bits are those of
-   itn_refine. Errors: as itn_refine; then values and estimates are untouched. */
+   NULL; options->target_variance must be NULL. Nothing that views point to is changed; all other
+   parameters stay at the views' theta. Scenes render one after the other. Of one view, the bits are
+   those of itn_refine. Errors: as itn_refine; then values and estimates are untouched. */
 ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
                                     int count, const itn_refine_options *options,
                                     itn_estimate *estimates, itn_error *error);
@@ -20185,9 +20202,11 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.7.10 a part of a diffuse mesh that is inside out shows (it was black); light trapped between
-          white walls, or in glass with hardly a medium, ends a hundred times sooner; an eye too far
-          away for floats is refused, and from nearly as far the fast walk sees the same outlines
+   0.7.11 the interface in plainer words, and the order of parameters; the licence is in this file
+   0.7.10 a part of a diffuse mesh that is inside out shows (it was black), and reports count such
+          parts; light trapped between white walls, or in glass with hardly a medium, ends a hundred
+          times sooner; an eye too far away for floats is refused, and from nearly as far the fast
+          walk sees the same outlines
    0.7.9  of several pictures each has noise of its own where it is not known (a noisy one beside
           clean ones made error bars half as wide as they are); a step that is left is told of its
           own unknown; a determined unknown is looked at further up beside one that is not
@@ -20314,7 +20333,6 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
      rng          J. Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011
      sobol        S. Joe, F. Kuo, Constructing Sobol Sequences, SIAM J. Sci. Comput. 2008;
                   S. Laine, T. Karras, Stratified Sampling for Stochastic Transparency, EGSR 2011;
-                  B. Burley, Practical Hash-based Owen Scrambling, JCGT 2020;
                   N. Vegdahl, Building a Better LK Hash, 2021
      raster       M. Schwarz, H.-P. Seidel, Fast Parallel Surface and Solid Voxelization, TOG 2010
      math         T. Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017
@@ -20354,4 +20372,24 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
      obj          G. Meisters, Polygons Have Ears, American Mathematical Monthly 1975
      ply          G. Turk, The PLY Polygon File Format, 1994
 
-   [license] MIT, see the file LICENSE beside this one. Copyright (c) 2026 the itn.h authors. */
+   [license] The MIT License
+
+   Copyright (c) 2026 the itn.h authors
+
+   Permission is hereby granted, free of charge, to any person obtaining a copy
+   of this software and associated documentation files (the "Software"), to deal
+   in the Software without restriction, including without limitation the rights
+   to use, copy, modify, merge, publish, distribute, sublicense, and/or sell
+   copies of the Software, and to permit persons to whom the Software is
+   furnished to do so, subject to the following conditions:
+
+   The above copyright notice and this permission notice shall be included in all
+   copies or substantial portions of the Software.
+
+   THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR
+   IMPLIED, INCLUDING BUT NOT LIMITED TO THE WARRANTIES OF MERCHANTABILITY,
+   FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE
+   AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER
+   LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM,
+   OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE
+   SOFTWARE. */

@@ -6,10 +6,10 @@
 #                             [--channels C] [--seed N] [-t THREADS]
 #
 # F is the part of the 16,400 pictures to make, 1 by default.
-# Up to 1/20 it is a trial of everything: noisy pictures, narrow networks, few searches.
-# Its tables show that all works, not who wins: of 1/50 come 144 training pictures, which are too
-# few; it takes 9 minutes on two cores. Below 1 it is a reduced one, with noisy pictures
-# and 1/24 of the paper's tests. --tests is the part of these to make, where all take too long.
+# Up to 1/20 it is a trial of everything: noisy pictures, narrow networks, few searches. Its tables
+# show that all works, not who wins: 1/50, which takes 9 minutes on two cores, has but 144 training
+# pictures. Above 1/20 and below 1 it is a reduced experiment, with noisy pictures and 1/24 of the
+# paper's tests. --tests is the part of these to make, where all take too long.
 # N is the most noise of a picture, .03 by default, .05 where F is below 1.
 # C is the width of the networks' first layer: 16 by default, as released, less where F is below 1.
 # The shipped network has 6.

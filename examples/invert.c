@@ -12,8 +12,8 @@
    scene file are the hidden ones: images are made with them, and the search starts from a neutral
    guess (thickness 10, albedo .7, g .3). Otherwise it starts from the values in the scene file.
    --params names the unknowns (glass.alpha,milk.g), which else are sigma_t, albedo and g of all
-   media of the first scene. What is not of a medium has no neutral guess and starts from the hidden
-   value itself: say with --hidden what is to be hidden instead. --method adam|sgd does without
+   media of the first scene. What is not of a medium has no neutral guess and starts from the scene
+   file's value: say with --hidden what is to be hidden instead. --method adam|sgd does without
    Levenberg-Marquardt, --iterations is the most of a search.
    An image has the size of the film, or is a whole number of times as large; where its plane A is
    below 1 it does not count.

@@ -1,11 +1,11 @@
-/* A slab of milk, rendered and differentiated: the whole of the library in 25 lines.
+/* A slab of milk, rendered and differentiated: a scene, a walk and its derivatives in one screen.
 
    You learn: scene desc, render with derivatives, and what comes back, each with a standard error.
 
    Compile: cc -O3 -march=native slab.c -o slab -lm
    Prints:  Y                0.7583 +- 0.0001      (exact: 0.75836)
             d_milk_sigma_t.Y -0.1234 +- 0.0001     (exact: -0.12345)
-            d_milk_albedo.Y  1.9324 +- 0.0005      (exact: 1.93252)
+            d_milk_albedo.Y  1.9324 +- 0.0005      (exact: 1.93253)
             d_milk_g.Y       0.1822 +- 0.0006      (exact: 0.18206)
    and fails if a value lies more than four standard errors from the exact one. */
 #define ITN_IMPLEMENTATION

@@ -326,13 +326,24 @@ sed "s/.*base64,//; s/'.*//" tables/figure.svg | base64 -d > held.png
 check "starts: figure" cmp tables/figure.png held.png
 
 # the README: its program, and its first command in a copy of the tree that stays clean
-awk '/^```c$/ && !done { on = 1; next } /^```$/ && on { on = 0; done = 1 } on' "$root/README.md" > first.c
+awk '/^```c$/ { on = ++n; next } /^```$/ { on = 0 } on == 1 { print > "first.c" }
+     on == 2 { print > "second.c" }' "$root/README.md"
 # shellcheck disable=SC2086
 check "README: program" $CC $native -Wall -Wextra -Wpedantic -Werror first.c -fsyntax-only
 apart first.c
 to_be_run first
 keep "README: program runs" ./first
 prints '^Y +0\.75'
+# shellcheck disable=SC2086
+check "README: second program" $CC $native -Wall -Wextra -Wpedantic -Werror second.c -fsyntax-only
+apart second.c
+to_be_run second
+sed "s/32/12/g; s/sigma_t 40/sigma_t 10/" default.itn > tiny.itn
+check "render: tiny" ./render tiny.itn -o tiny.exr --spp 1024 -q
+keep "README: second program runs" ./second tiny.itn tiny.exr
+prints '^milk\.sigma_t [0-9.]+ \+- [0-9.]+$'
+refused 'no\.itn' "README: second program: no scene" ./second no.itn tiny.exr
+refused 'size' "README: second program: another size" ./second default.itn tiny.exr
 awk '/^```sh$/ && n < 2 { n++; on = 1; next } /^```$/ { on = 0 } on && n == 1 { print > "one.sh" }
      on && n == 2 { print > "two.sh" }' "$root/README.md"
 check "README: two commands" test "$(wc -l < one.sh)" -eq 1 -a "$(cat two.sh)" = "make -C tests"

@@ -7,7 +7,7 @@
    in double precision, good to all digits given; it reproduces Chandrasekhar's H functions, van de
    Hulst's Multiple Light Scattering (1980), Table 12, and Giovanelli's .2600.
 
-   ITN_LONG_TESTS=1 in the environment runs complete tables with an eighth of the error;
+   ITN_LONG_TESTS=1 in the environment runs complete tables with a tenth of the error;
    ITN_VERBOSE=1 prints every measurement. */
 #ifndef ITN_APART
 #define ITN_IMPLEMENTATION
