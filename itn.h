@@ -44,9 +44,10 @@
        }
    Compile: cc -O3 -march=native slab.c -o slab -lm
 
-   Only GCC (from 9) and Clang have the fast walk and the network work on many numbers at a time:
-   16 or 8 with -march=native where the processor has AVX-512 or AVX2, else 4. Compiling the
-   implementation takes up to a minute: give it a file of its own. MIT licence, at the end.
+   By GCC (from 9) and Clang the fast walk and the network work on many numbers at a time, 16 or 8
+   with -march=native where the processor has AVX-512 or AVX2, else 4; by other compilers on one.
+   Compiling the implementation takes up to a minute: give it a file of its own. MIT licence, at the
+   end.
 
    [contents] to find a chapter search for `---- [tag]`
 
@@ -320,10 +321,10 @@ ITN_API void itn_mesh_free(itn_mesh *mesh);
 /* What is wrong with a mesh. Vertices at equal positions count as one, so that seams are closed.
    An edge is good when exactly two triangles share it, in opposite directions (an even number,
    half of each direction, where parts of the mesh touch). The mesh is a solid if volume > 0 and all
-   counts are 0, except degenerate_triangles, and inverted_parts that are cavities. That parts
-   overlap, or lie within each other, only itn_scene_create finds: it refuses a solid if more than 1
-   in 40 lines through it enters, or leaves, twice in a row. Such parts are to be objects of their
-   own. */
+   counts are 0, except degenerate_triangles, and inverted_parts that are cavities. Whether they are
+   that or inside out, and whether parts overlap or lie within each other, only itn_scene_create
+   finds: it refuses a solid if more than 1 in 40 lines through it enters, or leaves, twice in a
+   row. Such parts are to be objects of their own. */
 typedef struct itn_mesh_report {
     int bad_vertices;         /* those with a coordinate that is NaN or infinite */
     int bad_indices;          /* triangles that name a vertex out of range */
@@ -534,7 +535,7 @@ ITN_API itn_film_desc itn_scene_film(const itn_scene *scene);
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, const char *medium);
 
 /* Parameters: everything that can be differentiated, as one flat float vector theta with names
-   "item.field". In this order, items of a kind as in the desc, with the ranges of their values:
+   "item.field". They come item by item, those of a kind as in the desc; with the ranges of values:
        media      sigma_t (0 to 1e12), albedo (0 to 1), g (-.999 to .999)
        surfaces   diffuse: reflectance (0 to 1), and of a checker reflectance2 (0 to 1)
                   dielectric: ior (1 to 4) and, if it is rough, alpha (.001 to 1)
@@ -542,7 +543,8 @@ ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, c
    for example milk.sigma_t, glass.alpha, light.scale. With three channels albedo and reflectances
    are three each (milk.albedo_r, milk.albedo_g, milk.albedo_b), and so are sigma_t and g that were
    given as sigma_t_rgb and g_rgb (milk.sigma_t_r ...).
-   Optimisers step in a coordinate: the value x itself, ln x, or ln((x-lower)/(upper-x)). */
+   Optimisers step in a coordinate: ln x of sigma_t, alpha and scales, ln((x-lower)/(upper-x)) of
+   all others (none has ITN_IDENTITY, x itself). */
 typedef enum itn_transform { ITN_IDENTITY = 0, ITN_LOG, ITN_LOGIT } itn_transform;
 
 /* One of them. */
@@ -563,8 +565,8 @@ ITN_API int itn_parameter_find(const itn_scene *scene, const char *name);
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta);
 /* The optimiser's coordinate of a value, its inverse, and d value / d coordinate at a value.
    All are finite: logits are cut to +-16, and a logarithm is that of the lower bound at least (of
-   e^-80 times the upper one, where the lower is 0). A value beyond these limits does not come back
-   exactly. from_coordinate gives values within the bounds. */
+   e^-80 times the upper one, where the lower is 0). So a value on a logit's bound, or a sigma_t of
+   0, does not come back exactly. from_coordinate gives values within the bounds. */
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *parameter, double value);
 ITN_API double itn_parameter_from_coordinate(const itn_parameter *parameter, double coordinate);
 ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value);
@@ -590,10 +592,10 @@ typedef enum itn_sampler {
    bring home, for derivatives times their scores (equation 10). BASELINE (fast walk only): each
    random choice's score is multiplied by what the path brought less what it was expected to bring
    before the choice, which keeps the mean and lowers the variance. With one medium, light that is
-   everywhere the same, no limit of scatterings and many paths, images too have such a control
-   variate; single pixels may then be slightly negative. AUTO is BASELINE in the fast walk. Where
-   sigma_t or g differ between channels, and for single scattering without surfaces, with |g| at
-   most .6 and all lights sampled, every setting means SCORE. */
+   everywhere the same, no limit of scatterings and many paths, what was expected is taken off in
+   images too (a control variate); single pixels may then be slightly negative. AUTO is BASELINE in
+   the fast walk. Where sigma_t or g differ between channels, and for single scattering without
+   surfaces, with |g| at most .6 and all lights sampled, every setting means SCORE. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -602,7 +604,8 @@ typedef enum itn_estimator {
 
 /* What a render did. */
 typedef struct itn_render_stats {
-    double paths;      /* samples times walks; none are traced where a pixel sees no object */
+    double paths;      /* samples, in the fast walk times walks; also of pixels that see no object,
+                          where none is traced */
     double collisions; /* scattering events in media */
 } itn_render_stats;
 
@@ -619,10 +622,10 @@ typedef struct itn_render_options {
     const int *samples; /* itn_render alone: [height][width], how many samples each pixel has, 1 to
                            2^24, in the place of spp; NULL: all have spp. Numbers are rounded up to
                            whole sets, of 16 samples, or of a smaller power of 2 if the least number
-                           is below four such sets. Best in mean square for their sum are numbers in
-                           proportion to the standard deviation of a pixel's samples (Neyman 1934),
-                           estimated from an image of another seed: of the same one it biases the
-                           means. The caller's */
+                           is below four such sets. For a given sum the mean square error is least
+                           with numbers in proportion to the standard deviation of a pixel's
+                           samples (Neyman 1934), estimated from an image of another seed: of the
+                           same one it biases the means. The caller's */
     int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
                                                      a non-zero return cancels; may be NULL */
     void *progress_user;
@@ -673,9 +676,9 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
    scene of one channel a map counts with its luminance. Free with itn_image_free.
    Each path has a camera ray of its own: of the options, walks and estimator do not count. The fast
    walk needs a texture without values below .01; others are left to the reference. The same bits
-   for any number of threads. Memory: sums are held in up to 16 copies, of 24 bytes per value and
-   channel each, as long as all take at most 100 MB; in the fast walk each copy has 5 MB for the
-   paths on their way, and .7 MB for each medium of objects after the first.
+   for any number of threads. Memory: sums are held in one to 16 copies, as many as fit in 100 MB,
+   of 24 bytes per value and channel each; in the fast walk each copy has 5 MB for the paths on
+   their way, and .7 MB for each medium of objects after the first.
    Errors: ARGUMENT (also: no such item, or one without an image), UNSUPPORTED (mode FAST with such
    a texture, or as itn_render), MEMORY, CANCELLED. */
 ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
@@ -903,12 +906,12 @@ typedef struct itn_refine_options {
                              longer than .5 */
     const float *target_variance; /* [C][height][width] variance of each value of the target, used
                                      as averages over 33 x 33 pixels. NULL: estimated from the
-                                     misfit that remains, taking noise to be either the same
-                                     everywhere or in proportion to that of the renders; this needs
-                                     many more values than unknowns. INFINITY (LM only) masks a
-                                     value, which may then be anything, NaN too; a large number
-                                     instead would count in the averages around. If all that are
-                                     not masked are 0: as NULL. itn_refine only: each itn_view has
+                                     misfit that remains, as a part that is the same everywhere and
+                                     one in proportion to the renders' noise; this needs many more
+                                     values than unknowns. INFINITY (LM only) masks a value of the
+                                     target, which may then be anything, NaN too; a large number
+                                     instead would count in the averages around. If some are masked
+                                     and all others 0: as NULL. itn_refine only: each itn_view has
                                      its own */
     double *covariance; /* if not NULL, receives [count][count]: of the values; the diagonal holds
                            the squares of the standard errors */
@@ -924,13 +927,14 @@ typedef struct itn_refine_options {
 typedef struct itn_estimate {
     double value;
     double standard_error; /* of value: from the Fisher information of the derivative images, and
-                              from how well that itself is known (Fieller 1954). If iterations ran
-                              out, at least the step that was still to be made. If the largest of
-                              the determined unknowns' errors is more than .1 of its coordinate, the
-                              information is looked at once more two errors further up, where
-                              pictures may tell less, and the larger error counts. Very large where
-                              the information is less than three of its own standard errors; the
-                              others' errors then allow for any value of this one */
+                              from how well that itself is known (Fieller 1954). If the search was
+                              not over (iterations ran out, or its last step was taken back), at
+                              least the step that was left. If the largest error of the determined
+                              unknowns is more than .1 in its coordinate, one more evaluation two
+                              errors further up in it, where pictures may tell less, says what it
+                              would be there, and the larger is that unknown's. Very large where the
+                              information is less than three of its own standard errors; the others'
+                              errors then allow for any value of this one */
     int determined;        /* look here first. 0: the error of its coordinate is .5 or more, as the
                               picture, or so few samples (final_spp), say next to nothing about it:
                               do not use the value, nor its standard_error, which shrinks where
@@ -947,9 +951,9 @@ typedef struct itn_estimate {
    Along curves of equal sigma_t albedo (1 - g) and sigma_t (1 - albedo) pictures change little
    (similarity relations, Wyman, Patterson and Wilson 1989): LM takes its steps along them. The loss
    can still have several valleys, and error bars speak of one only. In thin objects light scattered
-   ahead and back can look alike. So LM searches once more, from the other sign of every unknown g
-   (if it was below .3, from .5 or more), and keeps the better end, if more misfit remains than
-   noise explains; where a picture's noise is not known, only if no unknown g is above 0 as well.
+   ahead and back can look alike. So if more misfit remains than noise explains (and, where a
+   picture's noise is not known, no unknown g is above 0), LM searches once more, from the other
+   sign of every unknown g (from .5 or more where it was below .3), and keeps the better end.
    Against other wrong valleys a good start helps (a network's estimate), or several.
    Evaluations after the last iteration, which give error bars, are not reported, nor can they be
    cancelled. Adam and SGD should not start on a bound, where slopes vanish.
@@ -962,7 +966,7 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
 
 /* Says in words what the pictures determine: a line for each unknown that is determined by itself,
    and one for each group of unknowns that is determined only together, as the pictures hardly
-   change when the right changes of all are made at once; it gives the product of powers that is
+   change when all change in the right proportion; such a line gives the product of powers that is
    determined best, and how well. For example
        milk.albedo is determined: to +-0.0009
        milk.sigma_t and milk.g are determined only together: milk.sigma_t (1-milk.g)^0.97 to 0.5 %,
@@ -20202,7 +20206,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history]
-   0.7.11 the interface in plainer words, and the order of parameters; the licence is in this file
+   0.7.11 the interface in plainer words, which tell in what order parameters come; the licence is
+          in this file
    0.7.10 a part of a diffuse mesh that is inside out shows (it was black), and reports count such
           parts; light trapped between white walls, or in glass with hardly a medium, ends a hundred
           times sooner; an eye too far away for floats is refused, and from nearly as far the fast

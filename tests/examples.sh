@@ -339,11 +339,16 @@ check "README: second program" $CC $native -Wall -Wextra -Wpedantic -Werror seco
 apart second.c
 to_be_run second
 sed "s/32/12/g; s/sigma_t 40/sigma_t 10/" default.itn > tiny.itn
-check "render: tiny" ./render tiny.itn -o tiny.exr --spp 1024 -q
+check "render: tiny" ./render tiny.itn -o tiny.exr --spp 4096 -q -D milk.sigma_t=14 -D milk.g=0.3
 keep "README: second program runs" ./second tiny.itn tiny.exr
-prints '^milk\.sigma_t [0-9.]+ \+- [0-9.]+$'
+check "README: second program finds what was hidden" awk 'BEGIN { truth["milk.sigma_t"] = 14
+        truth["milk.albedo"] = 0.9; truth["milk.g"] = 0.3 }
+    $3 == "+-" && NF == 4 { off = ($2 - truth[$1]) / $4; found += off * off < 16 }
+    END { exit found != 3 }' kept
 refused 'no\.itn' "README: second program: no scene" ./second no.itn tiny.exr
 refused 'size' "README: second program: another size" ./second default.itn tiny.exr
+sed '1,/^film/s/^film.*/film width 12 height 12 channels 3/' tiny.itn > colour.itn
+refused 'grey' "README: second program: a coloured scene" ./second colour.itn tiny.exr
 awk '/^```sh$/ && n < 2 { n++; on = 1; next } /^```$/ { on = 0 } on && n == 1 { print > "one.sh" }
      on && n == 2 { print > "two.sh" }' "$root/README.md"
 check "README: two commands" test "$(wc -l < one.sh)" -eq 1 -a "$(cat two.sh)" = "make -C tests"
