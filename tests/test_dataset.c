@@ -264,7 +264,7 @@ static void test_variants(int planted) {
 }
 
 static void test_pictures(void) {
-    const double few = .2, many = check_long() ? .038 : .05; /* of noise; needs more than 8 samples */
+    static const double few = .2, many = .038; /* noise; the latter takes more than 8 samples */
     static work w[2];
     settings s[2];
     int k;
@@ -289,7 +289,7 @@ int main(void) {
     write_scenes(&s);
     test_pictures();
     test_limit(8);
-    if (check_long()) test_limit(16);
+    test_limit(16);
     test_filter(1);
     CHECK_CATCHES(test_filter(1.04));
     test_order();
