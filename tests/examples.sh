@@ -325,19 +325,20 @@ check "starts: table" grep -q '^itn,sgd,1,1,' tables/table3.csv
 sed "s/.*base64,//; s/'.*//" tables/figure.svg | base64 -d > held.png
 check "starts: figure" cmp tables/figure.png held.png
 
-# the README: its program, and its first command in a copy of the tree that stays clean
+# the README: its programs, and its first command in a copy of the tree that stays clean
 awk '/^```c$/ { on = ++n; next } /^```$/ { on = 0 } on == 1 { print > "first.c" }
      on == 2 { print > "second.c" }' "$root/README.md"
+# shown NAME: a program of the README compiles as it stands there, and to be run
 # shellcheck disable=SC2086
-check "README: program" $CC $native -Wall -Wextra -Wpedantic -Werror first.c -fsyntax-only
-apart first.c
-to_be_run first
+shown() {
+    check "README: $1" $CC $native -Wall -Wextra -Wpedantic -Werror "$1.c" -fsyntax-only
+    apart "$1.c"
+    to_be_run "$1"
+}
+shown first
 keep "README: program runs" ./first
 prints '^Y +0\.75'
-# shellcheck disable=SC2086
-check "README: second program" $CC $native -Wall -Wextra -Wpedantic -Werror second.c -fsyntax-only
-apart second.c
-to_be_run second
+shown second
 sed "s/32/12/g; s/sigma_t 40/sigma_t 10/" default.itn > tiny.itn
 check "render: tiny" ./render tiny.itn -o tiny.exr --spp 4096 -q -D milk.sigma_t=14 -D milk.g=0.3
 keep "README: second program runs" ./second tiny.itn tiny.exr
@@ -347,7 +348,7 @@ check "README: second program finds what was hidden" awk 'BEGIN { truth["milk.si
     END { exit found != 3 }' kept
 refused 'no\.itn' "README: second program: no scene" ./second no.itn tiny.exr
 refused 'size' "README: second program: another size" ./second default.itn tiny.exr
-sed '1,/^film/s/^film.*/film width 12 height 12 channels 3/' tiny.itn > colour.itn
+sed 's/^film.*/film width 12 height 12 channels 3/' tiny.itn > colour.itn
 refused 'grey' "README: second program: a coloured scene" ./second colour.itn tiny.exr
 awk '/^```sh$/ && n < 2 { n++; on = 1; next } /^```$/ { on = 0 } on && n == 1 { print > "one.sh" }
      on && n == 2 { print > "two.sh" }' "$root/README.md"

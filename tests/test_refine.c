@@ -279,7 +279,7 @@ static double misfit(const itn_scene *scene, const float *theta, const float *ta
 
 /* For final_spp, where a search may find that it needs 16 times the usual samples: only long tests
    have the time. */
-static int usual_end(int spp) { return check_long() ? 0 : 8 * spp; }
+static int usual_end(int spp) { return check_long() ? 0 : ITN__FINAL * spp; }
 
 /* From the start values back to the hidden ones. sigmas: allowed distance in standard errors;
    slack: relative distance allowed besides. */
@@ -378,26 +378,21 @@ static void render_allotted(const itn_scene *scene, int way, uint64_t seed, cons
 }
 
 /* Means over pixels of squared errors, over those that the variances say, of pixels with few
-   samples and of those with many; of the picture and its derivatives. planted: in what the call
-   before rendered sums were divided by the mean number of samples. */
+   samples and of those with many; of the picture and its derivatives. planted: sums were divided by
+   the mean number of samples. */
 static void test_allotment(int way, int planted) {
     enum { SET = 4, PLANES = 3 };
+    itn_scene *scene = cloud(3, .8, .4);
     static int samples[PIXELS];
-    static float rendered[SOLIDS_WAYS][2][2 * PLANES * PIXELS]; /* the truth, and with these samples */
     double sum = 0;
-    int i, p, k;
+    itn_image truth = ITN_ZERO, image = ITN_ZERO;
+    int i, p;
     for (i = 0; i < PIXELS; i++) samples[i] = SET * (6 + 7 * i % 64), sum += samples[i];
-    for (k = 0; k < 2 && !planted; k++) {
-        itn_scene *scene = cloud(3, .8, .4);
-        itn_image image = ITN_ZERO;
-        render_allotted(scene, way, 1 + (uint64_t)k, k ? samples : NULL, k ? 1 : 1024, &image);
-        memcpy(rendered[way][k], image.pixels, sizeof rendered[way][k]);
-        itn_image_free(&image);
-        itn_scene_free(scene);
-    }
+    render_allotted(scene, way, 1, NULL, 1024, &truth);
+    render_allotted(scene, way, 2, samples, 1, &image);
     for (p = 0; p < PLANES; p++) {
-        const float *expected = rendered[way][0] + 2 * p * PIXELS, *unsure = expected + PIXELS;
-        const float *found = rendered[way][1] + 2 * p * PIXELS, *variance = found + PIXELS;
+        const float *expected = truth.pixels + 2 * p * PIXELS, *unsure = expected + PIXELS;
+        const float *found = image.pixels + 2 * p * PIXELS, *variance = found + PIXELS;
         double square[2] = {0, 0}, said[2] = {0, 0};
         for (i = 0; i < PIXELS; i++) {
             double scale = planted ? samples[i] * PIXELS / sum : 1;
@@ -413,6 +408,9 @@ static void test_allotment(int way, int planted) {
             printf("allotment, way %d, plane %d: squared errors %.2f and %.2f of those said\n", way,
                    p, square[0] / said[0], square[1] / said[1]);
     }
+    itn_image_free(&image);
+    itn_image_free(&truth);
+    itn_scene_free(scene);
 }
 
 /* Whether renders with these samples have the same bits. */
@@ -1110,11 +1108,6 @@ static void test_one_view(void) {
 /* Values of infinite variance do not count, whatever they are: a third of the picture is left out. Where
    no other's noise is known the error bars come from the misfit. planted: they count. */
 static void test_left_out(int planted) {
-#ifdef ITN_SANITIZED
-    const int ways = check_long() ? 3 : 1; /* they are slow */
-#else
-    const int ways = 3;
-#endif
     static const char *const names[] = {"m.albedo", "m.g"};
     static const float truth[] = {.8f, .4f};
     itn_scene *scene = cloud(2, .8, .4);
@@ -1127,7 +1120,7 @@ static void test_left_out(int planted) {
     find_parameters(scene, names, 2, parameters);
     options.target_variance = variance, options.spp = 16, options.misfit = &misfit;
     if (planted) options.iterations = 3; /* there is nothing to find */
-    for (way = 0; way < ways; way++) { /* NaN, 5, NaN without the others' noise */
+    for (way = 0; way < 3; way++) { /* NaN, 5, NaN without the others' noise */
         float theta[8];
         photograph(scene, 256, 7, target, variance);
         for (k = 0; k < PIXELS; k++) {
@@ -1147,7 +1140,7 @@ static void test_left_out(int planted) {
             CHECK_MEAN(e->value, e->standard_error, truth[k], 4.5, .2);
         }
     }
-    if (ways > 1) CHECK(!memcmp(found[0], found[1], sizeof found[0]));
+    CHECK(!memcmp(found[0], found[1], sizeof found[0]));
     itn_scene_free(scene);
 }
 
@@ -1408,9 +1401,9 @@ static void test_final_spp(double factor) {
 
 enum { SEARCHES = 5 };
 
-/* `count` searches for three parameters with three samples a pixel, the end where the caller wants it
-   (way 0) and where the searches themselves do (1). g: [2][SEARCHES], what they say. */
-static void run_searches(int count, itn_estimate g[2][SEARCHES]) {
+/* Searches for three parameters with three samples a pixel, the end where the caller wants it (way 0)
+   and where the searches themselves do (1). g: [2][SEARCHES], what they say. */
+static void run_searches(itn_estimate g[2][SEARCHES]) {
     static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
     static const float start[] = {6, .8f, .2f};
     static float target[PIXELS], variance[PIXELS];
@@ -1424,7 +1417,7 @@ static void run_searches(int count, itn_estimate g[2][SEARCHES]) {
     photograph(scene, 1024, 7, target, variance);
     options.spp = 3, options.target_variance = variance;
     for (way = 0; way < 2; way++)
-        for (seed = 0; seed < count; seed++) {
+        for (seed = 0; seed < SEARCHES; seed++) {
             options.final_spp = way ? 0 : 8 * options.spp, options.seed = (uint64_t)seed;
             itn_parameter_values(scene, theta);
             for (k = 0; k < 3; k++) theta[parameters[k]] = start[k];
@@ -1442,15 +1435,14 @@ static void run_searches(int count, itn_estimate g[2][SEARCHES]) {
    to themselves they take more samples, and find what was hidden. hidden: .4, or planted. */
 static void test_more_samples(double hidden) {
     static itn_estimate g[2][SEARCHES];
-    const int count = check_long() ? SEARCHES : 3;
     int determined[2] = {0, 0}, way, i;
-    if (g[0][0].standard_error == 0) run_searches(count, g); /* once */
+    if (g[0][0].standard_error == 0) run_searches(g); /* once */
     for (way = 0; way < 2; way++)
-        for (i = 0; i < count; i++) {
+        for (i = 0; i < SEARCHES; i++) {
             determined[way] += g[way][i].determined;
             CHECK_NEAR(g[way][i].value, hidden, 4 * g[way][i].standard_error);
         }
-    CHECK(determined[0] <= count / 2 && determined[1] >= count - 1);
+    CHECK(determined[0] <= 2 && determined[1] >= 4);
 }
 
 /* ---- what a picture does not tell ------------------------------------------------------------------ */
