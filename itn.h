@@ -8453,6 +8453,22 @@ ITN__INLINE void itn__vradiance(const itn_scene *scene, const float *theta, itn_
     }
 }
 
+/* Directions towards the sampled lights: where there is one, its density and what comes from it. */
+typedef struct itn__vsample {
+    itn__ints drawn;
+    itn__vectors direction;
+    itn__floats pdf, radiance[3];
+} itn__vsample;
+
+/* Draws one for each lane of the mask, with its three uniforms. */
+ITN__NOINLINE void itn__vsample_lights(const itn_scene *scene, const float *theta,
+                                       const itn__floats u[3], const itn__ints *mask,
+                                       itn__vsample *to) {
+    itn__floats others[3];
+    to->drawn = itn__vdraw_light(scene, u[0], u[1], u[2], *mask, &to->direction, &to->pdf);
+    itn__vradiance(scene, theta, to->direction, to->drawn, to->radiance, others);
+}
+
 /* ---- [tables] what the fast walk knows of a scene -------------------------------------------- */
 
 /* The fast walk needs the voxels around the media, the normals of all triangles and the pixels that
@@ -8769,20 +8785,17 @@ ITN__INLINE itn__floats itn__power_sum(const float *a, itn__floats x) {
    A path's decisions depend on nothing but its random numbers ([draws]), and its sums do not depend
    on the order of queues: results are the same for any number of threads and any size of queues. */
 
-/* A kernel is the walk and the exact stage, inlined and specialised by constant features;
-   ITN__KERNELS lists them. The other stages, where paths spend little time, are compiled once. */
+/* A kernel is the walk and the exact stage, specialised by constant features; ITN__KERNELS lists
+   them. The other stages, where paths spend little time, are compiled once. */
 enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__LIMIT = 4, ITN__SCORES = 8, ITN__SPECTRAL = 16 };
 #define ITN__ALL_FEATURES (ITN__RGB | ITN__LIGHTS | ITN__LIMIT | ITN__SCORES | ITN__SPECTRAL)
 #ifdef ITN_ONE_KERNEL
-#define ITN__KERNELS(kernel) kernel(ITN__ALL_FEATURES)
+#define ITN__KERNELS(kernel) kernel(all, ITN__ALL_FEATURES)
 #else
 #define ITN__KERNELS(kernel)                                                                       \
-    kernel(0) kernel(ITN__LIGHTS) kernel(ITN__LIGHTS | ITN__SCORES)                                \
-    kernel(ITN__ALL_FEATURES)
+    kernel(plain, 0) kernel(lights, ITN__LIGHTS) kernel(scores, ITN__LIGHTS | ITN__SCORES)         \
+    kernel(all, ITN__ALL_FEATURES)
 #endif
-#define ITN__KERNEL_ITEM(list) list,
-static const int itn__kernels[] = {ITN__KERNELS(ITN__KERNEL_ITEM)};
-enum { ITN__KERNEL_COUNT = sizeof itn__kernels / sizeof itn__kernels[0] };
 
 /* What a queue holds of each path, one row per field; ITN__STATE of them go wherever the path
    goes, the others belong to the queue's stage. */
@@ -9127,7 +9140,8 @@ ITN__INLINE void itn__push_vectors(itn__queue *queue, int field, itn__vectors v,
 }
 
 /* Appends the lanes named by `bits`; fields of the queue's own are written before. */
-ITN__INLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bits, int features) {
+ITN__INLINE void itn__append_lanes(itn__queue *queue, const itn__state *s, unsigned bits,
+                                   int features) {
     int at = queue->count, c;
     itn__push_vectors(queue, ITN__POSITION, s->p, bits);
     itn__push_vectors(queue, ITN__DIRECTION, s->d, bits);
@@ -9166,6 +9180,22 @@ ITN__INLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bi
             itn__compress(itn__float_row(queue, ITN__MORE_PHASES + c - 1) + at, s->phases[c], bits);
     }
     queue->count += itn__count_bits(bits);
+}
+
+/* The same by a call, */
+ITN__NOINLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bits,
+                               int features) {
+    itn__append_lanes(queue, s, bits, features);
+}
+/* and in a kernel, where the state is in registers: a large one is copied, so that it stays there. */
+ITN__INLINE void itn__append_in(itn__queue *queue, const itn__state *s, unsigned bits,
+                                int features) {
+    if (features & ITN__SCORES) {
+        itn__state copy = *s;
+        itn__append(queue, &copy, bits, features);
+    } else {
+        itn__append_lanes(queue, s, bits, features);
+    }
 }
 
 /* Copies item `at` of one queue to the end of another; returns its index there. */
@@ -9726,9 +9756,9 @@ ITN__INLINE void itn__depart_in(itn__crowd *crowd, int substance, const itn__sta
                                 unsigned bits, int features) {
     itn__ints end = itn__splat_int(itn__early_end(crowd->fast));
     unsigned early = bits & itn__mask_bits(itn__int_less(s->dimension, end));
-    if (early) itn__append(&crowd->early[substance], s, early, features);
+    if (early) itn__append_in(&crowd->early[substance], s, early, features);
     bits &= ~early;
-    if (bits) itn__append(&crowd->walk[substance], s, bits, features);
+    if (bits) itn__append_in(&crowd->walk[substance], s, bits, features);
 }
 
 /* ---- [draws] random numbers, roulette and flights of a crowd --------------------------------- */
@@ -10177,7 +10207,7 @@ ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const it
     link.slot = s->slot | itn__splat_int(ITN__LINK);
     if (substance)
         itn__compress(itn__float_row(queue, ITN__DISTANCE) + queue->count, distance, bits);
-    itn__append(queue, &link, bits, features);
+    itn__append_in(queue, &link, bits, features);
     return mask;
 }
 
@@ -10255,6 +10285,17 @@ ITN__INLINE void itn__vscore_turns(const itn__crowd *crowd, const itn__substance
                                                            x, y), itn__splat(0));
 }
 
+/* Where the lanes' links go. */
+ITN__INLINE itn__vsample itn__light_for(const itn__crowd *crowd, itn__state *s, itn__ints mask,
+                                        int early) {
+    itn__floats u[3];
+    itn__vsample light;
+    int k;
+    for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask, early);
+    itn__vsample_lights(crowd->fast->scene, crowd->fast->theta, u, &mask, &light);
+    return light;
+}
+
 /* A collision in each lane of the mask, after a flight over `distance`: albedo, a link, a new
    direction. Returns who goes on (with its link sent, or with none); *linked receives those with a
    link, whose paths are parked and leave the lanes. */
@@ -10263,9 +10304,9 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
                                    const itn__free_space *space, itn__ints *linked, int early,
                                    int features) {
     const itn__substance *medium = &crowd->fast->substances[substance];
-    itn__floats u, v, x, y, w[3], sampled[3], plain[3], phase[3], light_pdf;
-    itn__ints alive = itn__splat_int(0), last = alive, ok;
-    itn__vectors d = s->d, light;
+    itn__floats u, v, x, y, w[3], phase[3];
+    itn__ints alive = itn__splat_int(0), last = alive;
+    itn__vectors d = s->d;
     int c, led = itn__led(crowd, features);
     crowd->collisions += itn__count_bits(itn__mask_bits(mask));
     if (itn__scored(crowd, features)) {
@@ -10290,21 +10331,20 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
     mask &= alive;
     *linked = itn__splat_int(0);
     if ((features & ITN__LIGHTS) && crowd->fast->links) {
-        itn__floats u0 = itn__draw(crowd, s, mask, early), u1 = itn__draw(crowd, s, mask, early);
-        itn__floats u2 = itn__draw(crowd, s, mask, early);
-        ok = itn__vdraw_light(crowd->fast->scene, u0, u1, u2, mask, &light, &light_pdf);
-        x = itn__vone_minus_cosine(s->d, light);
-        y = itn__vone_minus_cosine(s->d, itn__vscale(light, itn__splat(-1)));
+        itn__floats before[3];
+        itn__vsample light = itn__light_for(crowd, s, mask, early);
+        x = itn__vone_minus_cosine(s->d, light.direction);
+        y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
         u = itn__vphases(crowd, medium, s, x, y, phase, features);
-        itn__vradiance(crowd->fast->scene, crowd->fast->theta, light, ok, sampled, plain);
         for (c = 0; c < itn__colours(features); c++)
-            w[c] = s->beta[c] * phase[c] * sampled[c] /
-                   (light_pdf + itn__select(last, itn__splat(0), u));
-        for (c = 0; c < 3; c++) plain[c] = s->phases[c];
+            w[c] = s->beta[c] * phase[c] * light.radiance[c] /
+                   (light.pdf + itn__select(last, itn__splat(0), u));
+        for (c = 0; c < 3; c++) before[c] = s->phases[c];
         if (itn__scored(crowd, features))
-            itn__vscore_turns(crowd, medium, s, x, y, ok, features);
-        *linked = itn__send_links(crowd, substance, s, light, w, ok, space, features);
-        for (c = 0; c < 3; c++) s->phases[c] = plain[c];
+            itn__vscore_turns(crowd, medium, s, x, y, light.drawn, features);
+        *linked = itn__send_links(crowd, substance, s, light.direction, w, light.drawn, space,
+                                  features);
+        for (c = 0; c < 3; c++) s->phases[c] = before[c];
         for (c = 0; c < itn__colours(features) && (features & ITN__LIMIT); c++)
             s->beta[c] = itn__select(last, itn__splat(0), s->beta[c]); /* ends after its link */
         mask &= ~(last & ~*linked);
@@ -10377,7 +10417,7 @@ ITN__INLINE void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *
                       walk->waiting);
         walk->s.cell = itn__splat_int(-1);
         itn__note_moves(crowd, walk, walk->waiting);
-        itn__append(exact, &walk->s, walk->waiting, features);
+        itn__append_in(exact, &walk->s, walk->waiting, features);
         walk->waiting = 0;
     }
     while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
@@ -10488,7 +10528,7 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
                 walk.s.cell = itn__select_int(itn__less(walk.space.half, itn__splat(0)),
                                               itn__splat_int(-1), walk.space.cell);
                 itn__note_moves(crowd, &walk, walk.busy);
-                itn__append(queue, &walk.s, walk.busy, features); /* for the next turn */
+                itn__append_in(queue, &walk.s, walk.busy, features);
                 return;
             }
         }
@@ -11380,21 +11420,17 @@ ITN__INLINE itn__ints itn__boundary_links(itn__crowd *crowd, itn__state *s,
                                           const itn__vectors frame[3], itn__vectors i,
                                           itn__floats alpha, itn__floats eta, itn__ints mask,
                                           int at, int features) {
-    itn__floats u0 = itn__draw(crowd, s, mask, 1), u1 = itn__draw(crowd, s, mask, 1);
-    itn__floats u2 = itn__draw(crowd, s, mask, 1), light_pdf, pdf, f, w[3], sampled[3], plain[3];
-    itn__vectors d, o;
+    itn__vsample light = itn__light_for(crowd, s, mask, 1);
+    itn__vectors o = itn__vto_local(light.direction, frame[0], frame[1], frame[2]);
+    itn__floats pdf, f = itn__vrough(i, o, alpha, eta, &pdf), w[3];
     int c;
-    mask = itn__vdraw_light(crowd->fast->scene, u0, u1, u2, mask, &d, &light_pdf);
-    o = itn__vto_local(d, frame[0], frame[1], frame[2]);
-    f = itn__vrough(i, o, alpha, eta, &pdf);
-    mask &= itn__less(itn__splat(0), f);
-    itn__vradiance(crowd->fast->scene, crowd->fast->theta, d, mask, sampled, plain);
+    mask = light.drawn & itn__less(itn__splat(0), f);
     for (c = 0; c < itn__colours(features); c++)
-        w[c] = s->beta[c] * f * sampled[c] / (light_pdf + pdf);
+        w[c] = s->beta[c] * f * light.radiance[c] / (light.pdf + pdf);
     itn__place_links(crowd, s, itn__mask_bits(mask));
     itn__leave_boundary(crowd, s, at, itn__mask_bits(mask),
                         itn__mask_bits(itn__less(o.z, itn__splat(0))), ITN__LINK);
-    mask = itn__surface_links(crowd, s, d, w, mask, features);
+    mask = itn__surface_links(crowd, s, light.direction, w, mask, features);
     if (itn__scored(crowd, features) && crowd->fast->rough_scores)
         itn__book_rough(crowd, &s->slot, at,
                         itn__vrough_score(i, o, itn__vfacet(i, o, eta), alpha),
@@ -11530,7 +11566,7 @@ ITN__NOINLINE void itn__run_diffuse(itn__crowd *crowd) {
     itn__queue *queue = &crowd->diffuse;
     int features = crowd->fast->features, at, c;
     for (at = 0; at < queue->count; at += ITN__LANES) {
-        itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0), ok;
+        itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0);
         itn__state s;
         itn__vectors n = itn__load_vectors(queue, ITN__NORMAL, at), x, y, d;
         itn__floats u, v, reflectance[3];
@@ -11538,17 +11574,14 @@ ITN__NOINLINE void itn__run_diffuse(itn__crowd *crowd) {
         for (c = 0; c < itn__colours(features); c++)
             reflectance[c] = itn__load(itn__float_row(queue, ITN__REFLECTANCE + c) + at);
         if ((features & ITN__LIGHTS) && crowd->fast->links) {
-            itn__floats u0 = itn__draw(crowd, &s, mask, 1), u1 = itn__draw(crowd, &s, mask, 1);
-            itn__floats u2 = itn__draw(crowd, &s, mask, 1), light_pdf, cosine;
-            itn__floats w[3], sampled[3], plain[3];
-            ok = itn__vdraw_light(crowd->fast->scene, u0, u1, u2, mask, &d, &light_pdf);
-            cosine = itn__vdot(d, n) / ITN__PI;
-            ok &= itn__less(itn__splat(0), cosine);
-            itn__vradiance(crowd->fast->scene, crowd->fast->theta, d, ok, sampled, plain);
+            itn__vsample light = itn__light_for(crowd, &s, mask, 1);
+            itn__floats w[3], cosine = itn__vdot(light.direction, n) / ITN__PI;
+            itn__ints ok = light.drawn & itn__less(itn__splat(0), cosine);
             for (c = 0; c < itn__colours(features); c++)
-                w[c] = s.beta[c] * reflectance[c] * cosine * sampled[c] / (light_pdf + cosine);
+                w[c] = s.beta[c] * reflectance[c] * cosine * light.radiance[c] /
+                       (light.pdf + cosine);
             itn__place_links(crowd, &s, itn__mask_bits(ok));
-            linked = itn__surface_links(crowd, &s, d, w, ok, features);
+            linked = itn__surface_links(crowd, &s, light.direction, w, ok, features);
         }
         for (c = 0; c < itn__colours(features); c++) s.beta[c] = s.beta[c] * reflectance[c];
         u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
@@ -11848,8 +11881,33 @@ ITN__NOINLINE void itn__start_rays(itn__crowd *crowd) {
     }
 }
 
+/* The kernels' stages, each a function of its own: large functions take long to compile. */
+#define ITN__STAGES(name, features)                                                                \
+    ITN__NOINLINE void itn__walk_##name(itn__crowd *crowd, int substance) {                        \
+        itn__run_walk(crowd, substance, features);                                                 \
+    }                                                                                              \
+    ITN__NOINLINE void itn__exact_##name(itn__crowd *crowd, int substance) {                       \
+        itn__run_exact(crowd, substance, features);                                                \
+    }
+#define ITN__KERNEL(name, features) {features, itn__walk_##name, itn__exact_##name},
+ITN__KERNELS(ITN__STAGES)
+typedef struct itn__kernel {
+    int features;
+    void (*walk)(itn__crowd *crowd, int substance);
+    void (*exact)(itn__crowd *crowd, int substance);
+} itn__kernel;
+static const itn__kernel itn__kernels[] = {ITN__KERNELS(ITN__KERNEL)};
+
+/* The first kernel that has these features. */
+static const itn__kernel *itn__find_kernel(int features) {
+    const itn__kernel *kernel = itn__kernels; /* the last has all */
+    while (features & ~kernel->features) kernel++;
+    return kernel;
+}
+
 /* Follows all paths of the unit to their ends. */
-ITN__INLINE void itn__run_unit(itn__crowd *crowd, int features) {
+static void itn__run_unit(itn__crowd *crowd) {
+    const itn__kernel *kernel = itn__find_kernel(crowd->fast->features);
     int substances = itn__substance_count(crowd->fast->scene), m;
     while (itn__unit_paths_left(crowd) || crowd->free_count < ITN__CROWD) {
         itn__start_rays(crowd);
@@ -11857,18 +11915,13 @@ ITN__INLINE void itn__run_unit(itn__crowd *crowd, int features) {
         if (crowd->diffuse.count) itn__run_diffuse(crowd);
         for (m = 1; m < substances; m++) {
             if (crowd->early[m].count) itn__run_early(crowd, m);
-            if (crowd->walk[m].count) itn__run_walk(crowd, m, features);
-            if (crowd->exact[m].count) itn__run_exact(crowd, m, features);
+            if (crowd->walk[m].count) kernel->walk(crowd, m);
+            if (crowd->exact[m].count) kernel->exact(crowd, m);
         }
         if (crowd->walk[0].count) itn__run_vacuum(crowd);
         if (crowd->sky.count) itn__run_sky(crowd);
     }
 }
-
-#define ITN__KERNEL(list) \
-    if (crowd->fast->features == (list)) itn__run_unit(crowd, list);
-static void itn__run_kernel(itn__crowd *crowd) { ITN__KERNELS(ITN__KERNEL) }
-#undef ITN__KERNEL
 
 /* ---- [picture] who does what of a picture ---------------------------------------------------- */
 
@@ -11953,13 +12006,12 @@ static void itn__crowd_free(itn__crowd *crowd) {
 
 /* The first kernel that can do all that is asked for. */
 static void itn__choose_kernel(itn__fast *fast) {
-    int k, features = (fast->channels == 3 ? ITN__RGB : 0) |
-                      (fast->only_constant ? 0 : ITN__LIGHTS) |
-                      (fast->max_scatter ? ITN__LIMIT : 0) |
-                      (fast->count || fast->learning ? ITN__SCORES : 0) |
-                      (fast->heroes > 1 ? ITN__SPECTRAL : 0);
-    for (k = 0; k < ITN__KERNEL_COUNT - 1 && (features & ~itn__kernels[k]); k++) continue;
-    fast->features = itn__kernels[k];
+    int features = (fast->channels == 3 ? ITN__RGB : 0) |
+                   (fast->only_constant ? 0 : ITN__LIGHTS) |
+                   (fast->max_scatter ? ITN__LIMIT : 0) |
+                   (fast->count || fast->learning ? ITN__SCORES : 0) |
+                   (fast->heroes > 1 ? ITN__SPECTRAL : 0);
+    fast->features = itn__find_kernel(features)->features;
 }
 
 /* The decay of V: that of diffusion in the medium. */
@@ -12164,7 +12216,7 @@ static void itn__picture_worker(void *task, int index) {
         memset(crowd->radiance, 0, (size_t)crowd->radiance_stride * (size_t)fast->planes *
                                        sizeof(float));
         crowd->unit = itn__unit_make(picture, number);
-        itn__run_kernel(crowd);
+        itn__run_unit(crowd);
         itn__sum_unit(picture, crowd, sums);
     }
 }

@@ -267,7 +267,7 @@ static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
     memset(crowd->radiance, 0, (size_t)crowd->radiance_stride *
                                    (size_t)in->picture.fast.planes * sizeof(float));
     crowd->unit = *unit;
-    itn__run_kernel(crowd);
+    itn__run_unit(crowd);
     return crowd;
 }
 
