@@ -3584,6 +3584,12 @@ ITN__INLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const itn
     return 1;
 }
 
+/* itn_bvh_nearest of the faces that `sides` names. */
+ITN__NOINLINE int itn__bvh_face(const itn_bvh *bvh, const itn_ray *ray, const itn__sides *sides,
+                                itn_hit *hit) {
+    return itn__bvh_trace(bvh, ray, sides, 0, hit);
+}
+
 ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit) {
     return itn__bvh_trace(bvh, ray, NULL, 0, hit);
 }
@@ -5105,8 +5111,8 @@ static int itn__camera_inside(const itn_scene *scene, int object) {
         ray.origin = scene->camera.eye, ray.tmin = 0, ray.tmax = INFINITY;
         ray.direction = itn__vec3(directions[k][0], directions[k][1], directions[k][2]);
         back.t = front.t = INFINITY;
-        itn__bvh_trace(scene->bvh, &ray, &outside, 0, &front);
-        votes += itn__bvh_trace(scene->bvh, &ray, &inside, 0, &back) && back.t <= front.t;
+        itn__bvh_face(scene->bvh, &ray, &outside, &front);
+        votes += itn__bvh_face(scene->bvh, &ray, &inside, &back) && back.t <= front.t;
     }
     return votes >= 2;
 }
@@ -5125,8 +5131,8 @@ static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
     for (i = 0; i < ITN__TRIED_CROSSINGS; i++) {
         itn_hit front, back;
         front.t = back.t = INFINITY;
-        itn__bvh_trace(scene->bvh, &line, &fronts, 0, &front);
-        itn__bvh_trace(scene->bvh, &line, &backs, 0, &back);
+        itn__bvh_face(scene->bvh, &line, &fronts, &front);
+        itn__bvh_face(scene->bvh, &line, &backs, &back);
         line.tmin = itn__min(front.t, back.t);
         if (line.tmin == INFINITY) return inside;
         if (fabsf(front.t - back.t) <= near) {
@@ -5457,7 +5463,7 @@ static int itn__next_hit(const itn_scene *scene, itn__place *place, itn_ray *ray
     int masked = 0;
     ray->tmin = -slack;
     for (;;) {
-        int found = itn__bvh_trace(scene->bvh, ray, &sides, 0, hit), known;
+        int found = itn__bvh_face(scene->bvh, ray, &sides, hit), known;
         uint64_t bit;
         if (masked && !(found && hit->t == at)) { /* none has */
             ray->tmin = at, sides = place->sides, masked = 0;
@@ -9187,7 +9193,7 @@ ITN__NOINLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned 
                                int features) {
     itn__append_lanes(queue, s, bits, features);
 }
-/* and in a kernel, where the state is in registers: a large one is copied, so that it stays there. */
+/* and in a kernel, whose state is in registers: a large one is copied, so that it stays there. */
 ITN__INLINE void itn__append_in(itn__queue *queue, const itn__state *s, unsigned bits,
                                 int features) {
     if (features & ITN__SCORES) {
