@@ -10534,7 +10534,7 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
                 walk.s.cell = itn__select_int(itn__less(walk.space.half, itn__splat(0)),
                                               itn__splat_int(-1), walk.space.cell);
                 itn__note_moves(crowd, &walk, walk.busy);
-                itn__append_in(queue, &walk.s, walk.busy, features);
+                itn__append_in(queue, &walk.s, walk.busy, features); /* for the next turn */
                 return;
             }
         }

@@ -1250,7 +1250,8 @@ static void refine_shared(const itn_view *views, int count, double *covariance) 
         if (any) values[n++] = truth[k];
     }
     for (v = 0; v < count; v++) some[v] = views[v], some[v].parameters = parameters[v];
-    options.spp = check_long() ? 64 : 32, options.covariance = covariance;
+    options.spp = check_long() ? 64 : 32, options.final_spp = usual_end(options.spp);
+    options.covariance = covariance;
     stage_need(itn_refine_views(some, count, values, n, &options, estimates, &error), &error);
 }
 
