@@ -1638,27 +1638,40 @@ typedef uint32_t itn__words;
 #endif
 
 /* Memory to lanes and back, ITN__LANES elements at any address. */
-ITN__INLINE itn__floats itn__load(const float *from) {
-    itn__floats v;
-    memcpy(&v, from, sizeof v);
-    return v;
-}
-ITN__INLINE void itn__store(float *to, itn__floats v) { memcpy(to, &v, sizeof v); }
-ITN__INLINE itn__ints itn__load_ints(const int32_t *from) {
-    itn__ints v;
-    memcpy(&v, from, sizeof v);
-    return v;
-}
-ITN__INLINE void itn__store_ints(int32_t *to, itn__ints v) { memcpy(to, &v, sizeof v); }
-ITN__INLINE itn__words itn__load_words(const uint32_t *from) {
-    itn__words v;
-    memcpy(&v, from, sizeof v);
-    return v;
-}
+#define ITN__MEMORY(lanes, element, load, store)                                                   \
+    ITN__INLINE lanes load(const element *from) {                                                  \
+        lanes v;                                                                                   \
+        memcpy(&v, from, sizeof v);                                                                \
+        return v;                                                                                  \
+    }                                                                                              \
+    ITN__INLINE void store(element *to, lanes v) { memcpy(to, &v, sizeof v); }
+ITN__MEMORY(itn__floats, float, itn__load, itn__store)
+ITN__MEMORY(itn__ints, int32_t, itn__load_ints, itn__store_ints)
+ITN__MEMORY(itn__words, uint32_t, itn__load_words, itn__store_words)
+#undef ITN__MEMORY
 
-/* Bytes to lanes and back, ITN__LANES of them. */
+/* What is said with other words of vectors and of numbers: the same number in all lanes; the same
+   bits with another meaning; values of the other kind (floats truncate to ints); comparisons, which
+   make masks (any with a NaN is false); and bytes to lanes and back. Macros, where a word stands
+   everywhere: each call of an inline function costs the compiler time. */
 #ifdef ITN__SIMD
+static const itn__floats itn__no_floats = ITN_ZERO;
+static const itn__ints itn__no_ints = ITN_ZERO;
+static const itn__words itn__no_words = ITN_ZERO;
 typedef uint8_t itn__bytes __attribute__((vector_size(ITN__LANES)));
+#define itn__splat(x) ((float)(x) - itn__no_floats)
+#define itn__splat_int(x) ((int32_t)(x) - itn__no_ints)
+#define itn__splat_word(x) ((uint32_t)(x) - itn__no_words)
+#define itn__float_bits(v) ((itn__ints)(v))
+#define itn__bits_float(v) ((itn__floats)(v))
+#define itn__word_ints(v) ((itn__ints)(v))
+#define itn__int_words(v) ((itn__words)(v))
+#define itn__to_floats(v) __builtin_convertvector(v, itn__floats)
+#define itn__to_ints(v) __builtin_convertvector(v, itn__ints)
+#define itn__less(a, b) ((itn__ints)((a) < (b)))
+#define itn__less_equal(a, b) ((itn__ints)((a) <= (b)))
+#define itn__int_less(a, b) ((itn__ints)((a) < (b)))
+#define itn__int_equal(a, b) ((itn__ints)((a) == (b)))
 ITN__INLINE itn__ints itn__load_bytes(const uint8_t *from) {
     itn__bytes bytes;
     memcpy(&bytes, from, sizeof bytes);
@@ -1669,47 +1682,17 @@ ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) {
     memcpy(to, &bytes, sizeof bytes);
 }
 #else
-ITN__INLINE itn__ints itn__load_bytes(const uint8_t *from) { return *from; }
-ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) { *to = (uint8_t)v; }
-#endif
-
-/* The same number in all lanes. */
-#ifdef ITN__SIMD
-ITN__INLINE itn__floats itn__splat(float x) {
-    itn__floats zero = ITN_ZERO;
-    return x - zero;
-}
-ITN__INLINE itn__ints itn__splat_int(int32_t x) {
-    itn__ints zero = ITN_ZERO;
-    return x - zero;
-}
-ITN__INLINE itn__words itn__splat_word(uint32_t x) {
-    itn__words zero = ITN_ZERO;
-    return x - zero;
-}
-#else
-ITN__INLINE itn__floats itn__splat(float x) { return x; }
-ITN__INLINE itn__ints itn__splat_int(int32_t x) { return x; }
-ITN__INLINE itn__words itn__splat_word(uint32_t x) { return x; }
-#endif
-/* 0, 1, 2, ... */
-ITN__INLINE itn__ints itn__lane_numbers(void) {
-    itn__ints v = itn__splat_int(0);
-    int k;
-    for (k = 0; k < ITN__LANES; k++) ITN__LANE(v, k) = k;
-    return v;
-}
-
-/* The same bits with another meaning, and values of the other kind (floats truncate to ints). */
-#ifdef ITN__SIMD
-ITN__INLINE itn__floats itn__to_floats(itn__ints v) {
-    return __builtin_convertvector(v, itn__floats);
-}
-ITN__INLINE itn__ints itn__to_ints(itn__floats v) { return __builtin_convertvector(v, itn__ints); }
-#else
-ITN__INLINE itn__floats itn__to_floats(itn__ints v) { return (float)v; }
-ITN__INLINE itn__ints itn__to_ints(itn__floats v) { return (int32_t)v; }
-#endif
+#define itn__splat(x) ((float)(x))
+#define itn__splat_int(x) ((int32_t)(x))
+#define itn__splat_word(x) ((uint32_t)(x))
+#define itn__word_ints(v) ((int32_t)(v))
+#define itn__int_words(v) ((uint32_t)(v))
+#define itn__to_floats(v) ((float)(v))
+#define itn__to_ints(v) ((int32_t)(v))
+#define itn__less(a, b) (-((a) < (b)))
+#define itn__less_equal(a, b) (-((a) <= (b)))
+#define itn__int_less(a, b) (-((a) < (b)))
+#define itn__int_equal(a, b) (-((a) == (b)))
 ITN__INLINE itn__ints itn__float_bits(itn__floats v) {
     itn__ints bits;
     memcpy(&bits, &v, sizeof v);
@@ -1720,29 +1703,17 @@ ITN__INLINE itn__floats itn__bits_float(itn__ints bits) {
     memcpy(&v, &bits, sizeof v);
     return v;
 }
-ITN__INLINE itn__ints itn__word_ints(itn__words v) {
-    itn__ints bits;
-    memcpy(&bits, &v, sizeof v);
-    return bits;
-}
-ITN__INLINE itn__words itn__int_words(itn__ints v) {
-    itn__words bits;
-    memcpy(&bits, &v, sizeof v);
-    return bits;
-}
-
-/* Comparisons make masks; any with a NaN is false. */
-#ifdef ITN__SIMD
-ITN__INLINE itn__ints itn__less(itn__floats a, itn__floats b) { return a < b; }
-ITN__INLINE itn__ints itn__less_equal(itn__floats a, itn__floats b) { return a <= b; }
-ITN__INLINE itn__ints itn__int_less(itn__ints a, itn__ints b) { return a < b; }
-ITN__INLINE itn__ints itn__int_equal(itn__ints a, itn__ints b) { return a == b; }
-#else
-ITN__INLINE itn__ints itn__less(itn__floats a, itn__floats b) { return -(a < b); }
-ITN__INLINE itn__ints itn__less_equal(itn__floats a, itn__floats b) { return -(a <= b); }
-ITN__INLINE itn__ints itn__int_less(itn__ints a, itn__ints b) { return -(a < b); }
-ITN__INLINE itn__ints itn__int_equal(itn__ints a, itn__ints b) { return -(a == b); }
+ITN__INLINE itn__ints itn__load_bytes(const uint8_t *from) { return *from; }
+ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) { *to = (uint8_t)v; }
 #endif
+
+/* 0, 1, 2, ... */
+ITN__INLINE itn__ints itn__lane_numbers(void) {
+    itn__ints v = itn__splat_int(0);
+    int k;
+    for (k = 0; k < ITN__LANES; k++) ITN__LANE(v, k) = k;
+    return v;
+}
 
 /* a where the mask is true, b elsewhere. */
 ITN__INLINE itn__ints itn__select_int(itn__ints mask, itn__ints a, itn__ints b) {
