@@ -12309,6 +12309,7 @@ typedef struct itn__render {
     int *slots;        /* see itn__walk */
     int *only;         /* see itn__fast */
     int channels, count, spp, max_scatter;
+    int kept; /* values kept of each pixel, see itn__sample_value */
     const itn__allotment *allotment; /* NULL: every pixel has spp samples, else that is the most */
     double samples; /* of all pixels */
     int fast, walks, sobol, baseline; /* of the fast walk; see itn_estimator */
@@ -12317,7 +12318,7 @@ typedef struct itn__render {
     int first_row, group; /* of the rows under way; most of them, 0: all */
     float *scores;     /* per row: weight, connection and derivative, each [channels][count] */
     size_t row_sums;   /* doubles of a row in sums */
-    double *sums;      /* per row: [strata][channels][1 + count][2]; of a gradient: see there */
+    double *sums;      /* per row: [2][kept] of a gradient, then of a pixel [strata][kept][2] */
     double *collisions; /* per row */
     itn_image *image;  /* itn_render */
     const float *weights; /* itn_render_gradient */
@@ -12470,11 +12471,10 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
     return ITN_OK;
 }
 
-/* Checks a request and allocates what its rows need: `sums` doubles each for every stratum. */
+/* Checks a request and allocates what its rows need. */
 static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
                                     const float *theta, const itn_render_options *options,
-                                    const int *parameters, int count, size_t sums,
-                                    itn_error *error) {
+                                    const int *parameters, int count, int kept, itn_error *error) {
     const itn_context *context;
     itn_result result;
     size_t rows, scores;
@@ -12506,7 +12506,7 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     render->sobol = !options || options->sampler != ITN_SAMPLER_RANDOM;
     render->baseline = !(options && options->estimator == ITN_ESTIMATOR_SCORE) && !scene->spectral;
     render->strata = scene->spectral && render->spp >= 6 ? 3 : 1;
-    render->row_sums = sums * (size_t)render->strata;
+    render->kept = kept, render->row_sums = 2 * (size_t)kept * (size_t)(1 + render->strata);
     rows = (size_t)scene->film.height, scores = 3 * (size_t)render->channels * (size_t)count + 3;
     render->theta_made = (float *)itn__allocate(context, (size_t)scene->parameter_count,
                                                 sizeof(float));
@@ -12604,32 +12604,60 @@ static void itn__pixel_mean(const itn__render *render, int samples, const double
     }
 }
 
-static void itn__image_row(void *task, int index) {
-    itn__render *render = (itn__render *)task;
-    int y = render->first_row + index, x, s, k, planes = render->channels * (1 + render->count);
+/* What a sample adds to kept value k of its pixel, number `at` of the film: of an image to plane k
+   (radiance, then derivatives); of a gradient to derivative k folded with the pixel's weights. */
+static double itn__sample_value(const itn__render *render, const itn__walk *walk, size_t at,
+                                int k) {
     const itn_film_desc *film = &render->scene->film;
     size_t plane = (size_t)film->width * (size_t)film->height;
-    double *sums = render->sums + (size_t)y * render->row_sums, mean, variance;
+    int c = k % render->channels, of = k / render->channels - 1;
+    double sum = 0;
+    if (!render->weights)
+        return of < 0 ? walk->radiance[c] : walk->derivative[c * render->count + of];
+    for (c = 0; c < render->channels; c++)
+        sum += (double)render->weights[(size_t)c * plane + at] *
+               walk->derivative[c * render->count + k];
+    return sum;
+}
+
+/* Kept value k of a pixel, and its variance: into the image (means, then variances, of each group
+   of channels), or added to a gradient's sums. */
+static void itn__deposit(const itn__render *render, double *sums, size_t at, int k, double mean,
+                         double variance) {
+    const itn_film_desc *film = &render->scene->film;
+    size_t plane = (size_t)film->width * (size_t)film->height;
+    int c = k % render->channels;
+    if (render->weights) {
+        sums[k] += mean, sums[render->kept + k] += variance;
+        return;
+    }
+    render->image->pixels[(size_t)(2 * (k - c) + c) * plane + at] = (float)mean;
+    render->image->pixels[(size_t)(2 * (k - c) + c + render->channels) * plane + at] =
+        (float)variance;
+}
+
+/* The samples of a row's pixels. `sums`: what itn__deposit adds to, then the pixel's own. */
+static void itn__render_row(void *task, int index) {
+    itn__render *render = (itn__render *)task;
+    int y = render->first_row + index, width = render->scene->film.width, x, s, k;
+    double *sums = render->sums + (size_t)y * render->row_sums, *own = sums + 2 * render->kept;
     itn__walk walk = itn__row_walk(render, y);
-    for (x = 0; x < film->width; x++) {
-        size_t at = (size_t)y * (size_t)film->width + (size_t)x;
+    for (x = 0; x < width; x++) {
+        size_t at = (size_t)y * (size_t)width + (size_t)x;
         int samples = render->allotment ? render->allotment->samples[at] : render->spp;
-        float *pixel = render->image->pixels + at;
-        memset(sums, 0, render->row_sums * sizeof *sums);
+        memset(own, 0, 2 * (size_t)(render->kept * render->strata) * sizeof *own);
         for (s = 0; s < samples; s++) {
-            double *stratum = sums + 2 * planes * (s % render->strata);
+            double *stratum = own + 2 * render->kept * (s % render->strata);
             itn__sample_pixel(&walk, render->seed, x, y, s);
-            for (k = 0; k < planes; k++) {
-                int c = k % render->channels, d = k / render->channels - 1;
-                double value = d < 0 ? walk.radiance[c] : walk.derivative[c * render->count + d];
+            for (k = 0; k < render->kept; k++) {
+                double value = itn__sample_value(render, &walk, at, k);
                 stratum[2 * k] += value, stratum[2 * k + 1] += value * value;
             }
         }
-        for (k = 0; k < planes; k++) {
-            int c = k % render->channels, first = 2 * (k - c) + c; /* means, then variances */
-            itn__pixel_mean(render, samples, sums + 2 * k, 2 * planes, &mean, &variance);
-            pixel[(size_t)first * plane] = (float)mean;
-            pixel[(size_t)(first + render->channels) * plane] = (float)variance;
+        for (k = 0; k < render->kept; k++) {
+            double mean, variance;
+            itn__pixel_mean(render, samples, own + 2 * k, 2 * render->kept, &mean, &variance);
+            itn__deposit(render, sums, at, k, mean, variance);
         }
     }
     render->collisions[y] = walk.collisions;
@@ -12713,31 +12741,15 @@ static double itn__mean_kept(const itn__picture *picture, size_t i, int k, doubl
     return mean;
 }
 
-/* The image of a picture. */
-static void itn__develop(const itn__picture *picture, itn_image *image) {
-    size_t pixels = (size_t)image->width * (size_t)image->height, i;
-    int channels = picture->fast.channels, k, c;
-    double variance;
-    for (i = 0; i < pixels; i++)
-        for (k = 0; k < picture->kept; k++) {
-            float *pixel;
-            c = k % channels; /* means, then variances */
-            pixel = image->pixels + (size_t)(2 * (k - c) + c) * pixels + i;
-            pixel[0] = (float)itn__mean_kept(picture, i, k, &variance);
-            pixel[(size_t)channels * pixels] = (float)variance;
-        }
-}
-
-/* The gradient of a picture with weights. sums: [2 count], the gradient, then its variance. */
-static void itn__fold(const itn__picture *picture, double *sums) {
-    const itn_film_desc *film = &picture->fast.scene->film;
-    size_t pixels = (size_t)film->width * (size_t)film->height, i;
-    double variance;
+/* What is kept of a picture goes into the image, or to the sums of a gradient. */
+static void itn__develop(const itn__render *render, const itn__picture *picture) {
+    size_t pixels = (size_t)render->scene->film.width * (size_t)render->scene->film.height, i;
+    double mean, variance;
     int k;
     for (i = 0; i < pixels; i++)
         for (k = 0; k < picture->kept; k++) {
-            sums[k] += itn__mean_kept(picture, i, k, &variance);
-            sums[picture->kept + k] += variance;
+            mean = itn__mean_kept(picture, i, k, &variance);
+            itn__deposit(render, render->sums, i, k, mean, variance);
         }
 }
 
@@ -12788,9 +12800,9 @@ static itn_result itn__learn_values(itn__picture *picture, itn_error *error) {
     return result ? result : itn__pilot_run(picture, ITN__LEARN_VALUES, error);
 }
 
-/* The fast walk: an image, or (with weights) sums of a gradient, see itn__fold. */
+/* The fast walk: an image, or (with weights) sums of a gradient. */
 static itn_result itn__render_fast(const itn__render *render, const itn_render_options *options,
-                                   itn_image *image, double *sums, itn_error *error) {
+                                   itn_error *error) {
     const itn_scene *scene = render->scene;
     itn__picture picture;
     const itn__tables *tables;
@@ -12816,8 +12828,7 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
         result = itn__out_of_memory(error, "a render");
     }
     if (!result) result = itn__picture_run(&picture, options, error);
-    if (!result && image) itn__develop(&picture, image);
-    if (!result && sums) itn__fold(&picture, sums);
+    if (!result && !render->bands) itn__develop(render, &picture);
     itn__picture_end(&picture);
     itn__free(&scene->context, picture.fast.values);
     itn__free(&scene->context, substances);
@@ -12827,11 +12838,18 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
 
 #else
 static itn_result itn__render_fast(const itn__render *render, const itn_render_options *options,
-                                   itn_image *image, double *sums, itn_error *error) {
-    (void)render, (void)options, (void)image, (void)sums;
+                                   itn_error *error) {
+    (void)render, (void)options;
     return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "render: built without the fast walk");
 }
 #endif /* ITN_NO_FAST */
+
+/* Fills the image, or the sums of a gradient. */
+static itn_result itn__render_run(itn__render *render, const itn_render_options *options,
+                                  itn_error *error) {
+    return render->fast ? itn__render_fast(render, options, error)
+                        : itn__render_rows(render, options, itn__render_row, error);
+}
 
 ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, itn_error *error) {
@@ -12857,7 +12875,7 @@ static itn_result itn__render_allotted(const itn_scene *scene, const float *thet
     size_t planes = scene && count >= 0 ? (size_t)scene->film.channels * (1 + (size_t)count) : 1;
     itn_result result;
     if (!image) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
-    result = itn__render_begin(&render, scene, theta, options, parameters, count, 2 * planes,
+    result = itn__render_begin(&render, scene, theta, options, parameters, count, (int)planes,
                                error);
     if (!result && allotment) {
         render.allotment = allotment, render.samples = allotment->sum;
@@ -12869,10 +12887,7 @@ static itn_result itn__render_allotted(const itn_scene *scene, const float *thet
     if (!result) {
         render.image = &made;
         itn__name_planes(scene, parameters, count, &made);
-        if (render.fast)
-            result = itn__render_fast(&render, options, &made, NULL, error);
-        else
-            result = itn__render_rows(&render, options, itn__image_row, error);
+        result = itn__render_run(&render, options, error);
     }
     itn__render_end(&render);
     if (result)
@@ -12942,60 +12957,24 @@ static itn_result itn__check_weights(const itn_scene *scene, const float *weight
     return ITN_OK;
 }
 
-/* itn_render_gradient by the reference. `sums` of a row: the gradient and its variance [count]
-   each, then of the pixel [strata][count][2]. */
-static void itn__gradient_row(void *task, int index) {
-    itn__render *render = (itn__render *)task;
-    int y = render->first_row + index, x, s, k, c, count = render->count;
-    const itn_film_desc *film = &render->scene->film;
-    size_t plane = (size_t)film->width * (size_t)film->height;
-    double *sums = render->sums + (size_t)y * render->row_sums, mean, variance;
-    itn__walk walk = itn__row_walk(render, y);
-    for (x = 0; x < film->width; x++) {
-        const float *weight = render->weights + (size_t)y * (size_t)film->width + (size_t)x;
-        double *pixel = sums + 2 * count;
-        memset(pixel, 0, 2 * (size_t)(count * render->strata) * sizeof *pixel);
-        for (s = 0; s < render->spp; s++) {
-            double *stratum = pixel + 2 * count * (s % render->strata);
-            itn__sample_pixel(&walk, render->seed, x, y, s);
-            for (k = 0; k < count; k++) {
-                double value = 0;
-                for (c = 0; c < render->channels; c++)
-                    value += (double)weight[(size_t)c * plane] * walk.derivative[c * count + k];
-                stratum[2 * k] += value, stratum[2 * k + 1] += value * value;
-            }
-        }
-        for (k = 0; k < count; k++) {
-            itn__pixel_mean(render, render->spp, pixel + 2 * k, 2 * count, &mean, &variance);
-            sums[k] += mean, sums[count + k] += variance;
-        }
-    }
-    render->collisions[y] = walk.collisions;
-}
-
 ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *theta,
                                        const itn_render_options *options, const float *weights,
                                        const int *parameters, int count, double *gradient,
                                        double *variance, itn_error *error) {
     itn__render render;
     itn_result result;
-    int y, k, rows;
+    int y, k;
     if (!scene || !weights || !gradient || count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_render_gradient: NULL argument or count %d", count);
     result = itn__check_weights(scene, weights, "itn_render_gradient: weights", error);
     if (result) return result;
-    result = itn__render_begin(&render, scene, theta, options, parameters, count,
-                               4 * (size_t)count, error);
+    result = itn__render_begin(&render, scene, theta, options, parameters, count, count, error);
     render.weights = weights;
-    if (!result && render.fast)
-        result = itn__render_fast(&render, options, NULL, render.sums, error);
-    else if (!result)
-        result = itn__render_rows(&render, options, itn__gradient_row, error);
-    rows = render.fast ? 1 : scene->film.height;
+    if (!result) result = itn__render_run(&render, options, error);
     for (k = 0; k < count && !result; k++) {
         double sum = 0, spread = 0;
-        for (y = 0; y < rows; y++) {
+        for (y = 0; y < scene->film.height; y++) { /* the fast walk uses the first alone */
             sum += render.sums[(size_t)y * render.row_sums + (size_t)k];
             spread += render.sums[(size_t)y * render.row_sums + (size_t)(count + k)];
         }
@@ -13108,7 +13087,7 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
     if (!result)
         result = itn_image_create(texels.width, texels.count / texels.width,
                                   2 * scene->film.channels, &scene->context, &made, error);
-    if (!result && render.fast) result = itn__render_fast(&render, &own, NULL, NULL, error);
+    if (!result && render.fast) result = itn__render_fast(&render, &own, error);
     if (!result && !render.fast) result = itn__render_rows(&render, &own, itn__texel_row, error);
     if (!result) {
         itn__name_planes(scene, NULL, 0, &made);
