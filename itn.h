@@ -3,51 +3,28 @@
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
 
-   Do this in one C or C++ file:
-       #define ITN_IMPLEMENTATION
-       #include "itn.h"
-   and in all others just include it. C99 or C++11, nothing but the C library. A whole program:
+   Do this in one C or C++ file, and in all others just include it:
 
        #define ITN_IMPLEMENTATION
        #include "itn.h"
 
-       int main(void) { // a slab of milk, 1 thick and 1000 wide, seen face on in uniform light
-           static int faces[36] = {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4,
-                                   2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5};
-           float corners[24];
-           int i, asked[3] = {0, 1, 2}; // milk.sigma_t, milk.albedo, milk.g
-           itn_mesh slab = ITN_ZERO;
-           itn_medium_desc milk = ITN_ZERO;
-           itn_object_desc object = ITN_ZERO;
-           itn_light_desc light = ITN_ZERO;
-           itn_scene_desc desc = ITN_ZERO;
-           itn_render_options options = ITN_ZERO;
+       int main(void) { // a picture of a scene, and how it answers to what the milk is made of
            itn_scene *scene;
            itn_image image;
-           for (i = 0; i < 24; i++) // bits 0, 1, 2 of a corner's number: whether x, y, z is > 0
-               corners[i] = (i % 3 == 2 ? .5f : 500.f) * (((i / 3) >> (i % 3)) & 1 ? 1.f : -1.f);
-           slab.positions = corners, slab.vertex_count = 8;
-           slab.triangles = faces, slab.triangle_count = 12;
-           milk.name = "milk", milk.sigma_t = 2, milk.albedo[0] = .9f, milk.g = .75f;
-           object.mesh = &slab, object.medium = "milk", light.radiance[0] = 1;
-           desc.media = &milk, desc.objects = &object, desc.lights = &light;
-           desc.medium_count = desc.object_count = desc.light_count = 1, options.spp = 400000;
-           desc.film.width = desc.film.height = 1, desc.camera.eye.z = 10, desc.camera.fov = .001f;
-           if (itn_scene_create(&desc, NULL, &scene, NULL)) return 1;
-           if (itn_render(scene, NULL, &options, asked, 3, &image, NULL)) return 1;
-           for (i = 0; i < 8; i += 2) // one pixel; planes: mean, variance, mean, variance, ...
-               printf("%s %.4f +- %.4f\n", image.names[i], image.pixels[i],
-                      sqrt(image.pixels[i + 1]));
+           itn_error error;
+           int asked[1];
+           if (itn_scene_load("scenes/default.itn", NULL, &scene, &error)) return 1;
+           asked[0] = itn_parameter_find(scene, "milk.albedo");
+           if (itn_render(scene, NULL, NULL, asked, 1, &image, &error)) return 1;
+           if (itn_image_save_exr(&image, "out.exr", &error)) return 1; // error.message says why
            itn_image_free(&image);
            itn_scene_free(scene);
            return 0;
        }
-   Compile: cc -O3 -march=native slab.c -o slab -lm
 
-   By GCC (from 9) and Clang the fast walk and the network work on many numbers at a time, 16 or 8
-   with -march=native where the processor has AVX-512 or AVX2, else 4; by other compilers on one.
-   Compiling the implementation takes up to a minute: give it a file of its own. MIT licence, at the
-   end.
+   C99 or C++11, nothing but the C library: cc -O3 -march=native main.c -lm. GCC (from 9) and Clang
+   make it work on many numbers at a time, 16 or 8 with -march=native where the processor has
+   AVX-512 or AVX2, else 4; other compilers on one. MIT licence, at the end.
 
    [contents] to find a chapter search for `---- [tag]`
 
@@ -20209,129 +20186,17 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 
 #endif /* ITN_IMPLEMENTATION */
 
-/* [history]
-   0.7.12 compiles in two thirds of the time with -march=native, in half of it without; pictures are
-          the same bits
-   0.7.11 the interface in plainer words, which tell in what order parameters come; the licence is
-          in this file
-   0.7.10 a part of a diffuse mesh that is inside out shows (it was black), and reports count such
-          parts; light trapped between white walls, or in glass with hardly a medium, ends a hundred
-          times sooner; an eye too far away for floats is refused, and from nearly as far the fast
-          walk sees the same outlines
-   0.7.9  of several pictures each has noise of its own where it is not known (a noisy one beside
-          clean ones made error bars half as wide as they are); a step that is left is told of its
-          own unknown; a determined unknown is looked at further up beside one that is not
-   0.7.8  error bars of more than a tenth of a coordinate are as wide as two of them further up,
-          and a long last step is looked at where it ends: behind rough glass half of the searches
-          were too sure of values that were too low
-   0.7.7  places in pixels and paths' first draws have Sobol dimensions of their own (edges had up
-          to ten times the noise); thin parts that overlap are found; what is beyond the box of the
-          solids is seen through a forced mesh's hole; corners given twice do not fold polygons;
-          error bars know noise that is the same in all pixels, though nobody told it
-   0.7.6  itn_net_read shows the sizes to the network together; single pictures 1.1 times as fast
-   0.7.5  itn_net_read: a network reads a picture in five sizes, and new shapes better
-   0.7.4  with ITN_THREADS, a network on one thread reads a picture 1.3 times as fast
-   0.7.3  rendering never came to an end where rounding sent a ray to and fro between two faces of
-          an edge, of a mesh whose boundary light does not feel, which a training met once
-   0.7.2  solids whose parts overlap, lie within each other or are inside out, which gave pictures
-          that were wrong without a word, are refused (`force` takes them); behind a hole a medium
-          ends with the box of the solids, not of the ground as well; values of a target that are
-          to be left out have an infinite variance; concave polygons of up to 4096 corners; meshes
-          so far from the origin that floats lose their shape are refused; where noise made A
-          indefinite, refinement let go of unknowns that had nothing to do with it
-   0.7.1  thin media of meshes taken by force, and such that are clear in one channel, are right
-          where a path leaves by a hole, also with a derivative by sigma_t, which made them dark; so
-          are thick ones under maps in the fast walk; a camera within a mesh of a million triangles
-          does not wait minutes for tables; unknowns of which pictures tell a sum alone could both
-          be called determined, with tiny errors, where noise made the information on their
-          difference negative; a search does not end with a step that was taken back; indices of
-          refraction are sought from 1.001 on, where they have a derivative; triangles with two
-          equal corners are degenerate whatever rounding makes of their area; EXR blocks may not
-          share bytes; networks with 2^20 windows and more in a layer on 32-bit machines; progress
-          of a loss without gradient goes to 1
-   0.7.0  light that comes through holes of meshes taken by force is right under maps, skies and
-          suns (up to 5 % off, up or down), and with max_scatter not lost; an eye in clear smooth
-          glass, where light is trapped, waits milliseconds for a path instead of seconds; media
-          that no object has take no memory in the fast walk; names as a:b.obj in scene files are
-          relative, except where drives are called so
-   0.6.4  derivatives by alpha and the index of a nearly smooth boundary between nearly equal
-          indices are without bias (alpha .001, index 1.0001: 144 +- 3 by alpha instead of 0);
-          refinement does not stop early where an unknown has no part in any picture, or where the
-          noise of its gradient is itself mostly noise; covariances of colours whose noise nobody
-          gives follow the picture's noise, not the renders'; epsilon of Adam is at least 1e-18;
-          with max_scatter, media with |g| > .6 in sampled lights alone had up to 70,000 times the
-          variance; derivatives by the scale of lights brighter than 1e30 in the fast walk
-   0.6.3  glass exactly on a ground (up to 2 % too dark) and objects a rounding above one (up to 4
-          %) are as bright as a little higher, and no light from below comes past it;
-          itn_scene_thickness of objects that are scaled more in one direction; words about a
-          refinement do not depend on the unit of length; coordinates of values beyond a logit's
-          bounds are those of the bounds; the values of an image that a surface and a light of one
-          name both have are no longer taken for the surface's; PFM files wider than 2^24
-   0.6.2  error bars of a picture whose variance nobody gives count what its noise makes together
-          with that of derivatives (of g they were up to 1.4 times too small); Adam's refinement
-          does not depend on the unit of light; losses and refinements whose squares no float holds
-          are refused; polygons of OBJ and PLY files are cut in quadratic time, and -0 is 0 there;
-          with max_scatter, light that comes from the ground after the last scattering counts under
-          maps and skies, too; a medium that no object has no longer crashes renders under a
-          constant light; spectra and derivatives of meshes that are open by force are right in the
-          fast walk, and objects that begin where two parts of another touch are seen
-   0.6.1  itn_film_desc.deviation and `deviation` in scene files: how wide a Gaussian filter is;
-          a scene file without a light is an error
-   0.6.0  itn_net_input blurs the brightness: networks that were trained before have to be trained
-          anew
-   0.5.14 where the usual samples would leave something undetermined, itn_refine takes up to 16
-          times as many by itself, unless final_spp says how many
-   0.5.13 what stands exactly on a sheet loses no light through it, and a ground of half size up to
-          1e6 is seen by what lies close above; error bars know that channels of a film share their
-          noise (three channels that are one picture had bars 1.7 times too small); weights by
-          target_variance no longer favour pixels that came out dark (which cost up to .7 standard
-          errors for pictures of few samples)
-   0.5.12 images without Y or R, G, B and with more than one plane are refused as light or texture
-          (the first plane was taken, often alpha); faces of a PLY file with and without texture
-          coordinates of their own; what follows numbers in OBJ files, and normals, may be anything;
-          errors of lights, surfaces and the camera have the line of the scene file
-   0.5.11 itn_render_options.samples: as many samples of each pixel as it needs
-   0.5.10 itn_refine_words tells groups of unknowns apart that have nothing to do with each other; a
-          search that runs into a bound turns round at once; one that leaves more misfit than noise
-          explains is followed by another from its mirror image in g; itn_loss_training refuses
-          gradients too large for a float, and needs no scene when lambda is 0; a network reads a
-          single picture 1.3 times as fast, large layers by Winograd's transform
-   0.5.9  networks with NaN among their weights no longer answer; error bars are right for what a
-          very noisy picture does not tell, and for views that share sigma_t of a medium but not its
-          g or albedo
-   0.5.8  near its end refinement sends samples to pixels that tell most: error bars of clean
-          pictures are a third smaller for the same number of samples
-   0.5.7  refinement lets go of unknowns that pictures do not tell, so that they do not blur the
-          error bars of the others
-   0.5.6  trees are built in four fifths of the time with 8 or 16 lanes, and so is the first picture
-          of a blocky figure; a third less time with ITN_NO_SIMD; rays that leave flat ground
-          upright do not test it (other bits for jobs of very few paths, within rounding)
-   0.5.5  the control variate knows how dark it is around a surface: in constant light half the
-          variance in hollows and between thin walls.
-          breaks: images in constant light have other bits than before
-   0.5.4  in constant light each walk has a camera ray of its own at edges: up to a fifth less
-          variance; itn_render_texel_gradient by the fast walk.
-          breaks: images in constant light have other bits than before at edges
-   0.5.3  the fast walk takes 5 to 30 % less time with 16 lanes, 20 to 30 % with 8; tables for short
-          renders in little more than half the time (other bits within rounding)
-   0.5.2  faint links are followed in single scattering and where all is dark (other bits there)
-   0.5.1  single scattering without refraction needs no walk, and does not miss thin media; error
-          bars of refinement know the noise of the information itself.
-          breaks: images of single scattering have other bits than before; wider error bars
-   0.5.0  refinement steps in similarity coordinates, final_spp; roulette keeps what derivatives in
-          an albedo, reflectance or sigma_t near 0 live on; AUTO takes the reference for them.
-          breaks: refinement takes other steps than before
-   0.4.0  itn_render_texel_gradient; itn_refine_views, itn_refine_words, covariances,
-          ITN_METHOD_SGD; sigma_t and g for each channel; itn_net_input; faint links are cut.
-          breaks: images with maps, skies and textures have other bits than before
-   0.3.0  derivatives in the fast walk, control variates, itn_estimator; convolutions in blocked
-          layouts.
-          breaks: images have other bits than before (ITN_ESTIMATOR_SCORE has the old ones)
-   0.2.0  the fast walk: paths in lanes, voxel tables, wide hierarchy, Sobol points; itn_mode,
-          itn_sampler, walks, itn_scene_prepare, itn_bvh_nearest_many, itn_bvh_occluded_many.
-          breaks: images without derivatives have other bits than before (ITN_MODE_REFERENCE
-          has the old ones)
-   0.1.0  first version: geometry, reference path tracer, derivatives, network, refinement, files
+/* [history] what changed for callers, newest first
+   0.8.0  half the lines, compiles in half the time; models are tables of functions.
+          breaks: images have other bits than before; what README's last section lists
+   0.7    networks read a picture in five sizes; overlapping solids are refused; error bars that
+          allow for what they cannot know
+   0.6    itn_film_desc.deviation; itn_net_input blurs. breaks: networks are to be trained anew
+   0.5    refinement in similarity coordinates, final_spp; itn_render_options.samples
+   0.4    texel gradients, several views, words, spectral media
+   0.3    derivatives in the fast walk
+   0.2    the fast walk
+   0.1    reference path tracer, derivatives, network, refinement, files
 
    [references] by chapter
      tri          S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013
