@@ -866,9 +866,9 @@ typedef struct itn_refine_options {
     int iterations; /* most of a search; 0 = 20 (LM) or 200. LM stops by itself when all that it
                        sees is noise; if it has not by then, one or two evaluations more give its
                        error bars */
-    int spp;        /* samples per pixel of each of the two renders of an iteration, 2 to 2097151;
+    int spp;        /* samples per pixel of each of the two renders of an iteration, 2 to 524287;
                        0 = 64. LM takes more as it closes in */
-    int final_spp;  /* samples, at most 268435455, of the last evaluations together, which LM
+    int final_spp;  /* samples, at most 67108863, of the last evaluations together, which LM
                        averages and which make the error bars (Adam and SGD have one such evaluation
                        at the end). 0 = 8 spp; if these leave an unknown undetermined, LM then takes
                        up to 16 times as many. More make error bars smaller, until the target's own
@@ -16678,7 +16678,8 @@ static void itn__refine_end(itn__refiner *refiner) {
 
 /* Fills in the defaults of the options and checks their ranges. */
 static itn_result itn__refine_options_fill(itn_refine_options *options, itn_error *error) {
-    const int most = INT_MAX / ITN__FINAL / ITN__FINAL / ITN__PATIENCE;
+    /* in the end a pixel may have four times the mean, and each of its camera rays several walks */
+    const int most_final = INT_MAX / 32, most = most_final / ITN__FINAL / ITN__PATIENCE;
     int plain = options->method == ITN_METHOD_SGD;
     if (options->spp == 0) options->spp = 64;
     if (options->iterations == 0) options->iterations = options->method == ITN_METHOD_LM ? 20 : 200;
@@ -16692,9 +16693,9 @@ static itn_result itn__refine_options_fill(itn_refine_options *options, itn_erro
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_refine: needs a known method, iterations and max_scatter >= 0 and a "
                          "learning_rate in (0, 1] (SGD: in (0, 1e6])");
-    if (options->final_spp < 0 || options->final_spp > INT_MAX / ITN__FINAL)
+    if (options->final_spp < 0 || options->final_spp > most_final)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: final_spp %d is not 0 to %d",
-                         options->final_spp, INT_MAX / ITN__FINAL);
+                         options->final_spp, most_final);
     if (options->final_spp == 0) options->final_spp = ITN__FINAL * options->spp;
     if (options->target_variance)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -16746,11 +16747,12 @@ static int itn__refine_astray(const itn__refiner *refiner, float g) {
 }
 
 /* Searches once more from the mirror image of what was found, if that may be wrong, and keeps what
-   leaves less misfit; the first, if the second cannot be made. */
+   leaves less misfit; the first, if the second cannot be made or the difference may be chance. */
 static itn_result itn__refine_again(itn__refiner *refiner, const itn_view *views,
                                     itn_error *error) {
     itn__refiner other, swap;
     itn_result result;
+    double noise;
     itn_error why = ITN_ZERO;
     float *values = refiner->moments[0]; /* not needed any more */
     float g = itn__mirror(refiner, values);
@@ -16761,7 +16763,8 @@ static itn_result itn__refine_again(itn__refiner *refiner, const itn_view *views
     other.options.final_spp = (int)refiner->final * other.options.spp, other.patience = 1;
     other.renders = refiner->renders, other.begun = refiner->iteration + 1;
     result = itn__refine_search(&other, views, values, &why);
-    if (!result && other.known.chi2 < refiner->known.chi2)
+    noise = refiner->known.chi2_variance + other.known.chi2_variance;
+    if (!result && refiner->known.chi2 - other.known.chi2 > sqrt(noise))
         swap = *refiner, *refiner = other, other = swap;
     itn__refine_end(&other);
     if (result != ITN_ERROR_CANCELLED) return ITN_OK;

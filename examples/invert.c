@@ -634,7 +634,7 @@ int main(int argc, char **argv) {
     if (!views) return fprintf(stderr, "%s", usage), 1;
     if (targets && hidden_list) fail("--hidden", "has no meaning with --target");
     if (targets && targets != views) fail("--target", "needed for each of the scenes, or for none");
-    if (refine.spp < 2 || refine.spp > 2097151) fail("--spp", "must be in 2..2097151");
+    if (refine.spp < 2 || refine.spp > 524287) fail("--spp", "must be in 2..524287");
     if (dir && mkdir(dir, 0777) && errno != EEXIST) fail(dir, "this folder cannot be made");
     make_stems(pictures, views, dir);
     for (v = 0; v < views; v++) open_scene(&pictures[v], &context);

@@ -2002,6 +2002,8 @@ static void test_options(void) {
         REFUSES_OPTION(options.spp = -1);
         REFUSES_OPTION(options.spp = 1);
         REFUSES_OPTION(options.spp = INT_MAX);
+        REFUSES_OPTION(options.spp = 524288); /* more could be too many for the last renders */
+        REFUSES_OPTION(options.final_spp = 67108864);
         REFUSES_OPTION(options.final_spp = -1);
         REFUSES_OPTION(options.final_spp = INT_MAX);
         REFUSES_OPTION(options.iterations = -1);
