@@ -426,7 +426,9 @@ typedef struct itn_surface_desc {
 
 /* A mesh with what is inside it and what its surface does. Where closed objects overlap, the medium
    of the one that comes later in the list fills the overlap, and of those with a dielectric surface
-   the later one's index holds; opaque surfaces always show. Texture coordinates of a
+   the later one's index holds; opaque surfaces always show. Where faces of dielectrics coincide, as
+   of water and its glass, they are one boundary without air between, of the surface of the last one
+   in the list; between a dielectric and an opaque surface there is air. Texture coordinates of a
    mesh without uvs are x, z of the scene. */
 typedef struct itn_object_desc {
     const itn_mesh *mesh; /* copied; NULL: a horizontal square at plane_y, half_size each way */
@@ -4225,6 +4227,7 @@ typedef struct itn__object {
     int closed;   /* has an inside: rays meet its faces from one side at a time */
     int solid;    /* closed, with a medium or a dielectric surface */
     int refracts; /* has a dielectric surface */
+    uint64_t dielectrics; /* other objects that refract and whose boxes meet this one's, as bits */
     int mirrored; /* its triangles are turned around as they are copied */
     float *uvs; /* [triangles][6] or NULL */
     double volume, area;
@@ -5190,6 +5193,20 @@ static void itn__make_sides(itn_scene *scene) {
     }
 }
 
+/* Notes of each closed object which other dielectrics may have faces where it has some. */
+static void itn__find_neighbours(itn_scene *scene) {
+    double margin = 16 * (double)FLT_EPSILON * (double)scene->radius;
+    int i, j, k;
+    for (i = 0; i < scene->object_count; i++)
+        for (j = 0; j < scene->object_count; j++) {
+            const itn__object *a = &scene->objects[i], *b = &scene->objects[j];
+            int meet = i != j && a->closed && b->refracts;
+            for (k = 0; k < 3; k++)
+                meet &= a->lower[k] <= b->upper[k] + margin && b->lower[k] <= a->upper[k] + margin;
+            if (meet) scene->objects[i].dielectrics |= (uint64_t)1 << j;
+        }
+}
+
 static itn_result itn__make_objects(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     const itn_camera_desc *camera = &maker->desc->camera;
@@ -5209,6 +5226,7 @@ static itn_result itn__make_objects(itn__maker *maker) {
                                   (float)(camera->eye.y - scene->origin[1]),
                                   (float)(camera->eye.z - scene->origin[2]));
     itn__make_sides(scene);
+    itn__find_neighbours(scene);
     return ITN_OK;
 }
 
@@ -5296,14 +5314,19 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
 
    Where parts of a solid touch, faces coincide: those just gone through, and not yet left behind,
    are remembered, so that a walk does not go through them again and again; and a ray that goes on
-   straight behind a face never does so from further back. */
+   straight behind a face never does so from further back. Where faces of several dielectrics
+   coincide, as of water and its glass, there is one boundary: from the index before all of them to
+   that behind all. Light that it throws back crosses none, light that goes through crosses all.
+
+   What a caller does: itn__next_hit finds a face, itn__meet_faces tells what that is to light (an
+   event), and then itn__cross_faces or itn__throw_back changes the place. */
 
 typedef struct itn__place {
     itn__sides sides;
     int inside;     /* object whose medium the walk is in, -1: none */
     int refracting; /* object whose index of refraction holds there, -1: none, 1 */
     int hero;       /* the channel that draws flights and turns, see [throughput] */
-    int crossed[4], crossed_count; /* the latest: 2 triangle + front, in a ring; how many so far */
+    int crossed[8], crossed_count; /* the latest: 2 triangle + front, in a ring; how many so far */
 } itn__place;
 
 /* How far behind itself a ray may find a wall that it should have met. */
@@ -5351,32 +5374,6 @@ static float itn__ior(const itn_scene *scene, const float *theta, int object) {
     return parameter >= 0 ? theta[parameter] : 1;
 }
 
-/* Notes that the walk is thrown back by a face, or goes through it, at `point` of it. */
-static void itn__begin_at_face(const itn_scene *scene, itn__place *place, const itn_hit *hit,
-                               itn_vec3 point, int thrown) {
-    if (scene->sides.front & scene->sides.back) /* there are sheets */
-        itn__begin_at(&place->sides, &scene->bvh->triangles[scene->bvh->slots[hit->triangle]],
-                      point, thrown);
-}
-
-/* Notes that it is thrown back by a boundary: up from a sheet there, or down to it if that threw it
-   here. */
-static void itn__throw_back(const itn_scene *scene, itn__place *place, const itn_hit *hit,
-                            itn_vec3 point) {
-    int from_sheet = place->sides.flush > 0 && place->sides.thrown;
-    itn__begin_at_face(scene, place, hit, point, !from_sheet);
-}
-
-/* Notes that it goes through the boundary of an object, at `point`. */
-static void itn__cross_boundary(const itn_scene *scene, itn__place *place, int object,
-                                const itn_hit *hit, itn_vec3 point) {
-    itn__change_side(&place->sides, object);
-    if (!(place->sides.flush > 0)) itn__begin_at_face(scene, place, hit, point, 0);
-    place->inside = itn__find_inside(scene, &place->sides);
-    place->refracting = itn__find_refracting(scene, &place->sides);
-    place->crossed[place->crossed_count++ % 4] = 2 * hit->triangle + hit->front;
-}
-
 /* Notes that it has left behind where it went through a boundary or was thrown back. */
 ITN__INLINE void itn__leave_behind(itn__place *place) {
     place->crossed_count = 0, place->sides.flush = 0;
@@ -5397,7 +5394,7 @@ static void itn__go_on_to(const itn_scene *scene, itn__place *place, itn_vec3 or
    there may be faces of one mesh that lead to each other for ever. */
 static int itn__just_crossed(const itn__place *place, const itn_hit *hit) {
     int known = place->crossed_count >= 64, k;
-    for (k = 0; k < place->crossed_count && k < 4; k++)
+    for (k = 0; k < place->crossed_count && k < 8; k++)
         known |= place->crossed[k] == 2 * hit->triangle + hit->front;
     return known;
 }
@@ -5428,18 +5425,6 @@ static int itn__next_hit(const itn_scene *scene, itn__place *place, itn_ray *ray
     return 0;
 }
 
-/* Whether light feels the boundary of `object`; *after receives the object that refracts on the
-   other side. Indices that differ by less than floats can tell in a direction count as equal. */
-static int itn__beyond(const itn_scene *scene, const float *theta, const itn__place *place,
-                       int object, int *after) {
-    float before_ior = itn__ior(scene, theta, place->refracting);
-    itn__sides sides = place->sides;
-    itn__change_side(&sides, object);
-    *after = itn__find_refracting(scene, &sides);
-    return scene->objects[object].refracts && *after != place->refracting &&
-           fabsf(itn__ior(scene, theta, *after) - before_ior) > ITN__SAME_INDEX * before_ior;
-}
-
 /* The point of a hit. */
 static itn_vec3 itn__hit_point(const itn_bvh *bvh, const itn_hit *hit) {
     itn_vec3 p[3];
@@ -5468,6 +5453,119 @@ static int itn__hit_normal(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 dire
     side = n[0] * direction.x + n[1] * direction.y + n[2] * direction.z > 0 ? -1 : 1;
     *normal = itn__vec3((float)(side * n[0]), (float)(side * n[1]), (float)(side * n[2]));
     return 1;
+}
+
+/* What a walk meets at a face: the faces of all solids in that point which light meets at once. */
+enum { ITN__MOST_FACES = 8 };
+typedef struct itn__event {
+    int object; /* whose surface scatters; -1: none, light goes straight on */
+    int after;  /* object whose index holds behind the faces, -1: none */
+    int count, faces[ITN__MOST_FACES]; /* 2 triangle + front, each of another object */
+} itn__event;
+
+static const itn__triangle *itn__face_triangle(const itn_scene *scene, int face) {
+    return &scene->bvh->triangles[scene->bvh->slots[face / 2]];
+}
+
+/* Whether a point of triangle a lies in the plane of b, as far as corners that are rounded tell: by
+   the size of what they were given as, and of what they are less the origin. */
+static int itn__same_plane(const itn_scene *scene, const itn__triangle *a, const itn__triangle *b,
+                           itn_vec3 point) {
+    itn__plane plane = itn__plane_of(b, point);
+    double blur = plane.error;
+    int k;
+    for (k = 0; k < 9; k++) {
+        double x = (double)a->corner[k / 3][k % 3], y = (double)b->corner[k / 3][k % 3];
+        double size = fmax(fabs(x), fabs(y));
+        size = fmax(size, fmax(fabs(x + scene->origin[k % 3]), fabs(y + scene->origin[k % 3])));
+        blur = fmax(blur, plane.error + 8 * (double)FLT_EPSILON * size * fabs(plane.n[k % 3]));
+    }
+    return fabs(plane.f) <= blur;
+}
+
+/* Adds to an event what other dielectric solids have in the point of a hit. */
+static void itn__gather_faces(const itn_scene *scene, const itn__place *place, itn_ray ray,
+                              const itn_hit *hit, uint64_t others, itn__event *event) {
+    const itn__triangle *triangle = itn__face_triangle(scene, 2 * hit->triangle);
+    itn_vec3 normal, point = itn__hit_point(scene->bvh, hit);
+    itn__sides sides = place->sides;
+    float margin = 2 * itn__slack(scene, point) + 4 * FLT_EPSILON * fabsf(hit->t);
+    if (!itn__hit_normal(scene->bvh, hit, ray.direction, &normal)) return;
+    margin /= -itn__dot(normal, ray.direction);
+    ray.tmin = hit->t - margin, ray.tmax = hit->t + margin;
+    sides.front &= others, sides.back &= others;
+    while ((sides.front | sides.back) && event->count < ITN__MOST_FACES) {
+        itn_hit other;
+        uint64_t bit;
+        if (!itn__bvh_face(scene->bvh, &ray, &sides, &other)) return;
+        bit = itn__object_bit(itn__bvh_object(scene->bvh, other.triangle));
+        sides.front &= ~bit, sides.back &= ~bit;
+        if (!itn__just_crossed(place, &other) &&
+            itn__same_plane(scene, triangle, itn__face_triangle(scene, 2 * other.triangle),
+                            point))
+            event->faces[event->count++] = 2 * other.triangle + other.front;
+    }
+}
+
+static int itn__is_opaque(const itn_scene *scene, int object) {
+    int surface = scene->objects[object].surface;
+    return surface >= 0 && scene->surfaces[surface].type == ITN_SURFACE_DIFFUSE;
+}
+
+/* What the hit of a ray is to a walk. Of boundaries in one point the surface is that of the last
+   object in the list; indices count as equal that differ by less than floats tell in a direction.
+   A boundary in the same point as an opaque face comes first. */
+static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
+                                  const itn__place *place, const itn_ray *ray,
+                                  const itn_hit *hit) {
+    int object = itn__bvh_object(scene->bvh, hit->triangle), refracts, k;
+    uint64_t others = scene->objects[object].dielectrics;
+    float before_ior = itn__ior(scene, theta, place->refracting);
+    itn__sides sides = place->sides;
+    itn__event event;
+    refracts = scene->objects[object].refracts;
+    event.object = itn__is_opaque(scene, object) ? object : -1, event.after = place->refracting;
+    event.faces[0] = 2 * hit->triangle + hit->front, event.count = refracts;
+    if (others) itn__gather_faces(scene, place, *ray, hit, others, &event);
+    if (!event.count) { /* opaque, or index-matched */
+        event.count = 1;
+        return event;
+    }
+    event.object = -1;
+    for (k = 0; k < event.count; k++) {
+        object = itn__face_triangle(scene, event.faces[k])->object;
+        itn__change_side(&sides, object);
+        if (object > event.object) event.object = object;
+    }
+    event.after = itn__find_refracting(scene, &sides);
+    if (event.after == place->refracting ||
+        !(fabsf(itn__ior(scene, theta, event.after) - before_ior) > ITN__SAME_INDEX * before_ior))
+        event.object = -1;
+    return event;
+}
+
+/* Notes that the walk is thrown back at `point`: up from a sheet or an opaque face; by a boundary
+   up from a sheet there, or down to it if that threw it here. */
+static void itn__throw_back(const itn_scene *scene, itn__place *place, const itn__event *event,
+                            itn_vec3 point) {
+    int from_sheet = place->sides.flush > 0 && place->sides.thrown;
+    if (scene->sides.front & scene->sides.back) /* there are sheets */
+        itn__begin_at(&place->sides, itn__face_triangle(scene, event->faces[0]), point,
+                      !from_sheet || itn__is_opaque(scene, event->object));
+}
+
+/* Notes that it goes through all faces of an event at `point`. */
+static void itn__cross_faces(const itn_scene *scene, itn__place *place, const itn__event *event,
+                             itn_vec3 point) {
+    int k;
+    for (k = 0; k < event->count; k++) {
+        itn__change_side(&place->sides, itn__face_triangle(scene, event->faces[k])->object);
+        place->crossed[place->crossed_count++ % ITN__MOST_FACES] = event->faces[k];
+    }
+    if ((scene->sides.front & scene->sides.back) && !(place->sides.flush > 0))
+        itn__begin_at(&place->sides, itn__face_triangle(scene, event->faces[0]), point, 0);
+    place->inside = itn__find_inside(scene, &place->sides);
+    place->refracting = itn__find_refracting(scene, &place->sides);
 }
 
 /* How far a ray goes until it has left the box of all solids. */
@@ -5907,7 +6005,8 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
     for (;;) {
         const itn__medium *medium = itn__medium_of(scene, walk->place.inside);
         itn_hit hit;
-        int object, after, met;
+        itn__event event;
+        int met;
         ray.tmax = INFINITY;
         met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
         if (!met && !medium) return 1;
@@ -5918,28 +6017,23 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
             itn__weigh_spectrum(walk, &walk->connection, f, 1, medium->sigma_t);
         }
         if (!met) return 1;
-        object = itn__bvh_object(scene->bvh, hit.triangle);
-        if (!scene->objects[object].closed ||
-            itn__beyond(scene, walk->theta, &walk->place, object, &after) ||
-            (scene->objects[object].surface >= 0 &&
-             scene->surfaces[scene->objects[object].surface].type == ITN_SURFACE_DIFFUSE))
-            return 0;
+        event = itn__meet_faces(scene, walk->theta, &walk->place, &ray, &hit);
+        if (event.object >= 0) return 0;
         ray.origin = itn__passed_point(scene->bvh, ray.origin, ray.direction, &hit);
-        itn__cross_boundary(scene, &walk->place, object, &hit, ray.origin);
+        itn__cross_faces(scene, &walk->place, &event, ray.origin);
     }
 }
 
 /* Ends a connection whose weight already holds the vertex's f over the light's pdf. `pdf` is the
    density with which the vertex itself would draw the direction. If the vertex is at a surface,
-   `hit` is its face, and `crossed` the object through whose boundary the direction goes there, or
-   -1. */
-static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction, int crossed,
-                         const itn_hit *hit, float pdf, float light_pdf) {
+   `event` is what it meets there, and `through` whether the direction goes through it. */
+static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction,
+                         const itn__event *event, int through, float pdf, float light_pdf) {
     itn__place place = walk->place;
     int i, visible;
     itn_ray ray;
-    if (crossed >= 0) itn__cross_boundary(walk->scene, &walk->place, crossed, hit, origin);
-    else if (hit) itn__throw_back(walk->scene, &walk->place, hit, origin);
+    if (event && through) itn__cross_faces(walk->scene, &walk->place, event, origin);
+    else if (event) itn__throw_back(walk->scene, &walk->place, event, origin);
     ray.origin = origin, ray.direction = direction;
     visible = itn__connect_visible(walk, ray);
     walk->place = place;
@@ -6068,7 +6162,7 @@ static void itn__link_collision(itn__walk *walk, const itn__medium *medium, cons
     y = itn__one_minus_cosine(ray->direction, itn__scale(direction, -1));
     itn__phase_factors(walk, medium, x, y, f, pdf);
     itn__weigh_spectrum(walk, &walk->connection, f, light_pdf, medium->g);
-    itn__connect(walk, ray->origin, direction, -1, NULL,
+    itn__connect(walk, ray->origin, direction, NULL, 0,
                  last ? 0 : itn__mixture(walk, medium->g, pdf), light_pdf);
 }
 
@@ -6131,8 +6225,9 @@ static void itn__weigh_reflectance(itn__walk *walk, itn__weight *weight,
 }
 
 /* A diffuse surface, the same on both sides. n faces the walk. */
-static int itn__meet_diffuse(itn__walk *walk, itn_ray *ray, const itn_hit *hit, int object,
-                             itn_vec3 n) {
+static int itn__meet_diffuse(itn__walk *walk, itn_ray *ray, const itn_hit *hit,
+                             const itn__event *event, itn_vec3 n) {
+    int object = event->object;
     const itn__surface *surface = &walk->scene->surfaces[walk->scene->objects[object].surface];
     itn_vec3 direction, s_axis, t_axis;
     float light_pdf, s, t, u, v;
@@ -6143,9 +6238,9 @@ static int itn__meet_diffuse(itn__walk *walk, itn_ray *ray, const itn_hit *hit, 
         float cosine = itn__dot(direction, n) / ITN__PI;
         itn__copy_weight(walk, &walk->connection, &walk->weight);
         itn__weigh_reflectance(walk, &walk->connection, surface, s, t, touch, cosine, light_pdf);
-        itn__connect(walk, ray->origin, direction, -1, hit, cosine, light_pdf);
+        itn__connect(walk, ray->origin, direction, event, 0, cosine, light_pdf);
     }
-    itn__begin_at_face(walk->scene, &walk->place, hit, ray->origin, 1);
+    itn__throw_back(walk->scene, &walk->place, event, ray->origin);
     itn__weigh_reflectance(walk, &walk->weight, surface, s, t, touch, 1, 1);
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     direction = itn__sample_cosine(u, v);
@@ -6210,11 +6305,12 @@ static int itn__sample_edge(itn__walk *walk, const itn__surface *surface, itn_ve
     return itn__alive(walk);
 }
 
-/* A dielectric boundary of `object`, with object `after` (or -1) on the far side. n faces the
-   walk. Returns 0 at the end of the path. */
-static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hit, int object,
-                                int after, itn_vec3 n) {
-    const itn__surface *surface = &walk->scene->surfaces[walk->scene->objects[object].surface];
+/* A dielectric boundary. n faces the walk. Returns 0 at the end of the path. */
+static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn__event *event,
+                                itn_vec3 n) {
+    const itn__object *object = &walk->scene->objects[event->object];
+    const itn__surface *surface = &walk->scene->surfaces[object->surface];
+    int after = event->after;
     float alpha = surface->alpha >= 0 ? walk->theta[surface->alpha] : 0;
     float eta = itn__ior(walk->scene, walk->theta, after) /
                 itn__ior(walk->scene, walk->theta, walk->place.refracting);
@@ -6231,7 +6327,7 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
         if (f.v > 0) {
             itn__copy_weight(walk, &walk->connection, &walk->weight);
             itn__weigh_rough(walk, &walk->connection, surface, f, light_pdf, after);
-            itn__connect(walk, ray->origin, direction, o.z < 0 ? object : -1, hit, pdf, light_pdf);
+            itn__connect(walk, ray->origin, direction, event, o.z < 0, pdf, light_pdf);
         }
     }
     if (alpha > 0 && itn__wants_edge(walk, after)) { /* less often at each further boundary */
@@ -6252,8 +6348,8 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
             itn__weigh_rough(walk, &walk->weight, surface, f, walk->pdf, after);
         }
     }
-    if (o.z < 0) itn__cross_boundary(walk->scene, &walk->place, object, hit, ray->origin);
-    else itn__throw_back(walk->scene, &walk->place, hit, ray->origin);
+    if (o.z < 0) itn__cross_faces(walk->scene, &walk->place, event, ray->origin);
+    else itn__throw_back(walk->scene, &walk->place, event, ray->origin);
     ray->direction = itn__normalize(itn__to_world(o, s, t, n));
     return 1;
 }
@@ -6261,17 +6357,15 @@ static int itn__meet_dielectric(itn__walk *walk, itn_ray *ray, const itn_hit *hi
 /* The ray has met a surface. Returns 0 at the end of the path. */
 static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) {
     const itn_scene *scene = walk->scene;
-    int object = itn__bvh_object(scene->bvh, hit->triangle);
-    int surface = scene->objects[object].surface, after;
+    itn__event event = itn__meet_faces(scene, walk->theta, &walk->place, ray, hit);
     itn_vec3 n, origin = ray->origin;
     if (!itn__hit_normal(scene->bvh, hit, ray->direction, &n)) return 0;
     ray->origin = itn__hit_point(scene->bvh, hit);
-    if (surface >= 0 && scene->surfaces[surface].type == ITN_SURFACE_DIFFUSE)
-        return itn__meet_diffuse(walk, ray, hit, object, n);
-    if (itn__beyond(scene, walk->theta, &walk->place, object, &after))
-        return itn__meet_dielectric(walk, ray, hit, object, after, n);
+    if (event.object >= 0 && itn__is_opaque(scene, event.object))
+        return itn__meet_diffuse(walk, ray, hit, &event, n);
+    if (event.object >= 0) return itn__meet_dielectric(walk, ray, &event, n);
     ray->origin = itn__passed_point(scene->bvh, origin, ray->direction, hit);
-    itn__cross_boundary(scene, &walk->place, object, hit, ray->origin);
+    itn__cross_faces(scene, &walk->place, &event, ray->origin);
     return 1;
 }
 
@@ -8784,7 +8878,6 @@ enum {
     ITN__NORMAL = 44,   /* boundary, diffuse */
     ITN__ETA = 47,      /* boundary */
     ITN__ALPHA = 48,
-    ITN__FACE = 49,        /* 2 triangle + front, as in itn__place */
     ITN__REFLECTANCE = 47, /* diffuse: 3 */
     ITN__FIELDS = 50
 };
@@ -8799,6 +8892,7 @@ typedef struct itn__queue {
 /* What a path has, apart from its state: its place, and where its radiance goes. */
 typedef struct itn__path {
     itn__place place, link_place;
+    itn__event event; /* at the surface it has met */
     int number, copies; /* radiance[number] ... [number + copies - 1] */
     int mark;           /* substance whose V this path teaches (0: what is outside), or -1; */
     int mark_face;      /* entry of at_face (of occlusions), or -1: of a path about to fly */
@@ -10831,25 +10925,25 @@ static float itn__pass_way(itn__crowd *crowd, itn__queue *queue, int at, int sub
 static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const itn_hit *hit) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
-    int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, object, after, c, to, substance;
+    int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, c, to, substance;
     itn__path *path = &crowd->paths[slot];
     itn__place *place = &path->link_place;
     itn_vec3 point;
     float largest, floor_weight = itn__float_row(queue, ITN__PDF)[at], reach = INFINITY;
     const itn__substance *medium;
-    object = itn__bvh_object(scene->bvh, hit->triangle);
+    itn__event event;
+    itn_ray ray;
+    ray.origin = itn__get_vector(queue, ITN__POSITION, at);
+    ray.direction = itn__get_vector(queue, ITN__DIRECTION, at);
+    event = itn__meet_faces(scene, fast->theta, place, &ray, hit);
     substance = itn__substance_of(fast, place);
     largest = itn__pass_way(crowd, queue, at, substance, itn__max(hit->t, 0));
-    if (!scene->objects[object].closed ||
-        itn__beyond(scene, fast->theta, place, object, &after) || !(largest > floor_weight) ||
-        (scene->objects[object].surface >= 0 &&
-         scene->surfaces[scene->objects[object].surface].type == ITN_SURFACE_DIFFUSE)) {
+    if (event.object >= 0 || !(largest > floor_weight)) {
         itn__unpark(crowd, slot);
         return;
     }
-    point = itn__passed_point(scene->bvh, itn__get_vector(queue, ITN__POSITION, at),
-                              itn__get_vector(queue, ITN__DIRECTION, at), hit);
-    itn__cross_boundary(scene, place, object, hit, point);
+    point = itn__passed_point(scene->bvh, ray.origin, ray.direction, hit);
+    itn__cross_faces(scene, place, &event, point);
     itn__set_vector(queue, ITN__POSITION, at, point);
     substance = itn__substance_of(fast, place);
     to = itn__move(queue, at, substance ? &crowd->exact[substance] : &crowd->walk[0]);
@@ -10869,7 +10963,6 @@ typedef struct itn__meeting {
     float t[ITN__LANES], u[ITN__LANES], v[ITN__LANES]; /* see itn_hit */
     float corner[3][3][ITN__LANES], normal[3][ITN__LANES];
     float eta[ITN__LANES], alpha[ITN__LANES], reflectance[3][ITN__LANES];
-    int32_t face[ITN__LANES];
 } itn__meeting;
 
 /* Takes down where the paths of the lanes, items at ... of `taken`, meet a triangle. Returns those
@@ -10884,7 +10977,6 @@ static unsigned itn__note_hits(const itn__crowd *crowd, int at, unsigned bits, i
         const itn_hit *hit = &crowd->hits[at + k];
         const float *normal = crowd->fast->normals + 3 * (size_t)slot;
         m->t[k] = itn__max(hit->t, 0), m->u[k] = hit->u, m->v[k] = hit->v;
-        m->face[k] = 2 * hit->triangle + hit->front;
         for (j = 0; j < 3; j++) {
             m->normal[j][k] = normal[j];
             for (l = 0; l < 3; l++) m->corner[j][l][k] = bvh->triangles[slot].corner[j][l];
@@ -10977,26 +11069,28 @@ static void itn__sort_meeting(itn__crowd *crowd, int at, const itn__ints *slots,
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
     for (*diffuse = *boundary = 0; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), slot = ITN__LANE(*slots, k), after;
+        int k = itn__lowest_bit(bits), slot = ITN__LANE(*slots, k);
         const itn_hit *hit = &crowd->hits[at + k];
         itn__place *place = &crowd->paths[slot].place;
+        itn__event *event = &crowd->paths[slot].event;
         itn_vec3 p = itn__lane_vector(point, k);
-        int object = itn__bvh_object(scene->bvh, hit->triangle);
-        const itn__surface *surface = scene->objects[object].surface < 0
-                                          ? NULL : &scene->surfaces[scene->objects[object].surface];
-        if (surface && surface->type == ITN_SURFACE_DIFFUSE) {
+        itn_ray ray;
+        ray.origin = itn__get_vector(&crowd->taken, ITN__POSITION, at + k);
+        ray.direction = itn__get_vector(&crowd->taken, ITN__DIRECTION, at + k);
+        *event = itn__meet_faces(scene, fast->theta, place, &ray, hit);
+        if (event->object >= 0 && itn__is_opaque(scene, event->object)) {
             *diffuse |= 1u << k;
             itn__note_texel(crowd, slot, hit, p, k, m);
-            itn__begin_at_face(scene, place, hit, p, 1);
-        } else if (itn__beyond(scene, fast->theta, place, object, &after)) {
+            itn__throw_back(scene, place, event, p);
+        } else if (event->object >= 0) {
+            int alpha = scene->surfaces[scene->objects[event->object].surface].alpha;
             *boundary |= 1u << k;
-            m->eta[k] = itn__ior(scene, fast->theta, after) /
+            m->eta[k] = itn__ior(scene, fast->theta, event->after) /
                         itn__ior(scene, fast->theta, place->refracting);
-            m->alpha[k] = surface->alpha >= 0 ? fast->theta[surface->alpha] : 0;
+            m->alpha[k] = alpha >= 0 ? fast->theta[alpha] : 0;
         } else {
-            p = itn__passed_point(scene->bvh, itn__get_vector(&crowd->taken, ITN__POSITION, at + k),
-                                  itn__get_vector(&crowd->taken, ITN__DIRECTION, at + k), hit);
-            itn__cross_boundary(scene, place, object, hit, p);
+            p = itn__passed_point(scene->bvh, ray.origin, ray.direction, hit);
+            itn__cross_faces(scene, place, event, p);
             ITN__LANE(point->x, k) = p.x, ITN__LANE(point->y, k) = p.y;
             ITN__LANE(point->z, k) = p.z;
         }
@@ -11011,7 +11105,6 @@ ITN__INLINE void itn__send_to_boundary(itn__crowd *crowd, const itn__state *s, i
     itn__push_vectors(queue, ITN__NORMAL, n, bits);
     itn__compress(itn__float_row(queue, ITN__ETA) + at, itn__load(m->eta), bits);
     itn__compress(itn__float_row(queue, ITN__ALPHA) + at, itn__load(m->alpha), bits);
-    itn__compress_ints(itn__row(queue, ITN__FACE) + at, itn__load_ints(m->face), bits);
     itn__append(queue, s, bits, features);
 }
 ITN__INLINE void itn__send_to_diffuse(itn__crowd *crowd, const itn__state *s, itn__vectors n,
@@ -11303,22 +11396,18 @@ ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) 
    to bring is known on both sides of a facet, so which way one goes there is part of the control
    variate, too. */
 
-/* Paths of lanes that leave the boundary they stand on, items at ... of its queue, or with
-   ITN__LINK their links; `through` are those that go through it. */
-static void itn__leave_boundary(itn__crowd *crowd, const itn__state *s, int at, unsigned bits,
+/* Paths of lanes that leave the boundary they stand on, or with ITN__LINK their links; `through`
+   are those that go through it. */
+static void itn__leave_boundary(itn__crowd *crowd, const itn__state *s, unsigned bits,
                                 unsigned through, int link) {
     const itn_scene *scene = crowd->fast->scene;
     for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), face = itn__row(&crowd->boundary, ITN__FACE)[at + k];
-        itn__place *place = itn__place_of(crowd, ITN__LANE(s->slot, k) | link);
+        int k = itn__lowest_bit(bits), slot = ITN__LANE(s->slot, k);
+        itn__place *place = itn__place_of(crowd, slot | link);
+        const itn__event *event = &crowd->paths[slot].event;
         itn_vec3 point = itn__lane_vector(&s->p, k);
-        itn_hit hit;
-        hit.triangle = face / 2, hit.front = face & 1;
-        if (through >> k & 1)
-            itn__cross_boundary(scene, place, itn__bvh_object(scene->bvh, hit.triangle), &hit,
-                                point);
-        else
-            itn__throw_back(scene, place, &hit, point);
+        if (through >> k & 1) itn__cross_faces(scene, place, event, point);
+        else itn__throw_back(scene, place, event, point);
     }
 }
 
@@ -11352,13 +11441,13 @@ ITN__INLINE itn__ints itn__surface_links(itn__crowd *crowd, const itn__state *s,
 
 /* Adds to the scores of lanes at a rough boundary (or with ITN__LINK of their links) what their
    surfaces' roughness contributes. */
-static void itn__book_rough(itn__crowd *crowd, const itn__ints *slots, int at, itn__floats score,
+static void itn__book_rough(itn__crowd *crowd, const itn__ints *slots, itn__floats score,
                             unsigned bits, int link) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
     for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), face = itn__row(&crowd->boundary, ITN__FACE)[at + k];
-        int object = itn__bvh_object(scene->bvh, face / 2);
+        int k = itn__lowest_bit(bits);
+        int object = crowd->paths[ITN__LANE(*slots, k)].event.object;
         int slot = fast->slots[scene->surfaces[scene->objects[object].surface].alpha];
         if (slot >= 0)
             itn__scores_of(crowd, ITN__LANE(*slots, k) | link)[slot] += ITN__LANE(score, k);
@@ -11369,7 +11458,7 @@ static void itn__book_rough(itn__crowd *crowd, const itn__ints *slots, int at, i
 ITN__INLINE itn__ints itn__boundary_links(itn__crowd *crowd, itn__state *s,
                                           const itn__vectors frame[3], itn__vectors i,
                                           itn__floats alpha, itn__floats eta, itn__ints mask,
-                                          int at, int features) {
+                                          int features) {
     itn__vsample light = itn__light_for(crowd, s, mask, 1);
     itn__vectors o = itn__vto_local(light.direction, frame[0], frame[1], frame[2]);
     itn__floats pdf, f = itn__vrough(i, o, alpha, eta, &pdf), w[3];
@@ -11378,11 +11467,11 @@ ITN__INLINE itn__ints itn__boundary_links(itn__crowd *crowd, itn__state *s,
     for (c = 0; c < itn__colours(features); c++)
         w[c] = s->beta[c] * f * light.radiance[c] / (light.pdf + pdf);
     itn__place_links(crowd, s, itn__mask_bits(mask));
-    itn__leave_boundary(crowd, s, at, itn__mask_bits(mask),
+    itn__leave_boundary(crowd, s, itn__mask_bits(mask),
                         itn__mask_bits(itn__less(o.z, itn__splat(0))), ITN__LINK);
     mask = itn__surface_links(crowd, s, light.direction, w, mask, features);
     if (itn__scored(crowd, features) && crowd->fast->rough_scores)
-        itn__book_rough(crowd, &s->slot, at,
+        itn__book_rough(crowd, &s->slot,
                         itn__vrough_score(i, o, itn__vfacet(i, o, eta), alpha),
                         itn__mask_bits(mask), ITN__LINK);
     return mask;
@@ -11468,7 +11557,7 @@ ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
         itn__vframe(frame[2], &frame[0], &frame[1]);
         i = itn__vto_local(itn__vscale(s.d, itn__splat(-1)), frame[0], frame[1], frame[2]);
         if ((features & ITN__LIGHTS) && crowd->fast->links && itn__mask_bits(rough))
-            linked = itn__boundary_links(crowd, &s, frame, i, alpha, eta, rough, at, features);
+            linked = itn__boundary_links(crowd, &s, frame, i, alpha, eta, rough, features);
         u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
         w = itn__draw(crowd, &s, mask, 1);
         bounce.alpha = alpha, bounce.eta = eta, bounce.occlusion = s.occlusion, twin = bounce;
@@ -11495,7 +11584,7 @@ ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
         s.d = itn__vselect(ok, itn__vnormalize(itn__vto_world(o, frame[0], frame[1], frame[2])),
                            s.d);
         if (itn__scored(crowd, features) && crowd->fast->rough_scores)
-            itn__book_rough(crowd, &s.slot, at, itn__vrough_score(i, o, facet, alpha),
+            itn__book_rough(crowd, &s.slot, itn__vrough_score(i, o, facet, alpha),
                             itn__mask_bits(ok & rough), 0);
         if (itn__knows_depth(features)) { /* a reflected path has the medium behind the normal */
             itn__floats turned = itn__select(itn__less(o.z, itn__splat(0)), itn__splat(1),
@@ -11504,7 +11593,7 @@ ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
         }
         itn__add_controls(crowd, &s, itn__mask_bits(mask & ~ok & ~linked));
         itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~ok & ~linked));
-        itn__leave_boundary(crowd, &s, at, itn__mask_bits(ok),
+        itn__leave_boundary(crowd, &s, itn__mask_bits(ok),
                             itn__mask_bits(itn__less(o.z, itn__splat(0))), 0);
         itn__leave_surface(crowd, &s, ok, linked, features);
     }
@@ -12312,13 +12401,6 @@ static void itn__render_end(itn__render *render) {
     itn__free(context, render->theta_made);
 }
 
-static int itn__boxes_meet(const itn__object *a, const itn__object *b) {
-    int k;
-    for (k = 0; k < 3; k++)
-        if (a->upper[k] < b->lower[k] || b->upper[k] < a->lower[k]) return 0;
-    return 1;
-}
-
 /* Whether the scene can be differentiated in the index of surface `asked`. A smooth boundary, its
    own or one between it and another solid, refracts into one direction, which jumps with the index;
    a boundary between equal indices is not there at all. */
@@ -12339,9 +12421,8 @@ static itn_result itn__check_ior(const itn_scene *scene, const float *theta, int
     for (i = 0; i < scene->object_count; i++)
         for (j = 0; j < scene->object_count; j++) {
             int other = scene->objects[j].surface;
-            if (i == j || scene->objects[i].surface != asked || other < 0 ||
-                surfaces[other].type != ITN_SURFACE_DIELECTRIC ||
-                !itn__boxes_meet(&scene->objects[i], &scene->objects[j]))
+            if (scene->objects[i].surface != asked ||
+                !(scene->objects[i].dielectrics >> j & 1))
                 continue;
             if (surfaces[other].alpha < 0 ||
                 (other != asked &&

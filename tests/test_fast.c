@@ -702,13 +702,13 @@ static int enter(flock *f, int k) {
     for (crossing = 0; crossing < 8 && !(extinction(f, k) > 0 && itn__uniform(&f->rng) < .7f);
          crossing++) {
         itn_hit hit;
-        int object;
+        itn__event event;
         ray.tmax = INFINITY;
         if (!itn__next_hit(scene, place, &ray, &hit)) return 0;
-        object = itn__bvh_object(scene->bvh, hit.triangle);
+        event = itn__meet_faces(scene, f->theta, place, &ray, &hit);
         ray.origin = itn__hit_point(scene->bvh, &hit);
-        if (!scene->objects[object].closed) return 0;
-        itn__cross_boundary(scene, place, object, &hit, ray.origin);
+        if (!scene->objects[itn__bvh_object(scene->bvh, hit.triangle)].closed) return 0;
+        itn__cross_faces(scene, place, &event, ray.origin);
     }
     set_lane(&f->p, k, ray.origin), set_lane(&f->d, k, ray.direction);
     ITN__LANE(f->space.half, k) = -1;
@@ -741,13 +741,15 @@ static void fly(flock *f, int k) {
         set_lane(&f->p, k, itn__along(ray.origin, ray.tmax, ray.direction));
     } else { /* in, out, or back where it came from */
         int object = itn__bvh_object(f->scene->bvh, hit.triangle);
+        itn__event event = itn__meet_faces(f->scene, f->theta, &f->places[k], &ray, &hit);
         itn_vec3 point = itn__hit_point(f->scene->bvh, &hit);
         set_lane(&f->p, k, point);
         if (itn__uniform(&f->rng) < .5f) {
-            itn__begin_at_face(f->scene, &f->places[k], &hit, point, 1);
+            itn__begin_at(&f->places[k].sides, itn__face_triangle(f->scene, event.faces[0]), point,
+                          1);
             set_lane(&f->d, k, itn__scale(ray.direction, -1));
         } else if (f->scene->objects[object].closed) {
-            itn__cross_boundary(f->scene, &f->places[k], object, &hit, point);
+            itn__cross_faces(f->scene, &f->places[k], &event, point);
         }
     }
     while (!(extinction(f, k) > 0) || !itn__within(f->scene, itn__lane_vector(&f->p, k)))
@@ -1338,10 +1340,12 @@ static void test_no_way_back(int planted) {
     ray.origin = itn__vec3(0.476488948f, 0.260107726f, -0.0093138963f);
     ray.direction = itn__vec3(0.511182249f, 0.852113903f, 0.112225585f);
     for (ray.tmax = INFINITY, met = 0; met < 9; met++) {
+        itn__event event;
         if (!itn__next_hit(scene, &place, &ray, &hit)) break;
+        event = itn__meet_faces(scene, NULL, &place, &ray, &hit);
         ray.origin = planted ? itn__hit_point(scene->bvh, &hit)
                              : itn__passed_point(scene->bvh, ray.origin, ray.direction, &hit);
-        itn__cross_boundary(scene, &place, 0, &hit, ray.origin);
+        itn__cross_faces(scene, &place, &event, ray.origin);
     }
     CHECK(met == 2 && place.inside < 0);
     itn_scene_free(scene);

@@ -1484,6 +1484,214 @@ static void test_texels_of_two(void) {
     itn_image_free(&map), itn_image_free(&texture);
 }
 
+/* ---- faces in one point ---------------------------------------------------------------------- */
+
+/* Unpolarised Fresnel reflectance from index a, at this sine in a vacuum, to index b. */
+static double step_reflectance(double a, double b, double sine) {
+    double ca = sqrt(a * a - sine * sine), cb = sqrt(b * b - sine * sine); /* times the index */
+    double s = (ca - cb) / (ca + cb), p = (b * b * ca - a * a * cb) / (b * b * ca + a * a * cb);
+    return (s * s + p * p) / 2;
+}
+
+/* Layers with smooth boundaries that absorb, from the side of the eye: what of uniform light of 1
+   they reflect, and let through, over all orders of reflection. tau is upright; outside is 1. */
+static void layers(const double *ior, const double *tau, int count, double sine, double *reflected,
+                   double *through) {
+    double r = step_reflectance(ior[count - 1], 1, sine), t = 1 - r;
+    int k;
+    for (k = count - 1; k >= 0; k--) {
+        double step = step_reflectance(k ? ior[k - 1] : 1, ior[k], sine);
+        double a = exp(-tau[k] * ior[k] / sqrt(ior[k] * ior[k] - sine * sine));
+        double between = (1 - step) / (1 - step * a * a * r);
+        t *= a * between, r = step + (1 - step) * between * a * a * r;
+    }
+    *reflected = r, *through = t;
+}
+
+/* Slabs along z whose faces coincide, as layers from the top, whatever the order of objects. */
+enum { PILES = 6, PILE_OBJECTS = 4 };
+static const struct {
+    const char *title;
+    int objects, layers;
+    struct {
+        double lower, upper, ior, sigma_t;
+    } object[PILE_OBJECTS];
+    double ior[PILE_OBJECTS], tau[PILE_OBJECTS];
+} piles[PILES] = {
+    {"touching", 2, 2, {{0, 1, 2.4, .5}, {1, 2, 1.3, .7}}, {1.3, 2.4}, {.7, .5}},
+    {"touching, swapped", 2, 2, {{1, 2, 1.3, .7}, {0, 1, 2.4, .5}}, {1.3, 2.4}, {.7, .5}},
+    {"flush", 2, 2, {{0, 1, 2.4, .5}, {.5, 1, 1.3, .7}}, {1.3, 2.4}, {.35, .25}},
+    {"flush, swapped", 2, 1, {{.5, 1, 1.3, .7}, {0, 1, 2.4, .5}}, {2.4}, {.5}},
+    {"same place", 2, 1, {{0, 1, 2.4, .5}, {0, 1, 1.3, .7}}, {1.3}, {.7}},
+    {"all at once", 4, 4,
+     {{0, 1, 2.4, .5}, {1, 2, 1.3, .7}, {.5, 1, 1.7, .3}, {1, 1.5, 2, .2}},
+     {1.3, 2, 1.7, 2.4}, {.35, .1, .15, .25}}};
+
+/* Seen at a slant of that sine, or turned about x by `tilt` as a whole and moved. planted: moves
+   every other slab up by so much. */
+static void begin_pile(stage *s, itn_mesh meshes[PILE_OBJECTS], int pile, int below, double sine,
+                       double tilt, double planted) {
+    static const char *const names[PILE_OBJECTS] = {"a", "b", "c", "d"};
+    double c = cos(tilt), d = sin(tilt), side = below ? -1 : 1;
+    int k;
+    stage_begin(s, 1, 0, .001);
+    s->desc.camera.eye = solids_vec3(0, 10 * sine, 10 * side * sqrt(1 - sine * sine));
+    if (tilt != 0) {
+        s->desc.camera.up.x = 1;
+        s->desc.camera.eye = solids_vec3(.3, .1 - 10 * side * d, -.2 + 10 * side * c);
+        s->desc.camera.target = solids_vec3(.3, .1, -.2);
+    }
+    for (k = 0; k < piles[pile].objects; k++) {
+        double up = k % 2 ? planted : 0, wide = 20 + k;
+        float *m;
+        meshes[k] = solids_box(solids_vec3(-wide, -wide, piles[pile].object[k].lower + up),
+                               solids_vec3(wide, wide, piles[pile].object[k].upper + up));
+        stage_medium(s, names[k], piles[pile].object[k].sigma_t, 0, 0);
+        stage_dielectric(s, names[k], piles[pile].object[k].ior, 0);
+        m = stage_object(s, &meshes[k], names[k], names[k])->transform;
+        m[0] = 1, m[5] = m[10] = (float)c, m[6] = (float)-d, m[9] = (float)d;
+        if (tilt != 0) m[3] = .3f, m[7] = .1f, m[11] = -.2f;
+    }
+}
+
+static void end_pile(itn_mesh meshes[PILE_OBJECTS], int pile) {
+    int k;
+    for (k = 0; k < piles[pile].objects; k++) itn_mesh_free(&meshes[k]);
+}
+
+/* What the layers of a pile reflect and let through, seen from above or below. */
+static void pile_layers(int pile, int below, double sine, double *reflected, double *through) {
+    double ior[PILE_OBJECTS], tau[PILE_OBJECTS];
+    int count = piles[pile].layers, k;
+    for (k = 0; k < count; k++) {
+        ior[k] = piles[pile].ior[below ? count - 1 - k : k];
+        tau[k] = piles[pile].tau[below ? count - 1 - k : k];
+    }
+    layers(ior, tau, count, sine, reflected, through);
+}
+
+static solids_mean mean_as(const stage *s, int spp, itn_mode mode) {
+    itn_image image = picture_as(s, spp, NULL, mode);
+    solids_mean mean = solids_plane_mean(&image, "Y", "Variance.Y");
+    itn_image_free(&image);
+    return mean;
+}
+
+/* Boundaries in one point are crossed together: from above and below, upright, at a slant and out of
+   the axes, in both walks. */
+static void test_faces_in_one_point(double planted) {
+    int k;
+    for (k = 0; k < 12 * PILES; k++) {
+        int pile = k / 12, below = k % 2, slant = k / 2 % 3, fast = k / 6 % 2;
+        double sine = slant == 1 ? .7 : 0, reflected, through;
+        itn_mesh meshes[PILE_OBJECTS];
+        solids_mean mean;
+        stage s;
+        begin_pile(&s, meshes, pile, below, sine, slant == 2 ? .6 : 0, planted);
+        stage_constant(&s, NULL, 1);
+        pile_layers(pile, below, sine, &reflected, &through);
+        mean = mean_as(&s, fast ? 16384 : 40000, fast ? ITN_MODE_FAST : ITN_MODE_REFERENCE);
+        if (getenv("SHOW"))
+            printf("%s, %d %d %d: %.5f +- %.5f, %.5f\n", piles[pile].title, below, slant, fast,
+                   mean.value, mean.error, reflected + through);
+        CHECK_MEAN(mean.value, mean.error, reflected + through, 4.5, .003);
+        end_pile(meshes, pile);
+    }
+}
+
+/* Light from one side: what comes through a pile is the same from both. planted: as above. */
+static void test_piles_are_reciprocal(double planted) {
+    int pile, fast, side;
+    for (pile = 0; pile < PILES; pile++)
+        for (fast = 0; fast < 2; fast++) {
+            solids_mean means[2];
+            double reflected, through;
+            for (side = 0; side < 2; side++) {
+                itn_mesh meshes[PILE_OBJECTS];
+                itn_image map = white_map();
+                int x;
+                stage s;
+                for (x = 0; x < 4; x++) map.pixels[side ? x : 8 + x] = 0; /* zenith or nadir */
+                begin_pile(&s, meshes, pile, side, 0, 1.5707963267948966, planted);
+                stage_map(&s, NULL, &map); /* z has become -y */
+                means[side] = mean_as(&s, fast ? 16384 : 40000,
+                                      fast ? ITN_MODE_FAST : ITN_MODE_REFERENCE);
+                pile_layers(pile, side, 0, &reflected, &through);
+                CHECK_MEAN(means[side].value, means[side].error, through, 4.5, .003);
+                end_pile(meshes, pile), itn_image_free(&map);
+            }
+            CHECK_MEAN(means[0].value - means[1].value, hypot(means[0].error, means[1].error), 0,
+                       4.5, .005);
+        }
+}
+
+/* Of rough boundaries in one point that of the later object holds, links to a light and directions
+   alike: as if it reached a little into the other. planted: roughness that the other has more. */
+static void test_rough_faces_in_one_point(double planted) {
+    int fast, below;
+    for (fast = 0; fast < 2; fast++)
+        for (below = 0; below < 2; below++) {
+            itn_image map = stage_patch(1, .25, below ? .9 : .1, 20);
+            solids_mean means[2];
+            int deep;
+            for (deep = 0; deep < 2; deep++) {
+                itn_mesh lower = solids_box(solids_vec3(-9, -1, -9), solids_vec3(9, 0, 9));
+                itn_mesh upper = solids_box(solids_vec3(-9, deep ? -1e-4 : 0, -9),
+                                            solids_vec3(9, 1, 9));
+                stage s;
+                stage_begin(&s, 1, 0, .001);
+                s.desc.camera.eye = solids_vec3(2, below ? -9 : 9, 0);
+                stage_medium(&s, "a", .5, .6, .3), stage_medium(&s, "b", .7, .4, 0);
+                stage_dielectric(&s, "a", 2.2, deep ? .05 + planted : .05);
+                stage_dielectric(&s, "b", 1.2, .5);
+                stage_object(&s, &lower, "a", "a"), stage_object(&s, &upper, "b", "b");
+                stage_map(&s, NULL, &map);
+                means[deep] = mean_as(&s, fast ? 30000 : 80000,
+                                      fast ? ITN_MODE_FAST : ITN_MODE_REFERENCE);
+                itn_mesh_free(&lower), itn_mesh_free(&upper);
+            }
+            if (getenv("SHOW"))
+                printf("rough %d %d: %.5f +- %.5f, %.5f +- %.5f\n", fast, below, means[0].value,
+                       means[0].error, means[1].value, means[1].error);
+            CHECK_MEAN(means[0].value - means[1].value, hypot(means[0].error, means[1].error), 0,
+                       4.5, .02 * means[0].value);
+            itn_image_free(&map);
+        }
+}
+
+/* Glass on an opaque solid has air between them, as on the ground, in either order of objects: it is
+   as bright as a little above. planted: how much above. */
+static void test_glass_on_an_opaque_box(double planted) {
+    int fast, order;
+    for (fast = 0; fast < 2; fast++)
+        for (order = 0; order < 2; order++) {
+            solids_mean means[2];
+            int above;
+            for (above = 0; above < 2; above++) {
+                double gap = above ? planted > 0 ? planted : 1e-4 : 0;
+                itn_mesh lower = solids_box(solids_vec3(-9, -1, -9), solids_vec3(9, 0, 9));
+                itn_mesh upper = solids_box(solids_vec3(-8, gap, -8), solids_vec3(8, gap + 1, 8));
+                stage s;
+                stage_begin(&s, 1, 0, .001);
+                s.desc.camera.eye = solids_vec3(2, 9, 0);
+                stage_medium(&s, "a", .2, .5, 0);
+                stage_dielectric(&s, "a", 2, 0), stage_diffuse(&s, "b", .8);
+                if (order) stage_object(&s, &lower, NULL, "b");
+                stage_object(&s, &upper, "a", "a");
+                if (!order) stage_object(&s, &lower, NULL, "b");
+                stage_constant(&s, NULL, 1);
+                means[above] = mean_as(&s, fast ? 20000 : 40000,
+                                       fast ? ITN_MODE_FAST : ITN_MODE_REFERENCE);
+                itn_mesh_free(&lower), itn_mesh_free(&upper);
+            }
+            if (getenv("SHOW"))
+                printf("opaque %d %d: %.5f +- %.5f, %.5f +- %.5f\n", fast, order, means[0].value,
+                       means[0].error, means[1].value, means[1].error);
+            CHECK_MEAN(means[0].value - means[1].value, hypot(means[0].error, means[1].error), 0,
+                       4.5, .004);
+        }
+}
+
 #define RUN(call)                                                                                  \
     do {                                                                                           \
         clock_t start = clock();                                                                   \
@@ -1538,6 +1746,10 @@ int main(void) {
     RUN(test_coordinates_beyond());
     RUN(test_size_of_a_pfm());
     RUN(test_texels_of_two());
+    RUN(test_faces_in_one_point(0));
+    RUN(test_piles_are_reciprocal(0));
+    RUN(test_rough_faces_in_one_point(0));
+    RUN(test_glass_on_an_opaque_box(0));
     CHECK_CATCHES(test_eye_in_touching_cubes(.02));
     CHECK_CATCHES(test_object_between_touching_cubes(.02));
     CHECK_CATCHES(test_narrow_last_scattering(.05));
@@ -1559,5 +1771,9 @@ int main(void) {
     CHECK_CATCHES(test_seeds_of_the_refinement(5));
     CHECK_CATCHES(test_refinement_in_dim_light(-.3));
     CHECK_CATCHES(test_thickness_of_a_drawn_out_box(1));
+    CHECK_CATCHES(test_faces_in_one_point(1e-4));
+    CHECK_CATCHES(test_piles_are_reciprocal(1e-4));
+    CHECK_CATCHES(test_rough_faces_in_one_point(.3));
+    CHECK_CATCHES(test_glass_on_an_opaque_box(3));
     return check_end("regressions");
 }
