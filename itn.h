@@ -3862,7 +3862,7 @@ typedef struct itn__light {
     float power;      /* integral of its luminance over all directions, without its scale */
     float radiance[3];
     itn_sky sky;
-    itn_vec3 sun;     /* unit */
+    itn_vec3 to_sun;     /* unit */
     float sun_cone;   /* 1 - cos of the disc's angular radius */
     int width, height;
     float *map;       /* [height][width][3] */
@@ -3954,7 +3954,7 @@ static float itn__sky_radiance(const itn_sky *sky, int channel, float cos_theta,
 
 /* Radiance of a light, without its scale, in direction d. */
 static void itn__light_radiance(const itn__light *light, itn_vec3 d, float rgb[3]) {
-    float x = itn__one_minus_cosine(d, light->sun);
+    float x = itn__one_minus_cosine(d, light->to_sun);
     int k;
     rgb[0] = rgb[1] = rgb[2] = 0;
     if (light->kind == ITN__LIGHT_MAP) {
@@ -4052,7 +4052,7 @@ static itn_vec3 itn__grid_sample(const itn__grid *grid, float u, float v) {
 static float itn__light_pdf(const itn__light *light, itn_vec3 d) {
     if (light->kind == ITN__LIGHT_CONSTANT) return 0;
     if (light->kind == ITN__LIGHT_SUN)
-        return itn__one_minus_cosine(d, light->sun) <= light->sun_cone
+        return itn__one_minus_cosine(d, light->to_sun) <= light->sun_cone
                    ? 1 / (2 * ITN__PI * light->sun_cone) : 0;
     {
         float u, v, sine;
@@ -4067,9 +4067,9 @@ static itn_vec3 itn__light_sample(const itn__light *light, float u, float v) {
     float x, sine, phi = 2 * ITN__PI * v;
     if (light->kind != ITN__LIGHT_SUN) return itn__grid_sample(&light->grid, u, v);
     x = u * light->sun_cone, sine = sqrtf(x * (2 - x));
-    itn__frame(light->sun, &s, &t);
+    itn__frame(light->to_sun, &s, &t);
     return itn__normalize(itn__to_world(itn__vec3(sine * cosf(phi), sine * sinf(phi), 1 - x), s, t,
-                                        light->sun));
+                                        light->to_sun));
 }
 
 /* How much a light of this radiance in direction d does for what it shines on: the mean of a face
@@ -4640,7 +4640,7 @@ static itn_result itn__copy_radiance(itn__maker *maker, const char *name, const 
 
 /* A sky desc becomes two lights, the sky and (if it has any radiance) its sun. */
 static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, const char *name,
-                                itn__light *sky, itn__light *sun) {
+                                itn__light *sky, itn__light *disc) {
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
     float radius_scale = in->sun_radius_scale != 0 ? in->sun_radius_scale : 1;
     const float *numbers = &in->sky.coefficients[0][0];
@@ -4659,18 +4659,18 @@ static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, con
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
                          "%s: sun_radius_scale %g is not in [.01, 320]", name,
                          (double)radius_scale);
-    sky->kind = ITN__LIGHT_SKY, sun->kind = ITN__LIGHT_SUN;
+    sky->kind = ITN__LIGHT_SKY, disc->kind = ITN__LIGHT_SUN;
     sky->sky = in->sky;
     result = itn__copy_radiance(maker, name, in->sky.radiance, 3, sky->radiance);
-    if (!result) result = itn__copy_radiance(maker, name, in->sky.sun_radiance, 3, sun->radiance);
+    if (!result) result = itn__copy_radiance(maker, name, in->sky.sun_radiance, 3, disc->radiance);
     if (result) return result;
-    sky->sun = sun->sun = itn__direction(in->sun_direction);
-    sun->sun_cone = 2 * itn__square(sinf(half / 2));
-    for (c = 0; c < 3; c++) sun->radiance[c] *= natural / sun->sun_cone;
+    sky->to_sun = disc->to_sun = itn__direction(in->sun_direction);
+    disc->sun_cone = 2 * itn__square(sinf(half / 2));
+    for (c = 0; c < 3; c++) disc->radiance[c] *= natural / disc->sun_cone;
     sky->parameter = itn__add_parameter(maker, name, "scale", -1, sky->share, 0, 1e12f, ITN_LOG);
-    sun->parameter = itn__add_parameter(maker, name, "sun_scale", -1, sun->share, 0, 1e12f,
+    disc->parameter = itn__add_parameter(maker, name, "sun_scale", -1, disc->share, 0, 1e12f,
                                         ITN_LOG);
-    return sky->parameter < 0 || sun->parameter < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
+    return sky->parameter < 0 || disc->parameter < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
 }
 
 /* What a light is called: as its desc says, or by its place. */
@@ -4730,7 +4730,7 @@ static itn_result itn__prepare_light(itn__maker *maker, itn__light *light) {
                          (double)ITN__MAX_RADIANCE);
     if (light->kind == ITN__LIGHT_SUN) {
         light->power = (float)(solid_angle * itn__luminance(light->radiance));
-        light->strength = itn__strength((double)light->power, light->sun);
+        light->strength = itn__strength((double)light->power, light->to_sun);
         light->breadth = solid_angle / (4 * (double)ITN__PI);
     }
     return ITN_OK;
@@ -5075,7 +5075,7 @@ enum { ITN__TRIED_LINES = 400, ITN__TRIED_CROSSINGS = 256 };
    ends inside. Where parts touch a back and a front are in one point. A line is followed through
    so many crossings that time grows with the size of a mesh only, however often it is folded. */
 static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
-    const float near = 64 * FLT_EPSILON * scene->radius;
+    const float gap = 64 * FLT_EPSILON * scene->radius;
     itn__sides fronts = ITN_ZERO, backs = ITN_ZERO;
     int inside = 0, i;
     fronts.front = backs.back = itn__object_bit(object);
@@ -5086,7 +5086,7 @@ static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
         itn__bvh_face(scene->bvh, &line, &backs, &back);
         line.tmin = itn__min(front.t, back.t);
         if (line.tmin == INFINITY) return inside;
-        if (fabsf(front.t - back.t) <= near) {
+        if (fabsf(front.t - back.t) <= gap) {
             line.tmin = itn__max(front.t, back.t);
             continue;
         }
@@ -5139,7 +5139,7 @@ static int itn__count_tangled(const itn__maker *maker, int index) {
     for (i = 0; i < count; i++) area += itn__object_area(maker, index, i, p, n);
     for (i = 0; i < count; i++) {
         reached += itn__object_area(maker, index, i, p, n);
-        for (; reached * ITN__TRIED_LINES > (lines + .5) * area; lines++) {
+        for (; reached * (double)ITN__TRIED_LINES > (lines + .5) * area; lines++) {
             itn_ray line = itn__draw_line(maker->scene, p, n, &rng);
             tangled += itn__is_tangled(maker->scene, index, line);
         }
@@ -7094,15 +7094,15 @@ ITN__INLINE void itn__raster_edges(itn__floats p[3][3], int plane, itn__floats f
 ITN__INLINE void itn__raster_depth(itn__floats p[3][3], itn__vectors n, itn__floats half,
                                    itn__ints vast, itn__raster *r) {
     itn__ints good = itn__less(itn__splat(0), itn__absolute(n.z)) & ~vast;
-    itn__floats zero = itn__splat(0), far = itn__splat(1e9f), w[3], wide, middle;
+    itn__floats zero = itn__splat(0), away = itn__splat(1e9f), w[3], wide, middle;
     int j;
     r->slope_u = itn__select(good, -n.x / n.z, zero);
     r->slope_v = itn__select(good, -n.y / n.z, zero);
     for (j = 0; j < 3; j++) w[j] = p[j][2] - r->slope_u * p[j][0] - r->slope_v * p[j][1];
     wide = (itn__absolute(r->slope_u) + itn__absolute(r->slope_v)) * half + (half - .5f);
     middle = .5f * (r->slope_u + r->slope_v);
-    r->depth[0] = itn__select(vast, -far, itn__least3(w[0], w[1], w[2]) + middle - wide);
-    r->depth[1] = itn__select(vast, far, itn__most3(w[0], w[1], w[2]) + middle + wide);
+    r->depth[0] = itn__select(vast, -away, itn__least3(w[0], w[1], w[2]) + middle - wide);
+    r->depth[1] = itn__select(vast, away, itn__most3(w[0], w[1], w[2]) + middle + wide);
 }
 
 ITN__INLINE void itn__raster_make(const itn__voxel_build *build, const int32_t *slots, int count,
@@ -7437,7 +7437,7 @@ ITN__INLINE itn__facets itn__facets_make(const itn__pack *pack, int from, itn_ve
    have errors of some roundings of their distance, which matters most for needles: that angle is
    added to that of each normal. */
 ITN__INLINE void itn__slab_add(itn__slab *slab, const itn__facets *t, itn__ints mask) {
-    itn__floats far = itn__splat(INFINITY), zero = itn__splat(0), least, most, steep, d[3];
+    itn__floats away = itn__splat(INFINITY), zero = itn__splat(0), least, most, steep, d[3];
     itn__floats a, wide, error;
     itn__vectors n = itn__vectors_of(zero + slab->n.x, zero + slab->n.y, zero + slab->n.z), m, r;
     itn__floats reach = t->size + 12 * slab->half * slab->half;
@@ -7454,11 +7454,11 @@ ITN__INLINE void itn__slab_add(itn__slab *slab, const itn__facets *t, itn__ints 
     for (j = 0; j < 3; j++) d[j] = itn__vdot(n, t->p[j]);
     least = itn__most(least, itn__least3(d[0], d[1], d[2])) - error;
     most = itn__least(most, itn__most3(d[0], d[1], d[2])) + error;
-    least = itn__select(good, least, -far), most = itn__select(good, most, far);
-    slab->leasts = itn__least(slab->leasts, itn__select(mask, least, far));
-    slab->mosts = itn__most(slab->mosts, itn__select(mask, most, -far));
+    least = itn__select(good, least, -away), most = itn__select(good, most, away);
+    slab->leasts = itn__least(slab->leasts, itn__select(mask, least, away));
+    slab->mosts = itn__most(slab->mosts, itn__select(mask, most, -away));
     steep = 16 * FLT_EPSILON * slab->length * reach / t->length + itn__root(itn__vdot(r, r));
-    steep = itn__select(good & itn__less(zero, a), steep, far);
+    steep = itn__select(good & itn__less(zero, a), steep, away);
     slab->steepests = itn__most(slab->steepests, itn__select(mask, steep, zero));
 }
 
@@ -7747,7 +7747,7 @@ ITN__INLINE itn__floats itn__vspread(itn__vectors x, itn__vectors y) {
    box for the block; angles add up. */
 static void itn__slab_add_block(const itn__voxel_build *build, const itn__block *block,
                                 itn__slab *slab) {
-    itn__floats zero = itn__splat(0), far = itn__splat(INFINITY);
+    itn__floats zero = itn__splat(0), away = itn__splat(INFINITY);
     itn__vectors n = itn__vectors_of(zero + slab->n.x, zero + slab->n.y, zero + slab->n.z);
     int i;
     for (i = 0; i < block->count; i += ITN__LANES) {
@@ -7766,11 +7766,11 @@ static void itn__slab_add_block(const itn__voxel_build *build, const itn__block 
         offset = n.x * itn__load(block->offset[0] + i) + n.y * itn__load(block->offset[1] + i) +
                  n.z * itn__load(block->offset[2] + i);
         least += offset, most += offset;
-        slab->leasts = itn__least(slab->leasts, itn__select(mask, least, far));
-        slab->mosts = itn__most(slab->mosts, itn__select(mask, most, -far));
+        slab->leasts = itn__least(slab->leasts, itn__select(mask, least, away));
+        slab->mosts = itn__most(slab->mosts, itn__select(mask, most, -away));
         sine = itn__root(itn__vdot(r, r)); /* times |n|; a is the cosine times |n| */
         acute = itn__less(t.sine, itn__splat(1)) & itn__less(sine * t.sine, a * t.cosine);
-        sine = itn__select(acute, sine * t.cosine + a * t.sine, far);
+        sine = itn__select(acute, sine * t.cosine + a * t.sine, away);
         slab->steepests = itn__most(slab->steepests, itn__select(mask, sine, zero));
     }
 }
@@ -8313,13 +8313,13 @@ ITN__INLINE itn__floats itn__vgrid_sample(const itn__grid *grid, itn__floats u, 
 
 /* itn__one_minus_cosine in lanes, from one direction to the light's own. */
 ITN__INLINE itn__floats itn__vfrom_sun(const itn__light *light, itn__vectors d) {
-    return itn__vone_minus_cosine(d, itn__vectors_of(itn__splat(light->sun.x),
-                                                     itn__splat(light->sun.y),
-                                                     itn__splat(light->sun.z)));
+    return itn__vone_minus_cosine(d, itn__vectors_of(itn__splat(light->to_sun.x),
+                                                     itn__splat(light->to_sun.y),
+                                                     itn__splat(light->to_sun.z)));
 }
 
 ITN__INLINE itn__vectors itn__vsun_sample(const itn__light *light, itn__floats u, itn__floats v) {
-    itn_vec3 s, t, n = light->sun;
+    itn_vec3 s, t, n = light->to_sun;
     itn__floats x = u * light->sun_cone, sine = itn__root(x * (2 - x)), sin_phi, cos_phi, a, b, c;
     itn__vsincos_turns(v, &sin_phi, &cos_phi);
     a = sine * cos_phi, b = sine * sin_phi, c = 1 - x;
@@ -9641,7 +9641,7 @@ static void itn__fit_faces(const double *sums, double unit, int c, itn__value *v
     const double doubt = 4 * ITN__TERM_STEPS * ITN__TERM_STEPS; /* 4 lessons */
     int i, l, occlusion;
     for (i = 0; i < ITN__FACES; i++, sums += ITN__FACE_SUMS) {
-        double cosine = -(i + .5) / ITN__FACES, inside[2] = {0, 0}, factor[4], line[2];
+        double cosine = -(i + .5) / (double)ITN__FACES, inside[2] = {0, 0}, factor[4], line[2];
         for (l = ITN__ORDERS - 1; l >= 0; l--)
             for (occlusion = 0; occlusion < 2; occlusion++)
                 inside[occlusion] = inside[occlusion] * cosine + value->entering[c][occlusion][l];
@@ -11038,7 +11038,7 @@ ITN__INLINE void itn__mark_faces(const itn__crowd *crowd, int substance, const i
         int k = itn__lowest_bit(bits);
         if (crowd->paths[ITN__LANE(s->slot, k)].mark >= 0 || !(ITN__LANE(s->key1, k) & 1)) continue;
         itn__mark(crowd, s, k, substance,
-                  (int)fminf(ITN__LANE(cosine, k) * ITN__FACES, ITN__FACES - 1), 0,
+                  (int)fminf(ITN__LANE(cosine, k) * (float)ITN__FACES, ITN__FACES - 1), 0,
                   ITN__LANE(cosine, k));
     }
 }
@@ -14919,7 +14919,7 @@ static itn_result itn__net_read(itn_net *net, const float *pixels, double mean, 
         if (!result) result = itn_net_forward(net, count, inputs, answers, error);
         if (result) return result;
         for (k = 0; k < count * d->outputs; k++)
-            means[k % d->outputs] += answers[k] / ITN__READ_SIZES;
+            means[k % d->outputs] += answers[k] / (float)ITN__READ_SIZES;
     }
     memcpy(outputs, means, (size_t)d->outputs * sizeof *outputs);
     return ITN_OK;
@@ -16009,7 +16009,7 @@ static double itn__refine_want(const itn__refiner *refiner) {
     for (k = 0; k < refiner->count; k++) {
         double certainty = whole ? itn__refine_certainty(refiner, k) : 0;
         if (certainty > ITN__CERTAIN) continue;
-        if (!(certainty > 1) && refiner->patience < ITN__PATIENCE) return 1;
+        if (!(certainty > 1) && refiner->patience < (double)ITN__PATIENCE) return 1;
         want = fmax(want, ceil(1.5 * ITN__CERTAIN / fmax(certainty, 1)));
     }
     return fmin(want, floor(refiner->patience));

@@ -170,6 +170,9 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
         check "$1 -std=$2 $flags" "$1" -std="$2" $warnings $flags -fsyntax-only "whole.$3"
     done
     check "$1 -std=$2 interface only" "$1" -std="$2" $warnings -fsyntax-only "api.$3"
+    # words that windows.h and old systems define away
+    check "$1 -std=$2 near, far, sun" "$1" -std="$2" $warnings -Dnear= -Dfar= -Dsun=1 \
+        -fsyntax-only "whole.$3"
     catches "half an allocator" "$1" -std="$2" -fsyntax-only "half_override.$3"
     levels="plain native"
     [ "$2" != c11 ] || levels=
@@ -185,6 +188,15 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
         check "$1 -std=$2 $build_flags" "$1" -std="$2" $warnings $build_flags -fno-pie -c "code.$3" \
             -o "code-$1-$level.o"
     done
+done
+echo 'enum { SIDES = 6 };
+double half = 3. / SIDES;' >deprecated.cc
+echo 'int near;' >near.cc
+for name in g++ clang++; do # what later languages deprecate
+    has $name || continue
+    check "$name -std=c++20" $name -std=c++20 $warnings -fsyntax-only whole.cc
+    catches "a number divided by an enumerator" $name -std=c++20 $warnings -fsyntax-only deprecated.cc
+    catches "a variable called near" $name -Dnear= $warnings -fsyntax-only near.cc
 done
 CC=
 for name in gcc clang cc; do [ -n "$CC" ] || ! has $name || CC=$name; done

@@ -254,7 +254,7 @@ static void check_sun(double radius_scale, double power_factor) {
         itn_vec3 d = itn__light_sample(sun, u, v);
         itn__light_radiance(sun, d, rgb);
         inside += rgb[0] > 0 && fabs(itn__light_pdf(sun, d) * solid_angle - 1) < 1e-4;
-        mean += itn__one_minus_cosine(d, sun->sun) / sun->sun_cone / 10000;
+        mean += itn__one_minus_cosine(d, sun->to_sun) / sun->sun_cone / 10000;
     }
     CHECK(inside > 9900); /* all but those that rounding puts beyond the rim */
     CHECK_NEAR(mean, .5, .01);
@@ -279,7 +279,7 @@ static double irradiated(const itn_image *map, double radius_scale, int channel)
     int r, c;
     memset(&light, 0, sizeof light);
     light.kind = ITN__LIGHT_SKY, light.sky = sky;
-    light.sun = itn__vec3(.5f, (float)sqrt(.75), 0);
+    light.to_sun = itn__vec3(.5f, (float)sqrt(.75), 0);
     for (r = 0; r < ROWS; r++)
         for (c = 0; c < COLUMNS; c++) {
             double v = .5 * (r + .5) / ROWS, u = (c + .5) / COLUMNS, radiance;

@@ -80,10 +80,10 @@ static itn_vec3 test_direction(const itn_scene *scene, int k) {
     if (k % 32 == 8) return itn__normalize(itn__vec3(d.x, sign * small, d.z));
     if (k % 32 == 16) return itn__normalize(itn__vec3(sign * small, y, -1));
     if (!(light->sun_cone > 0)) return d;
-    itn__frame(light->sun, &s, &t);
+    itn__frame(light->to_sun, &s, &t);
     x = light->sun_cone * (1 + sign * .1f * small), sine = sqrtf(x * (2 - x));
     return itn__normalize(itn__to_world(itn__vec3(sine * cosf(phi), sine * sinf(phi), 1 - x), s, t,
-                                        light->sun));
+                                        light->to_sun));
 }
 
 /* Whether rounding decides what a light is here: on the rim of a sun, or at the horizon. */
@@ -91,7 +91,7 @@ static int on_edge(const itn_scene *scene, itn_vec3 d) {
     int i, edge = fabsf(d.y) < 2e-7f;
     for (i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
-        float x = itn__one_minus_cosine(d, light->sun);
+        float x = itn__one_minus_cosine(d, light->to_sun);
         edge |= light->kind == ITN__LIGHT_SUN && fabsf(x - light->sun_cone) < 1e-6f * sqrtf(x);
     }
     return edge;
