@@ -43,6 +43,7 @@
      Part II, the implementation: read from top to bottom, theory first; nothing is used before it
      is defined
        [config]         compiler, switches
+       [text]           numbers as text, out and in
        [memory]         errors, checked sizes, loops
        [math]           scalars, vectors, frames
        [rng]            counter-based random numbers
@@ -1131,7 +1132,6 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #include <limits.h>
 #include <math.h>
 #include <stdarg.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -1170,6 +1170,182 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #error "define both ITN_MALLOC and ITN_FREE, or neither"
 #endif
 
+/* ---- [text] numbers as text, out and in ------------------------------------------------------ */
+
+/* Messages are composed and numbers read without the C library, whose decimal point is the
+   locale's: here it is always a point.
+   Out: digits = round(value 10^places), half to even, printed from the last one on. The scaling
+   takes at most two operations of double for up to 22 places, so what is printed with at most 15
+   significant digits is right but for numbers within 1e-15 of the middle between two.
+   In: the first 19 digits are an integer, the others count as powers of ten. Correctly rounded to
+   double for up to 15 digits and 10^-22 to 10^22, since the digits and the power of ten are then
+   exact and one operation joins them (Clinger 1990); otherwise within 10 units in the last
+   place, so that a float got from it is correctly rounded but for numbers within 1e-15 of the
+   middle between two floats. Overflow gives infinity. */
+
+/* Text that is composed in a buffer of the caller's. */
+typedef struct itn__prose {
+    char *text;
+    size_t size, length; /* length: of the whole text, though not all may fit */
+} itn__prose;
+
+static void itn__say_char(itn__prose *prose, char character) {
+    if (prose->length < prose->size) prose->text[prose->length] = character;
+    prose->length++;
+}
+
+static void itn__say_word(itn__prose *prose, const char *word, int most) {
+    for (; *word && most != 0; most--) itn__say_char(prose, *word++);
+}
+
+/* An integer, with a point before its last `places` digits. */
+static void itn__say_digits(itn__prose *prose, uint64_t digits, int places) {
+    char reversed[48];
+    int n = 0, k;
+    for (k = 0; k <= places || digits; k++, digits /= 10) {
+        if (k == places && places > 0) reversed[n++] = '.';
+        reversed[n++] = (char)('0' + digits % 10);
+    }
+    while (n > 0) itn__say_char(prose, reversed[--n]);
+}
+
+/* value 10^exponent */
+static double itn__scale_by_power_of_ten(double value, int64_t exponent) {
+    int64_t left = exponent > 400 ? 400 : exponent < -400 ? -400 : exponent;
+    while (left) {
+        int step = left > 22 ? 22 : left < -22 ? -22 : (int)left, k;
+        double power = 1; /* exact */
+        for (k = step; k; k += k < 0 ? 1 : -1) power *= 10;
+        value = step < 0 ? value / power : value * power;
+        left -= step;
+    }
+    return value;
+}
+
+/* A number as %f shows it (from 1e15 on as %g), or as %g. */
+static void itn__say_number(itn__prose *prose, double value, int precision, int fixed) {
+    int exponent, places = precision < 0 ? 6 : precision < 15 ? precision : 15;
+    double digits;
+    if (value < 0) itn__say_char(prose, '-');
+    value = fabs(value);
+    if (!(value <= DBL_MAX)) {
+        itn__say_word(prose, value > 0 ? "inf" : "nan", -1);
+        return;
+    }
+    if (fixed && value < itn__scale_by_power_of_ten(1, 15 - places)) {
+        itn__say_digits(prose, (uint64_t)rint(itn__scale_by_power_of_ten(value, places)), places);
+        return;
+    }
+    if (fixed || places < 1) places = fixed ? 15 : 1;
+    exponent = value > 0 ? (int)floor(log10(value)) : 0;
+    digits = rint(itn__scale_by_power_of_ten(value, --places - exponent));
+    if (digits >= itn__scale_by_power_of_ten(1, places + 1)) digits /= 10, exponent++;
+    fixed = exponent >= -4 && exponent <= places;
+    if (fixed) places -= exponent;
+    for (; places > 0 && fmod(digits, 10) == 0; places--) digits /= 10;
+    itn__say_digits(prose, (uint64_t)digits, places);
+    if (fixed) return;
+    itn__say_word(prose, exponent < 0 ? "e-" : "e+", -1);
+    if (abs(exponent) < 10) itn__say_char(prose, '0');
+    itn__say_digits(prose, (uint64_t)abs(exponent), 0);
+}
+
+/* Appends text as printf makes it: %s, %c, %d, %f and %g, with a precision or none, and %%. */
+static void itn__say_list(itn__prose *prose, const char *format, va_list arguments) {
+    for (; *format; format++) {
+        int precision = -1, number;
+        if (*format != '%' || *++format == '%') {
+            itn__say_char(prose, *format);
+            continue;
+        }
+        if (*format == '.') {
+            precision = *++format == '*' ? va_arg(arguments, int) : 0;
+            if (*format == '*') format++;
+            for (; *format >= '0' && *format <= '9'; format++)
+                precision = 10 * precision + (*format - '0');
+        }
+        if (*format == 's') {
+            itn__say_word(prose, va_arg(arguments, const char *), precision);
+        } else if (*format == 'f' || *format == 'g') {
+            itn__say_number(prose, va_arg(arguments, double), precision, *format == 'f');
+        } else if (*format == 'c') {
+            itn__say_char(prose, (char)va_arg(arguments, int));
+        } else {
+            number = va_arg(arguments, int);
+            if (number < 0) itn__say_char(prose, '-');
+            itn__say_digits(prose, (uint64_t)(number < 0 ? -(int64_t)number : number), 0);
+        }
+    }
+    if (prose->size)
+        prose->text[prose->length < prose->size ? prose->length : prose->size - 1] = 0;
+}
+
+static ITN__UNUSED void itn__say(itn__prose *prose, const char *format, ...) ITN__PRINTF(2, 3);
+static void itn__say(itn__prose *prose, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    itn__say_list(prose, format, arguments);
+    va_end(arguments);
+}
+
+/* snprintf; returns the length of the whole text. */
+static size_t itn__print_list(char *text, size_t size, const char *format, va_list arguments) {
+    itn__prose prose;
+    prose.text = text, prose.size = size, prose.length = 0;
+    itn__say_list(&prose, format, arguments);
+    return prose.length;
+}
+static size_t itn__print(char *text, size_t size, const char *format, ...) ITN__PRINTF(3, 4);
+static size_t itn__print(char *text, size_t size, const char *format, ...) {
+    va_list arguments;
+    size_t length;
+    va_start(arguments, format);
+    length = itn__print_list(text, size, format, arguments);
+    va_end(arguments);
+    return length;
+}
+
+/* Adds decimal digits to `digits` while they fit (19 places), and counts the others. */
+static const char *itn__parse_digits(const char *at, const char *end, uint64_t *digits,
+                                     int64_t *dropped) {
+    for (; at < end && *at >= '0' && *at <= '9'; at++) {
+        if (*digits < 1000000000000000000u)
+            *digits = *digits * 10 + (uint64_t)(*at - '0');
+        else
+            ++*dropped;
+    }
+    return at;
+}
+
+/* Reads [sign] digits [. digits] [e [sign] digits]; returns the place behind it, or NULL if no
+   number is there. */
+static const char *itn__parse_number(const char *at, const char *end, double *value) {
+    uint64_t digits = 0, power = 0;
+    int64_t exponent = 0, ignored = 0;
+    const char *start, *dot = NULL, *after;
+    int negative = at < end && *at == '-', minus;
+    if (at < end && (*at == '-' || *at == '+')) at++;
+    start = at;
+    at = itn__parse_digits(at, end, &digits, &exponent);
+    if (at < end && *at == '.') {
+        dot = ++at;
+        at = itn__parse_digits(at, end, &digits, &exponent);
+        exponent -= at - dot;
+    }
+    if (at - start == (dot != NULL)) return NULL; /* no digit */
+    if (at < end && (*at == 'e' || *at == 'E')) {
+        minus = end - at > 1 && at[1] == '-';
+        at += end - at > 1 && (minus || at[1] == '+') ? 2 : 1;
+        after = itn__parse_digits(at, end, &power, &ignored);
+        if (after == at) return NULL;
+        at = after;
+        if (power > INT_MAX) power = INT_MAX;
+        exponent += minus ? -(int64_t)power : (int64_t)power;
+    }
+    *value = itn__scale_by_power_of_ten(negative ? -(double)digits : (double)digits, exponent);
+    return at;
+}
+
 /* ---- [memory] errors, checked sizes, loops --------------------------------------------------- */
 
 /* All memory comes from itn__allocate, which checks the product of count and size and returns
@@ -1206,7 +1382,7 @@ static itn_result itn__fail(itn_error *error, itn_result code, int line, const c
         va_start(arguments, format);
         error->code = code;
         error->line = line;
-        vsnprintf(error->message, sizeof error->message, format, arguments);
+        itn__print_list(error->message, sizeof error->message, format, arguments);
         va_end(arguments);
     }
     return code;
@@ -4408,7 +4584,7 @@ static int itn__add_parameter(itn__maker *maker, const char *item, const char *f
                   (double)value, (double)lower, (double)upper);
         return -1;
     }
-    snprintf(p->name, sizeof p->name, "%s.%s%s", item, field, suffix[channel + 1]);
+    itn__print(p->name, sizeof p->name, "%s.%s%s", item, field, suffix[channel + 1]);
     for (k = 0; k < scene->parameter_count; k++)
         if (itn__same_layer(scene->parameters[k].name, p->name)) {
             itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
@@ -4676,7 +4852,7 @@ static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, con
 /* What a light is called: as its desc says, or by its place. */
 static void itn__light_name(const itn_light_desc *in, int index, char name[ITN_NAME_SIZE]) {
     if (in->name) itn__copy_name(name, in->name);
-    else if (index) snprintf(name, ITN_NAME_SIZE, "light%d", index + 1);
+    else if (index) itn__print(name, ITN_NAME_SIZE, "light%d", index + 1);
     else itn__copy_name(name, "light");
 }
 
@@ -12732,14 +12908,15 @@ static void itn__name_planes(const itn_scene *scene, const int *parameters, int 
                 char layer[ITN_NAME_SIZE + 16] = "", *dot;
                 char *name = image->names[(2 * (k + 1) + v) * channels + c];
                 if (k >= 0) {
-                    snprintf(layer, sizeof layer, "d_%s%s.", scene->parameters[parameters[k]].name,
-                             v ? "_variance" : "");
+                    itn__print(layer, sizeof layer, "d_%s%s.",
+                               scene->parameters[parameters[k]].name,
+                               v ? "_variance" : "");
                     dot = strchr(layer, '.');
                     if (dot) *dot = '_'; /* item.field to item_field */
                 } else if (v) {
                     itn__copy_name(layer, "Variance.");
                 }
-                snprintf(name, ITN_NAME_SIZE, "%.60s%s", layer, names[channels == 3][c]);
+                itn__print(name, ITN_NAME_SIZE, "%.60s%s", layer, names[channels == 3][c]);
             }
 }
 
@@ -16958,24 +17135,6 @@ static void itn__eigen(double *a, double *v, int n) {
             }
 }
 
-/* Text that is composed in a buffer of the caller's. */
-typedef struct itn__prose {
-    char *text;
-    size_t size, length; /* length: of the whole text, though not all may fit */
-} itn__prose;
-
-static void itn__say(itn__prose *words, const char *format, ...) ITN__PRINTF(2, 3);
-static void itn__say(itn__prose *words, const char *format, ...) {
-    size_t used = words->length < words->size ? words->length : words->size;
-    va_list arguments;
-    int length;
-    va_start(arguments, format);
-    length = vsnprintf(words->text ? words->text + used : NULL, words->size - used, format,
-                       arguments);
-    va_end(arguments);
-    if (length > 0) words->length += (size_t)length;
-}
-
 /* An error as suits the parameter: relative for a quantity with a logarithm, else absolute. */
 static void itn__say_error(itn__prose *words, const itn_parameter *p, const itn_estimate *e) {
     if (p->transform == ITN_LOG && e->value > 0)
@@ -17270,61 +17429,6 @@ static int itn__accept_word(itn__text *text, const char *word) {
     return 1;
 }
 
-/* Adds decimal digits to `digits` while they fit (19 places), and counts the others. */
-static const char *itn__parse_digits(const char *at, const char *end, uint64_t *digits,
-                                     int64_t *dropped) {
-    for (; at < end && *at >= '0' && *at <= '9'; at++) {
-        if (*digits < 1000000000000000000ull)
-            *digits = *digits * 10 + (uint64_t)(*at - '0');
-        else
-            ++*dropped;
-    }
-    return at;
-}
-
-static double itn__scale_by_power_of_ten(double value, int64_t exponent) {
-    static const double powers[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
-                                    1e8,  1e9,  1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
-                                    1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
-    exponent = exponent > 400 ? 400 : exponent < -400 ? -400 : exponent;
-    for (; exponent > 22; exponent -= 22) value *= 1e22;
-    for (; exponent < -22; exponent += 22) value /= 1e22;
-    return exponent < 0 ? value / powers[-exponent] : value * powers[exponent];
-}
-
-/* Reads [sign] digits [. digits] [e [sign] digits]; returns the place behind it, or NULL if no
-   number is there. Correctly rounded to double for up to 15 digits and 10^-22 to 10^22, since the
-   digits and the power of ten are then exact and one operation joins them (Clinger 1990);
-   otherwise within 10 units in the last place, so that a float got from it is correctly rounded
-   but for numbers within 1e-15 of the middle between two floats. Overflow gives infinity. */
-static const char *itn__parse_number(const char *at, const char *end, double *value) {
-    uint64_t digits = 0, power = 0;
-    int64_t exponent = 0, ignored = 0;
-    const char *start, *dot = NULL, *after;
-    int negative = at < end && *at == '-';
-    if (at < end && (*at == '-' || *at == '+')) at++;
-    start = at;
-    at = itn__parse_digits(at, end, &digits, &exponent);
-    if (at < end && *at == '.') {
-        dot = ++at;
-        at = itn__parse_digits(at, end, &digits, &exponent);
-        exponent -= at - dot;
-    }
-    if (at - start == (dot != NULL)) return NULL; /* no digit */
-    if (at < end && (*at == 'e' || *at == 'E')) {
-        int minus = end - at > 1 && at[1] == '-';
-        at += end - at > 1 && (at[1] == '-' || at[1] == '+') ? 2 : 1;
-        after = itn__parse_digits(at, end, &power, &ignored);
-        if (after == at) return NULL;
-        at = after;
-        if (power > INT_MAX) power = INT_MAX;
-        exponent += minus ? -(int64_t)power : (int64_t)power;
-    }
-    *value = itn__scale_by_power_of_ten((double)digits, exponent);
-    if (negative) *value = -*value;
-    return at;
-}
-
 /* Reads a number that ends at a blank or line end and is finite as a float; `what` is for the error
    message. */
 static itn_result itn__text_number(itn__text *text, const char *what, double *value,
@@ -17355,6 +17459,7 @@ static itn_result itn__text_float(itn__text *text, const char *what, float *valu
 #ifndef ITN_NO_STDIO
 
 #include <errno.h>
+#include <stdio.h>
 
 /* Reads a file of at most `limit` bytes into an empty buffer whose context is set, with a zero
    byte behind the last. On failure the buffer is freed. */
@@ -17406,7 +17511,7 @@ static int itn__replace_file(const char *successor, const char *path) {
 #ifdef _WIN32
     char aside[4104];
     int had, cause;
-    snprintf(aside, sizeof aside, "%s.tmp.old", path);
+    itn__print(aside, sizeof aside, "%s.tmp.old", path);
     remove(aside);
     had = !rename(path, aside);
     cause = rename(successor, path) ? errno : 0;
@@ -17804,8 +17909,8 @@ static itn_result itn__exr_attribute(itn__exr *exr, const char *name, size_t siz
         if (size != 1) return itn__exr_damaged(exr, "compression is damaged", error);
         exr->compression = *value;
         if (*value <= ITN__EXR_ZIP) return ITN_OK;
-        if (*value < 12) snprintf(text, sizeof text, "with compression %s", others[*value - 4]);
-        else snprintf(text, sizeof text, "with compression %d", *value);
+        if (*value < 12) itn__print(text, sizeof text, "with compression %s", others[*value - 4]);
+        else itn__print(text, sizeof text, "with compression %d", *value);
         return itn__exr_unsupported(exr, text, error);
     }
     if (!strcmp(name, "dataWindow")) {
@@ -17945,7 +18050,7 @@ static itn_result itn__exr_block(itn__exr *exr, int block, unsigned char *scratc
     char text[80];
     if (lines > image->height - row) lines = image->height - row;
     raw = (size_t)lines * (size_t)exr->row_bytes;
-    snprintf(text, sizeof text, "block %d is missing or damaged", block);
+    itn__print(text, sizeof text, "block %d is missing or damaged", block);
     if (offset > exr->size - 8) return itn__exr_damaged_at(exr, entry, text, error);
     data = exr->bytes + offset + 8;
     size = itn__get_u32(data - 4);
@@ -17958,7 +18063,7 @@ static itn_result itn__exr_block(itn__exr *exr, int block, unsigned char *scratc
                 : exr->compression == ITN__EXR_RLE
                     ? itn__exr_unpack_runs(data, size, scratch, raw)
                     : itn__zlib_decode(data, size, scratch, raw);
-        snprintf(text, sizeof text, "block %d: %s", block, fault ? fault : "");
+        itn__print(text, sizeof text, "block %d: %s", block, fault ? fault : "");
         if (fault) return itn__exr_damaged_at(exr, offset, text, error);
         itn__exr_unpredict(scratch, scratch + raw, raw);
         data = scratch + raw;
@@ -18229,7 +18334,7 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
     if (plane_count != 1 && plane_count != 3)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a PFM: %d planes, not 1 or 3",
                          plane_count);
-    snprintf(header, sizeof header, "P%c\n%d %d\n-1.0\n", plane_count == 3 ? 'F' : 'f',
+    itn__print(header, sizeof header, "P%c\n%d %d\n-1.0\n", plane_count == 3 ? 'F' : 'f',
              image->width, image->height);
     itn__put_text(&buffer, header);
     for (row = height; row-- > 0 && !buffer.failed;)
@@ -18872,7 +18977,7 @@ static itn_result itn__ply_fail(const itn__ply *ply, itn_result code, const char
     static const char *const kinds[] = {"entry", "vertex", "face"};
     char entry[64] = "";
     if (ply->element)
-        snprintf(entry, sizeof entry, " %s %.0f:", kinds[ply->element->kind], (double)ply->index);
+        itn__print(entry, sizeof entry, " %s %.0f:", kinds[ply->element->kind], (double)ply->index);
     if (ply->format <= ITN__PLY_ASCII || !ply->element)
         return itn__fail(error, code, ply->text.line, "%s:%d: PLY%s %s", ply->text.name,
                          ply->text.line, entry, what);
@@ -19273,7 +19378,7 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
     itn_result result = itn__check_mesh(mesh, error);
     if (!result) result = itn__context_check(&mesh->context, &buffer.context, error);
     if (result) return result;
-    snprintf(header, sizeof header,
+    itn__print(header, sizeof header,
              "ply\nformat binary_little_endian 1.0\nelement vertex %d\n"
              "property float x\nproperty float y\nproperty float z\nelement face %d\n"
              "property list uchar int vertex_indices\n%send_header\n",
@@ -19627,7 +19732,7 @@ static itn_result itn__file_fail(const itn__text *text, int line, itn_error *err
     char message[300];
     va_list arguments;
     va_start(arguments, format);
-    vsnprintf(message, sizeof message, format, arguments);
+    itn__print_list(message, sizeof message, format, arguments);
     va_end(arguments);
     return itn__fail(error, ITN_ERROR_FORMAT, line, "%s:%d: %s", text->name, line, message);
 }
@@ -19677,7 +19782,7 @@ static itn_result itn__unknown_field(const itn__text *text, const itn__item *ite
     const itn__field *field;
     size_t used = 0;
     for (field = item->fields; field->name; field++, used = strlen(known))
-        snprintf(known + used, sizeof known - used, " %s", field->name);
+        itn__print(known + used, sizeof known - used, " %s", field->name);
     return itn__file_fail(text, text->line, error, "%s has no field '%.*s', only%s", item->keyword,
                           found->word_length > 40 ? 40 : found->word_length, found->word, known);
 }

@@ -308,6 +308,8 @@ END
     no_files() { ! nm -u "$1" | grep -Ew 'fopen|fopen64|fclose|fread|fwrite|rename|remove'; }
     check "ITN_NO_STDIO opens no files" no_files arena.o
     catches "files without it" no_files heap.o
+    no_stdio() { ! "$CC" -std=c99 "$@" -E arena.c | grep -q '^# .*stdio\.h"'; }
+    check "ITN_NO_STDIO goes without stdio.h" no_stdio -DITN_NO_STDIO
     for flags in -DITN_ONE_KERNEL "-DITN_NO_FAST -DITN_NO_NET"; do
         "$CC" -std=c99 -DITN_STATIC $flags -c whole.c -o static.o
         all_static() { [ -z "$(public static.o)" ]; }
