@@ -115,6 +115,10 @@ static int render(void) {
     bad = itn_render(scene, NULL, &options, NULL, 0, &image, NULL) != ITN_OK;
     bad = bad || !(image.pixels[0] > .999f && image.pixels[0] < 1.001f);
     itn_image_free(&image);
+    options.mode = ITN_MODE_FAST; /* without the fast walk, asking for it is refused */
+#ifdef ITN_NO_FAST
+    bad = bad || itn_render(scene, NULL, &options, NULL, 0, &image, NULL) != ITN_ERROR_UNSUPPORTED;
+#endif
     itn_scene_free(scene);
     return bad;
 }

@@ -24,7 +24,7 @@ enum { STRIDE = 1 };
 
 /* ---- scenes ---------------------------------------------------------------------------------- */
 
-enum { SIZE = 8, PIXELS = SIZE * SIZE };
+enum { FAST_SIZE = 8, FAST_PIXELS = FAST_SIZE * FAST_SIZE };
 enum {
     ROUGH,   /* milk in rough glass, in light from everywhere */
     SMOOTH,  /* milk in smooth glass, in a map */
@@ -36,9 +36,9 @@ enum {
     BLACK,   /* albedo 0 in rough glass */
     WHITE,   /* albedo 1 */
     LEAF,    /* a plate, 1000 times as wide as it is thick */
-    NEEDLES, /* a ball drawn out to 500 times its thickness */
+    FAST_NEEDLES, /* a ball drawn out to 500 times its thickness */
     DENSE,   /* optical thickness 1e4 */
-    SLAB,    /* half a space, seen from close by */
+    FAST_SLAB,    /* half a space, seen from close by */
     TINY,    /* the scale 1e-4, */
     VAST,    /* and 1e4 */
     TEXTURE, /* a picture on a mesh with coordinates, seen through rough glass and milk */
@@ -62,7 +62,7 @@ static void stretch(itn_object_desc *object, double x, double y, double z, doubl
 }
 
 /* A square in the plane z = 0, half size 1, with texture coordinates. */
-static itn_mesh square(void) {
+static itn_mesh fast_square(void) {
     static const int triangles[2][3] = {{0, 1, 2}, {1, 3, 2}};
     itn_mesh mesh;
     itn_error error;
@@ -82,7 +82,7 @@ static void fill_stage(stage *s, int which, const itn_mesh *ball, const itn_mesh
                        const itn_mesh *sheet, const itn_image *map, const itn_image *picture) {
     double scale = which == TINY ? 1e-4 : which == VAST ? 1e4 : 1;
     itn_object_desc *object;
-    stage_begin(s, SIZE, 4 * scale, 35);
+    stage_begin(s, FAST_SIZE, 4 * scale, 35);
     if (which == ROUGH || which == TINY || which == VAST || which == BLACK) {
         stage_medium(s, "m", 4 / scale, which == BLACK ? 0 : .9, .5);
         stage_dielectric(s, "glass", 1.4, .2);
@@ -142,7 +142,7 @@ static void fill_stage(stage *s, int which, const itn_mesh *ball, const itn_mesh
         stretch(stage_object(s, box, "n", "glass"), .5, .5, .001, 0, .502, 0);
         s->desc.camera.eye.y = 2;
         stage_sky(s, "sky");
-    } else if (which == NEEDLES) {
+    } else if (which == FAST_NEEDLES) {
         stage_medium(s, "m", 500, .9, .3);
         stretch(stage_object(s, ball, "m", NULL), 1, .002, .002, 0, 0, 0);
         s->desc.camera.fov = 3, s->desc.camera.eye.y = 1;
@@ -151,7 +151,7 @@ static void fill_stage(stage *s, int which, const itn_mesh *ball, const itn_mesh
         stage_medium(s, "m", 1e4, .98, .2);
         stage_object(s, ball, "m", NULL);
         stage_map(s, "map", map);
-    } else if (which == SLAB) {
+    } else if (which == FAST_SLAB) {
         stage_medium(s, "m", 1, .8, .3);
         stretch(stage_object(s, box, "m", NULL), 600, 300, 600, 0, -300, 0);
         s->desc.camera.eye.z = 0, s->desc.camera.eye.y = 1, s->desc.camera.up.z = 1;
@@ -194,8 +194,8 @@ static itn_scene *load_scene(const char *path, const itn_context *context) {
     int width, height;
     stage_need(itn_scene_load(path, context, &scene, &error), &error);
     width = scene->film.width, height = scene->film.height;
-    scene->film.width = scene->camera.width = SIZE;
-    scene->film.height = scene->camera.height = SIZE * height / width;
+    scene->film.width = scene->camera.width = FAST_SIZE;
+    scene->film.height = scene->camera.height = FAST_SIZE * height / width;
     return scene;
 }
 
@@ -206,7 +206,7 @@ static itn_scene *make_scene(int which, const itn_context *context) {
     itn_scene *scene = NULL;
     itn_error error;
     if (which >= MADE) return load_scene(kind_names[which], context);
-    ball = solids_sphere(1, 2), sheet = square();
+    ball = solids_sphere(1, 2), sheet = fast_square();
     box = solids_box(solids_vec3(-1, -1, -1), solids_vec3(1, 1, 1));
     map = stage_patch(3, .6, .3, 8), picture = stage_patch(1, .3, .6, .7);
     fill_stage(&s, which, &ball, &box, &sheet, &map, &picture);
@@ -463,7 +463,7 @@ static void check_control(int which, int planted) {
 }
 
 static void test_control(void) {
-    static const int kinds[] = {ROUGH, SMOOTH, MATCHED, GROUP, COLOUR, INSIDE, SHEETS, SLAB};
+    static const int kinds[] = {ROUGH, SMOOTH, MATCHED, GROUP, COLOUR, INSIDE, SHEETS, FAST_SLAB};
     int i;
     for (i = 0; i < (int)(sizeof kinds / sizeof *kinds); i += STRIDE)
         check_control(kinds[i], 0);
@@ -613,12 +613,13 @@ static void run_reversed(int count, void (*body)(void *, int), void *task, void 
     while (count-- > 0) body(task, count);
 }
 
-static void render(const itn_scene *scene, const itn_render_options *options, itn_image *image) {
+static void fast_render(const itn_scene *scene, const itn_render_options *options,
+                        itn_image *image) {
     itn_error error;
     stage_need(itn_render(scene, NULL, options, NULL, 0, image, &error), &error);
 }
 
-static int watch(void *user, double fraction) {
+static int watch_render(void *user, double fraction) {
     *(double *)user = fraction;
     return 0;
 }
@@ -636,22 +637,22 @@ static void check_threads(int which, int seed_of_second) {
     options.spp = 150, options.stats = &stats[0]; /* several units a tile, the last one shorter */
     context.threads = 1;
     scene = make_scene(which, &context);
-    render(scene, &options, &first);
+    fast_render(scene, &options, &first);
     itn_scene_free(scene);
     options.seed = (uint64_t)seed_of_second, options.stats = &stats[1];
     for (k = STRIDE > 1 ? 1 : 0; k < 5; k += STRIDE > 1 ? 3 : 1) {
         context.threads = threads[k];
         if (k == 4) context.parallel_for = run_reversed;
-        options.progress = k % 2 ? watch : NULL, options.progress_user = &seen;
+        options.progress = k % 2 ? watch_render : NULL, options.progress_user = &seen;
         scene = make_scene(which, &context);
-        render(scene, &options, &other);
+        fast_render(scene, &options, &other);
         itn_scene_free(scene);
         CHECK(!memcmp(first.pixels, other.pixels, (size_t)(first.width * first.height) *
                                                       (size_t)first.plane_count * sizeof(float)));
         CHECK(stats[0].paths == stats[1].paths && stats[0].collisions == stats[1].collisions);
         itn_image_free(&other);
     }
-    CHECK(seen == 1 && stats[0].paths == 4. * 150 * PIXELS);
+    CHECK(seen == 1 && stats[0].paths == 4. * 150 * FAST_PIXELS);
     itn_image_free(&first);
 }
 
@@ -768,7 +769,7 @@ static void retrace(flock *f, int k, const itn__vectors *to) {
     set_lane(&f->p, k, itn__lane_vector(to, k));
 }
 
-static void step(flock *f) {
+static void take_step(flock *f) {
     itn__ints all = itn__splat_int(-1), safe;
     itn__vectors q;
     itn__floats nq;
@@ -806,7 +807,7 @@ static double check_flights(int which, int resolution, int regions, double fligh
     f.rng = itn__rng_make(99, (uint64_t)which, (uint64_t)(3 * resolution + regions));
     for (k = 0; k < ITN__LANES; k++)
         while (!enter(&f, k)) {}
-    while (f.free + f.unproven < flights) step(&f);
+    while (f.free + f.unproven < flights) take_step(&f);
     if (verbose && !check_quiet)
         printf("%-24s %3d cells, regions %d: %.3f of flights are free (%.3f known before)\n",
                kind_names[which], resolution, regions, f.free / (f.free + f.unproven),
@@ -834,7 +835,7 @@ static void test_flights(void) {
 
 /* ---- images ---------------------------------------------------------------------------------- */
 
-enum { BLOCK = 4, MOST_BLOCKS = 3 * PIXELS / (BLOCK * BLOCK) };
+enum { BLOCK = 4, MOST_BLOCKS = 3 * FAST_PIXELS / (BLOCK * BLOCK) };
 
 /* Means over blocks of pixels and their variances, channel by channel; returns their number. */
 static int block_means(const itn_image *image, double *means, double *variances) {
@@ -895,14 +896,14 @@ static void check_images(int which, int max_scatter, int planted) {
                 : which == SPECTRA || which >= MADE ? 240 : 60; /* rare bright paths */
     if (STRIDE > 1) options.spp /= 4;
     options.max_scatter = max_scatter, options.mode = ITN_MODE_REFERENCE, options.seed = 1;
-    render(scene, &options, &expected);
+    fast_render(scene, &options, &expected);
     options.mode = ITN_MODE_FAST;
     for (k = 0; k < 4; k++) {
         char name[64];
         options.walks = k % 2 ? 4 : 1, options.seed++;
         options.sampler = k < 2 ? ITN_SAMPLER_RANDOM : ITN_SAMPLER_SOBOL;
         sprintf(name, "%.40s %s %d", kind_names[which], k < 2 ? "random" : "Sobol", options.walks);
-        render(other, &options, &image);
+        fast_render(other, &options, &image);
         compare_images(name, &expected, &image);
         itn_image_free(&image);
     }
@@ -935,7 +936,7 @@ static double check_variance(int which, itn_sampler sampler, int walks, int spp,
     for (seed = 0; seed < SEEDS; seed++) {
         itn_image image;
         options.seed = 1000 + (uint64_t)seed;
-        render(scene, &options, &image);
+        fast_render(scene, &options, &image);
         blocks = block_means(&image, means, variances);
         for (k = 0; k < blocks; k++) {
             sums[k] += means[k], squares[k] += means[k] * means[k];
@@ -974,9 +975,10 @@ static void test_variances(void) {
 /* ---- values of images ------------------------------------------------------------------------ */
 
 static const float *texel_weights(void) {
-    static float weights[3 * PIXELS];
+    static float weights[3 * FAST_PIXELS];
     int i;
-    for (i = 0; i < 3 * PIXELS; i++) weights[i] = .3f + .1f * (float)(i % 5) - .02f * (float)(i % 3);
+    for (i = 0; i < 3 * FAST_PIXELS; i++)
+        weights[i] = .3f + .1f * (float)(i % 5) - .02f * (float)(i % 3);
     return weights;
 }
 
@@ -1036,7 +1038,7 @@ static void check_texel_sum(int which, const char *item, const char *parameter, 
     options.walks = 1;
     for (i = 0; i < 2; i++) {
         context.threads = i ? 3 : 1;
-        options.progress = i ? watch : NULL, options.progress_user = &seen;
+        options.progress = i ? watch_render : NULL, options.progress_user = &seen;
         scene = make_scene(which, &context);
         gradients[i] = texel_gradient(scene, item, &options);
         if (!i) itn_scene_free(scene);
@@ -1072,7 +1074,7 @@ static void check_well(double planted) {
     for (i = 0; i < 6; i++) well.triangles[6 + i] = well.triangles[30 + i]; /* open at the top */
     well.triangle_count -= 2;
     for (i = 0; i < white.width * white.height; i++) white.pixels[i] = .99f;
-    stage_begin(&s, SIZE, 4, 2.5);
+    stage_begin(&s, FAST_SIZE, 4, 2.5);
     stage_diffuse(&s, "wall", 1)->texture = ITN_TEXTURE_IMAGE, s.surfaces[0].image = &white;
     stage_object(&s, &well, NULL, "wall"), stage_constant(&s, NULL, 1);
     scene = stage_make(&s);
@@ -1136,7 +1138,7 @@ static double noise_of_walls(int known) {
     inside in;
     stage s;
     int i;
-    stage_begin(&s, SIZE, 4, 12);
+    stage_begin(&s, FAST_SIZE, 4, 12);
     stage_medium(&s, "m", 100, .95, .5), stage_dielectric(&s, "glass", 1.4, .2);
     stage_constant(&s, "room", 2);
     for (i = 0; i < 2; i++) {
@@ -1157,16 +1159,16 @@ static double noise_of_walls(int known) {
         stage_need(itn__pilot_run(&in.picture, ITN__LEARN_VALUES, &error), &error);
     }
     if (STRIDE == 1) stage_need(itn__picture_run(&in.picture, NULL, &error), &error);
-    for (i = 0; i < PIXELS && STRIDE == 1; i++)
+    for (i = 0; i < FAST_PIXELS && STRIDE == 1; i++)
         itn__mean_kept(&in.picture, (size_t)i, 0, &variance), sum += variance;
     if (verbose && !check_quiet)
-        printf("walls: variance %.3g, occlusions %.3f %.3f %.3f %.3f\n", sum / PIXELS,
+        printf("walls: variance %.3g, occlusions %.3f %.3f %.3f %.3f\n", sum / FAST_PIXELS,
                occlusion_of_wall(fast, -.12, -1), occlusion_of_wall(fast, -.06, 1),
                occlusion_of_wall(fast, .06, -1), occlusion_of_wall(fast, .12, 1));
     close_render(&in);
     itn_scene_free(scene);
     for (i = 0; i < 2; i++) itn_mesh_free(&walls[i]);
-    return sum / PIXELS;
+    return sum / FAST_PIXELS;
 }
 
 /* Occlusions take more than a sixth off the variance. */
@@ -1210,8 +1212,8 @@ static void check_edges(itn_filter filter, itn_sampler sampler, int walks, doubl
     double share = wide * BOX_EDGE, sum = 0, variance = 0;
     int between = 0, k;
     options.sampler = sampler, options.seed = 7;
-    options.spp = 16, options.walks = 4, render(scene, &options, &images[0]);
-    options.spp = 64 / walks, options.walks = walks, render(scene, &options, &images[1]);
+    options.spp = 16, options.walks = 4, fast_render(scene, &options, &images[0]);
+    options.spp = 64 / walks, options.walks = walks, fast_render(scene, &options, &images[1]);
     for (k = 0; k < 16 * 16; k++) {
         between += images[0].pixels[k] > 0 && images[0].pixels[k] < 1;
         sum += images[0].pixels[k] / 256, variance += images[0].pixels[256 + k] / (256. * 256);
@@ -1239,7 +1241,7 @@ static void check_blur(float deviation, double planted) {
     double edge = 8 * BOX_EDGE, width = planted * (deviation > 0 ? deviation : .5), chi = 0;
     int between = 0, x, y;
     options.spp = 1024, options.walks = 1, options.sampler = ITN_SAMPLER_RANDOM, options.seed = 7;
-    render(scene, &options, &image);
+    fast_render(scene, &options, &image);
     for (y = 0; y < 16; y++)
         for (x = 0; x < 16; x++) {
             double share = share_between(x - 7.5, edge, width) * share_between(y - 7.5, edge, width);

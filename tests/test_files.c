@@ -112,7 +112,7 @@ static double parse(const char *text) {
 }
 
 /* Distance in units in the last place. */
-static double ulps(double a, double b) {
+static double files_ulps(double a, double b) {
     double unit = nextafter(fabs(b), INFINITY) - fabs(b);
     return a == b ? 0 : fabs(a - b) / unit;
 }
@@ -132,7 +132,7 @@ static void check_numbers(double nudge) {
     int n;
     for (i = 0; i < sizeof bad / sizeof *bad; i++) CHECK(parse(bad[i]) != parse(bad[i]));
     for (i = 0; i < sizeof good / sizeof *good; i++)
-        CHECK(ulps(parse(good[i]) * nudge, strtod(good[i], NULL)) <= 10 ||
+        CHECK(files_ulps(parse(good[i]) * nudge, strtod(good[i], NULL)) <= 10 ||
               (isinf(parse(good[i])) && isinf(strtod(good[i], NULL))));
     CHECK(signbit(parse("-0")));
     for (n = 0; n < 200000; n++) {
@@ -151,7 +151,7 @@ static void check_numbers(double nudge) {
         if (parse(text) * nudge != strtod(text, NULL)) CHECK(!"15 digits are exact");
         snprintf(text, sizeof text, "%.0f.%ue%d", (double)wide, bits,
                  (int)(random_bits() % 580) - 300);
-        if (!(ulps(parse(text) * nudge, strtod(text, NULL)) <= 10)) CHECK(!"within 10 ulp");
+        if (!(files_ulps(parse(text) * nudge, strtod(text, NULL)) <= 10)) CHECK(!"within 10 ulp");
     }
     CHECK(n == 200000);
 }

@@ -14,7 +14,7 @@ enum { MANY = 1000000, RAYS = 100 };
 
 /* ---- meshes ------------------------------------------------------------------------------------ */
 
-static itn_mesh make(int vertices, int triangles) {
+static itn_mesh geometry_make(int vertices, int triangles) {
     itn_mesh mesh = ITN_ZERO;
     itn_error error = ITN_ZERO;
     if (itn_mesh_create(vertices, triangles, 0, NULL, &mesh, &error)) {
@@ -40,7 +40,7 @@ static itn_vec3 corner(const itn_mesh *mesh, int triangle, int k) {
 
 /* A closed grid of n x m quads, wrapped both ways: a torus of radii 1 and r. */
 static itn_mesh torus(int n, int m, float r) {
-    itn_mesh mesh = make(n * m, 2 * n * m);
+    itn_mesh mesh = geometry_make(n * m, 2 * n * m);
     int i, j;
     for (i = 0; i < n; i++)
         for (j = 0; j < m; j++) {
@@ -60,7 +60,7 @@ static itn_mesh torus(int n, int m, float r) {
 
 /* A sphere, or with few rings and many sectors two fans of needles; poles on the z axis. */
 static itn_mesh sphere(int sectors, int rings) {
-    itn_mesh mesh = make(2 + sectors * rings, 2 * sectors * rings);
+    itn_mesh mesh = geometry_make(2 + sectors * rings, 2 * sectors * rings);
     int i, j, south = add_vertex(&mesh, 0, 0, -1), north = add_vertex(&mesh, 0, 0, 1);
     for (j = 0; j < rings; j++)
         for (i = 0; i < sectors; i++) {
@@ -84,7 +84,7 @@ static itn_mesh sphere(int sectors, int rings) {
 static itn_mesh box(float x, float y, float z) {
     static const int faces[12][3] = {{0, 2, 3}, {0, 3, 1}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
                                      {2, 6, 7}, {2, 7, 3}, {0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}};
-    itn_mesh mesh = make(8, 12);
+    itn_mesh mesh = geometry_make(8, 12);
     int i;
     for (i = 0; i < 8; i++) add_vertex(&mesh, i & 1 ? x : -x, i & 2 ? y : -y, i & 4 ? z : -z);
     for (i = 0; i < 12; i++) add_triangle(&mesh, faces[i][0], faces[i][1], faces[i][2]);
@@ -93,7 +93,7 @@ static itn_mesh box(float x, float y, float z) {
 
 /* An open square of n x n quads in a slanted plane. */
 static itn_mesh sheet(int n) {
-    itn_mesh mesh = make((n + 1) * (n + 1), 2 * n * n);
+    itn_mesh mesh = geometry_make((n + 1) * (n + 1), 2 * n * n);
     int i, j;
     for (i = 0; i <= n; i++)
         for (j = 0; j <= n; j++) {
@@ -121,7 +121,7 @@ static itn_vec3 sphere_point(itn__rng *rng) {
 
 /* Triangles of all sizes anywhere. */
 static itn_mesh soup(int n, uint64_t seed) {
-    itn_mesh mesh = make(3 * n, n);
+    itn_mesh mesh = geometry_make(3 * n, n);
     itn__rng rng = itn__rng_make(seed, 0, 0);
     int i, k;
     for (i = 0; i < n; i++) {
@@ -237,7 +237,7 @@ static void test_check_closed(void) {
 /* The box with three vertices of its own for every triangle: seams everywhere, still closed; with
    -0 for 0 in places. */
 static void test_check_seams(void) {
-    itn_mesh whole = box(1, 1, 1), split = make(36, 12);
+    itn_mesh whole = box(1, 1, 1), split = geometry_make(36, 12);
     itn_mesh_report r;
     int i, k;
     for (i = 0; i < 12; i++) {
@@ -301,7 +301,7 @@ static void test_check_faults(void) {
 
 /* Touching and degenerate parts. */
 static void test_check_odd(void) {
-    itn_mesh mesh = make(16, 28), one = box(1, 1, 1);
+    itn_mesh mesh = geometry_make(16, 28), one = box(1, 1, 1);
     itn_mesh_report r;
     int i, k;
     for (k = 0; k < 2; k++) { /* two boxes that share an edge of positions */
@@ -325,14 +325,15 @@ static void test_check_odd(void) {
     r = report_of(&mesh);
     CHECK(r.flipped_edges > 0);
     itn_mesh_free(&mesh);
-    mesh = make(3, 1); /* two equal corners, of which rounded products make an area */
+    mesh = geometry_make(3, 1); /* two equal corners, of which rounded products make an area */
     add_vertex(&mesh, .1f, .2f, .3f), add_vertex(&mesh, 100.3f, 50.7f, 20.9f);
     add_vertex(&mesh, 100.3f, 50.7f, 20.9f);
     add_triangle(&mesh, 0, 1, 2);
     r = report_of(&mesh);
     CHECK(r.degenerate_triangles == 1 && r.first_degenerate_triangle == 0);
     itn_mesh_free(&mesh);
-    mesh = make(4, 3); /* a zero-area triangle closes the slit of a T-joint: only the rim is open */
+    mesh = geometry_make(
+        4, 3); /* a zero-area triangle closes the slit of a T-joint: only the rim is open */
     add_vertex(&mesh, 0, 0, 0), add_vertex(&mesh, 2, 0, 0);
     add_vertex(&mesh, 1, 0, 0), add_vertex(&mesh, 1, 1, 0);
     add_triangle(&mesh, 0, 2, 3), add_triangle(&mesh, 2, 1, 3), add_triangle(&mesh, 0, 1, 2);
@@ -358,7 +359,7 @@ static void test_check_parts(int planted) {
     size_t k;
     int i;
     for (k = 0; k < sizeof second / sizeof *second; k++) {
-        itn_mesh mesh = make(16, 24);
+        itn_mesh mesh = geometry_make(16, 24);
         itn_mesh_report r;
         for (i = 0; i < 16; i++) {
             const float *p = one.positions + 3 * (i % 8);
@@ -406,7 +407,7 @@ static void test_check_arguments(void) {
 /* ---- closed forms ------------------------------------------------------------------------------ */
 
 static void test_one_triangle(void) {
-    itn_mesh mesh = make(3, 1);
+    itn_mesh mesh = geometry_make(3, 1);
     itn_bvh *bvh;
     itn_hit hit;
     itn_vec3 p[3];
@@ -484,7 +485,8 @@ static int tree_depth(const itn_bvh *bvh, int index, const float bounds[6], int 
 }
 
 /* A parallel_for that runs the second half first, and both backwards. */
-static void backwards(int count, void (*body)(void *task, int index), void *task, void *user) {
+static void geometry_backwards(int count, void (*body)(void *task, int index), void *task,
+                               void *user) {
     int i;
     (void)user;
     for (i = count - 1; i >= count / 2; i--) body(task, i);
@@ -495,7 +497,7 @@ static void backwards(int count, void (*body)(void *task, int index), void *task
 static void expect_same_tree(const itn_mesh *mesh, const itn_bvh *bvh) {
     itn_context context = ITN_ZERO;
     itn_bvh *other = NULL;
-    context.parallel_for = backwards;
+    context.parallel_for = geometry_backwards;
     CHECK(itn_bvh_create(mesh, &context, &other, NULL) == ITN_OK);
     CHECK(other->node_count == bvh->node_count && other->leaf_count == bvh->leaf_count);
     CHECK(memcmp(other->nodes, bvh->nodes, (size_t)bvh->node_count * sizeof(itn__node)) == 0);
@@ -535,7 +537,7 @@ static void test_trees(void) {
     }
     expect_tree(&mesh, ITN__DEPTH);
     itn_mesh_free(&mesh);
-    mesh = make(3, MANY);
+    mesh = geometry_make(3, MANY);
     add_vertex(&mesh, 0, 0, 0), add_vertex(&mesh, 1, 0, 0), add_vertex(&mesh, 0, 1, 0);
     for (i = 0; i < MANY; i++) add_triangle(&mesh, 0, 1, 2);
     expect_tree(&mesh, 20);
@@ -713,7 +715,7 @@ static void test_many(void) {
     itn_hit *hits = (itn_hit *)malloc((COUNT + 1) * sizeof *hits);
     unsigned char *occluded = (unsigned char *)malloc(COUNT + 1);
     int i, wrong = 0, found = 0;
-    context.parallel_for = backwards;
+    context.parallel_for = geometry_backwards;
     CHECK(itn_bvh_create(&mesh, &context, &bvh, NULL) == ITN_OK);
     for (i = 0; i < COUNT; i++) rays[i] = any_ray(&mesh, &rng, i, 1, 0);
     hits[COUNT].triangle = -7, occluded[COUNT] = 77;
@@ -1080,7 +1082,7 @@ static void test_bad_meshes(void) {
 }
 
 /* Meshes at the limits of the format build, and rays through them return. */
-static void test_extremes(void) {
+static void test_geometry_extremes(void) {
     static const float scales[5] = {3e38f, 1e30f, 1e-30f, 1e-42f, 0};
     itn__rng rng = itn__rng_make(71, 0, 0);
     int i, j;
@@ -1137,7 +1139,7 @@ static itn_result use_all(const itn_mesh *mesh, const itn_context *context) {
     return result;
 }
 
-static void test_memory(void) {
+static void test_geometry_memory(void) {
     itn_mesh mesh = sphere(12, 7);
     itn_context context = ITN_ZERO;
     counter c = ITN_ZERO;
@@ -1212,7 +1214,7 @@ int main(void) {
     test_bad_rays();
     test_bad_meshes();
     test_normals_of_needles();
-    test_extremes();
-    test_memory();
+    test_geometry_extremes();
+    test_geometry_memory();
     return check_end("geometry");
 }

@@ -8,11 +8,11 @@
 #include "check.h"
 
 enum { N = ITN__LANES };
-static const double pi = 3.14159265358979323846;
+static const double lanes_pi = 3.14159265358979323846;
 
-static uint32_t random_state = 1;
-static uint32_t random_bits(void) { return itn__mix32(random_state++, 0x2545f491u); }
-static float random_float(void) { return (float)(random_bits() >> 8) / 8388608.f - 1; }
+static uint32_t lanes_random_state = 1;
+static uint32_t lanes_random_bits(void) { return itn__mix32(lanes_random_state++, 0x2545f491u); }
+static float random_float(void) { return (float)(lanes_random_bits() >> 8) / 8388608.f - 1; }
 
 static float from_bits(uint32_t bits) {
     float x;
@@ -35,13 +35,14 @@ enum { SPECIALS = sizeof special / sizeof *special };
 
 /* ---- memory and constants -------------------------------------------------------------------- */
 
-static void test_memory(void) {
+static void test_lanes_memory(void) {
     float floats[3 * N + 1], copy[3 * N + 1];
     int32_t ints[3 * N + 1], ints_copy[3 * N + 1];
     uint32_t words[3 * N + 1], words_copy[3 * N + 1];
     int start, k;
     for (k = 0; k < 3 * N + 1; k++) {
-        floats[k] = random_float(), ints[k] = (int32_t)random_bits(), words[k] = random_bits();
+        floats[k] = random_float(), ints[k] = (int32_t)lanes_random_bits(),
+        words[k] = lanes_random_bits();
         copy[k] = 7, ints_copy[k] = 7, words_copy[k] = 7;
     }
     for (start = 0; start <= N; start++) { /* every offset, most of them odd addresses */
@@ -118,7 +119,7 @@ static void test_pairs(void) {
         for (b = 0; b < SPECIALS; b++)
             for (k = 0; k < N; k++) wrong += pair_wrong(special[a], special[b], k);
     for (a = 0; a < 20000; a++) {
-        float x = random_float() * ldexpf(1, (int)(random_bits() % 50) - 25);
+        float x = random_float() * ldexpf(1, (int)(lanes_random_bits() % 50) - 25);
         wrong += pair_wrong(x, a & 1 ? x : random_float(), a % N);
     }
     CHECK(wrong == 0);
@@ -156,12 +157,13 @@ static int mask_wrong(unsigned bits, int shift) {
     itn__floats chosen, gathered, unpacked;
     itn__vectors va, vb, vs;
     int k, count = 0, wrong = itn__mask_bits(mask) != bits;
-    for (k = 0; k < 4 * N; k++) base[k] = random_float(), base_ints[k] = (int32_t)random_bits();
+    for (k = 0; k < 4 * N; k++)
+        base[k] = random_float(), base_ints[k] = (int32_t)lanes_random_bits();
     for (k = 0; k < N; k++) {
         a[k] = random_float(), b[k] = random_float();
-        ia[k] = (int32_t)random_bits(), ib[k] = (int32_t)random_bits();
+        ia[k] = (int32_t)lanes_random_bits(), ib[k] = (int32_t)lanes_random_bits();
         /* where the mask is false nothing may be read: these addresses would crash */
-        index[k] = (bits >> k) & 1 ? (int32_t)(random_bits() % (4 * N)) : INT32_MAX - k;
+        index[k] = (bits >> k) & 1 ? (int32_t)(lanes_random_bits() % (4 * N)) : INT32_MAX - k;
     }
     for (k = 0; k < 2 * N; k++) packed[k] = 7, packed_ints[k] = 7;
     selected = itn__select_int(mask, itn__load_ints(ia), itn__load_ints(ib));
@@ -267,7 +269,7 @@ static void test_uniforms(uint32_t skip) {
         ITN__LANE(key0, k) = rng[k].key0, ITN__LANE(key1, k) = rng[k].key1;
     }
     for (turn = 0; turn < 5000; turn++) {
-        unsigned bits = random_bits() & ITN__ALL_LANES;
+        unsigned bits = lanes_random_bits() & ITN__ALL_LANES;
         itn__floats u = itn__uniforms(key0, key1, &dimension, itn__bits_mask(bits));
         for (k = 0; k < N; k++) {
             if ((bits >> k) & 1) wrong += !same(ITN__LANE(u, k), itn__uniform(&rng[k]));
@@ -277,7 +279,7 @@ static void test_uniforms(uint32_t skip) {
     }
     CHECK(wrong == 0);
     for (turn = 0; turn < 5000; turn++) {
-        uint32_t a = random_bits(), b = random_bits();
+        uint32_t a = lanes_random_bits(), b = lanes_random_bits();
         itn__words mixed = itn__mix_words(itn__splat_word(a), itn__splat_word(b));
         itn__floats u = itn__unit_floats(mixed), scaled = u * 16777216.f;
         wrong += ITN__LANE(mixed, turn % N) != itn__mix32(a, b);
@@ -327,7 +329,7 @@ static double sine_turns(double u) {
     u -= rint(u);
     if (u > .25) u = .5 - u;
     if (u < -.25) u = -.5 - u;
-    return sin(2 * pi * u);
+    return sin(2 * lanes_pi * u);
 }
 static double cosine_turns(double u) { return sine_turns(.25 - fabs(u - rint(u))); }
 
@@ -466,7 +468,7 @@ static void test_atan2_pairs(void) {
     for (turn = 0; turn < turns; turn++) {
         float y[N], x[N], out[N];
         for (k = 0; k < N; k++) {
-            y[k] = from_bits(random_bits()), x[k] = from_bits(random_bits());
+            y[k] = from_bits(lanes_random_bits()), x[k] = from_bits(lanes_random_bits());
             if (turn & 1) x[k] = fabsf(y[k]) * 4 * random_float();
             if (!itn__finite(x[k])) x[k] = 1;
             if (!itn__finite(y[k])) y[k] = -1;
@@ -539,7 +541,7 @@ int main(void) {
 #else
     if (check_long()) step = 1;
 #endif
-    test_memory();
+    test_lanes_memory();
     test_constants();
     test_pairs();
     test_ints();

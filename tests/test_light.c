@@ -178,7 +178,7 @@ static void test_maps(void) {
 }
 
 /* Directions and coordinates: the published layout, and back. */
-static void test_directions(void) {
+static void test_light_directions(void) {
     itn_vec3 d = itn__map_direction(.25f, .5f);
     float u, v;
     int k;
@@ -211,7 +211,7 @@ static void check_sky_at(const itn__light *light, double theta, double azimuth,
 }
 
 /* Radiances that the authors' own code gives for this sky. */
-static void test_sky(void) {
+static void test_light_sky(void) {
     static const double zenith[3] = {3.631779, 5.522326, 10.403060};
     static const double sunward[3] = {16.307778, 19.157592, 21.983152};
     static const double opposite[3] = {3.434738, 6.607357, 13.081977};
@@ -342,7 +342,7 @@ static void test_planes(void) {
 
 /* The same ball twice: index-matched, where lights are sampled, and with a smooth face of index
    1.00001, through which they can only be met by chance. */
-static void check_chance(const itn_image *map, double scale) {
+static void light_check_chance(const itn_image *map, double scale) {
     static const char *const names[1] = {"m.sigma_t"};
     itn_mesh mesh = solids_sphere(1, 3);
     itn_light_desc light = map_light(map);
@@ -369,16 +369,16 @@ static void test_chance(void) {
     int k;
     for (k = 0; k < 2; k++) {
         itn_image map = make_map(8, 5, k);
-        check_chance(&map, 1);
-        if (k == 1) CHECK_CATCHES(check_chance(&map, 1.05));
+        light_check_chance(&map, 1);
+        if (k == 1) CHECK_CATCHES(light_check_chance(&map, 1.05));
         itn_image_free(&map);
     }
 }
 
 int main(void) {
-    test_directions();
+    test_light_directions();
     test_maps();
-    test_sky();
+    test_light_sky();
     test_sun();
     test_planes();
     test_chance();

@@ -14,7 +14,7 @@ enum { COUNT = 1 << 17 };
 /* ---- helpers --------------------------------------------------------------------------------- */
 
 /* Maps to try: 0 smooth, 1 noise with black rows, 2 one bright pixel, 3 poles only. */
-static itn_image make_map(int channels, int width, int height, int kind) {
+static itn_image light_map(int channels, int width, int height, int kind) {
     static const char *const names[3] = {"R", "G", "B"};
     itn__rng rng = itn__rng_make(3, (uint64_t)width, (uint64_t)kind);
     itn_image image;
@@ -35,17 +35,18 @@ static itn_image make_map(int channels, int width, int height, int kind) {
     return image;
 }
 
-enum { SMOOTH, NOISE, PIXEL, POLES, NARROW, TINY, SKY, NARROW_SUN, BRIGHT_SUN,
+enum { SMOOTH_MAP, NOISE, PIXEL, POLES, NARROW, TINY_MAP, SKY, NARROW_SUN, BRIGHT_SUN,
        CONSTANT, SEVERAL, SCENES };
 
 /* A square under the lights of one of the kinds above. */
-static itn_scene *make_scene(int kind, int channels) {
+static itn_scene *light_scene(int kind, int channels) {
     static const int widths[6] = {64, 37, 50, 16, 1, 2}, heights[6] = {33, 20, 25, 9, 64, 2};
-    itn_image map, other = make_map(channels, 31, 12, 2);
+    itn_image map, other = light_map(channels, 31, 12, 2);
     itn_scene *scene;
     stage s;
     int size = kind < SKY ? kind : 0;
-    map = make_map(channels, widths[size], heights[size], kind == NARROW ? 0 : size < 4 ? size : 1);
+    map = light_map(channels, widths[size], heights[size],
+                    kind == NARROW ? 0 : size < 4 ? size : 1);
     stage_begin(&s, 8, 3, 40);
     s.desc.film.channels = channels;
     stage_diffuse(&s, "s", .5);
@@ -125,7 +126,7 @@ static double density_slack(slack s, itn_vec3 d) {
     return (s.density + s.density_by_sine / sine) / sine;
 }
 
-static int close(double a, double b, double tolerance) { return fabs(a - b) <= tolerance; }
+static int agree(double a, double b, double tolerance) { return fabs(a - b) <= tolerance; }
 
 /* Any lanes; all of them every fourth time. */
 static unsigned test_bits(int k) {
@@ -136,7 +137,7 @@ static unsigned test_bits(int k) {
 /* ---- tests ----------------------------------------------------------------------------------- */
 
 /* Density and radiance in given directions. `factor` plants an error. */
-static void check_directions(const itn_scene *scene, float factor) {
+static void check_drawn(const itn_scene *scene, float factor) {
     float d[3][ITN__LANES], got[7][ITN__LANES], *theta;
     slack loose = make_slack(scene);
     int k, j, c, i, bad = 0;
@@ -167,9 +168,9 @@ static void check_directions(const itn_scene *scene, float factor) {
                     expected[c + (light->share > 0 ? 0 : 3)] += theta[light->parameter] * rgb[c];
             }
             if (on_edge(scene, one)) continue;
-            bad += !close(got[6][j], pdf, 1e-5 * pdf + density_slack(loose, one));
+            bad += !agree(got[6][j], pdf, 1e-5 * pdf + density_slack(loose, one));
             for (c = 0; c < 6; c++)
-                bad += !close(got[c][j], expected[c], 1e-5 * expected[c] + loose.radiance);
+                bad += !agree(got[c][j], expected[c], 1e-5 * expected[c] + loose.radiance);
             if (bad)
                 check_report(0, __FILE__, __LINE__, "direction %d (%g %g %g): density %g, not %g; "
                              "radiance %g %g %g + %g, not %g %g %g + %g", k + j, (double)one.x,
@@ -214,7 +215,7 @@ static void check_draws(const itn_scene *scene, double tolerance) {
             bad += hit != was || (!was && got[3][j] != 0);
             if (hit)
                 bad += !(itn__length(itn__sub(d, one)) <= tolerance) ||
-                       !close(got[3][j], expected, 1e-5 * expected + density_slack(loose, d));
+                       !agree(got[3][j], expected, 1e-5 * expected + density_slack(loose, d));
             if (bad)
                 check_report(0, __FILE__, __LINE__, "draw %d of %g %g %g: (%.8g %.8g %.8g) %.8g, "
                              "not (%.8g %.8g %.8g) %.8g", k + j, (double)u[0][j], (double)u[1][j],
@@ -278,12 +279,12 @@ static void test_scenes(void) {
     int kind, channels;
     for (kind = 0; kind < SCENES; kind++)
         for (channels = 1; channels <= 3; channels += 2) {
-            itn_scene *scene = make_scene(kind, channels);
-            check_directions(scene, 1);
+            itn_scene *scene = light_scene(kind, channels);
+            check_drawn(scene, 1);
             check_draws(scene, 3e-6);
             check_ends(scene);
             if (kind == SKY) {
-                CHECK_CATCHES(check_directions(scene, 1.0003f));
+                CHECK_CATCHES(check_drawn(scene, 1.0003f));
                 CHECK_CATCHES(check_draws(scene, 1e-9));
             }
             if (channels == 3 && kind != CONSTANT) check_integral(scene, 1);
@@ -347,7 +348,7 @@ static void test_size(void) {
 
 /* Shares: a narrow sun takes what a broad sky is found without; alone, a light is always chosen. */
 static void test_shares(void) {
-    itn_scene *scene = make_scene(SEVERAL, 1);
+    itn_scene *scene = light_scene(SEVERAL, 1);
     double sum = 0;
     int i;
     for (i = 0; i < scene->light_count; i++) sum += scene->lights[i].share;
@@ -356,7 +357,7 @@ static void test_shares(void) {
     for (i = 0; i < scene->light_count; i++)
         CHECK(i == 1 || scene->lights[i].share >= .05f / 6.01f);
     itn_scene_free(scene);
-    scene = make_scene(SKY, 1); /* p + breadth in proportion to strength, unless at the floor */
+    scene = light_scene(SKY, 1); /* p + breadth in proportion to strength, unless at the floor */
     for (i = 0, sum = 0; i < 2; i++) sum += scene->lights[i].strength;
     for (i = 0; i < 2; i++) {
         double p = (1 + scene->lights[0].breadth + scene->lights[1].breadth) *
@@ -367,11 +368,11 @@ static void test_shares(void) {
     CHECK(scene->lights[0].breadth > .3 && scene->lights[0].breadth < .5);
     CHECK_NEAR(scene->lights[1].breadth, .5 * scene->lights[1].sun_cone, 1e-7);
     itn_scene_free(scene);
-    scene = make_scene(BRIGHT_SUN, 1); /* scattering finds enough of the sky */
+    scene = light_scene(BRIGHT_SUN, 1); /* scattering finds enough of the sky */
     CHECK_NEAR(scene->lights[0].share, .025, 1e-6);
     CHECK_NEAR(scene->lights[1].share, .975, 1e-6);
     itn_scene_free(scene);
-    scene = make_scene(SMOOTH, 3);
+    scene = light_scene(SMOOTH_MAP, 3);
     CHECK_NEAR(scene->lights[0].share, 1, 1e-6);
     itn_scene_free(scene);
 }

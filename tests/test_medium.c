@@ -5,7 +5,7 @@
 #include "../itn.h"
 #include "check.h"
 
-static const double pi = 3.14159265358979323846;
+static const double medium_pi = 3.14159265358979323846;
 static const float all_g[17] = {0,    1e-7f,  -1e-7f, 1e-4f, -1e-4f, .3f,   -.3f,  .6f,  -.6f,
                                 .9f,  -.9f,   .99f,   -.99f, .998f,  -.998f, .999f, -.999f};
 
@@ -14,7 +14,7 @@ static const float all_g[17] = {0,    1e-7f,  -1e-7f, 1e-4f, -1e-4f, .3f,   -.3f
 /* The formulas of the chapter in double, written in the cosine. */
 static double henyey_greenstein(double g, double x) {
     double square = (1 - g) * (1 - g) + 2 * g * x;
-    return (1 - g * g) / (4 * pi * square * sqrt(square));
+    return (1 - g * g) / (4 * medium_pi * square * sqrt(square));
 }
 
 /* E[P_l(cos theta)] = g^l, l = 1..4, over equal steps of u. `shift` plants an error. */
@@ -56,7 +56,9 @@ static void check_density(float g) {
             double t = (k + .5) / 400, la = log((double)(g > 0 ? xb : ya));
             double lb = log((double)(g > 0 ? xa : yb));
             x = exp(la + t * (lb - la));
-            sum += 2 * pi * itn__phase(g, (float)(g > 0 ? x : 2 - x), (float)(g > 0 ? 2 - x : x)).v * x * fabs(lb - la) / 400;
+            sum += 2 * medium_pi *
+                   itn__phase(g, (float)(g > 0 ? x : 2 - x), (float)(g > 0 ? 2 - x : x)).v * x *
+                   fabs(lb - la) / 400;
         }
         share = sum / mass;
         if (xa - xb < 2e-3 && g < 0) continue; /* x, rounded to 1.2e-7 near 2, cannot tell */
@@ -78,8 +80,8 @@ static void check_integrals(float g, double shift) {
         double t = (i + .5) / STEPS * top, y = s * s * (exp(t) - 1);
         double dy = s * s * exp(t) * top / STEPS, x = g >= 0 ? y : 2 - y;
         itn__dual p = itn__phase(g, (float)x, (float)(g >= 0 ? 2 - y : y));
-        integral += 2 * pi * p.v * dy, score += 2 * pi * p.d[0] * dy;
-        score_cosine += 2 * pi * p.d[0] * (1 - x) * dy;
+        integral += 2 * medium_pi * p.v * dy, score += 2 * medium_pi * p.d[0] * dy;
+        score_cosine += 2 * medium_pi * p.d[0] * (1 - x) * dy;
     }
     CHECK_NEAR(integral + shift, 1, 2e-5);
     CHECK_NEAR(score * s, 0, 2e-4);            /* E[score] = 0, in units of the peak's width */
@@ -123,7 +125,7 @@ static void check_slope(float g, double factor) {
 }
 
 /* Extreme u and v: finite unit directions that agree with x; positive g turns forward. */
-static void check_directions(float g) {
+static void check_turns(float g) {
     static const float ends[6] = {5.9604645e-8f, 1.e-4f, .5f, .75f, .9999f, .99999994f};
     static const float directions[5][3] = {
         {0, 0, 1}, {0, 0, -1}, {1, 0, 0}, {.6f, -.8f, 0}, {-.26726124f, .53452248f, -.80178373f}};
@@ -172,7 +174,7 @@ static void test_phase(void) {
         check_integrals(all_g[k], 0);
         check_score(all_g[k]);
         check_slope(all_g[k], 1);
-        check_directions(all_g[k]);
+        check_turns(all_g[k]);
     }
     check_azimuth();
     CHECK(itn__phase(.5f, .1f, 1.9f).v > itn__phase(.5f, 1.9f, .1f).v); /* positive g is forward */

@@ -1313,7 +1313,7 @@ static void test_any_batch(int fault) {
 
 /* ---- files ---- */
 
-static char directory[] = "/tmp/test_net_XXXXXX"; /* of this run */
+static char net_directory[] = "/tmp/test_net_XXXXXX"; /* of this run */
 static char path[64];
 
 static size_t read_all(unsigned char *bytes, size_t size) {
@@ -1565,7 +1565,7 @@ static void test_models(void) {
 }
 
 /* A milky tetrahedron under a white sky. */
-static itn_scene *make_scene(const itn_context *context) {
+static itn_scene *net_make_scene(const itn_context *context) {
     static float positions[12] = {-1, -1, -1, 1, -1, -1, 0, 1, -1, 0, 0, 1};
     static int triangles[12] = {0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3};
     itn_mesh mesh = ITN_ZERO;
@@ -1603,7 +1603,7 @@ static void loss_case_make(loss_case *c, const itn_context *context) {
     static const double values[3] = {.5, 1.7, .6};
     int k;
     memset(c, 0, sizeof *c);
-    c->scene = make_scene(context);
+    c->scene = net_make_scene(context);
     for (k = 0; k < 3; k++) {
         const itn_parameter *p;
         c->parameters[k] = itn_parameter_find(c->scene, names[k]);
@@ -1759,8 +1759,8 @@ static void test_loss_errors(void) {
 }
 
 int main(void) {
-    CHECK(mkdtemp(directory) != NULL);
-    sprintf(path, "%s/w", directory);
+    CHECK(mkdtemp(net_directory) != NULL);
+    sprintf(path, "%s/w", net_directory);
     test_layers();
     test_blocked_shapes();
     test_blocked_ties(.25f);
@@ -1815,6 +1815,6 @@ int main(void) {
     test_loss_choices();
     test_loss_errors();
     remove(path);
-    CHECK(rmdir(directory) == 0);
+    CHECK(rmdir(net_directory) == 0);
     return check_end("net");
 }

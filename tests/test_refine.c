@@ -974,7 +974,7 @@ static void test_told_beside(double planted) {
 
 /* With few samples in the end little is known along the valley, and error bars say so: of
    searches that start from both sides of the truth none is more than four standard errors off. */
-static void test_few_samples(void) {
+static void test_refine_few_samples(void) {
     const int seeds = check_long() ? 8 : 2;
     static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
     static const float hidden[3] = {6, .9f, .6f};
@@ -2148,7 +2148,7 @@ int main(void) {
         test_more_samples(.4);
         test_spread(1);
         test_stray_noise(0);
-        test_few_samples();
+        test_refine_few_samples();
         test_undetermined();
         test_idle_and_others(0);
         test_even_noise(1);

@@ -9,7 +9,7 @@
 
 #include "reuse.h"
 
-enum { SIZE = 16 };
+enum { REUSE_SIZE = 16 };
 
 /* ---- paths used again -------------------------------------------------------------------------------- */
 
@@ -43,7 +43,7 @@ static void test_reuse_turns(double planted) {
 /* Images and derivatives from the paths of neighbouring parameters against fresh renders; the
    effective share of paths falls with the distance. planted: of the walk's sigma_t. */
 static void test_reuse_image(double planted) {
-    enum { PIXELS = SIZE * SIZE, PATHS = 1 << 18, RECORDS = 8, PLANES = 4 };
+    enum { PIXELS = REUSE_SIZE * REUSE_SIZE, PATHS = 1 << 18, RECORDS = 8, PLANES = 4 };
     static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
     static float planes[PLANES * PIXELS];
     itn_mesh mesh = solids_sphere(1, 2);
@@ -56,7 +56,7 @@ static void test_reuse_image(double planted) {
     itn_error error;
     stage s;
     float theta[16];
-    stage_begin(&s, SIZE, 4, 32);
+    stage_begin(&s, REUSE_SIZE, 4, 32);
     stage_medium(&s, "m", 3, .9, .5);
     stage_dielectric(&s, "glass", 1.4, .2);
     stage_object(&s, &mesh, "m", "glass");

@@ -11,18 +11,18 @@
 #define ITN_SCENES "../scenes" /* from this file's folder or the current one */
 #endif
 
-static char directory[64];
+static char scenefile_directory[64];
 
-static const char *in_directory(const char *name) {
+static const char *scenefile_in_directory(const char *name) {
     static char path[160];
-    snprintf(path, sizeof path, "%s/%s", directory, name);
+    snprintf(path, sizeof path, "%s/%s", scenefile_directory, name);
     return path;
 }
 
 static void write_bytes(const char *name, const char *bytes, size_t size) {
-    FILE *file = fopen(in_directory(name), "wb");
+    FILE *file = fopen(scenefile_in_directory(name), "wb");
     if (!file || fwrite(bytes, 1, size, file) != size || fclose(file)) {
-        printf("cannot write %s\n", in_directory(name));
+        printf("cannot write %s\n", scenefile_in_directory(name));
         exit(1);
     }
 }
@@ -84,27 +84,27 @@ static void write_files(void) {
     CHECK(itn_image_create(4, 3, 1, NULL, &image, NULL) == ITN_OK);
     strcpy(image.names[0], "Y");
     for (k = 0; k < 12; k++) image.pixels[k] = (float)k / 12;
-    CHECK(itn_image_save_pfm(&image, 0, 1, in_directory("image.pfm"), NULL) == ITN_OK);
+    CHECK(itn_image_save_pfm(&image, 0, 1, scenefile_in_directory("image.pfm"), NULL) == ITN_OK);
     for (k = 0; k < 12; k++) image.pixels[k] = 2; /* more than a surface reflects */
-    CHECK(itn_image_save_pfm(&image, 0, 1, in_directory("bright.pfm"), NULL) == ITN_OK);
+    CHECK(itn_image_save_pfm(&image, 0, 1, scenefile_in_directory("bright.pfm"), NULL) == ITN_OK);
     itn_image_free(&image);
     CHECK(itn_image_create(4, 1, 1, NULL, &image, NULL) == ITN_OK);
     strcpy(image.names[0], "Y");
-    CHECK(itn_image_save_pfm(&image, 0, 1, in_directory("row.pfm"), NULL) == ITN_OK);
+    CHECK(itn_image_save_pfm(&image, 0, 1, scenefile_in_directory("row.pfm"), NULL) == ITN_OK);
     itn_image_free(&image);
     CHECK(itn_image_create(4, 3, 2, NULL, &image, NULL) == ITN_OK);
     strcpy(image.names[0], "layer.A"), strcpy(image.names[1], "layer.R");
-    CHECK(itn_image_save_exr(&image, in_directory("layers.exr"), NULL) == ITN_OK);
+    CHECK(itn_image_save_exr(&image, scenefile_in_directory("layers.exr"), NULL) == ITN_OK);
     itn_image_free(&image);
 }
 
 /* Loads a text as a scene. On failure checks what every failure promises. */
 static itn_scene *load_text(const char *text, const itn_context *context, itn_error *error) {
-    itn_scene *const untouched = (itn_scene *)(void *)directory, *scene = untouched;
+    itn_scene *const untouched = (itn_scene *)(void *)scenefile_directory, *scene = untouched;
     itn_error inner = ITN_ZERO;
     itn_result result;
     write_text("scene.itn", text);
-    result = itn_scene_load(in_directory("scene.itn"), context, &scene, &inner);
+    result = itn_scene_load(scenefile_in_directory("scene.itn"), context, &scene, &inner);
     if (error) *error = inner;
     if (!result) return scene;
     CHECK(scene == untouched);
@@ -144,7 +144,7 @@ static void check_full_scene(const itn_scene *scene, float milk_g) {
     CHECK(value_of(scene, "heaven.scale") == 0 && value_of(scene, "heaven.sun_scale") == 2);
 }
 
-static void test_full(void) {
+static void test_scenefile_full(void) {
     itn_error error = ITN_ZERO;
     itn_scene *scene = load_text(full_text, NULL, &error);
     if (!check_report(scene != NULL, __FILE__, __LINE__, "%s", error.message)) return;
@@ -371,11 +371,14 @@ static void test_other_errors(void) {
     itn_context half = ITN_ZERO;
     int i;
     CHECK(itn_scene_load(NULL, NULL, &scene, &error) == ITN_ERROR_ARGUMENT);
-    CHECK(itn_scene_load(in_directory("scene.itn"), NULL, NULL, NULL) == ITN_ERROR_ARGUMENT);
-    CHECK(itn_scene_load(in_directory("none.itn"), NULL, &scene, &error) == ITN_ERROR_FILE);
-    CHECK(itn_scene_load(in_directory("none.itn"), NULL, &scene, NULL) == ITN_ERROR_FILE);
+    CHECK(itn_scene_load(scenefile_in_directory("scene.itn"), NULL, NULL, NULL) ==
+          ITN_ERROR_ARGUMENT);
+    CHECK(itn_scene_load(scenefile_in_directory("none.itn"), NULL, &scene, &error) ==
+          ITN_ERROR_FILE);
+    CHECK(itn_scene_load(scenefile_in_directory("none.itn"), NULL, &scene, NULL) == ITN_ERROR_FILE);
     half.allocate = count_allocate;
-    CHECK(itn_scene_load(in_directory("scene.itn"), &half, &scene, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_scene_load(scenefile_in_directory("scene.itn"), &half, &scene, &error) ==
+          ITN_ERROR_ARGUMENT);
     CHECK(scene == NULL);
     CHECK(!load_text("", NULL, &error) && strstr(error.message, "no camera"));
     CHECK(!load_text(rest, NULL, &error) && strstr(error.message, "no medium 'm'"));
@@ -409,7 +412,8 @@ static void test_other_errors(void) {
         CHECK(strstr(error.message, i ? "'light2' is used twice" : "'light' is used twice"));
     }
     write_bytes("scene.itn", "camera\0 eye 0 0 1 target 0 0 0\n", 31);
-    CHECK(itn_scene_load(in_directory("scene.itn"), NULL, &scene, &error) == ITN_ERROR_FORMAT);
+    CHECK(itn_scene_load(scenefile_in_directory("scene.itn"), NULL, &scene, &error) ==
+          ITN_ERROR_FORMAT);
 }
 
 /* ---- damage ---- */
@@ -421,7 +425,8 @@ static int try_scene(void) {
     itn_context context = count_context(&memory);
     itn_scene *scene = (itn_scene *)(void *)&untouched;
     itn_error error = ITN_ZERO;
-    itn_result result = itn_scene_load(in_directory("scene.itn"), &context, &scene, &error);
+    itn_result result =
+        itn_scene_load(scenefile_in_directory("scene.itn"), &context, &scene, &error);
     int kept = !result || (scene == (itn_scene *)(void *)&untouched && error.message[0]);
     if (!result) itn_scene_free(scene);
     check_report(kept && memory.live == 0, __FILE__, __LINE__, "%s", error.message);
@@ -432,7 +437,8 @@ static int try_sky(void) {
     itn_context context = ITN_ZERO;
     itn_sky sky;
     itn_error error = ITN_ZERO;
-    itn_result result = itn__sky_load(in_directory("damaged.sky"), &context, &sky, &error);
+    itn_result result =
+        itn__sky_load(scenefile_in_directory("damaged.sky"), &context, &sky, &error);
     CHECK(!result || error.message[0]);
     return !result;
 }
@@ -543,7 +549,7 @@ static char *scenes_path(const char *name) {
 static void test_sky(void) {
     itn_context context = ITN_ZERO;
     itn_sky sky, shipped;
-    CHECK(itn__sky_load(in_directory("a.sky"), &context, &sky, NULL) == ITN_OK);
+    CHECK(itn__sky_load(scenefile_in_directory("a.sky"), &context, &sky, NULL) == ITN_OK);
     check_sky(&sky);
     CHECK_CATCHES(check_swapped_sky(sky));
     CHECK(sky.sun_radiance[0] == 2.3e6f && sky.sun_radiance[2] == 1.3e6f);
@@ -589,15 +595,15 @@ static void remove_files(void) {
                                         "bad.sky",  "image.pfm", "scene.itn", "damaged.sky",
                                         "hot.sky",  "row.pfm", "bright.pfm", "layers.exr"};
     size_t i;
-    for (i = 0; i < sizeof names / sizeof names[0]; i++) remove(in_directory(names[i]));
-    CHECK(rmdir(directory) == 0);
+    for (i = 0; i < sizeof names / sizeof names[0]; i++) remove(scenefile_in_directory(names[i]));
+    CHECK(rmdir(scenefile_directory) == 0);
 }
 
 int main(void) {
-    strcpy(directory, "/tmp/itn_scenefile_XXXXXX");
-    if (!mkdtemp(directory)) return 1;
+    strcpy(scenefile_directory, "/tmp/itn_scenefile_XXXXXX");
+    if (!mkdtemp(scenefile_directory)) return 1;
     write_files();
-    test_full();
+    test_scenefile_full();
     test_line_ends("\r\n");
     test_line_ends("\r");
     test_line_ends(" \t\n");

@@ -6,10 +6,10 @@
 #include "../itn.h"
 #include "check.h"
 
-enum { N = ITN__LANES, DIMENSIONS = ITN__SOBOL_DIMENSIONS, BITS = ITN__SOBOL_BITS };
+enum { SOBOL_N = ITN__LANES, DIMENSIONS = ITN__SOBOL_DIMENSIONS, BITS = ITN__SOBOL_BITS };
 
-static uint32_t random_state = 1;
-static uint32_t random_bits(void) { return itn__mix32(random_state++, 0x2545f491u); }
+static uint32_t sobol_random_state = 1;
+static uint32_t sobol_random_bits(void) { return itn__mix32(sobol_random_state++, 0x2545f491u); }
 
 /* ---- the same points, slowly ----------------------------------------------------------------- */
 
@@ -121,18 +121,18 @@ static float slow_point(maker how, uint32_t index, int dimension, uint32_t seed)
 static void make_points(maker how, const uint32_t *index, int dimension, const uint32_t *seed,
                         int count, float *out) {
     int i, k;
-    for (i = 0; i < count; i += N) {
-        uint32_t in[N], seeds[N];
-        float u[N];
-        for (k = 0; k < N; k++) {
+    for (i = 0; i < count; i += SOBOL_N) {
+        uint32_t in[SOBOL_N], seeds[SOBOL_N];
+        float u[SOBOL_N];
+        for (k = 0; k < SOBOL_N; k++) {
             int j = i + k < count ? i + k : count - 1;
             in[k] = index[j], seeds[k] = seed[j];
         }
         if (how == LIBRARY)
             itn__store(u, itn__sobol(itn__load_words(in), dimension, itn__load_words(seeds)));
         else
-            for (k = 0; k < N; k++) u[k] = slow_point(how, in[k], dimension, seeds[k]);
-        for (k = 0; k < N && i + k < count; k++) out[i + k] = u[k];
+            for (k = 0; k < SOBOL_N; k++) u[k] = slow_point(how, in[k], dimension, seeds[k]);
+        for (k = 0; k < SOBOL_N && i + k < count; k++) out[i + k] = u[k];
     }
 }
 /* Points first ... first + count - 1 with one seed. */
@@ -155,27 +155,27 @@ static void test_directions(void) {
         }
     CHECK(wrong == 0);
     for (k = 0; k < 1000; k++) {
-        uint32_t x = random_bits();
+        uint32_t x = sobol_random_bits();
         itn__words y = itn__reverse_words(itn__splat_word(x));
-        wrong += ITN__LANE(y, k % N) != reversed(x);
+        wrong += ITN__LANE(y, k % SOBOL_N) != reversed(x);
     }
     CHECK(wrong == 0);
 }
 
 /* Lanes with indices of any size mixed, against the slow points; all strictly inside (0, 1). */
-static void test_equal(maker how) {
+static void test_sobol_equal(maker how) {
     int turn, k, wrong = 0, outside = 0, even = 0;
     for (turn = 0; turn < 20000; turn++) {
-        uint32_t index[N], seed[N];
-        float u[N];
+        uint32_t index[SOBOL_N], seed[SOBOL_N];
+        float u[SOBOL_N];
         int d = turn % DIMENSIONS;
-        for (k = 0; k < N; k++) {
-            index[k] = random_bits() >> (12 + random_bits() % 20);
-            seed[k] = random_bits() >> (random_bits() % 32);
+        for (k = 0; k < SOBOL_N; k++) {
+            index[k] = sobol_random_bits() >> (12 + sobol_random_bits() % 20);
+            seed[k] = sobol_random_bits() >> (sobol_random_bits() % 32);
             if (turn < 8) index[k] = turn < 4 ? 0 : (1u << BITS) - 1;
         }
-        make_points(how, index, d, seed, N, u);
-        for (k = 0; k < N; k++) {
+        make_points(how, index, d, seed, SOBOL_N, u);
+        for (k = 0; k < SOBOL_N; k++) {
             wrong += !(u[k] == slow_point(SLOW, index[k], d, seed[k]));
             outside += !(u[k] > 0 && u[k] < 1), even += !((uint32_t)(u[k] * 16777216.f) & 1);
         }
@@ -197,7 +197,7 @@ static void test_strata(maker how, int seeds) {
             for (m = 0; m <= MOST_BITS; m++) {
                 float u[1 << MOST_BITS];
                 char full[1 << MOST_BITS] = {0};
-                uint32_t seed = s & 1 ? random_bits() : (uint32_t)s;
+                uint32_t seed = s & 1 ? sobol_random_bits() : (uint32_t)s;
                 make_sequence(how, s % 3 ? 0 : (uint32_t)s << m, 1 << m, d, seed, u);
                 for (i = 0; i < 1 << m; i++) full[digits(u[i]) >> (23 - m)]++;
                 for (i = 0; i < 1 << m; i++) wrong += full[i] != 1;
@@ -236,7 +236,7 @@ static void test_nets(maker how, int seeds) {
                 imperfect += a == 0 && b == 1 && quality != 0;
                 for (s = 0; s < (b == a + 1 ? seeds : 1 + seeds / 8); s++) {
                     float u[256], v[256];
-                    uint32_t seed = s & 1 ? random_bits() : (uint32_t)s;
+                    uint32_t seed = s & 1 ? sobol_random_bits() : (uint32_t)s;
                     make_sequence(how, 0, 1 << m, a, seed, u);
                     make_sequence(how, 0, 1 << m, b, seed, v);
                     for (i = 0; i < 1 << m; i++) x[i] = digits(u[i]) << 9, y[i] = digits(v[i]) << 9;
@@ -249,7 +249,7 @@ static void test_nets(maker how, int seeds) {
 
 /* ---- independence of the flips --------------------------------------------------------------- */
 
-enum { LEVELS = 6, NODES = (1 << LEVELS) - 1, WORDS = 256, SEEDS = 64 * WORDS };
+enum { LEVELS = 6, NODES = (1 << LEVELS) - 1, WORDS = 256, SOBOL_SEEDS = 64 * WORDS };
 
 static int set_bits(uint64_t x) {
     int count = 0;
@@ -261,23 +261,23 @@ static double agreement(const uint64_t *a, const uint64_t *b) {
     long same = 0;
     int w;
     for (w = 0; w < WORDS; w++) same += set_bits(~(a[w] ^ b[w]));
-    return (2. * (double)same - SEEDS) / sqrt(SEEDS);
+    return (2. * (double)same - SOBOL_SEEDS) / sqrt(SOBOL_SEEDS);
 }
 
 /* flips[node] has a bit per seed: whether the digit after this prefix is flipped. Point i < 2^k is
    alone with its prefix of k digits. */
 static void make_flips(maker how, int dimension, uint64_t flips[NODES][WORDS]) {
-    static uint32_t index[SEEDS], seed[SEEDS];
-    static float u[SEEDS];
+    static uint32_t index[SOBOL_SEEDS], seed[SOBOL_SEEDS];
+    static float u[SOBOL_SEEDS];
     int k, s, node = 0;
     uint32_t i;
     memset(flips, 0, sizeof(uint64_t) * NODES * WORDS);
     for (k = 0; k < LEVELS; k++)
         for (i = 0; i < 1u << k; i++, node++) {
             uint32_t digit = plain(i, dimension) >> (31 - k);
-            for (s = 0; s < SEEDS; s++) index[s] = i, seed[s] = (uint32_t)s;
-            make_points(how, index, dimension, seed, SEEDS, u);
-            for (s = 0; s < SEEDS; s++)
+            for (s = 0; s < SOBOL_SEEDS; s++) index[s] = i, seed[s] = (uint32_t)s;
+            make_points(how, index, dimension, seed, SOBOL_SEEDS, u);
+            for (s = 0; s < SOBOL_SEEDS; s++)
                 flips[node][s / 64] |= (uint64_t)(((digits(u[s]) >> (22 - k)) ^ digit) & 1)
                                        << (s % 64);
         }
@@ -328,7 +328,7 @@ static void test_dimensions_apart(maker how) {
 
 /* All 23 digits of some points: fair, and independent of those of the seeds that follow. */
 static void test_seeds_apart(maker how) {
-    enum { COUNT = SEEDS, APART = 8 };
+    enum { COUNT = SOBOL_SEEDS, APART = 8 };
     static uint32_t index[COUNT + APART], seed[COUNT + APART];
     static float u[COUNT + APART];
     static const uint32_t points[] = {0, 1, 2, 5, 21, 63, 100, 255, 1000, 65535};
@@ -382,12 +382,12 @@ static double growth(const float *u, int dimensions) {
     for (d = 0; d < dimensions; d++) sum += (double)u[d] / dimensions;
     return exp(sum) / pow(dimensions * (exp(1. / dimensions) - 1), dimensions);
 }
-static double corner(const float *u, int dimensions) {
+static double sobol_corner(const float *u, int dimensions) {
     (void)dimensions;
     return u[0] + u[1] < 1 ? 2 : 0;
 }
 static const integrand integrands[] = {
-    {"linear", 1, linear}, {"bell", 2, bell}, {"corner", 2, corner}, {"growth", 2, growth},
+    {"linear", 1, linear}, {"bell", 2, bell}, {"corner", 2, sobol_corner}, {"growth", 2, growth},
     {"growth", 4, growth}, {"bell", 4, bell}, {"growth", 8, growth}, {"bell", 8, bell}};
 enum { INTEGRANDS = 8 };
 
@@ -475,8 +475,8 @@ int main(void) {
 #endif
     make_directions();
     test_directions();
-    test_equal(LIBRARY);
-    CHECK_CATCHES(test_equal(WRONG_DIRECTION));
+    test_sobol_equal(LIBRARY);
+    CHECK_CATCHES(test_sobol_equal(WRONG_DIRECTION));
     test_strata(LIBRARY, 64 / cut);
     CHECK_CATCHES(test_strata(EVEN_DIRECTION, 8));
     CHECK_CATCHES(test_strata(LEAKY, 8));

@@ -11,14 +11,14 @@
 #include "solids.h"
 #include "stage.h"
 
-enum { SIZE = 8, PIXELS = SIZE * SIZE, MOST_PARAMETERS = 24 };
+enum { SPECTRAL_SIZE = 8, SPECTRAL_PIXELS = SPECTRAL_SIZE * SPECTRAL_SIZE, MOST_PARAMETERS = 24 };
 
 /* What differs between channels. */
 typedef struct spectrum {
     double sigma_t[3], albedo[3], g[3];
 } spectrum;
 
-typedef enum kind { MATCHED, ROUGH, SKY, NESTED } kind;
+typedef enum kind { SPECTRAL_MATCHED, SPECTRAL_ROUGH, SPECTRAL_SKY, NESTED } kind;
 
 typedef struct subject {
     const char *name;
@@ -46,25 +46,25 @@ static itn_light_desc *grey_sky(stage *s) {
 }
 
 /* The scene with all channels (channel -1), or that of one of them. All light is grey. */
-static itn_scene *make_scene(const subject *in, int channel) {
+static itn_scene *spectral_make_scene(const subject *in, int channel) {
     static const spectrum plain = {{1.5, 1.5, 1.5}, {.9, .8, .7}, {.2, .2, .2}};
     itn_mesh ball = solids_sphere(1, 2), core = solids_sphere(.6, 1);
     itn_image map = stage_patch(1, .1, .4, 6);
     itn_scene *scene;
     stage s;
-    stage_begin(&s, SIZE, 4, 30);
+    stage_begin(&s, SPECTRAL_SIZE, 4, 30);
     s.desc.film.channels = channel < 0 ? 3 : 1;
     s.desc.camera.eye.y = 1;
     add_medium(&s, "m", &in->medium, channel);
-    if (in->what == MATCHED) {
+    if (in->what == SPECTRAL_MATCHED) {
         stage_object(&s, &ball, "m", NULL);
         stage_map(&s, "light", &map);
-    } else if (in->what == ROUGH) {
+    } else if (in->what == SPECTRAL_ROUGH) {
         stage_dielectric(&s, "glass", 1.4, .3);
         stage_object(&s, &ball, "m", "glass");
         stage_map(&s, "light", &map);
         stage_constant(&s, "room", .3);
-    } else if (in->what == SKY) {
+    } else if (in->what == SPECTRAL_SKY) {
         stage_diffuse(&s, "floor", .5);
         stage_object(&s, NULL, NULL, "floor");
         stage_object(&s, &ball, "m", NULL);
@@ -114,11 +114,12 @@ static void region_mean(const float *value, const float *variance, int region, d
                         double *spread) {
     int x, y, count = 0;
     *mean = *spread = 0;
-    for (y = 0; y < SIZE; y++)
-        for (x = 0; x < SIZE; x++) {
-            int quarter = 1 + 2 * (y >= SIZE / 2) + (x >= SIZE / 2);
+    for (y = 0; y < SPECTRAL_SIZE; y++)
+        for (x = 0; x < SPECTRAL_SIZE; x++) {
+            int quarter = 1 + 2 * (y >= SPECTRAL_SIZE / 2) + (x >= SPECTRAL_SIZE / 2);
             if (region && quarter != region) continue;
-            *mean += value[y * SIZE + x], *spread += variance[y * SIZE + x], count++;
+            *mean += value[y * SPECTRAL_SIZE + x], *spread += variance[y * SPECTRAL_SIZE + x],
+                count++;
         }
     *mean /= count, *spread /= (double)count * count;
 }
@@ -144,19 +145,20 @@ static double chi_square, comparisons;
    alone. `k` and `alone_k` count the planes; -1 in alone_k: must be 0. */
 static void compare_plane(const subject *in, const char *name, const itn_image *image, int k,
                           const itn_image *alone, int alone_k, int channel) {
-    const float *value = image->pixels + (6 * (k + 1) + channel) * PIXELS;
-    const float *other = alone->pixels + 2 * (alone_k + 1) * PIXELS;
+    const float *value = image->pixels + (6 * (k + 1) + channel) * SPECTRAL_PIXELS;
+    const float *other = alone->pixels + 2 * (alone_k + 1) * SPECTRAL_PIXELS;
     double mean, spread, expected, error, largest = 0;
     int region;
-    for (region = 0; region < PIXELS && alone_k == -2; region++) largest += fabs(value[region]);
+    for (region = 0; region < SPECTRAL_PIXELS && alone_k == -2; region++)
+        largest += fabs(value[region]);
     if (alone_k == -2) {
         check_report(largest == 0, __FILE__, __LINE__, "%s %s: channel %d feels it", in->name, name,
                      channel);
         return;
     }
     for (region = 0; region < 5; region++) {
-        region_mean(value, value + 3 * PIXELS, region, &mean, &spread);
-        region_mean(other, other + PIXELS, region, &expected, &error);
+        region_mean(value, value + 3 * SPECTRAL_PIXELS, region, &mean, &spread);
+        region_mean(other, other + SPECTRAL_PIXELS, region, &expected, &error);
         if (region == 0) largest = fabs(expected);
         error = sqrt(error + spread);
         if (error > 0)
@@ -184,13 +186,13 @@ static void test_channels(const subject *in, double planted, int no_draw) {
     itn_scene *scene;
     itn_image image = ITN_ZERO;
     for (c = 0; c < 2; c++) off.medium.sigma_t[c] *= 1 + planted;
-    scene = make_scene(&off, -1);
+    scene = spectral_make_scene(&off, -1);
     CHECK(scene->spectral);
     if (no_draw) scene->spectral = 0;
     count = parameters_of(scene, parameters);
     render(scene, samples, 1, parameters, count, &image);
     for (c = 0; c < 3; c++) {
-        itn_scene *alone = make_scene(in, c);
+        itn_scene *alone = spectral_make_scene(in, c);
         itn_image picture = ITN_ZERO;
         CHECK(!alone->spectral);
         alone_count = parameters_of(alone, alone_parameters);
@@ -211,12 +213,12 @@ static void test_channels(const subject *in, double planted, int no_draw) {
 }
 
 static const subject subjects[] = {
-    {"matched", MATCHED, {{2, 4, 7}, {.95, .9, .8}, {.6, .2, -.3}}, .01},
-    {"rough", ROUGH, {{1, 3, 5}, {.95, .9, .7}, {.5, .3, .2}}, .012},
-    {"sky", SKY, {{1, 2, 4}, {.9, .8, .7}, {.4, .4, .4}}, .01},
-    {"thick", MATCHED, {{.2, 6, 40}, {.9, .95, .9}, {0, .5, .9}}, .01},
-    {"clear", ROUGH, {{0, 2, 6}, {.8, .9, .95}, {.3, .3, .3}}, .015},
-    {"turns", MATCHED, {{4, 4, 4}, {.9, .9, .9}, {.9, 0, -.7}}, .012},
+    {"matched", SPECTRAL_MATCHED, {{2, 4, 7}, {.95, .9, .8}, {.6, .2, -.3}}, .01},
+    {"rough", SPECTRAL_ROUGH, {{1, 3, 5}, {.95, .9, .7}, {.5, .3, .2}}, .012},
+    {"sky", SPECTRAL_SKY, {{1, 2, 4}, {.9, .8, .7}, {.4, .4, .4}}, .01},
+    {"thick", SPECTRAL_MATCHED, {{.2, 6, 40}, {.9, .95, .9}, {0, .5, .9}}, .01},
+    {"clear", SPECTRAL_ROUGH, {{0, 2, 6}, {.8, .9, .95}, {.3, .3, .3}}, .015},
+    {"turns", SPECTRAL_MATCHED, {{4, 4, 4}, {.9, .9, .9}, {.9, 0, -.7}}, .012},
     {"nested", NESTED, {{1, 4, 9}, {.95, .8, .9}, {.5, 0, -.2}}, .012}};
 
 /* ---- equal channels -------------------------------------------------------------------------- */
@@ -224,14 +226,15 @@ static const subject subjects[] = {
 /* Three equal numbers are three parameters that mean what one does: the sum of the derivatives is
    the derivative of the one. */
 static void test_equal(double planted) {
-    static const subject equal = {"equal", ROUGH, {{3, 3, 3}, {.9, .9, .9}, {.4, .4, .4}}, 0};
+    static const subject equal = {
+        "equal", SPECTRAL_ROUGH, {{3, 3, 3}, {.9, .9, .9}, {.4, .4, .4}}, 0};
     subject near = equal;
-    itn_scene *one = make_scene(&equal, -1), *three;
+    itn_scene *one = spectral_make_scene(&equal, -1), *three;
     itn_image images[2] = {ITN_ZERO, ITN_ZERO};
     int parameters[3], c, region;
     near.medium.sigma_t[0] *= 1 - 1e-6, near.medium.sigma_t[2] *= 1 + planted;
     near.medium.g[0] *= 1 - 1e-6;
-    three = make_scene(&near, -1);
+    three = spectral_make_scene(&near, -1);
     CHECK(!one->spectral && three->spectral);
     parameters[0] = itn_parameter_find(one, "m.sigma_t");
     render(one, samples, 11, parameters, 1, &images[0]);
@@ -244,10 +247,12 @@ static void test_equal(double planted) {
         for (region = 0; region < 10; region++) {
             int plane = region < 5 ? 0 : 6, own = region < 5 ? 0 : 6 + 6 * c;
             double mean, spread, expected, error;
-            region_mean(images[0].pixels + (plane + c) * PIXELS,
-                        images[0].pixels + (plane + 3 + c) * PIXELS, region % 5, &expected, &error);
-            region_mean(images[1].pixels + (own + c) * PIXELS,
-                        images[1].pixels + (own + 3 + c) * PIXELS, region % 5, &mean, &spread);
+            region_mean(images[0].pixels + (plane + c) * SPECTRAL_PIXELS,
+                        images[0].pixels + (plane + 3 + c) * SPECTRAL_PIXELS, region % 5, &expected,
+                        &error);
+            region_mean(images[1].pixels + (own + c) * SPECTRAL_PIXELS,
+                        images[1].pixels + (own + 3 + c) * SPECTRAL_PIXELS, region % 5, &mean,
+                        &spread);
             CHECK_MEAN(mean, sqrt(spread + error), expected, 4.5, .4 * fabs(expected) + .06);
         }
     itn_image_free(&images[0]), itn_image_free(&images[1]);
@@ -267,7 +272,7 @@ static void test_furnace(const double sigma_t[3], const double g[3], double larg
     itn_medium_desc *medium;
     int parameters[MOST_PARAMETERS], count, c, i, finite = 1, spp = linked ? 1024 : 48;
     double worst = 0, mean, spread;
-    stage_begin(&s, SIZE, 4, 25);
+    stage_begin(&s, SPECTRAL_SIZE, 4, 25);
     s.desc.film.channels = 3;
     medium = stage_medium(&s, "m", 1, 1, 0);
     for (c = 0; c < 3; c++)
@@ -279,23 +284,25 @@ static void test_furnace(const double sigma_t[3], const double g[3], double larg
         stage_constant(&s, "light", 1);
     scene = stage_make(&s);
     render(scene, 1, 3, NULL, 0, &image);
-    for (i = 0; i < PIXELS && !linked; i++) {
-        double sum = (double)image.pixels[i] + image.pixels[PIXELS + i] +
-                     image.pixels[2 * PIXELS + i];
+    for (i = 0; i < SPECTRAL_PIXELS && !linked; i++) {
+        double sum = (double)image.pixels[i] + image.pixels[SPECTRAL_PIXELS + i] +
+                     image.pixels[2 * SPECTRAL_PIXELS + i];
         worst = fmax(worst, fabs(sum - 3));
     }
     CHECK_NEAR(worst, 0, 1e-3);
     itn_image_free(&image);
     count = parameters_of(scene, parameters);
     render(scene, spp, 4, parameters, count, &image);
-    for (i = 0; i < image.plane_count * PIXELS; i++) finite &= !!itn__finite(image.pixels[i]);
+    for (i = 0; i < image.plane_count * SPECTRAL_PIXELS; i++)
+        finite &= !!itn__finite(image.pixels[i]);
     CHECK(finite);
     for (c = 0; c < 3; c++) {
-        region_mean(image.pixels + c * PIXELS, image.pixels + (3 + c) * PIXELS, 0, &mean, &spread);
+        region_mean(image.pixels + c * SPECTRAL_PIXELS, image.pixels + (3 + c) * SPECTRAL_PIXELS, 0,
+                    &mean, &spread);
         CHECK_MEAN(mean, sqrt(spread) + 1e-4, 1, 4.5, largest);
         for (i = 0; i < 2; i++) { /* sigma_t and g, parameters 0 to 2 and 6 to 8 */
-            const float *plane = image.pixels + (6 * (1 + 6 * i + c) + c) * PIXELS;
-            region_mean(plane, plane + 3 * PIXELS, 0, &mean, &spread);
+            const float *plane = image.pixels + (6 * (1 + 6 * i + c) + c) * SPECTRAL_PIXELS;
+            region_mean(plane, plane + 3 * SPECTRAL_PIXELS, 0, &mean, &spread);
             check_report(fabs(mean) <= 4.5 * sqrt(spread) + 1e-4, __FILE__, __LINE__,
                          "derivative %d of channel %d: %.3g +- %.2g, expected 0", i, c, mean,
                          sqrt(spread));
@@ -331,7 +338,7 @@ static void test_finite(void) {
         itn_scene *scene;
         float most = 0;
         stage s;
-        stage_begin(&s, SIZE, 4, 25);
+        stage_begin(&s, SPECTRAL_SIZE, 4, 25);
         s.desc.film.channels = 3;
         add_medium(&s, "m", &media[k], -1);
         stage_dielectric(&s, "glass", 1.3, .3);
@@ -340,11 +347,13 @@ static void test_finite(void) {
         scene = stage_make(&s);
         count = parameters_of(scene, parameters);
         render(scene, 6, 5, parameters, count, &image);
-        for (i = 0; i < image.plane_count * PIXELS; i++) finite &= !!itn__finite(image.pixels[i]);
+        for (i = 0; i < image.plane_count * SPECTRAL_PIXELS; i++)
+            finite &= !!itn__finite(image.pixels[i]);
         CHECK(finite);
         itn_image_free(&image);
         render(scene, 6, 5, NULL, 0, &image);
-        for (i = 0; i < 3 * PIXELS; i++) most = image.pixels[i] > most ? image.pixels[i] : most;
+        for (i = 0; i < 3 * SPECTRAL_PIXELS; i++)
+            most = image.pixels[i] > most ? image.pixels[i] : most;
         CHECK(most > 0 && most <= 3.5f); /* roulette and rough boundaries add a little */
         itn_image_free(&image);
         itn_scene_free(scene);
@@ -362,27 +371,27 @@ static void run_backwards(int count, void (*body)(void *task, int index), void *
 /* Rows in another order give the same bits, and the gradient of a loss is the sum of the weighted
    derivative images, whose paths it follows, and of their variances. */
 static void test_adjoint(double planted) {
-    itn_scene *scene = make_scene(&subjects[0], -1);
+    itn_scene *scene = spectral_make_scene(&subjects[0], -1);
     itn_render_options options = ITN_ZERO;
     itn_image image = ITN_ZERO, again = ITN_ZERO;
     itn_error error;
-    static float weights[3 * PIXELS];
+    static float weights[3 * SPECTRAL_PIXELS];
     double gradient[MOST_PARAMETERS], variance[MOST_PARAMETERS];
     int parameters[MOST_PARAMETERS], count = parameters_of(scene, parameters), i, k;
     size_t bytes;
-    for (i = 0; i < 3 * PIXELS; i++) weights[i] = 1 + .1f * (float)(i % 7);
+    for (i = 0; i < 3 * SPECTRAL_PIXELS; i++) weights[i] = 1 + .1f * (float)(i % 7);
     options.spp = 8, options.seed = 21; /* scales are asked for: AUTO is the reference */
     stage_need(itn_render(scene, NULL, &options, parameters, count, &image, &error), &error);
     scene->context.parallel_for = run_backwards;
     stage_need(itn_render(scene, NULL, &options, parameters, count, &again, &error), &error);
-    bytes = (size_t)image.plane_count * PIXELS * sizeof(float);
+    bytes = (size_t)image.plane_count * SPECTRAL_PIXELS * sizeof(float);
     CHECK(!memcmp(image.pixels, again.pixels, bytes));
     stage_need(itn_render_gradient(scene, NULL, &options, weights, parameters, count, gradient,
                                    variance, &error), &error);
     for (k = 0; k < count; k++) {
         double sum = planted, size = 0;
-        for (i = 0; i < 3 * PIXELS; i++) {
-            double term = (double)weights[i] * image.pixels[6 * (k + 1) * PIXELS + i];
+        for (i = 0; i < 3 * SPECTRAL_PIXELS; i++) {
+            double term = (double)weights[i] * image.pixels[6 * (k + 1) * SPECTRAL_PIXELS + i];
             sum += term, size += fabs(term);
         }
         CHECK_NEAR(gradient[k], sum, 1e-5 * size);
@@ -401,7 +410,7 @@ static itn_result make_medium(int channels, const float sigma_t[3], const float 
     itn_result result;
     stage s;
     itn_medium_desc *medium;
-    stage_begin(&s, SIZE, 4, 25);
+    stage_begin(&s, SPECTRAL_SIZE, 4, 25);
     s.desc.film.channels = channels;
     medium = stage_medium(&s, "m", 7, .5, .25);
     memcpy(medium->sigma_t_rgb, sigma_t, sizeof medium->sigma_t_rgb);
@@ -470,7 +479,7 @@ static void test_interface(void) {
    many seeds is that of a render with as many samples everywhere. no_draw: as in test_channels. */
 static void test_few_samples(int no_draw) {
     enum { SEEDS = 400 };
-    itn_scene *scene = make_scene(&subjects[0], -1);
+    itn_scene *scene = spectral_make_scene(&subjects[0], -1);
     itn_render_options options = ITN_ZERO;
     itn_image image = ITN_ZERO, even = ITN_ZERO;
     int pixels = scene->film.width * scene->film.height, i, c, k;
@@ -492,7 +501,8 @@ static void test_few_samples(int no_draw) {
     }
     for (c = 0; c < 3; c++) {
         double expected, error;
-        region_mean(even.pixels + c * PIXELS, even.pixels + (3 + c) * PIXELS, 0, &expected, &error);
+        region_mean(even.pixels + c * SPECTRAL_PIXELS, even.pixels + (3 + c) * SPECTRAL_PIXELS, 0,
+                    &expected, &error);
         error = sqrt(error + (squares[c] - sums[c] * sums[c]) / (SEEDS - 1));
         CHECK_MEAN(sums[c], error, expected, 4.5, .02 * expected);
     }

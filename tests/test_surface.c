@@ -5,7 +5,7 @@
 #include "check.h"
 #include "solids.h"
 
-static const double pi = 3.14159265358979323846;
+static const double surface_pi = 3.14159265358979323846;
 
 /* ---- the same physics in double, without duals ----------------------------------------------- */
 
@@ -44,7 +44,7 @@ static double rough(real3 i, real3 o, double alpha, double eta) {
     h = real(h.x / length, h.y / length, h.z / length);
     im = real_dot(i, h), om = real_dot(o, h);
     if (im <= 0 || om * o.z <= 0) return 0;
-    d = alpha * alpha / (pi * pow(h.z * h.z * (alpha * alpha + 1 / (h.z * h.z) - 1), 2));
+    d = alpha * alpha / (surface_pi * pow(h.z * h.z * (alpha * alpha + 1 / (h.z * h.z) - 1), 2));
     g = smith(i.z, alpha) * smith(o.z, alpha), f = fresnel(im, eta);
     if (o.z > 0) return f * d * g / (4 * i.z);
     return (1 - f) * d * g * im * fabs(om) * eta * eta / (i.z * pow(im + eta * om, 2));
@@ -63,7 +63,8 @@ static double face_albedo(double mu, double alpha, double eta, int metal, int up
         double s = (a + .5) / STEPS, rest = (1 - s) * (1 - s), weight = 2 * (1 - s);
         double tangent = alpha * sqrt((1 - rest) / rest), cos_m = 1 / sqrt(1 + tangent * tangent);
         for (b = 0; b < TURNS; b++) {
-            double phi = pi * (b + .5) / TURNS, share; /* the other half is its mirror image */
+            double phi = surface_pi * (b + .5) / TURNS,
+                   share; /* the other half is its mirror image */
             real3 m = real(tangent * cos_m * cos(phi), tangent * cos_m * sin(phi), cos_m), o;
             double im = real_dot(i, m), f = metal ? 1 : im > 0 ? fresnel(im, eta) : 0;
             if (im <= 0) continue;
@@ -348,7 +349,7 @@ static void check_histogram(float alpha, float eta, float mu, double factor) {
         double turn;
         u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng), u[2] = itn__uniform(&rng);
         if (!draw(i, alpha, eta, u, &o)) continue;
-        turn = (atan2(o.y, o.x) / (2 * pi) + .5) * TURNS;
+        turn = (atan2(o.y, o.x) / (2 * surface_pi) + .5) * TURNS;
         turn = turn < TURNS ? turn : 0;
         c = (int)((sqrt(1 - fabs(o.z)) * (o.z > 0 ? 1 : -1) * .5 + .5) * COSINES), t = (int)turn;
         counts[c < COSINES ? c : COSINES - 1][t]++, drawn++;
@@ -360,11 +361,11 @@ static void check_histogram(float alpha, float eta, float mu, double factor) {
                 for (b = 0; b < FINE; b++) {
                     double s = 2 * (c + (a + .5) / FINE) / COSINES - 1;
                     double z = s > 0 ? 1 - s * s : s * s - 1, r = sqrt(1 - z * z);
-                    double phi = 2 * pi * ((t + (b + .5) / FINE) / TURNS - .5);
+                    double phi = 2 * surface_pi * ((t + (b + .5) / FINE) / TURNS - .5);
                     float pdf;
                     o = itn__vec3((float)(r * cos(phi)), (float)(r * sin(phi)), (float)z);
                     itn__rough(i, o, NULL, alpha, eta, &pdf);
-                    expected += pdf * factor * 8 * pi * fabs(s) /
+                    expected += pdf * factor * 8 * surface_pi * fabs(s) /
                                 ((double)COSINES * TURNS * FINE * FINE);
                 }
             total += expected;
@@ -382,7 +383,8 @@ static void check_reciprocity(float alpha, float eta, double factor) {
     itn__rng rng = itn__rng_make(3, (uint64_t)(alpha * 1000), (uint64_t)(eta * 1000));
     int k, met = 0;
     for (k = 0; k < 2000; k++) {
-        float turn = 2 * (float)pi * itn__uniform(&rng), z = .05f + .95f * itn__uniform(&rng), pdf;
+        float turn = 2 * (float)surface_pi * itn__uniform(&rng),
+              z = .05f + .95f * itn__uniform(&rng), pdf;
         float r = itn__safe_sqrt(1 - z * z), u[3];
         itn_vec3 i = itn__vec3(r * cosf(turn), r * sinf(turn), z), o, from, to;
         double there, back;
@@ -418,7 +420,7 @@ static void test_rough(void) {
 }
 
 /* Everything stays finite and within bounds at the ends of alpha, index and angle. */
-static void test_extremes(void) {
+static void test_surface_extremes(void) {
     static const float alphas[4] = {.001f, .01f, .3f, 1};
     static const float etas[6] = {1.0001f, 1 / 1.0001f, 1.001f, 1.5f, 4, .25f};
     static const float cosines[6] = {1, .999999f, .5f, .01f, 1e-4f, 1e-6f};
@@ -496,7 +498,7 @@ int main(void) {
     test_rough();
     test_albedo();
     test_edge(.9, .5, 0), test_edge(.5, .3, 0), test_edge(.4, .5, 0);
-    test_extremes();
+    test_surface_extremes();
     test_nearly_smooth();
     test_nearly_matched(1);
     test_cosine();

@@ -16,7 +16,13 @@ enum { LONG = 0 };
 #else
 enum { LONG = 1 };
 #endif
-enum { SIZE = 12, PIXELS = SIZE * SIZE, WIDTH = 5, HEIGHT = 4, SEEDS = 16 };
+enum {
+    TEXELS_SIZE = 12,
+    TEXELS_PIXELS = TEXELS_SIZE * TEXELS_SIZE,
+    WIDTH = 5,
+    HEIGHT = 4,
+    SEEDS = 16
+};
 
 /* A texture of WIDTH x HEIGHT with one texel black, whose neighbours are black too. */
 static itn_image texture_make(int channels) {
@@ -47,7 +53,7 @@ static itn_scene *ground_scene(int channels, int spectral, const itn_image *text
     itn_scene *scene;
     stage s;
     int c;
-    stage_begin(&s, SIZE, 5, 40);
+    stage_begin(&s, TEXELS_SIZE, 5, 40);
     s.desc.film.channels = channels, s.desc.camera.eye.y = 3;
     cloud = stage_medium(&s, "m", 3, .9, .3);
     for (c = 0; c < 3 && spectral; c++) cloud->sigma_t_rgb[c] = 1 + 2 * (float)c;
@@ -64,13 +70,13 @@ static itn_scene *ground_scene(int channels, int spectral, const itn_image *text
 }
 
 static itn_image gradient_of(const itn_scene *scene, const char *item, uint64_t seed, int spp) {
-    static float weights[3 * PIXELS];
+    static float weights[3 * TEXELS_PIXELS];
     itn_render_options options = ITN_ZERO;
     itn_image gradient = ITN_ZERO;
     itn_error error;
     int i;
-    for (i = 0; i < 3 * PIXELS; i++) weights[i] = weight_of(i);
-    options.spp = spp, options.seed = seed;
+    for (i = 0; i < 3 * TEXELS_PIXELS; i++) weights[i] = weight_of(i);
+    options.spp = spp, options.seed = seed, options.mode = ITN_MODE_REFERENCE;
     stage_need(itn_render_texel_gradient(scene, NULL, &options, weights, item, &gradient, &error),
                &error);
     return gradient;
@@ -85,8 +91,8 @@ static double weighed(const itn_scene *scene, int channels, int only, uint64_t s
     int i;
     options.spp = spp, options.seed = seed, options.mode = ITN_MODE_REFERENCE;
     stage_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
-    for (i = 0; i < channels * PIXELS; i++)
-        if (only < 0 || i / PIXELS == only) sum += (double)weight_of(i) * image.pixels[i];
+    for (i = 0; i < channels * TEXELS_PIXELS; i++)
+        if (only < 0 || i / TEXELS_PIXELS == only) sum += (double)weight_of(i) * image.pixels[i];
     itn_image_free(&image);
     return sum;
 }
@@ -114,10 +120,10 @@ static void test_sums(int channels, int spectral, double error) {
         static const char *const names[3] = {"ground.reflectance_r", "ground.reflectance_g",
                                              "ground.reflectance_b"};
         itn_render_options options = ITN_ZERO;
-        static float weights[3 * PIXELS];
+        static float weights[3 * TEXELS_PIXELS];
         double sum = 0, expected;
         int parameter = itn_parameter_find(scene, channels == 1 ? "ground.reflectance" : names[c]);
-        for (i = 0; i < channels * PIXELS; i++) weights[i] = weight_of(i);
+        for (i = 0; i < channels * TEXELS_PIXELS; i++) weights[i] = weight_of(i);
         options.spp = 16, options.seed = 3, options.mode = ITN_MODE_REFERENCE;
         stage_need(itn_render_gradient(scene, NULL, &options, weights, &parameter, 1, &expected,
                                        NULL, NULL), NULL);
@@ -178,7 +184,7 @@ static void test_texel(int of_map, int at, double planted) {
 }
 
 /* The stated variance is that of repetitions, or a little more. */
-static void test_variance(void) {
+static void test_texels_variance(void) {
     enum { REPEATS = 64 };
     itn_image texture = texture_make(1), map = stage_patch(1, .3, .2, 2);
     itn_scene *scene = ground_scene(1, 0, &texture, &map, .5);
@@ -228,7 +234,7 @@ static void test_well(double error) {
     stage_need(itn_image_create(3, 2, 1, NULL, &white, &problem), &problem);
     strcpy(white.names[0], "Y");
     for (i = 0; i < 6; i++) white.pixels[i] = .995f;
-    stage_begin(&s, SIZE, 8, 8);
+    stage_begin(&s, TEXELS_SIZE, 8, 8);
     wall = stage_diffuse(&s, "wall", 1);
     wall->texture = ITN_TEXTURE_IMAGE, wall->image = &white;
     stage_object(&s, &well, NULL, "wall");
@@ -237,10 +243,10 @@ static void test_well(double error) {
     parameter = itn_parameter_find(scene, "wall.reflectance");
     for (seed = 0; seed < SEEDS; seed++) {
         itn_image gradient = gradient_of(scene, "wall", (uint64_t)seed, 16);
-        static float weights[PIXELS];
+        static float weights[TEXELS_PIXELS];
         itn_render_options options = ITN_ZERO;
         double sum = 0, expected;
-        for (i = 0; i < PIXELS; i++) weights[i] = weight_of(i);
+        for (i = 0; i < TEXELS_PIXELS; i++) weights[i] = weight_of(i);
         options.spp = 16, options.seed = (uint64_t)seed, options.mode = ITN_MODE_REFERENCE;
         stage_need(itn_render_gradient(scene, NULL, &options, weights, &parameter, 1, &expected,
                                        NULL, NULL), NULL);
@@ -258,7 +264,8 @@ static void test_well(double error) {
 
 /* ---- order, errors ---------------------------------------------------------------------------------- */
 
-static void backwards(int count, void (*run)(void *task, int index), void *task, void *user) {
+static void texels_backwards(int count, void (*run)(void *task, int index), void *task,
+                             void *user) {
     (void)user;
     while (count-- > 0) run(task, count);
 }
@@ -268,7 +275,7 @@ static void test_order(void) {
     int k;
     for (k = 0; k < 2; k++) {
         itn_scene *scene = ground_scene(1, 0, &texture, &map, .5);
-        if (k) scene->context.parallel_for = backwards;
+        if (k) scene->context.parallel_for = texels_backwards;
         gradients[k] = gradient_of(scene, "dome", 8, 3);
         itn_scene_free(scene);
     }
@@ -292,7 +299,7 @@ static itn_result refused(const itn_scene *scene, const itn_render_options *opti
 static int cancel(void *user, double fraction) { return (void)user, fraction > .3; }
 
 static void test_errors(void) {
-    static float weights[PIXELS];
+    static float weights[TEXELS_PIXELS];
     itn_image texture = texture_make(1), map = stage_patch(1, .3, .2, 2);
     itn_scene *scene = ground_scene(1, 0, &texture, &map, .5);
     itn_render_options options = ITN_ZERO;
@@ -305,7 +312,9 @@ static void test_errors(void) {
     weights[5] = NAN;
     CHECK(refused(scene, &options, weights, "dome", "5") == ITN_ERROR_ARGUMENT);
     weights[5] = 0, options.mode = ITN_MODE_FAST;
+#ifdef ITN_NO_FAST
     CHECK(refused(scene, &options, weights, "dome", "without the fast") == ITN_ERROR_UNSUPPORTED);
+#endif
     CHECK(refused(scene, &options, weights, "ground", "below 0.01") == ITN_ERROR_UNSUPPORTED);
     options.mode = ITN_MODE_AUTO, options.progress = cancel;
     CHECK(refused(scene, &options, weights, "dome", "cancelled") == ITN_ERROR_CANCELLED);
@@ -318,7 +327,7 @@ int main(void) {
     if (LONG) {
         test_texel(0, 13, 0), test_texel(0, 6, 0);
         test_texel(1, 36, 0), test_texel(1, 5, 0);
-        test_variance();
+        test_texels_variance();
         test_well(0);
         CHECK_CATCHES(test_texel(0, 8, .3));
         CHECK_CATCHES(test_texel(1, 36, .1));

@@ -42,14 +42,16 @@ static itn_mesh join(itn_mesh a, itn_mesh b) {
     return both;
 }
 
-static float signed_uniform(itn__rng *rng) { return 2 * itn__uniform(rng) - 1; }
-static itn_vec3 sphere_point(itn__rng *rng) {
-    float z = signed_uniform(rng), phi = 6.2831853f * itn__uniform(rng), q = sqrtf(1 - z * z);
+static float voxels_signed_uniform(itn__rng *rng) { return 2 * itn__uniform(rng) - 1; }
+static itn_vec3 voxels_sphere_point(itn__rng *rng) {
+    float z = voxels_signed_uniform(rng), phi = 6.2831853f * itn__uniform(rng),
+          q = sqrtf(1 - z * z);
     return itn__vec3(q * cosf(phi), q * sinf(phi), z);
 }
 
 /* Stretches, then turns by a fixed rotation (if turned), then scales and moves. */
-static void place(itn_mesh *mesh, itn_vec3 stretch, int turned, float scale, itn_vec3 offset) {
+static void voxels_place(itn_mesh *mesh, itn_vec3 stretch, int turned, float scale,
+                         itn_vec3 offset) {
     static const float turn[3][3] = {{.8f, -.36f, .48f}, {.6f, .48f, -.64f}, {0, .8f, .6f}};
     int i, j, k;
     for (i = 0; i < mesh->vertex_count; i++) {
@@ -65,17 +67,17 @@ static void place(itn_mesh *mesh, itn_vec3 stretch, int turned, float scale, itn
 }
 
 /* Triangles of all sizes anywhere, an open thing. */
-static itn_mesh soup(int n, uint64_t seed) {
+static itn_mesh voxels_soup(int n, uint64_t seed) {
     itn_mesh mesh;
     itn_error error;
     itn__rng rng = itn__rng_make(seed, 0, 0);
     int i, j;
     solids_need(itn_mesh_create(3 * n, n, 0, NULL, &mesh, &error), &error);
     for (i = 0; i < n; i++) {
-        itn_vec3 centre = sphere_point(&rng);
+        itn_vec3 centre = voxels_sphere_point(&rng);
         float size = expf(-5 * itn__uniform(&rng));
         for (j = 0; j < 3; j++) {
-            itn_vec3 p = itn__along(centre, size, sphere_point(&rng));
+            itn_vec3 p = itn__along(centre, size, voxels_sphere_point(&rng));
             float *q = mesh.positions + 3 * (3 * i + j);
             q[0] = p.x, q[1] = p.y, q[2] = p.z;
             mesh.triangles[3 * i + j] = 3 * i + j;
@@ -130,7 +132,7 @@ static world world_make(int shape, int turned, float scale, float distance) {
     case CUBE: w.mesh = solids_box(solids_vec3(-1, -1, -1), one); break;
     case SLAB: w.mesh = solids_slab(.004, 1); break;
     case NEEDLES: w.mesh = needles(300); break;
-    case SOUP: w.mesh = soup(600, 5); break;
+    case SOUP: w.mesh = voxels_soup(600, 5); break;
     case TWINS: /* touching along a face */
         w.mesh = join(solids_box(solids_vec3(-1, -.5, -.5), solids_vec3(0, .5, .5)),
                       solids_box(zero, solids_vec3(.7, .4, .4)));
@@ -141,7 +143,7 @@ static world world_make(int shape, int turned, float scale, float distance) {
         first = w.mesh.triangle_count;
         w.mesh = join(w.mesh, square(500));
     }
-    place(&w.mesh, one, turned, scale, solids_vec3(distance * scale, 0, 0));
+    voxels_place(&w.mesh, one, turned, scale, solids_vec3(distance * scale, 0, 0));
     w.closed = shape == SOUP ? 0 : shape == TWINS ? 3 : 1;
     w.objects = (int *)calloc((size_t)w.mesh.triangle_count, sizeof(int));
     for (i = first; first && i < w.mesh.triangle_count; i++) w.objects[i] = 1;
@@ -282,9 +284,9 @@ static void plant(itn__voxels *v, int fault) {
 
 /* ---- claims against the tree ----------------------------------------------------------------- */
 
-typedef struct tally {
+typedef struct claim_count {
     long long segments, claimed, cube, slab, normals, wrong;
-} tally;
+} claim_count;
 
 static itn_vec3 triangle_point(const itn__triangle *t, itn__rng *rng) {
     float a = itn__uniform(rng), b = itn__uniform(rng);
@@ -303,7 +305,7 @@ static itn_vec3 random_start(const world *w, const itn__voxels *v, itn__rng *rng
     itn_vec3 p = triangle_point(t, rng);
     if (kind < .2f) return p;
     if (kind < .7f && t->object == 0)
-        return itn__along(p, 2.5f * itn__uniform(rng) * v->cell, sphere_point(rng));
+        return itn__along(p, 2.5f * itn__uniform(rng) * v->cell, voxels_sphere_point(rng));
     p.x = v->lower.x + itn__uniform(rng) * v->cell * (float)v->size[0];
     p.y = v->lower.y + itn__uniform(rng) * v->cell * (float)v->size[1];
     p.z = v->lower.z + itn__uniform(rng) * v->cell * (float)v->size[2];
@@ -311,8 +313,9 @@ static itn_vec3 random_start(const world *w, const itn__voxels *v, itn__rng *rng
 }
 
 /* Traces what is claimed free among `count` segments. */
-static tally try_claims(const world *w, const itn__voxels *v, long long count, uint64_t seed) {
-    tally sum = ITN_ZERO;
+static claim_count try_claims(const world *w, const itn__voxels *v, long long count,
+                              uint64_t seed) {
+    claim_count sum = ITN_ZERO;
     itn__sides back = ITN_ZERO;
     itn__rng rng = itn__rng_make(seed, 0, 0);
     back.back = w->closed;
@@ -322,7 +325,7 @@ static tally try_claims(const world *w, const itn__voxels *v, long long count, u
         itn_vec3 q;
         int found;
         if (!(sum.segments & 0xffffff)) rng = itn__rng_make(seed, (uint64_t)sum.segments, 0);
-        ray.origin = random_start(w, v, &rng), ray.direction = sphere_point(&rng);
+        ray.origin = random_start(w, v, &rng), ray.direction = voxels_sphere_point(&rng);
         ray.tmin = 0, ray.tmax = -logf(itn__uniform(&rng)) * v->cell;
         q = itn__along(ray.origin, ray.tmax, ray.direction);
         found = claims(v, ray.origin, q, ray.direction);
@@ -339,10 +342,10 @@ static tally try_claims(const world *w, const itn__voxels *v, long long count, u
 }
 
 static void claims_hold(int shape, int turned, int resolution, float scale, float distance,
-                        long long count, int fault, tally *total) {
+                        long long count, int fault, claim_count *total) {
     world w = world_make(shape, turned, scale, distance);
     itn__voxels *v = tables(&w, resolution, 2);
-    tally sum;
+    claim_count sum;
     plant(v, fault);
     sum = try_claims(&w, v, count / FEWER, (uint64_t)(shape * 100 + resolution));
     check_report(sum.wrong == 0, __FILE__, __LINE__,
@@ -363,7 +366,7 @@ static void claims_hold(int shape, int turned, int resolution, float scale, floa
 static void all_claims_hold(void) {
     static const int resolutions[3] = {5, 24, 90};
     long long count = check_long() ? 3000000 : 20000;
-    tally total = ITN_ZERO;
+    claim_count total = ITN_ZERO;
     int shape, k;
     for (shape = 0; shape < SHAPES; shape++)
         for (k = 0; k < 3; k++) {
@@ -569,7 +572,7 @@ static void backwards(int count, void (*body)(void *, int), void *task, void *us
     (void)user;
     while (count-- > 0) body(task, count);
 }
-static int same(const itn__voxels *a, const itn__voxels *b) {
+static int voxels_same(const itn__voxels *a, const itn__voxels *b) {
     size_t cells = itn__cell_count(a), k = sizeof(int32_t);
     return a->surface_count == b->surface_count &&
            a->pack_count == b->pack_count && itn__cell_count(b) == cells &&
@@ -588,7 +591,7 @@ static void order_does_not_matter(int shape) {
     context.parallel_for = backwards;
     CHECK(itn__voxels_make(&context, w.bvh, w.closed, w.lower, w.upper, 40, 2, &b, &error) ==
           ITN_OK);
-    CHECK(same(a, b));
+    CHECK(voxels_same(a, b));
     itn__voxels_free(a);
     itn__voxels_free(b);
     world_free(&w);
@@ -699,7 +702,7 @@ static void flat_triangles(void) {
 }
 
 int main(void) {
-    tally ignored = ITN_ZERO;
+    claim_count ignored = ITN_ZERO;
     int shape, k;
     all_claims_hold();
     all_cells_hold();
