@@ -96,9 +96,6 @@
        [gradients]      derivatives folded with weights
        [adam]           a step that knows the size of its gradients
        [layers]         convolution, ReLU and pooling as one layer
-       [forward]        convolution as a matrix product
-       [backward]       derivatives of a convolution
-       [full]           a fully connected layer
        [loss]           what a network is trained for
        [net]            the assembled network
        [refine]         analysis by synthesis
@@ -13443,15 +13440,14 @@ static itn_result itn__adam_desc_fill(const itn_adam_desc *given, itn_adam_desc 
     return ITN_OK;
 }
 
-/* Returns the index of the first gradient whose square is not finite, or count. */
-static ITN__UNUSED size_t itn__adam_refuses(const float *gradient, size_t count) {
-    itn__floats most = itn__splat(FLT_MAX);
+/* Returns the index of the first value beyond -most ... most, as NaN is, or count. */
+static ITN__UNUSED size_t itn__first_beyond(const float *values, size_t count, float most) {
     size_t k = 0;
     for (; k + ITN__LANES <= count; k += ITN__LANES) {
-        itn__floats g = itn__load(gradient + k);
-        if (itn__mask_bits(itn__less_equal(g * g, most)) != ITN__ALL_LANES) break;
+        itn__ints inside = itn__less_equal(itn__absolute(itn__load(values + k)), itn__splat(most));
+        if (itn__mask_bits(inside) != ITN__ALL_LANES) break;
     }
-    while (k < count && gradient[k] * gradient[k] <= FLT_MAX) k++;
+    while (k < count && fabsf(values[k]) <= most) k++;
     return k;
 }
 
@@ -13506,30 +13502,26 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
    which of the four was taken, or that the ReLU is shut.
 
    Layout. Channels are cut into blocks of ITN__LANES: an image is [block][row][column][lane], its
-   ring of zeros included, so that whole vectors of channels are loaded anywhere, and the three
-   pixels that a row of taps reads are one run of memory. Images of fewer channels have one narrower
-   block. The last block may be padded with zero channels.
+   ring of zeros included, so that whole vectors of channels are loaded anywhere. The last block is
+   padded with zero channels. Blocks of the images that a network is given have no more lanes than
+   there are channels.
+
+   Forward, the sums of 4 pixels and 2 vectors of output channels, a tile, stay in registers while
+   the loop runs over the 9 taps of a block of inputs: 6 loads serve 8 multiply-adds. Pixels may lie
+   anywhere: their addresses are a list (Dukhan 2019, indirect convolution). It is sorted by the
+   sides of the image at which they lie, so that tiles of small images need not multiply the ring.
+   A task is up to 64 windows times as many panels, of 2 vectors, as its sums have room for: so
+   weights are read in the order of memory where windows are few and reading is what takes time.
+
+   Backward, only the chosen one of a window's four pixels has a derivative, so three quarters of
+   d_s are zero for certain: sums are sparse. With d = d_out[window][o] and `patch` the 3x3 pixels
+   around the one that was chosen,
+       d_w[.][.][o] += d in[patch][.],     for every o, over the windows;
+       d_in[patch][.] += d w[.][.][o],     for every patch, over the o that chose its pixel.
+   Both are sums of scaled 3x3 vectors of input channels, which stay in 9 registers.
 
    Every sum has an order that depends on the shapes alone, so results do not depend on how the
-   loops are spread over threads; parts that run side by side write apart. */
-
-/* to[0..n) += s from[0..n). */
-static void itn__add_scaled(float *to, float s, const float *from, size_t n) {
-    size_t k;
-    for (k = 0; k < n; k++) to[k] += s * from[k];
-}
-
-/* Sum of a[k] b[k] over [0..n), in eight interleaved partial sums, which fill a vector register and
-   round less than a single one. */
-static float itn__dot_product(const float *a, const float *b, size_t n) {
-    float sums[8] = {0, 0, 0, 0, 0, 0, 0, 0};
-    size_t k, lane;
-    for (k = 0; k + 8 <= n; k += 8)
-        for (lane = 0; lane < 8; lane++) sums[lane] += a[k + lane] * b[k + lane];
-    for (lane = 0; k < n; k++, lane++) sums[lane] += a[k] * b[k];
-    return ((sums[0] + sums[4]) + (sums[2] + sums[6])) +
-           ((sums[1] + sums[5]) + (sums[3] + sums[7]));
-}
+   loops are spread over threads; tasks write apart. */
 
 ITN__INLINE size_t itn__fewer(size_t a, size_t b) { return a < b ? a : b; }
 
@@ -13541,758 +13533,19 @@ typedef struct itn__blocked {
 } itn__blocked;
 
 /* Behind every image there is room for a vector that starts at its last float. */
-static itn__blocked itn__blocked_make(size_t height, size_t width, size_t channels) {
+static itn__blocked itn__blocked_make(size_t height, size_t width, size_t channels, size_t lanes) {
     itn__blocked s;
-    s.height = height, s.width = width, s.channels = channels;
-    s.lanes = itn__fewer(channels, ITN__LANES);
-    s.blocks = (channels + s.lanes - 1) / s.lanes;
-    s.row = (width + 2) * s.lanes, s.plane = (height + 2) * s.row;
+    s.height = height, s.width = width, s.channels = channels, s.lanes = lanes;
+    s.blocks = (channels + lanes - 1) / lanes;
+    s.row = (width + 2) * lanes, s.plane = (height + 2) * s.row;
     s.size = (s.blocks * s.plane + ITN__LANES + 15) & ~(size_t)15;
     return s;
 }
 
-/* The place of a channel of pixel (0, 0). */
-static size_t itn__blocked_channel(const itn__blocked *s, size_t channel) {
-    return channel / s->lanes * s->plane + s->row + s->lanes + channel % s->lanes;
-}
-
-/* Copies one image into blocks, or back. plain: [height][width] pixels, whose neighbours in a row
-   are `pixel` floats apart and whose channels are `channel` floats apart. */
-static void itn__to_blocked(const itn__blocked *s, const float *plain, size_t pixel,
-                            size_t channel, float *blocked) {
-    size_t c, x, y;
-    for (c = 0; c < s->channels; c++) {
-        float *to = blocked + itn__blocked_channel(s, c);
-        for (y = 0; y < s->height; y++)
-            for (x = 0; x < s->width; x++)
-                to[y * s->row + x * s->lanes] = plain[(y * s->width + x) * pixel + c * channel];
-    }
-}
-static void itn__from_blocked(const itn__blocked *s, const float *blocked, size_t pixel,
-                              size_t channel, float *plain) {
-    size_t c, x, y;
-    for (c = 0; c < s->channels; c++) {
-        const float *from = blocked + itn__blocked_channel(s, c);
-        for (y = 0; y < s->height; y++)
-            for (x = 0; x < s->width; x++)
-                plain[(y * s->width + x) * pixel + c * channel] = from[y * s->row + x * s->lanes];
-    }
-}
-
-/* A convolution with ReLU and pooling at work on a batch. */
-typedef struct itn__conv {
-    itn__blocked in, out;      /* out: after the pooling, half the height and width */
-    size_t batch;
-    const float *w, *bias;     /* [9][inputs][outputs], [outputs] */
-    const float *images;       /* [batch][in], with zeros in the ring */
-    float *pooled;             /* [batch][out]: the forward result */
-    unsigned char *chosen;     /* as pooled: pixel of the window, 2 row + column, or ITN__SHUT */
-    float *d_pooled;           /* as pooled; backward clears it where the ReLU is shut */
-    float *d_w, *d_bias;       /* as w and bias */
-    float *d_images;           /* as images, overwritten; its ring is left undefined */
-    float *scratch;            /* [itn__conv_scratch] */
-    size_t parts;              /* tasks of a forward pass of few windows; every sum is the work of
-                                  one. Those that stream the weights are one for a thread */
-} itn__conv;
-
-enum {
-    ITN__SHUT = 4,                                  /* `chosen` of a window that gave 0 */
-    ITN__TILE_PIXELS = ITN__LANES == 16 ? 8 : 4,    /* P and V of [forward]: P V sums fit in */
-    ITN__TILE_VECTORS = 2,                          /* 32 registers, or 16 of narrower lanes */
-    ITN__TILE_WINDOWS = 8,                          /* windows whose tiles are pooled together */
-    ITN__STREAM_WINDOWS = 16,                       /* at most, to stream the weights */
-    ITN__WINOGRAD_WINDOWS = 16,                     /* of an image, at least, for Winograd's */
-    ITN__WINOGRAD_BLOCKS = 4,                       /* of inputs that are transformed at a time */
-    ITN__WINOGRAD_AHEAD = 8,                        /* inputs whose weights are on their way */
-    ITN__STREAM_ROWS = ITN__LANES == 16 ? 4 :       /* inputs that are streamed at a time, all */
-                       ITN__LANES > 1 ? 2 : 1,      /* of one block */
-    ITN__STREAM_AHEAD = 4,                          /* times as many are on their way */
-    ITN__BAND = 32,                                 /* windows whose inputs fit into the first */
-    ITN__SPREAD_BAND = 16,                          /* level of cache; with weights beside them */
-    ITN__SPREAD_OUTPUTS = 64                        /* channels of those weights */
-};
-
-/* Vectors that hold a run of three pixels of a block. */
-static size_t itn__run_vectors(const itn__blocked *s) {
-    return (3 * s->lanes + ITN__LANES - 1) / ITN__LANES;
-}
-
-/* Windows, in the order in which all loops take them. Images with few of them go in groups whose
-   equal windows follow each other. */
-static size_t itn__conv_group(const itn__conv *c) {
-    if (c->out.height * c->out.width > 64) return 1;
-    return itn__fewer(c->batch, ITN__TILE_WINDOWS);
-}
-static size_t itn__conv_windows(const itn__conv *c) {
-    return c->batch * c->out.height * c->out.width;
-}
-
-/* Sides of the image at which a window lies: there its taps reach into the ring. */
-enum { ITN__AT_TOP = 1, ITN__AT_BOTTOM = 2, ITN__AT_LEFT = 4, ITN__AT_RIGHT = 8 };
-
-typedef struct itn__window {
-    size_t in, out; /* index of its 4x4 input pixels, and of its output pixel, in block 0 */
-    unsigned sides;
-} itn__window;
-
-/* Fills windows[count] from number `first` on. */
-static void itn__conv_take(const itn__conv *c, size_t first, size_t count, itn__window *windows) {
-    size_t positions = c->out.height * c->out.width, group = itn__conv_group(c);
-    size_t start = first / (positions * group) * group, rest = first - start * positions;
-    size_t images = itn__fewer(c->batch - start, group), k;
-    size_t image = rest % images, x = rest / images % c->out.width;
-    size_t y = rest / images / c->out.width;
-    for (k = 0; k < count; k++) {
-        windows[k].in = (start + image) * c->in.size + 2 * y * c->in.row + 2 * x * c->in.lanes;
-        windows[k].out = (start + image) * c->out.size + (y + 1) * c->out.row +
-                         (x + 1) * c->out.lanes;
-        windows[k].sides = (unsigned)((y == 0) * ITN__AT_TOP + (x == 0) * ITN__AT_LEFT +
-                                      (y + 1 == c->out.height) * ITN__AT_BOTTOM +
-                                      (x + 1 == c->out.width) * ITN__AT_RIGHT);
-        if (++image < images) continue;
-        image = 0;
-        if (++x < c->out.width) continue;
-        x = 0;
-        if (++y < c->out.height) continue;
-        y = 0, start += group;
-        images = itn__fewer(c->batch - start, group);
-    }
-}
-
-/* From a window's 4x4 pixels to the 3x3 around its pixel `corner` (2 row + column). */
-ITN__INLINE size_t itn__conv_corner(const itn__blocked *in, size_t corner) {
-    return corner / 2 * in->row + corner % 2 * in->lanes;
-}
-
-/* ---- [forward] convolution as a matrix product ----------------------------------------------- */
-
-/* A tile of P pixels times V vectors of output channels stays in registers while the loop runs over
-   the 9 x inputs terms of its sums; each term costs V loads of weights and P of inputs for P V
-   multiply-adds, and registers suffice for P V = 16 (or 8), so the arithmetic is the limit. The
-   weights of a tile's channels are first copied to one compact panel. Pixels may lie anywhere
-   (their addresses are a list, as in Dukhan's indirect convolution, 2019). In small images, equal
-   pixels of several images make a tile: then no tile has to multiply the zeros of the ring, which
-   are half of all terms in an image of 2x2 pixels. Where a layer has few windows in all, memory is
-   the limit instead, and the loops are turned round: weights are read once, in the order of memory,
-   and all sums wait in the cache. */
-
-/* Weights of a tile's output channels: `row` floats from one input channel to the next, `tap`
-   input channels from one tap to the next. */
-typedef struct itn__panel {
-    const float *w, *bias;
-    size_t row, tap;
-    int vectors; /* of output channels: 1 or 2 */
-} itn__panel;
-
-/* Sides at which pixel `corner` of a window lies. */
-static unsigned itn__pixel_sides(unsigned sides, size_t corner) {
-    unsigned row = corner / 2 ? ITN__AT_BOTTOM : ITN__AT_TOP;
-    unsigned column = corner % 2 ? ITN__AT_RIGHT : ITN__AT_LEFT;
-    return sides & (row | column);
-}
-
-/* Terms of a sum: rows and columns of taps, each [from, to). */
-typedef struct itn__terms {
-    size_t top, bottom, left, right;
-} itn__terms;
-
-/* All terms of a pixel that lies at `sides`: taps in the ring are left out. */
-static itn__terms itn__terms_at(unsigned sides) {
-    itn__terms terms;
-    terms.top = sides & ITN__AT_TOP ? 1 : 0, terms.bottom = sides & ITN__AT_BOTTOM ? 2 : 3;
-    terms.left = sides & ITN__AT_LEFT ? 1 : 0, terms.right = sides & ITN__AT_RIGHT ? 2 : 3;
-    return terms;
-}
-
-/* sums[pixel][vector] += the terms; sums that begin here start at start[vector], others have NULL.
-   patches: [pixels] addresses of 3x3 input pixels. */
-ITN__INLINE void itn__conv_tile(const itn__blocked *in, const itn__panel *panel, int pixels,
-                                int vectors, const float *const *patches, const itn__terms *terms,
-                                const float *start, float *sums) {
-    itn__floats sum[ITN__TILE_PIXELS][ITN__TILE_VECTORS], weights[ITN__TILE_VECTORS];
-    /* a single block's neighbouring pixels are one run of channels */
-    size_t columns = in->blocks == 1 ? terms->right - terms->left : 1, length = columns * in->lanes;
-    size_t x, y, b, k, row = panel->row;
-    int p, v;
-    ITN__UNROLL
-    for (p = 0; p < pixels; p++)
-        ITN__UNROLL
-        for (v = 0; v < vectors; v++)
-            sum[p][v] = itn__load(start ? start + v * ITN__LANES
-                                        : sums + (p * vectors + v) * ITN__LANES);
-    for (y = terms->top; y < terms->bottom; y++)
-        for (x = terms->left; x < terms->right; x += columns)
-            for (b = 0; b < in->blocks; b++) {
-                const float *w = panel->w + ((3 * y + x) * panel->tap + b * in->lanes) * row;
-                size_t from = b * in->plane + y * in->row + x * in->lanes;
-                for (k = from; k < from + length; k++, w += row) {
-                    ITN__UNROLL
-                    for (v = 0; v < vectors; v++) weights[v] = itn__load(w + v * ITN__LANES);
-                    ITN__UNROLL
-                    for (p = 0; p < pixels; p++) {
-                        itn__floats value = itn__splat(patches[p][k]);
-                        ITN__UNROLL
-                        for (v = 0; v < vectors; v++) sum[p][v] += value * weights[v];
-                    }
-                }
-            }
-    ITN__UNROLL
-    for (p = 0; p < pixels; p++)
-        ITN__UNROLL
-        for (v = 0; v < vectors; v++)
-            itn__store(sums + (p * vectors + v) * ITN__LANES, sum[p][v]);
-}
-
-/* The tile of either size; not inlined, so that it has all registers for itself. */
-ITN__NOINLINE void itn__conv_add(const itn__blocked *in, const itn__panel *panel, size_t pixels,
-                                 const float *const *patches, const itn__terms *terms,
-                                 const float *start, float *sums) {
-    if (pixels > 4 && panel->vectors == 2)
-        itn__conv_tile(in, panel, ITN__TILE_PIXELS, 2, patches, terms, start, sums);
-    else if (panel->vectors == 2)
-        itn__conv_tile(in, panel, 4, 2, patches, terms, start, sums);
-    else if (pixels > 4)
-        itn__conv_tile(in, panel, ITN__TILE_PIXELS, 1, patches, terms, start, sums);
-    else
-        itn__conv_tile(in, panel, 4, 1, patches, terms, start, sums);
-}
-
-/* ReLU and pooling of one window's vector: sums of its four pixels, `step` floats apart; the first
-   of equals is taken. Comparisons pass over NaN: `bad`, else 0, keeps it. */
-ITN__INLINE void itn__conv_pool(const float *sums, size_t step, size_t lanes, float *out,
-                                unsigned char *chosen) {
-    itn__floats best = itn__load(sums), zero = itn__splat(0), bad = zero * best;
-    itn__ints which = itn__splat_int(0), open;
-    int corner;
-    for (corner = 1; corner < 4; corner++) {
-        itn__floats sum = itn__load(sums + (size_t)corner * step);
-        itn__ints more = itn__less(best, sum);
-        bad += zero * sum;
-        best = itn__select(more, sum, best);
-        which = itn__select_int(more, itn__splat_int(corner), which);
-    }
-    open = itn__less(zero, best);
-    best = itn__select(open, best, zero) + bad;
-    which = itn__select_int(open, which, itn__splat_int(ITN__SHUT));
-    if (lanes == ITN__LANES) {
-        itn__store(out, best), itn__store_bytes(chosen, which);
-    } else { /* a narrow block: the next floats are other pixels' */
-        float values[ITN__LANES];
-        unsigned char corners[ITN__LANES];
-        size_t count = itn__fewer(lanes, ITN__LANES);
-        itn__store(values, best), itn__store_bytes(corners, which);
-        memcpy(out, values, count * sizeof *out), memcpy(chosen, corners, count);
-    }
-}
-
-/* The pixels of up to ITN__STREAM_WINDOWS windows, ordered by corner, so that those of a tile lie
-   at the same sides where they can. */
-typedef struct itn__pixels {
-    const float *patches[4 * ITN__STREAM_WINDOWS];
-    unsigned sides[4 * ITN__STREAM_WINDOWS];
-    size_t count;
-} itn__pixels;
-
-static void itn__conv_pixels(const itn__conv *c, const itn__window *windows, size_t count,
-                             itn__pixels *pixels) {
-    size_t corner, k, p = 0;
-    for (corner = 0; corner < 4; corner++)
-        for (k = 0; k < count; k++, p++) {
-            pixels->patches[p] = c->images + windows[k].in + itn__conv_corner(&c->in, corner);
-            pixels->sides[p] = itn__pixel_sides(windows[k].sides, corner);
-        }
-    pixels->count = p;
-}
-
-/* ReLU and pooling of all windows of a panel, whose first output block is `block`. */
-static void itn__conv_end(const itn__conv *c, const itn__panel *panel, size_t block,
-                          const itn__window *windows, size_t count, const float *sums) {
-    size_t vectors = (size_t)panel->vectors, k, v;
-    for (k = 0; k < count; k++)
-        for (v = 0; v < vectors; v++) {
-            size_t at = windows[k].out + (block + v) * c->out.plane;
-            itn__conv_pool(sums + (k * vectors + v) * ITN__LANES, count * vectors * ITN__LANES,
-                           c->out.lanes, c->pooled + at, c->chosen + at);
-        }
-}
-
-/* Windows [windows, count), up to ITN__TILE_WINDOWS, of one panel, tile after tile. */
-static void itn__conv_tiles(const itn__conv *c, const itn__panel *panel, size_t block,
-                            const itn__window *windows, size_t count) {
-    float sums[4 * ITN__TILE_WINDOWS * ITN__TILE_VECTORS * ITN__LANES];
-    size_t floats = (size_t)panel->vectors * ITN__LANES, p, k, tile;
-    itn__pixels pixels;
-    itn__conv_pixels(c, windows, count, &pixels);
-    for (p = 0; p < pixels.count; p += tile) {
-        unsigned sides = pixels.sides[p];
-        itn__terms terms;
-        tile = pixels.count - p < ITN__TILE_PIXELS ? 4 : ITN__TILE_PIXELS;
-        for (k = 1; k < tile; k++) sides &= pixels.sides[p + k];
-        terms = itn__terms_at(sides);
-        itn__conv_add(&c->in, panel, tile, pixels.patches + p, &terms, panel->bias,
-                      sums + p * floats);
-    }
-    itn__conv_end(c, panel, block, windows, count, sums);
-}
-
-/* Winograd's minimal filtering (for networks by Lavin and Gray 2016, F(2x2, 3x3)). A window's four
-   sums need 36 multiplications per input channel; in images of 16 windows or more they are made of
-   16. With d the window's 4x4 input pixels, w the 3x3 taps and * by elements,
-       s = bias + A^T [ sum over i of (G w G^T) * (B^T d B) ] A,
-       G =  1    0    0      B^T = 1  0 -1  0      A^T = 1  1  1  0
-           1/2  1/2  1/2           0  1  1  0            0  1 -1 -1.
-           1/2 -1/2  1/2           0 -1  1  0
-            0    0    1            0  1  0 -1
-   G w G^T is what a panel then holds. The sum over i is one matrix product for each of the 16
-   elements, by the same tiles. The transforms add and halve only, so rounding hardly grows. */
-
-/* Whether the windows go through Winograd's transform: it needs whole blocks, and enough windows
-   for the transform of the weights to be worth while. The batch has no say, so an image's outputs
-   do not depend on its company. */
-static int itn__conv_winograd(const itn__conv *c) {
-    return c->out.height * c->out.width >= ITN__WINOGRAD_WINDOWS &&
-           c->out.channels % ITN__LANES == 0 && c->in.channels % ITN__LANES == 0;
-}
-
-/* Taps of a panel, each with a row for every input channel; and all rows, the bias behind them. */
-static size_t itn__panel_taps(const itn__conv *c) { return itn__conv_winograd(c) ? 16 : 9; }
-static size_t itn__panel_rows(const itn__conv *c) {
-    return itn__panel_taps(c) * c->in.blocks * c->in.lanes + 1;
-}
-static size_t itn__panel_count(const itn__conv *c) {
-    return (c->out.blocks + ITN__TILE_VECTORS - 1) / ITN__TILE_VECTORS;
-}
-
-/* Whether the windows are so few that reading the weights takes longer than using them. */
-static int itn__conv_streams(const itn__conv *c) {
-    return itn__conv_windows(c) <= ITN__STREAM_WINDOWS && !itn__conv_winograd(c) &&
-           c->out.channels % ITN__LANES == 0 && c->in.channels % ITN__LANES == 0;
-}
-
-/* Floats from the sums of a pixel to those of the next: not a power of two, which would put all of
-   them into the same few places of the cache. */
-static size_t itn__stream_step(const itn__conv *c) { return c->out.channels + ITN__LANES; }
-
-/* Panel `index`, which lies where that of number `place` has its own memory. */
-static itn__panel itn__conv_panel(const itn__conv *c, size_t index, size_t place) {
-    itn__panel panel;
-    size_t blocks = c->out.blocks - index * ITN__TILE_VECTORS;
-    panel.vectors = (int)itn__fewer(blocks, ITN__TILE_VECTORS);
-    panel.row = (size_t)panel.vectors * ITN__LANES, panel.tap = c->in.blocks * c->in.lanes;
-    panel.w = c->scratch + itn__panel_rows(c) * place * ITN__TILE_VECTORS * ITN__LANES;
-    panel.bias = panel.w + itn__panel_taps(c) * panel.tap * panel.row;
-    return panel;
-}
-
-/* One dimension of Winograd's transforms, of three weights and of four pixels. */
-ITN__INLINE void itn__winograd_3(itn__floats a, itn__floats b, itn__floats c, itn__floats *to) {
-    itn__floats half = itn__splat(.5f), even = half * (a + c), odd = half * b;
-    to[0] = a, to[1] = even + odd, to[2] = even - odd, to[3] = c;
-}
-ITN__INLINE void itn__winograd_4(itn__floats a, itn__floats b, itn__floats c, itn__floats d,
-                                 itn__floats *to) {
-    to[0] = a - c, to[1] = b + c, to[2] = c - b, to[3] = b - d;
-}
-
-/* Weights of a panel, transformed to where itn__conv_panel says: G w G^T. */
-static void itn__winograd_weights(const itn__conv *c, size_t first, const itn__panel *panel,
-                                  float *to) {
-    size_t outputs = c->out.channels, ahead = ITN__WINOGRAD_AHEAD * outputs, i, o;
-    int x, y;
-    for (i = 0; i < panel->tap; i++)
-        for (o = 0; o < panel->row; o += ITN__LANES) {
-            const float *w = c->w + i * outputs + first + o;
-            itn__floats rows[4][3], u[4];
-            ITN__UNROLL
-            for (x = 0; x < 3; x++) {
-                const float *taps[3];
-                itn__floats column[4];
-                ITN__UNROLL
-                for (y = 0; y < 3; y++) {
-                    taps[y] = w + (size_t)(3 * y + x) * panel->tap * outputs;
-                    ITN__PREFETCH_FAR(taps[y] + ahead);
-                }
-                itn__winograd_3(itn__load(taps[0]), itn__load(taps[1]), itn__load(taps[2]),
-                                column);
-                ITN__UNROLL
-                for (y = 0; y < 4; y++) rows[y][x] = column[y];
-            }
-            ITN__UNROLL
-            for (y = 0; y < 4; y++) {
-                itn__winograd_3(rows[y][0], rows[y][1], rows[y][2], u);
-                ITN__UNROLL
-                for (x = 0; x < 4; x++)
-                    itn__store(to + ((size_t)(4 * y + x) * panel->tap + i) * panel->row + o, u[x]);
-            }
-        }
-}
-
-/* Copies the weights of panel `index` to its place, zeros for the padding. */
-static void itn__conv_copy_panel(const itn__conv *c, size_t index, const itn__panel *panel) {
-    size_t first = index * ITN__TILE_VECTORS * ITN__LANES, tap, i;
-    size_t outputs = itn__fewer(c->out.channels - first, panel->row);
-    float *to = c->scratch + (panel->w - c->scratch);
-    if (itn__conv_winograd(c)) {
-        itn__winograd_weights(c, first, panel, to);
-    } else {
-        memset(to, 0, itn__panel_rows(c) * panel->row * sizeof *to);
-        for (tap = 0; tap < 9; tap++)
-            for (i = 0; i < c->in.channels; i++)
-                memcpy(to + (tap * panel->tap + i) * panel->row,
-                       c->w + (tap * c->in.channels + i) * c->out.channels + first,
-                       outputs * sizeof *to);
-    }
-    memcpy(to + (panel->bias - panel->w), c->bias + first, outputs * sizeof *to);
-}
-
-/* B^T d B of one block of a window's 4x4 input pixels; its 16 vectors go `step` floats apart. */
-static void itn__winograd_input(const itn__blocked *in, const float *pixels, float *to,
-                                size_t step) {
-    itn__floats rows[4][4], v[4];
-    int x, y;
-    ITN__UNROLL
-    for (y = 0; y < 4; y++) {
-        const float *p = pixels + (size_t)y * in->row;
-        itn__winograd_4(itn__load(p), itn__load(p + ITN__LANES), itn__load(p + 2 * ITN__LANES),
-                        itn__load(p + 3 * ITN__LANES), rows[y]);
-    }
-    ITN__UNROLL
-    for (x = 0; x < 4; x++) {
-        itn__winograd_4(rows[0][x], rows[1][x], rows[2][x], rows[3][x], v);
-        ITN__UNROLL
-        for (y = 0; y < 4; y++) itn__store(to + (size_t)(4 * y + x) * step, v[y]);
-    }
-}
-
-/* A^T m A, from 16 vectors `step` floats apart, plus the bias, to a window's four sums, which are
-   `corner` floats apart. */
-static void itn__winograd_output(const float *m, size_t step, itn__floats bias, float *sums,
-                                 size_t corner) {
-    itn__floats rows[4][2];
-    int x, y;
-    ITN__UNROLL
-    for (y = 0; y < 4; y++) {
-        const float *p = m + 4 * (size_t)y * step;
-        itn__floats m1 = itn__load(p + step), m2 = itn__load(p + 2 * step);
-        rows[y][0] = itn__load(p) + (m1 + m2), rows[y][1] = (m1 - m2) - itn__load(p + 3 * step);
-    }
-    ITN__UNROLL
-    for (x = 0; x < 2; x++) {
-        itn__store(sums + (size_t)x * corner, bias + (rows[0][x] + (rows[1][x] + rows[2][x])));
-        itn__store(sums + (size_t)(2 + x) * corner,
-                   bias + ((rows[1][x] - rows[2][x]) - rows[3][x]));
-    }
-}
-
-/* products[tap][window] += those of blocks [block, end), at most ITN__WINOGRAD_BLOCKS; the first
-   overwrite what is there. */
-static void itn__winograd_multiply(const itn__conv *c, const itn__panel *panel, size_t block,
-                                   size_t end, const itn__window *windows, size_t count,
-                                   float *products) {
-    float inputs[16 * ITN__TILE_WINDOWS * ITN__WINOGRAD_BLOCKS * ITN__LANES];
-    static const float zeros[ITN__TILE_VECTORS * ITN__LANES] = ITN_ZERO;
-    const float *patches[ITN__TILE_WINDOWS];
-    size_t channels = (end - block) * ITN__LANES, step = ITN__TILE_WINDOWS * channels;
-    size_t floats = (size_t)panel->vectors * ITN__LANES, tap, k, b;
-    itn__blocked run = c->in; /* what lies at patches[k]: one pixel of all these channels */
-    itn__terms one = {0, 1, 0, 1};
-    run.blocks = 1, run.lanes = channels;
-    for (k = 0; k < count; k++)
-        for (b = block; b < end; b++)
-            itn__winograd_input(&c->in, c->images + windows[k].in + b * c->in.plane,
-                                inputs + k * channels + (b - block) * ITN__LANES, step);
-    for (tap = 0; tap < 16; tap++) {
-        itn__panel part = *panel;
-        part.w = panel->w + (tap * panel->tap + block * ITN__LANES) * panel->row;
-        for (k = 0; k < ITN__TILE_WINDOWS; k++)
-            patches[k] = inputs + tap * step + itn__fewer(k, count - 1) * channels;
-        for (k = 0; k < count; k += ITN__TILE_PIXELS)
-            itn__conv_add(&run, &part, ITN__TILE_PIXELS, patches + k, &one, block ? NULL : zeros,
-                          products + (tap * ITN__TILE_WINDOWS + k) * floats);
-    }
-}
-
-/* As itn__conv_tiles, through the transform. */
-static void itn__winograd_tiles(const itn__conv *c, const itn__panel *panel, size_t block,
-                                const itn__window *windows, size_t count) {
-    float products[16 * ITN__TILE_WINDOWS * ITN__TILE_VECTORS * ITN__LANES];
-    float sums[4 * ITN__TILE_WINDOWS * ITN__TILE_VECTORS * ITN__LANES];
-    size_t floats = (size_t)panel->vectors * ITN__LANES, b, end, k, v;
-    for (b = 0; b < c->in.blocks; b = end) {
-        end = itn__fewer(b + ITN__WINOGRAD_BLOCKS, c->in.blocks);
-        itn__winograd_multiply(c, panel, b, end, windows, count, products);
-    }
-    for (k = 0; k < count; k++)
-        for (v = 0; v < floats; v += ITN__LANES)
-            itn__winograd_output(products + k * floats + v, ITN__TILE_WINDOWS * floats,
-                                 itn__load(panel->bias + v), sums + k * floats + v,
-                                 count * floats);
-    itn__conv_end(c, panel, block, windows, count, sums);
-}
-
-/* Windows [first, end), of one panel. */
-static void itn__conv_forward_panel(const itn__conv *c, size_t index, const itn__panel *panel,
-                                    size_t first, size_t end) {
-    itn__window taken[ITN__TILE_WINDOWS];
-    size_t count;
-    for (; first < end; first += count) {
-        count = itn__fewer(end - first, ITN__TILE_WINDOWS);
-        itn__conv_take(c, first, count, taken);
-        if (itn__conv_winograd(c))
-            itn__winograd_tiles(c, panel, index * ITN__TILE_VECTORS, taken, count);
-        else
-            itn__conv_tiles(c, panel, index * ITN__TILE_VECTORS, taken, count);
-    }
-}
-
-/* How many parts of at least 256 windows a panel's work is cut into. */
-static size_t itn__conv_parts(const itn__conv *c) {
-    return itn__fewer((itn__conv_windows(c) + 255) / 256, 32768);
-}
-
-/* Many windows: all panels are copied first, then used part by part. */
-static void itn__conv_copy_part(void *data, int index) {
-    const itn__conv *c = (const itn__conv *)data;
-    itn__panel panel = itn__conv_panel(c, (size_t)index, (size_t)index);
-    itn__conv_copy_panel(c, (size_t)index, &panel);
-}
-static void itn__conv_forward_part(void *data, int index) {
-    const itn__conv *c = (const itn__conv *)data;
-    size_t parts = itn__conv_parts(c), windows = itn__conv_windows(c);
-    size_t number = (size_t)index / parts, part = (size_t)index % parts;
-    itn__panel panel = itn__conv_panel(c, number, number);
-    itn__conv_forward_panel(c, number, &panel, (size_t)((uint64_t)windows * part / parts),
-                            (size_t)((uint64_t)windows * (part + 1) / parts));
-}
-
-/* Fewer windows: a task's panels lie in one place in turn, which stays in the cache. */
-static void itn__conv_forward_share(void *data, int index) {
-    const itn__conv *c = (const itn__conv *)data;
-    size_t number = (size_t)index, panels = itn__panel_count(c);
-    for (; number < panels; number += c->parts) {
-        itn__panel panel = itn__conv_panel(c, number, (size_t)index);
-        itn__conv_copy_panel(c, number, &panel);
-        itn__conv_forward_panel(c, number, &panel, 0, itn__conv_windows(c));
-    }
-}
-
-/* Adds the terms of ITN__STREAM_ROWS inputs of some pixels, 1 to 4, to `count` sums of each.
-   inputs, sums: [pixels] addresses. Meanwhile, with ask_ahead, rows of weights for later inputs are
-   asked for, if they are whole in the order of memory: rows are too short for the processor to see
-   where this goes. */
-ITN__INLINE void itn__stream_tile(size_t row, const float *w, int pixels, int ask_ahead,
-                                  const float *const *inputs, size_t count, float *const *sums) {
-    itn__floats values[4][ITN__STREAM_ROWS], weights[ITN__STREAM_ROWS];
-    size_t whole = count == row, o;
-    const float *next = w + ITN__STREAM_AHEAD * ITN__STREAM_ROWS * row;
-    int p, r;
-    ITN__UNROLL
-    for (p = 0; p < pixels; p++)
-        ITN__UNROLL
-        for (r = 0; r < ITN__STREAM_ROWS; r++) values[p][r] = itn__splat(inputs[p][r]);
-    for (o = 0; o < count; o += ITN__LANES) {
-        const float *ask = next + o * (whole ? ITN__STREAM_ROWS : 1);
-        ITN__UNROLL
-        for (r = 0; r < ITN__STREAM_ROWS; r++) {
-            weights[r] = itn__load(w + (size_t)r * row + o);
-            if (ask_ahead) ITN__PREFETCH_FAR(ask + (size_t)r * (whole ? ITN__LANES : row));
-        }
-        ITN__UNROLL
-        for (p = 0; p < pixels; p++) {
-            itn__floats sum = itn__load(sums[p] + o);
-            ITN__UNROLL
-            for (r = 0; r < ITN__STREAM_ROWS; r++) sum += values[p][r] * weights[r];
-            itn__store(sums[p] + o, sum);
-        }
-    }
-}
-
-/* The tile of any number of pixels; the first of several asks ahead for all. */
-ITN__NOINLINE void itn__stream_rows(size_t row, const float *w, size_t pixels, int first,
-                                    const float *const *inputs, size_t count, float *const *sums) {
-    switch (pixels) {
-    case 1: itn__stream_tile(row, w, 1, 1, inputs, count, sums); return;
-    case 2: itn__stream_tile(row, w, 2, 1, inputs, count, sums); return;
-    case 3: itn__stream_tile(row, w, 3, 1, inputs, count, sums); return;
-    default:
-        if (first) itn__stream_tile(row, w, 4, 1, inputs, count, sums);
-        else itn__stream_tile(row, w, 4, 0, inputs, count, sums);
-    }
-}
-
-/* Fills inside[] with the pixels for which a tap does not lie in the ring; returns how many. */
-static size_t itn__pixels_inside(const itn__pixels *pixels, size_t tap, size_t *inside) {
-    size_t y = tap / 3, x = tap % 3, count = 0, p;
-    for (p = 0; p < pixels->count; p++) {
-        itn__terms terms = itn__terms_at(pixels->sides[p]);
-        if (y >= terms.top && y < terms.bottom && x >= terms.left && x < terms.right)
-            inside[count++] = p;
-    }
-    return count;
-}
-
-/* Few windows, some blocks of output channels: weights are read where they are, in the order of
-   memory, each once; all sums are kept in the scratch memory meanwhile. */
-static void itn__conv_stream_part(void *data, int index) {
-    const itn__conv *c = (const itn__conv *)data;
-    size_t outputs = c->out.channels, blocks = c->out.blocks, count = itn__conv_windows(c);
-    size_t first = blocks * (size_t)index / c->parts, end = blocks * ((size_t)index + 1) / c->parts;
-    size_t from = first * ITN__LANES, floats = (end - first) * ITN__LANES, term, block, p, k;
-    size_t step = itn__stream_step(c), inside[4 * ITN__STREAM_WINDOWS], pixel_count = 0;
-    itn__window windows[ITN__STREAM_WINDOWS];
-    itn__pixels pixels;
-    itn__conv_take(c, 0, count, windows);
-    itn__conv_pixels(c, windows, count, &pixels);
-    for (p = 0; p < pixels.count; p++)
-        memcpy(c->scratch + p * step + from, c->bias + from, floats * sizeof *c->bias);
-    for (term = 0; term < 9 * c->in.channels; term += ITN__STREAM_ROWS) {
-        size_t tap = term / c->in.channels, channel = term % c->in.channels;
-        size_t at = tap / 3 * c->in.row + tap % 3 * ITN__LANES +
-                    channel / ITN__LANES * c->in.plane + channel % ITN__LANES;
-        if (!channel) pixel_count = itn__pixels_inside(&pixels, tap, inside);
-        for (p = 0; p < pixel_count; p += 4) {
-            const float *inputs[4];
-            float *sums[4];
-            size_t tile = itn__fewer(pixel_count - p, 4);
-            for (k = 0; k < tile; k++) {
-                inputs[k] = pixels.patches[inside[p + k]] + at;
-                sums[k] = c->scratch + inside[p + k] * step + from;
-            }
-            itn__stream_rows(outputs, c->w + term * outputs + from, tile, p == 0, inputs, floats,
-                             sums);
-        }
-    }
-    for (k = 0; k < count; k++)
-        for (block = first; block < end; block++) {
-            size_t to = windows[k].out + block * c->out.plane;
-            itn__conv_pool(c->scratch + k * step + block * ITN__LANES, count * step, ITN__LANES,
-                           c->pooled + to, c->chosen + to);
-        }
-}
-
-static void itn__conv_forward(const itn_context *context, itn__conv *c) {
-    size_t panels = itn__panel_count(c), parts = itn__conv_parts(c);
-    if (itn__conv_streams(c)) {
-        c->parts = itn__fewer(c->out.blocks, (size_t)itn__loop_threads(context));
-        itn__parallel_for(context, (int)c->parts, itn__conv_stream_part, c);
-    } else if (parts == 1) {
-        c->parts = itn__fewer(panels, (size_t)itn__workers(context));
-        itn__parallel_for(context, (int)c->parts, itn__conv_forward_share, c);
-    } else {
-        itn__parallel_for(context, (int)panels, itn__conv_copy_part, c);
-        itn__parallel_for(context, (int)(panels * parts), itn__conv_forward_part, c);
-    }
-}
-
-/* ---- [backward] derivatives of a convolution ------------------------------------------------- */
-
-/* Of a window's four pixels only the chosen one has a derivative, so three quarters of d_s are zero
-   for certain: sums are sparse. With d = d_out[window][o] and `patch` the 3x3 pixels around the one
-   that was chosen,
-       d_w[.][.][o] += d in[patch][.],        summed in 9 vectors over the windows, for every o;
-       d_in[patch][.] += d w[.][.][o],        summed in 9 vectors over the o that chose this pixel.
-   The vectors' lanes are input channels now, and both cost a quarter of the dense sums. */
-
-/* Clears the derivatives of one image where the ReLU is shut. */
-static void itn__conv_shut(void *data, int image) {
-    const itn__conv *c = (const itn__conv *)data;
-    size_t k, size = c->out.size;
-    float *d = c->d_pooled + (size_t)image * size;
-    const unsigned char *chosen = c->chosen + (size_t)image * size;
-    for (k = 0; k < size; k += ITN__LANES) {
-        itn__ints shut = itn__int_equal(itn__load_bytes(chosen + k), itn__splat_int(ITN__SHUT));
-        itn__store(d + k, itn__select(shut, itn__splat(0), itn__load(d + k)));
-    }
-}
-
-/* Three runs of 1 to 3 vectors: 3x3 pixels of a block. In memory they are `row` floats apart. */
-typedef struct itn__runs {
-    itn__floats at[3][3];
-} itn__runs;
-
-ITN__INLINE void itn__runs_load(itn__runs *runs, int vectors, const float *from, size_t row) {
-    int y, v;
-    ITN__UNROLL
-    for (y = 0; y < 3; y++, from += row)
-        ITN__UNROLL
-        for (v = 0; v < vectors; v++) runs->at[y][v] = itn__load(from + v * ITN__LANES);
-}
-ITN__INLINE void itn__runs_store(const itn__runs *runs, int vectors, float *to, size_t row) {
-    int y, v;
-    ITN__UNROLL
-    for (y = 0; y < 3; y++, to += row)
-        ITN__UNROLL
-        for (v = 0; v < vectors; v++) itn__store(to + v * ITN__LANES, runs->at[y][v]);
-}
-/* += s times what is in memory. */
-ITN__INLINE void itn__runs_add(itn__runs *runs, int vectors, float s, const float *from,
-                               size_t row) {
-    itn__floats scale = itn__splat(s);
-    int y, v;
-    ITN__UNROLL
-    for (y = 0; y < 3; y++, from += row)
-        ITN__UNROLL
-        for (v = 0; v < vectors; v++) runs->at[y][v] += scale * itn__load(from + v * ITN__LANES);
-}
-
-/* sums[3][vectors] += d in[patch] over windows, for one output channel, whose derivatives and
-   choices begin at d_pooled and chosen; images: of the block of input channels. */
-ITN__INLINE void itn__weights_tile(const itn__blocked *in, int vectors, const itn__window *windows,
-                                   size_t count, const float *images, const float *d_pooled,
-                                   const unsigned char *chosen, float *sums) {
-    size_t corners[5], run = (size_t)vectors * ITN__LANES, k;
-    itn__runs sum;
-    for (k = 0; k < 4; k++) corners[k] = itn__conv_corner(in, k);
-    corners[ITN__SHUT] = 0; /* its derivative is 0 */
-    itn__runs_load(&sum, vectors, sums, run);
-    for (k = 0; k < count; k++) {
-        size_t out = windows[k].out;
-        itn__runs_add(&sum, vectors, d_pooled[out], images + windows[k].in + corners[chosen[out]],
-                      in->row);
-    }
-    itn__runs_store(&sum, vectors, sums, run);
-}
-
-/* The work is cut into tiles of one block of outputs times one of inputs, [outputs][3][run], and,
-   where these are few, the windows into slices, whose sums are added up in order. */
-static size_t itn__weights_tiles(const itn__conv *c) { return c->out.blocks * c->in.blocks; }
-static size_t itn__weights_slices(const itn__conv *c) {
-    size_t tiles = itn__weights_tiles(c), bands = (itn__conv_windows(c) + 255) / 256;
-    if (tiles >= 32) return 1;
-    return itn__fewer(bands, 32 / tiles);
-}
-static size_t itn__weights_tile_size(const itn__conv *c) {
-    return c->out.lanes * 3 * itn__run_vectors(&c->in) * ITN__LANES;
-}
-
-/* Sums of one tile over one slice, into the scratch memory: [slice][tile]. */
-static void itn__weights_part(void *data, int index) {
-    const itn__conv *c = (const itn__conv *)data;
-    size_t tiles = itn__weights_tiles(c), tile = (size_t)index % tiles, count, o;
-    size_t slices = itn__weights_slices(c), slice = (size_t)index / tiles;
-    size_t windows = itn__conv_windows(c), first = windows * slice / slices;
-    size_t end = windows * (slice + 1) / slices, size = itn__weights_tile_size(c);
-    size_t vectors = itn__run_vectors(&c->in);
-    size_t out = tile / c->in.blocks * c->out.plane;
-    const float *images = c->images + tile % c->in.blocks * c->in.plane;
-    float *sums = c->scratch + (size_t)index * size;
-    itn__window taken[ITN__BAND];
-    memset(sums, 0, size * sizeof *sums);
-    for (; first < end; first += count) {
-        count = itn__fewer(end - first, ITN__BAND);
-        itn__conv_take(c, first, count, taken);
-        for (o = 0; o < c->out.lanes; o++) {
-            const float *d = c->d_pooled + out + o;
-            const unsigned char *chosen = c->chosen + out + o;
-            float *to = sums + o * 3 * vectors * ITN__LANES;
-            if (vectors == 3)
-                itn__weights_tile(&c->in, 3, taken, count, images, d, chosen, to);
-            else if (vectors == 2)
-                itn__weights_tile(&c->in, 2, taken, count, images, d, chosen, to);
-            else
-                itn__weights_tile(&c->in, 1, taken, count, images, d, chosen, to);
-        }
-    }
+/* The place of a value; rows and columns count from 0 inside the ring. */
+static size_t itn__blocked_at(const itn__blocked *s, size_t y, size_t x, size_t channel) {
+    return channel / s->lanes * s->plane + (y + 1) * s->row + (x + 1) * s->lanes +
+           channel % s->lanes;
 }
 
 /* Channels of a block that are not padding. */
@@ -14300,53 +13553,350 @@ static size_t itn__blocked_real(const itn__blocked *s, size_t block) {
     return itn__fewer(s->channels - block * s->lanes, s->lanes);
 }
 
-/* Adds one tile, summed over the slices, to the gradient. */
-static void itn__weights_add_tile(const itn__conv *c, size_t out, size_t in) {
-    size_t tile = out * c->in.blocks + in, size = itn__weights_tile_size(c), slice, y, x, i, o;
-    size_t outputs = itn__blocked_real(&c->out, out), inputs = itn__blocked_real(&c->in, in);
-    size_t run = itn__run_vectors(&c->in) * ITN__LANES;
-    float *sums = c->scratch + tile * size;
-    for (slice = 1; slice < itn__weights_slices(c); slice++)
-        itn__add_scaled(sums, 1, sums + slice * itn__weights_tiles(c) * size, size);
-    for (y = 0; y < 3; y++)
-        for (x = 0; x < 3; x++)
-            for (i = 0; i < inputs; i++) {
-                size_t row = (3 * y + x) * c->in.channels + in * c->in.lanes + i;
-                float *to = c->d_w + row * c->out.channels + out * c->out.lanes;
-                const float *from = sums + y * run + x * c->in.lanes + i;
-                for (o = 0; o < outputs; o++) to[o] += from[o * 3 * run];
-            }
+/* A convolution with ReLU and pooling at work on a batch. */
+typedef struct itn__conv {
+    itn__blocked in, out;    /* out: after the pooling, half the height and width, whole blocks */
+    size_t batch;
+    const float *w, *bias;   /* [9][inputs][outputs], [outputs] */
+    const float *images;     /* [batch][in], with zeros in the ring */
+    float *pooled;           /* [batch][out]: the forward result */
+    unsigned char *chosen;   /* as pooled: pixel of the window, 2 row + column, or ITN__SHUT */
+    float *d_pooled;         /* as pooled */
+    float *d_w, *d_bias;     /* as w and bias */
+    float *d_images;         /* as images, overwritten, of whole blocks; the ring is undefined */
+    float *scratch;          /* [itn__conv_scratch] */
+    size_t panels;           /* of a task of the forward pass */
+} itn__conv;
+
+enum {
+    ITN__SHUT = 4,                  /* `chosen` of a window that gave 0 */
+    ITN__PANEL = 2 * ITN__LANES,    /* output channels of a tile */
+    ITN__TASK_WINDOWS = 64,         /* of a forward task, whose windows x panels are as many */
+    ITN__IN_PLACE = 16,              /* windows that are too few for a panel to be copied */
+    ITN__PATCH = 9 * ITN__LANES,    /* floats of 3x3 vectors */
+    ITN__WEIGHTS_BAND = 32,         /* windows whose inputs fit into the first level of cache */
+    ITN__SPREAD_BAND = 16,          /* windows that use the weights of */
+    ITN__SPREAD_BLOCKS = 64 / ITN__LANES /* blocks of outputs while these are there */
+};
+
+/* Windows are numbered [image][row][column]. */
+typedef struct itn__window {
+    size_t in, out; /* index of its 4x4 input pixels, and of its output pixel, in block 0 */
+    size_t y, x;
+} itn__window;
+
+static size_t itn__conv_windows(const itn__conv *c) {
+    return c->batch * c->out.height * c->out.width;
 }
 
-/* All tiles of one block of inputs: together they fill whole rows of memory. */
+static itn__window itn__window_make(const itn__conv *c, size_t number) {
+    size_t row = number / c->out.width, image = row / c->out.height;
+    itn__window w;
+    w.y = row - image * c->out.height, w.x = number - row * c->out.width;
+    w.in = image * c->in.size + 2 * (w.y * c->in.row + w.x * c->in.lanes);
+    w.out = image * c->out.size + itn__blocked_at(&c->out, w.y, w.x, 0);
+    return w;
+}
+
+/* From a window's 4x4 pixels to the 3x3 around its pixel `corner` (2 row + column). */
+static size_t itn__conv_corner(const itn__blocked *in, size_t corner) {
+    return corner / 2 % 2 * in->row + corner % 2 * in->lanes;
+}
+
+/* Sides of the image at which a pixel lies: there its taps reach into the ring. */
+enum { ITN__AT_TOP = 1, ITN__AT_BOTTOM = 2, ITN__AT_LEFT = 4, ITN__AT_RIGHT = 8 };
+
+/* The pixels of a task's windows, sorted by their sides, each four a tile. */
+typedef struct itn__pixels {
+    const float *patches[4 * ITN__TASK_WINDOWS];
+    unsigned char sides[4 * ITN__TASK_WINDOWS];
+    size_t places[4 * ITN__TASK_WINDOWS]; /* of pixel [window][corner] */
+    size_t outs[ITN__TASK_WINDOWS];
+} itn__pixels;
+
+static void itn__pixels_make(const itn__conv *c, size_t first, size_t count, itn__pixels *pixels) {
+    const float *patches[4 * ITN__TASK_WINDOWS];
+    unsigned char sides[4 * ITN__TASK_WINDOWS];
+    size_t starts[17] = ITN_ZERO, k, p;
+    for (k = p = 0; k < count; k++) {
+        itn__window w = itn__window_make(c, first + k);
+        int row = w.y == 0 ? ITN__AT_TOP : 0, below = w.y + 1 == c->out.height ? ITN__AT_BOTTOM : 0;
+        int left = w.x == 0 ? ITN__AT_LEFT : 0;
+        int right = w.x + 1 == c->out.width ? ITN__AT_RIGHT : 0;
+        pixels->outs[k] = w.out;
+        for (; p < 4 * (k + 1); p++) {
+            sides[p] = (unsigned char)((p & 2 ? below : row) | (p & 1 ? right : left));
+            patches[p] = c->images + w.in + itn__conv_corner(&c->in, p % 4);
+            starts[sides[p] + 1]++;
+        }
+    }
+    for (k = 1; k < 16; k++) starts[k + 1] += starts[k];
+    for (p = 0; p < 4 * count; p++) {
+        size_t place = pixels->places[p] = starts[sides[p]]++;
+        pixels->patches[place] = patches[p], pixels->sides[place] = sides[p];
+    }
+}
+
+/* Weights of a panel and one block of inputs: input i of a tap has row (taps tap + i). */
+typedef struct itn__panel {
+    const float *w;
+    size_t row, taps; /* floats from row to row, rows from tap to tap */
+} itn__panel;
+
+/* Where each use of lanes could load them, GCC does so: this keeps them in a register. */
+#if defined(ITN__X86)
+#define ITN__HOLD(v) __asm__("" : "+v"(v))
+#else
+#define ITN__HOLD(v) ((void)0)
+#endif
+
+/* sums[4][ITN__PANEL] += the terms of one block of inputs, `block` floats behind patches[4]. The
+   weights of the panel behind are asked for: it matters where they are not copied. */
+ITN__INLINE void itn__conv_terms(const itn__blocked *in, const itn__panel *panel, int vectors,
+                                 size_t block, const float *const *patches, unsigned at,
+                                 float *sums) {
+    size_t bottom = at & ITN__AT_BOTTOM ? 2 : 3, right = at & ITN__AT_RIGHT ? 2 : 3;
+    size_t left = at & ITN__AT_LEFT ? 1 : 0, row = panel->row, x, y, k;
+    /* copied rows follow each other like the pixels: a run of taps is one loop */
+    size_t taps = panel->taps == in->lanes ? right - left : 1;
+    itn__floats sum[4][2], weights[2];
+    int p, v;
+    ITN__UNROLL
+    for (p = 0; p < 4; p++)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++)
+            sum[p][v] = itn__load(sums + p * ITN__PANEL + v * ITN__LANES);
+    for (y = at & ITN__AT_TOP ? 1 : 0; y < bottom; y++)
+        for (x = left; x < right; x += taps) {
+            const float *w = panel->w + (3 * y + x) * panel->taps * row;
+            size_t from = block + y * in->row + x * in->lanes, end = from + taps * in->lanes;
+            for (k = from; k < end; k++, w += row) {
+                ITN__UNROLL
+                for (v = 0; v < vectors; v++) {
+                    weights[v] = itn__load(w + v * ITN__LANES);
+                    ITN__HOLD(weights[v]);
+                    ITN__PREFETCH_FAR(w + ITN__PANEL + v * ITN__LANES);
+                }
+                ITN__UNROLL
+                for (p = 0; p < 4; p++) {
+                    itn__floats value = itn__splat(patches[p][k]);
+                    ITN__UNROLL
+                    for (v = 0; v < vectors; v++) sum[p][v] += value * weights[v];
+                }
+            }
+        }
+    ITN__UNROLL
+    for (p = 0; p < 4; p++)
+        ITN__UNROLL
+        for (v = 0; v < vectors; v++)
+            itn__store(sums + p * ITN__PANEL + v * ITN__LANES, sum[p][v]);
+}
+
+/* The tile of pixels from number `first` on, and of 2 vectors, or of the last one alone. */
+ITN__NOINLINE void itn__conv_tile(const itn__blocked *in, const itn__panel *panel, int vectors,
+                                  size_t block, const itn__pixels *pixels, size_t first,
+                                  float *sums) {
+    const unsigned char *s = pixels->sides + first;
+    unsigned at = s[0] & s[1] & s[2] & s[3];
+    if (vectors == 2)
+        itn__conv_terms(in, panel, 2, block, pixels->patches + first, at, sums);
+    else
+        itn__conv_terms(in, panel, 1, block, pixels->patches + first, at, sums);
+}
+
+/* Copies the weights of output channels from `first` on and one block of inputs; zeros for the
+   padding. to: [9][lanes][ITN__PANEL]. */
+static void itn__panel_copy(const itn__conv *c, size_t block, size_t first, float *to) {
+    size_t inputs = itn__blocked_real(&c->in, block), tap, i;
+    size_t outputs = itn__fewer(c->out.channels - first, ITN__PANEL);
+    if (inputs < c->in.lanes || outputs < ITN__PANEL)
+        memset(to, 0, 9 * c->in.lanes * ITN__PANEL * sizeof *to);
+    for (tap = 0; tap < 9; tap++)
+        for (i = 0; i < inputs; i++) {
+            size_t row = tap * c->in.channels + block * c->in.lanes + i;
+            const float *from = c->w + row * c->out.channels + first;
+            float *copy = to + (tap * c->in.lanes + i) * ITN__PANEL;
+            if (outputs == ITN__PANEL) memcpy(copy, from, ITN__PANEL * sizeof *to);
+            else memcpy(copy, from, outputs * sizeof *to);
+        }
+}
+
+/* ReLU and pooling of one vector of a window, whose pixels' sums are given; the first of equals is
+   taken. Comparisons pass over NaN: `bad`, else 0, keeps it. */
+static void itn__conv_pool(const float *const *sums, itn__floats bias, float *out,
+                           unsigned char *chosen) {
+    itn__floats best = itn__load(sums[0]), zero = itn__splat(0), bad = zero * (best + bias);
+    itn__ints which = itn__splat_int(0), open;
+    int corner;
+    for (corner = 1; corner < 4; corner++) {
+        itn__floats sum = itn__load(sums[corner]);
+        itn__ints more = itn__less(best, sum);
+        bad += zero * sum;
+        best = itn__select(more, sum, best);
+        which = itn__select_int(more, itn__splat_int(corner), which);
+    }
+    best += bias;
+    open = itn__less(zero, best);
+    itn__store(out, itn__select(open, best, zero) + bad);
+    itn__store_bytes(chosen, itn__select_int(open, which, itn__splat_int(ITN__SHUT)));
+}
+
+/* The same for the windows of a task and a panel. sums: [4 count][ITN__PANEL], sorted pixels. */
+static void itn__conv_end(const itn__conv *c, size_t panel, size_t count,
+                          const itn__pixels *pixels, const float *sums) {
+    size_t block = 2 * panel, end = itn__fewer(block + 2, c->out.blocks), k, corner;
+    float bias[ITN__LANES] = ITN_ZERO;
+    for (; block < end; block++, sums += ITN__LANES) {
+        memcpy(bias, c->bias + block * ITN__LANES,
+               itn__blocked_real(&c->out, block) * sizeof *bias);
+        for (k = 0; k < count; k++) {
+            size_t out = pixels->outs[k] + block * c->out.plane;
+            const float *four[4];
+            for (corner = 0; corner < 4; corner++)
+                four[corner] = sums + pixels->places[4 * k + corner] * ITN__PANEL;
+            itn__conv_pool(four, itn__load(bias), c->pooled + out, c->chosen + out);
+        }
+    }
+}
+
+static size_t itn__conv_panels(const itn__conv *c) { return (c->out.blocks + 1) / 2; }
+
+static void itn__conv_forward_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t windows = itn__conv_windows(c), parts = (windows - 1) / ITN__TASK_WINDOWS + 1;
+    size_t first = (size_t)index % parts * ITN__TASK_WINDOWS, panel = (size_t)index / parts;
+    size_t count = itn__fewer(windows - first, ITN__TASK_WINDOWS), block, k, n, p;
+    size_t panels = itn__fewer(itn__conv_panels(c) - panel * c->panels, c->panels);
+    int whole = c->in.channels % c->in.lanes == 0 && c->out.channels % ITN__PANEL == 0;
+    float sums[4 * ITN__TASK_WINDOWS * ITN__PANEL], copy[ITN__PATCH * ITN__PANEL];
+    itn__pixels pixels;
+    itn__panel own;
+    panel *= c->panels;
+    itn__pixels_make(c, first, count, &pixels);
+    memset(sums, 0, panels * count * 4 * ITN__PANEL * sizeof *sums);
+    for (block = 0; block < c->in.blocks; block++)
+        for (n = 0; n < panels; n++) {
+            if (whole && count <= ITN__IN_PLACE) {
+                own.row = c->out.channels, own.taps = c->in.channels;
+                own.w = c->w + block * c->in.lanes * own.row + (panel + n) * ITN__PANEL;
+            } else {
+                own.row = ITN__PANEL, own.taps = c->in.lanes, own.w = copy;
+                itn__panel_copy(c, block, (panel + n) * ITN__PANEL, copy);
+            }
+            for (k = 0; k < count; k++)
+                itn__conv_tile(&c->in, &own, 2 * (panel + n) + 1 < c->out.blocks ? 2 : 1,
+                               block * c->in.plane, &pixels, 4 * k,
+                               sums + (n * count + k) * 4 * ITN__PANEL);
+        }
+    for (p = 0; p < panels; p++)
+        itn__conv_end(c, panel + p, count, &pixels, sums + p * count * 4 * ITN__PANEL);
+}
+
+static void itn__conv_forward(const itn_context *context, itn__conv *c) {
+    size_t windows = itn__conv_windows(c), panels = itn__conv_panels(c);
+    size_t threads = (size_t)itn__loop_threads(context);
+    size_t parts = (windows - 1) / ITN__TASK_WINDOWS + 1;
+    c->panels = itn__fewer(ITN__TASK_WINDOWS / itn__fewer(windows, ITN__TASK_WINDOWS),
+                           (panels - 1) / threads + 1);
+    itn__parallel_for(context, (int)(parts * ((panels - 1) / c->panels + 1)),
+                      itn__conv_forward_part, c);
+}
+
+/* to[3][3] += sum over k of d[k] times the 3x3 vectors at from + at[k], of which each `step`-th is
+   taken. In memory rows of `from` lie `row` floats apart and pixels `pixel`; those of `to` `to_row`
+   and ITN__LANES. */
+ITN__NOINLINE void itn__add_patches(size_t count, size_t step, const float *d, const size_t *at,
+                                    const float *from, size_t row, size_t pixel, float *to,
+                                    size_t to_row) {
+    itn__floats sum[3][3];
+    size_t k, y, x;
+    ITN__UNROLL
+    for (y = 0; y < 3; y++)
+        ITN__UNROLL
+        for (x = 0; x < 3; x++) sum[y][x] = itn__load(to + y * to_row + x * ITN__LANES);
+    for (k = 0; k < count * step; k += step) {
+        const float *patch = from + at[k];
+        itn__floats scale = itn__splat(d[k]);
+        ITN__UNROLL
+        for (y = 0; y < 3; y++)
+            ITN__UNROLL
+            for (x = 0; x < 3; x++) sum[y][x] += scale * itn__load(patch + y * row + x * pixel);
+    }
+    ITN__UNROLL
+    for (y = 0; y < 3; y++)
+        ITN__UNROLL
+        for (x = 0; x < 3; x++) itn__store(to + y * to_row + x * ITN__LANES, sum[y][x]);
+}
+
+/* Derivatives in the weights are the work of tasks for each block of outputs and, where these are
+   few, slices of the windows. Their sums, [slice][block of outputs], are [block of inputs][output]
+   [3][3][lane], with those of the biases behind, and are added up in order. */
+static size_t itn__weights_slices(const itn__conv *c) {
+    size_t blocks = c->out.blocks, slices = (itn__conv_windows(c) + 255) / 256;
+    return blocks < 32 ? itn__fewer(slices, 32 / blocks) : 1;
+}
+static size_t itn__weights_sums(const itn__conv *c) {
+    return c->in.blocks * ITN__LANES * ITN__PATCH + ITN__LANES;
+}
+
+static void itn__weights_part(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t block = (size_t)index % c->out.blocks, slice = (size_t)index / c->out.blocks;
+    size_t windows = itn__conv_windows(c), slices = itn__weights_slices(c);
+    size_t first = windows * slice / slices, end = windows * (slice + 1) / slices;
+    size_t at[ITN__WEIGHTS_BAND * ITN__LANES], corners[5], count, k, o, b;
+    float d[ITN__WEIGHTS_BAND * ITN__LANES], *sums = c->scratch + (size_t)index * itn__weights_sums(c);
+    itn__floats bias = itn__splat(0);
+    memset(sums, 0, itn__weights_sums(c) * sizeof *sums);
+    for (k = 0; k < 5; k++) corners[k] = itn__conv_corner(&c->in, k); /* ITN__SHUT: d is 0 */
+    for (; first < end; first += count) {
+        count = itn__fewer(end - first, ITN__WEIGHTS_BAND);
+        for (k = 0; k < count; k++) {
+            itn__window w = itn__window_make(c, first + k);
+            size_t out = w.out + block * c->out.plane;
+            itn__ints open = itn__int_less(itn__load_bytes(c->chosen + out),
+                                           itn__splat_int(ITN__SHUT));
+            itn__floats slope = itn__select(open, itn__load(c->d_pooled + out), itn__splat(0));
+            itn__store(d + k * ITN__LANES, slope);
+            bias += slope;
+            for (o = 0; o < ITN__LANES; o++)
+                at[k * ITN__LANES + o] = w.in + corners[c->chosen[out + o]];
+        }
+        for (b = 0; b < c->in.blocks; b++)
+            for (o = 0; o < ITN__LANES; o++)
+                itn__add_patches(count, ITN__LANES, d + o, at + o, c->images + b * c->in.plane,
+                                 c->in.row, c->in.lanes, sums + (b * ITN__LANES + o) * ITN__PATCH,
+                                 3 * ITN__LANES);
+    }
+    itn__store(sums + c->in.blocks * ITN__LANES * ITN__PATCH, bias);
+}
+
+/* Adds the sums for one block of inputs, and the biases with the first, to the gradients. */
 static void itn__weights_add(void *data, int block) {
     const itn__conv *c = (const itn__conv *)data;
-    size_t out;
-    for (out = 0; out < c->out.blocks; out++) itn__weights_add_tile(c, out, (size_t)block);
-}
-
-/* d_bias of one block. */
-static void itn__bias_add(void *data, int block) {
-    const itn__conv *c = (const itn__conv *)data;
-    size_t image, x, y, o, outputs = itn__blocked_real(&c->out, (size_t)block);
-    itn__floats sum = itn__splat(0);
-    float sums[ITN__LANES];
-    for (image = 0; image < c->batch; image++) {
-        const float *d = c->d_pooled + image * c->out.size + (size_t)block * c->out.plane;
-        for (y = 1; y <= c->out.height; y++)
-            for (x = 1; x <= c->out.width; x++)
-                sum += itn__load(d + y * c->out.row + x * c->out.lanes);
+    size_t in = (size_t)block, size = itn__weights_sums(c), part, tap, i, o;
+    size_t inputs = itn__blocked_real(&c->in, in), parts = itn__weights_slices(c) * c->out.blocks;
+    for (part = 0; part < parts; part++) {
+        size_t first = part % c->out.blocks * ITN__LANES;
+        size_t outputs = itn__fewer(c->out.channels - first, ITN__LANES);
+        const float *sums = c->scratch + part * size + in * ITN__LANES * ITN__PATCH;
+        for (tap = 0; tap < 9; tap++)
+            for (i = 0; i < inputs; i++) {
+                size_t row = tap * c->in.channels + in * c->in.lanes + i;
+                float *to = c->d_w + row * c->out.channels + first;
+                const float *from = sums + tap * ITN__LANES + i;
+                for (o = 0; o < outputs; o++) to[o] += from[o * ITN__PATCH];
+            }
+        sums = c->scratch + (part + 1) * size - ITN__LANES;
+        for (o = 0; in == 0 && o < outputs; o++) c->d_bias[first + o] += sums[o];
     }
-    itn__store(sums, sum);
-    for (o = 0; o < outputs; o++) c->d_bias[(size_t)block * c->out.lanes + o] += sums[o];
 }
 
-/* Weights with input channels in the lanes: [block of inputs][output][3][run], zeros for padding.
-   64 outputs at a time, so that what is written stays in the cache. */
+/* Weights with input channels in the lanes: [block of inputs][output][3][3][lane], zeros for
+   padding. 64 outputs at a time, so that what is written stays in the cache. */
 static void itn__conv_turn(void *data, int block) {
     const itn__conv *c = (const itn__conv *)data;
-    size_t run = itn__run_vectors(&c->in) * ITN__LANES, first, end, tap, i, o;
-    size_t outputs = c->out.blocks * c->out.lanes, size = outputs * 3 * run;
+    size_t first, end, tap, i, o, size = c->out.blocks * ITN__LANES * ITN__PATCH;
     size_t inputs = itn__blocked_real(&c->in, (size_t)block);
     float *turned = c->scratch + (size_t)block * size;
     memset(turned, 0, size * sizeof *turned);
@@ -14354,163 +13904,98 @@ static void itn__conv_turn(void *data, int block) {
         end = itn__fewer(first + 64, c->out.channels);
         for (tap = 0; tap < 9; tap++)
             for (i = 0; i < inputs; i++) {
-                size_t row = tap * c->in.channels + (size_t)block * c->in.lanes + i;
+                size_t row = tap * c->in.channels + (size_t)block * ITN__LANES + i;
                 const float *from = c->w + row * c->out.channels;
-                float *to = turned + tap / 3 * run + tap % 3 * c->in.lanes + i;
-                for (o = first; o < end; o++) to[o * 3 * run] = from[o];
+                float *to = turned + tap * ITN__LANES + i;
+                for (o = first; o < end; o++) to[o * ITN__PATCH] = from[o];
             }
     }
 }
 
 /* Some of a window's output channels, sorted by the pixel they chose: those of corner k stand at
-   start[k] ... start[k + 1] - 1. */
+   start[k] ... start[k + 1] - 1. at: where their weights lie behind those of the first. */
 typedef struct itn__choices {
-    size_t start[5];
-    float d[ITN__SPREAD_OUTPUTS + ITN__LANES];
-    int32_t output[ITN__SPREAD_OUTPUTS + ITN__LANES]; /* the first of them is 0 */
+    itn__window window;
+    size_t start[5], at[ITN__SPREAD_BLOCKS * ITN__LANES + 1];
+    float d[ITN__SPREAD_BLOCKS * ITN__LANES + 1];
 } itn__choices;
 
-/* Sorts output blocks [block, end) of the window whose output pixel is `out`. */
-static void itn__choices_make(const itn__conv *c, size_t out, size_t block, size_t end,
-                              itn__choices *choices) {
-    const itn__blocked *s = &c->out;
-    itn__ints number = itn__lane_numbers();
-    itn__ints real = itn__int_less(number, itn__splat_int((int32_t)s->lanes));
-    size_t b, count = 0;
-    int corner;
+static void itn__choices_make(const itn__conv *c, size_t block, size_t end, itn__choices *choices) {
+    size_t corner, b, o, count = 0;
     for (corner = 0; corner < 4; corner++) {
         choices->start[corner] = count;
-        for (b = block; b < end; b++) {
-            const unsigned char *chosen = c->chosen + out + b * s->plane;
-            itn__ints here = itn__int_equal(itn__load_bytes(chosen), itn__splat_int(corner));
-            unsigned bits = itn__mask_bits(here & real);
-            int32_t first = (int32_t)((b - block) * s->lanes);
-            itn__compress(choices->d + count, itn__load(c->d_pooled + out + b * s->plane), bits);
-            itn__compress_ints(choices->output + count, number + itn__splat_int(first), bits);
-            count += (size_t)itn__count_bits(bits);
-        }
+        for (b = block; b < end; b++)
+            for (o = 0; o < ITN__LANES; o++) {
+                size_t out = choices->window.out + b * c->out.plane + o;
+                choices->d[count] = c->d_pooled[out];
+                choices->at[count] = ((b - block) * ITN__LANES + o) * ITN__PATCH;
+                count += c->chosen[out] == corner;
+            }
     }
     choices->start[4] = count;
 }
 
-/* d_patch += sum over n in [from, to) of d[n] w[output[n]]. */
-ITN__INLINE void itn__spread_tile(const itn__blocked *in, int vectors, const float *w,
-                                  const itn__choices *choices, size_t from, size_t to,
-                                  float *d_patch) {
-    int run = vectors * ITN__LANES;
-    itn__runs sum;
-    itn__runs_load(&sum, vectors, d_patch, in->row);
-    for (; from < to; from++)
-        itn__runs_add(&sum, vectors, choices->d[from], w + choices->output[from] * 3 * run,
-                      (size_t)run);
-    itn__runs_store(&sum, vectors, d_patch, in->row);
+/* Derivatives in the inputs are the work of tasks for some images, of 16 windows or more, and 8
+   blocks of inputs. */
+static size_t itn__spread_images(const itn__conv *c) {
+    size_t windows = c->out.height * c->out.width;
+    return (ITN__SPREAD_BAND - 1) / windows + 1;
 }
-
-/* One block of inputs of one window, from its sorted outputs. */
-static void itn__spread_window(const itn__conv *c, size_t block, const float *w,
-                               const itn__window *window, const itn__choices *choices) {
-    size_t vectors = itn__run_vectors(&c->in), corner;
-    for (corner = 0; corner < 4; corner++) {
-        float *d_patch = c->d_images + window->in + block * c->in.plane +
-                         itn__conv_corner(&c->in, corner);
-        size_t from = choices->start[corner], to = choices->start[corner + 1];
-        if (vectors == 3)
-            itn__spread_tile(&c->in, 3, w, choices, from, to, d_patch);
-        else if (vectors == 2)
-            itn__spread_tile(&c->in, 2, w, choices, from, to, d_patch);
-        else
-            itn__spread_tile(&c->in, 1, w, choices, from, to, d_patch);
-    }
-}
-
-/* The work is cut into groups of images times sets of eight blocks of inputs. */
 static size_t itn__spread_sets(const itn__conv *c) { return (c->in.blocks + 7) / 8; }
 
-/* A band of windows, input blocks [first, end): the weights of some outputs stay in the cache while
-   all windows use them. */
-static void itn__spread_band(const itn__conv *c, const itn__window *windows, size_t count,
-                             size_t first, size_t end) {
-    size_t row = 3 * itn__run_vectors(&c->in) * ITN__LANES, blocks, o, k, b;
-    size_t size = c->out.blocks * c->out.lanes * row, most = ITN__SPREAD_OUTPUTS / c->out.lanes;
+/* Windows [first, first + count), input blocks [block, end). */
+static void itn__spread_band(const itn__conv *c, size_t first, size_t count, size_t block,
+                             size_t end) {
     itn__choices choices[ITN__SPREAD_BAND];
-    for (o = 0; o < c->out.blocks; o += blocks) {
-        blocks = itn__fewer(c->out.blocks - o, most);
+    size_t out, b, k, corner;
+    for (k = 0; k < count; k++) choices[k].window = itn__window_make(c, first + k);
+    for (out = 0; out < c->out.blocks; out += ITN__SPREAD_BLOCKS) {
         for (k = 0; k < count; k++)
-            itn__choices_make(c, windows[k].out, o, o + blocks, &choices[k]);
-        for (b = first; b < end; b++)
-            for (k = 0; k < count; k++)
-                itn__spread_window(c, b, c->scratch + b * size + o * c->out.lanes * row,
-                                   &windows[k], &choices[k]);
+            itn__choices_make(c, out, itn__fewer(out + ITN__SPREAD_BLOCKS, c->out.blocks),
+                              &choices[k]);
+        for (b = block; b < end; b++)
+            for (k = 0; k < 4 * count; k++) {
+                const itn__choices *own = &choices[k / 4];
+                size_t start = own->start[corner = k % 4];
+                itn__add_patches(own->start[corner + 1] - start, 1, own->d + start, own->at + start,
+                                 c->scratch + (b * c->out.blocks + out) * ITN__LANES * ITN__PATCH,
+                                 3 * ITN__LANES, ITN__LANES,
+                                 c->d_images + own->window.in + b * c->in.plane +
+                                     itn__conv_corner(&c->in, corner), c->in.row);
+            }
     }
 }
 
 static void itn__spread_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
-    size_t sets = itn__spread_sets(c), positions = c->out.height * c->out.width;
-    size_t block = (size_t)index % sets * 8, blocks = itn__fewer(c->in.blocks - block, 8);
-    size_t group = itn__conv_group(c), image = (size_t)index / sets * group, k, count;
-    size_t images = itn__fewer(c->batch - image, group);
-    size_t first = image * positions, end = first + images * positions;
-    itn__window taken[ITN__SPREAD_BAND];
-    for (k = image; k < image + images; k++)
-        memset(c->d_images + k * c->in.size + block * c->in.plane, 0,
-               blocks * c->in.plane * sizeof(float));
-    for (; first < end; first += count) {
-        count = itn__fewer(end - first, ITN__SPREAD_BAND);
-        itn__conv_take(c, first, count, taken);
-        itn__spread_band(c, taken, count, block, block + blocks);
-    }
+    size_t sets = itn__spread_sets(c), windows = c->out.height * c->out.width;
+    size_t block = (size_t)index % sets * 8, end = itn__fewer(block + 8, c->in.blocks);
+    size_t images = itn__spread_images(c), image = (size_t)index / sets * images, first, last;
+    images = itn__fewer(c->batch, image + images);
+    first = image * windows, last = images * windows;
+    for (; image < images; image++)
+        memset(c->d_images + image * c->in.size + block * c->in.plane, 0,
+               (end - block) * c->in.plane * sizeof(float));
+    for (; first < last; first += ITN__SPREAD_BAND)
+        itn__spread_band(c, first, itn__fewer(last - first, ITN__SPREAD_BAND), block, end);
 }
 
 /* Adds to d_w and d_bias; fills d_images unless it is NULL. */
 static void itn__conv_backward(const itn_context *context, itn__conv *c) {
-    size_t tiles = itn__weights_tiles(c), group = itn__conv_group(c);
-    size_t groups = (c->batch + group - 1) / group;
-    itn__parallel_for(context, (int)c->batch, itn__conv_shut, c);
-    itn__parallel_for(context, (int)c->out.blocks, itn__bias_add, c);
-    itn__parallel_for(context, (int)(tiles * itn__weights_slices(c)), itn__weights_part, c);
+    size_t groups = (c->batch - 1) / itn__spread_images(c) + 1;
+    itn__parallel_for(context, (int)(c->out.blocks * itn__weights_slices(c)), itn__weights_part, c);
     itn__parallel_for(context, (int)c->in.blocks, itn__weights_add, c);
     if (!c->d_images) return;
     itn__parallel_for(context, (int)c->in.blocks, itn__conv_turn, c);
     itn__parallel_for(context, (int)(groups * itn__spread_sets(c)), itn__spread_part, c);
 }
 
-/* Floats of scratch memory, for this batch or any smaller one: what the panels, the sums of a
-   stream, the slices or the turned weights need. */
+/* Floats of scratch memory, for this batch or any smaller one: those of the sums for the weights,
+   or of the turned weights. */
 static size_t itn__conv_scratch(const itn__conv *c) {
-    size_t outputs = c->out.blocks * c->out.lanes, most = 0, k;
-    size_t needs[4];
-    needs[0] = itn__panel_rows(c) * c->out.blocks * ITN__LANES;
-    needs[1] = 4 * ITN__STREAM_WINDOWS * itn__stream_step(c);
-    needs[2] = itn__weights_tiles(c) * itn__weights_slices(c) * itn__weights_tile_size(c);
-    needs[3] = c->in.blocks * outputs * 3 * itn__run_vectors(&c->in) * ITN__LANES;
-    for (k = 0; k < 4; k++)
-        if (most < needs[k]) most = needs[k];
-    return most;
-}
-
-/* ---- [full] a fully connected layer ---------------------------------------------------------- */
-
-/* out[o] = bias[o] + sum over i of w[o][i] in[i]. Backward, with l the loss and d_x = dl/dx,
-       d_in = w^T d_out,  d_w = d_out in^T,  d_bias = d_out.
-   in: [inputs], w: [outputs][inputs], bias: [outputs], out: [outputs], overwritten. */
-static void itn__full_forward(const float *in, const float *w, const float *bias, size_t inputs,
-                              size_t outputs, float *out) {
-    size_t o;
-    for (o = 0; o < outputs; o++)
-        out[o] = bias[o] + itn__dot_product(w + o * inputs, in, inputs);
-}
-
-/* d_in[i] += sum over o of w[o][i] d_out[o], d_w[o][i] += in[i] d_out[o], d_bias[o] += d_out[o].
-   Shapes as there. */
-static void itn__full_backward(const float *in, const float *w, const float *d_out, size_t inputs,
-                               size_t outputs, float *d_in, float *d_w, float *d_bias) {
-    size_t o;
-    for (o = 0; o < outputs; o++) {
-        itn__add_scaled(d_in, d_out[o], w + o * inputs, inputs);
-        itn__add_scaled(d_w + o * inputs, d_out[o], in, inputs);
-        d_bias[o] += d_out[o];
-    }
+    size_t sums = c->out.blocks * itn__weights_slices(c) * itn__weights_sums(c);
+    size_t turned = c->in.blocks * c->out.blocks * ITN__LANES * ITN__PATCH;
+    return sums > turned ? sums : turned;
 }
 
 /* ---- [loss] what a network is trained for ---------------------------------------------------- */
@@ -14668,34 +14153,31 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
 
 /* Layer l = 0, 1, ... halves the image and doubles its channels: convolution, ReLU, pooling. The
    fully connected layer turns what is left (1x1 pixel with 1024 channels in the authors' network)
-   into the outputs. Weights, gradients and the two Adam moments are one slab each, all of the same
-   order; what the layers pass on is kept for a whole batch, as the backward pass needs it, and so
-   is what each pooling chose. Derivatives of activations live in two buffers that the layers use in
-   turn. */
+   into the outputs, out[o] = bias[o] + sum over i of w[o][i] in[i]; backward,
+       d_in = w^T d_out,  d_w = d_out in^T,  d_bias = d_out.
+   Weights, gradients and the two Adam moments have the same order. What the layers pass on is kept
+   for a whole batch, as the backward pass needs it, and so is what each pooling chose. Derivatives
+   of activations live in two buffers that the layers use in turn. */
 
-enum { ITN__NET_LAYERS = 12, ITN__READ_SIZES = 5 };
-
-typedef struct itn__net_layer {
-    itn__conv conv;
-    size_t weights, bias; /* offsets in the slabs */
-} itn__net_layer;
+enum { ITN__NET_LAYERS = 12, ITN__READ_SIZES = 5, ITN__ADAM_PART = 1 << 15 };
 
 struct itn_net {
     itn_context context;
     itn_net_desc desc; /* with defaults filled in */
-    itn__net_layer layers[ITN__NET_LAYERS];
-    size_t full_weights, full_bias, features; /* of the fully connected layer */
-    size_t count;                             /* of parameters */
+    itn__conv layers[ITN__NET_LAYERS];
+    size_t features;   /* inputs of the fully connected layer */
+    size_t count;      /* of parameters */
     uint64_t steps;
-    int forward_batch;                        /* images whose activations are valid */
-    void *memory;                             /* all arrays below and in layers */
-    float *slab;                              /* the same, aligned to vectors */
-    size_t used;                              /* floats cut off the slab */
-    float *parameters, *gradients, *moments;  /* moments: [2][count], m then v */
-    float *images;                            /* [batch], in blocks */
-    float *last, *d_last;                     /* [batch][features], plain: [row][column][channel] */
-    float *outputs;                           /* [batch][outputs] */
-    float *d[2];                              /* [batch][largest d_pooled] */
+    int forward_batch; /* images whose activations are valid */
+    void *memory;      /* all arrays below and in layers */
+    float *slab;       /* the same, aligned to vectors */
+    size_t used;       /* floats cut off the slab */
+    float *parameters, *gradients, *moments; /* moments: [2][count], m then v */
+    float *full, *d_full;                    /* of the fully connected layer: weights, biases */
+    float *images;                           /* [batch], in blocks */
+    float *outputs;                          /* [batch][outputs] */
+    const float *given;                      /* images or derivatives of a call */
+    itn_adam_desc adam;                      /* of a step */
 };
 
 /* Fills in the defaults of a desc and checks its ranges. */
@@ -14731,52 +14213,30 @@ static itn_result itn__net_desc_fill(const itn_net_desc *given, itn_net_desc *de
     return ITN_OK;
 }
 
-/* Floats of a batch of images in blocks, with room to spare. */
-static uint64_t itn__net_floats(uint64_t batch, uint64_t width, uint64_t height,
-                                uint64_t channels) {
-    return batch * ((width + 2) * (height + 2) * (channels + ITN__LANES) + 64);
-}
-
-/* Sets the sizes and offsets of all layers, given the channels of the images and of each layer's
-   result, in 64 bits, which the ranges of the desc cannot overflow (2^26 pixels, 2^16 channels and
-   images). Returns 0 if memory for them cannot be addressed (2^48 bytes never can): every later sum
-   of sizes stays below 32 times the largest product tested here. */
-static int itn__net_chain(itn_net *net, const size_t *channels) {
-    const itn_net_desc *d = &net->desc;
-    uint64_t limit = SIZE_MAX > UINT32_MAX ? (uint64_t)1 << 46 : SIZE_MAX / 128;
-    uint64_t batch = (uint64_t)d->batch, outputs = (uint64_t)d->outputs;
-    uint64_t width = (uint64_t)d->width, height = (uint64_t)d->height, count = 0;
-    int l;
-    for (l = 0; l < d->layer_count; l++, width /= 2, height /= 2) {
-        itn__net_layer *layer = &net->layers[l];
-        itn__conv *c = &layer->conv;
-        uint64_t from = channels[l], to = channels[l + 1];
-        if (itn__net_floats(batch, width, height, from) > limit ||
-            itn__net_floats(batch, width / 2, height / 2, to) > limit || from > INT_MAX / to ||
-            9 * (from + ITN__LANES) * (to + ITN__LANES) > limit)
-            return 0;
-        c->in = itn__blocked_make((size_t)height, (size_t)width, channels[l]);
-        c->out = itn__blocked_make((size_t)height / 2, (size_t)width / 2, channels[l + 1]);
-        c->batch = (size_t)batch;
-        layer->weights = (size_t)count, layer->bias = (size_t)(count + 9 * from * to);
-        count += (9 * from + 1) * to;
-    }
-    net->features = (size_t)(width * height) * channels[l];
-    if (outputs * (net->features + 1) > limit || count > limit) return 0;
-    net->full_weights = (size_t)count;
-    net->full_bias = (size_t)(count + net->features * outputs);
-    net->count = (size_t)(count + (net->features + 1) * outputs);
-    return 1;
-}
-
-/* The same for the channels of a desc. */
+/* Sets the shapes of all layers. Returns 0 if they need more than 2^37 floats, or more than can be
+   addressed: so later products and counts of tasks cannot overflow. */
 static int itn__net_sizes(itn_net *net) {
-    size_t channels[ITN__NET_LAYERS + 1];
+    const itn_net_desc *d = &net->desc;
+    size_t height = (size_t)d->height, width = (size_t)d->width, from = (size_t)d->channels;
+    size_t to = (size_t)d->first_channels, outputs = (size_t)d->outputs;
+    double batch = d->batch, floats = 0, limit = fmin(137438953472., (double)(SIZE_MAX / 32));
     int l;
-    channels[0] = (size_t)net->desc.channels;
-    for (l = 0; l < net->desc.layer_count; l++)
-        channels[l + 1] = (size_t)net->desc.first_channels << l;
-    return itn__net_chain(net, channels);
+    for (l = 0; l < d->layer_count; l++, from = to, to *= 2) {
+        itn__conv *c = &net->layers[l];
+        double pixels = ((double)height + 2) * ((double)width + 2);
+        floats += batch * (pixels * (double)(from + to + 2 * ITN__LANES) + 128);
+        floats += 64 * (double)(from + ITN__LANES) * (double)(to + ITN__LANES);
+        c->in = itn__blocked_make(height, width, from, l ? ITN__LANES
+                                                         : itn__fewer(from, ITN__LANES));
+        height /= 2, width /= 2;
+        c->out = itn__blocked_make(height, width, to, ITN__LANES);
+        c->batch = (size_t)d->batch;
+        net->count += (9 * from + 1) * to;
+    }
+    net->features = height * width * from;
+    net->count += (net->features + 1) * outputs;
+    return floats + 4 * (double)outputs * ((double)height * (double)width * (double)from + 1) <
+           limit;
 }
 
 /* Cuts the next `count` floats off the slab; while there is none, only counts. */
@@ -14789,54 +14249,58 @@ static float *itn__net_cut(itn_net *net, size_t count) {
 /* Cuts all arrays off the slab. */
 static void itn__net_place(itn_net *net) {
     size_t batch = (size_t)net->desc.batch, largest = 0, scratch = 0;
-    float *images, *shared;
+    float *images, *shared, *d[2];
     int l, layers = net->desc.layer_count;
     net->used = 0;
     net->parameters = itn__net_cut(net, net->count), net->gradients = itn__net_cut(net, net->count);
     net->moments = itn__net_cut(net, 2 * net->count);
-    net->last = itn__net_cut(net, batch * net->features);
-    net->d_last = itn__net_cut(net, batch * net->features);
     net->outputs = itn__net_cut(net, batch * (size_t)net->desc.outputs);
     for (l = 0; l < layers; l++) {
-        const itn__conv *c = &net->layers[l].conv;
+        const itn__conv *c = &net->layers[l];
         if (largest < c->out.size) largest = c->out.size;
         if (scratch < itn__conv_scratch(c)) scratch = itn__conv_scratch(c);
     }
     shared = itn__net_cut(net, scratch);
-    net->d[0] = itn__net_cut(net, batch * largest), net->d[1] = itn__net_cut(net, batch * largest);
-    net->images = images = itn__net_cut(net, batch * net->layers[0].conv.in.size);
+    d[0] = itn__net_cut(net, batch * largest), d[1] = itn__net_cut(net, batch * largest);
+    net->images = images = itn__net_cut(net, batch * net->layers[0].in.size);
     for (l = 0; l < layers; l++) {
-        itn__net_layer *layer = &net->layers[l];
-        itn__conv *c = &layer->conv;
+        itn__conv *c = &net->layers[l];
         c->images = images, c->scratch = shared;
         c->pooled = images = itn__net_cut(net, batch * c->out.size);
         c->chosen = (unsigned char *)itn__net_cut(net, batch * c->out.size / 4 + ITN__LANES);
-        c->d_pooled = net->d[l % 2], c->d_images = l > 0 ? net->d[1 - l % 2] : NULL;
-        if (!net->slab) continue;
-        c->w = net->parameters + layer->weights, c->bias = net->parameters + layer->bias;
-        c->d_w = net->gradients + layer->weights, c->d_bias = net->gradients + layer->bias;
+        c->d_pooled = d[l % 2], c->d_images = l > 0 ? d[1 - l % 2] : NULL;
     }
 }
 
-/* Returns 0 if memory is out. */
+/* Makes the slab, and finds the weights of each layer in it. Returns 0 if memory is out. */
 static int itn__net_allocate(itn_net *net) {
     enum { ALIGNMENT = 64 }; /* bytes */
+    size_t at = 0;
+    int l;
     itn__net_place(net);
     net->memory = itn__allocate(&net->context, net->used + ALIGNMENT / 4, sizeof(float));
     if (!net->memory) return 0;
     net->slab = (float *)net->memory;
     while ((uintptr_t)net->slab % ALIGNMENT) net->slab++;
     itn__net_place(net);
+    for (l = 0; l < net->desc.layer_count; l++) {
+        itn__conv *c = &net->layers[l];
+        c->w = net->parameters + at, c->d_w = net->gradients + at;
+        at += 9 * c->in.channels * c->out.channels;
+        c->bias = net->parameters + at, c->d_bias = net->gradients + at;
+        at += c->out.channels;
+    }
+    net->full = net->parameters + at, net->d_full = net->gradients + at;
     return 1;
 }
 
 /* Fills weights[count] with normal numbers of a variance; `stream` tells layers apart. Two uniform
    numbers make one normal (Box and Muller 1958). */
 static void itn__net_normal(float *weights, size_t count, double variance, uint64_t seed,
-                            uint64_t stream) {
+                            int stream) {
     size_t k;
     for (k = 0; k < count; k++) {
-        itn__rng rng = itn__rng_make(seed, stream, k);
+        itn__rng rng = itn__rng_make(seed, (uint64_t)stream, k);
         float radius = sqrtf(-2 * (float)variance * logf(itn__uniform(&rng)));
         weights[k] = radius * cosf(2 * ITN__PI * itn__uniform(&rng));
     }
@@ -14845,16 +14309,15 @@ static void itn__net_normal(float *weights, size_t count, double variance, uint6
 /* He et al. 2015, equation 10: a ReLU halves the mean square of its input, so weights of variance
    2/n in a sum of n keep it from layer to layer; without a ReLU behind, 1/n does. */
 static void itn__net_initialise(itn_net *net) {
-    uint64_t stream = (uint64_t)net->desc.layer_count;
     int l;
     for (l = 0; l < net->desc.layer_count; l++) {
-        itn__net_layer *layer = &net->layers[l];
-        double inputs = 9. * (double)layer->conv.in.channels;
-        itn__net_normal(net->parameters + layer->weights, layer->bias - layer->weights,
-                        2 / inputs, net->desc.seed, (uint64_t)l);
+        const itn__conv *c = &net->layers[l];
+        size_t inputs = 9 * c->in.channels;
+        itn__net_normal(net->parameters + (c->w - net->parameters), inputs * c->out.channels,
+                        2 / (double)inputs, net->desc.seed, l);
     }
-    itn__net_normal(net->parameters + net->full_weights, net->full_bias - net->full_weights,
-                    1 / (double)net->features, net->desc.seed, stream);
+    itn__net_normal(net->full, net->features * (size_t)net->desc.outputs,
+                    1 / (double)net->features, net->desc.seed, l);
 }
 
 ITN_API void itn_net_free(itn_net *net) {
@@ -14888,13 +14351,11 @@ static itn_result itn__net_make(const itn_net_desc *desc, const itn_context *con
 
 ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *context,
                                   itn_net **net, itn_error *error) {
-    itn_net *made = NULL;
     itn_result result;
     if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_create: net is NULL");
-    if ((result = itn__net_make(desc, context, &made, error)) != ITN_OK) return result;
-    itn__net_initialise(made);
-    *net = made;
-    return ITN_OK;
+    result = itn__net_make(desc, context, net, error);
+    if (result == ITN_OK) itn__net_initialise(*net);
+    return result;
 }
 
 ITN_API itn_net_desc itn_net_shape(const itn_net *net) { return net->desc; }
@@ -14915,102 +14376,102 @@ ITN_API void itn_net_zero_gradients(itn_net *net) {
     memset(net->gradients, 0, net->count * sizeof *net->gradients);
 }
 
-/* Returns the index of the first value that is not finite, or count. */
-static size_t itn__not_finite(const float *values, size_t count) {
-    uint32_t largest = 0, bits;
-    size_t k;
-    for (k = 0; k < count; k++) { /* in lanes, by the compiler */
-        memcpy(&bits, values + k, sizeof bits);
-        bits &= 0x7fffffffu, largest = largest < bits ? bits : largest;
-    }
-    if (largest < 0x7f800000u) return count; /* infinity's */
-    k = 0;
-    while (k < count && itn__finite((double)values[k])) k++;
-    return k;
-}
-
 /* Returns the number nearest to k in 0 to count - 1. */
 static int itn__inside(int k, int count) { return k < 0 ? 0 : k < count ? k : count - 1; }
 
-/* Blurs along rows (across = 1) or columns (0) with binomial weights. */
-static void itn__blur_input(int width, int height, int across, const float *from, float *to) {
-    int x, y, k;
-    for (y = 0; y < height; y++) {
-        const float *lines[5];
+/* Blurs with binomial weights along the axis in which neighbours are `step` pixels apart. */
+static void itn__blur_input(int width, int height, int step, const float *from, float *to) {
+    int k, i, length = step == 1 ? width : height;
+    for (i = 0; i < width * height; i++) {
+        int place = i / step % length, first = i - place * step;
+        double of[5];
         for (k = 0; k < 5; k++)
-            lines[k] = from + (size_t)itn__inside(across ? y : y + k - 2, height) * (size_t)width;
-        for (x = 0; x < width; x++, to++) {
-            double of[5];
-            for (k = 0; k < 5; k++)
-                of[k] = (double)lines[k][across ? itn__inside(x + k - 2, width) : x];
-            *to = (float)((of[0] + of[4] + 4 * (of[1] + of[3]) + 6 * of[2]) / 16);
-        }
+            of[k] = (double)from[first + itn__inside(place + k - 2, length) * step];
+        to[i] = (float)((of[0] + of[4] + 4 * (of[1] + of[3]) + 6 * of[2]) / 16);
     }
 }
 
-/* The edge weight of pixel (x, y), from central differences. */
-static float itn__edge_weight(int width, int height, const float *brightness, int x, int y) {
-    const float *row = brightness + (size_t)y * (size_t)width, *column = brightness + x;
-    double across = (double)row[itn__inside(x + 1, width)] - (double)row[itn__inside(x - 1, width)];
-    double down = (double)column[(size_t)itn__inside(y + 1, height) * (size_t)width] -
-                  (double)column[(size_t)itn__inside(y - 1, height) * (size_t)width];
-    double slope = sqrt(across * across + down * down);
-    return (float)(slope / (slope + 1));
+/* The difference of the two neighbours of pixel i along an axis, as there. */
+static double itn__input_slope(int width, int height, int step, const float *pixels, int i) {
+    int length = step == 1 ? width : height, place = i / step % length, first = i - place * step;
+    return (double)pixels[first + itn__inside(place + 1, length) * step] -
+           (double)pixels[first + itn__inside(place - 1, length) * step];
 }
 
 ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
                                  float *input, itn_error *error) {
-    size_t plane = (size_t)width * (size_t)height, i;
-    int x, y;
-    if (!pixels || !input || width < 1 || height < 1 || !(mean > 0) || !itn__finite(mean))
+    int plane, i;
+    if (!pixels || !input || width < 1 || height < 1 || !(mean > 0) || !itn__finite(mean) ||
+        width > INT_MAX / height)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_input: a pointer is NULL, a size (%dx%d) below 1 or the mean "
                          "(%g) not a positive number", width, height, mean);
-    if ((i = itn__not_finite(pixels, plane)) < plane)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_input: pixel (%.0f, %.0f) is not finite",
-                         (double)(i % (size_t)width), (double)(i / (size_t)width));
-    for (i = 0; i < plane; i++)
-        if (fabs((double)pixels[i]) > FLT_MAX * mean)
+    for (i = 0, plane = width * height; i < plane; i++)
+        if (!(fabs((double)pixels[i]) <= FLT_MAX * fmin(mean, 1)))
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_net_input: pixel (%.0f, %.0f) is too large for a mean of %g",
-                             (double)(i % (size_t)width), (double)(i / (size_t)width), mean);
+                             "itn_net_input: pixel (%d, %d) is not finite, or too large for a "
+                             "mean of %g", i % width, i / width, mean);
     for (i = 0; i < plane; i++) input[i] = (float)((double)pixels[i] / mean);
     itn__blur_input(width, height, 1, input, input + plane);
-    itn__blur_input(width, height, 0, input + plane, input);
-    for (y = 0, i = plane; y < height; y++)
-        for (x = 0; x < width; x++, i++)
-            input[i] = itn__edge_weight(width, height, input, x, y);
+    itn__blur_input(width, height, width, input + plane, input);
+    for (i = 0; i < plane; i++) {
+        double across = itn__input_slope(width, height, 1, input, i);
+        double down = itn__input_slope(width, height, width, input, i);
+        double slope = sqrt(across * across + down * down);
+        input[plane + i] = (float)(slope / (slope + 1));
+    }
     return ITN_OK;
 }
 
-/* One call of forward or backward, as its parallel loops see it. */
-typedef struct itn__net_task {
-    itn_net *net;
-    const float *images; /* the caller's, [batch][channels][height][width] */
-} itn__net_task;
-
 /* Copies an image from planes to blocks. */
 static void itn__net_take_image(void *data, int image) {
-    const itn__net_task *task = (const itn__net_task *)data;
-    const itn__blocked *s = &task->net->layers[0].conv.in;
-    size_t plane = s->height * s->width, index = (size_t)image;
-    itn__to_blocked(s, task->images + index * plane * s->channels, 1, plane,
-                    task->net->images + index * s->size);
+    const itn_net *net = (const itn_net *)data;
+    const itn__blocked *s = &net->layers[0].in;
+    const float *from = net->given + (size_t)image * s->channels * s->height * s->width;
+    size_t c, y, x;
+    for (c = 0; c < s->channels; c++)
+        for (y = 0; y < s->height; y++) {
+            float *to = net->images + (size_t)image * s->size + itn__blocked_at(s, y, 0, c);
+            for (x = 0; x < s->width; x++) to[x * s->lanes] = *from++;
+        }
 }
 
 /* The fully connected layer, for one image. */
 static void itn__net_forward_full(void *data, int image) {
-    const itn_net *net = ((const itn__net_task *)data)->net;
-    const itn__conv *c = &net->layers[net->desc.layer_count - 1].conv;
-    size_t index = (size_t)image, outputs = (size_t)net->desc.outputs;
-    float *last = net->last + index * net->features;
-    itn__from_blocked(&c->out, c->pooled + index * c->out.size, c->out.channels, 1, last);
-    itn__full_forward(last, net->parameters + net->full_weights, net->parameters + net->full_bias,
-                      net->features, outputs, net->outputs + index * outputs);
+    const itn_net *net = (const itn_net *)data;
+    const itn__conv *c = &net->layers[net->desc.layer_count - 1];
+    const float *in = c->pooled + (size_t)image * c->out.size, *w = net->full;
+    size_t outputs = (size_t)net->desc.outputs, o, y, x, k;
+    for (o = 0; o < outputs; o++) {
+        double sum = (double)net->full[net->features * outputs + o];
+        for (y = 0; y < c->out.height; y++)
+            for (x = 0; x < c->out.width; x++)
+                for (k = 0; k < c->out.channels; k++)
+                    sum += (double)*w++ * (double)in[itn__blocked_at(&c->out, y, x, k)];
+        net->outputs[(size_t)image * outputs + o] = (float)sum;
+    }
 }
 
-static itn_result itn__net_call(const char *name, const itn_net *net, int batch, const float *in,
+/* The same for the derivatives of one output: all images, in order. */
+static void itn__net_backward_full(itn_net *net, size_t batch, size_t o) {
+    const itn__conv *c = &net->layers[net->desc.layer_count - 1];
+    size_t outputs = (size_t)net->desc.outputs, image, y, x, k;
+    for (image = 0; image < batch; image++) {
+        const float *in = c->pooled + image * c->out.size, *w = net->full + o * net->features;
+        float *d_in = c->d_pooled + image * c->out.size, *d_w = net->d_full + o * net->features;
+        float d = net->given[image * outputs + o];
+        for (y = 0; y < c->out.height; y++)
+            for (x = 0; x < c->out.width; x++)
+                for (k = 0; k < c->out.channels; k++) {
+                    size_t at = itn__blocked_at(&c->out, y, x, k);
+                    d_in[at] = (o ? d_in[at] : 0) + d * *w++;
+                    *d_w++ += d * in[at];
+                }
+        net->d_full[net->features * outputs + o] += d;
+    }
+}
+
+static itn_result itn__net_call(const char *name, itn_net *net, int batch, const float *in,
                                 itn_error *error) {
     if (!net || !in)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: a pointer is NULL", name);
@@ -15018,34 +14479,33 @@ static itn_result itn__net_call(const char *name, const itn_net *net, int batch,
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "%s: batch is %d, this network was made for 1..%d", name, batch,
                          net->desc.batch);
+    net->given = in;
     return ITN_OK;
 }
 
 ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images, float *outputs,
                                    itn_error *error) {
     itn_result result = itn__net_call("itn_net_forward", net, batch, images, error);
-    itn__net_task task;
     size_t count, size, bad;
     int l;
     if (result != ITN_OK) return result;
     if (!outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_forward: outputs is NULL");
     size = (size_t)net->desc.height * (size_t)net->desc.width * (size_t)net->desc.channels;
-    count = (size_t)batch * size;
-    if ((bad = itn__not_finite(images, count)) < count)
+    bad = itn__first_beyond(images, (size_t)batch * size, FLT_MAX);
+    if (bad < (size_t)batch * size)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_forward: value %.0f of image %.0f is not finite",
                          (double)(bad % size), (double)(bad / size));
     net->forward_batch = 0;
-    task.net = net, task.images = images;
-    itn__parallel_for(&net->context, batch, itn__net_take_image, &task);
+    itn__parallel_for(&net->context, batch, itn__net_take_image, net);
     for (l = 0; l < net->desc.layer_count; l++) {
-        net->layers[l].conv.batch = (size_t)batch;
-        itn__conv_forward(&net->context, &net->layers[l].conv);
+        net->layers[l].batch = (size_t)batch;
+        itn__conv_forward(&net->context, &net->layers[l]);
     }
-    itn__parallel_for(&net->context, batch, itn__net_forward_full, &task);
+    itn__parallel_for(&net->context, batch, itn__net_forward_full, net);
     count = (size_t)batch * (size_t)net->desc.outputs;
-    if (itn__not_finite(net->outputs, count) < count)
+    if (itn__first_beyond(net->outputs, count, FLT_MAX) < count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_forward: the outputs are not finite: a weight is NaN or far "
                          "too large");
@@ -15060,45 +14520,35 @@ static void itn__resize_picture(int width, int height, const float *from, double
                                 float *to) {
     double step = exp(-larger), middle_x = (width - 1) / 2., middle_y = (height - 1) / 2.;
     int x, y;
-    for (y = 0; y < height; y++) {
-        int line = (int)floor(middle_y + step * (y - middle_y) + .5);
-        const float *row = from + (size_t)itn__inside(line, height) * (size_t)width;
+    for (y = 0; y < height; y++)
         for (x = 0; x < width; x++) {
+            int line = (int)floor(middle_y + step * (y - middle_y) + .5);
             int column = (int)floor(middle_x + step * (x - middle_x) + .5);
-            *to++ = row[itn__inside(column, width)];
+            *to++ = from[itn__inside(line, height) * width + itn__inside(column, width)];
         }
-    }
 }
 
-/* How many sizes a network reads at a time. */
-static size_t itn__read_batch(const itn_net *net) {
-    return itn__fewer((size_t)net->desc.batch, ITN__READ_SIZES);
-}
-
-/* As itn_net_read; room: mean outputs, which are 0, then outputs and inputs of the network for the
-   sizes of a batch, and a picture. */
-static itn_result itn__net_read(itn_net *net, const float *pixels, double mean, float *room,
-                                float *outputs, itn_error *error) {
+/* As itn_net_read, up to `batch` sizes at a time; room: mean outputs, which are 0, then outputs and
+   inputs of the network for these, and a picture. */
+static itn_result itn__net_read(itn_net *net, size_t batch, const float *pixels, double mean,
+                                float *room, itn_error *error) {
+    static const double larger[ITN__READ_SIZES] = {0, -.5, -.25, .25, .5}; /* 0: for the errors */
     const itn_net_desc *d = &net->desc;
-    size_t plane = (size_t)d->width * (size_t)d->height, batch = itn__read_batch(net);
-    float *means = room, *answers = means + d->outputs;
-    float *inputs = answers + batch * (size_t)d->outputs, *picture = inputs + batch * 2 * plane;
-    int size = 0, count, k;
-    for (; size < ITN__READ_SIZES; size += count) { /* as it is first: errors tell its pixels */
-        static const double larger[ITN__READ_SIZES] = {0, -.5, -.25, .25, .5};
+    size_t plane = (size_t)d->width * (size_t)d->height, outputs = (size_t)d->outputs, size, n, k;
+    float *answers = room + outputs, *inputs = answers + batch * outputs;
+    float *picture = inputs + batch * 2 * plane;
+    for (size = 0; size < ITN__READ_SIZES; size += n) {
         itn_result result = ITN_OK;
-        count = (int)itn__fewer(batch, (size_t)(ITN__READ_SIZES - size));
-        for (k = 0; k < count && !result; k++) {
+        n = itn__fewer(batch, ITN__READ_SIZES - size);
+        for (k = 0; k < n && !result; k++) {
             itn__resize_picture(d->width, d->height, pixels, larger[size + k], picture);
-            result = itn_net_input(d->width, d->height, picture, mean,
-                                   inputs + (size_t)k * 2 * plane, error);
+            result = itn_net_input(d->width, d->height, picture, mean, inputs + k * 2 * plane,
+                                   error);
         }
-        if (!result) result = itn_net_forward(net, count, inputs, answers, error);
+        if (!result) result = itn_net_forward(net, (int)n, inputs, answers, error);
         if (result) return result;
-        for (k = 0; k < count * d->outputs; k++)
-            means[k % d->outputs] += answers[k] / (float)ITN__READ_SIZES;
+        for (k = 0; k < n * outputs; k++) room[k % outputs] += answers[k] / (float)ITN__READ_SIZES;
     }
-    memcpy(outputs, means, (size_t)d->outputs * sizeof *outputs);
     return ITN_OK;
 }
 
@@ -15106,7 +14556,7 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
                                 itn_error *error) {
     itn_result result;
     float *room;
-    size_t plane, count;
+    size_t plane, count, batch;
     if (!net || !pixels || !outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_read: a pointer is NULL");
     if (net->desc.channels != 2)
@@ -15114,84 +14564,62 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
                          "itn_net_read: the network sees %d channels, a picture has 2",
                          net->desc.channels);
     plane = (size_t)net->desc.width * (size_t)net->desc.height, count = (size_t)net->desc.outputs;
-    room = (float *)itn__allocate(&net->context,
-                                  count + itn__read_batch(net) * (count + 2 * plane) + plane,
+    batch = itn__fewer((size_t)net->desc.batch, ITN__READ_SIZES);
+    room = (float *)itn__allocate(&net->context, count + batch * (count + 2 * plane) + plane,
                                   sizeof *room);
-    if (!room) return itn__fail(error, ITN_ERROR_MEMORY, 0, "itn_net_read: out of memory");
-    result = itn__net_read(net, pixels, mean, room, outputs, error);
+    if (!room) return itn__out_of_memory(error, "the sizes of a picture");
+    result = itn__net_read(net, batch, pixels, mean, room, error);
+    if (result == ITN_OK) memcpy(outputs, room, count * sizeof *outputs);
     net->forward_batch = 0;
     itn__free(&net->context, room);
     return result;
 }
 
-/* The fully connected layer, image after image, to the derivatives of the last pooling. */
-static void itn__net_backward_full(itn_net *net, size_t batch, const float *d_outputs) {
-    const itn__conv *c = &net->layers[net->desc.layer_count - 1].conv;
-    size_t outputs = (size_t)net->desc.outputs, index;
-    memset(net->d_last, 0, batch * net->features * sizeof *net->d_last);
-    for (index = 0; index < batch; index++) {
-        float *d_last = net->d_last + index * net->features;
-        itn__full_backward(net->last + index * net->features, net->parameters + net->full_weights,
-                           d_outputs + index * outputs, net->features, outputs, d_last,
-                           net->gradients + net->full_weights, net->gradients + net->full_bias);
-        itn__to_blocked(&c->out, d_last, c->out.channels, 1, c->d_pooled + index * c->out.size);
-    }
-}
-
 ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
                                     itn_error *error) {
     itn_result result = itn__net_call("itn_net_backward", net, batch, d_outputs, error);
+    size_t o, outputs;
     int l;
     if (result != ITN_OK) return result;
     if (batch != net->forward_batch)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_backward: batch is %d, the latest forward call left %d images",
                          batch, net->forward_batch);
-    if (itn__not_finite(d_outputs, (size_t)batch * (size_t)net->desc.outputs) <
-        (size_t)batch * (size_t)net->desc.outputs)
+    outputs = (size_t)net->desc.outputs;
+    if (itn__first_beyond(d_outputs, (size_t)batch * outputs, FLT_MAX) < (size_t)batch * outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_backward: a derivative in d_outputs is not finite");
-    itn__net_backward_full(net, (size_t)batch, d_outputs);
+    for (o = 0; o < outputs; o++) itn__net_backward_full(net, (size_t)batch, o);
     for (l = net->desc.layer_count - 1; l >= 0; l--)
-        itn__conv_backward(&net->context, &net->layers[l].conv);
+        itn__conv_backward(&net->context, &net->layers[l]);
     return ITN_OK;
 }
 
-/* One step of Adam, as its parallel loop sees it. */
-typedef struct itn__net_adam {
-    itn_net *net;
-    const itn_adam_desc *desc;
-} itn__net_adam;
-
-enum { ITN__ADAM_PART = 1 << 15 }; /* parameters of one task */
-
 static void itn__net_step_part(void *data, int index) {
-    const itn__net_adam *task = (const itn__net_adam *)data;
-    itn_net *net = task->net;
+    itn_net *net = (itn_net *)data;
     size_t first = (size_t)index * ITN__ADAM_PART;
-    itn__adam(task->desc, net->steps, itn__fewer(net->count - first, ITN__ADAM_PART),
+    itn__adam(&net->adam, net->steps, itn__fewer(net->count - first, ITN__ADAM_PART),
               net->gradients + first, net->moments + first, net->moments + net->count + first,
               net->parameters + first);
 }
 
 ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_error *error) {
-    itn_adam_desc adam;
-    itn__net_adam task;
+    static const float most = 1.8446742e19f; /* whose square is finite */
     itn_result result;
     size_t bad;
     if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_step: net is NULL");
-    if ((result = itn__adam_desc_fill(desc, &adam, error)) != ITN_OK) return result;
-    if ((bad = itn__adam_refuses(net->gradients, net->count)) < net->count)
+    if ((result = itn__adam_desc_fill(desc, &net->adam, error)) != ITN_OK) return result;
+    if ((bad = itn__first_beyond(net->gradients, net->count, most)) < net->count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_step: gradient %.0f is %g, and its square is not finite; "
                          "no step was taken", (double)bad, (double)net->gradients[bad]);
     net->steps++;
-    task.net = net, task.desc = &adam;
     itn__parallel_for(&net->context, (int)((net->count - 1) / ITN__ADAM_PART + 1),
-                      itn__net_step_part, &task);
+                      itn__net_step_part, net);
     net->forward_batch = 0;
     return ITN_OK;
 }
+
 #endif /* ITN_NO_NET */
 
 /* ---- [refine] analysis by synthesis ---------------------------------------------------------- */
@@ -19562,14 +18990,16 @@ static void itn__weights_put(itn__buffer *buffer, const itn_net *net, int weight
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
+    size_t moments;
     if (!net || !path)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_save: a pointer is NULL");
     if (net->count > (ITN__WEIGHTS_LIMIT - ITN__WEIGHTS_FRAME) / (weights_only ? 4 : 12))
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                          "%s: networks of %.0f parameters do not fit in a file of 2 GiB", path,
                          (double)net->count);
-    if (itn__not_finite(net->parameters, net->count) < net->count ||
-        (!weights_only && itn__not_finite(net->moments, 2 * net->count) < 2 * net->count))
+    moments = weights_only ? 0 : 2 * net->count;
+    if (itn__first_beyond(net->parameters, net->count, FLT_MAX) < net->count ||
+        itn__first_beyond(net->moments, moments, FLT_MAX) < moments)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "%s: not written, because a weight or Adam moment is not finite", path);
     buffer.context = net->context;

@@ -3,9 +3,8 @@
 
    make -C tests bench                  builds tests/build/bench; then, from anywhere,
    bench rays MESH.obj                  nearest hits of four sets of rays
-   bench cnn [BATCH released|small]     training and inference of two networks of the paper's kind;
-                                        without a batch: the released one, training with 60
-                                        images, inference of one
+   bench cnn [BATCH]                    training and inference of the authors' network; without a
+                                        batch: training with 60 images, inference of one
    bench texels                         derivatives by the 100,000 values of a texture and of a
                                         map, beside the image itself
    bench walk [--csv FILE] [--mesh FILE] [--quick]
@@ -53,7 +52,7 @@
 
 static const char *const usage =
     "usage: bench rays MESH.obj\n"
-    "       bench cnn [BATCH released|small]\n"
+    "       bench cnn [BATCH]\n"
     "       bench texels\n"
     "       bench walk|gradient|limits|bias|invert [--csv FILE] [--mesh FILE] [--quick]\n"
     "       bench charts [FOLDER]\n";
@@ -253,33 +252,25 @@ static void bench_texels(void) {
 
 /* ---- cnn ------------------------------------------------------------------------------------- */
 
-/* Two networks on 128x128 pixels: the authors' released one, whose layers double their channels,
-   and a smaller one, whose last layers do not. */
-enum { NET_LAYERS = 7, NET_SIZE = 128, NET_OUTPUTS = 3 };
-static const size_t net_released[NET_LAYERS + 1] = {2, 16, 32, 64, 128, 256, 512, 1024};
-static const size_t net_small[NET_LAYERS + 1] = {3, 16, 32, 64, 128, 256, 256, 512};
+/* The authors' network: 128x128 pixels, 7 layers of 16, 32, ... 1024 channels. */
+enum { NET_LAYERS = 7, NET_SIZE = 128, NET_INPUTS = 2, NET_OUTPUTS = 3 };
 
 /* Multiply-adds of one image on its way forward, in the convolutions (the rest is nothing). */
-static double net_work(const size_t *channels) {
-    double work = 0;
+static double net_work(void) {
+    double work = 0, from = NET_INPUTS, to = 16;
     int l;
-    for (l = 0; l < NET_LAYERS; l++)
-        work += (double)(NET_SIZE >> l) * (NET_SIZE >> l) * 9. * (double)channels[l] *
-                (double)channels[l + 1];
+    for (l = 0; l < NET_LAYERS; l++, from = to, to *= 2)
+        work += (double)(NET_SIZE >> l) * (NET_SIZE >> l) * 9. * from * to;
     return work;
 }
 
-/* A network of any channels per layer, which a desc cannot say. */
-static itn_net *make_net(const size_t *channels, int batch) {
-    itn_net *net = (itn_net *)allocate(1, sizeof *net);
+static itn_net *make_net(int batch) {
+    itn_context context = one_core();
     itn_net_desc desc = ITN_ZERO;
     itn_error error;
-    desc.batch = batch, desc.channels = (int)channels[0];
-    net->context = one_core();
-    need(itn__net_desc_fill(&desc, &net->desc, &error), &error);
-    if (!itn__net_chain(net, channels)) fail("cnn", "the network does not fit into memory");
-    if (!itn__net_allocate(net)) fail("cnn", "the network does not fit into memory");
-    itn__net_initialise(net);
+    itn_net *net;
+    desc.batch = batch;
+    need(itn_net_create(&desc, &context, &net, &error), &error);
     return net;
 }
 
@@ -313,13 +304,13 @@ static double net_rate(net_task *task) {
     return task->batch / best;
 }
 
-/* Rates of a network at a batch, in images per second; either may be NULL. */
-static void net_rates(const size_t *channels, int batch, double *training, double *inference) {
-    size_t inputs = (size_t)batch * channels[0] * NET_SIZE * NET_SIZE, i;
+/* Rates at a batch, in images per second; either may be NULL. */
+static void net_rates(int batch, double *training, double *inference) {
+    size_t inputs = (size_t)batch * NET_INPUTS * NET_SIZE * NET_SIZE, i;
     size_t outputs = (size_t)batch * NET_OUTPUTS;
     uint64_t state = 88172645463325252u;
     net_task task = ITN_ZERO;
-    task.net = make_net(channels, batch), task.batch = batch;
+    task.net = make_net(batch), task.batch = batch;
     task.images = (float *)allocate(inputs, sizeof(float));
     task.truth = (float *)allocate(outputs, sizeof(float));
     task.outputs = (float *)allocate(outputs, sizeof(float));
@@ -336,11 +327,9 @@ static void net_rates(const size_t *channels, int batch, double *training, doubl
 }
 
 /* GFLOP/s are those of dense sums: what the backward pass saves counts as done. */
-static void bench_cnn(int batch, const char *kind) {
-    const size_t *channels = !strcmp(kind, "released") ? net_released : net_small;
-    double work = net_work(channels), training, inference;
-    if (channels == net_small && strcmp(kind, "small")) fail(kind, "must be released or small");
-    net_rates(channels, batch, &training, &inference);
+static void bench_cnn(int batch) {
+    double work = net_work(), training, inference;
+    net_rates(batch, &training, &inference);
     printf("batch %d: training %.1f images/s (%.1f GFLOP/s); inference %.1f images/s (%.1f "
            "GFLOP/s)\n", batch, training, 6e-9 * work * training, inference,
            2e-9 * work * inference);
@@ -348,8 +337,8 @@ static void bench_cnn(int batch, const char *kind) {
 
 static void bench_cnn_released(void) {
     double training, inference;
-    net_rates(net_released, 60, &training, NULL);
-    net_rates(net_released, 1, NULL, &inference);
+    net_rates(60, &training, NULL);
+    net_rates(1, NULL, &inference);
     printf("released network: training %.1f images/s at batch 60; inference of single images "
            "%.1f images/s\n", training, inference);
 }
@@ -1583,8 +1572,8 @@ int main(int argc, char **argv) {
     const char *command = argc > 1 ? argv[1] : "";
     program = argv[0];
     if (!strcmp(command, "rays") && argc == 3) bench_rays(argv[2]);
-    else if (!strcmp(command, "cnn") && argc == 4 && atoi(argv[2]) > 0)
-        bench_cnn(atoi(argv[2]), argv[3]);
+    else if (!strcmp(command, "cnn") && argc == 3 && atoi(argv[2]) > 0)
+        bench_cnn(atoi(argv[2]));
     else if (!strcmp(command, "cnn") && argc == 2) bench_cnn_released();
     else if (!strcmp(command, "texels") && argc == 2) bench_texels();
     else if (!strcmp(command, "walk")) sweep_command(argc, argv, bench_walk);

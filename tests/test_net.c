@@ -121,6 +121,18 @@ static void twin_net(const itn_net_desc *d, const double *parameters, const doub
 /* ---- the plain layers, as their formulas are written: what the blocked ones are compared with.
    One image, [row][column][channel]; backward adds (+=) ---- */
 
+/* to[0..n) += s from[0..n). */
+static void add_scaled(float *to, float s, const float *from, size_t n) {
+    size_t k;
+    for (k = 0; k < n; k++) to[k] += s * from[k];
+}
+static float dot_product(const float *a, const float *b, size_t n) {
+    double sum = 0;
+    size_t k;
+    for (k = 0; k < n; k++) sum += (double)a[k] * (double)b[k];
+    return (float)sum;
+}
+
 /* Sizes of a convolution: height and width of its input and output, channels of both. */
 typedef struct plain_conv {
     size_t height, width, inputs, outputs;
@@ -150,7 +162,7 @@ static void plain_forward(const plain_conv *c, const float *in, const float *w,
             for (tap = 0; tap < 9; tap++) {
                 if (!plain_pixel(c, x, y, tap, &pixel)) continue;
                 for (i = 0; i < c->inputs; i++)
-                    itn__add_scaled(sum, in[pixel * c->inputs + i],
+                    add_scaled(sum, in[pixel * c->inputs + i],
                                     w + (tap * c->inputs + i) * c->outputs, c->outputs);
             }
         }
@@ -167,7 +179,7 @@ static void plain_backward_input(const plain_conv *c, const float *w, const floa
                 const float *d_sum = d_out + (y * c->width + x) * c->outputs;
                 if (!plain_pixel(c, x, y, tap, &pixel)) continue;
                 for (i = 0; i < c->inputs; i++)
-                    d_in[pixel * c->inputs + i] += itn__dot_product(
+                    d_in[pixel * c->inputs + i] += dot_product(
                         w + (tap * c->inputs + i) * c->outputs, d_sum, c->outputs);
             }
 }
@@ -181,7 +193,7 @@ static void plain_backward_weights(const plain_conv *c, size_t row, const float 
     for (y = 0; y < c->height; y++)
         for (x = 0; x < c->width; x++)
             if (plain_pixel(c, x, y, tap, &pixel))
-                itn__add_scaled(d_row, in[pixel * c->inputs + i],
+                add_scaled(d_row, in[pixel * c->inputs + i],
                                 d_out + (y * c->width + x) * c->outputs, c->outputs);
 }
 
@@ -190,7 +202,7 @@ static void plain_backward_weights(const plain_conv *c, size_t row, const float 
 static void plain_backward_bias(const plain_conv *c, const float *d_out, float *d_bias) {
     size_t pixel;
     for (pixel = 0; pixel < c->height * c->width; pixel++)
-        itn__add_scaled(d_bias, 1, d_out + pixel * c->outputs, c->outputs);
+        add_scaled(d_bias, 1, d_out + pixel * c->outputs, c->outputs);
 }
 
 /* Rectified linear unit, y = max(x, 0), in place. values: [count]. */
@@ -381,29 +393,55 @@ static void test_pool(int last_of_equals) {
     CHECK(d_in[2 * 10 + 1] == 2.25f && d_in[2 * 8 + 1] == 10.25f);
 }
 
+/* Input number i of the fully connected layer of an image, [row][column][channel]. */
+static size_t full_place(const itn__conv *c, size_t image, size_t i) {
+    size_t pixel = i / c->out.channels;
+    return image * c->out.size + itn__blocked_at(&c->out, pixel / c->out.width,
+                                                 pixel % c->out.width, i % c->out.channels);
+}
+
+/* The fully connected layer of a network behind 2x3 pixels, of channels that fill no block. */
 static void test_full(int fault) {
-    enum { INPUTS = 37, OUTPUTS = 3 };
-    float in[INPUTS], w[OUTPUTS * INPUTS], bias[OUTPUTS], out[OUTPUTS], d_out[OUTPUTS];
-    float d_in[INPUTS] = {0}, d_w[OUTPUTS * INPUTS] = {0}, d_bias[OUTPUTS] = {0};
-    double e_out[OUTPUTS], e_in[INPUTS] = {0}, e_w[OUTPUTS * INPUTS], e_bias[OUTPUTS];
-    int i, o;
-    fill(in, INPUTS), fill(w, OUTPUTS * INPUTS), fill(bias, OUTPUTS), fill(d_out, OUTPUTS);
-    for (o = 0; o < OUTPUTS; o++) {
-        e_out[o] = (double)bias[o], e_bias[o] = (double)d_out[o];
-        for (i = 0; i < INPUTS; i++) {
-            e_out[o] += (double)w[o * INPUTS + i] * (double)in[i];
-            e_w[o * INPUTS + i] = (double)in[i] * (double)d_out[o];
-            e_in[i] += (double)w[o * INPUTS + i] * (double)d_out[o];
+    enum { OUTPUTS = 3, BATCH = 2, CHANNELS = 19, INPUTS = 2 * 3 * CHANNELS };
+    itn_net_desc d = ITN_ZERO;
+    itn_net *net;
+    const itn__conv *c;
+    float images[BATCH * 4 * 6 * 2], d_out[BATCH * OUTPUTS], out[BATCH * OUTPUTS], d_in[INPUTS];
+    double e_out[BATCH * OUTPUTS], e_in[INPUTS], e_w[OUTPUTS * INPUTS] = {0}, e_bias[OUTPUTS] = {0};
+    size_t b, i, o;
+    d.height = 4, d.width = 6, d.layer_count = 1, d.first_channels = CHANNELS;
+    d.outputs = OUTPUTS, d.batch = BATCH, CHECK(itn_net_create(&d, NULL, &net, NULL) == ITN_OK);
+    c = &net->layers[0];
+    fill(images, BATCH * 4 * 6 * 2), fill(d_out, BATCH * OUTPUTS);
+    fill(net->full, OUTPUTS * INPUTS + OUTPUTS);
+    CHECK(net->features == INPUTS && net->full + OUTPUTS * (INPUTS + 1) - net->parameters ==
+                                         (ptrdiff_t)net->count);
+    CHECK(itn_net_forward(net, BATCH, images, out, NULL) == ITN_OK);
+    memset(c->d_pooled, 0x7f, BATCH * c->out.size * sizeof(float)); /* nothing of it may stay */
+    net->given = d_out;
+    for (o = 0; o < OUTPUTS; o++) itn__net_backward_full(net, BATCH, o);
+    for (b = 0; b < BATCH; b++) {
+        for (i = 0; i < INPUTS; i++) e_in[i] = 0;
+        for (o = 0; o < OUTPUTS; o++) {
+            double slope = (double)d_out[b * OUTPUTS + o], sum;
+            sum = (double)net->full[OUTPUTS * INPUTS + o], e_bias[o] += slope;
+            for (i = 0; i < INPUTS; i++) {
+                double in = (double)c->pooled[full_place(c, b, i)];
+                sum += (double)net->full[o * INPUTS + i] * in;
+                e_w[o * INPUTS + i] += in * slope;
+                e_in[i] += (double)net->full[o * INPUTS + i] * slope;
+            }
+            e_out[b * OUTPUTS + o] = sum;
         }
+        for (i = 0; i < INPUTS; i++) d_in[i] = c->d_pooled[full_place(c, b, i)];
+        if (fault == FAULT_SIGN) d_in[5] = -d_in[5];
+        check_arrays("fully connected, d_in", d_in, e_in, INPUTS, 1e-6);
     }
-    itn__full_forward(in, w, bias, INPUTS, OUTPUTS, out);
-    check_arrays("fully connected", out, e_out, OUTPUTS, 1e-6);
-    itn__full_backward(in, w, d_out, INPUTS, OUTPUTS, d_in, d_w, d_bias);
-    if (fault == FAULT_SIGN) d_in[5] = -d_in[5];
-    if (fault == FAULT_NO_BIAS) memset(d_bias, 0, sizeof d_bias);
-    check_arrays("fully connected, d_in", d_in, e_in, INPUTS, 1e-6);
-    check_arrays("fully connected, d_w", d_w, e_w, OUTPUTS * INPUTS, 1e-6);
-    check_arrays("fully connected, d_bias", d_bias, e_bias, OUTPUTS, 1e-6);
+    if (fault == FAULT_NO_BIAS) memset(net->d_full + OUTPUTS * INPUTS, 0, OUTPUTS * sizeof *out);
+    check_arrays("fully connected", out, e_out, BATCH * OUTPUTS, 1e-6);
+    check_arrays("fully connected, d_w", net->d_full, e_w, OUTPUTS * INPUTS, 1e-6);
+    check_arrays("fully connected, d_bias", net->d_full + OUTPUTS * INPUTS, e_bias, OUTPUTS, 1e-6);
+    itn_net_free(net);
 }
 
 static void test_layers(void) {
@@ -479,32 +517,41 @@ static void layer_plain(layer_case *c) {
     free(sums), free(d_relu), free(d_sums);
 }
 
-/* The same by the library; d_w and d_bias are added to. */
-static void layer_blocked(layer_case *c, const itn_context *context) {
+/* Copies images [batch][row][column][channel] into blocks, or (back) from them. */
+static void copy_blocked(const itn__blocked *s, size_t batch, float *blocked, float *plain,
+                         int back) {
+    size_t b, y, x, k;
+    for (b = 0; b < batch; b++)
+        for (y = 0; y < s->height; y++)
+            for (x = 0; x < s->width; x++)
+                for (k = 0; k < s->channels; k++, plain++) {
+                    float *at = blocked + b * s->size + itn__blocked_at(s, y, x, k);
+                    if (back) *plain = *at;
+                    else *at = *plain;
+                }
+}
+
+/* The same by the library; d_w and d_bias are added to. given: the images are those of a network,
+   whose blocks have no more lanes than there are channels, and no derivatives. */
+static void layer_blocked(layer_case *c, const itn_context *context, int given) {
     itn__conv v;
     float *images;
-    size_t b;
     memset(&v, 0, sizeof v);
-    v.in = itn__blocked_make(c->s.height, c->s.width, c->s.inputs);
-    v.out = itn__blocked_make(c->s.height / 2, c->s.width / 2, c->s.outputs);
+    v.in = itn__blocked_make(c->s.height, c->s.width, c->s.inputs,
+                             given ? itn__fewer(c->s.inputs, ITN__LANES) : ITN__LANES);
+    v.out = itn__blocked_make(c->s.height / 2, c->s.width / 2, c->s.outputs, ITN__LANES);
     v.batch = c->batch, v.w = c->w, v.bias = c->bias, v.d_w = c->d_w, v.d_bias = c->d_bias;
     v.images = images = floats(c->batch * v.in.size), v.pooled = floats(c->batch * v.out.size);
-    v.d_images = floats(c->batch * v.in.size), v.d_pooled = floats(c->batch * v.out.size);
+    v.d_images = given ? NULL : floats(c->batch * v.in.size);
+    v.d_pooled = floats(c->batch * v.out.size);
     v.chosen = (unsigned char *)calloc(c->batch * v.out.size + ITN__LANES, 1);
     v.scratch = floats(itn__conv_scratch(&v));
-    for (b = 0; b < c->batch; b++) {
-        itn__to_blocked(&v.in, c->in + b * c->ins, v.in.channels, 1, images + b * v.in.size);
-        itn__to_blocked(&v.out, c->d_out + b * c->outs, v.out.channels, 1,
-                        v.d_pooled + b * v.out.size);
-    }
+    copy_blocked(&v.in, c->batch, images, c->in, 0);
+    copy_blocked(&v.out, c->batch, v.d_pooled, c->d_out, 0);
     itn__conv_forward(context, &v);
     itn__conv_backward(context, &v);
-    for (b = 0; b < c->batch; b++) {
-        itn__from_blocked(&v.out, v.pooled + b * v.out.size, v.out.channels, 1,
-                          c->out + b * c->outs);
-        itn__from_blocked(&v.in, v.d_images + b * v.in.size, v.in.channels, 1,
-                          c->d_in + b * c->ins);
-    }
+    copy_blocked(&v.out, c->batch, v.pooled, c->out, 1);
+    if (!given) copy_blocked(&v.in, c->batch, v.d_images, c->d_in, 1);
     free(images), free(v.pooled), free(v.d_images), free(v.d_pooled);
     free(v.chosen), free(v.scratch);
 }
@@ -528,7 +575,7 @@ static void test_blocked(size_t batch, size_t height, size_t width, size_t input
     blocked = layer_make(batch, height, width, inputs, outputs);
     if (fault == FAULT_TAP) blocked.w[inputs * outputs] = 0;
     layer_plain(&plain);
-    layer_blocked(&blocked, &context);
+    layer_blocked(&blocked, &context, 0);
     if (fault == FAULT_SHIFT)
         memmove(blocked.d_in + 1, blocked.d_in, (batch * plain.ins - 1) * sizeof *plain.d_in);
     if (fault == FAULT_SIGN) blocked.d_w[plain.weights - 1] *= -1;
@@ -538,7 +585,10 @@ static void test_blocked(size_t batch, size_t height, size_t width, size_t input
     check_floats("blocked, d_w", blocked.d_w, plain.d_w, plain.weights, 1e-5);
     check_floats("blocked, d_bias", blocked.d_bias, plain.d_bias, outputs, 1e-5);
     for (k = 0; k < plain.weights; k++) plain.d_w[k] *= 2; /* adds to what is there */
-    layer_blocked(&blocked, &context);
+    memset(blocked.out, 0, batch * plain.outs * sizeof *blocked.out);
+    layer_blocked(&blocked, &context, 1);
+    check_floats("blocked, forward from given images", blocked.out, plain.out,
+                 batch * plain.outs, 1e-5);
     check_floats("blocked, d_w twice", blocked.d_w, plain.d_w, plain.weights, 1e-5);
     layer_free(&plain), layer_free(&blocked);
 }
@@ -564,9 +614,9 @@ static void test_blocked_shapes(void) {
             batch = batch % 7 + 1;
         }
     test_blocked(19, 4, 2, 20, 40, NO_FAULT); /* several groups of images */
-    test_blocked(3, 4, 4, 32, 64, NO_FAULT);  /* few windows, but more than one tile's */
+    test_blocked(3, 4, 4, 32, 64, NO_FAULT);  /* few windows: weights are used where they are */
     test_blocked(1, 40, 36, 2, 3, NO_FAULT);  /* several parts and slices */
-    test_blocked(3, 10, 14, 80, 80, NO_FAULT); /* by Winograd's transform at every width of lanes */
+    test_blocked(3, 10, 14, 80, 80, NO_FAULT);
     CHECK_CATCHES(test_blocked(1, 8, 8, 16, 16, FAULT_TAP));
     CHECK_CATCHES(test_blocked(2, 6, 4, 3, 5, FAULT_SHIFT));
     CHECK_CATCHES(test_blocked(2, 6, 4, 3, 5, FAULT_SIGN));
@@ -582,7 +632,7 @@ static void test_blocked_ties(float bias) {
     memset(c.w, 0, c.weights * sizeof *c.w);
     for (k = 0; k < 2; k++) c.bias[k] = bias, c.w[4 * 2 + k] = 1; /* the middle tap alone */
     for (k = 0; k < 16; k++) c.in[k] = .5f;
-    layer_blocked(&c, &context);
+    layer_blocked(&c, &context, 0);
     for (k = 0; k < 8; k++) CHECK(c.out[k] == (bias > 0 ? .5f + bias : 0));
     for (k = 0; k < 16; k++) {
         int first = k % 4 % 2 == 0 && k / 4 % 2 == 0;
@@ -781,24 +831,24 @@ static void test_initial_weights(void) {
     itn_net *net, *same, *other;
     size_t count, k, equal = 0;
     double correlation = 0;
-    const itn__net_layer *layer;
+    const itn__conv *layers, *layer;
     d.width = d.height = 16, d.layer_count = 3, d.first_channels = 32, d.outputs = 8;
     net = make(&d, NULL), same = make(&d, NULL);
     d.seed = 1;
     other = make(&d, NULL);
     itn_net_parameters(net, &count);
-    layer = &net->layers[2];
-    check_normal(net->parameters + net->layers[1].weights, 9 * 32 * 64, 2 / (9. * 32));
-    check_normal(net->parameters + layer->weights, 9 * 64 * 128, 2 / (9. * 64));
-    CHECK_CATCHES(check_normal(net->parameters + layer->weights, 9 * 64 * 128, 1 / (9. * 64)));
-    check_normal(net->parameters + net->full_weights, 8 * 512, 1 / 512.);
-    for (k = 0; k < 128; k++) CHECK(net->parameters[layer->bias + k] == 0);
+    layers = net->layers, layer = &layers[2];
+    CHECK(layers[0].w == net->parameters && layers[1].w == layers[0].bias + 32);
+    check_normal(layers[1].w, 9 * 32 * 64, 2 / (9. * 32));
+    check_normal(layer->w, 9 * 64 * 128, 2 / (9. * 64));
+    CHECK_CATCHES(check_normal(layer->w, 9 * 64 * 128, 1 / (9. * 64)));
+    check_normal(net->full, 8 * 512, 1 / 512.);
+    for (k = 0; k < 128; k++) CHECK(layer->bias[k] == 0);
     CHECK(!memcmp(net->parameters, same->parameters, count * sizeof(float)));
     for (k = 0; k < count; k++) equal += net->parameters[k] == other->parameters[k];
     CHECK(equal < 32 + 64 + 128 + 8 + count / 1000); /* biases, and few by chance */
     for (k = 0; k < 9 * 32 * 64; k++) /* layers draw different numbers */
-        correlation += (double)net->parameters[net->layers[1].weights + k] *
-                       (double)net->parameters[layer->weights + k] * sqrt(4.5 * 32 * 4.5 * 64);
+        correlation += (double)layers[1].w[k] * (double)layer->w[k] * sqrt(4.5 * 32 * 4.5 * 64);
     CHECK_MEAN(correlation / (9 * 32 * 64), 1 / sqrt(9. * 32 * 64), 0, 4, .01);
     itn_net_free(net), itn_net_free(same), itn_net_free(other);
 }
@@ -977,13 +1027,13 @@ static void test_call_errors(void) {
     images[2 * size + 5] = INFINITY;
     CHECK(itn_net_forward(net, 3, images, outputs, NULL) == ITN_ERROR_ARGUMENT);
     images[2 * size + 5] = 0;
-    net->parameters[net->full_bias] = NAN;
+    net->full[net->features * (size_t)d.outputs] = NAN;
     CHECK(itn_net_forward(net, 3, images, outputs, &error) == ITN_ERROR_ARGUMENT);
     CHECK(strstr(error.message, "weight") != NULL);
     CHECK(!memcmp(kept, outputs, sizeof kept));
-    net->parameters[net->full_bias] = 0;
+    net->full[net->features * (size_t)d.outputs] = 0;
     for (k = 0; k < 2; k++) { /* ReLU and pooling must not hide one in the first layer */
-        size_t at = k ? net->full_bias / 2 : 0;
+        size_t at = k ? (size_t)(net->full - net->parameters) / 2 : 0;
         float kept_weight = net->parameters[at];
         net->parameters[at] = NAN;
         CHECK(itn_net_forward(net, 3, images, outputs, &error) == ITN_ERROR_ARGUMENT);
@@ -996,7 +1046,7 @@ static void test_call_errors(void) {
     CHECK(itn_net_backward(net, 2, NULL, NULL) == ITN_ERROR_ARGUMENT);
     d_outputs[3] = NAN;
     CHECK(itn_net_backward(net, 2, d_outputs, NULL) == ITN_ERROR_ARGUMENT);
-    CHECK(itn__not_finite(net->gradients, net->count) == net->count);
+    CHECK(itn__first_beyond(net->gradients, net->count, FLT_MAX) == net->count);
     d_outputs[3] = 0;
     CHECK(itn_net_backward(net, 2, d_outputs, NULL) == ITN_OK);
     CHECK(itn_net_step(net, NULL, NULL) == ITN_OK);
@@ -1270,8 +1320,8 @@ static void test_orders(int images, int fault) {
     itn_net_free(net);
 }
 
-/* So are the outputs of a layer with more panels of weights than the loop has tasks, whose last one
-   is narrower: what is written where another lay before. */
+/* So are the outputs of a layer with many panels of weights, whose last one, of which the fault
+   changes a weight, is narrower. */
 static void test_more_panels(int fault) {
     itn_net_desc d = lesson_desc();
     itn_context context = ITN_ZERO;
@@ -1283,7 +1333,7 @@ static void test_more_panels(int fault) {
     context.parallel_for = loop_backwards;
     l = make_lesson(&d, 1);
     for (k = 0; k < 2; k++) nets[k] = make(&d, k ? &context : NULL);
-    if (fault) nets[1]->parameters[nets[1]->layers[0].bias - 1]++; /* of the last panel */
+    if (fault) nets[1]->parameters[nets[1]->layers[0].bias - nets[1]->parameters - 1]++;
     for (k = 0; k < 2; k++) {
         CHECK(itn_net_forward(nets[k], 1, l.images, outputs[k], NULL) == ITN_OK);
         itn_net_free(nets[k]);
@@ -1690,7 +1740,7 @@ static void test_loss_choices(void) {
         c.predicted[0] = k ? 50.f : -50.f;
         CHECK(itn_loss_training(&c.desc, 3, c.predicted, c.truth, c.image, &bound, gradient,
                                 NULL) == ITN_OK);
-        CHECK(loss.image == bound.image && itn__not_finite(gradient, 3) == 3);
+        CHECK(loss.image == bound.image && itn__first_beyond(gradient, 3, FLT_MAX) == 3);
     }
     c.predicted[0] = kept;
     itn_scene_free(c.scene);
@@ -1793,7 +1843,7 @@ int main(void) {
     test_overfit(1);
     CHECK_CATCHES(test_overfit(-1));
     test_orders(8, 0);
-    test_orders(2, 0); /* few windows: weights are streamed, by all threads together */
+    test_orders(2, 0); /* few windows: tasks are of some panels */
     CHECK_CATCHES(test_orders(8, 1));
     test_more_panels(0);
     CHECK_CATCHES(test_more_panels(1));
