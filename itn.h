@@ -13845,7 +13845,8 @@ static void itn__weights_part(void *data, int index) {
     size_t windows = itn__conv_windows(c), slices = itn__weights_slices(c);
     size_t first = windows * slice / slices, end = windows * (slice + 1) / slices;
     size_t at[ITN__WEIGHTS_BAND * ITN__LANES], corners[5], count, k, o, b;
-    float d[ITN__WEIGHTS_BAND * ITN__LANES], *sums = c->scratch + (size_t)index * itn__weights_sums(c);
+    float d[ITN__WEIGHTS_BAND * ITN__LANES];
+    float *sums = c->scratch + (size_t)index * itn__weights_sums(c);
     itn__floats bias = itn__splat(0);
     memset(sums, 0, itn__weights_sums(c) * sizeof *sums);
     for (k = 0; k < 5; k++) corners[k] = itn__conv_corner(&c->in, k); /* ITN__SHUT: d is 0 */
