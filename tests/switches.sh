@@ -196,11 +196,11 @@ done
 echo 'enum { SIDES = 6 };
 double half = 3. / SIDES;' >deprecated.cc
 echo 'int near;' >near.cc
-for name in g++ clang++; do # what later languages deprecate
-    has $name || continue
-    check "$name -std=c++20" $name -std=c++20 $warnings -fsyntax-only whole.cc
-    catches "a number divided by an enumerator" $name -std=c++20 $warnings -fsyntax-only deprecated.cc
-    catches "a variable called near" $name -Dnear= $warnings -fsyntax-only near.cc
+for cxx in g++ clang++; do # what later languages deprecate
+    has $cxx || continue
+    check "$cxx -std=c++20" $cxx -std=c++20 $warnings -fsyntax-only whole.cc
+    catches "a number divided by an enumerator" $cxx -std=c++20 $warnings -fsyntax-only deprecated.cc
+    catches "a variable called near" $cxx -Dnear= $warnings -fsyntax-only near.cc
 done
 CC=
 for name in gcc clang cc; do [ -n "$CC" ] || ! has $name || CC=$name; done
