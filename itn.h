@@ -51,10 +51,8 @@
        [dual]           numbers that carry derivatives
        [image]          planes of floats
        [mesh]           triangle meshes, and whether they are solids
-       [tri]            the watertight ray-triangle test
-       [pack]           one ray against many triangles
-       [bvh-build]      a bounding volume hierarchy
-       [bvh-trace]      nearest hit, any hit
+       [triangle]       the watertight test of one ray and many triangles
+       [bvh]            a bounding volume hierarchy
        [medium]         free flight and phase function
        [surface]        Fresnel, rough boundary, diffuse
        [light]          constant, map, sky, sun
@@ -357,15 +355,6 @@ ITN_API void itn_bvh_free(itn_bvh *bvh);
 ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit);
 /* Returns 1 if anything lies between tmin and tmax, else 0. */
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
-/* The same for `count` rays, in blocks by the parallel_for of the hierarchy's context. The arrays
-   are the caller's, have `count` elements and may not overlap; with count <= 0 nothing happens.
-   hits[i] is as by itn_bvh_nearest, or triangle = -1, t = tmax and the rest 0 for a miss. */
-ITN_API void itn_bvh_nearest_many(const itn_bvh *bvh, const itn_ray *rays, int count,
-                                  itn_hit *hits);
-/* occluded[i] is 1 if anything lies between tmin and tmax of ray i, else 0. */
-ITN_API void itn_bvh_occluded_many(const itn_bvh *bvh, const itn_ray *rays, int count,
-                                   unsigned char *occluded);
-
 /* ---- [api-scene] what is in the picture ------------------------------------------------------ */
 
 /* How the film weighs what arrives around a pixel's middle. */
@@ -2650,7 +2639,7 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
     return ITN_OK;
 }
 
-/* ---- [tri] the watertight ray-triangle test -------------------------------------------------- */
+/* ---- [triangle] the watertight test of one ray and many triangles ---------------------------- */
 
 /* Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2(1), 2013. Corners A, B, C
    are moved to the ray's origin, and a permutation of the axes (the largest component of the
@@ -2665,25 +2654,13 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
    the one rounding of the difference keeps its sign, whether or not the compiler contracts it to a
    fused multiply-add. det == 0 (a triangle without area, or seen edge-on) is no hit; the
    neighbours across its edges then cover the point. Whether the front is seen is the sign of det:
-   it cannot disagree with the hit. The rest of the chapter is which of the triangles that a ray
-   goes through a walk can meet: by sides, of closed objects, and by where it began, of sheets. */
+   it cannot disagree with the hit. */
 
 typedef struct itn__triangle {
     float corner[3][3];
     int index;  /* in the mesh */
     int object; /* it belongs to */
 } itn__triangle;
-
-/* Unit normal of a triangle's front, in double, where the edges of floats and their products are
-   exact enough for the thinnest needle. Returns 0 if there is none. */
-static int itn__unit_normal(const itn__triangle *triangle, double n[3]) {
-    double p[3][3], length;
-    int k;
-    for (k = 0; k < 9; k++) p[k / 3][k % 3] = (double)triangle->corner[k / 3][k % 3];
-    length = 2 * itn__triangle_area(p, n);
-    for (k = 0; k < 3 && length > 0; k++) n[k] /= length;
-    return length > 0;
-}
 
 /* A ray made ready for triangles. */
 typedef struct itn__shear {
@@ -2714,12 +2691,10 @@ ITN__INLINE int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
 /* Sides. A path walk knows for each closed object whether it is inside, and there can only meet a
    back face, and outside only a front face. With `sides`, faces of the wrong orientation are passed
    over, so that a ray which starts on a face does not meet that face again, however its origin was
-   rounded, and no epsilon is needed.
-
-   The objects, as bits, whose front faces and whose back faces a walk may meet, at most 64; open
-   sheets have both. And where its ray begins. */
+   rounded, and no epsilon is needed. */
 typedef struct itn__sides {
-    uint64_t front, back;
+    uint64_t front, back; /* objects, as bits, whose front faces and whose back faces a walk may
+                             meet; open sheets have both */
     float flush; /* planes not further than this from the ray's origin go through it; 0: in space */
     int thrown;  /* it was thrown back there; else it has gone through */
 } itn__sides;
@@ -2739,8 +2714,7 @@ ITN__INLINE uint64_t itn__object_bit(int object) { return (uint64_t)1 << object;
    F = n . (p0 - o), n = (p1-p0) x (p2-p0), |n|_1 = |nx| + |ny| + |nz|; in double, which adds next
    to nothing to the error of o. A ray's origin on a face is a rounded point of it, and how far it
    is from that face's own plane is known so. Twice as much, and 16 u |o| (u = 2^-24) for planes
-   that agree but for rounding, counts as in the plane. A neighbour in the same plane has other
-   rounded corners, but shares the edge that alone brings it near o. The t of sheets is computed in
+   that agree but for rounding, counts as in the plane. The t of sheets is computed in
    double, too: a ground is often so large that floats of its corners' size cannot tell what lies
    on it from what does not. It counts for a little more, so that of a boundary on a sheet and the
    sheet the boundary is met first. */
@@ -2770,6 +2744,17 @@ static itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
         plane.error += 4 * DBL_EPSILON * (fabs(b[l] * c[m]) + fabs(b[m] * c[l])) * fabs(a[k]);
     }
     return plane;
+}
+
+/* Unit normal of a triangle's front, in double, where the edges of floats and their products are
+   exact enough for the thinnest needle. Returns 0 if there is none. */
+static int itn__unit_normal(const itn__triangle *triangle, double n[3]) {
+    itn__plane plane = itn__plane_of(triangle, itn__vec3(0, 0, 0));
+    double length = sqrt(plane.n[0] * plane.n[0] + plane.n[1] * plane.n[1] +
+                         plane.n[2] * plane.n[2]);
+    int k;
+    for (k = 0; k < 3 && length > 0; k++) n[k] = plane.n[k] / length;
+    return length > 0;
 }
 
 /* The t of a hit once more, in double, if it is one there, too, but for an ulp. */
@@ -2830,12 +2815,9 @@ ITN__INLINE int itn__triangle_hit(const itn__triangle *triangle, const itn__shea
     double ax = a[s->kx] - ox - s->sx * az, ay = a[s->ky] - oy - s->sy * az;
     double bx = b[s->kx] - ox - s->sx * bz, by = b[s->ky] - oy - s->sy * bz;
     double cx = c[s->kx] - ox - s->sx * cz, cy = c[s->ky] - oy - s->sy * cz;
-    double u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax;
-    double least = u < v ? u : v, most = u < v ? v : u, det = u + v + w;
+    double u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax, det = u + v + w;
     float t;
-    least = w < least ? w : least;
-    most = w > most ? w : most;
-    if (!(least >= 0 || most <= 0) || det == 0) return 0;
+    if (!((u >= 0 && v >= 0 && w >= 0) || (u <= 0 && v <= 0 && w <= 0)) || det == 0) return 0;
     t = (float)((u * az + v * bz + w * cz) / det * s->sz);
     if (sides) {
         uint64_t object = itn__object_bit(triangle->object);
@@ -2852,22 +2834,20 @@ ITN__INLINE int itn__triangle_hit(const itn__triangle *triangle, const itn__shea
     return 1;
 }
 
-/* ---- [pack] one ray against many triangles --------------------------------------------------- */
-
-/* Up to ITN__PACK triangles, stored by coordinate, so that a ray is tested against them in lanes.
-   The lanes propose and the test of [tri] disposes: a few float operations per triangle decide
+/* Packs. Up to ITN__PACK triangles are stored by coordinate, so that a ray is tested against them
+   in lanes, which propose; the test above disposes: a few float operations per triangle decide
    which ones the ray may hit, and only those few are tested exactly. The lanes repeat that test's
    arithmetic in float, with margins that make sure no hit is passed over.
    Let E be the largest extent of a triangle of the pack along an axis, d = |az| + E a bound of its
-   corners' z, and w = d FLT_EPSILON. If the test of [tri] sees the point (0,0) in the triangle,
+   corners' z, and w = d FLT_EPSILON. If the exact test sees the point (0,0) in the triangle,
    sheared coordinates are no larger than their extent B <= 2 E + 4 w (the shear adds at most as
    much again, rounding the rest), and those of the lanes, which a fused multiply-add may have
    rounded otherwise, are off by at most w + 2 B FLT_EPSILON. Then an edge function of the lanes is
    off by at most 4 B w + 2 w^2 + 11 B^2 FLT_EPSILON < 64 w (E + w), and by FLT_MIN for each of its
    operations that underflows. Products may overflow where B^2 can, so beyond ITN__PACK_EXTENT, E
    counts as infinite and every triangle is proposed.
-   The t of a hit lies between those of the corners, which lanes and [tri] compute from the same z;
-   so the interval needs to be widened only by the roundings of a few products. */
+   The t of a hit lies between those of the corners, which both compute from the same z; so the
+   interval needs to be widened only by the roundings of a few products. */
 enum { ITN__PACK = ITN__LANES > 8 ? 16 : 8 };
 #define ITN__PACK_EXTENT 1e18f
 
@@ -2881,32 +2861,26 @@ typedef struct itn__pack {
     char unused[64 - (41 * ITN__PACK + 12) % 64]; /* makes it a multiple of a cache line */
 } itn__pack;
 
-/* Fills a pack with the triangles in these slots, at most ITN__PACK; -1 leaves a place free. */
+/* Fills a pack with the triangles of these numbers, at most ITN__PACK. */
 static ITN__UNUSED void itn__pack_fill(itn__pack *pack, const itn__triangle *triangles,
-                                       const int32_t *slots, int count) {
-    float extent = 0;
+                                       const int32_t *numbers, int count) {
     int i, j, k;
-    for (j = 0; j < 3; j++)
-        for (k = 0; k < 3; k++)
-            for (i = 0; i < ITN__PACK; i++) pack->corner[j][k][i] = NAN;
-    for (i = 0; i < ITN__PACK; i++) pack->index[i] = -1, pack->objects[i] = 0;
-    for (pack->used = 0, pack->object = -1, i = 0; i < count; i++) {
-        const itn__triangle *triangle = triangles;
-        if (slots[i] < 0) continue;
-        triangle += slots[i];
-        if (!pack->used) pack->object = triangle->object;
-        if (triangle->object != pack->object) pack->object = -1;
-        pack->index[i] = triangle->index;
-        pack->objects[i] = (uint8_t)triangle->object;
-        pack->used |= 1u << i;
-        for (k = 0; k < 3; k++) {
-            float a = triangle->corner[0][k], b = triangle->corner[1][k];
-            float c = triangle->corner[2][k];
-            extent = itn__max(extent, itn__max(a, itn__max(b, c)) - itn__min(a, itn__min(b, c)));
-            for (j = 0; j < 3; j++) pack->corner[j][k][i] = triangle->corner[j][k];
-        }
+    pack->extent = 0, pack->object = -1, pack->used = (1u << count) - 1;
+    for (i = 0; i < ITN__PACK; i++) {
+        const itn__triangle *triangle = i < count ? &triangles[numbers[i]] : NULL;
+        pack->index[i] = triangle ? triangle->index : -1;
+        pack->objects[i] = (uint8_t)(triangle ? triangle->object : 0);
+        if (!i) pack->object = pack->objects[0];
+        if (triangle && triangle->object != pack->object) pack->object = -1;
+        for (j = 0; j < 3; j++)
+            for (k = 0; k < 3; k++) {
+                float x = triangle ? triangle->corner[j][k] : NAN;
+                float next = triangle ? triangle->corner[(j + 1) % 3][k] : NAN;
+                pack->corner[j][k][i] = x;
+                if (!(fabsf(x - next) <= pack->extent) && triangle) pack->extent = fabsf(x - next);
+            }
     }
-    pack->extent = extent < ITN__PACK_EXTENT ? extent : INFINITY;
+    if (!(pack->extent < ITN__PACK_EXTENT)) pack->extent = INFINITY;
 }
 
 /* Those of the places `from` ... `from + ITN__LANES - 1` of a pack that the ray may hit, as bits.
@@ -2988,39 +2962,36 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, fl
     return found;
 }
 
-/* ---- [bvh-build] a bounding volume hierarchy ------------------------------------------------- */
+/* ---- [bvh] a bounding volume hierarchy ------------------------------------------------------- */
 
 /* A tree whose nodes have up to ITN__WIDE children and whose leaves are packs, so that a ray tests
    all children of a node, or all triangles of a leaf, in lanes. By the surface area heuristic
    (MacDonald and Booth 1990) the cost of a ray is
-     sum over leaves of area + ITN__NODE_COST * sum over wide nodes of area,
+     sum over leaves of area + sum over nodes of area,
    relative to testing one leaf and to the area of the whole, since a ray that meets a convex box
    meets a smaller one inside it with a probability of the ratio of their areas.
-   The tree is made in two steps. First a binary tree from the top down. Candidate splits are the
-   borders of equal bins of the triangles' centres along each axis (Wald 2007); both sides are
-   priced as if they became full leaves, and a branch that fits a leaf is split only if that saves
-   ITN__SPLIT_COST of its area. Where no border separates anything (equal centres), and below
+   A node begins with one child that holds all its triangles; children are cut in two, those of
+   large areas first, until there are ITN__WIDE (Wald, Benthin and Boulos 2008). Candidate cuts are
+   the borders of equal bins of the triangles' centres along each axis (Wald 2007); both sides are
+   priced as if they became full leaves, and a child that fits a leaf is cut only if that saves
+   ITN__CUT_COST of its area. Where no border separates anything (equal centres), and below
    ITN__SAH_DEPTH levels, the list is cut in the middle: fewer than 2^30 triangles then end within
-   30 more levels, so the depth of any tree is below ITN__DEPTH, whatever the mesh.
-   The references to the triangles are sorted in place, a branch is a part of their list, and each
-   split is a border in the list that no other split has; so the children of the split at border b
-   are the branches 2 b and 2 b + 1, and subtrees can be built at the same time without asking each
-   other for room.
-   Second, the cheapest wide tree within the binary one, by dynamic programming (Ylitie, Karras and
-   Laine 2017). A branch that may take one place among the children of a wide node is either a leaf
-   or a wide node with ITN__WIDE places for its two sides; one that may take more shares them out
-   between its sides, where that is cheaper. */
+   30 more levels, so that no tree is deeper than ITN__DEPTH, whatever the mesh.
+   The references to the triangles are sorted in place: a child is a part of its node's list. Nodes
+   are made level by level, those of one level side by side; their children are numbered afterwards,
+   in order. A node with fewer than ITN__WIDE children has only leaves, since more triangles than a
+   leaf holds can always be cut. Let n be the number of triangles. Nodes that have nodes below them
+   add at least ITN__WIDE - 1 children each and there are at most n leaves; the others hold more
+   than ITN__PACK triangles each: there are at most n / (ITN__WIDE - 1) + n / ITN__PACK + 1. */
 
 enum {
     ITN__WIDE = ITN__LANES > 4 ? 16 : 8,
     ITN__BINS = 16,
-    ITN__SAH_DEPTH = 48,
-    ITN__DEPTH = 80,
-    ITN__SUBTREES = 128, /* that are built at the same time, at most */
-    ITN__BLOCK = 256     /* of triangles, leaves or wide nodes that one task makes */
+    ITN__SAH_DEPTH = 32,
+    ITN__DEPTH = 64,
+    ITN__BLOCK = 256 /* triangles or leaves that one task makes */
 };
-#define ITN__SPLIT_COST .25
-#define ITN__NODE_COST 1.
+#define ITN__CUT_COST .25
 
 /* lower x, y, z, then minus upper x, y, z, so that joining two boxes takes nothing but minima; the
    elements 3 and 7 mean nothing. */
@@ -3028,8 +2999,8 @@ typedef struct itn__box {
     float bound[8];
 } itn__box;
 
-/* The children's boxes by coordinate (lower x, y, z, upper x, y, z), and the children: wide node c,
-   or leaf ~c. A child that does not exist is the empty leaf of an empty box. */
+/* The children's boxes by coordinate (lower x, y, z, upper x, y, z), and the children: node c, or
+   leaf ~c. A child that does not exist is leaf 0, which is empty, in an empty box. */
 typedef struct itn__node {
     float bounds[6][ITN__WIDE];
     int32_t child[ITN__WIDE];
@@ -3037,45 +3008,41 @@ typedef struct itn__node {
 
 struct itn_bvh {
     itn_context context;
-    itn_vec3 lower, upper;    /* bounds of all triangles */
-    itn__node *nodes;         /* nodes[0] is the root; aligned to a cache line, in node_memory */
-    itn__pack *packs;         /* [leaf_count + 1], the last one empty; aligned, in pack_memory */
-    itn__triangle *triangles; /* [triangle_count], in the order of the leaves */
-    int *slots;               /* [triangle_count], index in the mesh -> index in triangles */
+    itn_vec3 lower, upper; /* bounds of all triangles */
+    itn__node *nodes;      /* nodes[0] is the root; aligned to a cache line, in node_memory */
+    itn__pack *packs;      /* [leaf_count], the leaves; aligned, in pack_memory */
+    itn__triangle *triangles; /* [triangle_count], as in the mesh */
     void *node_memory, *pack_memory;
     int triangle_count, node_count, leaf_count;
 };
 
-/* The corners of a triangle, by its index in the mesh, and the object it belongs to. */
+/* The corners of a triangle. */
 ITN__INLINE void itn__bvh_corners(const itn_bvh *bvh, int triangle, itn_vec3 p[3]) {
-    const itn__triangle *found = &bvh->triangles[bvh->slots[triangle]];
     int k;
-    for (k = 0; k < 3; k++)
-        p[k] = itn__vec3(found->corner[k][0], found->corner[k][1], found->corner[k][2]);
-}
-ITN__INLINE int itn__bvh_object(const itn_bvh *bvh, int triangle) {
-    return bvh->triangles[bvh->slots[triangle]].object;
+    for (k = 0; k < 3; k++) {
+        const float *corner = bvh->triangles[triangle].corner[k];
+        p[k] = itn__vec3(corner[0], corner[1], corner[2]);
+    }
 }
 
-ITN__INLINE itn__box itn__box_empty(void) {
+ITN__INLINE int itn__bvh_object(const itn_bvh *bvh, int triangle) {
+    return bvh->triangles[triangle].object;
+}
+
+static itn__box itn__box_empty(void) {
     itn__box box;
     int k;
     for (k = 0; k < 8; k++) box.bound[k] = FLT_MAX;
     return box;
 }
 ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
-#if defined(ITN__X86) && ITN__LANES >= 8
-    __m256 a = _mm256_loadu_ps(box->bound), b = _mm256_loadu_ps(other->bound);
-    _mm256_storeu_ps(box->bound, _mm256_min_ps(a, b));
-#else
     itn__box a = *box, b = *other; /* copies cannot overlap */
     int k;
     for (k = 0; k < 8; k++) a.bound[k] = itn__min(a.bound[k], b.bound[k]);
     *box = a;
-#endif
 }
 /* Half the surface area. */
-ITN__INLINE double itn__box_area(const itn__box *box) {
+static double itn__box_area(const itn__box *box) {
     double x = -((double)box->bound[4] + box->bound[0]);
     double y = -((double)box->bound[5] + box->bound[1]);
     double z = -((double)box->bound[6] + box->bound[2]);
@@ -3091,330 +3058,262 @@ typedef struct itn__reference {
     int index;
 } itn__reference;
 
-/* A part of the list of references: one node of the binary tree. */
-typedef struct itn__branch {
-    itn__box box;
-    int first, count; /* of the references */
-    int border;       /* first reference of the right child; 0 if there are no children */
-    int leaf;         /* whether it is better a leaf than a wide node */
-    uint8_t share[ITN__WIDE + 1]; /* places its left child gets of so many; 0: it takes one only */
-} itn__branch;
+/* A part of the list of references: a child, or what a node or a leaf is made of. */
+typedef struct itn__range {
+    int first, count;
+} itn__range;
+typedef struct itn__child {
+    itn__range range;
+    int whole; /* a leaf that is not to be cut */
+    double area;
+    itn__box box, centres; /* of the triangles, of their centres */
+} itn__child;
 
-/* A branch whose box and children are still to be found. */
-typedef struct itn__growth {
-    int branch, first, count, depth;
-} itn__growth;
-
-/* Bins along the three axes: the bin of a centre c is (c - lower) * scale. */
+/* Bins along an axis: that of a centre c is (c - lower) * scale, at most count - 1. */
 typedef struct itn__bins {
-    float lower[3], scale[3]; /* 0, 0 where the centres are equal, or too far apart */
-    int used;                 /* at most ITN__BINS */
-    itn__box box[3][ITN__BINS];
-    int count[3][ITN__BINS];
+    float lower, scale; /* 0, 0 where the centres are equal, or too far apart */
+    int axis, count, triangles[ITN__BINS];
+    itn__box box[ITN__BINS];
 } itn__bins;
-
-typedef struct itn__split {
-    double cost; /* sum of area times leaves of both sides; infinite if there is no split */
-    int axis, bin;
-} itn__split;
 
 typedef struct itn__build {
     const itn_mesh *mesh;
     const int *objects; /* of the triangles, or NULL */
     itn__reference *references;
-    itn__branch *branches; /* [2 count], see above; branches[0] is the root */
-    itn__growth subtrees[ITN__SUBTREES];
-    int subtree_count;
-    int *roots;      /* of each wide node: its branch, */
-    int *first_node; /* its first child that is a wide node, */
-    int *first_leaf; /* and its first child that is a leaf */
-    int32_t *leaves; /* of each leaf: its branch */
-    int node_count, leaf_count;
+    itn__range *nodes, *leaves; /* their references; leaf 0 has none */
+    int first, depth;           /* of the level that is being made: its first node, its number */
     itn_bvh *bvh;
 } itn__build;
 
-ITN__INLINE int itn__bin_of(const itn__bins *bins, const itn__box *box, int axis) {
-    int bin = (int)((itn__box_centre(box, axis) - bins->lower[axis]) * bins->scale[axis]);
-    return bin < bins->used - 1 ? bin : bins->used - 1;
+ITN__INLINE int itn__bin_of(const itn__bins *bins, const itn__box *box) {
+    int bin = (int)((itn__box_centre(box, bins->axis) - bins->lower) * bins->scale);
+    return bin < bins->count - 1 ? bin : bins->count - 1;
 }
 
-/* Empty bins between the extreme centres; few of them for few references. */
-static void itn__bins_clear(itn__bins *bins, const itn__box *centres, int count) {
+/* Sorts a child's references into bins between the extreme centres; few of them for few. */
+static void itn__fill_bins(itn__bins bins[3], const itn__child *child,
+                           const itn__reference *references) {
     int axis, i;
-    bins->used = count < 4 * ITN__BINS ? 4 + count / 8 : ITN__BINS;
     for (axis = 0; axis < 3; axis++) {
-        float lower = centres->bound[axis], size = -centres->bound[axis + 4] - lower;
-        float scale = (float)bins->used / size;
-        int separate = scale > 0 && itn__finite(scale);
-        bins->lower[axis] = separate ? lower : 0;
-        bins->scale[axis] = separate ? scale : 0;
-        for (i = 0; i < bins->used; i++) {
-            bins->box[axis][i] = itn__box_empty();
-            bins->count[axis][i] = 0;
-        }
+        itn__bins *b = &bins[axis];
+        float lower = child->centres.bound[axis], size = -child->centres.bound[axis + 4] - lower;
+        b->axis = axis;
+        b->count = child->range.count < 4 * ITN__BINS ? 4 + child->range.count / 8 : ITN__BINS;
+        b->lower = lower, b->scale = (float)b->count / size;
+        if (!(b->scale > 0 && itn__finite(b->scale))) b->lower = b->scale = 0;
+        for (i = 0; i < b->count; i++) b->box[i] = itn__box_empty(), b->triangles[i] = 0;
     }
-}
-
-static void itn__bins_add(itn__bins *bins, const itn__reference *references, int count) {
-    int i, axis;
-    for (i = 0; i < count; i++)
+    for (i = 0; i < child->range.count; i++)
         for (axis = 0; axis < 3; axis++) {
-            int bin = itn__bin_of(bins, &references[i].box, axis);
-            itn__box_add(&bins->box[axis][bin], &references[i].box);
-            bins->count[axis][bin]++;
+            int bin = itn__bin_of(&bins[axis], &references[i].box);
+            itn__box_add(&bins[axis].box[bin], &references[i].box);
+            bins[axis].triangles[bin]++;
         }
 }
 
-/* The surface area heuristic of so many triangles in a box. */
-ITN__INLINE double itn__leaf_cost(const itn__box *box, int count) {
-    return itn__box_area(box) * ((count + ITN__PACK - 1) / ITN__PACK);
+static int itn__leaves_of(int triangles) { return (triangles + ITN__PACK - 1) / ITN__PACK; }
+
+/* Area times leaves of so many triangles in a box. */
+static double itn__leaf_cost(const itn__box *box, int triangles) {
+    return triangles ? itn__box_area(box) * itn__leaves_of(triangles) : 0;
 }
 
-/* Finds the cheapest border between bins along an axis; keeps it if it beats `best`. */
-static void itn__split_axis(const itn__bins *bins, int axis, int count, itn__split *best) {
-    double right[ITN__BINS];
+/* The cheapest border between bins with triangles on both sides; returns its cost, or infinity. */
+static double itn__best_border(const itn__bins *bins, int count, int *border) {
+    double right[ITN__BINS], best = INFINITY;
     itn__box side = itn__box_empty();
     int i, passed = 0;
-    for (i = bins->used - 1; i > 0; i--) {
-        itn__box_add(&side, &bins->box[axis][i]);
-        passed += bins->count[axis][i];
-        right[i] = passed ? itn__leaf_cost(&side, passed) : 0;
+    for (i = bins->count - 1; i > 0; i--) {
+        itn__box_add(&side, &bins->box[i]);
+        passed += bins->triangles[i];
+        right[i] = itn__leaf_cost(&side, passed);
     }
     side = itn__box_empty();
-    for (i = 1, passed = 0; i < bins->used; i++) {
+    for (i = 1, passed = 0; i < bins->count; i++) {
         double cost;
-        itn__box_add(&side, &bins->box[axis][i - 1]);
-        passed += bins->count[axis][i - 1];
-        if (passed == 0 || passed == count) continue;
+        itn__box_add(&side, &bins->box[i - 1]);
+        passed += bins->triangles[i - 1];
         cost = itn__leaf_cost(&side, passed) + right[i];
-        if (cost < best->cost) best->cost = cost, best->axis = axis, best->bin = i;
+        if (passed > 0 && passed < count && cost < best) best = cost, *border = i;
     }
+    return best;
 }
 
-/* Moves the references left of the split to the front; returns how many they are. */
-static int itn__split_apply(itn__reference *references, int count, const itn__bins *bins,
-                            const itn__split *split) {
+/* Moves the references left of a border to the front; returns how many they are. */
+static int itn__partition(itn__reference *references, int count, const itn__bins *bins,
+                          int border) {
     int i, left = 0;
     for (i = 0; i < count; i++) { /* references[left ... i-1] are right ones; no branch to guess */
         itn__reference moved = references[i];
         references[i] = references[left];
         references[left] = moved;
-        left += itn__bin_of(bins, &moved.box, split->axis) < split->bin;
+        left += itn__bin_of(bins, &moved.box) < border;
     }
     return left;
 }
 
-/* Where to cut a branch's references in two; 0 makes it a leaf. */
-static int itn__branch_cut(itn__reference *references, const itn__branch *branch,
-                           const itn__box *centres, int depth) {
-    itn__split split = ITN_ZERO;
-    itn__bins bins;
-    int count = branch->count, left = 0, axis;
-    double area = itn__box_area(&branch->box);
-    if (count == 1) return 0;
-    split.cost = INFINITY;
+/* How many of a child's references come first when it is cut in two; 0 leaves it whole. */
+static int itn__cut(itn__reference *references, const itn__child *child, int depth) {
+    itn__bins bins[3];
+    int count = child->range.count, border[3] = {0, 0, 0}, axis, best = 0;
+    double cost[3] = {INFINITY, INFINITY, INFINITY};
     if (depth < ITN__SAH_DEPTH) {
-        itn__bins_clear(&bins, centres, count);
-        itn__bins_add(&bins, references, count);
-        for (axis = 0; axis < 3; axis++) itn__split_axis(&bins, axis, count, &split);
+        itn__fill_bins(bins, child, references);
+        for (axis = 0; axis < 3; axis++) {
+            cost[axis] = itn__best_border(&bins[axis], count, &border[axis]);
+            if (cost[axis] < cost[best]) best = axis;
+        }
     }
-    if (count <= ITN__PACK && !(split.cost + ITN__SPLIT_COST * area < area)) return 0;
-    if (split.cost < INFINITY) left = itn__split_apply(references, count, &bins, &split);
-    return left > 0 && left < count ? left : count / 2;
+    if (count <= ITN__PACK && !(cost[best] + ITN__CUT_COST * child->area < child->area)) return 0;
+    if (cost[best] < INFINITY) {
+        int left = itn__partition(references, count, &bins[best], border[best]);
+        if (left > 0 && left < count) return left;
+    }
+    return count / 2;
 }
 
-/* Finds a branch's box and children. Returns 0 for a leaf. */
-static int itn__grow(itn__build *build, const itn__growth *growth, itn__growth children[2]) {
-    itn__branch *branch = &build->branches[growth->branch];
-    itn__reference *references = build->references + growth->first;
-    itn__box box = itn__box_empty(), centres = box;
-    int i, k, left;
-    for (i = 0; i < growth->count; i++) {
+/* A child of some references. */
+static itn__child itn__make_child(const itn__build *build, int first, int count) {
+    itn__child child;
+    int i, k;
+    child.range.first = first, child.range.count = count;
+    child.box = child.centres = itn__box_empty();
+    for (i = first; i < first + count; i++) {
+        const itn__box *box = &build->references[i].box;
         itn__box centre;
         for (k = 0; k < 8; k++)
-            centre.bound[k] = .5f * references[i].box.bound[k] -
-                              .5f * references[i].box.bound[(k + 4) % 8];
-        itn__box_add(&centres, &centre);
-        itn__box_add(&box, &references[i].box);
+            centre.bound[k] = .5f * box->bound[k] - .5f * box->bound[(k + 4) % 8];
+        itn__box_add(&child.centres, &centre);
+        itn__box_add(&child.box, box);
     }
-    branch->box = box;
-    branch->first = growth->first, branch->count = growth->count;
-    left = itn__branch_cut(references, branch, &centres, growth->depth);
-    if (!left) return 0;
-    branch->border = growth->first + left;
-    for (k = 0; k < 2; k++) {
-        children[k].branch = 2 * branch->border + k;
-        children[k].first = k ? branch->border : growth->first;
-        children[k].count = k ? growth->count - left : left;
-        children[k].depth = growth->depth + 1;
+    child.area = itn__box_area(&child.box);
+    child.whole = count == 1;
+    return child;
+}
+
+/* The child to cut next, or -1: the largest of those that need more leaves than a node has; without
+   such, one of the others, whose leaves take a place each and save a node; last, leaves. */
+static int itn__next_cut(const itn__child *children, int count) {
+    int i, next = -1, best_kind = 0;
+    double best = 0;
+    for (i = 0; i < count; i++) {
+        int leaves = itn__leaves_of(children[i].range.count);
+        int kind = (leaves > 1) + (leaves > ITN__WIDE);
+        double worth = kind == 1 ? children[i].area / (leaves - 1) : children[i].area;
+        if (children[i].whole) continue;
+        if (next < 0 || kind > best_kind || (kind == best_kind && worth > best))
+            next = i, best_kind = kind, best = worth;
     }
-    return 1;
+    return next;
 }
 
-/* Grows a branch and all below. Those with at most `grain` triangles are left for later, as long as
-   there is room to note them. */
-static void itn__grow_all(itn__build *build, itn__growth growth, int grain) {
-    itn__growth stack[ITN__DEPTH], children[2];
-    int top = 0;
-    for (;;) {
-        int later = growth.count <= grain && build->subtree_count < ITN__SUBTREES;
-        if (later) build->subtrees[build->subtree_count++] = growth;
-        if (!later && itn__grow(build, &growth, children)) {
-            growth = children[0];
-            stack[top++] = children[1];
-        } else {
-            if (!top) return;
-            growth = stack[--top];
-        }
-    }
-}
-static void itn__grow_subtree(void *task, int index) {
-    itn__build *build = (itn__build *)task;
-    itn__grow_all(build, build->subtrees[index], 0);
-}
-
-/* Copies a triangle's corners and returns its box. */
-static itn__box itn__load_triangle(const itn_mesh *mesh, int index, float corner[3][3]) {
-    itn__box box = itn__box_empty();
-    int j, k;
-    for (j = 0; j < 3; j++) {
-        const int *vertex = mesh->triangles + 3 * (size_t)index;
-        const float *p = mesh->positions + 3 * (size_t)vertex[j];
-        for (k = 0; k < 3; k++) {
-            corner[j][k] = p[k];
-            box.bound[k] = itn__min(box.bound[k], p[k]);
-            box.bound[k + 4] = itn__min(box.bound[k + 4], -p[k]);
-        }
-    }
-    return box;
-}
-
-static int itn__block_end(int index, int count) {
-    return count - index * ITN__BLOCK < ITN__BLOCK ? count : (index + 1) * ITN__BLOCK;
-}
-static int itn__block_count(int count) { return (count + ITN__BLOCK - 1) / ITN__BLOCK; }
-
-static void itn__refer(void *task, int index) {
-    itn__build *build = (itn__build *)task;
-    int i, end = itn__block_end(index, build->mesh->triangle_count);
-    float corner[3][3];
-    for (i = index * ITN__BLOCK; i < end; i++) {
-        build->references[i].box = itn__load_triangle(build->mesh, i, corner);
-        build->references[i].index = i;
-    }
-}
-
-/* The binary tree. */
-static void itn__build_branches(itn__build *build, const itn_context *context) {
-    itn__growth root = ITN_ZERO;
-    root.count = build->mesh->triangle_count;
-    itn__parallel_for(context, itn__block_count(root.count), itn__refer, build);
-    itn__grow_all(build, root, root.count / (ITN__SUBTREES / 4));
-    itn__parallel_for(context, build->subtree_count, itn__grow_subtree, build);
-}
-
-/* Finds the least cost of a branch and all below when it may take 1, 2, ... places among the
-   children of a wide node, and how to achieve it. */
-static void itn__plan(itn__branch *branches, int number, double cost[ITN__WIDE + 1]) {
-    itn__branch *branch = &branches[number];
-    double left[ITN__WIDE + 1], right[ITN__WIDE + 1], area = itn__box_area(&branch->box);
-    int i, places;
-    for (places = 1; places <= ITN__WIDE; places++) cost[places] = area;
-    branch->leaf = !branch->border;
-    if (branch->leaf) return;
-    itn__plan(branches, 2 * branch->border, left);
-    itn__plan(branches, 2 * branch->border + 1, right);
-    for (places = 2; places <= ITN__WIDE; places++) {
-        int share = 1;
-        for (i = 2; i < places; i++)
-            if (left[i] + right[places - i] < left[share] + right[places - share]) share = i;
-        cost[places] = left[share] + right[places - share];
-        branch->share[places] = (uint8_t)share;
-    }
-    cost[1] = cost[ITN__WIDE] + ITN__NODE_COST * area;
-    branch->leaf = branch->count <= ITN__PACK && area <= cost[1];
-    if (branch->leaf) cost[1] = area;
-    for (places = 2; places <= ITN__WIDE; places++)
-        if (cost[1] < cost[places]) cost[places] = cost[1], branch->share[places] = 0;
-}
-
-/* The branches that become the children of the wide node of a branch; returns how many. */
-static int itn__flatten(const itn__branch *branches, int root, int child[ITN__WIDE]) {
-    int number[ITN__WIDE], places[ITN__WIDE], top = 1, count = 0;
-    number[0] = root, places[0] = ITN__WIDE;
-    while (top) {
-        const itn__branch *branch = &branches[number[--top]];
-        int all = places[top], left = branch->border && all > 1 ? branch->share[all] : 0;
-        if (!left) {
-            child[count++] = number[top];
-            continue;
-        }
-        number[top] = 2 * branch->border + 1, places[top++] = all - left;
-        number[top] = 2 * branch->border, places[top++] = left;
+/* Cuts the references of a node, children[0], in at most ITN__WIDE children; returns how many. */
+static int itn__cut_node(const itn__build *build, itn__child children[ITN__WIDE]) {
+    int count = 1, cut;
+    while (count < ITN__WIDE && (cut = itn__next_cut(children, count)) >= 0) {
+        itn__range range = children[cut].range;
+        int left = itn__cut(build->references + range.first, &children[cut], build->depth);
+        children[cut].whole = !left;
+        if (!left) continue;
+        memmove(children + cut + 1, children + cut, (size_t)(count - cut) * sizeof *children);
+        children[cut] = itn__make_child(build, range.first, left);
+        children[cut + 1] = itn__make_child(build, range.first + left, range.count - left);
+        count++;
     }
     return count;
 }
 
-/* Numbers the wide nodes, breadth first, and their leaves. */
-static void itn__number_nodes(itn__build *build) {
-    int node, child[ITN__WIDE], count, i;
-    build->node_count = 1;
-    for (node = 0; node < build->node_count; node++) {
-        build->first_node[node] = build->node_count;
-        build->first_leaf[node] = build->leaf_count;
-        count = itn__flatten(build->branches, build->roots[node], child);
-        for (i = 0; i < count; i++)
-            if (build->branches[child[i]].leaf)
-                build->leaves[build->leaf_count++] = child[i];
-            else
-                build->roots[build->node_count++] = child[i];
-    }
-}
-
-/* Fills a block of wide nodes. */
-static void itn__fill_nodes(void *task, int index) {
+/* Makes a node of the present level. Children that have no number yet say how many triangles they
+   have. */
+static void itn__grow(void *task, int index) {
     itn__build *build = (itn__build *)task;
-    int number, end = itn__block_end(index, build->node_count), child[ITN__WIDE], count, i, k;
-    for (number = index * ITN__BLOCK; number < end; number++) {
-        itn__node *node = &build->bvh->nodes[number];
-        int next_node = build->first_node[number], next_leaf = build->first_leaf[number];
-        count = itn__flatten(build->branches, build->roots[number], child);
-        for (i = 0; i < ITN__WIDE; i++) {
-            itn__box box = itn__box_empty();
-            node->child[i] = ~build->leaf_count;
-            if (i < count) {
-                box = build->branches[child[i]].box;
-                node->child[i] = build->branches[child[i]].leaf ? ~next_leaf++ : next_node++;
-            }
-            for (k = 0; k < 3; k++)
-                node->bounds[k][i] = box.bound[k], node->bounds[k + 3][i] = -box.bound[k + 4];
+    itn_bvh *bvh = build->bvh;
+    int number = build->first + index, count, i, k;
+    itn__child children[ITN__WIDE];
+    children[0] = itn__make_child(build, build->nodes[number].first, build->nodes[number].count);
+    if (!number) {
+        const float *bound = children[0].box.bound;
+        bvh->lower = itn__vec3(bound[0], bound[1], bound[2]);
+        bvh->upper = itn__vec3(-bound[4], -bound[5], -bound[6]);
+    }
+    count = itn__cut_node(build, children);
+    for (i = 0; i < ITN__WIDE; i++) {
+        itn__box box = i < count ? children[i].box : itn__box_empty();
+        bvh->nodes[number].child[i] = i < count ? children[i].range.count : 0;
+        for (k = 0; k < 3; k++) {
+            bvh->nodes[number].bounds[k][i] = box.bound[k];
+            bvh->nodes[number].bounds[k + 3][i] = -box.bound[k + 4];
         }
     }
 }
 
-/* Fills a block of leaves; the one after the last stays empty. */
-static void itn__fill_packs(void *task, int index) {
-    itn__build *build = (itn__build *)task;
-    int i, k, end = itn__block_end(index, build->leaf_count + 1);
-    for (i = index * ITN__BLOCK; i < end; i++) {
-        const itn__branch *leaf = &build->branches[i < build->leaf_count ? build->leaves[i] : 0];
-        int32_t slots[ITN__PACK];
-        int count = i < build->leaf_count ? leaf->count : 0;
-        for (k = 0; k < count; k++) slots[k] = leaf->first + k;
-        itn__pack_fill(&build->bvh->packs[i], build->bvh->triangles, slots, count);
+/* Numbers the children of a node. */
+static void itn__number_children(itn__build *build, int number) {
+    itn_bvh *bvh = build->bvh;
+    itn__range range = build->nodes[number];
+    int32_t *child = bvh->nodes[number].child;
+    int i;
+    for (i = 0; i < ITN__WIDE; i++, range.first += range.count) {
+        range.count = child[i];
+        if (range.count > ITN__PACK) {
+            child[i] = bvh->node_count++;
+            build->nodes[child[i]] = range;
+        } else {
+            child[i] = range.count ? ~bvh->leaf_count++ : ~0;
+            build->leaves[~child[i]] = range;
+        }
     }
 }
 
-/* Copies a block of triangles in the order of the leaves. */
-static void itn__copy_triangles(void *task, int index) {
+static int itn__block_count(int count) { return (count + ITN__BLOCK - 1) / ITN__BLOCK; }
+static int itn__block_end(int index, int count) {
+    return count - index * ITN__BLOCK < ITN__BLOCK ? count : (index + 1) * ITN__BLOCK;
+}
+
+/* Copies a block of triangles, and makes references of them. */
+static void itn__refer(void *task, int index) {
     itn__build *build = (itn__build *)task;
-    int i, end = itn__block_end(index, build->mesh->triangle_count);
+    const itn_mesh *mesh = build->mesh;
+    int i, j, k, end = itn__block_end(index, mesh->triangle_count);
     for (i = index * ITN__BLOCK; i < end; i++) {
         itn__triangle *triangle = &build->bvh->triangles[i];
-        triangle->index = build->references[i].index;
-        triangle->object = build->objects ? build->objects[triangle->index] : 0;
-        itn__load_triangle(build->mesh, triangle->index, triangle->corner);
-        build->bvh->slots[triangle->index] = i;
+        itn__box box = itn__box_empty();
+        for (j = 0; j < 3; j++)
+            for (k = 0; k < 3; k++) {
+                float x = mesh->positions[3 * (size_t)mesh->triangles[3 * (size_t)i + (size_t)j] +
+                                          (size_t)k];
+                triangle->corner[j][k] = x;
+                box.bound[k] = itn__min(box.bound[k], x);
+                box.bound[k + 4] = itn__min(box.bound[k + 4], -x);
+            }
+        triangle->index = build->references[i].index = i;
+        triangle->object = build->objects ? build->objects[i] : 0;
+        build->references[i].box = box;
+    }
+}
+
+/* Fills a block of leaves. */
+static void itn__fill_leaves(void *task, int index) {
+    itn__build *build = (itn__build *)task;
+    int leaf, k, end = itn__block_end(index, build->bvh->leaf_count);
+    for (leaf = index * ITN__BLOCK; leaf < end; leaf++) {
+        itn__range range = build->leaves[leaf];
+        int32_t numbers[ITN__PACK];
+        for (k = 0; k < range.count; k++) numbers[k] = build->references[range.first + k].index;
+        itn__pack_fill(&build->bvh->packs[leaf], build->bvh->triangles, numbers, range.count);
+    }
+}
+
+/* Makes all nodes. */
+static void itn__grow_all(itn__build *build) {
+    itn_bvh *bvh = build->bvh;
+    int end = 0, i;
+    bvh->node_count = bvh->leaf_count = 1;
+    build->nodes[0].count = bvh->triangle_count;
+    for (; end < bvh->node_count; build->depth++) {
+        build->first = end, end = bvh->node_count;
+        itn__parallel_for(&bvh->context, end - build->first, itn__grow, build);
+        for (i = build->first; i < end; i++) itn__number_children(build, i);
     }
 }
 
@@ -3422,7 +3321,6 @@ ITN_API void itn_bvh_free(itn_bvh *bvh) {
     itn_context context;
     if (!bvh) return;
     context = bvh->context;
-    itn__free(&context, bvh->slots);
     itn__free(&context, bvh->triangles);
     itn__free(&context, bvh->pack_memory);
     itn__free(&context, bvh->node_memory);
@@ -3437,18 +3335,15 @@ static itn_result itn__bvh_acceptable(const itn_mesh *mesh, itn_error *error) {
     if (mesh->triangle_count == 0)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: the mesh has no triangle");
     if (mesh->triangle_count >= 1 << 30) return itn__out_of_memory(error, "2^30 triangles");
-    for (i = 0; i < mesh->triangle_count; i++) {
-        const int *corner = mesh->triangles + 3 * (size_t)i;
-        if (!itn__mesh_indexed(mesh, i))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_bvh_create: triangle %d names vertices %d %d %d of %d", i,
-                             corner[0], corner[1], corner[2], mesh->vertex_count);
-        for (k = 0; k < 3; k++)
-            if (!itn__finite3(itn__mesh_position(mesh, corner[k])))
+    for (i = 0; i < mesh->triangle_count; i++)
+        for (k = 0; k < 3; k++) {
+            int corner = mesh->triangles[3 * (size_t)i + (size_t)k];
+            int there = corner >= 0 && corner < mesh->vertex_count;
+            if (!there || !itn__finite3(itn__mesh_position(mesh, corner)))
                 return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                                 "itn_bvh_create: vertex %d of triangle %d is not finite",
-                                 corner[k], i);
-    }
+                                 "itn_bvh_create: vertex %d of triangle %d %s", corner, i,
+                                 there ? "is not finite" : "is missing");
+        }
     return ITN_OK;
 }
 
@@ -3460,77 +3355,55 @@ static void *itn__allocate_aligned(const itn_context *context, size_t count, siz
     return *memory ? (char *)*memory + (line - (uintptr_t)*memory % line) % line : NULL;
 }
 
-/* Allocates a hierarchy for what has been built. Returns NULL if memory is out. */
-static itn_bvh *itn__bvh_allocate(const itn_context *context, const itn__build *build) {
-    itn_bvh *bvh = (itn_bvh *)itn__allocate(context, 1, sizeof *bvh);
-    size_t triangles = (size_t)build->mesh->triangle_count;
-    if (!bvh) return NULL;
-    bvh->context = *context;
-    bvh->triangle_count = build->mesh->triangle_count;
-    bvh->node_count = build->node_count;
-    bvh->leaf_count = build->leaf_count;
-    bvh->nodes = (itn__node *)itn__allocate_aligned(context, (size_t)build->node_count,
-                                                    sizeof(itn__node), &bvh->node_memory);
-    bvh->packs = (itn__pack *)itn__allocate_aligned(context, (size_t)build->leaf_count + 1,
+/* Builds the hierarchy, for which there is no memory yet. Returns 0 if that is out. */
+static int itn__bvh_make(itn__build *build, itn_bvh *bvh) {
+    size_t count = (size_t)bvh->triangle_count;
+    size_t nodes = count / (ITN__WIDE - 1) + count / ITN__PACK + 1; /* at most */
+    const itn_context *context = &bvh->context;
+    build->bvh = bvh;
+    build->references = (itn__reference *)itn__allocate(context, count, sizeof(itn__reference));
+    build->nodes = (itn__range *)itn__allocate(context, nodes, sizeof(itn__range));
+    build->leaves = (itn__range *)itn__allocate(context, count + 1, sizeof(itn__range));
+    bvh->nodes = (itn__node *)itn__allocate_aligned(context, nodes, sizeof(itn__node),
+                                                    &bvh->node_memory);
+    bvh->triangles = (itn__triangle *)itn__allocate(context, count, sizeof(itn__triangle));
+    if (!build->references || !build->nodes || !build->leaves || !bvh->nodes || !bvh->triangles)
+        return 0;
+    itn__parallel_for(context, itn__block_count(bvh->triangle_count), itn__refer, build);
+    itn__grow_all(build);
+    bvh->packs = (itn__pack *)itn__allocate_aligned(context, (size_t)bvh->leaf_count,
                                                     sizeof(itn__pack), &bvh->pack_memory);
-    bvh->triangles = (itn__triangle *)itn__allocate(context, triangles, sizeof(itn__triangle));
-    bvh->slots = (int *)itn__allocate(context, triangles, sizeof(int));
-    if (!bvh->node_memory || !bvh->pack_memory || !bvh->triangles || !bvh->slots) {
-        itn_bvh_free(bvh);
-        return NULL;
-    }
-    return bvh;
-}
-
-/* Makes the hierarchy from the binary tree. */
-static itn_bvh *itn__bvh_assemble(itn__build *build, const itn_context *context) {
-    itn_bvh *bvh;
-    double cost[ITN__WIDE + 1];
-    const float *bound = build->branches[0].box.bound;
-    itn__plan(build->branches, 0, cost);
-    itn__number_nodes(build);
-    bvh = build->bvh = itn__bvh_allocate(context, build);
-    if (!bvh) return NULL;
-    bvh->lower = itn__vec3(bound[0], bound[1], bound[2]);
-    bvh->upper = itn__vec3(-bound[4], -bound[5], -bound[6]);
-    itn__parallel_for(context, itn__block_count(bvh->triangle_count), itn__copy_triangles, build);
-    itn__parallel_for(context, itn__block_count(bvh->node_count), itn__fill_nodes, build);
-    itn__parallel_for(context, itn__block_count(bvh->leaf_count + 1), itn__fill_packs, build);
-    return bvh;
+    if (!bvh->packs) return 0;
+    itn__parallel_for(context, itn__block_count(bvh->leaf_count), itn__fill_leaves, build);
+    return 1;
 }
 
 /* itn_bvh_create, with the object that each triangle belongs to (NULL: all 0). */
 static itn_result itn__bvh_build(const itn_mesh *mesh, const int *object_of_triangle,
                                  const itn_context *context, itn_bvh **bvh, itn_error *error) {
     itn_context own;
-    itn_bvh *made = NULL;
-    itn__build *build;
-    size_t count;
+    itn__build build = ITN_ZERO;
+    itn_bvh *made;
+    int done = 0;
     itn_result result = itn__context_check(context, &own, error);
     if (!result) result = itn__bvh_acceptable(mesh, error);
     if (result) return result;
     if (!bvh) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: bvh is NULL");
-    count = (size_t)mesh->triangle_count;
-    build = (itn__build *)itn__allocate(&own, 1, sizeof *build);
-    if (!build) return itn__out_of_memory(error, "a bounding volume hierarchy");
-    build->mesh = mesh, build->objects = object_of_triangle;
-    build->references = (itn__reference *)itn__allocate(&own, count, sizeof(itn__reference));
-    build->branches = (itn__branch *)itn__allocate(&own, count, 2 * sizeof(itn__branch));
-    build->roots = (int *)itn__allocate(&own, count, 4 * sizeof(int));
-    if (build->references && build->branches && build->roots) {
-        build->first_node = build->roots + count;
-        build->first_leaf = build->first_node + count;
-        build->leaves = build->first_leaf + count;
-        itn__build_branches(build, &own);
-        made = itn__bvh_assemble(build, &own);
+    build.mesh = mesh, build.objects = object_of_triangle;
+    made = (itn_bvh *)itn__allocate(&own, 1, sizeof *made);
+    if (made) {
+        made->context = own, made->triangle_count = mesh->triangle_count;
+        done = itn__bvh_make(&build, made);
     }
-    itn__free(&own, build->roots);
-    itn__free(&own, build->branches);
-    itn__free(&own, build->references);
-    itn__free(&own, build);
-    if (!made) return itn__out_of_memory(error, "a bounding volume hierarchy");
-    *bvh = made;
-    return ITN_OK;
+    itn__free(&own, build.leaves);
+    itn__free(&own, build.nodes);
+    itn__free(&own, build.references);
+    if (done) {
+        *bvh = made;
+        return ITN_OK;
+    }
+    itn_bvh_free(made);
+    return itn__out_of_memory(error, "a bounding volume hierarchy");
 }
 
 ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
@@ -3538,26 +3411,22 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
     return itn__bvh_build(mesh, NULL, context, bvh, error);
 }
 
-/* ---- [bvh-trace] nearest hit, any hit -------------------------------------------------------- */
-
-/* A ray meets a box where its intervals between the three pairs of planes overlap. A box may be
-   missed only by rays that the test of [tri] lets miss all triangles in it, rounding included, so
-   that the tree never changes a result. Let s be the largest difference, along any axis, of the
-   ray's origin and a corner of a triangle, and u = 2^-24. That test sees a triangle whose corners
-   are sheared with errors of up to 7 u s: differences and products, of at most 2 s, are rounded and
-   the shear itself has two roundings. So it sees hits in the box enlarged by that much. A distance
-   (plane - origin) * (1 / direction) has three roundings, as if the plane were off by 3 u s. Boxes
-   are therefore enlarged by 16 u s on all sides: in effect the origin is moved, away from the plane
-   that the ray meets first and away from the one it meets last, by that and by an ulp of its own,
-   so that rounding cannot undo it. (Ize, "Robust BVH ray traversal", JCGT 2(2), 2013, does the same
-   along the ray.) The t of a hit lies between those of the corners but for two roundings; tmin and
-   tmax are moved by 8 of them.
-   Along an axis with direction 0 the distances are infinite, or NaN (0 * infinity) for an origin in
-   one of the planes, which the order of the arguments of the minima and maxima ignores. All errors
-   are to the side of entering a box in vain.
-   The children that a ray enters are put on a stack in the order of their distances, the nearest on
-   top. A child's place is the number of children that are further away, which takes two comparisons
-   in lanes and no branch. */
+/* Rays. A ray meets a box where its intervals between the three pairs of planes overlap. A box may
+   be missed only by rays that the test of [triangle] lets miss all triangles in it, rounding
+   included, so that the tree never changes a result. Let s be the largest difference, along any
+   axis, of the ray's origin and a corner of a triangle, and u = 2^-24. That test sees a triangle
+   whose corners are sheared with errors of up to 7 u s: differences and products, of at most 2 s,
+   are rounded and the shear itself has two roundings. So it sees hits in the box enlarged by that
+   much. A distance (plane - origin) * (1 / direction) has three roundings, as if the plane were off
+   by 3 u s. Boxes are therefore enlarged by 16 u s on all sides: in effect the origin is moved,
+   away from the plane that the ray meets first and away from the one it meets last, by that and by
+   an ulp of its own, so that rounding cannot undo it. (Ize, "Robust BVH ray traversal", JCGT 2(2),
+   2013, does the same along the ray.) The t of a hit lies between those of the corners but for two
+   roundings; tmin and tmax are moved by 8 of them. Along an axis with direction 0 the distances are
+   infinite, or NaN (0 * infinity) for an origin in one of the planes, which the order of the
+   arguments of the minima and maxima ignores. All errors are to the side of entering a box in vain.
+   Of the children that a ray enters it visits the nearest first; the others wait on a stack, in no
+   order, since there are few. */
 
 ITN__INLINE float itn__widen(float t) { return t + 4 * FLT_EPSILON * itn__min(fabsf(t), FLT_MAX); }
 
@@ -3612,18 +3481,6 @@ ITN__INLINE unsigned itn__slabs_enter(const itn__slabs *s, const itn__node *node
     return ~missed & ((1u << ITN__WIDE) - 1);
 }
 
-/* How many of the children entered are further away than child k (of equal ones: come later). */
-ITN__INLINE int itn__rank(const float enter[ITN__WIDE], int k, unsigned entered) {
-    unsigned further = 0, nearer = 0, higher = ~0u << k << 1;
-    int from;
-    for (from = 0; from < ITN__WIDE; from += ITN__LANES) {
-        itn__floats own = itn__splat(enter[k]), other = itn__load(enter + from);
-        further |= itn__less_bits(own, other) << from;
-        nearer |= itn__less_bits(other, own) << from;
-    }
-    return itn__count_bits(entered & (further | (higher & ~nearer)));
-}
-
 /* A child that the ray enters, still to be visited. */
 typedef struct itn__visit {
     float enter;
@@ -3640,31 +3497,21 @@ ITN__INLINE void itn__push(const itn_bvh *bvh, itn__visit *visit, float enter, i
 }
 
 /* The children of node `child` that the ray enters: the nearest becomes `child`, the others go on
-   the stack. Returns 0 if there are none. One and two are the most frequent numbers. */
+   the stack. Returns 0 if there are none. */
 ITN__INLINE int itn__descend(const itn_bvh *bvh, const itn__slabs *s, itn__visit *stack, int *top,
                              int32_t *child) {
     const itn__node *node = &bvh->nodes[*child];
     float enter[ITN__WIDE];
-    unsigned entered = itn__slabs_enter(s, node, enter), rest = entered & (entered - 1);
-    int k, l;
+    unsigned entered = itn__slabs_enter(s, node, enter);
+    int nearest, further;
     if (!entered) return 0;
-    k = itn__lowest_bit(entered);
-    *child = node->child[k];
-    if (!rest) return 1;
-    stack += *top;
-    *top += itn__count_bits(rest);
-    l = itn__lowest_bit(rest);
-    if (!(rest & (rest - 1))) {
-        int further = enter[l] < enter[k] ? k : l;
-        itn__push(bvh, stack, enter[further], node->child[further]);
-        *child = node->child[k + l - further];
-        return 1;
+    nearest = itn__lowest_bit(entered);
+    while (entered &= entered - 1) {
+        int k = itn__lowest_bit(entered);
+        further = enter[k] < enter[nearest] ? nearest : k, nearest = nearest + k - further;
+        itn__push(bvh, &stack[(*top)++], enter[further], node->child[further]);
     }
-    for (rest = entered; rest; rest &= rest - 1) {
-        k = itn__lowest_bit(rest);
-        itn__push(bvh, &stack[itn__rank(enter, k, entered)], enter[k], node->child[k]);
-    }
-    *child = stack[itn__count_bits(entered) - 1].child;
+    *child = node->child[nearest];
     return 1;
 }
 
@@ -3719,50 +3566,6 @@ ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit
 
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
     return itn__bvh_trace(bvh, ray, NULL, 1, NULL);
-}
-
-/* Many rays, in blocks: hits for the nearest, or occluded. */
-enum { ITN__RAY_BLOCK = 1024 };
-typedef struct itn__rays {
-    const itn_bvh *bvh;
-    const itn_ray *rays;
-    int count;
-    itn_hit *hits;
-    unsigned char *occluded;
-} itn__rays;
-
-static void itn__trace_block(void *task, int index) {
-    const itn__rays *many = (const itn__rays *)task;
-    int i = index * ITN__RAY_BLOCK;
-    int end = many->count - i < ITN__RAY_BLOCK ? many->count : i + ITN__RAY_BLOCK;
-    for (; i < end; i++) {
-        itn_hit miss = ITN_ZERO;
-        if (many->occluded) {
-            many->occluded[i] = (unsigned char)itn_bvh_occluded(many->bvh, &many->rays[i]);
-        } else if (!itn_bvh_nearest(many->bvh, &many->rays[i], &many->hits[i])) {
-            miss.triangle = -1, miss.t = many->rays[i].tmax;
-            many->hits[i] = miss;
-        }
-    }
-}
-
-static void itn__trace_many(itn__rays *many) {
-    int blocks = many->count / ITN__RAY_BLOCK + (many->count % ITN__RAY_BLOCK > 0);
-    if (blocks > 0) itn__parallel_for(&many->bvh->context, blocks, itn__trace_block, many);
-}
-
-ITN_API void itn_bvh_nearest_many(const itn_bvh *bvh, const itn_ray *rays, int count,
-                                  itn_hit *hits) {
-    itn__rays many = ITN_ZERO;
-    many.bvh = bvh, many.rays = rays, many.count = count, many.hits = hits;
-    itn__trace_many(&many);
-}
-
-ITN_API void itn_bvh_occluded_many(const itn_bvh *bvh, const itn_ray *rays, int count,
-                                   unsigned char *occluded) {
-    itn__rays many = ITN_ZERO;
-    many.bvh = bvh, many.rays = rays, many.count = count, many.occluded = occluded;
-    itn__trace_many(&many);
 }
 
 /* ---- [medium] free flight and phase function ------------------------------------------------- */
@@ -5483,7 +5286,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    inside only back faces. So no ray can meet the face it stands on, whatever its rounding, and no
    epsilon moves it; a small negative tmin, relative to the coordinates, lets a vertex that rounding
    has put beyond a wall find its way out. The medium is that of the last solid in the list that the
-   walk is inside of. Of sheets, which have no inside, it counts where the ray begins ([tri]).
+   walk is inside of. Of sheets, which have no inside, it counts where the ray begins ([triangle]).
 
    Where parts of a solid touch, faces coincide: those just gone through, and not yet left behind,
    are remembered, so that a walk does not go through them again and again; and a ray that goes on
@@ -5559,7 +5362,7 @@ static void itn__go_on_to(const itn_scene *scene, itn__place *place, itn_vec3 or
     itn__plane plane;
     itn__leave_behind(place);
     if (!(flush > 0)) return;
-    plane = itn__plane_of(&scene->bvh->triangles[scene->bvh->slots[hit->triangle]], origin);
+    plane = itn__plane_of(&scene->bvh->triangles[hit->triangle], origin);
     if (fabs(plane.f) <= (double)flush * plane.size) place->sides.flush = flush;
 }
 
@@ -5622,7 +5425,7 @@ static itn_vec3 itn__passed_point(const itn_bvh *bvh, itn_vec3 origin, itn_vec3 
 static int itn__hit_normal(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 direction,
                            itn_vec3 *normal) {
     double n[3], side;
-    if (!itn__unit_normal(&bvh->triangles[bvh->slots[hit->triangle]], n)) return 0;
+    if (!itn__unit_normal(&bvh->triangles[hit->triangle], n)) return 0;
     side = n[0] * direction.x + n[1] * direction.y + n[2] * direction.z > 0 ? -1 : 1;
     *normal = itn__vec3((float)(side * n[0]), (float)(side * n[1]), (float)(side * n[2]));
     return 1;
@@ -5637,7 +5440,7 @@ typedef struct itn__event {
 } itn__event;
 
 static const itn__triangle *itn__face_triangle(const itn_scene *scene, int face) {
-    return &scene->bvh->triangles[scene->bvh->slots[face / 2]];
+    return &scene->bvh->triangles[face / 2];
 }
 
 /* Whether a point of triangle a lies in the plane of b, as far as corners that are rounded tell: by
@@ -10799,7 +10602,7 @@ static void itn__test_candidates(itn__crowd *crowd) {
         if (itn__place_hit(&crowd->fast->voxels->packs[tests->pack[test]],
                            tests->candidate[i] % ITN__PACK, &crowd->shears[ray],
                            -itn__slack(scene, origin), &place->sides, &crowd->hits[ray]))
-            ITN__PREFETCH(&scene->bvh->slots[crowd->hits[ray].triangle]);
+            ITN__PREFETCH(&scene->bvh->triangles[crowd->hits[ray].triangle]);
     }
     tests->candidates = 0;
 }
@@ -10996,7 +10799,7 @@ static void itn__settle_hit(itn__crowd *crowd, int at) {
         ray.direction = itn__get_vector(queue, ITN__DIRECTION, at);
         ray.tmax = itn__float_row(queue, ITN__DISTANCE)[at];
         if (itn__next_hit(scene, place, &ray, hit))
-            ITN__PREFETCH(&scene->bvh->slots[hit->triangle]);
+            ITN__PREFETCH(&scene->bvh->triangles[hit->triangle]);
         else
             hit->t = ray.tmax, hit->triangle = -1;
     } else if (hit->t > slack) {
@@ -11146,7 +10949,7 @@ static unsigned itn__note_hits(const itn__crowd *crowd, int at, unsigned bits, i
     int j, l;
     memset(m, 0, sizeof *m);
     for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), slot = bvh->slots[crowd->hits[at + k].triangle];
+        int k = itn__lowest_bit(bits), slot = crowd->hits[at + k].triangle;
         const itn_hit *hit = &crowd->hits[at + k];
         const float *normal = crowd->fast->normals + 3 * (size_t)slot;
         m->t[k] = itn__max(hit->t, 0), m->u[k] = hit->u, m->v[k] = hit->v;
@@ -11441,7 +11244,7 @@ static void itn__prefetch_hits(const itn__crowd *crowd) {
     int i;
     for (i = 0; i < crowd->taken.count; i++)
         if (crowd->hits[i].triangle >= 0) {
-            int slot = bvh->slots[crowd->hits[i].triangle];
+            int slot = crowd->hits[i].triangle;
             ITN__PREFETCH(&bvh->triangles[slot]);
             ITN__PREFETCH(&crowd->fast->normals[3 * (size_t)slot]);
         }
@@ -12008,7 +11811,7 @@ static void itn__trace_starts(const itn__fast *fast, itn__start *start, int coun
         if (!fast->outside || (fast->pixels[start->pixel] & ITN__EMPTY)) continue;
         if (!itn__next_hit(fast->scene, &place, &start->ray, &start->hit)) start->hit.triangle = -1;
         if (start->hit.triangle >= 0)
-            ITN__PREFETCH(&fast->scene->bvh->slots[start->hit.triangle]);
+            ITN__PREFETCH(&fast->scene->bvh->triangles[start->hit.triangle]);
     }
 }
 
