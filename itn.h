@@ -59,6 +59,7 @@
        [sensor]         camera and film
        [scene]          what a scene holds
        [parameters]     numbers that can be differentiated
+       [fields]         what items have, said once
        [maker]          a desc, checked and made ready
        [objects]        meshes, transformed and merged into one tree
        [place]          where a walk is
@@ -1102,6 +1103,21 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, itn_scene **scene,
                                   itn_error *error);
 #endif
+
+/* A file in memory, by the name that a scene calls it. */
+typedef struct itn_file {
+    const char *name;
+    const void *bytes;
+    size_t size;
+} itn_file;
+
+/* The same from the bytes of a scene file. Of the files that it names those are read that are among
+   `files` (file_count of them, NULL and 0 for none); others are opened as if the scene were the
+   file `name` (NULL = "scene"), but with ITN_NO_STDIO that is an error. */
+ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const char *name,
+                                         const itn_file *files, int file_count,
+                                         const itn_context *context, itn_scene **scene,
+                                         itn_error *error);
 
 #ifdef __cplusplus
 }
@@ -4352,95 +4368,261 @@ ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
     return ratio * (1 - ratio) * ((double)p->upper - (double)p->lower);
 }
 
+/* ---- [fields] what items have, said once ----------------------------------------------------- */
+
+/* An item of a scene - film, camera, medium, surface, object, light - is a row of fields. What may
+   stand in a field is said here and nowhere else: scene files are read by these tables, descs of a
+   caller are checked by them, and parameters come in their order. A new field is a new row; a new
+   kind of surface or light is a new form (and its model).
+
+   `form` tells how many numbers follow the name in a file, by digits, and how the desc keeps them:
+   f as floats, i as an int, c as a colour (one number counts for all channels), s as a spectrum
+   (one number, or three in an array of their own). w is a word; t a transform; a field without any
+   of these is a flag, an int. What has ! must be given in a file. */
+typedef struct itn__field {
+    const char *name, *form;
+    float lower, upper; /* range of its numbers */
+    float otherwise;    /* what counts where none is given: in a file, or where a desc has 0 and that
+                           is not in range; if this is 0, too, there is none */
+    size_t at;          /* where the desc has it */
+    size_t parameter;   /* where the scene's item has the index of its parameter; 0: it has none */
+    itn_transform transform;
+    size_t three; /* where the desc has three numbers of a spectrum */
+} itn__field;
+enum { ITN__MOST_FIELDS = 9, ITN__MOST_NUMBERS = 9 };
+
+enum { ITN__FILM, ITN__CAMERA, ITN__MEDIUM, ITN__SURFACE, ITN__OBJECT, ITN__LIGHT, ITN__KINDS };
+static const char *const itn__kinds[] = {"film",    "camera", "medium",
+                                         "surface", "object", "light"};
+
+/* The fields of a kind of item, or of a variant: a surface's type, or a field that comes first. */
+typedef struct itn__form {
+    int kind;
+    const char *variant;
+    itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
+} itn__form;
+
+#define ITN__ANY -FLT_MAX, FLT_MAX
+#define ITN__POSITIVE FLT_MIN, 1e12f
+#define ITN__SCALE 0, 1e12f
+#define ITN__WORD(name, form) {name, form, 0, 0, 0, 0, 0, ITN_IDENTITY, 0}
+#define ITN__PLAIN(desc, name, at, form, range, otherwise)                                         \
+    {name, form, range, otherwise, offsetof(desc, at), 0, ITN_IDENTITY, 0}
+#define ITN__VALUE(desc, item, name, form, range, otherwise, transform)                            \
+    {#name, form, range, otherwise, offsetof(desc, name), offsetof(item, name), transform, 0}
+#define ITN__SPECTRUM(name, form, range, transform)                                                \
+    {#name, form, range, 0, offsetof(itn_medium_desc, name), offsetof(itn__medium, name),          \
+     transform, offsetof(itn_medium_desc, name##_rgb)}
+#define ITN__LIGHT_SCALE(name, light)                                                              \
+    {#name, "1f", ITN__SCALE, 1, offsetof(itn_light_desc, name),                                   \
+     (light) * sizeof(itn__light) + offsetof(itn__light, parameter), ITN_LOG, 0}
+#define ITN__RANGE(lower, upper) lower, upper
+static const itn__form itn__forms[] = {
+    {ITN__FILM, NULL,
+     {ITN__PLAIN(itn_film_desc, "width", width, "1i", ITN__RANGE(1, 65536), 128),
+      ITN__PLAIN(itn_film_desc, "height", height, "1i", ITN__RANGE(1, 65536), 128),
+      ITN__PLAIN(itn_film_desc, "channels", channels, "1i", ITN__RANGE(1, 3), 1),
+      ITN__WORD("filter", "w"),
+      ITN__PLAIN(itn_film_desc, "deviation", deviation, "1f", ITN__RANGE(.1f, 4), .5f)}},
+    {ITN__CAMERA, NULL,
+     {ITN__PLAIN(itn_camera_desc, "eye", eye, "3f!", ITN__ANY, 0),
+      ITN__PLAIN(itn_camera_desc, "target", target, "3f!", ITN__ANY, 0),
+      ITN__PLAIN(itn_camera_desc, "up", up, "3f", ITN__ANY, 0),
+      ITN__PLAIN(itn_camera_desc, "fov", fov, "1f", ITN__RANGE(1e-6f, 179.999f), 30)}},
+    {ITN__MEDIUM, NULL,
+     {ITN__SPECTRUM(sigma_t, "13s!", ITN__SCALE, ITN_LOG),
+      ITN__VALUE(itn_medium_desc, itn__medium, albedo, "13c!", ITN__RANGE(0, 1), 0, ITN_LOGIT),
+      ITN__WORD("phase", "w"),
+      ITN__SPECTRUM(g, "13s", ITN__RANGE(-.999f, .999f), ITN_LOGIT)}},
+    {ITN__SURFACE, "dielectric",
+     {ITN__WORD("type", "w!"),
+      ITN__VALUE(itn_surface_desc, itn__surface, ior, "1f", ITN__RANGE(1, 4), 1.5f, ITN_LOGIT),
+      ITN__VALUE(itn_surface_desc, itn__surface, alpha, "1f", ITN__RANGE(.001f, 1), 0, ITN_LOG)}},
+    {ITN__SURFACE, "diffuse",
+     {ITN__WORD("type", "w!"),
+      ITN__VALUE(itn_surface_desc, itn__surface, reflectance, "013c", ITN__RANGE(0, 1), 0,
+                 ITN_LOGIT),
+      ITN__WORD("texture", "w"),
+      ITN__PLAIN(itn_surface_desc, "checker", checker_size, "37", ITN__SCALE, 0)}},
+    {ITN__OBJECT, "mesh",
+     {ITN__WORD("mesh", "w"), ITN__WORD("medium", "w"), ITN__WORD("surface", "w"),
+      ITN__PLAIN(itn_object_desc, "scale", transform, "13t", ITN__POSITIVE, 0),
+      ITN__PLAIN(itn_object_desc, "rotate", transform, "4t", ITN__ANY, 0),
+      ITN__PLAIN(itn_object_desc, "translate", transform, "3t", ITN__ANY, 0),
+      ITN__WORD("force", "")}},
+    {ITN__OBJECT, "plane",
+     {ITN__WORD("plane", ""), ITN__WORD("surface", "w!"),
+      ITN__PLAIN(itn_object_desc, "y", plane_y, "1f", ITN__ANY, 0),
+      ITN__PLAIN(itn_object_desc, "half", half_size, "1f", ITN__POSITIVE, 20)}},
+    {ITN__LIGHT, "constant",
+     {ITN__WORD("constant", ""),
+      ITN__PLAIN(itn_light_desc, "radiance", radiance, "13c!", ITN__RANGE(0, ITN__MAX_RADIANCE), 0),
+      ITN__LIGHT_SCALE(scale, 0), ITN__WORD("name", "w")}},
+    {ITN__LIGHT, "map",
+     {ITN__WORD("map", "w"), ITN__LIGHT_SCALE(scale, 0), ITN__WORD("name", "w")}},
+    {ITN__LIGHT, "sky",
+     {ITN__WORD("sky", "w"),
+      ITN__PLAIN(itn_light_desc, "sun", sun_direction, "3f!", ITN__ANY, 0),
+      ITN__LIGHT_SCALE(scale, 0), ITN__LIGHT_SCALE(sun_scale, 1),
+      ITN__PLAIN(itn_light_desc, "sun_radius_scale", sun_radius_scale, "1f",
+                 ITN__RANGE(.01f, 320), 1),
+      ITN__WORD("name", "w")}}};
+enum { ITN__FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]) };
+
+/* What a checker has more, in a desc. */
+static const itn__field itn__checker_fields[] = {
+    ITN__VALUE(itn_surface_desc, itn__surface, reflectance2, "c", ITN__RANGE(0, 1), 0, ITN_LOGIT),
+    ITN__PLAIN(itn_surface_desc, "checker_size", checker_size, "1f", ITN__RANGE(FLT_MIN, FLT_MAX),
+               1),
+    ITN__WORD(NULL, NULL)};
+
+/* The form of an item's kind and type (their order is that of the enums of types). */
+static const itn__form *itn__form_of(int kind, int type) {
+    int k;
+    for (k = 0; k < ITN__FORMS; k++)
+        if (itn__forms[k].kind == kind && !type--) return &itn__forms[k];
+    return NULL;
+}
+
+ITN__INLINE int itn__has_form(const itn__field *field, char letter) {
+    return strchr(field->form, letter) != NULL;
+}
+
+/* Whether a number may stand in a field; if not, `words` say why. */
+static int itn__field_allows(const itn__field *field, float number, char words[100]) {
+    int optional = field->parameter && field->lower > 0 && field->otherwise == 0;
+    if (number >= field->lower && number <= field->upper) return 1;
+    if (optional && number == 0) return 1;
+    itn__print(words, 100, "%g is %s in [%g, %g]", (double)number,
+               optional ? "neither 0 nor" : "not", (double)field->lower, (double)field->upper);
+    return 0;
+}
+
+/* The numbers of a field in a desc, where `otherwise` is put in. Returns how many they are: 0 if it
+   has none. */
+static int itn__field_numbers(const itn__field *field, void *desc, int channels, float n[9]) {
+    char *at = (char *)desc + field->at;
+    int count = itn__has_form(field, 'f') ? *field->form - '0' : 1, whole, three = 0;
+    if (itn__has_form(field, 's')) {
+        memcpy(n, (char *)desc + field->three, 3 * sizeof *n);
+        three = n[0] != 0 || n[1] != 0 || n[2] != 0;
+    } else if (itn__has_form(field, 'i')) {
+        memcpy(&whole, at, sizeof whole);
+        if (whole == 0) whole = (int)field->otherwise;
+        memcpy(at, &whole, sizeof whole);
+        return n[0] = (float)whole, 1;
+    } else if (itn__has_form(field, 'c')) {
+        count = channels;
+    } else if (!itn__has_form(field, 'f')) {
+        return 0;
+    }
+    if (three) return 3;
+    memcpy(n, at, (size_t)count * sizeof *n);
+    if (count > 1 || n[0] != 0 || !(field->lower > 0)) return count;
+    n[0] = field->otherwise;
+    memcpy(at, n, sizeof *n);
+    return n[0] != 0;
+}
+
 /* ---- [maker] a desc, checked and made ready -------------------------------------------------- */
 
 /* A scene is made item by item: film, media, surfaces, lights, and last the objects ([objects]),
-   which name the others. Each is checked before anything is taken from it, and enters its numbers
-   into the parameter table; an image is copied. The first error ends it all, and what was made is
-   freed. */
+   which name the others. Each is checked by its fields before anything is taken from it, and enters
+   its numbers into the parameter table; an image is copied. The first error ends it all, and what
+   was made is freed. */
 
-/* Carries the scene under construction and the first error. */
+/* Which item of a desc an error is about. */
+typedef struct itn__where {
+    int kind, index; /* kind -1: none */
+} itn__where;
+
 typedef struct itn__maker {
     itn_scene *scene;
     const itn_scene_desc *desc;
+    itn__where where;
+    int *names; /* a hash table of parameters' names: their indices + 1, or 0 */
+    uint32_t name_mask;
     itn_error *error;
 } itn__maker;
 
-/* Whether two parameters are one in the names of layers, where the dot becomes a _. */
-static int itn__same_layer(const char *a, const char *b) {
-    while (*a && (*a == '.' ? '_' : *a) == (*b == '.' ? '_' : *b)) a++, b++;
-    return *a == *b;
+static void itn__go_to(itn__maker *maker, int kind, int index) {
+    maker->where.kind = kind, maker->where.index = index;
+}
+
+/* Enters a parameter's name; returns its place, or of one that is the same in the names of layers,
+   where the dot becomes a _. */
+static int *itn__name_place(itn__maker *maker, const char *name) {
+    uint32_t hash = 2166136261u; /* FNV-1a */
+    const char *c;
+    for (c = name; *c; c++)
+        hash = (hash ^ (unsigned char)(*c == '.' ? '_' : *c)) * 16777619u;
+    for (;; hash++) {
+        int *place = &maker->names[hash & maker->name_mask];
+        const char *other = *place ? maker->scene->parameters[*place - 1].name : "";
+        for (c = name; *other && (*c == '.' ? '_' : *c) == (*other == '.' ? '_' : *other); c++)
+            other++;
+        if (!*place || *c == *other) return place;
+    }
 }
 
 /* Adds parameter item.field (or item.field_r for channel 0 of 3...); returns its index or -1. */
-static int itn__add_parameter(itn__maker *maker, const char *item, const char *field, int channel,
-                              float value, float lower, float upper, itn_transform transform) {
+static int itn__add_parameter(itn__maker *maker, const char *item, const itn__field *field,
+                              int channel, float value) {
     static const char *const suffix[4] = {"", "_r", "_g", "_b"};
     itn_scene *scene = maker->scene;
     itn_parameter *p = &scene->parameters[scene->parameter_count];
-    int k;
-    if (!(value >= lower && value <= upper)) {
-        itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: %s %g is not in [%g, %g]", item, field,
-                  (double)value, (double)lower, (double)upper);
-        return -1;
-    }
-    itn__print(p->name, sizeof p->name, "%s.%s%s", item, field, suffix[channel + 1]);
-    for (k = 0; k < scene->parameter_count; k++)
-        if (itn__same_layer(scene->parameters[k].name, p->name)) {
-            itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                      "%s and %s would have the same layer name: name the items apart (a light "
-                      "without a name is called light)",
-                      scene->parameters[k].name, p->name);
-            return -1;
+    int *place;
+    itn__print(p->name, sizeof p->name, "%s.%s%s", item, field->name, suffix[channel + 1]);
+    p->value = value, p->lower = field->lower, p->upper = field->upper;
+    p->transform = field->transform;
+    place = itn__name_place(maker, p->name);
+    if (!*place) return (*place = ++scene->parameter_count) - 1;
+    itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+              "%s and %s would have the same layer name: name the items apart (a light without a "
+              "name is called light)", scene->parameters[*place - 1].name, p->name);
+    return -1;
+}
+
+/* Checks the fields of a desc, which is the maker's own copy, and enters those that are parameters;
+   the scene's item receives their indices. */
+static itn_result itn__take_item(itn__maker *maker, const char *name, const itn__field *field,
+                                 void *desc, void *item) {
+    int channels = maker->scene->film.channels;
+    for (; field->name; field++) {
+        float n[ITN__MOST_NUMBERS];
+        int count = itn__field_numbers(field, desc, channels, n), index[3] = {-1, -1, -1}, c;
+        int spectrum = itn__has_form(field, 's');
+        char words[100];
+        if (spectrum && count > channels)
+            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                             "%s: %s_rgb needs a film with 3 channels", name, field->name);
+        for (c = 0; c < count; c++) {
+            if (!itn__field_allows(field, n[c], words))
+                return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: %s %s", name,
+                                 field->name, words);
+            if (!field->parameter) continue;
+            index[c] = itn__add_parameter(maker, name, field, count == 3 ? c : -1, n[c]);
+            if (index[c] < 0) return ITN_ERROR_ARGUMENT;
         }
-    p->value = value, p->lower = lower, p->upper = upper, p->transform = transform;
-    return scene->parameter_count++;
-}
-
-/* The same for one value per channel of the film. Returns the first index or -1. */
-static int itn__add_channels(itn__maker *maker, const char *item, const char *field,
-                             const float value[3], float lower, float upper,
-                             itn_transform transform) {
-    int channels = maker->scene->film.channels, c, first = -1;
-    for (c = 0; c < channels; c++) {
-        int index = itn__add_parameter(maker, item, field, channels == 3 ? c : -1, value[c], lower,
-                                       upper, transform);
-        if (index < 0) return -1;
-        if (c == 0) first = index;
+        if (count == 1) index[1] = index[2] = index[0];
+        if (field->parameter)
+            memcpy((char *)item + field->parameter, index,
+                   spectrum ? sizeof index : sizeof index[0]);
     }
-    return first;
+    return ITN_OK;
 }
 
-/* The same for a field that has one value for all channels, unless `rgb` (not all 0) gives three.
-   index[c] receives the parameter of channel c. */
-static itn_result itn__add_spectrum(itn__maker *maker, const char *item, const char *field,
-                                    float value, const float rgb[3], float lower, float upper,
-                                    itn_transform transform, int index[3]) {
-    int three = rgb[0] != 0 || rgb[1] != 0 || rgb[2] != 0, c;
-    if (three && maker->scene->film.channels != 3)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: %s_rgb needs a film with 3 channels", item, field);
-    index[0] = three ? itn__add_channels(maker, item, field, rgb, lower, upper, transform)
-                     : itn__add_parameter(maker, item, field, -1, value, lower, upper, transform);
-    for (c = 1; c < 3; c++) index[c] = index[0] + (three ? c : 0);
-    return index[0] < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
-}
-
-/* A name is letters, digits, _ and -, beginning with a letter; short enough for "name.field". */
-static itn_result itn__check_name(itn__maker *maker, const char *kind, int index,
-                                  const char *name) {
+/* Names become parts of parameters' and layers' names, hence the narrow rules. */
+static int itn__is_name(const char *name) {
     size_t i, length = name ? strlen(name) : 0;
-    int good = length > 0 && length <= 32;
-    for (i = 0; good && i < length; i++) {
-        char ch = name[i];
-        int letter = (ch >= 'a' && ch <= 'z') || (ch >= 'A' && ch <= 'Z');
-        good = letter || (i > 0 && ((ch >= '0' && ch <= '9') || ch == '_' || ch == '-'));
+    for (i = 0; i < length; i++) {
+        char c = name[i];
+        int letter = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
+        if (!letter && (i == 0 || !((c >= '0' && c <= '9') || c == '_' || c == '-'))) return 0;
     }
-    if (good) return ITN_OK;
-    return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                     "%s %d: the name \"%.40s\" is not 1 to 32 letters, digits, _ or -, beginning "
-                     "with a letter", kind, index + 1, name ? name : "");
+    return length >= 1 && length <= 32;
 }
+#define ITN__NAME_RULE "is not 1 to 32 letters, digits, _ or -, beginning with a letter"
 
 /* Index of the item of that name (their first field) among `count`, or -1. */
 static int itn__find_name(const char *name, const void *items, size_t stride, int count) {
@@ -4450,71 +4632,79 @@ static int itn__find_name(const char *name, const void *items, size_t stride, in
     return -1;
 }
 
-static itn_result itn__same_name(itn__maker *maker, const char *kind, const char *name) {
-    return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "two %s are called %s", kind, name);
+/* Gives an item its name, which the `count` before it must not have. */
+static itn_result itn__name_item(itn__maker *maker, const char *name, void *items, size_t stride) {
+    int index = maker->where.index;
+    const char *kind = itn__kinds[maker->where.kind];
+    if (!itn__is_name(name))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "%s %d: the name \"%.40s\" " ITN__NAME_RULE, kind, index + 1,
+                         name ? name : "");
+    if (itn__find_name(name, items, stride, index) >= 0)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: another %s has this name", name,
+                         kind);
+    itn__copy_name((char *)items + (size_t)index * stride, name);
+    return ITN_OK;
 }
 
 static itn_result itn__make_film(itn__maker *maker) {
-    const itn_camera_desc *in = &maker->desc->camera;
     itn_film_desc film = maker->desc->film;
-    itn__camera *camera = &maker->scene->camera;
-    itn_vec3 up = itn__direction(in->up), forward = itn__direction(itn__sub(in->target, in->eye));
-    float fov = in->fov != 0 ? in->fov : 30, half;
-    if (film.width == 0) film.width = 128;
-    if (film.height == 0) film.height = 128;
-    if (film.channels == 0) film.channels = 1;
-    if (film.width < 1 || film.height < 1 || film.width > 65536 || film.height > 65536)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "film: %d x %d is not 1 to 65536",
-                         film.width, film.height);
-    if ((film.channels != 1 && film.channels != 3) ||
-        (film.filter != ITN_FILTER_BOX && film.filter != ITN_FILTER_GAUSSIAN))
+    int gaussian = film.filter == ITN_FILTER_GAUSSIAN;
+    float deviation = film.deviation;
+    itn_result result;
+    itn__go_to(maker, ITN__FILM, 0);
+    result = itn__take_item(maker, "film", itn__form_of(ITN__FILM, 0)->fields, &film, NULL);
+    if (result) return result;
+    if (film.channels == 2 || (film.filter != ITN_FILTER_BOX && !gaussian))
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
                          "film: channels are 1 or 3, filter is box or gaussian");
-    if (film.filter == ITN_FILTER_GAUSSIAN && film.deviation == 0) film.deviation = .5f;
-    if (film.filter == ITN_FILTER_BOX ? film.deviation != 0
-                                      : !(film.deviation >= .1f && film.deviation <= 4))
+    if (!gaussian && deviation != 0)
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "film: deviation %g is not in [.1, 4], or the filter is no Gaussian",
-                         (double)film.deviation);
-    if (!itn__finite3(in->eye) || !itn__finite3(forward) || !itn__finite3(up) ||
-        !(itn__length(forward) > 0))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "camera: eye, target and up must be finite, eye and target different");
-    if (!(fov > 0 && fov < 180))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "camera: fov %g is not in (0, 180)",
-                         (double)fov);
+                         "film: a deviation is that of the filter gaussian");
+    if (!gaussian) film.deviation = 0;
+    maker->scene->film = film;
+    return ITN_OK;
+}
+
+static itn_result itn__make_camera(itn__maker *maker) {
+    const itn_film_desc *film = &maker->scene->film;
+    itn_camera_desc in = maker->desc->camera;
+    itn__camera *camera = &maker->scene->camera;
+    itn_vec3 up, forward = itn__direction(itn__sub(in.target, in.eye));
+    float half;
+    itn_result result;
+    itn__go_to(maker, ITN__CAMERA, 0);
+    result = itn__take_item(maker, "camera", itn__form_of(ITN__CAMERA, 0)->fields, &in, NULL);
+    if (result) return result;
+    up = itn__direction(in.up), half = tanf(in.fov * (ITN__PI / 360));
     if (up.x == 0 && up.y == 0 && up.z == 0) up.y = 1;
+    if (!itn__finite3(forward) || !(itn__length(forward) > 0))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "camera: eye and target must be different, and not too far apart");
     camera->forward = forward;
     camera->right = itn__cross(forward, up);
     if (!(itn__length(camera->right) > 1e-5f)) /* sine of the angle between two unit vectors */
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
                          "camera: up is parallel to the view");
-    half = tanf(fov * (ITN__PI / 360));
     camera->right = itn__normalize(camera->right);
     camera->up = itn__scale(itn__cross(camera->right, camera->forward),
-                            half * (float)film.height / (float)film.width);
+                            half * (float)film->height / (float)film->width);
     camera->right = itn__scale(camera->right, half);
-    camera->width = film.width, camera->height = film.height, camera->deviation = film.deviation;
-    maker->scene->film = film;
+    camera->width = film->width, camera->height = film->height;
+    camera->deviation = film->deviation;
     return ITN_OK;
 }
 
 static itn_result itn__make_medium(itn__maker *maker, int index) {
-    const itn_medium_desc *in = &maker->desc->media[index];
-    itn__medium *medium = &maker->scene->media[index];
-    itn_result result = itn__check_name(maker, "medium", index, in->name);
-    if (result) return result;
-    if (itn__find_name(in->name, maker->scene->media, sizeof *medium, index) >= 0)
-        return itn__same_name(maker, "media", in->name);
-    itn__copy_name(medium->name, in->name);
-    result = itn__add_spectrum(maker, in->name, "sigma_t", in->sigma_t, in->sigma_t_rgb, 0, 1e12f,
-                               ITN_LOG, medium->sigma_t);
-    if (result) return result;
-    medium->albedo = itn__add_channels(maker, in->name, "albedo", in->albedo, 0, 1, ITN_LOGIT);
-    if (medium->albedo < 0) return ITN_ERROR_ARGUMENT;
-    result = itn__add_spectrum(maker, in->name, "g", in->g, in->g_rgb, -.999f, .999f, ITN_LOGIT,
-                               medium->g);
-    maker->scene->spectral |= itn__is_spectral(medium->sigma_t) || itn__is_spectral(medium->g);
+    itn_medium_desc in = maker->desc->media[index];
+    itn_scene *scene = maker->scene;
+    itn__medium *medium = &scene->media[index];
+    itn_result result;
+    itn__go_to(maker, ITN__MEDIUM, index);
+    result = itn__name_item(maker, in.name, scene->media, sizeof *medium);
+    if (!result)
+        result = itn__take_item(maker, in.name, itn__form_of(ITN__MEDIUM, 0)->fields, &in, medium);
+    scene->spectral |= itn__is_spectral(medium->sigma_t) || itn__is_spectral(medium->g);
     return result;
 }
 
@@ -4557,46 +4747,29 @@ static itn_result itn__copy_texels(itn__maker *maker, const char *item, const it
     return ITN_OK;
 }
 
-static itn_result itn__make_diffuse(itn__maker *maker, const itn_surface_desc *in,
-                                    itn__surface *surface) {
-    surface->reflectance = itn__add_channels(maker, in->name, "reflectance", in->reflectance, 0, 1,
-                                             ITN_LOGIT);
-    if (surface->reflectance < 0) return ITN_ERROR_ARGUMENT;
-    if (in->texture == ITN_TEXTURE_CHECKER) {
-        surface->checker_size = in->checker_size != 0 ? in->checker_size : 1;
-        if (!(surface->checker_size > 0) || !itn__finite(surface->checker_size))
-            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                             "%s: checker_size %g is not positive", in->name,
-                             (double)in->checker_size);
-        surface->reflectance2 = itn__add_channels(maker, in->name, "reflectance2",
-                                                  in->reflectance2, 0, 1, ITN_LOGIT);
-        return surface->reflectance2 < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
-    }
-    if (in->texture == ITN_TEXTURE_NONE) return ITN_OK;
-    if (in->texture != ITN_TEXTURE_IMAGE)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown texture", in->name);
-    if (in->image) surface->width = in->image->width, surface->height = in->image->height;
-    return itn__copy_texels(maker, in->name, in->image, 1, &surface->texels);
-}
-
 static itn_result itn__make_surface(itn__maker *maker, int index) {
-    const itn_surface_desc *in = &maker->desc->surfaces[index];
-    itn__surface *surface = &maker->scene->surfaces[index];
-    itn_result result = itn__check_name(maker, "surface", index, in->name);
+    itn_surface_desc in = maker->desc->surfaces[index];
+    itn_scene *scene = maker->scene;
+    itn__surface *surface = &scene->surfaces[index];
+    const itn__form *form = itn__form_of(ITN__SURFACE, (int)in.type);
+    itn_result result;
+    scene->surface_count++; /* first, so that a failed one's texels are freed */
+    itn__go_to(maker, ITN__SURFACE, index);
+    result = itn__name_item(maker, in.name, scene->surfaces, sizeof *surface);
     if (result) return result;
-    if (itn__find_name(in->name, maker->scene->surfaces, sizeof *surface, index) >= 0)
-        return itn__same_name(maker, "surfaces", in->name);
-    itn__copy_name(surface->name, in->name);
-    surface->type = in->type, surface->texture = in->texture, surface->alpha = -1;
-    if (in->type == ITN_SURFACE_DIFFUSE) return itn__make_diffuse(maker, in, surface);
-    if (in->type != ITN_SURFACE_DIELECTRIC)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown type", in->name);
-    surface->ior = itn__add_parameter(maker, in->name, "ior", -1, in->ior != 0 ? in->ior : 1.5f, 1,
-                                      4, ITN_LOGIT);
-    if (surface->ior < 0) return ITN_ERROR_ARGUMENT;
-    if (in->alpha == 0) return ITN_OK;
-    surface->alpha = itn__add_parameter(maker, in->name, "alpha", -1, in->alpha, .001f, 1, ITN_LOG);
-    return surface->alpha < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
+    if (!form) return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown type", in.name);
+    surface->type = in.type, surface->alpha = -1;
+    result = itn__take_item(maker, in.name, form->fields, &in, surface);
+    if (result || in.type != ITN_SURFACE_DIFFUSE || in.texture == ITN_TEXTURE_NONE) return result;
+    surface->texture = in.texture;
+    if (in.texture == ITN_TEXTURE_CHECKER)
+        result = itn__take_item(maker, in.name, itn__checker_fields, &in, surface);
+    surface->checker_size = in.checker_size;
+    if (in.texture == ITN_TEXTURE_CHECKER) return result;
+    if (in.texture != ITN_TEXTURE_IMAGE)
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown texture", in.name);
+    if (in.image) surface->width = in.image->width, surface->height = in.image->height;
+    return itn__copy_texels(maker, in.name, in.image, 1, &surface->texels);
 }
 
 /* Copies a light's colour; with one channel on the film, its luminance. */
@@ -4618,78 +4791,31 @@ static itn_result itn__copy_radiance(itn__maker *maker, const char *name, const 
 static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, const char *name,
                                 itn__light *sky, itn__light *disc) {
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
-    float radius_scale = in->sun_radius_scale != 0 ? in->sun_radius_scale : 1;
-    const float *numbers = &in->sky.coefficients[0][0];
     int c, k;
     itn_result result;
-    for (k = 0; k < 27; k++)
-        if (!itn__finite(numbers[k]) || (k % 9 == 8 && !(fabsf(numbers[k]) < 1)))
+    for (k = 0; k < 27; k++) {
+        float number = in->sky.coefficients[k / 9][k % 9];
+        if (!itn__finite(number) || (k % 9 == 8 && !(fabsf(number) < 1)))
             return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
                              "%s: sky coefficient %d of channel %d is not %s", name, k % 9, k / 9,
                              k % 9 == 8 ? "in (-1, 1)" : "finite");
-    if (!itn__finite3(in->sun_direction) || !(in->sun_direction.y > 0))
+    }
+    if (!(in->sun_direction.y > 0))
         return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: the sun's direction must be finite and above the horizon", name);
-    half *= radius_scale;
-    if (!(radius_scale >= .01f && radius_scale <= 320))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: sun_radius_scale %g is not in [.01, 320]", name,
-                         (double)radius_scale);
+                         "%s: the sun's direction must be above the horizon", name);
+    half *= in->sun_radius_scale;
     sky->kind = ITN__LIGHT_SKY, disc->kind = ITN__LIGHT_SUN;
     sky->sky = in->sky;
     result = itn__copy_radiance(maker, name, in->sky.radiance, 3, sky->radiance);
     if (!result) result = itn__copy_radiance(maker, name, in->sky.sun_radiance, 3, disc->radiance);
-    if (result) return result;
     sky->to_sun = disc->to_sun = itn__direction(in->sun_direction);
     disc->sun_cone = 2 * itn__square(sinf(half / 2));
     for (c = 0; c < 3; c++) disc->radiance[c] *= natural / disc->sun_cone;
-    sky->parameter = itn__add_parameter(maker, name, "scale", -1, sky->share, 0, 1e12f, ITN_LOG);
-    disc->parameter = itn__add_parameter(maker, name, "sun_scale", -1, disc->share, 0, 1e12f,
-                                        ITN_LOG);
-    return sky->parameter < 0 || disc->parameter < 0 ? ITN_ERROR_ARGUMENT : ITN_OK;
-}
-
-/* What a light is called: as its desc says, or by its place. */
-static void itn__light_name(const itn_light_desc *in, int index, char name[ITN_NAME_SIZE]) {
-    if (in->name) itn__copy_name(name, in->name);
-    else if (index) itn__print(name, ITN_NAME_SIZE, "light%d", index + 1);
-    else itn__copy_name(name, "light");
-}
-
-static itn_result itn__make_light(itn__maker *maker, int index) {
-    const itn_light_desc *in = &maker->desc->lights[index];
-    itn_scene *scene = maker->scene;
-    itn__light *light = &scene->lights[scene->light_count];
-    char name[ITN_NAME_SIZE];
-    if (in->name) {
-        itn_result result = itn__check_name(maker, "light", index, in->name);
-        if (result) return result;
-    }
-    itn__light_name(in, index, name);
-    /* until the shares are known, `share` holds the scale as given */
-    light[0].share = in->scale == 0 && !in->has_scale ? 1 : in->scale;
-    light[1].share = in->sun_scale == 0 && !in->has_scale ? 1 : in->sun_scale;
-    if (in->type == ITN_LIGHT_SKY) {
-        scene->light_count += 2;
-        return itn__make_sky(maker, in, name, &light[0], &light[1]);
-    }
-    scene->light_count++;
-    light->parameter = itn__add_parameter(maker, name, "scale", -1, light->share, 0, 1e12f,
-                                          ITN_LOG);
-    if (light->parameter < 0) return ITN_ERROR_ARGUMENT;
-    if (in->type == ITN_LIGHT_CONSTANT) {
-        light->kind = ITN__LIGHT_CONSTANT;
-        return itn__copy_radiance(maker, name, in->radiance, scene->film.channels, light->radiance);
-    }
-    if (in->type != ITN_LIGHT_MAP)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown type", name);
-    light->kind = ITN__LIGHT_MAP;
-    if (in->image) light->width = in->image->width, light->height = in->image->height;
-    return itn__copy_texels(maker, name, in->image, ITN__MAX_RADIANCE, &light->map);
+    return result;
 }
 
 /* Makes a light ready to be sampled: its grid, its strength and breadth. */
-static itn_result itn__prepare_light(itn__maker *maker, itn__light *light) {
+static itn_result itn__prepare_light(itn__maker *maker, itn__light *light, const char *name) {
     enum { SKY_WIDTH = 64, SKY_HEIGHT = 33 }; /* radiance over density then varies by 2 % */
     const itn_context *context = &maker->scene->context;
     double solid_angle = 2 * (double)ITN__PI * light->sun_cone;
@@ -4701,15 +4827,58 @@ static itn_result itn__prepare_light(itn__maker *maker, itn__light *light) {
     if (result == ITN_ERROR_MEMORY)
         return itn__out_of_memory(maker->error, "a light's sampling table");
     if (result)
-        return itn__fail(maker->error, result, 0, "%s: radiance beyond %g",
-                         maker->scene->parameters[light->parameter].name,
+        return itn__fail(maker->error, result, 0, "%s: radiance beyond %g", name,
                          (double)ITN__MAX_RADIANCE);
     if (light->kind == ITN__LIGHT_SUN) {
         light->power = (float)(solid_angle * itn__luminance(light->radiance));
         light->strength = itn__strength((double)light->power, light->to_sun);
         light->breadth = solid_angle / (4 * (double)ITN__PI);
     }
+    light->strength *= light->share > 0 ? light->share : 1e-30;
     return ITN_OK;
+}
+
+/* What a light is called: as its desc says, or by its place. */
+static void itn__light_name(const itn_light_desc *in, int index, char name[ITN_NAME_SIZE]) {
+    if (in->name) itn__copy_name(name, in->name);
+    else if (index) itn__print(name, ITN_NAME_SIZE, "light%d", index + 1);
+    else itn__copy_name(name, "light");
+}
+
+static itn_result itn__make_light(itn__maker *maker, int index) {
+    itn_light_desc in = maker->desc->lights[index];
+    itn_scene *scene = maker->scene;
+    itn__light *light = &scene->lights[scene->light_count];
+    const itn__form *form = itn__form_of(ITN__LIGHT, (int)in.type);
+    char name[ITN_NAME_SIZE];
+    itn_result result;
+    int k, count = in.type == ITN_LIGHT_SKY ? 2 : 1;
+    itn__go_to(maker, ITN__LIGHT, index);
+    scene->light_count += count;
+    if (in.name && !itn__is_name(in.name))
+        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                         "light %d: the name \"%.40s\" " ITN__NAME_RULE, index + 1, in.name);
+    itn__light_name(&in, index, name);
+    if (!form) return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown type", name);
+    if (!in.has_scale && in.scale == 0) in.scale = 1;
+    if (!in.has_scale && in.sun_scale == 0) in.sun_scale = 1;
+    result = itn__take_item(maker, name, form->fields, &in, light);
+    if (result) return result;
+    light[0].share = in.scale; /* until the shares are known */
+    if (count == 2) light[1].share = in.sun_scale;
+    if (in.type == ITN_LIGHT_SKY) {
+        result = itn__make_sky(maker, &in, name, &light[0], &light[1]);
+    } else if (in.type == ITN_LIGHT_CONSTANT) {
+        light->kind = ITN__LIGHT_CONSTANT;
+        result = itn__copy_radiance(maker, name, in.radiance, scene->film.channels,
+                                    light->radiance);
+    } else {
+        light->kind = ITN__LIGHT_MAP;
+        if (in.image) light->width = in.image->width, light->height = in.image->height;
+        result = itn__copy_texels(maker, name, in.image, ITN__MAX_RADIANCE, &light->map);
+    }
+    for (k = 0; k < count && !result; k++) result = itn__prepare_light(maker, &light[k], name);
+    return result;
 }
 
 /* Shares out the choice between sampled lights. Scattering finds broad lights too: draws that come
@@ -4717,16 +4886,11 @@ static itn_result itn__prepare_light(itn__maker *maker, itn__light *light) {
    of about s_i^2 / (p_i + b_i), where s is its strength and b its breadth. The sum is least for
    p_i + b_i in proportion to s_i, wherever that makes p_i positive. A twentieth is shared out in
    equal parts, so that a light whose scale is raised from 0 is still found. */
-static itn_result itn__share_lights(itn__maker *maker) {
-    itn_scene *scene = maker->scene;
+static void itn__share_lights(itn_scene *scene) {
     int i, sampled = 0, dropped = 1;
     for (i = 0; i < scene->light_count; i++) {
-        itn__light *light = &scene->lights[i];
-        itn_result result = itn__prepare_light(maker, light);
-        if (result) return result;
-        light->strength *= light->share > 0 ? light->share : 1e-30;
-        light->share = light->strength > 0;
-        sampled += light->strength > 0;
+        scene->lights[i].share = scene->lights[i].strength > 0;
+        sampled += scene->lights[i].strength > 0;
     }
     while (dropped && sampled) { /* lights whose p would be negative, until none is left */
         double strengths = 0, breadths = 0;
@@ -4744,7 +4908,6 @@ static itn_result itn__share_lights(itn__maker *maker) {
     for (i = 0; i < scene->light_count; i++)
         if (scene->lights[i].strength > 0)
             scene->lights[i].share = .95f * scene->lights[i].share + .05f / (float)sampled;
-    return ITN_OK;
 }
 
 /* ---- [objects] meshes, transformed and merged into one tree ---------------------------------- */
@@ -4920,6 +5083,7 @@ static itn_result itn__make_origin(itn__maker *maker) {
     int i, k, solids = 0;
     for (k = 0; k < 3; k++) lower[k] = DBL_MAX, upper[k] = -DBL_MAX;
     for (i = 0; i < scene->object_count; i++) {
+        itn__go_to(maker, ITN__OBJECT, i);
         itn__object_extent(maker, i);
         solids += scene->objects[i].solid;
         for (k = 0; k < 3; k++)
@@ -4940,6 +5104,7 @@ static itn_result itn__make_origin(itn__maker *maker) {
     for (k = 0; k < 3; k++) half[k] += 8 * FLT_EPSILON * (double)scene->radius;
     scene->upper = itn__vec3((float)half[0], (float)half[1], (float)half[2]);
     scene->lower = itn__scale(scene->upper, -1);
+    itn__go_to(maker, -1, 0);
     if (scene->radius > 0 && scene->radius < 1e18f) return ITN_OK;
     return itn__fail(maker->error, ITN_ERROR_MESH, 0, "the objects have size %g",
                      (double)scene->radius);
@@ -5131,6 +5296,7 @@ static itn_result itn__check_parts(itn__maker *maker) {
     int i;
     for (i = 0; i < scene->object_count; i++) {
         int tangled = scene->objects[i].solid ? itn__count_tangled(maker, i) : 0;
+        itn__go_to(maker, ITN__OBJECT, i);
         if (40 * tangled <= ITN__TRIED_LINES) continue;
         scene->leaky = 1;
         if (maker->desc->objects[i].force) continue;
@@ -5144,7 +5310,7 @@ static itn_result itn__check_parts(itn__maker *maker) {
 }
 
 /* Fails where the eye is so far away that rays, which are floats, hardly know what they pass. */
-static itn_result itn__check_eye(const itn__maker *maker) {
+static itn_result itn__check_eye(itn__maker *maker) {
     const itn_scene *scene = maker->scene;
     const itn_vec3 *eye = &maker->desc->camera.eye;
     double x = (double)eye->x - scene->origin[0], y = (double)eye->y - scene->origin[1];
@@ -5154,6 +5320,7 @@ static itn_result itn__check_eye(const itn__maker *maker) {
         for (k = 0; k < 3; k++)
             reach = fmax(reach, fmax(scene->origin[k] - scene->objects[i].lower[k],
                                      scene->objects[i].upper[k] - scene->origin[k]));
+    itn__go_to(maker, ITN__CAMERA, 0);
     if (distance <= 1e6 * reach) return ITN_OK;
     return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
                      "camera: the eye is %g away from objects that reach %g, more than 1e6 times "
@@ -5189,6 +5356,7 @@ static itn_result itn__make_objects(itn__maker *maker) {
     itn_result result = ITN_OK;
     int i;
     for (i = 0; i < scene->object_count && !result; i++) {
+        itn__go_to(maker, ITN__OBJECT, i);
         result = itn__make_object(maker, i);
         if (!result) result = itn__check_object(maker, i);
         if (!result) result = itn__copy_uvs(maker, i);
@@ -5236,7 +5404,10 @@ static itn_result itn__make_arrays(itn__maker *maker) {
     scene->parameters = (itn_parameter *)itn__allocate(context, 9 * items,
                                                        sizeof(itn_parameter));
     scene->tables = (void **)itn__allocate(context, ITN__TABLE_LEVELS, sizeof *scene->tables);
-    if (!scene->media || !scene->surfaces || !scene->objects || !scene->lights ||
+    maker->name_mask = 1;
+    while (maker->name_mask < 18 * items) maker->name_mask = 2 * maker->name_mask + 1;
+    maker->names = (int *)itn__allocate(context, (size_t)maker->name_mask + 1, sizeof(int));
+    if (!maker->names || !scene->media || !scene->surfaces || !scene->objects || !scene->lights ||
         !scene->parameters || !scene->tables)
         return itn__out_of_memory(maker->error, "a scene");
     scene->object_count = in->object_count;
@@ -5249,35 +5420,40 @@ static itn_result itn__make_scene(itn__maker *maker) {
     itn_result result = itn__make_arrays(maker);
     int i;
     if (!result) result = itn__make_film(maker);
+    if (!result) result = itn__make_camera(maker);
     for (i = 0; i < in->medium_count && !result; i++, scene->medium_count++)
         result = itn__make_medium(maker, i);
-    for (i = 0; i < in->surface_count && !result; i++) {
-        scene->surface_count++; /* first, so that a failed one's texels are freed */
-        result = itn__make_surface(maker, i);
-    }
+    for (i = 0; i < in->surface_count && !result; i++) result = itn__make_surface(maker, i);
     for (i = 0; i < in->light_count && !result; i++) result = itn__make_light(maker, i);
-    if (!result) result = itn__share_lights(maker);
+    if (!result) itn__share_lights(scene);
     return result ? result : itn__make_objects(maker);
 }
 
-ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
-                                    itn_scene **scene, itn_error *error) {
-    itn__maker maker;
+/* itn_scene_create; on failure *where receives which item is at fault. */
+static itn_result itn__create_scene(const itn_scene_desc *desc, const itn_context *context,
+                                    itn_scene **scene, itn__where *where, itn_error *error) {
+    itn__maker maker = ITN_ZERO;
     itn_context own;
-    itn_result result;
-    if (!desc || !scene)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
-    result = itn__context_check(context, &own, error);
+    itn_result result = itn__context_check(context, &own, error);
     if (result) return result;
     maker.scene = (itn_scene *)itn__allocate(&own, 1, sizeof(itn_scene));
     if (!maker.scene) return itn__out_of_memory(error, "a scene");
     maker.scene->context = own, maker.desc = desc, maker.error = error;
+    itn__go_to(&maker, -1, 0);
     result = itn__make_scene(&maker);
-    if (result)
-        itn_scene_free(maker.scene);
-    else
-        *scene = maker.scene;
+    itn__free(&own, maker.names);
+    *where = maker.where;
+    if (result) itn_scene_free(maker.scene);
+    else *scene = maker.scene;
     return result;
+}
+
+ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
+                                    itn_scene **scene, itn_error *error) {
+    itn__where where;
+    if (!desc || !scene)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
+    return itn__create_scene(desc, context, scene, &where, error);
 }
 
 /* ---- [place] where a walk is ----------------------------------------------------------------- */
@@ -18852,26 +19028,13 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
 
 /* ---- [scenefile] scenes as text files -------------------------------------------------------- */
 
-/* A scene file is read in two steps. The first knows only the form of a line: a keyword (and for
-   some items a name), then fields, each with a word or a few numbers. What fields an item has, how
-   many numbers they take and in what range is written in tables, so all errors of form are found
-   in one place and at the exact line. The second step gives meaning: one short function per item
-   copies the values into its desc and loads the files that it names. What ties items together
-   (objects name media and surfaces, three-channel colours need a film of three channels) is
-   checked at the end, so that lines may stand in any order. Sky files use the first step alone:
-   each of their lines is a field of one single item. */
-
-#ifndef ITN_NO_STDIO
-
-/* A field of an item, as its table gives it. form says what follows the field's name: digits are
-   the allowed counts of numbers, `i` makes them whole numbers, `w` is a word, none of these a
-   flag; `t` marks transformations, which may come any number of times, `!` what must be there. */
-typedef struct itn__field {
-    const char *name, *form;
-    float lower, upper; /* of all its numbers */
-} itn__field;
-
-enum { ITN__MOST_FIELDS = 9, ITN__MOST_NUMBERS = 9 };
+/* A scene file is read line by line. The tables of [fields] say what stands in a line: a keyword
+   (and for some items a name), then fields, each with a word or a few numbers; so all errors of
+   form are found in one place and at the exact line. The numbers go to the item's desc by the same
+   tables; what is left, words, files and what depends on several fields, is a short function per
+   item. What ties items together (objects name media and surfaces, three-channel colours need a
+   film of three channels) is checked at the end, so that lines may stand in any order. Sky files
+   are read in the same way: each of their lines is a field of one single item. */
 
 typedef struct itn__field_value {
     int given, count;
@@ -18880,39 +19043,27 @@ typedef struct itn__field_value {
     int word_length;
 } itn__field_value;
 
-/* One item: values in the order of its table. */
+/* One item: values in the order of its form's fields. */
 typedef struct itn__item {
-    const char *keyword;
-    const itn__field *fields; /* the last has no name */
+    const itn__form *form;
+    const char *title; /* for messages */
     int line;
     itn__field_value name;
     itn__field_value values[ITN__MOST_FIELDS];
     double transform[12]; /* all steps so far, rows of a 3x4 matrix */
 } itn__item;
 
-static void itn__item_begin(itn__item *item, const char *keyword, const itn__field *fields,
-                            int line) {
+static void itn__item_begin(itn__item *item, const itn__form *form, const char *title, int line) {
     memset(item, 0, sizeof *item);
-    item->keyword = keyword, item->fields = fields, item->line = line;
+    item->form = form, item->title = title, item->line = line;
     item->transform[0] = item->transform[5] = item->transform[10] = 1;
 }
 
-/* The value of a field that is in the item's table. */
+/* The value of a field; one that is not given if the item has no such field. */
 static const itn__field_value *itn__item_value(const itn__item *item, const char *name) {
     int k = 0;
-    while (strcmp(item->fields[k].name, name)) k++;
+    while (item->form->fields[k].name && strcmp(item->form->fields[k].name, name)) k++;
     return &item->values[k];
-}
-static int itn__item_has(const itn__item *item, const char *name) {
-    return itn__item_value(item, name)->given;
-}
-static float itn__item_number(const itn__item *item, const char *name, float otherwise) {
-    const itn__field_value *value = itn__item_value(item, name);
-    return value->given ? value->numbers[0] : otherwise;
-}
-static itn_vec3 itn__item_vector(const itn__item *item, const char *name) {
-    const float *numbers = itn__item_value(item, name)->numbers;
-    return itn__vec3(numbers[0], numbers[1], numbers[2]);
 }
 
 /* transform = step * transform, both affine: the step is applied after what is there. */
@@ -18963,7 +19114,7 @@ static itn_result itn__file_fail(const itn__text *text, int line, itn_error *err
                                  const char *format, ...) ITN__PRINTF(4, 5);
 static itn_result itn__file_fail(const itn__text *text, int line, itn_error *error,
                                  const char *format, ...) {
-    char message[300];
+    char message[400];
     va_list arguments;
     va_start(arguments, format);
     itn__print_list(message, sizeof message, format, arguments);
@@ -18990,21 +19141,20 @@ static itn_result itn__take_numbers(itn__text *text, const itn__field *field,
     int first = 1; /* what must be a number is read as one, for the message */
     for (value->count = 0; !itn__line_done(text); first = 0) {
         float number = 0;
+        char words[100];
         itn_result result;
-        if (!strchr("+-.0123456789", *text->at) && !(first && !strchr(field->form, '0'))) break;
+        if (!strchr("+-.0123456789", *text->at) && !(first && !itn__has_form(field, '0'))) break;
         result = itn__text_float(text, field->name, &number, error);
         if (result) return result;
-        if (!(number >= field->lower && number <= field->upper))
-            return itn__file_fail(text, text->line, error, "%s: %g is not in [%g, %g]",
-                                  field->name, (double)number, (double)field->lower,
-                                  (double)field->upper);
-        if (strchr(field->form, 'i') && number != floorf(number))
+        if (!itn__field_allows(field, number, words))
+            return itn__file_fail(text, text->line, error, "%s: %s", field->name, words);
+        if (itn__has_form(field, 'i') && number != floorf(number))
             return itn__file_fail(text, text->line, error, "%s: %g is not a whole number",
                                   field->name, (double)number);
         if (value->count < ITN__MOST_NUMBERS) value->numbers[value->count] = number;
         value->count++;
     }
-    if (value->count <= 9 && strchr(field->form, '0' + value->count)) return ITN_OK;
+    if (value->count <= 9 && itn__has_form(field, (char)('0' + value->count))) return ITN_OK;
     return itn__file_fail(text, text->line, error, "%s takes another count of numbers than %d",
                           field->name, value->count);
 }
@@ -19015,17 +19165,18 @@ static itn_result itn__unknown_field(const itn__text *text, const itn__item *ite
     char known[160] = "";
     const itn__field *field;
     size_t used = 0;
-    for (field = item->fields; field->name; field++, used = strlen(known))
+    for (field = item->form->fields; field->name; field++, used = strlen(known))
         itn__print(known + used, sizeof known - used, " %s", field->name);
-    return itn__file_fail(text, text->line, error, "%s has no field '%.*s', only%s", item->keyword,
-                          found->word_length > 40 ? 40 : found->word_length, found->word, known);
+    return itn__file_fail(text, text->line, error, "%s has no field '%.*s', only%s%s", item->title,
+                          found->word_length > 40 ? 40 : found->word_length, found->word, known,
+                          item->form->kind == ITN__SURFACE ? " (or it is of another type)" : "");
 }
 
 /* Takes one field: its name, then its word or numbers. */
 static itn_result itn__take_field(itn__text *text, itn__item *item, itn_error *error) {
-    const itn__field *field = item->fields;
+    const itn__field *field = item->form->fields;
     itn__field_value *value = item->values, found = ITN_ZERO;
-    itn_result result = itn__take_word(text, item->keyword, &found, error);
+    itn_result result = itn__take_word(text, item->title, &found, error);
     if (result) return result;
     while (field->name && ((int)strlen(field->name) != found.word_length ||
                            memcmp(field->name, found.word, strlen(field->name))))
@@ -19033,12 +19184,12 @@ static itn_result itn__take_field(itn__text *text, itn__item *item, itn_error *e
     if (!field->name) return itn__unknown_field(text, item, &found, error);
     if (value->given)
         return itn__file_fail(text, text->line, error, "%s is given twice", field->name);
-    if (strchr(field->form, 'w'))
+    if (itn__has_form(field, 'w'))
         result = itn__take_word(text, field->name, value, error);
     else if (strpbrk(field->form, "0123456789"))
         result = itn__take_numbers(text, field, value, error);
     if (result) return result;
-    value->given = !strchr(field->form, 't');
+    value->given = !itn__has_form(field, 't');
     if (!value->given && !itn__transform_add(item->transform, field->name, value))
         return itn__file_fail(text, text->line, error,
                               "%s: the axis is zero, or the result is too large", field->name);
@@ -19052,72 +19203,76 @@ static itn_result itn__take_fields(itn__text *text, itn__item *item, itn_error *
     return result;
 }
 
-static itn_result itn__check_required(const itn__text *text, const itn__item *item,
-                                      itn_error *error) {
-    int k;
-    for (k = 0; item->fields[k].name; k++)
-        if (strchr(item->fields[k].form, '!') && !item->values[k].given)
-            return itn__file_fail(text, item->line, error, "%s: %s is missing", item->keyword,
-                                  item->fields[k].name);
+/* Writes the numbers of an item into its desc, once it is whole. */
+static itn_result itn__write_desc(const itn__text *text, const itn__item *item, void *desc,
+                                  itn_error *error) {
+    int k, c;
+    for (k = 0; item->form->fields[k].name; k++) {
+        const itn__field *field = &item->form->fields[k];
+        const itn__field_value *value = &item->values[k];
+        int colour = itn__has_form(field, 'c'), spectrum = itn__has_form(field, 's');
+        int count = colour ? 3 : value->count > 1 ? value->count : 1, whole;
+        float n[ITN__MOST_NUMBERS];
+        char *at = (char *)desc + (spectrum && count == 3 ? field->three : field->at);
+        if (itn__has_form(field, '!') && !value->given)
+            return itn__file_fail(text, item->line, error, "%s: %s is missing", item->title,
+                                  field->name);
+        if (!strpbrk(field->form, "fics") || (!value->given && field->otherwise == 0)) continue;
+        for (c = 0; c < count; c++)
+            n[c] = !value->given ? field->otherwise : value->numbers[value->count > 1 ? c : 0];
+        whole = (int)n[0];
+        if (itn__has_form(field, 'i')) memcpy(at, &whole, sizeof whole);
+        else memcpy(at, n, (size_t)count * sizeof *n);
+    }
     return ITN_OK;
 }
 
-enum { ITN__MOST_TEXT = 1 << 24 }; /* bytes of a scene or sky file */
+#define ITN__SKY_ROW(name, form, at) {name, form, ITN__ANY, 0, at, 0, ITN_IDENTITY, 0}
+static const itn__form itn__sky_form = {
+    ITN__KINDS, NULL,
+    {ITN__SKY_ROW("coefficients_r", "9f!", offsetof(itn_sky, coefficients)),
+     ITN__SKY_ROW("coefficients_g", "9f!", offsetof(itn_sky, coefficients) + 9 * sizeof(float)),
+     ITN__SKY_ROW("coefficients_b", "9f!", offsetof(itn_sky, coefficients) + 18 * sizeof(float)),
+     ITN__PLAIN(itn_sky, "radiance", radiance, "3f!", ITN__RANGE(0, FLT_MAX), 0),
+     ITN__PLAIN(itn_sky, "sun_radiance", sun_radiance, "3f!", ITN__RANGE(0, FLT_MAX), 0)}};
 
-/* Loads a sky file. */
-static itn_result itn__sky_load(const char *path, const itn_context *context, itn_sky *sky,
-                                itn_error *error) {
-    static const itn__field fields[] = {{"coefficients_r", "9!", -FLT_MAX, FLT_MAX},
-                                        {"coefficients_g", "9!", -FLT_MAX, FLT_MAX},
-                                        {"coefficients_b", "9!", -FLT_MAX, FLT_MAX},
-                                        {"radiance", "3!", 0, FLT_MAX},
-                                        {"sun_radiance", "3!", 0, FLT_MAX},
-                                        {NULL, NULL, 0, 0}};
-    itn__buffer buffer = ITN_ZERO;
-    itn__text text;
+/* Reads the bytes of a sky file. */
+static itn_result itn__sky_from_memory(const void *bytes, size_t size, const char *name,
+                                       itn_sky *sky, itn_error *error) {
+    itn__text text = itn__text_make(bytes, size, name);
     itn__item item;
-    itn_result result;
-    int k;
-    buffer.context = *context;
-    result = itn__read_file(path, ITN__MOST_TEXT, &buffer, error);
-    if (result) return result;
-    text = itn__text_make(buffer.bytes, buffer.size, path);
-    itn__item_begin(&item, "a sky", fields, 0);
+    itn_result result = ITN_OK;
+    itn__item_begin(&item, &itn__sky_form, "a sky", 0);
     for (; !result && text.at < text.end; itn__next_line(&text))
         result = itn__take_fields(&text, &item, error);
     item.line = text.line;
-    if (!result) result = itn__check_required(&text, &item, error);
-    itn__buffer_free(&buffer);
-    for (k = 0; !result && k < 3; k++) {
-        memcpy(sky->coefficients[k], item.values[k].numbers, sizeof sky->coefficients[k]);
-        sky->radiance[k] = item.values[3].numbers[k];
-        sky->sun_radiance[k] = item.values[4].numbers[k];
-    }
-    return result;
+    return result ? result : itn__write_desc(&text, &item, sky, error);
 }
 
-enum { ITN__MOST_ITEMS = 64 }; /* of each kind in a scene file */
+enum { ITN__MOST_ITEMS = 64 };         /* of each kind in a scene file */
+enum { ITN__MOST_TEXT = 1 << 24 };     /* bytes of a scene file */
 
 /* A scene file on its way to a desc, which points into the arrays here and into the text. */
 typedef struct itn__scene_file {
     itn__text text;
-    itn__buffer buffer;
+    itn__buffer buffer; /* a copy of the bytes, where words end with zeros */
+    const itn_file *files;
+    int file_count;
     itn_error *error;
     itn_scene_desc desc;
-    int film_line, camera_line, colour_line; /* of the film, the camera, the first colour of three
-                                                numbers; 0: none so far */
+    int count[ITN__KINDS], lines[ITN__KINDS][ITN__MOST_ITEMS]; /* how many so far; where they are */
+    int colour_line; /* of the first colour of three numbers, 0: none so far */
     itn_medium_desc media[ITN__MOST_ITEMS];
     itn_surface_desc surfaces[ITN__MOST_ITEMS];
     itn_image textures[ITN__MOST_ITEMS]; /* of the surfaces */
     itn_object_desc objects[ITN__MOST_ITEMS];
-    itn_mesh meshes[ITN__MOST_ITEMS];  /* of the objects */
-    int object_lines[ITN__MOST_ITEMS], light_lines[ITN__MOST_ITEMS]; /* where they stand */
-    int surface_lines[ITN__MOST_ITEMS];
+    itn_mesh meshes[ITN__MOST_ITEMS]; /* of the objects */
     itn_light_desc lights[ITN__MOST_ITEMS];
     itn_image maps[ITN__MOST_ITEMS]; /* of the lights */
 } itn__scene_file;
 
-static void itn__scene_file_free(itn__scene_file *file, const itn_context *context) {
+static void itn__scene_file_free(itn__scene_file *file) {
+    itn_context context = file->buffer.context;
     int k;
     for (k = 0; k < ITN__MOST_ITEMS; k++) {
         itn_image_free(&file->textures[k]);
@@ -19125,7 +19280,7 @@ static void itn__scene_file_free(itn__scene_file *file, const itn_context *conte
         itn_image_free(&file->maps[k]);
     }
     itn__buffer_free(&file->buffer);
-    itn__free(context, file);
+    itn__free(&context, file);
 }
 
 /* The path of a file that a scene file names: relative to the scene file's folder. */
@@ -19144,319 +19299,218 @@ static char *itn__path_beside(const itn_context *context, const char *path, cons
     return joined;
 }
 
-typedef itn_result (*itn__loader)(const char *path, const itn_context *context, void *loaded,
-                                  itn_error *error);
-static itn_result itn__mesh_loader(const char *path, const itn_context *context, void *loaded,
-                                   itn_error *error) {
-    return itn_mesh_load(path, context, (itn_mesh *)loaded, error);
-}
-static itn_result itn__image_loader(const char *path, const itn_context *context, void *loaded,
-                                    itn_error *error) {
-    return itn_image_load(path, context, (itn_image *)loaded, error);
-}
-static itn_result itn__sky_loader(const char *path, const itn_context *context, void *loaded,
-                                  itn_error *error) {
-    return itn__sky_load(path, context, (itn_sky *)loaded, error);
+/* What a named file holds: a mesh, an image or a sky. */
+static itn_result itn__read_named(int kind, const void *bytes, size_t size, const char *name,
+                                  const itn_context *context, void *loaded, itn_error *error) {
+    if (kind == 'm')
+        return itn_mesh_from_memory(bytes, size, name, context, (itn_mesh *)loaded, error);
+    if (kind == 'i')
+        return itn_image_from_memory(bytes, size, name, context, (itn_image *)loaded, error);
+    return itn__sky_from_memory(bytes, size, name, (itn_sky *)loaded, error);
 }
 
-/* Loads a file that an item names; an error gets the scene file's line in front. */
-static itn_result itn__load_named(itn__scene_file *file, const itn__item *item, itn__loader loader,
-                                  const char *name, void *loaded) {
+/* Loads a file that an item names, if it is not among those that the caller gave. */
+static itn_result itn__open_named(const itn__scene_file *file, int kind, const char *name,
+                                  void *loaded, itn_error *error) {
     const itn_context *context = &file->buffer.context;
-    itn_error inner = ITN_ZERO;
     itn_result result;
-    char *path = itn__path_beside(context, file->text.name, name);
-    if (!path) return itn__out_of_memory(file->error, file->text.name);
-    result = loader(path, context, loaded, &inner);
-    itn__free(context, path);
+    int k;
+    for (k = 0; k < file->file_count; k++)
+        if (!strcmp(file->files[k].name, name))
+            return itn__read_named(kind, file->files[k].bytes, file->files[k].size, name, context,
+                                   loaded, error);
+#ifdef ITN_NO_STDIO
+    result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: it is not among the files given", name);
+#else
+    {
+        itn__buffer bytes = ITN_ZERO;
+        char *path = itn__path_beside(context, file->text.name, name);
+        bytes.context = *context;
+        if (!path) return itn__out_of_memory(error, name);
+        result = itn__read_file(path, SIZE_MAX / 4, &bytes, error);
+        if (!result)
+            result = itn__read_named(kind, bytes.bytes, bytes.size, path, context, loaded, error);
+        itn__buffer_free(&bytes), itn__free(context, path);
+    }
+#endif
+    return result;
+}
+
+/* The same; an error gets the scene file's line in front. */
+static itn_result itn__load_named(itn__scene_file *file, const itn__item *item, int kind,
+                                  const char *field, void *loaded) {
+    itn_error inner = ITN_ZERO;
+    itn_result result = itn__open_named(file, kind, itn__item_value(item, field)->word, loaded,
+                                        &inner);
     if (!result) return ITN_OK;
     return itn__fail(file->error, result, item->line, "%s:%d: %s", file->text.name, item->line,
                      inner.message);
 }
 
-static int itn__is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); }
+/* Fails at the line of an item. */
+#define ITN__ITEM_FAIL(...) itn__file_fail(&file->text, item->line, file->error, __VA_ARGS__)
 
-/* Names become parts of parameter and EXR channel names, hence the narrow rules. */
+/* Whether an item's name is one, and no other's. */
 static itn_result itn__check_item_name(const itn__scene_file *file, const itn__item *item,
                                        const char *name) {
-    const char *c;
-    int k, taken = 0, good = itn__is_letter(*name) && strlen(name) <= 32;
-    for (c = name; *c; c++)
-        good = good && (itn__is_letter(*c) || (*c >= '0' && *c <= '9') || *c == '_' || *c == '-');
-    if (!good)
-        return itn__file_fail(&file->text, item->line, file->error,
-                              "%s: name '%.40s' is not 1 to 32 letters, digits, _ or -, beginning "
-                              "with a letter", item->keyword, name);
-    for (k = 0; k < file->desc.medium_count; k++) taken |= !strcmp(file->media[k].name, name);
-    for (k = 0; k < file->desc.surface_count; k++) taken |= !strcmp(file->surfaces[k].name, name);
-    for (k = 0; k < file->desc.light_count; k++) {
+    int k, taken = 0;
+    if (!itn__is_name(name))
+        return ITN__ITEM_FAIL("%s: name '%.40s' " ITN__NAME_RULE, item->title, name);
+    for (k = 0; k < file->count[ITN__MEDIUM]; k++) taken |= !strcmp(file->media[k].name, name);
+    for (k = 0; k < file->count[ITN__SURFACE]; k++) taken |= !strcmp(file->surfaces[k].name, name);
+    for (k = 0; k < file->count[ITN__LIGHT]; k++) {
         char light[ITN_NAME_SIZE];
         itn__light_name(&file->lights[k], k, light);
         taken |= !strcmp(light, name);
     }
-    if (!taken) return ITN_OK;
-    return itn__file_fail(&file->text, item->line, file->error, "the name '%s' is used twice",
-                          name);
+    return taken ? ITN__ITEM_FAIL("the name '%s' is used twice", name) : ITN_OK;
 }
 
-/* A word that must be one of two: returns which, 0 (also if it is not given) or 1, or -1. */
-static int itn__choice(const itn__scene_file *file, const itn__item *item, const char *name,
-                       const char *first, const char *second) {
-    const itn__field_value *value = itn__item_value(item, name);
-    if (!value->given || !strcmp(value->word, first)) return 0;
-    if (second && !strcmp(value->word, second)) return 1;
-    itn__file_fail(&file->text, item->line, file->error, "%s is %s%s%s, not '%.40s'", name, first,
-                   second ? " or " : "", second ? second : "", value->word);
-    return -1;
-}
-
-/* One number counts for all channels; three need a film of three. */
-static void itn__take_colour(itn__scene_file *file, const itn__item *item, const float *numbers,
-                             int three, float colour[3]) {
-    int k;
-    if (three && !file->colour_line) file->colour_line = item->line;
-    for (k = 0; k < 3; k++) colour[k] = numbers[three ? k : 0];
-}
-
-/* The number that holds in all channels (or is not given: 0); three go to rgb. */
-static float itn__take_spectrum(itn__scene_file *file, const itn__item *item, const char *name,
-                                float rgb[3]) {
-    const itn__field_value *value = itn__item_value(item, name);
-    if (value->count == 3) itn__take_colour(file, item, value->numbers, 1, rgb);
-    return itn__item_number(item, name, 0);
-}
-
-/* Film and camera come once. */
-static itn_result itn__check_once(const itn__scene_file *file, const itn__item *item, int *line) {
-    if (*line)
-        return itn__file_fail(&file->text, item->line, file->error, "%s was given in line %d",
-                              item->keyword, *line);
-    *line = item->line;
-    return ITN_OK;
-}
-
-static itn_result itn__file_film(itn__scene_file *file, const itn__item *item) {
+static itn_result itn__finish_film(itn__scene_file *file, const itn__item *item) {
     itn_film_desc *film = &file->desc.film;
-    int filter = itn__choice(file, item, "filter", "box", "gaussian");
-    itn_result result = filter < 0 ? ITN_ERROR_FORMAT : ITN_OK;
-    if (!result) result = itn__check_once(file, item, &file->film_line);
-    if (result) return result;
-    film->width = (int)itn__item_number(item, "width", 128);
-    film->height = (int)itn__item_number(item, "height", 128);
-    film->channels = (int)itn__item_number(item, "channels", 1);
-    film->filter = filter ? ITN_FILTER_GAUSSIAN : ITN_FILTER_BOX;
-    film->deviation = itn__item_number(item, "deviation", 0);
-    if (film->channels == 2)
-        return itn__file_fail(&file->text, item->line, file->error, "channels is 1 or 3, not 2");
-    if (film->deviation > 0 && !filter)
-        return itn__file_fail(&file->text, item->line, file->error,
-                              "deviation is that of filter gaussian");
+    const itn__field_value *filter = itn__item_value(item, "filter");
+    const char *name = filter->given ? filter->word : "box";
+    film->filter = strcmp(name, "gaussian") ? ITN_FILTER_BOX : ITN_FILTER_GAUSSIAN;
+    if (film->filter == ITN_FILTER_BOX && strcmp(name, "box"))
+        return ITN__ITEM_FAIL("filter is box or gaussian, not '%.40s'", name);
+    if (film->channels == 2) return ITN__ITEM_FAIL("channels is 1 or 3, not 2");
+    if (film->filter == ITN_FILTER_BOX && itn__item_value(item, "deviation")->given)
+        return ITN__ITEM_FAIL("deviation is that of filter gaussian");
+    if (film->filter == ITN_FILTER_BOX) film->deviation = 0;
     return ITN_OK;
 }
 
-static itn_result itn__file_camera(itn__scene_file *file, const itn__item *item) {
-    itn_camera_desc *camera = &file->desc.camera;
-    itn_result result = itn__check_once(file, item, &file->camera_line);
-    if (result) return result;
-    camera->eye = itn__item_vector(item, "eye");
-    camera->target = itn__item_vector(item, "target");
-    camera->up = itn__item_has(item, "up") ? itn__item_vector(item, "up") : itn__vec3(0, 1, 0);
-    camera->fov = itn__item_number(item, "fov", 30);
-    if (itn__length(itn__direction(camera->up)) > 0) return ITN_OK; /* 0 0 0 would mean 0 1 0 */
-    return itn__file_fail(&file->text, item->line, file->error, "camera: up is zero");
+static itn_result itn__finish_camera(itn__scene_file *file, const itn__item *item) {
+    itn_vec3 up = itn__direction(file->desc.camera.up);
+    if (!itn__item_value(item, "up")->given || itn__length(up) > 0) return ITN_OK;
+    return ITN__ITEM_FAIL("camera: up is zero"); /* 0 0 0 would mean 0 1 0 */
 }
 
-static itn_result itn__file_medium(itn__scene_file *file, const itn__item *item) {
-    itn_medium_desc *medium = &file->media[file->desc.medium_count++];
-    const itn__field_value *albedo = itn__item_value(item, "albedo");
-    medium->name = item->name.word;
-    medium->sigma_t = itn__take_spectrum(file, item, "sigma_t", medium->sigma_t_rgb);
-    medium->g = itn__take_spectrum(file, item, "g", medium->g_rgb);
-    itn__take_colour(file, item, albedo->numbers, albedo->count == 3, medium->albedo);
-    return itn__choice(file, item, "phase", "hg", NULL) < 0 ? ITN_ERROR_FORMAT : ITN_OK;
+static itn_result itn__finish_medium(itn__scene_file *file, const itn__item *item) {
+    const itn__field_value *phase = itn__item_value(item, "phase");
+    if (!phase->given || !strcmp(phase->word, "hg")) return ITN_OK;
+    return ITN__ITEM_FAIL("phase is hg, not '%.40s'", phase->word);
 }
 
 /* The three forms of reflectance: a colour, an image (times a colour), a checker. */
-static itn_result itn__file_reflectance(itn__scene_file *file, const itn__item *item,
-                                        itn_surface_desc *surface, itn_image *texture) {
+static itn_result itn__finish_surface(itn__scene_file *file, const itn__item *item) {
+    int index = file->count[ITN__SURFACE], k;
+    itn_surface_desc *surface = &file->surfaces[index];
     const itn__field_value *plain = itn__item_value(item, "reflectance");
     const itn__field_value *image = itn__item_value(item, "texture");
     const itn__field_value *checker = itn__item_value(item, "checker");
-    const float white = 1;
-    int k, three = checker->count == 7;
+    int three = checker->count == 7;
+    while (itn__form_of(ITN__SURFACE, (int)surface->type) != item->form)
+        surface->type = (itn_surface_type)((int)surface->type + 1);
+    if (surface->type != ITN_SURFACE_DIFFUSE) return ITN_OK;
     if (!plain->given || image->given + checker->given > 1 || (checker->given && plain->count) ||
         image->given + checker->given + plain->count == 0)
-        return itn__file_fail(&file->text, item->line, file->error,
-                              "reflectance is a colour, [colour] texture FILE or checker A B SIZE");
-    itn__take_colour(file, item, plain->count ? plain->numbers : &white, plain->count == 3,
-                     surface->reflectance);
+        return ITN__ITEM_FAIL("reflectance is a colour, [colour] texture FILE or checker A B SIZE");
+    for (k = 0; k < 3 && checker->given; k++) {
+        surface->reflectance[k] = checker->numbers[three ? k : 0];
+        surface->reflectance2[k] = checker->numbers[three ? 3 + k : 1];
+        if (surface->reflectance[k] > 1 || surface->reflectance2[k] > 1)
+            return ITN__ITEM_FAIL("checker: a reflectance is not in [0, 1]");
+    }
+    for (k = 0; k < 3 && !checker->given && !plain->count; k++) surface->reflectance[k] = 1;
     if (checker->given) {
         surface->texture = ITN_TEXTURE_CHECKER;
         surface->checker_size = checker->numbers[checker->count - 1];
-        itn__take_colour(file, item, checker->numbers, three, surface->reflectance);
-        itn__take_colour(file, item, checker->numbers + (three ? 3 : 1), three,
-                         surface->reflectance2);
+        return surface->checker_size > 0 ? ITN_OK : ITN__ITEM_FAIL("checker: SIZE is not positive");
     }
-    for (k = 0; k < 3; k++)
-        if (surface->reflectance[k] > 1 || surface->reflectance2[k] > 1)
-            return itn__file_fail(&file->text, item->line, file->error,
-                                  "checker: a reflectance is not in [0, 1]");
-    if (checker->given && !(surface->checker_size > 0))
-        return itn__file_fail(&file->text, item->line, file->error,
-                              "checker: SIZE is not positive");
     if (!image->given) return ITN_OK;
-    surface->texture = ITN_TEXTURE_IMAGE;
-    surface->image = texture;
-    return itn__load_named(file, item, itn__image_loader, image->word, texture);
+    surface->texture = ITN_TEXTURE_IMAGE, surface->image = &file->textures[index];
+    return itn__load_named(file, item, 'i', "texture", &file->textures[index]);
 }
 
-static itn_result itn__file_surface(itn__scene_file *file, const itn__item *item) {
-    int k = file->desc.surface_count++, diffuse;
-    itn_surface_desc *surface = &file->surfaces[k];
-    file->surface_lines[k] = item->line;
-    surface->name = item->name.word;
-    surface->ior = itn__item_number(item, "ior", 1.5f);
-    surface->alpha = itn__item_number(item, "alpha", 0);
-    diffuse = itn__choice(file, item, "type", "dielectric", "diffuse");
-    if (diffuse < 0) return ITN_ERROR_FORMAT;
-    surface->type = diffuse ? ITN_SURFACE_DIFFUSE : ITN_SURFACE_DIELECTRIC;
-    if (diffuse ? itn__item_has(item, "ior") || itn__item_has(item, "alpha")
-                : itn__item_has(item, "reflectance") || itn__item_has(item, "texture") ||
-                      itn__item_has(item, "checker"))
-        return itn__file_fail(&file->text, item->line, file->error,
-                              "a %s surface has a field of the other type",
-                              diffuse ? "diffuse" : "dielectric");
-    if (surface->alpha > 0 && surface->alpha < .001f)
-        return itn__file_fail(&file->text, item->line, file->error,
-                              "alpha: %g is neither 0 nor in [0.001, 1]", (double)surface->alpha);
-    return diffuse ? itn__file_reflectance(file, item, surface, &file->textures[k]) : ITN_OK;
-}
-
-static itn_object_desc *itn__begin_object(itn__scene_file *file, const itn__item *item) {
-    int k = file->desc.object_count++;
-    file->object_lines[k] = item->line;
-    file->objects[k].surface = itn__item_value(item, "surface")->word;
-    return &file->objects[k];
-}
-
-static itn_result itn__file_plane(itn__scene_file *file, const itn__item *item) {
-    itn_object_desc *object = itn__begin_object(file, item);
-    object->plane_y = itn__item_number(item, "y", 0);
-    object->half_size = itn__item_number(item, "half", 20);
-    return ITN_OK;
-}
-
-static itn_result itn__file_mesh(itn__scene_file *file, const itn__item *item) {
-    itn_object_desc *object = itn__begin_object(file, item);
-    itn_mesh *mesh = &file->meshes[object - file->objects];
-    int k;
+static itn_result itn__finish_object(itn__scene_file *file, const itn__item *item) {
+    int index = file->count[ITN__OBJECT], k;
+    itn_object_desc *object = &file->objects[index];
+    object->medium = itn__item_value(item, "medium")->word;
+    object->surface = itn__item_value(item, "surface")->word;
+    object->force = itn__item_value(item, "force")->given;
+    if (strcmp(item->form->variant, "mesh")) return ITN_OK;
     for (k = 0; k < 12; k++) object->transform[k] = (float)item->transform[k];
     if (itn__object_matrix(object) == itn__identity) /* all 0, which would mean no transform */
-        return itn__file_fail(&file->text, item->line, file->error,
-                              "the transform is too small for a float");
-    object->medium = itn__item_value(item, "medium")->word;
-    object->force = itn__item_has(item, "force");
-    object->mesh = mesh;
-    return itn__load_named(file, item, itn__mesh_loader, itn__item_value(item, "mesh")->word, mesh);
+        return ITN__ITEM_FAIL("the transform is too small for a float");
+    object->mesh = &file->meshes[index];
+    return itn__load_named(file, item, 'm', "mesh", &file->meshes[index]);
 }
 
-/* What all lights share. */
-static itn_light_desc *itn__begin_light(itn__scene_file *file, const itn__item *item,
-                                        itn_light_type type) {
-    itn_light_desc *light = &file->lights[file->desc.light_count];
-    file->light_lines[file->desc.light_count++] = item->line;
+static itn_result itn__finish_light(itn__scene_file *file, const itn__item *item) {
+    int index = file->count[ITN__LIGHT];
+    itn_light_desc *light = &file->lights[index];
     light->name = itn__item_value(item, "name")->word;
-    light->type = type;
     light->has_scale = 1;
-    light->scale = itn__item_number(item, "scale", 1);
-    return light;
+    while (itn__form_of(ITN__LIGHT, (int)light->type) != item->form)
+        light->type = (itn_light_type)((int)light->type + 1);
+    if (light->type == ITN_LIGHT_CONSTANT) return ITN_OK;
+    if (light->type == ITN_LIGHT_MAP) {
+        light->image = &file->maps[index];
+        return itn__load_named(file, item, 'i', "map", &file->maps[index]);
+    }
+    if (!(light->sun_direction.y > 0)) return ITN__ITEM_FAIL("sun is not above the horizon");
+    return itn__load_named(file, item, 's', "sky", &light->sky);
+}
+#undef ITN__ITEM_FAIL
+
+/* The desc of the next item of a kind. */
+static void *itn__next_desc(itn__scene_file *file, int kind) {
+    int k = file->count[kind];
+    switch (kind) {
+    case ITN__FILM: return &file->desc.film;
+    case ITN__CAMERA: return &file->desc.camera;
+    case ITN__MEDIUM: return &file->media[k];
+    case ITN__SURFACE: return &file->surfaces[k];
+    case ITN__OBJECT: return &file->objects[k];
+    default: return &file->lights[k];
+    }
 }
 
-static itn_result itn__file_constant(itn__scene_file *file, const itn__item *item) {
-    itn_light_desc *light = itn__begin_light(file, item, ITN_LIGHT_CONSTANT);
-    const itn__field_value *radiance = itn__item_value(item, "radiance");
-    itn__take_colour(file, item, radiance->numbers, radiance->count == 3, light->radiance);
-    return ITN_OK;
+static itn_result itn__finish_item(itn__scene_file *file, const itn__item *item) {
+    static itn_result (*const finish[])(itn__scene_file *, const itn__item *) = {
+        itn__finish_film,    itn__finish_camera, itn__finish_medium,
+        itn__finish_surface, itn__finish_object, itn__finish_light};
+    return finish[item->form->kind](file, item);
 }
 
-static itn_result itn__file_map(itn__scene_file *file, const itn__item *item) {
-    itn_light_desc *light = itn__begin_light(file, item, ITN_LIGHT_MAP);
-    itn_image *map = &file->maps[light - file->lights];
-    light->image = map;
-    return itn__load_named(file, item, itn__image_loader, itn__item_value(item, "map")->word, map);
+/* The type that a surface's line says, somewhere behind its name. */
+static itn__text itn__find_type(itn__text text) {
+    if (!itn__line_done(&text)) text.at += itn__word_length(&text);
+    while (!itn__line_done(&text) && !itn__accept_word(&text, "type"))
+        text.at += itn__word_length(&text);
+    itn__skip_blanks(&text);
+    return text;
 }
-
-static itn_result itn__file_sky(itn__scene_file *file, const itn__item *item) {
-    itn_light_desc *light = itn__begin_light(file, item, ITN_LIGHT_SKY);
-    light->sun_direction = itn__item_vector(item, "sun");
-    light->sun_scale = itn__item_number(item, "sun_scale", 1);
-    light->sun_radius_scale = itn__item_number(item, "sun_radius_scale", 1);
-    if (!(light->sun_direction.y > 0))
-        return itn__file_fail(&file->text, item->line, file->error, "sun is not above the horizon");
-    return itn__load_named(file, item, itn__sky_loader, itn__item_value(item, "sky")->word,
-                           &light->sky);
-}
-
-/* The grammar: what items there are, by keyword and first field, and what fields they have. */
-typedef struct itn__item_form {
-    const char *keyword, *variant; /* variant: the field that must come first, or NULL */
-    int named;
-    itn_result (*make)(itn__scene_file *file, const itn__item *item);
-    itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
-} itn__item_form;
-
-#define ITN__ANY -FLT_MAX, FLT_MAX
-#define ITN__POSITIVE FLT_MIN, 1e12f
-static const itn__item_form itn__item_forms[] = {
-    {"film", NULL, 0, itn__file_film,
-     {{"width", "1i", 1, 65536}, {"height", "1i", 1, 65536}, {"channels", "1i", 1, 3},
-      {"filter", "w", 0, 0}, {"deviation", "1", .1f, 4}}},
-    {"camera", NULL, 0, itn__file_camera,
-     {{"eye", "3!", ITN__ANY}, {"target", "3!", ITN__ANY}, {"up", "3", ITN__ANY},
-      {"fov", "1", .001f, 179.999f}}},
-    {"medium", NULL, 1, itn__file_medium,
-     {{"sigma_t", "13!", 0, 1e12f}, {"albedo", "13!", 0, 1}, {"phase", "w", 0, 0},
-      {"g", "13", -.999f, .999f}}},
-    {"surface", NULL, 1, itn__file_surface,
-     {{"type", "w!", 0, 0}, {"ior", "1", 1, 4}, {"alpha", "1", 0, 1},
-      {"reflectance", "013", 0, 1}, {"texture", "w", 0, 0}, {"checker", "37", 0, 1e12f}}},
-    {"object", "mesh", 0, itn__file_mesh,
-     {{"mesh", "w", 0, 0}, {"medium", "w", 0, 0}, {"surface", "w", 0, 0},
-      {"scale", "13t", ITN__POSITIVE}, {"rotate", "4t", ITN__ANY}, {"translate", "3t", ITN__ANY},
-      {"force", "", 0, 0}}},
-    {"object", "plane", 0, itn__file_plane,
-     {{"plane", "", 0, 0}, {"y", "1", ITN__ANY}, {"half", "1", ITN__POSITIVE},
-      {"surface", "w!", 0, 0}}},
-    {"light", "constant", 0, itn__file_constant,
-     {{"constant", "", 0, 0}, {"radiance", "13!", 0, 1e18f}, {"scale", "1", 0, 1e12f},
-      {"name", "w", 0, 0}}},
-    {"light", "map", 0, itn__file_map,
-     {{"map", "w", 0, 0}, {"scale", "1", 0, 1e12f}, {"name", "w", 0, 0}}},
-    {"light", "sky", 0, itn__file_sky,
-     {{"sky", "w", 0, 0}, {"sun", "3!", ITN__ANY}, {"scale", "1", 0, 1e12f},
-      {"sun_scale", "1", 0, 1e12f}, {"sun_radius_scale", "1", .01f, 320},
-      {"name", "w", 0, 0}}}};
-#undef ITN__ANY
-#undef ITN__POSITIVE
 
 /* Finds the form of the item that begins here and steps over its keyword. */
-static const itn__item_form *itn__find_form(itn__text *text, itn_error *error) {
-    size_t k, shown = 0;
-    for (k = 0; k < sizeof itn__item_forms / sizeof itn__item_forms[0]; k++) {
-        const itn__item_form *form = &itn__item_forms[k];
-        itn__text ahead = *text, behind_keyword;
-        if (!itn__accept_word(&ahead, form->keyword)) continue;
-        behind_keyword = ahead;
-        itn__skip_blanks(&ahead);
-        if (form->variant && !itn__accept_word(&ahead, form->variant)) continue;
-        *text = behind_keyword;
+static const itn__form *itn__find_form(itn__text *text, itn_error *error) {
+    char known[240] = "";
+    int k, shown = 0, kind = -1;
+    itn__text ahead, behind = *text, variant;
+    for (k = 0; k < ITN__FORMS; k++) {
+        const itn__form *form = &itn__forms[k];
+        size_t used = strlen(known);
+        ahead = *text;
+        itn__print(known + used, sizeof known - used, "%s%s%s%s", used ? ", " : "",
+                 itn__kinds[form->kind], form->variant ? " " : "",
+                 form->variant ? form->variant : "");
+        if (!itn__accept_word(&ahead, itn__kinds[form->kind])) continue;
+        variant = behind = ahead, kind = form->kind;
+        if (kind == ITN__SURFACE) variant = itn__find_type(ahead);
+        itn__skip_blanks(&variant);
+        if (form->variant && !itn__accept_word(&variant, form->variant)) continue;
+        *text = ahead;
         return form;
     }
     while (shown < 40 && text->at + shown < text->end && (unsigned char)text->at[shown] >= 32)
         shown++;
-    itn__file_fail(text, text->line, error,
-                   "found '%.*s', expected film, camera, medium, surface, object mesh, "
-                   "object plane, light constant, light map or light sky", (int)shown, text->at);
+    behind = itn__find_type(behind);
+    if (kind == ITN__SURFACE && itn__line_done(&behind))
+        itn__file_fail(text, text->line, error, "surface: type is missing");
+    else
+        itn__file_fail(text, text->line, error, "found '%.*s', expected %s", shown, text->at,
+                       known);
     return NULL;
 }
 
@@ -19466,146 +19520,156 @@ static void itn__end_word(itn__scene_file *file, const itn__field_value *value) 
     if (value->word) file->buffer.bytes[value->word + value->word_length - bytes] = 0;
 }
 
-/* How many items of a keyword there are so far. */
-static int itn__item_count(const itn_scene_desc *desc, const char *keyword) {
-    return *keyword == 'm' ? desc->medium_count
-         : *keyword == 's' ? desc->surface_count
-         : *keyword == 'o' ? desc->object_count
-         : *keyword == 'l' ? desc->light_count : 0;
+/* Whether an item may stand here: its name, and how many there are. */
+static itn_result itn__check_item(itn__scene_file *file, const itn__item *item) {
+    int kind = item->form->kind, count = file->count[kind];
+    const char *name = item->name.word;
+    char light_name[ITN_NAME_SIZE];
+    itn_light_desc light = ITN_ZERO;
+    itn_result result = ITN_OK;
+    if (kind == ITN__LIGHT) {
+        light.name = itn__item_value(item, "name")->word;
+        itn__light_name(&light, count, light_name);
+        name = light_name;
+    }
+    if (name) result = itn__check_item_name(file, item, name);
+    if (!result && count && kind <= ITN__CAMERA)
+        result = itn__file_fail(&file->text, item->line, file->error, "%s was given in line %d",
+                                item->title, file->lines[kind][0]);
+    if (!result && count == ITN__MOST_ITEMS)
+        result = itn__file_fail(&file->text, item->line, file->error,
+                               "more than %d items of this kind", (int)ITN__MOST_ITEMS);
+    return result;
 }
 
 /* Reads a line and makes its item. */
 static itn_result itn__file_line(itn__scene_file *file) {
-    const itn__item_form *form = itn__find_form(&file->text, file->error);
+    const itn__form *form = itn__find_form(&file->text, file->error);
     itn__item item;
-    itn_light_desc light = ITN_ZERO;
-    char light_name[ITN_NAME_SIZE];
-    const char *name;
+    void *desc;
     itn_result result = ITN_OK;
     int k;
     if (!form) return ITN_ERROR_FORMAT;
-    itn__item_begin(&item, form->keyword, form->fields, file->text.line);
-    if (form->named) result = itn__take_word(&file->text, form->keyword, &item.name, file->error);
+    itn__item_begin(&item, form, itn__kinds[form->kind], file->text.line);
+    if (form->kind == ITN__MEDIUM || form->kind == ITN__SURFACE)
+        result = itn__take_word(&file->text, item.title, &item.name, file->error);
     if (!result) result = itn__take_fields(&file->text, &item, file->error);
-    if (!result) result = itn__check_required(&file->text, &item, file->error);
     if (result) return result;
     itn__next_line(&file->text); /* now the line's own bytes are not needed any more */
     itn__end_word(file, &item.name);
     for (k = 0; k < ITN__MOST_FIELDS; k++) itn__end_word(file, &item.values[k]);
-    name = item.name.word;
-    if (*form->keyword == 'l') {
-        light.name = itn__item_value(&item, "name")->word;
-        itn__light_name(&light, file->desc.light_count, light_name);
-        name = light_name;
-    }
-    if (name) result = itn__check_item_name(file, &item, name);
-    if (!result && itn__item_count(&file->desc, form->keyword) == ITN__MOST_ITEMS)
-        result = itn__file_fail(&file->text, item.line, file->error,
-                               "more than %d items of this kind", (int)ITN__MOST_ITEMS);
-    return result ? result : form->make(file, &item);
+    result = itn__check_item(file, &item);
+    if (result) return result;
+    desc = itn__next_desc(file, form->kind);
+    if (item.name.word) memcpy(desc, &item.name.word, sizeof item.name.word); /* its first field */
+    result = itn__write_desc(&file->text, &item, desc, file->error);
+    for (k = 0; form->fields[k].name && !file->colour_line; k++)
+        if ((strpbrk(form->fields[k].form, "cs") && item.values[k].count == 3) ||
+            item.values[k].count == 7)
+            file->colour_line = item.line;
+    if (!result) result = itn__finish_item(file, &item);
+    file->lines[form->kind][file->count[form->kind]++] = item.line;
+    return result;
 }
 
-/* Whether a name is in a list of media (or surfaces); no name at all is fine. */
-static itn_result itn__check_reference(const itn__scene_file *file, int object, const char *kind,
+/* Whether a name is among those of media or surfaces; no name at all is fine. */
+static itn_result itn__check_reference(const itn__scene_file *file, int object, int kind,
                                        const char *name) {
-    int k, found = !name, media = *kind == 'm';
-    for (k = 0; !found && k < (media ? file->desc.medium_count : file->desc.surface_count); k++)
-        found = !strcmp(media ? file->media[k].name : file->surfaces[k].name, name);
+    int k, found = !name;
+    for (k = 0; !found && k < file->count[kind]; k++)
+        found = !strcmp(kind == ITN__MEDIUM ? file->media[k].name : file->surfaces[k].name, name);
     if (found) return ITN_OK;
-    return itn__file_fail(&file->text, file->object_lines[object], file->error,
-                          "there is no %s '%.40s'", kind, name);
+    return itn__file_fail(&file->text, file->lines[ITN__OBJECT][object], file->error,
+                          "there is no %s '%.40s'", itn__kinds[kind], name);
 }
 
 /* Checks what no line can be checked for alone. */
 static itn_result itn__check_file(const itn__scene_file *file) {
     itn_result result = ITN_OK;
     int k;
-    for (k = 0; !result && k < file->desc.object_count; k++) {
-        result = itn__check_reference(file, k, "medium", file->objects[k].medium);
-        if (!result) result = itn__check_reference(file, k, "surface", file->objects[k].surface);
+    for (k = 0; !result && k < file->count[ITN__OBJECT]; k++) {
+        result = itn__check_reference(file, k, ITN__MEDIUM, file->objects[k].medium);
+        if (!result)
+            result = itn__check_reference(file, k, ITN__SURFACE, file->objects[k].surface);
     }
     if (!result && file->colour_line && file->desc.film.channels != 3)
         result = itn__file_fail(&file->text, file->colour_line, file->error,
                                 "a colour of three numbers needs a film with channels 3");
-    if (!result && !file->camera_line)
+    if (!result && !file->count[ITN__CAMERA])
         result = itn__file_fail(&file->text, 0, file->error, "there is no camera");
-    if (!result && !file->desc.light_count)
+    if (!result && !file->count[ITN__LIGHT])
         result = itn__file_fail(&file->text, 0, file->error,
                                 "there is no light: all would be black");
     return result;
 }
 
-/* Whether a message begins with this name and a colon. */
-static int itn__is_about(const char *message, const char *name) {
-    size_t length = strlen(name);
-    return !strncmp(message, name, length) && message[length] == ':';
-}
-
-/* The line an error of itn_scene_create is about: it calls objects by their number, lights and
-   surfaces by their name. */
-static int itn__error_line(const itn__scene_file *file, const char *message) {
-    int number = 0, k;
-    if (sscanf(message, "object %d:", &number) == 1)
-        return number >= 1 && number <= file->desc.object_count ? file->object_lines[number - 1]
-                                                                : 0;
-    if (itn__is_about(message, "camera")) return file->camera_line;
-    if (itn__is_about(message, "film")) return file->film_line;
-    for (k = 0; k < file->desc.light_count; k++) {
-        char name[ITN_NAME_SIZE + 8];
-        itn__light_name(&file->lights[k], k, name);
-        if (itn__is_about(message, name)) return file->light_lines[k];
-        strcat(name, ".scale");
-        if (itn__is_about(message, name)) return file->light_lines[k];
-    }
-    for (k = 0; k < file->desc.surface_count; k++)
-        if (itn__is_about(message, file->surfaces[k].name)) return file->surface_lines[k];
-    return 0;
-}
-
 /* Reads all lines and makes the scene. */
 static itn_result itn__file_scene(itn__scene_file *file, itn_scene **scene) {
+    itn_scene_desc *desc = &file->desc;
+    itn__where where = {-1, 0};
     itn_error inner = ITN_ZERO;
     itn_result result = ITN_OK;
     int line;
     while (!result && file->text.at < file->text.end) {
-        if (itn__line_done(&file->text))
-            itn__next_line(&file->text);
-        else
-            result = itn__file_line(file);
+        if (itn__line_done(&file->text)) itn__next_line(&file->text);
+        else result = itn__file_line(file);
     }
     if (!result) result = itn__check_file(file);
     if (result) return result;
-    file->desc.media = file->media, file->desc.surfaces = file->surfaces;
-    file->desc.objects = file->objects, file->desc.lights = file->lights;
-    result = itn_scene_create(&file->desc, &file->buffer.context, scene, &inner);
+    desc->media = file->media, desc->medium_count = file->count[ITN__MEDIUM];
+    desc->surfaces = file->surfaces, desc->surface_count = file->count[ITN__SURFACE];
+    desc->objects = file->objects, desc->object_count = file->count[ITN__OBJECT];
+    desc->lights = file->lights, desc->light_count = file->count[ITN__LIGHT];
+    result = itn__create_scene(desc, &file->buffer.context, scene, &where, &inner);
     if (!result) return ITN_OK;
-    line = itn__error_line(file, inner.message);
+    line = where.kind < 0 ? 0 : file->lines[where.kind][where.index];
     return itn__fail(file->error, result, line, "%s:%d: %s", file->text.name, line,
                      inner.message);
 }
 
-ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, itn_scene **scene,
-                                  itn_error *error) {
+ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const char *name,
+                                         const itn_file *files, int file_count,
+                                         const itn_context *context, itn_scene **scene,
+                                         itn_error *error) {
     itn_context own;
     itn__scene_file *file;
     itn_result result = itn__context_check(context, &own, error);
     if (result) return result;
-    if (!path || !scene)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_load: path or scene is NULL");
+    if (!bytes || !scene || file_count < 0 || (file_count && !files) || size > ITN__MOST_TEXT)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_scene_from_memory: NULL argument, or more than %d bytes",
+                         (int)ITN__MOST_TEXT);
+    if (!name) name = "scene";
     file = (itn__scene_file *)itn__allocate(&own, 1, sizeof *file);
-    if (!file) return itn__out_of_memory(error, path);
-    file->error = error;
+    if (!file) return itn__out_of_memory(error, name);
+    file->error = error, file->files = files, file->file_count = file_count;
     file->buffer.context = own;
-    result = itn__read_file(path, ITN__MOST_TEXT, &file->buffer, error);
-    if (!result) {
-        file->text = itn__text_make(file->buffer.bytes, file->buffer.size, path);
+    itn__put(&file->buffer, bytes, size), itn__put_u8(&file->buffer, 0);
+    if (file->buffer.failed) {
+        result = itn__out_of_memory(error, name);
+    } else {
+        file->text = itn__text_make(file->buffer.bytes, size, name);
         result = itn__file_scene(file, scene);
     }
-    itn__scene_file_free(file, &own);
+    itn__scene_file_free(file);
     return result;
 }
 
-#endif /* ITN_NO_STDIO */
+#ifndef ITN_NO_STDIO
+ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, itn_scene **scene,
+                                  itn_error *error) {
+    itn__buffer buffer = ITN_ZERO;
+    itn_result result = itn__context_check(context, &buffer.context, error);
+    if (result) return result;
+    if (!path || !scene)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_load: path or scene is NULL");
+    result = itn__read_file(path, ITN__MOST_TEXT, &buffer, error);
+    if (result) return result;
+    result = itn_scene_from_memory(buffer.bytes, buffer.size, path, NULL, 0, context, scene, error);
+    itn__buffer_free(&buffer);
+    return result;
+}
+#endif
 
 #endif /* ITN_IMPLEMENTATION */
 
