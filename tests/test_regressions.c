@@ -1516,7 +1516,7 @@ static const struct {
     struct {
         double lower, upper, ior, sigma_t;
     } object[PILE_OBJECTS];
-    double ior[PILE_OBJECTS], tau[PILE_OBJECTS];
+    double ior[PILE_OBJECTS] = {1}, tau[PILE_OBJECTS] = {0};
 } piles[PILES] = {
     {"touching", 2, 2, {{0, 1, 2.4, .5}, {1, 2, 1.3, .7}}, {1.3, 2.4}, {.7, .5}},
     {"touching, swapped", 2, 2, {{1, 2, 1.3, .7}, {0, 1, 2.4, .5}}, {1.3, 2.4}, {.7, .5}},
@@ -1561,7 +1561,7 @@ static void end_pile(itn_mesh meshes[PILE_OBJECTS], int pile) {
 
 /* What the layers of a pile reflect and let through, seen from above or below. */
 static void pile_layers(int pile, int below, double sine, double *reflected, double *through) {
-    double ior[PILE_OBJECTS], tau[PILE_OBJECTS];
+    double ior[PILE_OBJECTS] = {1}, tau[PILE_OBJECTS] = {0};
     int count = piles[pile].layers, k;
     for (k = 0; k < count; k++) {
         ior[k] = piles[pile].ior[below ? count - 1 - k : k];
