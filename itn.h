@@ -4382,7 +4382,7 @@ ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
 typedef struct itn__field {
     const char *name, *form;
     float lower, upper; /* range of its numbers */
-    float otherwise;    /* what counts where none is given, in a file or by a 0 out of range in a desc;
+    float otherwise;    /* counts where none is given, in a file or by a 0 out of range in a desc;
                            if this is 0, too, there is none */
     size_t at;          /* where the desc has it */
     size_t parameter;   /* where the scene's item has the index of its parameter; 0: it has none */
