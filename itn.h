@@ -16670,11 +16670,12 @@ ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
    with bytes alone, and it is composed whole in memory before the first byte is written.
    - itn__buffer is bytes that grow. A failed allocation is remembered in `failed` and stops all
      later additions, so that composing code needs one check, at its end.
-   - itn__text walks through text and counts lines.
-   - Binary numbers are little-endian and are put together from bytes, so that neither the machine's
-     byte order nor alignment matters.
-   - A file is replaced by writing a temporary beside it and renaming that: rename is atomic, so the
-     old contents stay whole until the new are complete. */
+   - itn__text is a place in a file, which errors name: by its line, or by its byte.
+   - Binary numbers are put together from bytes, so that neither the machine's byte order nor
+     alignment matters.
+   - A file is replaced in three steps: a temporary beside it, which must not exist before, is
+     written; it is on the disk before it is renamed; and rename is atomic. So there is the old file
+     or the new one, whole, also where power fails or two processes write the same. */
 
 typedef struct itn__buffer {
     unsigned char *bytes;
@@ -16691,11 +16692,11 @@ static void itn__buffer_free(itn__buffer *buffer) {
 
 /* Makes room for `more` bytes, at least doubling; returns 0 if memory is out. */
 static int itn__buffer_reserve(itn__buffer *buffer, size_t more) {
-    size_t capacity = buffer->capacity < SIZE_MAX / 4 ? 2 * buffer->capacity : buffer->capacity;
+    size_t capacity = 2 * buffer->capacity;
     unsigned char *bytes;
     if (buffer->failed) return 0;
     if (buffer->capacity - buffer->size >= more) return 1;
-    if (more > SIZE_MAX / 4 || buffer->size > SIZE_MAX / 4) return buffer->failed = 1, 0;
+    if (more > SIZE_MAX / 8 || buffer->capacity > SIZE_MAX / 8) return buffer->failed = 1, 0;
     if (capacity < buffer->size + more) capacity = buffer->size + more;
     bytes = (unsigned char *)itn__allocate(&buffer->context, capacity, 1);
     if (!bytes) return buffer->failed = 1, 0;
@@ -16706,67 +16707,67 @@ static int itn__buffer_reserve(itn__buffer *buffer, size_t more) {
     return 1;
 }
 
-ITN__INLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
-    if (buffer->capacity - buffer->size < size && !itn__buffer_reserve(buffer, size)) return;
-    if (size && !buffer->failed) memcpy(buffer->bytes + buffer->size, bytes, size);
-    if (!buffer->failed) buffer->size += size;
+static void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
+    if (!size || !itn__buffer_reserve(buffer, size)) return;
+    memcpy(buffer->bytes + buffer->size, bytes, size);
+    buffer->size += size;
 }
-ITN__INLINE void itn__put_u8(itn__buffer *buffer, unsigned value) {
-    unsigned char byte = (unsigned char)(value & 255);
-    itn__put(buffer, &byte, 1);
-}
-ITN__INLINE void itn__put_u32(itn__buffer *buffer, uint32_t value) {
-    unsigned char bytes[4];
+/* The lowest `size` bytes of a value, the lowest first. */
+static ITN__UNUSED void itn__put_low(itn__buffer *buffer, uint64_t value, size_t size) {
+    unsigned char bytes[8];
     int i;
-    for (i = 0; i < 4; i++) bytes[i] = (unsigned char)(value >> 8 * i & 255);
-    itn__put(buffer, bytes, 4);
+    for (i = 0; i < 8; i++) bytes[i] = (unsigned char)(value >> 8 * i & 255);
+    itn__put(buffer, bytes, size);
 }
-ITN__INLINE void itn__put_u64(itn__buffer *buffer, uint64_t value) {
-    itn__put_u32(buffer, (uint32_t)(value & 0xffffffffu));
-    itn__put_u32(buffer, (uint32_t)(value >> 32));
+static ITN__UNUSED void itn__put_u8(itn__buffer *buffer, unsigned value) {
+    itn__put_low(buffer, value, 1);
 }
-ITN__INLINE void itn__put_float(itn__buffer *buffer, float value) {
+static ITN__UNUSED void itn__put_u32(itn__buffer *buffer, uint32_t value) {
+    itn__put_low(buffer, value, 4);
+}
+static ITN__UNUSED void itn__put_u64(itn__buffer *buffer, uint64_t value) {
+    itn__put_low(buffer, value, 8);
+}
+static ITN__UNUSED void itn__put_float(itn__buffer *buffer, float value) {
     uint32_t bits;
     memcpy(&bits, &value, 4);
-    itn__put_u32(buffer, bits);
+    itn__put_low(buffer, bits, 4);
 }
 /* The characters of a string, without its final zero. */
-ITN__INLINE void itn__put_text(itn__buffer *buffer, const char *text) {
+static ITN__UNUSED void itn__put_text(itn__buffer *buffer, const char *text) {
     itn__put(buffer, text, strlen(text));
 }
 
-ITN__INLINE uint32_t itn__get_u16(const unsigned char *bytes) {
-    return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8;
+static uint32_t itn__get_u32(const unsigned char *bytes) {
+    return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 |
+           (uint32_t)bytes[3] << 24;
 }
-ITN__INLINE uint32_t itn__get_u32(const unsigned char *bytes) {
-    return itn__get_u16(bytes) | itn__get_u16(bytes + 2) << 16;
+static uint64_t itn__get_u64(const unsigned char *bytes) {
+    return itn__get_u32(bytes) | (uint64_t)itn__get_u32(bytes + 4) << 32;
 }
-ITN__INLINE uint64_t itn__get_u64(const unsigned char *bytes) {
-    return (uint64_t)itn__get_u32(bytes) | (uint64_t)itn__get_u32(bytes + 4) << 32;
-}
-ITN__INLINE int32_t itn__get_i32(const unsigned char *bytes) {
+static int32_t itn__get_i32(const unsigned char *bytes) {
     uint32_t bits = itn__get_u32(bytes);
     int32_t value;
     memcpy(&value, &bits, 4);
     return value;
 }
-ITN__INLINE float itn__get_float(const unsigned char *bytes) {
+static ITN__UNUSED float itn__get_float(const unsigned char *bytes) {
     uint32_t bits = itn__get_u32(bytes);
     float value;
     memcpy(&value, &bits, 4);
     return value;
 }
 
-/* A place in text. */
+/* A place in a file. */
 typedef struct itn__text {
-    const char *at, *end;
+    const char *at, *end, *start;
     const char *name; /* of the file, for messages */
-    int line;         /* of `at`, from 1 */
+    int line;         /* of `at`, from 1; 0 in binary data */
 } itn__text;
 
 static itn__text itn__text_make(const void *bytes, size_t size, const char *name) {
     itn__text text;
-    text.at = (const char *)bytes;
+    text.at = text.start = (const char *)bytes;
     text.end = text.at + size;
     text.name = name;
     text.line = 1;
@@ -16774,26 +16775,47 @@ static itn__text itn__text_make(const void *bytes, size_t size, const char *name
     return text;
 }
 
+/* Fails with "name:line: ..." or "name: byte N: ...". */
+static itn_result itn__text_fail(const itn__text *text, itn_result code, itn_error *error,
+                                 const char *format, ...) ITN__PRINTF(4, 5);
+static itn_result itn__text_fail(const itn__text *text, itn_result code, itn_error *error,
+                                 const char *format, ...) {
+    itn__prose prose = ITN_ZERO;
+    va_list arguments;
+    if (!error) return code;
+    error->code = code, error->line = text->line;
+    prose.text = error->message, prose.size = sizeof error->message;
+    if (text->line) itn__say(&prose, "%s:%d: ", text->name, text->line);
+    else itn__say(&prose, "%s: byte %.0f: ", text->name, (double)(text->at - text->start));
+    va_start(arguments, format);
+    itn__say_list(&prose, format, arguments);
+    va_end(arguments);
+    return code;
+}
+
+/* Steps over `size` bytes; NULL if so many are not left. */
+static const unsigned char *itn__take_bytes(itn__text *text, size_t size) {
+    const char *bytes = text->at;
+    if (size > (size_t)(text->end - text->at)) return NULL;
+    text->at += size;
+    return (const unsigned char *)bytes;
+}
+
 /* The length of the line end (LF, CR LF or CR) at a place, 0 if none is there. */
-ITN__INLINE int itn__newline(const char *at, const char *end) {
-    if (at == end) return 0;
-    if (*at == '\n') return 1;
-    if (*at != '\r') return 0;
-    return end - at > 1 && at[1] == '\n' ? 2 : 1;
+static int itn__newline(const char *at, const char *end) {
+    if (at == end || (*at != '\n' && *at != '\r')) return 0;
+    return *at == '\r' && end - at > 1 && at[1] == '\n' ? 2 : 1;
 }
 
 /* Skips blanks, and line ends that a backslash hides. */
 static void itn__skip_blanks(itn__text *text) {
     int length;
-    while (text->at < text->end) {
-        if (*text->at == ' ' || *text->at == '\t') {
-            text->at++;
-        } else if (*text->at == '\\' && (length = itn__newline(text->at + 1, text->end)) > 0) {
-            text->at += 1 + length;
-            text->line++;
-        } else {
-            return;
-        }
+    for (; text->at < text->end; text->at++) {
+        if (*text->at == ' ' || *text->at == '\t') continue;
+        length = *text->at == '\\' ? itn__newline(text->at + 1, text->end) : 0;
+        if (!length) return;
+        text->at += length;
+        text->line++;
     }
 }
 
@@ -16812,19 +16834,15 @@ static void itn__next_line(itn__text *text) {
 
 /* Skips blanks and line ends. */
 static void itn__skip_space(itn__text *text) {
-    itn__skip_blanks(text);
-    while (itn__newline(text->at, text->end)) {
+    for (itn__skip_blanks(text); itn__newline(text->at, text->end); itn__skip_blanks(text))
         itn__next_line(text);
-        itn__skip_blanks(text);
-    }
 }
 
 /* The length of the word at a place: all up to a blank, a line end (hidden or not) or the end. */
 static int itn__word_length(const itn__text *text) {
     const char *at = text->at;
     while (at < text->end && at - text->at < INT_MAX - 1 && *at != ' ' && *at != '\t' &&
-           *at != '\r' && *at != '\n' &&
-           !(*at == '\\' && itn__newline(at + 1, text->end)))
+           !itn__newline(at, text->end) && !(*at == '\\' && itn__newline(at + 1, text->end)))
         at++;
     return (int)(at - text->at);
 }
@@ -16839,95 +16857,102 @@ static int itn__accept_word(itn__text *text, const char *word) {
 
 /* Reads a number that ends at a blank or line end and is finite as a float; `what` is for the error
    message. */
-static itn_result itn__text_number(itn__text *text, const char *what, double *value,
-                                   itn_error *error) {
-    double number = 0;
-    const char *after;
-    int length;
-    itn__skip_blanks(text);
-    length = itn__word_length(text);
-    after = itn__parse_number(text->at, text->at + length, &number);
-    if (!after || after != text->at + length || !itn__finite((float)number))
-        return itn__fail(error, ITN_ERROR_FORMAT, text->line,
-                         "%s:%d: %s: '%.*s' is not a finite number", text->name, text->line, what,
-                         length > 40 ? 40 : length, text->at);
-    *value = number;
-    text->at = after;
-    return ITN_OK;
-}
-
 static itn_result itn__text_float(itn__text *text, const char *what, float *value,
                                   itn_error *error) {
     double number = 0;
-    itn_result result = itn__text_number(text, what, &number, error);
-    if (!result) *value = (float)number;
-    return result;
+    int length;
+    itn__skip_blanks(text);
+    length = itn__word_length(text);
+    if (itn__parse_number(text->at, text->at + length, &number) != text->at + length ||
+        !itn__finite((float)number))
+        return itn__text_fail(text, ITN_ERROR_FORMAT, error, "%s: '%.*s' is not a finite number",
+                              what, length > 40 ? 40 : length, text->at);
+    *value = (float)number;
+    text->at += length;
+    return ITN_OK;
 }
 
 #ifndef ITN_NO_STDIO
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
+#ifdef __cplusplus
+#define ITN__EXTERN extern "C"
+#else
+#define ITN__EXTERN extern
+#endif
+#ifdef _WIN32
+#include <io.h>
+#define ITN__SYSTEM(name) _##name
+#define ITN__READ (_O_RDONLY | _O_BINARY)
+#define ITN__CREATE(how) (_O_WRONLY | _O_CREAT | _O_BINARY | _O_##how), 0600
+#define ITN__SYNC _commit
+ITN__EXTERN __declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to,
+                                                            unsigned long flags);
+#else
+#include <unistd.h>
+#define ITN__SYSTEM(name) name
+#define ITN__READ O_RDONLY
+#define ITN__CREATE(how) (O_WRONLY | O_CREAT | O_##how), 0666
+#define ITN__SYNC fsync
+ITN__EXTERN int fsync(int file); /* unistd.h does not tell strict C99 of it */
+#endif
 
 /* Reads a file of at most `limit` bytes into an empty buffer whose context is set, with a zero
    byte behind the last. On failure the buffer is freed. */
 static itn_result itn__read_file(const char *path, size_t limit, itn__buffer *buffer,
                                  itn_error *error) {
-    FILE *file;
-    size_t got = 1;
-    int broken, cause;
+    int file, got = 1, cause;
     if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
-    file = fopen(path, "rb");
-    if (!file)
+    file = ITN__SYSTEM(open)(path, ITN__READ);
+    if (file < 0)
         return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot open: %s", path, strerror(errno));
-    while (got && buffer->size <= limit && itn__buffer_reserve(buffer, 65536)) {
-        got = fread(buffer->bytes + buffer->size, 1, buffer->capacity - buffer->size - 1, file);
-        buffer->size += got;
+    while (got > 0 && buffer->size <= limit && itn__buffer_reserve(buffer, 65537)) {
+        got = (int)ITN__SYSTEM(read)(file, buffer->bytes + buffer->size, 65536);
+        if (got > 0) buffer->size += (size_t)got;
     }
-    broken = ferror(file);
     cause = errno;
-    fclose(file);
-    if (!broken && !buffer->failed && buffer->size <= limit)
+    ITN__SYSTEM(close)(file);
+    if (got == 0 && !buffer->failed && buffer->size <= limit)
         return buffer->bytes[buffer->size] = 0, ITN_OK;
     itn__buffer_free(buffer);
-    if (broken)
+    if (got < 0)
         return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot read: %s", path, strerror(cause));
     if (buffer->failed)
         return itn__fail(error, ITN_ERROR_MEMORY, 0, "%s: out of memory for the file", path);
     return itn__fail(error, ITN_ERROR_FILE, 0, "%s: larger than %.0f bytes", path, (double)limit);
 }
 
-/* Writes bytes to a file; returns 0, or errno. A full disk may show at fwrite or only at fclose.
-   *opened tells whether there was a file to write to. */
-static int itn__write_bytes(const char *path, const void *bytes, size_t size, int *opened) {
-    FILE *file;
-    size_t written;
-    int cause;
-    errno = 0;
-    file = fopen(path, "wb");
-    *opened = file != NULL;
-    if (!file) return errno ? errno : EIO;
-    written = size ? fwrite(bytes, 1, size, file) : 0;
-    cause = written == size && !fflush(file) ? 0 : errno ? errno : EIO;
-    if (fclose(file) && !cause) cause = errno ? errno : EIO;
+/* Writes all bytes, waits for the disk and closes; returns 0, or errno. */
+static int itn__write_bytes(int file, const unsigned char *bytes, size_t size) {
+    int cause = 0, written;
+    while (size && !cause) {
+        errno = EIO; /* unless the system knows better */
+        written = (int)ITN__SYSTEM(write)(file, bytes, size < 1u << 30 ? (unsigned)size : 1u << 30);
+        if (written > 0) bytes += written, size -= (size_t)written;
+        else if (errno != EINTR) cause = errno;
+    }
+    if (!cause && ITN__SYNC(file) && errno != EINVAL) cause = errno; /* EINVAL: it is no disk */
+    if (ITN__SYSTEM(close)(file) && !cause) cause = errno;
     return cause;
 }
 
-/* Gives a file the name of another, which it replaces; returns 0, or errno. Windows' rename does
-   not replace: there the other one is put aside until its successor stands in its place. */
-static int itn__replace_file(const char *successor, const char *path) {
+/* Gives a file the name of another, which it replaces; returns 0, or errno. `temporary`, its name
+   till now, is lost. */
+static int itn__replace_file(char *temporary, const char *path) {
 #ifdef _WIN32
-    char aside[4104];
-    int had, cause;
-    itn__print(aside, sizeof aside, "%s.tmp.old", path);
-    remove(aside);
-    had = !rename(path, aside);
-    cause = rename(successor, path) ? errno : 0;
-    if (had && cause) rename(aside, path);
-    else if (had) remove(aside);
-    return cause;
+    return MoveFileExA(temporary, path, 1 | 8) ? 0 : EACCES; /* replace; wait for the disk */
 #else
-    return rename(successor, path) ? errno : 0;
+    char *slash = strrchr(temporary, '/');
+    int folder;
+    if (rename(temporary, path)) return errno;
+    strcpy(slash ? slash + 1 : temporary, slash ? "" : ".");
+    folder = open(temporary, O_RDONLY);
+    if (folder < 0) return 0; /* the file is whole, though its name may not be on the disk */
+    fsync(folder);
+    close(folder);
+    return 0;
 #endif
 }
 
@@ -16936,18 +16961,20 @@ static int itn__replace_file(const char *successor, const char *path) {
 static itn_result itn__write_file(const char *path, const void *bytes, size_t size,
                                   itn_error *error) {
     char temporary[4096];
-    int cause, opened;
+    int device, file = -1, cause = EEXIST, k;
     if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
-    if (strlen(path) + 5 > sizeof temporary)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is longer than 4091 characters");
-    if (!strncmp(path, "/dev/", 5) && strncmp(path, "/dev/shm/", 9)) {
-        cause = itn__write_bytes(path, bytes, size, &opened);
-    } else {
-        memcpy(temporary, path, strlen(path));
-        memcpy(temporary + strlen(path), ".tmp", 5);
-        cause = itn__write_bytes(temporary, bytes, size, &opened);
-        if (!cause) cause = itn__replace_file(temporary, path);
-        if (cause && opened) remove(temporary);
+    device = !strncmp(path, "/dev/", 5) && strncmp(path, "/dev/shm/", 9);
+    for (k = 0; k < 10000 && file < 0 && cause == EEXIST; k++) {
+        if (itn__print(temporary, sizeof temporary, "%s.tmp%d", path, k) >= sizeof temporary)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is longer than 4087 characters");
+        file = device ? ITN__SYSTEM(open)(path, ITN__CREATE(TRUNC))
+                      : ITN__SYSTEM(open)(temporary, ITN__CREATE(EXCL));
+        cause = errno;
+    }
+    if (file >= 0) {
+        cause = itn__write_bytes(file, (const unsigned char *)bytes, size);
+        if (!cause && !device) cause = itn__replace_file(temporary, path);
+        if (cause && !device) remove(temporary);
     }
     if (!cause) return ITN_OK;
     return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot write: %s", path, strerror(cause));
@@ -16980,30 +17007,30 @@ static itn_result itn__write_buffer(const char *path, itn__buffer *buffer, itn_e
 
 enum { ITN__HUFFMAN_BITS = 10, ITN__HUFFMAN_SYMBOLS = 288 };
 
-typedef struct itn__bits {
+typedef struct itn__inflate {
     const unsigned char *at, *end;
     uint64_t bits; /* the next bits, the first one lowest */
     int count;     /* how many of them there are */
     int overrun;   /* bytes of zeros invented behind the end */
-} itn__bits;
+    unsigned char *out;
+    size_t size, capacity; /* of out */
+} itn__inflate;
 
 typedef struct itn__huffman {
-    uint16_t fast[1 << ITN__HUFFMAN_BITS]; /* symbol * 16 + length; 0: a longer code, or none */
+    uint16_t fast[1 << ITN__HUFFMAN_BITS];  /* symbol * 16 + length; 0: a longer code, or none */
     uint16_t symbols[ITN__HUFFMAN_SYMBOLS]; /* in the order of (length, symbol) */
     int count[16], first[16], index[16];
 } itn__huffman;
 
 /* Makes at least 48 bits available. */
-ITN__INLINE void itn__bits_fill(itn__bits *in) {
+static void itn__bits_fill(itn__inflate *in) {
     for (; in->count <= 48; in->count += 8) {
-        if (in->at < in->end)
-            in->bits |= (uint64_t)*in->at++ << in->count;
-        else
-            in->overrun++;
+        if (in->at < in->end) in->bits |= (uint64_t)*in->at++ << in->count;
+        else in->overrun++;
     }
 }
 /* Takes `count` (at most 16) bits. */
-ITN__INLINE unsigned itn__bits_take(itn__bits *in, int count) {
+static unsigned itn__bits_take(itn__inflate *in, int count) {
     unsigned value;
     itn__bits_fill(in);
     value = (unsigned)(in->bits & ((1u << count) - 1));
@@ -17012,7 +17039,7 @@ ITN__INLINE unsigned itn__bits_take(itn__bits *in, int count) {
     return value;
 }
 /* Whether bits were taken that the data does not have. */
-ITN__INLINE int itn__bits_ended(const itn__bits *in) { return in->overrun * 8 > in->count; }
+static int itn__bits_ended(const itn__inflate *in) { return in->overrun * 8 > in->count; }
 
 static unsigned itn__reverse_bits(unsigned code, int length) {
     unsigned reversed = 0;
@@ -17023,23 +17050,22 @@ static unsigned itn__reverse_bits(unsigned code, int length) {
 /* Builds a decoder from code lengths. Returns the number of unused codes of 15 bits: 0 for a
    complete code, negative if there are more codes than fit. */
 static int itn__huffman_build(itn__huffman *huffman, const unsigned char *lengths, int symbols) {
-    int length, symbol, code = 0, unused = 1, next[16];
+    int length, symbol, code, unused = 1, next[16];
     memset(huffman, 0, sizeof *huffman);
     for (symbol = 0; symbol < symbols; symbol++) huffman->count[lengths[symbol]]++;
-    huffman->count[0] = 0;
+    huffman->count[0] = next[0] = 0;
     for (length = 1; length < 16; length++) {
+        int shorter = huffman->count[length - 1];
         unused = 2 * unused - huffman->count[length];
         if (unused < 0) return unused;
-        code = (code + huffman->count[length - 1]) * 2;
-        huffman->first[length] = code;
-        huffman->index[length] = huffman->index[length - 1] + huffman->count[length - 1];
-        next[length] = 0;
+        huffman->first[length] = next[length] = (huffman->first[length - 1] + shorter) * 2;
+        huffman->index[length] = huffman->index[length - 1] + shorter;
     }
     for (symbol = 0; symbol < symbols; symbol++) {
         length = lengths[symbol];
         if (!length) continue;
-        code = huffman->first[length] + next[length];
-        huffman->symbols[huffman->index[length] + next[length]++] = (uint16_t)symbol;
+        code = next[length]++;
+        huffman->symbols[huffman->index[length] + code - huffman->first[length]] = (uint16_t)symbol;
         if (length > ITN__HUFFMAN_BITS) continue;
         for (code = (int)itn__reverse_bits((unsigned)code, length); code < 1 << ITN__HUFFMAN_BITS;
              code += 1 << length)
@@ -17049,103 +17075,85 @@ static int itn__huffman_build(itn__huffman *huffman, const unsigned char *length
 }
 
 /* Returns the next symbol, or -1 where the bits are no code. */
-ITN__INLINE int itn__huffman_take(const itn__huffman *huffman, itn__bits *in) {
-    int code = 0, length, entry;
-    uint64_t bits;
+static int itn__huffman_take(const itn__huffman *huffman, itn__inflate *in) {
+    int code = 0, length, symbol;
     itn__bits_fill(in);
-    entry = huffman->fast[in->bits & ((1 << ITN__HUFFMAN_BITS) - 1)];
-    if (entry) {
-        in->bits >>= entry & 15;
-        in->count -= entry & 15;
-        return entry >> 4;
+    symbol = huffman->fast[in->bits & ((1 << ITN__HUFFMAN_BITS) - 1)];
+    length = symbol & 15;
+    symbol = symbol ? symbol >> 4 : -1;
+    while (symbol < 0 && ++length < 16) {
+        code = code * 2 + (int)(in->bits >> (length - 1) & 1);
+        if (code - huffman->first[length] < huffman->count[length])
+            symbol = huffman->symbols[huffman->index[length] + code - huffman->first[length]];
     }
-    bits = in->bits;
-    for (length = 1; length < 16; length++, bits >>= 1) {
-        code = code * 2 + (int)(bits & 1);
-        if (code - huffman->first[length] >= huffman->count[length]) continue;
-        in->bits >>= length;
-        in->count -= length;
-        return huffman->symbols[huffman->index[length] + code - huffman->first[length]];
-    }
-    return -1;
+    in->bits >>= length;
+    in->count -= length;
+    return symbol;
 }
 
-/* Where decompressed bytes go. */
-typedef struct itn__inflated {
-    unsigned char *bytes;
-    size_t size, capacity;
-} itn__inflated;
-
-static const char *itn__inflate_stored(itn__bits *in, itn__inflated *out) {
+/* A stored block: its length, that with all bits turned, and the bytes. */
+static const char *itn__inflate_stored(itn__inflate *in) {
     unsigned length, complement;
     itn__bits_take(in, in->count & 7); /* to the next whole byte */
     length = itn__bits_take(in, 16);
     complement = itn__bits_take(in, 16);
-    if (itn__bits_ended(in)) return "data ends early";
     if (length != (complement ^ 0xffff)) return "stored length is damaged";
-    if (length > out->capacity - out->size) return "more data than expected";
-    for (; length; length--) out->bytes[out->size++] = (unsigned char)itn__bits_take(in, 8);
+    if (length > in->capacity - in->size) return "more data than expected";
+    while (length--) in->out[in->size++] = (unsigned char)itn__bits_take(in, 8);
     return itn__bits_ended(in) ? "data ends early" : NULL;
 }
 
-static const uint16_t itn__length_base[] = {3,  4,  5,  6,  7,  8,  9,  10,  11,  13,
-                                            15, 17, 19, 23, 27, 31, 35, 43,  51,  59,
-                                            67, 83, 99, 115, 131, 163, 195, 227, 258};
-static const uint16_t itn__distance_base[] = {
-    1,   2,   3,   4,   5,   7,    9,    13,   17,   25,   33,   49,   65,    97,    129,
-    193, 257, 385, 513, 769, 1025, 1537, 2049, 3073, 4097, 6145, 8193, 12289, 16385, 24577};
-/* How many extra bits follow a length symbol (counted from 257) or a distance symbol. */
-ITN__INLINE int itn__length_bits(int symbol) {
-    return symbol < 8 || symbol == 28 ? 0 : (symbol - 4) / 4;
+/* Takes what stands for a length (symbols from 257 on) or a distance: with every 4 (or 2) symbols
+   there is one more extra bit. */
+static size_t itn__inflate_amount(itn__inflate *in, int symbol, int per_bit) {
+    int bits = symbol < 2 * per_bit ? 0 : symbol / per_bit - 1;
+    size_t base = bits ? (size_t)(symbol % per_bit + per_bit) << bits : (size_t)symbol;
+    return base + itn__bits_take(in, bits);
 }
-ITN__INLINE int itn__distance_bits(int symbol) { return symbol < 4 ? 0 : (symbol - 2) / 2; }
 
 /* Decodes one block with given codes. */
-static const char *itn__inflate_coded(itn__bits *in, itn__inflated *out,
-                                      const itn__huffman *literals,
+static const char *itn__inflate_coded(itn__inflate *in, const itn__huffman *literals,
                                       const itn__huffman *distances) {
     for (;;) {
         int symbol = itn__huffman_take(literals, in);
-        size_t length, distance;
+        size_t length = 1, distance = 0;
         if (itn__bits_ended(in)) return "data ends early";
         if (symbol == 256) return NULL;
         if (symbol < 0 || symbol > 285) return "invalid code";
-        if (symbol < 256) {
-            if (out->size == out->capacity) return "more data than expected";
-            out->bytes[out->size++] = (unsigned char)symbol;
-            continue;
+        if (symbol > 256) {
+            length = symbol == 285 ? 258 : 3 + itn__inflate_amount(in, symbol - 257, 4);
+            symbol = itn__huffman_take(distances, in);
+            if (symbol < 0 || symbol > 29) return "invalid distance code";
+            distance = 1 + itn__inflate_amount(in, symbol, 2);
+            if (itn__bits_ended(in)) return "data ends early";
         }
-        length = itn__length_base[symbol - 257];
-        length += itn__bits_take(in, itn__length_bits(symbol - 257));
-        symbol = itn__huffman_take(distances, in);
-        if (symbol < 0 || symbol > 29) return "invalid distance code";
-        distance = itn__distance_base[symbol] + itn__bits_take(in, itn__distance_bits(symbol));
-        if (itn__bits_ended(in)) return "data ends early";
-        if (distance > out->size) return "distance reaches before the start";
-        if (length > out->capacity - out->size) return "more data than expected";
-        for (; length; length--, out->size++)
-            out->bytes[out->size] = out->bytes[out->size - distance];
+        if (distance > in->size) return "distance reaches before the start";
+        if (length > in->capacity - in->size) return "more data than expected";
+        if (!distance) in->out[in->size++] = (unsigned char)symbol;
+        for (; distance && length; length--, in->size++)
+            in->out[in->size] = in->out[in->size - distance];
     }
 }
 
 /* Reads the code lengths of a block, themselves Huffman coded: 0-15 a length, 16 the last one 3-6
    times, 17 and 18 runs of zeros. */
-static const char *itn__inflate_lengths(itn__bits *in, unsigned char *lengths, int total) {
+static const char *itn__inflate_lengths(itn__inflate *in, unsigned char *lengths, int total) {
     static const unsigned char order[] = {16, 17, 18, 0, 8,  7, 9,  6, 10, 5,
                                           11, 4,  12, 3, 13, 2, 14, 1, 15};
+    static const unsigned char least[] = {3, 3, 11}, bits[] = {2, 3, 7}; /* of 16, 17, 18 */
     unsigned char meta[19] = {0};
     itn__huffman huffman;
-    int i = 0, codes = (int)itn__bits_take(in, 4) + 4;
+    int i, codes = (int)itn__bits_take(in, 4) + 4;
     for (i = 0; i < codes; i++) meta[order[i]] = (unsigned char)itn__bits_take(in, 3);
     if (itn__huffman_build(&huffman, meta, 19)) return "invalid code lengths";
     for (i = 0; i < total;) {
         int symbol = itn__huffman_take(&huffman, in), repeat = 1, value = symbol;
-        if (symbol < 0 || itn__bits_ended(in)) return "invalid code lengths";
-        if (symbol == 16 && i == 0) return "invalid code lengths";
-        if (symbol >= 16) value = symbol == 16 ? lengths[i - 1] : 0;
-        if (symbol == 16) repeat = 3 + (int)itn__bits_take(in, 2);
-        if (symbol == 17) repeat = 3 + (int)itn__bits_take(in, 3);
-        if (symbol == 18) repeat = 11 + (int)itn__bits_take(in, 7);
+        if (symbol < 0 || itn__bits_ended(in) || (symbol == 16 && i == 0))
+            return "invalid code lengths";
+        if (symbol >= 16) {
+            value = symbol == 16 ? lengths[i - 1] : 0;
+            repeat = least[symbol - 16] + (int)itn__bits_take(in, bits[symbol - 16]);
+        }
         if (repeat > total - i) return "invalid code lengths";
         while (repeat--) lengths[i++] = (unsigned char)value;
     }
@@ -17154,7 +17162,7 @@ static const char *itn__inflate_lengths(itn__bits *in, unsigned char *lengths, i
 
 /* Decodes one block with fixed or with transmitted codes. A distance code may be incomplete only
    where it has no or one symbol. */
-static const char *itn__inflate_block(itn__bits *in, itn__inflated *out, int fixed) {
+static const char *itn__inflate_block(itn__inflate *in, int fixed) {
     unsigned char lengths[288 + 32] = {0};
     itn__huffman literals, distances;
     int literal_count = 288, distance_count = 30, unused;
@@ -17176,49 +17184,43 @@ static const char *itn__inflate_block(itn__bits *in, itn__inflated *out, int fix
     unused = itn__huffman_build(&distances, lengths + literal_count, distance_count);
     if (!fixed && (unused < 0 || (unused && distances.index[15] + distances.count[15] > 1)))
         return "invalid distance codes";
-    return itn__inflate_coded(in, out, &literals, &distances);
+    return itn__inflate_coded(in, &literals, &distances);
 }
 
 static uint32_t itn__adler32(const unsigned char *bytes, size_t size) {
     uint32_t a = 1, b = 0;
-    while (size) {
-        size_t run = size < 5552 ? size : 5552; /* the longest before b may overflow */
-        for (size -= run; run; run--) {
-            a += *bytes++;
-            b += a;
-        }
-        a %= 65521;
-        b %= 65521;
+    size_t i;
+    for (i = 0; i < size; i++) {
+        a += bytes[i], b += a;
+        if (i % 5552 == 5551) a %= 65521, b %= 65521; /* before b may overflow */
     }
-    return b << 16 | a;
+    return b % 65521 << 16 | a % 65521;
 }
 
 /* Decompresses a zlib stream that must hold exactly `capacity` bytes. Returns NULL, or what is
    wrong; `bytes` is then partly written. */
 static const char *itn__zlib_decode(const unsigned char *data, size_t size, unsigned char *bytes,
                                     size_t capacity) {
-    itn__bits in = ITN_ZERO;
-    itn__inflated out;
+    itn__inflate in = ITN_ZERO;
     const char *fault = NULL;
     uint32_t sum = 0;
     int last, type, i;
     if (size < 2) return "data ends early";
-    if ((data[0] & 15) != 8 || data[0] >> 4 > 7 || (data[0] * 256 + data[1]) % 31)
+    if ((data[0] & 15) != 8 || data[0] >> 4 > 7 || (data[0] * 256 + data[1]) % 31 || data[1] & 32)
         return "not zlib data";
-    if (data[1] & 32) return "needs a preset dictionary";
     in.at = data + 2, in.end = data + size;
-    out.bytes = bytes, out.size = 0, out.capacity = capacity;
+    in.out = bytes, in.capacity = capacity;
     do {
         last = (int)itn__bits_take(&in, 1);
         type = (int)itn__bits_take(&in, 2);
         if (type == 3 || itn__bits_ended(&in)) return "invalid block";
-        fault = type ? itn__inflate_block(&in, &out, type == 1) : itn__inflate_stored(&in, &out);
+        fault = type ? itn__inflate_block(&in, type == 1) : itn__inflate_stored(&in);
         if (fault) return fault;
     } while (!last);
     itn__bits_take(&in, in.count & 7);
     for (i = 0; i < 4; i++) sum = sum << 8 | itn__bits_take(&in, 8);
     if (itn__bits_ended(&in)) return "data ends early";
-    if (out.size != capacity) return "less data than expected";
+    if (in.size != capacity) return "less data than expected";
     return sum == itn__adler32(bytes, capacity) ? NULL : "checksum is wrong";
 }
 
@@ -17230,179 +17232,129 @@ static const char *itn__zlib_decode(const unsigned char *data, size_t size, unsi
    RLE, ZIPS) or 16 lines (ZIP), each line being one run of values per channel in the order of the
    channel list. Compression first moves the bytes of even places to the front half and those of
    odd places to the back half, then replaces every byte by its difference to the one before + 128,
-   then codes the result; a block that would not shrink is stored as it was. */
+   then codes the result; a block that would not shrink is stored as it was. Blocks are read as
+   they stand in the file; the table must agree, but where it was never filled in, which is 0. */
 
-enum {
-    ITN__EXR_CHANNELS = 1024, /* most channels that are read */
-    ITN__EXR_TILED = 0x200,
-    ITN__EXR_LONG_NAMES = 0x400,
-    ITN__EXR_DEEP = 0x800,
-    ITN__EXR_MULTIPART = 0x1000
-};
+enum { ITN__EXR_MAGIC = 20000630, ITN__EXR_LONG_NAMES = 0x400, ITN__EXR_CHANNELS = 1024 };
 enum { ITN__EXR_UINT = 0, ITN__EXR_HALF, ITN__EXR_FLOAT };
 enum { ITN__EXR_NONE = 0, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
 
 typedef struct itn__exr {
-    const unsigned char *bytes;
-    size_t size, at;
-    const char *name;                             /* of the file */
+    itn__text text;                               /* a place in the file */
     const char *channel_names[ITN__EXR_CHANNELS]; /* in the file's bytes */
-    unsigned char types[ITN__EXR_CHANNELS];
-    int channel_count, compression, has_window;
-    int64_t x0, y0, x1, y1; /* the data window, both ends included */
-    uint64_t row_bytes;
-    uint64_t taken; /* bytes of the blocks so far */
+    uint32_t types[ITN__EXR_CHANNELS];
+    int channel_count, compression;
+    int64_t x0, y0, x1, y1; /* the data window, both ends included; none yet if x1 < x0 */
+    const unsigned char *table; /* of offsets */
 } itn__exr;
 
-static itn_result itn__exr_damaged_at(const itn__exr *exr, uint64_t byte, const char *what,
-                                      itn_error *error) {
-    return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: byte %.0f: EXR %s", exr->name, (double)byte,
-                     what);
+static itn_result itn__exr_damaged(const itn__text *text, const char *what, itn_error *error) {
+    return itn__text_fail(text, ITN_ERROR_FORMAT, error, "EXR %s", what);
 }
-static itn_result itn__exr_damaged(const itn__exr *exr, const char *what, itn_error *error) {
-    return itn__exr_damaged_at(exr, exr->at, what, error);
+static itn_result itn__exr_unsupported(const itn__text *text, const char *what, itn_error *error) {
+    return itn__text_fail(text, ITN_ERROR_UNSUPPORTED, error, "EXR %s cannot be read", what);
 }
 
-static itn_result itn__exr_unsupported(const itn__exr *exr, const char *what, itn_error *error) {
-    return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: EXR %s cannot be read", exr->name, what);
-}
-
-/* Returns the zero-terminated text at the current place and steps behind it, NULL if it has no
-   end before `end`. */
-static const char *itn__exr_text(itn__exr *exr, size_t end) {
-    const char *text = (const char *)exr->bytes + exr->at;
-    const char *zero = exr->at < end ? (const char *)memchr(text, 0, end - exr->at) : NULL;
+/* Returns the zero-terminated text at a place and steps behind it; NULL if it has no end. */
+static const char *itn__exr_string(itn__text *text) {
+    const char *string = text->at;
+    const void *zero = memchr(string, 0, (size_t)(text->end - string));
     if (!zero) return NULL;
-    exr->at += (size_t)(zero - text) + 1;
-    return text;
+    text->at = (const char *)zero + 1;
+    return string;
 }
 
 /* Reads the channel list: for each a name, then its type, 4 bytes of hints, x and y sampling. */
-static itn_result itn__exr_channel_list(itn__exr *exr, size_t end, itn_error *error) {
-    int i, count = 0;
-    for (;;) {
-        const char *name = itn__exr_text(exr, end);
-        const unsigned char *values = exr->bytes + exr->at;
-        if (!name) return itn__exr_damaged(exr, "channel list is damaged", error);
-        if (!*name) break;
-        if (end - exr->at < 16) return itn__exr_damaged(exr, "channel list ends early", error);
+static itn_result itn__exr_channel_list(itn__exr *exr, itn__text *list, itn_error *error) {
+    for (exr->channel_count = 0;; exr->channel_count++) {
+        int i, count = exr->channel_count;
+        const char *name = itn__exr_string(list);
+        const unsigned char *values = name && *name ? itn__take_bytes(list, 16) : NULL;
+        if (name && !*name) return ITN_OK;
+        if (!values) return itn__exr_damaged(list, "channel list is damaged", error);
         if (count == ITN__EXR_CHANNELS)
-            return itn__exr_unsupported(exr, "with more than 1024 channels", error);
+            return itn__exr_unsupported(list, "with more than 1024 channels", error);
         if (strlen(name) >= ITN_NAME_SIZE)
-            return itn__exr_unsupported(exr, "with a channel name over 63 characters", error);
+            return itn__exr_unsupported(list, "with a channel name over 63 characters", error);
         for (i = 0; i < count; i++)
             if (!strcmp(name, exr->channel_names[i]))
-                return itn__exr_damaged(exr, "has two channels of one name", error);
-        if (itn__get_u32(values) > ITN__EXR_FLOAT)
-            return itn__exr_damaged(exr, "channel has no valid type", error);
-        if (itn__get_u32(values + 8) != 1 || itn__get_u32(values + 12) != 1)
-            return itn__exr_unsupported(exr, "with subsampled channels", error);
+                return itn__exr_damaged(list, "has two channels of one name", error);
         exr->channel_names[count] = name;
-        exr->types[count++] = (unsigned char)itn__get_u32(values);
-        exr->at += 16;
+        exr->types[count] = itn__get_u32(values);
+        if (exr->types[count] > ITN__EXR_FLOAT)
+            return itn__exr_damaged(list, "channel has no valid type", error);
+        if (itn__get_u32(values + 8) != 1 || itn__get_u32(values + 12) != 1)
+            return itn__exr_unsupported(list, "with subsampled channels", error);
     }
-    exr->channel_count = count;
-    return count ? ITN_OK : itn__exr_damaged(exr, "has no channel", error);
 }
 
 /* Reads the value of one attribute, if it concerns us. */
-static itn_result itn__exr_attribute(itn__exr *exr, const char *name, size_t size,
+static itn_result itn__exr_attribute(itn__exr *exr, const char *name, itn__text value,
                                      itn_error *error) {
-    static const char *const others[] = {"PIZ",  "PXR24", "B44",      "B44A",
-                                         "DWAA", "DWAB",  "HTJ2K256", "HTJ2K32"};
-    const unsigned char *value = exr->bytes + exr->at;
-    char text[64];
-    if (!strcmp(name, "channels")) return itn__exr_channel_list(exr, exr->at + size, error);
-    if (!strcmp(name, "compression")) {
-        if (size != 1) return itn__exr_damaged(exr, "compression is damaged", error);
-        exr->compression = *value;
-        if (*value <= ITN__EXR_ZIP) return ITN_OK;
-        if (*value < 12) itn__print(text, sizeof text, "with compression %s", others[*value - 4]);
-        else itn__print(text, sizeof text, "with compression %d", *value);
-        return itn__exr_unsupported(exr, text, error);
+    static const char *const others[] = {
+        "with compression PIZ",  "with compression PXR24", "with compression B44",
+        "with compression B44A", "with compression DWAA",  "with compression DWAB"};
+    const unsigned char *bytes = (const unsigned char *)value.at;
+    size_t size = (size_t)(value.end - value.at);
+    if (!strcmp(name, "channels")) return itn__exr_channel_list(exr, &value, error);
+    if (!strcmp(name, "compression") && size == 1) {
+        exr->compression = *bytes;
+        if (*bytes <= ITN__EXR_ZIP) return ITN_OK;
+        return itn__exr_unsupported(&value, *bytes < 10 ? others[*bytes - 4]
+                                                        : "with this compression", error);
     }
-    if (!strcmp(name, "dataWindow")) {
-        if (size != 16) return itn__exr_damaged(exr, "data window is damaged", error);
-        exr->x0 = itn__get_i32(value), exr->y0 = itn__get_i32(value + 4);
-        exr->x1 = itn__get_i32(value + 8), exr->y1 = itn__get_i32(value + 12);
-        if (exr->x1 < exr->x0 || exr->y1 < exr->y0)
-            return itn__exr_damaged(exr, "data window is empty", error);
-        if (exr->x1 - exr->x0 >= INT_MAX || exr->y1 - exr->y0 >= INT_MAX)
-            return itn__exr_damaged(exr, "data window is too large", error);
-        exr->has_window = 1;
+    if (!strcmp(name, "dataWindow") && size == 16) {
+        exr->x0 = itn__get_i32(bytes), exr->y0 = itn__get_i32(bytes + 4);
+        exr->x1 = itn__get_i32(bytes + 8), exr->y1 = itn__get_i32(bytes + 12);
+        if (exr->x1 < exr->x0 || exr->x1 - exr->x0 >= INT_MAX || exr->y1 < exr->y0 ||
+            exr->y1 - exr->y0 >= INT_MAX)
+            return itn__exr_damaged(&value, "data window is empty or too large", error);
     }
     return ITN_OK;
 }
 
 static itn_result itn__exr_header(itn__exr *exr, itn_error *error) {
-    uint32_t version;
-    exr->at = 8;
-    exr->compression = -1;
-    if (exr->size < 8) return itn__exr_damaged(exr, "ends early", error);
-    version = itn__get_u32(exr->bytes + 4);
-    if (version & ITN__EXR_TILED) return itn__exr_unsupported(exr, "of tiles", error);
-    if (version & ITN__EXR_DEEP) return itn__exr_unsupported(exr, "of deep data", error);
-    if (version & ITN__EXR_MULTIPART) return itn__exr_unsupported(exr, "of several parts", error);
-    if ((version & ~(uint32_t)ITN__EXR_LONG_NAMES) != 2)
-        return itn__exr_unsupported(exr, "of another version than 2", error);
-    for (;;) {
-        const char *name = itn__exr_text(exr, exr->size), *type;
-        size_t size, start;
-        itn_result result;
+    itn__text *text = &exr->text;
+    const unsigned char *bytes = itn__take_bytes(text, 8);
+    itn_result result = ITN_OK;
+    exr->compression = exr->x1 = -1;
+    if (!bytes) return itn__exr_damaged(text, "ends early", error);
+    if ((itn__get_u32(bytes + 4) & ~(uint32_t)ITN__EXR_LONG_NAMES) != 2)
+        return itn__exr_unsupported(text, bytes[5] & 2    ? "of tiles"
+                                          : bytes[5] & 8  ? "of deep data"
+                                          : bytes[5] & 16 ? "of several parts"
+                                                          : "of another version than 2", error);
+    while (!result) {
+        const char *name = itn__exr_string(text), *type;
+        itn__text value;
         if (name && !*name) break;
-        type = name ? itn__exr_text(exr, exr->size) : NULL;
-        if (!type || exr->size - exr->at < 4)
-            return itn__exr_damaged(exr, "header ends early", error);
-        size = itn__get_u32(exr->bytes + exr->at);
-        exr->at += 4;
-        if (size > exr->size - exr->at)
-            return itn__exr_damaged(exr, "attribute is larger than the file", error);
-        start = exr->at;
-        result = itn__exr_attribute(exr, name, size, error);
-        if (result) return result;
-        exr->at = start + size;
+        type = name ? itn__exr_string(text) : NULL;
+        bytes = type ? itn__take_bytes(text, 4) : NULL;
+        value = *text;
+        if (!bytes || !itn__take_bytes(text, itn__get_u32(bytes)))
+            return itn__exr_damaged(text, "header ends early", error);
+        value.end = text->at;
+        result = itn__exr_attribute(exr, name, value, error);
     }
-    if (!exr->channel_count || exr->compression < 0 || !exr->has_window)
-        return itn__exr_damaged(exr, "header lacks channels, compression or dataWindow", error);
-    return ITN_OK;
+    if (result || (exr->channel_count && exr->compression >= 0 && exr->x1 >= exr->x0))
+        return result;
+    return itn__exr_damaged(text, "header lacks channels, compression or dataWindow", error);
 }
 
-static int itn__exr_block_lines(const itn__exr *exr) {
-    return exr->compression == ITN__EXR_ZIP ? 16 : 1;
-}
-
-/* Checks that the file is large enough for what its header promises (deflate shrinks at most
-   1032-fold), before memory is asked for. */
-static itn_result itn__exr_plausible(itn__exr *exr, itn_error *error) {
-    uint64_t height = (uint64_t)(exr->y1 - exr->y0 + 1), left = exr->size - exr->at, most = left;
-    uint64_t lines = (uint64_t)itn__exr_block_lines(exr);
-    int i;
-    for (i = 0; i < exr->channel_count; i++)
-        exr->row_bytes += exr->types[i] == ITN__EXR_HALF ? 2 : 4;
-    exr->row_bytes *= (uint64_t)(exr->x1 - exr->x0 + 1);
-    if (exr->compression != ITN__EXR_NONE) most *= 1032;
-    if ((height + lines - 1) / lines > left / 8 || exr->row_bytes > most / height ||
-        exr->row_bytes > SIZE_MAX / 64)
-        return itn__exr_damaged(exr, "ends early: its data window is larger than its data", error);
-    return ITN_OK;
-}
-
-/* Undoes run lengths: a count n >= 0 repeats the next byte n + 1 times, n < 0 copies -n bytes. */
+/* Undoes run lengths: a count n < 128 repeats the next byte n + 1 times, others copy 256 - n. */
 static const char *itn__exr_unpack_runs(const unsigned char *data, size_t size,
                                         unsigned char *bytes, size_t capacity) {
     const unsigned char *end = data + size;
-    size_t made = 0;
+    size_t made = 0, length;
     while (data < end) {
-        int count = *data < 128 ? *data : *data - 256;
-        size_t length = (size_t)(count < 0 ? -count : count + 1);
+        int repeats = *data < 128;
+        length = repeats ? *data + 1u : 256u - *data;
         data++;
         if (length > capacity - made) return "more data than expected";
-        if ((size_t)(end - data) < (count < 0 ? length : 1)) return "data ends early";
-        if (count < 0)
-            memcpy(bytes + made, data, length);
-        else
-            memset(bytes + made, *data, length);
-        data += count < 0 ? length : 1;
+        if ((size_t)(end - data) < (repeats ? 1 : length)) return "data ends early";
+        if (repeats) memset(bytes + made, *data, length);
+        else memcpy(bytes + made, data, length);
+        data += repeats ? 1 : length;
         made += length;
     }
     return made == capacity ? NULL : "less data than expected";
@@ -17426,92 +17378,102 @@ static uint32_t itn__half_to_float(uint32_t half) {
     return sign | bits;
 }
 
-/* Spreads one line of the file over the planes of the image. */
-static void itn__exr_line(const itn__exr *exr, const unsigned char *data, int row,
-                          itn_image *image) {
-    size_t width = (size_t)image->width, x;
-    int i;
-    for (i = 0; i < exr->channel_count; i++) {
-        float *pixels = image->pixels + ((size_t)i * (size_t)image->height + (size_t)row) * width;
-        for (x = 0; x < width; x++) {
-            uint32_t bits;
-            if (exr->types[i] == ITN__EXR_UINT) {
-                pixels[x] = (float)itn__get_u32(data + 4 * x);
-                continue;
-            }
-            bits = exr->types[i] == ITN__EXR_HALF ? itn__half_to_float(itn__get_u16(data + 2 * x))
-                                                  : itn__get_u32(data + 4 * x);
-            memcpy(pixels + x, &bits, 4);
-        }
-        data += (exr->types[i] == ITN__EXR_HALF ? 2 : 4) * width;
-    }
+static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
+    size_t line = (size_t)plane * (size_t)image->height + (size_t)row;
+    return image->pixels + line * (size_t)image->width + (size_t)x;
 }
 
-/* Reads one block; `scratch` has room for a block twice. */
-static itn_result itn__exr_block(itn__exr *exr, int block, unsigned char *scratch,
-                                 itn_image *image, itn_error *error) {
-    int lines = itn__exr_block_lines(exr), row = block * lines, i;
-    uint64_t entry = exr->at + 8 * (uint64_t)block, offset = itn__get_u64(exr->bytes + entry);
-    const unsigned char *data;
-    const char *fault;
-    size_t size, raw;
-    char text[80];
+/* Spreads one line of the file over the planes of the image; returns the place behind it. */
+static const unsigned char *itn__exr_line(const itn__exr *exr, const unsigned char *data, int row,
+                                          itn_image *image) {
+    int i, x;
+    for (i = 0; i < exr->channel_count; i++) {
+        float *pixels = itn__pixel(image, i, row, 0);
+        uint32_t type = exr->types[i], bits;
+        for (x = 0; x < image->width; x++, data += type == ITN__EXR_HALF ? 2 : 4) {
+            bits = type == ITN__EXR_HALF ? itn__half_to_float(data[0] | (uint32_t)data[1] << 8)
+                                         : itn__get_u32(data);
+            if (type == ITN__EXR_UINT) pixels[x] = (float)bits;
+            else memcpy(pixels + x, &bits, 4);
+        }
+    }
+    return data;
+}
+
+/* Reads one block of `raw` bytes a line; seen: which blocks were there; scratch has room for a
+   block twice. Returns NULL, or what is wrong. */
+static const char *itn__exr_block(itn__exr *exr, size_t raw, unsigned char *seen,
+                                  unsigned char *scratch, itn_image *image) {
+    const unsigned char *head = itn__take_bytes(&exr->text, 8), *data;
+    int lines = exr->compression == ITN__EXR_ZIP ? 16 : 1, row, i;
+    int64_t y = head ? itn__get_i32(head) - exr->y0 : -1;
+    size_t size = head ? itn__get_u32(head + 4) : 0;
+    const char *fault = NULL;
+    uint64_t entry;
+    if (y < 0 || y >= image->height || y % lines || seen[y / lines]++) return "is not the one due";
+    entry = itn__get_u64(exr->table + 8 * (y / lines));
+    if (entry && entry != (uint64_t)((const char *)head - exr->text.start))
+        return "is not where the table says";
+    row = (int)y;
     if (lines > image->height - row) lines = image->height - row;
-    raw = (size_t)lines * (size_t)exr->row_bytes;
-    itn__print(text, sizeof text, "block %d is missing or damaged", block);
-    if (offset > exr->size - 8) return itn__exr_damaged_at(exr, entry, text, error);
-    data = exr->bytes + offset + 8;
-    size = itn__get_u32(data - 4);
-    exr->taken += 8 + (uint64_t)size; /* blocks that share bytes could ask for any time */
-    if (itn__get_i32(data - 8) != exr->y0 + row || size > raw || size > exr->size - 8 - offset ||
-        exr->taken > exr->size)
-        return itn__exr_damaged_at(exr, offset, text, error);
+    raw *= (size_t)lines;
+    data = itn__take_bytes(&exr->text, size);
+    if (!data || size > raw) return "is damaged";
     if (size < raw) {
-        fault = exr->compression == ITN__EXR_NONE ? "less data than expected"
-                : exr->compression == ITN__EXR_RLE
-                    ? itn__exr_unpack_runs(data, size, scratch, raw)
-                    : itn__zlib_decode(data, size, scratch, raw);
-        itn__print(text, sizeof text, "block %d: %s", block, fault ? fault : "");
-        if (fault) return itn__exr_damaged_at(exr, offset, text, error);
-        itn__exr_unpredict(scratch, scratch + raw, raw);
+        fault = exr->compression == ITN__EXR_NONE  ? "less data than expected"
+                : exr->compression == ITN__EXR_RLE ? itn__exr_unpack_runs(data, size, scratch, raw)
+                                                   : itn__zlib_decode(data, size, scratch, raw);
+        if (!fault) itn__exr_unpredict(scratch, scratch + raw, raw);
         data = scratch + raw;
     }
-    for (i = 0; i < lines; i++)
-        itn__exr_line(exr, data + (size_t)i * (size_t)exr->row_bytes, row + i, image);
-    return ITN_OK;
+    for (i = 0; i < lines && !fault; i++) data = itn__exr_line(exr, data, row + i, image);
+    return fault;
 }
 
-/* Reads all blocks into a new image. */
+/* Reads all blocks into a new image, once it is clear that the file is large enough for what its
+   header promises (deflate shrinks at most 1032-fold). */
 static itn_result itn__exr_pixels(itn__exr *exr, const itn_context *context, itn_image *image,
                                   itn_error *error) {
-    int width = (int)(exr->x1 - exr->x0 + 1), height = (int)(exr->y1 - exr->y0 + 1);
-    int lines = itn__exr_block_lines(exr), blocks = (height - 1) / lines + 1, i;
+    size_t width = (size_t)(exr->x1 - exr->x0) + 1, height = (size_t)(exr->y1 - exr->y0) + 1;
+    size_t lines = exr->compression == ITN__EXR_ZIP ? 16 : 1, raw = 0, i;
+    size_t blocks = (height - 1) / lines + 1, left = (size_t)(exr->text.end - exr->text.at);
     unsigned char *scratch;
-    itn_result result = itn_image_create(width, height, exr->channel_count, context, image, error);
+    itn_result result;
+    for (i = 0; i < (size_t)exr->channel_count; i++)
+        raw += exr->types[i] == ITN__EXR_HALF ? 2 : 4;
+    if (blocks > left / 8 || left > SIZE_MAX / 1032 || width > SIZE_MAX / 64 / raw ||
+        width * raw > (exr->compression ? 1032 * left : left) / height)
+        return itn__exr_damaged(&exr->text, "ends early: its data window is larger than its data",
+                                error);
+    result = itn_image_create((int)width, (int)height, exr->channel_count, context, image, error);
     if (result) return result;
-    for (i = 0; i < exr->channel_count; i++)
+    for (i = 0; i < (size_t)exr->channel_count; i++)
         itn__copy_name(image->names[i], exr->channel_names[i]);
-    scratch = (unsigned char *)itn__allocate(
-        &image->context, (size_t)(lines < height ? lines : height) * 2, (size_t)exr->row_bytes);
+    raw *= width;
+    scratch = (unsigned char *)itn__allocate(&image->context,
+                                             2 * raw * (lines < height ? lines : height) + blocks,
+                                             1);
     if (!scratch) result = itn__out_of_memory(error, "a block of an EXR file");
-    for (i = 0; i < blocks && !result; i++) result = itn__exr_block(exr, i, scratch, image, error);
+    exr->table = itn__take_bytes(&exr->text, 8 * blocks);
+    for (i = 0; i < blocks && !result; i++) {
+        itn__text block = exr->text;
+        const char *fault = itn__exr_block(exr, raw, scratch, scratch + blocks, image);
+        if (fault)
+            result = itn__text_fail(&block, ITN_ERROR_FORMAT, error, "EXR block %d %s", (int)i,
+                                    fault);
+    }
     itn__free(&image->context, scratch);
     if (result) itn_image_free(image);
     return result;
 }
 
-static int itn__is_exr(const unsigned char *bytes, size_t size) {
-    return size >= 4 && itn__get_u32(bytes) == 20000630;
-}
-
-static itn_result itn__exr_decode(const unsigned char *bytes, size_t size, const char *name,
-                                  const itn_context *context, itn_image *image,
+static itn_result itn__exr_decode(itn__text text, const itn_context *context, itn_image *image,
                                   itn_error *error) {
     itn__exr exr = ITN_ZERO;
     itn_result result;
-    exr.bytes = bytes, exr.size = size, exr.name = name;
+    text.line = 0;
+    exr.text = text;
     result = itn__exr_header(&exr, error);
-    if (!result) result = itn__exr_plausible(&exr, error);
     return result ? result : itn__exr_pixels(&exr, context, image, error);
 }
 
@@ -17525,8 +17487,8 @@ static itn_result itn__check_image(const itn_image *image, int first_plane, int 
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: it has no pixels");
     if (first_plane < 0 || plane_count < 1 || first_plane > image->plane_count - plane_count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "saving an image: planes %d to %.0f of an image of %d", first_plane,
-                         (double)first_plane + plane_count - 1, image->plane_count);
+                         "saving an image: %d planes from plane %d on of an image of %d",
+                         plane_count, first_plane, image->plane_count);
     return itn__context_check(&image->context, &buffer->context, error);
 }
 
@@ -17550,67 +17512,51 @@ static itn_result itn__exr_order(const itn_image *image, int *order, itn_error *
 }
 
 static void itn__exr_put_attribute(itn__buffer *buffer, const char *name, const char *type,
-                                   size_t size) {
+                                   const void *value, size_t size) {
     itn__put(buffer, name, strlen(name) + 1);
     itn__put(buffer, type, strlen(type) + 1);
     itn__put_u32(buffer, (uint32_t)size);
-}
-
-static void itn__exr_put_window(itn__buffer *buffer, const char *name, const itn_image *image) {
-    itn__exr_put_attribute(buffer, name, "box2i", 16);
-    itn__put_u64(buffer, 0);
-    itn__put_u32(buffer, (uint32_t)image->width - 1);
-    itn__put_u32(buffer, (uint32_t)image->height - 1);
+    itn__put(buffer, value, size);
 }
 
 static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, const int *order) {
-    size_t size = 1, length;
+    static const char one[] = "\0\0\x80\x3f"; /* a float */
+    itn__buffer value = ITN_ZERO;
     uint32_t version = 2;
     int i;
+    value.context = buffer->context;
     for (i = 0; i < image->plane_count; i++) {
-        length = strlen(image->names[i]);
-        size += length + 17;
-        if (length > 31) version = 2 | ITN__EXR_LONG_NAMES;
+        const char *name = image->names[order[i]];
+        itn__put(&value, name, strlen(name) + 1);
+        itn__put_u64(&value, ITN__EXR_FLOAT);
+        itn__put_u64(&value, 1 | (uint64_t)1 << 32); /* no subsampling */
+        if (strlen(name) > 31) version |= ITN__EXR_LONG_NAMES;
     }
-    itn__put_u32(buffer, 20000630);
+    itn__put_u8(&value, 0);
+    itn__put_u32(buffer, ITN__EXR_MAGIC);
     itn__put_u32(buffer, version);
-    itn__exr_put_attribute(buffer, "channels", "chlist", size);
-    for (i = 0; i < image->plane_count; i++) {
-        itn__put(buffer, image->names[order[i]], strlen(image->names[order[i]]) + 1);
-        itn__put_u32(buffer, ITN__EXR_FLOAT);
-        itn__put_u32(buffer, 0);
-        itn__put_u32(buffer, 1);
-        itn__put_u32(buffer, 1);
-    }
+    itn__exr_put_attribute(buffer, "channels", "chlist", value.bytes, value.size);
+    itn__exr_put_attribute(buffer, "compression", "compression", "", 1);
+    value.size = 0;
+    itn__put_u64(&value, 0);
+    itn__put_u32(&value, (uint32_t)image->width - 1);
+    itn__put_u32(&value, (uint32_t)image->height - 1);
+    itn__exr_put_attribute(buffer, "dataWindow", "box2i", value.bytes, value.size);
+    itn__exr_put_attribute(buffer, "displayWindow", "box2i", value.bytes, value.size);
+    itn__exr_put_attribute(buffer, "lineOrder", "lineOrder", "", 1);
+    itn__exr_put_attribute(buffer, "pixelAspectRatio", "float", one, 4);
+    itn__exr_put_attribute(buffer, "screenWindowCenter", "v2f", "\0\0\0\0\0\0\0", 8);
+    itn__exr_put_attribute(buffer, "screenWindowWidth", "float", one, 4);
     itn__put_u8(buffer, 0);
-    itn__exr_put_attribute(buffer, "compression", "compression", 1);
-    itn__put_u8(buffer, ITN__EXR_NONE);
-    itn__exr_put_window(buffer, "dataWindow", image);
-    itn__exr_put_window(buffer, "displayWindow", image);
-    itn__exr_put_attribute(buffer, "lineOrder", "lineOrder", 1);
-    itn__put_u8(buffer, 0);
-    itn__exr_put_attribute(buffer, "pixelAspectRatio", "float", 4);
-    itn__put_float(buffer, 1);
-    itn__exr_put_attribute(buffer, "screenWindowCenter", "v2f", 8);
-    itn__put_u64(buffer, 0);
-    itn__exr_put_attribute(buffer, "screenWindowWidth", "float", 4);
-    itn__put_float(buffer, 1);
-    itn__put_u8(buffer, 0);
-}
-
-/* Adds one line of a plane, bit for bit. */
-static void itn__put_row(itn__buffer *buffer, const itn_image *image, int plane, int row) {
-    size_t width = (size_t)image->width, x;
-    const float *pixels = image->pixels +
-                          ((size_t)plane * (size_t)image->height + (size_t)row) * width;
-    for (x = 0; x < width; x++) itn__put_float(buffer, pixels[x]);
+    buffer->failed |= value.failed;
+    itn__buffer_free(&value);
 }
 
 ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
                                       itn_error *error) {
     itn__buffer buffer;
     uint64_t block, start;
-    int *order, row, i;
+    int *order, row, i, x;
     itn_result result = itn__check_image(image, 0, image ? image->plane_count : 0, &buffer, error);
     if (result) return result;
     block = (uint64_t)image->width * (uint64_t)image->plane_count * 4;
@@ -17623,14 +17569,15 @@ ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
     if (!result) {
         itn__exr_put_header(&buffer, image, order);
         start = buffer.size + 8 * (uint64_t)image->height;
-        if ((block + 16) > SIZE_MAX / 8 / (uint64_t)image->height) buffer.failed = 1;
+        if (block + 16 > SIZE_MAX / 8 / (uint64_t)image->height) buffer.failed = 1;
         itn__buffer_reserve(&buffer, (size_t)((block + 16) * (uint64_t)image->height));
         for (row = 0; row < image->height && !buffer.failed; row++)
             itn__put_u64(&buffer, start + (uint64_t)row * (block + 8));
         for (row = 0; row < image->height && !buffer.failed; row++) {
-            itn__put_u32(&buffer, (uint32_t)row);
-            itn__put_u32(&buffer, (uint32_t)block);
-            for (i = 0; i < image->plane_count; i++) itn__put_row(&buffer, image, order[i], row);
+            itn__put_u64(&buffer, (uint64_t)row | block << 32);
+            for (i = 0; i < image->plane_count; i++)
+                for (x = 0; x < image->width; x++)
+                    itn__put_float(&buffer, *itn__pixel(image, order[i], row, x));
         }
         result = itn__write_buffer(path, &buffer, error);
     }
@@ -17643,57 +17590,59 @@ ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
 /* ---- [pfm] portable float maps --------------------------------------------------------------- */
 
 /* "PF" (three channels) or "Pf" (one), width, height and scale as text, one white space character,
-   then floats, the lowest row first; a negative scale says little-endian (P. Debevec). */
+   then floats, the lowest row first; a negative scale says little-endian, and its size is what the
+   numbers are in units of (P. Debevec). */
 
-static int itn__is_pfm(const unsigned char *bytes, size_t size) {
-    return size >= 3 && bytes[0] == 'P' && (bytes[1] == 'F' || bytes[1] == 'f') &&
-           (bytes[2] == '\n' || bytes[2] == '\r' || bytes[2] == ' ' || bytes[2] == '\t');
+static itn_result itn__pfm_header(itn__text *text, double numbers[3], itn_error *error) {
+    static const char *const what[3] = {"PFM width", "PFM height", "PFM scale"};
+    itn_result result = ITN_OK;
+    int k;
+    for (k = 0; k < 3 && !result; k++) {
+        float number = 0;
+        itn__skip_space(text); /* line ends count as blanks */
+        result = itn__text_float(text, what[k], &number, error);
+        numbers[k] = (double)number;
+        if (!result && (k < 2 ? !(number >= 1 && number < 1e9f && number == floorf(number))
+                              : number == 0))
+            result = itn__text_fail(text, ITN_ERROR_FORMAT, error, "%s is %g", what[k], numbers[k]);
+    }
+    return result;
 }
 
-/* Reads one number of the header; line ends count as blanks. */
-static itn_result itn__pfm_number(itn__text *text, const char *what, double *value,
-                                  itn_error *error) {
-    itn__skip_space(text);
-    return itn__text_number(text, what, value, error);
-}
-
-static itn_result itn__pfm_decode(const unsigned char *bytes, size_t size, const char *name,
-                                  const itn_context *context, itn_image *image,
+static itn_result itn__pfm_decode(itn__text text, const itn_context *context, itn_image *image,
                                   itn_error *error) {
     static const char *const names[] = {"R", "G", "B"};
-    itn__text text = itn__text_make(bytes, size, name);
-    int channels = bytes[1] == 'F' ? 3 : 1, big, x, row, k;
-    double width = 0, height = 0, scale = 0, needed;
+    int channels = text.at[1] == 'F' ? 3 : 1, x, row, k;
+    double header[3], needed;
+    const unsigned char *bytes;
+    unsigned big;
+    float scale;
     itn_result result;
     text.at += 2;
-    result = itn__pfm_number(&text, "PFM width", &width, error);
-    if (!result) result = itn__pfm_number(&text, "PFM height", &height, error);
-    if (!result) result = itn__pfm_number(&text, "PFM scale", &scale, error);
+    result = itn__pfm_header(&text, header, error);
     if (result) return result;
-    if (!(width >= 1 && width < 1e9 && width == floor(width)) || scale == 0 ||
-        !(height >= 1 && height < 1e9 && height == floor(height)))
-        return itn__fail(error, ITN_ERROR_FORMAT, text.line,
-                         "%s: PFM of %g x %g pixels with scale %g", name, width, height, scale);
-    needed = width * height * channels * 4;
+    needed = header[0] * header[1] * channels * 4;
     /* the one white space character, or two, of a file that was written as text on Windows */
-    if ((double)(text.end - text.at) == needed + 2 && text.at[0] == '\r' && text.at[1] == '\n')
+    if ((double)(text.end - text.at) == needed + 2 && itn__newline(text.at, text.end) == 2)
         text.at++;
     if (text.at < text.end) text.at++;
     if ((double)(text.end - text.at) != needed)
-        return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: PFM has %.0f bytes of pixels, needs %.0f",
-                         name, (double)(text.end - text.at), needed);
-    result = itn_image_create((int)width, (int)height, channels, context, image, error);
+        return itn__text_fail(&text, ITN_ERROR_FORMAT, error,
+                              "PFM has %.0f bytes of pixels, needs %.0f",
+                              (double)(text.end - text.at), needed);
+    result = itn_image_create((int)header[0], (int)header[1], channels, context, image, error);
     if (result) return result;
     bytes = (const unsigned char *)text.at;
-    big = scale > 0 ? 3 : 0; /* byte i of a number is the file's byte i ^ big */
+    big = header[2] > 0 ? 3 : 0; /* byte i of a number is the file's byte i ^ big */
+    scale = (float)fabs(header[2]);
     for (k = 0; k < channels; k++) itn__copy_name(image->names[k], channels == 1 ? "Y" : names[k]);
     for (row = image->height - 1; row >= 0; row--)
         for (x = 0; x < image->width; x++)
             for (k = 0; k < channels; k++, bytes += 4) {
                 uint32_t bits = (uint32_t)bytes[big] | (uint32_t)bytes[1 ^ big] << 8 |
                                 (uint32_t)bytes[2 ^ big] << 16 | (uint32_t)bytes[3 ^ big] << 24;
-                size_t plane_row = (size_t)k * (size_t)image->height + (size_t)row;
-                memcpy(image->pixels + plane_row * (size_t)image->width + x, &bits, 4);
+                memcpy(itn__pixel(image, k, row, x), &bits, 4);
+                if (scale != 1) *itn__pixel(image, k, row, x) *= scale;
             }
     return ITN_OK;
 }
@@ -17701,18 +17650,21 @@ static itn_result itn__pfm_decode(const unsigned char *bytes, size_t size, const
 ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_context *context, itn_image *image,
                                          itn_error *error) {
-    const unsigned char *data = (const unsigned char *)bytes;
+    itn__text text;
     itn_image made;
-    itn_result result;
+    itn_result result = ITN_ERROR_FORMAT;
     if (!bytes || !image)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
-    if (!name) name = "image";
-    if (itn__is_exr(data, size))
-        result = itn__exr_decode(data, size, name, context, &made, error);
-    else if (itn__is_pfm(data, size))
-        result = itn__pfm_decode(data, size, name, context, &made, error);
+    text = itn__text_make(bytes, size, name ? name : "image");
+    size = (size_t)(text.end - text.at);
+    if (size >= 4 && itn__get_u32((const unsigned char *)text.at) == ITN__EXR_MAGIC)
+        result = itn__exr_decode(text, context, &made, error);
+    else if (size >= 3 && text.at[0] == 'P' && strchr("Ff", text.at[1]) &&
+             strchr(" \t\r\n", text.at[2]))
+        result = itn__pfm_decode(text, context, &made, error);
     else
-        result = itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: neither an EXR nor a PFM file", name);
+        itn__fail(error, result, 0, "%s: neither an EXR nor a PFM file: convert it to one of them",
+                  text.name);
     if (!result) *image = made;
     return result;
 }
@@ -17734,106 +17686,45 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
                                       const char *path, itn_error *error) {
     itn__buffer buffer;
     char header[64];
-    size_t width = image ? (size_t)image->width : 0, height = image ? (size_t)image->height : 0;
-    size_t row, x;
-    int k;
+    int row, x, k;
     itn_result result = itn__check_image(image, first_plane, plane_count, &buffer, error);
     if (result) return result;
     if (plane_count != 1 && plane_count != 3)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a PFM: %d planes, not 1 or 3",
                          plane_count);
     itn__print(header, sizeof header, "P%c\n%d %d\n-1.0\n", plane_count == 3 ? 'F' : 'f',
-             image->width, image->height);
+               image->width, image->height);
     itn__put_text(&buffer, header);
-    for (row = height; row-- > 0 && !buffer.failed;)
-        for (x = 0; x < width; x++)
+    for (row = image->height - 1; row >= 0 && !buffer.failed; row--)
+        for (x = 0; x < image->width; x++)
             for (k = first_plane; k < first_plane + plane_count; k++)
-                itn__put_float(&buffer, image->pixels[((size_t)k * height + row) * width + x]);
+                itn__put_float(&buffer, *itn__pixel(image, k, row, x));
     return itn__write_buffer(path, &buffer, error);
 }
 
 /* ---- [png] 8-bit pictures -------------------------------------------------------------------- */
 
 /* A PNG file is a signature and chunks (length, type, data, CRC-32): IHDR with the size, IDAT with
-   the zlib-compressed rows, each behind a byte 0 that says "not filtered", and IEND. Rendered
-   pictures are compressed with fixed Huffman codes and copies of the pixel to the left or above,
-   which shrinks the flat parts to almost nothing and needs no search. */
-
-typedef struct itn__bit_writer {
-    itn__buffer *out;
-    uint32_t bits;
-    int count;
-} itn__bit_writer;
-
-/* Appends the lowest `count` (at most 16) bits of a value, the lowest first. */
-static void itn__put_bits(itn__bit_writer *writer, unsigned value, int count) {
-    writer->bits |= (uint32_t)value << writer->count;
-    for (writer->count += count; writer->count >= 8; writer->count -= 8) {
-        itn__put_u8(writer->out, writer->bits & 255);
-        writer->bits >>= 8;
-    }
-}
-
-/* Appends a literal or length symbol in the fixed code of RFC 1951, 3.2.6. */
-static void itn__put_symbol(itn__bit_writer *writer, int symbol) {
-    int length = symbol < 144 ? 8 : symbol < 256 ? 9 : symbol < 280 ? 7 : 8;
-    int code = symbol < 144   ? 0x30 + symbol
-               : symbol < 256 ? 0x190 + symbol - 144
-               : symbol < 280 ? symbol - 256
-                              : 0xc0 + symbol - 280;
-    itn__put_bits(writer, itn__reverse_bits((unsigned)code, length), length);
-}
-
-/* Appends a copy of `length` (3 to 258) bytes from `distance` (1 to 32768) bytes back. */
-static void itn__put_copy(itn__bit_writer *writer, int length, int distance) {
-    int symbol = 28;
-    while (itn__length_base[symbol] > length) symbol--;
-    itn__put_symbol(writer, symbol + 257);
-    itn__put_bits(writer, (unsigned)(length - itn__length_base[symbol]), itn__length_bits(symbol));
-    symbol = 29;
-    while (itn__distance_base[symbol] > distance) symbol--;
-    itn__put_bits(writer, itn__reverse_bits((unsigned)symbol, 5), 5);
-    itn__put_bits(writer, (unsigned)(distance - itn__distance_base[symbol]),
-                  itn__distance_bits(symbol));
-}
-
-/* How many of the bytes at `at` (at most 258) are those `distance` back. */
-static int itn__copy_length(const unsigned char *bytes, size_t at, size_t size, size_t distance) {
-    int length = 0;
-    if (distance > at || distance > 32768) return 0;
-    while (length < 258 && at < size && bytes[at] == bytes[at - distance]) length++, at++;
-    return length;
-}
-
-/* Compresses rows of `stride` bytes to a zlib stream. */
-static void itn__zlib_encode(const unsigned char *bytes, size_t size, size_t stride,
-                             itn__buffer *out) {
-    itn__bit_writer writer = ITN_ZERO;
-    uint32_t sum = itn__adler32(bytes, size);
-    size_t at = 0;
-    int i;
-    writer.out = out;
-    itn__put_u8(out, 0x78);
-    itn__put_u8(out, 0x01);
-    itn__put_bits(&writer, 3, 3); /* the last block, with fixed codes */
-    while (at < size && !out->failed) {
-        int left = itn__copy_length(bytes, at, size, 3);
-        int above = itn__copy_length(bytes, at, size, stride);
-        if (left < 3 && above < 3) {
-            itn__put_symbol(&writer, bytes[at++]);
-        } else {
-            itn__put_copy(&writer, left >= above ? left : above, left >= above ? 3 : (int)stride);
-            at += (size_t)(left >= above ? left : above);
-        }
-    }
-    itn__put_symbol(&writer, 256);
-    itn__put_bits(&writer, 0, 7); /* fills the last byte */
-    for (i = 24; i >= 0; i -= 8) itn__put_u8(out, sum >> i);
-}
+   a zlib stream of the rows, each behind a byte 0 that says "not filtered", and IEND. Noise does
+   not compress, so the stream's blocks are stored as they are. */
 
 static void itn__put_u32_big(itn__buffer *buffer, uint32_t value) {
-    int i;
-    for (i = 24; i >= 0; i -= 8) itn__put_u8(buffer, value >> i);
+    int shift;
+    for (shift = 24; shift >= 0; shift -= 8) itn__put_u8(buffer, value >> shift);
+}
+
+/* Appends a zlib stream of stored blocks. */
+static void itn__put_zlib(itn__buffer *buffer, const unsigned char *bytes, size_t size) {
+    uint32_t sum = itn__adler32(bytes, size), length;
+    itn__put_u8(buffer, 0x78), itn__put_u8(buffer, 1);
+    do {
+        length = size < 65535 ? (uint32_t)size : 65535;
+        itn__put_u8(buffer, length == size); /* the last one */
+        itn__put_u32(buffer, length | (length ^ 0xffff) << 16);
+        itn__put(buffer, bytes, length);
+        bytes += length, size -= length;
+    } while (size);
+    itn__put_u32_big(buffer, sum);
 }
 
 /* Appends a PNG chunk; its CRC-32 (reflected polynomial edb88320) covers type and data. */
@@ -17849,36 +17740,45 @@ static void itn__png_chunk(itn__buffer *png, const char *type, const itn__buffer
         for (k = 0; k < 8; k++) crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
     }
     itn__put_u32_big(png, ~crc);
+    png->failed |= data->failed;
 }
 
-/* The 99th percentile (by rank) of the sizes of finite numbers, found by two counts of 16 bits
-   each, since the bits of positive floats are ordered as the floats are. Returns -1 if memory is
-   out. Negative numbers count as 0 unless both_signs. */
-static float itn__percentile99(const float *values, size_t count, int both_signs,
-                               const itn_context *context) {
-    size_t *bins = (size_t *)itn__allocate(context, 65536, sizeof *bins), i, total = 0, rank = 0;
-    uint32_t bits, prefix = 0, bin;
+/* The number that a pixel shows in channel k: of its plane, or (signed) the mean of the planes. */
+static float itn__png_value(const itn_image *image, int first_plane, int plane_count,
+                            itn_png_mode mode, size_t pixel, int k) {
+    size_t pixels = (size_t)image->width * (size_t)image->height;
+    const float *value = image->pixels + (size_t)first_plane * pixels + pixel;
+    float sum = 0;
+    int i;
+    if (mode == ITN_PNG_TONE) return value[plane_count == 3 ? (size_t)k * pixels : 0];
+    for (i = 0; i < plane_count; i++) sum += value[(size_t)i * pixels] / (float)plane_count;
+    return sum;
+}
+
+/* The 99th percentile (by rank) of what is shown of finite numbers; signed: of their sizes, else
+   negative numbers count as 0. It is found bit by bit, as the bits of positive floats are ordered
+   as the floats are. */
+static float itn__png_percentile99(const itn_image *image, int first_plane, int plane_count,
+                                   itn_png_mode mode) {
+    size_t pixels = (size_t)image->width * (size_t)image->height, i, below, total;
+    int shown = mode == ITN_PNG_TONE ? plane_count : 1, k;
+    uint32_t found = 0, bit, bits;
     float value;
-    int pass;
-    if (!bins) return -1;
-    for (pass = 0; pass < 2; pass++) {
-        memset(bins, 0, 65536 * sizeof *bins);
-        for (i = 0; i < count; i++) {
-            if (!itn__finite(values[i])) continue;
-            value = both_signs ? fabsf(values[i]) : values[i] > 0 ? values[i] : 0;
-            memcpy(&bits, &value, 4);
-            if (pass == 0)
-                bins[bits >> 16]++, total++;
-            else if (bits >> 16 == prefix)
-                bins[bits & 0xffff]++;
-        }
-        if (pass == 0) rank = total - total / 100; /* from 1 */
-        for (bin = 0; bin < 65535 && bins[bin] < rank; bin++) rank -= bins[bin];
-        prefix = pass == 0 ? bin : prefix << 16 | bin;
+    for (bit = 1u << 30; bit; bit >>= 1) {
+        below = total = 0;
+        for (k = 0; k < shown; k++)
+            for (i = 0; i < pixels; i++) {
+                value = itn__png_value(image, first_plane, plane_count, mode, i, k);
+                if (!itn__finite(value)) continue;
+                value = mode == ITN_PNG_SIGNED ? fabsf(value) : value > 0 ? value : 0;
+                memcpy(&bits, &value, 4);
+                below += bits < (found | bit);
+                total++;
+            }
+        if (below < total - total / 100) found |= bit; /* so many are as large at most */
     }
-    itn__free(context, bins);
-    memcpy(&value, &prefix, 4);
-    return total ? value : 0;
+    memcpy(&value, &found, 4);
+    return value;
 }
 
 /* [0,1] to [0,255], what is outside cut. */
@@ -17892,75 +17792,12 @@ static float itn__srgb(float x) {
     return x <= .0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - .055f;
 }
 
-/* The colour of one pixel. */
-static void itn__png_colour(const float *values, int count, itn_png_mode mode, float scale,
-                            unsigned char *rgb) {
-    int k, valid = 1;
-    for (k = 0; k < 3; k++) {
-        float x = values[count == 3 ? k : 0];
-        if (x != x) valid = 0;
-        if (mode == ITN_PNG_TONE)
-            rgb[k] = itn__byte(itn__srgb(x * scale));
-        else
-            rgb[k] = itn__byte(k == 1 ? 0 : (k ? -x : x) * scale);
-    }
-    if (!valid) rgb[0] = rgb[2] = 255, rgb[1] = 0;
-}
-
-/* The numbers to show, [pixel][3] or [pixel][1]: planes side by side, or (signed) their mean. */
-static float *itn__png_values(const itn_image *image, int first_plane, int plane_count, int shown,
-                              const itn_context *context) {
-    size_t pixels = (size_t)image->width * (size_t)image->height, i;
-    const float *planes = image->pixels + (size_t)first_plane * pixels;
-    float *values = (float *)itn__allocate(context, pixels, (size_t)shown * sizeof(float));
-    int k;
-    for (i = 0; values && i < pixels; i++)
-        for (k = 0; k < plane_count; k++) {
-            if (shown == plane_count)
-                values[i * (size_t)shown + (size_t)k] = planes[(size_t)k * pixels + i];
-            else
-                values[i] += planes[(size_t)k * pixels + i] / (float)plane_count;
-        }
-    return values;
-}
-
-/* Appends the whole PNG file for numbers of known scale. */
-static void itn__png_encode(const float *values, int shown, int width, int height,
-                            itn_png_mode mode, float scale, itn__buffer *png) {
-    itn__buffer rows = ITN_ZERO, data = ITN_ZERO;
-    int x, y;
-    rows.context = data.context = png->context;
-    itn__put_u32_big(&data, (uint32_t)width);
-    itn__put_u32_big(&data, (uint32_t)height);
-    itn__put(&data, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
-    itn__put(png, "\x89PNG\r\n\x1a\n", 8);
-    itn__png_chunk(png, "IHDR", &data);
-    data.size = 0;
-    for (y = 0; y < height && !rows.failed; y++) {
-        itn__put_u8(&rows, 0);
-        for (x = 0; x < width; x++, values += shown) {
-            unsigned char rgb[3];
-            itn__png_colour(values, shown, mode, scale, rgb);
-            itn__put(&rows, rgb, 3);
-        }
-    }
-    if (!rows.failed) itn__zlib_encode(rows.bytes, rows.size, 3 * (size_t)width + 1, &data);
-    itn__png_chunk(png, "IDAT", &data);
-    data.size = 0;
-    itn__png_chunk(png, "IEND", &data);
-    if (rows.failed || data.failed) png->failed = 1;
-    itn__buffer_free(&rows);
-    itn__buffer_free(&data);
-}
-
 ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error) {
-    int shown = mode == ITN_PNG_SIGNED ? 1 : plane_count;
-    size_t count;
-    itn__buffer buffer;
-    float *values;
-    itn_result result = itn__check_image(image, first_plane, plane_count, &buffer, error);
+    itn__buffer png, rows = ITN_ZERO, data = ITN_ZERO;
+    size_t pixel = 0, pixels;
+    itn_result result = itn__check_image(image, first_plane, plane_count, &png, error);
     if (result) return result;
     if ((plane_count != 1 && plane_count != 3) || !(scale >= 0) || !itn__finite(scale) ||
         (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED))
@@ -17970,17 +17807,38 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
     if ((uint64_t)image->width * 3 + 1 > INT_MAX / 2 / (uint64_t)image->height)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a PNG: %d x %d pixels are too many",
                          image->width, image->height);
-    values = itn__png_values(image, first_plane, plane_count, shown, &buffer.context);
-    if (!values) return itn__out_of_memory(error, "a PNG file");
-    count = (size_t)image->width * (size_t)image->height * (size_t)shown;
     if (scale == 0) {
-        scale = itn__percentile99(values, count, mode == ITN_PNG_SIGNED, &buffer.context);
-        buffer.failed = scale < 0;
+        scale = itn__png_percentile99(image, first_plane, plane_count, mode);
         scale = scale >= FLT_MIN ? 1 / scale : 1;
     }
-    itn__png_encode(values, shown, image->width, image->height, mode, scale, &buffer);
-    itn__free(&buffer.context, values);
-    return itn__write_buffer(path, &buffer, error);
+    rows.context = data.context = png.context;
+    pixels = (size_t)image->width * (size_t)image->height;
+    for (; pixel < pixels && !rows.failed; pixel++) {
+        unsigned char rgb[3];
+        int k, valid = 1;
+        for (k = 0; k < 3; k++) {
+            float x = itn__png_value(image, first_plane, plane_count, mode, pixel, k);
+            valid &= x == x;
+            rgb[k] = itn__byte(mode == ITN_PNG_TONE ? itn__srgb(x * scale)
+                                                    : (float)(1 - k) * x * scale);
+        }
+        if (pixel % (size_t)image->width == 0) itn__put_u8(&rows, 0);
+        itn__put(&rows, valid ? (const char *)rgb : "\xff\0\xff", 3);
+    }
+    itn__put(&png, "\x89PNG\r\n\x1a\n", 8);
+    itn__put_u32_big(&data, (uint32_t)image->width);
+    itn__put_u32_big(&data, (uint32_t)image->height);
+    itn__put(&data, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
+    itn__png_chunk(&png, "IHDR", &data);
+    data.size = 0;
+    if (!rows.failed) itn__put_zlib(&data, rows.bytes, rows.size);
+    itn__png_chunk(&png, "IDAT", &data);
+    data.size = 0;
+    itn__png_chunk(&png, "IEND", &data);
+    png.failed |= rows.failed;
+    itn__buffer_free(&rows);
+    itn__buffer_free(&data);
+    return itn__write_buffer(path, &png, error);
 }
 
 #endif /* ITN_NO_STDIO */
@@ -17996,36 +17854,34 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 enum { ITN__EAR_CORNERS = 4096 }; /* most corners of a polygon that is not convex */
 
 typedef struct itn__corner {
-    int vertex, texture; /* texture -1: none */
+    int vertex, textured; /* textured: it has uv */
+    float uv[2];
 } itn__corner;
+
+typedef struct itn__plane_point {
+    double u, v;
+} itn__plane_point;
 
 typedef struct itn__builder {
     itn__buffer positions; /* float[3] each */
-    itn__buffer texcoords; /* float[2] each */
+    itn__buffer texcoords; /* float[2] each, for corners to name */
     itn__buffer corners;   /* itn__corner each, of the polygon at hand */
+    itn__buffer points;    /* itn__plane_point each, the same in the polygon's plane */
     itn__buffer triangles; /* itn__corner[3] each */
     int untextured;        /* some corner has no texture coordinates */
 } itn__builder;
-
-/* A polygon in its plane. */
-typedef struct itn__polygon {
-    const float *positions;
-    const itn__corner *corners;
-    int count;
-    int u, v; /* the two axes, in the order that makes the polygon counter-clockwise */
-} itn__polygon;
-
-static void itn__builder_make(itn__builder *builder, const itn_context *context) {
-    memset(builder, 0, sizeof *builder);
-    builder->positions.context = builder->texcoords.context = *context;
-    builder->corners.context = builder->triangles.context = *context;
-}
 
 static void itn__builder_free(itn__builder *builder) {
     itn__buffer_free(&builder->positions);
     itn__buffer_free(&builder->texcoords);
     itn__buffer_free(&builder->corners);
+    itn__buffer_free(&builder->points);
     itn__buffer_free(&builder->triangles);
+}
+
+static int itn__builder_failed(const itn__builder *builder) {
+    return builder->positions.failed || builder->texcoords.failed || builder->corners.failed ||
+           builder->points.failed || builder->triangles.failed;
 }
 
 static size_t itn__vertex_count(const itn__builder *builder) {
@@ -18034,123 +17890,124 @@ static size_t itn__vertex_count(const itn__builder *builder) {
 static size_t itn__texcoord_count(const itn__builder *builder) {
     return builder->texcoords.size / (2 * sizeof(float));
 }
-static size_t itn__corner_count(const itn__builder *builder) {
-    return builder->corners.size / sizeof(itn__corner);
+static itn__corner *itn__corner_list(const itn__builder *builder) {
+    return (itn__corner *)(void *)builder->corners.bytes;
+}
+static const float *itn__corner_position(const itn__builder *builder, int corner) {
+    return (const float *)(const void *)builder->positions.bytes +
+           3 * (size_t)itn__corner_list(builder)[corner].vertex;
 }
 
+/* Adds a corner; texture: the number of its texture coordinates, -1 for none. */
 static void itn__add_corner(itn__builder *builder, size_t vertex, int64_t texture) {
-    itn__corner corner;
-    corner.vertex = (int)vertex, corner.texture = (int)texture;
+    itn__corner corner = ITN_ZERO;
+    corner.vertex = (int)vertex;
+    corner.textured = texture >= 0;
+    if (texture >= 0) memcpy(corner.uv, builder->texcoords.bytes + 8 * (size_t)texture, 8);
     itn__put(&builder->corners, &corner, sizeof corner);
 }
 
-static void itn__add_triangle(itn__builder *builder, const itn__polygon *polygon, int a, int b,
-                              int c) {
-    itn__corner corners[3];
-    corners[0] = polygon->corners[a];
-    corners[1] = polygon->corners[b];
-    corners[2] = polygon->corners[c];
-    itn__put(&builder->triangles, corners, sizeof corners);
-}
-
-ITN__INLINE const float *itn__polygon_point(const itn__polygon *polygon, int i) {
-    return polygon->positions + 3 * (size_t)polygon->corners[i].vertex;
+static void itn__add_triangle(itn__builder *builder, int a, int b, int c) {
+    const itn__corner *corners = itn__corner_list(builder);
+    itn__put(&builder->triangles, corners + a, sizeof *corners);
+    itn__put(&builder->triangles, corners + b, sizeof *corners);
+    itn__put(&builder->triangles, corners + c, sizeof *corners);
 }
 
 /* Twice the signed area of a triangle of corners: positive if it turns left. */
-static double itn__turn(const itn__polygon *polygon, int a, int b, int c) {
-    const float *p = itn__polygon_point(polygon, a), *q = itn__polygon_point(polygon, b);
-    const float *r = itn__polygon_point(polygon, c);
-    int u = polygon->u, v = polygon->v;
-    return ((double)q[u] - p[u]) * ((double)r[v] - p[v]) -
-           ((double)q[v] - p[v]) * ((double)r[u] - p[u]);
+static double itn__turn(const itn__plane_point *p, int a, int b, int c) {
+    return (p[b].u - p[a].u) * (p[c].v - p[a].v) - (p[b].v - p[a].v) * (p[c].u - p[a].u);
 }
 
-/* Chooses the axes u, v by Newell's normal. */
-static void itn__polygon_project(itn__polygon *polygon) {
-    double normal[3] = {0, 0, 0};
-    int i, axis, u, v, largest = 0;
-    for (axis = 0; axis < 3; axis++) {
-        polygon->u = (axis + 1) % 3, polygon->v = (axis + 2) % 3;
-        for (i = 1; i + 1 < polygon->count; i++)
-            normal[axis] += itn__turn(polygon, 0, i, i + 1);
-        if (fabs(normal[axis]) > fabs(normal[largest])) largest = axis;
+/* Projects the polygon along an axis; returns twice its signed area. */
+static double itn__polygon_project(itn__builder *builder, int n, int axis) {
+    itn__plane_point *points = (itn__plane_point *)(void *)builder->points.bytes;
+    double area = 0;
+    int i;
+    for (i = 0; i < n; i++) {
+        points[i].u = (double)itn__corner_position(builder, i)[(axis + 1) % 3];
+        points[i].v = (double)itn__corner_position(builder, i)[(axis + 2) % 3];
+        if (i > 1) area += itn__turn(points, 0, i - 1, i);
     }
-    u = (largest + 1) % 3, v = (largest + 2) % 3;
-    polygon->u = normal[largest] < 0 ? v : u;
-    polygon->v = normal[largest] < 0 ? u : v;
+    return area;
 }
 
-static int itn__polygon_convex(const itn__polygon *polygon) {
-    int i, n = polygon->count;
+/* Projects the polygon to its plane, where it is counter-clockwise; returns whether it is convex
+   there. */
+static int itn__polygon_flatten(itn__builder *builder, int n) {
+    itn__plane_point *points = (itn__plane_point *)(void *)builder->points.bytes;
+    double area[3];
+    int axis, largest = 0, i;
+    for (axis = 0; axis < 3; axis++) {
+        area[axis] = itn__polygon_project(builder, n, axis);
+        if (fabs(area[axis]) > fabs(area[largest])) largest = axis;
+    }
+    itn__polygon_project(builder, n, largest);
+    for (i = 0; area[largest] < 0 && i < n; i++) points[i].u = -points[i].u;
     for (i = 0; i < n; i++)
-        if (!(itn__turn(polygon, i, (i + 1) % n, (i + 2) % n) >= 0)) return 0;
+        if (!(itn__turn(points, i, (i + 1) % n, (i + 2) % n) >= 0)) return 0;
     return 1;
-}
-
-static int itn__same_point(const itn__polygon *polygon, int a, int b) {
-    const float *p = itn__polygon_point(polygon, a), *q = itn__polygon_point(polygon, b);
-    return p[0] == q[0] && p[1] == q[1] && p[2] == q[2];
 }
 
 /* Lets go of corners that are where the one before is, which hide how the polygon turns there; at
-   least three stay. */
-static void itn__drop_twins(itn__polygon *polygon, itn__corner *corners) {
-    int n = polygon->count, kept = 1, i;
-    for (i = 1; i < n; i++)
-        if (kept + n - i <= 3 || !itn__same_point(polygon, kept - 1, i))
-            corners[kept++] = corners[i];
-    while (kept > 3 && itn__same_point(polygon, kept - 1, 0)) kept--;
-    polygon->count = kept;
+   least three stay. Returns how many. */
+static int itn__drop_twins(itn__builder *builder, int n) {
+    itn__corner *corners = itn__corner_list(builder);
+    int kept = 0, i, k;
+    for (i = 0; i < n; i++) {
+        const float *p = itn__corner_position(builder, i), *q;
+        q = itn__corner_position(builder, kept ? kept - 1 : 0);
+        for (k = 0; k < 3 && p[k] == q[k];) k++;
+        if (!kept || k < 3 || kept + n - i <= 3) corners[kept++] = corners[i];
+    }
+    for (; kept > 3; kept--) {
+        const float *p = itn__corner_position(builder, 0);
+        const float *q = itn__corner_position(builder, kept - 1);
+        if (p[0] != q[0] || p[1] != q[1] || p[2] != q[2]) break;
+    }
+    return kept;
 }
 
 /* Whether the i-th of the n corners left in the ring is an ear. */
-static int itn__is_ear(const itn__polygon *polygon, const int *ring, int n, int i) {
+static unsigned char itn__is_ear(const itn__plane_point *p, const int *ring, int n, int i) {
     int a = ring[(i + n - 1) % n], b = ring[i], c = ring[(i + 1) % n], k;
-    if (!(itn__turn(polygon, a, b, c) > 0)) return 0;
+    if (!(itn__turn(p, a, b, c) > 0)) return 0;
     for (k = 0; k < n; k++) {
-        int p = ring[k];
-        if (itn__same_point(polygon, p, a) || itn__same_point(polygon, p, b) ||
-            itn__same_point(polygon, p, c))
+        int d = ring[k];
+        if ((p[d].u == p[a].u && p[d].v == p[a].v) || (p[d].u == p[b].u && p[d].v == p[b].v) ||
+            (p[d].u == p[c].u && p[d].v == p[c].v))
             continue;
-        if (itn__turn(polygon, a, b, p) >= 0 && itn__turn(polygon, b, c, p) >= 0 &&
-            itn__turn(polygon, c, a, p) >= 0)
+        if (itn__turn(p, a, b, d) >= 0 && itn__turn(p, b, c, d) >= 0 && itn__turn(p, c, a, d) >= 0)
             return 0;
     }
     return 1;
-}
-
-/* Which of the n corners left is the first ear; n if none is. */
-static int itn__first_ear(const unsigned char *ears, int n) {
-    int i = 0;
-    while (i < n && !ears[i]) i++;
-    return i;
 }
 
 /* Cuts a polygon that is not convex. Where it has no ear (it crosses itself), any corner does. A
    cut makes and unmakes ears at the two corners beside it, so that all are looked at but once, and
    once more should there be none left: the work grows with the square of the corners, whatever they
    are. */
-static const char *itn__cut_ears(itn__builder *builder, const itn__polygon *polygon) {
-    const itn_context *context = &builder->corners.context;
-    int n = polygon->count, i, k, looks = 0;
-    int *ring = (int *)itn__allocate(context, (size_t)n, sizeof *ring + 1);
-    unsigned char *ears = (unsigned char *)(ring + n); /* whether ring[i] is one */
-    if (!ring) return "out of memory";
+static const char *itn__cut_ears(itn__builder *builder, int n) {
+    const itn__plane_point *points = (const itn__plane_point *)(const void *)builder->points.bytes;
+    int *ring = (int *)itn__allocate(&builder->corners.context, (size_t)n, sizeof *ring + 1);
+    unsigned char *ears = (unsigned char *)(ring + n), *ear; /* whether ring[i] is one */
+    int i, k, looks = 0;
+    if (!ring) return builder->corners.failed = 1, "out of memory";
     for (i = 0; i < n; i++) ring[i] = i;
     for (; n > 3; n--) {
-        if (itn__first_ear(ears, n) == n && looks++ < 2)
-            for (k = 0; k < n; k++) ears[k] = (unsigned char)itn__is_ear(polygon, ring, n, k);
-        i = itn__first_ear(ears, n) % n;
-        itn__add_triangle(builder, polygon, ring[(i + n - 1) % n], ring[i], ring[(i + 1) % n]);
+        ear = (unsigned char *)memchr(ears, 1, (size_t)n);
+        for (k = 0; !ear && looks < 2 && k < n; k++) ears[k] = itn__is_ear(points, ring, n, k);
+        if (!ear && looks++ < 2) ear = (unsigned char *)memchr(ears, 1, (size_t)n);
+        i = ear ? (int)(ear - ears) : 0;
+        itn__add_triangle(builder, ring[(i + n - 1) % n], ring[i], ring[(i + 1) % n]);
         memmove(ring + i, ring + i + 1, (size_t)(n - i - 1) * sizeof *ring);
         memmove(ears + i, ears + i + 1, (size_t)(n - i - 1));
         k = (i + n - 2) % (n - 1), i %= n - 1; /* the corners before and behind the cut */
-        ears[k] = (unsigned char)itn__is_ear(polygon, ring, n - 1, k);
-        ears[i] = (unsigned char)itn__is_ear(polygon, ring, n - 1, i);
+        ears[k] = itn__is_ear(points, ring, n - 1, k);
+        ears[i] = itn__is_ear(points, ring, n - 1, i);
     }
-    itn__add_triangle(builder, polygon, ring[0], ring[1], ring[2]);
-    itn__free(context, ring);
+    itn__add_triangle(builder, ring[0], ring[1], ring[2]);
+    itn__free(&builder->corners.context, ring);
     return NULL;
 }
 
@@ -18163,49 +18020,35 @@ static itn_result itn__mesh_fault(const char *fault) {
 
 /* Turns the corners at hand into triangles. Returns NULL, or why that cannot be done. */
 static const char *itn__add_polygon(itn__builder *builder) {
-    itn__polygon polygon;
-    const char *fault = NULL;
-    int i;
-    if (builder->corners.failed || builder->positions.failed) return "out of memory";
-    if (itn__corner_count(builder) < 3) return "a face needs three corners";
-    if (itn__corner_count(builder) > INT_MAX) return "a face has too many corners";
-    polygon.positions = (const float *)(const void *)builder->positions.bytes;
-    polygon.corners = (const itn__corner *)(const void *)builder->corners.bytes;
-    polygon.count = (int)itn__corner_count(builder);
-    for (i = 0; i < polygon.count; i++) builder->untextured |= polygon.corners[i].texture < 0;
-    itn__drop_twins(&polygon, (itn__corner *)(void *)builder->corners.bytes);
-    if (polygon.count > 3) itn__polygon_project(&polygon);
-    if (polygon.count == 3 || itn__polygon_convex(&polygon)) {
-        for (i = 1; i + 1 < polygon.count; i++)
-            itn__add_triangle(builder, &polygon, 0, i, i + 1);
-    } else if (polygon.count > ITN__EAR_CORNERS) {
-        return itn__large_concave;
-    } else {
-        fault = itn__cut_ears(builder, &polygon);
-    }
-    builder->corners.size = 0;
-    return fault;
-}
-
-static int itn__builder_failed(const itn__builder *builder) {
-    return builder->positions.failed || builder->texcoords.failed || builder->corners.failed ||
-           builder->triangles.failed;
+    size_t count = builder->corners.size / sizeof(itn__corner);
+    int n, i;
+    if (itn__builder_failed(builder)) return "out of memory";
+    if (count < 3) return "a face needs three corners";
+    if (count > INT_MAX / 16) return "a face has too many corners";
+    for (i = 0; i < (int)count; i++) builder->untextured |= !itn__corner_list(builder)[i].textured;
+    n = itn__drop_twins(builder, (int)count);
+    builder->points.size = 0;
+    if (!itn__buffer_reserve(&builder->points, (size_t)n * sizeof(itn__plane_point)))
+        return "out of memory";
+    if (n > 3 && !itn__polygon_flatten(builder, n))
+        return n > ITN__EAR_CORNERS ? itn__large_concave : itn__cut_ears(builder, n);
+    for (i = 1; i + 1 < n; i++) itn__add_triangle(builder, 0, i, i + 1);
+    return NULL;
 }
 
 /* Fails for coordinates so far from the origin that floats lose the shape. */
-static itn_result itn__check_digits(const itn__builder *builder, const char *name,
+static itn_result itn__check_digits(const float *positions, size_t count, const char *name,
                                     itn_error *error) {
-    const float *positions = (const float *)(const void *)builder->positions.bytes;
-    float lower[3], upper[3], size = 0, farthest = 0;
+    float size = 0, farthest = 0, lower, upper;
     size_t i, k;
-    for (k = 0; k < 3; k++) lower[k] = FLT_MAX, upper[k] = -FLT_MAX;
-    for (i = 0; i < 3 * itn__vertex_count(builder); i++) {
-        k = i % 3;
-        lower[k] = itn__min(lower[k], positions[i]), upper[k] = itn__max(upper[k], positions[i]);
-    }
     for (k = 0; k < 3; k++) {
-        size = itn__max(size, upper[k] - lower[k]);
-        farthest = itn__max(farthest, itn__max(-lower[k], upper[k]));
+        lower = upper = positions[k];
+        for (i = k; i < 3 * count; i += 3) {
+            lower = itn__min(lower, positions[i]);
+            upper = itn__max(upper, positions[i]);
+        }
+        size = itn__max(size, upper - lower);
+        farthest = itn__max(farthest, itn__max(-lower, upper));
     }
     if (!(size > 0 && farthest * FLT_EPSILON > 1e-3f * size)) return ITN_OK;
     return itn__fail(error, ITN_ERROR_FORMAT, 0,
@@ -18214,7 +18057,7 @@ static itn_result itn__check_digits(const itn__builder *builder, const char *nam
 }
 
 /* Makes the mesh from what was collected. */
-static itn_result itn__builder_mesh(itn__builder *builder, const char *name,
+static itn_result itn__builder_mesh(const itn__builder *builder, const char *name,
                                     const itn_context *context, itn_mesh *mesh,
                                     itn_error *error) {
     size_t vertices = itn__vertex_count(builder), i;
@@ -18222,20 +18065,19 @@ static itn_result itn__builder_mesh(itn__builder *builder, const char *name,
     const itn__corner *corners = (const itn__corner *)(const void *)builder->triangles.bytes;
     itn_result result;
     if (!count)
-        return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: mesh has no face (of PLY or OBJ)", name);
+        return itn__fail(error, ITN_ERROR_FORMAT, 0,
+                         "%s: mesh has no face, or the file is neither PLY nor OBJ", name);
     if (vertices > INT_MAX / 3 || count > INT_MAX / 3)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: mesh is too large", name);
-    result = itn__check_digits(builder, name, error);
+    result = itn__check_digits((const float *)(const void *)builder->positions.bytes, vertices,
+                               name, error);
     if (result) return result;
     result = itn_mesh_create((int)vertices, (int)count, !builder->untextured, context, mesh, error);
     if (result) return result;
     memcpy(mesh->positions, builder->positions.bytes, builder->positions.size);
     for (i = 0; i < 3 * count; i++) {
         mesh->triangles[i] = corners[i].vertex;
-        if (mesh->uvs)
-            memcpy(mesh->uvs + 2 * i,
-                   builder->texcoords.bytes + (size_t)corners[i].texture * 2 * sizeof(float),
-                   2 * sizeof(float));
+        if (mesh->uvs) memcpy(mesh->uvs + 2 * i, corners[i].uv, sizeof corners[i].uv);
     }
     return ITN_OK;
 }
@@ -18243,7 +18085,7 @@ static itn_result itn__builder_mesh(itn__builder *builder, const char *name,
 /* OBJ is lines of a keyword and arguments: "v x y z", "vt u v", "f a/t/n ...". Indices count from
    1, or backwards from -1, the latest. */
 
-/* Reads least to most numbers; what stands behind them (weights, colours) is let go. */
+/* Reads least to most numbers. */
 static itn_result itn__obj_numbers(itn__text *text, int least, int most, float *numbers,
                                    const char *what, itn_error *error) {
     itn_result result = ITN_OK;
@@ -18258,32 +18100,28 @@ static int64_t itn__obj_index(itn__text *text, size_t count) {
     int negative = text->at < text->end && *text->at == '-';
     uint64_t digits = 0;
     int64_t dropped = 0;
-    const char *start = text->at += negative;
-    text->at = itn__parse_digits(text->at, text->end, &digits, &dropped);
+    text->at = itn__parse_digits(text->at + negative, text->end, &digits, &dropped);
     if (count > INT_MAX) count = INT_MAX;
-    if (text->at == start || dropped || !digits || digits > count) return -1;
+    if (dropped || !digits || digits > count) return -1;
     return negative ? (int64_t)count - (int64_t)digits : (int64_t)digits - 1;
 }
 
 /* Reads a corner "v", "v/t", "v//n" or "v/t/n"; returns whether it is valid. */
 static int itn__obj_corner(itn__text *text, itn__builder *builder, size_t normals) {
-    int length = itn__word_length(text);
-    const char *end = text->at + length;
-    int64_t vertex = itn__obj_index(text, itn__vertex_count(builder)), texture = -1;
-    if (vertex < 0) return 0;
-    if (text->at < end && *text->at == '/') {
-        text->at++;
-        if (text->at < end && *text->at != '/') {
-            texture = itn__obj_index(text, itn__texcoord_count(builder));
-            if (texture < 0) return 0;
-        }
-        if (text->at < end && *text->at == '/') {
-            text->at++;
-            if (text->at < end && itn__obj_index(text, normals) < 0) return 0;
-        }
+    const char *end = text->at + itn__word_length(text);
+    int64_t index[3] = {-1, -1, -1};
+    size_t counts[3];
+    int k;
+    counts[0] = itn__vertex_count(builder), counts[1] = itn__texcoord_count(builder);
+    counts[2] = normals;
+    for (k = 0; k < 3; k++) {
+        if (k > 0 && text->at < end && *text->at++ != '/') return 0;
+        if (text->at == end || (k == 1 && *text->at == '/')) continue;
+        index[k] = itn__obj_index(text, counts[k]);
+        if (index[k] < 0) return 0;
     }
-    if (text->at != end) return 0;
-    itn__add_corner(builder, (size_t)vertex, texture);
+    if (text->at != end || index[0] < 0) return 0;
+    itn__add_corner(builder, (size_t)index[0], index[1]);
     return 1;
 }
 
@@ -18295,22 +18133,18 @@ static itn_result itn__obj_face(itn__text *text, itn__builder *builder, size_t n
         const char *word = text->at;
         int length = itn__word_length(text);
         if (!itn__obj_corner(text, builder, normals))
-            return itn__fail(error, ITN_ERROR_FORMAT, text->line,
-                             "%s:%d: face corner '%.*s' is not an index above this line (%.0f "
-                             "vertices, %.0f texture coordinates, %.0f normals)",
-                             text->name, text->line, length > 40 ? 40 : length, word,
-                             (double)itn__vertex_count(builder),
-                             (double)itn__texcoord_count(builder), (double)normals);
+            return itn__text_fail(text, ITN_ERROR_FORMAT, error,
+                                  "face corner '%.*s' is not an index above this line (%.0f "
+                                  "vertices, %.0f texture coordinates, %.0f normals)",
+                                  length > 40 ? 40 : length, word,
+                                  (double)itn__vertex_count(builder),
+                                  (double)itn__texcoord_count(builder), (double)normals);
     }
     fault = itn__add_polygon(builder);
-    if (!fault) return ITN_OK;
-    return itn__fail(error, itn__mesh_fault(fault), text->line, "%s:%d: %s", text->name,
-                     text->line, fault);
+    return fault ? itn__text_fail(text, itn__mesh_fault(fault), error, "%s", fault) : ITN_OK;
 }
 
-static itn_result itn__obj_decode(const void *bytes, size_t size, const char *name,
-                                  itn__builder *builder, itn_error *error) {
-    itn__text text = itn__text_make(bytes, size, name);
+static itn_result itn__obj_decode(itn__text text, itn__builder *builder, itn_error *error) {
     size_t normals = 0;
     itn_result result = ITN_OK;
     for (; text.at < text.end && !result; itn__next_line(&text)) {
@@ -18327,8 +18161,12 @@ static itn_result itn__obj_decode(const void *bytes, size_t size, const char *na
         } else if (itn__accept_word(&text, "f")) {
             result = itn__obj_face(&text, builder, normals, error);
         }
-        while (!result && !itn__line_done(&text)) /* also where it goes on in the next line */
-            text.at += itn__word_length(&text);
+        /* the rest is let go, also where a backslash that stands alone leads to the next line; one
+           that ends a word is a part of a name */
+        while (!result && !itn__line_done(&text))
+            while (text.at < text.end && *text.at != ' ' && *text.at != '\t' &&
+                   !itn__newline(text.at, text.end))
+                text.at++;
     }
     return result;
 }
@@ -18352,60 +18190,67 @@ enum {
     ITN__PLY_TEXCOORDS,
     ITN__PLY_NONE
 };
-enum { ITN__PLY_INT8, ITN__PLY_UINT8, ITN__PLY_INT16, ITN__PLY_UINT16, ITN__PLY_INT32,
-       ITN__PLY_UINT32, ITN__PLY_FLOAT, ITN__PLY_DOUBLE, ITN__PLY_TYPES };
+
+static const struct itn__ply_number {
+    const char *names[2];
+    char kind; /* signed, unsigned, float */
+    unsigned char size;
+} itn__ply_types[] = {{{"char", "int8"}, 's', 1},     {{"uchar", "uint8"}, 'u', 1},
+                      {{"short", "int16"}, 's', 2},   {{"ushort", "uint16"}, 'u', 2},
+                      {{"int", "int32"}, 's', 4},     {{"uint", "uint32"}, 'u', 4},
+                      {{"float", "float32"}, 'f', 4}, {{"double", "float64"}, 'f', 8}};
 
 typedef struct itn__ply_property {
-    signed char type, list; /* list: the type of the count, -1 for a scalar */
-    unsigned char role;
+    const struct itn__ply_number *type, *list; /* list: of the count, NULL for a scalar */
+    int role;
 } itn__ply_property;
 
 typedef struct itn__ply_element {
-    int kind, first, properties;
+    int kind, first, end; /* of its properties */
     uint64_t count;
-    int has[ITN__PLY_NONE + 1]; /* roles that some property has */
 } itn__ply_element;
 
 typedef struct itn__ply {
     itn__text text;
-    const char *start;
     int format, element_count, property_count;
     itn__ply_element elements[ITN__PLY_ELEMENTS];
     itn__ply_property properties[ITN__PLY_PROPERTIES];
     const itn__ply_element *element; /* being read */
     uint64_t index;                  /* of the one being read */
     itn__builder *builder;
-    int textured;          /* every vertex has texture coordinates */
-    itn__buffer texcoords; /* float each, of the face being read */
+    int textured; /* every vertex has texture coordinates */
 } itn__ply;
 
-/* Fails with the place: the line in text, the byte in binary data, and the entry of the element. */
-static itn_result itn__ply_fail(const itn__ply *ply, itn_result code, const char *what,
-                                itn_error *error) {
+/* Fails with the place and, if one is being read, the entry of the element. */
+static itn_result itn__ply_fail(const itn__ply *ply, const char *what, itn_error *error) {
     static const char *const kinds[] = {"entry", "vertex", "face"};
-    char entry[64] = "";
-    if (ply->element)
-        itn__print(entry, sizeof entry, " %s %.0f:", kinds[ply->element->kind], (double)ply->index);
-    if (ply->format <= ITN__PLY_ASCII || !ply->element)
-        return itn__fail(error, code, ply->text.line, "%s:%d: PLY%s %s", ply->text.name,
-                         ply->text.line, entry, what);
-    return itn__fail(error, code, 0, "%s: byte %.0f: PLY%s %s", ply->text.name,
-                     (double)(ply->text.at - ply->start), entry, what);
+    itn_result code = itn__mesh_fault(what);
+    if (!ply->element) return itn__text_fail(&ply->text, code, error, "PLY %s", what);
+    return itn__text_fail(&ply->text, code, error, "PLY %s %.0f: %s", kinds[ply->element->kind],
+                          (double)ply->index, what);
 }
 
-/* Steps over the name of a type; -1 if none is there. */
-static int itn__ply_type(itn__text *text) {
-    static const char *const names[] = {"char",   "int8",  "uchar", "uint8",  "short", "int16",
-                                        "ushort", "uint16", "int",  "int32",  "uint",  "uint32",
-                                        "float",  "float32", "double", "float64"};
+/* Which property of an element has a role; NULL if none has. */
+static const itn__ply_property *itn__ply_find(const itn__ply *ply, const itn__ply_element *element,
+                                              int role) {
     int i;
-    itn__skip_blanks(text);
-    for (i = 0; i < 2 * ITN__PLY_TYPES; i++)
-        if (itn__accept_word(text, names[i])) return i / 2;
-    return -1;
+    for (i = element->first; i < element->end; i++)
+        if (ply->properties[i].role == role) return &ply->properties[i];
+    return NULL;
 }
 
-static int itn__ply_role(itn__text *text, int kind, int list) {
+/* Steps over the name of a type; NULL if none is there. */
+static const struct itn__ply_number *itn__ply_type(itn__text *text) {
+    size_t i;
+    itn__skip_blanks(text);
+    for (i = 0; i < 16; i++)
+        if (itn__accept_word(text, itn__ply_types[i / 2].names[i % 2]))
+            return &itn__ply_types[i / 2];
+    return NULL;
+}
+
+/* Reads "TYPE name" or "list TYPE TYPE name". */
+static const char *itn__ply_property_line(itn__ply *ply) {
     static const struct {
         const char *name;
         int kind, role;
@@ -18413,103 +18258,90 @@ static int itn__ply_role(itn__text *text, int kind, int list) {
                  {"y", ITN__PLY_VERTEX, ITN__PLY_X + 1},
                  {"z", ITN__PLY_VERTEX, ITN__PLY_X + 2},
                  {"u", ITN__PLY_VERTEX, ITN__PLY_U},
-                 {"v", ITN__PLY_VERTEX, ITN__PLY_U + 1},
                  {"s", ITN__PLY_VERTEX, ITN__PLY_U},
-                 {"t", ITN__PLY_VERTEX, ITN__PLY_U + 1},
                  {"texture_u", ITN__PLY_VERTEX, ITN__PLY_U},
+                 {"v", ITN__PLY_VERTEX, ITN__PLY_U + 1},
+                 {"t", ITN__PLY_VERTEX, ITN__PLY_U + 1},
                  {"texture_v", ITN__PLY_VERTEX, ITN__PLY_U + 1},
                  {"vertex_indices", ITN__PLY_FACE, ITN__PLY_CORNERS},
                  {"vertex_index", ITN__PLY_FACE, ITN__PLY_CORNERS},
                  {"texcoord", ITN__PLY_FACE, ITN__PLY_TEXCOORDS}};
-    size_t i;
-    for (i = 0; i < sizeof roles / sizeof *roles; i++)
-        if (roles[i].kind == kind && (kind == ITN__PLY_FACE) == list &&
-            itn__accept_word(text, roles[i].name))
-            return roles[i].role;
-    return ITN__PLY_NONE;
-}
-
-/* Reads "TYPE name" or "list TYPE TYPE name". */
-static const char *itn__ply_property_line(itn__ply *ply) {
     itn__ply_element *element = ply->elements + ply->element_count - 1;
-    itn__ply_property *property = ply->properties + ply->property_count;
-    int list, role;
+    itn__ply_property property = {NULL, NULL, ITN__PLY_NONE};
+    int list = itn__accept_word(&ply->text, "list");
+    size_t i;
     if (!ply->element_count) return "property stands before any element";
     if (ply->property_count == ITN__PLY_PROPERTIES) return "has more than 512 properties";
-    list = itn__accept_word(&ply->text, "list");
-    property->list = (signed char)(list ? itn__ply_type(&ply->text) : -1);
-    property->type = (signed char)itn__ply_type(&ply->text);
-    if (property->type < 0 || (list && property->list < 0)) return "property has no valid type";
-    if (property->list >= ITN__PLY_FLOAT) return "list has a count that is no integer";
+    if (list) property.list = itn__ply_type(&ply->text);
+    property.type = itn__ply_type(&ply->text);
+    if (!property.type || (list && !property.list)) return "property has no valid type";
+    if (list && property.list->kind == 'f') return "list has a count that is no integer";
     if (itn__line_done(&ply->text)) return "property has no name";
-    role = itn__ply_role(&ply->text, element->kind, list);
-    if (element->has[role]) role = ITN__PLY_NONE;
-    element->has[role] = 1;
-    property->role = (unsigned char)role;
-    ply->property_count++;
-    element->properties++;
+    for (i = 0; i < sizeof roles / sizeof *roles; i++)
+        if (roles[i].kind == element->kind && (element->kind == ITN__PLY_FACE) == list &&
+            !itn__ply_find(ply, element, roles[i].role) &&
+            itn__accept_word(&ply->text, roles[i].name))
+            property.role = roles[i].role;
+    ply->properties[ply->property_count++] = property;
+    element->end = ply->property_count;
     return NULL;
 }
 
 /* Reads "name count". */
 static const char *itn__ply_element_line(itn__ply *ply) {
-    itn__ply_element *element = ply->elements + ply->element_count;
+    itn__ply_element element = ITN_ZERO;
     int64_t dropped = 0;
-    int i;
     const char *start;
-    if (ply->element_count == ITN__PLY_ELEMENTS) return "has more than 32 elements";
-    element->first = ply->property_count;
-    element->kind = itn__accept_word(&ply->text, "vertex") ? ITN__PLY_VERTEX
-                    : itn__accept_word(&ply->text, "face") ? ITN__PLY_FACE
-                                                           : ITN__PLY_OTHER;
+    int i;
+    element.first = element.end = ply->property_count;
+    element.kind = itn__accept_word(&ply->text, "vertex") ? ITN__PLY_VERTEX
+                   : itn__accept_word(&ply->text, "face") ? ITN__PLY_FACE
+                                                          : ITN__PLY_OTHER;
     ply->text.at += itn__word_length(&ply->text);
     itn__skip_blanks(&ply->text);
     start = ply->text.at;
-    ply->text.at = itn__parse_digits(start, ply->text.end, &element->count, &dropped);
+    ply->text.at = itn__parse_digits(start, ply->text.end, &element.count, &dropped);
     if (ply->text.at == start || dropped || !itn__line_done(&ply->text))
         return "element has no valid count";
-    if (element->kind && element->count > INT_MAX) return "has too many vertices or faces";
-    for (i = 0; i < ply->element_count; i++)
-        if (element->kind && ply->elements[i].kind == element->kind)
-            return "has an element twice";
-    ply->element_count++;
-    return NULL;
-}
-
-static const char *itn__ply_format_line(itn__ply *ply) {
-    if (itn__accept_word(&ply->text, "ascii")) ply->format = ITN__PLY_ASCII;
-    if (itn__accept_word(&ply->text, "binary_little_endian")) ply->format = ITN__PLY_LITTLE;
-    if (itn__accept_word(&ply->text, "binary_big_endian")) ply->format = ITN__PLY_BIG;
-    itn__skip_blanks(&ply->text);
-    if (!ply->format || !itn__accept_word(&ply->text, "1.0")) return "has an unknown format";
+    if (element.kind && element.count > INT_MAX) return "has too many vertices or faces";
+    for (i = 0; element.kind && i < ply->element_count; i++)
+        if (ply->elements[i].kind == element.kind) return "has an element twice";
+    if (ply->element_count == ITN__PLY_ELEMENTS) return "has more than 32 elements";
+    ply->elements[ply->element_count++] = element;
     return NULL;
 }
 
 /* Reads one line of the header. */
 static const char *itn__ply_header_line(itn__ply *ply) {
+    static const char *const formats[] = {"ascii", "binary_little_endian", "binary_big_endian"};
     itn__text *text = &ply->text;
-    int kind = itn__accept_word(text, "format")     ? 1
-               : itn__accept_word(text, "element")  ? 2
-               : itn__accept_word(text, "property") ? 3
-                                                    : 0;
-    if (itn__accept_word(text, "comment") || itn__accept_word(text, "obj_info")) return NULL;
+    int element, property, i;
+    if (itn__newline(text->at, text->end) || itn__accept_word(text, "comment") ||
+        itn__accept_word(text, "obj_info"))
+        return NULL;
+    element = itn__accept_word(text, "element"), property = itn__accept_word(text, "property");
+    if (!element && !property && !itn__accept_word(text, "format"))
+        return "header has an unknown keyword";
     itn__skip_blanks(text);
-    return kind == 1   ? itn__ply_format_line(ply)
-           : kind == 2 ? itn__ply_element_line(ply)
-           : kind == 3 ? itn__ply_property_line(ply)
-                       : "header has an unknown keyword";
+    if (element) return itn__ply_element_line(ply);
+    if (property) return itn__ply_property_line(ply);
+    for (i = 0; i < 3; i++)
+        if (itn__accept_word(text, formats[i])) ply->format = i + 1;
+    itn__skip_blanks(text);
+    return ply->format && itn__accept_word(text, "1.0") ? NULL : "has an unknown format";
 }
 
 /* Whether vertices have positions, faces have corners, and vertices come first. */
 static const char *itn__ply_header_complete(const itn__ply *ply) {
-    int i, vertices = 0, faces = 0;
-    for (i = 0; i < ply->element_count; i++) {
-        const itn__ply_element *element = ply->elements + i;
-        const int *has = element->has;
-        if (element->kind == ITN__PLY_FACE) faces = has[ITN__PLY_CORNERS];
+    const itn__ply_element *element = ply->elements;
+    int i, role, vertices = 0, faces = 0;
+    for (i = 0; i < ply->element_count; i++, element++) {
+        if (element->kind == ITN__PLY_FACE)
+            faces = itn__ply_find(ply, element, ITN__PLY_CORNERS) != NULL;
         if (element->kind != ITN__PLY_VERTEX) continue;
         if (faces) return "faces stand before the vertices";
-        vertices = has[ITN__PLY_X] && has[ITN__PLY_X + 1] && has[ITN__PLY_X + 2];
+        for (vertices = 1, role = ITN__PLY_X; role < ITN__PLY_X + 3; role++)
+            vertices &= itn__ply_find(ply, element, role) != NULL;
     }
     if (!vertices) return "has no vertex with x, y, z";
     return faces ? NULL : "has no face with a list vertex_indices";
@@ -18517,126 +18349,97 @@ static const char *itn__ply_header_complete(const itn__ply *ply) {
 
 static itn_result itn__ply_header(itn__ply *ply, itn_error *error) {
     itn__text *text = &ply->text;
-    /* "ply" ends in CR LF or LF or CR; in CR, a CR LF at the end is a line end and a datum */
-    int lone_return = text->at[3] == '\r' && itn__newline(text->at + 3, text->end) == 1, newline;
     const char *fault = NULL;
-    itn__next_line(text);
-    for (; text->at < text->end && !fault; itn__next_line(text)) {
+    /* "ply" ends in CR LF or LF or CR; in CR, a CR LF at the end is a line end and a datum */
+    int newline, lone_return;
+    itn__skip_blanks(text);
+    lone_return = text->end - text->at > 1 && text->at[0] == '\r' && text->at[1] != '\n';
+    for (itn__next_line(text); !fault && text->at < text->end; itn__next_line(text)) {
         if (itn__accept_word(text, "end_header")) break;
-        if (!itn__newline(text->at, text->end)) fault = itn__ply_header_line(ply);
+        fault = itn__ply_header_line(ply);
         if (fault) break;
     }
     if (!fault) itn__skip_blanks(text);
     newline = itn__newline(text->at, text->end);
     if (!fault && !newline) fault = "header has no end";
     if (!fault && !ply->format) fault = "header has no format";
-    if (fault) return itn__ply_fail(ply, ITN_ERROR_FORMAT, fault, error);
+    if (fault) return itn__ply_fail(ply, fault, error);
     fault = itn__ply_header_complete(ply);
-    if (fault) return itn__ply_fail(ply, ITN_ERROR_UNSUPPORTED, fault, error);
+    if (fault) return itn__text_fail(text, ITN_ERROR_UNSUPPORTED, error, "PLY %s", fault);
     text->at += lone_return ? 1 : newline; /* what follows may be binary, and look like anything */
-    text->line++;
+    text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
     return ITN_OK;
 }
 
-static size_t itn__ply_type_size(int type) {
-    static const unsigned char sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
-    return sizes[type];
-}
-
-/* The number that little-endian bytes hold. */
-static double itn__ply_binary(const unsigned char *bytes, int type) {
-    uint64_t bits;
-    double value;
-    switch (type) {
-    case ITN__PLY_INT8: return bytes[0] < 128 ? bytes[0] : bytes[0] - 256;
-    case ITN__PLY_UINT8: return bytes[0];
-    case ITN__PLY_INT16: return (int)itn__get_u16(bytes) - (bytes[1] < 128 ? 0 : 65536);
-    case ITN__PLY_UINT16: return itn__get_u16(bytes);
-    case ITN__PLY_INT32: return itn__get_i32(bytes);
-    case ITN__PLY_UINT32: return itn__get_u32(bytes);
-    case ITN__PLY_FLOAT: return (double)itn__get_float(bytes);
-    default: bits = itn__get_u64(bytes); memcpy(&value, &bits, 8); return value;
-    }
-}
-
-/* Reads a number of any type and steps behind it; returns 0 if there is none. */
-static int itn__ply_value(itn__ply *ply, int type, double *value) {
-    unsigned char bytes[8];
-    size_t size = itn__ply_type_size(type), i;
+/* Reads a number of any type and steps behind it; NaN if the text is none. Returns 0 at the end. */
+static int itn__ply_value(itn__ply *ply, const struct itn__ply_number *type, double *value) {
+    const unsigned char *bytes;
+    const char *end;
+    uint64_t bits = 0;
+    uint32_t half;
+    float number;
+    int i;
     if (ply->format == ITN__PLY_ASCII) {
-        const char *end;
         itn__skip_space(&ply->text);
         end = ply->text.at + itn__word_length(&ply->text);
-        if (itn__parse_number(ply->text.at, end, value) != end) return 0;
+        if (end == ply->text.at) return 0;
+        if (itn__parse_number(ply->text.at, end, value) != end) *value = (double)NAN;
         ply->text.at = end;
         return 1;
     }
-    if ((size_t)(ply->text.end - ply->text.at) < size) return 0;
-    for (i = 0; i < size; i++)
-        bytes[ply->format == ITN__PLY_LITTLE ? i : size - 1 - i] = (unsigned char)ply->text.at[i];
-    *value = itn__ply_binary(bytes, type);
-    ply->text.at += size;
-    return 1;
-}
-
-/* Steps over a number, which may be anything; returns 0 if there is none. */
-static int itn__ply_skip(itn__ply *ply, int type) {
-    size_t size = itn__ply_type_size(type);
-    if (ply->format == ITN__PLY_ASCII) {
-        itn__skip_space(&ply->text);
-        size = (size_t)itn__word_length(&ply->text);
+    bytes = itn__take_bytes(&ply->text, type->size);
+    if (!bytes) return 0;
+    for (i = 0; i < type->size; i++)
+        bits = bits << 8 | bytes[ply->format == ITN__PLY_BIG ? i : type->size - 1 - i];
+    if (type->kind != 'f') {
+        *value = (double)bits;
+        if (type->kind == 's' && bits >> (8 * type->size - 1)) *value -= ldexp(1, 8 * type->size);
+    } else if (type->size == 4) {
+        half = (uint32_t)bits;
+        memcpy(&number, &half, 4);
+        *value = (double)number;
+    } else {
+        memcpy(value, &bits, 8);
     }
-    if (size == 0 || (size_t)(ply->text.end - ply->text.at) < size) return 0;
-    ply->text.at += size;
     return 1;
-}
-
-/* Adds a corner that names vertex `value`. */
-static const char *itn__ply_corner(itn__ply *ply, double value) {
-    double vertices = (double)itn__vertex_count(ply->builder);
-    if (ply->builder->positions.failed) return "out of memory";
-    if (!(value >= 0 && value < vertices && value == floor(value)))
-        return "names a vertex that does not exist";
-    itn__add_corner(ply->builder, (size_t)value, ply->textured ? (int64_t)value : -1);
-    return NULL;
 }
 
 /* Reads a list. Every step takes bytes, so that a count that lies ends with them. */
 static const char *itn__ply_list(itn__ply *ply, const itn__ply_property *property) {
+    itn__builder *builder = ply->builder;
     double count, value = 0;
-    const char *fault = NULL;
+    float coordinate;
     if (!itn__ply_value(ply, property->list, &count)) return "list has no count";
     if (!(count >= 0 && count == floor(count))) return "list has no valid count";
-    for (; count > 0 && !fault; count--) {
-        if (property->role == ITN__PLY_NONE) {
-            if (!itn__ply_skip(ply, property->type)) return "list ends early";
-            continue;
-        }
-        if (!itn__ply_value(ply, property->type, &value)) return "list ends early or is no number";
+    for (; count > 0; count--) {
+        if (!itn__ply_value(ply, property->type, &value)) return "list ends early";
         if (property->role == ITN__PLY_CORNERS) {
-            fault = itn__ply_corner(ply, value);
-        } else {
-            float coordinate = (float)value;
-            if (!itn__finite(coordinate)) return "has a texture coordinate that is not finite";
-            itn__put(&ply->texcoords, &coordinate, sizeof coordinate);
+            if (itn__builder_failed(builder)) return "out of memory";
+            if (!(value >= 0 && value < (double)itn__vertex_count(builder) &&
+                  value == floor(value)))
+                return "names a vertex that does not exist";
+            itn__add_corner(builder, (size_t)value, ply->textured ? (int64_t)value : -1);
+        } else if (property->role == ITN__PLY_TEXCOORDS) {
+            coordinate = (float)value;
+            if (!itn__finite(coordinate)) return "a texture coordinate is not a finite number";
+            itn__put(&builder->texcoords, &coordinate, sizeof coordinate);
         }
     }
-    return fault;
+    return NULL;
 }
 
-/* Turns what was read of a face into triangles; its own texture coordinates, if any, count more
-   than those of its vertices. */
-static const char *itn__ply_face(itn__ply *ply) {
-    itn__builder *builder = ply->builder;
-    size_t corners = itn__corner_count(builder), first = itn__texcoord_count(builder), i;
-    itn__corner *corner = (itn__corner *)(void *)builder->corners.bytes;
-    if (ply->texcoords.failed || builder->corners.failed) return "out of memory";
-    if (ply->texcoords.size) {
-        if (ply->texcoords.size != corners * 2 * sizeof(float))
-            return "has not two texture coordinates per corner";
-        if (first + corners > INT_MAX) return "has too many texture coordinates";
-        itn__put(&builder->texcoords, ply->texcoords.bytes, ply->texcoords.size);
-        for (i = 0; i < corners; i++) corner[i].texture = (int)(first + i);
+/* Turns what was read of a face into triangles; its own texture coordinates, if any, stand behind
+   those of the vertices and count more. */
+static const char *itn__ply_face(itn__builder *builder, size_t of_vertices) {
+    size_t corners = builder->corners.size / sizeof(itn__corner), i;
+    size_t size = builder->texcoords.size - of_vertices;
+    itn__corner *corner = itn__corner_list(builder);
+    builder->texcoords.size = of_vertices;
+    if (size && size != corners * sizeof corner->uv)
+        return "has not two texture coordinates per corner";
+    for (i = 0; size && i < corners; i++, of_vertices += sizeof corner->uv) {
+        memcpy(corner[i].uv, builder->texcoords.bytes + of_vertices, sizeof corner->uv);
+        corner[i].textured = 1;
     }
     return itn__add_polygon(builder);
 }
@@ -18645,28 +18448,25 @@ static const char *itn__ply_face(itn__ply *ply) {
 static const char *itn__ply_entry(itn__ply *ply) {
     const itn__ply_element *element = ply->element;
     float values[ITN__PLY_SCALARS] = {0, 0, 0, 0, 0};
+    size_t of_vertices = ply->builder->texcoords.size;
     const char *fault = NULL;
     double value = 0;
     int i;
-    ply->builder->corners.size = ply->texcoords.size = 0;
-    for (i = 0; i < element->properties && !fault; i++) {
-        const itn__ply_property *property = ply->properties + element->first + i;
-        if (property->list >= 0) {
-            fault = itn__ply_list(ply, property);
-        } else if (property->role >= ITN__PLY_SCALARS) {
-            if (!itn__ply_skip(ply, property->type)) fault = "data ends early";
-        } else {
-            if (!itn__ply_value(ply, property->type, &value))
-                return "coordinate is missing or no number";
-            if (!itn__finite((float)value)) return "coordinate is not finite";
-            values[property->role] = (float)value;
-        }
+    ply->builder->corners.size = 0;
+    for (i = element->first; i < element->end && !fault; i++) {
+        const itn__ply_property *property = ply->properties + i;
+        if (property->list) fault = itn__ply_list(ply, property);
+        else if (!itn__ply_value(ply, property->type, &value)) fault = "data ends early";
+        else if (property->role < ITN__PLY_U && !itn__finite((float)value))
+            fault = "a coordinate is not a finite number";
+        else if (property->role < ITN__PLY_SCALARS && !itn__finite((float)value))
+            fault = "a texture coordinate is not a finite number";
+        else if (property->role < ITN__PLY_SCALARS) values[property->role] = (float)value;
     }
     if (fault || element->kind == ITN__PLY_OTHER) return fault;
-    if (element->kind == ITN__PLY_FACE) return itn__ply_face(ply);
+    if (element->kind == ITN__PLY_FACE) return itn__ply_face(ply->builder, of_vertices);
     itn__put(&ply->builder->positions, values, 3 * sizeof(float));
-    if (element->has[ITN__PLY_U] && element->has[ITN__PLY_U + 1])
-        itn__put(&ply->builder->texcoords, values + ITN__PLY_U, 2 * sizeof(float));
+    if (ply->textured) itn__put(&ply->builder->texcoords, values + 3, 2 * sizeof(float));
     return NULL;
 }
 
@@ -18676,68 +18476,59 @@ static itn_result itn__ply_read_element(itn__ply *ply, itn_error *error) {
     size_t least = 0, left = (size_t)(ply->text.end - ply->text.at);
     const char *fault = NULL;
     int i;
-    for (i = element->first; i < element->first + element->properties; i++) {
+    for (i = element->first; i < element->end; i++) {
         const itn__ply_property *property = ply->properties + i;
-        least += ply->format == ITN__PLY_ASCII
-                     ? 2
-                     : itn__ply_type_size(property->list >= 0 ? property->list : property->type);
+        least += ply->format == ITN__PLY_ASCII ? 2
+                 : property->list              ? property->list->size
+                                               : property->type->size;
     }
     if (!least) return ITN_OK;
-    ply->index = 0;
-    if (element->count > (left + 1) / least)
-        return itn__ply_fail(ply, ITN_ERROR_FORMAT, "count is larger than the file", error);
-    for (ply->index = 0; ply->index < element->count; ply->index++) {
-        fault = itn__ply_entry(ply);
-        if (fault) return itn__ply_fail(ply, itn__mesh_fault(fault), fault, error);
-    }
     if (element->kind == ITN__PLY_VERTEX)
-        ply->textured = itn__texcoord_count(ply->builder) == itn__vertex_count(ply->builder);
-    return ITN_OK;
+        ply->textured = itn__ply_find(ply, element, ITN__PLY_U) &&
+                        itn__ply_find(ply, element, ITN__PLY_U + 1);
+    if (element->count > (left + 1) / least) fault = "count is larger than the file";
+    for (ply->index = 0; !fault && ply->index < element->count; ply->index += !fault)
+        fault = itn__ply_entry(ply);
+    return fault ? itn__ply_fail(ply, fault, error) : ITN_OK;
 }
 
-static itn_result itn__ply_decode(const void *bytes, size_t size, const char *name,
-                                  itn__builder *builder, itn_error *error) {
+static itn_result itn__ply_decode(itn__text text, itn__builder *builder, itn_error *error) {
     itn__ply ply = ITN_ZERO;
     itn_result result;
     int i;
-    ply.start = (const char *)bytes;
-    ply.text = itn__text_make(bytes, size, name);
+    ply.text = text;
     ply.builder = builder;
-    ply.texcoords.context = builder->texcoords.context;
     result = itn__ply_header(&ply, error);
     for (i = 0; i < ply.element_count && !result; i++) {
         ply.element = ply.elements + i;
         result = itn__ply_read_element(&ply, error);
     }
-    if (ply.texcoords.failed) builder->texcoords.failed = 1;
-    itn__buffer_free(&ply.texcoords);
     return result;
-}
-
-static int itn__is_ply(const char *bytes, size_t size) {
-    return size >= 4 && !memcmp(bytes, "ply", 3) && itn__newline(bytes + 3, bytes + size);
 }
 
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
                                         const itn_context *context, itn_mesh *mesh,
                                         itn_error *error) {
-    itn__builder builder;
+    itn__builder builder = ITN_ZERO;
     itn_context checked;
+    itn__text text;
     itn_mesh made;
     itn_result result;
     if (!bytes || !mesh)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_from_memory: NULL argument");
     result = itn__context_check(context, &checked, error);
     if (result) return result;
-    if (!name) name = "mesh";
-    itn__builder_make(&builder, &checked);
-    if (itn__is_ply((const char *)bytes, size))
-        result = itn__ply_decode(bytes, size, name, &builder, error);
+    builder.positions.context = builder.texcoords.context = builder.corners.context = checked;
+    builder.points.context = builder.triangles.context = checked;
+    text = itn__text_make(bytes, size, name ? name : "mesh");
+    if (itn__accept_word(&text, "ply") && text.at < text.end)
+        result = itn__ply_decode(text, &builder, error);
     else
-        result = itn__obj_decode(bytes, size, name, &builder, error);
+        result = itn__obj_decode(text, &builder, error);
     if (itn__builder_failed(&builder))
-        result = itn__fail(error, ITN_ERROR_MEMORY, 0, "%s: out of memory for a mesh", name);
-    if (!result) result = itn__builder_mesh(&builder, name, &checked, &made, error);
+        result = itn__fail(error, ITN_ERROR_MEMORY, 0, "%s: out of memory for a mesh", text.name);
+    else if (!result)
+        result = itn__builder_mesh(&builder, text.name, &checked, &made, error);
     itn__builder_free(&builder);
     if (!result) *mesh = made;
     return result;
