@@ -1197,7 +1197,7 @@ static void itn__say_char(itn__prose *prose, char character) {
 }
 
 static void itn__say_word(itn__prose *prose, const char *word, int most) {
-    for (; *word && most != 0; most--) itn__say_char(prose, *word++);
+    for (; most != 0 && *word; most--) itn__say_char(prose, *word++);
 }
 
 /* An integer, with a point before its last `places` digits. */
