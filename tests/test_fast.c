@@ -666,7 +666,7 @@ static void test_threads(void) {
 
 /* Walks in lanes that look around as the fast walk does; each flight that they take for free is
    traced through the tree. */
-typedef struct flock {
+typedef struct herd {
     const itn_scene *scene;
     const itn__tables *tables;
     float *theta;
@@ -676,21 +676,21 @@ typedef struct flock {
     itn__free_space space;
     itn__place places[ITN__LANES];
     double free, cached, wrong, unproven; /* flights */
-} flock;
+} herd;
 
 static void set_lane(itn__vectors *v, int k, itn_vec3 value) {
     ITN__LANE(v->x, k) = value.x, ITN__LANE(v->y, k) = value.y, ITN__LANE(v->z, k) = value.z;
 }
 
 /* Extinction where a walk is; 0 outside of media. */
-static float extinction(const flock *f, int k) {
+static float extinction(const herd *f, int k) {
     const itn__medium *medium = itn__medium_of(f->scene, f->places[k].inside);
     return medium ? f->theta[medium->sigma_t[0]] : 0;
 }
 
 /* Sends a lane's walk straight on from the camera until it is in a medium. Returns 0 if it comes
    to none. */
-static int enter(flock *f, int k) {
+static int enter(herd *f, int k) {
     const itn_scene *scene = f->scene;
     itn__place *place = &f->places[k];
     int x = (int)(itn__uniform(&f->rng) * (float)scene->film.width), crossing;
@@ -717,7 +717,7 @@ static int enter(flock *f, int k) {
 }
 
 /* Draws flights: of all lengths around the mean free path, now and then without a turn. */
-static void aim(flock *f) {
+static void aim(herd *f) {
     int k;
     for (k = 0; k < ITN__LANES; k++) {
         float u = itn__uniform(&f->rng), v = itn__uniform(&f->rng), w = itn__uniform(&f->rng), x, y;
@@ -731,7 +731,7 @@ static void aim(flock *f) {
 }
 
 /* A flight that was not proven free goes on or through, as the tree says. */
-static void fly(flock *f, int k) {
+static void fly(herd *f, int k) {
     itn_ray ray;
     itn_hit hit;
     ray.origin = itn__lane_vector(&f->p, k), ray.direction = itn__lane_vector(&f->d, k);
@@ -758,7 +758,7 @@ static void fly(flock *f, int k) {
 }
 
 /* Traces a flight that was taken for free. */
-static void retrace(flock *f, int k, const itn__vectors *to) {
+static void retrace(herd *f, int k, const itn__vectors *to) {
     itn_ray ray;
     itn_hit hit;
     ray.origin = itn__lane_vector(&f->p, k), ray.direction = itn__lane_vector(&f->d, k);
@@ -769,7 +769,7 @@ static void retrace(flock *f, int k, const itn__vectors *to) {
     set_lane(&f->p, k, itn__lane_vector(to, k));
 }
 
-static void take_step(flock *f) {
+static void take_step(herd *f) {
     itn__ints all = itn__splat_int(-1), safe;
     itn__vectors q;
     itn__floats nq;
@@ -797,7 +797,7 @@ static double check_flights(int which, int resolution, int regions, double fligh
     itn__tables *tables = NULL;
     itn_error error;
     float theta[64];
-    flock f;
+    herd f;
     int k;
     memset(&f, 0, sizeof f);
     stage_need(itn__tables_make(scene, resolution, regions, &tables, &error), &error);
