@@ -13485,11 +13485,11 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
    padded with zero channels. Blocks of the images that a network is given have no more lanes than
    there are channels.
 
-   Forward, the sums of 4 pixels and 2 vectors of output channels, a tile, stay in registers while
-   the loop runs over the 9 taps of a block of inputs: 6 loads serve 8 multiply-adds. Pixels may lie
-   anywhere: their addresses are a list (Dukhan 2019, indirect convolution). It is sorted by the
-   sides of the image at which they lie, so that tiles of small images need not multiply the ring.
-   A task is up to 64 windows times as many panels, of 2 vectors, as its sums have room for: so
+   Forward, the sums of 4 pixels and a panel of 2 vectors of output channels, a tile, stay in
+   registers while the loop runs over the 9 taps of a block of inputs: 6 loads serve 8 multiply-adds.
+   Pixels may lie anywhere: their addresses are a list (Dukhan 2019, indirect convolution). It is
+   sorted by the sides of the image at which they lie, so that tiles of small images need not
+   multiply the ring. A task is up to 64 windows times as many panels as its sums have room for: so
    weights are read in the order of memory where windows are few and reading is what takes time.
 
    Backward, only the chosen one of a window's four pixels has a derivative, so three quarters of
@@ -13536,14 +13536,14 @@ static size_t itn__blocked_real(const itn__blocked *s, size_t block) {
 typedef struct itn__conv {
     itn__blocked in, out;    /* out: after the pooling, half the height and width, whole blocks */
     size_t batch;
-    const float *w, *bias;   /* [9][inputs][outputs], [outputs] */
+    const float *w, *bias;   /* [9][inputs][outputs], a panel behind can be read; [outputs] */
     const float *images;     /* [batch][in], with zeros in the ring */
     float *pooled;           /* [batch][out]: the forward result */
     unsigned char *chosen;   /* as pooled: pixel of the window, 2 row + column, or ITN__SHUT */
     float *d_pooled;         /* as pooled */
     float *d_w, *d_bias;     /* as w and bias */
     float *d_images;         /* as images, overwritten, of whole blocks; the ring is undefined */
-    float *scratch;          /* [itn__conv_scratch] */
+    float *scratch;          /* [itn__weights_slices][itn__weights_sums] */
     size_t panels;           /* of a task of the forward pass */
 } itn__conv;
 
@@ -13551,7 +13551,6 @@ enum {
     ITN__SHUT = 4,                  /* `chosen` of a window that gave 0 */
     ITN__PANEL = 2 * ITN__LANES,    /* output channels of a tile */
     ITN__TASK_WINDOWS = 64,         /* of a forward task, whose windows x panels are as many */
-    ITN__IN_PLACE = 16,              /* windows that are too few for a panel to be copied */
     ITN__PATCH = 9 * ITN__LANES,    /* floats of 3x3 vectors */
     ITN__WEIGHTS_BAND = 32,         /* windows whose inputs fit into the first level of cache */
     ITN__SPREAD_BAND = 16,          /* windows that use the weights of */
@@ -13616,12 +13615,6 @@ static void itn__pixels_make(const itn__conv *c, size_t first, size_t count, itn
     }
 }
 
-/* Weights of a panel and one block of inputs: input i of a tap has row (taps tap + i). */
-typedef struct itn__panel {
-    const float *w;
-    size_t row, taps; /* floats from row to row, rows from tap to tap */
-} itn__panel;
-
 /* Where each use of lanes could load them, GCC does so: this keeps them in a register. */
 #if defined(ITN__X86)
 #define ITN__HOLD(v) __asm__("" : "+v"(v))
@@ -13629,112 +13622,77 @@ typedef struct itn__panel {
 #define ITN__HOLD(v) ((void)0)
 #endif
 
-/* sums[4][ITN__PANEL] += the terms of one block of inputs, `block` floats behind patches[4]. The
-   weights of the panel behind are asked for: it matters where they are not copied. */
-ITN__INLINE void itn__conv_terms(const itn__blocked *in, const itn__panel *panel, int vectors,
-                                 size_t block, const float *const *patches, unsigned at,
-                                 float *sums) {
+/* sums[4][ITN__PANEL] += the terms of one block of inputs, which begin at `plane` of the images and
+   at w of the weights; the weights of the next panel are asked for. */
+ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t block, const float *w_block,
+                                  const itn__pixels *pixels, size_t first, float *sums) {
+    const float *const *patches = pixels->patches + first;
+    const unsigned char *s = pixels->sides + first;
+    unsigned at = s[0] & s[1] & s[2] & s[3];
     size_t bottom = at & ITN__AT_BOTTOM ? 2 : 3, right = at & ITN__AT_RIGHT ? 2 : 3;
-    size_t left = at & ITN__AT_LEFT ? 1 : 0, row = panel->row, x, y, k;
-    /* copied rows follow each other like the pixels: a run of taps is one loop */
-    size_t taps = panel->taps == in->lanes ? right - left : 1;
-    itn__floats sum[4][2], weights[2];
-    int p, v;
+    size_t left = at & ITN__AT_LEFT ? 1 : 0, row = c->out.channels, x, y, k;
+    /* the taps of a row of a single block are one run of inputs and of weights */
+    size_t taps = c->in.blocks == 1 && c->in.channels == c->in.lanes ? right - left : 1;
+    size_t run = taps * itn__blocked_real(&c->in, block);
+    itn__floats sum[4][2];
+    int p;
     ITN__UNROLL
-    for (p = 0; p < 4; p++)
-        ITN__UNROLL
-        for (v = 0; v < vectors; v++)
-            sum[p][v] = itn__load(sums + p * ITN__PANEL + v * ITN__LANES);
+    for (p = 0; p < 4; p++) {
+        sum[p][0] = itn__load(sums + p * ITN__PANEL);
+        sum[p][1] = itn__load(sums + p * ITN__PANEL + ITN__LANES);
+    }
     for (y = at & ITN__AT_TOP ? 1 : 0; y < bottom; y++)
         for (x = left; x < right; x += taps) {
-            const float *w = panel->w + (3 * y + x) * panel->taps * row;
-            size_t from = block + y * in->row + x * in->lanes, end = from + taps * in->lanes;
-            for (k = from; k < end; k++, w += row) {
-                ITN__UNROLL
-                for (v = 0; v < vectors; v++) {
-                    weights[v] = itn__load(w + v * ITN__LANES);
-                    ITN__HOLD(weights[v]);
-                    ITN__PREFETCH_FAR(w + ITN__PANEL + v * ITN__LANES);
-                }
+            const float *w = w_block + (3 * y + x) * c->in.channels * row;
+            size_t from = block * c->in.plane + y * c->in.row + x * c->in.lanes;
+            for (k = from; k < from + run; k++, w += row) {
+                itn__floats w0 = itn__load(w), w1 = itn__load(w + ITN__LANES);
+                ITN__HOLD(w0);
+                ITN__HOLD(w1);
+                ITN__PREFETCH_FAR(w + ITN__PANEL), ITN__PREFETCH_FAR(w + ITN__PANEL + ITN__LANES);
                 ITN__UNROLL
                 for (p = 0; p < 4; p++) {
                     itn__floats value = itn__splat(patches[p][k]);
-                    ITN__UNROLL
-                    for (v = 0; v < vectors; v++) sum[p][v] += value * weights[v];
+                    sum[p][0] += value * w0, sum[p][1] += value * w1;
                 }
             }
         }
     ITN__UNROLL
-    for (p = 0; p < 4; p++)
-        ITN__UNROLL
-        for (v = 0; v < vectors; v++)
-            itn__store(sums + p * ITN__PANEL + v * ITN__LANES, sum[p][v]);
-}
-
-/* The tile of pixels from number `first` on, and of 2 vectors, or of the last one alone. */
-ITN__NOINLINE void itn__conv_tile(const itn__blocked *in, const itn__panel *panel, int vectors,
-                                  size_t block, const itn__pixels *pixels, size_t first,
-                                  float *sums) {
-    const unsigned char *s = pixels->sides + first;
-    unsigned at = s[0] & s[1] & s[2] & s[3];
-    if (vectors == 2)
-        itn__conv_terms(in, panel, 2, block, pixels->patches + first, at, sums);
-    else
-        itn__conv_terms(in, panel, 1, block, pixels->patches + first, at, sums);
-}
-
-/* Copies the weights of output channels from `first` on and one block of inputs; zeros for the
-   padding. to: [9][lanes][ITN__PANEL]. */
-static void itn__panel_copy(const itn__conv *c, size_t block, size_t first, float *to) {
-    size_t inputs = itn__blocked_real(&c->in, block), tap, i;
-    size_t outputs = itn__fewer(c->out.channels - first, ITN__PANEL);
-    if (inputs < c->in.lanes || outputs < ITN__PANEL)
-        memset(to, 0, 9 * c->in.lanes * ITN__PANEL * sizeof *to);
-    for (tap = 0; tap < 9; tap++)
-        for (i = 0; i < inputs; i++) {
-            size_t row = tap * c->in.channels + block * c->in.lanes + i;
-            const float *from = c->w + row * c->out.channels + first;
-            float *copy = to + (tap * c->in.lanes + i) * ITN__PANEL;
-            if (outputs == ITN__PANEL) memcpy(copy, from, ITN__PANEL * sizeof *to);
-            else memcpy(copy, from, outputs * sizeof *to);
-        }
-}
-
-/* ReLU and pooling of one vector of a window, whose pixels' sums are given; the first of equals is
-   taken. Comparisons pass over NaN: `bad`, else 0, keeps it. */
-static void itn__conv_pool(const float *const *sums, itn__floats bias, float *out,
-                           unsigned char *chosen) {
-    itn__floats best = itn__load(sums[0]), zero = itn__splat(0), bad = zero * (best + bias);
-    itn__ints which = itn__splat_int(0), open;
-    int corner;
-    for (corner = 1; corner < 4; corner++) {
-        itn__floats sum = itn__load(sums[corner]);
-        itn__ints more = itn__less(best, sum);
-        bad += zero * sum;
-        best = itn__select(more, sum, best);
-        which = itn__select_int(more, itn__splat_int(corner), which);
+    for (p = 0; p < 4; p++) {
+        itn__store(sums + p * ITN__PANEL, sum[p][0]);
+        itn__store(sums + p * ITN__PANEL + ITN__LANES, sum[p][1]);
     }
-    best += bias;
-    open = itn__less(zero, best);
-    itn__store(out, itn__select(open, best, zero) + bad);
-    itn__store_bytes(chosen, itn__select_int(open, which, itn__splat_int(ITN__SHUT)));
 }
 
-/* The same for the windows of a task and a panel. sums: [4 count][ITN__PANEL], sorted pixels. */
-static void itn__conv_end(const itn__conv *c, size_t panel, size_t count,
-                          const itn__pixels *pixels, const float *sums) {
-    size_t block = 2 * panel, end = itn__fewer(block + 2, c->out.blocks), k, corner;
-    float bias[ITN__LANES] = ITN_ZERO;
-    for (; block < end; block++, sums += ITN__LANES) {
-        memcpy(bias, c->bias + block * ITN__LANES,
-               itn__blocked_real(&c->out, block) * sizeof *bias);
-        for (k = 0; k < count; k++) {
-            size_t out = pixels->outs[k] + block * c->out.plane;
-            const float *four[4];
-            for (corner = 0; corner < 4; corner++)
-                four[corner] = sums + pixels->places[4 * k + corner] * ITN__PANEL;
-            itn__conv_pool(four, itn__load(bias), c->pooled + out, c->chosen + out);
+/* ReLU and pooling of one block of outputs. sums: [4 count][ITN__PANEL], sorted pixels; those of
+   padding are of whatever lay behind the weights. The first of equals is taken. Comparisons pass
+   over NaN: `bad`, else 0, keeps it. */
+static void itn__conv_pool(const itn__conv *c, size_t block, size_t count,
+                           const itn__pixels *pixels, const float *sums) {
+    size_t real = itn__blocked_real(&c->out, block), k;
+    itn__ints inside = itn__int_less(itn__lane_numbers(), itn__splat_int((int32_t)real));
+    itn__floats zero = itn__splat(0), bias;
+    float biases[ITN__LANES] = ITN_ZERO;
+    memcpy(biases, c->bias + block * ITN__LANES, real * sizeof *biases);
+    bias = itn__load(biases);
+    for (k = 0; k < count; k++) {
+        itn__floats best = itn__splat(-FLT_MAX), bad = zero * bias;
+        itn__ints which = itn__splat_int(0), open;
+        size_t out = pixels->outs[k] + block * c->out.plane;
+        int corner;
+        for (corner = 0; corner < 4; corner++) {
+            itn__floats sum = itn__load(sums + pixels->places[4 * k + (size_t)corner] * ITN__PANEL);
+            itn__ints more = itn__less(best, sum);
+            bad += zero * sum;
+            best = itn__select(more, sum, best);
+            which = itn__select_int(more, itn__splat_int(corner), which);
         }
+        best += bias;
+        open = itn__less(zero, best) & inside;
+        bad = itn__select(inside, bad, zero);
+        itn__store(c->pooled + out, itn__select(open, best, zero) + bad);
+        itn__store_bytes(c->chosen + out,
+                         itn__select_int(open, which, itn__splat_int(ITN__SHUT)));
     }
 }
 
@@ -13743,32 +13701,26 @@ static size_t itn__conv_panels(const itn__conv *c) { return (c->out.blocks + 1) 
 static void itn__conv_forward_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
     size_t windows = itn__conv_windows(c), parts = (windows - 1) / ITN__TASK_WINDOWS + 1;
-    size_t first = (size_t)index % parts * ITN__TASK_WINDOWS, panel = (size_t)index / parts;
-    size_t count = itn__fewer(windows - first, ITN__TASK_WINDOWS), block, k, n, p;
-    size_t panels = itn__fewer(itn__conv_panels(c) - panel * c->panels, c->panels);
-    int whole = c->in.channels % c->in.lanes == 0 && c->out.channels % ITN__PANEL == 0;
-    float sums[4 * ITN__TASK_WINDOWS * ITN__PANEL], copy[ITN__PATCH * ITN__PANEL];
+    size_t first = (size_t)index % parts * ITN__TASK_WINDOWS, block, k, p;
+    size_t count = itn__fewer(windows - first, ITN__TASK_WINDOWS);
+    size_t panel = (size_t)index / parts * c->panels;
+    size_t panels = itn__fewer(itn__conv_panels(c) - panel, c->panels);
+    float sums[4 * ITN__TASK_WINDOWS * ITN__PANEL];
     itn__pixels pixels;
-    itn__panel own;
-    panel *= c->panels;
     itn__pixels_make(c, first, count, &pixels);
     memset(sums, 0, panels * count * 4 * ITN__PANEL * sizeof *sums);
     for (block = 0; block < c->in.blocks; block++)
-        for (n = 0; n < panels; n++) {
-            if (whole && count <= ITN__IN_PLACE) {
-                own.row = c->out.channels, own.taps = c->in.channels;
-                own.w = c->w + block * c->in.lanes * own.row + (panel + n) * ITN__PANEL;
-            } else {
-                own.row = ITN__PANEL, own.taps = c->in.lanes, own.w = copy;
-                itn__panel_copy(c, block, (panel + n) * ITN__PANEL, copy);
-            }
+        for (p = 0; p < panels; p++) {
+            const float *w = c->w + block * c->in.lanes * c->out.channels +
+                             (panel + p) * ITN__PANEL;
             for (k = 0; k < count; k++)
-                itn__conv_tile(&c->in, &own, 2 * (panel + n) + 1 < c->out.blocks ? 2 : 1,
-                               block * c->in.plane, &pixels, 4 * k,
-                               sums + (n * count + k) * 4 * ITN__PANEL);
+                itn__conv_tile(c, block, w, &pixels, 4 * k,
+                               sums + (p * count + k) * 4 * ITN__PANEL);
         }
-    for (p = 0; p < panels; p++)
-        itn__conv_end(c, panel + p, count, &pixels, sums + p * count * 4 * ITN__PANEL);
+    for (block = 2 * panel; block < itn__fewer(2 * (panel + panels), c->out.blocks); block++)
+        itn__conv_pool(c, block, count, &pixels,
+                       sums + (block / 2 - panel) * count * 4 * ITN__PANEL +
+                           block % 2 * ITN__LANES);
 }
 
 static void itn__conv_forward(const itn_context *context, itn__conv *c) {
@@ -13807,15 +13759,16 @@ ITN__NOINLINE void itn__add_patches(size_t count, size_t step, const float *d, c
         for (x = 0; x < 3; x++) itn__store(to + y * to_row + x * ITN__LANES, sum[y][x]);
 }
 
-/* Derivatives in the weights are the work of tasks for each block of outputs and, where these are
-   few, slices of the windows. Their sums, [slice][block of outputs], are [block of inputs][output]
-   [3][3][lane], with those of the biases behind, and are added up in order. */
+/* Weights and their derivatives with input channels in the lanes are [block of inputs][output]
+   [3][3][lane]. The derivatives are the work of tasks for each block of outputs and, where these
+   are few, slices of the windows, whose sums, with those of the biases behind, are added up in
+   order. */
 static size_t itn__weights_slices(const itn__conv *c) {
     size_t blocks = c->out.blocks, slices = (itn__conv_windows(c) + 255) / 256;
     return blocks < 32 ? itn__fewer(slices, 32 / blocks) : 1;
 }
 static size_t itn__weights_sums(const itn__conv *c) {
-    return c->in.blocks * ITN__LANES * ITN__PATCH + ITN__LANES;
+    return c->out.blocks * ITN__LANES * (c->in.blocks * ITN__PATCH + 1);
 }
 
 static void itn__weights_part(void *data, int index) {
@@ -13825,9 +13778,11 @@ static void itn__weights_part(void *data, int index) {
     size_t first = windows * slice / slices, end = windows * (slice + 1) / slices;
     size_t at[ITN__WEIGHTS_BAND * ITN__LANES], corners[5], count, k, o, b;
     float d[ITN__WEIGHTS_BAND * ITN__LANES];
-    float *sums = c->scratch + (size_t)index * itn__weights_sums(c);
+    size_t size = itn__weights_sums(c), outputs = c->out.blocks * ITN__LANES;
+    float *sums = c->scratch + slice * size, *own = sums + block * ITN__LANES * ITN__PATCH;
     itn__floats bias = itn__splat(0);
-    memset(sums, 0, itn__weights_sums(c) * sizeof *sums);
+    for (b = 0; b < c->in.blocks; b++)
+        memset(own + b * outputs * ITN__PATCH, 0, ITN__LANES * ITN__PATCH * sizeof *own);
     for (k = 0; k < 5; k++) corners[k] = itn__conv_corner(&c->in, k); /* ITN__SHUT: d is 0 */
     for (; first < end; first += count) {
         count = itn__fewer(end - first, ITN__WEIGHTS_BAND);
@@ -13845,137 +13800,112 @@ static void itn__weights_part(void *data, int index) {
         for (b = 0; b < c->in.blocks; b++)
             for (o = 0; o < ITN__LANES; o++)
                 itn__add_patches(count, ITN__LANES, d + o, at + o, c->images + b * c->in.plane,
-                                 c->in.row, c->in.lanes, sums + (b * ITN__LANES + o) * ITN__PATCH,
+                                 c->in.row, c->in.lanes, own + (b * outputs + o) * ITN__PATCH,
                                  3 * ITN__LANES);
     }
-    itn__store(sums + c->in.blocks * ITN__LANES * ITN__PATCH, bias);
+    itn__store(sums + size - outputs + block * ITN__LANES, bias);
 }
 
-/* Adds the sums for one block of inputs, and the biases with the first, to the gradients. */
+/* For one block of inputs, adds the sums to the derivatives of the weights, or (back is 0) puts the
+   weights themselves into the place of the first slice, whose padding is 0. 64 outputs at a time
+   stay in the cache. */
+static void itn__weights_turn(const itn__conv *c, size_t block, int back) {
+    size_t inputs = itn__blocked_real(&c->in, block), first, end, tap, i, o, slice;
+    size_t slices = back ? itn__weights_slices(c) : 1;
+    for (slice = 0; slice < slices; slice++)
+        for (first = 0; first < c->out.channels; first = end) {
+            end = itn__fewer(first + 64, c->out.channels);
+            for (tap = 0; tap < 9; tap++)
+                for (i = 0; i < inputs; i++) {
+                    size_t at = (tap * c->in.channels + block * c->in.lanes + i) * c->out.channels;
+                    float *turned = c->scratch + slice * itn__weights_sums(c) + tap * ITN__LANES +
+                                    block * c->out.blocks * ITN__LANES * ITN__PATCH + i;
+                    for (o = first; back && o < end; o++)
+                        c->d_w[at + o] += turned[o * ITN__PATCH];
+                    for (o = first; !back && o < end; o++)
+                        turned[o * ITN__PATCH] = c->w[at + o];
+                }
+        }
+}
 static void itn__weights_add(void *data, int block) {
-    const itn__conv *c = (const itn__conv *)data;
-    size_t in = (size_t)block, size = itn__weights_sums(c), part, tap, i, o;
-    size_t inputs = itn__blocked_real(&c->in, in), parts = itn__weights_slices(c) * c->out.blocks;
-    for (part = 0; part < parts; part++) {
-        size_t first = part % c->out.blocks * ITN__LANES;
-        size_t outputs = itn__fewer(c->out.channels - first, ITN__LANES);
-        const float *sums = c->scratch + part * size + in * ITN__LANES * ITN__PATCH;
-        for (tap = 0; tap < 9; tap++)
-            for (i = 0; i < inputs; i++) {
-                size_t row = tap * c->in.channels + in * c->in.lanes + i;
-                float *to = c->d_w + row * c->out.channels + first;
-                const float *from = sums + tap * ITN__LANES + i;
-                for (o = 0; o < outputs; o++) to[o] += from[o * ITN__PATCH];
-            }
-        sums = c->scratch + (part + 1) * size - ITN__LANES;
-        for (o = 0; in == 0 && o < outputs; o++) c->d_bias[first + o] += sums[o];
-    }
+    itn__weights_turn((const itn__conv *)data, (size_t)block, 1);
 }
-
-/* Weights with input channels in the lanes: [block of inputs][output][3][3][lane], zeros for
-   padding. 64 outputs at a time, so that what is written stays in the cache. */
-static void itn__conv_turn(void *data, int block) {
-    const itn__conv *c = (const itn__conv *)data;
-    size_t first, end, tap, i, o, size = c->out.blocks * ITN__LANES * ITN__PATCH;
-    size_t inputs = itn__blocked_real(&c->in, (size_t)block);
-    float *turned = c->scratch + (size_t)block * size;
-    memset(turned, 0, size * sizeof *turned);
-    for (first = 0; first < c->out.channels; first = end) {
-        end = itn__fewer(first + 64, c->out.channels);
-        for (tap = 0; tap < 9; tap++)
-            for (i = 0; i < inputs; i++) {
-                size_t row = tap * c->in.channels + (size_t)block * ITN__LANES + i;
-                const float *from = c->w + row * c->out.channels;
-                float *to = turned + tap * ITN__LANES + i;
-                for (o = first; o < end; o++) to[o * ITN__PATCH] = from[o];
-            }
-    }
+static void itn__weights_move(void *data, int block) {
+    itn__weights_turn((const itn__conv *)data, (size_t)block, 0);
 }
 
 /* Some of a window's output channels, sorted by the pixel they chose: those of corner k stand at
    start[k] ... start[k + 1] - 1. at: where their weights lie behind those of the first. */
 typedef struct itn__choices {
-    itn__window window;
-    size_t start[5], at[ITN__SPREAD_BLOCKS * ITN__LANES + 1];
+    size_t in, start[5], at[ITN__SPREAD_BLOCKS * ITN__LANES + 1];
     float d[ITN__SPREAD_BLOCKS * ITN__LANES + 1];
 } itn__choices;
 
-static void itn__choices_make(const itn__conv *c, size_t block, size_t end, itn__choices *choices) {
-    size_t corner, b, o, count = 0;
+static void itn__choices_make(const itn__conv *c, size_t window, size_t block,
+                              itn__choices *choices) {
+    size_t corner, o, count = 0, blocks = itn__fewer(c->out.blocks - block, ITN__SPREAD_BLOCKS);
+    itn__window w = itn__window_make(c, window);
+    choices->in = w.in;
     for (corner = 0; corner < 4; corner++) {
         choices->start[corner] = count;
-        for (b = block; b < end; b++)
-            for (o = 0; o < ITN__LANES; o++) {
-                size_t out = choices->window.out + b * c->out.plane + o;
-                choices->d[count] = c->d_pooled[out];
-                choices->at[count] = ((b - block) * ITN__LANES + o) * ITN__PATCH;
-                count += c->chosen[out] == corner;
-            }
+        for (o = 0; o < blocks * ITN__LANES; o++) {
+            size_t out = w.out + (block + o / ITN__LANES) * c->out.plane + o % ITN__LANES;
+            choices->d[count] = c->d_pooled[out], choices->at[count] = o * ITN__PATCH;
+            count += c->chosen[out] == corner;
+        }
     }
     choices->start[4] = count;
 }
 
 /* Derivatives in the inputs are the work of tasks for some images, of 16 windows or more, and 8
-   blocks of inputs. */
+   blocks of inputs. The weights of some outputs stay in the cache while a band of windows uses
+   them. */
 static size_t itn__spread_images(const itn__conv *c) {
-    size_t windows = c->out.height * c->out.width;
-    return (ITN__SPREAD_BAND - 1) / windows + 1;
+    return (ITN__SPREAD_BAND - 1) / (c->out.height * c->out.width) + 1;
 }
 static size_t itn__spread_sets(const itn__conv *c) { return (c->in.blocks + 7) / 8; }
 
-/* Windows [first, first + count), input blocks [block, end). */
-static void itn__spread_band(const itn__conv *c, size_t first, size_t count, size_t block,
-                             size_t end) {
-    itn__choices choices[ITN__SPREAD_BAND];
-    size_t out, b, k, corner;
-    for (k = 0; k < count; k++) choices[k].window = itn__window_make(c, first + k);
-    for (out = 0; out < c->out.blocks; out += ITN__SPREAD_BLOCKS) {
-        for (k = 0; k < count; k++)
-            itn__choices_make(c, out, itn__fewer(out + ITN__SPREAD_BLOCKS, c->out.blocks),
-                              &choices[k]);
-        for (b = block; b < end; b++)
-            for (k = 0; k < 4 * count; k++) {
-                const itn__choices *own = &choices[k / 4];
-                size_t start = own->start[corner = k % 4];
-                itn__add_patches(own->start[corner + 1] - start, 1, own->d + start, own->at + start,
-                                 c->scratch + (b * c->out.blocks + out) * ITN__LANES * ITN__PATCH,
-                                 3 * ITN__LANES, ITN__LANES,
-                                 c->d_images + own->window.in + b * c->in.plane +
-                                     itn__conv_corner(&c->in, corner), c->in.row);
-            }
-    }
-}
-
 static void itn__spread_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
-    size_t sets = itn__spread_sets(c), windows = c->out.height * c->out.width;
+    size_t sets = itn__spread_sets(c), windows = c->out.height * c->out.width, out, b, k, count;
     size_t block = (size_t)index % sets * 8, end = itn__fewer(block + 8, c->in.blocks);
-    size_t images = itn__spread_images(c), image = (size_t)index / sets * images, first, last;
-    images = itn__fewer(c->batch, image + images);
-    first = image * windows, last = images * windows;
-    for (; image < images; image++)
+    size_t images = itn__spread_images(c), image = (size_t)index / sets * images;
+    size_t last = itn__fewer(c->batch, image + images) * windows, first = image * windows;
+    itn__choices choices[ITN__SPREAD_BAND];
+    for (; image * windows < last; image++)
         memset(c->d_images + image * c->in.size + block * c->in.plane, 0,
                (end - block) * c->in.plane * sizeof(float));
-    for (; first < last; first += ITN__SPREAD_BAND)
-        itn__spread_band(c, first, itn__fewer(last - first, ITN__SPREAD_BAND), block, end);
+    for (; first < last; first += count)
+        for (count = itn__fewer(last - first, ITN__SPREAD_BAND), out = 0; out < c->out.blocks;
+             out += ITN__SPREAD_BLOCKS) {
+            for (k = 0; k < count; k++)
+                itn__choices_make(c, first + k, out, &choices[k]);
+            for (b = block; b < end; b++)
+                for (k = 0; k < 4 * count; k++) {
+                    const itn__choices *own = &choices[k / 4];
+                    size_t start = own->start[k % 4];
+                    const float *w = c->scratch + (b * c->out.blocks + out) * ITN__LANES *
+                                                      ITN__PATCH;
+                    itn__add_patches(own->start[k % 4 + 1] - start, 1, own->d + start,
+                                     own->at + start, w, 3 * ITN__LANES, ITN__LANES,
+                                     c->d_images + own->in + b * c->in.plane +
+                                         itn__conv_corner(&c->in, k % 4), c->in.row);
+                }
+        }
 }
 
 /* Adds to d_w and d_bias; fills d_images unless it is NULL. */
 static void itn__conv_backward(const itn_context *context, itn__conv *c) {
-    size_t groups = (c->batch - 1) / itn__spread_images(c) + 1;
-    itn__parallel_for(context, (int)(c->out.blocks * itn__weights_slices(c)), itn__weights_part, c);
+    size_t groups = (c->batch - 1) / itn__spread_images(c) + 1, slices = itn__weights_slices(c);
+    size_t o, slice, size = itn__weights_sums(c), outputs = c->out.blocks * ITN__LANES;
+    itn__parallel_for(context, (int)(c->out.blocks * slices), itn__weights_part, c);
     itn__parallel_for(context, (int)c->in.blocks, itn__weights_add, c);
+    for (slice = 1; slice <= slices; slice++)
+        for (o = 0; o < c->out.channels; o++)
+            c->d_bias[o] += c->scratch[slice * size - outputs + o];
     if (!c->d_images) return;
-    itn__parallel_for(context, (int)c->in.blocks, itn__conv_turn, c);
+    itn__parallel_for(context, (int)c->in.blocks, itn__weights_move, c);
     itn__parallel_for(context, (int)(groups * itn__spread_sets(c)), itn__spread_part, c);
-}
-
-/* Floats of scratch memory, for this batch or any smaller one: those of the sums for the weights,
-   or of the turned weights. */
-static size_t itn__conv_scratch(const itn__conv *c) {
-    size_t sums = c->out.blocks * itn__weights_slices(c) * itn__weights_sums(c);
-    size_t turned = c->in.blocks * c->out.blocks * ITN__LANES * ITN__PATCH;
-    return sums > turned ? sums : turned;
 }
 
 /* ---- [loss] what a network is trained for ---------------------------------------------------- */
@@ -14238,7 +14168,8 @@ static void itn__net_place(itn_net *net) {
     for (l = 0; l < layers; l++) {
         const itn__conv *c = &net->layers[l];
         if (largest < c->out.size) largest = c->out.size;
-        if (scratch < itn__conv_scratch(c)) scratch = itn__conv_scratch(c);
+        size_t need = itn__weights_slices(c) * itn__weights_sums(c);
+        if (scratch < need) scratch = need;
     }
     shared = itn__net_cut(net, scratch);
     d[0] = itn__net_cut(net, batch * largest), d[1] = itn__net_cut(net, batch * largest);

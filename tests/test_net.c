@@ -483,7 +483,7 @@ static layer_case layer_make(size_t batch, size_t height, size_t width, size_t i
     c.ins = c.pixels * inputs, c.outs = c.pixels / 4 * outputs, c.weights = 9 * inputs * outputs;
     c.in = floats(batch * c.ins), c.out = floats(batch * c.outs);
     c.d_in = floats(batch * c.ins), c.d_out = floats(batch * c.outs);
-    c.w = floats(c.weights), c.d_w = floats(c.weights);
+    c.w = floats(c.weights + ITN__PANEL), c.d_w = floats(c.weights);
     c.bias = floats(outputs), c.d_bias = floats(outputs);
     c.chosen = (unsigned char *)calloc(batch * c.outs, 1);
     fill(c.in, batch * c.ins), fill(c.d_out, batch * c.outs);
@@ -545,7 +545,7 @@ static void layer_blocked(layer_case *c, const itn_context *context, int given) 
     v.d_images = given ? NULL : floats(c->batch * v.in.size);
     v.d_pooled = floats(c->batch * v.out.size);
     v.chosen = (unsigned char *)calloc(c->batch * v.out.size + ITN__LANES, 1);
-    v.scratch = floats(itn__conv_scratch(&v));
+    v.scratch = floats(itn__weights_slices(&v) * itn__weights_sums(&v));
     copy_blocked(&v.in, c->batch, images, c->in, 0);
     copy_blocked(&v.out, c->batch, v.d_pooled, c->d_out, 0);
     itn__conv_forward(context, &v);
