@@ -13486,7 +13486,7 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
    there are channels.
 
    Forward, the sums of 4 pixels and a panel of 2 vectors of output channels, a tile, stay in
-   registers while the loop runs over the 9 taps of a block of inputs: 6 loads serve 8 multiply-adds.
+   registers while the loop runs over the 9 taps of a block of inputs: 6 loads serve 8 products.
    Pixels may lie anywhere: their addresses are a list (Dukhan 2019, indirect convolution). It is
    sorted by the sides of the image at which they lie, so that tiles of small images need not
    multiply the ring. A task is up to 64 windows times as many panels as its sums have room for: so
@@ -13622,8 +13622,8 @@ static void itn__pixels_make(const itn__conv *c, size_t first, size_t count, itn
 #define ITN__HOLD(v) ((void)0)
 #endif
 
-/* sums[4][ITN__PANEL] += the terms of one block of inputs, which begin at `plane` of the images and
-   at w of the weights; the weights of the next panel are asked for. */
+/* sums[4][ITN__PANEL] += the terms of one block of inputs, whose weights begin at w_block; those of
+   the next panel are asked for. */
 ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t block, const float *w_block,
                                   const itn__pixels *pixels, size_t first, float *sums) {
     const float *const *patches = pixels->patches + first;
