@@ -13398,24 +13398,23 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
 
 /* Fills in the defaults of a desc and checks its ranges. */
 static itn_result itn__adam_desc_fill(const itn_adam_desc *given, itn_adam_desc *desc,
-                                 itn_error *error) {
+                                      itn_error *error) {
+    static const char *const names[4] = {"learning_rate", "beta1", "beta2", "epsilon"};
+    static const char *const ranges[4] = {"(0,1]", "(0,1)", "(0,1)", "[1e-18,1]"};
+    static const double defaults[4] = {1e-4, .9, .999, 1e-8};
+    double *fields[4];
+    int k;
     memset(desc, 0, sizeof *desc);
     if (given) *desc = *given;
-    if (desc->learning_rate == 0) desc->learning_rate = 1e-4;
-    if (desc->beta1 == 0) desc->beta1 = .9;
-    if (desc->beta2 == 0) desc->beta2 = .999;
-    if (desc->epsilon == 0) desc->epsilon = 1e-8;
-    if (!(desc->learning_rate > 0 && desc->learning_rate <= 1))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_adam_desc: learning_rate is %g, must be in (0,1]",
-                         desc->learning_rate);
-    if (!(desc->beta1 > 0 && desc->beta1 < 1 && desc->beta2 > 0 && desc->beta2 < 1))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_adam_desc: beta1 is %g and beta2 %g, must be in (0,1)", desc->beta1,
-                         desc->beta2);
-    if (!(desc->epsilon >= 1e-18 && desc->epsilon <= 1)) /* its square is a float's, like v */
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_adam_desc: epsilon is %g, must be in [1e-18,1]", desc->epsilon);
+    fields[0] = &desc->learning_rate, fields[3] = &desc->epsilon;
+    fields[1] = &desc->beta1, fields[2] = &desc->beta2;
+    for (k = 0; k < 4; k++) {
+        double value = *fields[k] = *fields[k] == 0 ? defaults[k] : *fields[k];
+        int decay = k == 1 || k == 2; /* epsilon: its square is a float's, like v */
+        if (!(value >= (k == 3 ? 1e-18 : 0) && value <= 1) || (decay && value == 1))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_adam_desc: %s is %g, must be in %s", names[k], value, ranges[k]);
+    }
     return ITN_OK;
 }
 
@@ -13430,37 +13429,29 @@ static ITN__UNUSED size_t itn__first_beyond(const float *values, size_t count, f
     return k;
 }
 
-/* The numbers of one step: 1 - beta, and the corrections of rate and v. */
-typedef struct itn__adam_step {
-    float beta1, beta2, new1, new2, rate, v_scale, epsilon;
-} itn__adam_step;
-
-ITN__INLINE void itn__adam_lanes(const itn__adam_step *s, const float *gradient, float *m,
-                                 float *v, float *weights) {
-    itn__floats g = itn__load(gradient), w = itn__load(weights);
-    itn__floats m1 = s->beta1 * itn__load(m) + s->new1 * g;
-    itn__floats v1 = s->beta2 * itn__load(v) + s->new2 * (g * g);
-    itn__store(m, m1), itn__store(v, v1);
-    itn__store(weights, w - s->rate * m1 / (itn__root(v1 * s->v_scale) + s->epsilon));
-}
-
 /* Step number `step` (1 is the first) of algorithm 1. All arrays: [count]. */
 static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, const float *gradient,
                       float *m, float *v, float *weights) {
+    float beta1 = (float)desc->beta1, beta2 = (float)desc->beta2, epsilon = (float)desc->epsilon;
+    float new1 = (float)(1 - desc->beta1), new2 = (float)(1 - desc->beta2);
+    float rate = (float)(desc->learning_rate / (1 - pow(desc->beta1, (double)step)));
+    float v_scale = (float)(1 / (1 - pow(desc->beta2, (double)step)));
     float rest[4][ITN__LANES]; /* what does not fill the lanes: gradient, m, v, weights */
-    itn__adam_step s;
-    size_t k = 0, bytes;
-    s.beta1 = (float)desc->beta1, s.beta2 = (float)desc->beta2, s.epsilon = (float)desc->epsilon;
-    s.new1 = (float)(1 - desc->beta1), s.new2 = (float)(1 - desc->beta2);
-    s.rate = (float)(desc->learning_rate / (1 - pow(desc->beta1, (double)step)));
-    s.v_scale = (float)(1 / (1 - pow(desc->beta2, (double)step)));
-    for (; k + ITN__LANES <= count; k += ITN__LANES)
-        itn__adam_lanes(&s, gradient + k, m + k, v + k, weights + k);
+    size_t k, bytes;
+    for (k = 0; k + ITN__LANES <= count; k += ITN__LANES) {
+        itn__floats g = itn__load(gradient + k);
+        itn__floats m1 = beta1 * itn__load(m + k) + new1 * g;
+        itn__floats v1 = beta2 * itn__load(v + k) + new2 * (g * g);
+        itn__store(m + k, m1), itn__store(v + k, v1);
+        itn__store(weights + k, itn__load(weights + k) -
+                                    rate * m1 / (itn__root(v1 * v_scale) + epsilon));
+    }
+    if (k == count) return;
     bytes = (count - k) * sizeof(float);
     memset(rest, 0, sizeof rest);
     memcpy(rest[0], gradient + k, bytes), memcpy(rest[1], m + k, bytes);
     memcpy(rest[2], v + k, bytes), memcpy(rest[3], weights + k, bytes);
-    itn__adam_lanes(&s, rest[0], rest[1], rest[2], rest[3]);
+    itn__adam(desc, step, ITN__LANES, rest[0], rest[1], rest[2], rest[3]);
     memcpy(m + k, rest[1], bytes), memcpy(v + k, rest[2], bytes);
     memcpy(weights + k, rest[3], bytes);
 }
@@ -13939,91 +13930,70 @@ ITN_API double itn_loss_parameters(int count, const float *predicted, const floa
     return loss;
 }
 
-/* What the image term needs while it runs. */
-typedef struct itn__loss_work {
-    float *theta;     /* [parameters of the scene] */
-    double *gradient; /* [count] in values */
-    double *slopes;   /* [count] */
-} itn__loss_work;
-
-/* The image term at the predicted coordinates, and its derivatives in them (in work->gradient). */
-static itn_result itn__loss_image(const itn_loss_desc *desc, int count, const float *predicted,
-                                  const float *image, const itn__loss_work *work, double *loss,
-                                  itn_error *error) {
-    itn_render_options options = desc->options;
-    itn_result result;
-    int k;
-    (void)itn_model_renders(desc->model, &options);
-    itn_parameter_values(desc->scene, work->theta);
-    if (desc->theta)
-        memcpy(work->theta, desc->theta,
-               (size_t)itn_parameter_count(desc->scene) * sizeof *work->theta);
-    for (k = 0; k < count; k++) {
-        const itn_parameter *p = itn_parameter_get(desc->scene, desc->parameters[k]);
-        double value = itn_parameter_from_coordinate(p, (double)predicted[k]);
-        value = fmax(value, itn__least_sought(p));
-        work->theta[desc->parameters[k]] = (float)value;
-        work->slopes[k] = itn_parameter_slope(p, value);
-    }
-    result = itn_loss_gradient(desc->scene, work->theta, &options, image, desc->parameters, count,
-                               loss, work->gradient, error);
-    for (k = 0; k < count && result == ITN_OK; k++) work->gradient[k] *= work->slopes[k];
-    return result;
+static int itn__has_image_term(const itn_loss_desc *desc) {
+    return itn_model_renders(desc->model, NULL) && desc->lambda != 0;
 }
 
 static itn_result itn__loss_check(const itn_loss_desc *desc, int count, const float *predicted,
                                   const float *truth, const float *image, const itn_loss *loss,
                                   const float *gradient, itn_error *error) {
+    static const char *const call = "itn_loss_training";
     int k;
     if (!desc || !predicted || !truth || !loss || !gradient || count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_loss_training: a pointer is NULL or count is below 1");
+                         "%s: a pointer is NULL or count is below 1", call);
     for (k = 0; k < count; k++)
         if (!itn__finite((double)predicted[k]) || !itn__finite((double)truth[k]))
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_loss_training: coordinate %d is not finite (predicted %g, "
-                             "truth %g)", k, (double)predicted[k], (double)truth[k]);
+                             "%s: coordinate %d is not finite (predicted %g, truth %g)", call, k,
+                             (double)predicted[k], (double)truth[k]);
     if ((int)desc->model < ITN_MODEL_RN || (int)desc->model > ITN_MODEL_ITN)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_training: no such model: %d",
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: no such model: %d", call,
                          (int)desc->model);
-    if (desc->model == ITN_MODEL_RN) return ITN_OK;
-    if (!(desc->lambda >= 0) || !itn__finite(desc->lambda))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_loss_training: lambda is %g, must be >= 0", desc->lambda);
-    if (desc->lambda == 0) return ITN_OK;
+    if (!itn__has_image_term(desc)) return ITN_OK;
+    if (!(desc->lambda > 0) || !itn__finite(desc->lambda))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: lambda is %g, must be >= 0", call,
+                         desc->lambda);
     if (!desc->scene || !desc->parameters || !image)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_loss_training: this model renders, so it needs scene, parameters "
-                         "and image");
+                         "%s: this model renders, so it needs scene, parameters and image", call);
     for (k = 0; k < count; k++)
         if (!itn_parameter_get(desc->scene, desc->parameters[k]))
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_loss_training: parameters[%d] is %d, the scene has 0..%d", k,
+                             "%s: parameters[%d] is %d, the scene has 0..%d", call, k,
                              desc->parameters[k], itn_parameter_count(desc->scene) - 1);
     return ITN_OK;
 }
 
-/* Puts the terms together; image_gradient is NULL if nothing was rendered. */
-static itn_result itn__loss_total(const itn_loss_desc *desc, int count, const float *predicted,
-                                  const float *truth, double image_loss,
-                                  const double *image_gradient, itn_loss *loss, float *gradient,
-                                  itn_error *error) {
+/* What the renderer is given for a predicted coordinate. */
+static double itn__loss_value(const itn_parameter *p, float coordinate) {
+    return fmax(itn_parameter_from_coordinate(p, (double)coordinate), itn__least_sought(p));
+}
+
+/* The image term at the predicted coordinates, and lambda times its derivatives in them. theta:
+   room for the parameters of the scene. */
+static itn_result itn__loss_image(const itn_loss_desc *desc, int count, const float *predicted,
+                                  const float *image, float *theta, double *loss, double *gradient,
+                                  itn_render_stats *stats, itn_error *error) {
+    itn_render_options options = desc->options;
+    itn_result result;
     int k;
+    (void)itn_model_renders(desc->model, &options);
+    options.stats = stats;
+    itn_parameter_values(desc->scene, theta);
+    if (desc->theta)
+        memcpy(theta, desc->theta, (size_t)itn_parameter_count(desc->scene) * sizeof *theta);
     for (k = 0; k < count; k++) {
-        double slope = 2 * ((double)predicted[k] - (double)truth[k]);
-        if (image_gradient) slope += desc->lambda * image_gradient[k];
-        if (!(fabs(slope) <= (double)FLT_MAX))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_loss_training: the gradient in coordinate %d is %g, too large "
-                             "for a float (predicted %g, truth %g)", k, slope,
-                             (double)predicted[k], (double)truth[k]);
+        const itn_parameter *p = itn_parameter_get(desc->scene, desc->parameters[k]);
+        theta[desc->parameters[k]] = (float)itn__loss_value(p, predicted[k]);
     }
-    loss->parameters = itn_loss_parameters(count, predicted, truth, gradient);
-    loss->image = image_loss;
-    loss->total = loss->parameters + (image_gradient ? desc->lambda * image_loss : 0);
-    for (k = 0; image_gradient && k < count; k++)
-        gradient[k] = (float)((double)gradient[k] + desc->lambda * image_gradient[k]);
-    return ITN_OK;
+    result = itn_loss_gradient(desc->scene, theta, &options, image, desc->parameters, count, loss,
+                               gradient, error);
+    for (k = 0; k < count && result == ITN_OK; k++) {
+        const itn_parameter *p = itn_parameter_get(desc->scene, desc->parameters[k]);
+        gradient[k] *= desc->lambda * itn_parameter_slope(p, itn__loss_value(p, predicted[k]));
+    }
+    return result;
 }
 
 ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const float *predicted,
@@ -14031,31 +14001,37 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
                                      float *gradient, itn_error *error) {
     itn_result result =
         itn__loss_check(desc, count, predicted, truth, image, loss, gradient, error);
-    itn__loss_work work;
-    itn_loss_desc own;
-    itn_render_stats stats = ITN_ZERO;
-    const itn_context *context;
-    double image_loss = 0;
+    itn_context context = ITN_ZERO;
+    itn_render_stats stats = ITN_ZERO; /* which the caller gets if all goes well */
+    int renders = result == ITN_OK && itn__has_image_term(desc), parameters, k;
+    float *theta = NULL;
+    double image_loss = 0, *slopes; /* of the image term, then of both */
     if (result != ITN_OK) return result;
-    if (desc->model == ITN_MODEL_RN || desc->lambda == 0)
-        return itn__loss_total(desc, count, predicted, truth, 0, NULL, loss, gradient, error);
-    context = &desc->scene->context;
-    work.theta = (float *)itn__allocate(context, (size_t)itn_parameter_count(desc->scene),
-                                        sizeof *work.theta);
-    work.gradient = (double *)itn__allocate(context, (size_t)count, 2 * sizeof *work.gradient);
-    if (!work.theta || !work.gradient) {
-        result = itn__out_of_memory(error, "the gradient of a training loss");
-    } else {
-        work.slopes = work.gradient + count;
-        own = *desc, own.options.stats = &stats; /* which the caller gets if all goes well */
-        result = itn__loss_image(&own, count, predicted, image, &work, &image_loss, error);
+    if (renders) context = desc->scene->context;
+    parameters = renders ? itn_parameter_count(desc->scene) : 0;
+    slopes = (double *)itn__allocate(&context, (size_t)count, sizeof *slopes);
+    theta = (float *)itn__allocate(&context, (size_t)parameters, sizeof *theta);
+    if (!slopes || !theta) result = itn__out_of_memory(error, "the gradient of a training loss");
+    else if (renders)
+        result = itn__loss_image(desc, count, predicted, image, theta, &image_loss, slopes, &stats,
+                                 error);
+    for (k = 0; k < count && result == ITN_OK; k++) {
+        slopes[k] += 2 * ((double)predicted[k] - (double)truth[k]);
+        if (!(fabs(slopes[k]) <= (double)FLT_MAX))
+            result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                               "itn_loss_training: the gradient in coordinate %d is %g, too large "
+                               "for a float (predicted %g, truth %g)", k, slopes[k],
+                               (double)predicted[k], (double)truth[k]);
     }
-    if (result == ITN_OK)
-        result = itn__loss_total(desc, count, predicted, truth, image_loss, work.gradient, loss,
-                                 gradient, error);
-    if (result == ITN_OK && desc->options.stats) *desc->options.stats = stats;
-    itn__free(context, work.theta);
-    itn__free(context, work.gradient);
+    if (result == ITN_OK) {
+        loss->parameters = itn_loss_parameters(count, predicted, truth, gradient);
+        loss->image = image_loss;
+        loss->total = loss->parameters + (renders ? desc->lambda * image_loss : 0);
+        for (k = 0; k < count; k++) gradient[k] = (float)slopes[k];
+        if (renders && desc->options.stats) *desc->options.stats = stats;
+    }
+    itn__free(&context, slopes);
+    itn__free(&context, theta);
     return result;
 }
 
@@ -14082,7 +14058,7 @@ struct itn_net {
     void *memory;      /* all arrays below and in layers */
     float *slab;       /* the same, aligned to vectors */
     size_t used;       /* floats cut off the slab */
-    float *parameters, *gradients, *moments; /* moments: [2][count], m then v */
+    float *parameters, *moments, *gradients; /* moments: [2][count], m then v, behind the first */
     float *full, *d_full;                    /* of the fully connected layer: weights, biases */
     float *images;                           /* [batch], in blocks */
     float *outputs;                          /* [batch][outputs] */
@@ -14090,19 +14066,24 @@ struct itn_net {
     itn_adam_desc adam;                      /* of a step */
 };
 
+/* The sizes of a desc, the batch last. */
+static void itn__net_fields(itn_net_desc *desc, int *fields[7]) {
+    fields[0] = &desc->width, fields[1] = &desc->height, fields[2] = &desc->channels;
+    fields[3] = &desc->layer_count, fields[4] = &desc->first_channels;
+    fields[5] = &desc->outputs, fields[6] = &desc->batch;
+}
+
 /* Fills in the defaults of a desc and checks its ranges. */
 static itn_result itn__net_desc_fill(const itn_net_desc *given, itn_net_desc *desc,
                                      itn_error *error) {
-    static const char *const names[7] = {"width",   "height", "channels", "layer_count",
-                                         "outputs", "batch",  "first_channels"};
-    static const int defaults[7] = {128, 128, 2, 7, 3, 16, 16};
-    static const int limits[7] = {8192, 8192, 1024, ITN__NET_LAYERS, 4096, 65536, 65536};
+    static const char *const names[7] = {"width",          "height",  "channels", "layer_count",
+                                         "first_channels", "outputs", "batch"};
+    static const int defaults[7] = {128, 128, 2, 7, 16, 3, 16};
+    static const int limits[7] = {8192, 8192, 1024, ITN__NET_LAYERS, 65536, 4096, 65536};
     int *fields[7], k, halvings;
     memset(desc, 0, sizeof *desc);
     if (given) *desc = *given;
-    fields[0] = &desc->width, fields[1] = &desc->height, fields[2] = &desc->channels;
-    fields[3] = &desc->layer_count, fields[4] = &desc->outputs, fields[5] = &desc->batch;
-    fields[6] = &desc->first_channels;
+    itn__net_fields(desc, fields);
     for (k = 0; k < 7; k++) {
         if (*fields[k] == 0) *fields[k] = defaults[k];
         if (*fields[k] < 1 || *fields[k] > limits[k])
@@ -14162,8 +14143,8 @@ static void itn__net_place(itn_net *net) {
     float *images, *shared, *d[2];
     int l, layers = net->desc.layer_count;
     net->used = 0;
-    net->parameters = itn__net_cut(net, net->count), net->gradients = itn__net_cut(net, net->count);
-    net->moments = itn__net_cut(net, 2 * net->count);
+    net->parameters = itn__net_cut(net, 3 * net->count);
+    net->gradients = itn__net_cut(net, net->count);
     net->outputs = itn__net_cut(net, batch * (size_t)net->desc.outputs);
     for (l = 0; l < layers; l++) {
         const itn__conv *c = &net->layers[l];
@@ -14202,6 +14183,7 @@ static int itn__net_allocate(itn_net *net) {
         at += c->out.channels;
     }
     net->full = net->parameters + at, net->d_full = net->gradients + at;
+    net->moments = net->parameters + net->count;
     return 1;
 }
 
@@ -18559,58 +18541,12 @@ static uint64_t itn__fnv1a(const unsigned char *bytes, size_t size) {
     return hash;
 }
 
-/* A parsed and checked file; values point into its bytes. */
-typedef struct itn__weights {
-    itn_net_desc desc;
-    size_t arrays, count;
-    uint64_t steps;
-    const unsigned char *values; /* [arrays][count] */
-} itn__weights;
-
-/* The floats must be finite, and the second moments, means of squares, not negative. */
-static itn_result itn__weights_values(const itn__weights *w, const char *name, itn_error *error) {
-    size_t k;
-    for (k = 0; k < w->arrays * w->count; k++) {
-        float value = itn__get_float(w->values + 4 * k);
-        if (!itn__finite((double)value) || (k >= 2 * w->count && value < 0))
-            return itn__fail(error, ITN_ERROR_FORMAT, 0,
-                             "%s: %s %.0f is %g: it was written by a training run gone wrong",
-                             name, k < w->count ? "weight" : "Adam moment of weight",
-                             (double)(k % w->count), (double)value);
-    }
-    return ITN_OK;
-}
-
-/* Reads the shape, and sees that a network of this shape has as many parameters as the file. */
-static itn_result itn__weights_shape(const unsigned char *bytes, const char *name, itn__weights *w,
-                                     itn_error *error) {
-    itn_net shape;
-    itn_net_desc *desc = &w->desc;
-    memset(&shape, 0, sizeof shape);
-    memset(desc, 0, sizeof *desc);
-    desc->width = (int)itn__get_i32(bytes + 16), desc->height = (int)itn__get_i32(bytes + 20);
-    desc->channels = (int)itn__get_i32(bytes + 24);
-    desc->layer_count = (int)itn__get_i32(bytes + 28);
-    desc->first_channels = (int)itn__get_i32(bytes + 32);
-    desc->outputs = (int)itn__get_i32(bytes + 36);
-    desc->batch = 1; /* any batch may have written it */
-    if (!desc->width || !desc->height || !desc->channels || !desc->layer_count ||
-        !desc->first_channels || !desc->outputs ||
-        itn__net_desc_fill(desc, &shape.desc, NULL) != ITN_OK || !itn__net_sizes(&shape) ||
-        shape.count != w->count)
-        return itn__fail(error, ITN_ERROR_FORMAT, 0,
-                         "%s: its shape (%dx%d, %d channels, %d layers from %d channels, %d "
-                         "outputs) is not valid or does not have %.0f parameters", name,
-                         desc->width, desc->height, desc->channels, desc->layer_count,
-                         desc->first_channels, desc->outputs, (double)w->count);
-    return ITN_OK;
-}
-
-/* Checks everything about a file's bytes that does not need a network. */
-static itn_result itn__weights_parse(const unsigned char *bytes, size_t size, const char *name,
-                                     itn__weights *w, itn_error *error) {
+/* Checks a file's bytes but for the values, which need a network: reads the sizes of one. */
+static itn_result itn__weights_header(const unsigned char *bytes, size_t size, const char *name,
+                                      itn_net *shape, size_t *arrays, itn_error *error) {
+    itn_net_desc desc = ITN_ZERO;
     uint64_t count;
-    itn_result result;
+    int *fields[7], given = 1, k;
     if (size < 16 || memcmp(bytes, ITN__WEIGHTS_MAGIC, 8))
         return itn__fail(error, ITN_ERROR_FORMAT, 0,
                          "%s: not a network file (these begin with ITN-NET)", name);
@@ -18618,121 +18554,101 @@ static itn_result itn__weights_parse(const unsigned char *bytes, size_t size, co
         return itn__fail(error, ITN_ERROR_FORMAT, 0,
                          "%s: file version %.0f, this build reads version %d", name,
                          (double)itn__get_u32(bytes + 8), ITN__WEIGHTS_VERSION);
-    w->arrays = itn__get_u32(bytes + 12);
+    *arrays = itn__get_u32(bytes + 12);
     count = size < ITN__WEIGHTS_FRAME ? 0 : itn__get_u64(bytes + 40);
-    if (count == 0 || (w->arrays != 1 && w->arrays != 3) ||
-        count != (size - ITN__WEIGHTS_FRAME) / 4 / w->arrays ||
-        size != ITN__WEIGHTS_FRAME + 4 * w->arrays * (size_t)count)
+    if (count == 0 || (*arrays != 1 && *arrays != 3) ||
+        count != (size - ITN__WEIGHTS_FRAME) / 4 / *arrays ||
+        size != ITN__WEIGHTS_FRAME + 4 * *arrays * (size_t)count)
         return itn__fail(error, ITN_ERROR_FORMAT, 0,
                          "%s: %.0f bytes are not what its header promises: cut off or damaged",
                          name, (double)size);
     if (itn__get_u64(bytes + size - 8) != itn__fnv1a(bytes, size - 8))
         return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: damaged: the checksum does not match",
                          name);
-    w->count = (size_t)count, w->steps = itn__get_u64(bytes + 48);
-    if (w->steps >> 53)
+    memset(shape, 0, sizeof *shape);
+    shape->steps = itn__get_u64(bytes + 48);
+    if (shape->steps >> 53)
         return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: nobody takes %.0f steps", name,
-                         (double)w->steps);
-    w->values = bytes + ITN__WEIGHTS_HEADER;
-    result = itn__weights_shape(bytes, name, w, error);
-    return result != ITN_OK ? result : itn__weights_values(w, name, error);
+                         (double)shape->steps);
+    itn__net_fields(&desc, fields);
+    for (k = 0; k < 6; k++) given &= (*fields[k] = itn__get_i32(bytes + 16 + 4 * k)) != 0;
+    desc.batch = 1; /* any batch may have written it */
+    if (!given || itn__net_desc_fill(&desc, &shape->desc, NULL) != ITN_OK ||
+        !itn__net_sizes(shape) || shape->count != count)
+        return itn__fail(error, ITN_ERROR_FORMAT, 0,
+                         "%s: its shape (%dx%d, %d channels, %d layers from %d channels, %d "
+                         "outputs) is not valid or does not have %.0f parameters", name,
+                         desc.width, desc.height, desc.channels, desc.layer_count,
+                         desc.first_channels, desc.outputs, (double)count);
+    return ITN_OK;
 }
 
-static void itn__weights_take(itn_net *net, const itn__weights *w) {
-    size_t k, count = w->count;
-    for (k = 0; k < count; k++) net->parameters[k] = itn__get_float(w->values + 4 * k);
-    memset(net->moments, 0, 2 * count * sizeof *net->moments);
-    if (w->arrays == 3)
-        for (k = 0; k < 2 * count; k++)
-            net->moments[k] = itn__get_float(w->values + 4 * (count + k));
-    net->steps = w->arrays == 3 ? w->steps : 0;
-    net->forward_batch = 0;
+/* The floats must be finite, and the second moments, means of squares, not negative. */
+static itn_result itn__weights_values(itn_net *net, const unsigned char *bytes, size_t arrays,
+                                      const char *name, itn_error *error) {
+    size_t k, count = net->count;
+    for (k = 0; k < arrays * count; k++) {
+        float value = net->parameters[k] = itn__get_float(bytes + 4 * k);
+        if (!itn__finite((double)value) || (k >= 2 * count && value < 0))
+            return itn__fail(error, ITN_ERROR_FORMAT, 0,
+                             "%s: %s %.0f is %g: it was written by a training run gone wrong",
+                             name, k < count ? "weight" : "Adam moment of weight",
+                             (double)(k % count), (double)value);
+    }
+    return ITN_OK;
 }
 
-ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const char *name, int batch,
+ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char *name, int batch,
                                        const itn_context *context, itn_net **net,
                                        itn_error *error) {
-    itn__weights w;
-    itn_net *made = NULL;
+    const unsigned char *bytes = (const unsigned char *)data;
+    itn_net shape, *made = NULL;
     itn_result result;
+    size_t arrays = 0;
     if (!bytes || !net)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_from_memory: a pointer is NULL");
-    result = itn__weights_parse((const unsigned char *)bytes, size, name ? name : "network", &w,
-                                error);
+    if (!name) name = "network";
+    result = itn__weights_header(bytes, size, name, &shape, &arrays, error);
     if (result != ITN_OK) return result;
-    w.desc.batch = batch;
-    result = itn__net_make(&w.desc, context, &made, error);
-    if (result != ITN_OK) return result;
-    itn__weights_take(made, &w);
-    *net = made;
-    return ITN_OK;
+    shape.desc.batch = batch;
+    result = itn__net_make(&shape.desc, context, &made, error);
+    if (result == ITN_OK)
+        result = itn__weights_values(made, bytes + ITN__WEIGHTS_HEADER, arrays, name, error);
+    if (result == ITN_OK) made->steps = arrays == 3 ? shape.steps : 0, *net = made;
+    else itn_net_free(made);
+    return result;
 }
 
 #ifndef ITN_NO_STDIO
 
-/* Composes a file; all values must be finite. */
-static void itn__weights_put(itn__buffer *buffer, const itn_net *net, int weights_only) {
-    const itn_net_desc *d = &net->desc;
-    size_t k, moments = weights_only ? 0 : 2 * net->count;
-    itn__buffer_reserve(buffer, ITN__WEIGHTS_FRAME + 4 * (net->count + moments));
-    itn__put_text(buffer, ITN__WEIGHTS_MAGIC);
-    itn__put_u32(buffer, ITN__WEIGHTS_VERSION);
-    itn__put_u32(buffer, weights_only ? 1 : 3);
-    itn__put_u32(buffer, (uint32_t)d->width), itn__put_u32(buffer, (uint32_t)d->height);
-    itn__put_u32(buffer, (uint32_t)d->channels), itn__put_u32(buffer, (uint32_t)d->layer_count);
-    itn__put_u32(buffer, (uint32_t)d->first_channels);
-    itn__put_u32(buffer, (uint32_t)d->outputs);
-    itn__put_u64(buffer, net->count);
-    itn__put_u64(buffer, weights_only ? 0 : net->steps);
-    for (k = 0; k < net->count; k++) itn__put_float(buffer, net->parameters[k]);
-    for (k = 0; k < moments; k++) itn__put_float(buffer, net->moments[k]);
-    itn__put_u64(buffer, itn__fnv1a(buffer->bytes, buffer->size));
-}
-
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
-    size_t moments;
+    itn_net_desc desc;
+    size_t k, arrays = weights_only ? 1 : 3, values;
+    int *fields[7];
     if (!net || !path)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_save: a pointer is NULL");
-    if (net->count > (ITN__WEIGHTS_LIMIT - ITN__WEIGHTS_FRAME) / (weights_only ? 4 : 12))
+    if (net->count > (ITN__WEIGHTS_LIMIT - ITN__WEIGHTS_FRAME) / 4 / arrays)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                          "%s: networks of %.0f parameters do not fit in a file of 2 GiB", path,
                          (double)net->count);
-    moments = weights_only ? 0 : 2 * net->count;
-    if (itn__first_beyond(net->parameters, net->count, FLT_MAX) < net->count ||
-        itn__first_beyond(net->moments, moments, FLT_MAX) < moments)
+    values = arrays * net->count;
+    if (itn__first_beyond(net->parameters, values, FLT_MAX) < values)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "%s: not written, because a weight or Adam moment is not finite", path);
-    buffer.context = net->context;
-    itn__weights_put(&buffer, net, weights_only);
+    buffer.context = net->context, desc = net->desc;
+    itn__buffer_reserve(&buffer, ITN__WEIGHTS_FRAME + 4 * values);
+    itn__put_text(&buffer, ITN__WEIGHTS_MAGIC);
+    itn__put_u32(&buffer, ITN__WEIGHTS_VERSION);
+    itn__put_u32(&buffer, (uint32_t)arrays);
+    itn__net_fields(&desc, fields);
+    for (k = 0; k < 6; k++) itn__put_u32(&buffer, (uint32_t)*fields[k]);
+    itn__put_u64(&buffer, net->count);
+    itn__put_u64(&buffer, weights_only ? 0 : net->steps);
+    for (k = 0; k < values; k++) itn__put_float(&buffer, net->parameters[k]);
+    itn__put_u64(&buffer, itn__fnv1a(buffer.bytes, buffer.size));
     return itn__write_buffer(path, &buffer, error);
-}
-
-static int itn__weights_same_shape(const itn_net_desc *a, const itn_net_desc *b) {
-    return a->width == b->width && a->height == b->height && a->channels == b->channels &&
-           a->layer_count == b->layer_count && a->first_channels == b->first_channels &&
-           a->outputs == b->outputs;
-}
-
-ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error) {
-    itn__buffer buffer = ITN_ZERO;
-    itn__weights w;
-    itn_result result;
-    if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_load: net is NULL");
-    buffer.context = net->context;
-    result = itn__read_file(path, ITN__WEIGHTS_LIMIT, &buffer, error);
-    if (result != ITN_OK) return result;
-    result = itn__weights_parse(buffer.bytes, buffer.size, path, &w, error);
-    if (result == ITN_OK && !itn__weights_same_shape(&w.desc, &net->desc))
-        result = itn__fail(error, ITN_ERROR_FORMAT, 0,
-                           "%s: has %dx%d pixels, %d channels, %d layers from %d channels, %d "
-                           "outputs, and the network another shape: itn_net_open makes one that "
-                           "fits", path, w.desc.width, w.desc.height, w.desc.channels,
-                           w.desc.layer_count, w.desc.first_channels, w.desc.outputs);
-    if (result == ITN_OK) itn__weights_take(net, &w);
-    itn__buffer_free(&buffer);
-    return result;
 }
 
 ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
@@ -18743,6 +18659,28 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
     if (result != ITN_OK) return result;
     result = itn_net_from_memory(buffer.bytes, buffer.size, path, batch, context, net, error);
     itn__buffer_free(&buffer);
+    return result;
+}
+
+ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error) {
+    itn_net *read = NULL;
+    itn_result result;
+    int *own[7], *given[7], k, same = 1;
+    if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_load: net is NULL");
+    result = itn_net_open(path, 1, &net->context, &read, error);
+    if (result != ITN_OK) return result;
+    itn__net_fields(&net->desc, own), itn__net_fields(&read->desc, given);
+    for (k = 0; k < 6; k++) same &= *own[k] == *given[k];
+    if (same) {
+        memcpy(net->parameters, read->parameters, 3 * net->count * sizeof *net->parameters);
+        net->steps = read->steps, net->forward_batch = 0;
+    } else
+        result = itn__fail(error, ITN_ERROR_FORMAT, 0,
+                           "%s: has %dx%d pixels, %d channels, %d layers from %d channels, %d "
+                           "outputs, and the network another shape: itn_net_open makes one that "
+                           "fits", path, *given[0], *given[1], *given[2], *given[3], *given[4],
+                           *given[5]);
+    itn_net_free(read);
     return result;
 }
 #endif /* ITN_NO_STDIO */
