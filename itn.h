@@ -4375,10 +4375,11 @@ ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
    caller are checked by them, and parameters come in their order. A new field is a new row; a new
    kind of surface or light is a new form (and its model).
 
-   `form` tells how many numbers follow the name in a file, by digits, and how the desc keeps them:
-   f as floats, i as an int, c as a colour (one number counts for all channels), s as a spectrum
-   (one number, or three in an array of their own). w is a word; t a transform; a field without any
-   of these is a flag, an int. What has ! must be given in a file. */
+   `form` tells how many numbers follow a field's name in a file, by digits, and how the desc keeps
+   them: f as floats, i as an int, c as a colour (one number counts for all channels), s as a
+   spectrum (one number, or three in an array of their own); k a checker, t a step of a transform.
+   Or what word follows: w a name, o one of `words`, m p y a file with a mesh, a picture, a sky. A
+   field without any of these is a flag, an int. What has ! must be given in a file. */
 typedef struct itn__field {
     const char *name, *form;
     float lower, upper; /* range of its numbers */
@@ -4387,7 +4388,8 @@ typedef struct itn__field {
     size_t at;          /* where the desc has it */
     size_t parameter;   /* where the scene's item has the index of its parameter; 0: it has none */
     itn_transform transform;
-    size_t three; /* where the desc has three numbers of a spectrum */
+    size_t three;      /* where the desc has three numbers of a spectrum */
+    const char *words; /* that may follow; NULL: any */
 } itn__field;
 enum { ITN__MOST_FIELDS = 9, ITN__MOST_NUMBERS = 9 };
 
@@ -4399,88 +4401,106 @@ static const char *const itn__kinds[] = {"film",    "camera", "medium",
 typedef struct itn__form {
     int kind;
     const char *variant;
+    size_t type_at; /* where the desc has its type, which is `type`; 0: nowhere */
+    int type;
     itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
 } itn__form;
 
+#define ITN__RANGE(lower, upper) lower, upper
 #define ITN__ANY -FLT_MAX, FLT_MAX
 #define ITN__POSITIVE FLT_MIN, 1e12f
 #define ITN__SCALE 0, 1e12f
-#define ITN__WORD(name, form) {name, form, 0, 0, 0, 0, 0, ITN_IDENTITY, 0}
 #define ITN__PLAIN(desc, name, at, form, range, otherwise)                                         \
-    {name, form, range, otherwise, offsetof(desc, at), 0, ITN_IDENTITY, 0}
+    {name, form, range, otherwise, offsetof(desc, at), 0, ITN_IDENTITY, 0, NULL}
+#define ITN__WORD(desc, name, at, form) ITN__PLAIN(desc, name, at, form, ITN__RANGE(0, 0), 0)
+#define ITN__MARK(name, form, words) {name, form, 0, 0, 0, 0, 0, ITN_IDENTITY, 0, words}
 #define ITN__VALUE(desc, item, name, form, range, otherwise, transform)                            \
-    {#name, form, range, otherwise, offsetof(desc, name), offsetof(item, name), transform, 0}
+    {#name, form, range, otherwise, offsetof(desc, name), offsetof(item, name), transform, 0, NULL}
 #define ITN__SPECTRUM(name, form, range, transform)                                                \
     {#name, form, range, 0, offsetof(itn_medium_desc, name), offsetof(itn__medium, name),          \
-     transform, offsetof(itn_medium_desc, name##_rgb)}
+     transform, offsetof(itn_medium_desc, name##_rgb), NULL}
 #define ITN__LIGHT_SCALE(name, light)                                                              \
     {#name, "1f", ITN__SCALE, 1, offsetof(itn_light_desc, name),                                   \
-     (light) * sizeof(itn__light) + offsetof(itn__light, parameter), ITN_LOG, 0}
-#define ITN__RANGE(lower, upper) lower, upper
+     (light) * sizeof(itn__light) + offsetof(itn__light, parameter), ITN_LOG, 0, NULL}
+#define ITN__SURFACE_TYPE offsetof(itn_surface_desc, type)
+#define ITN__LIGHT_TYPE offsetof(itn_light_desc, type)
+typedef char itn__enums_are_ints[sizeof(itn_filter) == sizeof(int) ? 1 : -1];
+
 static const itn__form itn__forms[] = {
-    {ITN__FILM, NULL,
+    {ITN__FILM, NULL, 0, 0,
      {ITN__PLAIN(itn_film_desc, "width", width, "1i", ITN__RANGE(1, 65536), 128),
       ITN__PLAIN(itn_film_desc, "height", height, "1i", ITN__RANGE(1, 65536), 128),
       ITN__PLAIN(itn_film_desc, "channels", channels, "1i", ITN__RANGE(1, 3), 1),
-      ITN__WORD("filter", "w"),
-      ITN__PLAIN(itn_film_desc, "deviation", deviation, "1f", ITN__RANGE(.1f, 4), .5f)}},
-    {ITN__CAMERA, NULL,
+      {"filter", "o", 0, 0, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box gaussian"},
+      ITN__PLAIN(itn_film_desc, "deviation", deviation, "1f", ITN__RANGE(.1f, 4), 0)}},
+    {ITN__CAMERA, NULL, 0, 0,
      {ITN__PLAIN(itn_camera_desc, "eye", eye, "3f!", ITN__ANY, 0),
       ITN__PLAIN(itn_camera_desc, "target", target, "3f!", ITN__ANY, 0),
       ITN__PLAIN(itn_camera_desc, "up", up, "3f", ITN__ANY, 0),
       ITN__PLAIN(itn_camera_desc, "fov", fov, "1f", ITN__RANGE(1e-6f, 179.999f), 30)}},
-    {ITN__MEDIUM, NULL,
+    {ITN__MEDIUM, NULL, 0, 0,
      {ITN__SPECTRUM(sigma_t, "13s!", ITN__SCALE, ITN_LOG),
       ITN__VALUE(itn_medium_desc, itn__medium, albedo, "13c!", ITN__RANGE(0, 1), 0, ITN_LOGIT),
-      ITN__WORD("phase", "w"),
+      ITN__MARK("phase", "o", "hg"),
       ITN__SPECTRUM(g, "13s", ITN__RANGE(-.999f, .999f), ITN_LOGIT)}},
-    {ITN__SURFACE, "dielectric",
-     {ITN__WORD("type", "w!"),
+    {ITN__SURFACE, "dielectric", ITN__SURFACE_TYPE, ITN_SURFACE_DIELECTRIC,
+     {ITN__MARK("type", "o!", NULL),
       ITN__VALUE(itn_surface_desc, itn__surface, ior, "1f", ITN__RANGE(1, 4), 1.5f, ITN_LOGIT),
       ITN__VALUE(itn_surface_desc, itn__surface, alpha, "1f", ITN__RANGE(.001f, 1), 0, ITN_LOG)}},
-    {ITN__SURFACE, "diffuse",
-     {ITN__WORD("type", "w!"),
-      ITN__VALUE(itn_surface_desc, itn__surface, reflectance, "013c", ITN__RANGE(0, 1), 0,
+    {ITN__SURFACE, "diffuse", ITN__SURFACE_TYPE, ITN_SURFACE_DIFFUSE,
+     {ITN__VALUE(itn_surface_desc, itn__surface, reflectance, "013c", ITN__RANGE(0, 1), 0,
                  ITN_LOGIT),
-      ITN__WORD("texture", "w"),
-      ITN__PLAIN(itn_surface_desc, "checker", checker_size, "37", ITN__SCALE, 0)}},
-    {ITN__OBJECT, "mesh",
-     {ITN__WORD("mesh", "w"), ITN__WORD("medium", "w"), ITN__WORD("surface", "w"),
+      ITN__WORD(itn_surface_desc, "texture", image, "p"),
+      ITN__PLAIN(itn_surface_desc, "checker", checker_size, "37k", ITN__SCALE, 0),
+      ITN__MARK("type", "o!", NULL)}},
+    {ITN__OBJECT, "mesh", 0, 0,
+     {ITN__WORD(itn_object_desc, "mesh", mesh, "m"),
+      ITN__WORD(itn_object_desc, "medium", medium, "w"),
+      ITN__WORD(itn_object_desc, "surface", surface, "w"),
       ITN__PLAIN(itn_object_desc, "scale", transform, "13t", ITN__POSITIVE, 0),
       ITN__PLAIN(itn_object_desc, "rotate", transform, "4t", ITN__ANY, 0),
       ITN__PLAIN(itn_object_desc, "translate", transform, "3t", ITN__ANY, 0),
-      ITN__WORD("force", "")}},
-    {ITN__OBJECT, "plane",
-     {ITN__WORD("plane", ""), ITN__WORD("surface", "w!"),
+      ITN__WORD(itn_object_desc, "force", force, "")}},
+    {ITN__OBJECT, "plane", 0, 0,
+     {ITN__MARK("plane", "", NULL), ITN__WORD(itn_object_desc, "surface", surface, "w!"),
       ITN__PLAIN(itn_object_desc, "y", plane_y, "1f", ITN__ANY, 0),
       ITN__PLAIN(itn_object_desc, "half", half_size, "1f", ITN__POSITIVE, 20)}},
-    {ITN__LIGHT, "constant",
-     {ITN__WORD("constant", ""),
+    {ITN__LIGHT, "constant", ITN__LIGHT_TYPE, ITN_LIGHT_CONSTANT,
+     {ITN__MARK("constant", "", NULL),
       ITN__PLAIN(itn_light_desc, "radiance", radiance, "13c!", ITN__RANGE(0, ITN__MAX_RADIANCE), 0),
-      ITN__LIGHT_SCALE(scale, 0), ITN__WORD("name", "w")}},
-    {ITN__LIGHT, "map",
-     {ITN__WORD("map", "w"), ITN__LIGHT_SCALE(scale, 0), ITN__WORD("name", "w")}},
-    {ITN__LIGHT, "sky",
-     {ITN__WORD("sky", "w"),
+      ITN__LIGHT_SCALE(scale, 0), ITN__WORD(itn_light_desc, "name", name, "w")}},
+    {ITN__LIGHT, "map", ITN__LIGHT_TYPE, ITN_LIGHT_MAP,
+     {ITN__WORD(itn_light_desc, "map", image, "p"), ITN__LIGHT_SCALE(scale, 0),
+      ITN__WORD(itn_light_desc, "name", name, "w")}},
+    {ITN__LIGHT, "sky", ITN__LIGHT_TYPE, ITN_LIGHT_SKY,
+     {ITN__WORD(itn_light_desc, "sky", sky, "y"),
       ITN__PLAIN(itn_light_desc, "sun", sun_direction, "3f!", ITN__ANY, 0),
       ITN__LIGHT_SCALE(scale, 0), ITN__LIGHT_SCALE(sun_scale, 1),
       ITN__PLAIN(itn_light_desc, "sun_radius_scale", sun_radius_scale, "1f",
                  ITN__RANGE(.01f, 320), 1),
-      ITN__WORD("name", "w")}}};
+      ITN__WORD(itn_light_desc, "name", name, "w")}}};
 enum { ITN__FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]) };
 
-/* What a checker has more, in a desc. */
+/* What a checker has more, in a desc; and a sky, in a file of its own. */
 static const itn__field itn__checker_fields[] = {
     ITN__VALUE(itn_surface_desc, itn__surface, reflectance2, "c", ITN__RANGE(0, 1), 0, ITN_LOGIT),
     ITN__PLAIN(itn_surface_desc, "checker_size", checker_size, "1f", ITN__RANGE(FLT_MIN, FLT_MAX),
                1),
-    ITN__WORD(NULL, NULL)};
+    ITN__MARK(NULL, NULL, NULL)};
+static const itn__form itn__sky_form = {
+    ITN__KINDS, NULL, 0, 0,
+    {ITN__PLAIN(itn_sky, "coefficients_r", coefficients[0], "9f!", ITN__ANY, 0),
+     ITN__PLAIN(itn_sky, "coefficients_g", coefficients[1], "9f!", ITN__ANY, 0),
+     ITN__PLAIN(itn_sky, "coefficients_b", coefficients[2], "9f!", ITN__ANY, 0),
+     ITN__PLAIN(itn_sky, "radiance", radiance, "3f!", ITN__RANGE(0, ITN__MAX_RADIANCE), 0),
+     ITN__PLAIN(itn_sky, "sun_radiance", sun_radiance, "3f!", ITN__RANGE(0, ITN__MAX_RADIANCE),
+                0)}};
 
-/* The form of an item's kind and type (their order is that of the enums of types). */
+/* The form of an item's kind and type; NULL if there is none. */
 static const itn__form *itn__form_of(int kind, int type) {
     int k;
     for (k = 0; k < ITN__FORMS; k++)
-        if (itn__forms[k].kind == kind && !type--) return &itn__forms[k];
+        if (itn__forms[k].kind == kind && itn__forms[k].type == type) return &itn__forms[k];
     return NULL;
 }
 
@@ -4542,6 +4562,7 @@ typedef struct itn__maker {
     itn__where where;
     int *names; /* a hash table of parameters' names: their indices + 1, or 0 */
     uint32_t name_mask;
+    itn_result refusal; /* of a value: ARGUMENT, or of a file's FORMAT */
     itn_error *error;
 } itn__maker;
 
@@ -4598,8 +4619,8 @@ static itn_result itn__take_item(itn__maker *maker, const char *name, const itn_
                              "%s: %s_rgb needs a film with 3 channels", name, field->name);
         for (c = 0; c < count; c++) {
             if (!itn__field_allows(field, n[c], words))
-                return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: %s %s", name,
-                                 field->name, words);
+                return itn__fail(maker->error, maker->refusal, 0, "%s: %s %s", name, field->name,
+                                 words);
             if (!field->parameter) continue;
             index[c] = itn__add_parameter(maker, name, field, count == 3 ? c : -1, n[c]);
             if (index[c] < 0) return ITN_ERROR_ARGUMENT;
@@ -4650,18 +4671,17 @@ static itn_result itn__name_item(itn__maker *maker, const char *name, void *item
 static itn_result itn__make_film(itn__maker *maker) {
     itn_film_desc film = maker->desc->film;
     int gaussian = film.filter == ITN_FILTER_GAUSSIAN;
-    float deviation = film.deviation;
     itn_result result;
     itn__go_to(maker, ITN__FILM, 0);
     result = itn__take_item(maker, "film", itn__form_of(ITN__FILM, 0)->fields, &film, NULL);
     if (result) return result;
     if (film.channels == 2 || (film.filter != ITN_FILTER_BOX && !gaussian))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+        return itn__fail(maker->error, maker->refusal, 0,
                          "film: channels are 1 or 3, filter is box or gaussian");
-    if (!gaussian && deviation != 0)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "film: a deviation is that of the filter gaussian");
-    if (!gaussian) film.deviation = 0;
+    if (!gaussian && film.deviation != 0)
+        return itn__fail(maker->error, maker->refusal, 0,
+                         "film: deviation is that of filter gaussian");
+    if (gaussian && film.deviation == 0) film.deviation = .5f;
     maker->scene->film = film;
     return ITN_OK;
 }
@@ -4773,41 +4793,32 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
 }
 
 /* Copies a light's colour; with one channel on the film, its luminance. */
-static itn_result itn__copy_radiance(itn__maker *maker, const char *name, const float in[3],
-                                     int in_channels, float out[3]) {
+static void itn__copy_radiance(const itn_scene *scene, const float in[3], int channels,
+                               float out[3]) {
     int c;
-    for (c = 0; c < 3; c++) {
-        out[c] = in[c < in_channels ? c : 0];
-        if (!(out[c] >= 0 && out[c] <= ITN__MAX_RADIANCE))
-            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                             "%s: radiance %g is not in [0, %g]", name, (double)out[c],
-                             (double)ITN__MAX_RADIANCE);
-    }
-    if (maker->scene->film.channels == 1) out[0] = out[1] = out[2] = itn__luminance(out);
-    return ITN_OK;
+    for (c = 0; c < 3; c++) out[c] = in[c < channels ? c : 0];
+    if (scene->film.channels == 1) out[0] = out[1] = out[2] = itn__luminance(out);
 }
 
-/* A sky desc becomes two lights, the sky and (if it has any radiance) its sun. */
+/* A sky desc becomes two lights, the sky and its sun. */
 static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, const char *name,
                                 itn__light *sky, itn__light *disc) {
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
-    int c, k;
     itn_result result;
-    for (k = 0; k < 27; k++) {
-        float number = in->sky.coefficients[k / 9][k % 9];
-        if (!itn__finite(number) || (k % 9 == 8 && !(fabsf(number) < 1)))
+    int c;
+    sky->kind = ITN__LIGHT_SKY, disc->kind = ITN__LIGHT_SUN, sky->sky = in->sky;
+    result = itn__take_item(maker, name, itn__sky_form.fields, &sky->sky, NULL);
+    for (c = 0; c < 3 && !result; c++)
+        if (!(fabsf(in->sky.coefficients[c][8]) < 1))
             return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                             "%s: sky coefficient %d of channel %d is not %s", name, k % 9, k / 9,
-                             k % 9 == 8 ? "in (-1, 1)" : "finite");
-    }
-    if (!(in->sun_direction.y > 0))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
+                             "%s: the last sky coefficient of channel %d is not in (-1, 1)", name,
+                             c);
+    if (!result && !(in->sun_direction.y > 0))
+        return itn__fail(maker->error, maker->refusal, 0,
                          "%s: the sun's direction must be above the horizon", name);
     half *= in->sun_radius_scale;
-    sky->kind = ITN__LIGHT_SKY, disc->kind = ITN__LIGHT_SUN;
-    sky->sky = in->sky;
-    result = itn__copy_radiance(maker, name, in->sky.radiance, 3, sky->radiance);
-    if (!result) result = itn__copy_radiance(maker, name, in->sky.sun_radiance, 3, disc->radiance);
+    itn__copy_radiance(maker->scene, in->sky.radiance, 3, sky->radiance);
+    itn__copy_radiance(maker->scene, in->sky.sun_radiance, 3, disc->radiance);
     sky->to_sun = disc->to_sun = itn__direction(in->sun_direction);
     disc->sun_cone = 2 * itn__square(sinf(half / 2));
     for (c = 0; c < 3; c++) disc->radiance[c] *= natural / disc->sun_cone;
@@ -4870,8 +4881,7 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
         result = itn__make_sky(maker, &in, name, &light[0], &light[1]);
     } else if (in.type == ITN_LIGHT_CONSTANT) {
         light->kind = ITN__LIGHT_CONSTANT;
-        result = itn__copy_radiance(maker, name, in.radiance, scene->film.channels,
-                                    light->radiance);
+        itn__copy_radiance(scene, in.radiance, scene->film.channels, light->radiance);
     } else {
         light->kind = ITN__LIGHT_MAP;
         if (in.image) light->width = in.image->width, light->height = in.image->height;
@@ -4978,7 +4988,7 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
         object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
                                          scene->surface_count);
     if ((in->medium && object->medium < 0) || (in->surface && object->surface < 0))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "object %d: there is no %s '%s'",
+        return itn__fail(maker->error, maker->refusal, 0, "object %d: there is no %s '%s'",
                          index + 1, in->medium && object->medium < 0 ? "medium" : "surface",
                          in->medium && object->medium < 0 ? in->medium : in->surface);
     if (!in->medium && !in->surface)
@@ -5431,7 +5441,8 @@ static itn_result itn__make_scene(itn__maker *maker) {
 
 /* itn_scene_create; on failure *where receives which item is at fault. */
 static itn_result itn__create_scene(const itn_scene_desc *desc, const itn_context *context,
-                                    itn_scene **scene, itn__where *where, itn_error *error) {
+                                    itn_result refusal, itn_scene **scene, itn__where *where,
+                                    itn_error *error) {
     itn__maker maker = ITN_ZERO;
     itn_context own;
     itn_result result = itn__context_check(context, &own, error);
@@ -5439,6 +5450,7 @@ static itn_result itn__create_scene(const itn_scene_desc *desc, const itn_contex
     maker.scene = (itn_scene *)itn__allocate(&own, 1, sizeof(itn_scene));
     if (!maker.scene) return itn__out_of_memory(error, "a scene");
     maker.scene->context = own, maker.desc = desc, maker.error = error;
+    maker.refusal = refusal;
     itn__go_to(&maker, -1, 0);
     result = itn__make_scene(&maker);
     itn__free(&own, maker.names);
@@ -5453,7 +5465,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
     itn__where where;
     if (!desc || !scene)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
-    return itn__create_scene(desc, context, scene, &where, error);
+    return itn__create_scene(desc, context, ITN_ERROR_ARGUMENT, scene, &where, error);
 }
 
 /* ---- [place] where a walk is ----------------------------------------------------------------- */
@@ -18688,261 +18700,273 @@ ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error
 
 /* ---- [scenefile] scenes as text files -------------------------------------------------------- */
 
-/* A scene file is read line by line. The tables of [fields] say what stands in a line: a keyword
-   (and for some items a name), then fields, each with a word or a few numbers; so all errors of
-   form are found in one place and at the exact line. The numbers go to the item's desc by the same
-   tables; what is left, words, files and what depends on several fields, is a short function per
-   item. What ties items together (objects name media and surfaces, three-channel colours need a
-   film of three channels) is checked at the end, so that lines may stand in any order. Sky files
-   are read in the same way: each of their lines is a field of one single item. */
+/* A scene file is read line by line, and a line word by word. The tables of [fields] say what
+   stands in a line: a keyword (and for some items a name), then fields, each with a word or a few
+   numbers, which go straight to the item's desc; so all errors of form are found in one place and
+   at the exact line. What depends on several fields of an item is checked as its line ends, and
+   what ties items together (objects name media and surfaces, three-channel colours need a film of
+   three channels) at the end, so that lines may stand in any order. Sky files are read in the same
+   way: each of their lines is a field of one single item. */
 
-typedef struct itn__field_value {
-    int given, count;
-    float numbers[ITN__MOST_NUMBERS];
-    const char *word; /* in the file's text; ends with a zero once its line is read */
-    int word_length;
-} itn__field_value;
+enum { ITN__MOST_ITEMS = 64, ITN__LINE_WORDS = 256, ITN__MOST_TEXT = 1 << 24 };
 
-/* One item: values in the order of its form's fields. */
-typedef struct itn__item {
+/* What a scene file's lines have named, loaded. */
+typedef struct itn__loaded {
+    const itn_file *files; /* given in memory */
+    int file_count, mesh_count, image_count;
+    itn_mesh meshes[ITN__MOST_ITEMS];
+    itn_image images[2 * ITN__MOST_ITEMS];
+} itn__loaded;
+
+/* A file on its way: the words of a line, and what has been read of its item. */
+typedef struct itn__reader {
+    itn__buffer buffer; /* a copy of the bytes, in which words end with zeros */
+    itn__text text;
+    itn_error *error;
+    itn__loaded *loaded;
+    char *words[ITN__LINE_WORDS];
+    int lines[ITN__LINE_WORDS], count, at; /* where words stand; how many; the next one */
     const itn__form *form;
-    const char *title; /* for messages */
-    int line;
-    itn__field_value name;
-    itn__field_value values[ITN__MOST_FIELDS];
+    const char *title;           /* of the item, for messages */
+    int given[ITN__MOST_FIELDS]; /* of each field: 1 + its numbers, 0: not given */
+    float checker[ITN__MOST_NUMBERS];
     double transform[12]; /* all steps so far, rows of a 3x4 matrix */
-} itn__item;
+} itn__reader;
 
-static void itn__item_begin(itn__item *item, const itn__form *form, const char *title, int line) {
-    memset(item, 0, sizeof *item);
-    item->form = form, item->title = title, item->line = line;
-    item->transform[0] = item->transform[5] = item->transform[10] = 1;
+static itn_result itn__reader_open(itn__reader *r, const void *bytes, size_t size,
+                                   const char *name, const itn_context *context,
+                                   itn_error *error) {
+    memset(r, 0, sizeof *r);
+    r->error = error, r->buffer.context = *context;
+    itn__put(&r->buffer, bytes, size), itn__put_u8(&r->buffer, 0);
+    if (r->buffer.failed) return itn__out_of_memory(error, name);
+    r->text = itn__text_make(r->buffer.bytes, size, name);
+    return ITN_OK;
 }
 
-/* The value of a field; one that is not given if the item has no such field. */
-static const itn__field_value *itn__item_value(const itn__item *item, const char *name) {
-    int k = 0;
-    while (item->form->fields[k].name && strcmp(item->form->fields[k].name, name)) k++;
-    return &item->values[k];
-}
-
-/* transform = step * transform, both affine: the step is applied after what is there. */
-static void itn__transform_step(double transform[12], const double step[12]) {
-    double product[12];
-    int row, column;
-    for (row = 0; row < 3; row++)
-        for (column = 0; column < 4; column++)
-            product[4 * row + column] = step[4 * row] * transform[column] +
-                                        step[4 * row + 1] * transform[4 + column] +
-                                        step[4 * row + 2] * transform[8 + column] +
-                                        (column == 3 ? step[4 * row + 3] : 0);
-    memcpy(transform, product, sizeof product);
-}
-
-/* Rotation about an axis by degrees (Rodrigues): c I + (1 - c) a a^T + s [a]x. Returns 0 if the
-   axis has no direction. */
-static int itn__transform_rotation(const float numbers[4], double step[12]) {
-    double x = numbers[0], y = numbers[1], z = numbers[2];
-    double length = sqrt(x * x + y * y + z * z), angle = numbers[3] * (3.14159265358979324 / 180);
-    double c = cos(angle), s = sin(angle), k = 1 - c;
-    if (!(length > 0)) return 0;
-    x /= length, y /= length, z /= length;
-    step[0] = c + k * x * x, step[1] = k * x * y - s * z, step[2] = k * x * z + s * y;
-    step[4] = k * x * y + s * z, step[5] = c + k * y * y, step[6] = k * y * z - s * x;
-    step[8] = k * x * z - s * y, step[9] = k * y * z + s * x, step[10] = c + k * z * z;
-    return 1;
-}
-
-/* Adds a scale, rotate or translate to an item's transformation; returns 0 if it makes no sense. */
-static int itn__transform_add(double transform[12], const char *name,
-                              const itn__field_value *value) {
-    double step[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-    int k;
-    if (!strcmp(name, "rotate") && !itn__transform_rotation(value->numbers, step)) return 0;
-    for (k = 0; k < 3; k++) {
-        if (!strcmp(name, "scale")) step[5 * k] = value->numbers[value->count == 3 ? k : 0];
-        if (!strcmp(name, "translate")) step[4 * k + 3] = value->numbers[k];
-    }
-    itn__transform_step(transform, step);
-    for (k = 0; k < 12; k++)
-        if (!(fabs(transform[k]) <= (double)FLT_MAX)) return 0;
-    return 1;
-}
-
-/* Fails with "file:line: ...". */
-static itn_result itn__file_fail(const itn__text *text, int line, itn_error *error,
-                                 const char *format, ...) ITN__PRINTF(4, 5);
-static itn_result itn__file_fail(const itn__text *text, int line, itn_error *error,
-                                 const char *format, ...) {
+/* Fails with "file:line: ...", the line being that of the word taken last. */
+static itn_result itn__reader_fail(itn__reader *r, const char *format, ...) ITN__PRINTF(2, 3);
+static itn_result itn__reader_fail(itn__reader *r, const char *format, ...) {
     char message[400];
+    int line = r->count ? r->lines[r->at ? r->at - 1 : 0] : 0;
     va_list arguments;
     va_start(arguments, format);
     itn__print_list(message, sizeof message, format, arguments);
     va_end(arguments);
-    return itn__fail(error, ITN_ERROR_FORMAT, line, "%s:%d: %s", text->name, line, message);
+    return itn__fail(r->error, ITN_ERROR_FORMAT, line, "%s:%d: %s", r->text.name, line, message);
 }
 
-/* Takes the next word of the line; fails at its end. `what` is for the message. */
-static itn_result itn__take_word(itn__text *text, const char *what, itn__field_value *value,
-                                 itn_error *error) {
-    if (itn__line_done(text))
-        return itn__file_fail(text, text->line, error, "%s: the line ends too early", what);
-    value->word = text->at;
-    value->word_length = itn__word_length(text);
-    if (memchr(value->word, 0, (size_t)value->word_length))
-        return itn__file_fail(text, text->line, error, "%s: a zero byte is not text", what);
-    text->at += value->word_length;
-    return ITN_OK;
-}
-
-/* Takes the numbers that follow a field's name: all words that begin like one. */
-static itn_result itn__take_numbers(itn__text *text, const itn__field *field,
-                                    itn__field_value *value, itn_error *error) {
-    int first = 1; /* what must be a number is read as one, for the message */
-    for (value->count = 0; !itn__line_done(text); first = 0) {
-        float number = 0;
-        char words[100];
-        itn_result result;
-        if (!strchr("+-.0123456789", *text->at) && !(first && !itn__has_form(field, '0'))) break;
-        result = itn__text_float(text, field->name, &number, error);
-        if (result) return result;
-        if (!itn__field_allows(field, number, words))
-            return itn__file_fail(text, text->line, error, "%s: %s", field->name, words);
-        if (itn__has_form(field, 'i') && number != floorf(number))
-            return itn__file_fail(text, text->line, error, "%s: %g is not a whole number",
-                                  field->name, (double)number);
-        if (value->count < ITN__MOST_NUMBERS) value->numbers[value->count] = number;
-        value->count++;
+/* Takes the words of a line, of which there may be none. */
+static itn_result itn__read_line(itn__reader *r) {
+    int k, length[ITN__LINE_WORDS];
+    for (r->count = r->at = 0; !itn__line_done(&r->text); r->text.at += length[r->at++]) {
+        r->words[r->at] = (char *)r->buffer.bytes +
+                          (r->text.at - (const char *)r->buffer.bytes);
+        r->lines[r->at] = r->text.line, length[r->at] = itn__word_length(&r->text);
+        r->count = r->at + 1;
+        if (r->count == ITN__LINE_WORDS) return itn__reader_fail(r, "the line is too long");
+        if (memchr(r->words[r->at], 0, (size_t)length[r->at]))
+            return itn__reader_fail(r, "a zero byte is not text");
     }
-    if (value->count <= 9 && itn__has_form(field, (char)('0' + value->count))) return ITN_OK;
-    return itn__file_fail(text, text->line, error, "%s takes another count of numbers than %d",
-                          field->name, value->count);
-}
-
-/* Names all fields of an item that has none of the name found. */
-static itn_result itn__unknown_field(const itn__text *text, const itn__item *item,
-                                     const itn__field_value *found, itn_error *error) {
-    char known[160] = "";
-    const itn__field *field;
-    size_t used = 0;
-    for (field = item->form->fields; field->name; field++, used = strlen(known))
-        itn__print(known + used, sizeof known - used, " %s", field->name);
-    return itn__file_fail(text, text->line, error, "%s has no field '%.*s', only%s%s", item->title,
-                          found->word_length > 40 ? 40 : found->word_length, found->word, known,
-                          item->form->kind == ITN__SURFACE ? " (or it is of another type)" : "");
-}
-
-/* Takes one field: its name, then its word or numbers. */
-static itn_result itn__take_field(itn__text *text, itn__item *item, itn_error *error) {
-    const itn__field *field = item->form->fields;
-    itn__field_value *value = item->values, found = ITN_ZERO;
-    itn_result result = itn__take_word(text, item->title, &found, error);
-    if (result) return result;
-    while (field->name && ((int)strlen(field->name) != found.word_length ||
-                           memcmp(field->name, found.word, strlen(field->name))))
-        field++, value++;
-    if (!field->name) return itn__unknown_field(text, item, &found, error);
-    if (value->given)
-        return itn__file_fail(text, text->line, error, "%s is given twice", field->name);
-    if (itn__has_form(field, 'w'))
-        result = itn__take_word(text, field->name, value, error);
-    else if (strpbrk(field->form, "0123456789"))
-        result = itn__take_numbers(text, field, value, error);
-    if (result) return result;
-    value->given = !itn__has_form(field, 't');
-    if (!value->given && !itn__transform_add(item->transform, field->name, value))
-        return itn__file_fail(text, text->line, error,
-                              "%s: the axis is zero, or the result is too large", field->name);
+    itn__next_line(&r->text);
+    for (k = 0; k < r->count; k++) r->words[k][length[k]] = 0;
+    r->at = 0;
     return ITN_OK;
 }
 
-/* Takes all fields of the line. */
-static itn_result itn__take_fields(itn__text *text, itn__item *item, itn_error *error) {
+/* The next word of the line, or NULL. */
+static char *itn__next_word(itn__reader *r) { return r->at < r->count ? r->words[r->at++] : NULL; }
+
+/* Adds a scale, rotate or translate by `count` numbers to a transformation: transform = step *
+   transform. A rotation is c I + (1 - c) a a^T + s [a]x, of axis a (Rodrigues). Returns 0 if it
+   makes no sense. */
+static int itn__transform_add(double transform[12], const char *name, const float *n, int count) {
+    double step[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, product[12], a[3], length, c, s;
+    int i, j, k;
+    for (k = 0; k < 3; k++) {
+        if (*name == 's') step[5 * k] = n[count == 3 ? k : 0];
+        if (*name == 't') step[4 * k + 3] = n[k];
+        a[k] = n[count > 1 ? k : 0];
+    }
+    length = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+    if (*name == 'r') {
+        if (!(length > 0)) return 0;
+        c = cos(n[3] * (3.14159265358979324 / 180)), s = sin(n[3] * (3.14159265358979324 / 180));
+        for (i = 0; i < 9; i++)
+            step[4 * (i / 3) + i % 3] = (1 - c) * a[i / 3] * a[i % 3] / (length * length) +
+                                        (i % 4 ? 0 : c);
+        for (i = 0; i < 3; i++) { /* [a]x: row i + 1, column i has a[i + 2], and the other way -a */
+            j = (i + 1) % 3, k = (i + 2) % 3;
+            step[4 * j + i] += s * a[k] / length, step[4 * i + j] -= s * a[k] / length;
+        }
+    }
+    for (i = 0; i < 12; i++) {
+        const double *row = step + 4 * (i / 4);
+        product[i] = row[0] * transform[i % 4] + row[1] * transform[4 + i % 4] +
+                     row[2] * transform[8 + i % 4] + (i % 4 == 3 ? row[3] : 0);
+        if (!(fabs(product[i]) <= (double)FLT_MAX)) return 0;
+    }
+    memcpy(transform, product, sizeof product);
+    return 1;
+}
+
+/* Reads the numbers that follow a field's name, all words that begin like one. Returns how many, or
+   -1. */
+static int itn__read_numbers(itn__reader *r, const itn__field *field,
+                             float n[ITN__MOST_NUMBERS]) {
+    int count = 0;
+    for (; r->at < r->count; count++) { /* what must be a number is read as one, for the message */
+        const char *word = r->words[r->at], *end = word + strlen(word);
+        double number = 0;
+        char words[100];
+        if (!strchr("+-.0123456789", *word) && (count || itn__has_form(field, '0'))) break;
+        r->at++;
+        if (itn__parse_number(word, end, &number) != end || !itn__finite((float)number))
+            return itn__reader_fail(r, "%s: '%.40s' is not a finite number", field->name, word), -1;
+        if (!itn__field_allows(field, (float)number, words))
+            return itn__reader_fail(r, "%s: %s", field->name, words), -1;
+        if (itn__has_form(field, 'i') && number != floor(number))
+            return itn__reader_fail(r, "%s: %g is not a whole number", field->name, number), -1;
+        if (count < ITN__MOST_NUMBERS) n[count] = (float)number;
+    }
+    if (count <= 9 && itn__has_form(field, (char)('0' + count))) return count;
+    return itn__reader_fail(r, "%s takes another count of numbers than %d", field->name, count), -1;
+}
+
+/* Writes a field's numbers to its desc. */
+static itn_result itn__write_numbers(itn__reader *r, const itn__field *field, float *n, int count,
+                                     void *desc) {
+    char *at = (char *)desc + field->at;
+    int whole = (int)n[0];
+    if (itn__has_form(field, 't') && !itn__transform_add(r->transform, field->name, n, count))
+        return itn__reader_fail(r, "%s: the axis is zero, or the result is too large",
+                                field->name);
+    if (itn__has_form(field, 'c') && count == 1) n[1] = n[2] = n[0], count = 3;
+    if (itn__has_form(field, 's') && count == 3) at = (char *)desc + field->three;
+    if (itn__has_form(field, 'i')) memcpy(at, &whole, sizeof whole);
+    else if (strpbrk(field->form, "fcsk")) memcpy(at, n, (size_t)count * sizeof *n);
+    return ITN_OK;
+}
+
+/* The place of a word among those of a list, or -1. */
+static int itn__choice(const char *list, const char *word) {
+    int index;
+    for (index = 0; *list; index++) {
+        size_t length = strcspn(list, " ");
+        if (length == strlen(word) && !memcmp(list, word, length)) return index;
+        list += length + strspn(list + length, " ");
+    }
+    return -1;
+}
+
+static itn_result itn__load_field(itn__reader *r, const itn__field *field, const char *word,
+                                  void *desc);
+
+/* Writes a field's word to its desc: a name, one of a few, or what the file that it names holds. */
+static itn_result itn__write_word(itn__reader *r, const itn__field *field, const char *word,
+                                  void *desc) {
+    char *at = (char *)desc + field->at;
+    int choice = field->words ? itn__choice(field->words, word) : 0;
+    if (choice < 0)
+        return itn__reader_fail(r, "%s is one of: %s; not '%.40s'", field->name, field->words,
+                                word);
+    if (itn__has_form(field, 'w')) memcpy(at, &word, sizeof word);
+    if (itn__has_form(field, 'o') && field->at) memcpy(at, &choice, sizeof choice);
+    return strpbrk(field->form, "mpy") ? itn__load_field(r, field, word, desc) : ITN_OK;
+}
+
+/* Reads all fields of the line: names, each with a word, numbers or nothing. */
+static itn_result itn__read_fields(itn__reader *r, void *desc) {
     itn_result result = ITN_OK;
-    while (!result && !itn__line_done(text)) result = itn__take_field(text, item, error);
+    char *word;
+    while (!result && (word = itn__next_word(r)) != NULL) {
+        const itn__field *field = r->form->fields;
+        float n[ITN__MOST_NUMBERS] = {0};
+        char known[160] = "";
+        int k, count = 0;
+        for (k = 0; field[k].name && strcmp(field[k].name, word); k++)
+            itn__print(known + strlen(known), sizeof known - strlen(known), " %s", field[k].name);
+        field += k;
+        if (!field->name)
+            return itn__reader_fail(r, "%s has no field '%.40s', only%s%s", r->title, word, known,
+                                    r->form->kind == ITN__SURFACE ? " (or is of another type)"
+                                                                  : "");
+        if (r->given[k]) return itn__reader_fail(r, "%s is given twice", word);
+        if (strpbrk(field->form, "0123456789")) {
+            count = itn__read_numbers(r, field, n);
+            result = count < 0 ? ITN_ERROR_FORMAT : itn__write_numbers(r, field, n, count, desc);
+            if (itn__has_form(field, 'k')) memcpy(r->checker, n, sizeof r->checker);
+        } else if (strpbrk(field->form, "wompy")) {
+            word = itn__next_word(r);
+            if (!word) return itn__reader_fail(r, "%s: the line ends too early", field->name);
+            result = itn__write_word(r, field, word, desc);
+        } else if (field->at) { /* a flag */
+            count = 1;
+            memcpy((char *)desc + field->at, &count, sizeof count);
+        }
+        r->given[k] = itn__has_form(field, 't') ? 0 : 1 + count;
+    }
     return result;
 }
 
-/* Writes the numbers of an item into its desc, once it is whole. */
-static itn_result itn__write_desc(const itn__text *text, const itn__item *item, void *desc,
-                                  itn_error *error) {
-    int k, c;
-    for (k = 0; item->form->fields[k].name; k++) {
-        const itn__field *field = &item->form->fields[k];
-        const itn__field_value *value = &item->values[k];
-        int colour = itn__has_form(field, 'c'), spectrum = itn__has_form(field, 's');
-        int count = colour ? 3 : value->count > 1 ? value->count : 1, whole;
+/* Puts in what has not been given; fails where it must be. */
+static itn_result itn__end_fields(itn__reader *r, void *desc) {
+    const itn__field *field = r->form->fields;
+    int k;
+    for (k = 0, r->at = 0; field[k].name; k++) {
         float n[ITN__MOST_NUMBERS];
-        char *at = (char *)desc + (spectrum && count == 3 ? field->three : field->at);
-        if (itn__has_form(field, '!') && !value->given)
-            return itn__file_fail(text, item->line, error, "%s: %s is missing", item->title,
-                                  field->name);
-        if (!strpbrk(field->form, "fics") || (!value->given && field->otherwise == 0)) continue;
-        for (c = 0; c < count; c++)
-            n[c] = !value->given ? field->otherwise : value->numbers[value->count > 1 ? c : 0];
-        whole = (int)n[0];
-        if (itn__has_form(field, 'i')) memcpy(at, &whole, sizeof whole);
-        else memcpy(at, n, (size_t)count * sizeof *n);
+        if (r->given[k]) continue;
+        if (itn__has_form(&field[k], '!'))
+            return itn__reader_fail(r, "%s: %s is missing", r->title, field[k].name);
+        n[0] = field[k].otherwise;
+        if (n[0] != 0) itn__write_numbers(r, &field[k], n, 1, desc);
     }
     return ITN_OK;
 }
 
-#define ITN__SKY_ROW(name, form, at) {name, form, ITN__ANY, 0, at, 0, ITN_IDENTITY, 0}
-static const itn__form itn__sky_form = {
-    ITN__KINDS, NULL,
-    {ITN__SKY_ROW("coefficients_r", "9f!", offsetof(itn_sky, coefficients)),
-     ITN__SKY_ROW("coefficients_g", "9f!", offsetof(itn_sky, coefficients) + 9 * sizeof(float)),
-     ITN__SKY_ROW("coefficients_b", "9f!", offsetof(itn_sky, coefficients) + 18 * sizeof(float)),
-     ITN__PLAIN(itn_sky, "radiance", radiance, "3f!", ITN__RANGE(0, FLT_MAX), 0),
-     ITN__PLAIN(itn_sky, "sun_radiance", sun_radiance, "3f!", ITN__RANGE(0, FLT_MAX), 0)}};
+static void itn__begin_fields(itn__reader *r, const itn__form *form, const char *title) {
+    int k;
+    r->form = form, r->title = title;
+    memset(r->given, 0, sizeof r->given);
+    for (k = 0; k < 12; k++) r->transform[k] = k % 5 == 0;
+}
 
 /* Reads the bytes of a sky file. */
 static itn_result itn__sky_from_memory(const void *bytes, size_t size, const char *name,
-                                       itn_sky *sky, itn_error *error) {
-    itn__text text = itn__text_make(bytes, size, name);
-    itn__item item;
-    itn_result result = ITN_OK;
-    itn__item_begin(&item, &itn__sky_form, "a sky", 0);
-    for (; !result && text.at < text.end; itn__next_line(&text))
-        result = itn__take_fields(&text, &item, error);
-    item.line = text.line;
-    return result ? result : itn__write_desc(&text, &item, sky, error);
-}
-
-enum { ITN__MOST_ITEMS = 64 };         /* of each kind in a scene file */
-enum { ITN__MOST_TEXT = 1 << 24 };     /* bytes of a scene file */
-
-/* A scene file on its way to a desc, which points into the arrays here and into the text. */
-typedef struct itn__scene_file {
-    itn__text text;
-    itn__buffer buffer; /* a copy of the bytes, where words end with zeros */
-    const itn_file *files;
-    int file_count;
-    itn_error *error;
-    itn_scene_desc desc;
-    int count[ITN__KINDS], lines[ITN__KINDS][ITN__MOST_ITEMS]; /* how many so far; where they are */
-    int colour_line; /* of the first colour of three numbers, 0: none so far */
-    itn_medium_desc media[ITN__MOST_ITEMS];
-    itn_surface_desc surfaces[ITN__MOST_ITEMS];
-    itn_image textures[ITN__MOST_ITEMS]; /* of the surfaces */
-    itn_object_desc objects[ITN__MOST_ITEMS];
-    itn_mesh meshes[ITN__MOST_ITEMS]; /* of the objects */
-    itn_light_desc lights[ITN__MOST_ITEMS];
-    itn_image maps[ITN__MOST_ITEMS]; /* of the lights */
-} itn__scene_file;
-
-static void itn__scene_file_free(itn__scene_file *file) {
-    itn_context context = file->buffer.context;
-    int k;
-    for (k = 0; k < ITN__MOST_ITEMS; k++) {
-        itn_image_free(&file->textures[k]);
-        itn_mesh_free(&file->meshes[k]);
-        itn_image_free(&file->maps[k]);
+                                       const itn_context *context, itn_sky *sky,
+                                       itn_error *error) {
+    itn__reader r;
+    itn_result result = itn__reader_open(&r, bytes, size, name, context, error);
+    itn__begin_fields(&r, &itn__sky_form, "a sky");
+    while (!result && r.text.at < r.text.end) {
+        result = itn__read_line(&r);
+        if (!result) result = itn__read_fields(&r, sky);
     }
-    itn__buffer_free(&file->buffer);
-    itn__free(&context, file);
+    r.count = 1, r.lines[0] = r.text.line;
+    if (!result) result = itn__end_fields(&r, sky);
+    itn__buffer_free(&r.buffer);
+    return result;
 }
 
+/* Reads what a named file holds - a mesh, a picture or a sky - to its place in a desc. */
+static itn_result itn__load_from(itn__reader *r, const itn__field *field, const void *bytes,
+                                  size_t size, const char *name, void *desc, itn_error *error) {
+    itn__loaded *loaded = r->loaded;
+    const itn_context *context = &r->buffer.context;
+    char *at = (char *)desc + field->at;
+    itn_mesh *mesh = &loaded->meshes[loaded->mesh_count];
+    itn_image *image = &loaded->images[loaded->image_count];
+    if (itn__has_form(field, 'y'))
+        return itn__sky_from_memory(bytes, size, name, context, (itn_sky *)(void *)at, error);
+    if (itn__has_form(field, 'm')) {
+        memcpy(at, &mesh, sizeof mesh), loaded->mesh_count++;
+        return itn_mesh_from_memory(bytes, size, name, context, mesh, error);
+    }
+    memcpy(at, &image, sizeof image), loaded->image_count++;
+    return itn_image_from_memory(bytes, size, name, context, image, error);
+}
+
+#ifndef ITN_NO_STDIO
 /* The path of a file that a scene file names: relative to the scene file's folder. */
 static char *itn__path_beside(const itn_context *context, const char *path, const char *name) {
     size_t folder = strlen(path), length = strlen(name) + 1;
@@ -18958,333 +18982,202 @@ static char *itn__path_beside(const itn_context *context, const char *path, cons
     memcpy(joined + folder, name, length);
     return joined;
 }
-
-/* What a named file holds: a mesh, an image or a sky. */
-static itn_result itn__read_named(int kind, const void *bytes, size_t size, const char *name,
-                                  const itn_context *context, void *loaded, itn_error *error) {
-    if (kind == 'm')
-        return itn_mesh_from_memory(bytes, size, name, context, (itn_mesh *)loaded, error);
-    if (kind == 'i')
-        return itn_image_from_memory(bytes, size, name, context, (itn_image *)loaded, error);
-    return itn__sky_from_memory(bytes, size, name, (itn_sky *)loaded, error);
-}
-
-/* Loads a file that an item names, if it is not among those that the caller gave. */
-static itn_result itn__open_named(const itn__scene_file *file, int kind, const char *name,
-                                  void *loaded, itn_error *error) {
-    const itn_context *context = &file->buffer.context;
-    itn_result result;
-    int k;
-    for (k = 0; k < file->file_count; k++)
-        if (!strcmp(file->files[k].name, name))
-            return itn__read_named(kind, file->files[k].bytes, file->files[k].size, name, context,
-                                   loaded, error);
-#ifdef ITN_NO_STDIO
-    result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: it is not among the files given", name);
-#else
-    {
-        itn__buffer bytes = ITN_ZERO;
-        char *path = itn__path_beside(context, file->text.name, name);
-        bytes.context = *context;
-        if (!path) return itn__out_of_memory(error, name);
-        result = itn__read_file(path, SIZE_MAX / 4, &bytes, error);
-        if (!result)
-            result = itn__read_named(kind, bytes.bytes, bytes.size, path, context, loaded, error);
-        itn__buffer_free(&bytes), itn__free(context, path);
-    }
 #endif
-    return result;
-}
 
-/* The same; an error gets the scene file's line in front. */
-static itn_result itn__load_named(itn__scene_file *file, const itn__item *item, int kind,
-                                  const char *field, void *loaded) {
+/* Loads the file that a field names, one given in memory or another; an error gets the scene file's
+   line in front. */
+static itn_result itn__load_field(itn__reader *r, const itn__field *field, const char *word,
+                                  void *desc) {
+    const itn_file *files = r->loaded->files;
+    int k = 0, line = r->lines[0];
+    itn__buffer file = ITN_ZERO;
     itn_error inner = ITN_ZERO;
-    itn_result result = itn__open_named(file, kind, itn__item_value(item, field)->word, loaded,
-                                        &inner);
-    if (!result) return ITN_OK;
-    return itn__fail(file->error, result, item->line, "%s:%d: %s", file->text.name, item->line,
-                     inner.message);
-}
-
-/* Fails at the line of an item. */
-#define ITN__ITEM_FAIL(...) itn__file_fail(&file->text, item->line, file->error, __VA_ARGS__)
-
-/* Whether an item's name is one, and no other's. */
-static itn_result itn__check_item_name(const itn__scene_file *file, const itn__item *item,
-                                       const char *name) {
-    int k, taken = 0;
-    if (!itn__is_name(name))
-        return ITN__ITEM_FAIL("%s: name '%.40s' " ITN__NAME_RULE, item->title, name);
-    for (k = 0; k < file->count[ITN__MEDIUM]; k++) taken |= !strcmp(file->media[k].name, name);
-    for (k = 0; k < file->count[ITN__SURFACE]; k++) taken |= !strcmp(file->surfaces[k].name, name);
-    for (k = 0; k < file->count[ITN__LIGHT]; k++) {
-        char light[ITN_NAME_SIZE];
-        itn__light_name(&file->lights[k], k, light);
-        taken |= !strcmp(light, name);
+    itn_result result;
+    file.context = r->buffer.context;
+    while (k < r->loaded->file_count && strcmp(files[k].name, word)) k++;
+    if (k < r->loaded->file_count) {
+        result = itn__load_from(r, field, files[k].bytes, files[k].size, word, desc, &inner);
+    } else {
+#ifdef ITN_NO_STDIO
+        result = itn__fail(&inner, ITN_ERROR_FILE, 0, "%s is not among the files given", word);
+#else
+        char *path = itn__path_beside(&file.context, r->text.name, word);
+        if (!path) return itn__out_of_memory(r->error, word);
+        result = itn__read_file(path, SIZE_MAX / 4, &file, &inner);
+        if (!result)
+            result = itn__load_from(r, field, file.bytes, file.size, path, desc, &inner);
+        itn__buffer_free(&file), itn__free(&file.context, path);
+#endif
     }
-    return taken ? ITN__ITEM_FAIL("the name '%s' is used twice", name) : ITN_OK;
+    if (!result) return ITN_OK;
+    return itn__fail(r->error, result, line, "%s:%d: %s", r->text.name, line, inner.message);
 }
 
-static itn_result itn__finish_film(itn__scene_file *file, const itn__item *item) {
-    itn_film_desc *film = &file->desc.film;
-    const itn__field_value *filter = itn__item_value(item, "filter");
-    const char *name = filter->given ? filter->word : "box";
-    film->filter = strcmp(name, "gaussian") ? ITN_FILTER_BOX : ITN_FILTER_GAUSSIAN;
-    if (film->filter == ITN_FILTER_BOX && strcmp(name, "box"))
-        return ITN__ITEM_FAIL("filter is box or gaussian, not '%.40s'", name);
-    if (film->channels == 2) return ITN__ITEM_FAIL("channels is 1 or 3, not 2");
-    if (film->filter == ITN_FILTER_BOX && itn__item_value(item, "deviation")->given)
-        return ITN__ITEM_FAIL("deviation is that of filter gaussian");
-    if (film->filter == ITN_FILTER_BOX) film->deviation = 0;
+/* A scene file on its way to a desc, whose names are words of the reader's. */
+typedef struct itn__scene_file {
+    itn__reader reader;
+    itn__loaded loaded;
+    itn_scene_desc desc;
+    int count[ITN__KINDS], lines[ITN__KINDS][ITN__MOST_ITEMS]; /* how many so far; where they are */
+    int name_count, colour_line; /* line of the first colour of three numbers, 0: none so far */
+    char names[3 * ITN__MOST_ITEMS][ITN_NAME_SIZE];
+    itn_medium_desc media[ITN__MOST_ITEMS];
+    itn_surface_desc surfaces[ITN__MOST_ITEMS];
+    itn_object_desc objects[ITN__MOST_ITEMS];
+    itn_light_desc lights[ITN__MOST_ITEMS];
+} itn__scene_file;
+
+/* The desc of item k of a kind. */
+static void *itn__desc_of(itn__scene_file *file, int kind, int k) {
+    if (kind == ITN__FILM) return &file->desc.film;
+    if (kind == ITN__CAMERA) return &file->desc.camera;
+    if (kind == ITN__MEDIUM) return &file->media[k];
+    if (kind == ITN__SURFACE) return &file->surfaces[k];
+    if (kind == ITN__OBJECT) return &file->objects[k];
+    return &file->lights[k];
+}
+
+/* Takes an item's name, which must be one, and no other's. */
+static itn_result itn__take_name(itn__scene_file *file, const char *name) {
+    itn__reader *r = &file->reader;
+    if (!itn__is_name(name))
+        return itn__reader_fail(r, "%s: name '%.40s' " ITN__NAME_RULE, r->title, name);
+    if (itn__find_name(name, file->names, ITN_NAME_SIZE, file->name_count) >= 0)
+        return itn__reader_fail(r, "the name '%s' is used twice", name);
+    itn__copy_name(file->names[file->name_count++], name);
     return ITN_OK;
 }
 
-static itn_result itn__finish_camera(itn__scene_file *file, const itn__item *item) {
-    itn_vec3 up = itn__direction(file->desc.camera.up);
-    if (!itn__item_value(item, "up")->given || itn__length(up) > 0) return ITN_OK;
-    return ITN__ITEM_FAIL("camera: up is zero"); /* 0 0 0 would mean 0 1 0 */
-}
-
-static itn_result itn__finish_medium(itn__scene_file *file, const itn__item *item) {
-    const itn__field_value *phase = itn__item_value(item, "phase");
-    if (!phase->given || !strcmp(phase->word, "hg")) return ITN_OK;
-    return ITN__ITEM_FAIL("phase is hg, not '%.40s'", phase->word);
-}
-
 /* The three forms of reflectance: a colour, an image (times a colour), a checker. */
-static itn_result itn__finish_surface(itn__scene_file *file, const itn__item *item) {
-    int index = file->count[ITN__SURFACE], k;
-    itn_surface_desc *surface = &file->surfaces[index];
-    const itn__field_value *plain = itn__item_value(item, "reflectance");
-    const itn__field_value *image = itn__item_value(item, "texture");
-    const itn__field_value *checker = itn__item_value(item, "checker");
-    int three = checker->count == 7;
-    while (itn__form_of(ITN__SURFACE, (int)surface->type) != item->form)
-        surface->type = (itn_surface_type)((int)surface->type + 1);
-    if (surface->type != ITN_SURFACE_DIFFUSE) return ITN_OK;
-    if (!plain->given || image->given + checker->given > 1 || (checker->given && plain->count) ||
-        image->given + checker->given + plain->count == 0)
-        return ITN__ITEM_FAIL("reflectance is a colour, [colour] texture FILE or checker A B SIZE");
-    for (k = 0; k < 3 && checker->given; k++) {
-        surface->reflectance[k] = checker->numbers[three ? k : 0];
-        surface->reflectance2[k] = checker->numbers[three ? 3 + k : 1];
+static itn_result itn__end_diffuse(itn__reader *r, itn_surface_desc *surface, int plain, int image,
+                                   int checker) {
+    const float *n = r->checker;
+    int k, three = checker == 8;
+    if (!plain || (plain > 1 && checker) || (plain == 1 && !image && !checker) ||
+        (image && checker))
+        return itn__reader_fail(r, "reflectance is a colour, [colour] texture FILE or checker A B "
+                                   "SIZE");
+    for (k = 0; k < 3 && plain == 1; k++) {
+        surface->reflectance[k] = checker ? n[three ? k : 0] : 1;
+        surface->reflectance2[k] = checker ? n[three ? 3 + k : 1] : 0;
         if (surface->reflectance[k] > 1 || surface->reflectance2[k] > 1)
-            return ITN__ITEM_FAIL("checker: a reflectance is not in [0, 1]");
+            return itn__reader_fail(r, "checker: a reflectance is not in [0, 1]");
     }
-    for (k = 0; k < 3 && !checker->given && !plain->count; k++) surface->reflectance[k] = 1;
-    if (checker->given) {
-        surface->texture = ITN_TEXTURE_CHECKER;
-        surface->checker_size = checker->numbers[checker->count - 1];
-        return surface->checker_size > 0 ? ITN_OK : ITN__ITEM_FAIL("checker: SIZE is not positive");
-    }
-    if (!image->given) return ITN_OK;
-    surface->texture = ITN_TEXTURE_IMAGE, surface->image = &file->textures[index];
-    return itn__load_named(file, item, 'i', "texture", &file->textures[index]);
+    if (image) surface->texture = ITN_TEXTURE_IMAGE;
+    if (!checker) return ITN_OK;
+    surface->texture = ITN_TEXTURE_CHECKER, surface->checker_size = n[checker - 2];
+    return surface->checker_size > 0 ? ITN_OK
+                                     : itn__reader_fail(r, "checker: SIZE is not positive");
 }
 
-static itn_result itn__finish_object(itn__scene_file *file, const itn__item *item) {
-    int index = file->count[ITN__OBJECT], k;
-    itn_object_desc *object = &file->objects[index];
-    object->medium = itn__item_value(item, "medium")->word;
-    object->surface = itn__item_value(item, "surface")->word;
-    object->force = itn__item_value(item, "force")->given;
-    if (strcmp(item->form->variant, "mesh")) return ITN_OK;
-    for (k = 0; k < 12; k++) object->transform[k] = (float)item->transform[k];
+/* What depends on several fields of an item. */
+static itn_result itn__end_item(itn__scene_file *file, const itn__form *form, void *desc) {
+    itn__reader *r = &file->reader;
+    const int *given = r->given;
+    itn_object_desc *object = (itn_object_desc *)desc;
+    int k;
+    for (k = 0; form->fields[k].name && !file->colour_line; k++)
+        if ((strpbrk(form->fields[k].form, "cs") && given[k] == 4) || given[k] == 8)
+            file->colour_line = r->lines[0];
+    if (form->type_at) memcpy((char *)desc + form->type_at, &form->type, sizeof form->type);
+    if (form->kind == ITN__LIGHT) ((itn_light_desc *)desc)->has_scale = 1;
+    if (form->kind == ITN__SURFACE && form->type == ITN_SURFACE_DIFFUSE)
+        return itn__end_diffuse(r, (itn_surface_desc *)desc, given[0], given[1], given[2]);
+    if (form->kind != ITN__OBJECT || !object->mesh) return ITN_OK;
+    for (k = 0; k < 12; k++) object->transform[k] = (float)r->transform[k];
     if (itn__object_matrix(object) == itn__identity) /* all 0, which would mean no transform */
-        return ITN__ITEM_FAIL("the transform is too small for a float");
-    object->mesh = &file->meshes[index];
-    return itn__load_named(file, item, 'm', "mesh", &file->meshes[index]);
+        return itn__reader_fail(r, "the transform is too small for a float");
+    return ITN_OK;
 }
 
-static itn_result itn__finish_light(itn__scene_file *file, const itn__item *item) {
-    int index = file->count[ITN__LIGHT];
-    itn_light_desc *light = &file->lights[index];
-    light->name = itn__item_value(item, "name")->word;
-    light->has_scale = 1;
-    while (itn__form_of(ITN__LIGHT, (int)light->type) != item->form)
-        light->type = (itn_light_type)((int)light->type + 1);
-    if (light->type == ITN_LIGHT_CONSTANT) return ITN_OK;
-    if (light->type == ITN_LIGHT_MAP) {
-        light->image = &file->maps[index];
-        return itn__load_named(file, item, 'i', "map", &file->maps[index]);
-    }
-    if (!(light->sun_direction.y > 0)) return ITN__ITEM_FAIL("sun is not above the horizon");
-    return itn__load_named(file, item, 's', "sky", &light->sky);
-}
-#undef ITN__ITEM_FAIL
-
-/* The desc of the next item of a kind. */
-static void *itn__next_desc(itn__scene_file *file, int kind) {
-    int k = file->count[kind];
-    switch (kind) {
-    case ITN__FILM: return &file->desc.film;
-    case ITN__CAMERA: return &file->desc.camera;
-    case ITN__MEDIUM: return &file->media[k];
-    case ITN__SURFACE: return &file->surfaces[k];
-    case ITN__OBJECT: return &file->objects[k];
-    default: return &file->lights[k];
-    }
-}
-
-static itn_result itn__finish_item(itn__scene_file *file, const itn__item *item) {
-    static itn_result (*const finish[])(itn__scene_file *, const itn__item *) = {
-        itn__finish_film,    itn__finish_camera, itn__finish_medium,
-        itn__finish_surface, itn__finish_object, itn__finish_light};
-    return finish[item->form->kind](file, item);
-}
-
-/* The type that a surface's line says, somewhere behind its name. */
-static itn__text itn__find_type(itn__text text) {
-    if (!itn__line_done(&text)) text.at += itn__word_length(&text);
-    while (!itn__line_done(&text) && !itn__accept_word(&text, "type"))
-        text.at += itn__word_length(&text);
-    itn__skip_blanks(&text);
-    return text;
-}
-
-/* Finds the form of the item that begins here and steps over its keyword. */
-static const itn__form *itn__find_form(itn__text *text, itn_error *error) {
+/* The form of the line's item. */
+static const itn__form *itn__find_form(itn__reader *r) {
+    const char *keyword = itn__next_word(r), *variant = r->count > 1 ? r->words[1] : "";
     char known[240] = "";
-    int k, shown = 0, kind = -1;
-    itn__text ahead, behind = *text, variant;
-    for (k = 0; k < ITN__FORMS; k++) {
-        const itn__form *form = &itn__forms[k];
-        size_t used = strlen(known);
-        ahead = *text;
-        itn__print(known + used, sizeof known - used, "%s%s%s%s", used ? ", " : "",
-                 itn__kinds[form->kind], form->variant ? " " : "",
-                 form->variant ? form->variant : "");
-        if (!itn__accept_word(&ahead, itn__kinds[form->kind])) continue;
-        variant = behind = ahead, kind = form->kind;
-        if (kind == ITN__SURFACE) variant = itn__find_type(ahead);
-        itn__skip_blanks(&variant);
-        if (form->variant && !itn__accept_word(&variant, form->variant)) continue;
-        *text = ahead;
-        return form;
+    int k, pass, kind = -1;
+    for (k = 0; k < ITN__KINDS; k++)
+        if (!strcmp(keyword, itn__kinds[k])) kind = k;
+    if (kind == ITN__SURFACE) { /* its type stands somewhere behind its name */
+        for (k = 2; k < r->count && strcmp(r->words[k], "type"); k++) {}
+        if (k + 1 >= r->count) {
+            itn__reader_fail(r, "surface: type is missing");
+            return NULL;
+        }
+        keyword = "type", variant = r->words[k + 1];
     }
-    while (shown < 40 && text->at + shown < text->end && (unsigned char)text->at[shown] >= 32)
-        shown++;
-    behind = itn__find_type(behind);
-    if (kind == ITN__SURFACE && itn__line_done(&behind))
-        itn__file_fail(text, text->line, error, "surface: type is missing");
-    else
-        itn__file_fail(text, text->line, error, "found '%.*s', expected %s", shown, text->at,
-                       known);
+    for (pass = 0; pass < 2; pass++)
+        for (k = 0; k < ITN__FORMS; k++) {
+            const itn__form *form = &itn__forms[k];
+            const char *second = form->variant ? form->variant : "";
+            if (kind >= 0 && form->kind != kind) continue;
+            if (kind >= 0 && !pass && (!*second || !strcmp(second, variant))) return form;
+            if (pass)
+                itn__print(known + strlen(known), sizeof known - strlen(known), "%s%s%s%s",
+                           *known ? ", " : "", itn__kinds[form->kind], *second ? " " : "", second);
+        }
+    itn__reader_fail(r, "found '%.20s%s%.20s', expected %s", keyword, *variant ? " " : "", variant,
+                     known);
     return NULL;
 }
 
-/* Ends a word with a zero. */
-static void itn__end_word(itn__scene_file *file, const itn__field_value *value) {
-    const char *bytes = (const char *)file->buffer.bytes;
-    if (value->word) file->buffer.bytes[value->word + value->word_length - bytes] = 0;
-}
-
-/* Whether an item may stand here: its name, and how many there are. */
-static itn_result itn__check_item(itn__scene_file *file, const itn__item *item) {
-    int kind = item->form->kind, count = file->count[kind];
-    const char *name = item->name.word;
+/* Reads the item of a line that has words. */
+static itn_result itn__read_item(itn__scene_file *file) {
+    itn__reader *r = &file->reader;
+    const itn__form *form = itn__find_form(r);
+    int kind = form ? form->kind : 0, k = file->count[kind];
+    void *desc = itn__desc_of(file, kind, k);
+    const char *name = NULL;
     char light_name[ITN_NAME_SIZE];
-    itn_light_desc light = ITN_ZERO;
-    itn_result result = ITN_OK;
-    if (kind == ITN__LIGHT) {
-        light.name = itn__item_value(item, "name")->word;
-        itn__light_name(&light, count, light_name);
+    itn_result result;
+    if (!form) return ITN_ERROR_FORMAT;
+    itn__begin_fields(r, form, itn__kinds[kind]);
+    if (k && kind <= ITN__CAMERA)
+        return itn__reader_fail(r, "%s was given in line %d", r->title, file->lines[kind][0]);
+    if (k == ITN__MOST_ITEMS) return itn__reader_fail(r, "more than %d items of this kind", k);
+    if (kind == ITN__MEDIUM || kind == ITN__SURFACE) {
+        name = itn__next_word(r);
+        if (!name) return itn__reader_fail(r, "%s: the line ends too early", r->title);
+        memcpy(desc, &name, sizeof name); /* its first field */
+    }
+    result = itn__read_fields(r, desc);
+    if (!result) result = itn__end_fields(r, desc);
+    if (kind == ITN__LIGHT && !result) {
+        itn__light_name((itn_light_desc *)desc, k, light_name);
         name = light_name;
     }
-    if (name) result = itn__check_item_name(file, item, name);
-    if (!result && count && kind <= ITN__CAMERA)
-        result = itn__file_fail(&file->text, item->line, file->error, "%s was given in line %d",
-                                item->title, file->lines[kind][0]);
-    if (!result && count == ITN__MOST_ITEMS)
-        result = itn__file_fail(&file->text, item->line, file->error,
-                               "more than %d items of this kind", (int)ITN__MOST_ITEMS);
-    return result;
-}
-
-/* Reads a line and makes its item. */
-static itn_result itn__file_line(itn__scene_file *file) {
-    const itn__form *form = itn__find_form(&file->text, file->error);
-    itn__item item;
-    void *desc;
-    itn_result result = ITN_OK;
-    int k;
-    if (!form) return ITN_ERROR_FORMAT;
-    itn__item_begin(&item, form, itn__kinds[form->kind], file->text.line);
-    if (form->kind == ITN__MEDIUM || form->kind == ITN__SURFACE)
-        result = itn__take_word(&file->text, item.title, &item.name, file->error);
-    if (!result) result = itn__take_fields(&file->text, &item, file->error);
-    if (result) return result;
-    itn__next_line(&file->text); /* now the line's own bytes are not needed any more */
-    itn__end_word(file, &item.name);
-    for (k = 0; k < ITN__MOST_FIELDS; k++) itn__end_word(file, &item.values[k]);
-    result = itn__check_item(file, &item);
-    if (result) return result;
-    desc = itn__next_desc(file, form->kind);
-    if (item.name.word) memcpy(desc, &item.name.word, sizeof item.name.word); /* its first field */
-    result = itn__write_desc(&file->text, &item, desc, file->error);
-    for (k = 0; form->fields[k].name && !file->colour_line; k++)
-        if ((strpbrk(form->fields[k].form, "cs") && item.values[k].count == 3) ||
-            item.values[k].count == 7)
-            file->colour_line = item.line;
-    if (!result) result = itn__finish_item(file, &item);
-    file->lines[form->kind][file->count[form->kind]++] = item.line;
-    return result;
-}
-
-/* Whether a name is among those of media or surfaces; no name at all is fine. */
-static itn_result itn__check_reference(const itn__scene_file *file, int object, int kind,
-                                       const char *name) {
-    int k, found = !name;
-    for (k = 0; !found && k < file->count[kind]; k++)
-        found = !strcmp(kind == ITN__MEDIUM ? file->media[k].name : file->surfaces[k].name, name);
-    if (found) return ITN_OK;
-    return itn__file_fail(&file->text, file->lines[ITN__OBJECT][object], file->error,
-                          "there is no %s '%.40s'", itn__kinds[kind], name);
-}
-
-/* Checks what no line can be checked for alone. */
-static itn_result itn__check_file(const itn__scene_file *file) {
-    itn_result result = ITN_OK;
-    int k;
-    for (k = 0; !result && k < file->count[ITN__OBJECT]; k++) {
-        result = itn__check_reference(file, k, ITN__MEDIUM, file->objects[k].medium);
-        if (!result)
-            result = itn__check_reference(file, k, ITN__SURFACE, file->objects[k].surface);
-    }
-    if (!result && file->colour_line && file->desc.film.channels != 3)
-        result = itn__file_fail(&file->text, file->colour_line, file->error,
-                                "a colour of three numbers needs a film with channels 3");
-    if (!result && !file->count[ITN__CAMERA])
-        result = itn__file_fail(&file->text, 0, file->error, "there is no camera");
-    if (!result && !file->count[ITN__LIGHT])
-        result = itn__file_fail(&file->text, 0, file->error,
-                                "there is no light: all would be black");
-    return result;
+    if (!result && name) result = itn__take_name(file, name);
+    file->lines[kind][file->count[kind]++] = r->lines[0];
+    return result ? result : itn__end_item(file, form, desc);
 }
 
 /* Reads all lines and makes the scene. */
 static itn_result itn__file_scene(itn__scene_file *file, itn_scene **scene) {
+    itn__reader *r = &file->reader;
     itn_scene_desc *desc = &file->desc;
     itn__where where = {-1, 0};
     itn_error inner = ITN_ZERO;
     itn_result result = ITN_OK;
     int line;
-    while (!result && file->text.at < file->text.end) {
-        if (itn__line_done(&file->text)) itn__next_line(&file->text);
-        else result = itn__file_line(file);
+    while (!result && r->text.at < r->text.end) {
+        result = itn__read_line(r);
+        if (!result && r->count) result = itn__read_item(file);
     }
-    if (!result) result = itn__check_file(file);
     if (result) return result;
+    r->count = 0; /* what is wrong is in no line */
+    if (!file->count[ITN__CAMERA]) return itn__reader_fail(r, "there is no camera");
+    if (!file->count[ITN__LIGHT])
+        return itn__reader_fail(r, "there is no light: all would be black");
+    r->count = file->colour_line > 0, r->lines[0] = file->colour_line;
+    if (file->colour_line && desc->film.channels != 3)
+        return itn__reader_fail(r, "a colour of three numbers needs a film with channels 3");
     desc->media = file->media, desc->medium_count = file->count[ITN__MEDIUM];
     desc->surfaces = file->surfaces, desc->surface_count = file->count[ITN__SURFACE];
     desc->objects = file->objects, desc->object_count = file->count[ITN__OBJECT];
     desc->lights = file->lights, desc->light_count = file->count[ITN__LIGHT];
-    result = itn__create_scene(desc, &file->buffer.context, scene, &where, &inner);
+    result = itn__create_scene(desc, &r->buffer.context, ITN_ERROR_FORMAT, scene, &where, &inner);
     if (!result) return ITN_OK;
     line = where.kind < 0 ? 0 : file->lines[where.kind][where.index];
-    return itn__fail(file->error, result, line, "%s:%d: %s", file->text.name, line,
-                     inner.message);
+    return itn__fail(r->error, result, line, "%s:%d: %s", r->text.name, line, inner.message);
 }
 
 ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const char *name,
@@ -19293,25 +19186,23 @@ ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const c
                                          itn_error *error) {
     itn_context own;
     itn__scene_file *file;
+    int k;
     itn_result result = itn__context_check(context, &own, error);
     if (result) return result;
     if (!bytes || !scene || file_count < 0 || (file_count && !files) || size > ITN__MOST_TEXT)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_scene_from_memory: NULL argument, or more than %d bytes",
                          (int)ITN__MOST_TEXT);
-    if (!name) name = "scene";
     file = (itn__scene_file *)itn__allocate(&own, 1, sizeof *file);
-    if (!file) return itn__out_of_memory(error, name);
-    file->error = error, file->files = files, file->file_count = file_count;
-    file->buffer.context = own;
-    itn__put(&file->buffer, bytes, size), itn__put_u8(&file->buffer, 0);
-    if (file->buffer.failed) {
-        result = itn__out_of_memory(error, name);
-    } else {
-        file->text = itn__text_make(file->buffer.bytes, size, name);
-        result = itn__file_scene(file, scene);
-    }
-    itn__scene_file_free(file);
+    if (!file) return itn__out_of_memory(error, "a scene file");
+    result = itn__reader_open(&file->reader, bytes, size, name ? name : "scene", &own, error);
+    file->reader.loaded = &file->loaded;
+    file->loaded.files = files, file->loaded.file_count = file_count;
+    if (!result) result = itn__file_scene(file, scene);
+    for (k = 0; k < ITN__MOST_ITEMS; k++) itn_mesh_free(&file->loaded.meshes[k]);
+    for (k = 0; k < 2 * ITN__MOST_ITEMS; k++) itn_image_free(&file->loaded.images[k]);
+    itn__buffer_free(&file->reader.buffer);
+    itn__free(&own, file);
     return result;
 }
 

@@ -381,7 +381,8 @@ static void test_other_errors(void) {
           ITN_ERROR_ARGUMENT);
     CHECK(scene == NULL);
     CHECK(!load_text("", NULL, &error) && strstr(error.message, "no camera"));
-    CHECK(!load_text(rest, NULL, &error) && strstr(error.message, "no medium 'm'"));
+    sprintf(text, "camera eye 0 0 5 target 0 0 0\n%s", rest);
+    CHECK(!load_text(text, NULL, &error) && strstr(error.message, "no medium 'm'"));
     sprintf(text, "%slight constant radiance 1\n", base);
     CHECK(!load_text(text, NULL, &error) && strstr(error.message, "1 to 64 objects"));
     sprintf(text, "%sobject mesh cube.obj medium m\n", base);
@@ -496,7 +497,8 @@ static int try_scene(void) {
 static itn_result load_sky(const char *path, itn_sky *sky, itn_error *error) {
     itn__buffer bytes = ITN_ZERO;
     itn_result result = itn__read_file(path, 1 << 20, &bytes, error);
-    if (!result) result = itn__sky_from_memory(bytes.bytes, bytes.size, path, sky, error);
+    if (!result)
+        result = itn__sky_from_memory(bytes.bytes, bytes.size, path, &bytes.context, sky, error);
     itn__buffer_free(&bytes);
     return result;
 }
