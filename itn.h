@@ -18966,23 +18966,33 @@ static itn_result itn__load_from(itn__reader *r, const itn__field *field, const 
     return itn_image_from_memory(bytes, size, name, context, image, error);
 }
 
-#ifndef ITN_NO_STDIO
-/* The path of a file that a scene file names: relative to the scene file's folder. */
-static char *itn__path_beside(const itn_context *context, const char *path, const char *name) {
-    size_t folder = strlen(path), length = strlen(name) + 1;
-    char *joined;
-    while (folder && path[folder - 1] != '/' && path[folder - 1] != '\\') folder--;
+/* The same of a file beside the scene file, or where its path is absolute. */
+static itn_result itn__load_beside(itn__reader *r, const itn__field *field, const char *name,
+                                   void *desc, itn_error *error) {
+#ifdef ITN_NO_STDIO
+    (void)r, (void)field, (void)desc;
+    return itn__fail(error, ITN_ERROR_FILE, 0, "%s is not among the files given", name);
+#else
+    const char *scene = r->text.name;
+    size_t folder = strlen(scene), length = strlen(name) + 1;
+    itn__buffer path = ITN_ZERO, file = ITN_ZERO;
+    itn_result result;
+    path.context = file.context = r->buffer.context;
+    while (folder && scene[folder - 1] != '/' && scene[folder - 1] != '\\') folder--;
     if (name[0] == '/') folder = 0;
 #ifdef _WIN32
     if (name[0] == '\\' || (name[0] && name[1] == ':')) folder = 0;
 #endif
-    joined = (char *)itn__allocate(context, folder + length, 1);
-    if (!joined) return NULL;
-    memcpy(joined, path, folder);
-    memcpy(joined + folder, name, length);
-    return joined;
-}
+    itn__put(&path, scene, folder), itn__put(&path, name, length);
+    if (path.failed) return itn__out_of_memory(error, name);
+    result = itn__read_file((const char *)path.bytes, SIZE_MAX / 4, &file, error);
+    if (!result)
+        result = itn__load_from(r, field, file.bytes, file.size, (const char *)path.bytes, desc,
+                                error);
+    itn__buffer_free(&file), itn__buffer_free(&path);
+    return result;
 #endif
+}
 
 /* Loads the file that a field names, one given in memory or another; an error gets the scene file's
    line in front. */
@@ -18990,25 +19000,13 @@ static itn_result itn__load_field(itn__reader *r, const itn__field *field, const
                                   void *desc) {
     const itn_file *files = r->loaded->files;
     int k = 0, line = r->lines[0];
-    itn__buffer file = ITN_ZERO;
     itn_error inner = ITN_ZERO;
     itn_result result;
-    file.context = r->buffer.context;
     while (k < r->loaded->file_count && strcmp(files[k].name, word)) k++;
-    if (k < r->loaded->file_count) {
+    if (k < r->loaded->file_count)
         result = itn__load_from(r, field, files[k].bytes, files[k].size, word, desc, &inner);
-    } else {
-#ifdef ITN_NO_STDIO
-        result = itn__fail(&inner, ITN_ERROR_FILE, 0, "%s is not among the files given", word);
-#else
-        char *path = itn__path_beside(&file.context, r->text.name, word);
-        if (!path) return itn__out_of_memory(r->error, word);
-        result = itn__read_file(path, SIZE_MAX / 4, &file, &inner);
-        if (!result)
-            result = itn__load_from(r, field, file.bytes, file.size, path, desc, &inner);
-        itn__buffer_free(&file), itn__free(&file.context, path);
-#endif
-    }
+    else
+        result = itn__load_beside(r, field, word, desc, &inner);
     if (!result) return ITN_OK;
     return itn__fail(r->error, result, line, "%s:%d: %s", r->text.name, line, inner.message);
 }

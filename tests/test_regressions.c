@@ -1516,7 +1516,7 @@ static const struct {
     struct {
         double lower, upper, ior, sigma_t;
     } object[PILE_OBJECTS];
-    double ior[PILE_OBJECTS] = {1}, tau[PILE_OBJECTS] = {0};
+    double ior[PILE_OBJECTS], tau[PILE_OBJECTS];
 } piles[PILES] = {
     {"touching", 2, 2, {{0, 1, 2.4, .5}, {1, 2, 1.3, .7}}, {1.3, 2.4}, {.7, .5}},
     {"touching, swapped", 2, 2, {{1, 2, 1.3, .7}, {0, 1, 2.4, .5}}, {1.3, 2.4}, {.7, .5}},
