@@ -34,11 +34,11 @@ static double reuse_reach(double g, double wanted) { return fmin(wanted, .5 * (1
 
 /* Adds the turn with 1 - cosine = x and 1 + cosine = y. */
 static void reuse_turn(const reuse_record *record, float x, float y, float *turns) {
-    double here = (double)itn__phase((float)record->g, x, y).v;
+    double here = (double)one_phase((float)record->g, x, y).v;
     int k;
     for (k = 0; k < REUSE_NODES; k++) {
         double g = record->g + (double)reuse_nodes[k] * record->reach;
-        turns[k] += (float)log((double)itn__phase((float)g, x, y).v / here);
+        turns[k] += (float)log((double)one_phase((float)g, x, y).v / here);
     }
 }
 
@@ -80,7 +80,7 @@ static void reuse_walk(reuse_record *record, itn__walk *walk, itn_ray ray, reuse
         itn_hit hit;
         int met, goes_on = 1;
         float x, y, u, v;
-        ray.tmax = medium ? itn__sample_flight((float)record->sigma_t, itn__uniform(&walk->rng))
+        ray.tmax = medium ? one_flight((float)record->sigma_t, itn__uniform(&walk->rng))
                           : INFINITY;
         met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
         if (medium) path->length += met ? itn__max(hit.t, 0) : ray.tmax;
@@ -89,7 +89,7 @@ static void reuse_walk(reuse_record *record, itn__walk *walk, itn_ray ray, reuse
         } else if (medium) {
             ray.origin = itn__along(ray.origin, ray.tmax, ray.direction);
             u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
-            ray.direction = itn__sample_phase(ray.direction, (float)record->g, u, v, &x, &y);
+            ray.direction = one_sample_phase(ray.direction, (float)record->g, u, v, &x, &y);
             walk->weight.beta[0] *= (float)record->albedo, path->collisions++;
             reuse_turn(record, x, y, path->turns);
             goes_on = itn__within(walk->scene, ray.origin);

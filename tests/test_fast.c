@@ -8,6 +8,7 @@
 #include "../itn.h"
 
 #include "check.h"
+#include "one.h"
 
 #include "solids.h"
 #include "stage.h"
@@ -723,9 +724,9 @@ static void aim(herd *f) {
         float u = itn__uniform(&f->rng), v = itn__uniform(&f->rng), w = itn__uniform(&f->rng), x, y;
         itn_vec3 d = itn__lane_vector(&f->d, k);
         if (w > .1f)
-            set_lane(&f->d, k, itn__sample_phase(d, w > .5f ? .8f : -.2f, u, v, &x, &y));
+            set_lane(&f->d, k, one_sample_phase(d, w > .5f ? .8f : -.2f, u, v, &x, &y));
         w = itn__uniform(&f->rng);
-        ITN__LANE(f->distance, k) = itn__sample_flight(extinction(f, k), itn__uniform(&f->rng)) *
+        ITN__LANE(f->distance, k) = one_flight(extinction(f, k), itn__uniform(&f->rng)) *
                                     (w < .3f ? .1f : w < .7f ? 1 : 4);
     }
 }

@@ -3,6 +3,7 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
+#include "one.h"
 #include "solids.h"
 
 static const double pi = 3.14159265358979323846;
@@ -125,20 +126,20 @@ static void check_map(int width, int height, int kind, double largest_spread, do
                 for (b = 0; b < FINE; b++) {
                     double v = (r + (a + .5) / FINE) / ROWS, u = (c + (b + .5) / FINE) / COLUMNS;
                     double area = 2 * pi * pi * sin(pi * v) / (ROWS * COLUMNS) / (FINE * FINE);
-                    itn_vec3 d = itn__map_direction((float)u, (float)v);
+                    itn_vec3 d = one_map_direction((float)u, (float)v);
                     float rgb[3];
-                    itn__light_radiance(light, d, rgb);
+                    itn__light_radiance(light, 3, d, rgb);
                     worst = itn__max((float)worst, (float)fabs(rgb[0] - map_value(&map, u, v)));
-                    expected[r][c] += factor * itn__light_pdf(light, d) * area;
+                    expected[r][c] += factor * one_light_pdf(light, d) * area;
                     power += rgb[0] * area;
                 }
     CHECK_NEAR(worst, 0, kind == 2 ? .05 : 1e-4);
     for (k = 0; k < DRAWS; k++) {
         float u = itn__uniform(&rng), v = itn__uniform(&rng), pdf, rgb[3], x, y;
-        itn_vec3 d = itn__light_sample(light, u, v);
-        pdf = itn__light_pdf(light, d);
-        itn__light_radiance(light, d, rgb);
-        itn__map_coordinates(d, &x, &y);
+        itn_vec3 d = one_light_sample(light, u, v);
+        pdf = one_light_pdf(light, d);
+        itn__light_radiance(light, 3, d, rgb);
+        one_map_coordinates(d, &x, &y);
         if (!(pdf > 0) || !itn__finite(pdf) || !(fabs(itn__length(d) - 1) < 1e-6)) CHECK(0);
         c = (int)(x * COLUMNS), r = (int)(y * ROWS);
         counts[r < ROWS ? r : ROWS - 1][c < COLUMNS ? c : COLUMNS - 1]++;
@@ -179,23 +180,23 @@ static void test_maps(void) {
 
 /* Directions and coordinates: the published layout, and back. */
 static void test_light_directions(void) {
-    itn_vec3 d = itn__map_direction(.25f, .5f);
+    itn_vec3 d = one_map_direction(.25f, .5f);
     float u, v;
     int k;
     CHECK(fabs(d.x - 1) < 1e-6 && fabs(d.y) < 1e-6 && fabs(d.z) < 1e-6);
-    d = itn__map_direction(0, .5f);
+    d = one_map_direction(0, .5f);
     CHECK(fabs(d.z + 1) < 1e-6);
-    d = itn__map_direction(.7f, 0);
+    d = one_map_direction(.7f, 0);
     CHECK(fabs(d.y - 1) < 1e-6);
     for (k = 0; k < 1000; k++) {
         float a = (float)(fmod(k * .61803398875, 1)), b = (float)((k + .5) / 1000);
-        itn__map_coordinates(itn__map_direction(a, b), &u, &v);
+        one_map_coordinates(one_map_direction(a, b), &u, &v);
         CHECK(fabs(v - b) < 1e-6 && (fabs(u - a) < 1e-5 || fabs(fabs(u - a) - 1) < 1e-5));
         CHECK(u >= 0 && u < 1 && v >= 0 && v <= 1);
     }
-    itn__map_coordinates(itn__vec3(0, 1, 0), &u, &v);
+    one_map_coordinates(itn__vec3(0, 1, 0), &u, &v);
     CHECK(u >= 0 && u < 1 && v == 0);
-    itn__map_coordinates(itn__vec3(-1e-30f, 0, -1), &u, &v);
+    one_map_coordinates(itn__vec3(-1e-30f, 0, -1), &u, &v);
     CHECK(u >= 0 && u < 1 && fabs(v - .5) < 1e-6);
 }
 
@@ -205,7 +206,7 @@ static void check_sky_at(const itn__light *light, double theta, double azimuth,
                          const double rgb[3]) {
     float got[3];
     int k;
-    itn__light_radiance(light, itn__vec3((float)(sin(theta) * cos(azimuth)), (float)cos(theta),
+    itn__light_radiance(light, 3, itn__vec3((float)(sin(theta) * cos(azimuth)), (float)cos(theta),
                                          (float)(sin(theta) * sin(azimuth))), got);
     for (k = 0; k < 3; k++) CHECK_NEAR(got[k], rgb[k], 2e-5 * rgb[k]);
 }
@@ -225,13 +226,13 @@ static void test_light_sky(void) {
     check_sky_at(light, pi / 6, 0, sunward);
     check_sky_at(light, pi / 3, pi, opposite);
     CHECK_CATCHES(check_sky_at(light, pi / 6, .02, sunward));
-    itn__light_radiance(light, itn__vec3(.6f, -.8f, 0), rgb); /* nothing below the horizon */
+    itn__light_radiance(light, 3, itn__vec3(.6f, -.8f, 0), rgb); /* nothing below the horizon */
     CHECK(rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0);
     itn_scene_free(scene);
     dark.coefficients[0][2] = -50; /* negative: taken as 0 */
     desc.sky = dark;
     scene = plane_scene(&desc, 3, 4);
-    itn__light_radiance(&scene->lights[0], itn__vec3(0, 1, 0), rgb);
+    itn__light_radiance(&scene->lights[0], 3, itn__vec3(0, 1, 0), rgb);
     CHECK(rgb[0] == 0 && rgb[1] > 0);
     itn_scene_free(scene);
 }
@@ -251,10 +252,10 @@ static void check_sun(double radius_scale, double power_factor) {
                        (power_factor * sky.sun_radiance[k] * natural), 1, 1e-5);
     for (k = 0; k < 10000; k++) {
         float rgb[3], u = (float)((k + .5) / 10000), v = (float)fmod(k * .61803398875, 1);
-        itn_vec3 d = itn__light_sample(sun, u, v);
-        itn__light_radiance(sun, d, rgb);
-        inside += rgb[0] > 0 && fabs(itn__light_pdf(sun, d) * solid_angle - 1) < 1e-4;
-        mean += itn__one_minus_cosine(d, sun->to_sun) / sun->sun_cone / 10000;
+        itn_vec3 d = one_light_sample(sun, u, v);
+        itn__light_radiance(sun, 3, d, rgb);
+        inside += rgb[0] > 0 && fabs(one_light_pdf(sun, d) * solid_angle - 1) < 1e-4;
+        mean += one_minus_cosine(d, sun->to_sun) / sun->sun_cone / 10000;
     }
     CHECK(inside > 9900); /* all but those that rounding puts beyond the rim */
     CHECK_NEAR(mean, .5, .01);
@@ -284,7 +285,7 @@ static double irradiated(const itn_image *map, double radius_scale, int channel)
         for (c = 0; c < COLUMNS; c++) {
             double v = .5 * (r + .5) / ROWS, u = (c + .5) / COLUMNS, radiance;
             float rgb[3];
-            if (!map) itn__light_radiance(&light, itn__map_direction((float)u, (float)v), rgb);
+            if (!map) itn__light_radiance(&light, 3, one_map_direction((float)u, (float)v), rgb);
             radiance = map ? map_value(map, u, v) : rgb[channel];
             sum += radiance * cos(pi * v) * sin(pi * v) * pi * pi / ((double)ROWS * COLUMNS);
         }

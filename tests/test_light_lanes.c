@@ -3,6 +3,8 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
+#include "one.h"
+#include "scalar.h"
 #include "stage.h"
 
 #ifdef ITN_SANITIZED
@@ -92,7 +94,7 @@ static int on_edge(const itn_scene *scene, itn_vec3 d) {
     int i, edge = fabsf(d.y) < 2e-7f;
     for (i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
-        float x = itn__one_minus_cosine(d, light->to_sun);
+        float x = scalar_one_minus_cosine(d, light->to_sun);
         edge |= light->kind == ITN__LIGHT_SUN && fabsf(x - light->sun_cone) < 1e-6f * sqrtf(x);
     }
     return edge;
@@ -153,17 +155,17 @@ static void check_drawn(const itn_scene *scene, float factor) {
             d[0][j] = one.x, d[1][j] = one.y, d[2][j] = one.z;
         }
         directions = itn__vectors_of(itn__load(d[0]), itn__load(d[1]), itn__load(d[2]));
-        itn__store(got[6], itn__vlights_pdf(scene, directions) * factor);
-        itn__vradiance(scene, theta, directions, mask, sampled, plain);
+        itn__store(got[6], itn__lights_pdf(scene, &directions) * factor);
+        itn__lights_radiance(scene, theta, &directions, mask, sampled, plain);
         for (c = 0; c < 3; c++) itn__store(got[c], sampled[c]), itn__store(got[3 + c], plain[c]);
         for (j = 0; j < ITN__LANES; j++) {
             itn_vec3 one = itn__vec3(d[0][j], d[1][j], d[2][j]);
-            float expected[6] = {0, 0, 0, 0, 0, 0}, pdf = itn__lights_pdf(scene, one);
+            float expected[6] = {0, 0, 0, 0, 0, 0}, pdf = scalar_lights_pdf(scene, one);
             int on = (int)((itn__mask_bits(mask) >> j) & 1);
             for (i = 0; i < scene->light_count && on; i++) {
                 const itn__light *light = &scene->lights[i];
                 float rgb[3];
-                itn__scene_radiance(scene, light, one, rgb);
+                scalar_scene_radiance(scene, light, one, rgb);
                 for (c = 0; c < scene->film.channels; c++)
                     expected[c + (light->share > 0 ? 0 : 3)] += theta[light->parameter] * rgb[c];
             }
@@ -192,24 +194,25 @@ static void check_draws(const itn_scene *scene, double tolerance) {
     int k, j, c, bad = 0, drawn = 0;
     for (k = 0; k < COUNT && !bad; k += ITN__LANES) {
         itn__vectors directions;
-        itn__floats pdf;
+        itn__towards to;
+        itn__floats pdf, lanes[3];
         itn__ints mask = itn__bits_mask(test_bits(k)), done;
         for (j = 0; j < ITN__LANES; j++) {
             itn__rng rng = itn__rng_make(2, 0, (uint64_t)(k + j));
             for (c = 0; c < 3; c++) u[c][j] = itn__uniform(&rng);
         }
-        done = itn__vdraw_light(scene, itn__load(u[0]), itn__load(u[1]), itn__load(u[2]), mask,
-                                &directions, &pdf);
+        for (c = 0; c < 3; c++) lanes[c] = itn__load(u[c]);
+        itn__draw_lights(scene, lanes, mask, &to, &pdf);
+        directions = to.d, done = itn__less(itn__splat(0), pdf);
         itn__store(got[0], directions.x), itn__store(got[1], directions.y);
         itn__store(got[2], directions.z), itn__store(got[3], pdf);
         for (j = 0; j < ITN__LANES && !bad; j++) {
-            itn__walk walk = ITN_ZERO;
+            itn__rng rng = itn__rng_make(2, 0, (uint64_t)(k + j));
             itn_vec3 d = itn__vec3(0, 0, 0), one = itn__vec3(got[0][j], got[1][j], got[2][j]);
             float expected = 0;
             int on = (int)((itn__mask_bits(mask) >> j) & 1), hit;
             int was = (int)((itn__mask_bits(done) >> j) & 1);
-            walk.scene = scene, walk.rng = itn__rng_make(2, 0, (uint64_t)(k + j));
-            hit = on && itn__draw_light(&walk, &d, &expected);
+            hit = on && scalar_draw_light(scene, &rng, &d, &expected);
             drawn += hit;
             if (hit && (on_edge(scene, d) || on_edge(scene, one))) continue;
             bad += hit != was || (!was && got[3][j] != 0);
@@ -233,15 +236,14 @@ static void check_ends(const itn_scene *scene) {
     static const float ends[4] = {5.9604645e-8f, 1.7881393e-7f, .5f, .99999994f};
     int k;
     for (k = 0; k < 64; k++) {
-        itn__vectors d;
-        itn__floats pdf, length;
-        itn__ints done = itn__vdraw_light(scene, itn__splat(ends[k % 4]),
-                                          itn__splat(ends[k / 4 % 4]), itn__splat(ends[k / 16]),
-                                          itn__splat_int(-1), &d, &pdf);
-        length = itn__vdot(d, d);
+        itn__towards to;
+        itn__floats pdf, length, u[3];
+        u[0] = itn__splat(ends[k % 4]), u[1] = itn__splat(ends[k / 4 % 4]);
+        u[2] = itn__splat(ends[k / 16]);
+        itn__draw_lights(scene, u, itn__splat_int(-1), &to, &pdf);
+        length = itn__vdot(to.d, to.d);
         CHECK_NEAR(ITN__LANE(length, 0), 1, 2e-6);
         CHECK(itn__finite(ITN__LANE(pdf, 0)) && ITN__LANE(pdf, 0) >= 0);
-        CHECK((ITN__LANE(pdf, 0) > 0) == (ITN__LANE(done, 0) != 0));
     }
 }
 
@@ -249,23 +251,23 @@ static void check_ends(const itn_scene *scene) {
 static void check_integral(const itn_scene *scene, double factor) {
     enum { ROWS = 800, COLUMNS = 1600 };
     float d[3][ITN__LANES], pdf[ITN__LANES];
+    itn__vectors directions;
     double sum = 0;
     int r, c, j, i;
     for (r = 0; r < ROWS; r++)
         for (c = 0; c < COLUMNS; c += ITN__LANES) {
             for (j = 0; j < ITN__LANES; j++) {
-                itn_vec3 one = itn__map_direction((float)((c + j + .5) / COLUMNS),
+                itn_vec3 one = scalar_map_direction((float)((c + j + .5) / COLUMNS),
                                                   (float)((r + .5) / ROWS));
                 d[0][j] = one.x, d[1][j] = one.y, d[2][j] = one.z;
             }
-            itn__store(pdf, itn__vlights_pdf(scene, itn__vectors_of(itn__load(d[0]),
-                                                                    itn__load(d[1]),
-                                                                    itn__load(d[2]))));
+            directions = itn__vectors_of(itn__load(d[0]), itn__load(d[1]), itn__load(d[2]));
+            itn__store(pdf, itn__lights_pdf(scene, &directions));
             for (j = 0; j < ITN__LANES; j++) {
                 itn_vec3 one = itn__vec3(d[0][j], d[1][j], d[2][j]);
                 for (i = 0; i < scene->light_count; i++)
                     if (scene->lights[i].kind == ITN__LIGHT_SUN)
-                        pdf[j] -= scene->lights[i].share * itn__light_pdf(&scene->lights[i], one);
+                        pdf[j] -= scene->lights[i].share * scalar_light_pdf(&scene->lights[i], one);
                 sum += pdf[j] * sin(3.14159265358979 * (r + .5) / ROWS);
             }
         }
@@ -312,7 +314,7 @@ static void check_guide(int count, int kind, int off) {
         float u = k == 0 ? .99999994f : k == 1 ? 5.9604645e-8f : itn__uniform(&rng), rest, before;
         if (k > 1000) u = itn__max((float)(k % count) / (float)count, 5.9604645e-8f);
         for (entry = 0; entry < count - 1 && table[entry] <= u; entry++) {}
-        bad += entry != itn__pick(table, guide, count, u, &rest) + off;
+        bad += entry != one_pick(table, guide, count, u, &rest) + off;
         before = entry ? table[entry - 1] : 0;
         bad += !(fabsf(before + rest * (table[entry] - before) - u) < 1e-6f);
     }

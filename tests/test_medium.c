@@ -4,6 +4,7 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
+#include "one.h"
 
 static const double medium_pi = 3.14159265358979323846;
 static const float all_g[17] = {0,    1e-7f,  -1e-7f, 1e-4f, -1e-4f, .3f,   -.3f,  .6f,  -.6f,
@@ -26,7 +27,7 @@ static void check_moments(float g, double shift) {
     for (i = 0; i < STEPS; i++) {
         float x, y, u = (float)((i + .5) / STEPS);
         double c, p0 = 1, p1;
-        itn__sample_phase(forward, g, u, .37f, &x, &y);
+        one_sample_phase(forward, g, u, .37f, &x, &y);
         c = p1 = 1 - (double)x;
         for (l = 1; l <= 4; l++) {
             double p2 = ((2 * l + 1) * c * p1 - l * p0) / (l + 1);
@@ -48,8 +49,8 @@ static void check_density(float g) {
         double a = (i - .25) / 64, b = (i + .25) / 64, mass, x, share, sum = 0;
         float xa, xb, ya, yb;
         int k;
-        itn__sample_phase(itn__vec3(0, 0, 1), g, (float)a, .1f, &xa, &ya);
-        itn__sample_phase(itn__vec3(0, 0, 1), g, (float)b, .1f, &xb, &yb);
+        one_sample_phase(itn__vec3(0, 0, 1), g, (float)a, .1f, &xa, &ya);
+        one_sample_phase(itn__vec3(0, 0, 1), g, (float)b, .1f, &xb, &yb);
         mass = b - a;
         /* integral of p 2 pi dx over the span by midpoints in log x or log (2 - x) */
         for (k = 0; k < 400; k++) {
@@ -57,7 +58,7 @@ static void check_density(float g) {
             double lb = log((double)(g > 0 ? xa : yb));
             x = exp(la + t * (lb - la));
             sum += 2 * medium_pi *
-                   itn__phase(g, (float)(g > 0 ? x : 2 - x), (float)(g > 0 ? 2 - x : x)).v * x *
+                   one_phase(g, (float)(g > 0 ? x : 2 - x), (float)(g > 0 ? 2 - x : x)).v * x *
                    fabs(lb - la) / 400;
         }
         share = sum / mass;
@@ -79,7 +80,7 @@ static void check_integrals(float g, double shift) {
     for (i = 0; i < STEPS; i++) {
         double t = (i + .5) / STEPS * top, y = s * s * (exp(t) - 1);
         double dy = s * s * exp(t) * top / STEPS, x = g >= 0 ? y : 2 - y;
-        itn__dual p = itn__phase(g, (float)x, (float)(g >= 0 ? 2 - y : y));
+        one_dual p = one_phase(g, (float)x, (float)(g >= 0 ? 2 - y : y));
         integral += 2 * medium_pi * p.v * dy, score += 2 * medium_pi * p.d[0] * dy;
         score_cosine += 2 * medium_pi * p.d[0] * (1 - x) * dy;
     }
@@ -95,9 +96,9 @@ static void check_score(float g) {
     int i;
     for (i = 0; i < STEPS; i++) {
         float x, y;
-        itn__dual p;
-        itn__sample_phase(itn__vec3(0, 0, 1), g, (float)((i + .5) / STEPS), .1f, &x, &y);
-        p = itn__phase(g, x, y);
+        one_dual p;
+        one_sample_phase(itn__vec3(0, 0, 1), g, (float)((i + .5) / STEPS), .1f, &x, &y);
+        p = one_phase(g, x, y);
         mean += (double)p.d[0] / p.v / STEPS, size += fabs((double)p.d[0] / p.v) / STEPS;
     }
     check_report(fabs(mean) <= tolerance * (1 + size), __FILE__, __LINE__,
@@ -109,7 +110,7 @@ static void check_slope(float g, double factor) {
     int i;
     for (i = 0; i <= 200; i++) {
         double x = i <= 100 ? 2 * pow(10, -8 + 7.5 * i / 100.) : 2 * i / 200., step, slope, p, unit;
-        itn__dual got;
+        one_dual got;
         float fx = (float)x;
         if (g < 0 && 2 - x < .01) continue; /* 2 - x has no digits there */
         x = fx;
@@ -117,7 +118,7 @@ static void check_slope(float g, double factor) {
         slope = (henyey_greenstein(g + step, x) - henyey_greenstein(g - step, x)) / (2 * step);
         p = henyey_greenstein(g, x);
         unit = fabs(slope) + p / (1 - fabs((double)g));
-        got = itn__phase(g, fx, 2 - fx);
+        got = one_phase(g, fx, 2 - fx);
         check_report(fabs(got.v / p - 1) <= 1e-5 && fabs(got.d[0] * factor - slope) <= 1e-5 * unit,
                      __FILE__, __LINE__, "g %g x %g: p %.8g (%.8g), dp/dg %.8g (%.8g)", (double)g,
                      x, (double)got.v, p, (double)got.d[0], slope);
@@ -134,11 +135,11 @@ static void check_turns(float g) {
         for (i = 0; i < 6; i++)
             for (j = 0; j < 6; j++) {
                 itn_vec3 from = itn__vec3(directions[d][0], directions[d][1], directions[d][2]), to;
-                itn__dual p;
+                one_dual p;
                 double cosine;
                 float x, y;
-                to = itn__sample_phase(from, g, ends[i], ends[j], &x, &y);
-                p = itn__phase(g, x, y);
+                to = one_sample_phase(from, g, ends[i], ends[j], &x, &y);
+                p = one_phase(g, x, y);
                 cosine = (double)from.x * to.x + (double)from.y * to.y + (double)from.z * to.z;
                 check_report(itn__finite3(to) && x >= 0 && x <= 2 && p.v > 0 && itn__finite(p.v) &&
                                  itn__finite(p.d[0]) && itn__finite(p.d[0] / p.v) &&
@@ -158,7 +159,7 @@ static void check_azimuth(void) {
                                                  itn__uniform(&rng) - .5f));
         float x = 0, y;
         for (i = 0; i < 64; i++) {
-            itn_vec3 to = itn__sample_phase(from, .4f, .3f, ((float)i + .5f) / 64, &x, &y);
+            itn_vec3 to = one_sample_phase(from, .4f, .3f, ((float)i + .5f) / 64, &x, &y);
             mean[0] += to.x / 64, mean[1] += to.y / 64, mean[2] += to.z / 64;
         }
         CHECK(fabs(mean[0] - (1 - x) * from.x) < 1e-6 && fabs(mean[1] - (1 - x) * from.y) < 1e-6 &&
@@ -177,8 +178,8 @@ static void test_phase(void) {
         check_turns(all_g[k]);
     }
     check_azimuth();
-    CHECK(itn__phase(.5f, .1f, 1.9f).v > itn__phase(.5f, 1.9f, .1f).v); /* positive g is forward */
-    CHECK(itn__phase(-.5f, .1f, 1.9f).v < itn__phase(-.5f, 1.9f, .1f).v);
+    CHECK(one_phase(.5f, .1f, 1.9f).v > one_phase(.5f, 1.9f, .1f).v); /* positive g is forward */
+    CHECK(one_phase(-.5f, .1f, 1.9f).v < one_phase(-.5f, 1.9f, .1f).v);
     CHECK_CATCHES(check_moments(.3f, 1e-4));
     CHECK_CATCHES(check_integrals(.9f, 1e-3));
     CHECK_CATCHES(check_slope(.6f, 1.001));
@@ -192,10 +193,10 @@ static void test_small_angles(void) {
         double angle = pow(2, -k);
         itn_vec3 a = itn__vec3(0, 0, 1), b = itn__vec3((float)sin(angle), 0, (float)cos(angle));
         double x = 2 * pow(sin(angle / 2), 2);
-        CHECK_NEAR(itn__one_minus_cosine(a, b) / x, 1, 4e-6);
+        CHECK_NEAR(one_minus_cosine(a, b) / x, 1, 4e-6);
     }
-    CHECK(itn__one_minus_cosine(itn__vec3(1, 0, 0), itn__vec3(-1, 0, 0)) == 2);
-    CHECK(itn__one_minus_cosine(itn__vec3(1, 0, 0), itn__vec3(1, 0, 0)) == 0);
+    CHECK(one_minus_cosine(itn__vec3(1, 0, 0), itn__vec3(-1, 0, 0)) == 2);
+    CHECK(one_minus_cosine(itn__vec3(1, 0, 0), itn__vec3(1, 0, 0)) == 0);
 }
 
 /* ---- free flight ----------------------------------------------------------------------------- */
@@ -207,24 +208,24 @@ static void test_flight(void) {
         enum { STEPS = 1 << 18 };
         double mean = 0, square = 0;
         for (i = 0; i < STEPS; i++) {
-            double t = itn__sample_flight(sigma[k], (float)((i + .5) / STEPS));
+            double t = one_flight(sigma[k], (float)((i + .5) / STEPS));
             mean += t / STEPS, square += t * t / STEPS;
         }
         CHECK_NEAR(mean * sigma[k], 1, 1e-5);                      /* mean 1 / sigma_t */
         CHECK_NEAR(square * sigma[k] * sigma[k], 2, 1e-4);
-        CHECK(itn__finite(itn__sample_flight(sigma[k], 5.9604645e-8f)));
-        CHECK(itn__sample_flight(sigma[k], .99999994f) > 0);
+        CHECK(itn__finite(one_flight(sigma[k], 5.9604645e-8f)));
+        CHECK(one_flight(sigma[k], .99999994f) > 0);
         for (i = 0; i < 20; i++) { /* exp(-sigma t) and its slope -t exp(-sigma t) */
             float t = (float)(.25 * i / sigma[k]);
-            itn__dual f = itn__transmittance(sigma[k], t);
+            one_dual f = one_transmittance(sigma[k], t);
             double expected = exp(-(double)sigma[k] * t);
             CHECK_NEAR(f.v / expected, 1, 2e-6);
             CHECK_NEAR(f.d[0], -(double)t * expected, 2e-6 * t * expected + 1e-30);
         }
         /* sigma T drawn by itself: the median flight is ln 2 / sigma */
-        CHECK_NEAR(itn__sample_flight(sigma[k], .5f) * sigma[k], log(2.), 1e-6);
+        CHECK_NEAR(one_flight(sigma[k], .5f) * sigma[k], log(2.), 1e-6);
     }
-    CHECK(itn__transmittance(0, 5).v == 1 && itn__transmittance(0, 5).d[0] == -5);
+    CHECK(one_transmittance(0, 5).v == 1 && one_transmittance(0, 5).d[0] == -5);
 }
 
 /* ---- random numbers -------------------------------------------------------------------------- */

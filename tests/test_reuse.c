@@ -4,6 +4,7 @@
 #include "../itn.h"
 
 #include "check.h"
+#include "one.h"
 #include "solids.h"
 #include "stage.h"
 
@@ -31,8 +32,8 @@ static void test_reuse_turns(double planted) {
     for (k = 0; k < sizeof inside / sizeof *inside; k++) {
         double g = record.g + inside[k] * record.reach, sum = 0, by_g = 0;
         for (i = 0; i < 60; i++) {
-            itn__dual p = itn__phase((float)(g + planted), 1 - cosines[i], 1 + cosines[i]);
-            float before = itn__phase((float)record.g, 1 - cosines[i], 1 + cosines[i]).v;
+            one_dual p = one_phase((float)(g + planted), 1 - cosines[i], 1 + cosines[i]);
+            float before = one_phase((float)record.g, 1 - cosines[i], 1 + cosines[i]).v;
             sum += log((double)p.v / (double)before), by_g += (double)p.d[0] / (double)p.v;
         }
         CHECK_NEAR(reuse_phase(&record, turns, g, &slope), sum, 2e-3);

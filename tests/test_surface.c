@@ -3,6 +3,7 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
+#include "one.h"
 #include "solids.h"
 
 static const double surface_pi = 3.14159265358979323846;
@@ -83,17 +84,17 @@ static double face_albedo(double mu, double alpha, double eta, int metal, int up
 
 /* ---- Fresnel --------------------------------------------------------------------------------- */
 
-static itn__dual fresnel_at(double cos_i, double eta, double *cos_t) {
-    itn__dual c, f;
-    f = itn__fresnel(itn__variable((float)cos_i, 0), itn__variable((float)eta, 1), &c);
-    *cos_t = c.v;
+static one_dual fresnel_at(double cos_i, double eta, double *cos_t) {
+    float c;
+    one_dual f = one_fresnel((float)cos_i, (float)eta, &c);
+    *cos_t = c;
     return f;
 }
 
 static void check_fresnel(double cos_i, double eta, double factor) {
     const double h = 1e-6;
     double cos_t, by_cos, by_eta, c = (float)cos_i, e = (float)eta;
-    itn__dual f = fresnel_at(cos_i, eta, &cos_t);
+    one_dual f = fresnel_at(cos_i, eta, &cos_t);
     if (fresnel(c - 2 * h, e) == 1) { /* total reflection, or too near to it for differences */
         if (fresnel(c, e) == 1) CHECK(f.v == 1 && f.d[0] == 0 && f.d[1] == 0 && cos_t == 0);
         return;
@@ -145,7 +146,7 @@ static void test_fresnel(void) {
 }
 
 static int draw(itn_vec3 i, float alpha, float eta, const float u[3], itn_vec3 *o) {
-    return itn__sample_dielectric(i, itn__sample_facet(i, alpha, u[0], u[1]), eta, u[2], o);
+    return one_sample_dielectric(i, one_sample_facet(i, alpha, u[0], u[1]), eta, u[2], o);
 }
 
 /* ---- the smooth face ------------------------------------------------------------------------- */
@@ -184,12 +185,12 @@ static void check_rough(float alpha, float eta, float mu, double factor) {
     for (k = 0; k < 400; k++) {
         float u[3], pdf;
         double f, by_alpha, by_eta, h = 1e-5, unit;
-        itn__dual got;
+        one_dual got;
         real3 ri, ro;
         u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng), u[2] = itn__uniform(&rng);
         if (!draw(i, alpha, eta, u, &o)) continue;
         if (fabs(o.z) < .02) continue; /* G1 by the angle has few digits there */
-        got = itn__rough(i, o, NULL, alpha, eta, &pdf);
+        got = one_rough(i, o, NULL, alpha, eta, &pdf);
         ri = real(i.x, i.y, i.z), ro = real(o.x, o.y, o.z);
         f = rough(ri, ro, alpha, eta), unit = f / alpha / alpha;
         by_alpha = (rough(ri, ro, alpha + h * alpha, eta) - rough(ri, ro, alpha - h * alpha, eta)) /
@@ -224,14 +225,14 @@ static void told_albedo(int told, double mu, double alpha, double eta, int up, i
     uint32_t k;
     for (k = 0; k < STEPS; k++) { /* a lattice of three irrational steps (Roberts 2018) */
         float u[3], pdf;
-        itn__dual f;
+        one_dual f;
         u[0] = (float)(((k * 3518319155u) >> 8) + .5) / 16777216.f;
         u[1] = (float)(((k * 2882110345u) >> 8) + .5) / 16777216.f;
         u[2] = (float)(((k * 2360945575u) >> 8) + .5) / 16777216.f;
-        m = itn__sample_facet(i, (float)alpha, u[0], u[1]);
-        if (!itn__sample_dielectric(i, m, (float)eta, u[2], &o)) continue;
+        m = one_sample_facet(i, (float)alpha, u[0], u[1]);
+        if (!one_sample_dielectric(i, m, (float)eta, u[2], &o)) continue;
         if (o.z > 0 ? !up : !down) continue;
-        f = itn__rough(i, o, told ? &m : NULL, (float)alpha, (float)eta, &pdf);
+        f = one_rough(i, o, told ? &m : NULL, (float)alpha, (float)eta, &pdf);
         if (!(f.v > 0)) continue;
         sums[0] += f.v / pdf, sums[1] += f.d[0] / pdf, sums[2] += f.d[1] / pdf;
         sums[3] += pow(f.d[0] / pdf, 2), sums[4] += pow(f.d[1] / pdf, 2);
@@ -364,7 +365,7 @@ static void check_histogram(float alpha, float eta, float mu, double factor) {
                     double phi = 2 * surface_pi * ((t + (b + .5) / FINE) / TURNS - .5);
                     float pdf;
                     o = itn__vec3((float)(r * cos(phi)), (float)(r * sin(phi)), (float)z);
-                    itn__rough(i, o, NULL, alpha, eta, &pdf);
+                    one_rough(i, o, NULL, alpha, eta, &pdf);
                     expected += pdf * factor * 8 * surface_pi * fabs(s) /
                                 ((double)COSINES * TURNS * FINE * FINE);
                 }
@@ -392,8 +393,8 @@ static void check_reciprocity(float alpha, float eta, double factor) {
         if (!draw(i, alpha, eta, u, &o) || fabs(o.z) < .05) continue;
         from = o, to = i;
         if (o.z < 0) from.z = -o.z, to.z = -i.z;
-        there = itn__rough(i, o, NULL, alpha, eta, &pdf).v / fabs(o.z);
-        back = itn__rough(from, to, NULL, alpha, o.z < 0 ? 1 / eta : eta, &pdf).v / i.z * factor;
+        there = one_rough(i, o, NULL, alpha, eta, &pdf).v / fabs(o.z);
+        back = one_rough(from, to, NULL, alpha, o.z < 0 ? 1 / eta : eta, &pdf).v / i.z * factor;
         if (o.z < 0) there /= (double)eta * eta;
         met++;
         CHECK_NEAR(there / back, 1, 2e-3 + 4e-6 / (alpha * fabs(eta - 1)));
@@ -432,12 +433,12 @@ static void test_surface_extremes(void) {
                 for (k = 0; k < 125; k++) {
                     float mu = cosines[c], u[3], pdf;
                     itn_vec3 i = itn__vec3(itn__safe_sqrt(1 - mu * mu), 0, mu), o;
-                    itn__dual f;
+                    one_dual f;
                     u[0] = ends[k % 5], u[1] = ends[k / 5 % 5], u[2] = ends[k / 25];
                     all++;
                     if (!draw(i, alphas[a], etas[e], u, &o)) continue;
                     sent++;
-                    f = itn__rough(i, o, NULL, alphas[a], etas[e], &pdf);
+                    f = one_rough(i, o, NULL, alphas[a], etas[e], &pdf);
                     CHECK(itn__finite3(o) && fabs(itn__length(o) - 1) < 3e-7);
                     CHECK(f.v >= 0 && itn__finite(f.v) && itn__finite(pdf));
                     CHECK(itn__finite(f.d[0]) && itn__finite(f.d[1]));
@@ -480,7 +481,7 @@ static void test_cosine(void) {
     double sums[4] = {0};
     int k;
     for (k = 0; k < STEPS; k++) {
-        itn_vec3 o = itn__sample_cosine((float)((k + .5) / STEPS),
+        itn_vec3 o = one_sample_cosine((float)((k + .5) / STEPS),
                                         (float)(fmod(k * .61803398875, 1)));
         sums[0] += o.z / STEPS, sums[1] += (double)o.z * o.z / STEPS;
         sums[2] += o.x / STEPS, sums[3] += (double)o.x * o.x / STEPS;
