@@ -16552,15 +16552,18 @@ static ITN__UNUSED float itn__get_float(const unsigned char *bytes) {
     return value;
 }
 
-/* A place in a file. */
+/* A place in a file. A failure is remembered and leaves nothing to read, so that parsing code needs
+   few checks. */
 typedef struct itn__text {
     const char *at, *end, *start;
     const char *name; /* of the file, for messages */
     int line;         /* of `at`, from 1; 0 in binary data */
+    itn_result result;
+    itn_error *error;
 } itn__text;
 
 static itn__text itn__text_make(const void *bytes, size_t size, const char *name) {
-    itn__text text;
+    itn__text text = ITN_ZERO;
     text.at = text.start = (const char *)bytes;
     text.end = text.at + size;
     text.name = name;
@@ -16569,21 +16572,24 @@ static itn__text itn__text_make(const void *bytes, size_t size, const char *name
     return text;
 }
 
-/* Fails with "name:line: ..." or "name: byte N: ...". */
-static itn_result itn__text_fail(const itn__text *text, itn_result code, itn_error *error,
-                                 const char *format, ...) ITN__PRINTF(4, 5);
-static itn_result itn__text_fail(const itn__text *text, itn_result code, itn_error *error,
-                                 const char *format, ...) {
+/* Fails with "name:line: ..." or "name: byte N: ..."; the first failure counts. */
+static itn_result itn__text_fail(itn__text *text, itn_result code, const char *format, ...)
+    ITN__PRINTF(3, 4);
+static itn_result itn__text_fail(itn__text *text, itn_result code, const char *format, ...) {
     itn__prose prose = ITN_ZERO;
     va_list arguments;
-    if (!error) return code;
-    error->code = code, error->line = text->line;
-    prose.text = error->message, prose.size = sizeof error->message;
-    if (text->line) itn__say(&prose, "%s:%d: ", text->name, text->line);
-    else itn__say(&prose, "%s: byte %.0f: ", text->name, (double)(text->at - text->start));
-    va_start(arguments, format);
-    itn__say_list(&prose, format, arguments);
-    va_end(arguments);
+    if (text->result) return text->result;
+    text->result = code;
+    if (text->error) {
+        text->error->code = code, text->error->line = text->line;
+        prose.text = text->error->message, prose.size = sizeof text->error->message;
+        if (text->line) itn__say(&prose, "%s:%d: ", text->name, text->line);
+        else itn__say(&prose, "%s: byte %.0f: ", text->name, (double)(text->at - text->start));
+        va_start(arguments, format);
+        itn__say_list(&prose, format, arguments);
+        va_end(arguments);
+    }
+    text->at = text->end;
     return code;
 }
 
@@ -16655,12 +16661,13 @@ static itn_result itn__text_float(itn__text *text, const char *what, float *valu
                                   itn_error *error) {
     double number = 0;
     int length;
+    text->error = error;
     itn__skip_blanks(text);
     length = itn__word_length(text);
     if (itn__parse_number(text->at, text->at + length, &number) != text->at + length ||
         !itn__finite((float)number))
-        return itn__text_fail(text, ITN_ERROR_FORMAT, error, "%s: '%.*s' is not a finite number",
-                              what, length > 40 ? 40 : length, text->at);
+        return itn__text_fail(text, ITN_ERROR_FORMAT, "%s: '%.*s' is not a finite number", what,
+                              length > 40 ? 40 : length, text->at);
     *value = (float)number;
     text->at += length;
     return ITN_OK;
@@ -16805,7 +16812,7 @@ typedef struct itn__inflate {
     const unsigned char *at, *end;
     uint64_t bits; /* the next bits, the first one lowest */
     int count;     /* how many of them there are */
-    int overrun;   /* bytes of zeros invented behind the end */
+    size_t overrun; /* bytes of zeros invented behind the end */
     unsigned char *out;
     size_t size, capacity; /* of out */
 } itn__inflate;
@@ -16832,9 +16839,6 @@ static unsigned itn__bits_take(itn__inflate *in, int count) {
     in->count -= count;
     return value;
 }
-/* Whether bits were taken that the data does not have. */
-static int itn__bits_ended(const itn__inflate *in) { return in->overrun * 8 > in->count; }
-
 static unsigned itn__reverse_bits(unsigned code, int length) {
     unsigned reversed = 0;
     for (; length > 0; length--, code >>= 1) reversed = reversed << 1 | (code & 1);
@@ -16894,7 +16898,7 @@ static const char *itn__inflate_stored(itn__inflate *in) {
     if (length != (complement ^ 0xffff)) return "stored length is damaged";
     if (length > in->capacity - in->size) return "more data than expected";
     while (length--) in->out[in->size++] = (unsigned char)itn__bits_take(in, 8);
-    return itn__bits_ended(in) ? "data ends early" : NULL;
+    return NULL;
 }
 
 /* Takes what stands for a length (symbols from 257 on) or a distance: with every 4 (or 2) symbols
@@ -16911,7 +16915,6 @@ static const char *itn__inflate_coded(itn__inflate *in, const itn__huffman *lite
     for (;;) {
         int symbol = itn__huffman_take(literals, in);
         size_t length = 1, distance = 0;
-        if (itn__bits_ended(in)) return "data ends early";
         if (symbol == 256) return NULL;
         if (symbol < 0 || symbol > 285) return "invalid code";
         if (symbol > 256) {
@@ -16919,7 +16922,6 @@ static const char *itn__inflate_coded(itn__inflate *in, const itn__huffman *lite
             symbol = itn__huffman_take(distances, in);
             if (symbol < 0 || symbol > 29) return "invalid distance code";
             distance = 1 + itn__inflate_amount(in, symbol, 2);
-            if (itn__bits_ended(in)) return "data ends early";
         }
         if (distance > in->size) return "distance reaches before the start";
         if (length > in->capacity - in->size) return "more data than expected";
@@ -16942,8 +16944,7 @@ static const char *itn__inflate_lengths(itn__inflate *in, unsigned char *lengths
     if (itn__huffman_build(&huffman, meta, 19)) return "invalid code lengths";
     for (i = 0; i < total;) {
         int symbol = itn__huffman_take(&huffman, in), repeat = 1, value = symbol;
-        if (symbol < 0 || itn__bits_ended(in) || (symbol == 16 && i == 0))
-            return "invalid code lengths";
+        if (symbol < 0 || (symbol == 16 && i == 0)) return "invalid code lengths";
         if (symbol >= 16) {
             value = symbol == 16 ? lengths[i - 1] : 0;
             repeat = least[symbol - 16] + (int)itn__bits_take(in, bits[symbol - 16]);
@@ -16992,28 +16993,30 @@ static uint32_t itn__adler32(const unsigned char *bytes, size_t size) {
 }
 
 /* Decompresses a zlib stream that must hold exactly `capacity` bytes. Returns NULL, or what is
-   wrong; `bytes` is then partly written. */
+   wrong; `bytes` is then partly written. Zeros stand for bits that are missing at the end; they
+   lead to the end of the output, or to a block that is none. */
 static const char *itn__zlib_decode(const unsigned char *data, size_t size, unsigned char *bytes,
                                     size_t capacity) {
     itn__inflate in = ITN_ZERO;
     const char *fault = NULL;
     uint32_t sum = 0;
-    int last, type, i;
-    if (size < 2) return "data ends early";
-    if ((data[0] & 15) != 8 || data[0] >> 4 > 7 || (data[0] * 256 + data[1]) % 31 || data[1] & 32)
+    int last = 0, type, i;
+    if (size < 2 || (data[0] & 15) != 8 || data[0] >> 4 > 7 || (data[0] * 256 + data[1]) % 31 ||
+        data[1] & 32)
         return "not zlib data";
     in.at = data + 2, in.end = data + size;
     in.out = bytes, in.capacity = capacity;
-    do {
+    while (!last && !fault) {
         last = (int)itn__bits_take(&in, 1);
         type = (int)itn__bits_take(&in, 2);
-        if (type == 3 || itn__bits_ended(&in)) return "invalid block";
-        fault = type ? itn__inflate_block(&in, type == 1) : itn__inflate_stored(&in);
-        if (fault) return fault;
-    } while (!last);
+        fault = type == 3 ? "invalid block"
+                : type    ? itn__inflate_block(&in, type == 1)
+                          : itn__inflate_stored(&in);
+    }
     itn__bits_take(&in, in.count & 7);
     for (i = 0; i < 4; i++) sum = sum << 8 | itn__bits_take(&in, 8);
-    if (itn__bits_ended(&in)) return "data ends early";
+    if (in.overrun * 8 > (size_t)in.count) return "data ends early";
+    if (fault) return fault;
     if (in.size != capacity) return "less data than expected";
     return sum == itn__adler32(bytes, capacity) ? NULL : "checksum is wrong";
 }
@@ -17038,101 +17041,101 @@ typedef struct itn__exr {
     const char *channel_names[ITN__EXR_CHANNELS]; /* in the file's bytes */
     uint32_t types[ITN__EXR_CHANNELS];
     int channel_count, compression;
-    int64_t x0, y0, x1, y1; /* the data window, both ends included; none yet if x1 < x0 */
+    int64_t y0, width, height; /* the data window; none yet if width is 0 */
     const unsigned char *table; /* of offsets */
 } itn__exr;
 
-static itn_result itn__exr_damaged(const itn__text *text, const char *what, itn_error *error) {
-    return itn__text_fail(text, ITN_ERROR_FORMAT, error, "EXR %s", what);
+static uint32_t itn__exr_u32(itn__text *text) {
+    const unsigned char *bytes = itn__take_bytes(text, 4);
+    if (bytes) return itn__get_u32(bytes);
+    itn__text_fail(text, ITN_ERROR_FORMAT, "EXR header ends early");
+    return 0;
 }
-static itn_result itn__exr_unsupported(const itn__text *text, const char *what, itn_error *error) {
-    return itn__text_fail(text, ITN_ERROR_UNSUPPORTED, error, "EXR %s cannot be read", what);
-}
-
-/* Returns the zero-terminated text at a place and steps behind it; NULL if it has no end. */
+/* Steps over zero-terminated text. */
 static const char *itn__exr_string(itn__text *text) {
     const char *string = text->at;
     const void *zero = memchr(string, 0, (size_t)(text->end - string));
-    if (!zero) return NULL;
-    text->at = (const char *)zero + 1;
-    return string;
+    if (zero) return text->at = (const char *)zero + 1, string;
+    itn__text_fail(text, ITN_ERROR_FORMAT, "EXR header ends early");
+    return "";
+}
+static void itn__exr_damaged(itn__text *text, const char *what) {
+    itn__text_fail(text, ITN_ERROR_FORMAT, "EXR %s", what);
+}
+static void itn__exr_unsupported(itn__text *text, const char *what) {
+    itn__text_fail(text, ITN_ERROR_UNSUPPORTED, "EXR %s cannot be read", what);
 }
 
 /* Reads the channel list: for each a name, then its type, 4 bytes of hints, x and y sampling. */
-static itn_result itn__exr_channel_list(itn__exr *exr, itn__text *list, itn_error *error) {
-    for (exr->channel_count = 0;; exr->channel_count++) {
-        int i, count = exr->channel_count;
-        const char *name = itn__exr_string(list);
-        const unsigned char *values = name && *name ? itn__take_bytes(list, 16) : NULL;
-        if (name && !*name) return ITN_OK;
-        if (!values) return itn__exr_damaged(list, "channel list is damaged", error);
-        if (count == ITN__EXR_CHANNELS)
-            return itn__exr_unsupported(list, "with more than 1024 channels", error);
-        if (strlen(name) >= ITN_NAME_SIZE)
-            return itn__exr_unsupported(list, "with a channel name over 63 characters", error);
-        for (i = 0; i < count; i++)
+static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
+    const char *name;
+    for (exr->channel_count = 0; *(name = itn__exr_string(text)); exr->channel_count++) {
+        int i, n = exr->channel_count;
+        uint32_t values[4];
+        for (i = 0; i < 4; i++) values[i] = itn__exr_u32(text);
+        if (text->result) return;
+        if (n == ITN__EXR_CHANNELS) itn__exr_unsupported(text, "with more than 1024 channels");
+        else if (strlen(name) >= ITN_NAME_SIZE)
+            itn__exr_unsupported(text, "with a channel name over 63 characters");
+        else if (values[0] > ITN__EXR_FLOAT) itn__exr_damaged(text, "channel has no valid type");
+        else if (values[2] != 1 || values[3] != 1)
+            itn__exr_unsupported(text, "with subsampled channels");
+        for (i = 0; i < n && !text->result; i++)
             if (!strcmp(name, exr->channel_names[i]))
-                return itn__exr_damaged(list, "has two channels of one name", error);
-        exr->channel_names[count] = name;
-        exr->types[count] = itn__get_u32(values);
-        if (exr->types[count] > ITN__EXR_FLOAT)
-            return itn__exr_damaged(list, "channel has no valid type", error);
-        if (itn__get_u32(values + 8) != 1 || itn__get_u32(values + 12) != 1)
-            return itn__exr_unsupported(list, "with subsampled channels", error);
+                itn__exr_damaged(text, "has two channels of one name");
+        if (text->result) return;
+        exr->channel_names[n] = name, exr->types[n] = values[0];
     }
 }
 
 /* Reads the value of one attribute, if it concerns us. */
-static itn_result itn__exr_attribute(itn__exr *exr, const char *name, itn__text value,
-                                     itn_error *error) {
+static void itn__exr_attribute(itn__exr *exr, const char *name, itn__text *value) {
     static const char *const others[] = {
         "with compression PIZ",  "with compression PXR24", "with compression B44",
         "with compression B44A", "with compression DWAA",  "with compression DWAB"};
-    const unsigned char *bytes = (const unsigned char *)value.at;
-    size_t size = (size_t)(value.end - value.at);
-    if (!strcmp(name, "channels")) return itn__exr_channel_list(exr, &value, error);
-    if (!strcmp(name, "compression") && size == 1) {
-        exr->compression = *bytes;
-        if (*bytes <= ITN__EXR_ZIP) return ITN_OK;
-        return itn__exr_unsupported(&value, *bytes < 10 ? others[*bytes - 4]
-                                                        : "with this compression", error);
+    if (!strcmp(name, "channels")) {
+        itn__exr_channel_list(exr, value);
+    } else if (!strcmp(name, "compression") && value->at < value->end) {
+        exr->compression = (unsigned char)*value->at;
+        if (exr->compression > ITN__EXR_ZIP)
+            itn__exr_unsupported(value, exr->compression < 10 ? others[exr->compression - 4]
+                                                              : "with this compression");
+    } else if (!strcmp(name, "dataWindow")) {
+        int64_t window[4];
+        int k;
+        for (k = 0; k < 4; k++) window[k] = (int32_t)itn__exr_u32(value);
+        exr->y0 = window[1];
+        exr->width = window[2] - window[0] + 1, exr->height = window[3] - window[1] + 1;
+        if (exr->width < 1 || exr->width > INT_MAX || exr->height < 1 || exr->height > INT_MAX)
+            itn__exr_damaged(value, "data window is empty or too large");
     }
-    if (!strcmp(name, "dataWindow") && size == 16) {
-        exr->x0 = itn__get_i32(bytes), exr->y0 = itn__get_i32(bytes + 4);
-        exr->x1 = itn__get_i32(bytes + 8), exr->y1 = itn__get_i32(bytes + 12);
-        if (exr->x1 < exr->x0 || exr->x1 - exr->x0 >= INT_MAX || exr->y1 < exr->y0 ||
-            exr->y1 - exr->y0 >= INT_MAX)
-            return itn__exr_damaged(&value, "data window is empty or too large", error);
-    }
-    return ITN_OK;
 }
 
-static itn_result itn__exr_header(itn__exr *exr, itn_error *error) {
+static void itn__exr_header(itn__exr *exr) {
     itn__text *text = &exr->text;
-    const unsigned char *bytes = itn__take_bytes(text, 8);
-    itn_result result = ITN_OK;
-    exr->compression = exr->x1 = -1;
-    if (!bytes) return itn__exr_damaged(text, "ends early", error);
-    if ((itn__get_u32(bytes + 4) & ~(uint32_t)ITN__EXR_LONG_NAMES) != 2)
-        return itn__exr_unsupported(text, bytes[5] & 2    ? "of tiles"
-                                          : bytes[5] & 8  ? "of deep data"
-                                          : bytes[5] & 16 ? "of several parts"
-                                                          : "of another version than 2", error);
-    while (!result) {
-        const char *name = itn__exr_string(text), *type;
+    uint32_t version;
+    const char *name;
+    itn__exr_u32(text); /* the magic number */
+    version = itn__exr_u32(text);
+    exr->compression = -1;
+    if ((version & ~(uint32_t)ITN__EXR_LONG_NAMES) != 2)
+        itn__exr_unsupported(text, version & 0x200    ? "of tiles"
+                                   : version & 0x800  ? "of deep data"
+                                   : version & 0x1000 ? "of several parts"
+                                                      : "of another version than 2");
+    while (!text->result && *(name = itn__exr_string(text))) {
         itn__text value;
-        if (name && !*name) break;
-        type = name ? itn__exr_string(text) : NULL;
-        bytes = type ? itn__take_bytes(text, 4) : NULL;
+        uint32_t size;
+        itn__exr_string(text); /* the type */
+        size = itn__exr_u32(text);
         value = *text;
-        if (!bytes || !itn__take_bytes(text, itn__get_u32(bytes)))
-            return itn__exr_damaged(text, "header ends early", error);
-        value.end = text->at;
-        result = itn__exr_attribute(exr, name, value, error);
+        if (!itn__take_bytes(text, size)) itn__exr_damaged(&value, "header ends early");
+        else value.end = text->at;
+        itn__exr_attribute(exr, name, &value);
+        text->result = value.result;
     }
-    if (result || (exr->channel_count && exr->compression >= 0 && exr->x1 >= exr->x0))
-        return result;
-    return itn__exr_damaged(text, "header lacks channels, compression or dataWindow", error);
+    if (!exr->channel_count || exr->compression < 0 || !exr->width)
+        itn__exr_damaged(text, "header lacks channels, compression or dataWindow");
 }
 
 /* Undoes run lengths: a count n < 128 repeats the next byte n + 1 times, others copy 256 - n. */
@@ -17224,51 +17227,46 @@ static const char *itn__exr_block(itn__exr *exr, size_t raw, unsigned char *seen
     return fault;
 }
 
-/* Reads all blocks into a new image, once it is clear that the file is large enough for what its
-   header promises (deflate shrinks at most 1032-fold). */
-static itn_result itn__exr_pixels(itn__exr *exr, const itn_context *context, itn_image *image,
-                                  itn_error *error) {
-    size_t width = (size_t)(exr->x1 - exr->x0) + 1, height = (size_t)(exr->y1 - exr->y0) + 1;
-    size_t lines = exr->compression == ITN__EXR_ZIP ? 16 : 1, raw = 0, i;
-    size_t blocks = (height - 1) / lines + 1, left = (size_t)(exr->text.end - exr->text.at);
+/* Reads a header and then all blocks into a new image, once it is clear that the file is large
+   enough for what its header promises (deflate shrinks at most 1032-fold). */
+static itn_result itn__exr_decode(itn__text text, const itn_context *context, itn_image *image) {
+    itn__exr exr = ITN_ZERO;
+    size_t width, height, lines, blocks, left, raw = 0, i;
     unsigned char *scratch;
     itn_result result;
-    for (i = 0; i < (size_t)exr->channel_count; i++)
-        raw += exr->types[i] == ITN__EXR_HALF ? 2 : 4;
+    exr.text = text;
+    exr.text.line = 0;
+    itn__exr_header(&exr);
+    if (exr.text.result) return exr.text.result;
+    for (i = 0; i < (size_t)exr.channel_count; i++)
+        raw += exr.types[i] == ITN__EXR_HALF ? 2 : 4;
+    width = (size_t)exr.width, height = (size_t)exr.height;
+    lines = exr.compression == ITN__EXR_ZIP ? 16 : 1;
+    blocks = (height - 1) / lines + 1, left = (size_t)(exr.text.end - exr.text.at);
     if (blocks > left / 8 || left > SIZE_MAX / 1032 || width > SIZE_MAX / 64 / raw ||
-        width * raw > (exr->compression ? 1032 * left : left) / height)
-        return itn__exr_damaged(&exr->text, "ends early: its data window is larger than its data",
-                                error);
-    result = itn_image_create((int)width, (int)height, exr->channel_count, context, image, error);
+        width * raw > (exr.compression ? 1032 * left : left) / height)
+        return itn__text_fail(&exr.text, ITN_ERROR_FORMAT,
+                              "EXR ends early: its data window is larger than its data");
+    result = itn_image_create((int)width, (int)height, exr.channel_count, context, image,
+                              text.error);
     if (result) return result;
-    for (i = 0; i < (size_t)exr->channel_count; i++)
-        itn__copy_name(image->names[i], exr->channel_names[i]);
+    for (i = 0; i < (size_t)exr.channel_count; i++)
+        itn__copy_name(image->names[i], exr.channel_names[i]);
     raw *= width;
-    scratch = (unsigned char *)itn__allocate(&image->context,
-                                             2 * raw * (lines < height ? lines : height) + blocks,
-                                             1);
-    if (!scratch) result = itn__out_of_memory(error, "a block of an EXR file");
-    exr->table = itn__take_bytes(&exr->text, 8 * blocks);
+    lines = lines < height ? lines : height;
+    scratch = (unsigned char *)itn__allocate(&image->context, 2 * raw * lines + blocks, 1);
+    if (!scratch) result = itn__out_of_memory(text.error, "a block of an EXR file");
+    exr.table = itn__take_bytes(&exr.text, 8 * blocks);
     for (i = 0; i < blocks && !result; i++) {
-        itn__text block = exr->text;
-        const char *fault = itn__exr_block(exr, raw, scratch, scratch + blocks, image);
+        itn__text block = exr.text;
+        const char *fault = itn__exr_block(&exr, raw, scratch, scratch + blocks, image);
         if (fault)
-            result = itn__text_fail(&block, ITN_ERROR_FORMAT, error, "EXR block %d %s", (int)i,
-                                    fault);
+            result = itn__text_fail(&block, ITN_ERROR_FORMAT, "EXR block %d %s%s", (int)i,
+                                    strncmp(fault, "is ", 3) ? "is damaged: " : "", fault);
     }
     itn__free(&image->context, scratch);
     if (result) itn_image_free(image);
     return result;
-}
-
-static itn_result itn__exr_decode(itn__text text, const itn_context *context, itn_image *image,
-                                  itn_error *error) {
-    itn__exr exr = ITN_ZERO;
-    itn_result result;
-    text.line = 0;
-    exr.text = text;
-    result = itn__exr_header(&exr, error);
-    return result ? result : itn__exr_pixels(&exr, context, image, error);
 }
 
 #ifndef ITN_NO_STDIO
@@ -17387,56 +17385,46 @@ ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
    then floats, the lowest row first; a negative scale says little-endian, and its size is what the
    numbers are in units of (P. Debevec). */
 
-static itn_result itn__pfm_header(itn__text *text, double numbers[3], itn_error *error) {
-    static const char *const what[3] = {"PFM width", "PFM height", "PFM scale"};
-    itn_result result = ITN_OK;
-    int k;
-    for (k = 0; k < 3 && !result; k++) {
-        float number = 0;
-        itn__skip_space(text); /* line ends count as blanks */
-        result = itn__text_float(text, what[k], &number, error);
-        numbers[k] = (double)number;
-        if (!result && (k < 2 ? !(number >= 1 && number < 1e9f && number == floorf(number))
-                              : number == 0))
-            result = itn__text_fail(text, ITN_ERROR_FORMAT, error, "%s is %g", what[k], numbers[k]);
-    }
-    return result;
-}
-
-static itn_result itn__pfm_decode(itn__text text, const itn_context *context, itn_image *image,
-                                  itn_error *error) {
+static itn_result itn__pfm_decode(itn__text text, const itn_context *context, itn_image *image) {
     static const char *const names[] = {"R", "G", "B"};
+    static const char *const what[] = {"PFM width", "PFM height", "PFM scale"};
     int channels = text.at[1] == 'F' ? 3 : 1, x, row, k;
-    double header[3], needed;
+    float header[3] = {0, 0, 0}, scale;
     const unsigned char *bytes;
+    double needed;
     unsigned big;
-    float scale;
     itn_result result;
     text.at += 2;
-    result = itn__pfm_header(&text, header, error);
-    if (result) return result;
-    needed = header[0] * header[1] * channels * 4;
+    for (k = 0; k < 3; k++) {
+        itn__skip_space(&text); /* line ends count as blanks */
+        itn__text_float(&text, what[k], &header[k], text.error);
+        if (k < 2 ? !(header[k] >= 1 && header[k] < 1e9f && header[k] == floorf(header[k]))
+                  : header[k] == 0)
+            itn__text_fail(&text, ITN_ERROR_FORMAT, "%s is %g", what[k], (double)header[k]);
+    }
+    needed = (double)header[0] * (double)header[1] * channels * 4;
     /* the one white space character, or two, of a file that was written as text on Windows */
     if ((double)(text.end - text.at) == needed + 2 && itn__newline(text.at, text.end) == 2)
         text.at++;
     if (text.at < text.end) text.at++;
     if ((double)(text.end - text.at) != needed)
-        return itn__text_fail(&text, ITN_ERROR_FORMAT, error,
-                              "PFM has %.0f bytes of pixels, needs %.0f",
-                              (double)(text.end - text.at), needed);
-    result = itn_image_create((int)header[0], (int)header[1], channels, context, image, error);
+        itn__text_fail(&text, ITN_ERROR_FORMAT, "PFM has %.0f bytes of pixels, needs %.0f",
+                       (double)(text.end - text.at), needed);
+    if (text.result) return text.result;
+    result = itn_image_create((int)header[0], (int)header[1], channels, context, image, text.error);
     if (result) return result;
     bytes = (const unsigned char *)text.at;
     big = header[2] > 0 ? 3 : 0; /* byte i of a number is the file's byte i ^ big */
-    scale = (float)fabs(header[2]);
+    scale = fabsf(header[2]);
     for (k = 0; k < channels; k++) itn__copy_name(image->names[k], channels == 1 ? "Y" : names[k]);
     for (row = image->height - 1; row >= 0; row--)
         for (x = 0; x < image->width; x++)
             for (k = 0; k < channels; k++, bytes += 4) {
+                float *pixel = itn__pixel(image, k, row, x);
                 uint32_t bits = (uint32_t)bytes[big] | (uint32_t)bytes[1 ^ big] << 8 |
                                 (uint32_t)bytes[2 ^ big] << 16 | (uint32_t)bytes[3 ^ big] << 24;
-                memcpy(itn__pixel(image, k, row, x), &bits, 4);
-                if (scale != 1) *itn__pixel(image, k, row, x) *= scale;
+                memcpy(pixel, &bits, 4);
+                if (scale != 1) *pixel *= scale;
             }
     return ITN_OK;
 }
@@ -17450,12 +17438,13 @@ ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const c
     if (!bytes || !image)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
     text = itn__text_make(bytes, size, name ? name : "image");
+    text.error = error;
     size = (size_t)(text.end - text.at);
     if (size >= 4 && itn__get_u32((const unsigned char *)text.at) == ITN__EXR_MAGIC)
-        result = itn__exr_decode(text, context, &made, error);
+        result = itn__exr_decode(text, context, &made);
     else if (size >= 3 && text.at[0] == 'P' && strchr("Ff", text.at[1]) &&
              strchr(" \t\r\n", text.at[2]))
-        result = itn__pfm_decode(text, context, &made, error);
+        result = itn__pfm_decode(text, context, &made);
     else
         itn__fail(error, result, 0, "%s: neither an EXR nor a PFM file: convert it to one of them",
                   text.name);
@@ -17763,7 +17752,7 @@ static int itn__drop_twins(itn__builder *builder, int n) {
 }
 
 /* Whether the i-th of the n corners left in the ring is an ear. */
-static unsigned char itn__is_ear(const itn__plane_point *p, const int *ring, int n, int i) {
+static int itn__is_ear(const itn__plane_point *p, const int *ring, int n, int i) {
     int a = ring[(i + n - 1) % n], b = ring[i], c = ring[(i + 1) % n], k;
     if (!(itn__turn(p, a, b, c) > 0)) return 0;
     for (k = 0; k < n; k++) {
@@ -17777,28 +17766,20 @@ static unsigned char itn__is_ear(const itn__plane_point *p, const int *ring, int
     return 1;
 }
 
-/* Cuts a polygon that is not convex. Where it has no ear (it crosses itself), any corner does. A
-   cut makes and unmakes ears at the two corners beside it, so that all are looked at but once, and
-   once more should there be none left: the work grows with the square of the corners, whatever they
-   are. */
+/* Cuts a polygon that is not convex. An ear is looked for from the corner before the last cut on.
+   Where there is none (the polygon crosses itself), any corner does; after two such cuts no more is
+   looked for, so that the work stays in bounds. */
 static const char *itn__cut_ears(itn__builder *builder, int n) {
     const itn__plane_point *points = (const itn__plane_point *)(const void *)builder->points.bytes;
-    int *ring = (int *)itn__allocate(&builder->corners.context, (size_t)n, sizeof *ring + 1);
-    unsigned char *ears = (unsigned char *)(ring + n), *ear; /* whether ring[i] is one */
-    int i, k, looks = 0;
+    int *ring = (int *)itn__allocate(&builder->corners.context, (size_t)n, sizeof *ring);
+    int i, k, earless = 0;
     if (!ring) return builder->corners.failed = 1, "out of memory";
     for (i = 0; i < n; i++) ring[i] = i;
-    for (; n > 3; n--) {
-        ear = (unsigned char *)memchr(ears, 1, (size_t)n);
-        for (k = 0; !ear && looks < 2 && k < n; k++) ears[k] = itn__is_ear(points, ring, n, k);
-        if (!ear && looks++ < 2) ear = (unsigned char *)memchr(ears, 1, (size_t)n);
-        i = ear ? (int)(ear - ears) : 0;
+    for (i = 1; n > 3; n--, i = (i + n - 1) % n) {
+        for (k = 0; k < n && earless < 2 && !itn__is_ear(points, ring, n, i); k++) i = (i + 1) % n;
+        earless += k == n;
         itn__add_triangle(builder, ring[(i + n - 1) % n], ring[i], ring[(i + 1) % n]);
         memmove(ring + i, ring + i + 1, (size_t)(n - i - 1) * sizeof *ring);
-        memmove(ears + i, ears + i + 1, (size_t)(n - i - 1));
-        k = (i + n - 2) % (n - 1), i %= n - 1; /* the corners before and behind the cut */
-        ears[k] = itn__is_ear(points, ring, n - 1, k);
-        ears[i] = itn__is_ear(points, ring, n - 1, i);
     }
     itn__add_triangle(builder, ring[0], ring[1], ring[2]);
     itn__free(&builder->corners.context, ring);
@@ -17880,13 +17861,11 @@ static itn_result itn__builder_mesh(const itn__builder *builder, const char *nam
    1, or backwards from -1, the latest. */
 
 /* Reads least to most numbers. */
-static itn_result itn__obj_numbers(itn__text *text, int least, int most, float *numbers,
-                                   const char *what, itn_error *error) {
-    itn_result result = ITN_OK;
+static void itn__obj_numbers(itn__text *text, int least, int most, float *numbers,
+                             const char *what) {
     int i;
-    for (i = 0; !result && i < most && (i < least || !itn__line_done(text)); i++)
-        result = itn__text_float(text, what, &numbers[i], error);
-    return result;
+    for (i = 0; i < most && (i < least || !itn__line_done(text)); i++)
+        itn__text_float(text, what, &numbers[i], text->error);
 }
 
 /* Reads an index and makes it count from 0; -1 if it is not a number that names one of `count`. */
@@ -17919,50 +17898,45 @@ static int itn__obj_corner(itn__text *text, itn__builder *builder, size_t normal
     return 1;
 }
 
-static itn_result itn__obj_face(itn__text *text, itn__builder *builder, size_t normals,
-                                itn_error *error) {
+static void itn__obj_face(itn__text *text, itn__builder *builder, size_t normals) {
     const char *fault;
     builder->corners.size = 0;
     while (!itn__line_done(text)) {
         const char *word = text->at;
         int length = itn__word_length(text);
         if (!itn__obj_corner(text, builder, normals))
-            return itn__text_fail(text, ITN_ERROR_FORMAT, error,
-                                  "face corner '%.*s' is not an index above this line (%.0f "
-                                  "vertices, %.0f texture coordinates, %.0f normals)",
-                                  length > 40 ? 40 : length, word,
-                                  (double)itn__vertex_count(builder),
-                                  (double)itn__texcoord_count(builder), (double)normals);
+            itn__text_fail(text, ITN_ERROR_FORMAT,
+                           "face corner '%.*s' is not an index above this line (%.0f vertices, "
+                           "%.0f texture coordinates, %.0f normals)", length > 40 ? 40 : length,
+                           word, (double)itn__vertex_count(builder),
+                           (double)itn__texcoord_count(builder), (double)normals);
     }
     fault = itn__add_polygon(builder);
-    return fault ? itn__text_fail(text, itn__mesh_fault(fault), error, "%s", fault) : ITN_OK;
+    if (fault) itn__text_fail(text, itn__mesh_fault(fault), "%s", fault);
 }
 
-static itn_result itn__obj_decode(itn__text text, itn__builder *builder, itn_error *error) {
+static itn_result itn__obj_decode(itn__text text, itn__builder *builder) {
     size_t normals = 0;
-    itn_result result = ITN_OK;
-    for (; text.at < text.end && !result; itn__next_line(&text)) {
+    for (; text.at < text.end; itn__next_line(&text)) {
         float numbers[3] = {0, 0, 0};
         if (itn__line_done(&text)) continue;
         if (itn__accept_word(&text, "v")) {
-            result = itn__obj_numbers(&text, 3, 3, numbers, "vertex", error);
+            itn__obj_numbers(&text, 3, 3, numbers, "vertex");
             itn__put(&builder->positions, numbers, sizeof numbers);
         } else if (itn__accept_word(&text, "vt")) {
-            result = itn__obj_numbers(&text, 1, 2, numbers, "texture coordinate", error);
+            itn__obj_numbers(&text, 1, 2, numbers, "texture coordinate");
             itn__put(&builder->texcoords, numbers, 2 * sizeof(float));
         } else if (itn__accept_word(&text, "vn")) {
             normals++; /* counted for the corners that name them, no more */
         } else if (itn__accept_word(&text, "f")) {
-            result = itn__obj_face(&text, builder, normals, error);
+            itn__obj_face(&text, builder, normals);
         }
         /* the rest is let go, also where a backslash that stands alone leads to the next line; one
            that ends a word is a part of a name */
-        while (!result && !itn__line_done(&text))
-            while (text.at < text.end && *text.at != ' ' && *text.at != '\t' &&
-                   !itn__newline(text.at, text.end))
-                text.at++;
+        while (!itn__line_done(&text))
+            for (text.at++; text.at < text.end && !strchr(" \t\r\n", *text.at);) text.at++;
     }
-    return result;
+    return text.result;
 }
 
 /* ---- [ply] polygon file format --------------------------------------------------------------- */
@@ -17975,24 +17949,18 @@ static itn_result itn__obj_decode(itn__text text, itn__builder *builder, itn_err
 enum { ITN__PLY_ELEMENTS = 32, ITN__PLY_PROPERTIES = 512 };
 enum { ITN__PLY_ASCII = 1, ITN__PLY_LITTLE, ITN__PLY_BIG };
 enum { ITN__PLY_OTHER = 0, ITN__PLY_VERTEX, ITN__PLY_FACE };
-/* Roles: for vertices the first five are places in float[5]. */
-enum {
-    ITN__PLY_X = 0,
-    ITN__PLY_U = 3,
-    ITN__PLY_SCALARS = 5,
-    ITN__PLY_CORNERS,
-    ITN__PLY_TEXCOORDS,
-    ITN__PLY_NONE
-};
+/* Roles: x y z u v of a vertex, numbers in this order, and the lists of a face. */
+enum { ITN__PLY_U = 3, ITN__PLY_SCALARS = 5, ITN__PLY_CORNERS = 5, ITN__PLY_TEXCOORDS,
+       ITN__PLY_NONE };
 
 static const struct itn__ply_number {
     const char *names[2];
     char kind; /* signed, unsigned, float */
     unsigned char size;
-} itn__ply_types[] = {{{"char", "int8"}, 's', 1},     {{"uchar", "uint8"}, 'u', 1},
-                      {{"short", "int16"}, 's', 2},   {{"ushort", "uint16"}, 'u', 2},
-                      {{"int", "int32"}, 's', 4},     {{"uint", "uint32"}, 'u', 4},
-                      {{"float", "float32"}, 'f', 4}, {{"double", "float64"}, 'f', 8}};
+} itn__ply_numbers[] = {{{"char", "int8"}, 's', 1},     {{"uchar", "uint8"}, 'u', 1},
+                        {{"short", "int16"}, 's', 2},   {{"ushort", "uint16"}, 'u', 2},
+                        {{"int", "int32"}, 's', 4},     {{"uint", "uint32"}, 'u', 4},
+                        {{"float", "float32"}, 'f', 4}, {{"double", "float64"}, 'f', 8}};
 
 typedef struct itn__ply_property {
     const struct itn__ply_number *type, *list; /* list: of the count, NULL for a scalar */
@@ -18001,6 +17969,7 @@ typedef struct itn__ply_property {
 
 typedef struct itn__ply_element {
     int kind, first, end; /* of its properties */
+    int has;              /* 1 << role for those that are there */
     uint64_t count;
 } itn__ply_element;
 
@@ -18016,21 +17985,12 @@ typedef struct itn__ply {
 } itn__ply;
 
 /* Fails with the place and, if one is being read, the entry of the element. */
-static itn_result itn__ply_fail(const itn__ply *ply, const char *what, itn_error *error) {
+static void itn__ply_fail(itn__ply *ply, const char *what) {
     static const char *const kinds[] = {"entry", "vertex", "face"};
     itn_result code = itn__mesh_fault(what);
-    if (!ply->element) return itn__text_fail(&ply->text, code, error, "PLY %s", what);
-    return itn__text_fail(&ply->text, code, error, "PLY %s %.0f: %s", kinds[ply->element->kind],
-                          (double)ply->index, what);
-}
-
-/* Which property of an element has a role; NULL if none has. */
-static const itn__ply_property *itn__ply_find(const itn__ply *ply, const itn__ply_element *element,
-                                              int role) {
-    int i;
-    for (i = element->first; i < element->end; i++)
-        if (ply->properties[i].role == role) return &ply->properties[i];
-    return NULL;
+    if (!ply->element) itn__text_fail(&ply->text, code, "PLY %s", what);
+    else itn__text_fail(&ply->text, code, "PLY %s %.0f: %s", kinds[ply->element->kind],
+                        (double)ply->index, what);
 }
 
 /* Steps over the name of a type; NULL if none is there. */
@@ -18038,51 +17998,48 @@ static const struct itn__ply_number *itn__ply_type(itn__text *text) {
     size_t i;
     itn__skip_blanks(text);
     for (i = 0; i < 16; i++)
-        if (itn__accept_word(text, itn__ply_types[i / 2].names[i % 2]))
-            return &itn__ply_types[i / 2];
+        if (itn__accept_word(text, itn__ply_numbers[i / 2].names[i % 2]))
+            return &itn__ply_numbers[i / 2];
     return NULL;
 }
 
 /* Reads "TYPE name" or "list TYPE TYPE name". */
-static const char *itn__ply_property_line(itn__ply *ply) {
+static void itn__ply_property_line(itn__ply *ply) {
     static const struct {
         const char *name;
         int kind, role;
-    } roles[] = {{"x", ITN__PLY_VERTEX, ITN__PLY_X},
-                 {"y", ITN__PLY_VERTEX, ITN__PLY_X + 1},
-                 {"z", ITN__PLY_VERTEX, ITN__PLY_X + 2},
-                 {"u", ITN__PLY_VERTEX, ITN__PLY_U},
-                 {"s", ITN__PLY_VERTEX, ITN__PLY_U},
-                 {"texture_u", ITN__PLY_VERTEX, ITN__PLY_U},
-                 {"v", ITN__PLY_VERTEX, ITN__PLY_U + 1},
-                 {"t", ITN__PLY_VERTEX, ITN__PLY_U + 1},
-                 {"texture_v", ITN__PLY_VERTEX, ITN__PLY_U + 1},
-                 {"vertex_indices", ITN__PLY_FACE, ITN__PLY_CORNERS},
-                 {"vertex_index", ITN__PLY_FACE, ITN__PLY_CORNERS},
-                 {"texcoord", ITN__PLY_FACE, ITN__PLY_TEXCOORDS}};
+    } roles[] = {{"x", ITN__PLY_VERTEX, 0},         {"y", ITN__PLY_VERTEX, 1},
+                 {"z", ITN__PLY_VERTEX, 2},         {"u", ITN__PLY_VERTEX, 3},
+                 {"s", ITN__PLY_VERTEX, 3},         {"texture_u", ITN__PLY_VERTEX, 3},
+                 {"v", ITN__PLY_VERTEX, 4},         {"t", ITN__PLY_VERTEX, 4},
+                 {"texture_v", ITN__PLY_VERTEX, 4}, {"vertex_indices", ITN__PLY_FACE, 5},
+                 {"vertex_index", ITN__PLY_FACE, 5}, {"texcoord", ITN__PLY_FACE, 6}};
     itn__ply_element *element = ply->elements + ply->element_count - 1;
     itn__ply_property property = {NULL, NULL, ITN__PLY_NONE};
     int list = itn__accept_word(&ply->text, "list");
     size_t i;
-    if (!ply->element_count) return "property stands before any element";
-    if (ply->property_count == ITN__PLY_PROPERTIES) return "has more than 512 properties";
     if (list) property.list = itn__ply_type(&ply->text);
     property.type = itn__ply_type(&ply->text);
-    if (!property.type || (list && !property.list)) return "property has no valid type";
-    if (list && property.list->kind == 'f') return "list has a count that is no integer";
-    if (itn__line_done(&ply->text)) return "property has no name";
+    if (!ply->element_count) itn__ply_fail(ply, "property stands before any element");
+    else if (ply->property_count == ITN__PLY_PROPERTIES)
+        itn__ply_fail(ply, "has more than 512 properties");
+    else if (!property.type || (list && !property.list))
+        itn__ply_fail(ply, "property has no valid type");
+    else if (list && property.list->kind == 'f')
+        itn__ply_fail(ply, "list has a count that is no integer");
+    else if (itn__line_done(&ply->text)) itn__ply_fail(ply, "property has no name");
+    if (ply->text.result) return;
     for (i = 0; i < sizeof roles / sizeof *roles; i++)
         if (roles[i].kind == element->kind && (element->kind == ITN__PLY_FACE) == list &&
-            !itn__ply_find(ply, element, roles[i].role) &&
-            itn__accept_word(&ply->text, roles[i].name))
+            !(element->has >> roles[i].role & 1) && itn__accept_word(&ply->text, roles[i].name))
             property.role = roles[i].role;
+    element->has |= 1 << property.role;
     ply->properties[ply->property_count++] = property;
     element->end = ply->property_count;
-    return NULL;
 }
 
 /* Reads "name count". */
-static const char *itn__ply_element_line(itn__ply *ply) {
+static void itn__ply_element_line(itn__ply *ply) {
     itn__ply_element element = ITN_ZERO;
     int64_t dropped = 0;
     const char *start;
@@ -18096,179 +18053,166 @@ static const char *itn__ply_element_line(itn__ply *ply) {
     start = ply->text.at;
     ply->text.at = itn__parse_digits(start, ply->text.end, &element.count, &dropped);
     if (ply->text.at == start || dropped || !itn__line_done(&ply->text))
-        return "element has no valid count";
-    if (element.kind && element.count > INT_MAX) return "has too many vertices or faces";
+        itn__ply_fail(ply, "element has no valid count");
+    if (element.kind && element.count > INT_MAX)
+        itn__ply_fail(ply, "has too many vertices or faces");
     for (i = 0; element.kind && i < ply->element_count; i++)
-        if (ply->elements[i].kind == element.kind) return "has an element twice";
-    if (ply->element_count == ITN__PLY_ELEMENTS) return "has more than 32 elements";
-    ply->elements[ply->element_count++] = element;
-    return NULL;
+        if (ply->elements[i].kind == element.kind) itn__ply_fail(ply, "has an element twice");
+    if (ply->element_count == ITN__PLY_ELEMENTS) itn__ply_fail(ply, "has more than 32 elements");
+    else ply->elements[ply->element_count++] = element;
 }
 
-/* Reads one line of the header. */
-static const char *itn__ply_header_line(itn__ply *ply) {
+/* Reads "ascii 1.0" and so on. */
+static void itn__ply_format_line(itn__ply *ply) {
     static const char *const formats[] = {"ascii", "binary_little_endian", "binary_big_endian"};
-    itn__text *text = &ply->text;
-    int element, property, i;
-    if (itn__newline(text->at, text->end) || itn__accept_word(text, "comment") ||
-        itn__accept_word(text, "obj_info"))
-        return NULL;
-    element = itn__accept_word(text, "element"), property = itn__accept_word(text, "property");
-    if (!element && !property && !itn__accept_word(text, "format"))
-        return "header has an unknown keyword";
-    itn__skip_blanks(text);
-    if (element) return itn__ply_element_line(ply);
-    if (property) return itn__ply_property_line(ply);
+    int i;
     for (i = 0; i < 3; i++)
-        if (itn__accept_word(text, formats[i])) ply->format = i + 1;
-    itn__skip_blanks(text);
-    return ply->format && itn__accept_word(text, "1.0") ? NULL : "has an unknown format";
+        if (itn__accept_word(&ply->text, formats[i])) ply->format = i + 1;
+    itn__skip_blanks(&ply->text);
+    if (!ply->format || !itn__accept_word(&ply->text, "1.0"))
+        itn__ply_fail(ply, "has an unknown format");
 }
 
-/* Whether vertices have positions, faces have corners, and vertices come first. */
-static const char *itn__ply_header_complete(const itn__ply *ply) {
-    const itn__ply_element *element = ply->elements;
-    int i, role, vertices = 0, faces = 0;
-    for (i = 0; i < ply->element_count; i++, element++) {
-        if (element->kind == ITN__PLY_FACE)
-            faces = itn__ply_find(ply, element, ITN__PLY_CORNERS) != NULL;
-        if (element->kind != ITN__PLY_VERTEX) continue;
-        if (faces) return "faces stand before the vertices";
-        for (vertices = 1, role = ITN__PLY_X; role < ITN__PLY_X + 3; role++)
-            vertices &= itn__ply_find(ply, element, role) != NULL;
-    }
-    if (!vertices) return "has no vertex with x, y, z";
-    return faces ? NULL : "has no face with a list vertex_indices";
-}
-
-static itn_result itn__ply_header(itn__ply *ply, itn_error *error) {
-    itn__text *text = &ply->text;
+/* Vertices must have positions, faces corners, and vertices come first. */
+static void itn__ply_header_check(itn__ply *ply) {
+    int i, vertices = 0, faces = 0;
     const char *fault = NULL;
-    /* "ply" ends in CR LF or LF or CR; in CR, a CR LF at the end is a line end and a datum */
+    for (i = 0; i < ply->element_count; i++) {
+        const itn__ply_element *element = ply->elements + i;
+        if (element->kind == ITN__PLY_FACE) faces = element->has >> ITN__PLY_CORNERS & 1;
+        if (element->kind == ITN__PLY_VERTEX && faces) fault = "faces stand before the vertices";
+        if (element->kind == ITN__PLY_VERTEX) vertices = (element->has & 7) == 7;
+    }
+    if (!vertices) fault = "has no vertex with x, y, z";
+    else if (!faces) fault = "has no face with a list vertex_indices";
+    if (!ply->format) itn__ply_fail(ply, "header has no format");
+    else if (fault) itn__text_fail(&ply->text, ITN_ERROR_UNSUPPORTED, "PLY %s", fault);
+}
+
+static void itn__ply_header(itn__ply *ply) {
+    itn__text *text = &ply->text;
     int newline, lone_return;
     itn__skip_blanks(text);
+    /* "ply" ends in CR LF or LF or CR; in CR, a CR LF at the end is a line end and a datum */
     lone_return = text->end - text->at > 1 && text->at[0] == '\r' && text->at[1] != '\n';
-    for (itn__next_line(text); !fault && text->at < text->end; itn__next_line(text)) {
-        if (itn__accept_word(text, "end_header")) break;
-        fault = itn__ply_header_line(ply);
-        if (fault) break;
+    for (itn__next_line(text); !itn__accept_word(text, "end_header"); itn__next_line(text)) {
+        int element = itn__accept_word(text, "element");
+        int property = itn__accept_word(text, "property");
+        int format = itn__accept_word(text, "format");
+        itn__skip_blanks(text);
+        if (element) itn__ply_element_line(ply);
+        else if (property) itn__ply_property_line(ply);
+        else if (format) itn__ply_format_line(ply);
+        else if (text->at == text->end) itn__ply_fail(ply, "header has no end");
+        else if (!itn__newline(text->at, text->end) && !itn__accept_word(text, "comment") &&
+                 !itn__accept_word(text, "obj_info"))
+            itn__ply_fail(ply, "header has an unknown keyword");
+        if (text->result) return;
     }
-    if (!fault) itn__skip_blanks(text);
+    itn__skip_blanks(text);
     newline = itn__newline(text->at, text->end);
-    if (!fault && !newline) fault = "header has no end";
-    if (!fault && !ply->format) fault = "header has no format";
-    if (fault) return itn__ply_fail(ply, fault, error);
-    fault = itn__ply_header_complete(ply);
-    if (fault) return itn__text_fail(text, ITN_ERROR_UNSUPPORTED, error, "PLY %s", fault);
+    if (!newline) itn__ply_fail(ply, "header has no end");
+    itn__ply_header_check(ply);
+    if (text->result) return;
     text->at += lone_return ? 1 : newline; /* what follows may be binary, and look like anything */
     text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
-    return ITN_OK;
 }
 
-/* Reads a number of any type and steps behind it; NaN if the text is none. Returns 0 at the end. */
-static int itn__ply_value(itn__ply *ply, const struct itn__ply_number *type, double *value) {
-    const unsigned char *bytes;
-    const char *end;
+/* Reads a number of any type and steps behind it; NaN if the text is none. */
+static double itn__ply_value(itn__ply *ply, const struct itn__ply_number *type) {
+    const unsigned char *bytes = NULL;
+    size_t size = type->size, i;
+    double value = (double)NAN;
     uint64_t bits = 0;
     uint32_t half;
     float number;
-    int i;
     if (ply->format == ITN__PLY_ASCII) {
         itn__skip_space(&ply->text);
-        end = ply->text.at + itn__word_length(&ply->text);
-        if (end == ply->text.at) return 0;
-        if (itn__parse_number(ply->text.at, end, value) != end) *value = (double)NAN;
-        ply->text.at = end;
-        return 1;
+        size = (size_t)itn__word_length(&ply->text);
     }
-    bytes = itn__take_bytes(&ply->text, type->size);
-    if (!bytes) return 0;
-    for (i = 0; i < type->size; i++)
-        bits = bits << 8 | bytes[ply->format == ITN__PLY_BIG ? i : type->size - 1 - i];
-    if (type->kind != 'f') {
-        *value = (double)bits;
-        if (type->kind == 's' && bits >> (8 * type->size - 1)) *value -= ldexp(1, 8 * type->size);
-    } else if (type->size == 4) {
-        half = (uint32_t)bits;
-        memcpy(&number, &half, 4);
-        *value = (double)number;
-    } else {
-        memcpy(value, &bits, 8);
+    if (size) bytes = itn__take_bytes(&ply->text, size);
+    if (!bytes) itn__ply_fail(ply, "data ends early");
+    if (!bytes) return value;
+    if (ply->format == ITN__PLY_ASCII) {
+        if (itn__parse_number(ply->text.at - size, ply->text.at, &value) != ply->text.at)
+            value = (double)NAN;
+        return value;
     }
-    return 1;
+    for (i = 0; i < size; i++)
+        bits = bits << 8 | bytes[ply->format == ITN__PLY_BIG ? i : size - 1 - i];
+    if (type->kind == 's' && bits >> (8 * size - 1)) return (double)bits - ldexp(1, 8 * (int)size);
+    if (type->kind != 'f') return (double)bits;
+    memcpy(&value, &bits, 8);
+    half = (uint32_t)bits;
+    memcpy(&number, &half, 4);
+    return size == 8 ? value : (double)number;
 }
 
-/* Reads a list. Every step takes bytes, so that a count that lies ends with them. */
-static const char *itn__ply_list(itn__ply *ply, const itn__ply_property *property) {
+/* Takes a value for its role; vertex: x y z u v of the one being read. */
+static void itn__ply_take(itn__ply *ply, int role, double value, float *vertex) {
     itn__builder *builder = ply->builder;
-    double count, value = 0;
-    float coordinate;
-    if (!itn__ply_value(ply, property->list, &count)) return "list has no count";
-    if (!(count >= 0 && count == floor(count))) return "list has no valid count";
-    for (; count > 0; count--) {
-        if (!itn__ply_value(ply, property->type, &value)) return "list ends early";
-        if (property->role == ITN__PLY_CORNERS) {
-            if (itn__builder_failed(builder)) return "out of memory";
-            if (!(value >= 0 && value < (double)itn__vertex_count(builder) &&
-                  value == floor(value)))
-                return "names a vertex that does not exist";
-            itn__add_corner(builder, (size_t)value, ply->textured ? (int64_t)value : -1);
-        } else if (property->role == ITN__PLY_TEXCOORDS) {
-            coordinate = (float)value;
-            if (!itn__finite(coordinate)) return "a texture coordinate is not a finite number";
-            itn__put(&builder->texcoords, &coordinate, sizeof coordinate);
-        }
+    float number = (float)value;
+    if (role == ITN__PLY_CORNERS) {
+        if (itn__builder_failed(builder)) itn__ply_fail(ply, "out of memory");
+        else if (!(value >= 0 && value < (double)itn__vertex_count(builder) &&
+                   value == floor(value)))
+            itn__ply_fail(ply, "names a vertex that does not exist");
+        else itn__add_corner(builder, (size_t)value, ply->textured ? (int64_t)value : -1);
+    } else if (role != ITN__PLY_NONE && !itn__finite(number)) {
+        itn__ply_fail(ply, role < ITN__PLY_U ? "a coordinate is not a finite number"
+                                             : "a texture coordinate is not a finite number");
+    } else if (role == ITN__PLY_TEXCOORDS) {
+        itn__put(&builder->texcoords, &number, sizeof number);
+    } else if (role < ITN__PLY_SCALARS) {
+        vertex[role] = number;
     }
-    return NULL;
 }
 
 /* Turns what was read of a face into triangles; its own texture coordinates, if any, stand behind
    those of the vertices and count more. */
-static const char *itn__ply_face(itn__builder *builder, size_t of_vertices) {
+static void itn__ply_face(itn__ply *ply, size_t of_vertices) {
+    itn__builder *builder = ply->builder;
     size_t corners = builder->corners.size / sizeof(itn__corner), i;
     size_t size = builder->texcoords.size - of_vertices;
     itn__corner *corner = itn__corner_list(builder);
+    const char *fault = NULL;
     builder->texcoords.size = of_vertices;
     if (size && size != corners * sizeof corner->uv)
-        return "has not two texture coordinates per corner";
-    for (i = 0; size && i < corners; i++, of_vertices += sizeof corner->uv) {
+        fault = "has not two texture coordinates per corner";
+    for (i = 0; !fault && size && i < corners; i++, of_vertices += sizeof corner->uv) {
         memcpy(corner[i].uv, builder->texcoords.bytes + of_vertices, sizeof corner->uv);
         corner[i].textured = 1;
     }
-    return itn__add_polygon(builder);
+    if (!fault) fault = itn__add_polygon(builder);
+    if (fault) itn__ply_fail(ply, fault);
 }
 
-/* Reads one entry of the element at hand. */
-static const char *itn__ply_entry(itn__ply *ply) {
+/* Reads one entry of the element at hand: of each property one number, or as many as the list has.
+   Every step takes bytes, so that a count that lies ends with them. */
+static void itn__ply_entry(itn__ply *ply) {
     const itn__ply_element *element = ply->element;
-    float values[ITN__PLY_SCALARS] = {0, 0, 0, 0, 0};
     size_t of_vertices = ply->builder->texcoords.size;
-    const char *fault = NULL;
-    double value = 0;
+    float vertex[ITN__PLY_SCALARS] = {0, 0, 0, 0, 0};
     int i;
     ply->builder->corners.size = 0;
-    for (i = element->first; i < element->end && !fault; i++) {
+    for (i = element->first; i < element->end; i++) {
         const itn__ply_property *property = ply->properties + i;
-        if (property->list) fault = itn__ply_list(ply, property);
-        else if (!itn__ply_value(ply, property->type, &value)) fault = "data ends early";
-        else if (property->role < ITN__PLY_U && !itn__finite((float)value))
-            fault = "a coordinate is not a finite number";
-        else if (property->role < ITN__PLY_SCALARS && !itn__finite((float)value))
-            fault = "a texture coordinate is not a finite number";
-        else if (property->role < ITN__PLY_SCALARS) values[property->role] = (float)value;
+        double count = property->list ? itn__ply_value(ply, property->list) : 1;
+        if (!(count >= 0 && count == floor(count))) itn__ply_fail(ply, "list has no valid count");
+        for (; count > 0 && !ply->text.result; count--)
+            itn__ply_take(ply, property->role, itn__ply_value(ply, property->type), vertex);
     }
-    if (fault || element->kind == ITN__PLY_OTHER) return fault;
-    if (element->kind == ITN__PLY_FACE) return itn__ply_face(ply->builder, of_vertices);
-    itn__put(&ply->builder->positions, values, 3 * sizeof(float));
-    if (ply->textured) itn__put(&ply->builder->texcoords, values + 3, 2 * sizeof(float));
-    return NULL;
+    if (ply->text.result) return;
+    if (element->kind == ITN__PLY_FACE) itn__ply_face(ply, of_vertices);
+    if (element->kind != ITN__PLY_VERTEX) return;
+    itn__put(&ply->builder->positions, vertex, 3 * sizeof(float));
+    if (ply->textured) itn__put(&ply->builder->texcoords, vertex + 3, 2 * sizeof(float));
 }
 
 /* Reads all entries of an element, after checking that the file can hold that many. */
-static itn_result itn__ply_read_element(itn__ply *ply, itn_error *error) {
+static void itn__ply_read_element(itn__ply *ply) {
     const itn__ply_element *element = ply->element;
     size_t least = 0, left = (size_t)(ply->text.end - ply->text.at);
-    const char *fault = NULL;
     int i;
     for (i = element->first; i < element->end; i++) {
         const itn__ply_property *property = ply->properties + i;
@@ -18276,28 +18220,25 @@ static itn_result itn__ply_read_element(itn__ply *ply, itn_error *error) {
                  : property->list              ? property->list->size
                                                : property->type->size;
     }
-    if (!least) return ITN_OK;
+    if (!least) return;
     if (element->kind == ITN__PLY_VERTEX)
-        ply->textured = itn__ply_find(ply, element, ITN__PLY_U) &&
-                        itn__ply_find(ply, element, ITN__PLY_U + 1);
-    if (element->count > (left + 1) / least) fault = "count is larger than the file";
-    for (ply->index = 0; !fault && ply->index < element->count; ply->index += !fault)
-        fault = itn__ply_entry(ply);
-    return fault ? itn__ply_fail(ply, fault, error) : ITN_OK;
+        ply->textured = (element->has >> ITN__PLY_U & 3) == 3;
+    ply->index = 0;
+    if (element->count > (left + 1) / least) itn__ply_fail(ply, "count is larger than the file");
+    for (; ply->index < element->count && !ply->text.result; ply->index++) itn__ply_entry(ply);
 }
 
-static itn_result itn__ply_decode(itn__text text, itn__builder *builder, itn_error *error) {
+static itn_result itn__ply_decode(itn__text text, itn__builder *builder) {
     itn__ply ply = ITN_ZERO;
-    itn_result result;
     int i;
     ply.text = text;
     ply.builder = builder;
-    result = itn__ply_header(&ply, error);
-    for (i = 0; i < ply.element_count && !result; i++) {
+    itn__ply_header(&ply);
+    for (i = 0; i < ply.element_count && !ply.text.result; i++) {
         ply.element = ply.elements + i;
-        result = itn__ply_read_element(&ply, error);
+        itn__ply_read_element(&ply);
     }
-    return result;
+    return ply.text.result;
 }
 
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
@@ -18315,10 +18256,11 @@ ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const ch
     builder.positions.context = builder.texcoords.context = builder.corners.context = checked;
     builder.points.context = builder.triangles.context = checked;
     text = itn__text_make(bytes, size, name ? name : "mesh");
+    text.error = error;
     if (itn__accept_word(&text, "ply") && text.at < text.end)
-        result = itn__ply_decode(text, &builder, error);
+        result = itn__ply_decode(text, &builder);
     else
-        result = itn__obj_decode(text, &builder, error);
+        result = itn__obj_decode(text, &builder);
     if (itn__builder_failed(&builder))
         result = itn__fail(error, ITN_ERROR_MEMORY, 0, "%s: out of memory for a mesh", text.name);
     else if (!result)
