@@ -675,8 +675,7 @@ typedef struct itn_adam_desc {
 #ifndef ITN_NO_NET
 
 /* Shape of a regressor network (section 5 of the paper): layer_count times a 3x3 convolution, a
-   ReLU and a 2x2 max-pooling, then one fully connected layer. All-zero is the authors' network:
-   two channels of 128x128 pixels, 7 layers of 16, 32, ... 1024 channels, three outputs. */
+   ReLU and a 2x2 max-pooling, then one fully connected layer. All-zero is the authors' network. */
 typedef struct itn_net_desc {
     int width, height;  /* of the input, divisible by 2^layer_count, at most 8192; 0 = 128 */
     int channels;       /* of the input, at most 1024; 0 = 2 */
@@ -687,9 +686,9 @@ typedef struct itn_net_desc {
     uint64_t seed;      /* of the initial weights */
 } itn_net_desc;
 
-/* A network with its gradients, Adam moments and activations. One thread at a time may use it;
-   it spreads its own loops over the context's parallel_for, and its results are bit-identical
-   however that does so. What returns no itn_result wants a network that is not NULL. */
+/* A network with its gradients, Adam moments and activations. One thread at a time may use it; it
+   spreads its loops over the context's parallel_for, with the same results to the bit. What returns
+   no itn_result wants a network that is not NULL. */
 typedef struct itn_net itn_net;
 
 /* Makes a network with zero biases and normal weights of variance 2/n before a ReLU and 1/n in the
@@ -708,16 +707,13 @@ ITN_API float *itn_net_parameters(itn_net *net, size_t *count);
 /* Returns the gradients, of the same count and order: what to sum over machines before a step. */
 ITN_API float *itn_net_gradients(itn_net *net, size_t *count);
 
-/* Makes of a picture the two channels that the authors' networks see, a brightness and an edge
-   weight. The brightness is that of the picture over `mean`, blurred by (1 4 6 4 1)/16 along rows
-   and columns (theirs is not): else networks read the noise of the pictures they learn from, and
-   fail on others. The edge weight is s/(s+1) in [0,1], large where the brightness changes fast: s =
-   |(right - left, below - above)|, of a pixel's neighbours. Pixels of the border are repeated
-   outside.
+/* Makes of a picture the two channels that the authors' networks see: its brightness over `mean`,
+   blurred by (1 4 6 4 1)/16 along rows and columns (theirs is not; but then networks read the noise
+   of the pictures they learn from), and an edge weight s/(s+1), s = |(right - left, below - above)|
+   of a pixel's neighbours in it. Pixels of the border are repeated outside.
    mean: the brightness, > 0, of the pictures that the network was trained with. pixels:
    [height][width], linear radiometric, finite, also over mean. input: [2][height][width], no
-   overlap with pixels.
-   Errors: ARGUMENT; then input is untouched. */
+   overlap with pixels. Errors: ARGUMENT; then input is untouched. */
 ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
                                  float *input, itn_error *error);
 /* Computes the network's outputs for `batch` images (1 to the desc's batch).
@@ -726,17 +722,14 @@ ITN_API itn_result itn_net_input(int width, int height, const float *pixels, dou
 ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images, float *outputs,
                                    itn_error *error);
 /* Reads a picture: the mean outputs for five sizes of it, e^-.5, e^-.25, ... e^.5 times as large
-   about its middle, each as itn_net_input shows it. What is wrong about a shape that the network
-   does not know differs from size to size, and the mean has less of it. An object that looks s
-   times as large is that object with sigma_t / s, and albedo and g as they are; in the mean of log
-   sigma_t, its coordinate, these log s cancel.
-   net: of 2 channels; as many sizes as its batch holds go through it at a time, which is faster
-   and makes no difference to the outputs; backward then needs another forward call. pixels:
-   [height][width] of the net's desc, and mean: as for itn_net_input (of a network NAME.net that
-   examples/train.c made it stands in NAME.net.txt). outputs: [outputs], no overlap with pixels;
-   those of such a network are coordinates of sigma_t, albedo and g, for
-   itn_parameter_from_coordinate.
-   Errors: ARGUMENT, MEMORY; then outputs is untouched. */
+   about its middle, each as itn_net_input shows it: what is wrong about a shape that the network
+   does not know differs from size to size. An object that looks s times as large is that object
+   with sigma_t / s, so in the mean of log sigma_t, its coordinate, these log s cancel.
+   net: of 2 channels; its backward then needs another forward call. pixels: [height][width] of the
+   net's desc, and mean: as for itn_net_input (NAME.net.txt has that of examples/train.c's
+   NAME.net). outputs: [outputs], no overlap with pixels; of such a network coordinates of sigma_t,
+   albedo and g, for itn_parameter_from_coordinate. Errors: ARGUMENT, MEMORY; then outputs is
+   untouched. */
 ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, float *outputs,
                                 itn_error *error);
 /* Adds to the gradients those of a loss, given its derivatives in the outputs of the latest
@@ -746,7 +739,6 @@ ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outp
                                     itn_error *error);
 /* Sets all gradients to zero, to which itn_net_backward adds. */
 ITN_API void itn_net_zero_gradients(itn_net *net);
-
 /* One Adam step against the gradients (which stay as they are). desc may be NULL.
    Errors: ARGUMENT (desc out of range; a gradient whose square is not finite): nothing changes. */
 ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_error *error);
@@ -789,12 +781,12 @@ typedef struct itn_loss {
 
 /* One image's term of equation (3), ||pi - N(I)||^2 + lambda ||I - T(N(I))||^2, where N(I) are the
    coordinates of the parameters of T, and the derivative of `total` in the outputs N(I). The second
-   is a mean over pixels and channels, so lambda is the paper's times their number. Where a
-   prediction lies beyond a parameter's bounds, the value and slope on the bound are used; an ior is
-   at least 1.001, where it still has a derivative.
+   is a mean over pixels and channels, so lambda is the paper's times their number; choose it so
+   that the two terms are of like size when training with it begins. Beyond a parameter's bounds the
+   value and slope on the bound are used; an ior is at least 1.001, where it still has a derivative.
    count: outputs of the network. predicted, truth, gradient: [count] coordinates.
-   image: [C][height][width] of the scene's film, linear radiometric; not used by RN (may be NULL),
-   nor if lambda is 0.
+   image: [C][height][width] of the scene's film, linear radiometric; may be NULL if none is
+   rendered.
    Errors: ARGUMENT (NULL, lambda, an index, a prediction or truth that is not finite, a gradient
    too large for a float) and those of itn_loss_gradient; then loss and gradient are untouched. */
 ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const float *predicted,
@@ -802,9 +794,8 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
                                      float *gradient, itn_error *error);
 
 /* Makes a network from the bytes of a file that itn_net_save wrote, for `batch` images (0 = 16).
-   `name` stands for the file in error messages; NULL = "network". context may be NULL. Of weights
-   it holds what the file has, of activations what the pictures' size and the batch ask for: a file
-   of a megabyte may need gigabytes, so give untrusted ones a context that limits memory.
+   `name` stands for the file in error messages; NULL = "network". context may be NULL, but limit
+   memory with it for untrusted files: a small one may ask for gigabytes of activations.
    Errors: FORMAT (no such file type or version, damaged, cut, NaN), ARGUMENT, MEMORY. Free with
    itn_net_free. */
 ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const char *name, int batch,
@@ -814,14 +805,12 @@ ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const cha
 #ifndef ITN_NO_STDIO
 /* Writes shape, weights and (unless weights_only) Adam's moments and step count, so that training
    goes on bit for bit as if never stopped. The file appears whole or not at all.
-   Errors: FILE, MEMORY, ARGUMENT (a weight or moment to be written is not finite),
-   UNSUPPORTED (over 2 GiB). */
+   Errors: FILE, MEMORY, ARGUMENT (a weight or moment is not finite), UNSUPPORTED (over 2 GiB). */
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error);
 /* Replaces weights, moments and step count by a file's; a file of weights only starts Adam afresh.
    The network must have the file's shape (any batch and seed) and is untouched on failure;
-   gradients stay as they are. Errors: ARGUMENT (NULL), FILE, MEMORY, FORMAT (as above, or of
-   another shape). */
+   gradients stay as they are. Errors: FILE and as above; FORMAT also for another shape. */
 ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error);
 /* itn_net_from_memory of a file's bytes. Further error: FILE. */
 ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
@@ -13352,10 +13341,9 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
    with one ring of zeros around the input. Nothing between `in` and `out` is stored but `chosen`:
    which of the four was taken, or that the ReLU is shut.
 
-   Layout. Channels are cut into blocks of ITN__LANES: an image is [block][row][column][lane], its
-   ring of zeros included, so that whole vectors of channels are loaded anywhere. The last block is
-   padded with zero channels. Blocks of the images that a network is given have no more lanes than
-   there are channels.
+   Channels are cut into blocks of ITN__LANES: an image is [block][row][column][lane], with its ring
+   of zeros, so that whole vectors of channels are loaded anywhere. The last block is padded with
+   zeros. Blocks of the images that a network is given have no more lanes than channels.
 
    Forward, the sums of 4 pixels and a panel of 2 vectors of output channels, a tile, stay in
    registers while the loop runs over the 9 taps of a block of inputs: 6 loads serve 8 products.
@@ -13417,6 +13405,7 @@ typedef struct itn__conv {
     float *d_images;         /* as images, overwritten, of whole blocks; the ring is undefined */
     float *scratch;          /* [itn__weights_slices][itn__weights_sums] */
     size_t panels;           /* of a task of the forward pass */
+    int turning;             /* see itn__weights_turn */
 } itn__conv;
 
 enum {
@@ -13678,32 +13667,26 @@ static void itn__weights_part(void *data, int index) {
     itn__store(sums + size - outputs + block * ITN__LANES, bias);
 }
 
-/* For one block of inputs, adds the sums to the derivatives of the weights, or (back is 0) puts the
+/* For one block of inputs, adds the sums to the derivatives of the weights; or (turning) puts the
    weights themselves into the place of the first slice, whose padding is 0. 64 outputs at a time
    stay in the cache. */
-static void itn__weights_turn(const itn__conv *c, size_t block, int back) {
-    size_t inputs = itn__blocked_real(&c->in, block), first, end, tap, i, o, slice;
-    size_t slices = back ? itn__weights_slices(c) : 1;
-    for (slice = 0; slice < slices; slice++)
-        for (first = 0; first < c->out.channels; first = end) {
-            end = itn__fewer(first + 64, c->out.channels);
-            for (tap = 0; tap < 9; tap++)
-                for (i = 0; i < inputs; i++) {
-                    size_t at = (tap * c->in.channels + block * c->in.lanes + i) * c->out.channels;
-                    float *turned = c->scratch + slice * itn__weights_sums(c) + tap * ITN__LANES +
-                                    block * c->out.blocks * ITN__LANES * ITN__PATCH + i;
-                    for (o = first; back && o < end; o++)
-                        c->d_w[at + o] += turned[o * ITN__PATCH];
-                    for (o = first; !back && o < end; o++)
-                        turned[o * ITN__PATCH] = c->w[at + o];
-                }
-        }
-}
-static void itn__weights_add(void *data, int block) {
-    itn__weights_turn((const itn__conv *)data, (size_t)block, 1);
-}
-static void itn__weights_move(void *data, int block) {
-    itn__weights_turn((const itn__conv *)data, (size_t)block, 0);
+static void itn__weights_turn(void *data, int index) {
+    const itn__conv *c = (const itn__conv *)data;
+    size_t block = (size_t)index, inputs = itn__blocked_real(&c->in, block), end, tap, i, o, slice;
+    size_t slices = c->turning ? 1 : itn__weights_slices(c), rows = 9 * inputs, row, first;
+    float *sums = c->scratch + block * c->out.blocks * ITN__LANES * ITN__PATCH;
+    for (slice = 0; slice < slices; slice++, sums += itn__weights_sums(c))
+        for (first = 0; first < c->out.channels; first = end)
+            for (end = itn__fewer(first + 64, c->out.channels), row = 0; row < rows; row++) {
+                size_t at;
+                float *turned;
+                tap = row / inputs, i = row % inputs, turned = sums + tap * ITN__LANES + i;
+                at = (tap * c->in.channels + block * c->in.lanes + i) * c->out.channels;
+                if (c->turning)
+                    for (o = first; o < end; o++) turned[o * ITN__PATCH] = c->w[at + o];
+                else
+                    for (o = first; o < end; o++) c->d_w[at + o] += turned[o * ITN__PATCH];
+            }
 }
 
 /* Some of a window's output channels, sorted by the pixel they chose: those of corner k stand at
@@ -13771,12 +13754,14 @@ static void itn__conv_backward(const itn_context *context, itn__conv *c) {
     size_t groups = (c->batch - 1) / itn__spread_images(c) + 1, slices = itn__weights_slices(c);
     size_t o, slice, size = itn__weights_sums(c), outputs = c->out.blocks * ITN__LANES;
     itn__parallel_for(context, (int)(c->out.blocks * slices), itn__weights_part, c);
-    itn__parallel_for(context, (int)c->in.blocks, itn__weights_add, c);
+    c->turning = 0;
+    itn__parallel_for(context, (int)c->in.blocks, itn__weights_turn, c);
     for (slice = 1; slice <= slices; slice++)
         for (o = 0; o < c->out.channels; o++)
             c->d_bias[o] += c->scratch[slice * size - outputs + o];
     if (!c->d_images) return;
-    itn__parallel_for(context, (int)c->in.blocks, itn__weights_move, c);
+    c->turning = 1;
+    itn__parallel_for(context, (int)c->in.blocks, itn__weights_turn, c);
     itn__parallel_for(context, (int)(groups * itn__spread_sets(c)), itn__spread_part, c);
 }
 
@@ -13926,7 +13911,7 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
    for a whole batch, as the backward pass needs it, and so is what each pooling chose. Derivatives
    of activations live in two buffers that the layers use in turn. */
 
-enum { ITN__NET_LAYERS = 12, ITN__READ_SIZES = 5, ITN__ADAM_PART = 1 << 15 };
+enum { ITN__NET_LAYERS = 12, ITN__ADAM_PART = 1 << 15 };
 
 struct itn_net {
     itn_context context;
@@ -14020,7 +14005,7 @@ static float *itn__net_cut(itn_net *net, size_t count) {
 
 /* Cuts all arrays off the slab. */
 static void itn__net_place(itn_net *net) {
-    size_t batch = (size_t)net->desc.batch, largest = 0, scratch = 0;
+    size_t batch = (size_t)net->desc.batch, largest = 0, scratch = 0, at = 0;
     float *images, *shared, *d[2];
     int l, layers = net->desc.layer_count;
     net->used = 0;
@@ -14029,9 +14014,9 @@ static void itn__net_place(itn_net *net) {
     net->outputs = itn__net_cut(net, batch * (size_t)net->desc.outputs);
     for (l = 0; l < layers; l++) {
         const itn__conv *c = &net->layers[l];
-        if (largest < c->out.size) largest = c->out.size;
         size_t need = itn__weights_slices(c) * itn__weights_sums(c);
-        if (scratch < need) scratch = need;
+        largest = c->out.size > largest ? c->out.size : largest;
+        scratch = need > scratch ? need : scratch;
     }
     shared = itn__net_cut(net, scratch);
     d[0] = itn__net_cut(net, batch * largest), d[1] = itn__net_cut(net, batch * largest);
@@ -14042,29 +14027,26 @@ static void itn__net_place(itn_net *net) {
         c->pooled = images = itn__net_cut(net, batch * c->out.size);
         c->chosen = (unsigned char *)itn__net_cut(net, batch * c->out.size / 4 + ITN__LANES);
         c->d_pooled = d[l % 2], c->d_images = l > 0 ? d[1 - l % 2] : NULL;
+        if (!net->slab) continue;
+        c->w = net->parameters + at, c->d_w = net->gradients + at;
+        at += 9 * c->in.channels * c->out.channels;
+        c->bias = net->parameters + at, c->d_bias = net->gradients + at;
+        at += c->out.channels;
     }
+    if (!net->slab) return;
+    net->full = net->parameters + at, net->d_full = net->gradients + at;
+    net->moments = net->parameters + net->count;
 }
 
-/* Makes the slab, and finds the weights of each layer in it. Returns 0 if memory is out. */
+/* Returns 0 if memory is out. */
 static int itn__net_allocate(itn_net *net) {
     enum { ALIGNMENT = 64 }; /* bytes */
-    size_t at = 0;
-    int l;
     itn__net_place(net);
     net->memory = itn__allocate(&net->context, net->used + ALIGNMENT / 4, sizeof(float));
     if (!net->memory) return 0;
     net->slab = (float *)net->memory;
     while ((uintptr_t)net->slab % ALIGNMENT) net->slab++;
     itn__net_place(net);
-    for (l = 0; l < net->desc.layer_count; l++) {
-        itn__conv *c = &net->layers[l];
-        c->w = net->parameters + at, c->d_w = net->gradients + at;
-        at += 9 * c->in.channels * c->out.channels;
-        c->bias = net->parameters + at, c->d_bias = net->gradients + at;
-        at += c->out.channels;
-    }
-    net->full = net->parameters + at, net->d_full = net->gradients + at;
-    net->moments = net->parameters + net->count;
     return 1;
 }
 
@@ -14153,23 +14135,21 @@ ITN_API void itn_net_zero_gradients(itn_net *net) {
 /* Returns the number nearest to k in 0 to count - 1. */
 static int itn__inside(int k, int count) { return k < 0 ? 0 : k < count ? k : count - 1; }
 
-/* Blurs with binomial weights along the axis in which neighbours are `step` pixels apart. */
-static void itn__blur_input(int width, int height, int step, const float *from, float *to) {
-    int k, i, length = step == 1 ? width : height;
-    for (i = 0; i < width * height; i++) {
-        int place = i / step % length, first = i - place * step;
-        double of[5];
-        for (k = 0; k < 5; k++)
-            of[k] = (double)from[first + itn__inside(place + k - 2, length) * step];
-        to[i] = (float)((of[0] + of[4] + 4 * (of[1] + of[3]) + 6 * of[2]) / 16);
-    }
+/* The pixel k places behind pixel i, of `length` that are `step` apart; the border's repeated. */
+static double itn__neighbour(const float *pixels, int i, int k, int step, int length) {
+    int place = i / step % length;
+    return (double)pixels[i + (itn__inside(place + k, length) - place) * step];
 }
 
-/* The difference of the two neighbours of pixel i along an axis, as there. */
-static double itn__input_slope(int width, int height, int step, const float *pixels, int i) {
-    int length = step == 1 ? width : height, place = i / step % length, first = i - place * step;
-    return (double)pixels[first + itn__inside(place + 1, length) * step] -
-           (double)pixels[first + itn__inside(place - 1, length) * step];
+/* Blurs `count` pixels with binomial weights, along rows (step 1) or columns (step width). */
+static void itn__blur_input(int count, int step, int length, const float *from, float *to) {
+    int i;
+    for (i = 0; i < count; i++)
+        to[i] = (float)((itn__neighbour(from, i, -2, step, length) +
+                         itn__neighbour(from, i, 2, step, length) +
+                         4 * (itn__neighbour(from, i, -1, step, length) +
+                              itn__neighbour(from, i, 1, step, length)) +
+                         6 * (double)from[i]) / 16);
 }
 
 ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
@@ -14186,11 +14166,13 @@ ITN_API itn_result itn_net_input(int width, int height, const float *pixels, dou
                              "itn_net_input: pixel (%d, %d) is not finite, or too large for a "
                              "mean of %g", i % width, i / width, mean);
     for (i = 0; i < plane; i++) input[i] = (float)((double)pixels[i] / mean);
-    itn__blur_input(width, height, 1, input, input + plane);
-    itn__blur_input(width, height, width, input + plane, input);
+    itn__blur_input(plane, 1, width, input, input + plane);
+    itn__blur_input(plane, width, height, input + plane, input);
     for (i = 0; i < plane; i++) {
-        double across = itn__input_slope(width, height, 1, input, i);
-        double down = itn__input_slope(width, height, width, input, i);
+        double across = itn__neighbour(input, i, 1, 1, width) -
+                        itn__neighbour(input, i, -1, 1, width);
+        double down = itn__neighbour(input, i, 1, width, height) -
+                      itn__neighbour(input, i, -1, width, height);
         double slope = sqrt(across * across + down * down);
         input[plane + i] = (float)(slope / (slope + 1));
     }
@@ -14302,50 +14284,33 @@ static void itn__resize_picture(int width, int height, const float *from, double
         }
 }
 
-/* As itn_net_read, up to `batch` sizes at a time; room: mean outputs, which are 0, then outputs and
-   inputs of the network for these, and a picture. */
-static itn_result itn__net_read(itn_net *net, size_t batch, const float *pixels, double mean,
-                                float *room, itn_error *error) {
-    static const double larger[ITN__READ_SIZES] = {0, -.5, -.25, .25, .5}; /* 0: for the errors */
-    const itn_net_desc *d = &net->desc;
-    size_t plane = (size_t)d->width * (size_t)d->height, outputs = (size_t)d->outputs, size, n, k;
-    float *answers = room + outputs, *inputs = answers + batch * outputs;
-    float *picture = inputs + batch * 2 * plane;
-    for (size = 0; size < ITN__READ_SIZES; size += n) {
-        itn_result result = ITN_OK;
-        n = itn__fewer(batch, ITN__READ_SIZES - size);
-        for (k = 0; k < n && !result; k++) {
-            itn__resize_picture(d->width, d->height, pixels, larger[size + k], picture);
-            result = itn_net_input(d->width, d->height, picture, mean, inputs + k * 2 * plane,
-                                   error);
-        }
-        if (!result) result = itn_net_forward(net, (int)n, inputs, answers, error);
-        if (result) return result;
-        for (k = 0; k < n * outputs; k++) room[k % outputs] += answers[k] / (float)ITN__READ_SIZES;
-    }
-    return ITN_OK;
-}
-
 ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, float *outputs,
                                 itn_error *error) {
-    itn_result result;
-    float *room;
-    size_t plane, count, batch;
+    static const double larger[5] = {0, -.5, -.25, .25, .5}; /* as it is first: for the errors */
+    itn_result result = ITN_OK;
+    float *picture, *input, *answer, *means;
+    size_t plane, count, k;
+    int width, height, size;
     if (!net || !pixels || !outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_read: a pointer is NULL");
     if (net->desc.channels != 2)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_read: the network sees %d channels, a picture has 2",
                          net->desc.channels);
-    plane = (size_t)net->desc.width * (size_t)net->desc.height, count = (size_t)net->desc.outputs;
-    batch = itn__fewer((size_t)net->desc.batch, ITN__READ_SIZES);
-    room = (float *)itn__allocate(&net->context, count + batch * (count + 2 * plane) + plane,
-                                  sizeof *room);
-    if (!room) return itn__out_of_memory(error, "the sizes of a picture");
-    result = itn__net_read(net, batch, pixels, mean, room, error);
-    if (result == ITN_OK) memcpy(outputs, room, count * sizeof *outputs);
+    width = net->desc.width, height = net->desc.height;
+    plane = (size_t)width * (size_t)height, count = (size_t)net->desc.outputs;
+    picture = (float *)itn__allocate(&net->context, 3 * plane + 2 * count, sizeof *picture);
+    if (!picture) return itn__out_of_memory(error, "the sizes of a picture");
+    input = picture + plane, answer = input + 2 * plane, means = answer + count;
+    for (size = 0; size < 5 && result == ITN_OK; size++) {
+        itn__resize_picture(width, height, pixels, larger[size], picture);
+        result = itn_net_input(width, height, picture, mean, input, error);
+        if (result == ITN_OK) result = itn_net_forward(net, 1, input, answer, error);
+        for (k = 0; k < count; k++) means[k] += answer[k] / 5;
+    }
+    if (result == ITN_OK) memcpy(outputs, means, count * sizeof *outputs);
     net->forward_batch = 0;
-    itn__free(&net->context, room);
+    itn__free(&net->context, picture);
     return result;
 }
 

@@ -791,11 +791,11 @@ static inline itn_net *open_network(const char *path, int batch, const itn_conte
     return net;
 }
 
-/* The same for one thread, to read pictures with: a batch holds the five sizes of one. */
+/* The same for one thread, to read pictures with. */
 static inline itn_net *open_reader(const char *path) {
     itn_context context = ITN_ZERO;
     context.threads = 1;
-    return open_network(path, 5, &context);
+    return open_network(path, 1, &context);
 }
 
 #endif

@@ -364,7 +364,7 @@ static itn_net *open_network(const char *path, const itn_context *context, const
     itn_error error;
     char text[200];
     int i, k, length = (int)strcspn(h->unknowns[0]->name, ".");
-    if (itn_net_open(path, 5, context, &net, &error)) fail(error.message, ""); /* five sizes */
+    if (itn_net_open(path, 1, context, &net, &error)) fail(error.message, "");
     shape = itn_net_shape(net);
     if (film.channels != 1) fail(path, "reads grey pictures; the film of the scene has colours");
     snprintf(text, sizeof text, "answers pictures of %dx%d pixels in %d planes with %d values; it "
