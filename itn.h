@@ -18760,8 +18760,8 @@ static itn_result itn__load_beside(itn__reader *r, const itn__field *field, cons
     if (name[0] == '\\' || (name[0] && name[1] == ':')) folder = 0;
 #endif
     itn__put(&path, scene, folder), itn__put(&path, name, length);
-    if (path.failed) return itn__out_of_memory(error, name);
-    result = itn__read_file((const char *)path.bytes, SIZE_MAX / 4, &file, error);
+    if (path.failed) result = itn__out_of_memory(error, name);
+    else result = itn__read_file((const char *)path.bytes, SIZE_MAX / 4, &file, error);
     if (!result)
         result = itn__load_from(r, field, file.bytes, file.size, (const char *)path.bytes, desc,
                                 error);
