@@ -13345,12 +13345,10 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
    of zeros, so that whole vectors of channels are loaded anywhere. The last block is padded with
    zeros. Blocks of the images that a network is given have no more lanes than channels.
 
-   Forward, the sums of 4 pixels and a panel of 2 vectors of output channels, a tile, stay in
-   registers while the loop runs over the 9 taps of a block of inputs: 6 loads serve 8 products.
-   Pixels may lie anywhere: their addresses are a list (Dukhan 2019, indirect convolution). It is
-   sorted by the sides of the image at which they lie, so that tiles of small images need not
-   multiply the ring. A task is up to 64 windows times as many panels as its sums have room for: so
-   weights are read in the order of memory where windows are few and reading is what takes time.
+   Forward, the sums of a window's 4 pixels and a panel of 2 vectors of output channels, a tile,
+   stay in registers while the loop runs over the 9 taps of a block of inputs: 6 loads serve 8
+   products. A task is up to 64 windows times as many panels as its sums have room for: so weights are read in
+   the order of memory where windows are few and reading is what takes time.
 
    Backward, only the chosen one of a window's four pixels has a derivative, so three quarters of
    d_s are zero for certain: sums are sparse. With d = d_out[window][o] and `patch` the 3x3 pixels
@@ -13421,7 +13419,6 @@ enum {
 /* Windows are numbered [image][row][column]. */
 typedef struct itn__window {
     size_t in, out; /* index of its 4x4 input pixels, and of its output pixel, in block 0 */
-    size_t y, x;
 } itn__window;
 
 static size_t itn__conv_windows(const itn__conv *c) {
@@ -13430,50 +13427,16 @@ static size_t itn__conv_windows(const itn__conv *c) {
 
 static itn__window itn__window_make(const itn__conv *c, size_t number) {
     size_t row = number / c->out.width, image = row / c->out.height;
+    size_t y = row - image * c->out.height, x = number - row * c->out.width;
     itn__window w;
-    w.y = row - image * c->out.height, w.x = number - row * c->out.width;
-    w.in = image * c->in.size + 2 * (w.y * c->in.row + w.x * c->in.lanes);
-    w.out = image * c->out.size + itn__blocked_at(&c->out, w.y, w.x, 0);
+    w.in = image * c->in.size + 2 * (y * c->in.row + x * c->in.lanes);
+    w.out = image * c->out.size + itn__blocked_at(&c->out, y, x, 0);
     return w;
 }
 
 /* From a window's 4x4 pixels to the 3x3 around its pixel `corner` (2 row + column). */
 static size_t itn__conv_corner(const itn__blocked *in, size_t corner) {
     return corner / 2 % 2 * in->row + corner % 2 * in->lanes;
-}
-
-/* Sides of the image at which a pixel lies: there its taps reach into the ring. */
-enum { ITN__AT_TOP = 1, ITN__AT_BOTTOM = 2, ITN__AT_LEFT = 4, ITN__AT_RIGHT = 8 };
-
-/* The pixels of a task's windows, sorted by their sides, each four a tile. */
-typedef struct itn__pixels {
-    const float *patches[4 * ITN__TASK_WINDOWS];
-    unsigned char sides[4 * ITN__TASK_WINDOWS];
-    size_t places[4 * ITN__TASK_WINDOWS]; /* of pixel [window][corner] */
-    size_t outs[ITN__TASK_WINDOWS];
-} itn__pixels;
-
-static void itn__pixels_make(const itn__conv *c, size_t first, size_t count, itn__pixels *pixels) {
-    const float *patches[4 * ITN__TASK_WINDOWS];
-    unsigned char sides[4 * ITN__TASK_WINDOWS];
-    size_t starts[17] = ITN_ZERO, k, p;
-    for (k = p = 0; k < count; k++) {
-        itn__window w = itn__window_make(c, first + k);
-        int row = w.y == 0 ? ITN__AT_TOP : 0, below = w.y + 1 == c->out.height ? ITN__AT_BOTTOM : 0;
-        int left = w.x == 0 ? ITN__AT_LEFT : 0;
-        int right = w.x + 1 == c->out.width ? ITN__AT_RIGHT : 0;
-        pixels->outs[k] = w.out;
-        for (; p < 4 * (k + 1); p++) {
-            sides[p] = (unsigned char)((p & 2 ? below : row) | (p & 1 ? right : left));
-            patches[p] = c->images + w.in + itn__conv_corner(&c->in, p % 4);
-            starts[sides[p] + 1]++;
-        }
-    }
-    for (k = 1; k < 16; k++) starts[k + 1] += starts[k];
-    for (p = 0; p < 4 * count; p++) {
-        size_t place = pixels->places[p] = starts[sides[p]]++;
-        pixels->patches[place] = patches[p], pixels->sides[place] = sides[p];
-    }
 }
 
 /* Where each use of lanes could load them, GCC does so: this keeps them in a register. */
@@ -13483,17 +13446,14 @@ static void itn__pixels_make(const itn__conv *c, size_t first, size_t count, itn
 #define ITN__HOLD(v) ((void)0)
 #endif
 
-/* sums[4][ITN__PANEL] += the terms of one block of inputs, whose weights begin at w_block; those of
-   the next panel are asked for. */
-ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t block, const float *w_block,
-                                  const itn__pixels *pixels, size_t first, float *sums) {
-    const float *const *patches = pixels->patches + first;
-    const unsigned char *s = pixels->sides + first;
-    unsigned at = s[0] & s[1] & s[2] & s[3];
-    size_t bottom = at & ITN__AT_BOTTOM ? 2 : 3, right = at & ITN__AT_RIGHT ? 2 : 3;
-    size_t left = at & ITN__AT_LEFT ? 1 : 0, row = c->out.channels, x, y, k;
+/* sums[4][ITN__PANEL] += the terms of one block of inputs, for the window that begins at index `in`
+   and weights that begin at w_block; those of the next panel are asked for. */
+ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t block, const float *w_block, size_t in,
+                                  float *sums) {
+    const float *patch = c->images + in + block * c->in.plane;
+    size_t below = c->in.row, lanes = c->in.lanes, row = c->out.channels, x, y, k;
     /* the taps of a row of a single block are one run of inputs and of weights */
-    size_t taps = c->in.blocks == 1 && c->in.channels == c->in.lanes ? right - left : 1;
+    size_t taps = c->in.blocks == 1 && c->in.channels == lanes ? 3 : 1;
     size_t run = taps * itn__blocked_real(&c->in, block);
     itn__floats sum[4][2];
     int p;
@@ -13502,18 +13462,18 @@ ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t block, const float 
         sum[p][0] = itn__load(sums + p * ITN__PANEL);
         sum[p][1] = itn__load(sums + p * ITN__PANEL + ITN__LANES);
     }
-    for (y = at & ITN__AT_TOP ? 1 : 0; y < bottom; y++)
-        for (x = left; x < right; x += taps) {
+    for (y = 0; y < 3; y++)
+        for (x = 0; x < 3; x += taps) {
             const float *w = w_block + (3 * y + x) * c->in.channels * row;
-            size_t from = block * c->in.plane + y * c->in.row + x * c->in.lanes;
-            for (k = from; k < from + run; k++, w += row) {
+            const float *at = patch + y * below + x * lanes;
+            for (k = 0; k < run; k++, at++, w += row) {
                 itn__floats w0 = itn__load(w), w1 = itn__load(w + ITN__LANES);
                 ITN__HOLD(w0);
                 ITN__HOLD(w1);
                 ITN__PREFETCH_FAR(w + ITN__PANEL), ITN__PREFETCH_FAR(w + ITN__PANEL + ITN__LANES);
                 ITN__UNROLL
                 for (p = 0; p < 4; p++) {
-                    itn__floats value = itn__splat(patches[p][k]);
+                    itn__floats value = itn__splat(at[(p / 2 ? below : 0) + (p % 2 ? lanes : 0)]);
                     sum[p][0] += value * w0, sum[p][1] += value * w1;
                 }
             }
@@ -13525,11 +13485,11 @@ ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t block, const float 
     }
 }
 
-/* ReLU and pooling of one block of outputs. sums: [4 count][ITN__PANEL], sorted pixels; those of
-   padding are of whatever lay behind the weights. The first of equals is taken. Comparisons pass
-   over NaN: `bad`, else 0, keeps it. */
+/* ReLU and pooling of one block of outputs. sums: [count][4][ITN__PANEL]; those of padding are of
+   whatever lay behind the weights. The first of equals is taken. Comparisons pass over NaN: `bad`,
+   else 0, keeps it. */
 static void itn__conv_pool(const itn__conv *c, size_t block, size_t count,
-                           const itn__pixels *pixels, const float *sums) {
+                           const itn__window *windows, const float *sums) {
     size_t real = itn__blocked_real(&c->out, block), k;
     itn__ints inside = itn__int_less(itn__lane_numbers(), itn__splat_int((int32_t)real));
     itn__floats zero = itn__splat(0), bias;
@@ -13539,10 +13499,10 @@ static void itn__conv_pool(const itn__conv *c, size_t block, size_t count,
     for (k = 0; k < count; k++) {
         itn__floats best = itn__splat(-FLT_MAX), bad = zero * bias;
         itn__ints which = itn__splat_int(0), open;
-        size_t out = pixels->outs[k] + block * c->out.plane;
+        size_t out = windows[k].out + block * c->out.plane;
         int corner;
-        for (corner = 0; corner < 4; corner++) {
-            itn__floats sum = itn__load(sums + pixels->places[4 * k + (size_t)corner] * ITN__PANEL);
+        for (corner = 0; corner < 4; corner++, sums += ITN__PANEL) {
+            itn__floats sum = itn__load(sums);
             itn__ints more = itn__less(best, sum);
             bad += zero * sum;
             best = itn__select(more, sum, best);
@@ -13567,19 +13527,18 @@ static void itn__conv_forward_part(void *data, int index) {
     size_t panel = (size_t)index / parts * c->panels;
     size_t panels = itn__fewer(itn__conv_panels(c) - panel, c->panels);
     float sums[4 * ITN__TASK_WINDOWS * ITN__PANEL];
-    itn__pixels pixels;
-    itn__pixels_make(c, first, count, &pixels);
+    itn__window taken[ITN__TASK_WINDOWS];
+    for (k = 0; k < count; k++) taken[k] = itn__window_make(c, first + k);
     memset(sums, 0, panels * count * 4 * ITN__PANEL * sizeof *sums);
     for (block = 0; block < c->in.blocks; block++)
         for (p = 0; p < panels; p++) {
             const float *w = c->w + block * c->in.lanes * c->out.channels +
                              (panel + p) * ITN__PANEL;
             for (k = 0; k < count; k++)
-                itn__conv_tile(c, block, w, &pixels, 4 * k,
-                               sums + (p * count + k) * 4 * ITN__PANEL);
+                itn__conv_tile(c, block, w, taken[k].in, sums + (p * count + k) * 4 * ITN__PANEL);
         }
     for (block = 2 * panel; block < itn__fewer(2 * (panel + panels), c->out.blocks); block++)
-        itn__conv_pool(c, block, count, &pixels,
+        itn__conv_pool(c, block, count, taken,
                        sums + (block / 2 - panel) * count * 4 * ITN__PANEL +
                            block % 2 * ITN__LANES);
 }
