@@ -13347,8 +13347,8 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
 
    Forward, the sums of a window's 4 pixels and a panel of 2 vectors of output channels, a tile,
    stay in registers while the loop runs over the 9 taps of a block of inputs: 6 loads serve 8
-   products. A task is up to 64 windows times as many panels as its sums have room for: so weights are read in
-   the order of memory where windows are few and reading is what takes time.
+   products. A task is up to 64 windows times as many panels as its sums have room for: so weights
+   are read in the order of memory where windows are few and reading is what takes time.
 
    Backward, only the chosen one of a window's four pixels has a derivative, so three quarters of
    d_s are zero for certain: sums are sparse. With d = d_out[window][o] and `patch` the 3x3 pixels
@@ -13517,15 +13517,13 @@ static void itn__conv_pool(const itn__conv *c, size_t block, size_t count,
     }
 }
 
-static size_t itn__conv_panels(const itn__conv *c) { return (c->out.blocks + 1) / 2; }
-
 static void itn__conv_forward_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
     size_t windows = itn__conv_windows(c), parts = (windows - 1) / ITN__TASK_WINDOWS + 1;
     size_t first = (size_t)index % parts * ITN__TASK_WINDOWS, block, k, p;
     size_t count = itn__fewer(windows - first, ITN__TASK_WINDOWS);
     size_t panel = (size_t)index / parts * c->panels;
-    size_t panels = itn__fewer(itn__conv_panels(c) - panel, c->panels);
+    size_t panels = itn__fewer((c->out.blocks + 1) / 2 - panel, c->panels);
     float sums[4 * ITN__TASK_WINDOWS * ITN__PANEL];
     itn__window taken[ITN__TASK_WINDOWS];
     for (k = 0; k < count; k++) taken[k] = itn__window_make(c, first + k);
@@ -13544,7 +13542,7 @@ static void itn__conv_forward_part(void *data, int index) {
 }
 
 static void itn__conv_forward(const itn_context *context, itn__conv *c) {
-    size_t windows = itn__conv_windows(c), panels = itn__conv_panels(c);
+    size_t windows = itn__conv_windows(c), panels = (c->out.blocks + 1) / 2;
     size_t threads = (size_t)itn__loop_threads(context);
     size_t parts = (windows - 1) / ITN__TASK_WINDOWS + 1;
     c->panels = itn__fewer(ITN__TASK_WINDOWS / itn__fewer(windows, ITN__TASK_WINDOWS),
@@ -14186,32 +14184,31 @@ static void itn__net_backward_full(itn_net *net, size_t batch, size_t o) {
     }
 }
 
+/* Checks what is given to a call: `size` values for each image of a batch. */
 static itn_result itn__net_call(const char *name, itn_net *net, int batch, const float *in,
-                                itn_error *error) {
-    if (!net || !in)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: a pointer is NULL", name);
+                                size_t size, itn_error *error) {
+    size_t bad, count = (size_t)batch * size;
     if (batch < 1 || batch > net->desc.batch)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "%s: batch is %d, this network was made for 1..%d", name, batch,
                          net->desc.batch);
+    if ((bad = itn__first_beyond(in, count, FLT_MAX)) < count)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: value %.0f of image %.0f is not finite",
+                         name, (double)(bad % size), (double)(bad / size));
     net->given = in;
     return ITN_OK;
 }
 
 ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images, float *outputs,
                                    itn_error *error) {
-    itn_result result = itn__net_call("itn_net_forward", net, batch, images, error);
-    size_t count, size, bad;
+    itn_result result;
+    size_t count;
     int l;
+    if (!net || !images || !outputs)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_forward: a pointer is NULL");
+    count = (size_t)net->desc.height * (size_t)net->desc.width * (size_t)net->desc.channels;
+    result = itn__net_call("itn_net_forward", net, batch, images, count, error);
     if (result != ITN_OK) return result;
-    if (!outputs)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_forward: outputs is NULL");
-    size = (size_t)net->desc.height * (size_t)net->desc.width * (size_t)net->desc.channels;
-    bad = itn__first_beyond(images, (size_t)batch * size, FLT_MAX);
-    if (bad < (size_t)batch * size)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_forward: value %.0f of image %.0f is not finite",
-                         (double)(bad % size), (double)(bad / size));
     net->forward_batch = 0;
     itn__parallel_for(&net->context, batch, itn__net_take_image, net);
     for (l = 0; l < net->desc.layer_count; l++) {
@@ -14275,18 +14272,18 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
 
 ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
                                     itn_error *error) {
-    itn_result result = itn__net_call("itn_net_backward", net, batch, d_outputs, error);
+    itn_result result;
     size_t o, outputs;
     int l;
+    if (!net || !d_outputs)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_backward: a pointer is NULL");
+    outputs = (size_t)net->desc.outputs;
+    result = itn__net_call("itn_net_backward", net, batch, d_outputs, outputs, error);
     if (result != ITN_OK) return result;
     if (batch != net->forward_batch)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_backward: batch is %d, the latest forward call left %d images",
                          batch, net->forward_batch);
-    outputs = (size_t)net->desc.outputs;
-    if (itn__first_beyond(d_outputs, (size_t)batch * outputs, FLT_MAX) < (size_t)batch * outputs)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_backward: a derivative in d_outputs is not finite");
     for (o = 0; o < outputs; o++) itn__net_backward_full(net, (size_t)batch, o);
     for (l = net->desc.layer_count - 1; l >= 0; l--)
         itn__conv_backward(&net->context, &net->layers[l]);
