@@ -968,36 +968,33 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
 
 /* ---- [api-io] files -------------------------------------------------------------------------- */
 
-/* Every loader takes untrusted bytes: sizes are checked before memory is asked for, and damage
-   gives an error that says where. Every saver writes path.tmp, then renames it, so that path holds
-   either its old contents or all of the new (a symbolic link becomes a file, and what it led to
-   stays); paths are of at most 4091 characters (else ARGUMENT; those under /dev/, other than
-   /dev/shm/, are written directly; on Windows the old contents are path.tmp.old for a moment).
-   Paths go to fopen as they are (on Windows: in the code page). Numbers in text are read with a
-   decimal point whatever the locale. */
+/* Loaders take untrusted bytes: sizes are checked before memory is asked for, and damage gives an
+   error that says where. Savers write a temporary beside the file (path.tmp0, or the next number
+   that is free), wait until it is on the disk and rename it: path holds its old contents or the new
+   ones, whole, also where power fails or two processes write it. A symbolic link becomes a file;
+   what is under /dev/, but not /dev/shm/, is written directly. Paths are of at most 4087 bytes.
+   Numbers in text have a decimal point whatever the locale. */
 
-/* Makes a mesh from the bytes of an OBJ or PLY file (PLY if the first line is "ply"). `name` stands
-   for the file in error messages; NULL = "mesh". Free with itn_mesh_free.
-   OBJ: v, vt and f; all other statements, and what follows the numbers of v and vt, are skipped.
-   Indices may be negative, and must name what stands above them. uvs are made if every face has
-   texture coordinates.
+/* Makes a mesh from the bytes of a PLY (its first word is "ply") or OBJ file. `name` stands for the
+   file in error messages; NULL = "mesh". Free with itn_mesh_free.
+   OBJ: v, vt and f count; other statements are skipped. Indices may be negative, and must name what
+   stands above them. uvs are made if every face has texture coordinates.
    PLY: ascii or binary of either byte order; elements vertex (x y z, and u v, s t or texture_u
    texture_v if present) and face (vertex_indices or vertex_index, and a list texcoord of u v pairs
    if present).
    Polygons are cut into triangles: fans where convex, ears where not (up to 4096 corners).
-   Errors: FORMAT (line, or vertex and face in binary files; coordinates must be finite, and at most
-   8,000 times as far from the origin as the mesh is large: floats lose the shape of more),
-   UNSUPPORTED (PLY without vertices and then faces, large concave faces), ARGUMENT, MEMORY. */
+   Errors: FORMAT (also coordinates that are not finite, or more than 8,000 times as far from the
+   origin as the mesh is large: floats lose its shape), UNSUPPORTED (PLY without vertices and then
+   faces, large concave faces), ARGUMENT, MEMORY. */
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
                                         const itn_context *context, itn_mesh *mesh,
                                         itn_error *error);
-/* Makes an image from the bytes of an EXR or PFM file. `name` stands for the file in error
-   messages; NULL = "image". Free with itn_image_free.
-   EXR: one part of scan lines, compression none, RLE, ZIPS or ZIP, channels half, float or uint
-   (rounded to float), without subsampling; the image is the data window, and its planes keep the
-   names and the order of the file. PFM: "Y" or "R", "G", "B"; the size of its scale is ignored.
-   Errors: FORMAT, UNSUPPORTED (names the feature; more than 1024 channels are one), ARGUMENT,
-   MEMORY. */
+/* Makes an image from the bytes of an EXR or PFM file. `name`: NULL = "image". Free with
+   itn_image_free.
+   EXR: one part of scan lines, compression none, RLE, ZIPS or ZIP, at most 1024 channels of half,
+   float or uint (rounded to float), not subsampled; the image is the data window, and its planes
+   keep the names and the order of the file. PFM: planes "Y" or "R", "G", "B"; values are multiplied
+   by the size of the file's scale. Errors: FORMAT, UNSUPPORTED, ARGUMENT, MEMORY. */
 ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_context *context, itn_image *image,
                                          itn_error *error);
@@ -1009,16 +1006,12 @@ ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, i
 ITN_API itn_result itn_image_load(const char *path, const itn_context *context, itn_image *image,
                                   itn_error *error);
 
-/* Writes a binary little-endian PLY file, with uvs as the faces' list texcoord.
-   Errors: ARGUMENT (an empty mesh, indices out of range, coordinates or uvs not finite), FILE,
-   MEMORY. */
+/* Savers. Errors: ARGUMENT (what is saved is empty or not valid), FILE, MEMORY.
+   PLY: binary little-endian, with uvs as the faces' list texcoord. EXR: all planes as float
+   channels, uncompressed, bit for bit (also NaN), sorted by name, which must differ. PFM:
+   plane_count (1 or 3) planes from first_plane on, little-endian, bit for bit. */
 ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error);
-/* Writes all planes as float channels of an uncompressed EXR file, bit for bit (also NaN), sorted
-   by name as the format demands; itn_image_load reads at most 1024. Errors: ARGUMENT (names empty
-   or equal), FILE, MEMORY. */
 ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path, itn_error *error);
-/* Writes plane_count (1 or 3) planes from first_plane on as a little-endian PFM file, bit for bit.
-   Errors: ARGUMENT, FILE, MEMORY. */
 ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, int plane_count,
                                       const char *path, itn_error *error);
 
@@ -1029,9 +1022,9 @@ typedef enum itn_png_mode {
                          mean of three planes */
 } itn_png_mode;
 
-/* Writes plane_count (1 or 3) planes from first_plane on as an 8-bit RGB PNG file.
+/* Writes plane_count (1 or 3) planes from first_plane on as an 8-bit RGB PNG file, uncompressed.
    scale: > 0, or 0 = automatic, which maps the 99th percentile of the finite values (signed: of
-   their sizes) to 1. NaN becomes magenta. Errors: ARGUMENT, FILE, MEMORY. */
+   their sizes) to 1. NaN becomes magenta. */
 ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error);

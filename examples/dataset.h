@@ -44,6 +44,10 @@
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
+#ifdef _WIN32
+#include <direct.h>
+#define mkdir(path, mode) _mkdir(path)
+#endif
 
 enum {
     SHAPES = 10,
@@ -195,7 +199,12 @@ static inline void *loop_worker(void *argument) {
 
 /* As many threads as there are processors. */
 static inline int default_threads(void) {
+#ifdef _WIN32
+    const char *counted = getenv("NUMBER_OF_PROCESSORS");
+    long processors = counted ? strtol(counted, NULL, 10) : 1;
+#else
     long processors = sysconf(_SC_NPROCESSORS_ONLN);
+#endif
     return processors > 1 ? (int)processors : 1;
 }
 
@@ -414,7 +423,11 @@ static inline void end_file(FILE *file, const char *path) {
     char temporary[PATH_SIZE + 8];
     int bad = ferror(file);
     snprintf(temporary, sizeof temporary, "%s.tmp", path);
-    if (fclose(file) || bad || rename(temporary, path)) {
+    bad |= fclose(file) != 0;
+#ifdef _WIN32
+    if (!bad) remove(path); /* there rename does not replace */
+#endif
+    if (bad || rename(temporary, path)) {
         remove(temporary);
         fail(path, "cannot be written");
     }

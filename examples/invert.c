@@ -35,6 +35,10 @@
 #include <float.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#ifdef _WIN32
+#include <direct.h>
+#define mkdir(path, mode) _mkdir(path)
+#endif
 
 enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024, MOST_VIEWS = 16, STEM_SIZE = 1024 };
 static const char *const usage =
@@ -479,7 +483,11 @@ static void save_chart(const history *h, const float *values, const char *stem) 
     }
     fprintf(file, "</svg>\n");
     bad = ferror(file);
-    if (fclose(file) || bad || rename(temporary, path))
+    bad |= fclose(file) != 0;
+#ifdef _WIN32
+    if (!bad) remove(path); /* there rename does not replace */
+#endif
+    if (bad || rename(temporary, path))
         remove(temporary), fail(path, "cannot be written");
 }
 

@@ -195,7 +195,11 @@ static void write_sky(const char *path, const sky *s, const char *comments) {
     fprintf(file, "sun_radiance %.6g %.6g %.6g\n", s->sun[0], s->sun[1], s->sun[2]);
     fprintf(file, "#\n# The numbers (but the sun's) were computed from this table:\n%s", comments);
     bad = ferror(file);
-    if (fclose(file) || bad || rename(temporary, path))
+    bad |= fclose(file) != 0;
+#ifdef _WIN32
+    if (!bad) remove(path); /* there rename does not replace */
+#endif
+    if (bad || rename(temporary, path))
         remove(temporary), fail(path, "cannot write");
 }
 

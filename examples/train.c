@@ -163,11 +163,15 @@ typedef struct trainer {
 static volatile sig_atomic_t stop_asked;
 static void ask_to_stop(int signal_number) { (void)signal_number, stop_asked = 1; }
 static void catch_signals(void) { /* every time that they come, unlike signal() */
+#ifdef _WIN32
+    signal(SIGINT, ask_to_stop);
+#else
     struct sigaction action;
     memset(&action, 0, sizeof action);
     action.sa_handler = ask_to_stop, action.sa_flags = SA_RESTART;
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, NULL), sigaction(SIGTERM, &action, NULL);
+#endif
 }
 
 /* ---- pictures shown otherwise ---- */
