@@ -1507,6 +1507,40 @@ static void test_disk(void) {
     itn_image_free(&image);
 }
 
+/* The system's calls on the way to a new file, in their order: s syncs the file with all its bytes,
+   p with a part of them, r renames, d syncs a folder. */
+static char calls[20];
+static int sync_fails;
+int fsync(int file) {
+    struct stat state;
+    int known = fstat(file, &state) == 0;
+    strncat(calls, known && S_ISDIR(state.st_mode) ? "d" : known && state.st_size == 8 ? "s" : "p",
+            sizeof calls - 1 - strlen(calls));
+    errno = EIO;
+    return sync_fails ? -1 : 0;
+}
+int rename(const char *from, const char *to) {
+    strncat(calls, "r", sizeof calls - 1 - strlen(calls));
+    return renameat(AT_FDCWD, from, AT_FDCWD, to);
+}
+
+static void check_power_loss(const char *order) {
+    const char *old = in_directory("kept.exr");
+    char here[200];
+    itn_error error = ITN_ZERO;
+    CHECK(itn__write_file(old, "precious", 8, &error) == ITN_OK);
+    calls[0] = 0;
+    CHECK(itn__write_file(old, "precious", 8, &error) == ITN_OK && !strcmp(calls, order));
+    sync_fails = 1, calls[0] = 0;
+    CHECK(itn__write_file(old, "new", 3, &error) == ITN_ERROR_FILE && !strcmp(calls, "p"));
+    sync_fails = 0, calls[0] = 0;
+    CHECK(is_precious(old) && !temporaries(old));
+    if (CHECK(getcwd(here, sizeof here) && !chdir(directory))) { /* a path without a folder */
+        CHECK(itn__write_file("kept.exr", "precious", 8, &error) == ITN_OK);
+        CHECK(!strcmp(calls, "srd") && !chdir(here));
+    }
+}
+
 /* Processes that write the same file at the same time, again and again: what can be read is always
    one of theirs, whole. `torn`: what is read is changed, as if two had written into one. */
 static void check_writers(int torn) {
@@ -1587,6 +1621,8 @@ int main(void) {
     test_text_abuse();
     test_save_memory();
     test_disk();
+    check_power_loss("srd");
+    CHECK_CATCHES(check_power_loss("rsd"));
     check_writers(0);
     CHECK_CATCHES(check_writers(1));
     remove_directory();
