@@ -16400,14 +16400,14 @@ static void itn__buffer_free(itn__buffer *buffer) {
 
 /* Makes room for `more` bytes, at least doubling; returns 0 if memory is out. */
 static int itn__buffer_reserve(itn__buffer *buffer, size_t more) {
-    size_t capacity = 2 * buffer->capacity;
-    unsigned char *bytes;
-    if (buffer->failed) return 0;
-    if (buffer->capacity - buffer->size >= more) return 1;
-    if (more > SIZE_MAX / 8 || buffer->capacity > SIZE_MAX / 8) return buffer->failed = 1, 0;
-    if (capacity < buffer->size + more) capacity = buffer->size + more;
-    bytes = (unsigned char *)itn__allocate(&buffer->context, capacity, 1);
-    if (!bytes) return buffer->failed = 1, 0;
+    unsigned char *bytes = NULL;
+    size_t capacity;
+    if (buffer->failed || buffer->capacity - buffer->size >= more) return !buffer->failed;
+    capacity = buffer->capacity + (more > buffer->capacity ? more : buffer->capacity);
+    if (more <= SIZE_MAX / 8 && buffer->capacity <= SIZE_MAX / 8)
+        bytes = (unsigned char *)itn__allocate(&buffer->context, capacity, 1);
+    buffer->failed = !bytes;
+    if (!bytes) return 0;
     if (buffer->size) memcpy(bytes, buffer->bytes, buffer->size);
     itn__free(&buffer->context, buffer->bytes);
     buffer->bytes = bytes;
@@ -16600,7 +16600,7 @@ static itn_result itn__text_float(itn__text *text, const char *what, float *valu
 #ifdef _WIN32
 #include <io.h>
 #define ITN__SYSTEM(name) _##name
-#define ITN__READ (_O_RDONLY | _O_BINARY)
+#define ITN__READ _O_BINARY
 #define ITN__CREATE(how) (_O_WRONLY | _O_CREAT | _O_BINARY | _O_##how), 0600
 #define ITN__SYNC _commit
 ITN__EXTERN __declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to,
@@ -16874,21 +16874,21 @@ static const char *itn__inflate_lengths(itn__inflate *in, unsigned char *lengths
 static const char *itn__inflate_block(itn__inflate *in, int fixed) {
     unsigned char lengths[288 + 32] = {0};
     itn__huffman literals, distances;
-    int literal_count = 288, distance_count = 30, unused;
-    const char *fault;
+    int literal_count = fixed ? 288 : (int)itn__bits_take(in, 5) + 257, unused;
+    int distance_count = fixed ? 30 : (int)itn__bits_take(in, 5) + 1;
+    const char *fault = NULL;
     if (fixed) {
         memset(lengths, 8, 288);
         memset(lengths + 144, 9, 112);
         memset(lengths + 256, 7, 24);
         memset(lengths + 288, 5, 30);
+    } else if (literal_count > 286 || distance_count > 30) {
+        fault = "too many codes";
     } else {
-        literal_count = (int)itn__bits_take(in, 5) + 257;
-        distance_count = (int)itn__bits_take(in, 5) + 1;
-        if (literal_count > 286 || distance_count > 30) return "too many codes";
         fault = itn__inflate_lengths(in, lengths, literal_count + distance_count);
-        if (fault) return fault;
-        if (!lengths[256]) return "no code for the end of a block";
+        if (!fault && !lengths[256]) fault = "no code for the end of a block";
     }
+    if (fault) return fault;
     if (itn__huffman_build(&literals, lengths, literal_count)) return "invalid literal codes";
     unused = itn__huffman_build(&distances, lengths + literal_count, distance_count);
     if (!fixed && (unused < 0 || (unused && distances.index[15] + distances.count[15] > 1)))
@@ -17198,23 +17198,19 @@ static itn_result itn__check_image(const itn_image *image, int first_plane, int 
     return itn__context_check(&image->context, &buffer->context, error);
 }
 
-/* Sorts the planes by name and checks the names. */
-static itn_result itn__exr_order(const itn_image *image, int *order, itn_error *error) {
+/* Sorts the planes by name. Returns NULL, or what is wrong with a name. */
+static const char *itn__exr_order(const itn_image *image, int *order) {
     int i, k;
     for (i = 0; i < image->plane_count; i++) {
         const char *name = image->names[i];
-        if (!*name || !memchr(name, 0, ITN_NAME_SIZE))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "saving an image: the name of plane %d is empty or has no end", i);
+        if (!*name || !memchr(name, 0, ITN_NAME_SIZE)) return "a plane's name is empty or endless";
         for (k = i; k > 0 && strcmp(name, image->names[order[k - 1]]) < 0; k--)
             order[k] = order[k - 1];
         if (k > 0 && !strcmp(name, image->names[order[k - 1]]))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "saving an image: planes %d and %d have the same name '%s'",
-                             order[k - 1], i, name);
+            return "two planes have the same name";
         order[k] = i;
     }
-    return ITN_OK;
+    return NULL;
 }
 
 static void itn__exr_put_attribute(itn__buffer *buffer, const char *name, const char *type,
@@ -17263,32 +17259,28 @@ ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
     itn__buffer buffer;
     uint64_t block, start;
     int *order, row, i, x;
+    const char *fault;
     itn_result result = itn__check_image(image, 0, image ? image->plane_count : 0, &buffer, error);
     if (result) return result;
     block = (uint64_t)image->width * (uint64_t)image->plane_count * 4;
-    if (!image->names || block > INT_MAX)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "saving an image: no names, or a line of 2 GiB or more");
     order = (int *)itn__allocate(&buffer.context, (size_t)image->plane_count, sizeof(int));
     if (!order) return itn__out_of_memory(error, "the order of an EXR file's channels");
-    result = itn__exr_order(image, order, error);
-    if (!result) {
-        itn__exr_put_header(&buffer, image, order);
-        start = buffer.size + 8 * (uint64_t)image->height;
-        if (block + 16 > SIZE_MAX / 8 / (uint64_t)image->height) buffer.failed = 1;
-        itn__buffer_reserve(&buffer, (size_t)((block + 16) * (uint64_t)image->height));
-        for (row = 0; row < image->height && !buffer.failed; row++)
-            itn__put_u64(&buffer, start + (uint64_t)row * (block + 8));
-        for (row = 0; row < image->height && !buffer.failed; row++) {
-            itn__put_u64(&buffer, (uint64_t)row | block << 32);
-            for (i = 0; i < image->plane_count; i++)
-                for (x = 0; x < image->width; x++)
-                    itn__put_float(&buffer, *itn__pixel(image, order[i], row, x));
-        }
-        result = itn__write_buffer(path, &buffer, error);
+    fault = !image->names || block > INT_MAX ? "no names, or a line of 2 GiB or more"
+                                             : itn__exr_order(image, order);
+    if (!fault) itn__exr_put_header(&buffer, image, order);
+    start = buffer.size + 8 * (uint64_t)image->height;
+    if (block + 16 > SIZE_MAX / 8 / (uint64_t)image->height) buffer.failed = 1;
+    for (row = 0; row < image->height && !fault && !buffer.failed; row++)
+        itn__put_u64(&buffer, start + (uint64_t)row * (block + 8));
+    for (row = 0; row < image->height && !fault && !buffer.failed; row++) {
+        itn__put_u64(&buffer, (uint64_t)row | block << 32);
+        for (i = 0; i < image->plane_count; i++)
+            for (x = 0; x < image->width; x++)
+                itn__put_float(&buffer, *itn__pixel(image, order[i], row, x));
     }
     itn__free(&buffer.context, order);
-    return result;
+    if (!fault) return itn__write_buffer(path, &buffer, error);
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %s", fault);
 }
 
 #endif /* ITN_NO_STDIO */
@@ -17646,22 +17638,19 @@ static int itn__polygon_flatten(itn__builder *builder, int n) {
     return 1;
 }
 
+static int itn__same_place(const itn__builder *builder, int a, int b) {
+    const float *p = itn__corner_position(builder, a), *q = itn__corner_position(builder, b);
+    return p[0] == q[0] && p[1] == q[1] && p[2] == q[2];
+}
+
 /* Lets go of corners that are where the one before is, which hide how the polygon turns there; at
    least three stay. Returns how many. */
 static int itn__drop_twins(itn__builder *builder, int n) {
-    itn__corner *corners = itn__corner_list(builder);
-    int kept = 0, i, k;
-    for (i = 0; i < n; i++) {
-        const float *p = itn__corner_position(builder, i), *q;
-        q = itn__corner_position(builder, kept ? kept - 1 : 0);
-        for (k = 0; k < 3 && p[k] == q[k];) k++;
-        if (!kept || k < 3 || kept + n - i <= 3) corners[kept++] = corners[i];
-    }
-    for (; kept > 3; kept--) {
-        const float *p = itn__corner_position(builder, 0);
-        const float *q = itn__corner_position(builder, kept - 1);
-        if (p[0] != q[0] || p[1] != q[1] || p[2] != q[2]) break;
-    }
+    int kept = 1, i;
+    for (i = 1; i < n; i++)
+        if (kept + n - i <= 3 || !itn__same_place(builder, kept - 1, i))
+            itn__corner_list(builder)[kept++] = itn__corner_list(builder)[i];
+    while (kept > 3 && itn__same_place(builder, kept - 1, 0)) kept--;
     return kept;
 }
 
@@ -17670,11 +17659,11 @@ static int itn__is_ear(const itn__plane_point *p, const int *ring, int n, int i)
     int a = ring[(i + n - 1) % n], b = ring[i], c = ring[(i + 1) % n], k;
     if (!(itn__turn(p, a, b, c) > 0)) return 0;
     for (k = 0; k < n; k++) {
-        int d = ring[k];
-        if ((p[d].u == p[a].u && p[d].v == p[a].v) || (p[d].u == p[b].u && p[d].v == p[b].v) ||
-            (p[d].u == p[c].u && p[d].v == p[c].v))
-            continue;
-        if (itn__turn(p, a, b, d) >= 0 && itn__turn(p, b, c, d) >= 0 && itn__turn(p, c, a, d) >= 0)
+        const itn__plane_point *d = p + ring[k];
+        if (!((d->u == p[a].u && d->v == p[a].v) || (d->u == p[b].u && d->v == p[b].v) ||
+              (d->u == p[c].u && d->v == p[c].v)) &&
+            itn__turn(p, a, b, ring[k]) >= 0 && itn__turn(p, b, c, ring[k]) >= 0 &&
+            itn__turn(p, c, a, ring[k]) >= 0)
             return 0;
     }
     return 1;
@@ -18197,52 +18186,46 @@ ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, i
     return result;
 }
 
-/* Whether a mesh given by a caller can be saved. */
-static itn_result itn__check_mesh(const itn_mesh *mesh, itn_error *error) {
-    size_t i;
-    if (!mesh || mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions ||
-        !mesh->triangles)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a mesh: it has no triangles");
-    for (i = 0; i < 3 * (size_t)mesh->vertex_count; i++)
-        if (!itn__finite(mesh->positions[i]))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "saving a mesh: vertex %.0f is not finite", (double)(i / 3));
-    for (i = 0; i < 3 * (size_t)mesh->triangle_count; i++)
-        if (mesh->triangles[i] < 0 || mesh->triangles[i] >= mesh->vertex_count)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "saving a mesh: triangle %.0f names vertex %d of %d",
-                             (double)(i / 3), mesh->triangles[i], mesh->vertex_count);
-    for (i = 0; mesh->uvs && i < 6 * (size_t)mesh->triangle_count; i++)
-        if (!itn__finite(mesh->uvs[i]))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "saving a mesh: a uv of triangle %.0f is not finite",
-                             (double)(i / 6));
-    return ITN_OK;
-}
-
 ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
     char header[400];
-    size_t i, k;
-    itn_result result = itn__check_mesh(mesh, error);
-    if (!result) result = itn__context_check(&mesh->context, &buffer.context, error);
+    size_t vertices, triangles, i, k, wrong = 0;
+    itn_result result;
+    if (!mesh || mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions ||
+        !mesh->triangles)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a mesh: it has no triangles");
+    result = itn__context_check(&mesh->context, &buffer.context, error);
     if (result) return result;
+    vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
     itn__print(header, sizeof header,
-             "ply\nformat binary_little_endian 1.0\nelement vertex %d\n"
-             "property float x\nproperty float y\nproperty float z\nelement face %d\n"
-             "property list uchar int vertex_indices\n%send_header\n",
-             mesh->vertex_count, mesh->triangle_count,
-             mesh->uvs ? "property list uchar float texcoord\n" : "");
+               "ply\nformat binary_little_endian 1.0\nelement vertex %d\n"
+               "property float x\nproperty float y\nproperty float z\nelement face %d\n"
+               "property list uchar int vertex_indices\n%send_header\n",
+               mesh->vertex_count, mesh->triangle_count,
+               mesh->uvs ? "property list uchar float texcoord\n" : "");
     itn__put_text(&buffer, header);
-    for (i = 0; i < 3 * (size_t)mesh->vertex_count; i++)
+    for (i = 0; i < 3 * vertices; i++) {
+        wrong += !itn__finite(mesh->positions[i]);
         itn__put_float(&buffer, mesh->positions[i]);
-    for (i = 0; i < (size_t)mesh->triangle_count; i++) {
-        itn__put_u8(&buffer, 3);
-        for (k = 0; k < 3; k++) itn__put_u32(&buffer, (uint32_t)mesh->triangles[3 * i + k]);
-        if (mesh->uvs) itn__put_u8(&buffer, 6);
-        for (k = 0; mesh->uvs && k < 6; k++) itn__put_float(&buffer, mesh->uvs[6 * i + k]);
     }
-    return itn__write_buffer(path, &buffer, error);
+    for (i = 0; i < triangles; i++) {
+        itn__put_u8(&buffer, 3);
+        for (k = 0; k < 3; k++) {
+            wrong += mesh->triangles[3 * i + k] < 0 ||
+                     mesh->triangles[3 * i + k] >= mesh->vertex_count;
+            itn__put_u32(&buffer, (uint32_t)mesh->triangles[3 * i + k]);
+        }
+        if (mesh->uvs) itn__put_u8(&buffer, 6);
+        for (k = 0; mesh->uvs && k < 6; k++) {
+            wrong += !itn__finite(mesh->uvs[6 * i + k]);
+            itn__put_float(&buffer, mesh->uvs[6 * i + k]);
+        }
+    }
+    if (!wrong) return itn__write_buffer(path, &buffer, error);
+    itn__buffer_free(&buffer);
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                     "saving a mesh: %.0f coordinates, uvs or indices are not finite or name no "
+                     "vertex", (double)wrong);
 }
 
 #endif /* ITN_NO_STDIO */
