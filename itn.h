@@ -16713,29 +16713,25 @@ static itn_result itn__write_buffer(const char *path, itn__buffer *buffer, itn_e
 /* A deflate stream is blocks, each stored, or coded with fixed or with transmitted Huffman codes.
    Coded blocks hold literal bytes (symbols 0-255), the end (256) and copies: a length symbol
    (257-285) and a distance symbol (0-29), each with extra bits, say "the `length` bytes that stand
-   `distance` bytes back". Huffman codes are canonical, given by their lengths alone: codes of one
-   length are consecutive, and in the order of their symbols.
-   Decoding looks up 10 bits at once; longer codes (at most 15 bits) are found by their length: with
-   first[l] the first code of length l and count[l] their number, the code c of l bits is symbol
-   number index[l] + c - first[l] in the order of (length, symbol), if c - first[l] < count[l].
-   Behind a deflate stream zlib (RFC 1950) puts the Adler-32 sum of the data. */
+   `distance` bytes back". Huffman codes are canonical, given by their lengths alone (at most 15
+   bits): codes of one length are consecutive, and in the order of their symbols. A table over the
+   next bits, as many as the longest code has, tells the symbol and its length. Behind a deflate
+   stream zlib (RFC 1950) puts the Adler-32 sum of the data. */
 
-enum { ITN__HUFFMAN_BITS = 10, ITN__HUFFMAN_SYMBOLS = 288 };
+typedef struct itn__huffman {
+    int bits, symbols;        /* of the longest code; how many have a code */
+    uint16_t table[1 << 15]; /* [1 << bits]: symbol * 16 + length; 0: no code */
+} itn__huffman;
 
 typedef struct itn__inflate {
     const unsigned char *at, *end;
-    uint64_t bits; /* the next bits, the first one lowest */
-    int count;     /* how many of them there are */
+    uint64_t bits;  /* the next bits, the first one lowest */
+    int count;      /* how many of them there are */
     size_t overrun; /* bytes of zeros invented behind the end */
     unsigned char *out;
     size_t size, capacity; /* of out */
+    itn__huffman literals, distances;
 } itn__inflate;
-
-typedef struct itn__huffman {
-    uint16_t fast[1 << ITN__HUFFMAN_BITS];  /* symbol * 16 + length; 0: a longer code, or none */
-    uint16_t symbols[ITN__HUFFMAN_SYMBOLS]; /* in the order of (length, symbol) */
-    int count[16], first[16], index[16];
-} itn__huffman;
 
 /* Makes at least 48 bits available. */
 static void itn__bits_fill(itn__inflate *in) {
@@ -16753,54 +16749,40 @@ static unsigned itn__bits_take(itn__inflate *in, int count) {
     in->count -= count;
     return value;
 }
-static unsigned itn__reverse_bits(unsigned code, int length) {
-    unsigned reversed = 0;
-    for (; length > 0; length--, code >>= 1) reversed = reversed << 1 | (code & 1);
-    return reversed;
-}
 
-/* Builds a decoder from code lengths. Returns the number of unused codes of 15 bits: 0 for a
-   complete code, negative if there are more codes than fit. */
+/* Makes the table of a code. Returns how many codes of 15 bits are left: 0 for a complete code,
+   negative if there are more codes than fit. */
 static int itn__huffman_build(itn__huffman *huffman, const unsigned char *lengths, int symbols) {
-    int length, symbol, code, unused = 1, next[16];
-    memset(huffman, 0, sizeof *huffman);
-    for (symbol = 0; symbol < symbols; symbol++) huffman->count[lengths[symbol]]++;
-    huffman->count[0] = next[0] = 0;
+    int count[16] = {0}, next[16] = {0}, left = 1 << 15, length, symbol, code, reversed, k;
+    for (symbol = 0; symbol < symbols; symbol++) count[lengths[symbol]]++;
+    huffman->symbols = symbols - count[0];
+    huffman->bits = 1, count[0] = 0;
     for (length = 1; length < 16; length++) {
-        int shorter = huffman->count[length - 1];
-        unused = 2 * unused - huffman->count[length];
-        if (unused < 0) return unused;
-        huffman->first[length] = next[length] = (huffman->first[length - 1] + shorter) * 2;
-        huffman->index[length] = huffman->index[length - 1] + shorter;
+        next[length] = (next[length - 1] + count[length - 1]) * 2;
+        left -= count[length] << (15 - length);
+        if (count[length]) huffman->bits = length;
     }
+    if (left < 0) return left;
+    memset(huffman->table, 0, sizeof *huffman->table << huffman->bits);
     for (symbol = 0; symbol < symbols; symbol++) {
         length = lengths[symbol];
         if (!length) continue;
-        code = next[length]++;
-        huffman->symbols[huffman->index[length] + code - huffman->first[length]] = (uint16_t)symbol;
-        if (length > ITN__HUFFMAN_BITS) continue;
-        for (code = (int)itn__reverse_bits((unsigned)code, length); code < 1 << ITN__HUFFMAN_BITS;
-             code += 1 << length)
-            huffman->fast[code] = (uint16_t)(symbol * 16 + length);
+        code = next[length]++; /* which is sent with its highest bit first */
+        for (reversed = k = 0; k < length; k++) reversed |= (code >> k & 1) << (length - 1 - k);
+        for (; reversed < 1 << huffman->bits; reversed += 1 << length)
+            huffman->table[reversed] = (uint16_t)(symbol * 16 + length);
     }
-    return unused;
+    return left;
 }
 
 /* Returns the next symbol, or -1 where the bits are no code. */
 static int itn__huffman_take(const itn__huffman *huffman, itn__inflate *in) {
-    int code = 0, length, symbol;
+    int entry;
     itn__bits_fill(in);
-    symbol = huffman->fast[in->bits & ((1 << ITN__HUFFMAN_BITS) - 1)];
-    length = symbol & 15;
-    symbol = symbol ? symbol >> 4 : -1;
-    while (symbol < 0 && ++length < 16) {
-        code = code * 2 + (int)(in->bits >> (length - 1) & 1);
-        if (code - huffman->first[length] < huffman->count[length])
-            symbol = huffman->symbols[huffman->index[length] + code - huffman->first[length]];
-    }
-    in->bits >>= length;
-    in->count -= length;
-    return symbol;
+    entry = huffman->table[in->bits & ((1u << huffman->bits) - 1)];
+    in->bits >>= entry & 15;
+    in->count -= entry & 15;
+    return entry ? entry >> 4 : -1;
 }
 
 /* A stored block: its length, that with all bits turned, and the bytes. */
@@ -16823,17 +16805,16 @@ static size_t itn__inflate_amount(itn__inflate *in, int symbol, int per_bit) {
     return base + itn__bits_take(in, bits);
 }
 
-/* Decodes one block with given codes. */
-static const char *itn__inflate_coded(itn__inflate *in, const itn__huffman *literals,
-                                      const itn__huffman *distances) {
+/* Decodes one block with the codes at hand. */
+static const char *itn__inflate_coded(itn__inflate *in) {
     for (;;) {
-        int symbol = itn__huffman_take(literals, in);
+        int symbol = itn__huffman_take(&in->literals, in);
         size_t length = 1, distance = 0;
         if (symbol == 256) return NULL;
         if (symbol < 0 || symbol > 285) return "invalid code";
         if (symbol > 256) {
             length = symbol == 285 ? 258 : 3 + itn__inflate_amount(in, symbol - 257, 4);
-            symbol = itn__huffman_take(distances, in);
+            symbol = itn__huffman_take(&in->distances, in);
             if (symbol < 0 || symbol > 29) return "invalid distance code";
             distance = 1 + itn__inflate_amount(in, symbol, 2);
         }
@@ -16852,12 +16833,11 @@ static const char *itn__inflate_lengths(itn__inflate *in, unsigned char *lengths
                                           11, 4,  12, 3, 13, 2, 14, 1, 15};
     static const unsigned char least[] = {3, 3, 11}, bits[] = {2, 3, 7}; /* of 16, 17, 18 */
     unsigned char meta[19] = {0};
-    itn__huffman huffman;
     int i, codes = (int)itn__bits_take(in, 4) + 4;
     for (i = 0; i < codes; i++) meta[order[i]] = (unsigned char)itn__bits_take(in, 3);
-    if (itn__huffman_build(&huffman, meta, 19)) return "invalid code lengths";
+    if (itn__huffman_build(&in->literals, meta, 19)) return "invalid code lengths";
     for (i = 0; i < total;) {
-        int symbol = itn__huffman_take(&huffman, in), repeat = 1, value = symbol;
+        int symbol = itn__huffman_take(&in->literals, in), repeat = 1, value = symbol;
         if (symbol < 0 || (symbol == 16 && i == 0)) return "invalid code lengths";
         if (symbol >= 16) {
             value = symbol == 16 ? lengths[i - 1] : 0;
@@ -16866,34 +16846,31 @@ static const char *itn__inflate_lengths(itn__inflate *in, unsigned char *lengths
         if (repeat > total - i) return "invalid code lengths";
         while (repeat--) lengths[i++] = (unsigned char)value;
     }
-    return NULL;
+    return lengths[256] ? NULL : "no code for the end of a block";
 }
 
 /* Decodes one block with fixed or with transmitted codes. A distance code may be incomplete only
    where it has no or one symbol. */
 static const char *itn__inflate_block(itn__inflate *in, int fixed) {
     unsigned char lengths[288 + 32] = {0};
-    itn__huffman literals, distances;
-    int literal_count = fixed ? 288 : (int)itn__bits_take(in, 5) + 257, unused;
-    int distance_count = fixed ? 30 : (int)itn__bits_take(in, 5) + 1;
+    int literals = fixed ? 288 : (int)itn__bits_take(in, 5) + 257, left;
+    int distances = fixed ? 30 : (int)itn__bits_take(in, 5) + 1;
     const char *fault = NULL;
     if (fixed) {
         memset(lengths, 8, 288);
         memset(lengths + 144, 9, 112);
         memset(lengths + 256, 7, 24);
         memset(lengths + 288, 5, 30);
-    } else if (literal_count > 286 || distance_count > 30) {
-        fault = "too many codes";
     } else {
-        fault = itn__inflate_lengths(in, lengths, literal_count + distance_count);
-        if (!fault && !lengths[256]) fault = "no code for the end of a block";
+        if (literals > 286 || distances > 30) return "too many codes";
+        fault = itn__inflate_lengths(in, lengths, literals + distances);
     }
     if (fault) return fault;
-    if (itn__huffman_build(&literals, lengths, literal_count)) return "invalid literal codes";
-    unused = itn__huffman_build(&distances, lengths + literal_count, distance_count);
-    if (!fixed && (unused < 0 || (unused && distances.index[15] + distances.count[15] > 1)))
+    if (itn__huffman_build(&in->literals, lengths, literals)) return "invalid literal codes";
+    left = itn__huffman_build(&in->distances, lengths + literals, distances);
+    if (!fixed && (left < 0 || (left && in->distances.symbols > 1)))
         return "invalid distance codes";
-    return itn__inflate_coded(in, &literals, &distances);
+    return itn__inflate_coded(in);
 }
 
 static uint32_t itn__adler32(const unsigned char *bytes, size_t size) {
@@ -16906,32 +16883,32 @@ static uint32_t itn__adler32(const unsigned char *bytes, size_t size) {
     return b % 65521 << 16 | a % 65521;
 }
 
-/* Decompresses a zlib stream that must hold exactly `capacity` bytes. Returns NULL, or what is
-   wrong; `bytes` is then partly written. Zeros stand for bits that are missing at the end; they
-   lead to the end of the output, or to a block that is none. */
-static const char *itn__zlib_decode(const unsigned char *data, size_t size, unsigned char *bytes,
-                                    size_t capacity) {
-    itn__inflate in = ITN_ZERO;
+/* Decompresses a zlib stream that must hold exactly `capacity` bytes; `in` is room to work. Returns
+   NULL, or what is wrong; `bytes` is then partly written. Zeros stand for bits that are missing at
+   the end; they lead to the end of the output, or to a block that is none. */
+static const char *itn__zlib_decode(itn__inflate *in, const unsigned char *data, size_t size,
+                                    unsigned char *bytes, size_t capacity) {
     const char *fault = NULL;
     uint32_t sum = 0;
     int last = 0, type, i;
     if (size < 2 || (data[0] & 15) != 8 || data[0] >> 4 > 7 || (data[0] * 256 + data[1]) % 31 ||
         data[1] & 32)
         return "not zlib data";
-    in.at = data + 2, in.end = data + size;
-    in.out = bytes, in.capacity = capacity;
+    in->at = data + 2, in->end = data + size;
+    in->bits = 0, in->count = 0, in->overrun = 0;
+    in->out = bytes, in->size = 0, in->capacity = capacity;
     while (!last && !fault) {
-        last = (int)itn__bits_take(&in, 1);
-        type = (int)itn__bits_take(&in, 2);
+        last = (int)itn__bits_take(in, 1);
+        type = (int)itn__bits_take(in, 2);
         fault = type == 3 ? "invalid block"
-                : type    ? itn__inflate_block(&in, type == 1)
-                          : itn__inflate_stored(&in);
+                : type    ? itn__inflate_block(in, type == 1)
+                          : itn__inflate_stored(in);
     }
-    itn__bits_take(&in, in.count & 7);
-    for (i = 0; i < 4; i++) sum = sum << 8 | itn__bits_take(&in, 8);
-    if (in.overrun * 8 > (size_t)in.count) return "data ends early";
+    itn__bits_take(in, in->count & 7);
+    for (i = 0; i < 4; i++) sum = sum << 8 | itn__bits_take(in, 8);
+    if (in->overrun * 8 > (size_t)in->count) return "data ends early";
     if (fault) return fault;
-    if (in.size != capacity) return "less data than expected";
+    if (in->size != capacity) return "less data than expected";
     return sum == itn__adler32(bytes, capacity) ? NULL : "checksum is wrong";
 }
 
@@ -16956,7 +16933,8 @@ typedef struct itn__exr {
     uint32_t types[ITN__EXR_CHANNELS];
     int channel_count, compression;
     int64_t y0, width, height; /* the data window; none yet if width is 0 */
-    const unsigned char *table; /* of offsets */
+    const unsigned char *table;    /* of offsets */
+    itn__inflate *inflate;         /* room to decompress in */
 } itn__exr;
 
 static uint32_t itn__exr_u32(itn__text *text) {
@@ -17131,9 +17109,10 @@ static const char *itn__exr_block(itn__exr *exr, size_t raw, unsigned char *seen
     data = itn__take_bytes(&exr->text, size);
     if (!data || size > raw) return "is damaged";
     if (size < raw) {
-        fault = exr->compression == ITN__EXR_NONE  ? "less data than expected"
-                : exr->compression == ITN__EXR_RLE ? itn__exr_unpack_runs(data, size, scratch, raw)
-                                                   : itn__zlib_decode(data, size, scratch, raw);
+        if (exr->compression == ITN__EXR_NONE) fault = "less data than expected";
+        else if (exr->compression == ITN__EXR_RLE)
+            fault = itn__exr_unpack_runs(data, size, scratch, raw);
+        else fault = itn__zlib_decode(exr->inflate, data, size, scratch, raw);
         if (!fault) itn__exr_unpredict(scratch, scratch + raw, raw);
         data = scratch + raw;
     }
@@ -17169,7 +17148,8 @@ static itn_result itn__exr_decode(itn__text text, const itn_context *context, it
     raw *= width;
     lines = lines < height ? lines : height;
     scratch = (unsigned char *)itn__allocate(&image->context, 2 * raw * lines + blocks, 1);
-    if (!scratch) result = itn__out_of_memory(text.error, "a block of an EXR file");
+    exr.inflate = (itn__inflate *)itn__allocate(&image->context, 1, sizeof *exr.inflate);
+    if (!scratch || !exr.inflate) result = itn__out_of_memory(text.error, "a block of an EXR file");
     exr.table = itn__take_bytes(&exr.text, 8 * blocks);
     for (i = 0; i < blocks && !result; i++) {
         itn__text block = exr.text;
@@ -17178,6 +17158,7 @@ static itn_result itn__exr_decode(itn__text text, const itn_context *context, it
             result = itn__text_fail(&block, ITN_ERROR_FORMAT, "EXR block %d %s%s", (int)i,
                                     strncmp(fault, "is ", 3) ? "is damaged: " : "", fault);
     }
+    itn__free(&image->context, exr.inflate);
     itn__free(&image->context, scratch);
     if (result) itn_image_free(image);
     return result;

@@ -203,6 +203,18 @@ static void check_printing(char point) {
 
 /* ---- a compressor, for what is to be read back ---- */
 
+static unsigned reverse_bits(unsigned code, int length) {
+    unsigned reversed = 0;
+    for (; length > 0; length--, code >>= 1) reversed = reversed << 1 | (code & 1);
+    return reversed;
+}
+
+static const char *zlib_decode(const unsigned char *data, size_t size, unsigned char *bytes,
+                               size_t capacity) {
+    static itn__inflate room;
+    return itn__zlib_decode(&room, data, size, bytes, capacity);
+}
+
 static const uint16_t length_base[] = {3,  4,  5,  6,  7,  8,  9,  10,  11,  13,
                                             15, 17, 19, 23, 27, 31, 35, 43,  51,  59,
                                             67, 83, 99, 115, 131, 163, 195, 227, 258};
@@ -237,7 +249,7 @@ static void put_symbol(bit_writer *writer, int symbol) {
                : symbol < 256 ? 0x190 + symbol - 144
                : symbol < 280 ? symbol - 256
                               : 0xc0 + symbol - 280;
-    put_bits(writer, itn__reverse_bits((unsigned)code, length), length);
+    put_bits(writer, reverse_bits((unsigned)code, length), length);
 }
 
 /* Appends a copy of `length` (3 to 258) bytes from `distance` (1 to 32768) bytes back. */
@@ -248,7 +260,7 @@ static void put_copy(bit_writer *writer, int length, int distance) {
     put_bits(writer, (unsigned)(length - length_base[symbol]), length_bits(symbol));
     symbol = 29;
     while (distance_base[symbol] > distance) symbol--;
-    put_bits(writer, itn__reverse_bits((unsigned)symbol, 5), 5);
+    put_bits(writer, reverse_bits((unsigned)symbol, 5), 5);
     put_bits(writer, (unsigned)(distance - distance_base[symbol]),
                   distance_bits(symbol));
 }
@@ -316,16 +328,16 @@ static void test_inflate(void) {
         expected[i] = (unsigned char)(i % 3 ? (x >> 16) % 7 * ((x >> 20) % 3) : (uint32_t)i / 40);
     }
     CHECK((dynamic[2] >> 1 & 3) == 2);
-    CHECK(itn__zlib_decode(dynamic, sizeof dynamic, out, 400) == NULL);
+    CHECK(zlib_decode(dynamic, sizeof dynamic, out, 400) == NULL);
     CHECK(!memcmp(out, expected, 400));
-    CHECK(itn__zlib_decode(dynamic, sizeof dynamic, out, 399) != NULL);
+    CHECK(zlib_decode(dynamic, sizeof dynamic, out, 399) != NULL);
     for (size = 0; size < sizeof dynamic; size++)
-        wrong += itn__zlib_decode(dynamic, size, out, 400) == NULL;
+        wrong += zlib_decode(dynamic, size, out, 400) == NULL;
     for (i = 0; i < 8 * (int)sizeof dynamic; i++) { /* every single bit flipped */
         memcpy(copy, dynamic, sizeof dynamic);
         copy[i / 8] ^= (unsigned char)(1 << i % 8);
         if (i >= 16 || (i / 8 == 0 && i % 8 < 4))
-            wrong += itn__zlib_decode(copy, sizeof dynamic, out, 400) == NULL &&
+            wrong += zlib_decode(copy, sizeof dynamic, out, 400) == NULL &&
                      memcmp(out, expected, 400);
     }
     CHECK(wrong == 0);
@@ -334,14 +346,14 @@ static void test_inflate(void) {
     CHECK(sum == 0x0e000325u); /* RFC 1950: a = 1 + 97 + .. + 104, b the sum of all a */
     for (k = 0; k < 4; k++)
         block[sizeof stored - 4 + (size_t)k] = (unsigned char)(sum >> (24 - 8 * k));
-    CHECK(itn__zlib_decode(block, sizeof stored, out, 8) == NULL && !memcmp(out, "abcdefgh", 8));
+    CHECK(zlib_decode(block, sizeof stored, out, 8) == NULL && !memcmp(out, "abcdefgh", 8));
     block[sizeof stored - 1] ^= 1;
-    CHECK(!strcmp(itn__zlib_decode(block, sizeof stored, out, 8), "checksum is wrong"));
+    CHECK(!strcmp(zlib_decode(block, sizeof stored, out, 8), "checksum is wrong"));
     for (i = 0; i < 200000; i++) { /* noise behind a valid header never crashes */
         for (k = 2; k < 64; k++) block[k] = (unsigned char)random_bits();
         block[0] = 0x78, block[1] = 1, block[2] &= 0xfe;
         block[2] = (unsigned char)((block[2] & 0xf8) | 4 | (i & 1));
-        itn__zlib_decode(block, 64, out, 400);
+        zlib_decode(block, 64, out, 400);
     }
 }
 
@@ -366,9 +378,9 @@ static void test_long_codes(void) {
     for (i = 0; i < 258; i++) {
         length = i < 15 ? i + 1 : i == 256 ? 15 : 0;
         if (length < 13)
-            put_bits(&writer, itn__reverse_bits((unsigned)length, 4), 4);
+            put_bits(&writer, reverse_bits((unsigned)length, 4), 4);
         else
-            put_bits(&writer, itn__reverse_bits((unsigned)(26 + length - 13), 5), 5);
+            put_bits(&writer, reverse_bits((unsigned)(26 + length - 13), 5), 5);
     }
     for (i = 0; i < 300; i++) { /* code of symbol n: n ones and a zero */
         bytes[i] = (unsigned char)(i % 15);
@@ -378,7 +390,7 @@ static void test_long_codes(void) {
     put_bits(&writer, 0, 7);
     sum = itn__adler32(bytes, 300);
     for (i = 24; i >= 0; i -= 8) itn__put_u8(&packed, sum >> i);
-    CHECK(itn__zlib_decode(packed.bytes, packed.size, out, 300) == NULL);
+    CHECK(zlib_decode(packed.bytes, packed.size, out, 300) == NULL);
     CHECK(!memcmp(bytes, out, 300));
     itn__buffer_free(&packed);
 }
@@ -411,13 +423,13 @@ static void test_repeated_lengths(void) {
     put_bits(&writer, 1, 2); /* nor has the distance */
     for (i = 0; i < 255; i++) {
         bytes[i] = (unsigned char)i;
-        put_bits(&writer, itn__reverse_bits(bytes[i], 8), 8);
+        put_bits(&writer, reverse_bits(bytes[i], 8), 8);
     }
     put_bits(&writer, 255, 8);
     put_bits(&writer, 0, 7);
     sum = itn__adler32(bytes, 255);
     for (i = 24; i >= 0; i -= 8) itn__put_u8(&packed, sum >> i);
-    CHECK(itn__zlib_decode(packed.bytes, packed.size, out, 255) == NULL);
+    CHECK(zlib_decode(packed.bytes, packed.size, out, 255) == NULL);
     CHECK(!memcmp(bytes, out, 255));
     itn__buffer_free(&packed);
 }
@@ -435,7 +447,7 @@ static void check_deflate(int damage) {
         for (i = 0; i < 5 && size > stride; i++)
             memmove(bytes + stride, bytes, size - stride - random_bits() % (size - stride));
         zlib_encode(bytes, size, stride, &packed);
-        if (CHECK(itn__zlib_decode(packed.bytes, packed.size, back, size) == NULL) && size) {
+        if (CHECK(zlib_decode(packed.bytes, packed.size, back, size) == NULL) && size) {
             back[size / 2] ^= (unsigned char)damage;
             CHECK(!memcmp(bytes, back, size));
         }
@@ -888,7 +900,7 @@ static unsigned char *read_png(const char *path, int *width, int *height) {
     CHECK(!memcmp(at + 4, "IDAT", 4) && (size_t)(at - file.bytes) + size + 24 == file.size);
     CHECK(!memcmp(at + 12 + size, "\0\0\0\0IEND\xae\x42\x60\x82", 12)); /* known CRC */
     rows = (unsigned char *)malloc((size_t)*height * (1 + 3 * (size_t)*width));
-    CHECK(itn__zlib_decode(at + 8, size, rows, (size_t)*height * (1 + 3 * (size_t)*width)) == NULL);
+    CHECK(zlib_decode(at + 8, size, rows, (size_t)*height * (1 + 3 * (size_t)*width)) == NULL);
     itn__buffer_free(&file);
     return rows;
 }
