@@ -539,11 +539,11 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* ---- [api-render] images, derivative images, gradients --------------------------------------- */
 
-/* AUTO is FAST, except for what only the reference can do: media that differ between channels and
-   are clear in one of them, or whose sigma_t differ more than 1e6 times between channels; and
-   derivatives in an index of refraction, in an albedo or a reflectance below .01, in a light's
-   scale of 0, or in a sigma_t whose mean free path is more than four radii of what is in the
-   scene. */
+/* AUTO is FAST, except for what only the reference can do: media whose sigma_t or g differ between
+   channels, a limit of scatterings, media in meshes with holes (force), derivatives by the values
+   of an image; and derivatives in an index of refraction, in an albedo or a reflectance below .01,
+   in a light's scale of 0, or in a sigma_t whose mean free path is more than four radii of what is
+   in the scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
 /* How samples are spread: each on its own, or (fast walk only) by an Owen-scrambled Sobol sequence
    over the pixel, the first boundary and the first flight. AUTO is SOBOL in the fast walk. What is
@@ -558,10 +558,8 @@ typedef enum itn_sampler {
    bring home, for derivatives times their scores (equation 10). BASELINE (fast walk only): each
    random choice's score is multiplied by what the path brought less what it was expected to bring
    before the choice, which keeps the mean and lowers the variance. With one medium, light that is
-   everywhere the same, no limit of scatterings and many paths, what was expected is taken off in
-   images too (a control variate); single pixels may then be slightly negative. AUTO is BASELINE in
-   the fast walk. Where sigma_t or g differ between channels, and for single scattering without
-   surfaces, with |g| at most .6 and all lights sampled, every setting means SCORE. */
+   everywhere the same and many paths, what was expected is taken off in images too (a control
+   variate); single pixels may then be slightly negative. AUTO is BASELINE in the fast walk. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -584,7 +582,7 @@ typedef struct itn_render_options {
     itn_sampler sampler;
     itn_estimator estimator;
     int walks; /* fast walk: how many walks go on from each of the spp camera rays, at most 256;
-                  0 = 4. With constant lights, at edges of objects, each has a ray of its own */
+                  0 = 4 */
     const int *samples; /* itn_render alone: [height][width], how many samples each pixel has, 1 to
                            2^24, in the place of spp; NULL: all have spp. Numbers are rounded up to
                            whole sets, of 16 samples, or of a smaller power of 2 if the least number
@@ -640,13 +638,10 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
    image has the size of that image, in the scene's channels: Y or R,G,B, and of each its variance,
    as "Variance.Y" (from second moments, so too large where a few texels fill the picture). In a
    scene of one channel a map counts with its luminance. Free with itn_image_free.
-   Each path has a camera ray of its own: of the options, walks and estimator do not count. The fast
-   walk needs a texture without values below .01; others are left to the reference. The same bits
-   for any number of threads. Memory: sums are held in one to 16 copies, as many as fit in 100 MB,
-   of 24 bytes per value and channel each; in the fast walk each copy has 5 MB for the paths on
-   their way, and .7 MB for each medium of objects after the first.
-   Errors: ARGUMENT (also: no such item, or one without an image), UNSUPPORTED (mode FAST with such
-   a texture, or as itn_render), MEMORY, CANCELLED. */
+   It is the reference walk that does this. The same bits for any number of threads. Memory: sums
+   are held in one to 16 copies, as many as fit in 100 MB, of 24 bytes per value and channel each.
+   Errors: ARGUMENT (also: no such item, or one without an image), UNSUPPORTED (mode FAST, or as
+   itn_render), MEMORY, CANCELLED. */
 ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
                                              const itn_render_options *options,
                                              const float *weights, const char *item,
@@ -8472,7 +8467,7 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
 /* ---- [tables] what the fast walk knows of a scene -------------------------------------------- */
 
 /* The fast walk needs the voxels around the media, the normals of all triangles and the pixels that
-   see nothing or an edge. How fine the voxels are is a matter of the media and of the job: cells of
+   see nothing. How fine the voxels are is a matter of the media and of the job: cells of
    about a mean free path prove the most flights free, but a short render is over before they have
    paid for themselves. A scene keeps the tables of each level it was asked for; the first render
    that needs one makes it, and if two threads make the same one, the first to finish is kept. */
@@ -8490,17 +8485,14 @@ static float *itn__make_normals(const itn_context *context, const itn_bvh *bvh) 
     return normals;
 }
 
-/* What is known of a pixel. Empty: its rays meet nothing. Edge: they meet more than one thing. */
-enum { ITN__EMPTY = 1, ITN__EDGE = 2 };
-
-/* Marks the pixels that are empty: no triangle's box in the film, widened by the filter, covers
+/* Marks with 1 the pixels that are empty, whose rays meet nothing: no triangle's box in the film, widened by the filter, covers
    them. A triangle that reaches behind the camera may be anywhere. */
 static void itn__mark_empty(const itn_scene *scene, unsigned char *pixels) {
     const itn__camera *camera = &scene->camera;
     float right2 = itn__dot(camera->right, camera->right), up2 = itn__dot(camera->up, camera->up);
     float reach = camera->deviation > 0 ? 4 * camera->deviation : .5f;
     int width = camera->width, height = camera->height, i, k, x, y;
-    memset(pixels, ITN__EMPTY, (size_t)width * (size_t)height);
+    memset(pixels, 1, (size_t)width * (size_t)height);
     for (i = 0; i < scene->bvh->triangle_count; i++) {
         float lower[2] = {FLT_MAX, FLT_MAX}, upper[2] = {-FLT_MAX, -FLT_MAX};
         int from[2], to[2];
@@ -8530,61 +8522,10 @@ static void itn__mark_empty(const itn_scene *scene, unsigned char *pixels) {
     }
 }
 
-/* The object seen through the corner of pixels nearest to (x, y), or -1. seen: what is known of
-   the corners so far, [height + 1][width + 1], or INT_MIN. */
-static int itn__seen_object(const itn_scene *scene, int x, int y, int *seen) {
-    itn__camera camera = scene->camera;
-    itn_ray ray;
-    itn_hit hit;
-    x = (int)itn__clamp((float)x, 0, (float)camera.width);
-    y = (int)itn__clamp((float)y, 0, (float)camera.height);
-    seen += (size_t)y * (size_t)(camera.width + 1) + (size_t)x;
-    if (*seen != INT_MIN) return *seen;
-    camera.deviation = 0;
-    ray = itn__camera_ray(&camera, x, y, 0, 0);
-    *seen = -1;
-    if (itn_bvh_nearest(scene->bvh, &ray, &hit)) *seen = itn__bvh_object(scene->bvh, hit.triangle);
-    return *seen;
-}
-
-/* What the corners at x, x + step, ... x + size and the same in y all see; -2 if they differ. */
-static int itn__all_seen(const itn_scene *scene, int x, int y, int size, int step, int *seen) {
-    int first = itn__seen_object(scene, x, y, seen), i, j;
-    for (j = 0; j <= size; j += step)
-        for (i = 0; i <= size; i += step)
-            if (itn__seen_object(scene, x + i, y + j, seen) != first) return -2;
-    return first;
-}
-
-/* Marks the pixels with an edge: of those that are not empty, the ones around which corners of
-   pixels do not all see the same. Where the corners of a block see one object, so do those within.
-   What is finer may be missed, which costs only variance. */
-static void itn__mark_edges(const itn_scene *scene, unsigned char *pixels, int *seen) {
-    enum { BLOCK = 4 };
-    int width = scene->camera.width, height = scene->camera.height, x, y;
-    int reach = (int)ceilf(2 * scene->camera.deviation), size = BLOCK + 2 * reach;
-    size_t corners = ((size_t)width + 1) * ((size_t)height + 1), i;
-    for (i = 0; i < corners; i++) seen[i] = INT_MIN;
-    for (y = 0; y < height; y++)
-        for (x = 0; x < width; x++, pixels++) {
-            int left = x / BLOCK * BLOCK - reach, top = y / BLOCK * BLOCK - reach;
-            if (*pixels || itn__all_seen(scene, left, top, size, size, seen) >= 0) continue;
-            left = x - reach, top = y - reach;
-            if (itn__all_seen(scene, left, top, 1 + 2 * reach, 1, seen) == -2) *pixels = ITN__EDGE;
-        }
-}
-
 static unsigned char *itn__make_pixels(const itn_scene *scene) {
     size_t width = (size_t)scene->film.width, height = (size_t)scene->film.height;
     unsigned char *pixels = (unsigned char *)itn__allocate(&scene->context, width * height, 1);
-    int *seen = (int *)itn__allocate(&scene->context, (width + 1) * (height + 1), sizeof *seen);
-    if (pixels && seen) {
-        itn__mark_empty(scene, pixels);
-        itn__mark_edges(scene, pixels, seen);
-    } else {
-        itn__free(&scene->context, pixels), pixels = NULL;
-    }
-    itn__free(&scene->context, seen);
+    if (pixels) itn__mark_empty(scene, pixels);
     return pixels;
 }
 
@@ -8724,62 +8665,34 @@ static int itn__goes_straight(const itn_scene *scene, const float *theta, int ma
    The means must be known exactly. Over flights and new directions they are, for V of the form that
    diffusion has near a plane: at depth z (in mean free paths) below the surface nearby and with
    cosine mu to its inward normal,
-       V = sum over i of e^(-k_i z) (v_i(mu) + o w_i(mu)),   k_i = i k,   polynomials v_i and w_i.
+       V = sum over i of e^(-k_i z) v_i(mu),   k_i = i k,   polynomials v_i.
    A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu) in
    the mean; for flights see itn__ahead. A plane is chosen before each flight; any would do.
 
-   o is the occlusion of the surface: the part of the light outside that paths which leave it do not
-   bring home, since they meet another surface, as in a hollow or between limbs. It is learnt for
-   sites, parts of the scene times octants of the normal, which also tell a thin wall's dark side
-   from its bright one. First the occlusions, then V are learnt ([lessons]) from a few paths traced
-   before the picture (itn__learn_values in [render]); for k see itn__decay_make. */
+   V is learnt ([lessons]) from a few paths traced before the picture (itn__learn_values in
+   [render]); for k see itn__decay_make. */
 
 /* e^(-k_i z) times a polynomial of the cosine mu, for each decay k_i: the coefficients by powers of
-   mu; a value without occlusion and what a unit of occlusion adds. */
-enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = 2 * ITN__DECAYS * ITN__ORDERS };
-typedef float itn__expansion[2][ITN__DECAYS][ITN__ORDERS];
+   mu. */
+enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = ITN__DECAYS * ITN__ORDERS };
+typedef float itn__expansion[ITN__DECAYS][ITN__ORDERS];
 
-/* V of a substance (a medium, drawn by one hero; see itn__substance), by channel. */
-enum { ITN__FACES = 32 };
+/* V in a medium (see itn__substance), by channel. */
 typedef struct itn__value {
     float decay; /* k, per mean free path: k_i = i k, all below 1 */
-    itn__expansion flying[3];          /* V, */
-    itn__expansion scattered[3];       /* its mean over a new direction, */
-    itn__expansion by_g[3];            /* and the derivative of that by g */
-    float entering[3][2][ITN__ORDERS]; /* V at z = 0 */
-    float at_face[3][2][ITN__FACES];   /* on arrival at a face, by the cosine to it */
+    itn__expansion flying[3];      /* V, */
+    itn__expansion scattered[3];   /* its mean over a new direction, */
+    itn__expansion by_g[3];        /* and the derivative of that by g */
+    float entering[3][ITN__ORDERS]; /* V at z = 0 */
 } itn__value;
-
-/* Sites, for which occlusions are learnt: parts of the scene each way, times ways to face. */
-enum { ITN__PARTS = 4, ITN__SITES = 8 * ITN__PARTS * ITN__PARTS * ITN__PARTS };
 
 /* Where paths are, and where they go, seen from their plane: that of the last surface, or one
    adopted since (ITN__UP). */
 typedef struct itn__view {
     itn__floats depth;             /* z, in mean free paths */
     itn__floats cosine;            /* mu, to the inward normal */
-    itn__floats occlusion;         /* of the plane */
     itn__floats fall[ITN__DECAYS]; /* e^(-k_i z) */
 } itn__view;
-
-/* Site of a surface: the part of the scene that p lies in, and the octant of the normal n. */
-ITN__INLINE itn__ints itn__site_number(const itn__voxels *voxels, itn__vectors p, itn__vectors n) {
-    itn__floats zero = itn__splat(0), last = itn__splat(ITN__PARTS - 1);
-    itn__floats from[3], facing[3];
-    itn__ints site = itn__splat_int(0);
-    int i;
-    from[0] = p.x - voxels->lower.x, facing[0] = n.x;
-    from[1] = p.y - voxels->lower.y, facing[1] = n.y;
-    from[2] = p.z - voxels->lower.z, facing[2] = n.z;
-    for (i = 0; i < 3; i++) {
-        float parts = (float)ITN__PARTS / (float)voxels->size[i] * voxels->inverse_cell;
-        site = site * itn__splat_int(ITN__PARTS) +
-               itn__to_ints(itn__least(itn__most(from[i] * parts, zero), last));
-    }
-    for (i = 0; i < 3; i++)
-        site = site + site + (itn__less(zero, facing[i]) & itn__splat_int(1));
-    return site;
-}
 
 /* e^(-k_i z) for all i. */
 ITN__INLINE void itn__falls(const itn__value *value, itn__floats depth, itn__floats *fall) {
@@ -8802,8 +8715,7 @@ ITN__INLINE itn__floats itn__power_sum(const float *a, itn__floats x) {
    bring whole queues forward, always with full lanes (a wavefront: Laine, Karras and Aila 2013):
 
      camera    starts paths, as long as there is room; they share camera rays
-     early     in a medium: flights of paths with Sobol draws to come, or that go straight, which
-               the walk does not know
+     early     in a medium: flights of paths with Sobol draws to come, which the walk does not know
      walk      in a medium: roulette, flight, collision, new direction, and so on, for as long as
                the voxel tables prove each flight free; this is where nearly all time goes
      exact     a flight that the tables could not prove free is marched through the voxels, and the
@@ -8820,14 +8732,13 @@ ITN__INLINE itn__floats itn__power_sum(const float *a, itn__floats x) {
 
 /* A kernel is the walk and the exact stage, specialised by constant features; ITN__KERNELS lists
    them. The other stages, where paths spend little time, are compiled once. */
-enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__LIMIT = 4, ITN__SCORES = 8, ITN__SPECTRAL = 16 };
-#define ITN__ALL_FEATURES (ITN__RGB | ITN__LIGHTS | ITN__LIMIT | ITN__SCORES | ITN__SPECTRAL)
+enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__SCORES = 4 };
+#define ITN__ALL_FEATURES (ITN__RGB | ITN__LIGHTS | ITN__SCORES)
 #ifdef ITN_ONE_KERNEL
 #define ITN__KERNELS(kernel) kernel(all, ITN__ALL_FEATURES)
 #else
 #define ITN__KERNELS(kernel)                                                                       \
-    kernel(plain, 0) kernel(lights, ITN__LIGHTS) kernel(scores, ITN__LIGHTS | ITN__SCORES)         \
-    kernel(all, ITN__ALL_FEATURES)
+    kernel(plain, 0) kernel(lights, ITN__LIGHTS) kernel(all, ITN__ALL_FEATURES)
 #endif
 
 /* What a queue holds of each path, one row per field; ITN__STATE of them go wherever the path
@@ -8839,32 +8750,26 @@ enum {
     ITN__DIMENSION = 8,
     ITN__SLOT = 9, /* of what is rarely needed, see itn__path */
     ITN__BETA = 10,
-    ITN__PDF = 13,  /* with lights; of a link: xi c, see [links] */
-    ITN__LEFT = 14, /* with a limit: scatterings to go; of a straight path's link: c */
-    ITN__CONTROL = 15,   /* minus the sum of differences not yet booked, see itn__difference */
-    ITN__UP = 18,        /* normal n of the last surface, out of the medium, */
-    ITN__LEVEL = 21,     /* and n . position there; or of the plane adopted since */
-    ITN__OCCLUSION = 22, /* of the plane, see itn__occlusion_at */
-    ITN__CELL = 23,      /* around which the path's surroundings are known, see itn__look, or -1 */
-    ITN__PLAIN_STATE = 24,
-    ITN__FLIGHTS = 24, /* with scores, since the last surface: sigma_t times those of flights; where
-                          channels differ in sigma_t, minus the sum of distances */
-    ITN__PHASES = 25,  /* of the phase function, by g */
-    ITN__HITS = 26,    /* how many collisions */
-    ITN__EXPECTED = 27,    /* b - C_k of the flight under way, see [scores] */
-    ITN__FLIGHT_BASE = 30, /* what is to be taken from the derivatives by sigma_t, times sigma_t, */
-    ITN__PHASE_BASE = 33,  /* by g, */
-    ITN__HIT_BASE = 36,    /* and by the albedo, times the albedo */
-    ITN__SCORED_STATE = 39,
-    ITN__SHARE = 39,      /* with heroes, see itn__walk; */
-    ITN__MORE_PHASES = 42, /* as ITN__PHASES, of the second and third channel */
-    ITN__STATE = 44,
-    ITN__DISTANCE = 44, /* exact: of the flight */
-    ITN__NORMAL = 44,   /* boundary, diffuse */
-    ITN__ETA = 47,      /* boundary */
-    ITN__ALPHA = 48,
-    ITN__REFLECTANCE = 47, /* diffuse: 3 */
-    ITN__FIELDS = 50
+    ITN__PDF = 13,     /* with lights; of a link: xi c, see [links] */
+    ITN__CONTROL = 14, /* minus the sum of differences not yet booked, see itn__difference */
+    ITN__UP = 17,      /* normal n of the last surface, out of the medium, */
+    ITN__LEVEL = 20,   /* and n . position there; or of the plane adopted since */
+    ITN__CELL = 21,    /* around which the path's surroundings are known, see itn__look, or -1 */
+    ITN__PLAIN_STATE = 22,
+    ITN__FLIGHTS = 22, /* with scores, since the last surface: sigma_t times those of flights */
+    ITN__PHASES = 23,  /* of the phase function, by g */
+    ITN__HITS = 24,    /* how many collisions */
+    ITN__EXPECTED = 25,    /* b - C_k of the flight under way, see [scores] */
+    ITN__FLIGHT_BASE = 28, /* what is to be taken from the derivatives by sigma_t, times sigma_t, */
+    ITN__PHASE_BASE = 31,  /* by g, */
+    ITN__HIT_BASE = 34,    /* and by the albedo, times the albedo */
+    ITN__STATE = 37,
+    ITN__DISTANCE = 37, /* exact: of the flight */
+    ITN__NORMAL = 37,   /* boundary, diffuse */
+    ITN__ETA = 40,      /* boundary */
+    ITN__ALPHA = 41,
+    ITN__REFLECTANCE = 40, /* diffuse: 3 */
+    ITN__FIELDS = 43
 };
 enum { ITN__CROWD = 1024, ITN__ROW = ITN__CROWD + 16, ITN__LINK = 1 << 30, ITN__EARLY = 8 };
 
@@ -8879,9 +8784,8 @@ typedef struct itn__path {
     itn__place place, link_place;
     itn__event event; /* at the surface it has met */
     int number, copies; /* radiance[number] ... [number + copies - 1] */
-    int mark;           /* substance whose V this path teaches (0: what is outside), or -1; */
-    int mark_face;      /* entry of at_face (of occlusions), or -1: of a path about to fly */
-    float mark_depth, mark_cosine, mark_occlusion; /* at the mark, see itn__view; */
+    int mark;           /* substance whose V this path teaches, or -1; */
+    float mark_depth, mark_cosine; /* at the mark, see itn__view; */
     float mark_weight[3], mark_radiance[3]; /* beta, and what had been brought home, by then */
     int32_t parked[ITN__STATE];
 } itn__path;
@@ -8889,11 +8793,8 @@ typedef struct itn__path {
 /* A medium with its numbers at theta, or (index 0) all that is not a medium; and where among the
    parameters asked for they are, or -1. */
 typedef struct itn__substance {
-    float sigma_t, mean_free_path, albedo[3], g; /* sigma_t and g of the hero, if there is one */
+    float sigma_t, mean_free_path, albedo[3], g;
     int slot_sigma_t, slot_albedo[3], slot_g;
-    int flights_differ, turns_differ; /* between channels; then their slots are those below */
-    float sigma_t_rgb[3], g_rgb[3];
-    int slot_sigma_t_rgb[3], slot_g_rgb[3];
 } itn__substance;
 
 /* What all crowds of a render share. */
@@ -8902,10 +8803,9 @@ typedef struct itn__fast {
     const float *theta;
     const itn__voxels *voxels;
     const float *normals; /* [slots][3] unit normals; 0 of triangles without area */
-    const unsigned char *pixels; /* what is known of each, see itn__mark_empty */
-    int heroes; /* channels that may lead a path: 1 or 3 */
-    itn__substance *substances; /* [1 + heroes medium_count] */
-    int channels, max_scatter, walks, sobol, unsafe, features;
+    const unsigned char *pixels; /* 1 of empty ones, see itn__mark_empty */
+    itn__substance *substances; /* [1 + medium_count] */
+    int channels, walks, sobol, unsafe, features;
     double samples;  /* camera rays; */
     int spp, blocks; /* of a pixel; independent sets of them; */
     const itn__allotment *allotment; /* NULL: all pixels have so many, else it is the most */
@@ -8917,8 +8817,6 @@ typedef struct itn__fast {
     int fills;         /* what its rays bring that meet nothing is known */
     int marches;       /* rays outside of media go through the voxels too */
     int links;         /* some light is sampled */
-    int linked;        /* links find all light, see itn__links_suffice */
-    int straight;      /* paths go straight, see itn__goes_straight */
     float link_weight; /* c of [links] */
     int count, planes; /* parameters asked for; channels (1 + count) */
     const int *slots;  /* of each parameter: its place among those asked for, or -1 */
@@ -8926,13 +8824,9 @@ typedef struct itn__fast {
     int rough_scores;  /* the roughness of some surface is asked for; */
     int scales;        /* the scale of some light */
     int controls;      /* differences are taken off: the substance of V at boundaries; else 0 */
-    itn__band *bands;  /* derivatives by texels are asked for: [crowds], else NULL; */
-    const float *texel_weights; /* of pixels, for these, [channels][height][width] */
-    int learning;      /* what is learnt in this render, ITN__LEARN_..., */
+    int learning;      /* V is learnt in this render, */
     double lesson_unit; /* in multiples of this */
     itn__value *values; /* as substances */
-    float occlusions[ITN__SITES];
-    int occluded;      /* they are large enough to matter */
 } itn__fast;
 
 /* Pixels and samples that a crowd works on, and where it has got to. */
@@ -8970,24 +8864,15 @@ typedef struct itn__start {
     itn_hit hit;
     uint64_t pixel;
     uint32_t scramble;
-    int index;                    /* its place in the pixel: number of the scrambled set */
-    int number, sample, in_block; /* of its first path: of the unit, of the pixel, of the set */
-    int paths;                    /* that share it */
+    int index;          /* its place in its scrambled set */
+    int number, sample; /* of its first path: of the unit, of the pixel */
 } itn__start;
-
-/* Where a path has met the texture asked for, what the scores of its values there are, and what
-   they have brought home; see itn__texels. */
-typedef struct itn__touches {
-    int count;
-    uint32_t key; /* of the path, for itn__forget_touches */
-    float s[ITN__TOUCHES], t[ITN__TOUCHES], score[3][ITN__TOUCHES], brought[3][ITN__TOUCHES];
-} itn__touches;
 
 typedef struct itn__crowd {
     const itn__fast *fast;
     itn__unit unit;
     itn__queue *walk, *exact; /* per substance; those of substance 0: vacuum, and no exact */
-    itn__queue *early;        /* the same for paths with Sobol draws to come, or that go straight */
+    itn__queue *early;        /* the same for paths with Sobol draws to come */
     itn__queue taken, boundary, diffuse, sky, parking;
     itn__path *paths;         /* [ITN__CROWD] */
     int32_t *free_slots, *index, *scramble; /* [ITN__CROWD]; Sobol index and seed by slot */
@@ -9002,8 +8887,6 @@ typedef struct itn__crowd {
     int radiance_stride;
     float *scores; /* [2 ITN__CROWD][count]: of each path, and of its link, to its last surface */
     double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS], where V is learnt */
-    itn__band *band; /* NULL: derivatives by texels are not asked for; */
-    itn__touches *touches; /* [ITN__CROWD], or NULL: those by a texture */
     double collisions;
     void *memory;
 } itn__crowd;
@@ -9012,10 +8895,10 @@ typedef struct itn__crowd {
 typedef struct itn__state {
     itn__vectors p, d;
     itn__words key0, key1;
-    itn__ints dimension, slot, left, cell;
+    itn__ints dimension, slot, cell;
     itn__floats beta[3], pdf, control[3];
-    itn__floats flights, phases[3], hits, expected[3], flight_base[3], phase_base[3], hit_base[3];
-    itn__floats level, occlusion, share[3];
+    itn__floats flights, phases, hits, expected[3], flight_base[3], phase_base[3], hit_base[3];
+    itn__floats level;
     itn__vectors up;
 } itn__state;
 
@@ -9023,23 +8906,17 @@ typedef struct itn__state {
 ITN__INLINE int itn__scored(const itn__crowd *crowd, int features) {
     return (features & ITN__SCORES) && (crowd->fast->count || crowd->fast->learning);
 }
-/* Whether paths have a hero. */
-ITN__INLINE int itn__led(const itn__crowd *crowd, int features) {
-    return (features & ITN__SPECTRAL) && crowd->fast->heroes > 1;
-}
 /* Whether it matters what paths are expected to bring. */
 ITN__INLINE int itn__looks_ahead(const itn__crowd *crowd, int features) {
-    return (itn__scored(crowd, features) && !itn__led(crowd, features)) || crowd->fast->controls;
+    return itn__scored(crowd, features) || crowd->fast->controls;
 }
 /* Whether a kernel's paths know how deep they are. */
 ITN__INLINE int itn__knows_depth(int features) {
     return !(features & ITN__LIGHTS) || (features & ITN__SCORES);
 }
 
-/* One substance for each medium and hero, and one for what is not a medium. */
-static int itn__substance_count(const itn_scene *scene) {
-    return 1 + (scene->spectral ? 3 : 1) * scene->medium_count;
-}
+/* One substance for each medium, and one for what is not a medium. */
+static int itn__substance_count(const itn_scene *scene) { return 1 + scene->medium_count; }
 
 ITN__INLINE int32_t *itn__row(const itn__queue *queue, int field) {
     return queue->rows + (size_t)field * ITN__ROW;
@@ -9097,26 +8974,20 @@ ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int 
         ITN__PULL(s->control[c], ITN__CONTROL + c);
     }
     if (features & ITN__LIGHTS) ITN__PULL(s->pdf, ITN__PDF);
-    if (features & ITN__LIMIT) ITN__PULL_INTS(s->left, ITN__LEFT);
     if (itn__knows_depth(features)) {
         itn__expand_vectors(queue, ITN__UP, at, &s->up, bits);
         ITN__PULL(s->level, ITN__LEVEL);
-        ITN__PULL(s->occlusion, ITN__OCCLUSION);
         ITN__PULL_INTS(s->cell, ITN__CELL);
     }
-    if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
+    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
         ITN__PULL(s->flights, ITN__FLIGHTS);
-        ITN__PULL(s->phases[0], ITN__PHASES);
+        ITN__PULL(s->phases, ITN__PHASES);
         ITN__PULL(s->hits, ITN__HITS);
         for (c = 0; c < itn__colours(features); c++) {
             ITN__PULL(s->flight_base[c], ITN__FLIGHT_BASE + c);
             ITN__PULL(s->phase_base[c], ITN__PHASE_BASE + c);
             ITN__PULL(s->hit_base[c], ITN__HIT_BASE + c);
         }
-    }
-    if ((features & ITN__SPECTRAL) && queue->state == ITN__STATE) {
-        for (c = 0; c < 3; c++) ITN__PULL(s->share[c], ITN__SHARE + c);
-        for (c = 1; c < 3; c++) ITN__PULL(s->phases[c], ITN__MORE_PHASES + c - 1);
     }
 #undef ITN__PULL
 #undef ITN__PULL_INTS
@@ -9131,26 +9002,24 @@ ITN__INLINE void itn__load_state(const itn__queue *queue, int at, itn__state *s,
     s->key1 = itn__load_words((const uint32_t *)itn__row(queue, ITN__KEY + 1) + at);
     s->dimension = itn__load_ints(itn__row(queue, ITN__DIMENSION) + at);
     s->slot = itn__load_ints(itn__row(queue, ITN__SLOT) + at);
-    s->pdf = itn__splat(INFINITY), s->left = itn__splat_int(0);
+    s->pdf = itn__splat(INFINITY);
     for (c = 0; c < 3; c++)
         s->beta[c] = s->control[c] = s->expected[c] = s->flight_base[c] = s->phase_base[c] =
-            s->hit_base[c] = s->share[c] = s->phases[c] = itn__splat(0);
+            s->hit_base[c] = itn__splat(0);
     for (c = 0; c < itn__colours(features); c++) {
         s->beta[c] = itn__load(itn__float_row(queue, ITN__BETA + c) + at);
         s->control[c] = itn__load(itn__float_row(queue, ITN__CONTROL + c) + at);
     }
     if (features & ITN__LIGHTS) s->pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
-    if (features & ITN__LIMIT) s->left = itn__load_ints(itn__row(queue, ITN__LEFT) + at);
-    s->flights = s->hits = s->level = s->occlusion = itn__splat(0);
+    s->flights = s->phases = s->hits = s->level = itn__splat(0);
     s->up = itn__vectors_of(s->level, s->level, s->level), s->cell = itn__splat_int(-1);
     if (itn__knows_depth(features)) {
         s->up = itn__load_vectors(queue, ITN__UP, at);
         s->level = itn__load(itn__float_row(queue, ITN__LEVEL) + at);
-        s->occlusion = itn__load(itn__float_row(queue, ITN__OCCLUSION) + at);
     }
-    if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
+    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
         s->flights = itn__load(itn__float_row(queue, ITN__FLIGHTS) + at);
-        s->phases[0] = itn__load(itn__float_row(queue, ITN__PHASES) + at);
+        s->phases = itn__load(itn__float_row(queue, ITN__PHASES) + at);
         s->hits = itn__load(itn__float_row(queue, ITN__HITS) + at);
         for (c = 0; c < itn__colours(features); c++) {
             s->expected[c] = itn__load(itn__float_row(queue, ITN__EXPECTED + c) + at);
@@ -9158,11 +9027,6 @@ ITN__INLINE void itn__load_state(const itn__queue *queue, int at, itn__state *s,
             s->phase_base[c] = itn__load(itn__float_row(queue, ITN__PHASE_BASE + c) + at);
             s->hit_base[c] = itn__load(itn__float_row(queue, ITN__HIT_BASE + c) + at);
         }
-    }
-    if ((features & ITN__SPECTRAL) && queue->state == ITN__STATE) {
-        for (c = 0; c < 3; c++) s->share[c] = itn__load(itn__float_row(queue, ITN__SHARE + c) + at);
-        for (c = 1; c < 3; c++)
-            s->phases[c] = itn__load(itn__float_row(queue, ITN__MORE_PHASES + c - 1) + at);
     }
 }
 
@@ -9187,16 +9051,14 @@ ITN__INLINE void itn__append_lanes(itn__queue *queue, const itn__state *s, unsig
         itn__compress(itn__float_row(queue, ITN__CONTROL + c) + at, s->control[c], bits);
     }
     if (features & ITN__LIGHTS) itn__compress(itn__float_row(queue, ITN__PDF) + at, s->pdf, bits);
-    if (features & ITN__LIMIT) itn__compress_ints(itn__row(queue, ITN__LEFT) + at, s->left, bits);
     if (itn__knows_depth(features)) {
         itn__push_vectors(queue, ITN__UP, s->up, bits);
         itn__compress(itn__float_row(queue, ITN__LEVEL) + at, s->level, bits);
-        itn__compress(itn__float_row(queue, ITN__OCCLUSION) + at, s->occlusion, bits);
         itn__compress_ints(itn__row(queue, ITN__CELL) + at, s->cell, bits);
     }
-    if ((features & ITN__SCORES) && queue->state >= ITN__SCORED_STATE) {
+    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
         itn__compress(itn__float_row(queue, ITN__FLIGHTS) + at, s->flights, bits);
-        itn__compress(itn__float_row(queue, ITN__PHASES) + at, s->phases[0], bits);
+        itn__compress(itn__float_row(queue, ITN__PHASES) + at, s->phases, bits);
         itn__compress(itn__float_row(queue, ITN__HITS) + at, s->hits, bits);
         for (c = 0; c < itn__colours(features); c++) {
             itn__compress(itn__float_row(queue, ITN__EXPECTED + c) + at, s->expected[c], bits);
@@ -9205,12 +9067,6 @@ ITN__INLINE void itn__append_lanes(itn__queue *queue, const itn__state *s, unsig
             itn__compress(itn__float_row(queue, ITN__PHASE_BASE + c) + at, s->phase_base[c], bits);
             itn__compress(itn__float_row(queue, ITN__HIT_BASE + c) + at, s->hit_base[c], bits);
         }
-    }
-    if ((features & ITN__SPECTRAL) && queue->state == ITN__STATE) {
-        for (c = 0; c < 3; c++)
-            itn__compress(itn__float_row(queue, ITN__SHARE + c) + at, s->share[c], bits);
-        for (c = 1; c < 3; c++)
-            itn__compress(itn__float_row(queue, ITN__MORE_PHASES + c - 1) + at, s->phases[c], bits);
     }
     queue->count += itn__count_bits(bits);
 }
@@ -9262,11 +9118,7 @@ ITN__INLINE int itn__unit_paths_left(const itn__crowd *crowd) {
    is), so that s Delta - D is taken off, too:
        sum over choices of s (L' + C_k - b) - (s Delta - D).
    All but the terms s L' is summed in lanes between surfaces, as what is to be taken off (`bases`:
-   s (b - C_k) + s Delta - D), and booked at the next surface or at the end.
-
-   The values of an image are parameters too ([texels]): what a path brings home counts for each
-   place where it has met the texture, with the score 1 / value; what it carries to a map counts as
-   it is. */
+   s (b - C_k) + s Delta - D), and booked at the next surface or at the end. */
 
 /* Scores of a path or, with ITN__LINK in its slot, of its link. */
 ITN__INLINE float *itn__scores_of(const itn__crowd *crowd, int slot) {
@@ -9325,91 +9177,9 @@ static void itn__bring_scales(itn__crowd *crowd, int number, itn_vec3 d, float s
     }
 }
 
-/* What a path has gathered for the band counts with the weights of its pixel. */
-static void itn__band_path(itn__crowd *crowd, int slot) {
-    const itn__fast *fast = crowd->fast;
-    const itn_film_desc *film = &fast->scene->film;
-    int cell = crowd->paths[slot].number / (crowd->unit.count * fast->walks);
-    itn__band_add(crowd->band,
-                  fast->texel_weights + itn__unit_pixel(fast->scene, &crowd->unit, cell),
-                  (size_t)film->width * (size_t)film->height,
-                  1 / ((double)fast->spp * fast->walks),
-                  (size_t)fast->channels * (size_t)crowd->band->texels.count);
-}
-
-/* What touch k of a path has brought home goes to the texels that have a share in it. */
-static void itn__share_touch(itn__crowd *crowd, const itn__touches *touches, int k) {
-    itn__texels *texels = &crowd->band->texels;
-    itn__corners corners = itn__texture_corners(texels->texture, touches->s[k], touches->t[k]);
-    int c;
-    for (c = 0; c < crowd->fast->channels; c++)
-        itn__add_texels(texels, c, &corners, touches->brought[c][k]);
-}
-static void itn__share_touches(itn__crowd *crowd, int slot) {
-    itn__touches *touches = &crowd->touches[slot];
-    int k;
-    for (k = 0; k < touches->count; k++) itn__share_touch(crowd, touches, k);
-    if (touches->count) itn__band_path(crowd, slot);
-    touches->count = 0;
-}
-
-/* As itn__forget_places; what a place has brought so far is not forgotten. */
-static void itn__forget_touches(itn__crowd *crowd, int slot) {
-    itn__touches *touches = &crowd->touches[slot];
-    int k, c, kept = 0;
-    for (k = 0; k < touches->count; k++) {
-        touches->key = itn__mix32(touches->key, (uint32_t)k);
-        if (touches->key & 1) {
-            itn__share_touch(crowd, touches, k);
-            itn__band_path(crowd, slot);
-            continue;
-        }
-        touches->s[kept] = touches->s[k], touches->t[kept] = touches->t[k];
-        for (c = 0; c < 3; c++) {
-            touches->score[c][kept] = 2 * touches->score[c][k];
-            touches->brought[c][kept] = touches->brought[c][k];
-        }
-        kept++;
-    }
-    touches->count = kept;
-}
-
-/* A path is at (s, t) of a surface's texture, whose values there are these. */
-static void itn__touch(itn__crowd *crowd, int slot, const itn__surface *surface, float s, float t,
-                       const float value[3]) {
-    itn__touches *touches;
-    int k, c;
-    if (!crowd->touches || crowd->band->texels.texture != surface) return;
-    touches = &crowd->touches[slot];
-    while (touches->count == ITN__TOUCHES) itn__forget_touches(crowd, slot);
-    k = touches->count++, touches->s[k] = s, touches->t[k] = t;
-    for (c = 0; c < 3; c++)
-        touches->score[c][k] = value[c] > 0 ? 1 / value[c] : 0, touches->brought[c][k] = 0;
-}
-
-/* A path, or its link, brings home a value: all that it has touched had a part in it. */
-static void itn__bring_touched(itn__crowd *crowd, int slot, const float value[3]) {
-    itn__touches *touches = crowd->touches ? &crowd->touches[slot] : NULL;
-    int k, c;
-    for (c = 0; touches && c < crowd->fast->channels; c++)
-        for (k = 0; k < touches->count; k++)
-            touches->brought[c][k] += value[c] * touches->score[c][k];
-}
-
-/* A path of weight beta leaves in direction d, where the map asked for may be. */
-static void itn__bring_map(itn__crowd *crowd, int slot, itn_vec3 d, const float beta[3]) {
-    itn__texels *texels = &crowd->band->texels;
-    itn__corners corners = itn__map_corners(texels->map, d);
-    float scale = crowd->fast->theta[texels->map->parameter];
-    int c;
-    for (c = 0; c < crowd->fast->channels; c++)
-        itn__add_texels(texels, c, &corners, beta[c] * scale);
-    itn__band_path(crowd, slot);
-}
-
 /* What a path has gathered since the last surface. */
 typedef struct itn__gathered {
-    float flights, phases[3], hits;
+    float flights, phases, hits;
     float control[3], flight_base[3], phase_base[3], hit_base[3];
 } itn__gathered;
 
@@ -9434,11 +9204,8 @@ static void itn__book(itn__crowd *crowd, int slot, int substance, const itn__gat
     int c, number = crowd->paths[slot & ~ITN__LINK].number;
     if (medium->slot_sigma_t >= 0)
         scores[medium->slot_sigma_t] += g->flights / medium->sigma_t;
-    if (medium->slot_g >= 0) scores[medium->slot_g] += g->phases[0];
+    if (medium->slot_g >= 0) scores[medium->slot_g] += g->phases;
     for (c = 0; c < crowd->fast->channels; c++) {
-        if (medium->slot_sigma_t_rgb[c] >= 0)
-            scores[medium->slot_sigma_t_rgb[c]] += g->hits / medium->sigma_t_rgb[c] + g->flights;
-        if (medium->slot_g_rgb[c] >= 0) scores[medium->slot_g_rgb[c]] += g->phases[c];
         if (medium->slot_albedo[c] >= 0)
             scores[medium->slot_albedo[c]] += g->hits / medium->albedo[c];
         if (slot & ITN__LINK) continue;
@@ -9450,16 +9217,12 @@ static void itn__book(itn__crowd *crowd, int slot, int substance, const itn__gat
 /* The same for an item of a queue; the flight that brought it here had length t, no collision. */
 static void itn__book_item(itn__crowd *crowd, itn__queue *queue, int at, int substance, float t) {
     const itn__substance *medium = &crowd->fast->substances[substance];
-    float last = -(medium->flights_differ ? 1 : medium->sigma_t) * t;
+    float last = -medium->sigma_t * t;
     itn__gathered g;
     int c;
     if (!crowd->fast->count) return;
     g.flights = itn__float_row(queue, ITN__FLIGHTS)[at] + last;
-    g.phases[0] = itn__float_row(queue, ITN__PHASES)[at];
-    for (c = 1; c < 3; c++) {
-        float *phases = itn__float_row(queue, ITN__MORE_PHASES + c - 1) + at;
-        g.phases[c] = *phases, *phases = 0;
-    }
+    g.phases = itn__float_row(queue, ITN__PHASES)[at];
     g.hits = itn__float_row(queue, ITN__HITS)[at];
     for (c = 0; c < crowd->fast->channels; c++) {
         g.control[c] = itn__float_row(queue, ITN__CONTROL + c)[at];
@@ -9481,22 +9244,15 @@ static void itn__book_item(itn__crowd *crowd, itn__queue *queue, int at, int sub
 
 /* A few paths, traced before the picture, are marked somewhere on their way; what one brings home
    after its mark, per weight, is a lesson. V is a least-squares fit to lessons. The sums of its
-   normal equations are of whole multiples of powers of two, so that they are exact, in any order.
-   Of a substance: terms times terms, terms times radiance; the same for each entry of at_face, of
-   which the terms are 1 and the occlusion. Of what is outside, for each site: number of lessons and
-   radiance of all channels. */
+   normal equations are of whole multiples of powers of two, so that they are exact, in any order:
+   terms times terms, terms times radiance. Arriving at a face is as good as flying out at z = 0. */
 
-enum { ITN__LEARN_VALUES = 1, ITN__LEARN_OCCLUSIONS };
-enum {
-    ITN__NORMAL_SUMS = ITN__TERMS * (ITN__TERMS + 3),
-    ITN__FACE_SUMS = 2 * (2 + 3),
-    ITN__LESSON_SUMS = ITN__NORMAL_SUMS + ITN__FACE_SUMS * ITN__FACES /* > 2 ITN__SITES */
-};
+enum { ITN__LESSON_SUMS = ITN__TERMS * (ITN__TERMS + 3) };
 #define ITN__TERM_STEPS 4096.
 #define ITN__RIDGE 1e-4 /* of the number of lessons */
 #define ITN__LARGEST_LESSON 1048576. /* units */
 
-/* P_l(mu) e^(-k_i z) for all i and l, then the same times the occlusion. */
+/* P_l(mu) e^(-k_i z) for all i and l. */
 static void itn__lesson_terms(const itn__value *value, const itn__path *path, double *term) {
     double mu = (double)path->mark_cosine;
     int i, l;
@@ -9505,16 +9261,15 @@ static void itn__lesson_terms(const itn__value *value, const itn__path *path, do
         for (l = 2; l < ITN__ORDERS; l++)
             term[l] = ((2 * l - 1) * mu * term[l - 1] - (l - 1) * term[l - 2]) / l;
     }
-    for (i = 0; i < ITN__TERMS / 2; i++) term[i] = path->mark_occlusion * term[i - ITN__TERMS / 2];
 }
 
-/* Adds `count` terms, which become whole multiples of 1 / ITN__TERM_STEPS, of a lesson. */
-static void itn__add_lesson(double *sums, double *term, int count, const double lesson[3]) {
+/* Adds a lesson's terms, which become whole multiples of 1 / ITN__TERM_STEPS. */
+static void itn__add_lesson(double *sums, double *term, const double lesson[3]) {
     int i, j, c;
-    for (i = 0; i < count; i++, sums += count + 3) {
+    for (i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) {
         term[i] = floor(term[i] * ITN__TERM_STEPS + .5);
         for (j = 0; j <= i; j++) sums[j] += term[i] * term[j];
-        for (c = 0; c < 3; c++) sums[count + c] += term[i] * lesson[c];
+        for (c = 0; c < 3; c++) sums[ITN__TERMS + c] += term[i] * lesson[c];
     }
 }
 
@@ -9530,27 +9285,16 @@ static void itn__learn(itn__crowd *crowd, const itn__path *path) {
         if (!(lesson[c] > 0)) lesson[c] = 0;
         lesson[c] = fmin(lesson[c], ITN__LARGEST_LESSON);
     }
-    if (path->mark == 0) {
-        sums += 2 * path->mark_face;
-        sums[0]++, sums[1] += lesson[0] + lesson[1] + lesson[2];
-    } else if (path->mark_face >= 0) {
-        term[0] = 1, term[1] = (double)path->mark_occlusion;
-        sums += ITN__NORMAL_SUMS + ITN__FACE_SUMS * path->mark_face;
-        itn__add_lesson(sums, term, 2, lesson);
-    } else {
-        itn__lesson_terms(&crowd->fast->values[path->mark], path, term);
-        itn__add_lesson(sums, term, ITN__TERMS, lesson);
-    }
+    itn__lesson_terms(&crowd->fast->values[path->mark], path, term);
+    itn__add_lesson(sums, term, lesson);
 }
 
 /* Marks the path in lane k, in a render that learns. */
-static void itn__mark(const itn__crowd *crowd, const itn__state *s, int k, int substance, int face,
+static void itn__mark(const itn__crowd *crowd, const itn__state *s, int k, int substance,
                       float depth, float cosine) {
     itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
     int c;
-    path->mark = substance, path->mark_face = face;
-    path->mark_depth = depth, path->mark_cosine = cosine;
-    path->mark_occlusion = ITN__LANE(s->occlusion, k);
+    path->mark = substance, path->mark_depth = depth, path->mark_cosine = cosine;
     for (c = 0; c < crowd->fast->channels; c++) {
         path->mark_weight[c] = ITN__LANE(s->beta[c], k);
         path->mark_radiance[c] = *itn__sum_of(crowd, c, path->number);
@@ -9569,24 +9313,8 @@ ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const i
     for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         if (crowd->paths[ITN__LANE(s->slot, k)].mark < 0)
-            itn__mark(crowd, s, k, substance, -1, ITN__LANE(view->depth, k),
+            itn__mark(crowd, s, k, substance, ITN__LANE(view->depth, k),
                       ITN__LANE(view->cosine, k));
-    }
-}
-
-/* Marks paths that have left a surface, whose normal is -up; one that was marked before is marked
-   anew with a chance of one half. */
-ITN__INLINE void itn__mark_departures(const itn__crowd *crowd, const itn__state *s,
-                                      itn__ints mask) {
-    itn__ints site = itn__site_number(crowd->fast->voxels, s->p,
-                                       itn__vscale(s->up, itn__splat(-1)));
-    unsigned bits;
-    mask &= itn__less(itn__splat(0), itn__vdot(s->up, s->up));
-    for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        if (crowd->paths[ITN__LANE(s->slot, k)].mark < 0 ||
-            (ITN__LANE(s->key1, k) >> (ITN__LANE(s->dimension, k) & 31) & 1))
-            itn__mark(crowd, s, k, 0, ITN__LANE(site, k), 0, 0);
     }
 }
 
@@ -9606,38 +9334,17 @@ static void itn__powers(const double *legendre, const double *factor, float *pow
 /* V of channel c from its coefficients. */
 static void itn__value_set(itn__value *value, int c, const double *terms, double g) {
     double one[ITN__ORDERS], mean[ITN__ORDERS], slope[ITN__ORDERS];
-    int i, l, occlusion;
+    int i, l;
     for (l = 0; l < ITN__ORDERS; l++) {
         one[l] = 1, mean[l] = pow(g, l); /* the mean of P_l over new directions is g^l P_l */
         slope[l] = l ? l * pow(g, l - 1) : 0;
-        value->entering[c][0][l] = value->entering[c][1][l] = 0;
+        value->entering[c][l] = 0;
     }
-    for (i = 0; i < 2 * ITN__DECAYS; i++, terms += ITN__ORDERS) {
-        occlusion = i / ITN__DECAYS;
-        itn__powers(terms, one, value->flying[c][occlusion][i % ITN__DECAYS]);
-        itn__powers(terms, mean, value->scattered[c][occlusion][i % ITN__DECAYS]);
-        itn__powers(terms, slope, value->by_g[c][occlusion][i % ITN__DECAYS]);
-        for (l = 0; l < ITN__ORDERS; l++)
-            value->entering[c][occlusion][l] += value->flying[c][occlusion][i % ITN__DECAYS][l];
-    }
-}
-
-/* V on arrival at faces: the line through lessons and a few more in which V inside is right. */
-static void itn__fit_faces(const double *sums, double unit, int c, itn__value *value) {
-    const double doubt = 4 * ITN__TERM_STEPS * ITN__TERM_STEPS; /* 4 lessons */
-    int i, l, occlusion;
-    for (i = 0; i < ITN__FACES; i++, sums += ITN__FACE_SUMS) {
-        double cosine = -(i + .5) / (double)ITN__FACES, inside[2] = {0, 0}, factor[4], line[2];
-        for (l = ITN__ORDERS - 1; l >= 0; l--)
-            for (occlusion = 0; occlusion < 2; occlusion++)
-                inside[occlusion] = inside[occlusion] * cosine + value->entering[c][occlusion][l];
-        factor[0] = sums[0] + doubt, factor[2] = sums[5], factor[3] = sums[6] + doubt;
-        line[0] = sums[2 + c] * unit - sums[0] * inside[0] - sums[5] * inside[1];
-        line[1] = sums[7 + c] * unit - sums[5] * inside[0] - sums[6] * inside[1];
-        itn__cholesky(factor, 2);
-        itn__cholesky_solve(factor, 2, line);
-        for (occlusion = 0; occlusion < 2; occlusion++)
-            value->at_face[c][occlusion][i] = (float)(inside[occlusion] + line[occlusion]);
+    for (i = 0; i < ITN__DECAYS; i++, terms += ITN__ORDERS) {
+        itn__powers(terms, one, value->flying[c][i]);
+        itn__powers(terms, mean, value->scattered[c][i]);
+        itn__powers(terms, slope, value->by_g[c][i]);
+        for (l = 0; l < ITN__ORDERS; l++) value->entering[c][l] += value->flying[c][i][l];
     }
 }
 
@@ -9661,48 +9368,27 @@ static int itn__fit_value(const itn__fast *fast, int substance, const double *su
         itn__cholesky_solve(factor, n, terms);
         terms[0] += mean;
         itn__value_set(value, c, terms, fast->substances[substance].g);
-        itn__fit_faces(sums + ITN__NORMAL_SUMS, unit, c, value);
     }
     return 1;
-}
-
-/* Occlusions from lessons of paths that have left: what their light lacks. Where there have been
-   few, it is taken to be as much as elsewhere in the mean. What is hardly occluded at all is
-   rendered faster without. */
-static void itn__fit_occlusions(itn__fast *fast, const double *sums) {
-    const double doubt = 4, least = .03; /* lessons; mean square */
-    double full = 0, count = 0, sum = 0, square = 0;
-    int c, i;
-    for (c = 0; c < fast->channels; c++) full += (double)fast->constant[c] / fast->lesson_unit;
-    for (i = 0; i < ITN__SITES; i++) count += sums[2 * i], sum += sums[2 * i + 1];
-    if (!(count > 0 && full > 0)) return;
-    for (i = 0; i < ITN__SITES; i++) {
-        double mean = (sums[2 * i + 1] + doubt * sum / count) / (sums[2 * i] + doubt);
-        fast->occlusions[i] = itn__clamp((float)(1 - mean / full), 0, 1);
-        square += sums[2 * i] / count * pow((double)fast->occlusions[i], 2);
-    }
-    fast->occluded = square >= least;
 }
 
 /* ---- [queues] where paths go next, and how they end ------------------------------------------ */
 
 /* A path that is about to fly waits in the queue of the walk of its substance; in that of the early
-   stage if it has Sobol draws to come or goes straight, as the walk knows neither. A path ends
+   stage if it has Sobol draws to come, which the walk does not know. A path ends
    where its weight is 0, where roulette says so, or at the lights: it books what it has gathered
    since the last surface, takes off what is left of its control variate, and leaves its slot. */
 
-/* The substance at a place: 1 + the medium's index (all media for the first hero, then for the
-   next), or 0 where nothing scatters or absorbs. */
+/* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
 static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
     const itn__medium *medium = itn__medium_of(fast->scene, place->inside);
-    int substance = medium ? 1 + (int)(medium - fast->scene->media) +
-                                 place->hero * fast->scene->medium_count : 0;
+    int substance = medium ? 1 + (int)(medium - fast->scene->media) : 0;
     return fast->substances[substance].sigma_t > 0 ? substance : 0;
 }
 
 /* Paths that have drawn fewer numbers than this fly one by one, without a walk. */
 ITN__INLINE int itn__early_end(const itn__fast *fast) {
-    return fast->straight ? INT_MAX : fast->sobol ? ITN__EARLY : 0;
+    return fast->sobol ? ITN__EARLY : 0;
 }
 
 /* The queue of paths that are about to fly in a substance. */
@@ -9714,7 +9400,6 @@ ITN__INLINE itn__queue *itn__departure(itn__crowd *crowd, int substance, int dim
 static void itn__free_slot(itn__crowd *crowd, int slot) {
     if (crowd->fast->learning && crowd->paths[slot].mark >= 0)
         itn__learn(crowd, &crowd->paths[slot]);
-    if (crowd->touches) itn__share_touches(crowd, slot);
     crowd->free_slots[crowd->free_count++] = slot;
 }
 static void itn__free_lanes(itn__crowd *crowd, itn__ints slot, unsigned bits) {
@@ -9739,8 +9424,8 @@ ITN__INLINE itn__gathered itn__gathered_in(const itn__state *s, int k, int featu
     itn__gathered g;
     int c;
     g.flights = ITN__LANE(s->flights, k), g.hits = ITN__LANE(s->hits, k);
+    g.phases = ITN__LANE(s->phases, k);
     for (c = 0; c < itn__colours(features); c++) {
-        g.phases[c] = ITN__LANE(s->phases[c], k);
         g.control[c] = ITN__LANE(s->control[c], k);
         g.flight_base[c] = ITN__LANE(s->flight_base[c], k);
         g.phase_base[c] = ITN__LANE(s->phase_base[c], k);
@@ -9878,14 +9563,10 @@ ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s,
     return mask & ~(low & ~survives);
 }
 
-/* Distance to the next collision; a path that may not scatter again goes on to the next surface. */
+/* Distance to the next collision. */
 ITN__INLINE itn__floats itn__vflight(const itn__crowd *crowd, itn__state *s, itn__ints mask,
-                                     float mean_free_path, int early, int features) {
-    itn__ints scatters = mask;
-    itn__floats distance;
-    if (features & ITN__LIMIT) scatters &= itn__int_less(itn__splat_int(0), s->left);
-    distance = itn__sample_flight(itn__splat(mean_free_path), itn__draw(crowd, s, scatters, early));
-    return features & ITN__LIMIT ? itn__select(scatters, distance, itn__splat(INFINITY)) : distance;
+                                     float mean_free_path, int early) {
+    return itn__sample_flight(itn__splat(mean_free_path), itn__draw(crowd, s, mask, early));
 }
 
 /* ---- [safe] flights that the tables prove free ----------------------------------------------- */
@@ -9996,38 +9677,22 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
    its way z changes in proportion to its length, so that the mean of V over lengths is an integral
    of exponentials. */
 
-/* How much of the light that is everywhere the same is kept from paths that leave a surface. */
-ITN__INLINE itn__floats itn__occlusion_at(const itn__fast *fast, itn__vectors p, itn__vectors n,
-                                          itn__ints mask) {
-    if (!fast->occluded) return itn__splat(0);
-    return itn__gather(fast->occlusions, itn__site_number(fast->voxels, p, n), mask,
-                       itn__splat(0));
-}
-
 ITN__INLINE itn__view itn__view_of(const itn__crowd *crowd, int substance, const itn__state *s,
                                    itn__vectors d) {
     itn__view view;
     view.depth = itn__most(crowd->fast->substances[substance].sigma_t *
                            (s->level - itn__vdot(s->up, s->p)), itn__splat(0));
-    view.cosine = -itn__vdot(s->up, d), view.occlusion = s->occlusion;
+    view.cosine = -itn__vdot(s->up, d);
     itn__falls(&crowd->fast->values[substance], view.depth, view.fall);
     return view;
 }
 
-/* What there is without occlusion, and what a unit of occlusion adds: polynomials. */
-ITN__INLINE itn__floats itn__occluded_sum(const itn__crowd *crowd, itn__floats occlusion,
-                                          const float *plain, const float *added, itn__floats x) {
-    itn__floats sum = itn__power_sum(plain, x);
-    return crowd->fast->occluded ? sum + occlusion * itn__power_sum(added, x) : sum;
-}
-
 /* Sum over i of falls and polynomials, of cosine x. */
-ITN__INLINE itn__floats itn__expand_view(const itn__crowd *crowd, const itn__view *view,
-                                         const itn__expansion a, itn__floats x) {
-    itn__floats sum = itn__occluded_sum(crowd, view->occlusion, a[0][0], a[1][0], x);
+ITN__INLINE itn__floats itn__expand_view(const itn__view *view, const itn__expansion a,
+                                         itn__floats x) {
+    itn__floats sum = itn__power_sum(a[0], x);
     int i;
-    for (i = 1; i < ITN__DECAYS; i++)
-        sum = sum + view->fall[i] * itn__occluded_sum(crowd, view->occlusion, a[0][i], a[1][i], x);
+    for (i = 1; i < ITN__DECAYS; i++) sum = sum + view->fall[i] * itn__power_sum(a[i], x);
     return sum;
 }
 
@@ -10046,30 +9711,23 @@ typedef struct itn__ahead {
 #define ITN__FAR 80.f /* mean free paths, for tau_0: e^-80 is nothing */
 
 ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const itn__state *s,
-                                 itn__ints mask, itn__ahead *a, int features) {
+                                 itn__ahead *a, int features) {
     const itn__value *value = &crowd->fast->values[substance];
     itn__floats zero = itn__splat(0), mu, through, per[ITN__DECAYS];
-    itn__ints entry;
     int c, i;
     a->view = itn__view_of(crowd, substance, s, s->d), mu = a->view.cosine;
     a->up = itn__less(mu, zero);
     a->to_face = itn__least(a->view.depth / itn__select(a->up, -mu, itn__splat(1)),
                             itn__splat(ITN__FAR));
     through = itn__select(a->up, itn__vexp(-a->to_face), zero);
-    entry = itn__to_ints(itn__least(itn__most(-mu * (float)ITN__FACES, zero),
-                                    itn__splat(ITN__FACES - 1)));
     per[0] = itn__splat(1);
     for (i = 1; i < ITN__DECAYS; i++) per[i] = 1 / (1 + (float)i * value->decay * mu);
     for (c = 0; c < itn__colours(features); c++) {
-        a->at_face[c] = itn__gather(value->at_face[c][0], entry, mask & a->up, zero);
-        if (crowd->fast->occluded)
-            a->at_face[c] = a->at_face[c] + a->view.occlusion *
-                itn__gather(value->at_face[c][1], entry, mask & a->up, zero);
+        a->at_face[c] = itn__select(a->up, itn__power_sum(value->entering[c], mu), zero);
         a->collided[c] = zero, a->slope[c] = -a->to_face * through * a->at_face[c];
         for (i = 0; i < ITN__DECAYS; i++) {
             itn__floats part;
-            a->omega[c][i] = itn__occluded_sum(crowd, a->view.occlusion, value->scattered[c][0][i],
-                                               value->scattered[c][1][i], mu) *
+            a->omega[c][i] = itn__power_sum(value->scattered[c][i], mu) *
                              crowd->fast->substances[substance].albedo[c];
             part = a->omega[c][i] * (a->view.fall[i] - through) * per[i];
             a->collided[c] = a->collided[c] + part;
@@ -10118,19 +9776,18 @@ ITN__INLINE void itn__control_direction(const itn__crowd *crowd, int substance, 
     itn__view view = itn__view_of(crowd, substance, s, d);
     itn__floats cosine = -itn__vdot(s->up, s->d), zero = itn__splat(0);
     int c;
-    if (itn__scored(crowd, features))
-        s->phases[0] = s->phases[0] + itn__select(mask, score, zero);
+    if (itn__scored(crowd, features)) s->phases = s->phases + itn__select(mask, score, zero);
     for (c = 0; c < itn__colours(features); c++) {
-        itn__floats mean = s->beta[c] * itn__expand_view(crowd, &view, value->scattered[c],
+        itn__floats mean = s->beta[c] * itn__expand_view(&view, value->scattered[c],
                                                          view.cosine);
         itn__floats base = mean + s->control[c];
         if (crowd->fast->controls)
-            itn__difference(s, c, s->beta[c] * itn__expand_view(crowd, &view, value->flying[c],
+            itn__difference(s, c, s->beta[c] * itn__expand_view(&view, value->flying[c],
                                                                 cosine), mean, mask);
         if (!itn__scored(crowd, features)) continue;
         base = score * base;
         if (crowd->fast->controls)
-            base = base - s->beta[c] * itn__expand_view(crowd, &view, value->by_g[c],
+            base = base - s->beta[c] * itn__expand_view(&view, value->by_g[c],
                                                         view.cosine);
         s->phase_base[c] = s->phase_base[c] + itn__select(mask, base, zero);
     }
@@ -10148,8 +9805,7 @@ ITN__INLINE void itn__control_direction(const itn__crowd *crowd, int substance, 
    the tables mostly prove to stay inside, where the link ends as nothing. */
 
 /* c, relative to the mean radiance of the sampled lights over all directions, times the largest
-   albedo or reflectance. Links of paths that go straight are as faint as a stretch is thin: theirs
-   is at most so much of their own weight. */
+   albedo or reflectance. */
 #define ITN__LINK_LEVEL .1
 
 /* Puts the lanes' paths aside until their links are done. */
@@ -10192,21 +9848,6 @@ ITN__INLINE itn__ints itn__vwithin(const itn_scene *scene, itn__vectors p) {
            itn__less_equal(p.y, itn__splat(b.y)) & itn__less_equal(p.z, itn__splat(b.z));
 }
 
-/* How far links can go in a medium before all their weights have fallen below `least`. */
-ITN__INLINE itn__floats itn__link_reach(const itn__crowd *crowd, const itn__substance *medium,
-                                        const itn__floats w[3], itn__floats largest,
-                                        itn__floats least, itn__ints mask, int features) {
-    itn__floats one = itn__splat(1), reach;
-    int c;
-    if (!itn__led(crowd, features) || !medium->flights_differ)
-        return itn__vlog(itn__select(mask, largest / least, itn__splat(INFINITY))) *
-               medium->mean_free_path;
-    for (c = 0, reach = itn__splat(0); c < 3; c++)
-        reach = itn__most(reach, itn__vlog(itn__select(mask, itn__most(w[c] / least, one), one)) /
-                                     medium->sigma_t_rgb[c]);
-    return reach;
-}
-
 /* Sends off links with weights w in direction d from the lanes of s, all in one substance; those
    that roulette or the free space around ends at once are not sent. Returns who is sent. */
 ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const itn__state *s,
@@ -10221,14 +9862,12 @@ ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const it
     unsigned bits;
     int c;
     for (c = 1; c < itn__colours(features); c++) largest = itn__most(largest, w[c]);
-    if ((features & ITN__LIMIT) && fast->straight)
-        cut = itn__least(cut, largest * (float)ITN__LINK_LEVEL), link.left = itn__float_bits(cut);
     link.pdf = itn__uniforms(s->key0, s->key1, &dimension, mask) * cut;
     mask &= itn__less(link.pdf, largest);
     if (substance && fast->link_weight > 0)
-        distance = itn__link_reach(crowd, &fast->substances[substance], w, largest, link.pdf, mask,
-                                   features);
-    if (space && fast->link_weight > 0 && !fast->scene->leaky)
+        distance = itn__vlog(itn__select(mask, largest / link.pdf, itn__splat(INFINITY))) *
+                   fast->substances[substance].mean_free_path;
+    if (space && fast->link_weight > 0)
         mask &= ~itn__free_flight(space, itn__valong(s->p, distance, d), d, &nq);
     bits = itn__mask_bits(mask);
     if (!bits) return mask;
@@ -10248,81 +9887,27 @@ static void itn__arrive(itn__crowd *crowd, const itn__queue *queue, int at) {
     int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, c;
     const itn__fast *fast = crowd->fast;
     float largest = 0, raise = 1, value[3] = {0, 0, 0};
-    float cut = fast->straight ? itn__float_row(queue, ITN__LEFT)[at] : fast->link_weight;
     int number = crowd->paths[slot].number;
     for (c = 0; c < fast->channels; c++)
         largest = itn__max(largest, itn__float_row(queue, ITN__BETA + c)[at]);
-    if (largest < cut) raise = cut / largest;
+    if (largest < fast->link_weight) raise = fast->link_weight / largest;
     for (c = 0; c < fast->channels && largest > 0; c++) {
         value[c] = raise * itn__float_row(queue, ITN__BETA + c)[at];
         itn__bring_home(crowd, number, itn__scores_of(crowd, slot | ITN__LINK), c, value[c]);
     }
     itn__bring_scales(crowd, number, itn__get_vector(queue, ITN__DIRECTION, at), 1, 0, value);
-    itn__bring_touched(crowd, slot, value);
     itn__unpark(crowd, slot);
 }
 
 /* ---- [walk] collisions, one after the other -------------------------------------------------- */
 
 /* The stage where nearly all time is spent: roulette, flight, collision, new direction, for as long
-   as each flight is proven free.
-
-   Where sigma_t or g differ from channel to channel, each medium is there three times, once for
-   each hero ([throughput]): paths in one queue have one hero, which draws alike for all of them.
-   Densities are relative to its own. There is no control variate where there are heroes. */
-
-/* Lanes of the mask, which have heroes, have made a choice that channel k makes with density
-   pdf[k]: itn__weigh_choice with f = pdf. */
-ITN__INLINE void itn__vweigh_choice(itn__state *s, const itn__floats pdf[3], itn__ints mask) {
-    itn__floats density = s->share[0] * pdf[0] + s->share[1] * pdf[1] + s->share[2] * pdf[2];
-    int c;
-    density = 1 / itn__most(density, itn__splat(FLT_MIN));
-    for (c = 0; c < 3; c++) {
-        itn__floats ratio = itn__select(mask, pdf[c] * density, itn__splat(1));
-        s->beta[c] = s->beta[c] * ratio, s->share[c] = s->share[c] * ratio;
-    }
-}
-
-/* Flights over these distances have ended in collisions. Densities are relative to the hero's. */
-ITN__INLINE void itn__vweigh_flight(const itn__substance *medium, itn__state *s,
-                                    itn__floats distance, itn__ints mask) {
-    itn__floats pdf[3];
-    int c;
-    distance = itn__select(mask, distance, itn__splat(0));
-    for (c = 0; c < 3; c++)
-        pdf[c] = itn__vexp((medium->sigma_t - medium->sigma_t_rgb[c]) * distance) *
-                 (medium->sigma_t_rgb[c] / medium->sigma_t);
-    itn__vweigh_choice(s, pdf, mask);
-}
+   as each flight is proven free. */
 
 /* d ln p / dg of the phase function. */
 ITN__INLINE itn__floats itn__phase_score(float g, itn__floats x, itn__floats y) {
     itn__num p = itn__hg(itn__variable(itn__splat(g)), x, y);
     return p.d / p.v;
-}
-
-/* Phase function of each channel; returns the density of the direction, whoever is the hero. */
-ITN__INLINE itn__floats itn__vphases(const itn__crowd *crowd, const itn__substance *medium,
-                                     const itn__state *s, itn__floats x, itn__floats y,
-                                     itn__floats phase[3], int features) {
-    int c;
-    phase[0] = itn__hg(itn__constant(itn__splat(medium->g)), x, y).v;
-    phase[1] = phase[2] = phase[0];
-    if (!itn__led(crowd, features) || !medium->turns_differ) return phase[0];
-    for (c = 0; c < 3; c++)
-        phase[c] = itn__hg(itn__constant(itn__splat(medium->g_rgb[c])), x, y).v;
-    return s->share[0] * phase[0] + s->share[1] * phase[1] + s->share[2] * phase[2];
-}
-
-/* Adds the scores of turns in each channel. */
-ITN__INLINE void itn__vscore_turns(const itn__crowd *crowd, const itn__substance *medium,
-                                   itn__state *s, itn__floats x, itn__floats y, itn__ints mask,
-                                   int features) {
-    int c, differ = itn__led(crowd, features) && medium->turns_differ;
-    for (c = 0; c < (differ ? 3 : 1); c++)
-        s->phases[c] = s->phases[c] +
-                       itn__select(mask, itn__phase_score(differ ? medium->g_rgb[c] : medium->g,
-                                                           x, y), itn__splat(0));
 }
 
 /* Where the lanes' links go. */
@@ -10344,25 +9929,18 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
                                    const itn__free_space *space, itn__ints *linked, int early,
                                    int features) {
     const itn__substance *medium = &crowd->fast->substances[substance];
-    itn__floats u, v, x, y, w[3], phase[3];
-    itn__ints alive = itn__splat_int(0), last = alive;
+    itn__floats u, v, x, y, w[3];
+    itn__ints alive = itn__splat_int(0);
     itn__vectors d = s->d;
-    int c, led = itn__led(crowd, features);
+    int c;
     crowd->collisions += itn__count_bits(itn__mask_bits(mask));
     if (itn__scored(crowd, features)) {
-        itn__floats score = led && medium->flights_differ ? -distance
-                                                          : 1 - medium->sigma_t * distance;
-        score = itn__select(mask, score, itn__splat(0));
+        itn__floats score = itn__select(mask, 1 - medium->sigma_t * distance, itn__splat(0));
         s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
         for (c = 0; c < itn__colours(features); c++) {
             s->flight_base[c] = s->flight_base[c] + score * s->expected[c];
             s->hit_base[c] = s->hit_base[c] + itn__select(mask, s->control[c], itn__splat(0));
         }
-    }
-    if (led && medium->flights_differ) itn__vweigh_flight(medium, s, distance, mask);
-    if (features & ITN__LIMIT) {
-        s->left += mask;
-        if (crowd->fast->linked) last = mask & itn__int_less(s->left, itn__splat_int(1));
     }
     for (c = 0; c < itn__colours(features); c++) {
         s->beta[c] = itn__select(mask, s->beta[c] * medium->albedo[c], s->beta[c]);
@@ -10371,31 +9949,24 @@ ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state 
     mask &= alive;
     *linked = itn__splat_int(0);
     if ((features & ITN__LIGHTS) && crowd->fast->links) {
-        itn__floats before[3];
+        itn__floats before = s->phases;
         itn__light_draw light = itn__light_for(crowd, s, mask, early);
         x = itn__vone_minus_cosine(s->d, light.direction);
         y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
-        u = itn__vphases(crowd, medium, s, x, y, phase, features);
+        u = itn__hg(itn__constant(itn__splat(medium->g)), x, y).v;
         for (c = 0; c < itn__colours(features); c++)
-            w[c] = s->beta[c] * phase[c] * light.radiance[c] /
-                   (light.pdf + itn__select(last, itn__splat(0), u));
-        for (c = 0; c < 3; c++) before[c] = s->phases[c];
+            w[c] = s->beta[c] * u * light.radiance[c] / (light.pdf + u);
         if (itn__scored(crowd, features))
-            itn__vscore_turns(crowd, medium, s, x, y, light.drawn, features);
+            s->phases = s->phases +
+                        itn__select(mask, itn__phase_score(medium->g, x, y), itn__splat(0));
         *linked = itn__send_links(crowd, substance, s, light.direction, w, light.drawn, space,
                                   features);
-        for (c = 0; c < 3; c++) s->phases[c] = before[c];
-        for (c = 0; c < itn__colours(features) && (features & ITN__LIMIT); c++)
-            s->beta[c] = itn__select(last, itn__splat(0), s->beta[c]); /* ends after its link */
-        mask &= ~(last & ~*linked);
+        s->phases = before;
     }
     u = itn__draw(crowd, s, mask, early), v = itn__draw(crowd, s, mask, early);
     s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
     if (features & ITN__LIGHTS)
-        s->pdf = itn__select(mask, itn__vphases(crowd, medium, s, x, y, phase, features), s->pdf);
-    if (led && itn__scored(crowd, features))
-        itn__vscore_turns(crowd, medium, s, x, y, mask, features);
-    if (led && medium->turns_differ) itn__vweigh_choice(s, phase, mask);
+        s->pdf = itn__select(mask, itn__hg(itn__constant(itn__splat(medium->g)), x, y).v, s->pdf);
     if (itn__looks_ahead(crowd, features)) {
         u = itn__splat(0);
         if (itn__scored(crowd, features)) u = itn__phase_score(medium->g, x, y);
@@ -10475,36 +10046,20 @@ ITN__INLINE itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state
                                     int features) {
     const itn__fast *fast = crowd->fast;
     int looks = itn__looks_ahead(crowd, features);
-    itn__ints active, scatters, late;
+    itn__ints active, late;
     itn__ahead ahead;
     int c;
     for (c = 0; c < 3; c++) ahead.mean[c] = itn__splat(0);
-    if (looks) itn__look_ahead(crowd, substance, s, mask, &ahead, features);
+    if (looks) itn__look_ahead(crowd, substance, s, &ahead, features);
     late = itn__int_less(itn__splat_int((int32_t)itn__many_draws_in(
         fast->scene, fast->substances[substance].sigma_t)), s->dimension);
     active = itn__vroulette(crowd, s, ahead.mean, mask, late, early, features);
     *distance = itn__select(active, itn__vflight(
-        crowd, s, active, fast->substances[substance].mean_free_path, early, features), *distance);
+        crowd, s, active, fast->substances[substance].mean_free_path, early), *distance);
     if (!looks) return active;
-    scatters = active;
-    if (features & ITN__LIMIT) { /* the last flight is not drawn */
-        scatters &= itn__int_less(itn__splat_int(0), s->left);
-        for (c = 0; c < itn__colours(features); c++)
-            ahead.mean[c] = itn__select(scatters, ahead.mean[c], itn__splat(0));
-    }
     itn__control_flight(crowd, substance, s, &ahead, *distance, active, features);
-    if (fast->learning == ITN__LEARN_VALUES)
-        itn__mark_lanes(crowd, substance, s, &ahead.view, scatters);
+    if (fast->learning) itn__mark_lanes(crowd, substance, s, &ahead.view, active);
     return active;
-}
-
-/* Those of the lanes in whose free space flights to q end. Through a hole that reaches beyond the
-   box of all solids, where there is no medium any more. */
-ITN__INLINE itn__ints itn__flies_free(const itn__fast *fast, const itn__free_space *space,
-                                      itn__vectors q, itn__vectors d, itn__floats *nq) {
-    itn__ints free_lanes = itn__free_flight(space, q, d, nq);
-    if (fast->scene->leaky) free_lanes &= itn__vwithin(fast->scene, q);
-    return free_lanes;
 }
 
 /* Draws flights for the busy lanes. Returns those that are free; the others become unsure. */
@@ -10517,21 +10072,19 @@ ITN__INLINE itn__ints itn__fly(itn__crowd *crowd, int substance, itn__lanes_walk
     if (walk->busy != alive)
         itn__end_lanes(crowd, substance, &walk->s, walk->busy & ~alive, features);
     *q = itn__valong(walk->s.p, walk->distance, walk->s.d);
-    safe = active & itn__flies_free(crowd->fast, &walk->space, *q, walk->s.d, nq);
+    safe = active & itn__free_flight(&walk->space, *q, walk->s.d, nq);
     walk->unsure |= alive & ~itn__mask_bits(safe);
     walk->busy = 0;
     return safe;
 }
 
 /* Puts the plane of the surface nearby in the place of the last face. */
-ITN__INLINE void itn__adopt_plane(const itn__fast *fast, const itn__free_space *space,
-                                  itn__state *s, itn__ints mask) {
+ITN__INLINE void itn__adopt_plane(const itn__free_space *space, itn__state *s, itn__ints mask) {
     itn__floats inverse = 1 / itn__root(itn__vdot(space->n, space->n));
     itn__vectors up = itn__vscale(space->n, inverse);
     mask &= space->under;
     s->up = itn__vselect(mask, up, s->up);
     s->level = itn__select(mask, itn__vdot(up, space->centre) + space->middle * inverse, s->level);
-    s->occlusion = itn__select(mask, itn__occlusion_at(fast, s->p, up, mask), s->occlusion);
 }
 
 /* Looks around for the unsure lanes. Returns those whose flight turns out free; the others wait. */
@@ -10540,8 +10093,8 @@ ITN__INLINE itn__ints itn__make_sure(itn__crowd *crowd, itn__lanes_walk *walk, i
     itn__ints unsure = itn__bits_mask(walk->unsure), safe;
     int looks = itn__looks_ahead(crowd, features);
     itn__look_around(crowd->fast->voxels, walk->s.p, unsure, &walk->space);
-    if (looks) itn__adopt_plane(crowd->fast, &walk->space, &walk->s, unsure);
-    safe = unsure & itn__flies_free(crowd->fast, &walk->space, q, walk->s.d, nq);
+    if (looks) itn__adopt_plane(&walk->space, &walk->s, unsure);
+    safe = unsure & itn__free_flight(&walk->space, q, walk->s.d, nq);
     if (crowd->fast->unsafe) safe = itn__splat_int(0);
     walk->waiting |= walk->unsure & ~itn__mask_bits(safe);
     walk->unsure = 0;
@@ -10896,22 +10449,18 @@ static void itn__find_hits(itn__crowd *crowd, int outside) {
 
 /* ---- [meet] what flights come to ------------------------------------------------------------- */
 
-/* The stages in which paths end a flight. Early: flights of paths with Sobol draws to come, or that
-   go straight. Exact: flights that the tables could not prove free, by [exact]. They end at a
-   collision, at a surface, or (links) at the lights.
+/* The stages in which paths end a flight. Early: flights of paths with Sobol draws to come. Exact:
+   flights that the tables could not prove free, by [exact]. They end at a collision, at a surface,
+   or (links) at the lights. */
 
-   Paths that go straight ([path]) need no walk: where one has a stretch before it, the exact stage
-   finds its end first, then sends the link from a place on it. */
-
-/* A link, or the last flight of a path, neither of which is drawn, has gone a way t in a substance.
-   Returns the largest weight that is left. */
+/* A link has gone a way t in a substance. Returns the largest weight that is left. */
 static float itn__pass_way(itn__crowd *crowd, itn__queue *queue, int at, int substance, float t) {
     const itn__substance *medium = &crowd->fast->substances[substance];
     float largest = 0;
     int c;
     for (c = 0; c < crowd->fast->channels; c++) {
         float *w = itn__float_row(queue, ITN__BETA + c) + at;
-        largest = itn__max(largest, *w *= expf(-medium->sigma_t_rgb[c] * t));
+        largest = itn__max(largest, *w *= expf(-medium->sigma_t * t));
     }
     itn__book_item(crowd, queue, at, substance, t);
     return largest;
@@ -10921,7 +10470,7 @@ static float itn__pass_way(itn__crowd *crowd, itn__queue *queue, int at, int sub
 static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const itn_hit *hit) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
-    int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, c, to, substance;
+    int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, to, substance;
     itn__path *path = &crowd->paths[slot];
     itn__place *place = &path->link_place;
     itn_vec3 point;
@@ -10946,11 +10495,6 @@ static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const i
     if (!substance) return;
     medium = &fast->substances[substance];
     if (floor_weight > 0) reach = logf(largest / floor_weight) * medium->mean_free_path;
-    for (c = 0; c < 3 && floor_weight > 0 && medium->flights_differ; c++) { /* itn__link_reach */
-        float w = itn__float_row(queue, ITN__BETA + c)[at] / floor_weight;
-        float own = w > 1 ? logf(w) / medium->sigma_t_rgb[c] : 0;
-        reach = c == 0 ? own : itn__max(reach, own);
-    }
     itn__float_row(&crowd->exact[substance], ITN__DISTANCE)[to] = reach;
 }
 
@@ -10982,31 +10526,12 @@ static unsigned itn__note_hits(const itn__crowd *crowd, int at, unsigned bits, i
     return good;
 }
 
-/* Flights in a substance have come to surfaces after t; the last one of a path that may not scatter
-   again was not drawn. */
-ITN__INLINE void itn__arrive_at_surfaces(const itn__crowd *crowd, int substance, itn__state *s,
-                                         itn__floats t, itn__ints mask, int features) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
-    itn__floats pdf[3];
-    itn__ints last = mask & itn__int_equal(s->left, itn__splat_int(0));
-    int c;
-    if ((features & ITN__LIMIT) && crowd->fast->max_scatter) {
-        for (c = 0; c < itn__colours(features); c++)
-            s->beta[c] = itn__select(last, s->beta[c] * itn__vexp(t * -medium->sigma_t_rgb[c]),
-                                     s->beta[c]);
-        mask &= ~last;
-    }
-    if (!itn__led(crowd, features) || !medium->flights_differ) return;
-    for (c = 0; c < 3; c++) pdf[c] = itn__vexp((medium->sigma_t - medium->sigma_t_rgb[c]) * t);
-    itn__vweigh_choice(s, pdf, mask);
-}
-
 /* Books what lanes have gathered in a substance; the flights that brought them here had lengths t,
    no collision. */
 ITN__INLINE void itn__book_lanes(itn__crowd *crowd, int substance, itn__state *s, itn__floats t,
                                  unsigned bits, int features) {
     const itn__substance *medium = &crowd->fast->substances[substance];
-    itn__floats last = t * -(medium->flights_differ ? 1 : medium->sigma_t), zero = itn__splat(0);
+    itn__floats last = t * -medium->sigma_t, zero = itn__splat(0);
     itn__ints kept = ~itn__bits_mask(bits);
     int c;
     s->flights = s->flights + last;
@@ -11018,8 +10543,8 @@ ITN__INLINE void itn__book_lanes(itn__crowd *crowd, int substance, itn__state *s
         itn__book(crowd, ITN__LANE(s->slot, k), substance, &g);
     }
     s->flights = itn__select(kept, s->flights, zero), s->hits = itn__select(kept, s->hits, zero);
+    s->phases = itn__select(kept, s->phases, zero);
     for (c = 0; c < 3; c++) {
-        s->phases[c] = itn__select(kept, s->phases[c], zero);
         s->control[c] = itn__select(kept, s->control[c], zero);
         s->flight_base[c] = itn__select(kept, s->flight_base[c], zero);
         s->phase_base[c] = itn__select(kept, s->phase_base[c], zero);
@@ -11033,9 +10558,7 @@ ITN__INLINE void itn__mark_faces(const itn__crowd *crowd, int substance, const i
     for (; bits && substance; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         if (crowd->paths[ITN__LANE(s->slot, k)].mark >= 0 || !(ITN__LANE(s->key1, k) & 1)) continue;
-        itn__mark(crowd, s, k, substance,
-                  (int)fminf(ITN__LANE(cosine, k) * (float)ITN__FACES, ITN__FACES - 1), 0,
-                  ITN__LANE(cosine, k));
+        itn__mark(crowd, s, k, substance, 0, -ITN__LANE(cosine, k));
     }
 }
 
@@ -11054,7 +10577,6 @@ static void itn__note_texel(itn__crowd *crowd, int slot, const itn_hit *hit, itn
         if (fast->count && fast->slots[parameter] >= 0)
             itn__scores_of(crowd, slot)[fast->slots[parameter]] += 1 / fast->theta[parameter];
     }
-    itn__touch(crowd, slot, surface, s, t, texel);
 }
 
 /* Which stage lanes at surfaces come to: *diffuse and *boundary receive them; what those need is
@@ -11129,8 +10651,6 @@ static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits, i
     itn__add_controls(crowd, &s, bits & ~good);
     itn__free_lanes(crowd, s.slot, bits & ~good);
     t = itn__load(m.t);
-    itn__arrive_at_surfaces(crowd, substance, &s, t, itn__bits_mask(good), features);
-    if (crowd->fast->straight) s.left = itn__splat_int(1);
     if (itn__scored(crowd, features) && crowd->fast->count)
         itn__book_lanes(crowd, substance, &s, t, good, features);
     n = itn__vectors_of(itn__load(m.normal[0]), itn__load(m.normal[1]), itn__load(m.normal[2]));
@@ -11141,9 +10661,7 @@ static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits, i
     s.p = itn__valong(p[0], itn__load(m.u), itn__valong(p[1], itn__splat(-1), p[0]));
     s.p = itn__valong(s.p, itn__load(m.v), itn__valong(p[2], itn__splat(-1), p[0]));
     s.up = n, s.level = itn__vdot(n, s.p), s.cell = itn__splat_int(-1);
-    s.occlusion = itn__occlusion_at(crowd->fast, s.p, itn__vscale(n, substance ? -one : one),
-                                    itn__bits_mask(good));
-    if (crowd->fast->learning == ITN__LEARN_VALUES)
+    if (crowd->fast->learning)
         itn__mark_faces(crowd, substance, &s, -itn__vdot(n, s.d), good);
     itn__sort_meeting(crowd, at, &s.slot, &s.p, good, &m, &diffuse, &boundary);
     if (boundary) itn__send_to_boundary(crowd, &s, n, &m, boundary, features);
@@ -11169,64 +10687,7 @@ static void itn__collide_and_depart(itn__crowd *crowd, int substance, itn__state
     itn__depart_in(crowd, substance, s, on, features);
 }
 
-/* How far flights that end after `distance` have to be looked at: of paths that go straight, to the
-   end of a stretch. */
-ITN__INLINE itn__floats itn__flight_reach(const itn__crowd *crowd, int substance,
-                                          itn__floats distance, int features) {
-    float mean_free_path = crowd->fast->substances[substance].mean_free_path;
-    if (!(features & ITN__LIMIT) || !crowd->fast->straight) return distance;
-    return itn__most(distance, itn__splat(ITN__STRETCH * mean_free_path));
-}
-
-/* Paths of the mask, which go straight, have stretches of these lengths before them: their links,
-   as in itn__pass_stretch. */
-ITN__INLINE void itn__pass_stretches(itn__crowd *crowd, int substance, const itn__state *paths,
-                                     itn__floats length, itn__floats u, itn__ints mask,
-                                     int features) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
-    itn__floats chance, t = itn__vsample_stretch(medium->mean_free_path, length, u, &chance), rest;
-    itn__state s = *paths, link;
-    itn__ints linked;
-    int c;
-    s.p = itn__valong(s.p, t, s.d), link = s;
-    for (c = 0; c < itn__colours(features); c++) link.beta[c] = link.beta[c] * chance;
-    itn__collide(crowd, substance, &link, t, mask, NULL, &linked, 1, features);
-    rest = itn__vexp(t * -medium->sigma_t);
-    for (c = 0; c < itn__colours(features); c++) s.beta[c] = s.beta[c] * rest;
-    if (itn__scored(crowd, features)) s.flights = s.flights - medium->sigma_t * t;
-    s.left = itn__splat_int(0);
-    if (crowd->fast->links) s.dimension += 3; /* those of the light */
-    itn__begin_links(crowd, &s, itn__mask_bits(linked), features);
-    itn__depart_in(crowd, substance, &s, itn__mask_bits(mask & ~linked), features);
-}
-
-/* Of the flights from item `at` of `taken` on, those of paths that go straight: draws their lengths
-   again, which replace how far has been looked, and passes the stretches that end within; returns
-   these lanes. */
-ITN__INLINE unsigned itn__run_stretches(itn__crowd *crowd, int substance, const itn__state *s,
-                                        int at, itn__floats *distance, itn__ints mask,
-                                        int features) {
-    float mean_free_path = crowd->fast->substances[substance].mean_free_path;
-    itn__floats length = *distance, u;
-    itn__state before = *s;
-    unsigned bits;
-    mask &= itn__int_less(s->slot, itn__splat_int(ITN__LINK));
-    mask &= itn__int_less(itn__splat_int(0), s->left);
-    before.dimension -= 1, u = itn__draw(crowd, &before, mask, 1);
-    *distance = itn__select(mask, itn__sample_flight(itn__splat(mean_free_path), u), *distance);
-    for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        const itn_hit *hit = &crowd->hits[at + k];
-        ITN__LANE(length, k) = hit->triangle < 0 ? INFINITY : itn__max(hit->t, 0);
-    }
-    mask &= itn__less_equal(length / mean_free_path, itn__splat(ITN__STRETCH));
-    if (itn__mask_bits(mask))
-        itn__pass_stretches(crowd, substance, s, length, u, mask, features);
-    return itn__mask_bits(mask);
-}
-
-/* Paths with Sobol draws to come fly from the surface they have come through; so do all that go
-   straight. */
+/* Paths with Sobol draws to come fly from the surface they have come through. */
 ITN__NOINLINE void itn__run_early(itn__crowd *crowd, int substance) {
     itn__queue *queue = &crowd->early[substance], *exact = &crowd->exact[substance];
     itn__queue *taken = &crowd->taken, swapped = *taken;
@@ -11238,16 +10699,15 @@ ITN__NOINLINE void itn__run_early(itn__crowd *crowd, int substance) {
     for (i = 0; i < queue->count; i += ITN__LANES) {
         itn__state s;
         itn__ints mask = itn__first_lanes(queue->count - i), alive, safe;
-        itn__floats distance, reach, nq;
+        itn__floats distance, nq;
         itn__load_state(queue, i, &s, features);
         distance = itn__splat(0);
         alive = itn__take_off(crowd, substance, &s, mask, &distance, 1, features);
         itn__end_lanes(crowd, substance, &s, itn__mask_bits(mask & ~alive), features);
-        reach = itn__flight_reach(crowd, substance, distance, features);
         itn__look_around(crowd->fast->voxels, s.p, alive, &space);
-        safe = alive & itn__flies_free(crowd->fast, &space, itn__valong(s.p, reach, s.d), s.d, &nq);
+        safe = alive & itn__free_flight(&space, itn__valong(s.p, distance, s.d), s.d, &nq);
         if (crowd->fast->unsafe) safe = itn__splat_int(0);
-        itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, reach,
+        itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, distance,
                       itn__mask_bits(alive & ~safe));
         itn__append(exact, &s, itn__mask_bits(alive & ~safe), features);
         s.p = itn__vselect(safe, itn__valong(s.p, distance, s.d), s.p);
@@ -11281,106 +10741,33 @@ ITN__INLINE unsigned itn__hit_lanes(const itn__crowd *crowd, int at, unsigned bi
     return met;
 }
 
-/* How far item `at` of a queue goes to where nothing more can be met, through a hole of a mesh that
-   was forced. */
-static float itn__item_way_out(const itn__crowd *crowd, const itn__queue *queue, int at) {
-    return itn__way_out(crowd->fast->scene, itn__get_vector(queue, ITN__POSITION, at),
-                        itn__get_vector(queue, ITN__DIRECTION, at));
-}
-
-/* Lets go of hits beyond the box of all solids, which paths leave first: through a hole of a mesh
-   that was forced. */
-static void itn__forget_far_hits(itn__crowd *crowd) {
-    const itn__queue *queue = &crowd->taken;
-    int i;
-    for (i = 0; i < queue->count; i++) {
-        itn_hit *hit = &crowd->hits[i];
-        if (hit->triangle < 0 || (itn__row(queue, ITN__SLOT)[i] & ITN__LINK)) continue;
-        if (hit->t > itn__item_way_out(crowd, queue, i)) hit->triangle = -1;
-    }
-}
-
-/* A link, or the last flight of a path, goes all that way. Returns the largest weight. */
-static float itn__pass_hole(itn__crowd *crowd, itn__queue *queue, int at, int substance) {
-    return itn__pass_way(crowd, queue, at, substance, itn__item_way_out(crowd, queue, at));
-}
-
-/* A path that has flown out of a substance by such a hole, and all of whose way is weighed, goes on
-   outside. */
-static void itn__go_outside(itn__crowd *crowd, itn__queue *queue, int at, int features) {
-    const itn__fast *fast = crowd->fast;
-    itn_vec3 d = itn__get_vector(queue, ITN__DIRECTION, at);
-    float way = itn__item_way_out(crowd, queue, at);
-    itn__set_vector(queue, ITN__POSITION, at,
-                    itn__along(itn__get_vector(queue, ITN__POSITION, at), way, d));
-    itn__leave_solids(fast->scene, itn__place_of(crowd, itn__row(queue, ITN__SLOT)[at]));
-    if ((features & ITN__LIMIT) && fast->straight) itn__row(queue, ITN__LEFT)[at] = 1;
-    itn__move(queue, at, &crowd->walk[0]);
-}
-
-/* The same after a flight that was drawn, and ends without collision. */
-static void itn__vleave_by_hole(itn__crowd *crowd, itn__queue *queue, int at, int substance,
-                                int features) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
-    float way = itn__item_way_out(crowd, queue, at), pdf[3], density = 0;
-    int c, differ = itn__led(crowd, features) && medium->flights_differ;
-    itn__book_item(crowd, queue, at, substance, way);
-    for (c = 0; c < 3 && differ; c++) { /* as itn__vweigh_choice */
-        pdf[c] = expf((medium->sigma_t - medium->sigma_t_rgb[c]) * way);
-        density += itn__float_row(queue, ITN__SHARE + c)[at] * pdf[c];
-    }
-    for (c = 0; c < 3 && differ; c++) {
-        float ratio = pdf[c] / itn__max(density, FLT_MIN);
-        itn__float_row(queue, ITN__BETA + c)[at] *= ratio;
-        itn__float_row(queue, ITN__SHARE + c)[at] *= ratio;
-    }
-    itn__go_outside(crowd, queue, at, features);
-}
-
-/* Flights that the tables could not prove free. */
+/* Flights that the tables could not prove free. A link that meets nothing has lost its weight on
+   the way. */
 ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) {
-    const itn_scene *scene = crowd->fast->scene;
     itn__queue *queue = &crowd->taken;
-    int i, k;
+    int i;
     itn__queue swapped = crowd->exact[substance];
     crowd->exact[substance] = *queue, *queue = swapped;
     crowd->exact[substance].count = 0;
     itn__find_hits(crowd, 0);
-    if (scene->leaky) itn__forget_far_hits(crowd);
     itn__prefetch_hits(crowd);
     for (i = 0; i < queue->count; i += ITN__LANES) {
         itn__state s;
         itn__ints mask = itn__first_lanes(queue->count - i);
         itn__floats distance = itn__load(itn__float_row(queue, ITN__DISTANCE) + i);
         unsigned bits = itn__mask_bits(mask), met = itn__hit_lanes(crowd, i, bits), links;
-        unsigned free_bits;
         itn__load_state(queue, i, &s, features);
-        links = itn__mask_bits(itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot));
-        if ((features & ITN__LIMIT) && crowd->fast->straight) {
-            bits &= ~itn__run_stretches(crowd, substance, &s, i, &distance, mask, features);
-            mask = itn__bits_mask(bits);
-        }
+        links = itn__mask_bits(itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot)) & bits;
         s.p = itn__valong(s.p, distance, s.d);
-        free_bits = ~(met | links) & itn__mask_bits(mask & itn__vwithin(scene, s.p));
-        met &= bits & ~links;
-        if (met) itn__meet(crowd, substance, i, met, features);
-        for (bits &= ~(free_bits | met); bits; bits &= bits - 1) {
-            int slot;
-            k = i + itn__lowest_bit(bits), slot = itn__row(queue, ITN__SLOT)[k];
+        if (met & ~links) itn__meet(crowd, substance, i, met & ~links, features);
+        mask = itn__bits_mask(bits & ~(met | links));
+        for (; links; links &= links - 1) {
+            int k = i + itn__lowest_bit(links);
             if (crowd->hits[k].triangle >= 0)
                 itn__meet_link(crowd, queue, k, &crowd->hits[k]);
-            else if (!(slot & ITN__LINK) && itn__float_row(queue, ITN__DISTANCE)[k] < INFINITY)
-                itn__vleave_by_hole(crowd, queue, k, substance, features);
-            else if (!(slot & ITN__LINK))
-                itn__pass_hole(crowd, queue, k, substance),
-                    itn__go_outside(crowd, queue, k, features);
-            else if (itn__pass_hole(crowd, queue, k, substance) >
-                     itn__float_row(queue, ITN__PDF)[k])
-                itn__arrive(crowd, queue, k);
             else
-                itn__unpark(crowd, slot & ~ITN__LINK);
+                itn__unpark(crowd, itn__row(queue, ITN__SLOT)[k] & ~ITN__LINK);
         }
-        mask = itn__bits_mask(free_bits);
         itn__collide_and_depart(crowd, substance, &s, &distance, &mask, NULL, features);
     }
     queue->count = 0;
@@ -11489,7 +10876,7 @@ ITN__INLINE void itn__leave_surface(itn__crowd *crowd, const itn__state *s, itn_
 
 /* What a facet does with a path: which of two ways it goes from there is chance, of known odds. */
 typedef struct itn__bounce {
-    itn__floats alpha, eta, occlusion; /* of the surface */
+    itn__floats alpha, eta;            /* of the surface */
     itn__vectors taken, other;         /* directions, local */
     itn__floats odds;                  /* of the other */
     itn__ints ok;                      /* the one taken goes somewhere */
@@ -11513,16 +10900,14 @@ ITN__INLINE void itn__bounce_draw(itn__bounce *bounce, itn__vectors i, itn__vect
 }
 
 /* What paths that leave a dielectric boundary in direction o (of local coordinates) are expected to
-   bring, per weight before: inside, V at the face; outside, the light that is everywhere the same,
-   less what occlusion keeps from them. */
+   bring, per weight before: inside, V at the face; outside, the light that is everywhere the same. */
 ITN__INLINE itn__floats itn__boundary_value(const itn__crowd *crowd, itn__vectors o,
                                             const itn__bounce *bounce, int c) {
     const itn__value *value = &crowd->fast->values[crowd->fast->controls];
     itn__ints outside = ~(itn__less(itn__splat(0), o.z) ^ itn__less(itn__splat(1), bounce->eta));
-    itn__floats inside = itn__occluded_sum(crowd, bounce->occlusion, value->entering[c][0],
-                                           value->entering[c][1], itn__absolute(o.z));
+    itn__floats inside = itn__power_sum(value->entering[c], itn__absolute(o.z));
     return itn__smith(o, itn__constant(bounce->alpha)).v *
-           itn__select(outside, crowd->fast->constant[c] * (1 - bounce->occlusion), inside);
+           itn__select(outside, itn__splat(crowd->fast->constant[c]), inside);
 }
 
 /* What paths are expected to bring that have come to a facet, in the mean over both ways; *taken
@@ -11536,18 +10921,14 @@ ITN__INLINE itn__floats itn__bounce_value(const itn__crowd *crowd, const itn__bo
     return *taken + bounce->odds * (other - *taken);
 }
 
-/* The difference of a bounce at a boundary, which was expected to bring the mean over both ways and
-   over two facets, the one drawn and the one that leans the other way. */
+/* The difference of a bounce at a boundary, which was expected to bring the mean over both ways. */
 ITN__INLINE void itn__control_bounce(itn__crowd *crowd, const itn__state *s,
-                                     const itn__bounce *bounce, const itn__bounce *twin,
-                                     itn__ints mask, int features) {
+                                     const itn__bounce *bounce, itn__ints mask, int features) {
     int c;
     unsigned bits;
     for (c = 0; c < itn__colours(features) && c < crowd->fast->channels; c++) {
-        itn__floats taken, unused, gain, mean;
-        mean = itn__bounce_value(crowd, bounce, c, &taken);
-        mean = .5f * (mean + itn__bounce_value(crowd, twin, c, &unused));
-        gain = s->beta[c] * (mean - taken);
+        itn__floats taken, mean = itn__bounce_value(crowd, bounce, c, &taken);
+        itn__floats gain = s->beta[c] * (mean - taken);
         for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
             int k = itn__lowest_bit(bits);
             itn__add_control(crowd, ITN__LANE(s->slot, k), c, ITN__LANE(gain, k));
@@ -11567,7 +10948,7 @@ ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
         itn__floats eta = itn__load(itn__float_row(queue, ITN__ETA) + at), u, v, w, lost;
         itn__floats alpha = itn__load(itn__float_row(queue, ITN__ALPHA) + at);
         itn__num a = itn__variable(alpha), e = itn__constant(eta), f;
-        itn__bounce bounce, twin;
+        itn__bounce bounce;
         itn__load_state(queue, at, &s, features);
         rough = mask & itn__less(itn__splat(0), alpha);
         frame[2] = itn__load_vectors(queue, ITN__NORMAL, at);
@@ -11577,15 +10958,11 @@ ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
             linked = itn__boundary_links(crowd, &s, frame, i, alpha, eta, rough, features);
         u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
         w = itn__draw(crowd, &s, mask, 1);
-        bounce.alpha = alpha, bounce.eta = eta, bounce.occlusion = s.occlusion, twin = bounce;
+        bounce.alpha = alpha, bounce.eta = eta;
         facet = itn__sample_facet(&i, alpha, u, v);
         itn__bounce_draw(&bounce, i, facet, w);
         ok = mask & bounce.ok, o = bounce.taken;
-        if (crowd->fast->controls) {
-            itn__floats turned = itn__select(itn__less(v, itn__splat(.5f)), v + .5f, v - .5f);
-            itn__bounce_draw(&twin, i, itn__sample_facet(&i, alpha, u, turned), w);
-            itn__control_bounce(crowd, &s, &bounce, &twin, mask, features);
-        }
+        if (crowd->fast->controls) itn__control_bounce(crowd, &s, &bounce, mask, features);
         lost = itn__smith(o, itn__constant(alpha)).v;
         if ((features & ITN__LIGHTS) || itn__scored(crowd, features))
             f = itn__rough(&i, &o, &facet, &a, &e, &s.pdf);
@@ -11671,14 +11048,12 @@ ITN__INLINE void itn__take_outside(itn__crowd *crowd, int features) {
     itn__floats light[3];
     int at, c;
     crowd->taken.count = 0;
+    for (c = 0; c < 3; c++) light[c] = itn__splat(crowd->fast->constant[c]);
     for (at = 0; at < queue->count; at += ITN__LANES) {
         itn__state s;
         itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
         itn__load_state(queue, at, &s, features);
         links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
-        for (c = 0; c < 3; c++) light[c] = crowd->fast->constant[c] * (1 - s.occlusion);
-        if (crowd->fast->learning == ITN__LEARN_OCCLUSIONS)
-            itn__mark_departures(crowd, &s, mask & ~links);
         alive = links | itn__vroulette(crowd, &s, light, mask & ~links,
                                        itn__late(crowd, &s, mask & ~links), 1, features);
         itn__add_controls(crowd, &s, itn__mask_bits(mask & ~alive));
@@ -11737,18 +11112,16 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
             int k = itn__lowest_bit(bits), slot = ITN__LANE(s.slot, k);
             const itn__path *path = &crowd->paths[slot];
             itn_vec3 d = itn__get_vector(queue, ITN__DIRECTION, at + k);
-            float value[3] = {0, 0, 0}, beta[3] = {0, 0, 0};
+            float value[3] = {0, 0, 0};
             for (c = 0; c < fast->channels; c++) {
                 itn__floats sum = s.beta[c] * (sampled[c] + plain[c]);
-                value[c] = ITN__LANE(sum, k), beta[c] = ITN__LANE(s.beta[c], k);
+                value[c] = ITN__LANE(sum, k);
                 for (i = 0; i < path->copies; i++)
                     itn__bring_home(crowd, path->number + i, itn__scores_of(crowd, slot), c,
                                     value[c]);
             }
             for (i = 0; i < path->copies; i++)
                 itn__bring_scales(crowd, path->number + i, d, ITN__LANE(mis, k), 1, value);
-            itn__bring_touched(crowd, slot, value);
-            if (crowd->band && crowd->band->texels.map) itn__bring_map(crowd, slot, d, beta);
             itn__free_slot(crowd, slot);
         }
     }
@@ -11790,35 +11163,26 @@ static void itn__fill_paths(itn__crowd *crowd, int first, int count) {
         itn__bring_scales(crowd, k, itn__vec3(0, 1, 0), 0, 1, fast->constant);
 }
 
-/* Begins a camera ray for all walks of a sample or, in a pixel with an edge, where what a ray meets
-   matters most, one for each; but not where lights are sampled: those the walks of one ray share
-   out among themselves, and that matters more. Returns the number of rays; 0 where nothing is to be
-   traced: the pixel is empty and has its light, or has had all its rays. */
+/* Begins a camera ray for all walks of a sample. Returns 0 where nothing is to be traced: the pixel
+   is empty and has its light, or has had all its rays. */
 static int itn__start_sample(itn__crowd *crowd, itn__start *start) {
     const itn__fast *fast = crowd->fast;
     itn__unit *unit = &crowd->unit;
-    int number = unit->next++, cell = number / unit->count, k, rays = 1;
+    int number = unit->next++, cell = number / unit->count;
     int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample);
-    int in_block = sample - itn__block_first(fast, block);
-    uint64_t pixel = itn__unit_pixel(fast->scene, unit, cell);
-    uint32_t scramble = itn__scramble(fast, pixel, block);
-    int left = itn__pixel_rays(fast, pixel) - unit->first;
-    int fills = fast->fills && (fast->pixels[pixel] & ITN__EMPTY);
+    int left, fills;
+    start->pixel = itn__unit_pixel(fast->scene, unit, cell);
+    start->scramble = itn__scramble(fast, start->pixel, block);
+    start->number = number * fast->walks, start->sample = sample * fast->walks;
+    start->index = sample - itn__block_first(fast, block);
+    left = itn__pixel_rays(fast, start->pixel) - unit->first;
+    fills = fast->fills && fast->pixels[start->pixel];
     if (left > unit->count) left = unit->count;
     if (fills && left > 0)
         itn__fill_paths(crowd, cell * unit->count * fast->walks, left * fast->walks);
-    if (fills || number % unit->count >= left) {
-        unit->next = (cell + 1) * unit->count;
-        return 0;
-    }
-    if (fast->only_constant && (fast->pixels[pixel] & ITN__EDGE)) rays = fast->walks;
-    for (k = 0; k < rays; k++, start++) {
-        start->pixel = pixel, start->scramble = scramble, start->paths = fast->walks / rays;
-        start->number = number * fast->walks + k, start->sample = sample * fast->walks + k;
-        start->in_block = in_block * fast->walks + k;
-        start->index = rays > 1 ? start->in_block : in_block;
-    }
-    return rays;
+    if (!fills && number % unit->count < left) return 1;
+    unit->next = (cell + 1) * unit->count;
+    return 0;
 }
 
 /* Finds what camera rays meet, at most as many as there are lanes. */
@@ -11848,7 +11212,7 @@ static void itn__trace_starts(const itn__fast *fast, itn__start *start, int coun
                                      (int)(start->pixel / width), ITN__LANE(u, k),
                                      ITN__LANE(v, k));
         start->hit.triangle = -1;
-        if (!fast->outside || (fast->pixels[start->pixel] & ITN__EMPTY)) continue;
+        if (!fast->outside || fast->pixels[start->pixel]) continue;
         if (!itn__next_hit(fast->scene, &place, &start->ray, &start->hit)) start->hit.triangle = -1;
         if (start->hit.triangle >= 0)
             ITN__PREFETCH(&fast->scene->bvh->triangles[start->hit.triangle]);
@@ -11865,7 +11229,6 @@ static void itn__start_path(itn__crowd *crowd, const itn__start *start, int walk
     path->number = start->number + walk, path->copies = 1;
     path->place = fast->camera;
     path->mark = -1;
-    if (crowd->touches) crowd->touches[slot].count = 0, crowd->touches[slot].key = rng.key0;
     for (c = 0; c < fast->count; c++) itn__scores_of(crowd, slot)[c] = 0;
     itn__set_vector(queue, ITN__POSITION, at, start->ray.origin);
     itn__set_vector(queue, ITN__DIRECTION, at, start->ray.direction);
@@ -11873,11 +11236,8 @@ static void itn__start_path(itn__crowd *crowd, const itn__start *start, int walk
     itn__row(queue, ITN__KEY + 1)[at] = (int32_t)rng.key1;
     itn__row(queue, ITN__SLOT)[at] = slot;
     crowd->hits[at] = start->hit;
-    crowd->index[slot] = start->in_block + walk;
+    crowd->index[slot] = start->index * fast->walks + walk;
     crowd->scramble[slot] = (int32_t)(start->scramble + 1);
-    path->place.hero = itn__draw_hero(fast->scene, rng);
-    if (fast->sobol && fast->heroes > 1) /* channels take turns */
-        path->place.hero = (int)((start->scramble % 3 + (uint32_t)crowd->index[slot]) % 3);
 }
 
 /* Starts the paths of a camera ray; those that see nothing are done, or need only one for all. */
@@ -11885,28 +11245,25 @@ static void itn__start_paths(itn__crowd *crowd, const itn__start *start) {
     const itn__fast *fast = crowd->fast;
     int alone = start->hit.triangle < 0 && fast->outside, k;
     if (alone && fast->fills) {
-        itn__fill_paths(crowd, start->number, start->paths);
+        itn__fill_paths(crowd, start->number, fast->walks);
         return;
     }
-    for (k = 0; k < (alone ? 1 : start->paths); k++) itn__start_path(crowd, start, k);
+    for (k = 0; k < (alone ? 1 : fast->walks); k++) itn__start_path(crowd, start, k);
     if (alone)
         crowd->paths[itn__row(&crowd->taken, ITN__SLOT)[crowd->taken.count - 1]].copies =
-            start->paths;
+            fast->walks;
 }
 
 /* What all paths in `taken` have in common as they start. */
 static void itn__fill_starts(itn__crowd *crowd) {
-    const itn__fast *fast = crowd->fast;
     const itn__queue *queue = &crowd->taken;
     int f;
     itn__fill_int_row(queue, ITN__DIMENSION, 2);
     for (f = 0; f < 3; f++) itn__fill_row(queue, ITN__BETA + f, 1);
     itn__fill_row(queue, ITN__PDF, INFINITY);
-    itn__fill_int_row(queue, ITN__LEFT, fast->max_scatter ? fast->max_scatter : INT_MAX);
     for (f = ITN__CONTROL; f < queue->state; f++) itn__fill_row(queue, f, 0);
     itn__fill_row(queue, ITN__UP + 1, 1); /* some plane, for paths that begin in a medium */
     itn__fill_int_row(queue, ITN__CELL, -1);
-    for (f = 0; f < 3; f++) itn__fill_row(queue, ITN__SHARE + f, 1 / 3.f);
 }
 
 /* Starts paths as long as there is room; first all rays are traced, so that the memory of many hits
@@ -11914,10 +11271,9 @@ static void itn__fill_starts(itn__crowd *crowd) {
 ITN__NOINLINE void itn__start_rays(itn__crowd *crowd) {
     const itn__fast *fast = crowd->fast;
     itn__queue *queue = &crowd->taken;
-    int features = fast->features, room = crowd->free_count / fast->walks;
-    int rays = 0, more, at, k;
-    for (; room > 0 && itn__unit_paths_left(crowd); rays += more)
-        more = itn__start_sample(crowd, &crowd->starts[rays]), room -= more > 0;
+    int features = fast->features, room = crowd->free_count / fast->walks, rays = 0, at, k;
+    while (rays < room && itn__unit_paths_left(crowd))
+        rays += itn__start_sample(crowd, &crowd->starts[rays]);
     for (k = 0; k < rays; k += ITN__LANES)
         itn__trace_starts(fast, &crowd->starts[k], rays - k < ITN__LANES ? rays - k : ITN__LANES);
     for (queue->count = 0, k = 0; k < rays; k++) itn__start_paths(crowd, &crowd->starts[k]);
@@ -11991,7 +11347,7 @@ static int itn__is_in_use(const itn_scene *scene, int i) {
     int used = i >= 3 * substances || substance == 0;
     for (k = 0; k < scene->object_count && !used; k++) {
         const itn__medium *medium = itn__medium_of(scene, k);
-        used = medium && medium - scene->media == (substance - 1) % scene->medium_count;
+        used = medium && medium - scene->media == substance - 1;
     }
     return used;
 }
@@ -12019,18 +11375,14 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
     if (fast->learning)
         crowd->lessons = (double *)itn__allocate(context, substances * ITN__LESSON_SUMS,
                                                  sizeof(double));
-    if (fast->bands && fast->bands[0].texels.texture)
-        crowd->touches = (itn__touches *)itn__allocate(context, ITN__CROWD, sizeof(itn__touches));
     if (!queue || !crowd->memory || !crowd->paths || !crowd->free_slots || !crowd->shears ||
         !crowd->hits || !crowd->starts || !crowd->radiance || !crowd->scores ||
-        (fast->learning && !crowd->lessons) ||
-        (fast->bands && fast->bands[0].texels.texture && !crowd->touches))
+        (fast->learning && !crowd->lessons))
         return 0;
     for (i = used = 0; i < queues; i++) {
         if (itn__is_in_use(fast->scene, (int)i))
             queue[i].rows = (int32_t *)crowd->memory + used++ * rows;
-        queue[i].state = fast->heroes > 1 ? ITN__STATE
-                       : fast->count || fast->learning ? ITN__SCORED_STATE : ITN__PLAIN_STATE;
+        queue[i].state = fast->count || fast->learning ? ITN__STATE : ITN__PLAIN_STATE;
     }
     crowd->exact = queue + substances, crowd->early = crowd->exact + substances;
     queue = crowd->early + substances;
@@ -12056,16 +11408,13 @@ static void itn__crowd_free(itn__crowd *crowd) {
     itn__free(context, crowd->radiance);
     itn__free(context, crowd->scores);
     itn__free(context, crowd->lessons);
-    itn__free(context, crowd->touches);
 }
 
 /* The first kernel that can do all that is asked for. */
 static void itn__choose_kernel(itn__fast *fast) {
     int features = (fast->channels == 3 ? ITN__RGB : 0) |
                    (fast->only_constant ? 0 : ITN__LIGHTS) |
-                   (fast->max_scatter ? ITN__LIMIT : 0) |
-                   (fast->count || fast->learning ? ITN__SCORES : 0) |
-                   (fast->heroes > 1 ? ITN__SPECTRAL : 0);
+                   (fast->count || fast->learning ? ITN__SCORES : 0);
     fast->features = itn__find_kernel(features)->features;
 }
 
@@ -12079,31 +11428,21 @@ static void itn__decay_make(const itn__substance *substance, int channels, itn__
     value->decay = itn__clamp(value->decay, .1f * fminf(reduced, 1), .95f / (ITN__DECAYS - 1));
 }
 
-/* The numbers of a medium at theta, for a hero; medium NULL: of what is none. */
-static void itn__substance_make(const itn__fast *fast, const itn__medium *medium, int hero,
+/* The numbers of a medium at theta; medium NULL: of what is none. */
+static void itn__substance_make(const itn__fast *fast, const itn__medium *medium,
                                 itn__substance *out) {
     const float *theta = fast->theta;
     int c;
     out->slot_sigma_t = out->slot_g = -1; /* nothing to differentiate in */
-    for (c = 0; c < 3; c++)
-        out->slot_albedo[c] = out->slot_sigma_t_rgb[c] = out->slot_g_rgb[c] = -1;
+    for (c = 0; c < 3; c++) out->slot_albedo[c] = -1;
     if (!medium) return;
-    out->sigma_t = theta[medium->sigma_t[hero]], out->g = theta[medium->g[hero]];
+    out->sigma_t = theta[medium->sigma_t[0]], out->g = theta[medium->g[0]];
     out->mean_free_path = 1 / out->sigma_t;
-    out->flights_differ = itn__is_spectral(medium->sigma_t);
-    out->turns_differ = itn__is_spectral(medium->g);
-    for (c = 0; c < 3; c++) {
+    for (c = 0; c < 3; c++)
         out->albedo[c] = theta[medium->albedo + (c < fast->channels ? c : 0)];
-        out->sigma_t_rgb[c] = theta[medium->sigma_t[c]], out->g_rgb[c] = theta[medium->g[c]];
-    }
     if (!fast->count) return;
-    if (!out->flights_differ) out->slot_sigma_t = fast->slots[medium->sigma_t[0]];
-    if (!out->turns_differ) out->slot_g = fast->slots[medium->g[0]];
-    for (c = 0; c < fast->channels; c++) {
-        out->slot_albedo[c] = fast->slots[medium->albedo + c];
-        if (out->flights_differ) out->slot_sigma_t_rgb[c] = fast->slots[medium->sigma_t[c]];
-        if (out->turns_differ) out->slot_g_rgb[c] = fast->slots[medium->g[c]];
-    }
+    out->slot_sigma_t = fast->slots[medium->sigma_t[0]], out->slot_g = fast->slots[medium->g[0]];
+    for (c = 0; c < fast->channels; c++) out->slot_albedo[c] = fast->slots[medium->albedo + c];
 }
 
 /* The largest albedo or reflectance of an object: how bright it can be in a light of 1. */
@@ -12147,13 +11486,10 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     int i, c;
     fast->scene = scene, fast->theta = theta, fast->substances = substances;
     fast->voxels = tables->voxels, fast->normals = tables->normals, fast->pixels = tables->pixels;
-    fast->channels = scene->film.channels, fast->linked = itn__links_suffice(scene, theta);
-    fast->heroes = scene->spectral ? 3 : 1;
-    fast->straight = itn__goes_straight(scene, theta, fast->max_scatter);
-    itn__substance_make(fast, NULL, 0, &substances[0]);
+    fast->channels = scene->film.channels;
+    itn__substance_make(fast, NULL, &substances[0]);
     for (i = 1; i < itn__substance_count(scene); i++) {
-        itn__substance_make(fast, &scene->media[(i - 1) % scene->medium_count],
-                            (i - 1) / scene->medium_count, &substances[i]);
+        itn__substance_make(fast, &scene->media[i - 1], &substances[i]);
         itn__decay_make(&substances[i], fast->channels, &fast->values[i]);
     }
     fast->camera.sides = scene->sides;
@@ -12189,7 +11525,7 @@ typedef struct itn__picture {
     int tiles_x, tiles_y, tile_width, tile_height;
     int unit_blocks, chunks; /* blocks of a unit; units of a tile */
     int first, end, wave;    /* units of this wave; most of one */
-    int crowd_count, band_count; /* if derivatives by texels are asked for */
+    int crowd_count;
     itn__crowd *crowds;
     const float *weights; /* of pixels, [channels][height][width], to fold derivatives with; NULL:
                              the planes are kept */
@@ -12332,7 +11668,7 @@ static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
     picture->end = units * picture->chunks;
     rays = picture->unit_blocks * (fast->spp / fast->blocks + 1);
-    picture->crowd_count = fast->bands ? picture->band_count : itn__workers(context);
+    picture->crowd_count = itn__workers(context);
     if (picture->crowd_count > picture->end) picture->crowd_count = picture->end;
     if (picture->wave < 2 * picture->crowd_count) picture->wave = 2 * picture->crowd_count;
     units = picture->end < picture->wave ? picture->end : picture->wave;
@@ -12344,10 +11680,8 @@ static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
         context, (size_t)scene->film.width * (size_t)scene->film.height,
         (size_t)picture->kept * 2 * sizeof(double));
     good = picture->crowds && picture->sums && picture->totals;
-    for (i = 0; i < picture->crowd_count && good; i++) {
+    for (i = 0; i < picture->crowd_count && good; i++)
         good = itn__crowd_make(&picture->crowds[i], fast, tile * rays * fast->walks);
-        picture->crowds[i].band = fast->bands ? &fast->bands[i] : NULL;
-    }
     return good ? ITN_OK : itn__out_of_memory(error, "a render");
 }
 
@@ -12483,9 +11817,6 @@ static int itn__fast_derivative(const itn_scene *scene, const float *theta, int 
     for (i = 0; i < scene->medium_count; i++) {
         const itn__medium *medium = &scene->media[i];
         for (c = 0; c < channels; c++) {
-            if (parameter == medium->sigma_t[c] || parameter == medium->g[c])
-                *only = itn__is_spectral(parameter == medium->g[c] ? medium->g : medium->sigma_t)
-                            ? c : -1;
             if (parameter == medium->sigma_t[c]) return theta[parameter] >= .25f / scene->radius;
             if (parameter == medium->g[c]) return 1;
             if (parameter == medium->albedo + c) return *only = c, theta[parameter] >= ITN__NEAR_0;
@@ -12505,12 +11836,12 @@ static int itn__fast_derivative(const itn_scene *scene, const float *theta, int 
     return 0;
 }
 
-/* Whether the fast walk can have any channel of a medium as hero. */
-static int itn__fast_medium(const itn__medium *medium, const float *theta) {
-    float a = theta[medium->sigma_t[0]], b = theta[medium->sigma_t[1]];
-    float c = theta[medium->sigma_t[2]], least = itn__min(a, itn__min(b, c));
-    return !itn__is_spectral(medium->sigma_t) ||
-           (least >= FLT_MIN && itn__max(a, itn__max(b, c)) <= 1e6f * least);
+/* What of a request only the reference walk can do, or NULL. */
+static const char *itn__only_reference(const itn__render *render) {
+    return render->scene->spectral ? "do media that differ between channels"
+           : render->scene->leaky  ? "go through holes of a mesh that was forced"
+           : render->max_scatter   ? "limit the number of scatterings"
+                                   : NULL;
 }
 
 /* Chooses who renders: the fast walk where it can. */
@@ -12523,13 +11854,11 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
     if (mode == ITN_MODE_FAST)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "render: built without the fast walk");
 #endif
-    for (k = 0; k < render->scene->medium_count; k++) {
-        if (itn__fast_medium(&render->scene->media[k], render->theta)) continue;
+    if (itn__only_reference(render)) {
         if (mode == ITN_MODE_FAST)
             return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                             "render: in the fast walk, %s may not be clear in one channel alone, "
-                             "nor its sigma_t differ more than 1e6 times; in the reference it may",
-                             render->scene->media[k].name);
+                             "render: the fast walk cannot %s; the reference can",
+                             itn__only_reference(render));
         render->fast = 0;
     }
     for (k = 0; k < render->count; k++) {
@@ -12768,14 +12097,14 @@ static itn_result itn__render_tables(const itn__render *render, const itn__table
                            own, error);
 }
 
-enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from; for occlusions a fourth */
+enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from */
 
 /* Whether V is good enough for a control variate: one medium in light that is everywhere the same,
    and many paths. */
 static int itn__can_control(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
     double paths = fast->samples * fast->walks;
-    return fast->voxels && fast->only_constant && scene->medium_count == 1 && !fast->max_scatter &&
+    return fast->voxels && fast->only_constant && scene->medium_count == 1 &&
            paths >= 8 * ITN__LESSONS;
 }
 
@@ -12785,25 +12114,14 @@ static void itn__fast_make(const itn__render *render, const itn__tables *tables,
     const itn_scene *scene = render->scene;
     int k;
     fast->samples = render->samples, fast->spp = render->spp, fast->allotment = render->allotment;
-    fast->max_scatter = render->max_scatter, fast->seed = render->seed;
-    fast->walks = render->walks, fast->sobol = render->sobol;
+    fast->seed = render->seed, fast->walks = render->walks, fast->sobol = render->sobol;
     fast->blocks = itn__sample_blocks(fast);
     fast->slots = render->slots, fast->only = render->only, fast->count = render->count;
     for (k = 0; k < scene->surface_count; k++)
         if (scene->surfaces[k].type == ITN_SURFACE_DIELECTRIC && scene->surfaces[k].alpha >= 0)
             fast->rough_scores |= render->slots[scene->surfaces[k].alpha] >= 0;
-    fast->bands = render->bands, fast->texel_weights = render->weights;
     itn__fast_begin(fast, scene, render->theta, substances, tables);
     fast->controls = render->baseline && itn__can_control(fast);
-}
-
-/* Derivatives by a map: what a path would bring is linear in the map's values, however bright they
-   are, so that drawing directions by these is no use: paths reach it by their own directions, as if
-   no light were sampled. */
-static void itn__seek_map(itn__fast *fast) {
-    fast->links = fast->linked = fast->straight = fast->fills = 0;
-    fast->only_constant = 1;
-    itn__choose_kernel(fast);
 }
 
 /* Mean of what is kept, number k, of pixel i, and the variance of the mean. */
@@ -12836,43 +12154,33 @@ static void itn__gather_lessons(itn__picture *pilot, int substances) {
         for (k = 0; k < substances * ITN__LESSON_SUMS; k++) sums[k] += pilot->crowds[i].lessons[k];
 }
 
-/* Learns from a few paths, which are not used for anything else: whatever these tell, pictures stay
-   unbiased. */
-static itn_result itn__pilot_run(itn__picture *picture, int what, itn_error *error) {
+/* Learns V from a few paths, which are not used for anything else: whatever these tell, pictures
+   stay unbiased. */
+static itn_result itn__learn_values(itn__picture *picture, itn_error *error) {
     itn__picture pilot = *picture;
     itn__fast *fast = &pilot.fast;
     double pixels = (double)fast->scene->film.width * fast->scene->film.height;
-    double paths = what == ITN__LEARN_OCCLUSIONS ? ITN__LESSONS / 4 : ITN__LESSONS;
     itn_result result;
     int m, learnt = 0;
-    fast->learning = what, fast->controls = 0, fast->seed = itn__mix64(fast->seed + (uint64_t)what);
+    fast->learning = 1, fast->controls = 0, fast->seed = itn__mix64(fast->seed + 1);
     fast->count = fast->rough_scores = fast->scales = 0, fast->planes = fast->channels;
     pilot.weights = NULL, fast->allotment = NULL;
     itn__choose_kernel(fast);
-    if (pixels > paths / 4) fast->walks = 1;
-    else fast->walks = (int)fmin(fast->walks, paths / pixels);
-    fast->spp = (int)fmax(1, paths / (pixels * fast->walks));
+    if (pixels > ITN__LESSONS / 4) fast->walks = 1;
+    else fast->walks = (int)fmin(fast->walks, ITN__LESSONS / pixels);
+    fast->spp = (int)fmax(1, ITN__LESSONS / (pixels * fast->walks));
     if (fast->spp > picture->fast.spp / 8 + 1) fast->spp = picture->fast.spp / 8 + 1;
     fast->samples = pixels * fast->spp;
     fast->blocks = itn__sample_blocks(fast);
     result = itn__picture_begin(&pilot, error);
     if (!result) result = itn__picture_run(&pilot, NULL, error);
     if (!result) itn__gather_lessons(&pilot, 1 + fast->scene->medium_count);
-    if (!result && what == ITN__LEARN_OCCLUSIONS)
-        itn__fit_occlusions(&picture->fast, pilot.crowds[0].lessons);
-    for (m = 1; m <= fast->scene->medium_count && !result && what == ITN__LEARN_VALUES; m++)
+    for (m = 1; m <= fast->scene->medium_count && !result; m++)
         learnt |= itn__fit_value(&picture->fast, m, pilot.crowds[0].lessons +
                                                           (size_t)m * ITN__LESSON_SUMS);
-    if (!learnt && what == ITN__LEARN_VALUES) picture->fast.controls = 0; /* nothing scatters */
+    if (!learnt) picture->fast.controls = 0; /* nothing scatters */
     itn__picture_end(&pilot);
     return result;
-}
-
-/* First the occlusions, which V depends on, if there are enough paths to gain by them. */
-static itn_result itn__learn_values(itn__picture *picture, itn_error *error) {
-    itn_result result = ITN_OK;
-    if (picture->fast.controls) result = itn__pilot_run(picture, ITN__LEARN_OCCLUSIONS, error);
-    return result ? result : itn__pilot_run(picture, ITN__LEARN_VALUES, error);
 }
 
 /* The fast walk: an image, or (with weights) sums of a gradient. */
@@ -12887,23 +12195,21 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
     if (result) return result;
     memset(&picture, 0, sizeof picture);
     picture.fast.scene = scene;
-    picture.weights = render->bands ? NULL : render->weights;
-    picture.band_count = render->group;
+    picture.weights = render->weights;
     substances = (itn__substance *)itn__allocate(
         &scene->context, (size_t)itn__substance_count(scene), sizeof *substances);
     picture.fast.values = (itn__value *)itn__allocate(
         &scene->context, (size_t)itn__substance_count(scene), sizeof *picture.fast.values);
     if (substances && picture.fast.values) {
         itn__fast_make(render, tables, substances, &picture.fast);
-        if (render->bands && render->bands[0].texels.map) itn__seek_map(&picture.fast);
-        if ((render->baseline && render->count) || picture.fast.controls)
+        if ((render->baseline && render->count && scene->medium_count) || picture.fast.controls)
             result = itn__learn_values(&picture, error);
         if (!result) result = itn__picture_begin(&picture, error);
     } else {
         result = itn__out_of_memory(error, "a render");
     }
     if (!result) result = itn__picture_run(&picture, options, error);
-    if (!result && !render->bands) itn__develop(render, &picture);
+    if (!result) itn__develop(render, &picture);
     itn__picture_end(&picture);
     itn__free(&scene->context, picture.fast.values);
     itn__free(&scene->context, substances);
@@ -13106,14 +12412,6 @@ static int itn__find_texels(const itn_scene *scene, const char *item, itn__texel
     return 1 + (texels->texture && texels->map);
 }
 
-/* Whether a texture has values of which the fast walk cannot tell derivatives. */
-static int itn__is_dark(const itn__surface *texture) {
-    size_t count = 3 * (size_t)texture->width * (size_t)texture->height, i;
-    for (i = 0; i < count; i++)
-        if (!(texture->texels[i] >= ITN__NEAR_0)) return 1;
-    return 0;
-}
-
 /* Adds the bands into the planes of an image: by channels, gradient, then variance. */
 static void itn__bands_develop(const itn__render *render, itn_image *image) {
     size_t values = 2 * (size_t)render->channels * (size_t)image->width * (size_t)image->height, i;
@@ -13144,25 +12442,21 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
                          "itn_render_texel_gradient: %s \"%.32s\" that has an image",
                          found ? "both a surface and a light" : "no surface or light", item);
     if (options) own = *options;
-    if (texels.texture && itn__is_dark(texels.texture)) {
-        if (own.mode == ITN_MODE_FAST)
-            return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                             "itn_render_texel_gradient: the fast walk cannot differentiate in the "
-                             "values of %s, which has some below %g; the reference can",
-                             texels.texture->name, (double)ITN__NEAR_0);
-        own.mode = ITN_MODE_REFERENCE;
-    }
+    if (own.mode == ITN_MODE_FAST)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                         "itn_render_texel_gradient: the fast walk cannot differentiate in the "
+                         "values of an image; the reference can");
+    own.mode = ITN_MODE_REFERENCE;
     result = itn__check_weights(scene, weights, "itn_render_texel_gradient: weights", error);
     if (result) return result;
     result = itn__render_begin(&render, scene, theta, &own, NULL, 0, 1, error);
-    render.weights = weights, render.walks = 1, render.baseline = 0;
+    render.weights = weights;
     render.group = itn__band_count(scene, &texels);
     if (!result) result = itn__bands_make(scene, &texels, render.group, &render.bands, error);
     if (!result)
         result = itn_image_create(texels.width, texels.count / texels.width,
                                   2 * scene->film.channels, &scene->context, &made, error);
-    if (!result && render.fast) result = itn__render_fast(&render, &own, error);
-    if (!result && !render.fast) result = itn__render_rows(&render, &own, itn__texel_row, error);
+    if (!result) result = itn__render_rows(&render, &own, itn__texel_row, error);
     if (!result) {
         itn__name_planes(scene, NULL, 0, &made);
         itn__bands_develop(&render, &made);
