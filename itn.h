@@ -8485,8 +8485,8 @@ static float *itn__make_normals(const itn_context *context, const itn_bvh *bvh) 
     return normals;
 }
 
-/* Marks with 1 the pixels that are empty, whose rays meet nothing: no triangle's box in the film, widened by the filter, covers
-   them. A triangle that reaches behind the camera may be anywhere. */
+/* Marks with 1 the pixels that are empty, whose rays meet nothing: no triangle's box in the film,
+   widened by the filter, covers them. A triangle that reaches behind the camera may be anywhere. */
 static void itn__mark_empty(const itn_scene *scene, unsigned char *pixels) {
     const itn__camera *camera = &scene->camera;
     float right2 = itn__dot(camera->right, camera->right), up2 = itn__dot(camera->up, camera->up);
@@ -10900,7 +10900,7 @@ ITN__INLINE void itn__bounce_draw(itn__bounce *bounce, itn__vectors i, itn__vect
 }
 
 /* What paths that leave a dielectric boundary in direction o (of local coordinates) are expected to
-   bring, per weight before: inside, V at the face; outside, the light that is everywhere the same. */
+   bring, per weight before: inside, V at the face; outside, the light, the same everywhere. */
 ITN__INLINE itn__floats itn__boundary_value(const itn__crowd *crowd, itn__vectors o,
                                             const itn__bounce *bounce, int c) {
     const itn__value *value = &crowd->fast->values[crowd->fast->controls];

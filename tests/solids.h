@@ -175,7 +175,8 @@ typedef struct solids_mean {
 /* The ways to render: the reference, and the fast walk with each of its samplers. */
 enum { SOLIDS_WAYS = 3 };
 SOLIDS_STATIC void solids_way(itn_render_options *options, int way) {
-    options->mode = way ? ITN_MODE_FAST : ITN_MODE_REFERENCE;
+    int fast = way && !options->max_scatter; /* limits are the reference's */
+    options->mode = fast ? ITN_MODE_FAST : ITN_MODE_REFERENCE;
     options->sampler = way == 1 ? ITN_SAMPLER_RANDOM : ITN_SAMPLER_AUTO;
     options->walks = way == 1 ? 1 : 0;
 }
