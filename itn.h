@@ -11017,6 +11017,7 @@ ITN__NOINLINE void itn__run_diffuse(itn__crowd *crowd) {
         }
         for (c = 0; c < itn__colours(features); c++) s.beta[c] = s.beta[c] * reflectance[c];
         u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
+        s.dimension -= mask; /* every surface draws three numbers */
         d = itn__sample_cosine(u, v);
         itn__vframe(n, &x, &y);
         s.pdf = d.z / ITN__PI;
