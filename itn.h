@@ -4658,18 +4658,15 @@ ITN_API void itn_scene_free(itn_scene *scene) {
             ((itn__kept *)scene->tables[i])->release(&context, scene->tables[i]);
     itn__free(&context, scene->tables);
     itn_bvh_free(scene->bvh);
-    for (i = 0; scene->lights && i < scene->light_count; i++) {
-        itn__free(&context, scene->lights[i].grid.cell_guide);
-        itn__free(&context, scene->lights[i].grid.row_guide);
-        itn__free(&context, scene->lights[i].grid.cells);
-        itn__free(&context, scene->lights[i].grid.rows);
-        itn__free(&context, scene->lights[i].grid.density);
-        itn__free(&context, scene->lights[i].map);
+    for (i = 0; i < scene->light_count; i++) {
+        itn__light *light = &scene->lights[i];
+        void *parts[6] = {light->map,       light->grid.cell_guide, light->grid.row_guide,
+                          light->grid.rows, light->grid.cells,      light->grid.density};
+        int k;
+        for (k = 0; k < 6; k++) itn__free(&context, parts[k]);
     }
-    for (i = 0; scene->objects && i < scene->object_count; i++)
-        itn__free(&context, scene->objects[i].uvs);
-    for (i = 0; scene->surfaces && i < scene->surface_count; i++)
-        itn__free(&context, scene->surfaces[i].texels);
+    for (i = 0; i < scene->object_count; i++) itn__free(&context, scene->objects[i].uvs);
+    for (i = 0; i < scene->surface_count; i++) itn__free(&context, scene->surfaces[i].texels);
     itn__free(&context, scene->parameters);
     itn__free(&context, scene->lights);
     itn__free(&context, scene->objects);
@@ -4918,25 +4915,18 @@ static int itn__field_allows(const itn__field *field, float number, char words[1
    has none. */
 static int itn__field_numbers(const itn__field *field, void *desc, int channels, float n[9]) {
     char *at = (char *)desc + field->at;
-    int count = itn__has_form(field, 'f') ? *field->form - '0' : 1, whole, three = 0;
+    int whole, count = itn__has_form(field, 'c') ? channels : 1;
+    if (!strpbrk(field->form, "fics")) return 0;
+    if (itn__has_form(field, 'f')) count = *field->form - '0';
     if (itn__has_form(field, 's')) {
         memcpy(n, (char *)desc + field->three, 3 * sizeof *n);
-        three = n[0] != 0 || n[1] != 0 || n[2] != 0;
-    } else if (itn__has_form(field, 'i')) {
-        memcpy(&whole, at, sizeof whole);
-        if (whole == 0) whole = (int)field->otherwise;
-        memcpy(at, &whole, sizeof whole);
-        return n[0] = (float)whole, 1;
-    } else if (itn__has_form(field, 'c')) {
-        count = channels;
-    } else if (!itn__has_form(field, 'f')) {
-        return 0;
+        if (n[0] != 0 || n[1] != 0 || n[2] != 0) return 3;
     }
-    if (three) return 3;
     memcpy(n, at, (size_t)count * sizeof *n);
+    if (itn__has_form(field, 'i')) memcpy(&whole, at, sizeof whole), n[0] = (float)whole;
     if (count > 1 || n[0] != 0 || !(field->lower > 0)) return count;
-    n[0] = field->otherwise;
-    memcpy(at, n, sizeof *n);
+    n[0] = field->otherwise, whole = (int)n[0];
+    memcpy(at, itn__has_form(field, 'i') ? (void *)&whole : n, sizeof *n);
     return n[0] != 0;
 }
 
@@ -4961,6 +4951,8 @@ typedef struct itn__maker {
     itn_result refusal; /* of a value: ARGUMENT, or of a file's FORMAT */
     itn_error *error;
 } itn__maker;
+
+#define ITN__REFUSE(...) itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, __VA_ARGS__)
 
 static void itn__go_to(itn__maker *maker, int kind, int index) {
     maker->where.kind = kind, maker->where.index = index;
@@ -4994,9 +4986,8 @@ static int itn__add_parameter(itn__maker *maker, const char *item, const itn__fi
     p->transform = field->transform;
     place = itn__name_place(maker, p->name);
     if (!*place) return (*place = ++scene->parameter_count) - 1;
-    itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-              "%s and %s would have the same layer name: name the items apart (a light without a "
-              "name is called light)", scene->parameters[*place - 1].name, p->name);
+    ITN__REFUSE("%s and %s would have the same layer name: name the items apart (a light without a "
+                "name is called light)", scene->parameters[*place - 1].name, p->name);
     return -1;
 }
 
@@ -5011,8 +5002,7 @@ static itn_result itn__take_item(itn__maker *maker, const char *name, const itn_
         int spectrum = itn__has_form(field, 's');
         char words[100];
         if (spectrum && count > channels)
-            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                             "%s: %s_rgb needs a film with 3 channels", name, field->name);
+            return ITN__REFUSE("%s: %s_rgb needs a film with 3 channels", name, field->name);
         for (c = 0; c < count; c++) {
             if (!itn__field_allows(field, n[c], words))
                 return itn__fail(maker->error, maker->refusal, 0, "%s: %s %s", name, field->name,
@@ -5054,12 +5044,10 @@ static itn_result itn__name_item(itn__maker *maker, const char *name, void *item
     int index = maker->where.index;
     const char *kind = itn__kinds[maker->where.kind];
     if (!itn__is_name(name))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "%s %d: the name \"%.40s\" " ITN__NAME_RULE, kind, index + 1,
-                         name ? name : "");
+        return ITN__REFUSE("%s %d: the name \"%.40s\" " ITN__NAME_RULE, kind, index + 1,
+                           name ? name : "");
     if (itn__find_name(name, items, stride, index) >= 0)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: another %s has this name", name,
-                         kind);
+        return ITN__REFUSE("%s: another %s has this name", name, kind);
     itn__copy_name((char *)items + (size_t)index * stride, name);
     return ITN_OK;
 }
@@ -5095,13 +5083,11 @@ static itn_result itn__make_camera(itn__maker *maker) {
     up = itn__direction(in.up), half = tanf(in.fov * (ITN__PI / 360));
     if (up.x == 0 && up.y == 0 && up.z == 0) up.y = 1;
     if (!itn__finite3(forward) || !(itn__length(forward) > 0))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "camera: eye and target must be different, and not too far apart");
+        return ITN__REFUSE("camera: eye and target must be different, and not too far apart");
     camera->forward = forward;
     camera->right = itn__cross(forward, up);
     if (!(itn__length(camera->right) > 1e-5f)) /* sine of the angle between two unit vectors */
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "camera: up is parallel to the view");
+        return ITN__REFUSE("camera: up is parallel to the view");
     camera->right = itn__normalize(camera->right);
     camera->up = itn__scale(itn__cross(camera->right, camera->forward),
                             half * (float)film->height / (float)film->width);
@@ -5133,17 +5119,14 @@ static itn_result itn__copy_texels(itn__maker *maker, const char *item, const it
     int k;
     if (!image || !image->pixels || !image->names || image->plane_count < 1 || image->width < 1 ||
         image->height < 2)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: needs an image of at least 1 x 2 pixels", item);
+        return ITN__REFUSE("%s: needs an image of at least 1 x 2 pixels", item);
     if ((double)image->width * image->height > INT_MAX / 3) /* its numbers are counted in ints */
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: the image of %d x %d pixels has more than %d", item, image->width,
-                         image->height, INT_MAX / 3);
+        return ITN__REFUSE("%s: the image of %d x %d pixels has more than %d", item, image->width,
+                           image->height, INT_MAX / 3);
     if (!itn__image_colours(image, planes))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: the image has neither Y nor R, G, B among its %d planes '%s', '%s'%s",
-                         item, image->plane_count, image->names[0], image->names[1],
-                         image->plane_count > 2 ? " ..." : "");
+        return ITN__REFUSE("%s: the image has neither Y nor R, G, B among its %d planes '%s', "
+                           "'%s'%s", item, image->plane_count, image->names[0], image->names[1],
+                           image->plane_count > 2 ? " ..." : "");
     count = (size_t)image->width * (size_t)image->height;
     *texels = (float *)itn__allocate(&maker->scene->context, count, 3 * sizeof(float));
     if (!*texels) return itn__out_of_memory(maker->error, item);
@@ -5152,10 +5135,9 @@ static itn_result itn__copy_texels(itn__maker *maker, const char *item, const it
         for (k = 0; k < 3; k++) {
             texel[k] = planes[k][i];
             if (!(texel[k] >= 0 && texel[k] <= largest))
-                return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                                 "%s: image value %g in row %d, column %d is not in [0, %g]", item,
-                                 (double)texel[k], (int)(i / (size_t)image->width),
-                                 (int)(i % (size_t)image->width), (double)largest);
+                return ITN__REFUSE("%s: image value %g in row %d, column %d is not in [0, %g]",
+                                   item, (double)texel[k], (int)(i / (size_t)image->width),
+                                   (int)(i % (size_t)image->width), (double)largest);
         }
         if (maker->scene->film.channels == 1)
             texel[0] = texel[1] = texel[2] = itn__luminance(texel);
@@ -5173,7 +5155,7 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     itn__go_to(maker, ITN__SURFACE, index);
     result = itn__name_item(maker, in.name, scene->surfaces, sizeof *surface);
     if (result) return result;
-    if (!form) return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown type", in.name);
+    if (!form) return ITN__REFUSE("%s: unknown type", in.name);
     surface->type = in.type, surface->alpha = -1;
     result = itn__take_item(maker, in.name, form->fields, &in, surface);
     if (result || in.type != ITN_SURFACE_DIFFUSE || in.texture == ITN_TEXTURE_NONE) return result;
@@ -5183,7 +5165,7 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     surface->checker_size = in.checker_size;
     if (in.texture == ITN_TEXTURE_CHECKER) return result;
     if (in.texture != ITN_TEXTURE_IMAGE)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown texture", in.name);
+        return ITN__REFUSE("%s: unknown texture", in.name);
     if (in.image) surface->width = in.image->width, surface->height = in.image->height;
     return itn__copy_texels(maker, in.name, in.image, 1, &surface->texels);
 }
@@ -5206,9 +5188,8 @@ static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, con
     result = itn__take_item(maker, name, itn__sky_form.fields, &sky->sky, NULL);
     for (c = 0; c < 3 && !result; c++)
         if (!(fabsf(in->sky.coefficients[c][8]) < 1))
-            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                             "%s: the last sky coefficient of channel %d is not in (-1, 1)", name,
-                             c);
+            return ITN__REFUSE("%s: the last sky coefficient of channel %d is not in (-1, 1)", name,
+                               c);
     if (!result && !(in->sun_direction.y > 0))
         return itn__fail(maker->error, maker->refusal, 0,
                          "%s: the sun's direction must be above the horizon", name);
@@ -5263,10 +5244,9 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
     itn__go_to(maker, ITN__LIGHT, index);
     scene->light_count += count;
     if (in.name && !itn__is_name(in.name))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "light %d: the name \"%.40s\" " ITN__NAME_RULE, index + 1, in.name);
+        return ITN__REFUSE("light %d: the name \"%.40s\" " ITN__NAME_RULE, index + 1, in.name);
     itn__light_name(&in, index, name);
-    if (!form) return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "%s: unknown type", name);
+    if (!form) return ITN__REFUSE("%s: unknown type", name);
     if (!in.has_scale && in.scale == 0) in.scale = 1;
     if (!in.has_scale && in.sun_scale == 0) in.sun_scale = 1;
     result = itn__take_item(maker, name, form->fields, &in, light);
