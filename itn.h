@@ -373,7 +373,7 @@ typedef struct itn_camera_desc {
     itn_vec3 eye, target; /* not the same point. The eye is at most 1e6 times as far from the middle
                              of the objects as they reach, outlines are sharp to 1e-7 of that */
     itn_vec3 up;          /* not parallel to the view; (0,0,0) = (0,1,0) */
-    float fov;            /* degrees, of the horizontal axis, in (0,180); 0 = 30 */
+    float fov;            /* degrees, of the horizontal axis, in [1e-6,179.999]; 0 = 30 */
 } itn_camera_desc;
 
 /* A homogeneous medium with a Henyey-Greenstein phase function. Names of items are 1 to 32 letters,
@@ -1027,24 +1027,16 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 
 /* ---- [api-scenefile] scenes as text files ---------------------------------------------------- */
 
-#ifndef ITN_NO_STDIO
-/* Loads a scene from a text file: parses it, loads the meshes, images and skies it names and calls
-   itn_scene_create. Free with itn_scene_free. context may be NULL. Errors: FILE, FORMAT, MEMORY and
-   those of itn_scene_create and of the loaders; error->line is the line of the scene file, and the
-   message starts with "file:line: " (line 0: what is wrong is not in a single line), or with
-   "file: " if the file cannot be read; where memory runs out it says what for.
-
-   The file holds one item a line, in any order: a keyword, for some a name, then `field value...`
-   pairs in any order, except that the field of an object or a light that is shown first below must
-   come first. A word that begins with `#` starts a comment; a backslash at the end of a line, but
-   not of a comment, joins the next one to it. Lengths are scene units, angles degrees, sigma_t per
-   scene unit; axes are right-handed, y is up. Paths are relative to the scene file's folder; paths
-   and names hold no blanks. A name is a letter, then letters, digits, _ and -, at most 32 in all;
-   no two items have the same one. COLOUR is one number, or three (r g b) where the film has three
-   channels; both of a checker have one form. Fields in [ ] may be left out; ranges are those of the
-   descs' fields (fov in [.001,179.999], half at most 1e12). Nothing is guessed: unknown, doubled
-   and missing fields, wrong counts, values out of range and undefined names are errors. One camera,
-   1 to 64 objects and 1 to 64 lights, at most 64 media and 64 surfaces.
+/* A scene file holds one item a line, in any order: a keyword, for some a name, then `field
+   value...` pairs in any order, except that the field of an object or a light that is shown first
+   below must come first. A word that begins with `#` starts a comment; a backslash at the end of a
+   line, but not of a comment, joins the next one to it. Paths are relative to the scene file's
+   folder; paths and names hold no blanks. A name is a letter, then letters, digits, _ and -, at
+   most 32 in all; no two items have the same one. COLOUR is one number, or three (r g b) where the
+   film has three channels; both of a checker have one form. Fields in [ ] may be left out; ranges
+   are those of the descs' fields (half: at most 1e12). Nothing is guessed: unknown, doubled and
+   missing fields, wrong counts, values out of range and undefined names are errors. One camera, 1
+   to 64 objects and 1 to 64 lights, at most 64 media and 64 surfaces.
 
        [film  [width N] [height N] [channels 1|3] [filter box|gaussian]       (128 x 128, 1, box)
               [deviation PIXELS]]                                    (of the Gaussian: .5 pixels)
@@ -1062,9 +1054,8 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
    Of sigma_t and g, three numbers are three parameters unless all are 0. TRANSFORM is `scale S`,
    `scale X Y Z` (positive, at most 1e12), `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or `translate X Y
    Z`; any number of them are applied to the mesh from left to right. An object without a surface is
-   index-matched; without a medium it is empty inside. `force` takes a mesh for a medium even if it
-   is open, inside out or tangled (itn_object_desc). Meshes are OBJ or PLY, images EXR or PFM.
-   `scale` multiplies a light.
+   index-matched; without a medium it is empty inside. `force` is that of itn_object_desc. Meshes
+   are OBJ or PLY, images EXR or PFM.
 
    A sky file has, in the same manner, for each channel the nine coefficients of
    f(theta, gamma) = (1 + A exp(B / (cos theta + .01))) (C + D exp(E gamma) + F cos^2 gamma
@@ -1076,6 +1067,12 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
        coefficients_r A B C D E F G I H      coefficients_g ...      coefficients_b ...
        radiance R G B
        sun_radiance R G B                    (of the disc at its natural radius) */
+
+#ifndef ITN_NO_STDIO
+/* Loads a scene from a file, with the meshes, images and skies it names. Free with itn_scene_free.
+   context may be NULL. Errors: FILE, FORMAT, MEMORY, and those of the loaders and of
+   itn_scene_create; error->line is the line of the scene file, and the message begins "file:line: "
+   (line 0: it is not in a single line), or "file: " if the file cannot be read. */
 ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, itn_scene **scene,
                                   itn_error *error);
 #endif
@@ -1087,9 +1084,9 @@ typedef struct itn_file {
     size_t size;
 } itn_file;
 
-/* The same from the bytes of a scene file. Of the files that it names those are read that are among
-   `files` (file_count of them, NULL and 0 for none); others are opened as if the scene were the
-   file `name` (NULL = "scene"), but with ITN_NO_STDIO that is an error. */
+/* The same from the bytes of a scene file. The files that it names are looked for among `files`
+   (file_count of them; NULL and 0 for none); others are opened as if the scene were the file `name`
+   (NULL = "scene"), which with ITN_NO_STDIO is an error. */
 ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_file *files, int file_count,
                                          const itn_context *context, itn_scene **scene,
@@ -17854,7 +17851,7 @@ static itn_result itn__read_fields(itn__reader *r, void *desc) {
         if (!field->name)
             return itn__reader_fail(r, "%s has no field '%.40s', only%s%s", r->title, word, known,
                                     r->form->kind == ITN__SURFACE ? " (or is of another type)"
-                                                                  : "");
+                                    : strchr(word, '"') ? " (paths hold no blanks)" : "");
         if (r->given[k]) return itn__reader_fail(r, "%s is given twice", word);
         if (strpbrk(field->form, "0123456789")) {
             count = itn__read_numbers(r, field, n);

@@ -1587,6 +1587,45 @@ static void test_piles_are_reciprocal(double planted) {
         }
 }
 
+/* A ball of water that fills a hollow in glass is what it is as a ball in whole glass: in either order
+   of objects, where it is in the hollow, for rays of all slants. planted: the hollow is wider. */
+static void test_liquid_fills_its_glass(double planted) {
+    itn_mesh box = unit_box(), ball = solids_sphere(.7, 3), hollow = solids_sphere(.7 + planted, 3);
+    itn_mesh glass;
+    itn_error error;
+    int i, fast, way;
+    turn_over(&hollow);
+    stage_need(itn_mesh_create(8 + hollow.vertex_count, 12 + hollow.triangle_count, 0, NULL, &glass,
+                               &error), &error);
+    memcpy(glass.positions, box.positions, 24 * sizeof(float));
+    memcpy(glass.positions + 24, hollow.positions,
+           3 * sizeof(float) * (size_t)hollow.vertex_count);
+    memcpy(glass.triangles, box.triangles, 36 * sizeof(int));
+    for (i = 0; i < 3 * hollow.triangle_count; i++)
+        glass.triangles[36 + i] = 8 + hollow.triangles[i];
+    for (fast = 0; fast < 2; fast++) {
+        solids_mean means[3];
+        for (way = 0; way < 3; way++) { /* whole glass; with a hollow, before the ball and after */
+            stage s;
+            stage_begin(&s, 24, 5, 30);
+            s.desc.camera.eye.x = 1.3f, s.desc.camera.eye.y = .8f;
+            stage_medium(&s, "a", .3, 0, 0), stage_medium(&s, "b", 1.5, .5, .5);
+            stage_dielectric(&s, "a", 2, 0), stage_dielectric(&s, "b", 1.3, 0);
+            if (way == 2) stage_object(&s, &ball, "b", "b");
+            stage_object(&s, way ? &glass : &box, "a", "a");
+            if (way < 2) stage_object(&s, &ball, "b", "b");
+            stage_constant(&s, NULL, 1);
+            means[way] = mean_as(&s, fast ? 64 : 128, fast ? ITN_MODE_FAST : ITN_MODE_REFERENCE);
+            if (getenv("SHOW"))
+                printf("liquid %d %d: %.5f +- %.5f\n", fast, way, means[way].value,
+                       means[way].error);
+            CHECK_MEAN(means[way].value - means[0].value,
+                       hypot(means[way].error, means[0].error), 0, 4.5, .005);
+        }
+    }
+    itn_mesh_free(&box), itn_mesh_free(&ball), itn_mesh_free(&hollow), itn_mesh_free(&glass);
+}
+
 /* Of rough boundaries in one point that of the later object holds, links to a light and directions
    alike: as if it reached a little into the other. planted: roughness that the other has more. */
 static void test_rough_faces_in_one_point(double planted) {
@@ -1709,6 +1748,7 @@ int main(void) {
     RUN(test_texels_of_two());
     RUN(test_faces_in_one_point(0));
     RUN(test_piles_are_reciprocal(0));
+    RUN(test_liquid_fills_its_glass(0));
     RUN(test_rough_faces_in_one_point(0));
     RUN(test_glass_on_an_opaque_box(0));
     CHECK_CATCHES(test_eye_in_touching_cubes(.02));
@@ -1733,6 +1773,7 @@ int main(void) {
     CHECK_CATCHES(test_thickness_of_a_drawn_out_box(1));
     CHECK_CATCHES(test_faces_in_one_point(1e-4));
     CHECK_CATCHES(test_piles_are_reciprocal(1e-4));
+    CHECK_CATCHES(test_liquid_fills_its_glass(.01));
     CHECK_CATCHES(test_rough_faces_in_one_point(.3));
     CHECK_CATCHES(test_glass_on_an_opaque_box(3));
     return check_end("regressions");
