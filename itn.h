@@ -2402,7 +2402,9 @@ static int itn__image_colours(const itn_image *image, const float *planes[3]) {
    equal corners, which cover nothing. A zero-area triangle of three different corners does take
    part: it may close the slit between a long edge and the two short ones beside it.
    A closed mesh has the signed volume V = sum of p0 . (p1 x p2) / 6 (the divergence theorem), with
-   positions relative to the mean vertex so that a mesh far from the origin loses no digits. */
+   positions relative to one of its corners, so that a mesh far from the origin loses no digits. The
+   parts that edges of two triangles join have such volumes, too; where rounding may have made one,
+   as of a sheet with two sides, it is 0. */
 
 ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int with_uvs,
                                    const itn_context *context, itn_mesh *mesh, itn_error *error) {
@@ -2453,148 +2455,6 @@ ITN__INLINE itn_vec3 itn__mesh_position(const itn_mesh *mesh, int vertex) {
     return itn__vec3(p[0], p[1], p[2]);
 }
 
-/* Whether the three corners of a triangle are vertices of the mesh. */
-ITN__INLINE int itn__mesh_indexed(const itn_mesh *mesh, int triangle) {
-    const int *corner = mesh->triangles + 3 * (size_t)triangle;
-    int k, good = 1;
-    for (k = 0; k < 3; k++) good = good && corner[k] >= 0 && corner[k] < mesh->vertex_count;
-    return good;
-}
-
-/* An undirected edge between welded vertices: how often triangles use it in the direction in which
-   it was first met, and how often in the other. */
-typedef struct itn__edge {
-    int from, to, along, against;
-    int first, triangle; /* the first and the last one to use it */
-} itn__edge;
-
-/* What itn_mesh_check works on. Both hash tables have open addressing and hold index + 1. */
-typedef struct itn__welding {
-    const itn_mesh *mesh;
-    int *weld;           /* [vertex_count] first vertex at the same position */
-    int *vertex_table;   /* positions -> vertex */
-    itn__edge *edges;    /* [edge_count], in the order in which the mesh names them */
-    int *edge_table;     /* welded vertices -> edge */
-    int *part;           /* [triangle_count] another triangle of the same part, or itself */
-    double (*volume)[2]; /* [triangle_count] of parts, see itn__count_inverted */
-    size_t vertex_mask, edge_mask;
-    uint64_t key; /* of both, made of all that is in the mesh: files can hardly choose slots */
-    int edge_count;
-} itn__welding;
-
-/* A power of two, at least twice count. */
-static size_t itn__table_size(size_t count) {
-    size_t size = 4;
-    while (size / 2 < count && size <= SIZE_MAX / 4) size *= 2;
-    return size;
-}
-
-static uint64_t itn__hash_position(itn_vec3 p, uint64_t key) {
-    uint32_t bits[3];
-    p = itn__add(p, itn__vec3(0, 0, 0)); /* -0 and 0 are one position */
-    memcpy(bits, &p, sizeof bits);
-    return itn__mix64(itn__mix64(key ^ (bits[0] | (uint64_t)bits[1] << 32)) + bits[2]);
-}
-
-static uint64_t itn__hash_mesh(const itn_mesh *mesh) {
-    uint64_t key = 1;
-    size_t i;
-    for (i = 0; i < (size_t)mesh->vertex_count; i++)
-        key = itn__hash_position(itn__mesh_position(mesh, (int)i), key);
-    for (i = 0; i < 3 * (size_t)mesh->triangle_count; i++)
-        key = itn__mix64(key + (uint32_t)mesh->triangles[i]);
-    return key;
-}
-
-/* Finds the first vertex at each position. One that is not finite equals only itself. */
-static void itn__weld(itn__welding *w, itn_mesh_report *report) {
-    int i;
-    for (i = 0; i < w->mesh->vertex_count; i++) {
-        itn_vec3 p = itn__mesh_position(w->mesh, i);
-        size_t slot = (size_t)itn__hash_position(p, w->key) & w->vertex_mask;
-        w->weld[i] = i;
-        if (!itn__finite3(p)) {
-            if (!report->bad_vertices++) report->first_bad_vertex = i;
-            continue;
-        }
-        for (; w->vertex_table[slot]; slot = (slot + 1) & w->vertex_mask) {
-            itn_vec3 q = itn__mesh_position(w->mesh, w->vertex_table[slot] - 1);
-            if (q.x == p.x && q.y == p.y && q.z == p.z) break;
-        }
-        if (!w->vertex_table[slot]) w->vertex_table[slot] = i + 1;
-        w->weld[i] = w->vertex_table[slot] - 1;
-    }
-}
-
-/* Counts one use of the directed edge from -> to. */
-static void itn__use_edge(itn__welding *w, int from, int to, int triangle) {
-    uint64_t low = (uint64_t)(from < to ? from : to), high = (uint64_t)(from < to ? to : from);
-    size_t slot = (size_t)itn__mix64((low << 32 | high) ^ w->key) & w->edge_mask;
-    itn__edge *edge;
-    for (; w->edge_table[slot]; slot = (slot + 1) & w->edge_mask) {
-        edge = &w->edges[w->edge_table[slot] - 1];
-        if ((edge->from == from && edge->to == to) || (edge->from == to && edge->to == from)) break;
-    }
-    if (!w->edge_table[slot]) {
-        edge = &w->edges[w->edge_count++];
-        edge->from = from, edge->to = to, edge->first = triangle;
-        w->edge_table[slot] = w->edge_count;
-    }
-    edge = &w->edges[w->edge_table[slot] - 1];
-    if (edge->from == from)
-        edge->along++;
-    else
-        edge->against++;
-    edge->triangle = triangle;
-}
-
-static void itn__find_edges(itn__welding *w, itn_mesh_report *report) {
-    int i, k;
-    for (i = 0; i < w->mesh->triangle_count; i++) {
-        const int *corner = w->mesh->triangles + 3 * (size_t)i;
-        int a, b, c, welded[3];
-        if (!itn__mesh_indexed(w->mesh, i)) {
-            if (!report->bad_indices++) report->first_bad_triangle = i;
-            continue;
-        }
-        a = welded[0] = w->weld[corner[0]];
-        b = welded[1] = w->weld[corner[1]];
-        c = welded[2] = w->weld[corner[2]];
-        if (a == b || b == c || c == a) continue;
-        for (k = 0; k < 3; k++) itn__use_edge(w, welded[k], welded[(k + 1) % 3], i);
-    }
-}
-
-static void itn__judge_edges(const itn__welding *w, itn_mesh_report *report) {
-    int i;
-    for (i = 0; i < w->edge_count; i++) {
-        const itn__edge *edge = &w->edges[i];
-        int(*list)[2] = report->flipped_edge, *count = &report->flipped_edges;
-        if (edge->along == edge->against) continue;
-        if (edge->along + edge->against == 1)
-            list = report->open_edge, count = &report->open_edges;
-        else if (!report->flipped_edges)
-            report->flipped_triangle = edge->triangle;
-        if (*count < 4) list[*count][0] = edge->from, list[*count][1] = edge->to;
-        ++*count;
-    }
-}
-
-/* The mean of the triangles' corners that are finite. */
-static void itn__mesh_centre(const itn_mesh *mesh, double centre[3]) {
-    double sum[3] = {0, 0, 0}, count = 0;
-    int i, j, k;
-    for (i = 0; i < mesh->triangle_count; i++)
-        for (j = 0; j < 3 && itn__mesh_indexed(mesh, i); j++) {
-            const float *p =
-                mesh->positions + 3 * (size_t)mesh->triangles[3 * (size_t)i + (size_t)j];
-            if (!itn__finite3(itn__vec3(p[0], p[1], p[2]))) continue;
-            for (k = 0; k < 3; k++) sum[k] += p[k];
-            count++;
-        }
-    for (k = 0; k < 3; k++) centre[k] = count > 0 ? sum[k] / count : 0;
-}
-
 /* The area of a triangle; n receives (p1 - p0) x (p2 - p0). */
 static double itn__triangle_area(double p[3][3], double n[3]) {
     int k;
@@ -2606,135 +2466,238 @@ static double itn__triangle_area(double p[3][3], double n[3]) {
     return .5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
-/* Whether two corners are one point: what contracted products leave of the area may not be 0. */
-static int itn__has_twins(double p[3][3]) {
-    int j, twins = 0;
-    for (j = 0; j < 3; j++) {
-        const double *a = p[j], *b = p[(j + 1) % 3];
-        twins |= a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
-    }
-    return twins;
-}
+/* Numbers different keys in the order in which they come: a hash table with open addressing. The
+   seed is made of all that is in the mesh, so that files can hardly choose slots. */
+typedef struct itn__numbering {
+    uint32_t (*keys)[3]; /* of each number */
+    int *slots;          /* [mask + 1]: a number + 1, or 0 */
+    size_t mask;
+    uint64_t seed;
+    int count;
+} itn__numbering;
 
-/* The corners of a triangle whose indices are good. */
-static void itn__mesh_corners(const itn_mesh *mesh, int triangle, double p[3][3]) {
-    const int *corner = mesh->triangles + 3 * (size_t)triangle;
-    int k;
-    for (k = 0; k < 9; k++)
-        p[k / 3][k % 3] = (double)mesh->positions[3 * (size_t)corner[k / 3] + (size_t)(k % 3)];
-}
-
-/* Area, signed volume, and triangles without area. */
-static void itn__measure(const itn_mesh *mesh, itn_mesh_report *report) {
-    double centre[3], p[3][3], n[3], terms = 0; /* terms: sum of the volume's parts, unsigned */
-    int i, k;
-    itn__mesh_centre(mesh, centre);
-    for (i = 0; i < mesh->triangle_count; i++) {
-        double area;
-        if (!itn__mesh_indexed(mesh, i)) continue;
-        itn__mesh_corners(mesh, i, p);
-        area = itn__triangle_area(p, n);
-        if (!itn__finite(area)) continue; /* a bad vertex */
-        if ((area == 0 || itn__has_twins(p)) && !report->degenerate_triangles++)
-            report->first_degenerate_triangle = i;
-        report->area += area;
-        for (k = 0; k < 3; k++) {
-            double term = (p[0][k] - centre[k]) * n[k] / 6;
-            report->volume += term, terms += fabs(term);
+static int itn__number(itn__numbering *n, uint32_t a, uint32_t b, uint32_t c) {
+    uint64_t hash = itn__mix64(itn__mix64(n->seed ^ (a | (uint64_t)b << 32)) + c);
+    for (;; hash++) {
+        int *slot = &n->slots[hash & n->mask];
+        uint32_t *key = n->keys[*slot ? *slot - 1 : n->count];
+        if (!*slot) {
+            key[0] = a, key[1] = b, key[2] = c;
+            *slot = ++n->count;
         }
+        if (key[0] == a && key[1] == b && key[2] == c) return *slot - 1;
     }
-    /* a flat mesh is as large as what rounding leaves of the sum */
-    if (fabs(report->volume) <= DBL_EPSILON * (mesh->triangle_count + 8.) * terms)
-        report->volume = 0;
+}
+
+/* For at most `count` keys. Returns 0 if memory is out. */
+static int itn__numbering_make(itn__numbering *n, const itn_context *context, size_t count) {
+    size_t size = 4;
+    while (size / 2 < count && size <= SIZE_MAX / 4) size *= 2;
+    n->mask = size - 1;
+    n->keys = (uint32_t(*)[3])itn__allocate(context, count, sizeof *n->keys);
+    n->slots = (int *)itn__allocate(context, size, sizeof(int));
+    return n->keys && n->slots;
+}
+
+static uint64_t itn__hash_words(const void *words, size_t count, uint64_t key) {
+    uint32_t word;
+    size_t i;
+    for (i = 0; i < count; i++) {
+        memcpy(&word, (const char *)words + i * sizeof word, sizeof word);
+        key = itn__mix64(key + word);
+    }
+    return key;
+}
+
+/* An undirected edge between welded vertices: how often triangles use it in the direction in which
+   it was first met, and how often in the other. */
+typedef struct itn__edge {
+    int from, to, along, against;
+    int first, last; /* triangles to use it */
+} itn__edge;
+
+/* A triangle of a part: another one of it, or itself, and what it, later all, add to the volume. */
+typedef struct itn__part {
+    int other;
+    double volume, terms; /* with signs, and without */
+} itn__part;
+
+/* What itn_mesh_check works on. */
+typedef struct itn__welding {
+    const itn_mesh *mesh;
+    itn__numbering positions, ends;
+    int *weld;        /* [vertex_count] first vertex at the same position */
+    int *at;          /* [vertex_count] first vertex, + 1, at each position */
+    itn__edge *edges; /* [ends.count], in the order in which the mesh names them */
+    itn__part *parts; /* [triangle_count] */
+    double terms;     /* sum of all */
+} itn__welding;
+
+/* Finds the first vertex at each position. One that is not finite equals only itself. */
+static void itn__weld(itn__welding *w, itn_mesh_report *report) {
+    int i, number;
+    for (i = 0; i < w->mesh->vertex_count; i++) {
+        /* -0 and 0 are one position */
+        itn_vec3 p = itn__add(itn__mesh_position(w->mesh, i), itn__vec3(0, 0, 0));
+        uint32_t key[3];
+        memcpy(key, &p, sizeof key);
+        w->weld[i] = i;
+        if (!itn__finite3(p)) {
+            if (!report->bad_vertices++) report->first_bad_vertex = i;
+            continue;
+        }
+        number = itn__number(&w->positions, key[0], key[1], key[2]);
+        if (!w->at[number]) w->at[number] = i + 1;
+        w->weld[i] = w->at[number] - 1;
+    }
+}
+
+/* Counts one use of the directed edge from -> to. */
+static void itn__use_edge(itn__welding *w, int from, int to, int triangle) {
+    int known = w->ends.count, low = from < to ? from : to, high = from < to ? to : from;
+    itn__edge *edge = &w->edges[itn__number(&w->ends, (uint32_t)low, (uint32_t)high, 0)];
+    if (w->ends.count > known) edge->from = from, edge->to = to, edge->first = triangle;
+    edge->along += edge->from == from, edge->against += edge->from != from;
+    edge->last = triangle;
+}
+
+/* Adds a triangle: its edges, its area, and its part of the volume as seen from `centre`. */
+static void itn__weigh_triangle(itn__welding *w, int triangle, const double centre[3],
+                                itn_mesh_report *report) {
+    const int *corner = w->mesh->triangles + 3 * (size_t)triangle;
+    int a = w->weld[corner[0]], b = w->weld[corner[1]], c = w->weld[corner[2]], k;
+    int twins = a == b || b == c || c == a;
+    double p[3][3], n[3], area;
+    for (k = 0; k < 9; k++)
+        p[k / 3][k % 3] = (double)w->mesh->positions[3 * (size_t)corner[k / 3] + (size_t)(k % 3)];
+    area = itn__triangle_area(p, n);
+    if (!twins) {
+        itn__use_edge(w, a, b, triangle), itn__use_edge(w, b, c, triangle);
+        itn__use_edge(w, c, a, triangle);
+    }
+    if (!itn__finite(area)) return; /* a bad vertex */
+    if ((area == 0 || twins) && !report->degenerate_triangles++)
+        report->first_degenerate_triangle = triangle;
+    report->area += area;
+    for (k = 0; k < 3; k++) {
+        double term = (p[0][k] - centre[k]) * n[k] / 6;
+        w->parts[triangle].volume += term, w->parts[triangle].terms += fabs(term);
+    }
+    report->volume += w->parts[triangle].volume, w->terms += w->parts[triangle].terms;
+}
+
+static void itn__weigh_triangles(itn__welding *w, itn_mesh_report *report) {
+    const itn_mesh *mesh = w->mesh;
+    double centre[3] = {0, 0, 0};
+    int i, k, weighed = 0;
+    for (i = 0; i < mesh->triangle_count; i++) {
+        const int *corner = mesh->triangles + 3 * (size_t)i;
+        int bad = 0;
+        for (k = 0; k < 3; k++) bad |= corner[k] < 0 || corner[k] >= mesh->vertex_count;
+        if (bad) {
+            if (!report->bad_indices++) report->first_bad_triangle = i;
+            continue;
+        }
+        for (k = 0; k < 3 && !weighed; k++)
+            centre[k] = (double)mesh->positions[3 * (size_t)corner[0] + (size_t)k];
+        weighed |= itn__finite(centre[0] + centre[1] + centre[2]);
+        itn__weigh_triangle(w, i, centre, report);
+    }
+}
+
+static void itn__judge_edges(const itn__welding *w, itn_mesh_report *report) {
+    int i;
+    for (i = 0; i < w->ends.count; i++) {
+        const itn__edge *edge = &w->edges[i];
+        int(*list)[2] = report->flipped_edge, *count = &report->flipped_edges;
+        if (edge->along == edge->against) continue;
+        if (edge->along + edge->against == 1)
+            list = report->open_edge, count = &report->open_edges;
+        else if (!report->flipped_edges)
+            report->flipped_triangle = edge->last;
+        if (*count < 4) list[*count][0] = edge->from, list[*count][1] = edge->to;
+        ++*count;
+    }
 }
 
 /* The triangle that stands for all of a triangle's part. */
-static int itn__part_of(int *part, int triangle) {
-    while (part[triangle] != triangle) triangle = part[triangle] = part[part[triangle]];
+static int itn__part_of(itn__part *parts, int triangle) {
+    while (parts[triangle].other != triangle)
+        triangle = parts[triangle].other = parts[parts[triangle].other].other;
     return triangle;
 }
 
-/* Counts parts of negative volume, which is the sum of what their triangles add, seen from a corner
-   of the part, with a sum without signs beside it, of which rounding leaves a little. */
-static void itn__count_inverted(itn__welding *w, itn_mesh_report *report) {
-    double p[3][3], q[3][3], n[3], least = -DBL_EPSILON * (w->mesh->triangle_count + 8.);
-    int i, k;
-    for (i = 0; i < w->mesh->triangle_count; i++) w->part[i] = i;
-    for (i = 0; i < w->edge_count; i++) {
-        const itn__edge *edge = &w->edges[i];
-        if (edge->along + edge->against == 2)
-            w->part[itn__part_of(w->part, edge->first)] = itn__part_of(w->part, edge->triangle);
+/* Counts parts of negative volume; rounding leaves a little of the sum without signs. */
+static void itn__judge_parts(itn__welding *w, itn_mesh_report *report) {
+    int count = w->mesh->triangle_count, i;
+    double rounding = DBL_EPSILON * (count + 8.);
+    for (i = 0; i < count; i++) w->parts[i].other = i;
+    for (i = 0; i < w->ends.count; i++)
+        if (w->edges[i].along + w->edges[i].against == 2)
+            w->parts[itn__part_of(w->parts, w->edges[i].first)].other =
+                itn__part_of(w->parts, w->edges[i].last);
+    for (i = 0; i < count; i++) {
+        itn__part *part = &w->parts[itn__part_of(w->parts, i)];
+        if (part == &w->parts[i]) continue;
+        part->volume += w->parts[i].volume, part->terms += w->parts[i].terms;
     }
-    for (i = 0; i < w->mesh->triangle_count; i++) {
-        int part = itn__part_of(w->part, i);
-        if (!itn__mesh_indexed(w->mesh, i)) continue;
-        itn__mesh_corners(w->mesh, i, p), itn__mesh_corners(w->mesh, part, q);
-        for (k = 0; k < 9; k++) p[k / 3][k % 3] -= q[0][k % 3];
-        itn__triangle_area(p, n);
-        for (k = 0; k < 3; k++) {
-            w->volume[part][0] += p[0][k] * n[k];
-            w->volume[part][1] += fabs(p[0][k] * n[k]);
-        }
-    }
-    for (i = 0; i < w->mesh->triangle_count; i++)
-        report->inverted_parts += w->volume[i][0] < least * w->volume[i][1];
+    for (i = 0; i < count; i++)
+        report->inverted_parts += w->parts[i].other == i &&
+                                  w->parts[i].volume < -rounding * w->parts[i].terms;
+    if (fabs(report->volume) <= rounding * w->terms) report->volume = 0;
 }
 
 static void itn__welding_free(itn__welding *w, const itn_context *context) {
-    itn__free(context, w->volume);
-    itn__free(context, w->part);
-    itn__free(context, w->edge_table);
+    itn__free(context, w->parts);
     itn__free(context, w->edges);
-    itn__free(context, w->vertex_table);
+    itn__free(context, w->at);
     itn__free(context, w->weld);
+    itn__free(context, w->ends.slots);
+    itn__free(context, w->ends.keys);
+    itn__free(context, w->positions.slots);
+    itn__free(context, w->positions.keys);
 }
 
-static itn_result itn__welding_make(itn__welding *w, const itn_mesh *mesh,
-                                    const itn_context *context, itn_error *error) {
-    size_t vertices = (size_t)mesh->vertex_count, edges = 3 * (size_t)mesh->triangle_count;
-    size_t vertex_slots = itn__table_size(vertices), edge_slots = itn__table_size(edges);
-    memset(w, 0, sizeof *w);
+/* Returns 0 if memory is out. */
+static int itn__welding_make(itn__welding *w, const itn_mesh *mesh, const itn_context *context) {
+    size_t vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
     w->mesh = mesh;
-    w->vertex_mask = vertex_slots - 1;
-    w->edge_mask = edge_slots - 1;
-    if (mesh->triangle_count <= INT_MAX / 3) { /* edges are counted in int */
-        w->weld = (int *)itn__allocate(context, vertices, sizeof(int));
-        w->vertex_table = (int *)itn__allocate(context, vertex_slots, sizeof(int));
-        w->edges = (itn__edge *)itn__allocate(context, edges, sizeof(itn__edge));
-        w->edge_table = (int *)itn__allocate(context, edge_slots, sizeof(int));
-        w->part = (int *)itn__allocate(context, edges / 3, sizeof(int));
-        w->volume = (double(*)[2])itn__allocate(context, edges / 3, sizeof *w->volume);
-    }
-    if (!w->weld || !w->vertex_table || !w->edges || !w->edge_table || !w->part ||
-        !w->volume) {
-        itn__welding_free(w, context);
-        return itn__out_of_memory(error, "a mesh check");
-    }
-    w->key = itn__hash_mesh(mesh);
-    return ITN_OK;
+    if (mesh->triangle_count > INT_MAX / 3) return 0; /* edges are counted in int */
+    w->weld = (int *)itn__allocate(context, vertices, sizeof(int));
+    w->at = (int *)itn__allocate(context, vertices, sizeof(int));
+    w->edges = (itn__edge *)itn__allocate(context, 3 * triangles, sizeof(itn__edge));
+    w->parts = (itn__part *)itn__allocate(context, triangles, sizeof(itn__part));
+    if (!itn__numbering_make(&w->positions, context, vertices) || !w->weld || !w->at || !w->edges ||
+        !itn__numbering_make(&w->ends, context, 3 * triangles) || !w->parts)
+        return 0;
+    w->ends.seed = itn__hash_words(mesh->positions, 3 * vertices, 1);
+    w->ends.seed = itn__hash_words(mesh->triangles, 3 * triangles, w->ends.seed);
+    w->positions.seed = w->ends.seed;
+    return 1;
 }
 
 ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
                                   itn_mesh_report *report, itn_error *error) {
     itn_context own;
-    itn__welding welding;
+    itn__welding welding = ITN_ZERO;
     itn_mesh_report found = ITN_ZERO;
     itn_result result = itn__context_check(context, &own, error);
     if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
     if (result) return result;
     if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
-    result = itn__welding_make(&welding, mesh, &own, error);
-    if (result) return result;
     found.first_bad_vertex = found.first_bad_triangle = -1;
     found.first_degenerate_triangle = found.flipped_triangle = -1;
-    itn__weld(&welding, &found);
-    itn__find_edges(&welding, &found);
-    itn__judge_edges(&welding, &found);
-    itn__measure(mesh, &found);
-    itn__count_inverted(&welding, &found);
+    if (itn__welding_make(&welding, mesh, &own)) {
+        itn__weld(&welding, &found);
+        itn__weigh_triangles(&welding, &found);
+        itn__judge_edges(&welding, &found);
+        itn__judge_parts(&welding, &found);
+        *report = found;
+    } else {
+        result = itn__out_of_memory(error, "a mesh check");
+    }
     itn__welding_free(&welding, &own);
-    *report = found;
-    return ITN_OK;
+    return result;
 }
 
 /* ---- [triangle] the watertight test of one ray and many triangles ---------------------------- */
@@ -2845,14 +2808,14 @@ static itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
 }
 
 /* Unit normal of a triangle's front, in double, where the edges of floats and their products are
-   exact enough for the thinnest needle. Returns 0 if there is none. */
-static int itn__unit_normal(const itn__triangle *triangle, double n[3]) {
+   exact enough for the thinnest needle. Returns twice the area, 0 if there is no normal. */
+static double itn__unit_normal(const itn__triangle *triangle, double n[3]) {
     itn__plane plane = itn__plane_of(triangle, itn__vec3(0, 0, 0));
     double length = sqrt(plane.n[0] * plane.n[0] + plane.n[1] * plane.n[1] +
                          plane.n[2] * plane.n[2]);
     int k;
     for (k = 0; k < 3 && length > 0; k++) n[k] = plane.n[k] / length;
-    return length > 0;
+    return length;
 }
 
 /* The t of a hit once more, in double, if it is one there, too, but for an ulp. */
@@ -5400,10 +5363,15 @@ static itn_result itn__not_a_solid(itn__maker *maker, int index, const itn_mesh 
                          index + 1, report->open_edges, report->flipped_edges, edge[0],
                          (double)p[3 * a], (double)p[3 * a + 1], (double)p[3 * a + 2], edge[1],
                          (double)p[3 * b], (double)p[3 * b + 1], (double)p[3 * b + 2]);
+    if (report->volume < 0)
+        return itn__fail(maker->error, ITN_ERROR_MESH, 0,
+                         "object %d: the mesh is inside out: its volume is %g (triangles must be "
+                         "counter-clockwise seen from outside; `force` turns it)", index + 1,
+                         report->volume);
     return itn__fail(maker->error, ITN_ERROR_MESH, 0,
-                     "object %d: the mesh is inside out or flat: its volume is %g (triangles must "
-                     "be counter-clockwise seen from outside; `force` turns one that is inside "
-                     "out)", index + 1, report->volume);
+                     "object %d: the mesh encloses nothing, its volume is 0: it is flat, or has "
+                     "each face twice, once for either side (leave out those that look inwards)",
+                     index + 1);
 }
 
 /* Checks an object's mesh and notes whether it is a solid. Media and dielectrics need one. */
@@ -5620,54 +5588,37 @@ static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
     return 0;
 }
 
-/* Area of an object's triangle; p receives its corners, n its normal. */
-static double itn__object_area(const itn__maker *maker, int index, int triangle, double p[3][3],
-                               double n[3]) {
-    const itn_object_desc *in = &maker->desc->objects[index];
-    int j, k;
-    for (j = 0; j < 3; j++) {
-        itn__object_vertex(in, itn__object_corner(in, 3 * triangle + j), p[j]);
-        for (k = 0; k < 3; k++) p[j][k] -= maker->scene->origin[k];
-    }
-    return itn__triangle_area(p, n);
-}
-
 /* A line from outside of all solids through a point of a triangle, at a likelihood in proportion to
    its cosine with the normal: all lines that cross the triangle are as likely. */
-static itn_ray itn__draw_line(const itn_scene *scene, double p[3][3], const double n[3],
+static itn_ray itn__draw_line(const itn_scene *scene, int triangle, const double n[3],
                               itn__rng *rng) {
-    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    double u = itn__uniform(rng), v = itn__uniform(rng);
-    float x[3], a, b;
-    itn_vec3 normal = itn__vec3((float)(n[0] / length), (float)(n[1] / length),
-                                (float)(n[2] / length));
-    itn_vec3 s, t, up;
+    float u = itn__uniform(rng), v = itn__uniform(rng), a = itn__uniform(rng);
+    float b = 2 * ITN__PI * itn__uniform(rng);
+    itn_vec3 s, t, p[3], normal = itn__vec3((float)n[0], (float)n[1], (float)n[2]);
+    itn_vec3 up = itn__vec3(sqrtf(a) * cosf(b), sqrtf(a) * sinf(b), sqrtf(1 - a)); /* cos / pi */
     itn_ray line;
-    int k;
+    itn__bvh_corners(scene->bvh, triangle, p);
     if (u + v > 1) u = 1 - u, v = 1 - v;
-    for (k = 0; k < 3; k++) x[k] = (float)(p[0][k] + u * (p[1][k] - p[0][k]) +
-                                           v * (p[2][k] - p[0][k]));
+    line.origin = itn__along(itn__along(p[0], u, itn__sub(p[1], p[0])), v, itn__sub(p[2], p[0]));
     itn__frame(normal, &s, &t);
-    a = itn__uniform(rng), b = 2 * ITN__PI * itn__uniform(rng);
-    up = itn__vec3(sqrtf(a) * cosf(b), sqrtf(a) * sinf(b), sqrtf(1 - a)); /* density cos / pi */
     line.direction = itn__normalize(itn__to_world(up, s, t, normal));
-    line.origin = itn__along(itn__vec3(x[0], x[1], x[2]), -4 * scene->radius, line.direction);
+    line.origin = itn__along(line.origin, -4 * scene->radius, line.direction);
     line.tmin = 0, line.tmax = INFINITY;
     return line;
 }
 
 /* How many of ITN__TRIED_LINES through points at equal steps of a solid's surface are tangled. */
 static int itn__count_tangled(const itn__maker *maker, int index) {
-    int count = itn__object_triangles(&maker->desc->objects[index]), lines = 0, tangled = 0, i;
+    const itn_scene *scene = maker->scene;
+    const itn__object *object = &scene->objects[index];
+    int end = object->first_triangle + itn__object_triangles(&maker->desc->objects[index]);
+    int lines = 0, tangled = 0, i;
     itn__rng rng = itn__rng_make(0, (uint64_t)index, 0);
-    double p[3][3], n[3], area = 0, reached = 0;
-    for (i = 0; i < count; i++) area += itn__object_area(maker, index, i, p, n);
-    for (i = 0; i < count; i++) {
-        reached += itn__object_area(maker, index, i, p, n);
-        for (; reached * (double)ITN__TRIED_LINES > (lines + .5) * area; lines++) {
-            itn_ray line = itn__draw_line(maker->scene, p, n, &rng);
-            tangled += itn__is_tangled(maker->scene, index, line);
-        }
+    double n[3], reached = 0;
+    for (i = object->first_triangle; i < end; i++) {
+        reached += .5 * itn__unit_normal(&scene->bvh->triangles[i], n);
+        for (; reached * (double)ITN__TRIED_LINES > (lines + .5) * object->area; lines++)
+            tangled += itn__is_tangled(scene, index, itn__draw_line(scene, i, n, &rng));
     }
     return tangled;
 }

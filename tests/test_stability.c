@@ -843,6 +843,28 @@ static void test_bad_meshes(void) {
     }
 }
 
+/* A mesh that has each of its faces twice, once for either side, encloses nothing: the message says
+   so, and advises no `force`, which would not help. */
+static void test_two_sided(void) {
+    itn_scene *scene = NULL;
+    itn_error error;
+    itn_mesh twice = ITN_ZERO;
+    theatre t;
+    int i, count;
+    theatre_open(&t, 1);
+    count = t.mesh.triangle_count;
+    stage_need(itn_mesh_create(t.mesh.vertex_count, 2 * count, 0, NULL, &twice, &error), &error);
+    memcpy(twice.positions, t.mesh.positions, 3 * (size_t)t.mesh.vertex_count * sizeof(float));
+    for (i = 0; i < 6 * count; i++) /* the second half backwards, which turns each triangle */
+        twice.triangles[i] = t.mesh.triangles[i < 3 * count ? i : 6 * count - 1 - i];
+    t.s.objects[0].mesh = &twice;
+    memset(&error, 0, sizeof error);
+    CHECK(itn_scene_create(&t.s.desc, NULL, &scene, &error) == ITN_ERROR_MESH);
+    CHECK(strstr(error.message, "twice") && !strstr(error.message, "force"));
+    itn_mesh_free(&twice);
+    theatre_close(&t);
+}
+
 /* Directions need no unit length: huge and tiny ones mean the same. */
 static void test_directions(void) {
     static const float sizes[] = {1, 1e-30f, 1e30f};
@@ -1159,6 +1181,7 @@ int main(void) {
     test_bad_words(1);
     test_bad_words(3);
     test_bad_meshes();
+    test_two_sided();
     test_directions();
     test_arguments();
     test_memory(0);
