@@ -13305,29 +13305,28 @@ ITN_API void itn_net_zero_gradients(itn_net *net) {
     memset(net->gradients, 0, net->count * sizeof *net->gradients);
 }
 
-/* Returns the number nearest to k in 0 to count - 1. */
-static int itn__inside(int k, int count) { return k < 0 ? 0 : k < count ? k : count - 1; }
-
-/* The pixel k places behind pixel i, of `length` that are `step` apart; the border's repeated. */
-static double itn__neighbour(const float *pixels, int i, int k, int step, int length) {
-    int place = i / step % length;
-    return (double)pixels[i + (itn__inside(place + k, length) - place) * step];
+/* Pixel (x, y) of a picture whose border pixels are repeated outside. */
+static double itn__border_pixel(const float *pixels, int width, int height, int x, int y) {
+    x = x < 0 ? 0 : x < width ? x : width - 1, y = y < 0 ? 0 : y < height ? y : height - 1;
+    return (double)pixels[y * width + x];
 }
 
-/* Blurs `count` pixels with binomial weights, along rows (step 1) or columns (step width). */
-static void itn__blur_input(int count, int step, int length, const float *from, float *to) {
-    int i;
-    for (i = 0; i < count; i++)
-        to[i] = (float)((itn__neighbour(from, i, -2, step, length) +
-                         itn__neighbour(from, i, 2, step, length) +
-                         4 * (itn__neighbour(from, i, -1, step, length) +
-                              itn__neighbour(from, i, 1, step, length)) +
-                         6 * (double)from[i]) / 16);
+/* Blurs with binomial weights, along rows (across = 1) or columns (0). */
+static void itn__blur_input(int width, int height, int across, const float *from, float *to) {
+    int x, y, k;
+    for (y = 0; y < height; y++)
+        for (x = 0; x < width; x++) {
+            double of[5];
+            for (k = -2; k <= 2; k++)
+                of[k + 2] = itn__border_pixel(from, width, height, x + k * across,
+                                              y + k * !across);
+            *to++ = (float)((of[0] + of[4] + 4 * (of[1] + of[3]) + 6 * of[2]) / 16);
+        }
 }
 
 ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
                                  float *input, itn_error *error) {
-    int plane, i;
+    int plane, i, x, y;
     if (!pixels || !input || width < 1 || height < 1 || !(mean > 0) || !itn__finite(mean) ||
         width > INT_MAX / height)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -13339,14 +13338,16 @@ ITN_API itn_result itn_net_input(int width, int height, const float *pixels, dou
                              "itn_net_input: pixel (%d, %d) is not finite, or too large for a "
                              "mean of %g", i % width, i / width, mean);
     for (i = 0; i < plane; i++) input[i] = (float)((double)pixels[i] / mean);
-    itn__blur_input(plane, 1, width, input, input + plane);
-    itn__blur_input(plane, width, height, input + plane, input);
+    itn__blur_input(width, height, 1, input, input + plane);
+    itn__blur_input(width, height, 0, input + plane, input);
     for (i = 0; i < plane; i++) {
-        double across = itn__neighbour(input, i, 1, 1, width) -
-                        itn__neighbour(input, i, -1, 1, width);
-        double down = itn__neighbour(input, i, 1, width, height) -
-                      itn__neighbour(input, i, -1, width, height);
-        double slope = sqrt(across * across + down * down);
+        double across, down, slope;
+        x = i % width, y = i / width;
+        across = itn__border_pixel(input, width, height, x + 1, y) -
+                 itn__border_pixel(input, width, height, x - 1, y);
+        down = itn__border_pixel(input, width, height, x, y + 1) -
+               itn__border_pixel(input, width, height, x, y - 1);
+        slope = sqrt(across * across + down * down);
         input[plane + i] = (float)(slope / (slope + 1));
     }
     return ITN_OK;
@@ -13442,18 +13443,16 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
     return ITN_OK;
 }
 
-/* Shows a picture e^larger times as large about its middle: nearest pixels, those of the border
-   repeated outside. */
+/* Shows a picture e^larger times as large about its middle, by nearest pixels. */
 static void itn__resize_picture(int width, int height, const float *from, double larger,
                                 float *to) {
     double step = exp(-larger), middle_x = (width - 1) / 2., middle_y = (height - 1) / 2.;
     int x, y;
     for (y = 0; y < height; y++)
-        for (x = 0; x < width; x++) {
-            int line = (int)floor(middle_y + step * (y - middle_y) + .5);
-            int column = (int)floor(middle_x + step * (x - middle_x) + .5);
-            *to++ = from[itn__inside(line, height) * width + itn__inside(column, width)];
-        }
+        for (x = 0; x < width; x++)
+            *to++ = (float)itn__border_pixel(from, width, height,
+                                             (int)floor(middle_x + step * (x - middle_x) + .5),
+                                             (int)floor(middle_y + step * (y - middle_y) + .5));
 }
 
 ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, float *outputs,
