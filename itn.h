@@ -703,12 +703,11 @@ ITN_API float *itn_net_parameters(itn_net *net, size_t *count);
 ITN_API float *itn_net_gradients(itn_net *net, size_t *count);
 
 /* Makes of a picture the two channels that the authors' networks see: its brightness over `mean`,
-   blurred by (1 4 6 4 1)/16 along rows and columns (theirs is not; but then networks read the noise
-   of the pictures they learn from), and an edge weight s/(s+1), s = |(right - left, below - above)|
-   of a pixel's neighbours in it. Pixels of the border are repeated outside.
-   mean: the brightness, > 0, of the pictures that the network was trained with. pixels:
-   [height][width], linear radiometric, finite, also over mean. input: [2][height][width], no
-   overlap with pixels. Errors: ARGUMENT; then input is untouched. */
+   the brightness of the pictures trained with, blurred by (1 4 6 4 1)/16 along rows and columns
+   (theirs is not, but then networks read the noise of these pictures); and an edge weight s/(s+1),
+   s = |(right - left, below - above)| of a pixel's neighbours in it.
+   pixels: [height][width], linear radiometric, finite, also over mean. input: [2][height][width],
+   no overlap with pixels. Errors: ARGUMENT; then input is untouched. */
 ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
                                  float *input, itn_error *error);
 /* Computes the network's outputs for `batch` images (1 to the desc's batch).
@@ -716,15 +715,13 @@ ITN_API itn_result itn_net_input(int width, int height, const float *pixels, dou
    Errors: ARGUMENT (batch out of range, image values or outputs that are not finite). */
 ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images, float *outputs,
                                    itn_error *error);
-/* Reads a picture: the mean outputs for five sizes of it, e^-.5, e^-.25, ... e^.5 times as large
-   about its middle, each as itn_net_input shows it: what is wrong about a shape that the network
-   does not know differs from size to size. An object that looks s times as large is that object
-   with sigma_t / s, so in the mean of log sigma_t, its coordinate, these log s cancel.
+/* Reads a picture: the mean outputs for five sizes of it, e^-.5, e^-.25, ... e^.5 times as large,
+   each as itn_net_input shows it: errors about an unknown shape differ from size to size. Objects s
+   times as large look like sigma_t / s, which cancels in the mean of log sigma_t, its coordinate.
    net: of 2 channels; its backward then needs another forward call. pixels: [height][width] of the
-   net's desc, and mean: as for itn_net_input (NAME.net.txt has that of examples/train.c's
-   NAME.net). outputs: [outputs], no overlap with pixels; of such a network coordinates of sigma_t,
-   albedo and g, for itn_parameter_from_coordinate. Errors: ARGUMENT, MEMORY; then outputs is
-   untouched. */
+   net, and mean: as for itn_net_input (of a NAME.net by examples/train.c, NAME.net.txt has it).
+   outputs: [outputs]; of such a network coordinates of sigma_t, albedo and g.
+   Errors: ARGUMENT, MEMORY; then outputs is untouched. */
 ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, float *outputs,
                                 itn_error *error);
 /* Adds to the gradients those of a loss, given its derivatives in the outputs of the latest
@@ -747,10 +744,6 @@ typedef enum itn_model {
     ITN_MODEL_ITN     /* inverse transport network: renders with full transport */
 } itn_model;
 
-/* Returns whether a model's loss renders; if so, sets options->max_scatter as the model wants.
-   options may be NULL. */
-ITN_API int itn_model_renders(itn_model model, itn_render_options *options);
-
 /* Supervised loss: returns sum_k (truth[k] - predicted[k])^2 and stores its gradient in
    gradient[k] = 2 (predicted[k] - truth[k]), which may be `predicted` itself. All arrays are
    [count] coordinates (itn_parameter_to_coordinate), where the outputs of a network live. */
@@ -761,8 +754,7 @@ ITN_API double itn_loss_parameters(int count, const float *predicted, const floa
 typedef struct itn_loss_desc {
     itn_model model;
     double lambda;              /* weight of the image term, >= 0; 0 leaves it out */
-    const itn_scene *scene;     /* what the image shows; the fields from here on: not used by RN,
-                                   nor if lambda is 0 */
+    const itn_scene *scene;     /* what the image shows; this and the rest: if it is rendered */
     const float *theta;         /* the scene's other parameters; NULL: as made */
     const int *parameters;      /* [count] what the outputs mean, as indices of the scene */
     itn_render_options options; /* take a new seed for every image and step */
@@ -775,14 +767,13 @@ typedef struct itn_loss {
 } itn_loss;
 
 /* One image's term of equation (3), ||pi - N(I)||^2 + lambda ||I - T(N(I))||^2, where N(I) are the
-   coordinates of the parameters of T, and the derivative of `total` in the outputs N(I). The second
-   is a mean over pixels and channels, so lambda is the paper's times their number; choose it so
-   that the two terms are of like size when training with it begins. Beyond a parameter's bounds the
-   value and slope on the bound are used; an ior is at least 1.001, where it still has a derivative.
+   coordinates of the parameters of T, and the derivative of `total` in them. The second is a mean
+   over pixels and channels, so lambda is the paper's times their number; choose it so that both are
+   of like size when training with it begins. Beyond a parameter's bounds the value and slope on the
+   bound are used; an ior is at least 1.001. options.max_scatter is set by the model.
    count: outputs of the network. predicted, truth, gradient: [count] coordinates.
    image: [C][height][width] of the scene's film, linear radiometric; may be NULL if none is
-   rendered.
-   Errors: ARGUMENT (NULL, lambda, an index, a prediction or truth that is not finite, a gradient
+   rendered. Errors: ARGUMENT (NULL, lambda, an index, coordinates that are not finite, a gradient
    too large for a float) and those of itn_loss_gradient; then loss and gradient are untouched. */
 ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const float *predicted,
                                      const float *truth, const float *image, itn_loss *loss,
@@ -12951,12 +12942,6 @@ static void itn__conv_backward(const itn_context *context, itn__conv *c) {
    derivative of the image loss in them; the chain rule gives
        dl/dc = 2 (N(I) - c_truth) + lambda (dl_image/dpi) (dpi/dc). */
 
-ITN_API int itn_model_renders(itn_model model, itn_render_options *options) {
-    if (model == ITN_MODEL_RN) return 0;
-    if (options) options->max_scatter = model == ITN_MODEL_SSN ? 1 : 0;
-    return 1;
-}
-
 ITN_API double itn_loss_parameters(int count, const float *predicted, const float *truth,
                                    float *gradient) {
     double loss = 0;
@@ -12970,7 +12955,7 @@ ITN_API double itn_loss_parameters(int count, const float *predicted, const floa
 }
 
 static int itn__has_image_term(const itn_loss_desc *desc) {
-    return itn_model_renders(desc->model, NULL) && desc->lambda != 0;
+    return desc->model != ITN_MODEL_RN && desc->lambda != 0;
 }
 
 static itn_result itn__loss_check(const itn_loss_desc *desc, int count, const float *predicted,
@@ -13017,8 +13002,7 @@ static itn_result itn__loss_image(const itn_loss_desc *desc, int count, const fl
     itn_render_options options = desc->options;
     itn_result result;
     int k;
-    (void)itn_model_renders(desc->model, &options);
-    options.stats = stats;
+    options.max_scatter = desc->model == ITN_MODEL_SSN ? 1 : 0, options.stats = stats;
     itn_parameter_values(desc->scene, theta);
     if (desc->theta)
         memcpy(theta, desc->theta, (size_t)itn_parameter_count(desc->scene) * sizeof *theta);
