@@ -1275,10 +1275,9 @@ static size_t itn__print(char *text, size_t size, const char *format, ...) {
 static const char *itn__parse_digits(const char *at, const char *end, uint64_t *digits,
                                      int64_t *dropped) {
     for (; at < end && *at >= '0' && *at <= '9'; at++) {
-        if (*digits < 1000000000000000000u)
-            *digits = *digits * 10 + (uint64_t)(*at - '0');
-        else
-            ++*dropped;
+        int fits = *digits < 1000000000000000000u;
+        if (fits) *digits = *digits * 10 + (uint64_t)(*at - '0');
+        *dropped += !fits;
     }
     return at;
 }
@@ -1288,9 +1287,9 @@ static const char *itn__parse_digits(const char *at, const char *end, uint64_t *
 static const char *itn__parse_number(const char *at, const char *end, double *value) {
     uint64_t digits = 0, power = 0;
     int64_t exponent = 0, ignored = 0;
-    const char *start, *dot = NULL, *after;
-    int negative = at < end && *at == '-', minus;
-    if (at < end && (*at == '-' || *at == '+')) at++;
+    const char *start, *dot = NULL;
+    int negative = at < end && *at == '-';
+    at += at < end && (*at == '-' || *at == '+');
     start = at;
     at = itn__parse_digits(at, end, &digits, &exponent);
     if (at < end && *at == '.') {
@@ -1300,11 +1299,11 @@ static const char *itn__parse_number(const char *at, const char *end, double *va
     }
     if (at - start == (dot != NULL)) return NULL; /* no digit */
     if (at < end && (*at == 'e' || *at == 'E')) {
-        minus = end - at > 1 && at[1] == '-';
-        at += end - at > 1 && (minus || at[1] == '+') ? 2 : 1;
-        after = itn__parse_digits(at, end, &power, &ignored);
-        if (after == at) return NULL;
-        at = after;
+        int minus = ++at < end && *at == '-';
+        at += at < end && (*at == '-' || *at == '+');
+        start = at;
+        at = itn__parse_digits(at, end, &power, &ignored);
+        if (at == start) return NULL;
         if (power > INT_MAX) power = INT_MAX;
         exponent += minus ? -(int64_t)power : (int64_t)power;
     }
@@ -16959,14 +16958,12 @@ static void itn__obj_numbers(itn__text *text, int least, int most, float *number
 }
 
 /* Reads an index and makes it count from 0; -1 if it is not a number that names one of `count`. */
-static int64_t itn__obj_index(itn__text *text, size_t count) {
-    int negative = text->at < text->end && *text->at == '-';
-    uint64_t digits = 0;
-    int64_t dropped = 0;
-    text->at = itn__parse_digits(text->at + negative, text->end, &digits, &dropped);
-    if (count > INT_MAX) count = INT_MAX;
-    if (dropped || !digits || digits > count) return -1;
-    return negative ? (int64_t)count - (int64_t)digits : (int64_t)digits - 1;
+static int64_t itn__obj_index(itn__text *text, const char *end, size_t count) {
+    double index = 0, most = count < INT_MAX ? (double)count : INT_MAX;
+    const char *after = itn__parse_number(text->at, end, &index);
+    if (after) text->at = after;
+    if (!after || index == 0 || !(fabs(index) <= most) || index != floor(index)) return -1;
+    return (int64_t)(index < 0 ? most + index : index - 1);
 }
 
 /* Reads a corner "v", "v/t", "v//n" or "v/t/n"; returns whether it is valid. */
@@ -16980,7 +16977,7 @@ static int itn__obj_corner(itn__text *text, itn__builder *builder, size_t normal
     for (k = 0; k < 3; k++) {
         if (k > 0 && text->at < end && *text->at++ != '/') return 0;
         if (text->at == end || (k == 1 && *text->at == '/')) continue;
-        index[k] = itn__obj_index(text, counts[k]);
+        index[k] = itn__obj_index(text, end, counts[k]);
         if (index[k] < 0) return 0;
     }
     if (text->at != end || index[0] < 0) return 0;
@@ -17040,20 +17037,10 @@ enum { ITN__PLY_ELEMENTS = 32, ITN__PLY_PROPERTIES = 512 };
 enum { ITN__PLY_ASCII = 1, ITN__PLY_LITTLE, ITN__PLY_BIG };
 enum { ITN__PLY_OTHER = 0, ITN__PLY_VERTEX, ITN__PLY_FACE };
 /* Roles: x y z u v of a vertex, numbers in this order, and the lists of a face. */
-enum { ITN__PLY_U = 3, ITN__PLY_SCALARS = 5, ITN__PLY_CORNERS = 5, ITN__PLY_TEXCOORDS,
-       ITN__PLY_NONE };
-
-static const struct itn__ply_number {
-    const char *names[2];
-    char kind; /* signed, unsigned, float */
-    unsigned char size;
-} itn__ply_numbers[] = {{{"char", "int8"}, 's', 1},     {{"uchar", "uint8"}, 'u', 1},
-                        {{"short", "int16"}, 's', 2},   {{"ushort", "uint16"}, 'u', 2},
-                        {{"int", "int32"}, 's', 4},     {{"uint", "uint32"}, 'u', 4},
-                        {{"float", "float32"}, 'f', 4}, {{"double", "float64"}, 'f', 8}};
+enum { ITN__PLY_U = 3, ITN__PLY_CORNERS = 5, ITN__PLY_TEXCOORDS, ITN__PLY_NONE };
 
 typedef struct itn__ply_property {
-    const struct itn__ply_number *type, *list; /* list: of the count, NULL for a scalar */
+    int type, list; /* list: the type of the count, -1 for a scalar */
     int role;
 } itn__ply_property;
 
@@ -17074,55 +17061,60 @@ typedef struct itn__ply {
     int textured; /* every vertex has texture coordinates */
 } itn__ply;
 
+static const char *const itn__ply_kinds[] = {"entry", "vertex", "face"};
+static const unsigned char itn__ply_sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
+
 /* Fails with the place and, if one is being read, the entry of the element. */
 static void itn__ply_fail(itn__ply *ply, const char *what) {
-    static const char *const kinds[] = {"entry", "vertex", "face"};
     itn_result code = itn__mesh_fault(what);
     if (!ply->element) itn__text_fail(&ply->text, code, "PLY %s", what);
-    else itn__text_fail(&ply->text, code, "PLY %s %.0f: %s", kinds[ply->element->kind],
+    else itn__text_fail(&ply->text, code, "PLY %s %.0f: %s", itn__ply_kinds[ply->element->kind],
                         (double)ply->index, what);
 }
 
-/* Steps over the name of a type; NULL if none is there. */
-static const struct itn__ply_number *itn__ply_type(itn__text *text) {
-    size_t i;
-    itn__skip_blanks(text);
-    for (i = 0; i < 16; i++)
-        if (itn__accept_word(text, itn__ply_numbers[i / 2].names[i % 2]))
-            return &itn__ply_numbers[i / 2];
-    return NULL;
+/* Steps over the next word if it is one of these, and says which; -1 if it is none. */
+static int itn__ply_word(itn__ply *ply, const char *const *words, int count) {
+    int i = 0;
+    itn__skip_blanks(&ply->text);
+    while (i < count && !itn__accept_word(&ply->text, words[i])) i++;
+    return i < count ? i : -1;
+}
+
+/* Steps over the name of a type; returns its place in itn__ply_sizes, or -1. */
+static int itn__ply_type(itn__ply *ply) {
+    static const char *const names[] = {"char",   "uchar",  "short",   "ushort", "int",   "uint",
+                                        "float",  "double", "int8",    "uint8",  "int16", "uint16",
+                                        "int32",  "uint32", "float32", "float64"};
+    int i = itn__ply_word(ply, names, 16);
+    return i < 0 ? i : i % 8;
 }
 
 /* Reads "TYPE name" or "list TYPE TYPE name". */
 static void itn__ply_property_line(itn__ply *ply) {
-    static const struct {
-        const char *name;
-        int kind, role;
-    } roles[] = {{"x", ITN__PLY_VERTEX, 0},         {"y", ITN__PLY_VERTEX, 1},
-                 {"z", ITN__PLY_VERTEX, 2},         {"u", ITN__PLY_VERTEX, 3},
-                 {"s", ITN__PLY_VERTEX, 3},         {"texture_u", ITN__PLY_VERTEX, 3},
-                 {"v", ITN__PLY_VERTEX, 4},         {"t", ITN__PLY_VERTEX, 4},
-                 {"texture_v", ITN__PLY_VERTEX, 4}, {"vertex_indices", ITN__PLY_FACE, 5},
-                 {"vertex_index", ITN__PLY_FACE, 5}, {"texcoord", ITN__PLY_FACE, 6}};
+    static const char *const of_vertex[] = {"x", "y", "z", "u", "v", "s", "t", "texture_u",
+                                            "texture_v"};
+    static const char *const of_face[] = {"vertex_indices", "vertex_index", "texcoord"};
     itn__ply_element *element = ply->elements + ply->element_count - 1;
-    itn__ply_property property = {NULL, NULL, ITN__PLY_NONE};
-    int list = itn__accept_word(&ply->text, "list");
-    size_t i;
-    if (list) property.list = itn__ply_type(&ply->text);
-    property.type = itn__ply_type(&ply->text);
+    itn__ply_property property = {-1, -1, ITN__PLY_NONE};
+    int list = itn__accept_word(&ply->text, "list"), i;
+    if (list) property.list = itn__ply_type(ply);
+    property.type = itn__ply_type(ply);
     if (!ply->element_count) itn__ply_fail(ply, "property stands before any element");
     else if (ply->property_count == ITN__PLY_PROPERTIES)
         itn__ply_fail(ply, "has more than 512 properties");
-    else if (!property.type || (list && !property.list))
+    else if (property.type < 0 || (list && property.list < 0))
         itn__ply_fail(ply, "property has no valid type");
-    else if (list && property.list->kind == 'f')
-        itn__ply_fail(ply, "list has a count that is no integer");
+    else if (property.list >= 6) itn__ply_fail(ply, "list has a count that is no integer");
     else if (itn__line_done(&ply->text)) itn__ply_fail(ply, "property has no name");
     if (ply->text.result) return;
-    for (i = 0; i < sizeof roles / sizeof *roles; i++)
-        if (roles[i].kind == element->kind && (element->kind == ITN__PLY_FACE) == list &&
-            !(element->has >> roles[i].role & 1) && itn__accept_word(&ply->text, roles[i].name))
-            property.role = roles[i].role;
+    if (element->kind == ITN__PLY_VERTEX && !list) {
+        i = itn__ply_word(ply, of_vertex, 9);
+        if (i >= 0) property.role = i < 3 ? i : 4 - i % 2;
+    } else if (element->kind == ITN__PLY_FACE && list) {
+        i = itn__ply_word(ply, of_face, 3);
+        if (i >= 0) property.role = i < 2 ? ITN__PLY_CORNERS : ITN__PLY_TEXCOORDS;
+    }
+    if (element->has >> property.role & 1) property.role = ITN__PLY_NONE;
     element->has |= 1 << property.role;
     ply->properties[ply->property_count++] = property;
     element->end = ply->property_count;
@@ -17131,36 +17123,22 @@ static void itn__ply_property_line(itn__ply *ply) {
 /* Reads "name count". */
 static void itn__ply_element_line(itn__ply *ply) {
     itn__ply_element element = ITN_ZERO;
-    int64_t dropped = 0;
-    const char *start;
-    int i;
+    double count = -1;
+    int i, length;
     element.first = element.end = ply->property_count;
-    element.kind = itn__accept_word(&ply->text, "vertex") ? ITN__PLY_VERTEX
-                   : itn__accept_word(&ply->text, "face") ? ITN__PLY_FACE
-                                                          : ITN__PLY_OTHER;
+    element.kind = itn__ply_word(ply, itn__ply_kinds + 1, 2) + 1;
     ply->text.at += itn__word_length(&ply->text);
     itn__skip_blanks(&ply->text);
-    start = ply->text.at;
-    ply->text.at = itn__parse_digits(start, ply->text.end, &element.count, &dropped);
-    if (ply->text.at == start || dropped || !itn__line_done(&ply->text))
+    length = itn__word_length(&ply->text);
+    if (itn__parse_number(ply->text.at, ply->text.at + length, &count) != ply->text.at + length ||
+        !(count >= 0 && count < 1e15 && count == floor(count)))
         itn__ply_fail(ply, "element has no valid count");
-    if (element.kind && element.count > INT_MAX)
-        itn__ply_fail(ply, "has too many vertices or faces");
+    else if (element.kind && count > INT_MAX) itn__ply_fail(ply, "has too many vertices or faces");
+    else element.count = (uint64_t)count;
     for (i = 0; element.kind && i < ply->element_count; i++)
         if (ply->elements[i].kind == element.kind) itn__ply_fail(ply, "has an element twice");
     if (ply->element_count == ITN__PLY_ELEMENTS) itn__ply_fail(ply, "has more than 32 elements");
     else ply->elements[ply->element_count++] = element;
-}
-
-/* Reads "ascii 1.0" and so on. */
-static void itn__ply_format_line(itn__ply *ply) {
-    static const char *const formats[] = {"ascii", "binary_little_endian", "binary_big_endian"};
-    int i;
-    for (i = 0; i < 3; i++)
-        if (itn__accept_word(&ply->text, formats[i])) ply->format = i + 1;
-    itn__skip_blanks(&ply->text);
-    if (!ply->format || !itn__accept_word(&ply->text, "1.0"))
-        itn__ply_fail(ply, "has an unknown format");
 }
 
 /* Vertices must have positions, faces corners, and vertices come first. */
@@ -17180,38 +17158,42 @@ static void itn__ply_header_check(itn__ply *ply) {
 }
 
 static void itn__ply_header(itn__ply *ply) {
+    static const char *const keywords[] = {"end_header", "comment", "obj_info",
+                                           "format",     "element", "property"};
+    static const char *const formats[] = {"ascii", "binary_little_endian", "binary_big_endian"};
     itn__text *text = &ply->text;
-    int newline, lone_return;
+    int keyword = -1, lone_return;
     itn__skip_blanks(text);
     /* "ply" ends in CR LF or LF or CR; in CR, a CR LF at the end is a line end and a datum */
     lone_return = text->end - text->at > 1 && text->at[0] == '\r' && text->at[1] != '\n';
-    for (itn__next_line(text); !itn__accept_word(text, "end_header"); itn__next_line(text)) {
-        int element = itn__accept_word(text, "element");
-        int property = itn__accept_word(text, "property");
-        int format = itn__accept_word(text, "format");
+    while (keyword != 0 && !text->result) {
+        itn__next_line(text);
+        keyword = itn__ply_word(ply, keywords, 6);
         itn__skip_blanks(text);
-        if (element) itn__ply_element_line(ply);
-        else if (property) itn__ply_property_line(ply);
-        else if (format) itn__ply_format_line(ply);
-        else if (text->at == text->end) itn__ply_fail(ply, "header has no end");
-        else if (!itn__newline(text->at, text->end) && !itn__accept_word(text, "comment") &&
-                 !itn__accept_word(text, "obj_info"))
+        if (text->at == text->end) itn__ply_fail(ply, "header has no end");
+        else if (keyword == 5) itn__ply_property_line(ply);
+        else if (keyword == 4) itn__ply_element_line(ply);
+        else if (keyword == 3) {
+            ply->format = itn__ply_word(ply, formats, 3) + 1;
+            itn__skip_blanks(text);
+            if (!ply->format || !itn__accept_word(text, "1.0"))
+                itn__ply_fail(ply, "has an unknown format");
+        } else if (keyword < 0 && !itn__newline(text->at, text->end))
             itn__ply_fail(ply, "header has an unknown keyword");
-        if (text->result) return;
+        else if (keyword == 0 && !itn__newline(text->at, text->end))
+            itn__ply_fail(ply, "header has no end");
     }
-    itn__skip_blanks(text);
-    newline = itn__newline(text->at, text->end);
-    if (!newline) itn__ply_fail(ply, "header has no end");
     itn__ply_header_check(ply);
     if (text->result) return;
-    text->at += lone_return ? 1 : newline; /* what follows may be binary, and look like anything */
+    /* what follows may be binary, and look like anything */
+    text->at += lone_return ? 1 : itn__newline(text->at, text->end);
     text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
 }
 
 /* Reads a number of any type and steps behind it; NaN if the text is none. */
-static double itn__ply_value(itn__ply *ply, const struct itn__ply_number *type) {
+static double itn__ply_value(itn__ply *ply, int type) {
+    size_t size = itn__ply_sizes[type], i;
     const unsigned char *bytes = NULL;
-    size_t size = type->size, i;
     double value = (double)NAN;
     uint64_t bits = 0;
     uint32_t half;
@@ -17224,14 +17206,15 @@ static double itn__ply_value(itn__ply *ply, const struct itn__ply_number *type) 
     if (!bytes) itn__ply_fail(ply, "data ends early");
     if (!bytes) return value;
     if (ply->format == ITN__PLY_ASCII) {
-        if (itn__parse_number(ply->text.at - size, ply->text.at, &value) != ply->text.at)
+        if (itn__parse_number((const char *)bytes, ply->text.at, &value) != ply->text.at)
             value = (double)NAN;
         return value;
     }
     for (i = 0; i < size; i++)
         bits = bits << 8 | bytes[ply->format == ITN__PLY_BIG ? i : size - 1 - i];
-    if (type->kind == 's' && bits >> (8 * size - 1)) return (double)bits - ldexp(1, 8 * (int)size);
-    if (type->kind != 'f') return (double)bits;
+    value = (double)bits;
+    if (type < 6 && type % 2 == 0 && bits >> (8 * size - 1)) value -= ldexp(1, 8 * (int)size);
+    if (type < 6) return value; /* those of even places are signed */
     memcpy(&value, &bits, 8);
     half = (uint32_t)bits;
     memcpy(&number, &half, 4);
@@ -17242,20 +17225,16 @@ static double itn__ply_value(itn__ply *ply, const struct itn__ply_number *type) 
 static void itn__ply_take(itn__ply *ply, int role, double value, float *vertex) {
     itn__builder *builder = ply->builder;
     float number = (float)value;
-    if (role == ITN__PLY_CORNERS) {
-        if (itn__builder_failed(builder)) itn__ply_fail(ply, "out of memory");
-        else if (!(value >= 0 && value < (double)itn__vertex_count(builder) &&
-                   value == floor(value)))
-            itn__ply_fail(ply, "names a vertex that does not exist");
-        else itn__add_corner(builder, (size_t)value, ply->textured ? (int64_t)value : -1);
-    } else if (role != ITN__PLY_NONE && !itn__finite(number)) {
+    if (role == ITN__PLY_NONE) return;
+    if (itn__builder_failed(builder)) itn__ply_fail(ply, "out of memory");
+    else if (!itn__finite(number) && role != ITN__PLY_CORNERS)
         itn__ply_fail(ply, role < ITN__PLY_U ? "a coordinate is not a finite number"
                                              : "a texture coordinate is not a finite number");
-    } else if (role == ITN__PLY_TEXCOORDS) {
-        itn__put(&builder->texcoords, &number, sizeof number);
-    } else if (role < ITN__PLY_SCALARS) {
-        vertex[role] = number;
-    }
+    else if (role < ITN__PLY_CORNERS) vertex[role] = number;
+    else if (role == ITN__PLY_TEXCOORDS) itn__put(&builder->texcoords, &number, sizeof number);
+    else if (value >= 0 && value < (double)itn__vertex_count(builder) && value == floor(value))
+        itn__add_corner(builder, (size_t)value, ply->textured ? (int64_t)value : -1);
+    else itn__ply_fail(ply, "names a vertex that does not exist");
 }
 
 /* Turns what was read of a face into triangles; its own texture coordinates, if any, stand behind
@@ -17282,12 +17261,12 @@ static void itn__ply_face(itn__ply *ply, size_t of_vertices) {
 static void itn__ply_entry(itn__ply *ply) {
     const itn__ply_element *element = ply->element;
     size_t of_vertices = ply->builder->texcoords.size;
-    float vertex[ITN__PLY_SCALARS] = {0, 0, 0, 0, 0};
+    float vertex[5] = {0, 0, 0, 0, 0};
     int i;
     ply->builder->corners.size = 0;
     for (i = element->first; i < element->end; i++) {
         const itn__ply_property *property = ply->properties + i;
-        double count = property->list ? itn__ply_value(ply, property->list) : 1;
+        double count = property->list >= 0 ? itn__ply_value(ply, property->list) : 1;
         if (!(count >= 0 && count == floor(count))) itn__ply_fail(ply, "list has no valid count");
         for (; count > 0 && !ply->text.result; count--)
             itn__ply_take(ply, property->role, itn__ply_value(ply, property->type), vertex);
@@ -17306,9 +17285,9 @@ static void itn__ply_read_element(itn__ply *ply) {
     int i;
     for (i = element->first; i < element->end; i++) {
         const itn__ply_property *property = ply->properties + i;
-        least += ply->format == ITN__PLY_ASCII ? 2
-                 : property->list              ? property->list->size
-                                               : property->type->size;
+        least += ply->format == ITN__PLY_ASCII
+                     ? 2
+                     : itn__ply_sizes[property->list >= 0 ? property->list : property->type];
     }
     if (!least) return;
     if (element->kind == ITN__PLY_VERTEX)
