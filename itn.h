@@ -16604,6 +16604,10 @@ static void itn__put_zlib(itn__buffer *buffer, const unsigned char *bytes, size_
 
 /* Appends a PNG chunk; its CRC-32 (reflected polynomial edb88320) covers type and data. */
 static void itn__png_chunk(itn__buffer *png, const char *type, const itn__buffer *data) {
+    static const uint32_t remainders[16] = {
+        0x00000000, 0x1db71064, 0x3b6e20c8, 0x26d930ac, 0x76dc4190, 0x6b6b51f4,
+        0x4db26158, 0x5005713c, 0xedb88320, 0xf00f9344, 0xd6d6a3e8, 0xcb61b38c,
+        0x9b64c2b0, 0x86d3d2d4, 0xa00ae278, 0xbdbdf21c}; /* of four bits */
     uint32_t crc = 0xffffffffu;
     size_t start = png->size + 4, i;
     int k;
@@ -16612,45 +16616,40 @@ static void itn__png_chunk(itn__buffer *png, const char *type, const itn__buffer
     itn__put(png, data->bytes, data->size);
     for (i = start; i < png->size; i++) {
         crc ^= png->bytes[i];
-        for (k = 0; k < 8; k++) crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
+        for (k = 0; k < 2; k++) crc = crc >> 4 ^ remainders[crc & 15];
     }
     itn__put_u32_big(png, ~crc);
     png->failed |= data->failed;
 }
 
-/* The number that a pixel shows in channel k: of its plane, or (signed) the mean of the planes. */
-static float itn__png_value(const itn_image *image, int first_plane, int plane_count,
-                            itn_png_mode mode, size_t pixel, int k) {
-    size_t pixels = (size_t)image->width * (size_t)image->height;
-    const float *value = image->pixels + (size_t)first_plane * pixels + pixel;
-    float sum = 0;
-    int i;
-    if (mode == ITN_PNG_TONE) return value[plane_count == 3 ? (size_t)k * pixels : 0];
-    for (i = 0; i < plane_count; i++) sum += value[(size_t)i * pixels] / (float)plane_count;
-    return sum;
+/* The numbers to show, [pixel][shown]: of the planes, or (shown 1) their mean. */
+static float *itn__png_values(const itn_image *image, int first_plane, int plane_count, int shown) {
+    size_t pixels = (size_t)image->width * (size_t)image->height, i;
+    const float *planes = image->pixels + (size_t)first_plane * pixels;
+    float *values = (float *)itn__allocate(&image->context, pixels, (size_t)shown * sizeof(float));
+    int k;
+    for (i = 0; values && i < pixels; i++)
+        for (k = 0; k < plane_count; k++)
+            values[i * (size_t)shown + (size_t)(k % shown)] +=
+                planes[(size_t)k * pixels + i] / (float)(plane_count / shown);
+    return values;
 }
 
-/* The 99th percentile (by rank) of what is shown of finite numbers; signed: of their sizes, else
-   negative numbers count as 0. It is found bit by bit, as the bits of positive floats are ordered
-   as the floats are. */
-static float itn__png_percentile99(const itn_image *image, int first_plane, int plane_count,
-                                   itn_png_mode mode) {
-    size_t pixels = (size_t)image->width * (size_t)image->height, i, below, total;
-    int shown = mode == ITN_PNG_TONE ? plane_count : 1, k;
+/* The 99th percentile (by rank) of finite numbers; signed: of their sizes, else negative ones count
+   as 0. It is found bit by bit, as the bits of positive floats are ordered as the floats are. */
+static float itn__percentile99(const float *values, size_t count, int is_signed) {
     uint32_t found = 0, bit, bits;
+    size_t i, below, total;
     float value;
     for (bit = 1u << 30; bit; bit >>= 1) {
-        below = total = 0;
-        for (k = 0; k < shown; k++)
-            for (i = 0; i < pixels; i++) {
-                value = itn__png_value(image, first_plane, plane_count, mode, i, k);
-                if (!itn__finite(value)) continue;
-                value = mode == ITN_PNG_SIGNED ? fabsf(value) : value > 0 ? value : 0;
-                memcpy(&bits, &value, 4);
-                below += bits < (found | bit);
-                total++;
-            }
-        if (below < total - total / 100) found |= bit; /* so many are as large at most */
+        for (i = below = total = 0; i < count; i++) {
+            if (!itn__finite(values[i])) continue;
+            value = is_signed ? fabsf(values[i]) : values[i] > 0 ? values[i] : 0;
+            memcpy(&bits, &value, 4);
+            below += bits < (found | bit);
+            total++;
+        }
+        if (below < total - total / 100) found |= bit; /* the percentile is not below */
     }
     memcpy(&value, &found, 4);
     return value;
@@ -16670,8 +16669,10 @@ static float itn__srgb(float x) {
 ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error) {
+    int shown = mode == ITN_PNG_SIGNED ? 1 : plane_count, k;
     itn__buffer png, rows = ITN_ZERO, data = ITN_ZERO;
-    size_t pixel = 0, pixels;
+    size_t pixel, pixels;
+    float *values;
     itn_result result = itn__check_image(image, first_plane, plane_count, &png, error);
     if (result) return result;
     if ((plane_count != 1 && plane_count != 3) || !(scale >= 0) || !itn__finite(scale) ||
@@ -16682,17 +16683,19 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
     if ((uint64_t)image->width * 3 + 1 > INT_MAX / 2 / (uint64_t)image->height)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a PNG: %d x %d pixels are too many",
                          image->width, image->height);
+    values = itn__png_values(image, first_plane, plane_count, shown);
+    if (!values) return itn__out_of_memory(error, "a PNG file");
+    pixels = (size_t)image->width * (size_t)image->height;
     if (scale == 0) {
-        scale = itn__png_percentile99(image, first_plane, plane_count, mode);
+        scale = itn__percentile99(values, pixels * (size_t)shown, mode == ITN_PNG_SIGNED);
         scale = scale >= FLT_MIN ? 1 / scale : 1;
     }
     rows.context = data.context = png.context;
-    pixels = (size_t)image->width * (size_t)image->height;
-    for (; pixel < pixels && !rows.failed; pixel++) {
+    for (pixel = 0; pixel < pixels && !rows.failed; pixel++) {
         unsigned char rgb[3];
-        int k, valid = 1;
+        int valid = 1;
         for (k = 0; k < 3; k++) {
-            float x = itn__png_value(image, first_plane, plane_count, mode, pixel, k);
+            float x = values[pixel * (size_t)shown + (size_t)(k % shown)];
             valid &= x == x;
             rgb[k] = itn__byte(mode == ITN_PNG_TONE ? itn__srgb(x * scale)
                                                     : (float)(1 - k) * x * scale);
@@ -16700,6 +16703,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
         if (pixel % (size_t)image->width == 0) itn__put_u8(&rows, 0);
         itn__put(&rows, valid ? (const char *)rgb : "\xff\0\xff", 3);
     }
+    itn__free(&png.context, values);
     itn__put(&png, "\x89PNG\r\n\x1a\n", 8);
     itn__put_u32_big(&data, (uint32_t)image->width);
     itn__put_u32_big(&data, (uint32_t)image->height);
