@@ -27,7 +27,7 @@ warnings="-Wall -Wextra -Wpedantic -Wshadow -Wsign-conversion -Werror"
 show=head
 # catches NAME COMMAND...: counts a command that must fail, because an error was planted.
 catches() {
-    name=$1
+    planted=$1
     shift
     "$@" >log 2>&1
     status=$?
@@ -35,7 +35,7 @@ catches() {
         passed=$((passed + 1))
     else
         failed=$((failed + 1))
-        echo "FAILED planted error not caught: $name: exit status $status"
+        echo "FAILED planted error not caught: $planted: exit status $status"
     fi
 }
 skip() {
