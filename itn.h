@@ -3665,7 +3665,7 @@ ITN__INLINE itn__floats itn__vone_minus_cosine(itn__vectors a, itn__vectors b) {
 
 /* Henyey and Greenstein's phase function. The square, 1 + g^2 - 2 g cos theta, is a sum of positive
    terms for either sign of g. */
-ITN__INLINE itn__num itn__hg(itn__num g, itn__floats x, itn__floats y) {
+static itn__num itn__hg(itn__num g, itn__floats x, itn__floats y) {
     itn__floats one = itn__splat(1);
     itn__num below = itn__naffine(g, -one, one), above = itn__naffine(g, one, one);
     itn__ints forward = itn__less_equal(itn__splat(0), g.v);
@@ -3677,8 +3677,8 @@ ITN__INLINE itn__num itn__hg(itn__num g, itn__floats x, itn__floats y) {
 
 /* Turns directions by angles drawn from it and returns the new ones; x and y receive 1 - and 1 +
    the cosines of the angles. */
-ITN__INLINE itn__vectors itn__sample_hg(itn__vectors direction, itn__floats g, itn__floats u,
-                                        itn__floats v, itn__floats *x, itn__floats *y) {
+static itn__vectors itn__sample_hg(itn__vectors direction, itn__floats g, itn__floats u,
+                                   itn__floats v, itn__floats *x, itn__floats *y) {
     itn__floats below = (1 - g) * (1 - u), above = (1 + g) * u, sine, sin_phi, cos_phi, cosine;
     itn__floats inverse = 1 / (below + above), scale = 2 * inverse * inverse;
     itn__vectors s, t;

@@ -309,12 +309,12 @@ static void check_plane(const itn_light_desc *desc, const itn_image *map, int ch
     itn_error error;
     solids_mean mean;
     double relative;
-    options.spp = 512, options.seed = 5;
+    options.spp = 128, options.seed = 5;
     solids_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
     mean = solids_plane_mean(&image, map ? "Y" : value[channel],
                              map ? "Variance.Y" : variance[channel]);
     CHECK_MEAN(mean.value, mean.error, expected, 4, .01 * expected);
-    relative = pow(mean.error / mean.value, 2) * 512 * 256;
+    relative = pow(mean.error / mean.value, 2) * 128 * 256;
     check_report(relative < largest, __FILE__, __LINE__, "relative variance per sample %.3f",
                  relative);
     itn_image_free(&image);
@@ -355,7 +355,7 @@ static void light_check_chance(const itn_image *map, double scale) {
         desc.mesh = &mesh, desc.sigma_t = 2, desc.albedo = .8, desc.g = .4;
         desc.light = &light, desc.ior = k ? 1.00001 : 0;
         desc.eye = solids_vec3(0, 1, 3), desc.fov = 40;
-        solids_measure_desc(&desc, k ? 3000 : 500, (uint64_t)k, names, 1, means[k]);
+        solids_measure_desc(&desc, k ? 300 : 50, (uint64_t)k, names, 1, means[k]);
         light.scale = (float)scale;
     }
     for (j = 0; j < 2; j++) {
