@@ -695,11 +695,11 @@ ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *c
 ITN_API void itn_net_free(itn_net *net);
 /* Returns the shape with all defaults filled in. */
 ITN_API itn_net_desc itn_net_shape(const itn_net *net);
-/* Returns all weights and biases as one array of *count floats (count may be NULL), owned by the
-   network, writable. Order: per layer weights [3][3][inputs][channels] and biases [channels]; then
-   of the last layer weights [outputs][inputs] (inputs: [row][column][channel]) and biases. */
+/* Return all weights and biases, or their gradients, as one array of *count floats (count may be
+   NULL), owned by the network, writable. Order: per layer weights [3][3][inputs][channels] and
+   biases [channels]; then of the last layer weights [outputs][inputs] (inputs:
+   [row][column][channel]) and biases. */
 ITN_API float *itn_net_parameters(itn_net *net, size_t *count);
-/* Returns the gradients, of the same count and order: what to sum over machines before a step. */
 ITN_API float *itn_net_gradients(itn_net *net, size_t *count);
 
 /* Makes of a picture the two channels that the authors' networks see: its brightness over `mean`,
@@ -789,14 +789,14 @@ ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const cha
                                        itn_error *error);
 
 #ifndef ITN_NO_STDIO
-/* Writes shape, weights and (unless weights_only) Adam's moments and step count, so that training
-   goes on bit for bit as if never stopped. The file appears whole or not at all.
+/* Writes shape, weights and (unless weights_only) Adam's moments and steps, so that training goes
+   on bit for bit as if never stopped. The file appears whole or not at all.
    Errors: FILE, MEMORY, ARGUMENT (a weight or moment is not finite), UNSUPPORTED (over 2 GiB). */
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error);
-/* Replaces weights, moments and step count by a file's; a file of weights only starts Adam afresh.
-   The network must have the file's shape (any batch and seed) and is untouched on failure;
-   gradients stay as they are. Errors: FILE and as above; FORMAT also for another shape. */
+/* Replaces weights, moments and steps by a file's; a file of weights only starts Adam afresh.
+   Errors: FILE, and as for itn_net_from_memory; FORMAT also for another shape than the network's.
+   Then the network is untouched. */
 ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error);
 /* itn_net_from_memory of a file's bytes. Further error: FILE. */
 ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
@@ -12934,11 +12934,10 @@ static void itn__conv_backward(const itn_context *context, itn__conv *c) {
    network's answer N(I):
        l = ||c_truth - N(I)||^2 + lambda ||I - T(pi(N(I)))||^2,
    the second a mean over pixels and channels, so that lambda does not depend on the size of films.
-   The first term alone makes a regressor network (RN, equation (2)); with the renderer T it becomes
-   an inverse transport network (ITN), with single scattering only an SSN.
-   Networks answer in the optimiser's coordinates c, in which every real number is a valid answer
-   and the three parameters have like scales. The renderer T takes values pi(c) and returns the
-   derivative of the image loss in them; the chain rule gives
+   The first term alone makes a regressor network (RN, equation (2)), with the renderer T an inverse
+   transport network (ITN), with single scattering only an SSN. Networks answer in the optimiser's
+   coordinates c, in which every real number is valid and the three parameters have like scales. The
+   renderer T takes values pi(c) and returns the derivative of the image loss in them; so
        dl/dc = 2 (N(I) - c_truth) + lambda (dl_image/dpi) (dpi/dc). */
 
 ITN_API double itn_loss_parameters(int count, const float *predicted, const float *truth,
