@@ -18139,8 +18139,6 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
                   Process Simulation, Mathematics of Operations Research 2002
      fast         S. Laine, T. Karras, T. Aila, Megakernels Considered Harmful: Wavefront Path
                   Tracing on GPUs, HPG 2013
-     forward      M. Dukhan, The Indirect Convolution Algorithm, 2019;
-                  A. Lavin, S. Gray, Fast Algorithms for Convolutional Neural Networks, CVPR 2016
      adam         D. Kingma, J. Ba, Adam: A Method for Stochastic Optimization, ICLR 2015
      net          K. He et al., Delving Deep into Rectifiers, ICCV 2015;
                   G. Box, M. Muller, A Note on the Generation of Random Normal Deviates, Annals of
