@@ -5804,12 +5804,15 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    What a caller does: itn__next_hit finds a face, itn__meet_faces tells what that is to light (an
    event), and then itn__cross_faces or itn__throw_back changes the place. */
 
+enum { ITN__MOST_FACES = 8 }; /* of different solids in one point, and remembered */
+
 typedef struct itn__place {
     itn__sides sides;
     int inside;     /* object whose medium the walk is in, -1: none */
     int refracting; /* object whose index of refraction holds there, -1: none, 1 */
     int hero;       /* the channel that draws flights and turns, see [throughput] */
-    int crossed[8], crossed_count; /* the latest: 2 triangle + front, in a ring; how many so far */
+    int crossed[ITN__MOST_FACES], crossed_count; /* the latest: 2 triangle + front, in a ring; how
+                                                    many so far */
 } itn__place;
 
 /* How far behind itself a ray may find a wall that it should have met. */
@@ -5877,7 +5880,7 @@ static void itn__go_on_to(const itn_scene *scene, itn__place *place, itn_vec3 or
    there may be faces of one mesh that lead to each other for ever. */
 static int itn__just_crossed(const itn__place *place, const itn_hit *hit) {
     int known = place->crossed_count >= 64, k;
-    for (k = 0; k < place->crossed_count && k < 8; k++)
+    for (k = 0; k < place->crossed_count && k < ITN__MOST_FACES; k++)
         known |= place->crossed[k] == 2 * hit->triangle + hit->front;
     return known;
 }
@@ -5939,7 +5942,6 @@ static int itn__hit_normal(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 dire
 }
 
 /* What a walk meets at a face: the faces of all solids in that point which light meets at once. */
-enum { ITN__MOST_FACES = 8 };
 typedef struct itn__event {
     int object; /* whose surface scatters; -1: none, light goes straight on */
     int after;  /* object whose index holds behind the faces, -1: none */
@@ -5951,19 +5953,18 @@ static const itn__triangle *itn__face_triangle(const itn_scene *scene, int face)
 }
 
 /* Whether a point of triangle a lies in the plane of b, as far as corners that are rounded tell: by
-   the size of what they were given as, and of what they are less the origin. */
+   their own size, and by that of what they were given as, but for an origin far away. */
 static int itn__same_plane(const itn_scene *scene, const itn__triangle *a, const itn__triangle *b,
                            itn_vec3 point) {
     itn__plane plane = itn__plane_of(b, point);
-    double blur = plane.error;
+    double rounding = 0;
     int k;
-    for (k = 0; k < 9; k++) {
-        double x = (double)a->corner[k / 3][k % 3], y = (double)b->corner[k / 3][k % 3];
-        double size = fmax(fabs(x), fabs(y));
-        size = fmax(size, fmax(fabs(x + scene->origin[k % 3]), fabs(y + scene->origin[k % 3])));
-        blur = fmax(blur, plane.error + 8 * (double)FLT_EPSILON * size * fabs(plane.n[k % 3]));
+    for (k = 0; k < 18; k++) {
+        double x = (double)(k < 9 ? a : b)->corner[k / 3 % 3][k % 3];
+        double given = fmin(fabs(x + scene->origin[k % 3]), (double)scene->radius);
+        rounding = fmax(rounding, fmax(fabs(x), given) * fabs(plane.n[k % 3]));
     }
-    return fabs(plane.f) <= blur;
+    return fabs(plane.f) <= 8 * (double)FLT_EPSILON * rounding + plane.error;
 }
 
 /* Adds to an event what other dielectric solids have in the point of a hit. */
@@ -5998,7 +5999,7 @@ static int itn__is_opaque(const itn_scene *scene, int object) {
 
 /* What the hit of a ray is to a walk. Of boundaries in one point the surface is that of the last
    object in the list; indices count as equal that differ by less than floats tell in a direction.
-   A boundary in the same point as an opaque face comes first. */
+   A boundary in the same point as an opaque or an index-matched face comes first. */
 static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
                                   const itn__place *place, const itn_ray *ray,
                                   const itn_hit *hit) {
@@ -6054,13 +6055,10 @@ static void itn__cross_faces(const itn_scene *scene, itn__place *place, const it
 
 /* How far a ray goes until it has left the box of all solids. */
 static float itn__way_out(const itn_scene *scene, itn_vec3 p, itn_vec3 d) {
-    float x = ((d.x > 0 ? scene->upper.x : scene->lower.x) - p.x) / d.x;
-    float y = ((d.y > 0 ? scene->upper.y : scene->lower.y) - p.y) / d.y;
-    float z = ((d.z > 0 ? scene->upper.z : scene->lower.z) - p.z) / d.z;
     float way = INFINITY;
-    if (d.x != 0) way = itn__min(way, x);
-    if (d.y != 0) way = itn__min(way, y);
-    if (d.z != 0) way = itn__min(way, z);
+    if (d.x != 0) way = ((d.x > 0 ? scene->upper.x : scene->lower.x) - p.x) / d.x;
+    if (d.y != 0) way = itn__min(way, ((d.y > 0 ? scene->upper.y : scene->lower.y) - p.y) / d.y);
+    if (d.z != 0) way = itn__min(way, ((d.z > 0 ? scene->upper.z : scene->lower.z) - p.z) / d.z);
     return itn__max(way, 0);
 }
 

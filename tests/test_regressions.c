@@ -1470,8 +1470,9 @@ static void layers(const double *ior, const double *tau, int count, double sine,
     *reflected = r, *through = t;
 }
 
-/* Slabs along z whose faces coincide, as layers from the top, whatever the order of objects. */
-enum { PILES = 6, PILE_OBJECTS = 4 };
+/* Slabs along z whose faces coincide (ior 0: index-matched), and the layers that they are, from the
+   top. */
+enum { PILES = 8, PILE_OBJECTS = 4 };
 static const struct {
     const char *title;
     int objects, layers;
@@ -1485,6 +1486,8 @@ static const struct {
     {"flush", 2, 2, {{0, 1, 2.4, .5}, {.5, 1, 1.3, .7}}, {1.3, 2.4}, {.35, .25}},
     {"flush, swapped", 2, 1, {{.5, 1, 1.3, .7}, {0, 1, 2.4, .5}}, {2.4}, {.5}},
     {"same place", 2, 1, {{0, 1, 2.4, .5}, {0, 1, 1.3, .7}}, {1.3}, {.7}},
+    {"matched, flush", 2, 2, {{0, 1, 2.4, .5}, {.5, 1, 0, .7}}, {2.4, 2.4}, {.35, .25}},
+    {"matched, swapped", 2, 1, {{.5, 1, 0, .7}, {0, 1, 2.4, .5}}, {2.4}, {.5}},
     {"all at once", 4, 4,
      {{0, 1, 2.4, .5}, {1, 2, 1.3, .7}, {.5, 1, 1.7, .3}, {1, 1.5, 2, .2}},
      {1.3, 2, 1.7, 2.4}, {.35, .1, .15, .25}}};
@@ -1509,8 +1512,10 @@ static void begin_pile(stage *s, itn_mesh meshes[PILE_OBJECTS], int pile, int be
         meshes[k] = solids_box(solids_vec3(-wide, -wide, piles[pile].object[k].lower + up),
                                solids_vec3(wide, wide, piles[pile].object[k].upper + up));
         stage_medium(s, names[k], piles[pile].object[k].sigma_t, 0, 0);
-        stage_dielectric(s, names[k], piles[pile].object[k].ior, 0);
-        m = stage_object(s, &meshes[k], names[k], names[k])->transform;
+        if (piles[pile].object[k].ior > 0)
+            stage_dielectric(s, names[k], piles[pile].object[k].ior, 0);
+        m = stage_object(s, &meshes[k], names[k],
+                         piles[pile].object[k].ior > 0 ? names[k] : NULL)->transform;
         m[0] = 1, m[5] = m[10] = (float)c, m[6] = (float)-d, m[9] = (float)d;
         if (tilt != 0) m[3] = .3f, m[7] = .1f, m[11] = -.2f;
     }
