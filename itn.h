@@ -5369,7 +5369,7 @@ static itn_result itn__check_object(itn__maker *maker, int index) {
     const itn_object_desc *in = &maker->desc->objects[index];
     itn__object *object = &maker->scene->objects[index];
     double determinant = fabs(itn__determinant(itn__object_matrix(in)));
-    itn_mesh_report report;
+    itn_mesh_report report = ITN_ZERO;
     itn_result result;
     object->refracts = object->surface >= 0 && maker->scene->surfaces[object->surface].type ==
                                                    ITN_SURFACE_DIELECTRIC;

@@ -417,7 +417,7 @@ static point knot(double u, double v, const void *user) {
 }
 
 /* A link of a chain: user[0] is its height, user[1] turns it about the vertical. */
-static point link(double u, double v, const void *user) {
+static point chain_link(double u, double v, const void *user) {
     const double *place = (const double *)user;
     double a = 2 * PI * u, b = 2 * PI * v, r = 1 + .17 * cos(b);
     double x = .72 * r * cos(a), z = .17 * sin(b), c = cos(place[1]), s = sin(place[1]);
@@ -555,7 +555,7 @@ static void make_bolt(shape *s) { add_ball(s, 60, 99, bolt, NULL); }
 static void make_chain(shape *s) {
     static const double places[3][2] = {{1.42, .35}, {0, .35 + PI / 2}, {-1.42, .35}};
     int i;
-    for (i = 0; i < 3; i++) add_ring(s, 56, 16, link, places[i]);
+    for (i = 0; i < 3; i++) add_ring(s, 56, 16, chain_link, places[i]);
 }
 static void make_figurine(shape *s) {
     add_field(s, figurine, make_point(-.4, -.53, -.12), make_point(.3, .53, .22), .026);

@@ -42,6 +42,7 @@
 #include "stage.h"
 
 #include "limit_cases.h"
+#include "one.h"
 #include "reuse.h"
 
 #include <time.h>

@@ -2165,7 +2165,7 @@ int main(void) {
     test_idle();
     test_noisy();
     test_one_view();
-    test_left_out(0);
+    if (!slow) test_left_out(0);
     test_view_options();
     test_bounds();
     test_options();
