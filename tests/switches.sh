@@ -279,7 +279,7 @@ only_public() { ! public "$1" | grep -v -e '^itn_[a-z0-9]' -e '^_ZSt' ; }
 no_private() { ! public "$1" | grep 'itn__'; }
 no_data() { ! nm "$1" | grep ' [bBcCdDgGsS] '; }
 no_exit() {
-    ! nm -u "$1" | grep -Ew 'exit|_exit|abort|printf|puts|putchar|stdout|stderr|rand|srand|__assert_fail|getenv|setlocale|strtok'
+    ! nm -u "$1" | grep -Ew 'exit|_exit|abort|printf|puts|putchar|stdout|stderr|rand|srand|__assert_fail|getenv|setlocale|strtok|snprintf|vsnprintf|__snprintf_chk|__vsnprintf_chk|sprintf|strtod|strtof|atof'
 }
 uses_malloc() { nm -u "$1" | grep -Ew 'malloc|calloc|realloc|free'; }
 no_malloc() { ! uses_malloc "$1"; }
