@@ -1710,10 +1710,14 @@ ITN__INLINE itn__rng itn__rng_make(uint64_t seed, uint64_t pixel, uint64_t sampl
 ITN__INLINE uint32_t itn__rng_bits(itn__rng *rng) {
     return itn__mix32(rng->key0 + rng->dimension++ * 0x9e3779b9u, rng->key1);
 }
-/* Uniform in the open interval (0, 1): an odd multiple of 2^-24, so never 0 and never 1. */
-ITN__INLINE float itn__uniform(itn__rng *rng) {
-    return ((float)(itn__rng_bits(rng) >> 9) + .5f) * 1.1920928955078125e-7f;
+/* Random bits as a number in the open interval (0, 1): an odd multiple of 2^-24, and below 2^-9,
+   where free paths are long, of 2^-33. */
+ITN__INLINE float itn__unit_float(uint32_t bits) {
+    if (bits >> 23) return ((float)(bits >> 9) + .5f) * 1.1920928955078125e-7f;
+    return ((float)bits + .5f) * 2.3283064365386963e-10f;
 }
+/* Uniform in (0, 1). */
+ITN__INLINE float itn__uniform(itn__rng *rng) { return itn__unit_float(itn__rng_bits(rng)); }
 
 /* ---- [lanes] many floats at a time ----------------------------------------------------------- */
 
@@ -2137,9 +2141,12 @@ ITN__INLINE itn__words itn__mix_words(itn__words x, itn__words key) {
     x = (x ^ (x >> 15)) * itn__splat_word(0xd35a2d97u);
     return x ^ (x >> 15);
 }
-/* Random bits as a number in the open interval (0, 1): an odd multiple of 2^-24. */
+/* itn__unit_float in lanes. */
 ITN__INLINE itn__floats itn__unit_floats(itn__words bits) {
-    return (itn__to_floats(itn__word_ints(bits >> 9)) + .5f) * 1.1920928955078125e-7f;
+    itn__ints high = itn__word_ints(bits >> 9), low = itn__int_less(high, itn__splat_int(1 << 14));
+    itn__floats unit = itn__select(low, itn__splat(2.3283064365386963e-10f),
+                                   itn__splat(1.1920928955078125e-7f));
+    return (itn__to_floats(itn__select_int(low, itn__word_ints(bits), high)) + .5f) * unit;
 }
 /* The next random number of each lane's path, as itn__uniform draws it; the paths outside the mask
    keep their place in the sequence. */
@@ -6886,13 +6893,13 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
    a chance in proportion and then counts as .4. Light that is trapped without loss has to end some
    day, too: in a medium after half a million collisions, where next to nothing scatters after ten
    thousand reflections, total ones in clear glass or those of white walls. From n_0 random numbers
-   on, a path lives to draw n with a chance of about (n_0 / n)^2. So its weight grows slowly enough
+   on, a path lives to draw n with a chance of about (n_0 / n)^1.5. So its weight grows slowly enough
    for what is brought home after that to be found in the variance. */
 #define ITN__ROULETTE .4f
 #define ITN__SAME_WEIGHT .9999f /* a weight that roulette has raised may round to a little less */
 #define ITN__MANY_DRAWS 3000000u
 #define ITN__MANY_DRAWS_CLEAR 30000u
-#define ITN__LATE_LOSS 8.f /* of a path that has drawn n numbers, at each step: about 4 of them */
+#define ITN__LATE_LOSS 6.f /* of a path that has drawn n numbers, at each step: about 4 of them */
 
 /* How many are many in a medium; it counts as clear where light, trapped, makes more than ten
    thousand reflections for a scattering. */
@@ -7083,7 +7090,7 @@ ITN__INLINE itn__words itn__owen_scramble(itn__words x, itn__words key) {
 
 /* Point number `index` < 2^20 of the sequence in one dimension (best known to the compiler),
    scrambled as `seed` says: seeds may be consecutive, and every dimension makes its own use of the
-   same seed. Like itn__uniform an odd multiple of 2^-24. Only as many direction numbers are touched
+   same seed, numbers like those of itn__uniform. Only as many direction numbers are touched
    as the largest index has bits. */
 ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words seed) {
     const uint32_t *direction = itn__sobol_directions[dimension];

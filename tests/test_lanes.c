@@ -280,15 +280,18 @@ static void test_uniforms(uint32_t skip) {
     CHECK(wrong == 0);
     for (turn = 0; turn < 5000; turn++) {
         uint32_t a = lanes_random_bits(), b = lanes_random_bits();
+        float scaled;
         itn__words mixed = itn__mix_words(itn__splat_word(a), itn__splat_word(b));
-        itn__floats u = itn__unit_floats(mixed), scaled = u * 16777216.f;
+        itn__floats u = itn__unit_floats(mixed);
         wrong += ITN__LANE(mixed, turn % N) != itn__mix32(a, b);
-        wrong += ((uint32_t)ITN__LANE(scaled, turn % N) & 1) != 1;
+        scaled = ITN__LANE(u, turn % N);
+        scaled = ldexpf(scaled, scaled < ldexpf(1, -9) ? 33 : 24); /* an odd number of those */
+        wrong += scaled != floorf(scaled) || fmodf(scaled, 2) != 1;
     }
     CHECK(wrong == 0);
     {
         itn__floats ends = itn__unit_floats(itn__splat_word(0));
-        CHECK(same(ITN__LANE(ends, 0), ldexpf(1, -24)));
+        CHECK(same(ITN__LANE(ends, 0), ldexpf(1, -33)));
         ends = itn__unit_floats(itn__splat_word(0xffffffffu));
         CHECK(same(ITN__LANE(ends, 0), 1 - ldexpf(1, -24)));
     }
@@ -441,11 +444,12 @@ static void check_all_uniforms(double error) {
     for (f = 0; f < 3; f++) {
         double largest = 0;
         float at = 0;
-        for (i = 0; i < 1u << 23; i += N * skip) {
+        for (i = 0; i < 1u << 24; i += N * skip) { /* the ordinary ones, then the low ones */
             float x[N], out[N];
-            for (k = 0; k < N; k++) x[k] = ((float)(i + (uint32_t)k) + .5f) / 8388608.f;
+            for (k = 0; k < N; k++)
+                x[k] = ldexpf((float)((i + (uint32_t)k) & 0x7fffff) + .5f, i >> 23 ? -32 : -23);
             evaluate(which[f], x, out);
-            for (k = 0; k < N && i + (uint32_t)k < 1u << 23; k++) {
+            for (k = 0; k < N && i + (uint32_t)k < 1u << 24; k++) {
                 double e = ulps(out[k], exact(which[f], x[k], error * planted[f]));
                 if (!(e <= largest)) largest = e, at = x[k];
             }

@@ -257,7 +257,7 @@ static void check_sun(double radius_scale, double power_factor) {
         inside += rgb[0] > 0 && fabs(one_light_pdf(sun, d) * solid_angle - 1) < 1e-4;
         mean += one_minus_cosine(d, sun->to_sun) / sun->sun_cone / 10000;
     }
-    CHECK(inside > 9900); /* all but those that rounding puts beyond the rim */
+    CHECK(inside == 10000); /* those too that rounding puts beyond the rim */
     CHECK_NEAR(mean, .5, .01);
     itn_scene_free(scene);
 }

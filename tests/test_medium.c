@@ -228,6 +228,29 @@ static void test_flight(void) {
     CHECK(one_transmittance(0, 5).v == 1 && one_transmittance(0, 5).d[0] == -5);
 }
 
+/* Direct transmission through thick media: of all random bits those whose flights get through, as
+   the reference draws them and in lanes, where Sobol numbers go the same way. */
+static void check_tail(double tau, double tolerance, double planted) {
+    enum { WORDS = 1 << 14 }; /* all others' flights are shorter than 12 */
+    double expected = exp(-tau) * 4294967296. * (1 + planted);
+    int scalar = 0, lanes = 0;
+    uint32_t bits;
+    for (bits = 0; bits < WORDS; bits++) {
+        itn__floats u = itn__unit_floats(itn__splat_word(bits));
+        scalar += one_flight(1, itn__unit_float(bits)) > tau;
+        lanes += one_flight(1, ITN__LANE(u, 0)) > tau;
+    }
+    CHECK_NEAR(scalar / expected, 1, tolerance);
+    CHECK_NEAR(lanes / expected, 1, tolerance);
+    CHECK(one_flight(1, itn__unit_float(WORDS)) < 13);
+}
+
+static void test_tails(void) {
+    check_tail(13, 1e-4, 0), check_tail(15, 1e-3, 0), check_tail(16.7, .005, 0);
+    check_tail(18, .01, 0), check_tail(20, .1, 0);
+    CHECK_CATCHES(check_tail(15, 1e-3, .17));
+}
+
 /* ---- random numbers -------------------------------------------------------------------------- */
 
 typedef uint32_t (*generator)(uint32_t i, uint32_t axis);
@@ -377,6 +400,7 @@ int main(void) {
     test_phase();
     test_small_angles();
     test_flight();
+    test_tails();
     test_random_numbers();
     return check_end("medium");
 }

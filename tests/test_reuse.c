@@ -151,10 +151,53 @@ static void test_many_samples(void) {
     itn_mesh_free(&mesh);
 }
 
+/* ---- light that is trapped --------------------------------------------------------------------- */
+
+/* Late roulette is so gentle that the variance tells of what it leaves: of paths that have drawn n_0
+   numbers 2^-1.5 draw twice as many, and those that do count 2^1.5 times. `draws`: numbers drawn
+   at each step; with half of them it comes too often. */
+static void test_late_roulette(int draws) {
+    enum { PATHS = 2000 };
+    itn_mesh mesh = solids_sphere(1, 1);
+    itn__render render;
+    itn_render_options options = ITN_ZERO;
+    itn_error error;
+    itn__walk walk;
+    itn_scene *scene;
+    stage s;
+    int k, living = 0;
+    double weights = 0, share = pow(.5, 1.5);
+    stage_begin(&s, 2, 4, 30);
+    stage_medium(&s, "m", 1e-6, .5, 0);
+    stage_object(&s, &mesh, "m", NULL);
+    stage_constant(&s, NULL, 1);
+    scene = stage_make(&s);
+    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, 2, &error), &error);
+    walk = itn__row_walk(&render, 0);
+    for (k = 0; k < PATHS; k++) {
+        itn__begin_path(&walk, 1, 0, 0, k);
+        walk.rng.dimension = ITN__MANY_DRAWS_CLEAR + 1;
+        while (walk.rng.dimension < 2 * ITN__MANY_DRAWS_CLEAR) {
+            if (!itn__roulette(&walk)) break;
+            walk.rng.dimension += (uint32_t)draws - 1;
+        }
+        if (walk.rng.dimension < 2 * ITN__MANY_DRAWS_CLEAR) continue;
+        living++, weights += walk.weight.beta[0];
+        CHECK_NEAR(walk.weight.beta[0] * share, 1, .005);
+    }
+    CHECK_NEAR(living, share * PATHS, 4 * sqrt(share * (1 - share) * PATHS));
+    CHECK_NEAR(weights * share, share * PATHS, 4 * sqrt(share * (1 - share) * PATHS));
+    itn__render_end(&render);
+    itn_scene_free(scene);
+    itn_mesh_free(&mesh);
+}
+
 int main(void) {
     test_reuse_turns(0);
     test_reuse_image(0);
     test_many_samples();
+    test_late_roulette(4);
+    CHECK_CATCHES(test_late_roulette(2));
     CHECK_CATCHES(test_reuse_turns(.002));
     CHECK_CATCHES(test_reuse_image(.02));
     return check_end("reuse");

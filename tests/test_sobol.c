@@ -114,7 +114,7 @@ static float slow_point(maker how, uint32_t index, int dimension, uint32_t seed)
     case CENTRED: x = (scramble_slowly(x, key) & 0x7fffffffu) | (x & 0x80000000u); break;
     default: x = scramble_slowly(x, key); break;
     }
-    return ((float)(x >> 9) + .5f) * 1.1920928955078125e-7f;
+    return itn__unit_float(x);
 }
 
 /* out[i] = point index[i] with seed[i]. */
@@ -143,6 +143,8 @@ static void make_sequence(maker how, uint32_t first, int count, int dimension, u
     for (i = 0; i < count; i++) index[i] = first + (uint32_t)i, seeds[i] = seed;
     make_points(how, index, dimension, seeds, count, out);
 }
+/* Whether u is not an odd multiple of 2^-24, or of 2^-33 if it is below 2^-9. */
+static int sobol_even(float u) { return !((uint32_t)ldexpf(u, u < ldexpf(1, -9) ? 33 : 24) & 1); }
 /* The 23 digits of a point, first digit highest. */
 static uint32_t digits(float u) { return (uint32_t)(u * 8388608.f); }
 
@@ -177,7 +179,7 @@ static void test_sobol_equal(maker how) {
         make_points(how, index, d, seed, SOBOL_N, u);
         for (k = 0; k < SOBOL_N; k++) {
             wrong += !(u[k] == slow_point(SLOW, index[k], d, seed[k]));
-            outside += !(u[k] > 0 && u[k] < 1), even += !((uint32_t)(u[k] * 16777216.f) & 1);
+            outside += !(u[k] > 0 && u[k] < 1), even += sobol_even(u[k]);
         }
     }
     CHECK(wrong == 0);

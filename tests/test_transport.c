@@ -509,7 +509,7 @@ static void check_thin_beam(double thickness, double planted) {
         solids_measure(scene, NULL, &options, NULL, 0, &mean);
         CHECK_NEAR(mean.value, expected * (1 + planted),
                    sigmas * mean.error + beam_slack * expected);
-        CHECK(mean.error <= 1.2 * expected / sqrt(1024 * 16 * 16 * paths));
+        CHECK(mean.error <= 1.2 * expected / sqrt(1024 * 16 * 16 * 2 * thickness)); /* collisions */
     }
     itn_scene_free(scene);
     itn_mesh_free(&mesh);
@@ -522,7 +522,7 @@ static void test_beams(void) {
     static const double transmitted[6] = {.14864, .14731, .13963, .12222, .09425, .06601};
     static const double h[3] = {1.1721431, 1.5560338, 1.8500985}; /* H at .1, .5, 1 for a = .9 */
     static const double at[3] = {.1, .5, 1};
-    static const double thick[4] = {.001, .1, 1.9, 2.1}; /* 2: stretches of the longest */
+    static const double thick[3] = {.001, .1, 2};
     int k, j;
     for (k = 0; k < 6; k++) {
         double m = mu[k];
@@ -532,7 +532,7 @@ static void test_beams(void) {
             check_beam("beam, T", .8, 2, m, -.5, 0, transmitted[k], 0);
         check_single_beam(1.5, m, 0);
     }
-    for (k = 0; k < 4; k++) check_single_beam(thick[k], .7, 0);
+    for (k = 0; k < 3; k++) check_single_beam(thick[k], .7, 0);
     for (k = 0; k < 3; k++)
         for (j = 0; j < 3; j++)
             if (check_long() || j == 1)
