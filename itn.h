@@ -6893,8 +6893,8 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
    a chance in proportion and then counts as .4. Light that is trapped without loss has to end some
    day, too: in a medium after half a million collisions, where next to nothing scatters after ten
    thousand reflections, total ones in clear glass or those of white walls. From n_0 random numbers
-   on, a path lives to draw n with a chance of about (n_0 / n)^1.5. So its weight grows slowly enough
-   for what is brought home after that to be found in the variance. */
+   on, a path lives to draw n with a chance of about (n_0 / n)^1.5: so slowly does its weight grow
+   that the variance tells what is brought home after that. */
 #define ITN__ROULETTE .4f
 #define ITN__SAME_WEIGHT .9999f /* a weight that roulette has raised may round to a little less */
 #define ITN__MANY_DRAWS 3000000u
