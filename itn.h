@@ -16345,8 +16345,8 @@ static itn_result itn__exr_decode(itn__text text, const itn_context *context, it
     width = (size_t)exr.width, height = (size_t)exr.height;
     lines = exr.compression == ITN__EXR_ZIP ? 16 : 1;
     blocks = (height - 1) / lines + 1, left = (size_t)(exr.text.end - exr.text.at);
-    if (blocks > left / 8 || left > SIZE_MAX / 1032 || width > SIZE_MAX / 64 / raw ||
-        width * raw > (exr.compression ? 1032 * left : left) / height)
+    if (blocks > left / 8 || width > SIZE_MAX / 64 / raw ||
+        width * raw > (exr.compression ? (uint64_t)1032 : 1) * left / height)
         return itn__text_fail(&exr.text, ITN_ERROR_FORMAT,
                               "EXR ends early: its data window is larger than its data");
     result = itn_image_create((int)width, (int)height, exr.channel_count, context, image,

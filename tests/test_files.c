@@ -1249,6 +1249,24 @@ static void test_ply_ascii(void) {
     expect_mesh("ply\nformat ascii 1.0\n" PLY_VERTEX "element face 2\n"
                 "property list uchar int vertex_indices\nproperty list uchar float texcoord\n"
                 "end_header\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2 6 1 2 3 4 5 6\n3 2 1 0 0\n", 3, 2, 0);
+    /* a byte order mark, and blanks behind "ply" and other words */
+    expect_mesh("\xef\xbb\xbf" PLY_HEADER("ascii", PLY_VERTEX PLY_FACE)
+                "0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n", 3, 1, 0);
+    expect_mesh("ply \nformat ascii 1.0 \n" PLY_VERTEX PLY_FACE "end_header \n"
+                "0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n", 3, 1, 0);
+    /* texture coordinates that stand before the corners they are for */
+    mesh = mesh_of(PLY_HEADER("ascii", PLY_VERTEX "element face 1\n"
+                              "property list uchar float texcoord\n"
+                              "property list uchar int vertex_indices\n")
+                   "0 0 0\n1 0 0\n1 1 0\n6 1 2 3 4 5 6 3 0 1 2\n", &error);
+    CHECK(mesh.uvs && mesh.uvs[0] == 1 && mesh.uvs[5] == 6);
+    itn_mesh_free(&mesh);
+    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE "property list uchar float texcoord\n")
+                   "0 0 0\n1 0 0\n1 1 0\n3 0 1 2 4 1 2 3 4\n", 14, "per corner");
+    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX "property float u\nproperty float v\n" PLY_FACE)
+                   "0 0 0 nan 0\n1 0 0 0 0\n1 1 0 0 0\n3 0 1 2\n", 12, "vertex 0: a texture");
+    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 nan 0\n1 1 0\n3 0 1 2\n", 11,
+                   "vertex 1: a coordinate is not a finite number");
     expect_refusal("ply\n", 2, "no end");
     expect_refusal("ply\nformat ascii 1.0\n" PLY_VERTEX PLY_FACE "end_header x\n", 9, "no end");
     expect_refusal("ply\nformat ascii 1.0\nend_header\n", 3, "no vertex");
