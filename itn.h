@@ -8577,144 +8577,85 @@ static int itn__goes_straight(const itn_scene *scene, const float *theta, int ma
 }
 #define ITN__STRETCH 4.f
 
-/* ---- [value] what a path is expected to bring home ------------------------------------------- */
-
-/* Let V be a guess of what a path is expected to bring home per weight beta. A choice (a flight, a
-   direction, roulette) turns what was expected before it, the mean E of beta V over its outcomes,
-   into beta V after its outcome. Their difference, Delta = beta V - E, has mean 0 whatever V is. So
-   the sum of all these differences is a control variate (a martingale, as in Henderson and Glynn
-   2002): taken off, it leaves of a path's noise only what V did not know.
-
-   The means must be known exactly. Over flights and new directions they are, for V of the form that
-   diffusion has near a plane: at depth z (in mean free paths) below the surface nearby and with
-   cosine mu to its inward normal,
-       V = sum over i of e^(-k_i z) v_i(mu),   k_i = i k,   polynomials v_i.
-   A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu) in
-   the mean; for flights see itn__ahead. A plane is chosen before each flight; any would do.
-
-   V is learnt ([lessons]) from a few paths traced before the picture (itn__learn_values in
-   [render]); for k see itn__decay_make. */
-
-/* e^(-k_i z) times a polynomial of the cosine mu, for each decay k_i: the coefficients by powers of
-   mu. */
-enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = ITN__DECAYS * ITN__ORDERS };
-typedef float itn__expansion[ITN__DECAYS][ITN__ORDERS];
-
-/* V in a medium (see itn__substance), by channel. */
-typedef struct itn__value {
-    float decay; /* k, per mean free path: k_i = i k, all below 1 */
-    itn__expansion flying[3];      /* V, */
-    itn__expansion scattered[3];   /* its mean over a new direction, */
-    itn__expansion by_g[3];        /* and the derivative of that by g */
-    float entering[3][ITN__ORDERS]; /* V at z = 0 */
-} itn__value;
-
-/* Where paths are, and where they go, seen from their plane: that of the last surface, or one
-   adopted since (ITN__UP). */
-typedef struct itn__view {
-    itn__floats depth;             /* z, in mean free paths */
-    itn__floats cosine;            /* mu, to the inward normal */
-    itn__floats fall[ITN__DECAYS]; /* e^(-k_i z) */
-} itn__view;
-
-/* e^(-k_i z) for all i. */
-ITN__INLINE void itn__falls(const itn__value *value, itn__floats depth, itn__floats *fall) {
-    int i;
-    fall[0] = itn__splat(1), fall[1] = itn__vexp(depth * -value->decay);
-    for (i = 2; i < ITN__DECAYS; i++) fall[i] = fall[i - 1] * fall[1];
-}
-
-/* a[0] + a[1] x + a[2] x^2 + ... */
-ITN__INLINE itn__floats itn__power_sum(const float *a, itn__floats x) {
-    itn__floats sum = itn__splat(a[ITN__ORDERS - 1]);
-    int l;
-    for (l = ITN__ORDERS - 2; l >= 0; l--) sum = sum * x + a[l];
-    return sum;
-}
-
 /* ---- [fast] the same walk, many paths at a time ---------------------------------------------- */
 
 /* A crowd of paths is on its way at once, each in one of a few queues, and stages take turns to
    bring whole queues forward, always with full lanes (a wavefront: Laine, Karras and Aila 2013):
 
-     camera    starts paths, as long as there is room; they share camera rays
-     early     in a medium: flights of paths with Sobol draws to come, which the walk does not know
-     walk      in a medium: roulette, flight, collision, new direction, and so on, for as long as
-               the voxel tables prove each flight free; this is where nearly all time goes
+     start     camera rays, as long as there is room; a few paths share each
+     surface   where a path has met one: a shadow ray and a new direction
+     walk      in a medium: roulette, flight, collision, shadow ray, new direction, and so on, for
+               as long as the tables prove each flight free; this is where nearly all time goes
      exact     a flight that the tables could not prove free is marched through the voxels, and the
                triangles on its way are tested; it ends at a collision or at a surface
-     boundary  a dielectric surface: facet, Fresnel, new direction
-     diffuse   a diffuse surface
-     vacuum    outside of media: the next surface, through the voxels if they hold the whole
-               scene, else by the tree
+     outside   the next surface outside of media
      sky       a path that leaves for the lights adds their radiance
 
-   With sampled lights, links go through the same stages, while their paths are parked ([links]).
-   A path's decisions depend on nothing but its random numbers ([draws]), and its sums do not depend
-   on the order of queues: results are the same for any number of threads and any size of queues. */
+   Shadow rays have queues of their own, which are emptied after each stage ([shadow]). A path's
+   decisions depend on nothing but its random numbers ([draws]). One crowd does a unit of work from
+   start to end, always in the same order, so results have the same bits for any number of
+   threads. */
 
-/* A kernel is the walk and the exact stage, specialised by constant features; ITN__KERNELS lists
-   them. The other stages, where paths spend little time, are compiled once. */
-enum { ITN__RGB = 1, ITN__LIGHTS = 2, ITN__SCORES = 4 };
-#define ITN__ALL_FEATURES (ITN__RGB | ITN__LIGHTS | ITN__SCORES)
-#ifdef ITN_ONE_KERNEL
-#define ITN__KERNELS(kernel) kernel(all, ITN__ALL_FEATURES)
-#else
-#define ITN__KERNELS(kernel)                                                                       \
-    kernel(plain, 0) kernel(lights, ITN__LIGHTS) kernel(all, ITN__ALL_FEATURES)
-#endif
+/* A path's state, one path in each lane. */
+typedef struct itn__state {
+    itn__vectors p, d;
+    itn__floats beta[3], pdf; /* weight; density by which d was drawn. Of a shadow ray: what it
+                                 would bring, and xi c of [shadow] */
+    itn__vectors up;          /* with V ([value]): normal of the plane of the last surface, out of */
+    itn__floats level;        /* the medium, and up . p there; or of a plane adopted since; */
+    itn__floats control[3];   /* minus the sum of differences, see itn__difference */
+    itn__floats flights, phases, hits; /* with scores, since the last surface: sigma_t times those
+                                          of flights, those of turns by g, number of collisions; */
+    itn__floats flight_base[3], phase_base[3]; /* and what is to be taken off, see [scores] */
+    itn__ints key0, key1, dimension, slot; /* slot: of what is rarely needed, see itn__path */
+} itn__state;
 
-/* What a queue holds of each path, one row per field; ITN__STATE of them go wherever the path
-   goes, the others belong to the queue's stage. */
+/* The rows of a queue are the members of the state, said here once: what all paths have, what those
+   with V have, and what those with scores have. Rows after these belong to a stage. */
+#define ITN__PATH_ROWS(row)                                                                        \
+    row(P, p.x) row(P_Y, p.y) row(P_Z, p.z) row(D, d.x) row(D_Y, d.y) row(D_Z, d.z)                \
+    row(BETA, beta[0]) row(BETA_1, beta[1]) row(BETA_2, beta[2]) row(PDF, pdf)
+#define ITN__VALUE_ROWS(row)                                                                       \
+    row(UP, up.x) row(UP_Y, up.y) row(UP_Z, up.z) row(LEVEL, level)                                \
+    row(CONTROL, control[0]) row(CONTROL_1, control[1]) row(CONTROL_2, control[2])
+#define ITN__SCORE_ROWS(row)                                                                       \
+    row(FLIGHTS, flights) row(PHASES, phases) row(HITS, hits)                                      \
+    row(FLIGHT_BASE, flight_base[0]) row(FLIGHT_BASE_1, flight_base[1])                            \
+    row(FLIGHT_BASE_2, flight_base[2]) row(PHASE_BASE, phase_base[0])                              \
+    row(PHASE_BASE_1, phase_base[1]) row(PHASE_BASE_2, phase_base[2])
+#define ITN__INT_ROWS(row)                                                                         \
+    row(KEY, key0) row(KEY_1, key1) row(DIMENSION, dimension) row(SLOT, slot)
+#define ITN__ROW_NAME(name, member) ITN__##name,
 enum {
-    ITN__POSITION = 0,
-    ITN__DIRECTION = 3,
-    ITN__KEY = 6,
-    ITN__DIMENSION = 8,
-    ITN__SLOT = 9, /* of what is rarely needed, see itn__path */
-    ITN__BETA = 10,
-    ITN__PDF = 13,     /* with lights; of a link: xi c, see [links] */
-    ITN__CONTROL = 14, /* minus the sum of differences not yet booked, see itn__difference */
-    ITN__UP = 17,      /* normal n of the last surface, out of the medium, */
-    ITN__LEVEL = 20,   /* and n . position there; or of the plane adopted since */
-    ITN__CELL = 21,    /* around which the path's surroundings are known, see itn__look, or -1 */
-    ITN__PLAIN_STATE = 22,
-    ITN__FLIGHTS = 22, /* with scores, since the last surface: sigma_t times those of flights */
-    ITN__PHASES = 23,  /* of the phase function, by g */
-    ITN__HITS = 24,    /* how many collisions */
-    ITN__EXPECTED = 25,    /* b - C_k of the flight under way, see [scores] */
-    ITN__FLIGHT_BASE = 28, /* what is to be taken from the derivatives by sigma_t, times sigma_t, */
-    ITN__PHASE_BASE = 31,  /* by g, */
-    ITN__HIT_BASE = 34,    /* and by the albedo, times the albedo */
-    ITN__STATE = 37,
-    ITN__DISTANCE = 37, /* exact: of the flight */
-    ITN__NORMAL = 37,   /* boundary, diffuse */
-    ITN__ETA = 40,      /* boundary */
-    ITN__ALPHA = 41,
-    ITN__REFLECTANCE = 40, /* diffuse: 3 */
-    ITN__FIELDS = 43
+    ITN__PATH_ROWS(ITN__ROW_NAME) ITN__VALUE_ROWS(ITN__ROW_NAME) ITN__SCORE_ROWS(ITN__ROW_NAME)
+    ITN__DISTANCE,             /* exact, shadow: of the flight */
+    ITN__NORMAL = ITN__DISTANCE, /* surface: 3, */
+    ITN__ETA = ITN__NORMAL + 3,  /* index beyond over index before */
+    ITN__FLOAT_ROWS
 };
-enum { ITN__CROWD = 1024, ITN__ROW = ITN__CROWD + 16, ITN__LINK = 1 << 30, ITN__EARLY = 8 };
+enum { ITN__INT_ROWS(ITN__ROW_NAME) ITN__INT_ROW_COUNT };
+enum { ITN__CROWD = 1024, ITN__ROW = ITN__CROWD + 16 };
 
 typedef struct itn__queue {
     int count;
-    int state; /* fields of the state that are used */
-    int32_t *rows; /* [ITN__FIELDS][ITN__ROW] */
+    float *floats; /* [ITN__FLOAT_ROWS][ITN__ROW] */
+    int32_t *ints; /* [ITN__INT_ROW_COUNT][ITN__ROW] */
 } itn__queue;
 
 /* What a path has, apart from its state: its place, and where its radiance goes. */
 typedef struct itn__path {
-    itn__place place, link_place;
-    itn__event event; /* at the surface it has met */
+    itn__place place;
+    itn__event event;   /* at the surface it has met, */
+    float s, t;         /* and texture coordinates there */
     int number, copies; /* radiance[number] ... [number + copies - 1] */
-    int mark;           /* substance whose V this path teaches, or -1; */
-    float mark_depth, mark_cosine; /* at the mark, see itn__view; */
+    int mark;           /* entry of V that this path teaches ([value]), or -1; */
+    float mark_depth, mark_cosine; /* where; */
     float mark_weight[3], mark_radiance[3]; /* beta, and what had been brought home, by then */
-    int32_t parked[ITN__STATE];
 } itn__path;
 
 /* A medium with its numbers at theta, or (index 0) all that is not a medium; and where among the
    parameters asked for they are, or -1. */
+typedef struct itn__value itn__value;
 typedef struct itn__substance {
     float sigma_t, mean_free_path, albedo[3], g;
     int slot_sigma_t, slot_albedo[3], slot_g;
@@ -8725,31 +8666,32 @@ typedef struct itn__fast {
     const itn_scene *scene;
     const float *theta;
     const itn__voxels *voxels;
-    const float *normals; /* [slots][3] unit normals; 0 of triangles without area */
+    const float *normals;        /* [triangles][3] unit normals; 0 of triangles without area */
     const unsigned char *pixels; /* 1 of empty ones, see itn__mark_empty */
-    itn__substance *substances; /* [1 + medium_count] */
-    int channels, walks, sobol, unsafe, features;
+    itn__substance *substances;  /* [1 + medium_count] */
+    int channels, walks, sobol, unsafe;
     double samples;  /* camera rays; */
     int spp, blocks; /* of a pixel; independent sets of them; */
     const itn__allotment *allotment; /* NULL: all pixels have so many, else it is the most */
     uint64_t seed;
-    float constant[3]; /* sum of the lights that are everywhere the same; */
-    int only_constant; /* there is no other */
-    itn__place camera; /* where it is; */
-    int outside;       /* not in a medium; */
-    int fills;         /* what its rays bring that meet nothing is known */
-    int marches;       /* rays outside of media go through the voxels too */
-    int links;         /* some light is sampled */
-    float link_weight; /* c of [links] */
-    int count, planes; /* parameters asked for; channels (1 + count) */
-    const int *slots;  /* of each parameter: its place among those asked for, or -1 */
-    const int *only;   /* of each asked for: the channel that it belongs to, or -1 for all */
-    int rough_scores;  /* the roughness of some surface is asked for; */
-    int scales;        /* the scale of some light */
-    int controls;      /* differences are taken off: the substance of V at boundaries; else 0 */
-    int learning;      /* V is learnt in this render, */
+    float constant[3];  /* sum of the lights that are everywhere the same; */
+    int only_constant;  /* there is no other */
+    itn__place camera;  /* where it is; */
+    int outside;        /* not in a medium; */
+    int fills;          /* what its rays bring that meet nothing is known */
+    int marches;        /* rays outside of media go through the voxels too */
+    int shadows;        /* some light is sampled */
+    float shadow_cut;   /* c of [shadow] */
+    float roulette;     /* weights below this are raised to it by chance */
+    int count, planes;  /* parameters asked for; channels (1 + count) */
+    const int *slots;   /* of each parameter: its place among those asked for, or -1 */
+    const int *only;    /* of each asked for: the channel that it belongs to, or -1 for all */
+    int scales;         /* the scale of some light is asked for */
+    int scored;         /* scores are gathered */
+    int controls;       /* differences are taken off: the substance of V at boundaries; else 0 */
+    int learning;       /* V is learnt in this render, */
     double lesson_unit; /* in multiples of this */
-    itn__value *values; /* as substances */
+    itn__value *values; /* as substances, but the first is V at faces */
 } itn__fast;
 
 /* Pixels and samples that a crowd works on, and where it has got to. */
@@ -8791,78 +8733,48 @@ typedef struct itn__start {
     int number, sample; /* of its first path: of the unit, of the pixel */
 } itn__start;
 
+/* Shadow rays on their way: their places, and the scores of what they bring. */
+typedef struct itn__shadows {
+    itn__queue queue;
+    itn__place *places; /* [ITN__ROW] */
+    float *scores;      /* [ITN__ROW][count] */
+} itn__shadows;
+
 typedef struct itn__crowd {
     const itn__fast *fast;
     itn__unit unit;
-    itn__queue *walk, *exact; /* per substance; those of substance 0: vacuum, and no exact */
-    itn__queue *early;        /* the same for paths with Sobol draws to come */
-    itn__queue taken, boundary, diffuse, sky, parking;
-    itn__path *paths;         /* [ITN__CROWD] */
+    itn__queue *walk, *exact; /* per substance; those of substance 0: outside, and no exact */
+    itn__queue taken, surface, sky;
+    itn__shadows inside, outside; /* shadow rays in media, and not */
+    itn__path *paths;             /* [ITN__CROWD] */
     int32_t *free_slots, *index, *scramble; /* [ITN__CROWD]; Sobol index and seed by slot */
     int free_count;
-    itn__shear *shears; /* of the flights in `taken` */
+    itn__place **places;          /* of the flights in `taken`, */
+    itn__shear *shears;
     itn_hit *hits;
     itn__start *starts; /* [ITN__CROWD] */
     itn__visits visits;
     itn__tests tests;
-    float inward; /* the flights are inside of solids: 1, or outside: -1 */
+    float inward;    /* the flights are inside of solids: 1, or outside: -1 */
     float *radiance; /* [planes][paths of a unit]: radiance, then derivatives [count][channels] */
     int radiance_stride;
-    float *scores; /* [2 ITN__CROWD][count]: of each path, and of its link, to its last surface */
+    float *scores;   /* [ITN__CROWD][count]: of each path, to its last surface */
     double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS], where V is learnt */
     double collisions;
-    void *memory;
+    void *memory[4];
 } itn__crowd;
 
-/* A path's state in lanes. */
-typedef struct itn__state {
-    itn__vectors p, d;
-    itn__words key0, key1;
-    itn__ints dimension, slot, cell;
-    itn__floats beta[3], pdf, control[3];
-    itn__floats flights, phases, hits, expected[3], flight_base[3], phase_base[3], hit_base[3];
-    itn__floats level;
-    itn__vectors up;
-} itn__state;
-
-/* Whether scores are gathered: a kernel that can is also used where it need not. */
-ITN__INLINE int itn__scored(const itn__crowd *crowd, int features) {
-    return (features & ITN__SCORES) && (crowd->fast->count || crowd->fast->learning);
-}
-/* Whether it matters what paths are expected to bring. */
-ITN__INLINE int itn__looks_ahead(const itn__crowd *crowd, int features) {
-    return itn__scored(crowd, features) || crowd->fast->controls;
-}
-/* Whether a kernel's paths know how deep they are. */
-ITN__INLINE int itn__knows_depth(int features) {
-    return !(features & ITN__LIGHTS) || (features & ITN__SCORES);
-}
+/* Whether paths know the plane of the surface nearby. */
+ITN__INLINE int itn__knows_plane(const itn__fast *fast) { return fast->controls || fast->learning; }
 
 /* One substance for each medium, and one for what is not a medium. */
 static int itn__substance_count(const itn_scene *scene) { return 1 + scene->medium_count; }
 
-ITN__INLINE int32_t *itn__row(const itn__queue *queue, int field) {
-    return queue->rows + (size_t)field * ITN__ROW;
+ITN__INLINE float *itn__row(const itn__queue *queue, int row) {
+    return queue->floats + (size_t)row * ITN__ROW;
 }
-ITN__INLINE float *itn__float_row(const itn__queue *queue, int field) {
-    return (float *)(void *)itn__row(queue, field);
-}
-ITN__INLINE int itn__colours(int features) { return features & ITN__RGB ? 3 : 1; }
-
-ITN__INLINE itn__vectors itn__load_vectors(const itn__queue *queue, int field, int at) {
-    return itn__vectors_of(itn__load(itn__float_row(queue, field) + at),
-                           itn__load(itn__float_row(queue, field + 1) + at),
-                           itn__load(itn__float_row(queue, field + 2) + at));
-}
-
-/* The same value for all items of a queue. */
-ITN__INLINE void itn__fill_int_row(const itn__queue *queue, int field, int32_t value) {
-    int32_t *row = itn__row(queue, field);
-    int i;
-    for (i = 0; i < queue->count; i++) row[i] = value;
-}
-ITN__INLINE void itn__fill_row(const itn__queue *queue, int field, float value) {
-    itn__fill_int_row(queue, field, itn__float_word(value));
+ITN__INLINE int32_t *itn__int_row(const itn__queue *queue, int row) {
+    return queue->ints + (size_t)row * ITN__ROW;
 }
 
 /* The mask of `count` lanes, or of all if there are more. */
@@ -8871,161 +8783,87 @@ ITN__INLINE itn__ints itn__first_lanes(int count) {
 }
 
 /* Fills the lanes named by `bits` with items at, at + 1, ... of a queue; the others stay. */
-ITN__INLINE void itn__expand_vectors(const itn__queue *queue, int field, int at, itn__vectors *v,
-                                     unsigned bits) {
-    v->x = itn__expand(itn__float_row(queue, field) + at, v->x, bits);
-    v->y = itn__expand(itn__float_row(queue, field + 1) + at, v->y, bits);
-    v->z = itn__expand(itn__float_row(queue, field + 2) + at, v->z, bits);
+ITN__NOINLINE void itn__read(const itn__fast *fast, const itn__queue *queue, int at,
+                             itn__state *s, unsigned bits) {
+#define ITN__READ(name, member)                                                                    \
+    s->member = itn__expand(itn__row(queue, ITN__##name) + at, s->member, bits);
+#define ITN__READ_INTS(name, member)                                                               \
+    s->member = itn__expand_ints(itn__int_row(queue, ITN__##name) + at, s->member, bits);
+    ITN__PATH_ROWS(ITN__READ)
+    ITN__INT_ROWS(ITN__READ_INTS)
+    if (itn__knows_plane(fast)) {
+        ITN__VALUE_ROWS(ITN__READ)
+    }
+    if (fast->scored) {
+        ITN__SCORE_ROWS(ITN__READ)
+    }
+#undef ITN__READ
+#undef ITN__READ_INTS
 }
 
-/* Fills the lanes named by `bits` with the last items of a queue; the others stay. */
-ITN__INLINE void itn__pull(itn__queue *queue, itn__state *s, unsigned bits, int features) {
-    int at = queue->count -= itn__count_bits(bits), c;
-#define ITN__PULL(lanes, field) lanes = itn__expand(itn__float_row(queue, field) + at, lanes, bits)
-#define ITN__PULL_INTS(lanes, field)                                                               \
-    lanes = itn__expand_ints(itn__row(queue, field) + at, lanes, bits)
-    itn__expand_vectors(queue, ITN__POSITION, at, &s->p, bits);
-    itn__expand_vectors(queue, ITN__DIRECTION, at, &s->d, bits);
-    s->key0 = itn__int_words(itn__expand_ints(itn__row(queue, ITN__KEY) + at,
-                                              itn__word_ints(s->key0), bits));
-    s->key1 = itn__int_words(itn__expand_ints(itn__row(queue, ITN__KEY + 1) + at,
-                                              itn__word_ints(s->key1), bits));
-    ITN__PULL_INTS(s->dimension, ITN__DIMENSION);
-    ITN__PULL_INTS(s->slot, ITN__SLOT);
-    for (c = 0; c < itn__colours(features); c++) {
-        ITN__PULL(s->beta[c], ITN__BETA + c);
-        ITN__PULL(s->control[c], ITN__CONTROL + c);
+/* Appends the lanes named by `bits`; rows of the queue's stage are written before. */
+ITN__NOINLINE void itn__append(const itn__fast *fast, itn__queue *queue, const itn__state *s,
+                               unsigned bits) {
+    int at = queue->count;
+#define ITN__WRITE(name, member) itn__compress(itn__row(queue, ITN__##name) + at, s->member, bits);
+#define ITN__WRITE_INTS(name, member)                                                              \
+    itn__compress_ints(itn__int_row(queue, ITN__##name) + at, s->member, bits);
+    ITN__PATH_ROWS(ITN__WRITE)
+    ITN__INT_ROWS(ITN__WRITE_INTS)
+    if (itn__knows_plane(fast)) {
+        ITN__VALUE_ROWS(ITN__WRITE)
     }
-    if (features & ITN__LIGHTS) ITN__PULL(s->pdf, ITN__PDF);
-    if (itn__knows_depth(features)) {
-        itn__expand_vectors(queue, ITN__UP, at, &s->up, bits);
-        ITN__PULL(s->level, ITN__LEVEL);
-        ITN__PULL_INTS(s->cell, ITN__CELL);
+    if (fast->scored) {
+        ITN__SCORE_ROWS(ITN__WRITE)
     }
-    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
-        ITN__PULL(s->flights, ITN__FLIGHTS);
-        ITN__PULL(s->phases, ITN__PHASES);
-        ITN__PULL(s->hits, ITN__HITS);
-        for (c = 0; c < itn__colours(features); c++) {
-            ITN__PULL(s->flight_base[c], ITN__FLIGHT_BASE + c);
-            ITN__PULL(s->phase_base[c], ITN__PHASE_BASE + c);
-            ITN__PULL(s->hit_base[c], ITN__HIT_BASE + c);
-        }
-    }
-#undef ITN__PULL
-#undef ITN__PULL_INTS
-}
-
-/* The state of items at, at + 1, ... of a queue. */
-ITN__INLINE void itn__load_state(const itn__queue *queue, int at, itn__state *s, int features) {
-    int c;
-    s->p = itn__load_vectors(queue, ITN__POSITION, at);
-    s->d = itn__load_vectors(queue, ITN__DIRECTION, at);
-    s->key0 = itn__load_words((const uint32_t *)itn__row(queue, ITN__KEY) + at);
-    s->key1 = itn__load_words((const uint32_t *)itn__row(queue, ITN__KEY + 1) + at);
-    s->dimension = itn__load_ints(itn__row(queue, ITN__DIMENSION) + at);
-    s->slot = itn__load_ints(itn__row(queue, ITN__SLOT) + at);
-    s->pdf = itn__splat(INFINITY);
-    for (c = 0; c < 3; c++)
-        s->beta[c] = s->control[c] = s->expected[c] = s->flight_base[c] = s->phase_base[c] =
-            s->hit_base[c] = itn__splat(0);
-    for (c = 0; c < itn__colours(features); c++) {
-        s->beta[c] = itn__load(itn__float_row(queue, ITN__BETA + c) + at);
-        s->control[c] = itn__load(itn__float_row(queue, ITN__CONTROL + c) + at);
-    }
-    if (features & ITN__LIGHTS) s->pdf = itn__load(itn__float_row(queue, ITN__PDF) + at);
-    s->flights = s->phases = s->hits = s->level = itn__splat(0);
-    s->up = itn__vectors_of(s->level, s->level, s->level), s->cell = itn__splat_int(-1);
-    if (itn__knows_depth(features)) {
-        s->up = itn__load_vectors(queue, ITN__UP, at);
-        s->level = itn__load(itn__float_row(queue, ITN__LEVEL) + at);
-    }
-    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
-        s->flights = itn__load(itn__float_row(queue, ITN__FLIGHTS) + at);
-        s->phases = itn__load(itn__float_row(queue, ITN__PHASES) + at);
-        s->hits = itn__load(itn__float_row(queue, ITN__HITS) + at);
-        for (c = 0; c < itn__colours(features); c++) {
-            s->expected[c] = itn__load(itn__float_row(queue, ITN__EXPECTED + c) + at);
-            s->flight_base[c] = itn__load(itn__float_row(queue, ITN__FLIGHT_BASE + c) + at);
-            s->phase_base[c] = itn__load(itn__float_row(queue, ITN__PHASE_BASE + c) + at);
-            s->hit_base[c] = itn__load(itn__float_row(queue, ITN__HIT_BASE + c) + at);
-        }
-    }
-}
-
-ITN__INLINE void itn__push_vectors(itn__queue *queue, int field, itn__vectors v, unsigned bits) {
-    itn__compress(itn__float_row(queue, field) + queue->count, v.x, bits);
-    itn__compress(itn__float_row(queue, field + 1) + queue->count, v.y, bits);
-    itn__compress(itn__float_row(queue, field + 2) + queue->count, v.z, bits);
-}
-
-/* Appends the lanes named by `bits`; fields of the queue's own are written before. */
-ITN__INLINE void itn__append_lanes(itn__queue *queue, const itn__state *s, unsigned bits,
-                                   int features) {
-    int at = queue->count, c;
-    itn__push_vectors(queue, ITN__POSITION, s->p, bits);
-    itn__push_vectors(queue, ITN__DIRECTION, s->d, bits);
-    itn__compress_ints(itn__row(queue, ITN__KEY) + at, itn__word_ints(s->key0), bits);
-    itn__compress_ints(itn__row(queue, ITN__KEY + 1) + at, itn__word_ints(s->key1), bits);
-    itn__compress_ints(itn__row(queue, ITN__DIMENSION) + at, s->dimension, bits);
-    itn__compress_ints(itn__row(queue, ITN__SLOT) + at, s->slot, bits);
-    for (c = 0; c < itn__colours(features); c++) {
-        itn__compress(itn__float_row(queue, ITN__BETA + c) + at, s->beta[c], bits);
-        itn__compress(itn__float_row(queue, ITN__CONTROL + c) + at, s->control[c], bits);
-    }
-    if (features & ITN__LIGHTS) itn__compress(itn__float_row(queue, ITN__PDF) + at, s->pdf, bits);
-    if (itn__knows_depth(features)) {
-        itn__push_vectors(queue, ITN__UP, s->up, bits);
-        itn__compress(itn__float_row(queue, ITN__LEVEL) + at, s->level, bits);
-        itn__compress_ints(itn__row(queue, ITN__CELL) + at, s->cell, bits);
-    }
-    if ((features & ITN__SCORES) && queue->state == ITN__STATE) {
-        itn__compress(itn__float_row(queue, ITN__FLIGHTS) + at, s->flights, bits);
-        itn__compress(itn__float_row(queue, ITN__PHASES) + at, s->phases, bits);
-        itn__compress(itn__float_row(queue, ITN__HITS) + at, s->hits, bits);
-        for (c = 0; c < itn__colours(features); c++) {
-            itn__compress(itn__float_row(queue, ITN__EXPECTED + c) + at, s->expected[c], bits);
-            itn__compress(itn__float_row(queue, ITN__FLIGHT_BASE + c) + at, s->flight_base[c],
-                          bits);
-            itn__compress(itn__float_row(queue, ITN__PHASE_BASE + c) + at, s->phase_base[c], bits);
-            itn__compress(itn__float_row(queue, ITN__HIT_BASE + c) + at, s->hit_base[c], bits);
-        }
-    }
+#undef ITN__WRITE
+#undef ITN__WRITE_INTS
     queue->count += itn__count_bits(bits);
-}
-
-/* The same by a call, for states that are in memory; */
-ITN__NOINLINE void itn__append(itn__queue *queue, const itn__state *s, unsigned bits,
-                               int features) {
-    itn__append_lanes(queue, s, bits, features);
-}
-/* and in a kernel, where without scores they are small. */
-ITN__INLINE void itn__append_in(itn__queue *queue, const itn__state *s, unsigned bits,
-                                int features) {
-    if (features & ITN__SCORES) itn__append(queue, s, bits, features);
-    else itn__append_lanes(queue, s, bits, features);
 }
 
 /* Copies item `at` of one queue to the end of another; returns its index there. */
 static int itn__move(const itn__queue *from, int at, itn__queue *to) {
-    int f;
-    for (f = 0; f < to->state; f++) itn__row(to, f)[to->count] = itn__row(from, f)[at];
+    int r;
+    for (r = 0; r < ITN__FLOAT_ROWS; r++) itn__row(to, r)[to->count] = itn__row(from, r)[at];
+    for (r = 0; r < ITN__INT_ROW_COUNT; r++)
+        itn__int_row(to, r)[to->count] = itn__int_row(from, r)[at];
     return to->count++;
 }
-static void itn__set_vector(itn__queue *queue, int field, int at, itn_vec3 v) {
-    itn__float_row(queue, field)[at] = v.x;
-    itn__float_row(queue, field + 1)[at] = v.y;
-    itn__float_row(queue, field + 2)[at] = v.z;
+static void itn__swap_queues(itn__queue *a, itn__queue *b) {
+    itn__queue c = *a;
+    *a = *b, *b = c;
 }
-static itn_vec3 itn__get_vector(const itn__queue *queue, int field, int at) {
-    return itn__vec3(itn__float_row(queue, field)[at], itn__float_row(queue, field + 1)[at],
-                     itn__float_row(queue, field + 2)[at]);
+ITN__INLINE void itn__expand_vectors(const itn__queue *queue, int row, int at, itn__vectors *v,
+                                     unsigned bits) {
+    v->x = itn__expand(itn__row(queue, row) + at, v->x, bits);
+    v->y = itn__expand(itn__row(queue, row + 1) + at, v->y, bits);
+    v->z = itn__expand(itn__row(queue, row + 2) + at, v->z, bits);
+}
+ITN__INLINE void itn__push_vectors(itn__queue *queue, int row, itn__vectors v, unsigned bits) {
+    itn__compress(itn__row(queue, row) + queue->count, v.x, bits);
+    itn__compress(itn__row(queue, row + 1) + queue->count, v.y, bits);
+    itn__compress(itn__row(queue, row + 2) + queue->count, v.z, bits);
+}
+static void itn__set_vector(itn__queue *queue, int row, int at, itn_vec3 v) {
+    itn__row(queue, row)[at] = v.x, itn__row(queue, row + 1)[at] = v.y;
+    itn__row(queue, row + 2)[at] = v.z;
+}
+static itn_vec3 itn__get_vector(const itn__queue *queue, int row, int at) {
+    return itn__vec3(itn__row(queue, row)[at], itn__row(queue, row + 1)[at],
+                     itn__row(queue, row + 2)[at]);
 }
 
 /* Whether camera rays of the unit have not been started yet. */
 ITN__INLINE int itn__unit_paths_left(const itn__crowd *crowd) {
     const itn__unit *unit = &crowd->unit;
     return unit->next < unit->width * unit->height * unit->count;
+}
+
+/* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
+static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
+    const itn__medium *medium = itn__medium_of(fast->scene, place->inside);
+    int substance = medium ? 1 + (int)(medium - fast->scene->media) : 0;
+    return fast->substances[substance].sigma_t > 0 ? substance : 0;
 }
 
 /* ---- [scores] what paths bring home, and its derivatives ------------------------------------- */
@@ -9035,18 +8873,13 @@ ITN__INLINE int itn__unit_paths_left(const itn__crowd *crowd) {
    replaced by
        sum over choices of s (L - b)
    with any b that is known before the choice: the mean stays, and the variance is least where b is
-   what the path was then expected to bring, the E of [value]. With the control variate taken off L
-   becomes L' = L - C_n, where C_k is the sum of the first k differences. The score of choice k goes
-   with later differences alone; and s Delta, with its own, has the known mean D = dE (V left as it
-   is), so that s Delta - D is taken off, too:
-       sum over choices of s (L' + C_k - b) - (s Delta - D).
-   All but the terms s L' is summed in lanes between surfaces, as what is to be taken off (`bases`:
-   s (b - C_k) + s Delta - D), and booked at the next surface or at the end. */
+   what the path was then expected to bring. As good as any finer guess is b = beta V with one
+   number V for each medium and channel ([value]). The bases s b are summed in lanes between
+   surfaces and booked, with the scores, at the next surface or at the end. */
 
-/* Scores of a path or, with ITN__LINK in its slot, of its link. */
+/* Scores of a path up to its last surface. */
 ITN__INLINE float *itn__scores_of(const itn__crowd *crowd, int slot) {
-    int row = (slot & ~ITN__LINK) + (slot & ITN__LINK ? ITN__CROWD : 0);
-    return crowd->scores + (size_t)row * (size_t)crowd->fast->count;
+    return crowd->scores + (size_t)slot * (size_t)crowd->fast->count;
 }
 
 /* What path `number` has brought home: plane 0 and on are radiance, by channels, then derivatives,
@@ -9055,13 +8888,7 @@ ITN__INLINE float *itn__sum_of(const itn__crowd *crowd, int plane, int number) {
     return crowd->radiance + (size_t)plane * (size_t)crowd->radiance_stride + (size_t)number;
 }
 
-/* A link begins with the scores of its path. */
-static void itn__copy_scores(const itn__crowd *crowd, int slot) {
-    size_t bytes = (size_t)crowd->fast->count * sizeof(float);
-    if (bytes) memcpy(itn__scores_of(crowd, slot | ITN__LINK), itn__scores_of(crowd, slot), bytes);
-}
-
-/* Adds to path `number` what it, or its link, with these scores brings home in channel c. */
+/* Adds to path `number` what it, with these scores, brings home in channel c. */
 static void itn__bring_home(itn__crowd *crowd, int number, const float *scores, int c,
                             float value) {
     const itn__fast *fast = crowd->fast;
@@ -9100,181 +8927,195 @@ static void itn__bring_scales(itn__crowd *crowd, int number, itn_vec3 d, float s
     }
 }
 
-/* What a path has gathered since the last surface. */
-typedef struct itn__gathered {
-    float flights, phases, hits;
-    float control[3], flight_base[3], phase_base[3], hit_base[3];
-} itn__gathered;
-
-/* Takes the bases from the derivatives of path `number`, in channel c. */
-static void itn__take_bases(itn__crowd *crowd, int number, const itn__substance *medium,
-                            const itn__gathered *g, int c) {
-    int channels = crowd->fast->channels;
-    if (medium->slot_sigma_t >= 0)
-        *itn__sum_of(crowd, channels * (1 + medium->slot_sigma_t) + c, number) -=
-            g->flight_base[c] / medium->sigma_t;
-    if (medium->slot_g >= 0)
-        *itn__sum_of(crowd, channels * (1 + medium->slot_g) + c, number) -= g->phase_base[c];
-    if (medium->slot_albedo[c] >= 0)
-        *itn__sum_of(crowd, channels * (1 + medium->slot_albedo[c]) + c, number) -=
-            g->hit_base[c] / medium->albedo[c];
-}
-
-/* Books what a path, or with ITN__LINK in its slot its link, has gathered in a substance. */
-static void itn__book(itn__crowd *crowd, int slot, int substance, const itn__gathered *g) {
+/* Adds to scores what has been gathered in a substance. */
+static void itn__book(const itn__crowd *crowd, float *scores, int substance, float flights,
+                      float phases, float hits) {
     const itn__substance *medium = &crowd->fast->substances[substance];
-    float *scores = itn__scores_of(crowd, slot);
-    int c, number = crowd->paths[slot & ~ITN__LINK].number;
-    if (medium->slot_sigma_t >= 0)
-        scores[medium->slot_sigma_t] += g->flights / medium->sigma_t;
-    if (medium->slot_g >= 0) scores[medium->slot_g] += g->phases;
-    for (c = 0; c < crowd->fast->channels; c++) {
-        if (medium->slot_albedo[c] >= 0)
-            scores[medium->slot_albedo[c]] += g->hits / medium->albedo[c];
-        if (slot & ITN__LINK) continue;
-        if (crowd->fast->controls) itn__bring_home(crowd, number, scores, c, g->control[c]);
-        itn__take_bases(crowd, number, medium, g, c);
-    }
-}
-
-/* The same for an item of a queue; the flight that brought it here had length t, no collision. */
-static void itn__book_item(itn__crowd *crowd, itn__queue *queue, int at, int substance, float t) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
-    float last = -medium->sigma_t * t;
-    itn__gathered g;
     int c;
-    if (!crowd->fast->count) return;
-    g.flights = itn__float_row(queue, ITN__FLIGHTS)[at] + last;
-    g.phases = itn__float_row(queue, ITN__PHASES)[at];
-    g.hits = itn__float_row(queue, ITN__HITS)[at];
-    for (c = 0; c < crowd->fast->channels; c++) {
-        g.control[c] = itn__float_row(queue, ITN__CONTROL + c)[at];
-        g.flight_base[c] = itn__float_row(queue, ITN__FLIGHT_BASE + c)[at] +
-                           last * itn__float_row(queue, ITN__EXPECTED + c)[at];
-        g.phase_base[c] = itn__float_row(queue, ITN__PHASE_BASE + c)[at];
-        g.hit_base[c] = itn__float_row(queue, ITN__HIT_BASE + c)[at];
-        itn__float_row(queue, ITN__CONTROL + c)[at] = 0;
-        itn__float_row(queue, ITN__FLIGHT_BASE + c)[at] = 0;
-        itn__float_row(queue, ITN__PHASE_BASE + c)[at] = 0;
-        itn__float_row(queue, ITN__HIT_BASE + c)[at] = 0;
-    }
-    itn__float_row(queue, ITN__FLIGHTS)[at] = itn__float_row(queue, ITN__PHASES)[at] = 0;
-    itn__float_row(queue, ITN__HITS)[at] = 0;
-    itn__book(crowd, itn__row(queue, ITN__SLOT)[at], substance, &g);
+    if (medium->slot_sigma_t >= 0) scores[medium->slot_sigma_t] += flights / medium->sigma_t;
+    if (medium->slot_g >= 0) scores[medium->slot_g] += phases;
+    for (c = 0; c < crowd->fast->channels; c++)
+        if (medium->slot_albedo[c] >= 0)
+            scores[medium->slot_albedo[c]] += hits / medium->albedo[c];
 }
 
-/* ---- [lessons] how V is learnt --------------------------------------------------------------- */
+/* Takes the bases of lane k off the derivatives of its path. */
+static void itn__take_bases(itn__crowd *crowd, int substance, const itn__state *s, int k) {
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    int number = crowd->paths[ITN__LANE(s->slot, k)].number, channels = crowd->fast->channels, c;
+    for (c = 0; c < channels; c++) {
+        if (medium->slot_sigma_t >= 0)
+            *itn__sum_of(crowd, channels * (1 + medium->slot_sigma_t) + c, number) -=
+                ITN__LANE(s->flight_base[c], k) / medium->sigma_t;
+        if (medium->slot_g >= 0)
+            *itn__sum_of(crowd, channels * (1 + medium->slot_g) + c, number) -=
+                ITN__LANE(s->phase_base[c], k);
+    }
+}
 
-/* A few paths, traced before the picture, are marked somewhere on their way; what one brings home
-   after its mark, per weight, is a lesson. V is a least-squares fit to lessons. The sums of its
-   normal equations are of whole multiples of powers of two, so that they are exact, in any order:
-   terms times terms, terms times radiance. Arriving at a face is as good as flying out at z = 0. */
+/* Books what lanes have gathered in a substance. */
+static void itn__book_lanes(itn__crowd *crowd, int substance, itn__state *s, unsigned bits) {
+    itn__ints kept = ~itn__bits_mask(bits);
+    itn__floats zero = itn__splat(0);
+    int c;
+    if (!crowd->fast->scored) return;
+    for (; bits && crowd->fast->count; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__book(crowd, itn__scores_of(crowd, ITN__LANE(s->slot, k)), substance,
+                  ITN__LANE(s->flights, k), ITN__LANE(s->phases, k), ITN__LANE(s->hits, k));
+        itn__take_bases(crowd, substance, s, k);
+    }
+    s->flights = itn__select(kept, s->flights, zero), s->hits = itn__select(kept, s->hits, zero);
+    s->phases = itn__select(kept, s->phases, zero);
+    for (c = 0; c < 3; c++) {
+        s->flight_base[c] = itn__select(kept, s->flight_base[c], zero);
+        s->phase_base[c] = itn__select(kept, s->phase_base[c], zero);
+    }
+}
+
+/* Ends paths, which leave their slots; what is left of their control variates is taken off. */
+static void itn__end_lanes(itn__crowd *crowd, int substance, itn__state *s, unsigned bits) {
+    unsigned rest = crowd->fast->controls ? bits : 0;
+    int c;
+    itn__book_lanes(crowd, substance, s, bits);
+    for (; rest; rest &= rest - 1) {
+        int k = itn__lowest_bit(rest), number = crowd->paths[ITN__LANE(s->slot, k)].number;
+        for (c = 0; c < crowd->fast->channels; c++)
+            *itn__sum_of(crowd, c, number) += ITN__LANE(s->control[c], k);
+    }
+    for (; bits; bits &= bits - 1)
+        crowd->free_slots[crowd->free_count++] = ITN__LANE(s->slot, itn__lowest_bit(bits));
+}
+
+/* ---- [value] what a path is expected to bring home ------------------------------------------- */
+
+/* Let V be a guess of what a path is expected to bring home per weight beta. A choice (a flight, a
+   direction, roulette) turns what was expected before it, the mean E of beta V over its outcomes,
+   into beta V after its outcome. Their difference, Delta = beta V - E, has mean 0 whatever V is. So
+   the sum of all these differences is a control variate (a martingale, as in Henderson and Glynn
+   2002): taken off, it leaves of a path's noise only what V did not know. That pays with one medium
+   in light that is everywhere the same, in images.
+
+   The means must be known exactly. Over flights and new directions they are, for V of the form that
+   diffusion has near a plane: at depth z (in mean free paths) below the surface nearby and with
+   cosine mu to its inward normal,
+       V = sum over i of e^(-k_i z) v_i(mu),   k_i = i k,   polynomials v_i.
+   A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu) in
+   the mean. A flight is taken to end where it comes to the plane of the face, tau_0 mean free paths
+   on, or at a collision before; on its way z changes in proportion to its length, so that the mean
+   of V over lengths is an integral of exponentials. A plane is chosen before each flight; any would
+   do. V on arrival at a face has the same form with z = 0 and numbers of its own.
+
+   V is learnt from a few paths traced before the picture (itn__learn_values in [render]). They are
+   marked somewhere on their way; what one brings home after its mark, per weight, is a lesson. V is
+   a least-squares fit to lessons; where there is no control variate, their mean for each medium. The
+   sums of the normal equations are of whole multiples of powers of two, so that they are exact, in
+   any order: terms times terms, terms times radiance. */
+
+/* e^(-k_i z) times a polynomial of the cosine mu, for each decay k_i: the coefficients by powers of
+   mu. */
+enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = ITN__DECAYS * ITN__ORDERS };
+typedef float itn__expansion[ITN__DECAYS][ITN__ORDERS];
+
+/* V in a medium (see itn__substance), by channel. */
+struct itn__value {
+    float decay; /* k, per mean free path: k_i = i k, all below 1 */
+    float mean[3];                  /* V as one number, */
+    itn__expansion flying[3];       /* V, */
+    itn__expansion scattered[3];    /* its mean over a new direction, */
+    float entering[3][ITN__ORDERS]; /* and V at z = 0 */
+};
 
 enum { ITN__LESSON_SUMS = ITN__TERMS * (ITN__TERMS + 3) };
 #define ITN__TERM_STEPS 4096.
 #define ITN__RIDGE 1e-4 /* of the number of lessons */
 #define ITN__LARGEST_LESSON 1048576. /* units */
 
-/* P_l(mu) e^(-k_i z) for all i and l. */
+/* P_l(mu) e^(-k_i z) for all i and l, as whole multiples of 1 / ITN__TERM_STEPS. */
 static void itn__lesson_terms(const itn__value *value, const itn__path *path, double *term) {
     double mu = (double)path->mark_cosine;
     int i, l;
-    for (i = 0; i < ITN__DECAYS; i++, term += ITN__ORDERS) {
-        term[0] = exp(-(double)value->decay * i * path->mark_depth), term[1] = mu * term[0];
+    for (i = 0; i < ITN__DECAYS; i++) {
+        double *p = term + i * ITN__ORDERS;
+        p[0] = exp(-(double)value->decay * i * path->mark_depth), p[1] = mu * p[0];
         for (l = 2; l < ITN__ORDERS; l++)
-            term[l] = ((2 * l - 1) * mu * term[l - 1] - (l - 1) * term[l - 2]) / l;
+            p[l] = ((2 * l - 1) * mu * p[l - 1] - (l - 1) * p[l - 2]) / l;
     }
-}
-
-/* Adds a lesson's terms, which become whole multiples of 1 / ITN__TERM_STEPS. */
-static void itn__add_lesson(double *sums, double *term, const double lesson[3]) {
-    int i, j, c;
-    for (i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) {
-        term[i] = floor(term[i] * ITN__TERM_STEPS + .5);
-        for (j = 0; j <= i; j++) sums[j] += term[i] * term[j];
-        for (c = 0; c < 3; c++) sums[ITN__TERMS + c] += term[i] * lesson[c];
-    }
+    for (i = 0; i < ITN__TERMS; i++) term[i] = floor(term[i] * ITN__TERM_STEPS + .5);
 }
 
 /* What a path has brought home since its mark is a lesson. */
-static void itn__learn(itn__crowd *crowd, const itn__path *path) {
+static void itn__learn(itn__crowd *crowd, itn__path *path) {
     double *sums = crowd->lessons + (size_t)path->mark * ITN__LESSON_SUMS;
     double term[ITN__TERMS], lesson[3] = {0, 0, 0};
-    int c;
+    int i, j, c;
     for (c = 0; c < crowd->fast->channels; c++) {
         float brought = *itn__sum_of(crowd, c, path->number) - path->mark_radiance[c];
-        lesson[c] = (double)brought / path->mark_weight[c];
-        lesson[c] = floor(lesson[c] / crowd->fast->lesson_unit);
-        if (!(lesson[c] > 0)) lesson[c] = 0;
-        lesson[c] = fmin(lesson[c], ITN__LARGEST_LESSON);
+        lesson[c] = floor((double)brought / path->mark_weight[c] / crowd->fast->lesson_unit);
+        lesson[c] = lesson[c] > 0 ? fmin(lesson[c], ITN__LARGEST_LESSON) : 0;
     }
     itn__lesson_terms(&crowd->fast->values[path->mark], path, term);
-    itn__add_lesson(sums, term, lesson);
+    for (i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) {
+        for (j = 0; j <= i; j++) sums[j] += term[i] * term[j];
+        for (c = 0; c < 3; c++) sums[ITN__TERMS + c] += term[i] * lesson[c];
+    }
+    path->mark = -1;
 }
 
-/* Marks the path in lane k, in a render that learns. */
-static void itn__mark(const itn__crowd *crowd, const itn__state *s, int k, int substance,
-                      float depth, float cosine) {
-    itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+/* Of all paths that have ended, and whose shadow rays have, too. */
+static void itn__learn_all(itn__crowd *crowd) {
+    int i;
+    for (i = 0; i < crowd->free_count && crowd->fast->learning; i++) {
+        itn__path *path = &crowd->paths[crowd->free_slots[i]];
+        if (path->mark >= 0) itn__learn(crowd, path);
+    }
+}
+
+/* Marks paths, which teach an entry of V at these depths and cosines. */
+static void itn__mark_lanes(const itn__crowd *crowd, int entry, const itn__state *s,
+                            itn__floats depth, itn__floats cosine, unsigned bits) {
     int c;
-    path->mark = substance, path->mark_depth = depth, path->mark_cosine = cosine;
-    for (c = 0; c < crowd->fast->channels; c++) {
-        path->mark_weight[c] = ITN__LANE(s->beta[c], k);
-        path->mark_radiance[c] = *itn__sum_of(crowd, c, path->number);
-    }
-}
-
-/* Marks paths about to fly; of each two (by key) one, after a number of collisions that its key
-   decides. */
-ITN__INLINE void itn__mark_lanes(const itn__crowd *crowd, int substance, const itn__state *s,
-                                 const itn__view *view, itn__ints mask) {
-    itn__words doubling = s->key0 & 3, span;
-    unsigned bits;
-    span = (itn__splat_word(1) << doubling) - 1;
-    mask &= itn__int_equal(itn__to_ints(s->hits), itn__word_ints(span + ((s->key0 >> 8) & span)));
-    mask &= itn__int_equal(itn__word_ints(s->key1 & 1), itn__splat_int(0));
-    for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
+    for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
-        if (crowd->paths[ITN__LANE(s->slot, k)].mark < 0)
-            itn__mark(crowd, s, k, substance, ITN__LANE(view->depth, k),
-                      ITN__LANE(view->cosine, k));
+        itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        if (path->mark >= 0) continue;
+        path->mark = entry;
+        path->mark_depth = ITN__LANE(depth, k), path->mark_cosine = ITN__LANE(cosine, k);
+        for (c = 0; c < crowd->fast->channels; c++) {
+            path->mark_weight[c] = ITN__LANE(s->beta[c], k);
+            path->mark_radiance[c] = *itn__sum_of(crowd, c, path->number);
+        }
     }
 }
 
-/* Coefficients by powers of mu from those by P_l, each times factor[l]. */
-static void itn__powers(const double *legendre, const double *factor, float *power) {
-    double p[3][ITN__ORDERS] = {{1}, {0, 1}}, sum[ITN__ORDERS] = {0};
+/* Coefficients by powers of mu from those by P_l, each times factor^l. */
+static void itn__powers(const double *legendre, double factor, float *power) {
+    double p[3][ITN__ORDERS] = {{1}, {0, 1}}, sum[ITN__ORDERS] = {0}, scale = 1;
     int l, k;
-    for (l = 0; l < ITN__ORDERS; l++) {
+    for (l = 0; l < ITN__ORDERS; l++, scale *= factor) {
         for (k = 0; k < ITN__ORDERS && l > 1; k++)
             p[l % 3][k] = ((2 * l - 1) * (k ? p[(l + 2) % 3][k - 1] : 0) -
                            (l - 1) * p[(l + 1) % 3][k]) / l;
-        for (k = 0; k < ITN__ORDERS; k++) sum[k] += legendre[l] * factor[l] * p[l % 3][k];
+        for (k = 0; k < ITN__ORDERS; k++) sum[k] += legendre[l] * scale * p[l % 3][k];
     }
     for (k = 0; k < ITN__ORDERS; k++) power[k] = (float)sum[k];
 }
 
 /* V of channel c from its coefficients. */
 static void itn__value_set(itn__value *value, int c, const double *terms, double g) {
-    double one[ITN__ORDERS], mean[ITN__ORDERS], slope[ITN__ORDERS];
     int i, l;
-    for (l = 0; l < ITN__ORDERS; l++) {
-        one[l] = 1, mean[l] = pow(g, l); /* the mean of P_l over new directions is g^l P_l */
-        slope[l] = l ? l * pow(g, l - 1) : 0;
-        value->entering[c][l] = 0;
-    }
+    for (l = 0; l < ITN__ORDERS; l++) value->entering[c][l] = 0;
     for (i = 0; i < ITN__DECAYS; i++, terms += ITN__ORDERS) {
-        itn__powers(terms, one, value->flying[c][i]);
-        itn__powers(terms, mean, value->scattered[c][i]);
-        itn__powers(terms, slope, value->by_g[c][i]);
+        itn__powers(terms, 1, value->flying[c][i]);
+        itn__powers(terms, g, value->scattered[c][i]);
         for (l = 0; l < ITN__ORDERS; l++) value->entering[c][l] += value->flying[c][i][l];
     }
 }
 
-/* The least-squares fit of one substance: to V less its mean, which is added back. Returns 0 if
-   there were no lessons. */
-static int itn__fit_value(const itn__fast *fast, int substance, const double *sums) {
-    itn__value *value = &fast->values[substance];
+/* The least-squares fit of one entry: to V less its mean, which is added back. Returns 0 if there
+   were no lessons. */
+static int itn__fit_value(const itn__fast *fast, int entry, const double *sums) {
+    itn__value *value = &fast->values[entry];
     const double step = ITN__TERM_STEPS, unit = fast->lesson_unit * step;
     double factor[ITN__TERMS * ITN__TERMS], terms[ITN__TERMS], mean;
     int c, i, j, n = ITN__TERMS, width = ITN__TERMS + 3;
@@ -9285,118 +9126,176 @@ static int itn__fit_value(const itn__fast *fast, int substance, const double *su
     }
     if (!itn__cholesky(factor, n)) return 0;
     for (c = 0; c < fast->channels; c++) {
-        mean = sums[n + c] * unit / sums[0];
+        mean = sums[n + c] * unit / sums[0], value->mean[c] = (float)mean;
         for (i = 0; i < n; i++)
             terms[i] = sums[i * width + n + c] * unit - mean * sums[i * width];
         itn__cholesky_solve(factor, n, terms);
         terms[0] += mean;
-        itn__value_set(value, c, terms, fast->substances[substance].g);
+        itn__value_set(value, c, terms, fast->substances[entry].g);
     }
     return 1;
 }
 
-/* ---- [queues] where paths go next, and how they end ------------------------------------------ */
+/* Where paths are, and where they go, seen from their plane. */
+typedef struct itn__view {
+    itn__floats depth;             /* z, in mean free paths */
+    itn__floats cosine;            /* mu, to the inward normal */
+    itn__floats fall[ITN__DECAYS]; /* e^(-k_i z) */
+} itn__view;
 
-/* A path that is about to fly waits in the queue of the walk of its substance; in that of the early
-   stage if it has Sobol draws to come, which the walk does not know. A path ends
-   where its weight is 0, where roulette says so, or at the lights: it books what it has gathered
-   since the last surface, takes off what is left of its control variate, and leaves its slot. */
-
-/* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
-static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
-    const itn__medium *medium = itn__medium_of(fast->scene, place->inside);
-    int substance = medium ? 1 + (int)(medium - fast->scene->media) : 0;
-    return fast->substances[substance].sigma_t > 0 ? substance : 0;
-}
-
-/* Paths that have drawn fewer numbers than this fly one by one, without a walk. */
-ITN__INLINE int itn__early_end(const itn__fast *fast) {
-    return fast->sobol ? ITN__EARLY : 0;
+/* e^(-k_i z) for all i. */
+ITN__INLINE void itn__falls(const itn__value *value, itn__floats depth, itn__floats *fall) {
+    int i;
+    fall[0] = itn__splat(1), fall[1] = itn__vexp(depth * -value->decay);
+    for (i = 2; i < ITN__DECAYS; i++) fall[i] = fall[i - 1] * fall[1];
 }
 
-/* The queue of paths that are about to fly in a substance. */
-ITN__INLINE itn__queue *itn__departure(itn__crowd *crowd, int substance, int dimension) {
-    return substance && dimension < itn__early_end(crowd->fast) ? &crowd->early[substance]
-                                                                : &crowd->walk[substance];
+static itn__view itn__view_of(const itn__crowd *crowd, int substance, const itn__state *s,
+                              const itn__vectors *d) {
+    itn__view view;
+    view.depth = itn__most(crowd->fast->substances[substance].sigma_t *
+                           (s->level - itn__vdot(s->up, s->p)), itn__splat(0));
+    view.cosine = -itn__vdot(s->up, *d);
+    itn__falls(&crowd->fast->values[substance], view.depth, view.fall);
+    return view;
 }
 
-static void itn__free_slot(itn__crowd *crowd, int slot) {
-    if (crowd->fast->learning && crowd->paths[slot].mark >= 0)
-        itn__learn(crowd, &crowd->paths[slot]);
-    crowd->free_slots[crowd->free_count++] = slot;
-}
-static void itn__free_lanes(itn__crowd *crowd, itn__ints slot, unsigned bits) {
-    for (; bits; bits &= bits - 1)
-        itn__free_slot(crowd, ITN__LANE(slot, itn__lowest_bit(bits)));
+/* a[0] + a[1] x + a[2] x^2 + ... */
+ITN__INLINE itn__floats itn__power_sum(const float *a, itn__floats x) {
+    itn__floats sum = itn__splat(a[ITN__ORDERS - 1]);
+    int l;
+    for (l = ITN__ORDERS - 2; l >= 0; l--) sum = sum * x + a[l];
+    return sum;
 }
 
-/* Takes off, as a path ends, its control variate in channel c; `control` is minus it. */
-ITN__INLINE void itn__add_control(itn__crowd *crowd, int slot, int c, float control) {
-    itn__bring_home(crowd, crowd->paths[slot].number, itn__scores_of(crowd, slot), c, control);
-}
-ITN__INLINE void itn__add_controls(itn__crowd *crowd, const itn__state *s, unsigned bits) {
-    int c;
-    for (; bits && crowd->fast->controls; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        for (c = 0; c < crowd->fast->channels; c++)
-            itn__add_control(crowd, ITN__LANE(s->slot, k), c, ITN__LANE(s->control[c], k));
-    }
-}
-/* What lane k has gathered. */
-ITN__INLINE itn__gathered itn__gathered_in(const itn__state *s, int k, int features) {
-    itn__gathered g;
-    int c;
-    g.flights = ITN__LANE(s->flights, k), g.hits = ITN__LANE(s->hits, k);
-    g.phases = ITN__LANE(s->phases, k);
-    for (c = 0; c < itn__colours(features); c++) {
-        g.control[c] = ITN__LANE(s->control[c], k);
-        g.flight_base[c] = ITN__LANE(s->flight_base[c], k);
-        g.phase_base[c] = ITN__LANE(s->phase_base[c], k);
-        g.hit_base[c] = ITN__LANE(s->hit_base[c], k);
-    }
-    return g;
+/* Sum over i of falls and polynomials, of cosine x. */
+static itn__floats itn__expand_view(const itn__view *view, const itn__expansion a, itn__floats x) {
+    itn__floats sum = itn__power_sum(a[0], x);
+    int i;
+    for (i = 1; i < ITN__DECAYS; i++) sum = sum + view->fall[i] * itn__power_sum(a[i], x);
+    return sum;
 }
 
-/* Ends the paths of lanes in a substance. */
-ITN__INLINE void itn__end_lanes(itn__crowd *crowd, int substance, const itn__state *s,
-                                unsigned bits, int features) {
-    int booked = itn__scored(crowd, features) && crowd->fast->count;
-    unsigned rest = booked ? bits : 0;
-    if (!booked) itn__add_controls(crowd, s, bits);
-    for (; rest; rest &= rest - 1) {
-        int k = itn__lowest_bit(rest);
-        itn__gathered g = itn__gathered_in(s, k, features);
-        itn__book(crowd, ITN__LANE(s->slot, k), substance, &g);
-    }
-    itn__free_lanes(crowd, s->slot, bits);
+/* A choice has been made: what the lanes of the mask are now expected to bring, less what they had
+   been expected to, has mean 0 and is taken off. */
+ITN__INLINE void itn__difference(itn__state *s, int c, itn__floats now, itn__floats before,
+                                 itn__ints mask) {
+    s->control[c] = s->control[c] - itn__select(mask, now - before, itn__splat(0));
 }
 
-/* Sends the lanes named by `bits` to their next flight, each in the substance it is in. */
-ITN__INLINE void itn__depart(itn__crowd *crowd, const itn__state *s, unsigned bits, int features) {
-    itn__queue *first = NULL;
-    while (bits) {
-        unsigned same = 0, rest = bits;
-        for (first = NULL; rest; rest &= rest - 1) {
-            int k = itn__lowest_bit(rest);
-            int substance = itn__substance_of(crowd->fast,
-                                              &crowd->paths[ITN__LANE(s->slot, k)].place);
-            itn__queue *queue = itn__departure(crowd, substance, ITN__LANE(s->dimension, k));
-            if (!first) first = queue;
-            if (queue == first) same |= 1u << k;
+/* What lanes about to fly expect, per weight, if that is how the flight ends:
+       mean = e^(-tau_0) at_face + sum over i of omega_i / (1 + k_i mu) (e^(-k_i z) - e^(-tau_0)),
+   with omega_i the albedo times the polynomial of `scattered`. */
+typedef struct itn__ahead {
+    itn__view view;
+    itn__floats to_face; /* tau_0 */
+    itn__ints up;        /* there is one */
+    itn__floats mean[3], at_face[3], omega[3][ITN__DECAYS];
+} itn__ahead;
+
+#define ITN__FAR 80.f /* mean free paths, for tau_0: e^-80 is nothing */
+
+ITN__NOINLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const itn__state *s,
+                                   itn__ahead *a) {
+    const itn__value *value = &crowd->fast->values[substance];
+    itn__floats zero = itn__splat(0), mu, through;
+    int c, i;
+    a->view = itn__view_of(crowd, substance, s, &s->d), mu = a->view.cosine;
+    a->up = itn__less(mu, zero);
+    a->to_face = itn__least(a->view.depth / itn__select(a->up, -mu, itn__splat(1)),
+                            itn__splat(ITN__FAR));
+    through = itn__select(a->up, itn__vexp(-a->to_face), zero);
+    for (c = 0; c < crowd->fast->channels; c++) {
+        a->at_face[c] = itn__power_sum(crowd->fast->values[0].entering[c], mu);
+        a->mean[c] = through * a->at_face[c];
+        for (i = 0; i < ITN__DECAYS; i++) {
+            a->omega[c][i] = itn__power_sum(value->scattered[c][i], mu) *
+                             crowd->fast->substances[substance].albedo[c];
+            a->mean[c] = a->mean[c] + a->omega[c][i] * (a->view.fall[i] - through) /
+                                          (1 + (float)i * value->decay * mu);
         }
-        itn__append(first, s, same, features);
-        bits &= ~same;
     }
 }
 
-/* The same for lanes that are all in one substance. */
-ITN__INLINE void itn__depart_in(itn__crowd *crowd, int substance, const itn__state *s,
-                                unsigned bits, int features) {
-    itn__ints end = itn__splat_int(itn__early_end(crowd->fast));
-    unsigned early = bits & itn__mask_bits(itn__int_less(s->dimension, end));
-    if (early) itn__append_in(&crowd->early[substance], s, early, features);
-    bits &= ~early;
-    if (bits) itn__append_in(&crowd->walk[substance], s, bits, features);
+/* Flights over these distances have been drawn. */
+ITN__NOINLINE void itn__control_flight(const itn__crowd *crowd, int substance, itn__state *s,
+                                       const itn__ahead *a, itn__floats distance,
+                                       itn__ints mask) {
+    itn__floats tau = crowd->fast->substances[substance].sigma_t * distance, fall[ITN__DECAYS];
+    itn__ints crosses = a->up & itn__less(a->to_face, tau);
+    int c, i;
+    itn__falls(&crowd->fast->values[substance],
+               itn__most(a->view.depth + a->view.cosine * tau, itn__splat(0)), fall);
+    for (c = 0; c < crowd->fast->channels; c++) {
+        itn__floats collided = a->omega[c][0];
+        for (i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
+        collided = itn__select(crosses, a->at_face[c], collided);
+        itn__difference(s, c, s->beta[c] * collided, s->beta[c] * a->mean[c], mask);
+    }
+}
+
+/* New directions have been drawn where directions d ended. */
+ITN__NOINLINE void itn__control_direction(const itn__crowd *crowd, int substance, itn__state *s,
+                                          const itn__vectors *d, itn__ints mask) {
+    const itn__value *value = &crowd->fast->values[substance];
+    itn__view view = itn__view_of(crowd, substance, s, d);
+    itn__floats cosine = -itn__vdot(s->up, s->d);
+    int c;
+    for (c = 0; c < crowd->fast->channels; c++)
+        itn__difference(s, c,
+                        s->beta[c] * itn__expand_view(&view, value->flying[c], cosine),
+                        s->beta[c] * itn__expand_view(&view, value->scattered[c], view.cosine),
+                        mask);
+}
+
+/* What paths that leave a dielectric boundary in direction o (of local coordinates) are expected to
+   bring, per weight before: inside, V at the face; outside, the light, the same everywhere. */
+static itn__floats itn__boundary_value(const itn__crowd *crowd, const itn__site *site,
+                                       itn__vectors o, int c) {
+    const itn__value *value = &crowd->fast->values[crowd->fast->controls];
+    itn__ints outside = ~(itn__less(itn__splat(0), o.z) ^ itn__less(itn__splat(1), site->eta.v));
+    itn__floats brings = itn__select(outside, itn__splat(crowd->fast->constant[c]),
+                                     itn__power_sum(value->entering[c], itn__absolute(o.z)));
+    if (site->smooth) return brings;
+    return brings * itn__smith(o, itn__constant(itn__splat(
+                                      site->theta[site->surface->alpha]))).v;
+}
+
+/* What is expected of a facet, in the mean over both ways from there: for channel c into mean; into
+   taken for the direction that goes through, or does not. */
+static void itn__facet_value(const itn__crowd *crowd, const itn__site *site, itn__vectors m, int c,
+                             itn__ints through, itn__floats *mean, itn__floats *taken) {
+    itn__floats zero = itn__splat(0), cos_i = itn__least(itn__vdot(site->i, m), itn__splat(1));
+    itn__ints faces = itn__less(zero, cos_i);
+    itn__num cos_t, fresnel = itn__fresnel(itn__constant(cos_i), itn__constant(site->eta.v),
+                                           &cos_t);
+    itn__vectors r = itn__vnormalize(itn__reflect(site->i, m));
+    itn__vectors t = itn__vnormalize(itn__refract(site->i, m, site->eta.v, cos_t.v));
+    itn__ints reflects = faces & itn__less(zero, r.z);
+    itn__ints refracts = faces & itn__less(t.z, zero) & itn__less(fresnel.v, itn__splat(1));
+    itn__floats up = itn__select(reflects, itn__boundary_value(crowd, site, r, c), zero);
+    itn__floats down = itn__select(refracts, itn__boundary_value(crowd, site, t, c), zero);
+    *mean = itn__select(faces, fresnel.v * up + (1 - fresnel.v) * itn__select(refracts, down, zero),
+                        zero);
+    *taken = itn__select(through, down, up);
+}
+
+/* The difference of a bounce at a boundary by u, which was expected to bring the mean over both
+   ways and over two facets: the one drawn and the one that leans the other way. */
+ITN__NOINLINE void itn__control_bounce(const itn__crowd *crowd, itn__state *s,
+                                       const itn__site *site, const itn__floats u[3],
+                                       itn__ints through, itn__ints good, itn__ints mask) {
+    itn__floats turned = itn__select(itn__less(u[1], itn__splat(.5f)), u[1] + .5f, u[1] - .5f);
+    float alpha = site->smooth ? 0 : site->theta[site->surface->alpha];
+    itn__vectors twin = itn__sample_facet(&site->i, itn__splat(alpha), u[0], turned);
+    int c;
+    for (c = 0; c < crowd->fast->channels; c++) {
+        itn__floats mean, other, taken, unused;
+        itn__facet_value(crowd, site, twin, c, through, &other, &unused);
+        itn__facet_value(crowd, site, site->facet, c, through, &mean, &taken);
+        taken = itn__select(good, taken, itn__splat(0));
+        itn__difference(s, c, s->beta[c] * taken, s->beta[c] * .5f * (mean + other), mask);
+    }
 }
 
 /* ---- [draws] random numbers, roulette and flights of a crowd --------------------------------- */
@@ -9404,41 +9303,34 @@ ITN__INLINE void itn__depart_in(itn__crowd *crowd, int substance, const itn__sta
 /* Every random number is the function of (seed, pixel, path, dimension) that the reference uses.
    With ITN_SAMPLER_SOBOL the first eight come from the dimensions 0 to 7 of a scrambled Sobol
    sequence instead: the place in the pixel (0 and 1), and draws 2 to 7 of a path, at its first
-   boundary and first collision. Roulette, the choice that all paths make, is here, and with it
-   itn__difference, which takes a choice's Delta off ([value]). */
+   boundary and first collision. */
+enum { ITN__EARLY = 8 };
 
 /* Puts Sobol numbers in the place of u where the draw just made (dimension - 1) is an early one. */
-static void itn__early_draws(const itn__crowd *crowd, const itn__ints *slot,
-                             const itn__ints *dimension, const itn__ints *mask, itn__floats *u) {
+ITN__NOINLINE void itn__early_draws(const itn__crowd *crowd, const itn__ints *slot,
+                                    const itn__ints *dimension, itn__ints mask, itn__floats *u) {
     itn__words index = itn__splat_word(0), scramble = index;
     itn__ints zero = itn__splat_int(0);
-    index = itn__int_words(itn__gather_ints(crowd->index, *slot, *mask, zero));
-    scramble = itn__int_words(itn__gather_ints(crowd->scramble, *slot, *mask, zero));
-#define ITN__EARLY_DRAW(k)                                                                         \
-    {                                                                                              \
-        itn__ints here = *mask & itn__int_equal(*dimension, itn__splat_int((k) + 1));              \
-        if (itn__mask_bits(here)) *u = itn__select(here, itn__sobol(index, k, scramble), *u);      \
+    int k;
+    index = itn__int_words(itn__gather_ints(crowd->index, *slot, mask, zero));
+    scramble = itn__int_words(itn__gather_ints(crowd->scramble, *slot, mask, zero));
+    for (k = 2; k < ITN__EARLY; k++) {
+        itn__ints here = mask & itn__int_equal(*dimension, itn__splat_int(k + 1));
+        if (itn__mask_bits(here)) *u = itn__select(here, itn__sobol(index, k, scramble), *u);
     }
-    ITN__EARLY_DRAW(2)
-    ITN__EARLY_DRAW(3)
-    ITN__EARLY_DRAW(4)
-    ITN__EARLY_DRAW(5)
-    ITN__EARLY_DRAW(6)
-    ITN__EARLY_DRAW(7)
-#undef ITN__EARLY_DRAW
 }
-ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__ints mask,
-                                  int early) {
-    itn__floats u = itn__uniforms(s->key0, s->key1, &s->dimension, mask);
-    if (early && crowd->fast->sobol) {
+ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
+    itn__floats u = itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &s->dimension,
+                                  mask);
+    if (crowd->fast->sobol) {
         itn__ints here = mask & itn__int_less(s->dimension, itn__splat_int(ITN__EARLY + 1));
-        if (itn__mask_bits(here)) itn__early_draws(crowd, &s->slot, &s->dimension, &here, &u);
+        if (itn__mask_bits(here)) itn__early_draws(crowd, &s->slot, &s->dimension, here, &u);
     }
     return u;
 }
 
 /* Which paths outside of media have drawn many random numbers for where they are. */
-ITN__INLINE itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, itn__ints mask) {
+static itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, itn__ints mask) {
     const itn__fast *fast = crowd->fast;
     itn__ints limit = itn__splat_int((int32_t)ITN__MANY_DRAWS_CLEAR);
     unsigned bits = itn__mask_bits(mask & itn__int_less(limit, s->dimension));
@@ -9450,33 +9342,24 @@ ITN__INLINE itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, it
     return itn__int_less(limit, s->dimension);
 }
 
-/* A choice has been made: what the lanes of the mask are now expected to bring, less what they had
-   been expected to, has mean 0 and is taken off. */
-ITN__INLINE itn__floats itn__difference(itn__state *s, int c, itn__floats now, itn__floats before,
-                                        itn__ints mask) {
-    itn__floats difference = itn__select(mask, now - before, itn__splat(0));
-    s->control[c] = s->control[c] - difference;
-    return difference;
-}
-
 /* itn__roulette in lanes, which are expected to bring `value` per weight; late: who has drawn many
    random numbers. Returns who survives. */
-ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s,
-                                     const itn__floats value[3], itn__ints mask, itn__ints late,
-                                     int early, int features) {
-    itn__floats largest = s->beta[0], survival = itn__splat(1), u;
+static itn__ints itn__roulette_lanes(const itn__crowd *crowd, itn__state *s,
+                                     const itn__floats value[3], itn__ints mask, itn__ints late) {
+    itn__floats largest = s->beta[0], survival = itn__splat(1), u, level;
     itn__ints low, survives;
     int c;
-    for (c = 1; c < itn__colours(features); c++) largest = itn__most(largest, s->beta[c]);
-    low = ~itn__less_equal(itn__splat(ITN__ROULETTE * ITN__SAME_WEIGHT), largest);
+    level = itn__splat(crowd->fast->roulette);
+    for (c = 1; c < crowd->fast->channels; c++) largest = itn__most(largest, s->beta[c]);
+    low = ~itn__less_equal(level * ITN__SAME_WEIGHT, largest);
     if (!itn__mask_bits((low | late) & mask)) return mask;
-    survival = itn__select(low, largest * (1 / ITN__ROULETTE), survival);
+    survival = itn__select(low, largest / level, survival);
     survival = itn__select(late, survival * (1 - ITN__LATE_LOSS / itn__to_floats(s->dimension)),
                            survival);
     low = (low | late) & mask;
-    u = itn__draw(crowd, s, low, early);
+    u = itn__draw(crowd, s, low);
     survives = itn__less(u, survival);
-    for (c = 0; c < itn__colours(features); c++) {
+    for (c = 0; c < crowd->fast->channels; c++) {
         itn__floats raised = s->beta[c] / survival;
         if (crowd->fast->controls)
             itn__difference(s, c, itn__select(survives, raised, itn__splat(0)) * value[c],
@@ -9486,10 +9369,14 @@ ITN__INLINE itn__ints itn__vroulette(const itn__crowd *crowd, itn__state *s,
     return mask & ~(low & ~survives);
 }
 
-/* Distance to the next collision. */
-ITN__INLINE itn__floats itn__vflight(const itn__crowd *crowd, itn__state *s, itn__ints mask,
-                                     float mean_free_path, int early) {
-    return itn__sample_flight(itn__splat(mean_free_path), itn__draw(crowd, s, mask, early));
+/* Where shadow rays of the lanes go. */
+static itn__light_draw itn__light_for(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
+    itn__floats u[3];
+    itn__light_draw light;
+    int k;
+    for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
+    itn__sample_lights(crowd->fast->scene, crowd->fast->theta, u, &mask, &light);
+    return light;
 }
 
 /* ---- [safe] flights that the tables prove free ----------------------------------------------- */
@@ -9503,12 +9390,9 @@ typedef struct itn__free_space {
     itn__vectors centre, n;
     itn__floats half, below, above, against;
     itn__floats np;     /* n . (position - centre) */
-    itn__ints cell;     /* in the middle, with ITN__TOOK_CUBE */
     itn__floats middle; /* n . x about where the surface is; */
     itn__ints under;    /* the position is below that */
 } itn__free_space;
-
-enum { ITN__TOOK_CUBE = 1 << 29 }; /* in `cell`: of two things that are known, the cube was taken */
 
 ITN__INLINE itn__floats itn__signed_byte(itn__ints word, int shift) {
     return itn__to_floats(itn__word_ints(itn__int_words(word) << (24 - shift)) >> 24);
@@ -9520,13 +9404,12 @@ ITN__INLINE itn__vectors itn__byte_vectors(itn__ints word) {
                            itn__signed_byte(word, 16));
 }
 
-/* Looks up the surroundings of p for the lanes in the mask. again: p is the middle of the cell in
-   space->cell. */
-ITN__INLINE void itn__look(const itn__voxels *voxels, itn__vectors p, itn__ints mask, int again,
-                           itn__free_space *space) {
+/* Looks up the surroundings of p for the lanes in the mask. */
+ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
+                                    itn__free_space *space) {
     itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, np, middle;
     itn__ints none = itn__splat_int(0), x, y, z, inside, at, word, near_one, top, cube, reach;
-    itn__ints free_cube, found;
+    itn__ints free_cube;
     itn__words bounds;
     itn__vectors n, centre;
     x = itn__floor_ints((p.x - voxels->lower.x) * voxels->inverse_cell);
@@ -9537,7 +9420,7 @@ ITN__INLINE void itn__look(const itn__voxels *voxels, itn__vectors p, itn__ints 
              itn__int_less(y, itn__splat_int(voxels->size[1])) &
              itn__int_less(z, itn__splat_int(voxels->size[2]));
     at = ((z & inside) * voxels->size[1] + (y & inside)) * voxels->size[0] + (x & inside);
-    found = at, at += at;
+    at += at;
     word = itn__gather_ints(voxels->spaces, at, inside, none);
     bounds = itn__int_words(itn__gather_ints(voxels->spaces + 1, at, inside, none));
     centre = itn__vectors_of((itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
@@ -9553,9 +9436,6 @@ ITN__INLINE void itn__look(const itn__voxels *voxels, itn__vectors p, itn__ints 
     /* on neither side of the slab, but in an empty cell: take the cube instead */
     free_cube = near_one & itn__int_less(none, cube) & itn__less_equal(below, np) &
                 itn__less_equal(np, above);
-    if (again) free_cube = ~itn__int_less(space->cell, itn__splat_int(ITN__TOOK_CUBE));
-    found |= free_cube & itn__splat_int(ITN__TOOK_CUBE);
-    space->cell = itn__select_int(mask, itn__select_int(inside, found, none - 1), space->cell);
     reach = itn__select_int(free_cube, cube - 1, reach);
     middle = .5f * (below + above);
     below = itn__select(free_cube, itn__splat(INFINITY), below);
@@ -9573,11 +9453,6 @@ ITN__INLINE void itn__look(const itn__voxels *voxels, itn__vectors p, itn__ints 
     space->under = itn__select_int(mask, inside & near_one & itn__less(np, middle), space->under);
 }
 
-ITN__INLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
-                                  itn__free_space *space) {
-    itn__look(voxels, p, mask, 0, space);
-}
-
 /* Whether the flight to q, in direction d, is free; nq receives n . (q - centre), and must not be
    space->np. The cube has lost a hundredth of a cell, so that no rounding of q or of the start
    counts. */
@@ -9593,480 +9468,6 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
             itn__less(itn__vdot(space->n, d), -space->against));
 }
 
-/* ---- [control] the control variate in lanes -------------------------------------------------- */
-
-/* What lanes expect before and after flights and turns, by V of [value]. A flight is taken to end
-   where it comes to the plane of the face, tau_0 mean free paths on, or at a collision before; on
-   its way z changes in proportion to its length, so that the mean of V over lengths is an integral
-   of exponentials. */
-
-ITN__INLINE itn__view itn__view_of(const itn__crowd *crowd, int substance, const itn__state *s,
-                                   itn__vectors d) {
-    itn__view view;
-    view.depth = itn__most(crowd->fast->substances[substance].sigma_t *
-                           (s->level - itn__vdot(s->up, s->p)), itn__splat(0));
-    view.cosine = -itn__vdot(s->up, d);
-    itn__falls(&crowd->fast->values[substance], view.depth, view.fall);
-    return view;
-}
-
-/* Sum over i of falls and polynomials, of cosine x. */
-ITN__INLINE itn__floats itn__expand_view(const itn__view *view, const itn__expansion a,
-                                         itn__floats x) {
-    itn__floats sum = itn__power_sum(a[0], x);
-    int i;
-    for (i = 1; i < ITN__DECAYS; i++) sum = sum + view->fall[i] * itn__power_sum(a[i], x);
-    return sum;
-}
-
-/* What lanes about to fly expect, per weight, if that is how the flight ends:
-       mean = e^(-tau_0) at_face + sum over i of omega_i / (1 + k_i mu) (e^(-k_i z) - e^(-tau_0)),
-   with omega_i the albedo times the polynomial of `scattered`; slope is the derivative of that by
-   ln sigma_t with V left as it is. */
-typedef struct itn__ahead {
-    itn__view view;
-    itn__floats to_face; /* tau_0 */
-    itn__ints up;        /* there is one */
-    itn__floats mean[3], collided[3], slope[3]; /* collided: the sum over i alone */
-    itn__floats at_face[3], omega[3][ITN__DECAYS];
-} itn__ahead;
-
-#define ITN__FAR 80.f /* mean free paths, for tau_0: e^-80 is nothing */
-
-ITN__INLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const itn__state *s,
-                                 itn__ahead *a, int features) {
-    const itn__value *value = &crowd->fast->values[substance];
-    itn__floats zero = itn__splat(0), mu, through, per[ITN__DECAYS];
-    int c, i;
-    a->view = itn__view_of(crowd, substance, s, s->d), mu = a->view.cosine;
-    a->up = itn__less(mu, zero);
-    a->to_face = itn__least(a->view.depth / itn__select(a->up, -mu, itn__splat(1)),
-                            itn__splat(ITN__FAR));
-    through = itn__select(a->up, itn__vexp(-a->to_face), zero);
-    per[0] = itn__splat(1);
-    for (i = 1; i < ITN__DECAYS; i++) per[i] = 1 / (1 + (float)i * value->decay * mu);
-    for (c = 0; c < itn__colours(features); c++) {
-        a->at_face[c] = itn__select(a->up, itn__power_sum(value->entering[c], mu), zero);
-        a->collided[c] = zero, a->slope[c] = -a->to_face * through * a->at_face[c];
-        for (i = 0; i < ITN__DECAYS; i++) {
-            itn__floats part;
-            a->omega[c][i] = itn__power_sum(value->scattered[c][i], mu) *
-                             crowd->fast->substances[substance].albedo[c];
-            part = a->omega[c][i] * (a->view.fall[i] - through) * per[i];
-            a->collided[c] = a->collided[c] + part;
-            a->slope[c] = a->slope[c] + part -
-                          (part - a->omega[c][i] * a->to_face * through) * per[i];
-        }
-        a->mean[c] = a->collided[c] + through * a->at_face[c];
-    }
-}
-
-/* Flights have been drawn. With scores: b - C_k, and what the flight's s Delta - D adds to the
-   bases; see [scores]. */
-ITN__INLINE void itn__control_flight(const itn__crowd *crowd, int substance, itn__state *s,
-                                     const itn__ahead *a, itn__floats distance, itn__ints mask,
-                                     int features) {
-    const itn__value *value = &crowd->fast->values[substance];
-    itn__floats tau = crowd->fast->substances[substance].sigma_t * distance, zero = itn__splat(0);
-    itn__floats fall[ITN__DECAYS];
-    itn__ints crosses = a->up & itn__less(a->to_face, tau);
-    int controls = crowd->fast->controls, c, i;
-    for (i = 0; i < ITN__DECAYS; i++) fall[i] = zero;
-    if (controls)
-        itn__falls(value, itn__most(a->view.depth + a->view.cosine * tau, zero), fall);
-    for (c = 0; c < itn__colours(features); c++) {
-        itn__floats collided = a->omega[c][0], mean = s->beta[c] * a->mean[c], difference = zero;
-        if (controls) {
-            for (i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
-            difference = itn__difference(s, c, s->beta[c] * itn__select(crosses, a->at_face[c],
-                                                                        collided), mean, mask);
-        }
-        if (!itn__scored(crowd, features)) continue;
-        s->expected[c] = itn__select(mask, mean + s->control[c], s->expected[c]);
-        if (!controls) continue;
-        collided = s->beta[c] * (itn__select(crosses, zero, collided) - a->collided[c]);
-        s->hit_base[c] = s->hit_base[c] + itn__select(mask, collided, zero);
-        s->flight_base[c] = s->flight_base[c] +
-            itn__select(mask, (1 - tau) * difference - s->beta[c] * a->slope[c], zero);
-    }
-}
-
-/* New directions have been drawn where directions d ended, with these scores by g. */
-ITN__INLINE void itn__control_direction(const itn__crowd *crowd, int substance, itn__state *s,
-                                        itn__vectors d, itn__floats score, itn__ints mask,
-                                        int features) {
-    const itn__value *value = &crowd->fast->values[substance];
-    itn__view view = itn__view_of(crowd, substance, s, d);
-    itn__floats cosine = -itn__vdot(s->up, s->d), zero = itn__splat(0);
-    int c;
-    if (itn__scored(crowd, features)) s->phases = s->phases + itn__select(mask, score, zero);
-    for (c = 0; c < itn__colours(features); c++) {
-        itn__floats mean = s->beta[c] * itn__expand_view(&view, value->scattered[c],
-                                                         view.cosine);
-        itn__floats base = mean + s->control[c];
-        if (crowd->fast->controls)
-            itn__difference(s, c, s->beta[c] * itn__expand_view(&view, value->flying[c],
-                                                                cosine), mean, mask);
-        if (!itn__scored(crowd, features)) continue;
-        base = score * base;
-        if (crowd->fast->controls)
-            base = base - s->beta[c] * itn__expand_view(&view, value->by_g[c],
-                                                        view.cosine);
-        s->phase_base[c] = s->phase_base[c] + itn__select(mask, base, zero);
-    }
-}
-
-/* ---- [links] flights to the lights ----------------------------------------------------------- */
-
-/* With sampled lights, each vertex sends out a link: a straight flight to the light that carries
-   what the light would add. It goes through the same stages while its path is parked, so that a
-   path does one thing at a time and its sums do not depend on the order of queues.
-
-   A link of weight w and transmittance tr is cut by roulette before it is traced, at a level c
-   (ITN__LINK_LEVEL): for uniform xi it counts as max(w tr, c) if w tr > xi c, and else as nothing.
-   So it can be given up as soon as the transmittance falls below xi c / w: a bounded flight, which
-   the tables mostly prove to stay inside, where the link ends as nothing. */
-
-/* c, relative to the mean radiance of the sampled lights over all directions, times the largest
-   albedo or reflectance. */
-#define ITN__LINK_LEVEL .1
-
-/* Puts the lanes' paths aside until their links are done. */
-static void itn__park(itn__crowd *crowd, const itn__state *s, unsigned bits, int features) {
-    itn__queue *queue = &crowd->parking;
-    int at, f;
-    if (!bits) return;
-    queue->count = 0;
-    itn__append(queue, s, bits, features);
-    for (at = 0; bits; bits &= bits - 1, at++) {
-        itn__path *path = &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(bits))];
-        for (f = 0; f < queue->state; f++) path->parked[f] = itn__row(queue, f)[at];
-        path->parked[ITN__CELL] = -1;
-    }
-}
-/* The same for paths whose links have just been sent from where they are. */
-static void itn__begin_links(itn__crowd *crowd, const itn__state *s, unsigned bits, int features) {
-    unsigned rest = bits;
-    itn__park(crowd, s, bits, features);
-    for (; rest; rest &= rest - 1) {
-        itn__path *path = &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(rest))];
-        path->link_place = path->place;
-        itn__copy_scores(crowd, ITN__LANE(s->slot, itn__lowest_bit(rest)));
-    }
-}
-static void itn__unpark(itn__crowd *crowd, int slot) {
-    const itn__path *path = &crowd->paths[slot];
-    itn__queue *queue = itn__departure(crowd, itn__substance_of(crowd->fast, &path->place),
-                                       path->parked[ITN__DIMENSION]);
-    int f;
-    for (f = 0; f < queue->state; f++) itn__row(queue, f)[queue->count] = path->parked[f];
-    queue->count++;
-}
-
-/* itn__within. */
-ITN__INLINE itn__ints itn__vwithin(const itn_scene *scene, itn__vectors p) {
-    itn_vec3 a = scene->lower, b = scene->upper;
-    return itn__less_equal(itn__splat(a.x), p.x) & itn__less_equal(itn__splat(a.y), p.y) &
-           itn__less_equal(itn__splat(a.z), p.z) & itn__less_equal(p.x, itn__splat(b.x)) &
-           itn__less_equal(p.y, itn__splat(b.y)) & itn__less_equal(p.z, itn__splat(b.z));
-}
-
-/* Sends off links with weights w in direction d from the lanes of s, all in one substance; those
-   that roulette or the free space around ends at once are not sent. Returns who is sent. */
-ITN__INLINE itn__ints itn__send_links(itn__crowd *crowd, int substance, const itn__state *s,
-                                      itn__vectors d, const itn__floats w[3], itn__ints mask,
-                                      const itn__free_space *space, int features) {
-    const itn__fast *fast = crowd->fast;
-    itn__queue *queue = substance ? &crowd->exact[substance] : &crowd->walk[0];
-    itn__floats largest = w[0], cut = itn__splat(fast->link_weight);
-    itn__floats distance = itn__splat(INFINITY), nq;
-    itn__ints dimension = s->dimension + itn__splat_int(1 << 30);
-    itn__state link = *s;
-    unsigned bits;
-    int c;
-    for (c = 1; c < itn__colours(features); c++) largest = itn__most(largest, w[c]);
-    link.pdf = itn__uniforms(s->key0, s->key1, &dimension, mask) * cut;
-    mask &= itn__less(link.pdf, largest);
-    if (substance && fast->link_weight > 0)
-        distance = itn__vlog(itn__select(mask, largest / link.pdf, itn__splat(INFINITY))) *
-                   fast->substances[substance].mean_free_path;
-    if (space && fast->link_weight > 0)
-        mask &= ~itn__free_flight(space, itn__valong(s->p, distance, d), d, &nq);
-    bits = itn__mask_bits(mask);
-    if (!bits) return mask;
-    for (c = 0; c < 3; c++) link.beta[c] = w[c < itn__colours(features) ? c : 0];
-    for (c = 0; c < 3; c++)
-        link.flight_base[c] = link.phase_base[c] = link.hit_base[c] = itn__splat(0);
-    link.d = d, link.dimension = itn__splat_int(0);
-    link.slot = s->slot | itn__splat_int(ITN__LINK);
-    if (substance)
-        itn__compress(itn__float_row(queue, ITN__DISTANCE) + queue->count, distance, bits);
-    itn__append_in(queue, &link, bits, features);
-    return mask;
-}
-
-/* A link that has come through: adds its light. */
-static void itn__arrive(itn__crowd *crowd, const itn__queue *queue, int at) {
-    int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, c;
-    const itn__fast *fast = crowd->fast;
-    float largest = 0, raise = 1, value[3] = {0, 0, 0};
-    int number = crowd->paths[slot].number;
-    for (c = 0; c < fast->channels; c++)
-        largest = itn__max(largest, itn__float_row(queue, ITN__BETA + c)[at]);
-    if (largest < fast->link_weight) raise = fast->link_weight / largest;
-    for (c = 0; c < fast->channels && largest > 0; c++) {
-        value[c] = raise * itn__float_row(queue, ITN__BETA + c)[at];
-        itn__bring_home(crowd, number, itn__scores_of(crowd, slot | ITN__LINK), c, value[c]);
-    }
-    itn__bring_scales(crowd, number, itn__get_vector(queue, ITN__DIRECTION, at), 1, 0, value);
-    itn__unpark(crowd, slot);
-}
-
-/* ---- [walk] collisions, one after the other -------------------------------------------------- */
-
-/* The stage where nearly all time is spent: roulette, flight, collision, new direction, for as long
-   as each flight is proven free. */
-
-/* d ln p / dg of the phase function. */
-ITN__INLINE itn__floats itn__phase_score(float g, itn__floats x, itn__floats y) {
-    itn__num p = itn__hg(itn__variable(itn__splat(g)), x, y);
-    return p.d / p.v;
-}
-
-/* Where the lanes' links go. */
-ITN__INLINE itn__light_draw itn__light_for(const itn__crowd *crowd, itn__state *s, itn__ints mask,
-                                        int early) {
-    itn__floats u[3];
-    itn__light_draw light;
-    int k;
-    for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask, early);
-    itn__sample_lights(crowd->fast->scene, crowd->fast->theta, u, &mask, &light);
-    return light;
-}
-
-/* A collision in each lane of the mask, after a flight over `distance`: albedo, a link, a new
-   direction. Returns who goes on (with its link sent, or with none); *linked receives those with a
-   link, whose paths are parked and leave the lanes. */
-ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
-                                   itn__floats distance, itn__ints mask,
-                                   const itn__free_space *space, itn__ints *linked, int early,
-                                   int features) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
-    itn__floats u, v, x, y, w[3];
-    itn__ints alive = itn__splat_int(0);
-    itn__vectors d = s->d;
-    int c;
-    crowd->collisions += itn__count_bits(itn__mask_bits(mask));
-    if (itn__scored(crowd, features)) {
-        itn__floats score = itn__select(mask, 1 - medium->sigma_t * distance, itn__splat(0));
-        s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
-        for (c = 0; c < itn__colours(features); c++) {
-            s->flight_base[c] = s->flight_base[c] + score * s->expected[c];
-            s->hit_base[c] = s->hit_base[c] + itn__select(mask, s->control[c], itn__splat(0));
-        }
-    }
-    for (c = 0; c < itn__colours(features); c++) {
-        s->beta[c] = itn__select(mask, s->beta[c] * medium->albedo[c], s->beta[c]);
-        alive |= itn__less(itn__splat(0), s->beta[c]);
-    }
-    mask &= alive;
-    *linked = itn__splat_int(0);
-    if ((features & ITN__LIGHTS) && crowd->fast->links) {
-        itn__floats before = s->phases;
-        itn__light_draw light = itn__light_for(crowd, s, mask, early);
-        x = itn__vone_minus_cosine(s->d, light.direction);
-        y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
-        u = itn__hg(itn__constant(itn__splat(medium->g)), x, y).v;
-        for (c = 0; c < itn__colours(features); c++)
-            w[c] = s->beta[c] * u * light.radiance[c] / (light.pdf + u);
-        if (itn__scored(crowd, features))
-            s->phases = s->phases +
-                        itn__select(mask, itn__phase_score(medium->g, x, y), itn__splat(0));
-        *linked = itn__send_links(crowd, substance, s, light.direction, w, light.drawn, space,
-                                  features);
-        s->phases = before;
-    }
-    u = itn__draw(crowd, s, mask, early), v = itn__draw(crowd, s, mask, early);
-    s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
-    if (features & ITN__LIGHTS)
-        s->pdf = itn__select(mask, itn__hg(itn__constant(itn__splat(medium->g)), x, y).v, s->pdf);
-    if (itn__looks_ahead(crowd, features)) {
-        u = itn__splat(0);
-        if (itn__scored(crowd, features)) u = itn__phase_score(medium->g, x, y);
-        itn__control_direction(crowd, substance, s, d, u, mask, features);
-    }
-    return mask;
-}
-
-/* Lanes of a walk: busy ones are about to fly; unsure ones have drawn a flight that leaves what is
-   known of their surroundings, waiting ones a flight that the tables cannot prove free; the others
-   are empty. Looking around and moving paths costs as much for one lane as for all, so it is put
-   off until a quarter of the lanes need it. */
-typedef struct itn__lanes_walk {
-    itn__state s;
-    itn__free_space space;
-    itn__floats distance; /* of the flight drawn */
-    unsigned busy, unsure, waiting;
-    unsigned moved; /* have flown freely since they came, and so left behind where they were */
-} itn__lanes_walk;
-
-#define ITN__QUARTER ((ITN__LANES + 3) / 4)
-
-/* Paths that had to leave the lanes come back to what they knew of their surroundings, so that it
-   does not matter that they had. */
-static void itn__look_again(const itn__crowd *crowd, itn__lanes_walk *walk, unsigned lanes) {
-    const itn__voxels *voxels = crowd->fast->voxels;
-    itn__vectors middle = walk->s.p;
-    unsigned bits = 0;
-    for (; lanes; lanes &= lanes - 1) {
-        int k = itn__lowest_bit(lanes), cell = ITN__LANE(walk->s.cell, k), at[3];
-        if (cell < 0) continue;
-        bits |= 1u << k;
-        itn__cell_place(voxels, cell & ~ITN__TOOK_CUBE, at);
-        ITN__LANE(middle.x, k) = voxels->lower.x + ((float)at[0] + .5f) * voxels->cell;
-        ITN__LANE(middle.y, k) = voxels->lower.y + ((float)at[1] + .5f) * voxels->cell;
-        ITN__LANE(middle.z, k) = voxels->lower.z + ((float)at[2] + .5f) * voxels->cell;
-    }
-    if (!bits) return;
-    walk->space.cell = itn__select_int(itn__bits_mask(bits), walk->s.cell, walk->space.cell);
-    itn__look(voxels, middle, itn__bits_mask(bits), 1, &walk->space);
-    walk->space.np = itn__select(itn__bits_mask(bits), itn__vdot(
-        walk->space.n, itn__valong(walk->s.p, itn__splat(-1), walk->space.centre)),
-        walk->space.np);
-}
-
-/* Some lanes leave the walk. */
-static void itn__note_moves(itn__crowd *crowd, itn__lanes_walk *walk, unsigned lanes) {
-    for (lanes &= walk->moved; lanes; lanes &= lanes - 1)
-        itn__leave_behind(&crowd->paths[ITN__LANE(walk->s.slot, itn__lowest_bit(lanes))].place);
-}
-
-/* Sends waiting lanes to the exact stage and fills all empty lanes from the queue. */
-ITN__INLINE void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *walk,
-                             int features) {
-    itn__queue *queue = &crowd->walk[substance], *exact = &crowd->exact[substance];
-    unsigned fill = ITN__ALL_LANES & ~(walk->busy | walk->unsure);
-    if (walk->waiting) {
-        itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, walk->distance,
-                      walk->waiting);
-        walk->s.cell = itn__splat_int(-1);
-        itn__note_moves(crowd, walk, walk->waiting);
-        itn__append_in(exact, &walk->s, walk->waiting, features);
-        walk->waiting = 0;
-    }
-    while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
-    if (!fill) return;
-    itn__pull(queue, &walk->s, fill, features);
-    walk->moved &= ~fill;
-    walk->space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), walk->space.half);
-    if (itn__looks_ahead(crowd, features)) itn__look_again(crowd, walk, fill);
-    walk->busy |= fill;
-}
-
-/* Roulette, and flights of the mask's lanes; returns who survives. */
-ITN__INLINE itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state *s,
-                                    itn__ints mask, itn__floats *distance, int early,
-                                    int features) {
-    const itn__fast *fast = crowd->fast;
-    int looks = itn__looks_ahead(crowd, features);
-    itn__ints active, late;
-    itn__ahead ahead;
-    int c;
-    for (c = 0; c < 3; c++) ahead.mean[c] = itn__splat(0);
-    if (looks) itn__look_ahead(crowd, substance, s, &ahead, features);
-    late = itn__int_less(itn__splat_int((int32_t)itn__many_draws_in(
-        fast->scene, fast->substances[substance].sigma_t)), s->dimension);
-    active = itn__vroulette(crowd, s, ahead.mean, mask, late, early, features);
-    *distance = itn__select(active, itn__vflight(
-        crowd, s, active, fast->substances[substance].mean_free_path, early), *distance);
-    if (!looks) return active;
-    itn__control_flight(crowd, substance, s, &ahead, *distance, active, features);
-    if (fast->learning) itn__mark_lanes(crowd, substance, s, &ahead.view, active);
-    return active;
-}
-
-/* Draws flights for the busy lanes. Returns those that are free; the others become unsure. */
-ITN__INLINE itn__ints itn__fly(itn__crowd *crowd, int substance, itn__lanes_walk *walk,
-                               itn__vectors *q, itn__floats *nq, int features) {
-    itn__ints active = itn__take_off(crowd, substance, &walk->s, itn__bits_mask(walk->busy),
-                                     &walk->distance, 0, features);
-    unsigned alive = itn__mask_bits(active);
-    itn__ints safe;
-    if (walk->busy != alive)
-        itn__end_lanes(crowd, substance, &walk->s, walk->busy & ~alive, features);
-    *q = itn__valong(walk->s.p, walk->distance, walk->s.d);
-    safe = active & itn__free_flight(&walk->space, *q, walk->s.d, nq);
-    walk->unsure |= alive & ~itn__mask_bits(safe);
-    walk->busy = 0;
-    return safe;
-}
-
-/* Puts the plane of the surface nearby in the place of the last face. */
-ITN__INLINE void itn__adopt_plane(const itn__free_space *space, itn__state *s, itn__ints mask) {
-    itn__floats inverse = 1 / itn__root(itn__vdot(space->n, space->n));
-    itn__vectors up = itn__vscale(space->n, inverse);
-    mask &= space->under;
-    s->up = itn__vselect(mask, up, s->up);
-    s->level = itn__select(mask, itn__vdot(up, space->centre) + space->middle * inverse, s->level);
-}
-
-/* Looks around for the unsure lanes. Returns those whose flight turns out free; the others wait. */
-ITN__INLINE itn__ints itn__make_sure(itn__crowd *crowd, itn__lanes_walk *walk, itn__vectors q,
-                                     itn__floats *nq, int features) {
-    itn__ints unsure = itn__bits_mask(walk->unsure), safe;
-    int looks = itn__looks_ahead(crowd, features);
-    itn__look_around(crowd->fast->voxels, walk->s.p, unsure, &walk->space);
-    if (looks) itn__adopt_plane(&walk->space, &walk->s, unsure);
-    safe = unsure & itn__free_flight(&walk->space, q, walk->s.d, nq);
-    if (crowd->fast->unsafe) safe = itn__splat_int(0);
-    walk->waiting |= walk->unsure & ~itn__mask_bits(safe);
-    walk->unsure = 0;
-    return safe;
-}
-
-/* The walk in one substance. */
-ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
-    itn__queue *queue = &crowd->walk[substance];
-    itn__lanes_walk walk;
-    memset(&walk, 0, sizeof walk);
-    itn__load_state(queue, 0, &walk.s, features);
-    for (;;) {
-        int held = itn__count_bits(walk.busy | walk.unsure);
-        itn__ints safe, linked;
-        itn__floats nq;
-        itn__vectors q;
-        unsigned moved;
-        if (held <= ITN__LANES - ITN__QUARTER) {
-            itn__refill(crowd, substance, &walk, features);
-            if (!(walk.busy | walk.unsure)) return;
-            if (!walk.unsure && held == itn__count_bits(walk.busy) && held < ITN__LANES / 2 &&
-                (crowd->exact[substance].count || itn__unit_paths_left(crowd))) {
-                walk.s.cell = itn__select_int(itn__less(walk.space.half, itn__splat(0)),
-                                              itn__splat_int(-1), walk.space.cell);
-                itn__note_moves(crowd, &walk, walk.busy);
-                itn__append_in(queue, &walk.s, walk.busy, features); /* for the next turn */
-                return;
-            }
-        }
-        safe = itn__fly(crowd, substance, &walk, &q, &nq, features);
-        if (itn__count_bits(walk.unsure) >= ITN__QUARTER || !itn__mask_bits(safe))
-            safe |= itn__make_sure(crowd, &walk, q, &nq, features);
-        walk.s.p = itn__vselect(safe, q, walk.s.p);
-        walk.space.np = itn__select(safe, nq, walk.space.np);
-        moved = itn__mask_bits(safe), walk.moved |= moved;
-        safe = itn__collide(crowd, substance, &walk.s, walk.distance, safe, &walk.space, &linked, 0,
-                            features);
-        walk.busy = itn__mask_bits(safe);
-        if (moved != walk.busy)
-            itn__end_lanes(crowd, substance, &walk.s, moved & ~walk.busy, features);
-        if ((features & ITN__LIGHTS) && itn__mask_bits(linked)) {
-            itn__note_moves(crowd, &walk, itn__mask_bits(linked));
-            itn__begin_links(crowd, &walk.s, itn__mask_bits(linked), features);
-            walk.busy &= ~itn__mask_bits(linked);
-        }
-    }
-}
-
 /* ---- [exact] flights through voxels and triangles -------------------------------------------- */
 
 /* Flights that the tables could not prove free march through the grid: past the empty cube around
@@ -10079,11 +9480,7 @@ ITN__INLINE void itn__run_walk(itn__crowd *crowd, int substance, int features) {
 enum { ITN__AHEAD = 4 }; /* packs are asked for so many tests before their own */
 #define ITN__STEP .002f /* beyond a cell's border, in cells; less than ITN__CELL_MARGIN */
 
-/* Where a path or, with ITN__LINK in its slot, its link is. */
-ITN__INLINE itn__place *itn__place_of(const itn__crowd *crowd, int slot) {
-    itn__path *path = &crowd->paths[slot & ~ITN__LINK];
-    return slot & ITN__LINK ? &path->link_place : &path->place;
-}
+#define ITN__QUARTER ((ITN__LANES + 3) / 4)
 
 /* Tests the candidates: place c % ITN__PACK of the pack of test c / ITN__PACK. */
 static void itn__test_candidates(itn__crowd *crowd) {
@@ -10092,9 +9489,8 @@ static void itn__test_candidates(itn__crowd *crowd) {
     int i;
     for (i = 0; i < tests->candidates; i++) {
         int test = tests->candidate[i] / ITN__PACK, ray = tests->ray[test];
-        int slot = itn__row(&crowd->taken, ITN__SLOT)[ray];
-        const itn__place *place = itn__place_of(crowd, slot);
-        itn_vec3 origin = itn__get_vector(&crowd->taken, ITN__POSITION, ray);
+        const itn__place *place = crowd->places[ray];
+        itn_vec3 origin = itn__get_vector(&crowd->taken, ITN__P, ray);
         if (itn__place_hit(&crowd->fast->voxels->packs[tests->pack[test]],
                            tests->candidate[i] % ITN__PACK, &crowd->shears[ray],
                            -itn__slack(scene, origin), &place->sides, &crowd->hits[ray]))
@@ -10111,11 +9507,11 @@ static void itn__test_packs(itn__crowd *crowd) {
     itn__tests *tests = &crowd->tests;
     int i, from;
     for (i = 0; i < tests->count; i++) {
-        int ray = tests->ray[i], slot = itn__row(queue, ITN__SLOT)[ray];
+        int ray = tests->ray[i];
         const itn__pack *pack = &crowd->fast->voxels->packs[tests->pack[i]];
         itn__shear *shear = &crowd->shears[ray];
-        const itn__place *place = itn__place_of(crowd, slot);
-        itn_vec3 origin = itn__get_vector(queue, ITN__POSITION, ray);
+        const itn__place *place = crowd->places[ray];
+        itn_vec3 origin = itn__get_vector(queue, ITN__P, ray);
         unsigned bits;
         if (i + ITN__AHEAD < tests->count) {
             const itn__pack *later = &crowd->fast->voxels->packs[tests->pack[i + ITN__AHEAD]];
@@ -10127,7 +9523,7 @@ static void itn__test_packs(itn__crowd *crowd) {
         if (shear->kz < 0) {
             itn_ray made;
             made.origin = origin;
-            made.direction = itn__get_vector(queue, ITN__DIRECTION, ray);
+            made.direction = itn__get_vector(queue, ITN__D, ray);
             itn__shear_make(&made, shear);
         }
         bits = itn__pack_candidates(pack, shear, -itn__slack(scene, origin), &place->sides,
@@ -10282,18 +9678,17 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
 static void itn__settle_hit(itn__crowd *crowd, int at) {
     const itn_scene *scene = crowd->fast->scene;
     const itn__queue *queue = &crowd->taken;
-    int slot = itn__row(queue, ITN__SLOT)[at];
-    itn__place *place = itn__place_of(crowd, slot);
+    itn__place *place = crowd->places[at];
     itn_hit *hit = &crowd->hits[at];
     itn_ray ray;
     float slack;
     if (hit->triangle != -2 && !place->crossed_count && !(place->sides.flush > 0)) return;
-    ray.origin = itn__get_vector(queue, ITN__POSITION, at);
+    ray.origin = itn__get_vector(queue, ITN__P, at);
     slack = itn__slack(scene, ray.origin);
     if (hit->triangle == -2 ||
         (hit->triangle >= 0 && hit->t <= slack && itn__just_crossed(place, hit))) {
-        ray.direction = itn__get_vector(queue, ITN__DIRECTION, at);
-        ray.tmax = itn__float_row(queue, ITN__DISTANCE)[at];
+        ray.direction = itn__get_vector(queue, ITN__D, at);
+        ray.tmax = itn__row(queue, ITN__DISTANCE)[at];
         if (itn__next_hit(scene, place, &ray, hit))
             ITN__PREFETCH(&scene->bvh->triangles[hit->triangle]);
         else
@@ -10309,9 +9704,9 @@ ITN__INLINE void itn__march_begin(const itn__queue *queue, itn__march *m, int fi
                                   unsigned bits) {
     itn__floats one = itn__splat(1);
     int32_t rays[ITN__LANES];
-    itn__expand_vectors(queue, ITN__POSITION, first, &m->p, bits);
-    itn__expand_vectors(queue, ITN__DIRECTION, first, &m->d, bits);
-    m->end = itn__expand(itn__float_row(queue, ITN__DISTANCE) + first, m->end, bits);
+    itn__expand_vectors(queue, ITN__P, first, &m->p, bits);
+    itn__expand_vectors(queue, ITN__D, first, &m->d, bits);
+    m->end = itn__expand(itn__row(queue, ITN__DISTANCE) + first, m->end, bits);
     itn__store_ints(rays, itn__lane_numbers() + itn__splat_int(first));
     m->ray = itn__expand_ints(rays, m->ray, bits);
     m->t = itn__select(itn__bits_mask(bits), itn__splat(0), m->t);
@@ -10360,7 +9755,7 @@ static void itn__find_hits(itn__crowd *crowd, int outside) {
     int i;
     crowd->inward = outside ? -1.f : 1.f;
     for (i = 0; i < queue->count; i++) {
-        crowd->hits[i].t = itn__float_row(queue, ITN__DISTANCE)[i];
+        crowd->hits[i].t = itn__row(queue, ITN__DISTANCE)[i];
         crowd->hits[i].triangle = crowd->hits[i].t <= longest ? -1 : -2;
         crowd->shears[i].kz = -1; /* not made yet */
     }
@@ -10370,292 +9765,416 @@ static void itn__find_hits(itn__crowd *crowd, int outside) {
     for (i = 0; i < queue->count; i++) itn__settle_hit(crowd, i);
 }
 
-/* ---- [meet] what flights come to ------------------------------------------------------------- */
+/* ---- [shadow] shadow rays -------------------------------------------------------------------- */
 
-/* The stages in which paths end a flight. Early: flights of paths with Sobol draws to come. Exact:
-   flights that the tables could not prove free, by [exact]. They end at a collision, at a surface,
-   or (links) at the lights. */
+/* With sampled lights each vertex sends out a shadow ray, a straight flight to the light that
+   carries what the light would add, while its path goes on at once. Shadow rays wait in two queues,
+   of those in media and of those outside, which are emptied between stages. What is rare, as a ray
+   that goes through a second medium, is finished one by one.
 
-/* A link has gone a way t in a substance. Returns the largest weight that is left. */
-static float itn__pass_way(itn__crowd *crowd, itn__queue *queue, int at, int substance, float t) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
-    float largest = 0;
+   A shadow ray of weight w and transmittance tr is cut by roulette before it is traced, at a level c
+   (ITN__SHADOW_LEVEL): for uniform xi it counts as max(w tr, c) if w tr > xi c, and else as nothing.
+   So it can be given up as soon as the transmittance falls below xi c / w: a bounded flight, which
+   the tables mostly prove to stay inside, where the ray ends as nothing. */
+
+/* c, relative to the mean radiance of the sampled lights over all directions, times the largest
+   albedo or reflectance. */
+#define ITN__SHADOW_LEVEL .1
+
+/* Prepares shadow rays with weights w in direction d from the lanes of s; those that roulette does
+   not end are returned. largest receives the largest weights. */
+static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s,
+                                 const itn__vectors *d, const itn__floats w[3], itn__ints mask,
+                                 itn__state *ray, itn__floats *largest) {
+    itn__ints dimension = s->dimension + itn__splat_int(1 << 30);
     int c;
-    for (c = 0; c < crowd->fast->channels; c++) {
-        float *w = itn__float_row(queue, ITN__BETA + c) + at;
-        largest = itn__max(largest, *w *= expf(-medium->sigma_t * t));
-    }
-    itn__book_item(crowd, queue, at, substance, t);
-    return largest;
+    ray->p = s->p, ray->d = *d, ray->slot = s->slot;
+    for (*largest = w[0], c = 0; c < crowd->fast->channels; c++)
+        ray->beta[c] = w[c], *largest = itn__most(*largest, w[c]);
+    ray->pdf = crowd->fast->shadow_cut *
+               itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &dimension, mask);
+    return itn__mask_bits(mask & itn__less(ray->pdf, *largest));
 }
 
-/* A link is stopped, or goes on behind an index-matched boundary. */
-static void itn__meet_link(itn__crowd *crowd, itn__queue *queue, int at, const itn_hit *hit) {
+/* Appends ray k, the first that has been written, to a queue, at the place of its path and with its
+   scores, which are returned. */
+static float *itn__begin_shadow(const itn__crowd *crowd, itn__shadows *shadows, int at, int slot) {
+    size_t count = (size_t)crowd->fast->count;
+    float *scores = shadows->scores + (size_t)at * count;
+    shadows->places[at] = crowd->paths[slot].place;
+    if (count) memcpy(scores, itn__scores_of(crowd, slot), count * sizeof *scores);
+    return scores;
+}
+
+/* Appends the lanes of a shadow ray named by `bits`. */
+static void itn__append_shadows(itn__queue *queue, const itn__state *ray, unsigned bits) {
+    int at = queue->count;
+#define ITN__WRITE(name, member) itn__compress(itn__row(queue, ITN__##name) + at, ray->member, bits);
+    ITN__PATH_ROWS(ITN__WRITE)
+#undef ITN__WRITE
+    itn__compress_ints(itn__int_row(queue, ITN__SLOT) + at, ray->slot, bits);
+    queue->count += itn__count_bits(bits);
+}
+
+/* Sends off shadow rays of a collision in a substance, with these scores of their turns; those that
+   stay in the free space around end at once. */
+static void itn__shadows_of_collisions(itn__crowd *crowd, int substance, const itn__state *s,
+                                       const itn__vectors *d, const itn__floats w[3],
+                                       itn__floats turn, itn__ints mask,
+                                       const itn__free_space *space) {
+    const itn__fast *fast = crowd->fast;
+    itn__queue *queue = &crowd->inside.queue;
+    itn__floats largest, reach = itn__splat(INFINITY), unused;
+    itn__state ray = *s;
+    unsigned bits = itn__cut_shadows(crowd, s, d, w, mask, &ray, &largest);
+    int at = queue->count;
+    if (fast->shadow_cut > 0) {
+        mask = itn__bits_mask(bits);
+        reach = itn__vlog(itn__select(mask, largest / ray.pdf, itn__splat(INFINITY))) *
+                fast->substances[substance].mean_free_path;
+        if (space)
+            bits &= ~itn__mask_bits(itn__free_flight(space, itn__valong(s->p, reach, *d), *d,
+                                                     &unused));
+    }
+    itn__compress(itn__row(queue, ITN__DISTANCE) + at, reach, bits);
+    itn__append_shadows(queue, &ray, bits);
+    for (; bits; bits &= bits - 1, at++) {
+        int k = itn__lowest_bit(bits);
+        float *scores = itn__begin_shadow(crowd, &crowd->inside, at, ITN__LANE(s->slot, k));
+        itn__leave_behind(&crowd->inside.places[at]);
+        if (fast->count)
+            itn__book(crowd, scores, substance, ITN__LANE(s->flights, k),
+                      ITN__LANE(s->phases, k) + ITN__LANE(turn, k), ITN__LANE(s->hits, k));
+    }
+}
+
+/* A shadow ray has come through: adds its light. */
+static void itn__arrive(itn__crowd *crowd, const itn__shadows *shadows, int at) {
+    const itn__fast *fast = crowd->fast;
+    itn__path *path = &crowd->paths[itn__int_row(&shadows->queue, ITN__SLOT)[at]];
+    float largest = 0, raise = 1, value[3] = {0, 0, 0};
+    int c;
+    for (c = 0; c < fast->channels; c++)
+        largest = itn__max(largest, itn__row(&shadows->queue, ITN__BETA + c)[at]);
+    if (largest < fast->shadow_cut) raise = fast->shadow_cut / largest;
+    for (c = 0; c < fast->channels && largest > 0; c++) {
+        value[c] = raise * itn__row(&shadows->queue, ITN__BETA + c)[at];
+        itn__bring_home(crowd, path->number, shadows->scores + (size_t)at * (size_t)fast->count, c,
+                        value[c]);
+    }
+    itn__bring_scales(crowd, path->number, itn__get_vector(&shadows->queue, ITN__D, at), 1, 0,
+                      value);
+}
+
+/* A shadow ray has come to a hit (NULL: to none) and is stopped, arrives, or goes on behind an
+   index-matched boundary: then returns 1. */
+static int itn__pass_shadow(itn__crowd *crowd, itn__shadows *shadows, int at, const itn_hit *hit) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
-    int slot = itn__row(queue, ITN__SLOT)[at] & ~ITN__LINK, to, substance;
-    itn__path *path = &crowd->paths[slot];
-    itn__place *place = &path->link_place;
-    itn_vec3 point;
-    float largest, floor_weight = itn__float_row(queue, ITN__PDF)[at], reach = INFINITY;
-    const itn__substance *medium;
+    itn__place *place = &shadows->places[at];
+    int substance = itn__substance_of(fast, place), c;
+    float largest = 0, t = hit ? itn__max(hit->t, 0) : 0;
     itn__event event;
     itn_ray ray;
-    ray.origin = itn__get_vector(queue, ITN__POSITION, at);
-    ray.direction = itn__get_vector(queue, ITN__DIRECTION, at);
+    if (!hit && !substance) itn__arrive(crowd, shadows, at);
+    if (!hit) return 0; /* in a medium its weight is lost on the way */
+    ray.origin = itn__get_vector(&shadows->queue, ITN__P, at);
+    ray.direction = itn__get_vector(&shadows->queue, ITN__D, at);
     event = itn__meet_faces(scene, fast->theta, place, &ray, hit);
-    substance = itn__substance_of(fast, place);
-    largest = itn__pass_way(crowd, queue, at, substance, itn__max(hit->t, 0));
-    if (event.object >= 0 || !(largest > floor_weight)) {
-        itn__unpark(crowd, slot);
-        return;
-    }
-    point = itn__passed_point(scene->bvh, ray.origin, ray.direction, hit);
-    itn__cross_faces(scene, place, &event, point);
-    itn__set_vector(queue, ITN__POSITION, at, point);
-    substance = itn__substance_of(fast, place);
-    to = itn__move(queue, at, substance ? &crowd->exact[substance] : &crowd->walk[0]);
-    if (!substance) return;
-    medium = &fast->substances[substance];
-    if (floor_weight > 0) reach = logf(largest / floor_weight) * medium->mean_free_path;
-    itn__float_row(&crowd->exact[substance], ITN__DISTANCE)[to] = reach;
-}
-
-/* Surfaces that lanes have met. */
-typedef struct itn__meeting {
-    float t[ITN__LANES], u[ITN__LANES], v[ITN__LANES]; /* see itn_hit */
-    float corner[3][3][ITN__LANES], normal[3][ITN__LANES];
-    float eta[ITN__LANES], alpha[ITN__LANES], reflectance[3][ITN__LANES];
-} itn__meeting;
-
-/* Takes down where the paths of the lanes, items at ... of `taken`, meet a triangle. Returns those
-   whose triangle has an area. */
-static unsigned itn__note_hits(const itn__crowd *crowd, int at, unsigned bits, itn__meeting *m) {
-    const itn_bvh *bvh = crowd->fast->scene->bvh;
-    unsigned good = 0;
-    int j, l;
-    memset(m, 0, sizeof *m);
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), slot = crowd->hits[at + k].triangle;
-        const itn_hit *hit = &crowd->hits[at + k];
-        const float *normal = crowd->fast->normals + 3 * (size_t)slot;
-        m->t[k] = itn__max(hit->t, 0), m->u[k] = hit->u, m->v[k] = hit->v;
-        for (j = 0; j < 3; j++) {
-            m->normal[j][k] = normal[j];
-            for (l = 0; l < 3; l++) m->corner[j][l][k] = bvh->triangles[slot].corner[j][l];
-        }
-        if (normal[0] != 0 || normal[1] != 0 || normal[2] != 0) good |= 1u << k;
-    }
-    return good;
-}
-
-/* Books what lanes have gathered in a substance; the flights that brought them here had lengths t,
-   no collision. */
-ITN__INLINE void itn__book_lanes(itn__crowd *crowd, int substance, itn__state *s, itn__floats t,
-                                 unsigned bits, int features) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
-    itn__floats last = t * -medium->sigma_t, zero = itn__splat(0);
-    itn__ints kept = ~itn__bits_mask(bits);
-    int c;
-    s->flights = s->flights + last;
-    for (c = 0; c < itn__colours(features); c++)
-        s->flight_base[c] = s->flight_base[c] + last * s->expected[c];
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        itn__gathered g = itn__gathered_in(s, k, features);
-        itn__book(crowd, ITN__LANE(s->slot, k), substance, &g);
-    }
-    s->flights = itn__select(kept, s->flights, zero), s->hits = itn__select(kept, s->hits, zero);
-    s->phases = itn__select(kept, s->phases, zero);
-    for (c = 0; c < 3; c++) {
-        s->control[c] = itn__select(kept, s->control[c], zero);
-        s->flight_base[c] = itn__select(kept, s->flight_base[c], zero);
-        s->phase_base[c] = itn__select(kept, s->phase_base[c], zero);
-        s->hit_base[c] = itn__select(kept, s->hit_base[c], zero);
-    }
-}
-
-/* Marks paths, of each two one, that arrive at a face from within a substance. */
-ITN__INLINE void itn__mark_faces(const itn__crowd *crowd, int substance, const itn__state *s,
-                                 itn__floats cosine, unsigned bits) {
-    for (; bits && substance; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        if (crowd->paths[ITN__LANE(s->slot, k)].mark >= 0 || !(ITN__LANE(s->key1, k) & 1)) continue;
-        itn__mark(crowd, s, k, substance, 0, -ITN__LANE(cosine, k));
-    }
-}
-
-/* Path `slot`, in lane k, is at a diffuse surface: notes its reflectance there. */
-static void itn__note_texel(itn__crowd *crowd, int slot, const itn_hit *hit, itn_vec3 point, int k,
-                            itn__meeting *m) {
-    const itn__fast *fast = crowd->fast;
-    int object = itn__bvh_object(fast->scene->bvh, hit->triangle), c, second;
-    const itn__surface *surface = &fast->scene->surfaces[fast->scene->objects[object].surface];
-    float s, t, texel[3];
-    itn__texture_coordinates(fast->scene, object, hit, point, &s, &t);
-    second = itn__texture_at(surface, s, t, texel);
+    if (event.object >= 0) return 0;
     for (c = 0; c < fast->channels; c++) {
-        int parameter = (second ? surface->reflectance2 : surface->reflectance) + c;
-        m->reflectance[c][k] = texel[c] * fast->theta[parameter];
-        if (fast->count && fast->slots[parameter] >= 0)
-            itn__scores_of(crowd, slot)[fast->slots[parameter]] += 1 / fast->theta[parameter];
+        float *w = itn__row(&shadows->queue, ITN__BETA + c) + at;
+        if (substance) *w *= expf(-fast->substances[substance].sigma_t * t);
+        largest = itn__max(largest, *w);
     }
+    if (substance && fast->count)
+        itn__book(crowd, shadows->scores + (size_t)at * (size_t)fast->count, substance,
+                  -fast->substances[substance].sigma_t * t, 0, 0);
+    if (!(largest > itn__row(&shadows->queue, ITN__PDF)[at])) return 0;
+    ray.origin = itn__passed_point(scene->bvh, ray.origin, ray.direction, hit);
+    itn__cross_faces(scene, place, &event, ray.origin);
+    itn__set_vector(&shadows->queue, ITN__P, at, ray.origin);
+    return 1;
 }
 
-/* Which stage lanes at surfaces come to: *diffuse and *boundary receive them; what those need is
-   noted. The others have gone through a boundary that light does not feel: `point` receives where
-   they go on. */
-static void itn__sort_meeting(itn__crowd *crowd, int at, const itn__ints *slots,
-                              itn__vectors *point, unsigned bits, itn__meeting *m,
-                              unsigned *diffuse, unsigned *boundary) {
+/* Follows a shadow ray through the tree to its end. */
+static void itn__finish_shadow(itn__crowd *crowd, itn__shadows *shadows, int at) {
+    itn_ray ray;
+    itn_hit hit;
+    int met;
+    do {
+        ray.origin = itn__get_vector(&shadows->queue, ITN__P, at);
+        ray.direction = itn__get_vector(&shadows->queue, ITN__D, at), ray.tmax = INFINITY;
+        met = itn__next_hit(crowd->fast->scene, &shadows->places[at], &ray, &hit);
+    } while (itn__pass_shadow(crowd, shadows, at, met ? &hit : NULL));
+}
+
+/* crowd->hits of the rays of a queue. */
+static void itn__find_shadow_hits(itn__crowd *crowd, itn__shadows *shadows, int outside) {
+    int i;
+    itn__swap_queues(&crowd->taken, &shadows->queue);
+    for (i = 0; i < crowd->taken.count; i++) crowd->places[i] = &shadows->places[i];
+    itn__find_hits(crowd, outside);
+    itn__swap_queues(&crowd->taken, &shadows->queue);
+}
+
+/* A ray that has come out of a medium waits with those outside. */
+static void itn__send_outside(itn__crowd *crowd, int at) {
+    size_t count = (size_t)crowd->fast->count;
+    int to = itn__move(&crowd->inside.queue, at, &crowd->outside.queue);
+    crowd->outside.places[to] = crowd->inside.places[at];
+    itn__row(&crowd->outside.queue, ITN__DISTANCE)[to] = INFINITY;
+    if (count)
+        memcpy(crowd->outside.scores + (size_t)to * count,
+               crowd->inside.scores + (size_t)at * count, count * sizeof(float));
+}
+
+/* Brings all shadow rays to their ends. */
+ITN__NOINLINE void itn__trace_shadows(itn__crowd *crowd) {
+    itn__shadows *inside = &crowd->inside, *outside = &crowd->outside;
+    int i;
+    if (inside->queue.count) itn__find_shadow_hits(crowd, inside, 0);
+    for (i = 0; i < inside->queue.count; i++) {
+        if (crowd->hits[i].triangle < 0 || !itn__pass_shadow(crowd, inside, i, &crowd->hits[i]))
+            continue;
+        if (itn__substance_of(crowd->fast, &inside->places[i]))
+            itn__finish_shadow(crowd, inside, i);
+        else
+            itn__send_outside(crowd, i);
+    }
+    inside->queue.count = 0;
+    if (outside->queue.count && crowd->fast->marches) itn__find_shadow_hits(crowd, outside, 1);
+    for (i = 0; i < outside->queue.count; i++) {
+        const itn_hit *hit = &crowd->hits[i];
+        if (!crowd->fast->marches ||
+            itn__pass_shadow(crowd, outside, i, hit->triangle >= 0 ? hit : NULL))
+            itn__finish_shadow(crowd, outside, i);
+    }
+    outside->queue.count = 0;
+}
+
+/* ---- [walk] collisions, one after the other -------------------------------------------------- */
+
+/* The stage where nearly all time is spent: roulette, flight, collision, new direction, for as long
+   as each flight is proven free. */
+
+/* d ln p / dg of the phase function. */
+static itn__floats itn__turn_score(float g, itn__floats x, itn__floats y) {
+    itn__num p = itn__hg(itn__variable(itn__splat(g)), x, y);
+    return p.d / p.v;
+}
+
+/* A collision in each lane of the mask, after a flight over `distance`: albedo, a shadow ray, a new
+   direction. Returns who goes on. */
+ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
+                                   itn__floats distance, itn__ints mask,
+                                   const itn__free_space *space) {
     const itn__fast *fast = crowd->fast;
-    const itn_scene *scene = fast->scene;
-    for (*diffuse = *boundary = 0; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), slot = ITN__LANE(*slots, k);
-        const itn_hit *hit = &crowd->hits[at + k];
-        itn__place *place = &crowd->paths[slot].place;
-        itn__event *event = &crowd->paths[slot].event;
-        itn_vec3 p = itn__lane_vector(point, k);
-        itn_ray ray;
-        ray.origin = itn__get_vector(&crowd->taken, ITN__POSITION, at + k);
-        ray.direction = itn__get_vector(&crowd->taken, ITN__DIRECTION, at + k);
-        *event = itn__meet_faces(scene, fast->theta, place, &ray, hit);
-        if (event->object >= 0 && itn__is_opaque(scene, event->object)) {
-            *diffuse |= 1u << k;
-            itn__note_texel(crowd, slot, hit, p, k, m);
-            itn__throw_back(scene, place, event, p);
-        } else if (event->object >= 0) {
-            int alpha = scene->surfaces[scene->objects[event->object].surface].alpha;
-            *boundary |= 1u << k;
-            m->eta[k] = itn__ior(scene, fast->theta, event->after) /
-                        itn__ior(scene, fast->theta, place->refracting);
-            m->alpha[k] = alpha >= 0 ? fast->theta[alpha] : 0;
-        } else {
-            p = itn__passed_point(scene->bvh, ray.origin, ray.direction, hit);
-            itn__cross_faces(scene, place, event, p);
-            ITN__LANE(point->x, k) = p.x, ITN__LANE(point->y, k) = p.y;
-            ITN__LANE(point->z, k) = p.z;
-        }
-    }
-}
-
-/* The lanes named by `bits` go to the stage of their surface, of normal n. */
-ITN__INLINE void itn__send_to_boundary(itn__crowd *crowd, const itn__state *s, itn__vectors n,
-                                       const itn__meeting *m, unsigned bits, int features) {
-    itn__queue *queue = &crowd->boundary;
-    int at = queue->count;
-    itn__push_vectors(queue, ITN__NORMAL, n, bits);
-    itn__compress(itn__float_row(queue, ITN__ETA) + at, itn__load(m->eta), bits);
-    itn__compress(itn__float_row(queue, ITN__ALPHA) + at, itn__load(m->alpha), bits);
-    itn__append(queue, s, bits, features);
-}
-ITN__INLINE void itn__send_to_diffuse(itn__crowd *crowd, const itn__state *s, itn__vectors n,
-                                      const itn__meeting *m, unsigned bits, int features) {
-    itn__queue *queue = &crowd->diffuse;
-    int at = queue->count, c;
-    itn__push_vectors(queue, ITN__NORMAL, n, bits);
-    for (c = 0; c < itn__colours(features); c++)
-        itn__compress(itn__float_row(queue, ITN__REFLECTANCE + c) + at,
-                      itn__load(m->reflectance[c]), bits);
-    itn__append(queue, s, bits, features);
-}
-
-/* Paths of the lanes named by `bits`, items at ... of `taken`, have come to surfaces within or
-   around a substance, at crowd->hits: they are put into the queue of the surface's stage, or go
-   through an index-matched boundary. */
-static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits, int features) {
-    itn__state s;
-    itn__meeting m;
-    itn__vectors n, p[3];
-    itn__floats t, one = itn__splat(1);
-    unsigned good = itn__note_hits(crowd, at, bits, &m), diffuse, boundary;
+    const itn__substance *medium = &fast->substances[substance];
+    const float *expected = fast->values[substance].mean;
+    itn__num g = itn__constant(itn__splat(medium->g));
+    itn__floats u, v, x, y, w[3], turn = itn__splat(0), zero = itn__splat(0);
+    itn__ints alive = itn__splat_int(0);
+    itn__vectors d = s->d;
     int c;
-    itn__load_state(&crowd->taken, at, &s, features);
-    itn__add_controls(crowd, &s, bits & ~good);
-    itn__free_lanes(crowd, s.slot, bits & ~good);
-    t = itn__load(m.t);
-    if (itn__scored(crowd, features) && crowd->fast->count)
-        itn__book_lanes(crowd, substance, &s, t, good, features);
-    n = itn__vectors_of(itn__load(m.normal[0]), itn__load(m.normal[1]), itn__load(m.normal[2]));
-    n = itn__vscale(n, itn__select(itn__less(itn__splat(0), itn__vdot(n, s.d)), -one, one));
-    for (c = 0; c < 3; c++)
-        p[c] = itn__vectors_of(itn__load(m.corner[c][0]), itn__load(m.corner[c][1]),
-                               itn__load(m.corner[c][2]));
-    s.p = itn__valong(p[0], itn__load(m.u), itn__valong(p[1], itn__splat(-1), p[0]));
-    s.p = itn__valong(s.p, itn__load(m.v), itn__valong(p[2], itn__splat(-1), p[0]));
-    s.up = n, s.level = itn__vdot(n, s.p), s.cell = itn__splat_int(-1);
-    if (crowd->fast->learning)
-        itn__mark_faces(crowd, substance, &s, -itn__vdot(n, s.d), good);
-    itn__sort_meeting(crowd, at, &s.slot, &s.p, good, &m, &diffuse, &boundary);
-    if (boundary) itn__send_to_boundary(crowd, &s, n, &m, boundary, features);
-    if (diffuse) itn__send_to_diffuse(crowd, &s, n, &m, diffuse, features);
-    itn__depart(crowd, &s, good & ~(diffuse | boundary), features);
-}
-
-/* Collisions of lanes that are not in the walk, after these distances; their next flights begin
-   there. */
-static void itn__collide_and_depart(itn__crowd *crowd, int substance, itn__state *s,
-                                    const itn__floats *distances, const itn__ints *masks,
-                                    const itn__free_space *space, int features) {
-    unsigned bits = itn__mask_bits(*masks), on;
-    itn__ints linked;
-    if (!bits) return;
-    on = itn__mask_bits(itn__collide(crowd, substance, s, *distances, *masks, space, &linked, 1,
-                                     features));
-    itn__end_lanes(crowd, substance, s, bits & ~on, features);
-    if (features & ITN__LIGHTS) {
-        itn__begin_links(crowd, s, itn__mask_bits(linked), features);
-        on &= ~itn__mask_bits(linked);
+    crowd->collisions += itn__count_bits(itn__mask_bits(mask));
+    if (fast->scored) {
+        itn__floats score = itn__select(mask, 1 - medium->sigma_t * distance, zero);
+        s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
+        for (c = 0; c < fast->channels; c++)
+            s->flight_base[c] = s->flight_base[c] + score * s->beta[c] * expected[c];
     }
-    itn__depart_in(crowd, substance, s, on, features);
+    for (c = 0; c < fast->channels; c++) {
+        s->beta[c] = itn__select(mask, s->beta[c] * medium->albedo[c], s->beta[c]);
+        alive |= itn__less(zero, s->beta[c]);
+    }
+    mask &= alive;
+    if (fast->shadows) {
+        itn__light_draw light = itn__light_for(crowd, s, mask);
+        x = itn__vone_minus_cosine(s->d, light.direction);
+        y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
+        u = itn__hg(g, x, y).v;
+        for (c = 0; c < fast->channels; c++)
+            w[c] = s->beta[c] * u * light.radiance[c] / (light.pdf + u);
+        if (fast->scored) turn = itn__turn_score(medium->g, x, y);
+        itn__shadows_of_collisions(crowd, substance, s, &light.direction, w, turn, light.drawn,
+                                   space);
+    }
+    u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
+    s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
+    if (!fast->only_constant) s->pdf = itn__select(mask, itn__hg(g, x, y).v, s->pdf);
+    if (fast->controls) itn__control_direction(crowd, substance, s, &d, mask);
+    if (fast->scored) {
+        turn = itn__select(mask, itn__turn_score(medium->g, x, y), zero);
+        s->phases = s->phases + turn;
+        for (c = 0; c < fast->channels; c++)
+            s->phase_base[c] = s->phase_base[c] + turn * s->beta[c] * expected[c];
+    }
+    return mask;
 }
 
-/* Paths with Sobol draws to come fly from the surface they have come through. */
-ITN__NOINLINE void itn__run_early(itn__crowd *crowd, int substance) {
-    itn__queue *queue = &crowd->early[substance], *exact = &crowd->exact[substance];
-    itn__queue *taken = &crowd->taken, swapped = *taken;
+/* Roulette, and flights of the mask's lanes; returns who survives. */
+static itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
+                               itn__floats *distance) {
+    const itn__fast *fast = crowd->fast;
+    const itn__substance *medium = &fast->substances[substance];
+    itn__ints late = itn__int_less(itn__splat_int((int32_t)itn__many_draws_in(
+        fast->scene, medium->sigma_t)), s->dimension);
+    itn__ahead ahead;
+    if (fast->controls) itn__look_ahead(crowd, substance, s, &ahead);
+    mask = itn__roulette_lanes(crowd, s, fast->controls ? ahead.mean : NULL, mask, late);
+    *distance = itn__select(mask, itn__sample_flight(itn__splat(medium->mean_free_path),
+                                                     itn__draw(crowd, s, mask)), *distance);
+    if (fast->controls) itn__control_flight(crowd, substance, s, &ahead, *distance, mask);
+    return mask;
+}
+
+/* In a render that learns marks, of each two paths about to fly (by key) one, after a number of
+   collisions that its key decides. */
+static void itn__mark_flights(itn__crowd *crowd, int substance, const itn__state *s,
+                              itn__ints mask) {
+    itn__words doubling = itn__int_words(s->key0) & 3, span;
+    itn__view view = itn__view_of(crowd, substance, s, &s->d);
+    span = (itn__splat_word(1) << doubling) - 1;
+    mask &= itn__int_equal(itn__to_ints(s->hits),
+                           itn__word_ints(span + ((itn__int_words(s->key0) >> 8) & span)));
+    mask &= itn__int_equal(s->key1 & 1, itn__splat_int(0));
+    if (!itn__mask_bits(mask)) return;
+    itn__trace_shadows(crowd); /* what is under way is not to be learnt */
+    itn__mark_lanes(crowd, substance, s, view.depth, view.cosine, itn__mask_bits(mask));
+}
+
+/* Lanes of a walk: busy ones are about to fly; unsure ones have drawn a flight that leaves what is
+   known of their surroundings, waiting ones a flight that the tables cannot prove free; the others
+   are empty. Looking around and moving paths costs as much for one lane as for all, so it is put
+   off until a quarter of the lanes need it. */
+typedef struct itn__lanes_walk {
+    itn__state s;
     itn__free_space space;
-    int features = crowd->fast->features, i;
-    unsigned bits;
-    *taken = *queue, *queue = swapped, queue->count = 0, queue = taken;
-    memset(&space, 0, sizeof space);
-    for (i = 0; i < queue->count; i += ITN__LANES) {
-        itn__state s;
-        itn__ints mask = itn__first_lanes(queue->count - i), alive, safe;
-        itn__floats distance, nq;
-        itn__load_state(queue, i, &s, features);
-        distance = itn__splat(0);
-        alive = itn__take_off(crowd, substance, &s, mask, &distance, 1, features);
-        itn__end_lanes(crowd, substance, &s, itn__mask_bits(mask & ~alive), features);
-        itn__look_around(crowd->fast->voxels, s.p, alive, &space);
-        safe = alive & itn__free_flight(&space, itn__valong(s.p, distance, s.d), s.d, &nq);
-        if (crowd->fast->unsafe) safe = itn__splat_int(0);
-        itn__compress(itn__float_row(exact, ITN__DISTANCE) + exact->count, distance,
-                      itn__mask_bits(alive & ~safe));
-        itn__append(exact, &s, itn__mask_bits(alive & ~safe), features);
-        s.p = itn__vselect(safe, itn__valong(s.p, distance, s.d), s.p);
-        for (bits = itn__mask_bits(safe); bits; bits &= bits - 1)
-            itn__leave_behind(&crowd->paths[ITN__LANE(s.slot, itn__lowest_bit(bits))].place);
-        space.np = itn__vdot(space.n, itn__valong(s.p, itn__splat(-1), space.centre));
-        itn__collide_and_depart(crowd, substance, &s, &distance, &safe, &space, features);
-    }
-    queue->count = 0;
+    itn__floats distance; /* of the flight drawn */
+    unsigned busy, unsure, waiting;
+    unsigned moved; /* have flown freely since they came, and so left behind where they were */
+} itn__lanes_walk;
+
+/* Some lanes leave the walk. */
+static void itn__note_moves(itn__crowd *crowd, itn__lanes_walk *walk, unsigned lanes) {
+    for (lanes &= walk->moved; lanes; lanes &= lanes - 1)
+        itn__leave_behind(&crowd->paths[ITN__LANE(walk->s.slot, itn__lowest_bit(lanes))].place);
 }
+
+/* Sends waiting lanes to the exact stage and fills all empty lanes from the queue. */
+static void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *walk) {
+    itn__queue *queue = &crowd->walk[substance], *exact = &crowd->exact[substance];
+    unsigned fill = ITN__ALL_LANES & ~(walk->busy | walk->unsure);
+    if (walk->waiting) {
+        itn__compress(itn__row(exact, ITN__DISTANCE) + exact->count, walk->distance,
+                      walk->waiting);
+        itn__note_moves(crowd, walk, walk->waiting);
+        itn__append(crowd->fast, exact, &walk->s, walk->waiting);
+        walk->waiting = 0;
+    }
+    while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
+    if (!fill) return;
+    queue->count -= itn__count_bits(fill);
+    itn__read(crowd->fast, queue, queue->count, &walk->s, fill);
+    walk->moved &= ~fill, walk->busy |= fill;
+    walk->space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), walk->space.half);
+}
+
+/* Draws flights for the busy lanes. Returns those that are free; the others become unsure. */
+static itn__ints itn__fly(itn__crowd *crowd, int substance, itn__lanes_walk *walk,
+                          itn__vectors *q, itn__floats *nq) {
+    itn__ints active = itn__take_off(crowd, substance, &walk->s, itn__bits_mask(walk->busy),
+                                     &walk->distance), safe;
+    unsigned alive = itn__mask_bits(active);
+    if (walk->busy != alive) itn__end_lanes(crowd, substance, &walk->s, walk->busy & ~alive);
+    if (crowd->fast->learning) itn__mark_flights(crowd, substance, &walk->s, active);
+    *q = itn__valong(walk->s.p, walk->distance, walk->s.d);
+    safe = active & itn__free_flight(&walk->space, *q, walk->s.d, nq);
+    walk->unsure |= alive & ~itn__mask_bits(safe);
+    walk->busy = 0;
+    return safe;
+}
+
+/* Puts the plane of the surface nearby in the place of the last face. */
+static void itn__adopt_plane(const itn__free_space *space, itn__state *s, itn__ints mask) {
+    itn__floats inverse = 1 / itn__root(itn__vdot(space->n, space->n));
+    itn__vectors up = itn__vscale(space->n, inverse);
+    mask &= space->under;
+    s->up = itn__vselect(mask, up, s->up);
+    s->level = itn__select(mask, itn__vdot(up, space->centre) + space->middle * inverse, s->level);
+}
+
+/* Looks around for the unsure lanes. Returns those whose flight turns out free; the others wait. */
+static itn__ints itn__make_sure(itn__crowd *crowd, itn__lanes_walk *walk, itn__vectors q,
+                                itn__floats *nq) {
+    itn__ints unsure = itn__bits_mask(walk->unsure), safe;
+    itn__look_around(crowd->fast->voxels, walk->s.p, unsure, &walk->space);
+    if (itn__knows_plane(crowd->fast)) itn__adopt_plane(&walk->space, &walk->s, unsure);
+    safe = unsure & itn__free_flight(&walk->space, q, walk->s.d, nq);
+    if (crowd->fast->unsafe) safe = itn__splat_int(0);
+    walk->waiting |= walk->unsure & ~itn__mask_bits(safe);
+    walk->unsure = 0;
+    return safe;
+}
+
+/* Whether a walk with few lanes left should wait until there are more. */
+static int itn__should_wait(const itn__crowd *crowd, int substance, const itn__lanes_walk *walk) {
+    return !walk->unsure && itn__count_bits(walk->busy) < ITN__LANES / 2 &&
+           !crowd->walk[substance].count &&
+           (crowd->exact[substance].count || itn__unit_paths_left(crowd));
+}
+
+/* The walk in one substance. */
+ITN__NOINLINE void itn__run_walk(itn__crowd *crowd, int substance) {
+    itn__queue *queue = &crowd->walk[substance];
+    itn__lanes_walk walk;
+    memset(&walk, 0, sizeof walk);
+    for (;;) {
+        int held = itn__count_bits(walk.busy | walk.unsure);
+        itn__ints safe;
+        itn__floats nq;
+        itn__vectors q;
+        unsigned moved;
+        if (held <= ITN__LANES - ITN__QUARTER) {
+            itn__refill(crowd, substance, &walk);
+            if (!(walk.busy | walk.unsure)) return;
+            if (held == itn__count_bits(walk.busy) && itn__should_wait(crowd, substance, &walk)) {
+                itn__note_moves(crowd, &walk, walk.busy);
+                itn__append(crowd->fast, queue, &walk.s, walk.busy);
+                return;
+            }
+        }
+        safe = itn__fly(crowd, substance, &walk, &q, &nq);
+        if (itn__count_bits(walk.unsure) >= ITN__QUARTER || !itn__mask_bits(safe))
+            safe |= itn__make_sure(crowd, &walk, q, &nq);
+        walk.s.p = itn__vselect(safe, q, walk.s.p);
+        walk.space.np = itn__select(safe, nq, walk.space.np);
+        moved = itn__mask_bits(safe), walk.moved |= moved;
+        if (crowd->inside.queue.count > ITN__CROWD - ITN__LANES) itn__trace_shadows(crowd);
+        walk.busy = itn__mask_bits(
+            itn__collide(crowd, substance, &walk.s, walk.distance, safe, &walk.space));
+        if (moved != walk.busy) itn__end_lanes(crowd, substance, &walk.s, moved & ~walk.busy);
+    }
+}
+
+/* ---- [surfaces] what flights come to --------------------------------------------------------- */
+
+/* Flights end at a collision or at a surface. What the surface is to light, is found path by path
+   ([place]); then the lanes on one surface go through its model together, as in the reference. */
 
 /* Asks for what itn__meet will read of each hit. */
 static void itn__prefetch_hits(const itn__crowd *crowd) {
-    const itn_bvh *bvh = crowd->fast->scene->bvh;
     int i;
     for (i = 0; i < crowd->taken.count; i++)
         if (crowd->hits[i].triangle >= 0) {
-            int slot = crowd->hits[i].triangle;
-            ITN__PREFETCH(&bvh->triangles[slot]);
-            ITN__PREFETCH(&crowd->fast->normals[3 * (size_t)slot]);
+            ITN__PREFETCH(&crowd->fast->scene->bvh->triangles[crowd->hits[i].triangle]);
+            ITN__PREFETCH(&crowd->fast->normals[3 * (size_t)crowd->hits[i].triangle]);
         }
 }
 
 /* Those of the lanes, items at ... of `taken`, that have met a surface. */
-ITN__INLINE unsigned itn__hit_lanes(const itn__crowd *crowd, int at, unsigned bits) {
+static unsigned itn__hit_lanes(const itn__crowd *crowd, int at, unsigned bits) {
     unsigned met = 0;
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
@@ -10664,290 +10183,252 @@ ITN__INLINE unsigned itn__hit_lanes(const itn__crowd *crowd, int at, unsigned bi
     return met;
 }
 
-/* Flights that the tables could not prove free. A link that meets nothing has lost its weight on
-   the way. */
-ITN__INLINE void itn__run_exact(itn__crowd *crowd, int substance, int features) {
+/* Sends the lanes named by `bits` to their next flight, each in the substance it is in. */
+static void itn__depart(itn__crowd *crowd, const itn__state *s, unsigned bits) {
+    while (bits) {
+        unsigned same = 0, rest = bits;
+        int first = -1;
+        for (; rest; rest &= rest - 1) {
+            int k = itn__lowest_bit(rest);
+            int substance = itn__substance_of(crowd->fast,
+                                              &crowd->paths[ITN__LANE(s->slot, k)].place);
+            if (first < 0) first = substance;
+            if (substance == first) same |= 1u << k;
+        }
+        itn__append(crowd->fast, &crowd->walk[first], s, same);
+        bits &= ~same;
+    }
+}
+
+/* Where lanes have met triangles: point, normal on their side, and how far they came. */
+typedef struct itn__meeting {
+    float p[3][ITN__LANES], n[3][ITN__LANES], t[ITN__LANES], eta[ITN__LANES];
+} itn__meeting;
+
+ITN__INLINE itn__vectors itn__load_vectors(float (*v)[ITN__LANES]) {
+    return itn__vectors_of(itn__load(v[0]), itn__load(v[1]), itn__load(v[2]));
+}
+
+/* Path `slot`, lane k of a meeting, is at a hit of a ray: goes through a boundary that light does
+   not feel, or notes its surface. Returns whether there is one. */
+static int itn__meet_lane(itn__crowd *crowd, int slot, const itn_ray *ray, const itn_hit *hit,
+                          itn__meeting *m, int k) {
+    const itn__fast *fast = crowd->fast;
+    const itn_scene *scene = fast->scene;
+    itn__path *path = &crowd->paths[slot];
+    itn_vec3 p = itn__hit_point(scene->bvh, hit);
+    const itn__surface *surface;
+    path->event = itn__meet_faces(scene, fast->theta, &path->place, ray, hit);
+    if (path->event.object < 0) {
+        p = itn__passed_point(scene->bvh, ray->origin, ray->direction, hit);
+        itn__cross_faces(scene, &path->place, &path->event, p);
+    } else {
+        surface = &scene->surfaces[scene->objects[path->event.object].surface];
+        m->eta[k] = itn__ior(scene, fast->theta, path->event.after) /
+                    itn__ior(scene, fast->theta, path->place.refracting);
+        if (surface->texture != ITN_TEXTURE_NONE)
+            itn__texture_coordinates(scene, path->event.object, hit, p, &path->s, &path->t);
+    }
+    m->p[0][k] = p.x, m->p[1][k] = p.y, m->p[2][k] = p.z;
+    return path->event.object >= 0;
+}
+
+/* Paths of the lanes named by `bits`, items at ... of `taken`, have come to surfaces within or
+   around a substance, at crowd->hits: they go to the surface stage, or through an index-matched
+   boundary. */
+static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits) {
+    const itn__fast *fast = crowd->fast;
+    itn__queue *taken = &crowd->taken, *queue = &crowd->surface;
+    itn__state s = ITN_ZERO;
+    itn__meeting m;
+    itn__floats last;
+    unsigned rest, lost = 0, felt = 0;
+    int k, c;
+    memset(&m, 0, sizeof m);
+    itn__read(fast, taken, at, &s, ITN__ALL_LANES);
+    for (rest = bits; rest; rest &= rest - 1) {
+        const itn_hit *hit;
+        const float *n;
+        itn_ray ray;
+        float side;
+        k = itn__lowest_bit(rest), hit = &crowd->hits[at + k];
+        n = fast->normals + 3 * (size_t)hit->triangle;
+        if (n[0] == 0 && n[1] == 0 && n[2] == 0) {
+            lost |= 1u << k;
+            continue;
+        }
+        ray.origin = itn__lane_vector(&s.p, k), ray.direction = itn__lane_vector(&s.d, k);
+        side = n[0] * ray.direction.x + n[1] * ray.direction.y + n[2] * ray.direction.z;
+        for (c = 0; c < 3; c++) m.n[c][k] = side > 0 ? -n[c] : n[c];
+        m.t[k] = itn__max(hit->t, 0);
+        if (itn__meet_lane(crowd, ITN__LANE(s.slot, k), &ray, hit, &m, k)) felt |= 1u << k;
+    }
+    last = itn__load(m.t) * -fast->substances[substance].sigma_t;
+    for (c = 0; c < fast->channels; c++)
+        s.flight_base[c] = s.flight_base[c] +
+                           last * s.beta[c] * fast->values[substance].mean[c];
+    s.flights = s.flights + last;
+    itn__end_lanes(crowd, substance, &s, lost);
+    itn__book_lanes(crowd, substance, &s, bits & ~lost);
+    s.p = itn__load_vectors(m.p), s.up = itn__load_vectors(m.n);
+    s.level = itn__vdot(s.up, s.p);
+    if (fast->learning && substance)
+        itn__mark_lanes(crowd, 0, &s, itn__splat(0), itn__vdot(s.up, s.d) * -1,
+                        bits & ~lost & itn__mask_bits(itn__int_equal(s.key1 & 1,
+                                                                     itn__splat_int(1))));
+    itn__push_vectors(queue, ITN__NORMAL, s.up, felt);
+    itn__compress(itn__row(queue, ITN__ETA) + queue->count, itn__load(m.eta), felt);
+    itn__append(fast, queue, &s, felt);
+    itn__depart(crowd, &s, bits & ~(lost | felt));
+}
+
+/* Flights that the tables could not prove free. */
+ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     itn__queue *queue = &crowd->taken;
     int i;
-    itn__queue swapped = crowd->exact[substance];
-    crowd->exact[substance] = *queue, *queue = swapped;
+    itn__swap_queues(queue, &crowd->exact[substance]);
     crowd->exact[substance].count = 0;
+    for (i = 0; i < queue->count; i++)
+        crowd->places[i] = &crowd->paths[itn__int_row(queue, ITN__SLOT)[i]].place;
     itn__find_hits(crowd, 0);
     itn__prefetch_hits(crowd);
     for (i = 0; i < queue->count; i += ITN__LANES) {
-        itn__state s;
+        itn__state s = ITN_ZERO;
         itn__ints mask = itn__first_lanes(queue->count - i);
-        itn__floats distance = itn__load(itn__float_row(queue, ITN__DISTANCE) + i);
-        unsigned bits = itn__mask_bits(mask), met = itn__hit_lanes(crowd, i, bits), links;
-        itn__load_state(queue, i, &s, features);
-        links = itn__mask_bits(itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot)) & bits;
+        unsigned bits = itn__mask_bits(mask), met = itn__hit_lanes(crowd, i, bits), on;
+        itn__floats distance = itn__load(itn__row(queue, ITN__DISTANCE) + i);
+        if (met) itn__meet(crowd, substance, i, met);
+        bits &= ~met;
+        if (!bits) continue;
+        itn__read(crowd->fast, queue, i, &s, ITN__ALL_LANES);
         s.p = itn__valong(s.p, distance, s.d);
-        if (met & ~links) itn__meet(crowd, substance, i, met & ~links, features);
-        mask = itn__bits_mask(bits & ~(met | links));
-        for (; links; links &= links - 1) {
-            int k = i + itn__lowest_bit(links);
-            if (crowd->hits[k].triangle >= 0)
-                itn__meet_link(crowd, queue, k, &crowd->hits[k]);
-            else
-                itn__unpark(crowd, itn__row(queue, ITN__SLOT)[k] & ~ITN__LINK);
-        }
-        itn__collide_and_depart(crowd, substance, &s, &distance, &mask, NULL, features);
+        on = itn__mask_bits(itn__collide(crowd, substance, &s, distance, itn__bits_mask(bits),
+                                         NULL));
+        itn__end_lanes(crowd, substance, &s, bits & ~on);
+        itn__append(crowd->fast, &crowd->walk[substance], &s, on);
     }
     queue->count = 0;
 }
 
-/* ---- [boundaries] dielectric and diffuse surfaces of a crowd --------------------------------- */
-
-/* The stages in which paths stand on a surface: itn__meet_dielectric and itn__meet_diffuse, in
-   lanes. Each first sends a link to a light, then chooses a direction. What paths are expected
-   to bring is known on both sides of a facet, so which way one goes there is part of the control
-   variate, too. */
-
-/* Paths of lanes that leave the boundary they stand on, or with ITN__LINK their links; `through`
-   are those that go through it. */
-static void itn__leave_boundary(itn__crowd *crowd, const itn__state *s, unsigned bits,
-                                unsigned through, int link) {
+/* Lane k, on a surface, goes the way of its event: through it, or back. */
+static void itn__leave_surface(const itn__crowd *crowd, int slot, itn__place *place,
+                               itn_vec3 point, int through) {
     const itn_scene *scene = crowd->fast->scene;
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), slot = ITN__LANE(s->slot, k);
-        itn__place *place = itn__place_of(crowd, slot | link);
-        const itn__event *event = &crowd->paths[slot].event;
-        itn_vec3 point = itn__lane_vector(&s->p, k);
-        if (through >> k & 1) itn__cross_faces(scene, place, event, point);
-        else itn__throw_back(scene, place, event, point);
+    const itn__event *event = &crowd->paths[slot].event;
+    if (through) itn__cross_faces(scene, place, event, point);
+    else itn__throw_back(scene, place, event, point);
+}
+
+/* Adds to scores what a factor at a surface contributes in lane k. */
+static void itn__book_factor(const itn__crowd *crowd, float *scores, const itn__factor *f, int k) {
+    int j, c;
+    for (j = 0; j < f->count; j++) {
+        c = crowd->fast->only[f->slots[j]] > 0 ? crowd->fast->only[f->slots[j]] : 0;
+        if (ITN__LANE(f->value[c], k) != 0)
+            scores[f->slots[j]] += ITN__LANE(f->slope[j][c], k) / ITN__LANE(f->value[c], k);
     }
 }
 
-/* Prepares links of lanes at surfaces. */
-static void itn__place_links(itn__crowd *crowd, const itn__state *s, unsigned bits) {
-    for (; bits; bits &= bits - 1) {
-        int slot = ITN__LANE(s->slot, itn__lowest_bit(bits));
-        crowd->paths[slot].link_place = crowd->paths[slot].place;
-        itn__copy_scores(crowd, slot);
-    }
-}
-
-/* Sends links from lanes at surfaces, which may start in different substances. */
-ITN__INLINE itn__ints itn__surface_links(itn__crowd *crowd, const itn__state *s, itn__vectors d,
-                                         const itn__floats w[3], itn__ints mask, int features) {
-    unsigned bits = itn__mask_bits(mask), rest, same;
-    itn__ints sent = itn__splat_int(0);
-    while (bits) {
-        int substance = -1;
-        for (same = 0, rest = bits; rest; rest &= rest - 1) {
-            int k = itn__lowest_bit(rest), other = itn__substance_of(
-                crowd->fast, &crowd->paths[ITN__LANE(s->slot, k)].link_place);
-            if (substance < 0) substance = other;
-            if (substance == other) same |= 1u << k;
-        }
-        sent |= itn__send_links(crowd, substance, s, d, w, itn__bits_mask(same), NULL, features);
-        bits &= ~same;
-    }
-    return sent;
-}
-
-/* Adds to the scores of lanes at a rough boundary (or with ITN__LINK of their links) what their
-   surfaces' roughness contributes. */
-static void itn__book_rough(itn__crowd *crowd, const itn__ints *slots, itn__floats score,
-                            unsigned bits, int link) {
+/* A shadow ray from each lane of the mask, all on one surface. */
+static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site *site,
+                                    itn__factor *f, itn__ints mask) {
     const itn__fast *fast = crowd->fast;
-    const itn_scene *scene = fast->scene;
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        int object = crowd->paths[ITN__LANE(*slots, k)].event.object;
-        int slot = fast->slots[scene->surfaces[scene->objects[object].surface].alpha];
-        if (slot >= 0)
-            itn__scores_of(crowd, ITN__LANE(*slots, k) | link)[slot] += ITN__LANE(score, k);
-    }
-}
-
-/* Draws a light for lanes at a rough boundary and sends links there. */
-ITN__INLINE itn__ints itn__boundary_links(itn__crowd *crowd, itn__state *s,
-                                          const itn__vectors frame[3], itn__vectors i,
-                                          itn__floats alpha, itn__floats eta, itn__ints mask,
-                                          int features) {
-    itn__light_draw light = itn__light_for(crowd, s, mask, 1);
-    itn__vectors o = itn__vto_local(light.direction, frame[0], frame[1], frame[2]);
-    itn__num a = itn__variable(alpha), e = itn__constant(eta), f;
-    itn__floats pdf, w[3];
-    int c;
-    f = itn__rough(&i, &o, NULL, &a, &e, &pdf);
-    mask = light.drawn & itn__less(itn__splat(0), f.v);
-    for (c = 0; c < itn__colours(features); c++)
-        w[c] = s->beta[c] * f.v * light.radiance[c] / (light.pdf + pdf);
-    itn__place_links(crowd, s, itn__mask_bits(mask));
-    itn__leave_boundary(crowd, s, itn__mask_bits(mask),
-                        itn__mask_bits(itn__less(o.z, itn__splat(0))), ITN__LINK);
-    mask = itn__surface_links(crowd, s, light.direction, w, mask, features);
-    if (itn__scored(crowd, features) && crowd->fast->rough_scores)
-        itn__book_rough(crowd, &s->slot,
-                        f.d / f.v,
-                        itn__mask_bits(mask), ITN__LINK);
-    return mask;
-}
-
-/* Parks the lanes with links, sends the others to their next flight. */
-ITN__INLINE void itn__leave_surface(itn__crowd *crowd, const itn__state *s, itn__ints alive,
-                                    itn__ints linked, int features) {
-    unsigned on = itn__mask_bits(alive);
-    if (features & ITN__LIGHTS) {
-        itn__park(crowd, s, itn__mask_bits(linked), features);
-        on &= ~itn__mask_bits(linked);
-    }
-    itn__depart(crowd, s, on, features);
-}
-
-/* What a facet does with a path: which of two ways it goes from there is chance, of known odds. */
-typedef struct itn__bounce {
-    itn__floats alpha, eta;            /* of the surface */
-    itn__vectors taken, other;         /* directions, local */
-    itn__floats odds;                  /* of the other */
-    itn__ints ok;                      /* the one taken goes somewhere */
-} itn__bounce;
-
-/* Draws a way from facet m by u. */
-ITN__INLINE void itn__bounce_draw(itn__bounce *bounce, itn__vectors i, itn__vectors m,
-                                  itn__floats u) {
-    itn__floats zero = itn__splat(0), cos_i = itn__least(itn__vdot(i, m), itn__splat(1));
-    itn__num cos_t;
-    itn__floats fresnel = itn__fresnel(itn__constant(cos_i), itn__constant(bounce->eta), &cos_t).v;
-    itn__ints reflects = itn__less(u, fresnel);
-    bounce->ok = itn__sample_dielectric(&i, &m, bounce->eta, u, &bounce->taken);
-    bounce->other = itn__vselect(reflects, itn__refract(i, m, bounce->eta, cos_t.v),
-                                 itn__reflect(i, m));
-    bounce->other = itn__vnormalize(bounce->other);
-    bounce->odds = itn__select(itn__less(zero, cos_i),
-                               itn__select(reflects, 1 - fresnel, fresnel), zero);
-    bounce->odds = itn__select(itn__less(bounce->taken.z * bounce->other.z, zero), bounce->odds,
-                               zero);
-}
-
-/* What paths that leave a dielectric boundary in direction o (of local coordinates) are expected to
-   bring, per weight before: inside, V at the face; outside, the light, the same everywhere. */
-ITN__INLINE itn__floats itn__boundary_value(const itn__crowd *crowd, itn__vectors o,
-                                            const itn__bounce *bounce, int c) {
-    const itn__value *value = &crowd->fast->values[crowd->fast->controls];
-    itn__ints outside = ~(itn__less(itn__splat(0), o.z) ^ itn__less(itn__splat(1), bounce->eta));
-    itn__floats inside = itn__power_sum(value->entering[c], itn__absolute(o.z));
-    return itn__smith(o, itn__constant(bounce->alpha)).v *
-           itn__select(outside, itn__splat(crowd->fast->constant[c]), inside);
-}
-
-/* What paths are expected to bring that have come to a facet, in the mean over both ways; *taken
-   receives it for the way taken. */
-ITN__INLINE itn__floats itn__bounce_value(const itn__crowd *crowd, const itn__bounce *bounce,
-                                          int c, itn__floats *taken) {
-    itn__floats other = itn__boundary_value(crowd, bounce->other, bounce, c);
-    *taken = itn__select(bounce->ok, itn__boundary_value(crowd, bounce->taken, bounce, c),
-                         itn__splat(0));
-    other = itn__select(itn__less(itn__splat(0), bounce->odds), other, *taken);
-    return *taken + bounce->odds * (other - *taken);
-}
-
-/* The difference of a bounce at a boundary, which was expected to bring the mean over both ways. */
-ITN__INLINE void itn__control_bounce(itn__crowd *crowd, const itn__state *s,
-                                     const itn__bounce *bounce, itn__ints mask, int features) {
-    int c;
+    itn__light_draw light = itn__light_for(crowd, s, mask);
+    itn__floats pdf, w[3], largest;
+    itn__ints through;
+    itn__state ray = *s;
     unsigned bits;
-    for (c = 0; c < itn__colours(features) && c < crowd->fast->channels; c++) {
-        itn__floats taken, mean = itn__bounce_value(crowd, bounce, c, &taken);
-        itn__floats gain = s->beta[c] * (mean - taken);
-        for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
-            int k = itn__lowest_bit(bits);
-            itn__add_control(crowd, ITN__LANE(s->slot, k), c, ITN__LANE(gain, k));
-        }
+    int c;
+    itn__bsdf_eval(site, &light.direction, f, &pdf, &through);
+    for (c = 0; c < fast->channels; c++)
+        w[c] = s->beta[c] * f->value[c] * light.radiance[c] / (light.pdf + pdf);
+    bits = itn__cut_shadows(crowd, s, &light.direction, w,
+                            mask & light.drawn & itn__less(itn__splat(0), pdf), &ray, &largest);
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits), slot = ITN__LANE(s->slot, k), substance, at;
+        float floor_weight = ITN__LANE(ray.pdf, k), reach = INFINITY, *scores;
+        itn__place place = crowd->paths[slot].place;
+        itn__shadows *shadows;
+        itn__leave_surface(crowd, slot, &place, itn__lane_vector(&s->p, k),
+                           ITN__LANE(through, k) != 0);
+        substance = itn__substance_of(fast, &place);
+        shadows = substance ? &crowd->inside : &crowd->outside, at = shadows->queue.count;
+        if (substance && floor_weight > 0)
+            reach = logf(ITN__LANE(largest, k) / floor_weight) *
+                    fast->substances[substance].mean_free_path;
+        itn__append_shadows(&shadows->queue, &ray, 1u << k);
+        itn__row(&shadows->queue, ITN__DISTANCE)[at] = reach;
+        scores = itn__begin_shadow(crowd, shadows, at, slot);
+        shadows->places[at] = place;
+        itn__book_factor(crowd, scores, f, k);
     }
 }
 
-/* Dielectric boundaries, as itn__meet_dielectric. A path that has sent a link lives until the link
-   is done, even if its own direction fails: then with weight 0. */
-ITN__NOINLINE void itn__run_boundary(itn__crowd *crowd) {
-    itn__queue *queue = &crowd->boundary;
-    int features = crowd->fast->features, at, c;
-    for (at = 0; at < queue->count; at += ITN__LANES) {
-        itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0), ok, rough;
-        itn__state s;
-        itn__vectors frame[3], i, o, facet;
-        itn__floats eta = itn__load(itn__float_row(queue, ITN__ETA) + at), u, v, w, lost;
-        itn__floats alpha = itn__load(itn__float_row(queue, ITN__ALPHA) + at);
-        itn__num a = itn__variable(alpha), e = itn__constant(eta), f;
-        itn__bounce bounce;
-        itn__load_state(queue, at, &s, features);
-        rough = mask & itn__less(itn__splat(0), alpha);
-        frame[2] = itn__load_vectors(queue, ITN__NORMAL, at);
-        itn__vframe(frame[2], &frame[0], &frame[1]);
-        i = itn__vto_local(itn__vscale(s.d, itn__splat(-1)), frame[0], frame[1], frame[2]);
-        if ((features & ITN__LIGHTS) && crowd->fast->links && itn__mask_bits(rough))
-            linked = itn__boundary_links(crowd, &s, frame, i, alpha, eta, rough, features);
-        u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
-        w = itn__draw(crowd, &s, mask, 1);
-        bounce.alpha = alpha, bounce.eta = eta;
-        facet = itn__sample_facet(&i, alpha, u, v);
-        itn__bounce_draw(&bounce, i, facet, w);
-        ok = mask & bounce.ok, o = bounce.taken;
-        if (crowd->fast->controls) itn__control_bounce(crowd, &s, &bounce, mask, features);
-        lost = itn__smith(o, itn__constant(alpha)).v;
-        if ((features & ITN__LIGHTS) || itn__scored(crowd, features))
-            f = itn__rough(&i, &o, &facet, &a, &e, &s.pdf);
-        if (features & ITN__LIGHTS) {
-            s.pdf = itn__select(rough, s.pdf, itn__splat(INFINITY));
-            ok &= itn__less(itn__splat(0), s.pdf);
-        }
-        for (c = 0; c < itn__colours(features); c++) {
-            s.beta[c] = itn__select(rough, s.beta[c] * lost, s.beta[c]);
-            s.beta[c] = itn__select(ok, s.beta[c], itn__splat(0));
-        }
-        s.d = itn__vselect(ok, itn__vnormalize(itn__vto_world(o, frame[0], frame[1], frame[2])),
-                           s.d);
-        if (itn__scored(crowd, features) && crowd->fast->rough_scores)
-            itn__book_rough(crowd, &s.slot, f.d / f.v,
-                            itn__mask_bits(ok & rough), 0);
-        if (itn__knows_depth(features)) { /* a reflected path has the medium behind the normal */
-            itn__floats turned = itn__select(itn__less(o.z, itn__splat(0)), itn__splat(1),
-                                             itn__splat(-1));
-            s.up = itn__vscale(s.up, turned), s.level = s.level * turned;
-        }
-        itn__add_controls(crowd, &s, itn__mask_bits(mask & ~ok & ~linked));
-        itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~ok & ~linked));
-        itn__leave_boundary(crowd, &s, itn__mask_bits(ok),
-                            itn__mask_bits(itn__less(o.z, itn__splat(0))), 0);
-        itn__leave_surface(crowd, &s, ok, linked, features);
+/* Lanes on one surface: a shadow ray, and a new direction. */
+static void itn__scatter_lanes(itn__crowd *crowd, itn__state *s, const itn__surface *surface,
+                               itn__vectors n, itn__floats eta, itn__ints mask) {
+    const itn__fast *fast = crowd->fast;
+    itn__floats u[3], pdf, turned;
+    itn__ints through, good;
+    itn__vectors d;
+    itn__site site;
+    itn__factor f;
+    unsigned bits;
+    int k, c;
+    itn__site_make(&site, surface, fast->theta, fast->channels, &n, &s->d);
+    site.eta = itn__constant(eta), f.count = 0;
+    if (fast->count) itn__site_seeds(&site, fast->slots, &f);
+    for (bits = itn__mask_bits(mask); bits && surface->texture != ITN_TEXTURE_NONE;
+         bits &= bits - 1) {
+        const itn__path *path = &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(bits))];
+        itn__site_texture(&site, itn__lowest_bit(bits), path->s, path->t);
     }
-    queue->count = 0;
+    if (fast->shadows && !site.smooth) itn__shadows_of_surface(crowd, s, &site, &f, mask);
+    for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
+    good = mask & itn__bsdf_sample(&site, u, &d, &f, &pdf, &through);
+    if (fast->controls && (itn__bsdfs[surface->type].flags & ITN__FACETS))
+        itn__control_bounce(crowd, s, &site, u, through, good, mask);
+    itn__end_lanes(crowd, 0, s, itn__mask_bits(mask & ~good));
+    for (c = 0; c < fast->channels; c++) s->beta[c] = s->beta[c] * f.value[c];
+    s->d = d, s->pdf = pdf;
+    turned = itn__select(through, itn__splat(1), itn__splat(-1)); /* thrown back: the medium is */
+    s->up = itn__vscale(s->up, turned), s->level = s->level * turned; /* behind the normal */
+    for (bits = itn__mask_bits(good); bits; bits &= bits - 1) {
+        int slot;
+        k = itn__lowest_bit(bits), slot = ITN__LANE(s->slot, k);
+        itn__leave_surface(crowd, slot, &crowd->paths[slot].place, itn__lane_vector(&s->p, k),
+                           ITN__LANE(through, k) != 0);
+        if (fast->count) itn__book_factor(crowd, itn__scores_of(crowd, slot), &f, k);
+    }
+    itn__depart(crowd, s, itn__mask_bits(good));
 }
 
-/* Diffuse surfaces, as itn__meet_diffuse. */
-ITN__NOINLINE void itn__run_diffuse(itn__crowd *crowd) {
-    itn__queue *queue = &crowd->diffuse;
-    int features = crowd->fast->features, at, c;
+/* The surface stage: lanes with the same surface together. */
+ITN__NOINLINE void itn__run_surface(itn__crowd *crowd) {
+    const itn_scene *scene = crowd->fast->scene;
+    itn__queue *queue = &crowd->surface;
+    int at;
     for (at = 0; at < queue->count; at += ITN__LANES) {
-        itn__ints mask = itn__first_lanes(queue->count - at), linked = itn__splat_int(0);
-        itn__state s;
-        itn__vectors n = itn__load_vectors(queue, ITN__NORMAL, at), x, y, d;
-        itn__floats u, v, reflectance[3];
-        itn__load_state(queue, at, &s, features);
-        for (c = 0; c < itn__colours(features); c++)
-            reflectance[c] = itn__load(itn__float_row(queue, ITN__REFLECTANCE + c) + at);
-        if ((features & ITN__LIGHTS) && crowd->fast->links) {
-            itn__light_draw light = itn__light_for(crowd, &s, mask, 1);
-            itn__floats w[3], cosine = itn__vdot(light.direction, n) / ITN__PI;
-            itn__ints ok = light.drawn & itn__less(itn__splat(0), cosine);
-            for (c = 0; c < itn__colours(features); c++)
-                w[c] = s.beta[c] * reflectance[c] * cosine * light.radiance[c] /
-                       (light.pdf + cosine);
-            itn__place_links(crowd, &s, itn__mask_bits(ok));
-            linked = itn__surface_links(crowd, &s, light.direction, w, ok, features);
+        unsigned left = itn__mask_bits(itn__first_lanes(queue->count - at)), rest, same;
+        while (left) {
+            const itn__surface *surface = NULL, *other;
+            itn__state s = ITN_ZERO;
+            itn__vectors n = s.d;
+            itn__floats eta = itn__splat(1);
+            for (same = 0, rest = left; rest; rest &= rest - 1) {
+                int k = itn__lowest_bit(rest), slot = itn__int_row(queue, ITN__SLOT)[at + k];
+                other = &scene->surfaces[scene->objects[crowd->paths[slot].event.object].surface];
+                if (!surface) surface = other;
+                if (other == surface) same |= 1u << k;
+            }
+            itn__read(crowd->fast, queue, at, &s, ITN__ALL_LANES);
+            n = itn__vectors_of(itn__load(itn__row(queue, ITN__NORMAL) + at),
+                                itn__load(itn__row(queue, ITN__NORMAL + 1) + at),
+                                itn__load(itn__row(queue, ITN__NORMAL + 2) + at));
+            eta = itn__load(itn__row(queue, ITN__ETA) + at);
+            itn__scatter_lanes(crowd, &s, surface, n, eta, itn__bits_mask(same));
+            left &= ~same;
         }
-        for (c = 0; c < itn__colours(features); c++) s.beta[c] = s.beta[c] * reflectance[c];
-        u = itn__draw(crowd, &s, mask, 1), v = itn__draw(crowd, &s, mask, 1);
-        s.dimension -= mask; /* every surface draws three numbers */
-        d = itn__sample_cosine(u, v);
-        itn__vframe(n, &x, &y);
-        s.pdf = d.z / ITN__PI;
-        s.d = itn__vnormalize(itn__vto_world(d, x, y, n));
-        if (itn__knows_depth(features)) /* what the path is in now lies behind the normal */
-            s.up = itn__vscale(n, itn__splat(-1)), s.level = itn__splat(0) - s.level;
-        itn__leave_surface(crowd, &s, mask, linked, features);
     }
     queue->count = 0;
 }
@@ -10957,97 +10438,94 @@ ITN__NOINLINE void itn__run_diffuse(itn__crowd *crowd) {
 /* Between objects paths fly to the next surface or leave. Where they leave, they add the lights in
    their direction, with the weight of having met a sampled light by chance. */
 
-/* The next surface of each item of `taken`, outside of media. */
-static void itn__look_outside(itn__crowd *crowd) {
-    int k;
-    itn__fill_row(&crowd->taken, ITN__DISTANCE, INFINITY);
-    if (crowd->fast->marches) itn__find_hits(crowd, 1);
-    for (k = 0; k < crowd->taken.count && !crowd->fast->marches; k++)
-        crowd->hits[k].triangle = -2, itn__settle_hit(crowd, k);
-}
-
-/* Roulette for the paths outside of media; those that live, and links, come to `taken`. */
-ITN__INLINE void itn__take_outside(itn__crowd *crowd, int features) {
+/* Roulette for the paths outside of media; those that live come to `taken`. */
+static void itn__take_outside(itn__crowd *crowd) {
     itn__queue *queue = &crowd->walk[0];
     itn__floats light[3];
     int at, c;
-    crowd->taken.count = 0;
     for (c = 0; c < 3; c++) light[c] = itn__splat(crowd->fast->constant[c]);
-    for (at = 0; at < queue->count; at += ITN__LANES) {
-        itn__state s;
-        itn__ints mask = itn__first_lanes(queue->count - at), links, alive;
-        itn__load_state(queue, at, &s, features);
-        links = mask & itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot);
-        alive = links | itn__vroulette(crowd, &s, light, mask & ~links,
-                                       itn__late(crowd, &s, mask & ~links), 1, features);
-        itn__add_controls(crowd, &s, itn__mask_bits(mask & ~alive));
-        itn__free_lanes(crowd, s.slot, itn__mask_bits(mask & ~alive));
-        itn__append(&crowd->taken, &s, itn__mask_bits(alive), features);
+    for (at = crowd->taken.count = 0; at < queue->count; at += ITN__LANES) {
+        itn__state s = ITN_ZERO;
+        itn__ints mask = itn__first_lanes(queue->count - at), alive;
+        itn__read(crowd->fast, queue, at, &s, itn__mask_bits(mask));
+        alive = itn__roulette_lanes(crowd, &s, light, mask, itn__late(crowd, &s, mask));
+        itn__end_lanes(crowd, 0, &s, itn__mask_bits(mask & ~alive));
+        itn__append(crowd->fast, &crowd->taken, &s, itn__mask_bits(alive));
     }
     queue->count = 0;
 }
 
-/* Outside of media. */
-ITN__NOINLINE void itn__run_vacuum(itn__crowd *crowd) {
+/* The next surface of each item of `taken`. */
+static void itn__look_outside(itn__crowd *crowd) {
     itn__queue *queue = &crowd->taken;
-    int features = crowd->fast->features, at, k;
-    itn__take_outside(crowd, features);
-    itn__look_outside(crowd);
+    int k;
+    for (k = 0; k < queue->count; k++) {
+        itn__row(queue, ITN__DISTANCE)[k] = INFINITY, crowd->hits[k].triangle = -2;
+        crowd->places[k] = &crowd->paths[itn__int_row(queue, ITN__SLOT)[k]].place;
+    }
+    if (crowd->fast->marches) itn__find_hits(crowd, 1);
+    for (k = 0; k < queue->count && !crowd->fast->marches; k++) itn__settle_hit(crowd, k);
     itn__prefetch_hits(crowd);
+}
+
+/* Paths in `taken` have met a surface or leave. */
+static void itn__part_outside(itn__crowd *crowd) {
+    itn__queue *queue = &crowd->taken;
+    int at;
     for (at = 0; at < queue->count; at += ITN__LANES) {
-        itn__state s;
-        unsigned here = itn__mask_bits(itn__first_lanes(queue->count - at)), rest, links;
+        unsigned here = itn__mask_bits(itn__first_lanes(queue->count - at));
         unsigned met = itn__hit_lanes(crowd, at, here);
-        itn__load_state(queue, at, &s, features);
-        links = itn__mask_bits(itn__int_less(itn__splat_int(ITN__LINK - 1), s.slot));
-        if (met & ~links) itn__meet(crowd, 0, at, met & ~links, features);
-        itn__append(&crowd->sky, &s, here & ~(met | links), features);
-        for (rest = here & links; rest; rest &= rest - 1) {
-            k = itn__lowest_bit(rest);
-            if (met >> k & 1)
-                itn__meet_link(crowd, queue, at + k, &crowd->hits[at + k]);
-            else
-                itn__arrive(crowd, queue, at + k);
-        }
+        if (met) itn__meet(crowd, 0, at, met);
+        for (here &= ~met; here; here &= here - 1)
+            itn__move(queue, at + itn__lowest_bit(here), &crowd->sky);
     }
     queue->count = 0;
+}
+
+ITN__NOINLINE void itn__run_outside(itn__crowd *crowd) {
+    itn__take_outside(crowd);
+    itn__look_outside(crowd);
+    itn__part_outside(crowd);
+}
+
+/* A path of the sky's queue brings home `value`, and so do those that share its camera ray. */
+static void itn__bring_light(itn__crowd *crowd, int slot, itn_vec3 d, float mis,
+                             const float value[3]) {
+    const itn__path *path = &crowd->paths[slot];
+    int i, c;
+    for (i = 0; i < path->copies; i++) {
+        for (c = 0; c < crowd->fast->channels; c++)
+            itn__bring_home(crowd, path->number + i, itn__scores_of(crowd, slot), c, value[c]);
+        itn__bring_scales(crowd, path->number + i, d, mis, 1, value);
+    }
 }
 
 /* Paths that have left: adds the lights in their directions, as itn__escape, and ends them. */
 ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
     const itn__fast *fast = crowd->fast;
     itn__queue *queue = &crowd->sky;
-    int features = fast->features, at, c, i;
+    int at, c;
     for (at = 0; at < queue->count; at += ITN__LANES) {
-        itn__state s;
+        itn__state s = ITN_ZERO;
         itn__ints mask = itn__first_lanes(queue->count - at);
         itn__floats sampled[3], plain[3], mis = itn__splat(1);
         unsigned bits;
-        itn__load_state(queue, at, &s, features);
+        itn__read(fast, queue, at, &s, itn__mask_bits(mask));
         for (c = 0; c < 3; c++) plain[c] = itn__splat(fast->constant[c]), sampled[c] = plain[c] * 0;
-        if (features & ITN__LIGHTS) {
+        if (!fast->only_constant) {
             mis = s.pdf / (s.pdf + itn__lights_pdf(fast->scene, &s.d));
             itn__lights_radiance(fast->scene, fast->theta, &s.d, mask, sampled, plain);
             mis = itn__select(itn__less(s.pdf, itn__splat(INFINITY)), mis, itn__splat(1));
-            for (c = 0; c < itn__colours(features); c++) sampled[c] = sampled[c] * mis;
         }
-        itn__add_controls(crowd, &s, itn__mask_bits(mask));
+        for (c = 0; c < fast->channels; c++) plain[c] = s.beta[c] * (sampled[c] * mis + plain[c]);
         for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
-            int k = itn__lowest_bit(bits), slot = ITN__LANE(s.slot, k);
-            const itn__path *path = &crowd->paths[slot];
-            itn_vec3 d = itn__get_vector(queue, ITN__DIRECTION, at + k);
+            int k = itn__lowest_bit(bits);
             float value[3] = {0, 0, 0};
-            for (c = 0; c < fast->channels; c++) {
-                itn__floats sum = s.beta[c] * (sampled[c] + plain[c]);
-                value[c] = ITN__LANE(sum, k);
-                for (i = 0; i < path->copies; i++)
-                    itn__bring_home(crowd, path->number + i, itn__scores_of(crowd, slot), c,
-                                    value[c]);
-            }
-            for (i = 0; i < path->copies; i++)
-                itn__bring_scales(crowd, path->number + i, d, ITN__LANE(mis, k), 1, value);
-            itn__free_slot(crowd, slot);
+            for (c = 0; c < fast->channels; c++) value[c] = ITN__LANE(plain[c], k);
+            itn__bring_light(crowd, ITN__LANE(s.slot, k), itn__lane_vector(&s.d, k),
+                             ITN__LANE(mis, k), value);
         }
+        itn__end_lanes(crowd, 0, &s, itn__mask_bits(mask));
     }
     queue->count = 0;
 }
@@ -11143,7 +10621,7 @@ static void itn__trace_starts(const itn__fast *fast, itn__start *start, int coun
     }
 }
 
-/* Starts a path of a camera ray, as the last item of `taken`; itn__fill_starts completes it. */
+/* Starts a path of a camera ray, as the last item of `taken`. */
 static void itn__start_path(itn__crowd *crowd, const itn__start *start, int walk) {
     const itn__fast *fast = crowd->fast;
     itn__queue *queue = &crowd->taken;
@@ -11154,11 +10632,16 @@ static void itn__start_path(itn__crowd *crowd, const itn__start *start, int walk
     path->place = fast->camera;
     path->mark = -1;
     for (c = 0; c < fast->count; c++) itn__scores_of(crowd, slot)[c] = 0;
-    itn__set_vector(queue, ITN__POSITION, at, start->ray.origin);
-    itn__set_vector(queue, ITN__DIRECTION, at, start->ray.direction);
-    itn__row(queue, ITN__KEY)[at] = (int32_t)rng.key0;
-    itn__row(queue, ITN__KEY + 1)[at] = (int32_t)rng.key1;
-    itn__row(queue, ITN__SLOT)[at] = slot;
+    for (c = 0; c < ITN__FLOAT_ROWS; c++) itn__row(queue, c)[at] = 0;
+    itn__set_vector(queue, ITN__P, at, start->ray.origin);
+    itn__set_vector(queue, ITN__D, at, start->ray.direction);
+    for (c = 0; c < 3; c++) itn__row(queue, ITN__BETA + c)[at] = 1;
+    itn__row(queue, ITN__PDF)[at] = INFINITY;
+    itn__row(queue, ITN__UP_Y)[at] = 1; /* some plane, for paths that begin in a medium */
+    itn__int_row(queue, ITN__KEY)[at] = (int32_t)rng.key0;
+    itn__int_row(queue, ITN__KEY_1)[at] = (int32_t)rng.key1;
+    itn__int_row(queue, ITN__DIMENSION)[at] = 2;
+    itn__int_row(queue, ITN__SLOT)[at] = slot;
     crowd->hits[at] = start->hit;
     crowd->index[slot] = start->index * fast->walks + walk;
     crowd->scramble[slot] = (int32_t)(start->scramble + 1);
@@ -11173,21 +10656,8 @@ static void itn__start_paths(itn__crowd *crowd, const itn__start *start) {
         return;
     }
     for (k = 0; k < (alone ? 1 : fast->walks); k++) itn__start_path(crowd, start, k);
-    if (alone)
-        crowd->paths[itn__row(&crowd->taken, ITN__SLOT)[crowd->taken.count - 1]].copies =
-            fast->walks;
-}
-
-/* What all paths in `taken` have in common as they start. */
-static void itn__fill_starts(itn__crowd *crowd) {
-    const itn__queue *queue = &crowd->taken;
-    int f;
-    itn__fill_int_row(queue, ITN__DIMENSION, 2);
-    for (f = 0; f < 3; f++) itn__fill_row(queue, ITN__BETA + f, 1);
-    itn__fill_row(queue, ITN__PDF, INFINITY);
-    for (f = ITN__CONTROL; f < queue->state; f++) itn__fill_row(queue, f, 0);
-    itn__fill_row(queue, ITN__UP + 1, 1); /* some plane, for paths that begin in a medium */
-    itn__fill_int_row(queue, ITN__CELL, -1);
+    k = itn__int_row(&crowd->taken, ITN__SLOT)[crowd->taken.count - 1];
+    if (alone) crowd->paths[k].copies = fast->walks;
 }
 
 /* Starts paths as long as there is room; first all rays are traced, so that the memory of many hits
@@ -11195,67 +10665,40 @@ static void itn__fill_starts(itn__crowd *crowd) {
 ITN__NOINLINE void itn__start_rays(itn__crowd *crowd) {
     const itn__fast *fast = crowd->fast;
     itn__queue *queue = &crowd->taken;
-    int features = fast->features, room = crowd->free_count / fast->walks, rays = 0, at, k;
+    int room = crowd->free_count / fast->walks, rays = 0, k;
     while (rays < room && itn__unit_paths_left(crowd))
         rays += itn__start_sample(crowd, &crowd->starts[rays]);
     for (k = 0; k < rays; k += ITN__LANES)
         itn__trace_starts(fast, &crowd->starts[k], rays - k < ITN__LANES ? rays - k : ITN__LANES);
     for (queue->count = 0, k = 0; k < rays; k++) itn__start_paths(crowd, &crowd->starts[k]);
-    itn__fill_starts(crowd);
     itn__prefetch_hits(crowd);
-    for (at = 0; at < queue->count; at += ITN__LANES) {
-        unsigned rest = itn__mask_bits(itn__first_lanes(queue->count - at));
-        unsigned met = itn__hit_lanes(crowd, at, rest);
-        if (met) itn__meet(crowd, 0, at, met, features);
-        for (rest &= ~met; rest; rest &= rest - 1) {
-            int slot;
-            k = at + itn__lowest_bit(rest), slot = itn__row(queue, ITN__SLOT)[k];
-            itn__move(queue, k, fast->outside ? &crowd->sky : itn__departure(
-                crowd, itn__substance_of(fast, &crowd->paths[slot].place), 2));
-        }
+    if (fast->outside) {
+        itn__part_outside(crowd);
+        return;
     }
-}
-
-/* The kernels' stages, each a function of its own: large functions take long to compile. */
-#define ITN__STAGES(name, features)                                                                \
-    ITN__NOINLINE void itn__walk_##name(itn__crowd *crowd, int substance) {                        \
-        itn__run_walk(crowd, substance, features);                                                 \
-    }                                                                                              \
-    ITN__NOINLINE void itn__exact_##name(itn__crowd *crowd, int substance) {                       \
-        itn__run_exact(crowd, substance, features);                                                \
-    }
-#define ITN__KERNEL(name, features) {features, itn__walk_##name, itn__exact_##name},
-ITN__KERNELS(ITN__STAGES)
-typedef struct itn__kernel {
-    int features;
-    void (*walk)(itn__crowd *crowd, int substance);
-    void (*exact)(itn__crowd *crowd, int substance);
-} itn__kernel;
-static const itn__kernel itn__kernels[] = {ITN__KERNELS(ITN__KERNEL)};
-
-/* The first kernel that has these features. */
-static const itn__kernel *itn__find_kernel(int features) {
-    const itn__kernel *kernel = itn__kernels; /* the last has all */
-    while (features & ~kernel->features) kernel++;
-    return kernel;
+    for (k = 0; k < queue->count; k++)
+        itn__move(queue, k, &crowd->walk[itn__substance_of(fast, &fast->camera)]);
+    queue->count = 0;
 }
 
 /* Follows all paths of the unit to their ends. */
 static void itn__run_unit(itn__crowd *crowd) {
-    const itn__kernel *kernel = itn__find_kernel(crowd->fast->features);
     int substances = itn__substance_count(crowd->fast->scene), m;
     while (itn__unit_paths_left(crowd) || crowd->free_count < ITN__CROWD) {
+        itn__learn_all(crowd);
         itn__start_rays(crowd);
-        if (crowd->boundary.count) itn__run_boundary(crowd);
-        if (crowd->diffuse.count) itn__run_diffuse(crowd);
+        itn__run_surface(crowd);
+        itn__trace_shadows(crowd);
         for (m = 1; m < substances; m++) {
-            if (crowd->early[m].count) itn__run_early(crowd, m);
-            if (crowd->walk[m].count) kernel->walk(crowd, m);
-            if (crowd->exact[m].count) kernel->exact(crowd, m);
+            if (crowd->walk[m].count) itn__run_walk(crowd, m);
+            itn__trace_shadows(crowd);
+            if (crowd->exact[m].count) itn__run_exact(crowd, m);
+            itn__trace_shadows(crowd);
         }
-        if (crowd->walk[0].count) itn__run_vacuum(crowd);
+        if (crowd->walk[0].count) itn__run_outside(crowd);
         if (crowd->sky.count) itn__run_sky(crowd);
     }
+    itn__learn_all(crowd);
 }
 
 /* ---- [picture] who does what of a picture ---------------------------------------------------- */
@@ -11264,57 +10707,58 @@ static void itn__run_unit(itn__crowd *crowd) {
    out; each unit's sums have a place of their own and are added in their order, so that the bits of
    the picture do not depend on who did what. */
 
-/* Whether paths come into queue number i of a crowd: not into those (walk, exact, early) of a
-   substance whose medium no object has. */
-static int itn__is_in_use(const itn_scene *scene, int i) {
-    int substances = itn__substance_count(scene), substance = i % substances, k;
-    int used = i >= 3 * substances || substance == 0;
-    for (k = 0; k < scene->object_count && !used; k++) {
-        const itn__medium *medium = itn__medium_of(scene, k);
-        used = medium && medium - scene->media == substance - 1;
-    }
-    return used;
+/* A queue in memory that is left. */
+static void itn__queue_make(itn__queue *queue, float **floats, int32_t **ints) {
+    queue->floats = *floats, *floats += (size_t)ITN__FLOAT_ROWS * ITN__ROW;
+    queue->ints = *ints, *ints += (size_t)ITN__INT_ROW_COUNT * ITN__ROW;
 }
 
-/* Memory of a crowd, in one block. Returns 0 if there is none. */
+/* Memory of a crowd. Paths come into the queues of media that some object has. Returns 0 if there is
+   none. */
 static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_paths) {
     const itn_context *context = &fast->scene->context;
-    size_t substances = (size_t)itn__substance_count(fast->scene), queues = 3 * substances + 5, i;
-    size_t rows = (size_t)ITN__FIELDS * ITN__ROW, paths = (size_t)unit_paths, used = 0;
-    itn__queue *queue;
+    size_t substances = (size_t)itn__substance_count(fast->scene), queues = 2 * substances + 5;
+    size_t paths = (size_t)unit_paths, scores = (size_t)fast->count * sizeof(float) + 1, m;
+    float *floats;
+    int32_t *ints;
     memset(crowd, 0, sizeof *crowd);
     crowd->fast = fast, crowd->radiance_stride = unit_paths;
-    for (i = 0; i < queues; i++) used += (size_t)itn__is_in_use(fast->scene, (int)i);
-    queue = (itn__queue *)itn__allocate(context, queues, sizeof *queue);
-    crowd->walk = queue;
-    crowd->memory = itn__allocate(context, used * rows, sizeof(int32_t));
+    crowd->walk = (itn__queue *)itn__allocate(context, 2 * substances, sizeof *crowd->walk);
+    floats = (float *)itn__allocate(context, queues, ITN__FLOAT_ROWS * ITN__ROW * sizeof(float));
+    ints = (int32_t *)itn__allocate(context, queues, ITN__INT_ROW_COUNT * ITN__ROW *
+                                                         sizeof(int32_t));
+    crowd->memory[0] = floats, crowd->memory[1] = ints;
     crowd->paths = (itn__path *)itn__allocate(context, ITN__CROWD, sizeof *crowd->paths);
     crowd->free_slots = (int32_t *)itn__allocate(context, 3 * ITN__CROWD, sizeof(int32_t));
     crowd->shears = (itn__shear *)itn__allocate(context, ITN__CROWD, sizeof *crowd->shears);
     crowd->hits = (itn_hit *)itn__allocate(context, ITN__CROWD, sizeof *crowd->hits);
     crowd->starts = (itn__start *)itn__allocate(context, ITN__CROWD, sizeof *crowd->starts);
+    crowd->places = (itn__place **)itn__allocate(context, ITN__CROWD, sizeof *crowd->places);
     crowd->radiance = (float *)itn__allocate(context, paths, (size_t)fast->planes * sizeof(float));
-    crowd->scores = (float *)itn__allocate(context, 2 * ITN__CROWD,
-                                           (size_t)fast->count * sizeof(float) + 1);
+    crowd->scores = (float *)itn__allocate(context, ITN__CROWD + 2 * ITN__ROW, scores);
+    crowd->inside.places = (itn__place *)itn__allocate(context, 2 * ITN__ROW, sizeof(itn__place));
     if (fast->learning)
         crowd->lessons = (double *)itn__allocate(context, substances * ITN__LESSON_SUMS,
                                                  sizeof(double));
-    if (!queue || !crowd->memory || !crowd->paths || !crowd->free_slots || !crowd->shears ||
-        !crowd->hits || !crowd->starts || !crowd->radiance || !crowd->scores ||
-        (fast->learning && !crowd->lessons))
+    if (!crowd->walk || !floats || !ints || !crowd->paths || !crowd->free_slots ||
+        !crowd->shears || !crowd->hits || !crowd->starts || !crowd->places || !crowd->radiance ||
+        !crowd->scores || !crowd->inside.places || (fast->learning && !crowd->lessons))
         return 0;
-    for (i = used = 0; i < queues; i++) {
-        if (itn__is_in_use(fast->scene, (int)i))
-            queue[i].rows = (int32_t *)crowd->memory + used++ * rows;
-        queue[i].state = fast->count || fast->learning ? ITN__STATE : ITN__PLAIN_STATE;
-    }
-    crowd->exact = queue + substances, crowd->early = crowd->exact + substances;
-    queue = crowd->early + substances;
-    crowd->taken = queue[0], crowd->boundary = queue[1];
-    crowd->diffuse = queue[2], crowd->sky = queue[3], crowd->parking = queue[4];
+    crowd->exact = crowd->walk + substances;
+    for (m = 0; m < 2 * substances; m++) itn__queue_make(&crowd->walk[m], &floats, &ints);
+    itn__queue_make(&crowd->taken, &floats, &ints);
+    itn__queue_make(&crowd->surface, &floats, &ints);
+    itn__queue_make(&crowd->sky, &floats, &ints);
+    itn__queue_make(&crowd->inside.queue, &floats, &ints);
+    itn__queue_make(&crowd->outside.queue, &floats, &ints);
+    crowd->outside.places = crowd->inside.places + ITN__ROW;
+    crowd->inside.scores = crowd->scores + (size_t)ITN__CROWD * (size_t)fast->count;
+    crowd->outside.scores = crowd->inside.scores + (size_t)ITN__ROW * (size_t)fast->count;
     crowd->index = crowd->free_slots + ITN__CROWD, crowd->scramble = crowd->index + ITN__CROWD;
-    for (i = 0; i < ITN__CROWD; i++)
-        crowd->free_slots[crowd->free_count++] = (int32_t)(ITN__CROWD - 1 - i);
+    while (crowd->free_count < ITN__CROWD) {
+        crowd->free_slots[crowd->free_count] = ITN__CROWD - 1 - crowd->free_count;
+        crowd->free_count++;
+    }
     return 1;
 }
 
@@ -11323,23 +10767,18 @@ static void itn__crowd_free(itn__crowd *crowd) {
     if (!crowd->fast) return;
     context = &crowd->fast->scene->context;
     itn__free(context, crowd->walk);
-    itn__free(context, crowd->memory);
+    itn__free(context, crowd->memory[0]);
+    itn__free(context, crowd->memory[1]);
     itn__free(context, crowd->paths);
     itn__free(context, crowd->free_slots);
     itn__free(context, crowd->shears);
     itn__free(context, crowd->hits);
     itn__free(context, crowd->starts);
+    itn__free(context, crowd->places);
     itn__free(context, crowd->radiance);
     itn__free(context, crowd->scores);
+    itn__free(context, crowd->inside.places);
     itn__free(context, crowd->lessons);
-}
-
-/* The first kernel that can do all that is asked for. */
-static void itn__choose_kernel(itn__fast *fast) {
-    int features = (fast->channels == 3 ? ITN__RGB : 0) |
-                   (fast->only_constant ? 0 : ITN__LIGHTS) |
-                   (fast->count || fast->learning ? ITN__SCORES : 0);
-    fast->features = itn__find_kernel(features)->features;
 }
 
 /* The decay of V: that of diffusion in the medium. */
@@ -11425,7 +10864,7 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     for (i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
         float scale = theta[light->parameter];
-        if (light->share > 0) fast->links = 1;
+        if (light->share > 0) fast->shadows = 1;
         if (fast->count && fast->slots[light->parameter] >= 0) fast->scales = 1;
         if (light->kind == ITN__LIGHT_CONSTANT)
             for (c = 0; c < 3; c++) fast->constant[c] += scale * light->radiance[c];
@@ -11434,12 +10873,12 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
         level += (double)scale * light->power;
     }
     level /= 4 * (double)ITN__PI;
-    fast->link_weight = (float)(ITN__LINK_LEVEL * level) * itn__brightest(fast);
+    fast->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * itn__brightest(fast);
     level += fast->constant[0] + fast->constant[1] + fast->constant[2];
     fast->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
     fast->fills = fast->only_constant && fast->outside;
-    fast->planes = fast->channels * (1 + fast->count);
-    itn__choose_kernel(fast);
+    fast->planes = fast->channels * (1 + fast->count), fast->scored = fast->count > 0;
+    fast->roulette = fast->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
 }
 
 enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384, ITN__WAVE = 4096 };
@@ -12023,12 +11462,12 @@ static itn_result itn__render_tables(const itn__render *render, const itn__table
 
 enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from */
 
-/* Whether V is good enough for a control variate: one medium in light that is everywhere the same,
-   and many paths. */
+/* Whether a control variate pays: in images of one medium in light that is everywhere the same, with
+   many paths. */
 static int itn__can_control(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
     double paths = fast->samples * fast->walks;
-    return fast->voxels && fast->only_constant && scene->medium_count == 1 &&
+    return fast->voxels && fast->only_constant && scene->medium_count == 1 && !fast->count &&
            paths >= 8 * ITN__LESSONS;
 }
 
@@ -12036,14 +11475,10 @@ static int itn__can_control(const itn__fast *fast) {
 static void itn__fast_make(const itn__render *render, const itn__tables *tables,
                            itn__substance *substances, itn__fast *fast) {
     const itn_scene *scene = render->scene;
-    int k;
     fast->samples = render->samples, fast->spp = render->spp, fast->allotment = render->allotment;
     fast->seed = render->seed, fast->walks = render->walks, fast->sobol = render->sobol;
     fast->blocks = itn__sample_blocks(fast);
     fast->slots = render->slots, fast->only = render->only, fast->count = render->count;
-    for (k = 0; k < scene->surface_count; k++)
-        if (scene->surfaces[k].type == ITN_SURFACE_DIELECTRIC && scene->surfaces[k].alpha >= 0)
-            fast->rough_scores |= render->slots[scene->surfaces[k].alpha] >= 0;
     itn__fast_begin(fast, scene, render->theta, substances, tables);
     fast->controls = render->baseline && itn__can_control(fast);
 }
@@ -12086,10 +11521,10 @@ static itn_result itn__learn_values(itn__picture *picture, itn_error *error) {
     double pixels = (double)fast->scene->film.width * fast->scene->film.height;
     itn_result result;
     int m, learnt = 0;
-    fast->learning = 1, fast->controls = 0, fast->seed = itn__mix64(fast->seed + 1);
-    fast->count = fast->rough_scores = fast->scales = 0, fast->planes = fast->channels;
+    fast->learning = fast->scored = 1, fast->controls = 0;
+    fast->seed = itn__mix64(fast->seed + 1);
+    fast->count = fast->scales = 0, fast->planes = fast->channels;
     pilot.weights = NULL, fast->allotment = NULL;
-    itn__choose_kernel(fast);
     if (pixels > ITN__LESSONS / 4) fast->walks = 1;
     else fast->walks = (int)fmin(fast->walks, ITN__LESSONS / pixels);
     fast->spp = (int)fmax(1, ITN__LESSONS / (pixels * fast->walks));
@@ -12099,10 +11534,10 @@ static itn_result itn__learn_values(itn__picture *picture, itn_error *error) {
     result = itn__picture_begin(&pilot, error);
     if (!result) result = itn__picture_run(&pilot, NULL, error);
     if (!result) itn__gather_lessons(&pilot, 1 + fast->scene->medium_count);
-    for (m = 1; m <= fast->scene->medium_count && !result; m++)
+    for (m = 0; m <= fast->scene->medium_count && !result; m++)
         learnt |= itn__fit_value(&picture->fast, m, pilot.crowds[0].lessons +
                                                           (size_t)m * ITN__LESSON_SUMS);
-    if (!learnt) picture->fast.controls = 0; /* nothing scatters */
+    if (!learnt) picture->fast.controls = 0; /* nothing is met */
     itn__picture_end(&pilot);
     return result;
 }
