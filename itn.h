@@ -74,19 +74,15 @@
        [distances]      how far the nearest triangle is
        [regions]        planes with nothing on one side
        [tables]         what the fast walk knows of a scene
-       [value]          what a path is expected to bring home
        [fast]           the same walk, many paths at a time
        [scores]         what paths bring home, and its derivatives
-       [lessons]        how V is learnt
-       [queues]         where paths go next, and how they end
+       [value]          what a path is expected to bring home
        [draws]          random numbers, roulette and flights of a crowd
        [safe]           flights that the tables prove free
-       [control]        the control variate in lanes
-       [links]          flights to the lights
-       [walk]           collisions, one after the other
        [exact]          flights through voxels and triangles
-       [meet]           what flights come to
-       [boundaries]     dielectric and diffuse surfaces of a crowd
+       [shadow]         shadow rays
+       [walk]           collisions, one after the other
+       [surfaces]       what flights come to
        [outside]        outside of media, and the lights
        [starts]         camera rays, and a crowd at work
        [picture]        who does what of a picture
@@ -558,8 +554,9 @@ typedef enum itn_sampler {
    bring home, for derivatives times their scores (equation 10). BASELINE (fast walk only): each
    random choice's score is multiplied by what the path brought less what it was expected to bring
    before the choice, which keeps the mean and lowers the variance. With one medium, light that is
-   everywhere the same and many paths, what was expected is taken off in images too (a control
-   variate); single pixels may then be slightly negative. AUTO is BASELINE in the fast walk. */
+   everywhere the same and many paths, what was expected is taken off in images without derivatives
+   too (a control variate); single pixels may then be slightly negative. AUTO is BASELINE in the fast
+   walk. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -10273,7 +10270,7 @@ static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits) {
     s.p = itn__load_vectors(m.p), s.up = itn__load_vectors(m.n);
     s.level = itn__vdot(s.up, s.p);
     if (fast->learning && substance)
-        itn__mark_lanes(crowd, 0, &s, itn__splat(0), itn__vdot(s.up, s.d) * -1,
+        itn__mark_lanes(crowd, 0, &s, itn__splat(0), itn__vdot(s.up, s.d),
                         bits & ~lost & itn__mask_bits(itn__int_equal(s.key1 & 1,
                                                                      itn__splat_int(1))));
     itn__push_vectors(queue, ITN__NORMAL, s.up, felt);
