@@ -555,8 +555,8 @@ typedef enum itn_sampler {
    random choice's score is multiplied by what the path brought less what it was expected to bring
    before the choice, which keeps the mean and lowers the variance. With one medium, light that is
    everywhere the same and many paths, what was expected is taken off in images without derivatives
-   too (a control variate); single pixels may then be slightly negative. AUTO is BASELINE in the fast
-   walk. */
+   too (a control variate); single pixels may then be slightly negative. AUTO is BASELINE in the
+   fast walk. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -8598,8 +8598,8 @@ typedef struct itn__state {
     itn__vectors p, d;
     itn__floats beta[3], pdf; /* weight; density by which d was drawn. Of a shadow ray: what it
                                  would bring, and xi c of [shadow] */
-    itn__vectors up;          /* with V ([value]): normal of the plane of the last surface, out of */
-    itn__floats level;        /* the medium, and up . p there; or of a plane adopted since; */
+    itn__vectors up;          /* with V ([value]): normal of the plane of the last surface, out */
+    itn__floats level;        /* of the medium, and up . p there; or of a plane adopted since; */
     itn__floats control[3];   /* minus the sum of differences, see itn__difference */
     itn__floats flights, phases, hits; /* with scores, since the last surface: sigma_t times those
                                           of flights, those of turns by g, number of collisions; */
@@ -9005,9 +9005,9 @@ static void itn__end_lanes(itn__crowd *crowd, int substance, itn__state *s, unsi
 
    V is learnt from a few paths traced before the picture (itn__learn_values in [render]). They are
    marked somewhere on their way; what one brings home after its mark, per weight, is a lesson. V is
-   a least-squares fit to lessons; where there is no control variate, their mean for each medium. The
-   sums of the normal equations are of whole multiples of powers of two, so that they are exact, in
-   any order: terms times terms, terms times radiance. */
+   a least-squares fit to lessons; where there is no control variate, their mean for each medium.
+   The sums of the normal equations are of whole multiples of powers of two, so that they are exact,
+   in any order: terms times terms, terms times radiance. */
 
 /* e^(-k_i z) times a polynomial of the cosine mu, for each decay k_i: the coefficients by powers of
    mu. */
@@ -9769,10 +9769,10 @@ static void itn__find_hits(itn__crowd *crowd, int outside) {
    of those in media and of those outside, which are emptied between stages. What is rare, as a ray
    that goes through a second medium, is finished one by one.
 
-   A shadow ray of weight w and transmittance tr is cut by roulette before it is traced, at a level c
-   (ITN__SHADOW_LEVEL): for uniform xi it counts as max(w tr, c) if w tr > xi c, and else as nothing.
-   So it can be given up as soon as the transmittance falls below xi c / w: a bounded flight, which
-   the tables mostly prove to stay inside, where the ray ends as nothing. */
+   A shadow ray of weight w and transmittance tr is cut by roulette before it is traced, at a level
+   c (ITN__SHADOW_LEVEL): for uniform xi it counts as max(w tr, c) if w tr > xi c, and else as
+   nothing. So it can be given up as soon as the transmittance falls below xi c / w: a bounded
+   flight, which the tables mostly prove to stay inside, where the ray ends as nothing. */
 
 /* c, relative to the mean radiance of the sampled lights over all directions, times the largest
    albedo or reflectance. */
@@ -9806,7 +9806,8 @@ static float *itn__begin_shadow(const itn__crowd *crowd, itn__shadows *shadows, 
 /* Appends the lanes of a shadow ray named by `bits`. */
 static void itn__append_shadows(itn__queue *queue, const itn__state *ray, unsigned bits) {
     int at = queue->count;
-#define ITN__WRITE(name, member) itn__compress(itn__row(queue, ITN__##name) + at, ray->member, bits);
+#define ITN__WRITE(name, member)                                                                   \
+    itn__compress(itn__row(queue, ITN__##name) + at, ray->member, bits);
     ITN__PATH_ROWS(ITN__WRITE)
 #undef ITN__WRITE
     itn__compress_ints(itn__int_row(queue, ITN__SLOT) + at, ray->slot, bits);
@@ -10710,8 +10711,7 @@ static void itn__queue_make(itn__queue *queue, float **floats, int32_t **ints) {
     queue->ints = *ints, *ints += (size_t)ITN__INT_ROW_COUNT * ITN__ROW;
 }
 
-/* Memory of a crowd. Paths come into the queues of media that some object has. Returns 0 if there is
-   none. */
+/* Memory of a crowd. Returns 0 if there is none. */
 static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_paths) {
     const itn_context *context = &fast->scene->context;
     size_t substances = (size_t)itn__substance_count(fast->scene), queues = 2 * substances + 5;
@@ -11459,8 +11459,8 @@ static itn_result itn__render_tables(const itn__render *render, const itn__table
 
 enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from */
 
-/* Whether a control variate pays: in images of one medium in light that is everywhere the same, with
-   many paths. */
+/* Whether a control variate pays: in images of one medium in light that is everywhere the same,
+   with many paths. */
 static int itn__can_control(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
     double paths = fast->samples * fast->walks;
