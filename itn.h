@@ -4778,7 +4778,7 @@ static const itn__form itn__forms[] = {
      {ITN__PLAIN(itn_film_desc, "width", width, "1i", ITN__RANGE(1, 65536), 128),
       ITN__PLAIN(itn_film_desc, "height", height, "1i", ITN__RANGE(1, 65536), 128),
       ITN__PLAIN(itn_film_desc, "channels", channels, "1i", ITN__RANGE(1, 3), 1),
-      {"filter", "o", 0, 0, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box gaussian"},
+      {"filter", "o", 0, 0, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box|gaussian"},
       ITN__PLAIN(itn_film_desc, "deviation", deviation, "1f", ITN__RANGE(.1f, 4), 0)}},
     {ITN__CAMERA, NULL, 0, 0,
      {ITN__PLAIN(itn_camera_desc, "eye", eye, "3f!", ITN__ANY, 0),
@@ -5013,9 +5013,9 @@ static itn_result itn__make_film(itn__maker *maker) {
     itn__go_to(maker, ITN__FILM, 0);
     result = itn__take_item(maker, "film", itn__form_of(ITN__FILM, 0)->fields, &film, NULL);
     if (result) return result;
-    if (film.channels == 2 || (film.filter != ITN_FILTER_BOX && !gaussian))
-        return itn__fail(maker->error, maker->refusal, 0,
-                         "film: channels are 1 or 3, filter is box or gaussian");
+    if (film.channels == 2)
+        return itn__fail(maker->error, maker->refusal, 0, "film: channels is 1 or 3, not 2");
+    if (film.filter != ITN_FILTER_BOX && !gaussian) return ITN__REFUSE("film: unknown filter");
     if (!gaussian && film.deviation != 0)
         return itn__fail(maker->error, maker->refusal, 0,
                          "film: deviation is that of filter gaussian");
@@ -17162,13 +17162,13 @@ static itn_result itn__write_numbers(itn__reader *r, const itn__field *field, fl
     return ITN_OK;
 }
 
-/* The place of a word among those of a list, or -1. */
+/* The place of a word in a list "a|b|c", or -1. */
 static int itn__choice(const char *list, const char *word) {
     int index;
     for (index = 0; *list; index++) {
-        size_t length = strcspn(list, " ");
+        size_t length = strcspn(list, "|");
         if (length == strlen(word) && !memcmp(list, word, length)) return index;
-        list += length + strspn(list + length, " ");
+        list += length + (list[length] == '|');
     }
     return -1;
 }
@@ -17182,8 +17182,7 @@ static itn_result itn__write_word(itn__reader *r, const itn__field *field, const
     char *at = (char *)desc + field->at;
     int choice = field->words ? itn__choice(field->words, word) : 0;
     if (choice < 0)
-        return itn__reader_fail(r, "%s is one of: %s; not '%.40s'", field->name, field->words,
-                                word);
+        return itn__reader_fail(r, "%s is %s, not '%.40s'", field->name, field->words, word);
     if (itn__has_form(field, 'w')) memcpy(at, &word, sizeof word);
     if (itn__has_form(field, 'o') && field->at) memcpy(at, &choice, sizeof choice);
     return strpbrk(field->form, "mpy") ? itn__load_field(r, field, word, desc) : ITN_OK;
@@ -17204,7 +17203,7 @@ static itn_result itn__read_fields(itn__reader *r, void *desc) {
         if (!field->name)
             return itn__reader_fail(r, "%s has no field '%.40s', only%s%s", r->title, word, known,
                                     r->form->kind == ITN__SURFACE ? " (or is of another type)"
-                                    : strchr(word, '"') ? " (paths hold no blanks)" : "");
+                                                                  : "");
         if (r->given[k]) return itn__reader_fail(r, "%s is given twice", word);
         if (strpbrk(field->form, "0123456789")) {
             count = itn__read_numbers(r, field, n);
@@ -17316,6 +17315,8 @@ static itn_result itn__load_field(itn__reader *r, const itn__field *field, const
     int k = 0, line = r->lines[0];
     itn_error inner = ITN_ZERO;
     itn_result result;
+    if (*word == '"' || *word == '\'')
+        return itn__reader_fail(r, "%s: a path has neither quotes nor blanks", field->name);
     while (k < r->loaded->file_count && strcmp(files[k].name, word)) k++;
     if (k < r->loaded->file_count)
         result = itn__load_from(r, field, files[k].bytes, files[k].size, word, desc, &inner);
@@ -17425,7 +17426,8 @@ static const itn__form *itn__find_form(itn__reader *r) {
             if (kind >= 0 && !pass && (!*second || !strcmp(second, variant))) return form;
             if (pass)
                 itn__print(known + strlen(known), sizeof known - strlen(known), "%s%s%s%s",
-                           *known ? ", " : "", itn__kinds[form->kind], *second ? " " : "", second);
+                           *known ? ", " : "", kind >= 0 ? keyword : itn__kinds[form->kind],
+                           *second ? " " : "", second);
         }
     itn__reader_fail(r, "found '%.20s%s%.20s', expected %s", keyword, *variant ? " " : "", variant,
                      known);
