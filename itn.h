@@ -17261,67 +17261,61 @@ static itn_result itn__sky_from_memory(const void *bytes, size_t size, const cha
     return result;
 }
 
-/* Reads what a named file holds - a mesh, a picture or a sky - to its place in a desc. */
-static itn_result itn__load_from(itn__reader *r, const itn__field *field, const void *bytes,
-                                  size_t size, const char *name, void *desc, itn_error *error) {
-    itn__loaded *loaded = r->loaded;
-    const itn_context *context = &r->buffer.context;
-    char *at = (char *)desc + field->at;
-    itn_mesh *mesh = &loaded->meshes[loaded->mesh_count];
-    itn_image *image = &loaded->images[loaded->image_count];
-    if (itn__has_form(field, 'y'))
-        return itn__sky_from_memory(bytes, size, name, context, (itn_sky *)(void *)at, error);
-    if (itn__has_form(field, 'm')) {
-        memcpy(at, &mesh, sizeof mesh), loaded->mesh_count++;
-        return itn_mesh_from_memory(bytes, size, name, context, mesh, error);
-    }
-    memcpy(at, &image, sizeof image), loaded->image_count++;
-    return itn_image_from_memory(bytes, size, name, context, image, error);
-}
-
-/* The same of a file beside the scene file, or where its path is absolute. */
-static itn_result itn__load_beside(itn__reader *r, const itn__field *field, const char *name,
-                                   void *desc, itn_error *error) {
+/* Reads a file beside the scene file, or where its path is absolute: *path receives where. */
+static itn_result itn__read_beside(const itn__reader *r, const char *name, itn__buffer *path,
+                                   itn__buffer *file, itn_error *error) {
 #ifdef ITN_NO_STDIO
-    (void)r, (void)field, (void)desc;
+    (void)r, (void)path, (void)file;
     return itn__fail(error, ITN_ERROR_FILE, 0, "%s is not among the files given", name);
 #else
     const char *scene = r->text.name;
-    size_t folder = strlen(scene), length = strlen(name) + 1;
-    itn__buffer path = ITN_ZERO, file = ITN_ZERO;
-    itn_result result;
-    path.context = file.context = r->buffer.context;
+    size_t folder = strlen(scene);
     while (folder && scene[folder - 1] != '/' && scene[folder - 1] != '\\') folder--;
     if (name[0] == '/') folder = 0;
 #ifdef _WIN32
     if (name[0] == '\\' || (name[0] && name[1] == ':')) folder = 0;
 #endif
-    itn__put(&path, scene, folder), itn__put(&path, name, length);
-    if (path.failed) result = itn__out_of_memory(error, name);
-    else result = itn__read_file((const char *)path.bytes, SIZE_MAX / 4, &file, error);
-    if (!result)
-        result = itn__load_from(r, field, file.bytes, file.size, (const char *)path.bytes, desc,
-                                error);
-    itn__buffer_free(&file), itn__buffer_free(&path);
-    return result;
+    itn__put(path, scene, folder), itn__put(path, name, strlen(name) + 1);
+    if (path->failed) return itn__out_of_memory(error, name);
+    return itn__read_file((const char *)path->bytes, SIZE_MAX / 4, file, error);
 #endif
 }
 
-/* Loads the file that a field names, one given in memory or another; an error gets the scene file's
-   line in front. */
+/* Loads the file that a field names - a mesh, a picture or a sky, given in memory or read - to its
+   place in a desc; an error gets the scene file's line in front. */
 static itn_result itn__load_field(itn__reader *r, const itn__field *field, const char *word,
                                   void *desc) {
-    const itn_file *files = r->loaded->files;
+    itn__loaded *loaded = r->loaded;
+    itn_mesh *mesh = &loaded->meshes[loaded->mesh_count];
+    itn_image *image = &loaded->images[loaded->image_count];
+    const itn_context *context = &r->buffer.context;
     int k = 0, line = r->lines[0];
+    char *at = (char *)desc + field->at;
+    itn__buffer path = ITN_ZERO, file = ITN_ZERO;
     itn_error inner = ITN_ZERO;
-    itn_result result;
+    itn_result result = ITN_OK;
+    itn_file named;
+    path.context = file.context = *context;
     if (*word == '"' || *word == '\'')
         return itn__reader_fail(r, "%s: a path has neither quotes nor blanks", field->name);
-    while (k < r->loaded->file_count && strcmp(files[k].name, word)) k++;
-    if (k < r->loaded->file_count)
-        result = itn__load_from(r, field, files[k].bytes, files[k].size, word, desc, &inner);
-    else
-        result = itn__load_beside(r, field, word, desc, &inner);
+    while (k < loaded->file_count && strcmp(loaded->files[k].name, word)) k++;
+    if (k < loaded->file_count) {
+        named = loaded->files[k];
+    } else {
+        result = itn__read_beside(r, word, &path, &file, &inner);
+        named.bytes = file.bytes, named.size = file.size, named.name = (const char *)path.bytes;
+    }
+    if (!result && itn__has_form(field, 'y')) {
+        result = itn__sky_from_memory(named.bytes, named.size, named.name, context,
+                                      (itn_sky *)(void *)at, &inner);
+    } else if (!result && itn__has_form(field, 'm')) {
+        memcpy(at, &mesh, sizeof mesh), loaded->mesh_count++;
+        result = itn_mesh_from_memory(named.bytes, named.size, named.name, context, mesh, &inner);
+    } else if (!result) {
+        memcpy(at, &image, sizeof image), loaded->image_count++;
+        result = itn_image_from_memory(named.bytes, named.size, named.name, context, image, &inner);
+    }
+    itn__buffer_free(&file), itn__buffer_free(&path);
     if (!result) return ITN_OK;
     return itn__fail(r->error, result, line, "%s:%d: %s", r->text.name, line, inner.message);
 }
@@ -17407,7 +17401,7 @@ static itn_result itn__end_item(itn__scene_file *file, const itn__form *form, vo
 static const itn__form *itn__find_form(itn__reader *r) {
     const char *keyword = itn__next_word(r), *variant = r->count > 1 ? r->words[1] : "";
     char known[240] = "";
-    int k, pass, kind = -1;
+    int k, kind = -1;
     for (k = 0; k < ITN__KINDS; k++)
         if (!strcmp(keyword, itn__kinds[k])) kind = k;
     if (kind == ITN__SURFACE) { /* its type stands somewhere behind its name */
@@ -17418,17 +17412,15 @@ static const itn__form *itn__find_form(itn__reader *r) {
         }
         keyword = "type", variant = r->words[k + 1];
     }
-    for (pass = 0; pass < 2; pass++)
-        for (k = 0; k < ITN__FORMS; k++) {
-            const itn__form *form = &itn__forms[k];
-            const char *second = form->variant ? form->variant : "";
-            if (kind >= 0 && form->kind != kind) continue;
-            if (kind >= 0 && !pass && (!*second || !strcmp(second, variant))) return form;
-            if (pass)
-                itn__print(known + strlen(known), sizeof known - strlen(known), "%s%s%s%s",
-                           *known ? ", " : "", kind >= 0 ? keyword : itn__kinds[form->kind],
-                           *second ? " " : "", second);
-        }
+    for (k = 0; k < ITN__FORMS; k++) {
+        const itn__form *form = &itn__forms[k];
+        const char *second = form->variant ? form->variant : "";
+        if (kind >= 0 && form->kind != kind) continue;
+        if (kind >= 0 && (!*second || !strcmp(second, variant))) return form;
+        itn__print(known + strlen(known), sizeof known - strlen(known), "%s%s%s%s",
+                   *known ? ", " : "", kind >= 0 ? keyword : itn__kinds[form->kind],
+                   *second ? " " : "", second);
+    }
     itn__reader_fail(r, "found '%.20s%s%.20s', expected %s", keyword, *variant ? " " : "", variant,
                      known);
     return NULL;
