@@ -15573,9 +15573,9 @@ typedef struct itn__exr {
     const char *channel_names[ITN__EXR_CHANNELS]; /* in the file's bytes */
     uint32_t types[ITN__EXR_CHANNELS];
     int channel_count, compression;
-    int64_t y0, width, height; /* the data window; none yet if width is 0 */
-    const unsigned char *table;    /* of offsets */
-    itn__inflate *inflate;         /* room to decompress in */
+    int64_t y0, width, height;  /* the data window; none yet if width is 0 */
+    const unsigned char *table; /* of offsets */
+    itn__inflate *inflate;      /* room to decompress in */
 } itn__exr;
 
 static uint32_t itn__exr_u32(itn__text *text) {
