@@ -70,8 +70,7 @@
        [path]           the reference path tracer
        [sobol]          scrambled points that fill the cube evenly
        [voxels]         where there is nothing to hit
-       [raster]         triangles into cells
-       [distances]      how far the nearest triangle is
+       [raster]         triangles into cells, and how far they are
        [regions]        planes with nothing on one side
        [tables]         what the fast walk knows of a scene
        [fast]           the same walk, many paths at a time
@@ -3494,8 +3493,10 @@ typedef struct itn__slabs {
 } itn__slabs;
 
 ITN__INLINE itn__slabs itn__slabs_make(const itn_bvh *bvh, const itn_ray *ray) {
-    const float *origin = &ray->origin.x, *direction = &ray->direction.x;
-    const float *lower = &bvh->lower.x, *upper = &bvh->upper.x;
+    const float origin[3] = {ray->origin.x, ray->origin.y, ray->origin.z};
+    const float direction[3] = {ray->direction.x, ray->direction.y, ray->direction.z};
+    const float lower[3] = {bvh->lower.x, bvh->lower.y, bvh->lower.z};
+    const float upper[3] = {bvh->upper.x, bvh->upper.y, bvh->upper.z};
     itn__slabs s;
     float size = 0;
     int k;
@@ -7107,8 +7108,7 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
 /* Most flights of a walk in a translucent solid are short and meet nothing. A grid of cubic cells
    proves that without a tree, by what it knows of the cells around a point:
      cube    no triangle touches the cells within chessboard distance r of this cell; a segment with
-             both ends in such a cube is free, since the cube is convex. The distances come from
-             growing the set of cells that hold triangles by one cell at a time, 64 cells per word.
+             both ends in such a cube is free, since the cube is convex.
      region  all triangles in a block of cells lie in the slab below <= n.x <= above; a segment in
              the block with both ends below, or both above, is free. On a surface that is nearly
              flat at the scale of a block, n is its normal and the slab thin.
@@ -7127,11 +7127,10 @@ enum { /* words of a record in `surface` */
     ITN__SURFACE_WORDS
 };
 enum {
-    ITN__LAYERS = 8,      /* of cells in z that one task rasterises */
-    ITN__REACH = 120,     /* largest distance told of */
-    ITN__RECORDS = 256,   /* that one task makes */
+    ITN__REACH = 120,   /* largest distance told of */
+    ITN__RECORDS = 256, /* that one task makes */
     ITN__AXIS_CELLS = 4096,
-    ITN__REGION_REACH = 2 /* largest of a block, and distance of cells with records */
+    ITN__REGION_REACH = 2 /* largest distance of cells with regions */
 };
 #define ITN__MAX_CELLS ((double)(1 << 24))
 #define ITN__MAX_COLUMNS ((double)(1 << 20)) /* of cells looked at, and 8 more for each triangle */
@@ -7164,121 +7163,36 @@ typedef struct itn__voxels {
     itn__pack *packs; /* aligned to a cache line, in pack_memory */
     void *pack_memory;
     int surface_count, pack_count;
-    int regions;     /* blocks that are tried around each cell, 0 to 2 */
+    int regions;     /* whether there are any */
     int whole;       /* no triangle lies outside */
     uint64_t closed; /* the one closed object of the scene, if there is just one */
 } itn__voxels;
 
-static void itn__voxels_free(itn__voxels *voxels) {
-    itn_context context;
-    if (!voxels) return;
-    context = voxels->context;
-    itn__free(&context, voxels->spaces);
-    itn__free(&context, voxels->distances);
-    itn__free(&context, voxels->ranks);
-    itn__free(&context, voxels->surface);
-    itn__free(&context, voxels->pack_memory);
-    itn__free(&context, voxels);
-}
-
 /* What a surface cell's triangles amount to, in cells relative to its centre: their parts in the
    cell lie in a box, and between two planes across `unit`; their normals, within an angle of it. */
 typedef struct itn__summary {
-    float normal[3]; /* sum of their normals, by area */
-    float unit[3], least, most;
+    itn_vec3 normal; /* sum of their normals, by area */
+    itn_vec3 unit, middle, half;
+    float least, most;
     float sine, cosine; /* of the angle; sine is infinite if it is not less than 90 degrees, or if
                            the triangles are not all of the one closed object */
-    float middle[3], half[3];
 } itn__summary;
-enum { ITN__SUMMARY_FLOATS = sizeof(itn__summary) / sizeof(float) };
 
 /* What is needed while the tables are made. */
 typedef struct itn__voxel_build {
     const itn_bvh *bvh;
     itn__voxels *voxels;
     double largest;       /* coordinate in the grid */
-    int groups;           /* of ITN__LAYERS layers */
-    int fill;             /* 0: triangles are counted, 1: listed */
-    int32_t *ranges;      /* [triangles] first group | last group << 16; -1: nowhere */
-    int32_t *group_first; /* [groups + 2] */
-    int32_t *group_slots; /* triangles of each group */
-    int32_t *first;       /* [cells + 2] */
-    int32_t *slots;       /* triangles of each cell, in the order of slots */
-    int32_t *cells;       /* minus the distance to the nearest cell with triangles; of these: the
-                             record in `surface` */
+    int32_t *starts;      /* [triangles + 1] of each triangle's cells, */
+    int32_t *covered;     /* which are these, or NULL while they are counted */
+    int32_t *first;       /* [cells + 1] of each cell's list, */
+    int32_t *listed;      /* of triangles, in order */
+    uint8_t *outer;       /* [cells] 1: outside of all solids */
     int32_t *near_cells;  /* [near_count] cells with regions */
     int32_t *surface_cells; /* [surface_count] of the records */
+    itn__summary *summaries;
     int near_count;
-    itn__summary *summaries; /* [surface_count] */
-    uint64_t *holds;      /* bit per cell that holds triangles, see itn__bit_grid; */
-    uint64_t *outer;      /* of those that do not, and from which nothing parts the border */
-    size_t row_words;
 } itn__voxel_build;
-
-static void itn__voxel_build_free(const itn__voxel_build *build) {
-    const itn_context *context = &build->voxels->context;
-    itn__free(context, build->ranges);
-    itn__free(context, build->group_first);
-    itn__free(context, build->group_slots);
-    itn__free(context, build->first);
-    itn__free(context, build->slots);
-    itn__free(context, build->cells);
-    itn__free(context, build->near_cells);
-    itn__free(context, build->surface_cells);
-    itn__free(context, build->summaries);
-    itn__free(context, build->holds);
-    itn__free(context, build->outer);
-}
-
-ITN__INLINE double itn__voxel_total(const int size[3]) {
-    return (double)size[0] * size[1] * size[2];
-}
-
-/* How many cells of that size the box takes, with one more on each side. */
-static void itn__grid_size(const float extent[3], double cell, int size[3]) {
-    int k;
-    for (k = 0; k < 3; k++) {
-        double cells = ceil(extent[k] / cell);
-        size[k] = 2 + (int)(cells < 1 ? 1 : cells > 1e6 ? 1e6 : cells);
-    }
-}
-static int itn__grid_fits(const int size[3]) {
-    return itn__voxel_total(size) <= ITN__MAX_CELLS && size[0] <= ITN__AXIS_CELLS &&
-           size[1] <= ITN__AXIS_CELLS && size[2] <= ITN__AXIS_CELLS;
-}
-
-/* The side of cells: `resolution` of them along the longest axis; but smaller ones in a thin box,
-   as long as they are not more than in a cube; and larger ones where rounding of coordinates up to
-   `largest` would be felt. */
-static double itn__grid_cell(const float extent[3], double largest, int resolution) {
-    int size[3], thin = 0, k;
-    double longest = 0, cell, least = 8 * FLT_EPSILON / ITN__SLAB_MARGIN * largest;
-    double side = (double)resolution + 2, budget = side * side * side;
-    for (k = 0; k < 3; k++) {
-        longest = extent[k] > longest ? extent[k] : longest;
-        if (extent[k] < extent[thin]) thin = k;
-    }
-    cell = longest / resolution;
-    while (extent[thin] > 0 && extent[thin] / cell < 4) {
-        itn__grid_size(extent, cell / 2, size);
-        if (!itn__grid_fits(size) || itn__voxel_total(size) > budget) break;
-        cell /= 2;
-    }
-    if (cell < least) cell = least;
-    while (itn__grid_size(extent, cell, size), !itn__grid_fits(size)) cell *= 1.25;
-    return cell;
-}
-
-/* Sets the grid to cells of that side. Returns 0 if floats cannot represent its numbers. */
-static int itn__grid_make(itn__voxels *voxels, itn_vec3 lower, const float extent[3], double cell) {
-    itn__grid_size(extent, cell, voxels->size);
-    voxels->cell = (float)cell;
-    voxels->inverse_cell = (float)(1 / cell);
-    voxels->lower = itn__vec3((float)(lower.x - cell), (float)(lower.y - cell),
-                              (float)(lower.z - cell));
-    return itn__finite3(voxels->lower) && voxels->cell >= FLT_MIN &&
-           voxels->inverse_cell >= FLT_MIN && voxels->inverse_cell <= FLT_MAX;
-}
 
 ITN__INLINE size_t itn__cell_count(const itn__voxels *voxels) {
     return (size_t)voxels->size[0] * (size_t)voxels->size[1] * (size_t)voxels->size[2];
@@ -7288,7 +7202,35 @@ ITN__INLINE void itn__cell_place(const itn__voxels *voxels, int cell, int at[3])
     at[1] = cell % voxels->size[1], at[2] = cell / voxels->size[1];
 }
 
-/* ---- [raster] triangles into cells ----------------------------------------------------------- */
+/* Sets the number of cells of that size that the box takes, with one more on each side. Returns
+   how many there are, or infinity for too many. */
+static double itn__grid_size(const float extent[3], double cell, int size[3]) {
+    double total = 1;
+    int k;
+    for (k = 0; k < 3; k++) {
+        double cells = fmin(fmax(ceil(extent[k] / cell), 1), 1e6);
+        size[k] = 2 + (int)cells;
+        total *= size[k] <= ITN__AXIS_CELLS ? size[k] : INFINITY;
+    }
+    return total <= ITN__MAX_CELLS ? total : INFINITY;
+}
+
+/* The side of cells: `resolution` of them along the longest axis; but smaller ones in a thin box,
+   as long as they are not more than in a cube; and larger ones where rounding of coordinates up to
+   `largest` would be felt. */
+static double itn__grid_cell(const float extent[3], double largest, int resolution) {
+    double longest = itn__max(extent[0], itn__max(extent[1], extent[2])), side = resolution + 2.;
+    double thin = itn__min(extent[0], itn__min(extent[1], extent[2])), cell = longest / resolution;
+    int size[3];
+    while (thin > 0 && thin / cell < 4 &&
+           itn__grid_size(extent, cell / 2, size) <= fmin(side * side * side, ITN__MAX_CELLS))
+        cell /= 2;
+    cell = fmax(cell, 8 * FLT_EPSILON / ITN__SLAB_MARGIN * largest);
+    while (itn__grid_size(extent, cell, size) > ITN__MAX_CELLS) cell *= 1.25;
+    return cell;
+}
+
+/* ---- [raster] triangles into cells, and how far they are ------------------------------------- */
 
 /* A triangle belongs to all cells that it comes within ITN__CELL_MARGIN cells of, by the separating
    axis theorem: a triangle and a box are disjoint iff their projections are on one of 13 axes,
@@ -7296,9 +7238,7 @@ ITN__INLINE void itn__cell_place(const itn__voxels *voxels, int cell, int at[3])
    amount to the edges of the triangle's three shadows on the coordinate planes (Schwarz and Seidel,
    "Fast parallel surface and solid voxelization on GPUs", 2010). For any vector d, be it a rounded
    edge normal or not, a triangle lies where d.x is at least the least d.corner, so that rounding of
-   d costs tightness and not correctness.
-
-   Triangles are first sorted into groups of layers of cells, each of which is one task's. */
+   d costs tightness and not correctness. */
 
 /* Margin, in cells, within which a triangle touches a cell; its coordinates relative to the grid
    are up to `size` cells, with errors of a few roundings of that. */
@@ -7308,481 +7248,227 @@ ITN__INLINE void itn__cell_place(const itn__voxels *voxels, int cell, int at[3])
 /* A place in cells, kept in what int32_t can say. */
 ITN__INLINE int itn__cell_of(float x) { return (int)floorf(itn__clamp(x, -1e9f, 1e9f)); }
 
-ITN__INLINE int itn__equal_corners(const float a[3], const float b[3]) {
-    return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
-}
-
-/* The range of cells that a triangle's box touches; returns 0 if there is none, or if two of its
-   corners are equal: no ray can hit it. (Other triangles without area may be hit when rounding
-   opens them.) */
-static int itn__triangle_cells(const itn__voxels *voxels, const itn__triangle *triangle,
-                               int range[3][2]) {
-    const float origin[3] = {voxels->lower.x, voxels->lower.y, voxels->lower.z};
-    const float *a = triangle->corner[0], *b = triangle->corner[1], *c = triangle->corner[2];
-    float least[3], most[3], size = 0;
-    int k, inside = 1;
-    for (k = 0; k < 3; k++) {
-        least[k] = (itn__min(a[k], itn__min(b[k], c[k])) - origin[k]) * voxels->inverse_cell;
-        most[k] = (itn__max(a[k], itn__max(b[k], c[k])) - origin[k]) * voxels->inverse_cell;
-        size = itn__max(size, itn__max(-least[k], most[k]));
-    }
-    for (k = 0; k < 3; k++) {
-        range[k][0] = itn__cell_of(least[k] - ITN__TOUCH_MARGIN(size));
-        range[k][1] = itn__cell_of(most[k] + ITN__TOUCH_MARGIN(size));
-        range[k][0] = range[k][0] < 0 ? 0 : range[k][0];
-        range[k][1] = range[k][1] < voxels->size[k] ? range[k][1] : voxels->size[k] - 1;
-        inside = inside && range[k][0] <= range[k][1];
-    }
-    if (!inside) return 0;
-    return !(itn__equal_corners(a, b) || itn__equal_corners(b, c) || itn__equal_corners(c, a));
-}
-
-/* Finds each triangle's groups of layers. Returns how many columns of cells all will look at. */
-static double itn__voxel_ranges(itn__voxel_build *build) {
-    double columns = 0;
-    int i, range[3][2];
-    for (i = 0; i < build->bvh->triangle_count; i++) {
-        build->ranges[i] = -1;
-        if (itn__triangle_cells(build->voxels, &build->bvh->triangles[i], range)) {
-            double x = range[0][1] - range[0][0] + 1, y = range[1][1] - range[1][0] + 1;
-            double z = range[2][1] - range[2][0] + 1, least = x < y ? x : y;
-            columns += x * y * z / (z < least ? z : least);
-            build->ranges[i] = range[2][0] / ITN__LAYERS | range[2][1] / ITN__LAYERS << 16;
-        }
-    }
-    return columns;
-}
-
-/* Turns counts at first[2 + i] into first indices at first[1 + i], which filling then moves to
-   first[i]. Returns 0 if there are more than an int32_t can say. */
-static int itn__prefix_sum(int32_t *first, size_t count) {
-    int64_t sum = 0;
-    size_t i;
-    for (i = 0; i < count; i++) {
-        sum += first[i + 2];
-        if (sum > INT32_MAX) return 0;
-        first[i + 2] = (int32_t)sum;
-    }
-    return 1;
-}
-
-/* Lists the triangles of each group, in their order. */
-static int itn__voxel_groups(itn__voxel_build *build) {
-    const itn_context *context = &build->voxels->context;
-    int i, group;
-    build->groups = (build->voxels->size[2] + ITN__LAYERS - 1) / ITN__LAYERS;
-    build->group_first = (int32_t *)itn__allocate(context, (size_t)build->groups + 2,
-                                                  sizeof(int32_t));
-    if (!build->group_first) return 0;
-    for (build->fill = 0; build->fill < 2; build->fill++) {
-        for (i = 0; i < build->bvh->triangle_count; i++)
-            for (group = build->ranges[i] & 0xffff;
-                 build->ranges[i] >= 0 && group <= build->ranges[i] >> 16; group++) {
-                if (build->fill)
-                    build->group_slots[build->group_first[group + 1]++] = i;
-                else
-                    build->group_first[group + 2]++;
-            }
-        if (build->fill) continue;
-        if (!itn__prefix_sum(build->group_first, (size_t)build->groups)) return 0;
-        build->group_slots = (int32_t *)itn__allocate(
-            context, (size_t)build->group_first[build->groups + 1], sizeof(int32_t));
-        if (!build->group_slots) return 0;
-    }
-    return 1;
-}
-
-/* As many triangles as there are lanes, in units of cells. Axes are permuted in a cycle so that the
-   normal's largest component is along w; projection 0 is on the plane of u and v, 1 on v and w, 2
-   on w and u. */
+/* A triangle in units of cells. Axes are permuted in a cycle so that the normal's largest component
+   is along axis[2] = w; shadow 0 is on the plane of u and v, 1 on v and w, 2 on w and u. */
 typedef struct itn__raster {
-    itn__ints lower[3], upper[3], stride[3]; /* cells to look at */
-    itn__floats a[3][3], b[3][3], c[3][3];   /* [projection][edge]: a i + b j + c >= 0 */
-    itn__floats slope_u, slope_v, depth[2];  /* w between depth + slopes . (i, j) */
+    float p[3][3], size;
+    int range[3][2], axis[3];
+    float edge[3][3][3];      /* [shadow][edge]: a i + b j + c >= 0 in cells that it touches */
+    float slope[2], depth[2]; /* w between depth + slopes . (i, j) */
 } itn__raster;
 
-ITN__INLINE itn__floats itn__select3(const itn__ints masks[3], itn__floats x, itn__floats y,
-                                     itn__floats z) {
-    return itn__select(masks[0], x, itn__select(masks[1], y, z));
-}
-ITN__INLINE itn__ints itn__select_int3(const itn__ints masks[3], int x, int y, int z) {
-    return itn__select_int(masks[0], itn__splat_int(x),
-                           itn__select_int(masks[1], itn__splat_int(y), itn__splat_int(z)));
-}
-ITN__INLINE itn__floats itn__least3(itn__floats a, itn__floats b, itn__floats c) {
-    return itn__least(a, itn__least(b, c));
-}
-ITN__INLINE itn__floats itn__most3(itn__floats a, itn__floats b, itn__floats c) {
-    return itn__most(a, itn__most(b, c));
-}
-
-/* Loads corners of up to ITN__LANES triangles into p[corner][axis], in units of cells. */
-ITN__INLINE void itn__raster_load(const itn__voxel_build *build, const int32_t *slots, int count,
-                                  itn__floats p[3][3]) {
-    const float origin[3] = {build->voxels->lower.x, build->voxels->lower.y,
-                             build->voxels->lower.z};
-    float corner[3][3][ITN__LANES];
-    int i, j, k;
-    for (i = 0; i < ITN__LANES; i++) {
-        const itn__triangle *triangle = &build->bvh->triangles[slots[i < count ? i : 0]];
-        for (j = 0; j < 3; j++)
-            for (k = 0; k < 3; k++) corner[j][k][i] = triangle->corner[j][k];
+/* Loads a triangle and the range of cells that its box touches. Returns 0 if there is none, or if
+   two of its corners are equal: no ray can hit it. (Other triangles without area may be hit when
+   rounding opens them.) */
+static int itn__raster_load(const itn__voxels *voxels, const itn__triangle *triangle,
+                            itn__raster *r) {
+    const float origin[3] = {voxels->lower.x, voxels->lower.y, voxels->lower.z};
+    float touch;
+    int j, k, inside = 1;
+    for (r->size = 0, j = 0; j < 3; j++) {
+        const float *corner = triangle->corner[j], *next = triangle->corner[(j + 1) % 3];
+        inside &= corner[0] != next[0] || corner[1] != next[1] || corner[2] != next[2];
+        for (k = 0; k < 3; k++) {
+            r->p[j][k] = (corner[k] - origin[k]) * voxels->inverse_cell;
+            r->size = itn__max(r->size, fabsf(r->p[j][k]));
+        }
     }
-    for (j = 0; j < 3; j++)
-        for (k = 0; k < 3; k++)
-            p[j][k] = (itn__load(corner[j][k]) - origin[k]) * build->voxels->inverse_cell;
-}
-
-/* Turns the axes of p, and the grid's, so that the normal's largest component comes last. layers
-   are the first and last to be looked at in z. Returns the normal in new axes. */
-ITN__INLINE itn__vectors itn__raster_turn(const itn__voxels *voxels, const int layers[2],
-                                          itn__floats p[3][3], itn__raster *r) {
-    const int *size = voxels->size;
-    itn__vectors e = itn__vectors_of(p[1][0] - p[0][0], p[1][1] - p[0][1], p[1][2] - p[0][2]);
-    itn__vectors f = itn__vectors_of(p[2][0] - p[0][0], p[2][1] - p[0][1], p[2][2] - p[0][2]);
-    itn__vectors n = itn__vectors_of(e.y * f.z - e.z * f.y, e.z * f.x - e.x * f.z,
-                                     e.x * f.y - e.y * f.x);
-    itn__floats x = itn__absolute(n.x), y = itn__absolute(n.y), z = itn__absolute(n.z);
-    itn__ints is[3];
-    int j;
-    is[0] = itn__less_equal(y, x) & itn__less_equal(z, x);
-    is[1] = itn__less_equal(z, y) & ~is[0];
-    is[2] = ~(is[0] | is[1]);
-    for (j = 0; j < 3; j++) {
-        itn__floats px = p[j][0], py = p[j][1], pz = p[j][2];
-        p[j][0] = itn__select3(is, py, pz, px);
-        p[j][1] = itn__select3(is, pz, px, py);
-        p[j][2] = itn__select3(is, px, py, pz);
+    touch = ITN__TOUCH_MARGIN(r->size);
+    for (k = 0; k < 3; k++) {
+        float least = itn__min(r->p[0][k], itn__min(r->p[1][k], r->p[2][k]));
+        float most = itn__max(r->p[0][k], itn__max(r->p[1][k], r->p[2][k]));
+        int first = itn__cell_of(least - touch), last = itn__cell_of(most + touch);
+        r->range[k][0] = first > 0 ? first : 0;
+        r->range[k][1] = last < voxels->size[k] ? last : voxels->size[k] - 1;
+        inside &= r->range[k][0] <= r->range[k][1];
     }
-    r->stride[0] = itn__select_int3(is, size[0], size[0] * size[1], 1);
-    r->stride[1] = itn__select_int3(is, size[0] * size[1], 1, size[0]);
-    r->stride[2] = itn__select_int3(is, 1, size[0], size[0] * size[1]);
-    r->lower[0] = itn__select_int3(is, 0, layers[0], 0);
-    r->lower[1] = itn__select_int3(is, layers[0], 0, 0);
-    r->lower[2] = itn__select_int3(is, 0, 0, layers[0]);
-    r->upper[0] = itn__select_int3(is, size[1] - 1, layers[1], size[0] - 1);
-    r->upper[1] = itn__select_int3(is, layers[1], size[0] - 1, size[1] - 1);
-    r->upper[2] = itn__select_int3(is, size[0] - 1, size[1] - 1, layers[1]);
-    return itn__vectors_of(itn__select3(is, n.y, n.z, n.x), itn__select3(is, n.z, n.x, n.y),
-                           itn__select3(is, n.x, n.y, n.z));
-}
-
-ITN__INLINE itn__ints itn__cells_of(itn__floats x) {
-    return itn__floor_ints(itn__most(itn__least(x, itn__splat(1e9f)), itn__splat(-1e9f)));
+    return inside;
 }
 
 /* The three edges of a shadow on a plane of two axes; `facing` is the normal's third component. */
-ITN__INLINE void itn__raster_edges(itn__floats p[3][3], int plane, itn__floats facing,
-                                   itn__floats half, itn__ints vast, itn__raster *r) {
-    itn__floats sign = itn__with_sign(itn__splat(1), facing), zero = itn__splat(0), least;
-    int x = plane, y = (plane + 1) % 3, e;
+static void itn__raster_shadow(itn__raster *r, int shadow, float facing, float half) {
+    int x = r->axis[shadow], y = r->axis[(shadow + 1) % 3], e;
     for (e = 0; e < 3; e++) {
-        const itn__floats *from = p[e], *to = p[(e + 1) % 3];
-        itn__floats a = (from[y] - to[y]) * sign, b = (to[x] - from[x]) * sign;
-        least = itn__least3(a * p[0][x] + b * p[0][y], a * p[1][x] + b * p[1][y],
-                            a * p[2][x] + b * p[2][y]);
-        r->a[plane][e] = itn__select(vast, zero, a);
-        r->b[plane][e] = itn__select(vast, zero, b);
-        r->c[plane][e] = .5f * (a + b) + (itn__absolute(a) + itn__absolute(b)) * half - least;
-        r->c[plane][e] = itn__select(vast, zero, r->c[plane][e]);
+        const float *from = r->p[e], *to = r->p[(e + 1) % 3];
+        float a = copysignf(1, facing) * (from[y] - to[y]);
+        float b = copysignf(1, facing) * (to[x] - from[x]);
+        float least = itn__min(a * r->p[0][x] + b * r->p[0][y],
+                               itn__min(a * r->p[1][x] + b * r->p[1][y],
+                                        a * r->p[2][x] + b * r->p[2][y]));
+        r->edge[shadow][e][0] = a, r->edge[shadow][e][1] = b;
+        r->edge[shadow][e][2] = .5f * (a + b) + (fabsf(a) + fabsf(b)) * half - least;
     }
 }
 
-/* Depths over the plane of u and v between which a triangle's plane is within a cell's column. */
-ITN__INLINE void itn__raster_depth(itn__floats p[3][3], itn__vectors n, itn__floats half,
-                                   itn__ints vast, itn__raster *r) {
-    itn__ints good = itn__less(itn__splat(0), itn__absolute(n.z)) & ~vast;
-    itn__floats zero = itn__splat(0), away = itn__splat(1e9f), w[3], wide, middle;
-    int j;
-    r->slope_u = itn__select(good, -n.x / n.z, zero);
-    r->slope_v = itn__select(good, -n.y / n.z, zero);
-    for (j = 0; j < 3; j++) w[j] = p[j][2] - r->slope_u * p[j][0] - r->slope_v * p[j][1];
-    wide = (itn__absolute(r->slope_u) + itn__absolute(r->slope_v)) * half + (half - .5f);
-    middle = .5f * (r->slope_u + r->slope_v);
-    r->depth[0] = itn__select(vast, -away, itn__least3(w[0], w[1], w[2]) + middle - wide);
-    r->depth[1] = itn__select(vast, away, itn__most3(w[0], w[1], w[2]) + middle + wide);
-}
-
-ITN__INLINE void itn__raster_make(const itn__voxel_build *build, const int32_t *slots, int count,
-                                  const int layers[2], itn__raster *r) {
-    itn__floats p[3][3], size = itn__splat(0), half, touch;
-    itn__vectors n;
-    itn__ints vast;
-    int j, k;
-    itn__raster_load(build, slots, count, p);
-    for (j = 0; j < 3; j++)
-        for (k = 0; k < 3; k++) size = itn__most(size, itn__absolute(p[j][k]));
-    touch = ITN__TOUCH_MARGIN(size);
-    half = .5f + touch;
-    vast = ~itn__less(size, itn__splat(ITN__VAST));
-    n = itn__raster_turn(build->voxels, layers, p, r);
+/* The shadows, and the depths over the plane of u and v between which the triangle's plane is
+   within a cell's column. */
+static void itn__raster_make(itn__raster *r) {
+    float e[3], f[3], n[3], w[3], half = .5f + ITN__TOUCH_MARGIN(r->size), wide;
+    int k, z, vast = !(r->size < ITN__VAST);
+    for (k = 0; k < 3; k++) e[k] = r->p[1][k] - r->p[0][k], f[k] = r->p[2][k] - r->p[0][k];
     for (k = 0; k < 3; k++) {
-        itn__floats least = itn__least3(p[0][k], p[1][k], p[2][k]) - touch;
-        itn__floats most = itn__most3(p[0][k], p[1][k], p[2][k]) + touch;
-        r->lower[k] = itn__int_most(r->lower[k], itn__cells_of(least));
-        r->upper[k] = itn__int_least(r->upper[k], itn__cells_of(most));
+        int l = (k + 1) % 3, m = (k + 2) % 3;
+        n[k] = e[l] * f[m] - e[m] * f[l];
     }
-    itn__raster_depth(p, n, half, vast, r);
-    itn__raster_edges(p, 0, n.z, half, vast, r);
-    itn__raster_edges(p, 1, n.x, half, vast, r);
-    itn__raster_edges(p, 2, n.y, half, vast, r);
+    z = fabsf(n[0]) >= fabsf(n[1]) ? 0 : 1;
+    if (fabsf(n[2]) > fabsf(n[z])) z = 2;
+    for (k = 0; k < 3; k++) r->axis[k] = (z + 1 + k) % 3;
+    memset(r->edge, 0, sizeof r->edge);
+    for (k = 0; k < 3 && !vast; k++) itn__raster_shadow(r, k, n[r->axis[(k + 2) % 3]], half);
+    for (k = 0; k < 2; k++) r->slope[k] = !vast && n[z] != 0 ? -n[r->axis[k]] / n[z] : 0;
+    for (k = 0; k < 3; k++)
+        w[k] = r->p[k][z] - r->slope[0] * r->p[k][r->axis[0]] - r->slope[1] * r->p[k][r->axis[1]];
+    wide = (fabsf(r->slope[0]) + fabsf(r->slope[1])) * half + half - .5f;
+    r->depth[0] = r->depth[1] = .5f * (r->slope[0] + r->slope[1]);
+    r->depth[0] += vast ? -1e9f : itn__min(w[0], itn__min(w[1], w[2])) - wide;
+    r->depth[1] += vast ? 1e9f : itn__max(w[0], itn__max(w[1], w[2])) + wide;
 }
 
 /* Whether the shadow on a plane touches the cell's, whose first corner is (i,j). */
-ITN__INLINE itn__ints itn__raster_touches(const itn__raster *r, int plane, itn__floats i,
-                                          itn__floats j) {
-    itn__floats zero = itn__splat(0);
-    itn__ints touches;
-    touches = itn__less_equal(zero, r->a[plane][0] * i + r->b[plane][0] * j + r->c[plane][0]);
-    touches &= itn__less_equal(zero, r->a[plane][1] * i + r->b[plane][1] * j + r->c[plane][1]);
-    return touches &
-           itn__less_equal(zero, r->a[plane][2] * i + r->b[plane][2] * j + r->c[plane][2]);
+ITN__INLINE int itn__raster_touches(const itn__raster *r, int shadow, int i, int j) {
+    const float(*edge)[3] = r->edge[shadow];
+    float x = (float)i, y = (float)j;
+    return edge[0][0] * x + edge[0][1] * y + edge[0][2] >= 0 &&
+           edge[1][0] * x + edge[1][1] * y + edge[1][2] >= 0 &&
+           edge[2][0] * x + edge[2][1] * y + edge[2][2] >= 0;
 }
 
-/* Counts or lists triangles in their cells. */
-ITN__INLINE void itn__raster_emit(itn__voxel_build *build, itn__ints cell, const int32_t *slots,
-                                  unsigned bits) {
-    int32_t cells[ITN__LANES];
-    itn__store_ints(cells, cell);
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        if (build->fill)
-            build->slots[build->first[cells[k] + 1]++] = slots[k];
-        else
-            build->first[cells[k] + 2]++;
-    }
-}
-
-/* Goes through the columns of cells over the plane of u and v, each lane through its own. */
-ITN__INLINE void itn__raster_march(itn__voxel_build *build, const itn__raster *r,
-                                   const int32_t *slots, int count) {
-    itn__ints i = r->lower[0], j = r->lower[1], left, here, k, last, turn;
-    left = itn__int_less(itn__lane_numbers(), itn__splat_int(count)) &
-           ~itn__int_less(r->upper[0], i) & ~itn__int_less(r->upper[1], j);
-    while (itn__mask_bits(left)) {
-        itn__floats x = itn__to_floats(i), y = itn__to_floats(j);
-        itn__floats slope = r->slope_u * x + r->slope_v * y;
-        here = left & itn__raster_touches(r, 0, x, y);
-        k = itn__int_most(r->lower[2], itn__cells_of(r->depth[0] + slope));
-        last = itn__int_least(r->upper[2], itn__cells_of(r->depth[1] + slope));
-        here &= ~itn__int_less(last, k);
-        while (itn__mask_bits(here)) {
-            itn__floats z = itn__to_floats(k);
-            itn__ints hit = here & itn__raster_touches(r, 1, y, z) &
-                            itn__raster_touches(r, 2, z, x);
-            itn__raster_emit(build, i * r->stride[0] + j * r->stride[1] + k * r->stride[2], slots,
-                             itn__mask_bits(hit));
-            k += 1;
-            here &= ~itn__int_less(last, k);
+/* Counts the cells of a triangle and, if there is room for them, writes them. */
+static int itn__raster_cells(const itn__voxels *voxels, itn__raster *r, int32_t *cells) {
+    int i, j, k, u, v, w, count = 0, stride[3];
+    const int(*range)[2] = (const int(*)[2])r->range;
+    itn__raster_make(r);
+    u = r->axis[0], v = r->axis[1], w = r->axis[2];
+    stride[0] = 1, stride[1] = voxels->size[0], stride[2] = voxels->size[0] * voxels->size[1];
+    for (i = range[u][0]; i <= range[u][1]; i++)
+        for (j = range[v][0]; j <= range[v][1]; j++) {
+            float slope = r->slope[0] * (float)i + r->slope[1] * (float)j;
+            int last = itn__cell_of(r->depth[1] + slope);
+            if (!itn__raster_touches(r, 0, i, j)) continue;
+            k = itn__cell_of(r->depth[0] + slope);
+            last = last < range[w][1] ? last : range[w][1];
+            for (k = k > range[w][0] ? k : range[w][0]; k <= last; k++) {
+                if (!itn__raster_touches(r, 1, j, k) || !itn__raster_touches(r, 2, k, i)) continue;
+                if (cells) cells[count] = i * stride[u] + j * stride[v] + k * stride[w];
+                count++;
+            }
         }
-        i += 1;
-        turn = itn__int_less(r->upper[0], i); /* a mask is -1 */
-        i = itn__select_int(turn, r->lower[0], i);
-        j -= turn;
-        left &= ~itn__int_less(r->upper[1], j);
+    return count;
+}
+
+/* The cells of a block of triangles; of boxes of one cell there is nothing to look at. */
+static void itn__raster_block(void *task, int index) {
+    itn__voxel_build *build = (itn__voxel_build *)task;
+    const itn__voxels *v = build->voxels;
+    int i, end = itn__block_end(index, build->bvh->triangle_count);
+    for (i = index * ITN__BLOCK; i < end; i++) {
+        int32_t *cells = build->covered ? build->covered + build->starts[i] : NULL;
+        itn__raster r;
+        int count = 0;
+        if (!itn__raster_load(v, &build->bvh->triangles[i], &r)) {
+            count = 0;
+        } else if (r.range[0][0] == r.range[0][1] && r.range[1][0] == r.range[1][1] &&
+                   r.range[2][0] == r.range[2][1]) {
+            if (cells)
+                *cells = (r.range[2][0] * v->size[1] + r.range[1][0]) * v->size[0] + r.range[0][0];
+            count = 1;
+        } else {
+            count = itn__raster_cells(v, &r, cells);
+        }
+        if (!cells) build->starts[i + 1] = count;
     }
 }
 
-static void itn__raster_group(void *task, int group) {
-    itn__voxel_build *build = (itn__voxel_build *)task;
-    int at = build->group_first[group], end = build->group_first[group + 1], layers[2];
-    layers[0] = group * ITN__LAYERS;
-    layers[1] = layers[0] + ITN__LAYERS - 1;
-    if (layers[1] >= build->voxels->size[2]) layers[1] = build->voxels->size[2] - 1;
-    for (; at < end; at += ITN__LANES) {
-        const int32_t *slots = build->group_slots + at;
-        int count = end - at < ITN__LANES ? end - at : ITN__LANES;
-        itn__raster r;
-        itn__raster_make(build, slots, count, layers, &r);
-        itn__raster_march(build, &r, slots, count);
+/* Turns counts at first[1 + i] into first indices. Returns 0 if there are more than an int32_t can
+   say. */
+static int itn__prefix_sum(int32_t *first, size_t count) {
+    int64_t sum = 0;
+    size_t i;
+    for (i = 1; i <= count; i++) {
+        sum += first[i];
+        if (sum > INT32_MAX) return 0;
+        first[i] = (int32_t)sum;
     }
+    return 1;
 }
 
 /* Lists the triangles of each cell. */
 static int itn__voxel_lists(itn__voxel_build *build) {
     const itn_context *context = &build->voxels->context;
-    size_t cells = itn__cell_count(build->voxels);
+    int triangles = build->bvh->triangle_count, blocks = itn__block_count(triangles), i;
+    size_t cells = itn__cell_count(build->voxels), all, k;
+    build->starts = (int32_t *)itn__allocate(context, (size_t)triangles + 1, sizeof(int32_t));
     build->first = (int32_t *)itn__allocate(context, cells + 2, sizeof(int32_t));
-    if (!build->first) return 0;
-    build->fill = 0;
-    itn__parallel_for(context, build->groups, itn__raster_group, build);
-    if (!itn__prefix_sum(build->first, cells)) return 0;
-    build->slots = (int32_t *)itn__allocate(context, (size_t)build->first[cells + 1],
-                                            sizeof(int32_t));
-    if (!build->slots) return 0;
-    build->fill = 1;
-    itn__parallel_for(context, build->groups, itn__raster_group, build);
+    if (!build->starts || !build->first) return 0;
+    itn__parallel_for(context, blocks, itn__raster_block, build);
+    if (!itn__prefix_sum(build->starts, (size_t)triangles)) return 0;
+    all = (size_t)build->starts[triangles];
+    build->covered = (int32_t *)itn__allocate(context, all, sizeof(int32_t));
+    build->listed = (int32_t *)itn__allocate(context, all, sizeof(int32_t));
+    if (!build->covered || !build->listed) return 0;
+    itn__parallel_for(context, blocks, itn__raster_block, build);
+    for (k = 0; k < all; k++) build->first[build->covered[k] + 2]++;
+    itn__prefix_sum(build->first + 1, cells); /* filling moves each to its place */
+    for (i = 0; i < triangles; i++)
+        for (k = (size_t)build->starts[i]; k < (size_t)build->starts[i + 1]; k++)
+            build->listed[build->first[build->covered[k] + 1]++] = i;
     return 1;
 }
 
-/* ---- [distances] how far the nearest triangle is --------------------------------------------- */
-
-/* The chessboard distance from each cell to the nearest one that holds triangles comes from growing
-   the set of those cells by one cell at a time, 64 cells per word. Cells that hold none and
-   are connected with the border of the grid by such lie outside of all solids: no walk in a medium
-   comes there, so they need no regions. */
-
-/* Bits of all cells, with a border of one cell around; a row is a number of whole words. */
-typedef struct itn__bit_grid {
-    uint64_t *now, *grown, *wider;
-    size_t words, rows, planes; /* of a row; of a plane; in all */
-} itn__bit_grid;
-
-/* `to` holds a cell where `from` holds it or a neighbour in its row. Words outside are as the last
-   in the row: the border is the same everywhere. */
-static void itn__grow_rows(const itn__bit_grid *bits, const uint64_t *from, uint64_t *to) {
-    size_t row, w, words = bits->words;
-    for (row = 0; row < bits->rows * bits->planes; row++, from += words, to += words)
-        for (w = 0; w < words; w++) {
-            uint64_t x = from[w], before = w ? from[w - 1] >> 63 : x & 1;
-            uint64_t after = w + 1 < words ? from[w + 1] << 63 : x & (uint64_t)1 << 63;
-            to[w] = x | x << 1 | x >> 1 | before | after;
+/* Lets distances spread from row to row, in the order of rows or (step -1) against it, and along
+   rows. Two sweeps, one each way, are exact for the chessboard distance (Borgefors 1986). */
+static void itn__sweep_distances(const itn__voxels *voxels, int step, uint8_t *least) {
+    static const int before[4][2] = {{-1, -1}, {0, -1}, {1, -1}, {-1, 0}}; /* in y, z */
+    int row, rows = voxels->size[1] * voxels->size[2], width = voxels->size[0], k, x;
+    for (row = step > 0 ? 0 : rows - 1; row >= 0 && row < rows; row += step) {
+        uint8_t *d = voxels->distances + (size_t)row * (size_t)width;
+        memset(least, ITN__REACH, (size_t)width + 2); /* one cell more on each side */
+        for (k = 0; k < 4; k++) {
+            int y = row % voxels->size[1] + step * before[k][0];
+            int z = row / voxels->size[1] + step * before[k][1];
+            const uint8_t *other = voxels->distances +
+                                   (size_t)(z * voxels->size[1] + y) * (size_t)width;
+            if (y < 0 || y >= voxels->size[1] || z < 0 || z >= voxels->size[2]) continue;
+            for (x = 0; x < width; x++)
+                least[x + 1] = other[x] < least[x + 1] ? other[x] : least[x + 1];
         }
-}
-/* The same across rows, or planes, `step` words apart; what it makes of the border is not used. */
-static void itn__grow_across(const uint64_t *from, uint64_t *to, size_t step, size_t all) {
-    size_t i;
-    for (i = step; i < all - step; i++) to[i] = from[i - step] | from[i] | from[i + step];
-}
-
-/* The bits of a word that are cells of a row, which begins after a border of one. */
-ITN__INLINE uint64_t itn__row_bits(int size, size_t word) {
-    size_t end = (size_t)size + 1 - 64 * word; /* > 0 for all words of a row but the border's */
-    uint64_t bits = 64 * word > (size_t)size ? 0 : ~(uint64_t)0;
-    if (bits && end < 64) bits >>= 64 - end;
-    return word ? bits : bits & ~(uint64_t)1;
-}
-
-/* Sets the cells of a word's bits to minus the distance. */
-static void itn__tell_distance(int32_t *row, size_t word, uint64_t bits, int distance) {
-    size_t x = 64 * word;
-    for (; bits; bits >>= 1, x++)
-        if (bits & 1) row[x - 1] = -distance;
-}
-
-/* Grows the set by one cell and marks those which are new. Returns whether there are any. */
-static int itn__grow_cells(const itn__voxel_build *build, itn__bit_grid *bits, int distance) {
-    const itn__voxels *voxels = build->voxels;
-    const size_t words = bits->words, plane = bits->rows * words, all = plane * bits->planes;
-    int y, z, any = 0;
-    itn__grow_rows(bits, bits->now, bits->grown);
-    itn__grow_across(bits->grown, bits->wider, words, all);
-    itn__grow_across(bits->wider, bits->grown, plane, all);
-    for (z = 0; z < voxels->size[2]; z++)
-        for (y = 0; y < voxels->size[1]; y++) {
-            size_t at = (size_t)(z + 1) * plane + (size_t)(y + 1) * words, w;
-            int32_t *row = build->cells + (z * voxels->size[1] + y) * voxels->size[0];
-            for (w = 0; w < words; w++) {
-                uint64_t fresh = bits->grown[at + w] & ~bits->now[at + w];
-                if (!fresh) continue;
-                fresh &= itn__row_bits(voxels->size[0], w);
-                itn__tell_distance(row, w, fresh, distance);
-                bits->now[at + w] |= fresh;
-                any = any || fresh;
-            }
+        for (x = 0; x < width; x++) {
+            int a = least[x] < least[x + 1] ? least[x] : least[x + 1];
+            a = least[x + 2] < a ? least[x + 2] : a;
+            d[x] = (uint8_t)(a + 1 < d[x] ? a + 1 : d[x]);
         }
-    return any;
-}
-
-/* Whether all triangles lie in the grid. */
-static int itn__voxels_whole(const itn__voxel_build *build) {
-    const itn__voxels *voxels = build->voxels;
-    const itn_bvh *bvh = build->bvh;
-    float c = voxels->cell;
-    return bvh->lower.x > voxels->lower.x && bvh->lower.y > voxels->lower.y &&
-           bvh->lower.z > voxels->lower.z &&
-           bvh->upper.x < voxels->lower.x + c * (float)voxels->size[0] &&
-           bvh->upper.y < voxels->lower.y + c * (float)voxels->size[1] &&
-           bvh->upper.z < voxels->lower.z + c * (float)voxels->size[2];
-}
-
-/* Sets the bits of cells that hold triangles, and of the border if triangles may lie there; cells
-   start with the largest distance. */
-static void itn__bits_start(itn__voxel_build *build, itn__bit_grid *bits) {
-    const itn__voxels *voxels = build->voxels;
-    uint64_t border = voxels->whole ? 0 : ~(uint64_t)0;
-    size_t i, cell = 0, all = bits->words * bits->rows * bits->planes;
-    int x, y, z;
-    for (i = 0; i < all; i++) bits->now[i] = border;
-    for (z = 1; z <= voxels->size[2]; z++)
-        for (y = 1; y <= voxels->size[1]; y++) {
-            size_t at = ((size_t)z * bits->rows + (size_t)y) * bits->words;
-            uint64_t *row = bits->now + at, *holding = build->holds + at;
-            for (x = 1; x <= voxels->size[0]; x++, cell++) {
-                uint64_t bit = (uint64_t)1 << (x & 63);
-                int holds = build->first[cell] < build->first[cell + 1];
-                build->cells[cell] = holds ? 0 : -ITN__REACH;
-                row[x >> 6] = holds ? row[x >> 6] | bit : row[x >> 6] & ~bit;
-                holding[x >> 6] |= holds ? bit : 0;
-            }
-        }
-}
-
-/* Spreads the bits of a word to their neighbours in it, as far as the bits of `room` go. */
-ITN__INLINE uint64_t itn__spread_bits(uint64_t bits, uint64_t room) {
-    uint64_t before;
-    do {
-        before = bits;
-        bits |= (bits << 1 | bits >> 1) & room;
-    } while (bits != before);
-    return bits;
-}
-
-/* Lets the outer cells spread to those beside, above and behind them, word by word, in the order of
-   words or (step -1) against it. Returns whether there were any. */
-static int itn__spread_outer(const itn__voxel_build *build, const itn__bit_grid *bits, int step) {
-    size_t plane = bits->rows * bits->words, all = plane * bits->planes, i, at;
-    uint64_t *outer = build->outer;
-    int any = 0;
-    for (i = plane; i < all - plane; i++) {
-        uint64_t more;
-        at = step > 0 ? i : all - 1 - i;
-        more = outer[at] | outer[at - plane] | outer[at + plane] | outer[at - bits->words] |
-               outer[at + bits->words] | outer[at - 1] >> 63 | outer[at + 1] << 63;
-        more = itn__spread_bits(more & ~build->holds[at], ~build->holds[at]);
-        any = any || more != outer[at];
-        outer[at] = more;
+        for (x = 1; x < width; x++) d[x] = (uint8_t)(d[x - 1] + 1 < d[x] ? d[x - 1] + 1 : d[x]);
+        for (x = width - 2; x >= 0; x--)
+            d[x] = (uint8_t)(d[x + 1] + 1 < d[x] ? d[x + 1] + 1 : d[x]);
     }
-    return any;
 }
 
-/* Finds the outer cells, from the border on, except in long mazes; none, if triangles may lie
-   beyond it. What is missed costs time alone. */
-static void itn__find_outer(const itn__voxel_build *build, const itn__bit_grid *bits) {
-    size_t plane = bits->rows * bits->words, all = plane * bits->planes, i;
-    int sweeps = 64;
-    for (i = 0; i < all && build->voxels->whole; i++)
-        build->outer[i] = i < plane || i >= all - plane ? ~(uint64_t)0 : 0;
-    while (itn__spread_outer(build, bits, sweeps & 1 ? -1 : 1) && --sweeps) continue;
-}
-
-/* Fills cells with minus the chessboard distance to the nearest cell that holds triangles. */
+/* The distance of each cell to the nearest that holds triangles, or that is beyond the border if
+   triangles may lie there; and which hold some, in bits. */
 static int itn__voxel_distances(itn__voxel_build *build) {
-    const itn__voxels *voxels = build->voxels;
-    itn__bit_grid bits;
-    size_t all;
-    int distance = 1, made;
-    bits.words = ((size_t)voxels->size[0] + 2 + 63) / 64;
-    bits.rows = (size_t)voxels->size[1] + 2, bits.planes = (size_t)voxels->size[2] + 2;
-    all = bits.words * bits.rows * bits.planes;
-    bits.now = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
-    bits.grown = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
-    bits.wider = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
-    build->holds = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
-    build->outer = (uint64_t *)itn__allocate(&voxels->context, all, sizeof(uint64_t));
-    build->row_words = bits.words;
-    build->cells = (int32_t *)itn__allocate(&voxels->context, itn__cell_count(voxels),
-                                            sizeof(int32_t));
-    made = bits.now && bits.grown && bits.wider && build->holds && build->outer && build->cells;
-    if (made) {
-        itn__bits_start(build, &bits);
-        itn__find_outer(build, &bits);
-        while (distance < ITN__REACH && itn__grow_cells(build, &bits, distance)) distance++;
+    itn__voxels *v = build->voxels;
+    size_t cells = itn__cell_count(v), cell;
+    uint8_t *least = (uint8_t *)itn__allocate(&v->context, (size_t)v->size[0] + 2, 1);
+    v->distances = (uint8_t *)itn__allocate(&v->context, cells + 3, 1);
+    v->ranks = (int32_t *)itn__allocate(&v->context, cells / 32 + 1, 2 * sizeof(int32_t));
+    if (!least || !v->distances || !v->ranks) {
+        itn__free(&v->context, least);
+        return 0;
     }
-    itn__free(&voxels->context, bits.now);
-    itn__free(&voxels->context, bits.grown);
-    itn__free(&voxels->context, bits.wider);
-    return made;
+    for (cell = 0; cell < cells; cell++) {
+        int at[3], holds = build->first[cell + 1] > build->first[cell], k, border = 0;
+        int32_t *rank = v->ranks + 2 * (cell / 32);
+        itn__cell_place(v, (int)cell, at);
+        for (k = 0; k < 3 && !v->whole; k++) border |= at[k] == 0 || at[k] == v->size[k] - 1;
+        v->distances[cell] = holds ? 0 : border ? 1 : ITN__REACH;
+        if (cell % 32 == 0) rank[1] = v->surface_count;
+        rank[0] = (int32_t)((uint32_t)rank[0] | (uint32_t)holds << cell % 32);
+        v->surface_count += holds;
+    }
+    itn__sweep_distances(v, 1, least);
+    itn__sweep_distances(v, -1, least);
+    itn__free(&v->context, least);
+    return 1;
 }
 
 /* ---- [regions] planes with nothing on one side ----------------------------------------------- */
@@ -7793,11 +7479,12 @@ static int itn__voxel_distances(itn__voxel_build *build) {
                           r.x >= r.centre - |r|_1 half for x in the block,
    which is the better bound for triangles larger than the block; a = n.m makes r small. The
    triangles of each cell are summarised by the box and the slab of their parts in it, which takes
-   the place of one triangle when a block's cells are put together. Where the triangles of all cells
-   are known, this chapter makes first the record of each cell with triangles, then the regions; its
-   end, itn__voxels_make, makes the whole of the tables. */
+   the place of one triangle when a block's cells are put together. n is the sum of their normals,
+   by area, where a large triangle counts as a face of a cell.
+   Cells with triangles have a slab of their own, and packs; those that are near them, and where a
+   path in a solid may come, a region. itn__voxels_make makes the whole of the tables. */
 
-/* A box of cells and a direction n, with what its triangles say of it: in lanes while they are
+/* A block of cells and a direction n, with what its triangles say of it: in lanes while they are
    added, then over all lanes. Lengths are in cells and relative to the centre. */
 typedef struct itn__slab {
     itn_vec3 centre, n;
@@ -7806,6 +7493,13 @@ typedef struct itn__slab {
     itn__floats steepests; /* |n| times the sine of the largest angle between n and a normal */
     float least, most, steepest;
 } itn__slab;
+
+ITN__INLINE itn__floats itn__least3(const itn__floats x[3]) {
+    return itn__least(x[0], itn__least(x[1], x[2]));
+}
+ITN__INLINE itn__floats itn__most3(const itn__floats x[3]) {
+    return itn__most(x[0], itn__most(x[1], x[2]));
+}
 
 /* ITN__LANES triangles of a pack, beginning with number `from`. */
 typedef struct itn__facets {
@@ -7847,42 +7541,17 @@ ITN__INLINE void itn__slab_add(itn__slab *slab, const itn__facets *t, itn__ints 
     error = 8 * FLT_EPSILON * slab->length * itn__root(t->size);
     wide = (itn__absolute(r.x) + itn__absolute(r.y) + itn__absolute(r.z)) * slab->half;
     for (j = 0; j < 3; j++) d[j] = a * itn__vdot(m, t->p[j]);
-    least = itn__least3(d[0], d[1], d[2]) - wide;
-    most = itn__most3(d[0], d[1], d[2]) + wide;
+    least = itn__least3(d) - wide;
+    most = itn__most3(d) + wide;
     for (j = 0; j < 3; j++) d[j] = itn__vdot(n, t->p[j]);
-    least = itn__most(least, itn__least3(d[0], d[1], d[2])) - error;
-    most = itn__least(most, itn__most3(d[0], d[1], d[2])) + error;
+    least = itn__most(least, itn__least3(d)) - error;
+    most = itn__least(most, itn__most3(d)) + error;
     least = itn__select(good, least, -away), most = itn__select(good, most, away);
     slab->leasts = itn__least(slab->leasts, itn__select(mask, least, away));
     slab->mosts = itn__most(slab->mosts, itn__select(mask, most, -away));
     steep = 16 * FLT_EPSILON * slab->length * reach / t->length + itn__root(itn__vdot(r, r));
     steep = itn__select(good & itn__less(zero, a), steep, away);
     slab->steepests = itn__most(slab->steepests, itn__select(mask, steep, zero));
-}
-
-/* Adds the triangles of a surface cell. */
-ITN__INLINE void itn__slab_add_cell(itn__slab *slab, const itn__pack *packs, int count) {
-    int from;
-    for (from = 0; from < count; from += ITN__LANES) {
-        itn__facets t = itn__facets_make(&packs[from / ITN__PACK], from % ITN__PACK, slab->centre,
-                                         slab->inverse_cell);
-        itn__slab_add(slab, &t, itn__int_less(itn__lane_numbers(), itn__splat_int(count - from)));
-    }
-}
-
-ITN__INLINE int32_t itn__float_word(float x) {
-    int32_t word;
-    memcpy(&word, &x, sizeof word);
-    return word;
-}
-/* A normal of which the largest component is 127, as bytes. */
-static int32_t itn__pack_normal(const float normal[3], itn_vec3 *n) {
-    float largest = itn__max_abs(itn__vec3(normal[0], normal[1], normal[2]));
-    int bytes[3] = {127, 0, 0}, k;
-    for (k = 0; k < 3 && largest > 0 && largest <= FLT_MAX; k++)
-        bytes[k] = (int)floorf(normal[k] / largest * 127 + .5f);
-    *n = itn__vec3((float)bytes[0], (float)bytes[1], (float)bytes[2]);
-    return (bytes[0] & 255) | (bytes[1] & 255) << 8 | (bytes[2] & 255) << 16;
 }
 
 /* Begins a slab for the cube of cells within `reach` of a cell. */
@@ -7898,6 +7567,7 @@ static void itn__slab_begin(const itn__voxels *voxels, const int at[3], int reac
     slab->leasts = itn__splat(INFINITY), slab->mosts = itn__splat(-INFINITY);
     slab->steepests = itn__splat(0);
 }
+
 static void itn__slab_end(itn__slab *slab) {
     int k;
     slab->least = INFINITY, slab->most = -INFINITY, slab->steepest = 0;
@@ -7908,121 +7578,98 @@ static void itn__slab_end(itn__slab *slab) {
     }
 }
 
-/* Writes below and above, moved away from the triangles by what rounding may do to n . x. */
-static void itn__slab_words(const itn__voxel_build *build, const itn__slab *slab,
-                            int32_t words[2]) {
-    const itn__voxels *voxels = build->voxels;
-    double middle = (double)slab->n.x * slab->centre.x + (double)slab->n.y * slab->centre.y +
-                    (double)slab->n.z * slab->centre.z;
-    double margin = slab->length * ((double)ITN__SLAB_MARGIN * voxels->cell +
-                                    8 * FLT_EPSILON * build->largest);
-    words[0] = itn__float_word((float)(middle + (double)slab->least * voxels->cell - margin));
-    words[1] = itn__float_word((float)(middle + (double)slab->most * voxels->cell + margin));
-}
-/* The least a that -n.d must exceed for a segment in the block to meet front faces alone. */
-static float itn__slab_against(const itn__slab *slab) {
-    float a = slab->steepest + 1e-5f * slab->length;
-    return a < slab->length ? a : INFINITY;
+/* What rounding may do to n . x, in cells. */
+static float itn__slab_margin(const itn__voxel_build *build, const itn__slab *slab) {
+    return slab->length * (ITN__SLAB_MARGIN + 8 * FLT_EPSILON * (float)build->largest *
+                                                  build->voxels->inverse_cell);
 }
 
-/* The same as a byte that claims no more; alone: all triangles are of the one closed object. */
+/* The least a that -n.d must exceed for a segment in the block to meet front faces alone, as a byte
+   that claims no more. alone: all triangles are of the one closed object. */
 static uint32_t itn__against_byte(const itn__slab *slab, int alone) {
-    float a = ceilf(itn__slab_against(slab));
-    return alone && a < 255 ? (uint32_t)a : 255;
+    float a = ceilf(slab->steepest + 1e-5f * slab->length);
+    return alone && a < slab->length && a < 255 ? (uint32_t)a : 255;
 }
 
-/* The second word of a record in `spaces`, for bounds of n.x in cells. */
-static int32_t itn__space_bounds(double below, double above, uint32_t against) {
-    const double most = 2047, least = -2048;
-    below = floor(fmin(below / (double)ITN__SPACE_STEP, most));
-    above = ceil(fmax(above / (double)ITN__SPACE_STEP, least));
-    below = fmax(below, least), above = fmin(above, most);
-    return (int32_t)(((uint32_t)(int32_t)below & 0xfffu) |
-                     ((uint32_t)(int32_t)above & 0xfffu) << 12 | against << 24);
+ITN__INLINE int32_t itn__float_word(float x) {
+    int32_t word;
+    memcpy(&word, &x, sizeof word);
+    return word;
 }
-/* Writes a record of which the first word is given. */
-static void itn__write_space(const itn__voxel_build *build, const itn__slab *slab, int32_t first,
-                             int32_t space[2]) {
-    double margin = slab->length * ((double)ITN__SLAB_MARGIN + 8 * FLT_EPSILON * build->largest /
-                                    build->voxels->cell);
-    space[0] = first;
-    space[1] = itn__space_bounds(slab->least - margin, slab->most + margin,
-                                 itn__against_byte(slab, 1));
-}
-
-/* Sorts a surface cell's list, which nearly is, and fills its packs. */
-static void itn__fill_cell(const itn__voxel_build *build, int record) {
-    const itn__voxels *voxels = build->voxels;
-    const int32_t *word = voxels->surface + (size_t)record * ITN__SURFACE_WORDS;
-    int cell = build->surface_cells[record], i, k;
-    int32_t *slots = build->slots + build->first[cell];
-    int count = build->first[cell + 1] - build->first[cell];
-    for (i = 1; i < count; i++) {
-        int32_t slot = slots[i];
-        for (k = i; k > 0 && slots[k - 1] > slot; k--) slots[k] = slots[k - 1];
-        slots[k] = slot;
+/* A normal of which the largest component is 127, as bytes. */
+static int32_t itn__pack_normal(itn_vec3 normal, itn_vec3 *n) {
+    float largest = itn__max_abs(normal);
+    int bytes[3] = {127, 0, 0};
+    if (largest > 0 && largest <= FLT_MAX) {
+        bytes[0] = (int)floorf(normal.x / largest * 127 + .5f);
+        bytes[1] = (int)floorf(normal.y / largest * 127 + .5f);
+        bytes[2] = (int)floorf(normal.z / largest * 127 + .5f);
     }
-    for (i = 0; i < word[ITN__PACK_COUNT]; i++) {
-        int left = count - i * ITN__PACK;
-        itn__pack_fill(&voxels->packs[word[ITN__FIRST_PACK] + i], build->bvh->triangles,
-                       slots + i * ITN__PACK, left < ITN__PACK ? left : ITN__PACK);
-    }
-}
-
-/* The part of a summary that needs no direction: the box of a cell's triangles, and the sum of
-   their normals by area, where a large one counts as a face of the cell does. */
-static void itn__summarise(const itn__slab *slab, const itn__pack *packs, int count,
-                           itn__summary *summary) {
-    itn__floats zero = itn__splat(0), edge = itn__splat(slab->half), sum[3], low[3], high[3];
-    int from, j, k;
-    for (k = 0; k < 3; k++) sum[k] = zero, low[k] = edge, high[k] = -edge;
-    for (from = 0; from < count; from += ITN__LANES) {
-        itn__facets t = itn__facets_make(&packs[from / ITN__PACK], from % ITN__PACK, slab->centre,
-                                         slab->inverse_cell);
-        itn__ints mask = itn__int_less(itn__lane_numbers(), itn__splat_int(count - from));
-        itn__ints good = mask & itn__less(zero, t.length) & itn__less(t.size, itn__splat(1e15f));
-        itn__floats weight = itn__select(good, itn__least(t.length, zero + 2) / t.length, zero);
-        itn__floats error = 4 * FLT_EPSILON * itn__root(t.size);
-        sum[0] += itn__select(good, t.normal.x * weight, zero);
-        sum[1] += itn__select(good, t.normal.y * weight, zero);
-        sum[2] += itn__select(good, t.normal.z * weight, zero);
-        for (k = 0; k < 3; k++) {
-            itn__floats x[3];
-            for (j = 0; j < 3; j++) x[j] = k == 0 ? t.p[j].x : k == 1 ? t.p[j].y : t.p[j].z;
-            low[k] = itn__select(mask, itn__least(low[k], itn__least3(x[0], x[1], x[2]) - error),
-                                 low[k]);
-            high[k] = itn__select(mask, itn__most(high[k], itn__most3(x[0], x[1], x[2]) + error),
-                                  high[k]);
-        }
-    }
-    for (k = 0; k < 3; k++) {
-        float least = slab->half, most = -slab->half;
-        for (j = 0; j < ITN__LANES; j++) {
-            least = itn__min(least, ITN__LANE(low[k], j));
-            most = itn__max(most, ITN__LANE(high[k], j));
-            summary->normal[k] += ITN__LANE(sum[k], j);
-        }
-        least = itn__max(least, -slab->half), most = itn__min(most, slab->half);
-        summary->middle[k] = .5f * (least + most);
-        summary->half[k] = .5f * (most - least) + ITN__SUMMARY_MARGIN;
-    }
+    *n = itn__vec3((float)bytes[0], (float)bytes[1], (float)bytes[2]);
+    return (bytes[0] & 255) | (bytes[1] & 255) << 8 | (bytes[2] & 255) << 16;
 }
 
 /* Whether all triangles of some packs belong to the one closed object. */
-static int itn__packs_alone(const itn__voxel_build *build, const itn__pack *packs, int count) {
+static int itn__packs_alone(const itn__voxels *voxels, const itn__pack *packs, int count) {
     int i, alone = 1;
     for (i = 0; i < count; i++)
         alone = alone && packs[i].object >= 0 &&
-                (itn__object_bit(packs[i].object) & build->voxels->closed);
+                (itn__object_bit(packs[i].object) & voxels->closed);
     return alone;
+}
+
+ITN__INLINE itn__floats itn__component(const itn__vectors *v, int k) {
+    return k == 0 ? v->x : k == 1 ? v->y : v->z;
+}
+
+/* The smallest, or the largest, of all lanes, between -half and half. */
+static float itn__extreme(itn__floats x, float half, int largest) {
+    float found = largest ? -half : half;
+    int k;
+    for (k = 0; k < ITN__LANES; k++)
+        found = largest ? itn__max(found, ITN__LANE(x, k)) : itn__min(found, ITN__LANE(x, k));
+    return itn__clamp(found, -half, half);
+}
+
+/* The box and the sum of the normals of some packs. */
+static void itn__summarise(const itn__slab *slab, const itn__pack *packs, int count,
+                           itn__summary *summary) {
+    itn__floats zero = itn__splat(0), edge = itn__splat(slab->half), sum[3], low[3], high[3];
+    float normal[3] = {0, 0, 0}, middle[3], half[3];
+    int i, j, k;
+    for (k = 0; k < 3; k++) sum[k] = zero, low[k] = edge, high[k] = -edge;
+    for (i = 0; i < count * ITN__PACK; i += ITN__LANES) {
+        const itn__pack *pack = &packs[i / ITN__PACK];
+        itn__facets t = itn__facets_make(pack, i % ITN__PACK, slab->centre, slab->inverse_cell);
+        itn__ints mask = itn__bits_mask(pack->used >> i % ITN__PACK & ITN__ALL_LANES);
+        itn__ints good = mask & itn__less(zero, t.length) & itn__less(t.size, itn__splat(1e15f));
+        itn__floats weight = itn__least(t.length, zero + 2) / t.length;
+        itn__floats error = 4 * FLT_EPSILON * itn__root(t.size);
+        for (k = 0; k < 3; k++) {
+            itn__floats x[3];
+            for (j = 0; j < 3; j++) x[j] = itn__component(&t.p[j], k);
+            sum[k] += itn__select(good, itn__component(&t.normal, k) * weight, zero);
+            low[k] = itn__select(mask, itn__least(low[k], itn__least3(x) - error), low[k]);
+            high[k] = itn__select(mask, itn__most(high[k], itn__most3(x) + error), high[k]);
+        }
+    }
+    for (k = 0; k < 3; k++) {
+        float least = itn__extreme(low[k], slab->half, 0);
+        float most = itn__extreme(high[k], slab->half, 1);
+        for (i = 0; i < ITN__LANES; i++) normal[k] += ITN__LANE(sum[k], i);
+        middle[k] = .5f * (least + most);
+        half[k] = .5f * (most - least) + ITN__SUMMARY_MARGIN;
+    }
+    summary->normal = itn__vec3(normal[0], normal[1], normal[2]);
+    summary->middle = itn__vec3(middle[0], middle[1], middle[2]);
+    summary->half = itn__vec3(half[0], half[1], half[2]);
 }
 
 /* Completes a summary by the slab of the same cell. The cell itself bounds it, too, which keeps it
    finite where a triangle is vast: 0 times infinity would be no number. */
 static void itn__summary_end(const itn__slab *slab, int alone, itn__summary *summary) {
     float scale = 1 / slab->length;
-    summary->unit[0] = slab->n.x * scale, summary->unit[1] = slab->n.y * scale;
-    summary->unit[2] = slab->n.z * scale;
+    summary->unit = itn__scale(slab->n, scale);
     summary->least = itn__max(slab->least * scale, -2 * slab->half) - ITN__SUMMARY_MARGIN;
     summary->most = itn__min(slab->most * scale, 2 * slab->half) + ITN__SUMMARY_MARGIN;
     summary->sine = slab->steepest * scale + ITN__SUMMARY_MARGIN;
@@ -8030,326 +7677,282 @@ static void itn__summary_end(const itn__slab *slab, int alone, itn__summary *sum
     summary->cosine = itn__safe_sqrt(1 - summary->sine * summary->sine);
 }
 
-static void itn__make_surface_record(void *task, int chunk) {
-    itn__voxel_build *build = (itn__voxel_build *)task;
+/* Fills the packs of a surface cell and completes its record, of which the bounds are those of
+   n . x in the scene. */
+static void itn__make_surface_cell(const itn__voxel_build *build, int record) {
     const itn__voxels *voxels = build->voxels;
-    int record = chunk * ITN__RECORDS, end = record + ITN__RECORDS;
-    if (end > voxels->surface_count) end = voxels->surface_count;
-    for (; record < end; record++) {
-        int32_t *word = voxels->surface + (size_t)record * ITN__SURFACE_WORDS;
-        const itn__pack *packs = &voxels->packs[word[ITN__FIRST_PACK]];
-        itn__summary *summary = &build->summaries[record];
-        int cell = build->surface_cells[record], at[3];
-        int count = build->first[cell + 1] - build->first[cell], alone;
-        itn__slab slab;
-        itn_vec3 n = ITN_ZERO;
-        itn__fill_cell(build, record);
-        itn__cell_place(voxels, cell, at);
-        itn__slab_begin(voxels, at, 0, n, &slab);
-        itn__summarise(&slab, packs, count, summary);
-        word[ITN__OWN_NORMAL] = itn__pack_normal(summary->normal, &n);
-        itn__slab_begin(voxels, at, 0, n, &slab);
-        itn__slab_add_cell(&slab, packs, count);
-        itn__slab_end(&slab);
-        itn__slab_words(build, &slab, word + ITN__OWN_BELOW);
-        alone = itn__packs_alone(build, packs, word[ITN__PACK_COUNT]);
-        word[ITN__OWN_NORMAL] |= (int32_t)(itn__against_byte(&slab, alone) << 24);
-        itn__summary_end(&slab, alone, summary);
+    int32_t *word = voxels->surface + (size_t)record * ITN__SURFACE_WORDS;
+    int cell = build->surface_cells[record], first = build->first[cell], at[3], i;
+    int count = build->first[cell + 1] - first, pack_count = word[ITN__PACK_COUNT], alone;
+    itn__pack *packs = &voxels->packs[word[ITN__FIRST_PACK]];
+    itn__summary *summary = &build->summaries[record];
+    double middle, margin, side = voxels->cell;
+    itn__slab slab;
+    itn_vec3 n = ITN_ZERO;
+    for (i = 0; i < pack_count; i++, first += ITN__PACK, count -= ITN__PACK)
+        itn__pack_fill(&packs[i], build->bvh->triangles, build->listed + first,
+                       count < ITN__PACK ? count : ITN__PACK);
+    itn__cell_place(voxels, cell, at);
+    itn__slab_begin(voxels, at, 0, n, &slab);
+    itn__summarise(&slab, packs, pack_count, summary);
+    word[ITN__OWN_NORMAL] = itn__pack_normal(summary->normal, &n);
+    itn__slab_begin(voxels, at, 0, n, &slab);
+    for (i = 0; i < pack_count * ITN__PACK; i += ITN__LANES) {
+        const itn__pack *pack = &packs[i / ITN__PACK];
+        itn__facets t = itn__facets_make(pack, i % ITN__PACK, slab.centre, slab.inverse_cell);
+        itn__slab_add(&slab, &t, itn__bits_mask(pack->used >> i % ITN__PACK & ITN__ALL_LANES));
     }
+    itn__slab_end(&slab);
+    alone = itn__packs_alone(voxels, packs, pack_count);
+    itn__summary_end(&slab, alone, summary);
+    margin = itn__slab_margin(build, &slab);
+    middle = (double)n.x * slab.centre.x + (double)n.y * slab.centre.y +
+             (double)n.z * slab.centre.z;
+    word[ITN__OWN_BELOW] = itn__float_word((float)(middle + (slab.least - margin) * side));
+    word[ITN__OWN_ABOVE] = itn__float_word((float)(middle + (slab.most + margin) * side));
+    word[ITN__OWN_NORMAL] |= (int32_t)(itn__against_byte(&slab, alone) << 24);
+}
+
+/* The second word of what is known around a cell, for bounds of n.x in cells. */
+static int32_t itn__space_bounds(float below, float above, uint32_t against) {
+    const float most = 2047, least = -2048;
+    below = itn__clamp(floorf(below / ITN__SPACE_STEP), least, most);
+    above = itn__clamp(ceilf(above / ITN__SPACE_STEP), least, most);
+    return (int32_t)(((uint32_t)(int32_t)below & 0xfffu) |
+                     ((uint32_t)(int32_t)above & 0xfffu) << 12 | against << 24);
+}
+
+/* The record of a cell that holds triangles, or -1. */
+static int itn__record_of(const itn__voxels *voxels, int cell) {
+    const int32_t *rank = voxels->ranks + 2 * (size_t)(cell / 32);
+    unsigned bits = (unsigned)rank[0], bit = 1u << cell % 32;
+    return bits & bit ? rank[1] + itn__count_bits(bits & (bit - 1)) : -1;
 }
 
 /* The surface cells of a block. */
-enum {
-    ITN__BLOCK_SIDE = 2 * ITN__REGION_REACH + 1,
-    ITN__BLOCK_CELLS = ITN__BLOCK_SIDE * ITN__BLOCK_SIDE * ITN__BLOCK_SIDE
-};
+enum { ITN__SIDE = 2 * ITN__REGION_REACH + 1 };
 typedef struct itn__block {
-    int at[3], count;
-    float normal[3]; /* sum */
-    int32_t records[ITN__BLOCK_CELLS + ITN__LANES]; /* first floats of their summaries, then 0 */
-    float offset[3][ITN__BLOCK_CELLS + ITN__LANES]; /* from the middle cell */
+    const itn__summary *cells[ITN__SIDE * ITN__SIDE * ITN__SIDE];
+    itn_vec3 offset[ITN__SIDE * ITN__SIDE * ITN__SIDE]; /* from the middle cell */
+    int count;
 } itn__block;
 
-/* Row y, z of a bit grid. */
-ITN__INLINE const uint64_t *itn__bit_row(const itn__voxel_build *build, const uint64_t *bits, int y,
-                                         int z) {
-    size_t rows = (size_t)build->voxels->size[1] + 2;
-    return bits + ((size_t)(z + 1) * rows + (size_t)(y + 1)) * build->row_words;
-}
-
-/* Bits of cells x, x + 1, ... (up to 64 of them) of a row that hold triangles. */
-ITN__INLINE uint64_t itn__row_holds(const itn__voxel_build *build, int x, int y, int z) {
-    const uint64_t *row = itn__bit_row(build, build->holds, y, z);
-    size_t word = (size_t)(x + 1) >> 6, shift = (size_t)(x + 1) & 63;
-    uint64_t bits = row[word] >> shift;
-    return shift && word + 1 < build->row_words ? bits | row[word + 1] << (64 - shift) : bits;
-}
-
-ITN__INLINE void itn__block_add(const itn__voxel_build *build, itn__block *block, int x, int y,
-                                int z) {
+static void itn__block_make(const itn__voxel_build *build, const int at[3], int reach,
+                            itn__block *block) {
     const itn__voxels *voxels = build->voxels;
-    int32_t record = build->cells[(z * voxels->size[1] + y) * voxels->size[0] + x];
-    const itn__summary *summary = &build->summaries[record];
-    block->records[block->count] = record * ITN__SUMMARY_FLOATS;
-    block->offset[0][block->count] = (float)(x - block->at[0]);
-    block->offset[1][block->count] = (float)(y - block->at[1]);
-    block->offset[2][block->count++] = (float)(z - block->at[2]);
-    block->normal[0] += summary->normal[0], block->normal[1] += summary->normal[1];
-    block->normal[2] += summary->normal[2];
-}
-static void itn__block_make(const itn__voxel_build *build, int reach, itn__block *block) {
-    int y, z, from[3], to[3], k;
-    block->count = 0;
+    int from[3], to[3], k, x, y, z;
     for (k = 0; k < 3; k++) {
-        int last = build->voxels->size[k] - 1;
-        from[k] = block->at[k] > reach ? block->at[k] - reach : 0;
-        to[k] = block->at[k] + reach < last ? block->at[k] + reach : last;
-        block->normal[k] = 0;
+        from[k] = at[k] > reach ? at[k] - reach : 0;
+        to[k] = at[k] + reach < voxels->size[k] ? at[k] + reach : voxels->size[k] - 1;
     }
+    block->count = 0;
     for (z = from[2]; z <= to[2]; z++)
-        for (y = from[1]; y <= to[1]; y++) {
-            uint64_t bits = itn__row_holds(build, from[0], y, z);
-            int x = from[0];
-            for (bits &= ((uint64_t)2 << (to[0] - x)) - 1; bits; bits >>= 1, x++)
-                if (bits & 1) itn__block_add(build, block, x, y, z);
-        }
-    memset(block->records + block->count, 0, ITN__LANES * sizeof(int32_t)); /* any will do */
+        for (y = from[1]; y <= to[1]; y++)
+            for (x = from[0]; x <= to[0]; x++) {
+                int cell = (z * voxels->size[1] + y) * voxels->size[0] + x;
+                if (voxels->distances[cell]) continue;
+                block->cells[block->count] = &build->summaries[itn__record_of(voxels, cell)];
+                block->offset[block->count++] =
+                    itn__vec3((float)(x - at[0]), (float)(y - at[1]), (float)(z - at[2]));
+            }
 }
 
-/* ITN__LANES summaries, from the numbers of their first floats. */
-typedef struct itn__summaries {
-    itn__vectors m, middle, half;
-    itn__floats least, most, sine, cosine;
-} itn__summaries;
-
-ITN__INLINE itn__summaries itn__summaries_load(const itn__summary *base, itn__ints at) {
-    const float *first = base->normal;
-    itn__floats zero = itn__splat(0);
-    itn__ints all = itn__splat_int(-1);
-    itn__summaries t;
-#define ITN__FIELD(k) itn__gather(first + (k), at, all, zero)
-    t.m = itn__vectors_of(ITN__FIELD(3), ITN__FIELD(4), ITN__FIELD(5));
-    t.least = ITN__FIELD(6), t.most = ITN__FIELD(7);
-    t.sine = ITN__FIELD(8), t.cosine = ITN__FIELD(9);
-    t.middle = itn__vectors_of(ITN__FIELD(10), ITN__FIELD(11), ITN__FIELD(12));
-    t.half = itn__vectors_of(ITN__FIELD(13), ITN__FIELD(14), ITN__FIELD(15));
-#undef ITN__FIELD
-    return t;
-}
 /* |x| . y */
-ITN__INLINE itn__floats itn__vspread(itn__vectors x, itn__vectors y) {
-    return itn__absolute(x.x) * y.x + itn__absolute(x.y) * y.y + itn__absolute(x.z) * y.z;
+ITN__INLINE float itn__spread(itn_vec3 x, itn_vec3 y) {
+    return fabsf(x.x) * y.x + fabsf(x.y) * y.y + fabsf(x.z) * y.z;
 }
 
-/* Adds the summaries of a block's cells to a slab: n.x is bounded as for triangles, with a cell's
-   box for the block; angles add up. */
-static void itn__slab_add_block(const itn__voxel_build *build, const itn__block *block,
-                                itn__slab *slab) {
-    itn__floats zero = itn__splat(0), away = itn__splat(INFINITY);
-    itn__vectors n = itn__vectors_of(zero + slab->n.x, zero + slab->n.y, zero + slab->n.z);
+/* The slab of a block, of its cells' summaries: n.x is bounded as for triangles, with a cell's box
+   for the block; angles add up. */
+static void itn__slab_of_block(itn__slab *slab, const itn__block *block) {
     int i;
-    for (i = 0; i < block->count; i += ITN__LANES) {
-        itn__ints mask = itn__int_less(itn__lane_numbers(), itn__splat_int(block->count - i));
-        itn__ints at = itn__load_ints(block->records + i);
-        itn__summaries t = itn__summaries_load(build->summaries, at);
-        itn__floats a = itn__vdot(n, t.m), least, most, wide, sine, offset, r_middle;
-        itn__vectors r = itn__valong(n, -a, t.m);
-        itn__ints acute;
-        least = itn__vdot(n, t.middle) - itn__vspread(n, t.half);
-        most = itn__vdot(n, t.middle) + itn__vspread(n, t.half);
-        wide = itn__vspread(r, t.half);
-        r_middle = itn__vdot(r, t.middle);
-        least = itn__most(least, itn__least(a * t.least, a * t.most) + r_middle - wide);
-        most = itn__least(most, itn__most(a * t.least, a * t.most) + r_middle + wide);
-        offset = n.x * itn__load(block->offset[0] + i) + n.y * itn__load(block->offset[1] + i) +
-                 n.z * itn__load(block->offset[2] + i);
-        least += offset, most += offset;
-        slab->leasts = itn__least(slab->leasts, itn__select(mask, least, away));
-        slab->mosts = itn__most(slab->mosts, itn__select(mask, most, -away));
-        sine = itn__root(itn__vdot(r, r)); /* times |n|; a is the cosine times |n| */
-        acute = itn__less(t.sine, itn__splat(1)) & itn__less(sine * t.sine, a * t.cosine);
-        sine = itn__select(acute, sine * t.cosine + a * t.sine, away);
-        slab->steepests = itn__most(slab->steepests, itn__select(mask, sine, zero));
+    slab->least = INFINITY, slab->most = -INFINITY, slab->steepest = 0;
+    for (i = 0; i < block->count; i++) {
+        const itn__summary *t = block->cells[i];
+        float a = itn__dot(slab->n, t->unit), offset = itn__dot(slab->n, block->offset[i]);
+        itn_vec3 r = itn__along(slab->n, -a, t->unit);
+        float middle = itn__dot(slab->n, t->middle), wide = itn__spread(slab->n, t->half);
+        float r_middle = itn__dot(r, t->middle), r_wide = itn__spread(r, t->half);
+        float least = itn__min(a * t->least, a * t->most) + r_middle - r_wide;
+        float most = itn__max(a * t->least, a * t->most) + r_middle + r_wide;
+        float sine = itn__length(r); /* times |n|, and a is the cosine times |n| */
+        slab->least = itn__min(slab->least, offset + itn__max(least, middle - wide));
+        slab->most = itn__max(slab->most, offset + itn__min(most, middle + wide));
+        sine = t->sine < 1 && sine * t->sine < a * t->cosine ? sine * t->cosine + a * t->sine
+                                                             : INFINITY;
+        slab->steepest = itn__max(slab->steepest, sine);
     }
 }
 
-/* How good a region is for a point in its middle cell: over heights of the point above the cell's
-   centre, the chance that a flight of about a cell in any direction stays below the slab and in the
-   block, or runs against its normals from within the slab. */
-static float itn__region_score(const itn__slab *slab, int reach) {
-    float below = slab->least / slab->length, above = slab->most / slab->length;
-    float inside = 1 - .8f * expf(-((float)reach + .5f)), score = 0;
-    float against = .5f * inside * itn__max(0, 1 - slab->steepest / slab->length);
-    int k;
-    for (k = 0; k < 4; k++) {
-        float height = .25f * (float)k - .375f;
-        float free = height < below ? inside - .5f / (1 + 2 * (below - height)) : 0;
-        score += height < above ? itn__max(against, free) : 0;
-    }
-    return score;
-}
-
-/* The reach of the largest block around a cell that is known: all of them, if no triangle lies
-   outside of the grid. */
-static int itn__known_reach(const itn__voxel_build *build, const int at[3]) {
-    int k, reach = ITN__REGION_REACH;
-    for (k = 0; k < 3 && !build->voxels->whole; k++) {
-        int after = build->voxels->size[k] - 1 - at[k];
-        reach = at[k] < reach ? at[k] : reach;
-        reach = after < reach ? after : reach;
-    }
-    return reach;
-}
-
-/* Writes what is known of a near cell's block, of the reach that seems best. */
-static void itn__make_region(const itn__voxel_build *build, int near_one) {
+/* Writes the region of a near cell: the smallest block that reaches triangles. */
+static void itn__make_region(const itn__voxel_build *build, int cell) {
     const itn__voxels *voxels = build->voxels;
-    int cell = build->near_cells[near_one], distance = build->cells[cell], reach, end, known;
-    float best = -1;
+    int at[3], reach = voxels->distances[cell], k;
+    int32_t *space = voxels->spaces + 2 * (size_t)cell;
+    itn_vec3 n, normal = ITN_ZERO;
     itn__block block;
-    distance = distance < 0 ? -distance : 0, reach = distance, end = reach + voxels->regions - 1;
-    itn__cell_place(voxels, cell, block.at);
-    known = itn__known_reach(build, block.at);
-    for (end = end < known ? end : known; reach <= end; reach++) {
-        itn__slab slab;
-        itn_vec3 n;
-        float score;
-        int32_t packed;
-        itn__block_make(build, reach, &block);
-        packed = itn__pack_normal(block.normal, &n);
-        itn__slab_begin(voxels, block.at, reach, n, &slab);
-        itn__slab_add_block(build, &block, &slab);
-        itn__slab_end(&slab);
-        score = itn__region_score(&slab, reach);
-        if (!(score > best)) continue;
-        best = score;
-        itn__write_space(build, &slab, packed | reach << 24 | distance << 28,
-                         voxels->spaces + 2 * (size_t)cell);
-    }
+    itn__slab slab;
+    float margin;
+    itn__cell_place(voxels, cell, at);
+    for (k = 0; k < 3 && !voxels->whole; k++) /* beyond the border triangles may lie */
+        if (at[k] < reach || voxels->size[k] - 1 - at[k] < reach) return;
+    itn__block_make(build, at, reach, &block);
+    for (k = 0; k < block.count; k++) normal = itn__add(normal, block.cells[k]->normal);
+    space[0] = itn__pack_normal(normal, &n) | reach << 24 | reach << 28;
+    itn__slab_begin(voxels, at, reach, n, &slab);
+    itn__slab_of_block(&slab, &block);
+    margin = itn__slab_margin(build, &slab);
+    space[1] = itn__space_bounds(slab.least - margin, slab.most + margin,
+                                 itn__against_byte(&slab, 1));
+}
+
+static void itn__make_surface_cells(void *task, int chunk) {
+    const itn__voxel_build *build = (const itn__voxel_build *)task;
+    int i, end = itn__block_end(chunk, build->voxels->surface_count);
+    for (i = chunk * ITN__BLOCK; i < end; i++) itn__make_surface_cell(build, i);
 }
 static void itn__make_regions(void *task, int chunk) {
     const itn__voxel_build *build = (const itn__voxel_build *)task;
-    int near_one = chunk * ITN__RECORDS, end = near_one + ITN__RECORDS;
-    if (end > build->near_count) end = build->near_count;
-    for (; near_one < end; near_one++) itn__make_region(build, near_one);
+    int i, end = itn__block_end(chunk, build->near_count);
+    for (i = chunk * ITN__BLOCK; i < end; i++) itn__make_region(build, build->near_cells[i]);
 }
 
-/* Whether a cell has a record: not one that no path in a solid comes to. */
-ITN__INLINE int itn__is_near(const itn__voxel_build *build, size_t cell) {
-    int distance = -build->cells[cell], at[3];
-    if (distance <= 0 || distance > ITN__REGION_REACH || !build->voxels->regions)
-        return distance <= 0;
-    itn__cell_place(build->voxels, (int)cell, at);
-    return !(itn__bit_row(build, build->outer, at[1], at[2])[(at[0] + 1) / 64] >>
-             (at[0] + 1) % 64 & 1);
-}
-
-/* Counts records and packs; returns whether there is memory for them. */
-static int itn__allocate_records(itn__voxel_build *build) {
-    itn__voxels *voxels = build->voxels;
-    const itn_context *context = &voxels->context;
-    size_t cell, cells = itn__cell_count(voxels), packs = 0;
-    for (cell = 0; cell < cells; cell++) {
-        int count = build->first[cell + 1] - build->first[cell];
-        build->near_count += itn__is_near(build, cell);
-        voxels->surface_count += count > 0;
-        packs += (size_t)(count + ITN__PACK - 1) / ITN__PACK;
+/* Finds the cells that hold no triangles and are connected with the border by such: they are
+   outside of all solids, no walk in a medium comes there. None, if triangles may lie beyond. */
+static int itn__find_outer(itn__voxel_build *build) {
+    const itn__voxels *v = build->voxels;
+    size_t cells = itn__cell_count(v), cell;
+    int32_t *queue = (int32_t *)itn__allocate(&v->context, cells, sizeof(int32_t));
+    int stride[3], at[3], k, head = 0, tail = 0;
+    build->outer = (uint8_t *)itn__allocate(&v->context, cells, 1);
+    stride[0] = 1, stride[1] = v->size[0], stride[2] = v->size[0] * v->size[1];
+    for (cell = 0; queue && build->outer && v->whole && v->regions && cell < cells; cell++) {
+        int border = 0;
+        itn__cell_place(v, (int)cell, at);
+        for (k = 0; k < 3; k++) border |= at[k] == 0 || at[k] == v->size[k] - 1;
+        if (border && v->distances[cell]) build->outer[queue[tail++] = (int32_t)cell] = 1;
     }
-    voxels->pack_count = (int)packs;
-    voxels->spaces = (int32_t *)itn__allocate(context, cells, 2 * sizeof(int32_t));
-    voxels->surface = (int32_t *)itn__allocate(context, (size_t)voxels->surface_count,
-                                               ITN__SURFACE_WORDS * sizeof(int32_t));
-    voxels->pack_memory = itn__allocate(context, packs + 1, sizeof(itn__pack));
-    build->near_cells = (int32_t *)itn__allocate(context, (size_t)build->near_count,
-                                                 sizeof(int32_t));
-    build->surface_cells = (int32_t *)itn__allocate(context, (size_t)voxels->surface_count,
-                                                    sizeof(int32_t));
-    build->summaries = (itn__summary *)itn__allocate(context, (size_t)voxels->surface_count,
-                                                     sizeof(itn__summary));
-    return voxels->spaces && voxels->surface && voxels->pack_memory && build->near_cells &&
-           build->surface_cells && build->summaries;
-}
-
-/* Numbers the records in the order of cells, and writes what is known without regions. */
-static void itn__number_records(itn__voxel_build *build) {
-    const itn__voxels *voxels = build->voxels;
-    size_t cell, cells = itn__cell_count(voxels);
-    int near_count = 0, surface = 0, packs = 0;
-    for (cell = 0; cell < cells; cell++) {
-        int count = build->first[cell + 1] - build->first[cell];
-        int32_t *space = voxels->spaces + 2 * cell, distance = -build->cells[cell];
-        space[0] = count ? 127 : (distance - 1) << 24;
-        space[1] = count ? itn__space_bounds(-INFINITY, INFINITY, 255)
-                         : itn__space_bounds(INFINITY, INFINITY, 255);
-        if (itn__is_near(build, cell)) build->near_cells[near_count++] = (int32_t)cell;
-        if (count) {
-            int32_t *own = voxels->surface + (size_t)surface * ITN__SURFACE_WORDS;
-            own[ITN__FIRST_PACK] = packs;
-            own[ITN__PACK_COUNT] = (count + ITN__PACK - 1) / ITN__PACK;
-            packs += own[ITN__PACK_COUNT];
-            build->surface_cells[surface] = (int32_t)cell;
-            build->cells[cell] = surface++;
+    while (head < tail) {
+        int from = queue[head++];
+        itn__cell_place(v, from, at);
+        for (k = 0; k < 6; k++) {
+            int up = k & 1, next = from + (up ? stride[k / 2] : -stride[k / 2]);
+            if (at[k / 2] == (up ? v->size[k / 2] - 1 : 0)) continue;
+            if (v->distances[next] && !build->outer[next])
+                build->outer[queue[tail++] = next] = 1;
         }
     }
+    itn__free(&v->context, queue);
+    return queue && build->outer;
 }
 
-static int itn__voxel_records(itn__voxel_build *build) {
-    itn__voxels *voxels = build->voxels;
-    const itn_context *context = &voxels->context;
-    if (!itn__allocate_records(build)) return 0;
-    voxels->packs = (itn__pack *)(void *)((char *)voxels->pack_memory +
-                                          (64 - (uintptr_t)voxels->pack_memory % 64) % 64);
-    itn__number_records(build);
-    itn__parallel_for(context, (voxels->surface_count + ITN__RECORDS - 1) / ITN__RECORDS,
-                      itn__make_surface_record, build);
-    if (voxels->regions)
-        itn__parallel_for(context, (build->near_count + ITN__RECORDS - 1) / ITN__RECORDS,
-                          itn__make_regions, build);
-    return 1;
+/* Numbers the records in the order of cells, and writes what is known without regions. Returns
+   whether there is memory for all. */
+static int itn__number_records(itn__voxel_build *build) {
+    itn__voxels *v = build->voxels;
+    const itn_context *context = &v->context;
+    size_t cell, cells = itn__cell_count(v), records = (size_t)v->surface_count;
+    int surface = 0;
+    v->spaces = (int32_t *)itn__allocate(context, cells, 2 * sizeof(int32_t));
+    v->surface = (int32_t *)itn__allocate(context, records, ITN__SURFACE_WORDS * sizeof(int32_t));
+    build->near_cells = (int32_t *)itn__allocate(context, cells, sizeof(int32_t));
+    build->surface_cells = (int32_t *)itn__allocate(context, records, sizeof(int32_t));
+    build->summaries = (itn__summary *)itn__allocate(context, records, sizeof(itn__summary));
+    if (!v->spaces || !v->surface || !build->near_cells || !build->surface_cells ||
+        !build->summaries)
+        return 0;
+    for (cell = 0; cell < cells; cell++) {
+        int count = build->first[cell + 1] - build->first[cell], distance = v->distances[cell];
+        int32_t *space = v->spaces + 2 * cell;
+        space[0] = count ? 127 : (distance - 1) << 24;
+        space[1] = itn__space_bounds(count ? -INFINITY : INFINITY, INFINITY, 255);
+        if (v->regions && distance <= ITN__REGION_REACH && !build->outer[cell])
+            build->near_cells[build->near_count++] = (int32_t)cell;
+        if (count) {
+            int32_t *own = v->surface + (size_t)surface * ITN__SURFACE_WORDS;
+            own[ITN__FIRST_PACK] = v->pack_count;
+            own[ITN__PACK_COUNT] = (count + ITN__PACK - 1) / ITN__PACK;
+            v->pack_count += own[ITN__PACK_COUNT];
+            build->surface_cells[surface++] = (int32_t)cell;
+        }
+    }
+    v->packs = (itn__pack *)itn__allocate_aligned(context, (size_t)v->pack_count,
+                                                  sizeof(itn__pack), &v->pack_memory);
+    return v->packs != NULL;
 }
 
-/* Chooses the grid and finds each triangle's groups; cells are enlarged until the triangles do not
-   look at too many of them. Returns 0 if floats cannot represent the grid's numbers. */
+/* How many columns of cells all triangles will look at. */
+static double itn__voxel_columns(const itn__voxel_build *build) {
+    double columns = 0;
+    int i, k;
+    for (i = 0; i < build->bvh->triangle_count; i++) {
+        double cells = 1, flat = INFINITY;
+        itn__raster r;
+        if (!itn__raster_load(build->voxels, &build->bvh->triangles[i], &r)) continue;
+        for (k = 0; k < 3; k++) {
+            double wide = r.range[k][1] - r.range[k][0] + 1;
+            cells *= wide, flat = fmin(flat, wide);
+        }
+        columns += cells / flat;
+    }
+    return columns;
+}
+
+/* Chooses the grid; cells are enlarged until the triangles do not look at too many of them. Returns
+   0 if floats cannot represent the grid's numbers. */
 static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upper,
                            int resolution) {
-    itn__voxels *voxels = build->voxels;
+    itn__voxels *v = build->voxels;
+    const itn_bvh *bvh = build->bvh;
     float extent[3];
-    double most = ITN__MAX_COLUMNS + 8.0 * build->bvh->triangle_count, cell;
+    double most = ITN__MAX_COLUMNS + 8.0 * bvh->triangle_count, cell;
     extent[0] = upper.x - lower.x, extent[1] = upper.y - lower.y, extent[2] = upper.z - lower.z;
     build->largest = itn__max(itn__max_abs(lower), itn__max_abs(upper));
     cell = itn__grid_cell(extent, build->largest, resolution);
     build->largest += 2 * cell;
     for (;; cell *= 2) {
-        if (!itn__grid_make(voxels, lower, extent, cell)) return 0;
-        voxels->whole = itn__voxels_whole(build);
-        if (itn__voxel_ranges(build) <= most) return 1;
-        if (itn__voxel_total(voxels->size) <= 27) return 1;
+        itn__grid_size(extent, cell, v->size);
+        v->cell = (float)cell, v->inverse_cell = (float)(1 / cell);
+        v->lower = itn__along(lower, -1, itn__vec3(v->cell, v->cell, v->cell));
+        if (!(itn__finite3(v->lower) && v->cell >= FLT_MIN && v->inverse_cell >= FLT_MIN &&
+              v->inverse_cell <= FLT_MAX))
+            return 0;
+        if (itn__voxel_columns(build) <= most || itn__cell_count(v) <= 27) break;
     }
+    upper = itn__along(v->lower, v->cell,
+                       itn__vec3((float)v->size[0], (float)v->size[1], (float)v->size[2]));
+    v->whole = bvh->lower.x > v->lower.x && bvh->upper.x < upper.x && bvh->lower.y > v->lower.y &&
+               bvh->upper.y < upper.y && bvh->lower.z > v->lower.z && bvh->upper.z < upper.z;
+    return 1;
 }
 
-/* Tells the distances of all cells in a byte each, and where triangles are in a bit. */
-static int itn__voxel_bytes(itn__voxel_build *build) {
-    itn__voxels *voxels = build->voxels;
-    size_t count = itn__cell_count(voxels), i;
-    int32_t surface = 0;
-    voxels->distances = (uint8_t *)itn__allocate(&voxels->context, count + 3, 1);
-    voxels->ranks = (int32_t *)itn__allocate(&voxels->context, count / 32 + 1, 2 * sizeof(int32_t));
-    if (!voxels->distances || !voxels->ranks) return 0;
-    for (i = 0; i < count; i++) {
-        int32_t cell = build->cells[i], *rank = voxels->ranks + 2 * (i / 32);
-        voxels->distances[i] = (uint8_t)(cell >= 0 ? 0 : -cell);
-        if (i % 32 == 0) rank[1] = surface;
-        if (cell < 0) continue;
-        rank[0] = (int32_t)((uint32_t)rank[0] | (uint32_t)1 << i % 32);
-        surface++;
-    }
+static void itn__voxels_free(itn__voxels *voxels) {
+    itn_context context;
+    if (!voxels) return;
+    context = voxels->context;
+    itn__free(&context, voxels->spaces);
+    itn__free(&context, voxels->distances);
+    itn__free(&context, voxels->ranks);
+    itn__free(&context, voxels->surface);
+    itn__free(&context, voxels->pack_memory);
+    itn__free(&context, voxels);
+}
+
+/* Makes what the grid holds. Returns 0 if memory is out. */
+static int itn__voxels_fill(itn__voxel_build *build) {
+    const itn_context *context = &build->voxels->context;
+    if (!itn__voxel_lists(build) || !itn__voxel_distances(build) || !itn__find_outer(build) ||
+        !itn__number_records(build))
+        return 0;
+    itn__parallel_for(context, itn__block_count(build->voxels->surface_count),
+                      itn__make_surface_cells, build);
+    itn__parallel_for(context, itn__block_count(build->near_count), itn__make_regions, build);
     return 1;
 }
 
 /* Makes the tables for the box from lower to upper and one cell around it, of `resolution` cells
    along its longest axis; fewer if there is not enough room or precision. closed: bits of the
-   closed objects. regions: how many blocks are tried around each near cell, at most 2; with none,
-   only cubes and packs. */
+   closed objects. regions: whether there are any, or only cubes and packs. */
 static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bvh, uint64_t closed,
                                    itn_vec3 lower, itn_vec3 upper, int resolution, int regions,
                                    itn__voxels **voxels, itn_error *error) {
@@ -8365,18 +7968,20 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
     build.voxels->context = *context;
     build.voxels->regions = regions;
     build.voxels->closed = closed & (closed - 1) ? 0 : closed;
-    build.ranges = (int32_t *)itn__allocate(context, (size_t)bvh->triangle_count, sizeof(int32_t));
-    if (!build.ranges)
-        result = itn__out_of_memory(error, "voxels");
-    else if (!itn__voxel_grid(&build, lower, upper, resolution))
+    if (!itn__voxel_grid(&build, lower, upper, resolution))
         result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                            "voxels: a box of %g is too small or large for floats",
                            (double)itn__max_abs(extent));
-    else if (!(itn__voxel_groups(&build) && itn__voxel_lists(&build) &&
-               itn__voxel_distances(&build) && itn__voxel_records(&build) &&
-               itn__voxel_bytes(&build)))
+    else if (!itn__voxels_fill(&build))
         result = itn__out_of_memory(error, "voxels");
-    itn__voxel_build_free(&build);
+    itn__free(context, build.starts);
+    itn__free(context, build.covered);
+    itn__free(context, build.first);
+    itn__free(context, build.listed);
+    itn__free(context, build.outer);
+    itn__free(context, build.near_cells);
+    itn__free(context, build.surface_cells);
+    itn__free(context, build.summaries);
     if (result)
         itn__voxels_free(build.voxels);
     else
