@@ -54,13 +54,14 @@
        [mesh]           triangle meshes, and whether they are solids
        [triangle]       the watertight test of one ray and many triangles
        [bvh]            a bounding volume hierarchy
+       [fields]         what items have, said once
        [medium]         free flight and phase function
        [surface]        Fresnel, rough boundary, diffuse
        [light]          constant, map, sky, sun
        [sensor]         camera and film
        [scene]          what a scene holds
        [parameters]     numbers that can be differentiated
-       [fields]         what items have, said once
+       [forms]          the fields of all items
        [maker]          a desc, checked and made ready
        [objects]        meshes, transformed and merged into one tree
        [place]          where a walk is
@@ -3624,6 +3625,57 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
     return itn__bvh_trace(bvh, ray, NULL, 1, NULL);
 }
 
+/* ---- [fields] what items have, said once ----------------------------------------------------- */
+
+/* An item of a scene - film, camera, medium, surface, object, light - is a row of fields. What may
+   stand in a field is said here and nowhere else: scene files are read by these tables, descs of a
+   caller are checked by them, and parameters come in their order. A new field is a new row; a new
+   kind of surface or light is a new form (and its model).
+
+   `form` tells how many numbers follow a field's name in a file, by digits, and how the desc keeps
+   them: f as floats, i as an int, c as a colour (one number counts for all channels), s as a
+   spectrum (one number, or three in an array of their own); k a checker, t a step of a transform.
+   Or what word follows: w a name, o one of `words`, m p y a file with a mesh, a picture, a sky. A
+   field without any of these is a flag, an int. What has ! must be given in a file. */
+typedef struct itn__field {
+    const char *name, *form;
+    float lower, upper; /* range of its numbers */
+    float otherwise;    /* counts where none is given, in a file or by a 0 out of range in a desc;
+                           if this is 0, too, there is none */
+    size_t at;          /* where the desc has it */
+    size_t parameter;   /* where the scene's item has the index of its parameter; 0: it has none */
+    itn_transform transform;
+    size_t three;      /* where the desc has three numbers of a spectrum */
+    const char *words; /* that may follow; NULL: any */
+} itn__field;
+enum { ITN__MOST_FIELDS = 9, ITN__MOST_NUMBERS = 9 };
+
+enum { ITN__FILM, ITN__CAMERA, ITN__MEDIUM, ITN__SURFACE, ITN__OBJECT, ITN__LIGHT, ITN__KINDS };
+static const char *const itn__kinds[] = {"film",    "camera", "medium",
+                                         "surface", "object", "light"};
+
+/* The fields of a kind of item, or of a variant: a surface's type, or a field that comes first. */
+typedef struct itn__form {
+    int kind;
+    const char *variant;
+    size_t type_at; /* where the desc has its type, which is `type`; 0: nowhere */
+    int type;
+    itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
+} itn__form;
+
+#define ITN__RANGE(lower, upper) lower, upper
+#define ITN__ANY -FLT_MAX, FLT_MAX
+#define ITN__POSITIVE FLT_MIN, 1e12f
+#define ITN__SCALE 0, 1e12f
+#define ITN__PLAIN(desc, name, at, form, range, otherwise)                                         \
+    {name, form, range, otherwise, offsetof(desc, at), 0, ITN_IDENTITY, 0, NULL}
+#define ITN__WORD(desc, name, at, form) ITN__PLAIN(desc, name, at, form, ITN__RANGE(0, 0), 0)
+#define ITN__MARK(name, form, words) {name, form, 0, 0, 0, 0, 0, ITN_IDENTITY, 0, words}
+#define ITN__VALUE(desc, item, name, form, range, otherwise, transform)                            \
+    {#name, form, range, otherwise, offsetof(desc, name), offsetof(item, name), transform, 0, NULL}
+#define ITN__SURFACE_TYPE offsetof(itn_surface_desc, type)
+typedef char itn__enums_are_ints[sizeof(itn_filter) == sizeof(int) ? 1 : -1];
+
 /* ---- [medium] free flight and phase function ------------------------------------------------- */
 
 /* In a homogeneous medium light travels a distance t without collision with probability
@@ -3960,8 +4012,9 @@ static itn__ints itn__diffuse_sample(itn__site *site, const itn__floats u[3], it
     return itn__splat_int(-1);
 }
 
-/* The surfaces there are. To add one: name its type in itn_surface_type; write its eval and sample
-   and a row here; give it its fields. All walks, derivatives and files then know it.
+/* The surfaces there are. To add one: name its type in itn_surface_type; write its eval and sample,
+   and a row here with its fields. All walks, derivatives, descs and files then know it.
+   - form: kind, name and fields, see [fields]; a field with a parameter is one of itn__surface.
    - eval: f cos theta_o in each channel and the density of o by sample, 0 where light does not go;
      slopes by site->seed, wherever itn__site_value brings it in.
    - sample: draws o by three uniforms; returns where there is one. What it leaves in site->facet
@@ -3971,7 +4024,7 @@ static itn__ints itn__diffuse_sample(itn__site *site, const itn__floats u[3], it
    - edge, or NULL: draws what derivatives by eta have at the edge of directions; the value is 0. */
 enum { ITN__OPAQUE = 1, ITN__FACETS = 2 }; /* nothing goes through; smooth unless alpha is given */
 typedef struct itn__bsdf {
-    const char *name;
+    itn__form form;
     unsigned flags;
     void (*eval)(const itn__site *site, const itn__vectors *o, itn__num f[3], itn__floats *pdf);
     itn__ints (*sample)(itn__site *site, const itn__floats u[3], itn__vectors *o);
@@ -3979,9 +4032,18 @@ typedef struct itn__bsdf {
                       itn__floats *pdf);
 } itn__bsdf;
 static const itn__bsdf itn__bsdfs[] = {
-    {"dielectric", ITN__FACETS, itn__dielectric_eval, itn__dielectric_sample,
-     itn__dielectric_edge},
-    {"diffuse", ITN__OPAQUE, itn__diffuse_eval, itn__diffuse_sample, NULL}};
+    {{ITN__SURFACE, "dielectric", ITN__SURFACE_TYPE, ITN_SURFACE_DIELECTRIC,
+      {ITN__MARK("type", "o!", NULL),
+       ITN__VALUE(itn_surface_desc, itn__surface, ior, "1f", ITN__RANGE(1, 4), 1.5f, ITN_LOGIT),
+       ITN__VALUE(itn_surface_desc, itn__surface, alpha, "1f", ITN__RANGE(.001f, 1), 0, ITN_LOG)}},
+     ITN__FACETS, itn__dielectric_eval, itn__dielectric_sample, itn__dielectric_edge},
+    {{ITN__SURFACE, "diffuse", ITN__SURFACE_TYPE, ITN_SURFACE_DIFFUSE,
+      {ITN__VALUE(itn_surface_desc, itn__surface, reflectance, "013c", ITN__RANGE(0, 1), 0,
+                  ITN_LOGIT),
+       ITN__WORD(itn_surface_desc, "texture", image, "p"),
+       ITN__PLAIN(itn_surface_desc, "checker", checker_size, "37k", ITN__SCALE, 0),
+       ITN__MARK("type", "o!", NULL)}},
+     ITN__OPAQUE, itn__diffuse_eval, itn__diffuse_sample, NULL}};
 
 /* A local factor of paths in each channel, and its slopes by those of its parameters that are asked
    for, the seeds; slots[k] is the place of seed k among all that are asked for. */
@@ -4716,64 +4778,16 @@ ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
     return ratio * (1 - ratio) * ((double)p->upper - (double)p->lower);
 }
 
-/* ---- [fields] what items have, said once ----------------------------------------------------- */
+/* ---- [forms] the fields of all items --------------------------------------------------------- */
 
-/* An item of a scene - film, camera, medium, surface, object, light - is a row of fields. What may
-   stand in a field is said here and nowhere else: scene files are read by these tables, descs of a
-   caller are checked by them, and parameters come in their order. A new field is a new row; a new
-   kind of surface or light is a new form (and its model).
-
-   `form` tells how many numbers follow a field's name in a file, by digits, and how the desc keeps
-   them: f as floats, i as an int, c as a colour (one number counts for all channels), s as a
-   spectrum (one number, or three in an array of their own); k a checker, t a step of a transform.
-   Or what word follows: w a name, o one of `words`, m p y a file with a mesh, a picture, a sky. A
-   field without any of these is a flag, an int. What has ! must be given in a file. */
-typedef struct itn__field {
-    const char *name, *form;
-    float lower, upper; /* range of its numbers */
-    float otherwise;    /* counts where none is given, in a file or by a 0 out of range in a desc;
-                           if this is 0, too, there is none */
-    size_t at;          /* where the desc has it */
-    size_t parameter;   /* where the scene's item has the index of its parameter; 0: it has none */
-    itn_transform transform;
-    size_t three;      /* where the desc has three numbers of a spectrum */
-    const char *words; /* that may follow; NULL: any */
-} itn__field;
-enum { ITN__MOST_FIELDS = 9, ITN__MOST_NUMBERS = 9 };
-
-enum { ITN__FILM, ITN__CAMERA, ITN__MEDIUM, ITN__SURFACE, ITN__OBJECT, ITN__LIGHT, ITN__KINDS };
-static const char *const itn__kinds[] = {"film",    "camera", "medium",
-                                         "surface", "object", "light"};
-
-/* The fields of a kind of item, or of a variant: a surface's type, or a field that comes first. */
-typedef struct itn__form {
-    int kind;
-    const char *variant;
-    size_t type_at; /* where the desc has its type, which is `type`; 0: nowhere */
-    int type;
-    itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
-} itn__form;
-
-#define ITN__RANGE(lower, upper) lower, upper
-#define ITN__ANY -FLT_MAX, FLT_MAX
-#define ITN__POSITIVE FLT_MIN, 1e12f
-#define ITN__SCALE 0, 1e12f
-#define ITN__PLAIN(desc, name, at, form, range, otherwise)                                         \
-    {name, form, range, otherwise, offsetof(desc, at), 0, ITN_IDENTITY, 0, NULL}
-#define ITN__WORD(desc, name, at, form) ITN__PLAIN(desc, name, at, form, ITN__RANGE(0, 0), 0)
-#define ITN__MARK(name, form, words) {name, form, 0, 0, 0, 0, 0, ITN_IDENTITY, 0, words}
-#define ITN__VALUE(desc, item, name, form, range, otherwise, transform)                            \
-    {#name, form, range, otherwise, offsetof(desc, name), offsetof(item, name), transform, 0, NULL}
+/* All items but surfaces, whose forms stand with their models. */
 #define ITN__SPECTRUM(name, form, range, transform)                                                \
     {#name, form, range, 0, offsetof(itn_medium_desc, name), offsetof(itn__medium, name),          \
      transform, offsetof(itn_medium_desc, name##_rgb), NULL}
 #define ITN__LIGHT_SCALE(name, light)                                                              \
     {#name, "1f", ITN__SCALE, 1, offsetof(itn_light_desc, name),                                   \
      (light) * sizeof(itn__light) + offsetof(itn__light, parameter), ITN_LOG, 0, NULL}
-#define ITN__SURFACE_TYPE offsetof(itn_surface_desc, type)
 #define ITN__LIGHT_TYPE offsetof(itn_light_desc, type)
-typedef char itn__enums_are_ints[sizeof(itn_filter) == sizeof(int) ? 1 : -1];
-
 static const itn__form itn__forms[] = {
     {ITN__FILM, NULL, 0, 0,
      {ITN__PLAIN(itn_film_desc, "width", width, "1i", ITN__RANGE(1, 65536), 128),
@@ -4791,16 +4805,6 @@ static const itn__form itn__forms[] = {
       ITN__VALUE(itn_medium_desc, itn__medium, albedo, "13c!", ITN__RANGE(0, 1), 0, ITN_LOGIT),
       ITN__MARK("phase", "o", "hg"),
       ITN__SPECTRUM(g, "13s", ITN__RANGE(-.999f, .999f), ITN_LOGIT)}},
-    {ITN__SURFACE, "dielectric", ITN__SURFACE_TYPE, ITN_SURFACE_DIELECTRIC,
-     {ITN__MARK("type", "o!", NULL),
-      ITN__VALUE(itn_surface_desc, itn__surface, ior, "1f", ITN__RANGE(1, 4), 1.5f, ITN_LOGIT),
-      ITN__VALUE(itn_surface_desc, itn__surface, alpha, "1f", ITN__RANGE(.001f, 1), 0, ITN_LOG)}},
-    {ITN__SURFACE, "diffuse", ITN__SURFACE_TYPE, ITN_SURFACE_DIFFUSE,
-     {ITN__VALUE(itn_surface_desc, itn__surface, reflectance, "013c", ITN__RANGE(0, 1), 0,
-                 ITN_LOGIT),
-      ITN__WORD(itn_surface_desc, "texture", image, "p"),
-      ITN__PLAIN(itn_surface_desc, "checker", checker_size, "37k", ITN__SCALE, 0),
-      ITN__MARK("type", "o!", NULL)}},
     {ITN__OBJECT, "mesh", 0, 0,
      {ITN__WORD(itn_object_desc, "mesh", mesh, "m"),
       ITN__WORD(itn_object_desc, "medium", medium, "w"),
@@ -4827,7 +4831,13 @@ static const itn__form itn__forms[] = {
       ITN__PLAIN(itn_light_desc, "sun_radius_scale", sun_radius_scale, "1f",
                  ITN__RANGE(.01f, 320), 1),
       ITN__WORD(itn_light_desc, "name", name, "w")}}};
-enum { ITN__FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]) };
+enum {
+    ITN__OWN_FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]),
+    ITN__FORMS = ITN__OWN_FORMS + (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0])
+};
+static const itn__form *itn__form_at(int k) {
+    return k < ITN__OWN_FORMS ? &itn__forms[k] : &itn__bsdfs[k - ITN__OWN_FORMS].form;
+}
 
 /* What a checker has more, in a desc; and a sky, in a file of its own. */
 static const itn__field itn__checker_fields[] = {
@@ -4848,7 +4858,7 @@ static const itn__form itn__sky_form = {
 static const itn__form *itn__form_of(int kind, int type) {
     int k;
     for (k = 0; k < ITN__FORMS; k++)
-        if (itn__forms[k].kind == kind && itn__forms[k].type == type) return &itn__forms[k];
+        if (itn__form_at(k)->kind == kind && itn__form_at(k)->type == type) return itn__form_at(k);
     return NULL;
 }
 
@@ -17018,7 +17028,7 @@ static const itn__form *itn__find_form(itn__reader *r) {
         keyword = "type", variant = r->words[k + 1];
     }
     for (k = 0; k < ITN__FORMS; k++) {
-        const itn__form *form = &itn__forms[k];
+        const itn__form *form = itn__form_at(k);
         const char *second = form->variant ? form->variant : "";
         if (kind >= 0 && form->kind != kind) continue;
         if (kind >= 0 && (!*second || !strcmp(second, variant))) return form;
