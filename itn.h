@@ -8373,7 +8373,7 @@ typedef struct itn__crowd {
     float *scores;   /* [ITN__CROWD][count]: of each path, to its last surface */
     double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS], where V is learnt */
     double collisions;
-    void *memory[4];
+    void *memory;
 } itn__crowd;
 
 /* Whether paths know the plane of the surface nearby. */
@@ -9813,6 +9813,20 @@ static void itn__depart(itn__crowd *crowd, const itn__state *s, unsigned bits) {
     }
 }
 
+/* Flights over t have brought lanes out of a substance without a collision: books what these paths
+   have gathered there. */
+static void itn__pass_lanes(itn__crowd *crowd, int substance, itn__state *s, itn__floats t,
+                            unsigned bits) {
+    const itn__fast *fast = crowd->fast;
+    itn__floats last = t * -fast->substances[substance].sigma_t;
+    int c;
+    s->flights = s->flights + last;
+    for (c = 0; c < fast->channels; c++)
+        s->flight_base[c] = s->flight_base[c] +
+                            last * s->beta[c] * fast->values[substance].mean[c];
+    itn__book_lanes(crowd, substance, s, bits);
+}
+
 /* Where lanes have met triangles: point, normal on their side, and how far they came. */
 typedef struct itn__meeting {
     float p[3][ITN__LANES], n[3][ITN__LANES], t[ITN__LANES], eta[ITN__LANES];
@@ -9854,7 +9868,6 @@ static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits) {
     itn__queue *taken = &crowd->taken, *queue = &crowd->surface;
     itn__state s = ITN_ZERO;
     itn__meeting m;
-    itn__floats last;
     unsigned rest, lost = 0, felt = 0;
     int k, c;
     memset(&m, 0, sizeof m);
@@ -9876,13 +9889,8 @@ static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits) {
         m.t[k] = itn__max(hit->t, 0);
         if (itn__meet_lane(crowd, ITN__LANE(s.slot, k), &ray, hit, &m, k)) felt |= 1u << k;
     }
-    last = itn__load(m.t) * -fast->substances[substance].sigma_t;
-    for (c = 0; c < fast->channels; c++)
-        s.flight_base[c] = s.flight_base[c] +
-                           last * s.beta[c] * fast->values[substance].mean[c];
-    s.flights = s.flights + last;
-    itn__end_lanes(crowd, substance, &s, lost);
-    itn__book_lanes(crowd, substance, &s, bits & ~lost);
+    itn__pass_lanes(crowd, substance, &s, itn__load(m.t), bits);
+    itn__end_lanes(crowd, 0, &s, lost);
     s.p = itn__load_vectors(m.p), s.up = itn__load_vectors(m.n);
     s.level = itn__vdot(s.up, s.p);
     if (fast->learning && substance)
@@ -9893,6 +9901,29 @@ static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits) {
     itn__compress(itn__row(queue, ITN__ETA) + queue->count, itn__load(m.eta), felt);
     itn__append(fast, queue, &s, felt);
     itn__depart(crowd, &s, bits & ~(lost | felt));
+}
+
+/* Of the lanes named by `bits`, whose flights have met nothing, those that end beyond the box of all
+   solids have lost theirs, as rounding makes it happen in needles: they go on outside. Returns
+   them. */
+static unsigned itn__leave_lanes(itn__crowd *crowd, int substance, itn__state *s,
+                                 itn__floats distance, unsigned bits) {
+    const itn_scene *scene = crowd->fast->scene;
+    itn__vectors q = itn__valong(s->p, distance, s->d);
+    itn__floats t = itn__splat(0);
+    unsigned out = 0;
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn_vec3 p = itn__lane_vector(&s->p, k), d = itn__lane_vector(&s->d, k);
+        if (itn__within(scene, itn__lane_vector(&q, k))) continue;
+        out |= 1u << k, ITN__LANE(t, k) = itn__way_out(scene, p, d);
+        itn__leave_solids(scene, &crowd->paths[ITN__LANE(s->slot, k)].place);
+    }
+    if (!out) return 0;
+    itn__pass_lanes(crowd, substance, s, t, out);
+    s->p = itn__vselect(itn__bits_mask(out), itn__valong(s->p, t, s->d), s->p);
+    itn__append(crowd->fast, &crowd->walk[0], s, out);
+    return out;
 }
 
 /* Flights that the tables could not prove free. */
@@ -9914,6 +9945,7 @@ ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
         bits &= ~met;
         if (!bits) continue;
         itn__read(crowd->fast, queue, i, &s, ITN__ALL_LANES);
+        bits &= ~itn__leave_lanes(crowd, substance, &s, distance, bits);
         s.p = itn__valong(s.p, distance, s.d);
         on = itn__mask_bits(itn__collide(crowd, substance, &s, distance, itn__bits_mask(bits),
                                          NULL));
@@ -10316,81 +10348,86 @@ static void itn__run_unit(itn__crowd *crowd) {
 
 /* ---- [picture] who does what of a picture ---------------------------------------------------- */
 
-/* A picture's units of work are tiles of pixels times sets of camera rays. A few crowds share them
-   out; each unit's sums have a place of their own and are added in their order, so that the bits of
-   the picture do not depend on who did what. */
+/* A picture's units of work are tiles of pixels times sets of camera rays. A few crowds share the
+   tiles out; a tile's units are done in their order, so that the bits of the picture do not depend
+   on who did what. */
 
-/* A queue in memory that is left. */
-static void itn__queue_make(itn__queue *queue, float **floats, int32_t **ints) {
-    queue->floats = *floats, *floats += (size_t)ITN__FLOAT_ROWS * ITN__ROW;
-    queue->ints = *ints, *ints += (size_t)ITN__INT_ROW_COUNT * ITN__ROW;
+/* Whether some object has the medium of a substance. */
+static int itn__is_in_use(const itn_scene *scene, int substance) {
+    int i, used = 0;
+    for (i = 0; i < scene->object_count; i++)
+        used |= scene->objects[i].medium == substance - 1;
+    return used;
 }
 
-/* Memory of a crowd. Returns 0 if there is none. */
-static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_paths) {
-    const itn_context *context = &fast->scene->context;
-    size_t substances = (size_t)itn__substance_count(fast->scene), queues = 2 * substances + 5;
-    size_t paths = (size_t)unit_paths, scores = (size_t)fast->count * sizeof(float) + 1, m;
-    float *floats;
-    int32_t *ints;
-    memset(crowd, 0, sizeof *crowd);
-    crowd->fast = fast, crowd->radiance_stride = unit_paths;
-    crowd->walk = (itn__queue *)itn__allocate(context, 2 * substances, sizeof *crowd->walk);
-    floats = (float *)itn__allocate(context, queues, ITN__FLOAT_ROWS * ITN__ROW * sizeof(float));
-    ints = (int32_t *)itn__allocate(context, queues, ITN__INT_ROW_COUNT * ITN__ROW *
-                                                         sizeof(int32_t));
-    crowd->memory[0] = floats, crowd->memory[1] = ints;
-    crowd->paths = (itn__path *)itn__allocate(context, ITN__CROWD, sizeof *crowd->paths);
-    crowd->free_slots = (int32_t *)itn__allocate(context, 3 * ITN__CROWD, sizeof(int32_t));
-    crowd->shears = (itn__shear *)itn__allocate(context, ITN__CROWD, sizeof *crowd->shears);
-    crowd->hits = (itn_hit *)itn__allocate(context, ITN__CROWD, sizeof *crowd->hits);
-    crowd->starts = (itn__start *)itn__allocate(context, ITN__CROWD, sizeof *crowd->starts);
-    crowd->places = (itn__place **)itn__allocate(context, ITN__CROWD, sizeof *crowd->places);
-    crowd->radiance = (float *)itn__allocate(context, paths, (size_t)fast->planes * sizeof(float));
-    crowd->scores = (float *)itn__allocate(context, ITN__CROWD + 2 * ITN__ROW, scores);
-    crowd->inside.places = (itn__place *)itn__allocate(context, 2 * ITN__ROW, sizeof(itn__place));
-    if (fast->learning)
-        crowd->lessons = (double *)itn__allocate(context, substances * ITN__LESSON_SUMS,
-                                                 sizeof(double));
-    if (!crowd->walk || !floats || !ints || !crowd->paths || !crowd->free_slots ||
-        !crowd->shears || !crowd->hits || !crowd->starts || !crowd->places || !crowd->radiance ||
-        !crowd->scores || !crowd->inside.places || (fast->learning && !crowd->lessons))
-        return 0;
-    crowd->exact = crowd->walk + substances;
-    for (m = 0; m < 2 * substances; m++) itn__queue_make(&crowd->walk[m], &floats, &ints);
-    itn__queue_make(&crowd->taken, &floats, &ints);
-    itn__queue_make(&crowd->surface, &floats, &ints);
-    itn__queue_make(&crowd->sky, &floats, &ints);
-    itn__queue_make(&crowd->inside.queue, &floats, &ints);
-    itn__queue_make(&crowd->outside.queue, &floats, &ints);
-    crowd->outside.places = crowd->inside.places + ITN__ROW;
-    crowd->inside.scores = crowd->scores + (size_t)ITN__CROWD * (size_t)fast->count;
-    crowd->outside.scores = crowd->inside.scores + (size_t)ITN__ROW * (size_t)fast->count;
-    crowd->index = crowd->free_slots + ITN__CROWD, crowd->scramble = crowd->index + ITN__CROWD;
-    while (crowd->free_count < ITN__CROWD) {
-        crowd->free_slots[crowd->free_count] = ITN__CROWD - 1 - crowd->free_count;
-        crowd->free_count++;
+/* Takes room for so many things from memory, or with memory NULL only counts what it takes;
+   SIZE_MAX if that is too much. */
+static void *itn__take(char *memory, size_t *used, size_t count, size_t size) {
+    size_t at = *used;
+    if (at == SIZE_MAX || (size && count > (SIZE_MAX / 2 - at) / size)) {
+        *used = SIZE_MAX;
+        return NULL;
     }
-    return 1;
+    *used = (at + count * size + 63) & ~(size_t)63;
+    return memory ? memory + at : NULL;
+}
+static void itn__take_queue(char *memory, size_t *used, itn__queue *queue) {
+    queue->floats = (float *)itn__take(memory, used, ITN__FLOAT_ROWS * ITN__ROW, sizeof(float));
+    queue->ints = (int32_t *)itn__take(memory, used, ITN__INT_ROW_COUNT * ITN__ROW,
+                                       sizeof(int32_t));
+}
+static void itn__take_shadows(char *memory, size_t *used, itn__shadows *shadows, size_t count) {
+    itn__take_queue(memory, used, &shadows->queue);
+    shadows->places = (itn__place *)itn__take(memory, used, ITN__ROW, sizeof(itn__place));
+    shadows->scores = (float *)itn__take(memory, used, ITN__ROW * count, sizeof(float));
 }
 
-static void itn__crowd_free(itn__crowd *crowd) {
-    const itn_context *context;
-    if (!crowd->fast) return;
-    context = &crowd->fast->scene->context;
-    itn__free(context, crowd->walk);
-    itn__free(context, crowd->memory[0]);
-    itn__free(context, crowd->memory[1]);
-    itn__free(context, crowd->paths);
-    itn__free(context, crowd->free_slots);
-    itn__free(context, crowd->shears);
-    itn__free(context, crowd->hits);
-    itn__free(context, crowd->starts);
-    itn__free(context, crowd->places);
-    itn__free(context, crowd->radiance);
-    itn__free(context, crowd->scores);
-    itn__free(context, crowd->inside.places);
-    itn__free(context, crowd->lessons);
+/* Lays out a crowd in memory; returns how much it takes. */
+static size_t itn__crowd_lay_out(itn__crowd *crowd, char *memory, const itn__fast *fast) {
+    size_t used = 0, paths = (size_t)crowd->radiance_stride, count = (size_t)fast->count;
+    int substances = itn__substance_count(fast->scene), m;
+    crowd->walk = (itn__queue *)itn__take(memory, &used, 2 * (size_t)substances,
+                                          sizeof(itn__queue));
+    for (m = 0; m < substances; m++) {
+        itn__queue unused, *walk = memory ? &crowd->walk[m] : &unused;
+        if (m && !itn__is_in_use(fast->scene, m)) continue;
+        itn__take_queue(memory, &used, walk);
+        itn__take_queue(memory, &used, memory ? walk + substances : &unused);
+    }
+    crowd->exact = memory ? crowd->walk + substances : NULL;
+    itn__take_queue(memory, &used, &crowd->taken);
+    itn__take_queue(memory, &used, &crowd->surface);
+    itn__take_queue(memory, &used, &crowd->sky);
+    itn__take_shadows(memory, &used, &crowd->inside, count);
+    itn__take_shadows(memory, &used, &crowd->outside, count);
+    crowd->paths = (itn__path *)itn__take(memory, &used, ITN__CROWD, sizeof(itn__path));
+    crowd->free_slots = (int32_t *)itn__take(memory, &used, ITN__CROWD, sizeof(int32_t));
+    crowd->index = (int32_t *)itn__take(memory, &used, ITN__CROWD, sizeof(int32_t));
+    crowd->scramble = (int32_t *)itn__take(memory, &used, ITN__CROWD, sizeof(int32_t));
+    crowd->places = (itn__place **)itn__take(memory, &used, ITN__CROWD, sizeof(itn__place *));
+    crowd->shears = (itn__shear *)itn__take(memory, &used, ITN__CROWD, sizeof(itn__shear));
+    crowd->hits = (itn_hit *)itn__take(memory, &used, ITN__CROWD, sizeof(itn_hit));
+    crowd->starts = (itn__start *)itn__take(memory, &used, ITN__CROWD, sizeof(itn__start));
+    crowd->scores = (float *)itn__take(memory, &used, ITN__CROWD * count, sizeof(float));
+    crowd->radiance = (float *)itn__take(memory, &used, paths,
+                                         (size_t)fast->planes * sizeof(float));
+    crowd->lessons = (double *)itn__take(memory, &used, fast->learning ? (size_t)substances : 0,
+                                         ITN__LESSON_SUMS * sizeof(double));
+    return used;
+}
+
+/* Makes a crowd. Returns 0 if there is no memory. */
+static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_paths) {
+    size_t size;
+    int i;
+    crowd->fast = fast, crowd->radiance_stride = unit_paths;
+    size = itn__crowd_lay_out(crowd, NULL, fast);
+    crowd->memory = size < SIZE_MAX ? itn__allocate(&fast->scene->context, size, 1) : NULL;
+    if (!crowd->memory) return 0;
+    itn__crowd_lay_out(crowd, (char *)crowd->memory, fast);
+    for (i = 0; i < ITN__CROWD; i++) crowd->free_slots[i] = ITN__CROWD - 1 - i;
+    crowd->free_count = ITN__CROWD;
+    return 1;
 }
 
 /* The decay of V: that of diffusion in the medium. */
@@ -10493,19 +10530,18 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     fast->roulette = fast->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
 }
 
-enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384, ITN__WAVE = 4096 };
+enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 };
 
 typedef struct itn__picture {
     itn__fast fast;
-    int tiles_x, tiles_y, tile_width, tile_height;
+    int tiles_x, tiles, tile_width, tile_height;
     int unit_blocks, chunks; /* blocks of a unit; units of a tile */
-    int first, end, wave;    /* units of this wave; most of one */
+    int first, end;          /* tiles that are being done */
     int crowd_count;
     itn__crowd *crowds;
     const float *weights; /* of pixels, [channels][height][width], to fold derivatives with; NULL:
                              the planes are kept */
     int kept;       /* what is kept of a pixel: planes, or count */
-    double *sums;   /* [units of a wave][pixels of a tile][kept][2] */
     double *totals; /* [height][width][kept][2] */
 } itn__picture;
 
@@ -10551,65 +10587,47 @@ static double itn__sum_kept(const itn__picture *picture, const itn__crowd *crowd
     return sum;
 }
 
-/* Adds what a unit's paths brought, block by block: with t the sum of a block of n paths, t and
-   t^2 / n. */
-static void itn__sum_unit(const itn__picture *picture, const itn__crowd *crowd, double *sums) {
+/* Adds what a unit's paths brought to the totals, block by block: with t the sum of a block of n
+   paths, t and t^2 / n. */
+static void itn__sum_unit(const itn__picture *picture, const itn__crowd *crowd) {
     const itn__fast *fast = crowd->fast;
     const itn__unit *unit = &crowd->unit;
     int pixel, k, ray, end;
-    for (pixel = 0; pixel < unit->width * unit->height; pixel++)
-        for (k = 0; k < picture->kept; k++, sums += 2)
+    for (pixel = 0; pixel < unit->width * unit->height; pixel++) {
+        double *totals = picture->totals +
+                         itn__unit_pixel(fast->scene, unit, pixel) * (size_t)picture->kept * 2;
+        for (k = 0; k < picture->kept; k++, totals += 2)
             for (ray = 0; ray < unit->count; ray = end) {
                 double sum;
                 end = itn__block_first(fast, itn__block_of(fast, unit->first + ray) + 1) -
                       unit->first;
                 sum = itn__sum_kept(picture, crowd, k, pixel, ray, end);
-                sums[0] += sum, sums[1] += sum * sum / ((end - ray) * fast->walks);
+                totals[0] += sum, totals[1] += sum * sum / ((end - ray) * fast->walks);
             }
+    }
 }
 
+/* All units of every so many-th tile. */
 static void itn__picture_worker(void *task, int index) {
     itn__picture *picture = (itn__picture *)task;
     itn__crowd *crowd = &picture->crowds[index];
-    const itn__fast *fast = &picture->fast;
-    size_t stride = (size_t)picture->tile_width * (size_t)picture->tile_height *
-                    (size_t)picture->kept * 2;
-    int count = picture->crowd_count, number = picture->first;
-    number += (index + count - number % count) % count; /* unit n is always crowd n % count's */
-    for (; number < picture->end; number += count) {
-        double *sums = picture->sums + (size_t)(number - picture->first) * stride;
-        memset(sums, 0, stride * sizeof *sums);
-        memset(crowd->radiance, 0, (size_t)crowd->radiance_stride * (size_t)fast->planes *
-                                       sizeof(float));
-        crowd->unit = itn__unit_make(picture, number);
-        itn__run_unit(crowd);
-        itn__sum_unit(picture, crowd, sums);
-    }
-}
-
-/* Adds the wave's sums to the totals. */
-static void itn__picture_add(itn__picture *picture) {
-    const itn__fast *fast = &picture->fast;
-    size_t per_pixel = (size_t)picture->kept * 2, k;
-    size_t stride = (size_t)picture->tile_width * (size_t)picture->tile_height * per_pixel;
-    int number, pixel;
-    for (number = picture->first; number < picture->end; number++) {
-        itn__unit unit = itn__unit_make(picture, number);
-        const double *sums = picture->sums + (size_t)(number - picture->first) * stride;
-        for (pixel = 0; pixel < unit.width * unit.height; pixel++) {
-            size_t at = itn__unit_pixel(fast->scene, &unit, pixel) * per_pixel;
-            for (k = 0; k < per_pixel; k++) picture->totals[at + k] += *sums++;
+    int tile, chunk;
+    for (tile = picture->first + index; tile < picture->end; tile += picture->crowd_count)
+        for (chunk = 0; chunk < picture->chunks; chunk++) {
+            memset(crowd->radiance, 0, (size_t)crowd->radiance_stride *
+                                           (size_t)crowd->fast->planes * sizeof(float));
+            crowd->unit = itn__unit_make(picture, tile * picture->chunks + chunk);
+            itn__run_unit(crowd);
+            itn__sum_unit(picture, crowd);
         }
-    }
 }
 
 static void itn__picture_end(itn__picture *picture) {
     const itn_context *context = &picture->fast.scene->context;
     int i;
     for (i = 0; picture->crowds && i < picture->crowd_count; i++)
-        itn__crowd_free(&picture->crowds[i]);
+        itn__free(context, picture->crowds[i].memory);
     itn__free(context, picture->crowds);
-    itn__free(context, picture->sums);
     itn__free(context, picture->totals);
 }
 
@@ -10620,58 +10638,56 @@ static int itn__sample_blocks(const itn__fast *fast) {
     return fast->sobol ? fast->spp / set : fast->spp;
 }
 
+/* Side of tiles: small pictures have small ones, so that there is work for many. */
+static int itn__tile_side(int size) {
+    int side = size / ITN__TILE;
+    return side < 1 ? 1 : side > ITN__TILE ? ITN__TILE : side;
+}
+
 /* Divides the work, and allocates what it needs. */
 static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
-    const itn_scene *scene = picture->fast.scene;
-    const itn_context *context = &scene->context;
+    const itn_film_desc *film = &picture->fast.scene->film;
+    const itn_context *context = &picture->fast.scene->context;
     itn__fast *fast = &picture->fast;
-    int tile, units, rays, i, good;
+    int tile, rays, i, good;
     picture->kept = picture->weights ? fast->count : fast->planes;
-    picture->wave = 1 + ITN__WAVE / picture->kept;
-    picture->tile_width = scene->film.width < ITN__TILE ? scene->film.width : ITN__TILE;
-    picture->tile_height = scene->film.height < ITN__TILE ? scene->film.height : ITN__TILE;
-    picture->tiles_x = (scene->film.width + picture->tile_width - 1) / picture->tile_width;
-    picture->tiles_y = (scene->film.height + picture->tile_height - 1) / picture->tile_height;
+    picture->tile_width = itn__tile_side(film->width);
+    picture->tile_height = itn__tile_side(film->height);
+    picture->tiles_x = (film->width + picture->tile_width - 1) / picture->tile_width;
+    picture->tiles = picture->tiles_x *
+                     ((film->height + picture->tile_height - 1) / picture->tile_height);
     tile = picture->tile_width * picture->tile_height;
     rays = ITN__UNIT_PATHS / (tile * fast->walks);
     picture->unit_blocks = (int)((int64_t)rays * fast->blocks / fast->spp);
     if (picture->unit_blocks < 1) picture->unit_blocks = 1;
     if (picture->unit_blocks > fast->blocks) picture->unit_blocks = fast->blocks;
     picture->chunks = (fast->blocks - 1) / picture->unit_blocks + 1;
-    units = picture->tiles_x * picture->tiles_y; /* at most 2^26 */
-    if (picture->chunks > INT_MAX / units || fast->spp > INT_MAX / fast->walks)
+    if (picture->chunks > INT_MAX / picture->tiles || fast->spp > INT_MAX / fast->walks)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
-    picture->end = units * picture->chunks;
     rays = picture->unit_blocks * (fast->spp / fast->blocks + 1);
     picture->crowd_count = itn__workers(context);
-    if (picture->crowd_count > picture->end) picture->crowd_count = picture->end;
-    if (picture->wave < 2 * picture->crowd_count) picture->wave = 2 * picture->crowd_count;
-    units = picture->end < picture->wave ? picture->end : picture->wave;
+    if (picture->crowd_count > picture->tiles) picture->crowd_count = picture->tiles;
     picture->crowds = (itn__crowd *)itn__allocate(context, (size_t)picture->crowd_count,
                                                   sizeof *picture->crowds);
-    picture->sums = (double *)itn__allocate(
-        context, (size_t)units * (size_t)tile, (size_t)picture->kept * 2 * sizeof(double));
-    picture->totals = (double *)itn__allocate(
-        context, (size_t)scene->film.width * (size_t)scene->film.height,
-        (size_t)picture->kept * 2 * sizeof(double));
-    good = picture->crowds && picture->sums && picture->totals;
+    picture->totals = (double *)itn__allocate(context, (size_t)film->width * (size_t)film->height,
+                                              (size_t)picture->kept * 2 * sizeof(double));
+    good = picture->crowds && picture->totals;
     for (i = 0; i < picture->crowd_count && good; i++)
         good = itn__crowd_make(&picture->crowds[i], fast, tile * rays * fast->walks);
     return good ? ITN_OK : itn__out_of_memory(error, "a render");
 }
 
-/* Renders all waves. */
+/* Renders all tiles, in eight groups if somebody watches. */
 static itn_result itn__picture_run(itn__picture *picture, const itn_render_options *options,
                                    itn_error *error) {
-    int units = picture->end, wave = picture->wave, i;
-    if (options && options->progress && wave > (units + 7) / 8) wave = (units + 7) / 8;
-    for (picture->first = 0; picture->first < units; picture->first = picture->end) {
-        picture->end = units - picture->first < wave ? units : picture->first + wave;
+    int tiles = picture->tiles, group = tiles, i;
+    if (options && options->progress) group = (tiles + 7) / 8;
+    for (picture->first = 0; picture->first < tiles; picture->first = picture->end) {
+        picture->end = tiles - picture->first < group ? tiles : picture->first + group;
         itn__parallel_for(&picture->fast.scene->context, picture->crowd_count, itn__picture_worker,
                           picture);
-        itn__picture_add(picture);
         if (options && options->progress &&
-            options->progress(options->progress_user, (double)picture->end / units))
+            options->progress(options->progress_user, (double)picture->end / tiles))
             return itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
     }
     if (options && options->stats) {

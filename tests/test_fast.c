@@ -273,6 +273,19 @@ static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
     return crowd;
 }
 
+/* A unit of the whole picture, and a crowd that has room for it. */
+static itn__unit whole_unit(inside *in) {
+    itn__crowd *crowd = &in->picture.crowds[0];
+    itn__unit unit = ITN_ZERO;
+    unit.width = in->scene->film.width, unit.height = in->scene->film.height;
+    unit.count = in->picture.fast.spp;
+    itn__free(&in->scene->context, crowd->memory);
+    memset(crowd, 0, sizeof *crowd);
+    CHECK(itn__crowd_make(crowd, &in->picture.fast, unit.width * unit.height * unit.count *
+                                                        in->picture.fast.walks));
+    return unit;
+}
+
 /* ---- path by path ---------------------------------------------------------------------------- */
 
 typedef struct tally {
@@ -357,7 +370,7 @@ static void check_paths(int which, int planted) {
     if (planted == 2) in.substances[1].g += .001f;
     if (planted == 3) in.picture.fast.constant[0] *= 1.0001f;
     if (planted == 4) in.substances[1].slot_g = in.substances[1].slot_sigma_t;
-    for (number = 0; number < in.picture.end; number++) {
+    for (number = 0; number < in.picture.tiles * in.picture.chunks; number++) {
         itn__unit unit = itn__unit_make(&in.picture, number);
         tally_unit(&in, &walk, &unit, &t);
     }
@@ -419,7 +432,7 @@ static int mean_of_paths(const itn_scene *scene, int spp, int misled, int plante
     if (misled == 2 && planted) in.substances[1].slot_albedo[0] = in.substances[1].slot_sigma_t;
     planes = in.picture.fast.planes;
     for (k = 0; k < planes; k++) mean[k] = variance[k] = 0;
-    for (number = 0; number < in.picture.end; number++) {
+    for (number = 0; number < in.picture.tiles * in.picture.chunks; number++) {
         itn__unit unit = itn__unit_make(&in.picture, number);
         const itn__crowd *crowd = run_unit(&in, &unit);
         int paths = unit.width * unit.height * unit.count;
@@ -542,7 +555,7 @@ static void check_parts(int which, itn_sampler sampler, int walks, int planted) 
     options.spp = 32 / walks, options.seed = 3;
     options.walks = walks, options.sampler = sampler;
     open_render(&in, scene, &options);
-    whole = itn__unit_make(&in.picture, 0);
+    whole = whole_unit(&in);
     bytes = (size_t)in.picture.crowds[0].radiance_stride * (size_t)in.picture.fast.channels *
             sizeof *radiance;
     radiance = (float *)malloc(bytes);
@@ -579,7 +592,7 @@ static void check_tables(int which, int planted) {
     inside in;
     options.spp = 16, options.seed = 8;
     open_render(&in, scene, &options);
-    whole = itn__unit_make(&in.picture, 0);
+    whole = whole_unit(&in);
     paths = whole.width * whole.height * whole.count * in.picture.fast.walks;
     for (k = 0; k < 4; k++) { /* no table believed; coarse; fine; fine with regions */
         const size_t bytes = (size_t)in.picture.crowds[0].radiance_stride *
