@@ -9903,8 +9903,8 @@ static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits) {
     itn__depart(crowd, &s, bits & ~(lost | felt));
 }
 
-/* Of the lanes named by `bits`, whose flights have met nothing, those that end beyond the box of all
-   solids have lost theirs, as rounding makes it happen in needles: they go on outside. Returns
+/* Of the lanes named by `bits`, whose flights have met nothing, those that end beyond the box of
+   all solids have lost theirs, as rounding makes it happen in needles: they go on outside. Returns
    them. */
 static unsigned itn__leave_lanes(itn__crowd *crowd, int substance, itn__state *s,
                                  itn__floats distance, unsigned bits) {
