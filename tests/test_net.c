@@ -1135,7 +1135,7 @@ static void test_net_read(int batch, int fault) {
     enum { SIDE = 16, PLANE = SIDE * SIDE };
     itn_net_desc desc = ITN_ZERO;
     itn_net *net, *single;
-    float pixels[PLANE], sized[PLANE], input[2 * PLANE], outputs[2], read[2], alone[2];
+    float pixels[PLANE], sized[PLANE], input[2 * PLANE], outputs[2], read[2], alone[2] = {0, 0};
     double expected[2] = {0, 0};
     int size, k;
     desc.width = desc.height = SIDE, desc.layer_count = 2, desc.first_channels = 16;
