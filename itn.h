@@ -4643,7 +4643,7 @@ typedef struct itn__object {
 typedef struct itn__kept {
     void (*release)(const itn_context *context, void *kept);
 } itn__kept;
-enum { ITN__TABLE_LEVELS = 15 };
+enum { ITN__TABLE_LEVELS = 10 };
 
 struct itn_scene {
     itn_context context;
@@ -7173,7 +7173,7 @@ typedef struct itn__voxels {
     itn__pack *packs; /* aligned to a cache line, in pack_memory */
     void *pack_memory;
     int surface_count, pack_count;
-    int regions;     /* whether there are any */
+    int regions;     /* whether cells near those with triangles have some, too */
     int whole;       /* no triangle lies outside */
     uint64_t closed; /* the one closed object of the scene, if there is just one */
 } itn__voxels;
@@ -7876,7 +7876,7 @@ static int itn__number_records(itn__voxel_build *build) {
         int32_t *space = v->spaces + 2 * cell;
         space[0] = count ? 127 : (distance - 1) << 24;
         space[1] = itn__space_bounds(count ? -INFINITY : INFINITY, INFINITY, 255);
-        if (v->regions && distance <= ITN__REGION_REACH && !build->outer[cell])
+        if (distance <= (v->regions ? ITN__REGION_REACH : 0) && !build->outer[cell])
             build->near_cells[build->near_count++] = (int32_t)cell;
         if (count) {
             int32_t *own = v->surface + (size_t)surface * ITN__SURFACE_WORDS;
@@ -7962,7 +7962,7 @@ static int itn__voxels_fill(itn__voxel_build *build) {
 
 /* Makes the tables for the box from lower to upper and one cell around it, of `resolution` cells
    along its longest axis; fewer if there is not enough room or precision. closed: bits of the
-   closed objects. regions: whether there are any, or only cubes and packs. */
+   closed objects. regions: whether cells near those with triangles have some, too. */
 static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bvh, uint64_t closed,
                                    itn_vec3 lower, itn_vec3 upper, int resolution, int regions,
                                    itn__voxels **voxels, itn_error *error) {
@@ -8123,7 +8123,7 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
     return result;
 }
 
-/* The level for a job of that many paths: resolution 16 << level / 3, regions level % 3. Cells are
+/* The level for a job of that many paths: resolution 16 << level / 2, regions level % 2. Cells are
    about as large as a mean free path, and not so large that they hold many triangles; a small job
    has coarse ones, and the more so the more lanes share what exact flights cost; a large one never
    has very coarse ones. */
@@ -8137,7 +8137,7 @@ static int itn__tables_level(const itn_scene *scene, const float *theta, double 
             cells = fmax(cells, scene->radius * (double)theta[medium->sigma_t[c]]);
     }
     while (level < finest && cells > 12 << level) level++;
-    return 3 * level + (paths >= 1e6) + large;
+    return 2 * level + (paths >= 1e6);
 }
 
 /* The tables for a job; *own receives them if the scene does not keep them. */
@@ -8148,7 +8148,7 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
     itn__tables *made = NULL, *kept = (itn__tables *)itn__once_get(&scene->tables[level]);
     itn_result result = ITN_OK;
     *own = NULL;
-    if (!kept) result = itn__tables_make(scene, 16 << level / 3, level % 3, &made, error);
+    if (!kept) result = itn__tables_make(scene, 16 << level / 2, level % 2, &made, error);
     if (result) return result;
     if (!kept && itn__once_set(&scene->tables[level], made)) kept = made;
     *tables = kept ? kept : made;
