@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.7.12                          [itn]
+/* itn.h - inverse transport networks in one C header, version 0.8.0                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -122,7 +122,6 @@
      ITN_THREADS          loops run on the platform's threads (link with -lpthread); else one,
                           or your own through itn_context.parallel_for
      ITN_NO_FAST          leaves out the fast walk: all renders use the reference
-     ITN_ONE_KERNEL       the fast walk in one general form: compiles faster, runs slower
      ITN_NO_SIMD          numbers one by one in the place of lanes
      ITN_NO_NET           leaves out the network
      ITN_NO_STDIO         leaves out all that opens files; the _from_memory functions stay
@@ -167,8 +166,8 @@
 #include <stdint.h>
 
 #define ITN_VERSION_MAJOR 0
-#define ITN_VERSION_MINOR 7
-#define ITN_VERSION_PATCH 12
+#define ITN_VERSION_MINOR 8
+#define ITN_VERSION_PATCH 0
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
    has one; names, meshes, where the camera stands and the like must be given. */
@@ -17162,8 +17161,13 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history] what changed for callers, newest first
-   0.8.0  half the lines, compiles in half the time; models are tables of functions.
-          breaks: images have other bits than before; what README's last section lists
+   0.8.0  a seventh fewer lines, two thirds of the time to compile; models are tables of functions
+          over numbers with a slope; faces of dielectrics that coincide are crossed together; scenes
+          from memory; a file that is written replaces the old one whole, at power loss too.
+          breaks: images have other bits; spectral media, limits of scatterings, forced holes and
+          derivatives by texels are the reference walk's; itn_bvh_nearest_many,
+          itn_bvh_occluded_many, itn_model_renders and ITN_ONE_KERNEL are gone; PFM values are
+          multiplied by |scale|
    0.7    networks read a picture in five sizes; overlapping solids are refused; error bars that
           allow for what they cannot know
    0.6    itn_film_desc.deviation; itn_net_input blurs. breaks: networks are to be trained anew

@@ -34,7 +34,7 @@ await() {
 differ() { ! cmp -s "$1" "$2"; }
 
 # 1, 2 and 4 processes take the same batches; another seed must be told from the same.
-flags="-std=c99 -O3 -march=native -DITN_ONE_KERNEL"
+flags="-std=c99 -O3 -march=native"
 if command -v mpicc > /dev/null && command -v mpirun > /dev/null; then
     # shellcheck disable=SC2086
     check "compiles with MPI" mpicc $flags -DUSE_MPI "$root/examples/train.c" -o train -lm -lpthread

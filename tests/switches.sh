@@ -163,10 +163,10 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
         subset "$bits"
         check "$1 -std=$2$flags $source.$3" "$1" -std="$2" $warnings $flags -fsyntax-only "$source.$3"
     done
-    for flags in -DITN_NO_FAST -DITN_NO_SIMD -DITN_ONE_KERNEL "-DITN_NO_FAST -DITN_NO_SIMD -DITN_STATIC" \
+    for flags in -DITN_NO_FAST -DITN_NO_SIMD "-DITN_NO_FAST -DITN_NO_SIMD -DITN_STATIC" \
         "-O1 -mavx2 -mfma" "-O1 -march=native"; do
         case $1$ITN_LONG_TESTS$flags in # what is said in C alone, C compilers have seen
-        g++-DITN_ONE_KERNEL | clang++-DITN_ONE_KERNEL | g++-DITN_NO_FAST | clang++-DITN_NO_FAST) continue ;;
+        g++-DITN_NO_FAST | clang++-DITN_NO_FAST) continue ;;
         esac
         case $flags in -O1*) # not on every machine
             "$1" $flags -x c -E /dev/null >log 2>&1 || { skip "$1 $flags: not here"; continue; } ;;
@@ -187,7 +187,7 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
         build_flags=-O2
         [ $level = plain ] || build_flags="-O2 -march=native"
         if [ -z "$ITN_LONG_TESTS" ]; then
-            build_flags="-O0 -DITN_ONE_KERNEL" # the suites' object is optimised, as strictly
+            build_flags="-O0" # the suites' object is optimised, as strictly
         fi
         check "$1 -std=$2 $build_flags" "$1" -std="$2" $warnings $build_flags -fno-pie -c "code.$3" \
             -o "code-$1-$level.o"
@@ -233,7 +233,7 @@ for flags in "" "-DITN_NO_STDIO" "-DITN_NO_NET" "-DITN_NO_STDIO -DITN_NO_NET"; d
     check "declared but not defined: $flags" declared "$flags" 25
 done
 object="code-$CC-plain.o" # the whole code, if it is compiled already
-[ -f "$object" ] || object="-DITN_IMPLEMENTATION -DITN_ONE_KERNEL"
+[ -f "$object" ] || object="-DITN_IMPLEMENTATION"
 # shellcheck disable=SC2086
 check "caller runs" build -no-pie $object use.c
 check "caller runs, threads" build $small -DITN_THREADS use.c
@@ -305,7 +305,7 @@ static void *my_malloc(size_t bytes) { return bytes ? NULL : NULL; }
 static void my_free(void *block) { (void)block; }
 END
     sed -n '/^#define/,$p' override.c >>arena.c
-    "$CC" -std=c99 -DITN_NO_STDIO -DITN_ONE_KERNEL -c arena.c -o arena.o
+    "$CC" -std=c99 -DITN_NO_STDIO -c arena.c -o arena.o
     "$CC" -std=c99 -DITN_NO_FAST -c whole.c -o heap.o
     check "ITN_MALLOC and ITN_FREE replace malloc and free" no_malloc arena.o
     catches "malloc without them" no_malloc heap.o
@@ -314,7 +314,7 @@ END
     catches "files without it" no_files heap.o
     no_stdio() { ! "$CC" -std=c99 "$@" -E arena.c | grep -q '^# .*stdio\.h"'; }
     check "ITN_NO_STDIO goes without stdio.h" no_stdio -DITN_NO_STDIO
-    for flags in -DITN_ONE_KERNEL "-DITN_NO_FAST -DITN_NO_NET"; do
+    for flags in "-DITN_NO_FAST -DITN_NO_NET"; do
         "$CC" -std=c99 -DITN_STATIC $flags -c whole.c -o static.o
         all_static() { [ -z "$(public static.o)" ]; }
         check "ITN_STATIC leaves no global $flags" all_static
