@@ -2221,21 +2221,6 @@ ITN__INLINE itn__floats itn__vexp(itn__floats x) {
     return sum * itn__bits_float(itn__word_ints((twice - half) << 23));
 }
 
-/* 1 - e^-x for x >= 0, and -log(1 - x) for 0 <= x < 1 (from 1 on, 88 or more), without loss where x
-   is small. An error of e in e^-x, or in 1 - x, is one of e in the logarithm too; the quotient of
-   the two is right (after Kahan). Below 3 ulp. */
-ITN__INLINE itn__floats itn__vone_minus_exp(itn__floats x) {
-    itn__floats y = itn__vexp(-x), one = itn__splat(1);
-    itn__ints plain = itn__less(y, itn__splat(.5f)), tiny = itn__less_equal(one, y);
-    itn__floats quotient = x / itn__vlog(itn__select(plain | tiny, itn__splat(.5f), y));
-    return itn__select(plain, 1 - y, itn__select(tiny, x, (y - 1) * quotient));
-}
-ITN__INLINE itn__floats itn__vminus_log_one_minus(itn__floats x) {
-    itn__floats y = 1 - x, part = 1 - y;
-    itn__ints tiny = itn__less_equal(part, itn__splat(0));
-    return itn__select(tiny, x, -itn__vlog(y) * (x / itn__select(tiny, itn__splat(1), part)));
-}
-
 /* Sine and cosine of 2 pi u, |u| < 1e4. The reduction is exact. Relative errors of the polynomials
    are 2.8e-8 (sine) and 4e-8 (cosine); in all below 1.7 ulp. */
 ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__floats *cosine) {
@@ -8155,39 +8140,6 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
     return ITN_OK;
 }
 
-/* itn__sample_flight for 1 / sigma_t up to a length, by the same u: where a path that goes straight
-   collides within it, of which *chance receives the probability. */
-ITN__INLINE itn__floats itn__vsample_stretch(float mean_free_path, itn__floats length,
-                                             itn__floats u, itn__floats *chance) {
-    *chance = itn__vone_minus_exp(length / mean_free_path);
-    return itn__least(itn__vminus_log_one_minus((1 - u) * *chance) * mean_free_path, length);
-}
-
-/* Whether links from collisions reach all the light there is: no surface bends or reflects, all
-   lights are sampled. Then a last scattering needs its link only, and no direction, unless a phase
-   function is so narrow that directions to wide lights seldom find its peak. */
-static int itn__links_suffice(const itn_scene *scene, const float *theta) {
-    int i, c;
-    for (i = 0; i < scene->medium_count; i++)
-        for (c = 0; c < 3; c++)
-            if (fabsf(theta[scene->media[i].g[c]]) > .6f) return 0;
-    for (i = 0; i < scene->object_count; i++)
-        if (scene->objects[i].surface >= 0) return 0;
-    for (i = 0; i < scene->light_count; i++) {
-        const itn__light *light = &scene->lights[i];
-        for (c = 0; c < 3; c++)
-            if (light->kind == ITN__LIGHT_CONSTANT && light->radiance[c] > 0) return 0;
-    }
-    return 1;
-}
-
-/* Whether paths go straight: with one scattering at most only its place has to be drawn, of
-   stretches of at most ITN__STRETCH mean free paths. */
-static int itn__goes_straight(const itn_scene *scene, const float *theta, int max_scatter) {
-    return max_scatter == 1 && !scene->spectral && itn__links_suffice(scene, theta);
-}
-#define ITN__STRETCH 4.f
-
 /* ---- [fast] the same walk, many paths at a time ---------------------------------------------- */
 
 /* A crowd of paths is on its way at once, each in one of a few queues, and stages take turns to
@@ -10916,9 +10868,6 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     else
         itn_parameter_values(scene, render->theta_made);
     render->theta = render->theta_made;
-#ifndef ITN_NO_FAST
-    if (itn__goes_straight(scene, render->theta, render->max_scatter)) render->baseline = 0;
-#endif
     for (k = 0; k < scene->parameter_count; k++) render->slots[k] = -1;
     for (k = 0; k < count; k++) {
         if (parameters[k] < 0 || parameters[k] >= scene->parameter_count ||
