@@ -4627,7 +4627,7 @@ typedef struct itn__object {
 typedef struct itn__kept {
     void (*release)(const itn_context *context, void *kept);
 } itn__kept;
-enum { ITN__TABLE_LEVELS = 10 };
+enum { ITN__TABLE_LEVELS = 6 };
 
 struct itn_scene {
     itn_context context;
@@ -8107,21 +8107,18 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
     return result;
 }
 
-/* The level for a job of that many paths: resolution 16 << level / 2, regions level % 2. Cells are
-   about as large as a mean free path, and not so large that they hold many triangles; a small job
-   has coarse ones, and the more so the more lanes share what exact flights cost; a large one never
-   has very coarse ones. */
+/* The level for a job of that many paths: resolution 16 << level / 2, with regions if it is odd.
+   Cells are about as large as a mean free path, and not so large that they hold many triangles; a
+   small job has coarse ones, and the more so the more lanes share what exact flights cost. */
 static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
-    double triangles = scene->bvh->triangle_count, cells = .2 * sqrt(triangles);
-    int large = paths >= 2e6, level = large ? 2 : 0, i, c;
-    int finest = paths < 1e4 * ITN__LANES ? 1 : !large ? 2 : triangles < 1e6 ? 3 : 4;
-    for (i = 0; i < scene->object_count; i++) {
-        const itn__medium *medium = scene->media + scene->objects[i].medium;
-        for (c = 0; c < 3 && scene->objects[i].medium >= 0; c++)
-            cells = fmax(cells, scene->radius * (double)theta[medium->sigma_t[c]]);
-    }
+    double cells = .2 * sqrt((double)scene->bvh->triangle_count);
+    int regions = paths >= 1e6, level = regions, finest = paths < 1e4 * ITN__LANES ? 1 : 2, i;
+    for (i = 0; i < scene->object_count; i++)
+        if (scene->objects[i].medium >= 0)
+            cells = fmax(cells, scene->radius * (double)theta[
+                                    scene->media[scene->objects[i].medium].sigma_t[0]]);
     while (level < finest && cells > 12 << level) level++;
-    return 2 * level + (paths >= 1e6);
+    return 2 * level + regions;
 }
 
 /* The tables for a job; *own receives them if the scene does not keep them. */
