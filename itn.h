@@ -14788,8 +14788,8 @@ static int itn__accept_word(itn__text *text, const char *word) {
 
 /* Reads a number that ends at a blank or line end and is finite as a float; `what` is for the error
    message. */
-static itn_result itn__text_float(itn__text *text, const char *what, float *value,
-                                  itn_error *error) {
+static itn_result itn__text_number(itn__text *text, const char *what, double *value,
+                                   itn_error *error) {
     double number = 0;
     int length;
     text->error = error;
@@ -14799,7 +14799,7 @@ static itn_result itn__text_float(itn__text *text, const char *what, float *valu
         !itn__finite((float)number))
         return itn__text_fail(text, ITN_ERROR_FORMAT, "%s: '%.*s' is not a finite number", what,
                               length > 40 ? 40 : length, text->at);
-    *value = (float)number;
+    *value = number;
     text->at += length;
     return ITN_OK;
 }
@@ -15493,20 +15493,20 @@ static itn_result itn__pfm_decode(itn__text text, const itn_context *context, it
     static const char *const names[] = {"R", "G", "B"};
     static const char *const what[] = {"PFM width", "PFM height", "PFM scale"};
     int channels = text.at[1] == 'F' ? 3 : 1, x, row, k;
-    float header[3] = {0, 0, 0}, scale;
+    double header[3] = {0, 0, 0}, needed;
+    float scale;
     const unsigned char *bytes;
-    double needed;
     unsigned big;
     itn_result result;
     text.at += 2;
     for (k = 0; k < 3; k++) {
         itn__skip_space(&text); /* line ends count as blanks */
-        itn__text_float(&text, what[k], &header[k], text.error);
-        if (k < 2 ? !(header[k] >= 1 && header[k] < 1e9f && header[k] == floorf(header[k]))
-                  : header[k] == 0)
-            itn__text_fail(&text, ITN_ERROR_FORMAT, "%s is %g", what[k], (double)header[k]);
+        itn__text_number(&text, what[k], &header[k], text.error);
+        if (k < 2 ? !(header[k] >= 1 && header[k] < 1e9 && header[k] == floor(header[k]))
+                  : (float)header[k] == 0)
+            itn__text_fail(&text, ITN_ERROR_FORMAT, "%s is %g", what[k], header[k]);
     }
-    needed = (double)header[0] * (double)header[1] * channels * 4;
+    needed = header[0] * header[1] * channels * 4;
     /* the one white space character, or two, of a file that was written as text on Windows */
     if ((double)(text.end - text.at) == needed + 2 && itn__newline(text.at, text.end) == 2)
         text.at++;
@@ -15519,7 +15519,7 @@ static itn_result itn__pfm_decode(itn__text text, const itn_context *context, it
     if (result) return result;
     bytes = (const unsigned char *)text.at;
     big = header[2] > 0 ? 3 : 0; /* byte i of a number is the file's byte i ^ big */
-    scale = fabsf(header[2]);
+    scale = (float)fabs(header[2]);
     for (k = 0; k < channels; k++) itn__copy_name(image->names[k], channels == 1 ? "Y" : names[k]);
     for (row = image->height - 1; row >= 0; row--)
         for (x = 0; x < image->width; x++)
@@ -15968,9 +15968,12 @@ static itn_result itn__builder_mesh(const itn__builder *builder, const char *nam
 /* Reads least to most numbers. */
 static void itn__obj_numbers(itn__text *text, int least, int most, float *numbers,
                              const char *what) {
+    double number = 0;
     int i;
-    for (i = 0; i < most && (i < least || !itn__line_done(text)); i++)
-        itn__text_float(text, what, &numbers[i], text->error);
+    for (i = 0; i < most && (i < least || !itn__line_done(text)); i++) {
+        itn__text_number(text, what, &number, text->error);
+        numbers[i] = (float)number;
+    }
 }
 
 /* Reads an index and makes it count from 0; -1 if it is not a number that names one of `count`. */
