@@ -10320,8 +10320,9 @@ static void *itn__take(char *memory, size_t *used, size_t count, size_t size) {
     return memory ? memory + at : NULL;
 }
 static void itn__take_queue(char *memory, size_t *used, itn__queue *queue) {
-    queue->floats = (float *)itn__take(memory, used, ITN__FLOAT_ROWS * ITN__ROW, sizeof(float));
-    queue->ints = (int32_t *)itn__take(memory, used, ITN__INT_ROW_COUNT * ITN__ROW,
+    queue->floats = (float *)itn__take(memory, used, (size_t)ITN__FLOAT_ROWS * ITN__ROW,
+                                       sizeof(float));
+    queue->ints = (int32_t *)itn__take(memory, used, (size_t)ITN__INT_ROW_COUNT * ITN__ROW,
                                        sizeof(int32_t));
 }
 static void itn__take_shadows(char *memory, size_t *used, itn__shadows *shadows, size_t count) {
@@ -11099,8 +11100,8 @@ static itn_result itn__learn_values(itn__picture *picture, itn_error *error) {
     fast->count = fast->scales = 0, fast->planes = fast->channels;
     pilot.weights = NULL, fast->allotment = NULL;
     if (pixels > ITN__LESSONS / 4) fast->walks = 1;
-    else fast->walks = (int)fmin(fast->walks, ITN__LESSONS / pixels);
-    fast->spp = (int)fmax(1, ITN__LESSONS / (pixels * fast->walks));
+    else fast->walks = (int)fmin(fast->walks, (int)ITN__LESSONS / pixels);
+    fast->spp = (int)fmax(1, (int)ITN__LESSONS / (pixels * fast->walks));
     if (fast->spp > picture->fast.spp / 8 + 1) fast->spp = picture->fast.spp / 8 + 1;
     fast->samples = pixels * fast->spp;
     fast->blocks = itn__sample_blocks(fast);
