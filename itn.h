@@ -11034,7 +11034,7 @@ static itn_result itn__render_tables(const itn__render *render, const itn__table
                            own, error);
 }
 
-enum { ITN__LESSONS = 65536 }; /* paths that V is learnt from */
+#define ITN__LESSONS 65536. /* paths that V is learnt from */
 
 /* Whether a control variate pays: in images of one medium in light that is everywhere the same,
    with many paths. */
