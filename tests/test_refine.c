@@ -295,7 +295,7 @@ static void test_recovery(itn_method method, const char *const *names, int count
     float theta[8], before[8];
     int parameters[3], all[3], k;
     static const char *const medium[] = {"m.sigma_t", "m.albedo", "m.g"};
-    photograph(scene, 512, 77, target, variance);
+    photograph(scene, 512, 78, target, variance);
     find_parameters(scene, names, count, parameters);
     find_parameters(scene, medium, 3, all);
     itn_parameter_values(scene, theta);
@@ -306,7 +306,7 @@ static void test_recovery(itn_method method, const char *const *names, int count
     }
     memcpy(before, theta, sizeof theta);
     w.scene = scene;
-    options.method = method, options.spp = method == ITN_METHOD_LM ? 16 : 8;
+    options.method = method, options.spp = method == ITN_METHOD_LM ? 40 : 8;
     options.seed = 5, options.iterations = iterations;
     if (hidden[0] > 3) options.final_spp = usual_end(options.spp);
     options.target_variance = variance;
@@ -615,11 +615,11 @@ static void test_coverages(void) {
 }
 
 /* The variance of A over many evaluations at one point is what itn__refine_spread says, where it is
-   the noise of J: of sigma_t and g along the valley. A sample variance of 30 has a standard error
-   of 26 %. Their ratios, each in one direction. */
+   the noise of J: of sigma_t and g along the valley. A sample variance of 90 has a standard error
+   of 15 %. Their ratios, each in one direction. */
 enum { SPREAD_WAYS = 2 };
 static void measure_spread(double ratios[SPREAD_WAYS]) {
-    enum { TIMES = 30, N = 3, WAYS = SPREAD_WAYS };
+    enum { TIMES = 90, N = 3, WAYS = SPREAD_WAYS };
     static const char *const names[N] = {"m.sigma_t", "m.albedo", "m.g"};
     static const double ways[WAYS][N] = {{1, 0, 0}, {0, 0, 1}};
     static float target[PIXELS], variance[PIXELS];
@@ -667,10 +667,10 @@ static void test_spread(double planted) {
 
 /* The variance of b over many evaluations at the truth is what N says of all but the target's noise,
    which is the same each time: also where that is large and nobody has told, so that the noise of J
-   meets it in the misfit's excess. A sample variance of 30 has a standard error of 26 %. planted: 1
+   meets it in the misfit's excess. A sample variance of 90 has a standard error of 15 %. planted: 1
    leaves that out. */
 static void test_stray_noise(int planted) {
-    enum { TIMES = 30 };
+    enum { TIMES = 90 };
     static const char *const names[1] = {"m.g"};
     static float target[PIXELS], variance[PIXELS];
     static double ratios[2];
@@ -700,7 +700,7 @@ static void test_stray_noise(int planted) {
     for (i = 0; i < 2 && ratios[i] == 0; i++)
         ratios[i] = (square - sum * sum) * TIMES / (TIMES - 1) / claimed[i];
     if (getenv("SHOW")) printf("b: variance %.2f of what is claimed\n", ratios[planted]);
-    check_report(ratios[planted] > .4 && ratios[planted] < 1.8, __FILE__, __LINE__,
+    check_report(ratios[planted] > .5 && ratios[planted] < 1.45, __FILE__, __LINE__,
                  "variance of b over what is claimed: %.2f", ratios[planted]);
     itn__refine_end(&refiner);
     itn_scene_free(scene);
@@ -711,7 +711,7 @@ static void begin_look(itn__refiner *refiner, itn_view *view, float value) {
     itn_error error;
     memset(refiner, 0, sizeof *refiner);
     refiner->view_count = 1, refiner->count = 1, refiner->context = &view->scene->context;
-    refiner->options.spp = refiner->options.final_spp = 256;
+    refiner->options.spp = refiner->options.final_spp = 1024;
     stage_need(itn__refine_begin(refiner, view, &value, &error), &error);
     stage_need(itn__refine_evaluate(refiner, 1, &error), &error);
     itn__refine_learn(refiner, 0);
