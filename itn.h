@@ -10374,7 +10374,8 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_pa
     crowd->memory = size < SIZE_MAX ? itn__allocate(&fast->scene->context, size, 1) : NULL;
     if (!crowd->memory) return 0;
     itn__crowd_lay_out(crowd, (char *)crowd->memory, fast);
-    for (i = 0; i < ITN__CROWD; i++) crowd->free_slots[i] = ITN__CROWD - 1 - i;
+    for (i = 0; i < ITN__CROWD; i++)
+        crowd->free_slots[i] = ITN__CROWD - 1 - i, crowd->paths[i].mark = -1;
     crowd->free_count = ITN__CROWD;
     return 1;
 }
