@@ -9339,7 +9339,7 @@ static void itn__find_hits(itn__crowd *crowd, int outside) {
 
 /* c, relative to the mean radiance of the sampled lights over all directions, times the largest
    albedo or reflectance. */
-#define ITN__SHADOW_LEVEL .1
+#define ITN__SHADOW_LEVEL .3
 
 /* Prepares shadow rays with weights w in direction d from the lanes of s; those that roulette does
    not end are returned. largest receives the largest weights. */
