@@ -17112,7 +17112,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history] what changed for callers, newest first
-   0.8.0  a seventh fewer lines, two thirds of the time to compile; models are tables of functions
+   0.8.0  a sixth fewer lines, six tenths of the time to compile; models are tables of functions
           over numbers with a slope; faces of dielectrics that coincide are crossed together; scenes
           from memory; a file that is written replaces the old one whole, at power loss too.
           breaks: images have other bits; spectral media, limits of scatterings, forced holes and
