@@ -1926,10 +1926,7 @@ ITN__INLINE itn__floats itn__most(itn__floats a, itn__floats b) {
     return itn__select(itn__less(b, a), a, b);
 #endif
 }
-/* The larger or smaller of ints. */
-ITN__INLINE itn__ints itn__int_most(itn__ints a, itn__ints b) {
-    return itn__select_int(itn__int_less(a, b), b, a);
-}
+/* The smaller of ints. */
 ITN__INLINE itn__ints itn__int_least(itn__ints a, itn__ints b) {
     return itn__select_int(itn__int_less(a, b), a, b);
 }
@@ -10848,7 +10845,7 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     if (options) render->seed = options->seed, render->max_scatter = options->max_scatter;
     render->walks = options && options->walks ? options->walks : 4;
     render->sobol = !options || options->sampler != ITN_SAMPLER_RANDOM;
-    render->baseline = !(options && options->estimator == ITN_ESTIMATOR_SCORE) && !scene->spectral;
+    render->baseline = !(options && options->estimator == ITN_ESTIMATOR_SCORE);
     render->strata = scene->spectral && render->spp >= 6 ? 3 : 1;
     render->kept = kept, render->row_sums = 2 * (size_t)kept * (size_t)(1 + render->strata);
     rows = (size_t)scene->film.height, scores = 3 * (size_t)render->channels * (size_t)count + 3;
