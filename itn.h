@@ -3611,7 +3611,7 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
 /* An item of a scene - film, camera, medium, surface, object, light - is a row of fields. What may
    stand in a field is said here and nowhere else: scene files are read by these tables, descs of a
    caller are checked by them, and parameters come in their order. A new field is a new row; a new
-   kind of surface or light is a new form (and its model).
+   kind of surface or light has its fields in the row of its model.
 
    `form` tells how many numbers follow a field's name in a file, by digits, and how the desc keeps
    them: f as floats, i as an int, c as a colour (one number counts for all channels), s as a
@@ -3632,29 +3632,25 @@ typedef struct itn__field {
 enum { ITN__MOST_FIELDS = 9, ITN__MOST_NUMBERS = 9 };
 
 enum { ITN__FILM, ITN__CAMERA, ITN__MEDIUM, ITN__SURFACE, ITN__OBJECT, ITN__LIGHT, ITN__KINDS };
-static const char *const itn__kinds[] = {"film",    "camera", "medium",
-                                         "surface", "object", "light"};
+static const char *const itn__kinds[] = {"film", "camera", "medium", "surface", "object", "light"};
 
-/* The fields of a kind of item, or of a variant: a surface's type, or a field that comes first. */
+/* The fields of a kind of item, or of a variant: a surface's or a light's type, which its number
+   is, or a field that comes first. */
 typedef struct itn__form {
-    int kind;
+    int kind, type;
     const char *variant;
-    size_t type_at; /* where the desc has its type, which is `type`; 0: nowhere */
-    int type;
     itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
 } itn__form;
 
-#define ITN__RANGE(lower, upper) lower, upper
-#define ITN__ANY -FLT_MAX, FLT_MAX
-#define ITN__POSITIVE FLT_MIN, 1e12f
-#define ITN__SCALE 0, 1e12f
-#define ITN__PLAIN(desc, name, at, form, range, otherwise)                                         \
-    {name, form, range, otherwise, offsetof(desc, at), 0, ITN_IDENTITY, 0, NULL}
-#define ITN__WORD(desc, name, at, form) ITN__PLAIN(desc, name, at, form, ITN__RANGE(0, 0), 0)
+/* Rows; `...` is lower, upper, otherwise. */
+#define ITN__FIELD(name, item, field, form, ...)                                                   \
+    {name, form, __VA_ARGS__, offsetof(itn_##item##_desc, field), 0, ITN_IDENTITY, 0, NULL}
+#define ITN__VALUE(item, field, form, transform, ...)                                              \
+    {#field, form, __VA_ARGS__, offsetof(itn_##item##_desc, field), offsetof(itn__##item, field),  \
+     transform, 0, NULL}
+#define ITN__WORD(name, item, field, form) ITN__FIELD(name, item, field, form, 0, 0, 0)
 #define ITN__MARK(name, form, words) {name, form, 0, 0, 0, 0, 0, ITN_IDENTITY, 0, words}
-#define ITN__VALUE(desc, item, name, form, range, otherwise, transform)                            \
-    {#name, form, range, otherwise, offsetof(desc, name), offsetof(item, name), transform, 0, NULL}
-#define ITN__SURFACE_TYPE offsetof(itn_surface_desc, type)
+#define ITN__ANY -FLT_MAX, FLT_MAX
 typedef char itn__enums_are_ints[sizeof(itn_filter) == sizeof(int) ? 1 : -1];
 
 /* ---- [medium] free flight and phase function ------------------------------------------------- */
@@ -4013,16 +4009,15 @@ typedef struct itn__bsdf {
                       itn__floats *pdf);
 } itn__bsdf;
 static const itn__bsdf itn__bsdfs[] = {
-    {{ITN__SURFACE, "dielectric", ITN__SURFACE_TYPE, ITN_SURFACE_DIELECTRIC,
+    {{ITN__SURFACE, ITN_SURFACE_DIELECTRIC, "dielectric",
       {ITN__MARK("type", "o!", NULL),
-       ITN__VALUE(itn_surface_desc, itn__surface, ior, "1f", ITN__RANGE(1, 4), 1.5f, ITN_LOGIT),
-       ITN__VALUE(itn_surface_desc, itn__surface, alpha, "1f", ITN__RANGE(.001f, 1), 0, ITN_LOG)}},
+       ITN__VALUE(surface, ior, "1f", ITN_LOGIT, 1, 4, 1.5f),
+       ITN__VALUE(surface, alpha, "1f", ITN_LOG, .001f, 1, 0)}},
      ITN__FACETS, itn__dielectric_eval, itn__dielectric_sample, itn__dielectric_edge},
-    {{ITN__SURFACE, "diffuse", ITN__SURFACE_TYPE, ITN_SURFACE_DIFFUSE,
-      {ITN__VALUE(itn_surface_desc, itn__surface, reflectance, "013c", ITN__RANGE(0, 1), 0,
-                  ITN_LOGIT),
-       ITN__WORD(itn_surface_desc, "texture", image, "p"),
-       ITN__PLAIN(itn_surface_desc, "checker", checker_size, "37k", ITN__SCALE, 0),
+    {{ITN__SURFACE, ITN_SURFACE_DIFFUSE, "diffuse",
+      {ITN__VALUE(surface, reflectance, "013c", ITN_LOGIT, 0, 1, 0),
+       ITN__WORD("texture", surface, image, "p"),
+       ITN__FIELD("checker", surface, checker_size, "37k", 0, 1e12f, 0),
        ITN__MARK("type", "o!", NULL)}},
      ITN__OPAQUE, itn__diffuse_eval, itn__diffuse_sample, NULL}};
 
@@ -4435,22 +4430,40 @@ static itn__floats itn__sun_pdf(const itn__light *light, const itn__towards *to)
                        itn__splat(0));
 }
 
-/* The lights there are. A new one is a kind and a row; its radiance is without its scale, in the
-   film's channels, 0 outside the mask. Without sample and pdf it is sampled by its grid, if it has
-   one. Only what has `maps` reads coordinates. */
+/* The lights there are. A new one is a kind and a row: its fields, see [fields]; its radiance,
+   without its scale, in the film's channels, 0 outside the mask. Without sample and pdf it is
+   sampled by its grid, if it has one. Only what has `maps` reads coordinates. The sun of a sky is a
+   light of its own, the one after it. */
 typedef struct itn__light_model {
-    const char *name;
+    itn__form form;
     int maps;
     void (*radiance)(const itn__light *light, int channels, const itn__towards *to, itn__ints mask,
                      itn__floats rgb[3]);
     void (*sample)(const itn__light *light, itn__floats u, itn__floats v, itn__towards *to);
     itn__floats (*pdf)(const itn__light *light, const itn__towards *to);
 } itn__light_model;
+#define ITN__LIGHT_SCALE(name, light)                                                              \
+    {#name, "1f", 0, 1e12f, 1, offsetof(itn_light_desc, name),                                     \
+     (light) * sizeof(itn__light) + offsetof(itn__light, parameter), ITN_LOG, 0, NULL}
 static const itn__light_model itn__light_models[] = {
-    {"constant", 0, itn__constant_radiance, NULL, NULL},
-    {"map", 1, itn__map_radiance, NULL, NULL},
-    {"sky", 0, itn__sky_radiance, NULL, NULL},
-    {"sun", 0, itn__sun_radiance, itn__sun_sample, itn__sun_pdf}};
+    {{ITN__LIGHT, ITN_LIGHT_CONSTANT, "constant",
+      {ITN__MARK("constant", "", NULL),
+       ITN__FIELD("radiance", light, radiance, "13c!", 0, ITN__MAX_RADIANCE, 0),
+       ITN__LIGHT_SCALE(scale, 0), ITN__WORD("name", light, name, "w")}},
+     0, itn__constant_radiance, NULL, NULL},
+    {{ITN__LIGHT, ITN_LIGHT_MAP, "map",
+      {ITN__WORD("map", light, image, "p"), ITN__LIGHT_SCALE(scale, 0),
+       ITN__WORD("name", light, name, "w")}},
+     1, itn__map_radiance, NULL, NULL},
+    {{ITN__LIGHT, ITN_LIGHT_SKY, "sky",
+      {ITN__WORD("sky", light, sky, "y"),
+       ITN__FIELD("sun", light, sun_direction, "3f!", ITN__ANY, 0), ITN__LIGHT_SCALE(scale, 0),
+       ITN__LIGHT_SCALE(sun_scale, 1),
+       ITN__FIELD("sun_radius_scale", light, sun_radius_scale, "1f", .01f, 320, 1),
+       ITN__WORD("name", light, name, "w")}},
+     0, itn__sky_radiance, NULL, NULL},
+    {{ITN__KINDS, 0, NULL, {ITN__MARK(NULL, NULL, NULL)}},
+     0, itn__sun_radiance, itn__sun_sample, itn__sun_pdf}};
 
 /* Density over solid angle with which itn__light_sample draws directions, whose coordinates are
    known if it has a grid. */
@@ -4762,78 +4775,64 @@ ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
 /* ---- [forms] the fields of all items --------------------------------------------------------- */
 
 /* All items but surfaces, whose forms stand with their models. */
-#define ITN__SPECTRUM(name, form, range, transform)                                                \
-    {#name, form, range, 0, offsetof(itn_medium_desc, name), offsetof(itn__medium, name),          \
+#define ITN__SPECTRUM(name, form, transform, ...)                                                  \
+    {#name, form, __VA_ARGS__, offsetof(itn_medium_desc, name), offsetof(itn__medium, name),       \
      transform, offsetof(itn_medium_desc, name##_rgb), NULL}
-#define ITN__LIGHT_SCALE(name, light)                                                              \
-    {#name, "1f", ITN__SCALE, 1, offsetof(itn_light_desc, name),                                   \
-     (light) * sizeof(itn__light) + offsetof(itn__light, parameter), ITN_LOG, 0, NULL}
-#define ITN__LIGHT_TYPE offsetof(itn_light_desc, type)
 static const itn__form itn__forms[] = {
-    {ITN__FILM, NULL, 0, 0,
-     {ITN__PLAIN(itn_film_desc, "width", width, "1i", ITN__RANGE(1, 65536), 128),
-      ITN__PLAIN(itn_film_desc, "height", height, "1i", ITN__RANGE(1, 65536), 128),
-      ITN__PLAIN(itn_film_desc, "channels", channels, "1i", ITN__RANGE(1, 3), 1),
+    {ITN__FILM, 0, NULL,
+     {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
+      ITN__FIELD("height", film, height, "1i", 1, 65536, 128),
+      ITN__FIELD("channels", film, channels, "1i", 1, 3, 1),
       {"filter", "o", 0, 0, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box|gaussian"},
-      ITN__PLAIN(itn_film_desc, "deviation", deviation, "1f", ITN__RANGE(.1f, 4), 0)}},
-    {ITN__CAMERA, NULL, 0, 0,
-     {ITN__PLAIN(itn_camera_desc, "eye", eye, "3f!", ITN__ANY, 0),
-      ITN__PLAIN(itn_camera_desc, "target", target, "3f!", ITN__ANY, 0),
-      ITN__PLAIN(itn_camera_desc, "up", up, "3f", ITN__ANY, 0),
-      ITN__PLAIN(itn_camera_desc, "fov", fov, "1f", ITN__RANGE(1e-6f, 179.999f), 30)}},
-    {ITN__MEDIUM, NULL, 0, 0,
-     {ITN__SPECTRUM(sigma_t, "13s!", ITN__SCALE, ITN_LOG),
-      ITN__VALUE(itn_medium_desc, itn__medium, albedo, "13c!", ITN__RANGE(0, 1), 0, ITN_LOGIT),
+      ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0)}},
+    {ITN__CAMERA, 0, NULL,
+     {ITN__FIELD("eye", camera, eye, "3f!", ITN__ANY, 0),
+      ITN__FIELD("target", camera, target, "3f!", ITN__ANY, 0),
+      ITN__FIELD("up", camera, up, "3f", ITN__ANY, 0),
+      ITN__FIELD("fov", camera, fov, "1f", 1e-6f, 179.999f, 30)}},
+    {ITN__MEDIUM, 0, NULL,
+     {ITN__SPECTRUM(sigma_t, "13s!", ITN_LOG, 0, 1e12f, 0),
+      ITN__VALUE(medium, albedo, "13c!", ITN_LOGIT, 0, 1, 0),
       ITN__MARK("phase", "o", "hg"),
-      ITN__SPECTRUM(g, "13s", ITN__RANGE(-.999f, .999f), ITN_LOGIT)}},
-    {ITN__OBJECT, "mesh", 0, 0,
-     {ITN__WORD(itn_object_desc, "mesh", mesh, "m"),
-      ITN__WORD(itn_object_desc, "medium", medium, "w"),
-      ITN__WORD(itn_object_desc, "surface", surface, "w"),
-      ITN__PLAIN(itn_object_desc, "scale", transform, "13t", ITN__POSITIVE, 0),
-      ITN__PLAIN(itn_object_desc, "rotate", transform, "4t", ITN__ANY, 0),
-      ITN__PLAIN(itn_object_desc, "translate", transform, "3t", ITN__ANY, 0),
-      ITN__WORD(itn_object_desc, "force", force, "")}},
-    {ITN__OBJECT, "plane", 0, 0,
-     {ITN__MARK("plane", "", NULL), ITN__WORD(itn_object_desc, "surface", surface, "w!"),
-      ITN__PLAIN(itn_object_desc, "y", plane_y, "1f", ITN__ANY, 0),
-      ITN__PLAIN(itn_object_desc, "half", half_size, "1f", ITN__POSITIVE, 20)}},
-    {ITN__LIGHT, "constant", ITN__LIGHT_TYPE, ITN_LIGHT_CONSTANT,
-     {ITN__MARK("constant", "", NULL),
-      ITN__PLAIN(itn_light_desc, "radiance", radiance, "13c!", ITN__RANGE(0, ITN__MAX_RADIANCE), 0),
-      ITN__LIGHT_SCALE(scale, 0), ITN__WORD(itn_light_desc, "name", name, "w")}},
-    {ITN__LIGHT, "map", ITN__LIGHT_TYPE, ITN_LIGHT_MAP,
-     {ITN__WORD(itn_light_desc, "map", image, "p"), ITN__LIGHT_SCALE(scale, 0),
-      ITN__WORD(itn_light_desc, "name", name, "w")}},
-    {ITN__LIGHT, "sky", ITN__LIGHT_TYPE, ITN_LIGHT_SKY,
-     {ITN__WORD(itn_light_desc, "sky", sky, "y"),
-      ITN__PLAIN(itn_light_desc, "sun", sun_direction, "3f!", ITN__ANY, 0),
-      ITN__LIGHT_SCALE(scale, 0), ITN__LIGHT_SCALE(sun_scale, 1),
-      ITN__PLAIN(itn_light_desc, "sun_radius_scale", sun_radius_scale, "1f",
-                 ITN__RANGE(.01f, 320), 1),
-      ITN__WORD(itn_light_desc, "name", name, "w")}}};
+      ITN__SPECTRUM(g, "13s", ITN_LOGIT, -.999f, .999f, 0)}},
+    {ITN__OBJECT, 0, "mesh",
+     {ITN__WORD("mesh", object, mesh, "m"),
+      ITN__WORD("medium", object, medium, "w"),
+      ITN__WORD("surface", object, surface, "w"),
+      ITN__FIELD("scale", object, transform, "13t", FLT_MIN, 1e12f, 0),
+      ITN__FIELD("rotate", object, transform, "4t", ITN__ANY, 0),
+      ITN__FIELD("translate", object, transform, "3t", ITN__ANY, 0),
+      ITN__WORD("force", object, force, "")}},
+    {ITN__OBJECT, 1, "plane",
+     {ITN__MARK("plane", "", NULL), ITN__WORD("surface", object, surface, "w!"),
+      ITN__FIELD("y", object, plane_y, "1f", ITN__ANY, 0),
+      ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 20)}}};
 enum {
     ITN__OWN_FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]),
-    ITN__FORMS = ITN__OWN_FORMS + (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0])
+    ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0]),
+    ITN__FORMS = ITN__OWN_FORMS + ITN__BSDFS +
+                 (int)(sizeof itn__light_models / sizeof itn__light_models[0])
 };
 static const itn__form *itn__form_at(int k) {
-    return k < ITN__OWN_FORMS ? &itn__forms[k] : &itn__bsdfs[k - ITN__OWN_FORMS].form;
+    if (k < ITN__OWN_FORMS) return &itn__forms[k];
+    k -= ITN__OWN_FORMS;
+    return k < ITN__BSDFS ? &itn__bsdfs[k].form : &itn__light_models[k - ITN__BSDFS].form;
 }
 
 /* What a checker has more, in a desc; and a sky, in a file of its own. */
 static const itn__field itn__checker_fields[] = {
-    ITN__VALUE(itn_surface_desc, itn__surface, reflectance2, "c", ITN__RANGE(0, 1), 0, ITN_LOGIT),
-    ITN__PLAIN(itn_surface_desc, "checker_size", checker_size, "1f", ITN__RANGE(FLT_MIN, FLT_MAX),
-               1),
+    ITN__VALUE(surface, reflectance2, "c", ITN_LOGIT, 0, 1, 0),
+    ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1),
     ITN__MARK(NULL, NULL, NULL)};
+#define ITN__SKY(name, form, field, ...)                                                           \
+    {name, form, __VA_ARGS__, 0, offsetof(itn_sky, field), 0, ITN_IDENTITY, 0, NULL}
 static const itn__form itn__sky_form = {
-    ITN__KINDS, NULL, 0, 0,
-    {ITN__PLAIN(itn_sky, "coefficients_r", coefficients[0], "9f!", ITN__ANY, 0),
-     ITN__PLAIN(itn_sky, "coefficients_g", coefficients[1], "9f!", ITN__ANY, 0),
-     ITN__PLAIN(itn_sky, "coefficients_b", coefficients[2], "9f!", ITN__ANY, 0),
-     ITN__PLAIN(itn_sky, "radiance", radiance, "3f!", ITN__RANGE(0, ITN__MAX_RADIANCE), 0),
-     ITN__PLAIN(itn_sky, "sun_radiance", sun_radiance, "3f!", ITN__RANGE(0, ITN__MAX_RADIANCE),
-                0)}};
+    ITN__KINDS, 0, NULL,
+    {ITN__SKY("coefficients_r", "9f!", coefficients[0], ITN__ANY),
+     ITN__SKY("coefficients_g", "9f!", coefficients[1], ITN__ANY),
+     ITN__SKY("coefficients_b", "9f!", coefficients[2], ITN__ANY),
+     ITN__SKY("radiance", "3f!", radiance, 0, ITN__MAX_RADIANCE),
+     ITN__SKY("sun_radiance", "3f!", sun_radiance, 0, ITN__MAX_RADIANCE)}};
 
 /* The form of an item's kind and type; NULL if there is none. */
 static const itn__form *itn__form_of(int kind, int type) {
@@ -16964,7 +16963,8 @@ static itn_result itn__end_item(itn__scene_file *file, const itn__form *form, vo
     for (k = 0; form->fields[k].name && !file->colour_line; k++)
         if ((strpbrk(form->fields[k].form, "cs") && given[k] == 4) || given[k] == 8)
             file->colour_line = r->lines[0];
-    if (form->type_at) memcpy((char *)desc + form->type_at, &form->type, sizeof form->type);
+    if (form->kind == ITN__SURFACE) ((itn_surface_desc *)desc)->type = (itn_surface_type)form->type;
+    if (form->kind == ITN__LIGHT) ((itn_light_desc *)desc)->type = (itn_light_type)form->type;
     if (form->kind == ITN__LIGHT) ((itn_light_desc *)desc)->has_scale = 1;
     if (form->kind == ITN__SURFACE && form->type == ITN_SURFACE_DIFFUSE)
         return itn__end_diffuse(r, (itn_surface_desc *)desc, given[0], given[1], given[2]);
@@ -16995,6 +16995,7 @@ static const itn__form *itn__find_form(itn__reader *r) {
         const char *second = form->variant ? form->variant : "";
         if (kind >= 0 && form->kind != kind) continue;
         if (kind >= 0 && (!*second || !strcmp(second, variant))) return form;
+        if (form->kind == ITN__KINDS) continue; /* in no file */
         itn__print(known + strlen(known), sizeof known - strlen(known), "%s%s%s%s",
                    *known ? ", " : "", kind >= 0 ? keyword : itn__kinds[form->kind],
                    *second ? " " : "", second);
