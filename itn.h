@@ -105,11 +105,8 @@
        [words]          what the pictures tell, in words
        [files]          bytes in, bytes out
        [inflate]        decompression (RFC 1950, RFC 1951)
-       [exr]            OpenEXR images
-       [pfm]            portable float maps
-       [png]            8-bit pictures
-       [obj]            polygon meshes and Wavefront OBJ
-       [ply]            polygon file format
+       [images]         EXR, PFM and PNG files
+       [meshes]         OBJ and PLY files
        [weights]        files of networks
        [scenefile]      scenes as text files
 
@@ -14589,16 +14586,16 @@ ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
 
 /* ---- [files] bytes in, bytes out ------------------------------------------------------------- */
 
-/* A file is read whole into memory and then parsed from there, so that every parser can be tested
-   with bytes alone, and it is composed whole in memory before the first byte is written.
-   - itn__buffer is bytes that grow. A failed allocation is remembered in `failed` and stops all
-     later additions, so that composing code needs one check, at its end.
-   - itn__text is a place in a file, which errors name: by its line, or by its byte.
-   - Binary numbers are put together from bytes, so that neither the machine's byte order nor
-     alignment matters.
+/* A file is read whole into memory and parsed from there, and it is composed whole in memory before
+   its first byte is written; so parsers and savers can be tested with bytes alone.
+   - itn__buffer is bytes that grow. A failed allocation is remembered and stops all later
+     additions: code that composes needs one check, at its end.
+   - itn__text is a place in a file. Its first failure is remembered, tells the place, by line or by
+     byte, and leaves nothing to read: code that parses goes on with zeros and soon ends.
+   - Binary numbers are put together from bytes: neither the machine's byte order nor alignment
+     matters.
    - A file is replaced in three steps: a temporary beside it, which must not exist before, is
-     written; it is on the disk before it is renamed; and rename is atomic. So there is the old file
-     or the new one, whole, also where power fails or two processes write the same. */
+     written; it is on the disk before it is renamed; and rename is atomic. */
 
 typedef struct itn__buffer {
     unsigned char *bytes;
@@ -14616,17 +14613,17 @@ static void itn__buffer_free(itn__buffer *buffer) {
 /* Makes room for `more` bytes, at least doubling; returns 0 if memory is out. */
 static int itn__buffer_reserve(itn__buffer *buffer, size_t more) {
     unsigned char *bytes = NULL;
-    size_t capacity;
-    if (buffer->failed || buffer->capacity - buffer->size >= more) return !buffer->failed;
-    capacity = buffer->capacity + (more > buffer->capacity ? more : buffer->capacity);
-    if (more <= SIZE_MAX / 8 && buffer->capacity <= SIZE_MAX / 8)
+    size_t capacity = buffer->capacity;
+    if (buffer->failed || capacity - buffer->size >= more) return !buffer->failed;
+    if (more <= SIZE_MAX / 8 && capacity <= SIZE_MAX / 8) {
+        capacity += more > capacity ? more : capacity;
         bytes = (unsigned char *)itn__allocate(&buffer->context, capacity, 1);
+    }
     buffer->failed = !bytes;
     if (!bytes) return 0;
     if (buffer->size) memcpy(bytes, buffer->bytes, buffer->size);
     itn__free(&buffer->context, buffer->bytes);
-    buffer->bytes = bytes;
-    buffer->capacity = capacity;
+    buffer->bytes = bytes, buffer->capacity = capacity;
     return 1;
 }
 
@@ -14635,58 +14632,39 @@ static void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
     memcpy(buffer->bytes + buffer->size, bytes, size);
     buffer->size += size;
 }
-/* The lowest `size` bytes of a value, the lowest first. */
-static ITN__UNUSED void itn__put_low(itn__buffer *buffer, uint64_t value, size_t size) {
-    unsigned char bytes[8];
-    int i;
-    for (i = 0; i < 8; i++) bytes[i] = (unsigned char)(value >> 8 * i & 255);
-    itn__put(buffer, bytes, size);
-}
-static ITN__UNUSED void itn__put_u8(itn__buffer *buffer, unsigned value) {
-    itn__put_low(buffer, value, 1);
-}
-static ITN__UNUSED void itn__put_u32(itn__buffer *buffer, uint32_t value) {
-    itn__put_low(buffer, value, 4);
-}
-static ITN__UNUSED void itn__put_u64(itn__buffer *buffer, uint64_t value) {
-    itn__put_low(buffer, value, 8);
-}
-static ITN__UNUSED void itn__put_float(itn__buffer *buffer, float value) {
-    uint32_t bits;
-    memcpy(&bits, &value, 4);
-    itn__put_low(buffer, bits, 4);
-}
-/* The characters of a string, without its final zero. */
-static ITN__UNUSED void itn__put_text(itn__buffer *buffer, const char *text) {
-    itn__put(buffer, text, strlen(text));
-}
 
-static uint32_t itn__get_u32(const unsigned char *bytes) {
-    return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 |
-           (uint32_t)bytes[3] << 24;
-}
-static uint64_t itn__get_u64(const unsigned char *bytes) {
-    return itn__get_u32(bytes) | (uint64_t)itn__get_u32(bytes + 4) << 32;
-}
-static int32_t itn__get_i32(const unsigned char *bytes) {
-    uint32_t bits = itn__get_u32(bytes);
-    int32_t value;
-    memcpy(&value, &bits, 4);
+/* A number's bytes, the lowest first or (big) the highest. */
+static uint64_t itn__from_bytes(const unsigned char *bytes, size_t size, int big) {
+    uint64_t value = 0;
+    size_t i;
+    for (i = 0; i < size; i++) value = value << 8 | bytes[big ? i : size - 1 - i];
     return value;
 }
-static ITN__UNUSED float itn__get_float(const unsigned char *bytes) {
-    uint32_t bits = itn__get_u32(bytes);
+static ITN__UNUSED void itn__put_number(itn__buffer *buffer, uint64_t value, size_t size, int big) {
+    unsigned char bytes[8];
+    size_t i;
+    for (i = 0; i < size; i++, value >>= 8)
+        bytes[big ? size - 1 - i : i] = (unsigned char)(value & 255);
+    itn__put(buffer, bytes, size);
+}
+static float itn__float_of(uint32_t bits) {
     float value;
     memcpy(&value, &bits, 4);
     return value;
 }
+static ITN__UNUSED void itn__put_float(itn__buffer *buffer, float value) {
+    uint32_t bits;
+    memcpy(&bits, &value, 4);
+    itn__put_number(buffer, bits, 4, 0);
+}
 
-/* A place in a file. A failure is remembered and leaves nothing to read, so that parsing code needs
-   few checks. */
+/* A place in a file. */
 typedef struct itn__text {
     const char *at, *end, *start;
     const char *name; /* of the file, for messages */
     int line;         /* of `at`, from 1; 0 in binary data */
+    const char *part; /* what is being read, as "vertex", and its number; NULL: nothing to tell */
+    double number;
     itn_result result;
     itn_error *error;
 } itn__text;
@@ -14695,13 +14673,12 @@ static itn__text itn__text_make(const void *bytes, size_t size, const char *name
     itn__text text = ITN_ZERO;
     text.at = text.start = (const char *)bytes;
     text.end = text.at + size;
-    text.name = name;
-    text.line = 1;
+    text.name = name, text.line = 1;
     if (size >= 3 && !memcmp(bytes, "\xef\xbb\xbf", 3)) text.at += 3; /* a byte order mark */
     return text;
 }
 
-/* Fails with "name:line: ..." or "name: byte N: ..."; the first failure counts. */
+/* Fails with "name:line: ..." or "name: byte N: ...", and the part; the first failure counts. */
 static itn_result itn__text_fail(itn__text *text, itn_result code, const char *format, ...)
     ITN__PRINTF(3, 4);
 static itn_result itn__text_fail(itn__text *text, itn_result code, const char *format, ...) {
@@ -14714,6 +14691,7 @@ static itn_result itn__text_fail(itn__text *text, itn_result code, const char *f
         prose.text = text->error->message, prose.size = sizeof text->error->message;
         if (text->line) itn__say(&prose, "%s:%d: ", text->name, text->line);
         else itn__say(&prose, "%s: byte %.0f: ", text->name, (double)(text->at - text->start));
+        if (text->part) itn__say(&prose, "%s %.0f: ", text->part, text->number);
         va_start(arguments, format);
         itn__say_list(&prose, format, arguments);
         va_end(arguments);
@@ -14722,12 +14700,27 @@ static itn_result itn__text_fail(itn__text *text, itn_result code, const char *f
     return code;
 }
 
-/* Steps over `size` bytes; NULL if so many are not left. */
+/* Steps over `size` bytes; fails, and returns NULL, if so many are not left. */
 static const unsigned char *itn__take_bytes(itn__text *text, size_t size) {
     const char *bytes = text->at;
-    if (size > (size_t)(text->end - text->at)) return NULL;
+    if (size > (size_t)(text->end - bytes)) {
+        itn__text_fail(text, ITN_ERROR_FORMAT, "cut off: the data ends early");
+        return NULL;
+    }
     text->at += size;
     return (const unsigned char *)bytes;
+}
+static uint64_t itn__take_number(itn__text *text, size_t size, int big) {
+    const unsigned char *bytes = itn__take_bytes(text, size);
+    return bytes ? itn__from_bytes(bytes, size, big) : 0;
+}
+static uint32_t itn__take_u32(itn__text *text) { return (uint32_t)itn__take_number(text, 4, 0); }
+/* The next `size` bytes as a text of their own, which has failed if they are not there. */
+static itn__text itn__take_part(itn__text *text, size_t size) {
+    itn__text part = *text;
+    if (!itn__take_bytes(text, size)) return *text;
+    part.end = text->at;
+    return part;
 }
 
 /* The length of the line end (LF, CR LF or CR) at a place, 0 if none is there. */
@@ -14776,95 +14769,99 @@ static int itn__word_length(const itn__text *text) {
     return (int)(at - text->at);
 }
 
-/* Steps over a word if it is the one given, and says whether it was. */
-static int itn__accept_word(itn__text *text, const char *word) {
-    size_t length = strlen(word);
-    if ((size_t)itn__word_length(text) != length || memcmp(text->at, word, length)) return 0;
-    text->at += length;
-    return 1;
-}
-
-/* Reads a number that ends at a blank or line end and is finite as a float; `what` is for the error
-   message. */
-static itn_result itn__text_number(itn__text *text, const char *what, double *value,
-                                   itn_error *error) {
-    double number = 0;
-    int length;
-    text->error = error;
+/* Skips blanks, then the next word if it is one of these, and says which; -1 if it is none. */
+static int itn__accept(itn__text *text, const char *const *words, int count) {
+    int i, length;
     itn__skip_blanks(text);
     length = itn__word_length(text);
-    if (itn__parse_number(text->at, text->at + length, &number) != text->at + length ||
-        !itn__finite((float)number))
-        return itn__text_fail(text, ITN_ERROR_FORMAT, "%s: '%.*s' is not a finite number", what,
-                              length > 40 ? 40 : length, text->at);
-    *value = number;
-    text->at += length;
-    return ITN_OK;
+    for (i = 0; i < count; i++)
+        if ((int)strlen(words[i]) == length && !memcmp(text->at, words[i], (size_t)length))
+            return text->at += length, i;
+    return -1;
+}
+
+/* Skips blanks and a word; returns the number that it is, or NaN. */
+static double itn__take_decimal(itn__text *text) {
+    const char *word;
+    double value = (double)NAN;
+    itn__skip_blanks(text);
+    word = text->at;
+    text->at += itn__word_length(text);
+    return itn__parse_number(word, text->at, &value) == text->at ? value : (double)NAN;
+}
+
+/* The same for a number that must be finite as a float; `what` it is. */
+static double itn__take_finite(itn__text *text, const char *what) {
+    const char *word;
+    double value;
+    itn__skip_blanks(text);
+    word = text->at;
+    value = itn__take_decimal(text);
+    if (!itn__finite((float)value))
+        itn__text_fail(text, ITN_ERROR_FORMAT, "%s: '%.*s' is not a finite number", what,
+                       text->at - word > 40 ? 40 : (int)(text->at - word), word);
+    return value;
 }
 
 #ifndef ITN_NO_STDIO
 
 #include <errno.h>
-#include <fcntl.h>
 #include <stdio.h>
-#ifdef __cplusplus
-#define ITN__EXTERN extern "C"
-#else
-#define ITN__EXTERN extern
-#endif
 #ifdef _WIN32
 #include <io.h>
-#define ITN__SYSTEM(name) _##name
-#define ITN__READ _O_BINARY
-#define ITN__CREATE(how) (_O_WRONLY | _O_CREAT | _O_BINARY | _O_##how), 0600
-#define ITN__SYNC _commit
-ITN__EXTERN __declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to,
-                                                            unsigned long flags);
+#define ITN__SYNC(file) _commit(_fileno(file))
 #else
-#include <unistd.h>
-#define ITN__SYSTEM(name) name
-#define ITN__READ O_RDONLY
-#define ITN__CREATE(how) (O_WRONLY | O_CREAT | O_##how), 0666
-#define ITN__SYNC fsync
-ITN__EXTERN int fsync(int file); /* unistd.h does not tell strict C99 of it */
+#define ITN__SYNC(file) fsync(fileno(file))
+#endif
+#ifdef __cplusplus
+extern "C" {
+#endif
+#ifdef _WIN32
+__declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to,
+                                                unsigned long flags);
+#else
+int fsync(int file);
+#ifndef __cplusplus
+int fileno(FILE *file); /* strict C99 does not tell of it */
+#endif
+#endif
+#ifdef __cplusplus
+}
 #endif
 
-/* Reads a file of at most `limit` bytes into an empty buffer whose context is set, with a zero
-   byte behind the last. On failure the buffer is freed. */
+/* Reads a file of at most `limit` bytes into an empty buffer whose context is set; on failure it
+   stays empty. */
 static itn_result itn__read_file(const char *path, size_t limit, itn__buffer *buffer,
                                  itn_error *error) {
-    int file, got = 1, cause;
+    FILE *file;
+    size_t got = 1;
+    int cause;
+    itn_result result = ITN_OK;
     if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
-    file = ITN__SYSTEM(open)(path, ITN__READ);
-    if (file < 0)
-        return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot open: %s", path, strerror(errno));
-    while (got > 0 && buffer->size <= limit && itn__buffer_reserve(buffer, 65537)) {
-        got = (int)ITN__SYSTEM(read)(file, buffer->bytes + buffer->size, 65536);
-        if (got > 0) buffer->size += (size_t)got;
+    file = fopen(path, "rb");
+    while (file && got && buffer->size <= limit && itn__buffer_reserve(buffer, 65536)) {
+        got = fread(buffer->bytes + buffer->size, 1, 65536, file);
+        buffer->size += got;
     }
-    cause = errno;
-    ITN__SYSTEM(close)(file);
-    if (got == 0 && !buffer->failed && buffer->size <= limit)
-        return buffer->bytes[buffer->size] = 0, ITN_OK;
-    itn__buffer_free(buffer);
-    if (got < 0)
-        return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot read: %s", path, strerror(cause));
-    if (buffer->failed)
-        return itn__fail(error, ITN_ERROR_MEMORY, 0, "%s: out of memory for the file", path);
-    return itn__fail(error, ITN_ERROR_FILE, 0, "%s: larger than %.0f bytes", path, (double)limit);
+    cause = !file || ferror(file) ? errno : 0;
+    if (file) fclose(file);
+    if (cause)
+        result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot read: %s", path, strerror(cause));
+    else if (buffer->failed) result = itn__out_of_memory(error, path);
+    else if (buffer->size > limit)
+        result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: larger than %.0f bytes", path,
+                           (double)limit);
+    if (result) itn__buffer_free(buffer);
+    return result;
 }
 
-/* Writes all bytes, waits for the disk and closes; returns 0, or errno. */
-static int itn__write_bytes(int file, const unsigned char *bytes, size_t size) {
-    int cause = 0, written;
-    while (size && !cause) {
-        errno = EIO; /* unless the system knows better */
-        written = (int)ITN__SYSTEM(write)(file, bytes, size < 1u << 30 ? (unsigned)size : 1u << 30);
-        if (written > 0) bytes += written, size -= (size_t)written;
-        else if (errno != EINTR) cause = errno;
-    }
-    if (!cause && ITN__SYNC(file) && errno != EINVAL) cause = errno; /* EINVAL: it is no disk */
-    if (ITN__SYSTEM(close)(file) && !cause) cause = errno;
+/* Writes a file, waits for the disk and closes; returns 0, or errno. */
+static int itn__write_bytes(FILE *file, const void *bytes, size_t size) {
+    int cause = 0;
+    errno = EIO; /* unless the system knows better */
+    if (fwrite(bytes, 1, size, file) != size || fflush(file)) cause = errno;
+    else if (ITN__SYNC(file) && errno != EINVAL) cause = errno; /* EINVAL: it is no disk */
+    if (fclose(file) && !cause) cause = errno;
     return cause;
 }
 
@@ -14875,13 +14872,13 @@ static int itn__replace_file(char *temporary, const char *path) {
     return MoveFileExA(temporary, path, 1 | 8) ? 0 : EACCES; /* replace; wait for the disk */
 #else
     char *slash = strrchr(temporary, '/');
-    int folder;
+    FILE *folder;
     if (rename(temporary, path)) return errno;
     strcpy(slash ? slash + 1 : temporary, slash ? "" : ".");
-    folder = open(temporary, O_RDONLY);
-    if (folder < 0) return 0; /* the file is whole, though its name may not be on the disk */
-    fsync(folder);
-    close(folder);
+    folder = fopen(temporary, "r");
+    if (!folder) return 0; /* the file is whole, though its name may not be on the disk */
+    fsync(fileno(folder));
+    fclose(folder);
     return 0;
 #endif
 }
@@ -14891,18 +14888,18 @@ static int itn__replace_file(char *temporary, const char *path) {
 static itn_result itn__write_file(const char *path, const void *bytes, size_t size,
                                   itn_error *error) {
     char temporary[4096];
-    int device, file = -1, cause = EEXIST, k;
+    int device, cause = EEXIST, k;
+    FILE *file = NULL;
     if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
     device = !strncmp(path, "/dev/", 5) && strncmp(path, "/dev/shm/", 9);
-    for (k = 0; k < 10000 && file < 0 && cause == EEXIST; k++) {
+    for (k = 0; k < 10000 && !file && cause == EEXIST; k++) {
         if (itn__print(temporary, sizeof temporary, "%s.tmp%d", path, k) >= sizeof temporary)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is longer than 4087 characters");
-        file = device ? ITN__SYSTEM(open)(path, ITN__CREATE(TRUNC))
-                      : ITN__SYSTEM(open)(temporary, ITN__CREATE(EXCL));
+        file = device ? fopen(path, "wb") : fopen(temporary, "wbx"); /* x: it must be new */
         cause = errno;
     }
-    if (file >= 0) {
-        cause = itn__write_bytes(file, (const unsigned char *)bytes, size);
+    if (file) {
+        cause = itn__write_bytes(file, bytes, size);
         if (!cause && !device) cause = itn__replace_file(temporary, path);
         if (cause && !device) remove(temporary);
     }
@@ -14912,11 +14909,9 @@ static itn_result itn__write_file(const char *path, const void *bytes, size_t si
 
 /* Writes what was composed in a buffer and frees it. */
 static itn_result itn__write_buffer(const char *path, itn__buffer *buffer, itn_error *error) {
-    itn_result result = ITN_ERROR_MEMORY;
-    if (buffer->failed)
-        itn__fail(error, result, 0, "%s: out of memory for the file", path ? path : "path");
-    else
-        result = itn__write_file(path, buffer->bytes, buffer->size, error);
+    itn_result result = buffer->failed
+                            ? itn__out_of_memory(error, path ? path : "path")
+                            : itn__write_file(path, buffer->bytes, buffer->size, error);
     itn__buffer_free(buffer);
     return result;
 }
@@ -14929,163 +14924,139 @@ static itn_result itn__write_buffer(const char *path, itn__buffer *buffer, itn_e
    Coded blocks hold literal bytes (symbols 0-255), the end (256) and copies: a length symbol
    (257-285) and a distance symbol (0-29), each with extra bits, say "the `length` bytes that stand
    `distance` bytes back". Huffman codes are canonical, given by their lengths alone (at most 15
-   bits): codes of one length are consecutive, and in the order of their symbols. A table over the
-   next bits, as many as the longest code has, tells the symbol and its length. Behind a deflate
+   bits): codes of one length are consecutive, and in the order of their symbols. Behind a deflate
    stream zlib (RFC 1950) puts the Adler-32 sum of the data. */
 
-typedef struct itn__huffman {
-    int bits, symbols;        /* of the longest code; how many have a code */
-    uint16_t table[1 << 15]; /* [1 << bits]: symbol * 16 + length; 0: no code */
-} itn__huffman;
+typedef struct itn__code {
+    int used, count[16], symbols[288]; /* symbols: the `used` ones in the order of their codes */
+} itn__code;                           /* count: of the codes of each length */
 
 typedef struct itn__inflate {
-    const unsigned char *at, *end;
-    uint64_t bits;  /* the next bits, the first one lowest */
-    int count;      /* how many of them there are */
-    size_t overrun; /* bytes of zeros invented behind the end */
+    itn__text *in;
+    uint32_t bits; /* of the byte taken last those not used yet, the first one lowest */
+    int count;     /* how many there are, at most 7 */
     unsigned char *out;
     size_t size, capacity; /* of out */
-    itn__huffman literals, distances;
+    itn__code literals, distances;
 } itn__inflate;
 
-/* Makes at least 48 bits available. */
-static void itn__bits_fill(itn__inflate *in) {
-    for (; in->count <= 48; in->count += 8) {
-        if (in->at < in->end) in->bits |= (uint64_t)*in->at++ << in->count;
-        else in->overrun++;
-    }
-}
-/* Takes `count` (at most 16) bits. */
-static unsigned itn__bits_take(itn__inflate *in, int count) {
+/* Takes `count` (at most 16) bits; zeros where the data has ended. */
+static unsigned itn__take_bits(itn__inflate *z, int count) {
     unsigned value;
-    itn__bits_fill(in);
-    value = (unsigned)(in->bits & ((1u << count) - 1));
-    in->bits >>= count;
-    in->count -= count;
+    for (; z->count < count; z->count += 8)
+        z->bits |= (uint32_t)itn__take_number(z->in, 1, 0) << z->count;
+    value = z->bits & ((1u << count) - 1);
+    z->bits >>= count, z->count -= count;
     return value;
 }
 
-/* Makes the table of a code. Returns how many codes of 15 bits are left: 0 for a complete code,
+/* Makes a code from its lengths. Returns how many codes of 15 bits are left: 0 for a complete one,
    negative if there are more codes than fit. */
-static int itn__huffman_build(itn__huffman *huffman, const unsigned char *lengths, int symbols) {
-    int count[16] = {0}, next[16] = {0}, left = 1 << 15, length, symbol, code, reversed, k;
-    for (symbol = 0; symbol < symbols; symbol++) count[lengths[symbol]]++;
-    huffman->symbols = symbols - count[0];
-    huffman->bits = 1, count[0] = 0;
+static int itn__code_make(itn__code *code, const unsigned char *lengths, int symbols) {
+    int next[17] = {0}, left = 1 << 15, length, k;
+    memset(code, 0, sizeof *code);
+    for (k = 0; k < symbols; k++) code->count[lengths[k]]++;
+    code->count[0] = 0;
     for (length = 1; length < 16; length++) {
-        next[length] = (next[length - 1] + count[length - 1]) * 2;
-        left -= count[length] << (15 - length);
-        if (count[length]) huffman->bits = length;
+        next[length + 1] = next[length] + code->count[length];
+        left -= code->count[length] << (15 - length);
     }
-    if (left < 0) return left;
-    memset(huffman->table, 0, sizeof *huffman->table << huffman->bits);
-    for (symbol = 0; symbol < symbols; symbol++) {
-        length = lengths[symbol];
-        if (!length) continue;
-        code = next[length]++; /* which is sent with its highest bit first */
-        for (reversed = k = 0; k < length; k++) reversed |= (code >> k & 1) << (length - 1 - k);
-        for (; reversed < 1 << huffman->bits; reversed += 1 << length)
-            huffman->table[reversed] = (uint16_t)(symbol * 16 + length);
-    }
+    code->used = next[16];
+    for (k = 0; k < symbols; k++)
+        if (lengths[k]) code->symbols[next[lengths[k]]++] = k;
     return left;
 }
 
 /* Returns the next symbol, or -1 where the bits are no code. */
-static int itn__huffman_take(const itn__huffman *huffman, itn__inflate *in) {
-    int entry;
-    itn__bits_fill(in);
-    entry = huffman->table[in->bits & ((1u << huffman->bits) - 1)];
-    in->bits >>= entry & 15;
-    in->count -= entry & 15;
-    return entry ? entry >> 4 : -1;
+static int itn__take_symbol(itn__inflate *z, const itn__code *code) {
+    int value = 0, first = 0, index = 0, length;
+    for (length = 1; length < 16; length++) { /* first: the first code of this length */
+        value = 2 * value + (int)itn__take_bits(z, 1);
+        if (value - first < code->count[length]) return code->symbols[index + value - first];
+        index += code->count[length];
+        first = 2 * (first + code->count[length]);
+    }
+    return -1;
 }
 
 /* A stored block: its length, that with all bits turned, and the bytes. */
-static const char *itn__inflate_stored(itn__inflate *in) {
-    unsigned length, complement;
-    itn__bits_take(in, in->count & 7); /* to the next whole byte */
-    length = itn__bits_take(in, 16);
-    complement = itn__bits_take(in, 16);
-    if (length != (complement ^ 0xffff)) return "stored length is damaged";
-    if (length > in->capacity - in->size) return "more data than expected";
-    while (length--) in->out[in->size++] = (unsigned char)itn__bits_take(in, 8);
+static const char *itn__inflate_stored(itn__inflate *z) {
+    size_t length = itn__take_number(z->in, 2, 0), turned = itn__take_number(z->in, 2, 0);
+    const unsigned char *bytes;
+    z->bits = 0, z->count = 0; /* it begins with a whole byte */
+    if (length != (turned ^ 0xffff)) return "stored length is damaged";
+    if (length > z->capacity - z->size) return "more data than expected";
+    bytes = itn__take_bytes(z->in, length);
+    if (bytes) memcpy(z->out + z->size, bytes, length);
+    z->size += length;
     return NULL;
 }
 
 /* Takes what stands for a length (symbols from 257 on) or a distance: with every 4 (or 2) symbols
    there is one more extra bit. */
-static size_t itn__inflate_amount(itn__inflate *in, int symbol, int per_bit) {
+static size_t itn__inflate_amount(itn__inflate *z, int symbol, int per_bit) {
     int bits = symbol < 2 * per_bit ? 0 : symbol / per_bit - 1;
     size_t base = bits ? (size_t)(symbol % per_bit + per_bit) << bits : (size_t)symbol;
-    return base + itn__bits_take(in, bits);
+    return base + itn__take_bits(z, bits);
 }
 
 /* Decodes one block with the codes at hand. */
-static const char *itn__inflate_coded(itn__inflate *in) {
+static const char *itn__inflate_coded(itn__inflate *z) {
     for (;;) {
-        int symbol = itn__huffman_take(&in->literals, in);
+        int symbol = itn__take_symbol(z, &z->literals);
         size_t length = 1, distance = 0;
         if (symbol == 256) return NULL;
         if (symbol < 0 || symbol > 285) return "invalid code";
         if (symbol > 256) {
-            length = symbol == 285 ? 258 : 3 + itn__inflate_amount(in, symbol - 257, 4);
-            symbol = itn__huffman_take(&in->distances, in);
-            if (symbol < 0 || symbol > 29) return "invalid distance code";
-            distance = 1 + itn__inflate_amount(in, symbol, 2);
+            length = symbol == 285 ? 258 : 3 + itn__inflate_amount(z, symbol - 257, 4);
+            symbol = itn__take_symbol(z, &z->distances);
+            if (symbol < 0) return "invalid distance code";
+            distance = 1 + itn__inflate_amount(z, symbol, 2);
         }
-        if (distance > in->size) return "distance reaches before the start";
-        if (length > in->capacity - in->size) return "more data than expected";
-        if (!distance) in->out[in->size++] = (unsigned char)symbol;
-        for (; distance && length; length--, in->size++)
-            in->out[in->size] = in->out[in->size - distance];
+        if (distance > z->size) return "distance reaches before the start";
+        if (length > z->capacity - z->size) return "more data than expected";
+        if (!distance) z->out[z->size++] = (unsigned char)symbol;
+        for (; distance && length; length--, z->size++)
+            z->out[z->size] = z->out[z->size - distance];
     }
 }
 
-/* Reads the code lengths of a block, themselves Huffman coded: 0-15 a length, 16 the last one 3-6
-   times, 17 and 18 runs of zeros. */
-static const char *itn__inflate_lengths(itn__inflate *in, unsigned char *lengths, int total) {
+/* Reads the codes of a block, given by their lengths, which are Huffman coded themselves: 0-15 a
+   length, 16 the last one 3-6 times, 17 and 18 runs of zeros. A distance code may be incomplete
+   only where it has no or one symbol. */
+static const char *itn__inflate_codes(itn__inflate *z) {
     static const unsigned char order[] = {16, 17, 18, 0, 8,  7, 9,  6, 10, 5,
                                           11, 4,  12, 3, 13, 2, 14, 1, 15};
     static const unsigned char least[] = {3, 3, 11}, bits[] = {2, 3, 7}; /* of 16, 17, 18 */
-    unsigned char meta[19] = {0};
-    int i, codes = (int)itn__bits_take(in, 4) + 4;
-    for (i = 0; i < codes; i++) meta[order[i]] = (unsigned char)itn__bits_take(in, 3);
-    if (itn__huffman_build(&in->literals, meta, 19)) return "invalid code lengths";
-    for (i = 0; i < total;) {
-        int symbol = itn__huffman_take(&in->literals, in), repeat = 1, value = symbol;
+    unsigned char lengths[286 + 30] = {0};
+    int literals = (int)itn__take_bits(z, 5) + 257, distances = (int)itn__take_bits(z, 5) + 1;
+    int count = (int)itn__take_bits(z, 4) + 4, i, left;
+    if (literals > 286 || distances > 30) return "too many codes";
+    for (i = 0; i < count; i++) lengths[order[i]] = (unsigned char)itn__take_bits(z, 3);
+    if (itn__code_make(&z->literals, lengths, 19)) return "invalid code lengths";
+    for (i = 0; i < literals + distances;) {
+        int symbol = itn__take_symbol(z, &z->literals), repeat = 1, value = symbol;
         if (symbol < 0 || (symbol == 16 && i == 0)) return "invalid code lengths";
         if (symbol >= 16) {
             value = symbol == 16 ? lengths[i - 1] : 0;
-            repeat = least[symbol - 16] + (int)itn__bits_take(in, bits[symbol - 16]);
+            repeat = least[symbol - 16] + (int)itn__take_bits(z, bits[symbol - 16]);
         }
-        if (repeat > total - i) return "invalid code lengths";
+        if (repeat > literals + distances - i) return "invalid code lengths";
         while (repeat--) lengths[i++] = (unsigned char)value;
     }
-    return lengths[256] ? NULL : "no code for the end of a block";
+    if (!lengths[256]) return "no code for the end of a block";
+    if (itn__code_make(&z->literals, lengths, literals)) return "invalid literal codes";
+    left = itn__code_make(&z->distances, lengths + literals, distances);
+    return left < 0 || (left && z->distances.used > 1) ? "invalid distance codes" : NULL;
 }
 
-/* Decodes one block with fixed or with transmitted codes. A distance code may be incomplete only
-   where it has no or one symbol. */
-static const char *itn__inflate_block(itn__inflate *in, int fixed) {
-    unsigned char lengths[288 + 32] = {0};
-    int literals = fixed ? 288 : (int)itn__bits_take(in, 5) + 257, left;
-    int distances = fixed ? 30 : (int)itn__bits_take(in, 5) + 1;
-    const char *fault = NULL;
-    if (fixed) {
-        memset(lengths, 8, 288);
-        memset(lengths + 144, 9, 112);
-        memset(lengths + 256, 7, 24);
-        memset(lengths + 288, 5, 30);
-    } else {
-        if (literals > 286 || distances > 30) return "too many codes";
-        fault = itn__inflate_lengths(in, lengths, literals + distances);
-    }
-    if (fault) return fault;
-    if (itn__huffman_build(&in->literals, lengths, literals)) return "invalid literal codes";
-    left = itn__huffman_build(&in->distances, lengths + literals, distances);
-    if (!fixed && (left < 0 || (left && in->distances.symbols > 1)))
-        return "invalid distance codes";
-    return itn__inflate_coded(in);
+/* The codes of blocks that do not transmit any. */
+static void itn__inflate_fixed(itn__inflate *z) {
+    unsigned char lengths[288];
+    memset(lengths, 8, 288), memset(lengths + 144, 9, 112), memset(lengths + 256, 7, 24);
+    itn__code_make(&z->literals, lengths, 288);
+    memset(lengths, 5, 30);
+    itn__code_make(&z->distances, lengths, 30);
 }
 
 static uint32_t itn__adler32(const unsigned char *bytes, size_t size) {
@@ -15098,36 +15069,30 @@ static uint32_t itn__adler32(const unsigned char *bytes, size_t size) {
     return b % 65521 << 16 | a % 65521;
 }
 
-/* Decompresses a zlib stream that must hold exactly `capacity` bytes; `in` is room to work. Returns
-   NULL, or what is wrong; `bytes` is then partly written. Zeros stand for bits that are missing at
-   the end; they lead to the end of the output, or to a block that is none. */
-static const char *itn__zlib_decode(itn__inflate *in, const unsigned char *data, size_t size,
-                                    unsigned char *bytes, size_t capacity) {
+/* Decompresses a zlib stream that must hold exactly `capacity` bytes. What is wrong fails the text;
+   `bytes` is then partly written. The zeros that are read behind the end lead to the end of the
+   output, or to a block that is none. */
+static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacity) {
+    itn__inflate z = ITN_ZERO;
     const char *fault = NULL;
-    uint32_t sum = 0;
-    int last = 0, type, i;
-    if (size < 2 || (data[0] & 15) != 8 || data[0] >> 4 > 7 || (data[0] * 256 + data[1]) % 31 ||
-        data[1] & 32)
-        return "not zlib data";
-    in->at = data + 2, in->end = data + size;
-    in->bits = 0, in->count = 0, in->overrun = 0;
-    in->out = bytes, in->size = 0, in->capacity = capacity;
+    unsigned head = (unsigned)itn__take_number(in, 2, 1), last = 0, type;
+    if ((head >> 8 & 15) != 8 || head >> 12 > 7 || head % 31 || head & 32) fault = "not zlib data";
+    z.in = in, z.out = bytes, z.capacity = capacity;
     while (!last && !fault) {
-        last = (int)itn__bits_take(in, 1);
-        type = (int)itn__bits_take(in, 2);
-        fault = type == 3 ? "invalid block"
-                : type    ? itn__inflate_block(in, type == 1)
-                          : itn__inflate_stored(in);
+        last = itn__take_bits(&z, 1);
+        type = itn__take_bits(&z, 2);
+        if (type == 1) itn__inflate_fixed(&z);
+        if (type == 2) fault = itn__inflate_codes(&z);
+        if (type == 3) fault = "invalid block";
+        if (!fault) fault = type ? itn__inflate_coded(&z) : itn__inflate_stored(&z);
     }
-    itn__bits_take(in, in->count & 7);
-    for (i = 0; i < 4; i++) sum = sum << 8 | itn__bits_take(in, 8);
-    if (in->overrun * 8 > (size_t)in->count) return "data ends early";
-    if (fault) return fault;
-    if (in->size != capacity) return "less data than expected";
-    return sum == itn__adler32(bytes, capacity) ? NULL : "checksum is wrong";
+    if (!fault && z.size != capacity) fault = "less data than expected";
+    if (!fault && itn__take_number(in, 4, 1) != itn__adler32(bytes, capacity))
+        fault = "checksum is wrong";
+    if (fault) itn__text_fail(in, ITN_ERROR_FORMAT, "%s", fault);
 }
 
-/* ---- [exr] OpenEXR images -------------------------------------------------------------------- */
+/* ---- [images] EXR, PFM and PNG files --------------------------------------------------------- */
 
 /* An EXR file of one part of scan lines (OpenEXR's "File Layout" document): magic number, version
    and flags, attributes (name, type, size, value) up to an empty name, a table of the blocks'
@@ -15143,125 +15108,106 @@ enum { ITN__EXR_UINT = 0, ITN__EXR_HALF, ITN__EXR_FLOAT };
 enum { ITN__EXR_NONE = 0, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
 
 typedef struct itn__exr {
-    itn__text text;                               /* a place in the file */
-    const char *channel_names[ITN__EXR_CHANNELS]; /* in the file's bytes */
+    itn__text text;
+    const char *names[ITN__EXR_CHANNELS]; /* in the file's bytes */
     uint32_t types[ITN__EXR_CHANNELS];
-    int channel_count, compression;
-    int64_t y0, width, height;  /* the data window; none yet if width is 0 */
-    const unsigned char *table; /* of offsets */
-    itn__inflate *inflate;      /* room to decompress in */
+    int channels, compression;
+    int64_t y0, width, height; /* the data window; none yet if width is 0 */
+    size_t lines, line;        /* of a block; the bytes of one, without compression */
+    const unsigned char *table;
+    unsigned char *seen, *scratch; /* which blocks were there; room for a block twice */
 } itn__exr;
 
-static uint32_t itn__exr_u32(itn__text *text) {
-    const unsigned char *bytes = itn__take_bytes(text, 4);
-    if (bytes) return itn__get_u32(bytes);
-    itn__text_fail(text, ITN_ERROR_FORMAT, "EXR header ends early");
-    return 0;
-}
 /* Steps over zero-terminated text. */
-static const char *itn__exr_string(itn__text *text) {
-    const char *string = text->at;
-    const void *zero = memchr(string, 0, (size_t)(text->end - string));
-    if (zero) return text->at = (const char *)zero + 1, string;
-    itn__text_fail(text, ITN_ERROR_FORMAT, "EXR header ends early");
-    return "";
-}
-static void itn__exr_damaged(itn__text *text, const char *what) {
-    itn__text_fail(text, ITN_ERROR_FORMAT, "EXR %s", what);
-}
-static void itn__exr_unsupported(itn__text *text, const char *what) {
-    itn__text_fail(text, ITN_ERROR_UNSUPPORTED, "EXR %s cannot be read", what);
+static const char *itn__take_string(itn__text *text) {
+    const void *zero = memchr(text->at, 0, (size_t)(text->end - text->at));
+    const char *string = (const char *)itn__take_bytes(
+        text, zero ? (size_t)((const char *)zero - text->at) + 1 : SIZE_MAX);
+    return string ? string : "";
 }
 
 /* Reads the channel list: for each a name, then its type, 4 bytes of hints, x and y sampling. */
 static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
     const char *name;
-    for (exr->channel_count = 0; *(name = itn__exr_string(text)); exr->channel_count++) {
-        int i, n = exr->channel_count;
-        uint32_t values[4];
-        for (i = 0; i < 4; i++) values[i] = itn__exr_u32(text);
+    int n, i, known;
+    for (n = 0; *(name = itn__take_string(text)); exr->channels = ++n) {
+        uint32_t type = itn__take_u32(text), hints = itn__take_u32(text);
+        uint64_t sampling = itn__take_number(text, 8, 0);
+        (void)hints;
+        for (i = known = 0; i < n; i++) known |= !strcmp(name, exr->names[i]);
+        if (type > ITN__EXR_FLOAT || known)
+            itn__text_fail(text, ITN_ERROR_FORMAT, "EXR channel '%.63s' %s", name,
+                           known ? "is there twice" : "has no valid type");
+        if (n == ITN__EXR_CHANNELS || strlen(name) >= ITN_NAME_SIZE ||
+            sampling != (1 | (uint64_t)1 << 32))
+            itn__text_fail(text, ITN_ERROR_UNSUPPORTED,
+                           "EXR channel '%.63s' cannot be read: it is subsampled, has a name of "
+                           "over 63 characters, or is the 1025th", name);
         if (text->result) return;
-        if (n == ITN__EXR_CHANNELS) itn__exr_unsupported(text, "with more than 1024 channels");
-        else if (strlen(name) >= ITN_NAME_SIZE)
-            itn__exr_unsupported(text, "with a channel name over 63 characters");
-        else if (values[0] > ITN__EXR_FLOAT) itn__exr_damaged(text, "channel has no valid type");
-        else if (values[2] != 1 || values[3] != 1)
-            itn__exr_unsupported(text, "with subsampled channels");
-        for (i = 0; i < n && !text->result; i++)
-            if (!strcmp(name, exr->channel_names[i]))
-                itn__exr_damaged(text, "has two channels of one name");
-        if (text->result) return;
-        exr->channel_names[n] = name, exr->types[n] = values[0];
+        exr->names[n] = name, exr->types[n] = type;
     }
 }
 
 /* Reads the value of one attribute, if it concerns us. */
 static void itn__exr_attribute(itn__exr *exr, const char *name, itn__text *value) {
-    static const char *const others[] = {
-        "with compression PIZ",  "with compression PXR24", "with compression B44",
-        "with compression B44A", "with compression DWAA",  "with compression DWAB"};
-    if (!strcmp(name, "channels")) {
-        itn__exr_channel_list(exr, value);
-    } else if (!strcmp(name, "compression") && value->at < value->end) {
-        exr->compression = (unsigned char)*value->at;
+    static const char *const others[] = {"PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"};
+    if (!strcmp(name, "channels")) itn__exr_channel_list(exr, value);
+    if (!strcmp(name, "compression")) {
+        exr->compression = (int)itn__take_number(value, 1, 0);
         if (exr->compression > ITN__EXR_ZIP)
-            itn__exr_unsupported(value, exr->compression < 10 ? others[exr->compression - 4]
-                                                              : "with this compression");
-    } else if (!strcmp(name, "dataWindow")) {
+            itn__text_fail(value, ITN_ERROR_UNSUPPORTED, "EXR compression %s cannot be read",
+                           exr->compression < 10 ? others[exr->compression - 4] : "of later times");
+    }
+    if (!strcmp(name, "dataWindow")) {
         int64_t window[4];
         int k;
-        for (k = 0; k < 4; k++) window[k] = (int32_t)itn__exr_u32(value);
+        for (k = 0; k < 4; k++) window[k] = (int32_t)itn__take_u32(value);
         exr->y0 = window[1];
         exr->width = window[2] - window[0] + 1, exr->height = window[3] - window[1] + 1;
         if (exr->width < 1 || exr->width > INT_MAX || exr->height < 1 || exr->height > INT_MAX)
-            itn__exr_damaged(value, "data window is empty or too large");
+            itn__text_fail(value, ITN_ERROR_FORMAT, "EXR data window is empty or too large");
     }
 }
 
 static void itn__exr_header(itn__exr *exr) {
-    itn__text *text = &exr->text;
+    itn__text *text = &exr->text, value;
     uint32_t version;
     const char *name;
-    itn__exr_u32(text); /* the magic number */
-    version = itn__exr_u32(text);
+    itn__take_bytes(text, 4); /* the magic number */
+    version = itn__take_u32(text);
     exr->compression = -1;
     if ((version & ~(uint32_t)ITN__EXR_LONG_NAMES) != 2)
-        itn__exr_unsupported(text, version & 0x200    ? "of tiles"
-                                   : version & 0x800  ? "of deep data"
-                                   : version & 0x1000 ? "of several parts"
-                                                      : "of another version than 2");
-    while (!text->result && *(name = itn__exr_string(text))) {
-        itn__text value;
-        uint32_t size;
-        itn__exr_string(text); /* the type */
-        size = itn__exr_u32(text);
-        value = *text;
-        if (!itn__take_bytes(text, size)) itn__exr_damaged(&value, "header ends early");
-        else value.end = text->at;
+        itn__text_fail(text, ITN_ERROR_UNSUPPORTED, "EXR of %s cannot be read",
+                       version & 0x200    ? "tiles"
+                       : version & 0x800  ? "deep data"
+                       : version & 0x1000 ? "several parts"
+                                          : "another version than 2");
+    while (!text->result && *(name = itn__take_string(text))) {
+        itn__take_string(text); /* the type */
+        value = itn__take_part(text, itn__take_u32(text));
         itn__exr_attribute(exr, name, &value);
         text->result = value.result;
     }
-    if (!exr->channel_count || exr->compression < 0 || !exr->width)
-        itn__exr_damaged(text, "header lacks channels, compression or dataWindow");
+    if (!exr->channels || exr->compression < 0 || !exr->width)
+        itn__text_fail(text, ITN_ERROR_FORMAT, "EXR header lacks channels, compression or "
+                                               "dataWindow");
 }
 
 /* Undoes run lengths: a count n < 128 repeats the next byte n + 1 times, others copy 256 - n. */
-static const char *itn__exr_unpack_runs(const unsigned char *data, size_t size,
-                                        unsigned char *bytes, size_t capacity) {
-    const unsigned char *end = data + size;
-    size_t made = 0, length;
-    while (data < end) {
-        int repeats = *data < 128;
-        length = repeats ? *data + 1u : 256u - *data;
-        data++;
-        if (length > capacity - made) return "more data than expected";
-        if ((size_t)(end - data) < (repeats ? 1 : length)) return "data ends early";
-        if (repeats) memset(bytes + made, *data, length);
-        else memcpy(bytes + made, data, length);
-        data += repeats ? 1 : length;
+static void itn__exr_unpack_runs(itn__text *in, unsigned char *bytes, size_t capacity) {
+    size_t made = 0, length, n;
+    const unsigned char *run;
+    while (in->at < in->end) {
+        n = itn__take_number(in, 1, 0);
+        length = n < 128 ? n + 1 : 256 - n;
+        run = itn__take_bytes(in, n < 128 ? 1 : length);
+        if (!run || length > capacity - made) break;
+        if (n < 128) memset(bytes + made, *run, length);
+        else memcpy(bytes + made, run, length);
         made += length;
     }
-    return made == capacity ? NULL : "less data than expected";
+    if (in->at < in->end || made != capacity)
+        itn__text_fail(in, ITN_ERROR_FORMAT, "another amount of data than expected");
 }
 
 /* Sums the differences up and interleaves the halves. */
@@ -15291,106 +15237,176 @@ static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
 static const unsigned char *itn__exr_line(const itn__exr *exr, const unsigned char *data, int row,
                                           itn_image *image) {
     int i, x;
-    for (i = 0; i < exr->channel_count; i++) {
+    for (i = 0; i < exr->channels; i++) {
         float *pixels = itn__pixel(image, i, row, 0);
-        uint32_t type = exr->types[i], bits;
-        for (x = 0; x < image->width; x++, data += type == ITN__EXR_HALF ? 2 : 4) {
-            bits = type == ITN__EXR_HALF ? itn__half_to_float(data[0] | (uint32_t)data[1] << 8)
-                                         : itn__get_u32(data);
-            if (type == ITN__EXR_UINT) pixels[x] = (float)bits;
+        size_t size = exr->types[i] == ITN__EXR_HALF ? 2 : 4;
+        for (x = 0; x < image->width; x++, data += size) {
+            uint32_t bits = (uint32_t)itn__from_bytes(data, size, 0);
+            if (size == 2) bits = itn__half_to_float(bits);
+            if (exr->types[i] == ITN__EXR_UINT) pixels[x] = (float)bits;
             else memcpy(pixels + x, &bits, 4);
         }
     }
     return data;
 }
 
-/* Reads one block of `raw` bytes a line; seen: which blocks were there; scratch has room for a
-   block twice. Returns NULL, or what is wrong. */
-static const char *itn__exr_block(itn__exr *exr, size_t raw, unsigned char *seen,
-                                  unsigned char *scratch, itn_image *image) {
-    const unsigned char *head = itn__take_bytes(&exr->text, 8), *data;
-    int lines = exr->compression == ITN__EXR_ZIP ? 16 : 1, row, i;
-    int64_t y = head ? itn__get_i32(head) - exr->y0 : -1;
-    size_t size = head ? itn__get_u32(head + 4) : 0;
-    const char *fault = NULL;
-    uint64_t entry;
-    if (y < 0 || y >= image->height || y % lines || seen[y / lines]++) return "is not the one due";
-    entry = itn__get_u64(exr->table + 8 * (y / lines));
-    if (entry && entry != (uint64_t)((const char *)head - exr->text.start))
-        return "is not where the table says";
-    row = (int)y;
-    if (lines > image->height - row) lines = image->height - row;
-    raw *= (size_t)lines;
-    data = itn__take_bytes(&exr->text, size);
-    if (!data || size > raw) return "is damaged";
-    if (size < raw) {
-        if (exr->compression == ITN__EXR_NONE) fault = "less data than expected";
-        else if (exr->compression == ITN__EXR_RLE)
-            fault = itn__exr_unpack_runs(data, size, scratch, raw);
-        else fault = itn__zlib_decode(exr->inflate, data, size, scratch, raw);
-        if (!fault) itn__exr_unpredict(scratch, scratch + raw, raw);
-        data = scratch + raw;
+/* Reads one block. */
+static void itn__exr_block(itn__exr *exr, itn_image *image) {
+    itn__text *text = &exr->text, in;
+    const char *start = text->at;
+    int64_t y = (int32_t)itn__take_u32(text) - exr->y0;
+    size_t size = itn__take_u32(text), lines = exr->lines, raw, i;
+    const unsigned char *data;
+    int due = !text->result && y >= 0 && y < exr->height && y % (int64_t)lines == 0 &&
+              !exr->seen[y / (int64_t)lines]++;
+    uint64_t entry = due ? itn__from_bytes(exr->table + 8 * ((size_t)y / lines), 8, 0) : 1;
+    if (entry && entry != (uint64_t)(start - text->start)) {
+        text->at = start;
+        itn__text_fail(text, ITN_ERROR_FORMAT, "is not the one due, or not where the table says");
+        return;
     }
-    for (i = 0; i < lines && !fault; i++) data = itn__exr_line(exr, data, row + i, image);
-    return fault;
+    if (lines > (size_t)(exr->height - y)) lines = (size_t)(exr->height - y);
+    raw = exr->line * lines;
+    in = itn__take_part(text, size);
+    data = (const unsigned char *)in.at;
+    if (size < raw && exr->compression) {
+        if (exr->compression == ITN__EXR_RLE) itn__exr_unpack_runs(&in, exr->scratch, raw);
+        else itn__zlib_decode(&in, exr->scratch, raw);
+        itn__exr_unpredict(exr->scratch, exr->scratch + raw, raw);
+        data = exr->scratch + raw;
+    } else if (size != raw)
+        itn__text_fail(&in, ITN_ERROR_FORMAT, "another amount of data than expected");
+    text->result = in.result;
+    for (i = 0; i < lines && !text->result; i++)
+        data = itn__exr_line(exr, data, (int)y + (int)i, image);
 }
 
 /* Reads a header and then all blocks into a new image, once it is clear that the file is large
    enough for what its header promises (deflate shrinks at most 1032-fold). */
-static itn_result itn__exr_decode(itn__text text, const itn_context *context, itn_image *image) {
+static itn_result itn__exr_decode(itn__text *given, const itn_context *context, itn_image *image) {
     itn__exr exr = ITN_ZERO;
-    size_t width, height, lines, blocks, left, raw = 0, i;
-    unsigned char *scratch;
-    itn_result result;
-    exr.text = text;
-    exr.text.line = 0;
+    itn__text *text = &exr.text;
+    size_t width, height, blocks, left, raw = 0;
+    int i;
+    *text = *given, text->line = 0;
     itn__exr_header(&exr);
-    if (exr.text.result) return exr.text.result;
-    for (i = 0; i < (size_t)exr.channel_count; i++)
-        raw += exr.types[i] == ITN__EXR_HALF ? 2 : 4;
+    if (text->result) return text->result;
+    for (i = 0; i < exr.channels; i++) raw += exr.types[i] == ITN__EXR_HALF ? 2 : 4;
     width = (size_t)exr.width, height = (size_t)exr.height;
-    lines = exr.compression == ITN__EXR_ZIP ? 16 : 1;
-    blocks = (height - 1) / lines + 1, left = (size_t)(exr.text.end - exr.text.at);
+    exr.lines = exr.compression == ITN__EXR_ZIP ? 16 : 1;
+    blocks = (height - 1) / exr.lines + 1, left = (size_t)(text->end - text->at);
     if (blocks > left / 8 || width > SIZE_MAX / 64 / raw ||
         width * raw > (exr.compression ? (uint64_t)1032 : 1) * left / height)
-        return itn__text_fail(&exr.text, ITN_ERROR_FORMAT,
-                              "EXR ends early: its data window is larger than its data");
-    result = itn_image_create((int)width, (int)height, exr.channel_count, context, image,
-                              text.error);
-    if (result) return result;
-    for (i = 0; i < (size_t)exr.channel_count; i++)
-        itn__copy_name(image->names[i], exr.channel_names[i]);
-    raw *= width;
-    lines = lines < height ? lines : height;
-    scratch = (unsigned char *)itn__allocate(&image->context, 2 * raw * lines + blocks, 1);
-    exr.inflate = (itn__inflate *)itn__allocate(&image->context, 1, sizeof *exr.inflate);
-    if (!scratch || !exr.inflate) result = itn__out_of_memory(text.error, "a block of an EXR file");
-    exr.table = itn__take_bytes(&exr.text, 8 * blocks);
-    for (i = 0; i < blocks && !result; i++) {
-        itn__text block = exr.text;
-        const char *fault = itn__exr_block(&exr, raw, scratch, scratch + blocks, image);
-        if (fault)
-            result = itn__text_fail(&block, ITN_ERROR_FORMAT, "EXR block %d %s%s", (int)i,
-                                    strncmp(fault, "is ", 3) ? "is damaged: " : "", fault);
+        return itn__text_fail(text, ITN_ERROR_FORMAT,
+                              "EXR data window is larger than the data: data ends early");
+    text->result = itn_image_create((int)width, (int)height, exr.channels, context, image,
+                                    text->error);
+    if (text->result) return text->result;
+    for (i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
+    exr.line = width * raw;
+    exr.seen = (unsigned char *)itn__allocate(
+        &image->context, 2 * exr.line * (exr.lines < height ? exr.lines : height) + blocks, 1);
+    exr.scratch = exr.seen + blocks;
+    if (!exr.seen) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
+    exr.table = itn__take_bytes(text, 8 * blocks);
+    text->part = "EXR block";
+    for (i = 0; i < (int)blocks && !text->result; i++, text->number++) itn__exr_block(&exr, image);
+    itn__free(&image->context, exr.seen);
+    if (text->result) itn_image_free(image);
+    return text->result;
+}
+
+/* PFM: "PF" (three channels) or "Pf" (one), width, height and scale as text, one white space
+   character, then floats, the lowest row first; a negative scale says little-endian, and its size
+   is what the numbers are in units of (P. Debevec). */
+static itn_result itn__pfm_decode(itn__text *text, const itn_context *context, itn_image *image) {
+    static const char *const names[] = {"Y", "R", "G", "B"};
+    static const char *const what[] = {"PFM width", "PFM height", "PFM scale"};
+    int channels = text->at[1] == 'F' ? 3 : 1, x, row, k;
+    double header[3], needed;
+    float scale;
+    const unsigned char *bytes;
+    text->at += 2;
+    for (k = 0; k < 3; k++) {
+        itn__skip_space(text); /* line ends count as blanks */
+        header[k] = itn__take_finite(text, what[k]);
+        if (k < 2 ? !(header[k] >= 1 && header[k] < 1e9 && header[k] == floor(header[k]))
+                  : (float)header[k] == 0)
+            itn__text_fail(text, ITN_ERROR_FORMAT, "%s is %g", what[k], header[k]);
     }
-    itn__free(&image->context, exr.inflate);
-    itn__free(&image->context, scratch);
-    if (result) itn_image_free(image);
+    needed = header[0] * header[1] * channels * 4;
+    /* the one white space character, or two, of a file that was written as text on Windows */
+    if ((double)(text->end - text->at) == needed + 2 && itn__newline(text->at, text->end) == 2)
+        text->at++;
+    if (text->at < text->end) text->at++;
+    if ((double)(text->end - text->at) != needed)
+        itn__text_fail(text, ITN_ERROR_FORMAT, "PFM has %.0f bytes of pixels, needs %.0f",
+                       (double)(text->end - text->at), needed);
+    if (!text->result)
+        text->result = itn_image_create((int)header[0], (int)header[1], channels, context, image,
+                                        text->error);
+    if (text->result) return text->result;
+    bytes = (const unsigned char *)text->at;
+    scale = (float)fabs(header[2]);
+    for (k = 0; k < channels; k++) itn__copy_name(image->names[k], names[k + channels / 3]);
+    for (row = image->height - 1; row >= 0; row--)
+        for (x = 0; x < image->width; x++)
+            for (k = 0; k < channels; k++, bytes += 4) {
+                float *pixel = itn__pixel(image, k, row, x);
+                *pixel = itn__float_of((uint32_t)itn__from_bytes(bytes, 4, header[2] > 0));
+                if (scale != 1) *pixel *= scale;
+            }
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
+                                         const itn_context *context, itn_image *image,
+                                         itn_error *error) {
+    itn__text text;
+    itn_image made;
+    itn_result result;
+    if (!bytes || !image)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
+    text = itn__text_make(bytes, size, name ? name : "image");
+    text.error = error;
+    size = (size_t)(text.end - text.at);
+    if (size >= 4 && itn__from_bytes((const unsigned char *)text.at, 4, 0) == ITN__EXR_MAGIC)
+        result = itn__exr_decode(&text, context, &made);
+    else if (size >= 3 && text.at[0] == 'P' && strchr("Ff", text.at[1]) &&
+             strchr(" \t\r\n", text.at[2]))
+        result = itn__pfm_decode(&text, context, &made);
+    else
+        result = itn__fail(error, ITN_ERROR_FORMAT, 0,
+                           "%s: neither an EXR nor a PFM file: convert it to one of them",
+                           text.name);
+    if (!result) *image = made;
     return result;
 }
 
 #ifndef ITN_NO_STDIO
 
+ITN_API itn_result itn_image_load(const char *path, const itn_context *context, itn_image *image,
+                                  itn_error *error) {
+    itn__buffer file = ITN_ZERO;
+    itn_result result = itn__context_check(context, &file.context, error);
+    if (!result) result = itn__read_file(path, SIZE_MAX / 4, &file, error);
+    if (!result) result = itn_image_from_memory(file.bytes, file.size, path, context, image, error);
+    itn__buffer_free(&file);
+    return result;
+}
+
 /* What every saver of images asks for. */
 static itn_result itn__check_image(const itn_image *image, int first_plane, int plane_count,
-                                   itn__buffer *buffer, itn_error *error) {
+                                   int one_or_three, itn__buffer *buffer, itn_error *error) {
     memset(buffer, 0, sizeof *buffer);
     if (!image || !image->pixels || image->width < 1 || image->height < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: it has no pixels");
-    if (first_plane < 0 || plane_count < 1 || first_plane > image->plane_count - plane_count)
+    if (first_plane < 0 || plane_count < 1 || first_plane > image->plane_count - plane_count ||
+        (one_or_three && plane_count != 1 && plane_count != 3))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "saving an image: %d planes from plane %d on of an image of %d",
-                         plane_count, first_plane, image->plane_count);
+                         "saving an image: %d planes from plane %d on of an image of %d%s",
+                         plane_count, first_plane, image->plane_count,
+                         one_or_three ? ": one or three can be saved" : "");
     return itn__context_check(&image->context, &buffer->context, error);
 }
 
@@ -15409,45 +15425,51 @@ static const char *itn__exr_order(const itn_image *image, int *order) {
     return NULL;
 }
 
+/* Puts an attribute but for its value, or but for its first bytes. */
 static void itn__exr_put_attribute(itn__buffer *buffer, const char *name, const char *type,
-                                   const void *value, size_t size) {
+                                   size_t size) {
     itn__put(buffer, name, strlen(name) + 1);
     itn__put(buffer, type, strlen(type) + 1);
-    itn__put_u32(buffer, (uint32_t)size);
-    itn__put(buffer, value, size);
+    itn__put_number(buffer, size, 4, 0);
 }
 
 static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, const int *order) {
-    static const char one[] = "\0\0\x80\x3f"; /* a float */
-    itn__buffer value = ITN_ZERO;
+    static const struct {
+        const char *name, *type;
+        size_t size;
+        uint64_t value;
+    } rest[] = {{"compression", "compression", 1, 0},
+                {"lineOrder", "lineOrder", 1, 0},
+                {"pixelAspectRatio", "float", 4, 0x3f800000},
+                {"screenWindowCenter", "v2f", 8, 0},
+                {"screenWindowWidth", "float", 4, 0x3f800000}};
+    size_t list = 1, length;
     uint32_t version = 2;
     int i;
-    value.context = buffer->context;
+    for (i = 0; i < image->plane_count; i++, list += length + 17) {
+        length = strlen(image->names[i]);
+        if (length > 31) version |= ITN__EXR_LONG_NAMES;
+    }
+    itn__put_number(buffer, ITN__EXR_MAGIC | (uint64_t)version << 32, 8, 0);
+    itn__exr_put_attribute(buffer, "channels", "chlist", list);
     for (i = 0; i < image->plane_count; i++) {
         const char *name = image->names[order[i]];
-        itn__put(&value, name, strlen(name) + 1);
-        itn__put_u64(&value, ITN__EXR_FLOAT);
-        itn__put_u64(&value, 1 | (uint64_t)1 << 32); /* no subsampling */
-        if (strlen(name) > 31) version |= ITN__EXR_LONG_NAMES;
+        itn__put(buffer, name, strlen(name) + 1);
+        itn__put_number(buffer, ITN__EXR_FLOAT, 8, 0);
+        itn__put_number(buffer, 1 | (uint64_t)1 << 32, 8, 0); /* no subsampling */
     }
-    itn__put_u8(&value, 0);
-    itn__put_u32(buffer, ITN__EXR_MAGIC);
-    itn__put_u32(buffer, version);
-    itn__exr_put_attribute(buffer, "channels", "chlist", value.bytes, value.size);
-    itn__exr_put_attribute(buffer, "compression", "compression", "", 1);
-    value.size = 0;
-    itn__put_u64(&value, 0);
-    itn__put_u32(&value, (uint32_t)image->width - 1);
-    itn__put_u32(&value, (uint32_t)image->height - 1);
-    itn__exr_put_attribute(buffer, "dataWindow", "box2i", value.bytes, value.size);
-    itn__exr_put_attribute(buffer, "displayWindow", "box2i", value.bytes, value.size);
-    itn__exr_put_attribute(buffer, "lineOrder", "lineOrder", "", 1);
-    itn__exr_put_attribute(buffer, "pixelAspectRatio", "float", one, 4);
-    itn__exr_put_attribute(buffer, "screenWindowCenter", "v2f", "\0\0\0\0\0\0\0", 8);
-    itn__exr_put_attribute(buffer, "screenWindowWidth", "float", one, 4);
-    itn__put_u8(buffer, 0);
-    buffer->failed |= value.failed;
-    itn__buffer_free(&value);
+    itn__put_number(buffer, 0, 1, 0);
+    for (i = 0; i < 2; i++) {
+        itn__exr_put_attribute(buffer, i ? "displayWindow" : "dataWindow", "box2i", 16);
+        itn__put_number(buffer, 0, 8, 0);
+        itn__put_number(buffer, (uint32_t)image->width - 1, 4, 0);
+        itn__put_number(buffer, (uint32_t)image->height - 1, 4, 0);
+    }
+    for (i = 0; i < 5; i++) {
+        itn__exr_put_attribute(buffer, rest[i].name, rest[i].type, rest[i].size);
+        itn__put_number(buffer, rest[i].value, rest[i].size, 0);
+    }
+    itn__put_number(buffer, 0, 1, 0);
 }
 
 ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
@@ -15456,7 +15478,8 @@ ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
     uint64_t block, start;
     int *order, row, i, x;
     const char *fault;
-    itn_result result = itn__check_image(image, 0, image ? image->plane_count : 0, &buffer, error);
+    itn_result result = itn__check_image(image, 0, image ? image->plane_count : 0, 0, &buffer,
+                                         error);
     if (result) return result;
     block = (uint64_t)image->width * (uint64_t)image->plane_count * 4;
     order = (int *)itn__allocate(&buffer.context, (size_t)image->plane_count, sizeof(int));
@@ -15467,9 +15490,9 @@ ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
     start = buffer.size + 8 * (uint64_t)image->height;
     if (block + 16 > SIZE_MAX / 8 / (uint64_t)image->height) buffer.failed = 1;
     for (row = 0; row < image->height && !fault && !buffer.failed; row++)
-        itn__put_u64(&buffer, start + (uint64_t)row * (block + 8));
+        itn__put_number(&buffer, start + (uint64_t)row * (block + 8), 8, 0);
     for (row = 0; row < image->height && !fault && !buffer.failed; row++) {
-        itn__put_u64(&buffer, (uint64_t)row | block << 32);
+        itn__put_number(&buffer, (uint64_t)row | block << 32, 8, 0);
         for (i = 0; i < image->plane_count; i++)
             for (x = 0; x < image->width; x++)
                 itn__put_float(&buffer, *itn__pixel(image, order[i], row, x));
@@ -15479,107 +15502,16 @@ ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
     return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %s", fault);
 }
 
-#endif /* ITN_NO_STDIO */
-
-/* ---- [pfm] portable float maps --------------------------------------------------------------- */
-
-/* "PF" (three channels) or "Pf" (one), width, height and scale as text, one white space character,
-   then floats, the lowest row first; a negative scale says little-endian, and its size is what the
-   numbers are in units of (P. Debevec). */
-
-static itn_result itn__pfm_decode(itn__text text, const itn_context *context, itn_image *image) {
-    static const char *const names[] = {"R", "G", "B"};
-    static const char *const what[] = {"PFM width", "PFM height", "PFM scale"};
-    int channels = text.at[1] == 'F' ? 3 : 1, x, row, k;
-    double header[3] = {0, 0, 0}, needed;
-    float scale;
-    const unsigned char *bytes;
-    unsigned big;
-    itn_result result;
-    text.at += 2;
-    for (k = 0; k < 3; k++) {
-        itn__skip_space(&text); /* line ends count as blanks */
-        itn__text_number(&text, what[k], &header[k], text.error);
-        if (k < 2 ? !(header[k] >= 1 && header[k] < 1e9 && header[k] == floor(header[k]))
-                  : (float)header[k] == 0)
-            itn__text_fail(&text, ITN_ERROR_FORMAT, "%s is %g", what[k], header[k]);
-    }
-    needed = header[0] * header[1] * channels * 4;
-    /* the one white space character, or two, of a file that was written as text on Windows */
-    if ((double)(text.end - text.at) == needed + 2 && itn__newline(text.at, text.end) == 2)
-        text.at++;
-    if (text.at < text.end) text.at++;
-    if ((double)(text.end - text.at) != needed)
-        itn__text_fail(&text, ITN_ERROR_FORMAT, "PFM has %.0f bytes of pixels, needs %.0f",
-                       (double)(text.end - text.at), needed);
-    if (text.result) return text.result;
-    result = itn_image_create((int)header[0], (int)header[1], channels, context, image, text.error);
-    if (result) return result;
-    bytes = (const unsigned char *)text.at;
-    big = header[2] > 0 ? 3 : 0; /* byte i of a number is the file's byte i ^ big */
-    scale = (float)fabs(header[2]);
-    for (k = 0; k < channels; k++) itn__copy_name(image->names[k], channels == 1 ? "Y" : names[k]);
-    for (row = image->height - 1; row >= 0; row--)
-        for (x = 0; x < image->width; x++)
-            for (k = 0; k < channels; k++, bytes += 4) {
-                float *pixel = itn__pixel(image, k, row, x);
-                uint32_t bits = (uint32_t)bytes[big] | (uint32_t)bytes[1 ^ big] << 8 |
-                                (uint32_t)bytes[2 ^ big] << 16 | (uint32_t)bytes[3 ^ big] << 24;
-                memcpy(pixel, &bits, 4);
-                if (scale != 1) *pixel *= scale;
-            }
-    return ITN_OK;
-}
-
-ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
-                                         const itn_context *context, itn_image *image,
-                                         itn_error *error) {
-    itn__text text;
-    itn_image made;
-    itn_result result = ITN_ERROR_FORMAT;
-    if (!bytes || !image)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
-    text = itn__text_make(bytes, size, name ? name : "image");
-    text.error = error;
-    size = (size_t)(text.end - text.at);
-    if (size >= 4 && itn__get_u32((const unsigned char *)text.at) == ITN__EXR_MAGIC)
-        result = itn__exr_decode(text, context, &made);
-    else if (size >= 3 && text.at[0] == 'P' && strchr("Ff", text.at[1]) &&
-             strchr(" \t\r\n", text.at[2]))
-        result = itn__pfm_decode(text, context, &made);
-    else
-        itn__fail(error, result, 0, "%s: neither an EXR nor a PFM file: convert it to one of them",
-                  text.name);
-    if (!result) *image = made;
-    return result;
-}
-
-#ifndef ITN_NO_STDIO
-
-ITN_API itn_result itn_image_load(const char *path, const itn_context *context, itn_image *image,
-                                  itn_error *error) {
-    itn__buffer file = ITN_ZERO;
-    itn_result result = itn__context_check(context, &file.context, error);
-    if (!result) result = itn__read_file(path, SIZE_MAX / 4, &file, error);
-    if (result) return result;
-    result = itn_image_from_memory(file.bytes, file.size, path, context, image, error);
-    itn__buffer_free(&file);
-    return result;
-}
-
 ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, int plane_count,
                                       const char *path, itn_error *error) {
     itn__buffer buffer;
     char header[64];
     int row, x, k;
-    itn_result result = itn__check_image(image, first_plane, plane_count, &buffer, error);
+    itn_result result = itn__check_image(image, first_plane, plane_count, 1, &buffer, error);
     if (result) return result;
-    if (plane_count != 1 && plane_count != 3)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a PFM: %d planes, not 1 or 3",
-                         plane_count);
-    itn__print(header, sizeof header, "P%c\n%d %d\n-1.0\n", plane_count == 3 ? 'F' : 'f',
-               image->width, image->height);
-    itn__put_text(&buffer, header);
+    itn__put(&buffer, header, itn__print(header, sizeof header, "P%c\n%d %d\n-1.0\n",
+                                         plane_count == 3 ? 'F' : 'f', image->width,
+                                         image->height));
     for (row = image->height - 1; row >= 0 && !buffer.failed; row--)
         for (x = 0; x < image->width; x++)
             for (k = first_plane; k < first_plane + plane_count; k++)
@@ -15587,49 +15519,35 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
     return itn__write_buffer(path, &buffer, error);
 }
 
-/* ---- [png] 8-bit pictures -------------------------------------------------------------------- */
-
 /* A PNG file is a signature and chunks (length, type, data, CRC-32): IHDR with the size, IDAT with
    a zlib stream of the rows, each behind a byte 0 that says "not filtered", and IEND. Noise does
    not compress, so the stream's blocks are stored as they are. */
 
-static void itn__put_u32_big(itn__buffer *buffer, uint32_t value) {
-    int shift;
-    for (shift = 24; shift >= 0; shift -= 8) itn__put_u8(buffer, value >> shift);
-}
-
 /* Appends a zlib stream of stored blocks. */
-static void itn__put_zlib(itn__buffer *buffer, const unsigned char *bytes, size_t size) {
-    uint32_t sum = itn__adler32(bytes, size), length;
-    itn__put_u8(buffer, 0x78), itn__put_u8(buffer, 1);
-    do {
-        length = size < 65535 ? (uint32_t)size : 65535;
-        itn__put_u8(buffer, length == size); /* the last one */
-        itn__put_u32(buffer, length | (length ^ 0xffff) << 16);
-        itn__put(buffer, bytes, length);
-        bytes += length, size -= length;
-    } while (size);
-    itn__put_u32_big(buffer, sum);
+static void itn__put_zlib(itn__buffer *buffer, const itn__buffer *data) {
+    size_t at, length;
+    itn__put_number(buffer, 0x7801, 2, 1);
+    for (at = 0; at < data->size; at += length) {
+        length = data->size - at < 65535 ? data->size - at : 65535;
+        itn__put_number(buffer, at + length == data->size, 1, 0); /* the last one */
+        itn__put_number(buffer, length | (length ^ 0xffff) << 16, 4, 0);
+        itn__put(buffer, data->bytes + at, length);
+    }
+    itn__put_number(buffer, itn__adler32(data->bytes, data->size), 4, 1);
 }
 
-/* Appends a PNG chunk; its CRC-32 (reflected polynomial edb88320) covers type and data. */
-static void itn__png_chunk(itn__buffer *png, const char *type, const itn__buffer *data) {
-    static const uint32_t remainders[16] = {
-        0x00000000, 0x1db71064, 0x3b6e20c8, 0x26d930ac, 0x76dc4190, 0x6b6b51f4,
-        0x4db26158, 0x5005713c, 0xedb88320, 0xf00f9344, 0xd6d6a3e8, 0xcb61b38c,
-        0x9b64c2b0, 0x86d3d2d4, 0xa00ae278, 0xbdbdf21c}; /* of four bits */
+/* Ends the chunk that begins at `start`: its length becomes known, and its CRC-32 (reflected
+   polynomial edb88320), which covers type and data. */
+static void itn__png_end_chunk(itn__buffer *png, size_t start) {
     uint32_t crc = 0xffffffffu;
-    size_t start = png->size + 4, i;
+    size_t size = png->size - start - 8, i;
     int k;
-    itn__put_u32_big(png, (uint32_t)data->size);
-    itn__put_text(png, type);
-    itn__put(png, data->bytes, data->size);
-    for (i = start; i < png->size; i++) {
-        crc ^= png->bytes[i];
-        for (k = 0; k < 2; k++) crc = crc >> 4 ^ remainders[crc & 15];
-    }
-    itn__put_u32_big(png, ~crc);
-    png->failed |= data->failed;
+    if (png->failed) return;
+    for (i = start + 4; i < png->size; i++)
+        for (crc ^= png->bytes[i], k = 0; k < 8; k++)
+            crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
+    for (i = 0; i < 4; i++) png->bytes[start + i] = (unsigned char)(size >> (24 - 8 * i) & 255);
+    itn__put_number(png, ~crc, 4, 1);
 }
 
 /* The numbers to show, [pixel][shown]: of the planes, or (shown 1) their mean. */
@@ -15661,8 +15579,7 @@ static float itn__percentile99(const float *values, size_t count, int is_signed)
         }
         if (below < total - total / 100) found |= bit; /* the percentile is not below */
     }
-    memcpy(&value, &found, 4);
-    return value;
+    return itn__float_of(found);
 }
 
 /* [0,1] to [0,255], what is outside cut. */
@@ -15680,282 +15597,225 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error) {
     int shown = mode == ITN_PNG_SIGNED ? 1 : plane_count, k;
-    itn__buffer png, rows = ITN_ZERO, data = ITN_ZERO;
-    size_t pixel, pixels;
+    itn__buffer png, rows = ITN_ZERO;
+    size_t i, count, start;
     float *values;
-    itn_result result = itn__check_image(image, first_plane, plane_count, &png, error);
+    itn_result result = itn__check_image(image, first_plane, plane_count, 1, &png, error);
     if (result) return result;
-    if ((plane_count != 1 && plane_count != 3) || !(scale >= 0) || !itn__finite(scale) ||
-        (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED))
+    if (!(scale >= 0) || !itn__finite(scale) || (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED) ||
+        (uint64_t)image->width * 3 + 1 > INT_MAX / 2 / (uint64_t)image->height)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "saving a PNG: %d planes (not 1 or 3), mode %d or scale %g", plane_count,
-                         (int)mode, (double)scale);
-    if ((uint64_t)image->width * 3 + 1 > INT_MAX / 2 / (uint64_t)image->height)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a PNG: %d x %d pixels are too many",
-                         image->width, image->height);
+                         "saving a PNG: mode %d, scale %g or the size of %d x %d pixels", (int)mode,
+                         (double)scale, image->width, image->height);
     values = itn__png_values(image, first_plane, plane_count, shown);
     if (!values) return itn__out_of_memory(error, "a PNG file");
-    pixels = (size_t)image->width * (size_t)image->height;
+    count = (size_t)image->width * (size_t)image->height;
     if (scale == 0) {
-        scale = itn__percentile99(values, pixels * (size_t)shown, mode == ITN_PNG_SIGNED);
+        scale = itn__percentile99(values, count * (size_t)shown, mode == ITN_PNG_SIGNED);
         scale = scale >= FLT_MIN ? 1 / scale : 1;
     }
-    rows.context = data.context = png.context;
-    for (pixel = 0; pixel < pixels && !rows.failed; pixel++) {
+    rows.context = png.context;
+    for (i = 0; i < count && !rows.failed; i++) {
         unsigned char rgb[3];
         int valid = 1;
         for (k = 0; k < 3; k++) {
-            float x = values[pixel * (size_t)shown + (size_t)(k % shown)];
+            float x = values[i * (size_t)shown + (size_t)(k % shown)];
             valid &= x == x;
             rgb[k] = itn__byte(mode == ITN_PNG_TONE ? itn__srgb(x * scale)
                                                     : (float)(1 - k) * x * scale);
         }
-        if (pixel % (size_t)image->width == 0) itn__put_u8(&rows, 0);
+        if (i % (size_t)image->width == 0) itn__put_number(&rows, 0, 1, 0);
         itn__put(&rows, valid ? (const char *)rgb : "\xff\0\xff", 3);
     }
     itn__free(&png.context, values);
-    itn__put(&png, "\x89PNG\r\n\x1a\n", 8);
-    itn__put_u32_big(&data, (uint32_t)image->width);
-    itn__put_u32_big(&data, (uint32_t)image->height);
-    itn__put(&data, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
-    itn__png_chunk(&png, "IHDR", &data);
-    data.size = 0;
-    if (!rows.failed) itn__put_zlib(&data, rows.bytes, rows.size);
-    itn__png_chunk(&png, "IDAT", &data);
-    data.size = 0;
-    itn__png_chunk(&png, "IEND", &data);
+    itn__put(&png, "\x89PNG\r\n\x1a\n\0\0\0\0IHDR", 16);
+    itn__put_number(&png, (uint64_t)image->width << 32 | (uint64_t)image->height, 8, 1);
+    itn__put(&png, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
+    itn__png_end_chunk(&png, 8);
+    start = png.size;
+    itn__put(&png, "\0\0\0\0IDAT", 8);
+    if (!rows.failed) itn__put_zlib(&png, &rows);
+    itn__png_end_chunk(&png, start);
+    start = png.size;
+    itn__put(&png, "\0\0\0\0IEND", 8);
+    itn__png_end_chunk(&png, start);
     png.failed |= rows.failed;
     itn__buffer_free(&rows);
-    itn__buffer_free(&data);
     return itn__write_buffer(path, &png, error);
 }
 
 #endif /* ITN_NO_STDIO */
 
-/* ---- [obj] polygon meshes and Wavefront OBJ -------------------------------------------------- */
+/* ---- [meshes] OBJ and PLY files -------------------------------------------------------------- */
 
-/* Both mesh formats hold polygons, which a builder cuts into triangles as they come. With the
-   normal n = sum of (p_i - p_0) x (p_i+1 - p_0) over the corners (Newell), the polygon is projected
-   along the largest component of n; it is convex if it turns left at every corner, and then becomes
-   a fan around its first corner. Otherwise ears are cut off: triangles of three consecutive corners
-   that turn left and hold no other corner (Meisters 1975: every simple polygon has two). */
+/* Both formats hold polygons, which a builder cuts into triangles as they come. With the normal
+   n = sum of (p_i - p_0) x (p_i+1 - p_0) over the corners (Newell), the polygon is projected along
+   the largest component of n; it is convex if it turns left at every corner, and then becomes a fan
+   around its first corner. Otherwise ears are cut off: triangles of three consecutive corners that
+   turn left and hold no other corner (Meisters 1975: every simple polygon has two). */
 
 enum { ITN__EAR_CORNERS = 4096 }; /* most corners of a polygon that is not convex */
 
 typedef struct itn__corner {
-    int vertex, textured; /* textured: it has uv */
-    float uv[2];
+    size_t vertex, texture; /* texture: of its texture coordinates, SIZE_MAX for none */
 } itn__corner;
-
-typedef struct itn__plane_point {
-    double u, v;
-} itn__plane_point;
 
 typedef struct itn__builder {
     itn__buffer positions; /* float[3] each */
-    itn__buffer texcoords; /* float[2] each, for corners to name */
+    itn__buffer texcoords; /* float[2] each */
     itn__buffer corners;   /* itn__corner each, of the polygon at hand */
-    itn__buffer points;    /* itn__plane_point each, the same in the polygon's plane */
     itn__buffer triangles; /* itn__corner[3] each */
-    int untextured;        /* some corner has no texture coordinates */
+    int u, v;              /* the axes of the plane in which the polygon is counter-clockwise */
 } itn__builder;
 
-static void itn__builder_free(itn__builder *builder) {
-    itn__buffer_free(&builder->positions);
-    itn__buffer_free(&builder->texcoords);
-    itn__buffer_free(&builder->corners);
-    itn__buffer_free(&builder->points);
-    itn__buffer_free(&builder->triangles);
+static size_t itn__vertex_count(const itn__builder *b) { return b->positions.size / 12; }
+static size_t itn__texcoord_count(const itn__builder *b) { return b->texcoords.size / 8; }
+static size_t itn__corner_count(const itn__builder *b) {
+    return b->corners.size / sizeof(itn__corner);
+}
+static itn__corner *itn__corner_at(const itn__builder *b, int i) {
+    return (itn__corner *)(void *)b->corners.bytes + i;
+}
+static const float *itn__corner_position(const itn__builder *b, int i) {
+    return (const float *)(const void *)b->positions.bytes + 3 * itn__corner_at(b, i)->vertex;
 }
 
-static int itn__builder_failed(const itn__builder *builder) {
-    return builder->positions.failed || builder->texcoords.failed || builder->corners.failed ||
-           builder->points.failed || builder->triangles.failed;
+static void itn__add_corner(itn__builder *b, size_t vertex, size_t texture) {
+    itn__corner corner;
+    corner.vertex = vertex, corner.texture = texture;
+    itn__put(&b->corners, &corner, sizeof corner);
 }
 
-static size_t itn__vertex_count(const itn__builder *builder) {
-    return builder->positions.size / (3 * sizeof(float));
-}
-static size_t itn__texcoord_count(const itn__builder *builder) {
-    return builder->texcoords.size / (2 * sizeof(float));
-}
-static itn__corner *itn__corner_list(const itn__builder *builder) {
-    return (itn__corner *)(void *)builder->corners.bytes;
-}
-static const float *itn__corner_position(const itn__builder *builder, int corner) {
-    return (const float *)(const void *)builder->positions.bytes +
-           3 * (size_t)itn__corner_list(builder)[corner].vertex;
+/* Twice the signed area of a triangle of corners in the polygon's plane: positive if it turns
+   left. */
+static double itn__turn(const itn__builder *b, int i, int j, int k) {
+    const float *p = itn__corner_position(b, i), *q = itn__corner_position(b, j);
+    const float *r = itn__corner_position(b, k);
+    double pu = (double)p[b->u], pv = (double)p[b->v];
+    return ((double)q[b->u] - pu) * ((double)r[b->v] - pv) -
+           ((double)q[b->v] - pv) * ((double)r[b->u] - pu);
 }
 
-/* Adds a corner; texture: the number of its texture coordinates, -1 for none. */
-static void itn__add_corner(itn__builder *builder, size_t vertex, int64_t texture) {
-    itn__corner corner = ITN_ZERO;
-    corner.vertex = (int)vertex;
-    corner.textured = texture >= 0;
-    if (texture >= 0) memcpy(corner.uv, builder->texcoords.bytes + 8 * (size_t)texture, 8);
-    itn__put(&builder->corners, &corner, sizeof corner);
-}
-
-static void itn__add_triangle(itn__builder *builder, int a, int b, int c) {
-    const itn__corner *corners = itn__corner_list(builder);
-    itn__put(&builder->triangles, corners + a, sizeof *corners);
-    itn__put(&builder->triangles, corners + b, sizeof *corners);
-    itn__put(&builder->triangles, corners + c, sizeof *corners);
-}
-
-/* Twice the signed area of a triangle of corners: positive if it turns left. */
-static double itn__turn(const itn__plane_point *p, int a, int b, int c) {
-    return (p[b].u - p[a].u) * (p[c].v - p[a].v) - (p[b].v - p[a].v) * (p[c].u - p[a].u);
-}
-
-/* Projects the polygon along an axis; returns twice its signed area. */
-static double itn__polygon_project(itn__builder *builder, int n, int axis) {
-    itn__plane_point *points = (itn__plane_point *)(void *)builder->points.bytes;
-    double area = 0;
-    int i;
-    for (i = 0; i < n; i++) {
-        points[i].u = (double)itn__corner_position(builder, i)[(axis + 1) % 3];
-        points[i].v = (double)itn__corner_position(builder, i)[(axis + 2) % 3];
-        if (i > 1) area += itn__turn(points, 0, i - 1, i);
-    }
-    return area;
-}
-
-/* Projects the polygon to its plane, where it is counter-clockwise; returns whether it is convex
-   there. */
-static int itn__polygon_flatten(itn__builder *builder, int n) {
-    itn__plane_point *points = (itn__plane_point *)(void *)builder->points.bytes;
-    double area[3];
-    int axis, largest = 0, i;
+/* Finds the polygon's plane; returns whether it is convex there. */
+static int itn__polygon_flatten(itn__builder *b, int n) {
+    double area, largest = 0;
+    int u = 1, v = 2, axis, i;
     for (axis = 0; axis < 3; axis++) {
-        area[axis] = itn__polygon_project(builder, n, axis);
-        if (fabs(area[axis]) > fabs(area[largest])) largest = axis;
+        b->u = (axis + 1) % 3, b->v = (axis + 2) % 3;
+        for (area = 0, i = 2; i < n; i++) area += itn__turn(b, 0, i - 1, i);
+        if (!(fabs(area) > fabs(largest))) continue;
+        largest = area;
+        u = area > 0 ? b->u : b->v, v = area > 0 ? b->v : b->u;
     }
-    itn__polygon_project(builder, n, largest);
-    for (i = 0; area[largest] < 0 && i < n; i++) points[i].u = -points[i].u;
+    b->u = u, b->v = v;
     for (i = 0; i < n; i++)
-        if (!(itn__turn(points, i, (i + 1) % n, (i + 2) % n) >= 0)) return 0;
+        if (!(itn__turn(b, i, (i + 1) % n, (i + 2) % n) >= 0)) return 0;
     return 1;
 }
 
-static int itn__same_place(const itn__builder *builder, int a, int b) {
-    const float *p = itn__corner_position(builder, a), *q = itn__corner_position(builder, b);
+static int itn__same_place(const itn__builder *b, int i, int j) {
+    const float *p = itn__corner_position(b, i), *q = itn__corner_position(b, j);
     return p[0] == q[0] && p[1] == q[1] && p[2] == q[2];
 }
 
 /* Lets go of corners that are where the one before is, which hide how the polygon turns there; at
    least three stay. Returns how many. */
-static int itn__drop_twins(itn__builder *builder, int n) {
+static int itn__drop_twins(itn__builder *b, int n) {
     int kept = 1, i;
     for (i = 1; i < n; i++)
-        if (kept + n - i <= 3 || !itn__same_place(builder, kept - 1, i))
-            itn__corner_list(builder)[kept++] = itn__corner_list(builder)[i];
-    while (kept > 3 && itn__same_place(builder, kept - 1, 0)) kept--;
+        if (kept + n - i <= 3 || !itn__same_place(b, kept - 1, i))
+            *itn__corner_at(b, kept++) = *itn__corner_at(b, i);
+    while (kept > 3 && itn__same_place(b, kept - 1, 0)) kept--;
     return kept;
 }
 
-/* Whether the i-th of the n corners left in the ring is an ear. */
-static int itn__is_ear(const itn__plane_point *p, const int *ring, int n, int i) {
-    int a = ring[(i + n - 1) % n], b = ring[i], c = ring[(i + 1) % n], k;
-    if (!(itn__turn(p, a, b, c) > 0)) return 0;
+/* Whether corner i, with its neighbours h and j, of the n that are left is an ear. */
+static int itn__is_ear(const itn__builder *b, int n, int h, int i, int j) {
+    int k, c, on;
+    if (!(itn__turn(b, h, i, j) > 0)) return 0;
     for (k = 0; k < n; k++) {
-        const itn__plane_point *d = p + ring[k];
-        if (!((d->u == p[a].u && d->v == p[a].v) || (d->u == p[b].u && d->v == p[b].v) ||
-              (d->u == p[c].u && d->v == p[c].v)) &&
-            itn__turn(p, a, b, ring[k]) >= 0 && itn__turn(p, b, c, ring[k]) >= 0 &&
-            itn__turn(p, c, a, ring[k]) >= 0)
+        const float *d = itn__corner_position(b, k);
+        for (on = c = 0; c < 3; c++) { /* one that is where a corner of the ear is does not count */
+            const float *e = itn__corner_position(b, c == 0 ? h : c == 1 ? i : j);
+            on |= d[b->u] == e[b->u] && d[b->v] == e[b->v];
+        }
+        if (!on && itn__turn(b, h, i, k) >= 0 && itn__turn(b, i, j, k) >= 0 &&
+            itn__turn(b, j, h, k) >= 0)
             return 0;
     }
     return 1;
 }
 
-/* Cuts a polygon that is not convex. An ear is looked for from the corner before the last cut on.
-   Where there is none (the polygon crosses itself), any corner does; after two such cuts no more is
-   looked for, so that the work stays in bounds. */
-static const char *itn__cut_ears(itn__builder *builder, int n) {
-    const itn__plane_point *points = (const itn__plane_point *)(const void *)builder->points.bytes;
-    int *ring = (int *)itn__allocate(&builder->corners.context, (size_t)n, sizeof *ring);
-    int i, k, earless = 0;
-    if (!ring) return builder->corners.failed = 1, "out of memory";
-    for (i = 0; i < n; i++) ring[i] = i;
-    for (i = 1; n > 3; n--, i = (i + n - 1) % n) {
-        for (k = 0; k < n && earless < 2 && !itn__is_ear(points, ring, n, i); k++) i = (i + 1) % n;
+/* Adds a triangle of three corners. */
+static void itn__add_triangle(itn__builder *b, int h, int i, int j) {
+    itn__put(&b->triangles, itn__corner_at(b, h), sizeof(itn__corner));
+    itn__put(&b->triangles, itn__corner_at(b, i), sizeof(itn__corner));
+    itn__put(&b->triangles, itn__corner_at(b, j), sizeof(itn__corner));
+}
+
+/* Turns the corners at hand into triangles. An ear is looked for from the corner before the last
+   cut on. Where there is none (the polygon crosses itself), any corner does; after two such cuts no
+   more is looked for, so that the work stays in bounds. */
+static void itn__add_polygon(itn__builder *b, itn__text *text) {
+    size_t count = itn__corner_count(b);
+    int n, i, k, convex, earless = 0;
+    if (count < 3) itn__text_fail(text, ITN_ERROR_FORMAT, "a face needs three corners");
+    if (count > INT_MAX / 16)
+        itn__text_fail(text, ITN_ERROR_FORMAT, "a face has too many corners");
+    if (text->result) return;
+    n = itn__drop_twins(b, (int)count);
+    convex = n == 3 || itn__polygon_flatten(b, n);
+    for (i = 1; convex && i + 1 < n; i++) itn__add_triangle(b, 0, i, i + 1);
+    if (convex) return;
+    if (n > ITN__EAR_CORNERS)
+        itn__text_fail(text, ITN_ERROR_UNSUPPORTED,
+                       "a face that is not convex has more than %d corners", ITN__EAR_CORNERS);
+    for (i = 1; n >= 3 && !text->result; n--, i = (i + n - 1) % n) {
+        for (k = 0; k < n && n > 3 && earless < 2; k++, i = (i + 1) % n)
+            if (itn__is_ear(b, n, (i + n - 1) % n, i, (i + 1) % n)) break;
         earless += k == n;
-        itn__add_triangle(builder, ring[(i + n - 1) % n], ring[i], ring[(i + 1) % n]);
-        memmove(ring + i, ring + i + 1, (size_t)(n - i - 1) * sizeof *ring);
+        itn__add_triangle(b, (i + n - 1) % n, i, (i + 1) % n);
+        memmove(itn__corner_at(b, i), itn__corner_at(b, i + 1),
+                (size_t)(n - i - 1) * sizeof(itn__corner));
     }
-    itn__add_triangle(builder, ring[0], ring[1], ring[2]);
-    itn__free(&builder->corners.context, ring);
-    return NULL;
 }
 
-static const char itn__large_concave[] = "a face that is not convex has more than 4096 corners";
-
-/* The code for a fault in a mesh. */
-static itn_result itn__mesh_fault(const char *fault) {
-    return fault == itn__large_concave ? ITN_ERROR_UNSUPPORTED : ITN_ERROR_FORMAT;
-}
-
-/* Turns the corners at hand into triangles. Returns NULL, or why that cannot be done. */
-static const char *itn__add_polygon(itn__builder *builder) {
-    size_t count = builder->corners.size / sizeof(itn__corner);
-    int n, i;
-    if (itn__builder_failed(builder)) return "out of memory";
-    if (count < 3) return "a face needs three corners";
-    if (count > INT_MAX / 16) return "a face has too many corners";
-    for (i = 0; i < (int)count; i++) builder->untextured |= !itn__corner_list(builder)[i].textured;
-    n = itn__drop_twins(builder, (int)count);
-    builder->points.size = 0;
-    if (!itn__buffer_reserve(&builder->points, (size_t)n * sizeof(itn__plane_point)))
-        return "out of memory";
-    if (n > 3 && !itn__polygon_flatten(builder, n))
-        return n > ITN__EAR_CORNERS ? itn__large_concave : itn__cut_ears(builder, n);
-    for (i = 1; i + 1 < n; i++) itn__add_triangle(builder, 0, i, i + 1);
-    return NULL;
-}
-
-/* Fails for coordinates so far from the origin that floats lose the shape. */
-static itn_result itn__check_digits(const float *positions, size_t count, const char *name,
-                                    itn_error *error) {
-    float size = 0, farthest = 0, lower, upper;
-    size_t i, k;
+/* Makes the mesh from what was collected. Coordinates so far from the origin that floats lose its
+   shape are refused. */
+static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
+                                    const itn_context *context, itn_mesh *mesh, itn_error *error) {
+    size_t vertices = itn__vertex_count(b), count = b->triangles.size / sizeof(itn__corner), i, k;
+    const float *positions = (const float *)(const void *)b->positions.bytes;
+    const float *texcoords = (const float *)(const void *)b->texcoords.bytes;
+    const itn__corner *corners = (const itn__corner *)(const void *)b->triangles.bytes;
+    float size = 0, farthest = 0;
+    int textured = 1;
+    itn_result result;
+    if (!count || vertices > INT_MAX / 3 || count > INT_MAX)
+        return itn__fail(error, count ? ITN_ERROR_UNSUPPORTED : ITN_ERROR_FORMAT, 0,
+                         count ? "%s: mesh is too large"
+                               : "%s: mesh has no face, or the file is neither PLY nor OBJ", name);
     for (k = 0; k < 3; k++) {
-        lower = upper = positions[k];
-        for (i = k; i < 3 * count; i += 3) {
+        float lower = positions[k], upper = positions[k];
+        for (i = k; i < 3 * vertices; i += 3) {
             lower = itn__min(lower, positions[i]);
             upper = itn__max(upper, positions[i]);
         }
         size = itn__max(size, upper - lower);
         farthest = itn__max(farthest, itn__max(-lower, upper));
     }
-    if (!(size > 0 && farthest * FLT_EPSILON > 1e-3f * size)) return ITN_OK;
-    return itn__fail(error, ITN_ERROR_FORMAT, 0,
-                     "%s: coordinates near %g of a mesh that is %g large, of which floats keep too "
-                     "few digits: move it to the origin", name, (double)farthest, (double)size);
-}
-
-/* Makes the mesh from what was collected. */
-static itn_result itn__builder_mesh(const itn__builder *builder, const char *name,
-                                    const itn_context *context, itn_mesh *mesh,
-                                    itn_error *error) {
-    size_t vertices = itn__vertex_count(builder), i;
-    size_t count = builder->triangles.size / (3 * sizeof(itn__corner));
-    const itn__corner *corners = (const itn__corner *)(const void *)builder->triangles.bytes;
-    itn_result result;
-    if (!count)
+    if (size > 0 && farthest * FLT_EPSILON > 1e-3f * size)
         return itn__fail(error, ITN_ERROR_FORMAT, 0,
-                         "%s: mesh has no face, or the file is neither PLY nor OBJ", name);
-    if (vertices > INT_MAX / 3 || count > INT_MAX / 3)
-        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: mesh is too large", name);
-    result = itn__check_digits((const float *)(const void *)builder->positions.bytes, vertices,
-                               name, error);
+                         "%s: coordinates near %g of a mesh that is %g large, of which floats keep "
+                         "too few digits: move it to the origin", name, (double)farthest,
+                         (double)size);
+    for (i = 0; i < count; i++) textured &= corners[i].texture != SIZE_MAX;
+    result = itn_mesh_create((int)vertices, (int)(count / 3), textured, context, mesh, error);
     if (result) return result;
-    result = itn_mesh_create((int)vertices, (int)count, !builder->untextured, context, mesh, error);
-    if (result) return result;
-    memcpy(mesh->positions, builder->positions.bytes, builder->positions.size);
-    for (i = 0; i < 3 * count; i++) {
-        mesh->triangles[i] = corners[i].vertex;
-        if (mesh->uvs) memcpy(mesh->uvs + 2 * i, corners[i].uv, sizeof corners[i].uv);
+    memcpy(mesh->positions, positions, b->positions.size);
+    for (i = 0; i < count; i++) {
+        mesh->triangles[i] = (int)corners[i].vertex;
+        if (textured) memcpy(mesh->uvs + 2 * i, texcoords + 2 * corners[i].texture, 8);
     }
     return ITN_OK;
 }
@@ -15963,87 +15823,58 @@ static itn_result itn__builder_mesh(const itn__builder *builder, const char *nam
 /* OBJ is lines of a keyword and arguments: "v x y z", "vt u v", "f a/t/n ...". Indices count from
    1, or backwards from -1, the latest. */
 
-/* Reads least to most numbers. */
-static void itn__obj_numbers(itn__text *text, int least, int most, float *numbers,
-                             const char *what) {
-    double number = 0;
-    int i;
-    for (i = 0; i < most && (i < least || !itn__line_done(text)); i++) {
-        itn__text_number(text, what, &number, text->error);
-        numbers[i] = (float)number;
+/* Reads a corner "v", "v/t", "v//n" or "v/t/n" of what stands above it: counts of each. */
+static void itn__obj_corner(itn__text *text, itn__builder *b, const size_t counts[3]) {
+    const char *word = text->at, *at = word, *end = word + itn__word_length(text);
+    size_t index[3] = {SIZE_MAX, SIZE_MAX, SIZE_MAX};
+    double value = 0, most;
+    int k, valid = 1;
+    for (k = 0; k < 3 && at && at < end; k++) {
+        if (k > 0 && *at++ != '/') valid = 0;
+        if (k > 0 && (at == end || *at == '/')) continue;
+        at = itn__parse_number(at, end, &value);
+        most = counts[k] < INT_MAX ? (double)counts[k] : INT_MAX;
+        valid &= at && value != 0 && fabs(value) <= most && value == floor(value);
+        if (valid) index[k] = (size_t)(value < 0 ? most + value : value - 1);
     }
-}
-
-/* Reads an index and makes it count from 0; -1 if it is not a number that names one of `count`. */
-static int64_t itn__obj_index(itn__text *text, const char *end, size_t count) {
-    double index = 0, most = count < INT_MAX ? (double)count : INT_MAX;
-    const char *after = itn__parse_number(text->at, end, &index);
-    if (after) text->at = after;
-    if (!after || index == 0 || !(fabs(index) <= most) || index != floor(index)) return -1;
-    return (int64_t)(index < 0 ? most + index : index - 1);
-}
-
-/* Reads a corner "v", "v/t", "v//n" or "v/t/n"; returns whether it is valid. */
-static int itn__obj_corner(itn__text *text, itn__builder *builder, size_t normals) {
-    const char *end = text->at + itn__word_length(text);
-    int64_t index[3] = {-1, -1, -1};
-    size_t counts[3];
-    int k;
-    counts[0] = itn__vertex_count(builder), counts[1] = itn__texcoord_count(builder);
-    counts[2] = normals;
-    for (k = 0; k < 3; k++) {
-        if (k > 0 && text->at < end && *text->at++ != '/') return 0;
-        if (text->at == end || (k == 1 && *text->at == '/')) continue;
-        index[k] = itn__obj_index(text, end, counts[k]);
-        if (index[k] < 0) return 0;
+    text->at = end;
+    if (valid && at == end && index[0] != SIZE_MAX) {
+        itn__add_corner(b, index[0], index[1]);
+        return;
     }
-    if (text->at != end || index[0] < 0) return 0;
-    itn__add_corner(builder, (size_t)index[0], index[1]);
-    return 1;
+    itn__text_fail(text, ITN_ERROR_FORMAT,
+                   "face corner '%.*s' is not an index above this line (%.0f vertices, "
+                   "%.0f texture coordinates, %.0f normals)", end - word > 40 ? 40
+                   : (int)(end - word), word, (double)counts[0], (double)counts[1],
+                   (double)counts[2]);
 }
 
-static void itn__obj_face(itn__text *text, itn__builder *builder, size_t normals) {
-    const char *fault;
-    builder->corners.size = 0;
-    while (!itn__line_done(text)) {
-        const char *word = text->at;
-        int length = itn__word_length(text);
-        if (!itn__obj_corner(text, builder, normals))
-            itn__text_fail(text, ITN_ERROR_FORMAT,
-                           "face corner '%.*s' is not an index above this line (%.0f vertices, "
-                           "%.0f texture coordinates, %.0f normals)", length > 40 ? 40 : length,
-                           word, (double)itn__vertex_count(builder),
-                           (double)itn__texcoord_count(builder), (double)normals);
-    }
-    fault = itn__add_polygon(builder);
-    if (fault) itn__text_fail(text, itn__mesh_fault(fault), "%s", fault);
-}
-
-static itn_result itn__obj_decode(itn__text text, itn__builder *builder) {
-    size_t normals = 0;
-    for (; text.at < text.end; itn__next_line(&text)) {
+static void itn__obj_decode(itn__text *text, itn__builder *b) {
+    static const char *const keywords[] = {"v", "vt", "vn", "f"};
+    size_t counts[3] = {0, 0, 0}; /* of vertices, texture coordinates and normals */
+    for (; text->at < text->end; itn__next_line(text)) {
         float numbers[3] = {0, 0, 0};
-        if (itn__line_done(&text)) continue;
-        if (itn__accept_word(&text, "v")) {
-            itn__obj_numbers(&text, 3, 3, numbers, "vertex");
-            itn__put(&builder->positions, numbers, sizeof numbers);
-        } else if (itn__accept_word(&text, "vt")) {
-            itn__obj_numbers(&text, 1, 2, numbers, "texture coordinate");
-            itn__put(&builder->texcoords, numbers, 2 * sizeof(float));
-        } else if (itn__accept_word(&text, "vn")) {
-            normals++; /* counted for the corners that name them, no more */
-        } else if (itn__accept_word(&text, "f")) {
-            itn__obj_face(&text, builder, normals);
+        int keyword = itn__accept(text, keywords, 4), k;
+        if (keyword == 0) {
+            for (k = 0; k < 3; k++) numbers[k] = (float)itn__take_finite(text, "vertex");
+            itn__put(&b->positions, numbers, 12);
+        } else if (keyword == 1) {
+            for (k = 0; k < 2 && (k < 1 || !itn__line_done(text)); k++)
+                numbers[k] = (float)itn__take_finite(text, "texture coordinate");
+            itn__put(&b->texcoords, numbers, 8);
+        } else if (keyword == 3) {
+            b->corners.size = 0;
+            while (!itn__line_done(text)) itn__obj_corner(text, b, counts);
+            itn__add_polygon(b, text);
         }
+        counts[0] = itn__vertex_count(b), counts[1] = itn__texcoord_count(b);
+        counts[2] += keyword == 2; /* for the corners that name them, no more */
         /* the rest is let go, also where a backslash that stands alone leads to the next line; one
            that ends a word is a part of a name */
-        while (!itn__line_done(&text))
-            for (text.at++; text.at < text.end && !strchr(" \t\r\n", *text.at);) text.at++;
+        while (!itn__line_done(text))
+            for (text->at++; text->at < text->end && !strchr(" \t\r\n", *text->at);) text->at++;
     }
-    return text.result;
 }
-
-/* ---- [ply] polygon file format --------------------------------------------------------------- */
 
 /* A PLY file (G. Turk 1994) is a header of text lines that declares elements (how many of them) and
    their properties (a scalar type, or a list: a count and that many scalars), and then the elements
@@ -16051,8 +15882,8 @@ static itn_result itn__obj_decode(itn__text text, itn__builder *builder) {
    us; those without one are read over. */
 
 enum { ITN__PLY_ELEMENTS = 32, ITN__PLY_PROPERTIES = 512 };
-enum { ITN__PLY_ASCII = 1, ITN__PLY_LITTLE, ITN__PLY_BIG };
-enum { ITN__PLY_OTHER = 0, ITN__PLY_VERTEX, ITN__PLY_FACE };
+enum { ITN__PLY_ASCII, ITN__PLY_LITTLE, ITN__PLY_BIG };
+enum { ITN__PLY_ENTRY, ITN__PLY_VERTEX, ITN__PLY_FACE };
 /* Roles: x y z u v of a vertex, numbers in this order, and the lists of a face. */
 enum { ITN__PLY_U = 3, ITN__PLY_CORNERS = 5, ITN__PLY_TEXCOORDS, ITN__PLY_NONE };
 
@@ -16064,273 +15895,217 @@ typedef struct itn__ply_property {
 typedef struct itn__ply_element {
     int kind, first, end; /* of its properties */
     int has;              /* 1 << role for those that are there */
-    uint64_t count;
+    double count;
 } itn__ply_element;
 
 typedef struct itn__ply {
-    itn__text text;
+    itn__text *text;
+    itn__builder *builder;
     int format, element_count, property_count;
+    int textured; /* every vertex has texture coordinates */
     itn__ply_element elements[ITN__PLY_ELEMENTS];
     itn__ply_property properties[ITN__PLY_PROPERTIES];
-    const itn__ply_element *element; /* being read */
-    uint64_t index;                  /* of the one being read */
-    itn__builder *builder;
-    int textured; /* every vertex has texture coordinates */
 } itn__ply;
 
 static const char *const itn__ply_kinds[] = {"entry", "vertex", "face"};
 static const unsigned char itn__ply_sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
 
-/* Fails with the place and, if one is being read, the entry of the element. */
-static void itn__ply_fail(itn__ply *ply, const char *what) {
-    itn_result code = itn__mesh_fault(what);
-    if (!ply->element) itn__text_fail(&ply->text, code, "PLY %s", what);
-    else itn__text_fail(&ply->text, code, "PLY %s %.0f: %s", itn__ply_kinds[ply->element->kind],
-                        (double)ply->index, what);
-}
-
-/* Steps over the next word if it is one of these, and says which; -1 if it is none. */
-static int itn__ply_word(itn__ply *ply, const char *const *words, int count) {
-    int i = 0;
-    itn__skip_blanks(&ply->text);
-    while (i < count && !itn__accept_word(&ply->text, words[i])) i++;
-    return i < count ? i : -1;
-}
-
 /* Steps over the name of a type; returns its place in itn__ply_sizes, or -1. */
-static int itn__ply_type(itn__ply *ply) {
+static int itn__ply_type(itn__text *text) {
     static const char *const names[] = {"char",   "uchar",  "short",   "ushort", "int",   "uint",
                                         "float",  "double", "int8",    "uint8",  "int16", "uint16",
                                         "int32",  "uint32", "float32", "float64"};
-    int i = itn__ply_word(ply, names, 16);
+    int i = itn__accept(text, names, 16);
     return i < 0 ? i : i % 8;
 }
 
-/* Reads "TYPE name" or "list TYPE TYPE name". */
-static void itn__ply_property_line(itn__ply *ply) {
-    static const char *const of_vertex[] = {"x", "y", "z", "u", "v", "s", "t", "texture_u",
-                                            "texture_v"};
-    static const char *const of_face[] = {"vertex_indices", "vertex_index", "texcoord"};
-    itn__ply_element *element = ply->elements + ply->element_count - 1;
-    itn__ply_property property = {-1, -1, ITN__PLY_NONE};
-    int list = itn__accept_word(&ply->text, "list"), i;
-    if (list) property.list = itn__ply_type(ply);
-    property.type = itn__ply_type(ply);
-    if (!ply->element_count) itn__ply_fail(ply, "property stands before any element");
-    else if (ply->property_count == ITN__PLY_PROPERTIES)
-        itn__ply_fail(ply, "has more than 512 properties");
-    else if (property.type < 0 || (list && property.list < 0))
-        itn__ply_fail(ply, "property has no valid type");
-    else if (property.list >= 6) itn__ply_fail(ply, "list has a count that is no integer");
-    else if (itn__line_done(&ply->text)) itn__ply_fail(ply, "property has no name");
-    if (ply->text.result) return;
-    if (element->kind == ITN__PLY_VERTEX && !list) {
-        i = itn__ply_word(ply, of_vertex, 9);
-        if (i >= 0) property.role = i < 3 ? i : 4 - i % 2;
-    } else if (element->kind == ITN__PLY_FACE && list) {
-        i = itn__ply_word(ply, of_face, 3);
-        if (i >= 0) property.role = i < 2 ? ITN__PLY_CORNERS : ITN__PLY_TEXCOORDS;
-    }
-    if (element->has >> property.role & 1) property.role = ITN__PLY_NONE;
-    element->has |= 1 << property.role;
-    ply->properties[ply->property_count++] = property;
-    element->end = ply->property_count;
+/* Reads "TYPE name" or "list TYPE TYPE name". Returns NULL, or what is wrong. */
+static const char *itn__ply_property_line(itn__ply *ply) {
+    static const char *const list[] = {"list"};
+    static const char *const names[] = {"x", "y", "z", "u", "v", "s", "t", "texture_u", "texture_v",
+                                        "vertex_indices", "vertex_index", "texcoord"};
+    static const int roles[] = {0, 1, 2, 3, 4, 3, 4, 3, 4, ITN__PLY_CORNERS, ITN__PLY_CORNERS,
+                                ITN__PLY_TEXCOORDS};
+    itn__ply_element *element = ply->elements + ply->element_count - (ply->element_count > 0);
+    itn__ply_property *p = ply->properties + ply->property_count;
+    int is_list = itn__accept(ply->text, list, 1) == 0, i;
+    if (!ply->element_count) return "property stands before any element";
+    if (ply->property_count == ITN__PLY_PROPERTIES) return "has more than 512 properties";
+    p->list = is_list ? itn__ply_type(ply->text) : -1;
+    p->type = itn__ply_type(ply->text);
+    if (p->type < 0 || (is_list && p->list < 0)) return "property has no valid type";
+    if (p->list >= 6) return "list has a count that is no integer";
+    if (itn__line_done(ply->text)) return "property has no name";
+    i = itn__accept(ply->text, names, 12);
+    p->role = ITN__PLY_NONE;
+    if (i >= 0 && is_list == (i >= 9) && !(element->has >> roles[i] & 1) &&
+        element->kind == (is_list ? ITN__PLY_FACE : ITN__PLY_VERTEX))
+        p->role = roles[i];
+    element->has |= 1 << p->role;
+    element->end = ++ply->property_count;
+    return NULL;
 }
 
-/* Reads "name count". */
-static void itn__ply_element_line(itn__ply *ply) {
-    itn__ply_element element = ITN_ZERO;
-    double count = -1;
-    int i, length;
-    element.first = element.end = ply->property_count;
-    element.kind = itn__ply_word(ply, itn__ply_kinds + 1, 2) + 1;
-    ply->text.at += itn__word_length(&ply->text);
-    itn__skip_blanks(&ply->text);
-    length = itn__word_length(&ply->text);
-    if (itn__parse_number(ply->text.at, ply->text.at + length, &count) != ply->text.at + length ||
-        !(count >= 0 && count < 1e15 && count == floor(count)))
-        itn__ply_fail(ply, "element has no valid count");
-    else if (element.kind && count > INT_MAX) itn__ply_fail(ply, "has too many vertices or faces");
-    else element.count = (uint64_t)count;
-    for (i = 0; element.kind && i < ply->element_count; i++)
-        if (ply->elements[i].kind == element.kind) itn__ply_fail(ply, "has an element twice");
-    if (ply->element_count == ITN__PLY_ELEMENTS) itn__ply_fail(ply, "has more than 32 elements");
-    else ply->elements[ply->element_count++] = element;
+/* Reads "name count". Returns NULL, or what is wrong. */
+static const char *itn__ply_element_line(itn__ply *ply) {
+    itn__ply_element *element = ply->elements + ply->element_count;
+    int i;
+    if (ply->element_count == ITN__PLY_ELEMENTS) return "has more than 32 elements";
+    element->first = element->end = ply->property_count;
+    element->kind = itn__accept(ply->text, itn__ply_kinds + 1, 2) + 1;
+    if (!element->kind) ply->text->at += itn__word_length(ply->text);
+    element->count = itn__take_decimal(ply->text);
+    if (!(element->count >= 0 && element->count < 1e15 && element->count == floor(element->count)))
+        return "element has no valid count";
+    if (element->kind && element->count > INT_MAX) return "has too many vertices or faces";
+    for (i = 0; element->kind && i < ply->element_count; i++)
+        if (ply->elements[i].kind == element->kind) return "has an element twice";
+    ply->element_count++;
+    return NULL;
 }
 
 /* Vertices must have positions, faces corners, and vertices come first. */
-static void itn__ply_header_check(itn__ply *ply) {
+static const char *itn__ply_unsupported(const itn__ply *ply) {
     int i, vertices = 0, faces = 0;
-    const char *fault = NULL;
     for (i = 0; i < ply->element_count; i++) {
         const itn__ply_element *element = ply->elements + i;
         if (element->kind == ITN__PLY_FACE) faces = element->has >> ITN__PLY_CORNERS & 1;
-        if (element->kind == ITN__PLY_VERTEX && faces) fault = "faces stand before the vertices";
+        if (element->kind == ITN__PLY_VERTEX && faces) return "faces stand before the vertices";
         if (element->kind == ITN__PLY_VERTEX) vertices = (element->has & 7) == 7;
     }
-    if (!vertices) fault = "has no vertex with x, y, z";
-    else if (!faces) fault = "has no face with a list vertex_indices";
-    if (!ply->format) itn__ply_fail(ply, "header has no format");
-    else if (fault) itn__text_fail(&ply->text, ITN_ERROR_UNSUPPORTED, "PLY %s", fault);
+    if (!vertices) return "has no vertex with x, y, z";
+    return faces ? NULL : "has no face with a list vertex_indices";
 }
 
 static void itn__ply_header(itn__ply *ply) {
     static const char *const keywords[] = {"end_header", "comment", "obj_info",
                                            "format",     "element", "property"};
     static const char *const formats[] = {"ascii", "binary_little_endian", "binary_big_endian"};
-    itn__text *text = &ply->text;
+    static const char *const version[] = {"1.0"};
+    itn__text *text = ply->text;
+    const char *fault = NULL;
     int keyword = -1, lone_return;
+    ply->format = -1;
     itn__skip_blanks(text);
     /* "ply" ends in CR LF or LF or CR; in CR, a CR LF at the end is a line end and a datum */
     lone_return = text->end - text->at > 1 && text->at[0] == '\r' && text->at[1] != '\n';
-    while (keyword != 0 && !text->result) {
+    while (keyword != 0 && !fault) {
         itn__next_line(text);
-        keyword = itn__ply_word(ply, keywords, 6);
+        keyword = itn__accept(text, keywords, 6);
         itn__skip_blanks(text);
-        if (text->at == text->end) itn__ply_fail(ply, "header has no end");
-        else if (keyword == 5) itn__ply_property_line(ply);
-        else if (keyword == 4) itn__ply_element_line(ply);
+        if (text->at == text->end) fault = "header has no end";
+        else if (keyword == 5) fault = itn__ply_property_line(ply);
+        else if (keyword == 4) fault = itn__ply_element_line(ply);
         else if (keyword == 3) {
-            ply->format = itn__ply_word(ply, formats, 3) + 1;
-            itn__skip_blanks(text);
-            if (!ply->format || !itn__accept_word(text, "1.0"))
-                itn__ply_fail(ply, "has an unknown format");
-        } else if (keyword < 0 && !itn__newline(text->at, text->end))
-            itn__ply_fail(ply, "header has an unknown keyword");
-        else if (keyword == 0 && !itn__newline(text->at, text->end))
-            itn__ply_fail(ply, "header has no end");
+            ply->format = itn__accept(text, formats, 3);
+            if (ply->format < 0 || itn__accept(text, version, 1)) fault = "has an unknown format";
+        } else if (keyword <= 0 && !itn__newline(text->at, text->end))
+            fault = keyword ? "header has an unknown keyword" : "header has no end";
     }
-    itn__ply_header_check(ply);
+    if (!fault && ply->format < 0) fault = "header has no format";
+    if (fault) itn__text_fail(text, ITN_ERROR_FORMAT, "PLY %s", fault);
+    fault = itn__ply_unsupported(ply);
+    if (fault) itn__text_fail(text, ITN_ERROR_UNSUPPORTED, "PLY %s", fault);
     if (text->result) return;
     /* what follows may be binary, and look like anything */
     text->at += lone_return ? 1 : itn__newline(text->at, text->end);
     text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
 }
 
-/* Reads a number of any type and steps behind it; NaN if the text is none. */
+/* Reads a number of any type; NaN if the text is none. */
 static double itn__ply_value(itn__ply *ply, int type) {
-    size_t size = itn__ply_sizes[type], i;
-    const unsigned char *bytes = NULL;
-    double value = (double)NAN;
-    uint64_t bits = 0;
-    uint32_t half;
-    float number;
+    size_t size = itn__ply_sizes[type];
+    uint64_t bits;
+    double value;
     if (ply->format == ITN__PLY_ASCII) {
-        itn__skip_space(&ply->text);
-        size = (size_t)itn__word_length(&ply->text);
+        itn__skip_space(ply->text);
+        if (ply->text->at == ply->text->end) itn__take_bytes(ply->text, 1); /* data ends early */
+        return itn__take_decimal(ply->text);
     }
-    if (size) bytes = itn__take_bytes(&ply->text, size);
-    if (!bytes) itn__ply_fail(ply, "data ends early");
-    if (!bytes) return value;
-    if (ply->format == ITN__PLY_ASCII) {
-        if (itn__parse_number((const char *)bytes, ply->text.at, &value) != ply->text.at)
-            value = (double)NAN;
-        return value;
-    }
-    for (i = 0; i < size; i++)
-        bits = bits << 8 | bytes[ply->format == ITN__PLY_BIG ? i : size - 1 - i];
+    bits = itn__take_number(ply->text, size, ply->format == ITN__PLY_BIG);
     value = (double)bits;
     if (type < 6 && type % 2 == 0 && bits >> (8 * size - 1)) value -= ldexp(1, 8 * (int)size);
-    if (type < 6) return value; /* those of even places are signed */
-    memcpy(&value, &bits, 8);
-    half = (uint32_t)bits;
-    memcpy(&number, &half, 4);
-    return size == 8 ? value : (double)number;
+    if (type == 6) value = (double)itn__float_of((uint32_t)bits);
+    if (type == 7) memcpy(&value, &bits, 8);
+    return value; /* integer types of even places are signed */
 }
 
 /* Takes a value for its role; vertex: x y z u v of the one being read. */
 static void itn__ply_take(itn__ply *ply, int role, double value, float *vertex) {
-    itn__builder *builder = ply->builder;
+    itn__builder *b = ply->builder;
     float number = (float)value;
     if (role == ITN__PLY_NONE) return;
-    if (itn__builder_failed(builder)) itn__ply_fail(ply, "out of memory");
-    else if (!itn__finite(number) && role != ITN__PLY_CORNERS)
-        itn__ply_fail(ply, role < ITN__PLY_U ? "a coordinate is not a finite number"
-                                             : "a texture coordinate is not a finite number");
+    if (!itn__finite(number) && role != ITN__PLY_CORNERS)
+        itn__text_fail(ply->text, ITN_ERROR_FORMAT, "a %scoordinate is not a finite number",
+                       role < ITN__PLY_U ? "" : "texture ");
     else if (role < ITN__PLY_CORNERS) vertex[role] = number;
-    else if (role == ITN__PLY_TEXCOORDS) itn__put(&builder->texcoords, &number, sizeof number);
-    else if (value >= 0 && value < (double)itn__vertex_count(builder) && value == floor(value))
-        itn__add_corner(builder, (size_t)value, ply->textured ? (int64_t)value : -1);
-    else itn__ply_fail(ply, "names a vertex that does not exist");
+    else if (role == ITN__PLY_TEXCOORDS) itn__put(&b->texcoords, &number, 4);
+    else if (value >= 0 && value < (double)itn__vertex_count(b) && value == floor(value))
+        itn__add_corner(b, (size_t)value, ply->textured ? (size_t)value : SIZE_MAX);
+    else itn__text_fail(ply->text, ITN_ERROR_FORMAT, "names a vertex that does not exist");
 }
 
-/* Turns what was read of a face into triangles; its own texture coordinates, if any, stand behind
-   those of the vertices and count more. */
-static void itn__ply_face(itn__ply *ply, size_t of_vertices) {
-    itn__builder *builder = ply->builder;
-    size_t corners = builder->corners.size / sizeof(itn__corner), i;
-    size_t size = builder->texcoords.size - of_vertices;
-    itn__corner *corner = itn__corner_list(builder);
-    const char *fault = NULL;
-    builder->texcoords.size = of_vertices;
-    if (size && size != corners * sizeof corner->uv)
-        fault = "has not two texture coordinates per corner";
-    for (i = 0; !fault && size && i < corners; i++, of_vertices += sizeof corner->uv) {
-        memcpy(corner[i].uv, builder->texcoords.bytes + of_vertices, sizeof corner->uv);
-        corner[i].textured = 1;
-    }
-    if (!fault) fault = itn__add_polygon(builder);
-    if (fault) itn__ply_fail(ply, fault);
-}
-
-/* Reads one entry of the element at hand: of each property one number, or as many as the list has.
-   Every step takes bytes, so that a count that lies ends with them. */
-static void itn__ply_entry(itn__ply *ply) {
-    const itn__ply_element *element = ply->element;
-    size_t of_vertices = ply->builder->texcoords.size;
+/* Reads one entry of an element: of each property one number, or as many as the list has. Every
+   step takes bytes, so that a count that lies ends with them. A face's own texture coordinates
+   count more than its vertices'. */
+static void itn__ply_entry(itn__ply *ply, const itn__ply_element *element) {
+    itn__builder *b = ply->builder;
+    size_t texcoords = itn__texcoord_count(b), own, i;
     float vertex[5] = {0, 0, 0, 0, 0};
-    int i;
-    ply->builder->corners.size = 0;
-    for (i = element->first; i < element->end; i++) {
-        const itn__ply_property *property = ply->properties + i;
+    int k;
+    b->corners.size = 0;
+    for (k = element->first; k < element->end; k++) {
+        const itn__ply_property *property = ply->properties + k;
         double count = property->list >= 0 ? itn__ply_value(ply, property->list) : 1;
-        if (!(count >= 0 && count == floor(count))) itn__ply_fail(ply, "list has no valid count");
-        for (; count > 0 && !ply->text.result; count--)
+        if (!(count >= 0 && count == floor(count)))
+            itn__text_fail(ply->text, ITN_ERROR_FORMAT, "list has no valid count");
+        for (; count > 0 && !ply->text->result; count--)
             itn__ply_take(ply, property->role, itn__ply_value(ply, property->type), vertex);
     }
-    if (ply->text.result) return;
-    if (element->kind == ITN__PLY_FACE) itn__ply_face(ply, of_vertices);
-    if (element->kind != ITN__PLY_VERTEX) return;
-    itn__put(&ply->builder->positions, vertex, 3 * sizeof(float));
-    if (ply->textured) itn__put(&ply->builder->texcoords, vertex + 3, 2 * sizeof(float));
-}
-
-/* Reads all entries of an element, after checking that the file can hold that many. */
-static void itn__ply_read_element(itn__ply *ply) {
-    const itn__ply_element *element = ply->element;
-    size_t least = 0, left = (size_t)(ply->text.end - ply->text.at);
-    int i;
-    for (i = element->first; i < element->end; i++) {
-        const itn__ply_property *property = ply->properties + i;
-        least += ply->format == ITN__PLY_ASCII
-                     ? 2
-                     : itn__ply_sizes[property->list >= 0 ? property->list : property->type];
+    if (element->kind == ITN__PLY_VERTEX) {
+        itn__put(&b->positions, vertex, 12);
+        if (ply->textured) itn__put(&b->texcoords, vertex + 3, 8);
+    } else if (element->kind == ITN__PLY_FACE) {
+        own = b->texcoords.size - 8 * texcoords;
+        if (own && own != 8 * itn__corner_count(b))
+            itn__text_fail(ply->text, ITN_ERROR_FORMAT,
+                           "has not two texture coordinates per corner");
+        for (i = 0; i < own / 8 && !ply->text->result; i++)
+            itn__corner_at(b, (int)i)->texture = texcoords + i;
+        itn__add_polygon(b, ply->text);
     }
-    if (!least) return;
-    if (element->kind == ITN__PLY_VERTEX)
-        ply->textured = (element->has >> ITN__PLY_U & 3) == 3;
-    ply->index = 0;
-    if (element->count > (left + 1) / least) itn__ply_fail(ply, "count is larger than the file");
-    for (; ply->index < element->count && !ply->text.result; ply->index++) itn__ply_entry(ply);
 }
 
-static itn_result itn__ply_decode(itn__text text, itn__builder *builder) {
+/* Reads all elements, of each after checking that the file can hold so many. */
+static void itn__ply_decode(itn__text *text, itn__builder *builder) {
     itn__ply ply = ITN_ZERO;
-    int i;
-    ply.text = text;
-    ply.builder = builder;
+    int i, k;
+    ply.text = text, ply.builder = builder;
     itn__ply_header(&ply);
-    for (i = 0; i < ply.element_count && !ply.text.result; i++) {
-        ply.element = ply.elements + i;
-        itn__ply_read_element(&ply);
+    for (i = 0; i < ply.element_count && !text->result; i++) {
+        const itn__ply_element *element = ply.elements + i;
+        size_t least = 0;
+        for (k = element->first; k < element->end; k++) {
+            const itn__ply_property *property = ply.properties + k;
+            least += ply.format == ITN__PLY_ASCII
+                         ? 2
+                         : itn__ply_sizes[property->list >= 0 ? property->list : property->type];
+        }
+        text->part = itn__ply_kinds[element->kind], text->number = 0;
+        if (element->count * (double)least > (double)(text->end - text->at) + 1)
+            itn__text_fail(text, ITN_ERROR_FORMAT, "count is larger than the file");
+        if (element->kind == ITN__PLY_VERTEX)
+            ply.textured = (element->has >> ITN__PLY_U & 3) == 3;
+        for (; least && text->number < element->count && !text->result; text->number++)
+            itn__ply_entry(&ply, element);
     }
-    return ply.text.result;
 }
 
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
                                         const itn_context *context, itn_mesh *mesh,
                                         itn_error *error) {
-    itn__builder builder = ITN_ZERO;
+    static const char *const ply[] = {"ply"};
+    itn__builder b = ITN_ZERO;
     itn_context checked;
     itn__text text;
     itn_mesh made;
@@ -16339,19 +16114,17 @@ ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const ch
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_from_memory: NULL argument");
     result = itn__context_check(context, &checked, error);
     if (result) return result;
-    builder.positions.context = builder.texcoords.context = builder.corners.context = checked;
-    builder.points.context = builder.triangles.context = checked;
+    b.positions.context = b.texcoords.context = b.corners.context = b.triangles.context = checked;
     text = itn__text_make(bytes, size, name ? name : "mesh");
     text.error = error;
-    if (itn__accept_word(&text, "ply") && text.at < text.end)
-        result = itn__ply_decode(text, &builder);
-    else
-        result = itn__obj_decode(text, &builder);
-    if (itn__builder_failed(&builder))
+    if (itn__accept(&text, ply, 1) == 0 && text.at < text.end) itn__ply_decode(&text, &b);
+    else itn__obj_decode(&text, &b);
+    result = text.result;
+    if (b.positions.failed || b.texcoords.failed || b.corners.failed || b.triangles.failed)
         result = itn__fail(error, ITN_ERROR_MEMORY, 0, "%s: out of memory for a mesh", text.name);
-    else if (!result)
-        result = itn__builder_mesh(&builder, text.name, &checked, &made, error);
-    itn__builder_free(&builder);
+    else if (!result) result = itn__builder_mesh(&b, text.name, &checked, &made, error);
+    itn__buffer_free(&b.positions), itn__buffer_free(&b.texcoords);
+    itn__buffer_free(&b.corners), itn__buffer_free(&b.triangles);
     if (!result) *mesh = made;
     return result;
 }
@@ -16363,8 +16136,7 @@ ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, i
     itn__buffer file = ITN_ZERO;
     itn_result result = itn__context_check(context, &file.context, error);
     if (!result) result = itn__read_file(path, SIZE_MAX / 4, &file, error);
-    if (result) return result;
-    result = itn_mesh_from_memory(file.bytes, file.size, path, context, mesh, error);
+    if (!result) result = itn_mesh_from_memory(file.bytes, file.size, path, context, mesh, error);
     itn__buffer_free(&file);
     return result;
 }
@@ -16372,36 +16144,35 @@ ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, i
 ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
     char header[400];
-    size_t vertices, triangles, i, k, wrong = 0;
+    size_t i, k, wrong = 0;
     itn_result result;
     if (!mesh || mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions ||
         !mesh->triangles)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a mesh: it has no triangles");
     result = itn__context_check(&mesh->context, &buffer.context, error);
     if (result) return result;
-    vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
     itn__print(header, sizeof header,
                "ply\nformat binary_little_endian 1.0\nelement vertex %d\n"
                "property float x\nproperty float y\nproperty float z\nelement face %d\n"
                "property list uchar int vertex_indices\n%send_header\n",
                mesh->vertex_count, mesh->triangle_count,
                mesh->uvs ? "property list uchar float texcoord\n" : "");
-    itn__put_text(&buffer, header);
-    for (i = 0; i < 3 * vertices; i++) {
+    itn__put(&buffer, header, strlen(header));
+    for (i = 0; i < 3 * (size_t)mesh->vertex_count; i++) {
         wrong += !itn__finite(mesh->positions[i]);
         itn__put_float(&buffer, mesh->positions[i]);
     }
-    for (i = 0; i < triangles; i++) {
-        itn__put_u8(&buffer, 3);
-        for (k = 0; k < 3; k++) {
-            wrong += mesh->triangles[3 * i + k] < 0 ||
-                     mesh->triangles[3 * i + k] >= mesh->vertex_count;
-            itn__put_u32(&buffer, (uint32_t)mesh->triangles[3 * i + k]);
+    for (i = 0; i < (size_t)mesh->triangle_count; i++) {
+        itn__put_number(&buffer, 3, 1, 0);
+        for (k = 3 * i; k < 3 * i + 3; k++) {
+            wrong += mesh->triangles[k] < 0 || mesh->triangles[k] >= mesh->vertex_count;
+            itn__put_number(&buffer, (uint32_t)mesh->triangles[k], 4, 0);
         }
-        if (mesh->uvs) itn__put_u8(&buffer, 6);
-        for (k = 0; mesh->uvs && k < 6; k++) {
-            wrong += !itn__finite(mesh->uvs[6 * i + k]);
-            itn__put_float(&buffer, mesh->uvs[6 * i + k]);
+        if (!mesh->uvs) continue;
+        itn__put_number(&buffer, 6, 1, 0);
+        for (k = 6 * i; k < 6 * i + 6; k++) {
+            wrong += !itn__finite(mesh->uvs[k]);
+            itn__put_float(&buffer, mesh->uvs[k]);
         }
     }
     if (!wrong) return itn__write_buffer(path, &buffer, error);
@@ -16428,14 +16199,9 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
    Integers have 32 bits where not stated. The checksum is FNV-1a (Fowler, Noll and Vo): each step
    h <- (h ^ byte) prime can be undone, so any one changed byte changes the result. */
 
-enum {
-    ITN__WEIGHTS_VERSION = 1,
-    ITN__WEIGHTS_HEADER = 56,
-    ITN__WEIGHTS_FRAME = ITN__WEIGHTS_HEADER + 8 /* header and checksum */
-};
-
 #define ITN__WEIGHTS_MAGIC "ITN-NET\n"
 #define ITN__WEIGHTS_LIMIT ((size_t)0x7fffffff) /* bytes of a file */
+enum { ITN__WEIGHTS_FRAME = 56 + 8 /* header and checksum */ };
 
 static uint64_t itn__fnv1a(const unsigned char *bytes, size_t size) {
     uint64_t hash = 0xcbf29ce484222325ull;
@@ -16444,59 +16210,58 @@ static uint64_t itn__fnv1a(const unsigned char *bytes, size_t size) {
     return hash;
 }
 
-/* Checks a file's bytes but for the values, which need a network: reads the sizes of one. */
-static itn_result itn__weights_header(const unsigned char *bytes, size_t size, const char *name,
-                                      itn_net *shape, size_t *arrays, itn_error *error) {
+/* Checks the bytes but for the values, which need a network: reads the sizes of one. */
+static itn_result itn__weights_header(itn__text *text, itn_net *shape, size_t *arrays) {
+    const unsigned char *bytes = (const unsigned char *)text->start;
+    size_t size = (size_t)(text->end - text->start), values;
     itn_net_desc desc = ITN_ZERO;
     uint64_t count;
+    uint32_t version;
     int *fields[7], given = 1, k;
     if (size < 16 || memcmp(bytes, ITN__WEIGHTS_MAGIC, 8))
-        return itn__fail(error, ITN_ERROR_FORMAT, 0,
-                         "%s: not a network file (these begin with ITN-NET)", name);
-    if (itn__get_u32(bytes + 8) != ITN__WEIGHTS_VERSION)
-        return itn__fail(error, ITN_ERROR_FORMAT, 0,
-                         "%s: file version %.0f, this build reads version %d", name,
-                         (double)itn__get_u32(bytes + 8), ITN__WEIGHTS_VERSION);
-    *arrays = itn__get_u32(bytes + 12);
-    count = size < ITN__WEIGHTS_FRAME ? 0 : itn__get_u64(bytes + 40);
-    if (count == 0 || (*arrays != 1 && *arrays != 3) ||
-        count != (size - ITN__WEIGHTS_FRAME) / 4 / *arrays ||
-        size != ITN__WEIGHTS_FRAME + 4 * *arrays * (size_t)count)
-        return itn__fail(error, ITN_ERROR_FORMAT, 0,
-                         "%s: %.0f bytes are not what its header promises: cut off or damaged",
-                         name, (double)size);
-    if (itn__get_u64(bytes + size - 8) != itn__fnv1a(bytes, size - 8))
-        return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: damaged: the checksum does not match",
-                         name);
-    memset(shape, 0, sizeof *shape);
-    shape->steps = itn__get_u64(bytes + 48);
-    if (shape->steps >> 53)
-        return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: nobody takes %.0f steps", name,
-                         (double)shape->steps);
+        return itn__text_fail(text, ITN_ERROR_FORMAT,
+                              "not a network file (these begin with ITN-NET)");
+    text->at = text->start + 8;
+    version = itn__take_u32(text);
+    if (version != 1)
+        return itn__text_fail(text, ITN_ERROR_FORMAT,
+                              "file version %.0f, this build reads version 1", (double)version);
+    *arrays = itn__take_u32(text);
     itn__net_fields(&desc, fields);
-    for (k = 0; k < 6; k++) given &= (*fields[k] = itn__get_i32(bytes + 16 + 4 * k)) != 0;
+    for (k = 0; k < 6; k++) given &= (*fields[k] = (int32_t)itn__take_u32(text)) != 0;
+    count = itn__take_number(text, 8, 0), shape->steps = itn__take_number(text, 8, 0);
+    values = size < ITN__WEIGHTS_FRAME ? 0 : (size - ITN__WEIGHTS_FRAME) / 4;
+    if ((*arrays != 1 && *arrays != 3) || count == 0 || count != values / *arrays ||
+        size != ITN__WEIGHTS_FRAME + 4 * *arrays * (size_t)count)
+        return itn__text_fail(text, ITN_ERROR_FORMAT,
+                              "cut off or damaged: %.0f bytes are not what the header promises",
+                              (double)size);
+    if (itn__from_bytes(bytes + size - 8, 8, 0) != itn__fnv1a(bytes, size - 8))
+        return itn__text_fail(text, ITN_ERROR_FORMAT, "damaged: the checksum does not match");
+    if (shape->steps >> 53)
+        return itn__text_fail(text, ITN_ERROR_FORMAT, "nobody takes %.0f steps",
+                              (double)shape->steps);
     desc.batch = 1; /* any batch may have written it */
-    if (!given || itn__net_desc_fill(&desc, &shape->desc, NULL) != ITN_OK ||
-        !itn__net_sizes(shape) || shape->count != count)
-        return itn__fail(error, ITN_ERROR_FORMAT, 0,
-                         "%s: its shape (%dx%d, %d channels, %d layers from %d channels, %d "
-                         "outputs) is not valid or does not have %.0f parameters", name,
-                         desc.width, desc.height, desc.channels, desc.layer_count,
-                         desc.first_channels, desc.outputs, (double)count);
+    if (!given || itn__net_desc_fill(&desc, &shape->desc, NULL) || !itn__net_sizes(shape) ||
+        shape->count != count)
+        return itn__text_fail(text, ITN_ERROR_FORMAT,
+                              "the shape (%dx%d, %d channels, %d layers from %d channels, %d "
+                              "outputs) is not valid or does not have %.0f parameters",
+                              desc.width, desc.height, desc.channels, desc.layer_count,
+                              desc.first_channels, desc.outputs, (double)count);
     return ITN_OK;
 }
 
 /* The floats must be finite, and the second moments, means of squares, not negative. */
-static itn_result itn__weights_values(itn_net *net, const unsigned char *bytes, size_t arrays,
-                                      const char *name, itn_error *error) {
+static itn_result itn__weights_values(itn__text *text, itn_net *net, size_t arrays) {
     size_t k, count = net->count;
     for (k = 0; k < arrays * count; k++) {
-        float value = net->parameters[k] = itn__get_float(bytes + 4 * k);
+        float value = net->parameters[k] = itn__float_of(itn__take_u32(text));
         if (!itn__finite((double)value) || (k >= 2 * count && value < 0))
-            return itn__fail(error, ITN_ERROR_FORMAT, 0,
-                             "%s: %s %.0f is %g: it was written by a training run gone wrong",
-                             name, k < count ? "weight" : "Adam moment of weight",
-                             (double)(k % count), (double)value);
+            return itn__text_fail(text, ITN_ERROR_FORMAT,
+                                  "%s %.0f is %g: written by a training run gone wrong",
+                                  k < count ? "weight" : "Adam moment of weight",
+                                  (double)(k % count), (double)value);
     }
     return ITN_OK;
 }
@@ -16504,20 +16269,20 @@ static itn_result itn__weights_values(itn_net *net, const unsigned char *bytes, 
 ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char *name, int batch,
                                        const itn_context *context, itn_net **net,
                                        itn_error *error) {
-    const unsigned char *bytes = (const unsigned char *)data;
     itn_net shape, *made = NULL;
+    itn__text text;
     itn_result result;
     size_t arrays = 0;
-    if (!bytes || !net)
+    if (!data || !net)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_from_memory: a pointer is NULL");
-    if (!name) name = "network";
-    result = itn__weights_header(bytes, size, name, &shape, &arrays, error);
-    if (result != ITN_OK) return result;
+    memset(&shape, 0, sizeof shape);
+    text = itn__text_make(data, size, name ? name : "network");
+    text.error = error, text.line = 0;
+    result = itn__weights_header(&text, &shape, &arrays);
     shape.desc.batch = batch;
-    result = itn__net_make(&shape.desc, context, &made, error);
-    if (result == ITN_OK)
-        result = itn__weights_values(made, bytes + ITN__WEIGHTS_HEADER, arrays, name, error);
-    if (result == ITN_OK) made->steps = arrays == 3 ? shape.steps : 0, *net = made;
+    if (!result) result = itn__net_make(&shape.desc, context, &made, error);
+    if (!result) result = itn__weights_values(&text, made, arrays);
+    if (!result) made->steps = arrays == 3 ? shape.steps : 0, *net = made;
     else itn_net_free(made);
     return result;
 }
@@ -16541,27 +16306,25 @@ ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weight
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "%s: not written, because a weight or Adam moment is not finite", path);
     buffer.context = net->context, desc = net->desc;
-    itn__buffer_reserve(&buffer, ITN__WEIGHTS_FRAME + 4 * values);
-    itn__put_text(&buffer, ITN__WEIGHTS_MAGIC);
-    itn__put_u32(&buffer, ITN__WEIGHTS_VERSION);
-    itn__put_u32(&buffer, (uint32_t)arrays);
+    itn__put(&buffer, ITN__WEIGHTS_MAGIC, 8);
+    itn__put_number(&buffer, 1 | (uint64_t)arrays << 32, 8, 0);
     itn__net_fields(&desc, fields);
-    for (k = 0; k < 6; k++) itn__put_u32(&buffer, (uint32_t)*fields[k]);
-    itn__put_u64(&buffer, net->count);
-    itn__put_u64(&buffer, weights_only ? 0 : net->steps);
+    for (k = 0; k < 6; k++) itn__put_number(&buffer, (uint32_t)*fields[k], 4, 0);
+    itn__put_number(&buffer, net->count, 8, 0);
+    itn__put_number(&buffer, weights_only ? 0 : net->steps, 8, 0);
     for (k = 0; k < values; k++) itn__put_float(&buffer, net->parameters[k]);
-    itn__put_u64(&buffer, itn__fnv1a(buffer.bytes, buffer.size));
+    itn__put_number(&buffer, itn__fnv1a(buffer.bytes, buffer.size), 8, 0);
     return itn__write_buffer(path, &buffer, error);
 }
 
 ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
                                 itn_net **net, itn_error *error) {
-    itn__buffer buffer = ITN_ZERO;
-    itn_result result = itn__context_check(context, &buffer.context, error);
-    if (result == ITN_OK) result = itn__read_file(path, ITN__WEIGHTS_LIMIT, &buffer, error);
-    if (result != ITN_OK) return result;
-    result = itn_net_from_memory(buffer.bytes, buffer.size, path, batch, context, net, error);
-    itn__buffer_free(&buffer);
+    itn__buffer file = ITN_ZERO;
+    itn_result result = itn__context_check(context, &file.context, error);
+    if (!result) result = itn__read_file(path, ITN__WEIGHTS_LIMIT, &file, error);
+    if (!result)
+        result = itn_net_from_memory(file.bytes, file.size, path, batch, context, net, error);
+    itn__buffer_free(&file);
     return result;
 }
 
@@ -16571,7 +16334,7 @@ ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error
     int *own[7], *given[7], k, same = 1;
     if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_load: net is NULL");
     result = itn_net_open(path, 1, &net->context, &read, error);
-    if (result != ITN_OK) return result;
+    if (result) return result;
     itn__net_fields(&net->desc, own), itn__net_fields(&read->desc, given);
     for (k = 0; k < 6; k++) same &= *own[k] == *given[k];
     if (same) {
@@ -16629,7 +16392,7 @@ static itn_result itn__reader_open(itn__reader *r, const void *bytes, size_t siz
                                    itn_error *error) {
     memset(r, 0, sizeof *r);
     r->error = error, r->buffer.context = *context;
-    itn__put(&r->buffer, bytes, size), itn__put_u8(&r->buffer, 0);
+    itn__put(&r->buffer, bytes, size), itn__put(&r->buffer, "", 1);
     if (r->buffer.failed) return itn__out_of_memory(error, name);
     r->text = itn__text_make(r->buffer.bytes, size, name);
     return ITN_OK;
