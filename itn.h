@@ -75,16 +75,12 @@
        [regions]        planes with nothing on one side
        [tables]         what the fast walk knows of a scene
        [fast]           the same walk, many paths at a time
-       [scores]         what paths bring home, and its derivatives
        [value]          what a path is expected to bring home
-       [draws]          random numbers, roulette and flights of a crowd
        [safe]           flights that the tables prove free
        [exact]          flights through voxels and triangles
        [shadow]         shadow rays
        [walk]           collisions, one after the other
        [surfaces]       what flights come to
-       [outside]        outside of media, and the lights
-       [starts]         camera rays, and a crowd at work
        [picture]        who does what of a picture
        [render]         samples into images
        [gradients]      derivatives folded with weights
@@ -8144,74 +8140,77 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
      outside   the next surface outside of media
      sky       a path that leaves for the lights adds their radiance
 
-   Shadow rays have queues of their own, which are emptied after each stage ([shadow]). A path's
-   decisions depend on nothing but its random numbers ([draws]). One crowd does a unit of work from
-   start to end, always in the same order, so results have the same bits for any number of
-   threads. */
+   A path that waits is a struct, and queues are lists of them by number; the lanes of a stage are a
+   state, into which paths are read and from which they are written back. A path's decisions depend
+   on nothing but its random numbers, the functions of (seed, pixel, path, dimension) that the
+   reference uses. One crowd does a unit of work from start to end, always in the same order, so
+   results have the same bits for any number of threads. */
 
-/* A path's state, one path in each lane. */
+/* Paths in lanes. */
 typedef struct itn__state {
     itn__vectors p, d;
-    itn__floats beta[3], pdf; /* weight; density by which d was drawn. Of a shadow ray: what it
-                                 would bring, and xi c of [shadow] */
-    itn__vectors up;          /* with V ([value]): normal of the plane of the last surface, out */
-    itn__floats level;        /* of the medium, and up . p there; or of a plane adopted since; */
-    itn__floats control[3];   /* minus the sum of differences, see itn__difference */
+    itn__floats beta[3], pdf; /* weight; density by which d was drawn */
+    itn__ints key0, key1, dimension; /* of the random numbers */
+    itn__vectors up;   /* normal of the plane of the last surface, out of the medium, */
+    itn__floats level; /* and up . p there; or of a plane adopted since ([value]); */
+    itn__floats control[3];            /* minus the sum of differences, see itn__difference */
     itn__floats flights, phases, hits; /* with scores, since the last surface: sigma_t times those
-                                          of flights, those of turns by g, number of collisions; */
-    itn__floats flight_base[3], phase_base[3]; /* and what is to be taken off, see [scores] */
-    itn__ints key0, key1, dimension, slot; /* slot: of what is rarely needed, see itn__path */
+                                          of flights, those of turns by g, number of collisions, */
+    itn__floats flight_base[3], phase_base[3]; /* and what is to be taken off, see itn__book */
+    itn__ints slot; /* number of the path */
 } itn__state;
 
-/* The rows of a queue are the members of the state, said here once: what all paths have, what those
-   with V have, and what those with scores have. Rows after these belong to a stage. */
-#define ITN__PATH_ROWS(row)                                                                        \
-    row(P, p.x) row(P_Y, p.y) row(P_Z, p.z) row(D, d.x) row(D_Y, d.y) row(D_Z, d.z)                \
-    row(BETA, beta[0]) row(BETA_1, beta[1]) row(BETA_2, beta[2]) row(PDF, pdf)
-#define ITN__VALUE_ROWS(row)                                                                       \
-    row(UP, up.x) row(UP_Y, up.y) row(UP_Z, up.z) row(LEVEL, level)                                \
-    row(CONTROL, control[0]) row(CONTROL_1, control[1]) row(CONTROL_2, control[2])
-#define ITN__SCORE_ROWS(row)                                                                       \
-    row(FLIGHTS, flights) row(PHASES, phases) row(HITS, hits)                                      \
-    row(FLIGHT_BASE, flight_base[0]) row(FLIGHT_BASE_1, flight_base[1])                            \
-    row(FLIGHT_BASE_2, flight_base[2]) row(PHASE_BASE, phase_base[0])                              \
-    row(PHASE_BASE_1, phase_base[1]) row(PHASE_BASE_2, phase_base[2])
-#define ITN__INT_ROWS(row)                                                                         \
-    row(KEY, key0) row(KEY_1, key1) row(DIMENSION, dimension) row(SLOT, slot)
-#define ITN__ROW_NAME(name, member) ITN__##name,
-enum {
-    ITN__PATH_ROWS(ITN__ROW_NAME) ITN__VALUE_ROWS(ITN__ROW_NAME) ITN__SCORE_ROWS(ITN__ROW_NAME)
-    ITN__DISTANCE,             /* exact, shadow: of the flight */
-    ITN__NORMAL = ITN__DISTANCE, /* surface: 3, */
-    ITN__ETA = ITN__NORMAL + 3,  /* index beyond over index before */
-    ITN__FLOAT_ROWS
+/* A path, or a shadow ray on its way. It begins with the members of the state down to the slot, its
+   rows, so that row r of a lane is number r of all. */
+typedef struct itn__path {
+    itn_vec3 p, d;
+    float beta[3], pdf; /* of a shadow ray: what it would bring, and xi c of [shadow] */
+    int32_t key0, key1, dimension;
+    itn_vec3 up;
+    float level, control[3], flights, phases, hits, flight_base[3], phase_base[3];
+    float distance; /* of the flight drawn, or that has brought it to a collision; else -1 */
+    itn_hit hit;    /* where that ends, triangle -1: nowhere, */
+    itn__shear shear;
+    itn__event event;  /* what it meets there; */
+    float s, t, eta;   /* texture coordinates; index beyond over index before */
+    itn__place place;
+    struct itn__path *owner; /* of a shadow ray: its path; else itself */
+    float *scores;           /* [count], to its last surface */
+    int number, copies;      /* its camera ray in the unit; paths that it stands for */
+    uint32_t index, scramble; /* of Sobol points */
+    int mark;                 /* medium whose V it teaches ([value]), or 0; */
+    float mark_depth, mark_cosine, mark_weight[3]; /* where, and beta there; */
+    float brought[3];         /* what it has brought home since */
+} itn__path;
+enum { /* rows: all, those without scores, and without V */
+    ITN__ROWS = offsetof(itn__path, distance) / 4,
+    ITN__VALUE_ROWS = offsetof(itn__path, flights) / 4,
+    ITN__FEW_ROWS = offsetof(itn__path, control) / 4
 };
-enum { ITN__INT_ROWS(ITN__ROW_NAME) ITN__INT_ROW_COUNT };
-enum { ITN__CROWD = 1024, ITN__ROW = ITN__CROWD + 16 };
 
+enum { ITN__CROWD = 1024 };
 typedef struct itn__queue {
     int count;
-    float *floats; /* [ITN__FLOAT_ROWS][ITN__ROW] */
-    int32_t *ints; /* [ITN__INT_ROW_COUNT][ITN__ROW] */
+    int32_t slots[ITN__CROWD];
 } itn__queue;
 
-/* What a path has, apart from its state: its place, and where its radiance goes. */
-typedef struct itn__path {
-    itn__place place;
-    itn__event event;   /* at the surface it has met, */
-    float s, t;         /* and texture coordinates there */
-    int number, copies; /* radiance[number] ... [number + copies - 1] */
-    int mark;           /* entry of V that this path teaches ([value]), or -1; */
-    float mark_depth, mark_cosine; /* where; */
-    float mark_weight[3], mark_radiance[3]; /* beta, and what had been brought home, by then */
-} itn__path;
+/* What V knows of a medium, see [value]. */
+enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = ITN__DECAYS * ITN__ORDERS };
+typedef float itn__expansion[ITN__DECAYS][ITN__ORDERS];
+typedef struct itn__value {
+    float decay;                 /* k, per mean free path: k_i = i k, all below 1 */
+    float mean[3];               /* V as one number, */
+    itn__expansion flying[3];    /* V, */
+    itn__expansion scattered[3]; /* its mean over a new direction, */
+    float entering[3][ITN__ORDERS]; /* and V at z = 0 */
+} itn__value;
 
 /* A medium with its numbers at theta, or (index 0) all that is not a medium; and where among the
    parameters asked for they are, or -1. */
-typedef struct itn__value itn__value;
 typedef struct itn__substance {
     float sigma_t, mean_free_path, albedo[3], g;
     int slot_sigma_t, slot_albedo[3], slot_g;
+    itn__value value;
 } itn__substance;
 
 /* What all crowds of a render share. */
@@ -8223,28 +8222,26 @@ typedef struct itn__fast {
     const unsigned char *pixels; /* 1 of empty ones, see itn__mark_empty */
     itn__substance *substances;  /* [1 + medium_count] */
     int channels, walks, sobol, unsafe;
-    double samples;  /* camera rays; */
-    int spp, blocks; /* of a pixel; independent sets of them; */
+    double samples; /* camera rays; */
+    int spp, set;   /* of a pixel; of them, in each independent set */
     const itn__allotment *allotment; /* NULL: all pixels have so many, else it is the most */
     uint64_t seed;
-    float constant[3];  /* sum of the lights that are everywhere the same; */
-    int only_constant;  /* there is no other */
-    itn__place camera;  /* where it is; */
-    int outside;        /* not in a medium; */
-    int fills;          /* what its rays bring that meet nothing is known */
-    int marches;        /* rays outside of media go through the voxels too */
-    int shadows;        /* some light is sampled */
-    float shadow_cut;   /* c of [shadow] */
-    float roulette;     /* weights below this are raised to it by chance */
-    int count, planes;  /* parameters asked for; channels (1 + count) */
-    const int *slots;   /* of each parameter: its place among those asked for, or -1 */
-    const int *only;    /* of each asked for: the channel that it belongs to, or -1 for all */
-    int scales;         /* the scale of some light is asked for */
-    int scored;         /* scores are gathered */
-    int controls;       /* differences are taken off: the substance of V at boundaries; else 0 */
-    int learning;       /* V is learnt in this render, */
+    float constant[3]; /* sum of the lights that are everywhere the same; */
+    int only_constant; /* there is no other */
+    itn__place camera; /* where it is; */
+    int outside;       /* not in a medium; */
+    int fills;         /* what its rays bring that meet nothing is known */
+    int shadows;       /* some light is sampled */
+    float shadow_cut;  /* c of [shadow] */
+    float roulette;    /* weights below this are raised to it by chance */
+    int count, planes; /* parameters asked for; channels (1 + count) */
+    const int *slots;  /* of each parameter: its place among those asked for, or -1 */
+    const int *only;   /* of each asked for: the channel that it belongs to, or -1 for all */
+    int scales;        /* the scale of some light is asked for */
+    int controls;      /* differences are taken off */
+    int learning;      /* V is learnt in this render, */
     double lesson_unit; /* in multiples of this */
-    itn__value *values; /* as substances, but the first is V at faces */
+    int rows;           /* of a path that are in use */
 } itn__fast;
 
 /* Pixels and samples that a crowd works on, and where it has got to. */
@@ -8253,12 +8250,6 @@ typedef struct itn__unit {
     int first, count;          /* camera rays of each */
     int next;                  /* first that has not been started: pixel * count + ray */
 } itn__unit;
-
-/* The pixel, number y width + x of the film, that is number `cell` of a unit. */
-ITN__INLINE size_t itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int cell) {
-    return (size_t)(unit->y0 + cell / unit->width) * (size_t)scene->film.width +
-           (size_t)(unit->x0 + cell % unit->width);
-}
 
 /* Visits of flights to cells with triangles, and, as far as they matter, to packs. */
 enum { ITN__VISITS = 256, ITN__VISIT_ROW = ITN__VISITS + 16, ITN__CANDIDATES = 24 };
@@ -8269,65 +8260,44 @@ typedef struct itn__visits {
     int count;
 } itn__visits;
 typedef struct itn__tests {
-    int32_t ray[ITN__ROW], pack[ITN__ROW];
-    float enter[ITN__ROW];
+    int32_t ray[ITN__CROWD + 16], pack[ITN__CROWD + 16];
+    float enter[ITN__CROWD + 16];
     int count;
     int32_t candidate[ITN__CANDIDATES + 2 * 16]; /* see itn__test_candidates */
     int candidates;
 } itn__tests;
 
-/* A camera ray, and what it meets. */
-typedef struct itn__start {
-    itn_ray ray;
-    itn_hit hit;
-    uint64_t pixel;
-    uint32_t scramble;
-    int index;          /* its place in its scrambled set */
-    int number, sample; /* of its first path: of the unit, of the pixel */
-} itn__start;
-
-/* Shadow rays on their way: their places, and the scores of what they bring. */
-typedef struct itn__shadows {
-    itn__queue queue;
-    itn__place *places; /* [ITN__ROW] */
-    float *scores;      /* [ITN__ROW][count] */
-} itn__shadows;
-
 typedef struct itn__crowd {
     const itn__fast *fast;
     itn__unit unit;
-    itn__queue *walk, *exact; /* per substance; those of substance 0: outside, and no exact */
-    itn__queue taken, surface, sky;
-    itn__shadows inside, outside; /* shadow rays in media, and not */
-    itn__path *paths;             /* [ITN__CROWD] */
-    int32_t *free_slots, *index, *scramble; /* [ITN__CROWD]; Sobol index and seed by slot */
-    int free_count;
-    itn__place **places;          /* of the flights in `taken`, */
-    itn__shear *shears;
-    itn_hit *hits;
-    itn__start *starts; /* [ITN__CROWD] */
+    itn__path paths[ITN__CROWD], rays[ITN__CROWD]; /* and shadow rays, */
+    int ray_count;                                 /* so many */
+    int32_t unused[ITN__CROWD];                    /* numbers of paths that are */
+    int unused_count;
+    itn__queue exact, sky;
+    itn__queue *walk, *surface;    /* per substance; per surface */
+    itn__path *taken[ITN__CROWD];  /* paths or shadow rays in flight, for [flights] */
+    int taken_count;
     itn__visits visits;
     itn__tests tests;
-    float inward;    /* the flights are inside of solids: 1, or outside: -1 */
-    float *radiance; /* [planes][paths of a unit]: radiance, then derivatives [count][channels] */
+    float *radiance; /* [planes][camera rays of a unit]: radiance, then derivatives, by parameters
+                        and channels */
     int radiance_stride;
-    float *scores;   /* [ITN__CROWD][count]: of each path, to its last surface */
+    float *scores;   /* of all paths and rays */
     double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS], where V is learnt */
     double collisions;
-    void *memory;
 } itn__crowd;
 
-/* Whether paths know the plane of the surface nearby. */
-ITN__INLINE int itn__knows_plane(const itn__fast *fast) { return fast->controls || fast->learning; }
-
-/* One substance for each medium, and one for what is not a medium. */
-static int itn__substance_count(const itn_scene *scene) { return 1 + scene->medium_count; }
-
-ITN__INLINE float *itn__row(const itn__queue *queue, int row) {
-    return queue->floats + (size_t)row * ITN__ROW;
+/* The pixel, number y width + x of the film, that is number `cell` of a unit. */
+static size_t itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int cell) {
+    return (size_t)(unit->y0 + cell / unit->width) * (size_t)scene->film.width +
+           (size_t)(unit->x0 + cell % unit->width);
 }
-ITN__INLINE int32_t *itn__int_row(const itn__queue *queue, int row) {
-    return queue->ints + (size_t)row * ITN__ROW;
+
+/* Whether camera rays of the unit have not been started yet. */
+static int itn__unit_paths_left(const itn__crowd *crowd) {
+    const itn__unit *unit = &crowd->unit;
+    return unit->next < unit->width * unit->height * unit->count;
 }
 
 /* The mask of `count` lanes, or of all if there are more. */
@@ -8335,81 +8305,32 @@ ITN__INLINE itn__ints itn__first_lanes(int count) {
     return itn__int_less(itn__lane_numbers(), itn__splat_int(count));
 }
 
-/* Fills the lanes named by `bits` with items at, at + 1, ... of a queue; the others stay. */
-ITN__NOINLINE void itn__read(const itn__fast *fast, const itn__queue *queue, int at,
-                             itn__state *s, unsigned bits) {
-#define ITN__READ(name, member)                                                                    \
-    s->member = itn__expand(itn__row(queue, ITN__##name) + at, s->member, bits);
-#define ITN__READ_INTS(name, member)                                                               \
-    s->member = itn__expand_ints(itn__int_row(queue, ITN__##name) + at, s->member, bits);
-    ITN__PATH_ROWS(ITN__READ)
-    ITN__INT_ROWS(ITN__READ_INTS)
-    if (itn__knows_plane(fast)) {
-        ITN__VALUE_ROWS(ITN__READ)
+/* Fills the lanes named by `bits` with these paths; the others stay. */
+ITN__NOINLINE void itn__read(const itn__crowd *crowd, const int32_t *slots, unsigned bits,
+                             itn__state *s) {
+    int rows = crowd->fast->rows, r;
+    for (; bits; bits &= bits - 1, slots++) {
+        int k = itn__lowest_bit(bits), slot = *slots;
+        char *lane = (char *)s + 4 * k;
+        const char *path = (const char *)&crowd->paths[slot];
+        for (r = 0; r < rows; r++, lane += sizeof(itn__floats)) memcpy(lane, path + 4 * r, 4);
+        ITN__LANE(s->slot, k) = slot;
     }
-    if (fast->scored) {
-        ITN__SCORE_ROWS(ITN__READ)
-    }
-#undef ITN__READ
-#undef ITN__READ_INTS
 }
 
-/* Appends the lanes named by `bits`; rows of the queue's stage are written before. */
-ITN__NOINLINE void itn__append(const itn__fast *fast, itn__queue *queue, const itn__state *s,
-                               unsigned bits) {
-    int at = queue->count;
-#define ITN__WRITE(name, member) itn__compress(itn__row(queue, ITN__##name) + at, s->member, bits);
-#define ITN__WRITE_INTS(name, member)                                                              \
-    itn__compress_ints(itn__int_row(queue, ITN__##name) + at, s->member, bits);
-    ITN__PATH_ROWS(ITN__WRITE)
-    ITN__INT_ROWS(ITN__WRITE_INTS)
-    if (itn__knows_plane(fast)) {
-        ITN__VALUE_ROWS(ITN__WRITE)
+/* Writes the lanes named by `bits` back to their paths. */
+ITN__NOINLINE void itn__write(itn__crowd *crowd, const itn__state *s, unsigned bits) {
+    int rows = crowd->fast->rows, r;
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        const char *lane = (const char *)s + 4 * k;
+        char *path = (char *)&crowd->paths[ITN__LANE(s->slot, k)];
+        for (r = 0; r < rows; r++, lane += sizeof(itn__floats)) memcpy(path + 4 * r, lane, 4);
     }
-    if (fast->scored) {
-        ITN__SCORE_ROWS(ITN__WRITE)
-    }
-#undef ITN__WRITE
-#undef ITN__WRITE_INTS
-    queue->count += itn__count_bits(bits);
 }
 
-/* Copies item `at` of one queue to the end of another; returns its index there. */
-static int itn__move(const itn__queue *from, int at, itn__queue *to) {
-    int r;
-    for (r = 0; r < ITN__FLOAT_ROWS; r++) itn__row(to, r)[to->count] = itn__row(from, r)[at];
-    for (r = 0; r < ITN__INT_ROW_COUNT; r++)
-        itn__int_row(to, r)[to->count] = itn__int_row(from, r)[at];
-    return to->count++;
-}
-static void itn__swap_queues(itn__queue *a, itn__queue *b) {
-    itn__queue c = *a;
-    *a = *b, *b = c;
-}
-ITN__INLINE void itn__expand_vectors(const itn__queue *queue, int row, int at, itn__vectors *v,
-                                     unsigned bits) {
-    v->x = itn__expand(itn__row(queue, row) + at, v->x, bits);
-    v->y = itn__expand(itn__row(queue, row + 1) + at, v->y, bits);
-    v->z = itn__expand(itn__row(queue, row + 2) + at, v->z, bits);
-}
-ITN__INLINE void itn__push_vectors(itn__queue *queue, int row, itn__vectors v, unsigned bits) {
-    itn__compress(itn__row(queue, row) + queue->count, v.x, bits);
-    itn__compress(itn__row(queue, row + 1) + queue->count, v.y, bits);
-    itn__compress(itn__row(queue, row + 2) + queue->count, v.z, bits);
-}
-static void itn__set_vector(itn__queue *queue, int row, int at, itn_vec3 v) {
-    itn__row(queue, row)[at] = v.x, itn__row(queue, row + 1)[at] = v.y;
-    itn__row(queue, row + 2)[at] = v.z;
-}
-static itn_vec3 itn__get_vector(const itn__queue *queue, int row, int at) {
-    return itn__vec3(itn__row(queue, row)[at], itn__row(queue, row + 1)[at],
-                     itn__row(queue, row + 2)[at]);
-}
-
-/* Whether camera rays of the unit have not been started yet. */
-ITN__INLINE int itn__unit_paths_left(const itn__crowd *crowd) {
-    const itn__unit *unit = &crowd->unit;
-    return unit->next < unit->width * unit->height * unit->count;
+static void itn__enqueue(const itn__crowd *crowd, itn__queue *queue, const itn__path *path) {
+    queue->slots[queue->count++] = (int32_t)(path - crowd->paths);
 }
 
 /* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
@@ -8419,37 +8340,46 @@ static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
     return fast->substances[substance].sigma_t > 0 ? substance : 0;
 }
 
-/* ---- [scores] what paths bring home, and its derivatives ------------------------------------- */
-
-/* A choice made with a density p that depends on a parameter has the score s = d ln p; the mean of
-   s is 0 whatever has been before. So a path's derivative, L sum s for what it brings home, may be
-   replaced by
-       sum over choices of s (L - b)
-   with any b that is known before the choice: the mean stays, and the variance is least where b is
-   what the path was then expected to bring. As good as any finer guess is b = beta V with one
-   number V for each medium and channel ([value]). The bases s b are summed in lanes between
-   surfaces and booked, with the scores, at the next surface or at the end. */
-
-/* Scores of a path up to its last surface. */
-ITN__INLINE float *itn__scores_of(const itn__crowd *crowd, int slot) {
-    return crowd->scores + (size_t)slot * (size_t)crowd->fast->count;
+/* Sends a path to its next flight. */
+static void itn__depart(itn__crowd *crowd, itn__path *path) {
+    path->distance = -1;
+    itn__enqueue(crowd, &crowd->walk[itn__substance_of(crowd->fast, &path->place)], path);
 }
 
-/* What path `number` has brought home: plane 0 and on are radiance, by channels, then derivatives,
-   by parameters and channels. */
-ITN__INLINE float *itn__sum_of(const itn__crowd *crowd, int plane, int number) {
-    return crowd->radiance + (size_t)plane * (size_t)crowd->radiance_stride + (size_t)number;
-}
+/* With ITN_SAMPLER_SOBOL the first eight random numbers come from the dimensions 0 to 7 of a
+   scrambled Sobol sequence: the place in the pixel (0 and 1), and draws 2 to 7 of a path, at its
+   first boundary and first collision. */
+enum { ITN__EARLY = 8 };
 
-/* Adds to path `number` what it, with these scores, brings home in channel c. */
-static void itn__bring_home(itn__crowd *crowd, int number, const float *scores, int c,
-                            float value) {
-    const itn__fast *fast = crowd->fast;
+/* Puts Sobol numbers in the place of u where the draw just made (dimension - 1) is an early one. */
+ITN__NOINLINE void itn__early_draws(const itn__crowd *crowd, const itn__state *s, itn__ints mask,
+                                    itn__floats *u) {
+    itn__words index = itn__splat_word(0), scramble = index;
+    unsigned bits = itn__mask_bits(mask);
     int k;
-    *itn__sum_of(crowd, c, number) += value;
-    for (k = 0; k < fast->count; k++)
-        if (fast->only[k] < 0 || fast->only[k] == c)
-            *itn__sum_of(crowd, fast->channels * (1 + k) + c, number) += value * scores[k];
+    for (; bits; bits &= bits - 1) {
+        const itn__path *path;
+        k = itn__lowest_bit(bits), path = &crowd->paths[ITN__LANE(s->slot, k)];
+        ITN__LANE(index, k) = path->index, ITN__LANE(scramble, k) = path->scramble;
+    }
+    for (k = 2; k < ITN__EARLY; k++) {
+        itn__ints here = mask & itn__int_equal(s->dimension, itn__splat_int(k + 1));
+        if (itn__mask_bits(here)) *u = itn__select(here, itn__sobol(index, k, scramble), *u);
+    }
+}
+ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
+    itn__floats u = itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &s->dimension,
+                                  mask);
+    if (crowd->fast->sobol) {
+        itn__ints here = mask & itn__int_less(s->dimension, itn__splat_int(ITN__EARLY + 1));
+        if (itn__mask_bits(here)) itn__early_draws(crowd, s, here, &u);
+    }
+    return u;
+}
+
+/* What the paths of a camera ray have brought home in a plane. */
+static float *itn__sum_of(const itn__crowd *crowd, int plane, int number) {
+    return crowd->radiance + (size_t)plane * (size_t)crowd->radiance_stride + (size_t)number;
 }
 
 /* The same of the derivatives by lights' scales: `value` in each channel has come from direction d,
@@ -8461,83 +8391,86 @@ static void itn__bring_scales(itn__crowd *crowd, int number, itn_vec3 d, float s
     const itn_scene *scene = fast->scene;
     float all[3] = {0, 0, 0}, rgb[3];
     int i, c;
-    if (!fast->scales) return;
-    for (i = 0; i < scene->light_count; i++) {
-        float scale = fast->theta[scene->lights[i].parameter];
-        itn__light_radiance(&scene->lights[i], fast->channels, d, rgb);
+    for (i = 0; i < 2 * scene->light_count; i++) { /* first the sum, then the parts */
+        const itn__light *light = &scene->lights[i % scene->light_count];
+        float counts = light->share > 0 ? sampled : plain;
+        int slot = fast->slots[light->parameter], parts = i >= scene->light_count;
+        if (parts && slot < 0) continue;
+        itn__light_radiance(light, fast->channels, d, rgb);
         for (c = 0; c < fast->channels; c++)
-            all[c] += (scene->lights[i].share > 0 ? sampled : plain) * rgb[c] * scale;
-    }
-    for (i = 0; i < scene->light_count; i++) {
-        float counts = scene->lights[i].share > 0 ? sampled : plain;
-        int slot = fast->slots[scene->lights[i].parameter];
-        if (slot < 0) continue;
-        itn__light_radiance(&scene->lights[i], fast->channels, d, rgb);
-        for (c = 0; c < fast->channels; c++)
-            if (all[c] > 0)
+            if (!parts)
+                all[c] += counts * rgb[c] * fast->theta[light->parameter];
+            else if (all[c] > 0) /* the share first, or it overflows */
                 *itn__sum_of(crowd, fast->channels * (1 + slot) + c, number) +=
-                    value[c] * (counts * rgb[c] / all[c]); /* the share first, or it overflows */
+                    value[c] * (counts * rgb[c] / all[c]);
     }
 }
 
-/* Adds to scores what has been gathered in a substance. */
-static void itn__book(const itn__crowd *crowd, float *scores, int substance, float flights,
-                      float phases, float hits) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
-    int c;
-    if (medium->slot_sigma_t >= 0) scores[medium->slot_sigma_t] += flights / medium->sigma_t;
-    if (medium->slot_g >= 0) scores[medium->slot_g] += phases;
-    for (c = 0; c < crowd->fast->channels; c++)
-        if (medium->slot_albedo[c] >= 0)
-            scores[medium->slot_albedo[c]] += hits / medium->albedo[c];
+/* A path brings home `value` of light from its direction; sampled, plain: see above. */
+static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float sampled, float plain,
+                            const float value[3]) {
+    const itn__fast *fast = crowd->fast;
+    int number = path->owner->number, c, k;
+    for (c = 0; c < fast->channels; c++) {
+        *itn__sum_of(crowd, c, number) += value[c];
+        path->owner->brought[c] += value[c];
+        for (k = 0; k < fast->count; k++)
+            if (fast->only[k] < 0 || fast->only[k] == c)
+                *itn__sum_of(crowd, fast->channels * (1 + k) + c, number) +=
+                    value[c] * path->scores[k];
+    }
+    if (fast->scales) itn__bring_scales(crowd, number, path->d, sampled, plain, value);
 }
 
-/* Takes the bases of lane k off the derivatives of its path. */
-static void itn__take_bases(itn__crowd *crowd, int substance, const itn__state *s, int k) {
+/* A choice made with a density p that depends on a parameter has the score s = d ln p; the mean of
+   s is 0 whatever has been before. So a path's derivative, L sum s for what it brings home, may be
+   replaced by
+       sum over choices of s (L - b)
+   with any b that is known before the choice: the mean stays, and the variance is least where b is
+   what the path was then expected to bring. As good as any finer guess is b = beta V with one
+   number V for each medium and channel ([value]). Scores and bases s b are summed in lanes between
+   surfaces and booked here, at the next surface or at the end. */
+static void itn__book(itn__crowd *crowd, itn__path *path, int substance) {
     const itn__substance *medium = &crowd->fast->substances[substance];
-    int number = crowd->paths[ITN__LANE(s->slot, k)].number, channels = crowd->fast->channels, c;
+    int number = path->owner->number, channels = crowd->fast->channels, c;
+    if (!crowd->fast->count) return;
+    if (medium->slot_sigma_t >= 0)
+        path->scores[medium->slot_sigma_t] += path->flights / medium->sigma_t;
+    if (medium->slot_g >= 0) path->scores[medium->slot_g] += path->phases;
     for (c = 0; c < channels; c++) {
+        if (medium->slot_albedo[c] >= 0)
+            path->scores[medium->slot_albedo[c]] += path->hits / medium->albedo[c];
         if (medium->slot_sigma_t >= 0)
             *itn__sum_of(crowd, channels * (1 + medium->slot_sigma_t) + c, number) -=
-                ITN__LANE(s->flight_base[c], k) / medium->sigma_t;
+                path->flight_base[c] / medium->sigma_t;
         if (medium->slot_g >= 0)
             *itn__sum_of(crowd, channels * (1 + medium->slot_g) + c, number) -=
-                ITN__LANE(s->phase_base[c], k);
+                path->phase_base[c];
+        path->flight_base[c] = path->phase_base[c] = 0;
     }
+    path->flights = path->phases = path->hits = 0;
 }
 
-/* Books what lanes have gathered in a substance. */
-static void itn__book_lanes(itn__crowd *crowd, int substance, itn__state *s, unsigned bits) {
-    itn__ints kept = ~itn__bits_mask(bits);
-    itn__floats zero = itn__splat(0);
+/* A path ends; what is left of its control variate is taken off. */
+static void itn__end(itn__crowd *crowd, itn__path *path, int substance) {
     int c;
-    if (!crowd->fast->scored) return;
-    for (; bits && crowd->fast->count; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        itn__book(crowd, itn__scores_of(crowd, ITN__LANE(s->slot, k)), substance,
-                  ITN__LANE(s->flights, k), ITN__LANE(s->phases, k), ITN__LANE(s->hits, k));
-        itn__take_bases(crowd, substance, s, k);
-    }
-    s->flights = itn__select(kept, s->flights, zero), s->hits = itn__select(kept, s->hits, zero);
-    s->phases = itn__select(kept, s->phases, zero);
-    for (c = 0; c < 3; c++) {
-        s->flight_base[c] = itn__select(kept, s->flight_base[c], zero);
-        s->phase_base[c] = itn__select(kept, s->phase_base[c], zero);
-    }
+    itn__book(crowd, path, substance);
+    for (c = 0; c < crowd->fast->channels && crowd->fast->controls; c++)
+        *itn__sum_of(crowd, c, path->number) += path->control[c];
+    crowd->unused[crowd->unused_count++] = (int32_t)(path - crowd->paths);
 }
-
-/* Ends paths, which leave their slots; what is left of their control variates is taken off. */
-static void itn__end_lanes(itn__crowd *crowd, int substance, itn__state *s, unsigned bits) {
-    unsigned rest = crowd->fast->controls ? bits : 0;
-    int c;
-    itn__book_lanes(crowd, substance, s, bits);
-    for (; rest; rest &= rest - 1) {
-        int k = itn__lowest_bit(rest), number = crowd->paths[ITN__LANE(s->slot, k)].number;
-        for (c = 0; c < crowd->fast->channels; c++)
-            *itn__sum_of(crowd, c, number) += ITN__LANE(s->control[c], k);
-    }
+static void itn__end_lanes(itn__crowd *crowd, int substance, const itn__state *s, unsigned bits) {
+    if (crowd->fast->rows > ITN__FEW_ROWS) itn__write(crowd, s, bits);
     for (; bits; bits &= bits - 1)
-        crowd->free_slots[crowd->free_count++] = ITN__LANE(s->slot, itn__lowest_bit(bits));
+        itn__end(crowd, &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(bits))], substance);
+}
+
+/* The next surface of a path or shadow ray, up to its distance, by the tree. */
+static void itn__find_hit(const itn_scene *scene, itn__path *path) {
+    itn_ray ray;
+    ray.origin = path->p, ray.direction = path->d, ray.tmax = path->distance;
+    if (itn__next_hit(scene, &path->place, &ray, &path->hit)) return;
+    path->hit.triangle = -1, path->hit.t = path->distance;
 }
 
 /* ---- [value] what a path is expected to bring home ------------------------------------------- */
@@ -8555,120 +8488,76 @@ static void itn__end_lanes(itn__crowd *crowd, int substance, itn__state *s, unsi
        V = sum over i of e^(-k_i z) v_i(mu),   k_i = i k,   polynomials v_i.
    A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu) in
    the mean. A flight is taken to end where it comes to the plane of the face, tau_0 mean free paths
-   on, or at a collision before; on its way z changes in proportion to its length, so that the mean
-   of V over lengths is an integral of exponentials. A plane is chosen before each flight; any would
-   do. V on arrival at a face has the same form with z = 0 and numbers of its own.
+   on, with V at z = 0, or at a collision before; on its way z changes in proportion to its length,
+   so that the mean of V over lengths is an integral of exponentials. A plane is chosen before each
+   flight; any would do.
 
-   V is learnt from a few paths traced before the picture (itn__learn_values in [render]). They are
-   marked somewhere on their way; what one brings home after its mark, per weight, is a lesson. V is
-   a least-squares fit to lessons; where there is no control variate, their mean for each medium.
-   The sums of the normal equations are of whole multiples of powers of two, so that they are exact,
-   in any order: terms times terms, terms times radiance. */
-
-/* e^(-k_i z) times a polynomial of the cosine mu, for each decay k_i: the coefficients by powers of
-   mu. */
-enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = ITN__DECAYS * ITN__ORDERS };
-typedef float itn__expansion[ITN__DECAYS][ITN__ORDERS];
-
-/* V in a medium (see itn__substance), by channel. */
-struct itn__value {
-    float decay; /* k, per mean free path: k_i = i k, all below 1 */
-    float mean[3];                  /* V as one number, */
-    itn__expansion flying[3];       /* V, */
-    itn__expansion scattered[3];    /* its mean over a new direction, */
-    float entering[3][ITN__ORDERS]; /* and V at z = 0 */
-};
+   V is learnt from a few paths traced before the picture (itn__learn_values). They are marked
+   somewhere on their way; what one brings home after its mark, per weight, is a lesson. V is a
+   least-squares fit to lessons; where there is no control variate, their mean for each medium. The
+   sums of the normal equations are of whole multiples of powers of two, so that they are exact, in
+   any order: terms times terms, terms times radiance. */
 
 enum { ITN__LESSON_SUMS = ITN__TERMS * (ITN__TERMS + 3) };
 #define ITN__TERM_STEPS 4096.
 #define ITN__RIDGE 1e-4 /* of the number of lessons */
 #define ITN__LARGEST_LESSON 1048576. /* units */
 
-/* P_l(mu) e^(-k_i z) for all i and l, as whole multiples of 1 / ITN__TERM_STEPS. */
-static void itn__lesson_terms(const itn__value *value, const itn__path *path, double *term) {
-    double mu = (double)path->mark_cosine;
-    int i, l;
-    for (i = 0; i < ITN__DECAYS; i++) {
-        double *p = term + i * ITN__ORDERS;
-        p[0] = exp(-(double)value->decay * i * path->mark_depth), p[1] = mu * p[0];
-        for (l = 2; l < ITN__ORDERS; l++)
-            p[l] = ((2 * l - 1) * mu * p[l - 1] - (l - 1) * p[l - 2]) / l;
-    }
-    for (i = 0; i < ITN__TERMS; i++) term[i] = floor(term[i] * ITN__TERM_STEPS + .5);
-}
-
 /* What a path has brought home since its mark is a lesson. */
 static void itn__learn(itn__crowd *crowd, itn__path *path) {
+    const itn__value *value = &crowd->fast->substances[path->mark].value;
     double *sums = crowd->lessons + (size_t)path->mark * ITN__LESSON_SUMS;
-    double term[ITN__TERMS], lesson[3] = {0, 0, 0};
+    double term[ITN__TERMS], lesson[3] = {0, 0, 0}, power = 0;
     int i, j, c;
     for (c = 0; c < crowd->fast->channels; c++) {
-        float brought = *itn__sum_of(crowd, c, path->number) - path->mark_radiance[c];
-        lesson[c] = floor((double)brought / path->mark_weight[c] / crowd->fast->lesson_unit);
+        lesson[c] = floor((double)path->brought[c] / path->mark_weight[c] /
+                          crowd->fast->lesson_unit);
         lesson[c] = lesson[c] > 0 ? fmin(lesson[c], ITN__LARGEST_LESSON) : 0;
     }
-    itn__lesson_terms(&crowd->fast->values[path->mark], path, term);
+    for (i = 0; i < ITN__TERMS; i++) { /* e^(-k_i z) mu^l */
+        power = i % ITN__ORDERS ? power * path->mark_cosine
+                                : exp(-(double)value->decay * (i / ITN__ORDERS) * path->mark_depth);
+        term[i] = floor(power * ITN__TERM_STEPS + .5);
+    }
     for (i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) {
         for (j = 0; j <= i; j++) sums[j] += term[i] * term[j];
         for (c = 0; c < 3; c++) sums[ITN__TERMS + c] += term[i] * lesson[c];
     }
-    path->mark = -1;
+    path->mark = 0;
 }
 
 /* Of all paths that have ended, and whose shadow rays have, too. */
 static void itn__learn_all(itn__crowd *crowd) {
     int i;
-    for (i = 0; i < crowd->free_count && crowd->fast->learning; i++) {
-        itn__path *path = &crowd->paths[crowd->free_slots[i]];
-        if (path->mark >= 0) itn__learn(crowd, path);
+    for (i = 0; i < crowd->unused_count && crowd->fast->learning; i++) {
+        itn__path *path = &crowd->paths[crowd->unused[i]];
+        if (path->mark) itn__learn(crowd, path);
     }
 }
 
-/* Marks paths, which teach an entry of V at these depths and cosines. */
-static void itn__mark_lanes(const itn__crowd *crowd, int entry, const itn__state *s,
-                            itn__floats depth, itn__floats cosine, unsigned bits) {
-    int c;
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-        if (path->mark >= 0) continue;
-        path->mark = entry;
-        path->mark_depth = ITN__LANE(depth, k), path->mark_cosine = ITN__LANE(cosine, k);
-        for (c = 0; c < crowd->fast->channels; c++) {
-            path->mark_weight[c] = ITN__LANE(s->beta[c], k);
-            path->mark_radiance[c] = *itn__sum_of(crowd, c, path->number);
-        }
-    }
-}
-
-/* Coefficients by powers of mu from those by P_l, each times factor^l. */
-static void itn__powers(const double *legendre, double factor, float *power) {
-    double p[3][ITN__ORDERS] = {{1}, {0, 1}}, sum[ITN__ORDERS] = {0}, scale = 1;
-    int l, k;
-    for (l = 0; l < ITN__ORDERS; l++, scale *= factor) {
-        for (k = 0; k < ITN__ORDERS && l > 1; k++)
-            p[l % 3][k] = ((2 * l - 1) * (k ? p[(l + 2) % 3][k - 1] : 0) -
-                           (l - 1) * p[(l + 1) % 3][k]) / l;
-        for (k = 0; k < ITN__ORDERS; k++) sum[k] += legendre[l] * scale * p[l % 3][k];
-    }
-    for (k = 0; k < ITN__ORDERS; k++) power[k] = (float)sum[k];
-}
-
-/* V of channel c from its coefficients. */
-static void itn__value_set(itn__value *value, int c, const double *terms, double g) {
+/* V of channel c from its coefficients by powers of mu. A new direction turns powers, by way of
+   Legendre polynomials, into these means. */
+static void itn__value_set(itn__value *value, int c, const double *a, double g) {
+    double g2 = g * g;
     int i, l;
-    for (l = 0; l < ITN__ORDERS; l++) value->entering[c][l] = 0;
-    for (i = 0; i < ITN__DECAYS; i++, terms += ITN__ORDERS) {
-        itn__powers(terms, 1, value->flying[c][i]);
-        itn__powers(terms, g, value->scattered[c][i]);
-        for (l = 0; l < ITN__ORDERS; l++) value->entering[c][l] += value->flying[c][i][l];
+    memset(value->entering[c], 0, sizeof value->entering[c]);
+    for (i = 0; i < ITN__DECAYS; i++, a += ITN__ORDERS) {
+        float *scattered = value->scattered[c][i];
+        for (l = 0; l < ITN__ORDERS; l++) {
+            value->flying[c][i][l] = (float)a[l];
+            value->entering[c][l] += (float)a[l];
+        }
+        scattered[0] = (float)(a[0] + (1 - g2) / 3 * a[2] +
+                               (1 / 5. - 2 / 7. * g2 + 3 / 35. * g2 * g2) * a[4]);
+        scattered[1] = (float)(g * (a[1] + 3 / 5. * (1 - g2) * a[3]));
+        scattered[2] = (float)(g2 * (a[2] + 6 / 7. * (1 - g2) * a[4]));
+        scattered[3] = (float)(g2 * g * a[3]), scattered[4] = (float)(g2 * g2 * a[4]);
     }
 }
 
-/* The least-squares fit of one entry: to V less its mean, which is added back. Returns 0 if there
+/* The least-squares fit for one medium: to V less its mean, which is added back. Returns 0 if there
    were no lessons. */
-static int itn__fit_value(const itn__fast *fast, int entry, const double *sums) {
-    itn__value *value = &fast->values[entry];
+static int itn__fit_value(const itn__fast *fast, itn__substance *substance, const double *sums) {
     const double step = ITN__TERM_STEPS, unit = fast->lesson_unit * step;
     double factor[ITN__TERMS * ITN__TERMS], terms[ITN__TERMS], mean;
     int c, i, j, n = ITN__TERMS, width = ITN__TERMS + 3;
@@ -8679,12 +8568,12 @@ static int itn__fit_value(const itn__fast *fast, int entry, const double *sums) 
     }
     if (!itn__cholesky(factor, n)) return 0;
     for (c = 0; c < fast->channels; c++) {
-        mean = sums[n + c] * unit / sums[0], value->mean[c] = (float)mean;
+        mean = sums[n + c] * unit / sums[0], substance->value.mean[c] = (float)mean;
         for (i = 0; i < n; i++)
             terms[i] = sums[i * width + n + c] * unit - mean * sums[i * width];
         itn__cholesky_solve(factor, n, terms);
         terms[0] += mean;
-        itn__value_set(value, c, terms, fast->substances[entry].g);
+        itn__value_set(&substance->value, c, terms, substance->g);
     }
     return 1;
 }
@@ -8703,13 +8592,13 @@ ITN__INLINE void itn__falls(const itn__value *value, itn__floats depth, itn__flo
     for (i = 2; i < ITN__DECAYS; i++) fall[i] = fall[i - 1] * fall[1];
 }
 
-static itn__view itn__view_of(const itn__crowd *crowd, int substance, const itn__state *s,
+static itn__view itn__view_of(const itn__substance *substance, const itn__state *s,
                               const itn__vectors *d) {
     itn__view view;
-    view.depth = itn__most(crowd->fast->substances[substance].sigma_t *
-                           (s->level - itn__vdot(s->up, s->p)), itn__splat(0));
+    view.depth = itn__most(substance->sigma_t * (s->level - itn__vdot(s->up, s->p)),
+                           itn__splat(0));
     view.cosine = -itn__vdot(s->up, *d);
-    itn__falls(&crowd->fast->values[substance], view.depth, view.fall);
+    itn__falls(&substance->value, view.depth, view.fall);
     return view;
 }
 
@@ -8748,22 +8637,21 @@ typedef struct itn__ahead {
 
 #define ITN__FAR 80.f /* mean free paths, for tau_0: e^-80 is nothing */
 
-ITN__NOINLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const itn__state *s,
-                                   itn__ahead *a) {
-    const itn__value *value = &crowd->fast->values[substance];
+ITN__NOINLINE void itn__look_ahead(const itn__fast *fast, const itn__substance *substance,
+                                   const itn__state *s, itn__ahead *a) {
+    const itn__value *value = &substance->value;
     itn__floats zero = itn__splat(0), mu, through;
     int c, i;
-    a->view = itn__view_of(crowd, substance, s, &s->d), mu = a->view.cosine;
+    a->view = itn__view_of(substance, s, &s->d), mu = a->view.cosine;
     a->up = itn__less(mu, zero);
     a->to_face = itn__least(a->view.depth / itn__select(a->up, -mu, itn__splat(1)),
                             itn__splat(ITN__FAR));
     through = itn__select(a->up, itn__vexp(-a->to_face), zero);
-    for (c = 0; c < crowd->fast->channels; c++) {
-        a->at_face[c] = itn__power_sum(crowd->fast->values[0].entering[c], mu);
+    for (c = 0; c < fast->channels; c++) {
+        a->at_face[c] = itn__power_sum(value->entering[c], mu);
         a->mean[c] = through * a->at_face[c];
         for (i = 0; i < ITN__DECAYS; i++) {
-            a->omega[c][i] = itn__power_sum(value->scattered[c][i], mu) *
-                             crowd->fast->substances[substance].albedo[c];
+            a->omega[c][i] = itn__power_sum(value->scattered[c][i], mu) * substance->albedo[c];
             a->mean[c] = a->mean[c] + a->omega[c][i] * (a->view.fall[i] - through) /
                                           (1 + (float)i * value->decay * mu);
         }
@@ -8771,15 +8659,15 @@ ITN__NOINLINE void itn__look_ahead(const itn__crowd *crowd, int substance, const
 }
 
 /* Flights over these distances have been drawn. */
-ITN__NOINLINE void itn__control_flight(const itn__crowd *crowd, int substance, itn__state *s,
-                                       const itn__ahead *a, itn__floats distance,
+ITN__NOINLINE void itn__control_flight(const itn__fast *fast, const itn__substance *substance,
+                                       itn__state *s, const itn__ahead *a, itn__floats distance,
                                        itn__ints mask) {
-    itn__floats tau = crowd->fast->substances[substance].sigma_t * distance, fall[ITN__DECAYS];
+    itn__floats tau = substance->sigma_t * distance, fall[ITN__DECAYS];
     itn__ints crosses = a->up & itn__less(a->to_face, tau);
     int c, i;
-    itn__falls(&crowd->fast->values[substance],
-               itn__most(a->view.depth + a->view.cosine * tau, itn__splat(0)), fall);
-    for (c = 0; c < crowd->fast->channels; c++) {
+    itn__falls(&substance->value, itn__most(a->view.depth + a->view.cosine * tau, itn__splat(0)),
+               fall);
+    for (c = 0; c < fast->channels; c++) {
         itn__floats collided = a->omega[c][0];
         for (i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
         collided = itn__select(crosses, a->at_face[c], collided);
@@ -8788,148 +8676,60 @@ ITN__NOINLINE void itn__control_flight(const itn__crowd *crowd, int substance, i
 }
 
 /* New directions have been drawn where directions d ended. */
-ITN__NOINLINE void itn__control_direction(const itn__crowd *crowd, int substance, itn__state *s,
-                                          const itn__vectors *d, itn__ints mask) {
-    const itn__value *value = &crowd->fast->values[substance];
-    itn__view view = itn__view_of(crowd, substance, s, d);
+ITN__NOINLINE void itn__control_direction(const itn__fast *fast, const itn__substance *substance,
+                                          itn__state *s, const itn__vectors *d, itn__ints mask) {
+    const itn__value *value = &substance->value;
+    itn__view view = itn__view_of(substance, s, d);
     itn__floats cosine = -itn__vdot(s->up, s->d);
     int c;
-    for (c = 0; c < crowd->fast->channels; c++)
+    for (c = 0; c < fast->channels; c++)
         itn__difference(s, c,
                         s->beta[c] * itn__expand_view(&view, value->flying[c], cosine),
                         s->beta[c] * itn__expand_view(&view, value->scattered[c], view.cosine),
                         mask);
 }
 
-/* What paths that leave a dielectric boundary in direction o (of local coordinates) are expected to
-   bring, per weight before: inside, V at the face; outside, the light, the same everywhere. */
-static itn__floats itn__boundary_value(const itn__crowd *crowd, const itn__site *site,
-                                       itn__vectors o, int c) {
-    const itn__value *value = &crowd->fast->values[crowd->fast->controls];
-    itn__ints outside = ~(itn__less(itn__splat(0), o.z) ^ itn__less(itn__splat(1), site->eta.v));
-    itn__floats brings = itn__select(outside, itn__splat(crowd->fast->constant[c]),
-                                     itn__power_sum(value->entering[c], itn__absolute(o.z)));
-    if (site->smooth) return brings;
-    return brings * itn__smith(o, itn__constant(itn__splat(
-                                      site->theta[site->surface->alpha]))).v;
-}
-
-/* What is expected of a facet, in the mean over both ways from there: for channel c into mean; into
-   taken for the direction that goes through, or does not. */
-static void itn__facet_value(const itn__crowd *crowd, const itn__site *site, itn__vectors m, int c,
-                             itn__ints through, itn__floats *mean, itn__floats *taken) {
-    itn__floats zero = itn__splat(0), cos_i = itn__least(itn__vdot(site->i, m), itn__splat(1));
-    itn__ints faces = itn__less(zero, cos_i);
-    itn__num cos_t, fresnel = itn__fresnel(itn__constant(cos_i), itn__constant(site->eta.v),
-                                           &cos_t);
-    itn__vectors r = itn__vnormalize(itn__reflect(site->i, m));
-    itn__vectors t = itn__vnormalize(itn__refract(site->i, m, site->eta.v, cos_t.v));
-    itn__ints reflects = faces & itn__less(zero, r.z);
-    itn__ints refracts = faces & itn__less(t.z, zero) & itn__less(fresnel.v, itn__splat(1));
-    itn__floats up = itn__select(reflects, itn__boundary_value(crowd, site, r, c), zero);
-    itn__floats down = itn__select(refracts, itn__boundary_value(crowd, site, t, c), zero);
-    *mean = itn__select(faces, fresnel.v * up + (1 - fresnel.v) * itn__select(refracts, down, zero),
-                        zero);
-    *taken = itn__select(through, down, up);
+/* What is expected of a bounce at facet m of a dielectric boundary: *mean over both ways from
+   there, and *taken of the way that goes through, or does not. Inside V at the face is expected,
+   outside the light, the same everywhere. */
+static void itn__expect_bounce(const itn__fast *fast, const itn__site *site, const itn__vectors *m,
+                               int c, itn__ints through, itn__floats *mean, itn__floats *taken) {
+    const itn__value *value = &fast->substances[fast->controls].value;
+    itn__floats zero = itn__splat(0), one = itn__splat(1), brings[2];
+    itn__floats alpha = itn__splat(site->smooth ? 0 : site->theta[site->surface->alpha]);
+    itn__num cos_t, fresnel;
+    int way;
+    fresnel = itn__fresnel(itn__constant(itn__least(itn__vdot(site->i, *m), one)),
+                           itn__constant(site->eta.v), &cos_t);
+    for (way = 0; way < 2; way++) {
+        itn__vectors o;
+        itn__ints good = itn__sample_dielectric(&site->i, m, site->eta.v, itn__splat(way), &o);
+        itn__ints outside = ~(itn__less(zero, o.z) ^ itn__less(one, site->eta.v));
+        brings[way] = itn__select(outside, itn__splat(fast->constant[c]),
+                                  itn__power_sum(value->entering[c], itn__absolute(o.z)));
+        brings[way] = itn__select(good, brings[way] * itn__smith(o, itn__constant(alpha)).v, zero);
+    }
+    *taken = itn__select(through, brings[1], brings[0]);
+    *mean = fresnel.v * brings[0] + itn__select(itn__less(fresnel.v, one),
+                                                (1 - fresnel.v) * brings[1], zero);
 }
 
 /* The difference of a bounce at a boundary by u, which was expected to bring the mean over both
    ways and over two facets: the one drawn and the one that leans the other way. */
-ITN__NOINLINE void itn__control_bounce(const itn__crowd *crowd, itn__state *s,
-                                       const itn__site *site, const itn__floats u[3],
-                                       itn__ints through, itn__ints good, itn__ints mask) {
+ITN__NOINLINE void itn__control_bounce(const itn__fast *fast, itn__state *s, const itn__site *site,
+                                       const itn__floats u[3], itn__ints through, itn__ints good,
+                                       itn__ints mask) {
     itn__floats turned = itn__select(itn__less(u[1], itn__splat(.5f)), u[1] + .5f, u[1] - .5f);
     float alpha = site->smooth ? 0 : site->theta[site->surface->alpha];
     itn__vectors twin = itn__sample_facet(&site->i, itn__splat(alpha), u[0], turned);
     int c;
-    for (c = 0; c < crowd->fast->channels; c++) {
-        itn__floats mean, other, taken, unused;
-        itn__facet_value(crowd, site, twin, c, through, &other, &unused);
-        itn__facet_value(crowd, site, site->facet, c, through, &mean, &taken);
-        taken = itn__select(good, taken, itn__splat(0));
-        itn__difference(s, c, s->beta[c] * taken, s->beta[c] * .5f * (mean + other), mask);
+    for (c = 0; c < fast->channels; c++) {
+        itn__floats mean, other, taken;
+        itn__expect_bounce(fast, site, &twin, c, through, &other, &taken);
+        itn__expect_bounce(fast, site, &site->facet, c, through, &mean, &taken);
+        itn__difference(s, c, s->beta[c] * itn__select(good, taken, itn__splat(0)),
+                        s->beta[c] * .5f * (mean + other), mask);
     }
-}
-
-/* ---- [draws] random numbers, roulette and flights of a crowd --------------------------------- */
-
-/* Every random number is the function of (seed, pixel, path, dimension) that the reference uses.
-   With ITN_SAMPLER_SOBOL the first eight come from the dimensions 0 to 7 of a scrambled Sobol
-   sequence instead: the place in the pixel (0 and 1), and draws 2 to 7 of a path, at its first
-   boundary and first collision. */
-enum { ITN__EARLY = 8 };
-
-/* Puts Sobol numbers in the place of u where the draw just made (dimension - 1) is an early one. */
-ITN__NOINLINE void itn__early_draws(const itn__crowd *crowd, const itn__ints *slot,
-                                    const itn__ints *dimension, itn__ints mask, itn__floats *u) {
-    itn__words index = itn__splat_word(0), scramble = index;
-    itn__ints zero = itn__splat_int(0);
-    int k;
-    index = itn__int_words(itn__gather_ints(crowd->index, *slot, mask, zero));
-    scramble = itn__int_words(itn__gather_ints(crowd->scramble, *slot, mask, zero));
-    for (k = 2; k < ITN__EARLY; k++) {
-        itn__ints here = mask & itn__int_equal(*dimension, itn__splat_int(k + 1));
-        if (itn__mask_bits(here)) *u = itn__select(here, itn__sobol(index, k, scramble), *u);
-    }
-}
-ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
-    itn__floats u = itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &s->dimension,
-                                  mask);
-    if (crowd->fast->sobol) {
-        itn__ints here = mask & itn__int_less(s->dimension, itn__splat_int(ITN__EARLY + 1));
-        if (itn__mask_bits(here)) itn__early_draws(crowd, &s->slot, &s->dimension, here, &u);
-    }
-    return u;
-}
-
-/* Which paths outside of media have drawn many random numbers for where they are. */
-static itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, itn__ints mask) {
-    const itn__fast *fast = crowd->fast;
-    itn__ints limit = itn__splat_int((int32_t)ITN__MANY_DRAWS_CLEAR);
-    unsigned bits = itn__mask_bits(mask & itn__int_less(limit, s->dimension));
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-        ITN__LANE(limit, k) = (int32_t)itn__many_draws(fast->scene, fast->theta, &path->place);
-    }
-    return itn__int_less(limit, s->dimension);
-}
-
-/* itn__roulette in lanes, which are expected to bring `value` per weight; late: who has drawn many
-   random numbers. Returns who survives. */
-static itn__ints itn__roulette_lanes(const itn__crowd *crowd, itn__state *s,
-                                     const itn__floats value[3], itn__ints mask, itn__ints late) {
-    itn__floats largest = s->beta[0], survival = itn__splat(1), u, level;
-    itn__ints low, survives;
-    int c;
-    level = itn__splat(crowd->fast->roulette);
-    for (c = 1; c < crowd->fast->channels; c++) largest = itn__most(largest, s->beta[c]);
-    low = ~itn__less_equal(level * ITN__SAME_WEIGHT, largest);
-    if (!itn__mask_bits((low | late) & mask)) return mask;
-    survival = itn__select(low, largest / level, survival);
-    survival = itn__select(late, survival * (1 - ITN__LATE_LOSS / itn__to_floats(s->dimension)),
-                           survival);
-    low = (low | late) & mask;
-    u = itn__draw(crowd, s, low);
-    survives = itn__less(u, survival);
-    for (c = 0; c < crowd->fast->channels; c++) {
-        itn__floats raised = s->beta[c] / survival;
-        if (crowd->fast->controls)
-            itn__difference(s, c, itn__select(survives, raised, itn__splat(0)) * value[c],
-                            s->beta[c] * value[c], low);
-        s->beta[c] = itn__select(low, raised, s->beta[c]);
-    }
-    return mask & ~(low & ~survives);
-}
-
-/* Where shadow rays of the lanes go. */
-static itn__light_draw itn__light_for(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
-    itn__floats u[3];
-    itn__light_draw light;
-    int k;
-    for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
-    itn__sample_lights(crowd->fast->scene, crowd->fast->theta, u, &mask, &light);
-    return light;
 }
 
 /* ---- [safe] flights that the tables prove free ----------------------------------------------- */
@@ -9042,12 +8842,12 @@ static void itn__test_candidates(itn__crowd *crowd) {
     int i;
     for (i = 0; i < tests->candidates; i++) {
         int test = tests->candidate[i] / ITN__PACK, ray = tests->ray[test];
-        const itn__place *place = crowd->places[ray];
-        itn_vec3 origin = itn__get_vector(&crowd->taken, ITN__P, ray);
+        const itn__place *place = &crowd->taken[ray]->place;
+        itn_vec3 origin = crowd->taken[ray]->p;
         if (itn__place_hit(&crowd->fast->voxels->packs[tests->pack[test]],
-                           tests->candidate[i] % ITN__PACK, &crowd->shears[ray],
-                           -itn__slack(scene, origin), &place->sides, &crowd->hits[ray]))
-            ITN__PREFETCH(&scene->bvh->triangles[crowd->hits[ray].triangle]);
+                           tests->candidate[i] % ITN__PACK, &crowd->taken[ray]->shear,
+                           -itn__slack(scene, origin), &place->sides, &crowd->taken[ray]->hit))
+            ITN__PREFETCH(&scene->bvh->triangles[crowd->taken[ray]->hit.triangle]);
     }
     tests->candidates = 0;
 }
@@ -9055,16 +8855,15 @@ static void itn__test_candidates(itn__crowd *crowd) {
 /* Tests the packs that flights pass: their lanes propose candidates, which are tested some at a
    time, since one after the other each would wait for what the processor guessed wrong. */
 static void itn__test_packs(itn__crowd *crowd) {
-    const itn__queue *queue = &crowd->taken;
     const itn_scene *scene = crowd->fast->scene;
     itn__tests *tests = &crowd->tests;
     int i, from;
     for (i = 0; i < tests->count; i++) {
         int ray = tests->ray[i];
         const itn__pack *pack = &crowd->fast->voxels->packs[tests->pack[i]];
-        itn__shear *shear = &crowd->shears[ray];
-        const itn__place *place = crowd->places[ray];
-        itn_vec3 origin = itn__get_vector(queue, ITN__P, ray);
+        itn__shear *shear = &crowd->taken[ray]->shear;
+        const itn__place *place = &crowd->taken[ray]->place;
+        itn_vec3 origin = crowd->taken[ray]->p;
         unsigned bits;
         if (i + ITN__AHEAD < tests->count) {
             const itn__pack *later = &crowd->fast->voxels->packs[tests->pack[i + ITN__AHEAD]];
@@ -9072,15 +8871,15 @@ static void itn__test_packs(itn__crowd *crowd) {
             for (line = 0; line < (int)sizeof(itn__pack); line += 64)
                 ITN__PREFETCH((const char *)later + line);
         }
-        if (crowd->hits[ray].t < tests->enter[i]) continue;
+        if (crowd->taken[ray]->hit.t < tests->enter[i]) continue;
         if (shear->kz < 0) {
             itn_ray made;
             made.origin = origin;
-            made.direction = itn__get_vector(queue, ITN__D, ray);
+            made.direction = crowd->taken[ray]->d;
             itn__shear_make(&made, shear);
         }
         bits = itn__pack_candidates(pack, shear, -itn__slack(scene, origin), &place->sides,
-                                    crowd->hits[ray].t);
+                                    crowd->taken[ray]->hit.t);
         for (from = 0; from < ITN__PACK; from += ITN__LANES) {
             unsigned some = bits >> from & ITN__ALL_LANES;
             itn__compress_ints(tests->candidate + tests->candidates,
@@ -9162,7 +8961,7 @@ static void itn__visit_cells(itn__crowd *crowd) {
         to = from + slope * itn__load(visits->length + i);
         mask &= itn__less_equal(below, itn__most(from, to)) &
                 itn__less_equal(itn__least(from, to), above) &
-                ~itn__less(slope * crowd->inward, -against);
+                ~itn__less(slope, -against);
         for (; itn__mask_bits(mask); pack += 1, count -= 1) {
             unsigned noted;
             mask &= itn__int_less(none, count), noted = itn__mask_bits(mask);
@@ -9228,59 +9027,43 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
 
 /* What the tables could not tell of a flight, the tree does: a long one, one that left them, one
    that would go through the faces it has just crossed. */
-static void itn__settle_hit(itn__crowd *crowd, int at) {
-    const itn_scene *scene = crowd->fast->scene;
-    const itn__queue *queue = &crowd->taken;
-    itn__place *place = crowd->places[at];
-    itn_hit *hit = &crowd->hits[at];
-    itn_ray ray;
+static void itn__settle_hit(const itn_scene *scene, itn__path *path) {
+    itn__place *place = &path->place;
+    itn_hit *hit = &path->hit;
     float slack;
     if (hit->triangle != -2 && !place->crossed_count && !(place->sides.flush > 0)) return;
-    ray.origin = itn__get_vector(queue, ITN__P, at);
-    slack = itn__slack(scene, ray.origin);
+    slack = itn__slack(scene, path->p);
     if (hit->triangle == -2 ||
         (hit->triangle >= 0 && hit->t <= slack && itn__just_crossed(place, hit))) {
-        ray.direction = itn__get_vector(queue, ITN__D, at);
-        ray.tmax = itn__row(queue, ITN__DISTANCE)[at];
-        if (itn__next_hit(scene, place, &ray, hit))
-            ITN__PREFETCH(&scene->bvh->triangles[hit->triangle]);
-        else
-            hit->t = ray.tmax, hit->triangle = -1;
+        itn__find_hit(scene, path);
     } else if (hit->t > slack) {
-        if (hit->triangle >= 0) itn__go_on_to(scene, place, ray.origin, hit);
+        if (hit->triangle >= 0) itn__go_on_to(scene, place, path->p, hit);
         else itn__leave_behind(place);
     }
 }
 
-/* Fills the lanes named by `bits` with the flights first, first + 1, ... of `taken`. */
-ITN__INLINE void itn__march_begin(const itn__queue *queue, itn__march *m, int first,
-                                  unsigned bits) {
-    itn__floats one = itn__splat(1);
-    int32_t rays[ITN__LANES];
-    itn__expand_vectors(queue, ITN__P, first, &m->p, bits);
-    itn__expand_vectors(queue, ITN__D, first, &m->d, bits);
-    m->end = itn__expand(itn__row(queue, ITN__DISTANCE) + first, m->end, bits);
-    itn__store_ints(rays, itn__lane_numbers() + itn__splat_int(first));
-    m->ray = itn__expand_ints(rays, m->ray, bits);
-    m->t = itn__select(itn__bits_mask(bits), itn__splat(0), m->t);
-    m->inverse = itn__vectors_of(one / m->d.x, one / m->d.y, one / m->d.z);
-}
-
 /* Gives free lanes the next flights of `taken`, of which those that are not long become busy.
    Returns the flight after them. */
-ITN__INLINE int itn__march_refill(const itn__queue *queue, itn__march *m, int next, float longest) {
+static int itn__march_refill(const itn__crowd *crowd, itn__march *m, int next, float longest) {
     unsigned fill = ITN__ALL_LANES & ~m->busy;
-    while (itn__count_bits(fill) > queue->count - next) fill &= fill - 1;
-    itn__march_begin(queue, m, next, fill);
-    m->busy |= fill & itn__mask_bits(itn__less_equal(m->end, itn__splat(longest)));
-    return next + itn__count_bits(fill);
+    itn__floats one = itn__splat(1);
+    for (; fill && next < crowd->taken_count; fill &= fill - 1, next++) {
+        int k = itn__lowest_bit(fill);
+        const itn__path *path = crowd->taken[next];
+        ITN__LANE(m->p.x, k) = path->p.x, ITN__LANE(m->d.x, k) = path->d.x;
+        ITN__LANE(m->p.y, k) = path->p.y, ITN__LANE(m->d.y, k) = path->d.y;
+        ITN__LANE(m->p.z, k) = path->p.z, ITN__LANE(m->d.z, k) = path->d.z;
+        ITN__LANE(m->end, k) = path->distance, ITN__LANE(m->t, k) = 0;
+        ITN__LANE(m->ray, k) = next;
+        if (path->distance <= longest) m->busy |= 1u << k;
+    }
+    m->inverse = itn__vectors_of(one / m->d.x, one / m->d.y, one / m->d.z);
+    return next;
 }
 
 /* Marches all flights of `taken` that are not long, with lanes filled again as they come free: two
-   vectors of them in turn, so that one goes on while the other waits for what it reads. One that
-   has left the voxels meets nothing if they hold all there is, unless it began beyond them. */
-static void itn__march_all(itn__crowd *crowd, float longest, int outside) {
-    const itn__queue *queue = &crowd->taken;
+   vectors of them in turn, so that one goes on while the other waits for what it reads. */
+static void itn__march_all(itn__crowd *crowd, float longest) {
     int next = 0, k = 0;
     itn__march marches[2];
     memset(marches, 0, sizeof marches);
@@ -9288,42 +9071,38 @@ static void itn__march_all(itn__crowd *crowd, float longest, int outside) {
         itn__march *m = &marches[k];
         itn__ints lost;
         unsigned rest;
-        if (itn__count_bits(m->busy) <= ITN__LANES - ITN__QUARTER && next < queue->count)
-            next = itn__march_refill(queue, m, next, longest);
-        if (!(marches[0].busy | marches[1].busy) && next == queue->count) return;
+        if (itn__count_bits(m->busy) <= ITN__LANES - ITN__QUARTER && next < crowd->taken_count)
+            next = itn__march_refill(crowd, m, next, longest);
+        if (!(marches[0].busy | marches[1].busy) && next == crowd->taken_count) return;
         if (!m->busy) continue;
         m->busy = itn__mask_bits(itn__march_step(crowd, m, itn__bits_mask(m->busy), &lost));
-        if (outside) lost &= itn__less_equal(m->t, itn__splat(0));
         for (rest = itn__mask_bits(lost); rest; rest &= rest - 1)
-            crowd->hits[ITN__LANE(m->ray, itn__lowest_bit(rest))].triangle = -2;
+            crowd->taken[ITN__LANE(m->ray, itn__lowest_bit(rest))]->hit.triangle = -2;
     }
 }
 
-/* The next surface of each flight in `taken`, up to its distance: crowd->hits with t as far as the
-   flight goes and triangle -1 where there is none. The flights are in a solid with a medium, or
-   outside of media in a scene that is all in voxels. */
-static void itn__find_hits(itn__crowd *crowd, int outside) {
-    const itn__queue *queue = &crowd->taken;
-    float longest = outside ? INFINITY : ITN__LONG_MARCH * crowd->fast->voxels->cell;
+/* The next surface of each flight in `taken`, in media, up to its distance: its hit has t as far as
+   the flight goes and triangle -1 where there is none. */
+static void itn__find_hits(itn__crowd *crowd) {
+    float longest = ITN__LONG_MARCH * crowd->fast->voxels->cell;
     int i;
-    crowd->inward = outside ? -1.f : 1.f;
-    for (i = 0; i < queue->count; i++) {
-        crowd->hits[i].t = itn__row(queue, ITN__DISTANCE)[i];
-        crowd->hits[i].triangle = crowd->hits[i].t <= longest ? -1 : -2;
-        crowd->shears[i].kz = -1; /* not made yet */
+    for (i = 0; i < crowd->taken_count; i++) {
+        itn__path *path = crowd->taken[i];
+        path->hit.t = path->distance, path->hit.triangle = path->distance <= longest ? -1 : -2;
+        path->shear.kz = -1; /* not made yet */
     }
-    itn__march_all(crowd, longest, outside);
+    itn__march_all(crowd, longest);
     itn__visit_cells(crowd);
     itn__test_packs(crowd);
-    for (i = 0; i < queue->count; i++) itn__settle_hit(crowd, i);
+    for (i = 0; i < crowd->taken_count; i++)
+        itn__settle_hit(crowd->fast->scene, crowd->taken[i]);
 }
 
 /* ---- [shadow] shadow rays -------------------------------------------------------------------- */
 
 /* With sampled lights each vertex sends out a shadow ray, a straight flight to the light that
-   carries what the light would add, while its path goes on at once. Shadow rays wait in two queues,
-   of those in media and of those outside, which are emptied between stages. What is rare, as a ray
-   that goes through a second medium, is finished one by one.
+   carries what the light would add, while its path goes on at once. Shadow rays wait until there
+   are many, or a stage ends; then those in media fly together.
 
    A shadow ray of weight w and transmittance tr is cut by roulette before it is traced, at a level
    c (ITN__SHADOW_LEVEL): for uniform xi it counts as max(w tr, c) if w tr > xi c, and else as
@@ -9334,40 +9113,94 @@ static void itn__find_hits(itn__crowd *crowd, int outside) {
    albedo or reflectance. */
 #define ITN__SHADOW_LEVEL .3
 
-/* Prepares shadow rays with weights w in direction d from the lanes of s; those that roulette does
-   not end are returned. largest receives the largest weights. */
+/* A shadow ray has come through: brings its light home. */
+static void itn__arrive(itn__crowd *crowd, const itn__path *ray) {
+    float largest = 0, raise = 1, value[3] = {0, 0, 0};
+    int c;
+    for (c = 0; c < crowd->fast->channels; c++) largest = itn__max(largest, ray->beta[c]);
+    if (largest < crowd->fast->shadow_cut) raise = crowd->fast->shadow_cut / largest;
+    for (c = 0; c < crowd->fast->channels; c++) value[c] = raise * ray->beta[c];
+    if (largest > 0) itn__bring_home(crowd, ray, 1, 0, value);
+}
+
+/* A shadow ray has come to ray->hit and is stopped, arrives, or goes on behind an index-matched
+   boundary: then returns 1. */
+static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
+    const itn__fast *fast = crowd->fast;
+    int substance = itn__substance_of(fast, &ray->place), c;
+    float largest = 0, depth = fast->substances[substance].sigma_t * itn__max(ray->hit.t, 0);
+    itn_ray line;
+    if (ray->hit.triangle < 0 && !substance) itn__arrive(crowd, ray);
+    if (ray->hit.triangle < 0) return 0; /* in a medium its weight is lost on the way */
+    line.origin = ray->p, line.direction = ray->d;
+    ray->event = itn__meet_faces(fast->scene, fast->theta, &ray->place, &line, &ray->hit);
+    if (ray->event.object >= 0) return 0;
+    for (c = 0; c < fast->channels; c++) {
+        if (substance) ray->beta[c] *= expf(-depth);
+        largest = itn__max(largest, ray->beta[c]);
+    }
+    if (!(largest > ray->pdf)) return 0;
+    ray->flights = -depth;
+    itn__book(crowd, ray, substance);
+    ray->p = itn__passed_point(fast->scene->bvh, ray->p, ray->d, &ray->hit);
+    itn__cross_faces(fast->scene, &ray->place, &ray->event, ray->p);
+    return 1;
+}
+
+/* Brings all shadow rays to their ends: the flights through media that they begin in all at once,
+   and what is left one by one. */
+ITN__NOINLINE void itn__trace_shadows(itn__crowd *crowd) {
+    const itn_scene *scene = crowd->fast->scene;
+    int i, goes_on;
+    for (crowd->taken_count = 0, i = 0; i < crowd->ray_count; i++)
+        if (itn__substance_of(crowd->fast, &crowd->rays[i].place))
+            crowd->taken[crowd->taken_count++] = &crowd->rays[i];
+    if (crowd->taken_count) itn__find_hits(crowd);
+    for (i = 0; i < crowd->ray_count; i++) {
+        itn__path *ray = &crowd->rays[i];
+        goes_on = !itn__substance_of(crowd->fast, &ray->place) || itn__pass_shadow(crowd, ray);
+        for (ray->distance = INFINITY; goes_on; goes_on = itn__pass_shadow(crowd, ray))
+            itn__find_hit(scene, ray);
+    }
+    crowd->ray_count = 0;
+}
+
+/* Where shadow rays of the lanes go. */
+static itn__light_draw itn__light_for(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
+    itn__floats u[3];
+    itn__light_draw light;
+    int k;
+    for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
+    itn__sample_lights(crowd->fast->scene, crowd->fast->theta, u, &mask, &light);
+    return light;
+}
+
+/* Which shadow rays with weights w roulette leaves. They receive the largest weights, and xi c. */
 static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s,
-                                 const itn__vectors *d, const itn__floats w[3], itn__ints mask,
-                                 itn__state *ray, itn__floats *largest) {
+                                 const itn__floats w[3], itn__ints mask, itn__floats *largest,
+                                 itn__floats *level) {
     itn__ints dimension = s->dimension + itn__splat_int(1 << 30);
     int c;
-    ray->p = s->p, ray->d = *d, ray->slot = s->slot;
-    for (*largest = w[0], c = 0; c < crowd->fast->channels; c++)
-        ray->beta[c] = w[c], *largest = itn__most(*largest, w[c]);
-    ray->pdf = crowd->fast->shadow_cut *
-               itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &dimension, mask);
-    return itn__mask_bits(mask & itn__less(ray->pdf, *largest));
+    for (*largest = w[0], c = 1; c < crowd->fast->channels; c++)
+        *largest = itn__most(*largest, w[c]);
+    *level = crowd->fast->shadow_cut *
+             itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &dimension, mask);
+    return itn__mask_bits(mask & itn__less(*level, *largest));
 }
 
-/* Appends ray k, the first that has been written, to a queue, at the place of its path and with its
-   scores, which are returned. */
-static float *itn__begin_shadow(const itn__crowd *crowd, itn__shadows *shadows, int at, int slot) {
+/* A shadow ray of lane k that reaches that far, with the place and scores of its path. */
+static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k,
+                                   const itn__vectors *d, const itn__floats w[3], float level,
+                                   float reach) {
+    itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+    itn__path *ray = &crowd->rays[crowd->ray_count++];
     size_t count = (size_t)crowd->fast->count;
-    float *scores = shadows->scores + (size_t)at * count;
-    shadows->places[at] = crowd->paths[slot].place;
-    if (count) memcpy(scores, itn__scores_of(crowd, slot), count * sizeof *scores);
-    return scores;
-}
-
-/* Appends the lanes of a shadow ray named by `bits`. */
-static void itn__append_shadows(itn__queue *queue, const itn__state *ray, unsigned bits) {
-    int at = queue->count;
-#define ITN__WRITE(name, member)                                                                   \
-    itn__compress(itn__row(queue, ITN__##name) + at, ray->member, bits);
-    ITN__PATH_ROWS(ITN__WRITE)
-#undef ITN__WRITE
-    itn__compress_ints(itn__int_row(queue, ITN__SLOT) + at, ray->slot, bits);
-    queue->count += itn__count_bits(bits);
+    int c;
+    ray->owner = path, ray->place = path->place, ray->distance = reach, ray->pdf = level;
+    ray->p = itn__lane_vector(&s->p, k), ray->d = itn__lane_vector(d, k);
+    for (c = 0; c < crowd->fast->channels; c++) ray->beta[c] = ITN__LANE(w[c], k);
+    if (count) memcpy(ray->scores, path->scores, count * sizeof *ray->scores);
+    return ray;
 }
 
 /* Sends off shadow rays of a collision in a substance, with these scores of their turns; those that
@@ -9376,135 +9209,23 @@ static void itn__shadows_of_collisions(itn__crowd *crowd, int substance, const i
                                        const itn__vectors *d, const itn__floats w[3],
                                        itn__floats turn, itn__ints mask,
                                        const itn__free_space *space) {
-    const itn__fast *fast = crowd->fast;
-    itn__queue *queue = &crowd->inside.queue;
-    itn__floats largest, reach = itn__splat(INFINITY), unused;
-    itn__state ray = *s;
-    unsigned bits = itn__cut_shadows(crowd, s, d, w, mask, &ray, &largest);
-    int at = queue->count;
-    if (fast->shadow_cut > 0) {
-        mask = itn__bits_mask(bits);
-        reach = itn__vlog(itn__select(mask, largest / ray.pdf, itn__splat(INFINITY))) *
-                fast->substances[substance].mean_free_path;
-        if (space)
-            bits &= ~itn__mask_bits(itn__free_flight(space, itn__valong(s->p, reach, *d), *d,
-                                                     &unused));
+    itn__floats largest, level, reach = itn__splat(INFINITY), unused;
+    unsigned bits = itn__cut_shadows(crowd, s, w, mask, &largest, &level);
+    if (crowd->fast->shadow_cut > 0) {
+        reach = itn__vlog(itn__select(itn__bits_mask(bits), largest / level, reach)) *
+                crowd->fast->substances[substance].mean_free_path;
+        bits &= ~itn__mask_bits(itn__free_flight(space, itn__valong(s->p, reach, *d), *d,
+                                                 &unused));
     }
-    itn__compress(itn__row(queue, ITN__DISTANCE) + at, reach, bits);
-    itn__append_shadows(queue, &ray, bits);
-    for (; bits; bits &= bits - 1, at++) {
+    for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
-        float *scores = itn__begin_shadow(crowd, &crowd->inside, at, ITN__LANE(s->slot, k));
-        itn__leave_behind(&crowd->inside.places[at]);
-        if (fast->count)
-            itn__book(crowd, scores, substance, ITN__LANE(s->flights, k),
-                      ITN__LANE(s->phases, k) + ITN__LANE(turn, k), ITN__LANE(s->hits, k));
+        itn__path *ray = itn__send_shadow(crowd, s, k, d, w, ITN__LANE(level, k),
+                                          ITN__LANE(reach, k));
+        itn__leave_behind(&ray->place);
+        ray->flights = ITN__LANE(s->flights, k), ray->hits = ITN__LANE(s->hits, k);
+        ray->phases = ITN__LANE(s->phases, k) + ITN__LANE(turn, k);
+        itn__book(crowd, ray, substance);
     }
-}
-
-/* A shadow ray has come through: adds its light. */
-static void itn__arrive(itn__crowd *crowd, const itn__shadows *shadows, int at) {
-    const itn__fast *fast = crowd->fast;
-    itn__path *path = &crowd->paths[itn__int_row(&shadows->queue, ITN__SLOT)[at]];
-    float largest = 0, raise = 1, value[3] = {0, 0, 0};
-    int c;
-    for (c = 0; c < fast->channels; c++)
-        largest = itn__max(largest, itn__row(&shadows->queue, ITN__BETA + c)[at]);
-    if (largest < fast->shadow_cut) raise = fast->shadow_cut / largest;
-    for (c = 0; c < fast->channels && largest > 0; c++) {
-        value[c] = raise * itn__row(&shadows->queue, ITN__BETA + c)[at];
-        itn__bring_home(crowd, path->number, shadows->scores + (size_t)at * (size_t)fast->count, c,
-                        value[c]);
-    }
-    itn__bring_scales(crowd, path->number, itn__get_vector(&shadows->queue, ITN__D, at), 1, 0,
-                      value);
-}
-
-/* A shadow ray has come to a hit (NULL: to none) and is stopped, arrives, or goes on behind an
-   index-matched boundary: then returns 1. */
-static int itn__pass_shadow(itn__crowd *crowd, itn__shadows *shadows, int at, const itn_hit *hit) {
-    const itn__fast *fast = crowd->fast;
-    const itn_scene *scene = fast->scene;
-    itn__place *place = &shadows->places[at];
-    int substance = itn__substance_of(fast, place), c;
-    float largest = 0, t = hit ? itn__max(hit->t, 0) : 0;
-    itn__event event;
-    itn_ray ray;
-    if (!hit && !substance) itn__arrive(crowd, shadows, at);
-    if (!hit) return 0; /* in a medium its weight is lost on the way */
-    ray.origin = itn__get_vector(&shadows->queue, ITN__P, at);
-    ray.direction = itn__get_vector(&shadows->queue, ITN__D, at);
-    event = itn__meet_faces(scene, fast->theta, place, &ray, hit);
-    if (event.object >= 0) return 0;
-    for (c = 0; c < fast->channels; c++) {
-        float *w = itn__row(&shadows->queue, ITN__BETA + c) + at;
-        if (substance) *w *= expf(-fast->substances[substance].sigma_t * t);
-        largest = itn__max(largest, *w);
-    }
-    if (substance && fast->count)
-        itn__book(crowd, shadows->scores + (size_t)at * (size_t)fast->count, substance,
-                  -fast->substances[substance].sigma_t * t, 0, 0);
-    if (!(largest > itn__row(&shadows->queue, ITN__PDF)[at])) return 0;
-    ray.origin = itn__passed_point(scene->bvh, ray.origin, ray.direction, hit);
-    itn__cross_faces(scene, place, &event, ray.origin);
-    itn__set_vector(&shadows->queue, ITN__P, at, ray.origin);
-    return 1;
-}
-
-/* Follows a shadow ray through the tree to its end. */
-static void itn__finish_shadow(itn__crowd *crowd, itn__shadows *shadows, int at) {
-    itn_ray ray;
-    itn_hit hit;
-    int met;
-    do {
-        ray.origin = itn__get_vector(&shadows->queue, ITN__P, at);
-        ray.direction = itn__get_vector(&shadows->queue, ITN__D, at), ray.tmax = INFINITY;
-        met = itn__next_hit(crowd->fast->scene, &shadows->places[at], &ray, &hit);
-    } while (itn__pass_shadow(crowd, shadows, at, met ? &hit : NULL));
-}
-
-/* crowd->hits of the rays of a queue. */
-static void itn__find_shadow_hits(itn__crowd *crowd, itn__shadows *shadows, int outside) {
-    int i;
-    itn__swap_queues(&crowd->taken, &shadows->queue);
-    for (i = 0; i < crowd->taken.count; i++) crowd->places[i] = &shadows->places[i];
-    itn__find_hits(crowd, outside);
-    itn__swap_queues(&crowd->taken, &shadows->queue);
-}
-
-/* A ray that has come out of a medium waits with those outside. */
-static void itn__send_outside(itn__crowd *crowd, int at) {
-    size_t count = (size_t)crowd->fast->count;
-    int to = itn__move(&crowd->inside.queue, at, &crowd->outside.queue);
-    crowd->outside.places[to] = crowd->inside.places[at];
-    itn__row(&crowd->outside.queue, ITN__DISTANCE)[to] = INFINITY;
-    if (count)
-        memcpy(crowd->outside.scores + (size_t)to * count,
-               crowd->inside.scores + (size_t)at * count, count * sizeof(float));
-}
-
-/* Brings all shadow rays to their ends. */
-ITN__NOINLINE void itn__trace_shadows(itn__crowd *crowd) {
-    itn__shadows *inside = &crowd->inside, *outside = &crowd->outside;
-    int i;
-    if (inside->queue.count) itn__find_shadow_hits(crowd, inside, 0);
-    for (i = 0; i < inside->queue.count; i++) {
-        if (crowd->hits[i].triangle < 0 || !itn__pass_shadow(crowd, inside, i, &crowd->hits[i]))
-            continue;
-        if (itn__substance_of(crowd->fast, &inside->places[i]))
-            itn__finish_shadow(crowd, inside, i);
-        else
-            itn__send_outside(crowd, i);
-    }
-    inside->queue.count = 0;
-    if (outside->queue.count && crowd->fast->marches) itn__find_shadow_hits(crowd, outside, 1);
-    for (i = 0; i < outside->queue.count; i++) {
-        const itn_hit *hit = &crowd->hits[i];
-        if (!crowd->fast->marches ||
-            itn__pass_shadow(crowd, outside, i, hit->triangle >= 0 ? hit : NULL))
-            itn__finish_shadow(crowd, outside, i);
-    }
-    outside->queue.count = 0;
 }
 
 /* ---- [walk] collisions, one after the other -------------------------------------------------- */
@@ -9512,142 +9233,133 @@ ITN__NOINLINE void itn__trace_shadows(itn__crowd *crowd) {
 /* The stage where nearly all time is spent: roulette, flight, collision, new direction, for as long
    as each flight is proven free. */
 
+/* Where paths that have drawn many random numbers are late, see itn__roulette. */
+static itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, itn__ints mask) {
+    itn__ints limit = itn__splat_int((int32_t)ITN__MANY_DRAWS_CLEAR);
+    unsigned bits = itn__mask_bits(mask & itn__int_less(limit, s->dimension));
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        ITN__LANE(limit, k) = (int32_t)itn__many_draws(crowd->fast->scene, crowd->fast->theta,
+                                                       &path->place);
+    }
+    return itn__int_less(limit, s->dimension);
+}
+
+/* itn__roulette in lanes, which are expected to bring `value` per weight. Returns who survives. */
+static itn__ints itn__roulette_lanes(const itn__crowd *crowd, itn__state *s,
+                                     const itn__floats value[3], itn__ints mask) {
+    const itn__fast *fast = crowd->fast;
+    itn__floats largest = s->beta[0], survival = itn__splat(1), level = itn__splat(fast->roulette);
+    itn__ints low, late = itn__late(crowd, s, mask), survives;
+    int c;
+    for (c = 1; c < fast->channels; c++) largest = itn__most(largest, s->beta[c]);
+    low = ~itn__less_equal(level * ITN__SAME_WEIGHT, largest);
+    if (!itn__mask_bits((low | late) & mask)) return mask;
+    survival = itn__select(low, largest / level, survival);
+    survival = itn__select(late, survival * (1 - ITN__LATE_LOSS / itn__to_floats(s->dimension)),
+                           survival);
+    low = (low | late) & mask;
+    survives = itn__less(itn__draw(crowd, s, low), survival);
+    for (c = 0; c < fast->channels; c++) {
+        itn__floats raised = s->beta[c] / survival;
+        if (fast->controls)
+            itn__difference(s, c, itn__select(survives, raised, itn__splat(0)) * value[c],
+                            s->beta[c] * value[c], low);
+        s->beta[c] = itn__select(low, raised, s->beta[c]);
+    }
+    return mask & ~(low & ~survives);
+}
+
 /* d ln p / dg of the phase function. */
 static itn__floats itn__turn_score(float g, itn__floats x, itn__floats y) {
     itn__num p = itn__hg(itn__variable(itn__splat(g)), x, y);
     return p.d / p.v;
 }
 
+/* Shadow rays of collisions in the mask's lanes. */
+static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
+                                  const itn__free_space *space) {
+    const itn__fast *fast = crowd->fast;
+    float g = fast->substances[substance].g;
+    itn__light_draw light = itn__light_for(crowd, s, mask);
+    itn__floats x = itn__vone_minus_cosine(s->d, light.direction);
+    itn__floats y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
+    itn__floats pdf = itn__hg(itn__constant(itn__splat(g)), x, y).v, w[3], turn = itn__splat(0);
+    int c;
+    for (c = 0; c < fast->channels; c++)
+        w[c] = s->beta[c] * pdf * light.radiance[c] / (light.pdf + pdf);
+    if (fast->count) turn = itn__turn_score(g, x, y);
+    itn__shadows_of_collisions(crowd, substance, s, &light.direction, w, turn, light.drawn, space);
+}
+
 /* A collision in each lane of the mask, after a flight over `distance`: albedo, a shadow ray, a new
    direction. Returns who goes on. */
-ITN__INLINE itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
-                                   itn__floats distance, itn__ints mask,
-                                   const itn__free_space *space) {
+static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
+                              itn__floats distance, itn__ints mask,
+                              const itn__free_space *space) {
     const itn__fast *fast = crowd->fast;
     const itn__substance *medium = &fast->substances[substance];
-    const float *expected = fast->values[substance].mean;
-    itn__num g = itn__constant(itn__splat(medium->g));
-    itn__floats u, v, x, y, w[3], turn = itn__splat(0), zero = itn__splat(0);
+    itn__floats u, v, x, y, score, zero = itn__splat(0);
     itn__ints alive = itn__splat_int(0);
     itn__vectors d = s->d;
     int c;
     crowd->collisions += itn__count_bits(itn__mask_bits(mask));
-    if (fast->scored) {
-        itn__floats score = itn__select(mask, 1 - medium->sigma_t * distance, zero);
-        s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
-        for (c = 0; c < fast->channels; c++)
-            s->flight_base[c] = s->flight_base[c] + score * s->beta[c] * expected[c];
-    }
+    score = itn__select(mask, 1 - medium->sigma_t * distance, zero);
+    s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
     for (c = 0; c < fast->channels; c++) {
+        s->flight_base[c] = s->flight_base[c] + score * s->beta[c] * medium->value.mean[c];
         s->beta[c] = itn__select(mask, s->beta[c] * medium->albedo[c], s->beta[c]);
         alive |= itn__less(zero, s->beta[c]);
     }
     mask &= alive;
-    if (fast->shadows) {
-        itn__light_draw light = itn__light_for(crowd, s, mask);
-        x = itn__vone_minus_cosine(s->d, light.direction);
-        y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
-        u = itn__hg(g, x, y).v;
-        for (c = 0; c < fast->channels; c++)
-            w[c] = s->beta[c] * u * light.radiance[c] / (light.pdf + u);
-        if (fast->scored) turn = itn__turn_score(medium->g, x, y);
-        itn__shadows_of_collisions(crowd, substance, s, &light.direction, w, turn, light.drawn,
-                                   space);
-    }
+    if (fast->shadows) itn__light_collisions(crowd, substance, s, mask, space);
     u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
     s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
-    if (!fast->only_constant) s->pdf = itn__select(mask, itn__hg(g, x, y).v, s->pdf);
-    if (fast->controls) itn__control_direction(crowd, substance, s, &d, mask);
-    if (fast->scored) {
-        turn = itn__select(mask, itn__turn_score(medium->g, x, y), zero);
-        s->phases = s->phases + turn;
+    if (!fast->only_constant)
+        s->pdf = itn__select(mask, itn__hg(itn__constant(itn__splat(medium->g)), x, y).v, s->pdf);
+    if (fast->controls) itn__control_direction(fast, medium, s, &d, mask);
+    if (fast->count) {
+        score = itn__select(mask, itn__turn_score(medium->g, x, y), zero);
+        s->phases = s->phases + score;
         for (c = 0; c < fast->channels; c++)
-            s->phase_base[c] = s->phase_base[c] + turn * s->beta[c] * expected[c];
+            s->phase_base[c] = s->phase_base[c] + score * s->beta[c] * medium->value.mean[c];
     }
     return mask;
 }
 
 /* Roulette, and flights of the mask's lanes; returns who survives. */
-static itn__ints itn__take_off(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
-                               itn__floats *distance) {
-    const itn__fast *fast = crowd->fast;
-    const itn__substance *medium = &fast->substances[substance];
-    itn__ints late = itn__int_less(itn__splat_int((int32_t)itn__many_draws_in(
-        fast->scene, medium->sigma_t)), s->dimension);
+static itn__ints itn__take_off(itn__crowd *crowd, const itn__substance *substance, itn__state *s,
+                               itn__ints mask, itn__floats *distance) {
     itn__ahead ahead;
-    if (fast->controls) itn__look_ahead(crowd, substance, s, &ahead);
-    mask = itn__roulette_lanes(crowd, s, fast->controls ? ahead.mean : NULL, mask, late);
-    *distance = itn__select(mask, itn__sample_flight(itn__splat(medium->mean_free_path),
+    if (crowd->fast->controls) itn__look_ahead(crowd->fast, substance, s, &ahead);
+    mask = itn__roulette_lanes(crowd, s, crowd->fast->controls ? ahead.mean : NULL, mask);
+    *distance = itn__select(mask, itn__sample_flight(itn__splat(substance->mean_free_path),
                                                      itn__draw(crowd, s, mask)), *distance);
-    if (fast->controls) itn__control_flight(crowd, substance, s, &ahead, *distance, mask);
+    if (crowd->fast->controls)
+        itn__control_flight(crowd->fast, substance, s, &ahead, *distance, mask);
     return mask;
 }
 
-/* In a render that learns marks, of each two paths about to fly (by key) one, after a number of
-   collisions that its key decides. */
+/* In a render that learns, marks paths about to fly, each after a number of collisions that its key
+   decides. */
 static void itn__mark_flights(itn__crowd *crowd, int substance, const itn__state *s,
                               itn__ints mask) {
-    itn__words doubling = itn__int_words(s->key0) & 3, span;
-    itn__view view = itn__view_of(crowd, substance, s, &s->d);
-    span = (itn__splat_word(1) << doubling) - 1;
-    mask &= itn__int_equal(itn__to_ints(s->hits),
-                           itn__word_ints(span + ((itn__int_words(s->key0) >> 8) & span)));
-    mask &= itn__int_equal(s->key1 & 1, itn__splat_int(0));
-    if (!itn__mask_bits(mask)) return;
-    itn__trace_shadows(crowd); /* what is under way is not to be learnt */
-    itn__mark_lanes(crowd, substance, s, view.depth, view.cosine, itn__mask_bits(mask));
-}
-
-/* Lanes of a walk: busy ones are about to fly; unsure ones have drawn a flight that leaves what is
-   known of their surroundings, waiting ones a flight that the tables cannot prove free; the others
-   are empty. Looking around and moving paths costs as much for one lane as for all, so it is put
-   off until a quarter of the lanes need it. */
-typedef struct itn__lanes_walk {
-    itn__state s;
-    itn__free_space space;
-    itn__floats distance; /* of the flight drawn */
-    unsigned busy, unsure, waiting;
-    unsigned moved; /* have flown freely since they came, and so left behind where they were */
-} itn__lanes_walk;
-
-/* Some lanes leave the walk. */
-static void itn__note_moves(itn__crowd *crowd, itn__lanes_walk *walk, unsigned lanes) {
-    for (lanes &= walk->moved; lanes; lanes &= lanes - 1)
-        itn__leave_behind(&crowd->paths[ITN__LANE(walk->s.slot, itn__lowest_bit(lanes))].place);
-}
-
-/* Sends waiting lanes to the exact stage and fills all empty lanes from the queue. */
-static void itn__refill(itn__crowd *crowd, int substance, itn__lanes_walk *walk) {
-    itn__queue *queue = &crowd->walk[substance], *exact = &crowd->exact[substance];
-    unsigned fill = ITN__ALL_LANES & ~(walk->busy | walk->unsure);
-    if (walk->waiting) {
-        itn__compress(itn__row(exact, ITN__DISTANCE) + exact->count, walk->distance,
-                      walk->waiting);
-        itn__note_moves(crowd, walk, walk->waiting);
-        itn__append(crowd->fast, exact, &walk->s, walk->waiting);
-        walk->waiting = 0;
+    itn__words key = itn__int_words(s->key0), span = (itn__splat_word(1) << (key & 3)) - 1u;
+    itn__view view = itn__view_of(&crowd->fast->substances[substance], s, &s->d);
+    unsigned bits = itn__mask_bits(mask & itn__int_equal(itn__to_ints(s->hits),
+                                       itn__word_ints(span + ((key >> 8) & span))));
+    int c;
+    if (bits) itn__trace_shadows(crowd); /* what is under way is not to be learnt */
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        if (path->mark) continue;
+        path->mark = substance;
+        path->mark_depth = ITN__LANE(view.depth, k), path->mark_cosine = ITN__LANE(view.cosine, k);
+        for (c = 0; c < 3; c++)
+            path->mark_weight[c] = ITN__LANE(s->beta[c], k), path->brought[c] = 0;
     }
-    while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
-    if (!fill) return;
-    queue->count -= itn__count_bits(fill);
-    itn__read(crowd->fast, queue, queue->count, &walk->s, fill);
-    walk->moved &= ~fill, walk->busy |= fill;
-    walk->space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), walk->space.half);
-}
-
-/* Draws flights for the busy lanes. Returns those that are free; the others become unsure. */
-static itn__ints itn__fly(itn__crowd *crowd, int substance, itn__lanes_walk *walk,
-                          itn__vectors *q, itn__floats *nq) {
-    itn__ints active = itn__take_off(crowd, substance, &walk->s, itn__bits_mask(walk->busy),
-                                     &walk->distance), safe;
-    unsigned alive = itn__mask_bits(active);
-    if (walk->busy != alive) itn__end_lanes(crowd, substance, &walk->s, walk->busy & ~alive);
-    if (crowd->fast->learning) itn__mark_flights(crowd, substance, &walk->s, active);
-    *q = itn__valong(walk->s.p, walk->distance, walk->s.d);
-    safe = active & itn__free_flight(&walk->space, *q, walk->s.d, nq);
-    walk->unsure |= alive & ~itn__mask_bits(safe);
-    walk->busy = 0;
-    return safe;
 }
 
 /* Puts the plane of the surface nearby in the place of the last face. */
@@ -9659,257 +9371,188 @@ static void itn__adopt_plane(const itn__free_space *space, itn__state *s, itn__i
     s->level = itn__select(mask, itn__vdot(up, space->centre) + space->middle * inverse, s->level);
 }
 
-/* Looks around for the unsure lanes. Returns those whose flight turns out free; the others wait. */
-static itn__ints itn__make_sure(itn__crowd *crowd, itn__lanes_walk *walk, itn__vectors q,
-                                itn__floats *nq) {
-    itn__ints unsure = itn__bits_mask(walk->unsure), safe;
-    itn__look_around(crowd->fast->voxels, walk->s.p, unsure, &walk->space);
-    if (itn__knows_plane(crowd->fast)) itn__adopt_plane(&walk->space, &walk->s, unsure);
-    safe = unsure & itn__free_flight(&walk->space, q, walk->s.d, nq);
-    if (crowd->fast->unsafe) safe = itn__splat_int(0);
-    walk->waiting |= walk->unsure & ~itn__mask_bits(safe);
-    walk->unsure = 0;
+/* The lanes of a walk. */
+typedef struct itn__lanes {
+    itn__state s;
+    itn__free_space space; /* around them */
+    itn__floats distance;  /* that has brought them to a collision, or -1 */
+    unsigned busy;
+    unsigned moved; /* have collided since they came, and so left behind where they were */
+} itn__lanes;
+
+/* Fills empty lanes from the queue. */
+static void itn__fill(itn__crowd *crowd, itn__queue *queue, itn__lanes *walk) {
+    unsigned fill = ITN__ALL_LANES & ~walk->busy;
+    while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
+    if (!fill) return;
+    queue->count -= itn__count_bits(fill);
+    itn__read(crowd, queue->slots + queue->count, fill, &walk->s);
+    walk->moved &= ~fill, walk->busy |= fill;
+    walk->space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), walk->space.half);
+    for (; fill; fill &= fill - 1) {
+        int k = itn__lowest_bit(fill);
+        ITN__LANE(walk->distance, k) = crowd->paths[ITN__LANE(walk->s.slot, k)].distance;
+    }
+}
+
+/* Lanes leave the walk for a queue. */
+static void itn__leave(itn__crowd *crowd, itn__queue *queue, itn__lanes *walk, unsigned bits) {
+    itn__write(crowd, &walk->s, bits);
+    walk->busy &= ~bits;
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__path *path = &crowd->paths[ITN__LANE(walk->s.slot, k)];
+        path->distance = ITN__LANE(walk->distance, k);
+        if (walk->moved >> k & 1) itn__leave_behind(&path->place);
+        itn__enqueue(crowd, queue, path);
+    }
+}
+
+/* Which of the lanes that have drawn a flight fly freely; these arrive. */
+static itn__ints itn__fly(const itn__fast *fast, itn__lanes *walk, itn__ints mask) {
+    itn__vectors q = itn__valong(walk->s.p, walk->distance, walk->s.d);
+    itn__floats nq;
+    itn__ints safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq), unsure;
+    unsure = mask & ~safe;
+    if (itn__mask_bits(unsure)) {
+        itn__look_around(fast->voxels, walk->s.p, unsure, &walk->space);
+        if (fast->controls || fast->learning) itn__adopt_plane(&walk->space, &walk->s, unsure);
+        safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq);
+    }
+    if (fast->unsafe) safe = itn__splat_int(0);
+    walk->s.p = itn__vselect(safe, q, walk->s.p);
+    walk->space.np = itn__select(safe, nq, walk->space.np);
     return safe;
 }
 
-/* Whether a walk with few lanes left should wait until there are more. */
-static int itn__should_wait(const itn__crowd *crowd, int substance, const itn__lanes_walk *walk) {
-    return !walk->unsure && itn__count_bits(walk->busy) < ITN__LANES / 2 &&
-           !crowd->walk[substance].count &&
-           (crowd->exact[substance].count || itn__unit_paths_left(crowd));
-}
-
-/* The walk in one substance. */
+/* The walk in one substance, until there is nothing to do or too little. */
 ITN__NOINLINE void itn__run_walk(itn__crowd *crowd, int substance) {
     itn__queue *queue = &crowd->walk[substance];
-    itn__lanes_walk walk;
+    itn__lanes walk;
     memset(&walk, 0, sizeof walk);
     for (;;) {
-        int held = itn__count_bits(walk.busy | walk.unsure);
-        itn__ints safe;
-        itn__floats nq;
-        itn__vectors q;
-        unsigned moved;
-        if (held <= ITN__LANES - ITN__QUARTER) {
-            itn__refill(crowd, substance, &walk);
-            if (!(walk.busy | walk.unsure)) return;
-            if (held == itn__count_bits(walk.busy) && itn__should_wait(crowd, substance, &walk)) {
-                itn__note_moves(crowd, &walk, walk.busy);
-                itn__append(crowd->fast, queue, &walk.s, walk.busy);
-                return;
-            }
-        }
-        safe = itn__fly(crowd, substance, &walk, &q, &nq);
-        if (itn__count_bits(walk.unsure) >= ITN__QUARTER || !itn__mask_bits(safe))
-            safe |= itn__make_sure(crowd, &walk, q, &nq);
-        walk.s.p = itn__vselect(safe, q, walk.s.p);
-        walk.space.np = itn__select(safe, nq, walk.space.np);
-        moved = itn__mask_bits(safe), walk.moved |= moved;
-        if (crowd->inside.queue.count > ITN__CROWD - ITN__LANES) itn__trace_shadows(crowd);
-        walk.busy = itn__mask_bits(
-            itn__collide(crowd, substance, &walk.s, walk.distance, safe, &walk.space));
-        if (moved != walk.busy) itn__end_lanes(crowd, substance, &walk.s, moved & ~walk.busy);
+        itn__ints mask, here, safe;
+        itn__fill(crowd, queue, &walk);
+        if (itn__count_bits(walk.busy) < ITN__LANES / 2 &&
+            (crowd->exact.count || itn__unit_paths_left(crowd)))
+            itn__leave(crowd, queue, &walk, walk.busy);
+        if (!walk.busy) return;
+        if (crowd->ray_count > ITN__CROWD - ITN__LANES) itn__trace_shadows(crowd);
+        mask = itn__bits_mask(walk.busy);
+        here = mask & itn__less_equal(itn__splat(0), walk.distance);
+        walk.moved |= itn__mask_bits(here);
+        mask &= ~here | itn__collide(crowd, substance, &walk.s, walk.distance, here, &walk.space);
+        mask = itn__take_off(crowd, &crowd->fast->substances[substance], &walk.s, mask,
+                             &walk.distance);
+        if (crowd->fast->learning) itn__mark_flights(crowd, substance, &walk.s, mask);
+        itn__end_lanes(crowd, substance, &walk.s, walk.busy & ~itn__mask_bits(mask));
+        safe = itn__fly(crowd->fast, &walk, mask);
+        itn__leave(crowd, &crowd->exact, &walk, itn__mask_bits(mask & ~safe));
+        walk.busy = itn__mask_bits(safe);
     }
 }
 
 /* ---- [surfaces] what flights come to --------------------------------------------------------- */
 
 /* Flights end at a collision or at a surface. What the surface is to light, is found path by path
-   ([place]); then the lanes on one surface go through its model together, as in the reference. */
+   ([place]); then the lanes on one surface go through its model together, as in the reference.
+   Outside of media paths fly to the next surface or leave; where they leave, they add the lights in
+   their direction, with the weight of having met a sampled light by chance. */
 
-/* Asks for what itn__meet will read of each hit. */
-static void itn__prefetch_hits(const itn__crowd *crowd) {
-    int i;
-    for (i = 0; i < crowd->taken.count; i++)
-        if (crowd->hits[i].triangle >= 0) {
-            ITN__PREFETCH(&crowd->fast->scene->bvh->triangles[crowd->hits[i].triangle]);
-            ITN__PREFETCH(&crowd->fast->normals[3 * (size_t)crowd->hits[i].triangle]);
-        }
-}
-
-/* Those of the lanes, items at ... of `taken`, that have met a surface. */
-static unsigned itn__hit_lanes(const itn__crowd *crowd, int at, unsigned bits) {
-    unsigned met = 0;
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        met |= (unsigned)(crowd->hits[at + k].triangle >= 0) << k;
-    }
-    return met;
-}
-
-/* Sends the lanes named by `bits` to their next flight, each in the substance it is in. */
-static void itn__depart(itn__crowd *crowd, const itn__state *s, unsigned bits) {
-    while (bits) {
-        unsigned same = 0, rest = bits;
-        int first = -1;
-        for (; rest; rest &= rest - 1) {
-            int k = itn__lowest_bit(rest);
-            int substance = itn__substance_of(crowd->fast,
-                                              &crowd->paths[ITN__LANE(s->slot, k)].place);
-            if (first < 0) first = substance;
-            if (substance == first) same |= 1u << k;
-        }
-        itn__append(crowd->fast, &crowd->walk[first], s, same);
-        bits &= ~same;
-    }
-}
-
-/* Flights over t have brought lanes out of a substance without a collision: books what these paths
-   have gathered there. */
-static void itn__pass_lanes(itn__crowd *crowd, int substance, itn__state *s, itn__floats t,
-                            unsigned bits) {
-    const itn__fast *fast = crowd->fast;
-    itn__floats last = t * -fast->substances[substance].sigma_t;
+/* A flight over t has brought a path out of a substance without a collision. */
+static void itn__pass(itn__crowd *crowd, itn__path *path, int substance, float t) {
+    const itn__substance *medium = &crowd->fast->substances[substance];
+    float depth = medium->sigma_t * t;
     int c;
-    s->flights = s->flights + last;
-    for (c = 0; c < fast->channels; c++)
-        s->flight_base[c] = s->flight_base[c] +
-                            last * s->beta[c] * fast->values[substance].mean[c];
-    itn__book_lanes(crowd, substance, s, bits);
+    path->flights -= depth;
+    for (c = 0; c < crowd->fast->channels; c++)
+        path->flight_base[c] -= depth * path->beta[c] * medium->value.mean[c];
+    itn__book(crowd, path, substance);
 }
 
-/* Where lanes have met triangles: point, normal on their side, and how far they came. */
-typedef struct itn__meeting {
-    float p[3][ITN__LANES], n[3][ITN__LANES], t[ITN__LANES], eta[ITN__LANES];
-} itn__meeting;
-
-ITN__INLINE itn__vectors itn__load_vectors(float (*v)[ITN__LANES]) {
-    return itn__vectors_of(itn__load(v[0]), itn__load(v[1]), itn__load(v[2]));
-}
-
-/* Path `slot`, lane k of a meeting, is at a hit of a ray: goes through a boundary that light does
-   not feel, or notes its surface. Returns whether there is one. */
-static int itn__meet_lane(itn__crowd *crowd, int slot, const itn_ray *ray, const itn_hit *hit,
-                          itn__meeting *m, int k) {
+/* A path has come to path->hit within or around a substance: it goes to the surface's queue, or
+   through an index-matched boundary. */
+static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
-    itn__path *path = &crowd->paths[slot];
-    itn_vec3 p = itn__hit_point(scene->bvh, hit);
-    const itn__surface *surface;
-    path->event = itn__meet_faces(scene, fast->theta, &path->place, ray, hit);
+    const float *n = fast->normals + 3 * (size_t)path->hit.triangle;
+    const itn__object *object;
+    itn_ray ray;
+    ray.origin = path->p, ray.direction = path->d;
+    path->up = itn__vec3(n[0], n[1], n[2]);
+    if (itn__max_abs(path->up) == 0) {
+        itn__end(crowd, path, substance);
+        return;
+    }
+    if (itn__dot(path->up, path->d) > 0) path->up = itn__scale(path->up, -1);
+    itn__pass(crowd, path, substance, itn__max(path->hit.t, 0));
+    path->event = itn__meet_faces(scene, fast->theta, &path->place, &ray, &path->hit);
+    path->p = itn__hit_point(scene->bvh, &path->hit);
+    path->level = itn__dot(path->up, path->p);
     if (path->event.object < 0) {
-        p = itn__passed_point(scene->bvh, ray->origin, ray->direction, hit);
-        itn__cross_faces(scene, &path->place, &path->event, p);
-    } else {
-        surface = &scene->surfaces[scene->objects[path->event.object].surface];
-        m->eta[k] = itn__ior(scene, fast->theta, path->event.after) /
-                    itn__ior(scene, fast->theta, path->place.refracting);
-        if (surface->texture != ITN_TEXTURE_NONE)
-            itn__texture_coordinates(scene, path->event.object, hit, p, &path->s, &path->t);
+        path->p = itn__passed_point(scene->bvh, ray.origin, ray.direction, &path->hit);
+        itn__cross_faces(scene, &path->place, &path->event, path->p);
+        itn__depart(crowd, path);
+        return;
     }
-    m->p[0][k] = p.x, m->p[1][k] = p.y, m->p[2][k] = p.z;
-    return path->event.object >= 0;
+    object = &scene->objects[path->event.object];
+    path->eta = itn__ior(scene, fast->theta, path->event.after) /
+                itn__ior(scene, fast->theta, path->place.refracting);
+    if (scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE)
+        itn__texture_coordinates(scene, path->event.object, &path->hit, path->p, &path->s,
+                                 &path->t);
+    itn__enqueue(crowd, &crowd->surface[object->surface], path);
 }
 
-/* Paths of the lanes named by `bits`, items at ... of `taken`, have come to surfaces within or
-   around a substance, at crowd->hits: they go to the surface stage, or through an index-matched
-   boundary. */
-static void itn__meet(itn__crowd *crowd, int substance, int at, unsigned bits) {
-    const itn__fast *fast = crowd->fast;
-    itn__queue *taken = &crowd->taken, *queue = &crowd->surface;
-    itn__state s = ITN_ZERO;
-    itn__meeting m;
-    unsigned rest, lost = 0, felt = 0;
-    int k, c;
-    memset(&m, 0, sizeof m);
-    itn__read(fast, taken, at, &s, ITN__ALL_LANES);
-    for (rest = bits; rest; rest &= rest - 1) {
-        const itn_hit *hit;
-        const float *n;
-        itn_ray ray;
-        float side;
-        k = itn__lowest_bit(rest), hit = &crowd->hits[at + k];
-        n = fast->normals + 3 * (size_t)hit->triangle;
-        if (n[0] == 0 && n[1] == 0 && n[2] == 0) {
-            lost |= 1u << k;
-            continue;
-        }
-        ray.origin = itn__lane_vector(&s.p, k), ray.direction = itn__lane_vector(&s.d, k);
-        side = n[0] * ray.direction.x + n[1] * ray.direction.y + n[2] * ray.direction.z;
-        for (c = 0; c < 3; c++) m.n[c][k] = side > 0 ? -n[c] : n[c];
-        m.t[k] = itn__max(hit->t, 0);
-        if (itn__meet_lane(crowd, ITN__LANE(s.slot, k), &ray, hit, &m, k)) felt |= 1u << k;
-    }
-    itn__pass_lanes(crowd, substance, &s, itn__load(m.t), bits);
-    itn__end_lanes(crowd, 0, &s, lost);
-    s.p = itn__load_vectors(m.p), s.up = itn__load_vectors(m.n);
-    s.level = itn__vdot(s.up, s.p);
-    if (fast->learning && substance)
-        itn__mark_lanes(crowd, 0, &s, itn__splat(0), itn__vdot(s.up, s.d),
-                        bits & ~lost & itn__mask_bits(itn__int_equal(s.key1 & 1,
-                                                                     itn__splat_int(1))));
-    itn__push_vectors(queue, ITN__NORMAL, s.up, felt);
-    itn__compress(itn__row(queue, ITN__ETA) + queue->count, itn__load(m.eta), felt);
-    itn__append(fast, queue, &s, felt);
-    itn__depart(crowd, &s, bits & ~(lost | felt));
-}
-
-/* Of the lanes named by `bits`, whose flights have met nothing, those that end beyond the box of
-   all solids have lost theirs, as rounding makes it happen in needles: they go on outside. Returns
-   them. */
-static unsigned itn__leave_lanes(itn__crowd *crowd, int substance, itn__state *s,
-                                 itn__floats distance, unsigned bits) {
+/* A flight has met nothing. One that ends beyond the box of all solids has lost its own, as
+   rounding makes it happen in needles: it goes on outside. Returns whether it has. */
+static int itn__lose(itn__crowd *crowd, int substance, itn__path *path) {
     const itn_scene *scene = crowd->fast->scene;
-    itn__vectors q = itn__valong(s->p, distance, s->d);
-    itn__floats t = itn__splat(0);
-    unsigned out = 0;
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        itn_vec3 p = itn__lane_vector(&s->p, k), d = itn__lane_vector(&s->d, k);
-        if (itn__within(scene, itn__lane_vector(&q, k))) continue;
-        out |= 1u << k, ITN__LANE(t, k) = itn__way_out(scene, p, d);
-        itn__leave_solids(scene, &crowd->paths[ITN__LANE(s->slot, k)].place);
-    }
-    if (!out) return 0;
-    itn__pass_lanes(crowd, substance, s, t, out);
-    s->p = itn__vselect(itn__bits_mask(out), itn__valong(s->p, t, s->d), s->p);
-    itn__append(crowd->fast, &crowd->walk[0], s, out);
-    return out;
+    float t;
+    if (itn__within(scene, itn__along(path->p, path->distance, path->d))) return 0;
+    t = itn__way_out(scene, path->p, path->d);
+    itn__pass(crowd, path, substance, t);
+    path->p = itn__along(path->p, t, path->d);
+    itn__leave_solids(scene, &path->place);
+    itn__depart(crowd, path);
+    return 1;
+}
+
+/* The paths of a queue, which is empty then, take off. */
+static void itn__take(itn__crowd *crowd, itn__queue *queue) {
+    int i;
+    for (i = 0; i < queue->count; i++) crowd->taken[i] = &crowd->paths[queue->slots[i]];
+    crowd->taken_count = queue->count, queue->count = 0;
 }
 
 /* Flights that the tables could not prove free. */
 ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
-    itn__queue *queue = &crowd->taken;
     int i;
-    itn__swap_queues(queue, &crowd->exact[substance]);
-    crowd->exact[substance].count = 0;
-    for (i = 0; i < queue->count; i++)
-        crowd->places[i] = &crowd->paths[itn__int_row(queue, ITN__SLOT)[i]].place;
-    itn__find_hits(crowd, 0);
-    itn__prefetch_hits(crowd);
-    for (i = 0; i < queue->count; i += ITN__LANES) {
-        itn__state s = ITN_ZERO;
-        itn__ints mask = itn__first_lanes(queue->count - i);
-        unsigned bits = itn__mask_bits(mask), met = itn__hit_lanes(crowd, i, bits), on;
-        itn__floats distance = itn__load(itn__row(queue, ITN__DISTANCE) + i);
-        if (met) itn__meet(crowd, substance, i, met);
-        bits &= ~met;
-        if (!bits) continue;
-        itn__read(crowd->fast, queue, i, &s, ITN__ALL_LANES);
-        bits &= ~itn__leave_lanes(crowd, substance, &s, distance, bits);
-        s.p = itn__valong(s.p, distance, s.d);
-        on = itn__mask_bits(itn__collide(crowd, substance, &s, distance, itn__bits_mask(bits),
-                                         NULL));
-        itn__end_lanes(crowd, substance, &s, bits & ~on);
-        itn__append(crowd->fast, &crowd->walk[substance], &s, on);
+    itn__take(crowd, &crowd->exact);
+    itn__find_hits(crowd);
+    for (i = 0; i < crowd->taken_count; i++) {
+        itn__path *path = crowd->taken[i];
+        if (path->hit.triangle >= 0) {
+            itn__meet(crowd, substance, path);
+        } else if (!itn__lose(crowd, substance, path)) {
+            path->p = itn__along(path->p, path->distance, path->d);
+            itn__enqueue(crowd, &crowd->walk[substance], path);
+        }
     }
-    queue->count = 0;
 }
 
-/* Lane k, on a surface, goes the way of its event: through it, or back. */
-static void itn__leave_surface(const itn__crowd *crowd, int slot, itn__place *place,
-                               itn_vec3 point, int through) {
-    const itn_scene *scene = crowd->fast->scene;
-    const itn__event *event = &crowd->paths[slot].event;
-    if (through) itn__cross_faces(scene, place, event, point);
-    else itn__throw_back(scene, place, event, point);
+/* A path on a surface goes the way of its event: through it, or back. */
+static void itn__leave_surface(const itn_scene *scene, const itn__path *path, int through,
+                               itn_vec3 point, itn__place *place) {
+    if (through) itn__cross_faces(scene, place, &path->event, point);
+    else itn__throw_back(scene, place, &path->event, point);
 }
 
 /* Adds to scores what a factor at a surface contributes in lane k. */
-static void itn__book_factor(const itn__crowd *crowd, float *scores, const itn__factor *f, int k) {
+static void itn__book_factor(const itn__fast *fast, float *scores, const itn__factor *f, int k) {
     int j, c;
     for (j = 0; j < f->count; j++) {
-        c = crowd->fast->only[f->slots[j]] > 0 ? crowd->fast->only[f->slots[j]] : 0;
+        c = fast->only[f->slots[j]] > 0 ? fast->only[f->slots[j]] : 0;
         if (ITN__LANE(f->value[c], k) != 0)
             scores[f->slots[j]] += ITN__LANE(f->slope[j][c], k) / ITN__LANE(f->value[c], k);
     }
@@ -9920,169 +9563,112 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
                                     itn__factor *f, itn__ints mask) {
     const itn__fast *fast = crowd->fast;
     itn__light_draw light = itn__light_for(crowd, s, mask);
-    itn__floats pdf, w[3], largest;
+    itn__floats pdf, w[3], largest, level;
     itn__ints through;
-    itn__state ray = *s;
     unsigned bits;
     int c;
     itn__bsdf_eval(site, &light.direction, f, &pdf, &through);
     for (c = 0; c < fast->channels; c++)
         w[c] = s->beta[c] * f->value[c] * light.radiance[c] / (light.pdf + pdf);
-    bits = itn__cut_shadows(crowd, s, &light.direction, w,
-                            mask & light.drawn & itn__less(itn__splat(0), pdf), &ray, &largest);
+    bits = itn__cut_shadows(crowd, s, w, mask & light.drawn & itn__less(itn__splat(0), pdf),
+                            &largest, &level);
+    if (crowd->ray_count > ITN__CROWD - ITN__LANES) itn__trace_shadows(crowd);
     for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), slot = ITN__LANE(s->slot, k), substance, at;
-        float floor_weight = ITN__LANE(ray.pdf, k), reach = INFINITY, *scores;
-        itn__place place = crowd->paths[slot].place;
-        itn__shadows *shadows;
-        itn__leave_surface(crowd, slot, &place, itn__lane_vector(&s->p, k),
-                           ITN__LANE(through, k) != 0);
-        substance = itn__substance_of(fast, &place);
-        shadows = substance ? &crowd->inside : &crowd->outside, at = shadows->queue.count;
-        if (substance && floor_weight > 0)
-            reach = logf(ITN__LANE(largest, k) / floor_weight) *
-                    fast->substances[substance].mean_free_path;
-        itn__append_shadows(&shadows->queue, &ray, 1u << k);
-        itn__row(&shadows->queue, ITN__DISTANCE)[at] = reach;
-        scores = itn__begin_shadow(crowd, shadows, at, slot);
-        shadows->places[at] = place;
-        itn__book_factor(crowd, scores, f, k);
+        int k = itn__lowest_bit(bits), substance;
+        itn__path *ray = itn__send_shadow(crowd, s, k, &light.direction, w, ITN__LANE(level, k),
+                                          INFINITY);
+        itn__leave_surface(fast->scene, ray->owner, ITN__LANE(through, k), ray->p, &ray->place);
+        substance = itn__substance_of(fast, &ray->place);
+        if (substance && ray->pdf > 0)
+            ray->distance = logf(ITN__LANE(largest, k) / ray->pdf) *
+                            fast->substances[substance].mean_free_path;
+        itn__book_factor(fast, ray->scores, f, k);
     }
+}
+
+/* The sites of lanes on one surface, and what is asked for there. */
+static void itn__sites_begin(const itn__crowd *crowd, const itn__state *s,
+                             const itn__surface *surface, unsigned bits, itn__site *site,
+                             itn__factor *f) {
+    itn__site_make(site, surface, crowd->fast->theta, crowd->fast->channels, &s->up, &s->d);
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        ITN__LANE(site->eta.v, k) = path->eta;
+        if (surface->texture != ITN_TEXTURE_NONE) itn__site_texture(site, k, path->s, path->t);
+    }
+    f->count = 0;
+    if (crowd->fast->count) itn__site_seeds(site, crowd->fast->slots, f);
 }
 
 /* Lanes on one surface: a shadow ray, and a new direction. */
 static void itn__scatter_lanes(itn__crowd *crowd, itn__state *s, const itn__surface *surface,
-                               itn__vectors n, itn__floats eta, itn__ints mask) {
+                               itn__ints mask) {
     const itn__fast *fast = crowd->fast;
-    itn__floats u[3], pdf, turned;
+    itn__floats u[3], turned;
     itn__ints through, good;
-    itn__vectors d;
     itn__site site;
     itn__factor f;
     unsigned bits;
-    int k, c;
-    itn__site_make(&site, surface, fast->theta, fast->channels, &n, &s->d);
-    site.eta = itn__constant(eta), f.count = 0;
-    if (fast->count) itn__site_seeds(&site, fast->slots, &f);
-    for (bits = itn__mask_bits(mask); bits && surface->texture != ITN_TEXTURE_NONE;
-         bits &= bits - 1) {
-        const itn__path *path = &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(bits))];
-        itn__site_texture(&site, itn__lowest_bit(bits), path->s, path->t);
-    }
+    int k;
+    itn__sites_begin(crowd, s, surface, itn__mask_bits(mask), &site, &f);
     if (fast->shadows && !site.smooth) itn__shadows_of_surface(crowd, s, &site, &f, mask);
     for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
-    good = mask & itn__bsdf_sample(&site, u, &d, &f, &pdf, &through);
+    good = mask & itn__bsdf_sample(&site, u, &s->d, &f, &s->pdf, &through);
     if (fast->controls && (itn__bsdfs[surface->type].flags & ITN__FACETS))
-        itn__control_bounce(crowd, s, &site, u, through, good, mask);
+        itn__control_bounce(fast, s, &site, u, through, good, mask);
     itn__end_lanes(crowd, 0, s, itn__mask_bits(mask & ~good));
-    for (c = 0; c < fast->channels; c++) s->beta[c] = s->beta[c] * f.value[c];
-    s->d = d, s->pdf = pdf;
+    for (k = 0; k < fast->channels; k++) s->beta[k] = s->beta[k] * f.value[k];
     turned = itn__select(through, itn__splat(1), itn__splat(-1)); /* thrown back: the medium is */
     s->up = itn__vscale(s->up, turned), s->level = s->level * turned; /* behind the normal */
+    itn__write(crowd, s, itn__mask_bits(good));
     for (bits = itn__mask_bits(good); bits; bits &= bits - 1) {
-        int slot;
-        k = itn__lowest_bit(bits), slot = ITN__LANE(s->slot, k);
-        itn__leave_surface(crowd, slot, &crowd->paths[slot].place, itn__lane_vector(&s->p, k),
-                           ITN__LANE(through, k) != 0);
-        if (fast->count) itn__book_factor(crowd, itn__scores_of(crowd, slot), &f, k);
+        itn__path *path;
+        k = itn__lowest_bit(bits), path = &crowd->paths[ITN__LANE(s->slot, k)];
+        itn__leave_surface(fast->scene, path, ITN__LANE(through, k), path->p, &path->place);
+        itn__book_factor(fast, path->scores, &f, k);
+        itn__depart(crowd, path);
     }
-    itn__depart(crowd, s, itn__mask_bits(good));
 }
 
-/* The surface stage: lanes with the same surface together. */
-ITN__NOINLINE void itn__run_surface(itn__crowd *crowd) {
-    const itn_scene *scene = crowd->fast->scene;
-    itn__queue *queue = &crowd->surface;
+/* The surface stage. */
+ITN__NOINLINE void itn__run_surface(itn__crowd *crowd, int surface) {
+    itn__queue *queue = &crowd->surface[surface];
     int at;
     for (at = 0; at < queue->count; at += ITN__LANES) {
-        unsigned left = itn__mask_bits(itn__first_lanes(queue->count - at)), rest, same;
-        while (left) {
-            const itn__surface *surface = NULL, *other;
-            itn__state s = ITN_ZERO;
-            itn__vectors n = s.d;
-            itn__floats eta = itn__splat(1);
-            for (same = 0, rest = left; rest; rest &= rest - 1) {
-                int k = itn__lowest_bit(rest), slot = itn__int_row(queue, ITN__SLOT)[at + k];
-                other = &scene->surfaces[scene->objects[crowd->paths[slot].event.object].surface];
-                if (!surface) surface = other;
-                if (other == surface) same |= 1u << k;
-            }
-            itn__read(crowd->fast, queue, at, &s, ITN__ALL_LANES);
-            n = itn__vectors_of(itn__load(itn__row(queue, ITN__NORMAL) + at),
-                                itn__load(itn__row(queue, ITN__NORMAL + 1) + at),
-                                itn__load(itn__row(queue, ITN__NORMAL + 2) + at));
-            eta = itn__load(itn__row(queue, ITN__ETA) + at);
-            itn__scatter_lanes(crowd, &s, surface, n, eta, itn__bits_mask(same));
-            left &= ~same;
-        }
+        itn__ints mask = itn__first_lanes(queue->count - at);
+        itn__state s = ITN_ZERO;
+        itn__read(crowd, queue->slots + at, itn__mask_bits(mask), &s);
+        itn__scatter_lanes(crowd, &s, &crowd->fast->scene->surfaces[surface], mask);
     }
     queue->count = 0;
 }
 
-/* ---- [outside] outside of media, and the lights ---------------------------------------------- */
-
-/* Between objects paths fly to the next surface or leave. Where they leave, they add the lights in
-   their direction, with the weight of having met a sampled light by chance. */
-
-/* Roulette for the paths outside of media; those that live come to `taken`. */
-static void itn__take_outside(itn__crowd *crowd) {
+/* Outside of media: roulette, then the next surface, or none. */
+ITN__NOINLINE void itn__run_outside(itn__crowd *crowd) {
     itn__queue *queue = &crowd->walk[0];
     itn__floats light[3];
-    int at, c;
+    int i, c, alive = 0;
     for (c = 0; c < 3; c++) light[c] = itn__splat(crowd->fast->constant[c]);
-    for (at = crowd->taken.count = 0; at < queue->count; at += ITN__LANES) {
+    for (i = 0; i < queue->count; i += ITN__LANES) {
         itn__state s = ITN_ZERO;
-        itn__ints mask = itn__first_lanes(queue->count - at), alive;
-        itn__read(crowd->fast, queue, at, &s, itn__mask_bits(mask));
-        alive = itn__roulette_lanes(crowd, &s, light, mask, itn__late(crowd, &s, mask));
-        itn__end_lanes(crowd, 0, &s, itn__mask_bits(mask & ~alive));
-        itn__append(crowd->fast, &crowd->taken, &s, itn__mask_bits(alive));
+        itn__ints here = itn__first_lanes(queue->count - i), mask;
+        unsigned bits;
+        itn__read(crowd, queue->slots + i, itn__mask_bits(here), &s);
+        mask = itn__roulette_lanes(crowd, &s, light, here);
+        itn__end_lanes(crowd, 0, &s, itn__mask_bits(here & ~mask));
+        itn__write(crowd, &s, itn__mask_bits(mask));
+        for (bits = itn__mask_bits(mask); bits; bits &= bits - 1)
+            queue->slots[alive++] = ITN__LANE(s.slot, itn__lowest_bit(bits));
     }
-    queue->count = 0;
-}
-
-/* The next surface of each item of `taken`. */
-static void itn__look_outside(itn__crowd *crowd) {
-    itn__queue *queue = &crowd->taken;
-    int k;
-    for (k = 0; k < queue->count; k++) {
-        itn__row(queue, ITN__DISTANCE)[k] = INFINITY, crowd->hits[k].triangle = -2;
-        crowd->places[k] = &crowd->paths[itn__int_row(queue, ITN__SLOT)[k]].place;
-    }
-    if (crowd->fast->marches) itn__find_hits(crowd, 1);
-    for (k = 0; k < queue->count && !crowd->fast->marches; k++) itn__settle_hit(crowd, k);
-    itn__prefetch_hits(crowd);
-}
-
-/* Paths in `taken` have met a surface or leave. */
-static void itn__part_outside(itn__crowd *crowd) {
-    itn__queue *queue = &crowd->taken;
-    int at;
-    for (at = 0; at < queue->count; at += ITN__LANES) {
-        unsigned here = itn__mask_bits(itn__first_lanes(queue->count - at));
-        unsigned met = itn__hit_lanes(crowd, at, here);
-        if (met) itn__meet(crowd, 0, at, met);
-        for (here &= ~met; here; here &= here - 1)
-            itn__move(queue, at + itn__lowest_bit(here), &crowd->sky);
-    }
-    queue->count = 0;
-}
-
-ITN__NOINLINE void itn__run_outside(itn__crowd *crowd) {
-    itn__take_outside(crowd);
-    itn__look_outside(crowd);
-    itn__part_outside(crowd);
-}
-
-/* A path of the sky's queue brings home `value`, and so do those that share its camera ray. */
-static void itn__bring_light(itn__crowd *crowd, int slot, itn_vec3 d, float mis,
-                             const float value[3]) {
-    const itn__path *path = &crowd->paths[slot];
-    int i, c;
-    for (i = 0; i < path->copies; i++) {
-        for (c = 0; c < crowd->fast->channels; c++)
-            itn__bring_home(crowd, path->number + i, itn__scores_of(crowd, slot), c, value[c]);
-        itn__bring_scales(crowd, path->number + i, d, mis, 1, value);
+    queue->count = alive;
+    itn__take(crowd, queue);
+    for (i = 0; i < crowd->taken_count; i++) {
+        itn__path *path = crowd->taken[i];
+        path->distance = INFINITY;
+        itn__find_hit(crowd->fast->scene, path);
+        if (path->hit.triangle >= 0) itn__meet(crowd, 0, path);
+        else itn__enqueue(crowd, &crowd->sky, path);
     }
 }
 
@@ -10095,190 +9681,129 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
         itn__state s = ITN_ZERO;
         itn__ints mask = itn__first_lanes(queue->count - at);
         itn__floats sampled[3], plain[3], mis = itn__splat(1);
-        unsigned bits;
-        itn__read(fast, queue, at, &s, itn__mask_bits(mask));
+        unsigned bits = itn__mask_bits(mask);
+        itn__read(crowd, queue->slots + at, bits, &s);
         for (c = 0; c < 3; c++) plain[c] = itn__splat(fast->constant[c]), sampled[c] = plain[c] * 0;
         if (!fast->only_constant) {
             mis = s.pdf / (s.pdf + itn__lights_pdf(fast->scene, &s.d));
             itn__lights_radiance(fast->scene, fast->theta, &s.d, mask, sampled, plain);
             mis = itn__select(itn__less(s.pdf, itn__splat(INFINITY)), mis, itn__splat(1));
         }
-        for (c = 0; c < fast->channels; c++) plain[c] = s.beta[c] * (sampled[c] * mis + plain[c]);
-        for (bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
+        for (; bits; bits &= bits - 1) {
             int k = itn__lowest_bit(bits);
-            float value[3] = {0, 0, 0};
-            for (c = 0; c < fast->channels; c++) value[c] = ITN__LANE(plain[c], k);
-            itn__bring_light(crowd, ITN__LANE(s.slot, k), itn__lane_vector(&s.d, k),
-                             ITN__LANE(mis, k), value);
+            itn__path *path = &crowd->paths[ITN__LANE(s.slot, k)];
+            float value[3] = {0, 0, 0}, part = ITN__LANE(mis, k);
+            for (c = 0; c < fast->channels; c++)
+                value[c] = (float)path->copies * path->beta[c] *
+                           (ITN__LANE(sampled[c], k) * part + ITN__LANE(plain[c], k));
+            itn__bring_home(crowd, path, part, 1, value);
+            itn__end(crowd, path, 0);
         }
-        itn__end_lanes(crowd, 0, &s, itn__mask_bits(mask));
     }
     queue->count = 0;
 }
 
-/* ---- [starts] camera rays, and a crowd at work ----------------------------------------------- */
+/* ---- [picture] who does what of a picture ---------------------------------------------------- */
 
 /* The paths of a camera ray share what it meets. In a pixel whose rays all meet nothing, in light
-   that is everywhere the same, the paths are done before they start. A crowd takes turns between
-   its stages until all paths of its unit have come to their ends. */
+   that is everywhere the same, they are done before they start. A crowd takes turns between its
+   stages until all paths of its unit have come to their ends.
+
+   A picture's units of work are tiles of pixels times numbers of camera rays. A few crowds share
+   the tiles out; a tile's units are done in their order, so that the bits of the picture do not
+   depend on who did what. */
 
 /* Camera rays of a pixel. */
-ITN__INLINE int itn__pixel_rays(const itn__fast *fast, uint64_t pixel) {
+static int itn__pixel_rays(const itn__fast *fast, size_t pixel) {
     return fast->allotment ? fast->allotment->samples[pixel] : fast->spp;
 }
 
-/* Block (independently scrambled set) of a camera ray, and its first ray. */
-ITN__INLINE int itn__block_first(const itn__fast *fast, int block) {
-    return (int)((int64_t)block * fast->spp / fast->blocks);
-}
-ITN__INLINE int itn__block_of(const itn__fast *fast, int ray) {
-    int block = (int)(((int64_t)ray * fast->blocks) / fast->spp);
-    while (ray >= itn__block_first(fast, block + 1)) block++;
-    return block;
-}
-ITN__INLINE uint32_t itn__scramble(const itn__fast *fast, uint64_t pixel, int block) {
-    return itn__rng_make(~fast->seed, pixel, (uint64_t)block).key0;
-}
-
-/* Paths of the unit, from the first on, whose ray meets nothing, in a light that is everywhere the
-   same: they are done. */
-static void itn__fill_paths(itn__crowd *crowd, int first, int count) {
+/* Starts a path of a sample of a pixel, by walk number `walk`. */
+static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, int walk) {
     const itn__fast *fast = crowd->fast;
-    int c, k;
-    for (c = 0; c < fast->channels; c++)
-        for (k = first; k < first + count; k++) *itn__sum_of(crowd, c, k) = fast->constant[c];
-    for (k = first; k < first + count && fast->scales; k++) /* in any direction */
-        itn__bring_scales(crowd, k, itn__vec3(0, 1, 0), 0, 1, fast->constant);
+    itn__path *path = &crowd->paths[crowd->unused[--crowd->unused_count]];
+    itn__rng rng = itn__rng_make(fast->seed, pixel, (uint64_t)(sample * fast->walks + walk));
+    float *scores = path->scores;
+    int c;
+    memset(path, 0, sizeof *path);
+    path->scores = scores, path->owner = path, path->place = fast->camera;
+    for (c = 0; c < fast->count; c++) scores[c] = 0;
+    for (c = 0; c < 3; c++) path->beta[c] = 1;
+    path->pdf = INFINITY, path->copies = 1;
+    path->up.y = 1; /* some plane, for paths that begin in a medium */
+    path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1, path->dimension = 2;
+    path->index = (uint32_t)(sample % fast->set * fast->walks + walk);
+    path->scramble = itn__rng_make(~fast->seed, pixel, (uint64_t)(sample / fast->set)).key0 + 1;
+    return path;
 }
 
-/* Begins a camera ray for all walks of a sample. Returns 0 where nothing is to be traced: the pixel
-   is empty and has its light, or has had all its rays. */
-static int itn__start_sample(itn__crowd *crowd, itn__start *start) {
+/* A sample's camera ray, by two numbers: of Sobol points, or of its first path. */
+static itn_ray itn__first_ray(const itn__fast *fast, size_t pixel, int sample,
+                              const itn__path *path) {
+    int width = fast->scene->film.width;
+    itn__words key0 = itn__splat_word(path->key0), key1 = itn__splat_word(path->key1);
+    itn__ints dimension = itn__splat_int(0), all = itn__splat_int(-1);
+    itn__floats u = itn__uniforms(key0, key1, &dimension, all);
+    itn__floats v = itn__uniforms(key0, key1, &dimension, all);
+    if (fast->sobol) {
+        key0 = itn__splat_word(sample % fast->set), key1 = itn__splat_word(path->scramble - 1);
+        u = itn__sobol(key0, 0, key1), v = itn__sobol(key0, 1, key1);
+    }
+    return itn__camera_ray(&fast->scene->camera, (int)(pixel % (size_t)width),
+                           (int)(pixel / (size_t)width), ITN__LANE(u, 0), ITN__LANE(v, 0));
+}
+
+/* Starts the paths of the unit's next camera ray; those that see nothing need only one for all, and
+   in light that is everywhere the same are done. */
+static void itn__start_ray(itn__crowd *crowd) {
     const itn__fast *fast = crowd->fast;
     itn__unit *unit = &crowd->unit;
-    int number = unit->next++, cell = number / unit->count;
-    int sample = unit->first + number % unit->count, block = itn__block_of(fast, sample);
-    int left, fills;
-    start->pixel = itn__unit_pixel(fast->scene, unit, cell);
-    start->scramble = itn__scramble(fast, start->pixel, block);
-    start->number = number * fast->walks, start->sample = sample * fast->walks;
-    start->index = sample - itn__block_first(fast, block);
-    left = itn__pixel_rays(fast, start->pixel) - unit->first;
-    fills = fast->fills && fast->pixels[start->pixel];
-    if (left > unit->count) left = unit->count;
-    if (fills && left > 0)
-        itn__fill_paths(crowd, cell * unit->count * fast->walks, left * fast->walks);
-    if (!fills && number % unit->count < left) return 1;
-    unit->next = (cell + 1) * unit->count;
-    return 0;
-}
-
-/* Finds what camera rays meet, at most as many as there are lanes. */
-static void itn__trace_starts(const itn__fast *fast, itn__start *start, int count) {
-    itn__words key0 = itn__splat_word(0), key1 = key0;
-    itn__ints dimension = itn__splat_int(0), all = itn__first_lanes(count);
-    itn__floats u, v;
-    uint64_t width = (uint64_t)fast->scene->film.width;
-    int k;
-    for (k = 0; k < count && fast->sobol; k++) {
-        ITN__LANE(key0, k) = (uint32_t)start[k].index;
-        ITN__LANE(key1, k) = start[k].scramble;
-    }
-    for (k = 0; k < count && !fast->sobol; k++) {
-        itn__rng rng = itn__rng_make(fast->seed, start[k].pixel, (uint64_t)start[k].sample);
-        ITN__LANE(key0, k) = rng.key0, ITN__LANE(key1, k) = rng.key1;
-    }
-    if (fast->sobol) {
-        u = itn__sobol(key0, 0, key1), v = itn__sobol(key0, 1, key1);
-    } else {
-        u = itn__uniforms(key0, key1, &dimension, all);
-        v = itn__uniforms(key0, key1, &dimension, all);
-    }
-    for (k = 0; k < count; k++, start++) {
-        itn__place place = fast->camera;
-        start->ray = itn__camera_ray(&fast->scene->camera, (int)(start->pixel % width),
-                                     (int)(start->pixel / width), ITN__LANE(u, k),
-                                     ITN__LANE(v, k));
-        start->hit.triangle = -1;
-        if (!fast->outside || fast->pixels[start->pixel]) continue;
-        if (!itn__next_hit(fast->scene, &place, &start->ray, &start->hit)) start->hit.triangle = -1;
-        if (start->hit.triangle >= 0)
-            ITN__PREFETCH(&fast->scene->bvh->triangles[start->hit.triangle]);
-    }
-}
-
-/* Starts a path of a camera ray, as the last item of `taken`. */
-static void itn__start_path(itn__crowd *crowd, const itn__start *start, int walk) {
-    const itn__fast *fast = crowd->fast;
-    itn__queue *queue = &crowd->taken;
-    int slot = crowd->free_slots[--crowd->free_count], at = queue->count++, c;
-    itn__path *path = &crowd->paths[slot];
-    itn__rng rng = itn__rng_make(fast->seed, start->pixel, (uint64_t)(start->sample + walk));
-    path->number = start->number + walk, path->copies = 1;
-    path->place = fast->camera;
-    path->mark = -1;
-    for (c = 0; c < fast->count; c++) itn__scores_of(crowd, slot)[c] = 0;
-    for (c = 0; c < ITN__FLOAT_ROWS; c++) itn__row(queue, c)[at] = 0;
-    itn__set_vector(queue, ITN__P, at, start->ray.origin);
-    itn__set_vector(queue, ITN__D, at, start->ray.direction);
-    for (c = 0; c < 3; c++) itn__row(queue, ITN__BETA + c)[at] = 1;
-    itn__row(queue, ITN__PDF)[at] = INFINITY;
-    itn__row(queue, ITN__UP_Y)[at] = 1; /* some plane, for paths that begin in a medium */
-    itn__int_row(queue, ITN__KEY)[at] = (int32_t)rng.key0;
-    itn__int_row(queue, ITN__KEY_1)[at] = (int32_t)rng.key1;
-    itn__int_row(queue, ITN__DIMENSION)[at] = 2;
-    itn__int_row(queue, ITN__SLOT)[at] = slot;
-    crowd->hits[at] = start->hit;
-    crowd->index[slot] = start->index * fast->walks + walk;
-    crowd->scramble[slot] = (int32_t)(start->scramble + 1);
-}
-
-/* Starts the paths of a camera ray; those that see nothing are done, or need only one for all. */
-static void itn__start_paths(itn__crowd *crowd, const itn__start *start) {
-    const itn__fast *fast = crowd->fast;
-    int alone = start->hit.triangle < 0 && fast->outside, k;
-    if (alone && fast->fills) {
-        itn__fill_paths(crowd, start->number, fast->walks);
+    int number = unit->next++, sample = unit->first + number % unit->count, walk, c;
+    size_t pixel = itn__unit_pixel(fast->scene, unit, number / unit->count);
+    int empty = !fast->outside || fast->pixels[pixel];
+    itn__path *path, seen;
+    itn_ray ray;
+    if (sample >= itn__pixel_rays(fast, pixel)) return;
+    path = itn__start_path(crowd, pixel, sample, 0), path->number = number;
+    ray = itn__first_ray(fast, pixel, sample, path);
+    path->p = ray.origin, path->d = ray.direction, path->distance = INFINITY;
+    path->hit.triangle = -1;
+    if (!empty) itn__find_hit(fast->scene, path);
+    if (path->hit.triangle < 0 && fast->outside) {
+        float value[3] = {0, 0, 0};
+        path->copies = fast->walks;
+        if (!fast->only_constant) {
+            itn__enqueue(crowd, &crowd->sky, path);
+            return;
+        }
+        for (c = 0; c < fast->channels; c++) value[c] = (float)path->copies * fast->constant[c];
+        itn__bring_home(crowd, path, 0, 1, value);
+        itn__end(crowd, path, 0);
         return;
     }
-    for (k = 0; k < (alone ? 1 : fast->walks); k++) itn__start_path(crowd, start, k);
-    k = itn__int_row(&crowd->taken, ITN__SLOT)[crowd->taken.count - 1];
-    if (alone) crowd->paths[k].copies = fast->walks;
-}
-
-/* Starts paths as long as there is room; first all rays are traced, so that the memory of many hits
-   is waited for at a time. */
-ITN__NOINLINE void itn__start_rays(itn__crowd *crowd) {
-    const itn__fast *fast = crowd->fast;
-    itn__queue *queue = &crowd->taken;
-    int room = crowd->free_count / fast->walks, rays = 0, k;
-    while (rays < room && itn__unit_paths_left(crowd))
-        rays += itn__start_sample(crowd, &crowd->starts[rays]);
-    for (k = 0; k < rays; k += ITN__LANES)
-        itn__trace_starts(fast, &crowd->starts[k], rays - k < ITN__LANES ? rays - k : ITN__LANES);
-    for (queue->count = 0, k = 0; k < rays; k++) itn__start_paths(crowd, &crowd->starts[k]);
-    itn__prefetch_hits(crowd);
-    if (fast->outside) {
-        itn__part_outside(crowd);
-        return;
+    for (seen = *path, walk = 0; walk < fast->walks; walk++) {
+        if (walk) path = itn__start_path(crowd, pixel, sample, walk);
+        path->p = seen.p, path->d = seen.d, path->hit = seen.hit, path->number = number;
+        if (fast->outside) itn__meet(crowd, 0, path);
+        else itn__depart(crowd, path);
     }
-    for (k = 0; k < queue->count; k++)
-        itn__move(queue, k, &crowd->walk[itn__substance_of(fast, &fast->camera)]);
-    queue->count = 0;
 }
 
 /* Follows all paths of the unit to their ends. */
 static void itn__run_unit(itn__crowd *crowd) {
-    int substances = itn__substance_count(crowd->fast->scene), m;
-    while (itn__unit_paths_left(crowd) || crowd->free_count < ITN__CROWD) {
+    const itn_scene *scene = crowd->fast->scene;
+    int m;
+    while (itn__unit_paths_left(crowd) || crowd->unused_count < ITN__CROWD) {
         itn__learn_all(crowd);
-        itn__start_rays(crowd);
-        itn__run_surface(crowd);
+        while (crowd->unused_count >= crowd->fast->walks && itn__unit_paths_left(crowd))
+            itn__start_ray(crowd);
+        for (m = 0; m < scene->surface_count; m++)
+            if (crowd->surface[m].count) itn__run_surface(crowd, m);
         itn__trace_shadows(crowd);
-        for (m = 1; m < substances; m++) {
+        for (m = 1; m <= scene->medium_count; m++) {
             if (crowd->walk[m].count) itn__run_walk(crowd, m);
             itn__trace_shadows(crowd);
-            if (crowd->exact[m].count) itn__run_exact(crowd, m);
+            if (crowd->exact.count) itn__run_exact(crowd, m);
             itn__trace_shadows(crowd);
         }
         if (crowd->walk[0].count) itn__run_outside(crowd);
@@ -10287,100 +9812,14 @@ static void itn__run_unit(itn__crowd *crowd) {
     itn__learn_all(crowd);
 }
 
-/* ---- [picture] who does what of a picture ---------------------------------------------------- */
-
-/* A picture's units of work are tiles of pixels times sets of camera rays. A few crowds share the
-   tiles out; a tile's units are done in their order, so that the bits of the picture do not depend
-   on who did what. */
-
-/* Whether some object has the medium of a substance. */
-static int itn__is_in_use(const itn_scene *scene, int substance) {
-    int i, used = 0;
-    for (i = 0; i < scene->object_count; i++)
-        used |= scene->objects[i].medium == substance - 1;
-    return used;
-}
-
-/* Takes room for so many things from memory, or with memory NULL only counts what it takes;
-   SIZE_MAX if that is too much. */
-static void *itn__take(char *memory, size_t *used, size_t count, size_t size) {
-    size_t at = *used;
-    if (at == SIZE_MAX || (size && count > (SIZE_MAX / 2 - at) / size)) {
-        *used = SIZE_MAX;
-        return NULL;
-    }
-    *used = (at + count * size + 63) & ~(size_t)63;
-    return memory ? memory + at : NULL;
-}
-static void itn__take_queue(char *memory, size_t *used, itn__queue *queue) {
-    queue->floats = (float *)itn__take(memory, used, (size_t)ITN__FLOAT_ROWS * ITN__ROW,
-                                       sizeof(float));
-    queue->ints = (int32_t *)itn__take(memory, used, (size_t)ITN__INT_ROW_COUNT * ITN__ROW,
-                                       sizeof(int32_t));
-}
-static void itn__take_shadows(char *memory, size_t *used, itn__shadows *shadows, size_t count) {
-    itn__take_queue(memory, used, &shadows->queue);
-    shadows->places = (itn__place *)itn__take(memory, used, ITN__ROW, sizeof(itn__place));
-    shadows->scores = (float *)itn__take(memory, used, ITN__ROW * count, sizeof(float));
-}
-
-/* Lays out a crowd in memory; returns how much it takes. */
-static size_t itn__crowd_lay_out(itn__crowd *crowd, char *memory, const itn__fast *fast) {
-    size_t used = 0, paths = (size_t)crowd->radiance_stride, count = (size_t)fast->count;
-    int substances = itn__substance_count(fast->scene), m;
-    crowd->walk = (itn__queue *)itn__take(memory, &used, 2 * (size_t)substances,
-                                          sizeof(itn__queue));
-    for (m = 0; m < substances; m++) {
-        itn__queue unused, *walk = memory ? &crowd->walk[m] : &unused;
-        if (m && !itn__is_in_use(fast->scene, m)) continue;
-        itn__take_queue(memory, &used, walk);
-        itn__take_queue(memory, &used, memory ? walk + substances : &unused);
-    }
-    crowd->exact = memory ? crowd->walk + substances : NULL;
-    itn__take_queue(memory, &used, &crowd->taken);
-    itn__take_queue(memory, &used, &crowd->surface);
-    itn__take_queue(memory, &used, &crowd->sky);
-    itn__take_shadows(memory, &used, &crowd->inside, count);
-    itn__take_shadows(memory, &used, &crowd->outside, count);
-    crowd->paths = (itn__path *)itn__take(memory, &used, ITN__CROWD, sizeof(itn__path));
-    crowd->free_slots = (int32_t *)itn__take(memory, &used, ITN__CROWD, sizeof(int32_t));
-    crowd->index = (int32_t *)itn__take(memory, &used, ITN__CROWD, sizeof(int32_t));
-    crowd->scramble = (int32_t *)itn__take(memory, &used, ITN__CROWD, sizeof(int32_t));
-    crowd->places = (itn__place **)itn__take(memory, &used, ITN__CROWD, sizeof(itn__place *));
-    crowd->shears = (itn__shear *)itn__take(memory, &used, ITN__CROWD, sizeof(itn__shear));
-    crowd->hits = (itn_hit *)itn__take(memory, &used, ITN__CROWD, sizeof(itn_hit));
-    crowd->starts = (itn__start *)itn__take(memory, &used, ITN__CROWD, sizeof(itn__start));
-    crowd->scores = (float *)itn__take(memory, &used, ITN__CROWD * count, sizeof(float));
-    crowd->radiance = (float *)itn__take(memory, &used, paths,
-                                         (size_t)fast->planes * sizeof(float));
-    crowd->lessons = (double *)itn__take(memory, &used, fast->learning ? (size_t)substances : 0,
-                                         ITN__LESSON_SUMS * sizeof(double));
-    return used;
-}
-
-/* Makes a crowd. Returns 0 if there is no memory. */
-static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int unit_paths) {
-    size_t size;
-    int i;
-    crowd->fast = fast, crowd->radiance_stride = unit_paths;
-    size = itn__crowd_lay_out(crowd, NULL, fast);
-    crowd->memory = size < SIZE_MAX ? itn__allocate(&fast->scene->context, size, 1) : NULL;
-    if (!crowd->memory) return 0;
-    itn__crowd_lay_out(crowd, (char *)crowd->memory, fast);
-    for (i = 0; i < ITN__CROWD; i++)
-        crowd->free_slots[i] = ITN__CROWD - 1 - i, crowd->paths[i].mark = -1;
-    crowd->free_count = ITN__CROWD;
-    return 1;
-}
-
 /* The decay of V: that of diffusion in the medium. */
-static void itn__decay_make(const itn__substance *substance, int channels, itn__value *value) {
+static float itn__decay(const itn__substance *substance, int channels) {
     float albedo = 0, reduced;
     int c;
     for (c = 0; c < channels; c++) albedo += substance->albedo[c] / (float)channels;
     reduced = 1 - substance->g * albedo;
-    value->decay = sqrtf(3 * (1 - albedo) * reduced);
-    value->decay = itn__clamp(value->decay, .1f * fminf(reduced, 1), .95f / (ITN__DECAYS - 1));
+    return itn__clamp(sqrtf(3 * (1 - albedo) * reduced), .1f * fminf(reduced, 1),
+                      .95f / (ITN__DECAYS - 1));
 }
 
 /* The numbers of a medium at theta; medium NULL: of what is none. */
@@ -10395,43 +9834,29 @@ static void itn__substance_make(const itn__fast *fast, const itn__medium *medium
     out->mean_free_path = 1 / out->sigma_t;
     for (c = 0; c < 3; c++)
         out->albedo[c] = theta[medium->albedo + (c < fast->channels ? c : 0)];
+    out->value.decay = itn__decay(out, fast->channels);
     if (!fast->count) return;
     out->slot_sigma_t = fast->slots[medium->sigma_t[0]], out->slot_g = fast->slots[medium->g[0]];
     for (c = 0; c < fast->channels; c++) out->slot_albedo[c] = fast->slots[medium->albedo + c];
 }
 
-/* The largest albedo or reflectance of an object: how bright it can be in a light of 1. */
+/* The largest albedo or reflectance: how bright an object can be in a light of 1. */
 static float itn__brightest(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
     float brightest = 0;
     int i, c;
-    for (i = 0; i < scene->object_count; i++) {
-        const itn__object *object = &scene->objects[i];
-        const itn__surface *surface =
-            object->surface < 0 ? NULL : &scene->surfaces[object->surface];
-        for (c = 0; c < fast->channels; c++) {
-            if (object->medium >= 0)
-                brightest = itn__max(brightest,
-                                     fast->theta[scene->media[object->medium].albedo + c]);
-            if (!surface || surface->type != ITN_SURFACE_DIFFUSE) continue;
+    for (c = 0; c < fast->channels; c++) {
+        for (i = 0; i < scene->medium_count; i++)
+            brightest = itn__max(brightest, fast->theta[scene->media[i].albedo + c]);
+        for (i = 0; i < scene->surface_count; i++) {
+            const itn__surface *surface = &scene->surfaces[i];
+            if (surface->type != ITN_SURFACE_DIFFUSE) continue;
             brightest = itn__max(brightest, fast->theta[surface->reflectance + c]);
             if (surface->texture == ITN_TEXTURE_CHECKER)
                 brightest = itn__max(brightest, fast->theta[surface->reflectance2 + c]);
         }
     }
     return brightest;
-}
-
-/* Whether rays outside of media can go through the voxels: these hold all triangles, and what is
-   outside of media is outside of the object of which the voxels know that it is closed. */
-static int itn__marches_outside(const itn__fast *fast) {
-    const itn_scene *scene = fast->scene;
-    int i, marches = fast->voxels->whole;
-    for (i = 0; i < scene->object_count; i++)
-        if (fast->voxels->closed & itn__object_bit(i))
-            marches = marches && scene->objects[i].medium >= 0 &&
-                      fast->substances[1 + scene->objects[i].medium].sigma_t > 0;
-    return marches;
 }
 
 /* The numbers of all media at theta, and what is known of the lights. */
@@ -10442,34 +9867,28 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     fast->scene = scene, fast->theta = theta, fast->substances = substances;
     fast->voxels = tables->voxels, fast->normals = tables->normals, fast->pixels = tables->pixels;
     fast->channels = scene->film.channels;
-    itn__substance_make(fast, NULL, &substances[0]);
-    for (i = 1; i < itn__substance_count(scene); i++) {
-        itn__substance_make(fast, &scene->media[i - 1], &substances[i]);
-        itn__decay_make(&substances[i], fast->channels, &fast->values[i]);
-    }
+    for (i = 0; i <= scene->medium_count; i++)
+        itn__substance_make(fast, i ? &scene->media[i - 1] : NULL, &substances[i]);
     fast->camera.sides = scene->sides;
     fast->camera.inside = itn__find_inside(scene, &scene->sides);
     fast->camera.refracting = itn__find_refracting(scene, &scene->sides);
     fast->outside = itn__substance_of(fast, &fast->camera) == 0;
-    fast->marches = tables->voxels && itn__marches_outside(fast);
     fast->only_constant = 1;
     for (i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
         float scale = theta[light->parameter];
         if (light->share > 0) fast->shadows = 1;
         if (fast->count && fast->slots[light->parameter] >= 0) fast->scales = 1;
-        if (light->kind == ITN__LIGHT_CONSTANT)
-            for (c = 0; c < 3; c++) fast->constant[c] += scale * light->radiance[c];
-        else
-            fast->only_constant = 0;
+        if (light->kind != ITN__LIGHT_CONSTANT) fast->only_constant = 0;
+        for (c = 0; c < 3 && light->kind == ITN__LIGHT_CONSTANT; c++)
+            fast->constant[c] += scale * light->radiance[c];
         level += (double)scale * light->power;
     }
     level /= 4 * (double)ITN__PI;
     fast->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * itn__brightest(fast);
     level += fast->constant[0] + fast->constant[1] + fast->constant[2];
     fast->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
-    fast->fills = fast->only_constant && fast->outside;
-    fast->planes = fast->channels * (1 + fast->count), fast->scored = fast->count > 0;
+    fast->planes = fast->channels * (1 + fast->count);
     fast->roulette = fast->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
 }
 
@@ -10478,8 +9897,8 @@ enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 };
 typedef struct itn__picture {
     itn__fast fast;
     int tiles_x, tiles, tile_width, tile_height;
-    int unit_blocks, chunks; /* blocks of a unit; units of a tile */
-    int first, end;          /* tiles that are being done */
+    int unit_rays, chunks; /* camera rays of a pixel in a unit; units of a tile */
+    int first, end;        /* tiles that are being done */
     int crowd_count;
     itn__crowd *crowds;
     const float *weights; /* of pixels, [channels][height][width], to fold derivatives with; NULL:
@@ -10490,62 +9909,47 @@ typedef struct itn__picture {
 
 static itn__unit itn__unit_make(const itn__picture *picture, int number) {
     const itn_film_desc *film = &picture->fast.scene->film;
-    int tile = number / picture->chunks, block = number % picture->chunks * picture->unit_blocks;
-    int end = block + picture->unit_blocks;
+    int tile = number / picture->chunks;
     itn__unit unit;
-    if (end > picture->fast.blocks) end = picture->fast.blocks;
+    unit.first = number % picture->chunks * picture->unit_rays, unit.next = 0;
+    unit.count = picture->fast.spp - unit.first;
+    if (unit.count > picture->unit_rays) unit.count = picture->unit_rays;
     unit.x0 = tile % picture->tiles_x * picture->tile_width;
     unit.y0 = tile / picture->tiles_x * picture->tile_height;
     unit.width = film->width - unit.x0, unit.height = film->height - unit.y0;
     if (unit.width > picture->tile_width) unit.width = picture->tile_width;
     if (unit.height > picture->tile_height) unit.height = picture->tile_height;
-    unit.first = itn__block_first(&picture->fast, block);
-    unit.count = itn__block_first(&picture->fast, end) - unit.first;
-    unit.next = 0;
     return unit;
 }
 
-/* Sum of plane k of a pixel of the unit over the paths of rays first ... end - 1. */
-static double itn__sum_rays(const itn__crowd *crowd, int k, int pixel, int first, int end) {
-    size_t walks = (size_t)crowd->fast->walks, i;
-    const float *values = crowd->radiance + (size_t)k * (size_t)crowd->radiance_stride +
-                          (size_t)pixel * (size_t)crowd->unit.count * walks;
-    double sum = 0;
-    for (i = (size_t)first * walks; i < (size_t)end * walks; i++) sum += values[i];
-    return sum;
-}
-
-/* The same of what is kept: a plane, or a derivative folded with the weights. */
-static double itn__sum_kept(const itn__picture *picture, const itn__crowd *crowd, int k, int pixel,
-                            int first, int end) {
+/* What is kept, number k, of a camera ray: a plane, or a derivative folded with the weights. */
+static double itn__ray_value(const itn__picture *picture, const itn__crowd *crowd, int k,
+                             size_t pixel, int number) {
     const itn_film_desc *film = &picture->fast.scene->film;
+    size_t pixels = (size_t)film->width * (size_t)film->height;
     int channels = picture->fast.channels, c;
-    size_t at = itn__unit_pixel(picture->fast.scene, &crowd->unit, pixel);
     double sum = 0;
-    if (!picture->weights) return itn__sum_rays(crowd, k, pixel, first, end);
+    if (!picture->weights) return *itn__sum_of(crowd, k, number);
     for (c = 0; c < channels; c++)
-        sum += (double)picture->weights[(size_t)c * (size_t)film->width * (size_t)film->height +
-                                        at] *
-               itn__sum_rays(crowd, channels * (1 + k) + c, pixel, first, end);
+        sum += (double)picture->weights[(size_t)c * pixels + pixel] *
+               *itn__sum_of(crowd, channels * (1 + k) + c, number);
     return sum;
 }
 
-/* Adds what a unit's paths brought to the totals, block by block: with t the sum of a block of n
-   paths, t and t^2 / n. */
+/* Adds what a unit's paths brought to the totals, set by set: with t the sum of a set of n paths, t
+   and t^2 / n. */
 static void itn__sum_unit(const itn__picture *picture, const itn__crowd *crowd) {
-    const itn__fast *fast = crowd->fast;
     const itn__unit *unit = &crowd->unit;
-    int pixel, k, ray, end;
-    for (pixel = 0; pixel < unit->width * unit->height; pixel++) {
-        double *totals = picture->totals +
-                         itn__unit_pixel(fast->scene, unit, pixel) * (size_t)picture->kept * 2;
+    int set = crowd->fast->set, cell, k, ray;
+    for (cell = 0; cell < unit->width * unit->height; cell++) {
+        size_t pixel = itn__unit_pixel(crowd->fast->scene, unit, cell);
+        double *totals = picture->totals + pixel * (size_t)picture->kept * 2, sum = 0;
         for (k = 0; k < picture->kept; k++, totals += 2)
-            for (ray = 0; ray < unit->count; ray = end) {
-                double sum;
-                end = itn__block_first(fast, itn__block_of(fast, unit->first + ray) + 1) -
-                      unit->first;
-                sum = itn__sum_kept(picture, crowd, k, pixel, ray, end);
-                totals[0] += sum, totals[1] += sum * sum / ((end - ray) * fast->walks);
+            for (ray = 0; ray < unit->count; ray++) {
+                int n = ray % set + 1;
+                sum += itn__ray_value(picture, crowd, k, pixel, cell * unit->count + ray);
+                if (n < set && ray + 1 < unit->count) continue;
+                totals[0] += sum, totals[1] += sum * sum / (n * crowd->fast->walks), sum = 0;
             }
     }
 }
@@ -10565,20 +9969,45 @@ static void itn__picture_worker(void *task, int index) {
         }
 }
 
+static void itn__crowd_free(itn__crowd *crowd) {
+    const itn_context *context = &crowd->fast->scene->context;
+    itn__free(context, crowd->walk);
+    itn__free(context, crowd->scores);
+    itn__free(context, crowd->radiance);
+    itn__free(context, crowd->lessons);
+}
+
+/* Makes a crowd for units of so many camera rays. Returns 0 if there is no memory. */
+static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int rays) {
+    const itn_context *context = &fast->scene->context;
+    size_t substances = 1 + (size_t)fast->scene->medium_count, count = (size_t)fast->count;
+    int i;
+    crowd->fast = fast, crowd->radiance_stride = rays;
+    crowd->walk = (itn__queue *)itn__allocate(
+        context, substances + (size_t)fast->scene->surface_count, sizeof(itn__queue));
+    crowd->scores = (float *)itn__allocate(context, 2 * ITN__CROWD, count * sizeof(float));
+    crowd->radiance = (float *)itn__allocate(context, (size_t)rays,
+                                             (size_t)fast->planes * sizeof(float));
+    crowd->lessons = (double *)itn__allocate(context, fast->learning ? substances : 0,
+                                             ITN__LESSON_SUMS * sizeof(double));
+    if (!crowd->walk || !crowd->scores || !crowd->radiance || !crowd->lessons) return 0;
+    crowd->surface = crowd->walk + substances;
+    for (i = 0; i < ITN__CROWD; i++) {
+        crowd->unused[i] = ITN__CROWD - 1 - i;
+        crowd->paths[i].scores = crowd->scores + (size_t)i * count;
+        crowd->rays[i].scores = crowd->scores + (size_t)(ITN__CROWD + i) * count;
+    }
+    crowd->unused_count = ITN__CROWD;
+    return 1;
+}
+
 static void itn__picture_end(itn__picture *picture) {
     const itn_context *context = &picture->fast.scene->context;
     int i;
     for (i = 0; picture->crowds && i < picture->crowd_count; i++)
-        itn__free(context, picture->crowds[i].memory);
+        if (picture->crowds[i].fast) itn__crowd_free(&picture->crowds[i]);
     itn__free(context, picture->crowds);
     itn__free(context, picture->totals);
-}
-
-/* How many independent sets the camera rays of a pixel make: all of them, unless they are of a
-   Sobol sequence. */
-static int itn__sample_blocks(const itn__fast *fast) {
-    int set = fast->allotment ? fast->allotment->set : itn__set_size(fast->spp);
-    return fast->sobol ? fast->spp / set : fast->spp;
 }
 
 /* Side of tiles: small pictures have small ones, so that there is work for many. */
@@ -10589,25 +10018,24 @@ static int itn__tile_side(int size) {
 
 /* Divides the work, and allocates what it needs. */
 static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
-    const itn_film_desc *film = &picture->fast.scene->film;
-    const itn_context *context = &picture->fast.scene->context;
     itn__fast *fast = &picture->fast;
-    int tile, rays, i, good;
+    const itn_film_desc *film = &fast->scene->film;
+    const itn_context *context = &fast->scene->context;
+    int width = itn__tile_side(film->width), height = itn__tile_side(film->height), sets, i, good;
     picture->kept = picture->weights ? fast->count : fast->planes;
-    picture->tile_width = itn__tile_side(film->width);
-    picture->tile_height = itn__tile_side(film->height);
-    picture->tiles_x = (film->width + picture->tile_width - 1) / picture->tile_width;
-    picture->tiles = picture->tiles_x *
-                     ((film->height + picture->tile_height - 1) / picture->tile_height);
-    tile = picture->tile_width * picture->tile_height;
-    rays = ITN__UNIT_PATHS / (tile * fast->walks);
-    picture->unit_blocks = (int)((int64_t)rays * fast->blocks / fast->spp);
-    if (picture->unit_blocks < 1) picture->unit_blocks = 1;
-    if (picture->unit_blocks > fast->blocks) picture->unit_blocks = fast->blocks;
-    picture->chunks = (fast->blocks - 1) / picture->unit_blocks + 1;
+    fast->rows = fast->count || fast->learning ? ITN__ROWS
+                 : fast->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
+    fast->set = fast->allotment ? fast->allotment->set : itn__set_size(fast->spp);
+    if (!fast->sobol) fast->set = 1;
+    picture->tile_width = width, picture->tile_height = height;
+    picture->tiles_x = (film->width + width - 1) / width;
+    picture->tiles = picture->tiles_x * ((film->height + height - 1) / height);
+    sets = ITN__UNIT_PATHS / (width * height * fast->walks * fast->set);
+    picture->unit_rays = fast->set * (sets < 1 ? 1 : sets);
+    if (picture->unit_rays > fast->spp) picture->unit_rays = fast->spp;
+    picture->chunks = (fast->spp - 1) / picture->unit_rays + 1;
     if (picture->chunks > INT_MAX / picture->tiles || fast->spp > INT_MAX / fast->walks)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
-    rays = picture->unit_blocks * (fast->spp / fast->blocks + 1);
     picture->crowd_count = itn__workers(context);
     if (picture->crowd_count > picture->tiles) picture->crowd_count = picture->tiles;
     picture->crowds = (itn__crowd *)itn__allocate(context, (size_t)picture->crowd_count,
@@ -10616,7 +10044,7 @@ static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
                                               (size_t)picture->kept * 2 * sizeof(double));
     good = picture->crowds && picture->totals;
     for (i = 0; i < picture->crowd_count && good; i++)
-        good = itn__crowd_make(&picture->crowds[i], fast, tile * rays * fast->walks);
+        good = itn__crowd_make(&picture->crowds[i], fast, width * height * picture->unit_rays);
     return good ? ITN_OK : itn__out_of_memory(error, "a render");
 }
 
@@ -10639,6 +10067,42 @@ static itn_result itn__picture_run(itn__picture *picture, const itn_render_optio
             options->stats->collisions += picture->crowds[i].collisions;
     }
     return ITN_OK;
+}
+
+#define ITN__LESSONS 65536. /* paths that V is learnt from */
+
+/* Whether a control variate pays: in images of one medium in light that is everywhere the same,
+   with many paths. */
+static int itn__can_control(const itn__fast *fast) {
+    const itn_scene *scene = fast->scene;
+    double paths = fast->samples * fast->walks;
+    return fast->voxels && fast->only_constant && scene->medium_count == 1 && !fast->count &&
+           paths >= 8 * ITN__LESSONS;
+}
+
+/* Learns V from a few paths, which are not used for anything else: whatever these tell, pictures
+   stay unbiased. */
+static itn_result itn__learn_values(itn__picture *picture, itn_error *error) {
+    itn__picture pilot = *picture;
+    itn__fast *fast = &pilot.fast;
+    double pixels = (double)fast->scene->film.width * fast->scene->film.height;
+    int sums = (1 + fast->scene->medium_count) * ITN__LESSON_SUMS, learnt = 0, m, i, k;
+    itn_result result;
+    fast->learning = 1, fast->controls = 0, fast->seed = itn__mix64(fast->seed + 1);
+    fast->count = fast->scales = 0, fast->planes = fast->channels;
+    pilot.weights = NULL, fast->allotment = NULL;
+    fast->walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)fast->walks);
+    fast->spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * fast->walks), fast->spp / 8 + 1));
+    result = itn__picture_begin(&pilot, error);
+    if (!result) result = itn__picture_run(&pilot, NULL, error);
+    for (i = 1; i < pilot.crowd_count && !result; i++)
+        for (k = 0; k < sums; k++) pilot.crowds[0].lessons[k] += pilot.crowds[i].lessons[k];
+    for (m = 1; m <= fast->scene->medium_count && !result; m++)
+        learnt |= itn__fit_value(fast, &fast->substances[m],
+                                 pilot.crowds[0].lessons + m * ITN__LESSON_SUMS);
+    if (!learnt) picture->fast.controls = 0; /* nothing is met */
+    itn__picture_end(&pilot);
+    return result;
 }
 #endif /* ITN_NO_FAST */
 
@@ -11028,24 +10492,12 @@ static itn_result itn__render_tables(const itn__render *render, const itn__table
                            own, error);
 }
 
-#define ITN__LESSONS 65536. /* paths that V is learnt from */
-
-/* Whether a control variate pays: in images of one medium in light that is everywhere the same,
-   with many paths. */
-static int itn__can_control(const itn__fast *fast) {
-    const itn_scene *scene = fast->scene;
-    double paths = fast->samples * fast->walks;
-    return fast->voxels && fast->only_constant && scene->medium_count == 1 && !fast->count &&
-           paths >= 8 * ITN__LESSONS;
-}
-
 /* What the fast walk is to do. */
 static void itn__fast_make(const itn__render *render, const itn__tables *tables,
                            itn__substance *substances, itn__fast *fast) {
     const itn_scene *scene = render->scene;
     fast->samples = render->samples, fast->spp = render->spp, fast->allotment = render->allotment;
     fast->seed = render->seed, fast->walks = render->walks, fast->sobol = render->sobol;
-    fast->blocks = itn__sample_blocks(fast);
     fast->slots = render->slots, fast->only = render->only, fast->count = render->count;
     itn__fast_begin(fast, scene, render->theta, substances, tables);
     fast->controls = render->baseline && itn__can_control(fast);
@@ -11056,8 +10508,8 @@ static double itn__mean_kept(const itn__picture *picture, size_t i, int k, doubl
     const double *sums = picture->totals + 2 * (i * (size_t)picture->kept + (size_t)k);
     int rays = itn__pixel_rays(&picture->fast, i);
     double n = (double)rays * picture->fast.walks, mean = sums[0] / n;
-    int blocks = (int)((int64_t)rays * picture->fast.blocks / picture->fast.spp);
-    *variance = itn__mean_variance(mean, sums[1] / n, blocks);
+    int set = picture->fast.set;
+    *variance = itn__mean_variance(mean, sums[1] / n, (rays + set - 1) / set);
     return mean;
 }
 
@@ -11073,43 +10525,6 @@ static void itn__develop(const itn__render *render, const itn__picture *picture)
         }
 }
 
-/* Sums of lessons over all crowds, which come to the first. */
-static void itn__gather_lessons(itn__picture *pilot, int substances) {
-    double *sums = pilot->crowds[0].lessons;
-    int i, k;
-    for (i = 1; i < pilot->crowd_count; i++)
-        for (k = 0; k < substances * ITN__LESSON_SUMS; k++) sums[k] += pilot->crowds[i].lessons[k];
-}
-
-/* Learns V from a few paths, which are not used for anything else: whatever these tell, pictures
-   stay unbiased. */
-static itn_result itn__learn_values(itn__picture *picture, itn_error *error) {
-    itn__picture pilot = *picture;
-    itn__fast *fast = &pilot.fast;
-    double pixels = (double)fast->scene->film.width * fast->scene->film.height;
-    itn_result result;
-    int m, learnt = 0;
-    fast->learning = fast->scored = 1, fast->controls = 0;
-    fast->seed = itn__mix64(fast->seed + 1);
-    fast->count = fast->scales = 0, fast->planes = fast->channels;
-    pilot.weights = NULL, fast->allotment = NULL;
-    if (pixels > ITN__LESSONS / 4) fast->walks = 1;
-    else fast->walks = (int)fmin(fast->walks, (int)ITN__LESSONS / pixels);
-    fast->spp = (int)fmax(1, (int)ITN__LESSONS / (pixels * fast->walks));
-    if (fast->spp > picture->fast.spp / 8 + 1) fast->spp = picture->fast.spp / 8 + 1;
-    fast->samples = pixels * fast->spp;
-    fast->blocks = itn__sample_blocks(fast);
-    result = itn__picture_begin(&pilot, error);
-    if (!result) result = itn__picture_run(&pilot, NULL, error);
-    if (!result) itn__gather_lessons(&pilot, 1 + fast->scene->medium_count);
-    for (m = 0; m <= fast->scene->medium_count && !result; m++)
-        learnt |= itn__fit_value(&picture->fast, m, pilot.crowds[0].lessons +
-                                                          (size_t)m * ITN__LESSON_SUMS);
-    if (!learnt) picture->fast.controls = 0; /* nothing is met */
-    itn__picture_end(&pilot);
-    return result;
-}
-
 /* The fast walk: an image, or (with weights) sums of a gradient. */
 static itn_result itn__render_fast(const itn__render *render, const itn_render_options *options,
                                    itn_error *error) {
@@ -11123,11 +10538,9 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
     memset(&picture, 0, sizeof picture);
     picture.fast.scene = scene;
     picture.weights = render->weights;
-    substances = (itn__substance *)itn__allocate(
-        &scene->context, (size_t)itn__substance_count(scene), sizeof *substances);
-    picture.fast.values = (itn__value *)itn__allocate(
-        &scene->context, (size_t)itn__substance_count(scene), sizeof *picture.fast.values);
-    if (substances && picture.fast.values) {
+    substances = (itn__substance *)itn__allocate(&scene->context, 1 + (size_t)scene->medium_count,
+                                                 sizeof *substances);
+    if (substances) {
         itn__fast_make(render, tables, substances, &picture.fast);
         if ((render->baseline && render->count && scene->medium_count) || picture.fast.controls)
             result = itn__learn_values(&picture, error);
@@ -11138,7 +10551,6 @@ static itn_result itn__render_fast(const itn__render *render, const itn_render_o
     if (!result) result = itn__picture_run(&picture, options, error);
     if (!result) itn__develop(render, &picture);
     itn__picture_end(&picture);
-    itn__free(&scene->context, picture.fast.values);
     itn__free(&scene->context, substances);
     itn__tables_free(&scene->context, own);
     return result;

@@ -523,8 +523,6 @@ static double render_untested(const subject *s, const itn_render_options *option
     float *theta = (float *)allocate((size_t)s->made->parameter_count, sizeof *theta);
     itn__substance *substances = (itn__substance *)allocate((size_t)s->made->medium_count + 1,
                                                             sizeof *substances);
-    itn__value *values = (itn__value *)allocate((size_t)s->made->medium_count + 1,
-                                                sizeof *values);
     const itn__tables *tables;
     itn__tables *own;
     itn__picture picture;
@@ -535,8 +533,7 @@ static double render_untested(const subject *s, const itn_render_options *option
     picture.fast.scene = s->made, picture.fast.seed = options->seed;
     picture.fast.spp = options->spp, picture.fast.walks = options->walks;
     picture.fast.samples = (double)options->spp * pixel_count(s);
-    picture.fast.blocks = itn__sample_blocks(&picture.fast);
-    picture.fast.unsafe = 1, picture.fast.values = values;
+    picture.fast.unsafe = 1;
     paths = picture.fast.samples * options->walks;
     need(itn__tables_get(s->made, theta, paths, &tables, &own, &error), &error);
     itn__fast_begin(&picture.fast, s->made, theta, substances, tables);
@@ -546,7 +543,6 @@ static double render_untested(const subject *s, const itn_render_options *option
         pixels[i] = (float)(picture.totals[2 * i] / ((double)options->spp * options->walks));
     itn__picture_end(&picture);
     itn__tables_free(&s->made->context, own);
-    free(values);
     free(substances);
     free(theta);
     seconds = seconds_now() - start;

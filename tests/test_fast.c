@@ -248,16 +248,13 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
                                  &error), &error);
     stage_need(itn__render_tables(&in->render, &tables, &in->own, &error), &error);
     in->substances = (itn__substance *)itn__allocate(
-        &scene->context, (size_t)itn__substance_count(scene), sizeof *in->substances);
+        &scene->context, 1 + (size_t)scene->medium_count, sizeof *in->substances);
     fast->scene = scene;
-    fast->values = (itn__value *)itn__allocate(
-        &scene->context, (size_t)itn__substance_count(scene), sizeof *fast->values);
     itn__fast_make(&in->render, tables, in->substances, fast);
     stage_need(itn__picture_begin(&in->picture, &error), &error);
 }
 static void close_render(inside *in) {
     itn__picture_end(&in->picture);
-    itn__free(&in->scene->context, in->picture.fast.values);
     itn__free(&in->scene->context, in->substances);
     itn__tables_free(&in->scene->context, in->own);
     itn__render_end(&in->render);
@@ -279,10 +276,9 @@ static itn__unit whole_unit(inside *in) {
     itn__unit unit = ITN_ZERO;
     unit.width = in->scene->film.width, unit.height = in->scene->film.height;
     unit.count = in->picture.fast.spp;
-    itn__free(&in->scene->context, crowd->memory);
+    itn__crowd_free(crowd);
     memset(crowd, 0, sizeof *crowd);
-    CHECK(itn__crowd_make(crowd, &in->picture.fast, unit.width * unit.height * unit.count *
-                                                        in->picture.fast.walks));
+    CHECK(itn__crowd_make(crowd, &in->picture.fast, unit.width * unit.height * unit.count));
     return unit;
 }
 
@@ -407,11 +403,12 @@ static void mislead(inside *in, int planted) {
     double terms[ITN__TERMS];
     int m, c, i;
     fast->controls = 1;
+    in->picture.fast.rows = ITN__ROWS;
     for (m = 0; m <= in->scene->medium_count; m++)
         for (c = 0; c < 3; c++) {
             float g = fast->substances[m].g + (planted == 1 ? .3f : 0);
             for (i = 0; i < ITN__TERMS; i++) terms[i] = .4 / (1 + (i * 7 + m + c) % 5);
-            itn__value_set(&fast->values[m], c, terms, g);
+            itn__value_set(&fast->substances[m].value, c, terms, g);
         }
 }
 
@@ -428,7 +425,7 @@ static int mean_of_paths(const itn_scene *scene, int spp, int misled, int plante
     if (misled == 1) mislead(&in, planted);
     for (k = 0; k <= scene->medium_count && misled == 2; k++)
         for (i = 0; i < 3; i++)
-            in.picture.fast.values[k].mean[i] = .3f + .1f * (float)i + .2f * (float)k;
+            in.substances[k].value.mean[i] = .3f + .1f * (float)i + .2f * (float)k;
     if (misled == 2 && planted) in.substances[1].slot_albedo[0] = in.substances[1].slot_sigma_t;
     planes = in.picture.fast.planes;
     for (k = 0; k < planes; k++) mean[k] = variance[k] = 0;
@@ -517,7 +514,7 @@ static void test_paths(void) {
    between queues at other times and lie in other slots; only the order of their sums may differ. */
 static void compare_parts(inside *in, const itn__unit *whole, const float *radiance, int width,
                           int height, int count) {
-    int x, y, first, column, row, c, i, different = 0, walks = in->picture.fast.walks;
+    int x, y, first, column, row, c, i, different = 0;
     for (first = (whole->count - 1) / count * count; first >= 0; first -= count)
         for (y = (whole->height - 1) / height * height; y >= 0; y -= height)
             for (x = (whole->width - 1) / width * width; x >= 0; x -= width) {
@@ -533,10 +530,10 @@ static void compare_parts(inside *in, const itn__unit *whole, const float *radia
                         for (column = 0; column < part.width; column++) {
                             int pixel = (y + row) * whole->width + x + column;
                             const float *a = radiance + c * crowd->radiance_stride +
-                                             (pixel * whole->count + first) * walks;
+                                             pixel * whole->count + first;
                             const float *b = crowd->radiance + c * crowd->radiance_stride +
-                                             (row * part.width + column) * part.count * walks;
-                            for (i = 0; i < part.count * walks; i++)
+                                             (row * part.width + column) * part.count;
+                            for (i = 0; i < part.count; i++)
                                 different += !(fabsf(a[i] - b[i]) <= 1e-5f * fabsf(a[i]));
                         }
             }
@@ -544,7 +541,7 @@ static void compare_parts(inside *in, const itn__unit *whole, const float *radia
                  count);
 }
 
-/* A path's radiance is the same in whatever crowd it is. planted: but not of another seed. */
+/* A camera ray's radiance is the same in whatever crowd it is. planted: but not of another seed. */
 static void check_parts(int which, itn_sampler sampler, int walks, int planted) {
     itn_scene *scene = make_scene(which, NULL);
     itn_render_options options = ITN_ZERO;
@@ -590,10 +587,10 @@ static void check_tables(int which, int planted) {
     float *radiance[4];
     int k, c, number, apart[4] = {0, 0, 0, 0}, paths;
     inside in;
-    options.spp = 16, options.seed = 8;
+    options.spp = 64, options.walks = 1, options.seed = 8;
     open_render(&in, scene, &options);
     whole = whole_unit(&in);
-    paths = whole.width * whole.height * whole.count * in.picture.fast.walks;
+    paths = whole.width * whole.height * whole.count;
     for (k = 0; k < 4; k++) { /* no table believed; coarse; fine; fine with regions */
         const size_t bytes = (size_t)in.picture.crowds[0].radiance_stride *
                              (size_t)in.picture.fast.channels * sizeof(float);
