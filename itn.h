@@ -58,10 +58,7 @@
        [medium]         free flight and phase function
        [surface]        Fresnel, rough boundary, diffuse
        [light]          constant, map, sky, sun
-       [sensor]         camera and film
        [scene]          what a scene holds
-       [parameters]     numbers that can be differentiated
-       [forms]          the fields of all items
        [maker]          a desc, checked and made ready
        [objects]        meshes, transformed and merged into one tree
        [place]          where a walk is
@@ -1342,6 +1339,8 @@ static itn_result itn__fail(itn_error *error, itn_result code, int line, const c
     return code;
 }
 
+#define ITN__NEW(type, context, count)                                                             \
+    ((type *)itn__allocate(context, (size_t)(count), sizeof(type)))
 static void *itn__zero(void *block, size_t bytes) { return block ? memset(block, 0, bytes) : NULL; }
 
 /* Returns count * size zeroed bytes, or NULL if that overflows or memory is out. calloc does not
@@ -4155,6 +4154,7 @@ typedef struct itn__grid {
 } itn__grid;
 
 typedef struct itn__light {
+    char name[ITN_NAME_SIZE];
     itn__light_kind kind;
     int parameter;    /* of its scale */
     float share;      /* probability of being chosen when lights are sampled */
@@ -4549,24 +4549,121 @@ static itn_result itn__light_grid(const itn_context *context, itn__light *light,
     return ITN_OK;
 }
 
-/* ---- [sensor] camera and film ---------------------------------------------------------------- */
+/* ---- [scene] what a scene holds -------------------------------------------------------------- */
 
-/* A pinhole at `eye`; a pixel's value is the mean radiance over the reconstruction filter around
-   its centre. Positions are drawn from the filter itself (filter importance sampling), so every
-   sample has weight 1 and belongs to one pixel only, and pixels are independent. A Gaussian's, cut
-   at four deviations, are at the distance deviation sqrt(-2 ln(1 - (1 - e^-8) u)). How many samples
-   a pixel has is kept in an allotment where not all have the same number. */
+/* Every number that can be differentiated lives in the parameter table; media, surfaces and lights
+   hold indices into it, and a render reads its values from theta. All triangles share one tree, in
+   coordinates whose origin is the middle of the solids, so that a scene far from its own origin
+   keeps its digits. What is computed on demand, as the tables of the fast walk, is kept with it.
+
+   The camera is a pinhole at `eye`; a pixel's value is the mean radiance over the reconstruction
+   filter around its centre. Positions are drawn from the filter itself (filter importance
+   sampling), so every sample has weight 1 and belongs to one pixel only. A Gaussian's, cut at four
+   deviations, are at the distance deviation sqrt(-2 ln(1 - (1 - e^-8) u)). */
 typedef struct itn__camera {
     itn_vec3 eye, forward, right, up; /* right and up are as long as half the film at distance 1 */
     int width, height;
     float deviation; /* of a Gaussian filter; 0: box */
 } itn__camera;
 
+#define ITN__SAME_INDEX 1e-5f /* relative difference of indices that is not felt */
+enum { ITN__MAX_OBJECTS = 64, ITN__MAX_LIGHTS = 64, ITN__MAX_ITEMS = 4096 };
+
+typedef struct itn__object {
+    int medium, surface; /* indices, -1: none */
+    int first_triangle;
+    int closed;   /* has an inside: rays meet its faces from one side at a time */
+    int solid;    /* closed, with a medium or a dielectric surface */
+    int refracts; /* has a dielectric surface */
+    uint64_t dielectrics; /* other objects that refract and whose boxes meet this one's, as bits */
+    int mirrored; /* its triangles are turned around as they are copied */
+    float *uvs;   /* [triangles][6] or NULL */
+    double volume, area;
+    double lower[3], upper[3]; /* bounds in scene coordinates */
+} itn__object;
+
+/* What a scene computes on demand and keeps begins with how it is freed. */
+typedef struct itn__kept {
+    void (*release)(const itn_context *context, void *kept);
+} itn__kept;
+enum { ITN__TABLE_LEVELS = 6 };
+
+struct itn_scene {
+    itn_context context;
+    itn_film_desc film;
+    itn__camera camera;
+    itn__medium *media;
+    itn__surface *surfaces;
+    itn__object *objects;
+    itn__light *lights;
+    itn_parameter *parameters;
+    int medium_count, surface_count, object_count, light_count, parameter_count;
+    itn__sides sides; /* at the camera */
+    itn_bvh *bvh;
+    double origin[3]; /* what was subtracted from all positions */
+    float radius;     /* of the solids (of everything, if there are none) */
+    itn_vec3 lower, upper; /* their box, less the origin, and a little around it */
+    int spectral;     /* some medium has a sigma_t or g for each channel */
+    int leaky;        /* some solid is open or tangled, taken by force */
+    void **tables;    /* [ITN__TABLE_LEVELS] each NULL or kept, see [tables] */
+};
+
+ITN_API void itn_scene_free(itn_scene *scene) {
+    itn_context context;
+    int i, k;
+    if (!scene) return;
+    context = scene->context;
+    for (i = 0; scene->tables && i < ITN__TABLE_LEVELS; i++)
+        if (scene->tables[i])
+            ((itn__kept *)scene->tables[i])->release(&context, scene->tables[i]);
+    itn_bvh_free(scene->bvh);
+    for (i = 0; i < scene->light_count; i++) {
+        itn__light *light = &scene->lights[i];
+        void *parts[6] = {light->map,       light->grid.cell_guide, light->grid.row_guide,
+                          light->grid.rows, light->grid.cells,      light->grid.density};
+        for (k = 0; k < 6; k++) itn__free(&context, parts[k]);
+    }
+    for (i = 0; i < scene->object_count; i++) itn__free(&context, scene->objects[i].uvs);
+    for (i = 0; i < scene->surface_count; i++) itn__free(&context, scene->surfaces[i].texels);
+    itn__free(&context, scene->tables);
+    itn__free(&context, scene->parameters);
+    itn__free(&context, scene->lights);
+    itn__free(&context, scene->objects);
+    itn__free(&context, scene->surfaces);
+    itn__free(&context, scene->media);
+    itn__free(&context, scene);
+}
+
+ITN_API itn_film_desc itn_scene_film(const itn_scene *scene) { return scene->film; }
+
+/* Index of the item of that name (their first field) among `count`, or -1; also of NULL. */
+static int itn__find_name(const char *name, const void *items, size_t stride, int count) {
+    int i;
+    for (i = 0; i < count && name; i++)
+        if (!strcmp(name, (const char *)items + (size_t)i * stride)) return i;
+    return -1;
+}
+
+ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta,
+                                   const char *medium) {
+    double volume = 0, area = 0, sigma_t = 0;
+    int k = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count), i, c;
+    for (i = 0; i < scene->object_count && k >= 0; i++)
+        if (scene->objects[i].medium == k)
+            volume += scene->objects[i].volume, area += scene->objects[i].area;
+    if (!(area > 0)) return 0;
+    for (c = 0; c < 3; c++) {
+        i = scene->media[k].sigma_t[c];
+        sigma_t += (theta ? theta[i] : scene->parameters[i].value) / 3.;
+    }
+    return sigma_t * 4 * volume / area;
+}
+
 /* Ray through pixel (x, y) for u, v in (0,1). */
 static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u, float v) {
     float dx = u - .5f, dy = v - .5f, sx, sy;
     itn_ray ray;
-    if (camera->deviation > 0) { /* radius by its inverse distribution, cut at 4 deviations */
+    if (camera->deviation > 0) { /* radius by its inverse distribution */
         float cut = 1 - expf(-8.f), phi = 2 * ITN__PI * v;
         float r = camera->deviation * sqrtf(-2 * logf(1 - cut * u));
         dx = r * cosf(phi), dy = r * sinf(phi);
@@ -4604,107 +4701,10 @@ static int itn__allot_pixel(itn__allotment *allotment, size_t pixel, int samples
     return rounded;
 }
 
-/* ---- [scene] what a scene holds -------------------------------------------------------------- */
-
-/* Every number that can be differentiated lives in the parameter table; media, surfaces and lights
-   hold indices into it, and a render reads its values from theta. All triangles share one tree, in
-   coordinates whose origin is the middle of the solids, so that a scene far from its own origin
-   keeps its digits. What is computed on demand, as the tables of the fast walk, is kept with it. */
-#define ITN__SAME_INDEX 1e-5f /* relative difference of indices that is not felt */
-enum { ITN__MAX_OBJECTS = 64, ITN__MAX_LIGHTS = 64, ITN__MAX_ITEMS = 4096 };
-
-typedef struct itn__object {
-    int medium, surface; /* indices, -1: none */
-    int first_triangle;
-    int closed;   /* has an inside: rays meet its faces from one side at a time */
-    int solid;    /* closed, with a medium or a dielectric surface */
-    int refracts; /* has a dielectric surface */
-    uint64_t dielectrics; /* other objects that refract and whose boxes meet this one's, as bits */
-    int mirrored; /* its triangles are turned around as they are copied */
-    float *uvs; /* [triangles][6] or NULL */
-    double volume, area;
-    double lower[3], upper[3]; /* bounds in scene coordinates */
-} itn__object;
-
-/* What a scene computes on demand and keeps begins with how it is freed. */
-typedef struct itn__kept {
-    void (*release)(const itn_context *context, void *kept);
-} itn__kept;
-enum { ITN__TABLE_LEVELS = 6 };
-
-struct itn_scene {
-    itn_context context;
-    itn_film_desc film;
-    itn__camera camera;
-    itn__medium *media;
-    itn__surface *surfaces;
-    itn__object *objects;
-    itn__light *lights;
-    itn_parameter *parameters;
-    int medium_count, surface_count, object_count, light_count, parameter_count;
-    itn__sides sides; /* at the camera */
-    itn_bvh *bvh;
-    double origin[3]; /* what was subtracted from all positions */
-    float radius;     /* of the solids (of everything, if there are none) */
-    itn_vec3 lower, upper; /* their box, less the origin, and a little around it */
-    int spectral;     /* some medium has a sigma_t or g for each channel */
-    int leaky;        /* some solid is open or tangled, taken by force */
-    void **tables;    /* [ITN__TABLE_LEVELS] each NULL or kept, see [tables] */
-};
-
-ITN_API void itn_scene_free(itn_scene *scene) {
-    itn_context context;
-    int i;
-    if (!scene) return;
-    context = scene->context;
-    for (i = 0; scene->tables && i < ITN__TABLE_LEVELS; i++)
-        if (scene->tables[i])
-            ((itn__kept *)scene->tables[i])->release(&context, scene->tables[i]);
-    itn__free(&context, scene->tables);
-    itn_bvh_free(scene->bvh);
-    for (i = 0; i < scene->light_count; i++) {
-        itn__light *light = &scene->lights[i];
-        void *parts[6] = {light->map,       light->grid.cell_guide, light->grid.row_guide,
-                          light->grid.rows, light->grid.cells,      light->grid.density};
-        int k;
-        for (k = 0; k < 6; k++) itn__free(&context, parts[k]);
-    }
-    for (i = 0; i < scene->object_count; i++) itn__free(&context, scene->objects[i].uvs);
-    for (i = 0; i < scene->surface_count; i++) itn__free(&context, scene->surfaces[i].texels);
-    itn__free(&context, scene->parameters);
-    itn__free(&context, scene->lights);
-    itn__free(&context, scene->objects);
-    itn__free(&context, scene->surfaces);
-    itn__free(&context, scene->media);
-    itn__free(&context, scene);
-}
-
-ITN_API itn_film_desc itn_scene_film(const itn_scene *scene) { return scene->film; }
-
-ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta,
-                                   const char *medium) {
-    double volume = 0, area = 0, sigma_t = 0;
-    int i, k, c;
-    for (k = 0; k < scene->medium_count; k++)
-        if (medium && !strcmp(scene->media[k].name, medium)) break;
-    for (i = 0; i < scene->object_count && k < scene->medium_count; i++)
-        if (scene->objects[i].medium == k)
-            volume += scene->objects[i].volume, area += scene->objects[i].area;
-    if (!(area > 0)) return 0;
-    for (c = 0; c < 3; c++) {
-        i = scene->media[k].sigma_t[c];
-        sigma_t += (theta ? theta[i] : scene->parameters[i].value) / 3.;
-    }
-    return sigma_t * 4 * volume / area;
-}
-
-/* ---- [parameters] numbers that can be differentiated ----------------------------------------- */
-
-/* A coordinate of a parameter has no bounds, and steps in it are of a size that fits: the logarithm
-   of a sigma_t, the logit log((x - lower) / (upper - x)) of what lies between two bounds, the value
-   itself of what can be anything. Derivatives go over by the chain rule, with the slope dx/du of
-   value by coordinate. Where a logarithm or a logit would be infinite it is cut, so that a value on
-   its bound has a coordinate, too. */
+/* Parameters. A coordinate has no bounds, and steps in it are of a size that fits: the logarithm of
+   a sigma_t, the logit log((x - lower) / (upper - x)) of what lies between two bounds. Derivatives
+   go over by the chain rule, with the slope dx/du of value by coordinate. Where a logarithm or a
+   logit would be infinite it is cut, so that a value on its bound has a coordinate, too. */
 
 ITN_API int itn_parameter_count(const itn_scene *scene) { return scene->parameter_count; }
 
@@ -4713,10 +4713,12 @@ ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index
 }
 
 ITN_API int itn_parameter_find(const itn_scene *scene, const char *name) {
+    return itn__find_name(name, scene->parameters, sizeof(itn_parameter), scene->parameter_count);
+}
+
+ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
     int i;
-    for (i = 0; i < scene->parameter_count && name; i++)
-        if (!strcmp(scene->parameters[i].name, name)) return i;
-    return -1;
+    for (i = 0; i < scene->parameter_count; i++) theta[i] = scene->parameters[i].value;
 }
 
 /* The least value that a search gives a parameter: its lower bound, but of an index, whose bound is
@@ -4725,27 +4727,17 @@ ITN__INLINE double itn__least_sought(const itn_parameter *p) {
     return p->lower == 1 ? 1.001 : (double)p->lower;
 }
 
-ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
-    int i;
-    for (i = 0; i < scene->parameter_count; i++) theta[i] = scene->parameters[i].value;
-}
-
-/* The least value that has a logarithm: the lower bound, or e^-80 of the upper one if it is 0. */
-static double itn__log_floor(const itn_parameter *p) {
-    return p->lower > 0 ? (double)p->lower : p->upper * exp(-80.0);
+/* A value that has a logarithm: the lower bound at least, or e^-80 of the upper one if it is 0. */
+static double itn__above_zero(const itn_parameter *p, double value) {
+    return fmax(value, p->lower > 0 ? (double)p->lower : p->upper * exp(-80.0));
 }
 
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *p, double value) {
-    double ratio;
+    double lower = p->lower, upper = p->upper;
     if (p->transform == ITN_IDENTITY) return value;
-    if (p->transform == ITN_LOG) {
-        double floor_value = itn__log_floor(p);
-        return log(value > floor_value ? value : floor_value);
-    }
-    if (value <= (double)p->lower) return -16;
-    if (value >= (double)p->upper) return 16;
-    ratio = log((value - (double)p->lower) / ((double)p->upper - value));
-    return ratio > 16 ? 16 : ratio < -16 ? -16 : ratio;
+    if (p->transform == ITN_LOG) return log(itn__above_zero(p, value));
+    value = fmin(fmax(value, lower), upper);
+    return fmin(fmax(log((value - lower) / (upper - value)), -16), 16);
 }
 
 ITN_API double itn_parameter_from_coordinate(const itn_parameter *p, double coordinate) {
@@ -4756,27 +4748,28 @@ ITN_API double itn_parameter_from_coordinate(const itn_parameter *p, double coor
 }
 
 ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
-    double ratio;
+    double lower = p->lower, range = (double)p->upper - lower, share;
     if (p->transform == ITN_IDENTITY) return 1;
-    if (p->transform == ITN_LOG) return value > itn__log_floor(p) ? value : itn__log_floor(p);
-    ratio = (value - (double)p->lower) / ((double)p->upper - (double)p->lower);
-    if (ratio < 1e-7) ratio = 1e-7; /* about the slope at coordinates of -16 and 16 */
-    if (ratio > 1 - 1e-7) ratio = 1 - 1e-7;
-    return ratio * (1 - ratio) * ((double)p->upper - (double)p->lower);
+    if (p->transform == ITN_LOG) return itn__above_zero(p, value);
+    share = fmin(fmax((value - lower) / range, 1e-7), 1 - 1e-7); /* about that of +-16 */
+    return share * (1 - share) * range;
 }
 
-/* ---- [forms] the fields of all items --------------------------------------------------------- */
+/* ---- [maker] a desc, checked and made ready -------------------------------------------------- */
 
-/* All items but surfaces, whose forms stand with their models. */
+/* A scene is made item by item: film, camera, media, surfaces, lights, and last the objects
+   ([objects]), which name the others. Each is checked by its fields before anything is taken from
+   it, and enters its numbers into the parameter table; an image is copied. The first error ends it
+   all, and what was made is freed. First the fields of the items that have no models. */
 #define ITN__SPECTRUM(name, form, transform, ...)                                                  \
     {#name, form, __VA_ARGS__, offsetof(itn_medium_desc, name), offsetof(itn__medium, name),       \
      transform, offsetof(itn_medium_desc, name##_rgb), NULL}
-static const itn__form itn__forms[] = {
+static const itn__form itn__forms[] = { /* that of a kind without types at its number */
     {ITN__FILM, 0, NULL,
      {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
       ITN__FIELD("height", film, height, "1i", 1, 65536, 128),
       ITN__FIELD("channels", film, channels, "1i", 1, 3, 1),
-      {"filter", "o", 0, 0, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box|gaussian"},
+      {"filter", "o", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box|gaussian"},
       ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0)}},
     {ITN__CAMERA, 0, NULL,
      {ITN__FIELD("eye", camera, eye, "3f!", ITN__ANY, 0),
@@ -4806,11 +4799,6 @@ enum {
     ITN__FORMS = ITN__OWN_FORMS + ITN__BSDFS +
                  (int)(sizeof itn__light_models / sizeof itn__light_models[0])
 };
-static const itn__form *itn__form_at(int k) {
-    if (k < ITN__OWN_FORMS) return &itn__forms[k];
-    k -= ITN__OWN_FORMS;
-    return k < ITN__BSDFS ? &itn__bsdfs[k].form : &itn__light_models[k - ITN__BSDFS].form;
-}
 
 /* What a checker has more, in a desc; and a sky, in a file of its own. */
 static const itn__field itn__checker_fields[] = {
@@ -4827,12 +4815,10 @@ static const itn__form itn__sky_form = {
      ITN__SKY("radiance", "3f!", radiance, 0, ITN__MAX_RADIANCE),
      ITN__SKY("sun_radiance", "3f!", sun_radiance, 0, ITN__MAX_RADIANCE)}};
 
-/* The form of an item's kind and type; NULL if there is none. */
-static const itn__form *itn__form_of(int kind, int type) {
-    int k;
-    for (k = 0; k < ITN__FORMS; k++)
-        if (itn__form_at(k)->kind == kind && itn__form_at(k)->type == type) return itn__form_at(k);
-    return NULL;
+static const itn__form *itn__form_at(int k) {
+    if (k < ITN__OWN_FORMS) return &itn__forms[k];
+    k -= ITN__OWN_FORMS;
+    return k < ITN__BSDFS ? &itn__bsdfs[k].form : &itn__light_models[k - ITN__BSDFS].form;
 }
 
 ITN__INLINE int itn__has_form(const itn__field *field, char letter) {
@@ -4849,52 +4835,60 @@ static int itn__field_allows(const itn__field *field, float number, char words[1
     return 0;
 }
 
+/* Writes the `count` numbers of a field to a desc. */
+static void itn__write_numbers(const itn__field *field, void *desc, float *n, int count) {
+    char *at = (char *)desc + (itn__has_form(field, 's') && count == 3 ? field->three : field->at);
+    int whole = (int)n[0];
+    if (itn__has_form(field, 'c') && count == 1) n[1] = n[2] = n[0], count = 3;
+    if (strpbrk(field->form, "io")) memcpy(at, &whole, sizeof whole);
+    else if (strpbrk(field->form, "fcs")) memcpy(at, n, (size_t)count * sizeof *n);
+}
+
 /* The numbers of a field in a desc, where `otherwise` is put in. Returns how many they are: 0 if it
    has none. */
-static int itn__field_numbers(const itn__field *field, void *desc, int channels, float n[9]) {
+static int itn__read_numbers(const itn__field *field, void *desc, int channels, float n[9]) {
     char *at = (char *)desc + field->at;
-    int whole, count = itn__has_form(field, 'c') ? channels : 1;
-    if (!strpbrk(field->form, "fics")) return 0;
-    if (itn__has_form(field, 'f')) count = *field->form - '0';
+    int integer = itn__has_form(field, 'i') || (itn__has_form(field, 'o') && field->at);
+    int whole, count = 0;
     if (itn__has_form(field, 's')) {
         memcpy(n, (char *)desc + field->three, 3 * sizeof *n);
         if (n[0] != 0 || n[1] != 0 || n[2] != 0) return 3;
     }
+    if (itn__has_form(field, 'c')) count = channels;
+    else if (itn__has_form(field, 'f')) count = *field->form - '0';
+    else if (itn__has_form(field, 's') || integer) count = 1;
     memcpy(n, at, (size_t)count * sizeof *n);
-    if (itn__has_form(field, 'i')) memcpy(&whole, at, sizeof whole), n[0] = (float)whole;
-    if (count > 1 || n[0] != 0 || !(field->lower > 0)) return count;
-    n[0] = field->otherwise, whole = (int)n[0];
-    memcpy(at, itn__has_form(field, 'i') ? (void *)&whole : n, sizeof *n);
+    if (integer) memcpy(&whole, at, sizeof whole), n[0] = (float)whole;
+    if (count != 1 || n[0] != 0 || !(field->lower > 0)) return count;
+    n[0] = field->otherwise;
+    itn__write_numbers(field, desc, n, 1);
     return n[0] != 0;
 }
-
-/* ---- [maker] a desc, checked and made ready -------------------------------------------------- */
-
-/* A scene is made item by item: film, media, surfaces, lights, and last the objects ([objects]),
-   which name the others. Each is checked by its fields before anything is taken from it, and enters
-   its numbers into the parameter table; an image is copied. The first error ends it all, and what
-   was made is freed. */
-
-/* Which item of a desc an error is about. */
-typedef struct itn__where {
-    int kind, index; /* kind -1: none */
-} itn__where;
 
 typedef struct itn__maker {
     itn_scene *scene;
     const itn_scene_desc *desc;
-    itn__where where;
+    int kind, index;               /* of the item at hand; kind -1: none */
+    char title[2 * ITN_NAME_SIZE]; /* of it, for messages */
     int *names; /* a hash table of parameters' names: their indices + 1, or 0 */
     uint32_t name_mask;
-    itn_result refusal; /* of a value: ARGUMENT, or of a file's FORMAT */
+    itn_result refusal; /* of what is given: ARGUMENT, or of a file FORMAT */
     itn_error *error;
 } itn__maker;
 
-#define ITN__REFUSE(...) itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, __VA_ARGS__)
-
-static void itn__go_to(itn__maker *maker, int kind, int index) {
-    maker->where.kind = kind, maker->where.index = index;
+/* Fails with "item: ..."; ARGUMENT becomes the maker's refusal. */
+static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *format, ...)
+    ITN__PRINTF(3, 4);
+static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *format, ...) {
+    char words[800];
+    va_list arguments;
+    va_start(arguments, format);
+    itn__print_list(words, sizeof words, format, arguments);
+    va_end(arguments);
+    if (code == ITN_ERROR_ARGUMENT) code = maker->refusal;
+    return itn__fail(maker->error, code, 0, "%s: %s", maker->title, words);
 }
+#define ITN__REFUSE(...) itn__refuse(maker, ITN_ERROR_ARGUMENT, __VA_ARGS__)
 
 /* Enters a parameter's name; returns its place, or of one that is the same in the names of layers,
    where the dot becomes a _. */
@@ -4912,14 +4906,14 @@ static int *itn__name_place(itn__maker *maker, const char *name) {
     }
 }
 
-/* Adds parameter item.field (or item.field_r for channel 0 of 3...); returns its index or -1. */
-static int itn__add_parameter(itn__maker *maker, const char *item, const itn__field *field,
-                              int channel, float value) {
+/* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index or -1. */
+static int itn__add_parameter(itn__maker *maker, const itn__field *field, int channel,
+                              float value) {
     static const char *const suffix[4] = {"", "_r", "_g", "_b"};
     itn_scene *scene = maker->scene;
     itn_parameter *p = &scene->parameters[scene->parameter_count];
     int *place;
-    itn__print(p->name, sizeof p->name, "%s.%s%s", item, field->name, suffix[channel + 1]);
+    itn__print(p->name, sizeof p->name, "%s.%s%s", maker->title, field->name, suffix[channel + 1]);
     p->value = value, p->lower = field->lower, p->upper = field->upper;
     p->transform = field->transform;
     place = itn__name_place(maker, p->name);
@@ -4931,23 +4925,22 @@ static int itn__add_parameter(itn__maker *maker, const char *item, const itn__fi
 
 /* Checks the fields of a desc, which is the maker's own copy, and enters those that are parameters;
    the scene's item receives their indices. */
-static itn_result itn__take_item(itn__maker *maker, const char *name, const itn__field *field,
-                                 void *desc, void *item) {
+static itn_result itn__take_fields(itn__maker *maker, const itn__field *field, void *desc,
+                                   void *item) {
     int channels = maker->scene->film.channels;
     for (; field->name; field++) {
         float n[ITN__MOST_NUMBERS];
-        int count = itn__field_numbers(field, desc, channels, n), index[3] = {-1, -1, -1}, c;
+        int count = itn__read_numbers(field, desc, channels, n), index[3] = {-1, -1, -1}, c;
         int spectrum = itn__has_form(field, 's');
         char words[100];
         if (spectrum && count > channels)
-            return ITN__REFUSE("%s: %s_rgb needs a film with 3 channels", name, field->name);
+            return ITN__REFUSE("%s_rgb needs a film with 3 channels", field->name);
         for (c = 0; c < count; c++) {
             if (!itn__field_allows(field, n[c], words))
-                return itn__fail(maker->error, maker->refusal, 0, "%s: %s %s", name, field->name,
-                                 words);
+                return ITN__REFUSE("%s %s", field->name, words);
             if (!field->parameter) continue;
-            index[c] = itn__add_parameter(maker, name, field, count == 3 ? c : -1, n[c]);
-            if (index[c] < 0) return ITN_ERROR_ARGUMENT;
+            index[c] = itn__add_parameter(maker, field, count == 3 ? c : -1, n[c]);
+            if (index[c] < 0) return maker->refusal;
         }
         if (count == 1) index[1] = index[2] = index[0];
         if (field->parameter)
@@ -4969,67 +4962,71 @@ static int itn__is_name(const char *name) {
 }
 #define ITN__NAME_RULE "is not 1 to 32 letters, digits, _ or -, beginning with a letter"
 
-/* Index of the item of that name (their first field) among `count`, or -1. */
-static int itn__find_name(const char *name, const void *items, size_t stride, int count) {
-    int i;
-    for (i = 0; i < count; i++)
-        if (!strcmp(name, (const char *)items + (size_t)i * stride)) return i;
-    return -1;
+/* What a light without a name is called. */
+static void itn__light_name(char name[ITN_NAME_SIZE], int index) {
+    if (index) itn__print(name, ITN_NAME_SIZE, "light%d", index + 1);
+    else itn__copy_name(name, "light");
 }
 
-/* Gives an item its name, which the `count` before it must not have. */
-static itn_result itn__name_item(itn__maker *maker, const char *name, void *items, size_t stride) {
-    int index = maker->where.index;
-    const char *kind = itn__kinds[maker->where.kind];
+/* Goes to an item (kind -1: to none) and gives it a title. */
+static void itn__go_to(itn__maker *maker, int kind, int index) {
+    maker->kind = kind, maker->index = index;
+    if (kind <= ITN__CAMERA)
+        itn__copy_name(maker->title, kind < 0 ? "scene" : itn__kinds[kind]);
+    else
+        itn__print(maker->title, sizeof maker->title, "%s %d", itn__kinds[kind], index + 1);
+}
+
+/* Takes an item's name, which none of the `count` before it must have. */
+static itn_result itn__take_name(itn__maker *maker, int kind, int index, const char *name,
+                                 void *items, size_t stride, int count) {
+    itn__go_to(maker, kind, index);
     if (!itn__is_name(name))
-        return ITN__REFUSE("%s %d: the name \"%.40s\" " ITN__NAME_RULE, kind, index + 1,
-                           name ? name : "");
-    if (itn__find_name(name, items, stride, index) >= 0)
-        return ITN__REFUSE("%s: another %s has this name", name, kind);
-    itn__copy_name((char *)items + (size_t)index * stride, name);
+        return ITN__REFUSE("the name \"%.40s\" " ITN__NAME_RULE, name ? name : "");
+    itn__copy_name(maker->title, name);
+    if (itn__find_name(name, items, stride, count) >= 0)
+        return ITN__REFUSE("another %s has this name", itn__kinds[kind]);
+    itn__copy_name((char *)items + (size_t)count * stride, name);
     return ITN_OK;
 }
 
 static itn_result itn__make_film(itn__maker *maker) {
-    itn_film_desc film = maker->desc->film;
-    int gaussian = film.filter == ITN_FILTER_GAUSSIAN;
+    itn_film_desc *film = &maker->scene->film;
+    int gaussian = maker->desc->film.filter == ITN_FILTER_GAUSSIAN;
     itn_result result;
+    *film = maker->desc->film;
     itn__go_to(maker, ITN__FILM, 0);
-    result = itn__take_item(maker, "film", itn__form_of(ITN__FILM, 0)->fields, &film, NULL);
+    result = itn__take_fields(maker, itn__forms[ITN__FILM].fields, film, NULL);
     if (result) return result;
-    if (film.channels == 2)
-        return itn__fail(maker->error, maker->refusal, 0, "film: channels is 1 or 3, not 2");
-    if (film.filter != ITN_FILTER_BOX && !gaussian) return ITN__REFUSE("film: unknown filter");
-    if (!gaussian && film.deviation != 0)
-        return itn__fail(maker->error, maker->refusal, 0,
-                         "film: deviation is that of filter gaussian");
-    if (gaussian && film.deviation == 0) film.deviation = .5f;
-    maker->scene->film = film;
+    if (film->channels == 2) return ITN__REFUSE("channels is 1 or 3, not 2");
+    if (!gaussian && film->deviation != 0)
+        return ITN__REFUSE("deviation is that of filter gaussian");
+    if (gaussian && film->deviation == 0) film->deviation = .5f;
     return ITN_OK;
 }
 
+/* All of the camera but its eye, see [objects]. */
 static itn_result itn__make_camera(itn__maker *maker) {
     const itn_film_desc *film = &maker->scene->film;
     itn_camera_desc in = maker->desc->camera;
     itn__camera *camera = &maker->scene->camera;
-    itn_vec3 up, forward = itn__direction(itn__sub(in.target, in.eye));
+    itn_vec3 up, right, forward = itn__direction(itn__sub(in.target, in.eye));
     float half;
     itn_result result;
     itn__go_to(maker, ITN__CAMERA, 0);
-    result = itn__take_item(maker, "camera", itn__form_of(ITN__CAMERA, 0)->fields, &in, NULL);
+    result = itn__take_fields(maker, itn__forms[ITN__CAMERA].fields, &in, NULL);
     if (result) return result;
     up = itn__direction(in.up), half = tanf(in.fov * (ITN__PI / 360));
     if (up.x == 0 && up.y == 0 && up.z == 0) up.y = 1;
+    right = itn__cross(forward, up);
     if (!itn__finite3(forward) || !(itn__length(forward) > 0))
-        return ITN__REFUSE("camera: eye and target must be different, and not too far apart");
+        return ITN__REFUSE("eye and target must be different, and not too far apart");
+    if (!(itn__length(right) > 1e-5f)) /* sine of the angle between two unit vectors */
+        return ITN__REFUSE("up is parallel to the view");
     camera->forward = forward;
-    camera->right = itn__cross(forward, up);
-    if (!(itn__length(camera->right) > 1e-5f)) /* sine of the angle between two unit vectors */
-        return ITN__REFUSE("camera: up is parallel to the view");
-    camera->right = itn__normalize(camera->right);
-    camera->up = itn__scale(itn__cross(camera->right, camera->forward),
-                            half * (float)film->height / (float)film->width);
-    camera->right = itn__scale(camera->right, half);
+    camera->right = itn__scale(itn__normalize(right), half);
+    camera->up = itn__scale(itn__cross(camera->right, forward),
+                            (float)film->height / (float)film->width);
     camera->width = film->width, camera->height = film->height;
     camera->deviation = film->deviation;
     return ITN_OK;
@@ -5037,45 +5034,41 @@ static itn_result itn__make_camera(itn__maker *maker) {
 
 static itn_result itn__make_medium(itn__maker *maker, int index) {
     itn_medium_desc in = maker->desc->media[index];
-    itn_scene *scene = maker->scene;
-    itn__medium *medium = &scene->media[index];
-    itn_result result;
-    itn__go_to(maker, ITN__MEDIUM, index);
-    result = itn__name_item(maker, in.name, scene->media, sizeof *medium);
+    itn__medium *media = maker->scene->media, *medium = &media[index];
+    itn_result result = itn__take_name(maker, ITN__MEDIUM, index, in.name, media, sizeof *media,
+                                       index);
     if (!result)
-        result = itn__take_item(maker, in.name, itn__form_of(ITN__MEDIUM, 0)->fields, &in, medium);
-    scene->spectral |= itn__is_spectral(medium->sigma_t) || itn__is_spectral(medium->g);
+        result = itn__take_fields(maker, itn__forms[ITN__MEDIUM].fields, &in, medium);
+    maker->scene->spectral |= itn__is_spectral(medium->sigma_t) || itn__is_spectral(medium->g);
     return result;
 }
 
 /* Copies an image's light into texels [height][width][3] after checking its values. With one
    channel on the film, all three hold the luminance. */
-static itn_result itn__copy_texels(itn__maker *maker, const char *item, const itn_image *image,
-                                   float largest, float **texels) {
+static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, float largest,
+                                   int *width, int *height, float **texels) {
     const float *planes[3];
-    size_t i, count;
-    int k;
+    int i, k, count;
     if (!image || !image->pixels || !image->names || image->plane_count < 1 || image->width < 1 ||
         image->height < 2)
-        return ITN__REFUSE("%s: needs an image of at least 1 x 2 pixels", item);
+        return ITN__REFUSE("needs an image of at least 1 x 2 pixels");
     if ((double)image->width * image->height > INT_MAX / 3) /* its numbers are counted in ints */
-        return ITN__REFUSE("%s: the image of %d x %d pixels has more than %d", item, image->width,
+        return ITN__REFUSE("the image of %d x %d pixels has more than %d", image->width,
                            image->height, INT_MAX / 3);
     if (!itn__image_colours(image, planes))
-        return ITN__REFUSE("%s: the image has neither Y nor R, G, B among its %d planes '%s', "
-                           "'%s'%s", item, image->plane_count, image->names[0], image->names[1],
+        return ITN__REFUSE("the image has neither Y nor R, G, B among its %d planes '%s', '%s'%s",
+                           image->plane_count, image->names[0], image->names[1],
                            image->plane_count > 2 ? " ..." : "");
-    count = (size_t)image->width * (size_t)image->height;
-    *texels = (float *)itn__allocate(&maker->scene->context, count, 3 * sizeof(float));
-    if (!*texels) return itn__out_of_memory(maker->error, item);
+    *width = image->width, *height = image->height, count = image->width * image->height;
+    *texels = (float *)itn__allocate(&maker->scene->context, (size_t)count, 3 * sizeof(float));
+    if (!*texels) return itn__out_of_memory(maker->error, maker->title);
     for (i = 0; i < count; i++) {
-        float *texel = *texels + 3 * i;
+        float *texel = *texels + 3 * (size_t)i;
         for (k = 0; k < 3; k++) {
             texel[k] = planes[k][i];
             if (!(texel[k] >= 0 && texel[k] <= largest))
-                return ITN__REFUSE("%s: image value %g in row %d, column %d is not in [0, %g]",
-                                   item, (double)texel[k], (int)(i / (size_t)image->width),
-                                   (int)(i % (size_t)image->width), (double)largest);
+                return ITN__REFUSE("image value %g in row %d, column %d is not in [0, %g]",
+                                   (double)texel[k], i / *width, i % *width, (double)largest);
         }
         if (maker->scene->film.channels == 1)
             texel[0] = texel[1] = texel[2] = itn__luminance(texel);
@@ -5087,25 +5080,24 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     itn_surface_desc in = maker->desc->surfaces[index];
     itn_scene *scene = maker->scene;
     itn__surface *surface = &scene->surfaces[index];
-    const itn__form *form = itn__form_of(ITN__SURFACE, (int)in.type);
-    itn_result result;
-    scene->surface_count++; /* first, so that a failed one's texels are freed */
-    itn__go_to(maker, ITN__SURFACE, index);
-    result = itn__name_item(maker, in.name, scene->surfaces, sizeof *surface);
+    itn_result result = itn__take_name(maker, ITN__SURFACE, index, in.name, scene->surfaces,
+                                       sizeof *surface, index);
     if (result) return result;
-    if (!form) return ITN__REFUSE("%s: unknown type", in.name);
-    surface->type = in.type, surface->alpha = -1;
-    result = itn__take_item(maker, in.name, form->fields, &in, surface);
-    if (result || in.type != ITN_SURFACE_DIFFUSE || in.texture == ITN_TEXTURE_NONE) return result;
-    surface->texture = in.texture;
-    if (in.texture == ITN_TEXTURE_CHECKER)
-        result = itn__take_item(maker, in.name, itn__checker_fields, &in, surface);
+    if ((unsigned)in.type >= (unsigned)ITN__BSDFS) return ITN__REFUSE("unknown type");
+    surface->type = in.type, surface->alpha = -1, surface->first = scene->parameter_count;
+    scene->surface_count++; /* now, so that a failed one's texels are freed */
+    result = itn__take_fields(maker, itn__bsdfs[in.type].form.fields, &in, surface);
+    if (in.type == ITN_SURFACE_DIFFUSE) surface->texture = in.texture;
+    if (surface->texture == ITN_TEXTURE_CHECKER && !result)
+        result = itn__take_fields(maker, itn__checker_fields, &in, surface);
+    else if (surface->texture == ITN_TEXTURE_IMAGE && !result)
+        result = itn__copy_texels(maker, in.image, 1, &surface->width, &surface->height,
+                                  &surface->texels);
+    else if (surface->texture != ITN_TEXTURE_NONE && !result)
+        return ITN__REFUSE("unknown texture");
     surface->checker_size = in.checker_size;
-    if (in.texture == ITN_TEXTURE_CHECKER) return result;
-    if (in.texture != ITN_TEXTURE_IMAGE)
-        return ITN__REFUSE("%s: unknown texture", in.name);
-    if (in.image) surface->width = in.image->width, surface->height = in.image->height;
-    return itn__copy_texels(maker, in.name, in.image, 1, &surface->texels);
+    surface->count = scene->parameter_count - surface->first;
+    return result;
 }
 
 /* Copies a light's colour; with one channel on the film, its luminance. */
@@ -5116,92 +5108,67 @@ static void itn__copy_radiance(const itn_scene *scene, const float in[3], int ch
     if (scene->film.channels == 1) out[0] = out[1] = out[2] = itn__luminance(out);
 }
 
-/* A sky desc becomes two lights, the sky and its sun. */
-static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, const char *name,
-                                itn__light *sky, itn__light *disc) {
-    float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
-    itn_result result;
-    int c;
-    sky->kind = ITN__LIGHT_SKY, disc->kind = ITN__LIGHT_SUN, sky->sky = in->sky;
-    result = itn__take_item(maker, name, itn__sky_form.fields, &sky->sky, NULL);
-    for (c = 0; c < 3 && !result; c++)
-        if (!(fabsf(in->sky.coefficients[c][8]) < 1))
-            return ITN__REFUSE("%s: the last sky coefficient of channel %d is not in (-1, 1)", name,
-                               c);
-    if (!result && !(in->sun_direction.y > 0))
-        return itn__fail(maker->error, maker->refusal, 0,
-                         "%s: the sun's direction must be above the horizon", name);
-    half *= in->sun_radius_scale;
-    itn__copy_radiance(maker->scene, in->sky.radiance, 3, sky->radiance);
-    itn__copy_radiance(maker->scene, in->sky.sun_radiance, 3, disc->radiance);
-    sky->to_sun = disc->to_sun = itn__direction(in->sun_direction);
-    disc->sun_cone = 2 * itn__square(sinf(half / 2));
-    for (c = 0; c < 3; c++) disc->radiance[c] *= natural / disc->sun_cone;
+/* Makes the grid by which a map or a sky is sampled. */
+static itn_result itn__make_grid(itn__maker *maker, itn__light *light, int width, int height,
+                                 float bottom) {
+    itn_result result = itn__light_grid(&maker->scene->context, light, width, height, bottom);
+    if (result == ITN_ERROR_MEMORY) itn__out_of_memory(maker->error, "a light's sampling table");
+    else if (result) return ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE);
     return result;
 }
 
-/* Makes a light ready to be sampled: its grid, its strength and breadth. */
-static itn_result itn__prepare_light(itn__maker *maker, itn__light *light, const char *name) {
-    enum { SKY_WIDTH = 64, SKY_HEIGHT = 33 }; /* radiance over density then varies by 2 % */
-    const itn_context *context = &maker->scene->context;
-    double solid_angle = 2 * (double)ITN__PI * light->sun_cone;
-    itn_result result = ITN_OK;
-    if (light->kind == ITN__LIGHT_MAP)
-        result = itn__light_grid(context, light, light->width, light->height, 1);
-    if (light->kind == ITN__LIGHT_SKY)
-        result = itn__light_grid(context, light, SKY_WIDTH, SKY_HEIGHT, .5f);
-    if (result == ITN_ERROR_MEMORY)
-        return itn__out_of_memory(maker->error, "a light's sampling table");
-    if (result)
-        return itn__fail(maker->error, result, 0, "%s: radiance beyond %g", name,
-                         (double)ITN__MAX_RADIANCE);
-    if (light->kind == ITN__LIGHT_SUN) {
-        light->power = (float)(solid_angle * itn__luminance(light->radiance));
-        light->strength = itn__strength((double)light->power, light->to_sun);
-        light->breadth = solid_angle / (4 * (double)ITN__PI);
-    }
-    light->strength *= light->share > 0 ? light->share : 1e-30;
-    return ITN_OK;
-}
-
-/* What a light is called: as its desc says, or by its place. */
-static void itn__light_name(const itn_light_desc *in, int index, char name[ITN_NAME_SIZE]) {
-    if (in->name) itn__copy_name(name, in->name);
-    else if (index) itn__print(name, ITN_NAME_SIZE, "light%d", index + 1);
-    else itn__copy_name(name, "light");
+/* A sky desc becomes two lights, the sky and its sun. */
+static itn_result itn__make_sky(itn__maker *maker, itn_light_desc *in, itn__light *sky,
+                                itn__light *sun) {
+    enum { WIDTH = 64, HEIGHT = 33 }; /* of its grid: radiance over density then varies by 2 % */
+    float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
+    double solid_angle;
+    itn_result result = itn__take_fields(maker, itn__sky_form.fields, &in->sky, NULL);
+    int c;
+    if (result) return result;
+    for (c = 0; c < 3; c++)
+        if (!(fabsf(in->sky.coefficients[c][8]) < 1))
+            return ITN__REFUSE("the last sky coefficient of channel %d is not in (-1, 1)", c);
+    if (!(in->sun_direction.y > 0))
+        return ITN__REFUSE("the sun's direction must be above the horizon");
+    sky->sky = in->sky, sun->kind = ITN__LIGHT_SUN, sun->share = in->sun_scale;
+    itn__copy_radiance(maker->scene, in->sky.radiance, 3, sky->radiance);
+    itn__copy_radiance(maker->scene, in->sky.sun_radiance, 3, sun->radiance);
+    sky->to_sun = sun->to_sun = itn__direction(in->sun_direction);
+    sun->sun_cone = 2 * itn__square(sinf(half * in->sun_radius_scale / 2));
+    for (c = 0; c < 3; c++) sun->radiance[c] *= natural / sun->sun_cone;
+    solid_angle = 2 * (double)ITN__PI * sun->sun_cone;
+    sun->power = (float)(solid_angle * itn__luminance(sun->radiance));
+    sun->strength = itn__strength((double)sun->power, sun->to_sun);
+    sun->breadth = solid_angle / (4 * (double)ITN__PI);
+    return itn__make_grid(maker, sky, WIDTH, HEIGHT, .5f);
 }
 
 static itn_result itn__make_light(itn__maker *maker, int index) {
     itn_light_desc in = maker->desc->lights[index];
     itn_scene *scene = maker->scene;
     itn__light *light = &scene->lights[scene->light_count];
-    const itn__form *form = itn__form_of(ITN__LIGHT, (int)in.type);
     char name[ITN_NAME_SIZE];
     itn_result result;
-    int k, count = in.type == ITN_LIGHT_SKY ? 2 : 1;
-    itn__go_to(maker, ITN__LIGHT, index);
-    scene->light_count += count;
-    if (in.name && !itn__is_name(in.name))
-        return ITN__REFUSE("light %d: the name \"%.40s\" " ITN__NAME_RULE, index + 1, in.name);
-    itn__light_name(&in, index, name);
-    if (!form) return ITN__REFUSE("%s: unknown type", name);
+    itn__light_name(name, index);
+    result = itn__take_name(maker, ITN__LIGHT, index, in.name ? in.name : name, scene->lights,
+                            sizeof *light, scene->light_count);
+    if (result) return result;
+    if ((unsigned)in.type >= (unsigned)ITN__LIGHT_SUN) return ITN__REFUSE("unknown type");
+    scene->light_count += in.type == ITN_LIGHT_SKY ? 2 : 1; /* now, so that parts are freed */
+    light->kind = (itn__light_kind)in.type;
     if (!in.has_scale && in.scale == 0) in.scale = 1;
     if (!in.has_scale && in.sun_scale == 0) in.sun_scale = 1;
-    result = itn__take_item(maker, name, form->fields, &in, light);
-    if (result) return result;
-    light[0].share = in.scale; /* until the shares are known */
-    if (count == 2) light[1].share = in.sun_scale;
-    if (in.type == ITN_LIGHT_SKY) {
-        result = itn__make_sky(maker, &in, name, &light[0], &light[1]);
-    } else if (in.type == ITN_LIGHT_CONSTANT) {
-        light->kind = ITN__LIGHT_CONSTANT;
+    result = itn__take_fields(maker, itn__light_models[light->kind].form.fields, &in, light);
+    light->share = in.scale; /* until the shares are known */
+    if (in.type == ITN_LIGHT_CONSTANT)
         itn__copy_radiance(scene, in.radiance, scene->film.channels, light->radiance);
-    } else {
-        light->kind = ITN__LIGHT_MAP;
-        if (in.image) light->width = in.image->width, light->height = in.image->height;
-        result = itn__copy_texels(maker, name, in.image, ITN__MAX_RADIANCE, &light->map);
-    }
-    for (k = 0; k < count && !result; k++) result = itn__prepare_light(maker, &light[k], name);
+    if (in.type == ITN_LIGHT_SKY && !result) result = itn__make_sky(maker, &in, light, light + 1);
+    if (in.type == ITN_LIGHT_MAP && !result)
+        result = itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, &light->width,
+                                  &light->height, &light->map);
+    if (in.type == ITN_LIGHT_MAP && !result)
+        result = itn__make_grid(maker, light, light->width, light->height, 1);
     return result;
 }
 
@@ -5211,310 +5178,268 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
    p_i + b_i in proportion to s_i, wherever that makes p_i positive. A twentieth is shared out in
    equal parts, so that a light whose scale is raised from 0 is still found. */
 static void itn__share_lights(itn_scene *scene) {
-    int i, sampled = 0, dropped = 1;
-    for (i = 0; i < scene->light_count; i++) {
-        scene->lights[i].share = scene->lights[i].strength > 0;
-        sampled += scene->lights[i].strength > 0;
+    itn__light *lights = scene->lights;
+    int round, i, count = scene->light_count, sampled = 0;
+    for (i = 0; i < count; i++) {
+        lights[i].strength *= lights[i].share > 0 ? lights[i].share : 1e-30; /* by its scale */
+        lights[i].share = lights[i].strength > 0, sampled += lights[i].strength > 0;
     }
-    while (dropped && sampled) { /* lights whose p would be negative, until none is left */
+    for (round = 0; round < count; round++) { /* those whose p would be negative drop out */
         double strengths = 0, breadths = 0;
-        for (i = 0, dropped = 0; i < scene->light_count; i++)
-            if (scene->lights[i].share > 0)
-                strengths += scene->lights[i].strength, breadths += scene->lights[i].breadth;
-        for (i = 0; i < scene->light_count; i++) {
-            itn__light *light = &scene->lights[i];
-            double p = (1 + breadths) * (light->strength / strengths) - light->breadth;
-            if (!(light->share > 0)) continue;
-            light->share = p > 0 ? (float)p : 0;
-            dropped |= !(light->share > 0);
-        }
+        for (i = 0; i < count; i++)
+            if (lights[i].share > 0)
+                strengths += lights[i].strength, breadths += lights[i].breadth;
+        for (i = 0; i < count; i++)
+            if (lights[i].share > 0)
+                lights[i].share = (float)fmax(0, (1 + breadths) * (lights[i].strength / strengths) -
+                                                     lights[i].breadth);
     }
-    for (i = 0; i < scene->light_count; i++)
-        if (scene->lights[i].strength > 0)
-            scene->lights[i].share = .95f * scene->lights[i].share + .05f / (float)sampled;
+    for (i = 0; i < count; i++)
+        if (lights[i].strength > 0)
+            lights[i].share = .95f * lights[i].share + .05f / (float)sampled;
 }
 
 /* ---- [objects] meshes, transformed and merged into one tree ---------------------------------- */
 
-/* An object's mesh is transformed in double and checked: a medium or a dielectric surface needs a
-   solid, unless it is forced. The middle of all solids becomes the origin, all meshes become one,
-   and over that the tree is built. Where the camera is, inside of which solids, tells on which
-   sides of them its paths begin. At the end all parts come together in itn_scene_create. */
+/* An object's mesh is checked: a medium or a dielectric surface needs a solid, unless it is forced.
+   It is transformed in double; the middle of all solids becomes the origin, all meshes become one,
+   and over that the tree is built. Lines tell whether parts of a solid overlap. Inside of which
+   solids the camera is tells on which sides of them paths begin. At the end all parts come together
+   in itn_scene_create. */
 
-static const float itn__identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-
-/* The matrix of an object (all zero stands for the identity). */
-static const float *itn__object_matrix(const itn_object_desc *in) {
-    int k;
-    for (k = 0; k < 12; k++)
-        if (in->transform[k] != 0) return in->transform;
-    return itn__identity;
+/* The mesh of an object, and the matrix that takes it to scene coordinates: rows of [3][4]. That of
+   a plane is a square, that of no transform (all 0) the identity. */
+static const itn_mesh *itn__object_mesh(const itn_object_desc *in, double matrix[12]) {
+    static const float corners[12] = {-1, 0, 1, 1, 0, 1, 1, 0, -1, -1, 0, -1};
+    static const int triangles[6] = {0, 1, 2, 0, 2, 3};
+    static const itn_mesh square = {4, 2, (float *)corners, (int *)triangles, NULL,
+                                    {NULL, NULL, NULL, NULL, NULL, 0}};
+    int k, given = 0;
+    for (k = 0; k < 12; k++) given |= in->transform[k] != 0;
+    for (k = 0; k < 12; k++) matrix[k] = given ? (double)in->transform[k] : k % 5 == 0;
+    for (k = 0; k < 12 && !in->mesh; k += 4) {
+        matrix[k + 3] += matrix[k + 1] * in->plane_y;
+        matrix[k] *= in->half_size, matrix[k + 2] *= in->half_size;
+    }
+    return in->mesh ? in->mesh : &square;
 }
 
-static double itn__determinant(const float *m) {
-    return (double)m[0] * ((double)m[5] * m[10] - (double)m[6] * m[9]) -
-           (double)m[1] * ((double)m[4] * m[10] - (double)m[6] * m[8]) +
-           (double)m[2] * ((double)m[4] * m[9] - (double)m[5] * m[8]);
-}
-
-/* Vertices and triangles of one object: its mesh, or the square of a plane. */
-static int itn__object_vertices(const itn_object_desc *in) {
-    return in->mesh ? in->mesh->vertex_count : 4;
-}
-static int itn__object_triangles(const itn_object_desc *in) {
-    return in->mesh ? in->mesh->triangle_count : 2;
-}
-
-/* Vertex of corner i: corners 0, 1, 2 are those of triangle 0 and so on. */
-static int itn__object_corner(const itn_object_desc *in, int i) {
-    static const int square[6] = {0, 1, 2, 0, 2, 3};
-    return in->mesh ? in->mesh->triangles[i] : square[i];
+static double itn__determinant(const double m[12]) {
+    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+           m[2] * (m[4] * m[9] - m[5] * m[8]);
 }
 
 /* Position of vertex i in scene coordinates. */
-static void itn__object_vertex(const itn_object_desc *in, int i, double out[3]) {
-    const float *m = itn__object_matrix(in);
-    float p[3];
+static void itn__place_vertex(const itn_mesh *mesh, const double m[12], int i, double out[3]) {
+    const float *p = mesh->positions + 3 * (size_t)i;
     int k;
-    if (in->mesh) {
-        memcpy(p, in->mesh->positions + 3 * (size_t)i, sizeof p);
-    } else {
-        p[0] = (i == 1 || i == 2) ? in->half_size : -in->half_size;
-        p[1] = in->plane_y;
-        p[2] = i >= 2 ? -in->half_size : in->half_size;
-    }
-    for (k = 0; k < 3; k++)
-        out[k] = (double)m[4 * k] * p[0] + (double)m[4 * k + 1] * p[1] +
-                 (double)m[4 * k + 2] * p[2] + m[4 * k + 3];
+    for (k = 0; k < 3; k++, m += 4) out[k] = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
 }
 
 /* Resolves names and refuses what cannot be, before any geometry is touched. */
-static itn_result itn__make_object(itn__maker *maker, int index) {
-    const itn_object_desc *in = &maker->desc->objects[index];
-    itn_scene *scene = maker->scene;
-    itn__object *object = &scene->objects[index];
+static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
+                                   itn__object *object) {
+    const itn_scene *scene = maker->scene;
+    double m[12], sum = 0;
+    const itn_mesh *mesh = itn__object_mesh(in, m);
     int k;
-    object->medium = object->surface = -1;
-    if (in->medium)
-        object->medium = itn__find_name(in->medium, scene->media, sizeof *scene->media,
-                                        scene->medium_count);
-    if (in->surface)
-        object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
-                                         scene->surface_count);
-    if ((in->medium && object->medium < 0) || (in->surface && object->surface < 0))
-        return itn__fail(maker->error, maker->refusal, 0, "object %d: there is no %s '%s'",
-                         index + 1, in->medium && object->medium < 0 ? "medium" : "surface",
-                         in->medium && object->medium < 0 ? in->medium : in->surface);
-    if (!in->medium && !in->surface)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "object %d has neither medium nor surface", index + 1);
-    if (!in->mesh && (!(in->half_size > 0) || !itn__finite(in->half_size) ||
-                      !itn__finite(in->plane_y) || in->medium))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "object %d: a plane needs a finite y, a positive half size, no medium",
-                         index + 1);
-    if (in->mesh && (in->mesh->vertex_count < 1 || in->mesh->triangle_count < 1 ||
-                     !in->mesh->positions || !in->mesh->triangles))
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "object %d: the mesh is empty",
-                         index + 1);
-    for (k = 0; k < 12; k++)
-        if (!itn__finite(in->transform[k]))
-            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                             "object %d: the transform is not finite", index + 1);
-    if (itn__determinant(itn__object_matrix(in)) == 0)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "object %d: the transform flattens space", index + 1);
+    object->medium = itn__find_name(in->medium, scene->media, sizeof *scene->media,
+                                    scene->medium_count);
+    object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
+                                     scene->surface_count);
+    if (in->medium && object->medium < 0) return ITN__REFUSE("there is no medium '%s'", in->medium);
+    if (in->surface && object->surface < 0)
+        return ITN__REFUSE("there is no surface '%s'", in->surface);
+    if (!in->medium && !in->surface) return ITN__REFUSE("it has neither medium nor surface");
+    object->refracts = in->surface &&
+                       scene->surfaces[object->surface].type == ITN_SURFACE_DIELECTRIC;
+    object->solid = in->medium || object->refracts;
+    if (!in->mesh && (!(in->half_size > 0) || in->medium))
+        return ITN__REFUSE("a plane needs a positive half size, and no medium");
+    if (!in->mesh && object->refracts)
+        return itn__refuse(maker, ITN_ERROR_MESH, "a plane has no inside for a dielectric");
+    if (mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions || !mesh->triangles)
+        return ITN__REFUSE("the mesh is empty");
+    for (k = 0; k < 12; k++) sum += m[k] * 0;
+    if (sum != 0) return ITN__REFUSE("the transform is not finite");
+    if (itn__determinant(m) == 0) return ITN__REFUSE("the transform flattens space");
     return ITN_OK;
 }
 
 /* Says what keeps a mesh from being a solid. */
-static itn_result itn__not_a_solid(itn__maker *maker, int index, const itn_mesh *mesh,
-                                  const itn_mesh_report *report) {
-    const float *p = mesh->positions;
+static itn_result itn__not_a_solid(itn__maker *maker, const itn_mesh *mesh,
+                                   const itn_mesh_report *report) {
     const int *edge = report->open_edges ? report->open_edge[0] : report->flipped_edge[0];
-    size_t a = (size_t)edge[0], b = (size_t)edge[1];
+    const float *a = mesh->positions + 3 * (size_t)edge[0];
+    const float *b = mesh->positions + 3 * (size_t)edge[1];
     if (report->open_edges || report->flipped_edges)
-        return itn__fail(maker->error, ITN_ERROR_MESH, 0,
-                         "object %d: the mesh is not closed: %d open edges and %d flipped or "
-                         "shared by three triangles or more, first between vertices %d (%g, %g, "
-                         "%g) and %d (%g, %g, %g), counted from 0 (`force` takes it as it is)",
-                         index + 1, report->open_edges, report->flipped_edges, edge[0],
-                         (double)p[3 * a], (double)p[3 * a + 1], (double)p[3 * a + 2], edge[1],
-                         (double)p[3 * b], (double)p[3 * b + 1], (double)p[3 * b + 2]);
+        return itn__refuse(maker, ITN_ERROR_MESH, "the mesh is not closed: %d open edges and %d "
+                           "flipped or shared by three triangles or more, first between vertices "
+                           "%d (%g, %g, %g) and %d (%g, %g, %g), counted from 0 (`force` takes it "
+                           "as it is)", report->open_edges, report->flipped_edges,
+                           edge[0], (double)a[0], (double)a[1], (double)a[2],
+                           edge[1], (double)b[0], (double)b[1], (double)b[2]);
     if (report->volume < 0)
-        return itn__fail(maker->error, ITN_ERROR_MESH, 0,
-                         "object %d: the mesh is inside out: its volume is %g (triangles must be "
-                         "counter-clockwise seen from outside; `force` turns it)", index + 1,
-                         report->volume);
-    return itn__fail(maker->error, ITN_ERROR_MESH, 0,
-                     "object %d: the mesh encloses nothing, its volume is 0: it is flat, or has "
-                     "each face twice, once for either side (leave out those that look inwards)",
-                     index + 1);
+        return itn__refuse(maker, ITN_ERROR_MESH, "the mesh is inside out: its volume is %g "
+                           "(triangles must be counter-clockwise seen from outside; `force` turns "
+                           "it)", report->volume);
+    return itn__refuse(maker, ITN_ERROR_MESH, "the mesh encloses nothing, its volume is 0: it is "
+                       "flat, or has each face twice, once for either side (leave out those that "
+                       "look inwards)");
 }
 
-/* Checks an object's mesh and notes whether it is a solid. Media and dielectrics need one. */
-static itn_result itn__check_object(itn__maker *maker, int index) {
+/* Checks an object's mesh, and notes whether it is a solid and where it is. */
+static itn_result itn__make_object(itn__maker *maker, int index) {
     const itn_object_desc *in = &maker->desc->objects[index];
     itn__object *object = &maker->scene->objects[index];
-    double determinant = fabs(itn__determinant(itn__object_matrix(in)));
     itn_mesh_report report = ITN_ZERO;
+    const itn_mesh *mesh;
+    double m[12], p[3];
+    int i, k, open;
     itn_result result;
-    object->refracts = object->surface >= 0 && maker->scene->surfaces[object->surface].type ==
-                                                   ITN_SURFACE_DIELECTRIC;
-    object->solid = object->medium >= 0 || object->refracts;
-    if (!in->mesh) {
-        if (!object->solid) return ITN_OK;
-        return itn__fail(maker->error, ITN_ERROR_MESH, 0,
-                         "object %d: a plane has no inside for a dielectric", index + 1);
-    }
-    result = itn_mesh_check(in->mesh, &maker->scene->context, &report, maker->error);
+    itn__go_to(maker, ITN__OBJECT, index);
+    result = itn__name_object(maker, in, object);
+    mesh = itn__object_mesh(in, m);
+    if (!result)
+        result = itn_mesh_check(mesh, &maker->scene->context, &report, maker->error);
     if (result) return result;
     if (report.bad_vertices || report.bad_indices)
-        return itn__fail(maker->error, ITN_ERROR_MESH, 0,
-                         "object %d: the mesh has %d vertices that are not finite (first %d) and "
-                         "%d triangles that name missing vertices (first %d)", index + 1,
-                         report.bad_vertices, report.first_bad_vertex, report.bad_indices,
-                         report.first_bad_triangle);
-    object->closed = !report.open_edges && !report.flipped_edges && report.volume > 0 &&
-                     (object->solid || !report.inverted_parts);
+        return itn__refuse(maker, ITN_ERROR_MESH, "the mesh has %d vertices that are not finite "
+                           "(first %d) and %d triangles that name missing vertices (first %d)",
+                           report.bad_vertices, report.first_bad_vertex, report.bad_indices,
+                           report.first_bad_triangle);
+    open = report.open_edges || report.flipped_edges;
+    object->closed = !open && report.volume > 0 && (object->solid || !report.inverted_parts);
     if (object->solid && !object->closed && !in->force)
-        return itn__not_a_solid(maker, index, in->mesh, &report);
-    maker->scene->leaky |= object->solid && (report.open_edges || report.flipped_edges);
+        return itn__not_a_solid(maker, mesh, &report);
+    maker->scene->leaky |= object->solid && open;
     object->closed |= object->solid;
-    object->mirrored = (itn__determinant(itn__object_matrix(in)) < 0) !=
-                       (object->solid && report.volume < 0);
-    object->volume = fabs(report.volume) * determinant;
+    object->mirrored = (itn__determinant(m) < 0) != (object->solid && report.volume < 0);
+    object->volume = fabs(report.volume * itn__determinant(m));
+    for (k = 0; k < 3; k++) object->lower[k] = DBL_MAX, object->upper[k] = -DBL_MAX;
+    for (i = 0; i < 3 * mesh->triangle_count; i++) { /* vertices that are in use */
+        itn__place_vertex(mesh, m, mesh->triangles[i], p);
+        for (k = 0; k < 3; k++) {
+            object->lower[k] = fmin(object->lower[k], p[k]);
+            object->upper[k] = fmax(object->upper[k], p[k]);
+            if (!(fabs(p[k]) < 1e18))
+                return itn__refuse(maker, ITN_ERROR_MESH, "it reaches beyond 1e18");
+        }
+    }
     return ITN_OK;
 }
 
-/* The box around an object, and its surface; both of what is in use, where it stands. */
-static void itn__object_extent(itn__maker *maker, int index) {
-    const itn_object_desc *in = &maker->desc->objects[index];
-    itn__object *object = &maker->scene->objects[index];
-    double p[3][3], n[3];
-    int i, k;
-    for (k = 0; k < 3; k++) object->lower[k] = DBL_MAX, object->upper[k] = -DBL_MAX;
-    for (i = 0; i < 3 * itn__object_triangles(in); i++) {
-        double *corner = p[i % 3];
-        itn__object_vertex(in, itn__object_corner(in, i), corner);
-        for (k = 0; k < 3; k++) {
-            if (corner[k] < object->lower[k]) object->lower[k] = corner[k];
-            if (corner[k] > object->upper[k]) object->upper[k] = corner[k];
-        }
-        if (i % 3 == 2) object->area += itn__triangle_area(p, n);
-    }
-}
-
-/* The middle and radius of the solids, or of everything where there are none. */
+/* The middle and radius of the solids, or of everything where there are none, and where the camera
+   is from there. Fails where that is so far away that rays, which are floats, hardly know what they
+   pass. */
 static itn_result itn__make_origin(itn__maker *maker) {
     itn_scene *scene = maker->scene;
-    double lower[3], upper[3], half[3];
+    const itn_vec3 *eye = &maker->desc->camera.eye;
+    double lower[3] = {DBL_MAX, DBL_MAX, DBL_MAX}, upper[3] = {-DBL_MAX, -DBL_MAX, -DBL_MAX};
+    double half[3], at[3], distance, reach = 0;
     int i, k, solids = 0;
-    for (k = 0; k < 3; k++) lower[k] = DBL_MAX, upper[k] = -DBL_MAX;
-    for (i = 0; i < scene->object_count; i++) {
-        itn__go_to(maker, ITN__OBJECT, i);
-        itn__object_extent(maker, i);
-        solids += scene->objects[i].solid;
-        for (k = 0; k < 3; k++)
-            if (!(fmax(-scene->objects[i].lower[k], scene->objects[i].upper[k]) < 1e18))
-                return itn__fail(maker->error, ITN_ERROR_MESH, 0,
-                                 "object %d reaches beyond 1e18", i + 1);
-    }
+    for (i = 0; i < scene->object_count; i++) solids += scene->objects[i].solid;
     for (i = 0; i < scene->object_count; i++)
         for (k = 0; k < 3 && (scene->objects[i].solid || !solids); k++) {
             lower[k] = fmin(lower[k], scene->objects[i].lower[k]);
             upper[k] = fmax(upper[k], scene->objects[i].upper[k]);
         }
-    for (k = 0; k < 3; k++) {
-        scene->origin[k] = .5 * (lower[k] + upper[k]);
-        half[k] = .5 * (upper[k] - lower[k]);
-    }
+    for (k = 0; k < 3; k++)
+        scene->origin[k] = .5 * (lower[k] + upper[k]), half[k] = .5 * (upper[k] - lower[k]);
     scene->radius = (float)sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]);
     for (k = 0; k < 3; k++) half[k] += 8 * FLT_EPSILON * (double)scene->radius;
     scene->upper = itn__vec3((float)half[0], (float)half[1], (float)half[2]);
     scene->lower = itn__scale(scene->upper, -1);
     itn__go_to(maker, -1, 0);
-    if (scene->radius > 0 && scene->radius < 1e18f) return ITN_OK;
-    return itn__fail(maker->error, ITN_ERROR_MESH, 0, "the objects have size %g",
-                     (double)scene->radius);
+    if (!(scene->radius > 0 && scene->radius < 1e18f))
+        return itn__refuse(maker, ITN_ERROR_MESH, "the objects have size %g",
+                           (double)scene->radius);
+    at[0] = eye->x - scene->origin[0], at[1] = eye->y - scene->origin[1];
+    at[2] = eye->z - scene->origin[2];
+    for (i = 0; i < scene->object_count; i++)
+        for (k = 0; k < 3; k++)
+            reach = fmax(reach, fmax(scene->origin[k] - scene->objects[i].lower[k],
+                                     scene->objects[i].upper[k] - scene->origin[k]));
+    distance = sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
+    scene->camera.eye = itn__vec3((float)at[0], (float)at[1], (float)at[2]);
+    itn__go_to(maker, ITN__CAMERA, 0);
+    if (distance <= 1e6 * reach) return ITN_OK;
+    return ITN__REFUSE("the eye is %g away from objects that reach %g, more than 1e6 times as far: "
+                       "floats lose them", distance, reach);
 }
 
-/* Writes object `index` into the merged mesh at the given vertex and triangle. */
-static void itn__merge_object(const itn__maker *maker, int index, itn_mesh *merged, int vertex,
-                              int triangle, int *object_of_triangle) {
-    const itn_object_desc *in = &maker->desc->objects[index];
-    int mirrored = maker->scene->objects[index].mirrored, i, k;
-    for (i = 0; i < itn__object_vertices(in); i++) {
-        double p[3];
-        itn__object_vertex(in, i, p);
-        for (k = 0; k < 3; k++)
-            merged->positions[3 * (size_t)(vertex + i) + (size_t)k] =
-                (float)(p[k] - maker->scene->origin[k]);
-    }
-    for (i = 0; i < itn__object_triangles(in); i++) {
-        int *to = merged->triangles + 3 * (size_t)(triangle + i);
-        for (k = 0; k < 3; k++)
-            to[k] = vertex + itn__object_corner(in, 3 * i + (mirrored && k ? 3 - k : k));
-        object_of_triangle[triangle + i] = index;
-    }
-}
-
-/* Copies texture coordinates where a texture will use them. */
-static itn_result itn__copy_uvs(itn__maker *maker, int index) {
-    const itn_object_desc *in = &maker->desc->objects[index];
-    itn__object *object = &maker->scene->objects[index];
-    size_t i, k;
-    if (!in->mesh || !in->mesh->uvs || object->surface < 0 ||
-        maker->scene->surfaces[object->surface].texture == ITN_TEXTURE_NONE)
-        return ITN_OK;
-    object->uvs = (float *)itn__allocate(&maker->scene->context, (size_t)in->mesh->triangle_count,
-                                         6 * sizeof(float));
-    if (!object->uvs) return itn__out_of_memory(maker->error, "texture coordinates");
-    for (i = 0; i < (size_t)in->mesh->triangle_count; i++)
-        for (k = 0; k < 6; k++) {
-            size_t corner = k / 2;
-            if (object->mirrored && corner) corner = 3 - corner;
-            object->uvs[6 * i + k] = in->mesh->uvs[6 * i + 2 * corner + k % 2];
-            if (!(fabsf(object->uvs[6 * i + k]) <= 1e6f)) /* larger ones have no digits left */
-                return itn__fail(maker->error, ITN_ERROR_MESH, 0,
-                                 "object %d: texture coordinate %g of triangle %d is not in "
-                                 "[-1e6, 1e6]", index + 1, (double)object->uvs[6 * i + k], (int)i);
+/* Writes an object's triangles into the merged mesh, each with corners of its own; its texture
+   coordinates, where a texture will use them, into an array of its own. */
+static itn_result itn__merge_object(itn__maker *maker, int index, itn_mesh *merged,
+                                    int *object_of_triangle) {
+    itn_scene *scene = maker->scene;
+    itn__object *object = &scene->objects[index];
+    double m[12], p[3];
+    const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[index], m);
+    int i, k, first = 3 * object->first_triangle;
+    float *positions = merged->positions + 3 * (size_t)first;
+    int textured = mesh->uvs && object->surface >= 0 &&
+                   scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE;
+    itn__go_to(maker, ITN__OBJECT, index);
+    if (textured) object->uvs = ITN__NEW(float, &scene->context, 6 * (size_t)mesh->triangle_count);
+    if (textured && !object->uvs) return itn__out_of_memory(maker->error, "texture coordinates");
+    for (i = 0; i < 3 * mesh->triangle_count; i++) {
+        int from = object->mirrored && i % 3 ? i / 3 * 3 + 3 - i % 3 : i;
+        itn__place_vertex(mesh, m, mesh->triangles[from], p);
+        for (k = 0; k < 3; k++) *positions++ = (float)(p[k] - scene->origin[k]);
+        merged->triangles[first + i] = first + i;
+        object_of_triangle[(first + i) / 3] = index;
+        for (k = 0; k < 2 && textured; k++) {
+            float *uv = &object->uvs[2 * (size_t)i + (size_t)k];
+            *uv = mesh->uvs[2 * (size_t)from + (size_t)k];
+            if (!(fabsf(*uv) <= 1e6f)) /* larger ones have no digits left */
+                return itn__refuse(maker, ITN_ERROR_MESH, "texture coordinate %g of triangle %d is "
+                                   "not in [-1e6, 1e6]", (double)*uv, i / 3);
         }
+    }
     return ITN_OK;
 }
 
-/* Merges all objects and builds the tree. */
+/* Merges all objects, builds the tree and sums up areas. */
 static itn_result itn__make_tree(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     itn_mesh merged;
-    size_t vertices = 0, triangles = 0;
-    int i, vertex = 0, *object_of_triangle;
+    double m[12], n[3];
+    int i, count = 0, *object_of_triangle;
     itn_result result;
     for (i = 0; i < scene->object_count; i++) {
-        scene->objects[i].first_triangle = (int)triangles;
-        vertices += (size_t)itn__object_vertices(&maker->desc->objects[i]);
-        triangles += (size_t)itn__object_triangles(&maker->desc->objects[i]);
-        if (vertices > INT_MAX / 8 || triangles > INT_MAX / 8)
-            return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "a scene of too many triangles");
+        const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[i], m);
+        if (mesh->triangle_count > INT_MAX / 9 - count) return ITN__REFUSE("too many triangles");
+        scene->objects[i].first_triangle = count, count += mesh->triangle_count;
     }
-    result = itn_mesh_create((int)vertices, (int)triangles, 0, &scene->context, &merged,
-                             maker->error);
+    result = itn_mesh_create(3 * count, count, 0, &scene->context, &merged, maker->error);
     if (result) return result;
-    object_of_triangle = (int *)itn__allocate(&scene->context, triangles, sizeof(int));
-    if (!object_of_triangle) {
-        itn_mesh_free(&merged);
-        return itn__out_of_memory(maker->error, "a scene");
-    }
-    for (i = 0; i < scene->object_count; i++) {
-        itn__merge_object(maker, i, &merged, vertex, scene->objects[i].first_triangle,
-                          object_of_triangle);
-        vertex += itn__object_vertices(&maker->desc->objects[i]);
-    }
-    result = itn__bvh_build(&merged, object_of_triangle, &scene->context, &scene->bvh,
-                            maker->error);
+    object_of_triangle = ITN__NEW(int, &scene->context, count);
+    if (!object_of_triangle) result = itn__out_of_memory(maker->error, "a scene");
+    for (i = 0; i < scene->object_count && !result; i++)
+        result = itn__merge_object(maker, i, &merged, object_of_triangle);
+    if (!result)
+        result = itn__bvh_build(&merged, object_of_triangle, &scene->context, &scene->bvh,
+                                maker->error);
     itn__free(&scene->context, object_of_triangle);
     itn_mesh_free(&merged);
+    for (i = 0; i < count && !result; i++) {
+        const itn__triangle *triangle = &scene->bvh->triangles[i];
+        scene->objects[triangle->object].area += .5 * itn__unit_normal(triangle, n);
+    }
     return result;
+}
+
+/* Where a line next enters a closed object (t[0]) and where it leaves it (t[1]), else INFINITY. */
+static void itn__next_crossings(const itn_scene *scene, int object, const itn_ray *line,
+                                float t[2]) {
+    int k;
+    for (k = 0; k < 2; k++) {
+        itn__sides sides = ITN_ZERO;
+        itn_hit hit;
+        *(k ? &sides.back : &sides.front) = itn__object_bit(object);
+        t[k] = itn__bvh_face(scene->bvh, line, &sides, &hit) ? hit.t : INFINITY;
+    }
 }
 
 /* Whether the camera is inside a closed object: along a ray a back face comes before (where parts
@@ -5523,17 +5448,14 @@ static itn_result itn__make_tree(itn__maker *maker) {
 static int itn__camera_inside(const itn_scene *scene, int object) {
     static const float directions[3][3] = {
         {.41237f, .55113f, .72541f}, {-.63071f, .29173f, -.71907f}, {.18319f, -.87643f, .44537f}};
-    itn__sides outside = ITN_ZERO, inside = ITN_ZERO;
     int k, votes = 0;
-    outside.front = inside.back = itn__object_bit(object);
     for (k = 0; k < 3; k++) {
-        itn_hit back, front;
         itn_ray ray;
+        float t[2];
         ray.origin = scene->camera.eye, ray.tmin = 0, ray.tmax = INFINITY;
-        ray.direction = itn__vec3(directions[k][0], directions[k][1], directions[k][2]);
-        back.t = front.t = INFINITY;
-        itn__bvh_face(scene->bvh, &ray, &outside, &front);
-        votes += itn__bvh_face(scene->bvh, &ray, &inside, &back) && back.t <= front.t;
+        memcpy(&ray.direction, directions[k], sizeof ray.direction);
+        itn__next_crossings(scene, object, &ray, t);
+        votes += t[1] < INFINITY && t[1] <= t[0];
     }
     return votes >= 2;
 }
@@ -5546,145 +5468,87 @@ enum { ITN__TRIED_LINES = 400, ITN__TRIED_CROSSINGS = 256 };
    so many crossings that time grows with the size of a mesh only, however often it is folded. */
 static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
     const float gap = 64 * FLT_EPSILON * scene->radius;
-    itn__sides fronts = ITN_ZERO, backs = ITN_ZERO;
     int inside = 0, i;
-    fronts.front = backs.back = itn__object_bit(object);
     for (i = 0; i < ITN__TRIED_CROSSINGS; i++) {
-        itn_hit front, back;
-        front.t = back.t = INFINITY;
-        itn__bvh_face(scene->bvh, &line, &fronts, &front);
-        itn__bvh_face(scene->bvh, &line, &backs, &back);
-        line.tmin = itn__min(front.t, back.t);
+        float t[2];
+        itn__next_crossings(scene, object, &line, t);
+        line.tmin = itn__min(t[0], t[1]);
         if (line.tmin == INFINITY) return inside;
-        if (fabsf(front.t - back.t) <= gap) {
-            line.tmin = itn__max(front.t, back.t);
+        if (fabsf(t[0] - t[1]) <= gap) {
+            line.tmin = itn__max(t[0], t[1]);
             continue;
         }
-        if ((front.t < back.t) == inside) return 1;
+        if ((t[0] < t[1]) == inside) return 1;
         inside = !inside;
     }
     return 0;
 }
 
-/* A line from outside of all solids through a point of a triangle, at a likelihood in proportion to
-   its cosine with the normal: all lines that cross the triangle are as likely. */
+/* A line from outside of all solids through a point of a triangle with this unit normal, at a
+   likelihood in proportion to its cosine with that (a point of the unit sphere around its tip): all
+   lines that cross the triangle are as likely. */
 static itn_ray itn__draw_line(const itn_scene *scene, int triangle, const double n[3],
                               itn__rng *rng) {
-    float u = itn__uniform(rng), v = itn__uniform(rng), a = itn__uniform(rng);
-    float b = 2 * ITN__PI * itn__uniform(rng);
-    itn_vec3 s, t, p[3], normal = itn__vec3((float)n[0], (float)n[1], (float)n[2]);
-    itn_vec3 up = itn__vec3(sqrtf(a) * cosf(b), sqrtf(a) * sinf(b), sqrtf(1 - a)); /* cos / pi */
+    float u = itn__uniform(rng), v = itn__uniform(rng), z = 1 - 2 * itn__uniform(rng);
+    float r = sqrtf(1 - z * z), phi = 2 * ITN__PI * itn__uniform(rng);
+    itn_vec3 p[3], tip = itn__vec3((float)n[0], (float)n[1], (float)n[2]);
     itn_ray line;
     itn__bvh_corners(scene->bvh, triangle, p);
     if (u + v > 1) u = 1 - u, v = 1 - v;
     line.origin = itn__along(itn__along(p[0], u, itn__sub(p[1], p[0])), v, itn__sub(p[2], p[0]));
-    itn__frame(normal, &s, &t);
-    line.direction = itn__normalize(itn__to_world(up, s, t, normal));
+    line.direction = itn__normalize(itn__add(tip, itn__vec3(r * cosf(phi), r * sinf(phi), z)));
     line.origin = itn__along(line.origin, -4 * scene->radius, line.direction);
     line.tmin = 0, line.tmax = INFINITY;
     return line;
 }
 
-/* How many of ITN__TRIED_LINES through points at equal steps of a solid's surface are tangled. */
-static int itn__count_tangled(const itn__maker *maker, int index) {
-    const itn_scene *scene = maker->scene;
-    const itn__object *object = &scene->objects[index];
-    int end = object->first_triangle + itn__object_triangles(&maker->desc->objects[index]);
-    int lines = 0, tangled = 0, i;
-    itn__rng rng = itn__rng_make(0, (uint64_t)index, 0);
-    double n[3], reached = 0;
-    for (i = object->first_triangle; i < end; i++) {
-        reached += .5 * itn__unit_normal(&scene->bvh->triangles[i], n);
-        for (; reached * (double)ITN__TRIED_LINES > (lines + .5) * object->area; lines++)
-            tangled += itn__is_tangled(scene, index, itn__draw_line(scene, i, n, &rng));
-    }
-    return tangled;
-}
-
-/* Fails where more than one line in 40 through a solid is tangled, unless it was taken by force:
-   then its medium ends as behind a hole. Fewer are where a scanned surface crosses itself a little,
-   which hardly shows. */
+/* Fails where more than one in 40 of ITN__TRIED_LINES, through points at equal steps of a solid's
+   surface, is tangled, unless it was taken by force: then its medium ends as behind a hole. Fewer
+   are where a scanned surface crosses itself a little, which hardly shows. */
 static itn_result itn__check_parts(itn__maker *maker) {
     itn_scene *scene = maker->scene;
-    int i;
+    int i, lines, tangled, triangle = 0;
     for (i = 0; i < scene->object_count; i++) {
-        int tangled = scene->objects[i].solid ? itn__count_tangled(maker, i) : 0;
-        itn__go_to(maker, ITN__OBJECT, i);
+        const itn__object *object = &scene->objects[i];
+        itn__rng rng = itn__rng_make(0, (uint64_t)i, 0);
+        double n[3], reached = 0;
+        for (lines = tangled = 0; triangle < scene->bvh->triangle_count; triangle++) {
+            if (scene->bvh->triangles[triangle].object != i) break;
+            if (!object->solid) continue;
+            reached += .5 * itn__unit_normal(&scene->bvh->triangles[triangle], n);
+            for (; reached * (double)ITN__TRIED_LINES > (lines + .5) * object->area; lines++)
+                tangled += itn__is_tangled(scene, i, itn__draw_line(scene, triangle, n, &rng));
+        }
         if (40 * tangled <= ITN__TRIED_LINES) continue;
         scene->leaky = 1;
-        if (maker->desc->objects[i].force) continue;
-        return itn__fail(maker->error, ITN_ERROR_MESH, 0,
-                         "object %d: parts of the mesh overlap, lie within each other or are "
-                         "inside out: %d of %d lines through it enter or leave twice in a row "
-                         "(make each part an object of its own; `force` takes it as it is)", i + 1,
-                         tangled, ITN__TRIED_LINES);
+        itn__go_to(maker, ITN__OBJECT, i);
+        if (!maker->desc->objects[i].force)
+            return itn__refuse(maker, ITN_ERROR_MESH, "parts of the mesh overlap, lie within each "
+                               "other or are inside out: %d of %d lines through it enter or leave "
+                               "twice in a row (make each part an object of its own; `force` takes "
+                               "it as it is)", tangled, ITN__TRIED_LINES);
     }
     return ITN_OK;
 }
 
-/* Fails where the eye is so far away that rays, which are floats, hardly know what they pass. */
-static itn_result itn__check_eye(itn__maker *maker) {
-    const itn_scene *scene = maker->scene;
-    const itn_vec3 *eye = &maker->desc->camera.eye;
-    double x = (double)eye->x - scene->origin[0], y = (double)eye->y - scene->origin[1];
-    double z = (double)eye->z - scene->origin[2], distance = sqrt(x * x + y * y + z * z), reach = 0;
-    int i, k;
-    for (i = 0; i < scene->object_count; i++)
-        for (k = 0; k < 3; k++)
-            reach = fmax(reach, fmax(scene->origin[k] - scene->objects[i].lower[k],
-                                     scene->objects[i].upper[k] - scene->origin[k]));
-    itn__go_to(maker, ITN__CAMERA, 0);
-    if (distance <= 1e6 * reach) return ITN_OK;
-    return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                     "camera: the eye is %g away from objects that reach %g, more than 1e6 times "
-                     "as far: floats lose them", distance, reach);
-}
-
+/* Notes on which sides of each object the camera is, and of each closed one which other dielectrics
+   may have faces where it has some. */
 static void itn__make_sides(itn_scene *scene) {
-    int i;
-    for (i = 0; i < scene->object_count; i++) {
-        int closed = scene->objects[i].closed, inside = closed && itn__camera_inside(scene, i);
-        if (!inside) scene->sides.front |= itn__object_bit(i);
-        if (inside || !closed) scene->sides.back |= itn__object_bit(i);
-    }
-}
-
-/* Notes of each closed object which other dielectrics may have faces where it has some. */
-static void itn__find_neighbours(itn_scene *scene) {
     double margin = 16 * (double)FLT_EPSILON * (double)scene->radius;
     int i, j, k;
-    for (i = 0; i < scene->object_count; i++)
+    for (i = 0; i < scene->object_count; i++) {
+        itn__object *a = &scene->objects[i];
+        int inside = a->closed && itn__camera_inside(scene, i);
+        if (!inside) scene->sides.front |= itn__object_bit(i);
+        if (inside || !a->closed) scene->sides.back |= itn__object_bit(i);
         for (j = 0; j < scene->object_count; j++) {
-            const itn__object *a = &scene->objects[i], *b = &scene->objects[j];
+            const itn__object *b = &scene->objects[j];
             int meet = i != j && a->closed && b->refracts;
             for (k = 0; k < 3; k++)
                 meet &= a->lower[k] <= b->upper[k] + margin && b->lower[k] <= a->upper[k] + margin;
-            if (meet) scene->objects[i].dielectrics |= (uint64_t)1 << j;
+            if (meet) a->dielectrics |= itn__object_bit(j);
         }
-}
-
-static itn_result itn__make_objects(itn__maker *maker) {
-    itn_scene *scene = maker->scene;
-    const itn_camera_desc *camera = &maker->desc->camera;
-    itn_result result = ITN_OK;
-    int i;
-    for (i = 0; i < scene->object_count && !result; i++) {
-        itn__go_to(maker, ITN__OBJECT, i);
-        result = itn__make_object(maker, i);
-        if (!result) result = itn__check_object(maker, i);
-        if (!result) result = itn__copy_uvs(maker, i);
     }
-    if (!result) result = itn__make_origin(maker);
-    if (!result) result = itn__make_tree(maker);
-    if (!result) result = itn__check_parts(maker);
-    if (!result) result = itn__check_eye(maker);
-    if (result) return result;
-    scene->camera.eye = itn__vec3((float)(camera->eye.x - scene->origin[0]),
-                                  (float)(camera->eye.y - scene->origin[1]),
-                                  (float)(camera->eye.z - scene->origin[2]));
-    itn__make_sides(scene);
-    itn__find_neighbours(scene);
-    return ITN_OK;
 }
 
 /* Counts of a desc, and the arrays they call for. */
@@ -5692,35 +5556,27 @@ static itn_result itn__make_arrays(itn__maker *maker) {
     const itn_scene_desc *in = maker->desc;
     itn_scene *scene = maker->scene;
     const itn_context *context = &scene->context;
-    size_t items;
-    if (in->medium_count < 0 || in->surface_count < 0 || in->light_count < 0 ||
-        in->object_count < 1 || in->object_count > ITN__MAX_OBJECTS ||
-        in->light_count > ITN__MAX_LIGHTS || in->medium_count > ITN__MAX_ITEMS ||
-        in->surface_count > ITN__MAX_ITEMS)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0,
-                         "a scene has 1 to %d objects, up to %d lights, %d media and surfaces; "
-                         "this one has %d objects, %d lights, %d media, %d surfaces",
-                         ITN__MAX_OBJECTS, ITN__MAX_LIGHTS, ITN__MAX_ITEMS, in->object_count,
-                         in->light_count, in->medium_count, in->surface_count);
-    if ((in->medium_count && !in->media) || (in->surface_count && !in->surfaces) ||
-        (in->light_count && !in->lights) || !in->objects)
-        return itn__fail(maker->error, ITN_ERROR_ARGUMENT, 0, "itn_scene_desc: an array is NULL");
-    items = (size_t)in->medium_count + (size_t)in->surface_count + (size_t)in->light_count;
-    scene->media = (itn__medium *)itn__allocate(context, (size_t)in->medium_count,
-                                                sizeof(itn__medium));
-    scene->surfaces = (itn__surface *)itn__allocate(context, (size_t)in->surface_count,
-                                                    sizeof(itn__surface));
-    scene->objects = (itn__object *)itn__allocate(context, (size_t)in->object_count,
-                                                  sizeof(itn__object));
-    scene->lights = (itn__light *)itn__allocate(context, 2 * (size_t)in->light_count,
-                                                sizeof(itn__light));
-    scene->parameters = (itn_parameter *)itn__allocate(context, 9 * items,
-                                                       sizeof(itn_parameter));
-    scene->tables = (void **)itn__allocate(context, ITN__TABLE_LEVELS, sizeof *scene->tables);
+    const size_t media = (size_t)in->medium_count, surfaces = (size_t)in->surface_count;
+    const size_t lights = (size_t)in->light_count, items = media + surfaces + lights;
+    if (in->object_count < 1 || in->object_count > ITN__MAX_OBJECTS || media > ITN__MAX_ITEMS ||
+        surfaces > ITN__MAX_ITEMS || lights > ITN__MAX_LIGHTS)
+        return ITN__REFUSE("it has 1 to %d objects, up to %d lights, %d media and surfaces; not %d "
+                           "objects, %d lights, %d media, %d surfaces", ITN__MAX_OBJECTS,
+                           ITN__MAX_LIGHTS, ITN__MAX_ITEMS, in->object_count, in->light_count,
+                           in->medium_count, in->surface_count);
+    if ((media && !in->media) || (surfaces && !in->surfaces) || (lights && !in->lights) ||
+        !in->objects)
+        return ITN__REFUSE("an array of itn_scene_desc is NULL");
     maker->name_mask = 1;
     while (maker->name_mask < 18 * items) maker->name_mask = 2 * maker->name_mask + 1;
-    maker->names = (int *)itn__allocate(context, (size_t)maker->name_mask + 1, sizeof(int));
-    if (!maker->names || !scene->media || !scene->surfaces || !scene->objects || !scene->lights ||
+    maker->names = ITN__NEW(int, context, maker->name_mask + 1);
+    scene->media = ITN__NEW(itn__medium, context, media);
+    scene->surfaces = ITN__NEW(itn__surface, context, surfaces);
+    scene->lights = ITN__NEW(itn__light, context, 2 * lights);
+    scene->objects = ITN__NEW(itn__object, context, in->object_count);
+    scene->parameters = ITN__NEW(itn_parameter, context, 9 * items);
+    scene->tables = ITN__NEW(void *, context, ITN__TABLE_LEVELS);
+    if (!maker->names || !scene->media || !scene->surfaces || !scene->lights || !scene->objects ||
         !scene->parameters || !scene->tables)
         return itn__out_of_memory(maker->error, "a scene");
     scene->object_count = in->object_count;
@@ -5736,19 +5592,21 @@ static itn_result itn__make_scene(itn__maker *maker) {
     if (!result) result = itn__make_camera(maker);
     for (i = 0; i < in->medium_count && !result; i++, scene->medium_count++)
         result = itn__make_medium(maker, i);
-    for (i = 0; i < in->surface_count && !result; i++) {
-        scene->surfaces[i].first = scene->parameter_count;
-        result = itn__make_surface(maker, i);
-        scene->surfaces[i].count = scene->parameter_count - scene->surfaces[i].first;
-    }
+    for (i = 0; i < in->surface_count && !result; i++) result = itn__make_surface(maker, i);
     for (i = 0; i < in->light_count && !result; i++) result = itn__make_light(maker, i);
-    if (!result) itn__share_lights(scene);
-    return result ? result : itn__make_objects(maker);
+    for (i = 0; i < in->object_count && !result; i++) result = itn__make_object(maker, i);
+    if (!result) result = itn__make_origin(maker);
+    if (!result) result = itn__make_tree(maker);
+    if (!result) result = itn__check_parts(maker);
+    if (result) return result;
+    itn__share_lights(scene);
+    itn__make_sides(scene);
+    return ITN_OK;
 }
 
-/* itn_scene_create; on failure *where receives which item is at fault. */
+/* itn_scene_create; on failure *kind and *index tell which item is at fault. */
 static itn_result itn__create_scene(const itn_scene_desc *desc, const itn_context *context,
-                                    itn_result refusal, itn_scene **scene, itn__where *where,
+                                    itn_result refusal, itn_scene **scene, int *kind, int *index,
                                     itn_error *error) {
     itn__maker maker = ITN_ZERO;
     itn_context own;
@@ -5756,12 +5614,11 @@ static itn_result itn__create_scene(const itn_scene_desc *desc, const itn_contex
     if (result) return result;
     maker.scene = (itn_scene *)itn__allocate(&own, 1, sizeof(itn_scene));
     if (!maker.scene) return itn__out_of_memory(error, "a scene");
-    maker.scene->context = own, maker.desc = desc, maker.error = error;
-    maker.refusal = refusal;
+    maker.scene->context = own, maker.desc = desc, maker.error = error, maker.refusal = refusal;
     itn__go_to(&maker, -1, 0);
     result = itn__make_scene(&maker);
     itn__free(&own, maker.names);
-    *where = maker.where;
+    *kind = maker.kind, *index = maker.index;
     if (result) itn_scene_free(maker.scene);
     else *scene = maker.scene;
     return result;
@@ -5769,10 +5626,10 @@ static itn_result itn__create_scene(const itn_scene_desc *desc, const itn_contex
 
 ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
                                     itn_scene **scene, itn_error *error) {
-    itn__where where;
+    int kind, index;
     if (!desc || !scene)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
-    return itn__create_scene(desc, context, ITN_ERROR_ARGUMENT, scene, &where, error);
+    return itn__create_scene(desc, context, ITN_ERROR_ARGUMENT, scene, &kind, &index, error);
 }
 
 /* ---- [place] where a walk is ----------------------------------------------------------------- */
@@ -15878,7 +15735,7 @@ static int itn__transform_add(double transform[12], const char *name, const floa
 
 /* Reads the numbers that follow a field's name, all words that begin like one. Returns how many, or
    -1. */
-static int itn__read_numbers(itn__reader *r, const itn__field *field,
+static int itn__next_numbers(itn__reader *r, const itn__field *field,
                              float n[ITN__MOST_NUMBERS]) {
     int count = 0;
     for (; r->at < r->count; count++) { /* what must be a number is read as one, for the message */
@@ -15899,18 +15756,13 @@ static int itn__read_numbers(itn__reader *r, const itn__field *field,
     return itn__reader_fail(r, "%s takes another count of numbers than %d", field->name, count), -1;
 }
 
-/* Writes a field's numbers to its desc. */
-static itn_result itn__write_numbers(itn__reader *r, const itn__field *field, float *n, int count,
-                                     void *desc) {
-    char *at = (char *)desc + field->at;
-    int whole = (int)n[0];
+/* Takes a field's numbers to its desc. */
+static itn_result itn__take_numbers(itn__reader *r, const itn__field *field, float *n, int count,
+                                    void *desc) {
     if (itn__has_form(field, 't') && !itn__transform_add(r->transform, field->name, n, count))
         return itn__reader_fail(r, "%s: the axis is zero, or the result is too large",
                                 field->name);
-    if (itn__has_form(field, 'c') && count == 1) n[1] = n[2] = n[0], count = 3;
-    if (itn__has_form(field, 's') && count == 3) at = (char *)desc + field->three;
-    if (itn__has_form(field, 'i')) memcpy(at, &whole, sizeof whole);
-    else if (strpbrk(field->form, "fcsk")) memcpy(at, n, (size_t)count * sizeof *n);
+    itn__write_numbers(field, desc, n, count);
     return ITN_OK;
 }
 
@@ -15958,8 +15810,8 @@ static itn_result itn__read_fields(itn__reader *r, void *desc) {
                                                                   : "");
         if (r->given[k]) return itn__reader_fail(r, "%s is given twice", word);
         if (strpbrk(field->form, "0123456789")) {
-            count = itn__read_numbers(r, field, n);
-            result = count < 0 ? ITN_ERROR_FORMAT : itn__write_numbers(r, field, n, count, desc);
+            count = itn__next_numbers(r, field, n);
+            result = count < 0 ? ITN_ERROR_FORMAT : itn__take_numbers(r, field, n, count, desc);
             if (itn__has_form(field, 'k')) memcpy(r->checker, n, sizeof r->checker);
         } else if (strpbrk(field->form, "wompy")) {
             word = itn__next_word(r);
@@ -15984,7 +15836,7 @@ static itn_result itn__end_fields(itn__reader *r, void *desc) {
         if (itn__has_form(&field[k], '!'))
             return itn__reader_fail(r, "%s: %s is missing", r->title, field[k].name);
         n[0] = field[k].otherwise;
-        if (n[0] != 0) itn__write_numbers(r, &field[k], n, 1, desc);
+        if (n[0] != 0) itn__write_numbers(&field[k], desc, n, 1);
     }
     return ITN_OK;
 }
@@ -16097,7 +15949,7 @@ static void *itn__desc_of(itn__scene_file *file, int kind, int k) {
 }
 
 /* Takes an item's name, which must be one, and no other's. */
-static itn_result itn__take_name(itn__scene_file *file, const char *name) {
+static itn_result itn__note_name(itn__scene_file *file, const char *name) {
     itn__reader *r = &file->reader;
     if (!itn__is_name(name))
         return itn__reader_fail(r, "%s: name '%.40s' " ITN__NAME_RULE, r->title, name);
@@ -16145,7 +15997,8 @@ static itn_result itn__end_item(itn__scene_file *file, const itn__form *form, vo
         return itn__end_diffuse(r, (itn_surface_desc *)desc, given[0], given[1], given[2]);
     if (form->kind != ITN__OBJECT || !object->mesh) return ITN_OK;
     for (k = 0; k < 12; k++) object->transform[k] = (float)r->transform[k];
-    if (itn__object_matrix(object) == itn__identity) /* all 0, which would mean no transform */
+    for (k = 0; k < 12 && object->transform[k] == 0; k++) {}
+    if (k == 12) /* all 0, which would mean no transform */
         return itn__reader_fail(r, "the transform is too small for a float");
     return ITN_OK;
 }
@@ -16202,10 +16055,10 @@ static itn_result itn__read_item(itn__scene_file *file) {
     result = itn__read_fields(r, desc);
     if (!result) result = itn__end_fields(r, desc);
     if (kind == ITN__LIGHT && !result) {
-        itn__light_name((itn_light_desc *)desc, k, light_name);
-        name = light_name;
+        itn__light_name(light_name, k);
+        name = ((itn_light_desc *)desc)->name ? ((itn_light_desc *)desc)->name : light_name;
     }
-    if (!result && name) result = itn__take_name(file, name);
+    if (!result && name) result = itn__note_name(file, name);
     file->lines[kind][file->count[kind]++] = r->lines[0];
     return result ? result : itn__end_item(file, form, desc);
 }
@@ -16214,7 +16067,7 @@ static itn_result itn__read_item(itn__scene_file *file) {
 static itn_result itn__file_scene(itn__scene_file *file, itn_scene **scene) {
     itn__reader *r = &file->reader;
     itn_scene_desc *desc = &file->desc;
-    itn__where where = {-1, 0};
+    int kind = -1, index = 0;
     itn_error inner = ITN_ZERO;
     itn_result result = ITN_OK;
     int line;
@@ -16234,9 +16087,10 @@ static itn_result itn__file_scene(itn__scene_file *file, itn_scene **scene) {
     desc->surfaces = file->surfaces, desc->surface_count = file->count[ITN__SURFACE];
     desc->objects = file->objects, desc->object_count = file->count[ITN__OBJECT];
     desc->lights = file->lights, desc->light_count = file->count[ITN__LIGHT];
-    result = itn__create_scene(desc, &r->buffer.context, ITN_ERROR_FORMAT, scene, &where, &inner);
+    result = itn__create_scene(desc, &r->buffer.context, ITN_ERROR_FORMAT, scene, &kind,
+                               &index, &inner);
     if (!result) return ITN_OK;
-    line = where.kind < 0 ? 0 : file->lines[where.kind][where.index];
+    line = kind < 0 ? 0 : file->lines[kind][index];
     return itn__fail(r->error, result, line, "%s:%d: %s", r->text.name, line, inner.message);
 }
 
