@@ -13855,14 +13855,12 @@ ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
 
 /* ---- [files] bytes in, bytes out ------------------------------------------------------------- */
 
-/* A file is read whole into memory and parsed from there, and it is composed whole in memory before
-   its first byte is written; so parsers and savers can be tested with bytes alone.
+/* A file is parsed from memory, and composed whole in memory before its first byte is written.
    - itn__buffer is bytes that grow. A failed allocation is remembered and stops all later
      additions: code that composes needs one check, at its end.
    - itn__text is a place in a file. Its first failure is remembered, tells the place, by line or by
      byte, and leaves nothing to read: code that parses goes on with zeros and soon ends.
-   - Binary numbers are put together from bytes: neither the machine's byte order nor alignment
-     matters.
+   - Numbers are put together from bytes: byte order and alignment of the machine do not matter.
    - A file is replaced in three steps: a temporary beside it, which must not exist before, is
      written; it is on the disk before it is renamed; and rename is atomic. */
 
@@ -13902,7 +13900,7 @@ static void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
     buffer->size += size;
 }
 
-/* A number's bytes, the lowest first or (big) the highest. */
+/* A number of `size` bytes, the lowest first or (big) the highest. */
 static uint64_t itn__from_bytes(const unsigned char *bytes, size_t size, int big) {
     uint64_t value = 0;
     size_t i;
@@ -13916,20 +13914,28 @@ static ITN__UNUSED void itn__put_number(itn__buffer *buffer, uint64_t value, siz
         bytes[big ? size - 1 - i : i] = (unsigned char)(value & 255);
     itn__put(buffer, bytes, size);
 }
+
+/* Floats, little-endian; returns how many are not finite. */
+static ITN__UNUSED size_t itn__put_floats(itn__buffer *buffer, const float *floats, size_t count) {
+    size_t i, wrong = 0;
+    uint32_t bits;
+    for (i = 0; i < count; i++) {
+        memcpy(&bits, floats + i, 4);
+        itn__put_number(buffer, bits, 4, 0);
+        wrong += !itn__finite(floats[i]);
+    }
+    return wrong;
+}
 static float itn__float_of(uint32_t bits) {
     float value;
     memcpy(&value, &bits, 4);
     return value;
 }
-static ITN__UNUSED void itn__put_float(itn__buffer *buffer, float value) {
-    uint32_t bits;
-    memcpy(&bits, &value, 4);
-    itn__put_number(buffer, bits, 4, 0);
-}
 
 /* A place in a file. */
 typedef struct itn__text {
     const char *at, *end, *start;
+    const char *word; /* the number read last */
     const char *name; /* of the file, for messages */
     int line;         /* of `at`, from 1; 0 in binary data */
     const char *part; /* what is being read, as "vertex", and its number; NULL: nothing to tell */
@@ -13969,11 +13975,13 @@ static itn_result itn__text_fail(itn__text *text, itn_result code, const char *f
     return code;
 }
 
+#define ITN__DAMAGED(text, ...) itn__text_fail(text, ITN_ERROR_FORMAT, __VA_ARGS__)
+
 /* Steps over `size` bytes; fails, and returns NULL, if so many are not left. */
 static const unsigned char *itn__take_bytes(itn__text *text, size_t size) {
     const char *bytes = text->at;
     if (size > (size_t)(text->end - bytes)) {
-        itn__text_fail(text, ITN_ERROR_FORMAT, "cut off: the data ends early");
+        ITN__DAMAGED(text, "cut off: the data ends early");
         return NULL;
     }
     text->at += size;
@@ -14039,36 +14047,35 @@ static int itn__word_length(const itn__text *text) {
 }
 
 /* Skips blanks, then the next word if it is one of these, and says which; -1 if it is none. */
-static int itn__accept(itn__text *text, const char *const *words, int count) {
-    int i, length;
+static int itn__accept(itn__text *text, const char *words) {
+    int length, i, n;
     itn__skip_blanks(text);
     length = itn__word_length(text);
-    for (i = 0; i < count; i++)
-        if ((int)strlen(words[i]) == length && !memcmp(text->at, words[i], (size_t)length))
-            return text->at += length, i;
+    for (i = 0; *words; i++, words += n + (words[n] == ' ')) {
+        n = (int)strcspn(words, " ");
+        if (n == length && !memcmp(text->at, words, (size_t)n)) return text->at += n, i;
+    }
     return -1;
 }
 
 /* Skips blanks and a word; returns the number that it is, or NaN. */
 static double itn__take_decimal(itn__text *text) {
-    const char *word;
     double value = (double)NAN;
+    const char *end;
     itn__skip_blanks(text);
-    word = text->at;
-    text->at += itn__word_length(text);
-    return itn__parse_number(word, text->at, &value) == text->at ? value : (double)NAN;
+    end = text->at + itn__word_length(text);
+    if (itn__parse_number(text->at, end, &value) != end) value = (double)NAN;
+    text->word = text->at, text->at = end;
+    return value;
 }
 
 /* The same for a number that must be finite as a float; `what` it is. */
 static double itn__take_finite(itn__text *text, const char *what) {
-    const char *word;
-    double value;
-    itn__skip_blanks(text);
-    word = text->at;
-    value = itn__take_decimal(text);
+    double value = itn__take_decimal(text);
+    int length = (int)(text->at - text->word);
     if (!itn__finite((float)value))
-        itn__text_fail(text, ITN_ERROR_FORMAT, "%s: '%.*s' is not a finite number", what,
-                       text->at - word > 40 ? 40 : (int)(text->at - word), word);
+        ITN__DAMAGED(text, "%s: '%.*s' is not a finite number", what, length < 40 ? length : 40,
+                     text->word);
     return value;
 }
 
@@ -14076,23 +14083,20 @@ static double itn__take_finite(itn__text *text, const char *what) {
 
 #include <errno.h>
 #include <stdio.h>
-#ifdef _WIN32
-#include <io.h>
-#define ITN__SYNC(file) _commit(_fileno(file))
-#else
-#define ITN__SYNC(file) fsync(fileno(file))
-#endif
 #ifdef __cplusplus
 extern "C" {
 #endif
 #ifdef _WIN32
+int _commit(int file);
 __declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to,
                                                 unsigned long flags);
+#define ITN__SYNC(file) _commit(_fileno(file))
 #else
 int fsync(int file);
 #ifndef __cplusplus
 int fileno(FILE *file); /* strict C99 does not tell of it */
 #endif
+#define ITN__SYNC(file) fsync(fileno(file))
 #endif
 #ifdef __cplusplus
 }
@@ -14104,24 +14108,20 @@ static itn_result itn__read_file(const char *path, size_t limit, itn__buffer *bu
                                  itn_error *error) {
     FILE *file;
     size_t got = 1;
-    int cause;
-    itn_result result = ITN_OK;
+    const char *cause = NULL;
     if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
     file = fopen(path, "rb");
     while (file && got && buffer->size <= limit && itn__buffer_reserve(buffer, 65536)) {
         got = fread(buffer->bytes + buffer->size, 1, 65536, file);
         buffer->size += got;
     }
-    cause = !file || ferror(file) ? errno : 0;
+    if (!file || ferror(file)) cause = strerror(errno);
+    else if (buffer->size > limit) cause = "it is too large";
     if (file) fclose(file);
-    if (cause)
-        result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot read: %s", path, strerror(cause));
-    else if (buffer->failed) result = itn__out_of_memory(error, path);
-    else if (buffer->size > limit)
-        result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: larger than %.0f bytes", path,
-                           (double)limit);
-    if (result) itn__buffer_free(buffer);
-    return result;
+    if (!cause && !buffer->failed) return ITN_OK;
+    itn__buffer_free(buffer);
+    if (!cause) return itn__out_of_memory(error, path);
+    return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot read: %s", path, cause);
 }
 
 /* Writes a file, waits for the disk and closes; returns 0, or errno. */
@@ -14144,10 +14144,8 @@ static int itn__replace_file(char *temporary, const char *path) {
     FILE *folder;
     if (rename(temporary, path)) return errno;
     strcpy(slash ? slash + 1 : temporary, slash ? "" : ".");
-    folder = fopen(temporary, "r");
-    if (!folder) return 0; /* the file is whole, though its name may not be on the disk */
-    fsync(fileno(folder));
-    fclose(folder);
+    folder = fopen(temporary, "r"); /* without it, the file is whole, but its name may get lost */
+    if (folder) fsync(fileno(folder)), fclose(folder);
     return 0;
 #endif
 }
@@ -14328,8 +14326,9 @@ static void itn__inflate_fixed(itn__inflate *z) {
     itn__code_make(&z->distances, lengths, 30);
 }
 
-static uint32_t itn__adler32(const unsigned char *bytes, size_t size) {
-    uint32_t a = 1, b = 0;
+/* The Adler-32 sum of bytes behind others, of which it is `sum`; of none it is 1. */
+static uint32_t itn__adler32(uint32_t sum, const unsigned char *bytes, size_t size) {
+    uint32_t a = sum & 0xffff, b = sum >> 16;
     size_t i;
     for (i = 0; i < size; i++) {
         a += bytes[i], b += a;
@@ -14356,7 +14355,7 @@ static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacit
         if (!fault) fault = type ? itn__inflate_coded(&z) : itn__inflate_stored(&z);
     }
     if (!fault && z.size != capacity) fault = "less data than expected";
-    if (!fault && itn__take_number(in, 4, 1) != itn__adler32(bytes, capacity))
+    if (!fault && itn__take_number(in, 4, 1) != itn__adler32(1, bytes, capacity))
         fault = "checksum is wrong";
     if (fault) itn__text_fail(in, ITN_ERROR_FORMAT, "%s", fault);
 }
@@ -14387,12 +14386,12 @@ typedef struct itn__exr {
     unsigned char *seen, *scratch; /* which blocks were there; room for a block twice */
 } itn__exr;
 
-/* Steps over zero-terminated text. */
+/* Steps over zero-terminated text; "" where it does not end. */
 static const char *itn__take_string(itn__text *text) {
-    const void *zero = memchr(text->at, 0, (size_t)(text->end - text->at));
-    const char *string = (const char *)itn__take_bytes(
-        text, zero ? (size_t)((const char *)zero - text->at) + 1 : SIZE_MAX);
-    return string ? string : "";
+    const char *string = text->at;
+    const void *zero = memchr(string, 0, (size_t)(text->end - string));
+    size_t size = zero ? (size_t)((const char *)zero - string) + 1 : SIZE_MAX;
+    return itn__take_bytes(text, size) ? string : "";
 }
 
 /* Reads the channel list: for each a name, then its type, 4 bytes of hints, x and y sampling. */
@@ -14400,18 +14399,16 @@ static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
     const char *name;
     int n, i, known;
     for (n = 0; *(name = itn__take_string(text)); exr->channels = ++n) {
-        uint32_t type = itn__take_u32(text), hints = itn__take_u32(text);
-        uint64_t sampling = itn__take_number(text, 8, 0);
-        (void)hints;
+        uint32_t type = itn__take_u32(text);
+        itn__take_u32(text);
         for (i = known = 0; i < n; i++) known |= !strcmp(name, exr->names[i]);
-        if (type > ITN__EXR_FLOAT || known)
-            itn__text_fail(text, ITN_ERROR_FORMAT, "EXR channel '%.63s' %s", name,
-                           known ? "is there twice" : "has no valid type");
-        if (n == ITN__EXR_CHANNELS || strlen(name) >= ITN_NAME_SIZE ||
-            sampling != (1 | (uint64_t)1 << 32))
-            itn__text_fail(text, ITN_ERROR_UNSUPPORTED,
-                           "EXR channel '%.63s' cannot be read: it is subsampled, has a name of "
-                           "over 63 characters, or is the 1025th", name);
+        if (known) ITN__DAMAGED(text, "EXR channel '%.63s' is there twice", name);
+        if (type > ITN__EXR_FLOAT)
+            ITN__DAMAGED(text, "EXR channel '%.63s' has no valid type", name);
+        if (n == ITN__EXR_CHANNELS || strlen(name) >= ITN_NAME_SIZE || itn__take_u32(text) != 1 ||
+            itn__take_u32(text) != 1)
+            itn__text_fail(text, ITN_ERROR_UNSUPPORTED, "EXR channel '%.63s' cannot be read: it is "
+                           "the 1025th, has a name of more letters, or is subsampled", name);
         if (text->result) return;
         exr->names[n] = name, exr->types[n] = type;
     }
@@ -14420,6 +14417,8 @@ static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
 /* Reads the value of one attribute, if it concerns us. */
 static void itn__exr_attribute(itn__exr *exr, const char *name, itn__text *value) {
     static const char *const others[] = {"PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"};
+    int32_t window[4];
+    int k;
     if (!strcmp(name, "channels")) itn__exr_channel_list(exr, value);
     if (!strcmp(name, "compression")) {
         exr->compression = (int)itn__take_number(value, 1, 0);
@@ -14427,25 +14426,21 @@ static void itn__exr_attribute(itn__exr *exr, const char *name, itn__text *value
             itn__text_fail(value, ITN_ERROR_UNSUPPORTED, "EXR compression %s cannot be read",
                            exr->compression < 10 ? others[exr->compression - 4] : "of later times");
     }
-    if (!strcmp(name, "dataWindow")) {
-        int64_t window[4];
-        int k;
-        for (k = 0; k < 4; k++) window[k] = (int32_t)itn__take_u32(value);
-        exr->y0 = window[1];
-        exr->width = window[2] - window[0] + 1, exr->height = window[3] - window[1] + 1;
-        if (exr->width < 1 || exr->width > INT_MAX || exr->height < 1 || exr->height > INT_MAX)
-            itn__text_fail(value, ITN_ERROR_FORMAT, "EXR data window is empty or too large");
-    }
+    if (strcmp(name, "dataWindow")) return;
+    for (k = 0; k < 4; k++) window[k] = (int32_t)itn__take_u32(value);
+    exr->y0 = window[1];
+    exr->width = (int64_t)window[2] - window[0] + 1;
+    exr->height = (int64_t)window[3] - window[1] + 1;
+    if (exr->width < 1 || exr->width > INT_MAX || exr->height < 1 || exr->height > INT_MAX)
+        ITN__DAMAGED(value, "EXR data window is empty or too large");
 }
 
 static void itn__exr_header(itn__exr *exr) {
     itn__text *text = &exr->text, value;
-    uint32_t version;
+    uint64_t version = itn__take_number(text, 8, 0) >> 32; /* behind the magic number */
     const char *name;
-    itn__take_bytes(text, 4); /* the magic number */
-    version = itn__take_u32(text);
     exr->compression = -1;
-    if ((version & ~(uint32_t)ITN__EXR_LONG_NAMES) != 2)
+    if ((version & ~(uint64_t)ITN__EXR_LONG_NAMES) != 2)
         itn__text_fail(text, ITN_ERROR_UNSUPPORTED, "EXR of %s cannot be read",
                        version & 0x200    ? "tiles"
                        : version & 0x800  ? "deep data"
@@ -14458,25 +14453,23 @@ static void itn__exr_header(itn__exr *exr) {
         text->result = value.result;
     }
     if (!exr->channels || exr->compression < 0 || !exr->width)
-        itn__text_fail(text, ITN_ERROR_FORMAT, "EXR header lacks channels, compression or "
-                                               "dataWindow");
+        ITN__DAMAGED(text, "EXR header lacks channels, compression or dataWindow");
 }
 
 /* Undoes run lengths: a count n < 128 repeats the next byte n + 1 times, others copy 256 - n. */
 static void itn__exr_unpack_runs(itn__text *in, unsigned char *bytes, size_t capacity) {
     size_t made = 0, length, n;
     const unsigned char *run;
-    while (in->at < in->end) {
+    for (; in->at < in->end; made += length) {
         n = itn__take_number(in, 1, 0);
         length = n < 128 ? n + 1 : 256 - n;
         run = itn__take_bytes(in, n < 128 ? 1 : length);
-        if (!run || length > capacity - made) break;
+        if (length > capacity - made) ITN__DAMAGED(in, "more data than expected");
+        if (in->result) return;
         if (n < 128) memset(bytes + made, *run, length);
         else memcpy(bytes + made, run, length);
-        made += length;
     }
-    if (in->at < in->end || made != capacity)
-        itn__text_fail(in, ITN_ERROR_FORMAT, "another amount of data than expected");
+    if (made < capacity) ITN__DAMAGED(in, "less data than expected");
 }
 
 /* Sums the differences up and interleaves the halves. */
@@ -14502,84 +14495,86 @@ static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
     return image->pixels + line * (size_t)image->width + (size_t)x;
 }
 
-/* Spreads one line of the file over the planes of the image; returns the place behind it. */
-static const unsigned char *itn__exr_line(const itn__exr *exr, const unsigned char *data, int row,
-                                          itn_image *image) {
+/* Spreads the lines of a block over the planes of the image. */
+static void itn__exr_lines(const itn__exr *exr, const unsigned char *data, int row, int end,
+                           itn_image *image) {
     int i, x;
-    for (i = 0; i < exr->channels; i++) {
-        float *pixels = itn__pixel(image, i, row, 0);
-        size_t size = exr->types[i] == ITN__EXR_HALF ? 2 : 4;
-        for (x = 0; x < image->width; x++, data += size) {
-            uint32_t bits = (uint32_t)itn__from_bytes(data, size, 0);
-            if (size == 2) bits = itn__half_to_float(bits);
-            if (exr->types[i] == ITN__EXR_UINT) pixels[x] = (float)bits;
-            else memcpy(pixels + x, &bits, 4);
+    for (; row < end; row++)
+        for (i = 0; i < exr->channels; i++) {
+            size_t size = exr->types[i] == ITN__EXR_HALF ? 2 : 4;
+            for (x = 0; x < image->width; x++, data += size) {
+                float *pixel = itn__pixel(image, i, row, x);
+                uint32_t bits = (uint32_t)itn__from_bytes(data, size, 0);
+                if (size == 2) bits = itn__half_to_float(bits);
+                if (exr->types[i] == ITN__EXR_UINT) *pixel = (float)bits;
+                else memcpy(pixel, &bits, 4);
+            }
         }
-    }
-    return data;
 }
 
 /* Reads one block. */
 static void itn__exr_block(itn__exr *exr, itn_image *image) {
     itn__text *text = &exr->text, in;
     const char *start = text->at;
-    int64_t y = (int32_t)itn__take_u32(text) - exr->y0;
-    size_t size = itn__take_u32(text), lines = exr->lines, raw, i;
+    int64_t y = (int32_t)itn__take_u32(text) - exr->y0, lines = (int64_t)exr->lines;
+    size_t size = itn__take_u32(text), raw;
     const unsigned char *data;
-    int due = !text->result && y >= 0 && y < exr->height && y % (int64_t)lines == 0 &&
-              !exr->seen[y / (int64_t)lines]++;
-    uint64_t entry = due ? itn__from_bytes(exr->table + 8 * ((size_t)y / lines), 8, 0) : 1;
+    uint64_t entry = 1;
+    if (text->result) return;
+    if (y >= 0 && y < exr->height && y % lines == 0 && !exr->seen[y / lines]++)
+        entry = itn__from_bytes(exr->table + 8 * (y / lines), 8, 0);
     if (entry && entry != (uint64_t)(start - text->start)) {
         text->at = start;
-        itn__text_fail(text, ITN_ERROR_FORMAT, "is not the one due, or not where the table says");
+        ITN__DAMAGED(text, "is not the one due, or not where the table says");
         return;
     }
-    if (lines > (size_t)(exr->height - y)) lines = (size_t)(exr->height - y);
-    raw = exr->line * lines;
+    if (lines > exr->height - y) lines = exr->height - y;
+    raw = exr->line * (size_t)lines;
+    data = exr->scratch + raw;
     in = itn__take_part(text, size);
-    data = (const unsigned char *)in.at;
-    if (size < raw && exr->compression) {
+    if (size >= raw || exr->compression == ITN__EXR_NONE) {
+        data = itn__take_bytes(&in, raw);
+        if (size > raw) ITN__DAMAGED(&in, "more data than expected");
+    } else {
         if (exr->compression == ITN__EXR_RLE) itn__exr_unpack_runs(&in, exr->scratch, raw);
         else itn__zlib_decode(&in, exr->scratch, raw);
         itn__exr_unpredict(exr->scratch, exr->scratch + raw, raw);
-        data = exr->scratch + raw;
-    } else if (size != raw)
-        itn__text_fail(&in, ITN_ERROR_FORMAT, "another amount of data than expected");
+    }
     text->result = in.result;
-    for (i = 0; i < lines && !text->result; i++)
-        data = itn__exr_line(exr, data, (int)y + (int)i, image);
+    if (!in.result) itn__exr_lines(exr, data, (int)y, (int)(y + lines), image);
 }
 
 /* Reads a header and then all blocks into a new image, once it is clear that the file is large
    enough for what its header promises (deflate shrinks at most 1032-fold). */
-static itn_result itn__exr_decode(itn__text *given, const itn_context *context, itn_image *image) {
+static itn_result itn__exr_decode(const itn__text *given, const itn_context *context,
+                                  itn_image *image) {
     itn__exr exr = ITN_ZERO;
     itn__text *text = &exr.text;
-    size_t width, height, blocks, left, raw = 0;
+    size_t width, height, blocks, left;
     int i;
     *text = *given, text->line = 0;
     itn__exr_header(&exr);
     if (text->result) return text->result;
-    for (i = 0; i < exr.channels; i++) raw += exr.types[i] == ITN__EXR_HALF ? 2 : 4;
+    for (i = 0; i < exr.channels; i++) exr.line += exr.types[i] == ITN__EXR_HALF ? 2 : 4;
     width = (size_t)exr.width, height = (size_t)exr.height;
     exr.lines = exr.compression == ITN__EXR_ZIP ? 16 : 1;
     blocks = (height - 1) / exr.lines + 1, left = (size_t)(text->end - text->at);
-    if (blocks > left / 8 || width > SIZE_MAX / 64 / raw ||
-        width * raw > (exr.compression ? (uint64_t)1032 : 1) * left / height)
-        return itn__text_fail(text, ITN_ERROR_FORMAT,
-                              "EXR data window is larger than the data: data ends early");
+    if (blocks > left / 8 || width > SIZE_MAX / 64 / exr.line ||
+        width * exr.line > (exr.compression ? (uint64_t)1032 : 1) * left / height)
+        return ITN__DAMAGED(text, "EXR data window is larger than the data: cut off or damaged");
     text->result = itn_image_create((int)width, (int)height, exr.channels, context, image,
                                     text->error);
     if (text->result) return text->result;
     for (i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
-    exr.line = width * raw;
+    exr.line *= width;
     exr.seen = (unsigned char *)itn__allocate(
         &image->context, 2 * exr.line * (exr.lines < height ? exr.lines : height) + blocks, 1);
     exr.scratch = exr.seen + blocks;
     if (!exr.seen) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
     exr.table = itn__take_bytes(text, 8 * blocks);
     text->part = "EXR block";
-    for (i = 0; i < (int)blocks && !text->result; i++, text->number++) itn__exr_block(&exr, image);
+    for (; text->number < (double)blocks && !text->result; text->number++)
+        itn__exr_block(&exr, image);
     itn__free(&image->context, exr.seen);
     if (text->result) itn_image_free(image);
     return text->result;
@@ -14593,7 +14588,6 @@ static itn_result itn__pfm_decode(itn__text *text, const itn_context *context, i
     static const char *const what[] = {"PFM width", "PFM height", "PFM scale"};
     int channels = text->at[1] == 'F' ? 3 : 1, x, row, k;
     double header[3], needed;
-    float scale;
     const unsigned char *bytes;
     text->at += 2;
     for (k = 0; k < 3; k++) {
@@ -14601,29 +14595,28 @@ static itn_result itn__pfm_decode(itn__text *text, const itn_context *context, i
         header[k] = itn__take_finite(text, what[k]);
         if (k < 2 ? !(header[k] >= 1 && header[k] < 1e9 && header[k] == floor(header[k]))
                   : (float)header[k] == 0)
-            itn__text_fail(text, ITN_ERROR_FORMAT, "%s is %g", what[k], header[k]);
+            ITN__DAMAGED(text, "%s is %g", what[k], header[k]);
     }
     needed = header[0] * header[1] * channels * 4;
     /* the one white space character, or two, of a file that was written as text on Windows */
     if ((double)(text->end - text->at) == needed + 2 && itn__newline(text->at, text->end) == 2)
         text->at++;
-    if (text->at < text->end) text->at++;
+    text->at += text->at < text->end;
+    bytes = (const unsigned char *)text->at;
     if ((double)(text->end - text->at) != needed)
-        itn__text_fail(text, ITN_ERROR_FORMAT, "PFM has %.0f bytes of pixels, needs %.0f",
-                       (double)(text->end - text->at), needed);
+        ITN__DAMAGED(text, "PFM has %.0f bytes of pixels, needs %.0f",
+                     (double)(text->end - text->at), needed);
     if (!text->result)
         text->result = itn_image_create((int)header[0], (int)header[1], channels, context, image,
                                         text->error);
     if (text->result) return text->result;
-    bytes = (const unsigned char *)text->at;
-    scale = (float)fabs(header[2]);
     for (k = 0; k < channels; k++) itn__copy_name(image->names[k], names[k + channels / 3]);
     for (row = image->height - 1; row >= 0; row--)
         for (x = 0; x < image->width; x++)
             for (k = 0; k < channels; k++, bytes += 4) {
                 float *pixel = itn__pixel(image, k, row, x);
                 *pixel = itn__float_of((uint32_t)itn__from_bytes(bytes, 4, header[2] > 0));
-                if (scale != 1) *pixel *= scale;
+                if (fabs(header[2]) != 1) *pixel *= (float)fabs(header[2]);
             }
     return ITN_OK;
 }
@@ -14639,7 +14632,7 @@ ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const c
     text = itn__text_make(bytes, size, name ? name : "image");
     text.error = error;
     size = (size_t)(text.end - text.at);
-    if (size >= 4 && itn__from_bytes((const unsigned char *)text.at, 4, 0) == ITN__EXR_MAGIC)
+    if (size >= 4 && !memcmp(text.at, "\x76\x2f\x31\x01", 4))
         result = itn__exr_decode(&text, context, &made);
     else if (size >= 3 && text.at[0] == 'P' && strchr("Ff", text.at[1]) &&
              strchr(" \t\r\n", text.at[2]))
@@ -14664,18 +14657,17 @@ ITN_API itn_result itn_image_load(const char *path, const itn_context *context, 
     return result;
 }
 
-/* What every saver of images asks for. */
+/* What every saver of images asks for; most: planes that the format can hold. */
 static itn_result itn__check_image(const itn_image *image, int first_plane, int plane_count,
-                                   int one_or_three, itn__buffer *buffer, itn_error *error) {
+                                   int most, itn__buffer *buffer, itn_error *error) {
     memset(buffer, 0, sizeof *buffer);
-    if (!image || !image->pixels || image->width < 1 || image->height < 1)
+    if (!image || !image->pixels || !image->names || image->width < 1 || image->height < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: it has no pixels");
     if (first_plane < 0 || plane_count < 1 || first_plane > image->plane_count - plane_count ||
-        (one_or_three && plane_count != 1 && plane_count != 3))
+        plane_count > most || (most == 3 && plane_count == 2))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "saving an image: %d planes from plane %d on of an image of %d%s",
-                         plane_count, first_plane, image->plane_count,
-                         one_or_three ? ": one or three can be saved" : "");
+                         "saving an image: %d planes from plane %d on of an image of %d",
+                         plane_count, first_plane, image->plane_count);
     return itn__context_check(&image->context, &buffer->context, error);
 }
 
@@ -14694,77 +14686,59 @@ static const char *itn__exr_order(const itn_image *image, int *order) {
     return NULL;
 }
 
-/* Puts an attribute but for its value, or but for its first bytes. */
-static void itn__exr_put_attribute(itn__buffer *buffer, const char *name, const char *type,
-                                   size_t size) {
-    itn__put(buffer, name, strlen(name) + 1);
-    itn__put(buffer, type, strlen(type) + 1);
-    itn__put_number(buffer, size, 4, 0);
-}
+#define ITN__PUT_BYTES(buffer, literal) itn__put(buffer, literal, sizeof literal - 1)
 
+/* An attribute is put as its name, type and size, and then its value. */
 static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, const int *order) {
-    static const struct {
-        const char *name, *type;
-        size_t size;
-        uint64_t value;
-    } rest[] = {{"compression", "compression", 1, 0},
-                {"lineOrder", "lineOrder", 1, 0},
-                {"pixelAspectRatio", "float", 4, 0x3f800000},
-                {"screenWindowCenter", "v2f", 8, 0},
-                {"screenWindowWidth", "float", 4, 0x3f800000}};
-    size_t list = 1, length;
-    uint32_t version = 2;
+    size_t list = 1, length, longest = 0;
     int i;
     for (i = 0; i < image->plane_count; i++, list += length + 17) {
         length = strlen(image->names[i]);
-        if (length > 31) version |= ITN__EXR_LONG_NAMES;
+        if (length > longest) longest = length;
     }
-    itn__put_number(buffer, ITN__EXR_MAGIC | (uint64_t)version << 32, 8, 0);
-    itn__exr_put_attribute(buffer, "channels", "chlist", list);
+    itn__put_number(buffer, ITN__EXR_MAGIC, 4, 0);
+    itn__put_number(buffer, longest > 31 ? 2 | ITN__EXR_LONG_NAMES : 2, 4, 0);
+    ITN__PUT_BYTES(buffer, "channels\0chlist\0");
+    itn__put_number(buffer, list, 4, 0);
     for (i = 0; i < image->plane_count; i++) {
         const char *name = image->names[order[i]];
         itn__put(buffer, name, strlen(name) + 1);
-        itn__put_number(buffer, ITN__EXR_FLOAT, 8, 0);
-        itn__put_number(buffer, 1 | (uint64_t)1 << 32, 8, 0); /* no subsampling */
+        ITN__PUT_BYTES(buffer, "\2\0\0\0\0\0\0\0\1\0\0\0\1\0\0\0"); /* float; not subsampled */
     }
-    itn__put_number(buffer, 0, 1, 0);
+    ITN__PUT_BYTES(buffer, "\0compression\0compression\0\1\0\0\0\0");
     for (i = 0; i < 2; i++) {
-        itn__exr_put_attribute(buffer, i ? "displayWindow" : "dataWindow", "box2i", 16);
-        itn__put_number(buffer, 0, 8, 0);
+        itn__put(buffer, i ? "displayWindow" : "dataWindow", i ? 14 : 11);
+        ITN__PUT_BYTES(buffer, "box2i\0\20\0\0\0\0\0\0\0\0\0\0\0");
         itn__put_number(buffer, (uint32_t)image->width - 1, 4, 0);
         itn__put_number(buffer, (uint32_t)image->height - 1, 4, 0);
     }
-    for (i = 0; i < 5; i++) {
-        itn__exr_put_attribute(buffer, rest[i].name, rest[i].type, rest[i].size);
-        itn__put_number(buffer, rest[i].value, rest[i].size, 0);
-    }
-    itn__put_number(buffer, 0, 1, 0);
+    ITN__PUT_BYTES(buffer, "lineOrder\0lineOrder\0\1\0\0\0\0");
+    ITN__PUT_BYTES(buffer, "pixelAspectRatio\0float\0\4\0\0\0\0\0\x80\x3f");
+    ITN__PUT_BYTES(buffer, "screenWindowCenter\0v2f\0\10\0\0\0\0\0\0\0\0\0\0\0");
+    ITN__PUT_BYTES(buffer, "screenWindowWidth\0float\0\4\0\0\0\0\0\x80\x3f\0"); /* and the end */
 }
 
 ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
                                       itn_error *error) {
     itn__buffer buffer;
-    uint64_t block, start;
-    int *order, row, i, x;
+    uint64_t line, start;
+    int planes = image ? image->plane_count : 0, *order, row, i;
     const char *fault;
-    itn_result result = itn__check_image(image, 0, image ? image->plane_count : 0, 0, &buffer,
-                                         error);
+    itn_result result = itn__check_image(image, 0, planes, INT_MAX, &buffer, error);
     if (result) return result;
-    block = (uint64_t)image->width * (uint64_t)image->plane_count * 4;
-    order = (int *)itn__allocate(&buffer.context, (size_t)image->plane_count, sizeof(int));
+    line = (uint64_t)image->width * (uint64_t)planes * 4;
+    order = (int *)itn__allocate(&buffer.context, (size_t)planes, sizeof(int));
     if (!order) return itn__out_of_memory(error, "the order of an EXR file's channels");
-    fault = !image->names || block > INT_MAX ? "no names, or a line of 2 GiB or more"
-                                             : itn__exr_order(image, order);
+    fault = line > INT_MAX ? "a line of 2 GiB or more" : itn__exr_order(image, order);
     if (!fault) itn__exr_put_header(&buffer, image, order);
     start = buffer.size + 8 * (uint64_t)image->height;
-    if (block + 16 > SIZE_MAX / 8 / (uint64_t)image->height) buffer.failed = 1;
+    buffer.failed |= line + 16 > SIZE_MAX / 8 / (uint64_t)image->height;
     for (row = 0; row < image->height && !fault && !buffer.failed; row++)
-        itn__put_number(&buffer, start + (uint64_t)row * (block + 8), 8, 0);
+        itn__put_number(&buffer, start + (uint64_t)row * (line + 8), 8, 0);
     for (row = 0; row < image->height && !fault && !buffer.failed; row++) {
-        itn__put_number(&buffer, (uint64_t)row | block << 32, 8, 0);
-        for (i = 0; i < image->plane_count; i++)
-            for (x = 0; x < image->width; x++)
-                itn__put_float(&buffer, *itn__pixel(image, order[i], row, x));
+        itn__put_number(&buffer, (uint64_t)row | line << 32, 8, 0);
+        for (i = 0; i < planes; i++)
+            itn__put_floats(&buffer, itn__pixel(image, order[i], row, 0), (size_t)image->width);
     }
     itn__free(&buffer.context, order);
     if (!fault) return itn__write_buffer(path, &buffer, error);
@@ -14776,7 +14750,7 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
     itn__buffer buffer;
     char header[64];
     int row, x, k;
-    itn_result result = itn__check_image(image, first_plane, plane_count, 1, &buffer, error);
+    itn_result result = itn__check_image(image, first_plane, plane_count, 3, &buffer, error);
     if (result) return result;
     itn__put(&buffer, header, itn__print(header, sizeof header, "P%c\n%d %d\n-1.0\n",
                                          plane_count == 3 ? 'F' : 'f', image->width,
@@ -14784,7 +14758,7 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
     for (row = image->height - 1; row >= 0 && !buffer.failed; row--)
         for (x = 0; x < image->width; x++)
             for (k = first_plane; k < first_plane + plane_count; k++)
-                itn__put_float(&buffer, *itn__pixel(image, k, row, x));
+                itn__put_floats(&buffer, itn__pixel(image, k, row, x), 1);
     return itn__write_buffer(path, &buffer, error);
 }
 
@@ -14792,60 +14766,49 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
    a zlib stream of the rows, each behind a byte 0 that says "not filtered", and IEND. Noise does
    not compress, so the stream's blocks are stored as they are. */
 
-/* Appends a zlib stream of stored blocks. */
-static void itn__put_zlib(itn__buffer *buffer, const itn__buffer *data) {
-    size_t at, length;
-    itn__put_number(buffer, 0x7801, 2, 1);
-    for (at = 0; at < data->size; at += length) {
-        length = data->size - at < 65535 ? data->size - at : 65535;
-        itn__put_number(buffer, at + length == data->size, 1, 0); /* the last one */
-        itn__put_number(buffer, length | (length ^ 0xffff) << 16, 4, 0);
-        itn__put(buffer, data->bytes + at, length);
-    }
-    itn__put_number(buffer, itn__adler32(data->bytes, data->size), 4, 1);
-}
-
 /* Ends the chunk that begins at `start`: its length becomes known, and its CRC-32 (reflected
-   polynomial edb88320), which covers type and data. */
-static void itn__png_end_chunk(itn__buffer *png, size_t start) {
+   polynomial edb88320), which covers type and data. Returns where the next one begins. */
+static size_t itn__png_end_chunk(itn__buffer *png, size_t start) {
     uint32_t crc = 0xffffffffu;
     size_t size = png->size - start - 8, i;
     int k;
-    if (png->failed) return;
+    if (png->failed) return start;
     for (i = start + 4; i < png->size; i++)
         for (crc ^= png->bytes[i], k = 0; k < 8; k++)
             crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
     for (i = 0; i < 4; i++) png->bytes[start + i] = (unsigned char)(size >> (24 - 8 * i) & 255);
     itn__put_number(png, ~crc, 4, 1);
+    return png->size;
 }
 
-/* The numbers to show, [pixel][shown]: of the planes, or (shown 1) their mean. */
-static float *itn__png_values(const itn_image *image, int first_plane, int plane_count, int shown) {
-    size_t pixels = (size_t)image->width * (size_t)image->height, i;
-    const float *planes = image->pixels + (size_t)first_plane * pixels;
-    float *values = (float *)itn__allocate(&image->context, pixels, (size_t)shown * sizeof(float));
+/* The numbers that a pixel shows: of the planes, or (signed) their mean. Returns how many. */
+static int itn__png_values(const itn_image *image, int first_plane, int plane_count,
+                           itn_png_mode mode, size_t pixel, float values[3]) {
+    size_t plane = (size_t)image->width * (size_t)image->height;
+    const float *at = image->pixels + (size_t)first_plane * plane + pixel;
     int k;
-    for (i = 0; values && i < pixels; i++)
-        for (k = 0; k < plane_count; k++)
-            values[i * (size_t)shown + (size_t)(k % shown)] +=
-                planes[(size_t)k * pixels + i] / (float)(plane_count / shown);
-    return values;
+    for (k = 0; k < 3; k++) values[k] = at[(size_t)(k % plane_count) * plane];
+    if (mode == ITN_PNG_TONE) return plane_count;
+    values[0] = values[1] = values[2] = (values[0] + values[1] + values[2]) / 3;
+    return 1;
 }
 
 /* The 99th percentile (by rank) of finite numbers; signed: of their sizes, else negative ones count
    as 0. It is found bit by bit, as the bits of positive floats are ordered as the floats are. */
-static float itn__percentile99(const float *values, size_t count, int is_signed) {
+static float itn__png_percentile(const itn_image *image, int first_plane, int plane_count,
+                                 itn_png_mode mode) {
     uint32_t found = 0, bit, bits;
-    size_t i, below, total;
-    float value;
+    size_t pixels = (size_t)image->width * (size_t)image->height, i, below, total;
+    float values[3], value;
+    int k;
     for (bit = 1u << 30; bit; bit >>= 1) {
-        for (i = below = total = 0; i < count; i++) {
-            if (!itn__finite(values[i])) continue;
-            value = is_signed ? fabsf(values[i]) : values[i] > 0 ? values[i] : 0;
-            memcpy(&bits, &value, 4);
-            below += bits < (found | bit);
-            total++;
-        }
+        for (i = below = total = 0; i < pixels; i++)
+            for (k = itn__png_values(image, first_plane, plane_count, mode, i, values); k--;) {
+                if (!itn__finite(values[k])) continue;
+                value = mode == ITN_PNG_SIGNED ? fabsf(values[k]) : itn__max(values[k], 0);
+                memcpy(&bits, &value, 4);
+                below += bits < (found | bit), total++;
+            }
         if (below < total - total / 100) found |= bit; /* the percentile is not below */
     }
     return itn__float_of(found);
@@ -14862,54 +14825,62 @@ static float itn__srgb(float x) {
     return x <= .0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - .055f;
 }
 
+/* Puts the IDAT chunk's data: of every row a stored block, or several. */
+static void itn__png_rows(itn__buffer *png, const itn_image *image, int first_plane,
+                          int plane_count, itn_png_mode mode, float scale) {
+    size_t width = (size_t)image->width, pixels = width * (size_t)image->height, i, x, length;
+    size_t block = 0;
+    uint32_t sum = 1;
+    int k;
+    itn__put_number(png, 0x7801, 2, 1);
+    for (i = 0; i < pixels && !png->failed; i++) {
+        unsigned char rgb[3];
+        float v[3];
+        x = i % width;
+        if (x % 16384 == 0) {
+            length = 3 * (width - x < 16384 ? width - x : 16384) + (x == 0);
+            itn__put_number(png, length << 8 | (length ^ 0xffff) << 24, 5, 0);
+            block = png->size;
+            if (x == 0) itn__put_number(png, 0, 1, 0);
+        }
+        itn__png_values(image, first_plane, plane_count, mode, i, v);
+        for (k = 0; k < 3; k++)
+            rgb[k] = itn__byte(mode == ITN_PNG_TONE ? itn__srgb(v[k] * scale)
+                                                    : (float)(1 - k) * v[k] * scale);
+        itn__put(png, v[0] == v[0] && v[1] == v[1] && v[2] == v[2] ? (const char *)rgb
+                                                                   : "\xff\0\xff", 3);
+        if (x % 16384 == 16383 || x + 1 == width)
+            sum = itn__adler32(sum, png->bytes + block, png->size - block);
+    }
+    itn__put(png, "\1\0\0\xff\xff", 5); /* the last block is empty */
+    itn__put_number(png, sum, 4, 1);
+}
+
 ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error) {
-    int shown = mode == ITN_PNG_SIGNED ? 1 : plane_count, k;
-    itn__buffer png, rows = ITN_ZERO;
-    size_t i, count, start;
-    float *values;
-    itn_result result = itn__check_image(image, first_plane, plane_count, 1, &png, error);
+    itn__buffer png;
+    size_t start;
+    itn_result result = itn__check_image(image, first_plane, plane_count, 3, &png, error);
     if (result) return result;
     if (!(scale >= 0) || !itn__finite(scale) || (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED) ||
         (uint64_t)image->width * 3 + 1 > INT_MAX / 2 / (uint64_t)image->height)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "saving a PNG: mode %d, scale %g or the size of %d x %d pixels", (int)mode,
-                         (double)scale, image->width, image->height);
-    values = itn__png_values(image, first_plane, plane_count, shown);
-    if (!values) return itn__out_of_memory(error, "a PNG file");
-    count = (size_t)image->width * (size_t)image->height;
+                         "saving a PNG: mode %d, scale %g, or %d x %d pixels, are not valid",
+                         (int)mode, (double)scale, image->width, image->height);
     if (scale == 0) {
-        scale = itn__percentile99(values, count * (size_t)shown, mode == ITN_PNG_SIGNED);
+        scale = itn__png_percentile(image, first_plane, plane_count, mode);
         scale = scale >= FLT_MIN ? 1 / scale : 1;
     }
-    rows.context = png.context;
-    for (i = 0; i < count && !rows.failed; i++) {
-        unsigned char rgb[3];
-        int valid = 1;
-        for (k = 0; k < 3; k++) {
-            float x = values[i * (size_t)shown + (size_t)(k % shown)];
-            valid &= x == x;
-            rgb[k] = itn__byte(mode == ITN_PNG_TONE ? itn__srgb(x * scale)
-                                                    : (float)(1 - k) * x * scale);
-        }
-        if (i % (size_t)image->width == 0) itn__put_number(&rows, 0, 1, 0);
-        itn__put(&rows, valid ? (const char *)rgb : "\xff\0\xff", 3);
-    }
-    itn__free(&png.context, values);
     itn__put(&png, "\x89PNG\r\n\x1a\n\0\0\0\0IHDR", 16);
     itn__put_number(&png, (uint64_t)image->width << 32 | (uint64_t)image->height, 8, 1);
     itn__put(&png, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
-    itn__png_end_chunk(&png, 8);
-    start = png.size;
+    start = itn__png_end_chunk(&png, 8);
     itn__put(&png, "\0\0\0\0IDAT", 8);
-    if (!rows.failed) itn__put_zlib(&png, &rows);
-    itn__png_end_chunk(&png, start);
-    start = png.size;
+    itn__png_rows(&png, image, first_plane, plane_count, mode, scale);
+    start = itn__png_end_chunk(&png, start);
     itn__put(&png, "\0\0\0\0IEND", 8);
     itn__png_end_chunk(&png, start);
-    png.failed |= rows.failed;
-    itn__buffer_free(&rows);
     return itn__write_buffer(path, &png, error);
 }
 
@@ -14926,126 +14897,112 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 enum { ITN__EAR_CORNERS = 4096 }; /* most corners of a polygon that is not convex */
 
 typedef struct itn__corner {
-    size_t vertex, texture; /* texture: of its texture coordinates, SIZE_MAX for none */
+    size_t vertex, texture; /* texture: which texture coordinates, SIZE_MAX for none */
+    float p[3];
 } itn__corner;
 
 typedef struct itn__builder {
     itn__buffer positions; /* float[3] each */
     itn__buffer texcoords; /* float[2] each */
     itn__buffer corners;   /* itn__corner each, of the polygon at hand */
-    itn__buffer triangles; /* itn__corner[3] each */
-    int u, v;              /* the axes of the plane in which the polygon is counter-clockwise */
+    itn__buffer triangles; /* size_t[3][2] each: vertex and texture of the corners */
 } itn__builder;
-
-static size_t itn__vertex_count(const itn__builder *b) { return b->positions.size / 12; }
-static size_t itn__texcoord_count(const itn__builder *b) { return b->texcoords.size / 8; }
-static size_t itn__corner_count(const itn__builder *b) {
-    return b->corners.size / sizeof(itn__corner);
-}
-static itn__corner *itn__corner_at(const itn__builder *b, int i) {
-    return (itn__corner *)(void *)b->corners.bytes + i;
-}
-static const float *itn__corner_position(const itn__builder *b, int i) {
-    return (const float *)(const void *)b->positions.bytes + 3 * itn__corner_at(b, i)->vertex;
-}
 
 static void itn__add_corner(itn__builder *b, size_t vertex, size_t texture) {
     itn__corner corner;
     corner.vertex = vertex, corner.texture = texture;
+    memcpy(corner.p, b->positions.bytes + 12 * vertex, 12);
     itn__put(&b->corners, &corner, sizeof corner);
 }
 
-/* Twice the signed area of a triangle of corners in the polygon's plane: positive if it turns
-   left. */
-static double itn__turn(const itn__builder *b, int i, int j, int k) {
-    const float *p = itn__corner_position(b, i), *q = itn__corner_position(b, j);
-    const float *r = itn__corner_position(b, k);
-    double pu = (double)p[b->u], pv = (double)p[b->v];
-    return ((double)q[b->u] - pu) * ((double)r[b->v] - pv) -
-           ((double)q[b->v] - pv) * ((double)r[b->u] - pu);
+static void itn__add_triangle(itn__builder *b, int h, int i, int j) {
+    const itn__corner *c = (const itn__corner *)(const void *)b->corners.bytes;
+    itn__put(&b->triangles, &c[h].vertex, 2 * sizeof(size_t));
+    itn__put(&b->triangles, &c[i].vertex, 2 * sizeof(size_t));
+    itn__put(&b->triangles, &c[j].vertex, 2 * sizeof(size_t));
 }
 
-/* Finds the polygon's plane; returns whether it is convex there. */
-static int itn__polygon_flatten(itn__builder *b, int n) {
+/* Twice the signed area of a triangle of corners in the plane of two axes: positive if it turns
+   left. */
+static double itn__turn(const itn__corner *h, const itn__corner *i, const itn__corner *j,
+                        const int axes[2]) {
+    double u = (double)h->p[axes[0]], v = (double)h->p[axes[1]];
+    return ((double)i->p[axes[0]] - u) * ((double)j->p[axes[1]] - v) -
+           ((double)i->p[axes[1]] - v) * ((double)j->p[axes[0]] - u);
+}
+
+/* Finds the axes of a plane in which the polygon is counter-clockwise; returns whether it is convex
+   there. */
+static int itn__polygon_convex(const itn__corner *c, int n, int axes[2]) {
     double area, largest = 0;
-    int u = 1, v = 2, axis, i;
+    int axis, i;
+    axes[0] = 1, axes[1] = 2;
     for (axis = 0; axis < 3; axis++) {
-        b->u = (axis + 1) % 3, b->v = (axis + 2) % 3;
-        for (area = 0, i = 2; i < n; i++) area += itn__turn(b, 0, i - 1, i);
-        if (!(fabs(area) > fabs(largest))) continue;
-        largest = area;
-        u = area > 0 ? b->u : b->v, v = area > 0 ? b->v : b->u;
+        int plane[2];
+        plane[0] = (axis + 1) % 3, plane[1] = (axis + 2) % 3;
+        for (area = 0, i = 2; i < n; i++) area += itn__turn(c, c + i - 1, c + i, plane);
+        if (!(fabs(area) > largest)) continue;
+        largest = fabs(area);
+        axes[0] = plane[area < 0], axes[1] = plane[area > 0];
     }
-    b->u = u, b->v = v;
     for (i = 0; i < n; i++)
-        if (!(itn__turn(b, i, (i + 1) % n, (i + 2) % n) >= 0)) return 0;
+        if (!(itn__turn(c + i, c + (i + 1) % n, c + (i + 2) % n, axes) >= 0)) return 0;
     return 1;
 }
 
-static int itn__same_place(const itn__builder *b, int i, int j) {
-    const float *p = itn__corner_position(b, i), *q = itn__corner_position(b, j);
-    return p[0] == q[0] && p[1] == q[1] && p[2] == q[2];
+static int itn__same_place(const itn__corner *a, const itn__corner *b) {
+    return a->p[0] == b->p[0] && a->p[1] == b->p[1] && a->p[2] == b->p[2];
 }
 
 /* Lets go of corners that are where the one before is, which hide how the polygon turns there; at
    least three stay. Returns how many. */
-static int itn__drop_twins(itn__builder *b, int n) {
+static int itn__drop_twins(itn__corner *c, int n) {
     int kept = 1, i;
     for (i = 1; i < n; i++)
-        if (kept + n - i <= 3 || !itn__same_place(b, kept - 1, i))
-            *itn__corner_at(b, kept++) = *itn__corner_at(b, i);
-    while (kept > 3 && itn__same_place(b, kept - 1, 0)) kept--;
+        if (kept + n - i <= 3 || !itn__same_place(c + kept - 1, c + i)) c[kept++] = c[i];
+    while (kept > 3 && itn__same_place(c + kept - 1, c)) kept--;
     return kept;
 }
 
-/* Whether corner i, with its neighbours h and j, of the n that are left is an ear. */
-static int itn__is_ear(const itn__builder *b, int n, int h, int i, int j) {
-    int k, c, on;
-    if (!(itn__turn(b, h, i, j) > 0)) return 0;
-    for (k = 0; k < n; k++) {
-        const float *d = itn__corner_position(b, k);
-        for (on = c = 0; c < 3; c++) { /* one that is where a corner of the ear is does not count */
-            const float *e = itn__corner_position(b, c == 0 ? h : c == 1 ? i : j);
-            on |= d[b->u] == e[b->u] && d[b->v] == e[b->v];
-        }
-        if (!on && itn__turn(b, h, i, k) >= 0 && itn__turn(b, i, j, k) >= 0 &&
-            itn__turn(b, j, h, k) >= 0)
-            return 0;
+/* Whether corner i, between h and j, of the n that are left is an ear. */
+static int itn__is_ear(const itn__corner *c, int n, int h, int i, int j, const int axes[2]) {
+    const itn__corner *ear[3], *d;
+    int k, inside;
+    ear[0] = c + h, ear[1] = c + i, ear[2] = c + j;
+    if (!(itn__turn(ear[0], ear[1], ear[2], axes) > 0)) return 0;
+    for (d = c; d < c + n; d++) {
+        for (inside = 1, k = 0; k < 3 && inside; k++) /* not where a corner of the ear is */
+            inside = itn__turn(ear[k], ear[(k + 1) % 3], d, axes) >= 0 &&
+                     !(d->p[axes[0]] == ear[k]->p[axes[0]] && d->p[axes[1]] == ear[k]->p[axes[1]]);
+        if (inside) return 0;
     }
     return 1;
-}
-
-/* Adds a triangle of three corners. */
-static void itn__add_triangle(itn__builder *b, int h, int i, int j) {
-    itn__put(&b->triangles, itn__corner_at(b, h), sizeof(itn__corner));
-    itn__put(&b->triangles, itn__corner_at(b, i), sizeof(itn__corner));
-    itn__put(&b->triangles, itn__corner_at(b, j), sizeof(itn__corner));
 }
 
 /* Turns the corners at hand into triangles. An ear is looked for from the corner before the last
    cut on. Where there is none (the polygon crosses itself), any corner does; after two such cuts no
    more is looked for, so that the work stays in bounds. */
 static void itn__add_polygon(itn__builder *b, itn__text *text) {
-    size_t count = itn__corner_count(b);
-    int n, i, k, convex, earless = 0;
-    if (count < 3) itn__text_fail(text, ITN_ERROR_FORMAT, "a face needs three corners");
-    if (count > INT_MAX / 16)
-        itn__text_fail(text, ITN_ERROR_FORMAT, "a face has too many corners");
+    itn__corner *c = (itn__corner *)(void *)b->corners.bytes;
+    size_t count = b->corners.size / sizeof *c;
+    int n, i, k, axes[2], earless = 0;
+    if (count < 3) ITN__DAMAGED(text, "a face needs three corners");
+    if (count > INT_MAX / 16) ITN__DAMAGED(text, "a face has too many corners");
     if (text->result) return;
-    n = itn__drop_twins(b, (int)count);
-    convex = n == 3 || itn__polygon_flatten(b, n);
-    for (i = 1; convex && i + 1 < n; i++) itn__add_triangle(b, 0, i, i + 1);
-    if (convex) return;
+    n = itn__drop_twins(c, (int)count);
+    if (itn__polygon_convex(c, n, axes)) {
+        for (i = 1; i + 1 < n; i++) itn__add_triangle(b, 0, i, i + 1);
+        return;
+    }
     if (n > ITN__EAR_CORNERS)
         itn__text_fail(text, ITN_ERROR_UNSUPPORTED,
                        "a face that is not convex has more than %d corners", ITN__EAR_CORNERS);
     for (i = 1; n >= 3 && !text->result; n--, i = (i + n - 1) % n) {
         for (k = 0; k < n && n > 3 && earless < 2; k++, i = (i + 1) % n)
-            if (itn__is_ear(b, n, (i + n - 1) % n, i, (i + 1) % n)) break;
+            if (itn__is_ear(c, n, (i + n - 1) % n, i, (i + 1) % n, axes)) break;
         earless += k == n;
         itn__add_triangle(b, (i + n - 1) % n, i, (i + 1) % n);
-        memmove(itn__corner_at(b, i), itn__corner_at(b, i + 1),
-                (size_t)(n - i - 1) * sizeof(itn__corner));
+        memmove(c + i, c + i + 1, (size_t)(n - i - 1) * sizeof *c);
     }
 }
 
@@ -15053,10 +15010,10 @@ static void itn__add_polygon(itn__builder *b, itn__text *text) {
    shape are refused. */
 static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
                                     const itn_context *context, itn_mesh *mesh, itn_error *error) {
-    size_t vertices = itn__vertex_count(b), count = b->triangles.size / sizeof(itn__corner), i, k;
     const float *positions = (const float *)(const void *)b->positions.bytes;
-    const float *texcoords = (const float *)(const void *)b->texcoords.bytes;
-    const itn__corner *corners = (const itn__corner *)(const void *)b->triangles.bytes;
+    const size_t *corners = (const size_t *)(const void *)b->triangles.bytes; /* [count][2] */
+    size_t count = b->triangles.size / (2 * sizeof(size_t)), vertices = b->positions.size / 12;
+    size_t i, k;
     float size = 0, farthest = 0;
     int textured = 1;
     itn_result result;
@@ -15078,13 +15035,14 @@ static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
                          "%s: coordinates near %g of a mesh that is %g large, of which floats keep "
                          "too few digits: move it to the origin", name, (double)farthest,
                          (double)size);
-    for (i = 0; i < count; i++) textured &= corners[i].texture != SIZE_MAX;
+    for (i = 0; i < count; i++) textured &= corners[2 * i + 1] != SIZE_MAX;
     result = itn_mesh_create((int)vertices, (int)(count / 3), textured, context, mesh, error);
     if (result) return result;
     memcpy(mesh->positions, positions, b->positions.size);
     for (i = 0; i < count; i++) {
-        mesh->triangles[i] = (int)corners[i].vertex;
-        if (textured) memcpy(mesh->uvs + 2 * i, texcoords + 2 * corners[i].texture, 8);
+        mesh->triangles[i] = (int)corners[2 * i];
+        if (textured)
+            memcpy(mesh->uvs + 2 * i, b->texcoords.bytes + 8 * corners[2 * i + 1], 8);
     }
     return ITN_OK;
 }
@@ -15107,23 +15065,19 @@ static void itn__obj_corner(itn__text *text, itn__builder *b, const size_t count
         if (valid) index[k] = (size_t)(value < 0 ? most + value : value - 1);
     }
     text->at = end;
-    if (valid && at == end && index[0] != SIZE_MAX) {
-        itn__add_corner(b, index[0], index[1]);
-        return;
-    }
-    itn__text_fail(text, ITN_ERROR_FORMAT,
-                   "face corner '%.*s' is not an index above this line (%.0f vertices, "
-                   "%.0f texture coordinates, %.0f normals)", end - word > 40 ? 40
-                   : (int)(end - word), word, (double)counts[0], (double)counts[1],
-                   (double)counts[2]);
+    if (valid && at == end && index[0] != SIZE_MAX) itn__add_corner(b, index[0], index[1]);
+    else
+        ITN__DAMAGED(text, "face corner '%.*s' is not an index above this line (%.0f vertices, "
+                     "%.0f texture coordinates, %.0f normals)", end - word > 40 ? 40
+                     : (int)(end - word), word, (double)counts[0], (double)counts[1],
+                     (double)counts[2]);
 }
 
 static void itn__obj_decode(itn__text *text, itn__builder *b) {
-    static const char *const keywords[] = {"v", "vt", "vn", "f"};
     size_t counts[3] = {0, 0, 0}; /* of vertices, texture coordinates and normals */
     for (; text->at < text->end; itn__next_line(text)) {
         float numbers[3] = {0, 0, 0};
-        int keyword = itn__accept(text, keywords, 4), k;
+        int keyword = itn__accept(text, "v vt vn f"), k;
         if (keyword == 0) {
             for (k = 0; k < 3; k++) numbers[k] = (float)itn__take_finite(text, "vertex");
             itn__put(&b->positions, numbers, 12);
@@ -15136,7 +15090,7 @@ static void itn__obj_decode(itn__text *text, itn__builder *b) {
             while (!itn__line_done(text)) itn__obj_corner(text, b, counts);
             itn__add_polygon(b, text);
         }
-        counts[0] = itn__vertex_count(b), counts[1] = itn__texcoord_count(b);
+        counts[0] = b->positions.size / 12, counts[1] = b->texcoords.size / 8;
         counts[2] += keyword == 2; /* for the corners that name them, no more */
         /* the rest is let go, also where a backslash that stands alone leads to the next line; one
            that ends a word is a part of a name */
@@ -15157,13 +15111,11 @@ enum { ITN__PLY_ENTRY, ITN__PLY_VERTEX, ITN__PLY_FACE };
 enum { ITN__PLY_U = 3, ITN__PLY_CORNERS = 5, ITN__PLY_TEXCOORDS, ITN__PLY_NONE };
 
 typedef struct itn__ply_property {
-    int type, list; /* list: the type of the count, -1 for a scalar */
-    int role;
+    int type, list, role; /* list: the type of the count, -1 for a scalar */
 } itn__ply_property;
 
 typedef struct itn__ply_element {
     int kind, first, end; /* of its properties */
-    int has;              /* 1 << role for those that are there */
     double count;
 } itn__ply_element;
 
@@ -15171,46 +15123,40 @@ typedef struct itn__ply {
     itn__text *text;
     itn__builder *builder;
     int format, element_count, property_count;
-    int textured; /* every vertex has texture coordinates */
+    int has; /* 1 << role for those that are there */
     itn__ply_element elements[ITN__PLY_ELEMENTS];
     itn__ply_property properties[ITN__PLY_PROPERTIES];
 } itn__ply;
 
-static const char *const itn__ply_kinds[] = {"entry", "vertex", "face"};
 static const unsigned char itn__ply_sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
 
 /* Steps over the name of a type; returns its place in itn__ply_sizes, or -1. */
 static int itn__ply_type(itn__text *text) {
-    static const char *const names[] = {"char",   "uchar",  "short",   "ushort", "int",   "uint",
-                                        "float",  "double", "int8",    "uint8",  "int16", "uint16",
-                                        "int32",  "uint32", "float32", "float64"};
-    int i = itn__accept(text, names, 16);
+    int i = itn__accept(text, "char uchar short ushort int uint float double "
+                              "int8 uint8 int16 uint16 int32 uint32 float32 float64");
     return i < 0 ? i : i % 8;
 }
 
 /* Reads "TYPE name" or "list TYPE TYPE name". Returns NULL, or what is wrong. */
 static const char *itn__ply_property_line(itn__ply *ply) {
-    static const char *const list[] = {"list"};
-    static const char *const names[] = {"x", "y", "z", "u", "v", "s", "t", "texture_u", "texture_v",
-                                        "vertex_indices", "vertex_index", "texcoord"};
-    static const int roles[] = {0, 1, 2, 3, 4, 3, 4, 3, 4, ITN__PLY_CORNERS, ITN__PLY_CORNERS,
-                                ITN__PLY_TEXCOORDS};
-    itn__ply_element *element = ply->elements + ply->element_count - (ply->element_count > 0);
     itn__ply_property *p = ply->properties + ply->property_count;
-    int is_list = itn__accept(ply->text, list, 1) == 0, i;
+    itn__ply_element *element;
+    int list = itn__accept(ply->text, "list") == 0, i;
     if (!ply->element_count) return "property stands before any element";
     if (ply->property_count == ITN__PLY_PROPERTIES) return "has more than 512 properties";
-    p->list = is_list ? itn__ply_type(ply->text) : -1;
+    p->list = list ? itn__ply_type(ply->text) : -1;
     p->type = itn__ply_type(ply->text);
-    if (p->type < 0 || (is_list && p->list < 0)) return "property has no valid type";
+    if (p->type < 0 || (list && p->list < 0)) return "property has no valid type";
     if (p->list >= 6) return "list has a count that is no integer";
     if (itn__line_done(ply->text)) return "property has no name";
-    i = itn__accept(ply->text, names, 12);
-    p->role = ITN__PLY_NONE;
-    if (i >= 0 && is_list == (i >= 9) && !(element->has >> roles[i] & 1) &&
-        element->kind == (is_list ? ITN__PLY_FACE : ITN__PLY_VERTEX))
-        p->role = roles[i];
-    element->has |= 1 << p->role;
+    i = itn__accept(ply->text, "x y z u v s t texture_u texture_v vertex_indices vertex_index "
+                               "texcoord");
+    element = ply->elements + ply->element_count - 1;
+    p->role = i < 0 ? ITN__PLY_NONE : "012343434556"[i] - '0';
+    if (element->kind != (list ? ITN__PLY_FACE : ITN__PLY_VERTEX) || list != (i >= 9) ||
+        ply->has >> p->role & 1)
+        p->role = ITN__PLY_NONE;
+    ply->has |= 1 << p->role;
     element->end = ++ply->property_count;
     return NULL;
 }
@@ -15221,36 +15167,21 @@ static const char *itn__ply_element_line(itn__ply *ply) {
     int i;
     if (ply->element_count == ITN__PLY_ELEMENTS) return "has more than 32 elements";
     element->first = element->end = ply->property_count;
-    element->kind = itn__accept(ply->text, itn__ply_kinds + 1, 2) + 1;
+    element->kind = itn__accept(ply->text, "vertex face") + 1;
     if (!element->kind) ply->text->at += itn__word_length(ply->text);
     element->count = itn__take_decimal(ply->text);
     if (!(element->count >= 0 && element->count < 1e15 && element->count == floor(element->count)))
         return "element has no valid count";
     if (element->kind && element->count > INT_MAX) return "has too many vertices or faces";
     for (i = 0; element->kind && i < ply->element_count; i++)
-        if (ply->elements[i].kind == element->kind) return "has an element twice";
+        if (ply->elements[i].kind >= element->kind)
+            return ply->elements[i].kind > element->kind ? "faces stand before the vertices"
+                                                         : "has an element twice";
     ply->element_count++;
     return NULL;
 }
 
-/* Vertices must have positions, faces corners, and vertices come first. */
-static const char *itn__ply_unsupported(const itn__ply *ply) {
-    int i, vertices = 0, faces = 0;
-    for (i = 0; i < ply->element_count; i++) {
-        const itn__ply_element *element = ply->elements + i;
-        if (element->kind == ITN__PLY_FACE) faces = element->has >> ITN__PLY_CORNERS & 1;
-        if (element->kind == ITN__PLY_VERTEX && faces) return "faces stand before the vertices";
-        if (element->kind == ITN__PLY_VERTEX) vertices = (element->has & 7) == 7;
-    }
-    if (!vertices) return "has no vertex with x, y, z";
-    return faces ? NULL : "has no face with a list vertex_indices";
-}
-
 static void itn__ply_header(itn__ply *ply) {
-    static const char *const keywords[] = {"end_header", "comment", "obj_info",
-                                           "format",     "element", "property"};
-    static const char *const formats[] = {"ascii", "binary_little_endian", "binary_big_endian"};
-    static const char *const version[] = {"1.0"};
     itn__text *text = ply->text;
     const char *fault = NULL;
     int keyword = -1, lone_return;
@@ -15260,22 +15191,23 @@ static void itn__ply_header(itn__ply *ply) {
     lone_return = text->end - text->at > 1 && text->at[0] == '\r' && text->at[1] != '\n';
     while (keyword != 0 && !fault) {
         itn__next_line(text);
-        keyword = itn__accept(text, keywords, 6);
+        keyword = itn__accept(text, "end_header comment obj_info format element property");
         itn__skip_blanks(text);
         if (text->at == text->end) fault = "header has no end";
         else if (keyword == 5) fault = itn__ply_property_line(ply);
         else if (keyword == 4) fault = itn__ply_element_line(ply);
         else if (keyword == 3) {
-            ply->format = itn__accept(text, formats, 3);
-            if (ply->format < 0 || itn__accept(text, version, 1)) fault = "has an unknown format";
+            ply->format = itn__accept(text, "ascii binary_little_endian binary_big_endian");
+            if (ply->format < 0 || itn__accept(text, "1.0") < 0) fault = "has an unknown format";
         } else if (keyword <= 0 && !itn__newline(text->at, text->end))
             fault = keyword ? "header has an unknown keyword" : "header has no end";
     }
     if (!fault && ply->format < 0) fault = "header has no format";
-    if (fault) itn__text_fail(text, ITN_ERROR_FORMAT, "PLY %s", fault);
-    fault = itn__ply_unsupported(ply);
-    if (fault) itn__text_fail(text, ITN_ERROR_UNSUPPORTED, "PLY %s", fault);
-    if (text->result) return;
+    if (!fault && (ply->has & 7) != 7) fault = "has no vertex with x, y, z";
+    if (!fault && !(ply->has >> ITN__PLY_CORNERS & 1))
+        fault = "has no face with a list vertex_indices";
+    if (fault) ITN__DAMAGED(text, "PLY %s", fault);
+    if (fault) return;
     /* what follows may be binary, and look like anything */
     text->at += lone_return ? 1 : itn__newline(text->at, text->end);
     text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
@@ -15288,7 +15220,7 @@ static double itn__ply_value(itn__ply *ply, int type) {
     double value;
     if (ply->format == ITN__PLY_ASCII) {
         itn__skip_space(ply->text);
-        if (ply->text->at == ply->text->end) itn__take_bytes(ply->text, 1); /* data ends early */
+        if (ply->text->at == ply->text->end) itn__take_bytes(ply->text, 1); /* fails */
         return itn__take_decimal(ply->text);
     }
     bits = itn__take_number(ply->text, size, ply->format == ITN__PLY_BIG);
@@ -15304,14 +15236,16 @@ static void itn__ply_take(itn__ply *ply, int role, double value, float *vertex) 
     itn__builder *b = ply->builder;
     float number = (float)value;
     if (role == ITN__PLY_NONE) return;
-    if (!itn__finite(number) && role != ITN__PLY_CORNERS)
-        itn__text_fail(ply->text, ITN_ERROR_FORMAT, "a %scoordinate is not a finite number",
-                       role < ITN__PLY_U ? "" : "texture ");
-    else if (role < ITN__PLY_CORNERS) vertex[role] = number;
+    if (role == ITN__PLY_CORNERS) {
+        if (value >= 0 && value < (double)(b->positions.size / 12) && value == floor(value))
+            itn__add_corner(b, (size_t)value, (ply->has >> ITN__PLY_U & 3) == 3 ? (size_t)value
+                                                                               : SIZE_MAX);
+        else ITN__DAMAGED(ply->text, "names a vertex that does not exist");
+    } else if (!itn__finite(number))
+        ITN__DAMAGED(ply->text, "a %scoordinate is not a finite number",
+                     role < ITN__PLY_U ? "" : "texture ");
     else if (role == ITN__PLY_TEXCOORDS) itn__put(&b->texcoords, &number, 4);
-    else if (value >= 0 && value < (double)itn__vertex_count(b) && value == floor(value))
-        itn__add_corner(b, (size_t)value, ply->textured ? (size_t)value : SIZE_MAX);
-    else itn__text_fail(ply->text, ITN_ERROR_FORMAT, "names a vertex that does not exist");
+    else vertex[role] = number;
 }
 
 /* Reads one entry of an element: of each property one number, or as many as the list has. Every
@@ -15319,7 +15253,7 @@ static void itn__ply_take(itn__ply *ply, int role, double value, float *vertex) 
    count more than its vertices'. */
 static void itn__ply_entry(itn__ply *ply, const itn__ply_element *element) {
     itn__builder *b = ply->builder;
-    size_t texcoords = itn__texcoord_count(b), own, i;
+    size_t before = b->texcoords.size, own, corners, i;
     float vertex[5] = {0, 0, 0, 0, 0};
     int k;
     b->corners.size = 0;
@@ -15327,45 +15261,40 @@ static void itn__ply_entry(itn__ply *ply, const itn__ply_element *element) {
         const itn__ply_property *property = ply->properties + k;
         double count = property->list >= 0 ? itn__ply_value(ply, property->list) : 1;
         if (!(count >= 0 && count == floor(count)))
-            itn__text_fail(ply->text, ITN_ERROR_FORMAT, "list has no valid count");
+            ITN__DAMAGED(ply->text, "list has no valid count");
         for (; count > 0 && !ply->text->result; count--)
             itn__ply_take(ply, property->role, itn__ply_value(ply, property->type), vertex);
     }
     if (element->kind == ITN__PLY_VERTEX) {
         itn__put(&b->positions, vertex, 12);
-        if (ply->textured) itn__put(&b->texcoords, vertex + 3, 8);
-    } else if (element->kind == ITN__PLY_FACE) {
-        own = b->texcoords.size - 8 * texcoords;
-        if (own && own != 8 * itn__corner_count(b))
-            itn__text_fail(ply->text, ITN_ERROR_FORMAT,
-                           "has not two texture coordinates per corner");
-        for (i = 0; i < own / 8 && !ply->text->result; i++)
-            itn__corner_at(b, (int)i)->texture = texcoords + i;
-        itn__add_polygon(b, ply->text);
+        if ((ply->has >> ITN__PLY_U & 3) == 3) itn__put(&b->texcoords, vertex + 3, 8);
     }
+    if (element->kind != ITN__PLY_FACE) return;
+    own = b->texcoords.size - before, corners = b->corners.size / sizeof(itn__corner);
+    if (own && own != 8 * corners)
+        ITN__DAMAGED(ply->text, "has not two texture coordinates per corner");
+    for (i = 0; own && i < corners; i++)
+        ((itn__corner *)(void *)b->corners.bytes)[i].texture = before / 8 + i;
+    itn__add_polygon(b, ply->text);
 }
 
 /* Reads all elements, of each after checking that the file can hold so many. */
 static void itn__ply_decode(itn__text *text, itn__builder *builder) {
+    static const char *const kinds[] = {"entry", "vertex", "face"};
     itn__ply ply = ITN_ZERO;
     int i, k;
     ply.text = text, ply.builder = builder;
     itn__ply_header(&ply);
     for (i = 0; i < ply.element_count && !text->result; i++) {
         const itn__ply_element *element = ply.elements + i;
-        size_t least = 0;
-        for (k = element->first; k < element->end; k++) {
-            const itn__ply_property *property = ply.properties + k;
-            least += ply.format == ITN__PLY_ASCII
-                         ? 2
-                         : itn__ply_sizes[property->list >= 0 ? property->list : property->type];
-        }
-        text->part = itn__ply_kinds[element->kind], text->number = 0;
-        if (element->count * (double)least > (double)(text->end - text->at) + 1)
-            itn__text_fail(text, ITN_ERROR_FORMAT, "count is larger than the file");
-        if (element->kind == ITN__PLY_VERTEX)
-            ply.textured = (element->has >> ITN__PLY_U & 3) == 3;
-        for (; least && text->number < element->count && !text->result; text->number++)
+        const itn__ply_property *p = ply.properties;
+        double least = 0; /* bytes of an entry */
+        for (k = element->first; k < element->end; k++)
+            least += ply.format ? itn__ply_sizes[p[k].list >= 0 ? p[k].list : p[k].type] : 2;
+        text->part = kinds[element->kind], text->number = 0;
+        if (element->count * least > (double)(text->end - text->at) + 1)
+            ITN__DAMAGED(text, "count is larger than the file");
+        for (; least > 0 && text->number < element->count && !text->result; text->number++)
             itn__ply_entry(&ply, element);
     }
 }
@@ -15373,7 +15302,6 @@ static void itn__ply_decode(itn__text *text, itn__builder *builder) {
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
                                         const itn_context *context, itn_mesh *mesh,
                                         itn_error *error) {
-    static const char *const ply[] = {"ply"};
     itn__builder b = ITN_ZERO;
     itn_context checked;
     itn__text text;
@@ -15386,11 +15314,11 @@ ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const ch
     b.positions.context = b.texcoords.context = b.corners.context = b.triangles.context = checked;
     text = itn__text_make(bytes, size, name ? name : "mesh");
     text.error = error;
-    if (itn__accept(&text, ply, 1) == 0 && text.at < text.end) itn__ply_decode(&text, &b);
+    if (itn__accept(&text, "ply") == 0 && text.at < text.end) itn__ply_decode(&text, &b);
     else itn__obj_decode(&text, &b);
     result = text.result;
     if (b.positions.failed || b.texcoords.failed || b.corners.failed || b.triangles.failed)
-        result = itn__fail(error, ITN_ERROR_MEMORY, 0, "%s: out of memory for a mesh", text.name);
+        result = itn__out_of_memory(error, text.name);
     else if (!result) result = itn__builder_mesh(&b, text.name, &checked, &made, error);
     itn__buffer_free(&b.positions), itn__buffer_free(&b.texcoords);
     itn__buffer_free(&b.corners), itn__buffer_free(&b.triangles);
@@ -15413,7 +15341,7 @@ ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, i
 ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
     char header[400];
-    size_t i, k, wrong = 0;
+    size_t i, k, wrong;
     itn_result result;
     if (!mesh || mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions ||
         !mesh->triangles)
@@ -15427,10 +15355,7 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
                mesh->vertex_count, mesh->triangle_count,
                mesh->uvs ? "property list uchar float texcoord\n" : "");
     itn__put(&buffer, header, strlen(header));
-    for (i = 0; i < 3 * (size_t)mesh->vertex_count; i++) {
-        wrong += !itn__finite(mesh->positions[i]);
-        itn__put_float(&buffer, mesh->positions[i]);
-    }
+    wrong = itn__put_floats(&buffer, mesh->positions, 3 * (size_t)mesh->vertex_count);
     for (i = 0; i < (size_t)mesh->triangle_count; i++) {
         itn__put_number(&buffer, 3, 1, 0);
         for (k = 3 * i; k < 3 * i + 3; k++) {
@@ -15439,10 +15364,7 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
         }
         if (!mesh->uvs) continue;
         itn__put_number(&buffer, 6, 1, 0);
-        for (k = 6 * i; k < 6 * i + 6; k++) {
-            wrong += !itn__finite(mesh->uvs[k]);
-            itn__put_float(&buffer, mesh->uvs[k]);
-        }
+        wrong += itn__put_floats(&buffer, mesh->uvs + 6 * i, 6);
     }
     if (!wrong) return itn__write_buffer(path, &buffer, error);
     itn__buffer_free(&buffer);
@@ -15581,7 +15503,7 @@ ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weight
     for (k = 0; k < 6; k++) itn__put_number(&buffer, (uint32_t)*fields[k], 4, 0);
     itn__put_number(&buffer, net->count, 8, 0);
     itn__put_number(&buffer, weights_only ? 0 : net->steps, 8, 0);
-    for (k = 0; k < values; k++) itn__put_float(&buffer, net->parameters[k]);
+    itn__put_floats(&buffer, net->parameters, values);
     itn__put_number(&buffer, itn__fnv1a(buffer.bytes, buffer.size), 8, 0);
     return itn__write_buffer(path, &buffer, error);
 }
