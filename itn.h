@@ -8099,13 +8099,22 @@ typedef struct itn__fast {
     int learning;      /* V is learnt in this render, */
     double lesson_unit; /* in multiples of this */
     int rows;           /* of a path that are in use */
+    int side, unit_rays; /* of a unit, see [picture]: of its tile; camera rays of a pixel */
+    int tiles, chunks;   /* units of all pixels, and of all their rays */
+    int first, end;      /* tiles that are being done */
+    int crowd_count;
+    struct itn__crowd *crowds;
+    const float *weights; /* of pixels, [channels][height][width], to fold derivatives with; NULL:
+                             the planes are kept */
+    int kept;       /* what is kept of a pixel: planes, or count */
+    double *totals; /* [height][width][kept][2] */
 } itn__fast;
 
 /* Pixels and samples that a crowd works on, and where it has got to. */
 typedef struct itn__unit {
-    int x0, y0, width, height; /* pixels */
-    int first, count;          /* camera rays of each */
-    int next;                  /* first that has not been started: pixel * count + ray */
+    int x, y, side;   /* a square of pixels, of which some may be beyond the film */
+    int first, count; /* camera rays of each */
+    int next;         /* first that has not been started: pixel * count + ray */
 } itn__unit;
 
 /* Visits of flights to cells with triangles, and, as far as they matter, to packs. */
@@ -8145,16 +8154,9 @@ typedef struct itn__crowd {
     double collisions;
 } itn__crowd;
 
-/* The pixel, number y width + x of the film, that is number `cell` of a unit. */
-static size_t itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int cell) {
-    return (size_t)(unit->y0 + cell / unit->width) * (size_t)scene->film.width +
-           (size_t)(unit->x0 + cell % unit->width);
-}
-
 /* Whether camera rays of the unit have not been started yet. */
 static int itn__unit_paths_left(const itn__crowd *crowd) {
-    const itn__unit *unit = &crowd->unit;
-    return unit->next < unit->width * unit->height * unit->count;
+    return crowd->unit.next < crowd->unit.side * crowd->unit.side * crowd->unit.count;
 }
 
 /* The mask of `count` lanes, or of all if there are more. */
@@ -9529,7 +9531,18 @@ ITN__NOINLINE void itn__run_outside(itn__crowd *crowd) {
     }
 }
 
-/* Paths that have left: adds the lights in their directions, as itn__escape, and ends them. */
+/* Light from where a path leaves for, sampled lights at weight mis, comes home; its end. */
+static void itn__escape_path(itn__crowd *crowd, itn__path *path, const float sampled[3], float mis,
+                             const float plain[3]) {
+    float value[3] = {0, 0, 0};
+    int c;
+    for (c = 0; c < crowd->fast->channels; c++)
+        value[c] = (float)path->copies * path->beta[c] * (sampled[c] * mis + plain[c]);
+    itn__bring_home(crowd, path, mis, 1, value);
+    itn__end(crowd, path, 0);
+}
+
+/* Paths that have left: adds the lights in their directions, as itn__escape. */
 ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
     const itn__fast *fast = crowd->fast;
     itn__queue *queue = &crowd->sky;
@@ -9548,13 +9561,11 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
         }
         for (; bits; bits &= bits - 1) {
             int k = itn__lowest_bit(bits);
-            itn__path *path = &crowd->paths[ITN__LANE(s.slot, k)];
-            float value[3] = {0, 0, 0}, part = ITN__LANE(mis, k);
-            for (c = 0; c < fast->channels; c++)
-                value[c] = (float)path->copies * path->beta[c] *
-                           (ITN__LANE(sampled[c], k) * part + ITN__LANE(plain[c], k));
-            itn__bring_home(crowd, path, part, 1, value);
-            itn__end(crowd, path, 0);
+            float of_sampled[3], of_plain[3];
+            for (c = 0; c < 3; c++)
+                of_sampled[c] = ITN__LANE(sampled[c], k), of_plain[c] = ITN__LANE(plain[c], k);
+            itn__escape_path(crowd, &crowd->paths[ITN__LANE(s.slot, k)], of_sampled,
+                             ITN__LANE(mis, k), of_plain);
         }
     }
     queue->count = 0;
@@ -9573,6 +9584,13 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
 /* Camera rays of a pixel. */
 static int itn__pixel_rays(const itn__fast *fast, size_t pixel) {
     return fast->allotment ? fast->allotment->samples[pixel] : fast->spp;
+}
+
+/* Pixel number `cell` of a unit, by its place in the film. Returns 0 if that is beyond. */
+static int itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int cell, size_t *pixel) {
+    int x = unit->x + cell % unit->side, y = unit->y + cell / unit->side;
+    *pixel = (size_t)y * (size_t)scene->film.width + (size_t)x;
+    return x < scene->film.width && y < scene->film.height;
 }
 
 /* Starts a path of a sample of a pixel, by walk number `walk`. */
@@ -9610,32 +9628,26 @@ static itn_ray itn__first_ray(const itn__fast *fast, size_t pixel, int sample,
                            (int)(pixel / (size_t)width), ITN__LANE(u, 0), ITN__LANE(v, 0));
 }
 
-/* Starts the paths of the unit's next camera ray; those that see nothing need only one for all, and
-   in light that is everywhere the same are done. */
+/* Starts the paths of the unit's next camera ray; those that see nothing need only one for all. */
 static void itn__start_ray(itn__crowd *crowd) {
     const itn__fast *fast = crowd->fast;
     itn__unit *unit = &crowd->unit;
-    int number = unit->next++, sample = unit->first + number % unit->count, walk, c;
-    size_t pixel = itn__unit_pixel(fast->scene, unit, number / unit->count);
-    int empty = !fast->outside || fast->pixels[pixel];
+    int number = unit->next++, sample = unit->first + number % unit->count, walk;
     itn__path *path, seen;
     itn_ray ray;
-    if (sample >= itn__pixel_rays(fast, pixel)) return;
+    size_t pixel;
+    if (!itn__unit_pixel(fast->scene, unit, number / unit->count, &pixel) ||
+        sample >= itn__pixel_rays(fast, pixel))
+        return;
     path = itn__start_path(crowd, pixel, sample, 0), path->number = number;
     ray = itn__first_ray(fast, pixel, sample, path);
     path->p = ray.origin, path->d = ray.direction, path->distance = INFINITY;
     path->hit.triangle = -1;
-    if (!empty) itn__find_hit(fast->scene, path);
-    if (path->hit.triangle < 0 && fast->outside) {
-        float value[3] = {0, 0, 0};
+    if (fast->outside && !fast->pixels[pixel]) itn__find_hit(fast->scene, path);
+    if (fast->outside && path->hit.triangle < 0) {
         path->copies = fast->walks;
-        if (!fast->only_constant) {
-            itn__enqueue(crowd, &crowd->sky, path);
-            return;
-        }
-        for (c = 0; c < fast->channels; c++) value[c] = (float)path->copies * fast->constant[c];
-        itn__bring_home(crowd, path, 0, 1, value);
-        itn__end(crowd, path, 0);
+        if (fast->only_constant) itn__escape_path(crowd, path, fast->constant, 0, fast->constant);
+        else itn__enqueue(crowd, &crowd->sky, path);
         return;
     }
     for (seen = *path, walk = 0; walk < fast->walks; walk++) {
@@ -9669,20 +9681,11 @@ static void itn__run_unit(itn__crowd *crowd) {
     itn__learn_all(crowd);
 }
 
-/* The decay of V: that of diffusion in the medium. */
-static float itn__decay(const itn__substance *substance, int channels) {
-    float albedo = 0, reduced;
-    int c;
-    for (c = 0; c < channels; c++) albedo += substance->albedo[c] / (float)channels;
-    reduced = 1 - substance->g * albedo;
-    return itn__clamp(sqrtf(3 * (1 - albedo) * reduced), .1f * fminf(reduced, 1),
-                      .95f / (ITN__DECAYS - 1));
-}
-
 /* The numbers of a medium at theta; medium NULL: of what is none. */
 static void itn__substance_make(const itn__fast *fast, const itn__medium *medium,
                                 itn__substance *out) {
     const float *theta = fast->theta;
+    float reduced, albedo = 0; /* mean of the channels */
     int c;
     out->slot_sigma_t = out->slot_g = -1; /* nothing to differentiate in */
     for (c = 0; c < 3; c++) out->slot_albedo[c] = -1;
@@ -9691,34 +9694,29 @@ static void itn__substance_make(const itn__fast *fast, const itn__medium *medium
     out->mean_free_path = 1 / out->sigma_t;
     for (c = 0; c < 3; c++)
         out->albedo[c] = theta[medium->albedo + (c < fast->channels ? c : 0)];
-    out->value.decay = itn__decay(out, fast->channels);
+    for (c = 0; c < 3; c++) albedo += out->albedo[c] / 3;
+    reduced = 1 - out->g * albedo; /* the decay of V is that of diffusion */
+    out->value.decay = itn__clamp(sqrtf(3 * (1 - albedo) * reduced), .1f * fminf(reduced, 1),
+                                  .95f / (ITN__DECAYS - 1));
     if (!fast->count) return;
     out->slot_sigma_t = fast->slots[medium->sigma_t[0]], out->slot_g = fast->slots[medium->g[0]];
     for (c = 0; c < fast->channels; c++) out->slot_albedo[c] = fast->slots[medium->albedo + c];
 }
 
-/* The largest albedo or reflectance: how bright an object can be in a light of 1. */
+/* The largest albedo or reflectance, parameters from 0 to 1: how bright an object can be in a light
+   of 1. */
 static float itn__brightest(const itn__fast *fast) {
-    const itn_scene *scene = fast->scene;
     float brightest = 0;
-    int i, c;
-    for (c = 0; c < fast->channels; c++) {
-        for (i = 0; i < scene->medium_count; i++)
-            brightest = itn__max(brightest, fast->theta[scene->media[i].albedo + c]);
-        for (i = 0; i < scene->surface_count; i++) {
-            const itn__surface *surface = &scene->surfaces[i];
-            if (surface->type != ITN_SURFACE_DIFFUSE) continue;
-            brightest = itn__max(brightest, fast->theta[surface->reflectance + c]);
-            if (surface->texture == ITN_TEXTURE_CHECKER)
-                brightest = itn__max(brightest, fast->theta[surface->reflectance2 + c]);
-        }
-    }
+    int i;
+    for (i = 0; i < fast->scene->parameter_count; i++)
+        if (fast->scene->parameters[i].lower == 0 && fast->scene->parameters[i].upper == 1)
+            brightest = itn__max(brightest, fast->theta[i]);
     return brightest;
 }
 
 /* The numbers of all media at theta, and what is known of the lights. */
-static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float *theta,
-                            itn__substance *substances, const itn__tables *tables) {
+static void itn__fast_know(itn__fast *fast, const itn_scene *scene, const float *theta,
+                           itn__substance *substances, const itn__tables *tables) {
     double level = 0;
     int i, c;
     fast->scene = scene, fast->theta = theta, fast->substances = substances;
@@ -9749,80 +9747,64 @@ static void itn__fast_begin(itn__fast *fast, const itn_scene *scene, const float
     fast->roulette = fast->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
 }
 
-enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 };
+enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 }; /* at most, or for one set more */
 
-typedef struct itn__picture {
-    itn__fast fast;
-    int tiles_x, tiles, tile_width, tile_height;
-    int unit_rays, chunks; /* camera rays of a pixel in a unit; units of a tile */
-    int first, end;        /* tiles that are being done */
-    int crowd_count;
-    itn__crowd *crowds;
-    const float *weights; /* of pixels, [channels][height][width], to fold derivatives with; NULL:
-                             the planes are kept */
-    int kept;       /* what is kept of a pixel: planes, or count */
-    double *totals; /* [height][width][kept][2] */
-} itn__picture;
-
-static itn__unit itn__unit_make(const itn__picture *picture, int number) {
-    const itn_film_desc *film = &picture->fast.scene->film;
-    int tile = number / picture->chunks;
+static itn__unit itn__unit_make(const itn__fast *fast, int number) {
+    int tile = number / fast->chunks, row = (fast->scene->film.width - 1) / fast->side + 1;
     itn__unit unit;
-    unit.first = number % picture->chunks * picture->unit_rays, unit.next = 0;
-    unit.count = picture->fast.spp - unit.first;
-    if (unit.count > picture->unit_rays) unit.count = picture->unit_rays;
-    unit.x0 = tile % picture->tiles_x * picture->tile_width;
-    unit.y0 = tile / picture->tiles_x * picture->tile_height;
-    unit.width = film->width - unit.x0, unit.height = film->height - unit.y0;
-    if (unit.width > picture->tile_width) unit.width = picture->tile_width;
-    if (unit.height > picture->tile_height) unit.height = picture->tile_height;
+    unit.x = tile % row * fast->side, unit.y = tile / row * fast->side, unit.side = fast->side;
+    unit.first = number % fast->chunks * fast->unit_rays, unit.count = fast->spp - unit.first;
+    if (unit.count > fast->unit_rays) unit.count = fast->unit_rays;
+    unit.next = 0;
     return unit;
 }
 
 /* What is kept, number k, of a camera ray: a plane, or a derivative folded with the weights. */
-static double itn__ray_value(const itn__picture *picture, const itn__crowd *crowd, int k,
-                             size_t pixel, int number) {
-    const itn_film_desc *film = &picture->fast.scene->film;
-    size_t pixels = (size_t)film->width * (size_t)film->height;
-    int channels = picture->fast.channels, c;
+static double itn__ray_value(const itn__crowd *crowd, int k, size_t pixel, int number) {
+    const itn__fast *fast = crowd->fast;
+    size_t pixels = (size_t)fast->scene->film.width * (size_t)fast->scene->film.height;
     double sum = 0;
-    if (!picture->weights) return *itn__sum_of(crowd, k, number);
-    for (c = 0; c < channels; c++)
-        sum += (double)picture->weights[(size_t)c * pixels + pixel] *
-               *itn__sum_of(crowd, channels * (1 + k) + c, number);
+    int c;
+    if (!fast->weights) return *itn__sum_of(crowd, k, number);
+    for (c = 0; c < fast->channels; c++)
+        sum += (double)fast->weights[(size_t)c * pixels + pixel] *
+               *itn__sum_of(crowd, fast->channels * (1 + k) + c, number);
     return sum;
 }
 
 /* Adds what a unit's paths brought to the totals, set by set: with t the sum of a set of n paths, t
    and t^2 / n. */
-static void itn__sum_unit(const itn__picture *picture, const itn__crowd *crowd) {
+static void itn__sum_unit(const itn__crowd *crowd) {
+    const itn__fast *fast = crowd->fast;
     const itn__unit *unit = &crowd->unit;
-    int set = crowd->fast->set, cell, k, ray;
-    for (cell = 0; cell < unit->width * unit->height; cell++) {
-        size_t pixel = itn__unit_pixel(crowd->fast->scene, unit, cell);
-        double *totals = picture->totals + pixel * (size_t)picture->kept * 2, sum = 0;
-        for (k = 0; k < picture->kept; k++, totals += 2)
+    size_t pixel;
+    int cell, k, ray;
+    for (cell = 0; cell < unit->side * unit->side; cell++) {
+        double *totals, sum = 0;
+        if (!itn__unit_pixel(fast->scene, unit, cell, &pixel)) continue;
+        totals = fast->totals + pixel * (size_t)fast->kept * 2;
+        for (k = 0; k < fast->kept; k++, totals += 2)
             for (ray = 0; ray < unit->count; ray++) {
-                int n = ray % set + 1;
-                sum += itn__ray_value(picture, crowd, k, pixel, cell * unit->count + ray);
-                if (n < set && ray + 1 < unit->count) continue;
-                totals[0] += sum, totals[1] += sum * sum / (n * crowd->fast->walks), sum = 0;
+                int n = ray % fast->set + 1;
+                sum += itn__ray_value(crowd, k, pixel, cell * unit->count + ray);
+                if (n < fast->set && ray + 1 < unit->count) continue;
+                totals[0] += sum, totals[1] += sum * sum / (n * fast->walks), sum = 0;
             }
     }
 }
 
 /* All units of every so many-th tile. */
-static void itn__picture_worker(void *task, int index) {
-    itn__picture *picture = (itn__picture *)task;
-    itn__crowd *crowd = &picture->crowds[index];
+static void itn__fast_worker(void *task, int index) {
+    itn__fast *fast = (itn__fast *)task;
+    itn__crowd *crowd = &fast->crowds[index];
     int tile, chunk;
-    for (tile = picture->first + index; tile < picture->end; tile += picture->crowd_count)
-        for (chunk = 0; chunk < picture->chunks; chunk++) {
-            memset(crowd->radiance, 0, (size_t)crowd->radiance_stride *
-                                           (size_t)crowd->fast->planes * sizeof(float));
-            crowd->unit = itn__unit_make(picture, tile * picture->chunks + chunk);
+    for (tile = fast->first + index; tile < fast->end; tile += fast->crowd_count)
+        for (chunk = 0; chunk < fast->chunks; chunk++) {
+            memset(crowd->radiance, 0, (size_t)crowd->radiance_stride * (size_t)fast->planes *
+                                           sizeof(float));
+            crowd->unit = itn__unit_make(fast, tile * fast->chunks + chunk);
             itn__run_unit(crowd);
-            itn__sum_unit(picture, crowd);
+            itn__sum_unit(crowd);
         }
 }
 
@@ -9858,70 +9840,63 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int rays) {
     return 1;
 }
 
-static void itn__picture_end(itn__picture *picture) {
-    const itn_context *context = &picture->fast.scene->context;
-    int i;
-    for (i = 0; picture->crowds && i < picture->crowd_count; i++)
-        if (picture->crowds[i].fast) itn__crowd_free(&picture->crowds[i]);
-    itn__free(context, picture->crowds);
-    itn__free(context, picture->totals);
-}
-
-/* Side of tiles: small pictures have small ones, so that there is work for many. */
-static int itn__tile_side(int size) {
-    int side = size / ITN__TILE;
-    return side < 1 ? 1 : side > ITN__TILE ? ITN__TILE : side;
-}
-
-/* Divides the work, and allocates what it needs. */
-static itn_result itn__picture_begin(itn__picture *picture, itn_error *error) {
-    itn__fast *fast = &picture->fast;
-    const itn_film_desc *film = &fast->scene->film;
+static void itn__fast_end(itn__fast *fast) {
     const itn_context *context = &fast->scene->context;
-    int width = itn__tile_side(film->width), height = itn__tile_side(film->height), sets, i, good;
-    picture->kept = picture->weights ? fast->count : fast->planes;
+    int i;
+    for (i = 0; fast->crowds && i < fast->crowd_count; i++)
+        if (fast->crowds[i].fast) itn__crowd_free(&fast->crowds[i]);
+    itn__free(context, fast->crowds);
+    itn__free(context, fast->totals);
+}
+
+/* Divides the work, and allocates what it needs. Small pictures have small tiles, so that there is
+   work for many. */
+static itn_result itn__fast_begin(itn__fast *fast, itn_error *error) {
+    const itn_context *context = &fast->scene->context;
+    int width = fast->scene->film.width, height = fast->scene->film.height, cells, sets, i, good;
+    fast->kept = fast->weights ? fast->count : fast->planes;
     fast->rows = fast->count || fast->learning ? ITN__ROWS
                  : fast->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
     fast->set = fast->allotment ? fast->allotment->set : itn__set_size(fast->spp);
     if (!fast->sobol) fast->set = 1;
-    picture->tile_width = width, picture->tile_height = height;
-    picture->tiles_x = (film->width + width - 1) / width;
-    picture->tiles = picture->tiles_x * ((film->height + height - 1) / height);
-    sets = ITN__UNIT_PATHS / (width * height * fast->walks * fast->set);
-    picture->unit_rays = fast->set * (sets < 1 ? 1 : sets);
-    if (picture->unit_rays > fast->spp) picture->unit_rays = fast->spp;
-    picture->chunks = (fast->spp - 1) / picture->unit_rays + 1;
-    if (picture->chunks > INT_MAX / picture->tiles || fast->spp > INT_MAX / fast->walks)
+    fast->side = (int)itn__clamp((float)(width < height ? width : height) / ITN__TILE, 1,
+                                 ITN__TILE);
+    fast->tiles = ((width - 1) / fast->side + 1) * ((height - 1) / fast->side + 1);
+    cells = fast->side * fast->side;
+    sets = ITN__UNIT_PATHS / (cells * fast->walks * fast->set);
+    fast->unit_rays = fast->set * (sets < 1 ? 1 : sets);
+    if (fast->unit_rays > fast->spp) fast->unit_rays = fast->spp;
+    fast->chunks = (fast->spp - 1) / fast->unit_rays + 1;
+    if (fast->chunks > INT_MAX / fast->tiles || fast->spp > INT_MAX / fast->walks)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
-    picture->crowd_count = itn__workers(context);
-    if (picture->crowd_count > picture->tiles) picture->crowd_count = picture->tiles;
-    picture->crowds = (itn__crowd *)itn__allocate(context, (size_t)picture->crowd_count,
-                                                  sizeof *picture->crowds);
-    picture->totals = (double *)itn__allocate(context, (size_t)film->width * (size_t)film->height,
-                                              (size_t)picture->kept * 2 * sizeof(double));
-    good = picture->crowds && picture->totals;
-    for (i = 0; i < picture->crowd_count && good; i++)
-        good = itn__crowd_make(&picture->crowds[i], fast, width * height * picture->unit_rays);
+    fast->crowd_count = itn__workers(context);
+    if (fast->crowd_count > fast->tiles) fast->crowd_count = fast->tiles;
+    fast->crowds = (itn__crowd *)itn__allocate(context, (size_t)fast->crowd_count,
+                                               sizeof *fast->crowds);
+    fast->totals = (double *)itn__allocate(context, (size_t)width * (size_t)height,
+                                           (size_t)fast->kept * 2 * sizeof(double));
+    good = fast->crowds && fast->totals;
+    for (i = 0; i < fast->crowd_count && good; i++)
+        good = itn__crowd_make(&fast->crowds[i], fast, cells * fast->unit_rays);
     return good ? ITN_OK : itn__out_of_memory(error, "a render");
 }
 
 /* Renders all tiles, in eight groups if somebody watches. */
-static itn_result itn__picture_run(itn__picture *picture, const itn_render_options *options,
-                                   itn_error *error) {
-    int tiles = picture->tiles, group = tiles, i;
-    if (options && options->progress) group = (tiles + 7) / 8;
-    for (picture->first = 0; picture->first < tiles; picture->first = picture->end) {
-        picture->end = tiles - picture->first < group ? tiles : picture->first + group;
-        itn__parallel_for(&picture->fast.scene->context, picture->crowd_count, itn__picture_worker,
-                          picture);
+static itn_result itn__fast_run(itn__fast *fast, const itn_render_options *options,
+                                itn_error *error) {
+    int group = fast->tiles, i;
+    if (options && options->progress) group = (group + 7) / 8;
+    for (fast->first = 0; fast->first < fast->tiles; fast->first = fast->end) {
+        fast->end = fast->tiles - fast->first < group ? fast->tiles : fast->first + group;
+        itn__parallel_for(&fast->scene->context, fast->crowd_count, itn__fast_worker, fast);
         if (options && options->progress &&
-            options->progress(options->progress_user, (double)picture->end / tiles))
+            options->progress(options->progress_user, (double)fast->end / fast->tiles))
             return itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
     }
     if (options && options->stats) {
-        options->stats->paths = picture->fast.samples * picture->fast.walks;
-        for (options->stats->collisions = 0, i = 0; i < picture->crowd_count; i++)
-            options->stats->collisions += picture->crowds[i].collisions;
+        options->stats->paths = fast->samples * fast->walks;
+        for (options->stats->collisions = 0, i = 0; i < fast->crowd_count; i++)
+            options->stats->collisions += fast->crowds[i].collisions;
     }
     return ITN_OK;
 }
@@ -9939,26 +9914,25 @@ static int itn__can_control(const itn__fast *fast) {
 
 /* Learns V from a few paths, which are not used for anything else: whatever these tell, pictures
    stay unbiased. */
-static itn_result itn__learn_values(itn__picture *picture, itn_error *error) {
-    itn__picture pilot = *picture;
-    itn__fast *fast = &pilot.fast;
+static itn_result itn__learn_values(itn__fast *fast, itn_error *error) {
+    itn__fast pilot = *fast;
     double pixels = (double)fast->scene->film.width * fast->scene->film.height;
     int sums = (1 + fast->scene->medium_count) * ITN__LESSON_SUMS, learnt = 0, m, i, k;
     itn_result result;
-    fast->learning = 1, fast->controls = 0, fast->seed = itn__mix64(fast->seed + 1);
-    fast->count = fast->scales = 0, fast->planes = fast->channels;
-    pilot.weights = NULL, fast->allotment = NULL;
-    fast->walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)fast->walks);
-    fast->spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * fast->walks), fast->spp / 8 + 1));
-    result = itn__picture_begin(&pilot, error);
-    if (!result) result = itn__picture_run(&pilot, NULL, error);
+    pilot.learning = 1, pilot.controls = 0, pilot.seed = itn__mix64(fast->seed + 1);
+    pilot.count = pilot.scales = 0, pilot.planes = fast->channels;
+    pilot.weights = NULL, pilot.allotment = NULL;
+    pilot.walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)fast->walks);
+    pilot.spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * pilot.walks), fast->spp / 8 + 1));
+    result = itn__fast_begin(&pilot, error);
+    if (!result) result = itn__fast_run(&pilot, NULL, error);
     for (i = 1; i < pilot.crowd_count && !result; i++)
         for (k = 0; k < sums; k++) pilot.crowds[0].lessons[k] += pilot.crowds[i].lessons[k];
     for (m = 1; m <= fast->scene->medium_count && !result; m++)
         learnt |= itn__fit_value(fast, &fast->substances[m],
                                  pilot.crowds[0].lessons + m * ITN__LESSON_SUMS);
-    if (!learnt) picture->fast.controls = 0; /* nothing is met */
-    itn__picture_end(&pilot);
+    if (!learnt) fast->controls = 0; /* nothing is met */
+    itn__fast_end(&pilot);
     return result;
 }
 #endif /* ITN_NO_FAST */
@@ -10356,29 +10330,21 @@ static void itn__fast_make(const itn__render *render, const itn__tables *tables,
     fast->samples = render->samples, fast->spp = render->spp, fast->allotment = render->allotment;
     fast->seed = render->seed, fast->walks = render->walks, fast->sobol = render->sobol;
     fast->slots = render->slots, fast->only = render->only, fast->count = render->count;
-    itn__fast_begin(fast, scene, render->theta, substances, tables);
+    itn__fast_know(fast, scene, render->theta, substances, tables);
     fast->controls = render->baseline && itn__can_control(fast);
 }
 
-/* Mean of what is kept, number k, of pixel i, and the variance of the mean. */
-static double itn__mean_kept(const itn__picture *picture, size_t i, int k, double *variance) {
-    const double *sums = picture->totals + 2 * (i * (size_t)picture->kept + (size_t)k);
-    int rays = itn__pixel_rays(&picture->fast, i);
-    double n = (double)rays * picture->fast.walks, mean = sums[0] / n;
-    int set = picture->fast.set;
-    *variance = itn__mean_variance(mean, sums[1] / n, (rays + set - 1) / set);
-    return mean;
-}
-
 /* What is kept of a picture goes into the image, or to the sums of a gradient. */
-static void itn__develop(const itn__render *render, const itn__picture *picture) {
+static void itn__develop(const itn__render *render, const itn__fast *fast) {
     size_t pixels = (size_t)render->scene->film.width * (size_t)render->scene->film.height, i;
-    double mean, variance;
+    const double *sums = fast->totals;
     int k;
     for (i = 0; i < pixels; i++)
-        for (k = 0; k < picture->kept; k++) {
-            mean = itn__mean_kept(picture, i, k, &variance);
-            itn__deposit(render, render->sums, i, k, mean, variance);
+        for (k = 0; k < fast->kept; k++, sums += 2) {
+            int rays = itn__pixel_rays(fast, i), sets = (rays - 1) / fast->set + 1;
+            double n = (double)rays * fast->walks;
+            itn__deposit(render, render->sums, i, k, sums[0] / n,
+                         itn__mean_variance(sums[0] / n, sums[1] / n, sets));
         }
 }
 
@@ -10386,28 +10352,27 @@ static void itn__develop(const itn__render *render, const itn__picture *picture)
 static itn_result itn__render_fast(const itn__render *render, const itn_render_options *options,
                                    itn_error *error) {
     const itn_scene *scene = render->scene;
-    itn__picture picture;
     const itn__tables *tables;
     itn__tables *own;
     itn__substance *substances;
+    itn__fast fast;
     itn_result result = itn__render_tables(render, &tables, &own, error);
     if (result) return result;
-    memset(&picture, 0, sizeof picture);
-    picture.fast.scene = scene;
-    picture.weights = render->weights;
+    memset(&fast, 0, sizeof fast);
+    fast.scene = scene, fast.weights = render->weights;
     substances = (itn__substance *)itn__allocate(&scene->context, 1 + (size_t)scene->medium_count,
                                                  sizeof *substances);
     if (substances) {
-        itn__fast_make(render, tables, substances, &picture.fast);
-        if ((render->baseline && render->count && scene->medium_count) || picture.fast.controls)
-            result = itn__learn_values(&picture, error);
-        if (!result) result = itn__picture_begin(&picture, error);
+        itn__fast_make(render, tables, substances, &fast);
+        if ((render->baseline && render->count && scene->medium_count) || fast.controls)
+            result = itn__learn_values(&fast, error);
+        if (!result) result = itn__fast_begin(&fast, error);
     } else {
         result = itn__out_of_memory(error, "a render");
     }
-    if (!result) result = itn__picture_run(&picture, options, error);
-    if (!result) itn__develop(render, &picture);
-    itn__picture_end(&picture);
+    if (!result) result = itn__fast_run(&fast, options, error);
+    if (!result) itn__develop(render, &fast);
+    itn__fast_end(&fast);
     itn__free(&scene->context, substances);
     itn__tables_free(&scene->context, own);
     return result;

@@ -238,17 +238,17 @@ static void bench_texels(void) {
     itn_error error;
     float *weights = (float *)allocate(128 * 128, sizeof *weights);
     int i;
-    need(itn_image_create(400, 250, 1, NULL, &picture, &error), &error);
+    need(itn_image_create(400, 250, 1, NULL, &fast, &error), &error);
     strcpy(picture.names[0], "Y");
     for (i = 0; i < 400 * 250; i++) picture.pixels[i] = .2f + .03f * (float)(i * 7 % 20);
     for (i = 0; i < 128 * 128; i++) weights[i] = 1;
-    scene = printed_scene(&picture);
+    scene = printed_scene(&fast);
     texel_seconds(scene, NULL, ITN_MODE_FAST, weights); /* makes the tables */
     for (i = 0; i < 3; i++)
         printf("%-36s %.2f s, by the reference %.2f s\n", names[i],
                texel_seconds(scene, items[i], ITN_MODE_FAST, weights),
                texel_seconds(scene, items[i], ITN_MODE_REFERENCE, weights));
-    itn_scene_free(scene), itn_image_free(&picture), free(weights);
+    itn_scene_free(scene), itn_image_free(&fast), free(weights);
 }
 
 /* ---- cnn ------------------------------------------------------------------------------------- */
@@ -525,23 +525,23 @@ static double render_untested(const subject *s, const itn_render_options *option
                                                             sizeof *substances);
     const itn__tables *tables;
     itn__tables *own;
-    itn__picture picture;
+    itn__fast fast;
     itn_error error;
     int i;
-    memset(&picture, 0, sizeof picture);
+    memset(&fast, 0, sizeof fast);
     itn_parameter_values(s->made, theta);
-    picture.fast.scene = s->made, picture.fast.seed = options->seed;
-    picture.fast.spp = options->spp, picture.fast.walks = options->walks;
-    picture.fast.samples = (double)options->spp * pixel_count(s);
-    picture.fast.unsafe = 1;
-    paths = picture.fast.samples * options->walks;
+    fast.scene = s->made, fast.seed = options->seed;
+    fast.spp = options->spp, fast.walks = options->walks;
+    fast.samples = (double)options->spp * pixel_count(s);
+    fast.unsafe = 1;
+    paths = fast.samples * options->walks;
     need(itn__tables_get(s->made, theta, paths, &tables, &own, &error), &error);
-    itn__fast_begin(&picture.fast, s->made, theta, substances, tables);
-    need(itn__picture_begin(&picture, &error), &error);
-    need(itn__picture_run(&picture, options, &error), &error);
+    itn__fast_know(&fast, s->made, theta, substances, tables);
+    need(itn__fast_begin(&fast, &error), &error);
+    need(itn__fast_run(&fast, options, &error), &error);
     for (i = 0; i < pixel_count(s); i++)
-        pixels[i] = (float)(picture.totals[2 * i] / ((double)options->spp * options->walks));
-    itn__picture_end(&picture);
+        pixels[i] = (float)(fast.totals[2 * i] / ((double)options->spp * options->walks));
+    itn__fast_end(&fast);
     itn__tables_free(&s->made->context, own);
     free(substances);
     free(theta);

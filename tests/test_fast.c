@@ -224,14 +224,14 @@ static itn_scene *make_scene(int which, const itn_context *context) {
 typedef struct inside {
     const itn_scene *scene;
     itn__render render;
-    itn__picture picture;
+    itn__fast fast;
     itn__substance *substances;
     itn__tables *own;
     int parameters[64], count; /* all that the fast walk can differentiate in */
 } inside;
 
 static void open_render(inside *in, const itn_scene *scene, const itn_render_options *options) {
-    itn__fast *fast = &in->picture.fast;
+    itn__fast *fast = &in->fast;
     const itn__tables *tables;
     itn_error error;
     float theta[64];
@@ -251,10 +251,10 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
         &scene->context, 1 + (size_t)scene->medium_count, sizeof *in->substances);
     fast->scene = scene;
     itn__fast_make(&in->render, tables, in->substances, fast);
-    stage_need(itn__picture_begin(&in->picture, &error), &error);
+    stage_need(itn__fast_begin(&in->fast, &error), &error);
 }
 static void close_render(inside *in) {
-    itn__picture_end(&in->picture);
+    itn__fast_end(&in->fast);
     itn__free(&in->scene->context, in->substances);
     itn__tables_free(&in->scene->context, in->own);
     itn__render_end(&in->render);
@@ -262,9 +262,9 @@ static void close_render(inside *in) {
 
 /* Runs paths of a unit in the picture's first crowd and leaves their radiance there. */
 static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
-    itn__crowd *crowd = &in->picture.crowds[0];
+    itn__crowd *crowd = &in->fast.crowds[0];
     memset(crowd->radiance, 0, (size_t)crowd->radiance_stride *
-                                   (size_t)in->picture.fast.planes * sizeof(float));
+                                   (size_t)in->fast.planes * sizeof(float));
     crowd->unit = *unit;
     itn__run_unit(crowd);
     return crowd;
@@ -272,13 +272,14 @@ static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
 
 /* A unit of the whole picture, and a crowd that has room for it. */
 static itn__unit whole_unit(inside *in) {
-    itn__crowd *crowd = &in->picture.crowds[0];
+    itn__crowd *crowd = &in->fast.crowds[0];
     itn__unit unit = ITN_ZERO;
-    unit.width = in->scene->film.width, unit.height = in->scene->film.height;
-    unit.count = in->picture.fast.spp;
+    unit.side = in->scene->film.width > in->scene->film.height ? in->scene->film.width
+                                                               : in->scene->film.height;
+    unit.count = in->fast.spp;
     itn__crowd_free(crowd);
     memset(crowd, 0, sizeof *crowd);
-    CHECK(itn__crowd_make(crowd, &in->picture.fast, unit.width * unit.height * unit.count));
+    CHECK(itn__crowd_make(crowd, &in->fast, unit.side * unit.side * unit.count));
     return unit;
 }
 
@@ -323,12 +324,13 @@ static double derivatives_apart(const itn__crowd *crowd, const itn__walk *walk, 
 static void tally_unit(inside *in, itn__walk *walk, const itn__unit *unit, tally *t) {
     const itn__crowd *crowd = run_unit(in, unit);
     int pixel, ray, c, channels = walk->channels, number = 0;
-    for (pixel = 0; pixel < unit->width * unit->height; pixel++)
+    for (pixel = 0; pixel < unit->side * unit->side; pixel++)
         for (ray = 0; ray < unit->count; ray++, number++) {
             double before = walk->collisions, apart;
             float fast[3] = {0, 0, 0};
-            itn__sample_pixel(walk, in->render.seed, unit->x0 + pixel % unit->width,
-                              unit->y0 + pixel / unit->width, unit->first + ray);
+            int x = unit->x + pixel % unit->side, y = unit->y + pixel / unit->side;
+            if (x >= in->scene->film.width || y >= in->scene->film.height) continue;
+            itn__sample_pixel(walk, in->render.seed, x, y, unit->first + ray);
             for (c = 0; c < channels; c++) {
                 fast[c] = crowd->radiance[c * crowd->radiance_stride + number];
                 t->sum += walk->radiance[c], t->difference += (double)fast[c] - walk->radiance[c];
@@ -360,14 +362,14 @@ static void check_paths(int which, int planted) {
     if (STRIDE > 1) options.spp /= 8;
     options.walks = 1, options.sampler = ITN_SAMPLER_RANDOM;
     open_render(&in, scene, &options);
-    in.picture.fast.shadow_cut = 0, in.picture.fast.roulette = ITN__ROULETTE;
+    in.fast.shadow_cut = 0, in.fast.roulette = ITN__ROULETTE;
     walk = itn__row_walk(&in.render, 0), walk.strata = 1;
-    if (planted == 1) in.picture.fast.seed++;
+    if (planted == 1) in.fast.seed++;
     if (planted == 2) in.substances[1].g += .001f;
-    if (planted == 3) in.picture.fast.constant[0] *= 1.0001f;
+    if (planted == 3) in.fast.constant[0] *= 1.0001f;
     if (planted == 4) in.substances[1].slot_g = in.substances[1].slot_sigma_t;
-    for (number = 0; number < in.picture.tiles * in.picture.chunks; number++) {
-        itn__unit unit = itn__unit_make(&in.picture, number);
+    for (number = 0; number < in.fast.tiles * in.fast.chunks; number++) {
+        itn__unit unit = itn__unit_make(&in.fast, number);
         tally_unit(&in, &walk, &unit, &t);
     }
     error = sqrt(t.square) + 1e-6 * t.sum;
@@ -399,11 +401,11 @@ static void check_paths(int which, int planted) {
 /* A V that is wrong everywhere. planted: what it expects of a new direction does not follow from
    it. */
 static void mislead(inside *in, int planted) {
-    itn__fast *fast = &in->picture.fast;
+    itn__fast *fast = &in->fast;
     double terms[ITN__TERMS];
     int m, c, i;
     fast->controls = 1;
-    in->picture.fast.rows = ITN__ROWS;
+    in->fast.rows = ITN__ROWS;
     for (m = 0; m <= in->scene->medium_count; m++)
         for (c = 0; c < 3; c++) {
             float g = fast->substances[m].g + (planted == 1 ? .3f : 0);
@@ -427,12 +429,12 @@ static int mean_of_paths(const itn_scene *scene, int spp, int misled, int plante
         for (i = 0; i < 3; i++)
             in.substances[k].value.mean[i] = .3f + .1f * (float)i + .2f * (float)k;
     if (misled == 2 && planted) in.substances[1].slot_albedo[0] = in.substances[1].slot_sigma_t;
-    planes = in.picture.fast.planes;
+    planes = in.fast.planes;
     for (k = 0; k < planes; k++) mean[k] = variance[k] = 0;
-    for (number = 0; number < in.picture.tiles * in.picture.chunks; number++) {
-        itn__unit unit = itn__unit_make(&in.picture, number);
+    for (number = 0; number < in.fast.tiles * in.fast.chunks; number++) {
+        itn__unit unit = itn__unit_make(&in.fast, number);
         const itn__crowd *crowd = run_unit(&in, &unit);
-        int paths = unit.width * unit.height * unit.count;
+        int paths = unit.side * unit.side * unit.count;
         for (k = 0; k < planes; k++)
             for (i = 0; i < paths; i++) {
                 double x = crowd->radiance[(size_t)k * (size_t)crowd->radiance_stride + (size_t)i];
@@ -509,35 +511,33 @@ static void test_paths(void) {
 
 /* ---- whatever shares the work ---------------------------------------------------------------- */
 
-/* Runs a unit in parts of width x height pixels and `count` rays, last parts first, and compares
-   each part's radiance with that of the whole. A few paths alone fly in other company, are moved
-   between queues at other times and lie in other slots; only the order of their sums may differ. */
-static void compare_parts(inside *in, const itn__unit *whole, const float *radiance, int width,
-                          int height, int count) {
-    int x, y, first, column, row, c, i, different = 0;
+/* Runs a unit in parts of side x side pixels and `count` rays, last parts first, and compares each
+   part's radiance with that of the whole. A few paths alone fly in other company, are moved between
+   queues at other times and lie in other slots; only the order of their sums may differ. */
+static void compare_parts(inside *in, const itn__unit *whole, const float *radiance, int side,
+                          int count) {
+    int x, y, first, pixel, c, i, different = 0;
     for (first = (whole->count - 1) / count * count; first >= 0; first -= count)
-        for (y = (whole->height - 1) / height * height; y >= 0; y -= height)
-            for (x = (whole->width - 1) / width * width; x >= 0; x -= width) {
+        for (y = (whole->side - 1) / side * side; y >= 0; y -= side)
+            for (x = (whole->side - 1) / side * side; x >= 0; x -= side) {
                 const itn__crowd *crowd;
                 itn__unit part = *whole;
-                part.x0 = whole->x0 + x, part.y0 = whole->y0 + y, part.first = whole->first + first;
-                part.width = whole->width - x < width ? whole->width - x : width;
-                part.height = whole->height - y < height ? whole->height - y : height;
+                part.x = whole->x + x, part.y = whole->y + y, part.first = whole->first + first;
+                part.side = side;
                 part.count = whole->count - first < count ? whole->count - first : count;
                 crowd = run_unit(in, &part);
-                for (c = 0; c < in->picture.fast.channels; c++)
-                    for (row = 0; row < part.height; row++)
-                        for (column = 0; column < part.width; column++) {
-                            int pixel = (y + row) * whole->width + x + column;
-                            const float *a = radiance + c * crowd->radiance_stride +
-                                             pixel * whole->count + first;
-                            const float *b = crowd->radiance + c * crowd->radiance_stride +
-                                             (row * part.width + column) * part.count;
-                            for (i = 0; i < part.count; i++)
-                                different += !(fabsf(a[i] - b[i]) <= 1e-5f * fabsf(a[i]));
-                        }
+                for (c = 0; c < in->fast.channels; c++)
+                    for (pixel = 0; pixel < side * side; pixel++) {
+                        int column = x + pixel % side, row = y + pixel / side;
+                        const float *a = radiance + c * crowd->radiance_stride +
+                                         (row * whole->side + column) * whole->count + first;
+                        const float *b = crowd->radiance + c * crowd->radiance_stride +
+                                         pixel * part.count;
+                        for (i = 0; i < part.count && column < whole->side && row < whole->side; i++)
+                            different += !(fabsf(a[i] - b[i]) <= 1e-5f * fabsf(a[i]));
+                    }
             }
-    check_report(!different, __FILE__, __LINE__, "parts of %d x %d pixels, %d rays", width, height,
+    check_report(!different, __FILE__, __LINE__, "parts of %d x %d pixels, %d rays", side, side,
                  count);
 }
 
@@ -553,16 +553,15 @@ static void check_parts(int which, itn_sampler sampler, int walks, int planted) 
     options.walks = walks, options.sampler = sampler;
     open_render(&in, scene, &options);
     whole = whole_unit(&in);
-    bytes = (size_t)in.picture.crowds[0].radiance_stride * (size_t)in.picture.fast.channels *
+    bytes = (size_t)in.fast.crowds[0].radiance_stride * (size_t)in.fast.channels *
             sizeof *radiance;
     radiance = (float *)malloc(bytes);
     memcpy(radiance, run_unit(&in, &whole)->radiance, bytes);
-    in.picture.fast.seed += (uint64_t)planted;
-    compare_parts(&in, &whole, radiance, 8, 8, whole.count);
-    compare_parts(&in, &whole, radiance, 1, 1, whole.count);
-    compare_parts(&in, &whole, radiance, 3, 5, 3);
-    whole.width = whole.height = 8 < whole.width ? 8 : whole.width;
-    compare_parts(&in, &whole, radiance, 1, 1, 1);
+    in.fast.seed += (uint64_t)planted;
+    compare_parts(&in, &whole, radiance, 8, whole.count);
+    compare_parts(&in, &whole, radiance, 1, whole.count);
+    compare_parts(&in, &whole, radiance, 3, 3);
+    compare_parts(&in, &whole, radiance, 2, 1);
     free(radiance);
     close_render(&in);
     itn_scene_free(scene);
@@ -590,22 +589,22 @@ static void check_tables(int which, int planted) {
     options.spp = 64, options.walks = 1, options.seed = 8;
     open_render(&in, scene, &options);
     whole = whole_unit(&in);
-    paths = whole.width * whole.height * whole.count;
+    paths = whole.side * whole.side * whole.count;
     for (k = 0; k < 4; k++) { /* no table believed; coarse; fine; fine with regions */
-        const size_t bytes = (size_t)in.picture.crowds[0].radiance_stride *
-                             (size_t)in.picture.fast.channels * sizeof(float);
+        const size_t bytes = (size_t)in.fast.crowds[0].radiance_stride *
+                             (size_t)in.fast.channels * sizeof(float);
         itn__tables *tables = NULL;
         itn_error error;
         stage_need(itn__tables_make(scene, k < 2 ? 16 : 96, k == 3 ? 2 : 0, &tables, &error),
                    &error);
         if (k && planted) tables->voxels->lower.x += .3f * tables->voxels->cell;
-        in.picture.fast.voxels = tables->voxels, in.picture.fast.unsafe = k == 0;
+        in.fast.voxels = tables->voxels, in.fast.unsafe = k == 0;
         radiance[k] = (float *)malloc(bytes);
         memcpy(radiance[k], run_unit(&in, &whole)->radiance, bytes);
         itn__tables_free(&scene->context, tables);
         for (number = 0; number < paths; number++)
-            for (c = 0; c < in.picture.fast.channels; c++) {
-                int at = c * in.picture.crowds[0].radiance_stride + number;
+            for (c = 0; c < in.fast.channels; c++) {
+                int at = c * in.fast.crowds[0].radiance_stride + number;
                 apart[k] += fabsf(radiance[k][at] - radiance[0][at]) > 1e-3f * radiance[0][at];
             }
         check_report(apart[k] <= .002 * paths, __FILE__, __LINE__,
