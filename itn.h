@@ -765,9 +765,10 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
                                      const float *truth, const float *image, itn_loss *loss,
                                      float *gradient, itn_error *error);
 
-/* Makes a network from the bytes of a file that itn_net_save wrote, for `batch` images (0 = 16).
-   `name` stands for the file in error messages; NULL = "network". context may be NULL, but limit
-   memory with it for untrusted files: a small one may ask for gigabytes of activations.
+/* Makes a network from the bytes of a file that itn_net_save wrote, for `batch` images (0 = 16); of
+   weights only, Adam starts afresh. `name` stands for the file in error messages; NULL = "network".
+   context may be NULL, but limit memory with it for untrusted files: a small one may ask for
+   gigabytes of activations.
    Errors: FORMAT (no such file type or version, damaged, cut, NaN), ARGUMENT, MEMORY. Free with
    itn_net_free. */
 ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const char *name, int batch,
@@ -780,10 +781,6 @@ ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const cha
    Errors: FILE, MEMORY, ARGUMENT (a weight or moment is not finite), UNSUPPORTED (over 2 GiB). */
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error);
-/* Replaces weights, moments and steps by a file's; a file of weights only starts Adam afresh.
-   Errors: FILE, and as for itn_net_from_memory; FORMAT also for another shape than the network's.
-   Then the network is untouched. */
-ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error);
 /* itn_net_from_memory of a file's bytes. Further error: FILE. */
 ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
                                 itn_net **net, itn_error *error);
@@ -13941,6 +13938,7 @@ static itn_result itn__text_fail(itn__text *text, itn_result code, const char *f
 }
 
 #define ITN__DAMAGED(text, ...) itn__text_fail(text, ITN_ERROR_FORMAT, __VA_ARGS__)
+#define ITN__UNSUPPORTED(text, ...) itn__text_fail(text, ITN_ERROR_UNSUPPORTED, __VA_ARGS__)
 
 /* Steps over `size` bytes; fails, and returns NULL, if so many are not left. */
 static const unsigned char *itn__take_bytes(itn__text *text, size_t size) {
@@ -14336,7 +14334,7 @@ static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacit
    then codes the result; a block that would not shrink is stored as it was. Blocks are read as
    they stand in the file; the table must agree, but where it was never filled in, which is 0. */
 
-enum { ITN__EXR_MAGIC = 20000630, ITN__EXR_LONG_NAMES = 0x400, ITN__EXR_CHANNELS = 1024 };
+enum { ITN__EXR_LONG_NAMES = 0x400, ITN__EXR_CHANNELS = 1024 };
 enum { ITN__EXR_UINT = 0, ITN__EXR_HALF, ITN__EXR_FLOAT };
 enum { ITN__EXR_NONE = 0, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
 
@@ -14345,7 +14343,7 @@ typedef struct itn__exr {
     const char *names[ITN__EXR_CHANNELS]; /* in the file's bytes */
     uint32_t types[ITN__EXR_CHANNELS];
     int channels, compression;
-    int64_t y0, width, height; /* the data window; none yet if width is 0 */
+    int64_t y0, width, height; /* of the data window */
     size_t lines, line;        /* of a block; the bytes of one, without compression */
     const unsigned char *table;
     unsigned char *seen, *scratch; /* which blocks were there; room for a block twice */
@@ -14372,53 +14370,43 @@ static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
             ITN__DAMAGED(text, "EXR channel '%.63s' has no valid type", name);
         if (n == ITN__EXR_CHANNELS || strlen(name) >= ITN_NAME_SIZE || itn__take_u32(text) != 1 ||
             itn__take_u32(text) != 1)
-            itn__text_fail(text, ITN_ERROR_UNSUPPORTED, "EXR channel '%.63s' cannot be read: it is "
-                           "the 1025th, has a name of more letters, or is subsampled", name);
+            ITN__UNSUPPORTED(text, "EXR channel '%.63s' cannot be read: it is the 1025th, has a "
+                             "name of over 63 characters, or is subsampled", name);
         if (text->result) return;
         exr->names[n] = name, exr->types[n] = type;
     }
 }
 
-/* Reads the value of one attribute, if it concerns us. */
-static void itn__exr_attribute(itn__exr *exr, const char *name, itn__text *value) {
-    static const char *const others[] = {"PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"};
-    int32_t window[4];
-    int k;
-    if (!strcmp(name, "channels")) itn__exr_channel_list(exr, value);
-    if (!strcmp(name, "compression")) {
-        exr->compression = (int)itn__take_number(value, 1, 0);
-        if (exr->compression > ITN__EXR_ZIP)
-            itn__text_fail(value, ITN_ERROR_UNSUPPORTED, "EXR compression %s cannot be read",
-                           exr->compression < 10 ? others[exr->compression - 4] : "of later times");
-    }
-    if (strcmp(name, "dataWindow")) return;
-    for (k = 0; k < 4; k++) window[k] = (int32_t)itn__take_u32(value);
-    exr->y0 = window[1];
-    exr->width = (int64_t)window[2] - window[0] + 1;
-    exr->height = (int64_t)window[3] - window[1] + 1;
-    if (exr->width < 1 || exr->width > INT_MAX || exr->height < 1 || exr->height > INT_MAX)
-        ITN__DAMAGED(value, "EXR data window is empty or too large");
-}
-
 static void itn__exr_header(itn__exr *exr) {
+    static const char *const others[] = {"PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"};
     itn__text *text = &exr->text, value;
     uint64_t version = itn__take_number(text, 8, 0) >> 32; /* behind the magic number */
+    int32_t window[4] = {0, 0, -1, -1};
+    int compression = -1, k;
     const char *name;
-    exr->compression = -1;
     if ((version & ~(uint64_t)ITN__EXR_LONG_NAMES) != 2)
-        itn__text_fail(text, ITN_ERROR_UNSUPPORTED, "EXR of %s cannot be read",
-                       version & 0x200    ? "tiles"
-                       : version & 0x800  ? "deep data"
-                       : version & 0x1000 ? "several parts"
-                                          : "another version than 2");
+        ITN__UNSUPPORTED(text, "EXR of %s cannot be read", version & 0x200    ? "tiles"
+                                                           : version & 0x800  ? "deep data"
+                                                           : version & 0x1000 ? "several parts"
+                                                                              : "that version");
     while (!text->result && *(name = itn__take_string(text))) {
         itn__take_string(text); /* the type */
         value = itn__take_part(text, itn__take_u32(text));
-        itn__exr_attribute(exr, name, &value);
+        if (!strcmp(name, "channels")) itn__exr_channel_list(exr, &value);
+        if (!strcmp(name, "compression")) compression = (int)itn__take_number(&value, 1, 0);
+        for (k = 0; k < 4 && !strcmp(name, "dataWindow"); k++)
+            window[k] = (int32_t)itn__take_u32(&value);
         text->result = value.result;
     }
-    if (!exr->channels || exr->compression < 0 || !exr->width)
-        ITN__DAMAGED(text, "EXR header lacks channels, compression or dataWindow");
+    exr->compression = compression, exr->y0 = window[1];
+    exr->width = (int64_t)window[2] - window[0] + 1;
+    exr->height = (int64_t)window[3] - window[1] + 1;
+    if (compression > ITN__EXR_ZIP)
+        ITN__UNSUPPORTED(text, "EXR compression %s cannot be read",
+                         compression < 10 ? others[compression - 4] : "of later times");
+    if (!exr->channels || compression < 0 || exr->width < 1 || exr->width > INT_MAX ||
+        exr->height < 1 || exr->height > INT_MAX)
+        ITN__DAMAGED(text, "EXR header lacks channels, compression or a dataWindow of valid size");
 }
 
 /* Undoes run lengths: a count n < 128 repeats the next byte n + 1 times, others copy 256 - n. */
@@ -14515,27 +14503,26 @@ static itn_result itn__exr_decode(const itn__text *given, const itn_context *con
                                   itn_image *image) {
     itn__exr exr = ITN_ZERO;
     itn__text *text = &exr.text;
-    size_t width, height, blocks, left;
+    size_t blocks, lines;
     int i;
     *text = *given, text->line = 0;
     itn__exr_header(&exr);
     if (text->result) return text->result;
     for (i = 0; i < exr.channels; i++) exr.line += exr.types[i] == ITN__EXR_HALF ? 2 : 4;
-    width = (size_t)exr.width, height = (size_t)exr.height;
-    exr.lines = exr.compression == ITN__EXR_ZIP ? 16 : 1;
-    blocks = (height - 1) / exr.lines + 1, left = (size_t)(text->end - text->at);
-    if (blocks > left / 8 || width > SIZE_MAX / 64 / exr.line ||
-        width * exr.line > (exr.compression ? (uint64_t)1032 : 1) * left / height)
+    if ((double)exr.line * (double)exr.width > (double)(SIZE_MAX / 64) ||
+        (double)exr.line * (double)exr.width * (double)exr.height >
+            (exr.compression ? 1032 : 1) * (double)(text->end - text->at))
         return ITN__DAMAGED(text, "EXR data window is larger than the data: cut off or damaged");
-    text->result = itn_image_create((int)width, (int)height, exr.channels, context, image,
+    text->result = itn_image_create((int)exr.width, (int)exr.height, exr.channels, context, image,
                                     text->error);
     if (text->result) return text->result;
     for (i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
-    exr.line *= width;
-    exr.seen = (unsigned char *)itn__allocate(
-        &image->context, 2 * exr.line * (exr.lines < height ? exr.lines : height) + blocks, 1);
-    exr.scratch = exr.seen + blocks;
-    if (!exr.seen) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
+    exr.lines = exr.compression == ITN__EXR_ZIP ? 16 : 1, exr.line *= (size_t)exr.width;
+    blocks = ((size_t)exr.height - 1) / exr.lines + 1;
+    lines = blocks > 1 ? exr.lines : (size_t)exr.height;
+    exr.seen = (unsigned char *)itn__allocate(&image->context, 2 * exr.line * lines + blocks, 1);
+    if (exr.seen) exr.scratch = exr.seen + blocks;
+    else itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
     exr.table = itn__take_bytes(text, 8 * blocks);
     text->part = "EXR block";
     for (; text->number < (double)blocks && !text->result; text->number++)
@@ -14661,7 +14648,7 @@ static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, con
         length = strlen(image->names[i]);
         if (length > longest) longest = length;
     }
-    itn__put_number(buffer, ITN__EXR_MAGIC, 4, 0);
+    itn__put(buffer, "\x76\x2f\x31\x01", 4);
     itn__put_number(buffer, longest > 31 ? 2 | ITN__EXR_LONG_NAMES : 2, 4, 0);
     ITN__PUT_BYTES(buffer, "channels\0chlist\0");
     itn__put_number(buffer, list, 4, 0);
@@ -14746,34 +14733,39 @@ static size_t itn__png_end_chunk(itn__buffer *png, size_t start) {
     return png->size;
 }
 
-/* The numbers that a pixel shows: of the planes, or (signed) their mean. Returns how many. */
-static int itn__png_values(const itn_image *image, int first_plane, int plane_count,
-                           itn_png_mode mode, size_t pixel, float values[3]) {
-    size_t plane = (size_t)image->width * (size_t)image->height;
-    const float *at = image->pixels + (size_t)first_plane * plane + pixel;
+/* What is shown, and how. */
+typedef struct itn__png {
+    itn__buffer file;
+    const itn_image *image;
+    int first_plane, plane_count;
+    itn_png_mode mode;
+    float scale;
+} itn__png;
+
+/* The three numbers that pixel i shows: of the planes, or (signed) their mean. */
+static void itn__png_values(const itn__png *png, size_t i, float values[3]) {
+    size_t plane = (size_t)png->image->width * (size_t)png->image->height;
+    const float *at = png->image->pixels + (size_t)png->first_plane * plane + i;
     int k;
-    for (k = 0; k < 3; k++) values[k] = at[(size_t)(k % plane_count) * plane];
-    if (mode == ITN_PNG_TONE) return plane_count;
-    values[0] = values[1] = values[2] = (values[0] + values[1] + values[2]) / 3;
-    return 1;
+    for (k = 0; k < 3; k++) values[k] = at[(size_t)(k % png->plane_count) * plane];
+    if (png->mode == ITN_PNG_SIGNED)
+        values[0] = values[1] = values[2] = (values[0] + values[1] + values[2]) / 3;
 }
 
 /* The 99th percentile (by rank) of finite numbers; signed: of their sizes, else negative ones count
    as 0. It is found bit by bit, as the bits of positive floats are ordered as the floats are. */
-static float itn__png_percentile(const itn_image *image, int first_plane, int plane_count,
-                                 itn_png_mode mode) {
+static float itn__png_percentile(const itn__png *png, size_t pixels) {
     uint32_t found = 0, bit, bits;
-    size_t pixels = (size_t)image->width * (size_t)image->height, i, below, total;
+    size_t i, below, total;
     float values[3], value;
-    int k;
     for (bit = 1u << 30; bit; bit >>= 1) {
-        for (i = below = total = 0; i < pixels; i++)
-            for (k = itn__png_values(image, first_plane, plane_count, mode, i, values); k--;) {
-                if (!itn__finite(values[k])) continue;
-                value = mode == ITN_PNG_SIGNED ? fabsf(values[k]) : itn__max(values[k], 0);
-                memcpy(&bits, &value, 4);
-                below += bits < (found | bit), total++;
-            }
+        for (i = below = total = 0; i < 3 * pixels; i++) {
+            if (i % 3 == 0) itn__png_values(png, i / 3, values);
+            if (!itn__finite(values[i % 3])) continue;
+            value = png->mode == ITN_PNG_SIGNED ? fabsf(values[i % 3]) : itn__max(values[i % 3], 0);
+            memcpy(&bits, &value, 4);
+            below += bits < (found | bit), total++;
+        }
         if (below < total - total / 100) found |= bit; /* the percentile is not below */
     }
     return itn__float_of(found);
@@ -14791,62 +14783,61 @@ static float itn__srgb(float x) {
 }
 
 /* Puts the IDAT chunk's data: of every row a stored block, or several. */
-static void itn__png_rows(itn__buffer *png, const itn_image *image, int first_plane,
-                          int plane_count, itn_png_mode mode, float scale) {
-    size_t width = (size_t)image->width, pixels = width * (size_t)image->height, i, x, length;
-    size_t block = 0;
+static void itn__png_rows(itn__png *png, size_t width, size_t pixels) {
+    itn__buffer *file = &png->file;
+    size_t i, x, length, block = 0;
     uint32_t sum = 1;
     int k;
-    itn__put_number(png, 0x7801, 2, 1);
-    for (i = 0; i < pixels && !png->failed; i++) {
+    itn__put_number(file, 0x7801, 2, 1);
+    for (i = 0; i < pixels && !file->failed; i++) {
         unsigned char rgb[3];
         float v[3];
         x = i % width;
         if (x % 16384 == 0) {
             length = 3 * (width - x < 16384 ? width - x : 16384) + (x == 0);
-            itn__put_number(png, length << 8 | (length ^ 0xffff) << 24, 5, 0);
-            block = png->size;
-            if (x == 0) itn__put_number(png, 0, 1, 0);
+            itn__put_number(file, length << 8 | (uint64_t)(length ^ 0xffff) << 24, 5, 0);
+            block = file->size;
+            if (x == 0) itn__put_number(file, 0, 1, 0);
         }
-        itn__png_values(image, first_plane, plane_count, mode, i, v);
+        itn__png_values(png, i, v);
         for (k = 0; k < 3; k++)
-            rgb[k] = itn__byte(mode == ITN_PNG_TONE ? itn__srgb(v[k] * scale)
-                                                    : (float)(1 - k) * v[k] * scale);
-        itn__put(png, v[0] == v[0] && v[1] == v[1] && v[2] == v[2] ? (const char *)rgb
-                                                                   : "\xff\0\xff", 3);
+            rgb[k] = itn__byte(png->mode == ITN_PNG_TONE ? itn__srgb(v[k] * png->scale)
+                                                         : (float)(1 - k) * v[k] * png->scale);
+        itn__put(file, v[0] == v[0] && v[1] == v[1] && v[2] == v[2] ? (const char *)rgb
+                                                                    : "\xff\0\xff", 3);
         if (x % 16384 == 16383 || x + 1 == width)
-            sum = itn__adler32(sum, png->bytes + block, png->size - block);
+            sum = itn__adler32(sum, file->bytes + block, file->size - block);
     }
-    itn__put(png, "\1\0\0\xff\xff", 5); /* the last block is empty */
-    itn__put_number(png, sum, 4, 1);
+    itn__put(file, "\1\0\0\xff\xff", 5); /* the last block is empty */
+    itn__put_number(file, sum, 4, 1);
 }
 
 ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error) {
-    itn__buffer png;
-    size_t start;
-    itn_result result = itn__check_image(image, first_plane, plane_count, 3, &png, error);
+    itn__png png;
+    size_t pixels, start;
+    itn_result result = itn__check_image(image, first_plane, plane_count, 3, &png.file, error);
     if (result) return result;
     if (!(scale >= 0) || !itn__finite(scale) || (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED) ||
-        (uint64_t)image->width * 3 + 1 > INT_MAX / 2 / (uint64_t)image->height)
+        (uint64_t)image->width * 3 + 6 > INT_MAX / 2 / (uint64_t)image->height)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "saving a PNG: mode %d, scale %g, or %d x %d pixels, are not valid",
-                         (int)mode, (double)scale, image->width, image->height);
-    if (scale == 0) {
-        scale = itn__png_percentile(image, first_plane, plane_count, mode);
-        scale = scale >= FLT_MIN ? 1 / scale : 1;
-    }
-    itn__put(&png, "\x89PNG\r\n\x1a\n\0\0\0\0IHDR", 16);
-    itn__put_number(&png, (uint64_t)image->width << 32 | (uint64_t)image->height, 8, 1);
-    itn__put(&png, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
-    start = itn__png_end_chunk(&png, 8);
-    itn__put(&png, "\0\0\0\0IDAT", 8);
-    itn__png_rows(&png, image, first_plane, plane_count, mode, scale);
-    start = itn__png_end_chunk(&png, start);
-    itn__put(&png, "\0\0\0\0IEND", 8);
-    itn__png_end_chunk(&png, start);
-    return itn__write_buffer(path, &png, error);
+                         "saving a PNG: mode %d, scale %g or %d x %d pixels", (int)mode,
+                         (double)scale, image->width, image->height);
+    pixels = (size_t)image->width * (size_t)image->height;
+    png.image = image, png.first_plane = first_plane, png.plane_count = plane_count;
+    png.mode = mode, png.scale = scale > 0 ? scale : itn__png_percentile(&png, pixels);
+    if (scale == 0) png.scale = png.scale >= FLT_MIN ? 1 / png.scale : 1;
+    itn__put(&png.file, "\x89PNG\r\n\x1a\n\0\0\0\0IHDR", 16);
+    itn__put_number(&png.file, (uint64_t)image->width << 32 | (uint64_t)image->height, 8, 1);
+    itn__put(&png.file, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
+    start = itn__png_end_chunk(&png.file, 8);
+    itn__put(&png.file, "\0\0\0\0IDAT", 8);
+    itn__png_rows(&png, (size_t)image->width, pixels);
+    start = itn__png_end_chunk(&png.file, start);
+    itn__put(&png.file, "\0\0\0\0IEND", 8);
+    itn__png_end_chunk(&png.file, start);
+    return itn__write_buffer(path, &png.file, error);
 }
 
 #endif /* ITN_NO_STDIO */
@@ -14960,8 +14951,8 @@ static void itn__add_polygon(itn__builder *b, itn__text *text) {
         return;
     }
     if (n > ITN__EAR_CORNERS)
-        itn__text_fail(text, ITN_ERROR_UNSUPPORTED,
-                       "a face that is not convex has more than %d corners", ITN__EAR_CORNERS);
+        ITN__UNSUPPORTED(text, "a face that is not convex has more than %d corners",
+                         ITN__EAR_CORNERS);
     for (i = 1; n >= 3 && !text->result; n--, i = (i + n - 1) % n) {
         for (k = 0; k < n && n > 3 && earless < 2; k++, i = (i + 1) % n)
             if (itn__is_ear(c, n, (i + n - 1) % n, i, (i + 1) % n, axes)) break;
@@ -15088,7 +15079,8 @@ typedef struct itn__ply {
     itn__text *text;
     itn__builder *builder;
     int format, element_count, property_count;
-    int has; /* 1 << role for those that are there */
+    int has;      /* 1 << role for those that are there */
+    int textured; /* vertices have texture coordinates */
     itn__ply_element elements[ITN__PLY_ELEMENTS];
     itn__ply_property properties[ITN__PLY_PROPERTIES];
 } itn__ply;
@@ -15173,6 +15165,7 @@ static void itn__ply_header(itn__ply *ply) {
         fault = "has no face with a list vertex_indices";
     if (fault) ITN__DAMAGED(text, "PLY %s", fault);
     if (fault) return;
+    ply->textured = (ply->has >> ITN__PLY_U & 3) == 3;
     /* what follows may be binary, and look like anything */
     text->at += lone_return ? 1 : itn__newline(text->at, text->end);
     text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
@@ -15200,17 +15193,17 @@ static double itn__ply_value(itn__ply *ply, int type) {
 static void itn__ply_take(itn__ply *ply, int role, double value, float *vertex) {
     itn__builder *b = ply->builder;
     float number = (float)value;
-    if (role == ITN__PLY_NONE) return;
-    if (role == ITN__PLY_CORNERS) {
-        if (value >= 0 && value < (double)(b->positions.size / 12) && value == floor(value))
-            itn__add_corner(b, (size_t)value, (ply->has >> ITN__PLY_U & 3) == 3 ? (size_t)value
-                                                                               : SIZE_MAX);
-        else ITN__DAMAGED(ply->text, "names a vertex that does not exist");
-    } else if (!itn__finite(number))
+    double vertices = (double)(b->positions.size / 12);
+    size_t index = value >= 0 && value < vertices ? (size_t)value : SIZE_MAX;
+    if (role == ITN__PLY_CORNERS && (double)index == value)
+        itn__add_corner(b, index, ply->textured ? index : SIZE_MAX);
+    else if (role == ITN__PLY_CORNERS)
+        ITN__DAMAGED(ply->text, "names a vertex that does not exist");
+    else if (role != ITN__PLY_NONE && !itn__finite(number))
         ITN__DAMAGED(ply->text, "a %scoordinate is not a finite number",
                      role < ITN__PLY_U ? "" : "texture ");
     else if (role == ITN__PLY_TEXCOORDS) itn__put(&b->texcoords, &number, 4);
-    else vertex[role] = number;
+    else if (role != ITN__PLY_NONE) vertex[role] = number;
 }
 
 /* Reads one entry of an element: of each property one number, or as many as the list has. Every
@@ -15218,28 +15211,27 @@ static void itn__ply_take(itn__ply *ply, int role, double value, float *vertex) 
    count more than its vertices'. */
 static void itn__ply_entry(itn__ply *ply, const itn__ply_element *element) {
     itn__builder *b = ply->builder;
-    size_t before = b->texcoords.size, own, corners, i;
+    itn__corner *corners;
+    size_t before = b->texcoords.size, own, i;
     float vertex[5] = {0, 0, 0, 0, 0};
-    int k;
+    const itn__ply_property *p = ply->properties + element->first;
     b->corners.size = 0;
-    for (k = element->first; k < element->end; k++) {
-        const itn__ply_property *property = ply->properties + k;
-        double count = property->list >= 0 ? itn__ply_value(ply, property->list) : 1;
+    for (; p < ply->properties + element->end; p++) {
+        double count = p->list >= 0 ? itn__ply_value(ply, p->list) : 1;
         if (!(count >= 0 && count == floor(count)))
             ITN__DAMAGED(ply->text, "list has no valid count");
         for (; count > 0 && !ply->text->result; count--)
-            itn__ply_take(ply, property->role, itn__ply_value(ply, property->type), vertex);
+            itn__ply_take(ply, p->role, itn__ply_value(ply, p->type), vertex);
     }
     if (element->kind == ITN__PLY_VERTEX) {
         itn__put(&b->positions, vertex, 12);
-        if ((ply->has >> ITN__PLY_U & 3) == 3) itn__put(&b->texcoords, vertex + 3, 8);
+        if (ply->textured) itn__put(&b->texcoords, vertex + 3, 8);
     }
     if (element->kind != ITN__PLY_FACE) return;
-    own = b->texcoords.size - before, corners = b->corners.size / sizeof(itn__corner);
-    if (own && own != 8 * corners)
+    corners = (itn__corner *)(void *)b->corners.bytes, own = (b->texcoords.size - before) / 4;
+    if (own && own != 2 * (b->corners.size / sizeof *corners))
         ITN__DAMAGED(ply->text, "has not two texture coordinates per corner");
-    for (i = 0; own && i < corners; i++)
-        ((itn__corner *)(void *)b->corners.bytes)[i].texture = before / 8 + i;
+    for (i = 0; 2 * i < own && !ply->text->result; i++) corners[i].texture = before / 8 + i;
     itn__add_polygon(b, ply->text);
 }
 
@@ -15375,36 +15367,27 @@ static itn_result itn__weights_header(itn__text *text, itn_net *shape, size_t *a
     uint32_t version;
     int *fields[7], given = 1, k;
     if (size < 16 || memcmp(bytes, ITN__WEIGHTS_MAGIC, 8))
-        return itn__text_fail(text, ITN_ERROR_FORMAT,
-                              "not a network file (these begin with ITN-NET)");
+        return ITN__DAMAGED(text, "not a network file (these begin with ITN-NET)");
     text->at = text->start + 8;
-    version = itn__take_u32(text);
+    version = itn__take_u32(text), *arrays = itn__take_u32(text);
     if (version != 1)
-        return itn__text_fail(text, ITN_ERROR_FORMAT,
-                              "file version %.0f, this build reads version 1", (double)version);
-    *arrays = itn__take_u32(text);
+        return ITN__DAMAGED(text, "file version %.0f, this build reads version 1", (double)version);
     itn__net_fields(&desc, fields);
     for (k = 0; k < 6; k++) given &= (*fields[k] = (int32_t)itn__take_u32(text)) != 0;
     count = itn__take_number(text, 8, 0), shape->steps = itn__take_number(text, 8, 0);
     values = size < ITN__WEIGHTS_FRAME ? 0 : (size - ITN__WEIGHTS_FRAME) / 4;
     if ((*arrays != 1 && *arrays != 3) || count == 0 || count != values / *arrays ||
         size != ITN__WEIGHTS_FRAME + 4 * *arrays * (size_t)count)
-        return itn__text_fail(text, ITN_ERROR_FORMAT,
-                              "cut off or damaged: %.0f bytes are not what the header promises",
-                              (double)size);
+        return ITN__DAMAGED(text, "cut off or damaged: %.0f bytes are not what the header promises",
+                            (double)size);
     if (itn__from_bytes(bytes + size - 8, 8, 0) != itn__fnv1a(bytes, size - 8))
-        return itn__text_fail(text, ITN_ERROR_FORMAT, "damaged: the checksum does not match");
-    if (shape->steps >> 53)
-        return itn__text_fail(text, ITN_ERROR_FORMAT, "nobody takes %.0f steps",
-                              (double)shape->steps);
+        return ITN__DAMAGED(text, "damaged: the checksum does not match");
+    if (shape->steps >> 53) return ITN__DAMAGED(text, "nobody takes so many steps");
     desc.batch = 1; /* any batch may have written it */
     if (!given || itn__net_desc_fill(&desc, &shape->desc, NULL) || !itn__net_sizes(shape) ||
         shape->count != count)
-        return itn__text_fail(text, ITN_ERROR_FORMAT,
-                              "the shape (%dx%d, %d channels, %d layers from %d channels, %d "
-                              "outputs) is not valid or does not have %.0f parameters",
-                              desc.width, desc.height, desc.channels, desc.layer_count,
-                              desc.first_channels, desc.outputs, (double)count);
+        return ITN__DAMAGED(text, "the network's shape is not valid or does not have %.0f "
+                            "parameters", (double)count);
     return ITN_OK;
 }
 
@@ -15414,10 +15397,9 @@ static itn_result itn__weights_values(itn__text *text, itn_net *net, size_t arra
     for (k = 0; k < arrays * count; k++) {
         float value = net->parameters[k] = itn__float_of(itn__take_u32(text));
         if (!itn__finite((double)value) || (k >= 2 * count && value < 0))
-            return itn__text_fail(text, ITN_ERROR_FORMAT,
-                                  "%s %.0f is %g: written by a training run gone wrong",
-                                  k < count ? "weight" : "Adam moment of weight",
-                                  (double)(k % count), (double)value);
+            return ITN__DAMAGED(text, "%s %.0f is %g: written by a training run gone wrong",
+                                k < count ? "weight" : "Adam moment of weight",
+                                (double)(k % count), (double)value);
     }
     return ITN_OK;
 }
@@ -15484,27 +15466,6 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
     return result;
 }
 
-ITN_API itn_result itn_net_load(itn_net *net, const char *path, itn_error *error) {
-    itn_net *read = NULL;
-    itn_result result;
-    int *own[7], *given[7], k, same = 1;
-    if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_load: net is NULL");
-    result = itn_net_open(path, 1, &net->context, &read, error);
-    if (result) return result;
-    itn__net_fields(&net->desc, own), itn__net_fields(&read->desc, given);
-    for (k = 0; k < 6; k++) same &= *own[k] == *given[k];
-    if (same) {
-        memcpy(net->parameters, read->parameters, 3 * net->count * sizeof *net->parameters);
-        net->steps = read->steps, net->forward_batch = 0;
-    } else
-        result = itn__fail(error, ITN_ERROR_FORMAT, 0,
-                           "%s: has %dx%d pixels, %d channels, %d layers from %d channels, %d "
-                           "outputs, and the network another shape: itn_net_open makes one that "
-                           "fits", path, *given[0], *given[1], *given[2], *given[3], *given[4],
-                           *given[5]);
-    itn_net_free(read);
-    return result;
-}
 #endif /* ITN_NO_STDIO */
 #endif /* ITN_NO_NET */
 
