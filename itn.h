@@ -50,8 +50,7 @@
        [lanes]          many floats at a time
        [lane-math]      logarithm, exponential, angles in lanes
        [num]            numbers in lanes that carry one slope
-       [image]          planes of floats
-       [mesh]           triangle meshes, and whether they are solids
+       [mesh]           images, triangle meshes, and whether these are solids
        [triangle]       the watertight test of one ray and many triangles
        [bvh]            a bounding volume hierarchy
        [fields]         what items have, said once
@@ -2290,14 +2289,12 @@ ITN__INLINE itn__num itn__nselect(itn__ints mask, itn__num a, itn__num b) {
     return itn__num_of(itn__select(mask, a.v, b.v), itn__select(mask, a.d, b.d));
 }
 
-/* ---- [image] planes of floats ---------------------------------------------------------------- */
-
-/* Planes of floats, one after the other, each with a name, by which files and callers find it: Y or
-   R, G, B; Variance.Y; and of parameters' derivatives d_milk_g.Y, d_milk_g_variance.Y and so on. */
+/* ---- [mesh] images, triangle meshes, and whether these are solids ---------------------------- */
 
 ITN_API itn_result itn_image_create(int width, int height, int plane_count,
                                     const itn_context *context, itn_image *image,
                                     itn_error *error) {
+    size_t pixels = (size_t)width * (size_t)height;
     itn_image made;
     itn_result result;
     if (!image || width < 1 || height < 1 || plane_count < 1)
@@ -2306,17 +2303,15 @@ ITN_API itn_result itn_image_create(int width, int height, int plane_count,
                          "positive", width, height, plane_count);
     result = itn__context_check(context, &made.context, error);
     if (result) return result;
-    made.width = width, made.height = height, made.plane_count = plane_count;
-    if ((size_t)width > SIZE_MAX / 8 / (size_t)height / (size_t)plane_count)
+    if (pixels / (size_t)height != (size_t)width || pixels > SIZE_MAX / 8 / (size_t)plane_count)
         return itn__out_of_memory(error, "an image");
+    made.width = width, made.height = height, made.plane_count = plane_count;
     made.names = (char(*)[ITN_NAME_SIZE])itn__allocate(&made.context, (size_t)plane_count,
                                                        ITN_NAME_SIZE);
-    made.pixels = (float *)itn__allocate(&made.context,
-                                         (size_t)width * (size_t)height * (size_t)plane_count,
+    made.pixels = (float *)itn__allocate(&made.context, pixels * (size_t)plane_count,
                                          sizeof(float));
     if (!made.names || !made.pixels) {
-        itn__free(&made.context, made.pixels);
-        itn__free(&made.context, made.names);
+        itn_image_free(&made);
         return itn__out_of_memory(error, "an image");
     }
     *image = made;
@@ -2353,35 +2348,18 @@ static int itn__image_colours(const itn_image *image, const float *planes[3]) {
     return planes[0] != NULL;
 }
 
-/* ---- [mesh] triangle meshes, and whether they are solids ------------------------------------- */
-
-/* A mesh bounds a solid when its oriented triangles have no boundary: every directed edge (a,b) is
-   used as often as its opposite (b,a). Vertices at equal positions are welded first, so the seams
-   of texture coordinates do not count as holes. For an undirected edge with f uses in one direction
-   and b in the other:
-     f == b      good (two triangles, or several where parts touch along the edge),
-     f + b == 1  open: the rim of a hole,
-     otherwise   flipped: some of its triangles disagree on which side is out.
-   Triangles with an index out of range take no part, so they leave holes; nor do triangles with two
-   equal corners, which cover nothing. A zero-area triangle of three different corners does take
-   part: it may close the slit between a long edge and the two short ones beside it.
-   A closed mesh has the signed volume V = sum of p0 . (p1 x p2) / 6 (the divergence theorem), with
-   positions relative to one of its corners, so that a mesh far from the origin loses no digits. The
-   parts that edges of two triangles join have such volumes, too; where rounding may have made one,
-   as of a sheet with two sides, it is 0. */
+/* Meshes. */
 
 ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int with_uvs,
                                    const itn_context *context, itn_mesh *mesh, itn_error *error) {
     itn_mesh made = ITN_ZERO;
     itn_result result = itn__context_check(context, &made.context, error);
     if (result) return result;
-    if (!mesh) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_create: mesh is NULL");
-    if (vertex_count < 0 || triangle_count < 0)
+    if (!mesh || vertex_count < 0 || triangle_count < 0)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_mesh_create: vertex_count %d or triangle_count %d is negative",
-                         vertex_count, triangle_count);
-    made.vertex_count = vertex_count;
-    made.triangle_count = triangle_count;
+                         "itn_mesh_create: mesh is NULL, or %d vertices or %d triangles are "
+                         "negative", vertex_count, triangle_count);
+    made.vertex_count = vertex_count, made.triangle_count = triangle_count;
     made.positions = (float *)itn__allocate(&made.context, (size_t)vertex_count, 3 * sizeof(float));
     made.triangles = (int *)itn__allocate(&made.context, (size_t)triangle_count, 3 * sizeof(int));
     if (with_uvs)
@@ -2404,282 +2382,15 @@ ITN_API void itn_mesh_free(itn_mesh *mesh) {
 
 /* Refuses a mesh whose fields cannot be read at all. */
 static itn_result itn__mesh_readable(const itn_mesh *mesh, const char *who, itn_error *error) {
-    if (!mesh) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: mesh is NULL", who);
-    if (mesh->vertex_count < 0 || mesh->triangle_count < 0)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: vertex_count %d or triangle_count %d is negative", who,
-                         mesh->vertex_count, mesh->triangle_count);
-    if ((mesh->vertex_count && !mesh->positions) || (mesh->triangle_count && !mesh->triangles))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: positions or triangles are NULL", who);
-    return ITN_OK;
+    const char *fault = NULL;
+    if (!mesh)
+        fault = "mesh is NULL";
+    else if (mesh->vertex_count < 0 || mesh->triangle_count < 0)
+        fault = "vertex_count or triangle_count is negative";
+    else if ((mesh->vertex_count && !mesh->positions) || (mesh->triangle_count && !mesh->triangles))
+        fault = "positions or triangles are NULL";
+    return fault ? itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: %s", who, fault) : ITN_OK;
 }
-
-ITN__INLINE itn_vec3 itn__mesh_position(const itn_mesh *mesh, int vertex) {
-    const float *p = mesh->positions + 3 * (size_t)vertex;
-    return itn__vec3(p[0], p[1], p[2]);
-}
-
-/* The area of a triangle; n receives (p1 - p0) x (p2 - p0). */
-static double itn__triangle_area(double p[3][3], double n[3]) {
-    int k;
-    for (k = 0; k < 3; k++) {
-        int l = (k + 1) % 3, m = (k + 2) % 3;
-        n[k] = (p[1][l] - p[0][l]) * (p[2][m] - p[0][m]) -
-               (p[1][m] - p[0][m]) * (p[2][l] - p[0][l]);
-    }
-    return .5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-}
-
-/* Numbers different keys in the order in which they come: a hash table with open addressing. The
-   seed is made of all that is in the mesh, so that files can hardly choose slots. */
-typedef struct itn__numbering {
-    uint32_t (*keys)[3]; /* of each number */
-    int *slots;          /* [mask + 1]: a number + 1, or 0 */
-    size_t mask;
-    uint64_t seed;
-    int count;
-} itn__numbering;
-
-static int itn__number(itn__numbering *n, uint32_t a, uint32_t b, uint32_t c) {
-    uint64_t hash = itn__mix64(itn__mix64(n->seed ^ (a | (uint64_t)b << 32)) + c);
-    for (;; hash++) {
-        int *slot = &n->slots[hash & n->mask];
-        uint32_t *key = n->keys[*slot ? *slot - 1 : n->count];
-        if (!*slot) {
-            key[0] = a, key[1] = b, key[2] = c;
-            *slot = ++n->count;
-        }
-        if (key[0] == a && key[1] == b && key[2] == c) return *slot - 1;
-    }
-}
-
-/* For at most `count` keys. Returns 0 if memory is out. */
-static int itn__numbering_make(itn__numbering *n, const itn_context *context, size_t count) {
-    size_t size = 4;
-    while (size / 2 < count && size <= SIZE_MAX / 4) size *= 2;
-    n->mask = size - 1;
-    n->keys = (uint32_t(*)[3])itn__allocate(context, count, sizeof *n->keys);
-    n->slots = (int *)itn__allocate(context, size, sizeof(int));
-    return n->keys && n->slots;
-}
-
-static uint64_t itn__hash_words(const void *words, size_t count, uint64_t key) {
-    uint32_t word;
-    size_t i;
-    for (i = 0; i < count; i++) {
-        memcpy(&word, (const char *)words + i * sizeof word, sizeof word);
-        key = itn__mix64(key + word);
-    }
-    return key;
-}
-
-/* An undirected edge between welded vertices: how often triangles use it in the direction in which
-   it was first met, and how often in the other. */
-typedef struct itn__edge {
-    int from, to, along, against;
-    int first, last; /* triangles to use it */
-} itn__edge;
-
-/* A triangle of a part: another one of it, or itself, and what it, later all, add to the volume. */
-typedef struct itn__part {
-    int other;
-    double volume, terms; /* with signs, and without */
-} itn__part;
-
-/* What itn_mesh_check works on. */
-typedef struct itn__welding {
-    const itn_mesh *mesh;
-    itn__numbering positions, ends;
-    int *weld;        /* [vertex_count] first vertex at the same position */
-    int *at;          /* [vertex_count] first vertex, + 1, at each position */
-    itn__edge *edges; /* [ends.count], in the order in which the mesh names them */
-    itn__part *parts; /* [triangle_count] */
-    double terms;     /* sum of all */
-} itn__welding;
-
-/* Finds the first vertex at each position. One that is not finite equals only itself. */
-static void itn__weld(itn__welding *w, itn_mesh_report *report) {
-    int i, number;
-    for (i = 0; i < w->mesh->vertex_count; i++) {
-        /* -0 and 0 are one position */
-        itn_vec3 p = itn__add(itn__mesh_position(w->mesh, i), itn__vec3(0, 0, 0));
-        uint32_t key[3];
-        memcpy(key, &p, sizeof key);
-        w->weld[i] = i;
-        if (!itn__finite3(p)) {
-            if (!report->bad_vertices++) report->first_bad_vertex = i;
-            continue;
-        }
-        number = itn__number(&w->positions, key[0], key[1], key[2]);
-        if (!w->at[number]) w->at[number] = i + 1;
-        w->weld[i] = w->at[number] - 1;
-    }
-}
-
-/* Counts one use of the directed edge from -> to. */
-static void itn__use_edge(itn__welding *w, int from, int to, int triangle) {
-    int known = w->ends.count, low = from < to ? from : to, high = from < to ? to : from;
-    itn__edge *edge = &w->edges[itn__number(&w->ends, (uint32_t)low, (uint32_t)high, 0)];
-    if (w->ends.count > known) edge->from = from, edge->to = to, edge->first = triangle;
-    edge->along += edge->from == from, edge->against += edge->from != from;
-    edge->last = triangle;
-}
-
-/* Adds a triangle: its edges, its area, and its part of the volume as seen from `centre`. */
-static void itn__weigh_triangle(itn__welding *w, int triangle, const double centre[3],
-                                itn_mesh_report *report) {
-    const int *corner = w->mesh->triangles + 3 * (size_t)triangle;
-    int a = w->weld[corner[0]], b = w->weld[corner[1]], c = w->weld[corner[2]], k;
-    int twins = a == b || b == c || c == a;
-    double p[3][3], n[3], area;
-    for (k = 0; k < 9; k++)
-        p[k / 3][k % 3] = (double)w->mesh->positions[3 * (size_t)corner[k / 3] + (size_t)(k % 3)];
-    area = itn__triangle_area(p, n);
-    if (!twins) {
-        itn__use_edge(w, a, b, triangle), itn__use_edge(w, b, c, triangle);
-        itn__use_edge(w, c, a, triangle);
-    }
-    if (!itn__finite(area)) return; /* a bad vertex */
-    if ((area == 0 || twins) && !report->degenerate_triangles++)
-        report->first_degenerate_triangle = triangle;
-    report->area += area;
-    for (k = 0; k < 3; k++) {
-        double term = (p[0][k] - centre[k]) * n[k] / 6;
-        w->parts[triangle].volume += term, w->parts[triangle].terms += fabs(term);
-    }
-    report->volume += w->parts[triangle].volume, w->terms += w->parts[triangle].terms;
-}
-
-static void itn__weigh_triangles(itn__welding *w, itn_mesh_report *report) {
-    const itn_mesh *mesh = w->mesh;
-    double centre[3] = {0, 0, 0};
-    int i, k, weighed = 0;
-    for (i = 0; i < mesh->triangle_count; i++) {
-        const int *corner = mesh->triangles + 3 * (size_t)i;
-        int bad = 0;
-        for (k = 0; k < 3; k++) bad |= corner[k] < 0 || corner[k] >= mesh->vertex_count;
-        if (bad) {
-            if (!report->bad_indices++) report->first_bad_triangle = i;
-            continue;
-        }
-        for (k = 0; k < 3 && !weighed; k++)
-            centre[k] = (double)mesh->positions[3 * (size_t)corner[0] + (size_t)k];
-        weighed |= itn__finite(centre[0] + centre[1] + centre[2]);
-        itn__weigh_triangle(w, i, centre, report);
-    }
-}
-
-static void itn__judge_edges(const itn__welding *w, itn_mesh_report *report) {
-    int i;
-    for (i = 0; i < w->ends.count; i++) {
-        const itn__edge *edge = &w->edges[i];
-        int(*list)[2] = report->flipped_edge, *count = &report->flipped_edges;
-        if (edge->along == edge->against) continue;
-        if (edge->along + edge->against == 1)
-            list = report->open_edge, count = &report->open_edges;
-        else if (!report->flipped_edges)
-            report->flipped_triangle = edge->last;
-        if (*count < 4) list[*count][0] = edge->from, list[*count][1] = edge->to;
-        ++*count;
-    }
-}
-
-/* The triangle that stands for all of a triangle's part. */
-static int itn__part_of(itn__part *parts, int triangle) {
-    while (parts[triangle].other != triangle)
-        triangle = parts[triangle].other = parts[parts[triangle].other].other;
-    return triangle;
-}
-
-/* Counts parts of negative volume; rounding leaves a little of the sum without signs. */
-static void itn__judge_parts(itn__welding *w, itn_mesh_report *report) {
-    int count = w->mesh->triangle_count, i;
-    double rounding = DBL_EPSILON * (count + 8.);
-    for (i = 0; i < count; i++) w->parts[i].other = i;
-    for (i = 0; i < w->ends.count; i++)
-        if (w->edges[i].along + w->edges[i].against == 2)
-            w->parts[itn__part_of(w->parts, w->edges[i].first)].other =
-                itn__part_of(w->parts, w->edges[i].last);
-    for (i = 0; i < count; i++) {
-        itn__part *part = &w->parts[itn__part_of(w->parts, i)];
-        if (part == &w->parts[i]) continue;
-        part->volume += w->parts[i].volume, part->terms += w->parts[i].terms;
-    }
-    for (i = 0; i < count; i++)
-        report->inverted_parts += w->parts[i].other == i &&
-                                  w->parts[i].volume < -rounding * w->parts[i].terms;
-    if (fabs(report->volume) <= rounding * w->terms) report->volume = 0;
-}
-
-static void itn__welding_free(itn__welding *w, const itn_context *context) {
-    itn__free(context, w->parts);
-    itn__free(context, w->edges);
-    itn__free(context, w->at);
-    itn__free(context, w->weld);
-    itn__free(context, w->ends.slots);
-    itn__free(context, w->ends.keys);
-    itn__free(context, w->positions.slots);
-    itn__free(context, w->positions.keys);
-}
-
-/* Returns 0 if memory is out. */
-static int itn__welding_make(itn__welding *w, const itn_mesh *mesh, const itn_context *context) {
-    size_t vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
-    w->mesh = mesh;
-    if (mesh->triangle_count > INT_MAX / 3) return 0; /* edges are counted in int */
-    w->weld = (int *)itn__allocate(context, vertices, sizeof(int));
-    w->at = (int *)itn__allocate(context, vertices, sizeof(int));
-    w->edges = (itn__edge *)itn__allocate(context, 3 * triangles, sizeof(itn__edge));
-    w->parts = (itn__part *)itn__allocate(context, triangles, sizeof(itn__part));
-    if (!itn__numbering_make(&w->positions, context, vertices) || !w->weld || !w->at || !w->edges ||
-        !itn__numbering_make(&w->ends, context, 3 * triangles) || !w->parts)
-        return 0;
-    w->ends.seed = itn__hash_words(mesh->positions, 3 * vertices, 1);
-    w->ends.seed = itn__hash_words(mesh->triangles, 3 * triangles, w->ends.seed);
-    w->positions.seed = w->ends.seed;
-    return 1;
-}
-
-ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
-                                  itn_mesh_report *report, itn_error *error) {
-    itn_context own;
-    itn__welding welding = ITN_ZERO;
-    itn_mesh_report found = ITN_ZERO;
-    itn_result result = itn__context_check(context, &own, error);
-    if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
-    if (result) return result;
-    if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
-    found.first_bad_vertex = found.first_bad_triangle = -1;
-    found.first_degenerate_triangle = found.flipped_triangle = -1;
-    if (itn__welding_make(&welding, mesh, &own)) {
-        itn__weld(&welding, &found);
-        itn__weigh_triangles(&welding, &found);
-        itn__judge_edges(&welding, &found);
-        itn__judge_parts(&welding, &found);
-        *report = found;
-    } else {
-        result = itn__out_of_memory(error, "a mesh check");
-    }
-    itn__welding_free(&welding, &own);
-    return result;
-}
-
-/* ---- [triangle] the watertight test of one ray and many triangles ---------------------------- */
-
-/* Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2(1), 2013. Corners A, B, C
-   are moved to the ray's origin, and a permutation of the axes (the largest component of the
-   direction becomes z, orientation kept) with a shear turns the ray into the z axis. What is left
-   is whether the point (0,0) lies in a triangle of the plane, which the edge functions
-     U = Cx By - Cy Bx,   V = Ax Cy - Ay Cx,   W = Bx Ay - By Ax
-   tell: all of one sign, zeros included. det = U + V + W is twice the signed area, U/det, V/det,
-   W/det are the barycentric weights, and t follows by interpolating z.
-   Two triangles that share an edge compute the same sheared corners, so nothing slips between them
-   if the signs of the edge functions are right. They are: the sheared corners are floats, a product
-   of two floats is exact in double (24 + 24 <= 53 bits, and no exponent over- or underflows), and
-   the one rounding of the difference keeps its sign, whether or not the compiler contracts it to a
-   fused multiply-add. det == 0 (a triangle without area, or seen edge-on) is no hit; the
-   neighbours across its edges then cover the point. Whether the front is seen is the sign of det:
-   it cannot disagree with the hit. */
 
 typedef struct itn__triangle {
     float corner[3][3];
@@ -2687,75 +2398,18 @@ typedef struct itn__triangle {
     int object; /* it belongs to */
 } itn__triangle;
 
-/* A ray made ready for triangles. */
-typedef struct itn__shear {
-    float origin[3];
-    int kx, ky, kz;   /* axes that become x, y, z */
-    float sx, sy, sz; /* x' = x - sx z,  y' = y - sy z,  t = sz z */
-} itn__shear;
-
-/* Returns 0 for a ray that can hit nothing because it is not finite or its direction is zero. */
-ITN__INLINE int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
-    float d[3];
-    int kz, swap;
-    d[0] = ray->direction.x, d[1] = ray->direction.y, d[2] = ray->direction.z;
-    kz = fabsf(d[0]) > fabsf(d[1]) ? 0 : 1;
-    if (!(fabsf(d[kz]) > fabsf(d[2]))) kz = 2;
-    swap = d[kz] < 0; /* keeps the orientation of triangles */
-    shear->kz = kz;
-    shear->kx = (kz + 1 + swap) % 3;
-    shear->ky = (kz + 2 - swap) % 3;
-    shear->sz = 1 / d[kz];
-    shear->sx = d[shear->kx] * shear->sz;
-    shear->sy = d[shear->ky] * shear->sz;
-    shear->origin[0] = ray->origin.x, shear->origin[1] = ray->origin.y;
-    shear->origin[2] = ray->origin.z;
-    return itn__finite3(ray->origin) && itn__finite3(ray->direction) && itn__finite(shear->sz);
-}
-
-/* Sides. A path walk knows for each closed object whether it is inside, and there can only meet a
-   back face, and outside only a front face. With `sides`, faces of the wrong orientation are passed
-   over, so that a ray which starts on a face does not meet that face again, however its origin was
-   rounded, and no epsilon is needed. */
-typedef struct itn__sides {
-    uint64_t front, back; /* objects, as bits, whose front faces and whose back faces a walk may
-                             meet; open sheets have both */
-    float flush; /* planes not further than this from the ray's origin go through it; 0: in space */
-    int thrown;  /* it was thrown back there; else it has gone through */
-} itn__sides;
-
-ITN__INLINE uint64_t itn__object_bit(int object) { return (uint64_t)1 << object; }
-
-/* Sheets. Open meshes have no inside, but where a ray begins tells the same:
-     - somewhere in space: it meets a sheet at t > 0.
-     - where it was thrown back, by the sheet itself or by a surface on it: it does not meet there
-       what lies in the same plane.
-     - at a boundary that it has just gone through, or that has thrown it back towards a sheet which
-       had thrown it there: a sheet may lie in it, as the ground under an object that stands on it,
-       and is met at once, at t = 0.
-   What a ray goes through before it has left that place behind does not change which of them holds.
-   It has left it where it meets, further on, a face that lies in another plane.
-   How far a point o is from a triangle's plane, measured along the axes, is |F| / |n|_1, where
-   F = n . (p0 - o), n = (p1-p0) x (p2-p0), |n|_1 = |nx| + |ny| + |nz|; in double, which adds next
-   to nothing to the error of o. A ray's origin on a face is a rounded point of it, and how far it
-   is from that face's own plane is known so. Twice as much, and 16 u |o| (u = 2^-24) for planes
-   that agree but for rounding, counts as in the plane. The t of sheets is computed in
-   double, too: a ground is often so large that floats of its corners' size cannot tell what lies
-   on it from what does not. It counts for a little more, so that of a boundary on a sheet and the
-   sheet the boundary is met first. */
-
-/* A triangle's plane and a point. */
+/* A triangle's plane and a point o, in double:
+     n = (p1 - p0) x (p2 - p0),  |n|_1 = |nx| + |ny| + |nz|,  F = n . (p0 - o). */
 typedef struct itn__plane {
     double n[3], size; /* and |n|_1 */
     double f, error;   /* F, and what rounding makes of it at most */
 } itn__plane;
 
 static itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
-    itn__plane plane;
+    const float p[3] = {point.x, point.y, point.z};
     double a[3], b[3], c[3];
-    float p[3];
+    itn__plane plane;
     int k;
-    p[0] = point.x, p[1] = point.y, p[2] = point.z;
     for (k = 0; k < 3; k++) {
         a[k] = (double)triangle->corner[0][k] - p[k];
         b[k] = (double)triangle->corner[1][k] - triangle->corner[0][k];
@@ -2782,45 +2436,300 @@ static double itn__unit_normal(const itn__triangle *triangle, double n[3]) {
     return length;
 }
 
-/* The t of a hit once more, in double, if it is one there, too, but for an ulp. */
-static float itn__exact_t(const itn__triangle *triangle, const itn__shear *s, float t) {
-    double x[3], y[3], z[3], w[3], det, sum;
-    float least = INFINITY, most = -INFINITY;
-    int k;
-    for (k = 0; k < 3; k++) {
-        const float *p = triangle->corner[k];
-        float of_corner = (p[s->kz] - s->origin[s->kz]) * s->sz;
-        least = itn__min(least, of_corner), most = itn__max(most, of_corner);
-        z[k] = (double)p[s->kz] - s->origin[s->kz];
-        x[k] = (double)p[s->kx] - s->origin[s->kx] - s->sx * z[k];
-        y[k] = (double)p[s->ky] - s->origin[s->ky] - s->sy * z[k];
-    }
-    for (k = 0; k < 3; k++) {
-        int l = (k + 1) % 3, m = (k + 2) % 3;
-        w[k] = x[m] * y[l] - y[m] * x[l];
-    }
-    det = w[0] + w[1] + w[2], sum = (w[0] * z[0] + w[1] * z[1] + w[2] * z[2]) / det * s->sz;
-    for (k = 0; k < 3; k++)
-        if (!(w[k] / det >= -FLT_EPSILON)) return t;
-    return itn__clamp((float)sum, least, most);
+/* Solids. A mesh bounds a solid when its oriented triangles have no boundary: every directed edge
+   (a,b) is used as often as its opposite (b,a). Vertices at equal positions are welded first, so
+   the seams of texture coordinates do not count as holes. For an undirected edge with f uses in one
+   direction and b in the other:
+     f == b      good (two triangles, or several where parts touch along the edge),
+     f + b == 1  open: the rim of a hole,
+     otherwise   flipped: some of its triangles disagree on which side is out.
+   Triangles with an index out of range take no part, so they leave holes; nor do triangles with two
+   equal corners, which cover nothing. A zero-area triangle of three different corners does take
+   part: it may close the slit between a long edge and the two short ones beside it.
+   A closed mesh has the signed volume V = sum of F / 6 (the divergence theorem), with o at one of
+   its corners, so that a mesh far from the origin loses no digits. The parts that edges of two
+   triangles join have such volumes, too; where rounding may have made one, as of a sheet with two
+   sides, it is 0. */
+
+/* A position, or an edge between welded vertices, and what uses it: vertices, or triangles. */
+typedef struct itn__entry {
+    uint32_t key[3];
+    int first, last;    /* to use it */
+    int along, against; /* an edge's uses in the direction of its key, and in the other */
+} itn__entry;
+
+/* A hash table with open addressing; entries are numbered in the order in which they come. The seed
+   is made of all that is in the mesh, so that files can hardly choose slots. */
+typedef struct itn__table {
+    itn__entry *entries;
+    int *slots; /* [mask + 1]: number of an entry + 1, or 0 */
+    size_t mask;
+    uint64_t seed;
+    int count;
+} itn__table;
+
+/* For at most `count` keys. Returns 0 if memory is out. */
+static int itn__table_make(itn__table *table, const itn_context *context, size_t count) {
+    size_t size = 4;
+    while (size / 2 < count && size <= SIZE_MAX / 4) size *= 2;
+    table->mask = size - 1;
+    table->entries = (itn__entry *)itn__allocate(context, count, sizeof *table->entries);
+    table->slots = (int *)itn__allocate(context, size, sizeof(int));
+    return table->entries && table->slots;
 }
 
-/* Whether a ray meets the sheet of a triangle on its way; *t, as floats know it, becomes exact but
-   for the little that sheets count for more. */
-static int itn__meets_sheet(const itn__triangle *triangle, const itn__shear *s,
-                            const itn__sides *sides, float *t) {
-    itn_vec3 origin = itn__vec3(s->origin[0], s->origin[1], s->origin[2]);
-    itn__plane plane = itn__plane_of(triangle, origin);
-    if (fabs(plane.f) <= (double)sides->flush * plane.size + plane.error) {
-        *t = 0;
-        return sides->flush > 0 && !sides->thrown;
+/* The entry of a key, which may be new, with one use more. */
+static itn__entry *itn__table_use(itn__table *table, const uint32_t key[3], int user) {
+    uint64_t hash = itn__mix64(table->seed ^ (key[0] | (uint64_t)key[1] << 32));
+    for (hash = itn__mix64(hash + key[2]);; hash++) {
+        int *slot = &table->slots[hash & table->mask], known = *slot > 0;
+        itn__entry *entry = &table->entries[known ? *slot - 1 : table->count];
+        if (known && memcmp(entry->key, key, sizeof entry->key)) continue;
+        if (!known) {
+            memcpy(entry->key, key, sizeof entry->key);
+            entry->first = user, *slot = ++table->count;
+        }
+        entry->last = user;
+        return entry;
     }
-    *t = itn__exact_t(triangle, s, *t);
-    if (!(*t > 0)) return 0;
-    /* in lengths of the direction, as t is */
-    *t += 2 * FLT_EPSILON * (*t + itn__max_abs(origin) * fabsf(s->sz));
-    return 1;
 }
+
+/* A triangle of a part: another one of it, or itself, and what it, later all, add to the volume. */
+typedef struct itn__part {
+    int other;
+    double volume, rounding;
+} itn__part;
+
+/* What itn_mesh_check works on. */
+typedef struct itn__welding {
+    const itn_mesh *mesh;
+    itn__table positions, edges;
+    int *weld;        /* [vertex_count] first vertex at the same position */
+    itn__part *parts; /* [triangle_count] */
+    double rounding;  /* of the sum of volumes */
+    itn_mesh_report *report;
+} itn__welding;
+
+/* Finds the first vertex at each position. One that is not finite equals only itself. */
+static void itn__weld(itn__welding *w) {
+    int i;
+    for (i = 0; i < w->mesh->vertex_count; i++) {
+        const float *p = w->mesh->positions + 3 * (size_t)i;
+        itn_vec3 position = itn__vec3(p[0] + 0, p[1] + 0, p[2] + 0); /* -0 and 0 are one */
+        uint32_t key[3];
+        memcpy(key, &position, sizeof key);
+        if (!itn__finite3(position)) {
+            if (!w->report->bad_vertices++) w->report->first_bad_vertex = i;
+            key[0] = (uint32_t)i, key[1] = key[2] = UINT32_MAX;
+        }
+        w->weld[i] = itn__table_use(&w->positions, key, i)->first;
+    }
+}
+
+/* Adds a triangle: its edges, its area, and its part of the volume as seen from `centre`. */
+static void itn__weigh_triangle(itn__welding *w, int index, const itn__triangle *triangle,
+                                itn_vec3 centre) {
+    const int *corner = w->mesh->triangles + 3 * (size_t)index;
+    itn__plane plane = itn__plane_of(triangle, centre);
+    itn__part *part = &w->parts[index];
+    double n[3], area = .5 * itn__unit_normal(triangle, n);
+    int k, vertex[3], twins = 0;
+    for (k = 0; k < 3; k++) vertex[k] = w->weld[corner[k]];
+    for (k = 0; k < 3; k++) twins |= vertex[k] == vertex[(k + 1) % 3];
+    for (k = 0; k < 3 && !twins; k++) {
+        int from = vertex[k], to = vertex[(k + 1) % 3], turned = from > to;
+        uint32_t key[3] = {(uint32_t)(turned ? to : from), (uint32_t)(turned ? from : to), 0};
+        itn__entry *edge = itn__table_use(&w->edges, key, index);
+        edge->along += !turned, edge->against += turned;
+    }
+    if (!itn__finite(area)) return; /* a bad vertex */
+    if ((area == 0 || twins) && !w->report->degenerate_triangles++)
+        w->report->first_degenerate_triangle = index;
+    w->report->area += area;
+    part->volume = plane.f / 6;
+    part->rounding = plane.error + DBL_EPSILON * w->mesh->triangle_count * fabs(plane.f);
+    w->report->volume += part->volume, w->rounding += part->rounding;
+}
+
+static void itn__weigh_triangles(itn__welding *w) {
+    const itn_mesh *mesh = w->mesh;
+    itn_vec3 centre = itn__vec3(0, 0, 0);
+    int i, k, weighed = 0;
+    for (i = 0; i < mesh->triangle_count; i++) {
+        const int *corner = mesh->triangles + 3 * (size_t)i;
+        itn__triangle triangle;
+        for (k = 0; k < 3 && corner[k] >= 0 && corner[k] < mesh->vertex_count; k++)
+            memcpy(triangle.corner[k], mesh->positions + 3 * (size_t)corner[k],
+                   sizeof triangle.corner[k]);
+        if (k < 3) {
+            if (!w->report->bad_indices++) w->report->first_bad_triangle = i;
+            continue;
+        }
+        if (!weighed) memcpy(&centre, triangle.corner[0], sizeof centre);
+        weighed |= itn__finite3(centre);
+        itn__weigh_triangle(w, i, &triangle, centre);
+    }
+}
+
+static void itn__judge_edges(const itn__welding *w) {
+    itn_mesh_report *report = w->report;
+    int i;
+    for (i = 0; i < w->edges.count; i++) {
+        const itn__entry *edge = &w->edges.entries[i];
+        int(*list)[2] = report->flipped_edge, *count = &report->flipped_edges;
+        if (edge->along == edge->against) continue;
+        if (edge->along + edge->against == 1)
+            list = report->open_edge, count = &report->open_edges;
+        else if (!report->flipped_edges)
+            report->flipped_triangle = edge->last;
+        if (*count < 4) list[*count][0] = (int)edge->key[0], list[*count][1] = (int)edge->key[1];
+        ++*count;
+    }
+}
+
+/* The triangle that stands for all of a triangle's part. */
+static itn__part *itn__part_of(itn__part *parts, int triangle) {
+    while (parts[triangle].other != triangle)
+        triangle = parts[triangle].other = parts[parts[triangle].other].other;
+    return &parts[triangle];
+}
+
+/* Joins parts at edges of two triangles, and counts those of negative volume. */
+static void itn__judge_parts(itn__welding *w) {
+    itn_mesh_report *report = w->report;
+    int count = w->mesh->triangle_count, i;
+    for (i = 0; i < count; i++) w->parts[i].other = i;
+    for (i = 0; i < w->edges.count; i++) {
+        const itn__entry *edge = &w->edges.entries[i];
+        if (edge->along + edge->against == 2)
+            itn__part_of(w->parts, edge->first)->other =
+                itn__part_of(w->parts, edge->last)->other;
+    }
+    for (i = 0; i < count; i++) {
+        itn__part *part = itn__part_of(w->parts, i), *own = &w->parts[i];
+        if (part != own) part->volume += own->volume, part->rounding += own->rounding;
+    }
+    for (i = 0; i < count; i++)
+        report->inverted_parts += w->parts[i].other == i &&
+                                  w->parts[i].volume < -w->parts[i].rounding;
+    if (fabs(report->volume) <= w->rounding) report->volume = 0;
+}
+
+ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
+                                  itn_mesh_report *report, itn_error *error) {
+    itn_context own;
+    itn__welding w = ITN_ZERO;
+    itn_mesh_report found = ITN_ZERO;
+    size_t vertices, triangles, i;
+    uint64_t seed = 1;
+    uint32_t word;
+    itn_result result = itn__context_check(context, &own, error);
+    if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
+    if (result) return result;
+    if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
+    if (mesh->triangle_count > INT_MAX / 3) return itn__out_of_memory(error, "a mesh check");
+    vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
+    found.first_bad_vertex = found.first_bad_triangle = -1;
+    found.first_degenerate_triangle = found.flipped_triangle = -1;
+    w.mesh = mesh, w.report = &found;
+    w.weld = (int *)itn__allocate(&own, vertices, sizeof(int));
+    w.parts = (itn__part *)itn__allocate(&own, triangles, sizeof(itn__part));
+    if (itn__table_make(&w.positions, &own, vertices) && w.weld && w.parts &&
+        itn__table_make(&w.edges, &own, 3 * triangles)) {
+        for (i = 0; i < 3 * (vertices + triangles); i++) {
+            if (i < 3 * vertices)
+                memcpy(&word, mesh->positions + i, sizeof word);
+            else
+                memcpy(&word, mesh->triangles + (i - 3 * vertices), sizeof word);
+            seed = itn__mix64(seed + word);
+        }
+        w.positions.seed = w.edges.seed = seed;
+        itn__weld(&w);
+        itn__weigh_triangles(&w);
+        itn__judge_edges(&w);
+        itn__judge_parts(&w);
+        *report = found;
+    } else {
+        result = itn__out_of_memory(error, "a mesh check");
+    }
+    itn__free(&own, w.edges.slots);
+    itn__free(&own, w.edges.entries);
+    itn__free(&own, w.positions.slots);
+    itn__free(&own, w.positions.entries);
+    itn__free(&own, w.parts);
+    itn__free(&own, w.weld);
+    return result;
+}
+
+/* ---- [triangle] the watertight test of one ray and many triangles ---------------------------- */
+
+/* Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2(1), 2013. Corners A, B, C
+   are moved to the ray's origin, and a permutation of the axes (the largest component of the
+   direction becomes z, orientation kept) with a shear turns the ray into the z axis. What is left
+   is whether the point (0,0) lies in a triangle of the plane, which the edge functions
+     U = Cx By - Cy Bx,   V = Ax Cy - Ay Cx,   W = Bx Ay - By Ax
+   tell: all of one sign, zeros included. det = U + V + W is twice the signed area, positive where
+   the front is seen; U/det, V/det, W/det are the barycentric weights, and t is interpolated between
+   those of the corners. det == 0 (no area, or seen edge-on) is no hit: the neighbours then cover
+   the point.
+   Triangles that share an edge compute the same sheared corners, as floats, so nothing slips
+   between them if the signs of the edge functions are right. Lanes compare the two products, of
+   many triangles at a time: rounding keeps the order of numbers, so the lesser product is the
+   lesser one, and only equal ones leave the sign open. Few triangles remain, for which doubles
+   decide: there products of floats are exact (24 + 24 <= 53 bits, and no exponent over- or
+   underflows), and the rounding of a difference keeps its sign, contracted to a fused multiply-add
+   or not. Rounded to a float, t lies between those of the corners, so the lanes know it so far. */
+
+/* A ray made ready for triangles. */
+typedef struct itn__shear {
+    float origin[3];
+    int kx, ky, kz;   /* axes that become x, y, z */
+    float sx, sy, sz; /* x' = x - sx z,  y' = y - sy z,  t = sz z */
+} itn__shear;
+
+/* Returns 0 for a ray that can hit nothing because it is not finite or its direction is zero. */
+static int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
+    float d[3];
+    int kz, swap;
+    d[0] = ray->direction.x, d[1] = ray->direction.y, d[2] = ray->direction.z;
+    kz = fabsf(d[0]) > fabsf(d[1]) ? 0 : 1;
+    if (!(fabsf(d[kz]) > fabsf(d[2]))) kz = 2;
+    swap = d[kz] < 0; /* keeps the orientation of triangles */
+    shear->kz = kz;
+    shear->kx = (kz + 1 + swap) % 3;
+    shear->ky = (kz + 2 - swap) % 3;
+    shear->sz = 1 / d[kz];
+    shear->sx = d[shear->kx] * shear->sz;
+    shear->sy = d[shear->ky] * shear->sz;
+    shear->origin[0] = ray->origin.x, shear->origin[1] = ray->origin.y;
+    shear->origin[2] = ray->origin.z;
+    return itn__finite3(ray->origin) && itn__finite3(ray->direction) && itn__finite(shear->sz);
+}
+
+/* Sides. A path walk knows for each closed object whether it is inside, and there can only meet a
+   back face, and outside only a front face. With `sides`, faces of the wrong orientation are passed
+   over, so that a ray which starts on a face does not meet that face again, however its origin was
+   rounded, and no epsilon is needed.
+   Open sheets have no inside; they are met where the ray begins in space, at t > 0. In the plane
+   where it was thrown back, by the sheet or by a surface on it, none is met. At a boundary that it
+   has gone through, or that has thrown it back towards a sheet which had thrown it there, a sheet
+   in that plane is met at once, at t = 0, as the ground under an object that stands on it. This
+   holds until the ray meets a face that lies in another plane.
+   A point o is |F| / |n|_1 away from a triangle's plane, measured along the axes ([mesh]). Where a
+   ray begins on a face, its origin is a rounded point of it; twice as far from a plane as from that
+   face's own, and 16 u |o| (u = 2^-24) for planes that agree but for rounding, counts as in it. The
+   t of sheets is computed in double: a ground is often so large that floats of its corners' size
+   cannot tell what lies on it from what does not. It counts for a little more, so that of a
+   boundary on a sheet and the sheet the boundary is met first. */
+
+typedef struct itn__sides {
+    uint64_t front, back; /* objects, as bits, whose front faces and whose back faces a walk may
+                             meet; open sheets have both */
+    float flush; /* planes not further than this from the ray's origin go through it; 0: in space */
+    int thrown;  /* it was thrown back there; else it has gone through */
+} itn__sides;
+
+ITN__INLINE uint64_t itn__object_bit(int object) { return (uint64_t)1 << object; }
 
 /* Notes that a ray begins at a point of a triangle, thrown back there or gone through. */
 static void itn__begin_at(itn__sides *sides, const itn__triangle *triangle, itn_vec3 point,
@@ -2831,159 +2740,167 @@ static void itn__begin_at(itn__sides *sides, const itn__triangle *triangle, itn_
     sides->thrown = thrown;
 }
 
-/* Returns 1 and fills hit if the ray meets the triangle at tmin < t < tmax. */
-ITN__INLINE int itn__triangle_hit(const itn__triangle *triangle, const itn__shear *s, float tmin,
-                                  float tmax, const itn__sides *sides, itn_hit *hit) {
-    const float *a = triangle->corner[0], *b = triangle->corner[1], *c = triangle->corner[2];
-    float ox = s->origin[s->kx], oy = s->origin[s->ky], oz = s->origin[s->kz];
-    float az = a[s->kz] - oz, bz = b[s->kz] - oz, cz = c[s->kz] - oz;
-    double ax = a[s->kx] - ox - s->sx * az, ay = a[s->ky] - oy - s->sy * az;
-    double bx = b[s->kx] - ox - s->sx * bz, by = b[s->ky] - oy - s->sy * bz;
-    double cx = c[s->kx] - ox - s->sx * cz, cy = c[s->ky] - oy - s->sy * cz;
-    double u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax, det = u + v + w;
-    float t;
-    if (!((u >= 0 && v >= 0 && w >= 0) || (u <= 0 && v <= 0 && w <= 0)) || det == 0) return 0;
-    t = (float)((u * az + v * bz + w * cz) / det * s->sz);
-    if (sides) {
-        uint64_t object = itn__object_bit(triangle->object);
-        if (!((det > 0 ? sides->front : sides->back) & object)) return 0;
-        if ((sides->front & sides->back & object) && !itn__meets_sheet(triangle, s, sides, &t))
-            return 0;
+/* Edge functions of the corners p (x, y, t) as a ray sees them; returns det, *t receives t. */
+static double itn__edge_functions(double p[3][3], double w[3], double *t) {
+    double det = 0, sum = 0;
+    int k;
+    for (k = 0; k < 3; k++) {
+        const double *a = p[(k + 1) % 3], *b = p[(k + 2) % 3];
+        w[k] = b[0] * a[1] - b[1] * a[0];
+        det += w[k], sum += w[k] * p[k][2];
     }
-    if (!(t > tmin && t < tmax)) return 0;
-    hit->t = t;
-    hit->u = (float)(v / det);
-    hit->v = (float)(w / det);
-    hit->triangle = triangle->index;
-    hit->front = det > 0;
+    *t = sum / det;
+    return det;
+}
+
+/* Whether a ray meets the sheet of a triangle on its way; *t, as floats know it, becomes exact, if
+   doubles see a hit, too, but for an ulp, and for the little that sheets count for more. */
+static int itn__meets_sheet(const itn__triangle *triangle, const itn__shear *s,
+                            const itn__sides *sides, float *t) {
+    itn_vec3 origin = itn__vec3(s->origin[0], s->origin[1], s->origin[2]);
+    itn__plane plane = itn__plane_of(triangle, origin);
+    double p[3][3], w[3], det, exact, least, most;
+    int k;
+    if (fabs(plane.f) <= (double)sides->flush * plane.size + plane.error) {
+        *t = 0;
+        return sides->flush > 0 && !sides->thrown;
+    }
+    for (k = 0; k < 3; k++) {
+        const float *corner = triangle->corner[k];
+        double z = (double)corner[s->kz] - s->origin[s->kz];
+        p[k][0] = (double)corner[s->kx] - s->origin[s->kx] - s->sx * z;
+        p[k][1] = (double)corner[s->ky] - s->origin[s->ky] - s->sy * z;
+        p[k][2] = z * s->sz;
+    }
+    det = itn__edge_functions(p, w, &exact);
+    if (fmin(w[0] / det, fmin(w[1] / det, w[2] / det)) >= -FLT_EPSILON) {
+        least = fmin(p[0][2], fmin(p[1][2], p[2][2])), most = fmax(p[0][2], fmax(p[1][2], p[2][2]));
+        *t = (float)fmin(most, fmax(least, exact));
+    }
+    if (!(*t > 0)) return 0;
+    /* in lengths of the direction, as t is */
+    *t += 2 * FLT_EPSILON * (*t + itn__max_abs(origin) * fabsf(s->sz));
     return 1;
 }
 
-/* Packs. Up to ITN__PACK triangles are stored by coordinate, so that a ray is tested against them
-   in lanes, which propose; the test above disposes: a few float operations per triangle decide
-   which ones the ray may hit, and only those few are tested exactly. The lanes repeat that test's
-   arithmetic in float, with margins that make sure no hit is passed over.
-   Let E be the largest extent of a triangle of the pack along an axis, d = |az| + E a bound of its
-   corners' z, and w = d FLT_EPSILON. If the exact test sees the point (0,0) in the triangle,
-   sheared coordinates are no larger than their extent B <= 2 E + 4 w (the shear adds at most as
-   much again, rounding the rest), and those of the lanes, which a fused multiply-add may have
-   rounded otherwise, are off by at most w + 2 B FLT_EPSILON. Then an edge function of the lanes is
-   off by at most 4 B w + 2 w^2 + 11 B^2 FLT_EPSILON < 64 w (E + w), and by FLT_MIN for each of its
-   operations that underflows. Products may overflow where B^2 can, so beyond ITN__PACK_EXTENT, E
-   counts as infinite and every triangle is proposed.
-   The t of a hit lies between those of the corners, which both compute from the same z; so the
-   interval needs to be widened only by the roundings of a few products. */
+/* Up to ITN__PACK triangles, by coordinate. */
 enum { ITN__PACK = ITN__LANES > 8 ? 16 : 8 };
-#define ITN__PACK_EXTENT 1e18f
-
 typedef struct itn__pack {
     float corner[3][3][ITN__PACK]; /* of a triangle, its axis, triangle; NaN of places not in use */
     int32_t index[ITN__PACK];      /* of the triangle in the mesh, -1 of places not in use */
     uint8_t objects[ITN__PACK];    /* they belong to */
-    float extent;                  /* E */
     int32_t object;                /* the one object all belong to, or -1 */
     uint32_t used;                 /* places in use, as bits */
-    char unused[64 - (41 * ITN__PACK + 12) % 64]; /* makes it a multiple of a cache line */
+    char unused[64 - (41 * ITN__PACK + 8) % 64]; /* makes it a multiple of a cache line */
 } itn__pack;
 
 /* Fills a pack with the triangles of these numbers, at most ITN__PACK. */
-static ITN__UNUSED void itn__pack_fill(itn__pack *pack, const itn__triangle *triangles,
-                                       const int32_t *numbers, int count) {
+static void itn__pack_fill(itn__pack *pack, const itn__triangle *triangles, const int32_t *numbers,
+                           int count) {
     int i, j, k;
-    pack->extent = 0, pack->object = -1, pack->used = (1u << count) - 1;
+    pack->used = (1u << count) - 1, pack->object = count ? triangles[numbers[0]].object : -1;
     for (i = 0; i < ITN__PACK; i++) {
         const itn__triangle *triangle = i < count ? &triangles[numbers[i]] : NULL;
         pack->index[i] = triangle ? triangle->index : -1;
         pack->objects[i] = (uint8_t)(triangle ? triangle->object : 0);
-        if (!i) pack->object = pack->objects[0];
         if (triangle && triangle->object != pack->object) pack->object = -1;
         for (j = 0; j < 3; j++)
-            for (k = 0; k < 3; k++) {
-                float x = triangle ? triangle->corner[j][k] : NAN;
-                float next = triangle ? triangle->corner[(j + 1) % 3][k] : NAN;
-                pack->corner[j][k][i] = x;
-                if (!(fabsf(x - next) <= pack->extent) && triangle) pack->extent = fabsf(x - next);
-            }
+            for (k = 0; k < 3; k++)
+                pack->corner[j][k][i] = triangle ? triangle->corner[j][k] : NAN;
     }
-    if (!(pack->extent < ITN__PACK_EXTENT)) pack->extent = INFINITY;
 }
 
-/* Those of the places `from` ... `from + ITN__LANES - 1` of a pack that the ray may hit, as bits.
-   front, back: all bits if such faces count, else 0. */
-ITN__INLINE unsigned itn__pack_propose(const itn__pack *pack, int from, const itn__shear *s,
-                                       float tmin, float tmax, unsigned front, unsigned back) {
-    const float *x = pack->corner[0][s->kx] + from, *y = pack->corner[0][s->ky] + from;
-    const float *z = pack->corner[0][s->kz] + from;
-    enum { NEXT = 3 * ITN__PACK }; /* from a corner to the next */
-    float ox = s->origin[s->kx], oy = s->origin[s->ky], oz = s->origin[s->kz];
-    itn__floats az = itn__load(z) - oz, bz = itn__load(z + NEXT) - oz;
-    itn__floats cz = itn__load(z + 2 * NEXT) - oz;
-    itn__floats ax = itn__load(x) - ox - s->sx * az, ay = itn__load(y) - oy - s->sy * az;
-    itn__floats bx = itn__load(x + NEXT) - ox - s->sx * bz;
-    itn__floats by = itn__load(y + NEXT) - oy - s->sy * bz;
-    itn__floats cx = itn__load(x + 2 * NEXT) - ox - s->sx * cz;
-    itn__floats cy = itn__load(y + 2 * NEXT) - oy - s->sy * cz;
-    itn__floats u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax;
-    itn__floats size = (itn__absolute(az) + pack->extent) * FLT_EPSILON;
-    itn__floats margin = size * (64 * (size + pack->extent)) + 8 * FLT_MIN;
-    itn__floats ta = az * s->sz, tb = bz * s->sz, tc = cz * s->sz;
-    unsigned no_front = itn__less_bits(itn__least(u, itn__least(v, w)), -margin);
-    unsigned no_back = itn__less_bits(margin, itn__most(u, itn__most(v, w)));
-    unsigned beyond = itn__less_bits(itn__splat(tmax), itn__least(ta, itn__least(tb, tc)));
-    unsigned before = itn__less_bits(itn__most(ta, itn__most(tb, tc)), itn__splat(tmin));
-    return ((~no_front & front) | (~no_back & back)) & ~(beyond | before) & ITN__ALL_LANES;
+/* The corners of a pack as a ray sees them: sheared x and y, and their t. */
+typedef struct itn__seen {
+    float corner[3][3][ITN__PACK];
+} itn__seen;
+
+/* Those of the places `from` ... `from + ITN__LANES - 1` that the ray may hit before it has come to
+   t, as bits; `seen` receives them. front, back: those of which such faces count. */
+ITN__INLINE unsigned itn__pack_view(const itn__pack *pack, int from, const itn__shear *s,
+                                    float tmin, float t, unsigned front, unsigned back,
+                                    itn__seen *seen) {
+    itn__floats p[3][3];
+    unsigned bits;
+    int k;
+    ITN__UNROLL
+    for (k = 0; k < 3; k++) {
+        itn__floats z = itn__load(pack->corner[k][s->kz] + from) - s->origin[s->kz];
+        itn__floats x = itn__load(pack->corner[k][s->kx] + from) - s->origin[s->kx];
+        itn__floats y = itn__load(pack->corner[k][s->ky] + from) - s->origin[s->ky];
+        p[k][0] = x - s->sx * z, p[k][1] = y - s->sy * z, p[k][2] = z * s->sz;
+    }
+    ITN__UNROLL
+    for (k = 0; k < 3; k++) {
+        int l = (k + 1) % 3, m = (k + 2) % 3;
+        itn__floats plus = p[m][0] * p[l][1], minus = p[m][1] * p[l][0];
+        front &= ~itn__less_bits(plus, minus), back &= ~itn__less_bits(minus, plus);
+    }
+    bits = (front | back) & ITN__ALL_LANES;
+    bits &= ~itn__less_bits(itn__splat(t), itn__least(p[0][2], itn__least(p[1][2], p[2][2])));
+    bits &= ~itn__less_bits(itn__most(p[0][2], itn__most(p[1][2], p[2][2])), itn__splat(tmin));
+    ITN__UNROLL
+    for (k = 0; bits && k < 9; k++) itn__store(seen->corner[k / 3][k % 3] + from, p[k / 3][k % 3]);
+    return bits;
 }
 
-/* Tests one triangle; *best is the nearest hit so far, or, with best->triangle < 0, none, and
-   best->t the end of the ray. Of hits at equal t the one of the smaller index counts. */
-static int itn__nearer_hit(const itn__triangle *triangle, const itn__shear *shear, float tmin,
-                           const itn__sides *sides, itn_hit *best) {
-    float tmax = best->triangle < 0 ? best->t : INFINITY;
-    itn_hit hit;
-    if (!itn__triangle_hit(triangle, shear, tmin, tmax, sides, &hit)) return 0;
-    if (hit.t > best->t || (hit.t == best->t && hit.triangle > best->triangle)) return 0;
-    *best = hit;
+/* The triangle of a place. */
+static itn__triangle itn__pack_triangle(const itn__pack *pack, int place) {
+    itn__triangle triangle;
+    int k;
+    for (k = 0; k < 9; k++)
+        triangle.corner[k / 3][k % 3] = pack->corner[k / 3][k % 3][place];
+    triangle.index = pack->index[place], triangle.object = pack->objects[place];
+    return triangle;
+}
+
+/* Tests the triangle of a place. Rare, so kept out of the loop over packs. */
+ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, const itn__seen *seen,
+                                 const itn__shear *shear, float tmin, const itn__sides *sides,
+                                 itn_hit *best) {
+    double p[3][3], w[3], det, exact;
+    int j, k, index = pack->index[place];
+    float t;
+    for (j = 0; j < 3; j++)
+        for (k = 0; k < 3; k++) p[j][k] = seen->corner[j][k][place];
+    det = itn__edge_functions(p, w, &exact);
+    if (fmin(w[0], fmin(w[1], w[2])) < 0 && fmax(w[0], fmax(w[1], w[2])) > 0) return 0;
+    if (!(fabs(det) > 0)) return 0;
+    t = (float)exact;
+    if (sides) {
+        uint64_t object = itn__object_bit(pack->objects[place]);
+        itn__triangle triangle;
+        if (!((det > 0 ? sides->front : sides->back) & object)) return 0;
+        if (sides->front & sides->back & object) {
+            triangle = itn__pack_triangle(pack, place);
+            if (!itn__meets_sheet(&triangle, shear, sides, &t)) return 0;
+        }
+    }
+    if (!(t > tmin && t <= best->t) || (t == best->t && index >= best->triangle)) return 0;
+    best->t = t, best->triangle = index, best->front = det > 0;
+    best->u = (float)(w[1] / det), best->v = (float)(w[2] / det);
     return 1;
 }
 
-/* itn__nearer_hit for one place of a pack. Rare, so kept out of the loops that propose. */
-ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, const itn__shear *shear,
-                                 float tmin, const itn__sides *sides, itn_hit *best) {
-    itn__triangle triangle;
-    int j, k;
-    for (j = 0; j < 3; j++)
-        for (k = 0; k < 3; k++) triangle.corner[j][k] = pack->corner[j][k][place];
-    triangle.index = pack->index[place];
-    triangle.object = pack->objects[place];
-    return itn__nearer_hit(&triangle, shear, tmin, sides, best);
-}
-
-/* The triangles of a pack that a ray may hit before it has come to t, as bits. */
-ITN__INLINE unsigned itn__pack_candidates(const itn__pack *pack, const itn__shear *shear,
-                                          float tmin, const itn__sides *sides, float t) {
-    float least = tmin - (4 * FLT_EPSILON * fabsf(tmin) + FLT_MIN);
-    float most = t + (4 * FLT_EPSILON * fabsf(t) + FLT_MIN);
-    unsigned front = ~0u, back = ~0u, bits = 0;
-    int from;
+/* Tests all triangles of a pack; *best is the nearest hit so far, or, with best->triangle < 0,
+   none, and best->t the end of the ray. Of hits at equal t the one of the smaller index counts.
+   Returns whether *best has changed. */
+ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, float tmin,
+                              const itn__sides *sides, itn_hit *best) {
+    itn__seen seen;
+    unsigned front = pack->used, back = pack->used, bits = 0;
+    int from, found = 0;
     ITN__PREFETCH(pack->index);
     if (sides && pack->object >= 0) {
-        front = 0u - (unsigned)(sides->front >> pack->object & 1);
-        back = 0u - (unsigned)(sides->back >> pack->object & 1);
+        if (!(sides->front >> pack->object & 1)) front = 0;
+        if (!(sides->back >> pack->object & 1)) back = 0;
         if (!(front | back)) return 0;
     }
     for (from = 0; from < ITN__PACK; from += ITN__LANES)
-        bits |= itn__pack_propose(pack, from, shear, least, most, front, back) << from;
-    return bits & pack->used;
-}
-
-/* itn__nearer_hit for all triangles of a pack. Returns whether *best has changed.
-   any: stops at the first hit. */
-ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, float tmin,
-                              const itn__sides *sides, int any, itn_hit *best) {
-    unsigned bits = itn__pack_candidates(pack, shear, tmin, sides, best->t);
-    int found = 0;
-    for (; bits && !(any && found); bits &= bits - 1)
-        found |= itn__place_hit(pack, itn__lowest_bit(bits), shear, tmin, sides, best);
+        bits |= itn__pack_view(pack, from, shear, tmin, best->t, front >> from, back >> from, &seen)
+                << from;
+    for (; bits; bits &= bits - 1)
+        found |= itn__place_hit(pack, itn__lowest_bit(bits), &seen, shear, tmin, sides, best);
     return found;
 }
 
@@ -3014,7 +2931,7 @@ enum {
     ITN__BINS = 16,
     ITN__SAH_DEPTH = 32,
     ITN__DEPTH = 64,
-    ITN__BLOCK = 256 /* triangles or leaves that one task makes */
+    ITN__BLOCK = 256 /* triangles that one task takes */
 };
 #define ITN__CUT_COST .25
 
@@ -3042,12 +2959,9 @@ struct itn_bvh {
 };
 
 /* The corners of a triangle. */
-ITN__INLINE void itn__bvh_corners(const itn_bvh *bvh, int triangle, itn_vec3 p[3]) {
+static void itn__bvh_corners(const itn_bvh *bvh, int triangle, itn_vec3 p[3]) {
     int k;
-    for (k = 0; k < 3; k++) {
-        const float *corner = bvh->triangles[triangle].corner[k];
-        p[k] = itn__vec3(corner[0], corner[1], corner[2]);
-    }
+    for (k = 0; k < 3; k++) memcpy(&p[k], bvh->triangles[triangle].corner[k], sizeof p[k]);
 }
 
 ITN__INLINE int itn__bvh_object(const itn_bvh *bvh, int triangle) {
@@ -3073,9 +2987,6 @@ static double itn__box_area(const itn__box *box) {
     double z = -((double)box->bound[6] + box->bound[2]);
     return x * y + y * z + z * x;
 }
-ITN__INLINE float itn__box_centre(const itn__box *box, int axis) {
-    return .5f * box->bound[axis] - .5f * box->bound[axis + 4];
-}
 
 /* What the builder sorts: a triangle's box and its number. */
 typedef struct itn__reference {
@@ -3094,13 +3005,6 @@ typedef struct itn__child {
     itn__box box, centres; /* of the triangles, of their centres */
 } itn__child;
 
-/* Bins along an axis: that of a centre c is (c - lower) * scale, at most count - 1. */
-typedef struct itn__bins {
-    float lower, scale; /* 0, 0 where the centres are equal, or too far apart */
-    int axis, count, triangles[ITN__BINS];
-    itn__box box[ITN__BINS];
-} itn__bins;
-
 typedef struct itn__build {
     const itn_mesh *mesh;
     const int *objects; /* of the triangles, or NULL */
@@ -3110,30 +3014,18 @@ typedef struct itn__build {
     itn_bvh *bvh;
 } itn__build;
 
-ITN__INLINE int itn__bin_of(const itn__bins *bins, const itn__box *box) {
-    int bin = (int)((itn__box_centre(box, bins->axis) - bins->lower) * bins->scale);
-    return bin < bins->count - 1 ? bin : bins->count - 1;
-}
+/* A cut along an axis: the bin of a centre c is (c - lower) * scale, at most bins - 1, and those
+   below `border` are on the left. */
+typedef struct itn__cut {
+    double cost; /* infinity where no border separates anything */
+    int axis, border, bins;
+    float lower, scale; /* 0, 0 where the centres are equal, or too far apart */
+} itn__cut;
 
-/* Sorts a child's references into bins between the extreme centres; few of them for few. */
-static void itn__fill_bins(itn__bins bins[3], const itn__child *child,
-                           const itn__reference *references) {
-    int axis, i;
-    for (axis = 0; axis < 3; axis++) {
-        itn__bins *b = &bins[axis];
-        float lower = child->centres.bound[axis], size = -child->centres.bound[axis + 4] - lower;
-        b->axis = axis;
-        b->count = child->range.count < 4 * ITN__BINS ? 4 + child->range.count / 8 : ITN__BINS;
-        b->lower = lower, b->scale = (float)b->count / size;
-        if (!(b->scale > 0 && itn__finite(b->scale))) b->lower = b->scale = 0;
-        for (i = 0; i < b->count; i++) b->box[i] = itn__box_empty(), b->triangles[i] = 0;
-    }
-    for (i = 0; i < child->range.count; i++)
-        for (axis = 0; axis < 3; axis++) {
-            int bin = itn__bin_of(&bins[axis], &references[i].box);
-            itn__box_add(&bins[axis].box[bin], &references[i].box);
-            bins[axis].triangles[bin]++;
-        }
+ITN__INLINE int itn__bin_of(const itn__cut *cut, const itn__box *box) {
+    float centre = .5f * box->bound[cut->axis] - .5f * box->bound[cut->axis + 4];
+    int bin = (int)((centre - cut->lower) * cut->scale);
+    return bin < cut->bins - 1 ? bin : cut->bins - 1;
 }
 
 static int itn__leaves_of(int triangles) { return (triangles + ITN__PACK - 1) / ITN__PACK; }
@@ -3143,58 +3035,65 @@ static double itn__leaf_cost(const itn__box *box, int triangles) {
     return triangles ? itn__box_area(box) * itn__leaves_of(triangles) : 0;
 }
 
-/* The cheapest border between bins with triangles on both sides; returns its cost, or infinity. */
-static double itn__best_border(const itn__bins *bins, int count, int *border) {
-    double right[ITN__BINS], best = INFINITY;
+/* Finds the cheapest border between bins with triangles on both sides. */
+static void itn__price_cut(itn__cut *cut, const itn__box *box, const int *triangles, int count) {
+    double right[ITN__BINS];
     itn__box side = itn__box_empty();
     int i, passed = 0;
-    for (i = bins->count - 1; i > 0; i--) {
-        itn__box_add(&side, &bins->box[i]);
-        passed += bins->triangles[i];
-        right[i] = itn__leaf_cost(&side, passed);
+    for (i = cut->bins - 1; i > 0; i--) {
+        itn__box_add(&side, &box[i]);
+        right[i] = itn__leaf_cost(&side, passed += triangles[i]);
     }
     side = itn__box_empty();
-    for (i = 1, passed = 0; i < bins->count; i++) {
+    for (i = 1, passed = 0; i < cut->bins; i++) {
         double cost;
-        itn__box_add(&side, &bins->box[i - 1]);
-        passed += bins->triangles[i - 1];
-        cost = itn__leaf_cost(&side, passed) + right[i];
-        if (passed > 0 && passed < count && cost < best) best = cost, *border = i;
+        itn__box_add(&side, &box[i - 1]);
+        cost = itn__leaf_cost(&side, passed += triangles[i - 1]) + right[i];
+        if (passed > 0 && passed < count && cost < cut->cost) cut->cost = cost, cut->border = i;
     }
-    return best;
 }
 
-/* Moves the references left of a border to the front; returns how many they are. */
-static int itn__partition(itn__reference *references, int count, const itn__bins *bins,
-                          int border) {
-    int i, left = 0;
+/* The cheapest cut of a child; few bins for few triangles. */
+static itn__cut itn__best_cut(const itn__reference *references, const itn__child *child) {
+    int count = child->range.count, triangles[3][ITN__BINS] = {{0}}, axis, i, best = 0;
+    itn__box box[3][ITN__BINS];
+    itn__cut cut[3];
+    for (axis = 0; axis < 3; axis++) {
+        itn__cut *c = &cut[axis];
+        c->cost = INFINITY, c->axis = axis, c->border = 0;
+        c->bins = count < 4 * ITN__BINS ? 4 + count / 8 : ITN__BINS;
+        c->lower = child->centres.bound[axis];
+        c->scale = (float)c->bins / (-child->centres.bound[axis + 4] - c->lower);
+        if (!(c->scale > 0 && itn__finite(c->scale))) c->lower = c->scale = 0;
+        for (i = 0; i < c->bins; i++) box[axis][i] = itn__box_empty();
+    }
+    for (i = 0; i < count; i++)
+        for (axis = 0; axis < 3; axis++) {
+            int bin = itn__bin_of(&cut[axis], &references[i].box);
+            itn__box_add(&box[axis][bin], &references[i].box);
+            triangles[axis][bin]++;
+        }
+    for (axis = 0; axis < 3; axis++) {
+        itn__price_cut(&cut[axis], box[axis], triangles[axis], count);
+        if (cut[axis].cost < cut[best].cost) best = axis;
+    }
+    return cut[best];
+}
+
+/* Sorts a child's references in two parts; returns how many come first, 0 leaves it whole. */
+static int itn__partition(itn__reference *references, const itn__child *child, int depth) {
+    int count = child->range.count, left = 0, i;
+    itn__cut cut = {INFINITY, 0, 0, 1, 0, 0};
+    if (depth < ITN__SAH_DEPTH) cut = itn__best_cut(references, child);
+    if (count <= ITN__PACK && !(cut.cost + ITN__CUT_COST * child->area < child->area)) return 0;
+    if (!(cut.cost < INFINITY)) return count / 2;
     for (i = 0; i < count; i++) { /* references[left ... i-1] are right ones; no branch to guess */
         itn__reference moved = references[i];
         references[i] = references[left];
         references[left] = moved;
-        left += itn__bin_of(bins, &moved.box) < border;
+        left += itn__bin_of(&cut, &moved.box) < cut.border;
     }
     return left;
-}
-
-/* How many of a child's references come first when it is cut in two; 0 leaves it whole. */
-static int itn__cut(itn__reference *references, const itn__child *child, int depth) {
-    itn__bins bins[3];
-    int count = child->range.count, border[3] = {0, 0, 0}, axis, best = 0;
-    double cost[3] = {INFINITY, INFINITY, INFINITY};
-    if (depth < ITN__SAH_DEPTH) {
-        itn__fill_bins(bins, child, references);
-        for (axis = 0; axis < 3; axis++) {
-            cost[axis] = itn__best_border(&bins[axis], count, &border[axis]);
-            if (cost[axis] < cost[best]) best = axis;
-        }
-    }
-    if (count <= ITN__PACK && !(cost[best] + ITN__CUT_COST * child->area < child->area)) return 0;
-    if (cost[best] < INFINITY) {
-        int left = itn__partition(references, count, &bins[best], border[best]);
-        if (left > 0 && left < count) return left;
-    }
-    return count / 2;
 }
 
 /* A child of some references. */
@@ -3225,50 +3124,36 @@ static int itn__next_cut(const itn__child *children, int count) {
         int leaves = itn__leaves_of(children[i].range.count);
         int kind = (leaves > 1) + (leaves > ITN__WIDE);
         double worth = kind == 1 ? children[i].area / (leaves - 1) : children[i].area;
-        if (children[i].whole) continue;
-        if (next < 0 || kind > best_kind || (kind == best_kind && worth > best))
+        if (children[i].whole || kind < best_kind) continue;
+        if (next < 0 || kind > best_kind || worth > best)
             next = i, best_kind = kind, best = worth;
     }
     return next;
-}
-
-/* Cuts the references of a node, children[0], in at most ITN__WIDE children; returns how many. */
-static int itn__cut_node(const itn__build *build, itn__child children[ITN__WIDE]) {
-    int count = 1, cut;
-    while (count < ITN__WIDE && (cut = itn__next_cut(children, count)) >= 0) {
-        itn__range range = children[cut].range;
-        int left = itn__cut(build->references + range.first, &children[cut], build->depth);
-        children[cut].whole = !left;
-        if (!left) continue;
-        memmove(children + cut + 1, children + cut, (size_t)(count - cut) * sizeof *children);
-        children[cut] = itn__make_child(build, range.first, left);
-        children[cut + 1] = itn__make_child(build, range.first + left, range.count - left);
-        count++;
-    }
-    return count;
 }
 
 /* Makes a node of the present level. Children that have no number yet say how many triangles they
    have. */
 static void itn__grow(void *task, int index) {
     itn__build *build = (itn__build *)task;
-    itn_bvh *bvh = build->bvh;
-    int number = build->first + index, count, i, k;
+    int number = build->first + index, count = 1, next, i, k;
+    itn__node *node = &build->bvh->nodes[number];
     itn__child children[ITN__WIDE];
     children[0] = itn__make_child(build, build->nodes[number].first, build->nodes[number].count);
-    if (!number) {
-        const float *bound = children[0].box.bound;
-        bvh->lower = itn__vec3(bound[0], bound[1], bound[2]);
-        bvh->upper = itn__vec3(-bound[4], -bound[5], -bound[6]);
+    while (count < ITN__WIDE && (next = itn__next_cut(children, count)) >= 0) {
+        itn__range range = children[next].range;
+        int left = itn__partition(build->references + range.first, &children[next], build->depth);
+        children[next].whole = !left;
+        if (!left) continue;
+        memmove(children + next + 1, children + next, (size_t)(count - next) * sizeof *children);
+        children[next] = itn__make_child(build, range.first, left);
+        children[next + 1] = itn__make_child(build, range.first + left, range.count - left);
+        count++;
     }
-    count = itn__cut_node(build, children);
     for (i = 0; i < ITN__WIDE; i++) {
         itn__box box = i < count ? children[i].box : itn__box_empty();
-        bvh->nodes[number].child[i] = i < count ? children[i].range.count : 0;
-        for (k = 0; k < 3; k++) {
-            bvh->nodes[number].bounds[k][i] = box.bound[k];
-            bvh->nodes[number].bounds[k + 3][i] = -box.bound[k + 4];
-        }
+        node->child[i] = i < count ? children[i].range.count : 0;
+        for (k = 0; k < 3; k++)
+            node->bounds[k][i] = box.bound[k], node->bounds[k + 3][i] = -box.bound[k + 4];
     }
 }
 
@@ -3290,56 +3175,51 @@ static void itn__number_children(itn__build *build, int number) {
     }
 }
 
-static int itn__block_count(int count) { return (count + ITN__BLOCK - 1) / ITN__BLOCK; }
-static int itn__block_end(int index, int count) {
-    return count - index * ITN__BLOCK < ITN__BLOCK ? count : (index + 1) * ITN__BLOCK;
+/* Fills the leaves below a node. */
+static void itn__fill_leaves(void *task, int index) {
+    itn__build *build = (itn__build *)task;
+    const int32_t *child = build->bvh->nodes[index].child;
+    int i, k;
+    for (i = 0; i < ITN__WIDE; i++) {
+        int32_t numbers[ITN__PACK];
+        itn__range range;
+        if (child[i] >= -1) continue;
+        range = build->leaves[~child[i]];
+        for (k = 0; k < range.count; k++) numbers[k] = build->references[range.first + k].index;
+        itn__pack_fill(&build->bvh->packs[~child[i]], build->bvh->triangles, numbers, range.count);
+    }
 }
 
-/* Copies a block of triangles, and makes references of them. */
-static void itn__refer(void *task, int index) {
-    itn__build *build = (itn__build *)task;
+/* Copies the triangles of a mesh, and makes references of them. */
+static itn_result itn__refer(itn__build *build, itn_error *error) {
     const itn_mesh *mesh = build->mesh;
-    int i, j, k, end = itn__block_end(index, mesh->triangle_count);
-    for (i = index * ITN__BLOCK; i < end; i++) {
+    itn__box all = itn__box_empty();
+    int i, j, k;
+    for (i = 0; i < mesh->triangle_count; i++) {
         itn__triangle *triangle = &build->bvh->triangles[i];
         itn__box box = itn__box_empty();
-        for (j = 0; j < 3; j++)
+        for (j = 0; j < 3; j++) {
+            int corner = mesh->triangles[3 * (size_t)i + (size_t)j];
+            int there = corner >= 0 && corner < mesh->vertex_count;
+            const float *p = mesh->positions + (there ? 3 * (size_t)corner : 0);
+            if (!there || !itn__finite3(itn__vec3(p[0], p[1], p[2])))
+                return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                                 "itn_bvh_create: vertex %d of triangle %d %s", corner, i,
+                                 there ? "is not finite" : "is missing");
             for (k = 0; k < 3; k++) {
-                float x = mesh->positions[3 * (size_t)mesh->triangles[3 * (size_t)i + (size_t)j] +
-                                          (size_t)k];
-                triangle->corner[j][k] = x;
-                box.bound[k] = itn__min(box.bound[k], x);
-                box.bound[k + 4] = itn__min(box.bound[k + 4], -x);
+                triangle->corner[j][k] = p[k];
+                box.bound[k] = itn__min(box.bound[k], p[k]);
+                box.bound[k + 4] = itn__min(box.bound[k + 4], -p[k]);
             }
+        }
         triangle->index = build->references[i].index = i;
         triangle->object = build->objects ? build->objects[i] : 0;
         build->references[i].box = box;
+        itn__box_add(&all, &box);
     }
-}
-
-/* Fills a block of leaves. */
-static void itn__fill_leaves(void *task, int index) {
-    itn__build *build = (itn__build *)task;
-    int leaf, k, end = itn__block_end(index, build->bvh->leaf_count);
-    for (leaf = index * ITN__BLOCK; leaf < end; leaf++) {
-        itn__range range = build->leaves[leaf];
-        int32_t numbers[ITN__PACK];
-        for (k = 0; k < range.count; k++) numbers[k] = build->references[range.first + k].index;
-        itn__pack_fill(&build->bvh->packs[leaf], build->bvh->triangles, numbers, range.count);
-    }
-}
-
-/* Makes all nodes. */
-static void itn__grow_all(itn__build *build) {
-    itn_bvh *bvh = build->bvh;
-    int end = 0, i;
-    bvh->node_count = bvh->leaf_count = 1;
-    build->nodes[0].count = bvh->triangle_count;
-    for (; end < bvh->node_count; build->depth++) {
-        build->first = end, end = bvh->node_count;
-        itn__parallel_for(&bvh->context, end - build->first, itn__grow, build);
-        for (i = build->first; i < end; i++) itn__number_children(build, i);
-    }
+    build->bvh->lower = itn__vec3(all.bound[0], all.bound[1], all.bound[2]);
+    build->bvh->upper = itn__vec3(-all.bound[4], -all.bound[5], -all.bound[6]);
+    return ITN_OK;
 }
 
 ITN_API void itn_bvh_free(itn_bvh *bvh) {
@@ -3352,24 +3232,9 @@ ITN_API void itn_bvh_free(itn_bvh *bvh) {
     itn__free(&context, bvh);
 }
 
-/* Refuses what a hierarchy cannot hold. */
-static itn_result itn__bvh_acceptable(const itn_mesh *mesh, itn_error *error) {
-    int i, k;
-    itn_result result = itn__mesh_readable(mesh, "itn_bvh_create", error);
-    if (result) return result;
-    if (mesh->triangle_count == 0)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: the mesh has no triangle");
-    if (mesh->triangle_count >= 1 << 30) return itn__out_of_memory(error, "2^30 triangles");
-    for (i = 0; i < mesh->triangle_count; i++)
-        for (k = 0; k < 3; k++) {
-            int corner = mesh->triangles[3 * (size_t)i + (size_t)k];
-            int there = corner >= 0 && corner < mesh->vertex_count;
-            if (!there || !itn__finite3(itn__mesh_position(mesh, corner)))
-                return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                                 "itn_bvh_create: vertex %d of triangle %d %s", corner, i,
-                                 there ? "is not finite" : "is missing");
-        }
-    return ITN_OK;
+static ITN__UNUSED int itn__block_count(int count) { return (count + ITN__BLOCK - 1) / ITN__BLOCK; }
+static ITN__UNUSED int itn__block_end(int index, int count) {
+    return count - index * ITN__BLOCK < ITN__BLOCK ? count : (index + 1) * ITN__BLOCK;
 }
 
 /* Allocates count elements that begin a cache line; *memory is what to free. */
@@ -3380,12 +3245,14 @@ static void *itn__allocate_aligned(const itn_context *context, size_t count, siz
     return *memory ? (char *)*memory + (line - (uintptr_t)*memory % line) % line : NULL;
 }
 
-/* Builds the hierarchy, for which there is no memory yet. Returns 0 if that is out. */
-static int itn__bvh_make(itn__build *build, itn_bvh *bvh) {
+/* Builds the hierarchy, for which there is no memory yet. */
+static itn_result itn__bvh_make(itn__build *build, itn_error *error) {
+    itn_bvh *bvh = build->bvh;
+    const itn_context *context = &bvh->context;
     size_t count = (size_t)bvh->triangle_count;
     size_t nodes = count / (ITN__WIDE - 1) + count / ITN__PACK + 1; /* at most */
-    const itn_context *context = &bvh->context;
-    build->bvh = bvh;
+    int end = 0, i;
+    itn_result result;
     build->references = (itn__reference *)itn__allocate(context, count, sizeof(itn__reference));
     build->nodes = (itn__range *)itn__allocate(context, nodes, sizeof(itn__range));
     build->leaves = (itn__range *)itn__allocate(context, count + 1, sizeof(itn__range));
@@ -3393,14 +3260,22 @@ static int itn__bvh_make(itn__build *build, itn_bvh *bvh) {
                                                     &bvh->node_memory);
     bvh->triangles = (itn__triangle *)itn__allocate(context, count, sizeof(itn__triangle));
     if (!build->references || !build->nodes || !build->leaves || !bvh->nodes || !bvh->triangles)
-        return 0;
-    itn__parallel_for(context, itn__block_count(bvh->triangle_count), itn__refer, build);
-    itn__grow_all(build);
+        return itn__out_of_memory(error, "a bounding volume hierarchy");
+    result = itn__refer(build, error);
+    if (result) return result;
+    bvh->node_count = bvh->leaf_count = 1;
+    build->nodes[0].count = bvh->triangle_count;
+    for (; end < bvh->node_count; build->depth++) {
+        build->first = end, end = bvh->node_count;
+        itn__parallel_for(context, end - build->first, itn__grow, build);
+        for (i = build->first; i < end; i++) itn__number_children(build, i);
+    }
     bvh->packs = (itn__pack *)itn__allocate_aligned(context, (size_t)bvh->leaf_count,
                                                     sizeof(itn__pack), &bvh->pack_memory);
-    if (!bvh->packs) return 0;
-    itn__parallel_for(context, itn__block_count(bvh->leaf_count), itn__fill_leaves, build);
-    return 1;
+    if (!bvh->packs) return itn__out_of_memory(error, "a bounding volume hierarchy");
+    itn__pack_fill(&bvh->packs[0], NULL, NULL, 0);
+    itn__parallel_for(context, bvh->node_count, itn__fill_leaves, build);
+    return ITN_OK;
 }
 
 /* itn_bvh_create, with the object that each triangle belongs to (NULL: all 0). */
@@ -3408,27 +3283,26 @@ static itn_result itn__bvh_build(const itn_mesh *mesh, const int *object_of_tria
                                  const itn_context *context, itn_bvh **bvh, itn_error *error) {
     itn_context own;
     itn__build build = ITN_ZERO;
-    itn_bvh *made;
-    int done = 0;
     itn_result result = itn__context_check(context, &own, error);
-    if (!result) result = itn__bvh_acceptable(mesh, error);
+    if (!result) result = itn__mesh_readable(mesh, "itn_bvh_create", error);
     if (result) return result;
-    if (!bvh) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: bvh is NULL");
+    if (!bvh || mesh->triangle_count == 0)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: %s",
+                         bvh ? "the mesh has no triangle" : "bvh is NULL");
+    if (mesh->triangle_count >= 1 << 30) return itn__out_of_memory(error, "2^30 triangles");
     build.mesh = mesh, build.objects = object_of_triangle;
-    made = (itn_bvh *)itn__allocate(&own, 1, sizeof *made);
-    if (made) {
-        made->context = own, made->triangle_count = mesh->triangle_count;
-        done = itn__bvh_make(&build, made);
-    }
+    build.bvh = (itn_bvh *)itn__allocate(&own, 1, sizeof *build.bvh);
+    if (!build.bvh) return itn__out_of_memory(error, "a bounding volume hierarchy");
+    build.bvh->context = own, build.bvh->triangle_count = mesh->triangle_count;
+    result = itn__bvh_make(&build, error);
     itn__free(&own, build.leaves);
     itn__free(&own, build.nodes);
     itn__free(&own, build.references);
-    if (done) {
-        *bvh = made;
-        return ITN_OK;
-    }
-    itn_bvh_free(made);
-    return itn__out_of_memory(error, "a bounding volume hierarchy");
+    if (result)
+        itn_bvh_free(build.bvh);
+    else
+        *bvh = build.bvh;
+    return result;
 }
 
 ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
@@ -3449,9 +3323,8 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
    2013, does the same along the ray.) The t of a hit lies between those of the corners but for two
    roundings; tmin and tmax are moved by 8 of them. Along an axis with direction 0 the distances are
    infinite, or NaN (0 * infinity) for an origin in one of the planes, which the order of the
-   arguments of the minima and maxima ignores. All errors are to the side of entering a box in vain.
-   Of the children that a ray enters it visits the nearest first; the others wait on a stack, in no
-   order, since there are few. */
+   arguments of the minima and maxima ignores. All errors are to the side of entering a box in
+   vain. */
 
 ITN__INLINE float itn__widen(float t) { return t + 4 * FLT_EPSILON * itn__min(fabsf(t), FLT_MAX); }
 
@@ -3463,30 +3336,26 @@ typedef struct itn__slabs {
     float start, end;                      /* tmin and tmax with their margins */
 } itn__slabs;
 
-ITN__INLINE itn__slabs itn__slabs_make(const itn_bvh *bvh, const itn_ray *ray) {
+static void itn__slabs_make(itn__slabs *s, const itn_bvh *bvh, const itn_ray *ray) {
     const float origin[3] = {ray->origin.x, ray->origin.y, ray->origin.z};
     const float direction[3] = {ray->direction.x, ray->direction.y, ray->direction.z};
-    const float lower[3] = {bvh->lower.x, bvh->lower.y, bvh->lower.z};
-    const float upper[3] = {bvh->upper.x, bvh->upper.y, bvh->upper.z};
-    itn__slabs s;
-    float size = 0;
+    itn_vec3 above = itn__sub(bvh->upper, ray->origin), below = itn__sub(ray->origin, bvh->lower);
+    float size = itn__max(itn__max(itn__max(above.x, below.x), itn__max(above.y, below.y)),
+                          itn__max(above.z, below.z));
     int k;
-    for (k = 0; k < 3; k++)
-        size = itn__max(size, itn__max(upper[k] - origin[k], origin[k] - lower[k]));
     for (k = 0; k < 3; k++) {
         float margin = 8 * FLT_EPSILON * size + FLT_EPSILON * fabsf(origin[k]) + FLT_MIN;
         int back;
-        s.inverse[k] = 1 / direction[k];
-        back = s.inverse[k] < 0 ? 3 : 0;
-        margin = copysignf(margin, s.inverse[k]);
-        s.origin_first[k] = origin[k] + margin;
-        s.origin_last[k] = origin[k] - margin;
-        s.first[k] = k + back;
-        s.last[k] = k + 3 - back;
+        s->inverse[k] = 1 / direction[k];
+        back = s->inverse[k] < 0 ? 3 : 0;
+        margin = copysignf(margin, s->inverse[k]);
+        s->origin_first[k] = origin[k] + margin;
+        s->origin_last[k] = origin[k] - margin;
+        s->first[k] = k + back;
+        s->last[k] = k + 3 - back;
     }
-    s.start = -itn__widen(-ray->tmin);
-    s.end = itn__widen(ray->tmax);
-    return s;
+    s->start = -itn__widen(-ray->tmin);
+    s->end = itn__widen(ray->tmax);
 }
 
 /* The children of a node that the ray enters, as bits; enter receives at which distance. */
@@ -3496,6 +3365,7 @@ ITN__INLINE unsigned itn__slabs_enter(const itn__slabs *s, const itn__node *node
     int from, k;
     for (from = 0; from < ITN__WIDE; from += ITN__LANES) {
         itn__floats in = itn__splat(s->start), out = itn__splat(s->end);
+        ITN__UNROLL
         for (k = 0; k < 3; k++) {
             itn__floats first = itn__load(node->bounds[s->first[k]] + from) - s->origin_first[k];
             itn__floats last = itn__load(node->bounds[s->last[k]] + from) - s->origin_last[k];
@@ -3514,50 +3384,34 @@ typedef struct itn__visit {
     int32_t child;
 } itn__visit;
 
-/* Notes a child, and has a leaf brought near while others are tested. */
-ITN__INLINE void itn__push(const itn_bvh *bvh, itn__visit *visit, float enter, int32_t child) {
-    int i;
-    visit->enter = enter, visit->child = child;
-    if (child >= 0) return;
-    for (i = 0; i < (int)sizeof(itn__pack); i += 64)
-        ITN__PREFETCH((const char *)&bvh->packs[~child] + i);
-}
-
 /* The children of node `child` that the ray enters: the nearest becomes `child`, the others go on
-   the stack. Returns 0 if there are none. */
+   the stack, in no order, since there are few; leaves among them are asked for. Returns 0 if there
+   are none. */
 ITN__INLINE int itn__descend(const itn_bvh *bvh, const itn__slabs *s, itn__visit *stack, int *top,
                              int32_t *child) {
     const itn__node *node = &bvh->nodes[*child];
     float enter[ITN__WIDE];
     unsigned entered = itn__slabs_enter(s, node, enter);
-    int nearest, further;
+    int nearest, further, k, line;
     if (!entered) return 0;
     nearest = itn__lowest_bit(entered);
     while (entered &= entered - 1) {
-        int k = itn__lowest_bit(entered);
+        k = itn__lowest_bit(entered);
         further = enter[k] < enter[nearest] ? nearest : k, nearest = nearest + k - further;
-        itn__push(bvh, &stack[(*top)++], enter[further], node->child[further]);
+        stack[*top].enter = enter[further], stack[*top].child = node->child[further];
+        for (line = 0; node->child[further] < 0 && line < (int)sizeof(itn__pack); line += 64)
+            ITN__PREFETCH((const char *)&bvh->packs[~node->child[further]] + line);
+        ++*top;
     }
     *child = node->child[nearest];
     return 1;
 }
 
-/* The topmost child of the stack that is not beyond `end`. */
-ITN__INLINE int itn__pop(const itn__visit *stack, int *top, float end, int32_t *child) {
-    while (*top) {
-        const itn__visit *visit = &stack[--*top];
-        *child = visit->child;
-        if (visit->enter <= end) return 1;
-    }
-    return 0;
-}
-
-/* The nearest hit (any = 0), or whether there is one (any = 1; hit may be NULL and is left alone).
-   sides: NULL takes every face; otherwise the faces it names, an object with both being an open
-   sheet. tmin may be negative. Of hits at equal t the one of the smaller index is nearest. Inlined,
-   so that constant arguments specialise it. */
-ITN__INLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const itn__sides *sides,
-                               int any, itn_hit *hit) {
+/* The nearest hit, or (any) whether there is one; then hit may be NULL and is left alone. sides:
+   NULL takes every face; otherwise the faces it names, an object with both being an open sheet.
+   tmin may be negative. Of hits at equal t the one of the smaller index is nearest. */
+ITN__NOINLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const itn__sides *sides,
+                                 int any, itn_hit *hit) {
     itn__visit stack[ITN__DEPTH * ITN__WIDE];
     itn__shear shear;
     itn__slabs slabs;
@@ -3565,16 +3419,18 @@ ITN__INLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const itn
     int32_t child = 0;
     int top = 0;
     if (!(ray->tmin < ray->tmax) || !itn__shear_make(ray, &shear)) return 0;
-    slabs = itn__slabs_make(bvh, ray);
+    itn__slabs_make(&slabs, bvh, ray);
     best.t = ray->tmax, best.triangle = -1;
     for (;;) {
         if (child >= 0) {
             if (itn__descend(bvh, &slabs, stack, &top, &child)) continue;
-        } else if (itn__pack_hit(&bvh->packs[~child], &shear, ray->tmin, sides, any, &best)) {
+        } else if (itn__pack_hit(&bvh->packs[~child], &shear, ray->tmin, sides, &best)) {
             if (any) return 1;
             slabs.end = itn__widen(best.t);
         }
-        if (!itn__pop(stack, &top, slabs.end, &child)) break;
+        while (top && stack[top - 1].enter > slabs.end) top--;
+        if (!top) break;
+        child = stack[--top].child;
     }
     if (best.triangle < 0) return 0;
     *hit = best;
@@ -3582,8 +3438,8 @@ ITN__INLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const itn
 }
 
 /* itn_bvh_nearest of the faces that `sides` names. */
-ITN__NOINLINE int itn__bvh_face(const itn_bvh *bvh, const itn_ray *ray, const itn__sides *sides,
-                                itn_hit *hit) {
+static int itn__bvh_face(const itn_bvh *bvh, const itn_ray *ray, const itn__sides *sides,
+                         itn_hit *hit) {
     return itn__bvh_trace(bvh, ray, sides, 0, hit);
 }
 
@@ -8115,7 +7971,7 @@ typedef struct itn__unit {
 } itn__unit;
 
 /* Visits of flights to cells with triangles, and, as far as they matter, to packs. */
-enum { ITN__VISITS = 256, ITN__VISIT_ROW = ITN__VISITS + 16, ITN__CANDIDATES = 24 };
+enum { ITN__VISITS = 256, ITN__VISIT_ROW = ITN__VISITS + 16 };
 typedef struct itn__visits {
     int32_t ray[ITN__VISIT_ROW], cell[ITN__VISIT_ROW];
     float enter[ITN__VISIT_ROW], length[ITN__VISIT_ROW]; /* distances */
@@ -8126,8 +7982,6 @@ typedef struct itn__tests {
     int32_t ray[ITN__CROWD + 16], pack[ITN__CROWD + 16];
     float enter[ITN__CROWD + 16];
     int count;
-    int32_t candidate[ITN__CANDIDATES + 2 * 16]; /* see itn__test_candidates */
-    int candidates;
 } itn__tests;
 
 typedef struct itn__crowd {
@@ -8691,36 +8545,17 @@ enum { ITN__AHEAD = 4 }; /* packs are asked for so many tests before their own *
 
 #define ITN__QUARTER ((ITN__LANES + 3) / 4)
 
-/* Tests the candidates: place c % ITN__PACK of the pack of test c / ITN__PACK. */
-static void itn__test_candidates(itn__crowd *crowd) {
-    const itn_scene *scene = crowd->fast->scene;
-    itn__tests *tests = &crowd->tests;
-    int i;
-    for (i = 0; i < tests->candidates; i++) {
-        int test = tests->candidate[i] / ITN__PACK, ray = tests->ray[test];
-        const itn__place *place = &crowd->taken[ray]->place;
-        itn_vec3 origin = crowd->taken[ray]->p;
-        if (itn__place_hit(&crowd->fast->voxels->packs[tests->pack[test]],
-                           tests->candidate[i] % ITN__PACK, &crowd->taken[ray]->shear,
-                           -itn__slack(scene, origin), &place->sides, &crowd->taken[ray]->hit))
-            ITN__PREFETCH(&scene->bvh->triangles[crowd->taken[ray]->hit.triangle]);
-    }
-    tests->candidates = 0;
-}
-
-/* Tests the packs that flights pass: their lanes propose candidates, which are tested some at a
-   time, since one after the other each would wait for what the processor guessed wrong. */
+/* Tests the packs that flights pass. */
 static void itn__test_packs(itn__crowd *crowd) {
     const itn_scene *scene = crowd->fast->scene;
     itn__tests *tests = &crowd->tests;
-    int i, from;
+    int i;
     for (i = 0; i < tests->count; i++) {
         int ray = tests->ray[i];
         const itn__pack *pack = &crowd->fast->voxels->packs[tests->pack[i]];
         itn__shear *shear = &crowd->taken[ray]->shear;
         const itn__place *place = &crowd->taken[ray]->place;
         itn_vec3 origin = crowd->taken[ray]->p;
-        unsigned bits;
         if (i + ITN__AHEAD < tests->count) {
             const itn__pack *later = &crowd->fast->voxels->packs[tests->pack[i + ITN__AHEAD]];
             int line;
@@ -8734,17 +8569,10 @@ static void itn__test_packs(itn__crowd *crowd) {
             made.direction = crowd->taken[ray]->d;
             itn__shear_make(&made, shear);
         }
-        bits = itn__pack_candidates(pack, shear, -itn__slack(scene, origin), &place->sides,
-                                    crowd->taken[ray]->hit.t);
-        for (from = 0; from < ITN__PACK; from += ITN__LANES) {
-            unsigned some = bits >> from & ITN__ALL_LANES;
-            itn__compress_ints(tests->candidate + tests->candidates,
-                               itn__lane_numbers() + itn__splat_int(i * ITN__PACK + from), some);
-            tests->candidates += itn__count_bits(some);
-        }
-        if (tests->candidates >= ITN__CANDIDATES) itn__test_candidates(crowd);
+        if (itn__pack_hit(pack, shear, -itn__slack(scene, origin), &place->sides,
+                          &crowd->taken[ray]->hit))
+            ITN__PREFETCH(&scene->bvh->triangles[crowd->taken[ray]->hit.triangle]);
     }
-    itn__test_candidates(crowd);
     tests->count = 0;
 }
 
