@@ -3478,6 +3478,7 @@ enum { ITN__MOST_FIELDS = 9, ITN__MOST_NUMBERS = 9 };
 
 enum { ITN__FILM, ITN__CAMERA, ITN__MEDIUM, ITN__SURFACE, ITN__OBJECT, ITN__LIGHT, ITN__KINDS };
 static const char *const itn__kinds[] = {"film", "camera", "medium", "surface", "object", "light"};
+static const char itn__keywords[] = "film camera medium surface object light"; /* the same */
 
 /* The fields of a kind of item, or of a variant: a surface's or a light's type, which its number
    is, or a field that comes first. */
@@ -4622,7 +4623,7 @@ static const itn__form itn__forms[] = { /* that of a kind without types at its n
      {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
       ITN__FIELD("height", film, height, "1i", 1, 65536, 128),
       ITN__FIELD("channels", film, channels, "1i", 1, 3, 1),
-      {"filter", "o", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box|gaussian"},
+      {"filter", "o", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box gaussian"},
       ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0)}},
     {ITN__CAMERA, 0, NULL,
      {ITN__FIELD("eye", camera, eye, "3f!", ITN__ANY, 0),
@@ -15299,475 +15300,371 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
 
 /* ---- [scenefile] scenes as text files -------------------------------------------------------- */
 
-/* A scene file is read line by line, and a line word by word. The tables of [fields] say what
-   stands in a line: a keyword (and for some items a name), then fields, each with a word or a few
-   numbers, which go straight to the item's desc; so all errors of form are found in one place and
-   at the exact line. What depends on several fields of an item is checked as its line ends, and
-   what ties items together (objects name media and surfaces, three-channel colours need a film of
-   three channels) at the end, so that lines may stand in any order. Sky files are read in the same
-   way: each of their lines is a field of one single item. */
+/* A scene file, whose grammar is in [api-scene], is read word by word. The tables of [fields] say
+   what stands in a line: a keyword (and for some items a name), then fields, each with a word or a
+   few numbers, which go straight to the item's desc; so all errors of form are found in one place
+   and at the exact line. What ties items together is checked by the maker, as lines may stand in
+   any order; it knows which item is at fault. Sky files are read in the same way: each of their
+   lines is a field of one single item. */
 
-enum { ITN__MOST_ITEMS = 64, ITN__LINE_WORDS = 256, ITN__MOST_TEXT = 1 << 24 };
+enum { ITN__MOST_ITEMS = 64, ITN__MOST_TEXT = 1 << 24 };
 
-/* What a scene file's lines have named, loaded. */
-typedef struct itn__loaded {
-    const itn_file *files; /* given in memory */
-    int file_count, mesh_count, image_count;
-    itn_mesh meshes[ITN__MOST_ITEMS];
-    itn_image images[2 * ITN__MOST_ITEMS];
-} itn__loaded;
-
-/* A file on its way: the words of a line, and what has been read of its item. */
+/* A scene file on its way to a desc. */
 typedef struct itn__reader {
-    itn__buffer buffer; /* a copy of the bytes, in which words end with zeros */
     itn__text text;
-    itn_error *error;
-    itn__loaded *loaded;
-    char *words[ITN__LINE_WORDS];
-    int lines[ITN__LINE_WORDS], count, at; /* where words stand; how many; the next one */
-    const itn__form *form;
-    const char *title;           /* of the item, for messages */
-    int given[ITN__MOST_FIELDS]; /* of each field: 1 + its numbers, 0: not given */
-    float checker[ITN__MOST_NUMBERS];
-    double transform[12]; /* all steps so far, rows of a 3x4 matrix */
-} itn__reader;
-
-static itn_result itn__reader_open(itn__reader *r, const void *bytes, size_t size,
-                                   const char *name, const itn_context *context,
-                                   itn_error *error) {
-    memset(r, 0, sizeof *r);
-    r->error = error, r->buffer.context = *context;
-    itn__put(&r->buffer, bytes, size), itn__put(&r->buffer, "", 1);
-    if (r->buffer.failed) return itn__out_of_memory(error, name);
-    r->text = itn__text_make(r->buffer.bytes, size, name);
-    return ITN_OK;
-}
-
-/* Fails with "file:line: ...", the line being that of the word taken last. */
-static itn_result itn__reader_fail(itn__reader *r, const char *format, ...) ITN__PRINTF(2, 3);
-static itn_result itn__reader_fail(itn__reader *r, const char *format, ...) {
-    char message[400];
-    int line = r->count ? r->lines[r->at ? r->at - 1 : 0] : 0;
-    va_list arguments;
-    va_start(arguments, format);
-    itn__print_list(message, sizeof message, format, arguments);
-    va_end(arguments);
-    return itn__fail(r->error, ITN_ERROR_FORMAT, line, "%s:%d: %s", r->text.name, line, message);
-}
-
-/* Takes the words of a line, of which there may be none. */
-static itn_result itn__read_line(itn__reader *r) {
-    int k, length[ITN__LINE_WORDS];
-    for (r->count = r->at = 0; !itn__line_done(&r->text); r->text.at += length[r->at++]) {
-        r->words[r->at] = (char *)r->buffer.bytes +
-                          (r->text.at - (const char *)r->buffer.bytes);
-        r->lines[r->at] = r->text.line, length[r->at] = itn__word_length(&r->text);
-        r->count = r->at + 1;
-        if (r->count == ITN__LINE_WORDS) return itn__reader_fail(r, "the line is too long");
-        if (memchr(r->words[r->at], 0, (size_t)length[r->at]))
-            return itn__reader_fail(r, "a zero byte is not text");
-    }
-    itn__next_line(&r->text);
-    for (k = 0; k < r->count; k++) r->words[k][length[k]] = 0;
-    r->at = 0;
-    return ITN_OK;
-}
-
-/* The next word of the line, or NULL. */
-static char *itn__next_word(itn__reader *r) { return r->at < r->count ? r->words[r->at++] : NULL; }
-
-/* Adds a scale, rotate or translate by `count` numbers to a transformation: transform = step *
-   transform. A rotation is c I + (1 - c) a a^T + s [a]x, of axis a (Rodrigues). Returns 0 if it
-   makes no sense. */
-static int itn__transform_add(double transform[12], const char *name, const float *n, int count) {
-    double step[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, product[12], a[3], length, c, s;
-    int i, j, k;
-    for (k = 0; k < 3; k++) {
-        if (*name == 's') step[5 * k] = n[count == 3 ? k : 0];
-        if (*name == 't') step[4 * k + 3] = n[k];
-        a[k] = n[count > 1 ? k : 0];
-    }
-    length = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
-    if (*name == 'r') {
-        if (!(length > 0)) return 0;
-        c = cos(n[3] * (3.14159265358979324 / 180)), s = sin(n[3] * (3.14159265358979324 / 180));
-        for (i = 0; i < 9; i++)
-            step[4 * (i / 3) + i % 3] = (1 - c) * a[i / 3] * a[i % 3] / (length * length) +
-                                        (i % 4 ? 0 : c);
-        for (i = 0; i < 3; i++) { /* [a]x: row i + 1, column i has a[i + 2], and the other way -a */
-            j = (i + 1) % 3, k = (i + 2) % 3;
-            step[4 * j + i] += s * a[k] / length, step[4 * i + j] -= s * a[k] / length;
-        }
-    }
-    for (i = 0; i < 12; i++) {
-        const double *row = step + 4 * (i / 4);
-        product[i] = row[0] * transform[i % 4] + row[1] * transform[4 + i % 4] +
-                     row[2] * transform[8 + i % 4] + (i % 4 == 3 ? row[3] : 0);
-        if (!(fabs(product[i]) <= (double)FLT_MAX)) return 0;
-    }
-    memcpy(transform, product, sizeof product);
-    return 1;
-}
-
-/* Reads the numbers that follow a field's name, all words that begin like one. Returns how many, or
-   -1. */
-static int itn__next_numbers(itn__reader *r, const itn__field *field,
-                             float n[ITN__MOST_NUMBERS]) {
-    int count = 0;
-    for (; r->at < r->count; count++) { /* what must be a number is read as one, for the message */
-        const char *word = r->words[r->at], *end = word + strlen(word);
-        double number = 0;
-        char words[100];
-        if (!strchr("+-.0123456789", *word) && (count || itn__has_form(field, '0'))) break;
-        r->at++;
-        if (itn__parse_number(word, end, &number) != end || !itn__finite((float)number))
-            return itn__reader_fail(r, "%s: '%.40s' is not a finite number", field->name, word), -1;
-        if (!itn__field_allows(field, (float)number, words))
-            return itn__reader_fail(r, "%s: %s", field->name, words), -1;
-        if (itn__has_form(field, 'i') && number != floor(number))
-            return itn__reader_fail(r, "%s: %g is not a whole number", field->name, number), -1;
-        if (count < ITN__MOST_NUMBERS) n[count] = (float)number;
-    }
-    if (count <= 9 && itn__has_form(field, (char)('0' + count))) return count;
-    return itn__reader_fail(r, "%s takes another count of numbers than %d", field->name, count), -1;
-}
-
-/* Takes a field's numbers to its desc. */
-static itn_result itn__take_numbers(itn__reader *r, const itn__field *field, float *n, int count,
-                                    void *desc) {
-    if (itn__has_form(field, 't') && !itn__transform_add(r->transform, field->name, n, count))
-        return itn__reader_fail(r, "%s: the axis is zero, or the result is too large",
-                                field->name);
-    itn__write_numbers(field, desc, n, count);
-    return ITN_OK;
-}
-
-/* The place of a word in a list "a|b|c", or -1. */
-static int itn__choice(const char *list, const char *word) {
-    int index;
-    for (index = 0; *list; index++) {
-        size_t length = strcspn(list, "|");
-        if (length == strlen(word) && !memcmp(list, word, length)) return index;
-        list += length + (list[length] == '|');
-    }
-    return -1;
-}
-
-static itn_result itn__load_field(itn__reader *r, const itn__field *field, const char *word,
-                                  void *desc);
-
-/* Writes a field's word to its desc: a name, one of a few, or what the file that it names holds. */
-static itn_result itn__write_word(itn__reader *r, const itn__field *field, const char *word,
-                                  void *desc) {
-    char *at = (char *)desc + field->at;
-    int choice = field->words ? itn__choice(field->words, word) : 0;
-    if (choice < 0)
-        return itn__reader_fail(r, "%s is %s, not '%.40s'", field->name, field->words, word);
-    if (itn__has_form(field, 'w')) memcpy(at, &word, sizeof word);
-    if (itn__has_form(field, 'o') && field->at) memcpy(at, &choice, sizeof choice);
-    return strpbrk(field->form, "mpy") ? itn__load_field(r, field, word, desc) : ITN_OK;
-}
-
-/* Reads all fields of the line: names, each with a word, numbers or nothing. */
-static itn_result itn__read_fields(itn__reader *r, void *desc) {
-    itn_result result = ITN_OK;
-    char *word;
-    while (!result && (word = itn__next_word(r)) != NULL) {
-        const itn__field *field = r->form->fields;
-        float n[ITN__MOST_NUMBERS] = {0};
-        char known[160] = "";
-        int k, count = 0;
-        for (k = 0; field[k].name && strcmp(field[k].name, word); k++)
-            itn__print(known + strlen(known), sizeof known - strlen(known), " %s", field[k].name);
-        field += k;
-        if (!field->name)
-            return itn__reader_fail(r, "%s has no field '%.40s', only%s%s", r->title, word, known,
-                                    r->form->kind == ITN__SURFACE ? " (or is of another type)"
-                                                                  : "");
-        if (r->given[k]) return itn__reader_fail(r, "%s is given twice", word);
-        if (strpbrk(field->form, "0123456789")) {
-            count = itn__next_numbers(r, field, n);
-            result = count < 0 ? ITN_ERROR_FORMAT : itn__take_numbers(r, field, n, count, desc);
-            if (itn__has_form(field, 'k')) memcpy(r->checker, n, sizeof r->checker);
-        } else if (strpbrk(field->form, "wompy")) {
-            word = itn__next_word(r);
-            if (!word) return itn__reader_fail(r, "%s: the line ends too early", field->name);
-            result = itn__write_word(r, field, word, desc);
-        } else if (field->at) { /* a flag */
-            count = 1;
-            memcpy((char *)desc + field->at, &count, sizeof count);
-        }
-        r->given[k] = itn__has_form(field, 't') ? 0 : 1 + count;
-    }
-    return result;
-}
-
-/* Puts in what has not been given; fails where it must be. */
-static itn_result itn__end_fields(itn__reader *r, void *desc) {
-    const itn__field *field = r->form->fields;
-    int k;
-    for (k = 0, r->at = 0; field[k].name; k++) {
-        float n[ITN__MOST_NUMBERS];
-        if (r->given[k]) continue;
-        if (itn__has_form(&field[k], '!'))
-            return itn__reader_fail(r, "%s: %s is missing", r->title, field[k].name);
-        n[0] = field[k].otherwise;
-        if (n[0] != 0) itn__write_numbers(&field[k], desc, n, 1);
-    }
-    return ITN_OK;
-}
-
-static void itn__begin_fields(itn__reader *r, const itn__form *form, const char *title) {
-    int k;
-    r->form = form, r->title = title;
-    memset(r->given, 0, sizeof r->given);
-    for (k = 0; k < 12; k++) r->transform[k] = k % 5 == 0;
-}
-
-/* Reads the bytes of a sky file. */
-static itn_result itn__sky_from_memory(const void *bytes, size_t size, const char *name,
-                                       const itn_context *context, itn_sky *sky,
-                                       itn_error *error) {
-    itn__reader r;
-    itn_result result = itn__reader_open(&r, bytes, size, name, context, error);
-    itn__begin_fields(&r, &itn__sky_form, "a sky");
-    while (!result && r.text.at < r.text.end) {
-        result = itn__read_line(&r);
-        if (!result) result = itn__read_fields(&r, sky);
-    }
-    r.count = 1, r.lines[0] = r.text.line;
-    if (!result) result = itn__end_fields(&r, sky);
-    itn__buffer_free(&r.buffer);
-    return result;
-}
-
-/* Reads a file beside the scene file, or where its path is absolute: *path receives where. */
-static itn_result itn__read_beside(const itn__reader *r, const char *name, itn__buffer *path,
-                                   itn__buffer *file, itn_error *error) {
-#ifdef ITN_NO_STDIO
-    (void)r, (void)path, (void)file;
-    return itn__fail(error, ITN_ERROR_FILE, 0, "%s is not among the files given", name);
-#else
-    const char *scene = r->text.name;
-    size_t folder = strlen(scene);
-    while (folder && scene[folder - 1] != '/' && scene[folder - 1] != '\\') folder--;
-    if (name[0] == '/') folder = 0;
-#ifdef _WIN32
-    if (name[0] == '\\' || (name[0] && name[1] == ':')) folder = 0;
-#endif
-    itn__put(path, scene, folder), itn__put(path, name, strlen(name) + 1);
-    if (path->failed) return itn__out_of_memory(error, name);
-    return itn__read_file((const char *)path->bytes, SIZE_MAX / 4, file, error);
-#endif
-}
-
-/* Loads the file that a field names - a mesh, a picture or a sky, given in memory or read - to its
-   place in a desc; an error gets the scene file's line in front. */
-static itn_result itn__load_field(itn__reader *r, const itn__field *field, const char *word,
-                                  void *desc) {
-    itn__loaded *loaded = r->loaded;
-    itn_mesh *mesh = &loaded->meshes[loaded->mesh_count];
-    itn_image *image = &loaded->images[loaded->image_count];
-    const itn_context *context = &r->buffer.context;
-    int k = 0, line = r->lines[0];
-    char *at = (char *)desc + field->at;
-    itn__buffer path = ITN_ZERO, file = ITN_ZERO;
-    itn_error inner = ITN_ZERO;
-    itn_result result = ITN_OK;
-    itn_file named;
-    path.context = file.context = *context;
-    if (*word == '"' || *word == '\'')
-        return itn__reader_fail(r, "%s: a path has neither quotes nor blanks", field->name);
-    while (k < loaded->file_count && strcmp(loaded->files[k].name, word)) k++;
-    if (k < loaded->file_count) {
-        named = loaded->files[k];
-    } else {
-        result = itn__read_beside(r, word, &path, &file, &inner);
-        named.bytes = file.bytes, named.size = file.size, named.name = (const char *)path.bytes;
-    }
-    if (!result && itn__has_form(field, 'y')) {
-        result = itn__sky_from_memory(named.bytes, named.size, named.name, context,
-                                      (itn_sky *)(void *)at, &inner);
-    } else if (!result && itn__has_form(field, 'm')) {
-        memcpy(at, &mesh, sizeof mesh), loaded->mesh_count++;
-        result = itn_mesh_from_memory(named.bytes, named.size, named.name, context, mesh, &inner);
-    } else if (!result) {
-        memcpy(at, &image, sizeof image), loaded->image_count++;
-        result = itn_image_from_memory(named.bytes, named.size, named.name, context, image, &inner);
-    }
-    itn__buffer_free(&file), itn__buffer_free(&path);
-    if (!result) return ITN_OK;
-    return itn__fail(r->error, result, line, "%s:%d: %s", r->text.name, line, inner.message);
-}
-
-/* A scene file on its way to a desc, whose names are words of the reader's. */
-typedef struct itn__scene_file {
-    itn__reader reader;
-    itn__loaded loaded;
+    itn_context context;
+    const itn_file *files; /* given in memory */
+    int file_count;
     itn_scene_desc desc;
     int count[ITN__KINDS], lines[ITN__KINDS][ITN__MOST_ITEMS]; /* how many so far; where they are */
-    int name_count, colour_line; /* line of the first colour of three numbers, 0: none so far */
-    char names[3 * ITN__MOST_ITEMS][ITN_NAME_SIZE];
+    int colour_line; /* of the first colour of three numbers, 0: none so far */
+    int name_count, reference_count;
+    char names[3 * ITN__MOST_ITEMS][ITN_NAME_SIZE];      /* of items so far */
+    char references[2 * ITN__MOST_ITEMS][ITN_NAME_SIZE]; /* to them, by objects */
     itn_medium_desc media[ITN__MOST_ITEMS];
     itn_surface_desc surfaces[ITN__MOST_ITEMS];
     itn_object_desc objects[ITN__MOST_ITEMS];
     itn_light_desc lights[ITN__MOST_ITEMS];
-} itn__scene_file;
+    itn_mesh meshes[ITN__MOST_ITEMS];
+    itn_image images[2][ITN__MOST_ITEMS]; /* of surfaces, of lights */
+} itn__reader;
 
-/* The desc of item k of a kind. */
-static void *itn__desc_of(itn__scene_file *file, int kind, int k) {
-    if (kind == ITN__FILM) return &file->desc.film;
-    if (kind == ITN__CAMERA) return &file->desc.camera;
-    if (kind == ITN__MEDIUM) return &file->media[k];
-    if (kind == ITN__SURFACE) return &file->surfaces[k];
-    if (kind == ITN__OBJECT) return &file->objects[k];
-    return &file->lights[k];
+/* An item on its way to its desc. */
+typedef struct itn__item {
+    itn__reader *reader; /* NULL: a sky */
+    itn__text *text;
+    const itn__form *form;
+    const char *title; /* for messages */
+    void *desc;
+    int given[ITN__MOST_FIELDS]; /* of each field: 1 + its numbers, 0: not given */
+    float checker[ITN__MOST_NUMBERS];
+    double transform[12]; /* all steps so far, rows of a 3x4 matrix */
+} itn__item;
+
+#define ITN__WRONG(...) itn__text_fail(item->text, ITN_ERROR_FORMAT, __VA_ARGS__)
+
+/* Adds a scale, rotate or translate by numbers n to a transformation, whose columns v it takes to
+   n v, v + n (the last), or c v + s n x v + (1 - c) n (n . v) with n of unit length (Rodrigues).
+   Returns 0 if that makes no sense. */
+static int itn__transform_add(double transform[12], char step, const float n[4]) {
+    double length = sqrt((double)n[0] * n[0] + (double)n[1] * n[1] + (double)n[2] * n[2]);
+    double angle = n[3] * (3.14159265358979324 / 180), c = cos(angle), s = sin(angle) / length;
+    int column, k, good = 1;
+    for (column = 0; column < 4; column++) {
+        double v[3], dot = 0, w;
+        for (k = 0; k < 3; k++) v[k] = transform[4 * k + column], dot += v[k] * n[k] / length;
+        for (k = 0; k < 3; k++) {
+            int l = (k + 1) % 3, m = (k + 2) % 3;
+            if (step == 's') w = v[k] * n[k];
+            else if (step == 't') w = v[k] + (column == 3 ? n[k] : 0);
+            else w = c * v[k] + s * (n[l] * v[m] - n[m] * v[l]) + (1 - c) * n[k] / length * dot;
+            transform[4 * k + column] = w, good &= fabs(w) <= (double)FLT_MAX;
+        }
+    }
+    return good;
 }
 
-/* Takes an item's name, which must be one, and no other's. */
-static itn_result itn__note_name(itn__scene_file *file, const char *name) {
-    itn__reader *r = &file->reader;
-    if (!itn__is_name(name))
-        return itn__reader_fail(r, "%s: name '%.40s' " ITN__NAME_RULE, r->title, name);
-    if (itn__find_name(name, file->names, ITN_NAME_SIZE, file->name_count) >= 0)
-        return itn__reader_fail(r, "the name '%s' is used twice", name);
-    itn__copy_name(file->names[file->name_count++], name);
-    return ITN_OK;
+/* Reads the numbers that follow a field's name, all words that begin like one; returns how many.
+   What must be a number is read as one, for the message. */
+static int itn__read_values(itn__item *item, const itn__field *field) {
+    const char *name = field->name;
+    float n[ITN__MOST_NUMBERS] = {0};
+    char words[100];
+    int count = 0, three;
+    while (!itn__line_done(item->text) && (strchr("+-.0123456789", *item->text->at) ||
+                                           !(count || itn__has_form(field, '0')))) {
+        double number = itn__take_finite(item->text, name);
+        if (!itn__field_allows(field, (float)number, words)) ITN__WRONG("%s: %s", name, words);
+        if (itn__has_form(field, 'i') && number != floor(number))
+            ITN__WRONG("%s: %g is not a whole number", name, number);
+        if (count < ITN__MOST_NUMBERS) n[count] = (float)number;
+        count++;
+    }
+    if (count > 9 || !itn__has_form(field, (char)('0' + count)))
+        ITN__WRONG("%s takes another count of numbers than %d", name, count);
+    if (count == 1 && strpbrk(field->form, "ct")) n[1] = n[2] = n[0];
+    if (itn__has_form(field, 't') && !itn__transform_add(item->transform, *name, n))
+        ITN__WRONG("%s: the axis is zero, or the result is too large", name);
+    if (itn__has_form(field, 'k')) memcpy(item->checker, n, sizeof n);
+    three = itn__has_form(field, 'k') ? count == 7 : count == 3 && strpbrk(field->form, "cs");
+    if (three && !item->reader->colour_line) item->reader->colour_line = item->text->line;
+    if (count && !item->text->result) itn__write_numbers(field, item->desc, n, count);
+    return count;
+}
+
+/* Keeps a name, of an item or of what an object refers to; no two items have the same. */
+static const char *itn__keep_name(itn__item *item, const char *word, int length) {
+    itn__reader *r = item->reader;
+    int refers = item->form->kind == ITN__OBJECT;
+    char *name = refers ? r->references[r->reference_count++] : r->names[r->name_count];
+    itn__print(name, ITN_NAME_SIZE, "%.*s", length, word);
+    if (!itn__is_name(name)) ITN__WRONG("%s: name '%s' " ITN__NAME_RULE, item->title, name);
+    if (!refers && itn__find_name(name, r->names, ITN_NAME_SIZE, r->name_count++) >= 0)
+        ITN__WRONG("the name '%s' is used twice", name);
+    return name;
+}
+
+/* Reads a name. */
+static const char *itn__read_name(itn__item *item) {
+    const char *word = item->text->at;
+    int length = itn__line_done(item->text) ? 0 : itn__word_length(item->text);
+    word = itn__keep_name(item, item->text->at, length);
+    if (!item->text->result) item->text->at += length;
+    return word;
+}
+
+/* Reads a file beside the scene file, or where its path is absolute: *path receives where. */
+static itn_result itn__read_beside(const char *scene, const char *name, int length,
+                                   itn__buffer *path, itn__buffer *file, itn_error *error) {
+#ifdef ITN_NO_STDIO
+    (void)scene, (void)path, (void)file;
+    return itn__fail(error, ITN_ERROR_FILE, 0, "%.*s is not among the files given", length, name);
+#else
+    size_t folder = strlen(scene);
+    while (folder && scene[folder - 1] != '/' && scene[folder - 1] != '\\') folder--;
+    if (name[0] == '/') folder = 0;
+#ifdef _WIN32
+    if (name[0] == '\\' || (length > 1 && name[1] == ':')) folder = 0;
+#endif
+    itn__put(path, scene, folder), itn__put(path, name, (size_t)length), itn__put(path, "", 1);
+    if (path->failed) return itn__out_of_memory(error, "a path");
+    return itn__read_file((const char *)path->bytes, SIZE_MAX / 4, file, error);
+#endif
+}
+
+static itn_result itn__sky_from_memory(const void *bytes, size_t size, const char *name,
+                                       itn_sky *sky, itn_error *error);
+
+/* Loads the file that a field names - a mesh, a picture or a sky, given in memory or read - to its
+   place in a desc. */
+static void itn__load_field(itn__item *item, const itn__field *field, void *at) {
+    itn__reader *r = item->reader;
+    int kind = item->form->kind, length = itn__word_length(item->text), k = 0;
+    itn_mesh *mesh = &r->meshes[r->count[kind]];
+    itn_image *image = &r->images[kind == ITN__LIGHT][r->count[kind]];
+    itn__buffer path = ITN_ZERO, bytes = ITN_ZERO;
+    itn_file file;
+    itn_error error = ITN_ZERO;
+    itn_result result = ITN_OK;
+    path.context = bytes.context = r->context;
+    while (k < r->file_count && itn__accept(item->text, r->files[k].name) != 0) k++;
+    if (k < r->file_count) {
+        file = r->files[k];
+    } else {
+        result = itn__read_beside(r->text.name, item->text->at, length, &path, &bytes, &error);
+        file.name = (const char *)path.bytes, file.bytes = bytes.bytes, file.size = bytes.size;
+        item->text->at += length;
+    }
+    if (itn__has_form(field, 'm')) memcpy(at, &mesh, sizeof mesh);
+    if (itn__has_form(field, 'p')) memcpy(at, &image, sizeof image);
+    if (!result && itn__has_form(field, 'y'))
+        result = itn__sky_from_memory(file.bytes, file.size, file.name, (itn_sky *)at, &error);
+    if (!result && itn__has_form(field, 'm'))
+        result = itn_mesh_from_memory(file.bytes, file.size, file.name, &r->context, mesh, &error);
+    if (!result && itn__has_form(field, 'p'))
+        result = itn_image_from_memory(file.bytes, file.size, file.name, &r->context, image,
+                                       &error);
+    itn__buffer_free(&bytes), itn__buffer_free(&path);
+    if (result) itn__text_fail(item->text, result, "%s", error.message);
+}
+
+/* Reads what follows a field's name; returns how many numbers. */
+static int itn__read_field(itn__item *item, const itn__field *field) {
+    itn__text *text = item->text;
+    void *at = (char *)item->desc + field->at;
+    const char *name;
+    int length, choice = 1;
+    if (strpbrk(field->form, "0123456789")) return itn__read_values(item, field);
+    if (!strpbrk(field->form, "wompy")) { /* a flag, or nothing */
+        if (field->at) memcpy(at, &choice, sizeof choice);
+        return 0;
+    }
+    length = itn__line_done(text) ? 0 : itn__word_length(text);
+    if (!length) {
+        ITN__WRONG("%s: the line ends too early", field->name);
+    } else if (itn__has_form(field, 'w')) {
+        name = itn__read_name(item);
+        memcpy(at, &name, sizeof name);
+    } else if (itn__has_form(field, 'o')) {
+        if (!field->words) text->at += length;
+        else if ((choice = itn__accept(text, field->words)) < 0)
+            ITN__WRONG("%s: '%.*s' is none of: %s", field->name, length, text->at, field->words);
+        if (field->at) memcpy(at, &choice, sizeof choice);
+    } else if (*text->at == '"' || *text->at == '\'') {
+        ITN__WRONG("%s: a path has neither quotes nor blanks", field->name);
+    } else {
+        itn__load_field(item, field, at);
+    }
+    return 0;
+}
+
+/* Reads all fields of the line. */
+static void itn__read_fields(itn__item *item) {
+    const itn__field *fields = item->form->fields;
+    char list[160] = "";
+    itn__prose known = {list, sizeof list - 1, 0};
+    int k;
+    for (k = 0; fields[k].name; k++) itn__say(&known, "%s%s", k ? " " : "", fields[k].name);
+    while (!itn__line_done(item->text)) {
+        int length = itn__word_length(item->text);
+        k = itn__accept(item->text, list);
+        if (k < 0)
+            ITN__WRONG("%s has no field '%.*s', only %s%s", item->title, length < 40 ? length : 40,
+                       item->text->at, list,
+                       item->form->kind == ITN__SURFACE ? " (or is of another type)" : "");
+        else if (item->given[k]) ITN__WRONG("%s is given twice", fields[k].name);
+        else item->given[k] = 1 + itn__read_field(item, &fields[k]);
+        if (k >= 0 && itn__has_form(&fields[k], 't')) item->given[k] = 0; /* may come again */
+    }
+}
+
+/* Fails where a field must be given and was not. */
+static void itn__need_fields(itn__item *item) {
+    const itn__field *field = item->form->fields;
+    int k;
+    for (k = 0; field[k].name; k++)
+        if (!item->given[k] && itn__has_form(&field[k], '!'))
+            ITN__WRONG("%s: %s is missing", item->title, field[k].name);
+}
+
+/* Reads the bytes of a sky file. */
+static itn_result itn__sky_from_memory(const void *bytes, size_t size, const char *name,
+                                       itn_sky *sky, itn_error *error) {
+    itn__text text = itn__text_make(bytes, size, name);
+    itn__item item = ITN_ZERO;
+    text.error = error, item.text = &text, item.desc = sky;
+    item.form = &itn__sky_form, item.title = "a sky";
+    for (; text.at < text.end; itn__next_line(&text)) itn__read_fields(&item);
+    itn__need_fields(&item);
+    return text.result;
 }
 
 /* The three forms of reflectance: a colour, an image (times a colour), a checker. */
-static itn_result itn__end_diffuse(itn__reader *r, itn_surface_desc *surface, int plain, int image,
-                                   int checker) {
-    const float *n = r->checker;
-    int k, three = checker == 8;
-    if (!plain || (plain > 1 && checker) || (plain == 1 && !image && !checker) ||
-        (image && checker))
-        return itn__reader_fail(r, "reflectance is a colour, [colour] texture FILE or checker A B "
-                                   "SIZE");
+static void itn__end_diffuse(itn__item *item, itn_surface_desc *surface) {
+    int plain = item->given[0], image = item->given[1], checker = item->given[2], k;
+    const float *n = item->checker;
+    if (!plain || (plain > 1 ? checker : image ? checker : !checker))
+        ITN__WRONG("reflectance is a colour, [colour] texture FILE or checker A B SIZE");
     for (k = 0; k < 3 && plain == 1; k++) {
-        surface->reflectance[k] = checker ? n[three ? k : 0] : 1;
-        surface->reflectance2[k] = checker ? n[three ? 3 + k : 1] : 0;
-        if (surface->reflectance[k] > 1 || surface->reflectance2[k] > 1)
-            return itn__reader_fail(r, "checker: a reflectance is not in [0, 1]");
+        surface->reflectance[k] = checker ? n[checker == 8 ? k : 0] : 1;
+        surface->reflectance2[k] = n[checker == 8 ? 3 + k : 1];
     }
     if (image) surface->texture = ITN_TEXTURE_IMAGE;
-    if (!checker) return ITN_OK;
+    if (!checker) return;
     surface->texture = ITN_TEXTURE_CHECKER, surface->checker_size = n[checker - 2];
-    return surface->checker_size > 0 ? ITN_OK
-                                     : itn__reader_fail(r, "checker: SIZE is not positive");
+    if (!(surface->checker_size > 0)) ITN__WRONG("checker: SIZE is not positive");
 }
 
-/* What depends on several fields of an item. */
-static itn_result itn__end_item(itn__scene_file *file, const itn__form *form, void *desc) {
-    itn__reader *r = &file->reader;
-    const int *given = r->given;
-    itn_object_desc *object = (itn_object_desc *)desc;
-    int k;
-    for (k = 0; form->fields[k].name && !file->colour_line; k++)
-        if ((strpbrk(form->fields[k].form, "cs") && given[k] == 4) || given[k] == 8)
-            file->colour_line = r->lines[0];
-    if (form->kind == ITN__SURFACE) ((itn_surface_desc *)desc)->type = (itn_surface_type)form->type;
-    if (form->kind == ITN__LIGHT) ((itn_light_desc *)desc)->type = (itn_light_type)form->type;
-    if (form->kind == ITN__LIGHT) ((itn_light_desc *)desc)->has_scale = 1;
-    if (form->kind == ITN__SURFACE && form->type == ITN_SURFACE_DIFFUSE)
-        return itn__end_diffuse(r, (itn_surface_desc *)desc, given[0], given[1], given[2]);
-    if (form->kind != ITN__OBJECT || !object->mesh) return ITN_OK;
-    for (k = 0; k < 12; k++) object->transform[k] = (float)r->transform[k];
-    for (k = 0; k < 12 && object->transform[k] == 0; k++) {}
-    if (k == 12) /* all 0, which would mean no transform */
-        return itn__reader_fail(r, "the transform is too small for a float");
-    return ITN_OK;
+/* What an object has besides its fields. */
+static void itn__end_object(itn__item *item, itn_object_desc *object) {
+    int k, moved = 0;
+    for (k = 0; k < 12 && object->mesh; k++) {
+        object->transform[k] = (float)item->transform[k];
+        moved |= object->transform[k] != 0;
+    }
+    if (object->mesh && !moved) /* which would mean no transform */
+        ITN__WRONG("the transform is too small for a float");
 }
 
 /* The form of the line's item. */
-static const itn__form *itn__find_form(itn__reader *r) {
-    const char *keyword = itn__next_word(r), *variant = r->count > 1 ? r->words[1] : "";
-    char known[240] = "";
-    int k, kind = -1;
-    for (k = 0; k < ITN__KINDS; k++)
-        if (!strcmp(keyword, itn__kinds[k])) kind = k;
-    if (kind == ITN__SURFACE) { /* its type stands somewhere behind its name */
-        for (k = 2; k < r->count && strcmp(r->words[k], "type"); k++) {}
-        if (k + 1 >= r->count) {
-            itn__reader_fail(r, "surface: type is missing");
-            return NULL;
-        }
-        keyword = "type", variant = r->words[k + 1];
-    }
+static const itn__form *itn__find_form(itn__text *text) {
+    char list[300] = "";
+    itn__prose known = {list, sizeof list - 1, 0};
+    const char *from = text->at, *end = from;
+    int k, kind = itn__accept(text, itn__keywords);
+    itn__text ahead = *text;
+    if (kind == ITN__SURFACE) /* its type stands somewhere behind its name */
+        do {
+            itn__skip_blanks(&ahead);
+            ahead.at += itn__word_length(&ahead);
+        } while (!itn__line_done(&ahead) && itn__accept(&ahead, "type") < 0);
     for (k = 0; k < ITN__FORMS; k++) {
         const itn__form *form = itn__form_at(k);
-        const char *second = form->variant ? form->variant : "";
-        if (kind >= 0 && form->kind != kind) continue;
-        if (kind >= 0 && (!*second || !strcmp(second, variant))) return form;
-        if (form->kind == ITN__KINDS) continue; /* in no file */
-        itn__print(known + strlen(known), sizeof known - strlen(known), "%s%s%s%s",
-                   *known ? ", " : "", kind >= 0 ? keyword : itn__kinds[form->kind],
-                   *second ? " " : "", second);
+        if (form->kind == ITN__KINDS || (kind >= 0 && form->kind != kind)) continue;
+        if (kind >= 0 && (!form->variant || itn__accept(&ahead, form->variant) == 0)) return form;
+        itn__say(&known, "%s%s%s%s", *list ? ", " : "", itn__kinds[form->kind],
+                 form->kind == ITN__SURFACE ? " NAME type " : form->variant ? " " : "",
+                 form->variant ? form->variant : "");
     }
-    itn__reader_fail(r, "found '%.20s%s%.20s', expected %s", keyword, *variant ? " " : "", variant,
-                     known);
+    while (end < text->end && end - from < 40 && !itn__newline(end, text->end)) end++;
+    itn__text_fail(text, ITN_ERROR_FORMAT, "found '%.*s', expected %s", (int)(end - from), from,
+                   list);
     return NULL;
 }
 
+/* The desc of an item. */
+static void *itn__desc_of(itn__reader *r, int kind, int index) {
+    if (kind == ITN__MEDIUM) return &r->media[index];
+    if (kind == ITN__SURFACE) return &r->surfaces[index];
+    if (kind == ITN__OBJECT) return &r->objects[index];
+    if (kind == ITN__LIGHT) return &r->lights[index];
+    return kind == ITN__FILM ? (void *)&r->desc.film : (void *)&r->desc.camera;
+}
+
 /* Reads the item of a line that has words. */
-static itn_result itn__read_item(itn__scene_file *file) {
-    itn__reader *r = &file->reader;
-    const itn__form *form = itn__find_form(r);
-    int kind = form ? form->kind : 0, k = file->count[kind];
-    void *desc = itn__desc_of(file, kind, k);
-    const char *name = NULL;
-    char light_name[ITN_NAME_SIZE];
-    itn_result result;
-    if (!form) return ITN_ERROR_FORMAT;
-    itn__begin_fields(r, form, itn__kinds[kind]);
-    if (k && kind <= ITN__CAMERA)
-        return itn__reader_fail(r, "%s was given in line %d", r->title, file->lines[kind][0]);
-    if (k == ITN__MOST_ITEMS) return itn__reader_fail(r, "more than %d items of this kind", k);
-    if (kind == ITN__MEDIUM || kind == ITN__SURFACE) {
-        name = itn__next_word(r);
-        if (!name) return itn__reader_fail(r, "%s: the line ends too early", r->title);
-        memcpy(desc, &name, sizeof name); /* its first field */
+static void itn__read_item(itn__reader *r, itn__item *item) {
+    const itn__form *form = item->form = itn__find_form(&r->text);
+    int k, kind = form ? form->kind : 0, index = r->count[kind];
+    itn_light_desc *light = &r->lights[index];
+    char name[ITN_NAME_SIZE];
+    item->reader = r, item->text = &r->text, item->title = itn__kinds[kind];
+    if (index && kind <= ITN__CAMERA)
+        ITN__WRONG("%s was given in line %d", item->title, r->lines[kind][0]);
+    if (index == ITN__MOST_ITEMS) ITN__WRONG("more than %d items of this kind", index);
+    if (r->text.result) return;
+    item->desc = itn__desc_of(r, kind, index), r->lines[kind][index] = r->text.line;
+    for (k = 0; form->fields[k].name; k++) {
+        float n[3] = {form->fields[k].otherwise, 0, 0};
+        if (n[0] != 0) itn__write_numbers(&form->fields[k], item->desc, n, 1);
     }
-    result = itn__read_fields(r, desc);
-    if (!result) result = itn__end_fields(r, desc);
-    if (kind == ITN__LIGHT && !result) {
-        itn__light_name(light_name, k);
-        name = ((itn_light_desc *)desc)->name ? ((itn_light_desc *)desc)->name : light_name;
+    for (k = 0; k < 12; k++) item->transform[k] = k % 5 == 0;
+    if (kind == ITN__MEDIUM || kind == ITN__SURFACE) /* its first field */
+        *(const char **)item->desc = itn__read_name(item);
+    itn__read_fields(item);
+    itn__need_fields(item);
+    if (kind == ITN__SURFACE) r->surfaces[index].type = (itn_surface_type)form->type;
+    if (kind == ITN__SURFACE && form->type == ITN_SURFACE_DIFFUSE)
+        itn__end_diffuse(item, &r->surfaces[index]);
+    if (kind == ITN__OBJECT) itn__end_object(item, &r->objects[index]);
+    if (kind == ITN__LIGHT) light->type = (itn_light_type)form->type, light->has_scale = 1;
+    if (kind == ITN__LIGHT && !light->name) {
+        itn__light_name(name, index);
+        light->name = itn__keep_name(item, name, ITN_NAME_SIZE);
     }
-    if (!result && name) result = itn__note_name(file, name);
-    file->lines[kind][file->count[kind]++] = r->lines[0];
-    return result ? result : itn__end_item(file, form, desc);
+    r->count[kind]++;
+}
+
+/* Fails in a line that is known afterwards; 0: in no single one. */
+static itn_result itn__fail_in_line(itn__reader *r, int line, itn_result code, const char *words) {
+    return itn__fail(r->text.error, code, line, "%s:%d: %s", r->text.name, line, words);
 }
 
 /* Reads all lines and makes the scene. */
-static itn_result itn__file_scene(itn__scene_file *file, itn_scene **scene) {
-    itn__reader *r = &file->reader;
-    itn_scene_desc *desc = &file->desc;
-    int kind = -1, index = 0;
-    itn_error inner = ITN_ZERO;
-    itn_result result = ITN_OK;
-    int line;
-    while (!result && r->text.at < r->text.end) {
-        result = itn__read_line(r);
-        if (!result && r->count) result = itn__read_item(file);
+static itn_result itn__read_scene(itn__reader *r, itn_scene **scene) {
+    const char *fault = NULL;
+    itn_scene_desc *desc = &r->desc;
+    itn_error error = ITN_ZERO;
+    itn_result result;
+    int kind = -1, index = 0, line = 0;
+    if (memchr(r->text.at, 0, (size_t)(r->text.end - r->text.at)))
+        return itn__fail_in_line(r, 0, ITN_ERROR_FORMAT, "a zero byte is not text");
+    for (; r->text.at < r->text.end; itn__next_line(&r->text)) {
+        itn__item item = ITN_ZERO;
+        if (!itn__line_done(&r->text)) itn__read_item(r, &item);
     }
-    if (result) return result;
-    r->count = 0; /* what is wrong is in no line */
-    if (!file->count[ITN__CAMERA]) return itn__reader_fail(r, "there is no camera");
-    if (!file->count[ITN__LIGHT])
-        return itn__reader_fail(r, "there is no light: all would be black");
-    r->count = file->colour_line > 0, r->lines[0] = file->colour_line;
-    if (file->colour_line && desc->film.channels != 3)
-        return itn__reader_fail(r, "a colour of three numbers needs a film with channels 3");
-    desc->media = file->media, desc->medium_count = file->count[ITN__MEDIUM];
-    desc->surfaces = file->surfaces, desc->surface_count = file->count[ITN__SURFACE];
-    desc->objects = file->objects, desc->object_count = file->count[ITN__OBJECT];
-    desc->lights = file->lights, desc->light_count = file->count[ITN__LIGHT];
-    result = itn__create_scene(desc, &r->buffer.context, ITN_ERROR_FORMAT, scene, &kind,
-                               &index, &inner);
+    if (r->text.result) return r->text.result;
+    if (!r->count[ITN__CAMERA]) fault = "there is no camera";
+    else if (!r->count[ITN__LIGHT]) fault = "there is no light: all would be black";
+    else if (r->colour_line && desc->film.channels != 3)
+        fault = "a colour of three numbers needs a film with channels 3", line = r->colour_line;
+    if (fault) return itn__fail_in_line(r, line, ITN_ERROR_FORMAT, fault);
+    desc->media = r->media, desc->medium_count = r->count[ITN__MEDIUM];
+    desc->surfaces = r->surfaces, desc->surface_count = r->count[ITN__SURFACE];
+    desc->objects = r->objects, desc->object_count = r->count[ITN__OBJECT];
+    desc->lights = r->lights, desc->light_count = r->count[ITN__LIGHT];
+    result = itn__create_scene(desc, &r->context, ITN_ERROR_FORMAT, scene, &kind, &index, &error);
     if (!result) return ITN_OK;
-    line = kind < 0 ? 0 : file->lines[kind][index];
-    return itn__fail(r->error, result, line, "%s:%d: %s", r->text.name, line, inner.message);
+    return itn__fail_in_line(r, kind < 0 ? 0 : r->lines[kind][index], result, error.message);
 }
 
 ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const char *name,
@@ -15775,7 +15672,7 @@ ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const c
                                          const itn_context *context, itn_scene **scene,
                                          itn_error *error) {
     itn_context own;
-    itn__scene_file *file;
+    itn__reader *r;
     int k;
     itn_result result = itn__context_check(context, &own, error);
     if (result) return result;
@@ -15783,31 +15680,26 @@ ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const c
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_scene_from_memory: NULL argument, or more than %d bytes",
                          (int)ITN__MOST_TEXT);
-    file = (itn__scene_file *)itn__allocate(&own, 1, sizeof *file);
-    if (!file) return itn__out_of_memory(error, "a scene file");
-    result = itn__reader_open(&file->reader, bytes, size, name ? name : "scene", &own, error);
-    file->reader.loaded = &file->loaded;
-    file->loaded.files = files, file->loaded.file_count = file_count;
-    if (!result) result = itn__file_scene(file, scene);
-    for (k = 0; k < ITN__MOST_ITEMS; k++) itn_mesh_free(&file->loaded.meshes[k]);
-    for (k = 0; k < 2 * ITN__MOST_ITEMS; k++) itn_image_free(&file->loaded.images[k]);
-    itn__buffer_free(&file->reader.buffer);
-    itn__free(&own, file);
+    r = ITN__NEW(itn__reader, &own, 1);
+    if (!r) return itn__out_of_memory(error, "a scene file");
+    r->text = itn__text_make(bytes, size, name ? name : "scene"), r->text.error = error;
+    r->context = own, r->files = files, r->file_count = file_count;
+    result = itn__read_scene(r, scene);
+    for (k = 0; k < ITN__MOST_ITEMS; k++) itn_mesh_free(&r->meshes[k]);
+    for (k = 0; k < 2 * ITN__MOST_ITEMS; k++) itn_image_free(&r->images[k % 2][k / 2]);
+    itn__free(&own, r);
     return result;
 }
 
 #ifndef ITN_NO_STDIO
 ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, itn_scene **scene,
                                   itn_error *error) {
-    itn__buffer buffer = ITN_ZERO;
-    itn_result result = itn__context_check(context, &buffer.context, error);
-    if (result) return result;
-    if (!path || !scene)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_load: path or scene is NULL");
-    result = itn__read_file(path, ITN__MOST_TEXT, &buffer, error);
-    if (result) return result;
-    result = itn_scene_from_memory(buffer.bytes, buffer.size, path, NULL, 0, context, scene, error);
-    itn__buffer_free(&buffer);
+    itn__buffer file = ITN_ZERO;
+    itn_result result = itn__context_check(context, &file.context, error);
+    if (!result) result = itn__read_file(path, ITN__MOST_TEXT, &file, error);
+    if (!result)
+        result = itn_scene_from_memory(file.bytes, file.size, path, NULL, 0, context, scene, error);
+    itn__buffer_free(&file);
     return result;
 }
 #endif

@@ -765,7 +765,7 @@ static void bench_open(walk_bench *bench, const char *what, const char *csv, con
     need(itn_mesh_load(mesh, &context, &bench->mesh, &error), &error);
     need(itn__read_file(project_path("scenes/t3-e60.sky", sky, sizeof sky), 1 << 20, &bytes,
                         &error), &error);
-    need(itn__sky_from_memory(bytes.bytes, bytes.size, sky, &context, &bench->sky, &error), &error);
+    need(itn__sky_from_memory(bytes.bytes, bytes.size, sky, &bench->sky, &error), &error);
     itn__buffer_free(&bytes);
     normalize_mesh(&bench->mesh);
     bench->csv = csv ? fopen(csv, "w") : stdout;

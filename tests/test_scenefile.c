@@ -277,7 +277,7 @@ static const bad_line bad_lines[] = {
     {"medium x sigma_t 1 albedo 1 g 0 0.1 1", ITN_ERROR_FORMAT, "g: 1 is not in"},
     {"medium x sigma_t 1 albedo 1 g 0 0.1 0.2", ITN_ERROR_FORMAT, "channels 3"},
     {"medium x sigma_t 1 albedo 1 phase rayleigh", ITN_ERROR_FORMAT, "rayleigh"},
-    {"surface x ior 1.5", ITN_ERROR_FORMAT, "type is missing"},
+    {"surface x ior 1.5", ITN_ERROR_FORMAT, "expected surface NAME type dielectric, surface NAME"},
     {"surface x type metal", ITN_ERROR_FORMAT, "metal"},
     {"surface x type dielectric ior 0", ITN_ERROR_FORMAT, "ior"},
     {"surface x type dielectric ior 4.1", ITN_ERROR_FORMAT, "ior"},
@@ -293,14 +293,15 @@ static const bad_line bad_lines[] = {
     {"surface x type diffuse reflectance texture none.pfm", ITN_ERROR_FILE, "none.pfm"},
     {"surface x type diffuse reflectance texture cube.obj", ITN_ERROR_FORMAT, "cube.obj"},
     {"surface x type diffuse reflectance checker 0 1", ITN_ERROR_FORMAT, "checker"},
-    {"surface x type diffuse reflectance checker 0 1.5 1", ITN_ERROR_FORMAT, "checker"},
+    {"surface x type diffuse reflectance checker 0 1.5 1", ITN_ERROR_FORMAT,
+     "x: reflectance2 1.5 is not in [0, 1]"},
     {"surface x type diffuse reflectance checker 0 1 0", ITN_ERROR_FORMAT, "SIZE"},
     {"surface x type diffuse reflectance checker 0 0 0 1 1 1 1", ITN_ERROR_FORMAT, "channels 3"},
     {"surface x type diffuse reflectance 1 checker 0 1 1", ITN_ERROR_FORMAT, "reflectance"},
     {"object mesh", ITN_ERROR_FORMAT, "mesh"},
     {"object mesh \"my cube.obj\" medium m", ITN_ERROR_FORMAT, "neither quotes nor blanks"},
     {"object sphere", ITN_ERROR_FORMAT, "expected object mesh, object plane"},
-    {"surface x type metal", ITN_ERROR_FORMAT, "expected type dielectric, type diffuse"},
+    {"surface x type metal", ITN_ERROR_FORMAT, "expected surface NAME type dielectric, surface "},
     {"object mesh none.obj medium m", ITN_ERROR_FILE, "none.obj"},
     {"object mesh scene.itn medium m", ITN_ERROR_FORMAT, "scene.itn"},
     {"object mesh cube.obj medium x", ITN_ERROR_FORMAT, "no medium 'x'"},
@@ -415,6 +416,8 @@ static void test_other_errors(void) {
         CHECK(!load_text(text, NULL, &error) && error.line == 4);
         CHECK(strstr(error.message, i ? "'light2' is used twice" : "'light' is used twice"));
     }
+    sprintf(text, "%smedium x sigma_t 1 \\\n albedo 0.5 \\\n g 2\n%s", base, rest);
+    CHECK(!load_text(text, NULL, &error) && error.line == 5 && strstr(error.message, "g: 2 is"));
     write_bytes("scene.itn", "camera\0 eye 0 0 1 target 0 0 0\n", 31);
     CHECK(itn_scene_load(scenefile_in_directory("scene.itn"), NULL, &scene, &error) ==
           ITN_ERROR_FORMAT);
@@ -501,7 +504,7 @@ static itn_result load_sky(const char *path, itn_sky *sky, itn_error *error) {
     itn__buffer bytes = ITN_ZERO;
     itn_result result = itn__read_file(path, 1 << 20, &bytes, error);
     if (!result)
-        result = itn__sky_from_memory(bytes.bytes, bytes.size, path, &bytes.context, sky, error);
+        result = itn__sky_from_memory(bytes.bytes, bytes.size, path, sky, error);
     itn__buffer_free(&bytes);
     return result;
 }
