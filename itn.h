@@ -777,7 +777,7 @@ ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const cha
 #ifndef ITN_NO_STDIO
 /* Writes shape, weights and (unless weights_only) Adam's moments and steps, so that training goes
    on bit for bit as if never stopped. The file appears whole or not at all.
-   Errors: FILE, MEMORY, ARGUMENT (a weight or moment is not finite), UNSUPPORTED (over 2 GiB). */
+   Errors: FILE, MEMORY, ARGUMENT (a weight or moment is not finite). */
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error);
 /* itn_net_from_memory of a file's bytes. Further error: FILE. */
@@ -940,20 +940,18 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
    error that says where. Savers write a temporary beside the file (path.tmp0, or the next number
    that is free), wait until it is on the disk and rename it: path holds its old contents or the new
    ones, whole, also where power fails or two processes write it. A symbolic link becomes a file;
-   what is under /dev/, but not /dev/shm/, is written directly. Paths are of at most 4087 bytes.
+   what is under /dev/, but not /dev/shm/, is written directly. Paths have at most 4087 bytes.
    Numbers in text have a decimal point whatever the locale. */
 
 /* Makes a mesh from the bytes of a PLY (its first word is "ply") or OBJ file. `name` stands for the
-   file in error messages; NULL = "mesh". Free with itn_mesh_free.
-   OBJ: v, vt and f count; other statements are skipped. Indices may be negative, and must name what
-   stands above them. uvs are made if every face has texture coordinates.
+   file in messages (NULL = "mesh"). Free with itn_mesh_free.
+   OBJ: v, vt and f count, other statements are skipped. An index, which may be negative, names what
+   stands above it. uvs are made if every corner has texture coordinates.
    PLY: ascii or binary of either byte order; elements vertex (x y z, and u v, s t or texture_u
-   texture_v if present) and face (vertex_indices or vertex_index, and a list texcoord of u v pairs
-   if present).
+   texture_v) and then face (vertex_indices or vertex_index, and a list texcoord of u v pairs).
    Polygons are cut into triangles: fans where convex, ears where not (up to 4096 corners).
    Errors: FORMAT (also coordinates that are not finite, or more than 8,000 times as far from the
-   origin as the mesh is large: floats lose its shape), UNSUPPORTED (PLY without vertices and then
-   faces, large concave faces), ARGUMENT, MEMORY. */
+   origin as the mesh is large: floats lose its shape), UNSUPPORTED, ARGUMENT, MEMORY. */
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
                                         const itn_context *context, itn_mesh *mesh,
                                         itn_error *error);
@@ -976,8 +974,8 @@ ITN_API itn_result itn_image_load(const char *path, const itn_context *context, 
 
 /* Savers. Errors: ARGUMENT (what is saved is empty or not valid), FILE, MEMORY.
    PLY: binary little-endian, with uvs as the faces' list texcoord. EXR: all planes as float
-   channels, uncompressed, bit for bit (also NaN), sorted by name, which must differ. PFM:
-   plane_count (1 or 3) planes from first_plane on, little-endian, bit for bit. */
+   channels, uncompressed, bit for bit, sorted by name, which must differ. PFM: plane_count (1 or 3)
+   planes from first_plane on, little-endian, bit for bit. */
 ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error);
 ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path, itn_error *error);
 ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, int plane_count,
@@ -986,13 +984,13 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
 /* How numbers become colours, for looking only. */
 typedef enum itn_png_mode {
     ITN_PNG_TONE = 0, /* scale times value, cut to [0,1], then the sRGB curve */
-    ITN_PNG_SIGNED    /* red for positive, blue for negative, black for zero, full at 1/scale; the
-                         mean of three planes */
+    ITN_PNG_SIGNED    /* the mean of the planes: red if positive, blue if negative, black at 0, full
+                         at 1/scale */
 } itn_png_mode;
 
 /* Writes plane_count (1 or 3) planes from first_plane on as an 8-bit RGB PNG file, uncompressed.
-   scale: > 0, or 0 = automatic, which maps the 99th percentile of the finite values (signed: of
-   their sizes) to 1. NaN becomes magenta. */
+   scale: > 0, or 0 = the 99th percentile of the finite values (signed: of their sizes) maps to 1.
+   NaN becomes magenta. */
 ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error);
@@ -13942,35 +13940,30 @@ static int itn__replace_file(char *temporary, const char *path) {
 #endif
 }
 
-/* Replaces a file by these bytes; on failure it is as it was, and the temporary is removed. Devices
-   cannot be replaced by a rename and are written to directly; what is in /dev/shm/ is none. */
-static itn_result itn__write_file(const char *path, const void *bytes, size_t size,
-                                  itn_error *error) {
+/* Replaces a file by what was composed in a buffer, which is freed; on failure the file is as it
+   was, and the temporary is removed. Devices cannot be replaced by a rename and are written to
+   directly; what is in /dev/shm/ is none. */
+static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_error *error) {
     char temporary[4096];
-    int device, cause = EEXIST, k;
+    int device = path && !strncmp(path, "/dev/", 5) && strncmp(path, "/dev/shm/", 9), k;
+    int fits = path && strlen(path) < sizeof temporary - 8, cause = EEXIST;
     FILE *file = NULL;
-    if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
-    device = !strncmp(path, "/dev/", 5) && strncmp(path, "/dev/shm/", 9);
-    for (k = 0; k < 10000 && !file && cause == EEXIST; k++) {
-        if (itn__print(temporary, sizeof temporary, "%s.tmp%d", path, k) >= sizeof temporary)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is longer than 4087 characters");
+    itn_result result = ITN_OK;
+    for (k = 0; fits && !buffer->failed && k < 10000 && !file && cause == EEXIST; k++) {
+        itn__print(temporary, sizeof temporary, "%s.tmp%d", path, k);
         file = device ? fopen(path, "wb") : fopen(temporary, "wbx"); /* x: it must be new */
         cause = errno;
     }
     if (file) {
-        cause = itn__write_bytes(file, bytes, size);
+        cause = itn__write_bytes(file, buffer->bytes, buffer->size);
         if (!cause && !device) cause = itn__replace_file(temporary, path);
         if (cause && !device) remove(temporary);
     }
-    if (!cause) return ITN_OK;
-    return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot write: %s", path, strerror(cause));
-}
-
-/* Writes what was composed in a buffer and frees it. */
-static itn_result itn__write_buffer(const char *path, itn__buffer *buffer, itn_error *error) {
-    itn_result result = buffer->failed
-                            ? itn__out_of_memory(error, path ? path : "path")
-                            : itn__write_file(path, buffer->bytes, buffer->size, error);
+    if (!fits)
+        result = itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL or longer than 4087 bytes");
+    else if (buffer->failed) result = itn__out_of_memory(error, path);
+    else if (cause)
+        result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot write: %s", path, strerror(cause));
     itn__buffer_free(buffer);
     return result;
 }
@@ -13987,8 +13980,9 @@ static itn_result itn__write_buffer(const char *path, itn__buffer *buffer, itn_e
    stream zlib (RFC 1950) puts the Adler-32 sum of the data. */
 
 typedef struct itn__code {
-    int used, count[16], symbols[288]; /* symbols: the `used` ones in the order of their codes */
-} itn__code;                           /* count: of the codes of each length */
+    int count[16], symbols[288]; /* of each length; those `used`, in the order of their codes */
+    int used;
+} itn__code;
 
 typedef struct itn__inflate {
     itn__text *in;
@@ -14365,10 +14359,9 @@ static itn_result itn__exr_decode(const itn__text *given, const itn_context *con
    character, then floats, the lowest row first; a negative scale says little-endian, and its size
    is what the numbers are in units of (P. Debevec). */
 static itn_result itn__pfm_decode(itn__text *text, const itn_context *context, itn_image *image) {
-    static const char *const names[] = {"Y", "R", "G", "B"};
     static const char *const what[] = {"PFM width", "PFM height", "PFM scale"};
     int channels = text->at[1] == 'F' ? 3 : 1, x, row, k;
-    double header[3], needed;
+    double header[3], left;
     const unsigned char *bytes;
     text->at += 2;
     for (k = 0; k < 3; k++) {
@@ -14378,20 +14371,16 @@ static itn_result itn__pfm_decode(itn__text *text, const itn_context *context, i
                   : (float)header[k] == 0)
             ITN__DAMAGED(text, "%s is %g", what[k], header[k]);
     }
-    needed = header[0] * header[1] * channels * 4;
+    left = (double)(text->end - text->at) - header[0] * header[1] * channels * 4;
     /* the one white space character, or two, of a file that was written as text on Windows */
-    if ((double)(text->end - text->at) == needed + 2 && itn__newline(text->at, text->end) == 2)
-        text->at++;
-    text->at += text->at < text->end;
-    bytes = (const unsigned char *)text->at;
-    if ((double)(text->end - text->at) != needed)
-        ITN__DAMAGED(text, "PFM has %.0f bytes of pixels, needs %.0f",
-                     (double)(text->end - text->at), needed);
+    if (left != 1 && !(left == 2 && itn__newline(text->at, text->end) == 2))
+        ITN__DAMAGED(text, "PFM has %.0f bytes of pixels too many (or, < 0, too few)", left - 1);
     if (!text->result)
         text->result = itn_image_create((int)header[0], (int)header[1], channels, context, image,
                                         text->error);
     if (text->result) return text->result;
-    for (k = 0; k < channels; k++) itn__copy_name(image->names[k], names[k + channels / 3]);
+    bytes = (const unsigned char *)text->at + (int)left;
+    for (k = 0; k < channels; k++) image->names[k][0] = "YRGB"[k + channels / 3];
     for (row = image->height - 1; row >= 0; row--)
         for (x = 0; x < image->width; x++)
             for (k = 0; k < channels; k++, bytes += 4) {
@@ -14438,14 +14427,14 @@ ITN_API itn_result itn_image_load(const char *path, const itn_context *context, 
     return result;
 }
 
-/* What every saver of images asks for; most: planes that the format can hold. */
+/* What every saver of images asks for. */
 static itn_result itn__check_image(const itn_image *image, int first_plane, int plane_count,
-                                   int most, itn__buffer *buffer, itn_error *error) {
+                                   int one_or_three, itn__buffer *buffer, itn_error *error) {
     memset(buffer, 0, sizeof *buffer);
     if (!image || !image->pixels || !image->names || image->width < 1 || image->height < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: it has no pixels");
     if (first_plane < 0 || plane_count < 1 || first_plane > image->plane_count - plane_count ||
-        plane_count > most || (most == 3 && plane_count == 2))
+        (one_or_three && plane_count != 1 && plane_count != 3))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "saving an image: %d planes from plane %d on of an image of %d",
                          plane_count, first_plane, image->plane_count);
@@ -14505,7 +14494,7 @@ ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
     uint64_t line, start;
     int planes = image ? image->plane_count : 0, *order, row, i;
     const char *fault;
-    itn_result result = itn__check_image(image, 0, planes, INT_MAX, &buffer, error);
+    itn_result result = itn__check_image(image, 0, planes, 0, &buffer, error);
     if (result) return result;
     line = (uint64_t)image->width * (uint64_t)planes * 4;
     order = (int *)itn__allocate(&buffer.context, (size_t)planes, sizeof(int));
@@ -14522,7 +14511,7 @@ ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
             itn__put_floats(&buffer, itn__pixel(image, order[i], row, 0), (size_t)image->width);
     }
     itn__free(&buffer.context, order);
-    if (!fault) return itn__write_buffer(path, &buffer, error);
+    if (!fault) return itn__write_file(path, &buffer, error);
     return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %s", fault);
 }
 
@@ -14531,7 +14520,7 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
     itn__buffer buffer;
     char header[64];
     int row, x, k;
-    itn_result result = itn__check_image(image, first_plane, plane_count, 3, &buffer, error);
+    itn_result result = itn__check_image(image, first_plane, plane_count, 1, &buffer, error);
     if (result) return result;
     itn__put(&buffer, header, itn__print(header, sizeof header, "P%c\n%d %d\n-1.0\n",
                                          plane_count == 3 ? 'F' : 'f', image->width,
@@ -14540,7 +14529,7 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
         for (x = 0; x < image->width; x++)
             for (k = first_plane; k < first_plane + plane_count; k++)
                 itn__put_floats(&buffer, itn__pixel(image, k, row, x), 1);
-    return itn__write_buffer(path, &buffer, error);
+    return itn__write_file(path, &buffer, error);
 }
 
 /* A PNG file is a signature and chunks (length, type, data, CRC-32): IHDR with the size, IDAT with
@@ -14646,7 +14635,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
                                       itn_error *error) {
     itn__png png;
     size_t pixels, start;
-    itn_result result = itn__check_image(image, first_plane, plane_count, 3, &png.file, error);
+    itn_result result = itn__check_image(image, first_plane, plane_count, 1, &png.file, error);
     if (result) return result;
     if (!(scale >= 0) || !itn__finite(scale) || (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED) ||
         (uint64_t)image->width * 3 + 6 > INT_MAX / 2 / (uint64_t)image->height)
@@ -14666,7 +14655,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
     start = itn__png_end_chunk(&png.file, start);
     itn__put(&png.file, "\0\0\0\0IEND", 8);
     itn__png_end_chunk(&png.file, start);
-    return itn__write_buffer(path, &png.file, error);
+    return itn__write_file(path, &png.file, error);
 }
 
 #endif /* ITN_NO_STDIO */
@@ -14889,29 +14878,26 @@ static void itn__obj_decode(itn__text *text, itn__builder *b) {
    one after the other, as text or as binary numbers of either byte order. Properties have roles for
    us; those without one are read over. */
 
-enum { ITN__PLY_ELEMENTS = 32, ITN__PLY_PROPERTIES = 512 };
 enum { ITN__PLY_ASCII, ITN__PLY_LITTLE, ITN__PLY_BIG };
 enum { ITN__PLY_ENTRY, ITN__PLY_VERTEX, ITN__PLY_FACE };
 /* Roles: x y z u v of a vertex, numbers in this order, and the lists of a face. */
 enum { ITN__PLY_U = 3, ITN__PLY_CORNERS = 5, ITN__PLY_TEXCOORDS, ITN__PLY_NONE };
 
-typedef struct itn__ply_property {
-    int type, list, role; /* list: the type of the count, -1 for a scalar */
-} itn__ply_property;
-
-typedef struct itn__ply_element {
-    int kind, first, end; /* of its properties */
-    double count;
-} itn__ply_element;
+/* A line of the header: an element (type -1), which owns the properties behind it, or one of
+   these. */
+typedef struct itn__ply_line {
+    int type, list; /* list: the type of the count, -1 for a scalar */
+    int role;       /* of an element: its kind */
+    double count;   /* of an element */
+} itn__ply_line;
 
 typedef struct itn__ply {
     itn__text *text;
     itn__builder *builder;
-    int format, element_count, property_count;
-    int has;      /* 1 << role for those that are there */
-    int textured; /* vertices have texture coordinates */
-    itn__ply_element elements[ITN__PLY_ELEMENTS];
-    itn__ply_property properties[ITN__PLY_PROPERTIES];
+    int format, kind, count; /* kind: of the last element; count: of lines */
+    int has, kinds;          /* 1 << role, 1 << kind for those that are there */
+    int textured;            /* vertices have texture coordinates */
+    itn__ply_line lines[544];
 } itn__ply;
 
 static const unsigned char itn__ply_sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
@@ -14924,12 +14910,9 @@ static int itn__ply_type(itn__text *text) {
 }
 
 /* Reads "TYPE name" or "list TYPE TYPE name". Returns NULL, or what is wrong. */
-static const char *itn__ply_property_line(itn__ply *ply) {
-    itn__ply_property *p = ply->properties + ply->property_count;
-    itn__ply_element *element;
+static const char *itn__ply_property(itn__ply *ply, itn__ply_line *p) {
     int list = itn__accept(ply->text, "list") == 0, i;
-    if (!ply->element_count) return "property stands before any element";
-    if (ply->property_count == ITN__PLY_PROPERTIES) return "has more than 512 properties";
+    if (!ply->count) return "property stands before any element";
     p->list = list ? itn__ply_type(ply->text) : -1;
     p->type = itn__ply_type(ply->text);
     if (p->type < 0 || (list && p->list < 0)) return "property has no valid type";
@@ -14937,37 +14920,31 @@ static const char *itn__ply_property_line(itn__ply *ply) {
     if (itn__line_done(ply->text)) return "property has no name";
     i = itn__accept(ply->text, "x y z u v s t texture_u texture_v vertex_indices vertex_index "
                                "texcoord");
-    element = ply->elements + ply->element_count - 1;
-    p->role = i < 0 ? ITN__PLY_NONE : "012343434556"[i] - '0';
-    if (element->kind != (list ? ITN__PLY_FACE : ITN__PLY_VERTEX) || list != (i >= 9) ||
-        ply->has >> p->role & 1)
-        p->role = ITN__PLY_NONE;
+    p->role = i < 0 || list != (i >= 9) || ply->kind != (list ? ITN__PLY_FACE : ITN__PLY_VERTEX)
+                  ? ITN__PLY_NONE
+                  : "012343434556"[i] - '0';
+    if (ply->has >> p->role & 1) p->role = ITN__PLY_NONE;
     ply->has |= 1 << p->role;
-    element->end = ++ply->property_count;
     return NULL;
 }
 
 /* Reads "name count". Returns NULL, or what is wrong. */
-static const char *itn__ply_element_line(itn__ply *ply) {
-    itn__ply_element *element = ply->elements + ply->element_count;
-    int i;
-    if (ply->element_count == ITN__PLY_ELEMENTS) return "has more than 32 elements";
-    element->first = element->end = ply->property_count;
-    element->kind = itn__accept(ply->text, "vertex face") + 1;
-    if (!element->kind) ply->text->at += itn__word_length(ply->text);
+static const char *itn__ply_element(itn__ply *ply, itn__ply_line *element) {
+    element->type = -1;
+    element->role = ply->kind = itn__accept(ply->text, "vertex face") + 1;
+    if (!ply->kind) ply->text->at += itn__word_length(ply->text);
     element->count = itn__take_decimal(ply->text);
     if (!(element->count >= 0 && element->count < 1e15 && element->count == floor(element->count)))
         return "element has no valid count";
-    if (element->kind && element->count > INT_MAX) return "has too many vertices or faces";
-    for (i = 0; element->kind && i < ply->element_count; i++)
-        if (ply->elements[i].kind >= element->kind)
-            return ply->elements[i].kind > element->kind ? "faces stand before the vertices"
-                                                         : "has an element twice";
-    ply->element_count++;
+    if (!ply->kind) return NULL;
+    if (element->count > INT_MAX) return "has too many vertices or faces";
+    if (ply->kinds >> ply->kind & 1) return "has an element twice";
+    if (ply->kinds > 1 << ply->kind) return "faces stand before the vertices";
+    ply->kinds |= 1 << ply->kind;
     return NULL;
 }
 
-static void itn__ply_header(itn__ply *ply) {
+static itn_result itn__ply_header(itn__ply *ply) {
     itn__text *text = ply->text;
     const char *fault = NULL;
     int keyword = -1, lone_return;
@@ -14976,28 +14953,31 @@ static void itn__ply_header(itn__ply *ply) {
     /* "ply" ends in CR LF or LF or CR; in CR, a CR LF at the end is a line end and a datum */
     lone_return = text->end - text->at > 1 && text->at[0] == '\r' && text->at[1] != '\n';
     while (keyword != 0 && !fault) {
+        itn__ply_line *line = ply->lines + ply->count;
         itn__next_line(text);
-        keyword = itn__accept(text, "end_header comment obj_info format element property");
+        keyword = itn__accept(text, "end_header comment obj_info format property element");
         itn__skip_blanks(text);
         if (text->at == text->end) fault = "header has no end";
-        else if (keyword == 5) fault = itn__ply_property_line(ply);
-        else if (keyword == 4) fault = itn__ply_element_line(ply);
+        else if (keyword >= 4 && ply->count == 544) fault = "header has too many lines";
+        else if (keyword >= 4)
+            fault = keyword == 4 ? itn__ply_property(ply, line) : itn__ply_element(ply, line);
         else if (keyword == 3) {
             ply->format = itn__accept(text, "ascii binary_little_endian binary_big_endian");
             if (ply->format < 0 || itn__accept(text, "1.0") < 0) fault = "has an unknown format";
         } else if (keyword <= 0 && !itn__newline(text->at, text->end))
             fault = keyword ? "header has an unknown keyword" : "header has no end";
+        ply->count += keyword >= 4;
     }
     if (!fault && ply->format < 0) fault = "header has no format";
     if (!fault && (ply->has & 7) != 7) fault = "has no vertex with x, y, z";
     if (!fault && !(ply->has >> ITN__PLY_CORNERS & 1))
         fault = "has no face with a list vertex_indices";
-    if (fault) ITN__DAMAGED(text, "PLY %s", fault);
-    if (fault) return;
+    if (fault) return ITN__DAMAGED(text, "PLY %s", fault);
     ply->textured = (ply->has >> ITN__PLY_U & 3) == 3;
     /* what follows may be binary, and look like anything */
     text->at += lone_return ? 1 : itn__newline(text->at, text->end);
     text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
+    return ITN_OK;
 }
 
 /* Reads a number of any type; NaN if the text is none. */
@@ -15035,28 +15015,26 @@ static void itn__ply_take(itn__ply *ply, int role, double value, float *vertex) 
     else if (role != ITN__PLY_NONE) vertex[role] = number;
 }
 
-/* Reads one entry of an element: of each property one number, or as many as the list has. Every
-   step takes bytes, so that a count that lies ends with them. A face's own texture coordinates
-   count more than its vertices'. */
-static void itn__ply_entry(itn__ply *ply, const itn__ply_element *element) {
+/* Reads one entry of an element of `count` properties p: of each one number, or as many as the list
+   has. Every step takes bytes, so that a count that lies ends with them. A face's own texture
+   coordinates count more than its vertices'. */
+static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int count) {
     itn__builder *b = ply->builder;
     itn__corner *corners;
     size_t before = b->texcoords.size, own, i;
     float vertex[5] = {0, 0, 0, 0, 0};
-    const itn__ply_property *p = ply->properties + element->first;
     b->corners.size = 0;
-    for (; p < ply->properties + element->end; p++) {
-        double count = p->list >= 0 ? itn__ply_value(ply, p->list) : 1;
-        if (!(count >= 0 && count == floor(count)))
-            ITN__DAMAGED(ply->text, "list has no valid count");
-        for (; count > 0 && !ply->text->result; count--)
+    for (; count--; p++) {
+        double left = p->list >= 0 ? itn__ply_value(ply, p->list) : 1;
+        if (!(left >= 0 && left == floor(left))) ITN__DAMAGED(ply->text, "list has no valid count");
+        for (; left > 0 && !ply->text->result; left--)
             itn__ply_take(ply, p->role, itn__ply_value(ply, p->type), vertex);
     }
-    if (element->kind == ITN__PLY_VERTEX) {
+    if (kind == ITN__PLY_VERTEX) {
         itn__put(&b->positions, vertex, 12);
         if (ply->textured) itn__put(&b->texcoords, vertex + 3, 8);
     }
-    if (element->kind != ITN__PLY_FACE) return;
+    if (kind != ITN__PLY_FACE) return;
     corners = (itn__corner *)(void *)b->corners.bytes, own = (b->texcoords.size - before) / 4;
     if (own && own != 2 * (b->corners.size / sizeof *corners))
         ITN__DAMAGED(ply->text, "has not two texture coordinates per corner");
@@ -15068,20 +15046,18 @@ static void itn__ply_entry(itn__ply *ply, const itn__ply_element *element) {
 static void itn__ply_decode(itn__text *text, itn__builder *builder) {
     static const char *const kinds[] = {"entry", "vertex", "face"};
     itn__ply ply = ITN_ZERO;
-    int i, k;
+    const itn__ply_line *element = ply.lines, *p, *end;
+    double least; /* bytes of an entry */
     ply.text = text, ply.builder = builder;
-    itn__ply_header(&ply);
-    for (i = 0; i < ply.element_count && !text->result; i++) {
-        const itn__ply_element *element = ply.elements + i;
-        const itn__ply_property *p = ply.properties;
-        double least = 0; /* bytes of an entry */
-        for (k = element->first; k < element->end; k++)
-            least += ply.format ? itn__ply_sizes[p[k].list >= 0 ? p[k].list : p[k].type] : 2;
-        text->part = kinds[element->kind], text->number = 0;
+    if (itn__ply_header(&ply)) return;
+    for (end = ply.lines + ply.count; element < end && !text->result; element = p) {
+        for (least = 0, p = element + 1; p < end && p->type >= 0; p++)
+            least += ply.format ? itn__ply_sizes[p->list >= 0 ? p->list : p->type] : 2;
+        text->part = kinds[element->role], text->number = 0;
         if (element->count * least > (double)(text->end - text->at) + 1)
             ITN__DAMAGED(text, "count is larger than the file");
         for (; least > 0 && text->number < element->count && !text->result; text->number++)
-            itn__ply_entry(&ply, element);
+            itn__ply_entry(&ply, element->role, element + 1, (int)(p - element) - 1);
     }
 }
 
@@ -15152,7 +15128,7 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
         itn__put_number(&buffer, 6, 1, 0);
         wrong += itn__put_floats(&buffer, mesh->uvs + 6 * i, 6);
     }
-    if (!wrong) return itn__write_buffer(path, &buffer, error);
+    if (!wrong) return itn__write_file(path, &buffer, error);
     itn__buffer_free(&buffer);
     return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                      "saving a mesh: %.0f coordinates, uvs or indices are not finite or name no "
@@ -15177,7 +15153,6 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
    h <- (h ^ byte) prime can be undone, so any one changed byte changes the result. */
 
 #define ITN__WEIGHTS_MAGIC "ITN-NET\n"
-#define ITN__WEIGHTS_LIMIT ((size_t)0x7fffffff) /* bytes of a file */
 enum { ITN__WEIGHTS_FRAME = 56 + 8 /* header and checksum */ };
 
 static uint64_t itn__fnv1a(const unsigned char *bytes, size_t size) {
@@ -15220,26 +15195,13 @@ static itn_result itn__weights_header(itn__text *text, itn_net *shape, size_t *a
     return ITN_OK;
 }
 
-/* The floats must be finite, and the second moments, means of squares, not negative. */
-static itn_result itn__weights_values(itn__text *text, itn_net *net, size_t arrays) {
-    size_t k, count = net->count;
-    for (k = 0; k < arrays * count; k++) {
-        float value = net->parameters[k] = itn__float_of(itn__take_u32(text));
-        if (!itn__finite((double)value) || (k >= 2 * count && value < 0))
-            return ITN__DAMAGED(text, "%s %.0f is %g: written by a training run gone wrong",
-                                k < count ? "weight" : "Adam moment of weight",
-                                (double)(k % count), (double)value);
-    }
-    return ITN_OK;
-}
-
 ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char *name, int batch,
                                        const itn_context *context, itn_net **net,
                                        itn_error *error) {
     itn_net shape, *made = NULL;
     itn__text text;
     itn_result result;
-    size_t arrays = 0;
+    size_t arrays = 0, k;
     if (!data || !net)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_from_memory: a pointer is NULL");
     memset(&shape, 0, sizeof shape);
@@ -15248,7 +15210,13 @@ ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char
     result = itn__weights_header(&text, &shape, &arrays);
     shape.desc.batch = batch;
     if (!result) result = itn__net_make(&shape.desc, context, &made, error);
-    if (!result) result = itn__weights_values(&text, made, arrays);
+    for (k = 0; !result && k < arrays * shape.count; k++) {
+        float value = made->parameters[k] = itn__float_of(itn__take_u32(&text));
+        if (!itn__finite(value) || (k >= 2 * shape.count && value < 0)) /* mean of squares */
+            result = ITN__DAMAGED(&text, "%s %.0f is %g: written by a training run gone wrong",
+                                  k < shape.count ? "weight" : "Adam moment of weight",
+                                  (double)(k % shape.count), (double)value);
+    }
     if (!result) made->steps = arrays == 3 ? shape.steps : 0, *net = made;
     else itn_net_free(made);
     return result;
@@ -15264,10 +15232,6 @@ ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weight
     int *fields[7];
     if (!net || !path)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_save: a pointer is NULL");
-    if (net->count > (ITN__WEIGHTS_LIMIT - ITN__WEIGHTS_FRAME) / 4 / arrays)
-        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                         "%s: networks of %.0f parameters do not fit in a file of 2 GiB", path,
-                         (double)net->count);
     values = arrays * net->count;
     if (itn__first_beyond(net->parameters, values, FLT_MAX) < values)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -15281,14 +15245,14 @@ ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weight
     itn__put_number(&buffer, weights_only ? 0 : net->steps, 8, 0);
     itn__put_floats(&buffer, net->parameters, values);
     itn__put_number(&buffer, itn__fnv1a(buffer.bytes, buffer.size), 8, 0);
-    return itn__write_buffer(path, &buffer, error);
+    return itn__write_file(path, &buffer, error);
 }
 
 ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
                                 itn_net **net, itn_error *error) {
     itn__buffer file = ITN_ZERO;
     itn_result result = itn__context_check(context, &file.context, error);
-    if (!result) result = itn__read_file(path, ITN__WEIGHTS_LIMIT, &file, error);
+    if (!result) result = itn__read_file(path, SIZE_MAX / 4, &file, error);
     if (!result)
         result = itn_net_from_memory(file.bytes, file.size, path, batch, context, net, error);
     itn__buffer_free(&file);

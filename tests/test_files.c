@@ -33,6 +33,11 @@ static void put_u8(itn__buffer *b, unsigned value) { itn__put_number(b, value & 
 static void put_u32(itn__buffer *b, uint32_t value) { itn__put_number(b, value, 4, 0); }
 static void put_u64(itn__buffer *b, uint64_t value) { itn__put_number(b, value, 8, 0); }
 static void put_float(itn__buffer *b, float value) { itn__put_floats(b, &value, 1); }
+static itn_result write_file(const char *path, const void *bytes, size_t size, itn_error *error) {
+    itn__buffer buffer = ITN_ZERO;
+    itn__put(&buffer, bytes, size);
+    return itn__write_file(path, &buffer, error);
+}
 static void put_text(itn__buffer *b, const char *text) { itn__put(b, text, strlen(text)); }
 static uint64_t get_u64(const unsigned char *bytes) { return itn__from_bytes(bytes, 8, 0); }
 
@@ -1446,7 +1451,7 @@ static void test_save_memory(void) {
         for (k = 1; result == ITN_ERROR_MEMORY && k < 100; k++) {
             char text[4] = "";
             FILE *file;
-            CHECK(itn__write_file(path, "old", 3, NULL) == ITN_OK);
+            CHECK(write_file(path, "old", 3, NULL) == ITN_OK);
             a.calls = 0, a.fail_at = k;
             result = kind == 0   ? itn_image_save_exr(&image, path, NULL)
                      : kind == 1 ? itn_image_save_pfm(&image, 0, 3, path, NULL)
@@ -1521,14 +1526,14 @@ static void test_disk(void) {
     itn__buffer file = ITN_ZERO;
     CHECK(itn_image_save_exr(&image, "/nowhere/at/all.exr", &error) == ITN_ERROR_FILE);
     CHECK(strstr(error.message, "/nowhere/at/all.exr") != NULL);
-    CHECK(itn__write_file(old, "precious", 8, &error) == ITN_OK);
+    CHECK(write_file(old, "precious", 8, &error) == ITN_OK);
     if (!access("/dev/full", W_OK)) {
         CHECK(itn_image_save_exr(&image, "/dev/full", &error) == ITN_ERROR_FILE);
         CHECK(itn_image_save_pfm(&image, 0, 1, "/dev/full", &error) == ITN_ERROR_FILE);
-        CHECK(itn__write_file("/dev/full", "x", 1, &error) == ITN_ERROR_FILE);
+        CHECK(write_file("/dev/full", "x", 1, &error) == ITN_ERROR_FILE);
         CHECK(!access("/dev/full", W_OK));
     }
-    CHECK(itn__write_file("/dev/null", "x", 1, &error) == ITN_OK);
+    CHECK(write_file("/dev/null", "x", 1, &error) == ITN_OK);
     limit_files(1);
     CHECK(itn_image_save_exr(&image, old, &error) == ITN_ERROR_FILE);
     limit_files(0);
@@ -1539,11 +1544,11 @@ static void test_disk(void) {
     /* a temporary of somebody else's, also a link, is neither written to nor removed */
     snprintf(taken, sizeof taken, "%s.tmp0", old);
     CHECK(!symlink(in_directory("mesh.ply"), taken) && temporaries(old) == 1);
-    CHECK(itn__write_file(old, "precious", 8, &error) == ITN_OK && is_precious(old));
+    CHECK(write_file(old, "precious", 8, &error) == ITN_OK && is_precious(old));
     CHECK(temporaries(old) == 1 && !is_precious(in_directory("mesh.ply")) && !unlink(taken));
     path = (char *)malloc(5000);
     memset(path, 'a', 4999), path[4999] = 0;
-    CHECK(itn__write_file(path, "x", 1, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(write_file(path, "x", 1, &error) == ITN_ERROR_ARGUMENT);
     free(path);
     CHECK(itn_image_save_exr(&image, old, &error) == ITN_OK && !temporaries(old));
     itn_image_free(&image);
@@ -1570,15 +1575,15 @@ static void check_power_loss(const char *order) {
     const char *old = in_directory("kept.exr");
     char here[200];
     itn_error error = ITN_ZERO;
-    CHECK(itn__write_file(old, "precious", 8, &error) == ITN_OK);
+    CHECK(write_file(old, "precious", 8, &error) == ITN_OK);
     calls[0] = 0;
-    CHECK(itn__write_file(old, "precious", 8, &error) == ITN_OK && !strcmp(calls, order));
+    CHECK(write_file(old, "precious", 8, &error) == ITN_OK && !strcmp(calls, order));
     sync_fails = 1, calls[0] = 0;
-    CHECK(itn__write_file(old, "new", 3, &error) == ITN_ERROR_FILE && !strcmp(calls, "p"));
+    CHECK(write_file(old, "new", 3, &error) == ITN_ERROR_FILE && !strcmp(calls, "p"));
     sync_fails = 0, calls[0] = 0;
     CHECK(is_precious(old) && !temporaries(old));
     if (CHECK(getcwd(here, sizeof here) && !chdir(directory))) { /* a path without a folder */
-        CHECK(itn__write_file("kept.exr", "precious", 8, &error) == ITN_OK);
+        CHECK(write_file("kept.exr", "precious", 8, &error) == ITN_OK);
         CHECK(!strcmp(calls, "srd") && !chdir(here));
     }
 }
@@ -1592,11 +1597,11 @@ static void check_writers(int torn) {
     int k, i, status, whole = 1, done = 0, left = WRITERS;
     fflush(stdout);
     memset(bytes, 'a', SIZE);
-    CHECK(itn__write_file(path, bytes, SIZE, NULL) == ITN_OK);
+    CHECK(write_file(path, bytes, SIZE, NULL) == ITN_OK);
     for (k = 0; k < WRITERS; k++) {
         if (fork()) continue;
         memset(bytes, 'a' + k, SIZE);
-        for (i = 0; i < TIMES && itn__write_file(path, bytes, SIZE, NULL) == ITN_OK;) i++;
+        for (i = 0; i < TIMES && write_file(path, bytes, SIZE, NULL) == ITN_OK;) i++;
         _exit(i != TIMES);
     }
     while (left > 0) {
