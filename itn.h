@@ -33,12 +33,11 @@
        [api-math]       vectors
        [api-image]      planes of floats
        [api-mesh]       triangle meshes and ray queries
-       [api-scene]      what is in the picture
+       [api-scene]      what is in the picture, as descs and as text files
        [api-render]     images, derivative images, gradients
        [api-net]        a network that learns to invert
        [api-refine]     analysis by synthesis
        [api-io]         files
-       [api-scenefile]  scenes as text files
 
      Part II, the implementation: read from top to bottom, theory first; nothing is used before it
      is defined
@@ -339,12 +338,11 @@ ITN_API void itn_bvh_free(itn_bvh *bvh);
 ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit);
 /* Returns 1 if anything lies between tmin and tmax, else 0. */
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
-/* ---- [api-scene] what is in the picture ------------------------------------------------------ */
+/* ---- [api-scene] what is in the picture, as descs and as text files -------------------------- */
 
 /* How the film weighs what arrives around a pixel's middle. */
 typedef enum itn_filter { ITN_FILTER_BOX = 0, ITN_FILTER_GAUSSIAN } itn_filter;
 
-/* The film: its size, its channels, and what a pixel sees. */
 typedef struct itn_film_desc {
     int width, height; /* pixels, at most 65536; 0 = 128 */
     int channels;      /* 1 (default, Y) or 3 (R, G, B) */
@@ -381,7 +379,6 @@ typedef enum itn_texture_type {
                             left corner, its first row is below (0, 1) */
 } itn_texture_type;
 
-/* What the boundary of an object does to light. */
 typedef struct itn_surface_desc {
     const char *name;
     itn_surface_type type;
@@ -390,9 +387,9 @@ typedef struct itn_surface_desc {
     float reflectance[3];  /* diffuse: in [0,1] */
     float reflectance2[3]; /* diffuse: the other squares of a checker */
     itn_texture_type texture;
-    float checker_size;       /* side of a square, in units of the texture coordinates; 0 = 1 */
-    const itn_image *image;   /* texture: planes as of a map light, values in [0,1], two rows or
-                                 more; its pixels lie in the middle of equal squares; copied */
+    float checker_size;     /* side of a square, in units of the texture coordinates; 0 = 1 */
+    const itn_image *image; /* texture: planes as of a map light, values in [0,1], two rows or more;
+                               its pixels lie in the middle of equal squares; copied */
 } itn_surface_desc;
 
 /* A mesh with what is inside it and what its surface does. Where closed objects overlap, the medium
@@ -402,10 +399,9 @@ typedef struct itn_surface_desc {
    in the list; between a dielectric and an opaque surface there is air. Texture coordinates of a
    mesh without uvs are x, z of the scene. */
 typedef struct itn_object_desc {
-    const itn_mesh *mesh; /* copied; NULL: a horizontal square at plane_y, half_size each way */
-    float plane_y, half_size; /* half_size > 0; points on the square are known to 1e-7 of it, so no
-                                 more than some 1e5 times what stands on it. A square has a diffuse
-                                 surface and no medium */
+    const itn_mesh *mesh; /* copied; NULL: a horizontal square at plane_y, half_size each way, with
+                             a diffuse surface and no medium */
+    float plane_y, half_size; /* half_size > 0; points on the square are known to 1e-7 of it */
     const char *medium;  /* name, or NULL: nothing inside */
     const char *surface; /* name, or NULL: index-matched, the index around it goes on inside; then
                             `medium` must be given */
@@ -416,20 +412,22 @@ typedef struct itn_object_desc {
                             the medium ends with the box of all the scene's solids */
 } itn_object_desc;
 
-/* Light from infinitely far: the same from everywhere, by a picture of all directions, or a sky. */
+/* Light from infinitely far: the same from everywhere, by a picture of all directions, or a sky.
+   Several add up. */
 typedef enum itn_light_type { ITN_LIGHT_CONSTANT = 0, ITN_LIGHT_MAP, ITN_LIGHT_SKY } itn_light_type;
 
-/* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8): nine
-   coefficients in the order of the published data, A B C D E F G I H (the eighth multiplies
-   sqrt(cos theta), the ninth, in (-1,1), is the asymmetry of chi), and one radiance, per channel:
-   always R, G and B, of which a film of one channel has the luminance. */
+/* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8): for
+   each of R, G and B (a film of one channel has their luminance) a radiance times
+     f(theta, gamma) = (1 + A exp(B / (cos theta + .01))) (C + D exp(E gamma) + F cos^2 gamma
+                       + G chi(H, gamma) + I sqrt(cos theta)),
+     chi(H, gamma) = (1 + cos^2 gamma) / (1 + H^2 - 2 H cos gamma)^(3/2),
+   theta the angle to the zenith, gamma to the sun. */
 typedef struct itn_sky {
-    float coefficients[3][9];
+    float coefficients[3][9]; /* in the published order, A B C D E F G I H; H in (-1,1) */
     float radiance[3];
     float sun_radiance[3]; /* of the disc at its natural radius; it and radiance in [0,1e18] */
 } itn_sky;
 
-/* All lights are infinitely far away; several add up. */
 typedef struct itn_light_desc {
     const char *name; /* NULL = "light", "light2", ... in order */
     itn_light_type type;
@@ -442,15 +440,15 @@ typedef struct itn_light_desc {
                                 [0,1e18], at least 2 rows and at most 715 million pixels; copied */
     itn_sky sky;             /* sky */
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
-    float scale;             /* multiplies the light (not the sun), in [0,1e12]; 0 with has_scale
-                                0 = 1 */
-    float sun_scale;         /* sky: multiplies the sun, in [0,1e12]; 0 with has_scale 0 = 1 */
+    float scale, sun_scale;  /* multiply the light and the sun of a sky, in [0,1e12]; 0 with
+                                has_scale 0 = 1 */
     int has_scale;           /* 1: scale and sun_scale are taken as they are, also when 0 */
     float sun_radius_scale;  /* sky: widens the disc, of radius .2679 degrees, at constant power, in
                                 [.01, 320]; 0 = 1 */
 } itn_light_desc;
 
-/* All that a scene is made of; the arrays are the caller's and copied. */
+/* All that a scene is made of; the arrays are the caller's and copied, those of none may be NULL.
+   1 to 64 objects, up to 64 lights, and up to 4096 media and surfaces each (in a file: 64). */
 typedef struct itn_scene_desc {
     itn_film_desc film;
     itn_camera_desc camera;
@@ -464,16 +462,68 @@ typedef struct itn_scene_desc {
     int light_count;
 } itn_scene_desc;
 
-/* A scene, immutable once made: any number of threads may render it, each with its own theta. It
-   has 1 to 64 objects, up to 64 lights, and up to 4096 media and surfaces each (a scene file: 64);
-   arrays of none may be NULL. Where a function takes a scene, it must not be NULL. */
+/* A scene, immutable once made: any number of threads may render it, each with its own theta. Where
+   a function takes a scene, it must not be NULL. */
 typedef struct itn_scene itn_scene;
 
-/* Makes a scene; everything in the desc is copied. Errors: ARGUMENT (which item, which field, what
-   range), MESH (how many edges, and the first; what else itn_result says), MEMORY. context may be
-   NULL. Free with itn_scene_free. */
+/* Makes a scene. Errors: ARGUMENT (which item, which field, what range), MESH (how many edges, and
+   the first; what else itn_result says), MEMORY. context may be NULL. Free with itn_scene_free. */
 ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
                                     itn_scene **scene, itn_error *error);
+
+/* A scene file holds one item a line, in any order: a keyword, for some a name, then `field
+   value...` pairs in any order, except that the field of an object or a light that is shown first
+   below must come first. A word that begins with `#` starts a comment; a backslash at the end of a
+   line, but not of a comment, joins the next one to it. Paths are relative to the scene file's
+   folder; paths and names hold no blanks. No two items have the same name. COLOUR is one number, or
+   three (r g b) where the film has three channels; both of a checker have one form. Fields in [ ]
+   may be left out; ranges are those of the descs' fields (half: at most 1e12). Nothing is guessed:
+   unknown, doubled and missing fields, wrong counts, values out of range and undefined names are
+   errors. One camera, one light or more.
+
+       [film  [width N] [height N] [channels 1|3] [filter box|gaussian]       (128 x 128, 1, box)
+              [deviation PIXELS]]                                    (of the Gaussian: .5 pixels)
+       camera  eye X Y Z  target X Y Z  [up X Y Z] [fov DEGREES]     (0 1 0; 30, horizontal axis)
+       medium  NAME  sigma_t COLOUR  albedo COLOUR  [phase hg] [g COLOUR]                   (g 0)
+       surface NAME  type dielectric  [ior N] [alpha A]                 (1.5; 0, which is smooth)
+       surface NAME  type diffuse  reflectance COLOUR | reflectance [COLOUR] texture FILE
+                                   | reflectance checker COLOUR COLOUR SIZE
+       object  mesh FILE  [medium NAME] [surface NAME] [TRANSFORM...] [force]
+       object  plane  surface NAME  [y Y] [half H]                                (y 0; half 20)
+       light   constant  radiance COLOUR  [scale S] [name NAME]
+       light   map FILE  [scale S] [name NAME]
+       light   sky FILE  sun X Y Z  [scale S] [sun_scale S] [sun_radius_scale S] [name NAME]
+
+   Of sigma_t and g, three numbers are three parameters unless all are 0. TRANSFORM is `scale S`,
+   `scale X Y Z` (positive, at most 1e12), `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or `translate X Y
+   Z`; any number of them are applied to the mesh from left to right. Meshes are OBJ or PLY, images
+   EXR or PFM. A sky file has in the same manner the fields of itn_sky:
+
+       coefficients_r A B C D E F G I H      coefficients_g ...      coefficients_b ...
+       radiance R G B                        sun_radiance R G B */
+
+/* A file in memory, by the name that a scene calls it. */
+typedef struct itn_file {
+    const char *name;
+    const void *bytes;
+    size_t size;
+} itn_file;
+
+/* Makes a scene of the bytes of a scene file. The files that it names are looked for among `files`
+   (file_count of them; NULL and 0 for none); others are opened as if the scene were the file `name`
+   (NULL = "scene"), which with ITN_NO_STDIO is an error. Errors: FORMAT, MEMORY, and those of the
+   loaders and of itn_scene_create; error->line is the line of the scene file, and the message
+   begins "name:line: " (line 0: it is not in a single line). */
+ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const char *name,
+                                         const itn_file *files, int file_count,
+                                         const itn_context *context, itn_scene **scene,
+                                         itn_error *error);
+#ifndef ITN_NO_STDIO
+/* The same of a file, and FILE with "path: " if it cannot be read. */
+ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, itn_scene **scene,
+                                  itn_error *error);
+#endif
+
 /* Frees a scene; NULL does nothing. */
 ITN_API void itn_scene_free(itn_scene *scene);
 /* The size of the film, and 1 or 3 channels. */
@@ -497,7 +547,6 @@ ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, c
    all others (none has ITN_IDENTITY, x itself). */
 typedef enum itn_transform { ITN_IDENTITY = 0, ITN_LOG, ITN_LOGIT } itn_transform;
 
-/* One of them. */
 typedef struct itn_parameter {
     char name[ITN_NAME_SIZE];
     float value;             /* of the scene as it was made */
@@ -513,10 +562,10 @@ ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index
 ITN_API int itn_parameter_find(const itn_scene *scene, const char *name);
 /* Copies all values into theta[itn_parameter_count]. */
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta);
-/* The optimiser's coordinate of a value, its inverse, and d value / d coordinate at a value.
-   All are finite: logits are cut to +-16, and a logarithm is that of the lower bound at least (of
-   e^-80 times the upper one, where the lower is 0). So a value on a logit's bound, or a sigma_t of
-   0, does not come back exactly. from_coordinate gives values within the bounds. */
+/* The optimiser's coordinate of a value, its inverse (a value within the bounds), and d value /
+   d coordinate at a value. All are finite: logits are cut to +-16, and a logarithm is that of the
+   lower bound at least (of e^-80 times the upper one, where the lower is 0); so a value on such a
+   bound does not come back exactly. */
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *parameter, double value);
 ITN_API double itn_parameter_from_coordinate(const itn_parameter *parameter, double coordinate);
 ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value);
@@ -995,73 +1044,6 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error);
 #endif
-
-/* ---- [api-scenefile] scenes as text files ---------------------------------------------------- */
-
-/* A scene file holds one item a line, in any order: a keyword, for some a name, then `field
-   value...` pairs in any order, except that the field of an object or a light that is shown first
-   below must come first. A word that begins with `#` starts a comment; a backslash at the end of a
-   line, but not of a comment, joins the next one to it. Paths are relative to the scene file's
-   folder; paths and names hold no blanks. A name is a letter, then letters, digits, _ and -, at
-   most 32 in all; no two items have the same one. COLOUR is one number, or three (r g b) where the
-   film has three channels; both of a checker have one form. Fields in [ ] may be left out; ranges
-   are those of the descs' fields (half: at most 1e12). Nothing is guessed: unknown, doubled and
-   missing fields, wrong counts, values out of range and undefined names are errors. One camera, 1
-   to 64 objects and 1 to 64 lights, at most 64 media and 64 surfaces.
-
-       [film  [width N] [height N] [channels 1|3] [filter box|gaussian]       (128 x 128, 1, box)
-              [deviation PIXELS]]                                    (of the Gaussian: .5 pixels)
-       camera  eye X Y Z  target X Y Z  [up X Y Z] [fov DEGREES]     (0 1 0; 30, horizontal axis)
-       medium  NAME  sigma_t COLOUR  albedo COLOUR  [phase hg] [g COLOUR]                   (g 0)
-       surface NAME  type dielectric  [ior N] [alpha A]                 (1.5; 0, which is smooth)
-       surface NAME  type diffuse  reflectance COLOUR | reflectance [COLOUR] texture FILE
-                                   | reflectance checker COLOUR COLOUR SIZE
-       object  mesh FILE  [medium NAME] [surface NAME] [TRANSFORM...] [force]
-       object  plane  surface NAME  [y Y] [half H]                                (y 0; half 20)
-       light   constant  radiance COLOUR  [scale S] [name NAME]
-       light   map FILE  [scale S] [name NAME]
-       light   sky FILE  sun X Y Z  [scale S] [sun_scale S] [sun_radius_scale S] [name NAME]
-
-   Of sigma_t and g, three numbers are three parameters unless all are 0. TRANSFORM is `scale S`,
-   `scale X Y Z` (positive, at most 1e12), `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or `translate X Y
-   Z`; any number of them are applied to the mesh from left to right. An object without a surface is
-   index-matched; without a medium it is empty inside. `force` is that of itn_object_desc. Meshes
-   are OBJ or PLY, images EXR or PFM.
-
-   A sky file has, in the same manner, for each channel the nine coefficients of
-   f(theta, gamma) = (1 + A exp(B / (cos theta + .01))) (C + D exp(E gamma) + F cos^2 gamma
-                     + G chi(H, gamma) + I sqrt(cos theta)),
-   chi(H, gamma) = (1 + cos^2 gamma) / (1 + H^2 - 2 H cos gamma)^(3/2),
-   in the order of the published data, which is A B C D E F G I H, and the radiances by which
-   f is multiplied (theta: angle to the zenith, gamma: to the sun):
-
-       coefficients_r A B C D E F G I H      coefficients_g ...      coefficients_b ...
-       radiance R G B
-       sun_radiance R G B                    (of the disc at its natural radius) */
-
-#ifndef ITN_NO_STDIO
-/* Loads a scene from a file, with the meshes, images and skies it names. Free with itn_scene_free.
-   context may be NULL. Errors: FILE, FORMAT, MEMORY, and those of the loaders and of
-   itn_scene_create; error->line is the line of the scene file, and the message begins "file:line: "
-   (line 0: it is not in a single line), or "file: " if the file cannot be read. */
-ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, itn_scene **scene,
-                                  itn_error *error);
-#endif
-
-/* A file in memory, by the name that a scene calls it. */
-typedef struct itn_file {
-    const char *name;
-    const void *bytes;
-    size_t size;
-} itn_file;
-
-/* The same from the bytes of a scene file. The files that it names are looked for among `files`
-   (file_count of them; NULL and 0 for none); others are opened as if the scene were the file `name`
-   (NULL = "scene"), which with ITN_NO_STDIO is an error. */
-ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const char *name,
-                                         const itn_file *files, int file_count,
-                                         const itn_context *context, itn_scene **scene,
-                                         itn_error *error);
 
 #ifdef __cplusplus
 }
