@@ -60,7 +60,6 @@
        [maker]          a desc, checked and made ready
        [objects]        meshes, transformed and merged into one tree
        [place]          where a walk is
-       [lights]         all lights of a scene
        [throughput]     what a path carries
        [texels]         derivatives by the values of an image
        [path]           the reference path tracer
@@ -3517,6 +3516,9 @@ ITN__INLINE itn__num itn__transmittance(itn__num sigma_t, itn__floats t) {
     return itn__nexp(itn__nscale(sigma_t, -t));
 }
 
+ITN__INLINE itn__vectors itn__splat_vector(itn_vec3 v) {
+    return itn__vectors_of(itn__splat(v.x), itn__splat(v.y), itn__splat(v.z));
+}
 /* 1 - cos of the angle between unit vectors, exact also for small angles. */
 ITN__INLINE itn__floats itn__vone_minus_cosine(itn__vectors a, itn__vectors b) {
     itn__vectors chord = itn__vectors_of(a.x - b.x, a.y - b.y, a.z - b.z);
@@ -3953,16 +3955,16 @@ static itn__ints itn__bsdf_sample(itn__site *site, const itn__floats u[3], itn__
 
 /* All lights are infinitely far away, so a light is its radiance as a function of direction. A
    constant light is found by whatever direction a walk takes and needs no sampling. Map, sky and
-   sun are also sampled: one of them is chosen, then a direction with density q(omega) close to its
-   radiance:
+   sun are also sampled: one of them is chosen (itn__share_lights says how), then a direction with
+   density q(omega) close to its radiance:
    - sun: uniform in its cone;
-   - map and sky: on a latitude-longitude grid of nodes, density bilinear between the nodes of
-     luminance times sin theta (the area a node stands for), inverted exactly: row, column, then the
-     linear densities inside the cell.
+   - map and sky: on a latitude-longitude grid, density bilinear between nodes of luminance times
+     sin theta (the area a node stands for). That is a sum of tents, one over each node: a row is
+     drawn, a node of it, and a place under its tent.
    With p the density by which the scattering at a vertex draws the same direction, the two ways
    are combined by the balance heuristic (Veach 1997): weight q/(p+q) for a sampled light, p/(p+q)
-   for a light that is met. How the choice is shared out is said at itn__share_lights. Directions:
-   u, v in [0,1] across and down, omega = (sin 2 pi u sin pi v, cos pi v, -cos 2 pi u sin pi v).
+   for a light that is met. Directions on maps: u, v in [0,1] across and down,
+   omega = (sin 2 pi u sin pi v, cos pi v, -cos 2 pi u sin pi v).
 
    Sky (Hosek and Wilkie 2012, equation 8), theta from the zenith, gamma from the sun:
        f = (1 + A e^(B/(cos theta + .01)))
@@ -3981,10 +3983,10 @@ typedef enum itn__light_kind { /* rows of itn__light_models */
 typedef struct itn__grid {
     int width, height; /* nodes */
     float bottom;      /* v of the last row */
-    float *density;    /* [height][width], in (u, v), integrating to 1 */
-    float *rows;       /* [height-1] cumulative probability up to and including each row of cells */
-    float *cells;      /* [height-1][width] the same within a row */
-    int32_t *row_guide, *cell_guide; /* where to look in them first: see itn__pick */
+    float *density;    /* [height][width] over (u, v), integrating to 1 */
+    float *nodes;      /* [height][width] probability up to and including a node, within its row */
+    float *rows;       /* [height] the same of rows */
+    int32_t *node_guide, *row_guide; /* where to look in them first: see itn__pick */
 } itn__grid;
 
 typedef struct itn__light {
@@ -4011,8 +4013,10 @@ ITN__INLINE float itn__luminance(const float rgb[3]) {
     return .2126f * rgb[0] + .7152f * rgb[1] + .0722f * rgb[2];
 }
 
-/* Directions, and where they are on a map: coordinates and the sine of the angle from its poles. */
+/* Directions in some lanes, and where they are on a map: coordinates and the sine of the angle from
+   its poles. */
 typedef struct itn__towards {
+    itn__ints mask;
     itn__vectors d;
     itn__floats u, v, sine;
 } itn__towards;
@@ -4036,17 +4040,9 @@ ITN__NOINLINE void itn__map_directions(itn__towards *to) {
 /* Cells of a grid of nodes: numbers of the node at the top left and of its right neighbour, and
    the place in the cell. The row below is `width` nodes further. */
 typedef struct itn__cells {
-    itn__ints left, right;
+    itn__ints left, right, mask;
     itn__floats fx, fy;
 } itn__cells;
-
-ITN__INLINE itn__floats itn__vmix(itn__floats a, itn__floats b, itn__floats t) {
-    return a + t * (b - a);
-}
-/* Column to the right of c, around the back. */
-ITN__INLINE itn__ints itn__next_columns(itn__ints c, int width) {
-    return (c + 1) & itn__int_less(c, itn__splat_int(width - 1));
-}
 
 /* Finds them on a grid with column c at u = (c + .5)/width, wrapping; row r at v = bottom
    r/(height - 1). */
@@ -4054,37 +4050,28 @@ static itn__cells itn__grid_locate(int width, int height, float bottom, const it
     itn__cells cell;
     itn__floats zero = itn__splat(0), one = itn__splat(1);
     itn__floats x = to->u * (float)width - .5f, y = to->v / bottom * (float)(height - 1);
-    itn__ints column, row;
+    itn__ints column, row, next;
     x = itn__most(itn__select(itn__less(x, zero), x + (float)width, x), zero); /* also from NaN */
     y = itn__most(y, zero);
     column = itn__int_least(itn__to_ints(x), itn__splat_int(width - 1));
     row = itn__int_least(itn__to_ints(y), itn__splat_int(height - 2));
-    cell.left = row * width + column;
-    cell.right = row * width + itn__next_columns(column, width);
+    next = (column + 1) & itn__int_less(column, itn__splat_int(width - 1));
+    cell.left = row * width + column, cell.right = row * width + next, cell.mask = to->mask;
     cell.fx = itn__least(x - itn__to_floats(column), one);
     cell.fy = itn__least(y - itn__to_floats(row), one);
     return cell;
 }
 
-/* Values at the four nodes around each place: [row][column]. `stride` numbers stand at a node. */
-static void itn__corners_read(const float *nodes, int width, int stride, const itn__cells *cell,
-                              itn__ints mask, itn__floats corner[2][2]) {
-    itn__floats zero = itn__splat(0);
-    itn__ints left = cell->left * stride, right = cell->right * stride;
+/* The value there, between those of the nodes around; `stride` numbers stand at a node. */
+static itn__floats itn__between(const float *nodes, int width, int stride,
+                                const itn__cells *cell) {
+    itn__floats zero = itn__splat(0), a, b, c, d;
+    itn__ints left = cell->left * stride, right = cell->right * stride, mask = cell->mask;
     const float *below = nodes + (size_t)width * (size_t)stride;
-    corner[0][0] = itn__gather(nodes, left, mask, zero);
-    corner[0][1] = itn__gather(nodes, right, mask, zero);
-    corner[1][0] = itn__gather(below, left, mask, zero);
-    corner[1][1] = itn__gather(below, right, mask, zero);
-}
-
-/* The value between them. */
-static itn__floats itn__between(const float *nodes, int width, int stride, const itn__cells *cell,
-                                itn__ints mask) {
-    itn__floats corner[2][2];
-    itn__corners_read(nodes, width, stride, cell, mask, corner);
-    return itn__vmix(itn__vmix(corner[0][0], corner[0][1], cell->fx),
-                     itn__vmix(corner[1][0], corner[1][1], cell->fx), cell->fy);
+    a = itn__gather(nodes, left, mask, zero), b = itn__gather(nodes, right, mask, zero);
+    c = itn__gather(below, left, mask, zero), d = itn__gather(below, right, mask, zero);
+    a = a + cell->fx * (b - a), c = c + cell->fx * (d - c);
+    return a + cell->fy * (c - a);
 }
 
 /* Divides running sums by the last of them and makes their guide: entry k is the first sum above
@@ -4125,99 +4112,63 @@ static itn__ints itn__pick(const float *table, const int32_t *guide, itn__ints f
     return entry;
 }
 
-/* Makes the cumulative tables of a grid whose `density` holds unnormalised node values >= 0; row
-   and column densities are summed in double. */
-static void itn__grid_prepare(itn__grid *grid) {
-    int width = grid->width, height = grid->height, r, c;
-    double total = 0;
-    size_t i;
-    for (r = 0; r < height - 1; r++) {
-        size_t first = (size_t)r * (size_t)width;
-        const float *top = grid->density + first, *below = top + width;
-        double row = 0;
-        for (c = 0; c < width; c++) {
-            int next = c + 1 < width ? c + 1 : 0;
-            row += (double)top[c] + top[next] + below[c] + below[next];
-            grid->cells[first + (size_t)c] = (float)row;
-        }
-        itn__guide_prepare(grid->cells + first, grid->cell_guide + first, width);
-        total += row;
-        grid->rows[r] = (float)total;
-    }
-    itn__guide_prepare(grid->rows, grid->row_guide, height - 1);
-    total *= .25 * grid->bottom / ((double)width * (height - 1));
-    for (i = 0; i < (size_t)width * (size_t)height; i++)
-        grid->density[i] = (float)(grid->density[i] / total);
+/* Draws x in [-1,1] with density 1 - |x|. */
+static itn__floats itn__sample_tent(itn__floats u) {
+    itn__floats x = 2 * u - 1;
+    return itn__with_sign(1 - itn__safe_root(1 - itn__absolute(x)), x);
 }
 
-/* Draws x in [0,1] with a density that goes linearly from a to b. */
-static itn__floats itn__sample_linear(itn__floats a, itn__floats b, itn__floats u) {
-    itn__floats root = a + itn__root(itn__vmix(a * a, b * b, u));
-    return itn__select(itn__less(itn__splat(0), root),
-                       itn__least(u * (a + b) / root, itn__splat(1)), u);
+/* Draws directions by the grid of a light. The tents of the first and the last row are folded. */
+static void itn__grid_sample(const itn__light *light, itn__floats u, itn__floats v,
+                             itn__towards *to) {
+    const itn__grid *grid = &light->grid;
+    int width = grid->width, height = grid->height;
+    float last = (float)(height - 1);
+    itn__ints row = itn__pick(grid->rows, grid->row_guide, itn__splat_int(0), height, v, &v);
+    itn__ints node = itn__pick(grid->nodes, grid->node_guide, row * width, width, u, &u);
+    u = (itn__to_floats(node) + .5f + itn__sample_tent(u)) * (1 / (float)width);
+    v = itn__absolute(itn__to_floats(row) + itn__sample_tent(v));
+    to->u = u - itn__to_floats(itn__floor_ints(u));
+    to->v = itn__least(v, 2 * last - v) * (grid->bottom / last);
+    itn__map_directions(to);
 }
 
-/* Density over solid angle of a grid's draws. */
-static itn__floats itn__grid_pdf(const itn__grid *grid, const itn__towards *to, itn__ints mask) {
+/* Density over solid angle of these draws. */
+static itn__floats itn__grid_pdf(const itn__light *light, const itn__towards *to) {
+    const itn__grid *grid = &light->grid;
     itn__cells cell = itn__grid_locate(grid->width, grid->height, grid->bottom, to);
-    itn__floats density = itn__between(grid->density, grid->width, 1, &cell, mask);
+    itn__floats density = itn__between(grid->density, grid->width, 1, &cell);
     itn__ints inside = itn__less_equal(to->v, itn__splat(grid->bottom)) &
                        itn__less(itn__splat(0), to->sine);
     return itn__select(inside, density / (2 * ITN__PI * ITN__PI * to->sine), itn__splat(0));
 }
 
-static void itn__grid_sample(const itn__grid *grid, itn__floats u, itn__floats v,
-                             itn__towards *to) {
-    int width = grid->width;
-    itn__cells cell;
-    itn__ints row, column;
-    itn__floats corner[2][2];
-    row = itn__pick(grid->rows, grid->row_guide, itn__splat_int(0), grid->height - 1, v, &v);
-    column = itn__pick(grid->cells, grid->cell_guide, row * width, width, u, &u);
-    cell.left = row * width + column;
-    cell.right = row * width + itn__next_columns(column, width);
-    itn__corners_read(grid->density, width, 1, &cell, itn__splat_int(-1), corner);
-    v = itn__sample_linear(corner[0][0] + corner[0][1], corner[1][0] + corner[1][1], v);
-    u = itn__sample_linear(itn__vmix(corner[0][0], corner[1][0], v),
-                           itn__vmix(corner[0][1], corner[1][1], v), u);
-    u = (itn__to_floats(column) + .5f + u) * (1 / (float)width);
-    v = (itn__to_floats(row) + v) * (grid->bottom / (float)(grid->height - 1));
-    to->u = itn__select(itn__less(u, itn__splat(1)), u, u - 1);
-    to->v = itn__least(v, itn__splat(grid->bottom));
-    itn__map_directions(to);
-}
-
 static void itn__constant_radiance(const itn__light *light, int channels, const itn__towards *to,
-                                   itn__ints mask, itn__floats rgb[3]) {
+                                   itn__floats rgb[3]) {
     int k;
     (void)to;
-    for (k = 0; k < channels; k++)
-        rgb[k] = itn__select(mask, itn__splat(light->radiance[k]), itn__splat(0));
+    for (k = 0; k < channels; k++) rgb[k] = itn__splat(light->radiance[k]);
 }
 
 static void itn__map_radiance(const itn__light *light, int channels, const itn__towards *to,
-                              itn__ints mask, itn__floats rgb[3]) {
+                              itn__floats rgb[3]) {
     itn__cells cell = itn__grid_locate(light->width, light->height, 1, to);
     int k;
-    for (k = 0; k < channels; k++)
-        rgb[k] = itn__between(light->map + k, light->width, 3, &cell, mask);
+    for (k = 0; k < channels; k++) rgb[k] = itn__between(light->map + k, light->width, 3, &cell);
 }
 
 /* 1 - cos of the angles from the sun. */
 ITN__INLINE itn__floats itn__from_sun(const itn__light *light, itn__vectors d) {
-    itn_vec3 n = light->to_sun;
-    return itn__vone_minus_cosine(d, itn__vectors_of(itn__splat(n.x), itn__splat(n.y),
-                                                     itn__splat(n.z)));
+    return itn__vone_minus_cosine(d, itn__splat_vector(light->to_sun));
 }
 
 /* The sky is above the horizon; its rare negative values are taken as 0. */
 static void itn__sky_radiance(const itn__light *light, int channels, const itn__towards *to,
-                              itn__ints mask, itn__floats rgb[3]) {
+                              itn__floats rgb[3]) {
     itn__floats x = itn__from_sun(light, to->d), zero = itn__splat(0);
     itn__floats gamma = 2 * itn__vatan2(itn__root(x), itn__root(2 - x)), cos_gamma = 1 - x;
     itn__floats cos2 = cos_gamma * cos_gamma, height = itn__most(to->d.y, zero);
     int k;
-    mask &= itn__less_equal(zero, to->d.y);
     for (k = 0; k < 3; k++) {
         const float *a = light->sky.coefficients[k];
         itn__floats chord2 = 1 + a[8] * a[8] - 2 * a[8] * cos_gamma;
@@ -4227,7 +4178,7 @@ static void itn__sky_radiance(const itn__light *light, int channels, const itn__
                          a[7] * itn__root(height));
         f = itn__least(itn__most(f * light->sky.radiance[k], zero),
                        itn__splat(2 * ITN__MAX_RADIANCE));
-        rgb[k] = itn__select(mask, f, zero);
+        rgb[k] = itn__select(itn__less_equal(zero, to->d.y), f, zero);
     }
     if (channels == 1) rgb[0] = .2126f * rgb[0] + .7152f * rgb[1] + .0722f * rgb[2];
 }
@@ -4239,32 +4190,35 @@ static itn__ints itn__in_sun(const itn__light *light, const itn__towards *to) {
     return itn__less_equal(itn__from_sun(light, to->d), itn__splat(rim));
 }
 static void itn__sun_radiance(const itn__light *light, int channels, const itn__towards *to,
-                              itn__ints mask, itn__floats rgb[3]) {
-    itn__constant_radiance(light, channels, to, mask & itn__in_sun(light, to), rgb);
+                              itn__floats rgb[3]) {
+    itn__ints in = itn__in_sun(light, to);
+    int k;
+    for (k = 0; k < channels; k++)
+        rgb[k] = itn__select(in, itn__splat(light->radiance[k]), itn__splat(0));
 }
 static void itn__sun_sample(const itn__light *light, itn__floats u, itn__floats v,
                             itn__towards *to) {
-    itn_vec3 n = light->to_sun;
-    itn__vectors axis = itn__vectors_of(itn__splat(n.x), itn__splat(n.y), itn__splat(n.z)), s, t;
+    itn__vectors axis = itn__splat_vector(light->to_sun), s, t;
     itn__floats x = u * light->sun_cone, sine = itn__root(x * (2 - x)), sin_phi, cos_phi;
     itn__vsincos_turns(v, &sin_phi, &cos_phi);
     itn__vframe(axis, &s, &t);
     to->d = itn__vnormalize(itn__vto_world(itn__vectors_of(sine * cos_phi, sine * sin_phi, 1 - x),
                                            s, t, axis));
+    itn__map_coordinates(to);
 }
 static itn__floats itn__sun_pdf(const itn__light *light, const itn__towards *to) {
     return itn__select(itn__in_sun(light, to), itn__splat(1 / (2 * ITN__PI * light->sun_cone)),
                        itn__splat(0));
 }
 
-/* The lights there are. A new one is a kind and a row: its fields, see [fields]; its radiance,
-   without its scale, in the film's channels, 0 outside the mask. Without sample and pdf it is
-   sampled by its grid, if it has one. Only what has `maps` reads coordinates. The sun of a sky is a
-   light of its own, the one after it. */
+/* The lights there are. A new one is a kind and a row: its fields, see [fields]; its radiance
+   without its scale, in the film's channels; how directions to it are drawn by two uniforms, and
+   their density over solid angle, or NULL if it is never sampled (strength 0). Map coordinates are
+   known to all three where some light of the scene has a grid. The sun of a sky is a light of its
+   own, the one after it. */
 typedef struct itn__light_model {
     itn__form form;
-    int maps;
-    void (*radiance)(const itn__light *light, int channels, const itn__towards *to, itn__ints mask,
+    void (*radiance)(const itn__light *light, int channels, const itn__towards *to,
                      itn__floats rgb[3]);
     void (*sample)(const itn__light *light, itn__floats u, itn__floats v, itn__towards *to);
     itn__floats (*pdf)(const itn__light *light, const itn__towards *to);
@@ -4277,45 +4231,30 @@ static const itn__light_model itn__light_models[] = {
       {ITN__MARK("constant", "", NULL),
        ITN__FIELD("radiance", light, radiance, "13c!", 0, ITN__MAX_RADIANCE, 0),
        ITN__LIGHT_SCALE(scale, 0), ITN__WORD("name", light, name, "w")}},
-     0, itn__constant_radiance, NULL, NULL},
+     itn__constant_radiance, NULL, NULL},
     {{ITN__LIGHT, ITN_LIGHT_MAP, "map",
       {ITN__WORD("map", light, image, "p"), ITN__LIGHT_SCALE(scale, 0),
        ITN__WORD("name", light, name, "w")}},
-     1, itn__map_radiance, NULL, NULL},
+     itn__map_radiance, itn__grid_sample, itn__grid_pdf},
     {{ITN__LIGHT, ITN_LIGHT_SKY, "sky",
       {ITN__WORD("sky", light, sky, "y"),
        ITN__FIELD("sun", light, sun_direction, "3f!", ITN__ANY, 0), ITN__LIGHT_SCALE(scale, 0),
        ITN__LIGHT_SCALE(sun_scale, 1),
        ITN__FIELD("sun_radius_scale", light, sun_radius_scale, "1f", .01f, 320, 1),
        ITN__WORD("name", light, name, "w")}},
-     0, itn__sky_radiance, NULL, NULL},
+     itn__sky_radiance, itn__grid_sample, itn__grid_pdf},
     {{ITN__KINDS, 0, NULL, {ITN__MARK(NULL, NULL, NULL)}},
-     0, itn__sun_radiance, itn__sun_sample, itn__sun_pdf}};
-
-/* Density over solid angle with which itn__light_sample draws directions, whose coordinates are
-   known if it has a grid. */
-static itn__floats itn__light_pdf(const itn__light *light, const itn__towards *to,
-                                  itn__ints mask) {
-    const itn__light_model *model = &itn__light_models[light->kind];
-    if (model->pdf) return model->pdf(light, to);
-    return light->grid.density ? itn__grid_pdf(&light->grid, to, mask) : itn__splat(0);
-}
-static void itn__light_sample(const itn__light *light, itn__floats u, itn__floats v,
-                              itn__towards *to) {
-    const itn__light_model *model = &itn__light_models[light->kind];
-    if (model->sample) model->sample(light, u, v, to);
-    else itn__grid_sample(&light->grid, u, v, to);
-}
+     itn__sun_radiance, itn__sun_sample, itn__sun_pdf}};
 
 /* Radiance of a light, without its scale, in one direction. */
 static void itn__light_radiance(const itn__light *light, int channels, itn_vec3 d, float rgb[3]) {
     itn__towards to;
     itn__floats all[3];
     int k;
-    to.d = itn__vectors_of(itn__splat(d.x), itn__splat(d.y), itn__splat(d.z));
-    to.u = to.v = to.sine = itn__splat(0);
-    if (itn__light_models[light->kind].maps) itn__map_coordinates(&to);
-    itn__light_models[light->kind].radiance(light, channels, &to, itn__bits_mask(1), all);
+    to.d = itn__splat_vector(d), to.u = to.v = to.sine = itn__splat(0);
+    to.mask = itn__bits_mask(1);
+    if (light->map) itn__map_coordinates(&to);
+    itn__light_models[light->kind].radiance(light, channels, &to, all);
     for (k = 0; k < channels; k++) rgb[k] = ITN__LANE(all[k], 0);
 }
 
@@ -4325,35 +4264,53 @@ ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
     return radiance * (.5 + fabs((double)d.y));
 }
 
-/* Luminances at the nodes of a light's grid, times sine, become its density (not normalised yet);
-   strength and breadth are sums over them. Returns whether all radiances are small enough. */
+/* Fills the density of a light's grid with its luminance at the nodes times sine (not normalised
+   yet); power, strength and breadth are sums over them. Returns whether it is small enough. */
 static int itn__fill_grid(itn__light *light) {
     itn__grid *grid = &light->grid;
-    int width = grid->width, height = grid->height, r, c;
-    double sum = 0, square = 0, area = 0, node_size; /* the last over the sine: solid angle */
-    for (r = 0; r < height; r++) {
-        float v = grid->bottom * (float)r / (float)(height - 1), rgb[3];
-        /* a pole's node stands for the cap around it */
-        float cap = grid->bottom * ITN__PI / (3 * (float)(height - 1));
-        float sine = itn__max(sinf(ITN__PI * v), sinf(cap));
-        for (c = 0; c < width; c++) {
-            float phi = 2 * ITN__PI * ((float)c + .5f) / (float)width, ring = sinf(ITN__PI * v);
-            itn_vec3 d = itn__vec3(sinf(phi) * ring, cosf(ITN__PI * v), -cosf(phi) * ring);
-            size_t node = (size_t)r * (size_t)width + (size_t)c;
-            double luminance;
-            if (light->map) memcpy(rgb, light->map + 3 * node, sizeof rgb);
-            else d.y = itn__max(d.y, 0), itn__light_radiance(light, 3, d, rgb);
-            luminance = itn__luminance(rgb);
-            if (!(luminance <= ITN__MAX_RADIANCE)) return 0;
-            grid->density[node] = (float)(luminance * sine);
-            light->strength += itn__strength(luminance * sine, d);
-            sum += luminance * sine, square += luminance * luminance * sine, area += sine;
-        }
+    size_t width = (size_t)grid->width, nodes = width * (size_t)grid->height, i;
+    double size = 2 * (double)(ITN__PI * ITN__PI) * grid->bottom / ((double)nodes - (double)width);
+    double sum = 0, square = 0, area = 0;
+    float step = grid->bottom / (float)(grid->height - 1), rgb[3];
+    float cap = sinf(ITN__PI * step / 3); /* a pole's node stands for the cap around it */
+    for (i = 0; i < nodes; i++) {
+        float phi = 2 * ITN__PI * ((float)(i % width) + .5f) / (float)width;
+        float theta = ITN__PI * step * (float)(i / width), sine = itn__max(sinf(theta), cap);
+        itn_vec3 d = itn__vec3(sinf(phi) * sinf(theta), cosf(theta), -cosf(phi) * sinf(theta));
+        double luminance;
+        if (light->map) memcpy(rgb, light->map + 3 * i, sizeof rgb);
+        else d.y = itn__max(d.y, 0), itn__light_radiance(light, 3, d, rgb);
+        luminance = itn__luminance(rgb);
+        if (!(luminance <= ITN__MAX_RADIANCE)) return 0;
+        grid->density[i] = (float)(luminance * sine);
+        light->strength += itn__strength(luminance * sine * size, d);
+        sum += luminance * sine, square += luminance * luminance * sine, area += sine;
     }
     light->breadth = sum > 0 ? sum * sum / (square * area) * grid->bottom : 0;
-    node_size = 2 * (double)(ITN__PI * ITN__PI) * grid->bottom / ((double)width * (height - 1));
-    light->strength *= node_size, light->power = (float)(sum * node_size);
+    light->power = (float)(sum * size);
     return 1;
+}
+
+/* Makes the tables by which nodes are drawn; the first and the last row have half a tent. */
+static void itn__grid_prepare(itn__grid *grid) {
+    int width = grid->width, height = grid->height, r, c;
+    double total = 0;
+    size_t i;
+    for (r = 0; r < height; r++) {
+        size_t first = (size_t)r * (size_t)width;
+        double row = 0;
+        for (c = 0; c < width; c++) {
+            row += grid->density[first + (size_t)c];
+            grid->nodes[first + (size_t)c] = (float)row;
+        }
+        itn__guide_prepare(grid->nodes + first, grid->node_guide + first, width);
+        total += r == 0 || r == height - 1 ? row / 2 : row;
+        grid->rows[r] = (float)total;
+    }
+    itn__guide_prepare(grid->rows, grid->row_guide, height);
+    total *= grid->bottom / ((double)width * (height - 1));
+    for (i = 0; i < (size_t)width * (size_t)height; i++)
+        grid->density[i] = (float)(grid->density[i] / total);
 }
 
 /* Builds the grid of a map or sky from its own radiance at the nodes, which is an invalid argument
@@ -4362,23 +4319,20 @@ static int itn__fill_grid(itn__light *light) {
 static itn_result itn__light_grid(const itn_context *context, itn__light *light, int width,
                                   int height, float bottom) {
     itn__grid *grid = &light->grid;
-    size_t nodes = (size_t)width * (size_t)height, i;
+    size_t nodes = (size_t)width * (size_t)height, rows = (size_t)height, i;
     double mean = 0;
     grid->width = width, grid->height = height, grid->bottom = bottom;
-    grid->density = (float *)itn__allocate(context, nodes, sizeof(float));
-    grid->rows = (float *)itn__allocate(context, (size_t)height, sizeof(float));
-    grid->cells = (float *)itn__allocate(context, nodes, sizeof(float));
-    grid->row_guide = (int32_t *)itn__allocate(context, (size_t)height, sizeof(int32_t));
-    grid->cell_guide = (int32_t *)itn__allocate(context, nodes, sizeof(int32_t));
-    if (!grid->density || !grid->rows || !grid->cells || !grid->row_guide || !grid->cell_guide)
-        return ITN_ERROR_MEMORY;
+    grid->density = (float *)itn__allocate(context, 2 * nodes + rows, sizeof(float));
+    grid->node_guide = (int32_t *)itn__allocate(context, nodes + rows, sizeof(int32_t));
+    if (!grid->density || !grid->node_guide) return ITN_ERROR_MEMORY;
+    grid->nodes = grid->density + nodes, grid->rows = grid->nodes + nodes;
+    grid->row_guide = grid->node_guide + nodes;
     if (!itn__fill_grid(light)) return ITN_ERROR_ARGUMENT;
     for (i = 0; i < nodes; i++) mean += grid->density[i];
     mean /= (double)nodes;
     if (!(mean > 0)) return ITN_OK; /* black: never sampled */
-    if (light->kind == ITN__LIGHT_SKY)
-        for (i = 0; i < nodes; i++)
-            grid->density[i] = itn__max(grid->density[i], (float)(1e-3 * mean));
+    for (i = 0; i < nodes && light->kind == ITN__LIGHT_SKY; i++)
+        grid->density[i] = itn__max(grid->density[i], (float)(1e-3 * mean));
     itn__grid_prepare(grid);
     return ITN_OK;
 }
@@ -4444,7 +4398,7 @@ struct itn_scene {
 
 ITN_API void itn_scene_free(itn_scene *scene) {
     itn_context context;
-    int i, k;
+    int i;
     if (!scene) return;
     context = scene->context;
     for (i = 0; scene->tables && i < ITN__TABLE_LEVELS; i++)
@@ -4453,9 +4407,9 @@ ITN_API void itn_scene_free(itn_scene *scene) {
     itn_bvh_free(scene->bvh);
     for (i = 0; i < scene->light_count; i++) {
         itn__light *light = &scene->lights[i];
-        void *parts[6] = {light->map,       light->grid.cell_guide, light->grid.row_guide,
-                          light->grid.rows, light->grid.cells,      light->grid.density};
-        for (k = 0; k < 6; k++) itn__free(&context, parts[k]);
+        itn__free(&context, light->grid.node_guide);
+        itn__free(&context, light->grid.density);
+        itn__free(&context, light->map);
     }
     for (i = 0; i < scene->object_count; i++) itn__free(&context, scene->objects[i].uvs);
     for (i = 0; i < scene->surface_count; i++) itn__free(&context, scene->surfaces[i].texels);
@@ -5757,115 +5711,6 @@ static void itn__leave_solids(const itn_scene *scene, itn__place *place) {
     itn__leave_behind(place);
 }
 
-/* ---- [lights] all lights of a scene ---------------------------------------------------------- */
-
-/* Draws of lights and of directions to them, their density, and the radiance that arrives, for a
-   direction in each lane. Coordinates on maps, and densities, are found once for all lights. */
-
-/* Whether some light that is sampled has a grid, and whether there is a map: then coordinates are
-   needed. */
-static int itn__needs_coordinates(const itn_scene *scene) {
-    int i, needs = 0;
-    for (i = 0; i < scene->light_count; i++)
-        needs |= scene->lights[i].grid.density != NULL && scene->lights[i].share > 0;
-    return needs;
-}
-
-/* Density with which itn__draw_lights draws directions. */
-static itn__floats itn__lights_density(const itn_scene *scene, const itn__towards *to,
-                                       itn__ints mask) {
-    itn__floats pdf = itn__splat(0);
-    int i;
-    for (i = 0; i < scene->light_count; i++)
-        if (scene->lights[i].share > 0)
-            pdf += scene->lights[i].share * itn__light_pdf(&scene->lights[i], to, mask);
-    return pdf;
-}
-ITN__NOINLINE itn__floats itn__lights_pdf(const itn_scene *scene, const itn__vectors *d) {
-    itn__towards to;
-    to.d = *d, to.u = to.v = to.sine = itn__splat(0);
-    if (itn__needs_coordinates(scene)) itn__map_coordinates(&to);
-    return itn__lights_density(scene, &to, itn__splat_int(-1));
-}
-
-/* Draws a light in each lane of the mask, and a direction to it; pdf receives its density, 0 where
-   nothing is drawn. */
-static void itn__draw_lights(const itn_scene *scene, const itn__floats u[3], itn__ints mask,
-                             itn__towards *to, itn__floats *pdf) {
-    itn__floats choice = u[0], zero = itn__splat(0);
-    itn__ints number = itn__splat_int(-1), rest = mask, grids = itn__splat_int(0);
-    itn__towards drawn;
-    int i;
-    for (i = 0; i < scene->light_count; i++) {
-        if (!(scene->lights[i].share > 0)) continue;
-        number = itn__select_int(rest, itn__splat_int(i), number);
-        rest &= ~itn__less(choice, itn__splat(scene->lights[i].share));
-        choice -= scene->lights[i].share;
-    }
-    to->d = itn__vectors_of(zero, itn__splat(1), zero), to->u = to->v = to->sine = zero;
-    drawn = *to;
-    for (i = 0; i < scene->light_count; i++) {
-        itn__ints chosen = itn__int_equal(number, itn__splat_int(i));
-        if (!itn__mask_bits(chosen)) continue;
-        itn__light_sample(&scene->lights[i], itn__select(chosen, u[1], itn__splat(.5f)),
-                          itn__select(chosen, u[2], itn__splat(.5f)), &drawn);
-        to->d = itn__vselect(chosen, drawn.d, to->d);
-        to->u = itn__select(chosen, drawn.u, to->u), to->v = itn__select(chosen, drawn.v, to->v);
-        to->sine = itn__select(chosen, drawn.sine, to->sine);
-        if (scene->lights[i].grid.density) grids |= chosen;
-    }
-    if (itn__needs_coordinates(scene) && itn__mask_bits(mask & ~grids)) {
-        drawn.d = to->d; /* of draws from suns these are not known yet */
-        itn__map_coordinates(&drawn);
-        to->u = itn__select(grids, to->u, drawn.u), to->v = itn__select(grids, to->v, drawn.v);
-        to->sine = itn__select(grids, to->sine, drawn.sine);
-    }
-    *pdf = itn__select(mask, itn__lights_density(scene, to, mask), zero);
-}
-
-/* Radiance in the film's channels, scaled by theta: of all lights that are sampled, and of the
-   others. */
-static void itn__sum_radiance(const itn_scene *scene, const float *theta, const itn__towards *to,
-                              itn__ints mask, itn__floats sampled[3], itn__floats plain[3]) {
-    int channels = scene->film.channels, i, k;
-    for (k = 0; k < 3; k++) sampled[k] = plain[k] = itn__splat(0);
-    for (i = 0; i < scene->light_count; i++) {
-        const itn__light *light = &scene->lights[i];
-        itn__floats rgb[3], *sum = light->share > 0 ? sampled : plain;
-        itn__light_models[light->kind].radiance(light, channels, to, mask, rgb);
-        for (k = 0; k < channels; k++) sum[k] += theta[light->parameter] * rgb[k];
-    }
-}
-ITN__NOINLINE void itn__lights_radiance(const itn_scene *scene, const float *theta,
-                                        const itn__vectors *d, itn__ints mask,
-                                        itn__floats sampled[3], itn__floats plain[3]) {
-    itn__towards to;
-    int maps = 0, i;
-    to.d = *d, to.u = to.v = to.sine = itn__splat(0);
-    for (i = 0; i < scene->light_count; i++)
-        maps |= itn__light_models[scene->lights[i].kind].maps;
-    if (maps) itn__map_coordinates(&to);
-    itn__sum_radiance(scene, theta, &to, mask, sampled, plain);
-}
-
-/* Directions towards the sampled lights: where there is one, its density and what comes from it. */
-typedef struct itn__light_draw {
-    itn__ints drawn;
-    itn__vectors direction;
-    itn__floats pdf, radiance[3];
-} itn__light_draw;
-
-/* Draws one for each lane of the mask, by its three uniforms. */
-ITN__NOINLINE void itn__sample_lights(const itn_scene *scene, const float *theta,
-                                      const itn__floats u[3], const itn__ints *mask,
-                                      itn__light_draw *draw) {
-    itn__floats others[3];
-    itn__towards to;
-    itn__draw_lights(scene, u, *mask, &to, &draw->pdf);
-    draw->drawn = itn__less(itn__splat(0), draw->pdf), draw->direction = to.d;
-    itn__sum_radiance(scene, theta, &to, draw->drawn, draw->radiance, others);
-}
-
 /* ---- [throughput] what a path carries -------------------------------------------------------- */
 
 /* The image is an integral over paths, T(pi) = int f(x) dx (equation 4), estimated by the mean of
@@ -6223,8 +6068,94 @@ static void itn__touch_texture(itn__walk *walk, itn__site *site, float s, float 
    vertices go shadow rays to a light that is drawn, which add what that light brings (next-event
    estimation). Its numbers stand in the first lane of what the models are written in. */
 
-ITN__INLINE itn__vectors itn__splat_vector(itn_vec3 v) {
-    return itn__vectors_of(itn__splat(v.x), itn__splat(v.y), itn__splat(v.z));
+/* Directions, with coordinates on maps where some light has a grid. */
+static itn__towards itn__towards_of(const itn_scene *scene, const itn__vectors *d,
+                                    itn__ints mask) {
+    itn__towards to;
+    int i, grids = 0;
+    to.mask = mask, to.d = *d, to.u = to.v = to.sine = itn__splat(0);
+    for (i = 0; i < scene->light_count; i++) grids |= scene->lights[i].grid.density != NULL;
+    if (grids) itn__map_coordinates(&to);
+    return to;
+}
+
+/* Density with which itn__draw_lights draws directions. */
+static itn__floats itn__lights_density(const itn_scene *scene, const itn__towards *to) {
+    itn__floats pdf = itn__splat(0);
+    int i;
+    for (i = 0; i < scene->light_count; i++) {
+        const itn__light *light = &scene->lights[i];
+        if (light->share > 0) pdf += light->share * itn__light_models[light->kind].pdf(light, to);
+    }
+    return pdf;
+}
+ITN__NOINLINE itn__floats itn__lights_pdf(const itn_scene *scene, const itn__vectors *d) {
+    itn__towards to = itn__towards_of(scene, d, itn__splat_int(-1));
+    return itn__lights_density(scene, &to);
+}
+
+/* Draws a light in each lane of the mask, and a direction to it, by three uniforms; pdf receives
+   its density, 0 where nothing is drawn. */
+static void itn__draw_lights(const itn_scene *scene, const itn__floats u[3], itn__ints mask,
+                             itn__towards *to, itn__floats *pdf) {
+    itn__floats choice = u[0], half = itn__splat(.5f);
+    itn__floats v = itn__select(mask, u[1], half), w = itn__select(mask, u[2], half);
+    itn__ints rest = mask;
+    itn__towards drawn;
+    int last = scene->light_count - 1, i;
+    to->mask = mask, to->d = itn__splat_vector(itn__vec3(0, 1, 0));
+    to->u = to->v = to->sine = itn__splat(0);
+    while (last > 0 && !(scene->lights[last].share > 0)) last--; /* takes what rounding leaves */
+    for (i = 0; i <= last; i++) {
+        const itn__light *light = &scene->lights[i];
+        itn__ints chosen = i < last ? rest & itn__less(choice, itn__splat(light->share)) : rest;
+        choice -= light->share, rest &= ~chosen;
+        if (!(light->share > 0) || !itn__mask_bits(chosen)) continue;
+        itn__light_models[light->kind].sample(light, v, w, &drawn);
+        to->d = itn__vselect(chosen, drawn.d, to->d), to->u = itn__select(chosen, drawn.u, to->u);
+        to->v = itn__select(chosen, drawn.v, to->v);
+        to->sine = itn__select(chosen, drawn.sine, to->sine);
+    }
+    *pdf = itn__select(mask, itn__lights_density(scene, to), itn__splat(0));
+}
+
+/* Radiance in the film's channels, scaled by theta, 0 outside the mask: of all lights that are
+   sampled, and of the others. */
+static void itn__sum_radiance(const itn_scene *scene, const float *theta, const itn__towards *to,
+                              itn__floats sampled[3], itn__floats plain[3]) {
+    int channels = scene->film.channels, i, k;
+    for (k = 0; k < 3; k++) sampled[k] = plain[k] = itn__splat(0);
+    for (i = 0; i < scene->light_count; i++) {
+        const itn__light *light = &scene->lights[i];
+        itn__floats rgb[3], *sum = light->share > 0 ? sampled : plain;
+        itn__light_models[light->kind].radiance(light, channels, to, rgb);
+        for (k = 0; k < channels; k++)
+            sum[k] += itn__select(to->mask, theta[light->parameter] * rgb[k], itn__splat(0));
+    }
+}
+ITN__NOINLINE void itn__lights_radiance(const itn_scene *scene, const float *theta,
+                                        const itn__vectors *d, itn__ints mask,
+                                        itn__floats sampled[3], itn__floats plain[3]) {
+    itn__towards to = itn__towards_of(scene, d, mask);
+    itn__sum_radiance(scene, theta, &to, sampled, plain);
+}
+
+/* Directions towards the sampled lights: where there is one, its density and what comes from it. */
+typedef struct itn__light_draw {
+    itn__ints drawn;
+    itn__vectors direction;
+    itn__floats pdf, radiance[3];
+} itn__light_draw;
+
+/* Draws one for each lane of the mask, by its three uniforms. */
+ITN__NOINLINE void itn__sample_lights(const itn_scene *scene, const float *theta,
+                                      const itn__floats u[3], const itn__ints *mask,
+                                      itn__light_draw *draw) {
+    itn__floats others[3];
+    itn__towards to;
+    itn__draw_lights(scene, u, *mask, &to, &draw->pdf);
+    draw->drawn = itn__less(itn__splat(0), draw->pdf), draw->direction = to.d;
+    itn__sum_radiance(scene, theta, &to, draw->radiance, others);
 }
 
 /* Adds beta l to the path's radiance and its derivatives: l is a light's radiance in direction d

@@ -85,7 +85,7 @@ static inline itn_vec3 one_sample_cosine(float u, float v) {
 
 static inline itn__towards one_towards(itn_vec3 d) {
     itn__towards to;
-    to.d = one_vectors(d);
+    to.d = one_vectors(d), to.mask = itn__splat_int(-1);
     itn__map_coordinates(&to);
     return to;
 }
@@ -101,11 +101,11 @@ static inline itn_vec3 one_map_direction(float u, float v) {
 }
 static inline float one_light_pdf(const itn__light *light, itn_vec3 d) {
     itn__towards to = one_towards(d);
-    return one_of(itn__light_pdf(light, &to, itn__splat_int(-1)));
+    return one_of(itn__light_models[light->kind].pdf(light, &to));
 }
 static inline itn_vec3 one_light_sample(const itn__light *light, float u, float v) {
     itn__towards to;
-    itn__light_sample(light, one_lanes(u), one_lanes(v), &to);
+    itn__light_models[light->kind].sample(light, one_lanes(u), one_lanes(v), &to);
     return one_vector(to.d);
 }
 static inline int one_pick(const float *table, const int32_t *guide, int count, float u,

@@ -89,10 +89,10 @@ static int scalar_pick(const float *table, const int32_t *guide, int count, floa
     return entry;
 }
 
-/* Draws x in [0,1] with a density that goes linearly from a to b. */
-static float scalar_sample_linear(float a, float b, float u) {
-    float root = a + sqrtf(scalar_mix(a * a, b * b, u));
-    return root > 0 ? itn__min(u * (a + b) / root, 1) : u;
+/* Draws x in [-1,1] with density 1 - |x|. */
+static float scalar_sample_tent(float u) {
+    float x = 2 * u - 1, root = sqrtf(1 - fabsf(x));
+    return x < 0 ? root - 1 : 1 - root;
 }
 
 static float scalar_grid_pdf(const itn__grid *grid, float u, float v) {
@@ -107,20 +107,15 @@ static float scalar_grid_pdf(const itn__grid *grid, float u, float v) {
 }
 
 static itn_vec3 scalar_grid_sample(const itn__grid *grid, float u, float v) {
-    int r = scalar_pick(grid->rows, grid->row_guide, grid->height - 1, v, &v), c, next;
+    int r = scalar_pick(grid->rows, grid->row_guide, grid->height, v, &v), c;
     size_t first = (size_t)r * (size_t)grid->width;
-    const float *top = grid->density + first, *below = top + grid->width;
-    c = scalar_pick(grid->cells + first, grid->cell_guide + first, grid->width, u, &u);
-    next = c + 1 < grid->width ? c + 1 : 0;
-    v = scalar_sample_linear(top[c] + top[next], below[c] + below[next], v);
-    u = scalar_sample_linear(scalar_mix(top[c], below[c], v),
-                             scalar_mix(top[next], below[next], v), u);
-    u = ((float)c + .5f + u) / (float)grid->width;
-    return scalar_map_direction(u < 1 ? u : u - 1,
-                              ((float)r + v) / (float)(grid->height - 1) * grid->bottom);
+    c = scalar_pick(grid->nodes + first, grid->node_guide + first, grid->width, u, &u);
+    u = ((float)c + .5f + scalar_sample_tent(u)) / (float)grid->width;
+    v = fabsf((float)r + scalar_sample_tent(v)) / (float)(grid->height - 1);
+    return scalar_map_direction(u - floorf(u), (v > 1 ? 2 - v : v) * grid->bottom);
 }
 
-/* Density over solid angle with which itn__light_sample draws d. */
+/* Density over solid angle with which d is drawn. */
 static float scalar_light_pdf(const itn__light *light, itn_vec3 d) {
     if (light->kind == ITN__LIGHT_CONSTANT) return 0;
     if (light->kind == ITN__LIGHT_SUN)

@@ -89,9 +89,10 @@ static itn_vec3 test_direction(const itn_scene *scene, int k) {
                                         light->to_sun));
 }
 
-/* Whether rounding decides what a light is here: on the rim of a sun, or at the horizon. */
+/* Whether rounding decides what a light is here: on the rim of a sun, at the
+   horizon, or in a pole of a map. */
 static int on_edge(const itn_scene *scene, itn_vec3 d) {
-    int i, edge = fabsf(d.y) < 2e-7f;
+    int i, edge = fabsf(d.y) < 2e-7f || fabsf(d.x) + fabsf(d.z) < 2e-7f;
     for (i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
         float x = scalar_one_minus_cosine(d, light->to_sun);
