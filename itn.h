@@ -1038,7 +1038,7 @@ typedef enum itn_png_mode {
 
 /* Writes plane_count (1 or 3) planes from first_plane on as an 8-bit RGB PNG file, uncompressed.
    scale: > 0, or 0 = the 99th percentile of the finite values (signed: of their sizes) maps to 1.
-   NaN becomes magenta. */
+   NaN becomes magenta. At most 21844 pixels wide. */
 ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error);
@@ -14168,15 +14168,13 @@ static void itn__exr_unpredict(unsigned char *coded, unsigned char *bytes, size_
     for (i = 0; i < size; i++) bytes[i] = coded[i / 2 + (i & 1 ? half : 0)];
 }
 
-/* The bits of the float equal to a half (1 sign, 5 exponent, 10 mantissa bits; bias 15). */
-static uint32_t itn__half_to_float(uint32_t half) {
-    uint32_t sign = (half & 0x8000) << 16, exponent = half >> 10 & 31, mantissa = half & 0x3ff;
-    float tiny = (float)mantissa * 5.9604644775390625e-8f; /* 2^-24 */
-    uint32_t bits;
-    if (exponent == 31) return sign | 0x7f800000u | mantissa << 13;
-    if (exponent) return sign | (exponent + 112) << 23 | mantissa << 13;
-    memcpy(&bits, &tiny, 4);
-    return sign | bits;
+/* The float equal to a half (1 sign, 5 exponent, 10 mantissa bits; bias 15). */
+static float itn__half_to_float(uint32_t bits) {
+    int exponent = bits >> 10 & 31, mantissa = bits & 1023;
+    float size = exponent == 31 ? (float)(mantissa ? NAN : INFINITY)
+                 : exponent     ? ldexpf((float)(1024 + mantissa), exponent - 25)
+                                : ldexpf((float)mantissa, -24);
+    return bits & 0x8000 ? -size : size;
 }
 
 static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
@@ -14190,13 +14188,12 @@ static void itn__exr_lines(const itn__exr *exr, const unsigned char *data, int r
     int i, x;
     for (; row < end; row++)
         for (i = 0; i < exr->channels; i++) {
-            size_t size = exr->types[i] == ITN__EXR_HALF ? 2 : 4;
+            uint32_t type = exr->types[i], size = type == ITN__EXR_HALF ? 2 : 4;
             for (x = 0; x < image->width; x++, data += size) {
-                float *pixel = itn__pixel(image, i, row, x);
                 uint32_t bits = (uint32_t)itn__from_bytes(data, size, 0);
-                if (size == 2) bits = itn__half_to_float(bits);
-                if (exr->types[i] == ITN__EXR_UINT) *pixel = (float)bits;
-                else memcpy(pixel, &bits, 4);
+                *itn__pixel(image, i, row, x) = type == ITN__EXR_FLOAT  ? itn__float_of(bits)
+                                                : type == ITN__EXR_HALF ? itn__half_to_float(bits)
+                                                                        : (float)bits;
             }
         }
 }
@@ -14464,36 +14461,16 @@ static size_t itn__png_end_chunk(itn__buffer *png, size_t start) {
     return png->size;
 }
 
-/* What is shown, and how. */
-typedef struct itn__png {
-    itn__buffer file;
-    const itn_image *image;
-    int first_plane, plane_count;
-    itn_png_mode mode;
-    float scale;
-} itn__png;
-
-/* The three numbers that pixel i shows: of the planes, or (signed) their mean. */
-static void itn__png_values(const itn__png *png, size_t i, float values[3]) {
-    size_t plane = (size_t)png->image->width * (size_t)png->image->height;
-    const float *at = png->image->pixels + (size_t)png->first_plane * plane + i;
-    int k;
-    for (k = 0; k < 3; k++) values[k] = at[(size_t)(k % png->plane_count) * plane];
-    if (png->mode == ITN_PNG_SIGNED)
-        values[0] = values[1] = values[2] = (values[0] + values[1] + values[2]) / 3;
-}
-
-/* The 99th percentile (by rank) of finite numbers; signed: of their sizes, else negative ones count
+/* The 99th percentile (by rank) of the sizes of finite numbers; without signs, negative ones count
    as 0. It is found bit by bit, as the bits of positive floats are ordered as the floats are. */
-static float itn__png_percentile(const itn__png *png, size_t pixels) {
+static float itn__percentile99(const float *values, size_t count, int with_signs) {
     uint32_t found = 0, bit, bits;
     size_t i, below, total;
-    float values[3], value;
+    float value;
     for (bit = 1u << 30; bit; bit >>= 1) {
-        for (i = below = total = 0; i < 3 * pixels; i++) {
-            if (i % 3 == 0) itn__png_values(png, i / 3, values);
-            if (!itn__finite(values[i % 3])) continue;
-            value = png->mode == ITN_PNG_SIGNED ? fabsf(values[i % 3]) : itn__max(values[i % 3], 0);
+        for (i = below = total = 0; i < count; i++) {
+            if (!itn__finite(values[i])) continue;
+            value = with_signs ? fabsf(values[i]) : itn__max(values[i], 0);
             memcpy(&bits, &value, 4);
             below += bits < (found | bit), total++;
         }
@@ -14513,62 +14490,64 @@ static float itn__srgb(float x) {
     return x <= .0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - .055f;
 }
 
-/* Puts the IDAT chunk's data: of every row a stored block, or several. */
-static void itn__png_rows(itn__png *png, size_t width, size_t pixels) {
-    itn__buffer *file = &png->file;
-    size_t i, x, length, block = 0;
+/* Puts the rows' zlib stream: every row is a stored block. */
+static void itn__png_rows(itn__buffer *png, const float *v, size_t width, size_t height,
+                          itn_png_mode mode, float scale) {
+    size_t row, x, k, length = 3 * width + 1, start;
     uint32_t sum = 1;
-    int k;
-    itn__put_number(file, 0x7801, 2, 1);
-    for (i = 0; i < pixels && !file->failed; i++) {
-        unsigned char rgb[3];
-        float v[3];
-        x = i % width;
-        if (x % 16384 == 0) {
-            length = 3 * (width - x < 16384 ? width - x : 16384) + (x == 0);
-            itn__put_number(file, length << 8 | (uint64_t)(length ^ 0xffff) << 24, 5, 0);
-            block = file->size;
-            if (x == 0) itn__put_number(file, 0, 1, 0);
+    itn__put_number(png, 0x7801, 2, 1);
+    for (row = 0; row < height && !png->failed; row++) {
+        itn__put_number(png, (uint64_t)length << 8 | (uint64_t)(length ^ 0xffff) << 24, 6, 0);
+        start = png->size - 1;
+        for (x = 0; x < width; x++, v += 3) {
+            unsigned char rgb[3];
+            for (k = 0; k < 3; k++)
+                rgb[k] = itn__byte(mode == ITN_PNG_TONE ? itn__srgb(v[k] * scale)
+                                                        : (1 - (float)k) * v[k] * scale);
+            itn__put(png, v[0] == v[0] && v[1] == v[1] && v[2] == v[2] ? (const char *)rgb
+                                                                       : "\xff\0\xff", 3);
         }
-        itn__png_values(png, i, v);
-        for (k = 0; k < 3; k++)
-            rgb[k] = itn__byte(png->mode == ITN_PNG_TONE ? itn__srgb(v[k] * png->scale)
-                                                         : (float)(1 - k) * v[k] * png->scale);
-        itn__put(file, v[0] == v[0] && v[1] == v[1] && v[2] == v[2] ? (const char *)rgb
-                                                                    : "\xff\0\xff", 3);
-        if (x % 16384 == 16383 || x + 1 == width)
-            sum = itn__adler32(sum, file->bytes + block, file->size - block);
+        sum = itn__adler32(sum, png->bytes + start, png->size - start);
     }
-    itn__put(file, "\1\0\0\xff\xff", 5); /* the last block is empty */
-    itn__put_number(file, sum, 4, 1);
+    itn__put(png, "\1\0\0\xff\xff", 5); /* the last block is empty */
+    itn__put_number(png, sum, 4, 1);
 }
 
 ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error) {
-    itn__png png;
-    size_t pixels, start;
-    itn_result result = itn__check_image(image, first_plane, plane_count, 1, &png.file, error);
+    itn__buffer png;
+    size_t width, height, i, pixels, chunk;
+    float *v; /* [pixels][3] */
+    itn_result result = itn__check_image(image, first_plane, plane_count, 1, &png, error);
     if (result) return result;
+    width = (size_t)image->width, height = (size_t)image->height, pixels = width * height;
     if (!(scale >= 0) || !itn__finite(scale) || (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED) ||
-        (uint64_t)image->width * 3 + 6 > INT_MAX / 2 / (uint64_t)image->height)
+        width > 21844 || height > INT_MAX / 2 / (3 * width + 6))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "saving a PNG: mode %d, scale %g or %d x %d pixels", (int)mode,
-                         (double)scale, image->width, image->height);
-    pixels = (size_t)image->width * (size_t)image->height;
-    png.image = image, png.first_plane = first_plane, png.plane_count = plane_count;
-    png.mode = mode, png.scale = scale > 0 ? scale : itn__png_percentile(&png, pixels);
-    if (scale == 0) png.scale = png.scale >= FLT_MIN ? 1 / png.scale : 1;
-    itn__put(&png.file, "\x89PNG\r\n\x1a\n\0\0\0\0IHDR", 16);
-    itn__put_number(&png.file, (uint64_t)image->width << 32 | (uint64_t)image->height, 8, 1);
-    itn__put(&png.file, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
-    start = itn__png_end_chunk(&png.file, 8);
-    itn__put(&png.file, "\0\0\0\0IDAT", 8);
-    itn__png_rows(&png, (size_t)image->width, pixels);
-    start = itn__png_end_chunk(&png.file, start);
-    itn__put(&png.file, "\0\0\0\0IEND", 8);
-    itn__png_end_chunk(&png.file, start);
-    return itn__write_file(path, &png.file, error);
+                         "saving a PNG: mode %d, scale %g or %d x %d pixels (at most 21844 wide)",
+                         (int)mode, (double)scale, image->width, image->height);
+    v = (float *)itn__allocate(&png.context, pixels, 3 * sizeof *v);
+    if (!v) return itn__out_of_memory(error, "a PNG file");
+    for (i = 0; i < 3 * pixels; i++)
+        v[i] = image->pixels[((size_t)first_plane + i % 3 % (size_t)plane_count) * pixels + i / 3];
+    for (i = 0; i < 3 * pixels && mode == ITN_PNG_SIGNED; i += 3)
+        v[i] = v[i + 1] = v[i + 2] = (v[i] + v[i + 1] + v[i + 2]) / 3;
+    if (scale == 0) {
+        scale = itn__percentile99(v, 3 * pixels, mode == ITN_PNG_SIGNED);
+        scale = scale >= FLT_MIN ? 1 / scale : 1;
+    }
+    itn__put(&png, "\x89PNG\r\n\x1a\n\0\0\0\0IHDR", 16);
+    itn__put_number(&png, (uint64_t)width << 32 | height, 8, 1);
+    itn__put(&png, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
+    chunk = itn__png_end_chunk(&png, 8);
+    itn__put(&png, "\0\0\0\0IDAT", 8);
+    itn__png_rows(&png, v, width, height, mode, scale);
+    itn__free(&png.context, v);
+    chunk = itn__png_end_chunk(&png, chunk);
+    itn__put(&png, "\0\0\0\0IEND", 8);
+    itn__png_end_chunk(&png, chunk);
+    return itn__write_file(path, &png, error);
 }
 
 #endif /* ITN_NO_STDIO */
