@@ -13617,7 +13617,7 @@ static ITN__UNUSED void itn__put_number(itn__buffer *buffer, uint64_t value, siz
     itn__put(buffer, bytes, size);
 }
 
-/* Floats, little-endian; returns how many are not finite. */
+/* Floats; returns how many are not finite. */
 static ITN__UNUSED size_t itn__put_floats(itn__buffer *buffer, const float *floats, size_t count) {
     size_t i, wrong = 0;
     uint32_t bits;
@@ -13628,13 +13628,13 @@ static ITN__UNUSED size_t itn__put_floats(itn__buffer *buffer, const float *floa
     }
     return wrong;
 }
+
 static float itn__float_of(uint32_t bits) {
     float value;
     memcpy(&value, &bits, 4);
     return value;
 }
 
-/* A place in a file. */
 typedef struct itn__text {
     const char *at, *end, *start;
     const char *word; /* the number read last */
@@ -13676,7 +13676,6 @@ static itn_result itn__text_fail(itn__text *text, itn_result code, const char *f
     text->at = text->end;
     return code;
 }
-
 #define ITN__DAMAGED(text, ...) itn__text_fail(text, ITN_ERROR_FORMAT, __VA_ARGS__)
 #define ITN__UNSUPPORTED(text, ...) itn__text_fail(text, ITN_ERROR_UNSUPPORTED, __VA_ARGS__)
 
@@ -13690,6 +13689,7 @@ static const unsigned char *itn__take_bytes(itn__text *text, size_t size) {
     text->at += size;
     return (const unsigned char *)bytes;
 }
+
 static uint64_t itn__take_number(itn__text *text, size_t size, int big) {
     const unsigned char *bytes = itn__take_bytes(text, size);
     return bytes ? itn__from_bytes(bytes, size, big) : 0;
@@ -13712,12 +13712,9 @@ static int itn__newline(const char *at, const char *end) {
 /* Skips blanks, and line ends that a backslash hides. */
 static void itn__skip_blanks(itn__text *text) {
     int length;
-    for (; text->at < text->end; text->at++) {
-        if (*text->at == ' ' || *text->at == '\t') continue;
+    for (; text->at < text->end; text->at += 1 + length, text->line += length > 0) {
         length = *text->at == '\\' ? itn__newline(text->at + 1, text->end) : 0;
-        if (!length) return;
-        text->at += length;
-        text->line++;
+        if (*text->at != ' ' && *text->at != '\t' && !length) return;
     }
 }
 
@@ -13893,8 +13890,7 @@ static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_err
    stream zlib (RFC 1950) puts the Adler-32 sum of the data. */
 
 typedef struct itn__code {
-    int count[16], symbols[288]; /* of each length; those `used`, in the order of their codes */
-    int used;
+    int count[16], symbols[288]; /* of each length; in the order of their codes */
 } itn__code;
 
 typedef struct itn__inflate {
@@ -13907,11 +13903,11 @@ typedef struct itn__inflate {
 } itn__inflate;
 
 /* Takes `count` (at most 16) bits; zeros where the data has ended. */
-static unsigned itn__take_bits(itn__inflate *z, int count) {
-    unsigned value;
+static int itn__take_bits(itn__inflate *z, int count) {
+    int value;
     for (; z->count < count; z->count += 8)
         z->bits |= (uint32_t)itn__take_number(z->in, 1, 0) << z->count;
-    value = z->bits & ((1u << count) - 1);
+    value = (int)(z->bits & ((1u << count) - 1));
     z->bits >>= count, z->count -= count;
     return value;
 }
@@ -13919,15 +13915,14 @@ static unsigned itn__take_bits(itn__inflate *z, int count) {
 /* Makes a code from its lengths. Returns how many codes of 15 bits are left: 0 for a complete one,
    negative if there are more codes than fit. */
 static int itn__code_make(itn__code *code, const unsigned char *lengths, int symbols) {
-    int next[17] = {0}, left = 1 << 15, length, k;
+    int next[17] = {0}, left = 1 << 15, k;
     memset(code, 0, sizeof *code);
     for (k = 0; k < symbols; k++) code->count[lengths[k]]++;
     code->count[0] = 0;
-    for (length = 1; length < 16; length++) {
-        next[length + 1] = next[length] + code->count[length];
-        left -= code->count[length] << (15 - length);
+    for (k = 1; k < 16; k++) {
+        next[k + 1] = next[k] + code->count[k];
+        left -= code->count[k] << (15 - k);
     }
-    code->used = next[16];
     for (k = 0; k < symbols; k++)
         if (lengths[k]) code->symbols[next[lengths[k]]++] = k;
     return left;
@@ -13937,7 +13932,7 @@ static int itn__code_make(itn__code *code, const unsigned char *lengths, int sym
 static int itn__take_symbol(itn__inflate *z, const itn__code *code) {
     int value = 0, first = 0, index = 0, length;
     for (length = 1; length < 16; length++) { /* first: the first code of this length */
-        value = 2 * value + (int)itn__take_bits(z, 1);
+        value = 2 * value + itn__take_bits(z, 1);
         if (value - first < code->count[length]) return code->symbols[index + value - first];
         index += code->count[length];
         first = 2 * (first + code->count[length]);
@@ -13962,8 +13957,8 @@ static const char *itn__inflate_stored(itn__inflate *z) {
    there is one more extra bit. */
 static size_t itn__inflate_amount(itn__inflate *z, int symbol, int per_bit) {
     int bits = symbol < 2 * per_bit ? 0 : symbol / per_bit - 1;
-    size_t base = bits ? (size_t)(symbol % per_bit + per_bit) << bits : (size_t)symbol;
-    return base + itn__take_bits(z, bits);
+    int base = bits ? (symbol % per_bit + per_bit) << bits : symbol;
+    return (size_t)(base + itn__take_bits(z, bits));
 }
 
 /* Decodes one block with the codes at hand. */
@@ -13972,13 +13967,12 @@ static const char *itn__inflate_coded(itn__inflate *z) {
         int symbol = itn__take_symbol(z, &z->literals);
         size_t length = 1, distance = 0;
         if (symbol == 256) return NULL;
-        if (symbol < 0 || symbol > 285) return "invalid code";
-        if (symbol > 256) {
+        if (symbol > 256 && symbol < 286) {
             length = symbol == 285 ? 258 : 3 + itn__inflate_amount(z, symbol - 257, 4);
             symbol = itn__take_symbol(z, &z->distances);
-            if (symbol < 0) return "invalid distance code";
-            distance = 1 + itn__inflate_amount(z, symbol, 2);
+            if (symbol >= 0) distance = 1 + itn__inflate_amount(z, symbol, 2);
         }
+        if (symbol < 0 || symbol > 285) return "invalid code";
         if (distance > z->size) return "distance reaches before the start";
         if (length > z->capacity - z->size) return "more data than expected";
         if (!distance) z->out[z->size++] = (unsigned char)symbol;
@@ -13994,26 +13988,24 @@ static const char *itn__inflate_codes(itn__inflate *z) {
     static const unsigned char order[] = {16, 17, 18, 0, 8,  7, 9,  6, 10, 5,
                                           11, 4,  12, 3, 13, 2, 14, 1, 15};
     static const unsigned char least[] = {3, 3, 11}, bits[] = {2, 3, 7}; /* of 16, 17, 18 */
-    unsigned char lengths[286 + 30] = {0};
-    int literals = (int)itn__take_bits(z, 5) + 257, distances = (int)itn__take_bits(z, 5) + 1;
-    int count = (int)itn__take_bits(z, 4) + 4, i, left;
-    if (literals > 286 || distances > 30) return "too many codes";
+    unsigned char lengths[288 + 32] = {0};
+    int literals = itn__take_bits(z, 5) + 257, total = literals + itn__take_bits(z, 5) + 1;
+    int count = itn__take_bits(z, 4) + 4, i, left, used;
     for (i = 0; i < count; i++) lengths[order[i]] = (unsigned char)itn__take_bits(z, 3);
-    if (itn__code_make(&z->literals, lengths, 19)) return "invalid code lengths";
-    for (i = 0; i < literals + distances;) {
-        int symbol = itn__take_symbol(z, &z->literals), repeat = 1, value = symbol;
-        if (symbol < 0 || (symbol == 16 && i == 0)) return "invalid code lengths";
-        if (symbol >= 16) {
-            value = symbol == 16 ? lengths[i - 1] : 0;
-            repeat = least[symbol - 16] + (int)itn__take_bits(z, bits[symbol - 16]);
-        }
-        if (repeat > literals + distances - i) return "invalid code lengths";
+    if (itn__code_make(&z->literals, lengths, 19)) return "invalid code of lengths";
+    for (i = 0; i < total;) {
+        int symbol = itn__take_symbol(z, &z->literals), value = symbol < 16 ? symbol : 0;
+        int repeat = symbol < 16 ? 1 : least[symbol - 16] + itn__take_bits(z, bits[symbol - 16]);
+        if (symbol == 16) value = i ? lengths[i - 1] : -1;
+        if (value < 0 || repeat > total - i) return "invalid code lengths";
         while (repeat--) lengths[i++] = (unsigned char)value;
     }
-    if (!lengths[256]) return "no code for the end of a block";
-    if (itn__code_make(&z->literals, lengths, literals)) return "invalid literal codes";
-    left = itn__code_make(&z->distances, lengths + literals, distances);
-    return left < 0 || (left && z->distances.used > 1) ? "invalid distance codes" : NULL;
+    for (i = literals, used = 0; i < total; i++) used += lengths[i] > 0;
+    left = itn__code_make(&z->distances, lengths + literals, total - literals);
+    if (itn__code_make(&z->literals, lengths, literals) || literals > 286 || !lengths[256] ||
+        total - literals > 30 || left < 0 || (left && used > 1))
+        return "invalid codes";
+    return NULL;
 }
 
 /* The codes of blocks that do not transmit any. */
@@ -14042,12 +14034,12 @@ static uint32_t itn__adler32(uint32_t sum, const unsigned char *bytes, size_t si
 static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacity) {
     itn__inflate z = ITN_ZERO;
     const char *fault = NULL;
-    unsigned head = (unsigned)itn__take_number(in, 2, 1), last = 0, type;
+    unsigned head = (unsigned)itn__take_number(in, 2, 1);
+    int last = 0, type;
     if ((head >> 8 & 15) != 8 || head >> 12 > 7 || head % 31 || head & 32) fault = "not zlib data";
     z.in = in, z.out = bytes, z.capacity = capacity;
     while (!last && !fault) {
-        last = itn__take_bits(&z, 1);
-        type = itn__take_bits(&z, 2);
+        last = itn__take_bits(&z, 1), type = itn__take_bits(&z, 2);
         if (type == 1) itn__inflate_fixed(&z);
         if (type == 2) fault = itn__inflate_codes(&z);
         if (type == 3) fault = "invalid block";
@@ -14056,7 +14048,7 @@ static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacit
     if (!fault && z.size != capacity) fault = "less data than expected";
     if (!fault && itn__take_number(in, 4, 1) != itn__adler32(1, bytes, capacity))
         fault = "checksum is wrong";
-    if (fault) itn__text_fail(in, ITN_ERROR_FORMAT, "%s", fault);
+    if (fault) ITN__DAMAGED(in, "%s", fault);
 }
 
 /* ---- [images] EXR, PFM and PNG files --------------------------------------------------------- */
@@ -14100,10 +14092,9 @@ static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
     for (n = 0; *(name = itn__take_string(text)); exr->channels = ++n) {
         uint32_t type = itn__take_u32(text);
         itn__take_u32(text);
-        for (i = known = 0; i < n; i++) known |= !strcmp(name, exr->names[i]);
-        if (known) ITN__DAMAGED(text, "EXR channel '%.63s' is there twice", name);
-        if (type > ITN__EXR_FLOAT)
-            ITN__DAMAGED(text, "EXR channel '%.63s' has no valid type", name);
+        for (i = known = 0; i < n; i++) known += !strcmp(name, exr->names[i]);
+        if (known || type > ITN__EXR_FLOAT)
+            ITN__DAMAGED(text, "EXR channel '%.63s' is there twice, or has no valid type", name);
         if (n == ITN__EXR_CHANNELS || strlen(name) >= ITN_NAME_SIZE || itn__take_u32(text) != 1 ||
             itn__take_u32(text) != 1)
             ITN__UNSUPPORTED(text, "EXR channel '%.63s' cannot be read: it is the 1025th, has a "
@@ -14311,16 +14302,14 @@ ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const c
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
     text = itn__text_make(bytes, size, name ? name : "image");
     text.error = error;
-    size = (size_t)(text.end - text.at);
-    if (size >= 4 && !memcmp(text.at, "\x76\x2f\x31\x01", 4))
+    if (size >= 4 && !memcmp(bytes, "\x76\x2f\x31\x01", 4))
         result = itn__exr_decode(&text, context, &made);
-    else if (size >= 3 && text.at[0] == 'P' && strchr("Ff", text.at[1]) &&
+    else if (text.end - text.at > 2 && text.at[0] == 'P' && strchr("Ff", text.at[1]) &&
              strchr(" \t\r\n", text.at[2]))
         result = itn__pfm_decode(&text, context, &made);
     else
-        result = itn__fail(error, ITN_ERROR_FORMAT, 0,
-                           "%s: neither an EXR nor a PFM file: convert it to one of them",
-                           text.name);
+        result = itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: neither an EXR nor a PFM file: convert "
+                                                       "it to one of them", text.name);
     if (!result) *image = made;
     return result;
 }
@@ -14554,11 +14543,11 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 
 /* ---- [meshes] OBJ and PLY files -------------------------------------------------------------- */
 
-/* Both formats hold polygons, which a builder cuts into triangles as they come. With the normal
-   n = sum of (p_i - p_0) x (p_i+1 - p_0) over the corners (Newell), the polygon is projected along
-   the largest component of n; it is convex if it turns left at every corner, and then becomes a fan
-   around its first corner. Otherwise ears are cut off: triangles of three consecutive corners that
-   turn left and hold no other corner (Meisters 1975: every simple polygon has two). */
+/* Both formats hold polygons, which are cut into triangles as they come. A polygon is projected
+   along the largest component of its normal, the sum of (p_i - p_0) x (p_i+1 - p_0) over its
+   corners (Newell). It is convex if it turns left at every corner there, and becomes a fan around
+   its first corner. Else ears are cut off: triangles of three consecutive corners that turn left
+   and hold no other corner (Meisters 1975: every simple polygon has two). */
 
 enum { ITN__EAR_CORNERS = 4096 }; /* most corners of a polygon that is not convex */
 
@@ -14775,8 +14764,7 @@ enum { ITN__PLY_ENTRY, ITN__PLY_VERTEX, ITN__PLY_FACE };
 /* Roles: x y z u v of a vertex, numbers in this order, and the lists of a face. */
 enum { ITN__PLY_U = 3, ITN__PLY_CORNERS = 5, ITN__PLY_TEXCOORDS, ITN__PLY_NONE };
 
-/* A line of the header: an element (type -1), which owns the properties behind it, or one of
-   these. */
+/* A line of the header: an element (type -1), or one of its properties, which stand behind it. */
 typedef struct itn__ply_line {
     int type, list; /* list: the type of the count, -1 for a scalar */
     int role;       /* of an element: its kind */
