@@ -46,9 +46,7 @@
        [memory]         errors, checked sizes, loops
        [math]           scalars, vectors, frames
        [rng]            counter-based random numbers
-       [lanes]          many floats at a time
-       [lane-math]      logarithm, exponential, angles in lanes
-       [num]            numbers in lanes that carry one slope
+       [lanes]          many floats at a time, functions of them, and numbers with a slope
        [mesh]           images, triangle meshes, and whether these are solids
        [triangle]       the watertight test of one ray and many triangles
        [bvh]            a bounding volume hierarchy
@@ -1682,25 +1680,21 @@ ITN__INLINE float itn__unit_float(uint32_t bits) {
 /* Uniform in (0, 1). */
 ITN__INLINE float itn__uniform(itn__rng *rng) { return itn__unit_float(itn__rng_bits(rng)); }
 
-/* ---- [lanes] many floats at a time ----------------------------------------------------------- */
+/* ---- [lanes] many floats at a time, functions of them, and numbers with a slope -------------- */
 
 /* The fast walk, the wide hierarchy and the network work on ITN__LANES numbers at once: 16 with
    AVX-512, 8 with AVX2, otherwise 4, on the vector extensions of GCC and Clang; 1 with ITN_NO_SIMD
    or another compiler. Arithmetic is written with the operators + - * / & | ^ ~ << >>, which mean
-   the same for a vector and for a number; all else is said by the functions of this chapter, so
-   that one text serves every width.
+   the same for a vector and for a number; all else is said by the words of this chapter, so that
+   one text serves every width.
      itn__floats  float lanes
      itn__ints    int32_t lanes; also masks, with -1 for true and 0 for false
      itn__words   uint32_t lanes, for bits and random numbers
    Lanes are kept in registers: every function that takes or returns them is always inlined, so no
-   vector crosses a call. Memory holds plain arrays, loaded and stored at any alignment.
-   Intrinsics stand only where the extensions have no word for an operation, beside the portable
-   form. */
+   vector crosses a call; simple words are macros, since each call of an inline function costs the
+   compiler time. Memory holds plain arrays, loaded and stored at any alignment. Intrinsics stand
+   only where the extensions have no word for an operation, beside the portable form. */
 #if !defined(ITN_NO_SIMD) && (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9))
-#define ITN__SIMD
-#endif
-
-#ifdef ITN__SIMD
 #if defined(__AVX512F__) && defined(__AVX512DQ__)
 #define ITN__LANES 16
 #elif defined(__AVX2__)
@@ -1712,40 +1706,23 @@ ITN__INLINE float itn__uniform(itn__rng *rng) { return itn__unit_float(itn__rng_
 #define ITN__X86
 #include <immintrin.h>
 #endif
+#else
+#define ITN__LANES 1
+#endif
+#define ITN__ALL_LANES ((1u << ITN__LANES) - 1)
+
+/* The same number in all lanes; the same bits with another meaning; values of the other kind
+   (floats truncate to ints); comparisons, which make masks (any with a NaN is false); memory to
+   lanes and back, also of bytes. */
+#if ITN__LANES > 1
 typedef float itn__floats __attribute__((vector_size(4 * ITN__LANES)));
 typedef int32_t itn__ints __attribute__((vector_size(4 * ITN__LANES)));
 typedef uint32_t itn__words __attribute__((vector_size(4 * ITN__LANES)));
-#define ITN__LANE(v, k) ((v)[k]) /* one lane, also to assign to */
-#else
-#define ITN__LANES 1
-typedef float itn__floats;
-typedef int32_t itn__ints;
-typedef uint32_t itn__words;
-#define ITN__LANE(v, k) (*((void)(k), &(v)))
-#endif
-
-/* Memory to lanes and back, ITN__LANES elements at any address. */
-#define ITN__MEMORY(lanes, element, load, store)                                                   \
-    ITN__INLINE lanes load(const element *from) {                                                  \
-        lanes v;                                                                                   \
-        memcpy(&v, from, sizeof v);                                                                \
-        return v;                                                                                  \
-    }                                                                                              \
-    ITN__INLINE void store(element *to, lanes v) { memcpy(to, &v, sizeof v); }
-ITN__MEMORY(itn__floats, float, itn__load, itn__store)
-ITN__MEMORY(itn__ints, int32_t, itn__load_ints, itn__store_ints)
-ITN__MEMORY(itn__words, uint32_t, itn__load_words, itn__store_words)
-#undef ITN__MEMORY
-
-/* What is said with other words of vectors and of numbers: the same number in all lanes; the same
-   bits with another meaning; values of the other kind (floats truncate to ints); comparisons, which
-   make masks (any with a NaN is false); and bytes to lanes and back. Macros, where a word stands
-   everywhere: each call of an inline function costs the compiler time. */
-#ifdef ITN__SIMD
+typedef uint8_t itn__bytes __attribute__((vector_size(ITN__LANES)));
 static const itn__floats itn__no_floats = ITN_ZERO;
 static const itn__ints itn__no_ints = ITN_ZERO;
 static const itn__words itn__no_words = ITN_ZERO;
-typedef uint8_t itn__bytes __attribute__((vector_size(ITN__LANES)));
+#define ITN__LANE(v, k) ((v)[k]) /* one lane, also to assign to */
 #define itn__splat(x) ((float)(x) - itn__no_floats)
 #define itn__splat_int(x) ((int32_t)(x) - itn__no_ints)
 #define itn__splat_word(x) ((uint32_t)(x) - itn__no_words)
@@ -1755,20 +1732,17 @@ typedef uint8_t itn__bytes __attribute__((vector_size(ITN__LANES)));
 #define itn__int_words(v) ((itn__words)(v))
 #define itn__to_floats(v) __builtin_convertvector(v, itn__floats)
 #define itn__to_ints(v) __builtin_convertvector(v, itn__ints)
+#define itn__to_bytes(v) __builtin_convertvector(v, itn__bytes)
 #define itn__less(a, b) ((itn__ints)((a) < (b)))
 #define itn__less_equal(a, b) ((itn__ints)((a) <= (b)))
 #define itn__int_less(a, b) ((itn__ints)((a) < (b)))
 #define itn__int_equal(a, b) ((itn__ints)((a) == (b)))
-ITN__INLINE itn__ints itn__load_bytes(const uint8_t *from) {
-    itn__bytes bytes;
-    memcpy(&bytes, from, sizeof bytes);
-    return __builtin_convertvector(bytes, itn__ints);
-}
-ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) {
-    itn__bytes bytes = __builtin_convertvector(v, itn__bytes);
-    memcpy(to, &bytes, sizeof bytes);
-}
 #else
+typedef float itn__floats;
+typedef int32_t itn__ints;
+typedef uint32_t itn__words;
+typedef uint8_t itn__bytes;
+#define ITN__LANE(v, k) (*((void)(k), &(v)))
 #define itn__splat(x) ((float)(x))
 #define itn__splat_int(x) ((int32_t)(x))
 #define itn__splat_word(x) ((uint32_t)(x))
@@ -1776,6 +1750,7 @@ ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) {
 #define itn__int_words(v) ((uint32_t)(v))
 #define itn__to_floats(v) ((float)(v))
 #define itn__to_ints(v) ((int32_t)(v))
+#define itn__to_bytes(v) ((uint8_t)(v))
 #define itn__less(a, b) (-((a) < (b)))
 #define itn__less_equal(a, b) (-((a) <= (b)))
 #define itn__int_less(a, b) (-((a) < (b)))
@@ -1790,137 +1765,105 @@ ITN__INLINE itn__floats itn__bits_float(itn__ints bits) {
     memcpy(&v, &bits, sizeof v);
     return v;
 }
-ITN__INLINE itn__ints itn__load_bytes(const uint8_t *from) { return *from; }
-ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) { *to = (uint8_t)v; }
 #endif
-
-/* 0, 1, 2, ... */
-ITN__INLINE itn__ints itn__lane_numbers(void) {
-    itn__ints v = itn__splat_int(0);
-    int k;
-    for (k = 0; k < ITN__LANES; k++) ITN__LANE(v, k) = k;
+ITN__INLINE itn__floats itn__load(const float *from) {
+    itn__floats v;
+    memcpy(&v, from, sizeof v);
     return v;
 }
+ITN__INLINE itn__ints itn__load_ints(const int32_t *from) {
+    itn__ints v;
+    memcpy(&v, from, sizeof v);
+    return v;
+}
+ITN__INLINE itn__ints itn__load_bytes(const uint8_t *from) {
+    itn__bytes bytes;
+    memcpy(&bytes, from, sizeof bytes);
+    return itn__to_ints(bytes);
+}
+ITN__INLINE void itn__store(float *to, itn__floats v) { memcpy(to, &v, sizeof v); }
+ITN__INLINE void itn__store_ints(int32_t *to, itn__ints v) { memcpy(to, &v, sizeof v); }
+ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) {
+    itn__bytes bytes = itn__to_bytes(v);
+    memcpy(to, &bytes, sizeof bytes);
+}
+
+/* 0, 1, 2, ... */
+static const int32_t itn__numbers[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+#define itn__lane_numbers() itn__load_ints(itn__numbers)
+/* The mask that has these bits. */
+#define itn__bits_mask(bits) (-((itn__splat_int(bits) >> itn__lane_numbers()) & 1))
 
 /* a where the mask is true, b elsewhere. */
 ITN__INLINE itn__ints itn__select_int(itn__ints mask, itn__ints a, itn__ints b) {
     return (a & mask) | (b & ~mask);
 }
 ITN__INLINE itn__floats itn__select(itn__ints mask, itn__floats a, itn__floats b) {
-#ifdef ITN__SIMD
     return itn__bits_float(itn__select_int(mask, itn__float_bits(a), itn__float_bits(b)));
-#else
-    return mask ? a : b;
-#endif
 }
+#define itn__int_least(a, b) itn__select_int(itn__int_less(a, b), a, b)
 
-/* The mask as bits 0 ... ITN__LANES-1 of a number. */
-ITN__INLINE unsigned itn__mask_bits(itn__ints mask) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    return (unsigned)_mm512_movepi32_mask((__m512i)mask);
-#elif defined(ITN__X86) && ITN__LANES == 8
-    return (unsigned)_mm256_movemask_ps((__m256)mask);
-#elif defined(ITN__X86) && ITN__LANES == 4
-    return (unsigned)_mm_movemask_ps((__m128)mask);
+/* How many bits are set, and the number of the lowest of them (bits != 0). */
+#ifdef __GNUC__
+#define itn__count_bits(bits) __builtin_popcount(bits)
+#define itn__lowest_bit(bits) __builtin_ctz(bits)
 #else
+static int itn__count_bits(unsigned bits) {
+    int count = 0;
+    for (; bits; bits &= bits - 1) count++;
+    return count;
+}
+#define itn__lowest_bit(bits) itn__count_bits(((bits) & (0u - (bits))) - 1)
+#endif
+
+/* a < b ? a : b, and a > b ? a : b: with a NaN, b. Roots. The mask as bits 0 ... ITN__LANES-1 of a
+   number, and those of itn__less(a, b). */
+#ifdef ITN__X86
+#if ITN__LANES == 16 /* masked forms: GCC warns of what others leave undefined */
+#define ITN__OP(op, ...) _mm512_maskz_##op((__mmask16)0xffff, __VA_ARGS__)
+typedef __m512 itn__native;
+#define itn__mask_bits(mask) ((unsigned)_mm512_movepi32_mask((__m512i)(mask)))
+#define itn__less_bits(a, b) ((unsigned)_mm512_cmp_ps_mask((__m512)(a), (__m512)(b), _CMP_LT_OQ))
+#else
+#if ITN__LANES == 8
+#define ITN__OP(op, ...) _mm256_##op(__VA_ARGS__)
+typedef __m256 itn__native;
+#else
+#define ITN__OP(op, ...) _mm_##op(__VA_ARGS__)
+typedef __m128 itn__native;
+#endif
+#define itn__mask_bits(mask) ((unsigned)ITN__OP(movemask_ps, (itn__native)(mask)))
+#define itn__less_bits(a, b) itn__mask_bits(itn__less(a, b))
+#endif
+#define itn__least(a, b) ((itn__floats)ITN__OP(min_ps, (itn__native)(a), (itn__native)(b)))
+#define itn__most(a, b) ((itn__floats)ITN__OP(max_ps, (itn__native)(a), (itn__native)(b)))
+#define itn__root(v) ((itn__floats)ITN__OP(sqrt_ps, (itn__native)(v)))
+#else
+ITN__INLINE itn__floats itn__least(itn__floats a, itn__floats b) {
+    return itn__select(itn__less(a, b), a, b);
+}
+ITN__INLINE itn__floats itn__most(itn__floats a, itn__floats b) {
+    return itn__select(itn__less(b, a), a, b);
+}
+ITN__INLINE itn__floats itn__root(itn__floats v) {
+    int k;
+    for (k = 0; k < ITN__LANES; k++) ITN__LANE(v, k) = sqrtf(ITN__LANE(v, k));
+    return v;
+}
+ITN__INLINE unsigned itn__mask_bits(itn__ints mask) {
     unsigned bits = 0;
     int k;
     for (k = 0; k < ITN__LANES; k++) bits |= (unsigned)(ITN__LANE(mask, k) & 1) << k;
     return bits;
+}
+#define itn__less_bits(a, b) itn__mask_bits(itn__less(a, b))
 #endif
-}
-#define ITN__ALL_LANES ((1u << ITN__LANES) - 1)
-/* The bits of itn__less(a, b), in one step where there is one. */
-ITN__INLINE unsigned itn__less_bits(itn__floats a, itn__floats b) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_LT_OQ);
-#else
-    return itn__mask_bits(itn__less(a, b));
-#endif
-}
-
-/* How many bits are set, and the number of the lowest of them (bits != 0). */
-ITN__INLINE int itn__count_bits(unsigned bits) {
-#ifdef __GNUC__
-    return __builtin_popcount(bits);
-#else
-    int count = 0;
-    for (; bits; bits &= bits - 1) count++;
-    return count;
-#endif
-}
-ITN__INLINE int itn__lowest_bit(unsigned bits) {
-#ifdef __GNUC__
-    return __builtin_ctz(bits);
-#else
-    int k = 0;
-    while (!((bits >> k) & 1)) k++;
-    return k;
-#endif
-}
-/* The mask that has these bits. */
-ITN__INLINE itn__ints itn__bits_mask(unsigned bits) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    return (itn__ints)_mm512_movm_epi32((__mmask16)bits);
-#else
-    itn__ints one = itn__splat_int(1);
-    int k;
-    for (k = 0; k < ITN__LANES; k++) ITN__LANE(one, k) = -(int32_t)((bits >> k) & 1);
-    return one;
-#endif
-}
-
-/* a < b ? a : b, and a > b ? a : b: with a NaN, b. */
-ITN__INLINE itn__floats itn__least(itn__floats a, itn__floats b) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    return (itn__floats)_mm512_maskz_min_ps((__mmask16)0xffff, (__m512)a, (__m512)b);
-#elif defined(ITN__X86) && ITN__LANES == 8
-    return (itn__floats)_mm256_min_ps((__m256)a, (__m256)b);
-#elif defined(ITN__X86) && ITN__LANES == 4
-    return (itn__floats)_mm_min_ps((__m128)a, (__m128)b);
-#else
-    return itn__select(itn__less(a, b), a, b);
-#endif
-}
-ITN__INLINE itn__floats itn__most(itn__floats a, itn__floats b) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    return (itn__floats)_mm512_maskz_max_ps((__mmask16)0xffff, (__m512)a, (__m512)b);
-#elif defined(ITN__X86) && ITN__LANES == 8
-    return (itn__floats)_mm256_max_ps((__m256)a, (__m256)b);
-#elif defined(ITN__X86) && ITN__LANES == 4
-    return (itn__floats)_mm_max_ps((__m128)a, (__m128)b);
-#else
-    return itn__select(itn__less(b, a), a, b);
-#endif
-}
-/* The smaller of ints. */
-ITN__INLINE itn__ints itn__int_least(itn__ints a, itn__ints b) {
-    return itn__select_int(itn__int_less(a, b), a, b);
-}
-ITN__INLINE itn__floats itn__absolute(itn__floats v) {
-    return itn__bits_float(itn__float_bits(v) & itn__splat_int(0x7fffffff));
-}
+/* Root of numbers that only rounding can make negative. */
+#define itn__safe_root(v) itn__root(itn__most(v, itn__splat(0)))
+#define itn__absolute(v) itn__bits_float(itn__float_bits(v) & itn__splat_int(0x7fffffff))
 /* |a| with the sign of b. */
 ITN__INLINE itn__floats itn__with_sign(itn__floats a, itn__floats b) {
-    itn__ints sign = itn__splat_int(INT32_MIN);
-    return itn__bits_float((itn__float_bits(a) & ~sign) | (itn__float_bits(b) & sign));
-}
-ITN__INLINE itn__floats itn__root(itn__floats v) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    return (itn__floats)_mm512_maskz_sqrt_ps((__mmask16)0xffff, (__m512)v);
-#elif defined(ITN__X86) && ITN__LANES == 8
-    return (itn__floats)_mm256_sqrt_ps((__m256)v);
-#elif defined(ITN__X86) && ITN__LANES == 4
-    return (itn__floats)_mm_sqrt_ps((__m128)v);
-#else
-    int k;
-    for (k = 0; k < ITN__LANES; k++) ITN__LANE(v, k) = sqrtf(ITN__LANE(v, k));
-    return v;
-#endif
-}
-/* Root of numbers that only rounding can make negative. */
-ITN__INLINE itn__floats itn__safe_root(itn__floats v) {
-    return itn__root(itn__most(v, itn__splat(0)));
+    return itn__select(itn__splat_int(INT32_MIN), b, a);
 }
 /* Largest whole number not above v, for |v| < 2^31; some number for others. */
 ITN__INLINE itn__ints itn__floor_ints(itn__floats v) {
@@ -1928,67 +1871,41 @@ ITN__INLINE itn__ints itn__floor_ints(itn__floats v) {
     return itn__word_ints(itn__int_words(whole) + itn__int_words(above));
 }
 
-/* base[index] lane by lane, where the mask is true; elsewhere nothing is read and `other` stays. */
+/* base[index] lane by lane, where the mask is true; elsewhere nothing is read and `other` stays. Of
+   bytes, up to 3 after the one asked for may be read. */
+#if defined(ITN__X86) && ITN__LANES > 4
+#if ITN__LANES == 16
+#define ITN__GATHER(base, index, mask, other, scale)                                               \
+    ((itn__ints)_mm512_mask_i32gather_epi32((__m512i)(other), (__mmask16)itn__mask_bits(mask),     \
+                                            (__m512i)(index), base, scale))
+#else
+#define ITN__GATHER(base, index, mask, other, scale)                                               \
+    ((itn__ints)_mm256_mask_i32gather_epi32((__m256i)(other), (const int *)(const void *)(base),   \
+                                            (__m256i)(index), (__m256i)(mask), scale))
+#endif
 ITN__INLINE itn__ints itn__gather_ints(const int32_t *base, itn__ints index, itn__ints mask,
                                        itn__ints other) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    return (itn__ints)_mm512_mask_i32gather_epi32((__m512i)other,
-                                                  _mm512_movepi32_mask((__m512i)mask),
-                                                  (__m512i)index, base, 4);
-#elif defined(ITN__X86) && ITN__LANES == 8
-    return (itn__ints)_mm256_mask_i32gather_epi32((__m256i)other, base, (__m256i)index,
-                                                  (__m256i)mask, 4);
-#else
-    int k;
-    for (k = 0; k < ITN__LANES; k++)
-        if (ITN__LANE(mask, k)) ITN__LANE(other, k) = base[ITN__LANE(index, k)];
-    return other;
-#endif
-}
-/* The same for bytes; up to 3 bytes after the one asked for may be read. */
-ITN__INLINE itn__ints itn__gather_bytes(const uint8_t *base, itn__ints index, itn__ints mask,
-                                        itn__ints other) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    itn__ints words = (itn__ints)_mm512_mask_i32gather_epi32(
-        (__m512i)other, _mm512_movepi32_mask((__m512i)mask), (__m512i)index, base, 1);
-    return itn__select_int(mask, words & 255, other);
-#elif defined(ITN__X86) && ITN__LANES == 8
-    itn__ints words = (itn__ints)_mm256_mask_i32gather_epi32(
-        (__m256i)other, (const int *)(const void *)base, (__m256i)index, (__m256i)mask, 1);
-    return itn__select_int(mask, words & 255, other);
-#else
-    int k;
-    for (k = 0; k < ITN__LANES; k++)
-        if (ITN__LANE(mask, k)) ITN__LANE(other, k) = base[ITN__LANE(index, k)];
-    return other;
-#endif
+    return ITN__GATHER(base, index, mask, other, 4);
 }
 ITN__INLINE itn__floats itn__gather(const float *base, itn__ints index, itn__ints mask,
                                     itn__floats other) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    return (itn__floats)_mm512_mask_i32gather_ps((__m512)other,
-                                                 _mm512_movepi32_mask((__m512i)mask),
-                                                 (__m512i)index, base, 4);
-#elif defined(ITN__X86) && ITN__LANES == 8
-    return (itn__floats)_mm256_mask_i32gather_ps((__m256)other, base, (__m256i)index, (__m256)mask,
-                                                 4);
+    return itn__bits_float(ITN__GATHER(base, index, mask, itn__float_bits(other), 4));
+}
+ITN__INLINE itn__ints itn__gather_bytes(const uint8_t *base, itn__ints index, itn__ints mask,
+                                        itn__ints other) {
+    return itn__select_int(mask, ITN__GATHER(base, index, mask, other, 1) & 255, other);
+}
 #else
-    int k;
-    for (k = 0; k < ITN__LANES; k++)
-        if (ITN__LANE(mask, k)) ITN__LANE(other, k) = base[ITN__LANE(index, k)];
-    return other;
-#endif
-}
-
-/* Eight lanes are moved by their numbers, a byte each, that bit operations put in order. */
-#if defined(ITN__X86) && ITN__LANES == 8 && defined(__BMI2__) && defined(__x86_64__)
-#define ITN__ORDER_BYTES
-ITN__INLINE uint64_t itn__bytes_of_bits(unsigned bits) {
-    return _pdep_u64(bits, 0x0101010101010101u) * 255;
-}
-ITN__INLINE __m256i itn__order(uint64_t bytes) {
-    return _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((long long)bytes));
-}
+#define ITN__GATHER(name, lanes, element)                                                          \
+    ITN__INLINE lanes name(const element *base, itn__ints index, itn__ints mask, lanes other) {    \
+        int k;                                                                                     \
+        for (k = 0; k < ITN__LANES; k++)                                                           \
+            if (ITN__LANE(mask, k)) ITN__LANE(other, k) = base[ITN__LANE(index, k)];               \
+        return other;                                                                              \
+    }
+ITN__GATHER(itn__gather_ints, itn__ints, int32_t)
+ITN__GATHER(itn__gather_bytes, itn__ints, uint8_t)
+ITN__GATHER(itn__gather, itn__floats, float)
 #endif
 
 /* Writes the lanes named by `bits` one after the other (compress). A whole vector may be written:
@@ -1996,9 +1913,12 @@ ITN__INLINE __m256i itn__order(uint64_t bytes) {
 ITN__INLINE void itn__compress(float *to, itn__floats v, unsigned bits) {
 #if defined(ITN__X86) && ITN__LANES == 16
     _mm512_storeu_ps(to, _mm512_maskz_compress_ps((__mmask16)bits, (__m512)v));
-#elif defined(ITN__ORDER_BYTES)
-    __m256i order = itn__order(_pext_u64(0x0706050403020100u, itn__bytes_of_bits(bits)));
-    _mm256_storeu_ps(to, _mm256_permutevar8x32_ps((__m256)v, order));
+#elif defined(ITN__X86) && ITN__LANES == 8 && defined(__BMI2__) && defined(__x86_64__)
+    /* the lanes' numbers, a byte each, put in order by bit operations */
+    uint64_t bytes = _pdep_u64(bits, 0x0101010101010101u) * 255;
+    bytes = _pext_u64(0x0706050403020100u, bytes);
+    _mm256_storeu_ps(to, _mm256_permutevar8x32_ps((__m256)v, _mm256_cvtepu8_epi32(
+                                                      _mm_cvtsi64_si128((long long)bytes))));
 #else
     for (; bits; bits &= bits - 1, to++) { /* copied as bytes, for integers come here too */
         float lane = ITN__LANE(v, itn__lowest_bit(bits));
@@ -2006,35 +1926,8 @@ ITN__INLINE void itn__compress(float *to, itn__floats v, unsigned bits) {
     }
 #endif
 }
-/* The reverse: lanes named by `bits` are filled one after the other, the rest keep `other`. A whole
-   vector may be read. */
-ITN__INLINE itn__floats itn__expand(const float *from, itn__floats other, unsigned bits) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    return (itn__floats)_mm512_mask_expand_ps((__m512)other, (__mmask16)bits,
-                                              _mm512_loadu_ps(from));
-#elif defined(ITN__ORDER_BYTES)
-    uint64_t bytes = itn__bytes_of_bits(bits);
-    __m256i order = itn__order(_pdep_u64(0x0706050403020100u, bytes));
-    __m256i mask = _mm256_cvtepi8_epi32(_mm_cvtsi64_si128((long long)bytes));
-    return (itn__floats)_mm256_blendv_ps((__m256)other,
-                                         _mm256_permutevar8x32_ps(_mm256_loadu_ps(from), order),
-                                         (__m256)mask);
-#else
-    for (; bits; bits &= bits - 1, from++) {
-        float lane;
-        memcpy(&lane, from, sizeof lane);
-        ITN__LANE(other, itn__lowest_bit(bits)) = lane;
-    }
-    return other;
-#endif
-}
-ITN__INLINE void itn__compress_ints(int32_t *to, itn__ints v, unsigned bits) {
-    itn__compress((float *)(void *)to, itn__bits_float(v), bits);
-}
-ITN__INLINE itn__ints itn__expand_ints(const int32_t *from, itn__ints other, unsigned bits) {
-    return itn__float_bits(itn__expand((const float *)(const void *)from, itn__bits_float(other),
-                                       bits));
-}
+#define itn__compress_ints(to, v, bits)                                                            \
+    itn__compress((float *)(void *)(to), itn__bits_float(v), bits)
 
 /* Vectors of lanes. */
 typedef struct itn__vectors {
@@ -2066,10 +1959,6 @@ ITN__INLINE itn__vectors itn__vselect(itn__ints mask, itn__vectors a, itn__vecto
 ITN__INLINE itn__vectors itn__vnormalize(itn__vectors a) {
     return itn__vscale(a, 1 / itn__root(itn__vdot(a, a)));
 }
-/* The same where only rounding has changed the length 1: a step of Newton's for its inverse. */
-ITN__INLINE itn__vectors itn__vrenormalize(itn__vectors a) {
-    return itn__vscale(a, 1.5f - .5f * itn__vdot(a, a));
-}
 /* itn__frame in lanes; -0 + 0 is 0, which has the sign that a comparison sees. */
 ITN__INLINE void itn__vframe(itn__vectors n, itn__vectors *s, itn__vectors *t) {
     itn__floats sign = itn__with_sign(itn__splat(1), n.z + 0.f);
@@ -2088,43 +1977,39 @@ ITN__INLINE itn__vectors itn__vto_world(itn__vectors v, itn__vectors s, itn__vec
 
 /* How many bits of each lane are set: sums of 1, 2 and 4 bits, then of all. */
 ITN__INLINE itn__words itn__count_words(itn__words x) {
-    x -= (x >> 1) & itn__splat_word(0x55555555u);
-    x = (x & itn__splat_word(0x33333333u)) + ((x >> 2) & itn__splat_word(0x33333333u));
-    x = (x + (x >> 4)) & itn__splat_word(0x0f0f0f0fu);
-    return (x * itn__splat_word(0x01010101u)) >> 24;
+    x -= (x >> 1) & 0x55555555u;
+    x = (x & 0x33333333u) + ((x >> 2) & 0x33333333u);
+    x = (x + (x >> 4)) & 0x0f0f0f0fu;
+    return (x * 0x01010101u) >> 24;
 }
 
-/* itn__mix32 in lanes. */
+/* itn__mix32 and itn__unit_float in lanes, and the next random number of each lane's path, as
+   itn__uniform draws it; the paths outside the mask keep their place in the sequence. */
 ITN__INLINE itn__words itn__mix_words(itn__words x, itn__words key) {
-    x = (x ^ (x >> 16)) * itn__splat_word(0x21f0aaadu);
+    x = (x ^ (x >> 16)) * 0x21f0aaadu;
     x ^= key;
-    x = (x ^ (x >> 15)) * itn__splat_word(0xd35a2d97u);
+    x = (x ^ (x >> 15)) * 0xd35a2d97u;
     return x ^ (x >> 15);
 }
-/* itn__unit_float in lanes. */
 ITN__INLINE itn__floats itn__unit_floats(itn__words bits) {
     itn__ints high = itn__word_ints(bits >> 9), low = itn__int_less(high, itn__splat_int(1 << 14));
     itn__floats unit = itn__select(low, itn__splat(2.3283064365386963e-10f),
                                    itn__splat(1.1920928955078125e-7f));
     return (itn__to_floats(itn__select_int(low, itn__word_ints(bits), high)) + .5f) * unit;
 }
-/* The next random number of each lane's path, as itn__uniform draws it; the paths outside the mask
-   keep their place in the sequence. */
 ITN__INLINE itn__floats itn__uniforms(itn__words key0, itn__words key1, itn__ints *dimension,
                                       itn__ints mask) {
-    itn__words x = key0 + itn__int_words(*dimension) * itn__splat_word(0x9e3779b9u);
+    itn__words x = key0 + itn__int_words(*dimension) * 0x9e3779b9u;
     *dimension -= mask;
     return itn__unit_floats(itn__mix_words(x, key1));
 }
 
-/* ---- [lane-math] logarithm, exponential, angles in lanes ------------------------------------- */
-
-/* The elementary functions the walk needs, without branches, tables or calls. Each one reduces its
-   argument exactly, or nearly so, to a short interval around 0 and evaluates there the polynomial
-   whose largest relative error is least (Remez' minimax fit to the function in double, coefficients
-   rounded to float one after the other with the rest fitted anew). Errors are in units in the last
-   place (ulp) of the exact result; they hold with and without contraction to fused multiply-adds,
-   which is also all that results of different widths can differ by.
+/* Elementary functions, without branches, tables or calls. Each one reduces its argument exactly,
+   or nearly so, to a short interval around 0 and evaluates there the polynomial whose largest
+   relative error is least (Remez' minimax fit to the function in double, coefficients rounded to
+   float one after the other with the rest fitted anew). Errors are in units in the last place (ulp)
+   of the exact result; they hold with and without contraction to fused multiply-adds, which is also
+   all that results of different widths can differ by.
      log:    x = 2^n (1 + f), |f| <= 1/3;          log x = n log 2 + f + f^2 P(f)
      exp:    x = n log 2 + f, |f| <= log(2) / 2;   e^x = 2^n (1 + f + f^2 P(f))
      sin, cos of 2 pi u:  u = n/4 + r, |r| <= 1/8; n tells which is which, and the signs
@@ -2142,15 +2027,7 @@ ITN__INLINE itn__floats itn__polynomial8(const float *c, itn__floats x) {
 
 /* The nearest whole number, a tie to the even one, for |v| < 2^22: in the sum with 1.5 * 2^23 the
    last place is worth 1. */
-ITN__INLINE itn__ints itn__nearest_ints(itn__floats v) {
-    return itn__float_bits(v + 12582912.f) - 0x4b400000;
-}
-
-/* v with its sign flipped where the top bit of `bits` is set. */
-ITN__INLINE itn__floats itn__flip_sign(itn__floats v, itn__words bits) {
-    bits &= itn__splat_word(0x80000000u);
-    return itn__bits_float(itn__float_bits(v) ^ itn__word_ints(bits));
-}
+#define itn__nearest_ints(v) (itn__float_bits((v) + 12582912.f) - 0x4b400000)
 
 /* Natural logarithm of positive normal numbers. Zero gives -127 log 2 = -88.03; negative numbers,
    infinity and NaN are not for this function. |f + f^2 P - log(1 + f)| <= 2.7e-8 |log(1 + f)|; in
@@ -2172,7 +2049,8 @@ ITN__INLINE itn__floats itn__vexp(itn__floats x) {
     itn__floats f, f2, n_log2, sum;
     itn__words twice, half; /* exponents as floats keep them: each factor adds 127 */
     itn__ints n;
-    x = itn__least(itn__splat(89), itn__most(itn__splat(-105), x)); /* in this order NaN stays */
+    x = itn__most(itn__splat(-105), x);
+    x = itn__least(itn__splat(89), x); /* NaN stays */
     n = itn__nearest_ints(x * 1.44269504f);
     n_log2 = itn__to_floats(n);
     f = (x - n_log2 * .693145752f) - n_log2 * 1.42860677e-6f; /* the first product is exact */
@@ -2188,13 +2066,14 @@ ITN__INLINE itn__floats itn__vexp(itn__floats x) {
 /* Sine and cosine of 2 pi u, |u| < 1e4. The reduction is exact. Relative errors of the polynomials
    are 2.8e-8 (sine) and 4e-8 (cosine); in all below 1.7 ulp. */
 ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__floats *cosine) {
-    itn__ints n = itn__nearest_ints(4 * u), swapped = -(n & 1);
-    itn__words quadrant = itn__int_words(n);
+    itn__ints n = itn__nearest_ints(4 * u), swapped = -(n & 1), sign = itn__splat_int(INT32_MIN);
     itn__floats r = u - .25f * itn__to_floats(n), z = r * r;
     itn__floats s = r * (6.28318548f + z * (-41.3417587f + z * (81.6046219f - 75.8379898f * z)));
     itn__floats c = 1 + z * (-19.7391624f + z * (64.9222107f - 83.6179123f * z));
-    *sine = itn__flip_sign(itn__select(swapped, c, s), quadrant << 30);
-    *cosine = itn__flip_sign(itn__select(swapped, s, c), (quadrant + 1) << 30);
+    itn__ints sine_bits = itn__float_bits(itn__select(swapped, c, s));
+    itn__ints cosine_bits = itn__float_bits(itn__select(swapped, s, c));
+    *sine = itn__bits_float(sine_bits ^ (-((n >> 1) & 1) & sign));
+    *cosine = itn__bits_float(cosine_bits ^ (-(((n + 1) >> 1) & 1) & sign));
 }
 
 /* The angle of the vector (x, y) in [-pi, pi], signs as in atan2; (0, 0) has angle 0 or, if x is
@@ -2215,13 +2094,11 @@ ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x) {
     return itn__with_sign(angle, y);
 }
 
-/* ---- [num] numbers in lanes that carry one slope --------------------------------------------- */
-
-/* A number v + d e with e^2 = 0: arithmetic on it carries the derivative d by one parameter along
-   with the value (forward automatic differentiation). Each lane is a number of its own. Media,
-   surfaces and lights are written in these numbers, once: a caller that wants derivatives calls a
-   formula once for each parameter, the seed, whose own slope is 1; all else starts with slope 0.
-   Where a formula branches, lanes select: what is not selected may be anything, also NaN. */
+/* Numbers v + d e with e^2 = 0: arithmetic on them carries the derivative d by one parameter along
+   with the value (forward automatic differentiation). Media, surfaces and lights are written in
+   these numbers, once: a caller that wants derivatives calls a formula once for each parameter, the
+   seed, whose own slope is 1; all else starts with slope 0. Where a formula branches, lanes select:
+   what is not selected may be anything, also NaN. */
 typedef struct itn__num {
     itn__floats v, d;
 } itn__num;
@@ -2231,9 +2108,8 @@ ITN__INLINE itn__num itn__num_of(itn__floats v, itn__floats d) {
     r.v = v, r.d = d;
     return r;
 }
-ITN__INLINE itn__num itn__constant(itn__floats v) { return itn__num_of(v, itn__splat(0)); }
-/* The seed itself. */
-ITN__INLINE itn__num itn__variable(itn__floats v) { return itn__num_of(v, itn__splat(1)); }
+#define itn__constant(v) itn__num_of(v, itn__splat(0))
+#define itn__variable(v) itn__num_of(v, itn__splat(1)) /* the seed itself */
 ITN__INLINE itn__num itn__nadd(itn__num a, itn__num b) {
     return itn__num_of(a.v + b.v, a.d + b.d);
 }
@@ -2243,6 +2119,7 @@ ITN__INLINE itn__num itn__nsub(itn__num a, itn__num b) {
 ITN__INLINE itn__num itn__nmul(itn__num a, itn__num b) {
     return itn__num_of(a.v * b.v, a.d * b.v + a.v * b.d);
 }
+ITN__INLINE itn__num itn__nsquare(itn__num a) { return itn__nmul(a, a); }
 ITN__INLINE itn__num itn__ndiv(itn__num a, itn__num b) {
     itn__floats v = a.v / b.v;
     return itn__num_of(v, (a.d - v * b.d) / b.v);
@@ -2254,7 +2131,6 @@ ITN__INLINE itn__num itn__naffine(itn__num a, itn__floats s, itn__floats c) {
 ITN__INLINE itn__num itn__nscale(itn__num a, itn__floats s) {
     return itn__num_of(a.v * s, a.d * s);
 }
-ITN__INLINE itn__num itn__nsquare(itn__num a) { return itn__nmul(a, a); }
 /* The root; at 0 its slope counts as 0. */
 ITN__INLINE itn__num itn__nroot(itn__num a) {
     itn__floats v = itn__root(a.v), zero = itn__splat(0);
@@ -3550,7 +3426,7 @@ static itn__vectors itn__sample_hg(itn__vectors direction, itn__floats g, itn__f
     cosine = itn__select(itn__less(*x, itn__splat(1)), 1 - *x, *y - 1);
     itn__vsincos_turns(v, &sin_phi, &cos_phi);
     itn__vframe(direction, &s, &t);
-    return itn__vrenormalize(itn__vto_world(
+    return itn__vnormalize(itn__vto_world(
         itn__vectors_of(sine * cos_phi, sine * sin_phi, cosine), s, t, direction));
 }
 

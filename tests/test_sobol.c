@@ -129,7 +129,8 @@ static void make_points(maker how, const uint32_t *index, int dimension, const u
             in[k] = index[j], seeds[k] = seed[j];
         }
         if (how == LIBRARY)
-            itn__store(u, itn__sobol(itn__load_words(in), dimension, itn__load_words(seeds)));
+            itn__store(u, itn__sobol(itn__int_words(itn__load_ints((const int32_t *)in)), dimension,
+                                     itn__int_words(itn__load_ints((const int32_t *)seeds))));
         else
             for (k = 0; k < SOBOL_N; k++) u[k] = slow_point(how, in[k], dimension, seeds[k]);
         for (k = 0; k < SOBOL_N && i + k < count; k++) out[i + k] = u[k];
