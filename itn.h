@@ -1719,13 +1719,12 @@ typedef float itn__floats __attribute__((vector_size(4 * ITN__LANES)));
 typedef int32_t itn__ints __attribute__((vector_size(4 * ITN__LANES)));
 typedef uint32_t itn__words __attribute__((vector_size(4 * ITN__LANES)));
 typedef uint8_t itn__bytes __attribute__((vector_size(ITN__LANES)));
-static const itn__floats itn__no_floats = ITN_ZERO;
-static const itn__ints itn__no_ints = ITN_ZERO;
-static const itn__words itn__no_words = ITN_ZERO;
+static ITN__UNUSED const itn__floats itn__no_floats = ITN_ZERO;
+static ITN__UNUSED const itn__ints itn__no_ints = ITN_ZERO;
 #define ITN__LANE(v, k) ((v)[k]) /* one lane, also to assign to */
 #define itn__splat(x) ((float)(x) - itn__no_floats)
 #define itn__splat_int(x) ((int32_t)(x) - itn__no_ints)
-#define itn__splat_word(x) ((uint32_t)(x) - itn__no_words)
+#define itn__splat_word(x) ((itn__words)itn__splat_int(x))
 #define itn__float_bits(v) ((itn__ints)(v))
 #define itn__bits_float(v) ((itn__floats)(v))
 #define itn__word_ints(v) ((itn__ints)(v))
@@ -1789,7 +1788,8 @@ ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) {
 }
 
 /* 0, 1, 2, ... */
-static const int32_t itn__numbers[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+static ITN__UNUSED const int32_t itn__numbers[] = {0, 1, 2,  3,  4,  5,  6,  7,
+                                                    8, 9, 10, 11, 12, 13, 14, 15};
 #define itn__lane_numbers() itn__load_ints(itn__numbers)
 /* The mask that has these bits. */
 #define itn__bits_mask(bits) (-((itn__splat_int(bits) >> itn__lane_numbers()) & 1))
