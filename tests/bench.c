@@ -238,17 +238,17 @@ static void bench_texels(void) {
     itn_error error;
     float *weights = (float *)allocate(128 * 128, sizeof *weights);
     int i;
-    need(itn_image_create(400, 250, 1, NULL, &fast, &error), &error);
+    need(itn_image_create(400, 250, 1, NULL, &picture, &error), &error);
     strcpy(picture.names[0], "Y");
     for (i = 0; i < 400 * 250; i++) picture.pixels[i] = .2f + .03f * (float)(i * 7 % 20);
     for (i = 0; i < 128 * 128; i++) weights[i] = 1;
-    scene = printed_scene(&fast);
+    scene = printed_scene(&picture);
     texel_seconds(scene, NULL, ITN_MODE_FAST, weights); /* makes the tables */
     for (i = 0; i < 3; i++)
         printf("%-36s %.2f s, by the reference %.2f s\n", names[i],
                texel_seconds(scene, items[i], ITN_MODE_FAST, weights),
                texel_seconds(scene, items[i], ITN_MODE_REFERENCE, weights));
-    itn_scene_free(scene), itn_image_free(&fast), free(weights);
+    itn_scene_free(scene), itn_image_free(&picture), free(weights);
 }
 
 /* ---- cnn ------------------------------------------------------------------------------------- */
