@@ -7674,6 +7674,7 @@ typedef struct itn__path {
     itn__place place;
     struct itn__path *owner; /* of a shadow ray: its path; else itself */
     float *scores;           /* [count], to its last surface */
+    size_t pixel;
     int number, copies;      /* its camera ray in the unit; paths that it stands for */
     uint32_t index, scramble; /* of Sobol points */
     int mark;                 /* medium whose V it teaches ([value]), or 0; */
@@ -7732,7 +7733,9 @@ typedef struct itn__fast {
     int shadows;       /* some light is sampled */
     float shadow_cut;  /* c of [shadow] */
     float roulette;    /* weights below this are raised to it by chance */
-    int count, planes; /* parameters asked for; channels (1 + count) */
+    int count;         /* parameters asked for */
+    int planes;        /* of the result: radiance, by channels, then derivatives, by parameters and
+                          channels; with weights only derivatives, folded */
     const int *slots;  /* of each parameter: its place among those asked for, or -1 */
     const int *only;   /* of each asked for: the channel that it belongs to, or -1 for all */
     int scales;        /* the scale of some light is asked for */
@@ -7745,10 +7748,8 @@ typedef struct itn__fast {
     int first, end;      /* tiles that are being done */
     int crowd_count;
     struct itn__crowd *crowds;
-    const float *weights; /* of pixels, [channels][height][width], to fold derivatives with; NULL:
-                             the planes are kept */
-    int kept;       /* what is kept of a pixel: planes, or count */
-    double *totals; /* [height][width][kept][2] */
+    const float *weights; /* of pixels, [channels][height][width], to fold derivatives with */
+    double *totals; /* [height][width][planes][2] */
 } itn__fast;
 
 /* Pixels and samples that a crowd works on, and where it has got to. */
@@ -7785,8 +7786,7 @@ typedef struct itn__crowd {
     int taken_count;
     itn__visits visits;
     itn__tests tests;
-    float *radiance; /* [planes][camera rays of a unit]: radiance, then derivatives, by parameters
-                        and channels */
+    float *radiance; /* [planes][camera rays of a unit] */
     int radiance_stride;
     float *scores;   /* of all paths and rays */
     double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS], where V is learnt */
@@ -7875,16 +7875,24 @@ ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__i
     return u;
 }
 
-/* What the paths of a camera ray have brought home in a plane. */
-static float *itn__sum_of(const itn__crowd *crowd, int plane, int number) {
-    return crowd->radiance + (size_t)plane * (size_t)crowd->radiance_stride + (size_t)number;
+/* Adds to what the paths of a camera ray bring home in channel c: in derivative k, or, k being -1,
+   in radiance. */
+static void itn__bring(itn__crowd *crowd, const itn__path *path, int k, int c, float value) {
+    const itn__fast *fast = crowd->fast;
+    size_t pixels = (size_t)fast->scene->film.width * (size_t)fast->scene->film.height;
+    float *sum = crowd->radiance + path->owner->number;
+    if (!fast->weights)
+        sum[(fast->channels * (1 + k) + c) * crowd->radiance_stride] += value;
+    else if (k >= 0)
+        sum[k * crowd->radiance_stride] +=
+            fast->weights[(size_t)c * pixels + path->owner->pixel] * value;
 }
 
-/* The same of the derivatives by lights' scales: `value` in each channel has come from direction d,
+/* The derivatives by lights' scales: `value` in each channel has come from the path's direction,
    and each light has the part in it that it has in all light from there, where sampled lights count
    `sampled` times and others `plain` times. */
-static void itn__bring_scales(itn__crowd *crowd, int number, itn_vec3 d, float sampled,
-                              float plain, const float value[3]) {
+static void itn__bring_scales(itn__crowd *crowd, const itn__path *path, float sampled, float plain,
+                              const float value[3]) {
     const itn__fast *fast = crowd->fast;
     const itn_scene *scene = fast->scene;
     float all[3] = {0, 0, 0}, rgb[3];
@@ -7894,13 +7902,12 @@ static void itn__bring_scales(itn__crowd *crowd, int number, itn_vec3 d, float s
         float counts = light->share > 0 ? sampled : plain;
         int slot = fast->slots[light->parameter], parts = i >= scene->light_count;
         if (parts && slot < 0) continue;
-        itn__light_radiance(light, fast->channels, d, rgb);
+        itn__light_radiance(light, fast->channels, path->d, rgb);
         for (c = 0; c < fast->channels; c++)
             if (!parts)
                 all[c] += counts * rgb[c] * fast->theta[light->parameter];
             else if (all[c] > 0) /* the share first, or it overflows */
-                *itn__sum_of(crowd, fast->channels * (1 + slot) + c, number) +=
-                    value[c] * (counts * rgb[c] / all[c]);
+                itn__bring(crowd, path, slot, c, value[c] * (counts * rgb[c] / all[c]));
     }
 }
 
@@ -7908,16 +7915,15 @@ static void itn__bring_scales(itn__crowd *crowd, int number, itn_vec3 d, float s
 static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float sampled, float plain,
                             const float value[3]) {
     const itn__fast *fast = crowd->fast;
-    int number = path->owner->number, c, k;
+    int c, k;
     for (c = 0; c < fast->channels; c++) {
-        *itn__sum_of(crowd, c, number) += value[c];
+        itn__bring(crowd, path, -1, c, value[c]);
         path->owner->brought[c] += value[c];
         for (k = 0; k < fast->count; k++)
             if (fast->only[k] < 0 || fast->only[k] == c)
-                *itn__sum_of(crowd, fast->channels * (1 + k) + c, number) +=
-                    value[c] * path->scores[k];
+                itn__bring(crowd, path, k, c, value[c] * path->scores[k]);
     }
-    if (fast->scales) itn__bring_scales(crowd, number, path->d, sampled, plain, value);
+    if (fast->scales) itn__bring_scales(crowd, path, sampled, plain, value);
 }
 
 /* A choice made with a density p that depends on a parameter has the score s = d ln p; the mean of
@@ -7930,20 +7936,16 @@ static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float samp
    surfaces and booked here, at the next surface or at the end. */
 static void itn__book(itn__crowd *crowd, itn__path *path, int substance) {
     const itn__substance *medium = &crowd->fast->substances[substance];
-    int number = path->owner->number, channels = crowd->fast->channels, c;
+    int sigma_t = medium->slot_sigma_t, g = medium->slot_g, c;
     if (!crowd->fast->count) return;
-    if (medium->slot_sigma_t >= 0)
-        path->scores[medium->slot_sigma_t] += path->flights / medium->sigma_t;
-    if (medium->slot_g >= 0) path->scores[medium->slot_g] += path->phases;
-    for (c = 0; c < channels; c++) {
+    if (sigma_t >= 0) path->scores[sigma_t] += path->flights / medium->sigma_t;
+    if (g >= 0) path->scores[g] += path->phases;
+    for (c = 0; c < crowd->fast->channels; c++) {
         if (medium->slot_albedo[c] >= 0)
             path->scores[medium->slot_albedo[c]] += path->hits / medium->albedo[c];
-        if (medium->slot_sigma_t >= 0)
-            *itn__sum_of(crowd, channels * (1 + medium->slot_sigma_t) + c, number) -=
-                path->flight_base[c] / medium->sigma_t;
-        if (medium->slot_g >= 0)
-            *itn__sum_of(crowd, channels * (1 + medium->slot_g) + c, number) -=
-                path->phase_base[c];
+        if (sigma_t >= 0)
+            itn__bring(crowd, path, sigma_t, c, -path->flight_base[c] / medium->sigma_t);
+        if (g >= 0) itn__bring(crowd, path, g, c, -path->phase_base[c]);
         path->flight_base[c] = path->phase_base[c] = 0;
     }
     path->flights = path->phases = path->hits = 0;
@@ -7954,7 +7956,7 @@ static void itn__end(itn__crowd *crowd, itn__path *path, int substance) {
     int c;
     itn__book(crowd, path, substance);
     for (c = 0; c < crowd->fast->channels && crowd->fast->controls; c++)
-        *itn__sum_of(crowd, c, path->number) += path->control[c];
+        itn__bring(crowd, path, -1, c, path->control[c]);
     crowd->unused[crowd->unused_count++] = (int32_t)(path - crowd->paths);
 }
 static void itn__end_lanes(itn__crowd *crowd, int substance, const itn__state *s, unsigned bits) {
@@ -8647,17 +8649,21 @@ static itn__light_draw itn__light_for(const itn__crowd *crowd, itn__state *s, it
     return light;
 }
 
-/* Which shadow rays with weights w roulette leaves. They receive the largest weights, and xi c. */
+/* Which shadow rays with weights w roulette leaves. *level receives xi c, *depth how many mean free
+   paths they reach. */
 static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s,
-                                 const itn__floats w[3], itn__ints mask, itn__floats *largest,
-                                 itn__floats *level) {
+                                 const itn__floats w[3], itn__ints mask, itn__floats *level,
+                                 itn__floats *depth) {
     itn__ints dimension = s->dimension + itn__splat_int(1 << 30);
+    itn__floats largest = w[0];
     int c;
-    for (*largest = w[0], c = 1; c < crowd->fast->channels; c++)
-        *largest = itn__most(*largest, w[c]);
+    for (c = 1; c < crowd->fast->channels; c++) largest = itn__most(largest, w[c]);
     *level = crowd->fast->shadow_cut *
              itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &dimension, mask);
-    return itn__mask_bits(mask & itn__less(*level, *largest));
+    mask &= itn__less(*level, largest), *depth = itn__splat(INFINITY);
+    if (crowd->fast->shadow_cut > 0)
+        *depth = itn__vlog(itn__select(mask, largest / *level, itn__splat(1)));
+    return itn__mask_bits(mask);
 }
 
 /* A shadow ray of lane k that reaches that far, with the place and scores of its path. */
@@ -8681,14 +8687,10 @@ static void itn__shadows_of_collisions(itn__crowd *crowd, int substance, const i
                                        const itn__vectors *d, const itn__floats w[3],
                                        itn__floats turn, itn__ints mask,
                                        const itn__free_space *space) {
-    itn__floats largest, level, reach = itn__splat(INFINITY), unused;
-    unsigned bits = itn__cut_shadows(crowd, s, w, mask, &largest, &level);
-    if (crowd->fast->shadow_cut > 0) {
-        reach = itn__vlog(itn__select(itn__bits_mask(bits), largest / level, reach)) *
-                crowd->fast->substances[substance].mean_free_path;
-        bits &= ~itn__mask_bits(itn__free_flight(space, itn__valong(s->p, reach, *d), *d,
-                                                 &unused));
-    }
+    itn__floats level, depth, reach, unused;
+    unsigned bits = itn__cut_shadows(crowd, s, w, mask, &level, &depth);
+    reach = depth * crowd->fast->substances[substance].mean_free_path;
+    bits &= ~itn__mask_bits(itn__free_flight(space, itn__valong(s->p, reach, *d), *d, &unused));
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         itn__path *ray = itn__send_shadow(crowd, s, k, d, w, ITN__LANE(level, k),
@@ -9035,7 +9037,7 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
                                     itn__factor *f, itn__ints mask) {
     const itn__fast *fast = crowd->fast;
     itn__light_draw light = itn__light_for(crowd, s, mask);
-    itn__floats pdf, w[3], largest, level;
+    itn__floats pdf, w[3], level, depth;
     itn__ints through;
     unsigned bits;
     int c;
@@ -9043,7 +9045,7 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
     for (c = 0; c < fast->channels; c++)
         w[c] = s->beta[c] * f->value[c] * light.radiance[c] / (light.pdf + pdf);
     bits = itn__cut_shadows(crowd, s, w, mask & light.drawn & itn__less(itn__splat(0), pdf),
-                            &largest, &level);
+                            &level, &depth);
     if (crowd->ray_count > ITN__CROWD - ITN__LANES) itn__trace_shadows(crowd);
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits), substance;
@@ -9051,9 +9053,8 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
                                           INFINITY);
         itn__leave_surface(fast->scene, ray->owner, ITN__LANE(through, k), ray->p, &ray->place);
         substance = itn__substance_of(fast, &ray->place);
-        if (substance && ray->pdf > 0)
-            ray->distance = logf(ITN__LANE(largest, k) / ray->pdf) *
-                            fast->substances[substance].mean_free_path;
+        if (substance)
+            ray->distance = ITN__LANE(depth, k) * fast->substances[substance].mean_free_path;
         itn__book_factor(fast, ray->scores, f, k);
     }
 }
@@ -9206,39 +9207,39 @@ static int itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int ce
     return x < scene->film.width && y < scene->film.height;
 }
 
-/* Starts a path of a sample of a pixel, by walk number `walk`. */
-static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, int walk) {
+/* Starts a path of a sample of a pixel, by walk number `walk`; u receives the random numbers of its
+   place in the pixel. */
+static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, int walk,
+                                  float u[2]) {
     const itn__fast *fast = crowd->fast;
     itn__path *path = &crowd->paths[crowd->unused[--crowd->unused_count]];
     itn__rng rng = itn__rng_make(fast->seed, pixel, (uint64_t)(sample * fast->walks + walk));
     float *scores = path->scores;
     int c;
     memset(path, 0, sizeof *path);
-    path->scores = scores, path->owner = path, path->place = fast->camera;
+    path->scores = scores, path->owner = path, path->place = fast->camera, path->pixel = pixel;
     for (c = 0; c < fast->count; c++) scores[c] = 0;
     for (c = 0; c < 3; c++) path->beta[c] = 1;
     path->pdf = INFINITY, path->copies = 1;
     path->up.y = 1; /* some plane, for paths that begin in a medium */
-    path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1, path->dimension = 2;
     path->index = (uint32_t)(sample % fast->set * fast->walks + walk);
     path->scramble = itn__rng_make(~fast->seed, pixel, (uint64_t)(sample / fast->set)).key0 + 1;
+    u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng);
+    path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1;
+    path->dimension = (int32_t)rng.dimension;
     return path;
 }
 
-/* A sample's camera ray, by two numbers: of Sobol points, or of its first path. */
-static itn_ray itn__first_ray(const itn__fast *fast, size_t pixel, int sample,
-                              const itn__path *path) {
-    int width = fast->scene->film.width;
-    itn__words key0 = itn__splat_word(path->key0), key1 = itn__splat_word(path->key1);
-    itn__ints dimension = itn__splat_int(0), all = itn__splat_int(-1);
-    itn__floats u = itn__uniforms(key0, key1, &dimension, all);
-    itn__floats v = itn__uniforms(key0, key1, &dimension, all);
-    if (fast->sobol) {
-        key0 = itn__splat_word(sample % fast->set), key1 = itn__splat_word(path->scramble - 1);
-        u = itn__sobol(key0, 0, key1), v = itn__sobol(key0, 1, key1);
-    }
-    return itn__camera_ray(&fast->scene->camera, (int)(pixel % (size_t)width),
-                           (int)(pixel / (size_t)width), ITN__LANE(u, 0), ITN__LANE(v, 0));
+/* A sample's camera ray, by Sobol points or by the first numbers of its first path. */
+static itn_ray itn__first_ray(const itn__fast *fast, const itn__path *path, int sample,
+                              float u[2]) {
+    itn__words index = itn__splat_word(sample % fast->set);
+    itn__words seed = itn__splat_word(path->scramble - 1);
+    itn__floats x = itn__sobol(index, 0, seed), y = itn__sobol(index, 1, seed);
+    size_t width = (size_t)fast->scene->film.width;
+    if (fast->sobol) u[0] = ITN__LANE(x, 0), u[1] = ITN__LANE(y, 0);
+    return itn__camera_ray(&fast->scene->camera, (int)(path->pixel % width),
+                           (int)(path->pixel / width), u[0], u[1]);
 }
 
 /* Starts the paths of the unit's next camera ray; those that see nothing need only one for all. */
@@ -9248,12 +9249,13 @@ static void itn__start_ray(itn__crowd *crowd) {
     int number = unit->next++, sample = unit->first + number % unit->count, walk;
     itn__path *path, seen;
     itn_ray ray;
+    float u[2];
     size_t pixel;
     if (!itn__unit_pixel(fast->scene, unit, number / unit->count, &pixel) ||
         sample >= itn__pixel_rays(fast, pixel))
         return;
-    path = itn__start_path(crowd, pixel, sample, 0), path->number = number;
-    ray = itn__first_ray(fast, pixel, sample, path);
+    path = itn__start_path(crowd, pixel, sample, 0, u), path->number = number;
+    ray = itn__first_ray(fast, path, sample, u);
     path->p = ray.origin, path->d = ray.direction, path->distance = INFINITY;
     path->hit.triangle = -1;
     if (fast->outside && !fast->pixels[pixel]) itn__find_hit(fast->scene, path);
@@ -9264,7 +9266,7 @@ static void itn__start_ray(itn__crowd *crowd) {
         return;
     }
     for (seen = *path, walk = 0; walk < fast->walks; walk++) {
-        if (walk) path = itn__start_path(crowd, pixel, sample, walk);
+        if (walk) path = itn__start_path(crowd, pixel, sample, walk, u);
         path->p = seen.p, path->d = seen.d, path->hit = seen.hit, path->number = number;
         if (fast->outside) itn__meet(crowd, 0, path);
         else itn__depart(crowd, path);
@@ -9356,7 +9358,6 @@ static void itn__fast_know(itn__fast *fast, const itn_scene *scene, const float 
     fast->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * itn__brightest(fast);
     level += fast->constant[0] + fast->constant[1] + fast->constant[2];
     fast->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
-    fast->planes = fast->channels * (1 + fast->count);
     fast->roulette = fast->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
 }
 
@@ -9372,19 +9373,6 @@ static itn__unit itn__unit_make(const itn__fast *fast, int number) {
     return unit;
 }
 
-/* What is kept, number k, of a camera ray: a plane, or a derivative folded with the weights. */
-static double itn__ray_value(const itn__crowd *crowd, int k, size_t pixel, int number) {
-    const itn__fast *fast = crowd->fast;
-    size_t pixels = (size_t)fast->scene->film.width * (size_t)fast->scene->film.height;
-    double sum = 0;
-    int c;
-    if (!fast->weights) return *itn__sum_of(crowd, k, number);
-    for (c = 0; c < fast->channels; c++)
-        sum += (double)fast->weights[(size_t)c * pixels + pixel] *
-               *itn__sum_of(crowd, fast->channels * (1 + k) + c, number);
-    return sum;
-}
-
 /* Adds what a unit's paths brought to the totals, set by set: with t the sum of a set of n paths, t
    and t^2 / n. */
 static void itn__sum_unit(const itn__crowd *crowd) {
@@ -9395,11 +9383,11 @@ static void itn__sum_unit(const itn__crowd *crowd) {
     for (cell = 0; cell < unit->side * unit->side; cell++) {
         double *totals, sum = 0;
         if (!itn__unit_pixel(fast->scene, unit, cell, &pixel)) continue;
-        totals = fast->totals + pixel * (size_t)fast->kept * 2;
-        for (k = 0; k < fast->kept; k++, totals += 2)
+        totals = fast->totals + pixel * (size_t)fast->planes * 2;
+        for (k = 0; k < fast->planes; k++, totals += 2)
             for (ray = 0; ray < unit->count; ray++) {
                 int n = ray % fast->set + 1;
-                sum += itn__ray_value(crowd, k, pixel, cell * unit->count + ray);
+                sum += crowd->radiance[k * crowd->radiance_stride + cell * unit->count + ray];
                 if (n < fast->set && ray + 1 < unit->count) continue;
                 totals[0] += sum, totals[1] += sum * sum / (n * fast->walks), sum = 0;
             }
@@ -9467,7 +9455,7 @@ static void itn__fast_end(itn__fast *fast) {
 static itn_result itn__fast_begin(itn__fast *fast, itn_error *error) {
     const itn_context *context = &fast->scene->context;
     int width = fast->scene->film.width, height = fast->scene->film.height, cells, sets, i, good;
-    fast->kept = fast->weights ? fast->count : fast->planes;
+    fast->planes = fast->weights ? fast->count : fast->channels * (1 + fast->count);
     fast->rows = fast->count || fast->learning ? ITN__ROWS
                  : fast->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
     fast->set = fast->allotment ? fast->allotment->set : itn__set_size(fast->spp);
@@ -9487,7 +9475,7 @@ static itn_result itn__fast_begin(itn__fast *fast, itn_error *error) {
     fast->crowds = (itn__crowd *)itn__allocate(context, (size_t)fast->crowd_count,
                                                sizeof *fast->crowds);
     fast->totals = (double *)itn__allocate(context, (size_t)width * (size_t)height,
-                                           (size_t)fast->kept * 2 * sizeof(double));
+                                           (size_t)fast->planes * 2 * sizeof(double));
     good = fast->crowds && fast->totals;
     for (i = 0; i < fast->crowd_count && good; i++)
         good = itn__crowd_make(&fast->crowds[i], fast, cells * fast->unit_rays);
@@ -9514,7 +9502,7 @@ static itn_result itn__fast_run(itn__fast *fast, const itn_render_options *optio
     return ITN_OK;
 }
 
-#define ITN__LESSONS 65536. /* paths that V is learnt from */
+#define ITN__LESSONS 32768. /* paths that V is learnt from */
 
 /* Whether a control variate pays: in images of one medium in light that is everywhere the same,
    with many paths. */
@@ -9522,7 +9510,7 @@ static int itn__can_control(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
     double paths = fast->samples * fast->walks;
     return fast->voxels && fast->only_constant && scene->medium_count == 1 && !fast->count &&
-           paths >= 8 * ITN__LESSONS;
+           paths >= 16 * ITN__LESSONS;
 }
 
 /* Learns V from a few paths, which are not used for anything else: whatever these tell, pictures
@@ -9533,8 +9521,7 @@ static itn_result itn__learn_values(itn__fast *fast, itn_error *error) {
     int sums = (1 + fast->scene->medium_count) * ITN__LESSON_SUMS, learnt = 0, m, i, k;
     itn_result result;
     pilot.learning = 1, pilot.controls = 0, pilot.seed = itn__mix64(fast->seed + 1);
-    pilot.count = pilot.scales = 0, pilot.planes = fast->channels;
-    pilot.weights = NULL, pilot.allotment = NULL;
+    pilot.count = pilot.scales = 0, pilot.weights = NULL, pilot.allotment = NULL;
     pilot.walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)fast->walks);
     pilot.spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * pilot.walks), fast->spp / 8 + 1));
     result = itn__fast_begin(&pilot, error);
@@ -9953,7 +9940,7 @@ static void itn__develop(const itn__render *render, const itn__fast *fast) {
     const double *sums = fast->totals;
     int k;
     for (i = 0; i < pixels; i++)
-        for (k = 0; k < fast->kept; k++, sums += 2) {
+        for (k = 0; k < fast->planes; k++, sums += 2) {
             int rays = itn__pixel_rays(fast, i), sets = (rays - 1) / fast->set + 1;
             double n = (double)rays * fast->walks;
             itn__deposit(render, render->sums, i, k, sums[0] / n,
