@@ -41,11 +41,8 @@
 
      Part II, the implementation: read from top to bottom, theory first; nothing is used before it
      is defined
-       [config]         compiler, switches
-       [text]           numbers as text, out and in
-       [memory]         errors, checked sizes, loops
-       [math]           scalars, vectors, frames
-       [rng]            counter-based random numbers
+       [base]           compiler; text; errors, memory, loops
+       [math]           scalars, vectors, random numbers
        [lanes]          many floats at a time, functions of them, and numbers with a slope
        [mesh]           images, triangle meshes, and whether these are solids
        [triangle]       the watertight test of one ray and many triangles
@@ -1060,24 +1057,22 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- [config] compiler, switches ------------------------------------------------------------- */
+/* ---- [base] compiler; text; errors, memory, loops ------------------------------------------- */
 
 /* What depends on the compiler alone is settled here, so that all that follows reads the same
-   everywhere: how functions are inlined, memory is asked for ahead and loops are unrolled; and who
-   allocates, if not a context. */
-
+   everywhere. */
 #if defined(__GNUC__)
 #define ITN__INLINE static inline __attribute__((always_inline, unused))
+#define ITN__NOINLINE static __attribute__((noinline, unused))
 #define ITN__PRINTF(string, first) __attribute__((format(printf, string, first)))
 #define ITN__PREFETCH(address) __builtin_prefetch(address)
 #define ITN__PREFETCH_FAR(address) __builtin_prefetch(address, 0, 2) /* the second level of cache */
-#define ITN__NOINLINE static __attribute__((noinline, unused))
 #else
 #define ITN__INLINE static inline
+#define ITN__NOINLINE static
 #define ITN__PRINTF(string, first)
 #define ITN__PREFETCH(address) ((void)(address))
 #define ITN__PREFETCH_FAR(address) ((void)(address))
-#define ITN__NOINLINE static
 #endif
 /* Before a loop of constant count over an array of lanes: unrolled, the array is registers. Clang
    does so unasked, GCC only from -O3 on. */
@@ -1095,9 +1090,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #error "define both ITN_MALLOC and ITN_FREE, or neither"
 #endif
 
-/* ---- [text] numbers as text, out and in ------------------------------------------------------ */
-
-/* Messages are composed and numbers read without the C library, whose decimal point is the
+/* Text. Messages are composed and numbers read without the C library, whose decimal point is the
    locale's: here it is always a point.
    Out: digits = round(value 10^places), half to even, printed from the last one on. The scaling
    takes at most two operations of double for up to 22 places, so what is printed with at most 15
@@ -1136,13 +1129,13 @@ static void itn__say_digits(itn__prose *prose, uint64_t digits, int places) {
 
 /* value 10^exponent */
 static double itn__scale_by_power_of_ten(double value, int64_t exponent) {
-    int64_t left = exponent > 400 ? 400 : exponent < -400 ? -400 : exponent;
+    int left = exponent > 400 ? 400 : exponent < -400 ? -400 : (int)exponent;
     while (left) {
-        int step = left > 22 ? 22 : left < -22 ? -22 : (int)left, k;
+        int step = abs(left) < 22 ? abs(left) : 22, k;
         double power = 1; /* exact */
-        for (k = step; k; k += k < 0 ? 1 : -1) power *= 10;
-        value = step < 0 ? value / power : value * power;
-        left -= step;
+        for (k = 0; k < step; k++) power *= 10;
+        value = left < 0 ? value / power : value * power;
+        left -= left < 0 ? -step : step;
     }
     return value;
 }
@@ -1213,7 +1206,7 @@ static void itn__say(itn__prose *prose, const char *format, ...) {
     va_end(arguments);
 }
 
-/* snprintf; returns the length of the whole text. */
+/* vsnprintf and snprintf; both return the length of the whole text. */
 static size_t itn__print_list(char *text, size_t size, const char *format, va_list arguments) {
     itn__prose prose;
     prose.text = text, prose.size = size, prose.length = 0;
@@ -1270,47 +1263,39 @@ static const char *itn__parse_number(const char *at, const char *end, double *va
     return at;
 }
 
-/* ---- [memory] errors, checked sizes, loops --------------------------------------------------- */
-
-/* All memory comes from itn__allocate, which checks the product of count and size and returns
-   zeros, or NULL; an object keeps the context that it was made with, and is freed by it. A function
-   that fails returns itn__fail(...), which says what is wrong and where; outputs are written at the
-   end, when nothing can fail any more.
-
-   A loop whose iterations may run side by side is a function of the index. itn__parallel_for runs
-   it by the context's hook, by the platform's threads (ITN_THREADS), or one by one. Iterations
-   write to places of their own, and what belongs together is added in its order afterwards: so
-   results do not depend on who did what. What many threads may make at once, as the tables of a
-   scene, is published by one atomic pointer: the first to finish is kept. */
+/* Errors. A function that fails returns itn__fail(...), which says what is wrong and where; outputs
+   are written at the end, when nothing can fail any more. */
 
 ITN_API const char *itn_result_text(itn_result result) {
-    switch (result) {
-    case ITN_OK: return "no error";
-    case ITN_ERROR_ARGUMENT: return "invalid argument";
-    case ITN_ERROR_MEMORY: return "out of memory";
-    case ITN_ERROR_FILE: return "file cannot be read or written";
-    case ITN_ERROR_FORMAT: return "file contents are not valid";
-    case ITN_ERROR_MESH: return "mesh cannot be used";
-    case ITN_ERROR_UNSUPPORTED: return "not supported";
-    case ITN_ERROR_CANCELLED: return "cancelled";
-    }
-    return "unknown error";
+    static const char *const texts[] = {"no error",
+                                        "invalid argument",
+                                        "out of memory",
+                                        "file cannot be read or written",
+                                        "file contents are not valid",
+                                        "mesh cannot be used",
+                                        "not supported",
+                                        "cancelled"};
+    return (unsigned)result <= ITN_ERROR_CANCELLED ? texts[result] : "unknown error";
 }
 
-/* Fills error (if any) and returns code, so that a failing line reads `return itn__fail(...)`. */
 static ITN__UNUSED itn_result itn__fail(itn_error *error, itn_result code, int line,
                                         const char *format, ...) ITN__PRINTF(4, 5);
 static itn_result itn__fail(itn_error *error, itn_result code, int line, const char *format, ...) {
     if (error) {
         va_list arguments;
+        error->code = code, error->line = line;
         va_start(arguments, format);
-        error->code = code;
-        error->line = line;
         itn__print_list(error->message, sizeof error->message, format, arguments);
         va_end(arguments);
     }
     return code;
 }
+
+static ITN__UNUSED itn_result itn__out_of_memory(itn_error *error, const char *what) {
+    return itn__fail(error, ITN_ERROR_MEMORY, 0, "out of memory for %s", what);
+}
+
+/* Memory. An object keeps the context that it was made with, and is freed by it. */
 
 #define ITN__NEW(type, context, count)                                                             \
     ((type *)itn__allocate(context, (size_t)(count), sizeof(type)))
@@ -1344,10 +1329,6 @@ static itn_result itn__context_check(const itn_context *given, itn_context *cont
     return ITN_OK;
 }
 
-static ITN__UNUSED itn_result itn__out_of_memory(itn_error *error, const char *what) {
-    return itn__fail(error, ITN_ERROR_MEMORY, 0, "out of memory for %s", what);
-}
-
 /* Copies a name into a fixed field, cut to its size. */
 static void itn__copy_name(char *to, const char *from) {
     size_t length = strlen(from);
@@ -1356,59 +1337,58 @@ static void itn__copy_name(char *to, const char *from) {
     to[length] = 0;
 }
 
-/* Loops over independent tasks: the caller's hook, else (with ITN_THREADS) a plain fork and join on
-   the platform's threads, else one after the other. */
-#if defined(ITN_THREADS) && defined(_WIN32)
-#ifndef WIN32_LEAN_AND_MEAN
-#define WIN32_LEAN_AND_MEAN
-#define ITN__MADE_LEAN
-#endif
-#ifndef NOMINMAX
-#define NOMINMAX
-#define ITN__MADE_NOMINMAX
-#endif
-#include <windows.h>
-#ifdef ITN__MADE_LEAN
-#undef WIN32_LEAN_AND_MEAN
-#undef ITN__MADE_LEAN
-#endif
-#ifdef ITN__MADE_NOMINMAX
-#undef NOMINMAX
-#undef ITN__MADE_NOMINMAX
-#endif
-typedef HANDLE itn__thread;
-typedef CRITICAL_SECTION itn__mutex;
-#define ITN__LOCK(mutex) EnterCriticalSection(mutex)
-#define ITN__UNLOCK(mutex) LeaveCriticalSection(mutex)
-#elif defined(ITN_THREADS)
-#include <pthread.h>
-#include <unistd.h>
-typedef pthread_t itn__thread;
-typedef pthread_mutex_t itn__mutex;
-#define ITN__LOCK(mutex) pthread_mutex_lock(mutex)
-#define ITN__UNLOCK(mutex) pthread_mutex_unlock(mutex)
+/* What many threads may do at once: add one to a number, which is returned as it was; and set a
+   pointer once, if it is NULL, which tells whether it was: so what a scene computes on demand is
+   kept by the first to finish. Other compilers have one thread, and keep nothing. */
+#if defined(__GNUC__)
+#define itn__count_up(number) __atomic_fetch_add(number, 1, __ATOMIC_RELAXED)
+#define itn__once_get(shared) __atomic_load_n(shared, __ATOMIC_ACQUIRE)
+ITN__INLINE int itn__once_set(void **shared, void *made) {
+    void *expected = NULL;
+    return __atomic_compare_exchange_n(shared, &expected, made, 0, __ATOMIC_ACQ_REL,
+                                       __ATOMIC_ACQUIRE);
+}
+#elif defined(_MSC_VER)
+#include <intrin.h>
+#define itn__count_up(number) (_InterlockedIncrement(number) - 1)
+#define itn__once_get(shared) _InterlockedCompareExchangePointer(shared, NULL, NULL)
+#define itn__once_set(shared, made)                                                                \
+    (_InterlockedCompareExchangePointer(shared, made, NULL) == NULL)
+#else
+#undef ITN_THREADS
+#define itn__once_get(shared) ((void)(shared), (void *)NULL)
+#define itn__once_set(shared, made) ((void)(shared), (void)(made), 0)
 #endif
 
+/* Loops whose iterations may run side by side are functions of the index, run by the context's
+   hook, by the platform's threads (ITN_THREADS: a plain fork and join), or one by one. Iterations
+   write to places of their own, and what belongs together is added in its order afterwards: so
+   results do not depend on who did what. */
 #ifdef ITN_THREADS
 typedef struct itn__fork {
-    int count, next; /* next: first index nobody has taken, guarded by the mutex */
+    int count;
     void (*body)(void *task, int index);
     void *task;
-    itn__mutex mutex;
+    long next; /* first index nobody has taken */
 } itn__fork;
 
 static void itn__fork_work(itn__fork *fork) {
     for (;;) {
-        int index;
-        ITN__LOCK(&fork->mutex);
-        index = fork->next < fork->count ? fork->next++ : -1;
-        ITN__UNLOCK(&fork->mutex);
-        if (index < 0) return;
-        fork->body(fork->task, index);
+        long index = itn__count_up(&fork->next);
+        if (index < 0 || index >= fork->count) return;
+        fork->body(fork->task, (int)index);
     }
 }
 
 #ifdef _WIN32
+#ifndef WIN32_LEAN_AND_MEAN
+#define WIN32_LEAN_AND_MEAN
+#endif
+#ifndef NOMINMAX
+#define NOMINMAX
+#endif
+#include <windows.h>
+typedef HANDLE itn__thread;
 static DWORD WINAPI itn__fork_entry(LPVOID fork) {
     itn__fork_work((itn__fork *)fork);
     return 0;
@@ -1427,6 +1407,9 @@ static int itn__processors(void) {
     return (int)info.dwNumberOfProcessors;
 }
 #else
+#include <pthread.h>
+#include <unistd.h>
+typedef pthread_t itn__thread;
 static void *itn__fork_entry(void *fork) {
     itn__fork_work((itn__fork *)fork);
     return NULL;
@@ -1443,64 +1426,42 @@ static int itn__processors(void) {
 #endif
 }
 #endif
+#endif /* ITN_THREADS */
 
 enum { ITN__MOST_THREADS = 64 };
 
-/* How many threads those asked for are; 0 = as many as there are processors. */
-static int itn__thread_count(int asked) {
-    int threads = asked > 0 ? asked : itn__processors();
+/* How many threads run loops; a guess where the caller's hook does. */
+static int itn__loop_threads(const itn_context *context) {
+    int threads = 1;
+    if (context->parallel_for) return 8;
+#ifdef ITN_THREADS
+    threads = context->threads > 0 ? context->threads : itn__processors();
+#endif
     return threads < 1 ? 1 : threads < ITN__MOST_THREADS ? threads : ITN__MOST_THREADS;
 }
 
-static void itn__fork_join(int threads, int count, void (*body)(void *, int), void *task) {
-    itn__thread thread[ITN__MOST_THREADS];
-    itn__fork fork;
-    int started = 0, k;
-    fork.count = count, fork.next = 0, fork.body = body, fork.task = task;
-#ifdef _WIN32
-    InitializeCriticalSection(&fork.mutex);
-#else
-    pthread_mutex_init(&fork.mutex, NULL);
-#endif
-    threads = itn__thread_count(threads);
-    while (started < threads - 1 && started < count - 1 &&
-           itn__thread_start(&thread[started], &fork))
-        started++; /* a thread that cannot start leaves its share to the others */
-    itn__fork_work(&fork);
-    for (k = 0; k < started; k++) itn__thread_join(thread[k]);
-#ifdef _WIN32
-    DeleteCriticalSection(&fork.mutex);
-#else
-    pthread_mutex_destroy(&fork.mutex);
-#endif
-}
-#endif /* ITN_THREADS */
-
-static ITN__UNUSED void itn__parallel_for(const itn_context *context, int count,
-                                          void (*body)(void *task, int index), void *task) {
-    int index;
-    if (count < 1) return;
+static void itn__parallel_for(const itn_context *context, int count,
+                              void (*body)(void *task, int index), void *task) {
+    int index = 0;
     if (context->parallel_for) {
-        context->parallel_for(count, body, task, context->parallel_user);
+        if (count > 0) context->parallel_for(count, body, task, context->parallel_user);
         return;
     }
 #ifdef ITN_THREADS
     if (context->threads != 1 && count > 1) {
-        itn__fork_join(context->threads, count, body, task);
+        itn__thread thread[ITN__MOST_THREADS];
+        itn__fork fork;
+        int threads = itn__loop_threads(context), started = 0;
+        fork.count = count, fork.next = 0, fork.body = body, fork.task = task;
+        while (started < threads - 1 && started < count - 1 &&
+               itn__thread_start(&thread[started], &fork))
+            started++; /* a thread that cannot start leaves its share to the others */
+        itn__fork_work(&fork);
+        while (started > 0) itn__thread_join(thread[--started]);
         return;
     }
 #endif
-    for (index = 0; index < count; index++) body(task, index);
-}
-
-/* How many threads run loops; a guess where the caller's hook does. */
-static ITN__UNUSED int itn__loop_threads(const itn_context *context) {
-    if (context->parallel_for) return 8;
-#ifdef ITN_THREADS
-    return itn__thread_count(context->threads);
-#else
-    return 1;
-#endif
+    for (; index < count; index++) body(task, index);
 }
 
 /* How many tasks it pays to divide a loop into that needs memory for each: several for a thread, as
@@ -1510,36 +1471,7 @@ static ITN__UNUSED int itn__workers(const itn_context *context) {
     return threads > 1 ? 4 * threads : 1;
 }
 
-/* A pointer that several threads may set once and read at any time: what a scene computes on demand
-   and keeps. Compilers without atomic operations keep nothing. */
-#if defined(__GNUC__)
-ITN__INLINE void *itn__once_get(void **shared) { return __atomic_load_n(shared, __ATOMIC_ACQUIRE); }
-/* Sets it if it is NULL; returns whether it was. */
-ITN__INLINE int itn__once_set(void **shared, void *made) {
-    void *expected = NULL;
-    return __atomic_compare_exchange_n(shared, &expected, made, 0, __ATOMIC_ACQ_REL,
-                                       __ATOMIC_ACQUIRE);
-}
-#elif defined(_MSC_VER)
-#include <intrin.h>
-ITN__INLINE void *itn__once_get(void **shared) {
-    return _InterlockedCompareExchangePointer(shared, NULL, NULL);
-}
-ITN__INLINE int itn__once_set(void **shared, void *made) {
-    return _InterlockedCompareExchangePointer(shared, made, NULL) == NULL;
-}
-#else
-ITN__INLINE void *itn__once_get(void **shared) {
-    (void)shared;
-    return NULL;
-}
-ITN__INLINE int itn__once_set(void **shared, void *made) {
-    (void)shared, (void)made;
-    return 0;
-}
-#endif
-
-/* ---- [math] scalars, vectors, frames --------------------------------------------------------- */
+/* ---- [math] scalars, vectors, random numbers ------------------------------------------------ */
 
 /* Vectors are small structs, passed by value. Floats carry positions, directions and radiance;
    doubles carry sums, the geometry of meshes and the algebra of small matrices. Comparisons
@@ -1593,19 +1525,6 @@ ITN__INLINE int itn__finite3(itn_vec3 a) {
     return itn__finite(a.x) && itn__finite(a.y) && itn__finite(a.z);
 }
 
-/* Two unit vectors s, t that make a right-handed frame with unit n (Duff et al. 2017). */
-ITN__INLINE void itn__frame(itn_vec3 n, itn_vec3 *s, itn_vec3 *t) {
-    float sign = n.z < 0 ? -1.f : 1.f, a = -1 / (sign + n.z), b = n.x * n.y * a;
-    *s = itn__vec3(1 + sign * n.x * n.x * a, sign * b, -sign * n.x);
-    *t = itn__vec3(b, sign + n.y * n.y * a, -n.y);
-}
-ITN__INLINE itn_vec3 itn__to_local(itn_vec3 v, itn_vec3 s, itn_vec3 t, itn_vec3 n) {
-    return itn__vec3(itn__dot(v, s), itn__dot(v, t), itn__dot(v, n));
-}
-ITN__INLINE itn_vec3 itn__to_world(itn_vec3 v, itn_vec3 s, itn_vec3 t, itn_vec3 n) {
-    return itn__along(itn__along(itn__scale(s, v.x), v.y, t), v.z, n);
-}
-
 /* In-place Cholesky factor of a symmetric matrix (lower triangle). Returns 0 if it is not positive
    definite. */
 static int itn__cholesky(double *a, int n) {
@@ -1636,8 +1555,6 @@ static void itn__cholesky_solve(const double *factor, int n, double *x) {
         x[i] /= factor[i * n + i];
     }
 }
-
-/* ---- [rng] counter-based random numbers ------------------------------------------------------ */
 
 /* A random number is a function of (seed, pixel, sample, dimension) and of nothing else, so results
    do not depend on threads, on the order of pixels or on where a run was resumed (Salmon et al.
@@ -1680,7 +1597,7 @@ ITN__INLINE float itn__unit_float(uint32_t bits) {
 /* Uniform in (0, 1). */
 ITN__INLINE float itn__uniform(itn__rng *rng) { return itn__unit_float(itn__rng_bits(rng)); }
 
-/* ---- [lanes] many floats at a time, functions of them, and numbers with a slope -------------- */
+/* ---- [lanes] many floats at a time, functions of them, and numbers with a slope ------------- */
 
 /* The fast walk, the wide hierarchy and the network work on ITN__LANES numbers at once: 16 with
    AVX-512, 8 with AVX2, otherwise 4, on the vector extensions of GCC and Clang; 1 with ITN_NO_SIMD
@@ -1959,7 +1876,8 @@ ITN__INLINE itn__vectors itn__vselect(itn__ints mask, itn__vectors a, itn__vecto
 ITN__INLINE itn__vectors itn__vnormalize(itn__vectors a) {
     return itn__vscale(a, 1 / itn__root(itn__vdot(a, a)));
 }
-/* itn__frame in lanes; -0 + 0 is 0, which has the sign that a comparison sees. */
+/* Two unit vectors s, t that make a right-handed frame with unit n (Duff et al. 2017); -0 + 0 is 0,
+   which has the sign that a comparison sees. */
 ITN__INLINE void itn__vframe(itn__vectors n, itn__vectors *s, itn__vectors *t) {
     itn__floats sign = itn__with_sign(itn__splat(1), n.z + 0.f);
     itn__floats a = -1 / (sign + n.z), b = n.x * n.y * a;
@@ -2144,7 +2062,7 @@ ITN__INLINE itn__num itn__nselect(itn__ints mask, itn__num a, itn__num b) {
     return itn__num_of(itn__select(mask, a.v, b.v), itn__select(mask, a.d, b.d));
 }
 
-/* ---- [mesh] images, triangle meshes, and whether these are solids ---------------------------- */
+/* ---- [mesh] images, triangle meshes, and whether these are solids --------------------------- */
 
 ITN_API itn_result itn_image_create(int width, int height, int plane_count,
                                     const itn_context *context, itn_image *image,
@@ -2329,7 +2247,7 @@ static int itn__table_make(itn__table *table, const itn_context *context, size_t
     while (size / 2 < count && size <= SIZE_MAX / 4) size *= 2;
     table->mask = size - 1;
     table->entries = (itn__entry *)itn__allocate(context, count, sizeof *table->entries);
-    table->slots = (int *)itn__allocate(context, size, sizeof(int));
+    table->slots = ITN__NEW(int, context, size);
     return table->entries && table->slots;
 }
 
@@ -2487,8 +2405,8 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
     found.first_bad_vertex = found.first_bad_triangle = -1;
     found.first_degenerate_triangle = found.flipped_triangle = -1;
     w.mesh = mesh, w.report = &found;
-    w.weld = (int *)itn__allocate(&own, vertices, sizeof(int));
-    w.parts = (itn__part *)itn__allocate(&own, triangles, sizeof(itn__part));
+    w.weld = ITN__NEW(int, &own, vertices);
+    w.parts = ITN__NEW(itn__part, &own, triangles);
     if (itn__table_make(&w.positions, &own, vertices) && w.weld && w.parts &&
         itn__table_make(&w.edges, &own, 3 * triangles)) {
         for (i = 0; i < 3 * (vertices + triangles); i++) {
@@ -2516,7 +2434,7 @@ ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *conte
     return result;
 }
 
-/* ---- [triangle] the watertight test of one ray and many triangles ---------------------------- */
+/* ---- [triangle] the watertight test of one ray and many triangles --------------------------- */
 
 /* Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2(1), 2013. Corners A, B, C
    are moved to the ray's origin, and a permutation of the axes (the largest component of the
@@ -2759,7 +2677,7 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, fl
     return found;
 }
 
-/* ---- [bvh] a bounding volume hierarchy ------------------------------------------------------- */
+/* ---- [bvh] a bounding volume hierarchy ------------------------------------------------------ */
 
 /* A tree whose nodes have up to ITN__WIDE children and whose leaves are packs, so that a ray tests
    all children of a node, or all triangles of a leaf, in lanes. By the surface area heuristic
@@ -3108,12 +3026,12 @@ static itn_result itn__bvh_make(itn__build *build, itn_error *error) {
     size_t nodes = count / (ITN__WIDE - 1) + count / ITN__PACK + 1; /* at most */
     int end = 0, i;
     itn_result result;
-    build->references = (itn__reference *)itn__allocate(context, count, sizeof(itn__reference));
-    build->nodes = (itn__range *)itn__allocate(context, nodes, sizeof(itn__range));
-    build->leaves = (itn__range *)itn__allocate(context, count + 1, sizeof(itn__range));
+    build->references = ITN__NEW(itn__reference, context, count);
+    build->nodes = ITN__NEW(itn__range, context, nodes);
+    build->leaves = ITN__NEW(itn__range, context, count + 1);
     bvh->nodes = (itn__node *)itn__allocate_aligned(context, nodes, sizeof(itn__node),
                                                     &bvh->node_memory);
-    bvh->triangles = (itn__triangle *)itn__allocate(context, count, sizeof(itn__triangle));
+    bvh->triangles = ITN__NEW(itn__triangle, context, count);
     if (!build->references || !build->nodes || !build->leaves || !bvh->nodes || !bvh->triangles)
         return itn__out_of_memory(error, "a bounding volume hierarchy");
     result = itn__refer(build, error);

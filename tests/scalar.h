@@ -3,6 +3,7 @@
 #ifndef SCALAR_H
 #define SCALAR_H
 #include "../itn.h"
+#include "frame.h"
 
 /* 1 - cos of the angle between unit vectors, exact also for small angles. */
 static inline float scalar_one_minus_cosine(itn_vec3 a, itn_vec3 b) {
@@ -134,8 +135,8 @@ static itn_vec3 scalar_light_sample(const itn__light *light, float u, float v) {
     float x, sine, phi = 2 * ITN__PI * v;
     if (light->kind != ITN__LIGHT_SUN) return scalar_grid_sample(&light->grid, u, v);
     x = u * light->sun_cone, sine = sqrtf(x * (2 - x));
-    itn__frame(light->to_sun, &s, &t);
-    return itn__normalize(itn__to_world(itn__vec3(sine * cosf(phi), sine * sinf(phi), 1 - x), s, t,
+    scalar_frame(light->to_sun, &s, &t);
+    return itn__normalize(scalar_to_world(itn__vec3(sine * cosf(phi), sine * sinf(phi), 1 - x), s, t,
                                         light->to_sun));
 }
 

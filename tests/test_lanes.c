@@ -6,6 +6,7 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
+#include "frame.h"
 
 enum { N = ITN__LANES };
 static const double lanes_pi = 3.14159265358979323846;
@@ -241,8 +242,8 @@ static void test_vectors(void) {
         for (k = 0; k < N; k++) {
             itn_vec3 unit = itn__normalize(a[k]), local;
             float r = ITN__LANE(length, k);
-            itn__frame(unit, &s, &t);
-            local = itn__vec3(itn__dot(b[k], s), itn__dot(b[k], t), itn__dot(b[k], unit));
+            scalar_frame(unit, &s, &t);
+            local = scalar_to_local(b[k], s, t, unit);
             wrong += !close3(lane_of(n, k), unit, 3e-7f) || !close3(lane_of(vs, k), s, 3e-6f) ||
                      !close3(lane_of(vt, k), t, 3e-6f) || !close3(lane_of(out, k), local, 5e-6f) ||
                      !close3(lane_of(world, k), b[k], 5e-6f) ||

@@ -3,6 +3,7 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
+#include "frame.h"
 #include "one.h"
 #include "scalar.h"
 #include "stage.h"
@@ -83,10 +84,10 @@ static itn_vec3 test_direction(const itn_scene *scene, int k) {
     if (k % 32 == 8) return itn__normalize(itn__vec3(d.x, sign * small, d.z));
     if (k % 32 == 16) return itn__normalize(itn__vec3(sign * small, y, -1));
     if (!(light->sun_cone > 0)) return d;
-    itn__frame(light->to_sun, &s, &t);
+    scalar_frame(light->to_sun, &s, &t);
     x = light->sun_cone * (1 + sign * .1f * small), sine = sqrtf(x * (2 - x));
-    return itn__normalize(itn__to_world(itn__vec3(sine * cosf(phi), sine * sinf(phi), 1 - x), s, t,
-                                        light->to_sun));
+    return itn__normalize(scalar_to_world(itn__vec3(sine * cosf(phi), sine * sinf(phi), 1 - x), s, t,
+                                          light->to_sun));
 }
 
 /* Whether rounding decides what a light is here: on the rim of a sun, at the
