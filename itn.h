@@ -29,9 +29,7 @@
    [contents] to find a chapter search for `---- [tag]`
 
      Part I, the interface
-       [api-base]       results, errors, memory, threads
-       [api-math]       vectors
-       [api-image]      planes of floats
+       [api-base]       results, errors, memory, threads, images
        [api-mesh]       triangle meshes and ray queries
        [api-scene]      what is in the picture, as descs and as text files
        [api-render]     images, derivative images, gradients
@@ -176,10 +174,9 @@
 extern "C" {
 #endif
 
-/* ---- [api-base] results, errors, memory, threads --------------------------------------------- */
+/* ---- [api-base] results, errors, memory, threads, images ------------------------------------- */
 
-/* What went wrong. Every function that can fail returns one of these; on any code but ITN_OK its
-   outputs are untouched. */
+/* What went wrong. On any code but ITN_OK a function's outputs are untouched. */
 typedef enum itn_result {
     ITN_OK = 0,
     ITN_ERROR_ARGUMENT,    /* a desc, option or pointer is out of its stated range, or not finite */
@@ -204,10 +201,9 @@ typedef struct itn_error {
 ITN_API const char *itn_result_text(itn_result result);
 
 /* How an object gets memory and runs loops; all-zero is malloc/free and one thread, or with
-   ITN_THREADS one for each processor, at most 64. Copied into each object made with it, so it need
-   not outlive the call; `user` pointers must. Set allocate and deallocate both or neither (else
-   ARGUMENT); they must be safe to call from the threads that use its objects, and blocks aligned as
-   those of malloc.
+   ITN_THREADS one for each processor. Copied into each object made with it; `user` pointers must
+   outlive these. Set allocate and deallocate both or neither (else ARGUMENT); they must be safe to
+   call from the threads that use its objects, and blocks aligned as those of malloc.
    parallel_for calls body(task, i) once for every i in [0, count), in any order, on any threads,
    and returns when all are done. Results do not depend on how it does so. */
 typedef struct itn_context {
@@ -219,13 +215,9 @@ typedef struct itn_context {
     int threads; /* used with ITN_THREADS and no parallel_for: at most 64; 0 = all processors */
 } itn_context;
 
-/* ---- [api-math] vectors ---------------------------------------------------------------------- */
-
 typedef struct itn_vec3 {
     float x, y, z;
 } itn_vec3;
-
-/* ---- [api-image] planes of floats ------------------------------------------------------------ */
 
 #define ITN_NAME_SIZE 64 /* bytes of any name (item, parameter, plane), with its final zero */
 
@@ -238,8 +230,8 @@ typedef struct itn_image {
     itn_context context;          /* what made it and frees it */
 } itn_image;
 
-/* Makes an image of zeros with empty names. Sizes at least 1. Free with itn_image_free.
-   Errors: ARGUMENT, MEMORY. context may be NULL. */
+/* Makes an image of zeros with empty names. Sizes at least 1; context may be NULL.
+   Errors: ARGUMENT, MEMORY. */
 ITN_API itn_result itn_image_create(int width, int height, int plane_count,
                                     const itn_context *context, itn_image *image, itn_error *error);
 /* Frees an image's planes and zeroes it. Accepts NULL and all-zero images. */
@@ -249,7 +241,7 @@ ITN_API float *itn_image_plane(const itn_image *image, const char *name);
 
 /* ---- [api-mesh] triangle meshes and ray queries ---------------------------------------------- */
 
-/* Triangles, counter-clockwise seen from outside. Caller arrays may be wrapped by filling the
+/* Triangles, counter-clockwise seen from outside. A caller's arrays may be wrapped by filling the
    fields; itn_mesh_free is for meshes that itn_mesh_load or itn_mesh_create made. */
 typedef struct itn_mesh {
     int vertex_count, triangle_count;
@@ -262,7 +254,7 @@ typedef struct itn_mesh {
 } itn_mesh;
 
 /* Allocates the arrays of a mesh, all zero; uvs only if with_uvs. Counts at least 0; context may be
-   NULL. Free with itn_mesh_free. Errors: ARGUMENT, MEMORY. */
+   NULL. Errors: ARGUMENT, MEMORY. */
 ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int with_uvs,
                                    const itn_context *context, itn_mesh *mesh, itn_error *error);
 /* Frees the arrays and zeroes the mesh. Accepts NULL and all-zero meshes. */
@@ -280,8 +272,7 @@ typedef struct itn_mesh_report {
     int bad_indices;          /* triangles that name a vertex out of range */
     int degenerate_triangles; /* zero area, or two equal corners: harmless, skipped by rays */
     int open_edges;           /* edges of a single triangle: holes */
-    int flipped_edges;        /* edges whose triangles disagree on the outside, or that are shared
-                                 by three or more, not half of them in each direction */
+    int flipped_edges;        /* other bad ones: their triangles disagree on which side is out */
     int first_bad_vertex, first_bad_triangle, first_degenerate_triangle; /* -1: none */
     int open_edge[4][2];      /* vertices of the first open edges, first min(4, open_edges) valid */
     int flipped_edge[4][2];   /* the same for flipped ones */
@@ -316,10 +307,9 @@ typedef struct itn_hit {
     int front;    /* 1: the ray met the outside of the triangle, 0: its inside */
 } itn_hit;
 
-/* Builds a hierarchy (binned surface area heuristic, flattened to wide nodes) with the context's
-   parallel_for; the result does not depend on how that runs. The mesh may be freed afterwards.
-   Errors: ARGUMENT (bad indices, coordinates that are not finite, no triangle), MEMORY (also 2^30
-   triangles or more). */
+/* Builds a hierarchy (binned surface area heuristic, wide nodes) with the context's parallel_for;
+   the result does not depend on how that runs. Errors: ARGUMENT (bad indices, coordinates that are
+   not finite, no triangle), MEMORY (also 2^30 triangles or more). */
 ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
                                   itn_error *error);
 /* Frees a hierarchy; NULL does nothing. */
@@ -332,6 +322,7 @@ ITN_API void itn_bvh_free(itn_bvh *bvh);
 ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit);
 /* Returns 1 if anything lies between tmin and tmax, else 0. */
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
+
 /* ---- [api-scene] what is in the picture, as descs and as text files -------------------------- */
 
 /* How the film weighs what arrives around a pixel's middle. */

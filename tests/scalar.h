@@ -136,8 +136,8 @@ static itn_vec3 scalar_light_sample(const itn__light *light, float u, float v) {
     if (light->kind != ITN__LIGHT_SUN) return scalar_grid_sample(&light->grid, u, v);
     x = u * light->sun_cone, sine = sqrtf(x * (2 - x));
     scalar_frame(light->to_sun, &s, &t);
-    return itn__normalize(scalar_to_world(itn__vec3(sine * cosf(phi), sine * sinf(phi), 1 - x), s, t,
-                                        light->to_sun));
+    return itn__normalize(scalar_to_world(itn__vec3(sine * cosf(phi), sine * sinf(phi), 1 - x), s,
+                                          t, light->to_sun));
 }
 
 /* Radiance of a light in the scene's channels. */
