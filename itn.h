@@ -460,7 +460,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    value...` pairs in any order, except that the field of an object or a light that is shown first
    below must come first. A word that begins with `#` starts a comment; a backslash at the end of a
    line, but not of a comment, joins the next one to it. Paths are relative to the scene file's
-   folder; paths and names hold no blanks. No two items have the same name. COLOUR is one number, or
+   folder; paths and names hold no blanks. COLOUR is one number, or
    three (r g b) where the film has three channels; both of a checker have one form. Fields in [ ]
    may be left out; ranges are those of the descs' fields (half: at most 1e12). Nothing is guessed:
    unknown, doubled and missing fields, wrong counts, values out of range and undefined names are
@@ -3623,7 +3623,7 @@ typedef struct itn__bsdf {
 } itn__bsdf;
 static const itn__bsdf itn__bsdfs[] = {
     {{ITN__SURFACE, ITN_SURFACE_DIELECTRIC, "dielectric",
-      {ITN__MARK("type", "o!", NULL),
+      {ITN__MARK("type", "o!", "dielectric"),
        ITN__VALUE(surface, ior, "1f", ITN_LOGIT, 1, 4, 1.5f),
        ITN__VALUE(surface, alpha, "1f", ITN_LOG, .001f, 1, 0)}},
      ITN__FACETS, itn__dielectric_eval, itn__dielectric_sample, itn__dielectric_edge},
@@ -3631,7 +3631,7 @@ static const itn__bsdf itn__bsdfs[] = {
       {ITN__VALUE(surface, reflectance, "013c", ITN_LOGIT, 0, 1, 0),
        ITN__WORD("texture", surface, image, "p"),
        ITN__FIELD("checker", surface, checker_size, "37k", 0, 1e12f, 0),
-       ITN__MARK("type", "o!", NULL)}},
+       ITN__MARK("type", "o!", "diffuse")}},
      ITN__OPAQUE, itn__diffuse_eval, itn__diffuse_sample, NULL}};
 
 /* A local factor of paths in each channel, and its slopes by those of its parameters that are asked
@@ -4373,21 +4373,11 @@ enum {
                  (int)(sizeof itn__light_models / sizeof itn__light_models[0])
 };
 
-/* What a checker has more, in a desc; and a sky, in a file of its own. */
+/* What a checker has more, in a desc. */
 static const itn__field itn__checker_fields[] = {
     ITN__VALUE(surface, reflectance2, "c", ITN_LOGIT, 0, 1, 0),
     ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1),
     ITN__MARK(NULL, NULL, NULL)};
-#define ITN__SKY(name, form, field, ...)                                                           \
-    {name, form, __VA_ARGS__, 0, offsetof(itn_sky, field), 0, ITN_IDENTITY, 0, NULL}
-static const itn__form itn__sky_form = {
-    ITN__KINDS, 0, NULL,
-    {ITN__SKY("coefficients_r", "9f!", coefficients[0], ITN__ANY),
-     ITN__SKY("coefficients_g", "9f!", coefficients[1], ITN__ANY),
-     ITN__SKY("coefficients_b", "9f!", coefficients[2], ITN__ANY),
-     ITN__SKY("radiance", "3f!", radiance, 0, ITN__MAX_RADIANCE),
-     ITN__SKY("sun_radiance", "3f!", sun_radiance, 0, ITN__MAX_RADIANCE)}};
-
 static const itn__form *itn__form_at(int k) {
     if (k < ITN__OWN_FORMS) return &itn__forms[k];
     k -= ITN__OWN_FORMS;
@@ -4443,8 +4433,7 @@ typedef struct itn__maker {
     const itn_scene_desc *desc;
     int kind, index;               /* of the item at hand; kind -1: none */
     char title[2 * ITN_NAME_SIZE]; /* of it, for messages */
-    int *names; /* a hash table of parameters' names: their indices + 1, or 0 */
-    uint32_t name_mask;
+    itn__table names;   /* of parameters */
     itn_result refusal; /* of what is given: ARGUMENT, or of a file FORMAT */
     itn_error *error;
 } itn__maker;
@@ -4463,36 +4452,28 @@ static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *fo
 }
 #define ITN__REFUSE(...) itn__refuse(maker, ITN_ERROR_ARGUMENT, __VA_ARGS__)
 
-/* Enters a parameter's name; returns its place, or of one that is the same in the names of layers,
-   where the dot becomes a _. */
-static int *itn__name_place(itn__maker *maker, const char *name) {
-    uint32_t hash = 2166136261u; /* FNV-1a */
-    const char *c;
-    for (c = name; *c; c++)
-        hash = (hash ^ (unsigned char)(*c == '.' ? '_' : *c)) * 16777619u;
-    for (;; hash++) {
-        int *place = &maker->names[hash & maker->name_mask];
-        const char *other = *place ? maker->scene->parameters[*place - 1].name : "";
-        for (c = name; *other && (*c == '.' ? '_' : *c) == (*other == '.' ? '_' : *other); c++)
-            other++;
-        if (!*place || *c == *other) return place;
-    }
-}
-
-/* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index or -1. */
+/* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index or -1. In
+   the names of layers, which must differ, too, the dot becomes a _. */
 static int itn__add_parameter(itn__maker *maker, const itn__field *field, int channel,
                               float value) {
     static const char *const suffix[4] = {"", "_r", "_g", "_b"};
     itn_scene *scene = maker->scene;
     itn_parameter *p = &scene->parameters[scene->parameter_count];
-    int *place;
+    uint64_t a = 1, b = 2; /* two hashes are as good as the name */
+    uint32_t key[3];
+    int k, first;
     itn__print(p->name, sizeof p->name, "%s.%s%s", maker->title, field->name, suffix[channel + 1]);
     p->value = value, p->lower = field->lower, p->upper = field->upper;
     p->transform = field->transform;
-    place = itn__name_place(maker, p->name);
-    if (!*place) return (*place = ++scene->parameter_count) - 1;
-    ITN__REFUSE("%s and %s would have the same layer name: name the items apart (a light without a "
-                "name is called light)", scene->parameters[*place - 1].name, p->name);
+    for (k = 0; p->name[k]; k++) {
+        unsigned char letter = (unsigned char)(p->name[k] == '.' ? '_' : p->name[k]);
+        a = itn__mix64(a + letter), b = itn__mix64(b + letter);
+    }
+    key[0] = (uint32_t)a, key[1] = (uint32_t)(a >> 32), key[2] = (uint32_t)b;
+    first = itn__table_use(&maker->names, key, scene->parameter_count)->first;
+    if (first == scene->parameter_count) return scene->parameter_count++;
+    ITN__REFUSE("%s and %s would have the same layer name: name the items apart",
+                scene->parameters[first].name, p->name);
     return -1;
 }
 
@@ -4535,12 +4516,6 @@ static int itn__is_name(const char *name) {
 }
 #define ITN__NAME_RULE "is not 1 to 32 letters, digits, _ or -, beginning with a letter"
 
-/* What a light without a name is called. */
-static void itn__light_name(char name[ITN_NAME_SIZE], int index) {
-    if (index) itn__print(name, ITN_NAME_SIZE, "light%d", index + 1);
-    else itn__copy_name(name, "light");
-}
-
 /* Goes to an item (kind -1: to none) and gives it a title. */
 static void itn__go_to(itn__maker *maker, int kind, int index) {
     maker->kind = kind, maker->index = index;
@@ -4555,7 +4530,7 @@ static itn_result itn__take_name(itn__maker *maker, int kind, int index, const c
                                  void *items, size_t stride, int count) {
     itn__go_to(maker, kind, index);
     if (!itn__is_name(name))
-        return ITN__REFUSE("the name \"%.40s\" " ITN__NAME_RULE, name ? name : "");
+        return ITN__REFUSE("the name '%.40s' " ITN__NAME_RULE, name ? name : "");
     itn__copy_name(maker->title, name);
     if (itn__find_name(name, items, stride, count) >= 0)
         return ITN__REFUSE("another %s has this name", itn__kinds[kind]);
@@ -4691,17 +4666,24 @@ static itn_result itn__make_grid(itn__maker *maker, itn__light *light, int width
 }
 
 /* A sky desc becomes two lights, the sky and its sun. */
-static itn_result itn__make_sky(itn__maker *maker, itn_light_desc *in, itn__light *sky,
+static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, itn__light *sky,
                                 itn__light *sun) {
     enum { WIDTH = 64, HEIGHT = 33 }; /* of its grid: radiance over density then varies by 2 % */
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
     double solid_angle;
-    itn_result result = itn__take_fields(maker, itn__sky_form.fields, &in->sky, NULL);
-    int c;
-    if (result) return result;
-    for (c = 0; c < 3; c++)
-        if (!(fabsf(in->sky.coefficients[c][8]) < 1))
-            return ITN__REFUSE("the last sky coefficient of channel %d is not in (-1, 1)", c);
+    int c, k;
+    for (c = 0; c < 3; c++) {
+        for (k = 0; k < 9; k++)
+            if (!(fabsf(in->sky.coefficients[c][k]) < (k < 8 ? INFINITY : 1)))
+                return ITN__REFUSE("sky coefficient %d of channel %d, %g, is not finite, or the "
+                                   "last and not in (-1, 1)", k, c,
+                                   (double)in->sky.coefficients[c][k]);
+        if (!(in->sky.radiance[c] >= 0 && in->sky.radiance[c] <= ITN__MAX_RADIANCE &&
+              in->sky.sun_radiance[c] >= 0 && in->sky.sun_radiance[c] <= ITN__MAX_RADIANCE))
+            return ITN__REFUSE("radiance %g and sun_radiance %g of channel %d are not in [0, %g]",
+                               (double)in->sky.radiance[c], (double)in->sky.sun_radiance[c], c,
+                               (double)ITN__MAX_RADIANCE);
+    }
     if (!(in->sun_direction.y > 0))
         return ITN__REFUSE("the sun's direction must be above the horizon");
     sky->sky = in->sky, sun->kind = ITN__LIGHT_SUN, sun->share = in->sun_scale;
@@ -4723,7 +4705,8 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
     itn__light *light = &scene->lights[scene->light_count];
     char name[ITN_NAME_SIZE];
     itn_result result;
-    itn__light_name(name, index);
+    if (index) itn__print(name, sizeof name, "light%d", index + 1);
+    else itn__copy_name(name, "light");
     result = itn__take_name(maker, ITN__LIGHT, index, in.name ? in.name : name, scene->lights,
                             sizeof *light, scene->light_count);
     if (result) return result;
@@ -5140,17 +5123,14 @@ static itn_result itn__make_arrays(itn__maker *maker) {
     if ((media && !in->media) || (surfaces && !in->surfaces) || (lights && !in->lights) ||
         !in->objects)
         return ITN__REFUSE("an array of itn_scene_desc is NULL");
-    maker->name_mask = 1;
-    while (maker->name_mask < 18 * items) maker->name_mask = 2 * maker->name_mask + 1;
-    maker->names = ITN__NEW(int, context, maker->name_mask + 1);
     scene->media = ITN__NEW(itn__medium, context, media);
     scene->surfaces = ITN__NEW(itn__surface, context, surfaces);
     scene->lights = ITN__NEW(itn__light, context, 2 * lights);
     scene->objects = ITN__NEW(itn__object, context, in->object_count);
     scene->parameters = ITN__NEW(itn_parameter, context, 9 * items);
     scene->tables = ITN__NEW(void *, context, ITN__TABLE_LEVELS);
-    if (!maker->names || !scene->media || !scene->surfaces || !scene->lights || !scene->objects ||
-        !scene->parameters || !scene->tables)
+    if (!itn__table_make(&maker->names, context, 9 * items) || !scene->media || !scene->surfaces ||
+        !scene->lights || !scene->objects || !scene->parameters || !scene->tables)
         return itn__out_of_memory(maker->error, "a scene");
     scene->object_count = in->object_count;
     return ITN_OK;
@@ -5190,7 +5170,7 @@ static itn_result itn__create_scene(const itn_scene_desc *desc, const itn_contex
     maker.scene->context = own, maker.desc = desc, maker.error = error, maker.refusal = refusal;
     itn__go_to(&maker, -1, 0);
     result = itn__make_scene(&maker);
-    itn__free(&own, maker.names);
+    itn__free(&own, maker.names.entries), itn__free(&own, maker.names.slots);
     *kind = maker.kind, *index = maker.index;
     if (result) itn_scene_free(maker.scene);
     else *scene = maker.scene;
@@ -14919,13 +14899,11 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
 /* A scene file, whose grammar is in [api-scene], is read word by word. The tables of [fields] say
    what stands in a line: a keyword (and for some items a name), then fields, each with a word or a
    few numbers, which go straight to the item's desc; so all errors of form are found in one place
-   and at the exact line. What ties items together is checked by the maker, as lines may stand in
-   any order; it knows which item is at fault. Sky files are read in the same way: each of their
-   lines is a field of one single item. */
+   and at the exact line. All else is checked by the maker, as lines may stand in any order; it
+   knows which item is at fault. */
 
 enum { ITN__MOST_ITEMS = 64, ITN__MOST_TEXT = 1 << 24 };
 
-/* A scene file on its way to a desc. */
 typedef struct itn__reader {
     itn__text text;
     itn_context context;
@@ -14934,30 +14912,22 @@ typedef struct itn__reader {
     itn_scene_desc desc;
     int count[ITN__KINDS], lines[ITN__KINDS][ITN__MOST_ITEMS]; /* how many so far; where they are */
     int colour_line; /* of the first colour of three numbers, 0: none so far */
-    int name_count, reference_count;
-    char names[3 * ITN__MOST_ITEMS][ITN_NAME_SIZE];      /* of items so far */
-    char references[2 * ITN__MOST_ITEMS][ITN_NAME_SIZE]; /* to them, by objects */
+    int name_count;
+    char names[5 * ITN__MOST_ITEMS][ITN_NAME_SIZE]; /* of media, surfaces, lights; two in objects */
     itn_medium_desc media[ITN__MOST_ITEMS];
     itn_surface_desc surfaces[ITN__MOST_ITEMS];
     itn_object_desc objects[ITN__MOST_ITEMS];
     itn_light_desc lights[ITN__MOST_ITEMS];
     itn_mesh meshes[ITN__MOST_ITEMS];
     itn_image images[2][ITN__MOST_ITEMS]; /* of surfaces, of lights */
+    const itn__form *form;                /* of the item at hand, */
+    char *item;                           /* its desc, */
+    int given[ITN__MOST_FIELDS];          /* for each field 1 + its numbers or 0: not given, */
+    float checker[ITN__MOST_NUMBERS];
+    double transform[12]; /* and all steps so far, rows of a 3x4 matrix */
 } itn__reader;
 
-/* An item on its way to its desc. */
-typedef struct itn__item {
-    itn__reader *reader; /* NULL: a sky */
-    itn__text *text;
-    const itn__form *form;
-    const char *title; /* for messages */
-    void *desc;
-    int given[ITN__MOST_FIELDS]; /* of each field: 1 + its numbers, 0: not given */
-    float checker[ITN__MOST_NUMBERS];
-    double transform[12]; /* all steps so far, rows of a 3x4 matrix */
-} itn__item;
-
-#define ITN__WRONG(...) itn__text_fail(item->text, ITN_ERROR_FORMAT, __VA_ARGS__)
+#define ITN__WRONG(...) itn__text_fail(&r->text, ITN_ERROR_FORMAT, __VA_ARGS__)
 
 /* Adds a scale, rotate or translate by numbers n to a transformation, whose columns v it takes to
    n v, v + n (the last), or c v + s n x v + (1 - c) n (n . v) with n of unit length (Rodrigues).
@@ -14965,6 +14935,7 @@ typedef struct itn__item {
 static int itn__transform_add(double transform[12], char step, const float n[4]) {
     double length = sqrt((double)n[0] * n[0] + (double)n[1] * n[1] + (double)n[2] * n[2]);
     double angle = n[3] * (3.14159265358979324 / 180), c = cos(angle), s = sin(angle) / length;
+    double largest = 0;
     int column, k, good = 1;
     for (column = 0; column < 4; column++) {
         double v[3], dot = 0, w;
@@ -14975,21 +14946,22 @@ static int itn__transform_add(double transform[12], char step, const float n[4])
             else if (step == 't') w = v[k] + (column == 3 ? n[k] : 0);
             else w = c * v[k] + s * (n[l] * v[m] - n[m] * v[l]) + (1 - c) * n[k] / length * dot;
             transform[4 * k + column] = w, good &= fabs(w) <= (double)FLT_MAX;
+            if (column < 3) largest = fmax(largest, fabs(w));
         }
     }
-    return good;
+    return good && largest >= (double)FLT_MIN;
 }
 
 /* Reads the numbers that follow a field's name, all words that begin like one; returns how many.
    What must be a number is read as one, for the message. */
-static int itn__read_values(itn__item *item, const itn__field *field) {
+static int itn__read_values(itn__reader *r, const itn__field *field) {
     const char *name = field->name;
     float n[ITN__MOST_NUMBERS] = {0};
     char words[100];
     int count = 0, three;
-    while (!itn__line_done(item->text) && (strchr("+-.0123456789", *item->text->at) ||
-                                           !(count || itn__has_form(field, '0')))) {
-        double number = itn__take_finite(item->text, name);
+    while (!itn__line_done(&r->text) && (strchr("+-.0123456789", *r->text.at) ||
+                                         !(count || itn__has_form(field, '0')))) {
+        double number = itn__take_finite(&r->text, name);
         if (!itn__field_allows(field, (float)number, words)) ITN__WRONG("%s: %s", name, words);
         if (itn__has_form(field, 'i') && number != floor(number))
             ITN__WRONG("%s: %g is not a whole number", name, number);
@@ -14999,42 +14971,61 @@ static int itn__read_values(itn__item *item, const itn__field *field) {
     if (count > 9 || !itn__has_form(field, (char)('0' + count)))
         ITN__WRONG("%s takes another count of numbers than %d", name, count);
     if (count == 1 && strpbrk(field->form, "ct")) n[1] = n[2] = n[0];
-    if (itn__has_form(field, 't') && !itn__transform_add(item->transform, *name, n))
-        ITN__WRONG("%s: the axis is zero, or the result is too large", name);
-    if (itn__has_form(field, 'k')) memcpy(item->checker, n, sizeof n);
+    if (itn__has_form(field, 't') && !itn__transform_add(r->transform, *name, n))
+        ITN__WRONG("%s: the axis is zero, or the result too large or too small", name);
+    if (itn__has_form(field, 'k')) memcpy(r->checker, n, sizeof n);
     three = itn__has_form(field, 'k') ? count == 7 : count == 3 && strpbrk(field->form, "cs");
-    if (three && !item->reader->colour_line) item->reader->colour_line = item->text->line;
-    if (count && !item->text->result) itn__write_numbers(field, item->desc, n, count);
+    if (three && !r->colour_line) r->colour_line = r->text.line;
+    if (count && !r->text.result) itn__write_numbers(field, r->item, n, count);
     return count;
 }
 
-/* Keeps a name, of an item or of what an object refers to; no two items have the same. */
-static const char *itn__keep_name(itn__item *item, const char *word, int length) {
-    itn__reader *r = item->reader;
-    int refers = item->form->kind == ITN__OBJECT;
-    char *name = refers ? r->references[r->reference_count++] : r->names[r->name_count];
-    itn__print(name, ITN_NAME_SIZE, "%.*s", length, word);
-    if (!itn__is_name(name)) ITN__WRONG("%s: name '%s' " ITN__NAME_RULE, item->title, name);
-    if (!refers && itn__find_name(name, r->names, ITN_NAME_SIZE, r->name_count++) >= 0)
-        ITN__WRONG("the name '%s' is used twice", name);
+/* The length of the word ahead, as far as messages show it. */
+static int itn__shown(const itn__text *text) {
+    int length = itn__word_length(text);
+    return length < 40 ? length : 40;
+}
+
+static const char *itn__read_name(itn__reader *r) {
+    char *name = r->names[r->name_count++];
+    int length = itn__line_done(&r->text) ? 0 : itn__word_length(&r->text);
+    itn__print(name, ITN_NAME_SIZE, "%.*s", length, r->text.at); /* what is cut is too long, too */
+    r->text.at += length;
     return name;
 }
 
-/* Reads a name. */
-static const char *itn__read_name(itn__item *item) {
-    const char *word = item->text->at;
-    int length = itn__line_done(item->text) ? 0 : itn__word_length(item->text);
-    word = itn__keep_name(item, item->text->at, length);
-    if (!item->text->result) item->text->at += length;
-    return word;
+/* Reads the bytes of a sky file. */
+static itn_result itn__sky_from_memory(const void *bytes, size_t size, const char *name,
+                                       itn_sky *sky, itn_error *error) {
+    static const char *const names = "coefficients_r coefficients_g coefficients_b radiance "
+                                     "sun_radiance";
+    itn__text text = itn__text_make(bytes, size, name);
+    int i, k, count = 0, given[5] = {0, 0, 0, 0, 0};
+    text.error = error;
+    for (; text.at < text.end; itn__next_line(&text))
+        while (!itn__line_done(&text)) {
+            int length = itn__shown(&text);
+            const char *word = text.at;
+            float *to = sky->radiance;
+            k = itn__accept(&text, names);
+            if (k < 0 || given[k]++)
+                return itn__text_fail(&text, ITN_ERROR_FORMAT, "%.*s is %s", length, word,
+                                      k < 0 ? "no field of a sky" : "given twice");
+            if (k != 3) to = k < 3 ? sky->coefficients[k] : sky->sun_radiance;
+            for (i = 0; i < (k < 3 ? 9 : 3); i++) to[i] = (float)itn__take_finite(&text, "a sky");
+            count++;
+        }
+    if (count < 5) itn__text_fail(&text, ITN_ERROR_FORMAT, "a sky has once each: %s", names);
+    return text.result;
 }
 
 /* Reads a file beside the scene file, or where its path is absolute: *path receives where. */
-static itn_result itn__read_beside(const char *scene, const char *name, int length,
+static itn_result itn__read_beside(const char *scene, const char *name, size_t length,
                                    itn__buffer *path, itn__buffer *file, itn_error *error) {
 #ifdef ITN_NO_STDIO
     (void)scene, (void)path, (void)file;
-    return itn__fail(error, ITN_ERROR_FILE, 0, "%.*s is not among the files given", length, name);
+    return itn__fail(error, ITN_ERROR_FILE, 0, "%.*s is not among the files given", (int)length,
+                     name);
 #else
     size_t folder = strlen(scene);
     while (folder && scene[folder - 1] != '/' && scene[folder - 1] != '\\') folder--;
@@ -15042,20 +15033,16 @@ static itn_result itn__read_beside(const char *scene, const char *name, int leng
 #ifdef _WIN32
     if (name[0] == '\\' || (length > 1 && name[1] == ':')) folder = 0;
 #endif
-    itn__put(path, scene, folder), itn__put(path, name, (size_t)length), itn__put(path, "", 1);
+    itn__put(path, scene, folder), itn__put(path, name, length), itn__put(path, "", 1);
     if (path->failed) return itn__out_of_memory(error, "a path");
     return itn__read_file((const char *)path->bytes, SIZE_MAX / 4, file, error);
 #endif
 }
 
-static itn_result itn__sky_from_memory(const void *bytes, size_t size, const char *name,
-                                       itn_sky *sky, itn_error *error);
-
 /* Loads the file that a field names - a mesh, a picture or a sky, given in memory or read - to its
    place in a desc. */
-static void itn__load_field(itn__item *item, const itn__field *field, void *at) {
-    itn__reader *r = item->reader;
-    int kind = item->form->kind, length = itn__word_length(item->text), k = 0;
+static void itn__load_field(itn__reader *r, const itn__field *field, void *at) {
+    int kind = r->form->kind, length = itn__word_length(&r->text), k = 0;
     itn_mesh *mesh = &r->meshes[r->count[kind]];
     itn_image *image = &r->images[kind == ITN__LIGHT][r->count[kind]];
     itn__buffer path = ITN_ZERO, bytes = ITN_ZERO;
@@ -15063,13 +15050,13 @@ static void itn__load_field(itn__item *item, const itn__field *field, void *at) 
     itn_error error = ITN_ZERO;
     itn_result result = ITN_OK;
     path.context = bytes.context = r->context;
-    while (k < r->file_count && itn__accept(item->text, r->files[k].name) != 0) k++;
+    while (k < r->file_count && itn__accept(&r->text, r->files[k].name) != 0) k++;
     if (k < r->file_count) {
         file = r->files[k];
     } else {
-        result = itn__read_beside(r->text.name, item->text->at, length, &path, &bytes, &error);
+        result = itn__read_beside(r->text.name, r->text.at, (size_t)length, &path, &bytes, &error);
         file.name = (const char *)path.bytes, file.bytes = bytes.bytes, file.size = bytes.size;
-        item->text->at += length;
+        r->text.at += length;
     }
     if (itn__has_form(field, 'm')) memcpy(at, &mesh, sizeof mesh);
     if (itn__has_form(field, 'p')) memcpy(at, &image, sizeof image);
@@ -15081,84 +15068,60 @@ static void itn__load_field(itn__item *item, const itn__field *field, void *at) 
         result = itn_image_from_memory(file.bytes, file.size, file.name, &r->context, image,
                                        &error);
     itn__buffer_free(&bytes), itn__buffer_free(&path);
-    if (result) itn__text_fail(item->text, result, "%s", error.message);
+    if (result) itn__text_fail(&r->text, result, "%s", error.message);
 }
 
 /* Reads what follows a field's name; returns how many numbers. */
-static int itn__read_field(itn__item *item, const itn__field *field) {
-    itn__text *text = item->text;
-    void *at = (char *)item->desc + field->at;
+static int itn__read_field(itn__reader *r, const itn__field *field) {
+    char *at = r->item + field->at;
     const char *name;
-    int length, choice = 1;
-    if (strpbrk(field->form, "0123456789")) return itn__read_values(item, field);
-    if (!strpbrk(field->form, "wompy")) { /* a flag, or nothing */
-        if (field->at) memcpy(at, &choice, sizeof choice);
-        return 0;
-    }
-    length = itn__line_done(text) ? 0 : itn__word_length(text);
-    if (!length) {
+    int value = 1;
+    if (strpbrk(field->form, "0123456789")) return itn__read_values(r, field);
+    if (strpbrk(field->form, "wompy") && itn__line_done(&r->text)) {
         ITN__WRONG("%s: the line ends too early", field->name);
-    } else if (itn__has_form(field, 'w')) {
-        name = itn__read_name(item);
-        memcpy(at, &name, sizeof name);
-    } else if (itn__has_form(field, 'o')) {
-        if (!field->words) text->at += length;
-        else if ((choice = itn__accept(text, field->words)) < 0)
-            ITN__WRONG("%s: '%.*s' is none of: %s", field->name, length, text->at, field->words);
-        if (field->at) memcpy(at, &choice, sizeof choice);
-    } else if (*text->at == '"' || *text->at == '\'') {
+    } else if (strpbrk(field->form, "mpy") && (*r->text.at == '"' || *r->text.at == '\'')) {
         ITN__WRONG("%s: a path has neither quotes nor blanks", field->name);
-    } else {
-        itn__load_field(item, field, at);
+    } else if (strpbrk(field->form, "mpy")) {
+        itn__load_field(r, field, at);
+    } else if (itn__has_form(field, 'w')) {
+        name = itn__read_name(r);
+        memcpy(at, &name, sizeof name);
+    } else { /* one of a few words; a flag, or nothing */
+        if (field->words && (value = itn__accept(&r->text, field->words)) < 0)
+            ITN__WRONG("%s: '%.*s' is none of: %s", field->name, itn__shown(&r->text),
+                       r->text.at, field->words);
+        if (field->at) memcpy(at, &value, sizeof value);
     }
     return 0;
 }
 
 /* Reads all fields of the line. */
-static void itn__read_fields(itn__item *item) {
-    const itn__field *fields = item->form->fields;
+static void itn__read_fields(itn__reader *r) {
+    const itn__field *fields = r->form->fields;
+    const char *title = itn__kinds[r->form->kind];
     char list[160] = "";
     itn__prose known = {list, sizeof list - 1, 0};
     int k;
     for (k = 0; fields[k].name; k++) itn__say(&known, "%s%s", k ? " " : "", fields[k].name);
-    while (!itn__line_done(item->text)) {
-        int length = itn__word_length(item->text);
-        k = itn__accept(item->text, list);
+    while (!itn__line_done(&r->text)) {
+        k = itn__accept(&r->text, list);
         if (k < 0)
-            ITN__WRONG("%s has no field '%.*s', only %s%s", item->title, length < 40 ? length : 40,
-                       item->text->at, list,
-                       item->form->kind == ITN__SURFACE ? " (or is of another type)" : "");
-        else if (item->given[k]) ITN__WRONG("%s is given twice", fields[k].name);
-        else item->given[k] = 1 + itn__read_field(item, &fields[k]);
-        if (k >= 0 && itn__has_form(&fields[k], 't')) item->given[k] = 0; /* may come again */
+            ITN__WRONG("%s has no field '%.*s', only %s%s", title, itn__shown(&r->text),
+                       r->text.at, list,
+                       r->form->kind == ITN__SURFACE ? " (or is of another type)" : "");
+        else if (r->given[k]) ITN__WRONG("%s is given twice", fields[k].name);
+        else r->given[k] = 1 + itn__read_field(r, &fields[k]);
+        if (k >= 0 && itn__has_form(&fields[k], 't')) r->given[k] = 0; /* may come again */
     }
-}
-
-/* Fails where a field must be given and was not. */
-static void itn__need_fields(itn__item *item) {
-    const itn__field *field = item->form->fields;
-    int k;
-    for (k = 0; field[k].name; k++)
-        if (!item->given[k] && itn__has_form(&field[k], '!'))
-            ITN__WRONG("%s: %s is missing", item->title, field[k].name);
-}
-
-/* Reads the bytes of a sky file. */
-static itn_result itn__sky_from_memory(const void *bytes, size_t size, const char *name,
-                                       itn_sky *sky, itn_error *error) {
-    itn__text text = itn__text_make(bytes, size, name);
-    itn__item item = ITN_ZERO;
-    text.error = error, item.text = &text, item.desc = sky;
-    item.form = &itn__sky_form, item.title = "a sky";
-    for (; text.at < text.end; itn__next_line(&text)) itn__read_fields(&item);
-    itn__need_fields(&item);
-    return text.result;
+    for (k = 0; fields[k].name; k++)
+        if (!r->given[k] && itn__has_form(&fields[k], '!'))
+            ITN__WRONG("%s: %s is missing", title, fields[k].name);
 }
 
 /* The three forms of reflectance: a colour, an image (times a colour), a checker. */
-static void itn__end_diffuse(itn__item *item, itn_surface_desc *surface) {
-    int plain = item->given[0], image = item->given[1], checker = item->given[2], k;
-    const float *n = item->checker;
+static void itn__end_diffuse(itn__reader *r, itn_surface_desc *surface) {
+    int plain = r->given[0], image = r->given[1], checker = r->given[2], k;
+    const float *n = r->checker;
     if (!plain || (plain > 1 ? checker : image ? checker : !checker))
         ITN__WRONG("reflectance is a colour, [colour] texture FILE or checker A B SIZE");
     for (k = 0; k < 3 && plain == 1; k++) {
@@ -15171,29 +15134,16 @@ static void itn__end_diffuse(itn__item *item, itn_surface_desc *surface) {
     if (!(surface->checker_size > 0)) ITN__WRONG("checker: SIZE is not positive");
 }
 
-/* What an object has besides its fields. */
-static void itn__end_object(itn__item *item, itn_object_desc *object) {
-    int k, moved = 0;
-    for (k = 0; k < 12 && object->mesh; k++) {
-        object->transform[k] = (float)item->transform[k];
-        moved |= object->transform[k] != 0;
-    }
-    if (object->mesh && !moved) /* which would mean no transform */
-        ITN__WRONG("the transform is too small for a float");
-}
-
 /* The form of the line's item. */
-static const itn__form *itn__find_form(itn__text *text) {
+static const itn__form *itn__find_form(itn__reader *r) {
     char list[300] = "";
     itn__prose known = {list, sizeof list - 1, 0};
-    const char *from = text->at, *end = from;
-    int k, kind = itn__accept(text, itn__keywords);
-    itn__text ahead = *text;
+    const char *from = r->text.at;
+    int k, kind = itn__accept(&r->text, itn__keywords);
+    itn__text ahead = r->text;
     if (kind == ITN__SURFACE) /* its type stands somewhere behind its name */
-        do {
-            itn__skip_blanks(&ahead);
-            ahead.at += itn__word_length(&ahead);
-        } while (!itn__line_done(&ahead) && itn__accept(&ahead, "type") < 0);
+        do ahead.at += itn__word_length(&ahead);
+        while (!itn__line_done(&ahead) && itn__accept(&ahead, "type") < 0);
     for (k = 0; k < ITN__FORMS; k++) {
         const itn__form *form = itn__form_at(k);
         if (form->kind == ITN__KINDS || (kind >= 0 && form->kind != kind)) continue;
@@ -15202,85 +15152,74 @@ static const itn__form *itn__find_form(itn__text *text) {
                  form->kind == ITN__SURFACE ? " NAME type " : form->variant ? " " : "",
                  form->variant ? form->variant : "");
     }
-    while (end < text->end && end - from < 40 && !itn__newline(end, text->end)) end++;
-    itn__text_fail(text, ITN_ERROR_FORMAT, "found '%.*s', expected %s", (int)(end - from), from,
-                   list);
+    while (!itn__line_done(&ahead)) ahead.at += itn__word_length(&ahead);
+    k = (int)(ahead.at - from);
+    ITN__WRONG("found '%.*s', expected %s", k < 40 ? k : 40, from, list);
     return NULL;
 }
 
-/* The desc of an item. */
-static void *itn__desc_of(itn__reader *r, int kind, int index) {
-    if (kind == ITN__MEDIUM) return &r->media[index];
-    if (kind == ITN__SURFACE) return &r->surfaces[index];
-    if (kind == ITN__OBJECT) return &r->objects[index];
-    if (kind == ITN__LIGHT) return &r->lights[index];
-    return kind == ITN__FILM ? (void *)&r->desc.film : (void *)&r->desc.camera;
-}
-
 /* Reads the item of a line that has words. */
-static void itn__read_item(itn__reader *r, itn__item *item) {
-    const itn__form *form = item->form = itn__find_form(&r->text);
+static void itn__read_item(itn__reader *r) {
+    const itn__form *form = r->form = itn__find_form(r);
     int k, kind = form ? form->kind : 0, index = r->count[kind];
-    itn_light_desc *light = &r->lights[index];
-    char name[ITN_NAME_SIZE];
-    item->reader = r, item->text = &r->text, item->title = itn__kinds[kind];
+    void *items[ITN__KINDS];
     if (index && kind <= ITN__CAMERA)
-        ITN__WRONG("%s was given in line %d", item->title, r->lines[kind][0]);
+        ITN__WRONG("%s was given in line %d", itn__kinds[kind], r->lines[kind][0]);
     if (index == ITN__MOST_ITEMS) ITN__WRONG("more than %d items of this kind", index);
     if (r->text.result) return;
-    item->desc = itn__desc_of(r, kind, index), r->lines[kind][index] = r->text.line;
+    items[ITN__FILM] = &r->desc.film, items[ITN__CAMERA] = &r->desc.camera;
+    items[ITN__MEDIUM] = &r->media[index], items[ITN__SURFACE] = &r->surfaces[index];
+    items[ITN__OBJECT] = &r->objects[index], items[ITN__LIGHT] = &r->lights[index];
+    r->item = (char *)items[kind], r->lines[kind][index] = r->text.line;
+    memset(r->given, 0, sizeof r->given);
+    for (k = 0; k < 12; k++) r->transform[k] = k % 5 == 0;
     for (k = 0; form->fields[k].name; k++) {
         float n[3] = {form->fields[k].otherwise, 0, 0};
-        if (n[0] != 0) itn__write_numbers(&form->fields[k], item->desc, n, 1);
+        if (n[0] != 0) itn__write_numbers(&form->fields[k], r->item, n, 1);
     }
-    for (k = 0; k < 12; k++) item->transform[k] = k % 5 == 0;
-    if (kind == ITN__MEDIUM || kind == ITN__SURFACE) /* its first field */
-        *(const char **)item->desc = itn__read_name(item);
-    itn__read_fields(item);
-    itn__need_fields(item);
+    if (kind == ITN__MEDIUM) r->media[index].name = itn__read_name(r);
+    if (kind == ITN__SURFACE) r->surfaces[index].name = itn__read_name(r);
+    itn__read_fields(r);
     if (kind == ITN__SURFACE) r->surfaces[index].type = (itn_surface_type)form->type;
     if (kind == ITN__SURFACE && form->type == ITN_SURFACE_DIFFUSE)
-        itn__end_diffuse(item, &r->surfaces[index]);
-    if (kind == ITN__OBJECT) itn__end_object(item, &r->objects[index]);
-    if (kind == ITN__LIGHT) light->type = (itn_light_type)form->type, light->has_scale = 1;
-    if (kind == ITN__LIGHT && !light->name) {
-        itn__light_name(name, index);
-        light->name = itn__keep_name(item, name, ITN_NAME_SIZE);
-    }
+        itn__end_diffuse(r, &r->surfaces[index]);
+    for (k = 0; k < 12 && r->objects[index].mesh && kind == ITN__OBJECT; k++)
+        r->objects[index].transform[k] = (float)r->transform[k];
+    if (kind == ITN__LIGHT)
+        r->lights[index].type = (itn_light_type)form->type, r->lights[index].has_scale = 1;
     r->count[kind]++;
 }
 
-/* Fails in a line that is known afterwards; 0: in no single one. */
-static itn_result itn__fail_in_line(itn__reader *r, int line, itn_result code, const char *words) {
-    return itn__fail(r->text.error, code, line, "%s:%d: %s", r->text.name, line, words);
-}
-
-/* Reads all lines and makes the scene. */
+/* Reads all lines and makes the scene. What is wrong with an item, or (line 0) with the whole, is
+   known afterwards. */
 static itn_result itn__read_scene(itn__reader *r, itn_scene **scene) {
-    const char *fault = NULL;
     itn_scene_desc *desc = &r->desc;
     itn_error error = ITN_ZERO;
-    itn_result result;
-    int kind = -1, index = 0, line = 0;
-    if (memchr(r->text.at, 0, (size_t)(r->text.end - r->text.at)))
-        return itn__fail_in_line(r, 0, ITN_ERROR_FORMAT, "a zero byte is not text");
+    const char *fault = error.message;
+    itn_result result = ITN_ERROR_FORMAT;
+    int kind, index, line = 0;
     for (; r->text.at < r->text.end; itn__next_line(&r->text)) {
-        itn__item item = ITN_ZERO;
-        if (!itn__line_done(&r->text)) itn__read_item(r, &item);
+        const char *from = r->text.at;
+        if (!itn__line_done(&r->text)) itn__read_item(r);
+        if (memchr(from, 0, (size_t)(r->text.at - from))) ITN__WRONG("a zero byte is not text");
     }
     if (r->text.result) return r->text.result;
-    if (!r->count[ITN__CAMERA]) fault = "there is no camera";
-    else if (!r->count[ITN__LIGHT]) fault = "there is no light: all would be black";
-    else if (r->colour_line && desc->film.channels != 3)
-        fault = "a colour of three numbers needs a film with channels 3", line = r->colour_line;
-    if (fault) return itn__fail_in_line(r, line, ITN_ERROR_FORMAT, fault);
     desc->media = r->media, desc->medium_count = r->count[ITN__MEDIUM];
     desc->surfaces = r->surfaces, desc->surface_count = r->count[ITN__SURFACE];
     desc->objects = r->objects, desc->object_count = r->count[ITN__OBJECT];
     desc->lights = r->lights, desc->light_count = r->count[ITN__LIGHT];
-    result = itn__create_scene(desc, &r->context, ITN_ERROR_FORMAT, scene, &kind, &index, &error);
-    if (!result) return ITN_OK;
-    return itn__fail_in_line(r, kind < 0 ? 0 : r->lines[kind][index], result, error.message);
+    if (!r->count[ITN__CAMERA]) {
+        fault = "there is no camera";
+    } else if (!r->count[ITN__LIGHT]) {
+        fault = "there is no light: all would be black";
+    } else if (r->colour_line && desc->film.channels != 3) {
+        fault = "a colour of three numbers needs a film with channels 3", line = r->colour_line;
+    } else {
+        result = itn__create_scene(desc, &r->context, result, scene, &kind, &index, &error);
+        if (!result) return ITN_OK;
+        line = kind < 0 ? 0 : r->lines[kind][index];
+    }
+    return itn__fail(r->text.error, result, line, "%s:%d: %s", r->text.name, line, fault);
 }
 
 ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const char *name,

@@ -256,9 +256,7 @@ static const bad_line bad_lines[] = {
     {"medium 1x sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "name '1x'"},
     {"medium x.y sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "name 'x.y'"},
     {"medium abcdefghijklmnopqrstuvwxyz1234567 sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "name"},
-    {"medium m sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "'m' is used twice"},
-    {"surface m type dielectric", ITN_ERROR_FORMAT, "'m' is used twice"},
-    {"light constant radiance 1 name m", ITN_ERROR_FORMAT, "'m' is used twice"},
+    {"medium m sigma_t 1 albedo 1", ITN_ERROR_FORMAT, "m: another medium has this name"},
     {"medium x sigma_t nan albedo 1", ITN_ERROR_FORMAT, "'nan' is not a finite number"},
     {"medium x sigma_t inf albedo 1", ITN_ERROR_FORMAT, "'inf' is not a finite number"},
     {"medium x sigma_t 1e39 albedo 1", ITN_ERROR_FORMAT, "'1e39' is not a finite number"},
@@ -411,11 +409,19 @@ static void test_other_errors(void) {
     strcat(text, rest);
     CHECK(!load_text(text, NULL, &error) && error.line == 3);
     for (i = 0; i < 2; i++) { /* a light without a name has one all the same */
-        sprintf(text, "%slight constant radiance 1%s\nlight constant radiance 1%s\n", base,
-                i ? " name light2" : "", i ? "" : " name light");
+        sprintf(text, "%slight constant radiance 1%s\nlight constant radiance 1%s\n%s", base,
+                i ? " name light2" : "", i ? "" : " name light", rest);
         CHECK(!load_text(text, NULL, &error) && error.line == 4);
-        CHECK(strstr(error.message, i ? "'light2' is used twice" : "'light' is used twice"));
+        CHECK(strstr(error.message, "another light has this name"));
+        CHECK(strstr(error.message, i ? "4: light2: " : "4: light: "));
     }
+    sprintf(text, "%ssurface m type dielectric\n%slight constant radiance 1 name m\n", base, rest);
+    scene = load_text(text, NULL, &error); /* items of a kind are told apart */
+    CHECK(scene != NULL);
+    itn_scene_free(scene), scene = NULL;
+    sprintf(text, "%ssurface s type dielectric\nsurface s type diffuse reflectance 1\n%s", base, rest);
+    CHECK(!load_text(text, NULL, &error) && error.line == 4);
+    CHECK(strstr(error.message, "s: another surface has this name") != NULL);
     sprintf(text, "%smedium x sigma_t 1 \\\n albedo 0.5 \\\n g 2\n%s", base, rest);
     CHECK(!load_text(text, NULL, &error) && error.line == 5 && strstr(error.message, "g: 2 is"));
     write_bytes("scene.itn", "camera\0 eye 0 0 1 target 0 0 0\n", 31);
