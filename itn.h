@@ -14014,7 +14014,7 @@ static itn_result itn__exr_decode(const itn__text *given, const itn_context *con
 static itn_result itn__pfm_decode(itn__text *text, const itn_context *context, itn_image *image) {
     static const char *const what[] = {"PFM width", "PFM height", "PFM scale"};
     int channels = text->at[1] == 'F' ? 3 : 1, x, row, k;
-    double header[3], left;
+    double header[3], needed, left;
     const unsigned char *bytes;
     text->at += 2;
     for (k = 0; k < 3; k++) {
@@ -14024,10 +14024,11 @@ static itn_result itn__pfm_decode(itn__text *text, const itn_context *context, i
                   : (float)header[k] == 0)
             ITN__DAMAGED(text, "%s is %g", what[k], header[k]);
     }
-    left = (double)(text->end - text->at) - header[0] * header[1] * channels * 4;
+    needed = header[0] * header[1] * channels * 4;
+    left = (double)(text->end - text->at) - needed;
     /* the one white space character, or two, of a file that was written as text on Windows */
     if (left != 1 && !(left == 2 && itn__newline(text->at, text->end) == 2))
-        ITN__DAMAGED(text, "PFM has %.0f bytes of pixels too many (or, < 0, too few)", left - 1);
+        ITN__DAMAGED(text, "PFM has %.0f bytes of pixels, needs %.0f", needed + left - 1, needed);
     if (!text->result)
         text->result = itn_image_create((int)header[0], (int)header[1], channels, context, image,
                                         text->error);
