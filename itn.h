@@ -7533,29 +7533,28 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
    reference uses. One crowd does a unit of work from start to end, always in the same order, so
    results have the same bits for any number of threads. */
 
-/* Paths in lanes. */
+/* What a path takes along, said once for lanes and for one path alone. p, d: where it is, and its
+   direction; beta: its weight; pdf: the density by which d was drawn; up, level: the plane up . x =
+   level of the last surface, up being out of the medium, or one adopted since ([value]); control:
+   minus the sum of differences (itn__difference). With scores, since the last surface: flights:
+   sigma_t times those of flights; phases: those of turns by g; hits: number of collisions; bases:
+   what is to be taken off (itn__book). Of a shadow ray beta is what it would bring, pdf is xi c of
+   [shadow]. */
+#define ITN__PATH_ROWS(number, vector, integer)                                                    \
+    vector p, d;                                                                                   \
+    number beta[3], pdf;                                                                           \
+    integer key0, key1, dimension; /* of the random numbers */                                     \
+    vector up;                                                                                     \
+    number level, control[3], flights, phases, hits, flight_base[3], phase_base[3];
 typedef struct itn__state {
-    itn__vectors p, d;
-    itn__floats beta[3], pdf; /* weight; density by which d was drawn */
-    itn__ints key0, key1, dimension; /* of the random numbers */
-    itn__vectors up;   /* normal of the plane of the last surface, out of the medium, */
-    itn__floats level; /* and up . p there; or of a plane adopted since ([value]); */
-    itn__floats control[3];            /* minus the sum of differences, see itn__difference */
-    itn__floats flights, phases, hits; /* with scores, since the last surface: sigma_t times those
-                                          of flights, those of turns by g, number of collisions, */
-    itn__floats flight_base[3], phase_base[3]; /* and what is to be taken off, see itn__book */
+    ITN__PATH_ROWS(itn__floats, itn__vectors, itn__ints)
     itn__ints slot; /* number of the path */
 } itn__state;
 
-/* A path, or a shadow ray on its way. It begins with the members of the state down to the slot, its
-   rows, so that row r of a lane is number r of all. */
+/* A path, or a shadow ray on its way: number r of it is row r of a lane. */
 typedef struct itn__path {
-    itn_vec3 p, d;
-    float beta[3], pdf; /* of a shadow ray: what it would bring, and xi c of [shadow] */
-    int32_t key0, key1, dimension;
-    itn_vec3 up;
-    float level, control[3], flights, phases, hits, flight_base[3], phase_base[3];
-    float distance; /* of the flight drawn, or that has brought it to a collision; else -1 */
+    ITN__PATH_ROWS(float, itn_vec3, int32_t)
+    float distance; /* of the flight drawn, or that has brought it to a collision; -1 before */
     itn_hit hit;    /* where that ends, triangle -1: nowhere, */
     itn__shear shear;
     itn__event event;  /* what it meets there; */
@@ -7618,7 +7617,6 @@ typedef struct itn__fast {
     int only_constant; /* there is no other */
     itn__place camera; /* where it is; */
     int outside;       /* not in a medium; */
-    int fills;         /* what its rays bring that meet nothing is known */
     int shadows;       /* some light is sampled */
     float shadow_cut;  /* c of [shadow] */
     float roulette;    /* weights below this are raised to it by chance */
@@ -7729,8 +7727,9 @@ static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
 
 /* Sends a path to its next flight. */
 static void itn__depart(itn__crowd *crowd, itn__path *path) {
-    path->distance = -1;
-    itn__enqueue(crowd, &crowd->walk[itn__substance_of(crowd->fast, &path->place)], path);
+    int substance = itn__substance_of(crowd->fast, &path->place);
+    path->distance = substance ? -1 : INFINITY;
+    itn__enqueue(crowd, &crowd->walk[substance], path);
 }
 
 /* With ITN_SAMPLER_SOBOL the first eight random numbers come from the dimensions 0 to 7 of a
@@ -8549,9 +8548,9 @@ static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s,
     for (c = 1; c < crowd->fast->channels; c++) largest = itn__most(largest, w[c]);
     *level = crowd->fast->shadow_cut *
              itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &dimension, mask);
-    mask &= itn__less(*level, largest), *depth = itn__splat(INFINITY);
-    if (crowd->fast->shadow_cut > 0)
-        *depth = itn__vlog(itn__select(mask, largest / *level, itn__splat(1)));
+    mask &= itn__less(*level, largest);
+    *depth = itn__vlog(itn__select(mask, itn__least(largest / *level, itn__splat(FLT_MAX)),
+                                   itn__splat(1)));
     return itn__mask_bits(mask);
 }
 
@@ -8867,39 +8866,33 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     itn__enqueue(crowd, &crowd->surface[object->surface], path);
 }
 
-/* A flight has met nothing. One that ends beyond the box of all solids has lost its own, as
-   rounding makes it happen in needles: it goes on outside. Returns whether it has. */
-static int itn__lose(itn__crowd *crowd, int substance, itn__path *path) {
+/* Flights to their ends: in a substance those that the tables could not prove free; outside, to the
+   next surface or to the lights. A flight that meets nothing in a medium, and ends beyond the box
+   of all solids, has lost its own, as rounding makes it happen in needles: it goes on outside. */
+ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     const itn_scene *scene = crowd->fast->scene;
-    float t;
-    if (itn__within(scene, itn__along(path->p, path->distance, path->d))) return 0;
-    t = itn__way_out(scene, path->p, path->d);
-    itn__pass(crowd, path, substance, t);
-    path->p = itn__along(path->p, t, path->d);
-    itn__leave_solids(scene, &path->place);
-    itn__depart(crowd, path);
-    return 1;
-}
-
-/* The paths of a queue, which is empty then, take off. */
-static void itn__take(itn__crowd *crowd, itn__queue *queue) {
+    itn__queue *queue = substance ? &crowd->exact : &crowd->walk[0];
     int i;
     for (i = 0; i < queue->count; i++) crowd->taken[i] = &crowd->paths[queue->slots[i]];
     crowd->taken_count = queue->count, queue->count = 0;
-}
-
-/* Flights that the tables could not prove free. */
-ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
-    int i;
-    itn__take(crowd, &crowd->exact);
-    itn__find_hits(crowd);
+    if (substance) itn__find_hits(crowd);
     for (i = 0; i < crowd->taken_count; i++) {
         itn__path *path = crowd->taken[i];
+        itn_vec3 end = itn__along(path->p, path->distance, path->d);
+        if (!substance) itn__find_hit(scene, path);
         if (path->hit.triangle >= 0) {
             itn__meet(crowd, substance, path);
-        } else if (!itn__lose(crowd, substance, path)) {
-            path->p = itn__along(path->p, path->distance, path->d);
+        } else if (!substance) {
+            itn__enqueue(crowd, &crowd->sky, path);
+        } else if (itn__within(scene, end)) {
+            path->p = end;
             itn__enqueue(crowd, &crowd->walk[substance], path);
+        } else {
+            path->hit.t = itn__way_out(scene, path->p, path->d);
+            itn__pass(crowd, path, substance, path->hit.t);
+            path->p = itn__along(path->p, path->hit.t, path->d);
+            itn__leave_solids(scene, &path->place);
+            itn__depart(crowd, path);
         }
     }
 }
@@ -9024,14 +9017,7 @@ ITN__NOINLINE void itn__run_outside(itn__crowd *crowd) {
             queue->slots[alive++] = ITN__LANE(s.slot, itn__lowest_bit(bits));
     }
     queue->count = alive;
-    itn__take(crowd, queue);
-    for (i = 0; i < crowd->taken_count; i++) {
-        itn__path *path = crowd->taken[i];
-        path->distance = INFINITY;
-        itn__find_hit(crowd->fast->scene, path);
-        if (path->hit.triangle >= 0) itn__meet(crowd, 0, path);
-        else itn__enqueue(crowd, &crowd->sky, path);
-    }
+    itn__run_exact(crowd, 0);
 }
 
 /* Light from where a path leaves for, sampled lights at weight mis, comes home; its end. */
