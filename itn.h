@@ -8569,51 +8569,19 @@ static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k
     return ray;
 }
 
-/* Sends off shadow rays of a collision in a substance, with these scores of their turns; those that
-   stay in the free space around end at once. */
-static void itn__shadows_of_collisions(itn__crowd *crowd, int substance, const itn__state *s,
-                                       const itn__vectors *d, const itn__floats w[3],
-                                       itn__floats turn, itn__ints mask,
-                                       const itn__free_space *space) {
-    itn__floats level, depth, reach, unused;
-    unsigned bits = itn__cut_shadows(crowd, s, w, mask, &level, &depth);
-    reach = depth * crowd->fast->substances[substance].mean_free_path;
-    bits &= ~itn__mask_bits(itn__free_flight(space, itn__valong(s->p, reach, *d), *d, &unused));
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        itn__path *ray = itn__send_shadow(crowd, s, k, d, w, ITN__LANE(level, k),
-                                          ITN__LANE(reach, k));
-        itn__leave_behind(&ray->place);
-        ray->flights = ITN__LANE(s->flights, k), ray->hits = ITN__LANE(s->hits, k);
-        ray->phases = ITN__LANE(s->phases, k) + ITN__LANE(turn, k);
-        itn__book(crowd, ray, substance);
-    }
-}
-
 /* ---- [walk] collisions, one after the other -------------------------------------------------- */
 
 /* The stage where nearly all time is spent: roulette, flight, collision, new direction, for as long
    as each flight is proven free. */
 
-/* Where paths that have drawn many random numbers are late, see itn__roulette. */
-static itn__ints itn__late(const itn__crowd *crowd, const itn__state *s, itn__ints mask) {
-    itn__ints limit = itn__splat_int((int32_t)ITN__MANY_DRAWS_CLEAR);
-    unsigned bits = itn__mask_bits(mask & itn__int_less(limit, s->dimension));
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-        ITN__LANE(limit, k) = (int32_t)itn__many_draws(crowd->fast->scene, crowd->fast->theta,
-                                                       &path->place);
-    }
-    return itn__int_less(limit, s->dimension);
-}
-
-/* itn__roulette in lanes, which are expected to bring `value` per weight. Returns who survives. */
-static itn__ints itn__roulette_lanes(const itn__crowd *crowd, itn__state *s,
+/* itn__roulette in lanes of a substance, which are expected to bring `value` per weight. Returns
+   who survives. */
+static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn__state *s,
                                      const itn__floats value[3], itn__ints mask) {
     const itn__fast *fast = crowd->fast;
+    uint32_t many = itn__many_draws_in(fast->scene, fast->substances[substance].sigma_t);
     itn__floats largest = s->beta[0], survival = itn__splat(1), level = itn__splat(fast->roulette);
-    itn__ints low, late = itn__late(crowd, s, mask), survives;
+    itn__ints low, late = itn__int_less(itn__splat_int(many), s->dimension), survives;
     int c;
     for (c = 1; c < fast->channels; c++) largest = itn__most(largest, s->beta[c]);
     low = ~itn__less_equal(level * ITN__SAME_WEIGHT, largest);
@@ -8633,26 +8601,32 @@ static itn__ints itn__roulette_lanes(const itn__crowd *crowd, itn__state *s,
     return mask & ~(low & ~survives);
 }
 
-/* d ln p / dg of the phase function. */
-static itn__floats itn__turn_score(float g, itn__floats x, itn__floats y) {
-    itn__num p = itn__hg(itn__variable(itn__splat(g)), x, y);
-    return p.d / p.v;
-}
-
-/* Shadow rays of collisions in the mask's lanes. */
+/* Shadow rays of collisions in the mask's lanes; those that stay in the free space around end at
+   once. */
 static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
                                   const itn__free_space *space) {
-    const itn__fast *fast = crowd->fast;
-    float g = fast->substances[substance].g;
+    const itn__substance *medium = &crowd->fast->substances[substance];
     itn__light_draw light = itn__light_for(crowd, s, mask);
-    itn__floats x = itn__vone_minus_cosine(s->d, light.direction);
+    itn__floats x = itn__vone_minus_cosine(s->d, light.direction), w[3], level, depth, reach, q;
     itn__floats y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
-    itn__floats pdf = itn__hg(itn__constant(itn__splat(g)), x, y).v, w[3], turn = itn__splat(0);
+    itn__num p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
+    unsigned bits;
     int c;
-    for (c = 0; c < fast->channels; c++)
-        w[c] = s->beta[c] * pdf * light.radiance[c] / (light.pdf + pdf);
-    if (fast->count) turn = itn__turn_score(g, x, y);
-    itn__shadows_of_collisions(crowd, substance, s, &light.direction, w, turn, light.drawn, space);
+    for (c = 0; c < crowd->fast->channels; c++)
+        w[c] = s->beta[c] * p.v * light.radiance[c] / (light.pdf + p.v);
+    bits = itn__cut_shadows(crowd, s, w, light.drawn, &level, &depth);
+    reach = depth * medium->mean_free_path;
+    bits &= ~itn__mask_bits(itn__free_flight(space, itn__valong(s->p, reach, light.direction),
+                                             light.direction, &q));
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__path *ray = itn__send_shadow(crowd, s, k, &light.direction, w, ITN__LANE(level, k),
+                                          ITN__LANE(reach, k));
+        itn__leave_behind(&ray->place);
+        ray->flights = ITN__LANE(s->flights, k), ray->hits = ITN__LANE(s->hits, k);
+        ray->phases = ITN__LANE(s->phases, k) + ITN__LANE(p.d, k) / ITN__LANE(p.v, k);
+        itn__book(crowd, ray, substance);
+    }
 }
 
 /* A collision in each lane of the mask, after a flight over `distance`: albedo, a shadow ray, a new
@@ -8665,6 +8639,7 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
     itn__floats u, v, x, y, score, zero = itn__splat(0);
     itn__ints alive = itn__splat_int(0);
     itn__vectors d = s->d;
+    itn__num p;
     int c;
     crowd->collisions += itn__count_bits(itn__mask_bits(mask));
     score = itn__select(mask, 1 - medium->sigma_t * distance, zero);
@@ -8678,24 +8653,24 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
     if (fast->shadows) itn__light_collisions(crowd, substance, s, mask, space);
     u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
     s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
-    if (!fast->only_constant)
-        s->pdf = itn__select(mask, itn__hg(itn__constant(itn__splat(medium->g)), x, y).v, s->pdf);
     if (fast->controls) itn__control_direction(fast, medium, s, &d, mask);
-    if (fast->count) {
-        score = itn__select(mask, itn__turn_score(medium->g, x, y), zero);
-        s->phases = s->phases + score;
-        for (c = 0; c < fast->channels; c++)
-            s->phase_base[c] = s->phase_base[c] + score * s->beta[c] * medium->value.mean[c];
-    }
+    if (fast->only_constant && !fast->count) return mask;
+    p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
+    s->pdf = itn__select(mask, p.v, s->pdf);
+    score = itn__select(mask, p.d / p.v, zero), s->phases = s->phases + score;
+    for (c = 0; c < fast->channels; c++)
+        s->phase_base[c] = s->phase_base[c] + score * s->beta[c] * medium->value.mean[c];
     return mask;
 }
 
 /* Roulette, and flights of the mask's lanes; returns who survives. */
-static itn__ints itn__take_off(itn__crowd *crowd, const itn__substance *substance, itn__state *s,
-                               itn__ints mask, itn__floats *distance) {
+static itn__ints itn__take_off(itn__crowd *crowd, int number, itn__state *s, itn__ints mask,
+                               itn__floats *distance) {
+    const itn__substance *substance = &crowd->fast->substances[number];
     itn__ahead ahead;
     if (crowd->fast->controls) itn__look_ahead(crowd->fast, substance, s, &ahead);
-    mask = itn__roulette_lanes(crowd, s, crowd->fast->controls ? ahead.mean : NULL, mask);
+    mask = itn__roulette_lanes(crowd, number, s, crowd->fast->controls ? ahead.mean : NULL,
+                               mask);
     *distance = itn__select(mask, itn__sample_flight(itn__splat(substance->mean_free_path),
                                                      itn__draw(crowd, s, mask)), *distance);
     if (crowd->fast->controls)
@@ -8804,8 +8779,7 @@ ITN__NOINLINE void itn__run_walk(itn__crowd *crowd, int substance) {
         here = mask & itn__less_equal(itn__splat(0), walk.distance);
         walk.moved |= itn__mask_bits(here);
         mask &= ~here | itn__collide(crowd, substance, &walk.s, walk.distance, here, &walk.space);
-        mask = itn__take_off(crowd, &crowd->fast->substances[substance], &walk.s, mask,
-                             &walk.distance);
+        mask = itn__take_off(crowd, substance, &walk.s, mask, &walk.distance);
         if (crowd->fast->learning) itn__mark_flights(crowd, substance, &walk.s, mask);
         itn__end_lanes(crowd, substance, &walk.s, walk.busy & ~itn__mask_bits(mask));
         safe = itn__fly(crowd->fast, &walk, mask);
@@ -9010,7 +8984,7 @@ ITN__NOINLINE void itn__run_outside(itn__crowd *crowd) {
         itn__ints here = itn__first_lanes(queue->count - i), mask;
         unsigned bits;
         itn__read(crowd, queue->slots + i, itn__mask_bits(here), &s);
-        mask = itn__roulette_lanes(crowd, &s, light, here);
+        mask = itn__roulette_lanes(crowd, 0, &s, light, here);
         itn__end_lanes(crowd, 0, &s, itn__mask_bits(here & ~mask));
         itn__write(crowd, &s, itn__mask_bits(mask));
         for (bits = itn__mask_bits(mask); bits; bits &= bits - 1)
@@ -9105,32 +9079,26 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
     return path;
 }
 
-/* A sample's camera ray, by Sobol points or by the first numbers of its first path. */
-static itn_ray itn__first_ray(const itn__fast *fast, const itn__path *path, int sample,
-                              float u[2]) {
-    itn__words index = itn__splat_word(sample % fast->set);
-    itn__words seed = itn__splat_word(path->scramble - 1);
-    itn__floats x = itn__sobol(index, 0, seed), y = itn__sobol(index, 1, seed);
-    size_t width = (size_t)fast->scene->film.width;
-    if (fast->sobol) u[0] = ITN__LANE(x, 0), u[1] = ITN__LANE(y, 0);
-    return itn__camera_ray(&fast->scene->camera, (int)(path->pixel % width),
-                           (int)(path->pixel / width), u[0], u[1]);
-}
-
 /* Starts the paths of the unit's next camera ray; those that see nothing need only one for all. */
 static void itn__start_ray(itn__crowd *crowd) {
     const itn__fast *fast = crowd->fast;
     itn__unit *unit = &crowd->unit;
     int number = unit->next++, sample = unit->first + number % unit->count, walk;
+    itn__words seed, index = itn__splat_word(sample % fast->set);
     itn__path *path, seen;
+    itn__floats x, y;
     itn_ray ray;
     float u[2];
-    size_t pixel;
+    size_t pixel, width = (size_t)fast->scene->film.width;
     if (!itn__unit_pixel(fast->scene, unit, number / unit->count, &pixel) ||
         sample >= itn__pixel_rays(fast, pixel))
         return;
     path = itn__start_path(crowd, pixel, sample, 0, u), path->number = number;
-    ray = itn__first_ray(fast, path, sample, u);
+    seed = itn__splat_word(path->scramble - 1);
+    x = itn__sobol(index, 0, seed), y = itn__sobol(index, 1, seed);
+    if (fast->sobol) u[0] = ITN__LANE(x, 0), u[1] = ITN__LANE(y, 0);
+    ray = itn__camera_ray(&fast->scene->camera, (int)(pixel % width), (int)(pixel / width), u[0],
+                          u[1]);
     path->p = ray.origin, path->d = ray.direction, path->distance = INFINITY;
     path->hit.triangle = -1;
     if (fast->outside && !fast->pixels[pixel]) itn__find_hit(fast->scene, path);
