@@ -1086,11 +1086,10 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
    Out: digits = round(value 10^places), half to even, printed from the last one on. The scaling
    takes at most two operations of double for up to 22 places, so what is printed with at most 15
    significant digits is right but for numbers within 1e-15 of the middle between two.
-   In: the first 19 digits are an integer, the others count as powers of ten. Correctly rounded to
-   double for up to 15 digits and 10^-22 to 10^22, since the digits and the power of ten are then
-   exact and one operation joins them (Clinger 1990); otherwise within 10 units in the last
-   place, so that a float got from it is correctly rounded but for numbers within 1e-15 of the
-   middle between two floats. Overflow gives infinity. */
+   In: the first 19 digits are an integer, the others count as powers of ten. Up to 15 digits and
+   10^-22 to 10^22 are correctly rounded to double, since digits and power are then exact and one
+   operation joins them (Clinger 1990); others are within 10 units in the last place, which is
+   enough for floats but within 1e-15 of the middle between two. Overflow gives infinity. */
 
 /* Text that is composed in a buffer of the caller's. */
 typedef struct itn__prose {
@@ -2072,8 +2071,7 @@ ITN_API itn_result itn_image_create(int width, int height, int plane_count,
     made.width = width, made.height = height, made.plane_count = plane_count;
     made.names = (char(*)[ITN_NAME_SIZE])itn__allocate(&made.context, (size_t)plane_count,
                                                        ITN_NAME_SIZE);
-    made.pixels = (float *)itn__allocate(&made.context, pixels * (size_t)plane_count,
-                                         sizeof(float));
+    made.pixels = ITN__NEW(float, &made.context, pixels * (size_t)plane_count);
     if (!made.names || !made.pixels) {
         itn_image_free(&made);
         return itn__out_of_memory(error, "an image");
@@ -2202,14 +2200,11 @@ static double itn__unit_normal(const itn__triangle *triangle, double n[3]) {
 
 /* Solids. A mesh bounds a solid when its oriented triangles have no boundary: every directed edge
    (a,b) is used as often as its opposite (b,a). Vertices at equal positions are welded first, so
-   the seams of texture coordinates do not count as holes. For an undirected edge with f uses in one
-   direction and b in the other:
-     f == b      good (two triangles, or several where parts touch along the edge),
-     f + b == 1  open: the rim of a hole,
-     otherwise   flipped: some of its triangles disagree on which side is out.
-   Triangles with an index out of range take no part, so they leave holes; nor do triangles with two
-   equal corners, which cover nothing. A zero-area triangle of three different corners does take
-   part: it may close the slit between a long edge and the two short ones beside it.
+   the seams of texture coordinates do not count as holes. Of an undirected edge with f uses in one
+   direction and b in the other, f == b is good, f + b == 1 open, the rim of a hole; otherwise it is
+   flipped: some of its triangles disagree on which side is out. Triangles with an index out of
+   range or with two equal corners take no part; those of zero area and three different corners may
+   close the slit between a long edge and the two short ones beside it.
    A closed mesh has the signed volume V = sum of F / 6 (the divergence theorem), with o at one of
    its corners, so that a mesh far from the origin loses no digits. The parts that edges of two
    triangles join have such volumes, too; where rounding may have made one, as of a sheet with two
@@ -2471,20 +2466,20 @@ static int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
 }
 
 /* Sides. A path walk knows for each closed object whether it is inside, and there can only meet a
-   back face, and outside only a front face. With `sides`, faces of the wrong orientation are passed
-   over, so that a ray which starts on a face does not meet that face again, however its origin was
-   rounded, and no epsilon is needed.
-   Open sheets have no inside; they are met where the ray begins in space, at t > 0. In the plane
-   where it was thrown back, by the sheet or by a surface on it, none is met. At a boundary that it
-   has gone through, or that has thrown it back towards a sheet which had thrown it there, a sheet
-   in that plane is met at once, at t = 0, as the ground under an object that stands on it. This
-   holds until the ray meets a face that lies in another plane.
-   A point o is |F| / |n|_1 away from a triangle's plane, measured along the axes ([mesh]). Where a
-   ray begins on a face, its origin is a rounded point of it; twice as far from a plane as from that
-   face's own, and 16 u |o| (u = 2^-24) for planes that agree but for rounding, counts as in it. The
-   t of sheets is computed in double: a ground is often so large that floats of its corners' size
-   cannot tell what lies on it from what does not. It counts for a little more, so that of a
-   boundary on a sheet and the sheet the boundary is met first. */
+   back face, and outside only a front face. Faces of the wrong orientation are passed over, so that
+   a ray which starts on a face does not meet that face again, however its origin was rounded, and
+   no epsilon is needed.
+   Open sheets have no inside; they are met at t > 0. None is met in the plane where a ray was
+   thrown back, by the sheet or by a surface on it. At a boundary that it has gone through, or that
+   has thrown it back towards a sheet which had thrown it there, a sheet in that plane is met at
+   once, at t = 0, as the ground under an object that stands on it. This holds until the ray meets a
+   face that lies in another plane.
+   A point o is |F| / |n|_1 away from a triangle's plane, measured along the axes ([mesh]). A ray's
+   origin on a face is a rounded point of it: twice as far as from that face's own plane, and
+   16 u |o| (u = 2^-24) for planes that agree but for rounding, counts as in the plane. The t of
+   sheets is computed in double: a ground is often so large that floats of its corners' size cannot
+   tell what lies on it from what does not. It counts for a little more, so that of a boundary on a
+   sheet and the sheet the boundary is met first. */
 
 typedef struct itn__sides {
     uint64_t front, back; /* objects, as bits, whose front faces and whose back faces a walk may
@@ -2671,24 +2666,20 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, fl
 /* ---- [bvh] a bounding volume hierarchy ------------------------------------------------------ */
 
 /* A tree whose nodes have up to ITN__WIDE children and whose leaves are packs, so that a ray tests
-   all children of a node, or all triangles of a leaf, in lanes. By the surface area heuristic
-   (MacDonald and Booth 1990) the cost of a ray is
-     sum over leaves of area + sum over nodes of area,
-   relative to testing one leaf and to the area of the whole, since a ray that meets a convex box
-   meets a smaller one inside it with a probability of the ratio of their areas.
+   all children of a node, or all triangles of a leaf, in lanes. A ray that meets a convex box meets
+   a smaller one inside it with a probability of the ratio of their areas, so that its cost is the
+   sum of the areas of all nodes and leaves (MacDonald and Booth 1990).
    A node begins with one child that holds all its triangles; children are cut in two, those of
-   large areas first, until there are ITN__WIDE (Wald, Benthin and Boulos 2008). Candidate cuts are
-   the borders of equal bins of the triangles' centres along each axis (Wald 2007); both sides are
-   priced as if they became full leaves, and a child that fits a leaf is cut only if that saves
-   ITN__CUT_COST of its area. Where no border separates anything (equal centres), and below
-   ITN__SAH_DEPTH levels, the list is cut in the middle: fewer than 2^30 triangles then end within
-   30 more levels, so that no tree is deeper than ITN__DEPTH, whatever the mesh.
-   The references to the triangles are sorted in place: a child is a part of its node's list. Nodes
-   are made level by level, those of one level side by side; their children are numbered afterwards,
-   in order. A node with fewer than ITN__WIDE children has only leaves, since more triangles than a
-   leaf holds can always be cut. Let n be the number of triangles. Nodes that have nodes below them
-   add at least ITN__WIDE - 1 children each and there are at most n leaves; the others hold more
-   than ITN__PACK triangles each: there are at most n / (ITN__WIDE - 1) + n / ITN__PACK + 1. */
+   large areas first, until there are ITN__WIDE (Wald, Benthin and Boulos 2008), each at the
+   cheapest border of equal bins of the triangles' centres along an axis (Wald 2007). Both sides are
+   priced as if they became full leaves; a child that fits a leaf is cut only if that saves
+   ITN__CUT_COST of its area. Where no border separates anything, and below ITN__SAH_DEPTH levels,
+   the list is cut in the middle: fewer than 2^30 triangles then end within 30 more levels.
+   References to the triangles are sorted in place: a child is a part of its node's list. Nodes are
+   made level by level, those of one level side by side; their children are numbered afterwards, in
+   order. Nodes that have nodes below them have ITN__WIDE children, since more triangles than a leaf
+   holds can always be cut, and there are at most n leaves; the others hold more than ITN__PACK of
+   the n triangles each: there are at most n / (ITN__WIDE - 1) + n / ITN__PACK + 1. */
 
 enum {
     ITN__WIDE = ITN__LANES > 4 ? 16 : 8,
@@ -2705,8 +2696,8 @@ typedef struct itn__box {
     float bound[8];
 } itn__box;
 
-/* The children's boxes by coordinate (lower x, y, z, upper x, y, z), and the children: node c, or
-   leaf ~c. A child that does not exist is leaf 0, which is empty, in an empty box. */
+/* The children's boxes (lower x, y, z, upper x, y, z), and the children: node c, or leaf ~c. A
+   child that does not exist is leaf 0, which is empty, in an empty box. */
 typedef struct itn__node {
     float bounds[6][ITN__WIDE];
     int32_t child[ITN__WIDE];
@@ -3055,17 +3046,15 @@ static itn_result itn__bvh_build(const itn_mesh *mesh, const int *object_of_tria
                          bvh ? "the mesh has no triangle" : "bvh is NULL");
     if (mesh->triangle_count >= 1 << 30) return itn__out_of_memory(error, "2^30 triangles");
     build.mesh = mesh, build.objects = object_of_triangle;
-    build.bvh = (itn_bvh *)itn__allocate(&own, 1, sizeof *build.bvh);
+    build.bvh = ITN__NEW(itn_bvh, &own, 1);
     if (!build.bvh) return itn__out_of_memory(error, "a bounding volume hierarchy");
     build.bvh->context = own, build.bvh->triangle_count = mesh->triangle_count;
     result = itn__bvh_make(&build, error);
     itn__free(&own, build.leaves);
     itn__free(&own, build.nodes);
     itn__free(&own, build.references);
-    if (result)
-        itn_bvh_free(build.bvh);
-    else
-        *bvh = build.bvh;
+    if (result) itn_bvh_free(build.bvh);
+    else *bvh = build.bvh;
     return result;
 }
 
@@ -3076,19 +3065,14 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
 
 /* Rays. A ray meets a box where its intervals between the three pairs of planes overlap. A box may
    be missed only by rays that the test of [triangle] lets miss all triangles in it, rounding
-   included, so that the tree never changes a result. Let s be the largest difference, along any
-   axis, of the ray's origin and a corner of a triangle, and u = 2^-24. That test sees a triangle
-   whose corners are sheared with errors of up to 7 u s: differences and products, of at most 2 s,
-   are rounded and the shear itself has two roundings. So it sees hits in the box enlarged by that
-   much. A distance (plane - origin) * (1 / direction) has three roundings, as if the plane were off
-   by 3 u s. Boxes are therefore enlarged by 16 u s on all sides: in effect the origin is moved,
-   away from the plane that the ray meets first and away from the one it meets last, by that and by
-   an ulp of its own, so that rounding cannot undo it. (Ize, "Robust BVH ray traversal", JCGT 2(2),
-   2013, does the same along the ray.) The t of a hit lies between those of the corners but for two
-   roundings; tmin and tmax are moved by 8 of them. Along an axis with direction 0 the distances are
-   infinite, or NaN (0 * infinity) for an origin in one of the planes, which the order of the
-   arguments of the minima and maxima ignores. All errors are to the side of entering a box in
-   vain. */
+   included. Let s be the largest difference, along any axis, of the ray's origin and a corner, and
+   u = 2^-24. That test sees corners sheared with errors of up to 7 u s: differences and products,
+   of at most 2 s, are rounded and the shear itself has two roundings. A distance (plane - origin) *
+   (1 / direction) has three roundings, as if the plane were off by 3 u s. Boxes are therefore
+   enlarged by 16 u s on all sides: the origin is moved away from the plane that the ray meets first
+   and from the one it meets last, by that and by an ulp of its own (Ize, "Robust BVH ray
+   traversal", JCGT 2(2), 2013, does the same along the ray); tmin and tmax by 8 roundings. Along an axis with direction 0 distances are infinite, or NaN (0 * infinity) for an origin in one
+   of the planes, which the order of the arguments of minima and maxima ignores. */
 
 ITN__INLINE float itn__widen(float t) { return t + 4 * FLT_EPSILON * itn__min(fabsf(t), FLT_MAX); }
 
