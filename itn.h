@@ -3071,8 +3071,9 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
    (1 / direction) has three roundings, as if the plane were off by 3 u s. Boxes are therefore
    enlarged by 16 u s on all sides: the origin is moved away from the plane that the ray meets first
    and from the one it meets last, by that and by an ulp of its own (Ize, "Robust BVH ray
-   traversal", JCGT 2(2), 2013, does the same along the ray); tmin and tmax by 8 roundings. Along an axis with direction 0 distances are infinite, or NaN (0 * infinity) for an origin in one
-   of the planes, which the order of the arguments of minima and maxima ignores. */
+   traversal", JCGT 2(2), 2013, does the same along the ray); tmin and tmax by 8 roundings. Along
+   an axis with direction 0 distances are infinite, or NaN (0 * infinity) for an origin in one of
+   the planes, which the order of the arguments of minima and maxima ignores. */
 
 ITN__INLINE float itn__widen(float t) { return t + 4 * FLT_EPSILON * itn__min(fabsf(t), FLT_MAX); }
 
