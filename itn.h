@@ -5481,7 +5481,7 @@ static void itn__leave_solids(const itn_scene *scene, itn__place *place) {
    ends it. */
 
 /* Heroes. Where sigma_t or g differ from channel to channel, flights and turns are drawn with those
-   of one channel, the hero: for the samples of a pixel, each in turn (Wilkie et al. 2014). Every
+   of one channel, the hero: in turn, the first drawn for each pixel (Wilkie et al. 2014). Every
    channel k could have drawn the same path, with its own density p_k; so p is the mean of the p_k,
    the density of all of them together (the balance heuristic over heroes, Veach 1997). With
    share_k = p_k / sum_j p_j of the path so far, a choice that channel k makes with density q_k has
@@ -5516,6 +5516,7 @@ typedef struct itn__texels {
     float *path;   /* [channels][count] what the path adds to derivatives */
     int *touched;  /* [channels * count] which of them are not 0 */
     int touched_count;
+    double *sums, *squares; /* [channels * count] of what paths add */
     itn__corners place[ITN__TOUCHES]; /* where the path has met the texture */
     int place_count;
 } itn__texels;
@@ -5527,7 +5528,6 @@ typedef struct itn__walk {
     int channels, count, max_scatter;
     int score_count; /* count, and with a texture ITN__TOUCHES more */
     itn__texels *texels; /* NULL: not asked for */
-    int strata;     /* 3: each channel in turn is the hero of a sample; else drawn */
     float share[3]; /* probability of each channel to be the hero, given the path so far */
     itn__rng rng;
     itn__place place;
@@ -5536,7 +5536,7 @@ typedef struct itn__walk {
     float pdf;                      /* of the last direction drawn; INFINITY if nothing was drawn */
     int scatterings, boundaries;
     float radiance[3];              /* of this path */
-    float *derivative;              /* [channels][count], of this path */
+    float *derivative;              /* [count][channels], of this path */
     double collisions;              /* of all paths so far, for the record */
 } itn__walk;
 
@@ -5660,67 +5660,43 @@ static void itn__add_texels(itn__texels *texels, int c, const itn__corners *corn
     }
 }
 
-/* Sums of that over paths, in a few bands, which in the end are added in their order: so that the
-   bits of the result do not depend on who did what, the band of a path depends on its pixel and
-   sample alone. */
-enum { ITN__BANDS = 16, ITN__BAND_VALUES = 4 << 20 };
+/* A path ends: what it has gathered, times the weight of its pixel in each channel, goes to sums of
+   it and of its square. Each worker has sums of its own, as many as fit into so many values; which
+   one a pixel belongs to depends on its tile alone ([render]), and so do the bits of the result. */
+enum { ITN__TEXEL_COPIES = 16, ITN__TEXEL_VALUES = 4 << 20 };
 
-typedef struct itn__band {
-    itn__texels texels;
-    float *scores; /* [2][channels][ITN__TOUCHES] */
-    double *sums;  /* [2][channels][texels]: of what paths add, and of the squares of that */
-} itn__band;
-
-/* Ends a path: what it has gathered goes to the sums. */
-static void itn__band_add(itn__band *band, const float *weight, size_t plane, double per_path,
-                          size_t values) {
-    itn__texels *texels = &band->texels;
+static void itn__texels_end(itn__texels *texels, const float *weight, size_t plane,
+                            double per_path) {
     int k;
     for (k = 0; k < texels->touched_count; k++) {
         size_t at = (size_t)texels->touched[k], c = at / (size_t)texels->count;
         double value = (double)weight[c * plane] * texels->path[at] * per_path;
-        band->sums[at] += value, band->sums[values + at] += value * value;
-        texels->path[at] = 0;
+        texels->sums[at] += value, texels->squares[at] += value * value, texels->path[at] = 0;
     }
     texels->touched_count = 0;
 }
 
-static void itn__bands_free(const itn_context *context, itn__band *bands, int count) {
-    int i;
-    for (i = 0; bands && i < count; i++) {
-        itn__free(context, bands[i].texels.path);
-        itn__free(context, bands[i].texels.touched);
-        itn__free(context, bands[i].scores);
-        itn__free(context, bands[i].sums);
-    }
-    itn__free(context, bands);
+static int itn__texels_copies(int channels, const itn__texels *texels) {
+    size_t copies = ITN__TEXEL_VALUES / ((size_t)channels * (size_t)texels->count);
+    return copies < 1 ? 1 : copies < ITN__TEXEL_COPIES ? (int)copies : ITN__TEXEL_COPIES;
 }
 
-/* How many bands a scene's images are worth: at most one for each row of the film. */
-static int itn__band_count(const itn_scene *scene, const itn__texels *texels) {
-    size_t values = (size_t)scene->film.channels * (size_t)texels->count;
-    size_t most = ITN__BAND_VALUES / values + (values > ITN__BAND_VALUES);
-    int count = most < ITN__BANDS ? (int)most : ITN__BANDS;
-    return count < scene->film.height ? count : scene->film.height;
+static void itn__texels_free(const itn_context *context, itn__texels *texels) {
+    itn__free(context, texels->path);
+    itn__free(context, texels->touched);
+    itn__free(context, texels->sums);
 }
 
-static itn_result itn__bands_make(const itn_scene *scene, const itn__texels *texels, int count,
-                                  itn__band **bands, itn_error *error) {
-    const itn_context *context = &scene->context;
-    size_t channels = (size_t)scene->film.channels, values = channels * (size_t)texels->count;
-    int i, good;
-    *bands = (itn__band *)itn__allocate(context, (size_t)count, sizeof **bands);
-    good = values <= INT_MAX && *bands;
-    for (i = 0; i < count && good; i++) {
-        itn__band *band = *bands + i;
-        band->texels = *texels;
-        band->texels.path = (float *)itn__allocate(context, values, sizeof(float));
-        band->texels.touched = (int *)itn__allocate(context, values, sizeof(int));
-        band->scores = (float *)itn__allocate(context, 2 * channels, ITN__TOUCHES * sizeof(float));
-        band->sums = (double *)itn__allocate(context, values, 2 * sizeof(double));
-        good = band->texels.path && band->texels.touched && band->scores && band->sums;
-    }
-    return good ? ITN_OK : itn__out_of_memory(error, "derivatives by texels");
+/* Makes sums for these texels. Returns 0 if there is no memory. */
+static int itn__texels_make(const itn_context *context, int channels, const itn__texels *of,
+                            itn__texels *texels) {
+    size_t values = (size_t)channels * (size_t)of->count;
+    *texels = *of;
+    texels->path = (float *)itn__allocate(context, values, sizeof(float));
+    texels->touched = (int *)itn__allocate(context, values, sizeof(int));
+    texels->sums = (double *)itn__allocate(context, values, 2 * sizeof(double));
+    texels->squares = texels->sums ? texels->sums + values : NULL;
+    return values <= INT_MAX && texels->path && texels->touched && texels->sums;
 }
 
 /* The two texels beside x in [0, 1) of `count` that repeat, and the place between them. */
@@ -5743,27 +5719,22 @@ static itn__corners itn__texture_corners(const itn__surface *surface, float s, f
     return itn__corners_of(surface->width, row, column, x, y);
 }
 
-/* Texture at coordinates (s, t): texel[c] times reflectance, or reflectance2 if it returns 1. */
-static int itn__texture_at(const itn__surface *surface, float s, float t, float texel[3]) {
+/* Sets a lane of a site to what the surface's texture is at (s, t). */
+static void itn__site_texture(itn__site *site, int lane, float s, float t) {
+    const itn__surface *surface = site->surface;
+    float size = surface->checker_size;
     itn__corners corners;
     int c, k;
-    texel[0] = texel[1] = texel[2] = 1;
     if (surface->texture == ITN_TEXTURE_CHECKER)
-        return fmodf(floorf(s / surface->checker_size) + floorf(t / surface->checker_size), 2) != 0;
-    if (surface->texture != ITN_TEXTURE_IMAGE) return 0;
+        ITN__LANE(site->second, lane) = -(fmodf(floorf(s / size) + floorf(t / size), 2) != 0);
+    if (surface->texture != ITN_TEXTURE_IMAGE) return;
     corners = itn__texture_corners(surface, s, t);
-    for (c = 0; c < 3; c++)
-        for (k = 0, texel[c] = 0; k < 4; k++)
-            texel[c] += corners.share[k] * surface->texels[3 * (size_t)corners.at[k] + (size_t)c];
-    return 0;
-}
-
-/* Sets lane k of a site to what the surface's texture is at (s, t). */
-static void itn__site_texture(itn__site *site, int k, float s, float t) {
-    float texel[3];
-    int c, second = itn__texture_at(site->surface, s, t, texel);
-    ITN__LANE(site->second, k) = -second;
-    for (c = 0; c < 3; c++) ITN__LANE(site->texel[c], k) = texel[c];
+    for (c = 0; c < 3; c++) {
+        float texel = 0;
+        for (k = 0; k < 4; k++)
+            texel += corners.share[k] * surface->texels[3 * (size_t)corners.at[k] + (size_t)c];
+        ITN__LANE(site->texel[c], lane) = texel;
+    }
 }
 
 /* Texture coordinates of a hit: the mesh's own, else the scene's x and z. */
@@ -5921,10 +5892,10 @@ static void itn__contribute(itn__walk *walk, const itn__weight *weight, const it
     for (c = 0; c < itn__channels(walk); c++) {
         float carried = weight->beta[c] * mis, plain = carried * rgb[c], value = plain * scale;
         const float *score = weight->score + c * walk->score_count;
-        float *derivative = walk->derivative + c * walk->count;
+        float *derivative = walk->derivative + c;
         if (!weight->zero[c]) walk->radiance[c] += value;
-        for (k = 0; k < walk->count; k++) derivative[k] += value * score[k];
-        if (slot >= 0 && !weight->zero[c]) derivative[slot] += plain;
+        for (k = 0; k < walk->count; k++) derivative[k * walk->channels] += value * score[k];
+        if (slot >= 0 && !weight->zero[c]) derivative[slot * walk->channels] += plain;
         for (k = 0; texels && k < texels->place_count; k++)
             itn__add_texels(texels, c, &texels->place[k], value * score[walk->count + k]);
         if (of_map && !weight->zero[c]) itn__add_texels(texels, c, &corners, carried * scale);
@@ -6338,24 +6309,20 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
     }
 }
 
-/* A channel drawn by the key of a path. */
-static int itn__draw_hero(const itn_scene *scene, itn__rng rng) {
-    return scene->spectral ? (int)(rng.key0 % 3) : 0;
-}
-
 /* Begins one sample of one pixel; returns its camera ray. */
 static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
     const itn__camera *camera = &walk->scene->camera;
     size_t scores = (size_t)walk->channels * sizeof(float);
     float u, v;
     int c;
-    walk->rng = itn__rng_make(seed, (uint64_t)y * (uint64_t)camera->width + (uint64_t)x,
-                              (uint64_t)sample);
+    uint64_t pixel = (uint64_t)y * (uint64_t)camera->width + (uint64_t)x;
+    itn__rng own = itn__rng_make(seed, pixel, UINT64_MAX); /* of the pixel */
+    walk->rng = itn__rng_make(seed, pixel, (uint64_t)sample);
     walk->place.sides = walk->scene->sides;
     walk->place.inside = itn__find_inside(walk->scene, &walk->place.sides);
     walk->place.refracting = itn__find_refracting(walk->scene, &walk->place.sides);
     walk->place.crossed_count = 0;
-    walk->place.hero = walk->strata == 3 ? sample % 3 : itn__draw_hero(walk->scene, walk->rng);
+    walk->place.hero = walk->scene->spectral ? (int)((own.key0 % 3 + (uint32_t)sample) % 3) : 0;
     for (c = 0; c < 3; c++) {
         walk->weight.beta[c] = 1, walk->weight.zero[c] = 0, walk->radiance[c] = 0;
         walk->share[c] = 1 / 3.f;
@@ -6371,6 +6338,25 @@ static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int
 /* One sample of one pixel: walk->radiance and walk->derivative receive its value. */
 static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
     itn__trace_path(walk, itn__begin_path(walk, seed, x, y, sample));
+}
+
+/* Pixels and samples that are rendered together, and where a crowd has got to. */
+typedef struct itn__unit {
+    int x, y, side;   /* a square of pixels, of which some may be beyond the film */
+    int first, count; /* camera rays of each */
+    int next;         /* first that has not been started: pixel * count + ray */
+} itn__unit;
+
+/* Pixel number `cell` of a unit, by its place in the film. Returns 0 if that is beyond. */
+static int itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int cell, size_t *pixel) {
+    int x = unit->x + cell % unit->side, y = unit->y + cell / unit->side;
+    *pixel = (size_t)y * (size_t)scene->film.width + (size_t)x;
+    return x < scene->film.width && y < scene->film.height;
+}
+
+/* Samples of a pixel: by an allotment, or as many as all have. */
+static int itn__pixel_samples(const itn__allotment *allotment, int spp, size_t pixel) {
+    return allotment ? allotment->samples[pixel] : spp;
 }
 #ifndef ITN_NO_FAST
 
@@ -7615,21 +7601,8 @@ typedef struct itn__fast {
     int learning;      /* V is learnt in this render, */
     double lesson_unit; /* in multiples of this */
     int rows;           /* of a path that are in use */
-    int side, unit_rays; /* of a unit, see [picture]: of its tile; camera rays of a pixel */
-    int tiles, chunks;   /* units of all pixels, and of all their rays */
-    int first, end;      /* tiles that are being done */
-    int crowd_count;
-    struct itn__crowd *crowds;
     const float *weights; /* of pixels, [channels][height][width], to fold derivatives with */
-    double *totals; /* [height][width][planes][2] */
 } itn__fast;
-
-/* Pixels and samples that a crowd works on, and where it has got to. */
-typedef struct itn__unit {
-    int x, y, side;   /* a square of pixels, of which some may be beyond the film */
-    int first, count; /* camera rays of each */
-    int next;         /* first that has not been started: pixel * count + ray */
-} itn__unit;
 
 /* Visits of flights to cells with triangles, and, as far as they matter, to packs. */
 enum { ITN__VISITS = 256, ITN__VISIT_ROW = ITN__VISITS + 16 };
@@ -9029,18 +9002,6 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
    the tiles out; a tile's units are done in their order, so that the bits of the picture do not
    depend on who did what. */
 
-/* Camera rays of a pixel. */
-static int itn__pixel_rays(const itn__fast *fast, size_t pixel) {
-    return fast->allotment ? fast->allotment->samples[pixel] : fast->spp;
-}
-
-/* Pixel number `cell` of a unit, by its place in the film. Returns 0 if that is beyond. */
-static int itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int cell, size_t *pixel) {
-    int x = unit->x + cell % unit->side, y = unit->y + cell / unit->side;
-    *pixel = (size_t)y * (size_t)scene->film.width + (size_t)x;
-    return x < scene->film.width && y < scene->film.height;
-}
-
 /* Starts a path of a sample of a pixel, by walk number `walk`; u receives the random numbers of its
    place in the pixel. */
 static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, int walk,
@@ -9076,7 +9037,7 @@ static void itn__start_ray(itn__crowd *crowd) {
     float u[2];
     size_t pixel, width = (size_t)fast->scene->film.width;
     if (!itn__unit_pixel(fast->scene, unit, number / unit->count, &pixel) ||
-        sample >= itn__pixel_rays(fast, pixel))
+        sample >= itn__pixel_samples(fast->allotment, fast->spp, pixel))
         return;
     path = itn__start_path(crowd, pixel, sample, 0, u), path->number = number;
     seed = itn__splat_word(path->scramble - 1);
@@ -9189,76 +9150,25 @@ static void itn__fast_know(itn__fast *fast, const itn_scene *scene, const float 
     fast->roulette = fast->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
 }
 
-enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 }; /* at most, or for one set more */
-
-static itn__unit itn__unit_make(const itn__fast *fast, int number) {
-    int tile = number / fast->chunks, row = (fast->scene->film.width - 1) / fast->side + 1;
-    itn__unit unit;
-    unit.x = tile % row * fast->side, unit.y = tile / row * fast->side, unit.side = fast->side;
-    unit.first = number % fast->chunks * fast->unit_rays, unit.count = fast->spp - unit.first;
-    if (unit.count > fast->unit_rays) unit.count = fast->unit_rays;
-    unit.next = 0;
-    return unit;
-}
-
-/* Adds what a unit's paths brought to the totals, set by set: with t the sum of a set of n paths, t
-   and t^2 / n. */
-static void itn__sum_unit(const itn__crowd *crowd) {
-    const itn__fast *fast = crowd->fast;
-    const itn__unit *unit = &crowd->unit;
-    size_t pixel;
-    int cell, k, ray;
-    for (cell = 0; cell < unit->side * unit->side; cell++) {
-        double *totals, sum = 0;
-        if (!itn__unit_pixel(fast->scene, unit, cell, &pixel)) continue;
-        totals = fast->totals + pixel * (size_t)fast->planes * 2;
-        for (k = 0; k < fast->planes; k++, totals += 2)
-            for (ray = 0; ray < unit->count; ray++) {
-                int n = ray % fast->set + 1;
-                sum += crowd->radiance[k * crowd->radiance_stride + cell * unit->count + ray];
-                if (n < fast->set && ray + 1 < unit->count) continue;
-                totals[0] += sum, totals[1] += sum * sum / (n * fast->walks), sum = 0;
-            }
-    }
-}
-
-/* All units of every so many-th tile. */
-static void itn__fast_worker(void *task, int index) {
-    itn__fast *fast = (itn__fast *)task;
-    itn__crowd *crowd = &fast->crowds[index];
-    int tile, chunk;
-    for (tile = fast->first + index; tile < fast->end; tile += fast->crowd_count)
-        for (chunk = 0; chunk < fast->chunks; chunk++) {
-            memset(crowd->radiance, 0, (size_t)crowd->radiance_stride * (size_t)fast->planes *
-                                           sizeof(float));
-            crowd->unit = itn__unit_make(fast, tile * fast->chunks + chunk);
-            itn__run_unit(crowd);
-            itn__sum_unit(crowd);
-        }
-}
-
-static void itn__crowd_free(itn__crowd *crowd) {
-    const itn_context *context = &crowd->fast->scene->context;
+static void itn__crowd_free(const itn_context *context, itn__crowd *crowd) {
     itn__free(context, crowd->walk);
     itn__free(context, crowd->scores);
-    itn__free(context, crowd->radiance);
     itn__free(context, crowd->lessons);
 }
 
-/* Makes a crowd for units of so many camera rays. Returns 0 if there is no memory. */
-static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int rays) {
+/* Makes a crowd whose units, of at most so many camera rays, leave their planes in `radiance`.
+   Returns 0 if there is no memory. */
+static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, float *radiance, int rays) {
     const itn_context *context = &fast->scene->context;
     size_t substances = 1 + (size_t)fast->scene->medium_count, count = (size_t)fast->count;
     int i;
-    crowd->fast = fast, crowd->radiance_stride = rays;
+    crowd->fast = fast, crowd->radiance = radiance, crowd->radiance_stride = rays;
     crowd->walk = (itn__queue *)itn__allocate(
         context, substances + (size_t)fast->scene->surface_count, sizeof(itn__queue));
     crowd->scores = (float *)itn__allocate(context, 2 * ITN__CROWD, count * sizeof(float));
-    crowd->radiance = (float *)itn__allocate(context, (size_t)rays,
-                                             (size_t)fast->planes * sizeof(float));
     crowd->lessons = (double *)itn__allocate(context, fast->learning ? substances : 0,
                                              ITN__LESSON_SUMS * sizeof(double));
-    if (!crowd->walk || !crowd->scores || !crowd->radiance || !crowd->lessons) return 0;
+    if (!crowd->walk || !crowd->scores || !crowd->lessons) return 0;
     crowd->surface = crowd->walk + substances;
     for (i = 0; i < ITN__CROWD; i++) {
         crowd->unused[i] = ITN__CROWD - 1 - i;
@@ -9267,67 +9177,6 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, int rays) {
     }
     crowd->unused_count = ITN__CROWD;
     return 1;
-}
-
-static void itn__fast_end(itn__fast *fast) {
-    const itn_context *context = &fast->scene->context;
-    int i;
-    for (i = 0; fast->crowds && i < fast->crowd_count; i++)
-        if (fast->crowds[i].fast) itn__crowd_free(&fast->crowds[i]);
-    itn__free(context, fast->crowds);
-    itn__free(context, fast->totals);
-}
-
-/* Divides the work, and allocates what it needs. Small pictures have small tiles, so that there is
-   work for many. */
-static itn_result itn__fast_begin(itn__fast *fast, itn_error *error) {
-    const itn_context *context = &fast->scene->context;
-    int width = fast->scene->film.width, height = fast->scene->film.height, cells, sets, i, good;
-    fast->planes = fast->weights ? fast->count : fast->channels * (1 + fast->count);
-    fast->rows = fast->count || fast->learning ? ITN__ROWS
-                 : fast->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
-    fast->set = fast->allotment ? fast->allotment->set : itn__set_size(fast->spp);
-    if (!fast->sobol) fast->set = 1;
-    fast->side = (int)itn__clamp((float)(width < height ? width : height) / ITN__TILE, 1,
-                                 ITN__TILE);
-    fast->tiles = ((width - 1) / fast->side + 1) * ((height - 1) / fast->side + 1);
-    cells = fast->side * fast->side;
-    sets = ITN__UNIT_PATHS / (cells * fast->walks * fast->set);
-    fast->unit_rays = fast->set * (sets < 1 ? 1 : sets);
-    if (fast->unit_rays > fast->spp) fast->unit_rays = fast->spp;
-    fast->chunks = (fast->spp - 1) / fast->unit_rays + 1;
-    if (fast->chunks > INT_MAX / fast->tiles || fast->spp > INT_MAX / fast->walks)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
-    fast->crowd_count = itn__workers(context);
-    if (fast->crowd_count > fast->tiles) fast->crowd_count = fast->tiles;
-    fast->crowds = (itn__crowd *)itn__allocate(context, (size_t)fast->crowd_count,
-                                               sizeof *fast->crowds);
-    fast->totals = (double *)itn__allocate(context, (size_t)width * (size_t)height,
-                                           (size_t)fast->planes * 2 * sizeof(double));
-    good = fast->crowds && fast->totals;
-    for (i = 0; i < fast->crowd_count && good; i++)
-        good = itn__crowd_make(&fast->crowds[i], fast, cells * fast->unit_rays);
-    return good ? ITN_OK : itn__out_of_memory(error, "a render");
-}
-
-/* Renders all tiles, in eight groups if somebody watches. */
-static itn_result itn__fast_run(itn__fast *fast, const itn_render_options *options,
-                                itn_error *error) {
-    int group = fast->tiles, i;
-    if (options && options->progress) group = (group + 7) / 8;
-    for (fast->first = 0; fast->first < fast->tiles; fast->first = fast->end) {
-        fast->end = fast->tiles - fast->first < group ? fast->tiles : fast->first + group;
-        itn__parallel_for(&fast->scene->context, fast->crowd_count, itn__fast_worker, fast);
-        if (options && options->progress &&
-            options->progress(options->progress_user, (double)fast->end / fast->tiles))
-            return itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
-    }
-    if (options && options->stats) {
-        options->stats->paths = fast->samples * fast->walks;
-        for (options->stats->collisions = 0, i = 0; i < fast->crowd_count; i++)
-            options->stats->collisions += fast->crowds[i].collisions;
-    }
-    return ITN_OK;
 }
 
 #define ITN__LESSONS 32768. /* paths that V is learnt from */
@@ -9340,73 +9189,53 @@ static int itn__can_control(const itn__fast *fast) {
     return fast->voxels && fast->only_constant && scene->medium_count == 1 && !fast->count &&
            paths >= 16 * ITN__LESSONS;
 }
-
-/* Learns V from a few paths, which are not used for anything else: whatever these tell, pictures
-   stay unbiased. */
-static itn_result itn__learn_values(itn__fast *fast, itn_error *error) {
-    itn__fast pilot = *fast;
-    double pixels = (double)fast->scene->film.width * fast->scene->film.height;
-    int sums = (1 + fast->scene->medium_count) * ITN__LESSON_SUMS, learnt = 0, m, i, k;
-    itn_result result;
-    pilot.learning = 1, pilot.controls = 0, pilot.seed = itn__mix64(fast->seed + 1);
-    pilot.count = pilot.scales = 0, pilot.weights = NULL, pilot.allotment = NULL;
-    pilot.walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)fast->walks);
-    pilot.spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * pilot.walks), fast->spp / 8 + 1));
-    result = itn__fast_begin(&pilot, error);
-    if (!result) result = itn__fast_run(&pilot, NULL, error);
-    for (i = 1; i < pilot.crowd_count && !result; i++)
-        for (k = 0; k < sums; k++) pilot.crowds[0].lessons[k] += pilot.crowds[i].lessons[k];
-    for (m = 1; m <= fast->scene->medium_count && !result; m++)
-        learnt |= itn__fit_value(fast, &fast->substances[m],
-                                 pilot.crowds[0].lessons + m * ITN__LESSON_SUMS);
-    if (!learnt) fast->controls = 0; /* nothing is met */
-    itn__fast_end(&pilot);
-    return result;
-}
 #endif /* ITN_NO_FAST */
 
 /* ---- [render] samples into images ------------------------------------------------------------ */
 
-/* In the reference a pixel's samples are summed in double in their own order by whoever takes its
-   row, and rows are independent, so the bits of the result do not depend on the number of threads;
-   for the fast walk see [picture]. From the sums of x and x^2 over n samples (in the fast walk with
-   a Sobol sequence: over n sets of them) follow the mean and the variance of the mean,
-   (sum x^2 / n - mean^2) / (n - 1). Where channels take turns in being the hero, the samples of
-   each are a stratum with sums of its own: the result is the mean of the strata's means, and its
-   variance the sum of theirs / 9. */
+/* A render's units of work are square tiles of pixels times whole sets of samples. A few workers
+   share the tiles out; a tile's units are done in their order, so that the bits of the result do
+   not depend on who did what. A unit's samples are traced one by one (reference) or many at a time
+   (fast walk); either way a sample leaves a number in each plane: radiance by channels, then its
+   derivatives by parameters and channels - or, with weights, only derivatives by parameters, folded
+   with the weights of the pixel (the adjoint). Samples come in sets, independent of each other: of
+   one, of a
+   Sobol sequence ([sobol]), or of three whose heroes are the three channels ([throughput]). With t
+   the sum over a set of n and N = sum n, the mean is sum t / N, and its variance
+   (sum t^2 / n / N - mean^2) / (sets - 1). */
+
+typedef struct itn__worker {
+    itn__unit unit;
+    itn__walk walk;           /* of the reference */
+    itn__texels texels;       /* of it, if asked for */
+    struct itn__crowd *crowd; /* of the fast walk */
+    float *values;            /* [planes][camera rays of a unit], sums over walks */
+    double collisions;
+} itn__worker;
 
 typedef struct itn__render {
     const itn_scene *scene;
-    const float *theta;
-    float *theta_made; /* a copy of the caller's theta, or the scene's own values */
-    int *slots;        /* see itn__walk */
-    int *only;         /* see itn__fast */
-    int channels, count, spp, max_scatter;
-    int kept; /* values kept of each pixel, see itn__sample_value */
+    float *theta;      /* a copy of the caller's, or the scene's own values */
+    int *slots, *only; /* see itn__walk, itn__fast */
+    int channels, count, max_scatter, fast, walks, sobol, baseline; /* see itn_render_options */
+    int spp, set;   /* samples of a pixel; of them, in each set */
     const itn__allotment *allotment; /* NULL: every pixel has spp samples, else that is the most */
     double samples; /* of all pixels */
-    int fast, walks, sobol, baseline; /* of the fast walk; see itn_estimator */
     uint64_t seed;
-    int strata; /* of the reference walk; see itn__walk */
-    int first_row, group; /* of the rows under way; most of them, 0: all */
-    float *scores;     /* per row: weight, connection and derivative, each [channels][count] */
-    size_t row_sums;   /* doubles of a row in sums */
-    double *sums;      /* per row: [2][kept] of a gradient, then of a pixel [strata][kept][2] */
-    double *collisions; /* per row */
-    itn_image *image;  /* itn_render */
-    const float *weights; /* itn_render_gradient */
-    struct itn__band *bands; /* itn_render_texel_gradient: [group] */
+    const float *weights;      /* [channels][height][width], to fold with; NULL: planes are kept */
+    const itn__texels *texels; /* to fold derivatives by these; NULL: none */
+    int planes;          /* numbers of a sample */
+    int side, unit_rays; /* pixels of a tile each way; samples of a pixel in a unit */
+    int tiles, chunks;   /* units of all pixels, and of all their samples */
+    int first, end;      /* tiles that are being done */
+    int worker_count;
+    itn__worker *workers;
+    double *totals; /* [height][width][planes][2]: sums of t, and of t^2 / n */
+    int (*progress)(void *user, double fraction);
+    void *progress_user;
+    double done, share; /* of what progress is told: before this render, and in it */
+    const struct itn__fast *state;
 } itn__render;
-
-static void itn__render_end(itn__render *render) {
-    const itn_context *context = render->scene ? &render->scene->context : NULL;
-    if (!context) return;
-    itn__free(context, render->collisions);
-    itn__free(context, render->sums);
-    itn__free(context, render->scores);
-    itn__free(context, render->slots);
-    itn__free(context, render->theta_made);
-}
 
 /* Whether the scene can be differentiated in the index of surface `asked`. A smooth boundary, its
    own or one between it and another solid, refracts into one direction, which jumps with the index;
@@ -9428,8 +9257,7 @@ static itn_result itn__check_ior(const itn_scene *scene, const float *theta, int
     for (i = 0; i < scene->object_count; i++)
         for (j = 0; j < scene->object_count; j++) {
             int other = scene->objects[j].surface;
-            if (scene->objects[i].surface != asked ||
-                !(scene->objects[i].dielectrics >> j & 1))
+            if (scene->objects[i].surface != asked || !(scene->objects[i].dielectrics >> j & 1))
                 continue;
             if (surfaces[other].alpha < 0 ||
                 (other != asked &&
@@ -9438,17 +9266,6 @@ static itn_result itn__check_ior(const itn_scene *scene, const float *theta, int
                                  "%s: where solids meet, all must be rough and of different index; "
                                  "%s is not", name, surfaces[other].name);
         }
-    return ITN_OK;
-}
-
-/* Whether the scene can be differentiated in a parameter at these values. */
-static itn_result itn__check_derivative(const itn_scene *scene, const float *theta, int parameter,
-                                        itn_error *error) {
-    int i;
-    for (i = 0; i < scene->surface_count; i++)
-        if (scene->surfaces[i].type == ITN_SURFACE_DIELECTRIC &&
-            scene->surfaces[i].ior == parameter)
-            return itn__check_ior(scene, theta, i, error);
     return ITN_OK;
 }
 
@@ -9463,34 +9280,19 @@ static itn_result itn__check_theta(const itn_scene *scene, const float *theta, i
     return ITN_OK;
 }
 
-/* Whether the fast walk can differentiate in a parameter at these values: it knows those of media,
-   reflectances, roughness and scales of lights, where the factor that they are in is not 0 (a
-   light's) or next to it. *only receives the channel that alone depends on it, or -1. */
-#define ITN__NEAR_0 .01f
+/* Whether the fast walk can differentiate in a parameter at these values: in all but indices, where
+   the factor that it is in is not 0 (a light's scale) or next to it (what is at most 1), and free
+   paths are not too long. *only receives the channel that alone depends on it, or -1. */
 static int itn__fast_derivative(const itn_scene *scene, const float *theta, int parameter,
                                 int *only) {
-    int channels = scene->film.channels, i, c;
-    *only = -1;
-    for (i = 0; i < scene->medium_count; i++) {
-        const itn__medium *medium = &scene->media[i];
-        for (c = 0; c < channels; c++) {
-            if (parameter == medium->sigma_t[c]) return theta[parameter] >= .25f / scene->radius;
-            if (parameter == medium->g[c]) return 1;
-            if (parameter == medium->albedo + c) return *only = c, theta[parameter] >= ITN__NEAR_0;
-        }
-    }
-    for (i = 0; i < scene->surface_count; i++) {
-        const itn__surface *surface = &scene->surfaces[i];
-        int diffuse = surface->type == ITN_SURFACE_DIFFUSE;
-        if (!diffuse && parameter == surface->alpha) return 1;
-        for (c = 0; c < channels && diffuse; c++)
-            if (parameter == surface->reflectance + c ||
-                (surface->texture == ITN_TEXTURE_CHECKER && parameter == surface->reflectance2 + c))
-                return *only = c, theta[parameter] >= ITN__NEAR_0;
-    }
-    for (i = 0; i < scene->light_count; i++)
-        if (parameter == scene->lights[i].parameter) return theta[parameter] > 0;
-    return 0;
+    const itn_parameter *p = &scene->parameters[parameter];
+    const char *field = strchr(p->name, '.') + 1, *channel = strrchr(field, '_');
+    int share = p->lower == 0 && p->upper == 1; /* an albedo or a reflectance */
+    *only = !share ? -1 : !channel || scene->film.channels == 1 ? 0
+            : channel[1] == 'r' ? 0 : channel[1] == 'g' ? 1 : 2;
+    if (share) return theta[parameter] >= .01f;
+    if (!strncmp(field, "sigma_t", 7)) return theta[parameter] >= .25f / scene->radius;
+    return strcmp(field, "ior") != 0 && (p->lower != 0 || theta[parameter] > 0);
 }
 
 /* What of a request only the reference walk can do, or NULL. */
@@ -9504,6 +9306,7 @@ static const char *itn__only_reference(const itn__render *render) {
 /* Chooses who renders: the fast walk where it can. */
 static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int *parameters,
                                    itn_error *error) {
+    const char *lacks = itn__only_reference(render);
     int k;
     render->fast = mode != ITN_MODE_REFERENCE;
 #ifdef ITN_NO_FAST
@@ -9511,13 +9314,10 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
     if (mode == ITN_MODE_FAST)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "render: built without the fast walk");
 #endif
-    if (itn__only_reference(render)) {
-        if (mode == ITN_MODE_FAST)
-            return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                             "render: the fast walk cannot %s; the reference can",
-                             itn__only_reference(render));
-        render->fast = 0;
-    }
+    if (lacks && mode == ITN_MODE_FAST)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                         "render: the fast walk cannot %s; the reference can", lacks);
+    if (lacks) render->fast = 0;
     for (k = 0; k < render->count; k++) {
         if (itn__fast_derivative(render->scene, render->theta, parameters[k], &render->only[k]))
             continue;
@@ -9531,216 +9331,278 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
     return ITN_OK;
 }
 
-/* Checks a request and allocates what its rows need. */
-static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
-                                    const float *theta, const itn_render_options *options,
-                                    const int *parameters, int count, int kept, itn_error *error) {
-    const itn_context *context;
-    itn_result result;
-    size_t rows, scores;
+static itn_result itn__check_options(const itn_render_options *options, itn_error *error) {
+    const struct {
+        const char *name;
+        int value, upper;
+    } rows[6] = {{"spp", options->spp, INT_MAX},
+                 {"max_scatter", options->max_scatter, INT_MAX},
+                 {"walks", options->walks, 256},
+                 {"mode", (int)options->mode, ITN_MODE_FAST},
+                 {"sampler", (int)options->sampler, ITN_SAMPLER_SOBOL},
+                 {"estimator", (int)options->estimator, ITN_ESTIMATOR_BASELINE}};
     int k;
-    memset(render, 0, sizeof *render);
-    if (!scene || count < 0 || (count && !parameters) || count > scene->parameter_count)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "render: scene or parameters missing, or count %d out of range", count);
-    if (options && (options->spp < 0 || options->max_scatter < 0 || options->walks < 0 ||
-                    options->walks > 256 || options->mode < ITN_MODE_AUTO ||
-                    options->mode > ITN_MODE_FAST || options->sampler < ITN_SAMPLER_AUTO ||
-                    options->sampler > ITN_SAMPLER_SOBOL ||
-                    options->estimator < ITN_ESTIMATOR_AUTO ||
-                    options->estimator > ITN_ESTIMATOR_BASELINE))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "render: spp %d or max_scatter %d is negative, walks %d is not 0 to 256, "
-                         "or mode %d, sampler %d or estimator %d is none", options->spp,
-                         options->max_scatter, options->walks, (int)options->mode,
-                         (int)options->sampler, (int)options->estimator);
-    if (options && options->samples)
+    for (k = 0; k < 6; k++)
+        if (rows[k].value < 0 || rows[k].value > rows[k].upper)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: %s = %d is not in [0, %d]",
+                             rows[k].name, rows[k].value, rows[k].upper);
+    if (options->samples)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "render: samples by pixel are for itn_render alone");
-    context = &scene->context;
-    render->scene = scene, render->channels = scene->film.channels, render->count = count;
-    render->spp = options && options->spp ? options->spp : 64;
-    render->samples = (double)scene->film.width * scene->film.height * render->spp;
-    if (options) render->seed = options->seed, render->max_scatter = options->max_scatter;
-    render->walks = options && options->walks ? options->walks : 4;
-    render->sobol = !options || options->sampler != ITN_SAMPLER_RANDOM;
-    render->baseline = !(options && options->estimator == ITN_ESTIMATOR_SCORE);
-    render->strata = scene->spectral && render->spp >= 6 ? 3 : 1;
-    render->kept = kept, render->row_sums = 2 * (size_t)kept * (size_t)(1 + render->strata);
-    rows = (size_t)scene->film.height, scores = 3 * (size_t)render->channels * (size_t)count + 3;
-    render->theta_made = (float *)itn__allocate(context, (size_t)scene->parameter_count,
-                                                sizeof(float));
-    render->slots = (int *)itn__allocate(context, 2 * (size_t)scene->parameter_count, sizeof(int));
-    render->only = render->slots ? render->slots + scene->parameter_count : NULL;
-    render->scores = (float *)itn__allocate(context, rows, scores * sizeof(float));
-    render->sums = (double *)itn__allocate(context, rows, render->row_sums * sizeof(double));
-    render->collisions = (double *)itn__allocate(context, rows, sizeof(double));
-    if (!render->theta_made || !render->slots || !render->scores || !render->sums ||
-        !render->collisions)
-        return itn__out_of_memory(error, "a render");
-    if (theta)
-        memcpy(render->theta_made, theta, (size_t)scene->parameter_count * sizeof(float));
-    else
-        itn_parameter_values(scene, render->theta_made);
-    render->theta = render->theta_made;
+    return ITN_OK;
+}
+
+/* Gives each parameter asked for its slot, if the scene can be differentiated in it. */
+static itn_result itn__ask(itn__render *render, const int *parameters, itn_error *error) {
+    const itn_scene *scene = render->scene;
+    itn_result result = ITN_OK;
+    int k, i;
     for (k = 0; k < scene->parameter_count; k++) render->slots[k] = -1;
-    for (k = 0; k < count; k++) {
+    for (k = 0; k < render->count && !result; k++) {
         if (parameters[k] < 0 || parameters[k] >= scene->parameter_count ||
             render->slots[parameters[k]] >= 0)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                              "render: parameter index %d is out of range or asked for twice",
                              parameters[k]);
         render->slots[parameters[k]] = k;
-        result = itn__check_derivative(scene, render->theta, parameters[k], error);
-        if (result) return result;
+        for (i = 0; i < scene->surface_count && !result; i++)
+            if (scene->surfaces[i].type == ITN_SURFACE_DIELECTRIC &&
+                scene->surfaces[i].ior == parameters[k])
+                result = itn__check_ior(scene, render->theta, i, error);
     }
-    result = itn__check_theta(scene, render->theta, error);
-    return result ? result : itn__choose_walk(render, options ? options->mode : ITN_MODE_AUTO,
-                                              parameters, error);
+    return result;
 }
 
-/* A walk with the scratch memory of a row. */
-static itn__walk itn__row_walk(const itn__render *render, int row) {
-    size_t block = (size_t)render->channels * (size_t)render->count + 1;
-    itn__walk walk;
-    memset(&walk, 0, sizeof walk);
-    walk.scene = render->scene, walk.theta = render->theta, walk.slots = render->slots;
-    walk.channels = render->channels, walk.count = walk.score_count = render->count;
-    walk.max_scatter = render->max_scatter, walk.strata = render->strata;
-    walk.weight.score = render->scores + 3 * (size_t)row * block;
-    walk.connection.score = walk.weight.score + block;
-    walk.derivative = walk.connection.score + block;
-    return walk;
+/* Takes a request in and checks it. */
+static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
+                                    const float *theta, const itn_render_options *options,
+                                    const int *parameters, int count, itn_error *error) {
+    const itn_render_options all = ITN_ZERO, *o = options ? options : &all;
+    size_t size;
+    itn_result result;
+    memset(render, 0, sizeof *render);
+    if (!scene || count < 0 || (count && !parameters) || count > scene->parameter_count)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "render: scene or parameters missing, or count %d out of range", count);
+    result = itn__check_options(o, error);
+    if (result) return result;
+    render->scene = scene, render->channels = scene->film.channels, render->count = count;
+    render->planes = render->channels * (1 + count);
+    render->spp = o->spp ? o->spp : 64, render->walks = o->walks ? o->walks : 4;
+    render->samples = (double)scene->film.width * scene->film.height * render->spp;
+    render->seed = o->seed, render->max_scatter = o->max_scatter;
+    render->sobol = o->sampler != ITN_SAMPLER_RANDOM;
+    render->baseline = o->estimator != ITN_ESTIMATOR_SCORE;
+    render->progress = o->progress, render->progress_user = o->progress_user, render->share = 1;
+    size = (size_t)scene->parameter_count;
+    render->theta = (float *)itn__allocate(&scene->context, size, sizeof(float));
+    render->slots = (int *)itn__allocate(&scene->context, 2 * size, sizeof(int));
+    if (!render->theta || !render->slots) return itn__out_of_memory(error, "a render");
+    render->only = render->slots + size;
+    if (theta) memcpy(render->theta, theta, size * sizeof(float));
+    else itn_parameter_values(scene, render->theta);
+    result = itn__ask(render, parameters, error);
+    if (!result) result = itn__check_theta(scene, render->theta, error);
+    return result ? result : itn__choose_walk(render, o->mode, parameters, error);
 }
 
-/* Runs all rows, in a few groups if somebody watches. */
-static itn_result itn__render_rows(itn__render *render, const itn_render_options *options,
-                                   void (*row)(void *render, int index), itn_error *error) {
-    int height = render->scene->film.height, done = 0;
-    int group = options && options->progress ? (height + 7) / 8 : height;
-    if (render->group) group = render->group;
-    while (done < height) {
-        int count = height - done < group ? height - done : group;
-        render->first_row = done;
-        itn__parallel_for(&render->scene->context, count, row, render);
-        done += count;
-        if (options && options->progress &&
-            options->progress(options->progress_user, (double)done / height))
+/* A walk of the reference, with memory for the scores of a path, those of a shadow ray, and
+   derivatives. Returns 0 if there is none. Its first block is to be freed. */
+static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texels *texels) {
+    size_t block;
+    memset(walk, 0, sizeof *walk);
+    walk->scene = render->scene, walk->theta = render->theta, walk->slots = render->slots;
+    walk->channels = render->channels, walk->count = walk->score_count = render->count;
+    walk->max_scatter = render->max_scatter, walk->texels = texels;
+    if (texels && texels->texture) walk->score_count += ITN__TOUCHES;
+    block = (size_t)walk->channels * (size_t)walk->score_count;
+    walk->weight.score = (float *)itn__allocate(&render->scene->context, block,
+                                                3 * sizeof(float));
+    walk->connection.score = walk->weight.score ? walk->weight.score + block : NULL;
+    walk->derivative = walk->weight.score ? walk->connection.score + block : NULL;
+    return walk->weight.score != NULL;
+}
+
+/* What plane k has of the walk's sample: radiance or derivative, or a derivative folded. */
+static float itn__plane_value(const itn__render *render, const itn__walk *walk, size_t pixel,
+                              int k) {
+    const itn_film_desc *film = &render->scene->film;
+    double sum = 0;
+    int c;
+    if (!render->weights)
+        return k < walk->channels ? walk->radiance[k] : walk->derivative[k - walk->channels];
+    for (c = 0; c < walk->channels; c++)
+        sum += (double)render->weights[(size_t)(c * film->width) * (size_t)film->height + pixel] *
+               walk->derivative[k * walk->channels + c];
+    return (float)sum;
+}
+
+/* The samples of a unit by the reference. */
+static void itn__walk_unit(const itn__render *render, itn__worker *worker) {
+    const itn__unit *unit = &worker->unit;
+    size_t stride = (size_t)(render->side * render->side * render->unit_rays), pixel;
+    size_t width = (size_t)render->scene->film.width;
+    itn__walk *walk = &worker->walk;
+    int cell, ray, k;
+    for (cell = 0; cell < unit->side * unit->side; cell++) {
+        float *values = worker->values + cell * unit->count;
+        if (!itn__unit_pixel(render->scene, unit, cell, &pixel)) continue;
+        for (ray = 0; ray < unit->count; ray++, values++) {
+            int sample = unit->first + ray;
+            if (sample >= itn__pixel_samples(render->allotment, render->spp, pixel)) break;
+            itn__sample_pixel(walk, render->seed, (int)(pixel % width), (int)(pixel / width),
+                              sample);
+            for (k = 0; k < render->planes; k++)
+                values[(size_t)k * stride] = itn__plane_value(render, walk, pixel, k);
+            if (walk->texels)
+                itn__texels_end(walk->texels, render->weights + pixel,
+                                width * (size_t)render->scene->film.height, 1. / render->spp);
+        }
+    }
+    worker->collisions = walk->collisions;
+}
+
+/* Adds what a unit's samples brought to the totals, set by set. */
+static void itn__sum_unit(const itn__render *render, const itn__worker *worker) {
+    const itn__unit *unit = &worker->unit;
+    size_t stride = (size_t)(render->side * render->side * render->unit_rays), pixel;
+    int cell, k, ray;
+    for (cell = 0; cell < unit->side * unit->side; cell++) {
+        double *totals, sum = 0;
+        if (!itn__unit_pixel(render->scene, unit, cell, &pixel)) continue;
+        totals = render->totals + pixel * (size_t)render->planes * 2;
+        for (k = 0; k < render->planes; k++, totals += 2)
+            for (ray = 0; ray < unit->count; ray++) {
+                int n = ray % render->set + 1;
+                sum += worker->values[(size_t)k * stride + (size_t)(cell * unit->count + ray)];
+                if (n < render->set && ray + 1 < unit->count) continue;
+                totals[0] += sum, totals[1] += sum * sum / (n * render->walks), sum = 0;
+            }
+    }
+}
+
+static itn__unit itn__unit_make(const itn__render *render, int tile, int chunk) {
+    int row = (render->scene->film.width - 1) / render->side + 1;
+    itn__unit unit;
+    unit.x = tile % row * render->side, unit.y = tile / row * render->side;
+    unit.side = render->side, unit.next = 0;
+    unit.first = chunk * render->unit_rays, unit.count = render->spp - unit.first;
+    if (unit.count > render->unit_rays) unit.count = render->unit_rays;
+    return unit;
+}
+
+/* All units of every so many-th tile. */
+static void itn__render_worker(void *task, int index) {
+    itn__render *render = (itn__render *)task;
+    itn__worker *worker = &render->workers[index];
+    size_t size = (size_t)(render->side * render->side * render->unit_rays * render->planes);
+    int tile, chunk;
+    for (tile = render->first; tile < render->end; tile++)
+        for (chunk = 0; chunk < render->chunks && tile % render->worker_count == index; chunk++) {
+            memset(worker->values, 0, size * sizeof(float));
+            worker->unit = itn__unit_make(render, tile, chunk);
+#ifndef ITN_NO_FAST
+            if (render->fast) {
+                worker->crowd->unit = worker->unit;
+                itn__run_unit(worker->crowd);
+                worker->collisions = worker->crowd->collisions;
+            }
+#endif
+            if (!render->fast) itn__walk_unit(render, worker);
+            itn__sum_unit(render, worker);
+        }
+}
+
+static void itn__workers_free(itn__render *render) {
+    const itn_context *context = &render->scene->context;
+    int i;
+    for (i = 0; render->workers && i < render->worker_count; i++) {
+        itn__worker *worker = &render->workers[i];
+        itn__free(context, worker->values);
+        itn__free(context, worker->walk.weight.score);
+        itn__texels_free(context, &worker->texels);
+#ifndef ITN_NO_FAST
+        if (worker->crowd) itn__crowd_free(context, worker->crowd);
+        itn__free(context, worker->crowd);
+#endif
+    }
+    itn__free(context, render->workers);
+    itn__free(context, render->totals);
+}
+
+static void itn__render_end(itn__render *render) {
+    if (!render->scene) return;
+    itn__workers_free(render);
+    itn__free(&render->scene->context, render->slots);
+    itn__free(&render->scene->context, render->theta);
+}
+
+/* Makes a worker for units of so many camera rays. Returns 0 if there is no memory. */
+static int itn__worker_make(const itn__render *render, itn__worker *worker, int rays) {
+    const itn_context *context = &render->scene->context;
+    worker->values = (float *)itn__allocate(context, (size_t)rays,
+                                            (size_t)render->planes * sizeof(float));
+    if (!worker->values) return 0;
+#ifndef ITN_NO_FAST
+    if (render->fast) {
+        worker->crowd = (itn__crowd *)itn__allocate(context, 1, sizeof(itn__crowd));
+        return worker->crowd && itn__crowd_make(worker->crowd, render->state, worker->values, rays);
+    }
+#endif
+    if (render->texels && !itn__texels_make(context, render->channels, render->texels,
+                                            &worker->texels))
+        return 0;
+    return itn__walk_make(&worker->walk, render, render->texels ? &worker->texels : NULL);
+}
+
+enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 }; /* at most, or for one set more */
+
+/* Divides the work, and allocates what it needs. Small pictures have small tiles, so that there is
+   work for many. */
+static itn_result itn__divide(itn__render *render, itn_error *error) {
+    const itn_context *context = &render->scene->context;
+    int width = render->scene->film.width, height = render->scene->film.height, cells, sets, i;
+    int good;
+    render->side = (int)itn__clamp((float)(width < height ? width : height) / ITN__TILE, 1,
+                                   ITN__TILE);
+    render->tiles = ((width - 1) / render->side + 1) * ((height - 1) / render->side + 1);
+    cells = render->side * render->side;
+    sets = ITN__UNIT_PATHS / (render->fast ? 1 : render->planes + 1);
+    sets /= cells * render->walks * render->set;
+    render->unit_rays = render->set * (sets < 1 ? 1 : sets);
+    if (render->unit_rays > render->spp) render->unit_rays = render->spp;
+    render->chunks = (render->spp - 1) / render->unit_rays + 1;
+    if (render->chunks > INT_MAX / render->tiles || render->spp > INT_MAX / render->walks)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
+    render->worker_count = render->texels ? itn__texels_copies(render->channels, render->texels)
+                                          : itn__workers(context);
+    if (render->worker_count > render->tiles) render->worker_count = render->tiles;
+    render->workers = (itn__worker *)itn__allocate(context, (size_t)render->worker_count,
+                                                   sizeof *render->workers);
+    render->totals = (double *)itn__allocate(context, (size_t)width * (size_t)height,
+                                             (size_t)render->planes * 2 * sizeof(double));
+    good = render->workers && render->totals;
+    for (i = 0; i < render->worker_count && good; i++)
+        good = itn__worker_make(render, &render->workers[i], cells * render->unit_rays);
+    return good ? ITN_OK : itn__out_of_memory(error, "a render");
+}
+
+/* Does all tiles, in eight groups if somebody watches. */
+static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
+    itn_result result = itn__divide(render, error);
+    int group = render->progress ? (render->tiles + 7) / 8 : render->tiles;
+    if (result) return result;
+    for (render->first = 0; render->first < render->tiles; render->first = render->end) {
+        render->end = render->tiles - render->first < group ? render->tiles
+                                                            : render->first + group;
+        itn__parallel_for(&render->scene->context, render->worker_count, itn__render_worker,
+                          render);
+        if (render->progress &&
+            render->progress(render->progress_user,
+                             render->done + render->share * render->end / render->tiles))
             return itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
     }
-    if (options && options->stats) {
-        options->stats->paths = render->samples;
-        for (options->stats->collisions = 0, done = 0; done < height; done++)
-            options->stats->collisions += render->collisions[done];
-    }
     return ITN_OK;
-}
-
-/* Variance of the mean of n samples, or of whatever is independent, from the means of them and of
-   their squares: where only rounding makes it negative, 0; one sample knows nothing of its spread,
-   nor do sums that are not finite. */
-static double itn__mean_variance(double mean, double square, int n) {
-    double variance = n > 1 ? (square - mean * mean) / (n - 1) : (double)INFINITY;
-    return variance < 0 ? 0 : variance >= 0 ? variance : (double)INFINITY;
-}
-
-/* How many of a pixel's samples are in stratum h: every strata-th, from h on. */
-static int itn__stratum_samples(const itn__render *render, int samples, int h) {
-    return samples / render->strata + (h < samples % render->strata);
-}
-
-/* Mean of a pixel's samples and its variance, from sums that are `stride` apart in the strata. */
-static void itn__pixel_mean(const itn__render *render, int samples, const double *sums, int stride,
-                            double *mean, double *variance) {
-    int strata = render->strata, h;
-    *mean = *variance = 0;
-    for (h = 0; h < strata; h++, sums += stride) {
-        int n = itn__stratum_samples(render, samples, h);
-        *mean += sums[0] / n / strata;
-        *variance += itn__mean_variance(sums[0] / n, sums[1] / n, n) / (strata * strata);
-    }
-}
-
-/* What a sample adds to kept value k of its pixel, number `at` of the film: of an image to plane k
-   (radiance, then derivatives); of a gradient to derivative k folded with the pixel's weights. */
-static double itn__sample_value(const itn__render *render, const itn__walk *walk, size_t at,
-                                int k) {
-    const itn_film_desc *film = &render->scene->film;
-    size_t plane = (size_t)film->width * (size_t)film->height;
-    int c = k % render->channels, of = k / render->channels - 1;
-    double sum = 0;
-    if (!render->weights)
-        return of < 0 ? walk->radiance[c] : walk->derivative[c * render->count + of];
-    for (c = 0; c < render->channels; c++)
-        sum += (double)render->weights[(size_t)c * plane + at] *
-               walk->derivative[c * render->count + k];
-    return sum;
-}
-
-/* Kept value k of a pixel, and its variance: into the image (means, then variances, of each group
-   of channels), or added to a gradient's sums. */
-static void itn__deposit(const itn__render *render, double *sums, size_t at, int k, double mean,
-                         double variance) {
-    const itn_film_desc *film = &render->scene->film;
-    size_t plane = (size_t)film->width * (size_t)film->height;
-    int c = k % render->channels;
-    if (render->weights) {
-        sums[k] += mean, sums[render->kept + k] += variance;
-        return;
-    }
-    render->image->pixels[(size_t)(2 * (k - c) + c) * plane + at] = (float)mean;
-    render->image->pixels[(size_t)(2 * (k - c) + c + render->channels) * plane + at] =
-        (float)variance;
-}
-
-/* The samples of a row's pixels. `sums`: what itn__deposit adds to, then the pixel's own. */
-static void itn__render_row(void *task, int index) {
-    itn__render *render = (itn__render *)task;
-    int y = render->first_row + index, width = render->scene->film.width, x, s, k;
-    double *sums = render->sums + (size_t)y * render->row_sums, *own = sums + 2 * render->kept;
-    itn__walk walk = itn__row_walk(render, y);
-    for (x = 0; x < width; x++) {
-        size_t at = (size_t)y * (size_t)width + (size_t)x;
-        int samples = render->allotment ? render->allotment->samples[at] : render->spp;
-        memset(own, 0, 2 * (size_t)(render->kept * render->strata) * sizeof *own);
-        for (s = 0; s < samples; s++) {
-            double *stratum = own + 2 * render->kept * (s % render->strata);
-            itn__sample_pixel(&walk, render->seed, x, y, s);
-            for (k = 0; k < render->kept; k++) {
-                double value = itn__sample_value(render, &walk, at, k);
-                stratum[2 * k] += value, stratum[2 * k + 1] += value * value;
-            }
-        }
-        for (k = 0; k < render->kept; k++) {
-            double mean, variance;
-            itn__pixel_mean(render, samples, own + 2 * k, 2 * render->kept, &mean, &variance);
-            itn__deposit(render, sums, at, k, mean, variance);
-        }
-    }
-    render->collisions[y] = walk.collisions;
-}
-
-/* Names of the planes: Y, Variance.Y, d_milk_g.Y, d_milk_g_variance.Y and so on. */
-static void itn__name_planes(const itn_scene *scene, const int *parameters, int count,
-                             itn_image *image) {
-    static const char *const names[2][3] = {{"Y", "", ""}, {"R", "G", "B"}};
-    int channels = scene->film.channels, k, v, c;
-    for (k = -1; k < count; k++)
-        for (v = 0; v < 2; v++)
-            for (c = 0; c < channels; c++) {
-                char layer[ITN_NAME_SIZE + 16] = "", *dot;
-                char *name = image->names[(2 * (k + 1) + v) * channels + c];
-                if (k >= 0) {
-                    itn__print(layer, sizeof layer, "d_%s%s.",
-                               scene->parameters[parameters[k]].name,
-                               v ? "_variance" : "");
-                    dot = strchr(layer, '.');
-                    if (dot) *dot = '_'; /* item.field to item_field */
-                } else if (v) {
-                    itn__copy_name(layer, "Variance.");
-                }
-                itn__print(name, ITN_NAME_SIZE, "%.60s%s", layer, names[channels == 3][c]);
-            }
 }
 
 #ifndef ITN_NO_FAST
@@ -9752,79 +9614,169 @@ static itn_result itn__render_tables(const itn__render *render, const itn__table
 }
 
 /* What the fast walk is to do. */
+static void itn__fast_ask(const itn__render *render, itn__fast *fast) {
+    fast->samples = render->samples, fast->spp = render->spp, fast->set = render->set;
+    fast->allotment = render->allotment, fast->seed = render->seed, fast->walks = render->walks;
+    fast->slots = render->slots, fast->only = render->only, fast->count = render->count;
+    fast->sobol = render->sobol, fast->planes = render->planes, fast->weights = render->weights;
+}
 static void itn__fast_make(const itn__render *render, const itn__tables *tables,
                            itn__substance *substances, itn__fast *fast) {
-    const itn_scene *scene = render->scene;
-    fast->samples = render->samples, fast->spp = render->spp, fast->allotment = render->allotment;
-    fast->seed = render->seed, fast->walks = render->walks, fast->sobol = render->sobol;
-    fast->slots = render->slots, fast->only = render->only, fast->count = render->count;
-    itn__fast_know(fast, scene, render->theta, substances, tables);
+    memset(fast, 0, sizeof *fast);
+    itn__fast_ask(render, fast);
+    itn__fast_know(fast, render->scene, render->theta, substances, tables);
     fast->controls = render->baseline && itn__can_control(fast);
+    fast->rows = fast->count ? ITN__ROWS : fast->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
 }
 
-/* What is kept of a picture goes into the image, or to the sums of a gradient. */
-static void itn__develop(const itn__render *render, const itn__fast *fast) {
-    size_t pixels = (size_t)render->scene->film.width * (size_t)render->scene->film.height, i;
-    const double *sums = fast->totals;
-    int k;
-    for (i = 0; i < pixels; i++)
-        for (k = 0; k < fast->planes; k++, sums += 2) {
-            int rays = itn__pixel_rays(fast, i), sets = (rays - 1) / fast->set + 1;
-            double n = (double)rays * fast->walks;
-            itn__deposit(render, render->sums, i, k, sums[0] / n,
-                         itn__mean_variance(sums[0] / n, sums[1] / n, sets));
-        }
+/* Learns V from a few paths, which are not used for anything else: whatever these tell, pictures
+   stay unbiased. */
+static itn_result itn__learn_values(const itn__render *render, itn__fast *fast, itn_error *error) {
+    double pixels = (double)render->scene->film.width * render->scene->film.height;
+    int media = render->scene->medium_count, learnt = 0, m, i, k;
+    itn__render pilot = *render;
+    itn__fast learner = *fast;
+    itn_result result;
+    pilot.weights = NULL, pilot.allotment = NULL, pilot.progress = NULL, pilot.state = &learner;
+    pilot.walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)fast->walks);
+    pilot.spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * pilot.walks), fast->spp / 8 + 1));
+    pilot.count = 0, pilot.planes = pilot.channels;
+    pilot.set = pilot.sobol ? itn__set_size(pilot.spp) : 1;
+    pilot.seed = itn__mix64(fast->seed + 1);
+    itn__fast_ask(&pilot, &learner);
+    learner.learning = 1, learner.controls = learner.scales = 0, learner.rows = ITN__ROWS;
+    result = itn__do_tiles(&pilot, error);
+    for (m = 1; m <= media && !result; m++) {
+        double *lessons = pilot.workers[0].crowd->lessons + m * ITN__LESSON_SUMS;
+        for (i = 1; i < pilot.worker_count; i++)
+            for (k = 0; k < ITN__LESSON_SUMS; k++)
+                lessons[k] += pilot.workers[i].crowd->lessons[m * ITN__LESSON_SUMS + k];
+        learnt |= itn__fit_value(fast, &fast->substances[m], lessons);
+    }
+    if (!learnt) fast->controls = 0; /* nothing is met */
+    itn__workers_free(&pilot);
+    return result;
 }
 
-/* The fast walk: an image, or (with weights) sums of a gradient. */
-static itn_result itn__render_fast(const itn__render *render, const itn_render_options *options,
-                                   itn_error *error) {
+/* The same by the fast walk. */
+static itn_result itn__do_tiles_fast(itn__render *render, itn_error *error) {
     const itn_scene *scene = render->scene;
     const itn__tables *tables;
     itn__tables *own;
-    itn__substance *substances;
     itn__fast fast;
+    itn__substance *substances;
     itn_result result = itn__render_tables(render, &tables, &own, error);
     if (result) return result;
-    memset(&fast, 0, sizeof fast);
-    fast.scene = scene, fast.weights = render->weights;
     substances = (itn__substance *)itn__allocate(&scene->context, 1 + (size_t)scene->medium_count,
                                                  sizeof *substances);
-    if (substances) {
+    if (!substances) result = itn__out_of_memory(error, "a render");
+    if (!result) {
         itn__fast_make(render, tables, substances, &fast);
         if ((render->baseline && render->count && scene->medium_count) || fast.controls)
-            result = itn__learn_values(&fast, error);
-        if (!result) result = itn__fast_begin(&fast, error);
-    } else {
-        result = itn__out_of_memory(error, "a render");
+            result = itn__learn_values(render, &fast, error);
+        render->state = &fast;
     }
-    if (!result) result = itn__fast_run(&fast, options, error);
-    if (!result) itn__develop(render, &fast);
-    itn__fast_end(&fast);
+    if (!result) result = itn__do_tiles(render, error);
+    render->state = NULL;
     itn__free(&scene->context, substances);
     itn__tables_free(&scene->context, own);
     return result;
 }
-
-#else
-static itn_result itn__render_fast(const itn__render *render, const itn_render_options *options,
-                                   itn_error *error) {
-    (void)render, (void)options;
-    return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "render: built without the fast walk");
-}
 #endif /* ITN_NO_FAST */
 
-/* Fills the image, or the sums of a gradient. */
-static itn_result itn__render_run(itn__render *render, const itn_render_options *options,
-                                  itn_error *error) {
-    return render->fast ? itn__render_fast(render, options, error)
-                        : itn__render_rows(render, options, itn__render_row, error);
+/* Numbers of samples, and how many make a set. */
+static void itn__choose_sets(itn__render *render) {
+    const itn__allotment *allotment = render->allotment;
+    int set = allotment ? allotment->set : itn__set_size(render->spp);
+    if (allotment) render->samples = allotment->sum, render->spp = allotment->most;
+    if (!render->fast) render->walks = 1;
+    render->set = !render->fast ? (render->scene->spectral && set > 1 ? 3 : 1)
+                  : render->sobol ? set : 1;
+}
+
+/* Renders: makes the totals. */
+static itn_result itn__render_run(itn__render *render, itn_error *error) {
+    itn__choose_sets(render);
+#ifndef ITN_NO_FAST
+    if (render->fast) return itn__do_tiles_fast(render, error);
+#endif
+    return itn__do_tiles(render, error);
+}
+
+/* Tells what renders did. */
+static void itn__report(const itn_render_options *options, const itn__render *render, int count) {
+    itn_render_stats *stats = options ? options->stats : NULL;
+    int k, i;
+    if (stats) stats->paths = stats->collisions = 0;
+    for (k = 0; k < count && stats; k++, render++) {
+        stats->paths += render->samples * render->walks;
+        for (i = 0; i < render->worker_count; i++)
+            stats->collisions += render->workers[i].collisions;
+    }
+}
+
+/* Variance of the mean of n samples, or of whatever is independent, from the means of them and of
+   their squares: where only rounding makes it negative, 0; one sample knows nothing of its spread,
+   nor do sums that are not finite. */
+static double itn__mean_variance(double mean, double square, int n) {
+    double variance = n > 1 ? (square - mean * mean) / (n - 1) : (double)INFINITY;
+    return variance < 0 ? 0 : variance >= 0 ? variance : (double)INFINITY;
+}
+
+/* Mean of plane k of a pixel, and its variance. */
+static double itn__pixel_mean(const itn__render *render, size_t pixel, int k, double *variance) {
+    const double *sums = render->totals + 2 * (pixel * (size_t)render->planes + (size_t)k);
+    int samples = itn__pixel_samples(render->allotment, render->spp, pixel);
+    double n = (double)samples * render->walks, mean = sums[0] / n;
+    *variance = itn__mean_variance(mean, sums[1] / n, (samples - 1) / render->set + 1);
+    return mean;
+}
+
+/* Names of the planes: Y, Variance.Y, d_milk_g.Y, d_milk_g_variance.Y and so on. */
+static void itn__name_planes(const itn_scene *scene, const int *parameters, int count,
+                             itn_image *image) {
+    static const char *const names[2][3] = {{"Y", "", ""}, {"R", "G", "B"}};
+    int channels = scene->film.channels, k, v, c;
+    for (k = 0; k < 2 * (1 + count) * channels; k++) {
+        char layer[ITN_NAME_SIZE + 16] = "";
+        c = k % channels, v = k / channels % 2;
+        if (k >= 2 * channels) {
+            itn__print(layer, sizeof layer, "d_%s%s.",
+                       scene->parameters[parameters[k / channels / 2 - 1]].name,
+                       v ? "_variance" : "");
+            *strchr(layer, '.') = '_'; /* item.field to item_field */
+        } else if (v) {
+            itn__copy_name(layer, "Variance.");
+        }
+        itn__print(image->names[k], ITN_NAME_SIZE, "%.60s%s", layer, names[channels == 3][c]);
+    }
+}
+
+/* Means and variances become an image: of each group of channels the means, then the variances. */
+static itn_result itn__develop(const itn__render *render, const int *parameters, itn_image *image,
+                               itn_error *error) {
+    const itn_scene *scene = render->scene;
+    size_t pixels = (size_t)scene->film.width * (size_t)scene->film.height, i;
+    itn_result result = itn_image_create(scene->film.width, scene->film.height, 2 * render->planes,
+                                         &scene->context, image, error);
+    double variance;
+    int k, channels = render->channels;
+    if (result) return result;
+    itn__name_planes(scene, parameters, render->count, image);
+    for (k = 0; k < render->planes; k++) {
+        float *plane = image->pixels + (size_t)(2 * k - k % channels) * pixels;
+        for (i = 0; i < pixels; i++) {
+            plane[i] = (float)itn__pixel_mean(render, i, k, &variance);
+            plane[(size_t)channels * pixels + i] = (float)variance;
+        }
+    }
+    return ITN_OK;
 }
 
 ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, itn_error *error) {
     itn__render render;
-    itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, 1, error);
+    itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, error);
 #ifndef ITN_NO_FAST
     const itn__tables *tables;
     itn__tables *own = NULL;
@@ -9835,35 +9787,21 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
     return result;
 }
 
-/* itn_render with so many samples of each pixel, of which options->spp is the most; NULL: all. */
+/* itn_render, with so many samples of each pixel where an allotment is given. */
 static itn_result itn__render_allotted(const itn_scene *scene, const float *theta,
                                        const itn_render_options *options,
                                        const itn__allotment *allotment, const int *parameters,
                                        int count, itn_image *image, itn_error *error) {
     itn__render render;
     itn_image made = ITN_ZERO;
-    size_t planes = scene && count >= 0 ? (size_t)scene->film.channels * (1 + (size_t)count) : 1;
     itn_result result;
     if (!image) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
-    result = itn__render_begin(&render, scene, theta, options, parameters, count, (int)planes,
-                               error);
-    if (!result && allotment) {
-        render.allotment = allotment, render.samples = allotment->sum;
-        if (allotment->set == 1) render.strata = 1; /* some pixels may have fewer than strata */
-    }
-    if (!result)
-        result = itn_image_create(scene->film.width, scene->film.height, 2 * (int)planes,
-                                  &scene->context, &made, error);
-    if (!result) {
-        render.image = &made;
-        itn__name_planes(scene, parameters, count, &made);
-        result = itn__render_run(&render, options, error);
-    }
+    result = itn__render_begin(&render, scene, theta, options, parameters, count, error);
+    render.allotment = allotment;
+    if (!result) result = itn__render_run(&render, error);
+    if (!result) result = itn__develop(&render, parameters, &made, error);
+    if (!result) *image = made, itn__report(options, &render, 1);
     itn__render_end(&render);
-    if (result)
-        itn_image_free(&made);
-    else
-        *image = made;
     return result;
 }
 
@@ -9909,22 +9847,44 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
 /* ---- [gradients] derivatives folded with weights --------------------------------------------- */
 
 /* Where the weighted sum of the derivative images is wanted rather than the images, as for a loss,
-   each sample (in the fast walk, each set of them) is folded with the weights of its pixel at
-   once (the adjoint): a number for each parameter takes the place of an image. The gradient of a
-   squared error takes two renders of different seeds, one for the residual and one for the
-   derivative: in one render both would have their noise in common, and the product a bias. Of
-   derivatives by texels ([texels]) there are as many sums as values. */
+   each sample is folded with the weights of its pixel at once ([render]). The gradient of a squared
+   error takes two renders of different seeds, one for the residual and one for the derivative: in
+   one render both would have their noise in common, and the product a bias. Of derivatives by
+   texels ([throughput]) there are as many sums as values. */
 
-/* Whether all of [channels][height][width] values are finite. */
+/* How many values an image has: [channels][height][width]. */
+static size_t itn__film_values(const itn_scene *scene) {
+    return (size_t)scene->film.width * (size_t)scene->film.height * (size_t)scene->film.channels;
+}
+
+/* Whether all of so many values are finite. */
 static itn_result itn__check_weights(const itn_scene *scene, const float *weights,
                                      const char *where, itn_error *error) {
-    size_t i, count = (size_t)scene->film.width * (size_t)scene->film.height *
-                      (size_t)scene->film.channels;
-    for (i = 0; i < count; i++)
+    size_t i;
+    for (i = 0; i < itn__film_values(scene); i++)
         if (!itn__finite(weights[i]))
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: value %d is not finite", where,
                              (int)i);
     return ITN_OK;
+}
+
+/* Runs a render that folds derivatives, and adds them up over all pixels. variance may be
+   NULL. */
+static itn_result itn__fold(itn__render *render, const float *weights, double *gradient,
+                            double *variance, itn_error *error) {
+    size_t pixels = (size_t)render->scene->film.width * (size_t)render->scene->film.height, i;
+    itn_result result;
+    int k;
+    render->weights = weights, render->planes = render->count;
+    result = itn__render_run(render, error);
+    for (k = 0; k < render->count && !result; k++) {
+        double sum = 0, spread = 0, own;
+        for (i = 0; i < pixels; i++)
+            sum += itn__pixel_mean(render, i, k, &own), spread += own;
+        gradient[k] = sum;
+        if (variance) variance[k] = spread;
+    }
+    return result;
 }
 
 ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *theta,
@@ -9933,56 +9893,21 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
                                        double *variance, itn_error *error) {
     itn__render render;
     itn_result result;
-    int y, k;
     if (!scene || !weights || !gradient || count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_render_gradient: NULL argument or count %d", count);
     result = itn__check_weights(scene, weights, "itn_render_gradient: weights", error);
     if (result) return result;
-    result = itn__render_begin(&render, scene, theta, options, parameters, count, count, error);
-    render.weights = weights;
-    if (!result) result = itn__render_run(&render, options, error);
-    for (k = 0; k < count && !result; k++) {
-        double sum = 0, spread = 0;
-        for (y = 0; y < scene->film.height; y++) { /* the fast walk uses the first alone */
-            sum += render.sums[(size_t)y * render.row_sums + (size_t)k];
-            spread += render.sums[(size_t)y * render.row_sums + (size_t)(count + k)];
-        }
-        gradient[k] = sum;
-        if (variance) variance[k] = spread;
-    }
+    result = itn__render_begin(&render, scene, theta, options, parameters, count, error);
+    if (!result) result = itn__fold(&render, weights, gradient, variance, error);
+    if (!result) itn__report(options, &render, 1);
     itn__render_end(&render);
     return result;
 }
 
-/* Derivatives by texels: the rows of a group under way have a band of sums each; in the next group
-   these bands serve again. */
-static void itn__texel_row(void *task, int index) {
-    itn__render *render = (itn__render *)task;
-    itn__band *band = &render->bands[index];
-    const itn_film_desc *film = &render->scene->film;
-    size_t plane = (size_t)film->width * (size_t)film->height;
-    size_t values = (size_t)render->channels * (size_t)band->texels.count;
-    int y = render->first_row + index, x, s;
-    itn__walk walk = itn__row_walk(render, y);
-    walk.texels = &band->texels;
-    if (band->texels.texture) {
-        walk.score_count = ITN__TOUCHES, walk.weight.score = band->scores;
-        walk.connection.score = band->scores + render->channels * ITN__TOUCHES;
-    }
-    for (x = 0; x < film->width; x++)
-        for (s = 0; s < render->spp; s++) {
-            int strata = render->strata;
-            double per_path = 1. / (strata * itn__stratum_samples(render, render->spp, s % strata));
-            itn__sample_pixel(&walk, render->seed, x, y, s);
-            itn__band_add(band, render->weights + (size_t)y * (size_t)film->width + (size_t)x,
-                          plane, per_path, values);
-        }
-    render->collisions[y] = walk.collisions;
-}
-
 /* The images of that name's surface and light; returns how many there are. */
 static int itn__find_texels(const itn_scene *scene, const char *item, itn__texels *texels) {
+    size_t length = strlen(item);
     int i, height;
     for (i = 0; i < scene->surface_count && !texels->texture; i++)
         if (!strcmp(scene->surfaces[i].name, item) && scene->surfaces[i].texels)
@@ -9990,9 +9915,7 @@ static int itn__find_texels(const itn_scene *scene, const char *item, itn__texel
     for (i = 0; i < scene->light_count && !texels->map; i++) {
         const itn__light *light = &scene->lights[i];
         const char *name = scene->parameters[light->parameter].name; /* item.scale */
-        size_t length = strcspn(name, ".");
-        if (light->kind == ITN__LIGHT_MAP && strlen(item) == length && !memcmp(name, item, length))
-            texels->map = light;
+        if (light->map && !strncmp(name, item, length) && name[length] == '.') texels->map = light;
     }
     if (!texels->texture && !texels->map) return 0;
     texels->width = texels->texture ? texels->texture->width : texels->map->width;
@@ -10001,15 +9924,23 @@ static int itn__find_texels(const itn_scene *scene, const char *item, itn__texel
     return 1 + (texels->texture && texels->map);
 }
 
-/* Adds the bands into the planes of an image: by channels, gradient, then variance. */
-static void itn__bands_develop(const itn__render *render, itn_image *image) {
-    size_t values = 2 * (size_t)render->channels * (size_t)image->width * (size_t)image->height, i;
+/* The sums of all workers become an image: by channels, gradient, then variance. */
+static itn_result itn__develop_texels(const itn__render *render, itn_image *image,
+                                      itn_error *error) {
+    const itn__texels *texels = render->texels;
+    size_t values = 2 * (size_t)render->channels * (size_t)texels->count, i;
+    itn_result result = itn_image_create(texels->width, texels->count / texels->width,
+                                         2 * render->channels, &render->scene->context, image,
+                                         error);
     int k;
+    if (result) return result;
+    itn__name_planes(render->scene, NULL, 0, image);
     for (i = 0; i < values; i++) {
         double sum = 0;
-        for (k = 0; k < render->group; k++) sum += render->bands[k].sums[i];
+        for (k = 0; k < render->worker_count; k++) sum += render->workers[k].texels.sums[i];
         image->pixels[i] = (float)sum;
     }
+    return ITN_OK;
 }
 
 ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
@@ -10038,68 +9969,27 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
     own.mode = ITN_MODE_REFERENCE;
     result = itn__check_weights(scene, weights, "itn_render_texel_gradient: weights", error);
     if (result) return result;
-    result = itn__render_begin(&render, scene, theta, &own, NULL, 0, 1, error);
-    render.weights = weights;
-    render.group = itn__band_count(scene, &texels);
-    if (!result) result = itn__bands_make(scene, &texels, render.group, &render.bands, error);
-    if (!result)
-        result = itn_image_create(texels.width, texels.count / texels.width,
-                                  2 * scene->film.channels, &scene->context, &made, error);
-    if (!result) result = itn__render_rows(&render, &own, itn__texel_row, error);
-    if (!result) {
-        itn__name_planes(scene, NULL, 0, &made);
-        itn__bands_develop(&render, &made);
-        *gradient = made;
-    } else {
-        itn_image_free(&made);
-    }
-    itn__bands_free(&scene->context, render.bands, render.group);
+    result = itn__render_begin(&render, scene, theta, &own, NULL, 0, error);
+    render.weights = weights, render.texels = &texels, render.planes = 0;
+    if (!result) result = itn__render_run(&render, error);
+    if (!result) result = itn__develop_texels(&render, &made, error);
+    if (!result) *gradient = made, itn__report(options, &render, 1);
     itn__render_end(&render);
     return result;
 }
 
-/* Progress of one render, as a part of one or two. */
-typedef struct itn__half {
-    const itn_render_options *options;
-    double done, share; /* renders before this one; of one in all of them */
-} itn__half;
-
-static int itn__half_progress(void *user, double fraction) {
-    const itn__half *half = (const itn__half *)user;
-    return half->options->progress(half->options->progress_user,
-                                   half->share * (half->done + fraction));
-}
-
-/* The two renders of a loss gradient: the first gives the weights by which the second is folded. */
-static itn_result itn__loss_renders(const itn_scene *scene, const float *theta,
-                                    itn_render_options options, const float *target,
-                                    const int *parameters, int count, double *loss,
-                                    double *gradient, itn__half *half, itn_error *error) {
-    itn_image image = ITN_ZERO;
-    itn_result result;
-    double sum = 0;
-    size_t i, pixels = (size_t)scene->film.width * (size_t)scene->film.height *
-                       (size_t)scene->film.channels;
-    options.seed = itn__mix64(~options.seed);
-    result = itn_render(scene, theta, &options, NULL, 0, &image, error);
-    if (result) return result;
-    for (i = 0; i < pixels; i++) {
-        double residual = (double)image.pixels[i] - target[i];
-        sum += residual * residual - image.pixels[pixels + i];
-        image.pixels[i] = (float)(2 * residual / (double)pixels);
-    }
-    if (!itn__finite(sum))
-        result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                           "itn_loss_gradient: squares of the image's values are too large for a "
-                           "float");
-    half->done = 1;
-    options.seed = itn__mix64(options.seed + 1), options.stats = options.stats + 1;
-    if (count && !result)
-        result = itn_render_gradient(scene, theta, &options, image.pixels, parameters, count,
-                                     gradient, NULL, error);
-    if (!result) *loss = sum / (double)pixels;
-    itn_image_free(&image);
-    return result;
+/* The loss of a render, and its derivatives by the pixels: weights [channels][height][width]. */
+static double itn__loss_weights(const itn__render *render, const float *target, float *weights) {
+    size_t pixels = (size_t)render->scene->film.width * (size_t)render->scene->film.height, i;
+    double values = (double)pixels * render->channels, sum = 0, residual, variance;
+    int c;
+    for (c = 0; c < render->channels; c++)
+        for (i = 0; i < pixels; i++, weights++) {
+            residual = itn__pixel_mean(render, i, c, &variance) - *target++;
+            sum += residual * residual - variance;
+            *weights = (float)(2 * residual / values);
+        }
+    return sum / values;
 }
 
 ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
@@ -10107,10 +9997,10 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      const int *parameters, int count, double *loss,
                                      double *gradient, itn_error *error) {
     itn_render_options own = ITN_ZERO;
-    itn_render_stats stats[2] = {{0, 0}, {0, 0}};
-    itn__half half;
-    itn__render probe;
+    itn__render renders[2]; /* for the residual, and for the derivative */
     itn_result result;
+    float *weights;
+    double value = 0;
     if (!scene || !target || !loss || count < 0 || (count && !gradient))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_loss_gradient: NULL argument or count %d", count);
@@ -10119,17 +10009,26 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: needs spp >= 2");
     result = itn__check_weights(scene, target, "itn_loss_gradient: target", error);
     if (result) return result;
-    result = itn__render_begin(&probe, scene, theta, &own, parameters, count, 1, error);
-    itn__render_end(&probe); /* so that a bad request costs no render */
-    if (result) return result;
-    half.options = options, half.done = 0, half.share = count ? .5 : 1, own.stats = stats;
-    if (own.progress) own.progress = itn__half_progress, own.progress_user = &half;
-    result = itn__loss_renders(scene, theta, own, target, parameters, count, loss, gradient, &half,
-                               error);
-    if (!result && options && options->stats) {
-        options->stats->paths = stats[0].paths + stats[1].paths;
-        options->stats->collisions = stats[0].collisions + stats[1].collisions;
-    }
+    memset(renders, 0, sizeof renders);
+    weights = (float *)itn__allocate(&scene->context, itn__film_values(scene), sizeof(float));
+    if (!weights) result = itn__out_of_memory(error, "a loss");
+    own.seed = itn__mix64(~own.seed);
+    if (!result) result = itn__render_begin(&renders[0], scene, theta, &own, NULL, 0, error);
+    own.seed = itn__mix64(own.seed + 1);
+    if (!result)
+        result = itn__render_begin(&renders[1], scene, theta, &own, parameters, count, error);
+    if (count) renders[0].share = renders[1].share = renders[1].done = .5;
+    if (!result) result = itn__render_run(&renders[0], error);
+    if (!result) value = itn__loss_weights(&renders[0], target, weights);
+    if (!itn__finite(value))
+        result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                           "itn_loss_gradient: squares of the image's values are too large for a "
+                           "float");
+    if (count && !result) result = itn__fold(&renders[1], weights, gradient, NULL, error);
+    if (!result) *loss = value, itn__report(options, renders, count ? 2 : 1);
+    itn__free(&scene->context, weights);
+    itn__render_end(&renders[0]);
+    itn__render_end(&renders[1]);
     return result;
 }
 

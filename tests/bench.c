@@ -519,32 +519,26 @@ static double render(const subject *s, const itn_render_options *options, float 
 #ifndef ITN_NO_FAST
 /* What itn_render does, but no flight is called safe: all are marched through the voxels. */
 static double render_untested(const subject *s, const itn_render_options *options, float *pixels) {
-    double start = seconds_now(), seconds, paths;
-    float *theta = (float *)allocate((size_t)s->made->parameter_count, sizeof *theta);
+    double start = seconds_now(), seconds, variance;
     itn__substance *substances = (itn__substance *)allocate((size_t)s->made->medium_count + 1,
                                                             sizeof *substances);
     const itn__tables *tables;
     itn__tables *own;
     itn__fast fast;
+    itn__render render;
     itn_error error;
     int i;
-    memset(&fast, 0, sizeof fast);
-    itn_parameter_values(s->made, theta);
-    fast.scene = s->made, fast.seed = options->seed;
-    fast.spp = options->spp, fast.walks = options->walks;
-    fast.samples = (double)options->spp * pixel_count(s);
-    fast.unsafe = 1;
-    paths = fast.samples * options->walks;
-    need(itn__tables_get(s->made, theta, paths, &tables, &own, &error), &error);
-    itn__fast_know(&fast, s->made, theta, substances, tables);
-    need(itn__fast_begin(&fast, &error), &error);
-    need(itn__fast_run(&fast, options, &error), &error);
+    need(itn__render_begin(&render, s->made, NULL, options, NULL, 0, &error), &error);
+    itn__choose_sets(&render);
+    need(itn__render_tables(&render, &tables, &own, &error), &error);
+    itn__fast_make(&render, tables, substances, &fast);
+    fast.unsafe = 1, render.state = &fast;
+    need(itn__do_tiles(&render, &error), &error);
     for (i = 0; i < pixel_count(s); i++)
-        pixels[i] = (float)(fast.totals[2 * i] / ((double)options->spp * options->walks));
-    itn__fast_end(&fast);
+        pixels[i] = (float)itn__pixel_mean(&render, (size_t)i, 0, &variance);
+    itn__render_end(&render);
     itn__tables_free(&s->made->context, own);
     free(substances);
-    free(theta);
     seconds = seconds_now() - start;
     return seconds;
 }

@@ -244,17 +244,17 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
         else
             check_report(strstr(scene->parameters[k].name, ".ior") || theta[k] == 0, __FILE__,
                          __LINE__, "%s is left to the reference", scene->parameters[k].name);
-    stage_need(itn__render_begin(&in->render, scene, NULL, options, in->parameters, in->count, 1,
+    stage_need(itn__render_begin(&in->render, scene, NULL, options, in->parameters, in->count,
                                  &error), &error);
+    itn__choose_sets(&in->render);
     stage_need(itn__render_tables(&in->render, &tables, &in->own, &error), &error);
     in->substances = (itn__substance *)itn__allocate(
         &scene->context, 1 + (size_t)scene->medium_count, sizeof *in->substances);
-    fast->scene = scene;
     itn__fast_make(&in->render, tables, in->substances, fast);
-    stage_need(itn__fast_begin(&in->fast, &error), &error);
+    in->render.state = fast;
+    stage_need(itn__divide(&in->render, &error), &error);
 }
 static void close_render(inside *in) {
-    itn__fast_end(&in->fast);
     itn__free(&in->scene->context, in->substances);
     itn__tables_free(&in->scene->context, in->own);
     itn__render_end(&in->render);
@@ -262,7 +262,7 @@ static void close_render(inside *in) {
 
 /* Runs paths of a unit in the picture's first crowd and leaves their radiance there. */
 static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
-    itn__crowd *crowd = &in->fast.crowds[0];
+    itn__crowd *crowd = in->render.workers[0].crowd;
     memset(crowd->radiance, 0, (size_t)crowd->radiance_stride *
                                    (size_t)in->fast.planes * sizeof(float));
     crowd->unit = *unit;
@@ -272,14 +272,20 @@ static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
 
 /* A unit of the whole picture, and a crowd that has room for it. */
 static itn__unit whole_unit(inside *in) {
-    itn__crowd *crowd = &in->fast.crowds[0];
+    const itn_context *context = &in->scene->context;
+    itn__worker *worker = &in->render.workers[0];
+    int rays;
     itn__unit unit = ITN_ZERO;
     unit.side = in->scene->film.width > in->scene->film.height ? in->scene->film.width
                                                                : in->scene->film.height;
     unit.count = in->fast.spp;
-    itn__crowd_free(crowd);
-    memset(crowd, 0, sizeof *crowd);
-    CHECK(itn__crowd_make(crowd, &in->fast, unit.side * unit.side * unit.count));
+    rays = unit.side * unit.side * unit.count;
+    itn__crowd_free(context, worker->crowd);
+    itn__free(context, worker->values);
+    memset(worker->crowd, 0, sizeof *worker->crowd);
+    worker->values = (float *)itn__allocate(context, (size_t)rays,
+                                            (size_t)in->fast.planes * sizeof(float));
+    CHECK(worker->values && itn__crowd_make(worker->crowd, &in->fast, worker->values, rays));
     return unit;
 }
 
@@ -313,7 +319,7 @@ static double derivatives_apart(const itn__crowd *crowd, const itn__walk *walk, 
     int k, c;
     for (k = 0; k < walk->count; k++)
         for (c = 0; c < walk->channels; c++) {
-            double reference = walk->derivative[c * walk->count + k];
+            double reference = walk->derivative[k * walk->channels + c];
             double fast = crowd->radiance[(walk->channels * (1 + k) + c) *
                                           crowd->radiance_stride + number];
             apart = worse(apart, fabs(fast - reference)), size = fmax(size, fabs(reference));
@@ -363,13 +369,14 @@ static void check_paths(int which, int planted) {
     options.walks = 1, options.sampler = ITN_SAMPLER_RANDOM;
     open_render(&in, scene, &options);
     in.fast.shadow_cut = 0, in.fast.roulette = ITN__ROULETTE;
-    walk = itn__row_walk(&in.render, 0), walk.strata = 1;
+    CHECK(itn__walk_make(&walk, &in.render, NULL));
     if (planted == 1) in.fast.seed++;
     if (planted == 2) in.substances[1].g += .001f;
     if (planted == 3) in.fast.constant[0] *= 1.0001f;
     if (planted == 4) in.substances[1].slot_g = in.substances[1].slot_sigma_t;
-    for (number = 0; number < in.fast.tiles * in.fast.chunks; number++) {
-        itn__unit unit = itn__unit_make(&in.fast, number);
+    for (number = 0; number < in.render.tiles * in.render.chunks; number++) {
+        itn__unit unit = itn__unit_make(&in.render, number / in.render.chunks,
+                                         number % in.render.chunks);
         tally_unit(&in, &walk, &unit, &t);
     }
     error = sqrt(t.square) + 1e-6 * t.sum;
@@ -431,8 +438,9 @@ static int mean_of_paths(const itn_scene *scene, int spp, int misled, int plante
     if (misled == 2 && planted) in.substances[1].slot_albedo[0] = in.substances[1].slot_sigma_t;
     planes = in.fast.planes;
     for (k = 0; k < planes; k++) mean[k] = variance[k] = 0;
-    for (number = 0; number < in.fast.tiles * in.fast.chunks; number++) {
-        itn__unit unit = itn__unit_make(&in.fast, number);
+    for (number = 0; number < in.render.tiles * in.render.chunks; number++) {
+        itn__unit unit = itn__unit_make(&in.render, number / in.render.chunks,
+                                         number % in.render.chunks);
         const itn__crowd *crowd = run_unit(&in, &unit);
         int paths = unit.side * unit.side * unit.count;
         for (k = 0; k < planes; k++)
@@ -553,7 +561,7 @@ static void check_parts(int which, itn_sampler sampler, int walks, int planted) 
     options.walks = walks, options.sampler = sampler;
     open_render(&in, scene, &options);
     whole = whole_unit(&in);
-    bytes = (size_t)in.fast.crowds[0].radiance_stride * (size_t)in.fast.channels *
+    bytes = (size_t)in.render.workers[0].crowd->radiance_stride * (size_t)in.fast.channels *
             sizeof *radiance;
     radiance = (float *)malloc(bytes);
     memcpy(radiance, run_unit(&in, &whole)->radiance, bytes);
@@ -591,7 +599,7 @@ static void check_tables(int which, int planted) {
     whole = whole_unit(&in);
     paths = whole.side * whole.side * whole.count;
     for (k = 0; k < 4; k++) { /* no table believed; coarse; fine; fine with regions */
-        const size_t bytes = (size_t)in.fast.crowds[0].radiance_stride *
+        const size_t bytes = (size_t)in.render.workers[0].crowd->radiance_stride *
                              (size_t)in.fast.channels * sizeof(float);
         itn__tables *tables = NULL;
         itn_error error;
@@ -604,7 +612,7 @@ static void check_tables(int which, int planted) {
         itn__tables_free(&scene->context, tables);
         for (number = 0; number < paths; number++)
             for (c = 0; c < in.fast.channels; c++) {
-                int at = c * in.fast.crowds[0].radiance_stride + number;
+                int at = c * in.render.workers[0].crowd->radiance_stride + number;
                 apart[k] += fabsf(radiance[k][at] - radiance[0][at]) > 1e-3f * radiance[0][at];
             }
         check_report(apart[k] <= .002 * paths, __FILE__, __LINE__,

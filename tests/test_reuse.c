@@ -130,12 +130,13 @@ static void test_many_samples(void) {
     stage_object(&s, &mesh, "m", NULL);
     stage_constant(&s, NULL, 1);
     scene = stage_make(&s);
-    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, 2, &error), &error);
-    walk = itn__row_walk(&render, 0);
+    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, &error), &error);
+    CHECK(itn__walk_make(&walk, &render, NULL));
     for (k = 0; k < 20000; k++) {
         itn__sample_pixel(&walk, ~0ull, 1, 1, INT_MAX - k);
         sum += walk.radiance[0], square += (double)walk.radiance[0] * walk.radiance[0];
     }
+    itn__free(&scene->context, walk.weight.score);
     itn__render_end(&render);
     {
         itn_image image = ITN_ZERO;
@@ -172,8 +173,8 @@ static void test_late_roulette(int draws) {
     stage_object(&s, &mesh, "m", NULL);
     stage_constant(&s, NULL, 1);
     scene = stage_make(&s);
-    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, 2, &error), &error);
-    walk = itn__row_walk(&render, 0);
+    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, &error), &error);
+    CHECK(itn__walk_make(&walk, &render, NULL));
     for (k = 0; k < PATHS; k++) {
         itn__begin_path(&walk, 1, 0, 0, k);
         walk.rng.dimension = ITN__MANY_DRAWS_CLEAR + 1;
@@ -187,6 +188,7 @@ static void test_late_roulette(int draws) {
     }
     CHECK_NEAR(living, share * PATHS, 4 * sqrt(share * (1 - share) * PATHS));
     CHECK_NEAR(weights * share, share * PATHS, 4 * sqrt(share * (1 - share) * PATHS));
+    itn__free(&scene->context, walk.weight.score);
     itn__render_end(&render);
     itn_scene_free(scene);
     itn_mesh_free(&mesh);
