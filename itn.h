@@ -4567,7 +4567,7 @@ static itn_result itn__make_camera(itn__maker *maker) {
 
 static itn_result itn__make_medium(itn__maker *maker, int index) {
     itn_medium_desc in = maker->desc->media[index];
-    itn__medium *media = maker->scene->media, *medium = &media[index];
+    itn__medium *media = maker->scene->media, *medium = &media[maker->scene->medium_count++];
     itn_result result = itn__take_name(maker, ITN__MEDIUM, index, in.name, media, sizeof *media,
                                        index);
     if (!result)
@@ -4784,27 +4784,26 @@ static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
     double m[12], sum = 0;
     const itn_mesh *mesh = itn__object_mesh(in, m);
     int k;
+    for (k = 0; k < 12; k++) sum += m[k] * 0;
     object->medium = itn__find_name(in->medium, scene->media, sizeof *scene->media,
                                     scene->medium_count);
     object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
                                      scene->surface_count);
+    object->refracts = object->surface >= 0 &&
+                       scene->surfaces[object->surface].type == ITN_SURFACE_DIELECTRIC;
+    object->solid = in->medium || object->refracts;
     if (in->medium && object->medium < 0) return ITN__REFUSE("there is no medium '%s'", in->medium);
     if (in->surface && object->surface < 0)
         return ITN__REFUSE("there is no surface '%s'", in->surface);
     if (!in->medium && !in->surface) return ITN__REFUSE("it has neither medium nor surface");
-    object->refracts = in->surface &&
-                       scene->surfaces[object->surface].type == ITN_SURFACE_DIELECTRIC;
-    object->solid = in->medium || object->refracts;
     if (!in->mesh && (!(in->half_size > 0) || in->medium))
         return ITN__REFUSE("a plane needs a positive half size, and no medium");
-    if (!in->mesh && object->refracts)
-        return itn__refuse(maker, ITN_ERROR_MESH, "a plane has no inside for a dielectric");
     if (mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions || !mesh->triangles)
         return ITN__REFUSE("the mesh is empty");
-    for (k = 0; k < 12; k++) sum += m[k] * 0;
-    if (sum != 0) return ITN__REFUSE("the transform is not finite");
-    if (itn__determinant(m) == 0) return ITN__REFUSE("the transform flattens space");
-    return ITN_OK;
+    if (sum != 0 || itn__determinant(m) == 0)
+        return ITN__REFUSE("the transform is not finite, or flattens space");
+    if (in->mesh || !object->refracts) return ITN_OK;
+    return itn__refuse(maker, ITN_ERROR_MESH, "a plane has no inside for a dielectric");
 }
 
 /* Says what keeps a mesh from being a solid. */
@@ -4820,13 +4819,12 @@ static itn_result itn__not_a_solid(itn__maker *maker, const itn_mesh *mesh,
                            "as it is)", report->open_edges, report->flipped_edges,
                            edge[0], (double)a[0], (double)a[1], (double)a[2],
                            edge[1], (double)b[0], (double)b[1], (double)b[2]);
-    if (report->volume < 0)
-        return itn__refuse(maker, ITN_ERROR_MESH, "the mesh is inside out: its volume is %g "
-                           "(triangles must be counter-clockwise seen from outside; `force` turns "
-                           "it)", report->volume);
-    return itn__refuse(maker, ITN_ERROR_MESH, "the mesh encloses nothing, its volume is 0: it is "
-                       "flat, or has each face twice, once for either side (leave out those that "
-                       "look inwards)");
+    return itn__refuse(maker, ITN_ERROR_MESH, "the mesh %s (its volume is %g)",
+                       report->volume < 0 ? "is inside out: triangles must be counter-clockwise "
+                                            "seen from outside; `force` turns it"
+                                          : "encloses nothing: it is flat, or has each face twice, "
+                                            "once for either side; leave out those that look "
+                                            "inwards", report->volume);
 }
 
 /* Checks an object's mesh, and notes whether it is a solid and where it is. */
@@ -5121,45 +5119,37 @@ static itn_result itn__make_arrays(itn__maker *maker) {
     return ITN_OK;
 }
 
-static itn_result itn__make_scene(itn__maker *maker) {
-    const itn_scene_desc *in = maker->desc;
-    itn_scene *scene = maker->scene;
-    itn_result result = itn__make_arrays(maker);
-    int i;
-    if (!result) result = itn__make_film(maker);
-    if (!result) result = itn__make_camera(maker);
-    for (i = 0; i < in->medium_count && !result; i++, scene->medium_count++)
-        result = itn__make_medium(maker, i);
-    for (i = 0; i < in->surface_count && !result; i++) result = itn__make_surface(maker, i);
-    for (i = 0; i < in->light_count && !result; i++) result = itn__make_light(maker, i);
-    for (i = 0; i < in->object_count && !result; i++) result = itn__make_object(maker, i);
-    if (!result) result = itn__make_origin(maker);
-    if (!result) result = itn__make_tree(maker);
-    if (!result) result = itn__check_parts(maker);
-    if (result) return result;
-    itn__share_lights(scene);
-    itn__make_sides(scene);
-    return ITN_OK;
-}
-
-/* itn_scene_create; on failure *kind and *index tell which item is at fault. */
+/* itn_scene_create; on failure *kind and *index tell which item is at fault (kind -1: none). */
 static itn_result itn__create_scene(const itn_scene_desc *desc, const itn_context *context,
-                                    itn_result refusal, itn_scene **scene, int *kind, int *index,
+                                    itn_result refusal, itn_scene **made, int *kind, int *index,
                                     itn_error *error) {
     itn__maker maker = ITN_ZERO;
     itn_context own;
+    itn_scene *scene;
+    int i;
     itn_result result = itn__context_check(context, &own, error);
     if (result) return result;
-    maker.scene = (itn_scene *)itn__allocate(&own, 1, sizeof(itn_scene));
-    if (!maker.scene) return itn__out_of_memory(error, "a scene");
-    maker.scene->context = own, maker.desc = desc, maker.error = error, maker.refusal = refusal;
+    scene = maker.scene = ITN__NEW(itn_scene, &own, 1);
+    if (!scene) return itn__out_of_memory(error, "a scene");
+    scene->context = own, maker.desc = desc, maker.error = error, maker.refusal = refusal;
     itn__go_to(&maker, -1, 0);
-    result = itn__make_scene(&maker);
+    result = itn__make_arrays(&maker);
+    if (!result) result = itn__make_film(&maker);
+    if (!result) result = itn__make_camera(&maker);
+    for (i = 0; i < desc->medium_count && !result; i++) result = itn__make_medium(&maker, i);
+    for (i = 0; i < desc->surface_count && !result; i++) result = itn__make_surface(&maker, i);
+    for (i = 0; i < desc->light_count && !result; i++) result = itn__make_light(&maker, i);
+    for (i = 0; i < desc->object_count && !result; i++) result = itn__make_object(&maker, i);
+    if (!result) result = itn__make_origin(&maker);
+    if (!result) result = itn__make_tree(&maker);
+    if (!result) result = itn__check_parts(&maker);
     itn__free(&own, maker.names.entries), itn__free(&own, maker.names.slots);
     *kind = maker.kind, *index = maker.index;
-    if (result) itn_scene_free(maker.scene);
-    else *scene = maker.scene;
-    return result;
+    if (result) return itn_scene_free(scene), result;
+    itn__share_lights(scene);
+    itn__make_sides(scene);
+    *made = scene;
+    return ITN_OK;
 }
 
 ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
@@ -14762,8 +14752,7 @@ typedef struct itn__reader {
     const itn__form *form;                /* of the item at hand, */
     char *item;                           /* its desc, */
     int given[ITN__MOST_FIELDS];          /* for each field 1 + its numbers or 0: not given, */
-    float checker[ITN__MOST_NUMBERS];
-    double transform[12]; /* and all steps so far, rows of a 3x4 matrix */
+    float checker[ITN__MOST_NUMBERS];     /* and the numbers of a checker */
 } itn__reader;
 
 #define ITN__WRONG(...) itn__text_fail(&r->text, ITN_ERROR_FORMAT, __VA_ARGS__)
@@ -14771,7 +14760,7 @@ typedef struct itn__reader {
 /* Adds a scale, rotate or translate by numbers n to a transformation, whose columns v it takes to
    n v, v + n (the last), or c v + s n x v + (1 - c) n (n . v) with n of unit length (Rodrigues).
    Returns 0 if that makes no sense. */
-static int itn__transform_add(double transform[12], char step, const float n[4]) {
+static int itn__transform_add(float transform[12], char step, const float n[4]) {
     double length = sqrt((double)n[0] * n[0] + (double)n[1] * n[1] + (double)n[2] * n[2]);
     double angle = n[3] * (3.14159265358979324 / 180), c = cos(angle), s = sin(angle) / length;
     double largest = 0;
@@ -14784,8 +14773,9 @@ static int itn__transform_add(double transform[12], char step, const float n[4])
             if (step == 's') w = v[k] * n[k];
             else if (step == 't') w = v[k] + (column == 3 ? n[k] : 0);
             else w = c * v[k] + s * (n[l] * v[m] - n[m] * v[l]) + (1 - c) * n[k] / length * dot;
-            transform[4 * k + column] = w, good &= fabs(w) <= (double)FLT_MAX;
+            good &= fabs(w) <= (double)FLT_MAX;
             if (column < 3) largest = fmax(largest, fabs(w));
+            transform[4 * k + column] = good ? (float)w : 0;
         }
     }
     return good && largest >= (double)FLT_MIN;
@@ -14810,7 +14800,8 @@ static int itn__read_values(itn__reader *r, const itn__field *field) {
     if (count > 9 || !itn__has_form(field, (char)('0' + count)))
         ITN__WRONG("%s takes another count of numbers than %d", name, count);
     if (count == 1 && strpbrk(field->form, "ct")) n[1] = n[2] = n[0];
-    if (itn__has_form(field, 't') && !itn__transform_add(r->transform, *name, n))
+    if (itn__has_form(field, 't') &&
+        !itn__transform_add(((itn_object_desc *)(void *)r->item)->transform, *name, n))
         ITN__WRONG("%s: the axis is zero, or the result too large or too small", name);
     if (itn__has_form(field, 'k')) memcpy(r->checker, n, sizeof n);
     three = itn__has_form(field, 'k') ? count == 7 : count == 3 && strpbrk(field->form, "cs");
@@ -15011,7 +15002,7 @@ static void itn__read_item(itn__reader *r) {
     items[ITN__OBJECT] = &r->objects[index], items[ITN__LIGHT] = &r->lights[index];
     r->item = (char *)items[kind], r->lines[kind][index] = r->text.line;
     memset(r->given, 0, sizeof r->given);
-    for (k = 0; k < 12; k++) r->transform[k] = k % 5 == 0;
+    for (k = 0; k < 3 && kind == ITN__OBJECT; k++) r->objects[index].transform[5 * k] = 1;
     for (k = 0; form->fields[k].name; k++) {
         float n[3] = {form->fields[k].otherwise, 0, 0};
         if (n[0] != 0) itn__write_numbers(&form->fields[k], r->item, n, 1);
@@ -15022,8 +15013,6 @@ static void itn__read_item(itn__reader *r) {
     if (kind == ITN__SURFACE) r->surfaces[index].type = (itn_surface_type)form->type;
     if (kind == ITN__SURFACE && form->type == ITN_SURFACE_DIFFUSE)
         itn__end_diffuse(r, &r->surfaces[index]);
-    for (k = 0; k < 12 && r->objects[index].mesh && kind == ITN__OBJECT; k++)
-        r->objects[index].transform[k] = (float)r->transform[k];
     if (kind == ITN__LIGHT)
         r->lights[index].type = (itn_light_type)form->type, r->lights[index].has_scale = 1;
     r->count[kind]++;
