@@ -7506,7 +7506,8 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
     number beta[3], pdf;                                                                           \
     integer key0, key1, dimension; /* of the random numbers */                                     \
     vector up;                                                                                     \
-    number level, control[3], flights, phases, hits, flight_base[3], phase_base[3];
+    number level, control[3], flights, phases, hits;                                               \
+    number flight_base[3], phase_base[3], hit_base[3];
 typedef struct itn__state {
     ITN__PATH_ROWS(itn__floats, itn__vectors, itn__ints)
     itn__ints slot; /* number of the path */
@@ -7550,6 +7551,7 @@ typedef struct itn__value {
     float mean[3];               /* V as one number, */
     itn__expansion flying[3];    /* V, */
     itn__expansion scattered[3]; /* its mean over a new direction, */
+    itn__expansion slope[3];     /* the slope of that by g, */
     float entering[3][ITN__ORDERS]; /* and V at z = 0 */
 } itn__value;
 
@@ -7747,19 +7749,24 @@ static void itn__bring_scales(itn__crowd *crowd, const itn__path *path, float sa
     }
 }
 
+/* Adds `value` in channel c, and its derivatives by the path's scores. */
+static void itn__bring_scored(itn__crowd *crowd, const itn__path *path, int c, float value) {
+    const int *only = crowd->fast->only;
+    int k;
+    itn__bring(crowd, path, -1, c, value);
+    for (k = 0; k < crowd->fast->count; k++)
+        if (only[k] < 0 || only[k] == c) itn__bring(crowd, path, k, c, value * path->scores[k]);
+}
+
 /* A path brings home `value` of light from its direction; sampled, plain: see above. */
 static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float sampled, float plain,
                             const float value[3]) {
-    const itn__fast *fast = crowd->fast;
-    int c, k;
-    for (c = 0; c < fast->channels; c++) {
-        itn__bring(crowd, path, -1, c, value[c]);
+    int c;
+    for (c = 0; c < crowd->fast->channels; c++) {
+        itn__bring_scored(crowd, path, c, value[c]);
         path->owner->brought[c] += value[c];
-        for (k = 0; k < fast->count; k++)
-            if (fast->only[k] < 0 || fast->only[k] == c)
-                itn__bring(crowd, path, k, c, value[c] * path->scores[k]);
     }
-    if (fast->scales) itn__bring_scales(crowd, path, sampled, plain, value);
+    if (crowd->fast->scales) itn__bring_scales(crowd, path, sampled, plain, value);
 }
 
 /* A choice made with a density p that depends on a parameter has the score s = d ln p; the mean of
@@ -7768,31 +7775,35 @@ static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float samp
        sum over choices of s (L - b)
    with any b that is known before the choice: the mean stays, and the variance is least where b is
    what the path was then expected to bring. As good as any finer guess is b = beta V with one
-   number V for each medium and channel ([value]). Scores and bases s b are summed in lanes between
-   surfaces and booked here, at the next surface or at the end. */
+   number V for each medium and channel; but see [value]. Scores and bases s b are summed in lanes
+   between surfaces and booked here, at the next surface or at the end. */
 static void itn__book(itn__crowd *crowd, itn__path *path, int substance) {
     const itn__substance *medium = &crowd->fast->substances[substance];
     int sigma_t = medium->slot_sigma_t, g = medium->slot_g, c;
+    for (c = 0; c < crowd->fast->channels && crowd->fast->controls; c++) {
+        itn__bring_scored(crowd, path, c, path->control[c]);
+        path->control[c] = 0;
+    }
     if (!crowd->fast->count) return;
     if (sigma_t >= 0) path->scores[sigma_t] += path->flights / medium->sigma_t;
     if (g >= 0) path->scores[g] += path->phases;
     for (c = 0; c < crowd->fast->channels; c++) {
-        if (medium->slot_albedo[c] >= 0)
+        if (medium->slot_albedo[c] >= 0) {
             path->scores[medium->slot_albedo[c]] += path->hits / medium->albedo[c];
+            itn__bring(crowd, path, medium->slot_albedo[c], c,
+                       -path->hit_base[c] / medium->albedo[c]);
+        }
         if (sigma_t >= 0)
             itn__bring(crowd, path, sigma_t, c, -path->flight_base[c] / medium->sigma_t);
         if (g >= 0) itn__bring(crowd, path, g, c, -path->phase_base[c]);
-        path->flight_base[c] = path->phase_base[c] = 0;
+        path->flight_base[c] = path->phase_base[c] = path->hit_base[c] = 0;
     }
     path->flights = path->phases = path->hits = 0;
 }
 
-/* A path ends; what is left of its control variate is taken off. */
+/* A path ends. */
 static void itn__end(itn__crowd *crowd, itn__path *path, int substance) {
-    int c;
     itn__book(crowd, path, substance);
-    for (c = 0; c < crowd->fast->channels && crowd->fast->controls; c++)
-        itn__bring(crowd, path, -1, c, path->control[c]);
     crowd->unused[crowd->unused_count++] = (int32_t)(path - crowd->paths);
 }
 static void itn__end_lanes(itn__crowd *crowd, int substance, const itn__state *s, unsigned bits) {
@@ -7816,7 +7827,9 @@ static void itn__find_hit(const itn_scene *scene, itn__path *path) {
    into beta V after its outcome. Their difference, Delta = beta V - E, has mean 0 whatever V is. So
    the sum of all these differences is a control variate (a martingale, as in Henderson and Glynn
    2002): taken off, it leaves of a path's noise only what V did not know. That pays with one medium
-   in light that is everywhere the same, in images.
+   in light that is everywhere the same. Of a derivative Delta takes off its product with the scores
+   that the path had before, which has mean 0, too, and with the score s of the choice itself
+   s beta V less the mean of that, which is the slope of E by the parameter while V stays as it is.
 
    The means must be known exactly. Over flights and new directions they are, for V of the form that
    diffusion has near a plane: at depth z (in mean free paths) below the surface nearby and with
@@ -7878,7 +7891,7 @@ static void itn__value_set(itn__value *value, int c, const double *a, double g) 
     int i, l;
     memset(value->entering[c], 0, sizeof value->entering[c]);
     for (i = 0; i < ITN__DECAYS; i++, a += ITN__ORDERS) {
-        float *scattered = value->scattered[c][i];
+        float *scattered = value->scattered[c][i], *slope = value->slope[c][i];
         for (l = 0; l < ITN__ORDERS; l++) {
             value->flying[c][i][l] = (float)a[l];
             value->entering[c][l] += (float)a[l];
@@ -7888,6 +7901,10 @@ static void itn__value_set(itn__value *value, int c, const double *a, double g) 
         scattered[1] = (float)(g * (a[1] + 3 / 5. * (1 - g2) * a[3]));
         scattered[2] = (float)(g2 * (a[2] + 6 / 7. * (1 - g2) * a[4]));
         scattered[3] = (float)(g2 * g * a[3]), scattered[4] = (float)(g2 * g2 * a[4]);
+        slope[0] = (float)(g * (-2 / 3. * a[2] + (12 / 35. * g2 - 4 / 7.) * a[4]));
+        slope[1] = (float)(a[1] + 3 / 5. * (1 - 3 * g2) * a[3]);
+        slope[2] = (float)(g * (2 * a[2] + 12 / 7. * (1 - 2 * g2) * a[4]));
+        slope[3] = (float)(3 * g2 * a[3]), slope[4] = (float)(4 * g2 * g * a[4]);
     }
 }
 
@@ -7958,17 +7975,23 @@ static itn__floats itn__expand_view(const itn__view *view, const itn__expansion 
    been expected to, has mean 0 and is taken off. */
 ITN__INLINE void itn__difference(itn__state *s, int c, itn__floats now, itn__floats before,
                                  itn__ints mask) {
-    s->control[c] = s->control[c] - itn__select(mask, now - before, itn__splat(0));
+    itn__floats difference = itn__select(mask, now - before, itn__splat(0));
+    s->control[c] = s->control[c] - difference;
+    s->flight_base[c] = s->flight_base[c] + difference * s->flights;
+    s->phase_base[c] = s->phase_base[c] + difference * s->phases;
+    s->hit_base[c] = s->hit_base[c] + difference * s->hits;
 }
 
 /* What lanes about to fly expect, per weight, if that is how the flight ends:
        mean = e^(-tau_0) at_face + sum over i of omega_i / (1 + k_i mu) (e^(-k_i z) - e^(-tau_0)),
-   with omega_i the albedo times the polynomial of `scattered`. */
+   with omega_i the albedo times the polynomial of `scattered`; and the slope of that by the
+   logarithm of the sigma_t with which flights are drawn. */
 typedef struct itn__ahead {
     itn__view view;
     itn__floats to_face; /* tau_0 */
     itn__ints up;        /* there is one */
-    itn__floats mean[3], at_face[3], omega[3][ITN__DECAYS];
+    itn__floats mean[3], slope[3], at_face[3], omega[3][ITN__DECAYS];
+    itn__floats inside[3]; /* the sum over i */
 } itn__ahead;
 
 #define ITN__FAR 80.f /* mean free paths, for tau_0: e^-80 is nothing */
@@ -7985,12 +8008,16 @@ ITN__NOINLINE void itn__look_ahead(const itn__fast *fast, const itn__substance *
     through = itn__select(a->up, itn__vexp(-a->to_face), zero);
     for (c = 0; c < fast->channels; c++) {
         a->at_face[c] = itn__power_sum(value->entering[c], mu);
-        a->mean[c] = through * a->at_face[c];
+        a->slope[c] = -a->to_face * through * a->at_face[c], a->inside[c] = zero;
         for (i = 0; i < ITN__DECAYS; i++) {
-            a->omega[c][i] = itn__power_sum(value->scattered[c][i], mu) * substance->albedo[c];
-            a->mean[c] = a->mean[c] + a->omega[c][i] * (a->view.fall[i] - through) /
-                                          (1 + (float)i * value->decay * mu);
+            itn__floats inverse = 1 / (1 + (float)i * value->decay * mu), omega;
+            itn__floats inside = (a->view.fall[i] - through) * inverse;
+            omega = itn__power_sum(value->scattered[c][i], mu) * substance->albedo[c];
+            a->omega[c][i] = omega, a->inside[c] = a->inside[c] + omega * inside;
+            a->slope[c] = a->slope[c] + omega * ((1 - inverse) * inside +
+                                                 a->to_face * through * inverse);
         }
+        a->mean[c] = through * a->at_face[c] + a->inside[c];
     }
 }
 
@@ -8000,29 +8027,39 @@ ITN__NOINLINE void itn__control_flight(const itn__fast *fast, const itn__substan
                                        itn__ints mask) {
     itn__floats tau = substance->sigma_t * distance, fall[ITN__DECAYS];
     itn__ints crosses = a->up & itn__less(a->to_face, tau);
+    itn__floats zero = itn__splat(0), score = itn__select(crosses, -a->to_face, 1 - tau), beta;
     int c, i;
     itn__falls(&substance->value, itn__most(a->view.depth + a->view.cosine * tau, itn__splat(0)),
                fall);
     for (c = 0; c < fast->channels; c++) {
         itn__floats collided = a->omega[c][0];
         for (i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
+        beta = itn__select(mask, s->beta[c], zero);
+        s->hit_base[c] = s->hit_base[c] +
+                         beta * (itn__select(crosses, zero, collided) - a->inside[c]);
         collided = itn__select(crosses, a->at_face[c], collided);
-        itn__difference(s, c, s->beta[c] * collided, s->beta[c] * a->mean[c], mask);
+        s->flight_base[c] = s->flight_base[c] + beta * (score * collided - a->slope[c]);
+        itn__difference(s, c, beta * collided, beta * a->mean[c], mask);
     }
 }
 
-/* New directions have been drawn where directions d ended. */
+/* New directions have been drawn where directions d ended, with these scores. */
 ITN__NOINLINE void itn__control_direction(const itn__fast *fast, const itn__substance *substance,
-                                          itn__state *s, const itn__vectors *d, itn__ints mask) {
+                                          itn__state *s, const itn__vectors *d, itn__floats score,
+                                          itn__ints mask) {
     const itn__value *value = &substance->value;
     itn__view view = itn__view_of(substance, s, d);
     itn__floats cosine = -itn__vdot(s->up, s->d);
     int c;
-    for (c = 0; c < fast->channels; c++)
-        itn__difference(s, c,
-                        s->beta[c] * itn__expand_view(&view, value->flying[c], cosine),
-                        s->beta[c] * itn__expand_view(&view, value->scattered[c], view.cosine),
+    for (c = 0; c < fast->channels; c++) {
+        itn__floats beta = itn__select(mask, s->beta[c], itn__splat(0));
+        itn__floats now = beta * itn__expand_view(&view, value->flying[c], cosine);
+        itn__difference(s, c, now, beta * itn__expand_view(&view, value->scattered[c], view.cosine),
                         mask);
+        if (fast->count)
+            s->phase_base[c] = s->phase_base[c] + score * now -
+                               beta * itn__expand_view(&view, value->slope[c], view.cosine);
+    }
 }
 
 /* What is expected of a bounce at facet m of a dielectric boundary: *mean over both ways from
@@ -8601,11 +8638,13 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
     if (fast->shadows) itn__light_collisions(crowd, substance, s, mask, space);
     u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
     s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
-    if (fast->controls) itn__control_direction(fast, medium, s, &d, mask);
-    if (fast->only_constant && !fast->count) return mask;
-    p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
-    s->pdf = itn__select(mask, p.v, s->pdf);
-    score = itn__select(mask, p.d / p.v, zero), s->phases = s->phases + score;
+    score = zero;
+    if (!fast->only_constant || fast->count) {
+        p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
+        s->pdf = itn__select(mask, p.v, s->pdf), score = itn__select(mask, p.d / p.v, zero);
+    }
+    if (fast->controls) itn__control_direction(fast, medium, s, &d, score, mask);
+    s->phases = s->phases + score;
     for (c = 0; c < fast->channels; c++)
         s->phase_base[c] = s->phase_base[c] + score * s->beta[c] * medium->value.mean[c];
     return mask;
@@ -8903,6 +8942,7 @@ static void itn__scatter_lanes(itn__crowd *crowd, itn__state *s, const itn__surf
         itn__path *path;
         k = itn__lowest_bit(bits), path = &crowd->paths[ITN__LANE(s->slot, k)];
         itn__leave_surface(fast->scene, path, ITN__LANE(through, k), path->p, &path->place);
+        itn__book(crowd, path, 0);
         itn__book_factor(fast, path->scores, &f, k);
         itn__depart(crowd, path);
     }
@@ -9171,12 +9211,12 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, float *radi
 
 #define ITN__LESSONS 32768. /* paths that V is learnt from */
 
-/* Whether a control variate pays: in images of one medium in light that is everywhere the same,
-   with many paths. */
+/* Whether a control variate pays: with one medium in light that is everywhere the same, and many
+   paths. */
 static int itn__can_control(const itn__fast *fast) {
     const itn_scene *scene = fast->scene;
     double paths = fast->samples * fast->walks;
-    return fast->voxels && fast->only_constant && scene->medium_count == 1 && !fast->count &&
+    return fast->voxels && fast->only_constant && scene->medium_count == 1 &&
            paths >= 16 * ITN__LESSONS;
 }
 #endif /* ITN_NO_FAST */
@@ -9644,6 +9684,7 @@ static itn_result itn__learn_values(const itn__render *render, itn__fast *fast, 
         learnt |= itn__fit_value(fast, &fast->substances[m], lessons);
     }
     if (!learnt) fast->controls = 0; /* nothing is met */
+    if (fast->controls) memset(fast->substances[1].value.mean, 0, 3 * sizeof(float));
     itn__workers_free(&pilot);
     return result;
 }
