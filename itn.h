@@ -71,10 +71,8 @@
        [picture]        who does what of a picture
        [render]         samples into images
        [gradients]      derivatives folded with weights
-       [adam]           a step that knows the size of its gradients
-       [layers]         convolution, ReLU and pooling as one layer
-       [loss]           what a network is trained for
-       [net]            the assembled network
+       [layers]         convolution, ReLU and pooling as one layer, and a step of Adam
+       [net]            losses, and the assembled network
        [refine]         analysis by synthesis
        [similarity]     along the valley of the loss
        [residuals]      pictures over their noise
@@ -678,14 +676,6 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      double *gradient, itn_error *error);
 
 /* ---- [api-net] a network that learns to invert ----------------------------------------------- */
-
-/* Options of Adam (Kingma and Ba 2015, algorithm 1); all-zero is the defaults. */
-typedef struct itn_adam_desc {
-    double learning_rate; /* in (0,1]; 0 = 1e-4 */
-    double beta1, beta2;  /* decay of the moments, in (0,1); 0 = .9 and .999 */
-    double epsilon;       /* in [1e-18,1]; 0 = 1e-8 */
-} itn_adam_desc;
-
 #ifndef ITN_NO_NET
 
 /* Shape of a regressor network (section 5 of the paper): layer_count times a 3x3 convolution, a
@@ -700,9 +690,8 @@ typedef struct itn_net_desc {
     uint64_t seed;      /* of the initial weights */
 } itn_net_desc;
 
-/* A network with its gradients, Adam moments and activations. One thread at a time may use it; it
-   spreads its loops over the context's parallel_for, with the same results to the bit. What returns
-   no itn_result wants a network that is not NULL. */
+/* A network with its gradients, Adam moments and activations, for one thread at a time. What
+   returns no itn_result wants a network that is not NULL. */
 typedef struct itn_net itn_net;
 
 /* Makes a network with zero biases and normal weights of variance 2/n before a ReLU and 1/n in the
@@ -714,10 +703,9 @@ ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *c
 ITN_API void itn_net_free(itn_net *net);
 /* Returns the shape with all defaults filled in. */
 ITN_API itn_net_desc itn_net_shape(const itn_net *net);
-/* Return all weights and biases, or their gradients, as one array of *count floats (count may be
-   NULL), owned by the network, writable. Order: per layer weights [3][3][inputs][channels] and
-   biases [channels]; then of the last layer weights [outputs][inputs] (inputs:
-   [row][column][channel]) and biases. */
+/* Return all weights and biases, or their gradients, writable: *count floats (count may be NULL).
+   Per layer weights [3][3][inputs][channels] and biases [channels]; then of the last layer weights
+   [outputs][inputs] (inputs: [row][column][channel]) and biases. */
 ITN_API float *itn_net_parameters(itn_net *net, size_t *count);
 ITN_API float *itn_net_gradients(itn_net *net, size_t *count);
 
@@ -729,7 +717,7 @@ ITN_API float *itn_net_gradients(itn_net *net, size_t *count);
    no overlap with pixels. Errors: ARGUMENT; then input is untouched. */
 ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
                                  float *input, itn_error *error);
-/* Computes the network's outputs for `batch` images (1 to the desc's batch).
+/* Computes the outputs for `batch` images (1 to the desc's batch).
    images: [batch][channels][height][width], finite. outputs: [batch][outputs].
    Errors: ARGUMENT (batch out of range, image values or outputs that are not finite). */
 ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images, float *outputs,
@@ -750,11 +738,17 @@ ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outp
                                     itn_error *error);
 /* Sets all gradients to zero, to which itn_net_backward adds. */
 ITN_API void itn_net_zero_gradients(itn_net *net);
-/* One Adam step against the gradients (which stay as they are). desc may be NULL.
-   Errors: ARGUMENT (desc out of range; a gradient whose square is not finite): nothing changes. */
-ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_error *error);
+/* One step of Adam (Kingma and Ba 2015) against the gradients, which stay as they are. rate: the
+   learning rate, in (0,1]; the authors' is 1e-4.
+   Errors: ARGUMENT (rate; a gradient whose square is not finite): nothing changes. */
+ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error);
 /* Returns the number of steps taken, also over saving and loading. */
 ITN_API uint64_t itn_net_steps(const itn_net *net);
+
+/* Returns sum_k (truth[k] - predicted[k])^2, and its gradient, which may be `predicted` itself. All
+   arrays: [count] coordinates (itn_parameter_to_coordinate), where outputs of a network live. */
+ITN_API double itn_loss_parameters(int count, const float *predicted, const float *truth,
+                                   float *gradient);
 
 /* The paper's three networks differ only in the loss they are trained with, equation (3). */
 typedef enum itn_model {
@@ -763,12 +757,6 @@ typedef enum itn_model {
     ITN_MODEL_ITN     /* inverse transport network: renders with full transport */
 } itn_model;
 
-/* Supervised loss: returns sum_k (truth[k] - predicted[k])^2 and stores its gradient in
-   gradient[k] = 2 (predicted[k] - truth[k]), which may be `predicted` itself. All arrays are
-   [count] coordinates (itn_parameter_to_coordinate), where the outputs of a network live. */
-ITN_API double itn_loss_parameters(int count, const float *predicted, const float *truth,
-                                   float *gradient);
-
 /* How one image enters the loss. */
 typedef struct itn_loss_desc {
     itn_model model;
@@ -776,7 +764,8 @@ typedef struct itn_loss_desc {
     const itn_scene *scene;     /* what the image shows; this and the rest: if it is rendered */
     const float *theta;         /* the scene's other parameters; NULL: as made */
     const int *parameters;      /* [count] what the outputs mean, as indices of the scene */
-    itn_render_options options; /* take a new seed for every image and step */
+    itn_render_options options; /* take a new seed for every image and step; max_scatter is the
+                                   model's */
 } itn_loss_desc;
 
 typedef struct itn_loss {
@@ -786,14 +775,13 @@ typedef struct itn_loss {
 } itn_loss;
 
 /* One image's term of equation (3), ||pi - N(I)||^2 + lambda ||I - T(N(I))||^2, where N(I) are the
-   coordinates of the parameters of T, and the derivative of `total` in them. The second is a mean
-   over pixels and channels, so lambda is the paper's times their number; choose it so that both are
-   of like size when training with it begins. Beyond a parameter's bounds the value and slope on the
-   bound are used; an ior is at least 1.001. options.max_scatter is set by the model.
-   count: outputs of the network. predicted, truth, gradient: [count] coordinates.
-   image: [C][height][width] of the scene's film, linear radiometric; may be NULL if none is
-   rendered. Errors: ARGUMENT (NULL, lambda, an index, coordinates that are not finite, a gradient
-   too large for a float) and those of itn_loss_gradient; then loss and gradient are untouched. */
+   coordinates of the parameters of T, and the derivative of `total` in them. The second is a mean,
+   so lambda is the paper's times the pixels and channels; choose it so that both are of like size
+   when training begins. Beyond a parameter's bounds the value and slope on the bound are used.
+   predicted, truth, gradient: [count] coordinates. image: [C][height][width] of the scene's film,
+   linear radiometric; may be NULL if none is rendered. Errors: ARGUMENT (NULL, lambda, an index,
+   coordinates that are not finite, a gradient too large for a float) and those of
+   itn_loss_gradient; then loss and gradient are untouched. */
 ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const float *predicted,
                                      const float *truth, const float *image, itn_loss *loss,
                                      float *gradient, itn_error *error);
@@ -10063,76 +10051,39 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
     return result;
 }
 
-/* ---- [adam] a step that knows the size of its gradients -------------------------------------- */
+/* ---- [layers] convolution, ReLU and pooling as one layer, and a step of Adam ----------------- */
 
 /* Adam (Kingma and Ba 2015, algorithm 1) keeps decaying means of the gradient g and of its square,
-       m <- beta1 m + (1 - beta1) g,    v <- beta2 v + (1 - beta2) g^2,
-   divides both by 1 - beta^t, the weight that t steps from zero have collected so far, and steps by
-       w <- w - rate m' / (sqrt(v') + epsilon):
-   about `rate` per weight while the gradient keeps its sign, less where it is mostly noise.
-   Networks are trained with it, and it is one of the methods that fit a single image. */
+       m <- .9 m + .1 g,    v <- .999 v + .001 g^2,
+   divides both by the weight that t steps from zero have collected so far, 1 - .9^t and 1 - .999^t,
+   and steps by
+       w <- w - rate m' / (sqrt(v') + 1e-8):
+   about `rate` per weight while the gradient keeps its sign, less where it is mostly noise. */
 
-/* Fills in the defaults of a desc and checks its ranges. */
-static itn_result itn__adam_desc_fill(const itn_adam_desc *given, itn_adam_desc *desc,
-                                      itn_error *error) {
-    static const char *const names[4] = {"learning_rate", "beta1", "beta2", "epsilon"};
-    static const char *const ranges[4] = {"(0,1]", "(0,1)", "(0,1)", "[1e-18,1]"};
-    static const double defaults[4] = {1e-4, .9, .999, 1e-8};
-    double *fields[4];
-    int k;
-    memset(desc, 0, sizeof *desc);
-    if (given) *desc = *given;
-    fields[0] = &desc->learning_rate, fields[3] = &desc->epsilon;
-    fields[1] = &desc->beta1, fields[2] = &desc->beta2;
-    for (k = 0; k < 4; k++) {
-        double value = *fields[k] = *fields[k] == 0 ? defaults[k] : *fields[k];
-        int decay = k == 1 || k == 2; /* epsilon: its square is a float's, like v */
-        if (!(value >= (k == 3 ? 1e-18 : 0) && value <= 1) || (decay && value == 1))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_adam_desc: %s is %g, must be in %s", names[k], value, ranges[k]);
-    }
-    return ITN_OK;
-}
-
-/* Returns the index of the first value beyond -most ... most, as NaN is, or count. */
-static ITN__UNUSED size_t itn__first_beyond(const float *values, size_t count, float most) {
-    size_t k = 0;
-    for (; k + ITN__LANES <= count; k += ITN__LANES) {
-        itn__ints inside = itn__less_equal(itn__absolute(itn__load(values + k)), itn__splat(most));
-        if (itn__mask_bits(inside) != ITN__ALL_LANES) break;
-    }
-    while (k < count && fabsf(values[k]) <= most) k++;
-    return k;
-}
-
-/* Step number `step` (1 is the first) of algorithm 1. All arrays: [count]. */
-static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, const float *gradient,
-                      float *m, float *v, float *weights) {
-    float beta1 = (float)desc->beta1, beta2 = (float)desc->beta2, epsilon = (float)desc->epsilon;
-    float new1 = (float)(1 - desc->beta1), new2 = (float)(1 - desc->beta2);
-    float rate = (float)(desc->learning_rate / (1 - pow(desc->beta1, (double)step)));
-    float v_scale = (float)(1 / (1 - pow(desc->beta2, (double)step)));
-    float rest[4][ITN__LANES]; /* what does not fill the lanes: gradient, m, v, weights */
-    size_t k, bytes;
+/* Step number `step` (1 is the first). All arrays: [count]. */
+static void itn__adam(double rate, uint64_t step, size_t count, const float *gradient, float *m,
+                      float *v, float *weights) {
+    float m_scale = (float)(rate / (1 - pow(.9, (double)step)));
+    float v_scale = (float)(1 / (1 - pow(.999, (double)step)));
+    float rest[4][ITN__LANES] = {{0}}, *arrays[3]; /* rest: what does not fill the lanes */
+    size_t k, a, bytes;
     for (k = 0; k + ITN__LANES <= count; k += ITN__LANES) {
         itn__floats g = itn__load(gradient + k);
-        itn__floats m1 = beta1 * itn__load(m + k) + new1 * g;
-        itn__floats v1 = beta2 * itn__load(v + k) + new2 * (g * g);
+        itn__floats m1 = .9f * itn__load(m + k) + .1f * g;
+        itn__floats v1 = .999f * itn__load(v + k) + .001f * (g * g);
         itn__store(m + k, m1), itn__store(v + k, v1);
         itn__store(weights + k, itn__load(weights + k) -
-                                    rate * m1 / (itn__root(v1 * v_scale) + epsilon));
+                                    m_scale * m1 / (itn__root(v1 * v_scale) + 1e-8f));
     }
     if (k == count) return;
     bytes = (count - k) * sizeof(float);
-    memset(rest, 0, sizeof rest);
-    memcpy(rest[0], gradient + k, bytes), memcpy(rest[1], m + k, bytes);
-    memcpy(rest[2], v + k, bytes), memcpy(rest[3], weights + k, bytes);
-    itn__adam(desc, step, ITN__LANES, rest[0], rest[1], rest[2], rest[3]);
-    memcpy(m + k, rest[1], bytes), memcpy(v + k, rest[2], bytes);
-    memcpy(weights + k, rest[3], bytes);
+    arrays[0] = m, arrays[1] = v, arrays[2] = weights;
+    memcpy(rest[3], gradient + k, bytes);
+    for (a = 0; a < 3; a++) memcpy(rest[a], arrays[a] + k, bytes);
+    itn__adam(rate, step, ITN__LANES, rest[3], rest[0], rest[1], rest[2]);
+    for (a = 0; a < 3; a++) memcpy(arrays[a] + k, rest[a], bytes);
 }
 
-/* ---- [layers] convolution, ReLU and pooling as one layer ------------------------------------- */
 #ifndef ITN_NO_NET
 
 /* A network is a chain of layers y = f(x; w). Training needs the derivatives of a loss l in the
@@ -10141,90 +10092,78 @@ static void itn__adam(const itn_adam_desc *desc, uint64_t step, size_t count, co
        dl/dx = (dy/dx)^T dl/dy    and    dl/dw = (dy/dw)^T dl/dy.
    In the code d_x stands for dl/dx. Gradients of weights are added to (+=).
 
-   The unit here is a convolution with the ReLU and the 2x2 max-pooling behind it:
+   A layer is a convolution with the ReLU and the 2x2 max-pooling behind it:
        s[y][x][o] = bias[o] + sum over tap = (ky,kx) and i of in[y+ky-1][x+kx-1][i] w[tap][i][o],
        out[y][x][o] = max(0, s of the four pixels of window (x, y)),
-   with one ring of zeros around the input. Nothing between `in` and `out` is stored but `chosen`:
+   with a ring of zeros around the input. Nothing between `in` and `out` is stored but `chosen`:
    which of the four was taken, or that the ReLU is shut.
 
-   Channels are cut into blocks of ITN__LANES: an image is [block][row][column][lane], with its ring
-   of zeros, so that whole vectors of channels are loaded anywhere. The last block is padded with
-   zeros. Blocks of the images that a network is given have no more lanes than channels.
-
-   Forward, the sums of a window's 4 pixels and a panel of 2 vectors of output channels, a tile,
-   stay in registers while the loop runs over the 9 taps of a block of inputs: 6 loads serve 8
-   products. A task is up to 64 windows times as many panels as its sums have room for: so weights
-   are read in the order of memory where windows are few and reading is what takes time.
-
-   Backward, only the chosen one of a window's four pixels has a derivative, so three quarters of
-   d_s are zero for certain: sums are sparse. With d = d_out[window][o] and `patch` the 3x3 pixels
-   around the one that was chosen,
+   Forward, the sums of a window's 4 pixels and of two vectors of outputs, a tile, stay in registers
+   while the loop runs over 9 taps of some inputs: 6 loads serve 8 products. Backward, only the
+   chosen one of a window's pixels has a derivative, so that most of d_s is zero. With d =
+   d_out[window][o] and `patch` the 3x3 pixels around the chosen one,
        d_w[.][.][o] += d in[patch][.],     for every o, over the windows;
        d_in[patch][.] += d w[.][.][o],     for every patch, over the o that chose its pixel.
-   Both are sums of scaled 3x3 vectors of input channels, which stay in 9 registers.
+   Both add up scaled 3x3 vectors of input channels in 9 registers. So both passes are one loop over
+   lists of such terms, and for the time of a backward pass the weights and their derivatives are
+   turned: [input / ITN__LANES][output][tap][input % ITN__LANES].
 
-   Every sum has an order that depends on the shapes alone, so results do not depend on how the
-   loops are spread over threads; tasks write apart. */
+   Every sum has an order that the shapes alone decide, and tasks write apart: results do not depend
+   on how loops are spread over threads. */
 
 ITN__INLINE size_t itn__fewer(size_t a, size_t b) { return a < b ? a : b; }
 
-/* Shape of images in blocks of channels: [blocks][height + 2][width + 2][lanes]. */
-typedef struct itn__blocked {
+/* Images are [channel / lanes][row][column][channel % lanes] with their ring, so that whole vectors
+   of channels are loaded and stored anywhere; what lies behind the channels means nothing. */
+typedef struct itn__layout {
     size_t height, width, channels;
-    size_t lanes, blocks;    /* channels of a block, and how many blocks hold all channels */
-    size_t row, plane, size; /* floats from row to row, block to block, image to image */
-} itn__blocked;
+    size_t lanes, row, plane, size; /* floats from pixel to pixel, row to row, vector to vector of
+                                       a pixel, image to image */
+} itn__layout;
 
-/* Behind every image there is room for a vector that starts at its last float. */
-static itn__blocked itn__blocked_make(size_t height, size_t width, size_t channels, size_t lanes) {
-    itn__blocked s;
+/* Images that are only read may have fewer lanes than a vector, which is loaded past the last. */
+static itn__layout itn__layout_make(size_t height, size_t width, size_t channels, size_t lanes) {
+    itn__layout s;
     s.height = height, s.width = width, s.channels = channels, s.lanes = lanes;
-    s.blocks = (channels + lanes - 1) / lanes;
     s.row = (width + 2) * lanes, s.plane = (height + 2) * s.row;
-    s.size = (s.blocks * s.plane + ITN__LANES + 15) & ~(size_t)15;
+    s.size = ((channels + lanes - 1) / lanes * s.plane + ITN__LANES + 63) & ~(size_t)63;
     return s;
 }
 
 /* The place of a value; rows and columns count from 0 inside the ring. */
-static size_t itn__blocked_at(const itn__blocked *s, size_t y, size_t x, size_t channel) {
+static size_t itn__layout_at(const itn__layout *s, size_t y, size_t x, size_t channel) {
     return channel / s->lanes * s->plane + (y + 1) * s->row + (x + 1) * s->lanes +
            channel % s->lanes;
 }
 
-/* Channels of a block that are not padding. */
-static size_t itn__blocked_real(const itn__blocked *s, size_t block) {
-    return itn__fewer(s->channels - block * s->lanes, s->lanes);
-}
-
-/* A convolution with ReLU and pooling at work on a batch. */
+/* A layer at work on a batch. */
 typedef struct itn__conv {
-    itn__blocked in, out;    /* out: after the pooling, half the height and width, whole blocks */
+    itn__layout in, out;     /* out: after the pooling, half the height and width */
     size_t batch;
-    const float *w, *bias;   /* [9][inputs][outputs], a panel behind can be read; [outputs] */
-    const float *images;     /* [batch][in], with zeros in the ring */
-    float *pooled;           /* [batch][out]: the forward result */
-    unsigned char *chosen;   /* as pooled: pixel of the window, 2 row + column, or ITN__SHUT */
-    float *d_pooled;         /* as pooled */
-    float *d_w, *d_bias;     /* as w and bias */
-    float *d_images;         /* as images, overwritten, of whole blocks; the ring is undefined */
-    float *scratch;          /* [itn__weights_slices][itn__weights_sums] */
-    size_t panels;           /* of a task of the forward pass */
-    int turning;             /* see itn__weights_turn */
+    const float *w, *bias; /* [9][inputs][outputs], [outputs]; a panel behind can be read */
+    float *d_w, *d_bias;   /* as w and bias */
+    const float *images;   /* [batch][in], with zeros in the ring */
+    float *d_images;       /* as images, overwritten, of whole vectors; or NULL */
+    float *pooled;         /* [batch][out]: the forward result */
+    float *d_pooled;       /* as pooled */
+    unsigned char *chosen; /* as pooled: pixel of the window, 2 row + column, or ITN__SHUT */
+    float *turned;         /* [itn__conv_turned] */
 } itn__conv;
 
 enum {
-    ITN__SHUT = 4,                  /* `chosen` of a window that gave 0 */
-    ITN__PANEL = 2 * ITN__LANES,    /* output channels of a tile */
-    ITN__TASK_WINDOWS = 64,         /* of a forward task, whose windows x panels are as many */
-    ITN__PATCH = 9 * ITN__LANES,    /* floats of 3x3 vectors */
-    ITN__WEIGHTS_BAND = 32,         /* windows whose inputs fit into the first level of cache */
-    ITN__SPREAD_BAND = 16,          /* windows that use the weights of */
-    ITN__SPREAD_BLOCKS = 64 / ITN__LANES /* blocks of outputs while these are there */
+    ITN__SHUT = 4,               /* `chosen` of a window that gave 0 */
+    ITN__PANEL = 2 * ITN__LANES, /* outputs of a tile */
+    ITN__TASK_TILES = 64,        /* of a forward task: its windows x panels, */
+    ITN__TASK_PANELS = 8,        /* which are more than one where windows are few */
+    ITN__TASK_OUTPUTS = ITN__LANES < 8 ? ITN__LANES : 8, /* of one for the derivatives of weights */
+    ITN__TASK_WINDOWS = 8,       /* at least, of a task for the derivatives of inputs */
+    ITN__PATCH = 9 * ITN__LANES, /* floats of 3x3 vectors */
+    ITN__LIST = 64               /* of which so many are added up at a time */
 };
 
 /* Windows are numbered [image][row][column]. */
 typedef struct itn__window {
-    size_t in, out; /* index of its 4x4 input pixels, and of its output pixel, in block 0 */
+    size_t in, out; /* index of its 4x4 input pixels, and of its output pixel */
 } itn__window;
 
 static size_t itn__conv_windows(const itn__conv *c) {
@@ -10236,13 +10175,8 @@ static itn__window itn__window_make(const itn__conv *c, size_t number) {
     size_t y = row - image * c->out.height, x = number - row * c->out.width;
     itn__window w;
     w.in = image * c->in.size + 2 * (y * c->in.row + x * c->in.lanes);
-    w.out = image * c->out.size + itn__blocked_at(&c->out, y, x, 0);
+    w.out = image * c->out.size + itn__layout_at(&c->out, y, x, 0);
     return w;
-}
-
-/* From a window's 4x4 pixels to the 3x3 around its pixel `corner` (2 row + column). */
-static size_t itn__conv_corner(const itn__blocked *in, size_t corner) {
-    return corner / 2 % 2 * in->row + corner % 2 * in->lanes;
 }
 
 /* Where each use of lanes could load them, GCC does so: this keeps them in a register. */
@@ -10252,15 +10186,12 @@ static size_t itn__conv_corner(const itn__blocked *in, size_t corner) {
 #define ITN__HOLD(v) ((void)0)
 #endif
 
-/* sums[4][ITN__PANEL] += the terms of one block of inputs, for the window that begins at index `in`
-   and weights that begin at w_block; those of the next panel are asked for. */
-ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t block, const float *w_block, size_t in,
-                                  float *sums) {
-    const float *patch = c->images + in + block * c->in.plane;
-    size_t below = c->in.row, lanes = c->in.lanes, row = c->out.channels, x, y, k;
-    /* the taps of a row of a single block are one run of inputs and of weights */
-    size_t taps = c->in.blocks == 1 && c->in.channels == lanes ? 3 : 1;
-    size_t run = taps * itn__blocked_real(&c->in, block);
+/* sums[4][ITN__PANEL] += the terms of `inputs` channels, for the window that begins at `patch` and
+   weights that begin at w; those of the next panel are asked for. */
+ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t inputs, const float *patch,
+                                  const float *w, float *sums) {
+    size_t below = c->in.row, right = c->in.lanes, outputs = c->out.channels, x, y, k;
+    size_t taps = c->in.channels == right ? 3 : 1; /* of a row: one run of inputs and of weights */
     itn__floats sum[4][2];
     int p;
     ITN__UNROLL
@@ -10270,16 +10201,17 @@ ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t block, const float 
     }
     for (y = 0; y < 3; y++)
         for (x = 0; x < 3; x += taps) {
-            const float *w = w_block + (3 * y + x) * c->in.channels * row;
-            const float *at = patch + y * below + x * lanes;
-            for (k = 0; k < run; k++, at++, w += row) {
-                itn__floats w0 = itn__load(w), w1 = itn__load(w + ITN__LANES);
+            const float *row = w + (3 * y + x) * c->in.channels * outputs;
+            const float *at = patch + y * below + x * right;
+            for (k = 0; k < taps * inputs; k++, at++, row += outputs) {
+                itn__floats w0 = itn__load(row), w1 = itn__load(row + ITN__LANES);
                 ITN__HOLD(w0);
                 ITN__HOLD(w1);
-                ITN__PREFETCH_FAR(w + ITN__PANEL), ITN__PREFETCH_FAR(w + ITN__PANEL + ITN__LANES);
+                ITN__PREFETCH_FAR(row + ITN__PANEL);
+                ITN__PREFETCH_FAR(row + ITN__PANEL + ITN__LANES);
                 ITN__UNROLL
                 for (p = 0; p < 4; p++) {
-                    itn__floats value = itn__splat(at[(p / 2 ? below : 0) + (p % 2 ? lanes : 0)]);
+                    itn__floats value = itn__splat(at[(p / 2 ? below : 0) + (p % 2 ? right : 0)]);
                     sum[p][0] += value * w0, sum[p][1] += value * w1;
                 }
             }
@@ -10291,87 +10223,77 @@ ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t block, const float 
     }
 }
 
-/* ReLU and pooling of one block of outputs. sums: [count][4][ITN__PANEL]; those of padding are of
-   whatever lay behind the weights. The first of equals is taken. Comparisons pass over NaN: `bad`,
-   else 0, keeps it. */
-static void itn__conv_pool(const itn__conv *c, size_t block, size_t count,
-                           const itn__window *windows, const float *sums) {
-    size_t real = itn__blocked_real(&c->out, block), k;
-    itn__ints inside = itn__int_less(itn__lane_numbers(), itn__splat_int((int32_t)real));
-    itn__floats zero = itn__splat(0), bias;
-    float biases[ITN__LANES] = ITN_ZERO;
-    memcpy(biases, c->bias + block * ITN__LANES, real * sizeof *biases);
-    bias = itn__load(biases);
-    for (k = 0; k < count; k++) {
-        itn__floats best = itn__splat(-FLT_MAX), bad = zero * bias;
-        itn__ints which = itn__splat_int(0), open;
-        size_t out = windows[k].out + block * c->out.plane;
-        int corner;
-        for (corner = 0; corner < 4; corner++, sums += ITN__PANEL) {
-            itn__floats sum = itn__load(sums);
-            itn__ints more = itn__less(best, sum);
-            bad += zero * sum;
-            best = itn__select(more, sum, best);
-            which = itn__select_int(more, itn__splat_int(corner), which);
-        }
-        best += bias;
-        open = itn__less(zero, best) & inside;
-        bad = itn__select(inside, bad, zero);
-        itn__store(c->pooled + out, itn__select(open, best, zero) + bad);
-        itn__store_bytes(c->chosen + out,
-                         itn__select_int(open, which, itn__splat_int(ITN__SHUT)));
+/* ReLU and pooling of a vector of outputs at `out`, from their sums [4][ITN__PANEL] and biases. The
+   first of equals is taken. Comparisons pass over NaN: `bad`, else 0, keeps it. */
+static void itn__conv_pool(const itn__conv *c, size_t out, const float *sums, const float *biases) {
+    itn__floats zero = itn__splat(0), best = itn__load(sums), bias = itn__load(biases);
+    itn__floats bad = zero * best + zero * bias;
+    itn__ints which = itn__splat_int(0), open;
+    int corner;
+    for (corner = 1; corner < 4; corner++) {
+        itn__floats sum = itn__load(sums + corner * ITN__PANEL);
+        itn__ints more = itn__less(best, sum);
+        bad += zero * sum;
+        best = itn__select(more, sum, best);
+        which = itn__select_int(more, itn__splat_int(corner), which);
     }
+    best += bias, open = itn__less(zero, best);
+    itn__store(c->pooled + out, itn__select(open, best, zero) + bad);
+    itn__store_bytes(c->chosen + out, itn__select_int(open, which, itn__splat_int(ITN__SHUT)));
+}
+
+/* How many outputs a forward task has: of as many panels as there is room for. */
+static size_t itn__conv_task_outputs(const itn__conv *c) {
+    size_t tiles = ITN__TASK_TILES / itn__fewer(itn__conv_windows(c), ITN__TASK_TILES);
+    return itn__fewer(tiles, ITN__TASK_PANELS) * ITN__PANEL;
 }
 
 static void itn__conv_forward_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
-    size_t windows = itn__conv_windows(c), parts = (windows - 1) / ITN__TASK_WINDOWS + 1;
-    size_t first = (size_t)index % parts * ITN__TASK_WINDOWS, block, k, p;
-    size_t count = itn__fewer(windows - first, ITN__TASK_WINDOWS);
-    size_t panel = (size_t)index / parts * c->panels;
-    size_t panels = itn__fewer((c->out.blocks + 1) / 2 - panel, c->panels);
-    float sums[4 * ITN__TASK_WINDOWS * ITN__PANEL];
-    itn__window taken[ITN__TASK_WINDOWS];
+    size_t windows = itn__conv_windows(c), parts = (windows - 1) / ITN__TASK_TILES + 1;
+    size_t first = (size_t)index % parts * ITN__TASK_TILES, inputs = c->in.channels, i, o, k;
+    size_t count = itn__fewer(windows - first, ITN__TASK_TILES), lanes = c->in.lanes;
+    size_t begin = (size_t)index / parts * itn__conv_task_outputs(c);
+    size_t end = itn__fewer(c->out.channels, begin + itn__conv_task_outputs(c));
+    float sums[ITN__TASK_TILES][4 * ITN__PANEL], (*sum)[4 * ITN__PANEL];
+    itn__window taken[ITN__TASK_TILES];
     for (k = 0; k < count; k++) taken[k] = itn__window_make(c, first + k);
-    memset(sums, 0, panels * count * 4 * ITN__PANEL * sizeof *sums);
-    for (block = 0; block < c->in.blocks; block++)
-        for (p = 0; p < panels; p++) {
-            const float *w = c->w + block * c->in.lanes * c->out.channels +
-                             (panel + p) * ITN__PANEL;
-            for (k = 0; k < count; k++)
-                itn__conv_tile(c, block, w, taken[k].in, sums + (p * count + k) * 4 * ITN__PANEL);
-        }
-    for (block = 2 * panel; block < itn__fewer(2 * (panel + panels), c->out.blocks); block++)
-        itn__conv_pool(c, block, count, taken,
-                       sums + (block / 2 - panel) * count * 4 * ITN__PANEL +
-                           block % 2 * ITN__LANES);
+    memset(sums, 0, sizeof sums);
+    for (i = 0; i < inputs; i += lanes)
+        for (o = begin, sum = sums; o < end; o += ITN__PANEL)
+            for (k = 0; k < count; k++, sum++)
+                itn__conv_tile(c, itn__fewer(inputs - i, lanes),
+                               c->images + taken[k].in + i / lanes * c->in.plane,
+                               c->w + i * c->out.channels + o, *sum);
+    for (o = begin; o < end; o += ITN__LANES)
+        for (k = 0, sum = sums + (o - begin) / ITN__PANEL * count; k < count; k++)
+            itn__conv_pool(c, taken[k].out + o / ITN__LANES * c->out.plane,
+                           sum[k] + o % ITN__PANEL, c->bias + o);
 }
 
 static void itn__conv_forward(const itn_context *context, itn__conv *c) {
-    size_t windows = itn__conv_windows(c), panels = (c->out.blocks + 1) / 2;
-    size_t threads = (size_t)itn__loop_threads(context);
-    size_t parts = (windows - 1) / ITN__TASK_WINDOWS + 1;
-    c->panels = itn__fewer(ITN__TASK_WINDOWS / itn__fewer(windows, ITN__TASK_WINDOWS),
-                           (panels - 1) / threads + 1);
-    itn__parallel_for(context, (int)(parts * ((panels - 1) / c->panels + 1)),
-                      itn__conv_forward_part, c);
+    size_t parts = (itn__conv_windows(c) - 1) / ITN__TASK_TILES + 1;
+    size_t tasks = (c->out.channels - 1) / itn__conv_task_outputs(c) + 1;
+    itn__parallel_for(context, (int)(parts * tasks), itn__conv_forward_part, c);
 }
 
-/* to[3][3] += sum over k of d[k] times the 3x3 vectors at from + at[k], of which each `step`-th is
-   taken. In memory rows of `from` lie `row` floats apart and pixels `pixel`; those of `to` `to_row`
-   and ITN__LANES. */
-ITN__NOINLINE void itn__add_patches(size_t count, size_t step, const float *d, const size_t *at,
-                                    const float *from, size_t row, size_t pixel, float *to,
-                                    size_t to_row) {
+/* What is added to the 3x3 vectors at `to`: d[k] times those at at[k], k = 0 ... count - 1. */
+typedef struct itn__list {
+    size_t to, count, at[ITN__LIST + 1]; /* a place behind the last may be written */
+    float d[ITN__LIST + 1];
+} itn__list;
+
+ITN__NOINLINE void itn__add_list(const itn__list *list, const float *from, size_t row, size_t pixel,
+                                 float *to, size_t to_row, size_t to_pixel) {
     itn__floats sum[3][3];
     size_t k, y, x;
     ITN__UNROLL
     for (y = 0; y < 3; y++)
         ITN__UNROLL
-        for (x = 0; x < 3; x++) sum[y][x] = itn__load(to + y * to_row + x * ITN__LANES);
-    for (k = 0; k < count * step; k += step) {
-        const float *patch = from + at[k];
-        itn__floats scale = itn__splat(d[k]);
+        for (x = 0; x < 3; x++) sum[y][x] = itn__load(to + y * to_row + x * to_pixel);
+    for (k = 0; k < list->count; k++) {
+        const float *patch = from + list->at[k];
+        itn__floats scale = itn__splat(list->d[k]);
         ITN__UNROLL
         for (y = 0; y < 3; y++)
             ITN__UNROLL
@@ -10380,155 +10302,113 @@ ITN__NOINLINE void itn__add_patches(size_t count, size_t step, const float *d, c
     ITN__UNROLL
     for (y = 0; y < 3; y++)
         ITN__UNROLL
-        for (x = 0; x < 3; x++) itn__store(to + y * to_row + x * ITN__LANES, sum[y][x]);
+        for (x = 0; x < 3; x++) itn__store(to + y * to_row + x * to_pixel, sum[y][x]);
 }
 
-/* Weights and their derivatives with input channels in the lanes are [block of inputs][output]
-   [3][3][lane]. The derivatives are the work of tasks for each block of outputs and, where these
-   are few, slices of the windows, whose sums, with those of the biases behind, are added up in
-   order. */
-static size_t itn__weights_slices(const itn__conv *c) {
-    size_t blocks = c->out.blocks, slices = (itn__conv_windows(c) + 255) / 256;
-    return blocks < 32 ? itn__fewer(slices, 32 / blocks) : 1;
-}
-static size_t itn__weights_sums(const itn__conv *c) {
-    return c->out.blocks * ITN__LANES * (c->in.blocks * ITN__PATCH + 1);
+/* The same for all lists and input channels of a layer: of images to turned weights or (forth = 0)
+   the other way. */
+static void itn__add_lists(const itn__conv *c, const itn__list *lists, size_t count,
+                           const float *from, float *to, int forth) {
+    size_t row[2] = {3 * ITN__LANES, c->in.row}, pixel[2] = {ITN__LANES, c->in.lanes}, i, k;
+    size_t next[2] = {c->out.channels * ITN__PATCH, c->in.plane};
+    for (i = 0; i < c->in.channels; i += ITN__LANES, from += next[forth], to += next[!forth])
+        for (k = 0; k < count; k++)
+            if (lists[k].count)
+                itn__add_list(&lists[k], from, row[forth], pixel[forth], to + lists[k].to,
+                              row[!forth], pixel[!forth]);
 }
 
+/* Floats of turned weights. */
+static size_t itn__conv_turned(const itn__conv *c) {
+    return (c->in.channels + ITN__LANES - 1) / ITN__LANES * c->out.channels * ITN__PATCH;
+}
+
+/* From a window's 4x4 pixels to the 3x3 around its pixel `corner` (2 row + column). */
+static size_t itn__conv_corner(const itn__conv *c, size_t corner) {
+    return corner / 2 % 2 * c->in.row + corner % 2 * c->in.lanes;
+}
+
+/* The derivatives in the weights and biases of some outputs. In their place come the weights. */
 static void itn__weights_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
-    size_t block = (size_t)index % c->out.blocks, slice = (size_t)index / c->out.blocks;
-    size_t windows = itn__conv_windows(c), slices = itn__weights_slices(c);
-    size_t first = windows * slice / slices, end = windows * (slice + 1) / slices;
-    size_t at[ITN__WEIGHTS_BAND * ITN__LANES], corners[5], count, k, o, b;
-    float d[ITN__WEIGHTS_BAND * ITN__LANES];
-    size_t size = itn__weights_sums(c), outputs = c->out.blocks * ITN__LANES;
-    float *sums = c->scratch + slice * size, *own = sums + block * ITN__LANES * ITN__PATCH;
-    itn__floats bias = itn__splat(0);
-    for (b = 0; b < c->in.blocks; b++)
-        memset(own + b * outputs * ITN__PATCH, 0, ITN__LANES * ITN__PATCH * sizeof *own);
-    for (k = 0; k < 5; k++) corners[k] = itn__conv_corner(&c->in, k); /* ITN__SHUT: d is 0 */
-    for (; first < end; first += count) {
-        count = itn__fewer(end - first, ITN__WEIGHTS_BAND);
-        for (k = 0; k < count; k++) {
-            itn__window w = itn__window_make(c, first + k);
-            size_t out = w.out + block * c->out.plane;
-            itn__ints open = itn__int_less(itn__load_bytes(c->chosen + out),
-                                           itn__splat_int(ITN__SHUT));
-            itn__floats slope = itn__select(open, itn__load(c->d_pooled + out), itn__splat(0));
-            itn__store(d + k * ITN__LANES, slope);
-            bias += slope;
-            for (o = 0; o < ITN__LANES; o++)
-                at[k * ITN__LANES + o] = w.in + corners[c->chosen[out + o]];
-        }
-        for (b = 0; b < c->in.blocks; b++)
-            for (o = 0; o < ITN__LANES; o++)
-                itn__add_patches(count, ITN__LANES, d + o, at + o, c->images + b * c->in.plane,
-                                 c->in.row, c->in.lanes, own + (b * outputs + o) * ITN__PATCH,
-                                 3 * ITN__LANES);
-    }
-    itn__store(sums + size - outputs + block * ITN__LANES, bias);
-}
-
-/* For one block of inputs, adds the sums to the derivatives of the weights; or (turning) puts the
-   weights themselves into the place of the first slice, whose padding is 0. 64 outputs at a time
-   stay in the cache. */
-static void itn__weights_turn(void *data, int index) {
-    const itn__conv *c = (const itn__conv *)data;
-    size_t block = (size_t)index, inputs = itn__blocked_real(&c->in, block), end, tap, i, o, slice;
-    size_t slices = c->turning ? 1 : itn__weights_slices(c), rows = 9 * inputs, row, first;
-    float *sums = c->scratch + block * c->out.blocks * ITN__LANES * ITN__PATCH;
-    for (slice = 0; slice < slices; slice++, sums += itn__weights_sums(c))
-        for (first = 0; first < c->out.channels; first = end)
-            for (end = itn__fewer(first + 64, c->out.channels), row = 0; row < rows; row++) {
-                size_t at;
-                float *turned;
-                tap = row / inputs, i = row % inputs, turned = sums + tap * ITN__LANES + i;
-                at = (tap * c->in.channels + block * c->in.lanes + i) * c->out.channels;
-                if (c->turning)
-                    for (o = first; o < end; o++) turned[o * ITN__PATCH] = c->w[at + o];
-                else
-                    for (o = first; o < end; o++) c->d_w[at + o] += turned[o * ITN__PATCH];
+    size_t begin = (size_t)index * ITN__TASK_OUTPUTS, windows = itn__conv_windows(c);
+    size_t outputs = itn__fewer(c->out.channels - begin, ITN__TASK_OUTPUTS), o, k, i, tap, first;
+    float *turned = c->turned + begin * ITN__PATCH;
+    size_t next = c->out.channels * ITN__PATCH; /* to the turned weights of other inputs */
+    itn__list lists[ITN__TASK_OUTPUTS];
+    for (i = 0; i < c->in.channels; i += ITN__LANES)
+        memset(turned + i / ITN__LANES * next, 0, outputs * ITN__PATCH * sizeof(float));
+    for (first = 0; first < windows; first += ITN__LIST) {
+        for (o = 0; o < outputs; o++) lists[o].to = o * ITN__PATCH, lists[o].count = 0;
+        for (k = first; k < itn__fewer(first + ITN__LIST, windows); k++) {
+            itn__window w = itn__window_make(c, k);
+            size_t out = w.out + begin / ITN__LANES * c->out.plane + begin % ITN__LANES;
+            for (o = 0; o < outputs; o++, out++) {
+                itn__list *list = &lists[o];
+                list->at[list->count] = w.in + itn__conv_corner(c, c->chosen[out]);
+                list->d[list->count] = c->d_pooled[out];
+                list->count += c->chosen[out] != ITN__SHUT;
             }
-}
-
-/* Some of a window's output channels, sorted by the pixel they chose: those of corner k stand at
-   start[k] ... start[k + 1] - 1. at: where their weights lie behind those of the first. */
-typedef struct itn__choices {
-    size_t in, start[5], at[ITN__SPREAD_BLOCKS * ITN__LANES + 1];
-    float d[ITN__SPREAD_BLOCKS * ITN__LANES + 1];
-} itn__choices;
-
-static void itn__choices_make(const itn__conv *c, size_t window, size_t block,
-                              itn__choices *choices) {
-    size_t corner, o, count = 0, blocks = itn__fewer(c->out.blocks - block, ITN__SPREAD_BLOCKS);
-    itn__window w = itn__window_make(c, window);
-    choices->in = w.in;
-    for (corner = 0; corner < 4; corner++) {
-        choices->start[corner] = count;
-        for (o = 0; o < blocks * ITN__LANES; o++) {
-            size_t out = w.out + (block + o / ITN__LANES) * c->out.plane + o % ITN__LANES;
-            choices->d[count] = c->d_pooled[out], choices->at[count] = o * ITN__PATCH;
-            count += c->chosen[out] == corner;
         }
+        for (o = 0; o < outputs; o++) {
+            float sum = 0;
+            for (k = 0; k < lists[o].count; k++) sum += lists[o].d[k];
+            c->d_bias[begin + o] += sum;
+        }
+        itn__add_lists(c, lists, outputs, c->images, turned, 1);
     }
-    choices->start[4] = count;
+    for (i = 0; i < c->in.channels; i++)
+        for (tap = 0; tap < 9; tap++) {
+            size_t at = (tap * c->in.channels + i) * c->out.channels + begin;
+            float *sums = turned + i / ITN__LANES * next + tap * ITN__LANES + i % ITN__LANES;
+            for (o = 0; o < outputs; o++, sums += ITN__PATCH)
+                c->d_w[at + o] += *sums, *sums = c->w[at + o];
+        }
 }
 
-/* Derivatives in the inputs are the work of tasks for some images, of 16 windows or more, and 8
-   blocks of inputs. The weights of some outputs stay in the cache while a band of windows uses
-   them. */
-static size_t itn__spread_images(const itn__conv *c) {
-    return (ITN__SPREAD_BAND - 1) / (c->out.height * c->out.width) + 1;
+/* The derivatives in some images: those of some windows are added up while the turned weights of
+   some outputs are in a cache. */
+static size_t itn__inputs_images(const itn__conv *c) {
+    return (ITN__TASK_WINDOWS - 1) / (c->out.height * c->out.width) + 1;
 }
-static size_t itn__spread_sets(const itn__conv *c) { return (c->in.blocks + 7) / 8; }
 
-static void itn__spread_part(void *data, int index) {
+static void itn__inputs_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
-    size_t sets = itn__spread_sets(c), windows = c->out.height * c->out.width, out, b, k, count;
-    size_t block = (size_t)index % sets * 8, end = itn__fewer(block + 8, c->in.blocks);
-    size_t images = itn__spread_images(c), image = (size_t)index / sets * images;
-    size_t last = itn__fewer(c->batch, image + images) * windows, first = image * windows;
-    itn__choices choices[ITN__SPREAD_BAND];
-    for (; image * windows < last; image++)
-        memset(c->d_images + image * c->in.size + block * c->in.plane, 0,
-               (end - block) * c->in.plane * sizeof(float));
-    for (; first < last; first += count)
-        for (count = itn__fewer(last - first, ITN__SPREAD_BAND), out = 0; out < c->out.blocks;
-             out += ITN__SPREAD_BLOCKS) {
-            for (k = 0; k < count; k++)
-                itn__choices_make(c, first + k, out, &choices[k]);
-            for (b = block; b < end; b++)
-                for (k = 0; k < 4 * count; k++) {
-                    const itn__choices *own = &choices[k / 4];
-                    size_t start = own->start[k % 4];
-                    const float *w = c->scratch + (b * c->out.blocks + out) * ITN__LANES *
-                                                      ITN__PATCH;
-                    itn__add_patches(own->start[k % 4 + 1] - start, 1, own->d + start,
-                                     own->at + start, w, 3 * ITN__LANES, ITN__LANES,
-                                     c->d_images + own->in + b * c->in.plane +
-                                         itn__conv_corner(&c->in, k % 4), c->in.row);
+    size_t image = (size_t)index * itn__inputs_images(c), first, k, o, corner, begin, count = 0;
+    size_t images = itn__fewer(c->batch - image, itn__inputs_images(c));
+    size_t windows = c->out.height * c->out.width, end = (image + images) * windows;
+    itn__list lists[ITN__TASK_WINDOWS * (ITN__SHUT + 1)], *own, *list;
+    memset(c->d_images + image * c->in.size, 0, images * c->in.size * sizeof(float));
+    for (first = image * windows; first < end; first += count)
+        for (begin = 0; begin < c->out.channels; begin += ITN__LIST) {
+            count = itn__fewer(end - first, ITN__TASK_WINDOWS);
+            for (k = 0, own = lists; k < count; k++, own += ITN__SHUT + 1) {
+                itn__window w = itn__window_make(c, first + k);
+                for (corner = 0; corner <= ITN__SHUT; corner++) {
+                    own[corner].to = w.in + itn__conv_corner(c, corner);
+                    own[corner].count = 0;
                 }
+                for (o = begin; o < itn__fewer(begin + ITN__LIST, c->out.channels); o++) {
+                    size_t out = w.out + o / ITN__LANES * c->out.plane + o % ITN__LANES;
+                    list = &own[c->chosen[out]];
+                    list->at[list->count] = o * ITN__PATCH;
+                    list->d[list->count++] = c->d_pooled[out];
+                }
+                own[ITN__SHUT].count = 0;
+            }
+            itn__add_lists(c, lists, count * (ITN__SHUT + 1), c->turned, c->d_images, 0);
         }
 }
 
 /* Adds to d_w and d_bias; fills d_images unless it is NULL. */
 static void itn__conv_backward(const itn_context *context, itn__conv *c) {
-    size_t groups = (c->batch - 1) / itn__spread_images(c) + 1, slices = itn__weights_slices(c);
-    size_t o, slice, size = itn__weights_sums(c), outputs = c->out.blocks * ITN__LANES;
-    itn__parallel_for(context, (int)(c->out.blocks * slices), itn__weights_part, c);
-    c->turning = 0;
-    itn__parallel_for(context, (int)c->in.blocks, itn__weights_turn, c);
-    for (slice = 1; slice <= slices; slice++)
-        for (o = 0; o < c->out.channels; o++)
-            c->d_bias[o] += c->scratch[slice * size - outputs + o];
-    if (!c->d_images) return;
-    c->turning = 1;
-    itn__parallel_for(context, (int)c->in.blocks, itn__weights_turn, c);
-    itn__parallel_for(context, (int)(groups * itn__spread_sets(c)), itn__spread_part, c);
+    size_t groups = (c->out.channels - 1) / ITN__TASK_OUTPUTS + 1;
+    size_t tasks = (c->batch - 1) / itn__inputs_images(c) + 1;
+    itn__parallel_for(context, (int)groups, itn__weights_part, c);
+    if (c->d_images) itn__parallel_for(context, (int)tasks, itn__inputs_part, c);
 }
 
-/* ---- [loss] what a network is trained for ---------------------------------------------------- */
+/* ---- [net] losses, and the assembled network ------------------------------------------------- */
 
 /* Equation (3) of the paper, for one image I of a material with coordinates c_truth, and the
    network's answer N(I):
@@ -10552,52 +10432,36 @@ ITN_API double itn_loss_parameters(int count, const float *predicted, const floa
     return loss;
 }
 
-static int itn__has_image_term(const itn_loss_desc *desc) {
-    return desc->model != ITN_MODEL_RN && desc->lambda != 0;
-}
-
 static itn_result itn__loss_check(const itn_loss_desc *desc, int count, const float *predicted,
-                                  const float *truth, const float *image, const itn_loss *loss,
-                                  const float *gradient, itn_error *error) {
-    static const char *const call = "itn_loss_training";
-    int k;
-    if (!desc || !predicted || !truth || !loss || !gradient || count < 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: a pointer is NULL or count is below 1", call);
+                                  const float *truth, const float *image, itn_error *error) {
+    int k, renders = desc->model != ITN_MODEL_RN && desc->lambda != 0;
+    const char *wrong = NULL;
     for (k = 0; k < count; k++)
         if (!itn__finite((double)predicted[k]) || !itn__finite((double)truth[k]))
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "%s: coordinate %d is not finite (predicted %g, truth %g)", call, k,
-                             (double)predicted[k], (double)truth[k]);
-    if ((int)desc->model < ITN_MODEL_RN || (int)desc->model > ITN_MODEL_ITN)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: no such model: %d", call,
-                         (int)desc->model);
-    if (!itn__has_image_term(desc)) return ITN_OK;
-    if (!(desc->lambda > 0) || !itn__finite(desc->lambda))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: lambda is %g, must be >= 0", call,
-                         desc->lambda);
-    if (!desc->scene || !desc->parameters || !image)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: this model renders, so it needs scene, parameters and image", call);
-    for (k = 0; k < count; k++)
+                             "itn_loss_training: coordinate %d is not finite (predicted %g, truth "
+                             "%g)", k, (double)predicted[k], (double)truth[k]);
+    if ((int)desc->model < 0 || (int)desc->model > ITN_MODEL_ITN) wrong = "no such model";
+    else if (renders && (!(desc->lambda > 0) || !itn__finite(desc->lambda)))
+        wrong = "lambda must be >= 0 and finite";
+    else if (renders && (!desc->scene || !desc->parameters || !image))
+        wrong = "this model renders, so it needs scene, parameters and image";
+    if (wrong) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_training: %s", wrong);
+    for (k = 0; k < count && renders; k++)
         if (!itn_parameter_get(desc->scene, desc->parameters[k]))
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "%s: parameters[%d] is %d, the scene has 0..%d", call, k,
+                             "itn_loss_training: parameters[%d] is %d, the scene has 0..%d", k,
                              desc->parameters[k], itn_parameter_count(desc->scene) - 1);
     return ITN_OK;
 }
 
-/* What the renderer is given for a predicted coordinate. */
-static double itn__loss_value(const itn_parameter *p, float coordinate) {
-    return fmax(itn_parameter_from_coordinate(p, (double)coordinate), itn__least_sought(p));
-}
-
 /* The image term at the predicted coordinates, and lambda times its derivatives in them. theta:
-   room for the parameters of the scene. */
+   room for the parameters of the scene; values: for those that the renderer is given. */
 static itn_result itn__loss_image(const itn_loss_desc *desc, int count, const float *predicted,
                                   const float *image, float *theta, double *loss, double *gradient,
                                   itn_render_stats *stats, itn_error *error) {
     itn_render_options options = desc->options;
+    const itn_parameter *all = desc->scene->parameters, *p;
     itn_result result;
     int k;
     options.max_scatter = desc->model == ITN_MODEL_SSN ? 1 : 0, options.stats = stats;
@@ -10605,14 +10469,16 @@ static itn_result itn__loss_image(const itn_loss_desc *desc, int count, const fl
     if (desc->theta)
         memcpy(theta, desc->theta, (size_t)itn_parameter_count(desc->scene) * sizeof *theta);
     for (k = 0; k < count; k++) {
-        const itn_parameter *p = itn_parameter_get(desc->scene, desc->parameters[k]);
-        theta[desc->parameters[k]] = (float)itn__loss_value(p, predicted[k]);
+        double value;
+        p = all + desc->parameters[k];
+        value = itn_parameter_from_coordinate(p, (double)predicted[k]);
+        theta[desc->parameters[k]] = (float)fmax(value, itn__least_sought(p));
     }
     result = itn_loss_gradient(desc->scene, theta, &options, image, desc->parameters, count, loss,
                                gradient, error);
     for (k = 0; k < count && result == ITN_OK; k++) {
-        const itn_parameter *p = itn_parameter_get(desc->scene, desc->parameters[k]);
-        gradient[k] *= desc->lambda * itn_parameter_slope(p, itn__loss_value(p, predicted[k]));
+        double value = (double)theta[desc->parameters[k]];
+        gradient[k] *= desc->lambda * itn_parameter_slope(all + desc->parameters[k], value);
     }
     return result;
 }
@@ -10620,18 +10486,22 @@ static itn_result itn__loss_image(const itn_loss_desc *desc, int count, const fl
 ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const float *predicted,
                                      const float *truth, const float *image, itn_loss *loss,
                                      float *gradient, itn_error *error) {
-    itn_result result =
-        itn__loss_check(desc, count, predicted, truth, image, loss, gradient, error);
     itn_context context = ITN_ZERO;
     itn_render_stats stats = ITN_ZERO; /* which the caller gets if all goes well */
-    int renders = result == ITN_OK && itn__has_image_term(desc), parameters, k;
+    itn_result result;
+    int renders, k;
     float *theta = NULL;
     double image_loss = 0, *slopes; /* of the image term, then of both */
+    if (!desc || !predicted || !truth || !loss || !gradient || count < 1)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_loss_training: a pointer is NULL or count is below 1");
+    result = itn__loss_check(desc, count, predicted, truth, image, error);
     if (result != ITN_OK) return result;
+    renders = desc->model != ITN_MODEL_RN && desc->lambda != 0;
     if (renders) context = desc->scene->context;
-    parameters = renders ? itn_parameter_count(desc->scene) : 0;
     slopes = (double *)itn__allocate(&context, (size_t)count, sizeof *slopes);
-    theta = (float *)itn__allocate(&context, (size_t)parameters, sizeof *theta);
+    theta = (float *)itn__allocate(
+        &context, (size_t)(renders ? itn_parameter_count(desc->scene) : 0), sizeof *theta);
     if (!slopes || !theta) result = itn__out_of_memory(error, "the gradient of a training loss");
     else if (renders)
         result = itn__loss_image(desc, count, predicted, image, theta, &image_loss, slopes, &stats,
@@ -10656,11 +10526,9 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
     return result;
 }
 
-/* ---- [net] the assembled network ------------------------------------------------------------- */
-
-/* Layer l = 0, 1, ... halves the image and doubles its channels: convolution, ReLU, pooling. The
-   fully connected layer turns what is left (1x1 pixel with 1024 channels in the authors' network)
-   into the outputs, out[o] = bias[o] + sum over i of w[o][i] in[i]; backward,
+/* A network: layer l = 0, 1, ... halves the image and doubles its channels. The fully connected
+   layer turns what is left (1x1 pixel with 1024 channels in the authors' network) into the outputs,
+       out[o] = bias[o] + sum over i of w[o][i] in[i];    backward,
        d_in = w^T d_out,  d_w = d_out in^T,  d_bias = d_out.
    Weights, gradients and the two Adam moments have the same order. What the layers pass on is kept
    for a whole batch, as the backward pass needs it, and so is what each pooling chose. Derivatives
@@ -10676,15 +10544,15 @@ struct itn_net {
     size_t count;      /* of parameters */
     uint64_t steps;
     int forward_batch; /* images whose activations are valid */
-    void *memory;      /* all arrays below and in layers */
-    float *slab;       /* the same, aligned to vectors */
-    size_t used;       /* floats cut off the slab */
+    size_t kept, passed, turned; /* floats of an image: all pooled and chosen, the largest pooled;
+                                    of the largest layer's turned weights */
+    void *memory;                /* all arrays below and in layers */
     float *parameters, *moments, *gradients; /* moments: [2][count], m then v, behind the first */
     float *full, *d_full;                    /* of the fully connected layer: weights, biases */
-    float *images;                           /* [batch], in blocks */
+    float *images;                           /* [batch] */
     float *outputs;                          /* [batch][outputs] */
     const float *given;                      /* images or derivatives of a call */
-    itn_adam_desc adam;                      /* of a step */
+    double rate;                             /* of a step */
 };
 
 /* The sizes of a desc, the batch last. */
@@ -10697,20 +10565,26 @@ static void itn__net_fields(itn_net_desc *desc, int *fields[7]) {
 /* Fills in the defaults of a desc and checks its ranges. */
 static itn_result itn__net_desc_fill(const itn_net_desc *given, itn_net_desc *desc,
                                      itn_error *error) {
-    static const char *const names[7] = {"width",          "height",  "channels", "layer_count",
-                                         "first_channels", "outputs", "batch"};
-    static const int defaults[7] = {128, 128, 2, 7, 16, 3, 16};
-    static const int limits[7] = {8192, 8192, 1024, ITN__NET_LAYERS, 65536, 4096, 65536};
+    static const struct {
+        const char *name;
+        int otherwise, most;
+    } rows[7] = {{"width", 128, 8192},
+                 {"height", 128, 8192},
+                 {"channels", 2, 1024},
+                 {"layer_count", 7, ITN__NET_LAYERS},
+                 {"first_channels", 16, 65536},
+                 {"outputs", 3, 4096},
+                 {"batch", 16, 65536}};
     int *fields[7], k, halvings;
     memset(desc, 0, sizeof *desc);
     if (given) *desc = *given;
     itn__net_fields(desc, fields);
     for (k = 0; k < 7; k++) {
-        if (*fields[k] == 0) *fields[k] = defaults[k];
-        if (*fields[k] < 1 || *fields[k] > limits[k])
+        if (*fields[k] == 0) *fields[k] = rows[k].otherwise;
+        if (*fields[k] < 1 || *fields[k] > rows[k].most)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_net_desc: %s is %d, must be in 1..%d", names[k], *fields[k],
-                             limits[k]);
+                             "itn_net_desc: %s is %d, must be in 1..%d", rows[k].name, *fields[k],
+                             rows[k].most);
     }
     halvings = 1 << desc->layer_count;
     if (desc->first_channels > 2 * 65536 / halvings)
@@ -10730,78 +10604,61 @@ static itn_result itn__net_desc_fill(const itn_net_desc *given, itn_net_desc *de
 static int itn__net_sizes(itn_net *net) {
     const itn_net_desc *d = &net->desc;
     size_t height = (size_t)d->height, width = (size_t)d->width, from = (size_t)d->channels;
-    size_t to = (size_t)d->first_channels, outputs = (size_t)d->outputs;
-    double batch = d->batch, floats = 0, limit = fmin(137438953472., (double)(SIZE_MAX / 32));
+    size_t to = (size_t)d->first_channels;
+    double floats = 0, limit = fmin(137438953472., (double)(SIZE_MAX / 32));
     int l;
     for (l = 0; l < d->layer_count; l++, from = to, to *= 2) {
         itn__conv *c = &net->layers[l];
-        double pixels = ((double)height + 2) * ((double)width + 2);
-        floats += batch * (pixels * (double)(from + to + 2 * ITN__LANES) + 128);
-        floats += 64 * (double)(from + ITN__LANES) * (double)(to + ITN__LANES);
-        c->in = itn__blocked_make(height, width, from, l ? ITN__LANES
-                                                         : itn__fewer(from, ITN__LANES));
+        floats += d->batch * (((double)height + 2) * ((double)width + 2) *
+                                  (double)(from + to + 4 * ITN__LANES) + 256) +
+                  64 * (double)(from + ITN__LANES) * (double)(to + ITN__LANES);
+        c->in = itn__layout_make(height, width, from, l ? ITN__LANES
+                                                        : itn__fewer(from, ITN__LANES));
         height /= 2, width /= 2;
-        c->out = itn__blocked_make(height, width, to, ITN__LANES);
-        c->batch = (size_t)d->batch;
+        c->out = itn__layout_make(height, width, to, ITN__LANES);
         net->count += (9 * from + 1) * to;
+        net->kept += c->out.size + c->out.size / 4;
+        if (net->passed < c->out.size) net->passed = c->out.size;
+        if (net->turned < itn__conv_turned(c)) net->turned = itn__conv_turned(c);
     }
     net->features = height * width * from;
-    net->count += (net->features + 1) * outputs;
-    return floats + 4 * (double)outputs * ((double)height * (double)width * (double)from + 1) <
-           limit;
+    net->count += (net->features + 1) * (size_t)d->outputs;
+    return floats + 4. * d->outputs * ((double)height * (double)width * (double)from + 1) < limit;
 }
 
-/* Cuts the next `count` floats off the slab; while there is none, only counts. */
-static float *itn__net_cut(itn_net *net, size_t count) {
-    float *piece = net->slab ? net->slab + net->used : NULL;
-    net->used += (count + 15) / 16 * 16;
-    return piece;
-}
-
-/* Cuts all arrays off the slab. */
-static void itn__net_place(itn_net *net) {
-    size_t batch = (size_t)net->desc.batch, largest = 0, scratch = 0, at = 0;
-    float *images, *shared, *d[2];
+/* Takes memory for all arrays, from a multiple of 64 bytes on. Returns 0 if it is out. */
+static int itn__net_allocate(itn_net *net) {
+    size_t batch = (size_t)net->desc.batch, outputs = batch * (size_t)net->desc.outputs;
+    size_t count = (net->count + 15) / 16 * 16, given = batch * net->layers[0].in.size;
+    float *at, *images, *turned, *d[2];
     int l, layers = net->desc.layer_count;
-    net->used = 0;
-    net->parameters = itn__net_cut(net, 3 * net->count);
-    net->gradients = itn__net_cut(net, net->count);
-    net->outputs = itn__net_cut(net, batch * (size_t)net->desc.outputs);
-    for (l = 0; l < layers; l++) {
-        const itn__conv *c = &net->layers[l];
-        size_t need = itn__weights_slices(c) * itn__weights_sums(c);
-        largest = c->out.size > largest ? c->out.size : largest;
-        scratch = need > scratch ? need : scratch;
-    }
-    shared = itn__net_cut(net, scratch);
-    d[0] = itn__net_cut(net, batch * largest), d[1] = itn__net_cut(net, batch * largest);
-    net->images = images = itn__net_cut(net, batch * net->layers[0].in.size);
+    net->memory = itn__allocate(&net->context, 4 * count + given + net->turned + outputs + 32 +
+                                batch * (net->kept + 2 * net->passed), sizeof *at);
+    if (!net->memory) return 0;
+    at = (float *)net->memory;
+    while ((uintptr_t)at % 64) at++;
+    net->images = images = at, at += given;
+    d[0] = at, at += batch * net->passed;
+    d[1] = at, at += batch * net->passed;
+    turned = at, at += net->turned;
     for (l = 0; l < layers; l++) {
         itn__conv *c = &net->layers[l];
-        c->images = images, c->scratch = shared;
-        c->pooled = images = itn__net_cut(net, batch * c->out.size);
-        c->chosen = (unsigned char *)itn__net_cut(net, batch * c->out.size / 4 + ITN__LANES);
+        c->images = images, c->turned = turned;
+        c->pooled = images = at, at += batch * c->out.size;
+        c->chosen = (unsigned char *)at, at += batch * c->out.size / 4;
         c->d_pooled = d[l % 2], c->d_images = l > 0 ? d[1 - l % 2] : NULL;
-        if (!net->slab) continue;
-        c->w = net->parameters + at, c->d_w = net->gradients + at;
-        at += 9 * c->in.channels * c->out.channels;
-        c->bias = net->parameters + at, c->d_bias = net->gradients + at;
-        at += c->out.channels;
     }
-    if (!net->slab) return;
-    net->full = net->parameters + at, net->d_full = net->gradients + at;
-    net->moments = net->parameters + net->count;
-}
-
-/* Returns 0 if memory is out. */
-static int itn__net_allocate(itn_net *net) {
-    enum { ALIGNMENT = 64 }; /* bytes */
-    itn__net_place(net);
-    net->memory = itn__allocate(&net->context, net->used + ALIGNMENT / 4, sizeof(float));
-    if (!net->memory) return 0;
-    net->slab = (float *)net->memory;
-    while ((uintptr_t)net->slab % ALIGNMENT) net->slab++;
-    itn__net_place(net);
+    net->gradients = at, at += count;
+    net->parameters = at, net->moments = at + net->count, at += 3 * count;
+    net->outputs = at;
+    net->full = net->parameters, net->d_full = net->gradients;
+    for (l = 0; l < layers; l++) {
+        itn__conv *c = &net->layers[l];
+        size_t weights = 9 * c->in.channels * c->out.channels;
+        c->w = net->full, c->bias = c->w + weights, net->full += weights + c->out.channels;
+        c->d_w = net->d_full, c->d_bias = c->d_w + weights;
+        net->d_full += weights + c->out.channels;
+    }
     return 1;
 }
 
@@ -10815,20 +10672,6 @@ static void itn__net_normal(float *weights, size_t count, double variance, uint6
         float radius = sqrtf(-2 * (float)variance * logf(itn__uniform(&rng)));
         weights[k] = radius * cosf(2 * ITN__PI * itn__uniform(&rng));
     }
-}
-
-/* He et al. 2015, equation 10: a ReLU halves the mean square of its input, so weights of variance
-   2/n in a sum of n keep it from layer to layer; without a ReLU behind, 1/n does. */
-static void itn__net_initialise(itn_net *net) {
-    int l;
-    for (l = 0; l < net->desc.layer_count; l++) {
-        const itn__conv *c = &net->layers[l];
-        size_t inputs = 9 * c->in.channels;
-        itn__net_normal(net->parameters + (c->w - net->parameters), inputs * c->out.channels,
-                        2 / (double)inputs, net->desc.seed, l);
-    }
-    itn__net_normal(net->full, net->features * (size_t)net->desc.outputs,
-                    1 / (double)net->features, net->desc.seed, l);
 }
 
 ITN_API void itn_net_free(itn_net *net) {
@@ -10850,9 +10693,8 @@ static itn_result itn__net_make(const itn_net_desc *desc, const itn_context *con
         (result = itn__context_check(context, &own, error)) != ITN_OK)
         return result;
     made = (itn_net *)itn__allocate(&own, 1, sizeof *made);
-    if (!made) return itn__out_of_memory(error, "a network");
-    made->context = own, made->desc = filled;
-    if (!itn__net_sizes(made) || !itn__net_allocate(made)) {
+    if (made) made->context = own, made->desc = filled;
+    if (!made || !itn__net_sizes(made) || !itn__net_allocate(made)) {
         itn_net_free(made);
         return itn__out_of_memory(error, "a network of this shape and batch");
     }
@@ -10860,13 +10702,25 @@ static itn_result itn__net_make(const itn_net_desc *desc, const itn_context *con
     return ITN_OK;
 }
 
+/* He et al. 2015, equation 10: a ReLU halves the mean square of its input, so weights of variance
+   2/n in a sum of n keep it from layer to layer; without a ReLU behind, 1/n does. */
 ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *context,
                                   itn_net **net, itn_error *error) {
     itn_result result;
+    float *w;
+    int l;
     if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_create: net is NULL");
     result = itn__net_make(desc, context, net, error);
-    if (result == ITN_OK) itn__net_initialise(*net);
-    return result;
+    if (result != ITN_OK) return result;
+    for (l = 0, w = (*net)->parameters; l < (*net)->desc.layer_count; l++) {
+        const itn__conv *c = &(*net)->layers[l];
+        size_t inputs = 9 * c->in.channels;
+        itn__net_normal(w, inputs * c->out.channels, 2 / (double)inputs, (*net)->desc.seed, l);
+        w += (inputs + 1) * c->out.channels;
+    }
+    itn__net_normal(w, (*net)->features * (size_t)(*net)->desc.outputs,
+                    1 / (double)(*net)->features, (*net)->desc.seed, l);
+    return ITN_OK;
 }
 
 ITN_API itn_net_desc itn_net_shape(const itn_net *net) { return net->desc; }
@@ -10893,22 +10747,10 @@ static double itn__border_pixel(const float *pixels, int width, int height, int 
     return (double)pixels[y * width + x];
 }
 
-/* Blurs with binomial weights, along rows (across = 1) or columns (0). */
-static void itn__blur_input(int width, int height, int across, const float *from, float *to) {
-    int x, y, k;
-    for (y = 0; y < height; y++)
-        for (x = 0; x < width; x++) {
-            double of[5];
-            for (k = -2; k <= 2; k++)
-                of[k + 2] = itn__border_pixel(from, width, height, x + k * across,
-                                              y + k * !across);
-            *to++ = (float)((of[0] + of[4] + 4 * (of[1] + of[3]) + 6 * of[2]) / 16);
-        }
-}
-
 ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
                                  float *input, itn_error *error) {
-    int plane, i, x, y;
+    static const double binomial[5] = {1 / 16., 4 / 16., 6 / 16., 4 / 16., 1 / 16.};
+    int plane, i, x, y, dx, dy;
     if (!pixels || !input || width < 1 || height < 1 || !(mean > 0) || !itn__finite(mean) ||
         width > INT_MAX / height)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -10919,9 +10761,15 @@ ITN_API itn_result itn_net_input(int width, int height, const float *pixels, dou
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                              "itn_net_input: pixel (%d, %d) is not finite, or too large for a "
                              "mean of %g", i % width, i / width, mean);
-    for (i = 0; i < plane; i++) input[i] = (float)((double)pixels[i] / mean);
-    itn__blur_input(width, height, 1, input, input + plane);
-    itn__blur_input(width, height, 0, input + plane, input);
+    for (i = 0; i < plane; i++) {
+        double sum = 0;
+        x = i % width, y = i / width;
+        for (dy = -2; dy <= 2; dy++)
+            for (dx = -2; dx <= 2; dx++)
+                sum += binomial[dy + 2] * binomial[dx + 2] *
+                       itn__border_pixel(pixels, width, height, x + dx, y + dy);
+        input[i] = (float)(sum / mean);
+    }
     for (i = 0; i < plane; i++) {
         double across, down, slope;
         x = i % width, y = i / width;
@@ -10935,17 +10783,23 @@ ITN_API itn_result itn_net_input(int width, int height, const float *pixels, dou
     return ITN_OK;
 }
 
-/* Copies an image from planes to blocks. */
+/* Copies an image from planes to pixels with a ring. */
 static void itn__net_take_image(void *data, int image) {
     const itn_net *net = (const itn_net *)data;
-    const itn__blocked *s = &net->layers[0].in;
-    const float *from = net->given + (size_t)image * s->channels * s->height * s->width;
+    const itn__layout *g = &net->layers[0].in;
+    const float *from = net->given + (size_t)image * g->channels * g->height * g->width;
     size_t c, y, x;
-    for (c = 0; c < s->channels; c++)
-        for (y = 0; y < s->height; y++) {
-            float *to = net->images + (size_t)image * s->size + itn__blocked_at(s, y, 0, c);
-            for (x = 0; x < s->width; x++) to[x * s->lanes] = *from++;
+    for (c = 0; c < g->channels; c++)
+        for (y = 0; y < g->height; y++) {
+            float *to = net->images + (size_t)image * g->size + itn__layout_at(g, y, 0, c);
+            for (x = 0; x < g->width; x++) to[x * g->lanes] = *from++;
         }
+}
+
+/* The place of input i of the fully connected layer in an image. */
+static size_t itn__net_feature(const itn__layout *g, size_t i) {
+    size_t pixel = i / g->channels;
+    return itn__layout_at(g, pixel / g->width, pixel % g->width, i % g->channels);
 }
 
 /* The fully connected layer, for one image. */
@@ -10953,34 +10807,38 @@ static void itn__net_forward_full(void *data, int image) {
     const itn_net *net = (const itn_net *)data;
     const itn__conv *c = &net->layers[net->desc.layer_count - 1];
     const float *in = c->pooled + (size_t)image * c->out.size, *w = net->full;
-    size_t outputs = (size_t)net->desc.outputs, o, y, x, k;
+    size_t outputs = (size_t)net->desc.outputs, o, i;
     for (o = 0; o < outputs; o++) {
         double sum = (double)net->full[net->features * outputs + o];
-        for (y = 0; y < c->out.height; y++)
-            for (x = 0; x < c->out.width; x++)
-                for (k = 0; k < c->out.channels; k++)
-                    sum += (double)*w++ * (double)in[itn__blocked_at(&c->out, y, x, k)];
+        for (i = 0; i < net->features; i++)
+            sum += (double)*w++ * (double)in[itn__net_feature(&c->out, i)];
         net->outputs[(size_t)image * outputs + o] = (float)sum;
     }
 }
 
-/* The same for the derivatives of one output: all images, in order. */
-static void itn__net_backward_full(itn_net *net, size_t batch, size_t o) {
+/* The same for the derivatives: all images, in order. */
+static void itn__net_backward_full(itn_net *net, size_t batch) {
     const itn__conv *c = &net->layers[net->desc.layer_count - 1];
-    size_t outputs = (size_t)net->desc.outputs, image, y, x, k;
+    size_t outputs = (size_t)net->desc.outputs, o, image, i;
     for (image = 0; image < batch; image++) {
-        const float *in = c->pooled + image * c->out.size, *w = net->full + o * net->features;
-        float *d_in = c->d_pooled + image * c->out.size, *d_w = net->d_full + o * net->features;
-        float d = net->given[image * outputs + o];
-        for (y = 0; y < c->out.height; y++)
-            for (x = 0; x < c->out.width; x++)
-                for (k = 0; k < c->out.channels; k++) {
-                    size_t at = itn__blocked_at(&c->out, y, x, k);
-                    d_in[at] = (o ? d_in[at] : 0) + d * *w++;
-                    *d_w++ += d * in[at];
-                }
-        net->d_full[net->features * outputs + o] += d;
+        const float *d_out = net->given + image * outputs;
+        for (o = 0; o < outputs; o++) net->d_full[net->features * outputs + o] += d_out[o];
+        for (i = 0; i < net->features; i++) {
+            size_t at = image * c->out.size + itn__net_feature(&c->out, i);
+            c->d_pooled[at] = 0;
+            for (o = 0; o < outputs; o++) {
+                c->d_pooled[at] += d_out[o] * net->full[o * net->features + i];
+                net->d_full[o * net->features + i] += d_out[o] * c->pooled[at];
+            }
+        }
     }
+}
+
+/* Returns the index of the first value beyond -most ... most, as NaN is, or count. */
+static size_t itn__first_beyond(const float *values, size_t count, float most) {
+    size_t k = 0;
+    while (k < count && fabsf(values[k]) <= most) k++;
+    return k;
 }
 
 /* Checks what is given to a call: `size` values for each image of a batch. */
@@ -11043,21 +10901,20 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
     itn_result result = ITN_OK;
     float *picture, *input, *answer, *means;
     size_t plane, count, k;
-    int width, height, size;
+    int size;
     if (!net || !pixels || !outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_read: a pointer is NULL");
     if (net->desc.channels != 2)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_read: the network sees %d channels, a picture has 2",
                          net->desc.channels);
-    width = net->desc.width, height = net->desc.height;
-    plane = (size_t)width * (size_t)height, count = (size_t)net->desc.outputs;
+    plane = (size_t)net->desc.width * (size_t)net->desc.height, count = (size_t)net->desc.outputs;
     picture = (float *)itn__allocate(&net->context, 3 * plane + 2 * count, sizeof *picture);
     if (!picture) return itn__out_of_memory(error, "the sizes of a picture");
     input = picture + plane, answer = input + 2 * plane, means = answer + count;
     for (size = 0; size < 5 && result == ITN_OK; size++) {
-        itn__resize_picture(width, height, pixels, larger[size], picture);
-        result = itn_net_input(width, height, picture, mean, input, error);
+        itn__resize_picture(net->desc.width, net->desc.height, pixels, larger[size], picture);
+        result = itn_net_input(net->desc.width, net->desc.height, picture, mean, input, error);
         if (result == ITN_OK) result = itn_net_forward(net, 1, input, answer, error);
         for (k = 0; k < count; k++) means[k] += answer[k] / 5;
     }
@@ -11070,18 +10927,17 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
 ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
                                     itn_error *error) {
     itn_result result;
-    size_t o, outputs;
     int l;
     if (!net || !d_outputs)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_backward: a pointer is NULL");
-    outputs = (size_t)net->desc.outputs;
-    result = itn__net_call("itn_net_backward", net, batch, d_outputs, outputs, error);
+    result = itn__net_call("itn_net_backward", net, batch, d_outputs, (size_t)net->desc.outputs,
+                           error);
     if (result != ITN_OK) return result;
     if (batch != net->forward_batch)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_backward: batch is %d, the latest forward call left %d images",
                          batch, net->forward_batch);
-    for (o = 0; o < outputs; o++) itn__net_backward_full(net, (size_t)batch, o);
+    itn__net_backward_full(net, (size_t)batch);
     for (l = net->desc.layer_count - 1; l >= 0; l--)
         itn__conv_backward(&net->context, &net->layers[l]);
     return ITN_OK;
@@ -11090,22 +10946,22 @@ ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outp
 static void itn__net_step_part(void *data, int index) {
     itn_net *net = (itn_net *)data;
     size_t first = (size_t)index * ITN__ADAM_PART;
-    itn__adam(&net->adam, net->steps, itn__fewer(net->count - first, ITN__ADAM_PART),
+    itn__adam(net->rate, net->steps, itn__fewer(net->count - first, ITN__ADAM_PART),
               net->gradients + first, net->moments + first, net->moments + net->count + first,
               net->parameters + first);
 }
 
-ITN_API itn_result itn_net_step(itn_net *net, const itn_adam_desc *desc, itn_error *error) {
-    static const float most = 1.8446742e19f; /* whose square is finite */
-    itn_result result;
+ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error) {
     size_t bad;
-    if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_step: net is NULL");
-    if ((result = itn__adam_desc_fill(desc, &net->adam, error)) != ITN_OK) return result;
-    if ((bad = itn__first_beyond(net->gradients, net->count, most)) < net->count)
+    if (!net || !(rate > 0 && rate <= 1))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_net_step: net is NULL, or the rate (%g) not in (0,1]", rate);
+    bad = itn__first_beyond(net->gradients, net->count, 1.8446742e19f); /* its square is finite */
+    if (bad < net->count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_step: gradient %.0f is %g, and its square is not finite; "
                          "no step was taken", (double)bad, (double)net->gradients[bad]);
-    net->steps++;
+    net->steps++, net->rate = rate;
     itn__parallel_for(&net->context, (int)((net->count - 1) / ITN__ADAM_PART + 1),
                       itn__net_step_part, net);
     net->forward_batch = 0;
@@ -12335,8 +12191,7 @@ static itn_result itn__refine_gradient(itn__refiner *refiner, itn_error *error) 
 /* Adam or plain descent on the unbiased loss gradient, with a rate that falls to a tenth over the
    run. */
 static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
-    itn_adam_desc adam = ITN_ZERO;
-    itn_result result = itn__adam_desc_fill(NULL, &adam, error);
+    itn_result result = ITN_OK;
     int plain = refiner->options.method == ITN_METHOD_SGD;
     int n = refiner->count, iteration, k, steps = refiner->options.iterations;
     for (iteration = 0; iteration < steps && !result; iteration++) {
@@ -12345,13 +12200,12 @@ static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
         if (result) break;
         result = itn__refine_report(refiner, iteration, error);
         if (result) break;
-        adam.learning_rate = rate;
         for (k = 0; k < n; k++) {
             double relative = refiner->gradient[k] / refiner->square, step = -rate * relative;
             float slope = (float)relative, coordinate = (float)refiner->coordinates[k];
             if (!itn__finite(slope * slope)) return itn__overflow(error);
             if (!plain)
-                itn__adam(&adam, (uint64_t)iteration + 1, 1, &slope, refiner->moments[0] + k,
+                itn__adam(rate, (uint64_t)iteration + 1, 1, &slope, refiner->moments[0] + k,
                           refiner->moments[1] + k, &coordinate);
             refiner->step[k] = plain ? refiner->coordinates[k] + fmax(-.5, fmin(step, .5))
                                      : coordinate;

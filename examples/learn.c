@@ -63,7 +63,6 @@ int main(void) {
     static float pictures[BATCH][SIZE * SIZE];
     float truth[BATCH * OUTPUTS], answers[BATCH * OUTPUTS], gradient[BATCH * OUTPUTS];
     itn_net_desc desc = ITN_ZERO;
-    itn_adam_desc adam = ITN_ZERO;
     itn_net *net;
     itn_error error;
     double loss, error_pixels = 0, guess_pixels = 0;
@@ -76,7 +75,6 @@ int main(void) {
     for (step = 0; step < STEPS; step++) {
         for (k = 0; k < BATCH; k++)
             draw_disc((unsigned)(step * BATCH + k), pictures[k], truth + k * OUTPUTS);
-        adam.learning_rate = .006 * (1 - (double)step / STEPS) + 1e-6;
 
         if (itn_net_forward(net, BATCH, pictures[0], answers, &error))
             return puts(error.message), 1;
@@ -84,7 +82,7 @@ int main(void) {
         for (k = 0; k < BATCH * OUTPUTS; k++) gradient[k] /= BATCH; /* the mean over the batch */
         itn_net_zero_gradients(net);
         if (itn_net_backward(net, BATCH, gradient, &error)) return puts(error.message), 1;
-        if (itn_net_step(net, &adam, &error)) return puts(error.message), 1;
+        if (itn_net_step(net, .006 * (1 - (double)step / STEPS) + 1e-6, &error)) return puts(error.message), 1;
         if (step % 50 == 0) printf("step %3d  loss %.4f\n", step, loss);
     }
 

@@ -411,7 +411,6 @@ static share share_of(const trainer *t, int batch) {
 /* One step with a batch of the order. Returns whether a process was asked to stop. */
 static int train_step(trainer *t, int batch) {
     share s = share_of(t, batch);
-    itn_adam_desc adam = ITN_ZERO;
     itn_error error;
     size_t count;
     float *gradients = itn_net_gradients(t->net, &count), *sums = t->sums + count;
@@ -433,8 +432,7 @@ static int train_step(trainer *t, int batch) {
         sum_over_processes(t->sums, count + 3);
         memcpy(gradients, t->sums, count * sizeof *gradients);
     }
-    adam.learning_rate = t->options->model.rate;
-    if (itn_net_step(t->net, &adam, &error)) fail(error.message, "");
+    if (itn_net_step(t->net, t->options->model.rate, &error)) fail(error.message, "");
     r.step = t->step + 1, r.parameters = (double)sums[0], r.image = (double)sums[1];
     t->rows[t->row_count++] = r;
     return sums[2] > 0;

@@ -289,7 +289,7 @@ static void net_step(net_task *task) {
     itn_net_zero_gradients(task->net);
     itn_loss_parameters(task->batch * NET_OUTPUTS, task->outputs, task->truth, task->outputs);
     need(itn_net_backward(task->net, task->batch, task->outputs, &error), &error);
-    need(itn_net_step(task->net, NULL, &error), &error);
+    need(itn_net_step(task->net, 1e-4, &error), &error);
 }
 
 /* Images per second: the best of three rounds of at least three steps. */

@@ -396,7 +396,7 @@ static void test_pool(int last_of_equals) {
 /* Input number i of the fully connected layer of an image, [row][column][channel]. */
 static size_t full_place(const itn__conv *c, size_t image, size_t i) {
     size_t pixel = i / c->out.channels;
-    return image * c->out.size + itn__blocked_at(&c->out, pixel / c->out.width,
+    return image * c->out.size + itn__layout_at(&c->out, pixel / c->out.width,
                                                  pixel % c->out.width, i % c->out.channels);
 }
 
@@ -419,7 +419,7 @@ static void test_full(int fault) {
     CHECK(itn_net_forward(net, BATCH, images, out, NULL) == ITN_OK);
     memset(c->d_pooled, 0x7f, BATCH * c->out.size * sizeof(float)); /* nothing of it may stay */
     net->given = d_out;
-    for (o = 0; o < OUTPUTS; o++) itn__net_backward_full(net, BATCH, o);
+    itn__net_backward_full(net, BATCH);
     for (b = 0; b < BATCH; b++) {
         for (i = 0; i < INPUTS; i++) e_in[i] = 0;
         for (o = 0; o < OUTPUTS; o++) {
@@ -484,7 +484,7 @@ static layer_case layer_make(size_t batch, size_t height, size_t width, size_t i
     c.in = floats(batch * c.ins), c.out = floats(batch * c.outs);
     c.d_in = floats(batch * c.ins), c.d_out = floats(batch * c.outs);
     c.w = floats(c.weights + ITN__PANEL), c.d_w = floats(c.weights);
-    c.bias = floats(outputs), c.d_bias = floats(outputs);
+    c.bias = floats(outputs + ITN__PANEL), c.d_bias = floats(outputs);
     c.chosen = (unsigned char *)calloc(batch * c.outs, 1);
     fill(c.in, batch * c.ins), fill(c.d_out, batch * c.outs);
     fill(c.w, c.weights), fill(c.bias, outputs);
@@ -518,14 +518,14 @@ static void layer_plain(layer_case *c) {
 }
 
 /* Copies images [batch][row][column][channel] into blocks, or (back) from them. */
-static void copy_blocked(const itn__blocked *s, size_t batch, float *blocked, float *plain,
+static void copy_blocked(const itn__layout *s, size_t batch, float *blocked, float *plain,
                          int back) {
     size_t b, y, x, k;
     for (b = 0; b < batch; b++)
         for (y = 0; y < s->height; y++)
             for (x = 0; x < s->width; x++)
                 for (k = 0; k < s->channels; k++, plain++) {
-                    float *at = blocked + b * s->size + itn__blocked_at(s, y, x, k);
+                    float *at = blocked + b * s->size + itn__layout_at(s, y, x, k);
                     if (back) *plain = *at;
                     else *at = *plain;
                 }
@@ -537,15 +537,15 @@ static void layer_blocked(layer_case *c, const itn_context *context, int given) 
     itn__conv v;
     float *images;
     memset(&v, 0, sizeof v);
-    v.in = itn__blocked_make(c->s.height, c->s.width, c->s.inputs,
+    v.in = itn__layout_make(c->s.height, c->s.width, c->s.inputs,
                              given ? itn__fewer(c->s.inputs, ITN__LANES) : ITN__LANES);
-    v.out = itn__blocked_make(c->s.height / 2, c->s.width / 2, c->s.outputs, ITN__LANES);
+    v.out = itn__layout_make(c->s.height / 2, c->s.width / 2, c->s.outputs, ITN__LANES);
     v.batch = c->batch, v.w = c->w, v.bias = c->bias, v.d_w = c->d_w, v.d_bias = c->d_bias;
     v.images = images = floats(c->batch * v.in.size), v.pooled = floats(c->batch * v.out.size);
     v.d_images = given ? NULL : floats(c->batch * v.in.size);
     v.d_pooled = floats(c->batch * v.out.size);
     v.chosen = (unsigned char *)calloc(c->batch * v.out.size + ITN__LANES, 1);
-    v.scratch = floats(itn__weights_slices(&v) * itn__weights_sums(&v));
+    v.turned = floats(itn__conv_turned(&v));
     copy_blocked(&v.in, c->batch, images, c->in, 0);
     copy_blocked(&v.out, c->batch, v.d_pooled, c->d_out, 0);
     itn__conv_forward(context, &v);
@@ -553,7 +553,7 @@ static void layer_blocked(layer_case *c, const itn_context *context, int given) 
     copy_blocked(&v.out, c->batch, v.pooled, c->out, 1);
     if (!given) copy_blocked(&v.in, c->batch, v.d_images, c->d_in, 1);
     free(images), free(v.pooled), free(v.d_images), free(v.d_pooled);
-    free(v.chosen), free(v.scratch);
+    free(v.chosen), free(v.turned);
 }
 
 static void check_floats(const char *what, const float *value, const float *expected, size_t count,
@@ -871,19 +871,17 @@ static void reference_adam(double *w, double *m, double *v, const float *g, size
 
 static void test_adam(int correct) {
     itn_net_desc d = small_desc();
-    itn_adam_desc adam = ITN_ZERO;
     itn_net *net = make(&d, NULL);
     size_t count, k;
     float *w = itn_net_parameters(net, &count), *g = itn_net_gradients(net, NULL);
     double *w2 = doubles(count), *m = doubles(count), *v = doubles(count);
     int step;
     seed(3);
-    adam.learning_rate = .01;
     widen(w, w2, count);
     for (step = 1; step <= 30; step++) {
         for (k = 0; k < count; k++) /* sizes over eight decades, signs that repeat */
             g[k] = (float)(pow(10, (double)(k % 9) - 6) * (uniform() + .3));
-        CHECK(itn_net_step(net, &adam, NULL) == ITN_OK);
+        CHECK(itn_net_step(net, .01, NULL) == ITN_OK);
         reference_adam(w2, m, v, g, count, step, correct);
         if (step == 1 || step == 2 || step == 30) check_arrays("Adam", w, w2, count, 2e-6);
     }
@@ -900,7 +898,7 @@ static void test_adam_first_step(void) {
     static const float sizes[5] = {1e-12f, 1e-8f, -1e-3f, 1, -1e15f};
     int k;
     for (k = 0; k < 5; k++) w[k] = 0, g[k] = sizes[k];
-    CHECK(itn_net_step(net, NULL, NULL) == ITN_OK);
+    CHECK(itn_net_step(net, 1e-4, NULL) == ITN_OK);
     for (k = 0; k < 5; k++) {
         double expected = -1e-4 * (double)sizes[k] / (fabs((double)sizes[k]) + 1e-8);
         CHECK_NEAR(w[k], expected, 1e-4 * fabs(expected));
@@ -919,10 +917,10 @@ static int same_state(const itn_net *net, const float *copy) {
            !memcmp(copy + net->count, net->moments, 2 * net->count * sizeof *copy);
 }
 
-static void check_step_refused(itn_net *net, const itn_adam_desc *desc, const float *state,
+static void check_step_refused(itn_net *net, double rate, const float *state,
                                const char *word) {
     itn_error error = ITN_ZERO;
-    CHECK(itn_net_step(net, desc, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_net_step(net, rate, &error) == ITN_ERROR_ARGUMENT);
     check_report(strstr(error.message, word) != NULL, __FILE__, __LINE__, "%s in: %s", word,
                  error.message);
     CHECK(same_state(net, state) && net->steps == 1);
@@ -932,32 +930,20 @@ static void test_adam_refuses(void) {
     itn_net_desc d = small_desc();
     itn_net *net = make(&d, NULL);
     static const float bad[4] = {NAN, INFINITY, -INFINITY, 1e20f};
-    static const double zero_to_one[3] = {-.1, 1.5, NAN}, tiny = 1e-50; /* 0 as a float */
+    static const double rates[4] = {0, -.1, 1.5, NAN};
     float *state = floats(3 * net->count);
-    itn_adam_desc adam;
     int k;
     fill(net->gradients, net->count);
-    CHECK(itn_net_step(net, NULL, NULL) == ITN_OK);
+    CHECK(itn_net_step(net, 1e-4, NULL) == ITN_OK);
     net_state(net, state);
     for (k = 0; k < 4; k++) {
         size_t at = k == 0 ? 0 : net->count - (size_t)k;
         net->gradients[at] = bad[k];
-        check_step_refused(net, NULL, state, "gradient");
+        check_step_refused(net, 1e-4, state, "gradient");
         net->gradients[at] = .1f;
     }
-    for (k = 0; k < 3; k++) {
-        memset(&adam, 0, sizeof adam), adam.learning_rate = zero_to_one[k];
-        check_step_refused(net, &adam, state, "learning_rate");
-        memset(&adam, 0, sizeof adam), adam.beta1 = zero_to_one[k];
-        check_step_refused(net, &adam, state, "beta1");
-        memset(&adam, 0, sizeof adam), adam.beta2 = zero_to_one[k];
-        check_step_refused(net, &adam, state, "beta2");
-        memset(&adam, 0, sizeof adam), adam.epsilon = zero_to_one[k];
-        check_step_refused(net, &adam, state, "epsilon");
-    }
-    memset(&adam, 0, sizeof adam), adam.epsilon = tiny;
-    check_step_refused(net, &adam, state, "epsilon");
-    CHECK(itn_net_step(NULL, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    for (k = 0; k < 4; k++) check_step_refused(net, rates[k], state, "rate");
+    CHECK(itn_net_step(NULL, 1e-4, NULL) == ITN_ERROR_ARGUMENT);
     free(state);
     itn_net_free(net);
 }
@@ -1049,7 +1035,7 @@ static void test_call_errors(void) {
     CHECK(itn__first_beyond(net->gradients, net->count, FLT_MAX) == net->count);
     d_outputs[3] = 0;
     CHECK(itn_net_backward(net, 2, d_outputs, NULL) == ITN_OK);
-    CHECK(itn_net_step(net, NULL, NULL) == ITN_OK);
+    CHECK(itn_net_step(net, 1e-4, NULL) == ITN_OK);
     CHECK(itn_net_backward(net, 2, d_outputs, NULL) == ITN_ERROR_ARGUMENT); /* weights moved */
     free(images);
     itn_net_free(net);
@@ -1252,16 +1238,14 @@ static void free_lesson(lesson *l) { free(l->images), free(l->targets); }
 /* One step over the whole lesson; returns the loss before it. sign = -1 climbs instead. */
 static double learn(itn_net *net, const lesson *l, float sign) {
     float outputs[64], gradient[64];
-    itn_adam_desc adam = ITN_ZERO;
     double loss;
     int k, n = l->count * itn_net_shape(net).outputs;
-    adam.learning_rate = .003;
     CHECK(itn_net_forward(net, l->count, l->images, outputs, NULL) == ITN_OK);
     loss = itn_loss_parameters(n, outputs, l->targets, gradient) / l->count;
     for (k = 0; k < n; k++) gradient[k] *= sign / (float)l->count;
     itn_net_zero_gradients(net);
     CHECK(itn_net_backward(net, l->count, gradient, NULL) == ITN_OK);
-    CHECK(itn_net_step(net, &adam, NULL) == ITN_OK);
+    CHECK(itn_net_step(net, .003, NULL) == ITN_OK);
     return loss;
 }
 
@@ -1389,7 +1373,7 @@ static itn_net *make_saved(int weights_only, unsigned char *bytes, size_t limit,
     seed(6);
     for (step = 0; step < 3; step++) {
         fill(net->gradients, net->count);
-        CHECK(itn_net_step(net, NULL, NULL) == ITN_OK);
+        CHECK(itn_net_step(net, 1e-4, NULL) == ITN_OK);
     }
     CHECK(itn_net_save(net, path, weights_only, NULL) == ITN_OK);
     *size = read_all(bytes, limit);
