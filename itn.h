@@ -13071,7 +13071,7 @@ static int itn__buffer_reserve(itn__buffer *buffer, size_t more) {
     return 1;
 }
 
-static void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
+ITN__NOINLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
     if (!size || !itn__buffer_reserve(buffer, size)) return;
     memcpy(buffer->bytes + buffer->size, bytes, size);
     buffer->size += size;
@@ -13155,7 +13155,7 @@ static itn_result itn__text_fail(itn__text *text, itn_result code, const char *f
 #define ITN__UNSUPPORTED(text, ...) itn__text_fail(text, ITN_ERROR_UNSUPPORTED, __VA_ARGS__)
 
 /* Steps over `size` bytes; fails, and returns NULL, if so many are not left. */
-static const unsigned char *itn__take_bytes(itn__text *text, size_t size) {
+ITN__NOINLINE const unsigned char *itn__take_bytes(itn__text *text, size_t size) {
     const char *bytes = text->at;
     if (size > (size_t)(text->end - bytes)) {
         ITN__DAMAGED(text, "cut off: the data ends early");
