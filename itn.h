@@ -13734,12 +13734,12 @@ static itn_result itn__exr_decode(const itn__text *given, const itn_context *con
 /* PFM: "PF" (three channels) or "Pf" (one), width, height and scale as text, one white space
    character, then floats, the lowest row first; a negative scale says little-endian, and its size
    is what the numbers are in units of (P. Debevec). */
-static itn_result itn__pfm_decode(itn__text *text, const itn_context *context, itn_image *image) {
+static itn_result itn__pfm_decode(itn__text *text, int channels, const itn_context *context,
+                                  itn_image *image) {
     static const char *const what[] = {"PFM width", "PFM height", "PFM scale"};
-    int channels = text->at[1] == 'F' ? 3 : 1, x, row, k;
+    int x, row, k;
     double header[3], needed, left;
     const unsigned char *bytes;
-    text->at += 2;
     for (k = 0; k < 3; k++) {
         itn__skip_space(text); /* line ends count as blanks */
         header[k] = itn__take_finite(text, what[k]);
@@ -13773,6 +13773,7 @@ ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const c
                                          itn_error *error) {
     itn__text text;
     itn_image made;
+    int kind;
     itn_result result;
     if (!bytes || !image)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
@@ -13780,9 +13781,8 @@ ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const c
     text.error = error;
     if (size >= 4 && !memcmp(bytes, "\x76\x2f\x31\x01", 4))
         result = itn__exr_decode(&text, context, &made);
-    else if (text.end - text.at > 2 && text.at[0] == 'P' && strchr("Ff", text.at[1]) &&
-             strchr(" \t\r\n", text.at[2]))
-        result = itn__pfm_decode(&text, context, &made);
+    else if ((kind = itn__accept(&text, "Pf PF")) >= 0)
+        result = itn__pfm_decode(&text, kind ? 3 : 1, context, &made);
     else
         result = itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: neither an EXR nor a PFM file: convert "
                                                        "it to one of them", text.name);
