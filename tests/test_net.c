@@ -1396,7 +1396,7 @@ static void check_refused(const unsigned char *bytes, size_t size, const char *h
     free(exact);
 }
 
-static void put_u32(unsigned char *bytes, uint32_t value) {
+static void place_u32(unsigned char *bytes, uint32_t value) {
     int k;
     for (k = 0; k < 4; k++) bytes[k] = (unsigned char)(value >> 8 * k);
 }
@@ -1405,7 +1405,7 @@ static void sign_file(unsigned char *bytes, size_t size) {
     uint64_t hash = 14695981039346656037ull;
     size_t k;
     for (k = 0; k + 8 < size; k++) hash = (hash ^ bytes[k]) * 1099511628211ull;
-    put_u32(bytes + size - 8, (uint32_t)hash), put_u32(bytes + size - 4, (uint32_t)(hash >> 32));
+    place_u32(bytes + size - 8, (uint32_t)hash), place_u32(bytes + size - 4, (uint32_t)(hash >> 32));
 }
 
 /* Changes one 32-bit word, signs the file anew and expects a refusal. */
@@ -1413,7 +1413,7 @@ static void check_word_refused(unsigned char *bytes, size_t size, size_t at,
                                uint32_t value, const char *hint) {
     unsigned char kept[4];
     memcpy(kept, bytes + at, 4);
-    put_u32(bytes + at, value);
+    place_u32(bytes + at, value);
     sign_file(bytes, size);
     check_refused(bytes, size, hint);
     memcpy(bytes + at, kept, 4);
