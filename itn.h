@@ -8552,10 +8552,13 @@ static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k
 static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn__state *s,
                                      const itn__floats value[3], itn__ints mask) {
     const itn__fast *fast = crowd->fast;
-    uint32_t many = itn__many_draws_in(fast->scene, fast->substances[substance].sigma_t);
+    float sigma_t = fast->substances[substance].sigma_t;
     itn__floats largest = s->beta[0], survival = itn__splat(1), level = itn__splat(fast->roulette);
-    itn__ints low, late = itn__int_less(itn__splat_int(many), s->dimension), survives;
+    itn__ints low, late, survives;
     int c;
+    for (c = 1; !substance && c <= fast->scene->medium_count; c++) /* it may come from any */
+        sigma_t = itn__max(sigma_t, fast->substances[c].sigma_t);
+    late = itn__int_less(itn__splat_int(itn__many_draws_in(fast->scene, sigma_t)), s->dimension);
     for (c = 1; c < fast->channels; c++) largest = itn__most(largest, s->beta[c]);
     low = ~itn__less_equal(level * ITN__SAME_WEIGHT, largest);
     if (!itn__mask_bits((low | late) & mask)) return mask;
