@@ -13137,22 +13137,18 @@ static itn__text itn__text_make(const void *bytes, size_t size, const char *name
 static itn_result itn__text_fail(itn__text *text, itn_result code, const char *format, ...)
     ITN__PRINTF(3, 4);
 static itn_result itn__text_fail(itn__text *text, itn_result code, const char *format, ...) {
-    itn__prose prose = ITN_ZERO;
+    char message[sizeof text->error->message], part[40] = "";
     va_list arguments;
     if (text->result) return text->result;
-    text->result = code;
-    if (text->error) {
-        text->error->code = code, text->error->line = text->line;
-        prose.text = text->error->message, prose.size = sizeof text->error->message;
-        if (text->line) itn__say(&prose, "%s:%d: ", text->name, text->line);
-        else itn__say(&prose, "%s: byte %.0f: ", text->name, (double)(text->at - text->start));
-        if (text->part) itn__say(&prose, "%s %.0f: ", text->part, text->number);
-        va_start(arguments, format);
-        itn__say_list(&prose, format, arguments);
-        va_end(arguments);
-    }
+    va_start(arguments, format);
+    itn__print_list(message, sizeof message, format, arguments);
+    va_end(arguments);
+    if (text->part) itn__print(part, sizeof part, "%s %.0f: ", text->part, text->number);
+    itn__fail(text->error, code, text->line, text->line ? "%s:%.0f: %s%s" : "%s: byte %.0f: %s%s",
+              text->name, text->line ? (double)text->line : (double)(text->at - text->start), part,
+              message);
     text->at = text->end;
-    return code;
+    return text->result = code;
 }
 #define ITN__DAMAGED(text, ...) itn__text_fail(text, ITN_ERROR_FORMAT, __VA_ARGS__)
 #define ITN__UNSUPPORTED(text, ...) itn__text_fail(text, ITN_ERROR_UNSUPPORTED, __VA_ARGS__)
