@@ -745,46 +745,24 @@ ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error);
 /* Returns the number of steps taken, also over saving and loading. */
 ITN_API uint64_t itn_net_steps(const itn_net *net);
 
-/* Returns sum_k (truth[k] - predicted[k])^2, and its gradient, which may be `predicted` itself. All
-   arrays: [count] coordinates (itn_parameter_to_coordinate), where outputs of a network live. */
+/* The losses of equation (3), from which a network learns:
+       itn_loss_parameters + lambda itn_loss_image.
+   The first alone makes a regressor network (RN), both an inverse transport network (ITN), or with
+   options.max_scatter = 1 a single-scattering one (SSN). All arrays but theta and image: [count]
+   coordinates (itn_parameter_to_coordinate), where outputs of a network live.
+   Returns sum_k (truth[k] - predicted[k])^2, and its gradient, which may be `predicted` itself. */
 ITN_API double itn_loss_parameters(int count, const float *predicted, const float *truth,
                                    float *gradient);
-
-/* The paper's three networks differ only in the loss they are trained with, equation (3). */
-typedef enum itn_model {
-    ITN_MODEL_RN = 0, /* regressor network: the supervised term alone, nothing is rendered */
-    ITN_MODEL_SSN,    /* single-scattering network: renders with max_scatter 1 */
-    ITN_MODEL_ITN     /* inverse transport network: renders with full transport */
-} itn_model;
-
-/* How one image enters the loss. */
-typedef struct itn_loss_desc {
-    itn_model model;
-    double lambda;              /* weight of the image term, >= 0; 0 leaves it out */
-    const itn_scene *scene;     /* what the image shows; this and the rest: if it is rendered */
-    const float *theta;         /* the scene's other parameters; NULL: as made */
-    const int *parameters;      /* [count] what the outputs mean, as indices of the scene */
-    itn_render_options options; /* take a new seed for every image and step; max_scatter is the
-                                   model's */
-} itn_loss_desc;
-
-typedef struct itn_loss {
-    double parameters; /* ||pi - N(I)||^2 in coordinates */
-    double image;      /* mean over pixels and channels of (I - T(N(I)))^2; 0 if not rendered */
-    double total;      /* parameters + lambda image */
-} itn_loss;
-
-/* One image's term of equation (3), ||pi - N(I)||^2 + lambda ||I - T(N(I))||^2, where N(I) are the
-   coordinates of the parameters of T, and the derivative of `total` in them. The second is a mean,
-   so lambda is the paper's times the pixels and channels; choose it so that both are of like size
-   when training begins. Beyond a parameter's bounds the value and slope on the bound are used.
-   predicted, truth, gradient: [count] coordinates. image: [C][height][width] of the scene's film,
-   linear radiometric; may be NULL if none is rendered. Errors: ARGUMENT (NULL, lambda, an index,
-   coordinates that are not finite, a gradient too large for a float) and those of
-   itn_loss_gradient; then loss and gradient are untouched. */
-ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const float *predicted,
-                                     const float *truth, const float *image, itn_loss *loss,
-                                     float *gradient, itn_error *error);
+/* The mean over pixels and channels of (image - T)^2, T being the scene rendered with the predicted
+   coordinates of `parameters` (beyond their bounds: with the bounds), and its derivatives in them.
+   lambda is then the paper's times the pixels and channels; choose it so that both losses are of
+   like size when training begins. theta (the other parameters; NULL: as made), options (take a new
+   seed for every image and step), image, errors (also coordinates that are not finite) and what is
+   untouched then: as for itn_loss_gradient. */
+ITN_API itn_result itn_loss_image(const itn_scene *scene, const float *theta,
+                                  const itn_render_options *options, const float *image,
+                                  const int *parameters, int count, const float *predicted,
+                                  double *loss, double *gradient, itn_error *error);
 
 /* Makes a network from the bytes of a file that itn_net_save wrote, for `batch` images (0 = 16); of
    weights only, Adam starts afresh. `name` stands for the file in error messages; NULL = "network".
@@ -10150,7 +10128,7 @@ typedef struct itn__conv {
     float *pooled;         /* [batch][out]: the forward result */
     float *d_pooled;       /* as pooled */
     unsigned char *chosen; /* as pooled: pixel of the window, 2 row + column, or ITN__SHUT */
-    float *turned;         /* [itn__conv_turned] */
+    float *turned;         /* [itn__conv_turned] weights or their derivatives, see above */
 } itn__conv;
 
 enum {
@@ -10414,14 +10392,13 @@ static void itn__conv_backward(const itn_context *context, itn__conv *c) {
 /* ---- [net] losses, and the assembled network ------------------------------------------------- */
 
 /* Equation (3) of the paper, for one image I of a material with coordinates c_truth, and the
-   network's answer N(I):
-       l = ||c_truth - N(I)||^2 + lambda ||I - T(pi(N(I)))||^2,
-   the second a mean over pixels and channels, so that lambda does not depend on the size of films.
-   The first term alone makes a regressor network (RN, equation (2)), with the renderer T an inverse
-   transport network (ITN), with single scattering only an SSN. Networks answer in the optimiser's
-   coordinates c, in which every real number is valid and the three parameters have like scales. The
-   renderer T takes values pi(c) and returns the derivative of the image loss in them; so
-       dl/dc = 2 (N(I) - c_truth) + lambda (dl_image/dpi) (dpi/dc). */
+   network's answer c = N(I):
+       l = ||c_truth - c||^2 + lambda ||I - T(pi(c))||^2,
+   the second a mean over pixels and channels. The first term alone makes a regressor network (RN,
+   equation (2)), with the renderer T an inverse transport network (ITN), with single scattering
+   only an SSN. In coordinates every real number is valid and the three parameters have like scales.
+   T takes values pi(c) and returns the derivative of the image loss in them; so
+       dl/dc = 2 (c - c_truth) + lambda (dl_image/dpi) (dpi/dc). */
 
 ITN_API double itn_loss_parameters(int count, const float *predicted, const float *truth,
                                    float *gradient) {
@@ -10435,97 +10412,41 @@ ITN_API double itn_loss_parameters(int count, const float *predicted, const floa
     return loss;
 }
 
-static itn_result itn__loss_check(const itn_loss_desc *desc, int count, const float *predicted,
-                                  const float *truth, const float *image, itn_error *error) {
-    int k, renders = desc->model != ITN_MODEL_RN && desc->lambda != 0;
-    const char *wrong = NULL;
-    for (k = 0; k < count; k++)
-        if (!itn__finite((double)predicted[k]) || !itn__finite((double)truth[k]))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_loss_training: coordinate %d is not finite (predicted %g, truth "
-                             "%g)", k, (double)predicted[k], (double)truth[k]);
-    if ((int)desc->model < 0 || (int)desc->model > ITN_MODEL_ITN) wrong = "no such model";
-    else if (renders && (!(desc->lambda > 0) || !itn__finite(desc->lambda)))
-        wrong = "lambda must be >= 0 and finite";
-    else if (renders && (!desc->scene || !desc->parameters || !image))
-        wrong = "this model renders, so it needs scene, parameters and image";
-    if (wrong) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_training: %s", wrong);
-    for (k = 0; k < count && renders; k++)
-        if (!itn_parameter_get(desc->scene, desc->parameters[k]))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_loss_training: parameters[%d] is %d, the scene has 0..%d", k,
-                             desc->parameters[k], itn_parameter_count(desc->scene) - 1);
-    return ITN_OK;
-}
-
-/* The image term at the predicted coordinates, and lambda times its derivatives in them. theta:
-   room for the parameters of the scene; values: for those that the renderer is given. */
-static itn_result itn__loss_image(const itn_loss_desc *desc, int count, const float *predicted,
-                                  const float *image, float *theta, double *loss, double *gradient,
-                                  itn_render_stats *stats, itn_error *error) {
-    itn_render_options options = desc->options;
-    const itn_parameter *all = desc->scene->parameters, *p;
-    itn_result result;
+ITN_API itn_result itn_loss_image(const itn_scene *scene, const float *theta,
+                                  const itn_render_options *options, const float *image,
+                                  const int *parameters, int count, const float *predicted,
+                                  double *loss, double *gradient, itn_error *error) {
+    const itn_parameter *p;
+    itn_result result = ITN_OK;
+    float *values;
     int k;
-    options.max_scatter = desc->model == ITN_MODEL_SSN ? 1 : 0, options.stats = stats;
-    itn_parameter_values(desc->scene, theta);
-    if (desc->theta)
-        memcpy(theta, desc->theta, (size_t)itn_parameter_count(desc->scene) * sizeof *theta);
-    for (k = 0; k < count; k++) {
-        double value;
-        p = all + desc->parameters[k];
-        value = itn_parameter_from_coordinate(p, (double)predicted[k]);
-        theta[desc->parameters[k]] = (float)fmax(value, itn__least_sought(p));
-    }
-    result = itn_loss_gradient(desc->scene, theta, &options, image, desc->parameters, count, loss,
-                               gradient, error);
-    for (k = 0; k < count && result == ITN_OK; k++) {
-        double value = (double)theta[desc->parameters[k]];
-        gradient[k] *= desc->lambda * itn_parameter_slope(all + desc->parameters[k], value);
-    }
-    return result;
-}
-
-ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const float *predicted,
-                                     const float *truth, const float *image, itn_loss *loss,
-                                     float *gradient, itn_error *error) {
-    itn_context context = ITN_ZERO;
-    itn_render_stats stats = ITN_ZERO; /* which the caller gets if all goes well */
-    itn_result result;
-    int renders, k;
-    float *theta = NULL;
-    double image_loss = 0, *slopes; /* of the image term, then of both */
-    if (!desc || !predicted || !truth || !loss || !gradient || count < 1)
+    if (!scene || !parameters || !predicted || !loss || !gradient || count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_loss_training: a pointer is NULL or count is below 1");
-    result = itn__loss_check(desc, count, predicted, truth, image, error);
-    if (result != ITN_OK) return result;
-    renders = desc->model != ITN_MODEL_RN && desc->lambda != 0;
-    if (renders) context = desc->scene->context;
-    slopes = (double *)itn__allocate(&context, (size_t)count, sizeof *slopes);
-    theta = (float *)itn__allocate(
-        &context, (size_t)(renders ? itn_parameter_count(desc->scene) : 0), sizeof *theta);
-    if (!slopes || !theta) result = itn__out_of_memory(error, "the gradient of a training loss");
-    else if (renders)
-        result = itn__loss_image(desc, count, predicted, image, theta, &image_loss, slopes, &stats,
-                                 error);
+                         "itn_loss_image: a pointer is NULL or count is below 1");
+    values = (float *)itn__allocate(&scene->context, (size_t)scene->parameter_count,
+                                    sizeof *values);
+    if (!values) return itn__out_of_memory(error, "the parameters of a scene");
+    itn_parameter_values(scene, values);
+    if (theta) memcpy(values, theta, (size_t)scene->parameter_count * sizeof *values);
     for (k = 0; k < count && result == ITN_OK; k++) {
-        slopes[k] += 2 * ((double)predicted[k] - (double)truth[k]);
-        if (!(fabs(slopes[k]) <= (double)FLT_MAX))
+        p = itn_parameter_get(scene, parameters[k]);
+        if (!p || !itn__finite((double)predicted[k]))
             result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                               "itn_loss_training: the gradient in coordinate %d is %g, too large "
-                               "for a float (predicted %g, truth %g)", k, slopes[k],
-                               (double)predicted[k], (double)truth[k]);
+                               "itn_loss_image: coordinate %d is %g, of parameter %d of %d", k,
+                               (double)predicted[k], parameters[k], scene->parameter_count);
+        else
+            values[parameters[k]] =
+                (float)fmax(itn_parameter_from_coordinate(p, (double)predicted[k]),
+                            itn__least_sought(p));
     }
-    if (result == ITN_OK) {
-        loss->parameters = itn_loss_parameters(count, predicted, truth, gradient);
-        loss->image = image_loss;
-        loss->total = loss->parameters + (renders ? desc->lambda * image_loss : 0);
-        for (k = 0; k < count; k++) gradient[k] = (float)slopes[k];
-        if (renders && desc->options.stats) *desc->options.stats = stats;
+    if (result == ITN_OK)
+        result = itn_loss_gradient(scene, values, options, image, parameters, count, loss, gradient,
+                                   error);
+    for (k = 0; k < count && result == ITN_OK; k++) {
+        p = itn_parameter_get(scene, parameters[k]);
+        gradient[k] *= itn_parameter_slope(p, (double)values[parameters[k]]);
     }
-    itn__free(&context, slopes);
-    itn__free(&context, theta);
+    itn__free(&scene->context, values);
     return result;
 }
 
@@ -10534,8 +10455,7 @@ ITN_API itn_result itn_loss_training(const itn_loss_desc *desc, int count, const
        out[o] = bias[o] + sum over i of w[o][i] in[i];    backward,
        d_in = w^T d_out,  d_w = d_out in^T,  d_bias = d_out.
    Weights, gradients and the two Adam moments have the same order. What the layers pass on is kept
-   for a whole batch, as the backward pass needs it, and so is what each pooling chose. Derivatives
-   of activations live in two buffers that the layers use in turn. */
+   for a whole batch, as the backward pass needs it, and so is what each pooling chose. */
 
 enum { ITN__NET_LAYERS = 12, ITN__ADAM_PART = 1 << 15 };
 
@@ -10547,13 +10467,11 @@ struct itn_net {
     size_t count;      /* of parameters */
     uint64_t steps;
     int forward_batch; /* images whose activations are valid */
-    size_t kept, passed, turned; /* floats of an image: all pooled and chosen, the largest pooled;
-                                    of the largest layer's turned weights */
-    void *memory;                /* all arrays below and in layers */
+    size_t size;       /* floats of the layers' arrays */
+    void *memory;      /* all arrays below and in layers */
     float *parameters, *moments, *gradients; /* moments: [2][count], m then v, behind the first */
     float *full, *d_full;                    /* of the fully connected layer: weights, biases */
-    float *images;                           /* [batch] */
-    float *outputs;                          /* [batch][outputs] */
+    float *images, *outputs;                 /* [batch] */
     const float *given;                      /* images or derivatives of a call */
     double rate;                             /* of a step */
 };
@@ -10620,9 +10538,7 @@ static int itn__net_sizes(itn_net *net) {
         height /= 2, width /= 2;
         c->out = itn__layout_make(height, width, to, ITN__LANES);
         net->count += (9 * from + 1) * to;
-        net->kept += c->out.size + c->out.size / 4;
-        if (net->passed < c->out.size) net->passed = c->out.size;
-        if (net->turned < itn__conv_turned(c)) net->turned = itn__conv_turned(c);
+        net->size += (size_t)d->batch * (2 * c->out.size + c->out.size / 4) + itn__conv_turned(c);
     }
     net->features = height * width * from;
     net->count += (net->features + 1) * (size_t)d->outputs;
@@ -10633,35 +10549,27 @@ static int itn__net_sizes(itn_net *net) {
 static int itn__net_allocate(itn_net *net) {
     size_t batch = (size_t)net->desc.batch, outputs = batch * (size_t)net->desc.outputs;
     size_t count = (net->count + 15) / 16 * 16, given = batch * net->layers[0].in.size;
-    float *at, *images, *turned, *d[2];
-    int l, layers = net->desc.layer_count;
-    net->memory = itn__allocate(&net->context, 4 * count + given + net->turned + outputs + 32 +
-                                batch * (net->kept + 2 * net->passed), sizeof *at);
+    float *at, *images;
+    int l;
+    net->memory = itn__allocate(&net->context, 4 * count + given + net->size + outputs + 16,
+                                sizeof *at);
     if (!net->memory) return 0;
-    at = (float *)net->memory;
-    while ((uintptr_t)at % 64) at++;
+    for (at = (float *)net->memory; (uintptr_t)at % 64; at++) {}
+    net->gradients = net->d_full = at, at += count;
+    net->parameters = net->full = at, net->moments = at + net->count, at += 3 * count;
     net->images = images = at, at += given;
-    d[0] = at, at += batch * net->passed;
-    d[1] = at, at += batch * net->passed;
-    turned = at, at += net->turned;
-    for (l = 0; l < layers; l++) {
+    for (l = 0; l < net->desc.layer_count; l++) {
         itn__conv *c = &net->layers[l];
-        c->images = images, c->turned = turned;
-        c->pooled = images = at, at += batch * c->out.size;
-        c->chosen = (unsigned char *)at, at += batch * c->out.size / 4;
-        c->d_pooled = d[l % 2], c->d_images = l > 0 ? d[1 - l % 2] : NULL;
-    }
-    net->gradients = at, at += count;
-    net->parameters = at, net->moments = at + net->count, at += 3 * count;
-    net->outputs = at;
-    net->full = net->parameters, net->d_full = net->gradients;
-    for (l = 0; l < layers; l++) {
-        itn__conv *c = &net->layers[l];
-        size_t weights = 9 * c->in.channels * c->out.channels;
+        size_t weights = 9 * c->in.channels * c->out.channels, size = batch * c->out.size;
+        c->images = images, c->d_images = l > 0 ? net->layers[l - 1].d_pooled : NULL;
+        c->pooled = images = at, c->d_pooled = at + size, at += 2 * size;
+        c->chosen = (unsigned char *)at, at += size / 4;
+        c->turned = at, at += itn__conv_turned(c);
         c->w = net->full, c->bias = c->w + weights, net->full += weights + c->out.channels;
         c->d_w = net->d_full, c->d_bias = c->d_w + weights;
         net->d_full += weights + c->out.channels;
     }
+    net->outputs = at;
     return 1;
 }
 

@@ -82,7 +82,8 @@ int main(void) {
         for (k = 0; k < BATCH * OUTPUTS; k++) gradient[k] /= BATCH; /* the mean over the batch */
         itn_net_zero_gradients(net);
         if (itn_net_backward(net, BATCH, gradient, &error)) return puts(error.message), 1;
-        if (itn_net_step(net, .006 * (1 - (double)step / STEPS) + 1e-6, &error)) return puts(error.message), 1;
+        if (itn_net_step(net, .006 * (1 - (double)step / STEPS) + 1e-6, &error))
+            return puts(error.message), 1;
         if (step % 50 == 0) printf("step %3d  loss %.4f\n", step, loss);
     }
 

@@ -140,9 +140,13 @@ typedef struct row {
     double parameters, image; /* image: in units of the mean brightness squared */
 } row;
 
+/* The paper's three networks differ only in the loss they are trained with, equation (3): without
+   the image term, with single scattering in it, with full transport. */
+typedef enum network_kind { KIND_RN, KIND_SSN, KIND_ITN } network_kind;
+
 typedef struct trainer {
     const settings *options;
-    itn_model kind;
+    network_kind kind;
     pictures pictures;
     stages stages; /* a regressor has one scene, for coordinates */
     itn_net *net;
@@ -153,7 +157,7 @@ typedef struct trainer {
     float *larger;        /* [batch] see vary_picture */
     float *answers, *gradients; /* [batch][3] coordinates */
     float *sums;          /* what processes add up: all gradients of a step, then its three sums */
-    itn_loss *losses;     /* [batch] */
+    row *losses;          /* [batch] of single pictures; image: not in units */
     double spreads[3];    /* the deviations of the parameters in the data */
     int first, step;      /* of the batch: its place in the order; how many steps came before */
     row *rows;            /* the curve so far */
@@ -268,7 +272,7 @@ static void prepare_input(void *task, int index) {
     int picture = t->order[t->first + index];
     float *input = t->inputs + (size_t)index * 2 * PIXELS, *pixels = input, varied[PIXELS];
     get_picture(&t->pictures, picture, pixels);
-    if (t->kind != ITN_MODEL_RN)
+    if (t->kind != KIND_RN)
         weigh_picture(pixels, FILM, t->reduce, FILM, 1, SMALL,
                       t->targets + (size_t)index * SMALL_PIXELS);
     t->larger[index] = 0;
@@ -306,30 +310,26 @@ static void picture_loss(void *task, int index) {
     const itn_scene *scene = scene_of(&t->stages, &t->pictures, picture);
     const int *parameters = t->stages.parameters;
     float *answer = t->answers + 3 * index;
-    float *gradient = t->gradients + 3 * index, truth[3], cut[3], cut_gradient[3];
-    itn_loss_desc desc = ITN_ZERO;
-    itn_loss loss = ITN_ZERO;
+    float *gradient = t->gradients + 3 * index, truth[3], cut[3], own_gradient[3];
+    itn_render_options options = ITN_ZERO;
+    double image_loss = 0, slopes[3] = {0, 0, 0}, lambda = m->lambda / (m->mean * m->mean);
     itn_error error;
     if (!scene) scene = t->stages.any;
     answer[0] += t->larger[index]; /* the coordinate of sigma_t is its logarithm */
     truth_coordinates(scene, parameters, t->pictures.thetas[picture], truth);
     cut_answer(scene, parameters, answer, cut);
-    desc.model = t->kind, desc.lambda = m->lambda / (m->mean * m->mean);
-    desc.scene = scene, desc.parameters = parameters;
-    desc.options.spp = m->spp, desc.options.walks = 1;
-    desc.options.seed = mix((uint64_t)m->seed, (uint64_t)t->step, (uint64_t)picture);
-    if (itn_loss_training(&desc, 3, cut, truth, t->targets + (size_t)index * SMALL_PIXELS, &loss,
-                          cut_gradient, &error))
+    options.spp = m->spp, options.walks = 1, options.max_scatter = t->kind == KIND_SSN ? 1 : 0;
+    options.seed = mix((uint64_t)m->seed, (uint64_t)t->step, (uint64_t)picture);
+    if (t->kind != KIND_RN && lambda != 0 &&
+        itn_loss_image(scene, NULL, &options, t->targets + (size_t)index * SMALL_PIXELS,
+                       parameters, 3, cut, &image_loss, slopes, &error))
         fail(error.message, "");
-    for (k = 0; k < 3; k++) {
-        double image_part = (double)cut_gradient[k] - 2 * ((double)cut[k] - (double)truth[k]);
-        gradient[k] = (float)(cut[k] == answer[k] ? image_part : 0);
-    }
-    t->losses[index] = loss;
+    t->losses[index].image = image_loss;
     t->losses[index].parameters =
-        m->own_units ? own_loss(t, answer, t->pictures.thetas[picture], cut_gradient)
-                     : itn_loss_parameters(3, answer, truth, cut_gradient);
-    for (k = 0; k < 3; k++) gradient[k] += cut_gradient[k];
+        m->own_units ? own_loss(t, answer, t->pictures.thetas[picture], own_gradient)
+                     : itn_loss_parameters(3, answer, truth, own_gradient);
+    for (k = 0; k < 3; k++)
+        gradient[k] = own_gradient[k] + (float)(cut[k] == answer[k] ? lambda * slopes[k] : 0);
 }
 
 /* Losses and gradients of the answers of a batch. Returns the mean losses. */
@@ -546,7 +546,7 @@ static void measure_spreads(const pictures *p, double spreads[3]) {
 
 /* The mean image loss of the true answers for the batch that was answered last: its noise. */
 static double noise_loss(trainer *t, int batch) {
-    itn_model kind = t->kind;
+    network_kind kind = t->kind;
     double noise;
     int k;
     for (k = 0; k < batch; k++) {
@@ -554,7 +554,7 @@ static double noise_loss(trainer *t, int batch) {
         truth_coordinates(t->stages.any, t->stages.parameters, theta, t->answers + 3 * k);
         t->larger[k] = 0;
     }
-    t->kind = ITN_MODEL_ITN;
+    t->kind = KIND_ITN;
     noise = answer_losses(t, batch).image;
     t->kind = kind;
     return noise;
@@ -611,9 +611,9 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
     if (!t->pictures.count) fail(o->data, "has no pictures for this");
     measure_spreads(&t->pictures, t->spreads);
     find_pictures(t, &first, &end);
-    t->kind = !strcmp(o->model.name, "itn") ? ITN_MODEL_ITN
-              : !strcmp(o->model.name, "ssn") ? ITN_MODEL_SSN : ITN_MODEL_RN;
-    load_stages(&t->pictures, first, end, t->kind == ITN_MODEL_RN ? 1 : end - first, FILM_SMALL,
+    t->kind = !strcmp(o->model.name, "itn") ? KIND_ITN
+              : !strcmp(o->model.name, "ssn") ? KIND_SSN : KIND_RN;
+    load_stages(&t->pictures, first, end, t->kind == KIND_RN ? 1 : end - first, FILM_SMALL,
                 o->data, o->threads, &t->stages);
     context.parallel_for = parallel_for, context.parallel_user = (void *)&o->threads;
     desc.batch = o->model.batch, desc.seed = (uint64_t)o->model.seed;
@@ -632,7 +632,7 @@ static void make_trainer(trainer *t, const settings *o, const char *from) {
     t->larger = (float *)need(batch, sizeof(float));
     t->answers = (float *)need(batch, 3 * sizeof(float));
     t->gradients = (float *)need(batch, 3 * sizeof(float));
-    t->losses = (itn_loss *)need(batch, sizeof *t->losses);
+    t->losses = (row *)need(batch, sizeof *t->losses);
 }
 
 static void free_trainer(trainer *t) {
@@ -683,7 +683,7 @@ static void begin(trainer *t, settings *o, int *last_step, int *per_epoch) {
     find_pictures(t, &first, &end);
     if (o->process.count > 1) keep_pixels(&t->pictures, first, end);
     if (o->resume) return;
-    if (t->kind == ITN_MODEL_RN) o->model.lambda = 0;
+    if (t->kind == KIND_RN) o->model.lambda = 0;
     else if (lambda < 0 && from && !strcmp(before.name, o->model.name) &&
              before.own_units == o->model.own_units)
         o->model.lambda = before.lambda; /* the same loss goes on */

@@ -1156,27 +1156,22 @@ static void test_index_of_one(void) {
     itn_mesh box = unit_box();
     itn_scene *scene;
     itn_error error;
-    itn_loss_desc desc = ITN_ZERO;
-    itn_loss loss;
+    itn_render_options renders = ITN_ZERO;
     itn_refine_options options = ITN_ZERO;
     itn_estimate estimate;
     itn_render_stats stats = {-1, -1};
-    float target[16] = {0}, *theta, predicted = -20, truth = 0, gradient;
+    float target[16] = {0}, *theta, predicted = -20;
+    double loss, gradient;
     int ior;
     stage s;
     begin_box(&s, &box, 1, .5);
     stage_dielectric(&s, "glass", 1.5, .3), s.objects[0].surface = "glass";
     scene = stage_make(&s);
     ior = itn_parameter_find(scene, "glass.ior");
-    desc.model = ITN_MODEL_ITN, desc.scene = scene, desc.parameters = &ior, desc.lambda = 1;
-    desc.options.spp = 4, desc.options.stats = &stats;
-    CHECK(itn_loss_training(&desc, 1, &predicted, &truth, target, &loss, &gradient, &error) ==
-          ITN_OK);
-    CHECK(loss.image > 0 && isfinite((double)gradient) && stats.paths > 0);
-    desc.lambda = 1e300, stats.paths = -1;
-    CHECK(itn_loss_training(&desc, 1, &predicted, &truth, target, &loss, &gradient, &error) ==
-          ITN_ERROR_ARGUMENT); /* a gradient that is no float */
-    CHECK(stats.paths == -1);
+    renders.spp = 4, renders.stats = &stats;
+    CHECK(itn_loss_image(scene, NULL, &renders, target, &ior, 1, &predicted, &loss, &gradient,
+                         &error) == ITN_OK);
+    CHECK(loss > 0 && isfinite(gradient) && stats.paths > 0);
     theta = (float *)malloc((size_t)itn_parameter_count(scene) * sizeof *theta);
     itn_parameter_values(scene, theta);
     theta[ior] = 1;
