@@ -73,17 +73,10 @@
        [gradients]      derivatives folded with weights
        [layers]         convolution, ReLU and pooling as one layer, and a step of Adam
        [net]            losses, and the assembled network
-       [refine]         analysis by synthesis
-       [similarity]     along the valley of the loss
-       [residuals]      pictures over their noise
+       [refine]         analysis by synthesis: coordinates and pictures
        [normal]         the normal equations, and their noise
-       [design]         where samples tell most
-       [evaluate]       one evaluation, and what is known from all
-       [certainty]      whether pictures tell an unknown
        [search]         steps
-       [estimates]      values and error bars
-       [views]          pictures taken in, and searches
-       [words]          what the pictures tell, in words
+       [estimates]      values, error bars, and what they mean in words
        [files]          bytes in, bytes out
        [inflate]        decompression (RFC 1950, RFC 1951)
        [images]         EXR, PFM and PNG files
@@ -790,96 +783,89 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
 
 /* How itn_refine searches. */
 typedef enum itn_method {
-    ITN_METHOD_LM = 0, /* Levenberg-Marquardt on the derivative images */
+    ITN_METHOD_LM = 0, /* Gauss-Newton (Levenberg-Marquardt) on the derivative images */
     ITN_METHOD_ADAM,   /* Adam on the loss gradient */
     ITN_METHOD_SGD     /* plain stochastic gradient descent on it, as in the paper */
 } itn_method;
 
-/* Where an iteration stands, for the progress callback. */
+/* Where a search stands, for the progress callback; what is pointed to is valid during the call. */
 typedef struct itn_refine_step {
-    int iteration;      /* from 0, which is the start; a second search counts on */
-    double loss;        /* mean over pixels and channels of (I(theta) - target)^2, unbiased */
-    double loss_error;  /* its standard error, by the noise of the renders; 0, as not known, with
-                           ADAM and SGD */
-    const float *theta; /* [parameter_count of the scene], of the first view if there are several;
-                           valid during the call */
-    const float *values; /* [count] the unknowns; valid during the call */
+    int iteration;        /* counts up from 0; the first ones look at reduced pictures */
+    double misfit;        /* in units of noise, 1 where the scene explains the pictures; 0: unknown,
+                             as with ADAM and SGD */
+    double misfit_error;  /* its standard error, by the noise of the renders */
+    double loss;          /* mean over pixels and channels of (I(theta) - target)^2, unbiased */
+    const float *theta;   /* [parameter_count of the scene], of the first view */
+    const float *values;  /* [count] the unknowns */
+    const double *errors; /* [count] standard errors by what is known so far; NULL: not known */
+    double seconds, expected; /* since the start, and of the whole search, roughly */
 } itn_refine_step;
+
+/* How a search ended. */
+typedef struct itn_refine_outcome {
+    double misfit; /* the mean of (I - T)^2 over what noise explains, that of the picture and of
+                      renders as there are in the end; where the picture's noise is not known, it is
+                      what neighbouring pixels do not share */
+    double misfit_error; /* its standard error */
+    int explained; /* 0: the misfit is clearly above 1 (1.2 and three errors): the scene is not that
+                      of the picture, or the search ended in a wrong valley */
+    int finished;  /* 0: iterations or time ran out, or the caller ended it */
+    double seconds;
+} itn_refine_outcome;
 
 /* How to search; all zero is a choice that does well. */
 typedef struct itn_refine_options {
     itn_method method;
-    int iterations; /* most of a search; 0 = 20 (LM) or 200. LM stops by itself when all that it
-                       sees is noise; if it has not by then, one or two evaluations more give its
-                       error bars */
+    int iterations; /* most steps; 0 = 20 (LM, which stops by itself when all that it sees is noise;
+                       those in reduced pictures do not count) or 200 */
     int spp;        /* samples per pixel of each of the two renders of an iteration, 2 to 524287;
                        0 = 64. LM takes more as it closes in */
-    int final_spp;  /* samples, at most 67108863, of the last evaluations together, which LM
-                       averages and which make the error bars (Adam and SGD have one such evaluation
-                       at the end). 0 = 8 spp; if these leave an unknown undetermined, LM then takes
-                       up to 16 times as many. More make error bars smaller, until the target's own
-                       noise is all that is left. In the end pixels that tell more about the
-                       unknowns get more samples: spp and final_spp are then roughly those of the
-                       mean pixel */
+    int final_spp;  /* samples, at most 67108863, of all renders that LM averages in the end, or of
+                       the one that gives Adam and SGD error bars; 0 = 5 spp, and up to 32 times as
+                       many where these leave an unknown undetermined. LM stops earlier if only the
+                       picture's own noise is left. Pixels that tell more get more samples: both
+                       numbers are then those of the mean pixel */
     uint64_t seed;
-    int max_scatter;              /* see itn_render_options */
+    int max_scatter;      /* see itn_render_options */
     double learning_rate; /* > 0, falls to a tenth over the iterations. Adam: its first steps in
-                             transformed coordinates, at most 1; 0 = .05. SGD: step over gradient
-                             of loss / mean square of the pictures, at most 1e6; 0 = 1; no step is
-                             longer than .5 */
+                             coordinates, at most 1; 0 = .05. SGD: step over gradient of loss /
+                             mean square of the pictures, at most 1e6; 0 = 1; no step is longer
+                             than .5 */
+    double seconds; /* the most that a search takes, with the best answer so far; 0 = 60. The bits
+                       of a result depend on the clock only where this ends the search */
     const float *target_variance; /* [C][height][width] variance of each value of the target, used
-                                     as averages over 33 x 33 pixels. NULL: estimated from the
-                                     misfit that remains, as a part that is the same everywhere and
-                                     one in proportion to the renders' noise; this needs many more
-                                     values than unknowns. INFINITY (LM only) masks a value of the
-                                     target, which may then be anything, NaN too; a large number
-                                     instead would count in the averages around. If some are masked
-                                     and all others 0: as NULL. itn_refine only: each itn_view has
-                                     its own */
-    double *covariance; /* if not NULL, receives [count][count]: of the values; the diagonal holds
-                           the squares of the standard errors */
-    double *misfit; /* if not NULL, receives what remains: the mean of (I - T)^2 over what noise
-                       explains, 1 where the scene accounts for the picture. Well above 1, the
-                       scene is not the one of the picture, or the search ended in a wrong valley;
-                       or, without target_variance, the picture has noise of its own */
-    int (*progress)(void *user, const itn_refine_step *step); /* non-zero cancels; may be NULL */
+                                     as means over its neighbours. It tells which pixels to trust
+                                     and what a misfit of 1 is; error bars come from residuals.
+                                     NULL: unknown. INFINITY (LM only) masks a value of the target,
+                                     which may then be anything, NaN too; with all others 0: as
+                                     NULL. itn_refine only: each itn_view has its own */
+    double *covariance; /* if not NULL, receives [count][count]: of the values */
+    itn_refine_outcome *outcome; /* if not NULL, is filled in */
+    int (*progress)(void *user, const itn_refine_step *step); /* above 0 ends the search with the
+                       answer so far, below 0 cancels it; may be NULL */
     void *progress_user;
 } itn_refine_options;
 
 /* What an image says about one parameter. */
 typedef struct itn_estimate {
     double value;
-    double standard_error; /* of value: from the Fisher information of the derivative images, and
-                              from how well that itself is known (Fieller 1954). If the search was
-                              not over (iterations ran out, or its last step was taken back), at
-                              least the step that was left. If the largest error of the determined
-                              unknowns is more than .1 in its coordinate, one more evaluation two
-                              errors further up in it, where pictures may tell less, says what it
-                              would be there, and the larger is that unknown's. Very large where the
-                              information is less than three of its own standard errors; the others'
-                              errors then allow for any value of this one */
+    double standard_error; /* by residuals and derivative images (sandwich covariance), and by how
+                              well these are known (Fieller 1954). If the search was not over, the
+                              step that was left counts; if the misfit is not explained, it is
+                              sqrt(misfit) times as large */
     int determined;        /* look here first. 0: the error of its coordinate is .5 or more, as the
-                              picture, or so few samples (final_spp), say next to nothing about it:
-                              do not use the value, nor its standard_error, which shrinks where
-                              bounds are near */
+                              picture, or so few samples, say next to nothing about it */
 } itn_estimate;
 
 /* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
    theta on; other parameters stay. Adam and SGD take it as it stands; LM divides each pixel's
    difference by what noise makes of it and compares pictures slightly blurred, which has the same
-   minimum where the scene accounts for the picture, and another one where it does not.
+   minimum where the scene accounts for the picture. It searches first in reduced pictures, also
+   from the other sign of every unknown g if more misfit remains than noise explains. Against other
+   wrong valleys a good start helps (a network's estimate), or several.
    theta: [itn_parameter_count], in and out. target: [C][height][width], linear radiometric, within
-   -1e18 to 1e18. parameters: [count], all different, count from 1 to 1024. estimates: [count].
-   options may be NULL.
-   Along curves of equal sigma_t albedo (1 - g) and sigma_t (1 - albedo) pictures change little
-   (similarity relations, Wyman, Patterson and Wilson 1989): LM takes its steps along them. The loss
-   can still have several valleys, and error bars speak of one only. In thin objects light scattered
-   ahead and back can look alike. So if more misfit remains than noise explains (and, where a
-   picture's noise is not known, no unknown g is above 0), LM searches once more, from the other
-   sign of every unknown g (from .5 or more where it was below .3), and keeps the better end.
-   Against other wrong valleys a good start helps (a network's estimate), or several.
-   Evaluations after the last iteration, which give error bars, are not reported, nor can they be
-   cancelled. Adam and SGD should not start on a bound, where slopes vanish.
+   -1e18 to 1e18. parameters: [count], all different, count from 1 to 256. estimates: [count].
+   options may be NULL. Adam and SGD should not start on a bound, where slopes vanish.
    Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then theta, estimates and what
    options point to are untouched. */
 ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
@@ -888,34 +874,31 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
                               itn_error *error);
 
 /* Says in words what the pictures determine: a line for each unknown that is determined by itself,
-   and one for each group of unknowns that is determined only together, as the pictures hardly
-   change when all change in the right proportion; such a line gives the product of powers that is
-   determined best, and how well. For example
-       milk.albedo is determined: to +-0.0009
+   and one for each group of unknowns that hardly change the pictures when all change in the right
+   proportion, with the product of powers that is determined best. For example (in one line; if each
+   is determined by itself: "are determined, best together")
        milk.sigma_t and milk.g are determined only together: milk.sigma_t (1-milk.g)^0.97 to 0.5 %,
        but milk.sigma_t alone to 12 %, milk.g alone to +-0.06
-   (in one line). Unknowns are told together when the rest of them being known would make their
-   error three times smaller (variance inflation factor 10, Belsley, Kuh and Welsch 1980), in one
-   group where their errors correlate by more than .4, directly or through others; the product is
-   the direction of least variance, the last eigenvector of the covariance of the group, in
-   logarithms.
+   Unknowns are told together when the rest of them being known would make their error three times
+   smaller (variance inflation factor 10, Belsley, Kuh and Welsch 1980), in one group where their
+   errors correlate by more than .4; the product is the last eigenvector of the covariance of the
+   group, in logarithms. outcome, if not NULL, adds a line if the misfit is not explained, with what
+   to suspect, and one if the search was not finished.
    parameters: [count] what the unknowns are (itn_parameter_get), count from 1 to 32. estimates:
    [count], covariance: [count][count], as filled by itn_refine. Like snprintf: writes at most size
    bytes with the final zero and returns the length of the whole text without it; text may be NULL
    if size is 0. Returns -1 if an argument is NULL or out of range, a number is not finite or an
    error negative. */
 ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
-                             const itn_estimate *estimates, const double *covariance, char *text,
-                             size_t size);
+                             const itn_estimate *estimates, const double *covariance,
+                             const itn_refine_outcome *outcome, char *text, size_t size);
 
 /* One picture among several. */
 typedef struct itn_view {
     const itn_scene *scene;
     const float *theta;  /* [parameter_count of the scene]: of the parameters that are not sought;
                             NULL: as made */
-    const float *target; /* [C][height][width] of the scene's film, linear radiometric, within
-                            -1e18 to 1e18 where it counts */
-    const float *target_variance; /* as target, see itn_refine_options; NULL: unknown */
+    const float *target, *target_variance; /* as in itn_refine */
     const int *parameters; /* [count]: which parameter of this scene each unknown is; -1 where the
                               scene has not got it, for example the light of another view */
 } itn_view;
@@ -924,12 +907,10 @@ typedef struct itn_view {
    its own scene (camera, lights, film, objects), picture and noise, that share `count` unknowns.
    Unknown k is parameter views[v].parameters[k] of each view v that has it, at least of one; its
    bounds must be the same in all, and each view has at least one. Two views may be of one scene,
-   but each picture has noise of its own: the same one twice would make errors seem smaller than
-   they are. Where noise is not known, it is judged for each picture by its own misfit. values:
-   [count], in and out: where the search starts, what it finds. estimates: [count]. options may be
-   NULL; options->target_variance must be NULL. Nothing that views point to is changed; all other
-   parameters stay at the views' theta. Scenes render one after the other. Of one view, the bits are
-   those of itn_refine. Errors: as itn_refine; then values and estimates are untouched. */
+   but each picture has noise of its own. values: [count], in and out. estimates: [count]. options
+   may be NULL; options->target_variance must be NULL. Nothing that views point to is changed.
+   Scenes render one after the other. Of one view, the bits are those of itn_refine. Errors: as
+   itn_refine; then values and estimates are untouched. */
 ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
                                     int count, const itn_refine_options *options,
                                     itn_estimate *estimates, itn_error *error);
@@ -1013,6 +994,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 /* ---- [base] compiler; text; errors, memory, loops ------------------------------------------- */
 
@@ -10881,91 +10863,69 @@ ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error) {
 
 #endif /* ITN_NO_NET */
 
-/* ---- [refine] analysis by synthesis ---------------------------------------------------------- */
+/* ---- [refine] analysis by synthesis: coordinates and pictures -------------------------------- */
 
-/* Analysis by synthesis looks for pi minimising ||I - T(pi)||^2 (equation 1). With J = dT/dpi and
-   residual r = I - T, both divided by the standard deviation of r in each pixel, a step of
-   Levenberg-Marquardt solves
-       (A + E + mu D) delta = b,    A = J^T K J,    b = J^T K r,    D = diagonal of A + E.
-   K blurs by a few pixels (binomial, symmetric, positive): derivatives vary slowly over the picture
-   while their noise does not, so blurred ones judge residuals far better; K = 1 is least squares.
-   E keeps steps short where A is mostly noise ([normal]).
-
-   All of this happens in transformed coordinates, where bounds are out of reach; and where pictures
-   can hardly tell sigma_t, albedo and g of a medium apart, in coordinates that follow the valley of
-   the loss ([similarity]).
+/* Analysis by synthesis looks for pi minimising ||I - T(pi)||^2 (equation 1). Each evaluation makes
+   two independent renders a and b of picture and derivatives, J = dT/dpi. Near each other, all
+   evaluations are one: moved to the present point, T + J (pi - pi'), they are averaged pixel by
+   pixel with their samples as weights, as a Bayesian would add what each of them tells; one that is
+   too far away for that is forgotten. From the two averages come the normal equations ([normal]),
+   and from these steps ([search]) and error bars ([estimates]).
 
    Several pictures of one material (other lights, other directions) are one picture of more pixels:
-   A, b and all else that is summed over pixels is summed over those of all views. */
+   all that is summed over pixels is summed over those of all views.
 
-enum {
-    ITN__MOST_UNKNOWNS = 1024,
-    ITN__FINAL = 8, /* samples of all averaged evaluations, in those of the first, by default, */
-    ITN__PATIENCE = 16, /* and how many times as many where they are needed */
-    ITN__LOOKS = 3      /* how often the end of a long last step is looked at */
-};
-#define ITN__STRAIGHT .1 /* coordinates over which A may be taken as constant, */
-#define ITN__HARDLY .5   /* and the error of one that is not determined */
+   Coordinates are logarithms and logits, where bounds are out of reach. Pictures of a dense medium
+   hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo) stay (similarity relations,
+   Wyman, Patterson and Wilson 1989): the loss has a long valley, curved in sigma_t, albedo and g.
+   Where sigma_t and g of a medium are both unknown, coordinates are therefore
+       u = ln sigma_t + ln(1 - g) + mean of ln albedo,    v = logit(albedo) + ln(1 - g),
+   one v for each unknown albedo (u has only those), and g's own: the valley lies along that. */
+
+enum { ITN__MOST_UNKNOWNS = 256, ITN__NEAR = 2 /* a radius in pixels */ };
+#define ITN__PRIOR 8. /* standard deviation of a coordinate of which nothing is known */
+#define ITN__HARDLY .5 /* the error of one that is not determined */
 
 /* The unknowns of a medium that has similarity coordinates, as indices among all unknowns. */
 typedef struct itn__similarity {
     int sigma_t, g, albedos, albedo[3]; /* how many albedos (0 to 3) and which */
-    double bend;     /* at the present point: f = d ln(1 - g) / dw */
-    double bends[3]; /* and d ln albedo / d logit(albedo), over the number of albedos */
 } itn__similarity;
+
+/* Renders a and b of a view, whose pixels may be means of blocks of the film's. */
+typedef struct itn__renders {
+    float *planes[2]; /* [2 + count][pixels] light, variance of one sample, derivatives by the
+                         coordinates; */
+    float *samples;   /* [plane] of a pixel, in each of them */
+} itn__renders;
 
 /* A view as the search sees it. */
 typedef struct itn__refine_view {
+    const itn_view *given;
     const itn_scene *scene;
-    const float *target;
-    size_t pixels; /* all channels */
-    int count;     /* unknowns that it has */
-    int *parameters, *unknowns; /* [count] what they are in its scene, and among all unknowns */
-    int known;              /* whether there is a variance yet */
+    int asked, *parameters, *unknowns; /* [asked] what it has of the unknowns: where, and which */
     int noise_unknown;      /* the target's */
-    float *gain;            /* [height][width] what samples of a pixel tell, see [design]; */
-    double told;            /* sum of gains without their factor (V/n) w */
-    float *density;         /* [height][width] samples of a pixel over those of an evaluation */
-    itn__allotment allotment;
+    int width, height;      /* of the pictures that are compared, */
+    size_t plane, pixels;   /* their pixels, of one channel and of all */
     float *theta;           /* [parameter_count] */
-    float *weights;         /* [pixels] one over the variance of a residual */
-    float *variance;        /* [pixels] of one sample, see itn__keep_variance */
-    float *target_variance; /* [pixels] averaged, INFINITY where the target does not count, */
-    float *level;           /* and over more of them */
-    float *spread;          /* [pixels] of the misfit's excess, see itn__spread_excess */
-    double excess, felt;    /* its sum over the view in the last evaluation, of how many values, */
-    double share;           /* and its mean over that of all views, in the evaluation before */
-    float *row;             /* [width + height], for itn__binomial */
-    double drawn[3][3], taken[3][3]; /* correlations between channels: renders', target's noise */
+    float *target;          /* [pixels] */
+    float *target_variance; /* as around each, INFINITY where the target does not count */
+    float *scale;           /* [pixels] one over the standard deviation of a residual, or 0 */
+    itn__renders known, fresh; /* all that count, and the last ones */
+    float *blurred[2];      /* [count][pixels] K J of a and b */
+    float *score;           /* [count][plane] */
+    float *density;         /* [plane] samples of a pixel over those of the mean one */
+    float *row;             /* [width + height] */
+    itn__allotment allotment;
+    float *residual[2];     /* [pixels] of a and b, times scale */
+    double nugget;          /* the target's variance, where that is not known */
 } itn__refine_view;
 
-/* The normal equations of one evaluation, or the average of several, in units of the variance that
-   a residual has at the end of the search. */
-typedef struct itn__normal {
-    double samples;     /* of all evaluations in it, in those of the first */
-    double *means;      /* one block: what averages with the samples as weights, */
-    double *matrix;     /* A [count][count] */
-    double *outer;      /* J^T K K J [count][count] */
-    double *drawn;      /* J^T K C K J [count][count], of the renders' noise; */
-    double *taken;      /* of the target's, */
-    double *beyond;     /* and of what more the misfit tells of, per unit of its excess */
-    double *power;      /* P [count][count] */
-    double *right;      /* b + A pi [count] */
-    double *variances;  /* and one block of variances, for which weights are squared: */
-    double *silence;    /* [count]: what A_kk would vary if J were but noise */
-    double *noise;      /* [count]: what the noise of K J adds to the covariance of b, */
-    double *stray;      /* and per unit of the misfit's excess */
-    double chi2, chi2_variance, loss;
-    double felt;        /* how many values the misfit is of */
-} itn__normal;
-
-/* How far the pictures are from the render: sums over the pixels of all views. */
+/* How far the pictures are from the renders. */
 typedef struct itn__misfit {
-    double product, noise; /* r_a r_b, and its variance by the renders' noise */
-    /* where the picture depends on an unknown: (r_a r_b - the target's variance) / the variance of
-       a residual, and the square of that, all channels of a pixel together; how many values */
-    double chi2, chi2_square, felt;
-    double pixels;
+    double excess, noise; /* sum of r_a r_b - the target's variance; its variance by renders */
+    double value, error, spread; /* in units of noise, 1 where the scene explains the pictures; by
+                                    the noise of renders alone, and by that over all pixels */
+    double loss, felt; /* mean square difference; how many values depend on any unknown */
 } itn__misfit;
 
 typedef struct itn__refiner {
@@ -10973,49 +10933,29 @@ typedef struct itn__refiner {
     int view_count, count;
     itn_refine_options options;
     const itn_context *context; /* of the first scene */
-    const itn_parameter **parameters; /* [count] in the first view that has it */
-    itn__similarity *media; /* [media_count] */
-    int media_count;
+    const itn_parameter *parameters[ITN__MOST_UNKNOWNS]; /* in the first view that has it */
+    itn__similarity media[ITN__MOST_UNKNOWNS / 2];
+    int media_count, designed; /* whether samples go where they tell most */
+    int block;             /* pixels are means of block x block */
+    int spp, known, final; /* samples of a pixel of each render: of the last one, all that count,
+                              and wanted */
+    int iteration, arrived; /* reported so far; whether all that is seen is noise */
+    int ended;             /* 1: by the clock, 2: by the caller */
     uint64_t renders;
-    int iteration, begun; /* the latest, and the first of this search */
-    double final;        /* samples wanted of all averaged evaluations, in those of the first */
-    double patience;     /* how many times as many there may yet be */
-    int designed;        /* whether samples go where they tell most */
-    float *values;       /* [count] */
-    double *numbers;     /* one block for the arrays below and those of the normal equations */
-    double *coordinates; /* [count] similarity coordinates */
-    double *before;      /* [count] of the point before */
-    double *plain;       /* [count] transformed coordinates */
-    double *slopes;      /* [count] d value / d transformed coordinate */
-    double *gradient;    /* [count] */
-    double *step;        /* [count] in similarity coordinates */
-    double *factor;      /* [count][count], Cholesky */
-    double *covariance;  /* [count][count] */
-    double *direction;   /* [count] c, see [certainty] */
-    itn__normal fresh, known; /* of the last evaluation, and of those that count */
+    double begun, deadline, work; /* seconds; samples so far */
+    float values[ITN__MOST_UNKNOWNS], moments[2 * ITN__MOST_UNKNOWNS]; /* of Adam */
+    double coordinates[ITN__MOST_UNKNOWNS], before[ITN__MOST_UNKNOWNS]; /* of the point before */
+    double step[ITN__MOST_UNKNOWNS], errors[ITN__MOST_UNKNOWNS]; /* of the coordinates */
+    double right[ITN__MOST_UNKNOWNS]; /* b */
+    double told[ITN__MOST_UNKNOWNS], doubt[ITN__MOST_UNKNOWNS]; /* along an axis: lambda, sqrt(S) */
+    double *turn;        /* [count][count], all of these: G = d value / d coordinate; */
+    double *matrix;      /* A, whose eigenvectors are the columns */
+    double *axes;        /* of this; */
+    double *noise;       /* N, covariance of b; */
+    double *covariance;  /* of the coordinates */
+    double drawn;        /* share of the renders in what is not known */
     itn__misfit misfit;
-    double loss, loss_error;
-    itn_estimate *estimates; /* [count] */
-    int *told;           /* [count] in the end: what the pictures do not leave open */
-    double *all;         /* [count][count] in the end: A of all unknowns; */
-    int widest;          /* the unknown with the greatest error, */
-    double further;      /* and that error further up; 0 if nobody looked */
-    float *moments[2];   /* [count] of Adam */
-    double square;       /* mean of the pictures' squares, the unit of what descends */
 } itn__refiner;
-
-/* ---- [similarity] along the valley of the loss ----------------------------------------------- */
-
-/* Pictures of a dense medium hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo)
-   stay (similarity relations, Wyman, Patterson and Wilson 1989): the loss has a long valley, curved
-   in sigma_t, albedo and g, along which straight steps would have to creep. Where sigma_t and g of
-   a medium are both unknown, steps are therefore straight in similarity coordinates
-       u = ln sigma_t + ln(1 - g) + mean of ln albedo,    v = logit(albedo) + ln(1 - g),
-   one v for each unknown albedo (u has only those), and g's own coordinate w: the valley lies along
-   w. By the chain rule their derivative images are sums of those by transformed coordinates,
-       J_u = J_sigma,   J_v = J_albedo - (1 - albedo) J_sigma / (how many v),
-       J_w = J_g - f (sum of J_albedo) - f (1 - mean of (1 - albedo)) J_sigma,   f = d ln(1 - g)/dw,
-   and what noise makes of J_w is told apart from what the picture does (E in [normal]). */
 
 /* Turns transformed coordinates into similarity coordinates (direction 1) or back (-1). */
 static void itn__similarity_turn(const itn__refiner *refiner, double *coordinates, int direction) {
@@ -11034,100 +10974,150 @@ static void itn__similarity_turn(const itn__refiner *refiner, double *coordinate
     }
 }
 
-/* Slopes of the turn at the present point. */
-static void itn__similarity_slopes(itn__refiner *refiner) {
-    itn__similarity *m = refiner->media, *end = m + refiner->media_count;
-    int i;
-    for (; m < end; m++) {
-        m->bend = -refiner->slopes[m->g] / (1 - (double)refiner->values[m->g]);
-        for (i = 0; i < m->albedos; i++) {
-            int k = m->albedo[i];
-            m->bends[i] = refiner->slopes[k] / fmax(refiner->values[k], 1e-7) / m->albedos;
-        }
+/* The values at these coordinates, which become transformed ones. */
+static void itn__refine_values(const itn__refiner *refiner, double *coordinates, double *values) {
+    int k;
+    itn__similarity_turn(refiner, coordinates, -1);
+    for (k = 0; k < refiner->count; k++) {
+        const itn_parameter *p = refiner->parameters[k];
+        values[k] = fmax(itn_parameter_from_coordinate(p, coordinates[k]), itn__least_sought(p));
     }
 }
 
-/* Turns a small step, whose elements are `stride` apart, from similarity to transformed
-   coordinates. */
-static void itn__similarity_step(const itn__refiner *refiner, double *step, int stride) {
-    const itn__similarity *m = refiner->media, *end = m + refiner->media_count;
-    int i;
-    for (; m < end; m++) {
-        double shift = m->bend * step[m->g * stride], albedos = 0;
-        for (i = 0; i < m->albedos; i++) {
-            double *of_albedo = &step[m->albedo[i] * stride];
-            *of_albedo -= shift, albedos += m->bends[i] * *of_albedo;
-        }
-        step[m->sigma_t * stride] -= shift + albedos;
+/* G by central differences. */
+static void itn__refine_turn(const itn__refiner *refiner) {
+    double moved[ITN__MOST_UNKNOWNS], up[ITN__MOST_UNKNOWNS], down[ITN__MOST_UNKNOWNS], h = 1e-4;
+    int n = refiner->count, k, l;
+    for (k = 0; k < n; k++) {
+        memcpy(moved, refiner->coordinates, (size_t)n * sizeof(double));
+        moved[k] += h;
+        itn__refine_values(refiner, moved, up);
+        memcpy(moved, refiner->coordinates, (size_t)n * sizeof(double));
+        moved[k] -= h;
+        itn__refine_values(refiner, moved, down);
+        for (l = 0; l < n; l++) refiner->turn[l * n + k] = (up[l] - down[l]) / (2 * h);
     }
 }
 
 /* Sets the unknowns, in all views, from coordinates; what would lie beyond its bounds is held on
    them. */
 static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
+    double plain[ITN__MOST_UNKNOWNS], values[ITN__MOST_UNKNOWNS];
     itn__refine_view *view;
-    int held = 0, k;
-    memcpy(refiner->coordinates, coordinates, (size_t)refiner->count * sizeof(double));
-    memcpy(refiner->plain, coordinates, (size_t)refiner->count * sizeof(double));
-    itn__similarity_turn(refiner, refiner->plain, -1);
-    for (k = 0; k < refiner->count; k++) {
+    int n = refiner->count, held = 0, k;
+    memcpy(plain, coordinates, (size_t)n * sizeof(double));
+    memcpy(refiner->coordinates, coordinates, (size_t)n * sizeof(double));
+    itn__refine_values(refiner, plain, values);
+    for (k = 0; k < n; k++) {
         const itn_parameter *p = refiner->parameters[k];
-        double value = fmax(itn_parameter_from_coordinate(p, refiner->plain[k]),
-                            itn__least_sought(p));
-        double within = itn_parameter_to_coordinate(p, value), beyond = within - refiner->plain[k];
-        if (fabs(beyond) > 1e-6 * fmax(fabs(within), 1))
-            refiner->plain[k] = within, value = itn_parameter_from_coordinate(p, within), held = 1;
-        refiner->values[k] = itn__clamp((float)value, p->lower, p->upper);
-        refiner->slopes[k] = itn_parameter_slope(p, value);
+        double within = itn_parameter_to_coordinate(p, values[k]);
+        if (fabs(within - plain[k]) > 1e-6 * fmax(fabs(within), 1)) plain[k] = within, held = 1;
+        refiner->values[k] = itn__clamp((float)values[k], p->lower, p->upper);
     }
     if (held) {
-        memcpy(refiner->coordinates, refiner->plain, (size_t)refiner->count * sizeof(double));
+        memcpy(refiner->coordinates, plain, (size_t)n * sizeof(double));
         itn__similarity_turn(refiner, refiner->coordinates, 1);
     }
-    itn__similarity_slopes(refiner);
+    itn__refine_turn(refiner);
     for (view = refiner->views; view < refiner->views + refiner->view_count; view++)
-        for (k = 0; k < view->count; k++)
+        for (k = 0; k < view->asked; k++)
             view->theta[view->parameters[k]] = refiner->values[view->unknowns[k]];
 }
 
-/* ---- [residuals] pictures over their noise --------------------------------------------------- */
-
-/* Residuals and derivative images are divided by the standard deviation of the residual in each
-   pixel. Samples common to both would bias every product; so the standard deviations come from the
-   evaluation before, if there is one, averaged over 5 x 5 pixels: a pixel's own would favour those
-   that came out dark by chance. The target's variance, the same each time, is averaged over 33 x 33
-   pixels, and varies from one to the other as that of the renders does. */
-
-/* Replaces each of n values, `stride` apart, by the mean of those up to `radius` away from it. */
-static void itn__blur_line(float *line, size_t stride, int n, int radius, float *row) {
-    int i, k;
-    for (i = 0; i < n; i++) row[i] = line[(size_t)i * stride];
-    for (i = 0; i < n; i++) {
-        int first = i < radius ? 0 : i - radius, last = n - 1 - i < radius ? n - 1 : i + radius;
-        double sum = 0;
-        for (k = first; k <= last; k++) sum += row[k];
-        line[(size_t)i * stride] = (float)(sum / (last - first + 1));
+/* Filters n values of a line, `stride` apart: radius > 0: by the mean of those up to `radius` away,
+   0: thrice by (1 2 1)/4, beyond its ends all being 0. */
+static void itn__filter_line(float *line, size_t stride, int n, int radius, float *row) {
+    int i, k, pass;
+    for (pass = 0; pass < (radius ? 1 : 3); pass++) {
+        for (i = 0; i < n; i++) row[i] = line[(size_t)i * stride];
+        for (i = 0; i < n; i++) {
+            int first = i < radius ? 0 : i - radius, last = n - 1 - i < radius ? n - 1 : i + radius;
+            float sum = 0;
+            for (k = first; k <= last; k++) sum += row[k];
+            if (radius) sum /= (float)(last - first + 1);
+            else sum = .25f * (2 * sum + (i ? row[i - 1] : 0) + (i + 1 < n ? row[i + 1] : 0));
+            line[(size_t)i * stride] = sum;
+        }
     }
 }
 
-/* Replaces each value of [count / (width height)][height][width] by the mean over the square of
-   pixels up to `radius` away. row: [width + height]. */
-static void itn__blur(float *pixels, int width, int height, size_t count, int radius, float *row) {
-    size_t plane = (size_t)width * (size_t)height, first;
+/* The same of planes, both ways. With radius 0 it is K, of squared weights (924/4096)^2. */
+#define ITN__BINOMIAL_NOISE .0508899
+static void itn__filter(const itn__refine_view *view, float *pixels, size_t count, int radius) {
+    size_t width = (size_t)view->width, first;
     int k;
-    for (first = 0; first < count; first += plane) {
-        for (k = 0; k < height; k++)
-            itn__blur_line(pixels + first + (size_t)k * (size_t)width, 1, width, radius, row);
-        for (k = 0; k < width; k++)
-            itn__blur_line(pixels + first + k, (size_t)width, height, radius, row);
+    for (first = 0; first < count; first += view->plane) {
+        for (k = 0; k < view->height; k++)
+            itn__filter_line(pixels + first + (size_t)k * width, 1, view->width, radius, view->row);
+        for (k = 0; k < view->width; k++)
+            itn__filter_line(pixels + first + k, width, view->height, radius, view->row);
     }
 }
 
-enum { ITN__NEAR = 2, ITN__AROUND = 16 }; /* radii */
+/* Replaces planes of a film by the means of its blocks, with nothing between; a block of which one
+   value is infinite or NaN has such a mean. */
+static void itn__reduce(const itn__refiner *refiner, const itn__refine_view *view, float *planes,
+                        size_t count) {
+    int block = refiner->block, x, y, i;
+    size_t width = (size_t)view->width * (size_t)block, p;
+    float *to = planes;
+    for (p = 0; p < count && block > 1; p++) {
+        const float *from = planes + p * view->plane * (size_t)(block * block);
+        for (y = 0; y < view->height; y++)
+            for (x = 0; x < view->width; x++) {
+                double sum = 0;
+                for (i = 0; i < block * block; i++)
+                    sum += (double)from[(size_t)(y * block + i / block) * width +
+                                        (size_t)(x * block + i % block)];
+                *to++ = (float)(sum / (block * block));
+            }
+    }
+}
 
-static size_t itn__film_pixels(const itn__refine_view *view) {
-    const itn_film_desc *film = &view->scene->film;
-    return (size_t)film->width * (size_t)film->height;
+/* Takes in a render. */
+static void itn__take_in(const itn__refiner *refiner, itn__refine_view *view, itn_image *image,
+                         int half) {
+    size_t pixels = view->pixels, i;
+    float *to = view->fresh.planes[half], area = (float)(refiner->block * refiner->block);
+    int n = refiner->count, k, own;
+    itn__reduce(refiner, view, image->pixels,
+                (size_t)(2 + 2 * view->asked) * (size_t)view->scene->film.channels);
+    memset(to, 0, (size_t)(2 + n) * pixels * sizeof(float));
+    memcpy(to, image->pixels, 2 * pixels * sizeof(float));
+    for (i = 0; i < pixels; i++) to[pixels + i] *= view->fresh.samples[i % view->plane] / area;
+    for (k = 0, to += 2 * pixels; k < n; k++, to += pixels)
+        for (own = 0; own < view->asked; own++) {
+            const float *from = image->pixels + (size_t)(2 + 2 * own) * pixels;
+            float turn = (float)refiner->turn[view->unknowns[own] * n + k];
+            for (i = 0; i < pixels && turn != 0; i++) to[i] += turn * from[i];
+        }
+}
+
+/* Averages the last renders with those that are known, moved from `before` to the present point; or
+   lets them replace these. */
+static void itn__learn_view(const itn__refiner *refiner, itn__refine_view *view, int together) {
+    itn__renders *known = &view->known, *fresh = &view->fresh;
+    size_t pixels = view->pixels, i;
+    int n = refiner->count, half, k;
+    for (i = 0; i < view->plane; i++)
+        known->samples[i] = fresh->samples[i] + (together ? known->samples[i] : 0);
+    for (half = 0; half < 2; half++) {
+        float *to = known->planes[half];
+        for (k = 0; k < n && together; k++) {
+            float moved = (float)(refiner->coordinates[k] - refiner->before[k]);
+            for (i = 0; i < pixels; i++) to[i] += moved * to[(size_t)(2 + k) * pixels + i];
+        }
+        for (i = 0; i < (size_t)(2 + n) * pixels; i++) {
+            float share = fresh->samples[i % view->plane] / known->samples[i % view->plane];
+            to[i] = (together ? (1 - share) * to[i] : 0) + share * fresh->planes[half][i];
+        }
+    }
+}
+
+/* The variance of one sample in a value. */
+static float itn__sample_variance(const itn__refine_view *view, const itn__renders *renders,
+                                  size_t i) {
+    return (renders->planes[0][view->pixels + i] + renders->planes[1][view->pixels + i]) / 2;
 }
 
 /* Whether value i of the target counts. */
@@ -11135,1664 +11125,217 @@ static int itn__counts(const itn__refine_view *view, size_t i) {
     return view->target_variance[i] < INFINITY;
 }
 
-/* How many samples a pixel has in two renders of about `spp` samples each. */
-static float itn__samples_of(const itn__refine_view *view, int spp, size_t pixel) {
-    return 2 * (float)spp * view->density[pixel % itn__film_pixels(view)];
+/* Means over 5 x 5 pixels, but for the pixel's own. */
+static void itn__around(const itn__refine_view *view, const float *in, float *out) {
+    const float area = (2 * ITN__NEAR + 1) * (2 * ITN__NEAR + 1);
+    size_t i;
+    memcpy(out, in, view->pixels * sizeof(float));
+    itn__filter(view, out, view->pixels, ITN__NEAR);
+    for (i = 0; i < view->pixels; i++) out[i] = itn__max((area * out[i] - in[i]) / (area - 1), 0);
 }
 
-/* Weights for the end of the search, where renders have spp samples, from the variances of the last
-   evaluation, one sample's each. The target's are spread as those are. A floor, a thousandth of the
-   mean variance, bounds the weight of pixels without noise. What does not count has weight 0. */
-static void itn__refine_weights(itn__refine_view *view, int spp) {
-    const itn_film_desc *film = &view->scene->film;
-    double mean = 0, square = 0, counted = 0, least;
-    size_t i;
-    memcpy(view->weights, view->variance, view->pixels * sizeof(float));
-    itn__blur(view->weights, film->width, film->height, view->pixels, ITN__AROUND, view->row);
-    for (i = 0; i < view->pixels; i++) {
-        float spread = view->weights[i] > 0 ? view->variance[i] / view->weights[i] : 1;
-        view->weights[i] = view->variance[i] / itn__samples_of(view, spp, i) +
-                           view->level[i] * spread;
+/* Residuals and derivatives are divided by the standard deviation of the residual as it will be
+   when all samples are there: of renders and target, as those around a pixel have it, because its
+   own would favour what came out dark by chance. Where the target's is not known, it is taken as
+   the same in all pixels. A floor, a thousandth of the mean, bounds the weight of pixels without
+   noise. */
+static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *view) {
+    double sum = 0, square = 0, counted = 0, least;
+    float *scale = view->scale, *own = view->residual[0]; /* not needed yet */
+    size_t pixels = view->pixels, i;
+    for (i = 0; i < pixels; i++) own[i] = itn__sample_variance(view, &view->known, i);
+    itn__around(view, own, scale);
+    for (i = 0; i < pixels; i++) {
+        size_t at = i % view->plane;
+        float samples = itn__max(view->known.samples[at],
+                                 (float)refiner->final * view->density[at]);
+        scale[i] = scale[i] / (2 * samples) + (float)view->nugget;
         if (!itn__counts(view, i)) continue;
-        mean += view->weights[i], square += (double)view->target[i] * view->target[i], counted++;
+        scale[i] += view->target_variance[i];
+        sum += scale[i], square += (double)view->target[i] * view->target[i], counted++;
     }
-    least = (1e-3 * mean + 1e-12 * square) / counted;
+    least = (1e-3 * sum + 1e-12 * square) / counted;
     if (!(least > 0)) least = 1; /* a black picture of a black scene */
-    for (i = 0; i < view->pixels; i++)
-        view->weights[i] = itn__counts(view, i) ? (float)(1 / (view->weights[i] + least)) : 0;
-}
-
-/* Makes a's variance planes those of the mean of both renders. */
-static void itn__pool_variance(const itn__refine_view *view, itn_image *a, const itn_image *b) {
-    size_t i;
-    for (i = view->pixels; i < 2 * view->pixels; i++)
-        a->pixels[i] = .25f * (a->pixels[i] + b->pixels[i]);
-}
-
-/* Keeps the pooled variance of two renders of about spp samples as that of one sample, averaged. */
-static void itn__keep_variance(itn__refine_view *view, const itn_image *a, int spp) {
-    const float *pooled = a->pixels + view->pixels;
-    size_t i;
-    for (i = 0; i < view->pixels; i++)
-        view->variance[i] = pooled[i] * itn__samples_of(view, spp, i);
-    itn__blur(view->variance, a->width, a->height, view->pixels, ITN__NEAR, view->row);
-    view->known = 1;
-}
-
-/* Blurs one line of n pixels, `stride` apart, twice with (1 2 1)/4; beyond its ends all is 0. */
-static void itn__binomial_line(float *line, size_t stride, int n, float *row) {
-    int i, pass;
-    for (pass = 0; pass < 2; pass++) {
-        for (i = 0; i < n; i++) row[i] = line[(size_t)i * stride];
-        for (i = 0; i < n; i++)
-            line[(size_t)i * stride] = .25f * ((i ? row[i - 1] : 0) + 2 * row[i] +
-                                               (i + 1 < n ? row[i + 1] : 0));
-    }
-}
-
-/* K: both ways over [channels][height][width]. The sum of its squared weights is (70/256)^2. */
-#define ITN__BINOMIAL_NOISE .0747681f
-static void itn__binomial(float *pixels, int width, int height, size_t count, float *row) {
-    size_t plane = (size_t)width * (size_t)height, first;
-    int k;
-    for (first = 0; first < count; first += plane) {
-        for (k = 0; k < height; k++)
-            itn__binomial_line(pixels + first + (size_t)k * (size_t)width, 1, width, row);
-        for (k = 0; k < width; k++)
-            itn__binomial_line(pixels + first + k, (size_t)width, height, row);
-    }
-}
-
-/* Where a view has an unknown; -1 if it has not. */
-static int itn__view_place(const itn__refine_view *view, int unknown) {
-    int k;
-    for (k = 0; k < view->count; k++)
-        if (view->unknowns[k] == unknown) return k;
-    return -1;
-}
-
-/* Adds `factor` times the derivative by unknown `other`, in its coordinate, to that by `own`, and
-   the square of it to the variance. A view that has no `other` does not change with it. */
-static void itn__planes_add(const itn__refine_view *view, itn_image *image, int own, int other,
-                            double factor) {
-    int k = itn__view_place(view, own), l = itn__view_place(view, other);
-    float *to, *from;
-    size_t i;
-    if (k < 0 || l < 0) return;
-    to = image->pixels + (size_t)(2 + 2 * k) * view->pixels;
-    from = image->pixels + (size_t)(2 + 2 * l) * view->pixels;
-    for (i = 0; i < view->pixels; i++) {
-        to[i] += (float)factor * from[i];
-        to[view->pixels + i] += (float)(factor * factor) * from[view->pixels + i];
-    }
-}
-
-/* Turns derivatives by transformed coordinates into those by similarity coordinates. */
-static void itn__similarity_planes(const itn__refiner *refiner, const itn__refine_view *view,
-                                   itn_image *image) {
-    const itn__similarity *m = refiner->media, *end = m + refiner->media_count;
-    int i;
-    for (; m < end; m++) {
-        double sum = 0;
-        for (i = 0; i < m->albedos; i++) {
-            itn__planes_add(view, image, m->g, m->albedo[i], -m->bend);
-            itn__planes_add(view, image, m->albedo[i], m->sigma_t, -m->bends[i]);
-            sum += m->bends[i];
-        }
-        itn__planes_add(view, image, m->g, m->sigma_t, m->bend * (sum - 1));
-    }
-}
-
-/* The planes of a view's derivatives by transformed coordinates, over the standard deviation of a
-   residual. */
-static void itn__scale_planes(const itn__refiner *refiner, const itn__refine_view *view,
-                              itn_image *image) {
-    size_t pixels = view->pixels, i;
-    int k;
-    for (k = 0; k < view->count; k++) {
-        float slope = (float)refiner->slopes[view->unknowns[k]];
-        float *j = image->pixels + (size_t)(2 + 2 * k) * pixels, *variance = j + pixels;
-        for (i = 0; i < pixels; i++) {
-            float scale = sqrtf(view->weights[i]) * slope;
-            j[i] *= scale, variance[i] = variance[i] * scale * scale; /* scale^2 may overflow */
-        }
-    }
-}
-
-/* Turns the planes of a view's derivative k into what the normal equations need: of a, J_a and the
-   standard deviation of (J_a + J_b)/2; of b, K J_a and K J_b. */
-static void itn__refine_planes(const itn__refine_view *view, itn_image *a, itn_image *b, int k) {
-    size_t pixels = view->pixels, i;
-    float *ja = a->pixels + (size_t)(2 + 2 * k) * pixels, *va = ja + pixels;
-    float *jb = b->pixels + (size_t)(2 + 2 * k) * pixels, *vb = jb + pixels;
     for (i = 0; i < pixels; i++)
-        va[i] = .5f * sqrtf(va[i] + vb[i]), vb[i] = jb[i], jb[i] = ja[i];
-    itn__binomial(jb, a->width, a->height, pixels, view->row);
-    itn__binomial(vb, a->width, a->height, pixels, view->row);
-    for (i = 0; i < pixels; i++)
-        if (!itn__counts(view, i)) jb[i] = vb[i] = 0; /* no residual meets K J there */
-}
-
-/* Residuals over their standard deviations: r_a replaces the light of a, K r_b that of b. Their
-   deviations by one noise alone replace the variances: in a by the target's, in b by the renders'
-   with spp samples, as at the end of the search. */
-static void itn__refine_residuals(const itn__refine_view *view, itn_image *a, itn_image *b,
-                                  int spp) {
-    float *taken = a->pixels + view->pixels, *drawn = b->pixels + view->pixels;
-    size_t i;
-    for (i = 0; i < view->pixels; i++) {
-        float scale = sqrtf(view->weights[i]);
-        if (!itn__counts(view, i)) {
-            a->pixels[i] = b->pixels[i] = taken[i] = drawn[i] = 0;
-            continue;
-        }
-        a->pixels[i] = (view->target[i] - a->pixels[i]) * scale;
-        b->pixels[i] = (view->target[i] - b->pixels[i]) * scale;
-        taken[i] = sqrtf(view->target_variance[i]) * scale;
-        drawn[i] = sqrtf(view->variance[i] / itn__samples_of(view, spp, i)) * scale;
-    }
-    itn__binomial(b->pixels, a->width, a->height, view->pixels, view->row);
+        scale[i] = itn__counts(view, i) ? (float)(1 / sqrt(scale[i] + least)) : 0;
 }
 
 /* ---- [normal] the normal equations, and their noise ------------------------------------------ */
 
-/* J and T are random, and samples common to both would bias every product, so each evaluation makes
-   two independent renders a, b and only multiplies across:
-       b = 1/2 (J_a^T K r_b + J_b^T K r_a),     A = 1/2 (J_a^T K J_b + J_b^T K J_a),
-   unbiased both. The inverse of a noisy A is still biased: where A is small it is mostly noise. E,
-   one and a half standard deviations of what the noise of J alone puts into A's diagonal, keeps
-   steps short there; what one step leaves undone, the next ones do.
+/* With residual r = I - T and J divided by the standard deviation of r in each pixel, steps solve
+       A delta = b,    A = J^T K J,    b = J^T K r.
+   K blurs by a few pixels (binomial, symmetric, positive): derivatives vary slowly over the picture
+   while their noise does not, so blurred ones judge residuals far better; K = 1 is least squares.
+   J and T are random, and samples common to both would bias every product, so only renders a and b
+   are multiplied with each other:
+       b = sum over pixels of s,  s = 1/2 (K J_a r_b + K J_b r_a),   A = 1/2 (J_a^T K J_b + ...).
+   The covariance of b is N, the sum of s s^T (Huber 1967, White 1980): whatever makes residuals
+   differ, noise of the picture, known or not, of the renders, or of J, is in it, and as all
+   channels of a pixel are in one s, so is what their noise has in common. The same of
+   t = 1/2 (K J_a r_b - K J_b r_a) is the part of the renders.
 
-   N, the covariance of b, is J^T K C K J and what the noise of K J adds. C is the covariance of
-   residuals: of a pixel's own, F, the target's share of their variance, and 1 - F, that of the
-   renders; of two of its channels, whose light the same paths may have brought, the root of both
-   shares times the correlation of their noise. That of the renders is seen in a - b, that of the
-   target, about, in I - (a + b)/2. (Errors of three channels that are one picture do not average
-   out.) Noise of J that unknowns have in common may cancel between them: P, the sum over pixels of
-   (J_a - J_b)^T (J_a - J_b) / 4, tells how much.
+   A is known no better than its own noise. Coordinates being of one size (a prior standard
+   deviation of 8), its eigenvectors c are the changes that show least and most. Each tells
+   lambda = c^T A c; with D = (J_a - J_b)/2 . c, whose variance is V, that has the variance
+       S = 4 sum of V (K J c)^2 + 4 (924/4096)^2 sum of V^2.
+   A change at distance d is not excluded at three standard deviations if
+       (lambda d)^2 <= 9 (c^T N c + S d^2),   that is   d <= 3 sqrt(c^T N c / (lambda^2 - 9 S))
+   (Fieller 1954). A third of that is the standard error; where lambda is less than three of its own
+   standard deviations, no change is excluded, and the prior is all there is. */
 
-   If the target's noise is unknown, or the scene cannot reproduce the picture, the misfit chi^2, 1
-   plus the mean of r_a r_b - F, exceeds 1 by more than chance; the excess counts as noise of the
-   target, with the correlations of I - (a + b)/2. Part of it goes with the residuals' variance, the
-   other part is the same in all pixels, over that variance in proportion to the weight w: its mean
-   and its mean times w tell how much is of either. Each view has its own excess, by the evaluation
-   before. Of unknown noise, what `told` unknowns fit of n values is missing from the misfit: it is
-   n / (n - told) times as much. */
+#define ITN__CERTAIN 3.
 
-/* Adds a view's part of P. */
-static void itn__refine_power(itn__refiner *refiner, const itn__refine_view *view,
-                              const itn_image *a, const itn_image *b) {
-    size_t pixels = view->pixels, i;
-    int n = refiner->count, k, l;
-    for (k = 0; k < view->count; k++)
-        for (l = 0; l < view->count; l++) {
-            size_t own = (size_t)(2 + 2 * k) * pixels, other = (size_t)(2 + 2 * l) * pixels;
-            double sum = 0;
-            for (i = 0; i < pixels; i++)
-                sum += ((double)a->pixels[own + i] - b->pixels[own + i]) *
-                       ((double)a->pixels[other + i] - b->pixels[other + i]);
-            refiner->fresh.power[view->unknowns[k] * n + view->unknowns[l]] += .25 * sum;
-        }
-}
-
-/* Makes sums of products between channels their correlations. */
-static void itn__correlate(double sums[3][3], int channels) {
-    double root[3];
-    int c, d;
-    for (c = 0; c < channels; c++) root[c] = sqrt(sums[c][c]);
-    for (c = 0; c < channels; c++)
-        for (d = 0; d < channels; d++)
-            sums[c][d] = c == d ? 1 : root[c] * root[d] > 0 ? sums[c][d] / (root[c] * root[d]) : 0;
-}
-
-/* Finds the correlations between channels, from renders and weights. */
-static void itn__refine_correlations(itn__refine_view *view, const itn_image *a,
-                                     const itn_image *b) {
-    size_t plane = itn__film_pixels(view), i;
-    int channels = view->scene->film.channels, c, d;
-    memset(view->drawn, 0, sizeof view->drawn), memset(view->taken, 0, sizeof view->taken);
-    for (i = 0; i < plane; i++) {
-        double apart[3], off[3];
-        for (c = 0; c < channels; c++) {
-            size_t at = (size_t)c * plane + i;
-            double of_a = (double)a->pixels[at], of_b = (double)b->pixels[at];
-            double scale = sqrt((double)view->weights[at]);
-            apart[c] = scale * (of_a - of_b), off[c] = 0;
-            if (itn__counts(view, at))
-                off[c] = scale * ((double)view->target[at] - (of_a + of_b) / 2);
-        }
-        for (c = 0; c < channels; c++)
-            for (d = 0; d < channels; d++)
-                view->drawn[c][d] += apart[c] * apart[d], view->taken[c][d] += off[c] * off[d];
-    }
-    itn__correlate(view->drawn, channels), itn__correlate(view->taken, channels);
-}
-
-/* Sum over pixels, and pairs of their channels, of s x in one and s y in the other, times what the
-   pair has `together`. */
-static double itn__pairs_sum(const itn__refine_view *view, double together[3][3], const float *s,
-                             const float *x, const float *y) {
-    size_t plane = itn__film_pixels(view), n;
-    int channels = view->scene->film.channels, c, d;
-    double all = 0;
-    for (c = 0; c < channels; c++)
-        for (d = 0; d < channels; d++) {
-            size_t i = (size_t)c * plane, k = (size_t)d * plane;
-            double sum = 0;
-            for (n = 0; n < plane; n++, i++, k++)
-                sum += (double)s[i] * s[k] * ((double)x[i] * y[k]);
-            all += together[c][d] * sum;
-        }
-    return all;
-}
-
-/* Adds what the noise of unknown k's derivative makes of b and of A's diagonal; `deviation` is the
-   standard deviation of (J_a + J_b)/2 in each pixel, `ratio` the variance of the renders' part of
-   r_a now over that at the end of the search. */
-static void itn__noise_sum(itn__refine_view *view, const float *drawn, const float *taken,
-                           const float *deviation, double ratio, itn__normal *sum, int k) {
-    double squares[3][3], mixed[3][3], by_drawn, by_taken, by_beyond;
-    int c, d;
-    for (c = 0; c < 3; c++)
-        for (d = 0; d < 3; d++) {
-            squares[c][d] = view->drawn[c][d] * view->drawn[c][d];
-            mixed[c][d] = view->drawn[c][d] * view->taken[c][d];
-        }
-    by_drawn = itn__pairs_sum(view, squares, drawn, deviation, deviation);
-    by_taken = itn__pairs_sum(view, mixed, taken, deviation, deviation);
-    by_beyond = itn__pairs_sum(view, mixed, view->spread, deviation, deviation);
-    sum->noise[k] += (double)ITN__BINOMIAL_NOISE * (by_taken + ratio * by_drawn);
-    sum->stray[k] += (double)ITN__BINOMIAL_NOISE * by_beyond;
-    sum->silence[k] += 4 * (double)ITN__BINOMIAL_NOISE * /* J_a has twice the variance */
-                       itn__pairs_sum(view, squares, deviation, deviation, deviation);
-}
-
-/* Adds a view's part of the normal equations, from planes made by the functions before. */
-static void itn__refine_sum(itn__refiner *refiner, itn__refine_view *view, const itn_image *a,
-                            const itn_image *b) {
-    itn__normal *sum = &refiner->fresh;
-    size_t pixels = view->pixels, i;
-    int n = refiner->count, own, other, k, l;
-    const float *of_drawn = b->pixels + pixels, *of_taken = a->pixels + pixels;
-    for (own = 0; own < view->count; own++) {
-        const float *ja = a->pixels + (size_t)(2 + 2 * own) * pixels;
-        const float *kja = b->pixels + (size_t)(2 + 2 * own) * pixels, *kjb = kja + pixels;
-        k = view->unknowns[own];
-        itn__noise_sum(view, of_drawn, of_taken, ja + pixels, 2 * refiner->final / sum->samples,
-                       sum, k);
-        for (i = 0; i < pixels; i++) {
-            sum->right[k] += .5 * (double)ja[i] * b->pixels[i];
-            sum->right[k] += .5 * (double)kjb[i] * a->pixels[i];
-        }
-        for (other = 0; other < view->count; other++) {
-            const float *kj = b->pixels + (size_t)(3 + 2 * other) * pixels;
-            double drawn = itn__pairs_sum(view, view->drawn, of_drawn, kja, kj);
-            double taken = itn__pairs_sum(view, view->taken, of_taken, kja, kj);
-            double beyond = itn__pairs_sum(view, view->taken, view->spread, kja, kj);
-            double product = 0, outer = 0;
-            l = view->unknowns[other];
-            for (i = 0; i < pixels; i++)
-                product += (double)ja[i] * kj[i], outer += (double)kja[i] * kj[i];
-            sum->matrix[k * n + l] += .5 * product, sum->matrix[l * n + k] += .5 * product;
-            sum->outer[k * n + l] += .5 * outer, sum->outer[l * n + k] += .5 * outer;
-            sum->drawn[k * n + l] += .5 * drawn, sum->drawn[l * n + k] += .5 * drawn;
-            sum->taken[k * n + l] += .5 * taken, sum->taken[l * n + k] += .5 * taken;
-            sum->beyond[k * n + l] += .5 * beyond, sum->beyond[l * n + k] += .5 * beyond;
-        }
-    }
-}
-
-/* Whether any unknown's derivative in a value is not 0. */
-static int itn__depends(const itn__refine_view *view, const itn_image *a, size_t at) {
-    int k;
-    for (k = 0; k < view->count; k++)
-        if (a->pixels[(size_t)(2 + 2 * k) * view->pixels + at] != 0) return 1;
-    return 0;
-}
-
-/* How much of the misfit a value has beyond noise, in the variance of a residual. */
-static double itn__excess(const itn__refine_view *view, const itn_image *a, const itn_image *b,
-                          size_t at) {
-    double ra = (double)view->target[at] - a->pixels[at];
-    double rb = (double)view->target[at] - b->pixels[at];
-    return view->weights[at] * (ra * rb - (double)view->target_variance[at]);
-}
-
-/* Finds how the excess is spread: the root of each value's over that of the mean of all views. */
-static void itn__spread_excess(itn__refine_view *view, const itn_image *a, const itn_image *b) {
-    double count = 0, weight = 0, square = 0, mean = 0, weighed = 0, even = 0;
-    size_t i;
-    for (i = 0; i < view->pixels; i++) {
-        double w = view->weights[i], excess;
-        if (!itn__counts(view, i) || !itn__depends(view, a, i)) continue;
-        excess = itn__excess(view, a, b, i);
-        count++, weight += w, square += w * w, mean += excess, weighed += excess * w;
-    }
-    if (mean > 0 && square * count > weight * weight) /* the share that is the same everywhere */
-        even = (weighed * count - mean * weight) * weight /
-               ((square * count - weight * weight) * mean);
-    even = fmax(0, fmin(even, 1));
-    for (i = 0; i < view->pixels; i++)
-        view->spread[i] = (float)sqrt(view->share *
-                                      (1 - even + (even > 0 ? even * count / weight : 0) *
-                                                      (double)view->weights[i]));
-}
-
-/* Adds a pixel's part of the misfit, all of its channels together. */
-static void itn__misfit_pixel(itn__misfit *misfit, const itn__refine_view *view, const itn_image *a,
-                              const itn_image *b, size_t pixel) {
-    size_t plane = itn__film_pixels(view), at = pixel;
-    int channels = view->scene->film.channels, c, d;
-    double ra[3], rb[3], deviation[3], together = 0;
-    for (c = 0; c < channels; c++, at += plane) {
-        ra[c] = rb[c] = deviation[c] = 0;
-        if (!itn__counts(view, at)) continue;
-        misfit->pixels++;
-        ra[c] = (double)view->target[at] - a->pixels[at];
-        rb[c] = (double)view->target[at] - b->pixels[at];
-        deviation[c] = sqrt(2 * (double)a->pixels[view->pixels + at]); /* of each, from both */
-        misfit->product += ra[c] * rb[c];
-        if (itn__depends(view, a, at)) together += itn__excess(view, a, b, at), misfit->felt++;
-    }
-    for (c = 0; c < channels; c++)
-        for (d = 0; d < channels; d++) {
-            double v = view->drawn[c][d] * deviation[c] * deviation[d];
-            misfit->noise += v * (ra[c] * ra[d] + rb[c] * rb[d] - v);
-        }
-    misfit->chi2 += together, misfit->chi2_square += together * together;
-}
-
-/* Adds a view's part of the misfit. */
-static void itn__misfit_sum(itn__misfit *misfit, itn__refine_view *view, const itn_image *a,
-                            const itn_image *b) {
-    size_t plane = itn__film_pixels(view), i;
-    view->excess = -misfit->chi2, view->felt = -misfit->felt;
-    for (i = 0; i < plane; i++) itn__misfit_pixel(misfit, view, a, b, i);
-    view->excess += misfit->chi2, view->felt += misfit->felt;
-}
-
-/* Finds each view's share in the misfit's excess, if that is more than chance. One view's is 1. */
-static void itn__share_excess(itn__refiner *refiner) {
-    const itn__misfit *sum = &refiner->misfit;
-    itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    int excess = sum->chi2 > 3 * sqrt(sum->chi2_square);
-    for (; view < end; view++)
-        view->share = !excess || !(view->felt > 0) ? 1 :
-                      fmax(view->excess, 0) * sum->felt / (view->felt * sum->chi2);
-}
-
-/* Loss with its standard error, and the misfit where the pictures depend on any unknown. */
-static void itn__misfit_means(itn__refiner *refiner) {
-    const itn__misfit *sum = &refiner->misfit;
-    double n = sum->pixels, felt = sum->felt;
-    refiner->loss = sum->product / n;
-    refiner->loss_error = sqrt(fmax(sum->noise, 0)) / n;
-    refiner->fresh.loss = refiner->loss;
-    refiner->fresh.chi2 = 1 + (felt > 0 ? sum->chi2 / felt : 0);
-    refiner->fresh.chi2_variance = felt > 0 ? sum->chi2_square / (felt * felt) : 0;
-    refiner->fresh.felt = felt;
-    itn__share_excess(refiner);
-}
-
-#define ITN__PRIOR 8. /* standard deviation of a coordinate before anything is known */
-
-/* Factors A + `bias` times E + mu D + that weak prior, with as much more of D as it takes to be
-   positive definite. Returns whether it takes none. The same of N, which has no E: there `silence`
-   is NULL. */
-static int itn__refine_factor(const itn__refiner *refiner, const double *matrix,
-                               const double *silence, double bias, double mu) {
-    int n = refiner->count, whole = 1, k;
-    for (;; mu = mu > 0 ? 1.5 * mu : 1e-3, whole = 0) { /* ends: all is finite, D is positive */
-        memcpy(refiner->factor, matrix, (size_t)(n * n) * sizeof(double));
-        for (k = 0; k < n; k++) {
-            double e = silence ? 1.5 * sqrt(silence[k]) : 0;
-            refiner->factor[k * n + k] += bias * e + 1 / (ITN__PRIOR * ITN__PRIOR) +
-                                          mu * (fabs(matrix[k * n + k]) + e);
-        }
-        if (itn__cholesky(refiner->factor, n)) return whole;
-    }
-}
-
-/* The same of A by what is known. */
-static int itn__refine_factor_known(const itn__refiner *refiner, double bias, double mu) {
-    return itn__refine_factor(refiner, refiner->known.matrix, refiner->known.silence, bias, mu);
-}
-
-/* A^-1 by what is known, in the covariance's place. */
-static void itn__refine_inverse(itn__refiner *refiner) {
-    int n = refiner->count, k;
-    itn__refine_factor_known(refiner, 1, 0);
-    memset(refiner->covariance, 0, (size_t)(n * n) * sizeof(double));
-    for (k = 0; k < n; k++) {
-        refiner->covariance[k * n + k] = 1;
-        itn__cholesky_solve(refiner->factor, n, refiner->covariance + k * n);
-    }
-}
-
-/* N, in the covariance's place, at so many samples, with the misfit's excess over noise. */
-static void itn__refine_noise(itn__refiner *refiner, const itn__normal *normal, double samples,
-                              double target, double excess) {
-    int n = refiner->count, k;
-    for (k = 0; k < n * n; k++)
-        refiner->covariance[k] = refiner->final / samples * normal->drawn[k] +
-                                 target * normal->taken[k] + excess * normal->beyond[k];
-    for (k = 0; k < n * n; k++) {
-        double square = normal->power[k / n * (n + 1)] * normal->power[k % n * (n + 1)];
-        double noise = sqrt((normal->noise[k / n] + excess * normal->stray[k / n]) *
-                            (normal->noise[k % n] + excess * normal->stray[k % n]));
-        if (square > 0) refiner->covariance[k] += noise * normal->power[k] / sqrt(square);
-    }
-}
-
-/* ---- [design] where samples tell most -------------------------------------------------------- */
-
-/* Not all pixels tell as much, and near the solution it is known which do: pixel i (J not yet over
-   the deviation) adds w (K J)^T (K J) to A, w = 1/(V/n + V_I), with V the variance of a sample, n
-   samples and V_I the target's variance. More of them make (A^-1)_kk less by
-       d (A^-1)_kk / dn = -(A^-1 K J)_k^2 dw/dn,    dw/dn = (w/n) (V/n) w,
-   so that the samples of pixel i tell, of all unknowns each in units of its own variance,
-       gain_i = w (V/n) w sum over k of (A^-1 K J_a)_k (A^-1 K J_b)_k / (A^-1)_kk,
-   unbiased again. The best design gives no samples where others tell more (Kiefer 1974); one step
-   towards it is to give each pixel samples in proportion to its gain, from a fourth to four times
-   the mean, which for clean pictures makes standard errors a third less. Where noise makes the
-   products negative nearly as often as not, that share of the samples is spread evenly; and all
-   of them if three fourths of what blurs the answer is the target's noise, or the misfit tells of
-   more noise than is known, which counts as the same in all pixels. */
-
-/* The gains of a view's pixels, by itn__refine_inverse and planes as for the normal equations. */
-static void itn__refine_gains(const itn__refiner *refiner, itn__refine_view *view,
-                              const itn_image *b) {
-    size_t plane = itn__film_pixels(view), at;
-    int n = refiner->count, k, l;
-    memset(view->gain, 0, plane * sizeof *view->gain), view->told = 0;
-    for (at = 0; at < view->pixels; at++) {
-        double sum = 0;
-        for (k = 0; k < n; k++) {
-            const double *row = refiner->covariance + k * n;
-            const float *kja = b->pixels + 2 * view->pixels + at, *kjb = kja + view->pixels;
-            double of_a = 0, of_b = 0;
-            for (l = 0; l < view->count; l++, kja += 2 * view->pixels, kjb += 2 * view->pixels)
-                of_a += row[view->unknowns[l]] * *kja, of_b += row[view->unknowns[l]] * *kjb;
-            sum += of_a * of_b / row[k];
-        }
-        view->gain[at % plane] += (float)(sum * itn__square(b->pixels[view->pixels + at]));
-        view->told += sum;
-    }
-}
-
-/* A gain as a density. */
-static float itn__design(float gain) { return itn__clamp(gain, .25f, 4); }
-
-/* The factor that makes gains, kept within a fourth and four, 1 in the mean of the pixels that have
-   any. */
-static float itn__refine_unit(const itn__refiner *refiner) {
-    const itn__refine_view *view, *end = refiner->views + refiner->view_count;
-    double scale = 1, sum, pixels;
-    size_t i;
-    int pass;
-    for (pass = 0; pass < 100; pass++) {
-        for (sum = pixels = 0, view = refiner->views; view < end; view++)
-            for (i = 0; i < itn__film_pixels(view); i++)
-                if (view->gain[i] != 0) sum += itn__design((float)scale * view->gain[i]), pixels++;
-        if (!(pixels > 0) || fabs(sum - pixels) < .01 * pixels) break;
-        scale = fmin(scale * pixels / sum, 1e30);
-    }
-    return (float)scale;
-}
-
-/* Sends the samples of the evaluations to come where they tell, as far as that is known. */
-static void itn__refine_design(itn__refiner *refiner) {
-    itn__refine_view *view, *end = refiner->views + refiner->view_count;
-    double sum = 0, size = 0, told = 0, excess = refiner->known.chi2 - 1;
-    float unit = 1, sure = 0;
-    size_t i;
-    for (view = refiner->views; view < end; told += view->told, view++) {
-        const itn_film_desc *film = &view->scene->film;
-        size_t plane = itn__film_pixels(view);
-        itn__blur(view->gain, film->width, film->height, plane, ITN__NEAR, view->row);
-        for (i = 0; i < plane; i++) sum += view->gain[i], size += fabsf(view->gain[i]);
-    }
-    excess -= 3 * sqrt(refiner->known.chi2_variance);
-    refiner->designed = sum > told / 4 && sum > 0 && excess < .25 && itn__finite((float)size);
-    if (refiner->designed) {
-        unit = itn__refine_unit(refiner);
-        sure = (float)(sum / size / fmax(refiner->known.chi2, 1));
-    }
-    for (view = refiner->views; view < end; view++)
-        for (i = 0; i < itn__film_pixels(view); i++)
-            view->density[i] = sure > 0 ? 1 + sure * (itn__design(unit * view->gain[i]) - 1) : 1;
-}
-
-/* Makes of the densities, as near as renders can, numbers of samples, about spp each: six sets at
-   least, as one does not know its variance (nor do two, if channels take turns). */
-static void itn__allot(itn__refine_view *view, int spp) {
-    itn__allotment *allotment = &view->allotment;
-    size_t i;
-    allotment->set = itn__set_size(spp / 4), allotment->most = 0, allotment->sum = 0;
-    for (i = 0; i < itn__film_pixels(view); i++) {
-        double sets = ceil((double)view->density[i] * spp / allotment->set);
-        int samples = itn__allot_pixel(allotment, i, allotment->set * (int)fmax(6, sets));
-        view->density[i] = (float)samples / (float)spp;
-    }
-}
-
-/* ---- [evaluate] one evaluation, and what is known from all ----------------------------------- */
-
-/* Near the solution steps are nothing but noise, and it would be a waste to forget what earlier
-   evaluations told: close by, b(pi) = A (pi* - pi), so b + A pi is the same at all points and can
-   be averaged. b^T N^-1 b tells when: its mean is the number of unknowns if all of b is noise.
-   While b is more than that, each evaluation replaces what was known; then they are averaged, each
-   with twice the samples of all before it, until the whole has as many as wanted. */
-
-/* A new seed for each pair of renders. */
-static uint64_t itn__refine_seed(itn__refiner *refiner) {
-    return itn__mix64(itn__mix64(refiner->options.seed) + 2 * refiner->renders++);
-}
-
-static itn_result itn__overflow(itn_error *error) {
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                     "itn_refine: squares of the image's values are too large for a float");
-}
-
-/* Renders a view twice and adds what it has to say to the sums. */
-static itn_result itn__refine_look(itn__refiner *refiner, itn__refine_view *view,
-                                   itn_error *error) {
-    int spp = refiner->options.spp * (int)refiner->fresh.samples, k;
-    const itn__allotment *allotment = refiner->designed ? &view->allotment : NULL;
-    itn_render_options options = ITN_ZERO;
-    itn_image a = ITN_ZERO, b = ITN_ZERO;
-    itn_result result;
-    if (allotment) itn__allot(view, spp);
-    options.spp = allotment ? allotment->most : spp;
-    options.seed = itn__refine_seed(refiner), options.max_scatter = refiner->options.max_scatter;
-    result = itn__render_allotted(view->scene, view->theta, &options, allotment, view->parameters,
-                                  view->count, &a, error);
-    options.seed = itn__mix64(options.seed + 1);
-    if (!result)
-        result = itn__render_allotted(view->scene, view->theta, &options, allotment,
-                                      view->parameters, view->count, &b, error);
-    if (!result) {
-        itn__pool_variance(view, &a, &b);
-        if (!view->known) itn__keep_variance(view, &a, spp);
-        itn__refine_weights(view, (int)refiner->final * refiner->options.spp);
-        itn__refine_correlations(view, &a, &b);
-        itn__misfit_sum(&refiner->misfit, view, &a, &b), itn__spread_excess(view, &a, &b);
-        itn__keep_variance(view, &a, spp);
-        itn__scale_planes(refiner, view, &a), itn__similarity_planes(refiner, view, &a);
-        itn__scale_planes(refiner, view, &b), itn__similarity_planes(refiner, view, &b);
-        itn__refine_power(refiner, view, &a, &b);
-        for (k = 0; k < view->count; k++) itn__refine_planes(view, &a, &b, k);
-        itn__refine_residuals(view, &a, &b, (int)refiner->final * refiner->options.spp);
-        itn__refine_sum(refiner, view, &a, &b);
-        if (refiner->known.samples > 0) itn__refine_gains(refiner, view, &b);
-    }
-    itn_image_free(&b);
-    itn_image_free(&a);
-    return result;
-}
-
-/* How many numbers the blocks of normal equations hold. */
-static size_t itn__means(int count) { return (size_t)(6 * count * count + count); }
-static size_t itn__variances(int count) { return (size_t)(3 * count); }
-
-/* Evaluates the normal equations at the present point with `samples` times the first samples. */
-static itn_result itn__refine_evaluate(itn__refiner *refiner, double samples, itn_error *error) {
-    itn__normal *fresh = &refiner->fresh;
-    itn_result result = ITN_OK;
-    size_t i, means = itn__means(refiner->count), variances = itn__variances(refiner->count);
-    int n = refiner->count, k, l;
-    fresh->samples = samples;
-    memset(&refiner->misfit, 0, sizeof refiner->misfit);
-    memset(fresh->means, 0, means * sizeof(double));
-    memset(fresh->variances, 0, variances * sizeof(double));
-    if (refiner->known.samples > 0) itn__refine_inverse(refiner);
-    for (k = 0; k < refiner->view_count && !result; k++)
-        result = itn__refine_look(refiner, &refiner->views[k], error);
-    if (result) return result;
-    itn__misfit_means(refiner);
-    for (k = 0; k < n; k++) {
-        refiner->gradient[k] = fresh->right[k];
-        for (l = 0; l < n; l++)
-            fresh->right[k] += fresh->matrix[k * n + l] * refiner->coordinates[l];
-    }
-    for (i = 0; i < means; i++)
-        if (!itn__finite(fresh->means[i])) return itn__overflow(error);
-    for (i = 0; i < variances; i++)
-        if (!itn__finite(fresh->variances[i])) return itn__overflow(error);
-    return ITN_OK;
-}
-
-/* Averages the last evaluation with those that count, or lets it replace them. */
-static void itn__refine_learn(itn__refiner *refiner, int together) {
-    itn__normal *known = &refiner->known;
-    const itn__normal *fresh = &refiner->fresh;
-    double all = fresh->samples + (together ? known->samples : 0), w = fresh->samples / all;
-    size_t i;
-    for (i = 0; i < itn__means(refiner->count); i++)
-        known->means[i] = (1 - w) * known->means[i] + w * fresh->means[i];
-    for (i = 0; i < itn__variances(refiner->count); i++)
-        known->variances[i] = (1 - w) * (1 - w) * known->variances[i] + w * w * fresh->variances[i];
-    known->chi2 = (1 - w) * known->chi2 + w * fresh->chi2;
-    known->loss = (1 - w) * known->loss + w * fresh->loss;
-    known->felt = fresh->felt;
-    known->chi2_variance = (1 - w) * (1 - w) * known->chi2_variance +
-                           w * w * fresh->chi2_variance;
-    known->samples = all;
-}
-
-/* ---- [certainty] whether pictures tell an unknown -------------------------------------------- */
-
-/* At the solution the estimate's covariance is A^-1 N A^-1, but A is known no better than its own
-   noise. Of all changes of the unknowns in which unknown k changes by 1, c = A^-1 e_k / (A^-1)_kk
-   shows least in the picture. So i = c^T A c = 1/(A^-1)_kk is all the information about k, that is
-   J_c^T K J_c of a single derivative image J_c = J c. If V is the variance of J_c in a pixel, of
-   the mean of both renders, the variance of i is
-       S = 4 sum of V (K J_c)^2 + 4 (70/256)^2 sum of V^2.
-   A value at distance d from the estimate is not excluded by b at three standard deviations if
-       (i d)^2 <= 9 (c^T N c + S d^2),   that is   d <= 3 sqrt(c^T N c / (i^2 - 9 S))
-   (Fieller 1954). A third of that is the standard error; where i is less than three of its own
-   standard deviations no value is excluded. Two would be too few: the search looks several times,
-   and stops where i came out large.
-
-   If some unknown is not told, as behind rough glass, whose derivatives are noisy, more samples may
-   tell: i over its standard deviation grows with them. Unless the caller has said how many there
-   are to be, the end moves to half as many again as that takes, up to sixteen times as far in all,
-   and once if nothing comes of it. The search goes on from where it is, but the next evaluation
-   replaces what was known: that was not typical, as it decided. */
-
-#define ITN__CERTAIN 3. /* standard deviations of its own that information about an unknown needs */
-
-/* c^T M c. */
-static double itn__quadratic(const double *matrix, int n, const double *c) {
+/* Sum of x y z; z NULL: of x y. */
+ITN__NOINLINE double itn__product(const float *x, const float *y, const float *z, size_t count) {
     double sum = 0;
-    int k, l;
-    for (k = 0; k < n; k++)
-        for (l = 0; l < n; l++) sum += c[k] * matrix[k * n + l] * c[l];
+    size_t i;
+    for (i = 0; i < count; i++) sum += (double)x[i] * y[i] * (z ? (double)z[i] : 1);
     return sum;
 }
 
-/* Variance of c^T A c. How unevenly V is spread over the pixels, sum V^2 / (sum V)^2, is averaged
-   over the unknowns by their noise; pixels weigh residuals by their noise, so that V differs little
-   between those that tell, and is taken as its mean, weighted with itself. */
-static double itn__refine_spread(const itn__normal *normal, int n, const double *c) {
-    double power = itn__quadratic(normal->power, n, c), all = 0, uneven = 0;
-    double outer = fmax(itn__quadratic(normal->outer, n, c), 0);
+/* Whether any unknown's derivative in a value is not 0. */
+static int itn__depends(const itn__refiner *refiner, const itn__refine_view *view, size_t at) {
     int k;
-    for (k = 0; k < n; k++) {
-        double own = normal->power[k * n + k], share = c[k] * c[k] * own;
-        if (!(own > 0)) continue;
-        uneven += share * normal->silence[k] / (own * own), all += share;
-    }
-    return all > 0 ? uneven / all * power * (outer / ITN__BINOMIAL_NOISE + power) : 0;
-}
-
-/* The direction of unknown k alone. */
-static double *itn__refine_axis(const itn__refiner *refiner, int k) {
-    memset(refiner->direction, 0, (size_t)refiner->count * sizeof(double));
-    refiner->direction[k] = 1;
-    return refiner->direction;
-}
-
-/* A^-1's column k, by A's factor. */
-static double *itn__refine_column(const itn__refiner *refiner, int k) {
-    itn__cholesky_solve(refiner->factor, refiner->count, itn__refine_axis(refiner, k));
-    return refiner->direction;
-}
-
-/* What pictures tell of unknown k, if all others are known: A_kk in units of its noise. */
-static double itn__refine_strength(const itn__refiner *refiner, const itn__normal *normal, int k) {
-    int n = refiner->count;
-    return normal->matrix[k * n + k] /
-           sqrt(itn__refine_spread(normal, n, itn__refine_axis(refiner, k)));
-}
-
-static int itn__refine_tells(const itn__refiner *refiner, const itn__normal *normal, int k) {
-    return itn__refine_strength(refiner, normal, k) > 2;
-}
-
-/* All information about unknown k, i, over its standard deviation, by the factor of A. */
-static double itn__refine_certainty(const itn__refiner *refiner, int k) {
-    double *c = itn__refine_column(refiner, k), information = 1 / c[k];
-    int n = refiner->count, l;
-    for (l = 0; l < n; l++) c[l] *= information;
-    return information / sqrt(itn__refine_spread(&refiner->known, n, c));
-}
-
-/* Standard error of coordinate k over the square root of c^T N c / i^2: what A's own noise makes of
-   it. Infinite where A tells nothing. */
-static double itn__refine_doubt(const itn__refiner *refiner, int k) {
-    double doubt = ITN__CERTAIN / itn__refine_certainty(refiner, k);
-    return doubt >= 0 && doubt < 1 ? 1 / sqrt(1 - doubt * doubt) : INFINITY;
-}
-
-/* How many times as many samples would tell what is not told yet; 1 if all is, or if there may be
-   no more. Where the information is no more than its noise, it takes a first few to know. */
-static double itn__refine_want(const itn__refiner *refiner) {
-    double want = 1;
-    int whole = itn__refine_factor_known(refiner, 0, 0), k;
-    for (k = 0; k < refiner->count; k++) {
-        double certainty = whole ? itn__refine_certainty(refiner, k) : 0;
-        if (certainty > ITN__CERTAIN) continue;
-        if (!(certainty > 1) && refiner->patience < (double)ITN__PATIENCE) return 1;
-        want = fmax(want, ceil(1.5 * ITN__CERTAIN / fmax(certainty, 1)));
-    }
-    return fmin(want, floor(refiner->patience));
-}
-
-/* ---- [search] steps -------------------------------------------------------------------------- */
-
-/* Levenberg-Marquardt: a step is taken back if the misfit has risen by more than chance explains,
-   and mu is raised; else mu falls. Adam and plain descent are there for comparison with the paper:
-   both follow the unbiased gradient of two renders.
-   mu begins at 1, is multiplied by .2 after a step that stands and by 10 after one taken back;
-   steps are at most 1 in any coordinate; beyond mu = 1e6 the search is over. */
-
-/* The step from the present point by what is known, at most `most` long in any coordinate; what
-   noise alone makes of an unknown that pictures do not tell shortens no other's. `bias` and mu as
-   in itn__refine_factor. */
-static void itn__refine_solve(itn__refiner *refiner, double bias, double mu, double most) {
-    const itn__normal *known = &refiner->known;
-    int n = refiner->count, k, l;
-    double longest = 0;
-    for (k = 0; k < n; k++) {
-        refiner->step[k] = known->right[k];
-        for (l = 0; l < n; l++)
-            refiner->step[k] -= known->matrix[k * n + l] * refiner->coordinates[l];
-    }
-    itn__refine_factor_known(refiner, bias, mu);
-    itn__cholesky_solve(refiner->factor, n, refiner->step);
-    for (k = 0; k < n; k++) {
-        if (!itn__refine_tells(refiner, known, k))
-            refiner->step[k] = fmax(-most, fmin(refiner->step[k], most));
-        longest = fmax(longest, fabs(refiner->step[k]));
-    }
-    for (k = 0; k < n && longest > most; k++) refiner->step[k] *= most / longest;
-}
-
-/* Takes the step, and remembers from where. */
-static void itn__refine_move(itn__refiner *refiner) {
-    int k;
-    for (k = 0; k < refiner->count; k++) {
-        refiner->before[k] = refiner->coordinates[k];
-        refiner->gradient[k] = refiner->before[k] + refiner->step[k];
-    }
-    itn__refine_set(refiner, refiner->gradient);
-}
-
-/* What a sample of those known is worth in samples of the last evaluation, which went where they
-   tell more: mean ratio of the diagonals of A. */
-static double itn__refine_worth(const itn__refiner *refiner) {
-    double sum = 0;
-    int n = refiner->count, k;
-    for (k = 0; k < n; k++) {
-        double before = refiner->known.matrix[k * n + k], now = refiner->fresh.matrix[k * n + k];
-        sum += refiner->designed && before > 0 && before < now ? before / now : 1;
-    }
-    return sum / n;
-}
-
-/* How much more the last evaluation says than noise would against what was known before:
-   b^T N^-1 b in units of three standard deviations above its mean; infinite if the step that led
-   here is too long for b to be linear, in any coordinate of which the pictures tell. An unknown on
-   which no picture depends has nothing in b and in N but the prior. */
-static double itn__refine_news(itn__refiner *refiner) {
-    const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
-    double before = known->samples * itn__refine_worth(refiner), square = 0;
-    double *b = refiner->gradient;
-    int n = refiner->count, k;
-    for (k = 0; k < n; k++)
-        if (fabs(refiner->coordinates[k] - refiner->before[k]) > .5 &&
-            itn__refine_tells(refiner, fresh, k))
-            return INFINITY;
-    itn__refine_noise(refiner, fresh, 1 / (1 / fresh->samples + 1 / before), 0, 0);
-    memcpy(refiner->step, b, (size_t)n * sizeof(double));
-    itn__refine_factor(refiner, refiner->covariance, NULL, 0, 0);
-    itn__cholesky_solve(refiner->factor, n, refiner->step);
-    for (k = 0; k < n; k++) square += b[k] * refiner->step[k];
-    return square / (n + 3 * sqrt(2. * n));
-}
-
-static itn_result itn__refine_report(itn__refiner *refiner, int iteration, itn_error *error) {
-    itn_refine_step step;
-    refiner->iteration = refiner->begun + iteration;
-    step.iteration = refiner->iteration;
-    step.loss = refiner->loss, step.loss_error = refiner->loss_error;
-    step.theta = refiner->views->theta, step.values = refiner->values;
-    if (refiner->options.progress &&
-        refiner->options.progress(refiner->options.progress_user, &step))
-        return itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
-    return ITN_OK;
-}
-
-/* Where g is high, pictures are noisy and hardly change along the valley; at low g they tell. Makes
-   a step to g = 0 along the valley of each medium of which nothing is known there; it stands even
-   where the misfit rises. Returns whether there is one. */
-static int itn__refine_leap(itn__refiner *refiner) {
-    const itn__normal *known = &refiner->known;
-    const itn__similarity *m = refiner->media, *end = m + refiner->media_count;
-    int n = refiner->count, leaps = 0;
-    memset(refiner->step, 0, (size_t)n * sizeof(double));
-    for (; m < end; m++) {
-        double w = itn_parameter_to_coordinate(refiner->parameters[m->g], 0);
-        if (refiner->coordinates[m->g] < w + 1 || itn__refine_tells(refiner, known, m->g)) continue;
-        refiner->step[m->g] = w - refiner->coordinates[m->g], leaps = 1;
-    }
-    return leaps;
-}
-
-/* Takes the step and evaluates there. A step after which the misfit has risen by more than its
-   spread over pixels explains is taken back, unless it `stands`, and not if the loss has fallen:
-   then the misfit's unit, the renders' noise, is less. An evaluation that is but noise joins the
-   one before if that was not much more. Where samples go changes the unit as well: then no step is
-   taken back. */
-static itn_result itn__refine_try(itn__refiner *refiner, double samples, int stands, double *mu,
-                                  double *news, itn_error *error) {
-    const itn__normal *fresh = &refiner->fresh, *known = &refiner->known;
-    double now, rise, loss = refiner->loss, loss_error = refiner->loss_error;
-    int together;
-    itn_result result;
-    itn__refine_move(refiner);
-    result = itn__refine_evaluate(refiner, samples, error);
-    if (result) return result;
-    now = itn__refine_news(refiner), together = !stands && now < 1 && *news < 4;
-    rise = fresh->chi2 - known->chi2;
-    if (!stands && !together && !refiner->designed && fresh->loss > known->loss &&
-        rise > 3 * sqrt(fresh->chi2_variance + known->chi2_variance)) {
-        itn__refine_set(refiner, refiner->before);
-        refiner->loss = loss, refiner->loss_error = loss_error;
-        *mu *= 10, *news = INFINITY;
-    } else {
-        *mu *= .2, *news = now;
-        itn__refine_learn(refiner, together);
-    }
-    return ITN_OK;
-}
-
-/* Moves the end of the search, if that would tell what is not told yet. Returns whether it has. */
-static int itn__refine_more(itn__refiner *refiner) {
-    double want = itn__refine_want(refiner);
-    refiner->final *= want, refiner->patience /= want;
-    return want > 1;
-}
-
-/* Whether the step that is left leads to where A may be another. */
-static int itn__refine_afar(itn__refiner *refiner) {
-    int k;
-    itn__refine_solve(refiner, 1, 0, 1);
     for (k = 0; k < refiner->count; k++)
-        if (itn__refine_tells(refiner, &refiner->known, k) &&
-            fabs(refiner->step[k]) > ITN__STRAIGHT)
-            return 1;
+        if (view->known.planes[0][(size_t)(2 + k) * view->pixels + at] != 0) return 1;
     return 0;
 }
 
-/* Whether there is more to be done where all samples are there: more of them, or to look where a
-   long last step ends. */
-static int itn__refine_goes_on(itn__refiner *refiner, int *looks) {
-    if (itn__refine_more(refiner)) return 1;
-    return *looks < ITN__LOOKS && itn__refine_afar(refiner) && ++*looks;
-}
-
-/* Levenberg-Marquardt, until the evaluations that count have enough samples, or no step helps. If
-   iterations run out, one or two more with all samples at once give error bars. An evaluation that
-   told something is followed by one of as many samples, as fewer would not have seen it. The search
-   may leap once, while there are iterations to go on from there; a second one does not, as it
-   starts where it should. Where the end has moved, what is known is replaced, whatever the misfit:
-   its unit is another. A last step that is long is tried in the same way, three times at most; else
-   it is not, and not made if the one before was taken back: then it counts as error
-   ([estimates]). */
-static itn_result itn__refine_lm(itn__refiner *refiner, itn_error *error) {
-    const itn__normal *known = &refiner->known;
-    int iteration, most = refiner->options.iterations, leapt = refiner->begun > 0;
-    int looks = 0, back = 0;
-    double mu = 1, news = INFINITY, samples = 1;
-    itn_result result = itn__refine_evaluate(refiner, samples, error);
-    if (result) return result;
-    itn__refine_learn(refiner, 0);
-    result = itn__refine_report(refiner, 0, error);
-    for (iteration = 1; iteration <= most + 2 && !result; iteration++) {
-        int leaps, moves = 0;
-        double before = mu;
-        if (mu > 1e6) break;
-        if (news < 1 && known->samples >= refiner->final) {
-            moves = iteration <= most && itn__refine_goes_on(refiner, &looks);
-            if (!moves) break;
-        }
-        if (iteration > most) samples = refiner->final;
-        else if (moves) samples = fmin(2 * known->samples, refiner->final);
-        else if (news < 1) samples = fmin(2 * known->samples, refiner->final - known->samples);
-        if (news < 1) itn__refine_design(refiner);
-        leaps = iteration > 1 && !leapt && iteration + 5 <= most && itn__refine_leap(refiner);
-        if (leaps) leapt = 1;
-        else itn__refine_solve(refiner, 1, mu, 1);
-        result = itn__refine_try(refiner, samples, leaps || moves, &mu, &news, error);
-        back = mu > before;
-        if (!result && iteration <= most) result = itn__refine_report(refiner, iteration, error);
+/* Residuals of renders, over their deviation. */
+static void itn__residuals(itn__refine_view *view, const itn__renders *renders) {
+    size_t i;
+    for (i = 0; i < view->pixels; i++) {
+        view->residual[0][i] = (view->target[i] - renders->planes[0][i]) * view->scale[i];
+        view->residual[1][i] = (view->target[i] - renders->planes[1][i]) * view->scale[i];
     }
-    if (result || back) return result;
-    itn__refine_solve(refiner, 1, 0, .5);
-    itn__refine_move(refiner);
-    return ITN_OK;
 }
 
-/* The loss over all views and its gradient in the coordinates, unbiased. */
-static itn_result itn__refine_gradient(itn__refiner *refiner, itn_error *error) {
-    itn_render_options options = ITN_ZERO;
-    itn_result result = ITN_OK;
-    double loss = 0, pixels = 0, *part = refiner->step;
+/* The mean product of a value's residual with those of its neighbours, to the right and below. */
+static double itn__shared(const itn__refine_view *view, size_t at) {
+    size_t width = (size_t)view->width, pixel = at % view->plane;
+    int right = (pixel + 1) % width != 0 && view->scale[at + 1] > 0;
+    int below = pixel + width < view->plane && view->scale[at + width] > 0;
+    const float *r = view->residual[1] + at;
+    float sum = (right ? r[1] : 0) + (below ? r[width] : 0);
+    return (double)view->residual[0][at] * sum / (right && below ? 2 : 1);
+}
+
+/* The misfit of renders, all channels of a pixel together. Noise that is not known is seen in what
+   neighbours do not share (the nugget of a variogram): there the misfit is what they share, over
+   that noise, whose own error is not counted. */
+static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit) {
     itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    int k;
-    options.spp = refiner->options.spp, options.max_scatter = refiner->options.max_scatter;
-    for (k = 0, refiner->loss = 0; k < refiner->count; k++) refiner->gradient[k] = 0;
-    for (; view < end; view++) pixels += (double)view->pixels;
-    for (view = refiner->views; view < end && !result; view++) {
-        double share = (double)view->pixels / pixels;
-        options.seed = itn__refine_seed(refiner);
-        result = itn_loss_gradient(view->scene, view->theta, &options, view->target,
-                                   view->parameters, view->count, &loss, part, error);
-        for (k = 0; k < view->count && !result; k++) {
-            int unknown = view->unknowns[k];
-            refiner->gradient[unknown] += share * part[k] * refiner->slopes[unknown];
-        }
-        if (!result) refiner->loss += share * loss;
-    }
-    return result;
-}
-
-/* Adam or plain descent on the unbiased loss gradient, with a rate that falls to a tenth over the
-   run. */
-static itn_result itn__refine_descend(itn__refiner *refiner, itn_error *error) {
-    itn_result result = ITN_OK;
-    int plain = refiner->options.method == ITN_METHOD_SGD;
-    int n = refiner->count, iteration, k, steps = refiner->options.iterations;
-    for (iteration = 0; iteration < steps && !result; iteration++) {
-        double rate = refiner->options.learning_rate * pow(.1, (double)iteration / steps);
-        result = itn__refine_gradient(refiner, error);
-        if (result) break;
-        result = itn__refine_report(refiner, iteration, error);
-        if (result) break;
-        for (k = 0; k < n; k++) {
-            double relative = refiner->gradient[k] / refiner->square, step = -rate * relative;
-            float slope = (float)relative, coordinate = (float)refiner->coordinates[k];
-            if (!itn__finite(slope * slope)) return itn__overflow(error);
-            if (!plain)
-                itn__adam(rate, (uint64_t)iteration + 1, 1, &slope, refiner->moments[0] + k,
-                          refiner->moments[1] + k, &coordinate);
-            refiner->step[k] = plain ? refiner->coordinates[k] + fmax(-.5, fmin(step, .5))
-                                     : coordinate;
-        }
-        itn__refine_set(refiner, refiner->step);
-    }
-    if (!result) result = itn__refine_evaluate(refiner, 1, error); /* for weights and shares */
-    if (!result) result = itn__refine_evaluate(refiner, refiner->final, error);
-    if (!result) itn__refine_learn(refiner, 0);
-    return result;
-}
-
-/* ---- [estimates] values and error bars ------------------------------------------------------- */
-
-/* Unknowns that the pictures do not tell ([certainty]) are let go: first all that they would not
-   tell if every other were known, then one by one, that least told by itself first, until the rest
-   could be told if those gone were known. As they are not, the rest follows them: with unknown u
-   off by its prior standard deviation it is off by A^-1 A_u times as much, the square of which adds
-   to the covariance. So a material too dense for its sigma_t to show has an albedo all the same.
-   The prior, 8 for each coordinate, adds 1/64 to the diagonals of A and N: it is all there is where
-   a picture tells next to nothing.
-
-   All of this takes A as constant over an error bar. Where that is a tenth of a coordinate or more,
-   it is not: along the valley pictures tell less and less the higher g, and of searches whose noise
-   leads them to where pictures tell much each would be sure of a low value. So one more evaluation,
-   two standard errors up in the determined unknown with the greatest one, says what its error would
-   be there, and the greater of both counts. What is told there had no say in where it is looked at:
-   it only needs to be more than its own standard deviation. */
-
-/* Whether the noise of any picture is unknown. */
-static int itn__noise_unknown(const itn__refiner *refiner) {
-    int v;
-    for (v = 0; v < refiner->view_count; v++)
-        if (refiner->views[v].noise_unknown) return 1;
-    return 0;
-}
-
-/* Holds unknown k where it is: as if the pictures did not depend on it. */
-static void itn__refine_let_go(itn__refiner *refiner, int k) {
-    itn__normal *known = &refiner->known;
-    int n = refiner->count, l;
-    for (l = 0; l < n; l++) {
-        known->right[l] -= known->matrix[l * n + k] * refiner->coordinates[k];
-        known->matrix[l * n + k] = known->matrix[k * n + l] = 0;
-    }
-    known->right[k] = 0, refiner->told[k] = 0;
-}
-
-/* Whether others can stand for more than half of what is known of unknown k, by A's factor. */
-static int itn__refine_stood_for(const itn__refiner *refiner, int k) {
-    return itn__refine_column(refiner, k)[k] * refiner->known.matrix[k * (refiner->count + 1)] > 2;
-}
-
-/* Of what still counts as told, and by A's factor is not, the least known; -1 if there is none.
-   Where A is not `whole`, by noise, some unknown has less than no information, and the factor tells
-   of what was added: then of those that others can stand for, or of all if there is none. */
-static int itn__refine_weakest(const itn__refiner *refiner, int whole) {
-    double least = INFINITY;
-    int any, k, weakest = -1;
-    for (any = whole; any < 2 && weakest < 0; any++)
-        for (k = 0; k < refiner->count; k++) {
-            double strength;
-            if (!refiner->told[k] || (whole && itn__finite(itn__refine_doubt(refiner, k))) ||
-                (!any && !itn__refine_stood_for(refiner, k)))
-                continue;
-            strength = itn__refine_strength(refiner, &refiner->known, k);
-            if (weakest < 0 || strength < least) least = strength, weakest = k;
-        }
-    return weakest;
-}
-
-/* Lets go of what cannot be told by what is known, and leaves the factor of the rest of A; all of A
-   is kept as refiner->all. */
-static void itn__refine_tell(itn__refiner *refiner) {
-    const itn__normal *known = &refiner->known;
-    int n = refiner->count, whole, k;
-    memcpy(refiner->all, known->matrix, (size_t)(n * n) * sizeof(double));
-    for (k = 0; k < n; k++)
-        refiner->told[k] = itn__refine_strength(refiner, known, k) > ITN__CERTAIN;
-    for (k = 0; k < n; k++)
-        if (!refiner->told[k]) itn__refine_let_go(refiner, k);
-    whole = itn__refine_factor_known(refiner, 0, 0);
-    while ((k = itn__refine_weakest(refiner, whole)) >= 0) {
-        itn__refine_let_go(refiner, k);
-        whole = itn__refine_factor_known(refiner, 0, 0);
-    }
-}
-
-/* The misfit's excess, with what the unknowns that are told have fitted of unknown noise. */
-static double itn__refine_excess(const itn__refiner *refiner) {
-    double excess = fmax(refiner->known.chi2 - 1, 0), felt = refiner->known.felt, left = felt;
-    int k;
-    if (!itn__noise_unknown(refiner)) return excess;
-    for (k = 0; k < refiner->count; k++) left -= refiner->told[k];
-    return left >= 1 ? excess * felt / left : excess;
-}
-
-/* Covariance A^-1 N A^-1 of the coordinates that are told, by A's factor; 0 of the others. */
-static void itn__refine_covariance(itn__refiner *refiner) {
-    const itn__normal *known = &refiner->known;
-    int n = refiner->count, i, j;
-    double *rows = refiner->covariance;
-    itn__refine_noise(refiner, known, known->samples, 1, itn__refine_excess(refiner));
-    for (i = 0; i < n * n; i++)
-        if (!refiner->told[i / n] || !refiner->told[i % n]) rows[i] = 0;
-        else if (i / n == i % n) rows[i] += 1 / (ITN__PRIOR * ITN__PRIOR);
-    for (j = 0; j < n; j++) itn__cholesky_solve(refiner->factor, n, rows + j * n);
-    for (i = 0; i < n; i++) /* row j: A^-1 times column j of N; transposed, then A^-1 once more */
-        for (j = 0; j < i; j++) {
-            double swap = rows[i * n + j];
-            rows[i * n + j] = rows[j * n + i], rows[j * n + i] = swap;
-        }
-    for (j = 0; j < n; j++) itn__cholesky_solve(refiner->factor, n, rows + j * n);
-}
-
-/* By how much more than sqrt((A^-1 N A^-1)_kk) the standard error of coordinate k is. Where the
-   search was not over, the step that is left counts as error. */
-static double itn__refine_widening(itn__refiner *refiner, int k) {
-    int n = refiner->count, l;
-    double *covariance = refiner->covariance, error, wide;
-    if (!refiner->told[k]) return 1;
-    if (!(covariance[k * n + k] > 0)) { /* N, too, is mostly noise */
-        for (l = 0; l < n; l++) covariance[k * n + l] = covariance[l * n + k] = 0;
-        covariance[k * n + k] = ITN__PRIOR * ITN__PRIOR;
-    }
-    error = sqrt(covariance[k * n + k]), wide = error * itn__refine_doubt(refiner, k);
-    if (!(wide <= ITN__PRIOR)) wide = fmax(error, ITN__PRIOR);
-    return fmax(wide, fmin(fabs(refiner->step[k]), 2)) / error;
-}
-
-/* Standard error of coordinate k, by the covariance and A's factor; 0 of what is not told. */
-static double itn__refine_error(itn__refiner *refiner, int k) {
-    double widening = itn__refine_widening(refiner, k);
-    return refiner->told[k] ? sqrt(refiner->covariance[k * (refiner->count + 1)]) * widening : 0;
-}
-
-/* Exchanges what is known and what the last evaluation told. */
-static void itn__refine_swap(itn__refiner *refiner) {
-    itn__normal known = refiner->known;
-    refiner->known = refiner->fresh, refiner->fresh = known;
-}
-
-/* The error of coordinate k by the last evaluation alone, all else as it is known. */
-static double itn__refine_error_there(itn__refiner *refiner, int k) {
-    double error = ITN__PRIOR;
-    int n = refiner->count, l;
-    refiner->fresh.chi2 = refiner->known.chi2;
-    itn__refine_swap(refiner);
-    for (l = 0; l < n; l++)
-        if (!refiner->told[l]) itn__refine_let_go(refiner, l);
-    if (itn__refine_factor_known(refiner, 0, 0) && itn__refine_certainty(refiner, k) > 1) {
-        itn__refine_covariance(refiner);
-        if (refiner->covariance[k * (n + 1)] > 0) /* else N is mostly noise */
-            error = fmin(error, sqrt(refiner->covariance[k * (n + 1)]));
-    }
-    itn__refine_swap(refiner);
-    return error;
-}
-
-/* Looks two standard errors up, in the unknown with the greatest one of those determined, if it is
-   more than A may be taken as constant for. */
-static itn_result itn__refine_look_up(itn__refiner *refiner, itn_error *error) {
-    double *there = refiner->gradient, *c, unit, most = ITN__STRAIGHT;
-    int n = refiner->count, widest = -1, k;
-    itn_result result;
-    itn__refine_solve(refiner, 0, 0, INFINITY);
-    itn__refine_covariance(refiner);
-    for (k = 0; k < n; k++) {
-        double own = itn__refine_error(refiner, k);
-        if (own > most && own < ITN__HARDLY) most = own, widest = k;
-    }
-    if (widest < 0) return ITN_OK;
-    c = itn__refine_column(refiner, widest), unit = c[widest];
-    for (k = 0; k < n; k++) {
-        refiner->before[k] = refiner->coordinates[k];
-        there[k] = refiner->before[k] + 2 * most * c[k] / unit;
-    }
-    itn__refine_set(refiner, there);
-    result = itn__refine_evaluate(refiner, refiner->final, error);
-    itn__refine_set(refiner, refiner->before);
-    if (result) return result;
-    refiner->widest = widest, refiner->further = itn__refine_error_there(refiner, widest);
-    itn__refine_factor_known(refiner, 0, 0);
-    return ITN_OK;
-}
-
-/* Adds to the covariance that unknown u, of which nothing is known but its prior, may be elsewhere,
-   with what is told of the others following it: they change by -A^-1 A_u. */
-static void itn__refine_follow(itn__refiner *refiner, int u) {
-    const double *all = refiner->all;
-    double *change = refiner->direction;
-    int n = refiner->count, k;
-    for (k = 0; k < n; k++) change[k] = refiner->told[k] ? -all[k * n + u] : 0;
-    itn__cholesky_solve(refiner->factor, n, change);
-    change[u] = 1;
-    for (k = 0; k < n * n; k++)
-        refiner->covariance[k] += ITN__PRIOR * ITN__PRIOR * change[k / n] * change[k % n];
-}
-
-/* Estimates at the present point by what is known and told. */
-static void itn__refine_estimate(itn__refiner *refiner) {
-    itn_estimate *estimates = refiner->estimates;
-    double *widening = refiner->gradient, *covariance = refiner->covariance;
-    int n = refiner->count, widest = refiner->widest, k;
-    itn__refine_solve(refiner, 0, 0, INFINITY);
-    itn__refine_covariance(refiner);
-    for (k = 0; k < n; k++) widening[k] = itn__refine_widening(refiner, k);
-    if (refiner->further > 0)
-        widening[widest] = fmax(widening[widest],
-                                refiner->further / sqrt(covariance[widest * (n + 1)]));
-    for (k = 0; k < n * n; k++) covariance[k] *= widening[k / n] * widening[k % n];
-    for (k = 0; k < n; k++)
-        if (!refiner->told[k]) itn__refine_follow(refiner, k);
-    for (k = 0; k < n; k++) itn__similarity_step(refiner, covariance + k, n);
-    for (k = 0; k < n; k++) itn__similarity_step(refiner, covariance + k * n, 1);
-    for (k = 0; k < n; k++) {
-        double error = sqrt(fmax(covariance[k * n + k], 0));
-        estimates[k].value = refiner->values[k];
-        estimates[k].standard_error = error * refiner->slopes[k];
-        estimates[k].determined = error < ITN__HARDLY && refiner->told[k];
-    }
-    for (k = 0; k < n * n; k++) covariance[k] *= refiner->slopes[k / n] * refiner->slopes[k % n];
-}
-
-/* ---- [views] pictures taken in, and searches ------------------------------------------------- */
-
-/* What is given is checked and copied, and its unknowns are found, before anything is rendered. A
-   search that ends with more misfit than noise explains may have ended in the wrong of two valleys,
-   at the mirror image of g: one more search starts there, and the better of both counts. */
-
-/* Which of the unknowns a view has, as which parameters. */
-static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *view,
-                                     const int *parameters, itn_error *error) {
-    int k, number = (int)(view - refiner->views);
-    for (k = 0; k < refiner->count; k++) {
-        const itn_parameter *p = itn_parameter_get(view->scene, parameters[k]), *first;
-        if (!p && parameters[k] != -1)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d has no "
-                             "parameter %d", number, parameters[k]);
-        if (!p) continue;
-        if (!refiner->parameters[k]) refiner->parameters[k] = p;
-        first = refiner->parameters[k];
-        if (p->transform != first->transform || p->lower != first->lower ||
-            p->upper != first->upper)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_refine: %s of view %d has not the bounds of %s of the first",
-                             p->name, number, first->name);
-        view->parameters[view->count] = parameters[k], view->unknowns[view->count++] = k;
-    }
-    if (view->count) return ITN_OK;
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d has none of the unknowns",
-                     number);
-}
-
-/* Which unknown is parameter p of a view's scene; -1 if none. */
-static int itn__view_unknown(const itn__refine_view *view, int parameter) {
-    int k;
-    for (k = 0; k < view->count; k++)
-        if (view->parameters[k] == parameter) return view->unknowns[k];
-    return -1;
-}
-
-/* Whether an unknown belongs to a medium that was found already. */
-static int itn__has_similarity(const itn__refiner *refiner, int unknown) {
-    const itn__similarity *m = refiner->media, *end = m + refiner->media_count;
-    int i;
-    for (; m < end; m++) {
-        if (m->sigma_t == unknown || m->g == unknown) return 1;
-        for (i = 0; i < m->albedos; i++)
-            if (m->albedo[i] == unknown) return 1;
-    }
-    return 0;
-}
-
-/* Whether all views that have unknown `own` have `other`, too. */
-static int itn__brings(const itn__refiner *refiner, int own, int other) {
-    const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    for (; view < end; view++)
-        if (itn__view_place(view, own) >= 0 && itn__view_place(view, other) < 0) return 0;
-    return 1;
-}
-
-/* Adds the similarity coordinates of a medium of a view, in a channel, if sigma_t and g are both
-   unknown and in no others; media whose g differs between channels while sigma_t does not, or the
-   other way round, have none. Nor has what a view shares in part: there sigma_t would change with
-   a g or an albedo that the view has not got. */
-static void itn__add_similarity(itn__refiner *refiner, const itn__refine_view *view,
-                                const itn__medium *medium, int channel) {
-    itn__similarity *found = &refiner->media[refiner->media_count];
-    int spectral = itn__is_spectral(medium->g), channels = view->scene->film.channels, c, k;
-    memset(found, 0, sizeof *found);
-    found->sigma_t = itn__view_unknown(view, medium->sigma_t[channel]);
-    found->g = itn__view_unknown(view, medium->g[channel]);
-    if (found->sigma_t < 0 || found->g < 0 || spectral != itn__is_spectral(medium->sigma_t)) return;
-    if (itn__has_similarity(refiner, found->sigma_t) || itn__has_similarity(refiner, found->g) ||
-        !itn__brings(refiner, found->sigma_t, found->g))
-        return;
-    for (c = 0; c < channels; c++) {
-        k = itn__view_unknown(view, medium->albedo + c);
-        if (k >= 0 && (!spectral || c == channel) && !itn__has_similarity(refiner, k) &&
-            itn__brings(refiner, found->sigma_t, k) && itn__brings(refiner, k, found->g))
-            found->albedo[found->albedos++] = k;
-    }
-    refiner->media_count++;
-}
-
-/* Finds all media that have similarity coordinates. */
-static void itn__find_similarities(itn__refiner *refiner) {
-    int v, k, c;
-    for (v = 0; v < refiner->view_count; v++) {
-        const itn__refine_view *view = &refiner->views[v];
-        for (k = 0; k < view->scene->medium_count; k++)
-            for (c = 0; c < (view->scene->spectral ? 3 : 1); c++)
-                itn__add_similarity(refiner, view, &view->scene->media[k], c);
-    }
-}
-
-/* Checks a view's picture. */
-static itn_result itn__view_check(const itn__refiner *refiner, const itn_view *given, int index,
-                                  itn_error *error) {
-    const itn_film_desc *film = &given->scene->film;
-    size_t plane = (size_t)film->width * (size_t)film->height, i, counted = 0;
-    for (i = 0; i < plane * (size_t)film->channels; i++) {
-        float variance = given->target_variance ? given->target_variance[i] : 0;
-        const char *bad = NULL;
-        if (!(variance >= 0)) bad = "target_variance is NaN or below 0";
-        else if (variance < INFINITY) counted++;
-        else if (refiner->options.method != ITN_METHOD_LM)
-            bad = "target_variance is infinite, which is for LM only,";
-        if (!bad && variance < INFINITY && !(fabsf(given->target[i]) <= 1e18f))
-            bad = itn__finite(given->target[i]) ? "target is beyond 1e18" : "target is not finite";
-        if (bad)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d: %s at pixel %d",
-                             index, bad, (int)(i % plane));
-    }
-    if (counted) return ITN_OK;
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d: no value counts", index);
-}
-
-/* Averages the target's variance; what does not count takes the mean of the rest meanwhile. */
-static void itn__view_noise(itn__refine_view *view, const float *variance) {
-    const itn_film_desc *film = &view->scene->film;
-    double sum = 0, counted = 0;
-    size_t i;
-    for (i = 0; i < view->pixels; i++)
-        if (variance[i] < INFINITY) sum += (double)variance[i], counted++;
-    view->noise_unknown = sum == 0 && counted < (double)view->pixels;
-    for (i = 0; i < view->pixels; i++)
-        view->level[i] = view->target_variance[i] =
-            variance[i] < INFINITY ? variance[i] : (float)(sum / counted);
-    itn__blur(view->level, film->width, film->height, view->pixels, ITN__AROUND, view->row);
-    itn__blur(view->target_variance, film->width, film->height, view->pixels, ITN__NEAR,
-              view->row);
-    for (i = 0; i < view->pixels; i++)
-        if (!(variance[i] < INFINITY)) view->target_variance[i] = INFINITY;
-}
-
-/* Checks a view's picture, averages its noise and copies its theta. */
-static itn_result itn__view_begin(itn__refiner *refiner, const itn_view *given,
-                                  itn__refine_view *view, itn_error *error) {
-    const itn_context *context = &given->scene->context;
-    const itn_film_desc *film = &given->scene->film;
-    size_t lines = (size_t)film->width + (size_t)film->height, i;
-    size_t plane = (size_t)film->width * (size_t)film->height;
-    size_t parameters = (size_t)given->scene->parameter_count;
-    itn_result result;
-    view->scene = given->scene, view->target = given->target;
-    view->pixels = plane * (size_t)film->channels, view->share = 1;
-    result = itn__view_check(refiner, given, (int)(view - refiner->views), error);
-    if (result) return result;
-    view->weights = (float *)itn__allocate(
-        context, 5 * view->pixels + 2 * plane + lines + parameters, sizeof(float));
-    view->parameters = (int *)itn__allocate(context, 2 * (size_t)refiner->count + plane,
-                                            sizeof(int));
-    if (!view->weights || !view->parameters) return itn__out_of_memory(error, "itn_refine");
-    view->variance = view->weights + view->pixels;
-    view->target_variance = view->variance + view->pixels;
-    view->level = view->target_variance + view->pixels;
-    view->spread = view->level + view->pixels;
-    view->gain = view->spread + view->pixels, view->density = view->gain + plane;
-    view->row = view->density + plane, view->theta = view->row + lines;
-    view->unknowns = view->parameters + refiner->count;
-    view->allotment.samples = view->unknowns + refiner->count;
-    for (i = 0; i < plane; i++) view->density[i] = 1;
-    view->noise_unknown = !given->target_variance;
-    if (given->target_variance) itn__view_noise(view, given->target_variance);
-    if (given->theta) memcpy(view->theta, given->theta, parameters * sizeof(float));
-    else itn_parameter_values(view->scene, view->theta);
-    return itn__view_unknowns(refiner, view, given->parameters, error);
-}
-
-/* Gives normal equations their place in a block of numbers. */
-static void itn__normal_place(itn__normal *normal, int count, double *block) {
-    int squares = count * count;
-    normal->means = normal->matrix = block;
-    normal->outer = normal->matrix + squares, normal->drawn = normal->outer + squares;
-    normal->taken = normal->drawn + squares, normal->beyond = normal->taken + squares;
-    normal->power = normal->beyond + squares;
-    normal->right = normal->power + squares;
-    normal->variances = normal->silence = normal->right + count;
-    normal->noise = normal->silence + count, normal->stray = normal->noise + count;
-}
-
-/* Allocates what all views share. */
-static itn_result itn__refine_allocate(itn__refiner *refiner, itn_error *error) {
-    const itn_context *context = refiner->context;
-    size_t n = (size_t)refiner->count;
-    size_t numbers = itn__means(refiner->count) + itn__variances(refiner->count);
-    double *next;
-    refiner->views = (itn__refine_view *)itn__allocate(context, (size_t)refiner->view_count,
-                                                       sizeof *refiner->views);
-    refiner->parameters = (const itn_parameter **)itn__allocate(context, n,
-                                                                sizeof *refiner->parameters);
-    refiner->media = (itn__similarity *)itn__allocate(context, n, sizeof *refiner->media);
-    refiner->numbers = (double *)itn__allocate(context, 2 * numbers + 7 * n + 3 * n * n,
-                                               sizeof(double));
-    refiner->values = (float *)itn__allocate(context, 3 * n, sizeof(float));
-    refiner->estimates = (itn_estimate *)itn__allocate(context, n, sizeof(itn_estimate));
-    refiner->told = (int *)itn__allocate(context, n, sizeof(int));
-    if (!refiner->views || !refiner->parameters || !refiner->media || !refiner->numbers ||
-        !refiner->values || !refiner->estimates || !refiner->told)
-        return itn__out_of_memory(error, "itn_refine");
-    refiner->moments[0] = refiner->values + n, refiner->moments[1] = refiner->values + 2 * n;
-    next = refiner->numbers;
-    itn__normal_place(&refiner->fresh, refiner->count, next), next += numbers;
-    itn__normal_place(&refiner->known, refiner->count, next), next += numbers;
-    refiner->coordinates = next, next += n;
-    refiner->before = next, next += n;
-    refiner->plain = next, next += n;
-    refiner->slopes = next, next += n;
-    refiner->gradient = next, next += n;
-    refiner->step = next, next += n;
-    refiner->direction = next, next += n;
-    refiner->factor = next, next += n * n;
-    refiner->covariance = next, next += n * n;
-    refiner->all = next;
-    return ITN_OK;
-}
-
-/* Mean square of so many views' pictures; 1 if they are black. */
-static double itn__mean_square(const itn__refine_view *view, int count) {
-    const itn__refine_view *end = view + count;
-    double sum = 0, pixels = 0;
-    size_t i;
-    for (; view < end; view++)
-        for (i = 0; i < view->pixels; i++)
-            if (itn__counts(view, i)) sum += (double)view->target[i] * view->target[i], pixels++;
-    return sum > 0 ? sum / pixels : 1;
-}
-
-static itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views,
-                                    const float *values, itn_error *error) {
-    itn_result result = itn__refine_allocate(refiner, error);
-    itn_error why;
-    int v, k;
-    for (v = 0; v < refiner->view_count && !result; v++)
-        result = itn__view_begin(refiner, &views[v], &refiner->views[v], error);
-    for (k = 0; k < refiner->count && !result; k++)
-        if (!refiner->parameters[k])
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: no view has unknown %d", k);
-    for (v = 0; v < refiner->view_count && !result; v++) {
-        itn__refine_view *view = &refiner->views[v];
-        for (k = 0; k < view->count; k++)
-            view->theta[view->parameters[k]] = values[view->unknowns[k]];
-        result = itn__check_theta(view->scene, view->theta, &why);
-        if (result) itn__fail(error, result, 0, "itn_refine: view %d: %s", v, why.message);
-    }
-    if (result) return result;
-    for (v = 0; v < refiner->view_count; v++) {
-        double square = itn__mean_square(&refiner->views[v], 1);
-        if (square < 1e-30)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_refine: view %d: the picture's mean square is %g, too small for "
-                             "floats; give the light and it another unit", v, square);
-    }
-    refiner->square = itn__mean_square(refiner->views, refiner->view_count);
-    refiner->final = ceil((double)refiner->options.final_spp / refiner->options.spp);
-    for (k = 0; k < refiner->count; k++)
-        refiner->step[k] = itn_parameter_to_coordinate(refiner->parameters[k], values[k]);
-    if (refiner->options.method == ITN_METHOD_LM) itn__find_similarities(refiner);
-    itn__similarity_turn(refiner, refiner->step, 1);
-    itn__refine_set(refiner, refiner->step);
-    return ITN_OK;
-}
-
-static void itn__refine_end(itn__refiner *refiner) {
-    int v;
-    for (v = 0; refiner->views && v < refiner->view_count; v++) {
-        itn__refine_view *view = &refiner->views[v];
-        if (!view->scene) break;
-        itn__free(&view->scene->context, view->parameters);
-        itn__free(&view->scene->context, view->weights);
-    }
-    itn__free(refiner->context, refiner->told);
-    itn__free(refiner->context, refiner->estimates);
-    itn__free(refiner->context, refiner->values);
-    itn__free(refiner->context, refiner->numbers);
-    itn__free(refiner->context, refiner->media);
-    itn__free(refiner->context, refiner->parameters);
-    itn__free(refiner->context, refiner->views);
-}
-
-/* Fills in the defaults of the options and checks their ranges. */
-static itn_result itn__refine_options_fill(itn_refine_options *options, itn_error *error) {
-    /* in the end a pixel may have four times the mean, and each of its camera rays several walks */
-    const int most_final = INT_MAX / 32, most = most_final / ITN__FINAL / ITN__PATIENCE;
-    int plain = options->method == ITN_METHOD_SGD;
-    if (options->spp == 0) options->spp = 64;
-    if (options->iterations == 0) options->iterations = options->method == ITN_METHOD_LM ? 20 : 200;
-    if (options->learning_rate == 0) options->learning_rate = plain ? 1 : .05;
-    if (options->spp < 2 || options->spp > most)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: spp %d is not 2 to %d",
-                         options->spp, most);
-    if (options->method < ITN_METHOD_LM || options->method > ITN_METHOD_SGD ||
-        options->iterations < 0 || options->iterations > INT_MAX - 2 || options->max_scatter < 0 ||
-        !(options->learning_rate > 0 && options->learning_rate <= (plain ? 1e6 : 1)))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_refine: needs a known method, iterations and max_scatter >= 0 and a "
-                         "learning_rate in (0, 1] (SGD: in (0, 1e6])");
-    if (options->final_spp < 0 || options->final_spp > most_final)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: final_spp %d is not 0 to %d",
-                         options->final_spp, most_final);
-    if (options->final_spp == 0) options->final_spp = ITN__FINAL * options->spp;
-    if (options->target_variance)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_refine_views: target_variance belongs into the views");
-    return ITN_OK;
-}
-
-/* One search from these values on, and what it found. */
-static itn_result itn__refine_search(itn__refiner *refiner, const itn_view *views,
-                                     const float *values, itn_error *error) {
-    itn_result result = itn__refine_begin(refiner, views, values, error);
-    if (!result)
-        result = refiner->options.method == ITN_METHOD_LM ? itn__refine_lm(refiner, error)
-                                                          : itn__refine_descend(refiner, error);
-    if (result) return result;
-    itn__refine_tell(refiner);
-    result = itn__refine_look_up(refiner, error);
-    if (!result) itn__refine_estimate(refiner);
-    return result;
-}
-
-/* The values found, with every unknown g on the other side: what lies between the valleys is about
-   .3, not 0, as g below 0 is found where light goes ahead. Returns the greatest g; -1 if none. */
-static float itn__mirror(const itn__refiner *refiner, float *values) {
-    const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    float most = -1;
-    int k, c, g;
-    memcpy(values, refiner->values, (size_t)refiner->count * sizeof *values);
-    for (; view < end; view++)
-        for (k = 0; k < view->scene->medium_count; k++)
-            for (c = 0; c < 3; c++) {
-                g = itn__view_unknown(view, view->scene->media[k].g[c]);
-                if (g < 0) continue;
-                values[g] = -refiner->values[g];
-                if (values[g] > -.3f) values[g] = itn__max(values[g], .5f);
-                most = itn__max(most, refiner->values[g]);
+    double excess = 0, square = 0, noise = 0, squares = 0, counted = 0;
+    memset(misfit, 0, sizeof *misfit);
+    for (; view < end; view++) {
+        const itn__renders *renders = fresh ? &view->fresh : &view->known;
+        double own = 0, shared = 0, felt = 0, own_noise = 0, beyond = 0, weights = 0, unit = 1;
+        int unknown = view->noise_unknown;
+        size_t pixel, at;
+        itn__residuals(view, renders);
+        for (pixel = 0; pixel < view->plane; pixel++) {
+            double together = 0, common = 0, deviation = 0;
+            for (at = pixel; at < view->pixels; at += view->plane) {
+                double w = (double)view->scale[at] * view->scale[at], v;
+                double ra = view->residual[0][at], rb = view->residual[1][at];
+                if (!(w > 0)) continue;
+                squares += ra * rb / w, counted++;
+                if (!itn__depends(refiner, view, at)) continue;
+                v = w * itn__sample_variance(view, renders, at) / renders->samples[pixel];
+                together += ra * rb - w * view->target_variance[at];
+                deviation += sqrt(fmax(v * (ra * ra + rb * rb - v), 0));
+                if (unknown) common += itn__shared(view, at);
+                felt++, weights += w;
             }
-    return most;
-}
-
-/* Whether the search may have ended in the wrong valley: more misfit remains than noise explains.
-   Where that of a picture is not known, all of it may be noise, and only g below 0 are odd. */
-static int itn__refine_astray(const itn__refiner *refiner, float g) {
-    const itn__normal *known = &refiner->known;
-    double excess = known->chi2 - 1;
-    if (refiner->options.method != ITN_METHOD_LM || g <= -1) return 0;
-    if (itn__noise_unknown(refiner) && g > 0) return 0;
-    return excess > 3 * sqrt(known->chi2_variance);
-}
-
-/* Searches once more from the mirror image of what was found, if that may be wrong, and keeps what
-   leaves less misfit; the first, if the second cannot be made or the difference may be chance. */
-static itn_result itn__refine_again(itn__refiner *refiner, const itn_view *views,
-                                    itn_error *error) {
-    itn__refiner other, swap;
-    itn_result result;
-    double noise;
-    itn_error why = ITN_ZERO;
-    float *values = refiner->moments[0]; /* not needed any more */
-    float g = itn__mirror(refiner, values);
-    if (!itn__refine_astray(refiner, g)) return ITN_OK;
-    memset(&other, 0, sizeof other);
-    other.view_count = refiner->view_count, other.count = refiner->count;
-    other.context = refiner->context, other.options = refiner->options;
-    other.options.final_spp = (int)refiner->final * other.options.spp, other.patience = 1;
-    other.renders = refiner->renders, other.begun = refiner->iteration + 1;
-    result = itn__refine_search(&other, views, values, &why);
-    noise = refiner->known.chi2_variance + other.known.chi2_variance;
-    if (!result && refiner->known.chi2 - other.known.chi2 > sqrt(noise))
-        swap = *refiner, *refiner = other, other = swap;
-    itn__refine_end(&other);
-    if (result != ITN_ERROR_CANCELLED) return ITN_OK;
-    if (error) *error = why;
-    return result;
-}
-
-ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
-                                    int count, const itn_refine_options *options,
-                                    itn_estimate *estimates, itn_error *error) {
-    itn__refiner refiner;
-    itn_result result;
-    size_t n = (size_t)count;
-    int v;
-    if (!views || !values || !estimates || view_count < 1 || count < 1 ||
-        count > ITN__MOST_UNKNOWNS)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_refine: NULL argument, count %d or view_count %d", count, view_count);
-    for (v = 0; v < view_count; v++)
-        if (!views[v].scene || !views[v].target || !views[v].parameters)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_refine: scene, target or parameters of view %d is NULL", v);
-    memset(&refiner, 0, sizeof refiner);
-    refiner.view_count = view_count, refiner.count = count;
-    refiner.context = &views->scene->context;
-    if (options) refiner.options = *options;
-    refiner.patience = refiner.options.final_spp == 0 ? ITN__PATIENCE : 1;
-    result = itn__refine_options_fill(&refiner.options, error);
-    if (result) return result;
-    result = itn__refine_search(&refiner, views, values, error);
-    if (!result) result = itn__refine_again(&refiner, views, error);
-    if (!result) {
-        memcpy(values, refiner.values, n * sizeof *values);
-        memcpy(estimates, refiner.estimates, n * sizeof *estimates);
-        if (refiner.options.misfit) *refiner.options.misfit = refiner.known.chi2;
-        if (refiner.options.covariance)
-            memcpy(refiner.options.covariance, refiner.covariance, n * n * sizeof(double));
+            own += together, own_noise += deviation * deviation, shared += common;
+            beyond += unknown ? common * common : together * together;
+        }
+        if (unknown && felt > 0) unit = fmax(1 + (own - shared) / felt, .1);
+        if (unknown && felt > 0 && !fresh) view->nugget = fmax((own - shared) / weights, 0);
+        misfit->excess += own, misfit->noise += own_noise, misfit->felt += felt;
+        excess += (unknown ? shared : own) / unit, square += beyond / (unit * unit);
+        noise += own_noise / (unit * unit);
     }
-    itn__refine_end(&refiner);
-    return result;
+    misfit->loss = squares / fmax(counted, 1), misfit->value = 1;
+    if (!(misfit->felt > 0)) return;
+    misfit->value += excess / misfit->felt, misfit->spread = sqrt(square) / misfit->felt;
+    misfit->error = sqrt(noise) / misfit->felt;
 }
 
-ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
-                              const int *parameters, int count,
-                              const itn_refine_options *options, itn_estimate *estimates,
-                              itn_error *error) {
-    itn_refine_options rest = ITN_ZERO;
-    float values[ITN__MOST_UNKNOWNS];
-    itn_view view = ITN_ZERO;
-    itn_result result;
+/* The scores s (sign 1) or t (-1) of a view's pixels. */
+static void itn__scores(const itn__refiner *refiner, itn__refine_view *view, float sign) {
+    size_t pixels = view->pixels, i;
     int k;
-    if (!scene || !theta || !parameters || count < 1 || count > ITN__MOST_UNKNOWNS)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: NULL argument or count %d",
-                         count);
-    if (options) rest = *options;
-    view.scene = scene, view.theta = theta, view.target = target, view.parameters = parameters;
-    view.target_variance = rest.target_variance, rest.target_variance = NULL;
-    for (k = 0; k < count; k++)
-        values[k] = itn_parameter_get(scene, parameters[k]) ? theta[parameters[k]] : 0;
-    result = itn_refine_views(&view, 1, values, count, &rest, estimates, error);
-    for (k = 0; k < count && !result; k++) theta[parameters[k]] = values[k];
-    return result;
+    memset(view->score, 0, (size_t)refiner->count * view->plane * sizeof(float));
+    for (k = 0; k < refiner->count; k++) {
+        const float *ka = view->blurred[0] + (size_t)k * pixels;
+        const float *kb = view->blurred[1] + (size_t)k * pixels;
+        float *score = view->score + (size_t)k * view->plane;
+        for (i = 0; i < pixels; i++)
+            score[i % view->plane] += .5f * (ka[i] * view->residual[1][i] +
+                                             sign * kb[i] * view->residual[0][i]);
+    }
 }
 
-/* ---- [words] what the pictures tell, in words ------------------------------------------------ */
+/* Adds a view's part of A, b, N and, as `drawn`, that of N by renders. */
+static void itn__normal_add(itn__refiner *refiner, itn__refine_view *view, double *drawn) {
+    size_t pixels = view->pixels, plane = view->plane, i;
+    int n = refiner->count, k, l, half;
+    itn__residuals(view, &view->known);
+    for (half = 0; half < 2; half++) {
+        float *blurred = view->blurred[half];
+        for (i = 0; i < (size_t)n * pixels; i++)
+            blurred[i] = view->known.planes[half][2 * pixels + i] * view->scale[i % pixels];
+        itn__filter(view, blurred, (size_t)n * pixels, 0);
+        for (i = 0; i < (size_t)n * pixels; i++) blurred[i] *= view->scale[i % pixels] > 0;
+    }
+    for (half = 0; half < 2; half++)
+        for (k = 0; k < n * n; k++) {
+            const float *slope = view->known.planes[half] + (size_t)(2 + k / n) * pixels;
+            const float *other = view->blurred[1 - half] + (size_t)(k % n) * pixels;
+            double product = .25 * itn__product(slope, other, view->scale, pixels);
+            refiner->matrix[k] += product, refiner->matrix[k % n * n + k / n] += product;
+        }
+    for (half = 0; half < 2; half++) {
+        double *noise = half ? drawn : refiner->noise;
+        itn__scores(refiner, view, half ? -1 : 1);
+        for (k = 0; k < n; k++) {
+            const float *score = view->score + (size_t)k * plane;
+            for (i = 0; i < plane && !half; i++) refiner->right[k] += (double)score[i];
+            for (l = 0; l < n; l++)
+                noise[k * n + l] +=
+                    itn__product(score, view->score + (size_t)l * plane, NULL, plane);
+        }
+    }
+}
 
-/* With values in logarithms (of sigma_t; of 1 - g or 1 - albedo, which is what the pictures of a
-   dense medium depend on; in a logit below its middle, of the value itself), a small change of a
-   product of powers is a scalar product, and the eigenvectors of the covariance are the products
-   that the pictures tell, from the least to the most. */
-
-/* A parameter's logarithm, as a product of powers shows it. */
-typedef struct itn__power {
-    double slope;   /* d logarithm / d value */
-    int complement; /* 1: of one minus it */
-} itn__power;
-
-static itn__power itn__power_of(const itn_parameter *p, double value) {
-    itn__power power;
-    power.complement = p->transform == ITN_LOGIT && fabs(p->upper - 1) < .01 &&
-                       (p->lower < 0 || value > .5);
-    if (power.complement) power.slope = -1 / fmax(1 - value, 1e-6);
-    else if (p->transform == ITN_LOG) power.slope = 1 / itn_parameter_slope(p, value);
-    else power.slope = 1 / fmax(fabs(value), 1e-6 * fmin((double)p->upper, 1));
-    return power;
+/* S of a direction c, whose elements are `stride` apart. */
+static double itn__direction_noise(const itn__refiner *refiner, const double *c, int stride) {
+    const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
+    double crossed = 0, squares = 0;
+    for (; view < end; view++) {
+        const float *slopes[2];
+        size_t pixel, at;
+        slopes[0] = view->known.planes[0] + 2 * view->pixels;
+        slopes[1] = view->known.planes[1] + 2 * view->pixels;
+        for (pixel = 0; pixel < view->plane; pixel++) {
+            double of_a = 0, of_b = 0, alone = 0;
+            for (at = pixel; at < view->pixels; at += view->plane) {
+                double apart = 0, a = 0, b = 0;
+                size_t i = at;
+                int k;
+                for (k = 0; k < refiner->count; k++, i += view->pixels) {
+                    apart += c[k * stride] * (slopes[0][i] - slopes[1][i]);
+                    a += c[k * stride] * view->blurred[0][i];
+                    b += c[k * stride] * view->blurred[1][i];
+                }
+                apart *= .5 * view->scale[at];
+                of_a += apart * a, of_b += apart * b, alone += apart * apart;
+            }
+            crossed += of_a * of_b, squares += alone * alone / 3; /* E D^4 = 3 V^2 */
+        }
+    }
+    return 4 * (fmax(crossed, 0) + ITN__BINOMIAL_NOISE * squares);
 }
 
 /* Eigenvalues of a symmetric matrix, which end on its diagonal, and eigenvectors, the columns of v:
@@ -12820,6 +11363,846 @@ static void itn__eigen(double *a, double *v, int n) {
             }
 }
 
+/* Whether pictures tell an axis. */
+static int itn__tells(const itn__refiner *refiner, int axis) {
+    return refiner->told[axis] > ITN__CERTAIN * refiner->doubt[axis];
+}
+
+/* c^T M c of an axis. */
+static double itn__along_axis(const itn__refiner *refiner, const double *matrix, int axis) {
+    double sum = 0;
+    int n = refiner->count, k;
+    for (k = 0; k < n * n; k++)
+        sum += refiner->axes[k / n * n + axis] * matrix[k] * refiner->axes[k % n * n + axis];
+    return sum;
+}
+
+/* Adds L M L^T to a matrix, M symmetric. */
+static void itn__sandwich(const double *l, const double *m, int n, double *sum) {
+    double row[ITN__MOST_UNKNOWNS];
+    int i, j, k;
+    for (i = 0; i < n; i++) {
+        memset(row, 0, sizeof row);
+        for (k = 0; k < n; k++)
+            for (j = 0; j < n; j++) row[j] += l[i * n + k] * m[k * n + j];
+        for (j = 0; j < n; j++)
+            for (k = 0; k < n; k++) sum[i * n + j] += row[k] * l[j * n + k];
+    }
+}
+
+/* Covariance of the coordinates: A^-1 N A^-1 along what is told, the prior along the rest. */
+static void itn__normal_covariance(itn__refiner *refiner) {
+    double *out = refiner->covariance, *half = refiner->matrix; /* diagonal, not needed any more */
+    const double *axes = refiner->axes;
+    int n = refiner->count, i, j, k;
+    memset(out, 0, (size_t)(n * n) * sizeof *out), memset(half, 0, (size_t)(n * n) * sizeof *half);
+    for (j = 0; j < n; j++) { /* half = A^-1, made wider by its own noise */
+        double told = refiner->told[j] + 1 / (ITN__PRIOR * ITN__PRIOR);
+        double doubt = ITN__CERTAIN * refiner->doubt[j] / refiner->told[j], wide;
+        if (!itn__tells(refiner, j)) {
+            for (i = 0; i < n * n; i++)
+                out[i] += ITN__PRIOR * ITN__PRIOR * axes[i / n * n + j] * axes[i % n * n + j];
+            continue;
+        }
+        wide = 1 / sqrt(1 - doubt * doubt);
+        for (i = 0; i < n * n; i++)
+            half[i] += wide / told * axes[i / n * n + j] * axes[i % n * n + j];
+    }
+    for (k = 0; k < n; k++) refiner->noise[k * n + k] += 1 / (ITN__PRIOR * ITN__PRIOR);
+    itn__sandwich(half, refiner->noise, n, out);
+    for (k = 0; k < n; k++) refiner->noise[k * n + k] -= 1 / (ITN__PRIOR * ITN__PRIOR);
+    for (k = 0; k < n; k++) refiner->errors[k] = sqrt(out[k * n + k]);
+}
+
+/* Makes the normal equations at the present point from what is known, and what they say: axes,
+   covariance, and whether all of b is but noise. Returns 0 if numbers were too large. */
+static int itn__normal(itn__refiner *refiner) {
+    itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
+    double *drawn = refiner->covariance, share = 0;
+    int n = refiner->count, j, k;
+    size_t square = (size_t)(n * n) * sizeof(double);
+    memset(refiner->right, 0, (size_t)n * sizeof(double)), memset(refiner->matrix, 0, square);
+    memset(refiner->noise, 0, square), memset(drawn, 0, square);
+    for (; view < end; view++) {
+        itn__refine_weigh(refiner, view);
+        itn__normal_add(refiner, view, drawn);
+    }
+    itn__misfit_of(refiner, 0, &refiner->misfit);
+    for (k = 0; k < n * n; k++)
+        if (!itn__finite(refiner->matrix[k]) || !itn__finite(refiner->noise[k])) return 0;
+    if (!itn__finite(refiner->misfit.value) || !itn__finite(refiner->misfit.loss)) return 0;
+    itn__eigen(refiner->matrix, refiner->axes, n);
+    refiner->arrived = 1;
+    for (j = 0; j < n; j++) {
+        double b = 0, noise = itn__along_axis(refiner, refiner->noise, j);
+        refiner->told[j] = refiner->matrix[j * n + j];
+        refiner->doubt[j] = sqrt(itn__direction_noise(refiner, refiner->axes + j, n));
+        for (k = 0; k < n; k++) b += refiner->axes[k * n + j] * refiner->right[k];
+        if (itn__tells(refiner, j) && b * b > 6 * noise) refiner->arrived = 0;
+        if (!itn__tells(refiner, j) || !(noise > 0)) share++;
+        else
+            share += fmax(itn__along_axis(refiner, drawn, j) / noise,
+                          pow(ITN__CERTAIN * refiner->doubt[j] / refiner->told[j], 2));
+    }
+    refiner->drawn = share / n; /* more samples always help what is not told */
+    itn__normal_covariance(refiner);
+    return 1;
+}
+
+/* ---- [search] steps -------------------------------------------------------------------------- */
+
+/* Gauss-Newton. A step goes as far as A and b say along each axis that is told, at most a radius,
+   and along others only where b is clearly more than its noise. It is taken back, and the radius
+   becomes a fourth, if the misfit has risen by more than the noise of the renders explains. While b
+   is more than noise, evaluations are of the same size; then each doubles what is known, until as
+   many samples are there as are wanted, or until nine tenths of the noise are the picture's own,
+   which no samples make less.
+
+   First all of that happens in pictures of a few thousand paths, reduced to some 24 pixels across,
+   where it takes a moment. If these end with more misfit than noise explains, that may be the wrong
+   of several valleys: other starts are tried there, with every g on the other side, and with g = 0
+   further along the valley, and the best one goes on. (What lies between two valleys is about .3,
+   not 0, as g below 0 is found where light goes ahead.)
+
+   Not all pixels tell as much, and near the solution it is known which do: one more sample of pixel
+   i makes (A^-1)_kk less in proportion to, of all unknowns each in units of its own variance,
+       gain_i = w (V/n) w sum over k of (A^-1 K J_a)_k (A^-1 K J_b)_k / (A^-1)_kk.
+   The best design gives no samples where others tell more (Kiefer 1974); one step towards it is to
+   give each pixel samples in proportion to its gain, from a fourth to four times the mean. Where
+   noise makes the products negative nearly as often as not, that share is spread evenly. */
+
+enum { ITN__FINAL = 5, ITN__PATIENCE = 32, ITN__COARSE = 24, ITN__COARSE_PATHS = 32768 };
+
+/* Seconds since some moment; whole ones where that is all that C tells. */
+static double itn__seconds(void) {
+#if defined(TIME_UTC) && !defined(__MINGW32__)
+    struct timespec now;
+    if (timespec_get(&now, TIME_UTC) == TIME_UTC)
+        return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+#endif
+    return (double)time(NULL);
+}
+
+/* Sends the samples of the evaluations to come where they tell, as far as that is known. */
+static void itn__design(itn__refiner *refiner) {
+    itn__refine_view *view, *end = refiner->views + refiner->view_count;
+    const double *inverse = refiner->matrix; /* as itn__normal_covariance leaves it */
+    double sum = 0, size = 0, pixels = 0, mean, total;
+    int n = refiner->count, k, l;
+    size_t at;
+    for (view = refiner->views; view < end; view++) {
+        memset(view->score, 0, view->plane * sizeof(float));
+        for (at = 0; at < view->pixels; at++) {
+            double gain = 0, noise = itn__sample_variance(view, &view->known, at) /
+                                     view->known.samples[at % view->plane];
+            for (k = 0; k < n; k++) {
+                double a = 0, b = 0;
+                for (l = 0; l < n; l++) {
+                    size_t i = (size_t)l * view->pixels + at;
+                    a += inverse[k * n + l] * view->blurred[0][i];
+                    b += inverse[k * n + l] * view->blurred[1][i];
+                }
+                if (inverse[k * n + k] > 0) gain += a * b / inverse[k * n + k];
+            }
+            view->score[at % view->plane] +=
+                (float)(gain * noise * view->scale[at] * view->scale[at]);
+        }
+        itn__filter(view, view->score, view->plane, ITN__NEAR);
+        for (at = 0; at < view->plane; at++)
+            sum += view->score[at], size += fabsf(view->score[at]), pixels += view->score[at] != 0;
+    }
+    refiner->designed = refiner->block == 1 && sum > 0 && itn__finite(size) && refiner->drawn > .25;
+    for (mean = 0, view = refiner->views; view < end && refiner->designed; mean += total, view++)
+        for (at = 0, total = 0; at < view->plane; at++) {
+            if (view->score[at] != 0)
+                view->score[at] = itn__clamp((float)(view->score[at] * pixels / sum), .25f, 4);
+            total += view->score[at];
+        }
+    for (view = refiner->views; view < end && refiner->designed; view++)
+        for (at = 0; at < view->plane; at++) {
+            double gain = fmax(view->score[at] * pixels / mean, .25);
+            view->density[at] = (float)(1 + sum / size * (gain - 1));
+        }
+}
+
+/* Makes of the densities numbers of samples, about spp each: six sets at least, as one does not
+   know its variance (nor do two, if channels take turns). Without a design, spp each. */
+static void itn__allot(const itn__refiner *refiner, itn__refine_view *view, int spp) {
+    itn__allotment *allotment = &view->allotment;
+    size_t i;
+    allotment->set = itn__set_size(spp / 4), allotment->most = 0, allotment->sum = 0;
+    for (i = 0; i < view->plane; i++) {
+        double sets = ceil((double)view->density[i] * spp / allotment->set);
+        view->fresh.samples[i] = (float)spp;
+        if (refiner->designed)
+            view->fresh.samples[i] =
+                (float)itn__allot_pixel(allotment, i, allotment->set * (int)fmax(6, sets));
+    }
+}
+
+/* Ends the search, within a render, when its time is over. */
+static int itn__watch_clock(void *user, double fraction) {
+    itn__refiner *refiner = (itn__refiner *)user;
+    (void)fraction;
+    if (itn__seconds() > refiner->deadline) refiner->ended = 1;
+    return refiner->ended;
+}
+
+static itn_result itn__overflow(itn_error *error) {
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                     "itn_refine: squares of the image's values are too large for a float");
+}
+
+/* Renders all views twice at the present point. Ended by the clock it returns ITN_OK, too. */
+static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
+    itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
+    itn_result result = ITN_OK;
+    refiner->spp = spp;
+    for (; view < end && !result; view++) {
+        itn_render_options options = ITN_ZERO;
+        const itn__allotment *allotment = refiner->designed ? &view->allotment : NULL;
+        int half;
+        itn__allot(refiner, view, spp);
+        options.spp = allotment ? allotment->most : spp;
+        options.max_scatter = refiner->options.max_scatter;
+        options.walks = refiner->block > 1 ? 1 : 0; /* few paths, far apart */
+        options.progress = itn__watch_clock, options.progress_user = refiner;
+        for (half = 0; half < 2 && !result; half++) {
+            itn_image image = ITN_ZERO;
+            options.seed = itn__mix64(itn__mix64(refiner->options.seed) + refiner->renders++);
+            result = itn__render_allotted(view->scene, view->theta, &options, allotment,
+                                          view->parameters, view->asked, &image, error);
+            if (!result) itn__take_in(refiner, view, &image, half);
+            itn_image_free(&image);
+        }
+    }
+    if (result == ITN_ERROR_CANCELLED && refiner->ended) return ITN_OK;
+    refiner->work += spp;
+    return result;
+}
+
+/* Begins with pictures of blocks of pixels, of which nothing is known yet. */
+static void itn__focus(itn__refiner *refiner, int block) {
+    itn__refine_view *view, *end = refiner->views + refiner->view_count;
+    refiner->block = block, refiner->known = 0, refiner->designed = 0;
+    for (view = refiner->views; view < end; view++) {
+        const itn_film_desc *film = &view->scene->film;
+        size_t all = (size_t)film->width * (size_t)film->height * (size_t)film->channels, i;
+        const float *variance = view->given->target_variance;
+        double sum = 0, counted = 0;
+        for (i = 0; i < all; i++) {
+            int counts = !variance || variance[i] < INFINITY;
+            view->target[i] = counts ? view->given->target[i] : 0;
+            view->target_variance[i] = variance ? variance[i] / (float)(block * block) : 0;
+        }
+        view->width = film->width / block, view->height = film->height / block;
+        view->plane = (size_t)view->width * (size_t)view->height;
+        view->pixels = view->plane * (size_t)film->channels;
+        itn__reduce(refiner, view, view->target, (size_t)film->channels);
+        itn__reduce(refiner, view, view->target_variance, (size_t)film->channels);
+        for (i = 0; i < view->pixels; i++)
+            if (itn__counts(view, i)) sum += (double)view->target_variance[i], counted++;
+        view->noise_unknown = !variance || (sum == 0 && counted < (double)view->pixels);
+        for (i = 0; i < view->pixels; i++) /* what does not count has the mean, meanwhile */
+            view->scale[i] = itn__counts(view, i) ? view->target_variance[i]
+                                                  : (float)(sum / fmax(counted, 1));
+        itn__around(view, view->scale, view->residual[0]);
+        for (i = 0; i < view->pixels; i++)
+            if (itn__counts(view, i)) view->target_variance[i] = view->residual[0][i];
+        for (i = 0; i < view->plane; i++) view->density[i] = 1;
+    }
+}
+
+/* The step from the present point, at most `radius` long along any axis. */
+static void itn__refine_solve(itn__refiner *refiner, double radius) {
+    int n = refiner->count, j, k;
+    memset(refiner->step, 0, (size_t)n * sizeof(double));
+    for (j = 0; j < n; j++) {
+        double b = 0, told = refiner->told[j], along;
+        for (k = 0; k < n; k++) b += refiner->axes[k * n + j] * refiner->right[k];
+        if (!itn__tells(refiner, j)) {
+            if (b * b < 4 * itn__along_axis(refiner, refiner->noise, j)) continue;
+            told = fmax(told, 0) + 1.5 * refiner->doubt[j];
+        }
+        along = fmax(-radius, fmin(b / (told + 1 / (ITN__PRIOR * ITN__PRIOR)), radius));
+        for (k = 0; k < n; k++) refiner->step[k] += along * refiner->axes[k * n + j];
+    }
+}
+
+/* Takes the step, and remembers from where. */
+static void itn__refine_move(itn__refiner *refiner) {
+    double there[ITN__MOST_UNKNOWNS];
+    int k;
+    for (k = 0; k < refiner->count; k++) {
+        refiner->before[k] = refiner->coordinates[k];
+        there[k] = refiner->before[k] + refiner->step[k];
+    }
+    itn__refine_set(refiner, there);
+}
+
+/* Averages the last evaluation with what is known. Moving that by d makes an error of about d^2/2:
+   if it counts beside the standard errors, the last one replaces it. */
+static void itn__refine_learn(itn__refiner *refiner) {
+    itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
+    int together = refiner->known > 0, k;
+    for (k = 0; k < refiner->count && together; k++) {
+        double d = refiner->coordinates[k] - refiner->before[k];
+        together = d * d <= refiner->errors[k];
+    }
+    for (; view < end; view++) itn__learn_view(refiner, view, together);
+    refiner->known = refiner->spp + (together ? refiner->known : 0);
+}
+
+/* Whether the misfit has risen beyond noise. */
+static int itn__rises(itn__refiner *refiner) {
+    itn__misfit now;
+    itn__misfit_of(refiner, 1, &now);
+    return now.excess - refiner->misfit.excess > 3 * sqrt(now.noise + refiner->misfit.noise);
+}
+
+/* The standard errors of the values, by the covariance of the coordinates, which becomes theirs. */
+static void itn__value_errors(const itn__refiner *refiner, double *covariance, double *errors) {
+    int n = refiner->count, k;
+    memset(covariance, 0, (size_t)(n * n) * sizeof(double));
+    itn__sandwich(refiner->turn, refiner->covariance, n, covariance);
+    for (k = 0; k < n; k++) errors[k] = sqrt(fmax(covariance[k * n + k], 0));
+}
+
+static itn_result itn__refine_report(itn__refiner *refiner, itn_error *error) {
+    double errors[ITN__MOST_UNKNOWNS], left = fmax(refiner->final - refiner->known, 0);
+    itn_refine_step step = ITN_ZERO;
+    int heard;
+    step.iteration = refiner->iteration++;
+    step.theta = refiner->views->theta, step.values = refiner->values;
+    step.loss = refiner->misfit.loss;
+    step.misfit = refiner->misfit.value, step.misfit_error = refiner->misfit.error;
+    if (refiner->known) {
+        itn__value_errors(refiner, refiner->matrix, errors);
+        step.errors = errors;
+    }
+    step.seconds = itn__seconds() - refiner->begun;
+    step.expected = step.seconds * (1 + left / fmax(refiner->work, 1));
+    step.expected = fmin(step.expected, refiner->deadline - refiner->begun);
+    if (!refiner->options.progress) return ITN_OK;
+    heard = refiner->options.progress(refiner->options.progress_user, &step);
+    if (heard > 0) refiner->ended = 2;
+    if (heard >= 0) return ITN_OK;
+    return itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
+}
+
+/* How many samples the next evaluation has: as the last one, or as many as are known; not more than
+   there is time for. */
+static int itn__next_spp(itn__refiner *refiner, int last) {
+    double now = itn__seconds(), spp = refiner->spp, most;
+    int wanted = refiner->final - (refiner->arrived ? refiner->known : 0);
+    if (refiner->arrived) spp = refiner->known;
+    if (last || spp > wanted) spp = wanted;
+    most = (refiner->deadline - now) * refiner->work / fmax(now - refiner->begun, 1e-9);
+    if (spp > most && most < 2) refiner->ended = 1;
+    return (int)fmax(2, fmin(spp, most));
+}
+
+/* Searches with evaluations of `spp` samples at first, until it has arrived with all samples that
+   are wanted, or for so many steps. Then the step that is left is taken. */
+static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, itn_error *error) {
+    double radius = 1;
+    itn_result result = ITN_OK;
+    int steps, back;
+    for (steps = 0; !refiner->ended; steps++) {
+        result = itn__refine_evaluate(refiner, spp, error);
+        if (result || refiner->ended) return result;
+        back = refiner->known > 0 && itn__rises(refiner);
+        if (back) itn__refine_set(refiner, refiner->before), radius /= 4;
+        else itn__refine_learn(refiner), radius = fmin(1, 2 * radius);
+        if (!itn__normal(refiner)) return itn__overflow(error);
+        if (refiner->arrived && !back) itn__design(refiner);
+        itn__refine_solve(refiner, radius);
+        result = itn__refine_report(refiner, error);
+        if (result) return result;
+        spp = itn__next_spp(refiner, steps + 1 >= most);
+        itn__refine_move(refiner);
+        if (steps >= most || radius < .01) break;
+        if (refiner->arrived && !back && (refiner->known >= refiner->final || refiner->drawn < .1))
+            break;
+    }
+    return ITN_OK;
+}
+
+/* The most that pixels can be put together so that whole blocks fill the films, with no less than
+   so many pixels across. */
+static int itn__coarse_block(const itn__refiner *refiner) {
+    int block, found = 1, v;
+    for (block = 2; block < 1024; block++) {
+        for (v = 0; v < refiner->view_count; v++) {
+            const itn_film_desc *film = &refiner->views[v].scene->film;
+            double pixels = (double)film->width * film->height / ((double)block * block);
+            if (film->width % block || film->height % block || pixels < ITN__COARSE * ITN__COARSE)
+                break;
+        }
+        if (v == refiner->view_count) found = block;
+    }
+    return found;
+}
+
+/* Another start than `start`, in similarity coordinates: with every unknown g on the other side
+   (way 0), or 0 further along the valley (1). Returns 0 if there is none. */
+static int itn__other_start(const itn__refiner *refiner, const double *start, int way,
+                            double *there) {
+    const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
+    int n = refiner->count, found = 0, k, m;
+    memcpy(there, start, (size_t)n * sizeof(double));
+    if (way == 0) itn__similarity_turn(refiner, there, -1);
+    for (k = 0; k < n; k++) {
+        const itn_parameter *p = refiner->parameters[k];
+        double g = itn_parameter_from_coordinate(p, start[k]), other = 0;
+        int is_g = 0;
+        for (view = refiner->views; view < end && !is_g; view++)
+            for (m = 0; m < 3 * view->scene->medium_count; m++)
+                is_g |= itn_parameter_get(view->scene, view->scene->media[m / 3].g[m % 3]) == p;
+        if (!is_g) continue;
+        if (way == 0) other = -g > -.3 ? fmax(-g, .5) : -g;
+        if (fabs(other - g) > .3) there[k] = itn_parameter_to_coordinate(p, other), found = 1;
+    }
+    if (way == 0) itn__similarity_turn(refiner, there, 1);
+    return found;
+}
+
+/* Searches in reduced pictures, from other starts, too, if there is misfit left, and leaves the
+   best point. */
+static itn_result itn__refine_coarsely(itn__refiner *refiner, itn_error *error) {
+    double start[ITN__MOST_UNKNOWNS], there[ITN__MOST_UNKNOWNS], best[ITN__MOST_UNKNOWNS];
+    double paths = 0;
+    size_t size = (size_t)refiner->count * sizeof(double);
+    int wanted = refiner->final, block = itn__coarse_block(refiner), anew = block > 1, way, spp;
+    itn__misfit least;
+    itn_result result;
+    memcpy(start, refiner->coordinates, size);
+    for (way = 0; way < refiner->view_count; way++) {
+        const itn_film_desc *film = &refiner->views[way].scene->film;
+        paths += (double)film->width * film->height;
+    }
+    spp = (int)fmax(2, fmin(refiner->options.spp, ITN__COARSE_PATHS / paths));
+    itn__focus(refiner, block), refiner->final = 2 * spp;
+    result = itn__gauss_newton(refiner, spp, 8, error);
+    memcpy(best, refiner->coordinates, size), least = refiner->misfit;
+    for (way = 0; way < 2 && !result && !refiner->ended; way++) {
+        if (least.value - 1 < 3 * hypot(least.spread, least.error)) break;
+        if (!itn__other_start(refiner, start, way, there)) continue;
+        itn__focus(refiner, block), anew = 1;
+        itn__refine_set(refiner, there);
+        result = itn__gauss_newton(refiner, spp, 8, error);
+        if (least.value - refiner->misfit.value < 2 * hypot(least.error, refiner->misfit.error))
+            continue;
+        memcpy(best, refiner->coordinates, size), least = refiner->misfit;
+    }
+    if (result || refiner->ended) return result;
+    refiner->final = wanted;
+    if (anew) itn__refine_set(refiner, best), itn__focus(refiner, 1);
+    return ITN_OK;
+}
+
+/* Whether more samples may tell what is not told well, by what is known so far; it takes a first
+   few to know. */
+static int itn__wants_more(const itn__refiner *refiner, int most) {
+    int j;
+    for (j = 0; j < refiner->count; j++)
+        if (refiner->told[j] < 1.5 * ITN__CERTAIN * refiner->doubt[j] &&
+            2 * refiner->final <= most &&
+            (4 * refiner->final <= most ||
+             refiner->told[j] * most > ITN__CERTAIN * refiner->doubt[j] * refiner->known))
+            return 1;
+    return 0;
+}
+
+static itn_result itn__refine_lm(itn__refiner *refiner, int patient, itn_error *error) {
+    int most = refiner->final * ITN__PATIENCE;
+    itn_result result = itn__refine_coarsely(refiner, error);
+    if (!result)
+        result = itn__gauss_newton(refiner, refiner->options.spp, refiner->options.iterations,
+                                   error);
+    while (!result && patient && !refiner->ended && itn__wants_more(refiner, most)) {
+        refiner->final *= 2;
+        result = itn__gauss_newton(refiner, refiner->known, 2, error);
+    }
+    return result;
+}
+
+/* The loss of the last renders and its gradient in the coordinates, unbiased. */
+static void itn__refine_gradient(itn__refiner *refiner) {
+    const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
+    double loss = 0, counted = 0, *slope = refiner->right;
+    int n = refiner->count, k;
+    memset(slope, 0, (size_t)n * sizeof(double));
+    for (; view < end; view++) {
+        const float *a = view->fresh.planes[0], *b = view->fresh.planes[1];
+        size_t i, at;
+        for (i = 0; i < view->pixels; i++) {
+            double ra = (double)view->target[i] - a[i], rb = (double)view->target[i] - b[i];
+            loss += ra * rb, counted++;
+            for (k = 0, at = 2 * view->pixels + i; k < n; k++, at += view->pixels)
+                slope[k] -= a[at] * rb + b[at] * ra;
+        }
+    }
+    for (k = 0; k < n; k++) slope[k] /= counted;
+    refiner->misfit.loss = loss / counted;
+}
+
+/* Adam or plain descent on the unbiased loss gradient, as in the paper, with a rate that falls to a
+   tenth over the run; `square` is the unit of the loss. One evaluation gives the error bars. */
+static itn_result itn__refine_descend(itn__refiner *refiner, double square, itn_error *error) {
+    itn_result result = ITN_OK;
+    int plain = refiner->options.method == ITN_METHOD_SGD;
+    int n = refiner->count, i, k, steps = refiner->options.iterations;
+    itn__focus(refiner, 1);
+    for (i = 0; i < steps && !refiner->ended; i++) {
+        double rate = refiner->options.learning_rate * pow(.1, (double)i / steps);
+        result = itn__refine_evaluate(refiner, refiner->options.spp, error);
+        if (result || refiner->ended) return result;
+        itn__refine_gradient(refiner);
+        result = itn__refine_report(refiner, error);
+        if (result) return result;
+        for (k = 0; k < n; k++) {
+            double relative = refiner->right[k] / square, step = -rate * relative;
+            float slope = (float)relative, coordinate = (float)refiner->coordinates[k];
+            if (!itn__finite(slope * slope)) return itn__overflow(error);
+            if (!plain)
+                itn__adam(rate, (uint64_t)i + 1, 1, &slope, refiner->moments + k,
+                          refiner->moments + ITN__MOST_UNKNOWNS + k, &coordinate);
+            refiner->step[k] = plain ? refiner->coordinates[k] + fmax(-.5, fmin(step, .5))
+                                     : coordinate;
+        }
+        itn__refine_set(refiner, refiner->step);
+    }
+    result = itn__refine_evaluate(refiner, refiner->final, error);
+    if (result || refiner->ended == 1) return result;
+    itn__refine_learn(refiner);
+    if (!itn__normal(refiner)) return itn__overflow(error);
+    itn__refine_solve(refiner, 1);
+    refiner->arrived = 0; /* the step that is left is not taken */
+    return ITN_OK;
+}
+
+/* ---- [estimates] values, error bars, and what they mean in words ----------------------------- */
+
+/* What is given is checked and copied, and its unknowns are found, before anything is rendered. In
+   the end the covariance goes over from coordinates to values by G. Where the search was not over,
+   the step that was left counts as an error. A misfit clearly above 1 means that the scene is not
+   that of the picture: errors are then sqrt(misfit) times as large, and it is said. */
+
+/* Which of the unknowns a view has, as which parameters. */
+static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *view,
+                                     itn_error *error) {
+    int k, number = (int)(view - refiner->views);
+    for (k = 0; k < refiner->count; k++) {
+        int index = view->given->parameters[k];
+        const itn_parameter *p = itn_parameter_get(view->scene, index), *first;
+        if (!p && index != -1)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d has no "
+                             "parameter %d", number, index);
+        if (!p) continue;
+        if (!refiner->parameters[k]) refiner->parameters[k] = p;
+        first = refiner->parameters[k];
+        if (p->transform != first->transform || p->lower != first->lower ||
+            p->upper != first->upper)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_refine: %s of view %d has not the bounds of %s of the first",
+                             p->name, number, first->name);
+        view->parameters[view->asked] = index, view->unknowns[view->asked++] = k;
+    }
+    if (view->asked) return ITN_OK;
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d has none of the unknowns",
+                     number);
+}
+
+/* Which unknown is a parameter of a view's scene; -1 if none, or if a medium has it already. */
+static int itn__free_unknown(const itn__refine_view *view, int parameter, const char *taken) {
+    int k;
+    for (k = 0; k < view->asked; k++)
+        if (view->parameters[k] == parameter && !taken[view->unknowns[k]]) return view->unknowns[k];
+    return -1;
+}
+
+/* Finds the media that have similarity coordinates: of which sigma_t and g are unknown, in a
+   channel or both in all. */
+static void itn__find_similarities(itn__refiner *refiner) {
+    char taken[ITN__MOST_UNKNOWNS] = ITN_ZERO;
+    int v, k, c, a;
+    for (v = 0; v < refiner->view_count; v++)
+        for (k = 0; k < 3 * refiner->views[v].scene->medium_count; k++) {
+            const itn__refine_view *view = &refiner->views[v];
+            const itn__medium *medium = &view->scene->media[k / 3];
+            int spectral = itn__is_spectral(medium->g), channels = view->scene->film.channels;
+            itn__similarity found = ITN_ZERO;
+            c = k % 3;
+            if (c >= (spectral ? channels : 1) || spectral != itn__is_spectral(medium->sigma_t))
+                continue;
+            found.sigma_t = itn__free_unknown(view, medium->sigma_t[c], taken);
+            found.g = itn__free_unknown(view, medium->g[c], taken);
+            if (found.sigma_t < 0 || found.g < 0) continue;
+            taken[found.sigma_t] = taken[found.g] = 1;
+            for (a = 0; a < channels; a++) {
+                int albedo = itn__free_unknown(view, medium->albedo + a, taken);
+                if (albedo < 0 || (spectral && a != c)) continue;
+                found.albedo[found.albedos++] = albedo, taken[albedo] = 1;
+            }
+            refiner->media[refiner->media_count++] = found;
+        }
+}
+
+/* Checks a view's picture, and finds its mean square. */
+static itn_result itn__view_check(const itn__refiner *refiner, const itn_view *given, int index,
+                                  double *square, itn_error *error) {
+    const itn_film_desc *film = &given->scene->film;
+    size_t plane = (size_t)film->width * (size_t)film->height, i;
+    double counted = 0;
+    *square = 0;
+    for (i = 0; i < plane * (size_t)film->channels; i++) {
+        float variance = given->target_variance ? given->target_variance[i] : 0;
+        const char *bad = NULL;
+        if (!(variance >= 0)) bad = "target_variance is NaN or below 0";
+        else if (variance < INFINITY) counted++;
+        else if (refiner->options.method != ITN_METHOD_LM)
+            bad = "target_variance is infinite, which is for LM only,";
+        if (!bad && variance < INFINITY && !(fabsf(given->target[i]) <= 1e18f))
+            bad = itn__finite(given->target[i]) ? "target is beyond 1e18" : "target is not finite";
+        if (bad)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d: %s at pixel %d",
+                             index, bad, (int)(i % plane));
+        if (variance < INFINITY) *square += (double)given->target[i] * given->target[i];
+    }
+    if (!(counted > 0))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d: no value counts",
+                         index);
+    *square = *square > 0 ? *square / counted : 1;
+    if (*square >= 1e-30) return ITN_OK;
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                     "itn_refine: view %d: the picture's mean square is %g, too small for floats; "
+                     "give the light and it another unit", index, *square);
+}
+
+/* Allocates a view's arrays, as one block of floats and one of ints, and fills in theta. */
+static itn_result itn__view_begin(itn__refiner *refiner, itn__refine_view *view,
+                                  const float *values, itn_error *error) {
+    const itn_context *context = &view->scene->context;
+    const itn_film_desc *film = &view->scene->film;
+    size_t plane = (size_t)film->width * (size_t)film->height, n = (size_t)refiner->count;
+    size_t pixels = plane * (size_t)film->channels, lines = (size_t)(film->width + film->height);
+    size_t parameters = (size_t)view->scene->parameter_count, half;
+    itn_error why;
+    itn_result result;
+    float *next = (float *)itn__allocate(context, (13 + 6 * n) * pixels + (3 + n) * plane + lines +
+                                                      parameters, sizeof(float));
+    int k;
+    view->theta = next;
+    view->parameters = (int *)itn__allocate(context, 2 * n + plane, sizeof(int));
+    if (!view->theta || !view->parameters) return itn__out_of_memory(error, "itn_refine");
+    view->unknowns = view->parameters + n, view->allotment.samples = view->unknowns + n;
+    next += parameters, view->row = next, next += lines;
+    view->target = next, next += pixels, view->target_variance = next, next += pixels;
+    view->scale = next, next += pixels;
+    view->density = next, next += plane, view->score = next, next += n * plane;
+    view->known.samples = next, next += plane, view->fresh.samples = next, next += plane;
+    for (half = 0; half < 2; half++) {
+        view->known.planes[half] = next, next += (2 + n) * pixels;
+        view->fresh.planes[half] = next, next += (2 + n) * pixels;
+        view->blurred[half] = next, next += n * pixels;
+        view->residual[half] = next, next += pixels;
+    }
+    result = itn__view_unknowns(refiner, view, error);
+    if (result) return result;
+    if (view->given->theta)
+        memcpy(view->theta, view->given->theta, parameters * sizeof(float));
+    else
+        itn_parameter_values(view->scene, view->theta);
+    for (k = 0; k < view->asked; k++) view->theta[view->parameters[k]] = values[view->unknowns[k]];
+    result = itn__check_theta(view->scene, view->theta, &why);
+    if (!result) return ITN_OK;
+    return itn__fail(error, result, 0, "itn_refine: view %d: %s", (int)(view - refiner->views),
+                     why.message);
+}
+
+/* Allocates, and finds where the search starts. square: the mean one of the pictures. */
+static itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views,
+                                    const float *values, double *square, itn_error *error) {
+    size_t n = (size_t)refiner->count;
+    double start[ITN__MOST_UNKNOWNS], own = 1;
+    itn_result result = ITN_OK;
+    int v, k;
+    refiner->views = (itn__refine_view *)itn__allocate(
+        refiner->context, (size_t)refiner->view_count, sizeof *refiner->views);
+    refiner->turn = (double *)itn__allocate(refiner->context, 5 * n * n, sizeof(double));
+    if (!refiner->views || !refiner->turn) return itn__out_of_memory(error, "itn_refine");
+    refiner->matrix = refiner->turn + n * n, refiner->axes = refiner->matrix + n * n;
+    refiner->noise = refiner->axes + n * n, refiner->covariance = refiner->noise + n * n;
+    for (v = 0, *square = 0; v < refiner->view_count && !result; v++) {
+        itn__refine_view *view = &refiner->views[v];
+        view->given = &views[v], view->scene = views[v].scene;
+        result = itn__view_check(refiner, &views[v], v, &own, error);
+        if (!result) result = itn__view_begin(refiner, view, values, error);
+        *square += own / refiner->view_count;
+    }
+    for (k = 0; k < refiner->count && !result; k++) {
+        if (!refiner->parameters[k])
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: no view has unknown %d", k);
+        start[k] = itn_parameter_to_coordinate(refiner->parameters[k], values[k]);
+        refiner->covariance[(size_t)k * (n + 1)] = ITN__PRIOR * ITN__PRIOR;
+    }
+    if (result) return result;
+    if (refiner->options.method == ITN_METHOD_LM) itn__find_similarities(refiner);
+    itn__similarity_turn(refiner, start, 1);
+    itn__refine_set(refiner, start);
+    return ITN_OK;
+}
+
+static void itn__refine_end(itn__refiner *refiner) {
+    int v;
+    for (v = 0; refiner->views && v < refiner->view_count && refiner->views[v].scene; v++) {
+        itn__free(&refiner->views[v].scene->context, refiner->views[v].parameters);
+        itn__free(&refiner->views[v].scene->context, refiner->views[v].theta);
+    }
+    itn__free(refiner->context, refiner->turn);
+    itn__free(refiner->context, refiner->views);
+}
+
+/* Fills in the defaults of the options and checks their ranges. */
+static itn_result itn__refine_options_fill(itn_refine_options *options, itn_error *error) {
+    /* in the end a pixel may have four times the mean, and each of its camera rays several walks */
+    const int most_final = INT_MAX / 32, most = most_final / 8 / ITN__PATIENCE;
+    int plain = options->method == ITN_METHOD_SGD;
+    if (options->spp == 0) options->spp = 64;
+    if (options->iterations == 0) options->iterations = options->method == ITN_METHOD_LM ? 20 : 200;
+    if (options->learning_rate == 0) options->learning_rate = plain ? 1 : .05;
+    if (options->seconds == 0) options->seconds = 60;
+    if (options->spp < 2 || options->spp > most)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: spp %d is not 2 to %d",
+                         options->spp, most);
+    if (options->method < ITN_METHOD_LM || options->method > ITN_METHOD_SGD ||
+        options->iterations < 0 || options->iterations > INT_MAX - 2 || options->max_scatter < 0 ||
+        !(options->learning_rate > 0 && options->learning_rate <= (plain ? 1e6 : 1)) ||
+        !(options->seconds > 0))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_refine: needs a known method, iterations and max_scatter >= 0, "
+                         "seconds > 0 and a learning_rate in (0, 1] (SGD: in (0, 1e6])");
+    if (options->final_spp < 0 || options->final_spp > most_final)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: final_spp %d is not 0 to %d",
+                         options->final_spp, most_final);
+    if (options->final_spp == 0) options->final_spp = ITN__FINAL * options->spp;
+    if (options->target_variance)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_refine_views: target_variance belongs into the views");
+    return ITN_OK;
+}
+
+/* Estimates at the present point, from what is known. */
+static void itn__refine_estimate(itn__refiner *refiner, itn_estimate *estimates,
+                                 itn_refine_outcome *outcome) {
+    const itn__misfit *misfit = &refiner->misfit;
+    double errors[ITN__MOST_UNKNOWNS], *covariance = refiner->matrix;
+    int n = refiner->count, k;
+    outcome->misfit = misfit->value, outcome->misfit_error = hypot(misfit->spread, misfit->error);
+    outcome->explained = refiner->known > 0 && misfit->value - 3 * outcome->misfit_error < 1.2;
+    outcome->finished = refiner->arrived && !refiner->ended;
+    outcome->seconds = itn__seconds() - refiner->begun;
+    for (k = 0; k < n * n && refiner->known; k++) {
+        if (!refiner->arrived)
+            refiner->covariance[k] += refiner->step[k / n] * refiner->step[k % n];
+        if (!outcome->explained) refiner->covariance[k] *= misfit->value;
+    }
+    itn__value_errors(refiner, covariance, errors);
+    memset(estimates, 0, (size_t)n * sizeof *estimates); /* padding has the same bits, too */
+    for (k = 0; k < n; k++) {
+        const itn_parameter *p = refiner->parameters[k];
+        estimates[k].value = refiner->values[k], estimates[k].standard_error = errors[k];
+        estimates[k].determined =
+            errors[k] < ITN__HARDLY * itn_parameter_slope(p, estimates[k].value);
+    }
+}
+
+ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
+                                    int count, const itn_refine_options *options,
+                                    itn_estimate *estimates, itn_error *error) {
+    itn__refiner refiner;
+    itn_refine_outcome outcome = ITN_ZERO;
+    itn_result result;
+    size_t n = (size_t)count;
+    double square = 1;
+    int v, patient;
+    if (!views || !values || !estimates || view_count < 1 || count < 1 ||
+        count > ITN__MOST_UNKNOWNS)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_refine: NULL argument, count %d or view_count %d", count, view_count);
+    for (v = 0; v < view_count; v++)
+        if (!views[v].scene || !views[v].target || !views[v].parameters)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "itn_refine: scene, target or parameters of view %d is NULL", v);
+    memset(&refiner, 0, sizeof refiner);
+    refiner.view_count = view_count, refiner.count = count;
+    refiner.context = &views->scene->context;
+    if (options) refiner.options = *options;
+    patient = refiner.options.final_spp == 0;
+    result = itn__refine_options_fill(&refiner.options, error);
+    if (result) return result;
+    refiner.final = refiner.options.final_spp, refiner.begun = itn__seconds();
+    refiner.deadline = refiner.begun + refiner.options.seconds;
+    result = itn__refine_begin(&refiner, views, values, &square, error);
+    if (!result)
+        result = refiner.options.method == ITN_METHOD_LM
+                     ? itn__refine_lm(&refiner, patient, error)
+                     : itn__refine_descend(&refiner, square, error);
+    if (!result) {
+        itn__refine_estimate(&refiner, estimates, &outcome);
+        memcpy(values, refiner.values, n * sizeof *values);
+        if (refiner.options.outcome) *refiner.options.outcome = outcome;
+        if (refiner.options.covariance)
+            memcpy(refiner.options.covariance, refiner.matrix, n * n * sizeof(double));
+    }
+    itn__refine_end(&refiner);
+    return result;
+}
+
+ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
+                              const int *parameters, int count,
+                              const itn_refine_options *options, itn_estimate *estimates,
+                              itn_error *error) {
+    itn_refine_options rest = ITN_ZERO;
+    float values[ITN__MOST_UNKNOWNS];
+    itn_view view = ITN_ZERO;
+    itn_result result;
+    int k;
+    if (!scene || !theta || !parameters || count < 1 || count > ITN__MOST_UNKNOWNS)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: NULL argument or count %d",
+                         count);
+    if (options) rest = *options;
+    view.scene = scene, view.theta = theta, view.target = target, view.parameters = parameters;
+    view.target_variance = rest.target_variance, rest.target_variance = NULL;
+    for (k = 0; k < count; k++)
+        values[k] = itn_parameter_get(scene, parameters[k]) ? theta[parameters[k]] : 0;
+    result = itn_refine_views(&view, 1, values, count, &rest, estimates, error);
+    for (k = 0; k < count && !result; k++) theta[parameters[k]] = values[k];
+    return result;
+}
+
+/* With values in logarithms (of sigma_t; of 1 - g or 1 - albedo, which is what the pictures of a
+   dense medium depend on; in a logit below its middle, of the value itself), a small change of a
+   product of powers is a scalar product, and the eigenvectors of the covariance are the products
+   that the pictures tell, from the least to the most. */
+
+/* A parameter's logarithm, as a product of powers shows it. */
+typedef struct itn__power {
+    double slope;   /* d logarithm / d value */
+    int complement; /* 1: of one minus it */
+} itn__power;
+
+static itn__power itn__power_of(const itn_parameter *p, double value) {
+    itn__power power;
+    power.complement = p->transform == ITN_LOGIT && fabs(p->upper - 1) < .01 &&
+                       (p->lower < 0 || value > .5);
+    if (power.complement) power.slope = -1 / fmax(1 - value, 1e-6);
+    else if (p->transform == ITN_LOG) power.slope = 1 / itn_parameter_slope(p, value);
+    else power.slope = 1 / fmax(fabs(value), 1e-6 * fmin((double)p->upper, 1));
+    return power;
+}
+
 /* An error as suits the parameter: relative for a quantity with a logarithm, else absolute. */
 static void itn__say_error(itn__prose *words, const itn_parameter *p, const itn_estimate *e) {
     if (p->transform == ITN_LOG && e->value > 0)
@@ -12831,18 +12214,20 @@ static void itn__say_error(itn__prose *words, const itn_parameter *p, const itn_
 static void itn__say_group(itn__prose *words, const itn_parameter *const *parameters,
                            const itn_estimate *estimates, const itn__power *powers,
                            const int *group, int count, const double *exponents, double error) {
-    int i;
-    for (i = 0; i < count; i++)
+    int i, each = 1; /* whether each is determined by itself, too */
+    for (i = 0; i < count; i++) {
+        each &= estimates[group[i]].determined;
         itn__say(words, "%s%s", i == 0 ? "" : i == count - 1 ? " and " : ", ",
                  parameters[group[i]]->name);
-    itn__say(words, " are determined only together:");
+    }
+    itn__say(words, each ? " are determined, best together:" : " are determined only together:");
     for (i = 0; i < count; i++) {
         const char *name = parameters[group[i]]->name;
         if (fabs(exponents[i]) < .005) continue;
         itn__say(words, powers[group[i]].complement ? " (1-%s)" : " %s", name);
         if (fabs(exponents[i] - 1) > .005) itn__say(words, "^%.2f", exponents[i]);
     }
-    itn__say(words, " to %.2g %%, but", 100 * error);
+    itn__say(words, each ? " to %.2g %%;" : " to %.2g %%, but", 100 * error);
     for (i = 0; i < count; i++) {
         itn__say(words, "%s %s alone ", i ? "," : "", parameters[group[i]]->name);
         itn__say_error(words, parameters[group[i]], &estimates[group[i]]);
@@ -12900,8 +12285,8 @@ static double itn__best_product(const double *covariance, int count, const int *
 }
 
 ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
-                             const itn_estimate *estimates, const double *covariance, char *text,
-                             size_t size) {
+                             const itn_estimate *estimates, const double *covariance,
+                             const itn_refine_outcome *outcome, char *text, size_t size) {
     double scaled[ITN__MOST_WORDS * ITN__MOST_WORDS], exponents[ITN__MOST_WORDS], variance;
     itn__power powers[ITN__MOST_WORDS];
     int tangled[ITN__MOST_WORDS], group[ITN__MOST_WORDS], n, k;
@@ -12938,6 +12323,15 @@ ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
         variance = itn__best_product(scaled, count, group, n, exponents);
         itn__say_group(&words, parameters, estimates, powers, group, n, exponents, sqrt(variance));
     }
+    if (outcome && !outcome->explained)
+        itn__say(&words, "warning: the pictures differ from the scene %.3g times more than noise "
+                 "explains (misfit %.3g): do not rely on these values. Suspect the exposure or the "
+                 "scale of a light, what is behind the object, where camera and object are, an "
+                 "index of refraction; or try another start\n", sqrt(outcome->misfit),
+                 outcome->misfit);
+    if (outcome && !outcome->finished)
+        itn__say(&words, "note: the search was not over after %.2g s; more time or iterations may "
+                 "make the errors smaller\n", outcome->seconds);
     return (int)words.length;
 }
 

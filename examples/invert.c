@@ -17,13 +17,15 @@
    Levenberg-Marquardt, --iterations is the most of a search.
    An image has the size of the film, or is a whole number of times as large; where its plane A is
    below 1 it does not count.
-   --final-spp gives the last evaluations more samples than eight times --spp: smaller error bars.
-   Without it they take up to 16 times as many by themselves where something else stays undetermined.
+   --final-spp gives the last evaluations more samples than five times --spp: smaller error bars.
+   Without it they take up to 32 times as many by themselves where something else stays undetermined.
    With --net it starts from what a network of train.c reads off the first picture, which is
    printed as a row of its own. Prints a row per iteration and at the end a line per parameter,
             milk.sigma_t 31.2 +- 0.4 hidden 31
    says in words what the images determine, and fails if a hidden value that they determine lies
-   more than four standard errors away. Pictures go to the folder after -o, or beside the scene:
+   more than four standard errors away, or if the scene does not explain the images: see the misfit,
+   in units of noise, 1 where it does. --seconds is the most that the search takes (60); Ctrl-C, too,
+   ends it with the answer so far. Pictures go to the folder after -o, or beside the scene:
    target, estimate, difference, derivatives (red up, blue down). */
 #define _POSIX_C_SOURCE 200809L
 #define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
@@ -33,6 +35,7 @@
 
 #include <errno.h>
 #include <float.h>
+#include <signal.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #ifdef _WIN32
@@ -44,7 +47,7 @@ enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024, MOST_VIEWS = 16, STEM_SIZE = 1024
 static const char *const usage =
     "usage: invert SCENE... [--target IMAGE]... [--hidden name=value,...] [--params name,...]\n"
     "       [--net WEIGHTS] [--method lm|adam|sgd] [--iterations N] [--spp N] [--final-spp N]\n"
-    "       [--seed N] [-t THREADS] [-o DIR]\n"
+    "       [--seconds N] [--seed N] [-t THREADS] [-o DIR]\n"
     "       (IMAGE: EXR or PFM; a --target for each of the scenes, in the same order, or for none;\n"
     "       --hidden for none)\n";
 
@@ -62,7 +65,7 @@ typedef struct picture {
 typedef struct history {
     const itn_parameter *unknowns[MOST_PARAMETERS];
     int count, rows;
-    double loss[MOST_ROWS];
+    double misfit[MOST_ROWS]; /* or the loss, with adam and sgd */
     float values[MOST_ROWS][MOST_PARAMETERS];
 } history;
 
@@ -94,18 +97,25 @@ static void show_thickness(const itn_scene *scene, FILE *file) {
     }
 }
 
+/* Ctrl-C ends the search with the answer so far. */
+static volatile sig_atomic_t interrupted;
+static void interrupt(int number) { interrupted = number > 0; }
+
 static int show_step(void *user, const itn_refine_step *step) {
     history *h = (history *)user;
     int k, row = h->rows < MOST_ROWS ? h->rows++ : MOST_ROWS - 1;
-    printf("%3d  loss %.4e +- %.1e ", step->iteration, step->loss, step->loss_error);
-    h->loss[row] = step->loss;
+    if (step->misfit > 0)
+        printf("%3d  misfit %.4g +- %.2g ", step->iteration, step->misfit, step->misfit_error);
+    else printf("%3d  loss %.4e ", step->iteration, step->loss);
+    h->misfit[row] = step->misfit > 0 ? step->misfit : step->loss;
     for (k = 0; k < h->count; k++) {
         h->values[row][k] = step->values[k];
         printf("  %s %.5g", h->unknowns[k]->name, (double)step->values[k]);
+        if (step->errors) printf(" +- %.2g", step->errors[k]);
     }
-    printf("\n");
+    printf("  (%.1f of some %.1f s)\n", step->seconds, step->expected);
     fflush(stdout);
-    return 0;
+    return interrupted;
 }
 
 /* The parameter of that name in the first scene that has it, or NULL. */
@@ -444,7 +454,7 @@ static void save_picture(const itn_image *image, int plane, int channels, itn_pn
         fail(error.message, "");
 }
 
-/* One curve per parameter (value over final value) and one for the loss, against iterations. */
+/* One curve per parameter (value over final value) and one for the misfit, against iterations. */
 static void save_chart(const history *h, const float *values, const char *stem) {
     static const char *const colours[] = {"#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e",
                                           "#8c564b"};
@@ -457,24 +467,24 @@ static void save_chart(const history *h, const float *values, const char *stem) 
     file = fopen(temporary, "w");
     if (!file) fail(temporary, "cannot be written");
     for (i = 0; i < h->rows; i++) {
-        double loss = fabs(h->loss[i]);
-        if (loss > largest) largest = loss;
-        if (loss > 0 && loss < smallest) smallest = loss;
+        double misfit = fabs(h->misfit[i]);
+        if (misfit > largest) largest = misfit;
+        if (misfit > 0 && misfit < smallest) smallest = misfit;
     }
     span = largest > smallest ? log(largest / smallest) : 1;
     fprintf(file, "<svg xmlns='http://www.w3.org/2000/svg' width='720' height='460' "
             "font-family='sans-serif' font-size='13'><rect width='720' height='460' fill='white'/>"
-            "<text x='60' y='20'>loss (log scale, %.1e to %.1e)</text>"
+            "<text x='60' y='20'>misfit in units of noise (log scale, %.3g to %.3g)</text>"
             "<text x='60' y='240'>parameter / estimate (0 to 2)</text>"
             "<path d='M60 30V210H580M60 250V430H580M60 340H580' stroke='#aaa' fill='none'/>"
             "<text x='300' y='450'>iteration (0 to %d)</text>", smallest, largest, h->rows - 1);
     for (k = -1; k < h->count; k++) {
-        const char *name = k < 0 ? "loss" : h->unknowns[k]->name;
+        const char *name = k < 0 ? "misfit" : h->unknowns[k]->name;
         fprintf(file, "<polyline fill='none' stroke-width='2' stroke='%s' points='",
                 k < 0 ? "black" : colours[k % 6]);
         for (i = 0; i < h->rows; i++) {
-            double loss = fmax(fabs(h->loss[i]), smallest);
-            double y = k < 0 ? 30 + 180 * log(largest / loss) / span
+            double misfit = fmax(fabs(h->misfit[i]), smallest);
+            double y = k < 0 ? 30 + 180 * log(largest / misfit) / span
                              : 430 - 90 * fmin(fmax(h->values[i][k] / values[k], 0), 2);
             fprintf(file, "%.1f,%.1f ", 60 + x * i, y);
         }
@@ -501,7 +511,7 @@ static void save_pictures(const picture *p, int unknowns, itn_render_options opt
     itn_error error;
     for (k = 0; k < unknowns; k++)
         if (p->parameters[k] >= 0) parameters[count++] = p->parameters[k];
-    options.spp *= 4;
+    options.spp *= 2;
     if (itn_render(p->scene, p->theta, &options, parameters, count, &image, &error))
         fail(error.message, "");
     pixels = (size_t)image.width * (size_t)image.height * (size_t)channels;
@@ -523,18 +533,10 @@ static void save_pictures(const picture *p, int unknowns, itn_render_options opt
     itn_image_free(&image);
 }
 
-/* Says if more differs than noise explains. */
-static void print_misfit(double misfit, int noise_known) {
-    if (misfit > 1.5)
-        printf("%s: the picture differs from the scene %.1f times more than %s\n",
-               noise_known ? "warning" : "note", sqrt(misfit),
-               noise_known ? "noise explains" : "the renders' noise explains; its own is not known");
-}
-
 /* Prints the table. Returns how many hidden values lie beyond four standard errors. */
 static int print_estimates(const history *h, const itn_estimate *estimates, const float *hidden,
-                           double misfit) {
-    int poor = misfit > 9; /* differences of three times the noise: no samples help */
+                           const itn_refine_outcome *outcome) {
+    int poor = !outcome->explained; /* then no samples help */
     int k, missed = 0;
     for (k = 0; k < h->count; k++) {
         const itn_estimate *e = &estimates[k];
@@ -610,9 +612,10 @@ int main(int argc, char **argv) {
     static history h;
     char words[4096];
     itn_net *net = NULL;
-    double misfit, mean = 0; /* of the pictures that the network is used to */
+    itn_refine_outcome outcome;
+    double mean = 0; /* of the pictures that the network is used to */
     int places[3] = {0, 0, 0};
-    refine.spp = 48, refine.misfit = &misfit, refine.covariance = covariance;
+    refine.spp = 48, refine.outcome = &outcome, refine.covariance = covariance;
     for (i = 1; i < argc; i++) {
         const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (!strcmp(option, "--help")) return printf("%s", usage) < 0;
@@ -630,6 +633,7 @@ int main(int argc, char **argv) {
         else if (!strcmp(option, "--iterations")) refine.iterations = whole(option, value);
         else if (!strcmp(option, "--spp")) refine.spp = whole(option, value);
         else if (!strcmp(option, "--final-spp")) refine.final_spp = whole(option, value);
+        else if (!strcmp(option, "--seconds")) refine.seconds = whole(option, value);
         else if (!strcmp(option, "--seed")) refine.seed = (uint64_t)whole(option, value);
         else if (!strcmp(option, "-t")) context.threads = whole(option, value);
         else if (!strcmp(option, "--method") && !strcmp(value, "lm")) refine.method = ITN_METHOD_LM;
@@ -679,14 +683,17 @@ int main(int argc, char **argv) {
     }
     show_thickness(pictures[0].scene, stdout);
     refine.progress = show_step, refine.progress_user = &h;
+    signal(SIGINT, interrupt);
     if (net) start_from_network(net, mean, places, &h, &pictures[0], values);
     itn_net_free(net);
     if (itn_refine_views(look, views, values, h.count, &refine, estimates, &error))
         fail(error.message, "");
-    for (v = 0; v < views && pictures[v].noise_known;) v++;
-    print_misfit(misfit, v == views);
-    missed = print_estimates(&h, estimates, targets ? NULL : hidden, misfit);
-    if (itn_refine_words(h.unknowns, h.count, estimates, covariance, words, sizeof words) >= 0)
+    signal(SIGINT, SIG_DFL);
+    printf("misfit %.3g +- %.2g: the scene %s the picture\n", outcome.misfit, outcome.misfit_error,
+           outcome.explained ? "explains" : "does not explain");
+    missed = print_estimates(&h, estimates, targets ? NULL : hidden, &outcome);
+    if (itn_refine_words(h.unknowns, h.count, estimates, covariance, &outcome, words,
+                         sizeof words) >= 0)
         printf("%s", words);
 
     render.spp = refine.spp, render.seed = refine.seed + 2000003; /* not the targets' numbers */
@@ -703,5 +710,5 @@ int main(int argc, char **argv) {
         free(pictures[v].light);
         free(pictures[v].theta);
     }
-    return missed != 0;
+    return missed || !outcome.explained;
 }

@@ -356,7 +356,7 @@ fi
 keep "README: first command" sh -c "cd clone && sh ../one.sh"
 prints '^milk\.sigma_t [0-9.]+ \+- [0-9.]+ hidden [0-9.]+$'
 prints '^net  milk\.sigma_t [0-9.]+  milk\.albedo 0\.[0-9]+  milk\.g -?0\.[0-9]+$'
-prints '^  0  loss [0-9.e+-]+ \+- [0-9.e+-]+   milk\.sigma_t'
+prints '^  0  misfit [0-9.e+-]+ \+- [0-9.e+-]+   milk\.sigma_t'
 # the shipped network knows this shape and this light; its albedo is off by .05 in the mean
 check "README: what the shipped network reads" awk '/^net / { d = $5 - 0.87; ok = $3 > 27 &&
     $3 < 108 && d * d < 0.015 } END { exit !ok }' kept

@@ -51,7 +51,7 @@ recover() {
     begin=$(date +%s)
     ./invert start.itn --target target.exr --iterations 15 --spp 24 --final-spp "$8" > log
     awk -v row="$2,$3,$4,$5,$6,$7" -v seconds=$(($(date +%s) - begin)) -v cores="$cores" '
-        $2 == "loss" { steps = $1 }
+        $2 == "misfit" { steps = $1 }
         $3 == "+-" { found = found "," $2 "," $4 }
         /hardly determines/ { told = "no" }
         END { print row found "," (told ? told : "yes") "," steps "," seconds "," cores }' log

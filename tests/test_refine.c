@@ -136,106 +136,111 @@ static void test_transforms(void) {
     itn_scene_free(scene);
 }
 
+/* A search for these unknowns of a scene of one view, in which nothing has been evaluated. */
+static void begin_search(itn__refiner *refiner, const itn_view *view, int count,
+                         const float *values, int spp) {
+    itn_error error;
+    double square;
+    memset(refiner, 0, sizeof *refiner);
+    refiner->view_count = 1, refiner->count = count, refiner->context = &view->scene->context;
+    refiner->options.spp = refiner->final = spp, refiner->deadline = 1e300;
+    stage_need(itn__refine_begin(refiner, view, values, &square, &error), &error);
+    itn__focus(refiner, 1);
+}
+
 /* A step past the bound of sigma_t ends on it, in similarity coordinates, too: a search that took
    itself for further would have to come back all the way. One within bounds keeps its bits.
    past: of ln sigma_t; expected: what stays of that. */
 static void test_held(double past, double expected) {
     static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
+    static const float values[3] = {2, .8f, .4f};
+    static float target[PIXELS];
     itn_scene *scene = cloud(2, .8, .4);
-    const itn_parameter *parameters[3];
-    double slopes[3], plain[3], coordinates[3], start[3], wanted[3];
-    float kept[3];
-    itn__similarity medium = {0, 2, 1, {1}, 0, {0, 0, 0}};
+    double start[3], wanted[3], reached[3];
+    int parameters[3], k;
+    itn_view view = ITN_ZERO;
     itn__refiner refiner;
-    int k;
-    memset(&refiner, 0, sizeof refiner);
-    refiner.parameters = parameters, refiner.count = 3, refiner.values = kept;
-    refiner.slopes = slopes, refiner.media = &medium, refiner.media_count = 1;
-    refiner.plain = plain, refiner.coordinates = coordinates;
-    for (k = 0; k < 3; k++) {
-        parameters[k] = itn_parameter_get(scene, itn_parameter_find(scene, names[k]));
-        wanted[k] = itn_parameter_to_coordinate(parameters[k], parameters[k]->value);
-    }
-    wanted[0] = log((double)parameters[0]->upper);
+    find_parameters(scene, names, 3, parameters);
+    target[0] = 1;
+    view.scene = scene, view.target = target, view.parameters = parameters;
+    begin_search(&refiner, &view, 3, values, 4);
+    CHECK(refiner.media_count == 1 && refiner.media->albedos == 1);
+    for (k = 0; k < 3; k++)
+        wanted[k] = itn_parameter_to_coordinate(refiner.parameters[k], (double)values[k]);
+    wanted[0] = log((double)refiner.parameters[0]->upper);
     memcpy(start, wanted, sizeof start);
     start[0] += past, wanted[0] += expected;
     itn__similarity_turn(&refiner, start, 1);
     itn__refine_set(&refiner, start);
-    if (past == expected) CHECK(!memcmp(coordinates, start, sizeof start));
-    itn__similarity_turn(&refiner, coordinates, -1);
-    for (k = 0; k < 3; k++) CHECK_NEAR(coordinates[k], wanted[k], 1e-9);
-    CHECK(kept[0] <= parameters[0]->upper);
+    if (past == expected) CHECK(!memcmp(refiner.coordinates, start, sizeof start));
+    memcpy(reached, refiner.coordinates, sizeof reached);
+    itn__similarity_turn(&refiner, reached, -1);
+    for (k = 0; k < 3; k++) CHECK_NEAR(reached[k], wanted[k], 1e-9);
+    CHECK(refiner.values[0] <= refiner.parameters[0]->upper);
+    itn__refine_end(&refiner);
     itn_scene_free(scene);
 }
 
-/* Similarity coordinates of a medium with three albedos: there and back; small steps and derivative
-   images by central differences; and what stays along the valley. planted: a wrong slope. */
+/* Similarity coordinates of a medium with three albedos: there and back; what stays along the
+   valley; and derivative images are those by the coordinates. planted: a wrong slope. */
 static void test_similarity(double planted) {
-    enum { N = 5, AT = 2 }; /* unknowns; pixels */
-    itn_scene *scene = cloud(2, .8, .4);
-    const itn_parameter *parameters[N];
-    static const float values[N] = {3, .7f, .9f, .35f, .6f}; /* sigma_t, albedos, g */
-    double slopes[N], plain[N], start[N], up[N], down[N], matrix[N][N], h = 1e-5;
-    float kept[N], pixels[(2 + 2 * N) * AT], before[(2 + 2 * N) * AT];
-    int unknowns[N], i, k, l;
-    itn__similarity medium = {0, 4, 3, {1, 2, 3}, 0, {0, 0, 0}};
-    itn__refiner refiner;
-    itn__refine_view view;
+    enum { N = 5 }; /* sigma_t, albedos, g */
+    static const char *const names[] = {"m.sigma_t", "m.albedo_r", "m.albedo_g", "m.albedo_b",
+                                        "m.g"};
+    static const float values[N] = {3, .7f, .9f, .35f, .6f};
+    static float target[3 * PIXELS];
+    itn_scene *scene = cloud_in(3, SIZE, .65, 1, 2, .8, .4);
+    double turned[N], up[N], down[N], h = 1e-6;
+    int parameters[N], k, l, i;
     itn_image image = ITN_ZERO;
-    memset(&refiner, 0, sizeof refiner), memset(&view, 0, sizeof view);
-    refiner.parameters = parameters, refiner.count = N, refiner.values = kept;
-    refiner.slopes = slopes, refiner.media = &medium, refiner.media_count = 1;
+    itn_view view = ITN_ZERO;
+    itn__refiner refiner;
+    itn_error error;
+    find_parameters(scene, names, N, parameters);
+    target[0] = 1;
+    view.scene = scene, view.target = target, view.parameters = parameters;
+    begin_search(&refiner, &view, N, values, 4);
+    CHECK(refiner.media_count == 1 && refiner.media->albedos == 3);
+    memcpy(turned, refiner.coordinates, sizeof turned);
+    itn__similarity_turn(&refiner, turned, -1);
     for (k = 0; k < N; k++) {
-        const char *name = k == 0 ? "m.sigma_t" : k == 4 ? "m.g" : "m.albedo";
-        parameters[k] = itn_parameter_get(scene, itn_parameter_find(scene, name));
-        kept[k] = values[k], slopes[k] = itn_parameter_slope(parameters[k], values[k]);
-        plain[k] = start[k] = itn_parameter_to_coordinate(parameters[k], values[k]);
-        unknowns[k] = k;
+        double plain = itn_parameter_to_coordinate(refiner.parameters[k], (double)values[k]);
+        CHECK_NEAR(turned[k], plain, 1e-12 * (1 + fabs(plain)));
     }
-    itn__similarity_turn(&refiner, start, 1);
-    memcpy(up, start, sizeof up);
-    itn__similarity_turn(&refiner, up, -1);
-    for (k = 0; k < N; k++) CHECK_NEAR(up[k], plain[k], 1e-13 * (1 + fabs(plain[k])));
-    itn__similarity_slopes(&refiner);
-    medium.bend *= 1 + planted;
-    for (k = 0; k < N; k++) { /* column k: the step that one of similarity coordinate k makes */
-        double step[2 * N] = {0};
-        step[2 * k] = 1;
-        itn__similarity_step(&refiner, step, 2);
-        memcpy(up, start, sizeof up), memcpy(down, start, sizeof down);
-        up[k] += h, down[k] -= h;
-        itn__similarity_turn(&refiner, up, -1), itn__similarity_turn(&refiner, down, -1);
-        for (l = 0; l < N; l++) {
-            matrix[l][k] = (up[l] - down[l]) / (2 * h);
-            CHECK_NEAR(step[2 * l], matrix[l][k], 1e-7);
-        }
+    for (k = 0; k < N; k++) { /* column k of G: what a step in coordinate k changes */
+        memcpy(turned, refiner.coordinates, sizeof turned);
+        turned[k] += h, itn__refine_values(&refiner, turned, up);
+        memcpy(turned, refiner.coordinates, sizeof turned);
+        turned[k] -= h, itn__refine_values(&refiner, turned, down);
+        for (l = 0; l < N; l++)
+            CHECK_NEAR(refiner.turn[l * N + k], (up[l] - down[l]) / (2 * h) + planted, 1e-6);
     }
-    view.pixels = AT, view.count = N, view.unknowns = unknowns, image.pixels = pixels;
-    for (i = 0; i < (2 + 2 * N) * AT; i++) pixels[i] = before[i] = (float)(1 + drawn(1, i));
-    itn__similarity_planes(&refiner, &view, &image);
+    stage_need(itn_render(scene, refiner.views->theta, NULL, parameters, N, &image, &error), &error);
+    refiner.views->fresh.samples[0] = 64;
+    itn__take_in(&refiner, refiner.views, &image, 0);
     for (k = 0; k < N; k++)
-        for (i = 0; i < AT; i++) {
-            double sum = 0, variance = 0;
+        for (i = 0; i < 3 * PIXELS; i++) {
+            double sum = 0, size = 1e-6;
             for (l = 0; l < N; l++) {
-                sum += matrix[l][k] * before[(2 + 2 * l) * AT + i];
-                variance += matrix[l][k] * matrix[l][k] * before[(3 + 2 * l) * AT + i];
+                double part = refiner.turn[l * N + k] * image.pixels[(2 + 2 * l) * 3 * PIXELS + i];
+                sum += part, size += fabs(part);
             }
-            CHECK_NEAR(pixels[(2 + 2 * k) * AT + i], sum, 1e-5);
-            if (k == 0) CHECK_NEAR(pixels[(3 + 2 * k) * AT + i], variance, 1e-5);
+            CHECK_NEAR(refiner.views->fresh.planes[0][(2 + k) * 3 * PIXELS + i], sum, 1e-5 * size);
         }
-    medium.albedos = 1;
+    itn_image_free(&image);
+    refiner.media->albedos = 1;
+    memcpy(up, refiner.coordinates, sizeof up);
+    itn__similarity_turn(&refiner, up, -1);
     for (i = -2; i <= 2; i++) {
-        double sigma_t, albedo, g;
-        memcpy(up, plain, sizeof up);
-        itn__similarity_turn(&refiner, up, 1);
-        up[4] += i;
-        itn__similarity_turn(&refiner, up, -1);
-        sigma_t = itn_parameter_from_coordinate(parameters[0], up[0]);
-        albedo = itn_parameter_from_coordinate(parameters[1], up[1]);
-        g = itn_parameter_from_coordinate(parameters[4], up[4]);
-        CHECK_NEAR(sigma_t * albedo * (1 - g), 3 * .7 * (1 - .6), 1e-6);
-        CHECK_NEAR(sigma_t * (1 - albedo), 3 * (1 - .7), 1e-6);
+        double there[N], v[N], start[N];
+        memcpy(there, refiner.coordinates, sizeof there);
+        memcpy(start, there, sizeof start);
+        there[4] += i;
+        itn__refine_values(&refiner, start, down), itn__refine_values(&refiner, there, v);
+        CHECK_NEAR(v[0] * v[1] * (1 - v[4]), down[0] * down[1] * (1 - down[4]), 1e-6);
+        CHECK_NEAR(v[0] * (1 - v[1]), down[0] * (1 - down[1]), 1e-6);
     }
+    itn__refine_end(&refiner);
     itn_scene_free(scene);
 }
 
@@ -243,7 +248,7 @@ static void test_similarity(double planted) {
 
 typedef struct watch {
     const itn_scene *scene;
-    int calls, outside, last, cancel_at;
+    int calls, outside, last, cancel_at, how;
 } watch;
 
 static int watch_step(void *user, const itn_refine_step *step) {
@@ -253,9 +258,9 @@ static int watch_step(void *user, const itn_refine_step *step) {
         const itn_parameter *p = itn_parameter_get(w->scene, k);
         w->outside += !(step->theta[k] >= p->lower && step->theta[k] <= p->upper);
     }
-    CHECK(itn__finite(step->loss) && itn__finite(step->loss_error));
+    CHECK(itn__finite(step->loss) && itn__finite(step->misfit));
     w->calls++, w->last = step->iteration;
-    return w->cancel_at && w->calls >= w->cancel_at;
+    return w->cancel_at && w->calls >= w->cancel_at ? w->how : 0;
 }
 
 /* Mean square of the difference between a picture and a render at theta, in standard errors: 1 where
@@ -279,7 +284,7 @@ static double misfit(const itn_scene *scene, const float *theta, const float *ta
 
 /* For final_spp, where a search may find that it needs 16 times the usual samples: only long tests
    have the time. */
-static int usual_end(int spp) { return check_long() ? 0 : ITN__FINAL * spp; }
+static int usual_end(int spp) { return check_long() ? 0 : 8 * spp; }
 
 /* From the start values back to the hidden ones. sigmas: allowed distance in standard errors;
    slack: relative distance allowed besides. */
@@ -614,37 +619,54 @@ static void test_coverages(void) {
     test_untold_colours(0);
 }
 
-/* The variance of A over many evaluations at one point is what itn__refine_spread says, where it is
+/* A search at the truth in a picture with noise of its own, of so many samples. */
+static itn_scene *begin_at_truth(itn__refiner *refiner, int count, double noise, double sigma_t,
+                                 int spp, int told, itn_view *view) {
+    static const char *const names[3] = {"m.g", "m.sigma_t", "m.albedo"};
+    static float target[PIXELS], variance[PIXELS];
+    static int parameters[3];
+    itn_scene *scene = cloud(sigma_t, .9, .5);
+    float values[3];
+    int i;
+    values[0] = .5f, values[1] = (float)sigma_t, values[2] = .9f;
+    find_parameters(scene, names, count, parameters);
+    photograph(scene, 256, 7, target, variance);
+    for (i = 0; i < PIXELS; i++) target[i] += (float)(noise * (drawn(i, 3) + drawn(i, 4) - 1));
+    memset(view, 0, sizeof *view);
+    view->scene = scene, view->target = target, view->parameters = parameters;
+    if (told) view->target_variance = variance;
+    begin_search(refiner, view, count, values, spp);
+    return scene;
+}
+
+/* Evaluates once more at the same point, as if nothing were known. */
+static void evaluate_anew(itn__refiner *refiner) {
+    itn_error error;
+    refiner->known = 0;
+    stage_need(itn__refine_evaluate(refiner, refiner->options.spp, &error), &error);
+    itn__refine_learn(refiner);
+    CHECK(itn__normal(refiner));
+}
+
+/* The variance of A over many evaluations at one point is what itn__direction_noise says, where it is
    the noise of J: of sigma_t and g along the valley. A sample variance of 90 has a standard error
    of 15 %. Their ratios, each in one direction. */
 enum { SPREAD_WAYS = 2 };
 static void measure_spread(double ratios[SPREAD_WAYS]) {
     enum { TIMES = 90, N = 3, WAYS = SPREAD_WAYS };
-    static const char *const names[N] = {"m.sigma_t", "m.albedo", "m.g"};
-    static const double ways[WAYS][N] = {{1, 0, 0}, {0, 0, 1}};
-    static float target[PIXELS], variance[PIXELS];
-    itn_scene *scene = cloud(4, .9, .5);
+    static const double ways[WAYS][N] = {{1, 0, 0}, {0, 1, 0}};
     double sum[WAYS] = {0}, square[WAYS] = {0}, claimed[WAYS] = {0};
-    float values[N] = {4, .9f, .5f};
     itn__refiner refiner;
-    itn_view view = ITN_ZERO;
-    itn_error error;
-    int parameters[N], t, w;
-    memset(&refiner, 0, sizeof refiner);
-    find_parameters(scene, names, N, parameters);
-    photograph(scene, 256, 7, target, variance);
-    view.scene = scene, view.target = target, view.target_variance = variance;
-    view.parameters = parameters;
-    refiner.view_count = 1, refiner.count = N, refiner.context = &scene->context;
-    refiner.options.spp = refiner.options.final_spp = 32;
-    stage_need(itn__refine_begin(&refiner, &view, values, &error), &error);
-    stage_need(itn__refine_evaluate(&refiner, 1, &error), &error);
+    itn_view view;
+    itn_scene *scene = begin_at_truth(&refiner, N, 0, 4, 32, 1, &view);
+    int t, w, j;
     for (t = 0; t < TIMES; t++) {
-        stage_need(itn__refine_evaluate(&refiner, 1, &error), &error);
+        evaluate_anew(&refiner);
         for (w = 0; w < WAYS; w++) {
-            double a = itn__quadratic(refiner.fresh.matrix, N, ways[w]);
+            double a = 0;
+            for (j = 0; j < N; j++) a += refiner.told[j] * pow(refiner.axes[w * N + j], 2);
             sum[w] += a / TIMES, square[w] += a * a / TIMES;
-            claimed[w] += itn__refine_spread(&refiner.fresh, N, ways[w]) / TIMES;
+            claimed[w] += itn__direction_noise(&refiner, ways[w], 1) / TIMES;
         }
     }
     for (w = 0; w < WAYS; w++) {
@@ -665,311 +687,162 @@ static void test_spread(double planted) {
                      "variance of A over what is claimed, way %d: %.2f", w, ratios[w] / planted);
 }
 
-/* The variance of b over many evaluations at the truth is what N says of all but the target's noise,
-   which is the same each time: also where that is large and nobody has told, so that the noise of J
-   meets it in the misfit's excess. A sample variance of 90 has a standard error of 15 %. planted: 1
-   leaves that out. */
+/* The variance of b over many evaluations at the truth is the renders' part of N, also where the
+   target's noise, which is the same each time, is large and nobody has told, so that the noise of J
+   meets it. planted: 1 takes all of N. */
 static void test_stray_noise(int planted) {
     enum { TIMES = 90 };
-    static const char *const names[1] = {"m.g"};
-    static float target[PIXELS], variance[PIXELS];
     static double ratios[2];
-    itn_scene *scene = cloud(8, .9, .5);
     double sum = 0, square = 0, claimed[2] = {0, 0};
-    float value = .5f;
     itn__refiner refiner;
-    itn_view view = ITN_ZERO;
-    itn_error error;
-    int parameter, t, i;
-    memset(&refiner, 0, sizeof refiner);
-    find_parameters(scene, names, 1, &parameter);
-    photograph(scene, 256, 7, target, variance);
-    for (i = 0; i < PIXELS; i++) target[i] += .4f * (float)(drawn(i, 3) + drawn(i, 4) - 1);
-    view.scene = scene, view.target = target, view.parameters = &parameter;
-    refiner.view_count = 1, refiner.count = 1, refiner.context = &scene->context;
-    refiner.options.spp = refiner.options.final_spp = 16;
-    stage_need(itn__refine_begin(&refiner, &view, &value, &error), &error);
-    stage_need(itn__refine_evaluate(&refiner, 1, &error), &error);
+    itn_view view;
+    itn_scene *scene = begin_at_truth(&refiner, 1, .4, 8, 16, 0, &view);
+    int t, i;
+    for (t = 0; t < 3; t++) evaluate_anew(&refiner); /* to know the noise */
     for (t = 0; t < TIMES && ratios[0] == 0; t++) {
-        stage_need(itn__refine_evaluate(&refiner, 1, &error), &error);
-        sum += refiner.gradient[0] / TIMES, square += pow(refiner.gradient[0], 2) / TIMES;
-        for (i = 0; i < 2; i++)
-            claimed[i] += (refiner.fresh.drawn[0] + refiner.fresh.noise[0] +
-                           (i ? 0 : (refiner.fresh.chi2 - 1) * refiner.fresh.stray[0])) / TIMES;
+        evaluate_anew(&refiner);
+        sum += refiner.right[0] / TIMES, square += pow(refiner.right[0], 2) / TIMES;
+        claimed[0] += refiner.drawn * refiner.noise[0] / TIMES;
+        claimed[1] += refiner.noise[0] / TIMES;
     }
     for (i = 0; i < 2 && ratios[i] == 0; i++)
         ratios[i] = (square - sum * sum) * TIMES / (TIMES - 1) / claimed[i];
     if (getenv("SHOW")) printf("b: variance %.2f of what is claimed\n", ratios[planted]);
-    check_report(ratios[planted] > .5 && ratios[planted] < 1.45, __FILE__, __LINE__,
+    check_report(ratios[planted] > .5 && ratios[planted] < 1.6, __FILE__, __LINE__,
                  "variance of b over what is claimed: %.2f", ratios[planted]);
     itn__refine_end(&refiner);
     itn_scene_free(scene);
 }
 
-/* A search for sigma_t, in a photo that is all noise, that has evaluated once at `value`. */
-static void begin_look(itn__refiner *refiner, itn_view *view, float value) {
-    itn_error error;
-    memset(refiner, 0, sizeof *refiner);
-    refiner->view_count = 1, refiner->count = 1, refiner->context = &view->scene->context;
-    refiner->options.spp = refiner->options.final_spp = 1024;
-    stage_need(itn__refine_begin(refiner, view, &value, &error), &error);
-    stage_need(itn__refine_evaluate(refiner, 1, &error), &error);
-    itn__refine_learn(refiner, 0);
-    itn__refine_tell(refiner);
-    itn__refine_solve(refiner, 0, 0, 2);
-    itn__refine_covariance(refiner);
-}
-
-/* An error bar is as wide as that of a search two of them further up, and the search stays where it
-   is. The photo's noise makes it a third of a coordinate; the ball is dense, so that up there the
-   picture tells less. up: 2, or planted. */
-static void test_look_up(double up) {
-    static const char *const names[1] = {"m.sigma_t"};
-    static float target[PIXELS], variance[PIXELS];
-    static double further, own, expected[2];
-    itn_scene *scene = cloud(20, .9, 0);
-    const itn_parameter *sigma_t;
+/* Evaluations at points that are near each other are one of all their samples: that of the first,
+   moved, and the second, weighted by their samples. planted: not moved. */
+static void test_learn(int planted) {
     itn__refiner refiner;
-    itn_view view = ITN_ZERO;
+    itn_view view;
+    itn_scene *scene = begin_at_truth(&refiner, 1, 0, 8, 16, 0, &view);
+    float before[3 * PIXELS], *known = refiner.views->known.planes[1];
+    const float *fresh = refiner.views->fresh.planes[1];
+    double there, d = .1;
     itn_error error;
-    int parameter, i, way = up != 2;
-    find_parameters(scene, names, 1, &parameter);
-    sigma_t = itn_parameter_get(scene, parameter);
-    photograph(scene, 256, 7, target, variance);
-    for (i = 0; i < PIXELS; i++) variance[i] += .004f;
-    view.scene = scene, view.target = target, view.target_variance = variance;
-    view.parameters = &parameter;
-    if (further == 0) { /* once */
-        begin_look(&refiner, &view, 20);
-        own = itn__refine_error(&refiner, 0);
-        stage_need(itn__refine_look_up(&refiner, &error), &error);
-        CHECK(refiner.values[0] == 20);
-        further = refiner.further;
-        itn__refine_estimate(&refiner);
-        CHECK_NEAR(refiner.estimates[0].standard_error, further * refiner.slopes[0], 1e-6);
-        itn__refine_end(&refiner);
+    int i;
+    evaluate_anew(&refiner);
+    memcpy(before, known, sizeof before);
+    refiner.before[0] = refiner.coordinates[0], there = refiner.before[0] + d;
+    itn__refine_set(&refiner, &there);
+    stage_need(itn__refine_evaluate(&refiner, 48, &error), &error);
+    refiner.errors[0] = .9 * d * d;
+    itn__refine_learn(&refiner);
+    CHECK(refiner.known == 48); /* too far away: forgotten */
+    CHECK(!memcmp(known, fresh, sizeof before));
+    memcpy(known, before, sizeof before);
+    for (i = 0; i < PIXELS; i++) refiner.views->known.samples[i] = 16;
+    refiner.known = 16, refiner.errors[0] = 1.1 * d * d;
+    itn__refine_learn(&refiner);
+    CHECK(refiner.known == 64);
+    for (i = 0; i < PIXELS; i++) {
+        int k = i + 2 * PIXELS; /* the slope there */
+        double moved = before[i] + (planted ? 0 : d) * before[k];
+        CHECK_NEAR(known[i], .25 * moved + .75 * fresh[i], 1e-5);
+        CHECK_NEAR(known[k], .25 * before[k] + .75 * fresh[k], 1e-4);
     }
-    if (expected[way] == 0) {
-        double there = itn_parameter_to_coordinate(sigma_t, 20) + up * own;
-        begin_look(&refiner, &view, (float)itn_parameter_from_coordinate(sigma_t, there));
-        expected[way] = sqrt(refiner.covariance[0]);
-        itn__refine_end(&refiner);
-    }
-    if (getenv("SHOW"))
-        printf("error %.3f, further %.3f, there %.3f\n", own, further, expected[way]);
-    CHECK(own > .2 && own < .4 && further > 1.2 * own);
-    CHECK_NEAR(further / expected[way], 1, .1);
+    itn__refine_end(&refiner);
     itn_scene_free(scene);
 }
 
-/* What A's noise makes of an error bar, of one unknown: Fieller's set by its definition. */
-static void test_doubt(double planted) {
-    double numbers[12], doubt, i = 5, bar, d;
+/* A search for two unknowns, u and v, whose normal equations a test fills in along u + v and
+   u - v, of which the second may not be told: no picture stands behind it. */
+typedef struct numbers {
     itn__refiner refiner;
-    memset(&refiner, 0, sizeof refiner), memset(numbers, 0, sizeof numbers);
-    refiner.count = 1, refiner.direction = numbers, refiner.factor = numbers + 1;
-    itn__normal_place(&refiner.known, 1, numbers + 2);
-    refiner.known.matrix[0] = i, refiner.known.silence[0] = 1 + planted;
-    refiner.known.power[0] = 3;
-    refiner.factor[0] = sqrt(i);
-    doubt = itn__refine_doubt(&refiner, 0);
-    bar = doubt * sqrt(2) / i, d = 3 * bar; /* c^T N c = 2 */
-    CHECK_NEAR(i * i * d * d, 9 * (2 + 1 * d * d), 1e-9);
-    refiner.known.silence[0] = i * i / 8.9;
-    CHECK(itn__refine_doubt(&refiner, 0) == (double)INFINITY);
-    refiner.known.silence[0] = 0;
-    CHECK(itn__refine_doubt(&refiner, 0) == 1);
-}
+    double matrix[4], axes[4], noise[4], covariance[4], turn[4];
+} numbers;
 
-/* A search for two or three unknowns whose normal equations a test fills in: no picture stands behind
-   it. */
-typedef struct search {
-    itn__refiner refiner;
-    double numbers[192], coordinates[3], slopes[3], gradient[3], step[3], direction[3];
-    double factor[9], covariance[9], all[9];
-    float values[3];
-    itn_estimate estimates[3];
-    int told[3];
-} search;
-
-/* Returns what is known, all of it 0 but for one sample and a misfit of 1. */
-static itn__normal *begin_search(search *p, int count) {
+static void begin_numbers(numbers *p, const itn_scene *scene) {
+    const double r = sqrt(.5), axes[4] = {sqrt(.5), sqrt(.5), sqrt(.5), -sqrt(.5)};
     itn__refiner *refiner = &p->refiner;
+    int k;
     memset(p, 0, sizeof *p);
-    p->slopes[0] = p->slopes[1] = p->slopes[2] = 1;
-    refiner->count = count, refiner->final = 1, refiner->estimates = p->estimates;
-    refiner->told = p->told, refiner->coordinates = p->coordinates, refiner->values = p->values;
-    refiner->slopes = p->slopes, refiner->gradient = p->gradient, refiner->step = p->step;
-    refiner->direction = p->direction, refiner->factor = p->factor;
-    refiner->covariance = p->covariance, refiner->all = p->all;
-    itn__normal_place(&refiner->fresh, count, p->numbers);
-    itn__normal_place(&refiner->known, count, p->numbers + 96);
-    refiner->known.samples = refiner->known.chi2 = 1;
-    return &refiner->known;
+    refiner->count = 2, refiner->matrix = p->matrix, refiner->axes = p->axes;
+    refiner->noise = p->noise, refiner->covariance = p->covariance, refiner->turn = p->turn;
+    refiner->known = refiner->arrived = 1, refiner->misfit.value = 1;
+    memcpy(p->axes, axes, sizeof axes);
+    refiner->told[0] = 1e4, refiner->told[1] = 400;
+    for (k = 0; k < 2; k++) { /* N = 1e4 along the first axis, 900 along the other */
+        p->noise[3 * k] = (1e4 + 900) * r * r, p->noise[2 - k] = (1e4 - 900) * r * r;
+        p->turn[3 * k] = 1, refiner->values[k] = 1;
+        refiner->parameters[k] = itn_parameter_get(scene, itn_parameter_find(scene, "light.scale"));
+    }
 }
 
-static void conclude(itn__refiner *refiner) {
-    itn__refine_tell(refiner);
-    itn__refine_estimate(refiner);
-}
-
-/* Two unknowns, of which the pictures tell only the first, or only a sum: the second is let go, and
-   the first follows it as far as it may be. planted: added to how they are coupled. */
-static void test_let_go(double planted) {
-    static const struct {
-        double coupled, own, power, silence; /* A_01, A_11, P_11 and what A_11 varies by */
-    } cases[] = {{90, 0, 5, 25}, {9000, 8100, 900, 900 * 900}};
-    double first = 1e4, noise = 3e3, prior = ITN__PRIOR * ITN__PRIOR; /* A_00, N_00 */
-    search p;
-    itn__normal *known = begin_search(&p, 2);
+/* Along what is told the variance is c^T N c / (lambda^2 - 9 S), by Fieller's definition of what is
+   not excluded; along what is not, that of the prior. planted: added to S. */
+static void test_doubt(double planted) {
+    static itn_scene *scene;
+    numbers p;
     int which;
-    p.coordinates[1] = 2;
-    known->outer[0] = known->drawn[0] = noise, known->silence[0] = 1;
-    for (which = 0; which < 2; which++) {
-        double inverse = 1 / (first + 1 / prior), follows = -cases[which].coupled * inverse;
-        known->matrix[0] = first, known->matrix[3] = cases[which].own;
-        known->matrix[1] = known->matrix[2] = cases[which].coupled + planted;
-        known->power[3] = cases[which].power, known->silence[1] = cases[which].silence;
-        known->right[0] = known->matrix[1] * 2, known->right[1] = known->matrix[3] * 2;
-        conclude(&p.refiner);
-        CHECK(p.told[0] && !p.told[1]);
-        CHECK(p.estimates[0].determined == (which == 0) && !p.estimates[1].determined);
-        CHECK_NEAR(p.covariance[3] / prior, 1, 1e-12);
-        CHECK_NEAR(p.covariance[1] / (prior * follows), 1, 1e-12);
-        CHECK_NEAR(p.covariance[0] / (noise * inverse * inverse + prior * follows * follows), 1,
-                   1e-6);
-        CHECK_NEAR(p.step[0], 0, 1e-9);
+    scene = cloud(1, .5, .2);
+    for (which = 0; which < 3; which++) {
+        double sum, difference, expected = 901. / (400. * 400), prior = ITN__PRIOR * ITN__PRIOR, d;
+        begin_numbers(&p, scene);
+        if (which) p.refiner.doubt[1] = which == 1 ? 100 + planted : 134;
+        itn__normal_covariance(&p.refiner);
+        sum = (p.covariance[0] + p.covariance[3]) / 2 + p.covariance[1];
+        difference = (p.covariance[0] + p.covariance[3]) / 2 - p.covariance[1];
+        if (which == 1) expected = 900 / (400. * 400 - 9 * 100. * 100);
+        if (which == 2) expected = prior;
+        CHECK_NEAR(difference / expected, 1, 2e-3);
+        CHECK_NEAR(sum, 1e-4, 1e-7);
+        CHECK_NEAR(p.refiner.errors[1], sqrt(p.covariance[3]), 1e-12);
+        d = 3 * sqrt(difference); /* on the edge of what is not excluded */
+        if (which == 1) CHECK_NEAR(pow(400 * d, 2) / (9 * (900 + 1e4 * d * d)), 1, 2e-3);
     }
+    itn_scene_free(scene);
 }
 
-/* An unknown that pictures do not tell, and of which noise makes a step of 13, goes as far as any may,
-   and leaves the other's step as it is. told: planted, they tell it. */
-static void test_untold_step(int told) {
-    search p;
-    itn__normal *known = begin_search(&p, 2);
-    known->matrix[0] = 1e4, known->right[0] = 3e3, known->power[0] = 1, known->silence[0] = 1;
-    known->matrix[3] = .011, known->right[1] = .35;
-    known->power[3] = told ? 1e-6 : 1, known->silence[1] = told ? 1e-12 : 1;
-    itn__refine_solve(&p.refiner, 0, 0, 1);
-    CHECK_NEAR(p.step[0], .3, 1e-5);
-    CHECK_NEAR(p.step[1], 1, 1e-9);
-}
-
-/* Two unknowns of which pictures tell one sum alone: of the difference they tell 0, of which noise
-   makes a little more or, `sign` -1, less than nothing. Neither is determined, both follow each
-   other. planted: the other diagonal element, which tells them apart. */
-static void test_less_than_nothing(double sign, double planted) {
-    search p;
-    itn__normal *known = begin_search(&p, 2);
-    int k;
-    for (k = 0; k < 2; k++) {
-        known->matrix[3 * k] = 1e8 * (k ? planted : 1);
-        known->outer[3 * k] = known->drawn[3 * k] = 3e3;
-        known->power[3 * k] = 900, known->silence[k] = 900 * 900;
+/* Steps go all the way along what is told, but no further than the radius; along what is not, not at
+   all, unless b is clearly more than noise; and none shortens another. planted: it is told. */
+static void test_untold_step(int planted) {
+    itn_scene *scene = cloud(1, .5, .2);
+    const double r = sqrt(.5);
+    numbers p;
+    int clear;
+    for (clear = 0; clear < 2; clear++) {
+        double b = clear ? 200 : 50;
+        begin_numbers(&p, scene);
+        p.refiner.told[1] = 1, p.refiner.doubt[1] = planted ? .1 : 20;
+        p.refiner.right[0] = (3e3 + b) * r, p.refiner.right[1] = (3e3 - b) * r; /* 3e3 along u + v */
+        itn__refine_solve(&p.refiner, 1);
+        CHECK_NEAR((p.refiner.step[0] + p.refiner.step[1]) * r, .3, 1e-5);
+        CHECK_NEAR((p.refiner.step[0] - p.refiner.step[1]) * r, clear, 1e-5);
     }
-    known->matrix[1] = known->matrix[2] = 1e8 - sign * 6000;
-    conclude(&p.refiner);
-    CHECK(p.told[0] + p.told[1] == 1);
-    CHECK(!p.estimates[0].determined && !p.estimates[1].determined);
-    CHECK(p.estimates[0].standard_error > 1 && p.estimates[1].standard_error > 1);
+    itn__refine_solve(&p.refiner, .1);
+    CHECK_NEAR((p.refiner.step[0] + p.refiner.step[1]) * r, .1, 1e-9);
+    CHECK_NEAR((p.refiner.step[0] - p.refiner.step[1]) * r, .1, 1e-9);
+    itn_scene_free(scene);
 }
 
-/* The error that the last evaluation alone gives an unknown, at its own A and N: there A is a fourth
-   of what it is where the search ended, of one unknown or of two of which the second is let go; and
-   where it is within its own deviation, nothing is told. What is known stays. planted: times A
-   there. */
-static void test_further(double planted) {
-    int count, which;
-    for (count = 1; count <= 2; count++)
-        for (which = 0; which < 3; which++) { /* 1: A there is but noise, 2: N is */
-            search p;
-            itn__normal *known = begin_search(&p, count), *fresh = &p.refiner.fresh;
-            double there = 25 * planted, noise = 100, prior = 1 / (ITN__PRIOR * ITN__PRIOR), error;
-            known->matrix[0] = 100, known->outer[0] = known->drawn[0] = noise;
-            fresh->matrix[0] = there, fresh->outer[0] = noise;
-            fresh->drawn[0] = which == 2 ? -1 : noise;
-            fresh->power[0] = which == 1 ? 1 : .01, fresh->silence[0] = which == 1 ? 1 : 1e-4;
-            fresh->samples = 1, fresh->chi2 = 5;
-            p.told[0] = 1;
-            if (count == 2) fresh->matrix[1] = fresh->matrix[2] = 90, fresh->matrix[3] = 1e4;
-            error = itn__refine_error_there(&p.refiner, 0);
-            if (which) CHECK(error == ITN__PRIOR);
-            else CHECK_NEAR(error, sqrt(noise + prior) / (25 + prior), 1e-9);
-            CHECK(known->matrix[0] == 100 && known->samples == 1 && known->chi2 == 1);
-            CHECK(p.step[0] == 0 && p.coordinates[0] == 0);
-        }
-}
-
-/* A step that is left counts as the error of its own unknown, whatever the others' are, but for no
-   more than 2. planted: how much of it. */
-static void test_step_left(double planted) {
-    static const double left[2] = {20, .3};
-    search p;
-    itn__normal *known = begin_search(&p, 2);
-    int k;
-    for (k = 0; k < 2; k++) {
-        known->matrix[3 * k] = known->outer[3 * k] = known->drawn[3 * k] = 1e4;
-        known->right[k] = 1e4 * left[k];
-        known->power[3 * k] = .01, known->silence[k] = 1e-4;
-    }
-    conclude(&p.refiner);
-    for (k = 0; k < 2; k++)
-        CHECK_NEAR(p.estimates[k].standard_error, fmin(2, left[k] * planted), 1e-5);
-    CHECK(!p.estimates[0].determined && p.estimates[1].determined);
-}
-
-/* The greater of both errors counts. planted: it does not. */
-static void test_further_counts(int planted) {
-    int greater;
-    for (greater = 0; greater < 2; greater++) {
-        search p;
-        itn__normal *known = begin_search(&p, 1);
-        double own = 10 / 100.; /* about: the prior is a ten thousandth */
-        known->matrix[0] = 100, known->outer[0] = known->drawn[0] = 100;
-        known->power[0] = .001, known->silence[0] = 1e-6;
-        p.refiner.further = planted ? 0 : greater ? .3 : .05;
-        conclude(&p.refiner);
-        CHECK_NEAR(p.estimates[0].standard_error, greater ? .3 : own, greater ? 1e-9 : 1e-3);
-        CHECK(p.estimates[0].determined);
-    }
-}
-
-/* A last step of more than a tenth of a coordinate is looked at, three times at most; but not that of
-   an unknown of which pictures tell nothing. planted: longer than the step is. */
-static void test_last_step(double planted) {
-    static const struct {
-        double step, silence;
-        int looks, goes_on;
-    } cases[] = {{.05, 1e-4, 0, 0}, {.2, 1e-4, 0, 1}, {.2, 1e-4, 3, 0}, {.2, 1e4, 0, 0}};
+/* What is not told is not determined; a step that is left counts as an error; and a bad fit does not
+   look precise. planted: its misfit. */
+static void test_verdict(double planted) {
+    itn_scene *scene = cloud(1, .5, .2);
     int which;
     for (which = 0; which < 4; which++) {
-        search p;
-        itn__normal *known = begin_search(&p, 1);
-        int looks = cases[which].looks;
-        p.refiner.patience = 1;
-        known->matrix[0] = 100, known->right[0] = 100 * (cases[which].step + planted);
-        known->power[0] = sqrt(cases[which].silence), known->silence[0] = cases[which].silence;
-        CHECK(itn__refine_goes_on(&p.refiner, &looks) == cases[which].goes_on);
-        CHECK(looks == cases[which].looks + cases[which].goes_on);
+        static const double expected[4] = {.0535, .0535, .3047, .107}; /* by (1e-4 + 900 / 400^2) / 2 */
+        itn_refine_outcome outcome = ITN_ZERO;
+        itn_estimate estimates[2];
+        numbers p;
+        begin_numbers(&p, scene);
+        if (which == 1) p.refiner.doubt[1] = 200;
+        if (which == 2) p.refiner.step[0] = .3, p.refiner.arrived = 0;
+        if (which == 3) p.refiner.misfit.value = planted, p.refiner.misfit.spread = .1;
+        itn__normal_covariance(&p.refiner);
+        itn__refine_estimate(&p.refiner, estimates, &outcome);
+        CHECK(outcome.explained == (which != 3) && outcome.finished == (which != 2));
+        CHECK(estimates[0].determined == (which != 1));
+        if (which == 1) CHECK(estimates[1].standard_error > 5);
+        else CHECK_NEAR(estimates[0].standard_error, expected[which], 1e-3);
+        if (which == 2) CHECK_NEAR(estimates[1].standard_error, expected[0], 1e-3);
     }
-}
-
-/* A third unknown beside these, which the pictures tell by itself, though less surely than either, is
-   determined, and one of the two is let go. planted: its part in what they are short of. */
-static void test_told_beside(double planted) {
-    search p;
-    itn__normal *known = begin_search(&p, 3);
-    int k;
-    for (k = 0; k < 3; k++) {
-        known->matrix[4 * k] = k ? 1e4 : 50;
-        known->outer[4 * k] = known->drawn[4 * k] = k ? 1e3 : 10;
-        known->power[4 * k] = k ? 33 : 10, known->silence[k] = k ? 33 * 33 : 7;
-    }
-    known->matrix[5] = known->matrix[7] = 1e4 + 1;
-    known->matrix[1] = known->matrix[3] = planted;
-    conclude(&p.refiner);
-    CHECK(p.told[0] && p.told[1] + p.told[2] == 1);
-    CHECK(p.estimates[0].determined && !p.estimates[1].determined && !p.estimates[2].determined);
+    itn_scene_free(scene);
 }
 
 /* With few samples in the end little is known along the valley, and error bars say so: of
@@ -1075,7 +948,8 @@ static void test_one_view(void) {
     itn_refine_options options = ITN_ZERO;
     itn_estimate one[2], same[2];
     itn_error error;
-    double covariance[4], misfits[2];
+    double covariance[4];
+    itn_refine_outcome outcomes[2];
     int parameters[2], k, method;
     float theta[8], values[2];
     itn_view view = ITN_ZERO;
@@ -1083,17 +957,17 @@ static void test_one_view(void) {
     photograph(scene, 64, 7, target, variance);
     for (method = 0; method < 3; method++) {
         options.method = (itn_method)method, options.spp = 8, options.iterations = 3;
-        options.target_variance = variance, options.misfit = &misfits[0];
+        options.target_variance = variance, options.outcome = &outcomes[0];
         itn_parameter_values(scene, theta);
         values[0] = theta[parameters[0]] = .7f, values[1] = theta[parameters[1]] = .2f;
         stage_need(itn_refine(scene, theta, target, parameters, 2, &options, one, &error), &error);
         view.scene = scene, view.target = target, view.target_variance = variance;
         view.parameters = parameters;
-        options.target_variance = NULL, options.misfit = &misfits[1];
+        options.target_variance = NULL, options.outcome = &outcomes[1];
         options.covariance = covariance;
         stage_need(itn_refine_views(&view, 1, values, 2, &options, same, &error), &error);
         options.covariance = NULL;
-        CHECK(misfits[0] == misfits[1]);
+        CHECK(outcomes[0].misfit == outcomes[1].misfit);
         CHECK_NEAR(covariance[1], covariance[2], 1e-9 * fabs(covariance[1]));
         for (k = 0; k < 2; k++) {
             CHECK(one[k].value == same[k].value && values[k] == theta[parameters[k]]);
@@ -1115,10 +989,10 @@ static void test_left_out(int planted) {
     itn_refine_options options = ITN_ZERO;
     itn_estimate found[3][2];
     itn_error error;
-    double misfit;
+    itn_refine_outcome outcome;
     int parameters[2], way, k;
     find_parameters(scene, names, 2, parameters);
-    options.target_variance = variance, options.spp = 16, options.misfit = &misfit;
+    options.target_variance = variance, options.spp = 16, options.outcome = &outcome;
     if (planted) options.iterations = 3; /* there is nothing to find */
     for (way = 0; way < 3; way++) { /* NaN, 5, NaN without the others' noise */
         float theta[8];
@@ -1133,7 +1007,7 @@ static void test_left_out(int planted) {
         theta[parameters[0]] = .7f, theta[parameters[1]] = .2f;
         stage_need(itn_refine(scene, theta, target, parameters, 2, &options, found[way], &error),
                    &error);
-        CHECK(way == 2 || fabs(misfit - 1) < .5);
+        CHECK(way == 2 || fabs(outcome.misfit - 1) < .5);
         for (k = 0; k < 2; k++) {
             const itn_estimate *e = &found[way][k];
             CHECK(e->determined);
@@ -1163,7 +1037,7 @@ static void test_two_lights(int swapped) {
     itn_error error;
     int parameters[2][UNKNOWNS], v, k;
     float theta[8];
-    double misfit;
+    itn_refine_outcome outcome;
     memset(views, 0, sizeof views);
     for (v = 0; v < 2; v++) {
         scenes[v] = lit_cloud(sizes[v], at[v], truth[3 + v], truth[0], truth[1], truth[2]);
@@ -1175,9 +1049,9 @@ static void test_two_lights(int swapped) {
     }
     for (v = 0; v < 2 && swapped; v++)
         parameters[v][4 - v] = parameters[v][3 + v], parameters[v][3 + v] = -1;
-    options.spp = 8, options.misfit = &misfit;
+    options.spp = 8, options.outcome = &outcome;
     stage_need(itn_refine_views(views, 2, values, UNKNOWNS, &options, estimates, &error), &error);
-    CHECK(misfit < 1.5);
+    CHECK(outcome.misfit < 1.5);
     for (k = 0; k < UNKNOWNS; k++) {
         double off = estimates[k].value - truth[k];
         CHECK(values[k] == (float)estimates[k].value);
@@ -1367,24 +1241,31 @@ static void test_view_options(void) {
     itn_scene_free(scene);
 }
 
-/* Four times the samples in the end: error bars as 1 / 64 and 1 / 256 make them, and what is left of a
+/* Six times the samples in the end: error bars as 1 / 40 and 1 / 256 make them, and what is left of a
    picture of 1024. */
 static void run_final_spp(itn_estimate *few, itn_estimate *many) {
+    enum { SEEDS = 6 };
     static const char *const albedo[] = {"m.albedo"};
     itn_scene *scene = cloud(2, .8, .4);
     static float target[PIXELS], variance[PIXELS];
     itn_refine_options options = ITN_ZERO;
     itn_error error;
     float theta[8];
-    int parameter;
+    double errors[2] = {0, 0};
+    int parameter, seed;
     find_parameters(scene, albedo, 1, &parameter);
-    photograph(scene, 1024, 8, target, variance);
-    options.spp = 8, options.seed = 1, options.target_variance = variance;
-    itn_parameter_values(scene, theta);
-    theta[parameter] = .75f;
-    stage_need(itn_refine(scene, theta, target, &parameter, 1, &options, few, &error), &error);
-    options.final_spp = 256;
-    stage_need(itn_refine(scene, theta, target, &parameter, 1, &options, many, &error), &error);
+    options.spp = 8, options.target_variance = variance;
+    for (seed = 0; seed < SEEDS; seed++) { /* error bars are known to a tenth or two */
+        photograph(scene, 1024, 8 + (uint64_t)seed, target, variance);
+        options.seed = (uint64_t)seed, options.final_spp = 0;
+        itn_parameter_values(scene, theta);
+        theta[parameter] = .75f;
+        stage_need(itn_refine(scene, theta, target, &parameter, 1, &options, few, &error), &error);
+        options.final_spp = 256;
+        stage_need(itn_refine(scene, theta, target, &parameter, 1, &options, many, &error), &error);
+        errors[0] += few->standard_error / SEEDS, errors[1] += many->standard_error / SEEDS;
+    }
+    few->standard_error = errors[0], many->standard_error = errors[1];
     if (getenv("SHOW"))
         printf("final_spp: .8 is %g +- %g, then %g +- %g\n", few->value, few->standard_error,
                many->value, many->standard_error);
@@ -1393,7 +1274,7 @@ static void run_final_spp(itn_estimate *few, itn_estimate *many) {
 /* factor: planted, of the second's error bar. */
 static void test_final_spp(double factor) {
     static itn_estimate few, many;
-    const double expected = sqrt((1 / 64. + 1 / 1024.) / (1 / 256. + 1 / 1024.));
+    const double expected = sqrt((1 / 40. + 1 / 1024.) / (1 / 256. + 1 / 1024.));
     if (few.standard_error == 0) run_final_spp(&few, &many); /* once */
     CHECK_NEAR(few.standard_error / (many.standard_error * factor), expected, .4);
     CHECK_NEAR(few.value, .8, 4 * few.standard_error);
@@ -1507,38 +1388,34 @@ static void test_noisy(void) {
     itn_scene_free(scene);
 }
 
-/* What the callback hears of the first evaluation; then it cancels. */
-static int first_step(void *user, const itn_refine_step *step) {
-    ((double *)user)[0] = step->loss, ((double *)user)[1] = step->loss_error;
-    return 1;
-}
-
-/* The standard error of the loss is how much it differs from seed to seed, also where the picture
-   does not fit. factor: planted. */
-static void test_loss_error(double factor) {
+/* The noise of a misfit is how much it differs from seed to seed, also where the picture does not
+   fit. factor: planted. */
+static void test_misfit_noise(double factor) {
     enum { SEEDS = 40 };
-    itn_scene *scene = cloud(2, .8, 0);
     static float target[PIXELS];
-    double mean = 0, square = 0, error_square = 0;
+    const float start = .8f;
+    itn_scene *scene = cloud(2, .8, 0);
+    double mean = 0, square = 0, claimed = 0;
     int parameter = itn_parameter_find(scene, "m.albedo"), i;
+    itn_view view = ITN_ZERO;
+    itn__refiner refiner;
     for (i = 0; i < PIXELS; i++) target[i] = (float)(i % SIZE) / SIZE;
+    view.scene = scene, view.target = target, view.parameters = &parameter;
+    begin_search(&refiner, &view, 1, &start, 4);
+    evaluate_anew(&refiner);
     for (i = 0; i < SEEDS; i++) {
-        itn_refine_options options = ITN_ZERO;
-        itn_estimate estimate;
-        double heard[2];
-        float theta[8];
-        itn_parameter_values(scene, theta);
-        options.spp = 4, options.seed = (uint64_t)i;
-        options.progress = first_step, options.progress_user = heard;
-        CHECK(itn_refine(scene, theta, target, &parameter, 1, &options, &estimate, NULL) ==
-              ITN_ERROR_CANCELLED);
-        mean += heard[0] / SEEDS, square += heard[0] * heard[0] / SEEDS;
-        error_square += factor * heard[1] * heard[1] / SEEDS;
+        itn__misfit misfit;
+        itn_error error;
+        stage_need(itn__refine_evaluate(&refiner, 4, &error), &error);
+        itn__misfit_of(&refiner, 1, &misfit);
+        mean += misfit.excess / SEEDS, square += misfit.excess * misfit.excess / SEEDS;
+        claimed += factor * misfit.noise / SEEDS;
     }
     square -= mean * mean; /* within 3 of its standard errors, sqrt(2 / SEEDS) */
-    check_report(square > .4 * error_square && square < 1.7 * error_square, __FILE__, __LINE__,
-                 "variance of the loss %g, by its error %g", square, error_square);
-    if (getenv("SHOW")) printf("loss %g, variance %g, %g\n", mean, square, error_square);
+    check_report(square > .4 * claimed && square < 1.7 * claimed, __FILE__, __LINE__,
+                 "variance of the misfit %g, by its noise %g", square, claimed);
+    if (getenv("SHOW")) printf("misfit %g, variance %g, %g\n", mean, square, claimed);
+    itn__refine_end(&refiner);
     itn_scene_free(scene);
 }
 
@@ -1575,8 +1452,8 @@ static void test_idle(void) {
 }
 
 /* Nor does it end a search for others early: they are found as if it were not asked for. planted:
-   iterations, after which it ends; 0: what is usual. */
-static void test_idle_and_others(int planted) {
+   seconds, after which it ends; 0: what is usual. */
+static void test_idle_and_others(double planted) {
     static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g", "unused.sigma_t"};
     static const double truth[3] = {3, .9, .5}, start[3] = {1, .6, 0};
     static float target[PIXELS], variance[PIXELS];
@@ -1585,7 +1462,7 @@ static void test_idle_and_others(int planted) {
     itn_estimate estimates[4];
     itn_scene *scene;
     itn_error error;
-    double misfit;
+    itn_refine_outcome outcome;
     float theta[16];
     int parameters[4], k;
     stage s;
@@ -1601,14 +1478,14 @@ static void test_idle_and_others(int planted) {
     itn_parameter_values(scene, theta);
     for (k = 0; k < 3; k++) theta[parameters[k]] = (float)start[k];
     options.spp = 128, options.final_spp = 256, options.seed = 3;
-    options.target_variance = variance, options.misfit = &misfit, options.iterations = planted;
+    options.target_variance = variance, options.outcome = &outcome, options.seconds = planted;
     stage_need(itn_refine(scene, theta, target, parameters, 4, &options, estimates, &error),
                &error);
     if (getenv("SHOW"))
-        printf("idle: misfit %.2f, sigma_t %g +- %g (%d), albedo %g +- %g (%d)\n", misfit,
+        printf("idle: misfit %.2f, sigma_t %g +- %g (%d), albedo %g +- %g (%d)\n", outcome.misfit,
                estimates[0].value, estimates[0].standard_error, estimates[0].determined,
                estimates[1].value, estimates[1].standard_error, estimates[1].determined);
-    CHECK(misfit < 2.5);
+    CHECK(outcome.finished && outcome.explained && outcome.misfit < 2.5);
     for (k = 0; k < 3; k++)
         CHECK(fabs(estimates[k].value - truth[k]) < 4 * estimates[k].standard_error);
     itn_scene_free(scene);
@@ -1658,11 +1535,11 @@ static void test_noisy_view(double planted) {
 
 /* Noise that is the same in all pixels, though that of the renders is not: error bars are those of
    known noise when it is not known, of three unknowns that a picture tells well. planted: factor of
-   the noise that is told. */
+   the noise where it is known. */
 static void test_even_noise(double planted) {
     static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
     static float target[400], variance[400], noise[400];
-    const int fits = check_long() ? 2 : 1;
+    const int fits = check_long() ? 6 : 3;
     double ratios[3] = {0, 0, 0}, mean = 0;
     int parameters[3], i, k, known, fit;
     itn_scene *scene;
@@ -1680,7 +1557,7 @@ static void test_even_noise(double planted) {
     photograph(scene, 4096, 7, target, variance);
     for (i = 0; i < 400; i++) mean += target[i] / 400;
     for (fit = 0; fit < fits; fit++) {
-        static itn_estimate unknown[2][3]; /* the same whatever is planted */
+        static itn_estimate unknown[6][3]; /* the same whatever is planted */
         itn_estimate estimates[2][3];
         memcpy(estimates[0], unknown[fit], sizeof unknown[fit]);
         for (known = estimates[0][0].standard_error > 0; known < 2; known++) {
@@ -1688,11 +1565,12 @@ static void test_even_noise(double planted) {
             float theta[16], picture[400];
             itn_error error;
             for (i = 0; i < 400; i++) {
-                picture[i] = target[i] + (float)(.05 * mean * drawn_normal(100 + fit, i));
-                noise[i] = (float)pow(planted * .05 * mean, 2);
+                picture[i] = target[i] + (float)((known ? planted : 1) * .05 * mean *
+                                                 drawn_normal(100 + fit, i));
+                noise[i] = (float)pow(.05 * mean, 2);
             }
             itn_parameter_values(scene, theta);
-            options.spp = 32, options.seed = (uint64_t)fit + 1;
+            options.spp = 32, options.final_spp = 400, options.seed = (uint64_t)fit + 1;
             if (known) options.target_variance = noise;
             stage_need(itn_refine(scene, theta, picture, parameters, 3, &options,
                                   estimates[known], &error), &error);
@@ -1731,7 +1609,7 @@ static void test_single_scattering(int scatter) {
     itn_estimate estimate;
     itn_error error;
     float theta[8], last = 0;
-    double misfit = 0;
+    itn_refine_outcome outcome = ITN_ZERO;
     int albedo = itn_parameter_find(scene, "m.albedo"), i;
     render.spp = 512, render.max_scatter = 1, render.seed = 7;
     stage_need(itn_render(scene, NULL, &render, NULL, 0, &image, &error), &error);
@@ -1740,10 +1618,10 @@ static void test_single_scattering(int scatter) {
     itn_parameter_values(scene, theta);
     theta[albedo] = .6f;
     options.spp = 64, options.iterations = 8, options.max_scatter = scatter;
-    options.target_variance = variance, options.misfit = &misfit;
+    options.target_variance = variance, options.outcome = &outcome;
     options.progress = note_values, options.progress_user = &last;
     stage_need(itn_refine(scene, theta, target, &albedo, 1, &options, &estimate, &error), &error);
-    CHECK(albedo == 1 && misfit < 2 && last > .6f);
+    CHECK(albedo == 1 && outcome.misfit < 2 && last > .6f);
     CHECK_MEAN(estimate.value, estimate.standard_error, .8, 4, .01);
     itn_parameter_values(scene, theta);
     theta[itn_parameter_find(scene, "m.sigma_t")] = 6;
@@ -1759,25 +1637,25 @@ static int count_steps(void *user, const itn_refine_step *step) {
     return 0;
 }
 
-/* A thin cloud that scatters back, from a start that scatters ahead: the search ends far from the
-   picture, in a valley that goes on to dense clouds, and a second one from the mirror image finds
-   the truth; of 16 seeds 14 do in so few iterations, here 2 of 3 must. informed: 0 hides the
-   picture's noise, so that all that is left may be noise. */
-static void test_second_search(int informed) {
+/* A thin cloud that scatters back, from a start that scatters ahead: a search from there ends
+   far from the picture, in a valley that goes on to dense clouds; one from the mirror image finds
+   the truth, here at least 2 of 3, whether the picture's noise is known or not. side: 1, or, as
+   planted error, which sign of g is expected. */
+static void test_wrong_valley(int side, int informed) {
     enum { SEEDS = 3 };
     static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
-    static const double truth[3] = {1.5, .7, -.7}, start[3] = {1.05, .665, .63};
+    const double truth[3] = {1.5, .7, -.7 * side}, start[3] = {1.05, .665, .63};
     static float target[PIXELS], variance[PIXELS];
-    itn_scene *scene = lit_cloud(SIZE, .25, 1, truth[0], truth[1], truth[2]);
+    itn_scene *scene = lit_cloud(SIZE, .25, 1, 1.5, .7, -.7);
     itn_refine_options options = ITN_ZERO;
     itn_estimate estimates[3];
     itn_error error;
     float theta[8];
-    double misfit;
-    int parameters[3], seed, steps, most = 0, right = 0, k;
+    itn_refine_outcome outcome;
+    int parameters[3], seed, steps, right = 0, k;
     photograph(scene, 1024, 7, target, variance);
     find_parameters(scene, names, 3, parameters);
-    options.spp = 32, options.iterations = 12, options.misfit = &misfit;
+    options.spp = 32, options.iterations = 12, options.outcome = &outcome;
     options.final_spp = usual_end(options.spp);
     options.target_variance = informed ? variance : NULL;
     options.progress = count_steps, options.progress_user = &steps;
@@ -1789,14 +1667,13 @@ static void test_second_search(int informed) {
         options.seed = (uint64_t)seed, steps = 0;
         stage_need(itn_refine(scene, theta, target, parameters, 3, &options, estimates, &error),
                    &error);
-        if (getenv("SHOW")) printf("second search: %d steps, misfit %.2f\n", steps, misfit);
+        if (getenv("SHOW")) printf("wrong valley: %d steps, misfit %.2f\n", steps, outcome.misfit);
         for (k = 0; k < 3; k++)
             found &= estimates[k].determined && estimates[k].standard_error < .1 &&
                      fabs(estimates[k].value - truth[k]) < 4 * estimates[k].standard_error;
-        right += found && misfit < 2, most = steps > most ? steps : most;
+        right += found && outcome.misfit < 2;
     }
-    check_report(right >= 2, __FILE__, __LINE__, "second search: %d of %d", right, seed);
-    CHECK(most > 13); /* a search has the start and 12 more at most */
+    check_report(right >= 2, __FILE__, __LINE__, "wrong valley: %d of %d", right, seed);
     itn_scene_free(scene);
 }
 
@@ -1857,9 +1734,9 @@ static void test_words(int planted) {
     for (i = 0; i < 3; i++) {
         p[i] = itn_parameter_get(scene, itn_parameter_find(scene, names[i]));
         e[i].value = p[i]->value, e[i].standard_error = sqrt(covariance[4 * i]);
-        e[i].determined = 1;
+        e[i].determined = i != 2;
     }
-    length = itn_refine_words(p, 3, e, covariance, text, sizeof text);
+    length = itn_refine_words(p, 3, e, covariance, NULL, text, sizeof text);
     CHECK(length == (int)strlen(text));
     check_report(!strcmp(text, "m.albedo is determined: to +-0.0009\n"
                                "m.sigma_t and m.g are determined only together: m.sigma_t "
@@ -1867,35 +1744,39 @@ static void test_words(int planted) {
                                "+-0.19\n"), __FILE__, __LINE__, "words: %s", text);
     e[0].value *= 1e-9, e[0].standard_error *= 1e-9; /* in another unit of length: the same words */
     for (i = 0; i < 3; i++) covariance[i] *= 1e-9, covariance[3 * i] *= 1e-9;
-    itn_refine_words(p, 3, e, covariance, cut, sizeof cut);
+    itn_refine_words(p, 3, e, covariance, NULL, cut, sizeof cut);
     check_report(!strcmp(text, cut), __FILE__, __LINE__, "words: %s", cut);
     for (i = 0; i < 3; i++) covariance[i] *= 1e9, covariance[3 * i] *= 1e9;
     e[0].value *= 1e9, e[0].standard_error *= 1e9;
     for (i = 0; i <= length + 1; i++) {
         memset(cut, 'x', sizeof cut);
-        CHECK(itn_refine_words(p, 3, e, covariance, i ? cut : NULL, (size_t)i) == length);
+        CHECK(itn_refine_words(p, 3, e, covariance, NULL, i ? cut : NULL, (size_t)i) == length);
         CHECK(cut[i] == 'x' && (i == 0 || strlen(cut) == (size_t)(i <= length ? i - 1 : length)));
         CHECK(i == 0 || !memcmp(cut, text, strlen(cut)));
     }
+    e[2].determined = 1;
+    itn_refine_words(p, 3, e, covariance, NULL, cut, sizeof cut);
+    CHECK(strstr(cut, "m.sigma_t and m.g are determined, best together: m.sigma_t (1-m.g)^0.50 to "
+                      "1 %; m.sigma_t alone to 16 %, m.g alone to +-0.19\n") != NULL);
     covariance[2] = covariance[6] = 0, e[0].determined = 0;
-    itn_refine_words(p, 3, e, covariance, text, sizeof text);
+    itn_refine_words(p, 3, e, covariance, NULL, text, sizeof text);
     CHECK(strstr(text, "m.sigma_t is hardly determined: to 16 %\n") == text);
     CHECK(!strstr(text, "together") && strstr(text, "m.g is determined: to +-0.19\n"));
-    CHECK(itn_refine_words(p, 1, e, covariance, text, sizeof text) > 0);
-    CHECK(itn_refine_words(NULL, 3, e, covariance, text, sizeof text) == -1);
-    CHECK(itn_refine_words(p, 3, NULL, covariance, text, sizeof text) == -1);
-    CHECK(itn_refine_words(p, 3, e, NULL, text, sizeof text) == -1);
-    CHECK(itn_refine_words(p, 3, e, covariance, NULL, 1) == -1);
-    CHECK(itn_refine_words(p, 0, e, covariance, text, sizeof text) == -1);
-    CHECK(itn_refine_words(p, 33, e, covariance, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 1, e, covariance, NULL, text, sizeof text) > 0);
+    CHECK(itn_refine_words(NULL, 3, e, covariance, NULL, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 3, NULL, covariance, NULL, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 3, e, NULL, NULL, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 3, e, covariance, NULL, NULL, 1) == -1);
+    CHECK(itn_refine_words(p, 0, e, covariance, NULL, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 33, e, covariance, NULL, text, sizeof text) == -1);
     e[1].standard_error = INFINITY;
-    CHECK(itn_refine_words(p, 3, e, covariance, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 3, e, covariance, NULL, text, sizeof text) == -1);
     e[1].standard_error = -1;
-    CHECK(itn_refine_words(p, 3, e, covariance, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 3, e, covariance, NULL, text, sizeof text) == -1);
     e[1].standard_error = .0009, covariance[4] = NAN;
-    CHECK(itn_refine_words(p, 3, e, covariance, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 3, e, covariance, NULL, text, sizeof text) == -1);
     p[1] = NULL;
-    CHECK(itn_refine_words(p, 3, e, covariance, text, sizeof text) == -1);
+    CHECK(itn_refine_words(p, 3, e, covariance, NULL, text, sizeof text) == -1);
     itn_scene_free(scene);
 }
 
@@ -1923,9 +1804,9 @@ static void test_words_of_two(double tie) {
     for (i = 0; i < 5; i++) {
         p[i] = itn_parameter_get(scene, itn_parameter_find(scene, names[i]));
         e[i].value = p[i]->value, e[i].standard_error = sqrt(covariance[6 * i]);
-        e[i].determined = 1;
+        e[i].determined = i == 2;
     }
-    CHECK(itn_refine_words(p, 5, e, covariance, text, sizeof text) > 0);
+    CHECK(itn_refine_words(p, 5, e, covariance, NULL, text, sizeof text) > 0);
     check_report(!strcmp(text, "m.albedo is determined: to +-0.0009\n"
                                "m.sigma_t and m.g are determined only together: m.sigma_t (1-m.g) "
                                "to 1.8 %, but m.sigma_t alone to 40 %, m.g alone to +-0.24\n"
@@ -2040,7 +1921,7 @@ static void test_options(void) {
         target[3] = .3f;
         options.progress = watch_step, options.progress_user = &w;
         for (k = 1; k <= 3; k++) {
-            w.calls = 0, w.cancel_at = k;
+            w.calls = 0, w.cancel_at = k, w.how = -1;
             REFUSES(ITN_ERROR_CANCELLED, scene, theta, target, parameters, 2, estimates);
             CHECK(w.calls == k);
         }
@@ -2073,6 +1954,79 @@ static void test_options(void) {
         scene = lit_cloud(4, .65, 1, 2, .8, .4); /* small: this one is searched in */
         CHECK(itn_refine(scene, theta, target, parameters, 1, NULL, estimates, NULL) == ITN_OK);
     }
+    itn_scene_free(scene);
+}
+
+/* A search that the caller or the clock ends gives the answer so far, and says that it is not
+   finished; where nothing has been evaluated, nothing is determined. planted: it goes on. */
+static void test_ends(int planted) {
+    static const char *const names[] = {"m.albedo", "m.g"};
+    static float target[PIXELS], variance[PIXELS];
+    itn_scene *scene = cloud(2, .8, .4);
+    int parameters[2], way, k;
+    photograph(scene, 256, 7, target, variance);
+    find_parameters(scene, names, 2, parameters);
+    for (way = 0; way < 3; way++) { /* by the caller, before anything, by nobody */
+        itn_refine_options options = ITN_ZERO;
+        itn_refine_outcome outcome;
+        itn_estimate estimates[2];
+        itn_error error;
+        watch w = ITN_ZERO;
+        float theta[8];
+        itn_parameter_values(scene, theta);
+        theta[parameters[0]] = .7f, theta[parameters[1]] = .2f;
+        w.scene = scene, w.cancel_at = way == 0 && !planted ? 2 : 0, w.how = 1;
+        options.spp = 16, options.target_variance = variance, options.outcome = &outcome;
+        options.seconds = way == 1 && !planted ? 1e-9 : 0;
+        options.progress = watch_step, options.progress_user = &w;
+        stage_need(itn_refine(scene, theta, target, parameters, 2, &options, estimates, &error),
+                   &error);
+        CHECK(outcome.finished == (way == 2));
+        CHECK(w.calls == (way == 0 ? 2 : 0) || (way == 2 && w.calls > 2));
+        for (k = 0; k < 2; k++) {
+            double off = estimates[k].value - itn_parameter_get(scene, parameters[k])->value;
+            CHECK(fabs(off) < 4 * estimates[k].standard_error);
+            CHECK(way != 1 || !estimates[k].determined);
+            CHECK(way != 2 || estimates[k].determined);
+        }
+    }
+    itn_scene_free(scene);
+}
+
+/* A picture that the scene does not explain, as its index-matched ball stands in light that is half as
+   strong: the misfit says so, whether its noise is known or not, and so do error bars and words.
+   exposure: .5, or planted. */
+static void test_bad_fit(double exposure) {
+    static const char *const names[] = {"m.albedo", "m.g"};
+    static float target[PIXELS], variance[PIXELS];
+    itn_scene *scene = lit_cloud(SIZE, .65, exposure, 2, .8, .4), *wrong = cloud(2, .8, .4);
+    int parameters[2], known, k;
+    photograph(scene, 1024, 7, target, variance);
+    find_parameters(wrong, names, 2, parameters);
+    for (known = 0; known < 2; known++) {
+        itn_refine_options options = ITN_ZERO;
+        itn_refine_outcome outcome;
+        itn_estimate estimates[2];
+        itn_error error;
+        const itn_parameter *p[2];
+        double covariance[4];
+        char text[1000];
+        float theta[8];
+        itn_parameter_values(wrong, theta);
+        options.spp = 16, options.outcome = &outcome, options.covariance = covariance;
+        if (known) options.target_variance = variance;
+        stage_need(itn_refine(wrong, theta, target, parameters, 2, &options, estimates, &error),
+                   &error);
+        if (getenv("SHOW"))
+            printf("bad fit: misfit %g +- %g, albedo %g +- %g\n", outcome.misfit,
+                   outcome.misfit_error, estimates[0].value, estimates[0].standard_error);
+        for (k = 0; k < 2; k++) p[k] = itn_parameter_get(wrong, parameters[k]);
+        itn_refine_words(p, 2, estimates, covariance, &outcome, text, sizeof text);
+        CHECK(!outcome.explained && outcome.misfit > (known ? 2 : 1.3));
+        CHECK(strstr(text, "Suspect the exposure") != NULL);
+        CHECK_NEAR(estimates[0].standard_error, sqrt(covariance[0]), 1e-9);
+    }
+    itn_scene_free(wrong);
     itn_scene_free(scene);
 }
 
@@ -2127,15 +2081,9 @@ int main(void) {
     test_held(-1, -1);
     test_similarity(0);
     test_doubt(0);
-    if (!slow) test_look_up(2);
-    test_let_go(0);
     test_untold_step(0);
-    test_less_than_nothing(1, 1), test_less_than_nothing(-1, 1);
-    test_told_beside(0);
-    test_further(1);
-    test_further_counts(0);
-    test_step_left(1);
-    test_last_step(0);
+    test_learn(0);
+    test_verdict(4);
     if (!slow) { /* statistics take too long under a sanitizer */
         test_recoveries();
         test_coverages();
@@ -2154,8 +2102,8 @@ int main(void) {
         test_even_noise(1);
         test_noisy_view(1);
         CHECK_CATCHES(test_noisy_view(1.5));
-        test_loss_error(1);
-        test_second_search(1);
+        test_misfit_noise(1);
+        test_wrong_valley(1, 1), test_wrong_valley(1, 0);
         test_single_scattering(1);
     }
     test_allotments();
@@ -2169,24 +2117,21 @@ int main(void) {
     test_view_options();
     test_bounds();
     test_options();
+    test_ends(0), test_bad_fit(.5);
+    CHECK_CATCHES(test_ends(1));
+    CHECK_CATCHES(test_bad_fit(1));
     CHECK_CATCHES(test_cholesky(1e-6));
     CHECK_CATCHES(test_similarity(1e-4));
     CHECK_CATCHES(test_held(1, 1e-3));
-    CHECK_CATCHES(test_doubt(.01));
-    if (!slow) CHECK_CATCHES(test_look_up(0));
-    CHECK_CATCHES(test_let_go(1));
+    CHECK_CATCHES(test_doubt(10));
     CHECK_CATCHES(test_untold_step(1));
-    CHECK_CATCHES(test_less_than_nothing(-1, 2));
-    CHECK_CATCHES(test_told_beside(700));
-    CHECK_CATCHES(test_further(1.1));
-    CHECK_CATCHES(test_step_left(1.1));
-    CHECK_CATCHES(test_further_counts(1));
-    CHECK_CATCHES(test_last_step(.1));
+    CHECK_CATCHES(test_learn(1));
+    CHECK_CATCHES(test_verdict(5));
     CHECK_CATCHES(test_coverage(0, 3));
     CHECK_CATCHES(test_coverage_in_colours(3));
     if (!slow) {
         CHECK_CATCHES(test_untold_colours(1));
-        CHECK_CATCHES(test_idle_and_others(1));
+        CHECK_CATCHES(test_idle_and_others(1e-3));
     }
     CHECK_CATCHES(test_cases(10, 70, 100, 1));
     CHECK_CATCHES(test_two_lights(1));
@@ -2196,9 +2141,9 @@ int main(void) {
     CHECK_CATCHES(test_spread(.25));
     CHECK_CATCHES(test_stray_noise(1));
     CHECK_CATCHES(test_even_noise(1.5));
-    CHECK_CATCHES(test_loss_error(6));
+    CHECK_CATCHES(test_misfit_noise(6));
     CHECK_CATCHES(test_words(1));
-    CHECK_CATCHES(test_second_search(0));
+    CHECK_CATCHES(test_wrong_valley(-1, 1));
     CHECK_CATCHES(test_words_of_two(.5));
     CHECK_CATCHES(test_single_scattering(0));
     test_overflow();
