@@ -1003,12 +1003,14 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #if defined(__GNUC__)
 #define ITN__INLINE static inline __attribute__((always_inline, unused))
 #define ITN__NOINLINE static __attribute__((noinline, unused))
+#define ITN__COLD __attribute__((cold)) /* runs seldom: compiled for size, with what it calls */
 #define ITN__PRINTF(string, first) __attribute__((format(printf, string, first)))
 #define ITN__PREFETCH(address) __builtin_prefetch(address)
 #define ITN__PREFETCH_FAR(address) __builtin_prefetch(address, 0, 2) /* the second level of cache */
 #else
 #define ITN__INLINE static inline
 #define ITN__NOINLINE static
+#define ITN__COLD
 #define ITN__PRINTF(string, first)
 #define ITN__PREFETCH(address) ((void)(address))
 #define ITN__PREFETCH_FAR(address) ((void)(address))
@@ -1107,7 +1109,7 @@ static void itn__say_number(itn__prose *prose, double value, int precision, int 
 }
 
 /* Appends text as printf makes it: %s, %c, %d, %f and %g, with a precision or none, and %%. */
-static void itn__say_list(itn__prose *prose, const char *format, va_list arguments) {
+static ITN__COLD void itn__say_list(itn__prose *prose, const char *format, va_list arguments) {
     for (; *format; format++) {
         int precision = -1, number;
         if (*format != '%' || *++format == '%') {
@@ -2322,8 +2324,8 @@ static void itn__judge_parts(itn__welding *w) {
     if (fabs(report->volume) <= w->rounding) report->volume = 0;
 }
 
-ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
-                                  itn_mesh_report *report, itn_error *error) {
+ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
+                                            itn_mesh_report *report, itn_error *error) {
     itn_context own;
     itn__welding w = ITN_ZERO;
     itn_mesh_report found = ITN_ZERO;
@@ -4412,8 +4414,8 @@ static int itn__add_parameter(itn__maker *maker, const itn__field *field, int ch
 
 /* Checks the fields of a desc, which is the maker's own copy, and enters those that are parameters;
    the scene's item receives their indices. */
-static itn_result itn__take_fields(itn__maker *maker, const itn__field *field, void *desc,
-                                   void *item) {
+static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field *field, void *desc,
+                                             void *item) {
     int channels = maker->scene->film.channels;
     for (; field->name; field++) {
         float n[ITN__MOST_NUMBERS];
@@ -5068,9 +5070,10 @@ static itn_result itn__make_arrays(itn__maker *maker) {
 }
 
 /* itn_scene_create; on failure *kind and *index tell which item is at fault (kind -1: none). */
-static itn_result itn__create_scene(const itn_scene_desc *desc, const itn_context *context,
-                                    itn_result refusal, itn_scene **made, int *kind, int *index,
-                                    itn_error *error) {
+static ITN__COLD itn_result itn__create_scene(const itn_scene_desc *desc,
+                                              const itn_context *context, itn_result refusal,
+                                              itn_scene **made, int *kind, int *index,
+                                              itn_error *error) {
     itn__maker maker = ITN_ZERO;
     itn_context own;
     itn_scene *scene;
@@ -11554,7 +11557,7 @@ static itn_result itn__overflow(itn_error *error) {
 }
 
 /* Renders all views twice at the present point. Ended by the clock it returns ITN_OK, too. */
-static itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
+static ITN__COLD itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
     itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
     itn_result result = ITN_OK;
     refiner->spp = spp;
@@ -12022,8 +12025,9 @@ static itn_result itn__view_begin(itn__refiner *refiner, itn__refine_view *view,
 }
 
 /* Allocates, and finds where the search starts. square: the mean one of the pictures. */
-static itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views,
-                                    const float *values, double *square, itn_error *error) {
+static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views,
+                                              const float *values, double *square,
+                                              itn_error *error) {
     size_t n = (size_t)refiner->count;
     double start[ITN__MOST_UNKNOWNS], own = 1;
     itn_result result = ITN_OK;
@@ -12118,9 +12122,9 @@ static void itn__refine_estimate(itn__refiner *refiner, itn_estimate *estimates,
     }
 }
 
-ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
-                                    int count, const itn_refine_options *options,
-                                    itn_estimate *estimates, itn_error *error) {
+ITN_API ITN__COLD itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
+                                              int count, const itn_refine_options *options,
+                                              itn_estimate *estimates, itn_error *error) {
     itn__refiner refiner;
     itn_refine_outcome outcome = ITN_ZERO;
     itn_result result;
@@ -12284,9 +12288,9 @@ static double itn__best_product(const double *covariance, int count, const int *
     return fmax(a[best * n + best], 0) / (most * most);
 }
 
-ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
-                             const itn_estimate *estimates, const double *covariance,
-                             const itn_refine_outcome *outcome, char *text, size_t size) {
+ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, int count,
+                                       const itn_estimate *estimates, const double *covariance,
+                                       const itn_refine_outcome *outcome, char *text, size_t size) {
     double scaled[ITN__MOST_WORDS * ITN__MOST_WORDS], exponents[ITN__MOST_WORDS], variance;
     itn__power powers[ITN__MOST_WORDS];
     int tangled[ITN__MOST_WORDS], group[ITN__MOST_WORDS], n, k;
@@ -13164,8 +13168,8 @@ static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, con
     ITN__PUT_BYTES(buffer, "screenWindowWidth\0float\0\4\0\0\0\0\0\x80\x3f\0"); /* and the end */
 }
 
-ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path,
-                                      itn_error *error) {
+ITN_API ITN__COLD itn_result itn_image_save_exr(const itn_image *image, const char *path,
+                                                itn_error *error) {
     itn__buffer buffer;
     uint64_t line, start;
     int planes = image ? image->plane_count : 0, *order, row, i;
@@ -13279,9 +13283,9 @@ static void itn__png_rows(itn__buffer *png, const float *v, size_t width, size_t
     itn__put_number(png, sum, 4, 1);
 }
 
-ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
-                                      itn_png_mode mode, float scale, const char *path,
-                                      itn_error *error) {
+ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int first_plane,
+                                                int plane_count, itn_png_mode mode, float scale,
+                                                const char *path, itn_error *error) {
     itn__buffer png;
     size_t width, height, i, pixels, chunk;
     float *v; /* [pixels][3] */
@@ -13718,9 +13722,9 @@ static void itn__ply_decode(itn__text *text, itn__builder *builder) {
     }
 }
 
-ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
-                                        const itn_context *context, itn_mesh *mesh,
-                                        itn_error *error) {
+ITN_API ITN__COLD itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
+                                                  const itn_context *context, itn_mesh *mesh,
+                                                  itn_error *error) {
     itn__builder b = ITN_ZERO;
     itn_context checked;
     itn__text text;
@@ -14216,7 +14220,7 @@ static void itn__read_item(itn__reader *r) {
 
 /* Reads all lines and makes the scene. What is wrong with an item, or (line 0) with the whole, is
    known afterwards. */
-static itn_result itn__read_scene(itn__reader *r, itn_scene **scene) {
+static ITN__COLD itn_result itn__read_scene(itn__reader *r, itn_scene **scene) {
     itn_scene_desc *desc = &r->desc;
     itn_error error = ITN_ZERO;
     const char *fault = error.message;
