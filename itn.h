@@ -57,14 +57,10 @@
        [texels]         derivatives by the values of an image
        [path]           the reference path tracer
        [sobol]          scrambled points that fill the cube evenly
-       [voxels]         where there is nothing to hit
-       [raster]         triangles into cells, and how far they are
-       [regions]        planes with nothing on one side
-       [tables]         what the fast walk knows of a scene
+       [voxels]         what is known of a scene before walking
        [fast]           the same walk, many paths at a time
        [value]          what a path is expected to bring home
-       [safe]           flights that the tables prove free
-       [exact]          flights through voxels and triangles
+       [flights]        what flights meet, by the tables and by the triangles
        [shadow]         shadow rays
        [walk]           collisions, one after the other
        [surfaces]       what flights come to
@@ -4094,7 +4090,7 @@ typedef struct itn__object {
 typedef struct itn__kept {
     void (*release)(const itn_context *context, void *kept);
 } itn__kept;
-enum { ITN__TABLE_LEVELS = 6 };
+enum { ITN__TABLE_LEVELS = 3 };
 
 struct itn_scene {
     itn_context context;
@@ -4113,7 +4109,7 @@ struct itn_scene {
     itn_vec3 lower, upper; /* their box, less the origin, and a little around it */
     int spectral;     /* some medium has a sigma_t or g for each channel */
     int leaky;        /* some solid is open or tangled, taken by force */
-    void **tables;    /* [ITN__TABLE_LEVELS] each NULL or kept, see [tables] */
+    void **tables;    /* [ITN__TABLE_LEVELS] each NULL or kept, see [voxels] */
 };
 
 ITN_API void itn_scene_free(itn_scene *scene) {
@@ -6385,181 +6381,129 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
     return itn__unit_floats(itn__reverse_words(x));
 }
 
-/* ---- [voxels] where there is nothing to hit -------------------------------------------------- */
+/* ---- [voxels] what is known of a scene before walking ---------------------------------------- */
 
 /* Most flights of a walk in a translucent solid are short and meet nothing. A grid of cubic cells
-   proves that without a tree, by what it knows of the cells around a point:
-     cube    no triangle touches the cells within chessboard distance r of this cell; a segment with
-             both ends in such a cube is free, since the cube is convex.
-     region  all triangles in a block of cells lie in the slab below <= n.x <= above; a segment in
-             the block with both ends below, or both above, is free. On a surface that is nearly
-             flat at the scale of a block, n is its normal and the slab thin.
-     normals where all triangles of a block face within an angle a < 90 degrees of n, a segment of
-             unit direction d with n.d < -against, against = |n| sin a, runs against all their
-             normals and meets front faces only, which are not met from the inside of a solid.
+   proves that without a tree, by what it knows around a point:
+     distance  no triangle touches the cells within chessboard distance d - 1 of a cell; a segment
+               with both ends in that cube is free, since the cube is convex.
+     region    near a surface, where d is at most ITN__REGION_REACH, all triangles of the cells
+               within distance d have n.x >= below; a segment in this cube with both ends below is
+               free. Where besides their unit normals m have |m - n| <= against, a segment of unit
+               direction v with n.v < -against has m.v = n.v + (m - n).v < 0 for all of them: it
+               meets front faces only, which are not met from the inside of a solid.
    A segment that is not proven free is marched through the cells, and the packs of triangles in its
-   cells are tested. Nothing here may ever be wrong in claiming freedom. */
+   cells are tested. Nothing here may ever be wrong in claiming freedom.
 
-enum { /* words of a record in `surface` */
-    ITN__OWN_NORMAL,
-    ITN__OWN_BELOW,
-    ITN__OWN_ABOVE,
-    ITN__FIRST_PACK,
-    ITN__PACK_COUNT,
-    ITN__SURFACE_WORDS
-};
-enum {
-    ITN__REACH = 120,   /* largest distance told of */
-    ITN__RECORDS = 256, /* that one task makes */
-    ITN__AXIS_CELLS = 4096,
-    ITN__REGION_REACH = 2 /* largest distance of cells with regions */
-};
+   A triangle belongs to all cells that it comes within ITN__CELL_MARGIN cells of, by the separating
+   axis theorem: a triangle and a box are disjoint if and only if their projections are on one of 13
+   axes, those of the box, the normal of the triangle, and the 9 cross products of their edges. A
+   triangle lies where a.x is at least the least a.corner for any a, so that rounding of an axis
+   costs tightness and not correctness.
+
+   How fine the voxels are is a matter of the media and of the job: cells of about a mean free path
+   prove the most flights free, but a short render is over before they have paid for themselves. A
+   scene keeps the tables of each level it was asked for; the first render that needs one makes it,
+   and if two threads make the same one, the first to finish is kept. */
+
+enum { ITN__REACH = 120, ITN__REGION_REACH = 1, ITN__AXIS_CELLS = 4096 }; /* largest of each */
 #define ITN__MAX_CELLS ((double)(1 << 24))
 #define ITN__MAX_COLUMNS ((double)(1 << 20)) /* of cells looked at, and 8 more for each triangle */
 #define ITN__CELL_MARGIN .01f
 #define ITN__SLAB_MARGIN .001f /* in cells */
-#define ITN__SUMMARY_MARGIN 1e-5f
-#define ITN__SPACE_STEP (127 / 256.f) /* of below and above in `spaces`, in cells */
+#define ITN__PLANE_STEP (1 / 32.f) /* of bounds, in cells */
 
 typedef struct itn__voxels {
     itn_context context;
     itn_vec3 lower;
     float cell, inverse_cell; /* p is in cell floor((p - lower) inverse_cell), axis by axis */
     int size[3];
-    int32_t *spaces;  /* [size 2][size 1][size 0][2]: what is known around each cell, in two words.
-                         Where the lowest 24 bits of the first are 0, the highest byte is r: the
-                         cube of cells at chessboard distance <= r holds no triangle. Else they are
-                         bytes x, y, z of n (any length); the bits above them, the reach (4 bits):
-                         the block is the cube of cells at distance <= reach; and the cube (4 bits):
-                         that at distance <= cube - 1 holds no triangle. Of the second word, 12 bits
-                         are below and 12 are above, both relative to the middle of the cell and in
-                         units of ITN__SPACE_STEP cells, and 8 are against, or 255: no claim */
-    uint8_t *distances; /* [size 2][size 1][size 0]: 0 for a cell with triangles; d: the cube of
-                           cells at distance <= d - 1 holds none. Small, for quick marches; there
-                           are 3 bytes more */
-    int32_t *ranks;   /* [cells / 32 + 1][2]: a bit for each of 32 cells that holds triangles, and
-                         how many cells before these do; for quick visits to surface cells */
-    int32_t *surface; /* [surface_count][ITN__SURFACE_WORDS]: normal, below, above for this cell
-                         alone, the highest byte of the normal's word being `against`, or 255: no
-                         claim; first and number of its packs */
-    itn__pack *packs; /* aligned to a cache line, in pack_memory */
-    void *pack_memory;
-    int surface_count, pack_count;
-    int regions;     /* whether cells near those with triangles have some, too */
-    int whole;       /* no triangle lies outside */
-    uint64_t closed; /* the one closed object of the scene, if there is just one */
+    int32_t *cells;  /* [size 2][size 1][size 0]: bytes x, y, z of n (any length; 0: no region), and
+                        the chessboard distance to the nearest cell that holds triangles, or to one
+                        beyond the border */
+    int32_t *planes; /* the same size: of n.x, x from the middle of the cell in cells, the bound
+                        `below` in units of ITN__PLANE_STEP (16 bits); how many half units the
+                        surface is about above that (8 bits); against (8 bits), 255: no claim */
+    int32_t *first;  /* [cells + 2] of each cell's list, */
+    int32_t *leaves; /* of leaves of the tree that have triangles in the cell */
+    int surface_count; /* cells that hold triangles */
 } itn__voxels;
 
-/* What a surface cell's triangles amount to, in cells relative to its centre: their parts in the
-   cell lie in a box, and between two planes across `unit`; their normals, within an angle of it. */
-typedef struct itn__summary {
-    itn_vec3 normal; /* sum of their normals, by area */
-    itn_vec3 unit, middle, half;
-    float least, most;
-    float sine, cosine; /* of the angle; sine is infinite if it is not less than 90 degrees, or if
-                           the triangles are not all of the one closed object */
-} itn__summary;
+/* What the triangles of a cell amount to, in cells relative to its middle. */
+typedef struct itn__patch {
+    itn_vec3 normal;   /* sum of their normals, by area */
+    itn_vec3 unit;     /* along it; for all parts of triangles in the cell */
+    float least, most; /* least <= unit . x <= most, */
+    float chord;       /* |m - unit| <= chord, at least 2 for triangles not of the closed object */
+} itn__patch;
 
 /* What is needed while the tables are made. */
 typedef struct itn__voxel_build {
     const itn_bvh *bvh;
     itn__voxels *voxels;
-    double largest;       /* coordinate in the grid */
-    int32_t *starts;      /* [triangles + 1] of each triangle's cells, */
-    int32_t *covered;     /* which are these, or NULL while they are counted */
-    int32_t *first;       /* [cells + 1] of each cell's list, */
-    int32_t *listed;      /* of triangles, in order */
-    uint8_t *outer;       /* [cells] 1: outside of all solids */
-    int32_t *near_cells;  /* [near_count] cells with regions */
-    int32_t *surface_cells; /* [surface_count] of the records */
-    itn__summary *summaries;
-    int near_count;
+    uint64_t closed;    /* the one closed object of the scene, if there is just one */
+    double largest;     /* coordinate in the grid */
+    int32_t *starts;    /* [slots + 1] of each triangle's cells, */
+    int32_t *covered;   /* which are these, or NULL while they are counted */
+    int32_t *numbers;   /* [cells] of the patches of cells that hold triangles, or -1 */
+    itn__patch *patches; /* [surface_count] */
 } itn__voxel_build;
 
 ITN__INLINE size_t itn__cell_count(const itn__voxels *voxels) {
     return (size_t)voxels->size[0] * (size_t)voxels->size[1] * (size_t)voxels->size[2];
 }
+ITN__INLINE int itn__cell_index(const itn__voxels *voxels, int x, int y, int z) {
+    return (z * voxels->size[1] + y) * voxels->size[0] + x;
+}
 ITN__INLINE void itn__cell_place(const itn__voxels *voxels, int cell, int at[3]) {
     at[0] = cell % voxels->size[0], cell /= voxels->size[0];
     at[1] = cell % voxels->size[1], at[2] = cell / voxels->size[1];
 }
-
-/* Sets the number of cells of that size that the box takes, with one more on each side. Returns
-   how many there are, or infinity for too many. */
-static double itn__grid_size(const float extent[3], double cell, int size[3]) {
-    double total = 1;
-    int k;
+/* How many cells lie between a cell and the border. */
+static int itn__border_distance(const itn__voxels *voxels, const int at[3]) {
+    int least = INT_MAX, k;
     for (k = 0; k < 3; k++) {
-        double cells = fmin(fmax(ceil(extent[k] / cell), 1), 1e6);
-        size[k] = 2 + (int)cells;
-        total *= size[k] <= ITN__AXIS_CELLS ? size[k] : INFINITY;
+        int other = voxels->size[k] - 1 - at[k];
+        least = at[k] < least ? at[k] : least, least = other < least ? other : least;
     }
-    return total <= ITN__MAX_CELLS ? total : INFINITY;
+    return least;
 }
 
-/* The side of cells: `resolution` of them along the longest axis; but smaller ones in a thin box,
-   as long as they are not more than in a cube; and larger ones where rounding of coordinates up to
-   `largest` would be felt. */
-static double itn__grid_cell(const float extent[3], double largest, int resolution) {
-    double longest = itn__max(extent[0], itn__max(extent[1], extent[2])), side = resolution + 2.;
-    double thin = itn__min(extent[0], itn__min(extent[1], extent[2])), cell = longest / resolution;
-    int size[3];
-    while (thin > 0 && thin / cell < 4 &&
-           itn__grid_size(extent, cell / 2, size) <= fmin(side * side * side, ITN__MAX_CELLS))
-        cell /= 2;
-    cell = fmax(cell, 8 * FLT_EPSILON / ITN__SLAB_MARGIN * largest);
-    while (itn__grid_size(extent, cell, size) > ITN__MAX_CELLS) cell *= 1.25;
-    return cell;
-}
-
-/* ---- [raster] triangles into cells, and how far they are ------------------------------------- */
-
-/* A triangle belongs to all cells that it comes within ITN__CELL_MARGIN cells of, by the separating
-   axis theorem: a triangle and a box are disjoint iff their projections are on one of 13 axes,
-   those of the box, the normal of the triangle, and the 9 cross products of their edges; the latter
-   amount to the edges of the triangle's three shadows on the coordinate planes (Schwarz and Seidel,
-   "Fast parallel surface and solid voxelization on GPUs", 2010). For any vector d, be it a rounded
-   edge normal or not, a triangle lies where d.x is at least the least d.corner, so that rounding of
-   d costs tightness and not correctness. */
+/* A triangle in units of cells, the range of cells that its box touches, and its least and most
+   a.x along the axes that may separate it from a box. */
+typedef struct itn__raster {
+    float p[3][3], size;
+    int range[3][2];
+    float axis[3][16], least[16], most[16];
+} itn__raster;
 
 /* Margin, in cells, within which a triangle touches a cell; its coordinates relative to the grid
    are up to `size` cells, with errors of a few roundings of that. */
-#define ITN__TOUCH_MARGIN(size) (1.2f * ITN__CELL_MARGIN + 16 * FLT_EPSILON * (size))
-#define ITN__VAST 1048576.f /* cells; of a larger triangle only the bounding box is looked at */
-
-/* A place in cells, kept in what int32_t can say. */
+ITN__INLINE float itn__touch_margin(float size) {
+    return 1.2f * ITN__CELL_MARGIN + 16 * FLT_EPSILON * size;
+}
+/* A place in cells, kept in what int can say. */
 ITN__INLINE int itn__cell_of(float x) { return (int)floorf(itn__clamp(x, -1e9f, 1e9f)); }
 
-/* A triangle in units of cells. Axes are permuted in a cycle so that the normal's largest component
-   is along axis[2] = w; shadow 0 is on the plane of u and v, 1 on v and w, 2 on w and u. */
-typedef struct itn__raster {
-    float p[3][3], size;
-    int range[3][2], axis[3];
-    float edge[3][3][3];      /* [shadow][edge]: a i + b j + c >= 0 in cells that it touches */
-    float slope[2], depth[2]; /* w between depth + slopes . (i, j) */
-} itn__raster;
-
-/* Loads a triangle and the range of cells that its box touches. Returns 0 if there is none, or if
-   two of its corners are equal: no ray can hit it. (Other triangles without area may be hit when
-   rounding opens them.) */
+/* Loads a triangle and its range. Returns 0 if there is none, or if two of its corners are equal:
+   no ray can hit it. (Others without area may be hit when rounding opens them.) */
 static int itn__raster_load(const itn__voxels *voxels, const itn__triangle *triangle,
                             itn__raster *r) {
     const float origin[3] = {voxels->lower.x, voxels->lower.y, voxels->lower.z};
-    float touch;
     int j, k, inside = 1;
     for (r->size = 0, j = 0; j < 3; j++) {
-        const float *corner = triangle->corner[j], *next = triangle->corner[(j + 1) % 3];
-        inside &= corner[0] != next[0] || corner[1] != next[1] || corner[2] != next[2];
+        inside &= memcmp(triangle->corner[j], triangle->corner[(j + 1) % 3],
+                         sizeof triangle->corner[j]) != 0;
         for (k = 0; k < 3; k++) {
-            r->p[j][k] = (corner[k] - origin[k]) * voxels->inverse_cell;
+            r->p[j][k] = (triangle->corner[j][k] - origin[k]) * voxels->inverse_cell;
             r->size = itn__max(r->size, fabsf(r->p[j][k]));
         }
     }
-    touch = ITN__TOUCH_MARGIN(r->size);
     for (k = 0; k < 3; k++) {
         float least = itn__min(r->p[0][k], itn__min(r->p[1][k], r->p[2][k]));
         float most = itn__max(r->p[0][k], itn__max(r->p[1][k], r->p[2][k]));
-        int first = itn__cell_of(least - touch), last = itn__cell_of(most + touch);
+        int first = itn__cell_of(least - itn__touch_margin(r->size));
+        int last = itn__cell_of(most + itn__touch_margin(r->size));
         r->range[k][0] = first > 0 ? first : 0;
         r->range[k][1] = last < voxels->size[k] ? last : voxels->size[k] - 1;
         inside &= r->range[k][0] <= r->range[k][1];
@@ -6567,97 +6511,95 @@ static int itn__raster_load(const itn__voxels *voxels, const itn__triangle *tria
     return inside;
 }
 
-/* The three edges of a shadow on a plane of two axes; `facing` is the normal's third component. */
-static void itn__raster_shadow(itn__raster *r, int shadow, float facing, float half) {
-    int x = r->axis[shadow], y = r->axis[(shadow + 1) % 3], e;
-    for (e = 0; e < 3; e++) {
-        const float *from = r->p[e], *to = r->p[(e + 1) % 3];
-        float a = copysignf(1, facing) * (from[y] - to[y]);
-        float b = copysignf(1, facing) * (to[x] - from[x]);
-        float least = itn__min(a * r->p[0][x] + b * r->p[0][y],
-                               itn__min(a * r->p[1][x] + b * r->p[1][y],
-                                        a * r->p[2][x] + b * r->p[2][y]));
-        r->edge[shadow][e][0] = a, r->edge[shadow][e][1] = b;
-        r->edge[shadow][e][2] = .5f * (a + b) + (fabsf(a) + fabsf(b)) * half - least;
-    }
-}
-
-/* The shadows, and the depths over the plane of u and v between which the triangle's plane is
-   within a cell's column. */
-static void itn__raster_make(itn__raster *r) {
-    float e[3], f[3], n[3], w[3], half = .5f + ITN__TOUCH_MARGIN(r->size), wide;
-    int k, z, vast = !(r->size < ITN__VAST);
-    for (k = 0; k < 3; k++) e[k] = r->p[1][k] - r->p[0][k], f[k] = r->p[2][k] - r->p[0][k];
+/* The axes: those of the box, the normal, and edges across those of the box. */
+static void itn__raster_axes(itn__raster *r) {
+    float edge[3][3];
+    int j, k, from;
+    memset(r->axis, 0, sizeof r->axis);
+    for (j = 0; j < 3; j++)
+        for (k = 0; k < 3; k++) edge[j][k] = r->p[(j + 1) % 3][k] - r->p[j][k];
     for (k = 0; k < 3; k++) {
         int l = (k + 1) % 3, m = (k + 2) % 3;
-        n[k] = e[l] * f[m] - e[m] * f[l];
+        r->axis[k][k] = 1;
+        r->axis[k][3] = edge[0][l] * edge[1][m] - edge[0][m] * edge[1][l];
+        for (j = 0; j < 3; j++)
+            r->axis[l][4 + 3 * k + j] = -edge[j][m], r->axis[m][4 + 3 * k + j] = edge[j][l];
     }
-    z = fabsf(n[0]) >= fabsf(n[1]) ? 0 : 1;
-    if (fabsf(n[2]) > fabsf(n[z])) z = 2;
-    for (k = 0; k < 3; k++) r->axis[k] = (z + 1 + k) % 3;
-    memset(r->edge, 0, sizeof r->edge);
-    for (k = 0; k < 3 && !vast; k++) itn__raster_shadow(r, k, n[r->axis[(k + 2) % 3]], half);
-    for (k = 0; k < 2; k++) r->slope[k] = !vast && n[z] != 0 ? -n[r->axis[k]] / n[z] : 0;
-    for (k = 0; k < 3; k++)
-        w[k] = r->p[k][z] - r->slope[0] * r->p[k][r->axis[0]] - r->slope[1] * r->p[k][r->axis[1]];
-    wide = (fabsf(r->slope[0]) + fabsf(r->slope[1])) * half + half - .5f;
-    r->depth[0] = r->depth[1] = .5f * (r->slope[0] + r->slope[1]);
-    r->depth[0] += vast ? -1e9f : itn__min(w[0], itn__min(w[1], w[2])) - wide;
-    r->depth[1] += vast ? 1e9f : itn__max(w[0], itn__max(w[1], w[2])) + wide;
+    for (from = 0; from < 16; from += ITN__LANES) {
+        itn__floats x[3];
+        for (j = 0; j < 3; j++)
+            x[j] = itn__load(r->axis[0] + from) * r->p[j][0] +
+                   itn__load(r->axis[1] + from) * r->p[j][1] +
+                   itn__load(r->axis[2] + from) * r->p[j][2];
+        itn__store(r->least + from, itn__least(x[0], itn__least(x[1], x[2])));
+        itn__store(r->most + from, itn__most(x[0], itn__most(x[1], x[2])));
+    }
 }
 
-/* Whether the shadow on a plane touches the cell's, whose first corner is (i,j). */
-ITN__INLINE int itn__raster_touches(const itn__raster *r, int shadow, int i, int j) {
-    const float(*edge)[3] = r->edge[shadow];
-    float x = (float)i, y = (float)j;
-    return edge[0][0] * x + edge[0][1] * y + edge[0][2] >= 0 &&
-           edge[1][0] * x + edge[1][1] * y + edge[1][2] >= 0 &&
-           edge[2][0] * x + edge[2][1] * y + edge[2][2] >= 0;
-}
-
-/* Counts the cells of a triangle and, if there is room for them, writes them. */
-static int itn__raster_cells(const itn__voxels *voxels, itn__raster *r, int32_t *cells) {
-    int i, j, k, u, v, w, count = 0, stride[3];
-    const int(*range)[2] = (const int(*)[2])r->range;
-    itn__raster_make(r);
-    u = r->axis[0], v = r->axis[1], w = r->axis[2];
-    stride[0] = 1, stride[1] = voxels->size[0], stride[2] = voxels->size[0] * voxels->size[1];
-    for (i = range[u][0]; i <= range[u][1]; i++)
-        for (j = range[v][0]; j <= range[v][1]; j++) {
-            float slope = r->slope[0] * (float)i + r->slope[1] * (float)j;
-            int last = itn__cell_of(r->depth[1] + slope);
-            if (!itn__raster_touches(r, 0, i, j)) continue;
-            k = itn__cell_of(r->depth[0] + slope);
-            last = last < range[w][1] ? last : range[w][1];
-            for (k = k > range[w][0] ? k : range[w][0]; k <= last; k++) {
-                if (!itn__raster_touches(r, 1, j, k) || !itn__raster_touches(r, 2, k, i)) continue;
-                if (cells) cells[count] = i * stride[u] + j * stride[v] + k * stride[w];
-                count++;
-            }
+/* Whether some axis separates the triangle from a range of cells. */
+static int itn__raster_misses(const itn__raster *r, const int range[3][2]) {
+    itn__floats middle[3], half[3];
+    int k, from;
+    for (k = 0; k < 3; k++) {
+        float margin = itn__touch_margin(r->size);
+        middle[k] = itn__splat(.5f * (float)(range[k][1] + 1 + range[k][0]));
+        half[k] = itn__splat(.5f * (float)(range[k][1] + 1 - range[k][0]) + margin);
+    }
+    for (from = 0; from < 13; from += ITN__LANES) {
+        itn__floats x = itn__splat(0), wide = x;
+        for (k = 0; k < 3; k++) {
+            itn__floats axis = itn__load(r->axis[k] + from);
+            x += axis * middle[k], wide += itn__absolute(axis) * half[k];
         }
+        if (itn__mask_bits(itn__less(x + wide, itn__load(r->least + from)) |
+                           itn__less(itn__load(r->most + from), x - wide)))
+            return 1;
+    }
+    return 0;
+}
+
+/* Counts the cells of a range that the triangle touches and, if there is room for them, writes
+   them: halves the range along its longest side until it is one cell, or missed. */
+static int itn__raster_cells(const itn__voxels *voxels, const itn__raster *r,
+                             const int range[3][2], int32_t *cells) {
+    int half[3][2], k = 0, j, count = 0;
+    if (itn__raster_misses(r, range)) return 0;
+    for (j = 1; j < 3; j++)
+        if (range[j][1] - range[j][0] > range[k][1] - range[k][0]) k = j;
+    if (range[k][1] == range[k][0]) {
+        if (cells) *cells = itn__cell_index(voxels, range[0][0], range[1][0], range[2][0]);
+        return 1;
+    }
+    for (j = 0; j < 2; j++) {
+        int middle = (range[k][0] + range[k][1]) / 2;
+        memcpy(half, range, sizeof half);
+        if (j) half[k][0] = middle + 1;
+        else half[k][1] = middle;
+        count += itn__raster_cells(voxels, r, (const int(*)[2])half, cells ? cells + count : NULL);
+    }
     return count;
 }
 
-/* The cells of a block of triangles; of boxes of one cell there is nothing to look at. */
+/* The triangle in place slot % ITN__PACK of leaf slot / ITN__PACK, NULL for none. */
+static const itn__triangle *itn__slot_triangle(const itn_bvh *bvh, int slot) {
+    int index = bvh->packs[slot / ITN__PACK].index[slot % ITN__PACK];
+    return index < 0 ? NULL : &bvh->triangles[index];
+}
+
+/* The cells of the triangles of a block of leaves. */
 static void itn__raster_block(void *task, int index) {
     itn__voxel_build *build = (itn__voxel_build *)task;
-    const itn__voxels *v = build->voxels;
-    int i, end = itn__block_end(index, build->bvh->triangle_count);
-    for (i = index * ITN__BLOCK; i < end; i++) {
-        int32_t *cells = build->covered ? build->covered + build->starts[i] : NULL;
+    int slot, end = ITN__PACK * itn__block_end(index, build->bvh->leaf_count);
+    for (slot = index * ITN__BLOCK * ITN__PACK; slot < end; slot++) {
+        const itn__triangle *triangle = itn__slot_triangle(build->bvh, slot);
+        int32_t *cells = build->covered ? build->covered + build->starts[slot] : NULL;
         itn__raster r;
         int count = 0;
-        if (!itn__raster_load(v, &build->bvh->triangles[i], &r)) {
-            count = 0;
-        } else if (r.range[0][0] == r.range[0][1] && r.range[1][0] == r.range[1][1] &&
-                   r.range[2][0] == r.range[2][1]) {
-            if (cells)
-                *cells = (r.range[2][0] * v->size[1] + r.range[1][0]) * v->size[0] + r.range[0][0];
-            count = 1;
-        } else {
-            count = itn__raster_cells(v, &r, cells);
+        if (triangle && itn__raster_load(build->voxels, triangle, &r)) {
+            itn__raster_axes(&r);
+            count = itn__raster_cells(build->voxels, &r, (const int(*)[2])r.range, cells);
         }
-        if (!cells) build->starts[i + 1] = count;
+        if (!cells) build->starts[slot + 1] = count;
     }
 }
 
@@ -6674,493 +6616,207 @@ static int itn__prefix_sum(int32_t *first, size_t count) {
     return 1;
 }
 
-/* Lists the triangles of each cell. */
+/* Lists the leaves of each cell: counts them, then writes them. */
+static void itn__list_leaves(const itn__voxel_build *build) {
+    const itn__voxels *v = build->voxels;
+    int32_t *last = build->numbers;
+    int slots = build->bvh->leaf_count * ITN__PACK, pass, slot, k;
+    for (pass = 0; pass < 2; pass++) {
+        for (slot = 0; slot < slots; slot++)
+            for (k = build->starts[slot]; k < build->starts[slot + 1]; k++) {
+                int cell = build->covered[k], leaf = slot / ITN__PACK;
+                int32_t *next = &v->first[cell + 2 - pass], mark = pass ? ~leaf : leaf + 1;
+                if (last[cell] == mark) continue;
+                if (pass) v->leaves[*next] = leaf;
+                ++*next, last[cell] = mark;
+            }
+        if (!pass) itn__prefix_sum(v->first + 1, itn__cell_count(v)); /* writing moves each on */
+    }
+}
+
+/* Finds the cells of all triangles, and the leaves of all cells. Returns 0 if memory is out. */
 static int itn__voxel_lists(itn__voxel_build *build) {
-    const itn_context *context = &build->voxels->context;
-    int triangles = build->bvh->triangle_count, blocks = itn__block_count(triangles), i;
-    size_t cells = itn__cell_count(build->voxels), all, k;
-    build->starts = (int32_t *)itn__allocate(context, (size_t)triangles + 1, sizeof(int32_t));
-    build->first = (int32_t *)itn__allocate(context, cells + 2, sizeof(int32_t));
-    if (!build->starts || !build->first) return 0;
-    itn__parallel_for(context, blocks, itn__raster_block, build);
-    if (!itn__prefix_sum(build->starts, (size_t)triangles)) return 0;
-    all = (size_t)build->starts[triangles];
-    build->covered = (int32_t *)itn__allocate(context, all, sizeof(int32_t));
-    build->listed = (int32_t *)itn__allocate(context, all, sizeof(int32_t));
-    if (!build->covered || !build->listed) return 0;
-    itn__parallel_for(context, blocks, itn__raster_block, build);
-    for (k = 0; k < all; k++) build->first[build->covered[k] + 2]++;
-    itn__prefix_sum(build->first + 1, cells); /* filling moves each to its place */
-    for (i = 0; i < triangles; i++)
-        for (k = (size_t)build->starts[i]; k < (size_t)build->starts[i + 1]; k++)
-            build->listed[build->first[build->covered[k] + 1]++] = i;
-    return 1;
-}
-
-/* Lets distances spread from row to row, in the order of rows or (step -1) against it, and along
-   rows. Two sweeps, one each way, are exact for the chessboard distance (Borgefors 1986). */
-static void itn__sweep_distances(const itn__voxels *voxels, int step, uint8_t *least) {
-    static const int before[4][2] = {{-1, -1}, {0, -1}, {1, -1}, {-1, 0}}; /* in y, z */
-    int row, rows = voxels->size[1] * voxels->size[2], width = voxels->size[0], k, x;
-    for (row = step > 0 ? 0 : rows - 1; row >= 0 && row < rows; row += step) {
-        uint8_t *d = voxels->distances + (size_t)row * (size_t)width;
-        memset(least, ITN__REACH, (size_t)width + 2); /* one cell more on each side */
-        for (k = 0; k < 4; k++) {
-            int y = row % voxels->size[1] + step * before[k][0];
-            int z = row / voxels->size[1] + step * before[k][1];
-            const uint8_t *other = voxels->distances +
-                                   (size_t)(z * voxels->size[1] + y) * (size_t)width;
-            if (y < 0 || y >= voxels->size[1] || z < 0 || z >= voxels->size[2]) continue;
-            for (x = 0; x < width; x++)
-                least[x + 1] = other[x] < least[x + 1] ? other[x] : least[x + 1];
-        }
-        for (x = 0; x < width; x++) {
-            int a = least[x] < least[x + 1] ? least[x] : least[x + 1];
-            a = least[x + 2] < a ? least[x + 2] : a;
-            d[x] = (uint8_t)(a + 1 < d[x] ? a + 1 : d[x]);
-        }
-        for (x = 1; x < width; x++) d[x] = (uint8_t)(d[x - 1] + 1 < d[x] ? d[x - 1] + 1 : d[x]);
-        for (x = width - 2; x >= 0; x--)
-            d[x] = (uint8_t)(d[x + 1] + 1 < d[x] ? d[x + 1] + 1 : d[x]);
-    }
-}
-
-/* The distance of each cell to the nearest that holds triangles, or that is beyond the border if
-   triangles may lie there; and which hold some, in bits. */
-static int itn__voxel_distances(itn__voxel_build *build) {
     itn__voxels *v = build->voxels;
-    size_t cells = itn__cell_count(v), cell;
-    uint8_t *least = (uint8_t *)itn__allocate(&v->context, (size_t)v->size[0] + 2, 1);
-    v->distances = (uint8_t *)itn__allocate(&v->context, cells + 3, 1);
-    v->ranks = (int32_t *)itn__allocate(&v->context, cells / 32 + 1, 2 * sizeof(int32_t));
-    if (!least || !v->distances || !v->ranks) {
-        itn__free(&v->context, least);
-        return 0;
-    }
-    for (cell = 0; cell < cells; cell++) {
-        int at[3], holds = build->first[cell + 1] > build->first[cell], k, border = 0;
-        int32_t *rank = v->ranks + 2 * (cell / 32);
-        itn__cell_place(v, (int)cell, at);
-        for (k = 0; k < 3 && !v->whole; k++) border |= at[k] == 0 || at[k] == v->size[k] - 1;
-        v->distances[cell] = holds ? 0 : border ? 1 : ITN__REACH;
-        if (cell % 32 == 0) rank[1] = v->surface_count;
-        rank[0] = (int32_t)((uint32_t)rank[0] | (uint32_t)holds << cell % 32);
-        v->surface_count += holds;
-    }
-    itn__sweep_distances(v, 1, least);
-    itn__sweep_distances(v, -1, least);
-    itn__free(&v->context, least);
+    const itn_context *context = &v->context;
+    int blocks = itn__block_count(build->bvh->leaf_count);
+    size_t cells = itn__cell_count(v), slots = (size_t)build->bvh->leaf_count * ITN__PACK, all;
+    build->starts = (int32_t *)itn__allocate(context, slots + 1, sizeof(int32_t));
+    build->numbers = (int32_t *)itn__allocate(context, cells, sizeof(int32_t));
+    v->first = (int32_t *)itn__allocate(context, cells + 2, sizeof(int32_t));
+    if (!build->starts || !build->numbers || !v->first) return 0;
+    itn__parallel_for(context, blocks, itn__raster_block, build);
+    if (!itn__prefix_sum(build->starts, slots)) return 0;
+    all = (size_t)build->starts[slots];
+    build->covered = (int32_t *)itn__allocate(context, all, sizeof(int32_t));
+    v->leaves = (int32_t *)itn__allocate(context, all, sizeof(int32_t));
+    if (!build->covered || !v->leaves) return 0;
+    itn__parallel_for(context, blocks, itn__raster_block, build);
+    itn__list_leaves(build);
     return 1;
 }
 
-/* ---- [regions] planes with nothing on one side ----------------------------------------------- */
-
-/* A slab below <= n.x <= above holds each triangle's part in a block of cells: n.x is at least
-   n.corner for some corner; and with the triangle's unit normal m, any a and r = n - a m,
-     n.x = a m.x + r.x,   m.x between the least and the most m.corner,
-                          r.x >= r.centre - |r|_1 half for x in the block,
-   which is the better bound for triangles larger than the block; a = n.m makes r small. The
-   triangles of each cell are summarised by the box and the slab of their parts in it, which takes
-   the place of one triangle when a block's cells are put together. n is the sum of their normals,
-   by area, where a large triangle counts as a face of a cell.
-   Cells with triangles have a slab of their own, and packs; those that are near them, and where a
-   path in a solid may come, a region. itn__voxels_make makes the whole of the tables. */
-
-/* A block of cells and a direction n, with what its triangles say of it: in lanes while they are
-   added, then over all lanes. Lengths are in cells and relative to the centre. */
-typedef struct itn__slab {
-    itn_vec3 centre, n;
-    float length, half, inverse_cell; /* length of n, half the side of the box */
-    itn__floats leasts, mosts;        /* n . x of triangles in the box */
-    itn__floats steepests; /* |n| times the sine of the largest angle between n and a normal */
-    float least, most, steepest;
-} itn__slab;
-
-ITN__INLINE itn__floats itn__least3(const itn__floats x[3]) {
-    return itn__least(x[0], itn__least(x[1], x[2]));
-}
-ITN__INLINE itn__floats itn__most3(const itn__floats x[3]) {
-    return itn__most(x[0], itn__most(x[1], x[2]));
-}
-
-/* ITN__LANES triangles of a pack, beginning with number `from`. */
-typedef struct itn__facets {
-    itn__vectors p[3], normal; /* relative to a centre, in cells; of a length of twice the area */
-    itn__floats length, size;  /* of the normal; squares of the first corner and of two edges */
-} itn__facets;
-
-ITN__INLINE itn__facets itn__facets_make(const itn__pack *pack, int from, itn_vec3 centre,
-                                         float inverse_cell) {
-    itn__facets t;
-    itn__vectors e, f;
-    int j;
-    for (j = 0; j < 3; j++)
-        t.p[j] = itn__vectors_of((itn__load(pack->corner[j][0] + from) - centre.x) * inverse_cell,
-                                 (itn__load(pack->corner[j][1] + from) - centre.y) * inverse_cell,
-                                 (itn__load(pack->corner[j][2] + from) - centre.z) * inverse_cell);
-    e = itn__valong(t.p[1], itn__splat(-1), t.p[0]);
-    f = itn__valong(t.p[2], itn__splat(-1), t.p[0]);
-    t.normal = itn__vectors_of(e.y * f.z - e.z * f.y, e.z * f.x - e.x * f.z,
-                               e.x * f.y - e.y * f.x);
-    t.length = itn__root(itn__vdot(t.normal, t.normal));
-    t.size = itn__vdot(t.p[0], t.p[0]) + itn__vdot(e, e) + itn__vdot(f, f);
-    return t;
-}
-
-/* Adds the triangles of the mask to a slab. The sign of a front is judged by shadows whose corners
-   have errors of some roundings of their distance, which matters most for needles: that angle is
-   added to that of each normal. */
-ITN__INLINE void itn__slab_add(itn__slab *slab, const itn__facets *t, itn__ints mask) {
-    itn__floats away = itn__splat(INFINITY), zero = itn__splat(0), least, most, steep, d[3];
-    itn__floats a, wide, error;
-    itn__vectors n = itn__vectors_of(zero + slab->n.x, zero + slab->n.y, zero + slab->n.z), m, r;
-    itn__floats reach = t->size + 12 * slab->half * slab->half;
-    itn__ints good = itn__less(t->size, itn__splat(1e15f));
-    int j;
-    m = itn__vscale(t->normal, itn__select(itn__less(zero, t->length), 1 / t->length, zero));
-    a = itn__vdot(n, m);
-    r = itn__valong(n, -a, m);
-    error = 8 * FLT_EPSILON * slab->length * itn__root(t->size);
-    wide = (itn__absolute(r.x) + itn__absolute(r.y) + itn__absolute(r.z)) * slab->half;
-    for (j = 0; j < 3; j++) d[j] = a * itn__vdot(m, t->p[j]);
-    least = itn__least3(d) - wide;
-    most = itn__most3(d) + wide;
-    for (j = 0; j < 3; j++) d[j] = itn__vdot(n, t->p[j]);
-    least = itn__most(least, itn__least3(d)) - error;
-    most = itn__least(most, itn__most3(d)) + error;
-    least = itn__select(good, least, -away), most = itn__select(good, most, away);
-    slab->leasts = itn__least(slab->leasts, itn__select(mask, least, away));
-    slab->mosts = itn__most(slab->mosts, itn__select(mask, most, -away));
-    steep = 16 * FLT_EPSILON * slab->length * reach / t->length + itn__root(itn__vdot(r, r));
-    steep = itn__select(good & itn__less(zero, a), steep, away);
-    slab->steepests = itn__most(slab->steepests, itn__select(mask, steep, zero));
-}
-
-/* Begins a slab for the cube of cells within `reach` of a cell. */
-static void itn__slab_begin(const itn__voxels *voxels, const int at[3], int reach, itn_vec3 n,
-                            itn__slab *slab) {
-    slab->n = n;
-    slab->length = itn__length(n);
-    slab->half = (float)reach + .5f + ITN__CELL_MARGIN;
-    slab->inverse_cell = voxels->inverse_cell;
-    slab->centre = itn__vec3(voxels->lower.x + ((float)at[0] + .5f) * voxels->cell,
-                             voxels->lower.y + ((float)at[1] + .5f) * voxels->cell,
-                             voxels->lower.z + ((float)at[2] + .5f) * voxels->cell);
-    slab->leasts = itn__splat(INFINITY), slab->mosts = itn__splat(-INFINITY);
-    slab->steepests = itn__splat(0);
-}
-
-static void itn__slab_end(itn__slab *slab) {
-    int k;
-    slab->least = INFINITY, slab->most = -INFINITY, slab->steepest = 0;
-    for (k = 0; k < ITN__LANES; k++) {
-        slab->least = itn__min(slab->least, ITN__LANE(slab->leasts, k));
-        slab->most = itn__max(slab->most, ITN__LANE(slab->mosts, k));
-        slab->steepest = itn__max(slab->steepest, ITN__LANE(slab->steepests, k));
+/* The distance of each cell to the nearest that holds triangles or is beyond the border, where some
+   may lie. Two sweeps, each against half of the 26 neighbours, are exact for the chessboard
+   distance (Borgefors 1986). */
+static void itn__voxel_distances(itn__voxels *v, int32_t *numbers) {
+    int32_t *d = v->cells;
+    int count = (int)itn__cell_count(v), neighbours[13], at[3], pass, cell, k;
+    for (k = 0; k < 13; k++)
+        neighbours[k] = itn__cell_index(v, k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
+    for (cell = 0; cell < count; cell++) {
+        itn__cell_place(v, cell, at);
+        d[cell] = itn__border_distance(v, at) ? ITN__REACH : 1;
+        numbers[cell] = -1;
+        if (v->first[cell + 1] == v->first[cell]) continue;
+        d[cell] = 0, numbers[cell] = v->surface_count++;
     }
-}
-
-/* What rounding may do to n . x, in cells. */
-static float itn__slab_margin(const itn__voxel_build *build, const itn__slab *slab) {
-    return slab->length * (ITN__SLAB_MARGIN + 8 * FLT_EPSILON * (float)build->largest *
-                                                  build->voxels->inverse_cell);
-}
-
-/* The least a that -n.d must exceed for a segment in the block to meet front faces alone, as a byte
-   that claims no more. alone: all triangles are of the one closed object. */
-static uint32_t itn__against_byte(const itn__slab *slab, int alone) {
-    float a = ceilf(slab->steepest + 1e-5f * slab->length);
-    return alone && a < slab->length && a < 255 ? (uint32_t)a : 255;
-}
-
-ITN__INLINE int32_t itn__float_word(float x) {
-    int32_t word;
-    memcpy(&word, &x, sizeof word);
-    return word;
-}
-/* A normal of which the largest component is 127, as bytes. */
-static int32_t itn__pack_normal(itn_vec3 normal, itn_vec3 *n) {
-    float largest = itn__max_abs(normal);
-    int bytes[3] = {127, 0, 0};
-    if (largest > 0 && largest <= FLT_MAX) {
-        bytes[0] = (int)floorf(normal.x / largest * 127 + .5f);
-        bytes[1] = (int)floorf(normal.y / largest * 127 + .5f);
-        bytes[2] = (int)floorf(normal.z / largest * 127 + .5f);
-    }
-    *n = itn__vec3((float)bytes[0], (float)bytes[1], (float)bytes[2]);
-    return (bytes[0] & 255) | (bytes[1] & 255) << 8 | (bytes[2] & 255) << 16;
-}
-
-/* Whether all triangles of some packs belong to the one closed object. */
-static int itn__packs_alone(const itn__voxels *voxels, const itn__pack *packs, int count) {
-    int i, alone = 1;
-    for (i = 0; i < count; i++)
-        alone = alone && packs[i].object >= 0 &&
-                (itn__object_bit(packs[i].object) & voxels->closed);
-    return alone;
-}
-
-ITN__INLINE itn__floats itn__component(const itn__vectors *v, int k) {
-    return k == 0 ? v->x : k == 1 ? v->y : v->z;
-}
-
-/* The smallest, or the largest, of all lanes, between -half and half. */
-static float itn__extreme(itn__floats x, float half, int largest) {
-    float found = largest ? -half : half;
-    int k;
-    for (k = 0; k < ITN__LANES; k++)
-        found = largest ? itn__max(found, ITN__LANE(x, k)) : itn__min(found, ITN__LANE(x, k));
-    return itn__clamp(found, -half, half);
-}
-
-/* The box and the sum of the normals of some packs. */
-static void itn__summarise(const itn__slab *slab, const itn__pack *packs, int count,
-                           itn__summary *summary) {
-    itn__floats zero = itn__splat(0), edge = itn__splat(slab->half), sum[3], low[3], high[3];
-    float normal[3] = {0, 0, 0}, middle[3], half[3];
-    int i, j, k;
-    for (k = 0; k < 3; k++) sum[k] = zero, low[k] = edge, high[k] = -edge;
-    for (i = 0; i < count * ITN__PACK; i += ITN__LANES) {
-        const itn__pack *pack = &packs[i / ITN__PACK];
-        itn__facets t = itn__facets_make(pack, i % ITN__PACK, slab->centre, slab->inverse_cell);
-        itn__ints mask = itn__bits_mask(pack->used >> i % ITN__PACK & ITN__ALL_LANES);
-        itn__ints good = mask & itn__less(zero, t.length) & itn__less(t.size, itn__splat(1e15f));
-        itn__floats weight = itn__least(t.length, zero + 2) / t.length;
-        itn__floats error = 4 * FLT_EPSILON * itn__root(t.size);
-        for (k = 0; k < 3; k++) {
-            itn__floats x[3];
-            for (j = 0; j < 3; j++) x[j] = itn__component(&t.p[j], k);
-            sum[k] += itn__select(good, itn__component(&t.normal, k) * weight, zero);
-            low[k] = itn__select(mask, itn__least(low[k], itn__least3(x) - error), low[k]);
-            high[k] = itn__select(mask, itn__most(high[k], itn__most3(x) + error), high[k]);
-        }
-    }
-    for (k = 0; k < 3; k++) {
-        float least = itn__extreme(low[k], slab->half, 0);
-        float most = itn__extreme(high[k], slab->half, 1);
-        for (i = 0; i < ITN__LANES; i++) normal[k] += ITN__LANE(sum[k], i);
-        middle[k] = .5f * (least + most);
-        half[k] = .5f * (most - least) + ITN__SUMMARY_MARGIN;
-    }
-    summary->normal = itn__vec3(normal[0], normal[1], normal[2]);
-    summary->middle = itn__vec3(middle[0], middle[1], middle[2]);
-    summary->half = itn__vec3(half[0], half[1], half[2]);
-}
-
-/* Completes a summary by the slab of the same cell. The cell itself bounds it, too, which keeps it
-   finite where a triangle is vast: 0 times infinity would be no number. */
-static void itn__summary_end(const itn__slab *slab, int alone, itn__summary *summary) {
-    float scale = 1 / slab->length;
-    summary->unit = itn__scale(slab->n, scale);
-    summary->least = itn__max(slab->least * scale, -2 * slab->half) - ITN__SUMMARY_MARGIN;
-    summary->most = itn__min(slab->most * scale, 2 * slab->half) + ITN__SUMMARY_MARGIN;
-    summary->sine = slab->steepest * scale + ITN__SUMMARY_MARGIN;
-    if (!(alone && summary->sine < 1)) summary->sine = INFINITY;
-    summary->cosine = itn__safe_sqrt(1 - summary->sine * summary->sine);
-}
-
-/* Fills the packs of a surface cell and completes its record, of which the bounds are those of
-   n . x in the scene. */
-static void itn__make_surface_cell(const itn__voxel_build *build, int record) {
-    const itn__voxels *voxels = build->voxels;
-    int32_t *word = voxels->surface + (size_t)record * ITN__SURFACE_WORDS;
-    int cell = build->surface_cells[record], first = build->first[cell], at[3], i;
-    int count = build->first[cell + 1] - first, pack_count = word[ITN__PACK_COUNT], alone;
-    itn__pack *packs = &voxels->packs[word[ITN__FIRST_PACK]];
-    itn__summary *summary = &build->summaries[record];
-    double middle, margin, side = voxels->cell;
-    itn__slab slab;
-    itn_vec3 n = ITN_ZERO;
-    for (i = 0; i < pack_count; i++, first += ITN__PACK, count -= ITN__PACK)
-        itn__pack_fill(&packs[i], build->bvh->triangles, build->listed + first,
-                       count < ITN__PACK ? count : ITN__PACK);
-    itn__cell_place(voxels, cell, at);
-    itn__slab_begin(voxels, at, 0, n, &slab);
-    itn__summarise(&slab, packs, pack_count, summary);
-    word[ITN__OWN_NORMAL] = itn__pack_normal(summary->normal, &n);
-    itn__slab_begin(voxels, at, 0, n, &slab);
-    for (i = 0; i < pack_count * ITN__PACK; i += ITN__LANES) {
-        const itn__pack *pack = &packs[i / ITN__PACK];
-        itn__facets t = itn__facets_make(pack, i % ITN__PACK, slab.centre, slab.inverse_cell);
-        itn__slab_add(&slab, &t, itn__bits_mask(pack->used >> i % ITN__PACK & ITN__ALL_LANES));
-    }
-    itn__slab_end(&slab);
-    alone = itn__packs_alone(voxels, packs, pack_count);
-    itn__summary_end(&slab, alone, summary);
-    margin = itn__slab_margin(build, &slab);
-    middle = (double)n.x * slab.centre.x + (double)n.y * slab.centre.y +
-             (double)n.z * slab.centre.z;
-    word[ITN__OWN_BELOW] = itn__float_word((float)(middle + (slab.least - margin) * side));
-    word[ITN__OWN_ABOVE] = itn__float_word((float)(middle + (slab.most + margin) * side));
-    word[ITN__OWN_NORMAL] |= (int32_t)(itn__against_byte(&slab, alone) << 24);
-}
-
-/* The second word of what is known around a cell, for bounds of n.x in cells. */
-static int32_t itn__space_bounds(float below, float above, uint32_t against) {
-    const float most = 2047, least = -2048;
-    below = itn__clamp(floorf(below / ITN__SPACE_STEP), least, most);
-    above = itn__clamp(ceilf(above / ITN__SPACE_STEP), least, most);
-    return (int32_t)(((uint32_t)(int32_t)below & 0xfffu) |
-                     ((uint32_t)(int32_t)above & 0xfffu) << 12 | against << 24);
-}
-
-/* The record of a cell that holds triangles, or -1. */
-static int itn__record_of(const itn__voxels *voxels, int cell) {
-    const int32_t *rank = voxels->ranks + 2 * (size_t)(cell / 32);
-    unsigned bits = (unsigned)rank[0], bit = 1u << cell % 32;
-    return bits & bit ? rank[1] + itn__count_bits(bits & (bit - 1)) : -1;
-}
-
-/* The surface cells of a block. */
-enum { ITN__SIDE = 2 * ITN__REGION_REACH + 1 };
-typedef struct itn__block {
-    const itn__summary *cells[ITN__SIDE * ITN__SIDE * ITN__SIDE];
-    itn_vec3 offset[ITN__SIDE * ITN__SIDE * ITN__SIDE]; /* from the middle cell */
-    int count;
-} itn__block;
-
-static void itn__block_make(const itn__voxel_build *build, const int at[3], int reach,
-                            itn__block *block) {
-    const itn__voxels *voxels = build->voxels;
-    int from[3], to[3], k, x, y, z;
-    for (k = 0; k < 3; k++) {
-        from[k] = at[k] > reach ? at[k] - reach : 0;
-        to[k] = at[k] + reach < voxels->size[k] ? at[k] + reach : voxels->size[k] - 1;
-    }
-    block->count = 0;
-    for (z = from[2]; z <= to[2]; z++)
-        for (y = from[1]; y <= to[1]; y++)
-            for (x = from[0]; x <= to[0]; x++) {
-                int cell = (z * voxels->size[1] + y) * voxels->size[0] + x;
-                if (voxels->distances[cell]) continue;
-                block->cells[block->count] = &build->summaries[itn__record_of(voxels, cell)];
-                block->offset[block->count++] =
-                    itn__vec3((float)(x - at[0]), (float)(y - at[1]), (float)(z - at[2]));
+    for (pass = 0; pass < 2; pass++)
+        for (cell = pass ? count - 1 : 0; cell >= 0 && cell < count; cell += pass ? -1 : 1)
+            for (k = 0; k < 13 && d[cell] > 1; k++) {
+                int other = d[cell + (pass ? -neighbours[k] : neighbours[k])] + 1;
+                d[cell] = other < d[cell] ? other : d[cell];
             }
 }
 
-/* |x| . y */
-ITN__INLINE float itn__spread(itn_vec3 x, itn_vec3 y) {
-    return fabsf(x.x) * y.x + fabsf(x.y) * y.y + fabsf(x.z) * y.z;
+static double itn__least_of(const double x[3]) { return fmin(x[0], fmin(x[1], x[2])); }
+static double itn__most_of(const double x[3]) { return fmax(x[0], fmax(x[1], x[2])); }
+
+/* Adds a triangle, with the unit normal m and that area, to the patch of a cell. x in the cell,
+   |x_k| <= h, and in the triangle, of corners p, has
+     n.x >= min n.p   and   n.x = m.x + (n - m).x >= min m.p - |n - m|_1 h,
+   and the same for its most. The sign of a front is judged by shadows whose corners have errors of
+   some roundings of their distance, which matters most for needles: that angle is added to the
+   normal's. */
+static void itn__patch_add(const itn__voxel_build *build, const itn__triangle *triangle,
+                           const double m[3], double area, int cell, itn__patch *patch) {
+    const itn__voxels *v = build->voxels;
+    const double half = .5 + ITN__CELL_MARGIN, scale = 1 / (double)v->cell;
+    const double n[3] = {patch->unit.x, patch->unit.y, patch->unit.z};
+    const float lower[3] = {v->lower.x, v->lower.y, v->lower.z};
+    double by_n[3] = {0, 0, 0}, by_m[3] = {0, 0, 0}, wide = 0, chord = 0, size = 3;
+    double least, most;
+    int at[3], j, k;
+    itn__cell_place(v, cell, at);
+    for (k = 0; k < 3; k++) {
+        double middle = lower[k] + (at[k] + .5) * v->cell;
+        for (j = 0; j < 3; j++) {
+            double p = (triangle->corner[j][k] - middle) * scale;
+            by_n[j] += n[k] * p, by_m[j] += m[k] * p, size += 4 * p * p;
+        }
+        wide += fabs(n[k] - m[k]) * half, chord += (n[k] - m[k]) * (n[k] - m[k]);
+    }
+    wide += 8 * DBL_EPSILON * sqrt(size);
+    least = fmax(itn__least_of(by_n), itn__least_of(by_m) - wide);
+    most = fmin(itn__most_of(by_n), itn__most_of(by_m) + wide);
+    patch->least = itn__min(patch->least, (float)least);
+    patch->most = itn__max(patch->most, (float)most);
+    chord = sqrt(chord) + 16 * (double)FLT_EPSILON * size / (area * scale * scale);
+    if (!(area > 0) || !(itn__object_bit(triangle->object) & build->closed)) chord = 2;
+    patch->chord = itn__max(patch->chord, (float)chord);
 }
 
-/* The slab of a block, of its cells' summaries: n.x is bounded as for triangles, with a cell's box
-   for the block; angles add up. */
-static void itn__slab_of_block(itn__slab *slab, const itn__block *block) {
-    int i;
-    slab->least = INFINITY, slab->most = -INFINITY, slab->steepest = 0;
-    for (i = 0; i < block->count; i++) {
-        const itn__summary *t = block->cells[i];
-        float a = itn__dot(slab->n, t->unit), offset = itn__dot(slab->n, block->offset[i]);
-        itn_vec3 r = itn__along(slab->n, -a, t->unit);
-        float middle = itn__dot(slab->n, t->middle), wide = itn__spread(slab->n, t->half);
-        float r_middle = itn__dot(r, t->middle), r_wide = itn__spread(r, t->half);
-        float least = itn__min(a * t->least, a * t->most) + r_middle - r_wide;
-        float most = itn__max(a * t->least, a * t->most) + r_middle + r_wide;
-        float sine = itn__length(r); /* times |n|, and a is the cosine times |n| */
-        slab->least = itn__min(slab->least, offset + itn__max(least, middle - wide));
-        slab->most = itn__max(slab->most, offset + itn__min(most, middle + wide));
-        sine = t->sine < 1 && sine * t->sine < a * t->cosine ? sine * t->cosine + a * t->sine
-                                                             : INFINITY;
-        slab->steepest = itn__max(slab->steepest, sine);
+/* Makes the patches of all cells: their normals, then their bounds. A large triangle counts for a
+   normal as a face of the cell. */
+static void itn__patches_make(const itn__voxel_build *build) {
+    const itn__voxels *v = build->voxels;
+    double scale = 1 / ((double)v->cell * v->cell);
+    int slots = build->bvh->leaf_count * ITN__PACK, pass, slot, k, i;
+    for (pass = 0; pass < 2; pass++) {
+        for (slot = 0; slot < slots; slot++) {
+            const itn__triangle *triangle = itn__slot_triangle(build->bvh, slot);
+            double m[3] = {0, 0, 0}, area = triangle ? itn__unit_normal(triangle, m) : 0;
+            itn_vec3 weighted = itn__scale(itn__vec3((float)m[0], (float)m[1], (float)m[2]),
+                                           (float)fmin(area * scale, 2));
+            for (k = build->starts[slot]; k < build->starts[slot + 1]; k++) {
+                int cell = build->covered[k];
+                itn__patch *patch = &build->patches[build->numbers[cell]];
+                if (pass) itn__patch_add(build, triangle, m, area, cell, patch);
+                else patch->normal = itn__add(patch->normal, weighted);
+            }
+        }
+        for (i = 0; i < v->surface_count && !pass; i++) {
+            build->patches[i].unit = itn__direction(build->patches[i].normal);
+            build->patches[i].least = 2, build->patches[i].most = -2;
+        }
     }
 }
 
-/* Writes the region of a near cell: the smallest block that reaches triangles. */
-static void itn__make_region(const itn__voxel_build *build, int cell) {
-    const itn__voxels *voxels = build->voxels;
-    int at[3], reach = voxels->distances[cell], k;
-    int32_t *space = voxels->spaces + 2 * (size_t)cell;
-    itn_vec3 n, normal = ITN_ZERO;
-    itn__block block;
-    itn__slab slab;
-    float margin;
-    itn__cell_place(voxels, cell, at);
-    for (k = 0; k < 3 && !voxels->whole; k++) /* beyond the border triangles may lie */
-        if (at[k] < reach || voxels->size[k] - 1 - at[k] < reach) return;
-    itn__block_make(build, at, reach, &block);
-    for (k = 0; k < block.count; k++) normal = itn__add(normal, block.cells[k]->normal);
-    space[0] = itn__pack_normal(normal, &n) | reach << 24 | reach << 28;
-    itn__slab_begin(voxels, at, reach, n, &slab);
-    itn__slab_of_block(&slab, &block);
-    margin = itn__slab_margin(build, &slab);
-    space[1] = itn__space_bounds(slab.least - margin, slab.most + margin,
-                                 itn__against_byte(&slab, 1));
+/* The sum of the normals of the patches around a cell, as bytes of which the largest is 127. */
+static itn_vec3 itn__block_normal(const itn__voxel_build *build, int cell, int reach) {
+    const itn__voxels *v = build->voxels;
+    itn_vec3 n = itn__vec3(0, 0, 0);
+    float largest;
+    int x, y, z;
+    for (z = -reach; z <= reach; z++)
+        for (y = -reach; y <= reach; y++)
+            for (x = -reach; x <= reach; x++) {
+                int number = build->numbers[cell + itn__cell_index(v, x, y, z)];
+                if (number >= 0) n = itn__add(n, build->patches[number].normal);
+            }
+    largest = itn__max_abs(n);
+    if (!(largest > 0 && largest <= FLT_MAX)) return itn__vec3(127, 0, 0);
+    n = itn__scale(n, 127 / largest);
+    return itn__vec3(floorf(n.x + .5f), floorf(n.y + .5f), floorf(n.z + .5f));
 }
 
-static void itn__make_surface_cells(void *task, int chunk) {
-    const itn__voxel_build *build = (const itn__voxel_build *)task;
-    int i, end = itn__block_end(chunk, build->voxels->surface_count);
-    for (i = chunk * ITN__BLOCK; i < end; i++) itn__make_surface_cell(build, i);
+/* Adds the patch of a cell to one along `unit`; x from the middle of its cell, |x_k| <= h, has
+     unit . (x + offset) >= unit . offset + least - |unit - unit of the patch|_1 h. */
+static void itn__patch_join(itn__patch *patch, const itn__patch *other, itn_vec3 offset) {
+    itn_vec3 off = itn__sub(patch->unit, other->unit);
+    float wide = (fabsf(off.x) + fabsf(off.y) + fabsf(off.z)) * (.5f + ITN__CELL_MARGIN);
+    float along = itn__dot(patch->unit, offset);
+    patch->least = itn__min(patch->least, along + other->least - wide);
+    patch->most = itn__max(patch->most, along + other->most + wide);
+    patch->chord = itn__max(patch->chord, itn__length(off) + other->chord);
+}
+
+/* Writes what is known around a cell. Near the border there is no region where its block would go
+   beyond. */
+static void itn__region_make(const itn__voxel_build *build, int cell) {
+    const itn__voxels *v = build->voxels;
+    int reach = v->cells[cell], at[3], x, y, z;
+    float rounding = 8 * FLT_EPSILON * (float)build->largest * v->inverse_cell, length, below;
+    float above, against;
+    itn__patch patch = ITN_ZERO;
+    itn_vec3 n;
+    v->cells[cell] = reach << 24;
+    if (reach > ITN__REGION_REACH) return;
+    itn__cell_place(v, cell, at);
+    if (reach > itn__border_distance(v, at)) return;
+    n = itn__block_normal(build, cell, reach), length = itn__length(n);
+    patch.unit = itn__scale(n, 1 / length), patch.least = INFINITY, patch.most = -INFINITY;
+    for (z = -reach; z <= reach; z++)
+        for (y = -reach; y <= reach; y++)
+            for (x = -reach; x <= reach; x++) {
+                int number = build->numbers[cell + itn__cell_index(v, x, y, z)];
+                if (number >= 0)
+                    itn__patch_join(&patch, &build->patches[number],
+                                    itn__vec3((float)x, (float)y, (float)z));
+            }
+    below = (patch.least - ITN__SLAB_MARGIN - rounding) * length / ITN__PLANE_STEP;
+    below = floorf(itn__clamp(below, -32768, 32767));
+    above = (.5f * (patch.least + patch.most) * length / ITN__PLANE_STEP - below) / 16;
+    against = ceilf((patch.chord + 1e-5f) * length);
+    v->cells[cell] |= ((int)n.x & 255) | ((int)n.y & 255) << 8 | ((int)n.z & 255) << 16;
+    v->planes[cell] = (int32_t)(((uint32_t)(int)below & 0xffffu) |
+                                (uint32_t)itn__clamp(above, 0, 255) << 16 |
+                                (uint32_t)itn__min(against, 255) << 24);
 }
 static void itn__make_regions(void *task, int chunk) {
     const itn__voxel_build *build = (const itn__voxel_build *)task;
-    int i, end = itn__block_end(chunk, build->near_count);
-    for (i = chunk * ITN__BLOCK; i < end; i++) itn__make_region(build, build->near_cells[i]);
+    int i, end = itn__block_end(chunk, (int)itn__cell_count(build->voxels));
+    for (i = chunk * ITN__BLOCK; i < end; i++) itn__region_make(build, i);
 }
 
-/* Finds the cells that hold no triangles and are connected with the border by such: they are
-   outside of all solids, no walk in a medium comes there. None, if triangles may lie beyond. */
-static int itn__find_outer(itn__voxel_build *build) {
-    const itn__voxels *v = build->voxels;
-    size_t cells = itn__cell_count(v), cell;
-    int32_t *queue = (int32_t *)itn__allocate(&v->context, cells, sizeof(int32_t));
-    int stride[3], at[3], k, head = 0, tail = 0;
-    build->outer = (uint8_t *)itn__allocate(&v->context, cells, 1);
-    stride[0] = 1, stride[1] = v->size[0], stride[2] = v->size[0] * v->size[1];
-    for (cell = 0; queue && build->outer && v->whole && v->regions && cell < cells; cell++) {
-        int border = 0;
-        itn__cell_place(v, (int)cell, at);
-        for (k = 0; k < 3; k++) border |= at[k] == 0 || at[k] == v->size[k] - 1;
-        if (border && v->distances[cell]) build->outer[queue[tail++] = (int32_t)cell] = 1;
+/* How many cells a box takes, with one more on each side; infinity for too many. */
+static double itn__grid_size(const float extent[3], double cell, int size[3]) {
+    double total = 1;
+    int k;
+    for (k = 0; k < 3; k++) {
+        size[k] = 2 + (int)fmin(fmax(ceil(extent[k] / cell), 1), 1e6);
+        total *= size[k] <= ITN__AXIS_CELLS ? size[k] : INFINITY;
     }
-    while (head < tail) {
-        int from = queue[head++];
-        itn__cell_place(v, from, at);
-        for (k = 0; k < 6; k++) {
-            int up = k & 1, next = from + (up ? stride[k / 2] : -stride[k / 2]);
-            if (at[k / 2] == (up ? v->size[k / 2] - 1 : 0)) continue;
-            if (v->distances[next] && !build->outer[next])
-                build->outer[queue[tail++] = next] = 1;
-        }
-    }
-    itn__free(&v->context, queue);
-    return queue && build->outer;
-}
-
-/* Numbers the records in the order of cells, and writes what is known without regions. Returns
-   whether there is memory for all. */
-static int itn__number_records(itn__voxel_build *build) {
-    itn__voxels *v = build->voxels;
-    const itn_context *context = &v->context;
-    size_t cell, cells = itn__cell_count(v), records = (size_t)v->surface_count;
-    int surface = 0;
-    v->spaces = (int32_t *)itn__allocate(context, cells, 2 * sizeof(int32_t));
-    v->surface = (int32_t *)itn__allocate(context, records, ITN__SURFACE_WORDS * sizeof(int32_t));
-    build->near_cells = (int32_t *)itn__allocate(context, cells, sizeof(int32_t));
-    build->surface_cells = (int32_t *)itn__allocate(context, records, sizeof(int32_t));
-    build->summaries = (itn__summary *)itn__allocate(context, records, sizeof(itn__summary));
-    if (!v->spaces || !v->surface || !build->near_cells || !build->surface_cells ||
-        !build->summaries)
-        return 0;
-    for (cell = 0; cell < cells; cell++) {
-        int count = build->first[cell + 1] - build->first[cell], distance = v->distances[cell];
-        int32_t *space = v->spaces + 2 * cell;
-        space[0] = count ? 127 : (distance - 1) << 24;
-        space[1] = itn__space_bounds(count ? -INFINITY : INFINITY, INFINITY, 255);
-        if (distance <= (v->regions ? ITN__REGION_REACH : 0) && !build->outer[cell])
-            build->near_cells[build->near_count++] = (int32_t)cell;
-        if (count) {
-            int32_t *own = v->surface + (size_t)surface * ITN__SURFACE_WORDS;
-            own[ITN__FIRST_PACK] = v->pack_count;
-            own[ITN__PACK_COUNT] = (count + ITN__PACK - 1) / ITN__PACK;
-            v->pack_count += own[ITN__PACK_COUNT];
-            build->surface_cells[surface++] = (int32_t)cell;
-        }
-    }
-    v->packs = (itn__pack *)itn__allocate_aligned(context, (size_t)v->pack_count,
-                                                  sizeof(itn__pack), &v->pack_memory);
-    return v->packs != NULL;
+    return total <= ITN__MAX_CELLS ? total : INFINITY;
 }
 
 /* How many columns of cells all triangles will look at. */
@@ -7180,31 +6836,34 @@ static double itn__voxel_columns(const itn__voxel_build *build) {
     return columns;
 }
 
-/* Chooses the grid; cells are enlarged until the triangles do not look at too many of them. Returns
-   0 if floats cannot represent the grid's numbers. */
+/* Chooses the grid: `resolution` cells along the longest axis; but smaller ones in a thin box, as
+   long as they are not more than in a cube; and larger ones where rounding of coordinates would be
+   felt, or triangles look at too many. Returns 0 if floats cannot represent its numbers. */
 static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upper,
                            int resolution) {
     itn__voxels *v = build->voxels;
-    const itn_bvh *bvh = build->bvh;
-    float extent[3];
-    double most = ITN__MAX_COLUMNS + 8.0 * bvh->triangle_count, cell;
-    extent[0] = upper.x - lower.x, extent[1] = upper.y - lower.y, extent[2] = upper.z - lower.z;
+    const float extent[3] = {upper.x - lower.x, upper.y - lower.y, upper.z - lower.z};
+    double thin = itn__min(extent[0], itn__min(extent[1], extent[2]));
+    double cell = itn__max(extent[0], itn__max(extent[1], extent[2])) / (double)resolution;
+    double cube = pow(resolution + 2., 3), columns;
     build->largest = itn__max(itn__max_abs(lower), itn__max_abs(upper));
-    cell = itn__grid_cell(extent, build->largest, resolution);
-    build->largest += 2 * cell;
-    for (;; cell *= 2) {
-        itn__grid_size(extent, cell, v->size);
+    while (thin > 0 && thin / cell < 4 &&
+           itn__grid_size(extent, cell / 2, v->size) <= fmin(cube, ITN__MAX_CELLS))
+        cell /= 2;
+    cell = fmax(cell, 8 * FLT_EPSILON / ITN__SLAB_MARGIN * build->largest);
+    for (;; cell *= 1.25) {
+        if (itn__grid_size(extent, cell, v->size) > ITN__MAX_CELLS) continue;
         v->cell = (float)cell, v->inverse_cell = (float)(1 / cell);
         v->lower = itn__along(lower, -1, itn__vec3(v->cell, v->cell, v->cell));
         if (!(itn__finite3(v->lower) && v->cell >= FLT_MIN && v->inverse_cell >= FLT_MIN &&
               v->inverse_cell <= FLT_MAX))
             return 0;
-        if (itn__voxel_columns(build) <= most || itn__cell_count(v) <= 27) break;
+        columns = itn__voxel_columns(build);
+        if (columns <= ITN__MAX_COLUMNS + 8. * build->bvh->triangle_count ||
+            itn__cell_count(v) <= 27)
+            break;
     }
-    upper = itn__along(v->lower, v->cell,
-                       itn__vec3((float)v->size[0], (float)v->size[1], (float)v->size[2]));
-    v->whole = bvh->lower.x > v->lower.x && bvh->upper.x < upper.x && bvh->lower.y > v->lower.y &&
-               bvh->upper.y < upper.y && bvh->lower.z > v->lower.z && bvh->upper.z < upper.z;
+    build->largest += 2 * cell;
     return 1;
 }
 
@@ -7212,31 +6871,34 @@ static void itn__voxels_free(itn__voxels *voxels) {
     itn_context context;
     if (!voxels) return;
     context = voxels->context;
-    itn__free(&context, voxels->spaces);
-    itn__free(&context, voxels->distances);
-    itn__free(&context, voxels->ranks);
-    itn__free(&context, voxels->surface);
-    itn__free(&context, voxels->pack_memory);
+    itn__free(&context, voxels->cells);
+    itn__free(&context, voxels->planes);
+    itn__free(&context, voxels->first);
+    itn__free(&context, voxels->leaves);
     itn__free(&context, voxels);
 }
 
 /* Makes what the grid holds. Returns 0 if memory is out. */
 static int itn__voxels_fill(itn__voxel_build *build) {
-    const itn_context *context = &build->voxels->context;
-    if (!itn__voxel_lists(build) || !itn__voxel_distances(build) || !itn__find_outer(build) ||
-        !itn__number_records(build))
-        return 0;
-    itn__parallel_for(context, itn__block_count(build->voxels->surface_count),
-                      itn__make_surface_cells, build);
-    itn__parallel_for(context, itn__block_count(build->near_count), itn__make_regions, build);
+    itn__voxels *v = build->voxels;
+    const itn_context *context = &v->context;
+    v->cells = (int32_t *)itn__allocate(context, itn__cell_count(v), sizeof(int32_t));
+    v->planes = (int32_t *)itn__allocate(context, itn__cell_count(v), sizeof(int32_t));
+    if (!v->cells || !v->planes || !itn__voxel_lists(build)) return 0;
+    itn__voxel_distances(v, build->numbers);
+    build->patches = (itn__patch *)itn__allocate(context, (size_t)v->surface_count + 1,
+                                                 sizeof(itn__patch));
+    if (!build->patches) return 0;
+    itn__patches_make(build);
+    itn__parallel_for(context, itn__block_count((int)itn__cell_count(v)), itn__make_regions, build);
     return 1;
 }
 
 /* Makes the tables for the box from lower to upper and one cell around it, of `resolution` cells
    along its longest axis; fewer if there is not enough room or precision. closed: bits of the
-   closed objects. regions: whether cells near those with triangles have some, too. */
+   closed objects. */
 static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bvh, uint64_t closed,
-                                   itn_vec3 lower, itn_vec3 upper, int resolution, int regions,
+                                   itn_vec3 lower, itn_vec3 upper, int resolution,
                                    itn__voxels **voxels, itn_error *error) {
     itn__voxel_build build = ITN_ZERO;
     itn_vec3 extent = itn__sub(upper, lower);
@@ -7245,11 +6907,10 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
           extent.x >= 0 && extent.y >= 0 && extent.z >= 0 && resolution > 0))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "voxels: the box or resolution is empty");
     build.bvh = bvh;
+    build.closed = closed & (closed - 1) ? 0 : closed;
     build.voxels = (itn__voxels *)itn__allocate(context, 1, sizeof(itn__voxels));
     if (!build.voxels) return itn__out_of_memory(error, "voxels");
     build.voxels->context = *context;
-    build.voxels->regions = regions;
-    build.voxels->closed = closed & (closed - 1) ? 0 : closed;
     if (!itn__voxel_grid(&build, lower, upper, resolution))
         result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                            "voxels: a box of %g is too small or large for floats",
@@ -7258,26 +6919,14 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
         result = itn__out_of_memory(error, "voxels");
     itn__free(context, build.starts);
     itn__free(context, build.covered);
-    itn__free(context, build.first);
-    itn__free(context, build.listed);
-    itn__free(context, build.outer);
-    itn__free(context, build.near_cells);
-    itn__free(context, build.surface_cells);
-    itn__free(context, build.summaries);
+    itn__free(context, build.numbers);
+    itn__free(context, build.patches);
     if (result)
         itn__voxels_free(build.voxels);
     else
         *voxels = build.voxels;
     return result;
 }
-
-/* ---- [tables] what the fast walk knows of a scene -------------------------------------------- */
-
-/* The fast walk needs the voxels around the media, the normals of all triangles and the pixels that
-   see nothing. How fine the voxels are is a matter of the media and of the job: cells of
-   about a mean free path prove the most flights free, but a short render is over before they have
-   paid for themselves. A scene keeps the tables of each level it was asked for; the first render
-   that needs one makes it, and if two threads make the same one, the first to finish is kept. */
 
 /* Unit normals of all triangles of a tree, by slots; 0 where there is none. */
 static float *itn__make_normals(const itn_context *context, const itn_bvh *bvh) {
@@ -7354,8 +7003,8 @@ static void itn__tables_free(const itn_context *context, void *made) {
 }
 
 /* Makes the tables with so many voxels along the longest side of the solids with media. */
-static itn_result itn__tables_make(const itn_scene *scene, int resolution, int regions,
-                                   itn__tables **made, itn_error *error) {
+static itn_result itn__tables_make(const itn_scene *scene, int resolution, itn__tables **made,
+                                   itn_error *error) {
     const itn_context *context = &scene->context;
     itn__tables *tables = (itn__tables *)itn__allocate(context, 1, sizeof *tables);
     itn_vec3 reach = itn__vec3(0, 0, 0), lower = reach, upper = reach;
@@ -7380,7 +7029,7 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
         upper = itn__vec3(itn__max(upper.x, b.x), itn__max(upper.y, b.y), itn__max(upper.z, b.z));
     }
     if (!first)
-        result = itn__voxels_make(context, scene->bvh, closed, lower, upper, resolution, regions,
+        result = itn__voxels_make(context, scene->bvh, closed, lower, upper, resolution,
                                   &tables->voxels, error);
     if (!result) {
         tables->normals = itn__make_normals(context, scene->bvh);
@@ -7395,18 +7044,18 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, int r
     return result;
 }
 
-/* The level for a job of that many paths: resolution 16 << level / 2, with regions if it is odd.
-   Cells are about as large as a mean free path, and not so large that they hold many triangles; a
-   small job has coarse ones, and the more so the more lanes share what exact flights cost. */
+/* The level for a job of that many paths: resolution 16 << level. Cells are about as large as a
+   mean free path, and not so large that they hold many triangles; a small job has coarse ones, and
+   the more so the more lanes share what exact flights cost. */
 static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
     double cells = .2 * sqrt((double)scene->bvh->triangle_count);
-    int regions = paths >= 1e6, level = regions, finest = paths < 1e4 * ITN__LANES ? 1 : 2, i;
+    int level = paths >= 1e6, finest = paths < 1e4 * ITN__LANES ? 1 : 2, i;
     for (i = 0; i < scene->object_count; i++)
         if (scene->objects[i].medium >= 0)
             cells = fmax(cells, scene->radius * (double)theta[
                                     scene->media[scene->objects[i].medium].sigma_t[0]]);
     while (level < finest && cells > 12 << level) level++;
-    return 2 * level + regions;
+    return level;
 }
 
 /* The tables for a job; *own receives them if the scene does not keep them. */
@@ -7417,7 +7066,7 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
     itn__tables *made = NULL, *kept = (itn__tables *)itn__once_get(&scene->tables[level]);
     itn_result result = ITN_OK;
     *own = NULL;
-    if (!kept) result = itn__tables_make(scene, 16 << level / 2, level % 2, &made, error);
+    if (!kept) result = itn__tables_make(scene, 16 << level, &made, error);
     if (result) return result;
     if (!kept && itn__once_set(&scene->tables[level], made)) kept = made;
     *tables = kept ? kept : made;
@@ -7547,19 +7196,6 @@ typedef struct itn__fast {
     const float *weights; /* of pixels, [channels][height][width], to fold derivatives with */
 } itn__fast;
 
-/* Visits of flights to cells with triangles, and, as far as they matter, to packs. */
-enum { ITN__VISITS = 256, ITN__VISIT_ROW = ITN__VISITS + 16 };
-typedef struct itn__visits {
-    int32_t ray[ITN__VISIT_ROW], cell[ITN__VISIT_ROW];
-    float enter[ITN__VISIT_ROW], length[ITN__VISIT_ROW]; /* distances */
-    float from[3][ITN__VISIT_ROW], direction[3][ITN__VISIT_ROW];
-    int count;
-} itn__visits;
-typedef struct itn__tests {
-    int32_t ray[ITN__CROWD + 16], pack[ITN__CROWD + 16];
-    float enter[ITN__CROWD + 16];
-    int count;
-} itn__tests;
 
 typedef struct itn__crowd {
     const itn__fast *fast;
@@ -7572,8 +7208,6 @@ typedef struct itn__crowd {
     itn__queue *walk, *surface;    /* per substance; per surface */
     itn__path *taken[ITN__CROWD];  /* paths or shadow rays in flight, for [flights] */
     int taken_count;
-    itn__visits visits;
-    itn__tests tests;
     float *radiance; /* [planes][camera rays of a unit] */
     int radiance_stride;
     float *scores;   /* of all paths and rays */
@@ -8056,78 +7690,83 @@ ITN__NOINLINE void itn__control_bounce(const itn__fast *fast, itn__state *s, con
     }
 }
 
-/* ---- [safe] flights that the tables prove free ----------------------------------------------- */
+/* ---- [flights] what flights meet, by the tables and by the triangles ------------------------- */
 
 /* A lane keeps what the voxel tables say of its surroundings, and looks again only when a flight
-   leaves them. So in the thick of a medium most flights cost a few comparisons. */
+   leaves them. So in the thick of a medium most flights cost a few comparisons.
+   Flights that the tables could not prove free march through the grid: past the empty cube around
+   a point, or through one cell, of which the triangles are tested unless the flight stays below
+   their plane there, or runs against all of them. What this cannot tell, the tree does. */
 
 /* What is known around each lane's position: a cube in which a flight is free if both its ends have
-   n.x < below, or both > above, x from the centre, or if it runs against all normals. */
+   n.x < below, x from the centre, or if it runs against all normals. */
 typedef struct itn__free_space {
     itn__vectors centre, n;
-    itn__floats half, below, above, against;
+    itn__floats half, below, against;
     itn__floats np;     /* n . (position - centre) */
     itn__floats middle; /* n . x about where the surface is; */
     itn__ints under;    /* the position is below that */
 } itn__free_space;
 
-ITN__INLINE itn__floats itn__signed_byte(itn__ints word, int shift) {
-    return itn__to_floats(itn__word_ints(itn__int_words(word) << (24 - shift)) >> 24);
-}
-
-/* A normal of itn__pack_normal. */
-ITN__INLINE itn__vectors itn__byte_vectors(itn__ints word) {
-    return itn__vectors_of(itn__signed_byte(word, 0), itn__signed_byte(word, 8),
-                           itn__signed_byte(word, 16));
-}
-
-/* Looks up the surroundings of p for the lanes in the mask. */
-ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
-                                    itn__free_space *space) {
-    itn__floats zero = itn__splat(0), half_cell = itn__splat(.5f), half, below, above, np, middle;
-    itn__ints none = itn__splat_int(0), x, y, z, inside, at, word, near_one, top, cube, reach;
-    itn__ints free_cube;
-    itn__words bounds;
-    itn__vectors n, centre;
+/* Where the cells at p are in the tables, of those in the grid; *centre receives their middles. */
+ITN__INLINE itn__ints itn__cells_at(const itn__voxels *voxels, itn__vectors p, itn__ints *inside,
+                                    itn__vectors *centre) {
+    itn__floats half_cell = itn__splat(.5f);
+    itn__ints none = itn__splat_int(-1), x, y, z;
     x = itn__floor_ints((p.x - voxels->lower.x) * voxels->inverse_cell);
     y = itn__floor_ints((p.y - voxels->lower.y) * voxels->inverse_cell);
     z = itn__floor_ints((p.z - voxels->lower.z) * voxels->inverse_cell);
-    inside = mask & itn__int_less(none - 1, x) & itn__int_less(none - 1, y) &
-             itn__int_less(none - 1, z) & itn__int_less(x, itn__splat_int(voxels->size[0])) &
-             itn__int_less(y, itn__splat_int(voxels->size[1])) &
-             itn__int_less(z, itn__splat_int(voxels->size[2]));
-    at = ((z & inside) * voxels->size[1] + (y & inside)) * voxels->size[0] + (x & inside);
-    at += at;
-    word = itn__gather_ints(voxels->spaces, at, inside, none);
-    bounds = itn__int_words(itn__gather_ints(voxels->spaces + 1, at, inside, none));
-    centre = itn__vectors_of((itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
-                             (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
-                             (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
-    n = itn__byte_vectors(word);
+    *inside &= itn__int_less(none, x) & itn__int_less(none, y) & itn__int_less(none, z) &
+               itn__int_less(x, itn__splat_int(voxels->size[0])) &
+               itn__int_less(y, itn__splat_int(voxels->size[1])) &
+               itn__int_less(z, itn__splat_int(voxels->size[2]));
+    *centre = itn__vectors_of((itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
+                              (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
+                              (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
+    return (z * voxels->size[1] + y) * voxels->size[0] + x;
+}
+
+/* The signed number of so many bits, from the bit `first` of a word on. */
+ITN__INLINE itn__floats itn__signed_bits(itn__ints word, int first, int bits) {
+    return itn__to_floats(itn__word_ints(itn__int_words(word) << (32 - bits - first)) >>
+                          (32 - bits));
+}
+
+/* The planes of cells, of which the words are given, in the units of the scene. */
+ITN__INLINE void itn__read_planes(const itn__voxels *voxels, itn__ints word, itn__ints at,
+                                  itn__ints mask, itn__vectors *n, itn__floats *below,
+                                  itn__floats *middle, itn__floats *against) {
+    itn__ints plane = itn__gather_ints(voxels->planes, at, mask, itn__splat_int(0));
+    *n = itn__vectors_of(itn__signed_bits(word, 0, 8), itn__signed_bits(word, 8, 8),
+                         itn__signed_bits(word, 16, 8));
+    *below = itn__signed_bits(plane, 0, 16) * (ITN__PLANE_STEP * voxels->cell);
+    *middle = *below + itn__to_floats((plane >> 16) & 255) * (16 * ITN__PLANE_STEP * voxels->cell);
+    *against = itn__to_floats(itn__word_ints(itn__int_words(plane) >> 24));
+}
+
+/* Looks up the surroundings of p for the lanes in the mask. Above the plane of its region, but in
+   an empty cell, a lane takes the empty cube. */
+ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
+                                    itn__free_space *space) {
+    itn__ints inside = mask, none = itn__splat_int(0), at, word, distance, region;
+    itn__floats below, middle, against, half, np;
+    itn__vectors n, centre;
+    at = itn__cells_at(voxels, p, &inside, &centre);
+    word = itn__gather_ints(voxels->cells, at, inside, none), distance = word >> 24;
+    itn__read_planes(voxels, word, at, inside, &n, &below, &middle, &against);
     np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
-    below = itn__to_floats(itn__word_ints(bounds << 20) >> 20) * (ITN__SPACE_STEP * voxels->cell);
-    above = itn__to_floats(itn__word_ints(bounds << 8) >> 20) * (ITN__SPACE_STEP * voxels->cell);
-    near_one = ~itn__int_equal(word & 0xffffff, none);
-    top = itn__word_ints(itn__int_words(word) >> 24), cube = top >> 4;
-    reach = itn__select_int(near_one, top & 15, top);
-    /* on neither side of the slab, but in an empty cell: take the cube instead */
-    free_cube = near_one & itn__int_less(none, cube) & itn__less_equal(below, np) &
-                itn__less_equal(np, above);
-    reach = itn__select_int(free_cube, cube - 1, reach);
-    middle = .5f * (below + above);
-    below = itn__select(free_cube, itn__splat(INFINITY), below);
-    half = (itn__to_floats(reach) + (half_cell - .01f)) * voxels->cell;
-    half = itn__select(inside, half, zero - 1);
-    space->half = itn__select(mask, half, space->half);
+    region = ~itn__int_equal(word & 0xffffff, none);
+    space->under = itn__select_int(mask, region & itn__less(np, middle), space->under);
+    region &= itn__int_equal(distance, none) | itn__less(np, below);
+    below = itn__select(region, below, itn__splat(INFINITY));
+    half = (itn__to_floats(distance - region) - .51f) * voxels->cell;
+    space->half = itn__select(mask, itn__select(inside, half, itn__splat(-1)), space->half);
     space->centre = itn__vselect(mask, centre, space->centre);
     space->n = itn__vselect(mask, n, space->n);
     space->below = itn__select(mask, below, space->below);
-    space->above = itn__select(mask, above, space->above);
-    space->against = itn__select(mask, itn__to_floats(itn__word_ints(bounds >> 24)),
-                                 space->against);
-    space->np = itn__select(mask, np, space->np);
+    space->against = itn__select(mask, against, space->against);
     space->middle = itn__select(mask, middle, space->middle);
-    space->under = itn__select_int(mask, inside & near_one & itn__less(np, middle), space->under);
+    space->np = itn__select(mask, np, space->np);
 }
 
 /* Whether the flight to q, in direction d, is free; nq receives n . (q - centre), and must not be
@@ -8141,56 +7780,13 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
     return itn__less_equal(itn__absolute(r.x), half) & itn__less_equal(itn__absolute(r.y), half) &
            itn__less_equal(itn__absolute(r.z), half) &
            ((itn__less(space->np, space->below) & itn__less(*nq, space->below)) |
-            (itn__less(space->above, space->np) & itn__less(space->above, *nq)) |
             itn__less(itn__vdot(space->n, d), -space->against));
 }
 
-/* ---- [exact] flights through voxels and triangles -------------------------------------------- */
-
-/* Flights that the tables could not prove free march through the grid: past the empty cube around
-   a point, or through one cell. Cells with triangles are noted, and visited many at a time; those
-   whose slab the flight does not reach, or passes against all normals, are done, of the others the
-   packs are tested, again many at a time. What this cannot tell, the tree does. */
-
-/* Flights longer than so many cells go through the tree. */
-#define ITN__LONG_MARCH 48
-enum { ITN__AHEAD = 4 }; /* packs are asked for so many tests before their own */
 #define ITN__STEP .002f /* beyond a cell's border, in cells; less than ITN__CELL_MARGIN */
-
 #define ITN__QUARTER ((ITN__LANES + 3) / 4)
 
-/* Tests the packs that flights pass. */
-static void itn__test_packs(itn__crowd *crowd) {
-    const itn_scene *scene = crowd->fast->scene;
-    itn__tests *tests = &crowd->tests;
-    int i;
-    for (i = 0; i < tests->count; i++) {
-        int ray = tests->ray[i];
-        const itn__pack *pack = &crowd->fast->voxels->packs[tests->pack[i]];
-        itn__shear *shear = &crowd->taken[ray]->shear;
-        const itn__place *place = &crowd->taken[ray]->place;
-        itn_vec3 origin = crowd->taken[ray]->p;
-        if (i + ITN__AHEAD < tests->count) {
-            const itn__pack *later = &crowd->fast->voxels->packs[tests->pack[i + ITN__AHEAD]];
-            int line;
-            for (line = 0; line < (int)sizeof(itn__pack); line += 64)
-                ITN__PREFETCH((const char *)later + line);
-        }
-        if (crowd->taken[ray]->hit.t < tests->enter[i]) continue;
-        if (shear->kz < 0) {
-            itn_ray made;
-            made.origin = origin;
-            made.direction = crowd->taken[ray]->d;
-            itn__shear_make(&made, shear);
-        }
-        if (itn__pack_hit(pack, shear, -itn__slack(scene, origin), &place->sides,
-                          &crowd->taken[ray]->hit))
-            ITN__PREFETCH(&scene->bvh->triangles[crowd->taken[ray]->hit.triangle]);
-    }
-    tests->count = 0;
-}
-
-/* The part of the way through the voxels that is left to do. */
+/* Flights on their way through the voxels. */
 typedef struct itn__march {
     itn__vectors p, d, inverse;
     itn__floats t, end;
@@ -8207,124 +7803,53 @@ ITN__INLINE itn__floats itn__leave_cube(const itn__march *m, itn__vectors centre
     return itn__least(x, itn__least(y, z));
 }
 
-/* Replaces the cells of visits by their records. */
-static void itn__find_records(itn__crowd *crowd) {
-    const itn__voxels *voxels = crowd->fast->voxels;
-    itn__visits *visits = &crowd->visits;
-    int i, k;
-    for (i = 0; i < visits->count; i += ITN__LANES) {
-        itn__ints mask = itn__first_lanes(visits->count - i), cell, word, bits, record;
-        itn__words lower;
-        cell = itn__load_ints(visits->cell + i);
-        word = (cell >> 5) + (cell >> 5);
-        bits = itn__gather_ints(voxels->ranks, word, mask, cell);
-        record = itn__gather_ints(voxels->ranks, word + 1, mask, cell);
-        lower = itn__splat_word(1) << (itn__int_words(cell) & itn__splat_word(31));
-        lower = itn__int_words(bits) & (lower - 1u); /* cells before it */
-        itn__store_ints(visits->cell + i, record + itn__word_ints(itn__count_words(lower)));
-    }
-    for (k = 0; k < visits->count; k++)
-        ITN__PREFETCH(&voxels->surface[(size_t)visits->cell[k] * ITN__SURFACE_WORDS]);
-}
-
-/* Goes through the cells with triangles that flights have come to: notes a cell's packs, unless
-   the part of the flight in it stays on one side of the slab that holds them, or runs against
-   them (outside: away from them). */
-static void itn__visit_cells(itn__crowd *crowd) {
-    const int32_t *words = crowd->fast->voxels->surface;
-    const float *floats = (const float *)(const void *)words;
-    itn__visits *visits = &crowd->visits;
-    itn__tests *tests = &crowd->tests;
+/* Tests the triangles of a cell against a flight. Returns its end, the hit if there is one. */
+static float itn__test_cell(const itn__fast *fast, itn__path *path, int cell) {
+    const itn__voxels *voxels = fast->voxels;
+    float slack = itn__slack(fast->scene, path->p);
     int i;
-    itn__find_records(crowd);
-    for (i = 0; i < visits->count; i += ITN__LANES) {
-        itn__ints mask = itn__first_lanes(visits->count - i), none = itn__splat_int(0), at, bytes;
-        itn__ints pack, count;
-        itn__floats zero = itn__splat(0), below, above, against, from, slope, to;
-        itn__vectors n, p, d;
-        at = itn__load_ints(visits->cell + i) * itn__splat_int(ITN__SURFACE_WORDS);
-        bytes = itn__gather_ints(words + ITN__OWN_NORMAL, at, mask, none);
-        below = itn__gather(floats + ITN__OWN_BELOW, at, mask, zero);
-        above = itn__gather(floats + ITN__OWN_ABOVE, at, mask, zero);
-        pack = itn__gather_ints(words + ITN__FIRST_PACK, at, mask, none);
-        count = itn__gather_ints(words + ITN__PACK_COUNT, at, mask, none);
-        n = itn__byte_vectors(bytes);
-        against = itn__to_floats(itn__word_ints(itn__int_words(bytes) >> 24));
-        p = itn__vectors_of(itn__load(visits->from[0] + i), itn__load(visits->from[1] + i),
-                            itn__load(visits->from[2] + i));
-        d = itn__vectors_of(itn__load(visits->direction[0] + i),
-                            itn__load(visits->direction[1] + i),
-                            itn__load(visits->direction[2] + i));
-        from = itn__vdot(n, p), slope = itn__vdot(n, d);
-        to = from + slope * itn__load(visits->length + i);
-        mask &= itn__less_equal(below, itn__most(from, to)) &
-                itn__less_equal(itn__least(from, to), above) &
-                ~itn__less(slope, -against);
-        for (; itn__mask_bits(mask); pack += 1, count -= 1) {
-            unsigned noted;
-            mask &= itn__int_less(none, count), noted = itn__mask_bits(mask);
-            itn__compress_ints(tests->ray + tests->count, itn__load_ints(visits->ray + i), noted);
-            itn__compress_ints(tests->pack + tests->count, pack, noted);
-            itn__compress(tests->enter + tests->count, itn__load(visits->enter + i), noted);
-            tests->count += itn__count_bits(noted);
-            if (tests->count > ITN__CROWD - ITN__LANES) itn__test_packs(crowd);
-        }
+    if (path->shear.kz < 0) {
+        itn_ray ray;
+        ray.origin = path->p, ray.direction = path->d;
+        itn__shear_make(&ray, &path->shear);
     }
-    visits->count = 0;
-}
-
-/* Notes that the lanes named by `bits` have come to cells with triangles, until `leave`. */
-ITN__INLINE void itn__note_cells(itn__crowd *crowd, const itn__march *m, itn__vectors at,
-                                 itn__ints cell, itn__floats leave, unsigned bits) {
-    itn__visits *visits = &crowd->visits;
-    int to = visits->count;
-    itn__compress_ints(visits->ray + to, m->ray, bits);
-    itn__compress_ints(visits->cell + to, cell, bits);
-    itn__compress(visits->enter + to, m->t, bits);
-    itn__compress(visits->length + to, leave - m->t, bits);
-    itn__compress(visits->from[0] + to, at.x, bits);
-    itn__compress(visits->from[1] + to, at.y, bits);
-    itn__compress(visits->from[2] + to, at.z, bits);
-    itn__compress(visits->direction[0] + to, m->d.x, bits);
-    itn__compress(visits->direction[1] + to, m->d.y, bits);
-    itn__compress(visits->direction[2] + to, m->d.z, bits);
-    visits->count += itn__count_bits(bits);
-    if (visits->count > ITN__VISITS - ITN__LANES) itn__visit_cells(crowd);
+    for (i = voxels->first[cell]; i < voxels->first[cell + 1]; i++)
+        itn__pack_hit(&fast->scene->bvh->packs[voxels->leaves[i]], &path->shear, -slack,
+                      &path->place.sides, &path->hit);
+    return path->hit.t;
 }
 
 /* One step of each lane: past the empty cube around, or through one cell. Returns who is not yet
-   at the end; *lost receives those that have left the table. */
-ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__ints mask,
-                                      itn__ints *lost) {
+   at the end; those that leave the table have the mark of the unknown, triangle -2. */
+ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__ints mask) {
     const itn__voxels *voxels = crowd->fast->voxels;
-    itn__vectors at = itn__valong(m->p, m->t, m->d);
-    itn__ints none = itn__splat_int(0), x, y, z, inside, index, distance, surface;
-    itn__floats half_cell = itn__splat(.5f), half, leave;
-    itn__vectors centre;
-    x = itn__floor_ints((at.x - voxels->lower.x) * voxels->inverse_cell);
-    y = itn__floor_ints((at.y - voxels->lower.y) * voxels->inverse_cell);
-    z = itn__floor_ints((at.z - voxels->lower.z) * voxels->inverse_cell);
-    inside = mask & itn__int_less(none - 1, x) & itn__int_less(none - 1, y) &
-             itn__int_less(none - 1, z) & itn__int_less(x, itn__splat_int(voxels->size[0])) &
-             itn__int_less(y, itn__splat_int(voxels->size[1])) &
-             itn__int_less(z, itn__splat_int(voxels->size[2]));
-    *lost = mask & ~inside;
-    index = (z * voxels->size[1] + y) * voxels->size[0] + x;
-    distance = itn__gather_bytes(voxels->distances, index, inside, none + 1);
-    surface = inside & itn__int_equal(distance, none);
-    half = itn__absolute(itn__to_floats(distance) - half_cell) * voxels->cell;
-    centre = itn__vectors_of((itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
-                             (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
-                             (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
+    itn__vectors p = itn__valong(m->p, m->t, m->d), centre, n;
+    itn__ints inside = mask, at = itn__cells_at(voxels, p, &inside, &centre), word, surface;
+    itn__floats below, middle, against, from, slope, half, leave;
+    unsigned rest;
+    word = itn__gather_ints(voxels->cells, at, inside, itn__splat_int(1 << 24));
+    surface = inside & itn__int_equal(word >> 24, itn__splat_int(0));
+    half = itn__absolute(itn__to_floats(word >> 24) - .5f) * voxels->cell;
     leave = itn__most(itn__leave_cube(m, centre, half), m->t);
-    if (itn__mask_bits(surface))
-        itn__note_cells(crowd, m, at, index, itn__least(leave, m->end), itn__mask_bits(surface));
-    m->t = itn__select(inside, leave + ITN__STEP * voxels->cell, m->t);
+    if (itn__mask_bits(surface)) {
+        itn__read_planes(voxels, word, at, surface, &n, &below, &middle, &against);
+        from = itn__vdot(n, itn__valong(p, itn__splat(-1), centre)), slope = itn__vdot(n, m->d);
+        from += itn__most(slope, itn__splat(0)) * (itn__least(leave, m->end) - m->t);
+        surface &= itn__less_equal(below, from) & itn__less_equal(-against, slope);
+    }
+    for (rest = itn__mask_bits(surface); rest; rest &= rest - 1) {
+        int k = itn__lowest_bit(rest);
+        ITN__LANE(m->end, k) = itn__test_cell(crowd->fast, crowd->taken[ITN__LANE(m->ray, k)],
+                                              ITN__LANE(at, k));
+    }
+    for (rest = itn__mask_bits(mask & ~inside); rest; rest &= rest - 1)
+        crowd->taken[ITN__LANE(m->ray, itn__lowest_bit(rest))]->hit.triangle = -2;
+    m->t = leave + ITN__STEP * voxels->cell;
     return inside & itn__less_equal(m->t, m->end);
 }
 
-/* What the tables could not tell of a flight, the tree does: a long one, one that left them, one
-   that would go through the faces it has just crossed. */
+/* What the tables could not tell of a flight, the tree does: one that left them, one that would go
+   through the faces it has just crossed. */
 static void itn__settle_hit(const itn_scene *scene, itn__path *path) {
     itn__place *place = &path->place;
     itn_hit *hit = &path->hit;
@@ -8340,58 +7865,36 @@ static void itn__settle_hit(const itn_scene *scene, itn__path *path) {
     }
 }
 
-/* Gives free lanes the next flights of `taken`, of which those that are not long become busy.
-   Returns the flight after them. */
-static int itn__march_refill(const itn__crowd *crowd, itn__march *m, int next, float longest) {
+/* Gives free lanes the next flights of `taken`. Returns the flight after them. */
+static int itn__march_refill(const itn__crowd *crowd, itn__march *m, int next) {
     unsigned fill = ITN__ALL_LANES & ~m->busy;
     itn__floats one = itn__splat(1);
     for (; fill && next < crowd->taken_count; fill &= fill - 1, next++) {
         int k = itn__lowest_bit(fill);
-        const itn__path *path = crowd->taken[next];
+        itn__path *path = crowd->taken[next];
+        path->hit.t = path->distance, path->hit.triangle = -1;
+        path->shear.kz = -1; /* not made yet */
         ITN__LANE(m->p.x, k) = path->p.x, ITN__LANE(m->d.x, k) = path->d.x;
         ITN__LANE(m->p.y, k) = path->p.y, ITN__LANE(m->d.y, k) = path->d.y;
         ITN__LANE(m->p.z, k) = path->p.z, ITN__LANE(m->d.z, k) = path->d.z;
         ITN__LANE(m->end, k) = path->distance, ITN__LANE(m->t, k) = 0;
-        ITN__LANE(m->ray, k) = next;
-        if (path->distance <= longest) m->busy |= 1u << k;
+        ITN__LANE(m->ray, k) = next, m->busy |= 1u << k;
     }
     m->inverse = itn__vectors_of(one / m->d.x, one / m->d.y, one / m->d.z);
     return next;
 }
 
-/* Marches all flights of `taken` that are not long, with lanes filled again as they come free: two
-   vectors of them in turn, so that one goes on while the other waits for what it reads. */
-static void itn__march_all(itn__crowd *crowd, float longest) {
-    int next = 0, k = 0;
-    itn__march marches[2];
-    memset(marches, 0, sizeof marches);
-    for (;; k ^= 1) {
-        itn__march *m = &marches[k];
-        itn__ints lost;
-        unsigned rest;
-        if (itn__count_bits(m->busy) <= ITN__LANES - ITN__QUARTER && next < crowd->taken_count)
-            next = itn__march_refill(crowd, m, next, longest);
-        if (!(marches[0].busy | marches[1].busy) && next == crowd->taken_count) return;
-        if (!m->busy) continue;
-        m->busy = itn__mask_bits(itn__march_step(crowd, m, itn__bits_mask(m->busy), &lost));
-        for (rest = itn__mask_bits(lost); rest; rest &= rest - 1)
-            crowd->taken[ITN__LANE(m->ray, itn__lowest_bit(rest))]->hit.triangle = -2;
-    }
-}
-
 /* The next surface of each flight in `taken`, in media, up to its distance: its hit has t as far as
    the flight goes and triangle -1 where there is none. */
 static void itn__find_hits(itn__crowd *crowd) {
-    float longest = ITN__LONG_MARCH * crowd->fast->voxels->cell;
-    int i;
-    for (i = 0; i < crowd->taken_count; i++) {
-        itn__path *path = crowd->taken[i];
-        path->hit.t = path->distance, path->hit.triangle = path->distance <= longest ? -1 : -2;
-        path->shear.kz = -1; /* not made yet */
+    itn__march m;
+    int next = 0, i;
+    memset(&m, 0, sizeof m);
+    while (m.busy || next < crowd->taken_count) {
+        if (itn__count_bits(m.busy) <= ITN__LANES - ITN__QUARTER)
+            next = itn__march_refill(crowd, &m, next);
+        m.busy = itn__mask_bits(itn__march_step(crowd, &m, itn__bits_mask(m.busy)));
     }
-    itn__march_all(crowd, longest);
-    itn__visit_cells(crowd);
-    itn__test_packs(crowd);
     for (i = 0; i < crowd->taken_count; i++)
         itn__settle_hit(crowd->fast->scene, crowd->taken[i]);
 }

@@ -590,20 +590,19 @@ static void check_tables(int which, int planted) {
     itn_scene *scene = make_scene(which, NULL);
     itn_render_options options = ITN_ZERO;
     itn__unit whole;
-    float *radiance[4];
-    int k, c, number, apart[4] = {0, 0, 0, 0}, paths;
+    float *radiance[3];
+    int k, c, number, apart[3] = {0, 0, 0}, paths;
     inside in;
     options.spp = 64, options.walks = 1, options.seed = 8;
     open_render(&in, scene, &options);
     whole = whole_unit(&in);
     paths = whole.side * whole.side * whole.count;
-    for (k = 0; k < 4; k++) { /* no table believed; coarse; fine; fine with regions */
+    for (k = 0; k < 3; k++) { /* no table believed; coarse; fine */
         const size_t bytes = (size_t)in.render.workers[0].crowd->radiance_stride *
                              (size_t)in.fast.channels * sizeof(float);
         itn__tables *tables = NULL;
         itn_error error;
-        stage_need(itn__tables_make(scene, k < 2 ? 16 : 96, k == 3 ? 2 : 0, &tables, &error),
-                   &error);
+        stage_need(itn__tables_make(scene, k < 2 ? 16 : 96, &tables, &error), &error);
         if (k && planted) tables->voxels->lower.x += .3f * tables->voxels->cell;
         in.fast.voxels = tables->voxels, in.fast.unsafe = k == 0;
         radiance[k] = (float *)malloc(bytes);
@@ -619,9 +618,9 @@ static void check_tables(int which, int planted) {
                      k);
     }
     if (verbose && !check_quiet)
-        printf("%-24s of %d paths %d, %d, %d change with the table\n", kind_names[which], paths,
-               apart[1], apart[2], apart[3]);
-    for (k = 0; k < 4; k++) free(radiance[k]);
+        printf("%-24s of %d paths %d and %d change with the table\n", kind_names[which], paths,
+               apart[1], apart[2]);
+    for (k = 0; k < 3; k++) free(radiance[k]);
     close_render(&in);
     itn_scene_free(scene);
 }
@@ -817,7 +816,7 @@ static void take_step(herd *f) {
 
 /* The tables of a scene with so many cells; moved: as if its solids lay elsewhere. Returns the
    number of free flights. */
-static double check_flights(int which, int resolution, int regions, double flights, double moved) {
+static double check_flights(int which, int resolution, double flights, double moved) {
     itn_scene *scene = make_scene(which, NULL);
     itn__tables *tables = NULL;
     itn_error error;
@@ -825,17 +824,17 @@ static double check_flights(int which, int resolution, int regions, double fligh
     herd f;
     int k;
     memset(&f, 0, sizeof f);
-    stage_need(itn__tables_make(scene, resolution, regions, &tables, &error), &error);
+    stage_need(itn__tables_make(scene, resolution, &tables, &error), &error);
     itn_parameter_values(scene, theta);
     tables->voxels->lower.x += (float)moved * tables->voxels->cell;
     f.scene = scene, f.tables = tables, f.theta = theta;
-    f.rng = itn__rng_make(99, (uint64_t)which, (uint64_t)(3 * resolution + regions));
+    f.rng = itn__rng_make(99, (uint64_t)which, (uint64_t)(3 * resolution));
     for (k = 0; k < ITN__LANES; k++)
         while (!enter(&f, k)) {}
     while (f.free + f.unproven < flights) take_step(&f);
     if (verbose && !check_quiet)
-        printf("%-24s %3d cells, regions %d: %.3f of flights are free (%.3f known before)\n",
-               kind_names[which], resolution, regions, f.free / (f.free + f.unproven),
+        printf("%-24s %3d cells: %.3f of flights are free (%.3f known before)\n",
+               kind_names[which], resolution, f.free / (f.free + f.unproven),
                f.cached / (f.free + f.unproven));
     check_report(f.wrong == 0, __FILE__, __LINE__,
                  "%s, %d cells: of %g flights taken for free %g are not", kind_names[which],
@@ -851,11 +850,11 @@ static void test_flights(void) {
     int which, k;
     if (STRIDE > 1) flights = 2e3;
     for (which = 0; which < KINDS; which += STRIDE)
-        for (k = 0; k < 3; k++) all += check_flights(which, resolutions[k], (which + k) % 3, flights, 0);
+        for (k = 0; k < 3; k++) all += check_flights(which, resolutions[k], flights, 0);
     if (verbose) printf("%g flights are free\n", all);
     CHECK(all > (check_long() ? 1e8 : .25 * 3 * KINDS / STRIDE * flights));
-    CHECK_CATCHES(check_flights(MATCHED, 32, 2, 3e4, .3));
-    CHECK_CATCHES(check_flights(LEAF, 32, 2, 3e4, -.3));
+    CHECK_CATCHES(check_flights(MATCHED, 32, 3e4, .3));
+    CHECK_CATCHES(check_flights(GROUP, 32, 3e4, -.3));
 }
 
 /* ---- images ---------------------------------------------------------------------------------- */
