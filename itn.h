@@ -13728,7 +13728,7 @@ static ITN__COLD itn_result itn__read_scene(itn__reader *r, itn_scene **scene) {
     itn_error error = ITN_ZERO;
     const char *fault = error.message;
     itn_result result = ITN_ERROR_FORMAT;
-    int kind, index, line = 0;
+    int kind = -1, index = 0, line = 0;
     for (; r->text.at < r->text.end; itn__next_line(&r->text)) {
         const char *from = r->text.at;
         if (!itn__line_done(&r->text)) itn__read_item(r);
