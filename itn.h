@@ -8439,13 +8439,13 @@ ITN__NOINLINE void itn__run_outside(itn__crowd *crowd) {
     itn__run_exact(crowd, 0);
 }
 
-/* Light from where a path leaves for, sampled lights at weight mis, comes home; its end. */
-static void itn__escape_path(itn__crowd *crowd, itn__path *path, const float sampled[3], float mis,
-                             const float plain[3]) {
+/* Light from where a path leaves for, of which sampled lights have weight mis, comes home; its
+   end. */
+static void itn__escape_path(itn__crowd *crowd, itn__path *path, float mis, const float light[3]) {
     float value[3] = {0, 0, 0};
     int c;
     for (c = 0; c < crowd->fast->channels; c++)
-        value[c] = (float)path->copies * path->beta[c] * (sampled[c] * mis + plain[c]);
+        value[c] = (float)path->copies * path->beta[c] * light[c];
     itn__bring_home(crowd, path, mis, 1, value);
     itn__end(crowd, path, 0);
 }
@@ -8469,11 +8469,10 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
         }
         for (; bits; bits &= bits - 1) {
             int k = itn__lowest_bit(bits);
-            float of_sampled[3], of_plain[3];
+            float light[3];
             for (c = 0; c < 3; c++)
-                of_sampled[c] = ITN__LANE(sampled[c], k), of_plain[c] = ITN__LANE(plain[c], k);
-            itn__escape_path(crowd, &crowd->paths[ITN__LANE(s.slot, k)], of_sampled,
-                             ITN__LANE(mis, k), of_plain);
+                light[c] = ITN__LANE(sampled[c], k) * ITN__LANE(mis, k) + ITN__LANE(plain[c], k);
+            itn__escape_path(crowd, &crowd->paths[ITN__LANE(s.slot, k)], ITN__LANE(mis, k), light);
         }
     }
     queue->count = 0;
@@ -8496,11 +8495,10 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
     const itn__fast *fast = crowd->fast;
     itn__path *path = &crowd->paths[crowd->unused[--crowd->unused_count]];
     itn__rng rng = itn__rng_make(fast->seed, pixel, (uint64_t)(sample * fast->walks + walk));
-    float *scores = path->scores;
     int c;
-    memset(path, 0, sizeof *path);
-    path->scores = scores, path->owner = path, path->place = fast->camera, path->pixel = pixel;
-    for (c = 0; c < fast->count; c++) scores[c] = 0;
+    memset(path, 0, ITN__ROWS * sizeof(float));
+    path->owner = path, path->place = fast->camera, path->pixel = pixel, path->mark = 0;
+    for (c = 0; c < fast->count; c++) path->scores[c] = 0;
     for (c = 0; c < 3; c++) path->beta[c] = 1;
     path->pdf = INFINITY, path->copies = 1;
     path->up.y = 1; /* some plane, for paths that begin in a medium */
@@ -8537,7 +8535,7 @@ static void itn__start_ray(itn__crowd *crowd) {
     if (fast->outside && !fast->pixels[pixel]) itn__find_hit(fast->scene, path);
     if (fast->outside && path->hit.triangle < 0) {
         path->copies = fast->walks;
-        if (fast->only_constant) itn__escape_path(crowd, path, fast->constant, 0, fast->constant);
+        if (fast->only_constant) itn__escape_path(crowd, path, 0, fast->constant);
         else itn__enqueue(crowd, &crowd->sky, path);
         return;
     }
