@@ -3619,28 +3619,23 @@ static void itn__site_seed(itn__site *site, int parameter) {
     if (parameter == site->before) site->eta.d = -site->eta.v / before;
 }
 
-/* f of a site for local directions o, with a slope by each seed that f names. */
+/* f of a site for local directions o, with a slope by each seed that f names; while drawn, over the
+   density pdf. */
 static void itn__site_factor(itn__site *site, const itn__vectors *o, itn__factor *f,
                              itn__floats *pdf) {
     itn__num value[3];
+    itn__floats zero = itn__splat(0), scale = itn__splat(1);
     int k = f->count ? 0 : -1, c;
     do {
         itn__site_seed(site, k < 0 ? -1 : f->seeds[k]);
         itn__bsdfs[site->surface->type].eval(site, o, value, pdf);
+        if (site->drawn && !site->smooth)
+            scale = 1 / itn__select(itn__less(zero, *pdf), *pdf, itn__splat(1));
         for (c = 0; c < site->channels; c++) {
-            f->value[c] = value[c].v;
-            if (k >= 0) f->slope[k][c] = value[c].d;
+            f->value[c] = value[c].v * scale;
+            if (k >= 0) f->slope[k][c] = value[c].d * scale;
         }
     } while (++k < f->count);
-}
-
-/* Multiplies a factor, and its slopes, by s. */
-static void itn__factor_scale(itn__factor *f, int channels, itn__floats s) {
-    int k, c;
-    for (c = 0; c < channels; c++) {
-        f->value[c] = f->value[c] * s;
-        for (k = 0; k < f->count; k++) f->slope[k][c] = f->slope[k][c] * s;
-    }
 }
 
 /* These two are what walks call. The first: f cos theta_o, with slopes, for directions d to lights,
@@ -3660,11 +3655,8 @@ static itn__ints itn__bsdf_sample(itn__site *site, const itn__floats u[3], itn__
     itn__ints good = itn__bsdfs[site->surface->type].sample(site, u, &o);
     *through = itn__less(o.z, itn__splat(0)), site->drawn = 1;
     itn__site_factor(site, &o, f, pdf);
-    good &= itn__less(itn__splat(0), *pdf);
-    if (!site->smooth)
-        itn__factor_scale(f, site->channels, 1 / itn__select(good, *pdf, itn__splat(1)));
     *d = itn__vnormalize(itn__vto_world(o, site->frame[0], site->frame[1], site->frame[2]));
-    return good;
+    return good & itn__less(itn__splat(0), *pdf);
 }
 
 /* ---- [light] constant, map, sky, sun --------------------------------------------------------- */
@@ -5148,20 +5140,18 @@ ITN__INLINE void itn__change_side(itn__sides *sides, int object) {
     sides->front ^= itn__object_bit(object), sides->back ^= itn__object_bit(object);
 }
 
-/* The object whose medium fills the place with these sides: of those that the walk is inside of the
-   last in the list, or -1. */
-static int itn__find_inside(const itn_scene *scene, const itn__sides *sides) {
+/* Of the objects that a walk with these sides is inside of, the last in the list: its medium fills
+   the place. Or (refracts) of those with a dielectric surface: its index holds; others leave the
+   index as it is around them. -1: none. */
+static int itn__innermost(const itn_scene *scene, const itn__sides *sides, int refracts) {
     int i = scene->object_count - 1;
-    while (i >= 0 && !itn__is_inside(sides, i)) i--;
+    while (i >= 0 && (!itn__is_inside(sides, i) || (refracts && !scene->objects[i].refracts))) i--;
     return i;
 }
-
-/* The same for the index of refraction, which an object without dielectric surface leaves as it
-   is around it. */
-static int itn__find_refracting(const itn_scene *scene, const itn__sides *sides) {
-    int i = scene->object_count - 1;
-    while (i >= 0 && (!itn__is_inside(sides, i) || !scene->objects[i].refracts)) i--;
-    return i;
+/* Makes a place follow from its sides. */
+static void itn__settle(const itn_scene *scene, itn__place *place) {
+    place->inside = itn__innermost(scene, &place->sides, 0);
+    place->refracting = itn__innermost(scene, &place->sides, 1);
 }
 
 ITN__INLINE const itn__medium *itn__medium_of(const itn_scene *scene, int object) {
@@ -5342,7 +5332,7 @@ static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
         itn__change_side(&sides, object);
         if (object > event.object) event.object = object;
     }
-    event.after = itn__find_refracting(scene, &sides);
+    event.after = itn__innermost(scene, &sides, 1);
     if (event.after == place->refracting ||
         !(fabsf(itn__ior(scene, theta, event.after) - before_ior) > ITN__SAME_INDEX * before_ior))
         event.object = -1;
@@ -5369,8 +5359,7 @@ static void itn__cross_faces(const itn_scene *scene, itn__place *place, const it
     }
     if ((scene->sides.front & scene->sides.back) && !(place->sides.flush > 0))
         itn__begin_at(&place->sides, itn__face_triangle(scene, event->faces[0]), point, 0);
-    place->inside = itn__find_inside(scene, &place->sides);
-    place->refracting = itn__find_refracting(scene, &place->sides);
+    itn__settle(scene, place);
 }
 
 /* How far a ray goes until it has left the box of all solids. */
@@ -5382,17 +5371,10 @@ static float itn__way_out(const itn_scene *scene, itn_vec3 p, itn_vec3 d) {
     return itn__max(way, 0);
 }
 
-/* Whether p lies in the box of the scene's solids; a walk that has lost its solid through a hole
-   does not. */
-static int itn__within(const itn_scene *scene, itn_vec3 p) {
-    itn_vec3 a = scene->lower, b = scene->upper;
-    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
-}
-
 /* Leaves all solids, by a hole of one, where their box ends: there is nothing of them ahead. */
 static void itn__leave_solids(const itn_scene *scene, itn__place *place) {
     int object;
-    while ((object = itn__find_inside(scene, &place->sides)) >= 0)
+    while ((object = itn__innermost(scene, &place->sides, 0)) >= 0)
         itn__change_side(&place->sides, object);
     place->inside = place->refracting = -1;
     itn__leave_behind(place);
@@ -5469,9 +5451,9 @@ typedef struct itn__walk {
     itn__rng rng;
     itn__place place;
     itn__weight weight, connection; /* of the path; of its shadow ray to a sampled light */
-    float lift;                     /* how much more the path counts in roulette */
+    int sheltered;                  /* so many steps are without roulette, see itn__roulette */
     float pdf;                      /* of the last direction drawn; INFINITY if nothing was drawn */
-    int scatterings, boundaries;
+    int steps, scatterings, boundaries;
     float radiance[3];              /* of this path */
     float *derivative;              /* [count][channels], of this path */
     double collisions;              /* of all paths so far, for the record */
@@ -5482,15 +5464,6 @@ ITN__INLINE int itn__channels(const itn__walk *walk) { return walk->channels == 
 
 ITN__INLINE int itn__slot(const itn__walk *walk, int parameter) {
     return walk->count && parameter >= 0 ? walk->slots[parameter] : -1;
-}
-
-/* A factor near 0 is not in the derivative by itself: beta / factor is. So that roulette does not
-   end what that derivative lives on, it counts the path 1 / factor times, for the smallest of such
-   factors whose derivatives are asked for. */
-#define ITN__FAINT .1f
-static void itn__lift(itn__walk *walk, int parameter, float factor) {
-    if (factor < ITN__FAINT && factor >= FLT_MIN && itn__slot(walk, parameter) >= 0)
-        walk->lift = itn__max(walk->lift, 1 / factor);
 }
 
 /* The factor g[c] in each channel, which depends on parameter[c] alone, its seed. */
@@ -5961,8 +5934,6 @@ static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, const 
     itn__flight_factor(walk, medium, t, collided, &f);
     for (c = 0; c < (spectral ? 3 : 1); c++) {
         pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
-        if (collided)
-            itn__lift(walk, medium->sigma_t[c], walk->theta[medium->sigma_t[c]] / rate[c]);
     }
     itn__weigh_choice(walk, &f, pdf, medium->sigma_t);
 }
@@ -5997,7 +5968,6 @@ static void itn__weigh_albedo(itn__walk *walk, const itn__medium *medium) {
     for (c = 0; c < itn__channels(walk); c++) {
         parameter[c] = medium->albedo + c;
         g[c] = itn__variable(itn__splat(walk->theta[parameter[c]]));
-        itn__lift(walk, parameter[c], walk->theta[parameter[c]]);
     }
     itn__factor_make(walk, parameter, g, &f);
     itn__weigh(walk, &walk->weight, &f, 1);
@@ -6087,13 +6057,6 @@ static int itn__choose_edge(itn__walk *walk, itn__site *site, itn__factor *f, it
     return ITN__LANE(good, 0) && itn__alive(walk) ? 1 : -1;
 }
 
-/* Whether seed k of a factor is what the factor may vanish with, as a reflectance. */
-static int itn__is_share(const itn__walk *walk, const itn__factor *f, int k) {
-    int c, moves = 0;
-    for (c = 0; c < itn__channels(walk); c++) moves |= ITN__LANE(f->slope[k][c], 0) != 0;
-    return moves && f->seeds[k] >= 0 && walk->scene->parameters[f->seeds[k]].lower == 0;
-}
-
 /* A surface that light feels, with normal n towards the walk: a shadow ray, then a new direction.
    Returns 0 at the end of the path. */
 static int itn__scatter_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit,
@@ -6124,8 +6087,6 @@ static int itn__scatter_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hi
         good = itn__bsdf_sample(&site, u, &d, &f, &pdf, &through);
         if (!ITN__LANE(good, 0)) return 0;
         itn__weigh(walk, &walk->weight, &f, 1);
-        for (k = 0; k < f.count; k++)
-            if (itn__is_share(walk, &f, k)) itn__lift(walk, f.seeds[k], walk->theta[f.seeds[k]]);
         direction = itn__lane_vector(&d, 0), crosses = ITN__LANE(through, 0);
         walk->pdf = ITN__LANE(pdf, 0);
     }
@@ -6150,12 +6111,14 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     return 1;
 }
 
-/* Russian roulette by the weight alone (but see itn__lift): a path of weight below .4 goes on with
-   a chance in proportion and then counts as .4. Light that is trapped without loss has to end some
-   day, too: in a medium after half a million collisions, where next to nothing scatters after ten
-   thousand reflections, total ones in clear glass or those of white walls. From n_0 random numbers
-   on, a path lives to draw n with a chance of about (n_0 / n)^1.5: so slowly does its weight grow
-   that the variance tells what is brought home after that. */
+/* Russian roulette by weight alone: a path of weight below .4 goes on with a chance in proportion
+   and then counts as .4. A factor near 0 is not in the derivative by itself: so that roulette does
+   not end what that derivative lives on, there is none in the first steps if one is asked for.
+   Light that is trapped without loss has to end some day, too: in a medium after half a million
+   collisions, where next to nothing scatters after ten thousand reflections, total ones in clear
+   glass or those of white walls. From n_0 random numbers on, a path lives to draw n with a chance
+   of about (n_0 / n)^1.5: so slowly does its weight grow that the variance tells what is brought
+   home after that. */
 #define ITN__ROULETTE .4f
 #define ITN__SAME_WEIGHT .9999f /* a weight that roulette has raised may round to a little less */
 #define ITN__MANY_DRAWS 3000000u
@@ -6186,8 +6149,8 @@ static int itn__roulette(itn__walk *walk) {
     float largest = 0, survival = 1;
     int c;
     for (c = 0; c < itn__channels(walk); c++) largest = itn__max(largest, walk->weight.beta[c]);
-    largest *= walk->lift;
-    if (!(largest >= ITN__ROULETTE * ITN__SAME_WEIGHT)) survival = largest / ITN__ROULETTE;
+    if (walk->steps++ >= walk->sheltered && !(largest >= ITN__ROULETTE * ITN__SAME_WEIGHT))
+        survival = largest / ITN__ROULETTE;
     if (walk->rng.dimension > ITN__MANY_DRAWS_CLEAR &&
         walk->rng.dimension > itn__many_draws(walk->scene, walk->theta, &walk->place))
         survival *= 1 - ITN__LATE_LOSS / (float)walk->rng.dimension;
@@ -6195,15 +6158,6 @@ static int itn__roulette(itn__walk *walk) {
     if (!(itn__uniform(&walk->rng) < survival)) return 0;
     for (c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= survival;
     return 1;
-}
-
-/* A flight leaves its medium through a hole of the mesh, where the box of all solids ends. */
-static void itn__leave_by_hole(itn__walk *walk, const itn__medium *medium, const float rates[3],
-                               itn_ray *ray) {
-    float way = itn__way_out(walk->scene, ray->origin, ray->direction);
-    itn__weigh_flight(walk, medium, rates, way, 0);
-    ray->origin = itn__along(ray->origin, way, ray->direction);
-    itn__leave_solids(walk->scene, &walk->place);
 }
 
 /* Distance to the next collision. */
@@ -6218,14 +6172,12 @@ static float itn__draw_flight(itn__walk *walk, float rate) {
 static void itn__trace_path(itn__walk *walk, itn_ray ray) {
     while (itn__roulette(walk)) {
         const itn__medium *medium = itn__medium_of(walk->scene, walk->place.inside);
-        float rates[3], flight;
+        float rates[3], flight, way = INFINITY;
         itn_hit hit;
-        itn_vec3 end;
         itn__collision_rates(walk, medium, rates);
         flight = itn__draw_flight(walk, rates[walk->place.hero]);
-        ray.tmax = flight;
-        if (medium && walk->scene->leaky)
-            ray.tmax = itn__min(flight, itn__way_out(walk->scene, ray.origin, ray.direction));
+        if (medium) way = itn__way_out(walk->scene, ray.origin, ray.direction);
+        ray.tmax = itn__min(flight, way);
         if (itn__next_hit(walk->scene, &walk->place, &ray, &hit)) {
             if (medium) itn__weigh_flight(walk, medium, rates, itn__max(hit.t, 0), 0);
             if (!itn__meet_surface(walk, &ray, &hit)) return;
@@ -6235,14 +6187,10 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
             itn__escape(walk, ray.direction);
             return;
         }
-        end = itn__finite(flight) ? itn__along(ray.origin, flight, ray.direction) : ray.origin;
-        if (!itn__finite(flight) || !itn__within(walk->scene, end)) {
-            itn__leave_by_hole(walk, medium, rates, &ray);
-            continue;
-        }
-        itn__weigh_flight(walk, medium, rates, flight, 1);
-        ray.origin = end;
-        if (!itn__scatter(walk, medium, &ray)) return;
+        itn__weigh_flight(walk, medium, rates, ray.tmax, flight <= way);
+        ray.origin = itn__along(ray.origin, ray.tmax, ray.direction);
+        if (flight > way) itn__leave_solids(walk->scene, &walk->place); /* by a hole of the mesh */
+        else if (!itn__scatter(walk, medium, &ray)) return;
     }
 }
 
@@ -6256,8 +6204,7 @@ static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int
     itn__rng own = itn__rng_make(seed, pixel, UINT64_MAX); /* of the pixel */
     walk->rng = itn__rng_make(seed, pixel, (uint64_t)sample);
     walk->place.sides = walk->scene->sides;
-    walk->place.inside = itn__find_inside(walk->scene, &walk->place.sides);
-    walk->place.refracting = itn__find_refracting(walk->scene, &walk->place.sides);
+    itn__settle(walk->scene, &walk->place);
     walk->place.crossed_count = 0;
     walk->place.hero = walk->scene->spectral ? (int)((own.key0 % 3 + (uint32_t)sample) % 3) : 0;
     for (c = 0; c < 3; c++) {
@@ -6267,7 +6214,7 @@ static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int
     memset(walk->weight.score, 0, scores * (size_t)walk->score_count);
     memset(walk->derivative, 0, scores * (size_t)walk->count);
     if (walk->texels) walk->texels->place_count = 0;
-    walk->pdf = INFINITY, walk->lift = 1, walk->scatterings = walk->boundaries = 0;
+    walk->pdf = INFINITY, walk->steps = walk->scatterings = walk->boundaries = 0;
     u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     return itn__camera_ray(camera, x, y, u, v);
 }
@@ -7251,6 +7198,13 @@ ITN__NOINLINE void itn__write(itn__crowd *crowd, const itn__state *s, unsigned b
 
 static void itn__enqueue(const itn__crowd *crowd, itn__queue *queue, const itn__path *path) {
     queue->slots[queue->count++] = (int32_t)(path - crowd->paths);
+}
+
+/* Whether p lies in the box of the scene's solids; a walk that has lost its solid through a hole
+   does not. */
+static int itn__within(const itn_scene *scene, itn_vec3 p) {
+    itn_vec3 a = scene->lower, b = scene->upper;
+    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
 }
 
 /* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
@@ -8614,8 +8568,7 @@ static void itn__fast_know(itn__fast *fast, const itn_scene *scene, const float 
     for (i = 0; i <= scene->medium_count; i++)
         itn__substance_make(fast, i ? &scene->media[i - 1] : NULL, &substances[i]);
     fast->camera.sides = scene->sides;
-    fast->camera.inside = itn__find_inside(scene, &scene->sides);
-    fast->camera.refracting = itn__find_refracting(scene, &scene->sides);
+    itn__settle(scene, &fast->camera);
     fast->outside = itn__substance_of(fast, &fast->camera) == 0;
     fast->only_constant = 1;
     for (i = 0; i < scene->light_count; i++) {
@@ -8894,12 +8847,17 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
 /* A walk of the reference, with memory for the scores of a path, those of a shadow ray, and
    derivatives. Returns 0 if there is none. Its first block is to be freed. */
 static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texels *texels) {
+    const itn_parameter *parameters = render->scene->parameters;
     size_t block;
+    int k;
     memset(walk, 0, sizeof *walk);
     walk->scene = render->scene, walk->theta = render->theta, walk->slots = render->slots;
     walk->channels = render->channels, walk->count = walk->score_count = render->count;
     walk->max_scatter = render->max_scatter, walk->texels = texels;
     if (texels && texels->texture) walk->score_count += ITN__TOUCHES;
+    for (k = 0; k < render->scene->parameter_count; k++)
+        if (render->slots[k] >= 0 && parameters[k].lower == 0 && render->theta[k] < .1f)
+            walk->sheltered = 6;
     block = (size_t)walk->channels * (size_t)walk->score_count;
     walk->weight.score = (float *)itn__allocate(&render->scene->context, block,
                                                 3 * sizeof(float));

@@ -722,8 +722,7 @@ static int enter(herd *f, int k) {
     float u = itn__uniform(&f->rng), v = itn__uniform(&f->rng);
     itn_ray ray = itn__camera_ray(&scene->camera, x, y, u, v);
     place->sides = scene->sides, place->crossed_count = 0;
-    place->inside = itn__find_inside(scene, &place->sides);
-    place->refracting = itn__find_refracting(scene, &place->sides);
+    itn__settle(scene, place);
     for (crossing = 0; crossing < 8 && !(extinction(f, k) > 0 && itn__uniform(&f->rng) < .7f);
          crossing++) {
         itn_hit hit;
