@@ -54,7 +54,6 @@
        [objects]        meshes, transformed and merged into one tree
        [place]          where a walk is
        [throughput]     what a path carries
-       [texels]         derivatives by the values of an image
        [path]           the reference path tracer
        [sobol]          scrambled points that fill the cube evenly
        [voxels]         what is known of a scene before walking
@@ -550,22 +549,20 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
    in a light's scale of 0, or in a sigma_t whose mean free path is more than four radii of what is
    in the scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
-/* How samples are spread: each on its own, or (fast walk only) by an Owen-scrambled Sobol sequence
-   over the pixel, the first boundary and the first flight. AUTO is SOBOL in the fast walk. What is
-   of the fast walk only, here and below, the reference takes no notice of. */
+/* How samples are spread: each on its own, or (AUTO) by an Owen-scrambled Sobol sequence over the
+   pixel, the first boundary and the first flight. This, itn_estimator and walks are of the fast
+   walk only; the reference takes no notice of them. */
 typedef enum itn_sampler {
     ITN_SAMPLER_AUTO = 0,
     ITN_SAMPLER_RANDOM,
     ITN_SAMPLER_SOBOL
 } itn_sampler;
 
-/* How images and derivatives are estimated; all ways are unbiased. SCORE: the mean of what paths
-   bring home, for derivatives times their scores (equation 10). BASELINE (fast walk only): each
-   random choice's score is multiplied by what the path brought less what it was expected to bring
-   before the choice, which keeps the mean and lowers the variance. With one medium, light that is
-   everywhere the same and many paths, what was expected is taken off in images without derivatives
-   too (a control variate); single pixels may then be slightly negative. AUTO is BASELINE in the
-   fast walk. */
+/* How images and derivatives are estimated; both ways are unbiased. SCORE: the mean of what paths
+   bring home, for derivatives times their scores (equation 10). BASELINE (AUTO): what a path was
+   expected to bring before a choice is taken off, which lowers the variance of derivatives; with
+   one medium, light that is everywhere the same and many paths, of images without derivatives too,
+   in which single pixels may then be slightly negative. */
 typedef enum itn_estimator {
     ITN_ESTIMATOR_AUTO = 0,
     ITN_ESTIMATOR_SCORE,
@@ -574,8 +571,7 @@ typedef enum itn_estimator {
 
 /* What a render did. */
 typedef struct itn_render_stats {
-    double paths;      /* samples, in the fast walk times walks; also of pixels that see no object,
-                          where none is traced */
+    double paths;      /* samples, in the fast walk times walks, whether or not they see anything */
     double collisions; /* scattering events in media */
 } itn_render_stats;
 
@@ -587,15 +583,12 @@ typedef struct itn_render_options {
     itn_mode mode;
     itn_sampler sampler;
     itn_estimator estimator;
-    int walks; /* fast walk: how many walks go on from each of the spp camera rays, at most 256;
-                  0 = 4 */
-    const int *samples; /* itn_render alone: [height][width], how many samples each pixel has, 1 to
-                           2^24, in the place of spp; NULL: all have spp. Numbers are rounded up to
-                           whole sets, of 16 samples, or of a smaller power of 2 if the least number
-                           is below four such sets. For a given sum the mean square error is least
-                           with numbers in proportion to the standard deviation of a pixel's
-                           samples (Neyman 1934), estimated from an image of another seed: of the
-                           same one it biases the means. The caller's */
+    int walks; /* that go on from each of the spp camera rays, at most 256; 0 = 4 */
+    const int *samples; /* itn_render alone: [height][width], samples of each pixel, 1 to 2^24, in
+                           the place of spp; or NULL. Rounded up to sets of 16, or of a smaller
+                           power of 2 if the least number is below four such sets. Best are numbers
+                           in proportion to the standard deviation of a pixel's samples (Neyman
+                           1934), estimated by another seed: by the same one they bias the means */
     int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
                                                      a non-zero return cancels; may be NULL */
     void *progress_user;
@@ -603,21 +596,20 @@ typedef struct itn_render_options {
 } itn_render_options;
 
 /* Renders the scene at theta (NULL: as made) and, in the same walk, its derivatives with respect
-   to `count` parameters (indices in `parameters`; both 0 for none): equation (10),
+   to `count` parameters (indices in `parameters`, none twice; both 0 for none): equation (10),
    dT/dpi = mean of f/p times the path's score. Planes of the new image, C channels each:
    mean, variance of the mean ("Variance.Y"), then for each parameter derivative ("d_a_b.Y" for
    a.b) and variance of the derivative ("d_a_b_variance.Y"). With one sample per pixel variances are
-   infinite; of standard errors below 1e-22, which floats cannot square, 0. No parameter may be
-   asked for twice. Free with itn_image_free.
-   The reference's image does not depend, but for rounding, on the parameters asked for, except an
-   index of refraction (which spends some paths on its own), a sigma_t of a thin medium (which draws
-   more collisions) and an albedo or reflectance below .1 (more paths go on). The fast walk's is
-   another estimate of the same. Either image has the same bits for any number of threads.
-   Errors: ARGUMENT (theta out of bounds or not finite, index, spp, samples; spp * walks beyond
-   2^31 - 1 in the fast walk), UNSUPPORTED (the derivative in the ior of a smooth surface, whose
-   directions jump with it, of a rough one whose ior is 1, or of one whose object's box meets that
-   of another dielectric object with a smooth surface, or with a different surface of equal index;
-   with mode FAST, what itn_mode lists), MEMORY, CANCELLED. */
+   infinite; of standard errors below 1e-22, which floats cannot square, 0.
+   The same bits for any number of threads. The reference's image does not depend on the parameters
+   asked for, but for rounding, except an index of refraction (which spends some paths on its own),
+   a sigma_t of a thin medium (which draws more collisions) and an albedo or reflectance below .1
+   (more paths go on). The fast walk's is another estimate of the same. Free with itn_image_free.
+   Errors: ARGUMENT (theta out of bounds or not finite, index, options; spp * walks beyond 2^31 - 1
+   in the fast walk), UNSUPPORTED (the derivative in the ior of a smooth surface, whose directions
+   jump with it, of a rough one whose ior is 1, or of one whose object's box meets that of another
+   dielectric object with a smooth surface, or with a different surface of equal index; with mode
+   FAST, what itn_mode lists), MEMORY, CANCELLED. */
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error);
@@ -629,10 +621,9 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, itn_error *error);
 
 /* Adjoint: gradient[k] = sum over pixels and channels of weights * dI/dtheta of parameters[k],
-   with its variance if `variance` is not NULL, without derivative images (the fast walk holds 16
-   bytes per pixel and parameter, whatever the channels). weights: [C][height][width], finite, for
-   example dl/dI of a loss from other samples. count at least 1; gradient and variance: [count].
-   Errors: as itn_render. */
+   with its variance if `variance` is not NULL, without derivative images (in work: 16 bytes per
+   pixel and parameter). weights: [C][height][width], finite, for example dl/dI of a loss from other
+   samples. count at least 1; gradient and variance: [count]. Errors: as itn_render. */
 ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *theta,
                                        const itn_render_options *options, const float *weights,
                                        const int *parameters, int count, double *gradient,
@@ -640,25 +631,22 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
 
 /* Adjoint by the values of an image in the scene, a surface's texture or a map light: gradient =
    sum over pixels and channels of weights * dI/d(value), for all of its values at the cost of one
-   render, however many they are. `item` names the surface or the light; weights as above. The new
-   image has the size of that image, in the scene's channels: Y or R,G,B, and of each its variance,
-   as "Variance.Y" (from second moments, so too large where a few texels fill the picture). In a
-   scene of one channel a map counts with its luminance. Free with itn_image_free.
-   It is the reference walk that does this. The same bits for any number of threads. Memory: sums
-   are held in one to 16 copies, as many as fit in 100 MB, of 24 bytes per value and channel each.
-   Errors: ARGUMENT (also: no such item, or one without an image), UNSUPPORTED (mode FAST, or as
-   itn_render), MEMORY, CANCELLED. */
+   render of the reference. `item` names the surface or the light; weights as above. The new image
+   has the size of that image, in the scene's channels: Y or R,G,B, and of each its variance, as
+   "Variance.Y" (from second moments, so too large where a few texels fill the picture). In a scene
+   of one channel a map counts with its luminance. Free with itn_image_free. Memory: one to 16
+   copies, as many as fit in 100 MB, of 24 bytes per value and channel. Errors: as itn_render;
+   ARGUMENT (also: no such item, or one without an image), UNSUPPORTED (mode FAST). */
 ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
                                              const itn_render_options *options,
                                              const float *weights, const char *item,
                                              itn_image *gradient, itn_error *error);
 
 /* The image loss l = mean over pixels and channels of (I(theta) - target)^2 and its gradient, both
-   unbiased (loss must not be NULL): value and derivative come from two independent renders of
-   options->spp samples each (seeds derived from options->seed; spp at least 2), and the noise that
-   squaring adds is taken off the loss (which may therefore come out slightly negative). target:
-   [C][height][width], finite. count may be 0 for the loss alone. Errors: as itn_render; ARGUMENT
-   (an image so bright that its variances are not finite). */
+   unbiased: value and derivative come from two independent renders of options->spp samples each
+   (at least 2), and the noise that squaring adds is taken off the loss, which may come out slightly
+   negative. target: [C][height][width], finite. count may be 0 for the loss alone. Errors: as
+   itn_render; ARGUMENT (an image so bright that its variances are not finite). */
 ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, const float *target,
                                      const int *parameters, int count, double *loss,
@@ -3533,16 +3521,20 @@ static itn__ints itn__diffuse_sample(itn__site *site, const itn__floats u[3], it
     return itn__splat_int(-1);
 }
 
-/* The surfaces there are. To add one: name its type in itn_surface_type; write its eval and sample,
-   and a row here with its fields. All walks, derivatives, descs and files then know it.
-   - form: kind, name and fields, see [fields]; a field with a parameter is one of itn__surface.
-   - eval: f cos theta_o in each channel and the density of o by sample, 0 where light does not go;
-     slopes by site->seed, wherever itn__site_value brings it in.
-   - sample: draws o by three uniforms; returns where there is one. What it leaves in site->facet
-     eval finds there while site->drawn.
-   - Light that leaves in a few directions only has no density: if site->smooth, eval gives f = 0,
-     pdf = 0, but while site->drawn f / pdf itself and pdf = INFINITY.
-   - edge, or NULL: draws what derivatives by eta have at the edge of directions; the value is 0. */
+/* The surfaces there are. To add one, say a conductor:
+   1. Name it in itn_surface_type. If it has fields that no other has, add these to itn_surface_desc
+      and, where they can be differentiated, to itn__surface, as the index of their parameter.
+   2. Write eval: for local directions o, f cos theta_o in each channel, with slopes by site->seed,
+      and the density with which sample draws o; both 0 where light does not go. A parameter's value
+      comes from itn__site_value, and with it the slopes.
+   3. Write sample: draws o by three uniforms and returns the lanes where there is one. What it
+      leaves in site->facet eval finds there while site->drawn (o is what has just been drawn).
+      Light that leaves in a few directions only (site->smooth) has no density: then eval gives
+      f = 0 and pdf = 0, but while site->drawn f / pdf and INFINITY.
+   4. Add a row here: its fields (see [fields]), flags, and the two. edge, or NULL: draws what
+      derivatives by eta have at the edge of directions, as a slope; the value is 0.
+   Scene files, checks, parameters, both walks and derivatives then know it. test_surface.c is what
+   to test. */
 enum { ITN__OPAQUE = 1, ITN__FACETS = 2 }; /* nothing goes through; smooth unless alpha is given */
 typedef struct itn__bsdf {
     itn__form form;
@@ -5426,7 +5418,7 @@ typedef struct itn__corners {
     float share[4];
 } itn__corners;
 
-/* What a path adds to the derivatives by the values of an image, see [texels]. */
+/* What a path adds to the derivatives by the values of an image, see below. */
 enum { ITN__TOUCHES = 64, ITN__TOUCH = -2 }; /* most at a time; the first one's parameter */
 typedef struct itn__texels {
     const itn__surface *texture; /* one of these */
@@ -5524,8 +5516,6 @@ static void itn__copy_weight(const itn__walk *walk, itn__weight *to, const itn__
     memcpy(to->score, from->score,
            (size_t)(walk->channels * walk->score_count) * sizeof *to->score);
 }
-
-/* ---- [texels] derivatives by the values of an image ------------------------------------------ */
 
 /* The values of an image, of a texture or of a map light, are parameters too, as many as they are,
    but a path touches few. Each place where it meets the texture asked for becomes a parameter of
@@ -8733,39 +8723,24 @@ static int itn__fast_derivative(const itn_scene *scene, const float *theta, int 
     return strcmp(field, "ior") != 0 && (p->lower != 0 || theta[parameter] > 0);
 }
 
-/* What of a request only the reference walk can do, or NULL. */
-static const char *itn__only_reference(const itn__render *render) {
-    return render->scene->spectral ? "do media that differ between channels"
-           : render->scene->leaky  ? "go through holes of a mesh that was forced"
-           : render->max_scatter   ? "limit the number of scatterings"
-                                   : NULL;
-}
-
-/* Chooses who renders: the fast walk where it can. */
+/* Chooses who renders: the fast walk, unless it cannot. */
 static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int *parameters,
                                    itn_error *error) {
-    const char *lacks = itn__only_reference(render);
+    const itn_scene *scene = render->scene;
+    const char *of = "", *lacks = scene->spectral ? "do media that differ between channels"
+                         : scene->leaky ? "go through holes of a mesh that was forced"
+                         : render->max_scatter ? "limit the number of scatterings" : NULL;
     int k;
-    render->fast = mode != ITN_MODE_REFERENCE;
+    for (k = 0; k < render->count; k++)
+        if (!itn__fast_derivative(scene, render->theta, parameters[k], &render->only[k]))
+            lacks = "differentiate here in ", of = scene->parameters[parameters[k]].name;
 #ifdef ITN_NO_FAST
-    render->fast = 0;
-    if (mode == ITN_MODE_FAST)
-        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "render: built without the fast walk");
+    lacks = "be used: it is not built in";
 #endif
-    if (lacks && mode == ITN_MODE_FAST)
+    render->fast = mode != ITN_MODE_REFERENCE && !lacks;
+    if (mode == ITN_MODE_FAST && lacks)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                         "render: the fast walk cannot %s; the reference can", lacks);
-    if (lacks) render->fast = 0;
-    for (k = 0; k < render->count; k++) {
-        if (itn__fast_derivative(render->scene, render->theta, parameters[k], &render->only[k]))
-            continue;
-        if (mode == ITN_MODE_FAST)
-            return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                             "render: the fast walk cannot differentiate in %s at %g; the "
-                             "reference can", render->scene->parameters[parameters[k]].name,
-                             (double)render->theta[parameters[k]]);
-        render->fast = 0;
-    }
+                         "render: the fast walk cannot %s%s; the reference can", lacks, of);
     return ITN_OK;
 }
 
