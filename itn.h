@@ -387,12 +387,8 @@ typedef struct itn_object_desc {
    Several add up. */
 typedef enum itn_light_type { ITN_LIGHT_CONSTANT = 0, ITN_LIGHT_MAP, ITN_LIGHT_SKY } itn_light_type;
 
-/* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8): for
-   each of R, G and B (a film of one channel has their luminance) a radiance times
-     f(theta, gamma) = (1 + A exp(B / (cos theta + .01))) (C + D exp(E gamma) + F cos^2 gamma
-                       + G chi(H, gamma) + I sqrt(cos theta)),
-     chi(H, gamma) = (1 + cos^2 gamma) / (1 + H^2 - 2 H cos gamma)^(3/2),
-   theta the angle to the zenith, gamma to the sun. */
+/* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8, which is
+   said in [light]), for R, G and B; a film of one channel has their luminance. */
 typedef struct itn_sky {
     float coefficients[3][9]; /* in the published order, A B C D E F G I H; H in (-1,1) */
     float radiance[3];
@@ -418,8 +414,8 @@ typedef struct itn_light_desc {
                                 [.01, 320]; 0 = 1 */
 } itn_light_desc;
 
-/* All that a scene is made of; the arrays are the caller's and copied, those of none may be NULL.
-   1 to 64 objects, up to 64 lights, and up to 4096 media and surfaces each (in a file: 64). */
+/* 1 to 64 objects, up to 64 lights, and up to 4096 media and surfaces each (in a file: 64). The
+   arrays are the caller's and copied; those of none may be NULL. */
 typedef struct itn_scene_desc {
     itn_film_desc film;
     itn_camera_desc camera;
@@ -500,17 +496,16 @@ ITN_API void itn_scene_free(itn_scene *scene);
 /* The size of the film, and 1 or 3 channels. */
 ITN_API itn_film_desc itn_scene_film(const itn_scene *scene);
 /* Returns the optical thickness of the objects filled with a medium: sigma_t at theta (NULL: as
-   made; the mean of the channels, where they differ) times their mean chord 4 volume / surface; 0
-   if no object has that medium or there is no such medium. What an image can tell of sigma_t
-   depends on this number. */
+   made), the mean of the channels, times their mean chord 4 volume / surface; 0 if there are none.
+   What an image can tell of sigma_t depends on this number. */
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, const char *medium);
 
 /* Parameters: everything that can be differentiated, as one flat float vector theta with names
-   "item.field". They come item by item, those of a kind as in the desc; with the ranges of values:
-       media      sigma_t (0 to 1e12), albedo (0 to 1), g (-.999 to .999)
-       surfaces   diffuse: reflectance (0 to 1), and of a checker reflectance2 (0 to 1)
-                  dielectric: ior (1 to 4) and, if it is rough, alpha (.001 to 1)
-       lights     scale and, of a sky, sun_scale (0 to 1e12)
+   "item.field". They come item by item, those of a kind as in the desc; their ranges are its, too:
+       media      sigma_t, albedo, g
+       surfaces   diffuse: reflectance, and of a checker reflectance2
+                  dielectric: ior and, if it is rough, alpha
+       lights     scale and, of a sky, sun_scale
    for example milk.sigma_t, glass.alpha, light.scale. With three channels albedo and reflectances
    are three each (milk.albedo_r, milk.albedo_g, milk.albedo_b), and so are sigma_t and g that were
    given as sigma_t_rgb and g_rgb (milk.sigma_t_r ...).
@@ -4280,7 +4275,7 @@ static const itn__form itn__forms[] = { /* that of a kind without types at its n
     {ITN__OBJECT, 1, "plane",
      {ITN__MARK("plane", "", NULL), ITN__WORD("surface", object, surface, "w!"),
       ITN__FIELD("y", object, plane_y, "1f", ITN__ANY, 0),
-      ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 20)}}};
+      ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 0)}}};
 enum {
     ITN__OWN_FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]),
     ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0]),
@@ -4348,8 +4343,8 @@ typedef struct itn__maker {
     const itn_scene_desc *desc;
     int kind, index;               /* of the item at hand; kind -1: none */
     char title[2 * ITN_NAME_SIZE]; /* of it, for messages */
-    itn__table names;   /* of parameters */
-    itn_result refusal; /* of what is given: ARGUMENT, or of a file FORMAT */
+    itn__table names;              /* of parameters */
+    itn_result refusal;            /* of what is given: ARGUMENT, or of a file FORMAT */
     itn_error *error;
 } itn__maker;
 
@@ -4421,13 +4416,11 @@ static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field
 
 /* Names become parts of parameters' and layers' names, hence the narrow rules. */
 static int itn__is_name(const char *name) {
-    size_t i, length = name ? strlen(name) : 0;
-    for (i = 0; i < length; i++) {
-        char c = name[i];
-        int letter = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
-        if (!letter && (i == 0 || !((c >= '0' && c <= '9') || c == '_' || c == '-'))) return 0;
-    }
-    return length >= 1 && length <= 32;
+    static const char characters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+                                     "0123456789_-";
+    size_t length = name ? strlen(name) : 0;
+    return length >= 1 && length <= 32 && strspn(name, characters) == length &&
+           !strchr(characters + 52, *name);
 }
 #define ITN__NAME_RULE "is not 1 to 32 letters, digits, _ or -, beginning with a letter"
 
@@ -4513,17 +4506,14 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
     const float *planes[3];
     int i, k, count;
     if (!image || !image->pixels || !image->names || image->plane_count < 1 || image->width < 1 ||
-        image->height < 2)
-        return ITN__REFUSE("needs an image of at least 1 x 2 pixels");
-    if ((double)image->width * image->height > INT_MAX / 3) /* its numbers are counted in ints */
-        return ITN__REFUSE("the image of %d x %d pixels has more than %d", image->width,
-                           image->height, INT_MAX / 3);
+        image->height < 2 || (double)image->width * image->height > INT_MAX / 3)
+        return ITN__REFUSE("needs an image of at least 1 x 2 pixels, at most %d", INT_MAX / 3);
     if (!itn__image_colours(image, planes))
         return ITN__REFUSE("the image has neither Y nor R, G, B among its %d planes '%s', '%s'%s",
                            image->plane_count, image->names[0], image->names[1],
                            image->plane_count > 2 ? " ..." : "");
     *width = image->width, *height = image->height, count = image->width * image->height;
-    *texels = (float *)itn__allocate(&maker->scene->context, (size_t)count, 3 * sizeof(float));
+    *texels = ITN__NEW(float, &maker->scene->context, 3 * count);
     if (!*texels) return itn__out_of_memory(maker->error, maker->title);
     for (i = 0; i < count; i++) {
         float *texel = *texels + 3 * (size_t)i;
@@ -4586,19 +4576,16 @@ static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, itn
     enum { WIDTH = 64, HEIGHT = 33 }; /* of its grid: radiance over density then varies by 2 % */
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
     double solid_angle;
-    int c, k;
+    int c, k, good = 1;
     for (c = 0; c < 3; c++) {
         for (k = 0; k < 9; k++)
-            if (!(fabsf(in->sky.coefficients[c][k]) < (k < 8 ? INFINITY : 1)))
-                return ITN__REFUSE("sky coefficient %d of channel %d, %g, is not finite, or the "
-                                   "last and not in (-1, 1)", k, c,
-                                   (double)in->sky.coefficients[c][k]);
-        if (!(in->sky.radiance[c] >= 0 && in->sky.radiance[c] <= ITN__MAX_RADIANCE &&
-              in->sky.sun_radiance[c] >= 0 && in->sky.sun_radiance[c] <= ITN__MAX_RADIANCE))
-            return ITN__REFUSE("radiance %g and sun_radiance %g of channel %d are not in [0, %g]",
-                               (double)in->sky.radiance[c], (double)in->sky.sun_radiance[c], c,
-                               (double)ITN__MAX_RADIANCE);
+            good &= fabsf(in->sky.coefficients[c][k]) < (k < 8 ? INFINITY : 1);
+        good &= in->sky.radiance[c] >= 0 && in->sky.radiance[c] <= ITN__MAX_RADIANCE;
+        good &= in->sky.sun_radiance[c] >= 0 && in->sky.sun_radiance[c] <= ITN__MAX_RADIANCE;
     }
+    if (!good)
+        return ITN__REFUSE("the sky's coefficients must be finite, the last in (-1, 1), its "
+                           "radiances in [0, %g]", (double)ITN__MAX_RADIANCE);
     if (!(in->sun_direction.y > 0))
         return ITN__REFUSE("the sun's direction must be above the horizon");
     sky->sky = in->sky, sun->kind = ITN__LIGHT_SUN, sun->share = in->sun_scale;
@@ -4876,6 +4863,7 @@ static itn_result itn__make_tree(itn__maker *maker) {
     double m[12], n[3];
     int i, count = 0, *object_of_triangle;
     itn_result result;
+    itn__go_to(maker, -1, 0);
     for (i = 0; i < scene->object_count; i++) {
         const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[i], m);
         if (mesh->triangle_count > INT_MAX / 9 - count) return ITN__REFUSE("too many triangles");
@@ -13506,9 +13494,10 @@ static itn_result itn__read_beside(const char *scene, const char *name, size_t l
 /* Loads the file that a field names - a mesh, a picture or a sky, given in memory or read - to its
    place in a desc. */
 static void itn__load_field(itn__reader *r, const itn__field *field, void *at) {
-    int kind = r->form->kind, length = itn__word_length(&r->text), k = 0;
-    itn_mesh *mesh = &r->meshes[r->count[kind]];
-    itn_image *image = &r->images[kind == ITN__LIGHT][r->count[kind]];
+    int kind = r->form->kind, index = r->count[kind] - 1, k = 0;
+    int length = itn__word_length(&r->text);
+    itn_mesh *mesh = &r->meshes[index];
+    itn_image *image = &r->images[kind == ITN__LIGHT][index];
     itn__buffer path = ITN_ZERO, bytes = ITN_ZERO;
     itn_file file;
     itn_error error = ITN_ZERO;
@@ -13622,34 +13611,33 @@ static const itn__form *itn__find_form(itn__reader *r) {
     return NULL;
 }
 
-/* Reads the item of a line that has words. */
+/* Reads the item of a line that has words. What it may leave out is mostly what a desc may, by a 0;
+   the exceptions are put in here. */
 static void itn__read_item(itn__reader *r) {
     const itn__form *form = r->form = itn__find_form(r);
-    int k, kind = form ? form->kind : 0, index = r->count[kind];
-    void *items[ITN__KINDS];
+    int k, kind = form ? form->kind : 0, index = r->count[kind]++;
+    itn_medium_desc *medium = &r->media[index];
+    itn_surface_desc *surface = &r->surfaces[index];
+    itn_object_desc *object = &r->objects[index];
+    itn_light_desc *light = &r->lights[index];
+    void *items[ITN__KINDS] = {&r->desc.film, &r->desc.camera, medium, surface, object, light};
     if (index && kind <= ITN__CAMERA)
         ITN__WRONG("%s was given in line %d", itn__kinds[kind], r->lines[kind][0]);
     if (index == ITN__MOST_ITEMS) ITN__WRONG("more than %d items of this kind", index);
     if (r->text.result) return;
-    items[ITN__FILM] = &r->desc.film, items[ITN__CAMERA] = &r->desc.camera;
-    items[ITN__MEDIUM] = &r->media[index], items[ITN__SURFACE] = &r->surfaces[index];
-    items[ITN__OBJECT] = &r->objects[index], items[ITN__LIGHT] = &r->lights[index];
     r->item = (char *)items[kind], r->lines[kind][index] = r->text.line;
     memset(r->given, 0, sizeof r->given);
-    for (k = 0; k < 3 && kind == ITN__OBJECT; k++) r->objects[index].transform[5 * k] = 1;
-    for (k = 0; form->fields[k].name; k++) {
-        float n[3] = {form->fields[k].otherwise, 0, 0};
-        if (n[0] != 0) itn__write_numbers(&form->fields[k], r->item, n, 1);
+    if (kind == ITN__MEDIUM) medium->name = itn__read_name(r);
+    if (kind == ITN__SURFACE) surface->name = itn__read_name(r);
+    if (kind == ITN__SURFACE) surface->type = (itn_surface_type)form->type;
+    for (k = 0; k < 3 && kind == ITN__OBJECT; k++) object->transform[5 * k] = 1;
+    if (kind == ITN__OBJECT) object->half_size = 20;
+    if (kind == ITN__LIGHT) {
+        light->type = (itn_light_type)form->type, light->has_scale = 1;
+        light->scale = light->sun_scale = 1;
     }
-    if (kind == ITN__MEDIUM) r->media[index].name = itn__read_name(r);
-    if (kind == ITN__SURFACE) r->surfaces[index].name = itn__read_name(r);
     itn__read_fields(r);
-    if (kind == ITN__SURFACE) r->surfaces[index].type = (itn_surface_type)form->type;
-    if (kind == ITN__SURFACE && form->type == ITN_SURFACE_DIFFUSE)
-        itn__end_diffuse(r, &r->surfaces[index]);
-    if (kind == ITN__LIGHT)
-        r->lights[index].type = (itn_light_type)form->type, r->lights[index].has_scale = 1;
-    r->count[kind]++;
+    if (kind == ITN__SURFACE && form->type == ITN_SURFACE_DIFFUSE) itn__end_diffuse(r, surface);
 }
 
 /* Reads all lines and makes the scene. What is wrong with an item, or (line 0) with the whole, is
