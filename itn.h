@@ -478,9 +478,9 @@ typedef struct itn_file {
 
 /* Makes a scene of the bytes of a scene file. The files that it names are looked for among `files`
    (file_count of them; NULL and 0 for none); others are opened as if the scene were the file `name`
-   (NULL = "scene"), which with ITN_NO_STDIO is an error. Errors: FORMAT, MEMORY, and those of the
-   loaders and of itn_scene_create; error->line is the line of the scene file, and the message
-   begins "name:line: " (line 0: it is not in a single line). */
+   (NULL = "scene"), which with ITN_NO_STDIO is an error. Errors: those of itn_scene_create, with
+   FORMAT for an ARGUMENT, and of the loaders; error->line is the line of the scene file, and the
+   message begins "name:line: " (line 0: it is not in a single line). */
 ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_file *files, int file_count,
                                          const itn_context *context, itn_scene **scene,
@@ -4792,7 +4792,7 @@ static itn_result itn__make_origin(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     const itn_vec3 *eye = &maker->desc->camera.eye;
     double lower[3] = {DBL_MAX, DBL_MAX, DBL_MAX}, upper[3] = {-DBL_MAX, -DBL_MAX, -DBL_MAX};
-    double half[3], at[3], distance, reach = 0;
+    double half[3], distance, reach = 0;
     int i, k, solids = 0;
     for (i = 0; i < scene->object_count; i++) solids += scene->objects[i].solid;
     for (i = 0; i < scene->object_count; i++)
@@ -4810,14 +4810,14 @@ static itn_result itn__make_origin(itn__maker *maker) {
     if (!(scene->radius > 0 && scene->radius < 1e18f))
         return itn__refuse(maker, ITN_ERROR_MESH, "the objects have size %g",
                            (double)scene->radius);
-    at[0] = eye->x - scene->origin[0], at[1] = eye->y - scene->origin[1];
-    at[2] = eye->z - scene->origin[2];
     for (i = 0; i < scene->object_count; i++)
         for (k = 0; k < 3; k++)
             reach = fmax(reach, fmax(scene->origin[k] - scene->objects[i].lower[k],
                                      scene->objects[i].upper[k] - scene->origin[k]));
-    distance = sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
-    scene->camera.eye = itn__vec3((float)at[0], (float)at[1], (float)at[2]);
+    scene->camera.eye = itn__vec3((float)(eye->x - scene->origin[0]),
+                                  (float)(eye->y - scene->origin[1]),
+                                  (float)(eye->z - scene->origin[2]));
+    distance = (double)itn__length(scene->camera.eye);
     itn__go_to(maker, ITN__CAMERA, 0);
     if (distance <= 1e6 * reach) return ITN_OK;
     return ITN__REFUSE("the eye is %g away from objects that reach %g, more than 1e6 times as far: "
