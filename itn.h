@@ -9527,7 +9527,7 @@ static size_t itn__layout_at(const itn__layout *s, size_t y, size_t x, size_t ch
 /* A layer at work on a batch. */
 typedef struct itn__conv {
     itn__layout in, out;     /* out: after the pooling, half the height and width */
-    size_t batch;
+    size_t batch, task_outputs; /* the latter: of a task of the forward pass */
     const float *w, *bias; /* [9][inputs][outputs], [outputs]; a panel behind can be read */
     float *d_w, *d_bias;   /* as w and bias */
     const float *images;   /* [batch][in], with zeros in the ring */
@@ -9541,9 +9541,8 @@ typedef struct itn__conv {
 enum {
     ITN__SHUT = 4,               /* `chosen` of a window that gave 0 */
     ITN__PANEL = 2 * ITN__LANES, /* outputs of a tile */
-    ITN__TASK_TILES = 64,        /* of a forward task: its windows x panels, */
-    ITN__TASK_PANELS = 8,        /* which are more than one where windows are few */
-    ITN__TASK_OUTPUTS = ITN__LANES < 8 ? ITN__LANES : 8, /* of one for the derivatives of weights */
+    ITN__TASK_TILES = 64,        /* of a task of the forward pass: its windows x panels */
+    ITN__TASK_OUTPUTS = 8,       /* of a task for the derivatives of weights */
     ITN__TASK_WINDOWS = 8,       /* at least, of a task for the derivatives of inputs */
     ITN__PATCH = 9 * ITN__LANES, /* floats of 3x3 vectors */
     ITN__LIST = 64               /* of which so many are added up at a time */
@@ -9630,23 +9629,16 @@ static void itn__conv_pool(const itn__conv *c, size_t out, const float *sums, co
     itn__store_bytes(c->chosen + out, itn__select_int(open, which, itn__splat_int(ITN__SHUT)));
 }
 
-/* How many outputs a forward task has: of as many panels as there is room for. */
-static size_t itn__conv_task_outputs(const itn__conv *c) {
-    size_t tiles = ITN__TASK_TILES / itn__fewer(itn__conv_windows(c), ITN__TASK_TILES);
-    return itn__fewer(tiles, ITN__TASK_PANELS) * ITN__PANEL;
-}
-
 static void itn__conv_forward_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
     size_t windows = itn__conv_windows(c), parts = (windows - 1) / ITN__TASK_TILES + 1;
-    size_t first = (size_t)index % parts * ITN__TASK_TILES, inputs = c->in.channels, i, o, k;
-    size_t count = itn__fewer(windows - first, ITN__TASK_TILES), lanes = c->in.lanes;
-    size_t begin = (size_t)index / parts * itn__conv_task_outputs(c);
-    size_t end = itn__fewer(c->out.channels, begin + itn__conv_task_outputs(c));
-    float sums[ITN__TASK_TILES][4 * ITN__PANEL], (*sum)[4 * ITN__PANEL];
+    size_t first = (size_t)index % parts * ITN__TASK_TILES, lanes = c->in.lanes, i, o, k;
+    size_t count = itn__fewer(windows - first, ITN__TASK_TILES), inputs = c->in.channels;
+    size_t begin = (size_t)index / parts * c->task_outputs;
+    size_t end = itn__fewer(begin + c->task_outputs, c->out.channels);
+    float sums[ITN__TASK_TILES][4 * ITN__PANEL] = {{0}}, (*sum)[4 * ITN__PANEL];
     itn__window taken[ITN__TASK_TILES];
     for (k = 0; k < count; k++) taken[k] = itn__window_make(c, first + k);
-    memset(sums, 0, sizeof sums);
     for (i = 0; i < inputs; i += lanes)
         for (o = begin, sum = sums; o < end; o += ITN__PANEL)
             for (k = 0; k < count; k++, sum++)
@@ -9659,10 +9651,13 @@ static void itn__conv_forward_part(void *data, int index) {
                            sum[k] + o % ITN__PANEL, c->bias + o);
 }
 
+/* Tasks have more than one panel where windows are few. */
 static void itn__conv_forward(const itn_context *context, itn__conv *c) {
-    size_t parts = (itn__conv_windows(c) - 1) / ITN__TASK_TILES + 1;
-    size_t tasks = (c->out.channels - 1) / itn__conv_task_outputs(c) + 1;
-    itn__parallel_for(context, (int)(parts * tasks), itn__conv_forward_part, c);
+    size_t windows = itn__conv_windows(c), parts = (windows - 1) / ITN__TASK_TILES + 1;
+    size_t panels = ITN__TASK_TILES / itn__fewer(windows, ITN__TASK_TILES);
+    c->task_outputs = itn__fewer(panels, 8) * ITN__PANEL;
+    itn__parallel_for(context, (int)(parts * ((c->out.channels - 1) / c->task_outputs + 1)),
+                      itn__conv_forward_part, c);
 }
 
 /* What is added to the 3x3 vectors at `to`: d[k] times those at at[k], k = 0 ... count - 1. */
@@ -9670,6 +9665,30 @@ typedef struct itn__list {
     size_t to, count, at[ITN__LIST + 1]; /* a place behind the last may be written */
     float d[ITN__LIST + 1];
 } itn__list;
+
+/* From a window's 4x4 pixels to the 3x3 around its pixel `corner` (2 row + column). */
+static size_t itn__conv_corner(const itn__conv *c, size_t corner) {
+    return corner / 2 % 2 * c->in.row + corner % 2 * c->in.lanes;
+}
+
+/* Fills lists with terms of some windows and outputs (at most ITN__LIST of what is added up), for
+   derivatives of weights, a list for each output, or of inputs, one for each pixel of a window. */
+static void itn__fill_lists(const itn__conv *c, size_t window, size_t windows, size_t output,
+                            size_t outputs, int weights, itn__list *lists) {
+    size_t k, o;
+    for (k = 0; k < windows; k++) {
+        itn__window w = itn__window_make(c, window + k);
+        for (o = output; o < output + outputs; o++) {
+            size_t out = w.out + o / ITN__LANES * c->out.plane + o % ITN__LANES;
+            size_t chosen = c->chosen[out], in = w.in + itn__conv_corner(c, chosen);
+            itn__list *list = lists + (weights ? o - output : (ITN__SHUT + 1) * k + chosen);
+            list->to = weights ? o * ITN__PATCH : in;
+            list->at[list->count] = weights ? in : o * ITN__PATCH;
+            list->d[list->count] = c->d_pooled[out];
+            list->count += chosen != ITN__SHUT;
+        }
+    }
+}
 
 ITN__NOINLINE void itn__add_list(const itn__list *list, const float *from, size_t row, size_t pixel,
                                  float *to, size_t to_row, size_t to_pixel) {
@@ -9693,17 +9712,18 @@ ITN__NOINLINE void itn__add_list(const itn__list *list, const float *from, size_
         for (x = 0; x < 3; x++) itn__store(to + y * to_row + x * to_pixel, sum[y][x]);
 }
 
-/* The same for all lists and input channels of a layer: of images to turned weights or (forth = 0)
-   the other way. */
-static void itn__add_lists(const itn__conv *c, const itn__list *lists, size_t count,
-                           const float *from, float *to, int forth) {
+/* The same for all lists, which are then empty, and all input channels: of images to turned weights
+   or of these to images. */
+static void itn__add_lists(const itn__conv *c, size_t count, const float *from, float *to,
+                           int weights, itn__list *lists) {
     size_t row[2] = {3 * ITN__LANES, c->in.row}, pixel[2] = {ITN__LANES, c->in.lanes}, i, k;
     size_t next[2] = {c->out.channels * ITN__PATCH, c->in.plane};
-    for (i = 0; i < c->in.channels; i += ITN__LANES, from += next[forth], to += next[!forth])
+    for (i = 0; i < c->in.channels; i += ITN__LANES, from += next[weights], to += next[!weights])
         for (k = 0; k < count; k++)
             if (lists[k].count)
-                itn__add_list(&lists[k], from, row[forth], pixel[forth], to + lists[k].to,
-                              row[!forth], pixel[!forth]);
+                itn__add_list(&lists[k], from, row[weights], pixel[weights], to + lists[k].to,
+                              row[!weights], pixel[!weights]);
+    for (k = 0; k < count; k++) lists[k].count = 0;
 }
 
 /* Floats of turned weights. */
@@ -9711,39 +9731,25 @@ static size_t itn__conv_turned(const itn__conv *c) {
     return (c->in.channels + ITN__LANES - 1) / ITN__LANES * c->out.channels * ITN__PATCH;
 }
 
-/* From a window's 4x4 pixels to the 3x3 around its pixel `corner` (2 row + column). */
-static size_t itn__conv_corner(const itn__conv *c, size_t corner) {
-    return corner / 2 % 2 * c->in.row + corner % 2 * c->in.lanes;
-}
-
 /* The derivatives in the weights and biases of some outputs. In their place come the weights. */
 static void itn__weights_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
     size_t begin = (size_t)index * ITN__TASK_OUTPUTS, windows = itn__conv_windows(c);
     size_t outputs = itn__fewer(c->out.channels - begin, ITN__TASK_OUTPUTS), o, k, i, tap, first;
-    float *turned = c->turned + begin * ITN__PATCH;
     size_t next = c->out.channels * ITN__PATCH; /* to the turned weights of other inputs */
+    float *turned = c->turned + begin * ITN__PATCH;
     itn__list lists[ITN__TASK_OUTPUTS];
+    for (o = 0; o < outputs; o++) lists[o].count = 0;
     for (i = 0; i < c->in.channels; i += ITN__LANES)
         memset(turned + i / ITN__LANES * next, 0, outputs * ITN__PATCH * sizeof(float));
     for (first = 0; first < windows; first += ITN__LIST) {
-        for (o = 0; o < outputs; o++) lists[o].to = o * ITN__PATCH, lists[o].count = 0;
-        for (k = first; k < itn__fewer(first + ITN__LIST, windows); k++) {
-            itn__window w = itn__window_make(c, k);
-            size_t out = w.out + begin / ITN__LANES * c->out.plane + begin % ITN__LANES;
-            for (o = 0; o < outputs; o++, out++) {
-                itn__list *list = &lists[o];
-                list->at[list->count] = w.in + itn__conv_corner(c, c->chosen[out]);
-                list->d[list->count] = c->d_pooled[out];
-                list->count += c->chosen[out] != ITN__SHUT;
-            }
-        }
+        itn__fill_lists(c, first, itn__fewer(windows - first, ITN__LIST), begin, outputs, 1, lists);
         for (o = 0; o < outputs; o++) {
             float sum = 0;
             for (k = 0; k < lists[o].count; k++) sum += lists[o].d[k];
             c->d_bias[begin + o] += sum;
         }
-        itn__add_lists(c, lists, outputs, c->images, turned, 1);
+        itn__add_lists(c, outputs, c->images, c->turned, 1, lists);
     }
     for (i = 0; i < c->in.channels; i++)
         for (tap = 0; tap < 9; tap++) {
@@ -9761,30 +9767,19 @@ static size_t itn__inputs_images(const itn__conv *c) {
 }
 
 static void itn__inputs_part(void *data, int index) {
+    enum { LISTS = ITN__TASK_WINDOWS * (ITN__SHUT + 1) };
     const itn__conv *c = (const itn__conv *)data;
-    size_t image = (size_t)index * itn__inputs_images(c), first, k, o, corner, begin, count = 0;
+    size_t image = (size_t)index * itn__inputs_images(c), outputs = c->out.channels, k, o;
     size_t images = itn__fewer(c->batch - image, itn__inputs_images(c));
     size_t windows = c->out.height * c->out.width, end = (image + images) * windows;
-    itn__list lists[ITN__TASK_WINDOWS * (ITN__SHUT + 1)], *own, *list;
+    itn__list lists[LISTS];
+    for (k = 0; k < LISTS; k++) lists[k].count = 0;
     memset(c->d_images + image * c->in.size, 0, images * c->in.size * sizeof(float));
-    for (first = image * windows; first < end; first += count)
-        for (begin = 0; begin < c->out.channels; begin += ITN__LIST) {
-            count = itn__fewer(end - first, ITN__TASK_WINDOWS);
-            for (k = 0, own = lists; k < count; k++, own += ITN__SHUT + 1) {
-                itn__window w = itn__window_make(c, first + k);
-                for (corner = 0; corner <= ITN__SHUT; corner++) {
-                    own[corner].to = w.in + itn__conv_corner(c, corner);
-                    own[corner].count = 0;
-                }
-                for (o = begin; o < itn__fewer(begin + ITN__LIST, c->out.channels); o++) {
-                    size_t out = w.out + o / ITN__LANES * c->out.plane + o % ITN__LANES;
-                    list = &own[c->chosen[out]];
-                    list->at[list->count] = o * ITN__PATCH;
-                    list->d[list->count++] = c->d_pooled[out];
-                }
-                own[ITN__SHUT].count = 0;
-            }
-            itn__add_lists(c, lists, count * (ITN__SHUT + 1), c->turned, c->d_images, 0);
+    for (k = image * windows; k < end; k += ITN__TASK_WINDOWS)
+        for (o = 0; o < outputs; o += ITN__LIST) {
+            itn__fill_lists(c, k, itn__fewer(end - k, ITN__TASK_WINDOWS), o,
+                            itn__fewer(outputs - o, ITN__LIST), 0, lists);
+            itn__add_lists(c, LISTS, c->turned, c->d_images, 0, lists);
         }
 }
 
