@@ -9443,12 +9443,9 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
 
 /* Adam (Kingma and Ba 2015, algorithm 1) keeps decaying means of the gradient g and of its square,
        m <- .9 m + .1 g,    v <- .999 v + .001 g^2,
-   divides both by the weight that t steps from zero have collected so far, 1 - .9^t and 1 - .999^t,
-   and steps by
-       w <- w - rate m' / (sqrt(v') + 1e-8):
-   about `rate` per weight while the gradient keeps its sign, less where it is mostly noise. */
-
-/* Step number `step` (1 is the first). All arrays: [count]. */
+   divides both by the weight that t steps from zero have collected, 1 - .9^t and 1 - .999^t, and
+   steps by w <- w - rate m' / (sqrt(v') + 1e-8): about `rate` while g keeps its sign, less where it
+   is mostly noise. step: t, 1 is the first. All arrays: [count]. */
 static void itn__adam(double rate, uint64_t step, size_t count, const float *gradient, float *m,
                       float *v, float *weights) {
     float m_scale = (float)(rate / (1 - pow(.9, (double)step)));
@@ -9888,37 +9885,29 @@ static void itn__net_fields(itn_net_desc *desc, int *fields[7]) {
 /* Fills in the defaults of a desc and checks its ranges. */
 static itn_result itn__net_desc_fill(const itn_net_desc *given, itn_net_desc *desc,
                                      itn_error *error) {
-    static const struct {
-        const char *name;
-        int otherwise, most;
-    } rows[7] = {{"width", 128, 8192},
-                 {"height", 128, 8192},
-                 {"channels", 2, 1024},
-                 {"layer_count", 7, ITN__NET_LAYERS},
-                 {"first_channels", 16, 65536},
-                 {"outputs", 3, 4096},
-                 {"batch", 16, 65536}};
+    static const char *const names[7] = {"width",          "height",  "channels", "layer_count",
+                                         "first_channels", "outputs", "batch"};
+    static const int defaults[7] = {128, 128, 2, 7, 16, 3, 16};
+    static const int limits[7] = {8192, 8192, 1024, ITN__NET_LAYERS, 65536, 4096, 65536};
     int *fields[7], k, halvings;
     memset(desc, 0, sizeof *desc);
     if (given) *desc = *given;
     itn__net_fields(desc, fields);
     for (k = 0; k < 7; k++) {
-        if (*fields[k] == 0) *fields[k] = rows[k].otherwise;
-        if (*fields[k] < 1 || *fields[k] > rows[k].most)
+        if (*fields[k] == 0) *fields[k] = defaults[k];
+        if (*fields[k] < 1 || *fields[k] > limits[k])
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_net_desc: %s is %d, must be in 1..%d", rows[k].name, *fields[k],
-                             rows[k].most);
+                             "itn_net_desc: %s is %d, must be in 1..%d", names[k], *fields[k],
+                             limits[k]);
     }
     halvings = 1 << desc->layer_count;
-    if (desc->first_channels > 2 * 65536 / halvings)
+    if (desc->first_channels > 2 * 65536 / halvings || desc->width % halvings ||
+        desc->height % halvings)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_desc: first_channels (%d) doubled by %d layers passes 65536 "
-                         "channels", desc->first_channels, desc->layer_count);
-    if (desc->width % halvings || desc->height % halvings)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_desc: every layer halves the image, so for %d layers width (%d) "
-                         "and height (%d) must be multiples of %d: resize the images or set "
-                         "layer_count", desc->layer_count, desc->width, desc->height, halvings);
+                         "itn_net_desc: %d layers double first_channels (%d), to at most 65536, "
+                         "and halve width (%d) and height (%d), which must be multiples of %d",
+                         desc->layer_count, desc->first_channels, desc->width, desc->height,
+                         halvings);
     return ITN_OK;
 }
 
@@ -9975,18 +9964,6 @@ static int itn__net_allocate(itn_net *net) {
     return 1;
 }
 
-/* Fills weights[count] with normal numbers of a variance; `stream` tells layers apart. Two uniform
-   numbers make one normal (Box and Muller 1958). */
-static void itn__net_normal(float *weights, size_t count, double variance, uint64_t seed,
-                            int stream) {
-    size_t k;
-    for (k = 0; k < count; k++) {
-        itn__rng rng = itn__rng_make(seed, (uint64_t)stream, k);
-        float radius = sqrtf(-2 * (float)variance * logf(itn__uniform(&rng)));
-        weights[k] = radius * cosf(2 * ITN__PI * itn__uniform(&rng));
-    }
-}
-
 ITN_API void itn_net_free(itn_net *net) {
     itn_context context;
     if (!net) return;
@@ -10016,24 +9993,28 @@ static itn_result itn__net_make(const itn_net_desc *desc, const itn_context *con
 }
 
 /* He et al. 2015, equation 10: a ReLU halves the mean square of its input, so weights of variance
-   2/n in a sum of n keep it from layer to layer; without a ReLU behind, 1/n does. */
+   2/n in a sum of n keep it from layer to layer; without a ReLU behind, 1/n does. Two uniform
+   numbers make one normal (Box and Muller 1958). */
 ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *context,
                                   itn_net **net, itn_error *error) {
     itn_result result;
-    float *w;
-    int l;
+    int l, layers;
     if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_create: net is NULL");
     result = itn__net_make(desc, context, net, error);
-    if (result != ITN_OK) return result;
-    for (l = 0, w = (*net)->parameters; l < (*net)->desc.layer_count; l++) {
+    layers = result == ITN_OK ? (*net)->desc.layer_count : -1;
+    for (l = 0; l <= layers; l++) {
         const itn__conv *c = &(*net)->layers[l];
-        size_t inputs = 9 * c->in.channels;
-        itn__net_normal(w, inputs * c->out.channels, 2 / (double)inputs, (*net)->desc.seed, l);
-        w += (inputs + 1) * c->out.channels;
+        int full = l == layers;
+        size_t inputs = full ? (*net)->features : 9 * c->in.channels, k;
+        size_t outputs = full ? (size_t)(*net)->desc.outputs : c->out.channels;
+        float *w = (*net)->parameters + ((full ? (*net)->full : c->w) - (*net)->parameters);
+        for (k = 0; k < inputs * outputs; k++) {
+            itn__rng rng = itn__rng_make((*net)->desc.seed, (uint64_t)l, k);
+            float radius = sqrtf((full ? -2 : -4) / (float)inputs * logf(itn__uniform(&rng)));
+            w[k] = radius * cosf(2 * ITN__PI * itn__uniform(&rng));
+        }
     }
-    itn__net_normal(w, (*net)->features * (size_t)(*net)->desc.outputs,
-                    1 / (double)(*net)->features, (*net)->desc.seed, l);
-    return ITN_OK;
+    return result;
 }
 
 ITN_API itn_net_desc itn_net_shape(const itn_net *net) { return net->desc; }
