@@ -4102,18 +4102,14 @@ ITN_API void itn_scene_free(itn_scene *scene) {
     itn_bvh_free(scene->bvh);
     for (i = 0; i < scene->light_count; i++) {
         itn__light *light = &scene->lights[i];
-        itn__free(&context, light->grid.node_guide);
-        itn__free(&context, light->grid.density);
+        itn__free(&context, light->grid.node_guide), itn__free(&context, light->grid.density);
         itn__free(&context, light->map);
     }
     for (i = 0; i < scene->object_count; i++) itn__free(&context, scene->objects[i].uvs);
     for (i = 0; i < scene->surface_count; i++) itn__free(&context, scene->surfaces[i].texels);
-    itn__free(&context, scene->tables);
-    itn__free(&context, scene->parameters);
-    itn__free(&context, scene->lights);
-    itn__free(&context, scene->objects);
-    itn__free(&context, scene->surfaces);
-    itn__free(&context, scene->media);
+    itn__free(&context, scene->tables), itn__free(&context, scene->parameters);
+    itn__free(&context, scene->lights), itn__free(&context, scene->objects);
+    itn__free(&context, scene->surfaces), itn__free(&context, scene->media);
     itn__free(&context, scene);
 }
 
@@ -4561,19 +4557,9 @@ static void itn__copy_radiance(const itn_scene *scene, const float in[3], int ch
     if (scene->film.channels == 1) out[0] = out[1] = out[2] = itn__luminance(out);
 }
 
-/* Makes the grid by which a map or a sky is sampled. */
-static itn_result itn__make_grid(itn__maker *maker, itn__light *light, int width, int height,
-                                 float bottom) {
-    itn_result result = itn__light_grid(&maker->scene->context, light, width, height, bottom);
-    if (result == ITN_ERROR_MEMORY) itn__out_of_memory(maker->error, "a light's sampling table");
-    else if (result) return ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE);
-    return result;
-}
-
 /* A sky desc becomes two lights, the sky and its sun. */
 static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, itn__light *sky,
                                 itn__light *sun) {
-    enum { WIDTH = 64, HEIGHT = 33 }; /* of its grid: radiance over density then varies by 2 % */
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
     double solid_angle;
     int c, k, good = 1;
@@ -4588,6 +4574,7 @@ static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, itn
                            "radiances in [0, %g]", (double)ITN__MAX_RADIANCE);
     if (!(in->sun_direction.y > 0))
         return ITN__REFUSE("the sun's direction must be above the horizon");
+    sky->width = 64, sky->height = 33; /* of its grid: radiance over density then varies by 2 % */
     sky->sky = in->sky, sun->kind = ITN__LIGHT_SUN, sun->share = in->sun_scale;
     itn__copy_radiance(maker->scene, in->sky.radiance, 3, sky->radiance);
     itn__copy_radiance(maker->scene, in->sky.sun_radiance, 3, sun->radiance);
@@ -4598,7 +4585,7 @@ static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, itn
     sun->power = (float)(solid_angle * itn__luminance(sun->radiance));
     sun->strength = itn__strength((double)sun->power, sun->to_sun);
     sun->breadth = solid_angle / (4 * (double)ITN__PI);
-    return itn__make_grid(maker, sky, WIDTH, HEIGHT, .5f);
+    return ITN_OK;
 }
 
 static itn_result itn__make_light(itn__maker *maker, int index) {
@@ -4625,9 +4612,11 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
     if (in.type == ITN_LIGHT_MAP && !result)
         result = itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, &light->width,
                                   &light->height, &light->map);
-    if (in.type == ITN_LIGHT_MAP && !result)
-        result = itn__make_grid(maker, light, light->width, light->height, 1);
-    return result;
+    if (result || in.type == ITN_LIGHT_CONSTANT) return result;
+    result = itn__light_grid(&scene->context, light, light->width, light->height,
+                             in.type == ITN_LIGHT_SKY ? .5f : 1);
+    if (result == ITN_ERROR_MEMORY) return itn__out_of_memory(maker->error, "a light's grid");
+    return result ? ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE) : ITN_OK;
 }
 
 /* Shares out the choice between sampled lights. Scattering finds broad lights too: draws that come
