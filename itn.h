@@ -9460,12 +9460,9 @@ static void itn__adam(double rate, uint64_t step, size_t count, const float *gra
 
 #ifndef ITN_NO_NET
 
-/* A network is a chain of layers y = f(x; w). Training needs the derivatives of a loss l in the
-   weights; the chain rule delivers them from the last layer to the first: given dl/dy, a layer's
-   backward function computes
-       dl/dx = (dy/dx)^T dl/dy    and    dl/dw = (dy/dw)^T dl/dy.
-   In the code d_x stands for dl/dx. Gradients of weights are added to (+=).
-
+/* A network is a chain of layers y = f(x; w). Given the derivatives d_y of a loss, written so for
+   dl/dy, backward functions compute, from the last layer to the first,
+       d_x = (dy/dx)^T d_y    and    d_w += (dy/dw)^T d_y.
    A layer is a convolution with the ReLU and the 2x2 max-pooling behind it:
        s[y][x][o] = bias[o] + sum over tap = (ky,kx) and i of in[y+ky-1][x+kx-1][i] w[tap][i][o],
        out[y][x][o] = max(0, s of the four pixels of window (x, y)),
@@ -9513,7 +9510,8 @@ static size_t itn__layout_at(const itn__layout *s, size_t y, size_t x, size_t ch
 /* A layer at work on a batch. */
 typedef struct itn__conv {
     itn__layout in, out;     /* out: after the pooling, half the height and width */
-    size_t batch, task_outputs; /* the latter: of a task of the forward pass */
+    size_t batch;
+    size_t task_outputs, task_images; /* of a task of the forward pass, of one for d_images */
     const float *w, *bias; /* [9][inputs][outputs], [outputs]; a panel behind can be read */
     float *d_w, *d_bias;   /* as w and bias */
     const float *images;   /* [batch][in], with zeros in the ring */
@@ -9565,13 +9563,10 @@ ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t inputs, const float
                                   const float *w, float *sums) {
     size_t below = c->in.row, right = c->in.lanes, outputs = c->out.channels, x, y, k;
     size_t taps = c->in.channels == right ? 3 : 1; /* of a row: one run of inputs and of weights */
-    itn__floats sum[4][2];
+    itn__floats sum[8]; /* [4][2] */
     int p;
     ITN__UNROLL
-    for (p = 0; p < 4; p++) {
-        sum[p][0] = itn__load(sums + p * ITN__PANEL);
-        sum[p][1] = itn__load(sums + p * ITN__PANEL + ITN__LANES);
-    }
+    for (p = 0; p < 8; p++) sum[p] = itn__load(sums + p * ITN__LANES);
     for (y = 0; y < 3; y++)
         for (x = 0; x < 3; x += taps) {
             const float *row = w + (3 * y + x) * c->in.channels * outputs;
@@ -9585,15 +9580,12 @@ ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t inputs, const float
                 ITN__UNROLL
                 for (p = 0; p < 4; p++) {
                     itn__floats value = itn__splat(at[(p / 2 ? below : 0) + (p % 2 ? right : 0)]);
-                    sum[p][0] += value * w0, sum[p][1] += value * w1;
+                    sum[2 * p] += value * w0, sum[2 * p + 1] += value * w1;
                 }
             }
         }
     ITN__UNROLL
-    for (p = 0; p < 4; p++) {
-        itn__store(sums + p * ITN__PANEL, sum[p][0]);
-        itn__store(sums + p * ITN__PANEL + ITN__LANES, sum[p][1]);
-    }
+    for (p = 0; p < 8; p++) itn__store(sums + p * ITN__LANES, sum[p]);
 }
 
 /* ReLU and pooling of a vector of outputs at `out`, from their sums [4][ITN__PANEL] and biases. The
@@ -9748,15 +9740,11 @@ static void itn__weights_part(void *data, int index) {
 
 /* The derivatives in some images: those of some windows are added up while the turned weights of
    some outputs are in a cache. */
-static size_t itn__inputs_images(const itn__conv *c) {
-    return (ITN__TASK_WINDOWS - 1) / (c->out.height * c->out.width) + 1;
-}
-
 static void itn__inputs_part(void *data, int index) {
     enum { LISTS = ITN__TASK_WINDOWS * (ITN__SHUT + 1) };
     const itn__conv *c = (const itn__conv *)data;
-    size_t image = (size_t)index * itn__inputs_images(c), outputs = c->out.channels, k, o;
-    size_t images = itn__fewer(c->batch - image, itn__inputs_images(c));
+    size_t image = (size_t)index * c->task_images, outputs = c->out.channels, k, o;
+    size_t images = itn__fewer(c->batch - image, c->task_images);
     size_t windows = c->out.height * c->out.width, end = (image + images) * windows;
     itn__list lists[LISTS];
     for (k = 0; k < LISTS; k++) lists[k].count = 0;
@@ -9772,9 +9760,10 @@ static void itn__inputs_part(void *data, int index) {
 /* Adds to d_w and d_bias; fills d_images unless it is NULL. */
 static void itn__conv_backward(const itn_context *context, itn__conv *c) {
     size_t groups = (c->out.channels - 1) / ITN__TASK_OUTPUTS + 1;
-    size_t tasks = (c->batch - 1) / itn__inputs_images(c) + 1;
     itn__parallel_for(context, (int)groups, itn__weights_part, c);
-    if (c->d_images) itn__parallel_for(context, (int)tasks, itn__inputs_part, c);
+    if (!c->d_images) return;
+    c->task_images = (ITN__TASK_WINDOWS - 1) / (c->out.height * c->out.width) + 1;
+    itn__parallel_for(context, (int)((c->batch - 1) / c->task_images + 1), itn__inputs_part, c);
 }
 
 /* ---- [net] losses, and the assembled network ------------------------------------------------- */
@@ -10124,15 +10113,21 @@ static size_t itn__first_beyond(const float *values, size_t count, float most) {
     return k;
 }
 
-/* Checks what is given to a call: `size` values for each image of a batch. */
-static itn_result itn__net_call(const char *name, itn_net *net, int batch, const float *in,
-                                size_t size, itn_error *error) {
-    size_t bad, count = (size_t)batch * size;
-    if (batch < 1 || batch > net->desc.batch)
+/* Checks what is given to a call: so many values for each image of a batch. */
+static itn_result itn__net_call(itn_net *net, int batch, const float *in, const float *out,
+                                int backward, itn_error *error) {
+    const char *name = backward ? "itn_net_backward" : "itn_net_forward";
+    size_t bad, size, count;
+    if (!net || !in || !out)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: a pointer is NULL", name);
+    if (batch < 1 || batch > net->desc.batch || (backward && batch != net->forward_batch))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: batch is %d, this network was made for 1..%d", name, batch,
-                         net->desc.batch);
-    if ((bad = itn__first_beyond(in, count, FLT_MAX)) < count)
+                         "%s: batch is %d, this network was made for 1..%d, and the latest forward "
+                         "call left %d images", name, batch, net->desc.batch, net->forward_batch);
+    size = (size_t)net->desc.height * (size_t)net->desc.width * (size_t)net->desc.channels;
+    if (backward) size = (size_t)net->desc.outputs;
+    count = (size_t)batch * size, bad = itn__first_beyond(in, count, FLT_MAX);
+    if (bad < count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: value %.0f of image %.0f is not finite",
                          name, (double)(bad % size), (double)(bad / size));
     net->given = in;
@@ -10141,13 +10136,9 @@ static itn_result itn__net_call(const char *name, itn_net *net, int batch, const
 
 ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images, float *outputs,
                                    itn_error *error) {
-    itn_result result;
+    itn_result result = itn__net_call(net, batch, images, outputs, 0, error);
     size_t count;
     int l;
-    if (!net || !images || !outputs)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_forward: a pointer is NULL");
-    count = (size_t)net->desc.height * (size_t)net->desc.width * (size_t)net->desc.channels;
-    result = itn__net_call("itn_net_forward", net, batch, images, count, error);
     if (result != ITN_OK) return result;
     net->forward_batch = 0;
     itn__parallel_for(&net->context, batch, itn__net_take_image, net);
@@ -10166,38 +10157,30 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
     return ITN_OK;
 }
 
-/* Shows a picture e^larger times as large about its middle, by nearest pixels. */
-static void itn__resize_picture(int width, int height, const float *from, double larger,
-                                float *to) {
-    double step = exp(-larger), middle_x = (width - 1) / 2., middle_y = (height - 1) / 2.;
-    int x, y;
-    for (y = 0; y < height; y++)
-        for (x = 0; x < width; x++)
-            *to++ = (float)itn__border_pixel(from, width, height,
-                                             (int)floor(middle_x + step * (x - middle_x) + .5),
-                                             (int)floor(middle_y + step * (y - middle_y) + .5));
-}
-
 ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, float *outputs,
                                 itn_error *error) {
     static const double larger[5] = {0, -.5, -.25, .25, .5}; /* as it is first: for the errors */
     itn_result result = ITN_OK;
     float *picture, *input, *answer, *means;
     size_t plane, count, k;
-    int size;
-    if (!net || !pixels || !outputs)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_read: a pointer is NULL");
-    if (net->desc.channels != 2)
+    int width, height, size, x, y;
+    if (!net || !pixels || !outputs || net->desc.channels != 2)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_read: the network sees %d channels, a picture has 2",
-                         net->desc.channels);
-    plane = (size_t)net->desc.width * (size_t)net->desc.height, count = (size_t)net->desc.outputs;
+                         "itn_net_read: a pointer is NULL, or the network sees %d channels, not 2",
+                         net ? net->desc.channels : 0);
+    width = net->desc.width, height = net->desc.height;
+    plane = (size_t)width * (size_t)height, count = (size_t)net->desc.outputs;
     picture = (float *)itn__allocate(&net->context, 3 * plane + 2 * count, sizeof *picture);
     if (!picture) return itn__out_of_memory(error, "the sizes of a picture");
     input = picture + plane, answer = input + 2 * plane, means = answer + count;
     for (size = 0; size < 5 && result == ITN_OK; size++) {
-        itn__resize_picture(net->desc.width, net->desc.height, pixels, larger[size], picture);
-        result = itn_net_input(net->desc.width, net->desc.height, picture, mean, input, error);
+        double step = exp(-larger[size]), middle_x = (width - 1) / 2., middle_y = (height - 1) / 2.;
+        for (y = 0; y < height; y++)
+            for (x = 0; x < width; x++) /* the nearest pixel */
+                picture[y * width + x] = (float)itn__border_pixel(
+                    pixels, width, height, (int)floor(middle_x + step * (x - middle_x) + .5),
+                    (int)floor(middle_y + step * (y - middle_y) + .5));
+        result = itn_net_input(width, height, picture, mean, input, error);
         if (result == ITN_OK) result = itn_net_forward(net, 1, input, answer, error);
         for (k = 0; k < count; k++) means[k] += answer[k] / 5;
     }
@@ -10209,17 +10192,9 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
 
 ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
                                     itn_error *error) {
-    itn_result result;
+    itn_result result = itn__net_call(net, batch, d_outputs, d_outputs, 1, error);
     int l;
-    if (!net || !d_outputs)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_backward: a pointer is NULL");
-    result = itn__net_call("itn_net_backward", net, batch, d_outputs, (size_t)net->desc.outputs,
-                           error);
     if (result != ITN_OK) return result;
-    if (batch != net->forward_batch)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_backward: batch is %d, the latest forward call left %d images",
-                         batch, net->forward_batch);
     itn__net_backward_full(net, (size_t)batch);
     for (l = net->desc.layer_count - 1; l >= 0; l--)
         itn__conv_backward(&net->context, &net->layers[l]);

@@ -190,6 +190,10 @@ static void fill_stage(stage *s, int which, const itn_mesh *ball, const itn_mesh
     }
 }
 
+static void set_film(itn_scene *scene, int side) {
+    scene->film.width = scene->camera.width = scene->film.height = scene->camera.height = side;
+}
+
 static itn_scene *load_scene(const char *path, const itn_context *context) {
     itn_scene *scene = NULL;
     itn_error error;
@@ -648,8 +652,8 @@ static int watch_render(void *user, double fraction) {
     return 0;
 }
 
-/* The same image for any number of threads, watched or not. */
-static void check_threads(int which, int seed_of_second) {
+/* The same image of side x side pixels for any number of threads, watched or not. */
+static void check_threads(int which, int side, int spp, int seed_of_second) {
     static const int threads[5] = {2, 3, 7, 0, 1};
     itn_context context = ITN_ZERO;
     itn_image first, other;
@@ -658,9 +662,10 @@ static void check_threads(int which, int seed_of_second) {
     itn_render_stats stats[2];
     double seen = 0;
     int k;
-    options.spp = 150, options.stats = &stats[0]; /* several units a tile, the last one shorter */
+    options.spp = spp, options.stats = &stats[0];
     context.threads = 1;
     scene = make_scene(which, &context);
+    set_film(scene, side);
     fast_render(scene, &options, &first);
     itn_scene_free(scene);
     options.seed = (uint64_t)seed_of_second, options.stats = &stats[1];
@@ -669,6 +674,7 @@ static void check_threads(int which, int seed_of_second) {
         if (k == 4) context.parallel_for = run_reversed;
         options.progress = k % 2 ? watch_render : NULL, options.progress_user = &seen;
         scene = make_scene(which, &context);
+        set_film(scene, side);
         fast_render(scene, &options, &other);
         itn_scene_free(scene);
         CHECK(!memcmp(first.pixels, other.pixels, (size_t)(first.width * first.height) *
@@ -676,14 +682,15 @@ static void check_threads(int which, int seed_of_second) {
         CHECK(stats[0].paths == stats[1].paths && stats[0].collisions == stats[1].collisions);
         itn_image_free(&other);
     }
-    CHECK(seen == 1 && stats[0].paths == 4. * 150 * FAST_PIXELS);
+    CHECK(seen == 1 && stats[0].paths == 4. * spp * side * side);
     itn_image_free(&first);
 }
 
 static void test_threads(void) {
-    check_threads(GROUP, 0);
-    if (STRIDE == 1) check_threads(COLOUR, 0);
-    CHECK_CATCHES(check_threads(MATCHED, 1));
+    enum { CHUNKS = ITN__UNIT_PATHS / 4 + 900 }; /* two units a tile, the second one shorter */
+    check_threads(GROUP, FAST_SIZE, 150, 0);
+    if (STRIDE == 1) check_threads(COLOUR, 2, CHUNKS, 0);
+    CHECK_CATCHES(check_threads(MATCHED, FAST_SIZE, 150, 1));
 }
 
 /* ---- safe flights ---------------------------------------------------------------------------- */
