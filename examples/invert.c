@@ -25,13 +25,15 @@
    says in words what the images determine, and fails if a hidden value that they determine lies
    more than four standard errors away, or if the scene does not explain the images: see the misfit,
    in units of noise, 1 where it does. --seconds is the most that the search takes (60); Ctrl-C, too,
-   ends it with the answer so far. Pictures go to the folder after -o, or beside the scene:
-   target, estimate, difference, derivatives (red up, blue down). */
+   ends it with the answer so far. To the folder after -o, or beside the scene, go SCENE_sheet.png,
+   one page of target, estimate, their difference over its noise, derivatives and how the search
+   went, and SCENE_estimate.exr with the numbers. */
 #define _POSIX_C_SOURCE 200809L
 #define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
 #define ITN_THREADS
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
+#include "sheet.h"
 
 #include <errno.h>
 #include <float.h>
@@ -65,8 +67,9 @@ typedef struct picture {
 typedef struct history {
     const itn_parameter *unknowns[MOST_PARAMETERS];
     int count, rows;
-    double misfit[MOST_ROWS]; /* or the loss, with adam and sgd */
-    float values[MOST_ROWS][MOST_PARAMETERS];
+    int noise; /* whether misfit is in units of noise; else it is the loss, with adam and sgd */
+    double misfit[MOST_ROWS], misfit_error[MOST_ROWS];
+    double values[MOST_PARAMETERS][MOST_ROWS], errors[MOST_PARAMETERS][MOST_ROWS];
 } history;
 
 static void fail(const char *what, const char *why) {
@@ -107,9 +110,12 @@ static int show_step(void *user, const itn_refine_step *step) {
     if (step->misfit > 0)
         printf("%3d  misfit %.4g +- %.2g ", step->iteration, step->misfit, step->misfit_error);
     else printf("%3d  loss %.4e ", step->iteration, step->loss);
-    h->misfit[row] = step->misfit > 0 ? step->misfit : step->loss;
+    h->noise = step->misfit > 0;
+    h->misfit[row] = h->noise ? step->misfit : fabs(step->loss);
+    h->misfit_error[row] = h->noise ? step->misfit_error : 0;
     for (k = 0; k < h->count; k++) {
-        h->values[row][k] = step->values[k];
+        h->values[k][row] = (double)step->values[k];
+        h->errors[k][row] = step->errors ? step->errors[k] : 0;
         printf("  %s %.5g", h->unknowns[k]->name, (double)step->values[k]);
         if (step->errors) printf(" +- %.2g", step->errors[k]);
     }
@@ -445,67 +451,149 @@ static void make_target(picture *p, const itn_context *context, const itn_render
     itn_image_free(&image);
 }
 
-static void save_picture(const itn_image *image, int plane, int channels, itn_png_mode mode,
-                         float scale, const char *stem, const char *name) {
-    char path[1200];
-    itn_error error;
-    snprintf(path, sizeof path, "%s_%s.png", stem, name);
-    if (itn_image_save_png(image, plane, channels, mode, scale, path, &error))
-        fail(error.message, "");
+/* The value that `part` of the numbers' sizes lie below; those that are not finite do not count. */
+static int compare(const void *a, const void *b) {
+    float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+static double quantile(const float *values, size_t count, double part) {
+    float *sizes = (float *)malloc(count * sizeof *sizes), found;
+    size_t i, n = 0;
+    if (!sizes) fail("out of memory", "");
+    for (i = 0; i < count; i++)
+        if (isfinite(values[i])) sizes[n++] = fabsf(values[i]);
+    qsort(sizes, n, sizeof *sizes, compare);
+    found = n ? sizes[(size_t)(part * (double)(n - 1))] : 0;
+    free(sizes);
+    return found > 0 ? (double)found : 1;
 }
 
-/* One curve per parameter (value over final value) and one for the misfit, against iterations. */
-static void save_chart(const history *h, const float *values, const char *stem) {
-    static const char *const colours[] = {"#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e",
-                                          "#8c564b"};
-    double x = h->rows > 1 ? 520. / (h->rows - 1) : 0, largest = 0, smallest = 1e300, span;
-    char path[1200], temporary[1204];
-    FILE *file;
-    int i, k, bad;
-    snprintf(path, sizeof path, "%.*s_convergence.svg", STEM_SIZE, stem);
-    snprintf(temporary, sizeof temporary, "%s.tmp", path);
-    file = fopen(temporary, "w");
-    if (!file) fail(temporary, "cannot be written");
+/* Divides the difference by its noise, that of the picture and of the render. Where the picture's
+   is not known, it is what neighbours in a row do not share. Values that do not count become NaN. */
+static void divide_by_noise(const picture *p, float *difference, const float *variance,
+                            size_t count) {
+    double own = 0;
+    size_t i, n = 0;
+    for (i = 1; i < count && !p->noise_known; i++) {
+        double step = (double)difference[i] - (double)difference[i - 1];
+        if (p->variance && !(isfinite(p->variance[i]) && isfinite(p->variance[i - 1]))) continue;
+        own += .5 * step * step - (double)variance[i], n++;
+    }
+    own = own > 0 ? own / (double)n : 0;
+    for (i = 0; i < count; i++) {
+        double noise = (double)variance[i] + own;
+        if (p->variance) noise += (double)p->variance[i];
+        difference[i] = isfinite(noise) && noise > 0 ? difference[i] / (float)sqrt(noise) : NAN;
+    }
+}
+
+enum { COLUMN = 240, GAP = 20, TOP = 70, CHART = 130 };
+/* How a quantity went with the steps, with error bands. */
+static void draw_chart(itn_image *page, const history *h, int place, int top, const double *values,
+                       const double *errors, const char *title, int is_misfit, int colour) {
+    sheet_box b = {0, 0, COLUMN - 54, CHART};
+    sheet_axis x = {0, 1, 0}, y = {1e300, -1e300, 0};
+    double steps[MOST_ROWS];
+    int i;
+    b.left = GAP + 54 + place % 4 * (COLUMN + GAP), b.top = top + place / 4 * (CHART + 70);
+    if (h->rows > 1) x.to = h->rows - 1;
+    y.logarithmic = is_misfit;
     for (i = 0; i < h->rows; i++) {
-        double misfit = fabs(h->misfit[i]);
-        if (misfit > largest) largest = misfit;
-        if (misfit > 0 && misfit < smallest) smallest = misfit;
+        steps[i] = i;
+        y.from = fmin(y.from, values[i]), y.to = fmax(y.to, values[i]);
     }
-    span = largest > smallest ? log(largest / smallest) : 1;
-    fprintf(file, "<svg xmlns='http://www.w3.org/2000/svg' width='720' height='460' "
-            "font-family='sans-serif' font-size='13'><rect width='720' height='460' fill='white'/>"
-            "<text x='60' y='20'>misfit in units of noise (log scale, %.3g to %.3g)</text>"
-            "<text x='60' y='240'>parameter / estimate (0 to 2)</text>"
-            "<path d='M60 30V210H580M60 250V430H580M60 340H580' stroke='#aaa' fill='none'/>"
-            "<text x='300' y='450'>iteration (0 to %d)</text>", smallest, largest, h->rows - 1);
-    for (k = -1; k < h->count; k++) {
-        const char *name = k < 0 ? "misfit" : h->unknowns[k]->name;
-        fprintf(file, "<polyline fill='none' stroke-width='2' stroke='%s' points='",
-                k < 0 ? "black" : colours[k % 6]);
-        for (i = 0; i < h->rows; i++) {
-            double misfit = fmax(fabs(h->misfit[i]), smallest);
-            double y = k < 0 ? 30 + 180 * log(largest / misfit) / span
-                             : 430 - 90 * fmin(fmax(h->values[i][k] / values[k], 0), 2);
-            fprintf(file, "%.1f,%.1f ", 60 + x * i, y);
-        }
-        fprintf(file, "'/><text x='590' y='%d' fill='%s'>%s</text>", k < 0 ? 45 : 265 + 18 * k,
-                k < 0 ? "black" : colours[k % 6], name);
+    if (is_misfit) {
+        y.from = fmax(fmin(y.from, h->noise ? 1 : INFINITY), 1e-30) / 1.6;
+        y.to = fmax(y.to * 1.6, 4 * y.from);
+    } else {
+        double range = y.to - y.from, most = .5 * (fabs(y.to) + range);
+        double room = fmax(.15 * range, fmin(3 * errors[h->rows - 1], most));
+        if (!(room > 0)) room = fmax(.1 * fabs(y.to), 1e-6);
+        y.from -= room, y.to += room;
     }
-    fprintf(file, "</svg>\n");
-    bad = ferror(file);
-    bad |= fclose(file) != 0;
-#ifdef _WIN32
-    if (!bad) remove(path); /* there rename does not replace */
-#endif
-    if (bad || rename(temporary, path))
-        remove(temporary), fail(path, "cannot be written");
+    sheet_axes(page, b, x, y, title, "step");
+    if (is_misfit && h->noise) {
+        double floor = b.top + b.height * (1 - sheet_place(y, 1));
+        sheet_line(page, b.left, floor, b.left + b.width, floor, 1.5, SHEET_GREY);
+        sheet_text(page, b.left + b.width - 4, floor - 4, 1, 8, SHEET_GREY, "noise");
+    }
+    sheet_curve(page, b, x, y, h->rows, steps, values, errors, SHEET_COLOURS[colour % 6]);
 }
 
-/* Renders image and derivatives at the estimate and saves all pictures. */
-static void save_pictures(const picture *p, int unknowns, itn_render_options options,
-                          const char *stem) {
-    int channels = itn_scene_film(p->scene).channels, parameters[MOST_PARAMETERS], count = 0, k;
-    size_t i, pixels;
+/* One page that tells the story: target, estimate, difference, derivatives and, of the first
+   picture, what was found and how the search went. */
+static void save_sheet(const picture *p, const itn_image *image, int count, const history *h,
+                       const itn_estimate *estimates, const itn_refine_outcome *outcome) {
+    int channels = itn_scene_film(p->scene).channels, k, n = image->width * image->height;
+    int height = (COLUMN * image->height + image->width / 2) / image->width;
+    int rows = (count + 3) / 4, row = height + 66, charts = TOP + (1 + rows) * row + 20;
+    size_t plane = (size_t)n, pixels = plane * (size_t)channels;
+    float *difference = (float *)malloc(pixels * sizeof *difference);
+    double full = quantile(p->light, pixels, .99);
+    sheet_box b = {GAP, TOP, COLUMN, 0};
+    char text[1200];
+    itn_error error;
+    itn_image page;
+    if (h) k = charts + (h->count + 4) / 4 * (CHART + 70);
+    else k = charts;
+    if (!difference || !sheet_make(&page, 4 * COLUMN + 5 * GAP, k)) fail("out of memory", "");
+    b.height = height;
+    snprintf(text, sizeof text, "%s", strrchr(p->stem, '/') ? strrchr(p->stem, '/') + 1 : p->stem);
+    sheet_text(&page, GAP, 32, -1, 14, SHEET_INK, text);
+    if (h && h->noise) {
+        snprintf(text, sizeof text, "misfit %.3g " SHEET_PLUS_MINUS " %.1g: the scene %s the picture",
+                 outcome->misfit, outcome->misfit_error,
+                 outcome->explained ? "explains" : "DOES NOT EXPLAIN");
+        sheet_text(&page, page.width - GAP, 32, 1, 11,
+                   outcome->explained ? SHEET_INK : SHEET_COLOURS[1], text);
+    }
+    for (k = 0; k < 3; k++) {
+        static const char *const titles[] = {"target", "estimate", "difference over noise"};
+        b.left = GAP + k * (COLUMN + GAP);
+        sheet_text(&page, b.left, b.top - 8, -1, 10, SHEET_INK, titles[k]);
+        if (k < 2)
+            sheet_picture(&page, b, k ? image->pixels : p->light, channels, image->width,
+                          image->height, 1, full);
+    }
+    for (k = 0; k < (int)pixels; k++) difference[k] = image->pixels[k] - p->light[k];
+    divide_by_noise(p, difference, image->pixels + pixels, pixels);
+    sheet_picture(&page, b, difference, channels, image->width, image->height, 0, 3);
+    free(difference);
+    b.top += height + 8, b.height = 8;
+    sheet_bar(&page, b, 3, "sigma");
+    for (k = 0; h && k < h->count; k++) {
+        const itn_estimate *e = &estimates[k];
+        double left = GAP + 3 * (COLUMN + GAP), top = TOP + 14 + 34 * k;
+        sheet_text(&page, left, top, -1, 9, SHEET_COLOURS[k % 6], h->unknowns[k]->name);
+        snprintf(text, sizeof text, "%.5g " SHEET_PLUS_MINUS " %.2g%s", e->value,
+                 e->standard_error, e->determined ? "" : " ?");
+        sheet_text(&page, left + 12, top + 15, -1, 9, SHEET_INK, text);
+    }
+    for (k = 0; k < count; k++) {
+        const float *slope = image->pixels + (size_t)(2 * (k + 1)) * pixels;
+        const char *name = image->names[2 * (k + 1) * channels];
+        double most = quantile(slope, pixels, .99);
+        b.left = GAP + k % 4 * (COLUMN + GAP), b.top = TOP + (1 + k / 4) * row, b.height = height;
+        snprintf(text, sizeof text, "%.*s", (int)strcspn(name, "."), name);
+        sheet_text(&page, b.left, b.top - 8, -1, 10, SHEET_INK, text);
+        sheet_picture(&page, b, slope, channels, image->width, image->height, 0, most);
+        b.top += height + 8, b.height = 8;
+        sheet_bar(&page, b, most, "");
+    }
+    if (h) draw_chart(&page, h, 0, charts, h->misfit, h->misfit_error,
+                      h->noise ? "misfit over noise" : "loss", 1, 5);
+    for (k = 0; h && k < h->count; k++)
+        draw_chart(&page, h, k + 1, charts, h->values[k], h->errors[k], h->unknowns[k]->name, 0, k);
+    snprintf(text, sizeof text, "%s_sheet.png", p->stem);
+    if (itn_image_save_png(&page, 0, 3, ITN_PNG_TONE, 1, text, &error)) fail(error.message, "");
+    itn_image_free(&page);
+}
+
+/* Renders image and derivatives at the estimate and saves them with the sheet. */
+static void save_pictures(const picture *p, itn_render_options options, int unknowns,
+                          const history *h, const itn_estimate *estimates,
+                          const itn_refine_outcome *outcome) {
+    int parameters[MOST_PARAMETERS], count = 0, k;
     char path[1200];
     itn_image image;
     itn_error error;
@@ -514,22 +602,9 @@ static void save_pictures(const picture *p, int unknowns, itn_render_options opt
     options.spp *= 2;
     if (itn_render(p->scene, p->theta, &options, parameters, count, &image, &error))
         fail(error.message, "");
-    pixels = (size_t)image.width * (size_t)image.height * (size_t)channels;
-    save_picture(&image, 0, channels, ITN_PNG_TONE, 0, stem, "estimate");
-    for (k = 0; k < count; k++) {
-        char *name = image.names[2 * (k + 1) * channels];
-        char layer[ITN_NAME_SIZE];
-        snprintf(layer, sizeof layer, "%.*s", (int)strcspn(name, "."), name);
-        save_picture(&image, 2 * (k + 1) * channels, channels, ITN_PNG_SIGNED, 0, stem, layer);
-    }
-    snprintf(path, sizeof path, "%s_estimate.exr", stem);
+    snprintf(path, sizeof path, "%s_estimate.exr", p->stem);
     if (itn_image_save_exr(&image, path, &error)) fail(error.message, "");
-    for (i = 0; i < pixels; i++) {
-        float difference = p->light[i] - image.pixels[i];
-        image.pixels[i] = p->light[i], image.pixels[pixels + i] = difference;
-    }
-    save_picture(&image, 0, channels, ITN_PNG_TONE, 0, stem, "target");
-    save_picture(&image, channels, channels, ITN_PNG_SIGNED, 0, stem, "difference");
+    save_sheet(p, &image, count, h, estimates, outcome);
     itn_image_free(&image);
 }
 
@@ -700,11 +775,8 @@ int main(int argc, char **argv) {
     set_values(pictures, views, &h, values);
     for (v = 0; v < views; v++) {
         const char *stem = pictures[v].stem;
-        save_pictures(&pictures[v], h.count, render, stem);
-        if (v == 0) save_chart(&h, values, stem);
-        printf("pictures: %s_*.png, %s_estimate.exr", stem, stem);
-        if (v == 0) printf(", %s_convergence.svg", stem);
-        printf("\n");
+        save_pictures(&pictures[v], render, h.count, v ? NULL : &h, estimates, &outcome);
+        printf("pictures: %s_sheet.png, %s_estimate.exr\n", stem, stem);
         itn_scene_free(pictures[v].scene);
         free(pictures[v].variance);
         free(pictures[v].light);
