@@ -10351,17 +10351,16 @@ static void itn__refine_values(const itn__refiner *refiner, double *coordinates,
 
 /* G by central differences. */
 static void itn__refine_turn(const itn__refiner *refiner) {
-    double moved[ITN__MOST_UNKNOWNS], up[ITN__MOST_UNKNOWNS], down[ITN__MOST_UNKNOWNS], h = 1e-4;
+    double moved[ITN__MOST_UNKNOWNS], values[ITN__MOST_UNKNOWNS], h;
     int n = refiner->count, k, l;
-    for (k = 0; k < n; k++) {
-        memcpy(moved, refiner->coordinates, (size_t)n * sizeof(double));
-        moved[k] += h;
-        itn__refine_values(refiner, moved, up);
-        memcpy(moved, refiner->coordinates, (size_t)n * sizeof(double));
-        moved[k] -= h;
-        itn__refine_values(refiner, moved, down);
-        for (l = 0; l < n; l++) refiner->turn[l * n + k] = (up[l] - down[l]) / (2 * h);
-    }
+    memset(refiner->turn, 0, (size_t)(n * n) * sizeof(double));
+    for (k = 0; k < n; k++)
+        for (h = -1e-4; h < 2e-4; h += 2e-4) {
+            memcpy(moved, refiner->coordinates, (size_t)n * sizeof(double));
+            moved[k] += h;
+            itn__refine_values(refiner, moved, values);
+            for (l = 0; l < n; l++) refiner->turn[l * n + k] += values[l] / (2 * h);
+        }
 }
 
 /* Sets the unknowns, in all views, from coordinates; what would lie beyond its bounds is held on
@@ -11113,18 +11112,13 @@ static int itn__coarse_block(const itn__refiner *refiner) {
    (way 0), or 0 further along the valley (1). Returns 0 if there is none. */
 static int itn__other_start(const itn__refiner *refiner, const double *start, int way,
                             double *there) {
-    const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    int n = refiner->count, found = 0, k, m;
+    int n = refiner->count, found = 0, k;
     memcpy(there, start, (size_t)n * sizeof(double));
     if (way == 0) itn__similarity_turn(refiner, there, -1);
     for (k = 0; k < n; k++) {
         const itn_parameter *p = refiner->parameters[k];
         double g = itn_parameter_from_coordinate(p, start[k]), other = 0;
-        int is_g = 0;
-        for (view = refiner->views; view < end && !is_g; view++)
-            for (m = 0; m < 3 * view->scene->medium_count; m++)
-                is_g |= itn_parameter_get(view->scene, view->scene->media[m / 3].g[m % 3]) == p;
-        if (!is_g) continue;
+        if (p->transform != ITN_LOGIT || p->lower >= 0) continue;
         if (way == 0) other = -g > -.3 ? fmax(-g, .5) : -g;
         if (fabs(other - g) > .3) there[k] = itn_parameter_to_coordinate(p, other), found = 1;
     }
@@ -11553,20 +11547,12 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
    product of powers is a scalar product, and the eigenvectors of the covariance are the products
    that the pictures tell, from the least to the most. */
 
-/* A parameter's logarithm, as a product of powers shows it. */
-typedef struct itn__power {
-    double slope;   /* d logarithm / d value */
-    int complement; /* 1: of one minus it */
-} itn__power;
-
-static itn__power itn__power_of(const itn_parameter *p, double value) {
-    itn__power power;
-    power.complement = p->transform == ITN_LOGIT && fabs(p->upper - 1) < .01 &&
-                       (p->lower < 0 || value > .5);
-    if (power.complement) power.slope = -1 / fmax(1 - value, 1e-6);
-    else if (p->transform == ITN_LOG) power.slope = 1 / itn_parameter_slope(p, value);
-    else power.slope = 1 / fmax(fabs(value), 1e-6 * fmin((double)p->upper, 1));
-    return power;
+/* d logarithm / d value of a parameter; below 0 where that is of one minus it. */
+static double itn__power_of(const itn_parameter *p, double value) {
+    if (p->transform == ITN_LOGIT && fabs(p->upper - 1) < .01 && (p->lower < 0 || value > .5))
+        return -1 / fmax(1 - value, 1e-6);
+    if (p->transform == ITN_LOG) return 1 / itn_parameter_slope(p, value);
+    return 1 / fmax(fabs(value), 1e-6 * fmin((double)p->upper, 1));
 }
 
 /* An error as suits the parameter: relative for a quantity with a logarithm, else absolute. */
@@ -11578,7 +11564,7 @@ static void itn__say_error(itn__prose *words, const itn_parameter *p, const itn_
 
 /* The line of the unknowns in `group`, whose product of powers has a relative `error`. */
 static void itn__say_group(itn__prose *words, const itn_parameter *const *parameters,
-                           const itn_estimate *estimates, const itn__power *powers,
+                           const itn_estimate *estimates, const double *powers,
                            const int *group, int count, const double *exponents, double error) {
     int i, each = 1; /* whether each is determined by itself, too */
     for (i = 0; i < count; i++) {
@@ -11590,7 +11576,7 @@ static void itn__say_group(itn__prose *words, const itn_parameter *const *parame
     for (i = 0; i < count; i++) {
         const char *name = parameters[group[i]]->name;
         if (fabs(exponents[i]) < .005) continue;
-        itn__say(words, powers[group[i]].complement ? " (1-%s)" : " %s", name);
+        itn__say(words, powers[group[i]] < 0 ? " (1-%s)" : " %s", name);
         if (fabs(exponents[i] - 1) > .005) itn__say(words, "^%.2f", exponents[i]);
     }
     itn__say(words, each ? " to %.2g %%;" : " to %.2g %%, but", 100 * error);
@@ -11654,7 +11640,7 @@ ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, i
                                        const itn_estimate *estimates, const double *covariance,
                                        const itn_refine_outcome *outcome, char *text, size_t size) {
     double scaled[ITN__MOST_WORDS * ITN__MOST_WORDS], exponents[ITN__MOST_WORDS], variance;
-    itn__power powers[ITN__MOST_WORDS];
+    double powers[ITN__MOST_WORDS];
     int tangled[ITN__MOST_WORDS], group[ITN__MOST_WORDS], n, k;
     itn__prose words;
     if (!parameters || !estimates || !covariance || count < 1 || count > ITN__MOST_WORDS ||
@@ -11668,7 +11654,7 @@ ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, i
         powers[k] = itn__power_of(parameters[k], e->value);
     }
     for (k = 0; k < count * count; k++) {
-        scaled[k] = covariance[k] * powers[k / count].slope * powers[k % count].slope;
+        scaled[k] = covariance[k] * powers[k / count] * powers[k % count];
         if (!itn__finite(scaled[k])) return -1;
     }
     words.text = text, words.size = size, words.length = 0;
