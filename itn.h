@@ -3681,7 +3681,6 @@ typedef struct itn__grid {
     float *density;    /* [height][width] over (u, v), integrating to 1 */
     float *nodes;      /* [height][width] probability up to and including a node, within its row */
     float *rows;       /* [height] the same of rows */
-    int32_t *node_guide, *row_guide; /* where to look in them first: see itn__pick */
 } itn__grid;
 
 typedef struct itn__light {
@@ -3769,39 +3768,28 @@ static itn__floats itn__between(const float *nodes, int width, int stride,
     return a + cell->fy * (c - a);
 }
 
-/* Divides running sums by the last of them and makes their guide: entry k is the first sum above
-   k/count, less what the rounding of u count may take away. */
-static void itn__guide_prepare(float *table, int32_t *guide, int count) {
-    float total = table[count - 1];
-    int32_t entry = 0;
+/* Divides running sums by the last of them. */
+static void itn__sums_normalise(float *sums, int count) {
+    float total = sums[count - 1];
     int k;
-    for (k = 0; k < count; k++) table[k] = total > 0 ? table[k] / total : 1;
-    for (k = 0; k < count; k++) {
-        while (table[entry] <= (float)k / (float)count * .999999f) entry++;
-        guide[k] = entry;
-    }
+    for (k = 0; k < count; k++) sums[k] = total > 0 ? sums[k] / total : 1;
 }
 
-/* First entries of increasing tables[count], ending in 1, that are above u in (0,1); tables and
-   guides begin at `first`. *rest receives u's place between its neighbours, again uniform in
-   [0,1]. Steps up from where the guide points to, on average past less than one entry (Chen and
-   Asau 1974). */
-static itn__ints itn__pick(const float *table, const int32_t *guide, itn__ints first, int count,
-                           itn__floats u, itn__floats *rest) {
-    itn__ints all = itn__splat_int(-1), none = itn__splat_int(0), last = itn__splat_int(count - 1);
-    itn__ints entry = itn__int_least(itn__to_ints(u * (float)count), last), above;
-    itn__floats zero = itn__splat(0), one = itn__splat(1), before, after, width;
-    entry = itn__gather_ints(guide, first + entry, all, none);
-    before = itn__gather(table, first + entry - 1, itn__int_less(none, entry), zero);
-    after = itn__gather(table, first + entry, all, zero);
-    for (;;) {
-        above = itn__less_equal(after, u) & itn__int_less(entry, last);
-        if (!itn__mask_bits(above)) break;
-        before = itn__select(above, after, before);
-        entry -= above;
-        after = itn__gather(table, first + entry, above, after);
+/* First entries of increasing sums[first ... first + count - 1], ending in 1, that are above u in
+   (0,1), by bisection. *rest receives u's place between its neighbours, again uniform in [0,1]. */
+static itn__ints itn__pick(const float *sums, itn__ints first, int count, itn__floats u,
+                           itn__floats *rest) {
+    itn__ints all = itn__splat_int(-1), none = itn__splat_int(0), entry = none, next, fits;
+    itn__floats zero = itn__splat(0), one = itn__splat(1), before, width;
+    int step = 1;
+    while (step < count) step *= 2;
+    for (step /= 2; step; step /= 2) { /* entry: so many are known not to be above */
+        next = entry + step, fits = itn__int_less(next, itn__splat_int(count));
+        fits &= itn__less_equal(itn__gather(sums, first + next - 1, fits, one), u);
+        entry = itn__select_int(fits, next, entry);
     }
-    width = after - before;
+    before = itn__gather(sums, first + entry - 1, itn__int_less(none, entry), zero);
+    width = itn__gather(sums, first + entry, all, zero) - before;
     *rest = itn__least(itn__most((u - before) / width, zero), one);
     *rest = itn__select(itn__less(zero, width), *rest, itn__splat(.5f));
     return entry;
@@ -3819,8 +3807,8 @@ static void itn__grid_sample(const itn__light *light, itn__floats u, itn__floats
     const itn__grid *grid = &light->grid;
     int width = grid->width, height = grid->height;
     float last = (float)(height - 1);
-    itn__ints row = itn__pick(grid->rows, grid->row_guide, itn__splat_int(0), height, v, &v);
-    itn__ints node = itn__pick(grid->nodes, grid->node_guide, row * width, width, u, &u);
+    itn__ints row = itn__pick(grid->rows, itn__splat_int(0), height, v, &v);
+    itn__ints node = itn__pick(grid->nodes, row * width, width, u, &u);
     u = (itn__to_floats(node) + .5f + itn__sample_tent(u)) * (1 / (float)width);
     v = itn__absolute(itn__to_floats(row) + itn__sample_tent(v));
     to->u = u - itn__to_floats(itn__floor_ints(u));
@@ -3998,11 +3986,11 @@ static void itn__grid_prepare(itn__grid *grid) {
             row += grid->density[first + (size_t)c];
             grid->nodes[first + (size_t)c] = (float)row;
         }
-        itn__guide_prepare(grid->nodes + first, grid->node_guide + first, width);
+        itn__sums_normalise(grid->nodes + first, width);
         total += r == 0 || r == height - 1 ? row / 2 : row;
         grid->rows[r] = (float)total;
     }
-    itn__guide_prepare(grid->rows, grid->row_guide, height);
+    itn__sums_normalise(grid->rows, height);
     total *= grid->bottom / ((double)width * (height - 1));
     for (i = 0; i < (size_t)width * (size_t)height; i++)
         grid->density[i] = (float)(grid->density[i] / total);
@@ -4018,10 +4006,8 @@ static itn_result itn__light_grid(const itn_context *context, itn__light *light,
     double mean = 0;
     grid->width = width, grid->height = height, grid->bottom = bottom;
     grid->density = (float *)itn__allocate(context, 2 * nodes + rows, sizeof(float));
-    grid->node_guide = (int32_t *)itn__allocate(context, nodes + rows, sizeof(int32_t));
-    if (!grid->density || !grid->node_guide) return ITN_ERROR_MEMORY;
+    if (!grid->density) return ITN_ERROR_MEMORY;
     grid->nodes = grid->density + nodes, grid->rows = grid->nodes + nodes;
-    grid->row_guide = grid->node_guide + nodes;
     if (!itn__fill_grid(light)) return ITN_ERROR_ARGUMENT;
     for (i = 0; i < nodes; i++) mean += grid->density[i];
     mean /= (double)nodes;
@@ -4102,7 +4088,7 @@ ITN_API void itn_scene_free(itn_scene *scene) {
     itn_bvh_free(scene->bvh);
     for (i = 0; i < scene->light_count; i++) {
         itn__light *light = &scene->lights[i];
-        itn__free(&context, light->grid.node_guide), itn__free(&context, light->grid.density);
+        itn__free(&context, light->grid.density);
         itn__free(&context, light->map);
     }
     for (i = 0; i < scene->object_count; i++) itn__free(&context, scene->objects[i].uvs);

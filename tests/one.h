@@ -108,10 +108,9 @@ static inline itn_vec3 one_light_sample(const itn__light *light, float u, float 
     itn__light_models[light->kind].sample(light, one_lanes(u), one_lanes(v), &to);
     return one_vector(to.d);
 }
-static inline int one_pick(const float *table, const int32_t *guide, int count, float u,
-                           float *rest) {
+static inline int one_pick(const float *table, int count, float u, float *rest) {
     itn__floats place;
-    itn__ints entry = itn__pick(table, guide, itn__splat_int(0), count, one_lanes(u), &place);
+    itn__ints entry = itn__pick(table, itn__splat_int(0), count, one_lanes(u), &place);
     *rest = one_of(place);
     return ITN__LANE(entry, ITN__LANES - 1);
 }

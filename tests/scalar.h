@@ -79,10 +79,9 @@ static void scalar_light_radiance(const itn__light *light, itn_vec3 d, float rgb
 }
 
 /* First entry of an increasing table[count], ending in 1, that is above u in (0,1); *rest receives
-   u's place between its neighbours, again uniform in [0,1]. Steps up from where the guide points
-   to, on average past less than one entry (Chen and Asau 1974). */
-static int scalar_pick(const float *table, const int32_t *guide, int count, float u, float *rest) {
-    int place = (int)(u * (float)count), entry = guide[place < count ? place : count - 1];
+   u's place between its neighbours, again uniform in [0,1]. */
+static int scalar_pick(const float *table, int count, float u, float *rest) {
+    int entry = 0;
     float before, width;
     while (table[entry] <= u && entry < count - 1) entry++;
     before = entry ? table[entry - 1] : 0, width = table[entry] - before;
@@ -108,9 +107,9 @@ static float scalar_grid_pdf(const itn__grid *grid, float u, float v) {
 }
 
 static itn_vec3 scalar_grid_sample(const itn__grid *grid, float u, float v) {
-    int r = scalar_pick(grid->rows, grid->row_guide, grid->height, v, &v), c;
+    int r = scalar_pick(grid->rows, grid->height, v, &v), c;
     size_t first = (size_t)r * (size_t)grid->width;
-    c = scalar_pick(grid->nodes + first, grid->node_guide + first, grid->width, u, &u);
+    c = scalar_pick(grid->nodes + first, grid->width, u, &u);
     u = ((float)c + .5f + scalar_sample_tent(u)) / (float)grid->width;
     v = fabsf((float)r + scalar_sample_tent(v)) / (float)(grid->height - 1);
     return scalar_map_direction(u - floorf(u), (v > 1 ? 2 - v : v) * grid->bottom);

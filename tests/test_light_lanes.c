@@ -1,5 +1,5 @@
 /* Lights in lanes: draws, densities and radiances against the functions for one direction, the
-   integral of the density, and the tables' guides against a plain search. */
+   integral of the density, and picks by bisection against a plain search. */
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
@@ -297,13 +297,12 @@ static void test_scenes(void) {
         }
 }
 
-/* A pick by guide is the first entry above u; the rest is u's place in it. */
-static void check_guide(int count, int kind, int off) {
+/* A pick is the first entry above u; the rest is u's place in it. */
+static void check_pick(int count, int kind, int off) {
     float *table = (float *)malloc((size_t)count * sizeof(float)), sum = 0;
-    int32_t *guide = (int32_t *)malloc((size_t)count * sizeof(int32_t));
     itn__rng rng = itn__rng_make(6, (uint64_t)count, (uint64_t)kind);
     int k, entry, bad = 0;
-    if (!table || !guide) exit(1);
+    if (!table) exit(1);
     for (k = 0; k < count; k++) {
         float u = itn__uniform(&rng);
         if (kind == 1) u = u < .7f ? 0 : u; /* entries that are never picked */
@@ -311,25 +310,25 @@ static void check_guide(int count, int kind, int off) {
         if (kind == 3) u = 0;
         table[k] = sum += u;
     }
-    itn__guide_prepare(table, guide, count);
+    itn__sums_normalise(table, count);
     for (k = 0; k < 2000; k++) {
         float u = k == 0 ? .99999994f : k == 1 ? 5.9604645e-8f : itn__uniform(&rng), rest, before;
         if (k > 1000) u = itn__max((float)(k % count) / (float)count, 5.9604645e-8f);
         for (entry = 0; entry < count - 1 && table[entry] <= u; entry++) {}
-        bad += entry != one_pick(table, guide, count, u, &rest) + off;
+        bad += entry != one_pick(table, count, u, &rest) + off;
         before = entry ? table[entry - 1] : 0;
         bad += !(fabsf(before + rest * (table[entry] - before) - u) < 1e-6f);
     }
     CHECK(bad == 0);
-    free(table), free(guide);
+    free(table);
 }
 
-static void test_guides(void) {
+static void test_picks(void) {
     static const int counts[8] = {1, 2, 3, 10, 63, 64, 1000, 4097};
     int k, kind;
     for (k = 0; k < 8; k++)
-        for (kind = 0; kind < 3; kind++) check_guide(counts[k], kind, 0);
-    CHECK_CATCHES(check_guide(10, 0, 1));
+        for (kind = 0; kind < 3; kind++) check_pick(counts[k], kind, 0);
+    CHECK_CATCHES(check_pick(10, 0, 1));
 }
 
 /* A map whose numbers an index of 32 bits cannot count is refused before it is read. */
@@ -382,7 +381,7 @@ static void test_shares(void) {
 }
 
 int main(void) {
-    test_guides();
+    test_picks();
     test_size();
     test_shares();
     test_scenes();
