@@ -2600,10 +2600,11 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, fl
    sum of the areas of all nodes and leaves (MacDonald and Booth 1990).
    A node begins with one child that holds all its triangles; children are cut in two, those of
    large areas first, until there are ITN__WIDE (Wald, Benthin and Boulos 2008), each at the
-   cheapest border of equal bins of the triangles' centres along an axis (Wald 2007). Both sides are
-   priced as if they became full leaves; a child that fits a leaf is cut only if that saves
-   ITN__CUT_COST of its area. Where no border separates anything, and below ITN__SAH_DEPTH levels,
-   the list is cut in the middle: fewer than 2^30 triangles then end within 30 more levels.
+   cheapest border of equal bins of the triangles' centres along the axis on which these differ most
+   (Wald 2007). Both sides are priced as if they became full leaves; a child that fits a leaf is cut
+   only if that saves ITN__CUT_COST of its area. Where no border separates anything, and below
+   ITN__SAH_DEPTH levels, the list is cut in the middle: fewer than 2^30 triangles then end within
+   30 more levels.
    References to the triangles are sorted in place: a child is a part of its node's list. Nodes are
    made level by level, those of one level side by side; their children are numbered afterwards, in
    order. Nodes that have nodes below them have ITN__WIDE children, since more triangles than a leaf
@@ -2698,18 +2699,18 @@ typedef struct itn__build {
     itn_bvh *bvh;
 } itn__build;
 
-/* A cut along an axis: the bin of a centre c is (c - lower) * scale, at most bins - 1, and those
+/* A cut along an axis: the bin of a centre c is (c - lower) * scale, at most ITN__BINS - 1; those
    below `border` are on the left. */
 typedef struct itn__cut {
     double cost; /* infinity where no border separates anything */
-    int axis, border, bins;
+    int axis, border;
     float lower, scale; /* 0, 0 where the centres are equal, or too far apart */
 } itn__cut;
 
 ITN__INLINE int itn__bin_of(const itn__cut *cut, const itn__box *box) {
     float centre = .5f * box->bound[cut->axis] - .5f * box->bound[cut->axis + 4];
     int bin = (int)((centre - cut->lower) * cut->scale);
-    return bin < cut->bins - 1 ? bin : cut->bins - 1;
+    return bin < ITN__BINS - 1 ? bin : ITN__BINS - 1;
 }
 
 static int itn__leaves_of(int triangles) { return (triangles + ITN__PACK - 1) / ITN__PACK; }
@@ -2724,12 +2725,12 @@ static void itn__price_cut(itn__cut *cut, const itn__box *box, const int *triang
     double right[ITN__BINS];
     itn__box side = itn__box_empty();
     int i, passed = 0;
-    for (i = cut->bins - 1; i > 0; i--) {
+    for (i = ITN__BINS - 1; i > 0; i--) {
         itn__box_add(&side, &box[i]);
         right[i] = itn__leaf_cost(&side, passed += triangles[i]);
     }
     side = itn__box_empty();
-    for (i = 1, passed = 0; i < cut->bins; i++) {
+    for (i = 1, passed = 0; i < ITN__BINS; i++) {
         double cost;
         itn__box_add(&side, &box[i - 1]);
         cost = itn__leaf_cost(&side, passed += triangles[i - 1]) + right[i];
@@ -2737,37 +2738,33 @@ static void itn__price_cut(itn__cut *cut, const itn__box *box, const int *triang
     }
 }
 
-/* The cheapest cut of a child; few bins for few triangles. */
+/* The cheapest cut of a child along the axis on which its centres differ most. */
 static itn__cut itn__best_cut(const itn__reference *references, const itn__child *child) {
-    int count = child->range.count, triangles[3][ITN__BINS] = {{0}}, axis, i, best = 0;
-    itn__box box[3][ITN__BINS];
-    itn__cut cut[3];
+    int count = child->range.count, triangles[ITN__BINS] = {0}, axis, i;
+    itn__box box[ITN__BINS];
+    itn__cut cut = {INFINITY, 0, 0, 0, 0};
+    float longest = -1;
     for (axis = 0; axis < 3; axis++) {
-        itn__cut *c = &cut[axis];
-        c->cost = INFINITY, c->axis = axis, c->border = 0;
-        c->bins = count < 4 * ITN__BINS ? 4 + count / 8 : ITN__BINS;
-        c->lower = child->centres.bound[axis];
-        c->scale = (float)c->bins / (-child->centres.bound[axis + 4] - c->lower);
-        if (!(c->scale > 0 && itn__finite(c->scale))) c->lower = c->scale = 0;
-        for (i = 0; i < c->bins; i++) box[axis][i] = itn__box_empty();
+        float extent = -child->centres.bound[axis + 4] - child->centres.bound[axis];
+        if (extent > longest) longest = extent, cut.axis = axis;
     }
-    for (i = 0; i < count; i++)
-        for (axis = 0; axis < 3; axis++) {
-            int bin = itn__bin_of(&cut[axis], &references[i].box);
-            itn__box_add(&box[axis][bin], &references[i].box);
-            triangles[axis][bin]++;
-        }
-    for (axis = 0; axis < 3; axis++) {
-        itn__price_cut(&cut[axis], box[axis], triangles[axis], count);
-        if (cut[axis].cost < cut[best].cost) best = axis;
+    cut.lower = child->centres.bound[cut.axis];
+    cut.scale = ITN__BINS / longest;
+    if (!(cut.scale > 0 && itn__finite(cut.scale))) cut.lower = cut.scale = 0;
+    for (i = 0; i < ITN__BINS; i++) box[i] = itn__box_empty();
+    for (i = 0; i < count; i++) {
+        int bin = itn__bin_of(&cut, &references[i].box);
+        itn__box_add(&box[bin], &references[i].box);
+        triangles[bin]++;
     }
-    return cut[best];
+    itn__price_cut(&cut, box, triangles, count);
+    return cut;
 }
 
 /* Sorts a child's references in two parts; returns how many come first, 0 leaves it whole. */
 static int itn__partition(itn__reference *references, const itn__child *child, int depth) {
     int count = child->range.count, left = 0, i;
-    itn__cut cut = {INFINITY, 0, 0, 1, 0, 0};
+    itn__cut cut = {INFINITY, 0, 0, 0, 0};
     if (depth < ITN__SAH_DEPTH) cut = itn__best_cut(references, child);
     if (count <= ITN__PACK && !(cut.cost + ITN__CUT_COST * child->area < child->area)) return 0;
     if (!(cut.cost < INFINITY)) return count / 2;
