@@ -3141,8 +3141,8 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
 typedef struct itn__field {
     const char *name, *form;
     float lower, upper; /* range of its numbers */
-    float otherwise;    /* counts where none is given, in a file or by a 0 out of range in a desc;
-                           if this is 0, too, there is none */
+    float otherwise;    /* counts where none is given, in a file or by a 0 out of range in a desc (a
+                           0 in range is one); if this is 0, too, there is none */
     size_t at;          /* where the desc has it */
     size_t parameter;   /* where the scene's item has the index of its parameter; 0: it has none */
     itn_transform transform;
@@ -3513,21 +3513,40 @@ static itn__ints itn__diffuse_sample(itn__site *site, const itn__floats u[3], it
     return itn__splat_int(-1);
 }
 
-/* The surfaces there are. To add one, say a conductor:
-   1. Name it in itn_surface_type. If it has fields that no other has, add these to itn_surface_desc
-      and, where they can be differentiated, to itn__surface, as the index of their parameter.
-   2. Write eval: for local directions o, f cos theta_o in each channel, with slopes by site->seed,
-      and the density with which sample draws o; both 0 where light does not go. A parameter's value
-      comes from itn__site_value, and with it the slopes.
+/* The surfaces there are. To add one, say rough diffuse:
+   1. Name it last in itn_surface_type. If it has fields that no other has, add these to
+      itn_surface_desc and, where they can be differentiated, to itn__surface: an int of the same
+      name, the index of the parameter. What is said of surfaces there, in the grammar of scene
+      files and in the list of parameters ([api-scene]) gets a line each.
+   2. Write eval: for local directions o, f cos theta_o in each of site->channels, with slopes by
+      site->seed, and the density with which sample draws o; both 0 where light does not go, as
+      below the horizon of what is opaque. A parameter's value comes from itn__site_value, and with
+      it the slopes. itn__diffuse_eval gives reflectance, its texture and derivatives by texels
+      included, times cos theta_o / pi: what is proportional to that multiplies its f. All lanes are
+      computed, also those that are not in use. Nothing checks that no more light leaves than came.
    3. Write sample: draws o by three uniforms and returns the lanes where there is one. What it
       leaves in site->facet eval finds there while site->drawn (o is what has just been drawn).
       Light that leaves in a few directions only (site->smooth) has no density: then eval gives
       f = 0 and pdf = 0, but while site->drawn f / pdf and INFINITY.
-   4. Add a row here: its fields (see [fields]), flags, and the two. edge, or NULL: draws what
-      derivatives by eta have at the edge of directions, as a slope; the value is 0.
-   Scene files, checks, parameters, both walks and derivatives then know it. test_surface.c is what
-   to test. */
-enum { ITN__OPAQUE = 1, ITN__FACETS = 2 }; /* nothing goes through; smooth unless alpha is given */
+   4. Add a row here, the last one: what it is called in files, its fields (see [fields]), flags,
+      and the two. A reflectance as of diffuse is ITN__REFLECTANCE, the first of the fields, and
+      ITN__TEXTURED. edge, or NULL: draws what derivatives by eta have at the edge of directions, as
+      a slope; the value is 0.
+   Scene files, checks, parameters, both walks and derivatives then know it. Some ranges mean more:
+   a parameter from 0 to 1 is taken for a reflectance, a factor of all that leaves (below .01 only
+   the reference differentiates in it; with three channels, what follows the last _ of its name is
+   the one that it acts on), one from 1 on for an index; the name ior is a dielectric's. What
+   refracts is more than a row: solids, indices and their derivatives know the dielectric by its
+   type. test_surface.c is what to test. */
+enum {
+    ITN__OPAQUE = 1,  /* nothing goes through */
+    ITN__FACETS = 2,  /* smooth unless alpha is given */
+    ITN__TEXTURED = 4 /* has ITN__REFLECTANCE */
+};
+#define ITN__REFLECTANCE                                                                           \
+    ITN__VALUE(surface, reflectance, "013c", ITN_LOGIT, 0, 1, 0),                                  \
+        ITN__WORD("texture", surface, image, "p"),                                                 \
+        ITN__FIELD("checker", surface, checker_size, "37k", 0, 1e12f, 0)
 typedef struct itn__bsdf {
     itn__form form;
     unsigned flags;
@@ -3543,11 +3562,8 @@ static const itn__bsdf itn__bsdfs[] = {
        ITN__VALUE(surface, alpha, "1f", ITN_LOG, .001f, 1, 0)}},
      ITN__FACETS, itn__dielectric_eval, itn__dielectric_sample, itn__dielectric_edge},
     {{ITN__SURFACE, ITN_SURFACE_DIFFUSE, "diffuse",
-      {ITN__VALUE(surface, reflectance, "013c", ITN_LOGIT, 0, 1, 0),
-       ITN__WORD("texture", surface, image, "p"),
-       ITN__FIELD("checker", surface, checker_size, "37k", 0, 1e12f, 0),
-       ITN__MARK("type", "o!", "diffuse")}},
-     ITN__OPAQUE, itn__diffuse_eval, itn__diffuse_sample, NULL}};
+      {ITN__REFLECTANCE, ITN__MARK("type", "o!", "diffuse")}},
+     ITN__OPAQUE | ITN__TEXTURED, itn__diffuse_eval, itn__diffuse_sample, NULL}};
 
 /* A local factor of paths in each channel, and its slopes by those of its parameters that are asked
    for, the seeds; slots[k] is the place of seed k among all that are asked for. */
@@ -4254,7 +4270,7 @@ static const itn__form itn__forms[] = { /* that of a kind without types at its n
     {ITN__OBJECT, 1, "plane",
      {ITN__MARK("plane", "", NULL), ITN__WORD("surface", object, surface, "w!"),
       ITN__FIELD("y", object, plane_y, "1f", ITN__ANY, 0),
-      ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 0)}}};
+      ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 20)}}};
 enum {
     ITN__OWN_FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]),
     ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0]),
@@ -4519,7 +4535,7 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     surface->type = in.type, surface->alpha = -1, surface->first = scene->parameter_count;
     scene->surface_count++; /* now, so that a failed one's texels are freed */
     result = itn__take_fields(maker, itn__bsdfs[in.type].form.fields, &in, surface);
-    if (in.type == ITN_SURFACE_DIFFUSE) surface->texture = in.texture;
+    if (itn__bsdfs[in.type].flags & ITN__TEXTURED) surface->texture = in.texture;
     if (surface->texture == ITN_TEXTURE_CHECKER && !result)
         result = itn__take_fields(maker, itn__checker_fields, &in, surface);
     else if (surface->texture == ITN_TEXTURE_IMAGE && !result)
@@ -8292,7 +8308,7 @@ static void itn__scatter_lanes(itn__crowd *crowd, itn__state *s, const itn__surf
     if (fast->shadows && !site.smooth) itn__shadows_of_surface(crowd, s, &site, &f, mask);
     for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
     good = mask & itn__bsdf_sample(&site, u, &s->d, &f, &s->pdf, &through);
-    if (fast->controls && (itn__bsdfs[surface->type].flags & ITN__FACETS))
+    if (fast->controls && surface->type == ITN_SURFACE_DIELECTRIC)
         itn__control_bounce(fast, s, &site, u, through, good, mask);
     itn__end_lanes(crowd, 0, s, itn__mask_bits(mask & ~good));
     for (k = 0; k < fast->channels; k++) s->beta[k] = s->beta[k] * f.value[k];
@@ -13475,13 +13491,17 @@ static void itn__read_fields(itn__reader *r) {
         else r->given[k] = 1 + itn__read_field(r, &fields[k]);
         if (k >= 0 && itn__has_form(&fields[k], 't')) r->given[k] = 0; /* may come again */
     }
-    for (k = 0; fields[k].name; k++)
-        if (!r->given[k] && itn__has_form(&fields[k], '!'))
-            ITN__WRONG("%s: %s is missing", title, fields[k].name);
+    for (k = 0; fields[k].name; k++) {
+        float n[ITN__MOST_NUMBERS] = {0};
+        if (r->given[k]) continue;
+        if (itn__has_form(&fields[k], '!')) ITN__WRONG("%s: %s is missing", title, fields[k].name);
+        n[0] = fields[k].otherwise;
+        if (n[0] != 0) itn__write_numbers(&fields[k], r->item, n, 1);
+    }
 }
 
 /* The three forms of reflectance: a colour, an image (times a colour), a checker. */
-static void itn__end_diffuse(itn__reader *r, itn_surface_desc *surface) {
+static void itn__end_reflectance(itn__reader *r, itn_surface_desc *surface) {
     int plain = r->given[0], image = r->given[1], checker = r->given[2], k;
     const float *n = r->checker;
     if (!plain || (plain > 1 ? checker : image ? checker : !checker))
@@ -13520,8 +13540,8 @@ static const itn__form *itn__find_form(itn__reader *r) {
     return NULL;
 }
 
-/* Reads the item of a line that has words. What it may leave out is mostly what a desc may, by a 0;
-   the exceptions are put in here. */
+/* Reads the item of a line that has words. What it leaves out is in its desc what the fields say,
+   or 0; a transform begins with the identity. */
 static void itn__read_item(itn__reader *r) {
     const itn__form *form = r->form = itn__find_form(r);
     int k, kind = form ? form->kind : 0, index = r->count[kind]++;
@@ -13540,13 +13560,10 @@ static void itn__read_item(itn__reader *r) {
     if (kind == ITN__SURFACE) surface->name = itn__read_name(r);
     if (kind == ITN__SURFACE) surface->type = (itn_surface_type)form->type;
     for (k = 0; k < 3 && kind == ITN__OBJECT; k++) object->transform[5 * k] = 1;
-    if (kind == ITN__OBJECT) object->half_size = 20;
-    if (kind == ITN__LIGHT) {
-        light->type = (itn_light_type)form->type, light->has_scale = 1;
-        light->scale = light->sun_scale = 1;
-    }
+    if (kind == ITN__LIGHT) light->type = (itn_light_type)form->type, light->has_scale = 1;
     itn__read_fields(r);
-    if (kind == ITN__SURFACE && form->type == ITN_SURFACE_DIFFUSE) itn__end_diffuse(r, surface);
+    if (kind == ITN__SURFACE && (itn__bsdfs[form->type].flags & ITN__TEXTURED))
+        itn__end_reflectance(r, surface);
 }
 
 /* Reads all lines and makes the scene. What is wrong with an item, or (line 0) with the whole, is
