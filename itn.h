@@ -6213,25 +6213,18 @@ static int itn__pixel_samples(const itn__allotment *allotment, int spp, size_t p
 /* ---- [sobol] scrambled points that fill the cube evenly -------------------------------------- */
 
 /* The i-th Sobol point has in every dimension the coordinate whose binary digits are the exclusive
-   or of one direction number v_k for each set bit k of i. For every m, the first 2^m points then
-   have one point in each of 2^m equal intervals of each dimension, and well spread pairs; no other
-   length of the sequence is as good. The direction numbers follow from a primitive polynomial over
-   the field of two elements for each dimension: with coefficients a_1 ... a_(s-1) and odd initial
-   numbers m_0 ... m_(s-1),
-     m_k = 2 a_1 m_(k-1) ^ 4 a_2 m_(k-2) ^ ... ^ 2^s m_(k-s) ^ m_(k-s),   v_k = m_k / 2^(k+1).
-   Polynomials and initial numbers are those of Joe & Kuo 2008 (new-joe-kuo-6), where `a` is
-   the number with the binary digits a_1 ... a_(s-1):
-     dimension  1    2    3      4      5        6         7
-     s          1    2    3      3      4        4         5
-     a          0    1    1      2      1        4         2
-     m          1    1,3  1,3,1  1,1,1  1,1,3,3  1,3,5,13  1,1,5,5,17
-   and dimension 0 has m_k = 1.
+   or of one direction number v_k for each set bit k of i. For every m, the first 2^m points have
+   one point in each of 2^m equal intervals of each dimension, and well spread pairs. Dimension 0
+   has m_k = 1 in v_k = m_k / 2^(k+1); the others follow from primitive polynomials over the field
+   of two elements, with coefficients a_1 ... a_(s-1), and odd initial numbers m_0 ... m_(s-1),
+     m_k = 2 a_1 m_(k-1) ^ 4 a_2 m_(k-2) ^ ... ^ 2^s m_(k-s) ^ m_(k-s),
+   those of Joe & Kuo 2008 (new-joe-kuo-6).
    Owen's nested scrambling makes the points random and keeps the balance: each digit is flipped or
-   not by a random bit of its own for each value of the digits before it. Then every point is
-   uniform, estimates are unbiased, and for smooth functions the standard error of 2^m points falls
-   like 2^(-3m/2). Laine & Karras 2011 saw that on numbers with their bits reversed (first digit
-   lowest) a hash does this if carries are all that moves information, as in sums and products: they
-   go upwards only. Hence all numbers below are kept reversed until the end. */
+   not by a random bit of its own for each value of the digits before it. Estimates are unbiased,
+   and for smooth functions the standard error of 2^m points falls like 2^(-3m/2). Laine & Karras
+   2011 saw that on numbers with their bits reversed (first digit lowest) a hash does this if carries
+   are all that moves information, as in sums and products: they go upwards only. Hence all numbers
+   are kept reversed until the end. */
 
 enum { ITN__SOBOL_DIMENSIONS = 8, ITN__SOBOL_BITS = 20 }; /* indices are below 2^20 */
 
@@ -6300,13 +6293,13 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
    proves that without a tree, by what it knows around a point:
      distance  no triangle touches the cells within chessboard distance d - 1 of a cell; a segment
                with both ends in that cube is free, since the cube is convex.
-     region    near a surface, where d is at most ITN__REGION_REACH, all triangles of the cells
-               within distance d have n.x >= below; a segment in this cube with both ends below is
-               free. Where besides their unit normals m have |m - n| <= against, a segment of unit
-               direction v with n.v < -against has m.v = n.v + (m - n).v < 0 for all of them: it
-               meets front faces only, which are not met from the inside of a solid.
-   A segment that is not proven free is marched through the cells, and the packs of triangles in its
-   cells are tested. Nothing here may ever be wrong in claiming freedom.
+     region    where d is 0 or 1, all triangles of the cells within distance d have n.x >= below; a
+               segment in this cube with both ends below is free. Where besides their unit normals m
+               have |m - n| <= against, a segment of unit direction v with n.v < -against has
+               m.v = n.v + (m - n).v < 0 for all of them: it meets front faces only, which are not
+               met from the inside of a solid.
+   A segment that is not proven free is marched through the cells, and the leaves of the tree that
+   have triangles in these are tested. Nothing here may ever be wrong in claiming freedom.
 
    A triangle belongs to all cells that it comes within ITN__CELL_MARGIN cells of, by the separating
    axis theorem: a triangle and a box are disjoint if and only if their projections are on one of 13
@@ -6319,7 +6312,7 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
    scene keeps the tables of each level it was asked for; the first render that needs one makes it,
    and if two threads make the same one, the first to finish is kept. */
 
-enum { ITN__REACH = 120, ITN__REGION_REACH = 1, ITN__AXIS_CELLS = 4096 }; /* largest of each */
+enum { ITN__REACH = 120, ITN__AXIS_CELLS = 4096 }; /* largest distance, largest size */
 #define ITN__MAX_CELLS ((double)(1 << 24))
 #define ITN__MAX_COLUMNS ((double)(1 << 20)) /* of cells looked at, and 8 more for each triangle */
 #define ITN__CELL_MARGIN .01f
@@ -6372,29 +6365,22 @@ ITN__INLINE void itn__cell_place(const itn__voxels *voxels, int cell, int at[3])
     at[0] = cell % voxels->size[0], cell /= voxels->size[0];
     at[1] = cell % voxels->size[1], at[2] = cell / voxels->size[1];
 }
-/* How many cells lie between a cell and the border. */
-static int itn__border_distance(const itn__voxels *voxels, const int at[3]) {
-    int least = INT_MAX, k;
-    for (k = 0; k < 3; k++) {
-        int other = voxels->size[k] - 1 - at[k];
-        least = at[k] < least ? at[k] : least, least = other < least ? other : least;
-    }
-    return least;
+static int itn__on_border(const itn__voxels *voxels, int cell) {
+    int at[3], k, on = 0;
+    itn__cell_place(voxels, cell, at);
+    for (k = 0; k < 3; k++) on |= at[k] == 0 || at[k] == voxels->size[k] - 1;
+    return on;
 }
 
 /* A triangle in units of cells, the range of cells that its box touches, and its least and most
    a.x along the axes that may separate it from a box. */
 typedef struct itn__raster {
-    float p[3][3], size;
+    float p[3][3];
+    float margin; /* in cells, within which it touches one */
     int range[3][2];
     float axis[3][16], least[16], most[16];
 } itn__raster;
 
-/* Margin, in cells, within which a triangle touches a cell; its coordinates relative to the grid
-   are up to `size` cells, with errors of a few roundings of that. */
-ITN__INLINE float itn__touch_margin(float size) {
-    return 1.2f * ITN__CELL_MARGIN + 16 * FLT_EPSILON * size;
-}
 /* A place in cells, kept in what int can say. */
 ITN__INLINE int itn__cell_of(float x) { return (int)floorf(itn__clamp(x, -1e9f, 1e9f)); }
 
@@ -6403,20 +6389,21 @@ ITN__INLINE int itn__cell_of(float x) { return (int)floorf(itn__clamp(x, -1e9f, 
 static int itn__raster_load(const itn__voxels *voxels, const itn__triangle *triangle,
                             itn__raster *r) {
     const float origin[3] = {voxels->lower.x, voxels->lower.y, voxels->lower.z};
+    float size = 0; /* coordinates have errors of a few roundings of that */
     int j, k, inside = 1;
-    for (r->size = 0, j = 0; j < 3; j++) {
+    for (j = 0; j < 3; j++) {
         inside &= memcmp(triangle->corner[j], triangle->corner[(j + 1) % 3],
                          sizeof triangle->corner[j]) != 0;
         for (k = 0; k < 3; k++) {
             r->p[j][k] = (triangle->corner[j][k] - origin[k]) * voxels->inverse_cell;
-            r->size = itn__max(r->size, fabsf(r->p[j][k]));
+            size = itn__max(size, fabsf(r->p[j][k]));
         }
     }
+    r->margin = 1.2f * ITN__CELL_MARGIN + 16 * FLT_EPSILON * size;
     for (k = 0; k < 3; k++) {
         float least = itn__min(r->p[0][k], itn__min(r->p[1][k], r->p[2][k]));
         float most = itn__max(r->p[0][k], itn__max(r->p[1][k], r->p[2][k]));
-        int first = itn__cell_of(least - itn__touch_margin(r->size));
-        int last = itn__cell_of(most + itn__touch_margin(r->size));
+        int first = itn__cell_of(least - r->margin), last = itn__cell_of(most + r->margin);
         r->range[k][0] = first > 0 ? first : 0;
         r->range[k][1] = last < voxels->size[k] ? last : voxels->size[k] - 1;
         inside &= r->range[k][0] <= r->range[k][1];
@@ -6454,9 +6441,8 @@ static int itn__raster_misses(const itn__raster *r, const int range[3][2]) {
     itn__floats middle[3], half[3];
     int k, from;
     for (k = 0; k < 3; k++) {
-        float margin = itn__touch_margin(r->size);
         middle[k] = itn__splat(.5f * (float)(range[k][1] + 1 + range[k][0]));
-        half[k] = itn__splat(.5f * (float)(range[k][1] + 1 - range[k][0]) + margin);
+        half[k] = itn__splat(.5f * (float)(range[k][1] + 1 - range[k][0]) + r->margin);
     }
     for (from = 0; from < 13; from += ITN__LANES) {
         itn__floats x = itn__splat(0), wide = x;
@@ -6573,15 +6559,13 @@ static int itn__voxel_lists(itn__voxel_build *build) {
    distance (Borgefors 1986). */
 static void itn__voxel_distances(itn__voxels *v, int32_t *numbers) {
     int32_t *d = v->cells;
-    int count = (int)itn__cell_count(v), neighbours[13], at[3], pass, cell, k;
+    int count = (int)itn__cell_count(v), neighbours[13], pass, cell, k;
     for (k = 0; k < 13; k++)
         neighbours[k] = itn__cell_index(v, k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
     for (cell = 0; cell < count; cell++) {
-        itn__cell_place(v, cell, at);
-        d[cell] = itn__border_distance(v, at) ? ITN__REACH : 1;
-        numbers[cell] = -1;
-        if (v->first[cell + 1] == v->first[cell]) continue;
-        d[cell] = 0, numbers[cell] = v->surface_count++;
+        int holds = v->first[cell + 1] > v->first[cell];
+        d[cell] = holds ? 0 : itn__on_border(v, cell) ? 1 : ITN__REACH;
+        numbers[cell] = holds ? v->surface_count++ : -1;
     }
     for (pass = 0; pass < 2; pass++)
         for (cell = pass ? count - 1 : 0; cell >= 0 && cell < count; cell += pass ? -1 : 1)
@@ -6654,24 +6638,6 @@ static void itn__patches_make(const itn__voxel_build *build) {
     }
 }
 
-/* The sum of the normals of the patches around a cell, as bytes of which the largest is 127. */
-static itn_vec3 itn__block_normal(const itn__voxel_build *build, int cell, int reach) {
-    const itn__voxels *v = build->voxels;
-    itn_vec3 n = itn__vec3(0, 0, 0);
-    float largest;
-    int x, y, z;
-    for (z = -reach; z <= reach; z++)
-        for (y = -reach; y <= reach; y++)
-            for (x = -reach; x <= reach; x++) {
-                int number = build->numbers[cell + itn__cell_index(v, x, y, z)];
-                if (number >= 0) n = itn__add(n, build->patches[number].normal);
-            }
-    largest = itn__max_abs(n);
-    if (!(largest > 0 && largest <= FLT_MAX)) return itn__vec3(127, 0, 0);
-    n = itn__scale(n, 127 / largest);
-    return itn__vec3(floorf(n.x + .5f), floorf(n.y + .5f), floorf(n.z + .5f));
-}
-
 /* Adds the patch of a cell to one along `unit`; x from the middle of its cell, |x_k| <= h, has
      unit . (x + offset) >= unit . offset + least - |unit - unit of the patch|_1 h. */
 static void itn__patch_join(itn__patch *patch, const itn__patch *other, itn_vec3 offset) {
@@ -6683,37 +6649,44 @@ static void itn__patch_join(itn__patch *patch, const itn__patch *other, itn_vec3
     patch->chord = itn__max(patch->chord, itn__length(off) + other->chord);
 }
 
-/* Writes what is known around a cell. Near the border there is no region where its block would go
-   beyond. */
+/* A region as the two words of a cell. */
+static void itn__region_pack(const itn__voxel_build *build, const itn__patch *patch, itn_vec3 n,
+                             int32_t *word, int32_t *plane) {
+    float rounding = 8 * FLT_EPSILON * (float)build->largest * build->voxels->inverse_cell;
+    float scale = itn__length(n) / ITN__PLANE_STEP;
+    float below = floorf((patch->least - ITN__SLAB_MARGIN - rounding) * scale), above;
+    float against = ceilf((patch->chord + 1e-5f) * itn__length(n));
+    below = itn__clamp(below, -32768, 32767);
+    above = (.5f * (patch->least + patch->most) * scale - below) / 16;
+    *word |= ((int)n.x & 255) | ((int)n.y & 255) << 8 | ((int)n.z & 255) << 16;
+    *plane = (int32_t)(((uint32_t)(int)below & 0xffff) |
+                       (uint32_t)itn__clamp(above, 0, 255) << 16 |
+                       (uint32_t)itn__min(against, 255) << 24);
+}
+
+/* Writes what is known around a cell: its region, if it has one, is along the sum of the normals
+   of the patches around, as bytes of which the largest is 127. */
 static void itn__region_make(const itn__voxel_build *build, int cell) {
     const itn__voxels *v = build->voxels;
-    int reach = v->cells[cell], at[3], x, y, z;
-    float rounding = 8 * FLT_EPSILON * (float)build->largest * v->inverse_cell, length, below;
-    float above, against;
+    int reach = v->cells[cell], side = 2 * reach + 1, count = 0, i, numbers[27];
     itn__patch patch = ITN_ZERO;
-    itn_vec3 n;
+    itn_vec3 n = ITN_ZERO, offset[27];
     v->cells[cell] = reach << 24;
-    if (reach > ITN__REGION_REACH) return;
-    itn__cell_place(v, cell, at);
-    if (reach > itn__border_distance(v, at)) return;
-    n = itn__block_normal(build, cell, reach), length = itn__length(n);
-    patch.unit = itn__scale(n, 1 / length), patch.least = INFINITY, patch.most = -INFINITY;
-    for (z = -reach; z <= reach; z++)
-        for (y = -reach; y <= reach; y++)
-            for (x = -reach; x <= reach; x++) {
-                int number = build->numbers[cell + itn__cell_index(v, x, y, z)];
-                if (number >= 0)
-                    itn__patch_join(&patch, &build->patches[number],
-                                    itn__vec3((float)x, (float)y, (float)z));
-            }
-    below = (patch.least - ITN__SLAB_MARGIN - rounding) * length / ITN__PLANE_STEP;
-    below = floorf(itn__clamp(below, -32768, 32767));
-    above = (.5f * (patch.least + patch.most) * length / ITN__PLANE_STEP - below) / 16;
-    against = ceilf((patch.chord + 1e-5f) * length);
-    v->cells[cell] |= ((int)n.x & 255) | ((int)n.y & 255) << 8 | ((int)n.z & 255) << 16;
-    v->planes[cell] = (int32_t)(((uint32_t)(int)below & 0xffffu) |
-                                (uint32_t)itn__clamp(above, 0, 255) << 16 |
-                                (uint32_t)itn__min(against, 255) << 24);
+    if (reach > 1 || (reach && itn__on_border(v, cell))) return;
+    for (i = 0; i < side * side * side; i++) {
+        int x = i % side - reach, y = i / side % side - reach, z = i / (side * side) - reach;
+        numbers[count] = build->numbers[cell + itn__cell_index(v, x, y, z)];
+        offset[count] = itn__vec3((float)x, (float)y, (float)z);
+        if (numbers[count] < 0) continue;
+        n = itn__add(n, build->patches[numbers[count++]].normal);
+    }
+    if (itn__max_abs(n) > 0) n = itn__scale(n, 127 / itn__max_abs(n));
+    else n.x = 127;
+    n = itn__vec3(floorf(n.x + .5f), floorf(n.y + .5f), floorf(n.z + .5f));
+    patch.unit = itn__normalize(n), patch.least = INFINITY, patch.most = -INFINITY;
+    for (i = 0; i < count; i++)
+        itn__patch_join(&patch, &build->patches[numbers[i]], offset[i]);
+    itn__region_pack(build, &patch, n, &v->cells[cell], &v->planes[cell]);
 }
 static void itn__make_regions(void *task, int chunk) {
     const itn__voxel_build *build = (const itn__voxel_build *)task;
@@ -6732,21 +6705,19 @@ static double itn__grid_size(const float extent[3], double cell, int size[3]) {
     return total <= ITN__MAX_CELLS ? total : INFINITY;
 }
 
-/* How many columns of cells all triangles will look at. */
-static double itn__voxel_columns(const itn__voxel_build *build) {
+/* Whether all triangles look at few enough columns of cells. */
+static int itn__few_columns(const itn__voxel_build *build) {
     double columns = 0;
-    int i, k;
+    int i;
     for (i = 0; i < build->bvh->triangle_count; i++) {
-        double cells = 1, flat = INFINITY;
+        double x, y, z;
         itn__raster r;
         if (!itn__raster_load(build->voxels, &build->bvh->triangles[i], &r)) continue;
-        for (k = 0; k < 3; k++) {
-            double wide = r.range[k][1] - r.range[k][0] + 1;
-            cells *= wide, flat = fmin(flat, wide);
-        }
-        columns += cells / flat;
+        x = r.range[0][1] - r.range[0][0] + 1, y = r.range[1][1] - r.range[1][0] + 1;
+        z = r.range[2][1] - r.range[2][0] + 1;
+        columns += x * y * z / fmin(x, fmin(y, z));
     }
-    return columns;
+    return columns <= ITN__MAX_COLUMNS + 8. * build->bvh->triangle_count;
 }
 
 /* Chooses the grid: `resolution` cells along the longest axis; but smaller ones in a thin box, as
@@ -6758,7 +6729,7 @@ static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upp
     const float extent[3] = {upper.x - lower.x, upper.y - lower.y, upper.z - lower.z};
     double thin = itn__min(extent[0], itn__min(extent[1], extent[2]));
     double cell = itn__max(extent[0], itn__max(extent[1], extent[2])) / (double)resolution;
-    double cube = pow(resolution + 2., 3), columns;
+    double cube = pow(resolution + 2., 3);
     build->largest = itn__max(itn__max_abs(lower), itn__max_abs(upper));
     while (thin > 0 && thin / cell < 4 &&
            itn__grid_size(extent, cell / 2, v->size) <= fmin(cube, ITN__MAX_CELLS))
@@ -6771,10 +6742,7 @@ static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upp
         if (!(itn__finite3(v->lower) && v->cell >= FLT_MIN && v->inverse_cell >= FLT_MIN &&
               v->inverse_cell <= FLT_MAX))
             return 0;
-        columns = itn__voxel_columns(build);
-        if (columns <= ITN__MAX_COLUMNS + 8. * build->bvh->triangle_count ||
-            itn__cell_count(v) <= 27)
-            break;
+        if (itn__cell_count(v) <= 27 || itn__few_columns(build)) break;
     }
     build->largest += 2 * cell;
     return 1;
@@ -6854,47 +6822,41 @@ static float *itn__make_normals(const itn_context *context, const itn_bvh *bvh) 
     return normals;
 }
 
-/* Marks with 1 the pixels that are empty, whose rays meet nothing: no triangle's box in the film,
-   widened by the filter, covers them. A triangle that reaches behind the camera may be anywhere. */
-static void itn__mark_empty(const itn_scene *scene, unsigned char *pixels) {
+/* Marks with 1 the pixels, [height][width], that are empty, whose rays meet nothing: no triangle's
+   box in the film, widened by the filter, covers them. A triangle that reaches behind the camera
+   may be anywhere. */
+static unsigned char *itn__make_pixels(const itn_scene *scene) {
     const itn__camera *camera = &scene->camera;
-    float right2 = itn__dot(camera->right, camera->right), up2 = itn__dot(camera->up, camera->up);
-    float reach = camera->deviation > 0 ? 4 * camera->deviation : .5f;
-    int width = camera->width, height = camera->height, i, k, x, y;
-    memset(pixels, 1, (size_t)width * (size_t)height);
-    for (i = 0; i < scene->bvh->triangle_count; i++) {
-        float lower[2] = {FLT_MAX, FLT_MAX}, upper[2] = {-FLT_MAX, -FLT_MAX};
-        int from[2], to[2];
-        for (k = 0; k < 3; k++) {
-            const float *corner = scene->bvh->triangles[i].corner[k];
-            itn_vec3 v = itn__sub(itn__vec3(corner[0], corner[1], corner[2]), camera->eye);
-            float depth = itn__dot(v, camera->forward), sx, sy;
-            if (!(depth > 1e-3f * itn__max_abs(v))) break;
-            sx = (itn__dot(v, camera->right) / (right2 * depth) + 1) * .5f * (float)width;
-            sy = (1 - itn__dot(v, camera->up) / (up2 * depth)) * .5f * (float)height;
-            lower[0] = itn__min(lower[0], sx), upper[0] = itn__max(upper[0], sx);
-            lower[1] = itn__min(lower[1], sy), upper[1] = itn__max(upper[1], sy);
+    const itn_vec3 axis[2] = {camera->right, itn__scale(camera->up, -1)};
+    const int size[2] = {camera->width, camera->height};
+    size_t count = (size_t)size[0] * (size_t)size[1];
+    float reach = (camera->deviation > 0 ? 4 * camera->deviation : .5f) + .51f;
+    unsigned char *pixels = (unsigned char *)itn__allocate(&scene->context, count, 1);
+    int i, j, k, y, from[2], to[2];
+    if (pixels) memset(pixels, 1, count);
+    for (i = 0; pixels && i < scene->bvh->triangle_count; i++) {
+        float least[2] = {FLT_MAX, FLT_MAX}, most[2] = {-FLT_MAX, -FLT_MAX};
+        itn_vec3 p[3];
+        itn__bvh_corners(scene->bvh, i, p);
+        for (j = 0; j < 6; j++) {
+            itn_vec3 v = itn__sub(p[j / 2], camera->eye), a = axis[k = j % 2];
+            float depth = itn__dot(v, camera->forward);
+            float x = (itn__dot(v, a) / (itn__dot(a, a) * depth) + 1) * .5f * (float)size[k];
+            if (!(depth > 1e-3f * itn__max_abs(v))) {
+                memset(pixels, 0, count);
+                return pixels;
+            }
+            least[k] = itn__min(least[k], x), most[k] = itn__max(most[k], x);
         }
-        if (k < 3) {
-            memset(pixels, 0, (size_t)width * (size_t)height);
-            return;
-        }
-        for (x = 0; x < 2; x++) { /* rounding: a hundredth of a pixel, of the film, of directions */
-            float size = (float)(x ? height : width), half = sqrtf(x ? up2 : right2);
-            float margin = reach + .51f + (1e-5f + 4 * FLT_EPSILON / half) * size;
-            from[x] = (int)itn__clamp(lower[x] - margin, 0, size);
-            to[x] = (int)itn__clamp(upper[x] + margin, 0, size);
+        for (k = 0; k < 2; k++) { /* rounding: a hundredth of a pixel, of the film, of directions */
+            float end = (float)size[k], half = itn__length(axis[k]);
+            float margin = reach + (1e-5f + 4 * FLT_EPSILON / half) * end;
+            from[k] = (int)itn__clamp(least[k] - margin, 0, end);
+            to[k] = (int)itn__clamp(most[k] + margin, 0, end);
         }
         for (y = from[1]; y < to[1]; y++)
-            memset(pixels + (size_t)y * (size_t)width + from[0], 0,
-                   (size_t)(to[0] > from[0] ? to[0] - from[0] : 0));
+            memset(pixels + y * size[0] + from[0], 0, (size_t)(to[0] - from[0]));
     }
-}
-
-static unsigned char *itn__make_pixels(const itn_scene *scene) {
-    size_t width = (size_t)scene->film.width, height = (size_t)scene->film.height;
-    unsigned char *pixels = (unsigned char *)itn__allocate(&scene->context, width * height, 1);
-    if (pixels) itn__mark_empty(scene, pixels);
     return pixels;
 }
 
@@ -6903,7 +6865,7 @@ typedef struct itn__tables {
     itn__kept kept;
     itn__voxels *voxels;
     float *normals;
-    unsigned char *pixels; /* [height][width], see itn__mark_empty */
+    unsigned char *pixels; /* see itn__make_pixels */
 } itn__tables;
 
 static void itn__tables_free(const itn_context *context, void *made) {
@@ -6920,40 +6882,31 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, itn__
                                    itn_error *error) {
     const itn_context *context = &scene->context;
     itn__tables *tables = (itn__tables *)itn__allocate(context, 1, sizeof *tables);
-    itn_vec3 reach = itn__vec3(0, 0, 0), lower = reach, upper = reach;
+    float lower[3] = {INFINITY, INFINITY, INFINITY}, upper[3] = {-INFINITY, -INFINITY, -INFINITY};
     uint64_t closed = 0;
     itn_result result = ITN_OK;
-    int i, first = 1;
+    int i, k;
     if (!tables) return itn__out_of_memory(error, "the tables of a scene");
     tables->kept.release = itn__tables_free;
+    tables->normals = itn__make_normals(context, scene->bvh);
+    tables->pixels = itn__make_pixels(scene);
+    if (!tables->normals || !tables->pixels)
+        result = itn__out_of_memory(error, "the tables of a scene");
     for (i = 0; i < scene->object_count; i++) {
         const itn__object *object = &scene->objects[i];
-        itn_vec3 a, b;
         if (object->closed) closed |= itn__object_bit(i);
-        if (object->medium < 0) continue;
-        a = itn__vec3((float)(object->lower[0] - scene->origin[0]),
-                      (float)(object->lower[1] - scene->origin[1]),
-                      (float)(object->lower[2] - scene->origin[2]));
-        b = itn__vec3((float)(object->upper[0] - scene->origin[0]),
-                      (float)(object->upper[1] - scene->origin[1]),
-                      (float)(object->upper[2] - scene->origin[2]));
-        if (first) lower = a, upper = b, first = 0;
-        lower = itn__vec3(itn__min(lower.x, a.x), itn__min(lower.y, a.y), itn__min(lower.z, a.z));
-        upper = itn__vec3(itn__max(upper.x, b.x), itn__max(upper.y, b.y), itn__max(upper.z, b.z));
+        for (k = 0; k < 3 && object->medium >= 0; k++) {
+            lower[k] = itn__min(lower[k], (float)(object->lower[k] - scene->origin[k]));
+            upper[k] = itn__max(upper[k], (float)(object->upper[k] - scene->origin[k]));
+        }
     }
-    if (!first)
-        result = itn__voxels_make(context, scene->bvh, closed, lower, upper, resolution,
+    if (!result && lower[0] <= upper[0])
+        result = itn__voxels_make(context, scene->bvh, closed,
+                                  itn__vec3(lower[0], lower[1], lower[2]),
+                                  itn__vec3(upper[0], upper[1], upper[2]), resolution,
                                   &tables->voxels, error);
-    if (!result) {
-        tables->normals = itn__make_normals(context, scene->bvh);
-        tables->pixels = itn__make_pixels(scene);
-        if (!tables->normals || !tables->pixels)
-            result = itn__out_of_memory(error, "the tables of a scene");
-    }
-    if (result)
-        itn__tables_free(context, tables);
-    else
-        *made = tables;
+    if (!result) *made = tables;
+    else itn__tables_free(context, tables);
     return result;
 }
 
@@ -6976,15 +6929,13 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
                                   const itn__tables **tables, itn__tables **own,
                                   itn_error *error) {
     int level = itn__tables_level(scene, theta, paths);
-    itn__tables *made = NULL, *kept = (itn__tables *)itn__once_get(&scene->tables[level]);
     itn_result result = ITN_OK;
-    *own = NULL;
-    if (!kept) result = itn__tables_make(scene, 16 << level, &made, error);
-    if (result) return result;
-    if (!kept && itn__once_set(&scene->tables[level], made)) kept = made;
-    *tables = kept ? kept : made;
-    if (*tables == made && kept != made) *own = made;
-    return ITN_OK;
+    *own = NULL, *tables = (itn__tables *)itn__once_get(&scene->tables[level]);
+    if (*tables) return ITN_OK;
+    result = itn__tables_make(scene, 16 << level, own, error);
+    *tables = *own;
+    if (!result && itn__once_set(&scene->tables[level], *own)) *own = NULL;
+    return result;
 }
 
 /* ---- [fast] the same walk, many paths at a time ---------------------------------------------- */
@@ -7082,7 +7033,7 @@ typedef struct itn__fast {
     const float *theta;
     const itn__voxels *voxels;
     const float *normals;        /* [triangles][3] unit normals; 0 of triangles without area */
-    const unsigned char *pixels; /* 1 of empty ones, see itn__mark_empty */
+    const unsigned char *pixels; /* 1 of empty ones, see itn__make_pixels */
     itn__substance *substances;  /* [1 + medium_count] */
     int channels, walks, sobol, unsafe;
     double samples; /* camera rays; */

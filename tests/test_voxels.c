@@ -505,7 +505,7 @@ static void distances_are_exact(int shape, int resolution) {
         }
         wrong += empty_reach(v, cell) != (border < distance ? border : distance) - 1;
         wrong += ((v->cells[cell] & 0xffffff) != 0) !=
-                 (distance <= ITN__REGION_REACH && distance < border);
+                 (distance <= 1 && distance < border);
     }
     check_report(!wrong, __FILE__, __LINE__, "%s, %d cells: %d distances wrong", shape_names[shape],
                  resolution, wrong);
