@@ -2119,11 +2119,16 @@ static itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
 /* Unit normal of a triangle's front, in double, where the edges of floats and their products are
    exact enough for the thinnest needle. Returns twice the area, 0 if there is no normal. */
 static double itn__unit_normal(const itn__triangle *triangle, double n[3]) {
-    itn__plane plane = itn__plane_of(triangle, itn__vec3(0, 0, 0));
-    double length = sqrt(plane.n[0] * plane.n[0] + plane.n[1] * plane.n[1] +
-                         plane.n[2] * plane.n[2]);
+    double b[3], c[3], length;
     int k;
-    for (k = 0; k < 3 && length > 0; k++) n[k] = plane.n[k] / length;
+    for (k = 0; k < 3; k++) {
+        b[k] = (double)triangle->corner[1][k] - triangle->corner[0][k];
+        c[k] = (double)triangle->corner[2][k] - triangle->corner[0][k];
+    }
+    n[0] = b[1] * c[2] - b[2] * c[1], n[1] = b[2] * c[0] - b[0] * c[2];
+    n[2] = b[0] * c[1] - b[1] * c[0];
+    length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (k = 0; k < 3 && length > 0; k++) n[k] /= length;
     return length;
 }
 
@@ -6222,9 +6227,9 @@ static int itn__pixel_samples(const itn__allotment *allotment, int spp, size_t p
    Owen's nested scrambling makes the points random and keeps the balance: each digit is flipped or
    not by a random bit of its own for each value of the digits before it. Estimates are unbiased,
    and for smooth functions the standard error of 2^m points falls like 2^(-3m/2). Laine & Karras
-   2011 saw that on numbers with their bits reversed (first digit lowest) a hash does this if carries
-   are all that moves information, as in sums and products: they go upwards only. Hence all numbers
-   are kept reversed until the end. */
+   2011 saw that on numbers with their bits reversed (first digit lowest) a hash does this if
+   carries are all that moves information, as in sums and products: they go upwards only. Hence all
+   numbers are kept reversed until the end. */
 
 enum { ITN__SOBOL_DIMENSIONS = 8, ITN__SOBOL_BITS = 20 }; /* indices are below 2^20 */
 
@@ -6350,7 +6355,7 @@ typedef struct itn__voxel_build {
     uint64_t closed;    /* the one closed object of the scene, if there is just one */
     double largest;     /* coordinate in the grid */
     int32_t *starts;    /* [slots + 1] of each triangle's cells, */
-    int32_t *covered;   /* which are these, or NULL while they are counted */
+    int32_t *covered;   /* which are these, then -1; NULL while they are counted */
     int32_t *numbers;   /* [cells] of the patches of cells that hold triangles, or -1 */
     itn__patch *patches; /* [surface_count] */
 } itn__voxel_build;
@@ -6392,10 +6397,10 @@ static int itn__raster_load(const itn__voxels *voxels, const itn__triangle *tria
     float size = 0; /* coordinates have errors of a few roundings of that */
     int j, k, inside = 1;
     for (j = 0; j < 3; j++) {
-        inside &= memcmp(triangle->corner[j], triangle->corner[(j + 1) % 3],
-                         sizeof triangle->corner[j]) != 0;
+        const float *corner = triangle->corner[j], *next = triangle->corner[(j + 1) % 3];
+        inside &= corner[0] != next[0] || corner[1] != next[1] || corner[2] != next[2];
         for (k = 0; k < 3; k++) {
-            r->p[j][k] = (triangle->corner[j][k] - origin[k]) * voxels->inverse_cell;
+            r->p[j][k] = (corner[k] - origin[k]) * voxels->inverse_cell;
             size = itn__max(size, fabsf(r->p[j][k]));
         }
     }
@@ -6485,20 +6490,25 @@ static const itn__triangle *itn__slot_triangle(const itn_bvh *bvh, int slot) {
     return index < 0 ? NULL : &bvh->triangles[index];
 }
 
-/* The cells of the triangles of a block of leaves. */
+/* The cells of the triangles of a block of leaves; where there are but few in a triangle's box,
+   room for all is counted, and what is left is -1. */
 static void itn__raster_block(void *task, int index) {
     itn__voxel_build *build = (itn__voxel_build *)task;
-    int slot, end = ITN__PACK * itn__block_end(index, build->bvh->leaf_count);
+    int slot, k, end = ITN__PACK * itn__block_end(index, build->bvh->leaf_count);
     for (slot = index * ITN__BLOCK * ITN__PACK; slot < end; slot++) {
         const itn__triangle *triangle = itn__slot_triangle(build->bvh, slot);
         int32_t *cells = build->covered ? build->covered + build->starts[slot] : NULL;
-        itn__raster r;
+        double box = 1;
         int count = 0;
-        if (triangle && itn__raster_load(build->voxels, triangle, &r)) {
+        itn__raster r;
+        if (!triangle || !itn__raster_load(build->voxels, triangle, &r)) continue;
+        for (k = 0; k < 3; k++) box *= r.range[k][1] - r.range[k][0] + 1;
+        if (cells || box > 27) {
             itn__raster_axes(&r);
             count = itn__raster_cells(build->voxels, &r, (const int(*)[2])r.range, cells);
         }
-        if (!cells) build->starts[slot + 1] = count;
+        if (!cells) build->starts[slot + 1] = box > 27 ? count : (int)box;
+        else while (count < build->starts[slot + 1] - build->starts[slot]) cells[count++] = -1;
     }
 }
 
@@ -6524,8 +6534,8 @@ static void itn__list_leaves(const itn__voxel_build *build) {
         for (slot = 0; slot < slots; slot++)
             for (k = build->starts[slot]; k < build->starts[slot + 1]; k++) {
                 int cell = build->covered[k], leaf = slot / ITN__PACK;
-                int32_t *next = &v->first[cell + 2 - pass], mark = pass ? ~leaf : leaf + 1;
-                if (last[cell] == mark) continue;
+                int32_t *next = v->first + cell + 2 - pass, mark = pass ? ~leaf : leaf + 1;
+                if (cell < 0 || last[cell] == mark) continue;
                 if (pass) v->leaves[*next] = leaf;
                 ++*next, last[cell] = mark;
             }
@@ -6626,7 +6636,8 @@ static void itn__patches_make(const itn__voxel_build *build) {
                                            (float)fmin(area * scale, 2));
             for (k = build->starts[slot]; k < build->starts[slot + 1]; k++) {
                 int cell = build->covered[k];
-                itn__patch *patch = &build->patches[build->numbers[cell]];
+                itn__patch *patch = &build->patches[cell < 0 ? 0 : build->numbers[cell]];
+                if (cell < 0) break;
                 if (pass) itn__patch_add(build, triangle, m, area, cell, patch);
                 else patch->normal = itn__add(patch->normal, weighted);
             }
