@@ -1549,7 +1549,7 @@ ITN__INLINE float itn__uniform(itn__rng *rng) { return itn__unit_float(itn__rng_
 
 /* The same number in all lanes; the same bits with another meaning; values of the other kind
    (floats truncate to ints); comparisons, which make masks (any with a NaN is false); memory to
-   lanes and back, also of bytes. */
+   lanes and back. */
 #if ITN__LANES > 1
 typedef float itn__floats __attribute__((vector_size(4 * ITN__LANES)));
 typedef int32_t itn__ints __attribute__((vector_size(4 * ITN__LANES)));
@@ -1611,13 +1611,7 @@ ITN__INLINE itn__ints itn__load_ints(const int32_t *from) {
     memcpy(&v, from, sizeof v);
     return v;
 }
-ITN__INLINE itn__ints itn__load_bytes(const uint8_t *from) {
-    itn__bytes bytes;
-    memcpy(&bytes, from, sizeof bytes);
-    return itn__to_ints(bytes);
-}
 ITN__INLINE void itn__store(float *to, itn__floats v) { memcpy(to, &v, sizeof v); }
-ITN__INLINE void itn__store_ints(int32_t *to, itn__ints v) { memcpy(to, &v, sizeof v); }
 ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) {
     itn__bytes bytes = itn__to_bytes(v);
     memcpy(to, &bytes, sizeof bytes);
@@ -1707,29 +1701,24 @@ ITN__INLINE itn__ints itn__floor_ints(itn__floats v) {
     return itn__word_ints(itn__int_words(whole) + itn__int_words(above));
 }
 
-/* base[index] lane by lane, where the mask is true; elsewhere nothing is read and `other` stays. Of
-   bytes, up to 3 after the one asked for may be read. */
+/* base[index] lane by lane, where the mask is true; elsewhere nothing is read and `other` stays. */
 #if defined(ITN__X86) && ITN__LANES > 4
 #if ITN__LANES == 16
-#define ITN__GATHER(base, index, mask, other, scale)                                               \
+#define ITN__GATHER(base, index, mask, other)                                                      \
     ((itn__ints)_mm512_mask_i32gather_epi32((__m512i)(other), (__mmask16)itn__mask_bits(mask),     \
-                                            (__m512i)(index), base, scale))
+                                            (__m512i)(index), base, 4))
 #else
-#define ITN__GATHER(base, index, mask, other, scale)                                               \
+#define ITN__GATHER(base, index, mask, other)                                                      \
     ((itn__ints)_mm256_mask_i32gather_epi32((__m256i)(other), (const int *)(const void *)(base),   \
-                                            (__m256i)(index), (__m256i)(mask), scale))
+                                            (__m256i)(index), (__m256i)(mask), 4))
 #endif
 ITN__INLINE itn__ints itn__gather_ints(const int32_t *base, itn__ints index, itn__ints mask,
                                        itn__ints other) {
-    return ITN__GATHER(base, index, mask, other, 4);
+    return ITN__GATHER(base, index, mask, other);
 }
 ITN__INLINE itn__floats itn__gather(const float *base, itn__ints index, itn__ints mask,
                                     itn__floats other) {
-    return itn__bits_float(ITN__GATHER(base, index, mask, itn__float_bits(other), 4));
-}
-ITN__INLINE itn__ints itn__gather_bytes(const uint8_t *base, itn__ints index, itn__ints mask,
-                                        itn__ints other) {
-    return itn__select_int(mask, ITN__GATHER(base, index, mask, other, 1) & 255, other);
+    return itn__bits_float(ITN__GATHER(base, index, mask, itn__float_bits(other)));
 }
 #else
 #define ITN__GATHER(name, lanes, element)                                                          \
@@ -1740,30 +1729,8 @@ ITN__INLINE itn__ints itn__gather_bytes(const uint8_t *base, itn__ints index, it
         return other;                                                                              \
     }
 ITN__GATHER(itn__gather_ints, itn__ints, int32_t)
-ITN__GATHER(itn__gather_bytes, itn__ints, uint8_t)
 ITN__GATHER(itn__gather, itn__floats, float)
 #endif
-
-/* Writes the lanes named by `bits` one after the other (compress). A whole vector may be written:
-   `to` has room for ITN__LANES elements. */
-ITN__INLINE void itn__compress(float *to, itn__floats v, unsigned bits) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    _mm512_storeu_ps(to, _mm512_maskz_compress_ps((__mmask16)bits, (__m512)v));
-#elif defined(ITN__X86) && ITN__LANES == 8 && defined(__BMI2__) && defined(__x86_64__)
-    /* the lanes' numbers, a byte each, put in order by bit operations */
-    uint64_t bytes = _pdep_u64(bits, 0x0101010101010101u) * 255;
-    bytes = _pext_u64(0x0706050403020100u, bytes);
-    _mm256_storeu_ps(to, _mm256_permutevar8x32_ps((__m256)v, _mm256_cvtepu8_epi32(
-                                                      _mm_cvtsi64_si128((long long)bytes))));
-#else
-    for (; bits; bits &= bits - 1, to++) { /* copied as bytes, for integers come here too */
-        float lane = ITN__LANE(v, itn__lowest_bit(bits));
-        memcpy(to, &lane, sizeof lane);
-    }
-#endif
-}
-#define itn__compress_ints(to, v, bits)                                                            \
-    itn__compress((float *)(void *)(to), itn__bits_float(v), bits)
 
 /* Vectors of lanes. */
 typedef struct itn__vectors {
@@ -1810,14 +1777,6 @@ ITN__INLINE itn__vectors itn__vto_local(itn__vectors v, itn__vectors s, itn__vec
 ITN__INLINE itn__vectors itn__vto_world(itn__vectors v, itn__vectors s, itn__vectors t,
                                         itn__vectors n) {
     return itn__valong(itn__valong(itn__vscale(s, v.x), v.y, t), v.z, n);
-}
-
-/* How many bits of each lane are set: sums of 1, 2 and 4 bits, then of all. */
-ITN__INLINE itn__words itn__count_words(itn__words x) {
-    x -= (x >> 1) & 0x55555555u;
-    x = (x & 0x33333333u) + ((x >> 2) & 0x33333333u);
-    x = (x + (x >> 4)) & 0x0f0f0f0fu;
-    return (x * 0x01010101u) >> 24;
 }
 
 /* itn__mix32 and itn__unit_float in lanes, and the next random number of each lane's path, as
