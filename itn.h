@@ -7514,20 +7514,23 @@ static void itn__expect_bounce(const itn__fast *fast, const itn__site *site, con
 }
 
 /* The difference of a bounce at a boundary by u, which was expected to bring the mean over both
-   ways and over two facets: the one drawn and the one that leans the other way. */
+   ways and over four facets: the one drawn and those by numbers evenly apart from u. */
 ITN__NOINLINE void itn__control_bounce(const itn__fast *fast, itn__state *s, const itn__site *site,
                                        const itn__floats u[3], itn__ints through, itn__ints good,
                                        itn__ints mask) {
-    itn__floats turned = itn__select(itn__less(u[1], itn__splat(.5f)), u[1] + .5f, u[1] - .5f);
-    float alpha = site->smooth ? 0 : site->theta[site->surface->alpha];
-    itn__vectors twin = itn__sample_facet(&site->i, itn__splat(alpha), u[0], turned);
-    int c;
+    itn__floats alpha = itn__splat(site->smooth ? 0 : site->theta[site->surface->alpha]);
+    itn__floats mean, taken = u[0], one, v, w;
+    int c, k;
     for (c = 0; c < fast->channels; c++) {
-        itn__floats mean, other, taken;
-        itn__expect_bounce(fast, site, &twin, c, through, &other, &taken);
-        itn__expect_bounce(fast, site, &site->facet, c, through, &mean, &taken);
+        for (mean = itn__splat(0), k = 3; k >= 0; k--, mean = mean + .25f * one) {
+            itn__vectors m;
+            v = u[0] + .5f * (float)(k % 2), w = u[1] + .25f * (float)k;
+            v = v - itn__to_floats(itn__to_ints(v)), w = w - itn__to_floats(itn__to_ints(w));
+            m = itn__sample_facet(&site->i, alpha, v, w);
+            itn__expect_bounce(fast, site, &m, c, through, &one, &taken);
+        }
         itn__difference(s, c, s->beta[c] * itn__select(good, taken, itn__splat(0)),
-                        s->beta[c] * .5f * (mean + other), mask);
+                        s->beta[c] * mean, mask);
     }
 }
 
