@@ -8730,9 +8730,11 @@ static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texel
     walk->channels = render->channels, walk->count = walk->score_count = render->count;
     walk->max_scatter = render->max_scatter, walk->texels = texels;
     if (texels && texels->texture) walk->score_count += ITN__TOUCHES;
-    for (k = 0; k < render->scene->parameter_count; k++)
-        if (render->slots[k] >= 0 && parameters[k].lower == 0 && render->theta[k] < .1f)
-            walk->sheltered = 6;
+    for (k = 0; k < render->scene->parameter_count; k++) {
+        float faint = parameters[k].upper == 1 && parameters[k].lower == 0 ? .1f : 0;
+        if (strstr(parameters[k].name, ".sigma_t")) faint = .025f / render->scene->radius;
+        if (render->slots[k] >= 0 && render->theta[k] < faint) walk->sheltered = 6;
+    }
     block = (size_t)walk->channels * (size_t)walk->score_count;
     walk->weight.score = (float *)itn__allocate(&render->scene->context, block,
                                                 3 * sizeof(float));
