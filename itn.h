@@ -9307,7 +9307,7 @@ static double itn__loss_weights(const itn__render *render, const float *target, 
     for (c = 0; c < render->channels; c++)
         for (i = 0; i < pixels; i++, weights++) {
             residual = itn__pixel_mean(render, i, c, &variance) - *target++;
-            sum += residual * residual - variance;
+            sum += residual * residual - (float)variance; /* infinite beyond what floats hold */
             *weights = (float)(2 * residual / values);
         }
     return sum / values;
