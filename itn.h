@@ -120,7 +120,7 @@
 
    [paper] C. Che, F. Luan, S. Zhao, K. Bala, I. Gkioulekas, "Inverse Transport Networks" (2018);
      equation numbers below are the paper's. Its symbols here: pi theta (parameters), T itn_render,
-     N itn_net, sigma_t, albedo, g; f path throughput; S path score; lambda itn_loss_desc.lambda. */
+     N itn_net, sigma_t, albedo, g; f path throughput; S path score. */
 
 /* ============================================================================================
    PART I: THE INTERFACE
@@ -2492,7 +2492,8 @@ ITN__INLINE unsigned itn__pack_view(const itn__pack *pack, int from, const itn__
     bits &= ~itn__less_bits(itn__splat(t), itn__least(p[0][2], itn__least(p[1][2], p[2][2])));
     bits &= ~itn__less_bits(itn__most(p[0][2], itn__most(p[1][2], p[2][2])), itn__splat(tmin));
     ITN__UNROLL
-    for (k = 0; bits && k < 9; k++) itn__store(seen->corner[k / 3][k % 3] + from, p[k / 3][k % 3]);
+    for (k = 0; k < 9; k++)
+        if (bits) itn__store(seen->corner[k / 3][k % 3] + from, p[k / 3][k % 3]);
     return bits;
 }
 
@@ -2713,7 +2714,7 @@ static itn__cut itn__best_cut(const itn__reference *references, const itn__child
         if (extent > longest) longest = extent, cut.axis = axis;
     }
     cut.lower = child->centres.bound[cut.axis];
-    cut.scale = ITN__BINS / longest;
+    cut.scale = (float)ITN__BINS / longest;
     if (!(cut.scale > 0 && itn__finite(cut.scale))) cut.lower = cut.scale = 0;
     for (i = 0; i < ITN__BINS; i++) box[i] = itn__box_empty();
     for (i = 0; i < count; i++) {
@@ -4522,7 +4523,7 @@ static void itn__copy_radiance(const itn_scene *scene, const float in[3], int ch
 
 /* A sky desc becomes two lights, the sky and its sun. */
 static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, itn__light *sky,
-                                itn__light *sun) {
+                                itn__light *disc) {
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
     double solid_angle;
     int c, k, good = 1;
@@ -4538,16 +4539,16 @@ static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, itn
     if (!(in->sun_direction.y > 0))
         return ITN__REFUSE("the sun's direction must be above the horizon");
     sky->width = 64, sky->height = 33; /* of its grid: radiance over density then varies by 2 % */
-    sky->sky = in->sky, sun->kind = ITN__LIGHT_SUN, sun->share = in->sun_scale;
+    sky->sky = in->sky, disc->kind = ITN__LIGHT_SUN, disc->share = in->sun_scale;
     itn__copy_radiance(maker->scene, in->sky.radiance, 3, sky->radiance);
-    itn__copy_radiance(maker->scene, in->sky.sun_radiance, 3, sun->radiance);
-    sky->to_sun = sun->to_sun = itn__direction(in->sun_direction);
-    sun->sun_cone = 2 * itn__square(sinf(half * in->sun_radius_scale / 2));
-    for (c = 0; c < 3; c++) sun->radiance[c] *= natural / sun->sun_cone;
-    solid_angle = 2 * (double)ITN__PI * sun->sun_cone;
-    sun->power = (float)(solid_angle * itn__luminance(sun->radiance));
-    sun->strength = itn__strength((double)sun->power, sun->to_sun);
-    sun->breadth = solid_angle / (4 * (double)ITN__PI);
+    itn__copy_radiance(maker->scene, in->sky.sun_radiance, 3, disc->radiance);
+    sky->to_sun = disc->to_sun = itn__direction(in->sun_direction);
+    disc->sun_cone = 2 * itn__square(sinf(half * in->sun_radius_scale / 2));
+    for (c = 0; c < 3; c++) disc->radiance[c] *= natural / disc->sun_cone;
+    solid_angle = 2 * (double)ITN__PI * disc->sun_cone;
+    disc->power = (float)(solid_angle * itn__luminance(disc->radiance));
+    disc->strength = itn__strength((double)disc->power, disc->to_sun);
+    disc->breadth = solid_angle / (4 * (double)ITN__PI);
     return ITN_OK;
 }
 
@@ -8883,7 +8884,7 @@ static itn_result itn__divide(itn__render *render, itn_error *error) {
     const itn_context *context = &render->scene->context;
     int width = render->scene->film.width, height = render->scene->film.height, cells, sets, i;
     int good;
-    render->side = (int)itn__clamp((float)(width < height ? width : height) / ITN__TILE, 1,
+    render->side = (int)itn__clamp((float)(width < height ? width : height) / (float)ITN__TILE, 1,
                                    ITN__TILE);
     render->tiles = ((width - 1) / render->side + 1) * ((height - 1) / render->side + 1);
     cells = render->side * render->side;
@@ -11065,7 +11066,7 @@ static itn_result itn__refine_coarsely(itn__refiner *refiner, itn_error *error) 
         const itn_film_desc *film = &refiner->views[way].scene->film;
         paths += (double)film->width * film->height;
     }
-    spp = (int)fmax(2, fmin(refiner->options.spp, ITN__COARSE_PATHS / paths));
+    spp = (int)fmax(2, fmin(refiner->options.spp, (double)ITN__COARSE_PATHS / paths));
     itn__focus(refiner, block), refiner->final = 2 * spp;
     result = itn__gauss_newton(refiner, spp, 8, error);
     memcpy(best, refiner->coordinates, size), least = refiner->misfit;
@@ -11836,11 +11837,13 @@ static double itn__take_finite(itn__text *text, const char *what) {
 
 #include <errno.h>
 #include <stdio.h>
+#ifdef _WIN32
+#include <io.h>
+#endif
 #ifdef __cplusplus
 extern "C" {
 #endif
 #ifdef _WIN32
-int _commit(int file);
 __declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to,
                                                 unsigned long flags);
 #define ITN__SYNC(file) _commit(_fileno(file))

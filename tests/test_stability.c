@@ -541,7 +541,7 @@ typedef struct limit_watch {
 static int watch_step(void *user, const itn_refine_step *step) {
     limit_watch *w = (limit_watch *)user;
     int k;
-    w->steps++, w->bad += !(fabs(step->loss) < 1e30) || !(step->loss_error >= 0);
+    w->steps++, w->bad += !(fabs(step->loss) < 1e30) || !(step->misfit_error >= 0);
     for (k = 0; k < itn_parameter_count(w->scene); k++) {
         const itn_parameter *p = itn_parameter_get(w->scene, k);
         w->bad += !(step->theta[k] >= p->lower && step->theta[k] <= p->upper);
@@ -584,7 +584,8 @@ static void test_limit_search(const limit_search *in, itn_method method, double 
     itn_estimate estimate;
     itn_error error;
     float theta[64];
-    double misfit = 0, off;
+    double misfit, off;
+    itn_refine_outcome outcome;
     limit_watch watch;
     itn_parameter_values(scene, theta);
     theta[unknown] = in->hidden;
@@ -593,10 +594,11 @@ static void test_limit_search(const limit_search *in, itn_method method, double 
     theta[unknown] = in->start;
     watch.scene = scene, watch.steps = watch.bad = 0;
     refine.method = method, refine.spp = 8, refine.iterations = method == ITN_METHOD_LM ? 12 : 30;
-    refine.target_variance = target.pixels + 64, refine.misfit = &misfit;
+    refine.target_variance = target.pixels + 64, refine.outcome = &outcome;
     refine.progress = watch_step, refine.progress_user = &watch;
     stage_need(itn_refine(scene, theta, target.pixels, &unknown, 1, &refine, &estimate, &error),
                &error);
+    misfit = outcome.misfit;
     off = fabs(estimate.value + planted - in->hidden);
     check_report(watch.bad == 0 && watch.steps > 0 && theta[unknown] == (float)estimate.value,
                  __FILE__, __LINE__, "%s to %g, method %d: %d of %d steps are bad", in->name,
