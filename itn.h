@@ -802,8 +802,7 @@ typedef struct itn_refine_options {
     int final_spp;  /* samples, at most 67108863, of all renders that LM averages in the end, or of
                        the one that gives Adam and SGD error bars; 0 = 5 spp, and up to 32 times as
                        many where these leave an unknown undetermined. LM stops earlier if only the
-                       picture's own noise is left. Pixels that tell more get more samples: both
-                       numbers are then those of the mean pixel */
+                       picture's own noise is left */
     uint64_t seed;
     int max_scatter;      /* see itn_render_options */
     double learning_rate; /* > 0, falls to a tenth over the iterations. Adam: its first steps in
@@ -1446,7 +1445,7 @@ ITN__INLINE int itn__finite3(itn_vec3 a) {
 
 /* In-place Cholesky factor of a symmetric matrix (lower triangle). Returns 0 if it is not positive
    definite. */
-static int itn__cholesky(double *a, int n) {
+static ITN__UNUSED int itn__cholesky(double *a, int n) {
     int i, j, k;
     for (j = 0; j < n; j++) {
         double pivot = a[j * n + j];
@@ -1463,7 +1462,7 @@ static int itn__cholesky(double *a, int n) {
 }
 
 /* Solves L L^T x = b in place. */
-static void itn__cholesky_solve(const double *factor, int n, double *x) {
+static ITN__UNUSED void itn__cholesky_solve(const double *factor, int n, double *x) {
     int i, k;
     for (i = 0; i < n; i++) {
         for (k = 0; k < i; k++) x[i] -= factor[i * n + k] * x[k];
@@ -10157,21 +10156,18 @@ ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error) {
 /* ---- [refine] analysis by synthesis: coordinates and pictures -------------------------------- */
 
 /* Analysis by synthesis looks for pi minimising ||I - T(pi)||^2 (equation 1). Each evaluation makes
-   two independent renders a and b of picture and derivatives, J = dT/dpi. Near each other, all
-   evaluations are one: moved to the present point, T + J (pi - pi'), they are averaged pixel by
-   pixel with their samples as weights, as a Bayesian would add what each of them tells; one that is
-   too far away for that is forgotten. From the two averages come the normal equations ([normal]),
-   and from these steps ([search]) and error bars ([estimates]).
-
-   Several pictures of one material (other lights, other directions) are one picture of more pixels:
-   all that is summed over pixels is summed over those of all views.
+   two independent renders a and b of picture and derivatives, J = dT/dpi. Those near each other,
+   moved to the present point, T + J (pi - pi'), are averaged with their samples as weights; what is
+   too far away for that is forgotten. From the averages come the normal equations ([normal]), and
+   from these steps ([search]) and error bars ([estimates]). Several pictures of one material are
+   one of more pixels.
 
    Coordinates are logarithms and logits, where bounds are out of reach. Pictures of a dense medium
    hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo) stay (similarity relations,
-   Wyman, Patterson and Wilson 1989): the loss has a long valley, curved in sigma_t, albedo and g.
-   Where sigma_t and g of a medium are both unknown, coordinates are therefore
+   Wyman, Patterson and Wilson 1989): the loss has a long, curved valley. Where sigma_t and g of a
+   medium are both unknown, coordinates that lie along it are therefore
        u = ln sigma_t + ln(1 - g) + mean of ln albedo,    v = logit(albedo) + ln(1 - g),
-   one v for each unknown albedo (u has only those), and g's own: the valley lies along that. */
+   one v for each unknown albedo (u has only those), and g's own. */
 
 enum { ITN__MOST_UNKNOWNS = 256, ITN__NEAR = 2 /* a radius in pixels */ };
 #define ITN__PRIOR 8. /* standard deviation of a coordinate of which nothing is known */
@@ -10182,18 +10178,12 @@ typedef struct itn__similarity {
     int sigma_t, g, albedos, albedo[3]; /* how many albedos (0 to 3) and which */
 } itn__similarity;
 
-/* Renders a and b of a view, whose pixels may be means of blocks of the film's. */
-typedef struct itn__renders {
-    float *planes[2]; /* [2 + count][pixels] light, variance of one sample, derivatives by the
-                         coordinates; */
-    float *samples;   /* [plane] of a pixel, in each of them */
-} itn__renders;
-
 /* A view as the search sees it. */
 typedef struct itn__refine_view {
     const itn_view *given;
     const itn_scene *scene;
-    int asked, *parameters, *unknowns; /* [asked] what it has of the unknowns: where, and which */
+    int asked; /* how many of the unknowns it has: where, and which */
+    int parameters[ITN__MOST_UNKNOWNS], unknowns[ITN__MOST_UNKNOWNS];
     int noise_unknown;      /* the target's */
     int width, height;      /* of the pictures that are compared, */
     size_t plane, pixels;   /* their pixels, of one channel and of all */
@@ -10201,12 +10191,12 @@ typedef struct itn__refine_view {
     float *target;          /* [pixels] */
     float *target_variance; /* as around each, INFINITY where the target does not count */
     float *scale;           /* [pixels] one over the standard deviation of a residual, or 0 */
-    itn__renders known, fresh; /* all that count, and the last ones */
+    float *known[2], *fresh[2]; /* renders a and b, of all evaluations that count, and the last:
+                                   [2 + count][pixels] light, variance of one sample (where pixels
+                                   are blocks, of one of each), derivatives by the coordinates */
     float *blurred[2];      /* [count][pixels] K J of a and b */
     float *score;           /* [count][plane] */
-    float *density;         /* [plane] samples of a pixel over those of the mean one */
     float *row;             /* [width + height] */
-    itn__allotment allotment;
     float *residual[2];     /* [pixels] of a and b, times scale */
     double nugget;          /* the target's variance, where that is not known */
 } itn__refine_view;
@@ -10226,7 +10216,7 @@ typedef struct itn__refiner {
     const itn_context *context; /* of the first scene */
     const itn_parameter *parameters[ITN__MOST_UNKNOWNS]; /* in the first view that has it */
     itn__similarity media[ITN__MOST_UNKNOWNS / 2];
-    int media_count, designed; /* whether samples go where they tell most */
+    int media_count;
     int block;             /* pixels are means of block x block */
     int spp, known, final; /* samples of a pixel of each render: of the last one, all that count,
                               and wanted */
@@ -10234,7 +10224,7 @@ typedef struct itn__refiner {
     int ended;             /* 1: by the clock, 2: by the caller */
     uint64_t renders;
     double begun, deadline, work; /* seconds; samples so far */
-    float values[ITN__MOST_UNKNOWNS], moments[2 * ITN__MOST_UNKNOWNS]; /* of Adam */
+    float values[ITN__MOST_UNKNOWNS];
     double coordinates[ITN__MOST_UNKNOWNS], before[ITN__MOST_UNKNOWNS]; /* of the point before */
     double step[ITN__MOST_UNKNOWNS], errors[ITN__MOST_UNKNOWNS]; /* of the coordinates */
     double right[ITN__MOST_UNKNOWNS]; /* b */
@@ -10295,8 +10285,8 @@ static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
     double plain[ITN__MOST_UNKNOWNS], values[ITN__MOST_UNKNOWNS];
     itn__refine_view *view;
     int n = refiner->count, held = 0, k;
-    memcpy(plain, coordinates, (size_t)n * sizeof(double));
-    memcpy(refiner->coordinates, coordinates, (size_t)n * sizeof(double));
+    size_t size = (size_t)n * sizeof(double);
+    memcpy(plain, coordinates, size), memcpy(refiner->coordinates, coordinates, size);
     itn__refine_values(refiner, plain, values);
     for (k = 0; k < n; k++) {
         const itn_parameter *p = refiner->parameters[k];
@@ -10304,43 +10294,40 @@ static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
         if (fabs(within - plain[k]) > 1e-6 * fmax(fabs(within), 1)) plain[k] = within, held = 1;
         refiner->values[k] = itn__clamp((float)values[k], p->lower, p->upper);
     }
-    if (held) {
-        memcpy(refiner->coordinates, plain, (size_t)n * sizeof(double));
-        itn__similarity_turn(refiner, refiner->coordinates, 1);
-    }
+    if (held) itn__similarity_turn(refiner, plain, 1), memcpy(refiner->coordinates, plain, size);
     itn__refine_turn(refiner);
     for (view = refiner->views; view < refiner->views + refiner->view_count; view++)
         for (k = 0; k < view->asked; k++)
             view->theta[view->parameters[k]] = refiner->values[view->unknowns[k]];
 }
 
-/* Filters n values of a line, `stride` apart: radius > 0: by the mean of those up to `radius` away,
-   0: thrice by (1 2 1)/4, beyond its ends all being 0. */
-static void itn__filter_line(float *line, size_t stride, int n, int radius, float *row) {
-    int i, k, pass;
-    for (pass = 0; pass < (radius ? 1 : 3); pass++) {
-        for (i = 0; i < n; i++) row[i] = line[(size_t)i * stride];
-        for (i = 0; i < n; i++) {
-            int first = i < radius ? 0 : i - radius, last = n - 1 - i < radius ? n - 1 : i + radius;
-            float sum = 0;
-            for (k = first; k <= last; k++) sum += row[k];
-            if (radius) sum /= (float)(last - first + 1);
-            else sum = .25f * (2 * sum + (i ? row[i - 1] : 0) + (i + 1 < n ? row[i + 1] : 0));
-            line[(size_t)i * stride] = sum;
+/* Filters n values of a line, `stride` apart: by the mean of those up to ITN__NEAR away, or, as K,
+   by (1 6 15 20 15 6 1)/64, beyond its ends all being 0. */
+static void itn__filter_line(float *line, size_t stride, int n, int mean, float *row) {
+    static const float binomial[] = {20.f / 64, 15.f / 64, 6.f / 64, 1.f / 64};
+    int radius = mean ? ITN__NEAR : 3, i, k;
+    for (i = 0; i < n; i++) row[i] = line[(size_t)i * stride];
+    for (i = 0; i < n; i++) {
+        int last = i + radius < n ? i + radius : n - 1;
+        float sum = 0, weights = 0;
+        for (k = i < radius ? 0 : i - radius; k <= last; k++) {
+            float weight = mean ? 1 : binomial[k < i ? i - k : k - i];
+            sum += weight * row[k], weights += weight;
         }
+        line[(size_t)i * stride] = mean ? sum / weights : sum;
     }
 }
 
-/* The same of planes, both ways. With radius 0 it is K, of squared weights (924/4096)^2. */
+/* The same of planes, both ways: the squared weights of K are (924/4096)^2 in sum. */
 #define ITN__BINOMIAL_NOISE .0508899
-static void itn__filter(const itn__refine_view *view, float *pixels, size_t count, int radius) {
+static void itn__filter(const itn__refine_view *view, float *pixels, size_t count, int mean) {
     size_t width = (size_t)view->width, first;
     int k;
     for (first = 0; first < count; first += view->plane) {
         for (k = 0; k < view->height; k++)
-            itn__filter_line(pixels + first + (size_t)k * width, 1, view->width, radius, view->row);
+            itn__filter_line(pixels + first + (size_t)k * width, 1, view->width, mean, view->row);
         for (k = 0; k < view->width; k++)
-            itn__filter_line(pixels + first + k, width, view->height, radius, view->row);
+            itn__filter_line(pixels + first + k, width, view->height, mean, view->row);
     }
 }
 
@@ -10348,19 +10335,13 @@ static void itn__filter(const itn__refine_view *view, float *pixels, size_t coun
    value is infinite or NaN has such a mean. */
 static void itn__reduce(const itn__refiner *refiner, const itn__refine_view *view, float *planes,
                         size_t count) {
-    int block = refiner->block, x, y, i;
-    size_t width = (size_t)view->width * (size_t)block, p;
-    float *to = planes;
-    for (p = 0; p < count && block > 1; p++) {
-        const float *from = planes + p * view->plane * (size_t)(block * block);
-        for (y = 0; y < view->height; y++)
-            for (x = 0; x < view->width; x++) {
-                double sum = 0;
-                for (i = 0; i < block * block; i++)
-                    sum += (double)from[(size_t)(y * block + i / block) * width +
-                                        (size_t)(x * block + i % block)];
-                *to++ = (float)(sum / (block * block));
-            }
+    size_t block = (size_t)refiner->block, width = (size_t)view->width, area = block * block, p, i;
+    for (p = 0; p < count * view->plane && block > 1; p++) {
+        size_t row = p / width, column = p % width; /* rows of all planes are one after the other */
+        const float *from = planes + (row * width * block + column) * block;
+        double sum = 0;
+        for (i = 0; i < area; i++) sum += (double)from[i / block * width * block + i % block];
+        planes[p] = (float)(sum / (double)area);
     }
 }
 
@@ -10368,13 +10349,13 @@ static void itn__reduce(const itn__refiner *refiner, const itn__refine_view *vie
 static void itn__take_in(const itn__refiner *refiner, itn__refine_view *view, itn_image *image,
                          int half) {
     size_t pixels = view->pixels, i;
-    float *to = view->fresh.planes[half], area = (float)(refiner->block * refiner->block);
+    float *to = view->fresh[half], area = (float)(refiner->block * refiner->block);
     int n = refiner->count, k, own;
     itn__reduce(refiner, view, image->pixels,
                 (size_t)(2 + 2 * view->asked) * (size_t)view->scene->film.channels);
     memset(to, 0, (size_t)(2 + n) * pixels * sizeof(float));
     memcpy(to, image->pixels, 2 * pixels * sizeof(float));
-    for (i = 0; i < pixels; i++) to[pixels + i] *= view->fresh.samples[i % view->plane] / area;
+    for (i = 0; i < pixels; i++) to[pixels + i] *= (float)refiner->spp / area;
     for (k = 0, to += 2 * pixels; k < n; k++, to += pixels)
         for (own = 0; own < view->asked; own++) {
             const float *from = image->pixels + (size_t)(2 + 2 * own) * pixels;
@@ -10383,31 +10364,25 @@ static void itn__take_in(const itn__refiner *refiner, itn__refine_view *view, it
         }
 }
 
-/* Averages the last renders with those that are known, moved from `before` to the present point; or
-   lets them replace these. */
-static void itn__learn_view(const itn__refiner *refiner, itn__refine_view *view, int together) {
-    itn__renders *known = &view->known, *fresh = &view->fresh;
+/* Averages the last renders, as a share, with those that are known, moved from `before` to the
+   present point. A share of 1 replaces these. */
+static void itn__learn_view(const itn__refiner *refiner, itn__refine_view *view, float share) {
     size_t pixels = view->pixels, i;
     int n = refiner->count, half, k;
-    for (i = 0; i < view->plane; i++)
-        known->samples[i] = fresh->samples[i] + (together ? known->samples[i] : 0);
     for (half = 0; half < 2; half++) {
-        float *to = known->planes[half];
-        for (k = 0; k < n && together; k++) {
+        float *to = view->known[half];
+        for (k = 0; k < n && share < 1; k++) {
             float moved = (float)(refiner->coordinates[k] - refiner->before[k]);
             for (i = 0; i < pixels; i++) to[i] += moved * to[(size_t)(2 + k) * pixels + i];
         }
-        for (i = 0; i < (size_t)(2 + n) * pixels; i++) {
-            float share = fresh->samples[i % view->plane] / known->samples[i % view->plane];
-            to[i] = (together ? (1 - share) * to[i] : 0) + share * fresh->planes[half][i];
-        }
+        for (i = 0; i < (size_t)(2 + n) * pixels; i++)
+            to[i] = (share < 1 ? (1 - share) * to[i] : 0) + share * view->fresh[half][i];
     }
 }
 
 /* The variance of one sample in a value. */
-static float itn__sample_variance(const itn__refine_view *view, const itn__renders *renders,
-                                  size_t i) {
-    return (renders->planes[0][view->pixels + i] + renders->planes[1][view->pixels + i]) / 2;
+static float itn__sample_variance(const itn__refine_view *view, float *const *renders, size_t i) {
+    return (renders[0][view->pixels + i] + renders[1][view->pixels + i]) / 2;
 }
 
 /* Whether value i of the target counts. */
@@ -10420,7 +10395,7 @@ static void itn__around(const itn__refine_view *view, const float *in, float *ou
     const float area = (2 * ITN__NEAR + 1) * (2 * ITN__NEAR + 1);
     size_t i;
     memcpy(out, in, view->pixels * sizeof(float));
-    itn__filter(view, out, view->pixels, ITN__NEAR);
+    itn__filter(view, out, view->pixels, 1);
     for (i = 0; i < view->pixels; i++) out[i] = itn__max((area * out[i] - in[i]) / (area - 1), 0);
 }
 
@@ -10432,13 +10407,11 @@ static void itn__around(const itn__refine_view *view, const float *in, float *ou
 static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *view) {
     double sum = 0, square = 0, counted = 0, least;
     float *scale = view->scale, *own = view->residual[0]; /* not needed yet */
+    float samples = itn__max((float)refiner->known, (float)refiner->final);
     size_t pixels = view->pixels, i;
-    for (i = 0; i < pixels; i++) own[i] = itn__sample_variance(view, &view->known, i);
+    for (i = 0; i < pixels; i++) own[i] = itn__sample_variance(view, view->known, i);
     itn__around(view, own, scale);
     for (i = 0; i < pixels; i++) {
-        size_t at = i % view->plane;
-        float samples = itn__max(view->known.samples[at],
-                                 (float)refiner->final * view->density[at]);
         scale[i] = scale[i] / (2 * samples) + (float)view->nugget;
         if (!itn__counts(view, i)) continue;
         scale[i] += view->target_variance[i];
@@ -10487,16 +10460,16 @@ ITN__NOINLINE double itn__product(const float *x, const float *y, const float *z
 static int itn__depends(const itn__refiner *refiner, const itn__refine_view *view, size_t at) {
     int k;
     for (k = 0; k < refiner->count; k++)
-        if (view->known.planes[0][(size_t)(2 + k) * view->pixels + at] != 0) return 1;
+        if (view->known[0][(size_t)(2 + k) * view->pixels + at] != 0) return 1;
     return 0;
 }
 
 /* Residuals of renders, over their deviation. */
-static void itn__residuals(itn__refine_view *view, const itn__renders *renders) {
+static void itn__residuals(itn__refine_view *view, float *const *renders) {
     size_t i;
     for (i = 0; i < view->pixels; i++) {
-        view->residual[0][i] = (view->target[i] - renders->planes[0][i]) * view->scale[i];
-        view->residual[1][i] = (view->target[i] - renders->planes[1][i]) * view->scale[i];
+        view->residual[0][i] = (view->target[i] - renders[0][i]) * view->scale[i];
+        view->residual[1][i] = (view->target[i] - renders[1][i]) * view->scale[i];
     }
 }
 
@@ -10518,7 +10491,8 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
     double excess = 0, square = 0, noise = 0, squares = 0, counted = 0;
     memset(misfit, 0, sizeof *misfit);
     for (; view < end; view++) {
-        const itn__renders *renders = fresh ? &view->fresh : &view->known;
+        float *const *renders = fresh ? view->fresh : view->known;
+        double samples = fresh ? refiner->spp : refiner->known;
         double own = 0, shared = 0, felt = 0, own_noise = 0, beyond = 0, weights = 0, unit = 1;
         int unknown = view->noise_unknown;
         size_t pixel, at;
@@ -10531,7 +10505,7 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
                 if (!(w > 0)) continue;
                 squares += ra * rb / w, counted++;
                 if (!itn__depends(refiner, view, at)) continue;
-                v = w * itn__sample_variance(view, renders, at) / renders->samples[pixel];
+                v = w * itn__sample_variance(view, renders, at) / samples;
                 together += ra * rb - w * view->target_variance[at];
                 deviation += sqrt(fmax(v * (ra * ra + rb * rb - v), 0));
                 if (unknown) common += itn__shared(view, at);
@@ -10552,50 +10526,43 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
     misfit->error = sqrt(noise) / misfit->felt;
 }
 
-/* The scores s (sign 1) or t (-1) of a view's pixels. */
-static void itn__scores(const itn__refiner *refiner, itn__refine_view *view, float sign) {
-    size_t pixels = view->pixels, i;
-    int k;
-    memset(view->score, 0, (size_t)refiner->count * view->plane * sizeof(float));
-    for (k = 0; k < refiner->count; k++) {
-        const float *ka = view->blurred[0] + (size_t)k * pixels;
-        const float *kb = view->blurred[1] + (size_t)k * pixels;
-        float *score = view->score + (size_t)k * view->plane;
-        for (i = 0; i < pixels; i++)
-            score[i % view->plane] += .5f * (ka[i] * view->residual[1][i] +
-                                             sign * kb[i] * view->residual[0][i]);
-    }
+/* K J of a view, over the deviation of residuals; 0 where that does not count. */
+static void itn__blur(const itn__refiner *refiner, itn__refine_view *view, int half) {
+    float *blurred = view->blurred[half];
+    size_t count = (size_t)refiner->count * view->pixels, i;
+    for (i = 0; i < count; i++)
+        blurred[i] = view->known[half][2 * view->pixels + i] * view->scale[i % view->pixels];
+    itn__filter(view, blurred, count, 0);
+    for (i = 0; i < count; i++) blurred[i] *= view->scale[i % view->pixels] > 0;
 }
 
 /* Adds a view's part of A, b, N and, as `drawn`, that of N by renders. */
 static void itn__normal_add(itn__refiner *refiner, itn__refine_view *view, double *drawn) {
     size_t pixels = view->pixels, plane = view->plane, i;
-    int n = refiner->count, k, l, half;
-    itn__residuals(view, &view->known);
-    for (half = 0; half < 2; half++) {
-        float *blurred = view->blurred[half];
-        for (i = 0; i < (size_t)n * pixels; i++)
-            blurred[i] = view->known.planes[half][2 * pixels + i] * view->scale[i % pixels];
-        itn__filter(view, blurred, (size_t)n * pixels, 0);
-        for (i = 0; i < (size_t)n * pixels; i++) blurred[i] *= view->scale[i % pixels] > 0;
+    int n = refiner->count, k, half;
+    itn__residuals(view, view->known);
+    itn__blur(refiner, view, 0), itn__blur(refiner, view, 1);
+    for (k = 0; k < 2 * n * n; k++) {
+        int one = k / 2 / n, other = k / 2 % n;
+        double product = .25 * itn__product(view->known[k % 2] + (size_t)(2 + one) * pixels,
+                                            view->blurred[1 - k % 2] + (size_t)other * pixels,
+                                            view->scale, pixels);
+        refiner->matrix[one * n + other] += product, refiner->matrix[other * n + one] += product;
     }
-    for (half = 0; half < 2; half++)
-        for (k = 0; k < n * n; k++) {
-            const float *slope = view->known.planes[half] + (size_t)(2 + k / n) * pixels;
-            const float *other = view->blurred[1 - half] + (size_t)(k % n) * pixels;
-            double product = .25 * itn__product(slope, other, view->scale, pixels);
-            refiner->matrix[k] += product, refiner->matrix[k % n * n + k / n] += product;
-        }
-    for (half = 0; half < 2; half++) {
+    for (half = 0; half < 2; half++) { /* the scores s, and t */
         double *noise = half ? drawn : refiner->noise;
-        itn__scores(refiner, view, half ? -1 : 1);
-        for (k = 0; k < n; k++) {
-            const float *score = view->score + (size_t)k * plane;
-            for (i = 0; i < plane && !half; i++) refiner->right[k] += (double)score[i];
-            for (l = 0; l < n; l++)
-                noise[k * n + l] +=
-                    itn__product(score, view->score + (size_t)l * plane, NULL, plane);
+        memset(view->score, 0, (size_t)n * plane * sizeof(float));
+        for (i = 0; i < (size_t)n * pixels; i++) {
+            size_t at = i % pixels;
+            float a = view->blurred[0][i] * view->residual[1][at];
+            float b = view->blurred[1][i] * view->residual[0][at];
+            view->score[i / pixels * plane + at % plane] += .5f * (half ? a - b : a + b);
         }
+        for (i = 0; i < (size_t)n * plane && !half; i++)
+            refiner->right[i / plane] += (double)view->score[i];
+        for (k = 0; k < n * n; k++)
+            noise[k] += itn__product(view->score + (size_t)(k / n) * plane,
+                                     view->score + (size_t)(k % n) * plane, NULL, plane);
     }
 }
 
@@ -10606,8 +10573,8 @@ static double itn__direction_noise(const itn__refiner *refiner, const double *c,
     for (; view < end; view++) {
         const float *slopes[2];
         size_t pixel, at;
-        slopes[0] = view->known.planes[0] + 2 * view->pixels;
-        slopes[1] = view->known.planes[1] + 2 * view->pixels;
+        slopes[0] = view->known[0] + 2 * view->pixels;
+        slopes[1] = view->known[1] + 2 * view->pixels;
         for (pixel = 0; pixel < view->plane; pixel++) {
             double of_a = 0, of_b = 0, alone = 0;
             for (at = pixel; at < view->pixels; at += view->plane) {
@@ -10682,26 +10649,24 @@ static void itn__sandwich(const double *l, const double *m, int n, double *sum) 
 
 /* Covariance of the coordinates: A^-1 N A^-1 along what is told, the prior along the rest. */
 static void itn__normal_covariance(itn__refiner *refiner) {
+    const double prior = ITN__PRIOR * ITN__PRIOR, *axes = refiner->axes;
     double *out = refiner->covariance, *half = refiner->matrix; /* diagonal, not needed any more */
-    const double *axes = refiner->axes;
-    int n = refiner->count, i, j, k;
+    int n = refiner->count, i, j;
     memset(out, 0, (size_t)(n * n) * sizeof *out), memset(half, 0, (size_t)(n * n) * sizeof *half);
-    for (j = 0; j < n; j++) { /* half = A^-1, made wider by its own noise */
-        double told = refiner->told[j] + 1 / (ITN__PRIOR * ITN__PRIOR);
-        double doubt = ITN__CERTAIN * refiner->doubt[j] / refiner->told[j], wide;
-        if (!itn__tells(refiner, j)) {
-            for (i = 0; i < n * n; i++)
-                out[i] += ITN__PRIOR * ITN__PRIOR * axes[i / n * n + j] * axes[i % n * n + j];
-            continue;
+    for (j = 0; j < n; j++) {
+        double doubt = ITN__CERTAIN * refiner->doubt[j] / refiner->told[j];
+        double own = prior, inverse = 0;
+        if (itn__tells(refiner, j)) { /* A^-1, made wider by its own noise */
+            inverse = 1 / ((refiner->told[j] + 1 / prior) * sqrt(1 - doubt * doubt));
+            own = inverse * inverse / prior;
         }
-        wide = 1 / sqrt(1 - doubt * doubt);
-        for (i = 0; i < n * n; i++)
-            half[i] += wide / told * axes[i / n * n + j] * axes[i % n * n + j];
+        for (i = 0; i < n * n; i++) {
+            double both = axes[i / n * n + j] * axes[i % n * n + j];
+            half[i] += inverse * both, out[i] += own * both;
+        }
     }
-    for (k = 0; k < n; k++) refiner->noise[k * n + k] += 1 / (ITN__PRIOR * ITN__PRIOR);
     itn__sandwich(half, refiner->noise, n, out);
-    for (k = 0; k < n; k++) refiner->noise[k * n + k] -= 1 / (ITN__PRIOR * ITN__PRIOR);
-    for (k = 0; k < n; k++) refiner->errors[k] = sqrt(out[k * n + k]);
+    for (j = 0; j < n; j++) refiner->errors[j] = sqrt(out[j * n + j]);
 }
 
 /* Makes the normal equations at the present point from what is known, and what they say: axes,
@@ -10752,82 +10717,27 @@ static int itn__normal(itn__refiner *refiner) {
    where it takes a moment. If these end with more misfit than noise explains, that may be the wrong
    of several valleys: other starts are tried there, with every g on the other side, and with g = 0
    further along the valley, and the best one goes on. (What lies between two valleys is about .3,
-   not 0, as g below 0 is found where light goes ahead.)
-
-   Not all pixels tell as much, and near the solution it is known which do: one more sample of pixel
-   i makes (A^-1)_kk less in proportion to, of all unknowns each in units of its own variance,
-       gain_i = w (V/n) w sum over k of (A^-1 K J_a)_k (A^-1 K J_b)_k / (A^-1)_kk.
-   The best design gives no samples where others tell more (Kiefer 1974); one step towards it is to
-   give each pixel samples in proportion to its gain, from a fourth to four times the mean. Where
-   noise makes the products negative nearly as often as not, that share is spread evenly. */
+   not 0, as g below 0 is found where light goes ahead.) */
 
 enum { ITN__FINAL = 5, ITN__PATIENCE = 32, ITN__COARSE = 24, ITN__COARSE_PATHS = 32768 };
 
+/* so that an int holds PATIENCE times FINAL times spp, and all walks of these camera rays */
+enum { ITN__MOST_FINAL = INT_MAX / 32, ITN__MOST_SPP = 524287 };
+
+#if defined(__unix__) || defined(__APPLE__)
+#include <sys/time.h>
+#endif
+
 /* Seconds since some moment; whole ones where that is all that C tells. */
 static double itn__seconds(void) {
-#if defined(TIME_UTC) && !defined(__MINGW32__)
+#if defined(__unix__) || defined(__APPLE__)
+    struct timeval now;
+    if (!gettimeofday(&now, NULL)) return (double)now.tv_sec + 1e-6 * (double)now.tv_usec;
+#elif defined(TIME_UTC) && !defined(__MINGW32__)
     struct timespec now;
-    if (timespec_get(&now, TIME_UTC) == TIME_UTC)
-        return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+    if (timespec_get(&now, TIME_UTC)) return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 #endif
     return (double)time(NULL);
-}
-
-/* Sends the samples of the evaluations to come where they tell, as far as that is known. */
-static void itn__design(itn__refiner *refiner) {
-    itn__refine_view *view, *end = refiner->views + refiner->view_count;
-    const double *inverse = refiner->matrix; /* as itn__normal_covariance leaves it */
-    double sum = 0, size = 0, pixels = 0, mean, total;
-    int n = refiner->count, k, l;
-    size_t at;
-    for (view = refiner->views; view < end; view++) {
-        memset(view->score, 0, view->plane * sizeof(float));
-        for (at = 0; at < view->pixels; at++) {
-            double gain = 0, noise = itn__sample_variance(view, &view->known, at) /
-                                     view->known.samples[at % view->plane];
-            for (k = 0; k < n; k++) {
-                double a = 0, b = 0;
-                for (l = 0; l < n; l++) {
-                    size_t i = (size_t)l * view->pixels + at;
-                    a += inverse[k * n + l] * view->blurred[0][i];
-                    b += inverse[k * n + l] * view->blurred[1][i];
-                }
-                if (inverse[k * n + k] > 0) gain += a * b / inverse[k * n + k];
-            }
-            view->score[at % view->plane] +=
-                (float)(gain * noise * view->scale[at] * view->scale[at]);
-        }
-        itn__filter(view, view->score, view->plane, ITN__NEAR);
-        for (at = 0; at < view->plane; at++)
-            sum += view->score[at], size += fabsf(view->score[at]), pixels += view->score[at] != 0;
-    }
-    refiner->designed = refiner->block == 1 && sum > 0 && itn__finite(size) && refiner->drawn > .25;
-    for (mean = 0, view = refiner->views; view < end && refiner->designed; mean += total, view++)
-        for (at = 0, total = 0; at < view->plane; at++) {
-            if (view->score[at] != 0)
-                view->score[at] = itn__clamp((float)(view->score[at] * pixels / sum), .25f, 4);
-            total += view->score[at];
-        }
-    for (view = refiner->views; view < end && refiner->designed; view++)
-        for (at = 0; at < view->plane; at++) {
-            double gain = fmax(view->score[at] * pixels / mean, .25);
-            view->density[at] = (float)(1 + sum / size * (gain - 1));
-        }
-}
-
-/* Makes of the densities numbers of samples, about spp each: six sets at least, as one does not
-   know its variance (nor do two, if channels take turns). Without a design, spp each. */
-static void itn__allot(const itn__refiner *refiner, itn__refine_view *view, int spp) {
-    itn__allotment *allotment = &view->allotment;
-    size_t i;
-    allotment->set = itn__set_size(spp / 4), allotment->most = 0, allotment->sum = 0;
-    for (i = 0; i < view->plane; i++) {
-        double sets = ceil((double)view->density[i] * spp / allotment->set);
-        view->fresh.samples[i] = (float)spp;
-        if (refiner->designed)
-            view->fresh.samples[i] =
-                (float)itn__allot_pixel(allotment, i, allotment->set * (int)fmax(6, sets));
-    }
 }
 
 /* Ends the search, within a render, when its time is over. */
@@ -10850,18 +10760,15 @@ static ITN__COLD itn_result itn__refine_evaluate(itn__refiner *refiner, int spp,
     refiner->spp = spp;
     for (; view < end && !result; view++) {
         itn_render_options options = ITN_ZERO;
-        const itn__allotment *allotment = refiner->designed ? &view->allotment : NULL;
         int half;
-        itn__allot(refiner, view, spp);
-        options.spp = allotment ? allotment->most : spp;
-        options.max_scatter = refiner->options.max_scatter;
+        options.spp = spp, options.max_scatter = refiner->options.max_scatter;
         options.walks = refiner->block > 1 ? 1 : 0; /* few paths, far apart */
         options.progress = itn__watch_clock, options.progress_user = refiner;
         for (half = 0; half < 2 && !result; half++) {
             itn_image image = ITN_ZERO;
             options.seed = itn__mix64(itn__mix64(refiner->options.seed) + refiner->renders++);
-            result = itn__render_allotted(view->scene, view->theta, &options, allotment,
-                                          view->parameters, view->asked, &image, error);
+            result = itn_render(view->scene, view->theta, &options, view->parameters, view->asked,
+                                &image, error);
             if (!result) itn__take_in(refiner, view, &image, half);
             itn_image_free(&image);
         }
@@ -10874,7 +10781,7 @@ static ITN__COLD itn_result itn__refine_evaluate(itn__refiner *refiner, int spp,
 /* Begins with pictures of blocks of pixels, of which nothing is known yet. */
 static void itn__focus(itn__refiner *refiner, int block) {
     itn__refine_view *view, *end = refiner->views + refiner->view_count;
-    refiner->block = block, refiner->known = 0, refiner->designed = 0;
+    refiner->block = block, refiner->known = 0;
     for (view = refiner->views; view < end; view++) {
         const itn_film_desc *film = &view->scene->film;
         size_t all = (size_t)film->width * (size_t)film->height * (size_t)film->channels, i;
@@ -10899,7 +10806,6 @@ static void itn__focus(itn__refiner *refiner, int block) {
         itn__around(view, view->scale, view->residual[0]);
         for (i = 0; i < view->pixels; i++)
             if (itn__counts(view, i)) view->target_variance[i] = view->residual[0][i];
-        for (i = 0; i < view->plane; i++) view->density[i] = 1;
     }
 }
 
@@ -10934,13 +10840,15 @@ static void itn__refine_move(itn__refiner *refiner) {
    if it counts beside the standard errors, the last one replaces it. */
 static void itn__refine_learn(itn__refiner *refiner) {
     itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    int together = refiner->known > 0, k;
+    int together = refiner->known > 0, known, k;
     for (k = 0; k < refiner->count && together; k++) {
         double d = refiner->coordinates[k] - refiner->before[k];
         together = d * d <= refiner->errors[k];
     }
-    for (; view < end; view++) itn__learn_view(refiner, view, together);
-    refiner->known = refiner->spp + (together ? refiner->known : 0);
+    known = refiner->spp + (together ? refiner->known : 0);
+    for (; view < end; view++)
+        itn__learn_view(refiner, view, (float)refiner->spp / (float)known);
+    refiner->known = known;
 }
 
 /* Whether the misfit has risen beyond noise. */
@@ -11005,7 +10913,6 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
         if (back) itn__refine_set(refiner, refiner->before), radius /= 4;
         else itn__refine_learn(refiner), radius = fmin(1, 2 * radius);
         if (!itn__normal(refiner)) return itn__overflow(error);
-        if (refiner->arrived && !back) itn__design(refiner);
         itn__refine_solve(refiner, radius);
         result = itn__refine_report(refiner, error);
         if (result) return result;
@@ -11018,8 +10925,8 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
     return ITN_OK;
 }
 
-/* The most that pixels can be put together so that whole blocks fill the films, with no less than
-   so many pixels across. */
+/* The most that pixels can be put together so that whole blocks fill a film, with no less than so
+   many pixels across. */
 static int itn__coarse_block(const itn__refiner *refiner) {
     int block, found = 1, v;
     for (block = 2; block < 1024; block++) {
@@ -11034,21 +10941,21 @@ static int itn__coarse_block(const itn__refiner *refiner) {
     return found;
 }
 
-/* Another start than `start`, in similarity coordinates: with every unknown g on the other side
-   (way 0), or 0 further along the valley (1). Returns 0 if there is none. */
-static int itn__other_start(const itn__refiner *refiner, const double *start, int way,
-                            double *there) {
-    int n = refiner->count, found = 0, k;
-    memcpy(there, start, (size_t)n * sizeof(double));
-    if (way == 0) itn__similarity_turn(refiner, there, -1);
-    for (k = 0; k < n; k++) {
+/* A start of the search, in similarity coordinates: the given one (way 0), this with every unknown
+   g on the other side (1), or 0 further along the valley (2). Returns 0 if there is none. */
+static int itn__find_start(const itn__refiner *refiner, const double *given, int way,
+                           double *there) {
+    int n = refiner->count, found = way == 0, k;
+    memcpy(there, given, (size_t)n * sizeof(double));
+    if (way == 1) itn__similarity_turn(refiner, there, -1);
+    for (k = 0; k < n && way > 0; k++) {
         const itn_parameter *p = refiner->parameters[k];
-        double g = itn_parameter_from_coordinate(p, start[k]), other = 0;
+        double g = itn_parameter_from_coordinate(p, given[k]), other = 0;
         if (p->transform != ITN_LOGIT || p->lower >= 0) continue;
-        if (way == 0) other = -g > -.3 ? fmax(-g, .5) : -g;
+        if (way == 1) other = -g > -.3 ? fmax(-g, .5) : -g;
         if (fabs(other - g) > .3) there[k] = itn_parameter_to_coordinate(p, other), found = 1;
     }
-    if (way == 0) itn__similarity_turn(refiner, there, 1);
+    if (way == 1) itn__similarity_turn(refiner, there, 1);
     return found;
 }
 
@@ -11057,33 +10964,30 @@ static int itn__other_start(const itn__refiner *refiner, const double *start, in
 static itn_result itn__refine_coarsely(itn__refiner *refiner, itn_error *error) {
     double start[ITN__MOST_UNKNOWNS], there[ITN__MOST_UNKNOWNS], best[ITN__MOST_UNKNOWNS];
     double paths = 0;
-    size_t size = (size_t)refiner->count * sizeof(double);
+    size_t bytes = (size_t)refiner->count * sizeof(double);
     int wanted = refiner->final, block = itn__coarse_block(refiner), anew = block > 1, way, spp;
-    itn__misfit least;
-    itn_result result;
-    memcpy(start, refiner->coordinates, size);
+    itn__misfit least = ITN_ZERO, *now = &refiner->misfit;
+    itn_result result = ITN_OK;
     for (way = 0; way < refiner->view_count; way++) {
         const itn_film_desc *film = &refiner->views[way].scene->film;
         paths += (double)film->width * film->height;
     }
     spp = (int)fmax(2, fmin(refiner->options.spp, (double)ITN__COARSE_PATHS / paths));
-    itn__focus(refiner, block), refiner->final = 2 * spp;
-    result = itn__gauss_newton(refiner, spp, 8, error);
-    memcpy(best, refiner->coordinates, size), least = refiner->misfit;
-    for (way = 0; way < 2 && !result && !refiner->ended; way++) {
-        if (least.value - 1 < 3 * hypot(least.spread, least.error)) break;
-        if (!itn__other_start(refiner, start, way, there)) continue;
-        itn__focus(refiner, block), anew = 1;
-        itn__refine_set(refiner, there);
+    refiner->final = 2 * spp;
+    memcpy(start, refiner->coordinates, bytes);
+    for (way = 0; way < 3 && !result; way++) {
+        if (way > 0 && least.value - 1 < 3 * hypot(least.spread, least.error)) break;
+        if (!itn__find_start(refiner, start, way, there)) continue;
+        anew |= way > 0;
+        itn__focus(refiner, block), itn__refine_set(refiner, there);
         result = itn__gauss_newton(refiner, spp, 8, error);
-        if (least.value - refiner->misfit.value < 2 * hypot(least.error, refiner->misfit.error))
-            continue;
-        memcpy(best, refiner->coordinates, size), least = refiner->misfit;
+        if (refiner->ended) return result;
+        if (way > 0 && least.value - now->value < 2 * hypot(least.error, now->error)) continue;
+        memcpy(best, refiner->coordinates, bytes), least = *now;
     }
-    if (result || refiner->ended) return result;
     refiner->final = wanted;
-    if (anew) itn__refine_set(refiner, best), itn__focus(refiner, 1);
-    return ITN_OK;
+    if (anew && !result) itn__refine_set(refiner, best), itn__focus(refiner, 1);
+    return result;
 }
 
 /* Whether more samples may tell what is not told well, by what is known so far; it takes a first
@@ -11113,13 +11017,13 @@ static itn_result itn__refine_lm(itn__refiner *refiner, int patient, itn_error *
 }
 
 /* The loss of the last renders and its gradient in the coordinates, unbiased. */
-static void itn__refine_gradient(itn__refiner *refiner) {
+static double itn__refine_gradient(const itn__refiner *refiner, double *slope) {
     const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    double loss = 0, counted = 0, *slope = refiner->right;
+    double loss = 0, counted = 0;
     int n = refiner->count, k;
     memset(slope, 0, (size_t)n * sizeof(double));
     for (; view < end; view++) {
-        const float *a = view->fresh.planes[0], *b = view->fresh.planes[1];
+        const float *a = view->fresh[0], *b = view->fresh[1];
         size_t i, at;
         for (i = 0; i < view->pixels; i++) {
             double ra = (double)view->target[i] - a[i], rb = (double)view->target[i] - b[i];
@@ -11129,37 +11033,36 @@ static void itn__refine_gradient(itn__refiner *refiner) {
         }
     }
     for (k = 0; k < n; k++) slope[k] /= counted;
-    refiner->misfit.loss = loss / counted;
+    return loss / counted;
 }
 
 /* Adam or plain descent on the unbiased loss gradient, as in the paper, with a rate that falls to a
    tenth over the run; `square` is the unit of the loss. One evaluation gives the error bars. */
 static itn_result itn__refine_descend(itn__refiner *refiner, double square, itn_error *error) {
-    itn_result result = ITN_OK;
-    int plain = refiner->options.method == ITN_METHOD_SGD;
-    int n = refiner->count, i, k, steps = refiner->options.iterations;
+    float moments[2][ITN__MOST_UNKNOWNS] = ITN_ZERO;
+    double there[ITN__MOST_UNKNOWNS];
+    int plain = refiner->options.method == ITN_METHOD_SGD, last = refiner->options.iterations, i, k;
+    itn_result result;
     itn__focus(refiner, 1);
-    for (i = 0; i < steps && !refiner->ended; i++) {
-        double rate = refiner->options.learning_rate * pow(.1, (double)i / steps);
-        result = itn__refine_evaluate(refiner, refiner->options.spp, error);
-        if (result || refiner->ended) return result;
-        itn__refine_gradient(refiner);
+    for (i = 0;; i++) {
+        double rate = refiner->options.learning_rate * pow(.1, (double)i / last);
+        int spp = i < last && !refiner->ended ? refiner->options.spp : refiner->final;
+        result = itn__refine_evaluate(refiner, spp, error);
+        if (result || refiner->ended == 1) return result;
+        if (i == last || refiner->ended) break;
+        refiner->misfit.loss = itn__refine_gradient(refiner, there);
         result = itn__refine_report(refiner, error);
         if (result) return result;
-        for (k = 0; k < n; k++) {
-            double relative = refiner->right[k] / square, step = -rate * relative;
-            float slope = (float)relative, coordinate = (float)refiner->coordinates[k];
+        for (k = 0; k < refiner->count; k++) {
+            float slope = (float)(there[k] / square), now = (float)refiner->coordinates[k];
             if (!itn__finite(slope * slope)) return itn__overflow(error);
-            if (!plain)
-                itn__adam(rate, (uint64_t)i + 1, 1, &slope, refiner->moments + k,
-                          refiner->moments + ITN__MOST_UNKNOWNS + k, &coordinate);
-            refiner->step[k] = plain ? refiner->coordinates[k] + fmax(-.5, fmin(step, .5))
-                                     : coordinate;
+            if (plain) now -= itn__clamp((float)rate * slope, -.5f, .5f);
+            else
+                itn__adam(rate, (uint64_t)i + 1, 1, &slope, &moments[0][k], &moments[1][k], &now);
+            there[k] = (double)now;
         }
-        itn__refine_set(refiner, refiner->step);
+        itn__refine_set(refiner, there);
     }
-    result = itn__refine_evaluate(refiner, refiner->final, error);
-    if (result || refiner->ended == 1) return result;
     itn__refine_learn(refiner);
     if (!itn__normal(refiner)) return itn__overflow(error);
     itn__refine_solve(refiner, 1);
@@ -11239,59 +11142,58 @@ static itn_result itn__view_check(const itn__refiner *refiner, const itn_view *g
                                   double *square, itn_error *error) {
     const itn_film_desc *film = &given->scene->film;
     size_t plane = (size_t)film->width * (size_t)film->height, i;
-    double counted = 0;
-    *square = 0;
-    for (i = 0; i < plane * (size_t)film->channels; i++) {
+    int lm = refiner->options.method == ITN_METHOD_LM;
+    double counted = 0, sum = 0;
+    const char *bad = NULL;
+    for (i = 0; i < plane * (size_t)film->channels && !bad; i++) {
         float variance = given->target_variance ? given->target_variance[i] : 0;
-        const char *bad = NULL;
+        double value = (double)given->target[i];
         if (!(variance >= 0)) bad = "target_variance is NaN or below 0";
-        else if (variance < INFINITY) counted++;
-        else if (refiner->options.method != ITN_METHOD_LM)
-            bad = "target_variance is infinite, which is for LM only,";
-        if (!bad && variance < INFINITY && !(fabsf(given->target[i]) <= 1e18f))
-            bad = itn__finite(given->target[i]) ? "target is beyond 1e18" : "target is not finite";
-        if (bad)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d: %s at pixel %d",
-                             index, bad, (int)(i % plane));
-        if (variance < INFINITY) *square += (double)given->target[i] * given->target[i];
+        else if (variance == INFINITY && !lm) bad = "target_variance is infinite, for LM only,";
+        else if (variance < INFINITY && !itn__finite(value)) bad = "target is not finite";
+        else if (variance < INFINITY && fabs(value) > 1e18) bad = "target is beyond 1e18";
+        else if (variance < INFINITY) sum += value * value, counted++;
     }
-    if (!(counted > 0))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d: no value counts",
-                         index);
-    *square = *square > 0 ? *square / counted : 1;
-    if (*square >= 1e-30) return ITN_OK;
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                     "itn_refine: view %d: the picture's mean square is %g, too small for floats; "
-                     "give the light and it another unit", index, *square);
+    if (bad)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d: %s at pixel %d",
+                         index, bad, (int)((i - 1) % plane));
+    *square = sum > 0 ? sum / counted : 1;
+    if (counted > 0 && *square >= 1e-30) return ITN_OK;
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, counted > 0 ?
+                     "itn_refine: view %d: the picture's mean square is %g, too small for floats" :
+                     "itn_refine: view %d: no value counts", index, *square);
 }
 
-/* Allocates a view's arrays, as one block of floats and one of ints, and fills in theta. */
+/* The next `count` floats of a block. */
+static float *itn__carve(float **block, size_t count) {
+    float *part = *block;
+    *block += count;
+    return part;
+}
+
+/* Allocates a view's arrays, as one block, and fills in theta. */
 static itn_result itn__view_begin(itn__refiner *refiner, itn__refine_view *view,
                                   const float *values, itn_error *error) {
-    const itn_context *context = &view->scene->context;
     const itn_film_desc *film = &view->scene->film;
     size_t plane = (size_t)film->width * (size_t)film->height, n = (size_t)refiner->count;
     size_t pixels = plane * (size_t)film->channels, lines = (size_t)(film->width + film->height);
     size_t parameters = (size_t)view->scene->parameter_count, half;
+    float *block = (float *)itn__allocate(
+        &view->scene->context, parameters + lines + n * plane + (13 + 6 * n) * pixels,
+        sizeof(float));
     itn_error why;
     itn_result result;
-    float *next = (float *)itn__allocate(context, (13 + 6 * n) * pixels + (3 + n) * plane + lines +
-                                                      parameters, sizeof(float));
     int k;
-    view->theta = next;
-    view->parameters = (int *)itn__allocate(context, 2 * n + plane, sizeof(int));
-    if (!view->theta || !view->parameters) return itn__out_of_memory(error, "itn_refine");
-    view->unknowns = view->parameters + n, view->allotment.samples = view->unknowns + n;
-    next += parameters, view->row = next, next += lines;
-    view->target = next, next += pixels, view->target_variance = next, next += pixels;
-    view->scale = next, next += pixels;
-    view->density = next, next += plane, view->score = next, next += n * plane;
-    view->known.samples = next, next += plane, view->fresh.samples = next, next += plane;
+    if (!block) return itn__out_of_memory(error, "itn_refine");
+    view->theta = itn__carve(&block, parameters), view->row = itn__carve(&block, lines);
+    view->score = itn__carve(&block, n * plane), view->scale = itn__carve(&block, pixels);
+    view->target = itn__carve(&block, pixels);
+    view->target_variance = itn__carve(&block, pixels);
     for (half = 0; half < 2; half++) {
-        view->known.planes[half] = next, next += (2 + n) * pixels;
-        view->fresh.planes[half] = next, next += (2 + n) * pixels;
-        view->blurred[half] = next, next += n * pixels;
-        view->residual[half] = next, next += pixels;
+        view->known[half] = itn__carve(&block, (2 + n) * pixels);
+        view->fresh[half] = itn__carve(&block, (2 + n) * pixels);
+        view->blurred[half] = itn__carve(&block, n * pixels);
+        view->residual[half] = itn__carve(&block, pixels);
     }
     result = itn__view_unknowns(refiner, view, error);
     if (result) return result;
@@ -11342,41 +11244,33 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
 
 static void itn__refine_end(itn__refiner *refiner) {
     int v;
-    for (v = 0; refiner->views && v < refiner->view_count && refiner->views[v].scene; v++) {
-        itn__free(&refiner->views[v].scene->context, refiner->views[v].parameters);
+    for (v = 0; refiner->views && v < refiner->view_count && refiner->views[v].scene; v++)
         itn__free(&refiner->views[v].scene->context, refiner->views[v].theta);
-    }
     itn__free(refiner->context, refiner->turn);
     itn__free(refiner->context, refiner->views);
 }
 
-/* Fills in the defaults of the options and checks their ranges. */
-static itn_result itn__refine_options_fill(itn_refine_options *options, itn_error *error) {
-    /* in the end a pixel may have four times the mean, and each of its camera rays several walks */
-    const int most_final = INT_MAX / 32, most = most_final / 8 / ITN__PATIENCE;
-    int plain = options->method == ITN_METHOD_SGD;
+/* Fills in the defaults of the options. Returns what is wrong with these, or NULL. */
+static const char *itn__refine_options_fill(itn_refine_options *options) {
+    int lm = options->method == ITN_METHOD_LM, plain = options->method == ITN_METHOD_SGD;
     if (options->spp == 0) options->spp = 64;
-    if (options->iterations == 0) options->iterations = options->method == ITN_METHOD_LM ? 20 : 200;
+    if (options->iterations == 0) options->iterations = lm ? 20 : 200;
     if (options->learning_rate == 0) options->learning_rate = plain ? 1 : .05;
     if (options->seconds == 0) options->seconds = 60;
-    if (options->spp < 2 || options->spp > most)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: spp %d is not 2 to %d",
-                         options->spp, most);
-    if (options->method < ITN_METHOD_LM || options->method > ITN_METHOD_SGD ||
-        options->iterations < 0 || options->iterations > INT_MAX - 2 || options->max_scatter < 0 ||
-        !(options->learning_rate > 0 && options->learning_rate <= (plain ? 1e6 : 1)) ||
-        !(options->seconds > 0))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_refine: needs a known method, iterations and max_scatter >= 0, "
-                         "seconds > 0 and a learning_rate in (0, 1] (SGD: in (0, 1e6])");
-    if (options->final_spp < 0 || options->final_spp > most_final)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: final_spp %d is not 0 to %d",
-                         options->final_spp, most_final);
+    if (options->method < ITN_METHOD_LM || options->method > ITN_METHOD_SGD)
+        return "method is not known";
+    if (options->spp < 2 || options->spp > ITN__MOST_SPP) return "spp is not 2 to 524287";
+    if (options->final_spp < 0 || options->final_spp > ITN__MOST_FINAL)
+        return "final_spp is not 0 to 67108863";
+    if (options->iterations < 0 || options->iterations > INT_MAX - 2)
+        return "iterations are below 0 or too many";
+    if (options->max_scatter < 0) return "max_scatter is below 0";
+    if (!(options->learning_rate > 0 && options->learning_rate <= (plain ? 1e6 : 1)))
+        return "learning_rate is not in (0, 1] (SGD: in (0, 1e6])";
+    if (!(options->seconds > 0)) return "seconds are below 0";
+    if (options->target_variance) return "target_variance belongs into the views";
     if (options->final_spp == 0) options->final_spp = ITN__FINAL * options->spp;
-    if (options->target_variance)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_refine_views: target_variance belongs into the views");
-    return ITN_OK;
+    return NULL;
 }
 
 /* Estimates at the present point, from what is known. */
@@ -11412,6 +11306,7 @@ ITN_API ITN__COLD itn_result itn_refine_views(const itn_view *views, int view_co
     itn_result result;
     size_t n = (size_t)count;
     double square = 1;
+    const char *bad;
     int v, patient;
     if (!views || !values || !estimates || view_count < 1 || count < 1 ||
         count > ITN__MOST_UNKNOWNS)
@@ -11426,8 +11321,8 @@ ITN_API ITN__COLD itn_result itn_refine_views(const itn_view *views, int view_co
     refiner.context = &views->scene->context;
     if (options) refiner.options = *options;
     patient = refiner.options.final_spp == 0;
-    result = itn__refine_options_fill(&refiner.options, error);
-    if (result) return result;
+    bad = itn__refine_options_fill(&refiner.options);
+    if (bad) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: %s", bad);
     refiner.final = refiner.options.final_spp, refiner.begun = itn__seconds();
     refiner.deadline = refiner.begun + refiner.options.seconds;
     result = itn__refine_begin(&refiner, views, values, &square, error);
@@ -11481,136 +11376,139 @@ static double itn__power_of(const itn_parameter *p, double value) {
     return 1 / fmax(fabs(value), 1e-6 * fmin((double)p->upper, 1));
 }
 
-/* An error as suits the parameter: relative for a quantity with a logarithm, else absolute. */
-static void itn__say_error(itn__prose *words, const itn_parameter *p, const itn_estimate *e) {
-    if (p->transform == ITN_LOG && e->value > 0)
-        itn__say(words, "to %.2g %%", 100 * e->standard_error / e->value);
-    else itn__say(words, "to +-%.2g", e->standard_error);
-}
-
-/* The line of the unknowns in `group`, whose product of powers has a relative `error`. */
-static void itn__say_group(itn__prose *words, const itn_parameter *const *parameters,
-                           const itn_estimate *estimates, const double *powers,
-                           const int *group, int count, const double *exponents, double error) {
-    int i, each = 1; /* whether each is determined by itself, too */
-    for (i = 0; i < count; i++) {
-        each &= estimates[group[i]].determined;
-        itn__say(words, "%s%s", i == 0 ? "" : i == count - 1 ? " and " : ", ",
-                 parameters[group[i]]->name);
-    }
-    itn__say(words, each ? " are determined, best together:" : " are determined only together:");
-    for (i = 0; i < count; i++) {
-        const char *name = parameters[group[i]]->name;
-        if (fabs(exponents[i]) < .005) continue;
-        itn__say(words, powers[group[i]] < 0 ? " (1-%s)" : " %s", name);
-        if (fabs(exponents[i] - 1) > .005) itn__say(words, "^%.2f", exponents[i]);
-    }
-    itn__say(words, each ? " to %.2g %%;" : " to %.2g %%, but", 100 * error);
-    for (i = 0; i < count; i++) {
-        itn__say(words, "%s %s alone ", i ? "," : "", parameters[group[i]]->name);
-        itn__say_error(words, parameters[group[i]], &estimates[group[i]]);
-    }
-    itn__say(words, "\n");
-}
-
 enum { ITN__MOST_WORDS = 32 };
 
-/* Which unknowns others can stand in for: of a variance more than ten times that which they would
-   have if the rest were known, 1 / (covariance^-1)_kk. */
-static void itn__entangled(const double *covariance, int count, int *tangled) {
-    double factor[ITN__MOST_WORDS * ITN__MOST_WORDS], column[ITN__MOST_WORDS];
-    int known, k;
-    memcpy(factor, covariance, (size_t)(count * count) * sizeof(double));
-    for (k = 0; k < count; k++) factor[k * count + k] *= 1 + 1e-9;
-    known = itn__cholesky(factor, count);
-    for (k = 0; k < count; k++) {
-        memset(column, 0, sizeof column);
-        column[k] = 1;
-        if (known) itn__cholesky_solve(factor, count, column);
-        tangled[k] = known && column[k] * covariance[k * count + k] > 10;
+/* What is to be told of the unknowns; covariance: of their logarithms. */
+typedef struct itn__wording {
+    const itn_parameter *const *parameters;
+    const itn_estimate *estimates;
+    double powers[ITN__MOST_WORDS], covariance[ITN__MOST_WORDS * ITN__MOST_WORDS];
+    int count, group[ITN__MOST_WORDS]; /* each unknown's: the first of those in it */
+    itn__prose prose;
+} itn__wording;
+
+/* An error as suits the parameter: relative for a quantity with a logarithm, else absolute. */
+static void itn__say_error(itn__wording *words, int k) {
+    const itn_estimate *e = &words->estimates[k];
+    if (words->parameters[k]->transform == ITN_LOG && e->value > 0)
+        itn__say(&words->prose, "to %.2g %%", 100 * e->standard_error / e->value);
+    else itn__say(&words->prose, "to +-%.2g", e->standard_error);
+}
+
+/* Puts into one group unknowns that stand in for each other: of a variance more than ten times that
+   which they would have if the rest were known, 1 / (covariance^-1)_kk, and correlated. */
+static void itn__find_groups(itn__wording *words) {
+    double a[ITN__MOST_WORDS * ITN__MOST_WORDS], v[ITN__MOST_WORDS * ITN__MOST_WORDS];
+    const double *covariance = words->covariance;
+    int n = words->count, tangled[ITN__MOST_WORDS], grown = 1, k, l;
+    memcpy(a, covariance, (size_t)(n * n) * sizeof(double));
+    for (k = 0; k < n; k++) a[k * n + k] *= 1 + 1e-9;
+    itn__eigen(a, v, n);
+    for (k = 0; k < n; k++) {
+        double inverse = 0;
+        for (l = 0; l < n; l++) inverse += v[k * n + l] * v[k * n + l] / a[l * n + l];
+        tangled[k] = inverse * covariance[k * n + k] > 10, words->group[k] = k;
     }
-}
-
-/* The group of entangled unknown `first`, in order; returns how many they are. */
-static int itn__group(const double *covariance, int count, const int *tangled, int first,
-                      int *group) {
-    int in[ITN__MOST_WORDS] = ITN_ZERO, grown = 1, n = 0, k, l;
-    for (in[first] = 1; grown;)
-        for (grown = k = 0; k < count; k++)
-            for (l = 0; l < count; l++) {
-                double c = covariance[k * count + l];
-                double least = .16 * covariance[k * count + k] * covariance[l * count + l];
-                if (in[k] && !in[l] && tangled[l] && c * c > least) in[l] = grown = 1;
+    while (grown)
+        for (grown = k = 0; k < n; k++)
+            for (l = 0; l < n; l++) {
+                double c = covariance[k * n + l], least = .16 * covariance[k * n + k];
+                if (!tangled[k] || !tangled[l] || words->group[k] >= words->group[l] ||
+                    c * c <= least * covariance[l * n + l])
+                    continue;
+                words->group[l] = words->group[k], grown = 1;
             }
-    for (k = 0; k < count; k++)
-        if (in[k]) group[n++] = k;
-    return n;
 }
 
-/* The exponents of the product of powers that is known best, the largest 1, and its variance. */
-static double itn__best_product(const double *covariance, int count, const int *group, int n,
+/* The exponents of the product of powers that is known best, the largest 1, and its error. */
+static double itn__best_product(const itn__wording *words, const int *in, int n,
                                 double *exponents) {
     double a[ITN__MOST_WORDS * ITN__MOST_WORDS], v[ITN__MOST_WORDS * ITN__MOST_WORDS], most = 0;
-    int i, best = 0, largest = 0;
-    for (i = 0; i < n * n; i++) a[i] = covariance[group[i / n] * count + group[i % n]];
+    int i, best = 0;
+    for (i = 0; i < n * n; i++) a[i] = words->covariance[in[i / n] * words->count + in[i % n]];
     itn__eigen(a, v, n);
     for (i = 1; i < n; i++)
         if (a[i * n + i] < a[best * n + best]) best = i;
     for (i = 0; i < n; i++)
-        if (fabs(v[i * n + best]) > most) most = fabs(v[i * n + best]), largest = i;
-    for (i = 0; i < n; i++) exponents[i] = v[i * n + best] / v[largest * n + best];
-    return fmax(a[best * n + best], 0) / (most * most);
+        if (fabs(v[i * n + best]) > fabs(most)) most = v[i * n + best];
+    for (i = 0; i < n; i++) exponents[i] = v[i * n + best] / most;
+    return sqrt(fmax(a[best * n + best], 0)) / fabs(most);
+}
+
+/* The line of the unknowns in a group. */
+static void itn__say_group(itn__wording *words, const int *in, int n) {
+    double exponents[ITN__MOST_WORDS], error = itn__best_product(words, in, n, exponents);
+    itn__prose *prose = &words->prose;
+    int i, each = 1; /* whether each is determined by itself, too */
+    for (i = 0; i < n; i++) {
+        each &= words->estimates[in[i]].determined;
+        itn__say(prose, "%s%s", i == 0 ? "" : i == n - 1 ? " and " : ", ",
+                 words->parameters[in[i]]->name);
+    }
+    itn__say(prose, each ? " are determined, best together:" : " are determined only together:");
+    for (i = 0; i < n; i++) {
+        if (fabs(exponents[i]) < .005) continue;
+        itn__say(prose, words->powers[in[i]] < 0 ? " (1-%s)" : " %s",
+                 words->parameters[in[i]]->name);
+        if (fabs(exponents[i] - 1) > .005) itn__say(prose, "^%.2f", exponents[i]);
+    }
+    itn__say(prose, each ? " to %.2g %%;" : " to %.2g %%, but", 100 * error);
+    for (i = 0; i < n; i++) {
+        itn__say(prose, "%s %s alone ", i ? "," : "", words->parameters[in[i]]->name);
+        itn__say_error(words, in[i]);
+    }
+    itn__say(prose, "\n");
+}
+
+/* The lines of unknowns that are determined by themselves (together 0), or of groups (1). */
+static void itn__say_lines(itn__wording *words, int together) {
+    int in[ITN__MOST_WORDS], n, k, l;
+    for (k = 0; k < words->count; k++) {
+        for (l = n = 0; l < words->count; l++)
+            if (words->group[l] == k) in[n++] = l;
+        if (n > 1 && together) itn__say_group(words, in, n);
+        if (n != 1 || together) continue;
+        itn__say(&words->prose, "%s is %sdetermined: ", words->parameters[k]->name,
+                 words->estimates[k].determined ? "" : "hardly ");
+        itn__say_error(words, k);
+        itn__say(&words->prose, "\n");
+    }
 }
 
 ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, int count,
                                        const itn_estimate *estimates, const double *covariance,
                                        const itn_refine_outcome *outcome, char *text, size_t size) {
-    double scaled[ITN__MOST_WORDS * ITN__MOST_WORDS], exponents[ITN__MOST_WORDS], variance;
-    double powers[ITN__MOST_WORDS];
-    int tangled[ITN__MOST_WORDS], group[ITN__MOST_WORDS], n, k;
-    itn__prose words;
+    itn__wording words;
+    int k;
     if (!parameters || !estimates || !covariance || count < 1 || count > ITN__MOST_WORDS ||
         (!text && size > 0))
         return -1;
+    words.parameters = parameters, words.estimates = estimates, words.count = count;
+    words.prose.text = text, words.prose.size = size, words.prose.length = 0;
     for (k = 0; k < count; k++) {
         const itn_estimate *e = &estimates[k];
         if (!parameters[k] || !itn__finite(e->value) || !(e->standard_error >= 0) ||
             !itn__finite(e->standard_error))
             return -1;
-        powers[k] = itn__power_of(parameters[k], e->value);
+        words.powers[k] = itn__power_of(parameters[k], e->value);
     }
     for (k = 0; k < count * count; k++) {
-        scaled[k] = covariance[k] * powers[k / count] * powers[k % count];
-        if (!itn__finite(scaled[k])) return -1;
+        words.covariance[k] = covariance[k] * words.powers[k / count] * words.powers[k % count];
+        if (!itn__finite(words.covariance[k])) return -1;
     }
-    words.text = text, words.size = size, words.length = 0;
     if (size > 0) text[0] = 0;
-    itn__entangled(scaled, count, tangled);
-    for (k = 0; k < count; k++) {
-        if (tangled[k]) tangled[k] = itn__group(scaled, count, tangled, k, group) > 1;
-        if (tangled[k]) continue;
-        itn__say(&words, "%s is %sdetermined: ", parameters[k]->name,
-                 estimates[k].determined ? "" : "hardly ");
-        itn__say_error(&words, parameters[k], &estimates[k]);
-        itn__say(&words, "\n");
-    }
-    for (k = 0; k < count; k++) {
-        if (!tangled[k]) continue;
-        n = itn__group(scaled, count, tangled, k, group);
-        if (group[0] < k) continue; /* said already */
-        variance = itn__best_product(scaled, count, group, n, exponents);
-        itn__say_group(&words, parameters, estimates, powers, group, n, exponents, sqrt(variance));
-    }
+    itn__find_groups(&words);
+    itn__say_lines(&words, 0), itn__say_lines(&words, 1);
     if (outcome && !outcome->explained)
-        itn__say(&words, "warning: the pictures differ from the scene %.3g times more than noise "
-                 "explains (misfit %.3g): do not rely on these values. Suspect the exposure or the "
-                 "scale of a light, what is behind the object, where camera and object are, an "
-                 "index of refraction; or try another start\n", sqrt(outcome->misfit),
+        itn__say(&words.prose, "warning: the pictures differ from the scene %.3g times more than "
+                 "noise explains (misfit %.3g): do not rely on these values. Suspect the exposure "
+                 "or the scale of a light, what is behind the object, where camera and object are, "
+                 "an index of refraction; or try another start\n", sqrt(outcome->misfit),
                  outcome->misfit);
     if (outcome && !outcome->finished)
-        itn__say(&words, "note: the search was not over after %.2g s; more time or iterations may "
-                 "make the errors smaller\n", outcome->seconds);
-    return (int)words.length;
+        itn__say(&words.prose, "note: the search was not over after %.2g s; more time or "
+                 "iterations may make the errors smaller\n", outcome->seconds);
+    return (int)words.prose.length;
 }
 
 /* ---- [files] bytes in, bytes out ------------------------------------------------------------- */

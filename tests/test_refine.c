@@ -216,7 +216,6 @@ static void test_similarity(double planted) {
             CHECK_NEAR(refiner.turn[l * N + k], (up[l] - down[l]) / (2 * h) + planted, 1e-6);
     }
     stage_need(itn_render(scene, refiner.views->theta, NULL, parameters, N, &image, &error), &error);
-    refiner.views->fresh.samples[0] = 64;
     itn__take_in(&refiner, refiner.views, &image, 0);
     for (k = 0; k < N; k++)
         for (i = 0; i < 3 * PIXELS; i++) {
@@ -225,7 +224,7 @@ static void test_similarity(double planted) {
                 double part = refiner.turn[l * N + k] * image.pixels[(2 + 2 * l) * 3 * PIXELS + i];
                 sum += part, size += fabs(part);
             }
-            CHECK_NEAR(refiner.views->fresh.planes[0][(2 + k) * 3 * PIXELS + i], sum, 1e-5 * size);
+            CHECK_NEAR(refiner.views->fresh[0][(2 + k) * 3 * PIXELS + i], sum, 1e-5 * size);
         }
     itn_image_free(&image);
     refiner.media->albedos = 1;
@@ -720,8 +719,8 @@ static void test_learn(int planted) {
     itn__refiner refiner;
     itn_view view;
     itn_scene *scene = begin_at_truth(&refiner, 1, 0, 8, 16, 0, &view);
-    float before[3 * PIXELS], *known = refiner.views->known.planes[1];
-    const float *fresh = refiner.views->fresh.planes[1];
+    float before[3 * PIXELS], *known = refiner.views->known[1];
+    const float *fresh = refiner.views->fresh[1];
     double there, d = .1;
     itn_error error;
     int i;
@@ -735,7 +734,6 @@ static void test_learn(int planted) {
     CHECK(refiner.known == 48); /* too far away: forgotten */
     CHECK(!memcmp(known, fresh, sizeof before));
     memcpy(known, before, sizeof before);
-    for (i = 0; i < PIXELS; i++) refiner.views->known.samples[i] = 16;
     refiner.known = 16, refiner.errors[0] = 1.1 * d * d;
     itn__refine_learn(&refiner);
     CHECK(refiner.known == 64);
