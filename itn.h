@@ -782,9 +782,8 @@ typedef struct itn_refine_step {
 
 /* How a search ended. */
 typedef struct itn_refine_outcome {
-    double misfit; /* the mean of (I - T)^2 over what noise explains, that of the picture and of
-                      renders as there are in the end; where the picture's noise is not known, it is
-                      what neighbouring pixels do not share */
+    double misfit; /* the mean of (I - T)^2 over what noise of picture and renders explains; where
+                      the picture's is not known, it is what neighbouring pixels do not share */
     double misfit_error; /* its standard error */
     int explained; /* 0: the misfit is clearly above 1 (1.2 and three errors): the scene is not that
                       of the picture, or the search ended in a wrong valley */
@@ -811,12 +810,10 @@ typedef struct itn_refine_options {
                              than .5 */
     double seconds; /* the most that a search takes, with the best answer so far; 0 = 60. The bits
                        of a result depend on the clock only where this ends the search */
-    const float *target_variance; /* [C][height][width] variance of each value of the target, used
-                                     as means over its neighbours. It tells which pixels to trust
-                                     and what a misfit of 1 is; error bars come from residuals.
-                                     NULL: unknown. INFINITY (LM only) masks a value of the target,
-                                     which may then be anything, NaN too; with all others 0: as
-                                     NULL. itn_refine only: each itn_view has its own */
+    const float *target_variance; /* [C][height][width] of each value of the target (NULL: unknown):
+                                     which pixels to trust, and what a misfit of 1 is. INFINITY (LM
+                                     only) masks a value, which may then be anything; all others 0:
+                                     as NULL. For itn_refine only: each itn_view has its own */
     double *covariance; /* if not NULL, receives [count][count]: of the values */
     itn_refine_outcome *outcome; /* if not NULL, is filled in */
     int (*progress)(void *user, const itn_refine_step *step); /* above 0 ends the search with the
@@ -836,32 +833,29 @@ typedef struct itn_estimate {
 } itn_estimate;
 
 /* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
-   theta on; other parameters stay. Adam and SGD take it as it stands; LM divides each pixel's
-   difference by what noise makes of it and compares pictures slightly blurred, which has the same
-   minimum where the scene accounts for the picture. It searches first in reduced pictures, also
-   from the other sign of every unknown g if more misfit remains than noise explains. Against other
-   wrong valleys a good start helps (a network's estimate), or several.
+   theta on; other parameters stay. LM divides each pixel's difference by what noise makes of it and
+   compares pictures slightly blurred, which has the same minimum where the scene accounts for the
+   picture. It searches first in reduced pictures, also from the other sign of every unknown g if
+   more misfit remains than noise explains. Against other wrong valleys a good start helps (a
+   network's estimate), or several. Adam and SGD should not start on a bound, where slopes vanish.
    theta: [itn_parameter_count], in and out. target: [C][height][width], linear radiometric, within
    -1e18 to 1e18. parameters: [count], all different, count from 1 to 256. estimates: [count].
-   options may be NULL. Adam and SGD should not start on a bound, where slopes vanish.
-   Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then theta, estimates and what
-   options point to are untouched. */
+   options may be NULL. Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then
+   theta, estimates and what options point to are untouched. */
 ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float *target,
                               const int *parameters, int count,
                               const itn_refine_options *options, itn_estimate *estimates,
                               itn_error *error);
 
 /* Says in words what the pictures determine: a line for each unknown that is determined by itself,
-   and one for each group of unknowns that hardly change the pictures when all change in the right
-   proportion, with the product of powers that is determined best. For example (in one line; if each
-   is determined by itself: "are determined, best together")
+   and one for each group that is determined together, with the product of powers that is determined
+   best. For example, in one line,
        milk.sigma_t and milk.g are determined only together: milk.sigma_t (1-milk.g)^0.97 to 0.5 %,
        but milk.sigma_t alone to 12 %, milk.g alone to +-0.06
    Unknowns are told together when the rest of them being known would make their error three times
    smaller (variance inflation factor 10, Belsley, Kuh and Welsch 1980), in one group where their
-   errors correlate by more than .4; the product is the last eigenvector of the covariance of the
-   group, in logarithms. outcome, if not NULL, adds a line if the misfit is not explained, with what
-   to suspect, and one if the search was not finished.
+   errors correlate by more than .4. outcome, if not NULL, adds a line if the misfit is not
+   explained, with what to suspect, and one if the search was not finished.
    parameters: [count] what the unknowns are (itn_parameter_get), count from 1 to 32. estimates:
    [count], covariance: [count][count], as filled by itn_refine. Like snprintf: writes at most size
    bytes with the final zero and returns the length of the whole text without it; text may be NULL
@@ -883,12 +877,10 @@ typedef struct itn_view {
 
 /* The same for several pictures at once: minimises the sum of ||I - T(pi)||^2 over views, each with
    its own scene (camera, lights, film, objects), picture and noise, that share `count` unknowns.
-   Unknown k is parameter views[v].parameters[k] of each view v that has it, at least of one; its
-   bounds must be the same in all, and each view has at least one. Two views may be of one scene,
-   but each picture has noise of its own. values: [count], in and out. estimates: [count]. options
-   may be NULL; options->target_variance must be NULL. Nothing that views point to is changed.
-   Scenes render one after the other. Of one view, the bits are those of itn_refine. Errors: as
-   itn_refine; then values and estimates are untouched. */
+   Each view has at least one, and each unknown is in at least one view, with the same bounds in
+   all. values: [count], in and out. estimates: [count]. options may be NULL; its target_variance
+   must be NULL. Nothing that views point to is changed. Of one view, the bits are those of
+   itn_refine. Errors: as itn_refine; then values and estimates are untouched. */
 ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
                                     int count, const itn_refine_options *options,
                                     itn_estimate *estimates, itn_error *error);
@@ -10364,22 +10356,6 @@ static void itn__take_in(const itn__refiner *refiner, itn__refine_view *view, it
         }
 }
 
-/* Averages the last renders, as a share, with those that are known, moved from `before` to the
-   present point. A share of 1 replaces these. */
-static void itn__learn_view(const itn__refiner *refiner, itn__refine_view *view, float share) {
-    size_t pixels = view->pixels, i;
-    int n = refiner->count, half, k;
-    for (half = 0; half < 2; half++) {
-        float *to = view->known[half];
-        for (k = 0; k < n && share < 1; k++) {
-            float moved = (float)(refiner->coordinates[k] - refiner->before[k]);
-            for (i = 0; i < pixels; i++) to[i] += moved * to[(size_t)(2 + k) * pixels + i];
-        }
-        for (i = 0; i < (size_t)(2 + n) * pixels; i++)
-            to[i] = (share < 1 ? (1 - share) * to[i] : 0) + share * view->fresh[half][i];
-    }
-}
-
 /* The variance of one sample in a value. */
 static float itn__sample_variance(const itn__refine_view *view, float *const *renders, size_t i) {
     return (renders[0][view->pixels + i] + renders[1][view->pixels + i]) / 2;
@@ -10429,13 +10405,12 @@ static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *vie
        A delta = b,    A = J^T K J,    b = J^T K r.
    K blurs by a few pixels (binomial, symmetric, positive): derivatives vary slowly over the picture
    while their noise does not, so blurred ones judge residuals far better; K = 1 is least squares.
-   J and T are random, and samples common to both would bias every product, so only renders a and b
-   are multiplied with each other:
+   Samples common to J and T would bias every product, so only renders a and b are multiplied with
+   each other:
        b = sum over pixels of s,  s = 1/2 (K J_a r_b + K J_b r_a),   A = 1/2 (J_a^T K J_b + ...).
-   The covariance of b is N, the sum of s s^T (Huber 1967, White 1980): whatever makes residuals
-   differ, noise of the picture, known or not, of the renders, or of J, is in it, and as all
-   channels of a pixel are in one s, so is what their noise has in common. The same of
-   t = 1/2 (K J_a r_b - K J_b r_a) is the part of the renders.
+   The covariance of b is N, the sum of s s^T (Huber 1967, White 1980), of whatever makes residuals
+   differ, known or not; all channels of a pixel are in one s, and so is what their noise has in
+   common. The same of t = 1/2 (K J_a r_b - K J_b r_a) is the part of the renders.
 
    A is known no better than its own noise. Coordinates being of one size (a prior standard
    deviation of 8), its eigenvectors c are the changes that show least and most. Each tells
@@ -10707,17 +10682,16 @@ static int itn__normal(itn__refiner *refiner) {
 /* ---- [search] steps -------------------------------------------------------------------------- */
 
 /* Gauss-Newton. A step goes as far as A and b say along each axis that is told, at most a radius,
-   and along others only where b is clearly more than its noise. It is taken back, and the radius
-   becomes a fourth, if the misfit has risen by more than the noise of the renders explains. While b
-   is more than noise, evaluations are of the same size; then each doubles what is known, until as
-   many samples are there as are wanted, or until nine tenths of the noise are the picture's own,
-   which no samples make less.
+   and along others only where b is clearly more than its noise. If the misfit has risen by more
+   than the noise of the renders explains, it is taken back, and the radius becomes a fourth. While
+   b is more than noise, evaluations are of one size; then each doubles what is known, until as many
+   samples are there as are wanted, or nine tenths of the noise are the picture's own.
 
-   First all of that happens in pictures of a few thousand paths, reduced to some 24 pixels across,
-   where it takes a moment. If these end with more misfit than noise explains, that may be the wrong
-   of several valleys: other starts are tried there, with every g on the other side, and with g = 0
-   further along the valley, and the best one goes on. (What lies between two valleys is about .3,
-   not 0, as g below 0 is found where light goes ahead.) */
+   First all of that happens in pictures of a few thousand paths, reduced to some 24 pixels across.
+   If these end with more misfit than noise explains, that may be the wrong of several valleys:
+   other starts are tried there, with every g on the other side, and with g = 0 further along the
+   valley, and the best one goes on. (What lies between two valleys is about .3, not 0, as g below 0
+   is found where light goes ahead.) */
 
 enum { ITN__FINAL = 5, ITN__PATIENCE = 32, ITN__COARSE = 24, ITN__COARSE_PATHS = 32768 };
 
@@ -10825,37 +10799,28 @@ static void itn__refine_solve(itn__refiner *refiner, double radius) {
     }
 }
 
-/* Takes the step, and remembers from where. */
-static void itn__refine_move(itn__refiner *refiner) {
-    double there[ITN__MOST_UNKNOWNS];
-    int k;
-    for (k = 0; k < refiner->count; k++) {
-        refiner->before[k] = refiner->coordinates[k];
-        there[k] = refiner->before[k] + refiner->step[k];
-    }
-    itn__refine_set(refiner, there);
-}
-
-/* Averages the last evaluation with what is known. Moving that by d makes an error of about d^2/2:
-   if it counts beside the standard errors, the last one replaces it. */
+/* Averages the last evaluation with what is known, moved from `before` to the present point by its
+   derivatives. That by d makes an error of about d^2/2: if it counts beside the standard errors,
+   the last one replaces what is known. */
 static void itn__refine_learn(itn__refiner *refiner) {
-    itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    int together = refiner->known > 0, known, k;
-    for (k = 0; k < refiner->count && together; k++) {
-        double d = refiner->coordinates[k] - refiner->before[k];
-        together = d * d <= refiner->errors[k];
+    int n = refiner->count, together = refiner->known > 0, known, v, k;
+    double d[ITN__MOST_UNKNOWNS];
+    float share;
+    for (k = 0; k < n; k++) {
+        d[k] = refiner->coordinates[k] - refiner->before[k];
+        together &= d[k] * d[k] <= refiner->errors[k];
     }
     known = refiner->spp + (together ? refiner->known : 0);
-    for (; view < end; view++)
-        itn__learn_view(refiner, view, (float)refiner->spp / (float)known);
-    refiner->known = known;
-}
-
-/* Whether the misfit has risen beyond noise. */
-static int itn__rises(itn__refiner *refiner) {
-    itn__misfit now;
-    itn__misfit_of(refiner, 1, &now);
-    return now.excess - refiner->misfit.excess > 3 * sqrt(now.noise + refiner->misfit.noise);
+    share = (float)refiner->spp / (float)known, refiner->known = known;
+    for (v = 0; v < 2 * refiner->view_count; v++) {
+        float *to = refiner->views[v / 2].known[v % 2];
+        size_t pixels = refiner->views[v / 2].pixels, i;
+        for (i = 0; i < (size_t)n * pixels && together; i++)
+            to[i % pixels] += (float)d[i / pixels] * to[2 * pixels + i];
+        for (i = 0; i < (size_t)(2 + n) * pixels; i++)
+            to[i] = (together ? (1 - share) * to[i] : 0) +
+                    share * refiner->views[v / 2].fresh[v % 2][i];
+    }
 }
 
 /* The standard errors of the values, by the covariance of the coordinates, which becomes theirs. */
@@ -10870,18 +10835,15 @@ static itn_result itn__refine_report(itn__refiner *refiner, itn_error *error) {
     double errors[ITN__MOST_UNKNOWNS], left = fmax(refiner->final - refiner->known, 0);
     itn_refine_step step = ITN_ZERO;
     int heard;
-    step.iteration = refiner->iteration++;
-    step.theta = refiner->views->theta, step.values = refiner->values;
-    step.loss = refiner->misfit.loss;
-    step.misfit = refiner->misfit.value, step.misfit_error = refiner->misfit.error;
-    if (refiner->known) {
-        itn__value_errors(refiner, refiner->matrix, errors);
-        step.errors = errors;
-    }
-    step.seconds = itn__seconds() - refiner->begun;
-    step.expected = step.seconds * (1 + left / fmax(refiner->work, 1));
-    step.expected = fmin(step.expected, refiner->deadline - refiner->begun);
     if (!refiner->options.progress) return ITN_OK;
+    if (refiner->known) itn__value_errors(refiner, refiner->matrix, errors), step.errors = errors;
+    step.iteration = refiner->iteration++;
+    step.misfit = refiner->misfit.value, step.misfit_error = refiner->misfit.error;
+    step.loss = refiner->misfit.loss;
+    step.theta = refiner->views->theta, step.values = refiner->values;
+    step.seconds = itn__seconds() - refiner->begun;
+    step.expected = fmin(step.seconds * (1 + left / fmax(refiner->work, 1)),
+                         refiner->options.seconds);
     heard = refiner->options.progress(refiner->options.progress_user, &step);
     if (heard > 0) refiner->ended = 2;
     if (heard >= 0) return ITN_OK;
@@ -10903,13 +10865,15 @@ static int itn__next_spp(itn__refiner *refiner, int last) {
 /* Searches with evaluations of `spp` samples at first, until it has arrived with all samples that
    are wanted, or for so many steps. Then the step that is left is taken. */
 static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, itn_error *error) {
-    double radius = 1;
-    itn_result result = ITN_OK;
-    int steps, back;
-    for (steps = 0; !refiner->ended; steps++) {
-        result = itn__refine_evaluate(refiner, spp, error);
+    double there[ITN__MOST_UNKNOWNS], radius = 1;
+    int steps, back = 0, k;
+    for (steps = 0; steps <= most && radius >= .01 && !refiner->ended; steps++) {
+        itn__misfit *known = &refiner->misfit, now;
+        itn_result result = itn__refine_evaluate(refiner, spp, error);
         if (result || refiner->ended) return result;
-        back = refiner->known > 0 && itn__rises(refiner);
+        itn__misfit_of(refiner, 1, &now);
+        back = refiner->known > 0 &&
+               now.excess - known->excess > 3 * sqrt(now.noise + known->noise);
         if (back) itn__refine_set(refiner, refiner->before), radius /= 4;
         else itn__refine_learn(refiner), radius = fmin(1, 2 * radius);
         if (!itn__normal(refiner)) return itn__overflow(error);
@@ -10917,8 +10881,9 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
         result = itn__refine_report(refiner, error);
         if (result) return result;
         spp = itn__next_spp(refiner, steps + 1 >= most);
-        itn__refine_move(refiner);
-        if (steps >= most || radius < .01) break;
+        memcpy(refiner->before, refiner->coordinates, sizeof there);
+        for (k = 0; k < refiner->count; k++) there[k] = refiner->before[k] + refiner->step[k];
+        itn__refine_set(refiner, there);
         if (refiner->arrived && !back && (refiner->known >= refiner->final || refiner->drawn < .1))
             break;
     }
