@@ -10377,9 +10377,8 @@ static void itn__around(const itn__refine_view *view, const float *in, float *ou
 
 /* Residuals and derivatives are divided by the standard deviation of the residual as it will be
    when all samples are there: of renders and target, as those around a pixel have it, because its
-   own would favour what came out dark by chance. Where the target's is not known, it is taken as
-   the same in all pixels. A floor, a thousandth of the mean, bounds the weight of pixels without
-   noise. */
+   own would favour what is dark by chance. Where the target's is not known, it is the same in all
+   pixels. A floor, a thousandth of the mean, bounds the weight of pixels without noise. */
 static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *view) {
     double sum = 0, square = 0, counted = 0, least;
     float *scale = view->scale, *own = view->residual[0]; /* not needed yet */
@@ -10468,7 +10467,7 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
     for (; view < end; view++) {
         float *const *renders = fresh ? view->fresh : view->known;
         double samples = fresh ? refiner->spp : refiner->known;
-        double own = 0, shared = 0, felt = 0, own_noise = 0, beyond = 0, weights = 0, unit = 1;
+        double own = 0, shared = 0, felt = 0, drawn = 0, beyond = 0, weights = 0, unit = 1;
         int unknown = view->noise_unknown;
         size_t pixel, at;
         itn__residuals(view, renders);
@@ -10483,17 +10482,16 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
                 v = w * itn__sample_variance(view, renders, at) / samples;
                 together += ra * rb - w * view->target_variance[at];
                 deviation += sqrt(fmax(v * (ra * ra + rb * rb - v), 0));
-                if (unknown) common += itn__shared(view, at);
-                felt++, weights += w;
+                common += unknown ? itn__shared(view, at) : 0, felt++, weights += w;
             }
-            own += together, own_noise += deviation * deviation, shared += common;
-            beyond += unknown ? common * common : together * together;
+            if (!unknown) common = together;
+            own += together, drawn += deviation * deviation, shared += common;
+            beyond += common * common;
         }
         if (unknown && felt > 0) unit = fmax(1 + (own - shared) / felt, .1);
         if (unknown && felt > 0 && !fresh) view->nugget = fmax((own - shared) / weights, 0);
-        misfit->excess += own, misfit->noise += own_noise, misfit->felt += felt;
-        excess += (unknown ? shared : own) / unit, square += beyond / (unit * unit);
-        noise += own_noise / (unit * unit);
+        misfit->excess += own, misfit->noise += drawn, misfit->felt += felt;
+        excess += shared / unit, noise += drawn / (unit * unit), square += beyond / (unit * unit);
     }
     misfit->loss = squares / fmax(counted, 1), misfit->value = 1;
     if (!(misfit->felt > 0)) return;
@@ -10722,10 +10720,8 @@ static int itn__watch_clock(void *user, double fraction) {
     return refiner->ended;
 }
 
-static itn_result itn__overflow(itn_error *error) {
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                     "itn_refine: squares of the image's values are too large for a float");
-}
+#define ITN__REJECT(...) itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: " __VA_ARGS__)
+#define ITN__OVERFLOW "squares of the image's values are too large for a float"
 
 /* Renders all views twice at the present point. Ended by the clock it returns ITN_OK, too. */
 static ITN__COLD itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
@@ -10876,7 +10872,7 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
                now.excess - known->excess > 3 * sqrt(now.noise + known->noise);
         if (back) itn__refine_set(refiner, refiner->before), radius /= 4;
         else itn__refine_learn(refiner), radius = fmin(1, 2 * radius);
-        if (!itn__normal(refiner)) return itn__overflow(error);
+        if (!itn__normal(refiner)) return ITN__REJECT(ITN__OVERFLOW);
         itn__refine_solve(refiner, radius);
         result = itn__refine_report(refiner, error);
         if (result) return result;
@@ -10893,17 +10889,17 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
 /* The most that pixels can be put together so that whole blocks fill a film, with no less than so
    many pixels across. */
 static int itn__coarse_block(const itn__refiner *refiner) {
-    int block, found = 1, v;
-    for (block = 2; block < 1024; block++) {
-        for (v = 0; v < refiner->view_count; v++) {
+    int block, v, fits;
+    for (block = 1024; block > 1; block--) {
+        for (v = 0, fits = 1; v < refiner->view_count; v++) {
             const itn_film_desc *film = &refiner->views[v].scene->film;
             double pixels = (double)film->width * film->height / ((double)block * block);
-            if (film->width % block || film->height % block || pixels < ITN__COARSE * ITN__COARSE)
-                break;
+            fits &= film->width % block == 0 && film->height % block == 0 &&
+                    pixels >= (double)(ITN__COARSE * ITN__COARSE);
         }
-        if (v == refiner->view_count) found = block;
+        if (fits) return block;
     }
-    return found;
+    return 1;
 }
 
 /* A start of the search, in similarity coordinates: the given one (way 0), this with every unknown
@@ -11020,7 +11016,7 @@ static itn_result itn__refine_descend(itn__refiner *refiner, double square, itn_
         if (result) return result;
         for (k = 0; k < refiner->count; k++) {
             float slope = (float)(there[k] / square), now = (float)refiner->coordinates[k];
-            if (!itn__finite(slope * slope)) return itn__overflow(error);
+            if (!itn__finite(slope * slope)) return ITN__REJECT(ITN__OVERFLOW);
             if (plain) now -= itn__clamp((float)rate * slope, -.5f, .5f);
             else
                 itn__adam(rate, (uint64_t)i + 1, 1, &slope, &moments[0][k], &moments[1][k], &now);
@@ -11029,7 +11025,7 @@ static itn_result itn__refine_descend(itn__refiner *refiner, double square, itn_
         itn__refine_set(refiner, there);
     }
     itn__refine_learn(refiner);
-    if (!itn__normal(refiner)) return itn__overflow(error);
+    if (!itn__normal(refiner)) return ITN__REJECT(ITN__OVERFLOW);
     itn__refine_solve(refiner, 1);
     refiner->arrived = 0; /* the step that is left is not taken */
     return ITN_OK;
@@ -11037,10 +11033,9 @@ static itn_result itn__refine_descend(itn__refiner *refiner, double square, itn_
 
 /* ---- [estimates] values, error bars, and what they mean in words ----------------------------- */
 
-/* What is given is checked and copied, and its unknowns are found, before anything is rendered. In
-   the end the covariance goes over from coordinates to values by G. Where the search was not over,
-   the step that was left counts as an error. A misfit clearly above 1 means that the scene is not
-   that of the picture: errors are then sqrt(misfit) times as large, and it is said. */
+/* In the end the covariance goes over from coordinates to values by G. Where the search was not
+   over, the step that was left counts as an error. A misfit clearly above 1 means that the scene is
+   not that of the picture: errors are then sqrt(misfit) times as large, and it is said. */
 
 /* Which of the unknowns a view has, as which parameters. */
 static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *view,
@@ -11049,22 +11044,16 @@ static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *vi
     for (k = 0; k < refiner->count; k++) {
         int index = view->given->parameters[k];
         const itn_parameter *p = itn_parameter_get(view->scene, index), *first;
-        if (!p && index != -1)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d has no "
-                             "parameter %d", number, index);
+        if (!p && index != -1) return ITN__REJECT("view %d has no parameter %d", number, index);
         if (!p) continue;
-        if (!refiner->parameters[k]) refiner->parameters[k] = p;
-        first = refiner->parameters[k];
+        first = refiner->parameters[k] ? refiner->parameters[k] : p, refiner->parameters[k] = first;
         if (p->transform != first->transform || p->lower != first->lower ||
             p->upper != first->upper)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_refine: %s of view %d has not the bounds of %s of the first",
-                             p->name, number, first->name);
+            return ITN__REJECT("%s of view %d has not the bounds of %s of the first", p->name,
+                               number, first->name);
         view->parameters[view->asked] = index, view->unknowns[view->asked++] = k;
     }
-    if (view->asked) return ITN_OK;
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d has none of the unknowns",
-                     number);
+    return view->asked ? ITN_OK : ITN__REJECT("view %d has none of the unknowns", number);
 }
 
 /* Which unknown is a parameter of a view's scene; -1 if none, or if a medium has it already. */
@@ -11078,24 +11067,23 @@ static int itn__free_unknown(const itn__refine_view *view, int parameter, const 
 /* Finds the media that have similarity coordinates: of which sigma_t and g are unknown, in a
    channel or both in all. */
 static void itn__find_similarities(itn__refiner *refiner) {
+    const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
     char taken[ITN__MOST_UNKNOWNS] = ITN_ZERO;
-    int v, k, c, a;
-    for (v = 0; v < refiner->view_count; v++)
-        for (k = 0; k < 3 * refiner->views[v].scene->medium_count; k++) {
-            const itn__refine_view *view = &refiner->views[v];
+    int k, a;
+    for (; view < end; view++)
+        for (k = 0; k < 3 * view->scene->medium_count; k++) {
             const itn__medium *medium = &view->scene->media[k / 3];
             int spectral = itn__is_spectral(medium->g), channels = view->scene->film.channels;
             itn__similarity found = ITN_ZERO;
-            c = k % 3;
-            if (c >= (spectral ? channels : 1) || spectral != itn__is_spectral(medium->sigma_t))
+            if (k % 3 >= (spectral ? channels : 1) || spectral != itn__is_spectral(medium->sigma_t))
                 continue;
-            found.sigma_t = itn__free_unknown(view, medium->sigma_t[c], taken);
-            found.g = itn__free_unknown(view, medium->g[c], taken);
+            found.sigma_t = itn__free_unknown(view, medium->sigma_t[k % 3], taken);
+            found.g = itn__free_unknown(view, medium->g[k % 3], taken);
             if (found.sigma_t < 0 || found.g < 0) continue;
             taken[found.sigma_t] = taken[found.g] = 1;
             for (a = 0; a < channels; a++) {
                 int albedo = itn__free_unknown(view, medium->albedo + a, taken);
-                if (albedo < 0 || (spectral && a != c)) continue;
+                if (albedo < 0 || (spectral && a != k % 3)) continue;
                 found.albedo[found.albedos++] = albedo, taken[albedo] = 1;
             }
             refiner->media[refiner->media_count++] = found;
@@ -11119,14 +11107,12 @@ static itn_result itn__view_check(const itn__refiner *refiner, const itn_view *g
         else if (variance < INFINITY && fabs(value) > 1e18) bad = "target is beyond 1e18";
         else if (variance < INFINITY) sum += value * value, counted++;
     }
-    if (bad)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: view %d: %s at pixel %d",
-                         index, bad, (int)((i - 1) % plane));
+    if (bad) return ITN__REJECT("view %d: %s at pixel %d", index, bad, (int)((i - 1) % plane));
+    if (!(counted > 0)) return ITN__REJECT("view %d: no value counts", index);
     *square = sum > 0 ? sum / counted : 1;
-    if (counted > 0 && *square >= 1e-30) return ITN_OK;
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, counted > 0 ?
-                     "itn_refine: view %d: the picture's mean square is %g, too small for floats" :
-                     "itn_refine: view %d: no value counts", index, *square);
+    if (*square >= 1e-30) return ITN_OK;
+    return ITN__REJECT("view %d: the picture's mean square is %g, too small for floats", index,
+                       *square);
 }
 
 /* The next `count` floats of a block. */
@@ -11195,8 +11181,7 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
         *square += own / refiner->view_count;
     }
     for (k = 0; k < refiner->count && !result; k++) {
-        if (!refiner->parameters[k])
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: no view has unknown %d", k);
+        if (!refiner->parameters[k]) return ITN__REJECT("no view has unknown %d", k);
         start[k] = itn_parameter_to_coordinate(refiner->parameters[k], values[k]);
         refiner->covariance[(size_t)k * (n + 1)] = ITN__PRIOR * ITN__PRIOR;
     }
@@ -11225,17 +11210,15 @@ static const char *itn__refine_options_fill(itn_refine_options *options) {
     if (options->method < ITN_METHOD_LM || options->method > ITN_METHOD_SGD)
         return "method is not known";
     if (options->spp < 2 || options->spp > ITN__MOST_SPP) return "spp is not 2 to 524287";
+    if (options->final_spp == 0) options->final_spp = ITN__FINAL * options->spp;
     if (options->final_spp < 0 || options->final_spp > ITN__MOST_FINAL)
         return "final_spp is not 0 to 67108863";
-    if (options->iterations < 0 || options->iterations > INT_MAX - 2)
-        return "iterations are below 0 or too many";
-    if (options->max_scatter < 0) return "max_scatter is below 0";
+    if (options->iterations < 0 || options->iterations > INT_MAX - 2 || options->max_scatter < 0)
+        return "iterations or max_scatter are below 0 or too many";
     if (!(options->learning_rate > 0 && options->learning_rate <= (plain ? 1e6 : 1)))
         return "learning_rate is not in (0, 1] (SGD: in (0, 1e6])";
-    if (!(options->seconds > 0)) return "seconds are below 0";
-    if (options->target_variance) return "target_variance belongs into the views";
-    if (options->final_spp == 0) options->final_spp = ITN__FINAL * options->spp;
-    return NULL;
+    if (!(options->seconds > 0)) return "seconds are not above 0";
+    return options->target_variance ? "target_variance belongs into the views" : NULL;
 }
 
 /* Estimates at the present point, from what is known. */
@@ -11275,19 +11258,17 @@ ITN_API ITN__COLD itn_result itn_refine_views(const itn_view *views, int view_co
     int v, patient;
     if (!views || !values || !estimates || view_count < 1 || count < 1 ||
         count > ITN__MOST_UNKNOWNS)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_refine: NULL argument, count %d or view_count %d", count, view_count);
+        return ITN__REJECT("NULL argument, count %d or view_count %d", count, view_count);
     for (v = 0; v < view_count; v++)
         if (!views[v].scene || !views[v].target || !views[v].parameters)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_refine: scene, target or parameters of view %d is NULL", v);
+            return ITN__REJECT("scene, target or parameters of view %d is NULL", v);
     memset(&refiner, 0, sizeof refiner);
     refiner.view_count = view_count, refiner.count = count;
     refiner.context = &views->scene->context;
     if (options) refiner.options = *options;
     patient = refiner.options.final_spp == 0;
     bad = itn__refine_options_fill(&refiner.options);
-    if (bad) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: %s", bad);
+    if (bad) return ITN__REJECT("%s", bad);
     refiner.final = refiner.options.final_spp, refiner.begun = itn__seconds();
     refiner.deadline = refiner.begun + refiner.options.seconds;
     result = itn__refine_begin(&refiner, views, values, &square, error);
@@ -11316,8 +11297,7 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
     itn_result result;
     int k;
     if (!scene || !theta || !parameters || count < 1 || count > ITN__MOST_UNKNOWNS)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: NULL argument or count %d",
-                         count);
+        return ITN__REJECT("NULL argument or count %d", count);
     if (options) rest = *options;
     view.scene = scene, view.theta = theta, view.target = target, view.parameters = parameters;
     view.target_variance = rest.target_variance, rest.target_variance = NULL;
@@ -11364,25 +11344,23 @@ static void itn__say_error(itn__wording *words, int k) {
    which they would have if the rest were known, 1 / (covariance^-1)_kk, and correlated. */
 static void itn__find_groups(itn__wording *words) {
     double a[ITN__MOST_WORDS * ITN__MOST_WORDS], v[ITN__MOST_WORDS * ITN__MOST_WORDS];
-    const double *covariance = words->covariance;
-    int n = words->count, tangled[ITN__MOST_WORDS], grown = 1, k, l;
-    memcpy(a, covariance, (size_t)(n * n) * sizeof(double));
-    for (k = 0; k < n; k++) a[k * n + k] *= 1 + 1e-9;
+    const double *c = words->covariance;
+    int n = words->count, tangled[ITN__MOST_WORDS], grown = 1, *group = words->group, i, j, k;
+    memcpy(a, c, (size_t)(n * n) * sizeof(double));
+    for (i = 0; i < n; i++) a[i * n + i] *= 1 + 1e-9;
     itn__eigen(a, v, n);
-    for (k = 0; k < n; k++) {
+    for (i = 0; i < n; i++) {
         double inverse = 0;
-        for (l = 0; l < n; l++) inverse += v[k * n + l] * v[k * n + l] / a[l * n + l];
-        tangled[k] = inverse * covariance[k * n + k] > 10, words->group[k] = k;
+        for (j = 0; j < n; j++) inverse += v[i * n + j] * v[i * n + j] / a[j * n + j];
+        tangled[i] = inverse * c[i * n + i] > 10, group[i] = i;
     }
     while (grown)
-        for (grown = k = 0; k < n; k++)
-            for (l = 0; l < n; l++) {
-                double c = covariance[k * n + l], least = .16 * covariance[k * n + k];
-                if (!tangled[k] || !tangled[l] || words->group[k] >= words->group[l] ||
-                    c * c <= least * covariance[l * n + l])
-                    continue;
-                words->group[l] = words->group[k], grown = 1;
-            }
+        for (grown = k = 0; k < n * n; k++) {
+            i = k / n, j = k % n;
+            if (tangled[i] && tangled[j] && group[i] < group[j] &&
+                c[k] * c[k] > .16 * c[i * n + i] * c[j * n + j])
+                group[j] = group[i], grown = 1;
+        }
 }
 
 /* The exponents of the product of powers that is known best, the largest 1, and its error. */
