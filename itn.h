@@ -8361,6 +8361,11 @@ static void itn__start_ray(itn__crowd *crowd) {
         sample >= itn__pixel_samples(fast->allotment, fast->spp, pixel))
         return;
     path = itn__start_path(crowd, pixel, sample, 0, u), path->number = number;
+    if (fast->outside && fast->only_constant && fast->pixels[pixel]) {
+        path->copies = fast->walks;
+        itn__escape_path(crowd, path, 0, fast->constant);
+        return;
+    }
     seed = itn__splat_word(path->scramble - 1);
     x = itn__sobol(index, 0, seed), y = itn__sobol(index, 1, seed);
     if (fast->sobol) u[0] = ITN__LANE(x, 0), u[1] = ITN__LANE(y, 0);
