@@ -7439,16 +7439,18 @@ ITN__NOINLINE void itn__look_ahead(const itn__fast *fast, const itn__substance *
     }
 }
 
-/* Flights over these distances have been drawn. */
+/* Flights over these distances have been drawn. Their true scores have bases of their own, beta
+   times the mean of V (itn__collide, itn__pass). The scores they would have up to the plane are
+   taken times the rest of V alone: where the true boundary is elsewhere, little is wrong. */
 ITN__NOINLINE void itn__control_flight(const itn__fast *fast, const itn__substance *substance,
                                        itn__state *s, const itn__ahead *a, itn__floats distance,
                                        itn__ints mask) {
+    const itn__value *value = &substance->value;
     itn__floats tau = substance->sigma_t * distance, fall[ITN__DECAYS];
     itn__ints crosses = a->up & itn__less(a->to_face, tau);
     itn__floats zero = itn__splat(0), score = itn__select(crosses, -a->to_face, 1 - tau), beta;
     int c, i;
-    itn__falls(&substance->value, itn__most(a->view.depth + a->view.cosine * tau, itn__splat(0)),
-               fall);
+    itn__falls(value, itn__most(a->view.depth + a->view.cosine * tau, zero), fall);
     for (c = 0; c < fast->channels; c++) {
         itn__floats collided = a->omega[c][0];
         for (i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
@@ -7456,7 +7458,8 @@ ITN__NOINLINE void itn__control_flight(const itn__fast *fast, const itn__substan
         s->hit_base[c] = s->hit_base[c] +
                          beta * (itn__select(crosses, zero, collided) - a->inside[c]);
         collided = itn__select(crosses, a->at_face[c], collided);
-        s->flight_base[c] = s->flight_base[c] + beta * (score * collided - a->slope[c]);
+        s->flight_base[c] = s->flight_base[c] +
+                            beta * (score * (collided - value->mean[c]) - a->slope[c]);
         itn__difference(s, c, beta * collided, beta * a->mean[c], mask);
     }
 }
@@ -7475,7 +7478,7 @@ ITN__NOINLINE void itn__control_direction(const itn__fast *fast, const itn__subs
         itn__difference(s, c, now, beta * itn__expand_view(&view, value->scattered[c], view.cosine),
                         mask);
         if (fast->count)
-            s->phase_base[c] = s->phase_base[c] + score * now -
+            s->phase_base[c] = s->phase_base[c] + score * (now - beta * value->mean[c]) -
                                beta * itn__expand_view(&view, value->slope[c], view.cosine);
     }
 }
@@ -8971,7 +8974,6 @@ static itn_result itn__learn_values(const itn__render *render, itn__fast *fast, 
         learnt |= itn__fit_value(fast, &fast->substances[m], lessons);
     }
     if (!learnt) fast->controls = 0; /* nothing is met */
-    if (fast->controls) memset(fast->substances[1].value.mean, 0, 3 * sizeof(float));
     itn__workers_free(&pilot);
     return result;
 }
