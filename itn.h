@@ -994,6 +994,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #endif
 #if !defined(ITN_MALLOC) && !defined(ITN_FREE)
 #define ITN__MALLOC_ZEROED(bytes) calloc(1, bytes)
+#define ITN_MALLOC(bytes) malloc(bytes)
 #define ITN_FREE(block) free(block)
 #elif defined(ITN_MALLOC) && defined(ITN_FREE)
 #define ITN__MALLOC_ZEROED(bytes) itn__zero(ITN_MALLOC(bytes), bytes)
@@ -1218,6 +1219,11 @@ static void *itn__allocate(const itn_context *context, size_t count, size_t size
     if (count * size == 0) count = size = 1;
     if (!context->allocate) return ITN__MALLOC_ZEROED(count * size);
     return itn__zero(context->allocate(count * size, context->memory_user), count * size);
+}
+
+/* One block for what is large and not read before it is written. */
+ITN__UNUSED static void *itn__allocate_raw(const itn_context *context, size_t size) {
+    return context->allocate ? context->allocate(size, context->memory_user) : ITN_MALLOC(size);
 }
 
 static void itn__free(const itn_context *context, void *block) {
@@ -7562,7 +7568,7 @@ ITN__INLINE itn__ints itn__cells_at(const itn__voxels *voxels, itn__vectors p, i
     *centre = itn__vectors_of((itn__to_floats(x) + half_cell) * voxels->cell + voxels->lower.x,
                               (itn__to_floats(y) + half_cell) * voxels->cell + voxels->lower.y,
                               (itn__to_floats(z) + half_cell) * voxels->cell + voxels->lower.z);
-    return (z * voxels->size[1] + y) * voxels->size[0] + x;
+    return (((z & *inside) * voxels->size[1] + (y & *inside)) * voxels->size[0] + x) & *inside;
 }
 
 /* The signed number of so many bits, from the bit `first` of a word on. */
@@ -7837,10 +7843,11 @@ static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k
                                    const itn__vectors *d, const itn__floats w[3], float level,
                                    float reach) {
     itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-    itn__path *ray = &crowd->rays[crowd->ray_count++];
+    itn__path *ray = &crowd->rays[crowd->ray_count];
     size_t count = (size_t)crowd->fast->count;
     int c;
     ray->owner = path, ray->place = path->place, ray->distance = reach, ray->pdf = level;
+    ray->scores = crowd->scores + (size_t)(ITN__CROWD + crowd->ray_count++) * count;
     ray->p = itn__lane_vector(&s->p, k), ray->d = itn__lane_vector(d, k);
     for (c = 0; c < crowd->fast->channels; c++) ray->beta[c] = ITN__LANE(w[c], k);
     if (count) memcpy(ray->scores, path->scores, count * sizeof *ray->scores);
@@ -8337,6 +8344,7 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
     int c;
     memset(path, 0, ITN__ROWS * sizeof(float));
     path->owner = path, path->place = fast->camera, path->pixel = pixel, path->mark = 0;
+    path->scores = crowd->scores + (size_t)(path - crowd->paths) * (size_t)fast->count;
     for (c = 0; c < fast->count; c++) path->scores[c] = 0;
     for (c = 0; c < 3; c++) path->beta[c] = 1;
     path->pdf = INFINITY, path->copies = 1;
@@ -8490,6 +8498,8 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, float *radi
     const itn_context *context = &fast->scene->context;
     size_t substances = 1 + (size_t)fast->scene->medium_count, count = (size_t)fast->count;
     int i;
+    memset((char *)crowd + offsetof(itn__crowd, ray_count), 0,
+           sizeof *crowd - offsetof(itn__crowd, ray_count));
     crowd->fast = fast, crowd->radiance = radiance, crowd->radiance_stride = rays;
     crowd->walk = (itn__queue *)itn__allocate(
         context, substances + (size_t)fast->scene->surface_count, sizeof(itn__queue));
@@ -8500,8 +8510,7 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, float *radi
     crowd->surface = crowd->walk + substances;
     for (i = 0; i < ITN__CROWD; i++) {
         crowd->unused[i] = ITN__CROWD - 1 - i;
-        crowd->paths[i].scores = crowd->scores + (size_t)i * count;
-        crowd->rays[i].scores = crowd->scores + (size_t)(ITN__CROWD + i) * count;
+        if (fast->learning) crowd->paths[i].mark = 0; /* of a path that has not been */
     }
     crowd->unused_count = ITN__CROWD;
     return 1;
@@ -8865,7 +8874,7 @@ static int itn__worker_make(const itn__render *render, itn__worker *worker, int 
     if (!worker->values) return 0;
 #ifndef ITN_NO_FAST
     if (render->fast) {
-        worker->crowd = (itn__crowd *)itn__allocate(context, 1, sizeof(itn__crowd));
+        worker->crowd = (itn__crowd *)itn__allocate_raw(context, sizeof(itn__crowd));
         return worker->crowd && itn__crowd_make(worker->crowd, render->state, worker->values, rays);
     }
 #endif
