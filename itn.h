@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.8.0                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.9.0                           [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -132,7 +132,7 @@
 #include <stdint.h>
 
 #define ITN_VERSION_MAJOR 0
-#define ITN_VERSION_MINOR 8
+#define ITN_VERSION_MINOR 9
 #define ITN_VERSION_PATCH 0
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
@@ -994,7 +994,6 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #endif
 #if !defined(ITN_MALLOC) && !defined(ITN_FREE)
 #define ITN__MALLOC_ZEROED(bytes) calloc(1, bytes)
-#define ITN_MALLOC(bytes) malloc(bytes)
 #define ITN_FREE(block) free(block)
 #elif defined(ITN_MALLOC) && defined(ITN_FREE)
 #define ITN__MALLOC_ZEROED(bytes) itn__zero(ITN_MALLOC(bytes), bytes)
@@ -1219,11 +1218,6 @@ static void *itn__allocate(const itn_context *context, size_t count, size_t size
     if (count * size == 0) count = size = 1;
     if (!context->allocate) return ITN__MALLOC_ZEROED(count * size);
     return itn__zero(context->allocate(count * size, context->memory_user), count * size);
-}
-
-/* One block for what is large and not read before it is written. */
-ITN__UNUSED static void *itn__allocate_raw(const itn_context *context, size_t size) {
-    return context->allocate ? context->allocate(size, context->memory_user) : ITN_MALLOC(size);
 }
 
 static void itn__free(const itn_context *context, void *block) {
@@ -8498,8 +8492,6 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, float *radi
     const itn_context *context = &fast->scene->context;
     size_t substances = 1 + (size_t)fast->scene->medium_count, count = (size_t)fast->count;
     int i;
-    memset((char *)crowd + offsetof(itn__crowd, ray_count), 0,
-           sizeof *crowd - offsetof(itn__crowd, ray_count));
     crowd->fast = fast, crowd->radiance = radiance, crowd->radiance_stride = rays;
     crowd->walk = (itn__queue *)itn__allocate(
         context, substances + (size_t)fast->scene->surface_count, sizeof(itn__queue));
@@ -8508,10 +8500,7 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, float *radi
                                              ITN__LESSON_SUMS * sizeof(double));
     if (!crowd->walk || !crowd->scores || !crowd->lessons) return 0;
     crowd->surface = crowd->walk + substances;
-    for (i = 0; i < ITN__CROWD; i++) {
-        crowd->unused[i] = ITN__CROWD - 1 - i;
-        if (fast->learning) crowd->paths[i].mark = 0; /* of a path that has not been */
-    }
+    for (i = 0; i < ITN__CROWD; i++) crowd->unused[i] = ITN__CROWD - 1 - i;
     crowd->unused_count = ITN__CROWD;
     return 1;
 }
@@ -8874,7 +8863,7 @@ static int itn__worker_make(const itn__render *render, itn__worker *worker, int 
     if (!worker->values) return 0;
 #ifndef ITN_NO_FAST
     if (render->fast) {
-        worker->crowd = (itn__crowd *)itn__allocate_raw(context, sizeof(itn__crowd));
+        worker->crowd = (itn__crowd *)itn__allocate(context, 1, sizeof(itn__crowd));
         return worker->crowd && itn__crowd_make(worker->crowd, render->state, worker->values, rays);
     }
 #endif
@@ -13424,13 +13413,16 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history] what changed for callers, newest first
-   0.8.0  a sixth fewer lines, six tenths of the time to compile; models are tables of functions
-          over numbers with a slope; faces of dielectrics that coincide are crossed together; scenes
-          from memory; a file that is written replaces the old one whole, at power loss too.
-          breaks: images have other bits; spectral media, limits of scatterings, forced holes and
-          derivatives by texels are the reference walk's; itn_bvh_nearest_many,
-          itn_bvh_occluded_many, itn_model_renders and ITN_ONE_KERNEL are gone; PFM values are
-          multiplied by |scale|
+   0.9.0  a third fewer lines than 0.7; refinement averages what its renders tell, looks first at
+          reduced pictures, is bounded in time and says when the scene does not explain a picture.
+          breaks: images have other bits; itn_refine_step, itn_refine_options.outcome and .seconds,
+          itn_refine_words; progress of a search: above 0 ends it, below 0 cancels; itn_net_step
+          takes the rate; itn_loss_image in place of itn_loss_training; itn_net_open in place of
+          itn_net_load; what is wrong in a scene file is a FORMAT error
+   0.8    models are tables of functions over numbers with a slope; faces of dielectrics that
+          coincide are crossed together; scenes from memory; files are replaced whole.
+          breaks: the reference walk has what is rare; itn_bvh_nearest_many,
+          itn_bvh_occluded_many and ITN_ONE_KERNEL are gone; PFM values times |scale|
    0.7    networks read a picture in five sizes; overlapping solids are refused; error bars that
           allow for what they cannot know
    0.6    itn_film_desc.deviation; itn_net_input blurs. breaks: networks are to be trained anew
@@ -13441,52 +13433,38 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
    0.1    reference path tracer, derivatives, network, refinement, files
 
    [references] by chapter
-     tri          S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013
-     bvh-...      J. MacDonald, K. Booth, Heuristics for Ray Tracing Using Space Subdivision, The
+     math         T. Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017;
+                  J. Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011
+     triangle     S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013
+     bvh          J. MacDonald, K. Booth, Heuristics for Ray Tracing Using Space Subdivision, The
                   Visual Computer 1990;
-                  H. Ylitie, T. Karras, S. Laine, Efficient Incoherent Ray Traversal on GPUs Through
-                  Compressed Wide BVHs, HPG 2017;
                   I. Wald, On Fast Construction of SAH-based Bounding Volume Hierarchies, RT 2007;
                   T. Ize, Robust BVH Ray Traversal, JCGT 2013
-     rng          J. Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011
+     medium       L. Henyey, J. Greenstein, Diffuse Radiation in the Galaxy, ApJ 1941
+     surface      B. Walter et al., Microfacet Models for Refraction through Rough Surfaces, 2007;
+                  E. Heitz, Sampling the GGX Distribution of Visible Normals, JCGT 2018
+     light        L. Hosek, A. Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, 2012
+     throughput   E. Veach, Robust Monte Carlo Methods for Light Transport Simulation, 1997;
+                  A. Wilkie et al., Hero Wavelength Spectral Sampling, EGSR 2014
      sobol        S. Joe, F. Kuo, Constructing Sobol Sequences, SIAM J. Sci. Comput. 2008;
                   S. Laine, T. Karras, Stratified Sampling for Stochastic Transparency, EGSR 2011;
                   N. Vegdahl, Building a Better LK Hash, 2021
-     raster       M. Schwarz, H.-P. Seidel, Fast Parallel Surface and Solid Voxelization, TOG 2010
-     math         T. Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017
-     medium       L. Henyey, J. Greenstein, Diffuse Radiation in the Galaxy, ApJ 1941
-     surface      B. Walter et al., Microfacet Models for Refraction through Rough Surfaces, EGSR
-                  2007;
-                  E. Heitz, Sampling the GGX Distribution of Visible Normals, JCGT 2018
-     light        L. Hosek, A. Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, TOG
-                  2012;
-                  H. Chen, Y. Asau, On Generating Random Variates from an Empirical Distribution,
-                  AIIE Transactions 1974
-     throughput   E. Veach, Robust Monte Carlo Methods for Light Transport Simulation, 1997;
-                  A. Wilkie et al., Hero Wavelength Spectral Sampling, EGSR 2014
+     voxels       M. Schwarz, H.-P. Seidel, Fast Parallel Surface and Solid Voxelization, TOG 2010
+     fast         S. Laine, T. Karras, T. Aila, Megakernels Considered Harmful, HPG 2013
      value        S. Henderson, P. Glynn, Approximating Martingales for Variance Reduction in Markov
                   Process Simulation, Mathematics of Operations Research 2002
-     fast         S. Laine, T. Karras, T. Aila, Megakernels Considered Harmful: Wavefront Path
-                  Tracing on GPUs, HPG 2013
-     adam         D. Kingma, J. Ba, Adam: A Method for Stochastic Optimization, ICLR 2015
+     layers       D. Kingma, J. Ba, Adam: A Method for Stochastic Optimization, ICLR 2015
      net          K. He et al., Delving Deep into Rectifiers, ICCV 2015;
-                  G. Box, M. Muller, A Note on the Generation of Random Normal Deviates, Annals of
-                  Mathematical Statistics 1958
-     similarity   D. Wyman, M. Patterson, B. Wilson, Similarity Relations for the Interaction
+                  G. Box, M. Muller, A Note on the Generation of Random Normal Deviates, 1958
+     refine       D. Wyman, M. Patterson, B. Wilson, Similarity Relations for the Interaction
                   Parameters in Radiation Transport, Applied Optics 1989
-     certainty    E. Fieller, Some Problems in Interval Estimation, J. R. Stat. Soc. B 1954
-     design       J. Neyman, On the Two Different Aspects of the Representative Method, J. R. Stat.
-                  Soc. 1934;
-                  J. Kiefer, General Equivalence Theory for Optimum Designs, Annals of Statistics
-                  1974
      search       K. Levenberg, A Method for the Solution of Certain Non-Linear Problems in Least
-                  Squares, Quarterly of Applied Mathematics 1944;
-                  D. Marquardt, An Algorithm for Least-Squares Estimation of Nonlinear Parameters,
-                  Journal of the Society for Industrial and Applied Mathematics 1963
-     words        D. Belsley, E. Kuh, R. Welsch, Regression Diagnostics, 1980
-     files        W. Clinger, How to Read Floating Point Numbers Accurately, PLDI 1990
-     obj          G. Meisters, Polygons Have Ears, American Mathematical Monthly 1975
-     ply          G. Turk, The PLY Polygon File Format, 1994
+                  Squares, 1944; D. Marquardt, An Algorithm for Least-Squares Estimation of
+                  Nonlinear Parameters, 1963
+     estimates    E. Fieller, Some Problems in Interval Estimation, J. R. Stat. Soc. B 1954;
+                  D. Belsley, E. Kuh, R. Welsch, Regression Diagnostics, 1980
+     meshes       G. Meisters, Polygons Have Ears, American Mathematical Monthly 1975;
+                  G. Turk, The PLY Polygon File Format, 1994
 
    [license] The MIT License
 

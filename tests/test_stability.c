@@ -593,7 +593,8 @@ static void test_limit_search(const limit_search *in, itn_method method, double 
     stage_need(itn_render(scene, theta, &options, NULL, 0, &target, &error), &error);
     theta[unknown] = in->start;
     watch.scene = scene, watch.steps = watch.bad = 0;
-    refine.method = method, refine.spp = 8, refine.iterations = method == ITN_METHOD_LM ? 12 : 30;
+    refine.method = method, refine.spp = method == ITN_METHOD_LM ? 32 : 8;
+    refine.iterations = method == ITN_METHOD_LM ? 12 : 30;
     refine.target_variance = target.pixels + 64, refine.outcome = &outcome;
     refine.progress = watch_step, refine.progress_user = &watch;
     stage_need(itn_refine(scene, theta, target.pixels, &unknown, 1, &refine, &estimate, &error),
