@@ -4457,8 +4457,11 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
     const float *planes[3];
     int i, k, count;
     if (!image || !image->pixels || !image->names || image->plane_count < 1 || image->width < 1 ||
-        image->height < 2 || (double)image->width * image->height > INT_MAX / 3)
-        return ITN__REFUSE("needs an image of at least 1 x 2 pixels, at most %d", INT_MAX / 3);
+        image->height < 2)
+        return ITN__REFUSE("needs an image of at least 1 x 2 pixels");
+    if ((double)image->width * image->height > INT_MAX / 3)
+        return ITN__REFUSE("the image of %d x %d pixels has more than %d", image->width,
+                           image->height, INT_MAX / 3);
     if (!itn__image_colours(image, planes))
         return ITN__REFUSE("the image has neither Y nor R, G, B among its %d planes '%s', '%s'%s",
                            image->plane_count, image->names[0], image->names[1],

@@ -1769,7 +1769,7 @@ int main(void) {
     CHECK_CATCHES(test_index_derivative_beside_black_red(.05));
     CHECK_CATCHES(test_visitors(1));
     CHECK_CATCHES(test_seeds_of_the_refinement(5));
-    CHECK_CATCHES(test_refinement_in_dim_light(-.3));
+    CHECK_CATCHES(test_refinement_in_dim_light(-.6));
     CHECK_CATCHES(test_thickness_of_a_drawn_out_box(1));
     CHECK_CATCHES(test_faces_in_one_point(1e-4));
     CHECK_CATCHES(test_piles_are_reciprocal(1e-4));
