@@ -60,8 +60,7 @@
        [fast]           the same walk, many paths at a time
        [value]          what a path is expected to bring home
        [flights]        what flights meet, by the tables and by the triangles
-       [shadow]         shadow rays
-       [walk]           collisions, one after the other
+       [walk]           shadow rays; collisions, one after the other
        [surfaces]       what flights come to
        [picture]        who does what of a picture
        [render]         samples into images
@@ -6929,7 +6928,7 @@ static itn_result itn__tables_get(const itn_scene *scene, const float *theta, do
    minus the sum of differences (itn__difference). With scores, since the last surface: flights:
    sigma_t times those of flights; phases: those of turns by g; hits: number of collisions; bases:
    what is to be taken off (itn__book). Of a shadow ray beta is what it would bring, pdf is xi c of
-   [shadow]. */
+   [walk]. */
 #define ITN__PATH_ROWS(number, vector, integer)                                                    \
     vector p, d;                                                                                   \
     number beta[3], pdf;                                                                           \
@@ -7010,7 +7009,7 @@ typedef struct itn__fast {
     itn__place camera; /* where it is; */
     int outside;       /* not in a medium; */
     int shadows;       /* some light is sampled */
-    float shadow_cut;  /* c of [shadow] */
+    float shadow_cut;  /* c of [walk] */
     float roulette;    /* weights below this are raised to it by chance */
     int count;         /* parameters asked for */
     int planes;        /* of the result: radiance, by channels, then derivatives, by parameters and
@@ -7741,7 +7740,7 @@ static void itn__find_hits(itn__crowd *crowd) {
         itn__settle_hit(crowd->fast->scene, crowd->taken[i]);
 }
 
-/* ---- [shadow] shadow rays -------------------------------------------------------------------- */
+/* ---- [walk] shadow rays; collisions, one after the other ------------------------------------- */
 
 /* With sampled lights each vertex sends out a shadow ray, a straight flight to the light that
    carries what the light would add, while its path goes on at once. Shadow rays wait until there
@@ -7850,8 +7849,6 @@ static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k
     if (count) memcpy(ray->scores, path->scores, count * sizeof *ray->scores);
     return ray;
 }
-
-/* ---- [walk] collisions, one after the other -------------------------------------------------- */
 
 /* The stage where nearly all time is spent: roulette, flight, collision, new direction, for as long
    as each flight is proven free. */

@@ -1716,7 +1716,7 @@ static void test_loss_errors(void) {
     check_loss_refused(&c, c.scene, theta, c.image, 3, ""); /* the renderer's own refusal */
     CHECK(case_loss(&c, NULL, &warm, warm_gradient) == ITN_OK);
     live = memory.live; /* the scene keeps its tables */
-    for (result = ITN_ERROR_MEMORY, k = 0; result != ITN_OK && k < 100; k++) {
+    for (result = ITN_ERROR_MEMORY, k = 0; result != ITN_OK && k < 2000; k++) {
         memory.calls = 0, memory.fail_at = k;
         result = case_loss(&c, NULL, &loss, gradient);
         CHECK(result == ITN_OK || (result == ITN_ERROR_MEMORY && loss == 3 && gradient[2] == 6));
