@@ -4110,30 +4110,6 @@ static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u,
     return ray;
 }
 
-/* How many samples pixels get, where not all get the same: multiples of a set. */
-typedef struct itn__allotment {
-    int *samples;  /* [height][width] */
-    int set, most; /* samples of a set; most of a pixel */
-    double sum;    /* of all pixels */
-} itn__allotment;
-
-/* Samples of a pixel come in sets: a set is a Sobol sequence of its own ([sobol]), scrambled apart
-   from the others, so that their means are independent and tell the variance. Sets are of up to 16
-   samples, and there are four or more of them, unless there are fewer samples than that. */
-static int itn__set_size(int samples) {
-    int size = 16;
-    while (size > 1 && 4 * size > samples) size /= 2;
-    return size;
-}
-
-/* Gives a pixel so many samples, rounded up to whole sets. Returns how many these are. */
-static int itn__allot_pixel(itn__allotment *allotment, size_t pixel, int samples) {
-    int rounded = (samples + allotment->set - 1) / allotment->set * allotment->set;
-    allotment->samples[pixel] = rounded, allotment->sum += rounded;
-    if (rounded > allotment->most) allotment->most = rounded;
-    return rounded;
-}
-
 /* Parameters. A coordinate has no bounds, and steps in it are of a size that fits: the logarithm of
    a sigma_t, the logit log((x - lower) / (upper - x)) of what lies between two bounds. Derivatives
    go over by the chain rule, with the slope dx/du of value by coordinate. Where a logarithm or a
@@ -4153,6 +4129,9 @@ ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
     int i;
     for (i = 0; i < scene->parameter_count; i++) theta[i] = scene->parameters[i].value;
 }
+
+/* Whether a parameter is an albedo or a reflectance. */
+ITN__INLINE int itn__is_share(const itn_parameter *p) { return p->lower == 0 && p->upper == 1; }
 
 /* The least value that a search gives a parameter: its lower bound, but of an index, whose bound is
    1, a value where it still has a derivative (itn__check_ior). */
@@ -6161,6 +6140,22 @@ static int itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int ce
     *pixel = (size_t)y * (size_t)scene->film.width + (size_t)x;
     return x < scene->film.width && y < scene->film.height;
 }
+
+/* Samples of a pixel come in sets: a set is a Sobol sequence of its own ([sobol]), scrambled apart
+   from the others, so that their means are independent and tell the variance. Sets are of up to 16
+   samples, and there are four or more of them, unless there are fewer samples than that. */
+static int itn__set_size(int samples) {
+    int size = 16;
+    while (size > 1 && 4 * size > samples) size /= 2;
+    return size;
+}
+
+/* How many samples pixels get, where not all get the same: multiples of a set. */
+typedef struct itn__allotment {
+    int *samples;  /* [height][width] */
+    int set, most; /* samples of a set; most of a pixel */
+    double sum;    /* of all pixels */
+} itn__allotment;
 
 /* Samples of a pixel: by an allotment, or as many as all have. */
 static int itn__pixel_samples(const itn__allotment *allotment, int spp, size_t pixel) {
@@ -8322,11 +8317,7 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
 
 /* The paths of a camera ray share what it meets. In a pixel whose rays all meet nothing, in light
    that is everywhere the same, they are done before they start. A crowd takes turns between its
-   stages until all paths of its unit have come to their ends.
-
-   A picture's units of work are tiles of pixels times numbers of camera rays. A few crowds share
-   the tiles out; a tile's units are done in their order, so that the bits of the picture do not
-   depend on who did what. */
+   stages until all paths of its unit ([render]) have come to their ends. */
 
 /* Starts a path of a sample of a pixel, by walk number `walk`; u receives the random numbers of its
    place in the pixel. */
@@ -8438,13 +8429,12 @@ static void itn__substance_make(const itn__fast *fast, const itn__medium *medium
     for (c = 0; c < fast->channels; c++) out->slot_albedo[c] = fast->slots[medium->albedo + c];
 }
 
-/* The largest albedo or reflectance, parameters from 0 to 1: how bright an object can be in a light
-   of 1. */
+/* The largest albedo or reflectance: how bright an object can be in a light of 1. */
 static float itn__brightest(const itn__fast *fast) {
     float brightest = 0;
     int i;
     for (i = 0; i < fast->scene->parameter_count; i++)
-        if (fast->scene->parameters[i].lower == 0 && fast->scene->parameters[i].upper == 1)
+        if (itn__is_share(&fast->scene->parameters[i]))
             brightest = itn__max(brightest, fast->theta[i]);
     return brightest;
 }
@@ -8525,10 +8515,9 @@ static int itn__can_control(const itn__fast *fast) {
    (fast walk); either way a sample leaves a number in each plane: radiance by channels, then its
    derivatives by parameters and channels - or, with weights, only derivatives by parameters, folded
    with the weights of the pixel (the adjoint). Samples come in sets, independent of each other: of
-   one, of a
-   Sobol sequence ([sobol]), or of three whose heroes are the three channels ([throughput]). With t
-   the sum over a set of n and N = sum n, the mean is sum t / N, and its variance
-   (sum t^2 / n / N - mean^2) / (sets - 1). */
+   one, of a Sobol sequence ([sobol]), or of three whose heroes are the three channels
+   ([throughput]). With t the sum over a set of n and N = sum n, the mean is sum t / N, and its
+   variance (sum t^2 / n / N - mean^2) / (sets - 1). */
 
 typedef struct itn__worker {
     itn__unit unit;
@@ -8613,7 +8602,7 @@ static int itn__fast_derivative(const itn_scene *scene, const float *theta, int 
                                 int *only) {
     const itn_parameter *p = &scene->parameters[parameter];
     const char *field = strchr(p->name, '.') + 1, *channel = strrchr(field, '_');
-    int share = p->lower == 0 && p->upper == 1; /* an albedo or a reflectance */
+    int share = itn__is_share(p);
     *only = !share ? -1 : !channel || scene->film.channels == 1 ? 0
             : channel[1] == 'r' ? 0 : channel[1] == 'g' ? 1 : 2;
     if (share) return theta[parameter] >= .01f;
@@ -8729,7 +8718,7 @@ static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texel
     walk->max_scatter = render->max_scatter, walk->texels = texels;
     if (texels && texels->texture) walk->score_count += ITN__TOUCHES;
     for (k = 0; k < render->scene->parameter_count; k++) {
-        float faint = parameters[k].upper == 1 && parameters[k].lower == 0 ? .1f : 0;
+        float faint = itn__is_share(&parameters[k]) ? .1f : 0;
         if (strstr(parameters[k].name, ".sigma_t")) faint = .025f / render->scene->radius;
         if (render->slots[k] >= 0 && render->theta[k] < faint) walk->sheltered = 6;
     }
@@ -9105,31 +9094,13 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
     return result;
 }
 
-/* itn_render, with so many samples of each pixel where an allotment is given. */
-static itn_result itn__render_allotted(const itn_scene *scene, const float *theta,
-                                       const itn_render_options *options,
-                                       const itn__allotment *allotment, const int *parameters,
-                                       int count, itn_image *image, itn_error *error) {
-    itn__render render;
-    itn_image made = ITN_ZERO;
-    itn_result result;
-    if (!image) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
-    result = itn__render_begin(&render, scene, theta, options, parameters, count, error);
-    render.allotment = allotment;
-    if (!result) result = itn__render_run(&render, error);
-    if (!result) result = itn__develop(&render, parameters, &made, error);
-    if (!result) *image = made, itn__report(options, &render, 1);
-    itn__render_end(&render);
-    return result;
-}
-
 enum { ITN__MOST_SAMPLES = 1 << 24 };
 
 /* Numbers of samples, rounded up to whole sets; the caller frees them, in any case. */
 static itn_result itn__allotment_make(const itn_scene *scene, const int *samples,
                                       itn__allotment *allotment, itn_error *error) {
     size_t pixels = (size_t)scene->film.width * (size_t)scene->film.height, i;
-    int least = ITN__MOST_SAMPLES;
+    int least = ITN__MOST_SAMPLES, set;
     for (i = 0; i < pixels; i++) {
         if (samples[i] < 1 || samples[i] > ITN__MOST_SAMPLES)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -9139,26 +9110,37 @@ static itn_result itn__allotment_make(const itn_scene *scene, const int *samples
     }
     allotment->samples = (int *)itn__allocate(&scene->context, pixels, sizeof(int));
     if (!allotment->samples) return itn__out_of_memory(error, "samples by pixel");
-    allotment->set = itn__set_size(least);
-    for (i = 0; i < pixels; i++) itn__allot_pixel(allotment, i, samples[i]);
+    set = allotment->set = itn__set_size(least);
+    for (i = 0; i < pixels; i++) {
+        int rounded = (samples[i] + set - 1) / set * set;
+        allotment->samples[i] = rounded, allotment->sum += rounded;
+        if (rounded > allotment->most) allotment->most = rounded;
+    }
     return ITN_OK;
 }
 
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error) {
-    itn_render_options own;
-    itn__allotment allotment;
-    itn_result result;
-    if (!scene || !options || !options->samples)
-        return itn__render_allotted(scene, theta, options, NULL, parameters, count, image, error);
-    memset(&allotment, 0, sizeof allotment);
-    result = itn__allotment_make(scene, options->samples, &allotment, error);
-    own = *options, own.samples = NULL, own.spp = allotment.most;
-    if (!result)
-        result = itn__render_allotted(scene, theta, &own, &allotment, parameters, count, image,
-                                      error);
-    itn__free(&scene->context, allotment.samples);
+    itn_render_options own = ITN_ZERO;
+    itn__allotment allotment = ITN_ZERO;
+    itn__render render = ITN_ZERO;
+    itn_image made = ITN_ZERO;
+    itn_result result = ITN_OK;
+    if (options) own = *options;
+    if (scene && own.samples) {
+        result = itn__allotment_make(scene, own.samples, &allotment, error);
+        own.samples = NULL, own.spp = allotment.most;
+    }
+    if (!result && !image)
+        result = itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
+    if (!result) result = itn__render_begin(&render, scene, theta, &own, parameters, count, error);
+    if (allotment.samples) render.allotment = &allotment;
+    if (!result) result = itn__render_run(&render, error);
+    if (!result) result = itn__develop(&render, parameters, &made, error);
+    if (!result) *image = made, itn__report(options, &render, 1);
+    itn__render_end(&render);
+    if (scene) itn__free(&scene->context, allotment.samples);
     return result;
 }
 
@@ -10603,6 +10585,15 @@ static int itn__tells(const itn__refiner *refiner, int axis) {
     return refiner->told[axis] > ITN__CERTAIN * refiner->doubt[axis];
 }
 
+/* c^T b of an axis. */
+static double itn__right_along(const itn__refiner *refiner, int axis) {
+    double sum = 0;
+    int k;
+    for (k = 0; k < refiner->count; k++)
+        sum += refiner->axes[k * refiner->count + axis] * refiner->right[k];
+    return sum;
+}
+
 /* c^T M c of an axis. */
 static double itn__along_axis(const itn__refiner *refiner, const double *matrix, int axis) {
     double sum = 0;
@@ -10667,10 +10658,10 @@ static int itn__normal(itn__refiner *refiner) {
     itn__eigen(refiner->matrix, refiner->axes, n);
     refiner->arrived = 1;
     for (j = 0; j < n; j++) {
-        double b = 0, noise = itn__along_axis(refiner, refiner->noise, j);
+        double b = itn__right_along(refiner, j);
+        double noise = itn__along_axis(refiner, refiner->noise, j);
         refiner->told[j] = refiner->matrix[j * n + j];
         refiner->doubt[j] = sqrt(itn__direction_noise(refiner, refiner->axes + j, n));
-        for (k = 0; k < n; k++) b += refiner->axes[k * n + j] * refiner->right[k];
         if (itn__tells(refiner, j) && b * b > 6 * noise) refiner->arrived = 0;
         if (!itn__tells(refiner, j) || !(noise > 0)) share++;
         else
@@ -10789,8 +10780,7 @@ static void itn__refine_solve(itn__refiner *refiner, double radius) {
     int n = refiner->count, j, k;
     memset(refiner->step, 0, (size_t)n * sizeof(double));
     for (j = 0; j < n; j++) {
-        double b = 0, told = refiner->told[j], along;
-        for (k = 0; k < n; k++) b += refiner->axes[k * n + j] * refiner->right[k];
+        double b = itn__right_along(refiner, j), told = refiner->told[j], along;
         if (!itn__tells(refiner, j)) {
             if (b * b < 4 * itn__along_axis(refiner, refiner->noise, j)) continue;
             told = fmax(told, 0) + 1.5 * refiner->doubt[j];
@@ -11704,13 +11694,16 @@ int fileno(FILE *file); /* strict C99 does not tell of it */
 }
 #endif
 
-/* Reads a file of at most `limit` bytes into an empty buffer whose context is set; on failure it
-   stays empty. */
-static itn_result itn__read_file(const char *path, size_t limit, itn__buffer *buffer,
-                                 itn_error *error) {
+/* Makes a buffer of a file of at most `limit` bytes; on failure it is empty. */
+static itn_result itn__read_file(const char *path, size_t limit, const itn_context *context,
+                                 itn__buffer *buffer, itn_error *error) {
     FILE *file;
     size_t got = 1;
     const char *cause = NULL;
+    itn_result result;
+    memset(buffer, 0, sizeof *buffer);
+    result = itn__context_check(context, &buffer->context, error);
+    if (result) return result;
     if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
     file = fopen(path, "rb");
     while (file && got && buffer->size <= limit && itn__buffer_reserve(buffer, 65536)) {
@@ -12221,9 +12214,8 @@ ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const c
 
 ITN_API itn_result itn_image_load(const char *path, const itn_context *context, itn_image *image,
                                   itn_error *error) {
-    itn__buffer file = ITN_ZERO;
-    itn_result result = itn__context_check(context, &file.context, error);
-    if (!result) result = itn__read_file(path, SIZE_MAX / 4, &file, error);
+    itn__buffer file;
+    itn_result result = itn__read_file(path, SIZE_MAX / 4, context, &file, error);
     if (!result) result = itn_image_from_memory(file.bytes, file.size, path, context, image, error);
     itn__buffer_free(&file);
     return result;
@@ -12875,9 +12867,8 @@ ITN_API ITN__COLD itn_result itn_mesh_from_memory(const void *bytes, size_t size
 
 ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, itn_mesh *mesh,
                                  itn_error *error) {
-    itn__buffer file = ITN_ZERO;
-    itn_result result = itn__context_check(context, &file.context, error);
-    if (!result) result = itn__read_file(path, SIZE_MAX / 4, &file, error);
+    itn__buffer file;
+    itn_result result = itn__read_file(path, SIZE_MAX / 4, context, &file, error);
     if (!result) result = itn_mesh_from_memory(file.bytes, file.size, path, context, mesh, error);
     itn__buffer_free(&file);
     return result;
@@ -13033,9 +13024,8 @@ ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weight
 
 ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
                                 itn_net **net, itn_error *error) {
-    itn__buffer file = ITN_ZERO;
-    itn_result result = itn__context_check(context, &file.context, error);
-    if (!result) result = itn__read_file(path, SIZE_MAX / 4, &file, error);
+    itn__buffer file;
+    itn_result result = itn__read_file(path, SIZE_MAX / 4, context, &file, error);
     if (!result)
         result = itn_net_from_memory(file.bytes, file.size, path, batch, context, net, error);
     itn__buffer_free(&file);
@@ -13187,7 +13177,7 @@ static itn_result itn__read_beside(const char *scene, const char *name, size_t l
 #endif
     itn__put(path, scene, folder), itn__put(path, name, length), itn__put(path, "", 1);
     if (path->failed) return itn__out_of_memory(error, "a path");
-    return itn__read_file((const char *)path->bytes, SIZE_MAX / 4, file, error);
+    return itn__read_file((const char *)path->bytes, SIZE_MAX / 4, &path->context, file, error);
 #endif
 }
 
@@ -13400,9 +13390,8 @@ ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const c
 #ifndef ITN_NO_STDIO
 ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, itn_scene **scene,
                                   itn_error *error) {
-    itn__buffer file = ITN_ZERO;
-    itn_result result = itn__context_check(context, &file.context, error);
-    if (!result) result = itn__read_file(path, ITN__MOST_TEXT, &file, error);
+    itn__buffer file;
+    itn_result result = itn__read_file(path, ITN__MOST_TEXT, context, &file, error);
     if (!result)
         result = itn_scene_from_memory(file.bytes, file.size, path, NULL, 0, context, scene, error);
     itn__buffer_free(&file);

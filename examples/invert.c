@@ -451,11 +451,12 @@ static void make_target(picture *p, const itn_context *context, const itn_render
     itn_image_free(&image);
 }
 
-/* The value that `part` of the numbers' sizes lie below; those that are not finite do not count. */
 static int compare(const void *a, const void *b) {
     float x = *(const float *)a, y = *(const float *)b;
     return (x > y) - (x < y);
 }
+
+/* The value that `part` of the numbers' sizes lie below; those that are not finite do not count. */
 static double quantile(const float *values, size_t count, double part) {
     float *sizes = (float *)malloc(count * sizeof *sizes), found;
     size_t i, n = 0;
@@ -469,7 +470,7 @@ static double quantile(const float *values, size_t count, double part) {
 }
 
 /* Divides the difference by its noise, that of the picture and of the render. Where the picture's
-   is not known, it is what neighbours in a row do not share. Values that do not count become NaN. */
+   is not known, it is what neighbours in a row do not share. What does not count becomes NaN. */
 static void divide_by_noise(const picture *p, float *difference, const float *variance,
                             size_t count) {
     double own = 0;
@@ -513,7 +514,7 @@ static void draw_chart(itn_image *page, const history *h, int place, int top, co
     }
     sheet_axes(page, b, x, y, title, "step");
     if (is_misfit && h->noise) {
-        double floor = b.top + b.height * (1 - sheet_place(y, 1));
+        double floor = sheet_height(b, y, 1);
         sheet_line(page, b.left, floor, b.left + b.width, floor, 1.5, SHEET_GREY);
         sheet_text(page, b.left + b.width - 4, floor - 4, 1, 8, SHEET_GREY, "noise");
     }
@@ -541,8 +542,9 @@ static void save_sheet(const picture *p, const itn_image *image, int count, cons
     snprintf(text, sizeof text, "%s", strrchr(p->stem, '/') ? strrchr(p->stem, '/') + 1 : p->stem);
     sheet_text(&page, GAP, 32, -1, 14, SHEET_INK, text);
     if (h && h->noise) {
-        snprintf(text, sizeof text, "misfit %.3g " SHEET_PLUS_MINUS " %.1g: the scene %s the picture",
-                 outcome->misfit, outcome->misfit_error,
+        snprintf(text, sizeof text,
+                 "misfit %.3g " SHEET_PLUS_MINUS " %.1g: the scene %s the picture", outcome->misfit,
+                 outcome->misfit_error,
                  outcome->explained ? "explains" : "DOES NOT EXPLAIN");
         sheet_text(&page, page.width - GAP, 32, 1, 11,
                    outcome->explained ? SHEET_INK : SHEET_COLOURS[1], text);

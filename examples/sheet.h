@@ -195,30 +195,31 @@ static void sheet_axes(itn_image *page, sheet_box b, sheet_axis x, sheet_axis y,
     sheet_line(page, b.left, b.top + b.height, b.left + b.width, b.top + b.height, 1, SHEET_GREY);
 }
 
-/* A curve through points with a band of +- errors (NULL: none). What is outside is cut. */
+/* A value's y in a chart, cut at the frame. */
+static double sheet_height(sheet_box b, sheet_axis y, double value) {
+    return b.top + b.height * (1 - fmin(fmax(sheet_place(y, value), 0), 1));
+}
+
+/* A curve through points with a band of +- errors. What is outside is cut. */
 static void sheet_curve(itn_image *page, sheet_box b, sheet_axis x, sheet_axis y, int count,
                         const double *xs, const double *ys, const double *errors,
                         sheet_colour colour) {
+    double x0 = 0, y0 = 0;
     int i, column;
     for (i = 0; i < count; i++) {
-        double x1 = b.left + b.width * sheet_place(x, xs[i]), t = sheet_place(y, ys[i]);
-        double y1 = b.top + b.height * (1 - fmin(fmax(t, 0), 1)), x0, y0;
+        double x1 = b.left + b.width * sheet_place(x, xs[i]), y1 = sheet_height(b, y, ys[i]);
         sheet_line(page, x1, y1, x1, y1, 4, colour);
-        if (!i) continue;
-        x0 = b.left + b.width * sheet_place(x, xs[i - 1]);
-        t = sheet_place(y, ys[i - 1]);
-        y0 = b.top + b.height * (1 - fmin(fmax(t, 0), 1));
-        sheet_line(page, x0, y0, x1, y1, 1.5, colour);
-        for (column = (int)x0; errors && column < (int)x1; column++) {
-            double s = (column - x0) / (x1 - x0), low, high;
+        if (i) sheet_line(page, x0, y0, x1, y1, 1.5, colour);
+        for (column = (int)x0; i && column < (int)x1; column++) {
+            double s = (column - x0) / (x1 - x0);
             double value = ys[i - 1] + s * (ys[i] - ys[i - 1]);
             double error = errors[i - 1] + s * (errors[i] - errors[i - 1]);
             sheet_box band = {column, 0, 1, 0};
-            low = fmin(fmax(sheet_place(y, value - error), 0), 1);
-            high = fmin(fmax(sheet_place(y, value + error), 0), 1);
-            band.top = b.top + b.height * (1 - high), band.height = b.height * (high - low);
+            band.top = sheet_height(b, y, value + error);
+            band.height = sheet_height(b, y, value - error) - band.top;
             sheet_fill(page, band, colour, .2);
         }
+        x0 = x1, y0 = y1;
     }
 }
 
