@@ -992,9 +992,11 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #define ITN__UNROLL
 #endif
 #if !defined(ITN_MALLOC) && !defined(ITN_FREE)
+#define ITN__MALLOC(bytes) malloc(bytes)
 #define ITN__MALLOC_ZEROED(bytes) calloc(1, bytes)
 #define ITN_FREE(block) free(block)
 #elif defined(ITN_MALLOC) && defined(ITN_FREE)
+#define ITN__MALLOC(bytes) ITN_MALLOC(bytes)
 #define ITN__MALLOC_ZEROED(bytes) itn__zero(ITN_MALLOC(bytes), bytes)
 #else
 #error "define both ITN_MALLOC and ITN_FREE, or neither"
@@ -1217,6 +1219,11 @@ static void *itn__allocate(const itn_context *context, size_t count, size_t size
     if (count * size == 0) count = size = 1;
     if (!context->allocate) return ITN__MALLOC_ZEROED(count * size);
     return itn__zero(context->allocate(count * size, context->memory_user), count * size);
+}
+
+/* The same for what is large and written before it is read: not zeroed. */
+ITN__UNUSED static void *itn__allocate_raw(const itn_context *context, size_t size) {
+    return context->allocate ? context->allocate(size, context->memory_user) : ITN__MALLOC(size);
 }
 
 static void itn__free(const itn_context *context, void *block) {
@@ -7837,6 +7844,7 @@ static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k
     itn__path *ray = &crowd->rays[crowd->ray_count];
     size_t count = (size_t)crowd->fast->count;
     int c;
+    memset(&ray->control, 0, (ITN__ROWS - ITN__FEW_ROWS) * sizeof(float));
     ray->owner = path, ray->place = path->place, ray->distance = reach, ray->pdf = level;
     ray->scores = crowd->scores + (size_t)(ITN__CROWD + crowd->ray_count++) * count;
     ray->p = itn__lane_vector(&s->p, k), ray->d = itn__lane_vector(d, k);
@@ -8482,17 +8490,20 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, float *radi
     const itn_context *context = &fast->scene->context;
     size_t substances = 1 + (size_t)fast->scene->medium_count, count = (size_t)fast->count;
     int i;
+    for (i = 0; i < ITN__CROWD; i++) {
+        crowd->unused[i] = ITN__CROWD - 1 - i;
+        if (fast->learning) crowd->paths[i].mark = 0;
+    }
+    crowd->unused_count = ITN__CROWD, crowd->ray_count = crowd->taken_count = 0;
+    crowd->exact.count = crowd->sky.count = 0, crowd->collisions = 0;
     crowd->fast = fast, crowd->radiance = radiance, crowd->radiance_stride = rays;
     crowd->walk = (itn__queue *)itn__allocate(
         context, substances + (size_t)fast->scene->surface_count, sizeof(itn__queue));
     crowd->scores = (float *)itn__allocate(context, 2 * ITN__CROWD, count * sizeof(float));
     crowd->lessons = (double *)itn__allocate(context, fast->learning ? substances : 0,
                                              ITN__LESSON_SUMS * sizeof(double));
-    if (!crowd->walk || !crowd->scores || !crowd->lessons) return 0;
-    crowd->surface = crowd->walk + substances;
-    for (i = 0; i < ITN__CROWD; i++) crowd->unused[i] = ITN__CROWD - 1 - i;
-    crowd->unused_count = ITN__CROWD;
-    return 1;
+    crowd->surface = crowd->walk ? crowd->walk + substances : NULL;
+    return crowd->walk && crowd->scores && crowd->lessons;
 }
 
 #define ITN__LESSONS 32768. /* paths that V is learnt from */
@@ -8852,7 +8863,7 @@ static int itn__worker_make(const itn__render *render, itn__worker *worker, int 
     if (!worker->values) return 0;
 #ifndef ITN_NO_FAST
     if (render->fast) {
-        worker->crowd = (itn__crowd *)itn__allocate(context, 1, sizeof(itn__crowd));
+        worker->crowd = (itn__crowd *)itn__allocate_raw(context, sizeof(itn__crowd));
         return worker->crowd && itn__crowd_make(worker->crowd, render->state, worker->values, rays);
     }
 #endif
