@@ -757,7 +757,7 @@ static void bench_open(walk_bench *bench, const char *what, const char *csv, con
     memset(bench, 0, sizeof *bench);
     if (!mesh) mesh = project_path("scenes/shapes/knot.ply", path, sizeof path);
     need(itn_mesh_load(mesh, &context, &bench->mesh, &error), &error);
-    need(itn__read_file(project_path("scenes/t3-e60.sky", sky, sizeof sky), 1 << 20, &bytes,
+    need(itn__read_file(project_path("scenes/t3-e60.sky", sky, sizeof sky), 1 << 20, NULL, &bytes,
                         &error), &error);
     need(itn__sky_from_memory(bytes.bytes, bytes.size, sky, &bench->sky, &error), &error);
     itn__buffer_free(&bytes);

@@ -803,7 +803,7 @@ static void test_exr_shared_bytes(int planted) {
     CHECK(itn_image_create(WIDTH, 2, 1, NULL, &image, NULL) == ITN_OK);
     strcpy(image.names[0], "Y");
     CHECK(itn_image_save_exr(&image, in_directory("image.exr"), NULL) == ITN_OK);
-    CHECK(itn__read_file(in_directory("image.exr"), SIZE_MAX / 4, &file, NULL) == ITN_OK);
+    CHECK(itn__read_file(in_directory("image.exr"), SIZE_MAX / 4, NULL, &file, NULL) == ITN_OK);
     first = file.size - 2 * (8 + 4 * WIDTH), table = first - 16;
     CHECK(get_u64(file.bytes + table) == first);
     if (!planted) {
@@ -828,7 +828,7 @@ static void test_exr_damaged_block(void) {
     strcpy(image.names[0], "Y");
     CHECK(itn_image_save_exr(&image, in_directory("image.exr"), NULL) == ITN_OK);
     itn_image_free(&image);
-    CHECK(itn__read_file(in_directory("image.exr"), SIZE_MAX / 4, &file, NULL) == ITN_OK);
+    CHECK(itn__read_file(in_directory("image.exr"), SIZE_MAX / 4, NULL, &file, NULL) == ITN_OK);
     file.bytes[file.size - 2 * BLOCK]++; /* the row of the last block but one */
     CHECK(itn_image_from_memory(file.bytes, file.size, NULL, NULL, &image, &error));
     sprintf(place, "byte %d: EXR block 2: ", (int)file.size - 2 * BLOCK);
@@ -906,7 +906,7 @@ static unsigned char *read_png(const char *path, int *width, int *height) {
     unsigned char *rows = NULL, *at;
     size_t size;
     *width = *height = 0;
-    if (itn__read_file(path, 1 << 24, &file, NULL)) return NULL;
+    if (itn__read_file(path, 1 << 24, NULL, &file, NULL)) return NULL;
     at = file.bytes + 8;
     CHECK(!memcmp(file.bytes, "\x89PNG\r\n\x1a\n", 8));
     CHECK(big_endian(at) == 13 && !memcmp(at + 4, "IHDR", 4) && !memcmp(at + 16, "\10\2\0\0\0", 5));
@@ -1500,7 +1500,7 @@ static int temporaries(const char *path) {
 
 static int is_precious(const char *path) {
     itn__buffer file = ITN_ZERO;
-    int is = itn__read_file(path, 8, &file, NULL) == ITN_OK && file.size == 8 &&
+    int is = itn__read_file(path, 8, NULL, &file, NULL) == ITN_OK && file.size == 8 &&
              !memcmp(file.bytes, "precious", 8);
     itn__buffer_free(&file);
     return is;
@@ -1537,7 +1537,7 @@ static void test_disk(void) {
     CHECK(itn_image_save_exr(&image, old, &error) == ITN_ERROR_FILE);
     limit_files(0);
     CHECK(strstr(error.message, "cannot write") && !temporaries(old) && is_precious(old));
-    CHECK(itn__read_file(old, 7, &file, &error) == ITN_ERROR_FILE && !file.bytes);
+    CHECK(itn__read_file(old, 7, NULL, &file, &error) == ITN_ERROR_FILE && !file.bytes);
     CHECK(itn_image_save_exr(&image, directory, &error) == ITN_ERROR_FILE); /* a directory */
     CHECK(!temporaries(directory));
     /* a temporary of somebody else's, also a link, is neither written to nor removed */
@@ -1606,7 +1606,7 @@ static void check_writers(int torn) {
     while (left > 0) {
         itn__buffer file = ITN_ZERO;
         if (waitpid(-1, &status, WNOHANG) > 0) left--, done += status == 0;
-        whole &= itn__read_file(path, SIZE, &file, NULL) == ITN_OK && file.size == SIZE;
+        whole &= itn__read_file(path, SIZE, NULL, &file, NULL) == ITN_OK && file.size == SIZE;
         if (file.size && torn) file.bytes[file.size / 2] ^= 1;
         for (i = 1; whole && i < SIZE; i++) whole = file.bytes[i] == file.bytes[0];
         itn__buffer_free(&file);

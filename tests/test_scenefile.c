@@ -508,7 +508,7 @@ static int try_scene(void) {
 /* Reads a sky file. */
 static itn_result load_sky(const char *path, itn_sky *sky, itn_error *error) {
     itn__buffer bytes = ITN_ZERO;
-    itn_result result = itn__read_file(path, 1 << 20, &bytes, error);
+    itn_result result = itn__read_file(path, 1 << 20, NULL, &bytes, error);
     if (!result)
         result = itn__sky_from_memory(bytes.bytes, bytes.size, path, sky, error);
     itn__buffer_free(&bytes);
