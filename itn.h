@@ -37,12 +37,10 @@
        [api-refine]     analysis by synthesis
        [api-io]         files
 
-     Part II, the implementation: read from top to bottom, theory first; nothing is used before it
-     is defined
+     Part II, the reference path tracer, with all it needs: read from top to bottom, theory first
        [base]           compiler; text; errors, memory, loops
        [math]           scalars, vectors, random numbers
        [lanes]          many floats at a time, functions of them, and numbers with a slope
-       [mesh]           images, triangle meshes, and whether these are solids
        [triangle]       the watertight test of one ray and many triangles
        [bvh]            a bounding volume hierarchy
        [fields]         what items have, said once
@@ -50,11 +48,14 @@
        [surface]        Fresnel, rough boundary, diffuse
        [light]          constant, map, sky, sun
        [scene]          what a scene holds
-       [maker]          a desc, checked and made ready
-       [objects]        meshes, transformed and merged into one tree
        [place]          where a walk is
        [throughput]     what a path carries
        [path]           the reference path tracer
+
+     Part III, all else: scenes, the fast walk, pictures, networks, searches, files
+       [mesh]           images, triangle meshes, and whether these are solids
+       [maker]          a desc, checked and made ready
+       [objects]        meshes, transformed and merged into one tree
        [sobol]          scrambled points that fill the cube evenly
        [voxels]         what is known of a scene before walking
        [fast]           the same walk, many paths at a time
@@ -952,7 +953,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #endif /* ITN_H */
 /* ===================================== end of the interface =================================== */
 /* ============================================================================================
-   PART II: THE IMPLEMENTATION
+   PART II: THE REFERENCE PATH TRACER
    ============================================================================================ */
 #if defined(ITN_IMPLEMENTATION) && !defined(ITN_IMPLEMENTATION_DONE)
 #define ITN_IMPLEMENTATION_DONE
@@ -1937,107 +1938,24 @@ ITN__INLINE itn__num itn__nselect(itn__ints mask, itn__num a, itn__num b) {
     return itn__num_of(itn__select(mask, a.v, b.v), itn__select(mask, a.d, b.d));
 }
 
-/* ---- [mesh] images, triangle meshes, and whether these are solids --------------------------- */
+/* ---- [triangle] the watertight test of one ray and many triangles --------------------------- */
 
-ITN_API itn_result itn_image_create(int width, int height, int plane_count,
-                                    const itn_context *context, itn_image *image,
-                                    itn_error *error) {
-    size_t pixels = (size_t)width * (size_t)height;
-    itn_image made;
-    itn_result result;
-    if (!image || width < 1 || height < 1 || plane_count < 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_image_create: image is NULL, or of %d x %d x %d planes one is not "
-                         "positive", width, height, plane_count);
-    result = itn__context_check(context, &made.context, error);
-    if (result) return result;
-    if (pixels / (size_t)height != (size_t)width || pixels > SIZE_MAX / 8 / (size_t)plane_count)
-        return itn__out_of_memory(error, "an image");
-    made.width = width, made.height = height, made.plane_count = plane_count;
-    made.names = (char(*)[ITN_NAME_SIZE])itn__allocate(&made.context, (size_t)plane_count,
-                                                       ITN_NAME_SIZE);
-    made.pixels = ITN__NEW(float, &made.context, pixels * (size_t)plane_count);
-    if (!made.names || !made.pixels) {
-        itn_image_free(&made);
-        return itn__out_of_memory(error, "an image");
-    }
-    *image = made;
-    return ITN_OK;
-}
-
-ITN_API void itn_image_free(itn_image *image) {
-    if (!image) return;
-    itn__free(&image->context, image->pixels);
-    itn__free(&image->context, image->names);
-    memset(image, 0, sizeof *image);
-}
-
-ITN_API float *itn_image_plane(const itn_image *image, const char *name) {
-    int plane;
-    if (!image || !name) return NULL;
-    for (plane = 0; plane < image->plane_count; plane++)
-        if (!strcmp(image->names[plane], name))
-            return image->pixels + (size_t)plane * (size_t)image->width * (size_t)image->height;
-    return NULL;
-}
-
-/* The planes that hold an image's light: R, G, B if all are there, else Y, or the only plane, three
-   times over. Returns 0 if none of that is there: of a file of layers the first plane is often
-   alpha. */
-static int itn__image_colours(const itn_image *image, const float *planes[3]) {
-    static const char *const rgb[3] = {"R", "G", "B"};
-    int k;
-    for (k = 0; k < 3; k++) planes[k] = itn_image_plane(image, rgb[k]);
-    if (planes[0] && planes[1] && planes[2]) return 1;
-    planes[0] = itn_image_plane(image, "Y");
-    if (!planes[0] && image->plane_count == 1) planes[0] = image->pixels;
-    planes[1] = planes[2] = planes[0];
-    return planes[0] != NULL;
-}
-
-/* Meshes. */
-
-ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int with_uvs,
-                                   const itn_context *context, itn_mesh *mesh, itn_error *error) {
-    itn_mesh made = ITN_ZERO;
-    itn_result result = itn__context_check(context, &made.context, error);
-    if (result) return result;
-    if (!mesh || vertex_count < 0 || triangle_count < 0)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_mesh_create: mesh is NULL, or %d vertices or %d triangles are "
-                         "negative", vertex_count, triangle_count);
-    made.vertex_count = vertex_count, made.triangle_count = triangle_count;
-    made.positions = (float *)itn__allocate(&made.context, (size_t)vertex_count, 3 * sizeof(float));
-    made.triangles = (int *)itn__allocate(&made.context, (size_t)triangle_count, 3 * sizeof(int));
-    if (with_uvs)
-        made.uvs = (float *)itn__allocate(&made.context, (size_t)triangle_count, 6 * sizeof(float));
-    if (!made.positions || !made.triangles || (with_uvs && !made.uvs)) {
-        itn_mesh_free(&made);
-        return itn__out_of_memory(error, "a mesh");
-    }
-    *mesh = made;
-    return ITN_OK;
-}
-
-ITN_API void itn_mesh_free(itn_mesh *mesh) {
-    if (!mesh) return;
-    itn__free(&mesh->context, mesh->uvs);
-    itn__free(&mesh->context, mesh->triangles);
-    itn__free(&mesh->context, mesh->positions);
-    memset(mesh, 0, sizeof *mesh);
-}
-
-/* Refuses a mesh whose fields cannot be read at all. */
-static itn_result itn__mesh_readable(const itn_mesh *mesh, const char *who, itn_error *error) {
-    const char *fault = NULL;
-    if (!mesh)
-        fault = "mesh is NULL";
-    else if (mesh->vertex_count < 0 || mesh->triangle_count < 0)
-        fault = "vertex_count or triangle_count is negative";
-    else if ((mesh->vertex_count && !mesh->positions) || (mesh->triangle_count && !mesh->triangles))
-        fault = "positions or triangles are NULL";
-    return fault ? itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: %s", who, fault) : ITN_OK;
-}
+/* Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2(1), 2013. Corners A, B, C
+   are moved to the ray's origin, and a permutation of the axes (the largest component of the
+   direction becomes z, orientation kept) with a shear turns the ray into the z axis. What is left
+   is whether the point (0,0) lies in a triangle of the plane, which the edge functions
+     U = Cx By - Cy Bx,   V = Ax Cy - Ay Cx,   W = Bx Ay - By Ax
+   tell: all of one sign, zeros included. det = U + V + W is twice the signed area, positive where
+   the front is seen; U/det, V/det, W/det are the barycentric weights, and t is interpolated between
+   those of the corners. det == 0 (no area, or seen edge-on) is no hit: the neighbours then cover
+   the point.
+   Triangles that share an edge compute the same sheared corners, as floats, so nothing slips
+   between them if the signs of the edge functions are right. Lanes compare the two products, of
+   many triangles at a time: rounding keeps the order of numbers, so the lesser product is the
+   lesser one, and only equal ones leave the sign open. Few triangles remain, for which doubles
+   decide: there products of floats are exact (24 + 24 <= 53 bits, and no exponent over- or
+   underflows), and the rounding of a difference keeps its sign, contracted to a fused multiply-add
+   or not. Rounded to a float, t lies between those of the corners, so the lanes know it so far. */
 
 typedef struct itn__triangle {
     float corner[3][3];
@@ -2087,247 +2005,6 @@ static double itn__unit_normal(const itn__triangle *triangle, double n[3]) {
     for (k = 0; k < 3 && length > 0; k++) n[k] /= length;
     return length;
 }
-
-/* Solids. A mesh bounds a solid when its oriented triangles have no boundary: every directed edge
-   (a,b) is used as often as its opposite (b,a). Vertices at equal positions are welded first, so
-   the seams of texture coordinates do not count as holes. Of an undirected edge with f uses in one
-   direction and b in the other, f == b is good, f + b == 1 open, the rim of a hole; otherwise it is
-   flipped: some of its triangles disagree on which side is out. Triangles with an index out of
-   range or with two equal corners take no part; those of zero area and three different corners may
-   close the slit between a long edge and the two short ones beside it.
-   A closed mesh has the signed volume V = sum of F / 6 (the divergence theorem), with o at one of
-   its corners, so that a mesh far from the origin loses no digits. The parts that edges of two
-   triangles join have such volumes, too; where rounding may have made one, as of a sheet with two
-   sides, it is 0. */
-
-/* A position, or an edge between welded vertices, and what uses it: vertices, or triangles. */
-typedef struct itn__entry {
-    uint32_t key[3];
-    int first, last;    /* to use it */
-    int along, against; /* an edge's uses in the direction of its key, and in the other */
-} itn__entry;
-
-/* A hash table with open addressing; entries are numbered in the order in which they come. The seed
-   is made of all that is in the mesh, so that files can hardly choose slots. */
-typedef struct itn__table {
-    itn__entry *entries;
-    int *slots; /* [mask + 1]: number of an entry + 1, or 0 */
-    size_t mask;
-    uint64_t seed;
-    int count;
-} itn__table;
-
-/* For at most `count` keys. Returns 0 if memory is out. */
-static int itn__table_make(itn__table *table, const itn_context *context, size_t count) {
-    size_t size = 4;
-    while (size / 2 < count && size <= SIZE_MAX / 4) size *= 2;
-    table->mask = size - 1;
-    table->entries = (itn__entry *)itn__allocate(context, count, sizeof *table->entries);
-    table->slots = ITN__NEW(int, context, size);
-    return table->entries && table->slots;
-}
-
-/* The entry of a key, which may be new, with one use more. */
-static itn__entry *itn__table_use(itn__table *table, const uint32_t key[3], int user) {
-    uint64_t hash = itn__mix64(table->seed ^ (key[0] | (uint64_t)key[1] << 32));
-    for (hash = itn__mix64(hash + key[2]);; hash++) {
-        int *slot = &table->slots[hash & table->mask], known = *slot > 0;
-        itn__entry *entry = &table->entries[known ? *slot - 1 : table->count];
-        if (known && memcmp(entry->key, key, sizeof entry->key)) continue;
-        if (!known) {
-            memcpy(entry->key, key, sizeof entry->key);
-            entry->first = user, *slot = ++table->count;
-        }
-        entry->last = user;
-        return entry;
-    }
-}
-
-/* A triangle of a part: another one of it, or itself, and what it, later all, add to the volume. */
-typedef struct itn__part {
-    int other;
-    double volume, rounding;
-} itn__part;
-
-/* What itn_mesh_check works on. */
-typedef struct itn__welding {
-    const itn_mesh *mesh;
-    itn__table positions, edges;
-    int *weld;        /* [vertex_count] first vertex at the same position */
-    itn__part *parts; /* [triangle_count] */
-    double rounding;  /* of the sum of volumes */
-    itn_mesh_report *report;
-} itn__welding;
-
-/* Finds the first vertex at each position. One that is not finite equals only itself. */
-static void itn__weld(itn__welding *w) {
-    int i;
-    for (i = 0; i < w->mesh->vertex_count; i++) {
-        const float *p = w->mesh->positions + 3 * (size_t)i;
-        itn_vec3 position = itn__vec3(p[0] + 0, p[1] + 0, p[2] + 0); /* -0 and 0 are one */
-        uint32_t key[3];
-        memcpy(key, &position, sizeof key);
-        if (!itn__finite3(position)) {
-            if (!w->report->bad_vertices++) w->report->first_bad_vertex = i;
-            key[0] = (uint32_t)i, key[1] = key[2] = UINT32_MAX;
-        }
-        w->weld[i] = itn__table_use(&w->positions, key, i)->first;
-    }
-}
-
-/* Adds a triangle: its edges, its area, and its part of the volume as seen from `centre`. */
-static void itn__weigh_triangle(itn__welding *w, int index, const itn__triangle *triangle,
-                                itn_vec3 centre) {
-    const int *corner = w->mesh->triangles + 3 * (size_t)index;
-    itn__plane plane = itn__plane_of(triangle, centre);
-    itn__part *part = &w->parts[index];
-    double n[3], area = .5 * itn__unit_normal(triangle, n);
-    int k, vertex[3], twins = 0;
-    for (k = 0; k < 3; k++) vertex[k] = w->weld[corner[k]];
-    for (k = 0; k < 3; k++) twins |= vertex[k] == vertex[(k + 1) % 3];
-    for (k = 0; k < 3 && !twins; k++) {
-        int from = vertex[k], to = vertex[(k + 1) % 3], turned = from > to;
-        uint32_t key[3] = {(uint32_t)(turned ? to : from), (uint32_t)(turned ? from : to), 0};
-        itn__entry *edge = itn__table_use(&w->edges, key, index);
-        edge->along += !turned, edge->against += turned;
-    }
-    if (!itn__finite(area)) return; /* a bad vertex */
-    if ((area == 0 || twins) && !w->report->degenerate_triangles++)
-        w->report->first_degenerate_triangle = index;
-    w->report->area += area;
-    part->volume = plane.f / 6;
-    part->rounding = plane.error + DBL_EPSILON * w->mesh->triangle_count * fabs(plane.f);
-    w->report->volume += part->volume, w->rounding += part->rounding;
-}
-
-static void itn__weigh_triangles(itn__welding *w) {
-    const itn_mesh *mesh = w->mesh;
-    itn_vec3 centre = itn__vec3(0, 0, 0);
-    int i, k, weighed = 0;
-    for (i = 0; i < mesh->triangle_count; i++) {
-        const int *corner = mesh->triangles + 3 * (size_t)i;
-        itn__triangle triangle;
-        for (k = 0; k < 3 && corner[k] >= 0 && corner[k] < mesh->vertex_count; k++)
-            memcpy(triangle.corner[k], mesh->positions + 3 * (size_t)corner[k],
-                   sizeof triangle.corner[k]);
-        if (k < 3) {
-            if (!w->report->bad_indices++) w->report->first_bad_triangle = i;
-            continue;
-        }
-        if (!weighed) memcpy(&centre, triangle.corner[0], sizeof centre);
-        weighed |= itn__finite3(centre);
-        itn__weigh_triangle(w, i, &triangle, centre);
-    }
-}
-
-static void itn__judge_edges(const itn__welding *w) {
-    itn_mesh_report *report = w->report;
-    int i;
-    for (i = 0; i < w->edges.count; i++) {
-        const itn__entry *edge = &w->edges.entries[i];
-        int(*list)[2] = report->flipped_edge, *count = &report->flipped_edges;
-        if (edge->along == edge->against) continue;
-        if (edge->along + edge->against == 1)
-            list = report->open_edge, count = &report->open_edges;
-        else if (!report->flipped_edges)
-            report->flipped_triangle = edge->last;
-        if (*count < 4) list[*count][0] = (int)edge->key[0], list[*count][1] = (int)edge->key[1];
-        ++*count;
-    }
-}
-
-/* The triangle that stands for all of a triangle's part. */
-static itn__part *itn__part_of(itn__part *parts, int triangle) {
-    while (parts[triangle].other != triangle)
-        triangle = parts[triangle].other = parts[parts[triangle].other].other;
-    return &parts[triangle];
-}
-
-/* Joins parts at edges of two triangles, and counts those of negative volume. */
-static void itn__judge_parts(itn__welding *w) {
-    itn_mesh_report *report = w->report;
-    int count = w->mesh->triangle_count, i;
-    for (i = 0; i < count; i++) w->parts[i].other = i;
-    for (i = 0; i < w->edges.count; i++) {
-        const itn__entry *edge = &w->edges.entries[i];
-        if (edge->along + edge->against == 2)
-            itn__part_of(w->parts, edge->first)->other =
-                itn__part_of(w->parts, edge->last)->other;
-    }
-    for (i = 0; i < count; i++) {
-        itn__part *part = itn__part_of(w->parts, i), *own = &w->parts[i];
-        if (part != own) part->volume += own->volume, part->rounding += own->rounding;
-    }
-    for (i = 0; i < count; i++)
-        report->inverted_parts += w->parts[i].other == i &&
-                                  w->parts[i].volume < -w->parts[i].rounding;
-    if (fabs(report->volume) <= w->rounding) report->volume = 0;
-}
-
-ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
-                                            itn_mesh_report *report, itn_error *error) {
-    itn_context own;
-    itn__welding w = ITN_ZERO;
-    itn_mesh_report found = ITN_ZERO;
-    size_t vertices, triangles, i;
-    uint64_t seed = 1;
-    uint32_t word;
-    itn_result result = itn__context_check(context, &own, error);
-    if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
-    if (result) return result;
-    if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
-    if (mesh->triangle_count > INT_MAX / 3) return itn__out_of_memory(error, "a mesh check");
-    vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
-    found.first_bad_vertex = found.first_bad_triangle = -1;
-    found.first_degenerate_triangle = found.flipped_triangle = -1;
-    w.mesh = mesh, w.report = &found;
-    w.weld = ITN__NEW(int, &own, vertices);
-    w.parts = ITN__NEW(itn__part, &own, triangles);
-    if (itn__table_make(&w.positions, &own, vertices) && w.weld && w.parts &&
-        itn__table_make(&w.edges, &own, 3 * triangles)) {
-        for (i = 0; i < 3 * (vertices + triangles); i++) {
-            if (i < 3 * vertices)
-                memcpy(&word, mesh->positions + i, sizeof word);
-            else
-                memcpy(&word, mesh->triangles + (i - 3 * vertices), sizeof word);
-            seed = itn__mix64(seed + word);
-        }
-        w.positions.seed = w.edges.seed = seed;
-        itn__weld(&w);
-        itn__weigh_triangles(&w);
-        itn__judge_edges(&w);
-        itn__judge_parts(&w);
-        *report = found;
-    } else {
-        result = itn__out_of_memory(error, "a mesh check");
-    }
-    itn__free(&own, w.edges.slots);
-    itn__free(&own, w.edges.entries);
-    itn__free(&own, w.positions.slots);
-    itn__free(&own, w.positions.entries);
-    itn__free(&own, w.parts);
-    itn__free(&own, w.weld);
-    return result;
-}
-
-/* ---- [triangle] the watertight test of one ray and many triangles --------------------------- */
-
-/* Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2(1), 2013. Corners A, B, C
-   are moved to the ray's origin, and a permutation of the axes (the largest component of the
-   direction becomes z, orientation kept) with a shear turns the ray into the z axis. What is left
-   is whether the point (0,0) lies in a triangle of the plane, which the edge functions
-     U = Cx By - Cy Bx,   V = Ax Cy - Ay Cx,   W = Bx Ay - By Ax
-   tell: all of one sign, zeros included. det = U + V + W is twice the signed area, positive where
-   the front is seen; U/det, V/det, W/det are the barycentric weights, and t is interpolated between
-   those of the corners. det == 0 (no area, or seen edge-on) is no hit: the neighbours then cover
-   the point.
-   Triangles that share an edge compute the same sheared corners, as floats, so nothing slips
-   between them if the signs of the edge functions are right. Lanes compare the two products, of
-   many triangles at a time: rounding keeps the order of numbers, so the lesser product is the
-   lesser one, and only equal ones leave the sign open. Few triangles remain, for which doubles
-   decide: there products of floats are exact (24 + 24 <= 53 bits, and no exponent over- or
-   underflows), and the rounding of a difference keeps its sign, contracted to a fused multiply-add
-   or not. Rounded to a float, t lies between those of the corners, so the lanes know it so far. */
 
 /* A ray made ready for triangles. */
 typedef struct itn__shear {
@@ -2831,6 +2508,18 @@ static void itn__fill_leaves(void *task, int index) {
         for (k = 0; k < range.count; k++) numbers[k] = build->references[range.first + k].index;
         itn__pack_fill(&build->bvh->packs[~child[i]], build->bvh->triangles, numbers, range.count);
     }
+}
+
+/* Refuses a mesh whose fields cannot be read at all. */
+static itn_result itn__mesh_readable(const itn_mesh *mesh, const char *who, itn_error *error) {
+    const char *fault = NULL;
+    if (!mesh)
+        fault = "mesh is NULL";
+    else if (mesh->vertex_count < 0 || mesh->triangle_count < 0)
+        fault = "vertex_count or triangle_count is negative";
+    else if ((mesh->vertex_count && !mesh->positions) || (mesh->triangle_count && !mesh->triangles))
+        fault = "positions or triangles are NULL";
+    return fault ? itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: %s", who, fault) : ITN_OK;
 }
 
 /* Copies the triangles of a mesh, and makes references of them. */
@@ -4174,843 +3863,6 @@ ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
     return share * (1 - share) * range;
 }
 
-/* ---- [maker] a desc, checked and made ready -------------------------------------------------- */
-
-/* A scene is made item by item: film, camera, media, surfaces, lights, and last the objects
-   ([objects]), which name the others. Each is checked by its fields before anything is taken from
-   it, and enters its numbers into the parameter table; an image is copied. The first error ends it
-   all, and what was made is freed. First the fields of the items that have no models. */
-#define ITN__SPECTRUM(name, form, transform, ...)                                                  \
-    {#name, form, __VA_ARGS__, offsetof(itn_medium_desc, name), offsetof(itn__medium, name),       \
-     transform, offsetof(itn_medium_desc, name##_rgb), NULL}
-static const itn__form itn__forms[] = { /* that of a kind without types at its number */
-    {ITN__FILM, 0, NULL,
-     {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
-      ITN__FIELD("height", film, height, "1i", 1, 65536, 128),
-      ITN__FIELD("channels", film, channels, "1i", 1, 3, 1),
-      {"filter", "o", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box gaussian"},
-      ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0)}},
-    {ITN__CAMERA, 0, NULL,
-     {ITN__FIELD("eye", camera, eye, "3f!", ITN__ANY, 0),
-      ITN__FIELD("target", camera, target, "3f!", ITN__ANY, 0),
-      ITN__FIELD("up", camera, up, "3f", ITN__ANY, 0),
-      ITN__FIELD("fov", camera, fov, "1f", 1e-6f, 179.999f, 30)}},
-    {ITN__MEDIUM, 0, NULL,
-     {ITN__SPECTRUM(sigma_t, "13s!", ITN_LOG, 0, 1e12f, 0),
-      ITN__VALUE(medium, albedo, "13c!", ITN_LOGIT, 0, 1, 0),
-      ITN__MARK("phase", "o", "hg"),
-      ITN__SPECTRUM(g, "13s", ITN_LOGIT, -.999f, .999f, 0)}},
-    {ITN__OBJECT, 0, "mesh",
-     {ITN__WORD("mesh", object, mesh, "m"),
-      ITN__WORD("medium", object, medium, "w"),
-      ITN__WORD("surface", object, surface, "w"),
-      ITN__FIELD("scale", object, transform, "13t", FLT_MIN, 1e12f, 0),
-      ITN__FIELD("rotate", object, transform, "4t", ITN__ANY, 0),
-      ITN__FIELD("translate", object, transform, "3t", ITN__ANY, 0),
-      ITN__WORD("force", object, force, "")}},
-    {ITN__OBJECT, 1, "plane",
-     {ITN__MARK("plane", "", NULL), ITN__WORD("surface", object, surface, "w!"),
-      ITN__FIELD("y", object, plane_y, "1f", ITN__ANY, 0),
-      ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 20)}}};
-enum {
-    ITN__OWN_FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]),
-    ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0]),
-    ITN__FORMS = ITN__OWN_FORMS + ITN__BSDFS +
-                 (int)(sizeof itn__light_models / sizeof itn__light_models[0])
-};
-
-/* What a checker has more, in a desc. */
-static const itn__field itn__checker_fields[] = {
-    ITN__VALUE(surface, reflectance2, "c", ITN_LOGIT, 0, 1, 0),
-    ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1),
-    ITN__MARK(NULL, NULL, NULL)};
-static const itn__form *itn__form_at(int k) {
-    if (k < ITN__OWN_FORMS) return &itn__forms[k];
-    k -= ITN__OWN_FORMS;
-    return k < ITN__BSDFS ? &itn__bsdfs[k].form : &itn__light_models[k - ITN__BSDFS].form;
-}
-
-ITN__INLINE int itn__has_form(const itn__field *field, char letter) {
-    return strchr(field->form, letter) != NULL;
-}
-
-/* Whether a number may stand in a field; if not, `words` say why. */
-static int itn__field_allows(const itn__field *field, float number, char words[100]) {
-    int optional = field->parameter && field->lower > 0 && field->otherwise == 0;
-    if (number >= field->lower && number <= field->upper) return 1;
-    if (optional && number == 0) return 1;
-    itn__print(words, 100, "%g is %s in [%g, %g]", (double)number,
-               optional ? "neither 0 nor" : "not", (double)field->lower, (double)field->upper);
-    return 0;
-}
-
-/* Writes the `count` numbers of a field to a desc. */
-static void itn__write_numbers(const itn__field *field, void *desc, float *n, int count) {
-    char *at = (char *)desc + (itn__has_form(field, 's') && count == 3 ? field->three : field->at);
-    int whole = (int)n[0];
-    if (itn__has_form(field, 'c') && count == 1) n[1] = n[2] = n[0], count = 3;
-    if (strpbrk(field->form, "io")) memcpy(at, &whole, sizeof whole);
-    else if (strpbrk(field->form, "fcs")) memcpy(at, n, (size_t)count * sizeof *n);
-}
-
-/* The numbers of a field in a desc, where `otherwise` is put in. Returns how many they are: 0 if it
-   has none. */
-static int itn__read_numbers(const itn__field *field, void *desc, int channels, float n[9]) {
-    char *at = (char *)desc + field->at;
-    int integer = itn__has_form(field, 'i') || (itn__has_form(field, 'o') && field->at);
-    int whole, count = 0;
-    if (itn__has_form(field, 's')) {
-        memcpy(n, (char *)desc + field->three, 3 * sizeof *n);
-        if (n[0] != 0 || n[1] != 0 || n[2] != 0) return 3;
-    }
-    if (itn__has_form(field, 'c')) count = channels;
-    else if (itn__has_form(field, 'f')) count = *field->form - '0';
-    else if (itn__has_form(field, 's') || integer) count = 1;
-    memcpy(n, at, (size_t)count * sizeof *n);
-    if (integer) memcpy(&whole, at, sizeof whole), n[0] = (float)whole;
-    if (count != 1 || n[0] != 0 || !(field->lower > 0)) return count;
-    n[0] = field->otherwise;
-    itn__write_numbers(field, desc, n, 1);
-    return n[0] != 0;
-}
-
-typedef struct itn__maker {
-    itn_scene *scene;
-    const itn_scene_desc *desc;
-    int kind, index;               /* of the item at hand; kind -1: none */
-    char title[2 * ITN_NAME_SIZE]; /* of it, for messages */
-    itn__table names;              /* of parameters */
-    itn_result refusal;            /* of what is given: ARGUMENT, or of a file FORMAT */
-    itn_error *error;
-} itn__maker;
-
-/* Fails with "item: ..."; ARGUMENT becomes the maker's refusal. */
-static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *format, ...)
-    ITN__PRINTF(3, 4);
-static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *format, ...) {
-    char words[800];
-    va_list arguments;
-    va_start(arguments, format);
-    itn__print_list(words, sizeof words, format, arguments);
-    va_end(arguments);
-    if (code == ITN_ERROR_ARGUMENT) code = maker->refusal;
-    return itn__fail(maker->error, code, 0, "%s: %s", maker->title, words);
-}
-#define ITN__REFUSE(...) itn__refuse(maker, ITN_ERROR_ARGUMENT, __VA_ARGS__)
-
-/* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index or -1. In
-   the names of layers, which must differ, too, the dot becomes a _. */
-static int itn__add_parameter(itn__maker *maker, const itn__field *field, int channel,
-                              float value) {
-    static const char *const suffix[4] = {"", "_r", "_g", "_b"};
-    itn_scene *scene = maker->scene;
-    itn_parameter *p = &scene->parameters[scene->parameter_count];
-    uint64_t a = 1, b = 2; /* two hashes are as good as the name */
-    uint32_t key[3];
-    int k, first;
-    itn__print(p->name, sizeof p->name, "%s.%s%s", maker->title, field->name, suffix[channel + 1]);
-    p->value = value, p->lower = field->lower, p->upper = field->upper;
-    p->transform = field->transform;
-    for (k = 0; p->name[k]; k++) {
-        unsigned char letter = (unsigned char)(p->name[k] == '.' ? '_' : p->name[k]);
-        a = itn__mix64(a + letter), b = itn__mix64(b + letter);
-    }
-    key[0] = (uint32_t)a, key[1] = (uint32_t)(a >> 32), key[2] = (uint32_t)b;
-    first = itn__table_use(&maker->names, key, scene->parameter_count)->first;
-    if (first == scene->parameter_count) return scene->parameter_count++;
-    ITN__REFUSE("%s and %s would have the same layer name: name the items apart",
-                scene->parameters[first].name, p->name);
-    return -1;
-}
-
-/* Checks the fields of a desc, which is the maker's own copy, and enters those that are parameters;
-   the scene's item receives their indices. */
-static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field *field, void *desc,
-                                             void *item) {
-    int channels = maker->scene->film.channels;
-    for (; field->name; field++) {
-        float n[ITN__MOST_NUMBERS];
-        int count = itn__read_numbers(field, desc, channels, n), index[3] = {-1, -1, -1}, c;
-        int spectrum = itn__has_form(field, 's');
-        char words[100];
-        if (spectrum && count > channels)
-            return ITN__REFUSE("%s_rgb needs a film with 3 channels", field->name);
-        for (c = 0; c < count; c++) {
-            if (!itn__field_allows(field, n[c], words))
-                return ITN__REFUSE("%s %s", field->name, words);
-            if (!field->parameter) continue;
-            index[c] = itn__add_parameter(maker, field, count == 3 ? c : -1, n[c]);
-            if (index[c] < 0) return maker->refusal;
-        }
-        if (count == 1) index[1] = index[2] = index[0];
-        if (field->parameter)
-            memcpy((char *)item + field->parameter, index,
-                   spectrum ? sizeof index : sizeof index[0]);
-    }
-    return ITN_OK;
-}
-
-/* Names become parts of parameters' and layers' names, hence the narrow rules. */
-static int itn__is_name(const char *name) {
-    static const char characters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
-                                     "0123456789_-";
-    size_t length = name ? strlen(name) : 0;
-    return length >= 1 && length <= 32 && strspn(name, characters) == length &&
-           !strchr(characters + 52, *name);
-}
-#define ITN__NAME_RULE "is not 1 to 32 letters, digits, _ or -, beginning with a letter"
-
-/* Goes to an item (kind -1: to none) and gives it a title. */
-static void itn__go_to(itn__maker *maker, int kind, int index) {
-    maker->kind = kind, maker->index = index;
-    if (kind <= ITN__CAMERA)
-        itn__copy_name(maker->title, kind < 0 ? "scene" : itn__kinds[kind]);
-    else
-        itn__print(maker->title, sizeof maker->title, "%s %d", itn__kinds[kind], index + 1);
-}
-
-/* Takes an item's name, which none of the `count` before it must have. */
-static itn_result itn__take_name(itn__maker *maker, int kind, int index, const char *name,
-                                 void *items, size_t stride, int count) {
-    itn__go_to(maker, kind, index);
-    if (!itn__is_name(name))
-        return ITN__REFUSE("the name '%.40s' " ITN__NAME_RULE, name ? name : "");
-    itn__copy_name(maker->title, name);
-    if (itn__find_name(name, items, stride, count) >= 0)
-        return ITN__REFUSE("another %s has this name", itn__kinds[kind]);
-    itn__copy_name((char *)items + (size_t)count * stride, name);
-    return ITN_OK;
-}
-
-static itn_result itn__make_film(itn__maker *maker) {
-    itn_film_desc *film = &maker->scene->film;
-    int gaussian = maker->desc->film.filter == ITN_FILTER_GAUSSIAN;
-    itn_result result;
-    *film = maker->desc->film;
-    itn__go_to(maker, ITN__FILM, 0);
-    result = itn__take_fields(maker, itn__forms[ITN__FILM].fields, film, NULL);
-    if (result) return result;
-    if (film->channels == 2) return ITN__REFUSE("channels is 1 or 3, not 2");
-    if (!gaussian && film->deviation != 0)
-        return ITN__REFUSE("deviation is that of filter gaussian");
-    if (gaussian && film->deviation == 0) film->deviation = .5f;
-    return ITN_OK;
-}
-
-/* All of the camera but its eye, see [objects]. */
-static itn_result itn__make_camera(itn__maker *maker) {
-    const itn_film_desc *film = &maker->scene->film;
-    itn_camera_desc in = maker->desc->camera;
-    itn__camera *camera = &maker->scene->camera;
-    itn_vec3 up, right, forward = itn__direction(itn__sub(in.target, in.eye));
-    float half;
-    itn_result result;
-    itn__go_to(maker, ITN__CAMERA, 0);
-    result = itn__take_fields(maker, itn__forms[ITN__CAMERA].fields, &in, NULL);
-    if (result) return result;
-    up = itn__direction(in.up), half = tanf(in.fov * (ITN__PI / 360));
-    if (up.x == 0 && up.y == 0 && up.z == 0) up.y = 1;
-    right = itn__cross(forward, up);
-    if (!itn__finite3(forward) || !(itn__length(forward) > 0))
-        return ITN__REFUSE("eye and target must be different, and not too far apart");
-    if (!(itn__length(right) > 1e-5f)) /* sine of the angle between two unit vectors */
-        return ITN__REFUSE("up is parallel to the view");
-    camera->forward = forward;
-    camera->right = itn__scale(itn__normalize(right), half);
-    camera->up = itn__scale(itn__cross(camera->right, forward),
-                            (float)film->height / (float)film->width);
-    camera->width = film->width, camera->height = film->height;
-    camera->deviation = film->deviation;
-    return ITN_OK;
-}
-
-static itn_result itn__make_medium(itn__maker *maker, int index) {
-    itn_medium_desc in = maker->desc->media[index];
-    itn__medium *media = maker->scene->media, *medium = &media[maker->scene->medium_count++];
-    itn_result result = itn__take_name(maker, ITN__MEDIUM, index, in.name, media, sizeof *media,
-                                       index);
-    if (!result)
-        result = itn__take_fields(maker, itn__forms[ITN__MEDIUM].fields, &in, medium);
-    maker->scene->spectral |= itn__is_spectral(medium->sigma_t) || itn__is_spectral(medium->g);
-    return result;
-}
-
-/* Copies an image's light into texels [height][width][3] after checking its values. With one
-   channel on the film, all three hold the luminance. */
-static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, float largest,
-                                   int *width, int *height, float **texels) {
-    const float *planes[3];
-    int i, k, count;
-    if (!image || !image->pixels || !image->names || image->plane_count < 1 || image->width < 1 ||
-        image->height < 2)
-        return ITN__REFUSE("needs an image of at least 1 x 2 pixels");
-    if ((double)image->width * image->height > INT_MAX / 3)
-        return ITN__REFUSE("the image of %d x %d pixels has more than %d", image->width,
-                           image->height, INT_MAX / 3);
-    if (!itn__image_colours(image, planes))
-        return ITN__REFUSE("the image has neither Y nor R, G, B among its %d planes '%s', '%s'%s",
-                           image->plane_count, image->names[0], image->names[1],
-                           image->plane_count > 2 ? " ..." : "");
-    *width = image->width, *height = image->height, count = image->width * image->height;
-    *texels = ITN__NEW(float, &maker->scene->context, 3 * count);
-    if (!*texels) return itn__out_of_memory(maker->error, maker->title);
-    for (i = 0; i < count; i++) {
-        float *texel = *texels + 3 * (size_t)i;
-        for (k = 0; k < 3; k++) {
-            texel[k] = planes[k][i];
-            if (!(texel[k] >= 0 && texel[k] <= largest))
-                return ITN__REFUSE("image value %g in row %d, column %d is not in [0, %g]",
-                                   (double)texel[k], i / *width, i % *width, (double)largest);
-        }
-        if (maker->scene->film.channels == 1)
-            texel[0] = texel[1] = texel[2] = itn__luminance(texel);
-    }
-    return ITN_OK;
-}
-
-static itn_result itn__make_surface(itn__maker *maker, int index) {
-    itn_surface_desc in = maker->desc->surfaces[index];
-    itn_scene *scene = maker->scene;
-    itn__surface *surface = &scene->surfaces[index];
-    itn_result result = itn__take_name(maker, ITN__SURFACE, index, in.name, scene->surfaces,
-                                       sizeof *surface, index);
-    if (result) return result;
-    if ((unsigned)in.type >= (unsigned)ITN__BSDFS) return ITN__REFUSE("unknown type");
-    surface->type = in.type, surface->alpha = -1, surface->first = scene->parameter_count;
-    scene->surface_count++; /* now, so that a failed one's texels are freed */
-    result = itn__take_fields(maker, itn__bsdfs[in.type].form.fields, &in, surface);
-    if (itn__bsdfs[in.type].flags & ITN__TEXTURED) surface->texture = in.texture;
-    if (surface->texture == ITN_TEXTURE_CHECKER && !result)
-        result = itn__take_fields(maker, itn__checker_fields, &in, surface);
-    else if (surface->texture == ITN_TEXTURE_IMAGE && !result)
-        result = itn__copy_texels(maker, in.image, 1, &surface->width, &surface->height,
-                                  &surface->texels);
-    else if (surface->texture != ITN_TEXTURE_NONE && !result)
-        return ITN__REFUSE("unknown texture");
-    surface->checker_size = in.checker_size;
-    surface->count = scene->parameter_count - surface->first;
-    return result;
-}
-
-/* Copies a light's colour; with one channel on the film, its luminance. */
-static void itn__copy_radiance(const itn_scene *scene, const float in[3], int channels,
-                               float out[3]) {
-    int c;
-    for (c = 0; c < 3; c++) out[c] = in[c < channels ? c : 0];
-    if (scene->film.channels == 1) out[0] = out[1] = out[2] = itn__luminance(out);
-}
-
-/* A sky desc becomes two lights, the sky and its sun. */
-static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, itn__light *sky,
-                                itn__light *disc) {
-    float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
-    double solid_angle;
-    int c, k, good = 1;
-    for (c = 0; c < 3; c++) {
-        for (k = 0; k < 9; k++)
-            good &= fabsf(in->sky.coefficients[c][k]) < (k < 8 ? INFINITY : 1);
-        good &= in->sky.radiance[c] >= 0 && in->sky.radiance[c] <= ITN__MAX_RADIANCE;
-        good &= in->sky.sun_radiance[c] >= 0 && in->sky.sun_radiance[c] <= ITN__MAX_RADIANCE;
-    }
-    if (!good)
-        return ITN__REFUSE("the sky's coefficients must be finite, the last in (-1, 1), its "
-                           "radiances in [0, %g]", (double)ITN__MAX_RADIANCE);
-    if (!(in->sun_direction.y > 0))
-        return ITN__REFUSE("the sun's direction must be above the horizon");
-    sky->width = 64, sky->height = 33; /* of its grid: radiance over density then varies by 2 % */
-    sky->sky = in->sky, disc->kind = ITN__LIGHT_SUN, disc->share = in->sun_scale;
-    itn__copy_radiance(maker->scene, in->sky.radiance, 3, sky->radiance);
-    itn__copy_radiance(maker->scene, in->sky.sun_radiance, 3, disc->radiance);
-    sky->to_sun = disc->to_sun = itn__direction(in->sun_direction);
-    disc->sun_cone = 2 * itn__square(sinf(half * in->sun_radius_scale / 2));
-    for (c = 0; c < 3; c++) disc->radiance[c] *= natural / disc->sun_cone;
-    solid_angle = 2 * (double)ITN__PI * disc->sun_cone;
-    disc->power = (float)(solid_angle * itn__luminance(disc->radiance));
-    disc->strength = itn__strength((double)disc->power, disc->to_sun);
-    disc->breadth = solid_angle / (4 * (double)ITN__PI);
-    return ITN_OK;
-}
-
-static itn_result itn__make_light(itn__maker *maker, int index) {
-    itn_light_desc in = maker->desc->lights[index];
-    itn_scene *scene = maker->scene;
-    itn__light *light = &scene->lights[scene->light_count];
-    char name[ITN_NAME_SIZE];
-    itn_result result;
-    if (index) itn__print(name, sizeof name, "light%d", index + 1);
-    else itn__copy_name(name, "light");
-    result = itn__take_name(maker, ITN__LIGHT, index, in.name ? in.name : name, scene->lights,
-                            sizeof *light, scene->light_count);
-    if (result) return result;
-    if ((unsigned)in.type >= (unsigned)ITN__LIGHT_SUN) return ITN__REFUSE("unknown type");
-    scene->light_count += in.type == ITN_LIGHT_SKY ? 2 : 1; /* now, so that parts are freed */
-    light->kind = (itn__light_kind)in.type;
-    if (!in.has_scale && in.scale == 0) in.scale = 1;
-    if (!in.has_scale && in.sun_scale == 0) in.sun_scale = 1;
-    result = itn__take_fields(maker, itn__light_models[light->kind].form.fields, &in, light);
-    light->share = in.scale; /* until the shares are known */
-    if (in.type == ITN_LIGHT_CONSTANT)
-        itn__copy_radiance(scene, in.radiance, scene->film.channels, light->radiance);
-    if (in.type == ITN_LIGHT_SKY && !result) result = itn__make_sky(maker, &in, light, light + 1);
-    if (in.type == ITN_LIGHT_MAP && !result)
-        result = itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, &light->width,
-                                  &light->height, &light->map);
-    if (result || in.type == ITN_LIGHT_CONSTANT) return result;
-    result = itn__light_grid(&scene->context, light, light->width, light->height,
-                             in.type == ITN_LIGHT_SKY ? .5f : 1);
-    if (result == ITN_ERROR_MEMORY) return itn__out_of_memory(maker->error, "a light's grid");
-    return result ? ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE) : ITN_OK;
-}
-
-/* Shares out the choice between sampled lights. Scattering finds broad lights too: draws that come
-   upon light i with density p_i q, and scattering that does with about b_i q, leave it a variance
-   of about s_i^2 / (p_i + b_i), where s is its strength and b its breadth. The sum is least for
-   p_i + b_i in proportion to s_i, wherever that makes p_i positive. A twentieth is shared out in
-   equal parts, so that a light whose scale is raised from 0 is still found. */
-static void itn__share_lights(itn_scene *scene) {
-    itn__light *lights = scene->lights;
-    int round, i, count = scene->light_count, sampled = 0;
-    for (i = 0; i < count; i++) {
-        lights[i].strength *= lights[i].share > 0 ? lights[i].share : 1e-30; /* by its scale */
-        lights[i].share = lights[i].strength > 0, sampled += lights[i].strength > 0;
-    }
-    for (round = 0; round < count; round++) { /* those whose p would be negative drop out */
-        double strengths = 0, breadths = 0;
-        for (i = 0; i < count; i++)
-            if (lights[i].share > 0)
-                strengths += lights[i].strength, breadths += lights[i].breadth;
-        for (i = 0; i < count; i++)
-            if (lights[i].share > 0)
-                lights[i].share = (float)fmax(0, (1 + breadths) * (lights[i].strength / strengths) -
-                                                     lights[i].breadth);
-    }
-    for (i = 0; i < count; i++)
-        if (lights[i].strength > 0)
-            lights[i].share = .95f * lights[i].share + .05f / (float)sampled;
-}
-
-/* ---- [objects] meshes, transformed and merged into one tree ---------------------------------- */
-
-/* An object's mesh is checked: a medium or a dielectric surface needs a solid, unless it is forced.
-   It is transformed in double; the middle of all solids becomes the origin, all meshes become one,
-   and over that the tree is built. Lines tell whether parts of a solid overlap. Inside of which
-   solids the camera is tells on which sides of them paths begin. At the end all parts come together
-   in itn_scene_create. */
-
-/* The mesh of an object, and the matrix that takes it to scene coordinates: rows of [3][4]. That of
-   a plane is a square, that of no transform (all 0) the identity. */
-static const itn_mesh *itn__object_mesh(const itn_object_desc *in, double matrix[12]) {
-    static const float corners[12] = {-1, 0, 1, 1, 0, 1, 1, 0, -1, -1, 0, -1};
-    static const int triangles[6] = {0, 1, 2, 0, 2, 3};
-    static const itn_mesh square = {4, 2, (float *)corners, (int *)triangles, NULL,
-                                    {NULL, NULL, NULL, NULL, NULL, 0}};
-    int k, given = 0;
-    for (k = 0; k < 12; k++) given |= in->transform[k] != 0;
-    for (k = 0; k < 12; k++) matrix[k] = given ? (double)in->transform[k] : k % 5 == 0;
-    for (k = 0; k < 12 && !in->mesh; k += 4) {
-        matrix[k + 3] += matrix[k + 1] * in->plane_y;
-        matrix[k] *= in->half_size, matrix[k + 2] *= in->half_size;
-    }
-    return in->mesh ? in->mesh : &square;
-}
-
-static double itn__determinant(const double m[12]) {
-    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
-           m[2] * (m[4] * m[9] - m[5] * m[8]);
-}
-
-/* Position of vertex i in scene coordinates. */
-static void itn__place_vertex(const itn_mesh *mesh, const double m[12], int i, double out[3]) {
-    const float *p = mesh->positions + 3 * (size_t)i;
-    int k;
-    for (k = 0; k < 3; k++, m += 4) out[k] = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
-}
-
-/* Resolves names and refuses what cannot be, before any geometry is touched. */
-static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
-                                   itn__object *object) {
-    const itn_scene *scene = maker->scene;
-    double m[12], sum = 0;
-    const itn_mesh *mesh = itn__object_mesh(in, m);
-    int k;
-    for (k = 0; k < 12; k++) sum += m[k] * 0;
-    object->medium = itn__find_name(in->medium, scene->media, sizeof *scene->media,
-                                    scene->medium_count);
-    object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
-                                     scene->surface_count);
-    object->refracts = object->surface >= 0 &&
-                       scene->surfaces[object->surface].type == ITN_SURFACE_DIELECTRIC;
-    object->solid = in->medium || object->refracts;
-    if (in->medium && object->medium < 0) return ITN__REFUSE("there is no medium '%s'", in->medium);
-    if (in->surface && object->surface < 0)
-        return ITN__REFUSE("there is no surface '%s'", in->surface);
-    if (!in->medium && !in->surface) return ITN__REFUSE("it has neither medium nor surface");
-    if (!in->mesh && (!(in->half_size > 0) || in->medium))
-        return ITN__REFUSE("a plane needs a positive half size, and no medium");
-    if (mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions || !mesh->triangles)
-        return ITN__REFUSE("the mesh is empty");
-    if (sum != 0 || itn__determinant(m) == 0)
-        return ITN__REFUSE("the transform is not finite, or flattens space");
-    if (in->mesh || !object->refracts) return ITN_OK;
-    return itn__refuse(maker, ITN_ERROR_MESH, "a plane has no inside for a dielectric");
-}
-
-/* Says what keeps a mesh from being a solid. */
-static itn_result itn__not_a_solid(itn__maker *maker, const itn_mesh *mesh,
-                                   const itn_mesh_report *report) {
-    const int *edge = report->open_edges ? report->open_edge[0] : report->flipped_edge[0];
-    const float *a = mesh->positions + 3 * (size_t)edge[0];
-    const float *b = mesh->positions + 3 * (size_t)edge[1];
-    if (report->open_edges || report->flipped_edges)
-        return itn__refuse(maker, ITN_ERROR_MESH, "the mesh is not closed: %d open edges and %d "
-                           "flipped or shared by three triangles or more, first between vertices "
-                           "%d (%g, %g, %g) and %d (%g, %g, %g), counted from 0 (`force` takes it "
-                           "as it is)", report->open_edges, report->flipped_edges,
-                           edge[0], (double)a[0], (double)a[1], (double)a[2],
-                           edge[1], (double)b[0], (double)b[1], (double)b[2]);
-    return itn__refuse(maker, ITN_ERROR_MESH, "the mesh %s (its volume is %g)",
-                       report->volume < 0 ? "is inside out: triangles must be counter-clockwise "
-                                            "seen from outside; `force` turns it"
-                                          : "encloses nothing: it is flat, or has each face twice, "
-                                            "once for either side; leave out those that look "
-                                            "inwards", report->volume);
-}
-
-/* Checks an object's mesh, and notes whether it is a solid and where it is. */
-static itn_result itn__make_object(itn__maker *maker, int index) {
-    const itn_object_desc *in = &maker->desc->objects[index];
-    itn__object *object = &maker->scene->objects[index];
-    itn_mesh_report report = ITN_ZERO;
-    const itn_mesh *mesh;
-    double m[12], p[3];
-    int i, k, open;
-    itn_result result;
-    itn__go_to(maker, ITN__OBJECT, index);
-    result = itn__name_object(maker, in, object);
-    mesh = itn__object_mesh(in, m);
-    if (!result)
-        result = itn_mesh_check(mesh, &maker->scene->context, &report, maker->error);
-    if (result) return result;
-    if (report.bad_vertices || report.bad_indices)
-        return itn__refuse(maker, ITN_ERROR_MESH, "the mesh has %d vertices that are not finite "
-                           "(first %d) and %d triangles that name missing vertices (first %d)",
-                           report.bad_vertices, report.first_bad_vertex, report.bad_indices,
-                           report.first_bad_triangle);
-    open = report.open_edges || report.flipped_edges;
-    object->closed = !open && report.volume > 0 && (object->solid || !report.inverted_parts);
-    if (object->solid && !object->closed && !in->force)
-        return itn__not_a_solid(maker, mesh, &report);
-    maker->scene->leaky |= object->solid && open;
-    object->closed |= object->solid;
-    object->mirrored = (itn__determinant(m) < 0) != (object->solid && report.volume < 0);
-    object->volume = fabs(report.volume * itn__determinant(m));
-    for (k = 0; k < 3; k++) object->lower[k] = DBL_MAX, object->upper[k] = -DBL_MAX;
-    for (i = 0; i < 3 * mesh->triangle_count; i++) { /* vertices that are in use */
-        itn__place_vertex(mesh, m, mesh->triangles[i], p);
-        for (k = 0; k < 3; k++) {
-            object->lower[k] = fmin(object->lower[k], p[k]);
-            object->upper[k] = fmax(object->upper[k], p[k]);
-            if (!(fabs(p[k]) < 1e18))
-                return itn__refuse(maker, ITN_ERROR_MESH, "it reaches beyond 1e18");
-        }
-    }
-    return ITN_OK;
-}
-
-/* The middle and radius of the solids, or of everything where there are none, and where the camera
-   is from there. Fails where that is so far away that rays, which are floats, hardly know what they
-   pass. */
-static itn_result itn__make_origin(itn__maker *maker) {
-    itn_scene *scene = maker->scene;
-    const itn_vec3 *eye = &maker->desc->camera.eye;
-    double lower[3] = {DBL_MAX, DBL_MAX, DBL_MAX}, upper[3] = {-DBL_MAX, -DBL_MAX, -DBL_MAX};
-    double half[3], distance, reach = 0;
-    int i, k, solids = 0;
-    for (i = 0; i < scene->object_count; i++) solids += scene->objects[i].solid;
-    for (i = 0; i < scene->object_count; i++)
-        for (k = 0; k < 3 && (scene->objects[i].solid || !solids); k++) {
-            lower[k] = fmin(lower[k], scene->objects[i].lower[k]);
-            upper[k] = fmax(upper[k], scene->objects[i].upper[k]);
-        }
-    for (k = 0; k < 3; k++)
-        scene->origin[k] = .5 * (lower[k] + upper[k]), half[k] = .5 * (upper[k] - lower[k]);
-    scene->radius = (float)sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]);
-    for (k = 0; k < 3; k++) half[k] += 8 * FLT_EPSILON * (double)scene->radius;
-    scene->upper = itn__vec3((float)half[0], (float)half[1], (float)half[2]);
-    scene->lower = itn__scale(scene->upper, -1);
-    itn__go_to(maker, -1, 0);
-    if (!(scene->radius > 0 && scene->radius < 1e18f))
-        return itn__refuse(maker, ITN_ERROR_MESH, "the objects have size %g",
-                           (double)scene->radius);
-    for (i = 0; i < scene->object_count; i++)
-        for (k = 0; k < 3; k++)
-            reach = fmax(reach, fmax(scene->origin[k] - scene->objects[i].lower[k],
-                                     scene->objects[i].upper[k] - scene->origin[k]));
-    scene->camera.eye = itn__vec3((float)(eye->x - scene->origin[0]),
-                                  (float)(eye->y - scene->origin[1]),
-                                  (float)(eye->z - scene->origin[2]));
-    distance = (double)itn__length(scene->camera.eye);
-    itn__go_to(maker, ITN__CAMERA, 0);
-    if (distance <= 1e6 * reach) return ITN_OK;
-    return ITN__REFUSE("the eye is %g away from objects that reach %g, more than 1e6 times as far: "
-                       "floats lose them", distance, reach);
-}
-
-/* Writes an object's triangles into the merged mesh, each with corners of its own; its texture
-   coordinates, where a texture will use them, into an array of its own. */
-static itn_result itn__merge_object(itn__maker *maker, int index, itn_mesh *merged,
-                                    int *object_of_triangle) {
-    itn_scene *scene = maker->scene;
-    itn__object *object = &scene->objects[index];
-    double m[12], p[3];
-    const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[index], m);
-    int i, k, first = 3 * object->first_triangle;
-    float *positions = merged->positions + 3 * (size_t)first;
-    int textured = mesh->uvs && object->surface >= 0 &&
-                   scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE;
-    itn__go_to(maker, ITN__OBJECT, index);
-    if (textured) object->uvs = ITN__NEW(float, &scene->context, 6 * (size_t)mesh->triangle_count);
-    if (textured && !object->uvs) return itn__out_of_memory(maker->error, "texture coordinates");
-    for (i = 0; i < 3 * mesh->triangle_count; i++) {
-        int from = object->mirrored && i % 3 ? i / 3 * 3 + 3 - i % 3 : i;
-        itn__place_vertex(mesh, m, mesh->triangles[from], p);
-        for (k = 0; k < 3; k++) *positions++ = (float)(p[k] - scene->origin[k]);
-        merged->triangles[first + i] = first + i;
-        object_of_triangle[(first + i) / 3] = index;
-        for (k = 0; k < 2 && textured; k++) {
-            float *uv = &object->uvs[2 * (size_t)i + (size_t)k];
-            *uv = mesh->uvs[2 * (size_t)from + (size_t)k];
-            if (!(fabsf(*uv) <= 1e6f)) /* larger ones have no digits left */
-                return itn__refuse(maker, ITN_ERROR_MESH, "texture coordinate %g of triangle %d is "
-                                   "not in [-1e6, 1e6]", (double)*uv, i / 3);
-        }
-    }
-    return ITN_OK;
-}
-
-/* Merges all objects, builds the tree and sums up areas. */
-static itn_result itn__make_tree(itn__maker *maker) {
-    itn_scene *scene = maker->scene;
-    itn_mesh merged;
-    double m[12], n[3];
-    int i, count = 0, *object_of_triangle;
-    itn_result result;
-    itn__go_to(maker, -1, 0);
-    for (i = 0; i < scene->object_count; i++) {
-        const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[i], m);
-        if (mesh->triangle_count > INT_MAX / 9 - count) return ITN__REFUSE("too many triangles");
-        scene->objects[i].first_triangle = count, count += mesh->triangle_count;
-    }
-    result = itn_mesh_create(3 * count, count, 0, &scene->context, &merged, maker->error);
-    if (result) return result;
-    object_of_triangle = ITN__NEW(int, &scene->context, count);
-    if (!object_of_triangle) result = itn__out_of_memory(maker->error, "a scene");
-    for (i = 0; i < scene->object_count && !result; i++)
-        result = itn__merge_object(maker, i, &merged, object_of_triangle);
-    if (!result)
-        result = itn__bvh_build(&merged, object_of_triangle, &scene->context, &scene->bvh,
-                                maker->error);
-    itn__free(&scene->context, object_of_triangle);
-    itn_mesh_free(&merged);
-    for (i = 0; i < count && !result; i++) {
-        const itn__triangle *triangle = &scene->bvh->triangles[i];
-        scene->objects[triangle->object].area += .5 * itn__unit_normal(triangle, n);
-    }
-    return result;
-}
-
-/* Where a line next enters a closed object (t[0]) and where it leaves it (t[1]), else INFINITY. */
-static void itn__next_crossings(const itn_scene *scene, int object, const itn_ray *line,
-                                float t[2]) {
-    int k;
-    for (k = 0; k < 2; k++) {
-        itn__sides sides = ITN_ZERO;
-        itn_hit hit;
-        *(k ? &sides.back : &sides.front) = itn__object_bit(object);
-        t[k] = itn__bvh_face(scene->bvh, line, &sides, &hit) ? hit.t : INFINITY;
-    }
-}
-
-/* Whether the camera is inside a closed object: along a ray a back face comes before (where parts
-   touch, together with) the first front face. The best of three rays in no particular directions,
-   as one may graze an edge. */
-static int itn__camera_inside(const itn_scene *scene, int object) {
-    static const float directions[3][3] = {
-        {.41237f, .55113f, .72541f}, {-.63071f, .29173f, -.71907f}, {.18319f, -.87643f, .44537f}};
-    int k, votes = 0;
-    for (k = 0; k < 3; k++) {
-        itn_ray ray;
-        float t[2];
-        ray.origin = scene->camera.eye, ray.tmin = 0, ray.tmax = INFINITY;
-        memcpy(&ray.direction, directions[k], sizeof ray.direction);
-        itn__next_crossings(scene, object, &ray, t);
-        votes += t[1] < INFINITY && t[1] <= t[0];
-    }
-    return votes >= 2;
-}
-
-enum { ITN__TRIED_LINES = 400, ITN__TRIED_CROSSINGS = 256 };
-
-/* Whether on a line that comes from outside a closed object two fronts or two backs follow each
-   other, as they do where parts overlap, lie within each other or are inside out, or whether it
-   ends inside. Where parts touch a back and a front are in one point. A line is followed through
-   so many crossings that time grows with the size of a mesh only, however often it is folded. */
-static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
-    const float gap = 64 * FLT_EPSILON * scene->radius;
-    int inside = 0, i;
-    for (i = 0; i < ITN__TRIED_CROSSINGS; i++) {
-        float t[2];
-        itn__next_crossings(scene, object, &line, t);
-        line.tmin = itn__min(t[0], t[1]);
-        if (line.tmin == INFINITY) return inside;
-        if (fabsf(t[0] - t[1]) <= gap) {
-            line.tmin = itn__max(t[0], t[1]);
-            continue;
-        }
-        if ((t[0] < t[1]) == inside) return 1;
-        inside = !inside;
-    }
-    return 0;
-}
-
-/* A line from outside of all solids through a point of a triangle with this unit normal, at a
-   likelihood in proportion to its cosine with that (a point of the unit sphere around its tip): all
-   lines that cross the triangle are as likely. */
-static itn_ray itn__draw_line(const itn_scene *scene, int triangle, const double n[3],
-                              itn__rng *rng) {
-    float u = itn__uniform(rng), v = itn__uniform(rng), z = 1 - 2 * itn__uniform(rng);
-    float r = sqrtf(1 - z * z), phi = 2 * ITN__PI * itn__uniform(rng);
-    itn_vec3 p[3], tip = itn__vec3((float)n[0], (float)n[1], (float)n[2]);
-    itn_ray line;
-    itn__bvh_corners(scene->bvh, triangle, p);
-    if (u + v > 1) u = 1 - u, v = 1 - v;
-    line.origin = itn__along(itn__along(p[0], u, itn__sub(p[1], p[0])), v, itn__sub(p[2], p[0]));
-    line.direction = itn__normalize(itn__add(tip, itn__vec3(r * cosf(phi), r * sinf(phi), z)));
-    line.origin = itn__along(line.origin, -4 * scene->radius, line.direction);
-    line.tmin = 0, line.tmax = INFINITY;
-    return line;
-}
-
-/* Fails where more than one in 40 of ITN__TRIED_LINES, through points at equal steps of a solid's
-   surface, is tangled, unless it was taken by force: then its medium ends as behind a hole. Fewer
-   are where a scanned surface crosses itself a little, which hardly shows. */
-static itn_result itn__check_parts(itn__maker *maker) {
-    itn_scene *scene = maker->scene;
-    int i, lines, tangled, triangle = 0;
-    for (i = 0; i < scene->object_count; i++) {
-        const itn__object *object = &scene->objects[i];
-        itn__rng rng = itn__rng_make(0, (uint64_t)i, 0);
-        double n[3], reached = 0;
-        for (lines = tangled = 0; triangle < scene->bvh->triangle_count; triangle++) {
-            if (scene->bvh->triangles[triangle].object != i) break;
-            if (!object->solid) continue;
-            reached += .5 * itn__unit_normal(&scene->bvh->triangles[triangle], n);
-            for (; reached * (double)ITN__TRIED_LINES > (lines + .5) * object->area; lines++)
-                tangled += itn__is_tangled(scene, i, itn__draw_line(scene, triangle, n, &rng));
-        }
-        if (40 * tangled <= ITN__TRIED_LINES) continue;
-        scene->leaky = 1;
-        itn__go_to(maker, ITN__OBJECT, i);
-        if (!maker->desc->objects[i].force)
-            return itn__refuse(maker, ITN_ERROR_MESH, "parts of the mesh overlap, lie within each "
-                               "other or are inside out: %d of %d lines through it enter or leave "
-                               "twice in a row (make each part an object of its own; `force` takes "
-                               "it as it is)", tangled, ITN__TRIED_LINES);
-    }
-    return ITN_OK;
-}
-
-/* Notes on which sides of each object the camera is, and of each closed one which other dielectrics
-   may have faces where it has some. */
-static void itn__make_sides(itn_scene *scene) {
-    double margin = 16 * (double)FLT_EPSILON * (double)scene->radius;
-    int i, j, k;
-    for (i = 0; i < scene->object_count; i++) {
-        itn__object *a = &scene->objects[i];
-        int inside = a->closed && itn__camera_inside(scene, i);
-        if (!inside) scene->sides.front |= itn__object_bit(i);
-        if (inside || !a->closed) scene->sides.back |= itn__object_bit(i);
-        for (j = 0; j < scene->object_count; j++) {
-            const itn__object *b = &scene->objects[j];
-            int meet = i != j && a->closed && b->refracts;
-            for (k = 0; k < 3; k++)
-                meet &= a->lower[k] <= b->upper[k] + margin && b->lower[k] <= a->upper[k] + margin;
-            if (meet) a->dielectrics |= itn__object_bit(j);
-        }
-    }
-}
-
-/* Counts of a desc, and the arrays they call for. */
-static itn_result itn__make_arrays(itn__maker *maker) {
-    const itn_scene_desc *in = maker->desc;
-    itn_scene *scene = maker->scene;
-    const itn_context *context = &scene->context;
-    const size_t media = (size_t)in->medium_count, surfaces = (size_t)in->surface_count;
-    const size_t lights = (size_t)in->light_count, items = media + surfaces + lights;
-    if (in->object_count < 1 || in->object_count > ITN__MAX_OBJECTS || media > ITN__MAX_ITEMS ||
-        surfaces > ITN__MAX_ITEMS || lights > ITN__MAX_LIGHTS)
-        return ITN__REFUSE("it has 1 to %d objects, up to %d lights, %d media and surfaces; not %d "
-                           "objects, %d lights, %d media, %d surfaces", ITN__MAX_OBJECTS,
-                           ITN__MAX_LIGHTS, ITN__MAX_ITEMS, in->object_count, in->light_count,
-                           in->medium_count, in->surface_count);
-    if ((media && !in->media) || (surfaces && !in->surfaces) || (lights && !in->lights) ||
-        !in->objects)
-        return ITN__REFUSE("an array of itn_scene_desc is NULL");
-    scene->media = ITN__NEW(itn__medium, context, media);
-    scene->surfaces = ITN__NEW(itn__surface, context, surfaces);
-    scene->lights = ITN__NEW(itn__light, context, 2 * lights);
-    scene->objects = ITN__NEW(itn__object, context, in->object_count);
-    scene->parameters = ITN__NEW(itn_parameter, context, 9 * items);
-    scene->tables = ITN__NEW(void *, context, ITN__TABLE_LEVELS);
-    if (!itn__table_make(&maker->names, context, 9 * items) || !scene->media || !scene->surfaces ||
-        !scene->lights || !scene->objects || !scene->parameters || !scene->tables)
-        return itn__out_of_memory(maker->error, "a scene");
-    scene->object_count = in->object_count;
-    return ITN_OK;
-}
-
-/* itn_scene_create; on failure *kind and *index tell which item is at fault (kind -1: none). */
-static ITN__COLD itn_result itn__create_scene(const itn_scene_desc *desc,
-                                              const itn_context *context, itn_result refusal,
-                                              itn_scene **made, int *kind, int *index,
-                                              itn_error *error) {
-    itn__maker maker = ITN_ZERO;
-    itn_context own;
-    itn_scene *scene;
-    int i;
-    itn_result result = itn__context_check(context, &own, error);
-    if (result) return result;
-    scene = maker.scene = ITN__NEW(itn_scene, &own, 1);
-    if (!scene) return itn__out_of_memory(error, "a scene");
-    scene->context = own, maker.desc = desc, maker.error = error, maker.refusal = refusal;
-    itn__go_to(&maker, -1, 0);
-    result = itn__make_arrays(&maker);
-    if (!result) result = itn__make_film(&maker);
-    if (!result) result = itn__make_camera(&maker);
-    for (i = 0; i < desc->medium_count && !result; i++) result = itn__make_medium(&maker, i);
-    for (i = 0; i < desc->surface_count && !result; i++) result = itn__make_surface(&maker, i);
-    for (i = 0; i < desc->light_count && !result; i++) result = itn__make_light(&maker, i);
-    for (i = 0; i < desc->object_count && !result; i++) result = itn__make_object(&maker, i);
-    if (!result) result = itn__make_origin(&maker);
-    if (!result) result = itn__make_tree(&maker);
-    if (!result) result = itn__check_parts(&maker);
-    itn__free(&own, maker.names.entries), itn__free(&own, maker.names.slots);
-    *kind = maker.kind, *index = maker.index;
-    if (result) return itn_scene_free(scene), result;
-    itn__share_lights(scene);
-    itn__make_sides(scene);
-    *made = scene;
-    return ITN_OK;
-}
-
-ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
-                                    itn_scene **scene, itn_error *error) {
-    int kind, index;
-    if (!desc || !scene)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
-    return itn__create_scene(desc, context, ITN_ERROR_ARGUMENT, scene, &kind, &index, error);
-}
-
 /* ---- [place] where a walk is ----------------------------------------------------------------- */
 
 /* Where a walk is, is a set of sides, one for each solid: outside it can only meet front faces,
@@ -6167,6 +5019,1159 @@ typedef struct itn__allotment {
 /* Samples of a pixel: by an allotment, or as many as all have. */
 static int itn__pixel_samples(const itn__allotment *allotment, int spp, size_t pixel) {
     return allotment ? allotment->samples[pixel] : spp;
+}
+
+/* ============================================================================================
+   PART III: SCENES, PICTURES, NETWORKS, SEARCHES, FILES
+   ============================================================================================ */
+
+/* ---- [mesh] images, triangle meshes, and whether these are solids --------------------------- */
+
+ITN_API itn_result itn_image_create(int width, int height, int plane_count,
+                                    const itn_context *context, itn_image *image,
+                                    itn_error *error) {
+    size_t pixels = (size_t)width * (size_t)height;
+    itn_image made;
+    itn_result result;
+    if (!image || width < 1 || height < 1 || plane_count < 1)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_image_create: image is NULL, or of %d x %d x %d planes one is not "
+                         "positive", width, height, plane_count);
+    result = itn__context_check(context, &made.context, error);
+    if (result) return result;
+    if (pixels / (size_t)height != (size_t)width || pixels > SIZE_MAX / 8 / (size_t)plane_count)
+        return itn__out_of_memory(error, "an image");
+    made.width = width, made.height = height, made.plane_count = plane_count;
+    made.names = (char(*)[ITN_NAME_SIZE])itn__allocate(&made.context, (size_t)plane_count,
+                                                       ITN_NAME_SIZE);
+    made.pixels = ITN__NEW(float, &made.context, pixels * (size_t)plane_count);
+    if (!made.names || !made.pixels) {
+        itn_image_free(&made);
+        return itn__out_of_memory(error, "an image");
+    }
+    *image = made;
+    return ITN_OK;
+}
+
+ITN_API void itn_image_free(itn_image *image) {
+    if (!image) return;
+    itn__free(&image->context, image->pixels);
+    itn__free(&image->context, image->names);
+    memset(image, 0, sizeof *image);
+}
+
+ITN_API float *itn_image_plane(const itn_image *image, const char *name) {
+    int plane;
+    if (!image || !name) return NULL;
+    for (plane = 0; plane < image->plane_count; plane++)
+        if (!strcmp(image->names[plane], name))
+            return image->pixels + (size_t)plane * (size_t)image->width * (size_t)image->height;
+    return NULL;
+}
+
+/* The planes that hold an image's light: R, G, B if all are there, else Y, or the only plane, three
+   times over. Returns 0 if none of that is there: of a file of layers the first plane is often
+   alpha. */
+static int itn__image_colours(const itn_image *image, const float *planes[3]) {
+    static const char *const rgb[3] = {"R", "G", "B"};
+    int k;
+    for (k = 0; k < 3; k++) planes[k] = itn_image_plane(image, rgb[k]);
+    if (planes[0] && planes[1] && planes[2]) return 1;
+    planes[0] = itn_image_plane(image, "Y");
+    if (!planes[0] && image->plane_count == 1) planes[0] = image->pixels;
+    planes[1] = planes[2] = planes[0];
+    return planes[0] != NULL;
+}
+
+/* Meshes. */
+
+ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int with_uvs,
+                                   const itn_context *context, itn_mesh *mesh, itn_error *error) {
+    itn_mesh made = ITN_ZERO;
+    itn_result result = itn__context_check(context, &made.context, error);
+    if (result) return result;
+    if (!mesh || vertex_count < 0 || triangle_count < 0)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_mesh_create: mesh is NULL, or %d vertices or %d triangles are "
+                         "negative", vertex_count, triangle_count);
+    made.vertex_count = vertex_count, made.triangle_count = triangle_count;
+    made.positions = (float *)itn__allocate(&made.context, (size_t)vertex_count, 3 * sizeof(float));
+    made.triangles = (int *)itn__allocate(&made.context, (size_t)triangle_count, 3 * sizeof(int));
+    if (with_uvs)
+        made.uvs = (float *)itn__allocate(&made.context, (size_t)triangle_count, 6 * sizeof(float));
+    if (!made.positions || !made.triangles || (with_uvs && !made.uvs)) {
+        itn_mesh_free(&made);
+        return itn__out_of_memory(error, "a mesh");
+    }
+    *mesh = made;
+    return ITN_OK;
+}
+
+ITN_API void itn_mesh_free(itn_mesh *mesh) {
+    if (!mesh) return;
+    itn__free(&mesh->context, mesh->uvs);
+    itn__free(&mesh->context, mesh->triangles);
+    itn__free(&mesh->context, mesh->positions);
+    memset(mesh, 0, sizeof *mesh);
+}
+
+/* Solids. A mesh bounds a solid when its oriented triangles have no boundary: every directed edge
+   (a,b) is used as often as its opposite (b,a). Vertices at equal positions are welded first, so
+   the seams of texture coordinates do not count as holes. Of an undirected edge with f uses in one
+   direction and b in the other, f == b is good, f + b == 1 open, the rim of a hole; otherwise it is
+   flipped: some of its triangles disagree on which side is out. Triangles with an index out of
+   range or with two equal corners take no part; those of zero area and three different corners may
+   close the slit between a long edge and the two short ones beside it.
+   A closed mesh has the signed volume V = sum of F / 6 (the divergence theorem), with o at one of
+   its corners, so that a mesh far from the origin loses no digits. The parts that edges of two
+   triangles join have such volumes, too; where rounding may have made one, as of a sheet with two
+   sides, it is 0. */
+
+/* A position, or an edge between welded vertices, and what uses it: vertices, or triangles. */
+typedef struct itn__entry {
+    uint32_t key[3];
+    int first, last;    /* to use it */
+    int along, against; /* an edge's uses in the direction of its key, and in the other */
+} itn__entry;
+
+/* A hash table with open addressing; entries are numbered in the order in which they come. The seed
+   is made of all that is in the mesh, so that files can hardly choose slots. */
+typedef struct itn__table {
+    itn__entry *entries;
+    int *slots; /* [mask + 1]: number of an entry + 1, or 0 */
+    size_t mask;
+    uint64_t seed;
+    int count;
+} itn__table;
+
+/* For at most `count` keys. Returns 0 if memory is out. */
+static int itn__table_make(itn__table *table, const itn_context *context, size_t count) {
+    size_t size = 4;
+    while (size / 2 < count && size <= SIZE_MAX / 4) size *= 2;
+    table->mask = size - 1;
+    table->entries = (itn__entry *)itn__allocate(context, count, sizeof *table->entries);
+    table->slots = ITN__NEW(int, context, size);
+    return table->entries && table->slots;
+}
+
+/* The entry of a key, which may be new, with one use more. */
+static itn__entry *itn__table_use(itn__table *table, const uint32_t key[3], int user) {
+    uint64_t hash = itn__mix64(table->seed ^ (key[0] | (uint64_t)key[1] << 32));
+    for (hash = itn__mix64(hash + key[2]);; hash++) {
+        int *slot = &table->slots[hash & table->mask], known = *slot > 0;
+        itn__entry *entry = &table->entries[known ? *slot - 1 : table->count];
+        if (known && memcmp(entry->key, key, sizeof entry->key)) continue;
+        if (!known) {
+            memcpy(entry->key, key, sizeof entry->key);
+            entry->first = user, *slot = ++table->count;
+        }
+        entry->last = user;
+        return entry;
+    }
+}
+
+/* A triangle of a part: another one of it, or itself, and what it, later all, add to the volume. */
+typedef struct itn__part {
+    int other;
+    double volume, rounding;
+} itn__part;
+
+/* What itn_mesh_check works on. */
+typedef struct itn__welding {
+    const itn_mesh *mesh;
+    itn__table positions, edges;
+    int *weld;        /* [vertex_count] first vertex at the same position */
+    itn__part *parts; /* [triangle_count] */
+    double rounding;  /* of the sum of volumes */
+    itn_mesh_report *report;
+} itn__welding;
+
+/* Finds the first vertex at each position. One that is not finite equals only itself. */
+static void itn__weld(itn__welding *w) {
+    int i;
+    for (i = 0; i < w->mesh->vertex_count; i++) {
+        const float *p = w->mesh->positions + 3 * (size_t)i;
+        itn_vec3 position = itn__vec3(p[0] + 0, p[1] + 0, p[2] + 0); /* -0 and 0 are one */
+        uint32_t key[3];
+        memcpy(key, &position, sizeof key);
+        if (!itn__finite3(position)) {
+            if (!w->report->bad_vertices++) w->report->first_bad_vertex = i;
+            key[0] = (uint32_t)i, key[1] = key[2] = UINT32_MAX;
+        }
+        w->weld[i] = itn__table_use(&w->positions, key, i)->first;
+    }
+}
+
+/* Adds a triangle: its edges, its area, and its part of the volume as seen from `centre`. */
+static void itn__weigh_triangle(itn__welding *w, int index, const itn__triangle *triangle,
+                                itn_vec3 centre) {
+    const int *corner = w->mesh->triangles + 3 * (size_t)index;
+    itn__plane plane = itn__plane_of(triangle, centre);
+    itn__part *part = &w->parts[index];
+    double n[3], area = .5 * itn__unit_normal(triangle, n);
+    int k, vertex[3], twins = 0;
+    for (k = 0; k < 3; k++) vertex[k] = w->weld[corner[k]];
+    for (k = 0; k < 3; k++) twins |= vertex[k] == vertex[(k + 1) % 3];
+    for (k = 0; k < 3 && !twins; k++) {
+        int from = vertex[k], to = vertex[(k + 1) % 3], turned = from > to;
+        uint32_t key[3] = {(uint32_t)(turned ? to : from), (uint32_t)(turned ? from : to), 0};
+        itn__entry *edge = itn__table_use(&w->edges, key, index);
+        edge->along += !turned, edge->against += turned;
+    }
+    if (!itn__finite(area)) return; /* a bad vertex */
+    if ((area == 0 || twins) && !w->report->degenerate_triangles++)
+        w->report->first_degenerate_triangle = index;
+    w->report->area += area;
+    part->volume = plane.f / 6;
+    part->rounding = plane.error + DBL_EPSILON * w->mesh->triangle_count * fabs(plane.f);
+    w->report->volume += part->volume, w->rounding += part->rounding;
+}
+
+static void itn__weigh_triangles(itn__welding *w) {
+    const itn_mesh *mesh = w->mesh;
+    itn_vec3 centre = itn__vec3(0, 0, 0);
+    int i, k, weighed = 0;
+    for (i = 0; i < mesh->triangle_count; i++) {
+        const int *corner = mesh->triangles + 3 * (size_t)i;
+        itn__triangle triangle;
+        for (k = 0; k < 3 && corner[k] >= 0 && corner[k] < mesh->vertex_count; k++)
+            memcpy(triangle.corner[k], mesh->positions + 3 * (size_t)corner[k],
+                   sizeof triangle.corner[k]);
+        if (k < 3) {
+            if (!w->report->bad_indices++) w->report->first_bad_triangle = i;
+            continue;
+        }
+        if (!weighed) memcpy(&centre, triangle.corner[0], sizeof centre);
+        weighed |= itn__finite3(centre);
+        itn__weigh_triangle(w, i, &triangle, centre);
+    }
+}
+
+static void itn__judge_edges(const itn__welding *w) {
+    itn_mesh_report *report = w->report;
+    int i;
+    for (i = 0; i < w->edges.count; i++) {
+        const itn__entry *edge = &w->edges.entries[i];
+        int(*list)[2] = report->flipped_edge, *count = &report->flipped_edges;
+        if (edge->along == edge->against) continue;
+        if (edge->along + edge->against == 1)
+            list = report->open_edge, count = &report->open_edges;
+        else if (!report->flipped_edges)
+            report->flipped_triangle = edge->last;
+        if (*count < 4) list[*count][0] = (int)edge->key[0], list[*count][1] = (int)edge->key[1];
+        ++*count;
+    }
+}
+
+/* The triangle that stands for all of a triangle's part. */
+static itn__part *itn__part_of(itn__part *parts, int triangle) {
+    while (parts[triangle].other != triangle)
+        triangle = parts[triangle].other = parts[parts[triangle].other].other;
+    return &parts[triangle];
+}
+
+/* Joins parts at edges of two triangles, and counts those of negative volume. */
+static void itn__judge_parts(itn__welding *w) {
+    itn_mesh_report *report = w->report;
+    int count = w->mesh->triangle_count, i;
+    for (i = 0; i < count; i++) w->parts[i].other = i;
+    for (i = 0; i < w->edges.count; i++) {
+        const itn__entry *edge = &w->edges.entries[i];
+        if (edge->along + edge->against == 2)
+            itn__part_of(w->parts, edge->first)->other =
+                itn__part_of(w->parts, edge->last)->other;
+    }
+    for (i = 0; i < count; i++) {
+        itn__part *part = itn__part_of(w->parts, i), *own = &w->parts[i];
+        if (part != own) part->volume += own->volume, part->rounding += own->rounding;
+    }
+    for (i = 0; i < count; i++)
+        report->inverted_parts += w->parts[i].other == i &&
+                                  w->parts[i].volume < -w->parts[i].rounding;
+    if (fabs(report->volume) <= w->rounding) report->volume = 0;
+}
+
+ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
+                                            itn_mesh_report *report, itn_error *error) {
+    itn_context own;
+    itn__welding w = ITN_ZERO;
+    itn_mesh_report found = ITN_ZERO;
+    size_t vertices, triangles, i;
+    uint64_t seed = 1;
+    uint32_t word;
+    itn_result result = itn__context_check(context, &own, error);
+    if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
+    if (result) return result;
+    if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
+    if (mesh->triangle_count > INT_MAX / 3) return itn__out_of_memory(error, "a mesh check");
+    vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
+    found.first_bad_vertex = found.first_bad_triangle = -1;
+    found.first_degenerate_triangle = found.flipped_triangle = -1;
+    w.mesh = mesh, w.report = &found;
+    w.weld = ITN__NEW(int, &own, vertices);
+    w.parts = ITN__NEW(itn__part, &own, triangles);
+    if (itn__table_make(&w.positions, &own, vertices) && w.weld && w.parts &&
+        itn__table_make(&w.edges, &own, 3 * triangles)) {
+        for (i = 0; i < 3 * (vertices + triangles); i++) {
+            if (i < 3 * vertices)
+                memcpy(&word, mesh->positions + i, sizeof word);
+            else
+                memcpy(&word, mesh->triangles + (i - 3 * vertices), sizeof word);
+            seed = itn__mix64(seed + word);
+        }
+        w.positions.seed = w.edges.seed = seed;
+        itn__weld(&w);
+        itn__weigh_triangles(&w);
+        itn__judge_edges(&w);
+        itn__judge_parts(&w);
+        *report = found;
+    } else {
+        result = itn__out_of_memory(error, "a mesh check");
+    }
+    itn__free(&own, w.edges.slots);
+    itn__free(&own, w.edges.entries);
+    itn__free(&own, w.positions.slots);
+    itn__free(&own, w.positions.entries);
+    itn__free(&own, w.parts);
+    itn__free(&own, w.weld);
+    return result;
+}
+
+/* ---- [maker] a desc, checked and made ready -------------------------------------------------- */
+
+/* A scene is made item by item: film, camera, media, surfaces, lights, and last the objects
+   ([objects]), which name the others. Each is checked by its fields before anything is taken from
+   it, and enters its numbers into the parameter table; an image is copied. The first error ends it
+   all, and what was made is freed. First the fields of the items that have no models. */
+#define ITN__SPECTRUM(name, form, transform, ...)                                                  \
+    {#name, form, __VA_ARGS__, offsetof(itn_medium_desc, name), offsetof(itn__medium, name),       \
+     transform, offsetof(itn_medium_desc, name##_rgb), NULL}
+static const itn__form itn__forms[] = { /* that of a kind without types at its number */
+    {ITN__FILM, 0, NULL,
+     {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
+      ITN__FIELD("height", film, height, "1i", 1, 65536, 128),
+      ITN__FIELD("channels", film, channels, "1i", 1, 3, 1),
+      {"filter", "o", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box gaussian"},
+      ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0)}},
+    {ITN__CAMERA, 0, NULL,
+     {ITN__FIELD("eye", camera, eye, "3f!", ITN__ANY, 0),
+      ITN__FIELD("target", camera, target, "3f!", ITN__ANY, 0),
+      ITN__FIELD("up", camera, up, "3f", ITN__ANY, 0),
+      ITN__FIELD("fov", camera, fov, "1f", 1e-6f, 179.999f, 30)}},
+    {ITN__MEDIUM, 0, NULL,
+     {ITN__SPECTRUM(sigma_t, "13s!", ITN_LOG, 0, 1e12f, 0),
+      ITN__VALUE(medium, albedo, "13c!", ITN_LOGIT, 0, 1, 0),
+      ITN__MARK("phase", "o", "hg"),
+      ITN__SPECTRUM(g, "13s", ITN_LOGIT, -.999f, .999f, 0)}},
+    {ITN__OBJECT, 0, "mesh",
+     {ITN__WORD("mesh", object, mesh, "m"),
+      ITN__WORD("medium", object, medium, "w"),
+      ITN__WORD("surface", object, surface, "w"),
+      ITN__FIELD("scale", object, transform, "13t", FLT_MIN, 1e12f, 0),
+      ITN__FIELD("rotate", object, transform, "4t", ITN__ANY, 0),
+      ITN__FIELD("translate", object, transform, "3t", ITN__ANY, 0),
+      ITN__WORD("force", object, force, "")}},
+    {ITN__OBJECT, 1, "plane",
+     {ITN__MARK("plane", "", NULL), ITN__WORD("surface", object, surface, "w!"),
+      ITN__FIELD("y", object, plane_y, "1f", ITN__ANY, 0),
+      ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 20)}}};
+enum {
+    ITN__OWN_FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]),
+    ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0]),
+    ITN__FORMS = ITN__OWN_FORMS + ITN__BSDFS +
+                 (int)(sizeof itn__light_models / sizeof itn__light_models[0])
+};
+
+/* What a checker has more, in a desc. */
+static const itn__field itn__checker_fields[] = {
+    ITN__VALUE(surface, reflectance2, "c", ITN_LOGIT, 0, 1, 0),
+    ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1),
+    ITN__MARK(NULL, NULL, NULL)};
+static const itn__form *itn__form_at(int k) {
+    if (k < ITN__OWN_FORMS) return &itn__forms[k];
+    k -= ITN__OWN_FORMS;
+    return k < ITN__BSDFS ? &itn__bsdfs[k].form : &itn__light_models[k - ITN__BSDFS].form;
+}
+
+ITN__INLINE int itn__has_form(const itn__field *field, char letter) {
+    return strchr(field->form, letter) != NULL;
+}
+
+/* Whether a number may stand in a field; if not, `words` say why. */
+static int itn__field_allows(const itn__field *field, float number, char words[100]) {
+    int optional = field->parameter && field->lower > 0 && field->otherwise == 0;
+    if (number >= field->lower && number <= field->upper) return 1;
+    if (optional && number == 0) return 1;
+    itn__print(words, 100, "%g is %s in [%g, %g]", (double)number,
+               optional ? "neither 0 nor" : "not", (double)field->lower, (double)field->upper);
+    return 0;
+}
+
+/* Writes the `count` numbers of a field to a desc. */
+static void itn__write_numbers(const itn__field *field, void *desc, float *n, int count) {
+    char *at = (char *)desc + (itn__has_form(field, 's') && count == 3 ? field->three : field->at);
+    int whole = (int)n[0];
+    if (itn__has_form(field, 'c') && count == 1) n[1] = n[2] = n[0], count = 3;
+    if (strpbrk(field->form, "io")) memcpy(at, &whole, sizeof whole);
+    else if (strpbrk(field->form, "fcs")) memcpy(at, n, (size_t)count * sizeof *n);
+}
+
+/* The numbers of a field in a desc, where `otherwise` is put in. Returns how many they are: 0 if it
+   has none. */
+static int itn__read_numbers(const itn__field *field, void *desc, int channels, float n[9]) {
+    char *at = (char *)desc + field->at;
+    int integer = itn__has_form(field, 'i') || (itn__has_form(field, 'o') && field->at);
+    int whole, count = 0;
+    if (itn__has_form(field, 's')) {
+        memcpy(n, (char *)desc + field->three, 3 * sizeof *n);
+        if (n[0] != 0 || n[1] != 0 || n[2] != 0) return 3;
+    }
+    if (itn__has_form(field, 'c')) count = channels;
+    else if (itn__has_form(field, 'f')) count = *field->form - '0';
+    else if (itn__has_form(field, 's') || integer) count = 1;
+    memcpy(n, at, (size_t)count * sizeof *n);
+    if (integer) memcpy(&whole, at, sizeof whole), n[0] = (float)whole;
+    if (count != 1 || n[0] != 0 || !(field->lower > 0)) return count;
+    n[0] = field->otherwise;
+    itn__write_numbers(field, desc, n, 1);
+    return n[0] != 0;
+}
+
+typedef struct itn__maker {
+    itn_scene *scene;
+    const itn_scene_desc *desc;
+    int kind, index;               /* of the item at hand; kind -1: none */
+    char title[2 * ITN_NAME_SIZE]; /* of it, for messages */
+    itn__table names;              /* of parameters */
+    itn_result refusal;            /* of what is given: ARGUMENT, or of a file FORMAT */
+    itn_error *error;
+} itn__maker;
+
+/* Fails with "item: ..."; ARGUMENT becomes the maker's refusal. */
+static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *format, ...)
+    ITN__PRINTF(3, 4);
+static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *format, ...) {
+    char words[800];
+    va_list arguments;
+    va_start(arguments, format);
+    itn__print_list(words, sizeof words, format, arguments);
+    va_end(arguments);
+    if (code == ITN_ERROR_ARGUMENT) code = maker->refusal;
+    return itn__fail(maker->error, code, 0, "%s: %s", maker->title, words);
+}
+#define ITN__REFUSE(...) itn__refuse(maker, ITN_ERROR_ARGUMENT, __VA_ARGS__)
+
+/* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index or -1. In
+   the names of layers, which must differ, too, the dot becomes a _. */
+static int itn__add_parameter(itn__maker *maker, const itn__field *field, int channel,
+                              float value) {
+    static const char *const suffix[4] = {"", "_r", "_g", "_b"};
+    itn_scene *scene = maker->scene;
+    itn_parameter *p = &scene->parameters[scene->parameter_count];
+    uint64_t a = 1, b = 2; /* two hashes are as good as the name */
+    uint32_t key[3];
+    int k, first;
+    itn__print(p->name, sizeof p->name, "%s.%s%s", maker->title, field->name, suffix[channel + 1]);
+    p->value = value, p->lower = field->lower, p->upper = field->upper;
+    p->transform = field->transform;
+    for (k = 0; p->name[k]; k++) {
+        unsigned char letter = (unsigned char)(p->name[k] == '.' ? '_' : p->name[k]);
+        a = itn__mix64(a + letter), b = itn__mix64(b + letter);
+    }
+    key[0] = (uint32_t)a, key[1] = (uint32_t)(a >> 32), key[2] = (uint32_t)b;
+    first = itn__table_use(&maker->names, key, scene->parameter_count)->first;
+    if (first == scene->parameter_count) return scene->parameter_count++;
+    ITN__REFUSE("%s and %s would have the same layer name: name the items apart",
+                scene->parameters[first].name, p->name);
+    return -1;
+}
+
+/* Checks the fields of a desc, which is the maker's own copy, and enters those that are parameters;
+   the scene's item receives their indices. */
+static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field *field, void *desc,
+                                             void *item) {
+    int channels = maker->scene->film.channels;
+    for (; field->name; field++) {
+        float n[ITN__MOST_NUMBERS];
+        int count = itn__read_numbers(field, desc, channels, n), index[3] = {-1, -1, -1}, c;
+        int spectrum = itn__has_form(field, 's');
+        char words[100];
+        if (spectrum && count > channels)
+            return ITN__REFUSE("%s_rgb needs a film with 3 channels", field->name);
+        for (c = 0; c < count; c++) {
+            if (!itn__field_allows(field, n[c], words))
+                return ITN__REFUSE("%s %s", field->name, words);
+            if (!field->parameter) continue;
+            index[c] = itn__add_parameter(maker, field, count == 3 ? c : -1, n[c]);
+            if (index[c] < 0) return maker->refusal;
+        }
+        if (count == 1) index[1] = index[2] = index[0];
+        if (field->parameter)
+            memcpy((char *)item + field->parameter, index,
+                   spectrum ? sizeof index : sizeof index[0]);
+    }
+    return ITN_OK;
+}
+
+/* Names become parts of parameters' and layers' names, hence the narrow rules. */
+static int itn__is_name(const char *name) {
+    static const char characters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+                                     "0123456789_-";
+    size_t length = name ? strlen(name) : 0;
+    return length >= 1 && length <= 32 && strspn(name, characters) == length &&
+           !strchr(characters + 52, *name);
+}
+#define ITN__NAME_RULE "is not 1 to 32 letters, digits, _ or -, beginning with a letter"
+
+/* Goes to an item (kind -1: to none) and gives it a title. */
+static void itn__go_to(itn__maker *maker, int kind, int index) {
+    maker->kind = kind, maker->index = index;
+    if (kind <= ITN__CAMERA)
+        itn__copy_name(maker->title, kind < 0 ? "scene" : itn__kinds[kind]);
+    else
+        itn__print(maker->title, sizeof maker->title, "%s %d", itn__kinds[kind], index + 1);
+}
+
+/* Takes an item's name, which none of the `count` before it must have. */
+static itn_result itn__take_name(itn__maker *maker, int kind, int index, const char *name,
+                                 void *items, size_t stride, int count) {
+    itn__go_to(maker, kind, index);
+    if (!itn__is_name(name))
+        return ITN__REFUSE("the name '%.40s' " ITN__NAME_RULE, name ? name : "");
+    itn__copy_name(maker->title, name);
+    if (itn__find_name(name, items, stride, count) >= 0)
+        return ITN__REFUSE("another %s has this name", itn__kinds[kind]);
+    itn__copy_name((char *)items + (size_t)count * stride, name);
+    return ITN_OK;
+}
+
+static itn_result itn__make_film(itn__maker *maker) {
+    itn_film_desc *film = &maker->scene->film;
+    int gaussian = maker->desc->film.filter == ITN_FILTER_GAUSSIAN;
+    itn_result result;
+    *film = maker->desc->film;
+    itn__go_to(maker, ITN__FILM, 0);
+    result = itn__take_fields(maker, itn__forms[ITN__FILM].fields, film, NULL);
+    if (result) return result;
+    if (film->channels == 2) return ITN__REFUSE("channels is 1 or 3, not 2");
+    if (!gaussian && film->deviation != 0)
+        return ITN__REFUSE("deviation is that of filter gaussian");
+    if (gaussian && film->deviation == 0) film->deviation = .5f;
+    return ITN_OK;
+}
+
+/* All of the camera but its eye, see [objects]. */
+static itn_result itn__make_camera(itn__maker *maker) {
+    const itn_film_desc *film = &maker->scene->film;
+    itn_camera_desc in = maker->desc->camera;
+    itn__camera *camera = &maker->scene->camera;
+    itn_vec3 up, right, forward = itn__direction(itn__sub(in.target, in.eye));
+    float half;
+    itn_result result;
+    itn__go_to(maker, ITN__CAMERA, 0);
+    result = itn__take_fields(maker, itn__forms[ITN__CAMERA].fields, &in, NULL);
+    if (result) return result;
+    up = itn__direction(in.up), half = tanf(in.fov * (ITN__PI / 360));
+    if (up.x == 0 && up.y == 0 && up.z == 0) up.y = 1;
+    right = itn__cross(forward, up);
+    if (!itn__finite3(forward) || !(itn__length(forward) > 0))
+        return ITN__REFUSE("eye and target must be different, and not too far apart");
+    if (!(itn__length(right) > 1e-5f)) /* sine of the angle between two unit vectors */
+        return ITN__REFUSE("up is parallel to the view");
+    camera->forward = forward;
+    camera->right = itn__scale(itn__normalize(right), half);
+    camera->up = itn__scale(itn__cross(camera->right, forward),
+                            (float)film->height / (float)film->width);
+    camera->width = film->width, camera->height = film->height;
+    camera->deviation = film->deviation;
+    return ITN_OK;
+}
+
+static itn_result itn__make_medium(itn__maker *maker, int index) {
+    itn_medium_desc in = maker->desc->media[index];
+    itn__medium *media = maker->scene->media, *medium = &media[maker->scene->medium_count++];
+    itn_result result = itn__take_name(maker, ITN__MEDIUM, index, in.name, media, sizeof *media,
+                                       index);
+    if (!result)
+        result = itn__take_fields(maker, itn__forms[ITN__MEDIUM].fields, &in, medium);
+    maker->scene->spectral |= itn__is_spectral(medium->sigma_t) || itn__is_spectral(medium->g);
+    return result;
+}
+
+/* Copies an image's light into texels [height][width][3] after checking its values. With one
+   channel on the film, all three hold the luminance. */
+static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, float largest,
+                                   int *width, int *height, float **texels) {
+    const float *planes[3];
+    int i, k, count;
+    if (!image || !image->pixels || !image->names || image->plane_count < 1 || image->width < 1 ||
+        image->height < 2)
+        return ITN__REFUSE("needs an image of at least 1 x 2 pixels");
+    if ((double)image->width * image->height > INT_MAX / 3)
+        return ITN__REFUSE("the image of %d x %d pixels has more than %d", image->width,
+                           image->height, INT_MAX / 3);
+    if (!itn__image_colours(image, planes))
+        return ITN__REFUSE("the image has neither Y nor R, G, B among its %d planes '%s', '%s'%s",
+                           image->plane_count, image->names[0], image->names[1],
+                           image->plane_count > 2 ? " ..." : "");
+    *width = image->width, *height = image->height, count = image->width * image->height;
+    *texels = ITN__NEW(float, &maker->scene->context, 3 * count);
+    if (!*texels) return itn__out_of_memory(maker->error, maker->title);
+    for (i = 0; i < count; i++) {
+        float *texel = *texels + 3 * (size_t)i;
+        for (k = 0; k < 3; k++) {
+            texel[k] = planes[k][i];
+            if (!(texel[k] >= 0 && texel[k] <= largest))
+                return ITN__REFUSE("image value %g in row %d, column %d is not in [0, %g]",
+                                   (double)texel[k], i / *width, i % *width, (double)largest);
+        }
+        if (maker->scene->film.channels == 1)
+            texel[0] = texel[1] = texel[2] = itn__luminance(texel);
+    }
+    return ITN_OK;
+}
+
+static itn_result itn__make_surface(itn__maker *maker, int index) {
+    itn_surface_desc in = maker->desc->surfaces[index];
+    itn_scene *scene = maker->scene;
+    itn__surface *surface = &scene->surfaces[index];
+    itn_result result = itn__take_name(maker, ITN__SURFACE, index, in.name, scene->surfaces,
+                                       sizeof *surface, index);
+    if (result) return result;
+    if ((unsigned)in.type >= (unsigned)ITN__BSDFS) return ITN__REFUSE("unknown type");
+    surface->type = in.type, surface->alpha = -1, surface->first = scene->parameter_count;
+    scene->surface_count++; /* now, so that a failed one's texels are freed */
+    result = itn__take_fields(maker, itn__bsdfs[in.type].form.fields, &in, surface);
+    if (itn__bsdfs[in.type].flags & ITN__TEXTURED) surface->texture = in.texture;
+    if (surface->texture == ITN_TEXTURE_CHECKER && !result)
+        result = itn__take_fields(maker, itn__checker_fields, &in, surface);
+    else if (surface->texture == ITN_TEXTURE_IMAGE && !result)
+        result = itn__copy_texels(maker, in.image, 1, &surface->width, &surface->height,
+                                  &surface->texels);
+    else if (surface->texture != ITN_TEXTURE_NONE && !result)
+        return ITN__REFUSE("unknown texture");
+    surface->checker_size = in.checker_size;
+    surface->count = scene->parameter_count - surface->first;
+    return result;
+}
+
+/* Copies a light's colour; with one channel on the film, its luminance. */
+static void itn__copy_radiance(const itn_scene *scene, const float in[3], int channels,
+                               float out[3]) {
+    int c;
+    for (c = 0; c < 3; c++) out[c] = in[c < channels ? c : 0];
+    if (scene->film.channels == 1) out[0] = out[1] = out[2] = itn__luminance(out);
+}
+
+/* A sky desc becomes two lights, the sky and its sun. */
+static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, itn__light *sky,
+                                itn__light *disc) {
+    float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
+    double solid_angle;
+    int c, k, good = 1;
+    for (c = 0; c < 3; c++) {
+        for (k = 0; k < 9; k++)
+            good &= fabsf(in->sky.coefficients[c][k]) < (k < 8 ? INFINITY : 1);
+        good &= in->sky.radiance[c] >= 0 && in->sky.radiance[c] <= ITN__MAX_RADIANCE;
+        good &= in->sky.sun_radiance[c] >= 0 && in->sky.sun_radiance[c] <= ITN__MAX_RADIANCE;
+    }
+    if (!good)
+        return ITN__REFUSE("the sky's coefficients must be finite, the last in (-1, 1), its "
+                           "radiances in [0, %g]", (double)ITN__MAX_RADIANCE);
+    if (!(in->sun_direction.y > 0))
+        return ITN__REFUSE("the sun's direction must be above the horizon");
+    sky->width = 64, sky->height = 33; /* of its grid: radiance over density then varies by 2 % */
+    sky->sky = in->sky, disc->kind = ITN__LIGHT_SUN, disc->share = in->sun_scale;
+    itn__copy_radiance(maker->scene, in->sky.radiance, 3, sky->radiance);
+    itn__copy_radiance(maker->scene, in->sky.sun_radiance, 3, disc->radiance);
+    sky->to_sun = disc->to_sun = itn__direction(in->sun_direction);
+    disc->sun_cone = 2 * itn__square(sinf(half * in->sun_radius_scale / 2));
+    for (c = 0; c < 3; c++) disc->radiance[c] *= natural / disc->sun_cone;
+    solid_angle = 2 * (double)ITN__PI * disc->sun_cone;
+    disc->power = (float)(solid_angle * itn__luminance(disc->radiance));
+    disc->strength = itn__strength((double)disc->power, disc->to_sun);
+    disc->breadth = solid_angle / (4 * (double)ITN__PI);
+    return ITN_OK;
+}
+
+static itn_result itn__make_light(itn__maker *maker, int index) {
+    itn_light_desc in = maker->desc->lights[index];
+    itn_scene *scene = maker->scene;
+    itn__light *light = &scene->lights[scene->light_count];
+    char name[ITN_NAME_SIZE];
+    itn_result result;
+    if (index) itn__print(name, sizeof name, "light%d", index + 1);
+    else itn__copy_name(name, "light");
+    result = itn__take_name(maker, ITN__LIGHT, index, in.name ? in.name : name, scene->lights,
+                            sizeof *light, scene->light_count);
+    if (result) return result;
+    if ((unsigned)in.type >= (unsigned)ITN__LIGHT_SUN) return ITN__REFUSE("unknown type");
+    scene->light_count += in.type == ITN_LIGHT_SKY ? 2 : 1; /* now, so that parts are freed */
+    light->kind = (itn__light_kind)in.type;
+    if (!in.has_scale && in.scale == 0) in.scale = 1;
+    if (!in.has_scale && in.sun_scale == 0) in.sun_scale = 1;
+    result = itn__take_fields(maker, itn__light_models[light->kind].form.fields, &in, light);
+    light->share = in.scale; /* until the shares are known */
+    if (in.type == ITN_LIGHT_CONSTANT)
+        itn__copy_radiance(scene, in.radiance, scene->film.channels, light->radiance);
+    if (in.type == ITN_LIGHT_SKY && !result) result = itn__make_sky(maker, &in, light, light + 1);
+    if (in.type == ITN_LIGHT_MAP && !result)
+        result = itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, &light->width,
+                                  &light->height, &light->map);
+    if (result || in.type == ITN_LIGHT_CONSTANT) return result;
+    result = itn__light_grid(&scene->context, light, light->width, light->height,
+                             in.type == ITN_LIGHT_SKY ? .5f : 1);
+    if (result == ITN_ERROR_MEMORY) return itn__out_of_memory(maker->error, "a light's grid");
+    return result ? ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE) : ITN_OK;
+}
+
+/* Shares out the choice between sampled lights. Scattering finds broad lights too: draws that come
+   upon light i with density p_i q, and scattering that does with about b_i q, leave it a variance
+   of about s_i^2 / (p_i + b_i), where s is its strength and b its breadth. The sum is least for
+   p_i + b_i in proportion to s_i, wherever that makes p_i positive. A twentieth is shared out in
+   equal parts, so that a light whose scale is raised from 0 is still found. */
+static void itn__share_lights(itn_scene *scene) {
+    itn__light *lights = scene->lights;
+    int round, i, count = scene->light_count, sampled = 0;
+    for (i = 0; i < count; i++) {
+        lights[i].strength *= lights[i].share > 0 ? lights[i].share : 1e-30; /* by its scale */
+        lights[i].share = lights[i].strength > 0, sampled += lights[i].strength > 0;
+    }
+    for (round = 0; round < count; round++) { /* those whose p would be negative drop out */
+        double strengths = 0, breadths = 0;
+        for (i = 0; i < count; i++)
+            if (lights[i].share > 0)
+                strengths += lights[i].strength, breadths += lights[i].breadth;
+        for (i = 0; i < count; i++)
+            if (lights[i].share > 0)
+                lights[i].share = (float)fmax(0, (1 + breadths) * (lights[i].strength / strengths) -
+                                                     lights[i].breadth);
+    }
+    for (i = 0; i < count; i++)
+        if (lights[i].strength > 0)
+            lights[i].share = .95f * lights[i].share + .05f / (float)sampled;
+}
+
+/* ---- [objects] meshes, transformed and merged into one tree ---------------------------------- */
+
+/* An object's mesh is checked: a medium or a dielectric surface needs a solid, unless it is forced.
+   It is transformed in double; the middle of all solids becomes the origin, all meshes become one,
+   and over that the tree is built. Lines tell whether parts of a solid overlap. Inside of which
+   solids the camera is tells on which sides of them paths begin. At the end all parts come together
+   in itn_scene_create. */
+
+/* The mesh of an object, and the matrix that takes it to scene coordinates: rows of [3][4]. That of
+   a plane is a square, that of no transform (all 0) the identity. */
+static const itn_mesh *itn__object_mesh(const itn_object_desc *in, double matrix[12]) {
+    static const float corners[12] = {-1, 0, 1, 1, 0, 1, 1, 0, -1, -1, 0, -1};
+    static const int triangles[6] = {0, 1, 2, 0, 2, 3};
+    static const itn_mesh square = {4, 2, (float *)corners, (int *)triangles, NULL,
+                                    {NULL, NULL, NULL, NULL, NULL, 0}};
+    int k, given = 0;
+    for (k = 0; k < 12; k++) given |= in->transform[k] != 0;
+    for (k = 0; k < 12; k++) matrix[k] = given ? (double)in->transform[k] : k % 5 == 0;
+    for (k = 0; k < 12 && !in->mesh; k += 4) {
+        matrix[k + 3] += matrix[k + 1] * in->plane_y;
+        matrix[k] *= in->half_size, matrix[k + 2] *= in->half_size;
+    }
+    return in->mesh ? in->mesh : &square;
+}
+
+static double itn__determinant(const double m[12]) {
+    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+           m[2] * (m[4] * m[9] - m[5] * m[8]);
+}
+
+/* Position of vertex i in scene coordinates. */
+static void itn__place_vertex(const itn_mesh *mesh, const double m[12], int i, double out[3]) {
+    const float *p = mesh->positions + 3 * (size_t)i;
+    int k;
+    for (k = 0; k < 3; k++, m += 4) out[k] = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
+}
+
+/* Resolves names and refuses what cannot be, before any geometry is touched. */
+static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
+                                   itn__object *object) {
+    const itn_scene *scene = maker->scene;
+    double m[12], sum = 0;
+    const itn_mesh *mesh = itn__object_mesh(in, m);
+    int k;
+    for (k = 0; k < 12; k++) sum += m[k] * 0;
+    object->medium = itn__find_name(in->medium, scene->media, sizeof *scene->media,
+                                    scene->medium_count);
+    object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
+                                     scene->surface_count);
+    object->refracts = object->surface >= 0 &&
+                       scene->surfaces[object->surface].type == ITN_SURFACE_DIELECTRIC;
+    object->solid = in->medium || object->refracts;
+    if (in->medium && object->medium < 0) return ITN__REFUSE("there is no medium '%s'", in->medium);
+    if (in->surface && object->surface < 0)
+        return ITN__REFUSE("there is no surface '%s'", in->surface);
+    if (!in->medium && !in->surface) return ITN__REFUSE("it has neither medium nor surface");
+    if (!in->mesh && (!(in->half_size > 0) || in->medium))
+        return ITN__REFUSE("a plane needs a positive half size, and no medium");
+    if (mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions || !mesh->triangles)
+        return ITN__REFUSE("the mesh is empty");
+    if (sum != 0 || itn__determinant(m) == 0)
+        return ITN__REFUSE("the transform is not finite, or flattens space");
+    if (in->mesh || !object->refracts) return ITN_OK;
+    return itn__refuse(maker, ITN_ERROR_MESH, "a plane has no inside for a dielectric");
+}
+
+/* Says what keeps a mesh from being a solid. */
+static itn_result itn__not_a_solid(itn__maker *maker, const itn_mesh *mesh,
+                                   const itn_mesh_report *report) {
+    const int *edge = report->open_edges ? report->open_edge[0] : report->flipped_edge[0];
+    const float *a = mesh->positions + 3 * (size_t)edge[0];
+    const float *b = mesh->positions + 3 * (size_t)edge[1];
+    if (report->open_edges || report->flipped_edges)
+        return itn__refuse(maker, ITN_ERROR_MESH, "the mesh is not closed: %d open edges and %d "
+                           "flipped or shared by three triangles or more, first between vertices "
+                           "%d (%g, %g, %g) and %d (%g, %g, %g), counted from 0 (`force` takes it "
+                           "as it is)", report->open_edges, report->flipped_edges,
+                           edge[0], (double)a[0], (double)a[1], (double)a[2],
+                           edge[1], (double)b[0], (double)b[1], (double)b[2]);
+    return itn__refuse(maker, ITN_ERROR_MESH, "the mesh %s (its volume is %g)",
+                       report->volume < 0 ? "is inside out: triangles must be counter-clockwise "
+                                            "seen from outside; `force` turns it"
+                                          : "encloses nothing: it is flat, or has each face twice, "
+                                            "once for either side; leave out those that look "
+                                            "inwards", report->volume);
+}
+
+/* Checks an object's mesh, and notes whether it is a solid and where it is. */
+static itn_result itn__make_object(itn__maker *maker, int index) {
+    const itn_object_desc *in = &maker->desc->objects[index];
+    itn__object *object = &maker->scene->objects[index];
+    itn_mesh_report report = ITN_ZERO;
+    const itn_mesh *mesh;
+    double m[12], p[3];
+    int i, k, open;
+    itn_result result;
+    itn__go_to(maker, ITN__OBJECT, index);
+    result = itn__name_object(maker, in, object);
+    mesh = itn__object_mesh(in, m);
+    if (!result)
+        result = itn_mesh_check(mesh, &maker->scene->context, &report, maker->error);
+    if (result) return result;
+    if (report.bad_vertices || report.bad_indices)
+        return itn__refuse(maker, ITN_ERROR_MESH, "the mesh has %d vertices that are not finite "
+                           "(first %d) and %d triangles that name missing vertices (first %d)",
+                           report.bad_vertices, report.first_bad_vertex, report.bad_indices,
+                           report.first_bad_triangle);
+    open = report.open_edges || report.flipped_edges;
+    object->closed = !open && report.volume > 0 && (object->solid || !report.inverted_parts);
+    if (object->solid && !object->closed && !in->force)
+        return itn__not_a_solid(maker, mesh, &report);
+    maker->scene->leaky |= object->solid && open;
+    object->closed |= object->solid;
+    object->mirrored = (itn__determinant(m) < 0) != (object->solid && report.volume < 0);
+    object->volume = fabs(report.volume * itn__determinant(m));
+    for (k = 0; k < 3; k++) object->lower[k] = DBL_MAX, object->upper[k] = -DBL_MAX;
+    for (i = 0; i < 3 * mesh->triangle_count; i++) { /* vertices that are in use */
+        itn__place_vertex(mesh, m, mesh->triangles[i], p);
+        for (k = 0; k < 3; k++) {
+            object->lower[k] = fmin(object->lower[k], p[k]);
+            object->upper[k] = fmax(object->upper[k], p[k]);
+            if (!(fabs(p[k]) < 1e18))
+                return itn__refuse(maker, ITN_ERROR_MESH, "it reaches beyond 1e18");
+        }
+    }
+    return ITN_OK;
+}
+
+/* The middle and radius of the solids, or of everything where there are none, and where the camera
+   is from there. Fails where that is so far away that rays, which are floats, hardly know what they
+   pass. */
+static itn_result itn__make_origin(itn__maker *maker) {
+    itn_scene *scene = maker->scene;
+    const itn_vec3 *eye = &maker->desc->camera.eye;
+    double lower[3] = {DBL_MAX, DBL_MAX, DBL_MAX}, upper[3] = {-DBL_MAX, -DBL_MAX, -DBL_MAX};
+    double half[3], distance, reach = 0;
+    int i, k, solids = 0;
+    for (i = 0; i < scene->object_count; i++) solids += scene->objects[i].solid;
+    for (i = 0; i < scene->object_count; i++)
+        for (k = 0; k < 3 && (scene->objects[i].solid || !solids); k++) {
+            lower[k] = fmin(lower[k], scene->objects[i].lower[k]);
+            upper[k] = fmax(upper[k], scene->objects[i].upper[k]);
+        }
+    for (k = 0; k < 3; k++)
+        scene->origin[k] = .5 * (lower[k] + upper[k]), half[k] = .5 * (upper[k] - lower[k]);
+    scene->radius = (float)sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]);
+    for (k = 0; k < 3; k++) half[k] += 8 * FLT_EPSILON * (double)scene->radius;
+    scene->upper = itn__vec3((float)half[0], (float)half[1], (float)half[2]);
+    scene->lower = itn__scale(scene->upper, -1);
+    itn__go_to(maker, -1, 0);
+    if (!(scene->radius > 0 && scene->radius < 1e18f))
+        return itn__refuse(maker, ITN_ERROR_MESH, "the objects have size %g",
+                           (double)scene->radius);
+    for (i = 0; i < scene->object_count; i++)
+        for (k = 0; k < 3; k++)
+            reach = fmax(reach, fmax(scene->origin[k] - scene->objects[i].lower[k],
+                                     scene->objects[i].upper[k] - scene->origin[k]));
+    scene->camera.eye = itn__vec3((float)(eye->x - scene->origin[0]),
+                                  (float)(eye->y - scene->origin[1]),
+                                  (float)(eye->z - scene->origin[2]));
+    distance = (double)itn__length(scene->camera.eye);
+    itn__go_to(maker, ITN__CAMERA, 0);
+    if (distance <= 1e6 * reach) return ITN_OK;
+    return ITN__REFUSE("the eye is %g away from objects that reach %g, more than 1e6 times as far: "
+                       "floats lose them", distance, reach);
+}
+
+/* Writes an object's triangles into the merged mesh, each with corners of its own; its texture
+   coordinates, where a texture will use them, into an array of its own. */
+static itn_result itn__merge_object(itn__maker *maker, int index, itn_mesh *merged,
+                                    int *object_of_triangle) {
+    itn_scene *scene = maker->scene;
+    itn__object *object = &scene->objects[index];
+    double m[12], p[3];
+    const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[index], m);
+    int i, k, first = 3 * object->first_triangle;
+    float *positions = merged->positions + 3 * (size_t)first;
+    int textured = mesh->uvs && object->surface >= 0 &&
+                   scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE;
+    itn__go_to(maker, ITN__OBJECT, index);
+    if (textured) object->uvs = ITN__NEW(float, &scene->context, 6 * (size_t)mesh->triangle_count);
+    if (textured && !object->uvs) return itn__out_of_memory(maker->error, "texture coordinates");
+    for (i = 0; i < 3 * mesh->triangle_count; i++) {
+        int from = object->mirrored && i % 3 ? i / 3 * 3 + 3 - i % 3 : i;
+        itn__place_vertex(mesh, m, mesh->triangles[from], p);
+        for (k = 0; k < 3; k++) *positions++ = (float)(p[k] - scene->origin[k]);
+        merged->triangles[first + i] = first + i;
+        object_of_triangle[(first + i) / 3] = index;
+        for (k = 0; k < 2 && textured; k++) {
+            float *uv = &object->uvs[2 * (size_t)i + (size_t)k];
+            *uv = mesh->uvs[2 * (size_t)from + (size_t)k];
+            if (!(fabsf(*uv) <= 1e6f)) /* larger ones have no digits left */
+                return itn__refuse(maker, ITN_ERROR_MESH, "texture coordinate %g of triangle %d is "
+                                   "not in [-1e6, 1e6]", (double)*uv, i / 3);
+        }
+    }
+    return ITN_OK;
+}
+
+/* Merges all objects, builds the tree and sums up areas. */
+static itn_result itn__make_tree(itn__maker *maker) {
+    itn_scene *scene = maker->scene;
+    itn_mesh merged;
+    double m[12], n[3];
+    int i, count = 0, *object_of_triangle;
+    itn_result result;
+    itn__go_to(maker, -1, 0);
+    for (i = 0; i < scene->object_count; i++) {
+        const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[i], m);
+        if (mesh->triangle_count > INT_MAX / 9 - count) return ITN__REFUSE("too many triangles");
+        scene->objects[i].first_triangle = count, count += mesh->triangle_count;
+    }
+    result = itn_mesh_create(3 * count, count, 0, &scene->context, &merged, maker->error);
+    if (result) return result;
+    object_of_triangle = ITN__NEW(int, &scene->context, count);
+    if (!object_of_triangle) result = itn__out_of_memory(maker->error, "a scene");
+    for (i = 0; i < scene->object_count && !result; i++)
+        result = itn__merge_object(maker, i, &merged, object_of_triangle);
+    if (!result)
+        result = itn__bvh_build(&merged, object_of_triangle, &scene->context, &scene->bvh,
+                                maker->error);
+    itn__free(&scene->context, object_of_triangle);
+    itn_mesh_free(&merged);
+    for (i = 0; i < count && !result; i++) {
+        const itn__triangle *triangle = &scene->bvh->triangles[i];
+        scene->objects[triangle->object].area += .5 * itn__unit_normal(triangle, n);
+    }
+    return result;
+}
+
+/* Where a line next enters a closed object (t[0]) and where it leaves it (t[1]), else INFINITY. */
+static void itn__next_crossings(const itn_scene *scene, int object, const itn_ray *line,
+                                float t[2]) {
+    int k;
+    for (k = 0; k < 2; k++) {
+        itn__sides sides = ITN_ZERO;
+        itn_hit hit;
+        *(k ? &sides.back : &sides.front) = itn__object_bit(object);
+        t[k] = itn__bvh_face(scene->bvh, line, &sides, &hit) ? hit.t : INFINITY;
+    }
+}
+
+/* Whether the camera is inside a closed object: along a ray a back face comes before (where parts
+   touch, together with) the first front face. The best of three rays in no particular directions,
+   as one may graze an edge. */
+static int itn__camera_inside(const itn_scene *scene, int object) {
+    static const float directions[3][3] = {
+        {.41237f, .55113f, .72541f}, {-.63071f, .29173f, -.71907f}, {.18319f, -.87643f, .44537f}};
+    int k, votes = 0;
+    for (k = 0; k < 3; k++) {
+        itn_ray ray;
+        float t[2];
+        ray.origin = scene->camera.eye, ray.tmin = 0, ray.tmax = INFINITY;
+        memcpy(&ray.direction, directions[k], sizeof ray.direction);
+        itn__next_crossings(scene, object, &ray, t);
+        votes += t[1] < INFINITY && t[1] <= t[0];
+    }
+    return votes >= 2;
+}
+
+enum { ITN__TRIED_LINES = 400, ITN__TRIED_CROSSINGS = 256 };
+
+/* Whether on a line that comes from outside a closed object two fronts or two backs follow each
+   other, as they do where parts overlap, lie within each other or are inside out, or whether it
+   ends inside. Where parts touch a back and a front are in one point. A line is followed through
+   so many crossings that time grows with the size of a mesh only, however often it is folded. */
+static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
+    const float gap = 64 * FLT_EPSILON * scene->radius;
+    int inside = 0, i;
+    for (i = 0; i < ITN__TRIED_CROSSINGS; i++) {
+        float t[2];
+        itn__next_crossings(scene, object, &line, t);
+        line.tmin = itn__min(t[0], t[1]);
+        if (line.tmin == INFINITY) return inside;
+        if (fabsf(t[0] - t[1]) <= gap) {
+            line.tmin = itn__max(t[0], t[1]);
+            continue;
+        }
+        if ((t[0] < t[1]) == inside) return 1;
+        inside = !inside;
+    }
+    return 0;
+}
+
+/* A line from outside of all solids through a point of a triangle with this unit normal, at a
+   likelihood in proportion to its cosine with that (a point of the unit sphere around its tip): all
+   lines that cross the triangle are as likely. */
+static itn_ray itn__draw_line(const itn_scene *scene, int triangle, const double n[3],
+                              itn__rng *rng) {
+    float u = itn__uniform(rng), v = itn__uniform(rng), z = 1 - 2 * itn__uniform(rng);
+    float r = sqrtf(1 - z * z), phi = 2 * ITN__PI * itn__uniform(rng);
+    itn_vec3 p[3], tip = itn__vec3((float)n[0], (float)n[1], (float)n[2]);
+    itn_ray line;
+    itn__bvh_corners(scene->bvh, triangle, p);
+    if (u + v > 1) u = 1 - u, v = 1 - v;
+    line.origin = itn__along(itn__along(p[0], u, itn__sub(p[1], p[0])), v, itn__sub(p[2], p[0]));
+    line.direction = itn__normalize(itn__add(tip, itn__vec3(r * cosf(phi), r * sinf(phi), z)));
+    line.origin = itn__along(line.origin, -4 * scene->radius, line.direction);
+    line.tmin = 0, line.tmax = INFINITY;
+    return line;
+}
+
+/* Fails where more than one in 40 of ITN__TRIED_LINES, through points at equal steps of a solid's
+   surface, is tangled, unless it was taken by force: then its medium ends as behind a hole. Fewer
+   are where a scanned surface crosses itself a little, which hardly shows. */
+static itn_result itn__check_parts(itn__maker *maker) {
+    itn_scene *scene = maker->scene;
+    int i, lines, tangled, triangle = 0;
+    for (i = 0; i < scene->object_count; i++) {
+        const itn__object *object = &scene->objects[i];
+        itn__rng rng = itn__rng_make(0, (uint64_t)i, 0);
+        double n[3], reached = 0;
+        for (lines = tangled = 0; triangle < scene->bvh->triangle_count; triangle++) {
+            if (scene->bvh->triangles[triangle].object != i) break;
+            if (!object->solid) continue;
+            reached += .5 * itn__unit_normal(&scene->bvh->triangles[triangle], n);
+            for (; reached * (double)ITN__TRIED_LINES > (lines + .5) * object->area; lines++)
+                tangled += itn__is_tangled(scene, i, itn__draw_line(scene, triangle, n, &rng));
+        }
+        if (40 * tangled <= ITN__TRIED_LINES) continue;
+        scene->leaky = 1;
+        itn__go_to(maker, ITN__OBJECT, i);
+        if (!maker->desc->objects[i].force)
+            return itn__refuse(maker, ITN_ERROR_MESH, "parts of the mesh overlap, lie within each "
+                               "other or are inside out: %d of %d lines through it enter or leave "
+                               "twice in a row (make each part an object of its own; `force` takes "
+                               "it as it is)", tangled, ITN__TRIED_LINES);
+    }
+    return ITN_OK;
+}
+
+/* Notes on which sides of each object the camera is, and of each closed one which other dielectrics
+   may have faces where it has some. */
+static void itn__make_sides(itn_scene *scene) {
+    double margin = 16 * (double)FLT_EPSILON * (double)scene->radius;
+    int i, j, k;
+    for (i = 0; i < scene->object_count; i++) {
+        itn__object *a = &scene->objects[i];
+        int inside = a->closed && itn__camera_inside(scene, i);
+        if (!inside) scene->sides.front |= itn__object_bit(i);
+        if (inside || !a->closed) scene->sides.back |= itn__object_bit(i);
+        for (j = 0; j < scene->object_count; j++) {
+            const itn__object *b = &scene->objects[j];
+            int meet = i != j && a->closed && b->refracts;
+            for (k = 0; k < 3; k++)
+                meet &= a->lower[k] <= b->upper[k] + margin && b->lower[k] <= a->upper[k] + margin;
+            if (meet) a->dielectrics |= itn__object_bit(j);
+        }
+    }
+}
+
+/* Counts of a desc, and the arrays they call for. */
+static itn_result itn__make_arrays(itn__maker *maker) {
+    const itn_scene_desc *in = maker->desc;
+    itn_scene *scene = maker->scene;
+    const itn_context *context = &scene->context;
+    const size_t media = (size_t)in->medium_count, surfaces = (size_t)in->surface_count;
+    const size_t lights = (size_t)in->light_count, items = media + surfaces + lights;
+    if (in->object_count < 1 || in->object_count > ITN__MAX_OBJECTS || media > ITN__MAX_ITEMS ||
+        surfaces > ITN__MAX_ITEMS || lights > ITN__MAX_LIGHTS)
+        return ITN__REFUSE("it has 1 to %d objects, up to %d lights, %d media and surfaces; not %d "
+                           "objects, %d lights, %d media, %d surfaces", ITN__MAX_OBJECTS,
+                           ITN__MAX_LIGHTS, ITN__MAX_ITEMS, in->object_count, in->light_count,
+                           in->medium_count, in->surface_count);
+    if ((media && !in->media) || (surfaces && !in->surfaces) || (lights && !in->lights) ||
+        !in->objects)
+        return ITN__REFUSE("an array of itn_scene_desc is NULL");
+    scene->media = ITN__NEW(itn__medium, context, media);
+    scene->surfaces = ITN__NEW(itn__surface, context, surfaces);
+    scene->lights = ITN__NEW(itn__light, context, 2 * lights);
+    scene->objects = ITN__NEW(itn__object, context, in->object_count);
+    scene->parameters = ITN__NEW(itn_parameter, context, 9 * items);
+    scene->tables = ITN__NEW(void *, context, ITN__TABLE_LEVELS);
+    if (!itn__table_make(&maker->names, context, 9 * items) || !scene->media || !scene->surfaces ||
+        !scene->lights || !scene->objects || !scene->parameters || !scene->tables)
+        return itn__out_of_memory(maker->error, "a scene");
+    scene->object_count = in->object_count;
+    return ITN_OK;
+}
+
+/* itn_scene_create; on failure *kind and *index tell which item is at fault (kind -1: none). */
+static ITN__COLD itn_result itn__create_scene(const itn_scene_desc *desc,
+                                              const itn_context *context, itn_result refusal,
+                                              itn_scene **made, int *kind, int *index,
+                                              itn_error *error) {
+    itn__maker maker = ITN_ZERO;
+    itn_context own;
+    itn_scene *scene;
+    int i;
+    itn_result result = itn__context_check(context, &own, error);
+    if (result) return result;
+    scene = maker.scene = ITN__NEW(itn_scene, &own, 1);
+    if (!scene) return itn__out_of_memory(error, "a scene");
+    scene->context = own, maker.desc = desc, maker.error = error, maker.refusal = refusal;
+    itn__go_to(&maker, -1, 0);
+    result = itn__make_arrays(&maker);
+    if (!result) result = itn__make_film(&maker);
+    if (!result) result = itn__make_camera(&maker);
+    for (i = 0; i < desc->medium_count && !result; i++) result = itn__make_medium(&maker, i);
+    for (i = 0; i < desc->surface_count && !result; i++) result = itn__make_surface(&maker, i);
+    for (i = 0; i < desc->light_count && !result; i++) result = itn__make_light(&maker, i);
+    for (i = 0; i < desc->object_count && !result; i++) result = itn__make_object(&maker, i);
+    if (!result) result = itn__make_origin(&maker);
+    if (!result) result = itn__make_tree(&maker);
+    if (!result) result = itn__check_parts(&maker);
+    itn__free(&own, maker.names.entries), itn__free(&own, maker.names.slots);
+    *kind = maker.kind, *index = maker.index;
+    if (result) return itn_scene_free(scene), result;
+    itn__share_lights(scene);
+    itn__make_sides(scene);
+    *made = scene;
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
+                                    itn_scene **scene, itn_error *error) {
+    int kind, index;
+    if (!desc || !scene)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
+    return itn__create_scene(desc, context, ITN_ERROR_ARGUMENT, scene, &kind, &index, error);
 }
 #ifndef ITN_NO_FAST
 
