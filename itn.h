@@ -38,8 +38,7 @@
        [api-io]         files
 
      Part II, the reference path tracer, with all it needs: read from top to bottom, theory first
-       [base]           compiler; text; errors, memory, loops
-       [math]           scalars, vectors, random numbers
+       [base]           compiler; errors, memory; scalars, vectors, random numbers
        [lanes]          many floats at a time, functions of them, and numbers with a slope
        [triangle]       the watertight test of one ray and many triangles
        [bvh]            a bounding volume hierarchy
@@ -53,6 +52,7 @@
        [path]           the reference path tracer
 
      Part III, all else: scenes, the fast walk, pictures, networks, searches, files
+       [means]          text, threads, functions of lanes, small matrices
        [mesh]           images, triangle meshes, and whether these are solids
        [maker]          a desc, checked and made ready
        [objects]        meshes, transformed and merged into one tree
@@ -966,7 +966,7 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #include <string.h>
 #include <time.h>
 
-/* ---- [base] compiler; text; errors, memory, loops ------------------------------------------- */
+/* ---- [base] compiler; errors, memory; scalars, vectors, random numbers ---------------------- */
 
 /* What depends on the compiler alone is settled here, so that all that follows reads the same
    everywhere. */
@@ -1003,177 +1003,10 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #error "define both ITN_MALLOC and ITN_FREE, or neither"
 #endif
 
-/* Text. Messages are composed and numbers read without the C library, whose decimal point is the
-   locale's: here it is always a point.
-   Out: digits = round(value 10^places), half to even, printed from the last one on. The scaling
-   takes at most two operations of double for up to 22 places, so what is printed with at most 15
-   significant digits is right but for numbers within 1e-15 of the middle between two.
-   In: the first 19 digits are an integer, the others count as powers of ten. Up to 15 digits and
-   10^-22 to 10^22 are correctly rounded to double, since digits and power are then exact and one
-   operation joins them (Clinger 1990); others are within 10 units in the last place, which is
-   enough for floats but within 1e-15 of the middle between two. Overflow gives infinity. */
-
-/* Text that is composed in a buffer of the caller's. */
-typedef struct itn__prose {
-    char *text;
-    size_t size, length; /* length: of the whole text, though not all may fit */
-} itn__prose;
-
-static void itn__say_char(itn__prose *prose, char character) {
-    if (prose->length < prose->size) prose->text[prose->length] = character;
-    prose->length++;
-}
-
-static void itn__say_word(itn__prose *prose, const char *word, int most) {
-    for (; most != 0 && *word; most--) itn__say_char(prose, *word++);
-}
-
-/* An integer, with a point before its last `places` digits. */
-static void itn__say_digits(itn__prose *prose, uint64_t digits, int places) {
-    char reversed[48];
-    int n = 0, k;
-    for (k = 0; k <= places || digits; k++, digits /= 10) {
-        if (k == places && places > 0) reversed[n++] = '.';
-        reversed[n++] = (char)('0' + digits % 10);
-    }
-    while (n > 0) itn__say_char(prose, reversed[--n]);
-}
-
-/* value 10^exponent */
-static double itn__scale_by_power_of_ten(double value, int64_t exponent) {
-    int left = exponent > 400 ? 400 : exponent < -400 ? -400 : (int)exponent;
-    while (left) {
-        int step = abs(left) < 22 ? abs(left) : 22, k;
-        double power = 1; /* exact */
-        for (k = 0; k < step; k++) power *= 10;
-        value = left < 0 ? value / power : value * power;
-        left -= left < 0 ? -step : step;
-    }
-    return value;
-}
-
-/* A number as %f shows it (from 1e15 on as %g), or as %g. */
-static void itn__say_number(itn__prose *prose, double value, int precision, int fixed) {
-    int exponent, places = precision < 0 ? 6 : precision < 15 ? precision : 15;
-    double digits;
-    if (value < 0) itn__say_char(prose, '-');
-    value = fabs(value);
-    if (!(value <= DBL_MAX)) {
-        itn__say_word(prose, value > 0 ? "inf" : "nan", -1);
-        return;
-    }
-    if (fixed && value < itn__scale_by_power_of_ten(1, 15 - places)) {
-        itn__say_digits(prose, (uint64_t)rint(itn__scale_by_power_of_ten(value, places)), places);
-        return;
-    }
-    if (fixed || places < 1) places = fixed ? 15 : 1;
-    exponent = value > 0 ? (int)floor(log10(value)) : 0;
-    digits = rint(itn__scale_by_power_of_ten(value, --places - exponent));
-    if (digits >= itn__scale_by_power_of_ten(1, places + 1)) digits /= 10, exponent++;
-    fixed = exponent >= -4 && exponent <= places;
-    if (fixed) places -= exponent;
-    for (; places > 0 && fmod(digits, 10) == 0; places--) digits /= 10;
-    itn__say_digits(prose, (uint64_t)digits, places);
-    if (fixed) return;
-    itn__say_word(prose, exponent < 0 ? "e-" : "e+", -1);
-    if (abs(exponent) < 10) itn__say_char(prose, '0');
-    itn__say_digits(prose, (uint64_t)abs(exponent), 0);
-}
-
-/* Appends text as printf makes it: %s, %c, %d, %f and %g, with a precision or none, and %%. */
-static ITN__COLD void itn__say_list(itn__prose *prose, const char *format, va_list arguments) {
-    for (; *format; format++) {
-        int precision = -1, number;
-        if (*format != '%' || *++format == '%') {
-            itn__say_char(prose, *format);
-            continue;
-        }
-        if (*format == '.') {
-            precision = *++format == '*' ? va_arg(arguments, int) : 0;
-            if (*format == '*') format++;
-            for (; *format >= '0' && *format <= '9'; format++)
-                precision = 10 * precision + (*format - '0');
-        }
-        if (*format == 's') {
-            itn__say_word(prose, va_arg(arguments, const char *), precision);
-        } else if (*format == 'f' || *format == 'g') {
-            itn__say_number(prose, va_arg(arguments, double), precision, *format == 'f');
-        } else if (*format == 'c') {
-            itn__say_char(prose, (char)va_arg(arguments, int));
-        } else {
-            number = va_arg(arguments, int);
-            if (number < 0) itn__say_char(prose, '-');
-            itn__say_digits(prose, (uint64_t)(number < 0 ? -(int64_t)number : number), 0);
-        }
-    }
-    if (prose->size)
-        prose->text[prose->length < prose->size ? prose->length : prose->size - 1] = 0;
-}
-
-static ITN__UNUSED void itn__say(itn__prose *prose, const char *format, ...) ITN__PRINTF(2, 3);
-static void itn__say(itn__prose *prose, const char *format, ...) {
-    va_list arguments;
-    va_start(arguments, format);
-    itn__say_list(prose, format, arguments);
-    va_end(arguments);
-}
-
-/* vsnprintf and snprintf; both return the length of the whole text. */
-static size_t itn__print_list(char *text, size_t size, const char *format, va_list arguments) {
-    itn__prose prose;
-    prose.text = text, prose.size = size, prose.length = 0;
-    itn__say_list(&prose, format, arguments);
-    return prose.length;
-}
+/* vsnprintf and snprintf, but with a point in numbers in every locale, see [means]; both return the
+   length of the whole text. */
+static size_t itn__print_list(char *text, size_t size, const char *format, va_list arguments);
 static size_t itn__print(char *text, size_t size, const char *format, ...) ITN__PRINTF(3, 4);
-static size_t itn__print(char *text, size_t size, const char *format, ...) {
-    va_list arguments;
-    size_t length;
-    va_start(arguments, format);
-    length = itn__print_list(text, size, format, arguments);
-    va_end(arguments);
-    return length;
-}
-
-/* Adds decimal digits to `digits` while they fit (19 places), and counts the others. */
-static const char *itn__parse_digits(const char *at, const char *end, uint64_t *digits,
-                                     int64_t *dropped) {
-    for (; at < end && *at >= '0' && *at <= '9'; at++) {
-        int fits = *digits < 1000000000000000000u;
-        if (fits) *digits = *digits * 10 + (uint64_t)(*at - '0');
-        *dropped += !fits;
-    }
-    return at;
-}
-
-/* Reads [sign] digits [. digits] [e [sign] digits]; returns the place behind it, or NULL if no
-   number is there. */
-static const char *itn__parse_number(const char *at, const char *end, double *value) {
-    uint64_t digits = 0, power = 0;
-    int64_t exponent = 0, ignored = 0;
-    const char *start, *dot = NULL;
-    int negative = at < end && *at == '-';
-    at += at < end && (*at == '-' || *at == '+');
-    start = at;
-    at = itn__parse_digits(at, end, &digits, &exponent);
-    if (at < end && *at == '.') {
-        dot = ++at;
-        at = itn__parse_digits(at, end, &digits, &exponent);
-        exponent -= at - dot;
-    }
-    if (at - start == (dot != NULL)) return NULL; /* no digit */
-    if (at < end && (*at == 'e' || *at == 'E')) {
-        int minus = ++at < end && *at == '-';
-        at += at < end && (*at == '-' || *at == '+');
-        start = at;
-        at = itn__parse_digits(at, end, &power, &ignored);
-        if (at == start) return NULL;
-        if (power > INT_MAX) power = INT_MAX;
-        exponent += minus ? -(int64_t)power : (int64_t)power;
-    }
-    *value = itn__scale_by_power_of_ten(negative ? -(double)digits : (double)digits, exponent);
-    return at;
-}
 
 /* Errors. A function that fails returns itn__fail(...), which says what is wrong and where; outputs
    are written at the end, when nothing can fail any more. */
@@ -1254,141 +1087,12 @@ static void itn__copy_name(char *to, const char *from) {
     to[length] = 0;
 }
 
-/* What many threads may do at once: add one to a number, which is returned as it was; and set a
-   pointer once, if it is NULL, which tells whether it was: so what a scene computes on demand is
-   kept by the first to finish. Other compilers have one thread, and keep nothing. */
-#if defined(__GNUC__)
-#define itn__count_up(number) __atomic_fetch_add(number, 1, __ATOMIC_RELAXED)
-#define itn__once_get(shared) __atomic_load_n(shared, __ATOMIC_ACQUIRE)
-ITN__INLINE int itn__once_set(void **shared, void *made) {
-    void *expected = NULL;
-    return __atomic_compare_exchange_n(shared, &expected, made, 0, __ATOMIC_ACQ_REL,
-                                       __ATOMIC_ACQUIRE);
-}
-#elif defined(_MSC_VER)
-#include <intrin.h>
-#define itn__count_up(number) (_InterlockedIncrement(number) - 1)
-#define itn__once_get(shared) _InterlockedCompareExchangePointer(shared, NULL, NULL)
-#define itn__once_set(shared, made)                                                                \
-    (_InterlockedCompareExchangePointer(shared, made, NULL) == NULL)
-#else
-#undef ITN_THREADS
-#define itn__once_get(shared) ((void)(shared), (void *)NULL)
-#define itn__once_set(shared, made) ((void)(shared), (void)(made), 0)
-#endif
-
 /* Loops whose iterations may run side by side are functions of the index, run by the context's
    hook, by the platform's threads (ITN_THREADS: a plain fork and join), or one by one. Iterations
    write to places of their own, and what belongs together is added in its order afterwards: so
    results do not depend on who did what. */
-#ifdef ITN_THREADS
-typedef struct itn__fork {
-    int count;
-    void (*body)(void *task, int index);
-    void *task;
-    long next; /* first index nobody has taken */
-} itn__fork;
-
-static void itn__fork_work(itn__fork *fork) {
-    for (;;) {
-        long index = itn__count_up(&fork->next);
-        if (index < 0 || index >= fork->count) return;
-        fork->body(fork->task, (int)index);
-    }
-}
-
-#ifdef _WIN32
-#ifndef WIN32_LEAN_AND_MEAN
-#define WIN32_LEAN_AND_MEAN
-#endif
-#ifndef NOMINMAX
-#define NOMINMAX
-#endif
-#include <windows.h>
-typedef HANDLE itn__thread;
-static DWORD WINAPI itn__fork_entry(LPVOID fork) {
-    itn__fork_work((itn__fork *)fork);
-    return 0;
-}
-static int itn__thread_start(itn__thread *thread, itn__fork *fork) {
-    *thread = CreateThread(NULL, 0, itn__fork_entry, fork, 0, NULL);
-    return *thread != NULL;
-}
-static void itn__thread_join(itn__thread thread) {
-    WaitForSingleObject(thread, INFINITE);
-    CloseHandle(thread);
-}
-static int itn__processors(void) {
-    SYSTEM_INFO info;
-    GetSystemInfo(&info);
-    return (int)info.dwNumberOfProcessors;
-}
-#else
-#include <pthread.h>
-#include <unistd.h>
-typedef pthread_t itn__thread;
-static void *itn__fork_entry(void *fork) {
-    itn__fork_work((itn__fork *)fork);
-    return NULL;
-}
-static int itn__thread_start(itn__thread *thread, itn__fork *fork) {
-    return pthread_create(thread, NULL, itn__fork_entry, fork) == 0;
-}
-static void itn__thread_join(itn__thread thread) { pthread_join(thread, NULL); }
-static int itn__processors(void) {
-#ifdef _SC_NPROCESSORS_ONLN
-    return (int)sysconf(_SC_NPROCESSORS_ONLN);
-#else
-    return 1; /* some systems hide it where _POSIX_C_SOURCE is defined */
-#endif
-}
-#endif
-#endif /* ITN_THREADS */
-
-enum { ITN__MOST_THREADS = 64 };
-
-/* How many threads run loops; a guess where the caller's hook does. */
-static int itn__loop_threads(const itn_context *context) {
-    int threads = 1;
-    if (context->parallel_for) return 8;
-#ifdef ITN_THREADS
-    threads = context->threads > 0 ? context->threads : itn__processors();
-#endif
-    return threads < 1 ? 1 : threads < ITN__MOST_THREADS ? threads : ITN__MOST_THREADS;
-}
-
 static void itn__parallel_for(const itn_context *context, int count,
-                              void (*body)(void *task, int index), void *task) {
-    int index = 0;
-    if (context->parallel_for) {
-        if (count > 0) context->parallel_for(count, body, task, context->parallel_user);
-        return;
-    }
-#ifdef ITN_THREADS
-    if (context->threads != 1 && count > 1) {
-        itn__thread thread[ITN__MOST_THREADS];
-        itn__fork fork;
-        int threads = itn__loop_threads(context), started = 0;
-        fork.count = count, fork.next = 0, fork.body = body, fork.task = task;
-        while (started < threads - 1 && started < count - 1 &&
-               itn__thread_start(&thread[started], &fork))
-            started++; /* a thread that cannot start leaves its share to the others */
-        itn__fork_work(&fork);
-        while (started > 0) itn__thread_join(thread[--started]);
-        return;
-    }
-#endif
-    for (; index < count; index++) body(task, index);
-}
-
-/* How many tasks it pays to divide a loop into that needs memory for each: several for a thread, as
-   one takes longer than another. */
-static ITN__UNUSED int itn__workers(const itn_context *context) {
-    int threads = itn__loop_threads(context);
-    return threads > 1 ? 4 * threads : 1;
-}
-
-/* ---- [math] scalars, vectors, random numbers ------------------------------------------------ */
+                              void (*body)(void *task, int index), void *task);
 
 /* Vectors are small structs, passed by value. Floats carry positions, directions and radiance;
    doubles carry sums, the geometry of meshes and the algebra of small matrices. Comparisons
@@ -1440,37 +1144,6 @@ ITN__INLINE itn_vec3 itn__direction(itn_vec3 a) {
 }
 ITN__INLINE int itn__finite3(itn_vec3 a) {
     return itn__finite(a.x) && itn__finite(a.y) && itn__finite(a.z);
-}
-
-/* In-place Cholesky factor of a symmetric matrix (lower triangle). Returns 0 if it is not positive
-   definite. */
-static ITN__UNUSED int itn__cholesky(double *a, int n) {
-    int i, j, k;
-    for (j = 0; j < n; j++) {
-        double pivot = a[j * n + j];
-        for (k = 0; k < j; k++) pivot -= a[j * n + k] * a[j * n + k];
-        if (!(pivot > 1e-12 * fabs(a[j * n + j]))) return 0;
-        a[j * n + j] = sqrt(pivot);
-        for (i = j + 1; i < n; i++) {
-            double sum = a[i * n + j];
-            for (k = 0; k < j; k++) sum -= a[i * n + k] * a[j * n + k];
-            a[i * n + j] = sum / a[j * n + j];
-        }
-    }
-    return 1;
-}
-
-/* Solves L L^T x = b in place. */
-static ITN__UNUSED void itn__cholesky_solve(const double *factor, int n, double *x) {
-    int i, k;
-    for (i = 0; i < n; i++) {
-        for (k = 0; k < i; k++) x[i] -= factor[i * n + k] * x[k];
-        x[i] /= factor[i * n + i];
-    }
-    for (i = n - 1; i >= 0; i--) {
-        for (k = i + 1; k < n; k++) x[i] -= factor[k * n + i] * x[k];
-        x[i] /= factor[i * n + i];
-    }
 }
 
 /* A random number is a function of (seed, pixel, sample, dimension) and of nothing else, so results
@@ -1798,95 +1471,12 @@ ITN__INLINE itn__floats itn__uniforms(itn__words key0, itn__words key1, itn__int
     return itn__unit_floats(itn__mix_words(x, key1));
 }
 
-/* Elementary functions, without branches, tables or calls. Each one reduces its argument exactly,
-   or nearly so, to a short interval around 0 and evaluates there the polynomial whose largest
-   relative error is least (Remez' minimax fit to the function in double, coefficients rounded to
-   float one after the other with the rest fitted anew). Errors are in units in the last place (ulp)
-   of the exact result; they hold with and without contraction to fused multiply-adds, which is also
-   all that results of different widths can differ by.
-     log:    x = 2^n (1 + f), |f| <= 1/3;          log x = n log 2 + f + f^2 P(f)
-     exp:    x = n log 2 + f, |f| <= log(2) / 2;   e^x = 2^n (1 + f + f^2 P(f))
-     sin, cos of 2 pi u:  u = n/4 + r, |r| <= 1/8; n tells which is which, and the signs
-     arctan: of the smaller over the larger side;  a + a^3 P(a^2), reflected at 1/8 and 1/4 turn
-   Polynomials are summed in pairs, not from the highest power down: that is one multiplication more
-   and half the wait. */
-
-/* c[0] + c[1] x + ... + c[7] x^7. */
-ITN__INLINE itn__floats itn__polynomial8(const float *c, itn__floats x) {
-    itn__floats x2 = x * x;
-    itn__floats low = (c[0] + c[1] * x) + x2 * (c[2] + c[3] * x);
-    itn__floats high = (c[4] + c[5] * x) + x2 * (c[6] + c[7] * x);
-    return low + x2 * x2 * high;
-}
-
-/* The nearest whole number, a tie to the even one, for |v| < 2^22: in the sum with 1.5 * 2^23 the
-   last place is worth 1. */
-#define itn__nearest_ints(v) (itn__float_bits((v) + 12582912.f) - 0x4b400000)
-
-/* Natural logarithm of positive normal numbers. Zero gives -127 log 2 = -88.03; negative numbers,
-   infinity and NaN are not for this function. |f + f^2 P - log(1 + f)| <= 2.7e-8 |log(1 + f)|; in
-   all below 1.9 ulp, and 1.6 ulp between 0 and 1. */
-ITN__INLINE itn__floats itn__vlog(itn__floats x) {
-    static const float c[8] = {-.499999374f, .333332002f,  -.250077456f, .200110793f,
-                               -.16417098f,  .139970019f, -.153832182f, .140213028f};
-    itn__ints bits = itn__float_bits(x);
-    itn__ints exponent = (bits - 0x3f2aaaab) & -0x800000; /* n 2^23: bits count from those of 2/3 */
-    itn__floats f = itn__bits_float(bits - exponent) - 1;
-    itn__floats whole = itn__to_floats(exponent) * 8.26295830e-8f; /* 2^-23 log 2 */
-    return f + (whole + f * f * itn__polynomial8(c, f));
-}
-
-/* e^x for any x: 0 below -104, infinity above 88.73, NaN for NaN. Two factors make up 2^n, since n
-   reaches beyond the exponents of floats. |error of the polynomial| <= 3.2e-9 e^f; in all below
-   1.1 ulp, denormal results included. */
-ITN__INLINE itn__floats itn__vexp(itn__floats x) {
-    itn__floats f, f2, n_log2, sum;
-    itn__words twice, half; /* exponents as floats keep them: each factor adds 127 */
-    itn__ints n;
-    x = itn__most(itn__splat(-105), x);
-    x = itn__least(itn__splat(89), x); /* NaN stays */
-    n = itn__nearest_ints(x * 1.44269504f);
-    n_log2 = itn__to_floats(n);
-    f = (x - n_log2 * .693145752f) - n_log2 * 1.42860677e-6f; /* the first product is exact */
-    f2 = f * f;
-    sum = (.49999994f + .166665211f * f) + f2 * ((.0416682549f + .00836866256f * f) +
-                                                 f2 * .00138214685f);
-    sum = 1 + (f + f2 * sum);
-    twice = itn__int_words(n) + 254u, half = twice >> 1;
-    sum = sum * itn__bits_float(itn__word_ints(half << 23));
-    return sum * itn__bits_float(itn__word_ints((twice - half) << 23));
-}
-
-/* Sine and cosine of 2 pi u, |u| < 1e4. The reduction is exact. Relative errors of the polynomials
-   are 2.8e-8 (sine) and 4e-8 (cosine); in all below 1.7 ulp. */
-ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__floats *cosine) {
-    itn__ints n = itn__nearest_ints(4 * u), swapped = -(n & 1), sign = itn__splat_int(INT32_MIN);
-    itn__floats r = u - .25f * itn__to_floats(n), z = r * r;
-    itn__floats s = r * (6.28318548f + z * (-41.3417587f + z * (81.6046219f - 75.8379898f * z)));
-    itn__floats c = 1 + z * (-19.7391624f + z * (64.9222107f - 83.6179123f * z));
-    itn__ints sine_bits = itn__float_bits(itn__select(swapped, c, s));
-    itn__ints cosine_bits = itn__float_bits(itn__select(swapped, s, c));
-    *sine = itn__bits_float(sine_bits ^ (-((n >> 1) & 1) & sign));
-    *cosine = itn__bits_float(cosine_bits ^ (-(((n + 1) >> 1) & 1) & sign));
-}
-
-/* The angle of the vector (x, y) in [-pi, pi], signs as in atan2; (0, 0) has angle 0 or, if x is
-   -0, pi. Not for two infinities. |error of the polynomial| <= 1.7e-8 arctan a; in all below 2
-   ulp. */
-ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x) {
-    static const float c[8] = {-.333331525f,  .199937671f,  -.14211002f,   .106657684f,
-                               -.0755165592f, .0432046354f, -.0163631029f, .00291939313f};
-    itn__floats size_x = itn__absolute(x), size_y = itn__absolute(y), a, z, angle;
-    itn__ints steep = itn__less(size_x, size_y);
-    itn__floats larger = itn__select(steep, size_y, size_x);
-    itn__ints zero = itn__int_equal(itn__float_bits(larger), itn__splat_int(0));
-    a = itn__select(steep, size_x, size_y) / itn__select(zero, itn__splat(1), larger);
-    z = a * a;
-    angle = a + a * z * itn__polynomial8(c, z);
-    angle = itn__select(steep, 1.57079637f - (angle + 4.37113883e-8f), angle); /* pi / 2 in two */
-    angle = itn__select(itn__float_bits(x) >> 31, 3.14159274f - (angle + 8.74227766e-8f), angle);
-    return itn__with_sign(angle, y);
-}
+/* Elementary functions, within 2 units in the last place of the result; [means] has their bodies.
+   Sine and cosine are of 2 pi u; the angle of the vector (x, y) is that of atan2. */
+ITN__INLINE itn__floats itn__vlog(itn__floats x);
+ITN__INLINE itn__floats itn__vexp(itn__floats x);
+ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__floats *cosine);
+ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x);
 
 /* Numbers v + d e with e^2 = 0: arithmetic on them carries the derivative d by one parameter along
    with the value (forward automatic differentiation). Media, surfaces and lights are written in
@@ -2041,7 +1631,7 @@ static int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
    has thrown it back towards a sheet which had thrown it there, a sheet in that plane is met at
    once, at t = 0, as the ground under an object that stands on it. This holds until the ray meets a
    face that lies in another plane.
-   A point o is |F| / |n|_1 away from a triangle's plane, measured along the axes ([mesh]). A ray's
+   A point o is |F| / |n|_1 away from a triangle's plane, measured along the axes. A ray's
    origin on a face is a rounded point of it: twice as far as from that face's own plane, and
    16 u |o| (u = 2^-24) for planes that agree but for rounding, counts as in the plane. The t of
    sheets is computed in double: a ground is often so large that floats of its corners' size cannot
@@ -3432,13 +3022,6 @@ static itn__floats itn__between(const float *nodes, int width, int stride,
     return a + cell->fy * (c - a);
 }
 
-/* Divides running sums by the last of them. */
-static void itn__sums_normalise(float *sums, int count) {
-    float total = sums[count - 1];
-    int k;
-    for (k = 0; k < count; k++) sums[k] = total > 0 ? sums[k] / total : 1;
-}
-
 /* First entries of increasing sums[first ... first + count - 1], ending in 1, that are above u in
    (0,1), by bisection. *rest receives u's place between its neighbours, again uniform in [0,1]. */
 static itn__ints itn__pick(const float *sums, itn__ints first, int count, itn__floats u,
@@ -3605,83 +3188,6 @@ static void itn__light_radiance(const itn__light *light, int channels, itn_vec3 
     for (k = 0; k < channels; k++) rgb[k] = ITN__LANE(all[k], 0);
 }
 
-/* How much a light of this radiance in direction d does for what it shines on: the mean of a face
-   that lies flat and one that is turned any way, up to a factor. */
-ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
-    return radiance * (.5 + fabs((double)d.y));
-}
-
-/* Fills the density of a light's grid with its luminance at the nodes times sine (not normalised
-   yet); power, strength and breadth are sums over them. Returns whether it is small enough. */
-static int itn__fill_grid(itn__light *light) {
-    itn__grid *grid = &light->grid;
-    size_t width = (size_t)grid->width, nodes = width * (size_t)grid->height, i;
-    double size = 2 * (double)(ITN__PI * ITN__PI) * grid->bottom / ((double)nodes - (double)width);
-    double sum = 0, square = 0, area = 0;
-    float step = grid->bottom / (float)(grid->height - 1), rgb[3];
-    float cap = sinf(ITN__PI * step / 3); /* a pole's node stands for the cap around it */
-    for (i = 0; i < nodes; i++) {
-        float phi = 2 * ITN__PI * ((float)(i % width) + .5f) / (float)width;
-        float theta = ITN__PI * step * (float)(i / width), sine = itn__max(sinf(theta), cap);
-        itn_vec3 d = itn__vec3(sinf(phi) * sinf(theta), cosf(theta), -cosf(phi) * sinf(theta));
-        double luminance;
-        if (light->map) memcpy(rgb, light->map + 3 * i, sizeof rgb);
-        else d.y = itn__max(d.y, 0), itn__light_radiance(light, 3, d, rgb);
-        luminance = itn__luminance(rgb);
-        if (!(luminance <= ITN__MAX_RADIANCE)) return 0;
-        grid->density[i] = (float)(luminance * sine);
-        light->strength += itn__strength(luminance * sine * size, d);
-        sum += luminance * sine, square += luminance * luminance * sine, area += sine;
-    }
-    light->breadth = sum > 0 ? sum * sum / (square * area) * grid->bottom : 0;
-    light->power = (float)(sum * size);
-    return 1;
-}
-
-/* Makes the tables by which nodes are drawn; the first and the last row have half a tent. */
-static void itn__grid_prepare(itn__grid *grid) {
-    int width = grid->width, height = grid->height, r, c;
-    double total = 0;
-    size_t i;
-    for (r = 0; r < height; r++) {
-        size_t first = (size_t)r * (size_t)width;
-        double row = 0;
-        for (c = 0; c < width; c++) {
-            row += grid->density[first + (size_t)c];
-            grid->nodes[first + (size_t)c] = (float)row;
-        }
-        itn__sums_normalise(grid->nodes + first, width);
-        total += r == 0 || r == height - 1 ? row / 2 : row;
-        grid->rows[r] = (float)total;
-    }
-    itn__sums_normalise(grid->rows, height);
-    total *= grid->bottom / ((double)width * (height - 1));
-    for (i = 0; i < (size_t)width * (size_t)height; i++)
-        grid->density[i] = (float)(grid->density[i] / total);
-}
-
-/* Builds the grid of a map or sky from its own radiance at the nodes, which is an invalid argument
-   if it is too large (as a sky's with odd coefficients can be). A floor of a thousandth of the
-   mean keeps every part of a sky, clamped or not, within reach. */
-static itn_result itn__light_grid(const itn_context *context, itn__light *light, int width,
-                                  int height, float bottom) {
-    itn__grid *grid = &light->grid;
-    size_t nodes = (size_t)width * (size_t)height, rows = (size_t)height, i;
-    double mean = 0;
-    grid->width = width, grid->height = height, grid->bottom = bottom;
-    grid->density = (float *)itn__allocate(context, 2 * nodes + rows, sizeof(float));
-    if (!grid->density) return ITN_ERROR_MEMORY;
-    grid->nodes = grid->density + nodes, grid->rows = grid->nodes + nodes;
-    if (!itn__fill_grid(light)) return ITN_ERROR_ARGUMENT;
-    for (i = 0; i < nodes; i++) mean += grid->density[i];
-    mean /= (double)nodes;
-    if (!(mean > 0)) return ITN_OK; /* black: never sampled */
-    for (i = 0; i < nodes && light->kind == ITN__LIGHT_SKY; i++)
-        grid->density[i] = itn__max(grid->density[i], (float)(1e-3 * mean));
-    itn__grid_prepare(grid);
-    return ITN_OK;
-}
-
 /* ---- [scene] what a scene holds -------------------------------------------------------------- */
 
 /* Every number that can be differentiated lives in the parameter table; media, surfaces and lights
@@ -3804,63 +3310,6 @@ static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u,
         itn__along(itn__along(camera->forward, sx, camera->right), sy, camera->up));
     ray.tmin = 0, ray.tmax = INFINITY;
     return ray;
-}
-
-/* Parameters. A coordinate has no bounds, and steps in it are of a size that fits: the logarithm of
-   a sigma_t, the logit log((x - lower) / (upper - x)) of what lies between two bounds. Derivatives
-   go over by the chain rule, with the slope dx/du of value by coordinate. Where a logarithm or a
-   logit would be infinite it is cut, so that a value on its bound has a coordinate, too. */
-
-ITN_API int itn_parameter_count(const itn_scene *scene) { return scene->parameter_count; }
-
-ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index) {
-    return index >= 0 && index < scene->parameter_count ? &scene->parameters[index] : NULL;
-}
-
-ITN_API int itn_parameter_find(const itn_scene *scene, const char *name) {
-    return itn__find_name(name, scene->parameters, sizeof(itn_parameter), scene->parameter_count);
-}
-
-ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
-    int i;
-    for (i = 0; i < scene->parameter_count; i++) theta[i] = scene->parameters[i].value;
-}
-
-/* Whether a parameter is an albedo or a reflectance. */
-ITN__INLINE int itn__is_share(const itn_parameter *p) { return p->lower == 0 && p->upper == 1; }
-
-/* The least value that a search gives a parameter: its lower bound, but of an index, whose bound is
-   1, a value where it still has a derivative (itn__check_ior). */
-ITN__INLINE double itn__least_sought(const itn_parameter *p) {
-    return p->lower == 1 ? 1.001 : (double)p->lower;
-}
-
-/* A value that has a logarithm: the lower bound at least, or e^-80 of the upper one if it is 0. */
-static double itn__above_zero(const itn_parameter *p, double value) {
-    return fmax(value, p->lower > 0 ? (double)p->lower : p->upper * exp(-80.0));
-}
-
-ITN_API double itn_parameter_to_coordinate(const itn_parameter *p, double value) {
-    double lower = p->lower, upper = p->upper;
-    if (p->transform == ITN_IDENTITY) return value;
-    if (p->transform == ITN_LOG) return log(itn__above_zero(p, value));
-    value = fmin(fmax(value, lower), upper);
-    return fmin(fmax(log((value - lower) / (upper - value)), -16), 16);
-}
-
-ITN_API double itn_parameter_from_coordinate(const itn_parameter *p, double coordinate) {
-    double value = coordinate, lower = p->lower, upper = p->upper;
-    if (p->transform == ITN_LOG) value = exp(coordinate);
-    if (p->transform == ITN_LOGIT) value = lower + (upper - lower) / (1 + exp(-coordinate));
-    return value < lower ? lower : value > upper ? upper : value;
-}
-
-ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
-    double lower = p->lower, range = (double)p->upper - lower, share;
-    if (p->transform == ITN_IDENTITY) return 1;
-    if (p->transform == ITN_LOG) return itn__above_zero(p, value);
-    share = fmin(fmax((value - lower) / range, 1e-7), 1 - 1e-7); /* about that of +-16 */
-    return share * (1 - share) * range;
 }
 
 /* ---- [place] where a walk is ----------------------------------------------------------------- */
@@ -4330,45 +3779,6 @@ static void itn__add_texels(itn__texels *texels, int c, const itn__corners *corn
         if (texels->path[at] == 0) texels->touched[texels->touched_count++] = at;
         texels->path[at] += part;
     }
-}
-
-/* A path ends: what it has gathered, times the weight of its pixel in each channel, goes to sums of
-   it and of its square. Each worker has sums of its own, as many as fit into so many values; which
-   one a pixel belongs to depends on its tile alone ([render]), and so do the bits of the result. */
-enum { ITN__TEXEL_COPIES = 16, ITN__TEXEL_VALUES = 4 << 20 };
-
-static void itn__texels_end(itn__texels *texels, const float *weight, size_t plane,
-                            double per_path) {
-    int k;
-    for (k = 0; k < texels->touched_count; k++) {
-        size_t at = (size_t)texels->touched[k], c = at / (size_t)texels->count;
-        double value = (double)weight[c * plane] * texels->path[at] * per_path;
-        texels->sums[at] += value, texels->squares[at] += value * value, texels->path[at] = 0;
-    }
-    texels->touched_count = 0;
-}
-
-static int itn__texels_copies(int channels, const itn__texels *texels) {
-    size_t copies = ITN__TEXEL_VALUES / ((size_t)channels * (size_t)texels->count);
-    return copies < 1 ? 1 : copies < ITN__TEXEL_COPIES ? (int)copies : ITN__TEXEL_COPIES;
-}
-
-static void itn__texels_free(const itn_context *context, itn__texels *texels) {
-    itn__free(context, texels->path);
-    itn__free(context, texels->touched);
-    itn__free(context, texels->sums);
-}
-
-/* Makes sums for these texels. Returns 0 if there is no memory. */
-static int itn__texels_make(const itn_context *context, int channels, const itn__texels *of,
-                            itn__texels *texels) {
-    size_t values = (size_t)channels * (size_t)of->count;
-    *texels = *of;
-    texels->path = (float *)itn__allocate(context, values, sizeof(float));
-    texels->touched = (int *)itn__allocate(context, values, sizeof(int));
-    texels->sums = (double *)itn__allocate(context, values, 2 * sizeof(double));
-    texels->squares = texels->sums ? texels->sums + values : NULL;
-    return values <= INT_MAX && texels->path && texels->touched && texels->sums;
 }
 
 /* The two texels beside x in [0, 1) of `count` that repeat, and the place between them. */
@@ -5025,6 +4435,429 @@ static int itn__pixel_samples(const itn__allotment *allotment, int spp, size_t p
    PART III: SCENES, PICTURES, NETWORKS, SEARCHES, FILES
    ============================================================================================ */
 
+/* ---- [means] text, threads, functions of lanes, small matrices ------------------------------ */
+
+/* Text. Messages are composed and numbers read without the C library, whose decimal point is the
+   locale's: here it is always a point.
+   Out: digits = round(value 10^places), half to even, printed from the last one on. The scaling
+   takes at most two operations of double for up to 22 places, so what is printed with at most 15
+   significant digits is right but for numbers within 1e-15 of the middle between two.
+   In: the first 19 digits are an integer, the others count as powers of ten. Up to 15 digits and
+   10^-22 to 10^22 are correctly rounded to double, since digits and power are then exact and one
+   operation joins them (Clinger 1990); others are within 10 units in the last place, which is
+   enough for floats but within 1e-15 of the middle between two. Overflow gives infinity. */
+
+/* Text that is composed in a buffer of the caller's. */
+typedef struct itn__prose {
+    char *text;
+    size_t size, length; /* length: of the whole text, though not all may fit */
+} itn__prose;
+
+static void itn__say_char(itn__prose *prose, char character) {
+    if (prose->length < prose->size) prose->text[prose->length] = character;
+    prose->length++;
+}
+
+static void itn__say_word(itn__prose *prose, const char *word, int most) {
+    for (; most != 0 && *word; most--) itn__say_char(prose, *word++);
+}
+
+/* An integer, with a point before its last `places` digits. */
+static void itn__say_digits(itn__prose *prose, uint64_t digits, int places) {
+    char reversed[48];
+    int n = 0, k;
+    for (k = 0; k <= places || digits; k++, digits /= 10) {
+        if (k == places && places > 0) reversed[n++] = '.';
+        reversed[n++] = (char)('0' + digits % 10);
+    }
+    while (n > 0) itn__say_char(prose, reversed[--n]);
+}
+
+/* value 10^exponent */
+static double itn__scale_by_power_of_ten(double value, int64_t exponent) {
+    int left = exponent > 400 ? 400 : exponent < -400 ? -400 : (int)exponent;
+    while (left) {
+        int step = abs(left) < 22 ? abs(left) : 22, k;
+        double power = 1; /* exact */
+        for (k = 0; k < step; k++) power *= 10;
+        value = left < 0 ? value / power : value * power;
+        left -= left < 0 ? -step : step;
+    }
+    return value;
+}
+
+/* A number as %f shows it (from 1e15 on as %g), or as %g. */
+static void itn__say_number(itn__prose *prose, double value, int precision, int fixed) {
+    int exponent, places = precision < 0 ? 6 : precision < 15 ? precision : 15;
+    double digits;
+    if (value < 0) itn__say_char(prose, '-');
+    value = fabs(value);
+    if (!(value <= DBL_MAX)) {
+        itn__say_word(prose, value > 0 ? "inf" : "nan", -1);
+        return;
+    }
+    if (fixed && value < itn__scale_by_power_of_ten(1, 15 - places)) {
+        itn__say_digits(prose, (uint64_t)rint(itn__scale_by_power_of_ten(value, places)), places);
+        return;
+    }
+    if (fixed || places < 1) places = fixed ? 15 : 1;
+    exponent = value > 0 ? (int)floor(log10(value)) : 0;
+    digits = rint(itn__scale_by_power_of_ten(value, --places - exponent));
+    if (digits >= itn__scale_by_power_of_ten(1, places + 1)) digits /= 10, exponent++;
+    fixed = exponent >= -4 && exponent <= places;
+    if (fixed) places -= exponent;
+    for (; places > 0 && fmod(digits, 10) == 0; places--) digits /= 10;
+    itn__say_digits(prose, (uint64_t)digits, places);
+    if (fixed) return;
+    itn__say_word(prose, exponent < 0 ? "e-" : "e+", -1);
+    if (abs(exponent) < 10) itn__say_char(prose, '0');
+    itn__say_digits(prose, (uint64_t)abs(exponent), 0);
+}
+
+/* Appends text as printf makes it: %s, %c, %d, %f and %g, with a precision or none, and %%. */
+static ITN__COLD void itn__say_list(itn__prose *prose, const char *format, va_list arguments) {
+    for (; *format; format++) {
+        int precision = -1, number;
+        if (*format != '%' || *++format == '%') {
+            itn__say_char(prose, *format);
+            continue;
+        }
+        if (*format == '.') {
+            precision = *++format == '*' ? va_arg(arguments, int) : 0;
+            if (*format == '*') format++;
+            for (; *format >= '0' && *format <= '9'; format++)
+                precision = 10 * precision + (*format - '0');
+        }
+        if (*format == 's') {
+            itn__say_word(prose, va_arg(arguments, const char *), precision);
+        } else if (*format == 'f' || *format == 'g') {
+            itn__say_number(prose, va_arg(arguments, double), precision, *format == 'f');
+        } else if (*format == 'c') {
+            itn__say_char(prose, (char)va_arg(arguments, int));
+        } else {
+            number = va_arg(arguments, int);
+            if (number < 0) itn__say_char(prose, '-');
+            itn__say_digits(prose, (uint64_t)(number < 0 ? -(int64_t)number : number), 0);
+        }
+    }
+    if (prose->size)
+        prose->text[prose->length < prose->size ? prose->length : prose->size - 1] = 0;
+}
+
+static ITN__UNUSED void itn__say(itn__prose *prose, const char *format, ...) ITN__PRINTF(2, 3);
+static void itn__say(itn__prose *prose, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    itn__say_list(prose, format, arguments);
+    va_end(arguments);
+}
+
+static size_t itn__print_list(char *text, size_t size, const char *format, va_list arguments) {
+    itn__prose prose;
+    prose.text = text, prose.size = size, prose.length = 0;
+    itn__say_list(&prose, format, arguments);
+    return prose.length;
+}
+static size_t itn__print(char *text, size_t size, const char *format, ...) {
+    va_list arguments;
+    size_t length;
+    va_start(arguments, format);
+    length = itn__print_list(text, size, format, arguments);
+    va_end(arguments);
+    return length;
+}
+
+/* Adds decimal digits to `digits` while they fit (19 places), and counts the others. */
+static const char *itn__parse_digits(const char *at, const char *end, uint64_t *digits,
+                                     int64_t *dropped) {
+    for (; at < end && *at >= '0' && *at <= '9'; at++) {
+        int fits = *digits < 1000000000000000000u;
+        if (fits) *digits = *digits * 10 + (uint64_t)(*at - '0');
+        *dropped += !fits;
+    }
+    return at;
+}
+
+/* Reads [sign] digits [. digits] [e [sign] digits]; returns the place behind it, or NULL if no
+   number is there. */
+static const char *itn__parse_number(const char *at, const char *end, double *value) {
+    uint64_t digits = 0, power = 0;
+    int64_t exponent = 0, ignored = 0;
+    const char *start, *dot = NULL;
+    int negative = at < end && *at == '-';
+    at += at < end && (*at == '-' || *at == '+');
+    start = at;
+    at = itn__parse_digits(at, end, &digits, &exponent);
+    if (at < end && *at == '.') {
+        dot = ++at;
+        at = itn__parse_digits(at, end, &digits, &exponent);
+        exponent -= at - dot;
+    }
+    if (at - start == (dot != NULL)) return NULL; /* no digit */
+    if (at < end && (*at == 'e' || *at == 'E')) {
+        int minus = ++at < end && *at == '-';
+        at += at < end && (*at == '-' || *at == '+');
+        start = at;
+        at = itn__parse_digits(at, end, &power, &ignored);
+        if (at == start) return NULL;
+        if (power > INT_MAX) power = INT_MAX;
+        exponent += minus ? -(int64_t)power : (int64_t)power;
+    }
+    *value = itn__scale_by_power_of_ten(negative ? -(double)digits : (double)digits, exponent);
+    return at;
+}
+
+/* What many threads may do at once: add one to a number, which is returned as it was; and set a
+   pointer once, if it is NULL, which tells whether it was: so what a scene computes on demand is
+   kept by the first to finish. Other compilers have one thread, and keep nothing. */
+#if defined(__GNUC__)
+#define itn__count_up(number) __atomic_fetch_add(number, 1, __ATOMIC_RELAXED)
+#define itn__once_get(shared) __atomic_load_n(shared, __ATOMIC_ACQUIRE)
+ITN__INLINE int itn__once_set(void **shared, void *made) {
+    void *expected = NULL;
+    return __atomic_compare_exchange_n(shared, &expected, made, 0, __ATOMIC_ACQ_REL,
+                                       __ATOMIC_ACQUIRE);
+}
+#elif defined(_MSC_VER)
+#include <intrin.h>
+#define itn__count_up(number) (_InterlockedIncrement(number) - 1)
+#define itn__once_get(shared) _InterlockedCompareExchangePointer(shared, NULL, NULL)
+#define itn__once_set(shared, made)                                                                \
+    (_InterlockedCompareExchangePointer(shared, made, NULL) == NULL)
+#else
+#undef ITN_THREADS
+#define itn__once_get(shared) ((void)(shared), (void *)NULL)
+#define itn__once_set(shared, made) ((void)(shared), (void)(made), 0)
+#endif
+
+#ifdef ITN_THREADS
+typedef struct itn__fork {
+    int count;
+    void (*body)(void *task, int index);
+    void *task;
+    long next; /* first index nobody has taken */
+} itn__fork;
+
+static void itn__fork_work(itn__fork *fork) {
+    for (;;) {
+        long index = itn__count_up(&fork->next);
+        if (index < 0 || index >= fork->count) return;
+        fork->body(fork->task, (int)index);
+    }
+}
+
+#ifdef _WIN32
+#ifndef WIN32_LEAN_AND_MEAN
+#define WIN32_LEAN_AND_MEAN
+#endif
+#ifndef NOMINMAX
+#define NOMINMAX
+#endif
+#include <windows.h>
+typedef HANDLE itn__thread;
+static DWORD WINAPI itn__fork_entry(LPVOID fork) {
+    itn__fork_work((itn__fork *)fork);
+    return 0;
+}
+static int itn__thread_start(itn__thread *thread, itn__fork *fork) {
+    *thread = CreateThread(NULL, 0, itn__fork_entry, fork, 0, NULL);
+    return *thread != NULL;
+}
+static void itn__thread_join(itn__thread thread) {
+    WaitForSingleObject(thread, INFINITE);
+    CloseHandle(thread);
+}
+static int itn__processors(void) {
+    SYSTEM_INFO info;
+    GetSystemInfo(&info);
+    return (int)info.dwNumberOfProcessors;
+}
+#else
+#include <pthread.h>
+#include <unistd.h>
+typedef pthread_t itn__thread;
+static void *itn__fork_entry(void *fork) {
+    itn__fork_work((itn__fork *)fork);
+    return NULL;
+}
+static int itn__thread_start(itn__thread *thread, itn__fork *fork) {
+    return pthread_create(thread, NULL, itn__fork_entry, fork) == 0;
+}
+static void itn__thread_join(itn__thread thread) { pthread_join(thread, NULL); }
+static int itn__processors(void) {
+#ifdef _SC_NPROCESSORS_ONLN
+    return (int)sysconf(_SC_NPROCESSORS_ONLN);
+#else
+    return 1; /* some systems hide it where _POSIX_C_SOURCE is defined */
+#endif
+}
+#endif
+#endif /* ITN_THREADS */
+
+enum { ITN__MOST_THREADS = 64 };
+
+/* How many threads run loops; a guess where the caller's hook does. */
+static int itn__loop_threads(const itn_context *context) {
+    int threads = 1;
+    if (context->parallel_for) return 8;
+#ifdef ITN_THREADS
+    threads = context->threads > 0 ? context->threads : itn__processors();
+#endif
+    return threads < 1 ? 1 : threads < ITN__MOST_THREADS ? threads : ITN__MOST_THREADS;
+}
+
+static void itn__parallel_for(const itn_context *context, int count,
+                              void (*body)(void *task, int index), void *task) {
+    int index = 0;
+    if (context->parallel_for) {
+        if (count > 0) context->parallel_for(count, body, task, context->parallel_user);
+        return;
+    }
+#ifdef ITN_THREADS
+    if (context->threads != 1 && count > 1) {
+        itn__thread thread[ITN__MOST_THREADS];
+        itn__fork fork;
+        int threads = itn__loop_threads(context), started = 0;
+        fork.count = count, fork.next = 0, fork.body = body, fork.task = task;
+        while (started < threads - 1 && started < count - 1 &&
+               itn__thread_start(&thread[started], &fork))
+            started++; /* a thread that cannot start leaves its share to the others */
+        itn__fork_work(&fork);
+        while (started > 0) itn__thread_join(thread[--started]);
+        return;
+    }
+#endif
+    for (; index < count; index++) body(task, index);
+}
+
+/* How many tasks it pays to divide a loop into that needs memory for each: several for a thread, as
+   one takes longer than another. */
+static ITN__UNUSED int itn__workers(const itn_context *context) {
+    int threads = itn__loop_threads(context);
+    return threads > 1 ? 4 * threads : 1;
+}
+
+/* Elementary functions, without branches, tables or calls. Each one reduces its argument exactly,
+   or nearly so, to a short interval around 0 and evaluates there the polynomial whose largest
+   relative error is least (Remez' minimax fit to the function in double, coefficients rounded to
+   float one after the other with the rest fitted anew). Errors are in units in the last place (ulp)
+   of the exact result; they hold with and without contraction to fused multiply-adds, which is also
+   all that results of different widths can differ by.
+     log:    x = 2^n (1 + f), |f| <= 1/3;          log x = n log 2 + f + f^2 P(f)
+     exp:    x = n log 2 + f, |f| <= log(2) / 2;   e^x = 2^n (1 + f + f^2 P(f))
+     sin, cos of 2 pi u:  u = n/4 + r, |r| <= 1/8; n tells which is which, and the signs
+     arctan: of the smaller over the larger side;  a + a^3 P(a^2), reflected at 1/8 and 1/4 turn
+   Polynomials are summed in pairs, not from the highest power down: that is one multiplication more
+   and half the wait. */
+
+/* c[0] + c[1] x + ... + c[7] x^7. */
+ITN__INLINE itn__floats itn__polynomial8(const float *c, itn__floats x) {
+    itn__floats x2 = x * x;
+    itn__floats low = (c[0] + c[1] * x) + x2 * (c[2] + c[3] * x);
+    itn__floats high = (c[4] + c[5] * x) + x2 * (c[6] + c[7] * x);
+    return low + x2 * x2 * high;
+}
+
+/* The nearest whole number, a tie to the even one, for |v| < 2^22: in the sum with 1.5 * 2^23 the
+   last place is worth 1. */
+#define itn__nearest_ints(v) (itn__float_bits((v) + 12582912.f) - 0x4b400000)
+
+/* Natural logarithm of positive normal numbers. Zero gives -127 log 2 = -88.03; negative numbers,
+   infinity and NaN are not for this function. |f + f^2 P - log(1 + f)| <= 2.7e-8 |log(1 + f)|; in
+   all below 1.9 ulp, and 1.6 ulp between 0 and 1. */
+ITN__INLINE itn__floats itn__vlog(itn__floats x) {
+    static const float c[8] = {-.499999374f, .333332002f,  -.250077456f, .200110793f,
+                               -.16417098f,  .139970019f, -.153832182f, .140213028f};
+    itn__ints bits = itn__float_bits(x);
+    itn__ints exponent = (bits - 0x3f2aaaab) & -0x800000; /* n 2^23: bits count from those of 2/3 */
+    itn__floats f = itn__bits_float(bits - exponent) - 1;
+    itn__floats whole = itn__to_floats(exponent) * 8.26295830e-8f; /* 2^-23 log 2 */
+    return f + (whole + f * f * itn__polynomial8(c, f));
+}
+
+/* e^x for any x: 0 below -104, infinity above 88.73, NaN for NaN. Two factors make up 2^n, since n
+   reaches beyond the exponents of floats. |error of the polynomial| <= 3.2e-9 e^f; in all below
+   1.1 ulp, denormal results included. */
+ITN__INLINE itn__floats itn__vexp(itn__floats x) {
+    itn__floats f, f2, n_log2, sum;
+    itn__words twice, half; /* exponents as floats keep them: each factor adds 127 */
+    itn__ints n;
+    x = itn__most(itn__splat(-105), x);
+    x = itn__least(itn__splat(89), x); /* NaN stays */
+    n = itn__nearest_ints(x * 1.44269504f);
+    n_log2 = itn__to_floats(n);
+    f = (x - n_log2 * .693145752f) - n_log2 * 1.42860677e-6f; /* the first product is exact */
+    f2 = f * f;
+    sum = (.49999994f + .166665211f * f) + f2 * ((.0416682549f + .00836866256f * f) +
+                                                 f2 * .00138214685f);
+    sum = 1 + (f + f2 * sum);
+    twice = itn__int_words(n) + 254u, half = twice >> 1;
+    sum = sum * itn__bits_float(itn__word_ints(half << 23));
+    return sum * itn__bits_float(itn__word_ints((twice - half) << 23));
+}
+
+/* Sine and cosine of 2 pi u, |u| < 1e4. The reduction is exact. Relative errors of the polynomials
+   are 2.8e-8 (sine) and 4e-8 (cosine); in all below 1.7 ulp. */
+ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__floats *cosine) {
+    itn__ints n = itn__nearest_ints(4 * u), swapped = -(n & 1), sign = itn__splat_int(INT32_MIN);
+    itn__floats r = u - .25f * itn__to_floats(n), z = r * r;
+    itn__floats s = r * (6.28318548f + z * (-41.3417587f + z * (81.6046219f - 75.8379898f * z)));
+    itn__floats c = 1 + z * (-19.7391624f + z * (64.9222107f - 83.6179123f * z));
+    itn__ints sine_bits = itn__float_bits(itn__select(swapped, c, s));
+    itn__ints cosine_bits = itn__float_bits(itn__select(swapped, s, c));
+    *sine = itn__bits_float(sine_bits ^ (-((n >> 1) & 1) & sign));
+    *cosine = itn__bits_float(cosine_bits ^ (-(((n + 1) >> 1) & 1) & sign));
+}
+
+/* The angle of the vector (x, y) in [-pi, pi], signs as in atan2; (0, 0) has angle 0 or, if x is
+   -0, pi. Not for two infinities. |error of the polynomial| <= 1.7e-8 arctan a; in all below 2
+   ulp. */
+ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x) {
+    static const float c[8] = {-.333331525f,  .199937671f,  -.14211002f,   .106657684f,
+                               -.0755165592f, .0432046354f, -.0163631029f, .00291939313f};
+    itn__floats size_x = itn__absolute(x), size_y = itn__absolute(y), a, z, angle;
+    itn__ints steep = itn__less(size_x, size_y);
+    itn__floats larger = itn__select(steep, size_y, size_x);
+    itn__ints zero = itn__int_equal(itn__float_bits(larger), itn__splat_int(0));
+    a = itn__select(steep, size_x, size_y) / itn__select(zero, itn__splat(1), larger);
+    z = a * a;
+    angle = a + a * z * itn__polynomial8(c, z);
+    angle = itn__select(steep, 1.57079637f - (angle + 4.37113883e-8f), angle); /* pi / 2 in two */
+    angle = itn__select(itn__float_bits(x) >> 31, 3.14159274f - (angle + 8.74227766e-8f), angle);
+    return itn__with_sign(angle, y);
+}
+
+/* In-place Cholesky factor of a symmetric matrix (lower triangle). Returns 0 if it is not positive
+   definite. */
+static ITN__UNUSED int itn__cholesky(double *a, int n) {
+    int i, j, k;
+    for (j = 0; j < n; j++) {
+        double pivot = a[j * n + j];
+        for (k = 0; k < j; k++) pivot -= a[j * n + k] * a[j * n + k];
+        if (!(pivot > 1e-12 * fabs(a[j * n + j]))) return 0;
+        a[j * n + j] = sqrt(pivot);
+        for (i = j + 1; i < n; i++) {
+            double sum = a[i * n + j];
+            for (k = 0; k < j; k++) sum -= a[i * n + k] * a[j * n + k];
+            a[i * n + j] = sum / a[j * n + j];
+        }
+    }
+    return 1;
+}
+
+/* Solves L L^T x = b in place. */
+static ITN__UNUSED void itn__cholesky_solve(const double *factor, int n, double *x) {
+    int i, k;
+    for (i = 0; i < n; i++) {
+        for (k = 0; k < i; k++) x[i] -= factor[i * n + k] * x[k];
+        x[i] /= factor[i * n + i];
+    }
+    for (i = n - 1; i >= 0; i--) {
+        for (k = i + 1; k < n; k++) x[i] -= factor[k * n + i] * x[k];
+        x[i] /= factor[i * n + i];
+    }
+}
+
 /* ---- [mesh] images, triangle meshes, and whether these are solids --------------------------- */
 
 ITN_API itn_result itn_image_create(int width, int height, int plane_count,
@@ -5655,6 +5488,90 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     return result;
 }
 
+/* Divides running sums by the last of them. */
+static void itn__sums_normalise(float *sums, int count) {
+    float total = sums[count - 1];
+    int k;
+    for (k = 0; k < count; k++) sums[k] = total > 0 ? sums[k] / total : 1;
+}
+
+/* How much a light of this radiance in direction d does for what it shines on: the mean of a face
+   that lies flat and one that is turned any way, up to a factor. */
+ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
+    return radiance * (.5 + fabs((double)d.y));
+}
+
+/* Fills the density of a light's grid with its luminance at the nodes times sine (not normalised
+   yet); power, strength and breadth are sums over them. Returns whether it is small enough. */
+static int itn__fill_grid(itn__light *light) {
+    itn__grid *grid = &light->grid;
+    size_t width = (size_t)grid->width, nodes = width * (size_t)grid->height, i;
+    double size = 2 * (double)(ITN__PI * ITN__PI) * grid->bottom / ((double)nodes - (double)width);
+    double sum = 0, square = 0, area = 0;
+    float step = grid->bottom / (float)(grid->height - 1), rgb[3];
+    float cap = sinf(ITN__PI * step / 3); /* a pole's node stands for the cap around it */
+    for (i = 0; i < nodes; i++) {
+        float phi = 2 * ITN__PI * ((float)(i % width) + .5f) / (float)width;
+        float theta = ITN__PI * step * (float)(i / width), sine = itn__max(sinf(theta), cap);
+        itn_vec3 d = itn__vec3(sinf(phi) * sinf(theta), cosf(theta), -cosf(phi) * sinf(theta));
+        double luminance;
+        if (light->map) memcpy(rgb, light->map + 3 * i, sizeof rgb);
+        else d.y = itn__max(d.y, 0), itn__light_radiance(light, 3, d, rgb);
+        luminance = itn__luminance(rgb);
+        if (!(luminance <= ITN__MAX_RADIANCE)) return 0;
+        grid->density[i] = (float)(luminance * sine);
+        light->strength += itn__strength(luminance * sine * size, d);
+        sum += luminance * sine, square += luminance * luminance * sine, area += sine;
+    }
+    light->breadth = sum > 0 ? sum * sum / (square * area) * grid->bottom : 0;
+    light->power = (float)(sum * size);
+    return 1;
+}
+
+/* Makes the tables by which nodes are drawn; the first and the last row have half a tent. */
+static void itn__grid_prepare(itn__grid *grid) {
+    int width = grid->width, height = grid->height, r, c;
+    double total = 0;
+    size_t i;
+    for (r = 0; r < height; r++) {
+        size_t first = (size_t)r * (size_t)width;
+        double row = 0;
+        for (c = 0; c < width; c++) {
+            row += grid->density[first + (size_t)c];
+            grid->nodes[first + (size_t)c] = (float)row;
+        }
+        itn__sums_normalise(grid->nodes + first, width);
+        total += r == 0 || r == height - 1 ? row / 2 : row;
+        grid->rows[r] = (float)total;
+    }
+    itn__sums_normalise(grid->rows, height);
+    total *= grid->bottom / ((double)width * (height - 1));
+    for (i = 0; i < (size_t)width * (size_t)height; i++)
+        grid->density[i] = (float)(grid->density[i] / total);
+}
+
+/* Builds the grid of a map or sky from its own radiance at the nodes, which is an invalid argument
+   if it is too large (as a sky's with odd coefficients can be). A floor of a thousandth of the
+   mean keeps every part of a sky, clamped or not, within reach. */
+static itn_result itn__light_grid(const itn_context *context, itn__light *light, int width,
+                                  int height, float bottom) {
+    itn__grid *grid = &light->grid;
+    size_t nodes = (size_t)width * (size_t)height, rows = (size_t)height, i;
+    double mean = 0;
+    grid->width = width, grid->height = height, grid->bottom = bottom;
+    grid->density = (float *)itn__allocate(context, 2 * nodes + rows, sizeof(float));
+    if (!grid->density) return ITN_ERROR_MEMORY;
+    grid->nodes = grid->density + nodes, grid->rows = grid->nodes + nodes;
+    if (!itn__fill_grid(light)) return ITN_ERROR_ARGUMENT;
+    for (i = 0; i < nodes; i++) mean += grid->density[i];
+    mean /= (double)nodes;
+    if (!(mean > 0)) return ITN_OK; /* black: never sampled */
+    for (i = 0; i < nodes && light->kind == ITN__LIGHT_SKY; i++)
+        grid->density[i] = itn__max(grid->density[i], (float)(1e-3 * mean));
+    itn__grid_prepare(grid);
+    return ITN_OK;
+}
+
 /* Copies a light's colour; with one channel on the film, its luminance. */
 static void itn__copy_radiance(const itn_scene *scene, const float in[3], int channels,
                                float out[3]) {
@@ -5750,6 +5667,63 @@ static void itn__share_lights(itn_scene *scene) {
     for (i = 0; i < count; i++)
         if (lights[i].strength > 0)
             lights[i].share = .95f * lights[i].share + .05f / (float)sampled;
+}
+
+/* Parameters. A coordinate has no bounds, and steps in it are of a size that fits: the logarithm of
+   a sigma_t, the logit log((x - lower) / (upper - x)) of what lies between two bounds. Derivatives
+   go over by the chain rule, with the slope dx/du of value by coordinate. Where a logarithm or a
+   logit would be infinite it is cut, so that a value on its bound has a coordinate, too. */
+
+ITN_API int itn_parameter_count(const itn_scene *scene) { return scene->parameter_count; }
+
+ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index) {
+    return index >= 0 && index < scene->parameter_count ? &scene->parameters[index] : NULL;
+}
+
+ITN_API int itn_parameter_find(const itn_scene *scene, const char *name) {
+    return itn__find_name(name, scene->parameters, sizeof(itn_parameter), scene->parameter_count);
+}
+
+ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
+    int i;
+    for (i = 0; i < scene->parameter_count; i++) theta[i] = scene->parameters[i].value;
+}
+
+/* Whether a parameter is an albedo or a reflectance. */
+ITN__INLINE int itn__is_share(const itn_parameter *p) { return p->lower == 0 && p->upper == 1; }
+
+/* The least value that a search gives a parameter: its lower bound, but of an index, whose bound is
+   1, a value where it still has a derivative (itn__check_ior). */
+ITN__INLINE double itn__least_sought(const itn_parameter *p) {
+    return p->lower == 1 ? 1.001 : (double)p->lower;
+}
+
+/* A value that has a logarithm: the lower bound at least, or e^-80 of the upper one if it is 0. */
+static double itn__above_zero(const itn_parameter *p, double value) {
+    return fmax(value, p->lower > 0 ? (double)p->lower : p->upper * exp(-80.0));
+}
+
+ITN_API double itn_parameter_to_coordinate(const itn_parameter *p, double value) {
+    double lower = p->lower, upper = p->upper;
+    if (p->transform == ITN_IDENTITY) return value;
+    if (p->transform == ITN_LOG) return log(itn__above_zero(p, value));
+    value = fmin(fmax(value, lower), upper);
+    return fmin(fmax(log((value - lower) / (upper - value)), -16), 16);
+}
+
+ITN_API double itn_parameter_from_coordinate(const itn_parameter *p, double coordinate) {
+    double value = coordinate, lower = p->lower, upper = p->upper;
+    if (p->transform == ITN_LOG) value = exp(coordinate);
+    if (p->transform == ITN_LOGIT) value = lower + (upper - lower) / (1 + exp(-coordinate));
+    return value < lower ? lower : value > upper ? upper : value;
+}
+
+ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
+    double lower = p->lower, range = (double)p->upper - lower, share;
+    if (p->transform == ITN_IDENTITY) return 1;
+    if (p->transform == ITN_LOG) return itn__above_zero(p, value);
+    share = fmin(fmax((value - lower) / range, 1e-7), 1 - 1e-7); /* about that of +-16 */
+    return share * (1 - share) * range;
 }
 
 /* ---- [objects] meshes, transformed and merged into one tree ---------------------------------- */
@@ -8758,6 +8732,45 @@ static float itn__plane_value(const itn__render *render, const itn__walk *walk, 
         sum += (double)render->weights[(size_t)(c * film->width) * (size_t)film->height + pixel] *
                walk->derivative[k * walk->channels + c];
     return (float)sum;
+}
+
+/* A path ends: what it has gathered, times the weight of its pixel in each channel, goes to sums of
+   it and of its square. Each worker has sums of its own, as many as fit into so many values; which
+   one a pixel belongs to depends on its tile alone ([render]), and so do the bits of the result. */
+enum { ITN__TEXEL_COPIES = 16, ITN__TEXEL_VALUES = 4 << 20 };
+
+static void itn__texels_end(itn__texels *texels, const float *weight, size_t plane,
+                            double per_path) {
+    int k;
+    for (k = 0; k < texels->touched_count; k++) {
+        size_t at = (size_t)texels->touched[k], c = at / (size_t)texels->count;
+        double value = (double)weight[c * plane] * texels->path[at] * per_path;
+        texels->sums[at] += value, texels->squares[at] += value * value, texels->path[at] = 0;
+    }
+    texels->touched_count = 0;
+}
+
+static int itn__texels_copies(int channels, const itn__texels *texels) {
+    size_t copies = ITN__TEXEL_VALUES / ((size_t)channels * (size_t)texels->count);
+    return copies < 1 ? 1 : copies < ITN__TEXEL_COPIES ? (int)copies : ITN__TEXEL_COPIES;
+}
+
+static void itn__texels_free(const itn_context *context, itn__texels *texels) {
+    itn__free(context, texels->path);
+    itn__free(context, texels->touched);
+    itn__free(context, texels->sums);
+}
+
+/* Makes sums for these texels. Returns 0 if there is no memory. */
+static int itn__texels_make(const itn_context *context, int channels, const itn__texels *of,
+                            itn__texels *texels) {
+    size_t values = (size_t)channels * (size_t)of->count;
+    *texels = *of;
+    texels->path = (float *)itn__allocate(context, values, sizeof(float));
+    texels->touched = (int *)itn__allocate(context, values, sizeof(int));
+    texels->sums = (double *)itn__allocate(context, values, 2 * sizeof(double));
+    texels->squares = texels->sums ? texels->sums + values : NULL;
+    return values <= INT_MAX && texels->path && texels->touched && texels->sums;
 }
 
 /* The samples of a unit by the reference. */
