@@ -1560,30 +1560,9 @@ typedef struct itn__plane {
     double f, error;   /* F, and what rounding makes of it at most */
 } itn__plane;
 
-static itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
-    const float p[3] = {point.x, point.y, point.z};
-    double a[3], b[3], c[3];
-    itn__plane plane;
-    int k;
-    for (k = 0; k < 3; k++) {
-        a[k] = (double)triangle->corner[0][k] - p[k];
-        b[k] = (double)triangle->corner[1][k] - triangle->corner[0][k];
-        c[k] = (double)triangle->corner[2][k] - triangle->corner[0][k];
-    }
-    plane.size = plane.f = plane.error = 0;
-    for (k = 0; k < 3; k++) {
-        int l = (k + 1) % 3, m = (k + 2) % 3;
-        plane.n[k] = b[l] * c[m] - b[m] * c[l];
-        plane.size += fabs(plane.n[k]), plane.f += plane.n[k] * a[k];
-        plane.error += 4 * DBL_EPSILON * (fabs(b[l] * c[m]) + fabs(b[m] * c[l])) * fabs(a[k]);
-    }
-    return plane;
-}
-
-/* Unit normal of a triangle's front, in double, where the edges of floats and their products are
-   exact enough for the thinnest needle. Returns twice the area, 0 if there is no normal. */
-static double itn__unit_normal(const itn__triangle *triangle, double n[3]) {
-    double b[3], c[3], length;
+/* n, and the edges b, c that it is the product of, exact enough for the thinnest needle. */
+static void itn__cross_edges(const itn__triangle *triangle, double n[3], double b[3],
+                             double c[3]) {
     int k;
     for (k = 0; k < 3; k++) {
         b[k] = (double)triangle->corner[1][k] - triangle->corner[0][k];
@@ -1591,8 +1570,35 @@ static double itn__unit_normal(const itn__triangle *triangle, double n[3]) {
     }
     n[0] = b[1] * c[2] - b[2] * c[1], n[1] = b[2] * c[0] - b[0] * c[2];
     n[2] = b[0] * c[1] - b[1] * c[0];
-    length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    for (k = 0; k < 3 && length > 0; k++) n[k] /= length;
+}
+
+static itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
+    const float p[3] = {point.x, point.y, point.z};
+    double b[3], c[3];
+    itn__plane plane;
+    int k;
+    itn__cross_edges(triangle, plane.n, b, c);
+    plane.size = plane.f = plane.error = 0;
+    for (k = 0; k < 3; k++) {
+        int l = (k + 1) % 3, m = (k + 2) % 3;
+        double a = (double)triangle->corner[0][k] - p[k];
+        plane.size += fabs(plane.n[k]), plane.f += plane.n[k] * a;
+        plane.error += 4 * DBL_EPSILON * (fabs(b[l] * c[m]) + fabs(b[m] * c[l])) * fabs(a);
+    }
+    return plane;
+}
+
+static double itn__size_of(const double n[3]) {
+    return sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+/* Unit normal of a triangle's front. Returns twice the area, 0 if there is no normal. */
+static double itn__unit_normal(const itn__triangle *triangle, double n[3]) {
+    double b[3], c[3], length, scale;
+    int k;
+    itn__cross_edges(triangle, n, b, c);
+    length = itn__size_of(n), scale = length > 0 ? 1 / length : 1;
+    for (k = 0; k < 3; k++) n[k] *= scale;
     return length;
 }
 
@@ -4960,15 +4966,12 @@ ITN_API void itn_mesh_free(itn_mesh *mesh) {
    triangles join have such volumes, too; where rounding may have made one, as of a sheet with two
    sides, it is 0. */
 
-/* A position, or an edge between welded vertices, and what uses it: vertices, or triangles. */
+/* A hash table with open addressing; entries are numbered in the order in which they come. The seed
+   is made of all keys to come, so that files can hardly choose slots. */
 typedef struct itn__entry {
     uint32_t key[3];
-    int first, last;    /* to use it */
-    int along, against; /* an edge's uses in the direction of its key, and in the other */
+    int first; /* to use it */
 } itn__entry;
-
-/* A hash table with open addressing; entries are numbered in the order in which they come. The seed
-   is made of all that is in the mesh, so that files can hardly choose slots. */
 typedef struct itn__table {
     itn__entry *entries;
     int *slots; /* [mask + 1]: number of an entry + 1, or 0 */
@@ -4982,26 +4985,30 @@ static int itn__table_make(itn__table *table, const itn_context *context, size_t
     size_t size = 4;
     while (size / 2 < count && size <= SIZE_MAX / 4) size *= 2;
     table->mask = size - 1;
-    table->entries = (itn__entry *)itn__allocate(context, count, sizeof *table->entries);
+    table->entries = ITN__NEW(itn__entry, context, count);
     table->slots = ITN__NEW(int, context, size);
     return table->entries && table->slots;
 }
 
-/* The entry of a key, which may be new, with one use more. */
-static itn__entry *itn__table_use(itn__table *table, const uint32_t key[3], int user) {
+/* The first user of a key: this one, if it is new. */
+static int itn__table_first(itn__table *table, const uint32_t key[3], int user) {
     uint64_t hash = itn__mix64(table->seed ^ (key[0] | (uint64_t)key[1] << 32));
     for (hash = itn__mix64(hash + key[2]);; hash++) {
-        int *slot = &table->slots[hash & table->mask], known = *slot > 0;
-        itn__entry *entry = &table->entries[known ? *slot - 1 : table->count];
-        if (known && memcmp(entry->key, key, sizeof entry->key)) continue;
-        if (!known) {
+        int *slot = &table->slots[hash & table->mask];
+        itn__entry *entry = &table->entries[*slot ? *slot - 1 : table->count];
+        if (!*slot) {
             memcpy(entry->key, key, sizeof entry->key);
             entry->first = user, *slot = ++table->count;
         }
-        entry->last = user;
-        return entry;
+        if (entry->key[0] == key[0] && entry->key[1] == key[1] && entry->key[2] == key[2])
+            return entry->first;
     }
 }
+
+/* A triangle's use of an edge, kept with the edge's lesser vertex: whether it runs from there. */
+typedef struct itn__use {
+    int other, triangle, along;
+} itn__use;
 
 /* A triangle of a part: another one of it, or itself, and what it, later all, add to the volume. */
 typedef struct itn__part {
@@ -5012,8 +5019,10 @@ typedef struct itn__part {
 /* What itn_mesh_check works on. */
 typedef struct itn__welding {
     const itn_mesh *mesh;
-    itn__table positions, edges;
+    itn__table positions;
     int *weld;        /* [vertex_count] first vertex at the same position */
+    int *first;       /* [vertex_count + 2] of each vertex's uses */
+    itn__use *uses;   /* [3 triangle_count] */
     itn__part *parts; /* [triangle_count] */
     double rounding;  /* of the sum of volumes */
     itn_mesh_report *report;
@@ -5021,36 +5030,35 @@ typedef struct itn__welding {
 
 /* Finds the first vertex at each position. One that is not finite equals only itself. */
 static void itn__weld(itn__welding *w) {
-    int i;
-    for (i = 0; i < w->mesh->vertex_count; i++) {
-        const float *p = w->mesh->positions + 3 * (size_t)i;
+    const float *p = w->mesh->positions;
+    uint32_t key[3];
+    int i, count = w->mesh->vertex_count;
+    for (i = 0; i < count; i++, p += 3) {
+        memcpy(key, p, sizeof key);
+        w->positions.seed = itn__mix64(w->positions.seed + key[0] + itn__mix64(
+                                           key[1] | (uint64_t)key[2] << 32));
+    }
+    for (i = 0, p = w->mesh->positions; i < count; i++, p += 3) {
         itn_vec3 position = itn__vec3(p[0] + 0, p[1] + 0, p[2] + 0); /* -0 and 0 are one */
-        uint32_t key[3];
         memcpy(key, &position, sizeof key);
         if (!itn__finite3(position)) {
             if (!w->report->bad_vertices++) w->report->first_bad_vertex = i;
             key[0] = (uint32_t)i, key[1] = key[2] = UINT32_MAX;
         }
-        w->weld[i] = itn__table_use(&w->positions, key, i)->first;
+        w->weld[i] = itn__table_first(&w->positions, key, i);
     }
 }
 
-/* Adds a triangle: its edges, its area, and its part of the volume as seen from `centre`. */
+/* Adds a triangle: its area, and its part of the volume as seen from `centre`. */
 static void itn__weigh_triangle(itn__welding *w, int index, const itn__triangle *triangle,
                                 itn_vec3 centre) {
-    const int *corner = w->mesh->triangles + 3 * (size_t)index;
+    const int *corner = w->mesh->triangles + 3 * (size_t)index, *weld = w->weld;
+    int a = weld[corner[0]], b = weld[corner[1]], c = weld[corner[2]];
     itn__plane plane = itn__plane_of(triangle, centre);
     itn__part *part = &w->parts[index];
-    double n[3], area = .5 * itn__unit_normal(triangle, n);
-    int k, vertex[3], twins = 0;
-    for (k = 0; k < 3; k++) vertex[k] = w->weld[corner[k]];
-    for (k = 0; k < 3; k++) twins |= vertex[k] == vertex[(k + 1) % 3];
-    for (k = 0; k < 3 && !twins; k++) {
-        int from = vertex[k], to = vertex[(k + 1) % 3], turned = from > to;
-        uint32_t key[3] = {(uint32_t)(turned ? to : from), (uint32_t)(turned ? from : to), 0};
-        itn__entry *edge = itn__table_use(&w->edges, key, index);
-        edge->along += !turned, edge->against += turned;
-    }
+    double area = .5 * itn__size_of(plane.n);
+    int twins = a == b || b == c || c == a;
+    part->other = twins ? -1 : index;
     if (!itn__finite(area)) return; /* a bad vertex */
     if ((area == 0 || twins) && !w->report->degenerate_triangles++)
         w->report->first_degenerate_triangle = index;
@@ -5070,6 +5078,7 @@ static void itn__weigh_triangles(itn__welding *w) {
         for (k = 0; k < 3 && corner[k] >= 0 && corner[k] < mesh->vertex_count; k++)
             memcpy(triangle.corner[k], mesh->positions + 3 * (size_t)corner[k],
                    sizeof triangle.corner[k]);
+        w->parts[i].other = -1;
         if (k < 3) {
             if (!w->report->bad_indices++) w->report->first_bad_triangle = i;
             continue;
@@ -5080,19 +5089,23 @@ static void itn__weigh_triangles(itn__welding *w) {
     }
 }
 
-static void itn__judge_edges(const itn__welding *w) {
-    itn_mesh_report *report = w->report;
-    int i;
-    for (i = 0; i < w->edges.count; i++) {
-        const itn__entry *edge = &w->edges.entries[i];
-        int(*list)[2] = report->flipped_edge, *count = &report->flipped_edges;
-        if (edge->along == edge->against) continue;
-        if (edge->along + edge->against == 1)
-            list = report->open_edge, count = &report->open_edges;
-        else if (!report->flipped_edges)
-            report->flipped_triangle = edge->last;
-        if (*count < 4) list[*count][0] = (int)edge->key[0], list[*count][1] = (int)edge->key[1];
-        ++*count;
+/* Lists each vertex's uses: counts them, then writes them, which moves the first ones on. */
+static void itn__list_uses(itn__welding *w) {
+    const int *corner = w->mesh->triangles;
+    int pass, i, count = 3 * w->mesh->triangle_count;
+    for (pass = 0; pass < 2; pass++) {
+        for (i = 0; i < count; i++) {
+            int from, to, along, *next;
+            if (w->parts[i / 3].other < 0) continue;
+            from = w->weld[corner[i]], to = w->weld[corner[i % 3 < 2 ? i + 1 : i - 2]];
+            along = from < to, next = &w->first[(along ? from : to) + 2 - pass];
+            if (pass) {
+                itn__use *use = &w->uses[*next];
+                use->other = along ? to : from, use->triangle = i / 3, use->along = along;
+            }
+            ++*next;
+        }
+        for (i = 2; i < w->mesh->vertex_count + 2 && !pass; i++) w->first[i] += w->first[i - 1];
     }
 }
 
@@ -5103,25 +5116,53 @@ static itn__part *itn__part_of(itn__part *parts, int triangle) {
     return &parts[triangle];
 }
 
-/* Joins parts at edges of two triangles, and counts those of negative volume. */
-static void itn__judge_parts(itn__welding *w) {
+/* Judges an edge by its `count` uses, of which some are along it. One of two triangles joins their
+   parts. */
+static void itn__judge_edge(itn__welding *w, int vertex, const itn__use *use, int count,
+                            int along) {
     itn_mesh_report *report = w->report;
-    int count = w->mesh->triangle_count, i;
-    for (i = 0; i < count; i++) w->parts[i].other = i;
-    for (i = 0; i < w->edges.count; i++) {
-        const itn__entry *edge = &w->edges.entries[i];
-        if (edge->along + edge->against == 2)
-            itn__part_of(w->parts, edge->first)->other =
-                itn__part_of(w->parts, edge->last)->other;
+    int(*list)[2] = count == 1 ? report->open_edge : report->flipped_edge;
+    int *found = count == 1 ? &report->open_edges : &report->flipped_edges;
+    if (count == 2)
+        itn__part_of(w->parts, use[0].triangle)->other =
+            itn__part_of(w->parts, use[1].triangle)->other;
+    if (2 * along == count) return;
+    if (count > 1 && !*found) report->flipped_triangle = use->triangle;
+    if (*found < 4) list[*found][0] = vertex, list[*found][1] = use->other;
+    ++*found;
+}
+
+static int itn__compare_uses(const void *a, const void *b) {
+    const itn__use *p = (const itn__use *)a, *q = (const itn__use *)b;
+    return p->other != q->other ? p->other - q->other : p->triangle - q->triangle;
+}
+
+/* Judges edges, vertex by vertex. */
+static void itn__judge_edges(itn__welding *w) {
+    int vertex, i, next, along;
+    for (vertex = i = 0; vertex < w->mesh->vertex_count; vertex++) {
+        int end = w->first[vertex + 1];
+        if (end > i) qsort(w->uses + i, (size_t)(end - i), sizeof *w->uses, itn__compare_uses);
+        for (; i < end; i = next) {
+            for (next = i, along = 0; next < end && w->uses[next].other == w->uses[i].other; next++)
+                along += w->uses[next].along;
+            itn__judge_edge(w, vertex, &w->uses[i], next - i, along);
+        }
     }
+}
+
+/* Sums up parts, and counts those of negative volume. */
+static void itn__judge_parts(itn__welding *w) {
+    itn__part *parts = w->parts;
+    int i, count = w->mesh->triangle_count;
     for (i = 0; i < count; i++) {
-        itn__part *part = itn__part_of(w->parts, i), *own = &w->parts[i];
-        if (part != own) part->volume += own->volume, part->rounding += own->rounding;
+        itn__part *part = parts[i].other < 0 ? &parts[i] : itn__part_of(parts, i);
+        if (part != &parts[i])
+            part->volume += parts[i].volume, part->rounding += parts[i].rounding;
     }
     for (i = 0; i < count; i++)
-        report->inverted_parts += w->parts[i].other == i &&
-                                  w->parts[i].volume < -w->parts[i].rounding;
-    if (fabs(report->volume) <= w->rounding) report->volume = 0;
+        w->report->inverted_parts += parts[i].other == i && parts[i].volume < -parts[i].rounding;
+    if (fabs(w->report->volume) <= w->rounding) w->report->volume = 0;
 }
 
 ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
@@ -5129,9 +5170,7 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
     itn_context own;
     itn__welding w = ITN_ZERO;
     itn_mesh_report found = ITN_ZERO;
-    size_t vertices, triangles, i;
-    uint64_t seed = 1;
-    uint32_t word;
+    size_t vertices, triangles;
     itn_result result = itn__context_check(context, &own, error);
     if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
     if (result) return result;
@@ -5143,28 +5182,22 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
     w.mesh = mesh, w.report = &found;
     w.weld = ITN__NEW(int, &own, vertices);
     w.parts = ITN__NEW(itn__part, &own, triangles);
-    if (itn__table_make(&w.positions, &own, vertices) && w.weld && w.parts &&
-        itn__table_make(&w.edges, &own, 3 * triangles)) {
-        for (i = 0; i < 3 * (vertices + triangles); i++) {
-            if (i < 3 * vertices)
-                memcpy(&word, mesh->positions + i, sizeof word);
-            else
-                memcpy(&word, mesh->triangles + (i - 3 * vertices), sizeof word);
-            seed = itn__mix64(seed + word);
-        }
-        w.positions.seed = w.edges.seed = seed;
+    w.first = ITN__NEW(int, &own, vertices + 2);
+    w.uses = ITN__NEW(itn__use, &own, 3 * triangles);
+    if (itn__table_make(&w.positions, &own, vertices) && w.weld && w.parts && w.first && w.uses) {
         itn__weld(&w);
         itn__weigh_triangles(&w);
+        itn__list_uses(&w);
         itn__judge_edges(&w);
         itn__judge_parts(&w);
         *report = found;
     } else {
         result = itn__out_of_memory(error, "a mesh check");
     }
-    itn__free(&own, w.edges.slots);
-    itn__free(&own, w.edges.entries);
     itn__free(&own, w.positions.slots);
     itn__free(&own, w.positions.entries);
+    itn__free(&own, w.uses);
+    itn__free(&own, w.first);
     itn__free(&own, w.parts);
     itn__free(&own, w.weld);
     return result;
@@ -5312,7 +5345,7 @@ static int itn__add_parameter(itn__maker *maker, const itn__field *field, int ch
         a = itn__mix64(a + letter), b = itn__mix64(b + letter);
     }
     key[0] = (uint32_t)a, key[1] = (uint32_t)(a >> 32), key[2] = (uint32_t)b;
-    first = itn__table_use(&maker->names, key, scene->parameter_count)->first;
+    first = itn__table_first(&maker->names, key, scene->parameter_count);
     if (first == scene->parameter_count) return scene->parameter_count++;
     ITN__REFUSE("%s and %s would have the same layer name: name the items apart",
                 scene->parameters[first].name, p->name);
@@ -6418,10 +6451,9 @@ static int itn__raster_cells(const itn__voxels *voxels, const itn__raster *r,
     return count;
 }
 
-/* The triangle in place slot % ITN__PACK of leaf slot / ITN__PACK, NULL for none. */
-static const itn__triangle *itn__slot_triangle(const itn_bvh *bvh, int slot) {
-    int index = bvh->packs[slot / ITN__PACK].index[slot % ITN__PACK];
-    return index < 0 ? NULL : &bvh->triangles[index];
+/* The triangle in place slot % ITN__PACK of leaf slot / ITN__PACK; index -1: none. */
+static itn__triangle itn__slot_triangle(const itn_bvh *bvh, int slot) {
+    return itn__pack_triangle(&bvh->packs[slot / ITN__PACK], slot % ITN__PACK);
 }
 
 /* The cells of the triangles of a block of leaves; where there are but few in a triangle's box,
@@ -6430,12 +6462,12 @@ static void itn__raster_block(void *task, int index) {
     itn__voxel_build *build = (itn__voxel_build *)task;
     int slot, k, end = ITN__PACK * itn__block_end(index, build->bvh->leaf_count);
     for (slot = index * ITN__BLOCK * ITN__PACK; slot < end; slot++) {
-        const itn__triangle *triangle = itn__slot_triangle(build->bvh, slot);
+        itn__triangle triangle = itn__slot_triangle(build->bvh, slot);
         int32_t *cells = build->covered ? build->covered + build->starts[slot] : NULL;
         double box = 1;
         int count = 0;
         itn__raster r;
-        if (!triangle || !itn__raster_load(build->voxels, triangle, &r)) continue;
+        if (triangle.index < 0 || !itn__raster_load(build->voxels, &triangle, &r)) continue;
         for (k = 0; k < 3; k++) box *= r.range[k][1] - r.range[k][0] + 1;
         if (cells || box > 27) {
             itn__raster_axes(&r);
@@ -6564,15 +6596,16 @@ static void itn__patches_make(const itn__voxel_build *build) {
     int slots = build->bvh->leaf_count * ITN__PACK, pass, slot, k, i;
     for (pass = 0; pass < 2; pass++) {
         for (slot = 0; slot < slots; slot++) {
-            const itn__triangle *triangle = itn__slot_triangle(build->bvh, slot);
-            double m[3] = {0, 0, 0}, area = triangle ? itn__unit_normal(triangle, m) : 0;
+            itn__triangle triangle = itn__slot_triangle(build->bvh, slot);
+            double m[3] = {0, 0, 0};
+            double area = triangle.index < 0 ? 0 : itn__unit_normal(&triangle, m);
             itn_vec3 weighted = itn__scale(itn__vec3((float)m[0], (float)m[1], (float)m[2]),
                                            (float)fmin(area * scale, 2));
             for (k = build->starts[slot]; k < build->starts[slot + 1]; k++) {
                 int cell = build->covered[k];
                 itn__patch *patch = &build->patches[cell < 0 ? 0 : build->numbers[cell]];
                 if (cell < 0) break;
-                if (pass) itn__patch_add(build, triangle, m, area, cell, patch);
+                if (pass) itn__patch_add(build, &triangle, m, area, cell, patch);
                 else patch->normal = itn__add(patch->normal, weighted);
             }
         }
