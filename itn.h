@@ -6180,6 +6180,56 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
     return itn__create_scene(desc, context, ITN_ERROR_ARGUMENT, scene, &kind, &index, error);
 }
+typedef struct itn__worker {
+    itn__unit unit;
+    itn__walk walk;           /* of the reference */
+    itn__texels texels;       /* of it, if asked for */
+    struct itn__crowd *crowd; /* of the fast walk */
+    float *values;            /* [planes][camera rays of a unit], sums over walks */
+    double collisions;
+} itn__worker;
+
+/* What is asked for in a render, and what is known while it runs, see [render]. */
+typedef struct itn__render {
+    const itn_scene *scene;
+    float *theta;      /* a copy of the caller's, or the scene's own values */
+    int *slots, *only; /* of each parameter: its place among those asked for, or -1; of each asked
+                          for: the channel that it belongs to, or -1 for all */
+    int channels, count, max_scatter, fast, walks, sobol, baseline; /* see itn_render_options */
+    int spp, set;   /* samples of a pixel; of them, in each set */
+    const itn__allotment *allotment; /* NULL: every pixel has spp samples, else that is the most */
+    double samples; /* of all pixels */
+    uint64_t seed;
+    const float *weights;      /* [channels][height][width], to fold with; NULL: planes are kept */
+    const itn__texels *texels; /* to fold derivatives by these; NULL: none */
+    int planes;          /* numbers of a sample: radiance, by channels, then derivatives, by
+                            parameters and channels; with weights only derivatives, folded */
+    int side, unit_rays; /* pixels of a tile each way; samples of a pixel in a unit */
+    int tiles, chunks;   /* units of all pixels, and of all their samples */
+    int first, end;      /* tiles that are being done */
+    int worker_count;
+    itn__worker *workers;
+    double *totals; /* [height][width][planes][2]: sums of t, and of t^2 / n */
+    int (*progress)(void *user, double fraction);
+    void *progress_user;
+    double done, share; /* of what progress is told: before this render, and in it */
+    /* of the fast walk: */
+    const struct itn__tables *tables;
+    struct itn__tables *own; /* the same, where the scene does not keep them; else NULL */
+    struct itn__substance *substances; /* [1 + medium_count] */
+    float constant[3];   /* sum of the lights that are everywhere the same; */
+    int only_constant;   /* there is no other */
+    itn__place camera;   /* where it is; */
+    int outside;         /* not in a medium; */
+    int shadows;         /* some light is sampled */
+    float shadow_cut;    /* c of [walk] */
+    float roulette;      /* weights below this are raised to it by chance */
+    int scales;          /* the scale of some light is asked for */
+    int controls;        /* differences are taken off, see [value]; */
+    int learning;        /* V is learnt in this render, */
+    double lesson_unit;  /* in multiples of this */
+    int rows;            /* of a path that are in use */
+} itn__render;
 #ifndef ITN_NO_FAST
 
 /* ---- [sobol] scrambled points that fill the cube evenly -------------------------------------- */
@@ -6902,17 +6952,16 @@ static int itn__tables_level(const itn_scene *scene, const float *theta, double 
     return level;
 }
 
-/* The tables for a job; *own receives them if the scene does not keep them. */
-static itn_result itn__tables_get(const itn_scene *scene, const float *theta, double paths,
-                                  const itn__tables **tables, itn__tables **own,
-                                  itn_error *error) {
-    int level = itn__tables_level(scene, theta, paths);
+/* Gets a render its tables: the scene's, or its own if the scene does not keep them. */
+static itn_result itn__tables_get(itn__render *render, itn_error *error) {
+    const itn_scene *scene = render->scene;
+    int level = itn__tables_level(scene, render->theta, render->samples * render->walks);
     itn_result result = ITN_OK;
-    *own = NULL, *tables = (itn__tables *)itn__once_get(&scene->tables[level]);
-    if (*tables) return ITN_OK;
-    result = itn__tables_make(scene, 16 << level, own, error);
-    *tables = *own;
-    if (!result && itn__once_set(&scene->tables[level], *own)) *own = NULL;
+    render->tables = (itn__tables *)itn__once_get(&scene->tables[level]);
+    if (render->tables) return ITN_OK;
+    result = itn__tables_make(scene, 16 << level, &render->own, error);
+    render->tables = render->own;
+    if (!result && itn__once_set(&scene->tables[level], render->own)) render->own = NULL;
     return result;
 }
 
@@ -7005,42 +7054,8 @@ typedef struct itn__substance {
     itn__value value;
 } itn__substance;
 
-/* What all crowds of a render share. */
-typedef struct itn__fast {
-    const itn_scene *scene;
-    const float *theta;
-    const itn__voxels *voxels;
-    const float *normals;        /* [triangles][3] unit normals; 0 of triangles without area */
-    const unsigned char *pixels; /* 1 of empty ones, see itn__make_pixels */
-    itn__substance *substances;  /* [1 + medium_count] */
-    int channels, walks, sobol, unsafe;
-    double samples; /* camera rays; */
-    int spp, set;   /* of a pixel; of them, in each independent set */
-    const itn__allotment *allotment; /* NULL: all pixels have so many, else it is the most */
-    uint64_t seed;
-    float constant[3]; /* sum of the lights that are everywhere the same; */
-    int only_constant; /* there is no other */
-    itn__place camera; /* where it is; */
-    int outside;       /* not in a medium; */
-    int shadows;       /* some light is sampled */
-    float shadow_cut;  /* c of [walk] */
-    float roulette;    /* weights below this are raised to it by chance */
-    int count;         /* parameters asked for */
-    int planes;        /* of the result: radiance, by channels, then derivatives, by parameters and
-                          channels; with weights only derivatives, folded */
-    const int *slots;  /* of each parameter: its place among those asked for, or -1 */
-    const int *only;   /* of each asked for: the channel that it belongs to, or -1 for all */
-    int scales;        /* the scale of some light is asked for */
-    int controls;      /* differences are taken off */
-    int learning;      /* V is learnt in this render, */
-    double lesson_unit; /* in multiples of this */
-    int rows;           /* of a path that are in use */
-    const float *weights; /* of pixels, [channels][height][width], to fold derivatives with */
-} itn__fast;
-
-
 typedef struct itn__crowd {
-    const itn__fast *fast;
+    const itn__render *render;
     itn__unit unit;
     itn__path paths[ITN__CROWD], rays[ITN__CROWD]; /* and shadow rays, */
     int ray_count;                                 /* so many */
@@ -7070,7 +7085,7 @@ ITN__INLINE itn__ints itn__first_lanes(int count) {
 /* Fills the lanes named by `bits` with these paths; the others stay. */
 ITN__NOINLINE void itn__read(const itn__crowd *crowd, const int32_t *slots, unsigned bits,
                              itn__state *s) {
-    int rows = crowd->fast->rows, r;
+    int rows = crowd->render->rows, r;
     for (; bits; bits &= bits - 1, slots++) {
         int k = itn__lowest_bit(bits), slot = *slots;
         char *lane = (char *)s + 4 * k;
@@ -7082,7 +7097,7 @@ ITN__NOINLINE void itn__read(const itn__crowd *crowd, const int32_t *slots, unsi
 
 /* Writes the lanes named by `bits` back to their paths. */
 ITN__NOINLINE void itn__write(itn__crowd *crowd, const itn__state *s, unsigned bits) {
-    int rows = crowd->fast->rows, r;
+    int rows = crowd->render->rows, r;
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         const char *lane = (const char *)s + 4 * k;
@@ -7103,15 +7118,15 @@ static int itn__within(const itn_scene *scene, itn_vec3 p) {
 }
 
 /* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
-static int itn__substance_of(const itn__fast *fast, const itn__place *place) {
-    const itn__medium *medium = itn__medium_of(fast->scene, place->inside);
-    int substance = medium ? 1 + (int)(medium - fast->scene->media) : 0;
-    return fast->substances[substance].sigma_t > 0 ? substance : 0;
+static int itn__substance_of(const itn__render *render, const itn__place *place) {
+    const itn__medium *medium = itn__medium_of(render->scene, place->inside);
+    int substance = medium ? 1 + (int)(medium - render->scene->media) : 0;
+    return render->substances[substance].sigma_t > 0 ? substance : 0;
 }
 
 /* Sends a path to its next flight. */
 static void itn__depart(itn__crowd *crowd, itn__path *path) {
-    int substance = itn__substance_of(crowd->fast, &path->place);
+    int substance = itn__substance_of(crowd->render, &path->place);
     path->distance = substance ? -1 : INFINITY;
     itn__enqueue(crowd, &crowd->walk[substance], path);
 }
@@ -7140,7 +7155,7 @@ ITN__NOINLINE void itn__early_draws(const itn__crowd *crowd, const itn__state *s
 ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
     itn__floats u = itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &s->dimension,
                                   mask);
-    if (crowd->fast->sobol) {
+    if (crowd->render->sobol) {
         itn__ints here = mask & itn__int_less(s->dimension, itn__splat_int(ITN__EARLY + 1));
         if (itn__mask_bits(here)) itn__early_draws(crowd, s, here, &u);
     }
@@ -7150,14 +7165,14 @@ ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__i
 /* Adds to what the paths of a camera ray bring home in channel c: in derivative k, or, k being -1,
    in radiance. */
 static void itn__bring(itn__crowd *crowd, const itn__path *path, int k, int c, float value) {
-    const itn__fast *fast = crowd->fast;
-    size_t pixels = (size_t)fast->scene->film.width * (size_t)fast->scene->film.height;
+    const itn__render *render = crowd->render;
+    size_t pixels = (size_t)render->scene->film.width * (size_t)render->scene->film.height;
     float *sum = crowd->radiance + path->owner->number;
-    if (!fast->weights)
-        sum[(fast->channels * (1 + k) + c) * crowd->radiance_stride] += value;
+    if (!render->weights)
+        sum[(render->channels * (1 + k) + c) * crowd->radiance_stride] += value;
     else if (k >= 0)
         sum[k * crowd->radiance_stride] +=
-            fast->weights[(size_t)c * pixels + path->owner->pixel] * value;
+            render->weights[(size_t)c * pixels + path->owner->pixel] * value;
 }
 
 /* The derivatives by lights' scales: `value` in each channel has come from the path's direction,
@@ -7165,19 +7180,19 @@ static void itn__bring(itn__crowd *crowd, const itn__path *path, int k, int c, f
    `sampled` times and others `plain` times. */
 static void itn__bring_scales(itn__crowd *crowd, const itn__path *path, float sampled, float plain,
                               const float value[3]) {
-    const itn__fast *fast = crowd->fast;
-    const itn_scene *scene = fast->scene;
+    const itn__render *render = crowd->render;
+    const itn_scene *scene = render->scene;
     float all[3] = {0, 0, 0}, rgb[3];
     int i, c;
     for (i = 0; i < 2 * scene->light_count; i++) { /* first the sum, then the parts */
         const itn__light *light = &scene->lights[i % scene->light_count];
         float counts = light->share > 0 ? sampled : plain;
-        int slot = fast->slots[light->parameter], parts = i >= scene->light_count;
+        int slot = render->slots[light->parameter], parts = i >= scene->light_count;
         if (parts && slot < 0) continue;
-        itn__light_radiance(light, fast->channels, path->d, rgb);
-        for (c = 0; c < fast->channels; c++)
+        itn__light_radiance(light, render->channels, path->d, rgb);
+        for (c = 0; c < render->channels; c++)
             if (!parts)
-                all[c] += counts * rgb[c] * fast->theta[light->parameter];
+                all[c] += counts * rgb[c] * render->theta[light->parameter];
             else if (all[c] > 0) /* the share first, or it overflows */
                 itn__bring(crowd, path, slot, c, value[c] * (counts * rgb[c] / all[c]));
     }
@@ -7185,10 +7200,10 @@ static void itn__bring_scales(itn__crowd *crowd, const itn__path *path, float sa
 
 /* Adds `value` in channel c, and its derivatives by the path's scores. */
 static void itn__bring_scored(itn__crowd *crowd, const itn__path *path, int c, float value) {
-    const int *only = crowd->fast->only;
+    const int *only = crowd->render->only;
     int k;
     itn__bring(crowd, path, -1, c, value);
-    for (k = 0; k < crowd->fast->count; k++)
+    for (k = 0; k < crowd->render->count; k++)
         if (only[k] < 0 || only[k] == c) itn__bring(crowd, path, k, c, value * path->scores[k]);
 }
 
@@ -7196,11 +7211,11 @@ static void itn__bring_scored(itn__crowd *crowd, const itn__path *path, int c, f
 static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float sampled, float plain,
                             const float value[3]) {
     int c;
-    for (c = 0; c < crowd->fast->channels; c++) {
+    for (c = 0; c < crowd->render->channels; c++) {
         itn__bring_scored(crowd, path, c, value[c]);
         path->owner->brought[c] += value[c];
     }
-    if (crowd->fast->scales) itn__bring_scales(crowd, path, sampled, plain, value);
+    if (crowd->render->scales) itn__bring_scales(crowd, path, sampled, plain, value);
 }
 
 /* A choice made with a density p that depends on a parameter has the score s = d ln p; the mean of
@@ -7212,16 +7227,16 @@ static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float samp
    number V for each medium and channel; but see [value]. Scores and bases s b are summed in lanes
    between surfaces and booked here, at the next surface or at the end. */
 static void itn__book(itn__crowd *crowd, itn__path *path, int substance) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
+    const itn__substance *medium = &crowd->render->substances[substance];
     int sigma_t = medium->slot_sigma_t, g = medium->slot_g, c;
-    for (c = 0; c < crowd->fast->channels && crowd->fast->controls; c++) {
+    for (c = 0; c < crowd->render->channels && crowd->render->controls; c++) {
         itn__bring_scored(crowd, path, c, path->control[c]);
         path->control[c] = 0;
     }
-    if (!crowd->fast->count) return;
+    if (!crowd->render->count) return;
     if (sigma_t >= 0) path->scores[sigma_t] += path->flights / medium->sigma_t;
     if (g >= 0) path->scores[g] += path->phases;
-    for (c = 0; c < crowd->fast->channels; c++) {
+    for (c = 0; c < crowd->render->channels; c++) {
         if (medium->slot_albedo[c] >= 0) {
             path->scores[medium->slot_albedo[c]] += path->hits / medium->albedo[c];
             itn__bring(crowd, path, medium->slot_albedo[c], c,
@@ -7241,7 +7256,7 @@ static void itn__end(itn__crowd *crowd, itn__path *path, int substance) {
     crowd->unused[crowd->unused_count++] = (int32_t)(path - crowd->paths);
 }
 static void itn__end_lanes(itn__crowd *crowd, int substance, const itn__state *s, unsigned bits) {
-    if (crowd->fast->rows > ITN__FEW_ROWS) itn__write(crowd, s, bits);
+    if (crowd->render->rows > ITN__FEW_ROWS) itn__write(crowd, s, bits);
     for (; bits; bits &= bits - 1)
         itn__end(crowd, &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(bits))], substance);
 }
@@ -7288,13 +7303,13 @@ enum { ITN__LESSON_SUMS = ITN__TERMS * (ITN__TERMS + 3) };
 
 /* What a path has brought home since its mark is a lesson. */
 static void itn__learn(itn__crowd *crowd, itn__path *path) {
-    const itn__value *value = &crowd->fast->substances[path->mark].value;
+    const itn__value *value = &crowd->render->substances[path->mark].value;
     double *sums = crowd->lessons + (size_t)path->mark * ITN__LESSON_SUMS;
     double term[ITN__TERMS], lesson[3] = {0, 0, 0}, power = 0;
     int i, j, c;
-    for (c = 0; c < crowd->fast->channels; c++) {
+    for (c = 0; c < crowd->render->channels; c++) {
         lesson[c] = floor((double)path->brought[c] / path->mark_weight[c] /
-                          crowd->fast->lesson_unit);
+                          crowd->render->lesson_unit);
         lesson[c] = lesson[c] > 0 ? fmin(lesson[c], ITN__LARGEST_LESSON) : 0;
     }
     for (i = 0; i < ITN__TERMS; i++) { /* e^(-k_i z) mu^l */
@@ -7312,7 +7327,7 @@ static void itn__learn(itn__crowd *crowd, itn__path *path) {
 /* Of all paths that have ended, and whose shadow rays have, too. */
 static void itn__learn_all(itn__crowd *crowd) {
     int i;
-    for (i = 0; i < crowd->unused_count && crowd->fast->learning; i++) {
+    for (i = 0; i < crowd->unused_count && crowd->render->learning; i++) {
         itn__path *path = &crowd->paths[crowd->unused[i]];
         if (path->mark) itn__learn(crowd, path);
     }
@@ -7344,8 +7359,9 @@ static void itn__value_set(itn__value *value, int c, const double *a, double g) 
 
 /* The least-squares fit for one medium: to V less its mean, which is added back. Returns 0 if there
    were no lessons. */
-static int itn__fit_value(const itn__fast *fast, itn__substance *substance, const double *sums) {
-    const double step = ITN__TERM_STEPS, unit = fast->lesson_unit * step;
+static int itn__fit_value(const itn__render *render, itn__substance *substance,
+                          const double *sums) {
+    const double step = ITN__TERM_STEPS, unit = render->lesson_unit * step;
     double factor[ITN__TERMS * ITN__TERMS], terms[ITN__TERMS], mean;
     int c, i, j, n = ITN__TERMS, width = ITN__TERMS + 3;
     if (!(sums[0] > 0)) return 0;
@@ -7354,7 +7370,7 @@ static int itn__fit_value(const itn__fast *fast, itn__substance *substance, cons
         factor[i * n + i] += ITN__RIDGE * sums[0];
     }
     if (!itn__cholesky(factor, n)) return 0;
-    for (c = 0; c < fast->channels; c++) {
+    for (c = 0; c < render->channels; c++) {
         mean = sums[n + c] * unit / sums[0], substance->value.mean[c] = (float)mean;
         for (i = 0; i < n; i++)
             terms[i] = sums[i * width + n + c] * unit - mean * sums[i * width];
@@ -7430,7 +7446,7 @@ typedef struct itn__ahead {
 
 #define ITN__FAR 80.f /* mean free paths, for tau_0: e^-80 is nothing */
 
-ITN__NOINLINE void itn__look_ahead(const itn__fast *fast, const itn__substance *substance,
+ITN__NOINLINE void itn__look_ahead(const itn__render *render, const itn__substance *substance,
                                    const itn__state *s, itn__ahead *a) {
     const itn__value *value = &substance->value;
     itn__floats zero = itn__splat(0), mu, through;
@@ -7440,7 +7456,7 @@ ITN__NOINLINE void itn__look_ahead(const itn__fast *fast, const itn__substance *
     a->to_face = itn__least(a->view.depth / itn__select(a->up, -mu, itn__splat(1)),
                             itn__splat(ITN__FAR));
     through = itn__select(a->up, itn__vexp(-a->to_face), zero);
-    for (c = 0; c < fast->channels; c++) {
+    for (c = 0; c < render->channels; c++) {
         a->at_face[c] = itn__power_sum(value->entering[c], mu);
         a->slope[c] = -a->to_face * through * a->at_face[c], a->inside[c] = zero;
         for (i = 0; i < ITN__DECAYS; i++) {
@@ -7458,7 +7474,7 @@ ITN__NOINLINE void itn__look_ahead(const itn__fast *fast, const itn__substance *
 /* Flights over these distances have been drawn. Their true scores have bases of their own, beta
    times the mean of V (itn__collide, itn__pass). The scores they would have up to the plane are
    taken times the rest of V alone: where the true boundary is elsewhere, little is wrong. */
-ITN__NOINLINE void itn__control_flight(const itn__fast *fast, const itn__substance *substance,
+ITN__NOINLINE void itn__control_flight(const itn__render *render, const itn__substance *substance,
                                        itn__state *s, const itn__ahead *a, itn__floats distance,
                                        itn__ints mask) {
     const itn__value *value = &substance->value;
@@ -7467,7 +7483,7 @@ ITN__NOINLINE void itn__control_flight(const itn__fast *fast, const itn__substan
     itn__floats zero = itn__splat(0), score = itn__select(crosses, -a->to_face, 1 - tau), beta;
     int c, i;
     itn__falls(value, itn__most(a->view.depth + a->view.cosine * tau, zero), fall);
-    for (c = 0; c < fast->channels; c++) {
+    for (c = 0; c < render->channels; c++) {
         itn__floats collided = a->omega[c][0];
         for (i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
         beta = itn__select(mask, s->beta[c], zero);
@@ -7481,19 +7497,20 @@ ITN__NOINLINE void itn__control_flight(const itn__fast *fast, const itn__substan
 }
 
 /* New directions have been drawn where directions d ended, with these scores. */
-ITN__NOINLINE void itn__control_direction(const itn__fast *fast, const itn__substance *substance,
-                                          itn__state *s, const itn__vectors *d, itn__floats score,
+ITN__NOINLINE void itn__control_direction(const itn__render *render,
+                                          const itn__substance *substance, itn__state *s,
+                                          const itn__vectors *d, itn__floats score,
                                           itn__ints mask) {
     const itn__value *value = &substance->value;
     itn__view view = itn__view_of(substance, s, d);
     itn__floats cosine = -itn__vdot(s->up, s->d);
     int c;
-    for (c = 0; c < fast->channels; c++) {
+    for (c = 0; c < render->channels; c++) {
         itn__floats beta = itn__select(mask, s->beta[c], itn__splat(0));
         itn__floats now = beta * itn__expand_view(&view, value->flying[c], cosine);
         itn__difference(s, c, now, beta * itn__expand_view(&view, value->scattered[c], view.cosine),
                         mask);
-        if (fast->count)
+        if (render->count)
             s->phase_base[c] = s->phase_base[c] + score * (now - beta * value->mean[c]) -
                                beta * itn__expand_view(&view, value->slope[c], view.cosine);
     }
@@ -7502,9 +7519,10 @@ ITN__NOINLINE void itn__control_direction(const itn__fast *fast, const itn__subs
 /* What is expected of a bounce at facet m of a dielectric boundary: *mean over both ways from
    there, and *taken of the way that goes through, or does not. Inside V at the face is expected,
    outside the light, the same everywhere. */
-static void itn__expect_bounce(const itn__fast *fast, const itn__site *site, const itn__vectors *m,
-                               int c, itn__ints through, itn__floats *mean, itn__floats *taken) {
-    const itn__value *value = &fast->substances[fast->controls].value;
+static void itn__expect_bounce(const itn__render *render, const itn__site *site,
+                               const itn__vectors *m, int c, itn__ints through,
+                               itn__floats *mean, itn__floats *taken) {
+    const itn__value *value = &render->substances[render->controls].value;
     itn__floats zero = itn__splat(0), one = itn__splat(1), brings[2];
     itn__floats alpha = itn__splat(site->smooth ? 0 : site->theta[site->surface->alpha]);
     itn__num cos_t, fresnel;
@@ -7515,7 +7533,7 @@ static void itn__expect_bounce(const itn__fast *fast, const itn__site *site, con
         itn__vectors o;
         itn__ints good = itn__sample_dielectric(&site->i, m, site->eta.v, itn__splat(way), &o);
         itn__ints outside = ~(itn__less(zero, o.z) ^ itn__less(one, site->eta.v));
-        brings[way] = itn__select(outside, itn__splat(fast->constant[c]),
+        brings[way] = itn__select(outside, itn__splat(render->constant[c]),
                                   itn__power_sum(value->entering[c], itn__absolute(o.z)));
         brings[way] = itn__select(good, brings[way] * itn__smith(o, itn__constant(alpha)).v, zero);
     }
@@ -7526,19 +7544,19 @@ static void itn__expect_bounce(const itn__fast *fast, const itn__site *site, con
 
 /* The difference of a bounce at a boundary by u, which was expected to bring the mean over both
    ways and over four facets: the one drawn and those by numbers evenly apart from u. */
-ITN__NOINLINE void itn__control_bounce(const itn__fast *fast, itn__state *s, const itn__site *site,
-                                       const itn__floats u[3], itn__ints through, itn__ints good,
-                                       itn__ints mask) {
+ITN__NOINLINE void itn__control_bounce(const itn__render *render, itn__state *s,
+                                       const itn__site *site, const itn__floats u[3],
+                                       itn__ints through, itn__ints good, itn__ints mask) {
     itn__floats alpha = itn__splat(site->smooth ? 0 : site->theta[site->surface->alpha]);
     itn__floats mean, taken = u[0], one, v, w;
     int c, k;
-    for (c = 0; c < fast->channels; c++) {
+    for (c = 0; c < render->channels; c++) {
         for (mean = itn__splat(0), k = 3; k >= 0; k--, mean = mean + .25f * one) {
             itn__vectors m;
             v = u[0] + .5f * (float)(k % 2), w = u[1] + .25f * (float)k;
             v = v - itn__to_floats(itn__to_ints(v)), w = w - itn__to_floats(itn__to_ints(w));
             m = itn__sample_facet(&site->i, alpha, v, w);
-            itn__expect_bounce(fast, site, &m, c, through, &one, &taken);
+            itn__expect_bounce(render, site, &m, c, through, &one, &taken);
         }
         itn__difference(s, c, s->beta[c] * itn__select(good, taken, itn__splat(0)),
                         s->beta[c] * mean, mask);
@@ -7659,9 +7677,9 @@ ITN__INLINE itn__floats itn__leave_cube(const itn__march *m, itn__vectors centre
 }
 
 /* Tests the triangles of a cell against a flight. Returns its end, the hit if there is one. */
-static float itn__test_cell(const itn__fast *fast, itn__path *path, int cell) {
-    const itn__voxels *voxels = fast->voxels;
-    float slack = itn__slack(fast->scene, path->p);
+static float itn__test_cell(const itn__render *render, itn__path *path, int cell) {
+    const itn__voxels *voxels = render->tables->voxels;
+    float slack = itn__slack(render->scene, path->p);
     int i;
     if (path->shear.kz < 0) {
         itn_ray ray;
@@ -7669,7 +7687,7 @@ static float itn__test_cell(const itn__fast *fast, itn__path *path, int cell) {
         itn__shear_make(&ray, &path->shear);
     }
     for (i = voxels->first[cell]; i < voxels->first[cell + 1]; i++)
-        itn__pack_hit(&fast->scene->bvh->packs[voxels->leaves[i]], &path->shear, -slack,
+        itn__pack_hit(&render->scene->bvh->packs[voxels->leaves[i]], &path->shear, -slack,
                       &path->place.sides, &path->hit);
     return path->hit.t;
 }
@@ -7677,7 +7695,7 @@ static float itn__test_cell(const itn__fast *fast, itn__path *path, int cell) {
 /* One step of each lane: past the empty cube around, or through one cell. Returns who is not yet
    at the end; those that leave the table have the mark of the unknown, triangle -2. */
 ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__ints mask) {
-    const itn__voxels *voxels = crowd->fast->voxels;
+    const itn__voxels *voxels = crowd->render->tables->voxels;
     itn__vectors p = itn__valong(m->p, m->t, m->d), centre, n;
     itn__ints inside = mask, at = itn__cells_at(voxels, p, &inside, &centre), word, surface;
     itn__floats below, middle, against, from, slope, half, leave;
@@ -7694,7 +7712,7 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
     }
     for (rest = itn__mask_bits(surface); rest; rest &= rest - 1) {
         int k = itn__lowest_bit(rest);
-        ITN__LANE(m->end, k) = itn__test_cell(crowd->fast, crowd->taken[ITN__LANE(m->ray, k)],
+        ITN__LANE(m->end, k) = itn__test_cell(crowd->render, crowd->taken[ITN__LANE(m->ray, k)],
                                               ITN__LANE(at, k));
     }
     for (rest = itn__mask_bits(mask & ~inside); rest; rest &= rest - 1)
@@ -7751,7 +7769,7 @@ static void itn__find_hits(itn__crowd *crowd) {
         m.busy = itn__mask_bits(itn__march_step(crowd, &m, itn__bits_mask(m.busy)));
     }
     for (i = 0; i < crowd->taken_count; i++)
-        itn__settle_hit(crowd->fast->scene, crowd->taken[i]);
+        itn__settle_hit(crowd->render->scene, crowd->taken[i]);
 }
 
 /* ---- [walk] shadow rays; collisions, one after the other ------------------------------------- */
@@ -7773,48 +7791,48 @@ static void itn__find_hits(itn__crowd *crowd) {
 static void itn__arrive(itn__crowd *crowd, const itn__path *ray) {
     float largest = 0, raise = 1, value[3] = {0, 0, 0};
     int c;
-    for (c = 0; c < crowd->fast->channels; c++) largest = itn__max(largest, ray->beta[c]);
-    if (largest < crowd->fast->shadow_cut) raise = crowd->fast->shadow_cut / largest;
-    for (c = 0; c < crowd->fast->channels; c++) value[c] = raise * ray->beta[c];
+    for (c = 0; c < crowd->render->channels; c++) largest = itn__max(largest, ray->beta[c]);
+    if (largest < crowd->render->shadow_cut) raise = crowd->render->shadow_cut / largest;
+    for (c = 0; c < crowd->render->channels; c++) value[c] = raise * ray->beta[c];
     if (largest > 0) itn__bring_home(crowd, ray, 1, 0, value);
 }
 
 /* A shadow ray has come to ray->hit and is stopped, arrives, or goes on behind an index-matched
    boundary: then returns 1. */
 static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
-    const itn__fast *fast = crowd->fast;
-    int substance = itn__substance_of(fast, &ray->place), c;
-    float largest = 0, depth = fast->substances[substance].sigma_t * itn__max(ray->hit.t, 0);
+    const itn__render *render = crowd->render;
+    int substance = itn__substance_of(render, &ray->place), c;
+    float largest = 0, depth = render->substances[substance].sigma_t * itn__max(ray->hit.t, 0);
     itn_ray line;
     if (ray->hit.triangle < 0 && !substance) itn__arrive(crowd, ray);
     if (ray->hit.triangle < 0) return 0; /* in a medium its weight is lost on the way */
     line.origin = ray->p, line.direction = ray->d;
-    ray->event = itn__meet_faces(fast->scene, fast->theta, &ray->place, &line, &ray->hit);
+    ray->event = itn__meet_faces(render->scene, render->theta, &ray->place, &line, &ray->hit);
     if (ray->event.object >= 0) return 0;
-    for (c = 0; c < fast->channels; c++) {
+    for (c = 0; c < render->channels; c++) {
         if (substance) ray->beta[c] *= expf(-depth);
         largest = itn__max(largest, ray->beta[c]);
     }
     if (!(largest > ray->pdf)) return 0;
     ray->flights = -depth;
     itn__book(crowd, ray, substance);
-    ray->p = itn__passed_point(fast->scene->bvh, ray->p, ray->d, &ray->hit);
-    itn__cross_faces(fast->scene, &ray->place, &ray->event, ray->p);
+    ray->p = itn__passed_point(render->scene->bvh, ray->p, ray->d, &ray->hit);
+    itn__cross_faces(render->scene, &ray->place, &ray->event, ray->p);
     return 1;
 }
 
 /* Brings all shadow rays to their ends: the flights through media that they begin in all at once,
    and what is left one by one. */
 ITN__NOINLINE void itn__trace_shadows(itn__crowd *crowd) {
-    const itn_scene *scene = crowd->fast->scene;
+    const itn_scene *scene = crowd->render->scene;
     int i, goes_on;
     for (crowd->taken_count = 0, i = 0; i < crowd->ray_count; i++)
-        if (itn__substance_of(crowd->fast, &crowd->rays[i].place))
+        if (itn__substance_of(crowd->render, &crowd->rays[i].place))
             crowd->taken[crowd->taken_count++] = &crowd->rays[i];
     if (crowd->taken_count) itn__find_hits(crowd);
     for (i = 0; i < crowd->ray_count; i++) {
         itn__path *ray = &crowd->rays[i];
-        goes_on = !itn__substance_of(crowd->fast, &ray->place) || itn__pass_shadow(crowd, ray);
+        goes_on = !itn__substance_of(crowd->render, &ray->place) || itn__pass_shadow(crowd, ray);
         for (ray->distance = INFINITY; goes_on; goes_on = itn__pass_shadow(crowd, ray))
             itn__find_hit(scene, ray);
     }
@@ -7827,7 +7845,7 @@ static itn__light_draw itn__light_for(const itn__crowd *crowd, itn__state *s, it
     itn__light_draw light;
     int k;
     for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
-    itn__sample_lights(crowd->fast->scene, crowd->fast->theta, u, &mask, &light);
+    itn__sample_lights(crowd->render->scene, crowd->render->theta, u, &mask, &light);
     return light;
 }
 
@@ -7839,8 +7857,8 @@ static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s,
     itn__ints dimension = s->dimension + itn__splat_int(1 << 30);
     itn__floats largest = w[0];
     int c;
-    for (c = 1; c < crowd->fast->channels; c++) largest = itn__most(largest, w[c]);
-    *level = crowd->fast->shadow_cut *
+    for (c = 1; c < crowd->render->channels; c++) largest = itn__most(largest, w[c]);
+    *level = crowd->render->shadow_cut *
              itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &dimension, mask);
     mask &= itn__less(*level, largest);
     *depth = itn__vlog(itn__select(mask, itn__least(largest / *level, itn__splat(FLT_MAX)),
@@ -7854,13 +7872,13 @@ static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k
                                    float reach) {
     itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
     itn__path *ray = &crowd->rays[crowd->ray_count];
-    size_t count = (size_t)crowd->fast->count;
+    size_t count = (size_t)crowd->render->count;
     int c;
     memset(&ray->control, 0, (ITN__ROWS - ITN__FEW_ROWS) * sizeof(float));
     ray->owner = path, ray->place = path->place, ray->distance = reach, ray->pdf = level;
     ray->scores = crowd->scores + (size_t)(ITN__CROWD + crowd->ray_count++) * count;
     ray->p = itn__lane_vector(&s->p, k), ray->d = itn__lane_vector(d, k);
-    for (c = 0; c < crowd->fast->channels; c++) ray->beta[c] = ITN__LANE(w[c], k);
+    for (c = 0; c < crowd->render->channels; c++) ray->beta[c] = ITN__LANE(w[c], k);
     if (count) memcpy(ray->scores, path->scores, count * sizeof *ray->scores);
     return ray;
 }
@@ -7872,15 +7890,16 @@ static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k
    who survives. */
 static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn__state *s,
                                      const itn__floats value[3], itn__ints mask) {
-    const itn__fast *fast = crowd->fast;
-    float sigma_t = fast->substances[substance].sigma_t;
-    itn__floats largest = s->beta[0], survival = itn__splat(1), level = itn__splat(fast->roulette);
+    const itn__render *render = crowd->render;
+    float sigma_t = render->substances[substance].sigma_t;
+    itn__floats largest = s->beta[0], survival = itn__splat(1);
+    itn__floats level = itn__splat(render->roulette);
     itn__ints low, late, survives;
     int c;
-    for (c = 1; !substance && c <= fast->scene->medium_count; c++) /* it may come from any */
-        sigma_t = itn__max(sigma_t, fast->substances[c].sigma_t);
-    late = itn__int_less(itn__splat_int(itn__many_draws_in(fast->scene, sigma_t)), s->dimension);
-    for (c = 1; c < fast->channels; c++) largest = itn__most(largest, s->beta[c]);
+    for (c = 1; !substance && c <= render->scene->medium_count; c++) /* it may come from any */
+        sigma_t = itn__max(sigma_t, render->substances[c].sigma_t);
+    late = itn__int_less(itn__splat_int(itn__many_draws_in(render->scene, sigma_t)), s->dimension);
+    for (c = 1; c < render->channels; c++) largest = itn__most(largest, s->beta[c]);
     low = ~itn__less_equal(level * ITN__SAME_WEIGHT, largest);
     if (!itn__mask_bits((low | late) & mask)) return mask;
     survival = itn__select(low, largest / level, survival);
@@ -7888,9 +7907,9 @@ static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn
                            survival);
     low = (low | late) & mask;
     survives = itn__less(itn__draw(crowd, s, low), survival);
-    for (c = 0; c < fast->channels; c++) {
+    for (c = 0; c < render->channels; c++) {
         itn__floats raised = s->beta[c] / survival;
-        if (fast->controls)
+        if (render->controls)
             itn__difference(s, c, itn__select(survives, raised, itn__splat(0)) * value[c],
                             s->beta[c] * value[c], low);
         s->beta[c] = itn__select(low, raised, s->beta[c]);
@@ -7902,14 +7921,14 @@ static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn
    once. */
 static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
                                   const itn__free_space *space) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
+    const itn__substance *medium = &crowd->render->substances[substance];
     itn__light_draw light = itn__light_for(crowd, s, mask);
     itn__floats x = itn__vone_minus_cosine(s->d, light.direction), w[3], level, depth, reach, q;
     itn__floats y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
     itn__num p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
     unsigned bits;
     int c;
-    for (c = 0; c < crowd->fast->channels; c++)
+    for (c = 0; c < crowd->render->channels; c++)
         w[c] = s->beta[c] * p.v * light.radiance[c] / (light.pdf + p.v);
     bits = itn__cut_shadows(crowd, s, w, light.drawn, &level, &depth);
     reach = depth * medium->mean_free_path;
@@ -7931,8 +7950,8 @@ static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *
 static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
                               itn__floats distance, itn__ints mask,
                               const itn__free_space *space) {
-    const itn__fast *fast = crowd->fast;
-    const itn__substance *medium = &fast->substances[substance];
+    const itn__render *render = crowd->render;
+    const itn__substance *medium = &render->substances[substance];
     itn__floats u, v, x, y, score, zero = itn__splat(0);
     itn__ints alive = itn__splat_int(0);
     itn__vectors d = s->d;
@@ -7941,23 +7960,23 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
     crowd->collisions += itn__count_bits(itn__mask_bits(mask));
     score = itn__select(mask, 1 - medium->sigma_t * distance, zero);
     s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
-    for (c = 0; c < fast->channels; c++) {
+    for (c = 0; c < render->channels; c++) {
         s->flight_base[c] = s->flight_base[c] + score * s->beta[c] * medium->value.mean[c];
         s->beta[c] = itn__select(mask, s->beta[c] * medium->albedo[c], s->beta[c]);
         alive |= itn__less(zero, s->beta[c]);
     }
     mask &= alive;
-    if (fast->shadows) itn__light_collisions(crowd, substance, s, mask, space);
+    if (render->shadows) itn__light_collisions(crowd, substance, s, mask, space);
     u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
     s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
     score = zero;
-    if (!fast->only_constant || fast->count) {
+    if (!render->only_constant || render->count) {
         p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
         s->pdf = itn__select(mask, p.v, s->pdf), score = itn__select(mask, p.d / p.v, zero);
     }
-    if (fast->controls) itn__control_direction(fast, medium, s, &d, score, mask);
+    if (render->controls) itn__control_direction(render, medium, s, &d, score, mask);
     s->phases = s->phases + score;
-    for (c = 0; c < fast->channels; c++)
+    for (c = 0; c < render->channels; c++)
         s->phase_base[c] = s->phase_base[c] + score * s->beta[c] * medium->value.mean[c];
     return mask;
 }
@@ -7965,15 +7984,15 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
 /* Roulette, and flights of the mask's lanes; returns who survives. */
 static itn__ints itn__take_off(itn__crowd *crowd, int number, itn__state *s, itn__ints mask,
                                itn__floats *distance) {
-    const itn__substance *substance = &crowd->fast->substances[number];
+    const itn__substance *substance = &crowd->render->substances[number];
     itn__ahead ahead;
-    if (crowd->fast->controls) itn__look_ahead(crowd->fast, substance, s, &ahead);
-    mask = itn__roulette_lanes(crowd, number, s, crowd->fast->controls ? ahead.mean : NULL,
+    if (crowd->render->controls) itn__look_ahead(crowd->render, substance, s, &ahead);
+    mask = itn__roulette_lanes(crowd, number, s, crowd->render->controls ? ahead.mean : NULL,
                                mask);
     *distance = itn__select(mask, itn__sample_flight(itn__splat(substance->mean_free_path),
                                                      itn__draw(crowd, s, mask)), *distance);
-    if (crowd->fast->controls)
-        itn__control_flight(crowd->fast, substance, s, &ahead, *distance, mask);
+    if (crowd->render->controls)
+        itn__control_flight(crowd->render, substance, s, &ahead, *distance, mask);
     return mask;
 }
 
@@ -7982,7 +8001,7 @@ static itn__ints itn__take_off(itn__crowd *crowd, int number, itn__state *s, itn
 static void itn__mark_flights(itn__crowd *crowd, int substance, const itn__state *s,
                               itn__ints mask) {
     itn__words key = itn__int_words(s->key0), span = (itn__splat_word(1) << (key & 3)) - 1u;
-    itn__view view = itn__view_of(&crowd->fast->substances[substance], s, &s->d);
+    itn__view view = itn__view_of(&crowd->render->substances[substance], s, &s->d);
     unsigned bits = itn__mask_bits(mask & itn__int_equal(itn__to_ints(s->hits),
                                        itn__word_ints(span + ((key >> 8) & span))));
     int c;
@@ -8045,17 +8064,16 @@ static void itn__leave(itn__crowd *crowd, itn__queue *queue, itn__lanes *walk, u
 }
 
 /* Which of the lanes that have drawn a flight fly freely; these arrive. */
-static itn__ints itn__fly(const itn__fast *fast, itn__lanes *walk, itn__ints mask) {
+static itn__ints itn__fly(const itn__render *render, itn__lanes *walk, itn__ints mask) {
     itn__vectors q = itn__valong(walk->s.p, walk->distance, walk->s.d);
     itn__floats nq;
     itn__ints safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq), unsure;
     unsure = mask & ~safe;
     if (itn__mask_bits(unsure)) {
-        itn__look_around(fast->voxels, walk->s.p, unsure, &walk->space);
-        if (fast->controls || fast->learning) itn__adopt_plane(&walk->space, &walk->s, unsure);
+        itn__look_around(render->tables->voxels, walk->s.p, unsure, &walk->space);
+        if (render->controls || render->learning) itn__adopt_plane(&walk->space, &walk->s, unsure);
         safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq);
     }
-    if (fast->unsafe) safe = itn__splat_int(0);
     walk->s.p = itn__vselect(safe, q, walk->s.p);
     walk->space.np = itn__select(safe, nq, walk->space.np);
     return safe;
@@ -8079,9 +8097,9 @@ ITN__NOINLINE void itn__run_walk(itn__crowd *crowd, int substance) {
         walk.moved |= itn__mask_bits(here);
         mask &= ~here | itn__collide(crowd, substance, &walk.s, walk.distance, here, &walk.space);
         mask = itn__take_off(crowd, substance, &walk.s, mask, &walk.distance);
-        if (crowd->fast->learning) itn__mark_flights(crowd, substance, &walk.s, mask);
+        if (crowd->render->learning) itn__mark_flights(crowd, substance, &walk.s, mask);
         itn__end_lanes(crowd, substance, &walk.s, walk.busy & ~itn__mask_bits(mask));
-        safe = itn__fly(crowd->fast, &walk, mask);
+        safe = itn__fly(crowd->render, &walk, mask);
         itn__leave(crowd, &crowd->exact, &walk, itn__mask_bits(mask & ~safe));
         walk.busy = itn__mask_bits(safe);
     }
@@ -8096,11 +8114,11 @@ ITN__NOINLINE void itn__run_walk(itn__crowd *crowd, int substance) {
 
 /* A flight over t has brought a path out of a substance without a collision. */
 static void itn__pass(itn__crowd *crowd, itn__path *path, int substance, float t) {
-    const itn__substance *medium = &crowd->fast->substances[substance];
+    const itn__substance *medium = &crowd->render->substances[substance];
     float depth = medium->sigma_t * t;
     int c;
     path->flights -= depth;
-    for (c = 0; c < crowd->fast->channels; c++)
+    for (c = 0; c < crowd->render->channels; c++)
         path->flight_base[c] -= depth * path->beta[c] * medium->value.mean[c];
     itn__book(crowd, path, substance);
 }
@@ -8108,9 +8126,9 @@ static void itn__pass(itn__crowd *crowd, itn__path *path, int substance, float t
 /* A path has come to path->hit within or around a substance: it goes to the surface's queue, or
    through an index-matched boundary. */
 static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
-    const itn__fast *fast = crowd->fast;
-    const itn_scene *scene = fast->scene;
-    const float *n = fast->normals + 3 * (size_t)path->hit.triangle;
+    const itn__render *render = crowd->render;
+    const itn_scene *scene = render->scene;
+    const float *n = render->tables->normals + 3 * (size_t)path->hit.triangle;
     const itn__object *object;
     itn_ray ray;
     ray.origin = path->p, ray.direction = path->d;
@@ -8121,7 +8139,7 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     }
     if (itn__dot(path->up, path->d) > 0) path->up = itn__scale(path->up, -1);
     itn__pass(crowd, path, substance, itn__max(path->hit.t, 0));
-    path->event = itn__meet_faces(scene, fast->theta, &path->place, &ray, &path->hit);
+    path->event = itn__meet_faces(scene, render->theta, &path->place, &ray, &path->hit);
     path->p = itn__hit_point(scene->bvh, &path->hit);
     path->level = itn__dot(path->up, path->p);
     if (path->event.object < 0) {
@@ -8131,8 +8149,8 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
         return;
     }
     object = &scene->objects[path->event.object];
-    path->eta = itn__ior(scene, fast->theta, path->event.after) /
-                itn__ior(scene, fast->theta, path->place.refracting);
+    path->eta = itn__ior(scene, render->theta, path->event.after) /
+                itn__ior(scene, render->theta, path->place.refracting);
     if (scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE)
         itn__texture_coordinates(scene, path->event.object, &path->hit, path->p, &path->s,
                                  &path->t);
@@ -8143,7 +8161,7 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
    next surface or to the lights. A flight that meets nothing in a medium, and ends beyond the box
    of all solids, has lost its own, as rounding makes it happen in needles: it goes on outside. */
 ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
-    const itn_scene *scene = crowd->fast->scene;
+    const itn_scene *scene = crowd->render->scene;
     itn__queue *queue = substance ? &crowd->exact : &crowd->walk[0];
     int i;
     for (i = 0; i < queue->count; i++) crowd->taken[i] = &crowd->paths[queue->slots[i]];
@@ -8178,10 +8196,11 @@ static void itn__leave_surface(const itn_scene *scene, const itn__path *path, in
 }
 
 /* Adds to scores what a factor at a surface contributes in lane k. */
-static void itn__book_factor(const itn__fast *fast, float *scores, const itn__factor *f, int k) {
+static void itn__book_factor(const itn__render *render, float *scores, const itn__factor *f,
+                             int k) {
     int j, c;
     for (j = 0; j < f->count; j++) {
-        c = fast->only[f->slots[j]] > 0 ? fast->only[f->slots[j]] : 0;
+        c = render->only[f->slots[j]] > 0 ? render->only[f->slots[j]] : 0;
         if (ITN__LANE(f->value[c], k) != 0)
             scores[f->slots[j]] += ITN__LANE(f->slope[j][c], k) / ITN__LANE(f->value[c], k);
     }
@@ -8190,14 +8209,14 @@ static void itn__book_factor(const itn__fast *fast, float *scores, const itn__fa
 /* A shadow ray from each lane of the mask, all on one surface. */
 static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site *site,
                                     itn__factor *f, itn__ints mask) {
-    const itn__fast *fast = crowd->fast;
+    const itn__render *render = crowd->render;
     itn__light_draw light = itn__light_for(crowd, s, mask);
     itn__floats pdf, w[3], level, depth;
     itn__ints through;
     unsigned bits;
     int c;
     itn__bsdf_eval(site, &light.direction, f, &pdf, &through);
-    for (c = 0; c < fast->channels; c++)
+    for (c = 0; c < render->channels; c++)
         w[c] = s->beta[c] * f->value[c] * light.radiance[c] / (light.pdf + pdf);
     bits = itn__cut_shadows(crowd, s, w, mask & light.drawn & itn__less(itn__splat(0), pdf),
                             &level, &depth);
@@ -8206,11 +8225,11 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
         int k = itn__lowest_bit(bits), substance;
         itn__path *ray = itn__send_shadow(crowd, s, k, &light.direction, w, ITN__LANE(level, k),
                                           INFINITY);
-        itn__leave_surface(fast->scene, ray->owner, ITN__LANE(through, k), ray->p, &ray->place);
-        substance = itn__substance_of(fast, &ray->place);
+        itn__leave_surface(render->scene, ray->owner, ITN__LANE(through, k), ray->p, &ray->place);
+        substance = itn__substance_of(render, &ray->place);
         if (substance)
-            ray->distance = ITN__LANE(depth, k) * fast->substances[substance].mean_free_path;
-        itn__book_factor(fast, ray->scores, f, k);
+            ray->distance = ITN__LANE(depth, k) * render->substances[substance].mean_free_path;
+        itn__book_factor(render, ray->scores, f, k);
     }
 }
 
@@ -8218,7 +8237,7 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
 static void itn__sites_begin(const itn__crowd *crowd, const itn__state *s,
                              const itn__surface *surface, unsigned bits, itn__site *site,
                              itn__factor *f) {
-    itn__site_make(site, surface, crowd->fast->theta, crowd->fast->channels, &s->up, &s->d);
+    itn__site_make(site, surface, crowd->render->theta, crowd->render->channels, &s->up, &s->d);
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
@@ -8226,13 +8245,13 @@ static void itn__sites_begin(const itn__crowd *crowd, const itn__state *s,
         if (surface->texture != ITN_TEXTURE_NONE) itn__site_texture(site, k, path->s, path->t);
     }
     f->count = 0;
-    if (crowd->fast->count) itn__site_seeds(site, crowd->fast->slots, f);
+    if (crowd->render->count) itn__site_seeds(site, crowd->render->slots, f);
 }
 
 /* Lanes on one surface: a shadow ray, and a new direction. */
 static void itn__scatter_lanes(itn__crowd *crowd, itn__state *s, const itn__surface *surface,
                                itn__ints mask) {
-    const itn__fast *fast = crowd->fast;
+    const itn__render *render = crowd->render;
     itn__floats u[3], turned;
     itn__ints through, good;
     itn__site site;
@@ -8240,22 +8259,22 @@ static void itn__scatter_lanes(itn__crowd *crowd, itn__state *s, const itn__surf
     unsigned bits;
     int k;
     itn__sites_begin(crowd, s, surface, itn__mask_bits(mask), &site, &f);
-    if (fast->shadows && !site.smooth) itn__shadows_of_surface(crowd, s, &site, &f, mask);
+    if (render->shadows && !site.smooth) itn__shadows_of_surface(crowd, s, &site, &f, mask);
     for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
     good = mask & itn__bsdf_sample(&site, u, &s->d, &f, &s->pdf, &through);
-    if (fast->controls && surface->type == ITN_SURFACE_DIELECTRIC)
-        itn__control_bounce(fast, s, &site, u, through, good, mask);
+    if (render->controls && surface->type == ITN_SURFACE_DIELECTRIC)
+        itn__control_bounce(render, s, &site, u, through, good, mask);
     itn__end_lanes(crowd, 0, s, itn__mask_bits(mask & ~good));
-    for (k = 0; k < fast->channels; k++) s->beta[k] = s->beta[k] * f.value[k];
+    for (k = 0; k < render->channels; k++) s->beta[k] = s->beta[k] * f.value[k];
     turned = itn__select(through, itn__splat(1), itn__splat(-1)); /* thrown back: the medium is */
     s->up = itn__vscale(s->up, turned), s->level = s->level * turned; /* behind the normal */
     itn__write(crowd, s, itn__mask_bits(good));
     for (bits = itn__mask_bits(good); bits; bits &= bits - 1) {
         itn__path *path;
         k = itn__lowest_bit(bits), path = &crowd->paths[ITN__LANE(s->slot, k)];
-        itn__leave_surface(fast->scene, path, ITN__LANE(through, k), path->p, &path->place);
+        itn__leave_surface(render->scene, path, ITN__LANE(through, k), path->p, &path->place);
         itn__book(crowd, path, 0);
-        itn__book_factor(fast, path->scores, &f, k);
+        itn__book_factor(render, path->scores, &f, k);
         itn__depart(crowd, path);
     }
 }
@@ -8268,7 +8287,7 @@ ITN__NOINLINE void itn__run_surface(itn__crowd *crowd, int surface) {
         itn__ints mask = itn__first_lanes(queue->count - at);
         itn__state s = ITN_ZERO;
         itn__read(crowd, queue->slots + at, itn__mask_bits(mask), &s);
-        itn__scatter_lanes(crowd, &s, &crowd->fast->scene->surfaces[surface], mask);
+        itn__scatter_lanes(crowd, &s, &crowd->render->scene->surfaces[surface], mask);
     }
     queue->count = 0;
 }
@@ -8278,7 +8297,7 @@ ITN__NOINLINE void itn__run_outside(itn__crowd *crowd) {
     itn__queue *queue = &crowd->walk[0];
     itn__floats light[3];
     int i, c, alive = 0;
-    for (c = 0; c < 3; c++) light[c] = itn__splat(crowd->fast->constant[c]);
+    for (c = 0; c < 3; c++) light[c] = itn__splat(crowd->render->constant[c]);
     for (i = 0; i < queue->count; i += ITN__LANES) {
         itn__state s = ITN_ZERO;
         itn__ints here = itn__first_lanes(queue->count - i), mask;
@@ -8299,7 +8318,7 @@ ITN__NOINLINE void itn__run_outside(itn__crowd *crowd) {
 static void itn__escape_path(itn__crowd *crowd, itn__path *path, float mis, const float light[3]) {
     float value[3] = {0, 0, 0};
     int c;
-    for (c = 0; c < crowd->fast->channels; c++)
+    for (c = 0; c < crowd->render->channels; c++)
         value[c] = (float)path->copies * path->beta[c] * light[c];
     itn__bring_home(crowd, path, mis, 1, value);
     itn__end(crowd, path, 0);
@@ -8307,7 +8326,7 @@ static void itn__escape_path(itn__crowd *crowd, itn__path *path, float mis, cons
 
 /* Paths that have left: adds the lights in their directions, as itn__escape. */
 ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
-    const itn__fast *fast = crowd->fast;
+    const itn__render *render = crowd->render;
     itn__queue *queue = &crowd->sky;
     int at, c;
     for (at = 0; at < queue->count; at += ITN__LANES) {
@@ -8316,10 +8335,11 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
         itn__floats sampled[3], plain[3], mis = itn__splat(1);
         unsigned bits = itn__mask_bits(mask);
         itn__read(crowd, queue->slots + at, bits, &s);
-        for (c = 0; c < 3; c++) plain[c] = itn__splat(fast->constant[c]), sampled[c] = plain[c] * 0;
-        if (!fast->only_constant) {
-            mis = s.pdf / (s.pdf + itn__lights_pdf(fast->scene, &s.d));
-            itn__lights_radiance(fast->scene, fast->theta, &s.d, mask, sampled, plain);
+        for (c = 0; c < 3; c++)
+            plain[c] = itn__splat(render->constant[c]), sampled[c] = itn__splat(0);
+        if (!render->only_constant) {
+            mis = s.pdf / (s.pdf + itn__lights_pdf(render->scene, &s.d));
+            itn__lights_radiance(render->scene, render->theta, &s.d, mask, sampled, plain);
             mis = itn__select(itn__less(s.pdf, itn__splat(INFINITY)), mis, itn__splat(1));
         }
         for (; bits; bits &= bits - 1) {
@@ -8343,19 +8363,19 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
    place in the pixel. */
 static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, int walk,
                                   float u[2]) {
-    const itn__fast *fast = crowd->fast;
+    const itn__render *render = crowd->render;
     itn__path *path = &crowd->paths[crowd->unused[--crowd->unused_count]];
-    itn__rng rng = itn__rng_make(fast->seed, pixel, (uint64_t)(sample * fast->walks + walk));
+    itn__rng rng = itn__rng_make(render->seed, pixel, (uint64_t)(sample * render->walks + walk));
     int c;
     memset(path, 0, ITN__ROWS * sizeof(float));
-    path->owner = path, path->place = fast->camera, path->pixel = pixel, path->mark = 0;
-    path->scores = crowd->scores + (size_t)(path - crowd->paths) * (size_t)fast->count;
-    for (c = 0; c < fast->count; c++) path->scores[c] = 0;
+    path->owner = path, path->place = render->camera, path->pixel = pixel, path->mark = 0;
+    path->scores = crowd->scores + (size_t)(path - crowd->paths) * (size_t)render->count;
+    for (c = 0; c < render->count; c++) path->scores[c] = 0;
     for (c = 0; c < 3; c++) path->beta[c] = 1;
     path->pdf = INFINITY, path->copies = 1;
     path->up.y = 1; /* some plane, for paths that begin in a medium */
-    path->index = (uint32_t)(sample % fast->set * fast->walks + walk);
-    path->scramble = itn__rng_make(~fast->seed, pixel, (uint64_t)(sample / fast->set)).key0 + 1;
+    path->index = (uint32_t)(sample % render->set * render->walks + walk);
+    path->scramble = itn__rng_make(~render->seed, pixel, (uint64_t)(sample / render->set)).key0 + 1;
     u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng);
     path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1;
     path->dimension = (int32_t)rng.dimension;
@@ -8364,53 +8384,53 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
 
 /* Starts the paths of the unit's next camera ray; those that see nothing need only one for all. */
 static void itn__start_ray(itn__crowd *crowd) {
-    const itn__fast *fast = crowd->fast;
+    const itn__render *render = crowd->render;
     itn__unit *unit = &crowd->unit;
     int number = unit->next++, sample = unit->first + number % unit->count, walk;
-    itn__words seed, index = itn__splat_word(sample % fast->set);
+    itn__words seed, index = itn__splat_word(sample % render->set);
     itn__path *path, seen;
     itn__floats x, y;
     itn_ray ray;
     float u[2];
-    size_t pixel, width = (size_t)fast->scene->film.width;
-    if (!itn__unit_pixel(fast->scene, unit, number / unit->count, &pixel) ||
-        sample >= itn__pixel_samples(fast->allotment, fast->spp, pixel))
+    size_t pixel, width = (size_t)render->scene->film.width;
+    if (!itn__unit_pixel(render->scene, unit, number / unit->count, &pixel) ||
+        sample >= itn__pixel_samples(render->allotment, render->spp, pixel))
         return;
     path = itn__start_path(crowd, pixel, sample, 0, u), path->number = number;
-    if (fast->outside && fast->only_constant && fast->pixels[pixel]) {
-        path->copies = fast->walks;
-        itn__escape_path(crowd, path, 0, fast->constant);
+    if (render->outside && render->only_constant && render->tables->pixels[pixel]) {
+        path->copies = render->walks;
+        itn__escape_path(crowd, path, 0, render->constant);
         return;
     }
     seed = itn__splat_word(path->scramble - 1);
     x = itn__sobol(index, 0, seed), y = itn__sobol(index, 1, seed);
-    if (fast->sobol) u[0] = ITN__LANE(x, 0), u[1] = ITN__LANE(y, 0);
-    ray = itn__camera_ray(&fast->scene->camera, (int)(pixel % width), (int)(pixel / width), u[0],
+    if (render->sobol) u[0] = ITN__LANE(x, 0), u[1] = ITN__LANE(y, 0);
+    ray = itn__camera_ray(&render->scene->camera, (int)(pixel % width), (int)(pixel / width), u[0],
                           u[1]);
     path->p = ray.origin, path->d = ray.direction, path->distance = INFINITY;
     path->hit.triangle = -1;
-    if (fast->outside && !fast->pixels[pixel]) itn__find_hit(fast->scene, path);
-    if (fast->outside && path->hit.triangle < 0) {
-        path->copies = fast->walks;
-        if (fast->only_constant) itn__escape_path(crowd, path, 0, fast->constant);
+    if (render->outside && !render->tables->pixels[pixel]) itn__find_hit(render->scene, path);
+    if (render->outside && path->hit.triangle < 0) {
+        path->copies = render->walks;
+        if (render->only_constant) itn__escape_path(crowd, path, 0, render->constant);
         else itn__enqueue(crowd, &crowd->sky, path);
         return;
     }
-    for (seen = *path, walk = 0; walk < fast->walks; walk++) {
+    for (seen = *path, walk = 0; walk < render->walks; walk++) {
         if (walk) path = itn__start_path(crowd, pixel, sample, walk, u);
         path->p = seen.p, path->d = seen.d, path->hit = seen.hit, path->number = number;
-        if (fast->outside) itn__meet(crowd, 0, path);
+        if (render->outside) itn__meet(crowd, 0, path);
         else itn__depart(crowd, path);
     }
 }
 
 /* Follows all paths of the unit to their ends. */
 static void itn__run_unit(itn__crowd *crowd) {
-    const itn_scene *scene = crowd->fast->scene;
+    const itn_scene *scene = crowd->render->scene;
     int m;
     while (itn__unit_paths_left(crowd) || crowd->unused_count < ITN__CROWD) {
         itn__learn_all(crowd);
-        while (crowd->unused_count >= crowd->fast->walks && itn__unit_paths_left(crowd))
+        while (crowd->unused_count >= crowd->render->walks && itn__unit_paths_left(crowd))
             itn__start_ray(crowd);
         for (m = 0; m < scene->surface_count; m++)
             if (crowd->surface[m].count) itn__run_surface(crowd, m);
@@ -8428,9 +8448,9 @@ static void itn__run_unit(itn__crowd *crowd) {
 }
 
 /* The numbers of a medium at theta; medium NULL: of what is none. */
-static void itn__substance_make(const itn__fast *fast, const itn__medium *medium,
+static void itn__substance_make(const itn__render *render, const itn__medium *medium,
                                 itn__substance *out) {
-    const float *theta = fast->theta;
+    const float *theta = render->theta;
     float reduced, albedo = 0; /* mean of the channels */
     int c;
     out->slot_sigma_t = out->slot_g = -1; /* nothing to differentiate in */
@@ -8439,55 +8459,66 @@ static void itn__substance_make(const itn__fast *fast, const itn__medium *medium
     out->sigma_t = theta[medium->sigma_t[0]], out->g = theta[medium->g[0]];
     out->mean_free_path = 1 / out->sigma_t;
     for (c = 0; c < 3; c++)
-        out->albedo[c] = theta[medium->albedo + (c < fast->channels ? c : 0)];
+        out->albedo[c] = theta[medium->albedo + (c < render->channels ? c : 0)];
     for (c = 0; c < 3; c++) albedo += out->albedo[c] / 3;
     reduced = 1 - out->g * albedo; /* the decay of V is that of diffusion */
     out->value.decay = itn__clamp(sqrtf(3 * (1 - albedo) * reduced), .1f * fminf(reduced, 1),
                                   .95f / (ITN__DECAYS - 1));
-    if (!fast->count) return;
-    out->slot_sigma_t = fast->slots[medium->sigma_t[0]], out->slot_g = fast->slots[medium->g[0]];
-    for (c = 0; c < fast->channels; c++) out->slot_albedo[c] = fast->slots[medium->albedo + c];
+    if (!render->count) return;
+    out->slot_sigma_t = render->slots[medium->sigma_t[0]];
+    out->slot_g = render->slots[medium->g[0]];
+    for (c = 0; c < render->channels; c++) out->slot_albedo[c] = render->slots[medium->albedo + c];
 }
 
 /* The largest albedo or reflectance: how bright an object can be in a light of 1. */
-static float itn__brightest(const itn__fast *fast) {
+static float itn__brightest(const itn__render *render) {
     float brightest = 0;
     int i;
-    for (i = 0; i < fast->scene->parameter_count; i++)
-        if (itn__is_share(&fast->scene->parameters[i]))
-            brightest = itn__max(brightest, fast->theta[i]);
+    for (i = 0; i < render->scene->parameter_count; i++)
+        if (itn__is_share(&render->scene->parameters[i]))
+            brightest = itn__max(brightest, render->theta[i]);
     return brightest;
 }
 
-/* The numbers of all media at theta, and what is known of the lights. */
-static void itn__fast_know(itn__fast *fast, const itn_scene *scene, const float *theta,
-                           itn__substance *substances, const itn__tables *tables) {
+#define ITN__LESSONS 32768. /* paths that V is learnt from */
+
+/* Whether a control variate pays: with one medium in light that is everywhere the same, and many
+   paths. */
+static int itn__can_control(const itn__render *render) {
+    return render->baseline && render->tables->voxels && render->only_constant &&
+           render->scene->medium_count == 1 &&
+           render->samples * render->walks >= 16 * ITN__LESSONS;
+}
+
+/* What the fast walk knows once it has its tables: the numbers of all media at theta, where the
+   camera is, and what is known of the lights. */
+static void itn__fast_know(itn__render *render) {
+    const itn_scene *scene = render->scene;
     double level = 0;
     int i, c;
-    fast->scene = scene, fast->theta = theta, fast->substances = substances;
-    fast->voxels = tables->voxels, fast->normals = tables->normals, fast->pixels = tables->pixels;
-    fast->channels = scene->film.channels;
     for (i = 0; i <= scene->medium_count; i++)
-        itn__substance_make(fast, i ? &scene->media[i - 1] : NULL, &substances[i]);
-    fast->camera.sides = scene->sides;
-    itn__settle(scene, &fast->camera);
-    fast->outside = itn__substance_of(fast, &fast->camera) == 0;
-    fast->only_constant = 1;
+        itn__substance_make(render, i ? &scene->media[i - 1] : NULL, &render->substances[i]);
+    render->camera.sides = scene->sides;
+    itn__settle(scene, &render->camera);
+    render->outside = itn__substance_of(render, &render->camera) == 0;
+    render->only_constant = 1;
     for (i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
-        float scale = theta[light->parameter];
-        if (light->share > 0) fast->shadows = 1;
-        if (fast->count && fast->slots[light->parameter] >= 0) fast->scales = 1;
-        if (light->kind != ITN__LIGHT_CONSTANT) fast->only_constant = 0;
+        float scale = render->theta[light->parameter];
+        if (light->share > 0) render->shadows = 1;
+        if (render->count && render->slots[light->parameter] >= 0) render->scales = 1;
+        if (light->kind != ITN__LIGHT_CONSTANT) render->only_constant = 0;
         for (c = 0; c < 3 && light->kind == ITN__LIGHT_CONSTANT; c++)
-            fast->constant[c] += scale * light->radiance[c];
+            render->constant[c] += scale * light->radiance[c];
         level += (double)scale * light->power;
     }
     level /= 4 * (double)ITN__PI;
-    fast->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * itn__brightest(fast);
-    level += fast->constant[0] + fast->constant[1] + fast->constant[2];
-    fast->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
-    fast->roulette = fast->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
+    render->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * itn__brightest(render);
+    level += render->constant[0] + render->constant[1] + render->constant[2];
+    render->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
+    render->roulette = render->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
+    render->controls = itn__can_control(render);
+    render->rows = render->count ? ITN__ROWS : render->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
 }
 
 static void itn__crowd_free(const itn_context *context, itn__crowd *crowd) {
@@ -8498,35 +8529,25 @@ static void itn__crowd_free(const itn_context *context, itn__crowd *crowd) {
 
 /* Makes a crowd whose units, of at most so many camera rays, leave their planes in `radiance`.
    Returns 0 if there is no memory. */
-static int itn__crowd_make(itn__crowd *crowd, const itn__fast *fast, float *radiance, int rays) {
-    const itn_context *context = &fast->scene->context;
-    size_t substances = 1 + (size_t)fast->scene->medium_count, count = (size_t)fast->count;
+static int itn__crowd_make(itn__crowd *crowd, const itn__render *render, float *radiance,
+                           int rays) {
+    const itn_context *context = &render->scene->context;
+    size_t substances = 1 + (size_t)render->scene->medium_count, count = (size_t)render->count;
     int i;
     for (i = 0; i < ITN__CROWD; i++) {
         crowd->unused[i] = ITN__CROWD - 1 - i;
-        if (fast->learning) crowd->paths[i].mark = 0;
+        if (render->learning) crowd->paths[i].mark = 0;
     }
     crowd->unused_count = ITN__CROWD, crowd->ray_count = crowd->taken_count = 0;
     crowd->exact.count = crowd->sky.count = 0, crowd->collisions = 0;
-    crowd->fast = fast, crowd->radiance = radiance, crowd->radiance_stride = rays;
+    crowd->render = render, crowd->radiance = radiance, crowd->radiance_stride = rays;
     crowd->walk = (itn__queue *)itn__allocate(
-        context, substances + (size_t)fast->scene->surface_count, sizeof(itn__queue));
+        context, substances + (size_t)render->scene->surface_count, sizeof(itn__queue));
     crowd->scores = (float *)itn__allocate(context, 2 * ITN__CROWD, count * sizeof(float));
-    crowd->lessons = (double *)itn__allocate(context, fast->learning ? substances : 0,
+    crowd->lessons = (double *)itn__allocate(context, render->learning ? substances : 0,
                                              ITN__LESSON_SUMS * sizeof(double));
     crowd->surface = crowd->walk ? crowd->walk + substances : NULL;
     return crowd->walk && crowd->scores && crowd->lessons;
-}
-
-#define ITN__LESSONS 32768. /* paths that V is learnt from */
-
-/* Whether a control variate pays: with one medium in light that is everywhere the same, and many
-   paths. */
-static int itn__can_control(const itn__fast *fast) {
-    const itn_scene *scene = fast->scene;
-    double paths = fast->samples * fast->walks;
-    return fast->voxels && fast->only_constant && scene->medium_count == 1 &&
-           paths >= 16 * ITN__LESSONS;
 }
 #endif /* ITN_NO_FAST */
 
@@ -8541,39 +8562,6 @@ static int itn__can_control(const itn__fast *fast) {
    one, of a Sobol sequence ([sobol]), or of three whose heroes are the three channels
    ([throughput]). With t the sum over a set of n and N = sum n, the mean is sum t / N, and its
    variance (sum t^2 / n / N - mean^2) / (sets - 1). */
-
-typedef struct itn__worker {
-    itn__unit unit;
-    itn__walk walk;           /* of the reference */
-    itn__texels texels;       /* of it, if asked for */
-    struct itn__crowd *crowd; /* of the fast walk */
-    float *values;            /* [planes][camera rays of a unit], sums over walks */
-    double collisions;
-} itn__worker;
-
-typedef struct itn__render {
-    const itn_scene *scene;
-    float *theta;      /* a copy of the caller's, or the scene's own values */
-    int *slots, *only; /* see itn__walk, itn__fast */
-    int channels, count, max_scatter, fast, walks, sobol, baseline; /* see itn_render_options */
-    int spp, set;   /* samples of a pixel; of them, in each set */
-    const itn__allotment *allotment; /* NULL: every pixel has spp samples, else that is the most */
-    double samples; /* of all pixels */
-    uint64_t seed;
-    const float *weights;      /* [channels][height][width], to fold with; NULL: planes are kept */
-    const itn__texels *texels; /* to fold derivatives by these; NULL: none */
-    int planes;          /* numbers of a sample */
-    int side, unit_rays; /* pixels of a tile each way; samples of a pixel in a unit */
-    int tiles, chunks;   /* units of all pixels, and of all their samples */
-    int first, end;      /* tiles that are being done */
-    int worker_count;
-    itn__worker *workers;
-    double *totals; /* [height][width][planes][2]: sums of t, and of t^2 / n */
-    int (*progress)(void *user, double fraction);
-    void *progress_user;
-    double done, share; /* of what progress is told: before this render, and in it */
-    const struct itn__fast *state;
-} itn__render;
 
 /* Whether the scene can be differentiated in the index of surface `asked`. A smooth boundary, its
    own or one between it and another solid, refracts into one direction, which jumps with the index;
@@ -8902,6 +8890,10 @@ static void itn__workers_free(itn__render *render) {
 static void itn__render_end(itn__render *render) {
     if (!render->scene) return;
     itn__workers_free(render);
+#ifndef ITN_NO_FAST
+    itn__free(&render->scene->context, render->substances);
+    itn__tables_free(&render->scene->context, render->own);
+#endif
     itn__free(&render->scene->context, render->slots);
     itn__free(&render->scene->context, render->theta);
 }
@@ -8915,7 +8907,7 @@ static int itn__worker_make(const itn__render *render, itn__worker *worker, int 
 #ifndef ITN_NO_FAST
     if (render->fast) {
         worker->crowd = (itn__crowd *)itn__allocate_raw(context, sizeof(itn__crowd));
-        return worker->crowd && itn__crowd_make(worker->crowd, render->state, worker->values, rays);
+        return worker->crowd && itn__crowd_make(worker->crowd, render, worker->values, rays);
     }
 #endif
     if (render->texels && !itn__texels_make(context, render->channels, render->texels,
@@ -8975,80 +8967,44 @@ static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
 }
 
 #ifndef ITN_NO_FAST
-/* The tables that a fast render needs, see itn__tables_get. */
-static itn_result itn__render_tables(const itn__render *render, const itn__tables **tables,
-                                     itn__tables **own, itn_error *error) {
-    return itn__tables_get(render->scene, render->theta, render->samples * render->walks, tables,
-                           own, error);
-}
-
-/* What the fast walk is to do. */
-static void itn__fast_ask(const itn__render *render, itn__fast *fast) {
-    fast->samples = render->samples, fast->spp = render->spp, fast->set = render->set;
-    fast->allotment = render->allotment, fast->seed = render->seed, fast->walks = render->walks;
-    fast->slots = render->slots, fast->only = render->only, fast->count = render->count;
-    fast->sobol = render->sobol, fast->planes = render->planes, fast->weights = render->weights;
-}
-static void itn__fast_make(const itn__render *render, const itn__tables *tables,
-                           itn__substance *substances, itn__fast *fast) {
-    memset(fast, 0, sizeof *fast);
-    itn__fast_ask(render, fast);
-    itn__fast_know(fast, render->scene, render->theta, substances, tables);
-    fast->controls = render->baseline && itn__can_control(fast);
-    fast->rows = fast->count ? ITN__ROWS : fast->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
-}
-
 /* Learns V from a few paths, which are not used for anything else: whatever these tell, pictures
    stay unbiased. */
-static itn_result itn__learn_values(const itn__render *render, itn__fast *fast, itn_error *error) {
+static itn_result itn__learn_values(itn__render *render, itn_error *error) {
     double pixels = (double)render->scene->film.width * render->scene->film.height;
     int media = render->scene->medium_count, learnt = 0, m, i, k;
     itn__render pilot = *render;
-    itn__fast learner = *fast;
     itn_result result;
-    pilot.weights = NULL, pilot.allotment = NULL, pilot.progress = NULL, pilot.state = &learner;
-    pilot.walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)fast->walks);
-    pilot.spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * pilot.walks), fast->spp / 8 + 1));
+    pilot.weights = NULL, pilot.allotment = NULL, pilot.progress = NULL;
+    pilot.walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)render->walks);
+    pilot.spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * pilot.walks), render->spp / 8 + 1));
     pilot.count = 0, pilot.planes = pilot.channels;
     pilot.set = pilot.sobol ? itn__set_size(pilot.spp) : 1;
-    pilot.seed = itn__mix64(fast->seed + 1);
-    itn__fast_ask(&pilot, &learner);
-    learner.learning = 1, learner.controls = learner.scales = 0, learner.rows = ITN__ROWS;
+    pilot.seed = itn__mix64(render->seed + 1);
+    pilot.learning = 1, pilot.controls = pilot.scales = 0, pilot.rows = ITN__ROWS;
     result = itn__do_tiles(&pilot, error);
     for (m = 1; m <= media && !result; m++) {
         double *lessons = pilot.workers[0].crowd->lessons + m * ITN__LESSON_SUMS;
         for (i = 1; i < pilot.worker_count; i++)
             for (k = 0; k < ITN__LESSON_SUMS; k++)
                 lessons[k] += pilot.workers[i].crowd->lessons[m * ITN__LESSON_SUMS + k];
-        learnt |= itn__fit_value(fast, &fast->substances[m], lessons);
+        learnt |= itn__fit_value(render, &render->substances[m], lessons);
     }
-    if (!learnt) fast->controls = 0; /* nothing is met */
+    if (!learnt) render->controls = 0; /* nothing is met */
     itn__workers_free(&pilot);
     return result;
 }
 
-/* The same by the fast walk. */
-static itn_result itn__do_tiles_fast(itn__render *render, itn_error *error) {
-    const itn_scene *scene = render->scene;
-    const itn__tables *tables;
-    itn__tables *own;
-    itn__fast fast;
-    itn__substance *substances;
-    itn_result result = itn__render_tables(render, &tables, &own, error);
+/* Makes what the fast walk needs to know before it starts. */
+static itn_result itn__fast_begin(itn__render *render, itn_error *error) {
+    int media = render->scene->medium_count;
+    itn_result result = itn__tables_get(render, error);
     if (result) return result;
-    substances = (itn__substance *)itn__allocate(&scene->context, 1 + (size_t)scene->medium_count,
-                                                 sizeof *substances);
-    if (!substances) result = itn__out_of_memory(error, "a render");
-    if (!result) {
-        itn__fast_make(render, tables, substances, &fast);
-        if ((render->baseline && render->count && scene->medium_count) || fast.controls)
-            result = itn__learn_values(render, &fast, error);
-        render->state = &fast;
-    }
-    if (!result) result = itn__do_tiles(render, error);
-    render->state = NULL;
-    itn__free(&scene->context, substances);
-    itn__tables_free(&scene->context, own);
+    render->substances = (itn__substance *)itn__allocate(
+        &render->scene->context, 1 + (size_t)media, sizeof *render->substances);
+    if (!render->substances) return itn__out_of_memory(error, "a render");
+    itn__fast_know(render);
+    if ((render->baseline && render->count && media) || render->controls)
+        result = itn__learn_values(render, error);
     return result;
 }
 #endif /* ITN_NO_FAST */
@@ -9065,11 +9021,12 @@ static void itn__choose_sets(itn__render *render) {
 
 /* Renders: makes the totals. */
 static itn_result itn__render_run(itn__render *render, itn_error *error) {
+    itn_result result = ITN_OK;
     itn__choose_sets(render);
 #ifndef ITN_NO_FAST
-    if (render->fast) return itn__do_tiles_fast(render, error);
+    if (render->fast) result = itn__fast_begin(render, error);
 #endif
-    return itn__do_tiles(render, error);
+    return result ? result : itn__do_tiles(render, error);
 }
 
 /* Tells what renders did. */
@@ -9147,10 +9104,7 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
     itn__render render;
     itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, error);
 #ifndef ITN_NO_FAST
-    const itn__tables *tables;
-    itn__tables *own = NULL;
-    if (!result && render.fast) result = itn__render_tables(&render, &tables, &own, error);
-    if (!result) itn__tables_free(&scene->context, own);
+    if (!result && render.fast) result = itn__tables_get(&render, error);
 #endif
     itn__render_end(&render);
     return result;

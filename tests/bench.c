@@ -351,18 +351,17 @@ typedef struct variant {
     const char *name;
     itn_mode mode;
     itn_sampler sampler;
-    int walks, untested; /* untested: no flight is proven free, all are marched */
+    int walks;
     itn_estimator estimator;
 } variant;
 
-enum { REFERENCE, LANES, SAFE, SPLIT, SOBOL, FORESIGHT, VARIANTS };
+enum { REFERENCE, LANES, SPLIT, SOBOL, FORESIGHT, VARIANTS };
 static const variant variants[VARIANTS] = {
-    {"reference", ITN_MODE_REFERENCE, ITN_SAMPLER_RANDOM, 1, 0, ITN_ESTIMATOR_SCORE},
-    {"lanes", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 1, 1, ITN_ESTIMATOR_SCORE},
-    {"+ safe test", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 1, 0, ITN_ESTIMATOR_SCORE},
-    {"+ splitting", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 4, 0, ITN_ESTIMATOR_SCORE},
-    {"+ Sobol", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, 0, ITN_ESTIMATOR_SCORE},
-    {"+ control", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, 0, ITN_ESTIMATOR_AUTO}};
+    {"reference", ITN_MODE_REFERENCE, ITN_SAMPLER_RANDOM, 1, ITN_ESTIMATOR_SCORE},
+    {"lanes", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 1, ITN_ESTIMATOR_SCORE},
+    {"+ splitting", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 4, ITN_ESTIMATOR_SCORE},
+    {"+ Sobol", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, ITN_ESTIMATOR_SCORE},
+    {"+ control", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, ITN_ESTIMATOR_AUTO}};
 
 /* What is rendered. */
 typedef struct subject {
@@ -516,36 +515,6 @@ static double render(const subject *s, const itn_render_options *options, float 
     return seconds;
 }
 
-#ifndef ITN_NO_FAST
-/* What itn_render does, but no flight is called safe: all are marched through the voxels. */
-static double render_untested(const subject *s, const itn_render_options *options, float *pixels) {
-    double start = seconds_now(), seconds, variance;
-    itn__substance *substances = (itn__substance *)allocate((size_t)s->made->medium_count + 1,
-                                                            sizeof *substances);
-    const itn__tables *tables;
-    itn__tables *own;
-    itn__fast fast;
-    itn__render render;
-    itn_error error;
-    int i;
-    need(itn__render_begin(&render, s->made, NULL, options, NULL, 0, &error), &error);
-    itn__choose_sets(&render);
-    need(itn__render_tables(&render, &tables, &own, &error), &error);
-    itn__fast_make(&render, tables, substances, &fast);
-    fast.unsafe = 1, render.state = &fast;
-    need(itn__do_tiles(&render, &error), &error);
-    for (i = 0; i < pixel_count(s); i++)
-        pixels[i] = (float)itn__pixel_mean(&render, (size_t)i, 0, &variance);
-    itn__render_end(&render);
-    itn__tables_free(&s->made->context, own);
-    free(substances);
-    seconds = seconds_now() - start;
-    return seconds;
-}
-#else
-#define render_untested render
-#endif
-
 static int is_available(const variant *v) {
 #ifdef ITN_NO_FAST
     return v->mode == ITN_MODE_REFERENCE;
@@ -571,8 +540,7 @@ static measurement measure(const subject *s, const variant *v, int spp, int most
     for (start = seconds_now();
          m.images < 2 || (m.images < most_images && seconds_now() - start < 1);) {
         options.seed = (uint64_t)++m.images;
-        m.seconds = fmin(m.seconds, v->untested ? render_untested(s, &options, pixels)
-                                                : render(s, &options, pixels));
+        m.seconds = fmin(m.seconds, render(s, &options, pixels));
         for (i = 0; i < count; i++)
             sums[2 * i] += pixels[i], sums[2 * i + 1] += (double)pixels[i] * pixels[i];
     }

@@ -224,19 +224,15 @@ static itn_scene *make_scene(int which, const itn_context *context) {
 
 /* ---- looking inside -------------------------------------------------------------------------- */
 
-/* A render laid open: what itn__render_fast holds while it runs. */
+/* A render laid open. */
 typedef struct inside {
     const itn_scene *scene;
     itn__render render;
-    itn__fast fast;
-    itn__substance *substances;
-    itn__tables *own;
     int parameters[64], count; /* all that the fast walk can differentiate in */
 } inside;
 
 static void open_render(inside *in, const itn_scene *scene, const itn_render_options *options) {
-    itn__fast *fast = &in->fast;
-    const itn__tables *tables;
+    itn__render *render = &in->render;
     itn_error error;
     float theta[64];
     int k, only;
@@ -248,19 +244,16 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
         else
             check_report(strstr(scene->parameters[k].name, ".ior") || theta[k] == 0, __FILE__,
                          __LINE__, "%s is left to the reference", scene->parameters[k].name);
-    stage_need(itn__render_begin(&in->render, scene, NULL, options, in->parameters, in->count,
-                                 &error), &error);
-    itn__choose_sets(&in->render);
-    stage_need(itn__render_tables(&in->render, &tables, &in->own, &error), &error);
-    in->substances = (itn__substance *)itn__allocate(
-        &scene->context, 1 + (size_t)scene->medium_count, sizeof *in->substances);
-    itn__fast_make(&in->render, tables, in->substances, fast);
-    in->render.state = fast;
-    stage_need(itn__divide(&in->render, &error), &error);
+    stage_need(itn__render_begin(render, scene, NULL, options, in->parameters, in->count, &error),
+               &error);
+    itn__choose_sets(render);
+    stage_need(itn__tables_get(render, &error), &error);
+    render->substances = (itn__substance *)itn__allocate(
+        &scene->context, 1 + (size_t)scene->medium_count, sizeof *render->substances);
+    itn__fast_know(render);
+    stage_need(itn__divide(render, &error), &error);
 }
 static void close_render(inside *in) {
-    itn__free(&in->scene->context, in->substances);
-    itn__tables_free(&in->scene->context, in->own);
     itn__render_end(&in->render);
 }
 
@@ -268,7 +261,7 @@ static void close_render(inside *in) {
 static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
     itn__crowd *crowd = in->render.workers[0].crowd;
     memset(crowd->radiance, 0, (size_t)crowd->radiance_stride *
-                                   (size_t)in->fast.planes * sizeof(float));
+                                   (size_t)in->render.planes * sizeof(float));
     crowd->unit = *unit;
     itn__run_unit(crowd);
     return crowd;
@@ -282,14 +275,14 @@ static itn__unit whole_unit(inside *in) {
     itn__unit unit = ITN_ZERO;
     unit.side = in->scene->film.width > in->scene->film.height ? in->scene->film.width
                                                                : in->scene->film.height;
-    unit.count = in->fast.spp;
+    unit.count = in->render.spp;
     rays = unit.side * unit.side * unit.count;
     itn__crowd_free(context, worker->crowd);
     itn__free(context, worker->values);
     memset(worker->crowd, 0, sizeof *worker->crowd);
     worker->values = (float *)itn__allocate(context, (size_t)rays,
-                                            (size_t)in->fast.planes * sizeof(float));
-    CHECK(worker->values && itn__crowd_make(worker->crowd, &in->fast, worker->values, rays));
+                                            (size_t)in->render.planes * sizeof(float));
+    CHECK(worker->values && itn__crowd_make(worker->crowd, &in->render, worker->values, rays));
     return unit;
 }
 
@@ -331,7 +324,8 @@ static double derivatives_apart(const itn__crowd *crowd, const itn__walk *walk, 
     return apart == 0 ? 0 : apart / size;
 }
 
-static void tally_unit(inside *in, itn__walk *walk, const itn__unit *unit, tally *t) {
+static void tally_unit(inside *in, itn__walk *walk, uint64_t seed, const itn__unit *unit,
+                       tally *t) {
     const itn__crowd *crowd = run_unit(in, unit);
     int pixel, ray, c, channels = walk->channels, number = 0;
     for (pixel = 0; pixel < unit->side * unit->side; pixel++)
@@ -340,7 +334,7 @@ static void tally_unit(inside *in, itn__walk *walk, const itn__unit *unit, tally
             float fast[3] = {0, 0, 0};
             int x = unit->x + pixel % unit->side, y = unit->y + pixel / unit->side;
             if (x >= in->scene->film.width || y >= in->scene->film.height) continue;
-            itn__sample_pixel(walk, in->render.seed, x, y, unit->first + ray);
+            itn__sample_pixel(walk, seed, x, y, unit->first + ray);
             for (c = 0; c < channels; c++) {
                 fast[c] = crowd->radiance[c * crowd->radiance_stride + number];
                 t->sum += walk->radiance[c], t->difference += (double)fast[c] - walk->radiance[c];
@@ -372,16 +366,15 @@ static void check_paths(int which, int planted) {
     if (STRIDE > 1) options.spp /= 8;
     options.walks = 1, options.sampler = ITN_SAMPLER_RANDOM;
     open_render(&in, scene, &options);
-    in.fast.shadow_cut = 0, in.fast.roulette = ITN__ROULETTE;
+    in.render.shadow_cut = 0, in.render.roulette = ITN__ROULETTE;
     CHECK(itn__walk_make(&walk, &in.render, NULL));
-    if (planted == 1) in.fast.seed++;
-    if (planted == 2) in.substances[1].g += .001f;
-    if (planted == 3) in.fast.constant[0] *= 1.0001f;
-    if (planted == 4) in.substances[1].slot_g = in.substances[1].slot_sigma_t;
+    if (planted == 2) in.render.substances[1].g += .001f;
+    if (planted == 3) in.render.constant[0] *= 1.0001f;
+    if (planted == 4) in.render.substances[1].slot_g = in.render.substances[1].slot_sigma_t;
     for (number = 0; number < in.render.tiles * in.render.chunks; number++) {
         itn__unit unit = itn__unit_make(&in.render, number / in.render.chunks,
                                          number % in.render.chunks);
-        tally_unit(&in, &walk, &unit, &t);
+        tally_unit(&in, &walk, options.seed + (planted == 1), &unit, &t);
     }
     error = sqrt(t.square) + 1e-6 * t.sum;
     if (verbose && !check_quiet)
@@ -413,16 +406,16 @@ static void check_paths(int which, int planted) {
 /* A V that is wrong everywhere. planted: what it expects of a new direction does not follow from
    it. */
 static void mislead(inside *in, int planted) {
-    itn__fast *fast = &in->fast;
+    itn__render *render = &in->render;
     double terms[ITN__TERMS];
     int m, c, i;
-    fast->controls = 1;
-    in->fast.rows = ITN__ROWS;
+    render->controls = 1;
+    render->rows = ITN__ROWS;
     for (m = 0; m <= in->scene->medium_count; m++)
         for (c = 0; c < 3; c++) {
-            float g = fast->substances[m].g + (planted == 1 ? .3f : 0);
+            float g = render->substances[m].g + (planted == 1 ? .3f : 0);
             for (i = 0; i < ITN__TERMS; i++) terms[i] = .4 / (1 + (i * 7 + m + c) % 5);
-            itn__value_set(&fast->substances[m].value, c, terms, g);
+            itn__value_set(&render->substances[m].value, c, terms, g);
         }
 }
 
@@ -439,9 +432,9 @@ static int mean_of_paths(const itn_scene *scene, int spp, int misled, int plante
     if (misled == 1) mislead(&in, planted);
     for (k = 0; k <= scene->medium_count && misled == 2; k++)
         for (i = 0; i < 3; i++)
-            in.substances[k].value.mean[i] = .3f + .1f * (float)i + .2f * (float)k;
-    if (misled == 2 && planted) in.substances[1].slot_albedo[0] = in.substances[1].slot_sigma_t;
-    planes = in.fast.planes;
+            in.render.substances[k].value.mean[i] = .3f + .1f * (float)i + .2f * (float)k;
+    if (misled == 2 && planted) in.render.substances[1].slot_albedo[0] = in.render.substances[1].slot_sigma_t;
+    planes = in.render.planes;
     for (k = 0; k < planes; k++) mean[k] = variance[k] = 0;
     for (number = 0; number < in.render.tiles * in.render.chunks; number++) {
         itn__unit unit = itn__unit_make(&in.render, number / in.render.chunks,
@@ -522,7 +515,7 @@ static void compare_parts(inside *in, const itn__unit *whole, const float *radia
                 part.side = side;
                 part.count = whole->count - first < count ? whole->count - first : count;
                 crowd = run_unit(in, &part);
-                for (c = 0; c < in->fast.channels; c++)
+                for (c = 0; c < in->render.channels; c++)
                     for (pixel = 0; pixel < side * side; pixel++) {
                         int column = x + pixel % side, row = y + pixel / side;
                         const float *a = radiance + c * crowd->radiance_stride +
@@ -549,11 +542,11 @@ static void check_parts(int which, itn_sampler sampler, int walks, int planted) 
     options.walks = walks, options.sampler = sampler;
     open_render(&in, scene, &options);
     whole = whole_unit(&in);
-    bytes = (size_t)in.render.workers[0].crowd->radiance_stride * (size_t)in.fast.channels *
+    bytes = (size_t)in.render.workers[0].crowd->radiance_stride * (size_t)in.render.channels *
             sizeof *radiance;
     radiance = (float *)malloc(bytes);
     memcpy(radiance, run_unit(&in, &whole)->radiance, bytes);
-    in.fast.seed += (uint64_t)planted;
+    in.render.seed += (uint64_t)planted;
     compare_parts(&in, &whole, radiance, 8, whole.count);
     compare_parts(&in, &whole, radiance, 1, whole.count);
     compare_parts(&in, &whole, radiance, 3, 3);
@@ -573,6 +566,13 @@ static void test_parts(void) {
     CHECK_CATCHES(check_parts(GROUP, ITN_SAMPLER_SOBOL, 4, 1));
 }
 
+/* Makes tables know nothing: all cells may hold triangles, on no side of any plane. */
+static void forget(itn__voxels *voxels) {
+    size_t i;
+    for (i = 0; i < itn__cell_count(voxels); i++)
+        voxels->cells[i] = 0, voxels->planes[i] = -0x1000000 | 0x8000;
+}
+
 /* Nor does it matter what the tables know: they prove flights free, and never make one. planted: a
    table that lies elsewhere. */
 static void check_tables(int which, int planted) {
@@ -586,19 +586,20 @@ static void check_tables(int which, int planted) {
     open_render(&in, scene, &options);
     whole = whole_unit(&in);
     paths = whole.side * whole.side * whole.count;
-    for (k = 0; k < 3; k++) { /* no table believed; coarse; fine */
+    for (k = 0; k < 3; k++) { /* one that knows nothing; coarse; fine */
         const size_t bytes = (size_t)in.render.workers[0].crowd->radiance_stride *
-                             (size_t)in.fast.channels * sizeof(float);
+                             (size_t)in.render.channels * sizeof(float);
         itn__tables *tables = NULL;
         itn_error error;
         stage_need(itn__tables_make(scene, k < 2 ? 16 : 96, &tables, &error), &error);
         if (k && planted) tables->voxels->lower.x += .3f * tables->voxels->cell;
-        in.fast.voxels = tables->voxels, in.fast.unsafe = k == 0;
+        if (!k) forget(tables->voxels);
+        in.render.tables = tables;
         radiance[k] = (float *)malloc(bytes);
         memcpy(radiance[k], run_unit(&in, &whole)->radiance, bytes);
         itn__tables_free(&scene->context, tables);
         for (number = 0; number < paths; number++)
-            for (c = 0; c < in.fast.channels; c++) {
+            for (c = 0; c < in.render.channels; c++) {
                 int at = c * in.render.workers[0].crowd->radiance_stride + number;
                 apart[k] += fabsf(radiance[k][at] - radiance[0][at]) > 1e-3f * radiance[0][at];
             }
