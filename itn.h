@@ -11489,25 +11489,20 @@ static void itn__buffer_free(itn__buffer *buffer) {
     buffer->size = buffer->capacity = 0;
 }
 
-/* Makes room for `more` bytes, at least doubling; returns 0 if memory is out. */
-static int itn__buffer_reserve(itn__buffer *buffer, size_t more) {
-    unsigned char *bytes = NULL;
-    size_t capacity = buffer->capacity;
-    if (buffer->failed || capacity - buffer->size >= more) return !buffer->failed;
-    if (more <= SIZE_MAX / 8 && capacity <= SIZE_MAX / 8) {
-        capacity += more > capacity ? more : capacity;
-        bytes = (unsigned char *)itn__allocate(&buffer->context, capacity, 1);
-    }
-    buffer->failed = !bytes;
-    if (!bytes) return 0;
-    if (buffer->size) memcpy(bytes, buffer->bytes, buffer->size);
-    itn__free(&buffer->context, buffer->bytes);
-    buffer->bytes = bytes, buffer->capacity = capacity;
-    return 1;
-}
-
+/* Adds bytes; where they do not fit, there is at least twice as much room afterwards. */
 ITN__NOINLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
-    if (!size || !itn__buffer_reserve(buffer, size)) return;
+    size_t capacity = buffer->capacity;
+    if (buffer->failed) return;
+    if (size >= capacity - buffer->size) { /* never full, so that even no bytes are somewhere */
+        unsigned char *grown;
+        capacity += size < capacity ? capacity : size + 1; /* each is at most SIZE_MAX / 2 */
+        grown = (unsigned char *)itn__allocate(&buffer->context, capacity, 1);
+        buffer->failed = !grown;
+        if (!grown) return;
+        if (buffer->size) memcpy(grown, buffer->bytes, buffer->size);
+        itn__free(&buffer->context, buffer->bytes);
+        buffer->bytes = grown, buffer->capacity = capacity;
+    }
     memcpy(buffer->bytes + buffer->size, bytes, size);
     buffer->size += size;
 }
@@ -11569,16 +11564,17 @@ static itn__text itn__text_make(const void *bytes, size_t size, const char *name
 static itn_result itn__text_fail(itn__text *text, itn_result code, const char *format, ...)
     ITN__PRINTF(3, 4);
 static itn_result itn__text_fail(itn__text *text, itn_result code, const char *format, ...) {
-    char message[sizeof text->error->message], part[40] = "";
+    itn_error unwanted, *error = text->error ? text->error : &unwanted;
+    itn__prose prose = {error->message, sizeof error->message, 0};
     va_list arguments;
     if (text->result) return text->result;
+    if (text->line) itn__say(&prose, "%s:%d: ", text->name, text->line);
+    else itn__say(&prose, "%s: byte %.0f: ", text->name, (double)(text->at - text->start));
+    if (text->part) itn__say(&prose, "%s %.0f: ", text->part, text->number);
     va_start(arguments, format);
-    itn__print_list(message, sizeof message, format, arguments);
+    itn__say_list(&prose, format, arguments);
     va_end(arguments);
-    if (text->part) itn__print(part, sizeof part, "%s %.0f: ", text->part, text->number);
-    itn__fail(text->error, code, text->line, text->line ? "%s:%.0f: %s%s" : "%s: byte %.0f: %s%s",
-              text->name, text->line ? (double)text->line : (double)(text->at - text->start), part,
-              message);
+    error->code = code, error->line = text->line;
     text->at = text->end;
     return text->result = code;
 }
@@ -11691,29 +11687,25 @@ static double itn__take_finite(itn__text *text, const char *what) {
 #include <stdio.h>
 #ifdef _WIN32
 #include <io.h>
-#endif
 #ifdef __cplusplus
-extern "C" {
+extern "C"
 #endif
-#ifdef _WIN32
 __declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to,
                                                 unsigned long flags);
 #define ITN__SYNC(file) _commit(_fileno(file))
 #else
-int fsync(int file);
+#include <unistd.h>
 #ifndef __cplusplus
-int fileno(FILE *file); /* strict C99 does not tell of it */
+int fsync(int file), fileno(FILE *file); /* strict C99 does not tell of them */
 #endif
 #define ITN__SYNC(file) fsync(fileno(file))
-#endif
-#ifdef __cplusplus
-}
 #endif
 
 /* Makes a buffer of a file of at most `limit` bytes; on failure it is empty. */
 static itn_result itn__read_file(const char *path, size_t limit, const itn_context *context,
                                  itn__buffer *buffer, itn_error *error) {
     FILE *file;
+    char part[8192];
     size_t got = 1;
     const char *cause = NULL;
     itn_result result;
@@ -11722,10 +11714,8 @@ static itn_result itn__read_file(const char *path, size_t limit, const itn_conte
     if (result) return result;
     if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
     file = fopen(path, "rb");
-    while (file && got && buffer->size <= limit && itn__buffer_reserve(buffer, 65536)) {
-        got = fread(buffer->bytes + buffer->size, 1, 65536, file);
-        buffer->size += got;
-    }
+    while (file && got && buffer->size <= limit && !buffer->failed)
+        itn__put(buffer, part, got = fread(part, 1, sizeof part, file));
     if (!file || ferror(file)) cause = strerror(errno);
     else if (buffer->size > limit) cause = "it is too large";
     if (file) fclose(file);
@@ -11767,23 +11757,21 @@ static int itn__replace_file(char *temporary, const char *path) {
 static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_error *error) {
     char temporary[4096];
     int device = path && !strncmp(path, "/dev/", 5) && strncmp(path, "/dev/shm/", 9), k;
-    int fits = path && strlen(path) < sizeof temporary - 8, cause = EEXIST;
+    int cause = EEXIST;
     FILE *file = NULL;
     itn_result result = ITN_OK;
-    for (k = 0; fits && !buffer->failed && k < 10000 && !file && cause == EEXIST; k++) {
+    if (!path || strlen(path) >= sizeof temporary - 8)
+        result = itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL or longer than 4087 bytes");
+    else if (buffer->failed) result = itn__out_of_memory(error, path);
+    for (k = 0; !result && k < 10000 && !file && cause == EEXIST; k++) {
         itn__print(temporary, sizeof temporary, "%s.tmp%d", path, k);
         file = device ? fopen(path, "wb") : fopen(temporary, "wbx"); /* x: it must be new */
         cause = errno;
     }
-    if (file) {
-        cause = itn__write_bytes(file, buffer->bytes, buffer->size);
-        if (!cause && !device) cause = itn__replace_file(temporary, path);
-        if (cause && !device) remove(temporary);
-    }
-    if (!fits)
-        result = itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL or longer than 4087 bytes");
-    else if (buffer->failed) result = itn__out_of_memory(error, path);
-    else if (cause)
+    if (file) cause = itn__write_bytes(file, buffer->bytes, buffer->size);
+    if (file && !cause && !device) cause = itn__replace_file(temporary, path);
+    if (file && cause && !device) remove(temporary);
+    if (!result && cause)
         result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot write: %s", path, strerror(cause));
     itn__buffer_free(buffer);
     return result;
@@ -11798,7 +11786,7 @@ static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_err
    (257-285) and a distance symbol (0-29), each with extra bits, say "the `length` bytes that stand
    `distance` bytes back". Huffman codes are canonical, given by their lengths alone (at most 15
    bits): codes of one length are consecutive, and in the order of their symbols. Behind a deflate
-   stream zlib (RFC 1950) puts the Adler-32 sum of the data. */
+   stream zlib (RFC 1950) puts the Adler-32 sum of the data. Functions return 0 for what is none. */
 
 typedef struct itn__code {
     int count[16], symbols[288]; /* of each length; in the order of their codes */
@@ -11826,16 +11814,14 @@ static int itn__take_bits(itn__inflate *z, int count) {
 /* Makes a code from its lengths. Returns how many codes of 15 bits are left: 0 for a complete one,
    negative if there are more codes than fit. */
 static int itn__code_make(itn__code *code, const unsigned char *lengths, int symbols) {
-    int next[17] = {0}, left = 1 << 15, k;
-    memset(code, 0, sizeof *code);
-    for (k = 0; k < symbols; k++) code->count[lengths[k]]++;
-    code->count[0] = 0;
-    for (k = 1; k < 16; k++) {
-        next[k + 1] = next[k] + code->count[k];
-        left -= code->count[k] << (15 - k);
+    int left = 1 << 15, made = 0, length, k;
+    for (length = 1; length < 16; length++) {
+        int before = made;
+        for (k = 0; k < symbols; k++)
+            if (lengths[k] == length) code->symbols[made++] = k;
+        code->count[length] = made - before;
+        left -= code->count[length] << (15 - length);
     }
-    for (k = 0; k < symbols; k++)
-        if (lengths[k]) code->symbols[next[lengths[k]]++] = k;
     return left;
 }
 
@@ -11852,16 +11838,14 @@ static int itn__take_symbol(itn__inflate *z, const itn__code *code) {
 }
 
 /* A stored block: its length, that with all bits turned, and the bytes. */
-static const char *itn__inflate_stored(itn__inflate *z) {
+static int itn__inflate_stored(itn__inflate *z) {
     size_t length = itn__take_number(z->in, 2, 0), turned = itn__take_number(z->in, 2, 0);
-    const unsigned char *bytes;
+    const unsigned char *bytes = itn__take_bytes(z->in, length);
     z->bits = 0, z->count = 0; /* it begins with a whole byte */
-    if (length != (turned ^ 0xffff)) return "stored length is damaged";
-    if (length > z->capacity - z->size) return "more data than expected";
-    bytes = itn__take_bytes(z->in, length);
-    if (bytes) memcpy(z->out + z->size, bytes, length);
+    if (!bytes || (length ^ turned) != 0xffff || length > z->capacity - z->size) return 0;
+    memcpy(z->out + z->size, bytes, length);
     z->size += length;
-    return NULL;
+    return 1;
 }
 
 /* Takes what stands for a length (symbols from 257 on) or a distance: with every 4 (or 2) symbols
@@ -11873,19 +11857,18 @@ static size_t itn__inflate_amount(itn__inflate *z, int symbol, int per_bit) {
 }
 
 /* Decodes one block with the codes at hand. */
-static const char *itn__inflate_coded(itn__inflate *z) {
+static int itn__inflate_coded(itn__inflate *z) {
     for (;;) {
-        int symbol = itn__take_symbol(z, &z->literals);
+        int symbol = itn__take_symbol(z, &z->literals), back = 0;
         size_t length = 1, distance = 0;
-        if (symbol == 256) return NULL;
-        if (symbol > 256 && symbol < 286) {
+        if (symbol == 256) return 1;
+        if (symbol > 256) {
             length = symbol == 285 ? 258 : 3 + itn__inflate_amount(z, symbol - 257, 4);
-            symbol = itn__take_symbol(z, &z->distances);
-            if (symbol >= 0) distance = 1 + itn__inflate_amount(z, symbol, 2);
+            back = itn__take_symbol(z, &z->distances);
+            if (back >= 0) distance = 1 + itn__inflate_amount(z, back, 2);
         }
-        if (symbol < 0 || symbol > 285) return "invalid code";
-        if (distance > z->size) return "distance reaches before the start";
-        if (length > z->capacity - z->size) return "more data than expected";
+        if (symbol < 0 || symbol > 285 || back < 0) return 0;
+        if (distance > z->size || length > z->capacity - z->size) return 0;
         if (!distance) z->out[z->size++] = (unsigned char)symbol;
         for (; distance && length; length--, z->size++)
             z->out[z->size] = z->out[z->size - distance];
@@ -11895,37 +11878,35 @@ static const char *itn__inflate_coded(itn__inflate *z) {
 /* Reads the codes of a block, given by their lengths, which are Huffman coded themselves: 0-15 a
    length, 16 the last one 3-6 times, 17 and 18 runs of zeros. A distance code may be incomplete
    only where it has no or one symbol. */
-static const char *itn__inflate_codes(itn__inflate *z) {
+static int itn__inflate_codes(itn__inflate *z) {
     static const unsigned char order[] = {16, 17, 18, 0, 8,  7, 9,  6, 10, 5,
                                           11, 4,  12, 3, 13, 2, 14, 1, 15};
     static const unsigned char least[] = {3, 3, 11}, bits[] = {2, 3, 7}; /* of 16, 17, 18 */
     unsigned char lengths[288 + 32] = {0};
     int literals = itn__take_bits(z, 5) + 257, total = literals + itn__take_bits(z, 5) + 1;
-    int count = itn__take_bits(z, 4) + 4, i, left, used;
+    int count = itn__take_bits(z, 4) + 4, i, left, used = 0;
     for (i = 0; i < count; i++) lengths[order[i]] = (unsigned char)itn__take_bits(z, 3);
-    if (itn__code_make(&z->literals, lengths, 19)) return "invalid code of lengths";
+    if (itn__code_make(&z->literals, lengths, 19)) return 0;
     for (i = 0; i < total;) {
         int symbol = itn__take_symbol(z, &z->literals), value = symbol < 16 ? symbol : 0;
         int repeat = symbol < 16 ? 1 : least[symbol - 16] + itn__take_bits(z, bits[symbol - 16]);
         if (symbol == 16) value = i ? lengths[i - 1] : -1;
-        if (value < 0 || repeat > total - i) return "invalid code lengths";
+        if (value < 0 || repeat > total - i) return 0;
         while (repeat--) lengths[i++] = (unsigned char)value;
     }
-    for (i = literals, used = 0; i < total; i++) used += lengths[i] > 0;
+    for (i = literals; i < total; i++) used += lengths[i] > 0;
     left = itn__code_make(&z->distances, lengths + literals, total - literals);
-    if (itn__code_make(&z->literals, lengths, literals) || literals > 286 || !lengths[256] ||
-        total - literals > 30 || left < 0 || (left && used > 1))
-        return "invalid codes";
-    return NULL;
+    return !itn__code_make(&z->literals, lengths, literals) && literals < 287 && lengths[256] &&
+           total - literals < 31 && left >= 0 && (!left || used < 2);
 }
 
 /* The codes of blocks that do not transmit any. */
-static void itn__inflate_fixed(itn__inflate *z) {
+static int itn__inflate_fixed(itn__inflate *z) {
     unsigned char lengths[288];
     memset(lengths, 8, 288), memset(lengths + 144, 9, 112), memset(lengths + 256, 7, 24);
     itn__code_make(&z->literals, lengths, 288);
     memset(lengths, 5, 30);
-    itn__code_make(&z->distances, lengths, 30);
+    return itn__code_make(&z->distances, lengths, 30) > 0;
 }
 
 /* The Adler-32 sum of bytes behind others, of which it is `sum`; of none it is 1. */
@@ -11944,22 +11925,20 @@ static uint32_t itn__adler32(uint32_t sum, const unsigned char *bytes, size_t si
    output, or to a block that is none. */
 static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacity) {
     itn__inflate z = ITN_ZERO;
-    const char *fault = NULL;
     unsigned head = (unsigned)itn__take_number(in, 2, 1);
-    int last = 0, type;
-    if ((head >> 8 & 15) != 8 || head >> 12 > 7 || head % 31 || head & 32) fault = "not zlib data";
+    int good = (head & 0x8f20) == 0x800 && head % 31 == 0, last = 0, type;
     z.in = in, z.out = bytes, z.capacity = capacity;
-    while (!last && !fault) {
+    while (good && !last) {
         last = itn__take_bits(&z, 1), type = itn__take_bits(&z, 2);
-        if (type == 1) itn__inflate_fixed(&z);
-        if (type == 2) fault = itn__inflate_codes(&z);
-        if (type == 3) fault = "invalid block";
-        if (!fault) fault = type ? itn__inflate_coded(&z) : itn__inflate_stored(&z);
+        if (!type) good = itn__inflate_stored(&z);
+        else
+            good = type < 3 && (type == 1 ? itn__inflate_fixed(&z) : itn__inflate_codes(&z)) &&
+                   itn__inflate_coded(&z);
     }
-    if (!fault && z.size != capacity) fault = "less data than expected";
-    if (!fault && itn__take_number(in, 4, 1) != itn__adler32(1, bytes, capacity))
-        fault = "checksum is wrong";
-    if (fault) ITN__DAMAGED(in, "%s", fault);
+    if (!good || z.size != capacity)
+        ITN__DAMAGED(in, "not the zlib data of %.0f bytes", (double)capacity);
+    else if (itn__take_number(in, 4, 1) != itn__adler32(1, bytes, capacity))
+        ITN__DAMAGED(in, "checksum is wrong");
 }
 
 /* ---- [images] EXR, PFM and PNG files --------------------------------------------------------- */
@@ -12454,120 +12433,99 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
 
 /* ---- [meshes] OBJ and PLY files -------------------------------------------------------------- */
 
-/* Both formats hold polygons, which are cut into triangles as they come. A polygon is projected
-   along the largest component of its normal, the sum of (p_i - p_0) x (p_i+1 - p_0) over its
-   corners (Newell). It is convex if it turns left at every corner there, and becomes a fan around
-   its first corner. Else ears are cut off: triangles of three consecutive corners that turn left
-   and hold no other corner (Meisters 1975: every simple polygon has two). */
+/* Both formats hold polygons, which are cut into triangles as they come. Seen along its normal n,
+   the sum of (p_i - p_0) x (p_i+1 - p_0) over its corners (Newell), a polygon is counter-clockwise.
+   If all triangles of the fan around its first corner are, too, they fill it. Else ears are cut
+   off: triangles of three consecutive corners that turn left and hold no other corner (Meisters
+   1975: every simple polygon has two). */
 
-enum { ITN__EAR_CORNERS = 4096 }; /* most corners of a polygon that is not convex */
+enum { ITN__EAR_CORNERS = 4096 }; /* most corners of a polygon that is cut by ears */
 
 typedef struct itn__corner {
-    size_t vertex, texture; /* texture: which texture coordinates, SIZE_MAX for none */
-    float p[3];
+    int vertex, textured; /* textured: uv are given */
+    float p[3], uv[2];
 } itn__corner;
 
 typedef struct itn__builder {
-    itn__buffer positions; /* float[3] each */
-    itn__buffer texcoords; /* float[2] each */
-    itn__buffer corners;   /* itn__corner each, of the polygon at hand */
-    itn__buffer triangles; /* size_t[3][2] each: vertex and texture of the corners */
+    itn__buffer positions, texcoords; /* float[3], float[2]: what the file lists */
+    itn__buffer corners;              /* itn__corner: of the polygon at hand */
+    itn__buffer triangles, uvs;       /* int, float[2]: of the corners of triangles */
+    int untextured;                   /* some of these have no uv */
 } itn__builder;
 
+/* Adds a corner of a vertex and texture coordinates from the lists; no such: none. */
 static void itn__add_corner(itn__builder *b, size_t vertex, size_t texture) {
-    itn__corner corner;
-    corner.vertex = vertex, corner.texture = texture;
+    itn__corner corner = ITN_ZERO;
+    corner.vertex = (int)vertex, corner.textured = texture < b->texcoords.size / 8;
     memcpy(corner.p, b->positions.bytes + 12 * vertex, 12);
+    if (corner.textured) memcpy(corner.uv, b->texcoords.bytes + 8 * texture, 8);
     itn__put(&b->corners, &corner, sizeof corner);
 }
 
-static void itn__add_triangle(itn__builder *b, int h, int i, int j) {
-    const itn__corner *c = (const itn__corner *)(const void *)b->corners.bytes;
-    itn__put(&b->triangles, &c[h].vertex, 2 * sizeof(size_t));
-    itn__put(&b->triangles, &c[i].vertex, 2 * sizeof(size_t));
-    itn__put(&b->triangles, &c[j].vertex, 2 * sizeof(size_t));
+/* Adds a corner of a triangle. */
+static void itn__put_corner(itn__builder *b, const itn__corner *corner) {
+    itn__put(&b->triangles, &corner->vertex, sizeof corner->vertex);
+    itn__put(&b->uvs, corner->uv, sizeof corner->uv);
+    b->untextured |= !corner->textured;
 }
 
-/* Twice the signed area of a triangle of corners in the plane of two axes: positive if it turns
-   left. */
+/* n . (i - h) x (j - h): positive if the triangle turns left, seen against n. */
 static double itn__turn(const itn__corner *h, const itn__corner *i, const itn__corner *j,
-                        const int axes[2]) {
-    double u = (double)h->p[axes[0]], v = (double)h->p[axes[1]];
-    return ((double)i->p[axes[0]] - u) * ((double)j->p[axes[1]] - v) -
-           ((double)i->p[axes[1]] - v) * ((double)j->p[axes[0]] - u);
-}
-
-/* Finds the axes of a plane in which the polygon is counter-clockwise; returns whether it is convex
-   there. */
-static int itn__polygon_convex(const itn__corner *c, int n, int axes[2]) {
-    double area, largest = 0;
-    int axis, i;
-    axes[0] = 1, axes[1] = 2;
-    for (axis = 0; axis < 3; axis++) {
-        int plane[2];
-        plane[0] = (axis + 1) % 3, plane[1] = (axis + 2) % 3;
-        for (area = 0, i = 2; i < n; i++) area += itn__turn(c, c + i - 1, c + i, plane);
-        if (!(fabs(area) > largest)) continue;
-        largest = fabs(area);
-        axes[0] = plane[area < 0], axes[1] = plane[area > 0];
-    }
-    for (i = 0; i < n; i++)
-        if (!(itn__turn(c + i, c + (i + 1) % n, c + (i + 2) % n, axes) >= 0)) return 0;
-    return 1;
+                        const double n[3]) {
+    double u[3], v[3];
+    int k;
+    for (k = 0; k < 3; k++)
+        u[k] = (double)i->p[k] - (double)h->p[k], v[k] = (double)j->p[k] - (double)h->p[k];
+    return n[0] * (u[1] * v[2] - u[2] * v[1]) + n[1] * (u[2] * v[0] - u[0] * v[2]) +
+           n[2] * (u[0] * v[1] - u[1] * v[0]);
 }
 
 static int itn__same_place(const itn__corner *a, const itn__corner *b) {
     return a->p[0] == b->p[0] && a->p[1] == b->p[1] && a->p[2] == b->p[2];
 }
 
-/* Lets go of corners that are where the one before is, which hide how the polygon turns there; at
-   least three stay. Returns how many. */
-static int itn__drop_twins(itn__corner *c, int n) {
-    int kept = 1, i;
-    for (i = 1; i < n; i++)
-        if (kept + n - i <= 3 || !itn__same_place(c + kept - 1, c + i)) c[kept++] = c[i];
-    while (kept > 3 && itn__same_place(c + kept - 1, c)) kept--;
-    return kept;
-}
-
-/* Whether corner i, between h and j, of the n that are left is an ear. */
-static int itn__is_ear(const itn__corner *c, int n, int h, int i, int j, const int axes[2]) {
-    const itn__corner *ear[3], *d;
-    int k, inside;
-    ear[0] = c + h, ear[1] = c + i, ear[2] = c + j;
-    if (!(itn__turn(ear[0], ear[1], ear[2], axes) > 0)) return 0;
-    for (d = c; d < c + n; d++) {
-        for (inside = 1, k = 0; k < 3 && inside; k++) /* not where a corner of the ear is */
-            inside = itn__turn(ear[k], ear[(k + 1) % 3], d, axes) >= 0 &&
-                     !(d->p[axes[0]] == ear[k]->p[axes[0]] && d->p[axes[1]] == ear[k]->p[axes[1]]);
-        if (inside) return 0;
-    }
+/* Whether corner i, between h and j, of the count that are left is an ear. */
+static int itn__is_ear(const itn__corner *c, int count, int h, int i, int j, const double n[3]) {
+    const itn__corner *d;
+    if (!(itn__turn(c + h, c + i, c + j, n) > 0)) return 0;
+    for (d = c; d < c + count; d++)
+        if (itn__turn(c + h, c + i, d, n) >= 0 && itn__turn(c + i, c + j, d, n) >= 0 &&
+            itn__turn(c + j, c + h, d, n) >= 0 && !itn__same_place(d, c + h) &&
+            !itn__same_place(d, c + i) && !itn__same_place(d, c + j))
+            return 0;
     return 1;
 }
 
-/* Turns the corners at hand into triangles. An ear is looked for from the corner before the last
-   cut on. Where there is none (the polygon crosses itself), any corner does; after two such cuts no
-   more is looked for, so that the work stays in bounds. */
+/* Turns the corners at hand into triangles. Corners that are where the next one is hide how the
+   polygon turns there, and are let go while three stay. Triangles are cut off from the last corner
+   on, then from the one before the last cut, which makes the fan. Where there is no ear (the
+   polygon crosses itself), any corner does; after two such cuts no more is looked for, so that the
+   work stays in bounds. */
 static void itn__add_polygon(itn__builder *b, itn__text *text) {
     itn__corner *c = (itn__corner *)(void *)b->corners.bytes;
-    size_t count = b->corners.size / sizeof *c;
-    int n, i, k, axes[2], earless = 0;
-    if (count < 3) ITN__DAMAGED(text, "a face needs three corners");
-    if (count > INT_MAX / 16) ITN__DAMAGED(text, "a face has too many corners");
+    size_t given = b->corners.size / sizeof *c;
+    int count = (int)given, n = 0, fan = 1, earless = 0, i, k;
+    double normal[3] = {0, 0, 0};
+    if (given < 3 || given > INT_MAX / 16)
+        ITN__DAMAGED(text, "a face needs three corners or more, not %.0f", (double)given);
     if (text->result) return;
-    n = itn__drop_twins(c, (int)count);
-    if (itn__polygon_convex(c, n, axes)) {
-        for (i = 1; i + 1 < n; i++) itn__add_triangle(b, 0, i, i + 1);
-        return;
+    for (i = 0; i < count; i++)
+        if (n + count - i <= 3 || !itn__same_place(c + i, c + (i + 1) % count)) c[n++] = c[i];
+    for (k = 0; k < 3; k++) {
+        double axis[3] = {0, 0, 0};
+        axis[k] = 1;
+        for (i = 1; i + 1 < n; i++) normal[k] += itn__turn(c, c + i, c + i + 1, axis);
     }
-    if (n > ITN__EAR_CORNERS)
-        ITN__UNSUPPORTED(text, "a face that is not convex has more than %d corners",
-                         ITN__EAR_CORNERS);
-    for (i = 1; n >= 3 && !text->result; n--, i = (i + n - 1) % n) {
-        for (k = 0; k < n && n > 3 && earless < 2; k++, i = (i + 1) % n)
-            if (itn__is_ear(c, n, (i + n - 1) % n, i, (i + 1) % n, axes)) break;
+    for (i = 1; i + 1 < n; i++) fan &= itn__turn(c, c + i, c + i + 1, normal) >= 0;
+    if (!fan && n > ITN__EAR_CORNERS)
+        ITN__UNSUPPORTED(text, "a face of this shape has more than %d corners", ITN__EAR_CORNERS);
+    for (i = n - 1; n >= 3 && !text->result; n--, i = (i + n - 1) % n) {
+        for (k = 0; k < n && n > 3 && !fan && earless < 2; k++, i = (i + 1) % n)
+            if (itn__is_ear(c, n, (i + n - 1) % n, i, (i + 1) % n, normal)) break;
         earless += k == n;
-        itn__add_triangle(b, (i + n - 1) % n, i, (i + 1) % n);
+        itn__put_corner(b, c + (i + 1) % n);
+        itn__put_corner(b, c + (i + n - 1) % n);
+        itn__put_corner(b, c + i);
         memmove(c + i, c + i + 1, (size_t)(n - i - 1) * sizeof *c);
     }
 }
@@ -12576,23 +12534,19 @@ static void itn__add_polygon(itn__builder *b, itn__text *text) {
    shape are refused. */
 static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
                                     const itn_context *context, itn_mesh *mesh, itn_error *error) {
-    const float *positions = (const float *)(const void *)b->positions.bytes;
-    const size_t *corners = (const size_t *)(const void *)b->triangles.bytes; /* [count][2] */
-    size_t count = b->triangles.size / (2 * sizeof(size_t)), vertices = b->positions.size / 12;
-    size_t i, k;
+    const float *p = (const float *)(const void *)b->positions.bytes;
+    size_t vertices = b->positions.size / 12, triangles = b->triangles.size / 12, i, k;
     float size = 0, farthest = 0;
-    int textured = 1;
     itn_result result;
-    if (!count || vertices > INT_MAX / 3 || count > INT_MAX)
-        return itn__fail(error, count ? ITN_ERROR_UNSUPPORTED : ITN_ERROR_FORMAT, 0,
-                         count ? "%s: mesh is too large"
-                               : "%s: mesh has no face, or the file is neither PLY nor OBJ", name);
+    if (!triangles)
+        return itn__fail(error, ITN_ERROR_FORMAT, 0,
+                         "%s: mesh has no face, or the file is neither PLY nor OBJ", name);
+    if (vertices > INT_MAX / 3 || triangles > INT_MAX / 3)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: mesh is too large", name);
     for (k = 0; k < 3; k++) {
-        float lower = positions[k], upper = positions[k];
-        for (i = k; i < 3 * vertices; i += 3) {
-            lower = itn__min(lower, positions[i]);
-            upper = itn__max(upper, positions[i]);
-        }
+        float lower = p[k], upper = p[k];
+        for (i = k; i < 3 * vertices; i += 3)
+            lower = itn__min(lower, p[i]), upper = itn__max(upper, p[i]);
         size = itn__max(size, upper - lower);
         farthest = itn__max(farthest, itn__max(-lower, upper));
     }
@@ -12601,15 +12555,11 @@ static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
                          "%s: coordinates near %g of a mesh that is %g large, of which floats keep "
                          "too few digits: move it to the origin", name, (double)farthest,
                          (double)size);
-    for (i = 0; i < count; i++) textured &= corners[2 * i + 1] != SIZE_MAX;
-    result = itn_mesh_create((int)vertices, (int)(count / 3), textured, context, mesh, error);
+    result = itn_mesh_create((int)vertices, (int)triangles, !b->untextured, context, mesh, error);
     if (result) return result;
-    memcpy(mesh->positions, positions, b->positions.size);
-    for (i = 0; i < count; i++) {
-        mesh->triangles[i] = (int)corners[2 * i];
-        if (textured)
-            memcpy(mesh->uvs + 2 * i, b->texcoords.bytes + 8 * corners[2 * i + 1], 8);
-    }
+    memcpy(mesh->positions, p, b->positions.size);
+    memcpy(mesh->triangles, b->triangles.bytes, b->triangles.size);
+    if (mesh->uvs) memcpy(mesh->uvs, b->uvs.bytes, b->uvs.size);
     return ITN_OK;
 }
 
@@ -12620,15 +12570,14 @@ static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
 static void itn__obj_corner(itn__text *text, itn__builder *b, const size_t counts[3]) {
     const char *word = text->at, *at = word, *end = word + itn__word_length(text);
     size_t index[3] = {SIZE_MAX, SIZE_MAX, SIZE_MAX};
-    double value = 0, most;
     int k, valid = 1;
-    for (k = 0; k < 3 && at && at < end; k++) {
-        if (k > 0 && *at++ != '/') valid = 0;
-        if (k > 0 && (at == end || *at == '/')) continue;
-        at = itn__parse_number(at, end, &value);
-        most = counts[k] < INT_MAX ? (double)counts[k] : INT_MAX;
-        valid &= at && value != 0 && fabs(value) <= most && value == floor(value);
-        if (valid) index[k] = (size_t)(value < 0 ? most + value : value - 1);
+    for (k = 0; k < 3 && valid && at < end; k++, at += at < end) {
+        double value = 0, most = (double)counts[k];
+        const char *next = *at == '/' ? NULL : itn__parse_number(at, end, &value);
+        if (*at == '/') continue;
+        valid = next && (next == end || *next == '/') && value != 0 && fabs(value) <= most &&
+                value == floor(value);
+        if (valid) index[k] = (size_t)(value < 0 ? most + value : value - 1), at = next;
     }
     text->at = end;
     if (valid && at == end && index[0] != SIZE_MAX) itn__add_corner(b, index[0], index[1]);
@@ -12687,7 +12636,6 @@ typedef struct itn__ply {
     itn__builder *builder;
     int format, kind, count; /* kind: of the last element; count: of lines */
     int has, kinds;          /* 1 << role, 1 << kind for those that are there */
-    int textured;            /* vertices have texture coordinates */
     itn__ply_line lines[544];
 } itn__ply;
 
@@ -12703,12 +12651,12 @@ static int itn__ply_type(itn__text *text) {
 /* Reads "TYPE name" or "list TYPE TYPE name". Returns NULL, or what is wrong. */
 static const char *itn__ply_property(itn__ply *ply, itn__ply_line *p) {
     int list = itn__accept(ply->text, "list") == 0, i;
-    if (!ply->count) return "property stands before any element";
     p->list = list ? itn__ply_type(ply->text) : -1;
     p->type = itn__ply_type(ply->text);
-    if (p->type < 0 || (list && p->list < 0)) return "property has no valid type";
+    if (!ply->count) return "property stands before any element";
+    if (p->type < 0 || (list && p->list < 0) || itn__line_done(ply->text))
+        return "property has no valid type or no name";
     if (p->list >= 6) return "list has a count that is no integer";
-    if (itn__line_done(ply->text)) return "property has no name";
     i = itn__accept(ply->text, "x y z u v s t texture_u texture_v vertex_indices vertex_index "
                                "texcoord");
     p->role = i < 0 || list != (i >= 9) || ply->kind != (list ? ITN__PLY_FACE : ITN__PLY_VERTEX)
@@ -12721,21 +12669,19 @@ static const char *itn__ply_property(itn__ply *ply, itn__ply_line *p) {
 
 /* Reads "name count". Returns NULL, or what is wrong. */
 static const char *itn__ply_element(itn__ply *ply, itn__ply_line *element) {
-    element->type = -1;
-    element->role = ply->kind = itn__accept(ply->text, "vertex face") + 1;
-    if (!ply->kind) ply->text->at += itn__word_length(ply->text);
-    element->count = itn__take_decimal(ply->text);
-    if (!(element->count >= 0 && element->count < 1e15 && element->count == floor(element->count)))
+    double count;
+    int kind = ply->kind = element->role = itn__accept(ply->text, "vertex face") + 1;
+    if (!kind) ply->text->at += itn__word_length(ply->text);
+    count = element->count = itn__take_decimal(ply->text), element->type = -1;
+    if (!(count >= 0 && count <= (kind ? INT_MAX : 1e15) && count == floor(count)))
         return "element has no valid count";
-    if (!ply->kind) return NULL;
-    if (element->count > INT_MAX) return "has too many vertices or faces";
-    if (ply->kinds >> ply->kind & 1) return "has an element twice";
-    if (ply->kinds > 1 << ply->kind) return "faces stand before the vertices";
-    ply->kinds |= 1 << ply->kind;
+    if (kind && ply->kinds >= 1 << kind)
+        return "has an element twice, or faces before the vertices";
+    ply->kinds |= 1 << kind;
     return NULL;
 }
 
-static itn_result itn__ply_header(itn__ply *ply) {
+static void itn__ply_header(itn__ply *ply) {
     itn__text *text = ply->text;
     const char *fault = NULL;
     int keyword = -1, lone_return;
@@ -12763,12 +12709,9 @@ static itn_result itn__ply_header(itn__ply *ply) {
     if (!fault && (ply->has & 7) != 7) fault = "has no vertex with x, y, z";
     if (!fault && !(ply->has >> ITN__PLY_CORNERS & 1))
         fault = "has no face with a list vertex_indices";
-    if (fault) return ITN__DAMAGED(text, "PLY %s", fault);
-    ply->textured = (ply->has >> ITN__PLY_U & 3) == 3;
-    /* what follows may be binary, and look like anything */
-    text->at += lone_return ? 1 : itn__newline(text->at, text->end);
+    if (fault) ITN__DAMAGED(text, "PLY %s", fault);
+    else text->at += lone_return ? 1 : itn__newline(text->at, text->end); /* binary from here on? */
     text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
-    return ITN_OK;
 }
 
 /* Reads a number of any type; NaN if the text is none. */
@@ -12789,31 +12732,28 @@ static double itn__ply_value(itn__ply *ply, int type) {
     return value; /* integer types of even places are signed */
 }
 
-/* Takes a value for its role; vertex: x y z u v of the one being read. */
-static void itn__ply_take(itn__ply *ply, int role, double value, float *vertex) {
+/* Takes a value for its role; vertex: x y z u v of the one being read, and what has no role. */
+static void itn__ply_take(itn__ply *ply, int role, double value, float vertex[8]) {
     itn__builder *b = ply->builder;
-    float number = (float)value;
-    double vertices = (double)(b->positions.size / 12);
-    size_t index = value >= 0 && value < vertices ? (size_t)value : SIZE_MAX;
-    if (role == ITN__PLY_CORNERS && (double)index == value)
-        itn__add_corner(b, index, ply->textured ? index : SIZE_MAX);
-    else if (role == ITN__PLY_CORNERS)
-        ITN__DAMAGED(ply->text, "names a vertex that does not exist");
-    else if (role != ITN__PLY_NONE && !itn__finite(number))
+    float number = vertex[role] = (float)value;
+    if (role == ITN__PLY_CORNERS) {
+        if (value >= 0 && value < (double)(b->positions.size / 12) && value == floor(value))
+            itn__add_corner(b, (size_t)value, (size_t)value);
+        else ITN__DAMAGED(ply->text, "names a vertex that does not exist");
+    } else if (role != ITN__PLY_NONE && !itn__finite(number))
         ITN__DAMAGED(ply->text, "a %scoordinate is not a finite number",
                      role < ITN__PLY_U ? "" : "texture ");
     else if (role == ITN__PLY_TEXCOORDS) itn__put(&b->texcoords, &number, 4);
-    else if (role != ITN__PLY_NONE) vertex[role] = number;
 }
 
 /* Reads one entry of an element of `count` properties p: of each one number, or as many as the list
    has. Every step takes bytes, so that a count that lies ends with them. A face's own texture
-   coordinates count more than its vertices'. */
+   coordinates, which are put behind the vertices', count more than these. */
 static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int count) {
     itn__builder *b = ply->builder;
     itn__corner *corners;
     size_t before = b->texcoords.size, own, i;
-    float vertex[5] = {0, 0, 0, 0, 0};
+    float vertex[8] = {0, 0, 0, 0, 0, 0, 0, 0};
     b->corners.size = 0;
     for (; count--; p++) {
         double left = p->list >= 0 ? itn__ply_value(ply, p->list) : 1;
@@ -12821,15 +12761,18 @@ static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int 
         for (; left > 0 && !ply->text->result; left--)
             itn__ply_take(ply, p->role, itn__ply_value(ply, p->type), vertex);
     }
-    if (kind == ITN__PLY_VERTEX) {
-        itn__put(&b->positions, vertex, 12);
-        if (ply->textured) itn__put(&b->texcoords, vertex + 3, 8);
-    }
+    if (kind == ITN__PLY_VERTEX) itn__put(&b->positions, vertex, 12);
+    if (kind == ITN__PLY_VERTEX && (ply->has >> ITN__PLY_U & 3) == 3)
+        itn__put(&b->texcoords, vertex + ITN__PLY_U, 8);
     if (kind != ITN__PLY_FACE) return;
     corners = (itn__corner *)(void *)b->corners.bytes, own = (b->texcoords.size - before) / 4;
     if (own && own != 2 * (b->corners.size / sizeof *corners))
         ITN__DAMAGED(ply->text, "has not two texture coordinates per corner");
-    for (i = 0; 2 * i < own && !ply->text->result; i++) corners[i].texture = before / 8 + i;
+    for (i = 0; 2 * i < own && !ply->text->result; i++) {
+        memcpy(corners[i].uv, b->texcoords.bytes + before + 8 * i, 8);
+        corners[i].textured = 1;
+    }
+    b->texcoords.size = before;
     itn__add_polygon(b, ply->text);
 }
 
@@ -12840,7 +12783,7 @@ static void itn__ply_decode(itn__text *text, itn__builder *builder) {
     const itn__ply_line *element = ply.lines, *p, *end;
     double least; /* bytes of an entry */
     ply.text = text, ply.builder = builder;
-    if (itn__ply_header(&ply)) return;
+    itn__ply_header(&ply);
     for (end = ply.lines + ply.count; element < end && !text->result; element = p) {
         for (least = 0, p = element + 1; p < end && p->type >= 0; p++)
             least += ply.format ? itn__ply_sizes[p->list >= 0 ? p->list : p->type] : 2;
@@ -12864,17 +12807,19 @@ ITN_API ITN__COLD itn_result itn_mesh_from_memory(const void *bytes, size_t size
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_from_memory: NULL argument");
     result = itn__context_check(context, &checked, error);
     if (result) return result;
-    b.positions.context = b.texcoords.context = b.corners.context = b.triangles.context = checked;
+    b.positions.context = b.texcoords.context = b.corners.context = checked;
+    b.triangles.context = b.uvs.context = checked;
     text = itn__text_make(bytes, size, name ? name : "mesh");
     text.error = error;
     if (itn__accept(&text, "ply") == 0 && text.at < text.end) itn__ply_decode(&text, &b);
     else itn__obj_decode(&text, &b);
     result = text.result;
-    if (b.positions.failed || b.texcoords.failed || b.corners.failed || b.triangles.failed)
+    if (b.positions.failed || b.texcoords.failed || b.corners.failed || b.triangles.failed ||
+        b.uvs.failed)
         result = itn__out_of_memory(error, text.name);
     else if (!result) result = itn__builder_mesh(&b, text.name, &checked, &made, error);
-    itn__buffer_free(&b.positions), itn__buffer_free(&b.texcoords);
-    itn__buffer_free(&b.corners), itn__buffer_free(&b.triangles);
+    itn__buffer_free(&b.positions), itn__buffer_free(&b.texcoords), itn__buffer_free(&b.corners);
+    itn__buffer_free(&b.triangles), itn__buffer_free(&b.uvs);
     if (!result) *mesh = made;
     return result;
 }
@@ -12900,23 +12845,22 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a mesh: it has no triangles");
     result = itn__context_check(&mesh->context, &buffer.context, error);
     if (result) return result;
-    itn__print(header, sizeof header,
-               "ply\nformat binary_little_endian 1.0\nelement vertex %d\n"
-               "property float x\nproperty float y\nproperty float z\nelement face %d\n"
-               "property list uchar int vertex_indices\n%send_header\n",
-               mesh->vertex_count, mesh->triangle_count,
-               mesh->uvs ? "property list uchar float texcoord\n" : "");
-    itn__put(&buffer, header, strlen(header));
+    itn__put(&buffer, header,
+             itn__print(header, sizeof header,
+                        "ply\nformat binary_little_endian 1.0\nelement vertex %d\n"
+                        "property float x\nproperty float y\nproperty float z\nelement face %d\n"
+                        "property list uchar int vertex_indices\n%send_header\n",
+                        mesh->vertex_count, mesh->triangle_count,
+                        mesh->uvs ? "property list uchar float texcoord\n" : ""));
     wrong = itn__put_floats(&buffer, mesh->positions, 3 * (size_t)mesh->vertex_count);
     for (i = 0; i < (size_t)mesh->triangle_count; i++) {
-        itn__put_number(&buffer, 3, 1, 0);
+        itn__put(&buffer, "\3", 1);
         for (k = 3 * i; k < 3 * i + 3; k++) {
             wrong += mesh->triangles[k] < 0 || mesh->triangles[k] >= mesh->vertex_count;
             itn__put_number(&buffer, (uint32_t)mesh->triangles[k], 4, 0);
         }
-        if (!mesh->uvs) continue;
-        itn__put_number(&buffer, 6, 1, 0);
-        wrong += itn__put_floats(&buffer, mesh->uvs + 6 * i, 6);
+        itn__put(&buffer, "\6", mesh->uvs ? 1 : 0);
+        if (mesh->uvs) wrong += itn__put_floats(&buffer, mesh->uvs + 6 * i, 6);
     }
     if (!wrong) return itn__write_file(path, &buffer, error);
     itn__buffer_free(&buffer);
@@ -12943,24 +12887,22 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
    h <- (h ^ byte) prime can be undone, so any one changed byte changes the result. */
 
 #define ITN__WEIGHTS_MAGIC "ITN-NET\n"
-enum { ITN__WEIGHTS_FRAME = 56 + 8 /* header and checksum */ };
 
-static uint64_t itn__fnv1a(const unsigned char *bytes, size_t size) {
+static uint64_t itn__fnv1a(const char *bytes, size_t size) {
     uint64_t hash = 0xcbf29ce484222325ull;
     size_t k;
-    for (k = 0; k < size; k++) hash = (hash ^ bytes[k]) * 0x100000001b3ull;
+    for (k = 0; k < size; k++) hash = (hash ^ (unsigned char)bytes[k]) * 0x100000001b3ull;
     return hash;
 }
 
 /* Checks the bytes but for the values, which need a network: reads the sizes of one. */
 static itn_result itn__weights_header(itn__text *text, itn_net *shape, size_t *arrays) {
-    const unsigned char *bytes = (const unsigned char *)text->start;
-    size_t size = (size_t)(text->end - text->start), values;
+    size_t size = (size_t)(text->end - text->start);
     itn_net_desc desc = ITN_ZERO;
     uint64_t count;
     uint32_t version;
     int *fields[7], given = 1, k;
-    if (size < 16 || memcmp(bytes, ITN__WEIGHTS_MAGIC, 8))
+    if (size < 16 || memcmp(text->start, ITN__WEIGHTS_MAGIC, 8))
         return ITN__DAMAGED(text, "not a network file (these begin with ITN-NET)");
     text->at = text->start + 8;
     version = itn__take_u32(text), *arrays = itn__take_u32(text);
@@ -12969,12 +12911,12 @@ static itn_result itn__weights_header(itn__text *text, itn_net *shape, size_t *a
     itn__net_fields(&desc, fields);
     for (k = 0; k < 6; k++) given &= (*fields[k] = (int32_t)itn__take_u32(text)) != 0;
     count = itn__take_number(text, 8, 0), shape->steps = itn__take_number(text, 8, 0);
-    values = size < ITN__WEIGHTS_FRAME ? 0 : (size - ITN__WEIGHTS_FRAME) / 4;
-    if ((*arrays != 1 && *arrays != 3) || count == 0 || count != values / *arrays ||
-        size != ITN__WEIGHTS_FRAME + 4 * *arrays * (size_t)count)
+    if ((*arrays != 1 && *arrays != 3) ||
+        64 + 4. * (double)*arrays * (double)count != (double)size) /* exact, where they are equal */
         return ITN__DAMAGED(text, "cut off or damaged: %.0f bytes are not what the header promises",
                             (double)size);
-    if (itn__from_bytes(bytes + size - 8, 8, 0) != itn__fnv1a(bytes, size - 8))
+    if (itn__from_bytes((const unsigned char *)text->end - 8, 8, 0) !=
+        itn__fnv1a(text->start, size - 8))
         return ITN__DAMAGED(text, "damaged: the checksum does not match");
     if (shape->steps >> 53) return ITN__DAMAGED(text, "nobody takes so many steps");
     desc.batch = 1; /* any batch may have written it */
@@ -12988,13 +12930,12 @@ static itn_result itn__weights_header(itn__text *text, itn_net *shape, size_t *a
 ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char *name, int batch,
                                        const itn_context *context, itn_net **net,
                                        itn_error *error) {
-    itn_net shape, *made = NULL;
+    itn_net shape = ITN_ZERO, *made = NULL;
     itn__text text;
     itn_result result;
     size_t arrays = 0, k;
     if (!data || !net)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_from_memory: a pointer is NULL");
-    memset(&shape, 0, sizeof shape);
     text = itn__text_make(data, size, name ? name : "network");
     text.error = error, text.line = 0;
     result = itn__weights_header(&text, &shape, &arrays);
@@ -13034,7 +12975,7 @@ ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weight
     itn__put_number(&buffer, net->count, 8, 0);
     itn__put_number(&buffer, weights_only ? 0 : net->steps, 8, 0);
     itn__put_floats(&buffer, net->parameters, values);
-    itn__put_number(&buffer, itn__fnv1a(buffer.bytes, buffer.size), 8, 0);
+    itn__put_number(&buffer, itn__fnv1a((const char *)buffer.bytes, buffer.size), 8, 0);
     return itn__write_file(path, &buffer, error);
 }
 
