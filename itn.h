@@ -26,7 +26,7 @@
    make it work on many numbers at a time, 16 or 8 with -march=native where the processor has
    AVX-512 or AVX2, else 4; other compilers on one. MIT licence, at the end.
 
-   [contents] to find a chapter search for `---- [tag]`
+   [contents] search for `---- [tag]`; at the end are history, references, licence
 
      Part I, the interface
        [api-base]       results, errors, memory, threads, images
@@ -79,10 +79,7 @@
        [weights]        files of networks
        [scenefile]      scenes as text files
 
-     At the end: history, references, licence
-
-   [switches] define them before including the header in the file with ITN_IMPLEMENTATION
-
+   [switches] to be defined before the header is included in the file with ITN_IMPLEMENTATION
      ITN_IMPLEMENTATION   makes this file hold the code; in one file of a program
      ITN_STATIC           everything static to that file (define it together with the above)
      ITN_THREADS          loops run on the platform's threads (link with -lpthread); else one,
@@ -96,14 +93,14 @@
 
    [contract]
      Errors: functions return an itn_result; on failure outputs are untouched and itn_error, if
-     given, says where and why. Nothing prints, exits or aborts. Any free function accepts NULL.
+     given, says where and why. All may say ARGUMENT and MEMORY; other codes are named with them.
+     Nothing prints, exits or aborts. Functions that free accept NULL; a context may be NULL.
      Memory: every object copies what it is given, keeps its context and frees by it. Arrays are
      row-major, with shapes as in [channels][height][width]. Pointers must not alias unless said.
      Threads: no globals. A scene, mesh or BVH may be used by many threads at once, which then
      all call the functions of its context; a network may be used by one at a time.
-     Determinism: results are the same bits for any number of threads and any parallel_for, on one
-     build. Random numbers are functions of (seed, pixel, sample, dimension).
-     Floats: correct without -ffast-math, which also removes the NaN checks: do not use it.
+     Determinism: on one build, results are the same bits for any number of threads and any
+     parallel_for. -ffast-math removes checks for NaN: do not use it.
 
    [units] Lengths are scene units, sigma_t is per scene unit, angles are degrees in descs. Axes are
      right-handed, y is up. Triangles are counter-clockwise seen from outside. Row 0 of an image is
@@ -122,9 +119,8 @@
      equation numbers below are the paper's. Its symbols here: pi theta (parameters), T itn_render,
      N itn_net, sigma_t, albedo, g; f path throughput; S path score. */
 
-/* ============================================================================================
-   PART I: THE INTERFACE
-   ============================================================================================ */
+/* ================================== PART I: THE INTERFACE ===================================== */
+
 #ifndef ITN_H
 #define ITN_H
 
@@ -148,12 +144,10 @@
 #else
 #define ITN__UNUSED
 #endif
-#ifndef ITN_API
-#ifdef ITN_STATIC
+#if defined(ITN_STATIC) && !defined(ITN_API)
 #define ITN_API static ITN__UNUSED
-#else
+#elif !defined(ITN_API)
 #define ITN_API extern
-#endif
 #endif
 
 #ifdef __cplusplus
@@ -169,9 +163,8 @@ typedef enum itn_result {
     ITN_ERROR_MEMORY,      /* the allocator returned NULL, or a size does not fit in size_t */
     ITN_ERROR_FILE,        /* a file cannot be opened, read, written or renamed */
     ITN_ERROR_FORMAT,      /* a file was read but its contents are not valid */
-    ITN_ERROR_MESH,        /* a mesh is open, inside out, flat or tangled where a medium or a
-                              dielectric needs a solid; or objects have no size, a coordinate is
-                              not finite or too large, or a triangle names no vertex */
+    ITN_ERROR_MESH,        /* a mesh is no solid where a medium or a dielectric needs one, has no
+                              size, bad indices, or coordinates that are not finite or too large */
     ITN_ERROR_UNSUPPORTED, /* a valid request that this estimator or build cannot answer */
     ITN_ERROR_CANCELLED    /* the progress callback asked to stop */
 } itn_result;
@@ -186,12 +179,11 @@ typedef struct itn_error {
 /* Returns a constant name for a code ("out of memory"), never NULL. */
 ITN_API const char *itn_result_text(itn_result result);
 
-/* How an object gets memory and runs loops; all-zero is malloc/free and one thread, or with
-   ITN_THREADS one for each processor. Copied into each object made with it; `user` pointers must
-   outlive these. Set allocate and deallocate both or neither (else ARGUMENT); they must be safe to
-   call from the threads that use its objects, and blocks aligned as those of malloc.
-   parallel_for calls body(task, i) once for every i in [0, count), in any order, on any threads,
-   and returns when all are done. Results do not depend on how it does so. */
+/* How an object gets memory and runs loops; NULL or all-zero is malloc/free and one thread, or
+   with ITN_THREADS one for each processor. Copied into each object; `user` pointers must outlive
+   these. Set allocate and deallocate both or neither (else ARGUMENT); they are called from all
+   threads that use its objects, and give blocks aligned as those of malloc. parallel_for calls
+   body(task, i) once for every i in [0, count), in any order, and returns when all are done. */
 typedef struct itn_context {
     void *(*allocate)(size_t bytes, void *user);
     void (*deallocate)(void *block, void *user);
@@ -216,13 +208,12 @@ typedef struct itn_image {
     itn_context context;          /* what made it and frees it */
 } itn_image;
 
-/* Makes an image of zeros with empty names. Sizes at least 1; context may be NULL.
-   Errors: ARGUMENT, MEMORY. */
+/* Makes an image of zeros with empty names. Sizes are at least 1. */
 ITN_API itn_result itn_image_create(int width, int height, int plane_count,
                                     const itn_context *context, itn_image *image, itn_error *error);
-/* Frees an image's planes and zeroes it. Accepts NULL and all-zero images. */
+/* Frees an image's planes and zeroes it. */
 ITN_API void itn_image_free(itn_image *image);
-/* Returns the plane of that name ([height][width], owned by the image), or NULL. */
+/* Returns the plane of that name ([height][width]), or NULL. */
 ITN_API float *itn_image_plane(const itn_image *image, const char *name);
 
 /* ---- [api-mesh] triangle meshes and ray queries ---------------------------------------------- */
@@ -239,20 +230,18 @@ typedef struct itn_mesh {
     itn_context context; /* what made it and frees it */
 } itn_mesh;
 
-/* Allocates the arrays of a mesh, all zero; uvs only if with_uvs. Counts at least 0; context may be
-   NULL. Errors: ARGUMENT, MEMORY. */
+/* Allocates the arrays of a mesh, all zero; uvs only if with_uvs. */
 ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int with_uvs,
                                    const itn_context *context, itn_mesh *mesh, itn_error *error);
-/* Frees the arrays and zeroes the mesh. Accepts NULL and all-zero meshes. */
+/* Frees the arrays and zeroes the mesh. */
 ITN_API void itn_mesh_free(itn_mesh *mesh);
 
 /* What is wrong with a mesh. Vertices at equal positions count as one, so that seams are closed.
    An edge is good when exactly two triangles share it, in opposite directions (an even number,
    half of each direction, where parts of the mesh touch). The mesh is a solid if volume > 0 and all
-   counts are 0, except degenerate_triangles, and inverted_parts that are cavities. Whether they are
-   that or inside out, and whether parts overlap or lie within each other, only itn_scene_create
-   finds: it refuses a solid if more than 1 in 40 lines through it enters, or leaves, twice in a
-   row. Such parts are to be objects of their own. */
+   counts are 0, but for degenerate_triangles and inverted_parts that are cavities. Whether parts
+   are inside out, overlap or lie within each other, only itn_scene_create finds: it refuses a solid
+   if more than 1 in 40 lines through it enters, or leaves, twice in a row. */
 typedef struct itn_mesh_report {
     int bad_vertices;         /* those with a coordinate that is NaN or infinite */
     int bad_indices;          /* triangles that name a vertex out of range */
@@ -269,13 +258,11 @@ typedef struct itn_mesh_report {
     double area;
 } itn_mesh_report;
 
-/* Checks a mesh; fills report even when faults are found. context may be NULL.
-   Errors: ARGUMENT (NULL pointers, negative counts), MEMORY. */
+/* Checks a mesh. Its faults are no errors but for negative counts. */
 ITN_API itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
                                   itn_mesh_report *report, itn_error *error);
 
-/* A bounding volume hierarchy over a copy of a mesh's triangles. Immutable, so any number of
-   threads may query it. */
+/* A bounding volume hierarchy over a copy of a mesh's triangles. */
 typedef struct itn_bvh itn_bvh;
 
 /* A ray, or the part of it that counts. */
@@ -293,18 +280,16 @@ typedef struct itn_hit {
     int front;    /* 1: the ray met the outside of the triangle, 0: its inside */
 } itn_hit;
 
-/* Builds a hierarchy (binned surface area heuristic, wide nodes) with the context's parallel_for;
-   the result does not depend on how that runs. Errors: ARGUMENT (bad indices, coordinates that are
-   not finite, no triangle), MEMORY (also 2^30 triangles or more). */
+/* Builds a hierarchy (binned surface area heuristic, wide nodes) of at least one triangle, less
+   than 2^30, of valid indices and finite coordinates. */
 ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
                                   itn_error *error);
-/* Frees a hierarchy; NULL does nothing. */
+/* Frees a hierarchy. */
 ITN_API void itn_bvh_free(itn_bvh *bvh);
 /* Returns 1 and fills hit with the nearest intersection, or returns 0 and leaves hit alone.
-   Watertight: a ray through an edge or vertex shared by triangles never slips between them
-   (Woop, Benthin and Wald 2013), unless coordinates are beyond 1e37. Of hits at equal t, the one of
-   the smaller triangle index counts. A ray that is not finite hits nothing; only tmin and tmax may
-   be infinite. Pointers must not be NULL here and below. */
+   Watertight: a ray through an edge or vertex shared by triangles never slips between them, unless
+   coordinates are beyond 1e37. Of hits at equal t, that of the smaller triangle index counts. A ray
+   that is not finite, but for tmin and tmax, hits nothing. Pointers must not be NULL. */
 ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit);
 /* Returns 1 if anything lies between tmin and tmax, else 0. */
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
@@ -887,31 +872,29 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
 
 /* ---- [api-io] files -------------------------------------------------------------------------- */
 
-/* Loaders take untrusted bytes: sizes are checked before memory is asked for, and damage gives an
-   error that says where. Savers write a temporary beside the file (path.tmp0, or the next number
-   that is free), wait until it is on the disk and rename it: path holds its old contents or the new
-   ones, whole, also where power fails or two processes write it. A symbolic link becomes a file;
-   what is under /dev/, but not /dev/shm/, is written directly. Paths have at most 4087 bytes.
-   Numbers in text have a decimal point whatever the locale. */
+/* Loaders take untrusted bytes, and say where damage is. Savers write a temporary beside the file
+   (path.tmp0, or the next number that is free), wait until it is on the disk and rename it: path
+   holds its old contents or the new ones, whole, also where power fails or two processes write it.
+   A symbolic link becomes a file; what is under /dev/, but not /dev/shm/, is written directly.
+   Paths have at most 4087 bytes. Numbers in text have a decimal point whatever the locale. */
 
 /* Makes a mesh from the bytes of a PLY (its first word is "ply") or OBJ file. `name` stands for the
-   file in messages (NULL = "mesh"). Free with itn_mesh_free.
+   file in messages; it may be NULL, also below.
    OBJ: v, vt and f count, other statements are skipped. An index, which may be negative, names what
    stands above it. uvs are made if every corner has texture coordinates.
    PLY: ascii or binary of either byte order; elements vertex (x y z, and u v, s t or texture_u
    texture_v) and then face (vertex_indices or vertex_index, and a list texcoord of u v pairs).
-   Polygons are cut into triangles: fans where convex, ears where not (up to 4096 corners).
+   Polygons are cut into triangles: a fan or, up to 4096 corners, ears.
    Errors: FORMAT (also coordinates that are not finite, or more than 8,000 times as far from the
-   origin as the mesh is large: floats lose its shape), UNSUPPORTED, ARGUMENT, MEMORY. */
+   origin as the mesh is large: floats lose its shape), UNSUPPORTED. */
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
                                         const itn_context *context, itn_mesh *mesh,
                                         itn_error *error);
-/* Makes an image from the bytes of an EXR or PFM file. `name`: NULL = "image". Free with
-   itn_image_free.
+/* Makes an image from the bytes of an EXR or PFM file. Errors: FORMAT, UNSUPPORTED.
    EXR: one part of scan lines, compression none, RLE, ZIPS or ZIP, at most 1024 channels of half,
    float or uint (rounded to float), not subsampled; the image is the data window, and its planes
    keep the names and the order of the file. PFM: planes "Y" or "R", "G", "B"; values are multiplied
-   by the size of the file's scale. Errors: FORMAT, UNSUPPORTED, ARGUMENT, MEMORY. */
+   by the size of the file's scale. */
 ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_context *context, itn_image *image,
                                          itn_error *error);
@@ -923,10 +906,9 @@ ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, i
 ITN_API itn_result itn_image_load(const char *path, const itn_context *context, itn_image *image,
                                   itn_error *error);
 
-/* Savers. Errors: ARGUMENT (what is saved is empty or not valid), FILE, MEMORY.
-   PLY: binary little-endian, with uvs as the faces' list texcoord. EXR: all planes as float
-   channels, uncompressed, bit for bit, sorted by name, which must differ. PFM: plane_count (1 or 3)
-   planes from first_plane on, little-endian, bit for bit. */
+/* Savers. Further error: FILE. PLY: binary little-endian, with uvs as the faces' list texcoord.
+   EXR: all planes as float channels, uncompressed, sorted by name, which must differ. PFM:
+   plane_count (1 or 3) planes from first_plane on, little-endian. Floats keep all bits. */
 ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error);
 ITN_API itn_result itn_image_save_exr(const itn_image *image, const char *path, itn_error *error);
 ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, int plane_count,
@@ -935,8 +917,7 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
 /* How numbers become colours, for looking only. */
 typedef enum itn_png_mode {
     ITN_PNG_TONE = 0, /* scale times value, cut to [0,1], then the sRGB curve */
-    ITN_PNG_SIGNED    /* the mean of the planes: red if positive, blue if negative, black at 0, full
-                         at 1/scale */
+    ITN_PNG_SIGNED    /* the planes' mean: red if positive, blue if negative, full at 1/scale */
 } itn_png_mode;
 
 /* Writes plane_count (1 or 3) planes from first_plane on as an 8-bit RGB PNG file, uncompressed.
@@ -951,10 +932,8 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 }
 #endif
 #endif /* ITN_H */
-/* ===================================== end of the interface =================================== */
-/* ============================================================================================
-   PART II: THE REFERENCE PATH TRACER
-   ============================================================================================ */
+/* ============================= PART II: THE REFERENCE PATH TRACER ============================= */
+
 #if defined(ITN_IMPLEMENTATION) && !defined(ITN_IMPLEMENTATION_DONE)
 #define ITN_IMPLEMENTATION_DONE
 
@@ -4437,9 +4416,8 @@ static int itn__pixel_samples(const itn__allotment *allotment, int spp, size_t p
     return allotment ? allotment->samples[pixel] : spp;
 }
 
-/* ============================================================================================
-   PART III: SCENES, PICTURES, NETWORKS, SEARCHES, FILES
-   ============================================================================================ */
+/* ==================== PART III: SCENES, PICTURES, NETWORKS, SEARCHES, FILES =================== */
+
 
 /* ---- [means] text, threads, functions of lanes, small matrices ------------------------------ */
 
