@@ -304,6 +304,12 @@ typedef struct itn_film_desc {
     int channels;      /* 1 (default, Y) or 3 (R, G, B) */
     itn_filter filter; /* box: the pixel's square; Gaussian: cut at four deviations */
     float deviation;   /* of the Gaussian, in pixels, .1 to 4; 0 = .5. With box: 0 */
+    float exposure;    /* multiplies the picture, in [1e-12,1e12]; 0 = 1 */
+    float exposure_rgb[3]; /* with three channels: one for each, as of a camera's white balance,
+                              instead; all 0: exposure holds in all channels */
+    float background[3];   /* what a camera ray brings that meets no object, in the place of the
+                              lights, in [0,1e18]; only [0] with one channel. It lights nothing */
+    int has_background;    /* 1: it is taken, also when 0; 0: the lights are seen */
 } itn_film_desc;
 
 /* A pinhole camera; the middle of its film is on the line from eye to target. Pixels are square. */
@@ -434,7 +440,8 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    errors. One camera, one light or more.
 
        [film  [width N] [height N] [channels 1|3] [filter box|gaussian]       (128 x 128, 1, box)
-              [deviation PIXELS]]                                    (of the Gaussian: .5 pixels)
+              [deviation PIXELS]                                     (of the Gaussian: .5 pixels)
+              [exposure COLOUR] [background COLOUR]]                         (1; that of the lights)
        camera  eye X Y Z  target X Y Z  [up X Y Z] [fov DEGREES]     (0 1 0; 30, horizontal axis)
        medium  NAME  sigma_t COLOUR  albedo COLOUR  [phase hg] [g COLOUR]                   (g 0)
        surface NAME  type dielectric  [ior N] [alpha A]                 (1.5; 0, which is smooth)
@@ -446,10 +453,10 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
        light   map FILE  [scale S] [name NAME]
        light   sky FILE  sun X Y Z  [scale S] [sun_scale S] [sun_radius_scale S] [name NAME]
 
-   Of sigma_t and g, three numbers are three parameters unless all are 0. TRANSFORM is `scale S`,
-   `scale X Y Z` (positive, at most 1e12), `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or `translate X Y
-   Z`; any number of them are applied to the mesh from left to right. Meshes are OBJ or PLY, images
-   EXR or PFM. A sky file has in the same manner the fields of itn_sky:
+   Of sigma_t, g and exposure, three numbers are three parameters unless all are 0. TRANSFORM is
+   `scale S`, `scale X Y Z` (positive, at most 1e12), `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or
+   `translate X Y Z`; any number of them are applied to the mesh from left to right. Meshes are OBJ
+   or PLY, images EXR or PFM. A sky file has in the same manner the fields of itn_sky:
 
        coefficients_r A B C D E F G I H      coefficients_g ...      coefficients_b ...
        radiance R G B                        sun_radiance R G B */
@@ -491,11 +498,14 @@ ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, c
        surfaces   diffuse: reflectance, and of a checker reflectance2
                   dielectric: ior and, if it is rough, alpha
        lights     scale and, of a sky, sun_scale
-   for example milk.sigma_t, glass.alpha, light.scale. With three channels albedo and reflectances
-   are three each (milk.albedo_r, milk.albedo_g, milk.albedo_b), and so are sigma_t and g that were
-   given as sigma_t_rgb and g_rgb (milk.sigma_t_r ...).
-   Optimisers step in a coordinate: ln x of sigma_t, alpha and scales, ln((x-lower)/(upper-x)) of
-   all others (none has ITN_IDENTITY, x itself). */
+       film       exposure and, if it has one, background
+   for example milk.sigma_t, glass.alpha, light.scale. With three channels albedo, reflectances and
+   background are three each (milk.albedo_r, milk.albedo_g, milk.albedo_b), and so are sigma_t, g
+   and exposure that were given as sigma_t_rgb, g_rgb and exposure_rgb (milk.sigma_t_r ...).
+   film.exposure is the scale of all lights (and the background) at once: of a photo in units of its
+   own seek it, and no scale of the only light beside it.
+   Optimisers step in a coordinate: ln((x-lower)/(upper-x)) of albedo, g, ior and reflectances, ln x
+   of all others (none has ITN_IDENTITY, x itself). */
 typedef enum itn_transform { ITN_IDENTITY = 0, ITN_LOG, ITN_LOGIT } itn_transform;
 
 typedef struct itn_parameter {
@@ -2361,9 +2371,12 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
 
    `form` tells how many numbers follow a field's name in a file, by digits, and how the desc keeps
    them: f as floats, i as an int, c as a colour (one number counts for all channels), s as a
-   spectrum (one number, or three in an array of their own); k a checker, t a step of a transform.
+   spectrum (one number, or three in an array of their own; ? says that an int tells whether it is
+   given); k a checker, t a step of a transform.
    Or what word follows: w a name, o one of `words`, m p y a file with a mesh, a picture, a sky. A
-   field without any of these is a flag, an int. What has ! must be given in a file. */
+   field without any of these is a flag, an int. What has ! must be given in a file. What a
+   parameter is: S a share of what arrives that leaves again, R a rate of collisions, N an index of
+   refraction, L the scale of a light. */
 typedef struct itn__field {
     const char *name, *form;
     float lower, upper; /* range of its numbers */
@@ -2372,10 +2385,13 @@ typedef struct itn__field {
     size_t at;          /* where the desc has it */
     size_t parameter;   /* where the scene's item has the index of its parameter; 0: it has none */
     itn_transform transform;
-    size_t three;      /* where the desc has three numbers of a spectrum */
+    size_t beside;     /* where the desc has three numbers of a spectrum, or whether it is given */
     const char *words; /* that may follow; NULL: any */
 } itn__field;
 enum { ITN__MOST_FIELDS = 9, ITN__MOST_NUMBERS = 9 };
+ITN__INLINE int itn__has_form(const itn__field *field, char letter) {
+    return strchr(field->form, letter) != NULL;
+}
 
 enum { ITN__FILM, ITN__CAMERA, ITN__MEDIUM, ITN__SURFACE, ITN__OBJECT, ITN__LIGHT, ITN__KINDS };
 static const char *const itn__kinds[] = {"film", "camera", "medium", "surface", "object", "light"};
@@ -2395,6 +2411,9 @@ typedef struct itn__form {
 #define ITN__VALUE(item, field, form, transform, ...)                                              \
     {#field, form, __VA_ARGS__, offsetof(itn_##item##_desc, field), offsetof(itn__##item, field),  \
      transform, 0, NULL}
+#define ITN__SPECTRUM(item, field, form, transform, ...)                                           \
+    {#field, form, __VA_ARGS__, offsetof(itn_##item##_desc, field), offsetof(itn__##item, field),  \
+     transform, offsetof(itn_##item##_desc, field##_rgb), NULL}
 #define ITN__WORD(name, item, field, form) ITN__FIELD(name, item, field, form, 0, 0, 0)
 #define ITN__MARK(name, form, words) {name, form, 0, 0, 0, 0, 0, ITN_IDENTITY, 0, words}
 #define ITN__ANY -FLT_MAX, FLT_MAX
@@ -2770,7 +2789,7 @@ enum {
     ITN__TEXTURED = 4 /* has ITN__REFLECTANCE */
 };
 #define ITN__REFLECTANCE                                                                           \
-    ITN__VALUE(surface, reflectance, "013c", ITN_LOGIT, 0, 1, 0),                                  \
+    ITN__VALUE(surface, reflectance, "013cS", ITN_LOGIT, 0, 1, 0),                                 \
         ITN__WORD("texture", surface, image, "p"),                                                 \
         ITN__FIELD("checker", surface, checker_size, "37k", 0, 1e12f, 0)
 typedef struct itn__bsdf {
@@ -2784,7 +2803,7 @@ typedef struct itn__bsdf {
 static const itn__bsdf itn__bsdfs[] = {
     {{ITN__SURFACE, ITN_SURFACE_DIELECTRIC, "dielectric",
       {ITN__MARK("type", "o!", "dielectric"),
-       ITN__VALUE(surface, ior, "1f", ITN_LOGIT, 1, 4, 1.5f),
+       ITN__VALUE(surface, ior, "1fN", ITN_LOGIT, 1, 4, 1.5f),
        ITN__VALUE(surface, alpha, "1f", ITN_LOG, .001f, 1, 0)}},
      ITN__FACETS, itn__dielectric_eval, itn__dielectric_sample, itn__dielectric_edge},
     {{ITN__SURFACE, ITN_SURFACE_DIFFUSE, "diffuse",
@@ -3139,7 +3158,7 @@ typedef struct itn__light_model {
     itn__floats (*pdf)(const itn__light *light, const itn__towards *to);
 } itn__light_model;
 #define ITN__LIGHT_SCALE(name, light)                                                              \
-    {#name, "1f", 0, 1e12f, 1, offsetof(itn_light_desc, name),                                     \
+    {#name, "1fL", 0, 1e12f, 1, offsetof(itn_light_desc, name),                                    \
      (light) * sizeof(itn__light) + offsetof(itn__light, parameter), ITN_LOG, 0, NULL}
 static const itn__light_model itn__light_models[] = {
     {{ITN__LIGHT, ITN_LIGHT_CONSTANT, "constant",
@@ -3183,12 +3202,15 @@ static void itn__light_radiance(const itn__light *light, int channels, itn_vec3 
    The camera is a pinhole at `eye`; a pixel's value is the mean radiance over the reconstruction
    filter around its centre. Positions are drawn from the filter itself (filter importance
    sampling), so every sample has weight 1 and belongs to one pixel only. A Gaussian's, cut at four
-   deviations, are at the distance deviation sqrt(-2 ln(1 - (1 - e^-8) u)). */
+   deviations, are at the distance deviation sqrt(-2 ln(1 - (1 - e^-8) u)). The film multiplies all
+   that paths bring by its exposure e: a score of 1/e that every path begins with. */
 typedef struct itn__camera {
     itn_vec3 eye, forward, right, up; /* right and up are as long as half the film at distance 1 */
     int width, height;
     float deviation; /* of a Gaussian filter; 0: box */
-} itn__camera;
+    int exposure[3]; /* parameters of each channel, or three times the same one */
+    int background;  /* parameter of channel 0; -1: none */
+} itn__camera, itn__film;
 
 #define ITN__SAME_INDEX 1e-5f /* relative difference of indices that is not felt */
 enum { ITN__MAX_OBJECTS = 64, ITN__MAX_LIGHTS = 64, ITN__MAX_ITEMS = 4096 };
@@ -3212,6 +3234,12 @@ typedef struct itn__kept {
 } itn__kept;
 enum { ITN__TABLE_LEVELS = 3 };
 
+/* The field that a parameter stands in, and the channel that alone depends on it; -1: all do. */
+typedef struct itn__source {
+    const itn__field *field;
+    int channel;
+} itn__source;
+
 struct itn_scene {
     itn_context context;
     itn_film_desc film;
@@ -3221,6 +3249,7 @@ struct itn_scene {
     itn__object *objects;
     itn__light *lights;
     itn_parameter *parameters;
+    itn__source *sources; /* [parameter_count] where they come from */
     int medium_count, surface_count, object_count, light_count, parameter_count;
     itn__sides sides; /* at the camera */
     itn_bvh *bvh;
@@ -3231,6 +3260,11 @@ struct itn_scene {
     int leaky;        /* some solid is open or tangled, taken by force */
     void **tables;    /* [ITN__TABLE_LEVELS] each NULL or kept, see [voxels] */
 };
+
+/* Whether a parameter is what a letter of [fields] says. */
+static int itn__is_a(const itn_scene *scene, int parameter, char letter) {
+    return itn__has_form(scene->sources[parameter].field, letter);
+}
 
 ITN_API void itn_scene_free(itn_scene *scene) {
     itn_context context;
@@ -3249,6 +3283,7 @@ ITN_API void itn_scene_free(itn_scene *scene) {
     for (i = 0; i < scene->object_count; i++) itn__free(&context, scene->objects[i].uvs);
     for (i = 0; i < scene->surface_count; i++) itn__free(&context, scene->surfaces[i].texels);
     itn__free(&context, scene->tables), itn__free(&context, scene->parameters);
+    itn__free(&context, scene->sources);
     itn__free(&context, scene->lights), itn__free(&context, scene->objects);
     itn__free(&context, scene->surfaces), itn__free(&context, scene->media);
     itn__free(&context, scene);
@@ -3946,26 +3981,37 @@ ITN__NOINLINE void itn__sample_lights(const itn_scene *scene, const float *theta
     itn__sum_radiance(scene, theta, &to, draw->radiance, others);
 }
 
-/* Adds beta l to the path's radiance and its derivatives: l is a light's radiance in direction d
-   times `mis`. */
+/* Adds `plain` times a parameter to the path's radiance in channel c, and to its derivatives. */
+static void itn__add_light(itn__walk *walk, const itn__weight *weight, int c, float plain,
+                           int parameter) {
+    float value = plain * walk->theta[parameter], *derivative = walk->derivative + c;
+    const float *score = weight->score + c * walk->score_count;
+    int slot = itn__slot(walk, parameter), k;
+    if (!weight->zero[c]) walk->radiance[c] += value;
+    for (k = 0; k < walk->count; k++) derivative[k * walk->channels] += value * score[k];
+    if (slot >= 0 && !weight->zero[c]) derivative[slot * walk->channels] += plain;
+    for (k = 0; walk->texels && k < walk->texels->place_count; k++)
+        itn__add_texels(walk->texels, c, &walk->texels->place[k], value * score[walk->count + k]);
+}
+
+/* What the film makes of radiance in a channel. */
+ITN__INLINE float itn__exposure(const itn_scene *scene, const float *theta, int c) {
+    return theta[scene->camera.exposure[c]];
+}
+
+/* Adds beta l e: l is a light's radiance in direction d times `mis`, e the exposure. */
 static void itn__contribute(itn__walk *walk, const itn__weight *weight, const itn__light *light,
                             itn_vec3 d, float mis) {
-    itn__texels *texels = walk->texels;
-    float scale = walk->theta[light->parameter], rgb[3];
-    int slot = itn__slot(walk, light->parameter), of_map = texels && texels->map == light, c, k;
+    int of_map = walk->texels && walk->texels->map == light, c;
     itn__corners corners = ITN_ZERO;
+    float rgb[3];
     itn__light_radiance(light, itn__channels(walk), d, rgb);
     if (of_map) corners = itn__map_corners(light, d);
     for (c = 0; c < itn__channels(walk); c++) {
-        float carried = weight->beta[c] * mis, plain = carried * rgb[c], value = plain * scale;
-        const float *score = weight->score + c * walk->score_count;
-        float *derivative = walk->derivative + c;
-        if (!weight->zero[c]) walk->radiance[c] += value;
-        for (k = 0; k < walk->count; k++) derivative[k * walk->channels] += value * score[k];
-        if (slot >= 0 && !weight->zero[c]) derivative[slot * walk->channels] += plain;
-        for (k = 0; texels && k < texels->place_count; k++)
-            itn__add_texels(texels, c, &texels->place[k], value * score[walk->count + k]);
-        if (of_map && !weight->zero[c]) itn__add_texels(texels, c, &corners, carried * scale);
+        float carried = weight->beta[c] * mis * itn__exposure(walk->scene, walk->theta, c);
+        itn__add_light(walk, weight, c, carried * rgb[c], light->parameter);
+        if (of_map && !weight->zero[c])
+            itn__add_texels(walk->texels, c, &corners, carried * walk->theta[light->parameter]);
     }
 }
 
@@ -4048,11 +4094,15 @@ static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction,
 }
 
 /* A path that leaves the scene adds the lights in its direction, with the weight of having met a
-   sampled light by chance. */
+   sampled light by chance; or the background if this is its first step. */
 static void itn__escape(itn__walk *walk, itn_vec3 direction) {
     itn__vectors d = itn__splat_vector(direction);
+    int background = walk->scene->camera.background, i;
     float mis = 1;
-    int i;
+    for (i = 0; i < itn__channels(walk) && walk->steps == 1 && background >= 0; i++)
+        itn__add_light(walk, &walk->weight, i, itn__exposure(walk->scene, walk->theta, i),
+                       background + i);
+    if (i > 0) return;
     if (itn__finite(walk->pdf)) {
         itn__floats pdf = itn__lights_pdf(walk->scene, &d);
         mis = walk->pdf / (walk->pdf + ITN__LANE(pdf, 0));
@@ -4369,6 +4419,10 @@ static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int
         walk->share[c] = 1 / 3.f;
     }
     memset(walk->weight.score, 0, scores * (size_t)walk->score_count);
+    for (c = 0; c < walk->channels; c++) {
+        int exposure = camera->exposure[c], slot = itn__slot(walk, exposure);
+        if (slot >= 0) walk->weight.score[c * walk->score_count + slot] = 1 / walk->theta[exposure];
+    }
     memset(walk->derivative, 0, scores * (size_t)walk->count);
     if (walk->texels) walk->texels->place_count = 0;
     walk->pdf = INFINITY, walk->steps = walk->scatterings = walk->boundaries = 0;
@@ -5187,26 +5241,26 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
    ([objects]), which name the others. Each is checked by its fields before anything is taken from
    it, and enters its numbers into the parameter table; an image is copied. The first error ends it
    all, and what was made is freed. First the fields of the items that have no models. */
-#define ITN__SPECTRUM(name, form, transform, ...)                                                  \
-    {#name, form, __VA_ARGS__, offsetof(itn_medium_desc, name), offsetof(itn__medium, name),       \
-     transform, offsetof(itn_medium_desc, name##_rgb), NULL}
 static const itn__form itn__forms[] = { /* that of a kind without types at its number */
     {ITN__FILM, 0, NULL,
      {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
       ITN__FIELD("height", film, height, "1i", 1, 65536, 128),
       ITN__FIELD("channels", film, channels, "1i", 1, 3, 1),
       {"filter", "o", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box gaussian"},
-      ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0)}},
+      ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0),
+      ITN__SPECTRUM(film, exposure, "13s", ITN_LOG, 1e-12f, 1e12f, 1),
+      {"background", "13c?", 0, ITN__MAX_RADIANCE, 0, offsetof(itn_film_desc, background),
+       offsetof(itn__film, background), ITN_LOG, offsetof(itn_film_desc, has_background), NULL}}},
     {ITN__CAMERA, 0, NULL,
      {ITN__FIELD("eye", camera, eye, "3f!", ITN__ANY, 0),
       ITN__FIELD("target", camera, target, "3f!", ITN__ANY, 0),
       ITN__FIELD("up", camera, up, "3f", ITN__ANY, 0),
       ITN__FIELD("fov", camera, fov, "1f", 1e-6f, 179.999f, 30)}},
     {ITN__MEDIUM, 0, NULL,
-     {ITN__SPECTRUM(sigma_t, "13s!", ITN_LOG, 0, 1e12f, 0),
-      ITN__VALUE(medium, albedo, "13c!", ITN_LOGIT, 0, 1, 0),
+     {ITN__SPECTRUM(medium, sigma_t, "13sR!", ITN_LOG, 0, 1e12f, 0),
+      ITN__VALUE(medium, albedo, "13cS!", ITN_LOGIT, 0, 1, 0),
       ITN__MARK("phase", "o", "hg"),
-      ITN__SPECTRUM(g, "13s", ITN_LOGIT, -.999f, .999f, 0)}},
+      ITN__SPECTRUM(medium, g, "13s", ITN_LOGIT, -.999f, .999f, 0)}},
     {ITN__OBJECT, 0, "mesh",
      {ITN__WORD("mesh", object, mesh, "m"),
       ITN__WORD("medium", object, medium, "w"),
@@ -5228,17 +5282,13 @@ enum {
 
 /* What a checker has more, in a desc. */
 static const itn__field itn__checker_fields[] = {
-    ITN__VALUE(surface, reflectance2, "c", ITN_LOGIT, 0, 1, 0),
+    ITN__VALUE(surface, reflectance2, "cS", ITN_LOGIT, 0, 1, 0),
     ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1),
     ITN__MARK(NULL, NULL, NULL)};
 static const itn__form *itn__form_at(int k) {
     if (k < ITN__OWN_FORMS) return &itn__forms[k];
     k -= ITN__OWN_FORMS;
     return k < ITN__BSDFS ? &itn__bsdfs[k].form : &itn__light_models[k - ITN__BSDFS].form;
-}
-
-ITN__INLINE int itn__has_form(const itn__field *field, char letter) {
-    return strchr(field->form, letter) != NULL;
 }
 
 /* Whether a number may stand in a field; if not, `words` say why. */
@@ -5253,8 +5303,9 @@ static int itn__field_allows(const itn__field *field, float number, char words[1
 
 /* Writes the `count` numbers of a field to a desc. */
 static void itn__write_numbers(const itn__field *field, void *desc, float *n, int count) {
-    char *at = (char *)desc + (itn__has_form(field, 's') && count == 3 ? field->three : field->at);
-    int whole = (int)n[0];
+    char *at = (char *)desc + (itn__has_form(field, 's') && count == 3 ? field->beside : field->at);
+    int whole = (int)n[0], given = 1;
+    if (itn__has_form(field, '?')) memcpy((char *)desc + field->beside, &given, sizeof given);
     if (itn__has_form(field, 'c') && count == 1) n[1] = n[2] = n[0], count = 3;
     if (strpbrk(field->form, "io")) memcpy(at, &whole, sizeof whole);
     else if (strpbrk(field->form, "fcs")) memcpy(at, n, (size_t)count * sizeof *n);
@@ -5265,9 +5316,11 @@ static void itn__write_numbers(const itn__field *field, void *desc, float *n, in
 static int itn__read_numbers(const itn__field *field, void *desc, int channels, float n[9]) {
     char *at = (char *)desc + field->at;
     int integer = itn__has_form(field, 'i') || (itn__has_form(field, 'o') && field->at);
-    int whole, count = 0;
+    int whole, given = 1, count = 0;
+    if (itn__has_form(field, '?')) memcpy(&given, (char *)desc + field->beside, sizeof given);
+    if (!given) return 0;
     if (itn__has_form(field, 's')) {
-        memcpy(n, (char *)desc + field->three, 3 * sizeof *n);
+        memcpy(n, (char *)desc + field->beside, 3 * sizeof *n);
         if (n[0] != 0 || n[1] != 0 || n[2] != 0) return 3;
     }
     if (itn__has_form(field, 'c')) count = channels;
@@ -5318,6 +5371,8 @@ static int itn__add_parameter(itn__maker *maker, const itn__field *field, int ch
     itn__print(p->name, sizeof p->name, "%s.%s%s", maker->title, field->name, suffix[channel + 1]);
     p->value = value, p->lower = field->lower, p->upper = field->upper;
     p->transform = field->transform;
+    scene->sources[scene->parameter_count].field = field;
+    scene->sources[scene->parameter_count].channel = channel;
     for (k = 0; p->name[k]; k++) {
         unsigned char letter = (unsigned char)(p->name[k] == '.' ? '_' : p->name[k]);
         a = itn__mix64(a + letter), b = itn__mix64(b + letter);
@@ -5331,12 +5386,12 @@ static int itn__add_parameter(itn__maker *maker, const itn__field *field, int ch
 }
 
 /* Checks the fields of a desc, which is the maker's own copy, and enters those that are parameters;
-   the scene's item receives their indices. */
+   the scene's item receives their indices. item NULL: only checks. */
 static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field *field, void *desc,
                                              void *item) {
-    int channels = maker->scene->film.channels;
     for (; field->name; field++) {
         float n[ITN__MOST_NUMBERS];
+        int channels = maker->scene->film.channels; /* which are the film's fields, too */
         int count = itn__read_numbers(field, desc, channels, n), index[3] = {-1, -1, -1}, c;
         int spectrum = itn__has_form(field, 's');
         char words[100];
@@ -5345,12 +5400,12 @@ static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field
         for (c = 0; c < count; c++) {
             if (!itn__field_allows(field, n[c], words))
                 return ITN__REFUSE("%s %s", field->name, words);
-            if (!field->parameter) continue;
+            if (!field->parameter || !item) continue;
             index[c] = itn__add_parameter(maker, field, count == 3 ? c : -1, n[c]);
             if (index[c] < 0) return maker->refusal;
         }
         if (count == 1) index[1] = index[2] = index[0];
-        if (field->parameter)
+        if (field->parameter && item)
             memcpy((char *)item + field->parameter, index,
                    spectrum ? sizeof index : sizeof index[0]);
     }
@@ -5699,9 +5754,6 @@ ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
     int i;
     for (i = 0; i < scene->parameter_count; i++) theta[i] = scene->parameters[i].value;
 }
-
-/* Whether a parameter is an albedo or a reflectance. */
-ITN__INLINE int itn__is_share(const itn_parameter *p) { return p->lower == 0 && p->upper == 1; }
 
 /* The least value that a search gives a parameter: its lower bound, but of an index, whose bound is
    1, a value where it still has a derivative (itn__check_ior). */
@@ -6108,10 +6160,12 @@ static itn_result itn__make_arrays(itn__maker *maker) {
     scene->surfaces = ITN__NEW(itn__surface, context, surfaces);
     scene->lights = ITN__NEW(itn__light, context, 2 * lights);
     scene->objects = ITN__NEW(itn__object, context, in->object_count);
-    scene->parameters = ITN__NEW(itn_parameter, context, 9 * items);
+    scene->parameters = ITN__NEW(itn_parameter, context, 9 * items + 6);
+    scene->sources = ITN__NEW(itn__source, context, 9 * items + 6);
     scene->tables = ITN__NEW(void *, context, ITN__TABLE_LEVELS);
-    if (!itn__table_make(&maker->names, context, 9 * items) || !scene->media || !scene->surfaces ||
-        !scene->lights || !scene->objects || !scene->parameters || !scene->tables)
+    if (!itn__table_make(&maker->names, context, 9 * items + 6) || !scene->media ||
+        !scene->surfaces || !scene->lights || !scene->objects || !scene->parameters ||
+        !scene->sources || !scene->tables)
         return itn__out_of_memory(maker->error, "a scene");
     scene->object_count = in->object_count;
     return ITN_OK;
@@ -6139,6 +6193,10 @@ static ITN__COLD itn_result itn__create_scene(const itn_scene_desc *desc,
     for (i = 0; i < desc->surface_count && !result; i++) result = itn__make_surface(&maker, i);
     for (i = 0; i < desc->light_count && !result; i++) result = itn__make_light(&maker, i);
     for (i = 0; i < desc->object_count && !result; i++) result = itn__make_object(&maker, i);
+    if (!result) itn__go_to(&maker, ITN__FILM, 0);
+    if (!result)
+        result = itn__take_fields(&maker, itn__forms[ITN__FILM].fields, &scene->film,
+                                  &scene->camera); /* its parameters are the last */
     if (!result) result = itn__make_origin(&maker);
     if (!result) result = itn__make_tree(&maker);
     if (!result) result = itn__check_parts(&maker);
@@ -7146,6 +7204,7 @@ static void itn__bring(itn__crowd *crowd, const itn__path *path, int k, int c, f
     const itn__render *render = crowd->render;
     size_t pixels = (size_t)render->scene->film.width * (size_t)render->scene->film.height;
     float *sum = crowd->radiance + path->owner->number;
+    value *= itn__exposure(render->scene, render->theta, c);
     if (!render->weights)
         sum[(render->channels * (1 + k) + c) * crowd->radiance_stride] += value;
     else if (k >= 0)
@@ -8349,6 +8408,10 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
     path->owner = path, path->place = render->camera, path->pixel = pixel, path->mark = 0;
     path->scores = crowd->scores + (size_t)(path - crowd->paths) * (size_t)render->count;
     for (c = 0; c < render->count; c++) path->scores[c] = 0;
+    for (c = 0; c < 3 && render->count; c++) {
+        int exposure = render->scene->camera.exposure[c], slot = render->slots[exposure];
+        if (slot >= 0) path->scores[slot] = 1 / render->theta[exposure];
+    }
     for (c = 0; c < 3; c++) path->beta[c] = 1;
     path->pdf = INFINITY, path->copies = 1;
     path->up.y = 1; /* some plane, for paths that begin in a medium */
@@ -8358,6 +8421,23 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
     path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1;
     path->dimension = (int32_t)rng.dimension;
     return path;
+}
+
+/* A path that meets nothing, which stands for all of its camera ray, sees the background or the
+   lights. */
+static void itn__see_through(itn__crowd *crowd, itn__path *path) {
+    const itn__render *render = crowd->render;
+    int background = render->scene->camera.background, c;
+    path->copies = render->walks;
+    for (c = 0; c < render->channels && background >= 0; c++) {
+        float copies = (float)path->copies;
+        itn__bring_scored(crowd, path, c, copies * render->theta[background + c]);
+        if (render->count && render->slots[background + c] >= 0)
+            itn__bring(crowd, path, render->slots[background + c], c, copies);
+    }
+    if (background >= 0) itn__end(crowd, path, 0);
+    else if (render->only_constant) itn__escape_path(crowd, path, 0, render->constant);
+    else itn__enqueue(crowd, &crowd->sky, path);
 }
 
 /* Starts the paths of the unit's next camera ray; those that see nothing need only one for all. */
@@ -8375,9 +8455,9 @@ static void itn__start_ray(itn__crowd *crowd) {
         sample >= itn__pixel_samples(render->allotment, render->spp, pixel))
         return;
     path = itn__start_path(crowd, pixel, sample, 0, u), path->number = number;
-    if (render->outside && render->only_constant && render->tables->pixels[pixel]) {
-        path->copies = render->walks;
-        itn__escape_path(crowd, path, 0, render->constant);
+    if (render->outside && render->tables->pixels[pixel] &&
+        (render->only_constant || render->scene->camera.background >= 0)) {
+        itn__see_through(crowd, path);
         return;
     }
     seed = itn__splat_word(path->scramble - 1);
@@ -8389,9 +8469,7 @@ static void itn__start_ray(itn__crowd *crowd) {
     path->hit.triangle = -1;
     if (render->outside && !render->tables->pixels[pixel]) itn__find_hit(render->scene, path);
     if (render->outside && path->hit.triangle < 0) {
-        path->copies = render->walks;
-        if (render->only_constant) itn__escape_path(crowd, path, 0, render->constant);
-        else itn__enqueue(crowd, &crowd->sky, path);
+        itn__see_through(crowd, path);
         return;
     }
     for (seen = *path, walk = 0; walk < render->walks; walk++) {
@@ -8453,7 +8531,7 @@ static float itn__brightest(const itn__render *render) {
     float brightest = 0;
     int i;
     for (i = 0; i < render->scene->parameter_count; i++)
-        if (itn__is_share(&render->scene->parameters[i]))
+        if (itn__is_a(render->scene, i, 'S'))
             brightest = itn__max(brightest, render->theta[i]);
     return brightest;
 }
@@ -8584,19 +8662,14 @@ static itn_result itn__check_theta(const itn_scene *scene, const float *theta, i
     return ITN_OK;
 }
 
-/* Whether the fast walk can differentiate in a parameter at these values: in all but indices, where
-   the factor that it is in is not 0 (a light's scale) or next to it (what is at most 1), and free
-   paths are not too long. *only receives the channel that alone depends on it, or -1. */
-static int itn__fast_derivative(const itn_scene *scene, const float *theta, int parameter,
-                                int *only) {
-    const itn_parameter *p = &scene->parameters[parameter];
-    const char *field = strchr(p->name, '.') + 1, *channel = strrchr(field, '_');
-    int share = itn__is_share(p);
-    *only = !share ? -1 : !channel || scene->film.channels == 1 ? 0
-            : channel[1] == 'r' ? 0 : channel[1] == 'g' ? 1 : 2;
-    if (share) return theta[parameter] >= .01f;
-    if (!strncmp(field, "sigma_t", 7)) return theta[parameter] >= .25f / scene->radius;
-    return strcmp(field, "ior") != 0 && (p->lower != 0 || theta[parameter] > 0);
+/* Whether the fast walk can differentiate in a parameter at this value: in all but indices, where
+   the factor that it is in is not 0 (a light's scale) or next to it (a share), and free paths are
+   not too long. */
+static int itn__fast_derivative(const itn_scene *scene, int parameter, float value) {
+    return !itn__is_a(scene, parameter, 'N') &&
+           (!itn__is_a(scene, parameter, 'S') || value >= .01f) &&
+           (!itn__is_a(scene, parameter, 'R') || value >= .25f / scene->radius) &&
+           (!itn__is_a(scene, parameter, 'L') || value > 0);
 }
 
 /* Chooses who renders: the fast walk, unless it cannot. */
@@ -8607,9 +8680,11 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
                          : scene->leaky ? "go through holes of a mesh that was forced"
                          : render->max_scatter ? "limit the number of scatterings" : NULL;
     int k;
-    for (k = 0; k < render->count; k++)
-        if (!itn__fast_derivative(scene, render->theta, parameters[k], &render->only[k]))
+    for (k = 0; k < render->count; k++) {
+        render->only[k] = scene->sources[parameters[k]].channel;
+        if (!itn__fast_derivative(scene, parameters[k], render->theta[parameters[k]]))
             lacks = "differentiate here in ", of = scene->parameters[parameters[k]].name;
+    }
 #ifdef ITN_NO_FAST
     lacks = "be used: it is not built in";
 #endif
@@ -8698,7 +8773,6 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
 /* A walk of the reference, with memory for the scores of a path, those of a shadow ray, and
    derivatives. Returns 0 if there is none. Its first block is to be freed. */
 static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texels *texels) {
-    const itn_parameter *parameters = render->scene->parameters;
     size_t block;
     int k;
     memset(walk, 0, sizeof *walk);
@@ -8707,8 +8781,8 @@ static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texel
     walk->max_scatter = render->max_scatter, walk->texels = texels;
     if (texels && texels->texture) walk->score_count += ITN__TOUCHES;
     for (k = 0; k < render->scene->parameter_count; k++) {
-        float faint = itn__is_share(&parameters[k]) ? .1f : 0;
-        if (strstr(parameters[k].name, ".sigma_t")) faint = .025f / render->scene->radius;
+        float faint = itn__is_a(render->scene, k, 'S') ? .1f : 0;
+        if (itn__is_a(render->scene, k, 'R')) faint = .025f / render->scene->radius;
         if (render->slots[k] >= 0 && render->theta[k] < faint) walk->sheltered = 6;
     }
     block = (size_t)walk->channels * (size_t)walk->score_count;

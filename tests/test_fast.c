@@ -235,12 +235,12 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
     itn__render *render = &in->render;
     itn_error error;
     float theta[64];
-    int k, only;
+    int k;
     memset(in, 0, sizeof *in);
     in->scene = scene;
     itn_parameter_values(scene, theta);
     for (k = 0; k < scene->parameter_count; k++)
-        if (itn__fast_derivative(scene, theta, k, &only)) in->parameters[in->count++] = k;
+        if (itn__fast_derivative(scene, k, theta[k])) in->parameters[in->count++] = k;
         else
             check_report(strstr(scene->parameters[k].name, ".ior") || theta[k] == 0, __FILE__,
                          __LINE__, "%s is left to the reference", scene->parameters[k].name);
