@@ -964,14 +964,12 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #define ITN__NOINLINE static __attribute__((noinline, unused))
 #define ITN__COLD __attribute__((cold)) /* runs seldom: compiled for size, with what it calls */
 #define ITN__PRINTF(string, first) __attribute__((format(printf, string, first)))
-#define ITN__PREFETCH(address) __builtin_prefetch(address)
 #define ITN__PREFETCH_FAR(address) __builtin_prefetch(address, 0, 2) /* the second level of cache */
 #else
 #define ITN__INLINE static inline
 #define ITN__NOINLINE static
 #define ITN__COLD
 #define ITN__PRINTF(string, first)
-#define ITN__PREFETCH(address) ((void)(address))
 #define ITN__PREFETCH_FAR(address) ((void)(address))
 #endif
 /* Before a loop of constant count over an array of lanes: unrolled, the array is registers. Clang
@@ -1802,7 +1800,6 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, fl
     itn__seen seen;
     unsigned front = pack->used, back = pack->used, bits = 0;
     int from, found = 0;
-    ITN__PREFETCH(pack->index);
     if (sides && pack->object >= 0) {
         if (!(sides->front >> pack->object & 1)) front = 0;
         if (!(sides->back >> pack->object & 1)) back = 0;
@@ -1822,18 +1819,17 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, fl
    all children of a node, or all triangles of a leaf, in lanes. A ray that meets a convex box meets
    a smaller one inside it with a probability of the ratio of their areas, so that its cost is the
    sum of the areas of all nodes and leaves (MacDonald and Booth 1990).
-   A node begins with one child that holds all its triangles; children are cut in two, those of
-   large areas first, until there are ITN__WIDE (Wald, Benthin and Boulos 2008), each at the
-   cheapest border of equal bins of the triangles' centres along the axis on which these differ most
-   (Wald 2007). Both sides are priced as if they became full leaves; a child that fits a leaf is cut
-   only if that saves ITN__CUT_COST of its area. Where no border separates anything, and below
-   ITN__SAH_DEPTH levels, the list is cut in the middle: fewer than 2^30 triangles then end within
-   30 more levels.
+   A node begins with one child that holds all its triangles; of the children that do not fit a leaf
+   that of the largest area is cut in two, until there are ITN__WIDE (Wald, Benthin and Boulos
+   2008), at the cheapest border of equal bins of the triangles' centres along the axis on which
+   these differ most (Wald 2007). Both sides are priced as if they became full leaves. Where no
+   border separates anything, and below ITN__SAH_DEPTH levels, the list is cut in the middle: fewer
+   than 2^30 triangles then end within 30 more levels.
    References to the triangles are sorted in place: a child is a part of its node's list. Nodes are
    made level by level, those of one level side by side; their children are numbered afterwards, in
-   order. Nodes that have nodes below them have ITN__WIDE children, since more triangles than a leaf
-   holds can always be cut, and there are at most n leaves; the others hold more than ITN__PACK of
-   the n triangles each: there are at most n / (ITN__WIDE - 1) + n / ITN__PACK + 1. */
+   order. Nodes that have nodes below them have ITN__WIDE children, and there are at most n leaves;
+   the others hold more than ITN__PACK of the n triangles each: there are at most
+   n / (ITN__WIDE - 1) + n / ITN__PACK + 1. */
 
 enum {
     ITN__WIDE = ITN__LANES > 4 ? 16 : 8,
@@ -1842,7 +1838,6 @@ enum {
     ITN__DEPTH = 64,
     ITN__BLOCK = 256 /* triangles that one task takes */
 };
-#define ITN__CUT_COST .25
 
 /* lower x, y, z, then minus upper x, y, z, so that joining two boxes takes nothing but minima; the
    elements 3 and 7 mean nothing. */
@@ -1871,10 +1866,6 @@ struct itn_bvh {
 static void itn__bvh_corners(const itn_bvh *bvh, int triangle, itn_vec3 p[3]) {
     int k;
     for (k = 0; k < 3; k++) memcpy(&p[k], bvh->triangles[triangle].corner[k], sizeof p[k]);
-}
-
-ITN__INLINE int itn__bvh_object(const itn_bvh *bvh, int triangle) {
-    return bvh->triangles[triangle].object;
 }
 
 static itn__box itn__box_empty(void) {
@@ -1909,7 +1900,6 @@ typedef struct itn__range {
 } itn__range;
 typedef struct itn__child {
     itn__range range;
-    int whole; /* a leaf that is not to be cut */
     double area;
     itn__box box, centres; /* of the triangles, of their centres */
 } itn__child;
@@ -1923,32 +1913,23 @@ typedef struct itn__build {
     itn_bvh *bvh;
 } itn__build;
 
-/* A cut along an axis: the bin of a centre c is (c - lower) * scale, at most ITN__BINS - 1; those
-   below `border` are on the left. */
-typedef struct itn__cut {
-    double cost; /* infinity where no border separates anything */
-    int axis, border;
-    float lower, scale; /* 0, 0 where the centres are equal, or too far apart */
-} itn__cut;
-
-ITN__INLINE int itn__bin_of(const itn__cut *cut, const itn__box *box) {
-    float centre = .5f * box->bound[cut->axis] - .5f * box->bound[cut->axis + 4];
-    int bin = (int)((centre - cut->lower) * cut->scale);
+/* The bin of a box's centre along an axis. */
+ITN__INLINE int itn__bin_of(const itn__box *box, int axis, float lower, float scale) {
+    int bin = (int)((.5f * box->bound[axis] - .5f * box->bound[axis + 4] - lower) * scale);
     return bin < ITN__BINS - 1 ? bin : ITN__BINS - 1;
 }
 
-static int itn__leaves_of(int triangles) { return (triangles + ITN__PACK - 1) / ITN__PACK; }
-
 /* Area times leaves of so many triangles in a box. */
 static double itn__leaf_cost(const itn__box *box, int triangles) {
-    return triangles ? itn__box_area(box) * itn__leaves_of(triangles) : 0;
+    if (!triangles) return INFINITY;
+    return itn__box_area(box) * ((triangles + ITN__PACK - 1) / ITN__PACK);
 }
 
-/* Finds the cheapest border between bins with triangles on both sides. */
-static void itn__price_cut(itn__cut *cut, const itn__box *box, const int *triangles, int count) {
-    double right[ITN__BINS];
+/* The cheapest border of bins with triangles on both sides: the first bin on its right, or 0. */
+static int itn__best_border(const itn__box *box, const int *triangles) {
+    double right[ITN__BINS], least = INFINITY;
     itn__box side = itn__box_empty();
-    int i, passed = 0;
+    int i, passed = 0, border = 0;
     for (i = ITN__BINS - 1; i > 0; i--) {
         itn__box_add(&side, &box[i]);
         right[i] = itn__leaf_cost(&side, passed += triangles[i]);
@@ -1958,45 +1939,35 @@ static void itn__price_cut(itn__cut *cut, const itn__box *box, const int *triang
         double cost;
         itn__box_add(&side, &box[i - 1]);
         cost = itn__leaf_cost(&side, passed += triangles[i - 1]) + right[i];
-        if (passed > 0 && passed < count && cost < cut->cost) cut->cost = cost, cut->border = i;
+        if (cost < least) least = cost, border = i;
     }
+    return border;
 }
 
-/* The cheapest cut of a child along the axis on which its centres differ most. */
-static itn__cut itn__best_cut(const itn__reference *references, const itn__child *child) {
-    int count = child->range.count, triangles[ITN__BINS] = {0}, axis, i;
+/* Sorts a child's references in two parts; returns how many come first. */
+static int itn__partition(itn__reference *references, const itn__child *child, int depth) {
+    const float *centres = child->centres.bound;
+    int count = child->range.count, triangles[ITN__BINS] = {0}, axis = 0, border, left = 0, i;
     itn__box box[ITN__BINS];
-    itn__cut cut = {INFINITY, 0, 0, 0, 0};
-    float longest = -1;
-    for (axis = 0; axis < 3; axis++) {
-        float extent = -child->centres.bound[axis + 4] - child->centres.bound[axis];
-        if (extent > longest) longest = extent, cut.axis = axis;
-    }
-    cut.lower = child->centres.bound[cut.axis];
-    cut.scale = (float)ITN__BINS / longest;
-    if (!(cut.scale > 0 && itn__finite(cut.scale))) cut.lower = cut.scale = 0;
+    float scale;
+    for (i = 1; i < 3; i++)
+        if (-centres[i + 4] - centres[i] > -centres[axis + 4] - centres[axis]) axis = i;
+    scale = (float)ITN__BINS / (-centres[axis + 4] - centres[axis]);
+    if (depth >= ITN__SAH_DEPTH || !(scale > 0 && itn__finite(scale)))
+        return count / 2; /* or centres are equal, or too far apart */
     for (i = 0; i < ITN__BINS; i++) box[i] = itn__box_empty();
     for (i = 0; i < count; i++) {
-        int bin = itn__bin_of(&cut, &references[i].box);
+        int bin = itn__bin_of(&references[i].box, axis, centres[axis], scale);
         itn__box_add(&box[bin], &references[i].box);
         triangles[bin]++;
     }
-    itn__price_cut(&cut, box, triangles, count);
-    return cut;
-}
-
-/* Sorts a child's references in two parts; returns how many come first, 0 leaves it whole. */
-static int itn__partition(itn__reference *references, const itn__child *child, int depth) {
-    int count = child->range.count, left = 0, i;
-    itn__cut cut = {INFINITY, 0, 0, 0, 0};
-    if (depth < ITN__SAH_DEPTH) cut = itn__best_cut(references, child);
-    if (count <= ITN__PACK && !(cut.cost + ITN__CUT_COST * child->area < child->area)) return 0;
-    if (!(cut.cost < INFINITY)) return count / 2;
+    border = itn__best_border(box, triangles);
+    if (!border) return count / 2;
     for (i = 0; i < count; i++) { /* references[left ... i-1] are right ones; no branch to guess */
         itn__reference moved = references[i];
         references[i] = references[left];
         references[left] = moved;
-        left += itn__bin_of(&cut, &moved.box) < cut.border;
+        left += itn__bin_of(&moved.box, axis, centres[axis], scale) < border;
     }
     return left;
 }
@@ -2016,43 +1987,30 @@ static itn__child itn__make_child(const itn__build *build, int first, int count)
         itn__box_add(&child.box, box);
     }
     child.area = itn__box_area(&child.box);
-    child.whole = count == 1;
     return child;
 }
 
-/* The child to cut next, or -1: the largest of those that need more leaves than a node has; without
-   such, one of the others, whose leaves take a place each and save a node; last, leaves. */
-static int itn__next_cut(const itn__child *children, int count) {
-    int i, next = -1, best_kind = 0;
-    double best = 0;
-    for (i = 0; i < count; i++) {
-        int leaves = itn__leaves_of(children[i].range.count);
-        int kind = (leaves > 1) + (leaves > ITN__WIDE);
-        double worth = kind == 1 ? children[i].area / (leaves - 1) : children[i].area;
-        if (children[i].whole || kind < best_kind) continue;
-        if (next < 0 || kind > best_kind || worth > best)
-            next = i, best_kind = kind, best = worth;
-    }
-    return next;
-}
-
-/* Makes a node of the present level. Children that have no number yet say how many triangles they
-   have. */
+/* Makes a node of the present level. Its children have no number yet, and say how many triangles
+   they have. */
 static void itn__grow(void *task, int index) {
     itn__build *build = (itn__build *)task;
     int number = build->first + index, count = 1, next, i, k;
     itn__node *node = &build->bvh->nodes[number];
     itn__child children[ITN__WIDE];
     children[0] = itn__make_child(build, build->nodes[number].first, build->nodes[number].count);
-    while (count < ITN__WIDE && (next = itn__next_cut(children, count)) >= 0) {
-        itn__range range = children[next].range;
-        int left = itn__partition(build->references + range.first, &children[next], build->depth);
-        children[next].whole = !left;
-        if (!left) continue;
-        memmove(children + next + 1, children + next, (size_t)(count - next) * sizeof *children);
-        children[next] = itn__make_child(build, range.first, left);
-        children[next + 1] = itn__make_child(build, range.first + left, range.count - left);
-        count++;
+    while (count < ITN__WIDE) {
+        itn__child cut;
+        int left;
+        for (i = 0, next = -1; i < count; i++)
+            if (children[i].range.count > ITN__PACK &&
+                (next < 0 || children[i].area > children[next].area))
+                next = i;
+        if (next < 0) break;
+        cut = children[next];
+        left = itn__partition(build->references + cut.range.first, &cut, build->depth);
+        memmove(children + next + 1, children + next, (size_t)(count++ - next) * sizeof *children);
+        children[next] = itn__make_child(build, cut.range.first, left);
+        children[next + 1] = itn__make_child(build, cut.range.first + left, cut.range.count - left);
     }
     for (i = 0; i < ITN__WIDE; i++) {
         itn__box box = i < count ? children[i].box : itn__box_empty();
@@ -2080,19 +2038,13 @@ static void itn__number_children(itn__build *build, int number) {
     }
 }
 
-/* Fills the leaves below a node. */
-static void itn__fill_leaves(void *task, int index) {
+static void itn__fill_leaf(void *task, int index) {
     itn__build *build = (itn__build *)task;
-    const int32_t *child = build->bvh->nodes[index].child;
-    int i, k;
-    for (i = 0; i < ITN__WIDE; i++) {
-        int32_t numbers[ITN__PACK];
-        itn__range range;
-        if (child[i] >= -1) continue;
-        range = build->leaves[~child[i]];
-        for (k = 0; k < range.count; k++) numbers[k] = build->references[range.first + k].index;
-        itn__pack_fill(&build->bvh->packs[~child[i]], build->bvh->triangles, numbers, range.count);
-    }
+    itn__range range = build->leaves[index];
+    int32_t numbers[ITN__PACK];
+    int k;
+    for (k = 0; k < range.count; k++) numbers[k] = build->references[range.first + k].index;
+    itn__pack_fill(&build->bvh->packs[index], build->bvh->triangles, numbers, range.count);
 }
 
 /* Refuses a mesh whose fields cannot be read at all. */
@@ -2110,10 +2062,11 @@ static itn_result itn__mesh_readable(const itn_mesh *mesh, const char *who, itn_
 /* Copies the triangles of a mesh, and makes references of them. */
 static itn_result itn__refer(itn__build *build, itn_error *error) {
     const itn_mesh *mesh = build->mesh;
+    itn_bvh *bvh = build->bvh;
     itn__box all = itn__box_empty();
     int i, j, k;
-    for (i = 0; i < mesh->triangle_count; i++) {
-        itn__triangle *triangle = &build->bvh->triangles[i];
+    for (i = 0; i < bvh->triangle_count; i++) {
+        itn__triangle *triangle = &bvh->triangles[i];
         itn__box box = itn__box_empty();
         for (j = 0; j < 3; j++) {
             int corner = mesh->triangles[3 * (size_t)i + (size_t)j];
@@ -2134,8 +2087,8 @@ static itn_result itn__refer(itn__build *build, itn_error *error) {
         build->references[i].box = box;
         itn__box_add(&all, &box);
     }
-    build->bvh->lower = itn__vec3(all.bound[0], all.bound[1], all.bound[2]);
-    build->bvh->upper = itn__vec3(-all.bound[4], -all.bound[5], -all.bound[6]);
+    bvh->lower = itn__vec3(all.bound[0], all.bound[1], all.bound[2]);
+    bvh->upper = itn__vec3(-all.bound[4], -all.bound[5], -all.bound[6]);
     return ITN_OK;
 }
 
@@ -2162,61 +2115,58 @@ static void *itn__allocate_aligned(const itn_context *context, size_t count, siz
     return *memory ? (char *)*memory + (line - (uintptr_t)*memory % line) % line : NULL;
 }
 
-/* Builds the hierarchy, for which there is no memory yet. */
-static itn_result itn__bvh_make(itn__build *build, itn_error *error) {
+/* Makes all levels, and then the leaves. */
+static itn_result itn__grow_tree(itn__build *build, itn_error *error) {
     itn_bvh *bvh = build->bvh;
-    const itn_context *context = &bvh->context;
-    size_t count = (size_t)bvh->triangle_count;
-    size_t nodes = count / (ITN__WIDE - 1) + count / ITN__PACK + 1; /* at most */
     int end = 0, i;
-    itn_result result;
-    build->references = ITN__NEW(itn__reference, context, count);
-    build->nodes = ITN__NEW(itn__range, context, nodes);
-    build->leaves = ITN__NEW(itn__range, context, count + 1);
-    bvh->nodes = (itn__node *)itn__allocate_aligned(context, nodes, sizeof(itn__node),
-                                                    &bvh->node_memory);
-    bvh->triangles = ITN__NEW(itn__triangle, context, count);
-    if (!build->references || !build->nodes || !build->leaves || !bvh->nodes || !bvh->triangles)
-        return itn__out_of_memory(error, "a bounding volume hierarchy");
-    result = itn__refer(build, error);
-    if (result) return result;
     bvh->node_count = bvh->leaf_count = 1;
     build->nodes[0].count = bvh->triangle_count;
     for (; end < bvh->node_count; build->depth++) {
         build->first = end, end = bvh->node_count;
-        itn__parallel_for(context, end - build->first, itn__grow, build);
+        itn__parallel_for(&bvh->context, end - build->first, itn__grow, build);
         for (i = build->first; i < end; i++) itn__number_children(build, i);
     }
-    bvh->packs = (itn__pack *)itn__allocate_aligned(context, (size_t)bvh->leaf_count,
+    bvh->packs = (itn__pack *)itn__allocate_aligned(&bvh->context, (size_t)bvh->leaf_count,
                                                     sizeof(itn__pack), &bvh->pack_memory);
     if (!bvh->packs) return itn__out_of_memory(error, "a bounding volume hierarchy");
-    itn__pack_fill(&bvh->packs[0], NULL, NULL, 0);
-    itn__parallel_for(context, bvh->node_count, itn__fill_leaves, build);
+    itn__parallel_for(&bvh->context, bvh->leaf_count, itn__fill_leaf, build);
     return ITN_OK;
 }
 
 /* itn_bvh_create, with the object that each triangle belongs to (NULL: all 0). */
 static itn_result itn__bvh_build(const itn_mesh *mesh, const int *object_of_triangle,
-                                 const itn_context *context, itn_bvh **bvh, itn_error *error) {
+                                 const itn_context *context, itn_bvh **made, itn_error *error) {
     itn_context own;
     itn__build build = ITN_ZERO;
+    itn_bvh *bvh;
+    size_t count, nodes;
     itn_result result = itn__context_check(context, &own, error);
     if (!result) result = itn__mesh_readable(mesh, "itn_bvh_create", error);
     if (result) return result;
-    if (!bvh || mesh->triangle_count == 0)
+    if (!made || mesh->triangle_count == 0)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: %s",
-                         bvh ? "the mesh has no triangle" : "bvh is NULL");
+                         made ? "the mesh has no triangle" : "bvh is NULL");
     if (mesh->triangle_count >= 1 << 30) return itn__out_of_memory(error, "2^30 triangles");
+    count = (size_t)mesh->triangle_count, nodes = count / (ITN__WIDE - 1) + count / ITN__PACK + 1;
+    bvh = build.bvh = ITN__NEW(itn_bvh, &own, 1);
+    if (!bvh) return itn__out_of_memory(error, "a bounding volume hierarchy");
+    bvh->context = own, bvh->triangle_count = mesh->triangle_count;
+    bvh->triangles = ITN__NEW(itn__triangle, &own, count);
+    bvh->nodes = (itn__node *)itn__allocate_aligned(&own, nodes, sizeof(itn__node),
+                                                    &bvh->node_memory);
     build.mesh = mesh, build.objects = object_of_triangle;
-    build.bvh = ITN__NEW(itn_bvh, &own, 1);
-    if (!build.bvh) return itn__out_of_memory(error, "a bounding volume hierarchy");
-    build.bvh->context = own, build.bvh->triangle_count = mesh->triangle_count;
-    result = itn__bvh_make(&build, error);
+    build.references = ITN__NEW(itn__reference, &own, count);
+    build.nodes = ITN__NEW(itn__range, &own, nodes);
+    build.leaves = ITN__NEW(itn__range, &own, count + 1);
+    if (!build.references || !build.nodes || !build.leaves || !bvh->nodes || !bvh->triangles)
+        result = itn__out_of_memory(error, "a bounding volume hierarchy");
+    if (!result) result = itn__refer(&build, error);
+    if (!result) result = itn__grow_tree(&build, error);
     itn__free(&own, build.leaves);
     itn__free(&own, build.nodes);
     itn__free(&own, build.references);
-    if (result) itn_bvh_free(build.bvh);
-    else *bvh = build.bvh;
+    if (result) itn_bvh_free(bvh);
+    else *made = bvh;
     return result;
 }
 
@@ -2296,22 +2246,19 @@ typedef struct itn__visit {
 } itn__visit;
 
 /* The children of node `child` that the ray enters: the nearest becomes `child`, the others go on
-   the stack, in no order, since there are few; leaves among them are asked for. Returns 0 if there
-   are none. */
+   the stack, in no order, since there are few. Returns 0 if there are none. */
 ITN__INLINE int itn__descend(const itn_bvh *bvh, const itn__slabs *s, itn__visit *stack, int *top,
                              int32_t *child) {
     const itn__node *node = &bvh->nodes[*child];
     float enter[ITN__WIDE];
     unsigned entered = itn__slabs_enter(s, node, enter);
-    int nearest, further, k, line;
+    int nearest, further, k;
     if (!entered) return 0;
     nearest = itn__lowest_bit(entered);
     while (entered &= entered - 1) {
         k = itn__lowest_bit(entered);
         further = enter[k] < enter[nearest] ? nearest : k, nearest = nearest + k - further;
         stack[*top].enter = enter[further], stack[*top].child = node->child[further];
-        for (line = 0; node->child[further] < 0 && line < (int)sizeof(itn__pack); line += 64)
-            ITN__PREFETCH((const char *)&bvh->packs[~node->child[further]] + line);
         ++*top;
     }
     *child = node->child[nearest];
@@ -3447,7 +3394,7 @@ static int itn__next_hit(const itn_scene *scene, itn__place *place, itn_ray *ray
         known = itn__just_crossed(place, hit);
         if (hit->t > slack) itn__go_on_to(scene, place, ray->origin, hit);
         if (!known || hit->t > slack) return 1;
-        bit = itn__object_bit(itn__bvh_object(scene->bvh, hit->triangle));
+        bit = itn__object_bit(scene->bvh->triangles[hit->triangle].object);
         sides.front &= ~bit, sides.back &= ~bit, at = hit->t, masked = 1;
     }
     if (ray->tmax > slack) itn__leave_behind(place);
@@ -3525,7 +3472,7 @@ static void itn__gather_faces(const itn_scene *scene, const itn__place *place, i
         itn_hit other;
         uint64_t bit;
         if (!itn__bvh_face(scene->bvh, &ray, &sides, &other)) return;
-        bit = itn__object_bit(itn__bvh_object(scene->bvh, other.triangle));
+        bit = itn__object_bit(scene->bvh->triangles[other.triangle].object);
         sides.front &= ~bit, sides.back &= ~bit;
         if (!itn__just_crossed(place, &other) &&
             itn__same_plane(scene, triangle, itn__face_triangle(scene, 2 * other.triangle),
@@ -3546,7 +3493,7 @@ static int itn__is_opaque(const itn_scene *scene, int object) {
 static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
                                   const itn__place *place, const itn_ray *ray,
                                   const itn_hit *hit) {
-    int object = itn__bvh_object(scene->bvh, hit->triangle), refracts, k;
+    int object = scene->bvh->triangles[hit->triangle].object, refracts, k;
     uint64_t others = scene->objects[object].dielectrics;
     float before_ior = itn__ior(scene, theta, place->refracting);
     itn__sides sides = place->sides;

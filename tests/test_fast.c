@@ -724,7 +724,7 @@ static int enter(herd *f, int k) {
         if (!itn__next_hit(scene, place, &ray, &hit)) return 0;
         event = itn__meet_faces(scene, f->theta, place, &ray, &hit);
         ray.origin = itn__hit_point(scene->bvh, &hit);
-        if (!scene->objects[itn__bvh_object(scene->bvh, hit.triangle)].closed) return 0;
+        if (!scene->objects[scene->bvh->triangles[hit.triangle].object].closed) return 0;
         itn__cross_faces(scene, place, &event, ray.origin);
     }
     set_lane(&f->p, k, ray.origin), set_lane(&f->d, k, ray.direction);
@@ -757,7 +757,7 @@ static void fly(herd *f, int k) {
     if (!itn__next_hit(f->scene, &f->places[k], &ray, &hit)) {
         set_lane(&f->p, k, itn__along(ray.origin, ray.tmax, ray.direction));
     } else { /* in, out, or back where it came from */
-        int object = itn__bvh_object(f->scene->bvh, hit.triangle);
+        int object = f->scene->bvh->triangles[hit.triangle].object;
         itn__event event = itn__meet_faces(f->scene, f->theta, &f->places[k], &ray, &hit);
         itn_vec3 point = itn__hit_point(f->scene->bvh, &hit);
         set_lane(&f->p, k, point);

@@ -438,7 +438,7 @@ static void test_one_triangle(void) {
     ray = ray_of(itn__vec3(0, 0, 0), itn__vec3(0, 0, 1), 0, INFINITY); /* a corner counts */
     CHECK(itn_bvh_nearest(bvh, &ray, &hit) && hit.u == 0 && hit.v == 0);
     itn__bvh_corners(bvh, 0, p);
-    CHECK(p[1].x == 1 && p[2].y == 1 && p[0].z == 1 && itn__bvh_object(bvh, 0) == 0);
+    CHECK(p[1].x == 1 && p[2].y == 1 && p[0].z == 1 && bvh->triangles[0].object == 0);
     CHECK(bvh->lower.z == 1 && bvh->upper.x == 1);
     itn_bvh_free(bvh);
     itn_mesh_free(&mesh);
