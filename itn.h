@@ -4552,41 +4552,28 @@ static size_t itn__print(char *text, size_t size, const char *format, ...) {
     return length;
 }
 
-/* Adds decimal digits to `digits` while they fit (19 places), and counts the others. */
-static const char *itn__parse_digits(const char *at, const char *end, uint64_t *digits,
-                                     int64_t *dropped) {
-    for (; at < end && *at >= '0' && *at <= '9'; at++) {
-        int fits = *digits < 1000000000000000000u;
-        if (fits) *digits = *digits * 10 + (uint64_t)(*at - '0');
-        *dropped += !fits;
-    }
-    return at;
-}
-
 /* Reads [sign] digits [. digits] [e [sign] digits]; returns the place behind it, or NULL if no
    number is there. */
 static const char *itn__parse_number(const char *at, const char *end, double *value) {
-    uint64_t digits = 0, power = 0;
-    int64_t exponent = 0, ignored = 0;
-    const char *start, *dot = NULL;
-    int negative = at < end && *at == '-';
-    at += at < end && (*at == '-' || *at == '+');
-    start = at;
-    at = itn__parse_digits(at, end, &digits, &exponent);
-    if (at < end && *at == '.') {
-        dot = ++at;
-        at = itn__parse_digits(at, end, &digits, &exponent);
-        exponent -= at - dot;
+    uint64_t digits = 0;
+    int64_t exponent = 0, power = 0;
+    int negative = at < end && *at == '-', dot = 0, any = 0, minus;
+    for (at += at < end && (*at == '-' || *at == '+'); at < end; at++) {
+        int digit = *at >= '0' && *at <= '9', fits = digits < 1000000000000000000u;
+        if (!digit && (dot || *at != '.')) break;
+        if (digit && fits) digits = digits * 10 + (uint64_t)(*at - '0');
+        exponent += digit * (!fits - dot); /* of the last digit that fits */
+        dot |= !digit, any |= digit;
     }
-    if (at - start == (dot != NULL)) return NULL; /* no digit */
+    if (!any) return NULL;
     if (at < end && (*at == 'e' || *at == 'E')) {
-        int minus = ++at < end && *at == '-';
-        at += at < end && (*at == '-' || *at == '+');
-        start = at;
-        at = itn__parse_digits(at, end, &power, &ignored);
-        if (at == start) return NULL;
-        if (power > INT_MAX) power = INT_MAX;
-        exponent += minus ? -(int64_t)power : (int64_t)power;
+        minus = ++at < end && *at == '-', any = 0;
+        for (at += at < end && (*at == '-' || *at == '+'); at < end; at++, any = 1) {
+            if (*at < '0' || *at > '9') break;
+            if (power < INT_MAX) power = power * 10 + (*at - '0');
+        }
+        if (!any) return NULL;
+        exponent += minus ? -power : power;
     }
     *value = itn__scale_by_power_of_ten(negative ? -(double)digits : (double)digits, exponent);
     return at;
@@ -11541,7 +11528,6 @@ static float itn__float_of(uint32_t bits) {
 
 typedef struct itn__text {
     const char *at, *end, *start;
-    const char *word; /* the number read last */
     const char *name; /* of the file, for messages */
     int line;         /* of `at`, from 1; 0 in binary data */
     const char *part; /* what is being read, as "vertex", and its number; NULL: nothing to tell */
@@ -11610,13 +11596,16 @@ static int itn__newline(const char *at, const char *end) {
     return *at == '\r' && end - at > 1 && at[1] == '\n' ? 2 : 1;
 }
 
-/* Skips blanks, and line ends that a backslash hides. */
+/* The length of the blank at a place, which may be a line end that a backslash hides; else 0. */
+static int itn__blank(const char *at, const char *end) {
+    int hidden = at < end && *at == '\\' ? itn__newline(at + 1, end) : 0;
+    return hidden ? 1 + hidden : at < end && (*at == ' ' || *at == '\t');
+}
+
 static void itn__skip_blanks(itn__text *text) {
     int length;
-    for (; text->at < text->end; text->at += 1 + length, text->line += length > 0) {
-        length = *text->at == '\\' ? itn__newline(text->at + 1, text->end) : 0;
-        if (*text->at != ' ' && *text->at != '\t' && !length) return;
-    }
+    for (; (length = itn__blank(text->at, text->end)) > 0; text->at += length)
+        text->line += length > 1;
 }
 
 /* Whether only blanks or a comment are left on this line. */
@@ -11638,11 +11627,11 @@ static void itn__skip_space(itn__text *text) {
         itn__next_line(text);
 }
 
-/* The length of the word at a place: all up to a blank, a line end (hidden or not) or the end. */
+/* The length of the word at a place: all up to a blank, a line end or the end. */
 static int itn__word_length(const itn__text *text) {
     const char *at = text->at;
-    while (at < text->end && at - text->at < INT_MAX - 1 && *at != ' ' && *at != '\t' &&
-           !itn__newline(at, text->end) && !(*at == '\\' && itn__newline(at + 1, text->end)))
+    while (at < text->end && at - text->at < INT_MAX - 1 && !itn__blank(at, text->end) &&
+           !itn__newline(at, text->end))
         at++;
     return (int)(at - text->at);
 }
@@ -11659,24 +11648,17 @@ static int itn__accept(itn__text *text, const char *words) {
     return -1;
 }
 
-/* Skips blanks and a word; returns the number that it is, or NaN. */
-static double itn__take_decimal(itn__text *text) {
-    double value = (double)NAN;
-    const char *end;
+/* Skips blanks and a word; returns the number that it is, or NaN. If it is `what`, and not NULL, it
+   must be finite as a float. */
+static double itn__take_decimal(itn__text *text, const char *what) {
+    double value;
+    int length;
     itn__skip_blanks(text);
-    end = text->at + itn__word_length(text);
-    if (itn__parse_number(text->at, end, &value) != end) value = (double)NAN;
-    text->word = text->at, text->at = end;
-    return value;
-}
-
-/* The same for a number that must be finite as a float; `what` it is. */
-static double itn__take_finite(itn__text *text, const char *what) {
-    double value = itn__take_decimal(text);
-    int length = (int)(text->at - text->word);
-    if (!itn__finite((float)value))
+    length = itn__word_length(text), text->at += length;
+    if (itn__parse_number(text->at - length, text->at, &value) != text->at) value = (double)NAN;
+    if (what && !itn__finite((float)value))
         ITN__DAMAGED(text, "%s: '%.*s' is not a finite number", what, length < 40 ? length : 40,
-                     text->word);
+                     text->at - length);
     return value;
 }
 
@@ -12156,7 +12138,7 @@ static itn_result itn__pfm_decode(itn__text *text, int channels, const itn_conte
     const unsigned char *bytes;
     for (k = 0; k < 3; k++) {
         itn__skip_space(text); /* line ends count as blanks */
-        header[k] = itn__take_finite(text, what[k]);
+        header[k] = itn__take_decimal(text, what[k]);
         if (k < 2 ? !(header[k] >= 1 && header[k] < 1e9 && header[k] == floor(header[k]))
                   : (float)header[k] == 0)
             ITN__DAMAGED(text, "%s is %g", what[k], header[k]);
@@ -12588,17 +12570,15 @@ static void itn__obj_corner(itn__text *text, itn__builder *b, const size_t count
 }
 
 static void itn__obj_decode(itn__text *text, itn__builder *b) {
+    static const char *const names[] = {"vertex", "texture coordinate"};
     size_t counts[3] = {0, 0, 0}; /* of vertices, texture coordinates and normals */
     for (; text->at < text->end; itn__next_line(text)) {
         float numbers[3] = {0, 0, 0};
         int keyword = itn__accept(text, "v vt vn f"), k;
-        if (keyword == 0) {
-            for (k = 0; k < 3; k++) numbers[k] = (float)itn__take_finite(text, "vertex");
-            itn__put(&b->positions, numbers, 12);
-        } else if (keyword == 1) {
-            for (k = 0; k < 2 && (k < 1 || !itn__line_done(text)); k++)
-                numbers[k] = (float)itn__take_finite(text, "texture coordinate");
-            itn__put(&b->texcoords, numbers, 8);
+        if (keyword == 0 || keyword == 1) {
+            for (k = 0; k < 3 - keyword && (!keyword || !k || !itn__line_done(text)); k++)
+                numbers[k] = (float)itn__take_decimal(text, names[keyword]);
+            itn__put(keyword ? &b->texcoords : &b->positions, numbers, keyword ? 8 : 12);
         } else if (keyword == 3) {
             b->corners.size = 0;
             while (!itn__line_done(text)) itn__obj_corner(text, b, counts);
@@ -12671,7 +12651,7 @@ static const char *itn__ply_element(itn__ply *ply, itn__ply_line *element) {
     double count;
     int kind = ply->kind = element->role = itn__accept(ply->text, "vertex face") + 1;
     if (!kind) ply->text->at += itn__word_length(ply->text);
-    count = element->count = itn__take_decimal(ply->text), element->type = -1;
+    count = element->count = itn__take_decimal(ply->text, NULL), element->type = -1;
     if (!(count >= 0 && count <= (kind ? INT_MAX : 1e15) && count == floor(count)))
         return "element has no valid count";
     if (kind && ply->kinds >= 1 << kind)
@@ -12721,7 +12701,7 @@ static double itn__ply_value(itn__ply *ply, int type) {
     if (ply->format == ITN__PLY_ASCII) {
         itn__skip_space(ply->text);
         if (ply->text->at == ply->text->end) itn__take_bytes(ply->text, 1); /* fails */
-        return itn__take_decimal(ply->text);
+        return itn__take_decimal(ply->text, NULL);
     }
     bits = itn__take_number(ply->text, size, ply->format == ITN__PLY_BIG);
     value = (double)bits;
@@ -12775,21 +12755,17 @@ static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int 
     itn__add_polygon(b, ply->text);
 }
 
-/* Reads all elements, of each after checking that the file can hold so many. */
 static void itn__ply_decode(itn__text *text, itn__builder *builder) {
     static const char *const kinds[] = {"entry", "vertex", "face"};
     itn__ply ply = ITN_ZERO;
     const itn__ply_line *element = ply.lines, *p, *end;
-    double least; /* bytes of an entry */
     ply.text = text, ply.builder = builder;
     itn__ply_header(&ply);
     for (end = ply.lines + ply.count; element < end && !text->result; element = p) {
-        for (least = 0, p = element + 1; p < end && p->type >= 0; p++)
-            least += ply.format ? itn__ply_sizes[p->list >= 0 ? p->list : p->type] : 2;
-        text->part = kinds[element->role], text->number = 0;
-        if (element->count * least > (double)(text->end - text->at) + 1)
-            ITN__DAMAGED(text, "count is larger than the file");
-        for (; least > 0 && text->number < element->count && !text->result; text->number++)
+        for (p = element + 1; p < end && p->type >= 0;) p++;
+        text->part = kinds[element->role];
+        text->number = p > element + 1 ? 0 : element->count; /* nothing of nothing */
+        for (; text->number < element->count && !text->result; text->number++)
             itn__ply_entry(&ply, element->role, element + 1, (int)(p - element) - 1);
     }
 }
@@ -13058,7 +13034,7 @@ static int itn__read_values(itn__reader *r, const itn__field *field) {
     int count = 0, three;
     while (!itn__line_done(&r->text) && (strchr("+-.0123456789", *r->text.at) ||
                                          !(count || itn__has_form(field, '0')))) {
-        double number = itn__take_finite(&r->text, name);
+        double number = itn__take_decimal(&r->text, name);
         if (!itn__field_allows(field, (float)number, words)) ITN__WRONG("%s: %s", name, words);
         if (itn__has_form(field, 'i') && number != floor(number))
             ITN__WRONG("%s: %g is not a whole number", name, number);
@@ -13110,7 +13086,7 @@ static itn_result itn__sky_from_memory(const void *bytes, size_t size, const cha
                 return itn__text_fail(&text, ITN_ERROR_FORMAT, "%.*s is %s", length, word,
                                       k < 0 ? "no field of a sky" : "given twice");
             if (k != 3) to = k < 3 ? sky->coefficients[k] : sky->sun_radiance;
-            for (i = 0; i < (k < 3 ? 9 : 3); i++) to[i] = (float)itn__take_finite(&text, "a sky");
+            for (i = 0; i < (k < 3 ? 9 : 3); i++) to[i] = (float)itn__take_decimal(&text, "a sky");
             count++;
         }
     if (count < 5) itn__text_fail(&text, ITN_ERROR_FORMAT, "a sky has once each: %s", names);

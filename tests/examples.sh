@@ -193,7 +193,7 @@ moved_corner() {
 }
 other_ground() { swap_byte $(($(wc -c < "$1") - 4)) "$1"; }
 broken "no mesh" chain-00-32.ply 'chain-00-32\.ply: cannot read' rm
-broken "a mesh that is cut" chain-00-32.ply 'chain-00-32\.ply: .* larger than' cut_file 3000
+broken "a mesh that is cut" chain-00-32.ply 'chain-00-32\.ply: .* cut off' cut_file 3000
 broken "a mesh of which a corner is moved" chain-00-32.ply 'chain-00-32\.ply is not' moved_corner
 broken "another texture" concrete.pfm 'concrete\.pfm is not' other_ground
 broken "no texture" concrete.pfm 'concrete\.pfm: cannot read' rm
