@@ -492,6 +492,20 @@ ITN_API itn_film_desc itn_scene_film(const itn_scene *scene);
    What an image can tell of sigma_t depends on this number. */
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, const char *medium);
 
+/* What tissue optics says of a medium, per scene unit (in a scene in mm per mm, a tenth of what it
+   is per cm), and its standard errors: absorption mu_a = sigma_t (1 - albedo), scattering mu_s =
+   sigma_t albedo, and what diffuse light tells, mu_s' = mu_s (1 - g). */
+typedef struct itn_tissue {
+    double mu_a, mu_s, mu_s_prime, mu_a_error, mu_s_error, mu_s_prime_error;
+} itn_tissue;
+/* Fills in tissue for a medium in a channel (0 with one) at theta (NULL: as made). parameters:
+   [count], covariance: [count][count] as itn_refine has them, from which errors follow to first
+   order; parameters that are not among these have none. Returns 0 if there is no such medium or
+   channel, else 1. */
+ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const char *medium,
+                             int channel, const int *parameters, int count,
+                             const double *covariance, itn_tissue *tissue);
+
 /* Parameters: everything that can be differentiated, as one flat float vector theta with names
    "item.field". They come item by item, those of a kind as in the desc; their ranges are its, too:
        media      sigma_t, albedo, g
@@ -3259,6 +3273,35 @@ ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta,
         sigma_t += (theta ? theta[i] : scene->parameters[i].value) / 3.;
     }
     return sigma_t * 4 * volume / area;
+}
+
+ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const char *medium,
+                             int channel, const int *parameters, int count,
+                             const double *covariance, itn_tissue *tissue) {
+    int m = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count);
+    int at[3], where[3], j, k; /* in theta; among those asked for, or -1 */
+    double x[3], slope[3][3] = {{0, 0, 0}}, variance[3] = {0, 0, 0}; /* by sigma_t, albedo, g */
+    if (m < 0 || channel < 0 || channel >= scene->film.channels) return 0;
+    at[0] = scene->media[m].sigma_t[channel], at[1] = scene->media[m].albedo + channel;
+    at[2] = scene->media[m].g[channel];
+    for (k = 0; k < 3; k++) {
+        x[k] = (double)(theta ? theta[at[k]] : scene->parameters[at[k]].value);
+        for (where[k] = count - 1; where[k] >= 0 && parameters[where[k]] != at[k];) where[k]--;
+    }
+    slope[0][0] = 1 - x[1], slope[0][1] = -x[0], slope[1][0] = x[1], slope[1][1] = x[0];
+    for (k = 0; k < 2; k++) slope[2][k] = slope[1][k] * (1 - x[2]);
+    slope[2][2] = -x[0] * x[1];
+    for (j = 0; j < 27; j++) {
+        int n = j / 9, a = j / 3 % 3, b = j % 3;
+        if (where[a] >= 0 && where[b] >= 0)
+            variance[n] += slope[n][a] * slope[n][b] * covariance[where[a] * count + where[b]];
+    }
+    tissue->mu_a = x[0] * (1 - x[1]), tissue->mu_s = x[0] * x[1];
+    tissue->mu_s_prime = tissue->mu_s * (1 - x[2]);
+    tissue->mu_a_error = sqrt(fmax(variance[0], 0));
+    tissue->mu_s_error = sqrt(fmax(variance[1], 0));
+    tissue->mu_s_prime_error = sqrt(fmax(variance[2], 0));
+    return 1;
 }
 
 /* Ray through pixel (x, y) for u, v in (0,1). */
@@ -11442,9 +11485,10 @@ ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, i
     if (outcome && !outcome->explained)
         itn__say(&words.prose, "warning: the pictures differ from the scene %.3g times more than "
                  "noise explains (misfit %.3g): do not rely on these values. Suspect the exposure "
-                 "or the scale of a light, what is behind the object, where camera and object are, "
-                 "an index of refraction; or try another start\n", sqrt(outcome->misfit),
-                 outcome->misfit);
+                 "(seek film.exposure) or a light's scale, what is behind the object (give the "
+                 "film a background, or mask it), where camera and object are (compare outlines), "
+                 "an index of refraction (try others); or try another start\n",
+                 sqrt(outcome->misfit), outcome->misfit);
     if (outcome && !outcome->finished)
         itn__say(&words.prose, "note: the search was not over after %.2g s; more time or "
                  "iterations may make the errors smaller\n", outcome->seconds);

@@ -1,5 +1,6 @@
 /* What the film does with light: its exposure and what is behind everything. Both only scale or
-   share out what the same paths bring, so all is exact, whoever renders. */
+   share out what the same paths bring, so all is exact, whoever renders. And the words of tissue
+   optics. */
 #ifndef ITN_APART
 #define ITN_IMPLEMENTATION
 #endif
@@ -359,6 +360,73 @@ static void test_unknown(double exposure, uint64_t seed, double planted) {
     itn_mesh_free(&ball);
 }
 
+/* mu_a, mu_s, mu_s' of sigma_t, albedo, g. */
+static void coefficients(const double x[3], double mu[3]) {
+    mu[0] = x[0] * (1 - x[1]), mu[1] = x[0] * x[1], mu[2] = mu[1] * (1 - x[2]);
+}
+
+/* The words of tissue optics, and their errors from slopes by differences; unknowns stand in another
+   order among others. planted: an error of a covariance. */
+static void test_tissue(double planted) {
+    static const char *const names[5] = {"m.g", "light.scale", "m.albedo", "", "m.sigma_t"};
+    static const double deviations[5] = {.05, .3, .01, 1, .4};
+    static const int place[3] = {4, 2, 0}; /* of sigma_t, albedo, g */
+    double covariance[25], x[3] = {3, .9, .6}, mu[3], up[3], down[3], slopes[3][3];
+    double found[3], errors[3];
+    int parameters[5], i, j, k, known;
+    itn_mesh ball = solids_sphere(1, 1);
+    itn_scene *scene;
+    float theta[MOST];
+    itn_tissue tissue;
+    stage s;
+    stage_begin(&s, SIDE, 4, 26);
+    s.desc.film.channels = 3;
+    stage_medium(&s, "m", 2, .8, .4)->albedo[2] = .7f;
+    stage_object(&s, &ball, "m", NULL);
+    stage_constant(&s, NULL, 1);
+    scene = stage_make(&s);
+    CHECK(itn_scene_tissue(scene, NULL, "m", 2, NULL, 0, NULL, &tissue) == 1);
+    CHECK_NEAR(tissue.mu_a, .6, 1e-6), CHECK_NEAR(tissue.mu_s, 1.4, 1e-6);
+    CHECK_NEAR(tissue.mu_s_prime, .84, 1e-6);
+    CHECK(tissue.mu_a_error == 0 && tissue.mu_s_error == 0 && tissue.mu_s_prime_error == 0);
+    CHECK(!itn_scene_tissue(scene, NULL, "n", 0, NULL, 0, NULL, &tissue));
+    CHECK(!itn_scene_tissue(scene, NULL, NULL, 0, NULL, 0, NULL, &tissue));
+    CHECK(!itn_scene_tissue(scene, NULL, "m", 3, NULL, 0, NULL, &tissue));
+    CHECK(!itn_scene_tissue(scene, NULL, "m", -1, NULL, 0, NULL, &tissue));
+    itn_scene_free(scene);
+    s.desc.film.channels = 1;
+    scene = stage_make(&s);
+    itn_parameter_values(scene, theta);
+    for (i = 0; i < 5; i++) parameters[i] = itn_parameter_find(scene, names[i]);
+    for (i = 0; i < 3; i++) theta[parameters[place[i]]] = (float)x[i];
+    for (i = 0; i < 25; i++)
+        covariance[i] = deviations[i / 5] * deviations[i % 5] * (i / 5 == i % 5 ? 1 : .3);
+    for (i = 0; i < 3; i++) {
+        double h = 1e-5, save = x[i];
+        x[i] = save + h, coefficients(x, up), x[i] = save - h, coefficients(x, down), x[i] = save;
+        for (k = 0; k < 3; k++) slopes[k][i] = (up[k] - down[k]) / (2 * h);
+    }
+    coefficients(x, mu);
+    for (known = 0; known < 2; known++) { /* then g is not among the unknowns */
+        if (known) parameters[0] = itn_parameter_find(scene, "film.exposure");
+        CHECK(itn_scene_tissue(scene, theta, "m", 0, parameters, 5, covariance, &tissue) == 1);
+        found[0] = tissue.mu_a, found[1] = tissue.mu_s, found[2] = tissue.mu_s_prime;
+        errors[0] = tissue.mu_a_error, errors[1] = tissue.mu_s_error;
+        errors[2] = tissue.mu_s_prime_error;
+        for (k = 0; k < 3; k++) {
+            double variance = 0;
+            for (i = 0; i < 3 - known; i++)
+                for (j = 0; j < 3 - known; j++)
+                    variance += slopes[k][i] * slopes[k][j] *
+                                covariance[5 * place[i] + place[j]] * (1 + planted);
+            CHECK_NEAR(found[k], mu[k], 1e-6 * mu[k]);
+            CHECK_NEAR(errors[k], sqrt(variance), 1e-5 * sqrt(variance));
+        }
+    }
+    itn_scene_free(scene);
+    itn_mesh_free(&ball);
+}
+
 int main(void) {
     int way, channels, sky;
     for (way = 0; way < SOLIDS_WAYS; way++)
@@ -372,12 +440,14 @@ int main(void) {
     test_loss(0);
     test_texels();
     test_files();
+    test_tissue(0);
     test_unknown(.01, 2, 0);
     if (check_long()) test_unknown(.37, 1, 0), test_unknown(100, 3, 0);
     CHECK_CATCHES(test_scaling(1, 0, 0, 0, 1e-4));
     CHECK_CATCHES(test_scaling(3, 1, 2, 0, 1e-4));
     CHECK_CATCHES(test_background(1, 0, 0, .01));
     CHECK_CATCHES(test_loss(1e-4));
+    CHECK_CATCHES(test_tissue(1e-3));
     CHECK_CATCHES(test_unknown(.01, 2, .5));
     return check_end("exposure");
 }
