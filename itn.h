@@ -605,6 +605,9 @@ typedef struct itn_render_options {
    mean, variance of the mean ("Variance.Y"), then for each parameter derivative ("d_a_b.Y" for
    a.b) and variance of the derivative ("d_a_b_variance.Y"). With one sample per pixel variances are
    infinite; of standard errors below 1e-22, which floats cannot square, 0.
+   Memory: 16 bytes per pixel and plane, and for each thread about 1 MB and 20 KB per plane. The
+   scene keeps up to 4 MB of it per thread for the next render, as fresh memory costs more than a
+   small render itself.
    The same bits for any number of threads. The reference's image does not depend on the parameters
    asked for, but for rounding, except an index of refraction (which spends some paths on its own),
    a sigma_t of a thin medium (which draws more collisions) and an albedo or reflectance below .1
@@ -625,8 +628,8 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, itn_error *error);
 
 /* Adjoint: gradient[k] = sum over pixels and channels of weights * dI/dtheta of parameters[k],
-   with its variance if `variance` is not NULL, without derivative images (in work: 16 bytes per
-   pixel and parameter). weights: [C][height][width], finite, for example dl/dI of a loss from other
+   with its variance if `variance` is not NULL; it has one plane per parameter in the place
+   of derivative images. weights: [C][height][width], finite, for example dl/dI of a loss from other
    samples. count at least 1; gradient and variance: [count]. Errors: as itn_render. */
 ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *theta,
                                        const itn_render_options *options, const float *weights,
@@ -3193,7 +3196,7 @@ typedef struct itn__object {
 typedef struct itn__kept {
     void (*release)(const itn_context *context, void *kept);
 } itn__kept;
-enum { ITN__TABLE_LEVELS = 3 };
+enum { ITN__TABLE_LEVELS = 3, ITN__SCRATCH = ITN__TABLE_LEVELS, ITN__KEPT };
 
 /* The field that a parameter stands in, and the channel that alone depends on it; -1: all do. */
 typedef struct itn__source {
@@ -3219,7 +3222,7 @@ struct itn_scene {
     itn_vec3 lower, upper; /* their box, less the origin, and a little around it */
     int spectral;     /* some medium has a sigma_t or g for each channel */
     int leaky;        /* some solid is open or tangled, taken by force */
-    void **tables;    /* [ITN__TABLE_LEVELS] each NULL or kept, see [voxels] */
+    void **kept;      /* [ITN__KEPT] each NULL or kept: tables ([voxels]), and ITN__SCRATCH */
 };
 
 /* Whether a parameter is what a letter of [fields] says. */
@@ -3232,9 +3235,8 @@ ITN_API void itn_scene_free(itn_scene *scene) {
     int i;
     if (!scene) return;
     context = scene->context;
-    for (i = 0; scene->tables && i < ITN__TABLE_LEVELS; i++)
-        if (scene->tables[i])
-            ((itn__kept *)scene->tables[i])->release(&context, scene->tables[i]);
+    for (i = 0; scene->kept && i < ITN__KEPT; i++)
+        if (scene->kept[i]) ((itn__kept *)scene->kept[i])->release(&context, scene->kept[i]);
     itn_bvh_free(scene->bvh);
     for (i = 0; i < scene->light_count; i++) {
         itn__light *light = &scene->lights[i];
@@ -3243,7 +3245,7 @@ ITN_API void itn_scene_free(itn_scene *scene) {
     }
     for (i = 0; i < scene->object_count; i++) itn__free(&context, scene->objects[i].uvs);
     for (i = 0; i < scene->surface_count; i++) itn__free(&context, scene->surfaces[i].texels);
-    itn__free(&context, scene->tables), itn__free(&context, scene->parameters);
+    itn__free(&context, scene->kept), itn__free(&context, scene->parameters);
     itn__free(&context, scene->sources);
     itn__free(&context, scene->lights), itn__free(&context, scene->objects);
     itn__free(&context, scene->surfaces), itn__free(&context, scene->media);
@@ -4622,12 +4624,13 @@ static const char *itn__parse_number(const char *at, const char *end, double *va
     return at;
 }
 
-/* What many threads may do at once: add one to a number, which is returned as it was; and set a
-   pointer once, if it is NULL, which tells whether it was: so what a scene computes on demand is
-   kept by the first to finish. Other compilers have one thread, and keep nothing. */
+/* What many threads may do at once: add one to a number, which is returned as it was; set a pointer
+   once, if it is NULL, and tell whether it was: so what a scene computes on demand is kept by the
+   first to finish; and take it away again. Other compilers have one thread, and keep nothing. */
 #if defined(__GNUC__)
 #define itn__count_up(number) __atomic_fetch_add(number, 1, __ATOMIC_RELAXED)
 #define itn__once_get(shared) __atomic_load_n(shared, __ATOMIC_ACQUIRE)
+#define itn__once_take(shared) __atomic_exchange_n(shared, NULL, __ATOMIC_ACQ_REL)
 ITN__INLINE int itn__once_set(void **shared, void *made) {
     void *expected = NULL;
     return __atomic_compare_exchange_n(shared, &expected, made, 0, __ATOMIC_ACQ_REL,
@@ -4637,12 +4640,19 @@ ITN__INLINE int itn__once_set(void **shared, void *made) {
 #include <intrin.h>
 #define itn__count_up(number) (_InterlockedIncrement(number) - 1)
 #define itn__once_get(shared) _InterlockedCompareExchangePointer(shared, NULL, NULL)
+#define itn__once_take(shared) _InterlockedExchangePointer(shared, NULL)
 #define itn__once_set(shared, made)                                                                \
     (_InterlockedCompareExchangePointer(shared, made, NULL) == NULL)
 #else
 #undef ITN_THREADS
+#define ITN__HOOK_THREADS 1
+#define itn__count_up(number) ((*(number))++)
 #define itn__once_get(shared) ((void)(shared), (void *)NULL)
+#define itn__once_take(shared) itn__once_get(shared)
 #define itn__once_set(shared, made) ((void)(shared), (void)(made), 0)
+#endif
+#ifndef ITN__HOOK_THREADS
+#define ITN__HOOK_THREADS 8 /* a guess */
 #endif
 
 #ifdef ITN_THREADS
@@ -4711,10 +4721,10 @@ static int itn__processors(void) {
 
 enum { ITN__MOST_THREADS = 64 };
 
-/* How many threads run loops; a guess where the caller's hook does. */
+/* How many threads run loops. */
 static int itn__loop_threads(const itn_context *context) {
     int threads = 1;
-    if (context->parallel_for) return 8;
+    if (context->parallel_for) return ITN__HOOK_THREADS;
 #ifdef ITN_THREADS
     threads = context->threads > 0 ? context->threads : itn__processors();
 #endif
@@ -4743,13 +4753,6 @@ static void itn__parallel_for(const itn_context *context, int count,
     }
 #endif
     for (; index < count; index++) body(task, index);
-}
-
-/* How many tasks it pays to divide a loop into that needs memory for each: several for a thread, as
-   one takes longer than another. */
-static ITN__UNUSED int itn__workers(const itn_context *context) {
-    int threads = itn__loop_threads(context);
-    return threads > 1 ? 4 * threads : 1;
 }
 
 /* Elementary functions, without branches, tables or calls. Each one reduces its argument exactly,
@@ -6139,10 +6142,10 @@ static itn_result itn__make_arrays(itn__maker *maker) {
     scene->objects = ITN__NEW(itn__object, context, in->object_count);
     scene->parameters = ITN__NEW(itn_parameter, context, 9 * items + 6);
     scene->sources = ITN__NEW(itn__source, context, 9 * items + 6);
-    scene->tables = ITN__NEW(void *, context, ITN__TABLE_LEVELS);
+    scene->kept = ITN__NEW(void *, context, ITN__KEPT);
     if (!itn__table_make(&maker->names, context, 9 * items + 6) || !scene->media ||
         !scene->surfaces || !scene->lights || !scene->objects || !scene->parameters ||
-        !scene->sources || !scene->tables)
+        !scene->sources || !scene->kept)
         return itn__out_of_memory(maker->error, "a scene");
     scene->object_count = in->object_count;
     return ITN_OK;
@@ -6205,6 +6208,7 @@ typedef struct itn__worker {
 /* What is asked for in a render, and what is known while it runs, see [render]. */
 typedef struct itn__render {
     const itn_scene *scene;
+    struct itn__scratch *scratch; /* what all that follows is taken from, see [render] */
     float *theta;      /* a copy of the caller's, or the scene's own values */
     int *slots, *only; /* of each parameter: its place among those asked for, or -1; of each asked
                           for: the channel that it belongs to, or -1 for all */
@@ -6219,13 +6223,15 @@ typedef struct itn__render {
                             parameters and channels; with weights only derivatives, folded */
     int side, unit_rays; /* pixels of a tile each way; samples of a pixel in a unit */
     int tiles, chunks;   /* units of all pixels, and of all their samples */
-    int first, end;      /* tiles that are being done */
+    int first, end;      /* tiles that are being done, */
+    long next;           /* of them the first that nobody has taken */
     int worker_count;
     itn__worker *workers;
     double *totals; /* [height][width][planes][2]: sums of t, and of t^2 / n */
     int (*progress)(void *user, double fraction);
     void *progress_user;
     double done, share; /* of what progress is told: before this render, and in it */
+    itn_render_stats stats, *report; /* report: where they go, or NULL */
     /* of the fast walk: */
     const struct itn__tables *tables;
     struct itn__tables *own; /* the same, where the scene does not keep them; else NULL */
@@ -6970,11 +6976,11 @@ static itn_result itn__tables_get(itn__render *render, itn_error *error) {
     const itn_scene *scene = render->scene;
     int level = itn__tables_level(scene, render->theta, render->samples * render->walks);
     itn_result result = ITN_OK;
-    render->tables = (itn__tables *)itn__once_get(&scene->tables[level]);
+    render->tables = (itn__tables *)itn__once_get(&scene->kept[level]);
     if (render->tables) return ITN_OK;
     result = itn__tables_make(scene, 16 << level, &render->own, error);
     render->tables = render->own;
-    if (!result && itn__once_set(&scene->tables[level], render->own)) render->own = NULL;
+    if (!result && itn__once_set(&scene->kept[level], render->own)) render->own = NULL;
     return result;
 }
 
@@ -8554,34 +8560,6 @@ static void itn__fast_know(itn__render *render) {
     render->rows = render->count ? ITN__ROWS : render->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
 }
 
-static void itn__crowd_free(const itn_context *context, itn__crowd *crowd) {
-    itn__free(context, crowd->walk);
-    itn__free(context, crowd->scores);
-    itn__free(context, crowd->lessons);
-}
-
-/* Makes a crowd whose units, of at most so many camera rays, leave their planes in `radiance`.
-   Returns 0 if there is no memory. */
-static int itn__crowd_make(itn__crowd *crowd, const itn__render *render, float *radiance,
-                           int rays) {
-    const itn_context *context = &render->scene->context;
-    size_t substances = 1 + (size_t)render->scene->medium_count, count = (size_t)render->count;
-    int i;
-    for (i = 0; i < ITN__CROWD; i++) {
-        crowd->unused[i] = ITN__CROWD - 1 - i;
-        if (render->learning) crowd->paths[i].mark = 0;
-    }
-    crowd->unused_count = ITN__CROWD, crowd->ray_count = crowd->taken_count = 0;
-    crowd->exact.count = crowd->sky.count = 0, crowd->collisions = 0;
-    crowd->render = render, crowd->radiance = radiance, crowd->radiance_stride = rays;
-    crowd->walk = (itn__queue *)itn__allocate(
-        context, substances + (size_t)render->scene->surface_count, sizeof(itn__queue));
-    crowd->scores = (float *)itn__allocate(context, 2 * ITN__CROWD, count * sizeof(float));
-    crowd->lessons = (double *)itn__allocate(context, render->learning ? substances : 0,
-                                             ITN__LESSON_SUMS * sizeof(double));
-    crowd->surface = crowd->walk ? crowd->walk + substances : NULL;
-    return crowd->walk && crowd->scores && crowd->lessons;
-}
 #endif /* ITN_NO_FAST */
 
 /* ---- [render] samples into images ------------------------------------------------------------ */
@@ -8595,6 +8573,66 @@ static int itn__crowd_make(itn__crowd *crowd, const itn__render *render, float *
    one, of a Sobol sequence ([sobol]), or of three whose heroes are the three channels
    ([throughput]). With t the sum over a set of n and N = sum n, the mean is sum t / N, and its
    variance (sum t^2 / n / N - mean^2) / (sets - 1). */
+
+/* Memory of a render, taken piece by piece and given back at once. Fresh pages from the system cost
+   more than a small render: so the scene keeps a block with room for all pieces of the last one,
+   unless it is large. Of several renders at once one has it, and the others allocate. */
+typedef struct itn__scratch {
+    itn__kept kept;
+    const itn_context *context;
+    size_t size, used, most;   /* bytes; of them, or in pieces of their own, taken; ever taken */
+    struct itn__scratch *more; /* such pieces */
+} itn__scratch;
+enum { ITN__PIECE = 64, ITN__KEPT_BYTES = 4 << 20 }; /* kept for each thread */
+
+static void itn__scratch_free(const itn_context *context, void *kept) {
+    itn__scratch *scratch = (itn__scratch *)kept, *more;
+    for (; scratch; scratch = more) more = scratch->more, itn__free(context, scratch);
+}
+
+static itn__scratch *itn__scratch_make(const itn_context *context, size_t size) {
+    itn__scratch *scratch = (itn__scratch *)itn__allocate_raw(context, ITN__PIECE + size);
+    if (!scratch) return NULL;
+    memset(scratch, 0, sizeof *scratch);
+    scratch->kept.release = itn__scratch_free;
+    scratch->context = context, scratch->size = size;
+    return scratch;
+}
+
+/* Takes count * size bytes; returns NULL if that overflows or memory is out. */
+static void *itn__take_raw(itn__scratch *scratch, size_t count, size_t size) {
+    itn__scratch *from = scratch;
+    size_t at = scratch->used, bytes;
+    if (size && count > SIZE_MAX / 4 / size) return NULL;
+    bytes = (count * size + ITN__PIECE - 1) / ITN__PIECE * ITN__PIECE;
+    if (at + bytes > scratch->size) {
+        from = itn__scratch_make(scratch->context, bytes), at = 0;
+        if (!from) return NULL;
+        from->more = scratch->more, scratch->more = from;
+    }
+    scratch->used += bytes;
+    if (scratch->most < scratch->used) scratch->most = scratch->used;
+    return (char *)from + ITN__PIECE + at;
+}
+
+/* The same, zeroed. */
+static void *itn__take(itn__scratch *scratch, size_t count, size_t size) {
+    return itn__zero(itn__take_raw(scratch, count, size), count * size);
+}
+
+/* Gives a scene's memory back to it, if that is to be kept. */
+static void itn__scratch_end(const itn_scene *scene, itn__scratch *scratch, int keep) {
+    const itn_context *context = &scene->context;
+    size_t most = scratch ? scratch->most : 0;
+    keep = keep && most / ITN__KEPT_BYTES < (size_t)itn__loop_threads(context);
+    if (scratch && (scratch->more || !keep)) {
+        itn__scratch_free(context, scratch);
+        scratch = keep ? itn__scratch_make(context, most) : NULL;
+    }
+    if (scratch) scratch->used = scratch->most = 0;
+    if (scratch && !itn__once_set(&scene->kept[ITN__SCRATCH], scratch))
+        itn__scratch_free(context, scratch);
+}
 
 /* Whether the scene can be differentiated in the index of surface `asked`. A smooth boundary, its
    own or one between it and another solid, refracts into one direction, which jumps with the index;
@@ -8736,10 +8774,15 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     render->baseline = o->estimator != ITN_ESTIMATOR_SCORE;
     render->progress = o->progress, render->progress_user = o->progress_user, render->share = 1;
     size = (size_t)scene->parameter_count;
-    render->theta = (float *)itn__allocate(&scene->context, size, sizeof(float));
-    render->slots = (int *)itn__allocate(&scene->context, 2 * size, sizeof(int));
-    if (!render->theta || !render->slots) return itn__out_of_memory(error, "a render");
-    render->only = render->slots + size;
+    render->report = o->stats;
+    render->scratch = (itn__scratch *)itn__once_take(&scene->kept[ITN__SCRATCH]);
+    if (!render->scratch) render->scratch = itn__scratch_make(&scene->context, 0);
+    if (!render->scratch) return itn__out_of_memory(error, "a render");
+    render->theta = (float *)itn__take(render->scratch, size, sizeof(float));
+    render->slots = (int *)itn__take(render->scratch, size, sizeof(int));
+    render->only = (int *)itn__take(render->scratch, size, sizeof(int));
+    if (!render->theta || !render->slots || !render->only)
+        return itn__out_of_memory(error, "a render");
     if (theta) memcpy(render->theta, theta, size * sizeof(float));
     else itn_parameter_values(scene, render->theta);
     result = itn__ask(render, parameters, error);
@@ -8747,8 +8790,15 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     return result ? result : itn__choose_walk(render, o->mode, parameters, error);
 }
 
+/* Ends a render: tells what it did, and gives its memory back. */
+static itn_result itn__render_end(itn__render *render, itn_result result) {
+    if (!result && render->report) *render->report = render->stats;
+    if (render->scene) itn__scratch_end(render->scene, render->scratch, !result);
+    return result;
+}
+
 /* A walk of the reference, with memory for the scores of a path, those of a shadow ray, and
-   derivatives. Returns 0 if there is none. Its first block is to be freed. */
+   derivatives. Returns 0 if there is none. */
 static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texels *texels) {
     size_t block;
     int k;
@@ -8760,11 +8810,10 @@ static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texel
     for (k = 0; k < render->scene->parameter_count; k++) {
         float faint = itn__is_a(render->scene, k, 'S') ? .1f : 0;
         if (itn__is_a(render->scene, k, 'R')) faint = .025f / render->scene->radius;
-        if (render->slots[k] >= 0 && render->theta[k] < faint) walk->sheltered = 6;
+        if (walk->count && render->slots[k] >= 0 && render->theta[k] < faint) walk->sheltered = 6;
     }
     block = (size_t)walk->channels * (size_t)walk->score_count;
-    walk->weight.score = (float *)itn__allocate(&render->scene->context, block,
-                                                3 * sizeof(float));
+    walk->weight.score = (float *)itn__take(render->scratch, block, 3 * sizeof(float));
     walk->connection.score = walk->weight.score ? walk->weight.score + block : NULL;
     walk->derivative = walk->weight.score ? walk->connection.score + block : NULL;
     return walk->weight.score != NULL;
@@ -8805,20 +8854,14 @@ static int itn__texels_copies(int channels, const itn__texels *texels) {
     return copies < 1 ? 1 : copies < ITN__TEXEL_COPIES ? (int)copies : ITN__TEXEL_COPIES;
 }
 
-static void itn__texels_free(const itn_context *context, itn__texels *texels) {
-    itn__free(context, texels->path);
-    itn__free(context, texels->touched);
-    itn__free(context, texels->sums);
-}
-
 /* Makes sums for these texels. Returns 0 if there is no memory. */
-static int itn__texels_make(const itn_context *context, int channels, const itn__texels *of,
+static int itn__texels_make(itn__scratch *scratch, int channels, const itn__texels *of,
                             itn__texels *texels) {
     size_t values = (size_t)channels * (size_t)of->count;
     *texels = *of;
-    texels->path = (float *)itn__allocate(context, values, sizeof(float));
-    texels->touched = (int *)itn__allocate(context, values, sizeof(int));
-    texels->sums = (double *)itn__allocate(context, values, 2 * sizeof(double));
+    texels->path = (float *)itn__take(scratch, values, sizeof(float));
+    texels->touched = (int *)itn__take(scratch, values, sizeof(int));
+    texels->sums = (double *)itn__take(scratch, values, 2 * sizeof(double));
     texels->squares = texels->sums ? texels->sums + values : NULL;
     return values <= INT_MAX && texels->path && texels->touched && texels->sums;
 }
@@ -8877,14 +8920,21 @@ static itn__unit itn__unit_make(const itn__render *render, int tile, int chunk) 
     return unit;
 }
 
-/* All units of every so many-th tile. */
+/* The tile that a worker does next: the first that nobody has. Of sums by texels, whose order
+   counts, each worker has every so many-th. */
+static int itn__next_tile(itn__render *render, int tile, int index) {
+    if (!render->texels) return (int)itn__count_up(&render->next);
+    while (++tile % render->worker_count != index) {}
+    return tile;
+}
+
 static void itn__render_worker(void *task, int index) {
     itn__render *render = (itn__render *)task;
     itn__worker *worker = &render->workers[index];
     size_t size = (size_t)(render->side * render->side * render->unit_rays * render->planes);
-    int tile, chunk;
-    for (tile = render->first; tile < render->end; tile++)
-        for (chunk = 0; chunk < render->chunks && tile % render->worker_count == index; chunk++) {
+    int tile = itn__next_tile(render, render->first - 1, index), chunk;
+    for (; tile < render->end; tile = itn__next_tile(render, tile, index))
+        for (chunk = 0; chunk < render->chunks; chunk++) {
             memset(worker->values, 0, size * sizeof(float));
             worker->unit = itn__unit_make(render, tile, chunk);
 #ifndef ITN_NO_FAST
@@ -8899,47 +8949,43 @@ static void itn__render_worker(void *task, int index) {
         }
 }
 
-static void itn__workers_free(itn__render *render) {
-    const itn_context *context = &render->scene->context;
+#ifndef ITN_NO_FAST
+/* Makes a crowd whose units, of at most so many camera rays, leave their planes in `radiance`.
+   Returns NULL if there is no memory. */
+static itn__crowd *itn__crowd_make(const itn__render *render, float *radiance, int rays) {
+    size_t substances = 1 + (size_t)render->scene->medium_count, count = (size_t)render->count;
+    itn__crowd *crowd = (itn__crowd *)itn__take_raw(render->scratch, 1, sizeof *crowd);
     int i;
-    for (i = 0; render->workers && i < render->worker_count; i++) {
-        itn__worker *worker = &render->workers[i];
-        itn__free(context, worker->values);
-        itn__free(context, worker->walk.weight.score);
-        itn__texels_free(context, &worker->texels);
-#ifndef ITN_NO_FAST
-        if (worker->crowd) itn__crowd_free(context, worker->crowd);
-        itn__free(context, worker->crowd);
-#endif
+    if (!crowd) return NULL;
+    for (i = 0; i < ITN__CROWD; i++) {
+        crowd->unused[i] = ITN__CROWD - 1 - i;
+        if (render->learning) crowd->paths[i].mark = 0;
     }
-    itn__free(context, render->workers);
-    itn__free(context, render->totals);
+    crowd->unused_count = ITN__CROWD, crowd->ray_count = crowd->taken_count = 0;
+    crowd->exact.count = crowd->sky.count = 0, crowd->collisions = 0;
+    crowd->render = render, crowd->radiance = radiance, crowd->radiance_stride = rays;
+    crowd->walk = (itn__queue *)itn__take(
+        render->scratch, substances + (size_t)render->scene->surface_count, sizeof(itn__queue));
+    crowd->scores = (float *)itn__take(render->scratch, 2 * ITN__CROWD, count * sizeof(float));
+    crowd->lessons = (double *)itn__take(render->scratch, render->learning ? substances : 0,
+                                         ITN__LESSON_SUMS * sizeof(double));
+    crowd->surface = crowd->walk ? crowd->walk + substances : NULL;
+    return crowd->walk && crowd->scores && crowd->lessons ? crowd : NULL;
 }
-
-static void itn__render_end(itn__render *render) {
-    if (!render->scene) return;
-    itn__workers_free(render);
-#ifndef ITN_NO_FAST
-    itn__free(&render->scene->context, render->substances);
-    itn__tables_free(&render->scene->context, render->own);
 #endif
-    itn__free(&render->scene->context, render->slots);
-    itn__free(&render->scene->context, render->theta);
-}
 
 /* Makes a worker for units of so many camera rays. Returns 0 if there is no memory. */
 static int itn__worker_make(const itn__render *render, itn__worker *worker, int rays) {
-    const itn_context *context = &render->scene->context;
-    worker->values = (float *)itn__allocate(context, (size_t)rays,
+    worker->values = (float *)itn__take_raw(render->scratch, (size_t)rays,
                                             (size_t)render->planes * sizeof(float));
     if (!worker->values) return 0;
 #ifndef ITN_NO_FAST
     if (render->fast) {
-        worker->crowd = (itn__crowd *)itn__allocate_raw(context, sizeof(itn__crowd));
-        return worker->crowd && itn__crowd_make(worker->crowd, render, worker->values, rays);
+        worker->crowd = itn__crowd_make(render, worker->values, rays);
+        return worker->crowd != NULL;
     }
 #endif
-    if (render->texels && !itn__texels_make(context, render->channels, render->texels,
+    if (render->texels && !itn__texels_make(render->scratch, render->channels, render->texels,
                                             &worker->texels))
         return 0;
     return itn__walk_make(&worker->walk, render, render->texels ? &worker->texels : NULL);
@@ -8950,7 +8996,6 @@ enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 }; /* at most, or for one set more
 /* Divides the work, and allocates what it needs. Small pictures have small tiles, so that there is
    work for many. */
 static itn_result itn__divide(itn__render *render, itn_error *error) {
-    const itn_context *context = &render->scene->context;
     int width = render->scene->film.width, height = render->scene->film.height, cells, sets, i;
     int good;
     render->side = (int)itn__clamp((float)(width < height ? width : height) / (float)ITN__TILE, 1,
@@ -8965,12 +9010,12 @@ static itn_result itn__divide(itn__render *render, itn_error *error) {
     if (render->chunks > INT_MAX / render->tiles || render->spp > INT_MAX / render->walks)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
     render->worker_count = render->texels ? itn__texels_copies(render->channels, render->texels)
-                                          : itn__workers(context);
+                                          : itn__loop_threads(&render->scene->context);
     if (render->worker_count > render->tiles) render->worker_count = render->tiles;
-    render->workers = (itn__worker *)itn__allocate(context, (size_t)render->worker_count,
-                                                   sizeof *render->workers);
-    render->totals = (double *)itn__allocate(context, (size_t)width * (size_t)height,
-                                             (size_t)render->planes * 2 * sizeof(double));
+    render->workers = (itn__worker *)itn__take(render->scratch, (size_t)render->worker_count,
+                                               sizeof *render->workers);
+    render->totals = (double *)itn__take(render->scratch, (size_t)width * (size_t)height,
+                                         (size_t)render->planes * 2 * sizeof(double));
     good = render->workers && render->totals;
     for (i = 0; i < render->worker_count && good; i++)
         good = itn__worker_make(render, &render->workers[i], cells * render->unit_rays);
@@ -8980,11 +9025,12 @@ static itn_result itn__divide(itn__render *render, itn_error *error) {
 /* Does all tiles, in eight groups if somebody watches. */
 static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
     itn_result result = itn__divide(render, error);
-    int group = render->progress ? (render->tiles + 7) / 8 : render->tiles;
+    int group = render->progress ? (render->tiles + 7) / 8 : render->tiles, i;
     if (result) return result;
     for (render->first = 0; render->first < render->tiles; render->first = render->end) {
         render->end = render->tiles - render->first < group ? render->tiles
                                                             : render->first + group;
+        render->next = render->first;
         itn__parallel_for(&render->scene->context, render->worker_count, itn__render_worker,
                           render);
         if (render->progress &&
@@ -8992,6 +9038,9 @@ static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
                              render->done + render->share * render->end / render->tiles))
             return itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
     }
+    render->stats.paths += render->samples * render->walks;
+    for (i = 0; i < render->worker_count; i++)
+        render->stats.collisions += render->workers[i].collisions;
     return ITN_OK;
 }
 
@@ -9001,6 +9050,7 @@ static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
 static itn_result itn__learn_values(itn__render *render, itn_error *error) {
     double pixels = (double)render->scene->film.width * render->scene->film.height;
     int media = render->scene->medium_count, learnt = 0, m, i, k;
+    size_t mark = render->scratch->used;
     itn__render pilot = *render;
     itn_result result;
     pilot.weights = NULL, pilot.allotment = NULL, pilot.progress = NULL;
@@ -9019,7 +9069,7 @@ static itn_result itn__learn_values(itn__render *render, itn_error *error) {
         learnt |= itn__fit_value(render, &render->substances[m], lessons);
     }
     if (!learnt) render->controls = 0; /* nothing is met */
-    itn__workers_free(&pilot);
+    render->scratch->used = mark;
     return result;
 }
 
@@ -9028,8 +9078,8 @@ static itn_result itn__fast_begin(itn__render *render, itn_error *error) {
     int media = render->scene->medium_count;
     itn_result result = itn__tables_get(render, error);
     if (result) return result;
-    render->substances = (itn__substance *)itn__allocate(
-        &render->scene->context, 1 + (size_t)media, sizeof *render->substances);
+    render->substances = (itn__substance *)itn__take(render->scratch, 1 + (size_t)media,
+                                                     sizeof *render->substances);
     if (!render->substances) return itn__out_of_memory(error, "a render");
     itn__fast_know(render);
     if ((render->baseline && render->count && media) || render->controls)
@@ -9055,19 +9105,11 @@ static itn_result itn__render_run(itn__render *render, itn_error *error) {
 #ifndef ITN_NO_FAST
     if (render->fast) result = itn__fast_begin(render, error);
 #endif
-    return result ? result : itn__do_tiles(render, error);
-}
-
-/* Tells what renders did. */
-static void itn__report(const itn_render_options *options, const itn__render *render, int count) {
-    itn_render_stats *stats = options ? options->stats : NULL;
-    int k, i;
-    if (stats) stats->paths = stats->collisions = 0;
-    for (k = 0; k < count && stats; k++, render++) {
-        stats->paths += render->samples * render->walks;
-        for (i = 0; i < render->worker_count; i++)
-            stats->collisions += render->workers[i].collisions;
-    }
+    if (!result) result = itn__do_tiles(render, error);
+#ifndef ITN_NO_FAST
+    itn__tables_free(&render->scene->context, render->own), render->own = NULL;
+#endif
+    return result;
 }
 
 /* Variance of the mean of n samples, or of whatever is independent, from the means of them and of
@@ -9134,9 +9176,10 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
     itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, error);
 #ifndef ITN_NO_FAST
     if (!result && render.fast) result = itn__tables_get(&render, error);
+    if (!result) itn__tables_free(&scene->context, render.own);
 #endif
-    itn__render_end(&render);
-    return result;
+    render.report = NULL;
+    return itn__render_end(&render, result);
 }
 
 enum { ITN__MOST_SAMPLES = 1 << 24 };
@@ -9183,10 +9226,9 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
     if (allotment.samples) render.allotment = &allotment;
     if (!result) result = itn__render_run(&render, error);
     if (!result) result = itn__develop(&render, parameters, &made, error);
-    if (!result) *image = made, itn__report(options, &render, 1);
-    itn__render_end(&render);
+    if (!result) *image = made;
     if (scene) itn__free(&scene->context, allotment.samples);
-    return result;
+    return itn__render_end(&render, result);
 }
 
 /* ---- [gradients] derivatives folded with weights --------------------------------------------- */
@@ -9245,9 +9287,7 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
     if (result) return result;
     result = itn__render_begin(&render, scene, theta, options, parameters, count, error);
     if (!result) result = itn__fold(&render, weights, gradient, variance, error);
-    if (!result) itn__report(options, &render, 1);
-    itn__render_end(&render);
-    return result;
+    return itn__render_end(&render, result);
 }
 
 /* The images of that name's surface and light; returns how many there are. */
@@ -9318,9 +9358,8 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
     render.weights = weights, render.texels = &texels, render.planes = 0;
     if (!result) result = itn__render_run(&render, error);
     if (!result) result = itn__develop_texels(&render, &made, error);
-    if (!result) *gradient = made, itn__report(options, &render, 1);
-    itn__render_end(&render);
-    return result;
+    if (!result) *gradient = made;
+    return itn__render_end(&render, result);
 }
 
 /* The loss of a render, and its derivatives by the pixels: weights [channels][height][width]. */
@@ -9337,14 +9376,36 @@ static double itn__loss_weights(const itn__render *render, const float *target, 
     return sum / values;
 }
 
+/* The render for the residual, before the one for the derivative. */
+static itn_result itn__render_loss(itn__render *render, const itn_render_options *options,
+                                   const float *target, float *weights, double *loss,
+                                   itn_error *error) {
+    size_t mark = render->scratch->used;
+    itn__render residual = *render;
+    itn_result result;
+    residual.count = 0, residual.planes = residual.channels;
+    residual.seed = itn__mix64(~options->seed), render->seed = itn__mix64(residual.seed + 1);
+    if (render->count) residual.share = render->share = render->done = .5;
+    result = itn__choose_walk(&residual, options->mode, NULL, error);
+    if (!result) result = itn__render_run(&residual, error);
+    if (result) return result;
+    *loss = itn__loss_weights(&residual, target, weights);
+    render->stats = residual.stats, render->scratch->used = mark;
+    if (!itn__finite(*loss))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_loss_gradient: squares of the image's values are too large for a "
+                         "float");
+    return ITN_OK;
+}
+
 ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, const float *target,
                                      const int *parameters, int count, double *loss,
                                      double *gradient, itn_error *error) {
     itn_render_options own = ITN_ZERO;
-    itn__render renders[2]; /* for the residual, and for the derivative */
+    itn__render render;
     itn_result result;
-    float *weights;
+    float *weights = NULL;
     double value = 0;
     if (!scene || !target || !loss || count < 0 || (count && !gradient))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -9354,27 +9415,14 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: needs spp >= 2");
     result = itn__check_weights(scene, target, "itn_loss_gradient: target", error);
     if (result) return result;
-    memset(renders, 0, sizeof renders);
-    weights = (float *)itn__allocate(&scene->context, itn__film_values(scene), sizeof(float));
-    if (!weights) result = itn__out_of_memory(error, "a loss");
-    own.seed = itn__mix64(~own.seed);
-    if (!result) result = itn__render_begin(&renders[0], scene, theta, &own, NULL, 0, error);
-    own.seed = itn__mix64(own.seed + 1);
+    result = itn__render_begin(&render, scene, theta, &own, parameters, count, error);
     if (!result)
-        result = itn__render_begin(&renders[1], scene, theta, &own, parameters, count, error);
-    if (count) renders[0].share = renders[1].share = renders[1].done = .5;
-    if (!result) result = itn__render_run(&renders[0], error);
-    if (!result) value = itn__loss_weights(&renders[0], target, weights);
-    if (!itn__finite(value))
-        result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                           "itn_loss_gradient: squares of the image's values are too large for a "
-                           "float");
-    if (count && !result) result = itn__fold(&renders[1], weights, gradient, NULL, error);
-    if (!result) *loss = value, itn__report(options, renders, count ? 2 : 1);
-    itn__free(&scene->context, weights);
-    itn__render_end(&renders[0]);
-    itn__render_end(&renders[1]);
-    return result;
+        weights = (float *)itn__take_raw(render.scratch, itn__film_values(scene), sizeof(float));
+    if (!result && !weights) result = itn__out_of_memory(error, "a loss");
+    if (!result) result = itn__render_loss(&render, &own, target, weights, &value, error);
+    if (count && !result) result = itn__fold(&render, weights, gradient, NULL, error);
+    if (!result) *loss = value;
+    return itn__render_end(&render, result);
 }
 
 /* ---- [layers] convolution, ReLU and pooling as one layer, and a step of Adam ----------------- */

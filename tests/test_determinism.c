@@ -6,6 +6,9 @@
 #endif
 #include "../itn.h"
 
+#include <pthread.h>
+
+#include "accountant.h"
 #include "check.h"
 #include "solids.h"
 #include "stage.h"
@@ -27,11 +30,9 @@ static void run_shuffled(int count, void (*body)(void *, int), void *task, void 
     *(int *)user = calls + 1;
 }
 
-/* A wrong hook: leaves out the last index. */
+/* A wrong hook: leaves out the loop, as what one index leaves out others may do. */
 static void run_short(int count, void (*body)(void *, int), void *task, void *user) {
-    int i;
-    (void)user;
-    for (i = 0; i < count - 1; i++) body(task, i);
+    (void)count, (void)body, (void)task, (void)user;
 }
 
 /* ---- scenes ------------------------------------------------------------------------------------------ */
@@ -313,7 +314,117 @@ static void test_history(void) {
     itn_scene_free(first), itn_scene_free(second);
 }
 
+/* ---- memory between renders -------------------------------------------------------------------- */
+
+typedef struct small_loss {
+    const itn_scene *scene;
+    int parameters[COUNT], fails; /* fails: results that were not the first one's */
+    float target[3 * PIXELS];
+    double loss, gradient[COUNT];
+} small_loss;
+
+static void small_loss_once(const small_loss *s, int spp, double *loss, double *gradient) {
+    itn_render_options options = ITN_ZERO;
+    itn_error error;
+    options.spp = spp;
+    stage_need(itn_loss_gradient(s->scene, NULL, &options, s->target, s->parameters, COUNT, loss,
+                                 gradient, &error), &error);
+}
+static void *small_losses(void *of) {
+    small_loss *s = (small_loss *)of;
+    double loss, gradient[COUNT];
+    int k;
+    for (k = 0; k < 24; k++) {
+        small_loss_once(s, k % 3 ? 4 : 4 + k, &loss, gradient); /* now and then a larger one */
+        if (k % 3) s->fails += loss != s->loss || memcmp(gradient, s->gradient, sizeof gradient);
+    }
+    return NULL;
+}
+static small_loss small_loss_make(const itn_scene *scene) {
+    small_loss s = ITN_ZERO;
+    int k;
+    s.scene = scene;
+    for (k = 0; k < COUNT; k++) s.parameters[k] = itn_parameter_find(scene, parameter_names[2][k]);
+    for (k = 0; k < PIXELS; k++) s.target[k] = .3f;
+    small_loss_once(&s, 4, &s.loss, s.gradient);
+    return s;
+}
+
+/* A scene's memory goes from render to render: the second asks for none. What is large is given
+   back, and so is what a render had that failed. */
+static void test_kept_memory(void) {
+    accountant a = ITN_ZERO;
+    itn_context context = count_context(&a);
+    itn_scene *scene = make_scene(2, &context);
+    itn_render_options options = ITN_ZERO;
+    itn_image image = ITN_ZERO;
+    itn_error error;
+    small_loss s = small_loss_make(scene);
+    double loss, gradient[COUNT];
+    long live = a.live;
+    a.calls = 0;
+    small_loss_once(&s, 4, &loss, gradient);
+    CHECK(a.calls == 0 && a.live == live && loss == s.loss);
+    a.largest = 0, options.spp = 2; /* smaller ones leave the block as large as it is */
+    stage_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
+    CHECK(a.largest <= image.plane_count * PIXELS * 4);
+    itn_image_free(&image);
+    a.calls = 0;
+    small_loss_once(&s, 4, &loss, gradient);
+    CHECK(a.calls == 0 && a.live == live && loss == s.loss);
+    itn_scene_free(scene);
+    CHECK(a.live == 0);
+}
+
+/* A render too large for its memory to be kept: 16 bytes for each pixel and plane. */
+static void test_large_memory(int size) {
+    accountant a = ITN_ZERO;
+    itn_context context = count_context(&a);
+    itn_render_options options = ITN_ZERO;
+    itn_image image = ITN_ZERO;
+    itn_scene *scene = NULL;
+    itn_error error;
+    stage s;
+    long live;
+    context.threads = 1;
+    stage_begin(&s, size, 4, 35);
+    stage_diffuse(&s, "floor", .6);
+    stage_object(&s, NULL, NULL, "floor");
+    stage_constant(&s, NULL, 1);
+    stage_need(itn_scene_create(&s.desc, &context, &scene, &error), &error);
+    stage_need(itn_scene_prepare(scene, NULL, NULL, &error), &error);
+    live = a.live, options.spp = 1;
+    stage_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
+    itn_image_free(&image);
+    CHECK(a.live == live - 1);
+    itn_scene_free(scene);
+    CHECK(a.live == 0);
+}
+
+/* Renders of one scene at once, each with memory of its own. */
+static void test_renders_at_once(void) {
+    itn_context context = ITN_ZERO;
+    itn_scene *scene;
+    small_loss s[4];
+    pthread_t threads[4];
+    int k;
+    context.threads = 2;
+    scene = make_scene(2, &context);
+    s[0] = small_loss_make(scene);
+    for (k = 1; k < 4; k++) s[k] = s[0];
+    for (k = 0; k < 4; k++) CHECK(!pthread_create(&threads[k], NULL, small_losses, &s[k]));
+    for (k = 0; k < 4; k++) {
+        CHECK(!pthread_join(threads[k], NULL));
+        CHECK(s[k].fails == 0);
+    }
+    itn_scene_free(scene);
+}
+
 int main(void) {
+    test_kept_memory();
+    test_large_memory(600);
+    CHECK_CATCHES(test_large_memory(60));
+    test_renders_at_once();
     test_threads(0);
     test_threads(1);
     test_threads(2);

@@ -248,14 +248,12 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
                &error);
     itn__choose_sets(render);
     stage_need(itn__tables_get(render, &error), &error);
-    render->substances = (itn__substance *)itn__allocate(
-        &scene->context, 1 + (size_t)scene->medium_count, sizeof *render->substances);
+    render->substances = (itn__substance *)itn__take(
+        render->scratch, 1 + (size_t)scene->medium_count, sizeof *render->substances);
     itn__fast_know(render);
     stage_need(itn__divide(render, &error), &error);
 }
-static void close_render(inside *in) {
-    itn__render_end(&in->render);
-}
+static void close_render(inside *in) { itn__render_end(&in->render, ITN_OK); }
 
 /* Runs paths of a unit in the picture's first crowd and leaves their radiance there. */
 static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
@@ -269,7 +267,6 @@ static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
 
 /* A unit of the whole picture, and a crowd that has room for it. */
 static itn__unit whole_unit(inside *in) {
-    const itn_context *context = &in->scene->context;
     itn__worker *worker = &in->render.workers[0];
     int rays;
     itn__unit unit = ITN_ZERO;
@@ -277,12 +274,10 @@ static itn__unit whole_unit(inside *in) {
                                                                : in->scene->film.height;
     unit.count = in->render.spp;
     rays = unit.side * unit.side * unit.count;
-    itn__crowd_free(context, worker->crowd);
-    itn__free(context, worker->values);
-    memset(worker->crowd, 0, sizeof *worker->crowd);
-    worker->values = (float *)itn__allocate(context, (size_t)rays,
-                                            (size_t)in->render.planes * sizeof(float));
-    CHECK(worker->values && itn__crowd_make(worker->crowd, &in->render, worker->values, rays));
+    worker->values = (float *)itn__take(in->render.scratch, (size_t)rays,
+                                        (size_t)in->render.planes * sizeof(float));
+    worker->crowd = itn__crowd_make(&in->render, worker->values, rays);
+    CHECK(worker->values && worker->crowd);
     return unit;
 }
 
@@ -398,7 +393,6 @@ static void check_paths(int which, int planted) {
     check_report(fabs(t.difference) <= 4 * error, __FILE__, __LINE__,
                  "%s: the difference of means is %.1f sigma", kind_names[which],
                  t.difference / error);
-    itn__free(&scene->context, walk.weight.score);
     close_render(&in);
     itn_scene_free(scene);
 }

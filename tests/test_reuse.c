@@ -136,8 +136,7 @@ static void test_many_samples(void) {
         itn__sample_pixel(&walk, ~0ull, 1, 1, INT_MAX - k);
         sum += walk.radiance[0], square += (double)walk.radiance[0] * walk.radiance[0];
     }
-    itn__free(&scene->context, walk.weight.score);
-    itn__render_end(&render);
+    itn__render_end(&render, ITN_OK);
     {
         itn_image image = ITN_ZERO;
         solids_mean mean;
@@ -188,8 +187,7 @@ static void test_late_roulette(int draws) {
     }
     CHECK_NEAR(living, share * PATHS, 4 * sqrt(share * (1 - share) * PATHS));
     CHECK_NEAR(weights * share, share * PATHS, 4 * sqrt(share * (1 - share) * PATHS));
-    itn__free(&scene->context, walk.weight.score);
-    itn__render_end(&render);
+    itn__render_end(&render, ITN_OK);
     itn_scene_free(scene);
     itn_mesh_free(&mesh);
 }
