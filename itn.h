@@ -10241,7 +10241,9 @@ ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error) {
        u = ln sigma_t + ln(1 - g) + mean of ln albedo,    v = logit(albedo) + ln(1 - g),
    one v for each unknown albedo (u has only those), and g's own. */
 
-enum { ITN__MOST_UNKNOWNS = 256, ITN__NEAR = 2 /* a radius in pixels */ };
+enum { ITN__MOST_UNKNOWNS = 256, ITN__BROAD = 9, ITN__NARROW = 3 /* passes of a blur */ };
+#define ITN__NARROW_OWN .0976563 /* of a pixel's blurred value, (C(6, 3) / 2^6)^2 */
+#define ITN__BROAD_SQUARES .0174404 /* the sum of squared weights, (C(36, 18) / 2^36)^2 */
 #define ITN__PRIOR 8. /* standard deviation of a coordinate of which nothing is known */
 #define ITN__HARDLY .5 /* the error of one that is not determined */
 
@@ -10268,7 +10270,6 @@ typedef struct itn__refine_view {
                                    are blocks, of one of each), derivatives by the coordinates */
     float *blurred[2];      /* [count][pixels] K J of a and b */
     float *score;           /* [count][plane] */
-    float *row;             /* [width + height] */
     float *residual[2];     /* [pixels] of a and b, times scale */
     double nugget;          /* the target's variance, where that is not known */
 } itn__refine_view;
@@ -10373,33 +10374,30 @@ static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
             view->theta[view->parameters[k]] = refiner->values[view->unknowns[k]];
 }
 
-/* Filters n values of a line, `stride` apart: by the mean of those up to ITN__NEAR away, or, as K,
-   by (1 6 15 20 15 6 1)/64, beyond its ends all being 0. */
-static void itn__filter_line(float *line, size_t stride, int n, int mean, float *row) {
-    static const float binomial[] = {20.f / 64, 15.f / 64, 6.f / 64, 1.f / 64};
-    int radius = mean ? ITN__NEAR : 3, i, k;
-    for (i = 0; i < n; i++) row[i] = line[(size_t)i * stride];
-    for (i = 0; i < n; i++) {
-        int last = i + radius < n ? i + radius : n - 1;
-        float sum = 0, weights = 0;
-        for (k = i < radius ? 0 : i - radius; k <= last; k++) {
-            float weight = mean ? 1 : binomial[k < i ? i - k : k - i];
-            sum += weight * row[k], weights += weight;
+/* Blurs a line of n values, `stride` apart, by (1 2 1)/4 time and again, beyond the ends what is at
+   them: as a matrix symmetric, positive, and of rows and columns that add up to 1. */
+static void itn__blur_line(float *line, size_t stride, int n, int passes) {
+    int i;
+    for (; passes > 0; passes--) {
+        float before = line[0];
+        for (i = 0; i < n; i++) {
+            float *here = line + (size_t)i * stride, own = *here;
+            *here = .25f * before + .5f * own + .25f * (i + 1 < n ? here[stride] : own);
+            before = own;
         }
-        line[(size_t)i * stride] = mean ? sum / weights : sum;
     }
 }
 
-/* The same of planes, both ways: the squared weights of K are (924/4096)^2 in sum. */
-#define ITN__BINOMIAL_NOISE .0508899
-static void itn__filter(const itn__refine_view *view, float *pixels, size_t count, int mean) {
+/* The same of planes, both ways. */
+static void itn__blur(const itn__refine_view *view, float *pixels, size_t count,
+                      int passes) {
     size_t width = (size_t)view->width, first;
     int k;
     for (first = 0; first < count; first += view->plane) {
         for (k = 0; k < view->height; k++)
-            itn__filter_line(pixels + first + (size_t)k * width, 1, view->width, mean, view->row);
+            itn__blur_line(pixels + first + (size_t)k * width, 1, view->width, passes);
         for (k = 0; k < view->width; k++)
-            itn__filter_line(pixels + first + k, width, view->height, mean, view->row);
+            itn__blur_line(pixels + first + k, width, view->height, passes);
     }
 }
 
@@ -10446,13 +10444,13 @@ static int itn__counts(const itn__refine_view *view, size_t i) {
     return view->target_variance[i] < INFINITY;
 }
 
-/* Means over 5 x 5 pixels, but for the pixel's own. */
+/* Blurred, but for the pixel's own. */
 static void itn__around(const itn__refine_view *view, const float *in, float *out) {
-    const float area = (2 * ITN__NEAR + 1) * (2 * ITN__NEAR + 1);
+    const float own = (float)ITN__NARROW_OWN;
     size_t i;
     memcpy(out, in, view->pixels * sizeof(float));
-    itn__filter(view, out, view->pixels, 1);
-    for (i = 0; i < view->pixels; i++) out[i] = itn__max((area * out[i] - in[i]) / (area - 1), 0);
+    itn__blur(view, out, view->pixels, ITN__NARROW);
+    for (i = 0; i < view->pixels; i++) out[i] = itn__max((out[i] - own * in[i]) / (1 - own), 0);
 }
 
 /* Residuals and derivatives are divided by the standard deviation of the residual as it will be
@@ -10482,8 +10480,8 @@ static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *vie
 
 /* With residual r = I - T and J divided by the standard deviation of r in each pixel, steps solve
        A delta = b,    A = J^T K J,    b = J^T K r.
-   K blurs by a few pixels (binomial, symmetric, positive): derivatives vary slowly over the picture
-   while their noise does not, so blurred ones judge residuals far better; K = 1 is least squares.
+   K blurs by a few pixels (symmetric, positive): derivatives vary slowly over the picture while
+   their noise does not, so blurred ones judge residuals far better; K = 1 is least squares.
    Samples common to J and T would bias every product, so only renders a and b are multiplied with
    each other:
        b = sum over pixels of s,  s = 1/2 (K J_a r_b + K J_b r_a),   A = 1/2 (J_a^T K J_b + ...).
@@ -10494,7 +10492,7 @@ static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *vie
    A is known no better than its own noise. Coordinates being of one size (a prior standard
    deviation of 8), its eigenvectors c are the changes that show least and most. Each tells
    lambda = c^T A c; with D = (J_a - J_b)/2 . c, whose variance is V, that has the variance
-       S = 4 sum of V (K J c)^2 + 4 (924/4096)^2 sum of V^2.
+       S = 4 sum of V (K J c)^2 + 4 sum of V^2 x the sum of K's squared weights.
    A change at distance d is not excluded at three standard deviations if
        (lambda d)^2 <= 9 (c^T N c + S d^2),   that is   d <= 3 sqrt(c^T N c / (lambda^2 - 9 S))
    (Fieller 1954). A third of that is the standard error; where lambda is less than three of its own
@@ -10580,12 +10578,12 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
 }
 
 /* K J of a view, over the deviation of residuals; 0 where that does not count. */
-static void itn__blur(const itn__refiner *refiner, itn__refine_view *view, int half) {
+static void itn__blur_slopes(const itn__refiner *refiner, itn__refine_view *view, int half) {
     float *blurred = view->blurred[half];
     size_t count = (size_t)refiner->count * view->pixels, i;
     for (i = 0; i < count; i++)
         blurred[i] = view->known[half][2 * view->pixels + i] * view->scale[i % view->pixels];
-    itn__filter(view, blurred, count, 0);
+    itn__blur(view, blurred, count, ITN__BROAD);
     for (i = 0; i < count; i++) blurred[i] *= view->scale[i % view->pixels] > 0;
 }
 
@@ -10594,7 +10592,7 @@ static void itn__normal_add(itn__refiner *refiner, itn__refine_view *view, doubl
     size_t pixels = view->pixels, plane = view->plane, i;
     int n = refiner->count, k, half;
     itn__residuals(view, view->known);
-    itn__blur(refiner, view, 0), itn__blur(refiner, view, 1);
+    itn__blur_slopes(refiner, view, 0), itn__blur_slopes(refiner, view, 1);
     for (k = 0; k < 2 * n * n; k++) {
         int one = k / 2 / n, other = k / 2 % n;
         double product = .25 * itn__product(view->known[k % 2] + (size_t)(2 + one) * pixels,
@@ -10645,7 +10643,7 @@ static double itn__direction_noise(const itn__refiner *refiner, const double *c,
             crossed += of_a * of_b, squares += alone * alone / 3; /* E D^4 = 3 V^2 */
         }
     }
-    return 4 * (fmax(crossed, 0) + ITN__BINOMIAL_NOISE * squares);
+    return 4 * (fmax(crossed, 0) + ITN__BROAD_SQUARES * squares);
 }
 
 /* Eigenvalues of a symmetric matrix, which end on its diagonal, and eigenvectors, the columns of v:
@@ -10884,15 +10882,15 @@ static void itn__refine_solve(itn__refiner *refiner, double radius) {
 }
 
 /* Averages the last evaluation with what is known, moved from `before` to the present point by its
-   derivatives. That by d makes an error of about d^2/2: if it counts beside the standard errors,
-   the last one replaces what is known. */
+   derivatives. That by d makes an error of about d^2/2: if it is more than a tenth of a standard
+   error, the last one replaces what is known. */
 static void itn__refine_learn(itn__refiner *refiner) {
     int n = refiner->count, together = refiner->known > 0, known, v, k;
     double d[ITN__MOST_UNKNOWNS];
     float share;
     for (k = 0; k < n; k++) {
         d[k] = refiner->coordinates[k] - refiner->before[k];
-        together &= d[k] * d[k] <= refiner->errors[k];
+        together &= d[k] * d[k] <= .2 * refiner->errors[k];
     }
     known = refiner->spp + (together ? refiner->known : 0);
     share = (float)refiner->spp / (float)known, refiner->known = known;
@@ -11215,16 +11213,16 @@ static itn_result itn__view_begin(itn__refiner *refiner, itn__refine_view *view,
                                   const float *values, itn_error *error) {
     const itn_film_desc *film = &view->scene->film;
     size_t plane = (size_t)film->width * (size_t)film->height, n = (size_t)refiner->count;
-    size_t pixels = plane * (size_t)film->channels, lines = (size_t)(film->width + film->height);
+    size_t pixels = plane * (size_t)film->channels;
     size_t parameters = (size_t)view->scene->parameter_count, half;
     float *block = (float *)itn__allocate(
-        &view->scene->context, parameters + lines + n * plane + (13 + 6 * n) * pixels,
+        &view->scene->context, parameters + n * plane + (13 + 6 * n) * pixels,
         sizeof(float));
     itn_error why;
     itn_result result;
     int k;
     if (!block) return itn__out_of_memory(error, "itn_refine");
-    view->theta = itn__carve(&block, parameters), view->row = itn__carve(&block, lines);
+    view->theta = itn__carve(&block, parameters);
     view->score = itn__carve(&block, n * plane), view->scale = itn__carve(&block, pixels);
     view->target = itn__carve(&block, pixels);
     view->target_variance = itn__carve(&block, pixels);

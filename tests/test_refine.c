@@ -729,12 +729,12 @@ static void test_learn(int planted) {
     refiner.before[0] = refiner.coordinates[0], there = refiner.before[0] + d;
     itn__refine_set(&refiner, &there);
     stage_need(itn__refine_evaluate(&refiner, 48, &error), &error);
-    refiner.errors[0] = .9 * d * d;
+    refiner.errors[0] = 4.5 * d * d;
     itn__refine_learn(&refiner);
     CHECK(refiner.known == 48); /* too far away: forgotten */
     CHECK(!memcmp(known, fresh, sizeof before));
     memcpy(known, before, sizeof before);
-    refiner.known = 16, refiner.errors[0] = 1.1 * d * d;
+    refiner.known = 16, refiner.errors[0] = 5.5 * d * d;
     itn__refine_learn(&refiner);
     CHECK(refiner.known == 64);
     for (i = 0; i < PIXELS; i++) {
