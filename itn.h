@@ -1110,8 +1110,6 @@ ITN__INLINE float itn__clamp(float x, float lower, float upper) {
     return x < lower ? lower : x > upper ? upper : x;
 }
 ITN__INLINE float itn__square(float x) { return x * x; }
-/* Square root of a number that only rounding can make negative. */
-ITN__INLINE float itn__safe_sqrt(float x) { return x > 0 ? sqrtf(x) : 0; }
 ITN__INLINE int itn__finite(double x) { return x - x == 0; }
 
 ITN__INLINE itn_vec3 itn__vec3(float x, float y, float z) {
@@ -1377,35 +1375,26 @@ ITN__INLINE itn__ints itn__floor_ints(itn__floats v) {
 }
 
 /* base[index] lane by lane, where the mask is true; elsewhere nothing is read and `other` stays. */
-#if defined(ITN__X86) && ITN__LANES > 4
-#if ITN__LANES == 16
-#define ITN__GATHER(base, index, mask, other)                                                      \
-    ((itn__ints)_mm512_mask_i32gather_epi32((__m512i)(other), (__mmask16)itn__mask_bits(mask),     \
-                                            (__m512i)(index), base, 4))
-#else
-#define ITN__GATHER(base, index, mask, other)                                                      \
-    ((itn__ints)_mm256_mask_i32gather_epi32((__m256i)(other), (const int *)(const void *)(base),   \
-                                            (__m256i)(index), (__m256i)(mask), 4))
-#endif
-ITN__INLINE itn__ints itn__gather_ints(const int32_t *base, itn__ints index, itn__ints mask,
+ITN__INLINE itn__ints itn__gather_ints(const void *base, itn__ints index, itn__ints mask,
                                        itn__ints other) {
-    return ITN__GATHER(base, index, mask, other);
-}
-ITN__INLINE itn__floats itn__gather(const float *base, itn__ints index, itn__ints mask,
-                                    itn__floats other) {
-    return itn__bits_float(ITN__GATHER(base, index, mask, itn__float_bits(other)));
-}
+#if defined(ITN__X86) && ITN__LANES == 16
+    return (itn__ints)_mm512_mask_i32gather_epi32(
+        (__m512i)other, (__mmask16)itn__mask_bits(mask), (__m512i)index, base, 4);
+#elif defined(ITN__X86) && ITN__LANES == 8
+    return (itn__ints)_mm256_mask_i32gather_epi32((__m256i)other, (const int *)base,
+                                                  (__m256i)index, (__m256i)mask, 4);
 #else
-#define ITN__GATHER(name, lanes, element)                                                          \
-    ITN__INLINE lanes name(const element *base, itn__ints index, itn__ints mask, lanes other) {    \
-        int k;                                                                                     \
-        for (k = 0; k < ITN__LANES; k++)                                                           \
-            if (ITN__LANE(mask, k)) ITN__LANE(other, k) = base[ITN__LANE(index, k)];               \
-        return other;                                                                              \
+    int k;
+    for (k = 0; k < ITN__LANES; k++) {
+        int32_t lane = ITN__LANE(other, k);
+        if (ITN__LANE(mask, k)) memcpy(&lane, (const int32_t *)base + ITN__LANE(index, k), 4);
+        ITN__LANE(other, k) = lane;
     }
-ITN__GATHER(itn__gather_ints, itn__ints, int32_t)
-ITN__GATHER(itn__gather, itn__floats, float)
+    return other;
 #endif
+}
+#define itn__gather(base, index, mask, other)                                                      \
+    itn__bits_float(itn__gather_ints(base, index, mask, itn__float_bits(other)))
 
 /* Vectors of lanes. */
 typedef struct itn__vectors {

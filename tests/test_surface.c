@@ -156,7 +156,7 @@ static void test_smooth(void) {
     int c, e, k;
     for (c = 0; c < 4; c++)
         for (e = 0; e < 3; e++) {
-            float sine = itn__safe_sqrt(1 - cosines[c] * cosines[c]), eta = etas[e];
+            float sine = sqrtf(itn__max(0, 1 - cosines[c] * cosines[c])), eta = etas[e];
             itn_vec3 i = itn__vec3(.6f * sine, -.8f * sine, cosines[c]), o;
             double share = 0;
             for (k = 0; k < 1000; k++) {
@@ -179,7 +179,7 @@ static void test_smooth(void) {
 
 /* f and its derivatives against the double formula at o's drawn by the sampler; f / pdf = G1(o). */
 static void check_rough(float alpha, float eta, float mu, double factor) {
-    itn_vec3 i = itn__vec3(itn__safe_sqrt(1 - mu * mu), 0, mu), o;
+    itn_vec3 i = itn__vec3(sqrtf(itn__max(0, 1 - mu * mu)), 0, mu), o;
     itn__rng rng = itn__rng_make(1, (uint64_t)(alpha * 1000), (uint64_t)(eta * 1000));
     int k, good = 0;
     for (k = 0; k < 400; k++) {
@@ -340,7 +340,7 @@ static void test_albedo(void) {
    boxes are of equal size in s = +-sqrt(1 - |z|), small around the poles. */
 static void check_histogram(float alpha, float eta, float mu, double factor) {
     enum { DRAWS = 400000, COSINES = 12, TURNS = 8, FINE = 48 };
-    itn_vec3 i = itn__vec3(itn__safe_sqrt(1 - mu * mu), 0, mu), o;
+    itn_vec3 i = itn__vec3(sqrtf(itn__max(0, 1 - mu * mu)), 0, mu), o;
     itn__rng rng = itn__rng_make(2, (uint64_t)(alpha * 1000), (uint64_t)(eta * 1000 + mu * 100));
     int counts[COSINES][TURNS], k, c, t, a, b, drawn = 0;
     double total = 0;
@@ -386,7 +386,7 @@ static void check_reciprocity(float alpha, float eta, double factor) {
     for (k = 0; k < 2000; k++) {
         float turn = 2 * (float)surface_pi * itn__uniform(&rng),
               z = .05f + .95f * itn__uniform(&rng), pdf;
-        float r = itn__safe_sqrt(1 - z * z), u[3];
+        float r = sqrtf(itn__max(0, 1 - z * z)), u[3];
         itn_vec3 i = itn__vec3(r * cosf(turn), r * sinf(turn), z), o, from, to;
         double there, back;
         u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng), u[2] = itn__uniform(&rng);
@@ -432,7 +432,7 @@ static void test_surface_extremes(void) {
             for (c = 0; c < 6; c++)
                 for (k = 0; k < 125; k++) {
                     float mu = cosines[c], u[3], pdf;
-                    itn_vec3 i = itn__vec3(itn__safe_sqrt(1 - mu * mu), 0, mu), o;
+                    itn_vec3 i = itn__vec3(sqrtf(itn__max(0, 1 - mu * mu)), 0, mu), o;
                     one_dual f;
                     u[0] = ends[k % 5], u[1] = ends[k / 5 % 5], u[2] = ends[k / 25];
                     all++;
