@@ -3732,24 +3732,27 @@ static float itn__weigh_choice(itn__walk *walk, const itn__factor *f, const floa
     return density;
 }
 
-static void itn__copy_weight(const itn__walk *walk, itn__weight *to, const itn__weight *from) {
-    memcpy(to->beta, from->beta, sizeof to->beta);
-    memcpy(to->zero, from->zero, sizeof to->zero);
-    memcpy(to->score, from->score,
-           (size_t)(walk->channels * walk->score_count) * sizeof *to->score);
-}
-
 /* The values of an image, of a texture or of a map light, are parameters too, as many as they are,
    but a path touches few. Each place where it meets the texture asked for becomes a parameter of
    the path for a while, shared by four texels; so is what comes from a direction of a map. What a
    path adds to the derivatives by these goes to sums as it ends. Textures are looked up here, too,
    for all renders. */
 
-/* The place between two rows and two columns, x and y of the way from the first to the second. */
-static itn__corners itn__corners_of(int width, const int row[2], const int column[2], float x,
-                                    float y) {
+/* The two texels beside x of `count`, which repeat or end, and the place between them. */
+static void itn__beside(float x, int count, int repeat, int at[2], float *between) {
+    if (x < 0 && repeat) x += (float)count;
+    at[0] = x > 0 ? (int)x : 0; /* also from NaN */
+    if (at[0] > count - 1) at[0] = count - 1;
+    at[1] = at[0] + 1 < count ? at[0] + 1 : repeat ? 0 : at[0];
+    *between = itn__clamp(x - (float)at[0], 0, 1);
+}
+
+/* The texels around a place x columns to the right and y rows down. */
+static itn__corners itn__corners_at(float x, float y, int width, int height, int rows_repeat) {
     itn__corners corners;
-    int k;
+    int row[2], column[2], k;
+    itn__beside(x, width, 1, column, &x);
+    itn__beside(y, height, rows_repeat, row, &y);
     for (k = 0; k < 4; k++) {
         corners.at[k] = row[k / 2] * width + column[k % 2];
         corners.share[k] = (k / 2 ? y : 1 - y) * (k % 2 ? x : 1 - x);
@@ -3760,14 +3763,19 @@ static itn__corners itn__corners_of(int width, const int row[2], const int colum
 /* Of a map in direction d. */
 static itn__corners itn__map_corners(const itn__light *light, itn_vec3 d) {
     itn__towards to;
-    itn__cells cell;
-    int row[2] = {0, 1}, column[2];
-    to.d = itn__vectors_of(itn__splat(d.x), itn__splat(d.y), itn__splat(d.z));
+    to.d = itn__splat_vector(d);
     itn__map_coordinates(&to);
-    cell = itn__grid_locate(light->width, light->height, 1, &to);
-    column[0] = ITN__LANE(cell.left, 0), column[1] = ITN__LANE(cell.right, 0);
-    return itn__corners_of(light->width, row, column, ITN__LANE(cell.fx, 0),
-                           ITN__LANE(cell.fy, 0));
+    return itn__corners_at(ITN__LANE(to.u, 0) * (float)light->width - .5f,
+                           ITN__LANE(to.v, 0) * (float)(light->height - 1), light->width,
+                           light->height, 0);
+}
+
+/* Of an image texture at coordinates (s, t): (0, 0) is its lower left corner, (1, 1) its upper
+   right one. */
+static itn__corners itn__texture_corners(const itn__surface *surface, float s, float t) {
+    return itn__corners_at((s - floorf(s)) * (float)surface->width - .5f,
+                           (1 - (t - floorf(t))) * (float)surface->height - .5f, surface->width,
+                           surface->height, 1);
 }
 
 /* A path's derivative by texels grows by value times their shares. */
@@ -3780,26 +3788,6 @@ static void itn__add_texels(itn__texels *texels, int c, const itn__corners *corn
         if (texels->path[at] == 0) texels->touched[texels->touched_count++] = at;
         texels->path[at] += part;
     }
-}
-
-/* The two texels beside x in [0, 1) of `count` that repeat, and the place between them. */
-static void itn__repeat_between(float x, int count, int at[2], float *between) {
-    x = x * (float)count - .5f;
-    if (x < 0) x += (float)count;
-    at[0] = x > 0 ? (int)x : 0; /* also from NaN */
-    if (at[0] > count - 1) at[0] = count - 1;
-    at[1] = at[0] + 1 < count ? at[0] + 1 : 0;
-    *between = itn__clamp(x - (float)at[0], 0, 1);
-}
-
-/* Of an image texture at coordinates (s, t): (0, 0) is its lower left corner, (1, 1) its upper
-   right one. */
-static itn__corners itn__texture_corners(const itn__surface *surface, float s, float t) {
-    int column[2], row[2];
-    float x, y;
-    itn__repeat_between(s - floorf(s), surface->width, column, &x);
-    itn__repeat_between(1 - (t - floorf(t)), surface->height, row, &y);
-    return itn__corners_of(surface->width, row, column, x, y);
 }
 
 /* Sets a lane of a site to what the surface's texture is at (s, t). */
@@ -3883,7 +3871,7 @@ static itn__towards itn__towards_of(const itn_scene *scene, const itn__vectors *
     return to;
 }
 
-/* Density with which itn__draw_lights draws directions. */
+/* Density with which itn__draw_lights draws these. */
 static itn__floats itn__lights_density(const itn_scene *scene, const itn__towards *to) {
     itn__floats pdf = itn__splat(0);
     int i;
@@ -3893,11 +3881,6 @@ static itn__floats itn__lights_density(const itn_scene *scene, const itn__toward
     }
     return pdf;
 }
-ITN__NOINLINE itn__floats itn__lights_pdf(const itn_scene *scene, const itn__vectors *d) {
-    itn__towards to = itn__towards_of(scene, d, itn__splat_int(-1));
-    return itn__lights_density(scene, &to);
-}
-
 /* Draws a light in each lane of the mask, and a direction to it, by three uniforms; pdf receives
    its density, 0 where nothing is drawn. */
 static void itn__draw_lights(const itn_scene *scene, const itn__floats u[3], itn__ints mask,
@@ -3937,11 +3920,13 @@ static void itn__sum_radiance(const itn_scene *scene, const float *theta, const 
             sum[k] += itn__select(to->mask, theta[light->parameter] * rgb[k], itn__splat(0));
     }
 }
-ITN__NOINLINE void itn__lights_radiance(const itn_scene *scene, const float *theta,
-                                        const itn__vectors *d, itn__ints mask,
-                                        itn__floats sampled[3], itn__floats plain[3]) {
+/* The same of directions; returns the density with which they would be drawn. */
+ITN__NOINLINE itn__floats itn__meet_lights(const itn_scene *scene, const float *theta,
+                                           const itn__vectors *d, itn__ints mask,
+                                           itn__floats sampled[3], itn__floats plain[3]) {
     itn__towards to = itn__towards_of(scene, d, mask);
     itn__sum_radiance(scene, theta, &to, sampled, plain);
+    return itn__lights_density(scene, &to);
 }
 
 /* Directions towards the sampled lights: where there is one, its density and what comes from it. */
@@ -4014,13 +3999,12 @@ static int itn__draw_light(itn__walk *walk, itn_vec3 *direction, float *pdf) {
    collision. */
 static void itn__flight_factor(const itn__walk *walk, const itn__medium *medium, float t,
                                int collided, itn__factor *f) {
-    itn__num g[3], sigma_t;
+    itn__num g[3];
     int c;
     for (c = 0; c < itn__channels(walk); c++) {
-        sigma_t = itn__variable(itn__splat(walk->theta[medium->sigma_t[c]]));
-        g[c] = c && !itn__is_spectral(medium->sigma_t)
-                   ? g[0] : itn__transmittance(sigma_t, itn__splat(t));
-        if (collided && (!c || itn__is_spectral(medium->sigma_t))) g[c] = itn__nmul(g[c], sigma_t);
+        itn__num sigma_t = itn__variable(itn__splat(walk->theta[medium->sigma_t[c]]));
+        g[c] = itn__transmittance(sigma_t, itn__splat(t));
+        if (collided) g[c] = itn__nmul(g[c], sigma_t);
     }
     itn__factor_make(walk, medium->sigma_t, g, f);
 }
@@ -4052,26 +4036,30 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
     }
 }
 
-/* Sends a shadow ray, whose weight (walk->connection) already holds the vertex's f over the light's
-   pdf. `pdf` is the density with which the vertex itself would draw the direction. If the vertex is
-   at a surface, `event` is what it meets there, and `through` whether the direction goes through
-   it. */
+/* Sends a shadow ray, whose weight is the path's times the vertex's f over the light's pdf. `pdf` is
+   the density with which the vertex itself would draw the direction. If the vertex is at a surface,
+   `event` is what it meets there, and `through` whether the direction goes through it. */
 static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction,
-                         const itn__event *event, int through, float pdf, float light_pdf) {
+                         const itn__event *event, int through, const itn__factor *f, float pdf,
+                         float light_pdf) {
+    const itn_scene *scene = walk->scene;
     itn__place place = walk->place;
+    float *score = walk->connection.score;
     int i, visible;
     itn_ray ray;
-    if (event && through) itn__cross_faces(walk->scene, &walk->place, event, origin);
-    else if (event) itn__throw_back(walk->scene, &walk->place, event, origin);
+    walk->connection = walk->weight, walk->connection.score = score;
+    memcpy(score, walk->weight.score,
+           (size_t)(walk->channels * walk->score_count) * sizeof *score);
+    itn__weigh(walk, &walk->connection, f, light_pdf);
+    if (event && through) itn__cross_faces(scene, &walk->place, event, origin);
+    else if (event) itn__throw_back(scene, &walk->place, event, origin);
     ray.origin = origin, ray.direction = direction;
     visible = itn__connect_visible(walk, ray);
     walk->place = place;
-    for (i = 0; i < walk->scene->light_count && visible; i++) {
-        const itn__light *light = &walk->scene->lights[i];
-        if (light->share > 0)
-            itn__contribute(walk, &walk->connection, light, direction,
+    for (i = 0; i < scene->light_count && visible; i++)
+        if (scene->lights[i].share > 0)
+            itn__contribute(walk, &walk->connection, &scene->lights[i], direction,
                             light_pdf / (light_pdf + pdf));
-    }
 }
 
 /* A path that leaves the scene adds the lights in its direction, with the weight of having met a
@@ -4085,7 +4073,8 @@ static void itn__escape(itn__walk *walk, itn_vec3 direction) {
                        background + i);
     if (i > 0) return;
     if (itn__finite(walk->pdf)) {
-        itn__floats pdf = itn__lights_pdf(walk->scene, &d);
+        itn__towards to = itn__towards_of(walk->scene, &d, itn__bits_mask(1));
+        itn__floats pdf = itn__lights_density(walk->scene, &to);
         mis = walk->pdf / (walk->pdf + ITN__LANE(pdf, 0));
     }
     for (i = 0; i < walk->scene->light_count; i++) {
@@ -4120,9 +4109,7 @@ static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, const 
         return; /* f = pdf */
     t = itn__min(t, FLT_MAX);
     itn__flight_factor(walk, medium, t, collided, &f);
-    for (c = 0; c < (spectral ? 3 : 1); c++) {
-        pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
-    }
+    for (c = 0; c < (spectral ? 3 : 1); c++) pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
     itn__weigh_choice(walk, &f, pdf, medium->sigma_t);
 }
 
@@ -4139,10 +4126,9 @@ static void itn__phase_factor(const itn__walk *walk, const itn__medium *medium, 
                               itn__floats y, itn__factor *f, float pdf[3]) {
     itn__num g[3];
     int c;
-    for (c = 0; c < 3; c++) {
-        g[c] = c && !itn__is_spectral(medium->g)
-                   ? g[0] : itn__phases[medium->phase].eval(
-                                itn__variable(itn__splat(walk->theta[medium->g[c]])), x, y);
+    for (c = 0; c < itn__channels(walk); c++) {
+        g[c] = itn__variable(itn__splat(walk->theta[medium->g[c]]));
+        g[c] = itn__phases[medium->phase].eval(g[c], x, y);
         pdf[c] = ITN__LANE(g[c].v, 0);
     }
     itn__factor_make(walk, medium->g, g, f);
@@ -4177,9 +4163,7 @@ static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray
         x = itn__vone_minus_cosine(d, other);
         y = itn__vone_minus_cosine(d, itn__vscale(other, itn__splat(-1)));
         itn__phase_factor(walk, medium, x, y, &f, pdf);
-        itn__copy_weight(walk, &walk->connection, &walk->weight);
-        itn__weigh(walk, &walk->connection, &f, light_pdf);
-        itn__connect(walk, ray->origin, direction, NULL, 0, itn__mixture(walk, medium->g, pdf),
+        itn__connect(walk, ray->origin, direction, NULL, 0, &f, itn__mixture(walk, medium->g, pdf),
                      light_pdf);
     }
     u = itn__splat(itn__uniform(&walk->rng)), v = itn__splat(itn__uniform(&walk->rng));
@@ -4215,29 +4199,27 @@ static void itn__site_begin(itn__walk *walk, const itn_ray *ray, const itn_hit *
    of value 0. Returns 1 if it is, or -1 if nothing crosses the edge there. */
 static int itn__choose_edge(itn__walk *walk, itn__site *site, itn__factor *f, itn_vec3 *direction,
                             int *through) {
+    const itn__bsdf *bsdf = &itn__bsdfs[site->surface->type];
     itn__vectors o;
-    itn__floats pdf;
+    itn__floats u, pdf;
     itn__ints good = itn__splat_int(0);
     itn__num g[3];
     float chosen;
-    int c, k, wanted = itn__slot(walk, site->after) >= 0 || itn__slot(walk, site->before) >= 0;
-    int felt = 0;
+    int c, k, felt = 0;
     for (c = 0; c < itn__channels(walk); c++)
         felt |= !walk->weight.zero[c] && walk->weight.beta[c] > 0;
-    if (site->smooth || !itn__bsdfs[site->surface->type].edge || !wanted || !felt) return 0;
+    if (itn__slot(walk, site->after) < 0 && itn__slot(walk, site->before) < 0) felt = 0;
+    if (site->smooth || !bsdf->edge || !felt) return 0;
     chosen = .1f / itn__square((float)++walk->boundaries); /* less often at each further boundary */
     if (!(itn__uniform(&walk->rng) < chosen)) {
         for (c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= 1 - chosen;
         return 0;
     }
-    {
-        itn__floats u = itn__splat(itn__uniform(&walk->rng));
-        for (k = 0; k < f->count; k++) {
-            itn__site_seed(site, f->seeds[k]);
-            good = itn__bsdfs[site->surface->type].edge(site, u, &o, g, &pdf);
-            for (c = 0; c < itn__channels(walk); c++)
-                f->value[c] = g[c].v, f->slope[k][c] = g[c].d;
-        }
+    u = itn__splat(itn__uniform(&walk->rng));
+    for (k = 0; k < f->count; k++) {
+        itn__site_seed(site, f->seeds[k]);
+        good = bsdf->edge(site, u, &o, g, &pdf);
+        for (c = 0; c < itn__channels(walk); c++) f->value[c] = g[c].v, f->slope[k][c] = g[c].d;
     }
     itn__weigh(walk, &walk->weight, f, ITN__LANE(pdf, 0) * chosen);
     o = itn__vto_world(o, site->frame[0], site->frame[1], site->frame[2]);
@@ -4261,12 +4243,9 @@ static int itn__scatter_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hi
     if (!site.smooth && itn__draw_light(walk, &direction, &light_pdf)) {
         d = itn__splat_vector(direction);
         itn__bsdf_eval(&site, &d, &f, &pdf, &through);
-        if (ITN__LANE(pdf, 0) > 0) {
-            itn__copy_weight(walk, &walk->connection, &walk->weight);
-            itn__weigh(walk, &walk->connection, &f, light_pdf);
-            itn__connect(walk, ray->origin, direction, event, ITN__LANE(through, 0),
+        if (ITN__LANE(pdf, 0) > 0)
+            itn__connect(walk, ray->origin, direction, event, ITN__LANE(through, 0), &f,
                          ITN__LANE(pdf, 0), light_pdf);
-        }
     }
     edge = itn__choose_edge(walk, &site, &f, &direction, &crosses);
     if (edge < 0) return 0;
@@ -4319,18 +4298,15 @@ ITN__INLINE uint32_t itn__many_draws_in(const itn_scene *scene, float sigma_t) {
     return sigma_t * scene->radius < 1e-5f ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
 }
 
-/* How many are many where a walk is. Outside of all, it may have come from any medium. */
+/* The same where a walk is: outside of all, it may have come from any medium. */
 static uint32_t itn__many_draws(const itn_scene *scene, const float *theta,
                                 const itn__place *place) {
     const itn__medium *medium = itn__medium_of(scene, place->inside);
-    uint32_t many = ITN__MANY_DRAWS_CLEAR, more;
+    float sigma_t = medium ? theta[medium->sigma_t[place->hero]] : 0;
     int k;
-    if (medium) return itn__many_draws_in(scene, theta[medium->sigma_t[place->hero]]);
-    for (k = 0; k < 3 * scene->medium_count && place->refracting < 0; k++) {
-        more = itn__many_draws_in(scene, theta[scene->media[k / 3].sigma_t[k % 3]]);
-        many = more > many ? more : many;
-    }
-    return many;
+    for (k = 0; k < 3 * scene->medium_count && !medium && place->refracting < 0; k++)
+        sigma_t = itn__max(sigma_t, theta[scene->media[k / 3].sigma_t[k % 3]]);
+    return itn__many_draws_in(scene, sigma_t);
 }
 
 static int itn__roulette(itn__walk *walk) {
@@ -4348,22 +4324,18 @@ static int itn__roulette(itn__walk *walk) {
     return 1;
 }
 
-/* Distance to the next collision. */
-static float itn__draw_flight(itn__walk *walk, float rate) {
-    itn__floats flight;
-    if (!(rate > 0)) return INFINITY;
-    flight = itn__sample_flight(itn__splat(1 / rate), itn__splat(itn__uniform(&walk->rng)));
-    return ITN__LANE(flight, 0);
-}
-
 /* Follows one path from the camera to its end. */
 static void itn__trace_path(itn__walk *walk, itn_ray ray) {
     while (itn__roulette(walk)) {
         const itn__medium *medium = itn__medium_of(walk->scene, walk->place.inside);
-        float rates[3], flight, way = INFINITY;
+        float rates[3], rate, flight = INFINITY, way = INFINITY;
         itn_hit hit;
         itn__collision_rates(walk, medium, rates);
-        flight = itn__draw_flight(walk, rates[walk->place.hero]);
+        rate = rates[walk->place.hero];
+        if (rate > 0) {
+            itn__floats u = itn__splat(itn__uniform(&walk->rng));
+            u = itn__sample_flight(itn__splat(1 / rate), u), flight = ITN__LANE(u, 0);
+        }
         if (medium) way = itn__way_out(walk->scene, ray.origin, ray.direction);
         ray.tmax = itn__min(flight, way);
         if (itn__next_hit(walk->scene, &walk->place, &ray, &hit)) {
@@ -8347,8 +8319,8 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
         for (c = 0; c < 3; c++)
             plain[c] = itn__splat(render->constant[c]), sampled[c] = itn__splat(0);
         if (!render->only_constant) {
-            mis = s.pdf / (s.pdf + itn__lights_pdf(render->scene, &s.d));
-            itn__lights_radiance(render->scene, render->theta, &s.d, mask, sampled, plain);
+            mis = s.pdf / (s.pdf + itn__meet_lights(render->scene, render->theta, &s.d, mask,
+                                                    sampled, plain));
             mis = itn__select(itn__less(s.pdf, itn__splat(INFINITY)), mis, itn__splat(1));
         }
         for (; bits; bits &= bits - 1) {
