@@ -52,7 +52,7 @@
        [path]           the reference path tracer
 
      Part III, all else: scenes, the fast walk, pictures, networks, searches, files
-       [means]          text, threads, functions of lanes, small matrices
+       [means]          text, threads, functions of lanes, small matrices, parts of pictures
        [mesh]           images, triangle meshes, and whether these are solids
        [maker]          a desc, checked and made ready
        [objects]        meshes, transformed and merged into one tree
@@ -4109,7 +4109,8 @@ static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, const 
         return; /* f = pdf */
     t = itn__min(t, FLT_MAX);
     itn__flight_factor(walk, medium, t, collided, &f);
-    for (c = 0; c < (spectral ? 3 : 1); c++) pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
+    for (c = 0; c < (spectral ? 3 : 1); c++)
+        pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
     itn__weigh_choice(walk, &f, pdf, medium->sigma_t);
 }
 
@@ -4388,45 +4389,9 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
     itn__trace_path(walk, itn__begin_path(walk, seed, x, y, sample));
 }
 
-/* Pixels and samples that are rendered together, and where a crowd has got to. */
-typedef struct itn__unit {
-    int x, y, side;   /* a square of pixels, of which some may be beyond the film */
-    int first, count; /* camera rays of each */
-    int next;         /* first that has not been started: pixel * count + ray */
-} itn__unit;
-
-/* Pixel number `cell` of a unit, by its place in the film. Returns 0 if that is beyond. */
-static int itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int cell, size_t *pixel) {
-    int x = unit->x + cell % unit->side, y = unit->y + cell / unit->side;
-    *pixel = (size_t)y * (size_t)scene->film.width + (size_t)x;
-    return x < scene->film.width && y < scene->film.height;
-}
-
-/* Samples of a pixel come in sets: a set is a Sobol sequence of its own ([sobol]), scrambled apart
-   from the others, so that their means are independent and tell the variance. Sets are of up to 16
-   samples, and there are four or more of them, unless there are fewer samples than that. */
-static int itn__set_size(int samples) {
-    int size = 16;
-    while (size > 1 && 4 * size > samples) size /= 2;
-    return size;
-}
-
-/* How many samples pixels get, where not all get the same: multiples of a set. */
-typedef struct itn__allotment {
-    int *samples;  /* [height][width] */
-    int set, most; /* samples of a set; most of a pixel */
-    double sum;    /* of all pixels */
-} itn__allotment;
-
-/* Samples of a pixel: by an allotment, or as many as all have. */
-static int itn__pixel_samples(const itn__allotment *allotment, int spp, size_t pixel) {
-    return allotment ? allotment->samples[pixel] : spp;
-}
-
 /* ==================== PART III: SCENES, PICTURES, NETWORKS, SEARCHES, FILES =================== */
 
-
-/* ---- [means] text, threads, functions of lanes, small matrices ------------------------------ */
+/* ---- [means] text, threads, functions of lanes, small matrices, parts of pictures ----------- */
 
 /* Text. Messages are composed and numbers read without the C library, whose decimal point is the
    locale's: here it is always a point.
@@ -4835,6 +4800,41 @@ static ITN__UNUSED void itn__cholesky_solve(const double *factor, int n, double 
         for (k = i + 1; k < n; k++) x[i] -= factor[k * n + i] * x[k];
         x[i] /= factor[i * n + i];
     }
+}
+
+/* Pixels and samples that are rendered together, and where a crowd has got to. */
+typedef struct itn__unit {
+    int x, y, side;   /* a square of pixels, of which some may be beyond the film */
+    int first, count; /* camera rays of each */
+    int next;         /* first that has not been started: pixel * count + ray */
+} itn__unit;
+
+/* Pixel number `cell` of a unit, by its place in the film. Returns 0 if that is beyond. */
+static int itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int cell, size_t *pixel) {
+    int x = unit->x + cell % unit->side, y = unit->y + cell / unit->side;
+    *pixel = (size_t)y * (size_t)scene->film.width + (size_t)x;
+    return x < scene->film.width && y < scene->film.height;
+}
+
+/* Samples of a pixel come in sets: a set is a Sobol sequence of its own ([sobol]), scrambled apart
+   from the others, so that their means are independent and tell the variance. Sets are of up to 16
+   samples, and there are four or more of them, unless there are fewer samples than that. */
+static int itn__set_size(int samples) {
+    int size = 16;
+    while (size > 1 && 4 * size > samples) size /= 2;
+    return size;
+}
+
+/* How many samples pixels get, where not all get the same: multiples of a set. */
+typedef struct itn__allotment {
+    int *samples;  /* [height][width] */
+    int set, most; /* samples of a set; most of a pixel */
+    double sum;    /* of all pixels */
+} itn__allotment;
+
+/* Samples of a pixel: by an allotment, or as many as all have. */
+static int itn__pixel_samples(const itn__allotment *allotment, int spp, size_t pixel) {
+    return allotment ? allotment->samples[pixel] : spp;
 }
 
 /* ---- [mesh] images, triangle meshes, and whether these are solids --------------------------- */
