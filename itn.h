@@ -3618,15 +3618,10 @@ static void itn__leave_solids(const itn_scene *scene, itn__place *place) {
    channel k could have drawn the same path, with its own density p_k; so p is the mean of the p_k,
    the density of all of them together (the balance heuristic over heroes, Veach 1997). With
    share_k = p_k / sum_j p_j of the path so far, a choice that channel k makes with density q_k has
-   the density
-
-       q = sum_k share_k q_k,      and then share_k becomes share_k q_k / q.
-
-   With r_k = p_k / p_h, h being the hero, that is the weight 3 r_c / sum_k r_k for f_c / p_c, but
-   no quotient is formed that could overflow, and beta of channel c is at most 3 share_c times what
-   is left of f_c / p_c. Once a choice is made, it does not matter who is the hero: the weights of
-   shadow rays and directions use q, so that they add up to 1 in every channel, and roulette uses
-   beta. Scores are those of f_c: a sigma_t or g of one channel changes nothing in the others. */
+   the density q = sum_k share_k q_k, and then share_k becomes share_k q_k / q. Once a choice is
+   made, it does not matter who is the hero: the weights of shadow rays and directions use q, so
+   that they add up to 1 in every channel. Scores are those of f_c: a sigma_t or g of one channel
+   changes nothing in the others. */
 
 typedef struct itn__weight {
     float beta[3];
@@ -4036,9 +4031,9 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
     }
 }
 
-/* Sends a shadow ray, whose weight is the path's times the vertex's f over the light's pdf. `pdf` is
-   the density with which the vertex itself would draw the direction. If the vertex is at a surface,
-   `event` is what it meets there, and `through` whether the direction goes through it. */
+/* Sends a shadow ray, whose weight is the path's times the vertex's f over the light's pdf. `pdf`
+   is the density with which the vertex itself would draw the direction. If the vertex is at a
+   surface, `event` is what it meets there, and `through` whether the direction goes through it. */
 static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction,
                          const itn__event *event, int through, const itn__factor *f, float pdf,
                          float light_pdf) {
