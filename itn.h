@@ -74,7 +74,7 @@
        [estimates]      values, error bars, and what they mean in words
        [files]          bytes in, bytes out
        [inflate]        decompression (RFC 1950, RFC 1951)
-       [images]         EXR, PFM and PNG files
+       [images]         EXR, PFM and PNG files; photos
        [meshes]         OBJ and PLY files
        [weights]        files of networks
        [scenefile]      scenes as text files
@@ -205,6 +205,8 @@ typedef struct itn_image {
     int width, height, plane_count;
     char (*names)[ITN_NAME_SIZE]; /* [plane_count] */
     float *pixels;                /* [plane_count][height][width] */
+    int codes;                    /* of a PNG file: the largest code of a value, else 0; */
+    float gamma;                  /* and its light is code^gamma or, 0, by the curve of sRGB */
     itn_context context;          /* what made it and frees it */
 } itn_image;
 
@@ -917,14 +919,48 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
                                         const itn_context *context, itn_mesh *mesh,
                                         itn_error *error);
-/* Makes an image from the bytes of an EXR or PFM file. Errors: FORMAT, UNSUPPORTED.
+/* Makes an image from the bytes of an EXR, PFM or PNG file. Errors: FORMAT, UNSUPPORTED.
    EXR: one part of scan lines, compression none, RLE, ZIPS or ZIP, at most 1024 channels of half,
-   float or uint (rounded to float), not subsampled; the image is the data window, and its planes
-   keep the names and the order of the file. PFM: planes "Y" or "R", "G", "B"; values are multiplied
-   by the size of the file's scale. */
+   float or uint (rounded to float), not subsampled; the image is the display window, 0 where the
+   data window is not, and its planes keep the names and the order of the file. PFM: planes "Y" or
+   "R", "G", "B"; values are multiplied by the size of the file's scale. PNG: 1 to 16 bits, grey,
+   RGB or palette, with or without alpha (plane "A"), not interlaced; made linear by the file's
+   gamma or, as most are, by the curve of sRGB. */
 ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_context *context, itn_image *image,
                                          itn_error *error);
+
+/* How a photo was taken, and which part of it counts; all zero: as the file says. */
+typedef struct itn_photo_desc {
+    int crop_x, crop_y;          /* the upper left pixel of what the film shows, */
+    int crop_width, crop_height; /* and its size; 0 = as far as the photo goes */
+    float gamma;      /* of a PNG: light is code^gamma, 1 = linear, below 0 = sRGB; 0 = as loaded */
+    float saturation; /* values from here on do not count; 0 = those of a PNG's largest code */
+    float read_noise; /* standard deviation of each value of the photo, */
+    float gain;       /* and variance in proportion to values: 1 over the electrons of value 1.
+                         Both 0, of 8 bits or fewer: half a code, which neighbours share */
+    const itn_image *mask; /* of the photo's size, NULL = none: below .5 (Y or R; else A) nothing
+                              counts */
+} itn_photo_desc;
+
+/* What itn_photo_make found. */
+typedef struct itn_photo_report {
+    int masked, saturated; /* film pixels that do not count; those of them that are saturated */
+    float largest;         /* of all values that count, and how many share it: if many, it is */
+    int clipped;           /* likely that it stands for larger ones */
+} itn_photo_report;
+
+/* Makes of a picture of any size what itn_refine wants: as large as the film, each pixel the mean
+   over its area, R, G, B or the luminance (Rec. 709) of a grey film. photo: the light in
+   film.channels planes and, unless nothing is known and all counts, in as many more its variance:
+   what rounding to codes, sensor and layers "Variance.Y" (R, G, B) of the file tell, less by
+   averaging; INFINITY where part of a pixel is saturated, masked or transparent (A below 1). Film
+   and crop have one shape, to half a pixel; a grey photo is no picture for a film in colour.
+   film: itn_scene_film. desc, report: may be NULL. Free the photo with itn_image_free.
+   Errors: ARGUMENT, MEMORY. */
+ITN_API itn_result itn_photo_make(const itn_image *image, const itn_photo_desc *desc,
+                                  itn_film_desc film, itn_image *photo, itn_photo_report *report,
+                                  itn_error *error);
 
 #ifndef ITN_NO_STDIO
 /* The same from files. Further error: FILE. */
@@ -949,7 +985,7 @@ typedef enum itn_png_mode {
 
 /* Writes plane_count (1 or 3) planes from first_plane on as an 8-bit RGB PNG file, uncompressed.
    scale: > 0, or 0 = the 99th percentile of the finite values (signed: of their sizes) maps to 1.
-   NaN becomes magenta. At most 21844 pixels wide. */
+   NaN becomes magenta. */
 ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, int plane_count,
                                       itn_png_mode mode, float scale, const char *path,
                                       itn_error *error);
@@ -11968,7 +12004,7 @@ static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacit
         ITN__DAMAGED(in, "checksum is wrong");
 }
 
-/* ---- [images] EXR, PFM and PNG files --------------------------------------------------------- */
+/* ---- [images] EXR, PFM and PNG files; photos ------------------------------------------------- */
 
 /* An EXR file of one part of scan lines (OpenEXR's "File Layout" document): magic number, version
    and flags, attributes (name, type, size, value) up to an empty name, a table of the blocks'
@@ -11977,20 +12013,22 @@ static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacit
    channel list. Compression first moves the bytes of even places to the front half and those of
    odd places to the back half, then replaces every byte by its difference to the one before + 128,
    then codes the result; a block that would not shrink is stored as it was. Blocks are read as
-   they stand in the file; the table must agree, but where it was never filled in, which is 0. */
+   they stand in the file; the table, which a program that was stopped leaves empty, is not. What
+   is stored is the data window; the image is the display window, 0 where there are no data. */
 
 enum { ITN__EXR_LONG_NAMES = 0x400, ITN__EXR_CHANNELS = 1024 };
 enum { ITN__EXR_UINT = 0, ITN__EXR_HALF, ITN__EXR_FLOAT };
 enum { ITN__EXR_NONE = 0, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
 
 typedef struct itn__exr {
-    itn__text text;
+    itn__text *text;
     const char *names[ITN__EXR_CHANNELS]; /* in the file's bytes */
     uint32_t types[ITN__EXR_CHANNELS];
     int channels, compression;
-    int64_t y0, width, height; /* of the data window */
-    size_t lines, line;        /* of a block; the bytes of one, without compression */
-    const unsigned char *table;
+    int32_t window[2][4]; /* data and display window: x, y of the first and of the last pixel */
+    int64_t size[2][2];   /* their widths and heights */
+    int64_t lines;        /* of a block */
+    size_t line;          /* the bytes of one, without compression */
     unsigned char *seen, *scratch; /* which blocks were there; room for a block twice */
 } itn__exr;
 
@@ -12021,36 +12059,45 @@ static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
     }
 }
 
+/* Reads the header, up to the blocks, and checks that the file is large enough for what it promises
+   (deflate shrinks at most 1032-fold). */
 static void itn__exr_header(itn__exr *exr) {
-    static const char *const others[] = {"PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"};
-    itn__text *text = &exr->text, value;
+    itn__text *text = exr->text, value;
     uint64_t version = itn__take_number(text, 8, 0) >> 32; /* behind the magic number */
-    int32_t window[4] = {0, 0, -1, -1};
-    int compression = -1, k;
     const char *name;
+    double pixels = 1, shown = 1;
+    int k, w, valid;
+    exr->compression = exr->window[0][2] = exr->window[1][2] = -1;
     if ((version & ~(uint64_t)ITN__EXR_LONG_NAMES) != 2)
-        ITN__UNSUPPORTED(text, "EXR of %s cannot be read", version & 0x200    ? "tiles"
-                                                           : version & 0x800  ? "deep data"
-                                                           : version & 0x1000 ? "several parts"
-                                                                              : "that version");
+        ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2 "
+                         "cannot be read");
     while (!text->result && *(name = itn__take_string(text))) {
         itn__take_string(text); /* the type */
         value = itn__take_part(text, itn__take_u32(text));
         if (!strcmp(name, "channels")) itn__exr_channel_list(exr, &value);
-        if (!strcmp(name, "compression")) compression = (int)itn__take_number(&value, 1, 0);
-        for (k = 0; k < 4 && !strcmp(name, "dataWindow"); k++)
-            window[k] = (int32_t)itn__take_u32(&value);
+        if (!strcmp(name, "compression")) exr->compression = (int)itn__take_number(&value, 1, 0);
+        for (w = 0; w < 2; w++)
+            for (k = 0; k < 4 && !strcmp(name, w ? "displayWindow" : "dataWindow"); k++)
+                exr->window[w][k] = (int32_t)itn__take_u32(&value);
         text->result = value.result;
     }
-    exr->compression = compression, exr->y0 = window[1];
-    exr->width = (int64_t)window[2] - window[0] + 1;
-    exr->height = (int64_t)window[3] - window[1] + 1;
-    if (compression > ITN__EXR_ZIP)
-        ITN__UNSUPPORTED(text, "EXR compression %s cannot be read",
-                         compression < 10 ? others[compression - 4] : "of later times");
-    if (!exr->channels || compression < 0 || exr->width < 1 || exr->width > INT_MAX ||
-        exr->height < 1 || exr->height > INT_MAX)
-        ITN__DAMAGED(text, "EXR header lacks channels, compression or a dataWindow of valid size");
+    if (exr->window[1][2] < exr->window[1][0]) memcpy(exr->window[1], exr->window[0], 16);
+    for (valid = exr->channels && exr->compression >= 0, k = 0; k < 4; k++) {
+        const int32_t *window = exr->window[k / 2];
+        exr->size[k / 2][k % 2] = (int64_t)window[k % 2 + 2] - window[k % 2] + 1;
+        valid &= exr->size[k / 2][k % 2] > 0 && exr->size[k / 2][k % 2] <= INT_MAX;
+        *(k < 2 ? &pixels : &shown) *= (double)exr->size[k / 2][k % 2];
+    }
+    if (exr->compression > ITN__EXR_ZIP)
+        ITN__UNSUPPORTED(text, "EXR compression %d (PIZ, PXR24, B44 or DWA) cannot be read",
+                         exr->compression);
+    if (!valid || shown > 256 * pixels)
+        ITN__DAMAGED(text, "EXR header lacks channels, compression, or windows of valid size");
+    for (k = 0; k < exr->channels; k++) exr->line += exr->types[k] == ITN__EXR_HALF ? 2 : 4;
+    if ((double)exr->line * (double)exr->size[0][0] > (double)(SIZE_MAX / 64) ||
+        (double)exr->line * pixels > (exr->compression ? 1032 : 1) * (double)(text->end - text->at))
+        ITN__DAMAGED(text, "EXR data window is larger than the data: cut off or damaged");
+    exr->line *= (size_t)exr->size[0][0], exr->lines = exr->compression == ITN__EXR_ZIP ? 16 : 1;
 }
 
 /* Undoes run lengths: a count n < 128 repeats the next byte n + 1 times, others copy 256 - n. */
@@ -12085,45 +12132,53 @@ static float itn__half_to_float(uint32_t bits) {
     return bits & 0x8000 ? -size : size;
 }
 
+/* Makes the image of a file. Returns 0 if that failed, or something before it. */
+static int itn__begin_image(itn__text *text, int64_t width, int64_t height, int planes,
+                            const itn_context *context, itn_image *image) {
+    if (!text->result)
+        text->result = itn_image_create((int)width, (int)height, planes, context, image,
+                                        text->error);
+    return !text->result;
+}
+
 static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
     size_t line = (size_t)plane * (size_t)image->height + (size_t)row;
     return image->pixels + line * (size_t)image->width + (size_t)x;
 }
 
-/* Spreads the lines of a block over the planes of the image. */
-static void itn__exr_lines(const itn__exr *exr, const unsigned char *data, int row, int end,
+/* Spreads the lines of a block, from that row of the image on, over its planes. */
+static void itn__exr_lines(const itn__exr *exr, const unsigned char *data, int64_t row, int64_t end,
                            itn_image *image) {
-    int i, x;
+    int64_t left = (int64_t)exr->window[0][0] - exr->window[1][0], x;
+    int i;
     for (; row < end; row++)
         for (i = 0; i < exr->channels; i++) {
             uint32_t type = exr->types[i], size = type == ITN__EXR_HALF ? 2 : 4;
-            for (x = 0; x < image->width; x++, data += size) {
+            for (x = left; x < left + exr->size[0][0]; x++, data += size) {
                 uint32_t bits = (uint32_t)itn__from_bytes(data, size, 0);
-                *itn__pixel(image, i, row, x) = type == ITN__EXR_FLOAT  ? itn__float_of(bits)
-                                                : type == ITN__EXR_HALF ? itn__half_to_float(bits)
-                                                                        : (float)bits;
+                if (row < 0 || row >= image->height || x < 0 || x >= image->width) continue;
+                *itn__pixel(image, i, (int)row, (int)x) =
+                    type == ITN__EXR_FLOAT  ? itn__float_of(bits)
+                    : type == ITN__EXR_HALF ? itn__half_to_float(bits)
+                                            : (float)bits;
             }
         }
 }
 
 /* Reads one block. */
 static void itn__exr_block(itn__exr *exr, itn_image *image) {
-    itn__text *text = &exr->text, in;
+    itn__text *text = exr->text, in;
     const char *start = text->at;
-    int64_t y = (int32_t)itn__take_u32(text) - exr->y0, lines = (int64_t)exr->lines;
-    size_t size = itn__take_u32(text), raw;
+    int64_t row = (int32_t)itn__take_u32(text) - (int64_t)exr->window[0][1];
+    int64_t lines = exr->size[0][1] - row < exr->lines ? exr->size[0][1] - row : exr->lines;
+    size_t size = itn__take_u32(text), raw = exr->line * (size_t)lines;
     const unsigned char *data;
-    uint64_t entry = 1;
     if (text->result) return;
-    if (y >= 0 && y < exr->height && y % lines == 0 && !exr->seen[y / lines]++)
-        entry = itn__from_bytes(exr->table + 8 * (y / lines), 8, 0);
-    if (entry && entry != (uint64_t)(start - text->start)) {
+    if (row < 0 || lines < 1 || row % exr->lines || exr->seen[row / exr->lines]++) {
         text->at = start;
-        ITN__DAMAGED(text, "is not the one due, or not where the table says");
+        ITN__DAMAGED(text, "is none, or is there twice");
         return;
     }
-    if (lines > exr->height - y) lines = exr->height - y;
-    raw = exr->line * (size_t)lines;
     data = exr->scratch + raw;
     in = itn__take_part(text, size);
     if (size >= raw || exr->compression == ITN__EXR_NONE) {
@@ -12135,49 +12190,36 @@ static void itn__exr_block(itn__exr *exr, itn_image *image) {
         itn__exr_unpredict(exr->scratch, exr->scratch + raw, raw);
     }
     text->result = in.result;
-    if (!in.result) itn__exr_lines(exr, data, (int)y, (int)(y + lines), image);
+    row += (int64_t)exr->window[0][1] - exr->window[1][1];
+    if (!in.result) itn__exr_lines(exr, data, row, row + lines, image);
 }
 
-/* Reads a header and then all blocks into a new image, once it is clear that the file is large
-   enough for what its header promises (deflate shrinks at most 1032-fold). */
-static itn_result itn__exr_decode(const itn__text *given, const itn_context *context,
-                                  itn_image *image) {
+static void itn__exr_decode(itn__text *text, const itn_context *context, itn_image *image) {
     itn__exr exr = ITN_ZERO;
-    itn__text *text = &exr.text;
     size_t blocks, lines;
     int i;
-    *text = *given, text->line = 0;
+    exr.text = text;
     itn__exr_header(&exr);
-    if (text->result) return text->result;
-    for (i = 0; i < exr.channels; i++) exr.line += exr.types[i] == ITN__EXR_HALF ? 2 : 4;
-    if ((double)exr.line * (double)exr.width > (double)(SIZE_MAX / 64) ||
-        (double)exr.line * (double)exr.width * (double)exr.height >
-            (exr.compression ? 1032 : 1) * (double)(text->end - text->at))
-        return ITN__DAMAGED(text, "EXR data window is larger than the data: cut off or damaged");
-    text->result = itn_image_create((int)exr.width, (int)exr.height, exr.channels, context, image,
-                                    text->error);
-    if (text->result) return text->result;
+    if (!itn__begin_image(text, exr.size[1][0], exr.size[1][1], exr.channels, context, image))
+        return;
     for (i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
-    exr.lines = exr.compression == ITN__EXR_ZIP ? 16 : 1, exr.line *= (size_t)exr.width;
-    blocks = ((size_t)exr.height - 1) / exr.lines + 1;
-    lines = blocks > 1 ? exr.lines : (size_t)exr.height;
+    blocks = (size_t)((exr.size[0][1] - 1) / exr.lines + 1);
+    lines = (size_t)(blocks > 1 ? exr.lines : exr.size[0][1]);
     exr.seen = (unsigned char *)itn__allocate(&image->context, 2 * exr.line * lines + blocks, 1);
     if (exr.seen) exr.scratch = exr.seen + blocks;
     else itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
-    exr.table = itn__take_bytes(text, 8 * blocks);
+    itn__take_bytes(text, 8 * blocks); /* the table */
     text->part = "EXR block";
     for (; text->number < (double)blocks && !text->result; text->number++)
         itn__exr_block(&exr, image);
     itn__free(&image->context, exr.seen);
-    if (text->result) itn_image_free(image);
-    return text->result;
 }
 
 /* PFM: "PF" (three channels) or "Pf" (one), width, height and scale as text, one white space
    character, then floats, the lowest row first; a negative scale says little-endian, and its size
    is what the numbers are in units of (P. Debevec). */
-static itn_result itn__pfm_decode(itn__text *text, int channels, const itn_context *context,
-                                  itn_image *image) {
+static void itn__pfm_decode(itn__text *text, int channels, const itn_context *context,
+                            itn_image *image) {
     static const char *const what[] = {"PFM width", "PFM height", "PFM scale"};
     int x, row, k;
     double header[3], needed, left;
@@ -12194,10 +12236,8 @@ static itn_result itn__pfm_decode(itn__text *text, int channels, const itn_conte
     /* the one white space character, or two, of a file that was written as text on Windows */
     if (left != 1 && !(left == 2 && itn__newline(text->at, text->end) == 2))
         ITN__DAMAGED(text, "PFM has %.0f bytes of pixels, needs %.0f", needed + left - 1, needed);
-    if (!text->result)
-        text->result = itn_image_create((int)header[0], (int)header[1], channels, context, image,
-                                        text->error);
-    if (text->result) return text->result;
+    if (!itn__begin_image(text, (int64_t)header[0], (int64_t)header[1], channels, context, image))
+        return;
     bytes = (const unsigned char *)text->at + (int)left;
     for (k = 0; k < channels; k++) image->names[k][0] = "YRGB"[k + channels / 3];
     for (row = image->height - 1; row >= 0; row--)
@@ -12207,29 +12247,396 @@ static itn_result itn__pfm_decode(itn__text *text, int channels, const itn_conte
                 *pixel = itn__float_of((uint32_t)itn__from_bytes(bytes, 4, header[2] > 0));
                 if (fabs(header[2]) != 1) *pixel *= (float)fabs(header[2]);
             }
-    return ITN_OK;
+}
+
+/* A PNG file (ISO/IEC 15948) is a signature and chunks: length, type, data, and the CRC-32 of type
+   and data. IHDR says how pixels are coded, PLTE is a palette, tRNS its alpha, gAMA and sRGB are
+   the curve from codes to light. All IDAT together are a zlib stream of rows. A row begins with its
+   filter, 0 to 4: bytes are differences to 0; to a, the byte one pixel to the left; to b, the one
+   above; to their mean; or to that of a, b and c (left of b) that is next to a + b - c (Paeth). */
+
+enum { ITN__IHDR = 0x49484452, ITN__PLTE = 0x504c5445, ITN__IDAT = 0x49444154 };
+enum { ITN__IEND = 0x49454e44, ITN__TRNS = 0x74524e53, ITN__GAMA = 0x67414d41 };
+enum { ITN__SRGB = 0x73524742, ITN__PNG_PALETTE = 3 };
+
+typedef struct itn__png {
+    itn__text *text;
+    int width, height, depth;
+    int type;    /* 0 grey, 2 RGB, 3 palette, 4 grey and alpha, 6 RGB and alpha */
+    int samples; /* of a pixel in the file */
+    int colours, alpha; /* of a pixel of the image */
+    int entries, is_srgb, ended;
+    float gamma;
+    unsigned char palette[256][4];
+    itn__buffer data; /* of all IDAT */
+} itn__png;
+
+/* Light of a code in [0,1], by a power or (gamma 0) the curve of sRGB (IEC 61966-2-1); and back. */
+static double itn__decode(double code, double gamma) {
+    if (gamma > 0) return pow(fmax(code, 0), gamma);
+    return code <= .04045 ? code / 12.92 : pow((code + .055) / 1.055, 2.4);
+}
+static double itn__encode(double light, double gamma) {
+    if (gamma > 0) return pow(fmax(light, 0), 1 / gamma);
+    return light <= .0031308 ? 12.92 * light : 1.055 * pow(light, 1 / 2.4) - .055;
+}
+
+/* CRC-32, of the reflected polynomial edb88320. */
+static uint32_t itn__crc32(const unsigned char *bytes, size_t size) {
+    uint32_t crc = 0xffffffffu;
+    int k;
+    for (; size; size--, bytes++)
+        for (crc ^= *bytes, k = 0; k < 8; k++) crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
+    return ~crc;
+}
+
+static void itn__png_header(itn__png *png, itn__text *in) {
+    static const int depths[7] = {0x10116, 0, 0x10100, 0x116, 0x10100, 0, 0x10100}; /* as bits */
+    uint64_t size = itn__take_number(in, 8, 1), rest = itn__take_number(in, 5, 1);
+    png->width = (int)(size >> 32 & INT_MAX), png->height = (int)(size & INT_MAX);
+    png->depth = (int)(rest >> 32), png->type = (int)(rest >> 24 & 255);
+    if (!png->width || !png->height || size & 0x8000000080000000u || png->type > 6 ||
+        png->depth > 16 || !(depths[png->type] >> png->depth & 1) || rest & 0xfffffe)
+        ITN__DAMAGED(in, "there is no such size, depth, type or method");
+    if (rest & 1) ITN__UNSUPPORTED(in, "interlaced files cannot be read: save it without that");
+    png->alpha = png->type > 3, png->colours = png->type & 2 ? 3 : 1;
+    png->samples = png->type == ITN__PNG_PALETTE ? 1 : png->colours + png->alpha;
+}
+
+static void itn__png_chunk(itn__png *png) {
+    itn__text *text = png->text, in;
+    size_t size = itn__take_number(text, 4, 1) & INT_MAX, k;
+    const unsigned char *start = (const unsigned char *)text->at, *data = start + 4;
+    int type;
+    in = itn__take_part(text, size + 4), type = (int)itn__take_number(&in, 4, 1);
+    if (!in.result && itn__take_number(text, 4, 1) != itn__crc32(start, size + 4))
+        ITN__DAMAGED(&in, "checksum is wrong");
+    if (!in.result && (type == ITN__IHDR) != !png->depth)
+        ITN__DAMAGED(&in, "IHDR is not the first chunk, or is there twice");
+    switch (in.result ? ITN__SRGB : type) {
+    case ITN__SRGB: png->is_srgb = 1; break;
+    case ITN__IHDR: itn__png_header(png, &in); break;
+    case ITN__IDAT: itn__put(&png->data, data, size); break;
+    case ITN__IEND: png->ended = 1; break;
+    case ITN__GAMA:
+        png->gamma = 1e5f / (float)itn__take_number(&in, 4, 1);
+        if (!(png->gamma > .05f && png->gamma < 20)) ITN__DAMAGED(&in, "gamma is damaged");
+        break;
+    case ITN__PLTE:
+        if (size % 3 || size > 768) ITN__DAMAGED(&in, "a palette of %d bytes", (int)size);
+        for (k = 0; k < size && k < 768; k++) png->palette[k / 3][k % 3] = data[k];
+        png->entries = (int)(size / 3);
+        break;
+    case ITN__TRNS:
+        if (png->type != ITN__PNG_PALETTE)
+            ITN__UNSUPPORTED(&in, "one colour is transparent: save it with an alpha channel");
+        for (k = 0; k < size && k < 256; k++) png->palette[k][3] = data[k];
+        png->alpha = 1;
+        break;
+    default:
+        if (!(type & 0x20000000)) ITN__UNSUPPORTED(&in, "its type is unknown, and necessary");
+    }
+    text->result = in.result;
+}
+
+/* Undoes the filter of a row, whose pixels begin `step` bytes apart. */
+static void itn__png_unfilter(unsigned char *row, const unsigned char *above, size_t size,
+                              size_t step, int filter) {
+    size_t i;
+    for (i = 0; i < size; i++) {
+        int a = i < step ? 0 : row[i - step], b = above ? above[i] : 0;
+        int c = above && i >= step ? above[i - step] : 0, to[5] = {0, a, b, (a + b) / 2, c};
+        int off_a = abs(b - c), off_b = abs(a - c), off_c = abs(a + b - 2 * c);
+        if (off_a <= off_b && off_a <= off_c) to[4] = a;
+        else if (off_b <= off_c) to[4] = b;
+        row[i] = (unsigned char)((row[i] + to[filter]) & 255);
+    }
+}
+
+/* The codes of pixel x of a row: those of its colours, and of its alpha if it has one. */
+static void itn__png_codes(const itn__png *png, const unsigned char *row, size_t x,
+                           unsigned codes[4]) {
+    size_t depth = (size_t)png->depth, at;
+    int k;
+    for (k = 0; k < png->samples; k++) {
+        at = (x * (size_t)png->samples + (size_t)k) * depth;
+        codes[k] = (unsigned)itn__from_bytes(row + at / 8, (depth + 7) / 8, 1);
+        if (depth < 8) codes[k] = codes[k] >> (8 - depth - at % 8) & ((1u << depth) - 1);
+    }
+    if (png->type != ITN__PNG_PALETTE) return;
+    for (k = 3; k >= 0; k--) codes[k] = png->palette[codes[0]][k];
+}
+
+/* Decompresses the rows into an image: colours by the curve, alpha as it is. */
+static void itn__png_rows(itn__png *png, size_t line, itn_image *image) {
+    itn__text *text = png->text, in = itn__text_make(png->data.bytes, png->data.size, text->name);
+    size_t size = line * (size_t)png->height, step = (size_t)(png->depth * png->samples + 7) / 8;
+    unsigned char *rows = ITN__NEW(unsigned char, &image->context, size), *row, *above = NULL;
+    float *light = ITN__NEW(float, &image->context, image->codes + 1);
+    unsigned codes[4];
+    int x, y, k;
+    in.error = text->error, in.line = 0, in.part = text->part = "PNG pixels";
+    if (!rows || !light) itn__text_fail(&in, ITN_ERROR_MEMORY, "out of memory");
+    else itn__zlib_decode(&in, rows, size);
+    text->result = in.result;
+    for (k = 0; k <= image->codes && light; k++)
+        light[k] = (float)itn__decode((double)k / image->codes, (double)image->gamma);
+    for (y = 0, row = rows; y < png->height && !text->result; y++, above = row + 1, row += line) {
+        if (*row > 4) ITN__DAMAGED(text, "row %d has filter %d", y, *row);
+        else itn__png_unfilter(row + 1, above, line - 1, step, *row);
+        for (x = 0; x < png->width; x++) {
+            itn__png_codes(png, row + 1, (size_t)x, codes);
+            for (k = 0; k < image->plane_count; k++)
+                *itn__pixel(image, k, y, x) =
+                    k < png->colours ? light[codes[k]] : (float)codes[k] / (float)image->codes;
+        }
+    }
+    itn__free(&image->context, light), itn__free(&image->context, rows);
+}
+
+static void itn__png_decode(itn__text *text, const itn_context *context, itn_image *image) {
+    itn__png png = ITN_ZERO;
+    size_t line;
+    int k;
+    png.text = text;
+    memset(png.palette, 255, sizeof png.palette);
+    text->result = itn__context_check(context, &png.data.context, text->error);
+    itn__take_bytes(text, 8); /* the signature */
+    text->part = "PNG chunk";
+    for (; !png.ended && !text->result; text->number++) itn__png_chunk(&png);
+    line = ((size_t)png.width * (size_t)(png.depth * png.samples) + 7) / 8 + 1;
+    if ((double)line * png.height > 1032 * (double)png.data.size || line > INT_MAX)
+        ITN__DAMAGED(text, "more pixels than the data hold: cut off or damaged");
+    if (png.data.failed) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
+    if (itn__begin_image(text, png.width, png.height, png.colours + png.alpha, context, image)) {
+        for (k = 0; k < image->plane_count; k++)
+            image->names[k][0] = k == png.colours ? 'A' : "YRGB"[k + png.colours / 3];
+        image->codes = png.type == ITN__PNG_PALETTE ? 255 : (1 << png.depth) - 1;
+        if (!png.is_srgb && fabsf(png.gamma - 2.2f) > 1e-4f) image->gamma = png.gamma;
+        itn__png_rows(&png, line, image);
+    }
+    itn__buffer_free(&png.data);
+}
+
+/* Fails because bytes are of no format that is read, and says which they are of, by their first
+   ones; '.' is any. */
+static itn_result itn__fail_format(const void *bytes, size_t size, const char *name,
+                                   const char *advice, itn_error *error) {
+    static const char *const known[][2] = {
+        {"\xff\xd8\xff", "a JPEG picture"}, {"#?R", "a Radiance picture"},
+        {"II*", "a TIFF or raw picture"},   {"MM", "a TIFF or raw picture"},
+        {"....ftyp", "a HEIC picture"},     {"RIFF....WEBP", "a WebP picture"},
+        {"GIF8", "a GIF picture"},          {"BM", "a BMP picture"},
+        {"\x76\x2f\x31\x01", "an EXR picture"}, {"\x89PNG", "a PNG picture"},
+        {"\x1f\x8b", "packed by gzip"},     {"PK\3\4", "a zip archive"},
+        {"solid", "an STL mesh"},           {"glTF", "a glTF mesh"},
+        {"\xff\xfe", "text in UTF-16"}};
+    const char *at = (const char *)bytes, *what = "of no known format", *start;
+    size_t i, k;
+    for (i = 0; i < sizeof known / sizeof *known; i++) {
+        for (start = known[i][0], k = 0; k < size && (start[k] == '.' || start[k] == at[k]);) k++;
+        if (!start[k]) what = known[i][1];
+    }
+    if (size >= 84 && size == 84 + 50 * itn__from_bytes((const unsigned char *)at + 80, 4, 0))
+        what = "an STL mesh";
+    return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: is %s, not %s", name, what, advice);
 }
 
 ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_context *context, itn_image *image,
                                          itn_error *error) {
     itn__text text;
-    itn_image made;
+    itn_image made = ITN_ZERO;
     int kind;
-    itn_result result;
     if (!bytes || !image)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
     text = itn__text_make(bytes, size, name ? name : "image");
-    text.error = error;
-    if (size >= 4 && !memcmp(bytes, "\x76\x2f\x31\x01", 4))
-        result = itn__exr_decode(&text, context, &made);
-    else if ((kind = itn__accept(&text, "Pf PF")) >= 0)
-        result = itn__pfm_decode(&text, kind ? 3 : 1, context, &made);
-    else
-        result = itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: neither an EXR nor a PFM file: convert "
-                                                       "it to one of them", text.name);
-    if (!result) *image = made;
-    return result;
+    text.error = error, kind = itn__accept(&text, "Pf PF");
+    if (kind >= 0) {
+        itn__pfm_decode(&text, kind ? 3 : 1, context, &made);
+    } else {
+        text.line = 0; /* the others are binary */
+        if (size >= 4 && !memcmp(bytes, "\x76\x2f\x31\x01", 4))
+            itn__exr_decode(&text, context, &made);
+        else if (size >= 8 && !memcmp(bytes, "\x89PNG\r\n\x1a\n", 8))
+            itn__png_decode(&text, context, &made);
+        else
+            text.result = itn__fail_format(bytes, size, text.name, "EXR, PFM or PNG: convert it "
+                                           "(magick photo.jpg photo.png)", error);
+    }
+    if (text.result) itn_image_free(&made);
+    else *image = made;
+    return text.result;
+}
+
+/* A photo. A film pixel's value is the mean of the photo's pixels that it covers, each by its share
+   of the area. What is known of their noise: rounding to codes, step^2 / 12 through the curve's
+   slope; the sensor's, read_noise^2 + gain value; and layers of variances in the file. Means of n
+   pixels have 1/n of it. If nothing is stated of a photo of eight bits or fewer, half a step that
+   neighbours share is added: curves of cameras and compression are not exact to more. */
+
+typedef struct itn__photo {
+    const itn_image *image;
+    itn_photo_desc desc;
+    itn_photo_report report;
+    const float *planes[6], *alpha, *mask; /* colours, and their variances; NULL: there is none */
+    int colours;     /* 1 or 3 */
+    int stated;      /* whether anything says what the noise is */
+    int known;       /* whether a variance is not 0 */
+    int saturated;   /* whether the film pixel at hand is */
+    size_t bad;      /* a pixel that counts and is not valid, from 1 */
+    double means[6]; /* of the film pixel at hand */
+} itn__photo;
+
+static const char *const itn__photo_planes[2][6] = {
+    {"Y", "", "", "Variance.Y", "", ""}, {"R", "G", "B", "Variance.R", "Variance.G", "Variance.B"}};
+
+/* Finds the planes and what the defaults are. Returns NULL, or what is wrong. */
+static const char *itn__photo_begin(itn__photo *photo, itn_film_desc film) {
+    const itn_image *image = photo->image, *mask = photo->desc.mask;
+    itn_photo_desc *d = &photo->desc;
+    const float *planes[3];
+    double shape;
+    int k;
+    if (!d->crop_width) d->crop_width = image->width - d->crop_x;
+    if (!d->crop_height) d->crop_height = image->height - d->crop_y;
+    if (d->gamma == 0) d->gamma = image->gamma;
+    if (d->saturation == 0) d->saturation = image->codes ? 1 : INFINITY;
+    if (d->crop_x < 0 || d->crop_y < 0 || d->crop_width < 1 || d->crop_height < 1 ||
+        d->crop_width > image->width - d->crop_x || d->crop_height > image->height - d->crop_y)
+        return "does not hold the whole crop";
+    if (d->crop_width < film.width || d->crop_height < film.height) return "is too small";
+    shape = (double)film.width / film.height;
+    if (fabs(d->crop_width - d->crop_height * shape) > .5 &&
+        fabs(d->crop_height - d->crop_width / shape) > .5)
+        return "has another shape than the film: crop it, or give the film its shape";
+    if (!(d->gamma <= 20 && d->saturation > 0 && d->read_noise >= 0 && d->read_noise <= 1e9f &&
+          d->gain >= 0 && d->gain <= 1e9f))
+        return "has a gamma, saturation, read noise or gain that is out of range";
+    if (!itn__image_colours(image, photo->planes)) return "has neither Y nor R, G and B";
+    photo->colours = photo->planes[1] == photo->planes[0] ? 1 : 3;
+    if (photo->colours < film.channels) return "has not R, G and B, which the film has";
+    for (k = 0; k < photo->colours; k++)
+        photo->planes[3 + k] =
+            itn_image_plane(image, itn__photo_planes[photo->colours / 3][3 + k]);
+    photo->stated = d->read_noise > 0 || d->gain > 0 || photo->planes[3];
+    photo->alpha = itn_image_plane(image, "A");
+    if (!mask) return NULL;
+    if (!mask->pixels || mask->width != image->width || mask->height != image->height)
+        return "has not the size of its mask";
+    photo->mask = itn__image_colours(mask, planes) ? planes[0] : itn_image_plane(mask, "A");
+    return photo->mask ? NULL : "has a mask without Y, R or A";
+}
+
+/* Adds a share of a pixel to the means. Returns 0 if it does not count: it is transparent, masked,
+   saturated or not valid. */
+static int itn__photo_pixel(itn__photo *photo, size_t at, double share) {
+    double gamma = (double)photo->desc.gamma, coded = (double)photo->image->gamma;
+    itn_photo_report *told = &photo->report;
+    int c;
+    if (photo->alpha && !(photo->alpha[at] >= 1)) return 0;
+    if (photo->mask && !(photo->mask[at] >= .5f)) return 0;
+    for (c = 0; c < photo->colours; c++) {
+        float value = photo->planes[c][at];
+        float variance = photo->planes[3 + c] ? photo->planes[3 + c][at] : 0;
+        if (value >= photo->desc.saturation) return photo->saturated = 1, 0;
+        if (gamma != coded) value = (float)itn__decode(itn__encode((double)value, coded), gamma);
+        if (!(fabsf(value) <= 1e18f && variance >= 0 && variance <= FLT_MAX))
+            return photo->bad = at + 1, 0;
+        if (value > told->largest) told->largest = value, told->clipped = 0;
+        told->clipped += value == told->largest;
+        photo->means[c] += share * (double)value;
+        photo->means[3 + c] += share * (double)variance;
+    }
+    return 1;
+}
+
+/* Finds the means of a film pixel. Returns 0 if a part of it does not count. One of the photo's has
+   sides as long as the film has pixels, then one of the film's as long as the crop has. */
+static int itn__photo_mean(itn__photo *photo, itn_film_desc film, int64_t x, int64_t y) {
+    const itn_photo_desc *d = &photo->desc;
+    int64_t w = d->crop_width, h = d->crop_height, i, j;
+    memset(photo->means, 0, sizeof photo->means);
+    for (j = y * h / film.height; j * film.height < (y + 1) * h; j++)
+        for (i = x * w / film.width; i * film.width < (x + 1) * w; i++) {
+            size_t at = (size_t)((d->crop_y + j) * photo->image->width + d->crop_x + i);
+            double across = fmin((double)((i + 1) * film.width), (double)((x + 1) * w)) -
+                            fmax((double)(i * film.width), (double)(x * w));
+            double down = fmin((double)((j + 1) * film.height), (double)((y + 1) * h)) -
+                          fmax((double)(j * film.height), (double)(y * h));
+            if (!itn__photo_pixel(photo, at, across / (double)w * (down / (double)h))) return 0;
+        }
+    return 1;
+}
+
+/* The standard deviation of a film pixel's colour, the mean of so many values. */
+static double itn__photo_noise(const itn__photo *photo, int colour, double count) {
+    const itn_photo_desc *d = &photo->desc;
+    int codes = photo->image->codes;
+    double mean = photo->means[colour], gamma = (double)d->gamma, step = 0, variance;
+    if (codes && (photo->stated || codes < 256))
+        step = itn__decode(itn__encode(mean, gamma) + .5 / codes, gamma) -
+               itn__decode(itn__encode(mean, gamma) - .5 / codes, gamma);
+    variance = step * step / 12 + pow((double)d->read_noise, 2) + (double)d->gain * fmax(mean, 0);
+    return sqrt((variance + photo->means[3 + colour]) / fmax(count, 1) +
+                (photo->stated ? 0 : step * step / 4));
+}
+
+/* Makes a film pixel: its values and their variances, in planes behind. */
+static void itn__photo_film(itn__photo *photo, itn_film_desc film, int x, int y, itn_image *made) {
+    static const double luminance[3] = {.2126, .7152, .0722};
+    int counts = itn__photo_mean(photo, film, x, y), c, k;
+    double area = (double)photo->desc.crop_width * photo->desc.crop_height;
+    photo->report.masked += !counts, photo->report.saturated += photo->saturated;
+    photo->saturated = 0;
+    for (c = 0; c < film.channels; c++) {
+        double value = 0, noise = counts ? 0 : INFINITY;
+        for (k = 0; k < photo->colours && counts; k++) {
+            double share = photo->colours > film.channels ? luminance[k] : k == c;
+            value += share * photo->means[k];
+            noise += share * itn__photo_noise(photo, k, area / film.width / film.height);
+        }
+        *itn__pixel(made, c, y, x) = (float)value;
+        *itn__pixel(made, film.channels + c, y, x) = (float)(noise * noise);
+        photo->known |= noise > 0;
+    }
+}
+
+ITN_API itn_result itn_photo_make(const itn_image *image, const itn_photo_desc *desc,
+                                  itn_film_desc film, itn_image *photo, itn_photo_report *report,
+                                  itn_error *error) {
+    itn__photo p = ITN_ZERO;
+    itn_image made;
+    itn_result result;
+    const char *fault = "is NULL, or the film is none of a scene";
+    int i, columns;
+    p.image = image;
+    if (desc) p.desc = *desc;
+    if (image && image->pixels && image->names && photo && film.width > 0 && film.height > 0 &&
+        (film.channels == 1 || film.channels == 3))
+        fault = itn__photo_begin(&p, film);
+    if (fault)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo %s (%d x %d pixels of it, for a "
+                         "film of %d x %d)", fault, p.desc.crop_width, p.desc.crop_height,
+                         film.width, film.height);
+    result = itn_image_create(film.width, film.height, 2 * film.channels, &image->context, &made,
+                              error);
+    if (result) return result;
+    for (i = 0; i < film.width * film.height && !p.bad; i++)
+        itn__photo_film(&p, film, i % film.width, i / film.width, &made);
+    for (i = 0; i < 2 * film.channels; i++)
+        strcpy(made.names[i], itn__photo_planes[film.channels / 3]
+                                               [i % film.channels + i / film.channels * 3]);
+    if (!p.known) made.plane_count = film.channels; /* all counts, and nothing is known */
+    if (!p.bad) {
+        if (report) *report = p.report;
+        *photo = made;
+        return ITN_OK;
+    }
+    itn_image_free(&made), columns = image->width, i = (int)(p.bad - 1);
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo's value at pixel %d, %d (column, "
+                     "row), or its variance, is not finite, negative or too large", i % columns,
+                     i / columns);
 }
 
 #ifndef ITN_NO_STDIO
@@ -12276,7 +12683,7 @@ static const char *itn__exr_order(const itn_image *image, int *order) {
 
 /* An attribute is put as its name, type and size, and then its value. */
 static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, const int *order) {
-    size_t list = 1, length, longest = 0;
+    size_t list = 1, longest = 0, length;
     int i;
     for (i = 0; i < image->plane_count; i++, list += length + 17) {
         length = strlen(image->names[i]);
@@ -12298,10 +12705,10 @@ static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, con
         itn__put_number(buffer, (uint32_t)image->width - 1, 4, 0);
         itn__put_number(buffer, (uint32_t)image->height - 1, 4, 0);
     }
-    ITN__PUT_BYTES(buffer, "lineOrder\0lineOrder\0\1\0\0\0\0");
-    ITN__PUT_BYTES(buffer, "pixelAspectRatio\0float\0\4\0\0\0\0\0\x80\x3f");
-    ITN__PUT_BYTES(buffer, "screenWindowCenter\0v2f\0\10\0\0\0\0\0\0\0\0\0\0\0");
-    ITN__PUT_BYTES(buffer, "screenWindowWidth\0float\0\4\0\0\0\0\0\x80\x3f\0"); /* and the end */
+    ITN__PUT_BYTES(buffer, "lineOrder\0lineOrder\0\1\0\0\0\0"
+                           "pixelAspectRatio\0float\0\4\0\0\0\0\0\x80\x3f"
+                           "screenWindowCenter\0v2f\0\10\0\0\0\0\0\0\0\0\0\0\0"
+                           "screenWindowWidth\0float\0\4\0\0\0\0\0\x80\x3f\0"); /* and the end */
 }
 
 ITN_API ITN__COLD itn_result itn_image_save_exr(const itn_image *image, const char *path,
@@ -12348,25 +12755,6 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
     return itn__write_file(path, &buffer, error);
 }
 
-/* A PNG file is a signature and chunks (length, type, data, CRC-32): IHDR with the size, IDAT with
-   a zlib stream of the rows, each behind a byte 0 that says "not filtered", and IEND. Noise does
-   not compress, so the stream's blocks are stored as they are. */
-
-/* Ends the chunk that begins at `start`: its length becomes known, and its CRC-32 (reflected
-   polynomial edb88320), which covers type and data. Returns where the next one begins. */
-static size_t itn__png_end_chunk(itn__buffer *png, size_t start) {
-    uint32_t crc = 0xffffffffu;
-    size_t size = png->size - start - 8, i;
-    int k;
-    if (png->failed) return start;
-    for (i = start + 4; i < png->size; i++)
-        for (crc ^= png->bytes[i], k = 0; k < 8; k++)
-            crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
-    for (i = 0; i < 4; i++) png->bytes[start + i] = (unsigned char)(size >> (24 - 8 * i) & 255);
-    itn__put_number(png, ~crc, 4, 1);
-    return png->size;
-}
-
 /* The 99th percentile (by rank) of the sizes of finite numbers; without signs, negative ones count
    as 0. It is found bit by bit, as the bits of positive floats are ordered as the floats are. */
 static float itn__percentile99(const float *values, size_t count, int with_signs) {
@@ -12385,74 +12773,80 @@ static float itn__percentile99(const float *values, size_t count, int with_signs
     return itn__float_of(found);
 }
 
-/* [0,1] to [0,255], what is outside cut. */
-static unsigned char itn__byte(float x) {
-    return (unsigned char)(x > 0 ? itn__min(x, 1) * 255 + .5f : 0);
-}
-
-/* The curve of sRGB (IEC 61966-2-1). */
-static float itn__srgb(float x) {
-    x = itn__clamp(x, 0, 1);
-    return x <= .0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - .055f;
-}
-
-/* Puts the rows' zlib stream: every row is a stored block. */
-static void itn__png_rows(itn__buffer *png, const float *v, size_t width, size_t height,
-                          itn_png_mode mode, float scale) {
-    size_t row, x, k, length = 3 * width + 1, start;
-    uint32_t sum = 1;
-    itn__put_number(png, 0x7801, 2, 1);
-    for (row = 0; row < height && !png->failed; row++) {
-        itn__put_number(png, (uint64_t)length << 8 | (uint64_t)(length ^ 0xffff) << 24, 6, 0);
-        start = png->size - 1;
-        for (x = 0; x < width; x++, v += 3) {
-            unsigned char rgb[3];
-            for (k = 0; k < 3; k++)
-                rgb[k] = itn__byte(mode == ITN_PNG_TONE ? itn__srgb(v[k] * scale)
-                                                        : (1 - (float)k) * v[k] * scale);
-            itn__put(png, v[0] == v[0] && v[1] == v[1] && v[2] == v[2] ? (const char *)rgb
-                                                                       : "\xff\0\xff", 3);
-        }
-        sum = itn__adler32(sum, png->bytes + start, png->size - start);
+/* Puts a pixel's colour; NaN is magenta. */
+static void itn__png_put_pixel(itn__buffer *rows, const float v[3], itn_png_mode mode) {
+    float mean = (v[0] + v[1] + v[2]) / 3, code;
+    unsigned char rgb[3];
+    int k;
+    for (k = 0; k < 3; k++) {
+        code = mode == ITN_PNG_SIGNED ? (1 - (float)k) * mean
+                                      : (float)itn__encode((double)itn__clamp(v[k], 0, 1), 0);
+        rgb[k] = (unsigned char)(itn__clamp(code, 0, 1) * 255 + .5f);
     }
-    itn__put(png, "\1\0\0\xff\xff", 5); /* the last block is empty */
-    itn__put_number(png, sum, 4, 1);
+    itn__put(rows, mean == mean ? (const char *)rgb : "\xff\0\xff", 3);
+}
+
+/* Puts a chunk and, behind what comes first of its data, frees the rest of them. */
+static void itn__png_put_chunk(itn__buffer *png, const char *type, itn__buffer *data) {
+    size_t start = png->size + 4;
+    itn__put_number(png, data->size, 4, 1);
+    itn__put(png, type, 4);
+    itn__put(png, data->bytes, data->size);
+    if (!png->failed) itn__put_number(png, itn__crc32(png->bytes + start, data->size + 4), 4, 1);
+    png->failed |= data->failed;
+    data->size = 0;
+}
+
+/* Noise does not compress: the zlib stream of a PNG file is stored blocks. */
+static void itn__zlib_store(itn__buffer *out, const itn__buffer *data) {
+    size_t at, size;
+    itn__put_number(out, 0x7801, 2, 1);
+    for (at = 0; at < data->size; at += size) {
+        size = data->size - at < 65535 ? data->size - at : 65535;
+        itn__put_number(out, (at + size == data->size) | size << 8 | (size ^ 0xffff) << 24, 5, 0);
+        itn__put(out, data->bytes + at, size);
+    }
+    itn__put_number(out, itn__adler32(1, data->bytes, data->size), 4, 1);
 }
 
 ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int first_plane,
                                                 int plane_count, itn_png_mode mode, float scale,
                                                 const char *path, itn_error *error) {
-    itn__buffer png;
-    size_t width, height, i, pixels, chunk;
-    float *v; /* [pixels][3] */
+    itn__buffer png, rows, data;
+    size_t values;
+    float v[3], largest;
+    int x, y, k;
     itn_result result = itn__check_image(image, first_plane, plane_count, 1, &png, error);
     if (result) return result;
-    width = (size_t)image->width, height = (size_t)image->height, pixels = width * height;
+    rows = data = png;
     if (!(scale >= 0) || !itn__finite(scale) || (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED) ||
-        width > 21844 || height > INT_MAX / 2 / (3 * width + 6))
+        image->height > INT_MAX / 4 / image->width)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "saving a PNG: mode %d, scale %g or %d x %d pixels (at most 21844 wide)",
-                         (int)mode, (double)scale, image->width, image->height);
-    v = (float *)itn__allocate(&png.context, pixels, 3 * sizeof *v);
-    if (!v) return itn__out_of_memory(error, "a PNG file");
-    for (i = 0; i < 3 * pixels; i++)
-        v[i] = image->pixels[((size_t)first_plane + i % 3 % (size_t)plane_count) * pixels + i / 3];
-    for (i = 0; i < 3 * pixels && mode == ITN_PNG_SIGNED; i += 3)
-        v[i] = v[i + 1] = v[i + 2] = (v[i] + v[i + 1] + v[i + 2]) / 3;
+                         "saving a PNG: mode %d, scale %g or %d x %d pixels", (int)mode,
+                         (double)scale, image->width, image->height);
+    values = (size_t)plane_count * (size_t)image->width * (size_t)image->height;
     if (scale == 0) {
-        scale = itn__percentile99(v, 3 * pixels, mode == ITN_PNG_SIGNED);
-        scale = scale >= FLT_MIN ? 1 / scale : 1;
+        largest = itn__percentile99(itn__pixel(image, first_plane, 0, 0), values,
+                                    mode == ITN_PNG_SIGNED);
+        scale = largest >= FLT_MIN ? 1 / largest : 1;
     }
-    itn__put(&png, "\x89PNG\r\n\x1a\n\0\0\0\0IHDR", 16);
-    itn__put_number(&png, (uint64_t)width << 32 | height, 8, 1);
-    itn__put(&png, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
-    chunk = itn__png_end_chunk(&png, 8);
-    itn__put(&png, "\0\0\0\0IDAT", 8);
-    itn__png_rows(&png, v, width, height, mode, scale);
-    itn__free(&png.context, v);
-    chunk = itn__png_end_chunk(&png, chunk);
-    itn__put(&png, "\0\0\0\0IEND", 8);
-    itn__png_end_chunk(&png, chunk);
+    for (y = 0; y < image->height && !rows.failed; y++) {
+        itn__put_number(&rows, 0, 1, 1); /* not filtered */
+        for (x = 0; x < image->width; x++) {
+            for (k = 0; k < 3; k++)
+                v[k] = scale * *itn__pixel(image, first_plane + k % plane_count, y, x);
+            itn__png_put_pixel(&rows, v, mode);
+        }
+    }
+    itn__put(&png, "\x89PNG\r\n\x1a\n", 8);
+    itn__put_number(&data, (uint64_t)image->width << 32 | (uint64_t)image->height, 8, 1);
+    itn__put(&data, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
+    itn__png_put_chunk(&png, "IHDR", &data);
+    itn__zlib_store(&data, &rows);
+    itn__png_put_chunk(&png, "IDAT", &data);
+    itn__png_put_chunk(&png, "IEND", &data);
+    png.failed |= rows.failed;
+    itn__buffer_free(&rows), itn__buffer_free(&data);
     return itn__write_file(path, &png, error);
 }
 
