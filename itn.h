@@ -4874,7 +4874,7 @@ ITN_API itn_result itn_image_create(int width, int height, int plane_count,
                                     const itn_context *context, itn_image *image,
                                     itn_error *error) {
     size_t pixels = (size_t)width * (size_t)height;
-    itn_image made;
+    itn_image made = ITN_ZERO;
     itn_result result;
     if (!image || width < 1 || height < 1 || plane_count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -12379,16 +12379,17 @@ static void itn__png_rows(itn__png *png, size_t line, itn_image *image) {
     if (!rows || !light) itn__text_fail(&in, ITN_ERROR_MEMORY, "out of memory");
     else itn__zlib_decode(&in, rows, size);
     text->result = in.result;
-    for (k = 0; k <= image->codes && light; k++)
-        light[k] = (float)itn__decode((double)k / image->codes, (double)image->gamma);
     for (y = 0, row = rows; y < png->height && !text->result; y++, above = row + 1, row += line) {
         if (*row > 4) ITN__DAMAGED(text, "row %d has filter %d", y, *row);
         else itn__png_unfilter(row + 1, above, line - 1, step, *row);
         for (x = 0; x < png->width; x++) {
             itn__png_codes(png, row + 1, (size_t)x, codes);
-            for (k = 0; k < image->plane_count; k++)
-                *itn__pixel(image, k, y, x) =
-                    k < png->colours ? light[codes[k]] : (float)codes[k] / (float)image->codes;
+            for (k = 0; k < image->plane_count; k++) {
+                double value = (double)codes[k] / image->codes;
+                if (!light[codes[k]] && k < png->colours) /* not known yet */
+                    light[codes[k]] = (float)itn__decode(value, (double)image->gamma);
+                *itn__pixel(image, k, y, x) = k < png->colours ? light[codes[k]] : (float)value;
+            }
         }
     }
     itn__free(&image->context, light), itn__free(&image->context, rows);
@@ -12404,10 +12405,10 @@ static void itn__png_decode(itn__text *text, const itn_context *context, itn_ima
     itn__take_bytes(text, 8); /* the signature */
     text->part = "PNG chunk";
     for (; !png.ended && !text->result; text->number++) itn__png_chunk(&png);
+    if (png.data.failed) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
     line = ((size_t)png.width * (size_t)(png.depth * png.samples) + 7) / 8 + 1;
     if ((double)line * png.height > 1032 * (double)png.data.size || line > INT_MAX)
         ITN__DAMAGED(text, "more pixels than the data hold: cut off or damaged");
-    if (png.data.failed) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
     if (itn__begin_image(text, png.width, png.height, png.colours + png.alpha, context, image)) {
         for (k = 0; k < image->plane_count; k++)
             image->names[k][0] = k == png.colours ? 'A' : "YRGB"[k + png.colours / 3];
@@ -12421,7 +12422,7 @@ static void itn__png_decode(itn__text *text, const itn_context *context, itn_ima
 /* Fails because bytes are of no format that is read, and says which they are of, by their first
    ones; '.' is any. */
 static itn_result itn__fail_format(const void *bytes, size_t size, const char *name,
-                                   const char *advice, itn_error *error) {
+                                   const char *wanted, itn_error *error) {
     static const char *const known[][2] = {
         {"\xff\xd8\xff", "a JPEG picture"}, {"#?R", "a Radiance picture"},
         {"II*", "a TIFF or raw picture"},   {"MM", "a TIFF or raw picture"},
@@ -12431,15 +12432,17 @@ static itn_result itn__fail_format(const void *bytes, size_t size, const char *n
         {"\x1f\x8b", "packed by gzip"},     {"PK\3\4", "a zip archive"},
         {"solid", "an STL mesh"},           {"glTF", "a glTF mesh"},
         {"\xff\xfe", "text in UTF-16"}};
-    const char *at = (const char *)bytes, *what = "of no known format", *start;
+    const char *at = (const char *)bytes, *what = NULL, *start;
     size_t i, k;
     for (i = 0; i < sizeof known / sizeof *known; i++) {
-        for (start = known[i][0], k = 0; k < size && (start[k] == '.' || start[k] == at[k]);) k++;
+        start = known[i][0];
+        for (k = 0; k < size && start[k] && (start[k] == '.' || start[k] == at[k]);) k++;
         if (!start[k]) what = known[i][1];
     }
     if (size >= 84 && size == 84 + 50 * itn__from_bytes((const unsigned char *)at + 80, 4, 0))
         what = "an STL mesh";
-    return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: is %s, not %s", name, what, advice);
+    return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: is %s%snot %s", name, what ? what : "",
+                     what ? ", " : "", wanted);
 }
 
 ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
@@ -12461,8 +12464,8 @@ ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const c
         else if (size >= 8 && !memcmp(bytes, "\x89PNG\r\n\x1a\n", 8))
             itn__png_decode(&text, context, &made);
         else
-            text.result = itn__fail_format(bytes, size, text.name, "EXR, PFM or PNG: convert it "
-                                           "(magick photo.jpg photo.png)", error);
+            text.result = itn__fail_format(bytes, size, text.name, "an EXR, PFM or PNG picture: "
+                                           "convert it (magick photo.jpg photo.png)", error);
     }
     if (text.result) itn_image_free(&made);
     else *image = made;
@@ -12786,14 +12789,14 @@ static void itn__png_put_pixel(itn__buffer *rows, const float v[3], itn_png_mode
     itn__put(rows, mean == mean ? (const char *)rgb : "\xff\0\xff", 3);
 }
 
-/* Puts a chunk and, behind what comes first of its data, frees the rest of them. */
+/* Puts a chunk of data, which are then none. */
 static void itn__png_put_chunk(itn__buffer *png, const char *type, itn__buffer *data) {
     size_t start = png->size + 4;
+    png->failed |= data->failed;
     itn__put_number(png, data->size, 4, 1);
     itn__put(png, type, 4);
     itn__put(png, data->bytes, data->size);
     if (!png->failed) itn__put_number(png, itn__crc32(png->bytes + start, data->size + 4), 4, 1);
-    png->failed |= data->failed;
     data->size = 0;
 }
 
@@ -12959,9 +12962,6 @@ static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
     size_t vertices = b->positions.size / 12, triangles = b->triangles.size / 12, i, k;
     float size = 0, farthest = 0;
     itn_result result;
-    if (!triangles)
-        return itn__fail(error, ITN_ERROR_FORMAT, 0,
-                         "%s: mesh has no face, or the file is neither PLY nor OBJ", name);
     if (vertices > INT_MAX / 3 || triangles > INT_MAX / 3)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: mesh is too large", name);
     for (k = 0; k < 3; k++) {
@@ -13232,6 +13232,8 @@ ITN_API ITN__COLD itn_result itn_mesh_from_memory(const void *bytes, size_t size
     if (b.positions.failed || b.texcoords.failed || b.corners.failed || b.triangles.failed ||
         b.uvs.failed)
         result = itn__out_of_memory(error, text.name);
+    else if (!result && !b.triangles.size)
+        result = itn__fail_format(bytes, size, text.name, "a PLY or OBJ mesh with a face", error);
     else if (!result) result = itn__builder_mesh(&b, text.name, &checked, &made, error);
     itn__buffer_free(&b.positions), itn__buffer_free(&b.texcoords), itn__buffer_free(&b.corners);
     itn__buffer_free(&b.triangles), itn__buffer_free(&b.uvs);

@@ -627,8 +627,9 @@ static void pack_runs(const unsigned char *bytes, size_t size, itn__buffer *out)
 }
 
 /* A file of channels F (float), H (half), U (uint) whose pixel x, y holds x + 3 y, a data window at
-   (-5, 7) and blocks in any order. */
-static itn__buffer make_exr(int width, int height, int compression, int decreasing) {
+   (-5, 7) and blocks in any order. shown: the display window, NULL: there is none. */
+static itn__buffer make_exr_in(int width, int height, int compression, int decreasing,
+                               const int32_t *shown) {
     itn__buffer file = ITN_ZERO, raw = ITN_ZERO, list = ITN_ZERO;
     int lines = compression == 3 ? 16 : 1, blocks = (height + lines - 1) / lines, i, x, y, c;
     size_t table;
@@ -648,6 +649,7 @@ static itn__buffer make_exr(int width, int height, int compression, int decreasi
     put_attribute(&file, "owner", "nobody at all", 13);
     put_attribute(&file, "compression", &compression_byte, 1);
     put_attribute(&file, "dataWindow", window, 16); /* tests run on little-endian machines */
+    if (shown) put_attribute(&file, "displayWindow", shown, 16);
     put_u8(&file, 0);
     table = file.size;
     for (i = 0; i < blocks; i++) put_u64(&file, 0);
@@ -686,6 +688,10 @@ static itn__buffer make_exr(int width, int height, int compression, int decreasi
     itn__buffer_free(&raw);
     itn__buffer_free(&list);
     return file;
+}
+
+static itn__buffer make_exr(int width, int height, int compression, int decreasing) {
+    return make_exr_in(width, height, compression, decreasing, NULL);
 }
 
 static void test_exr_variants(void) {
@@ -829,16 +835,16 @@ static void test_exr_damaged_block(void) {
     CHECK(itn_image_save_exr(&image, in_directory("image.exr"), NULL) == ITN_OK);
     itn_image_free(&image);
     CHECK(itn__read_file(in_directory("image.exr"), SIZE_MAX / 4, NULL, &file, NULL) == ITN_OK);
-    file.bytes[file.size - 2 * BLOCK]++; /* the row of the last block but one */
+    file.bytes[file.size - 2 * BLOCK]--; /* the row of the last block but one: there is one */
     CHECK(itn_image_from_memory(file.bytes, file.size, NULL, NULL, &image, &error));
     sprintf(place, "byte %d: EXR block 2: ", (int)file.size - 2 * BLOCK);
     check_report(strstr(error.message, place) != NULL, __FILE__, __LINE__, "%s", error.message);
     itn__buffer_free(&file);
 }
 
-/* A table that was never filled in, of a program that was stopped: the blocks are there all the
-   same. planted: it is filled in, and wrong. */
-static void check_exr_empty_table(int planted) {
+/* A table that was never filled in, of a program that was stopped, or that is wrong: the blocks are
+   there all the same. planted: another pixel is expected. */
+static void check_exr_empty_table(int wrong, int planted) {
     itn__buffer file = make_exr(17, 33, 3, 1);
     itn_image image = ITN_ZERO;
     uint64_t entry, first = file.size;
@@ -847,16 +853,54 @@ static void check_exr_empty_table(int planted) {
         entry = get_u64(file.bytes + i);
         if (entry < file.size && entry > i + 16 && get_u64(file.bytes + i + 8) < entry &&
             get_u64(file.bytes + i + 16) == i + 24) {
-            memset(file.bytes + i, planted, 16);
+            memset(file.bytes + i, wrong, 16);
             first = i;
             break;
         }
     }
     CHECK(first < file.size);
     CHECK(itn_image_from_memory(file.bytes, file.size, NULL, NULL, &image, NULL) == ITN_OK);
-    CHECK(image.pixels && image.pixels[17 * 33 - 1] == 16 + 3 * 32);
+    CHECK(image.pixels && image.pixels[17 * 33 - 1 - planted] == 16 + 3 * 32);
     itn_image_free(&image);
     itn__buffer_free(&file);
+}
+
+/* The display window is the image: 0 where there are no data, and data beyond it are left out.
+   planted: one pixel further. */
+static void check_exr_windows(int planted) {
+    static const int32_t windows[][4] = {{-9, 3, 20, 50}, {-2, 10, 3, 20}, {0, 0, 100, 8},
+                                         {-5, 7, 11, 39}, {100, 100, 101, 101}};
+    static const int32_t bad[][4] = {{0, 0, 5, -1}, {0, 0, 0x7fffffff, 0x7fffffff},
+                                     {-0x7fffffff, 0, 0x7fffffff, 0}, {0, 0, 999, 999}};
+    size_t i;
+    int compression, x, y, c;
+    accountant a;
+    for (i = 0; i < sizeof windows / sizeof *windows; i++)
+        for (compression = 0; compression < 4; compression += 3) {
+            const int32_t *w = windows[i];
+            itn__buffer file = make_exr_in(17, 33, compression, 0, w);
+            itn_image image = ITN_ZERO;
+            int wrong = 0;
+            CHECK(!itn_image_from_memory(file.bytes, file.size, NULL, NULL, &image, NULL));
+            CHECK(image.width == w[2] - w[0] + 1 && image.height == w[3] - w[1] + 1);
+            for (c = 0; c < image.plane_count; c++)
+                for (y = 0; y < image.height; y++)
+                    for (x = 0; x < image.width; x++) {
+                        int column = x + w[0] + 5 + planted, row = y + w[1] - 7;
+                        int inside = column >= 0 && column < 17 && row >= 0 && row < 33;
+                        wrong += *itn__pixel(&image, c, y, x) !=
+                                 (inside ? (float)(column + 3 * row) : 0);
+                    }
+            CHECK(wrong == 0);
+            itn_image_free(&image);
+            itn__buffer_free(&file);
+        }
+    for (i = 0; i < sizeof bad / sizeof *bad; i++) {
+        itn__buffer file = make_exr_in(17, i == 3 ? 3 : 33, 3, 0, bad[i]);
+        CHECK(load_checked(0, file.bytes, file.size, 0, &a) == ITN_ERROR_FORMAT);
+        CHECK(a.largest < 1e6);
+        itn__buffer_free(&file);
+    }
 }
 
 static void test_image_arguments(void) {
@@ -964,6 +1008,8 @@ static void check_png(float wrong_scale) {
     itn_image_free(&image);
 }
 
+static int byte_of(float light) { return (int)(itn__encode((double)light, 0) * 255 + .5); }
+
 static void test_png_shapes(void) {
     int n;
     for (n = 0; n < 60; n++) {
@@ -983,7 +1029,7 @@ static void test_png_shapes(void) {
             for (x = 0; x < w; x++)
                 for (k = 0; k < 3; k++)
                     wrong += rows[y * (1 + 3 * w) + 1 + 3 * x + k] !=
-                             itn__byte(itn__srgb(image.pixels[(k * h + y) * w + x]));
+                             byte_of(image.pixels[(k * h + y) * w + x]);
         CHECK(wrong == 0);
         free(rows);
         if (n == 0) /* black, automatic scale */
@@ -991,6 +1037,468 @@ static void test_png_shapes(void) {
                                       NULL));
         itn_image_free(&image);
     }
+}
+
+/* ---- PNG files of the test's own making ---- */
+
+static void put_big(itn__buffer *b, uint32_t value) { itn__put_number(b, value, 4, 1); }
+
+static void put_chunk(itn__buffer *png, const char *type, const void *data, size_t size) {
+    put_big(png, (uint32_t)size);
+    itn__put(png, type, 4);
+    itn__put(png, data, size);
+    put_big(png, itn__crc32(png->bytes + png->size - size - 4, size + 4));
+}
+
+/* Codes of all samples [height][width][samples]; other: chunks behind the header. */
+typedef struct png_case {
+    int width, height, depth, type, samples;
+    const unsigned *codes;
+    itn__buffer other;
+} png_case;
+
+/* Filters a row by the definition; `above` may be NULL. */
+static void filter_row(const unsigned char *raw, const unsigned char *above, size_t size,
+                       size_t step, int filter, unsigned char *out) {
+    size_t i;
+    for (i = 0; i < size; i++) {
+        int a = i >= step ? raw[i - step] : 0, b = above ? above[i] : 0;
+        int c = i >= step && above ? above[i - step] : 0, p = a + b - c, q = c;
+        if (abs(p - a) <= abs(p - b) && abs(p - a) <= abs(p - c)) q = a;
+        else if (abs(p - b) <= abs(p - c)) q = b;
+        q = filter == 4 ? q : filter == 3 ? (a + b) / 2 : filter == 2 ? b : filter ? a : 0;
+        out[i] = (unsigned char)(raw[i] - q);
+    }
+}
+
+static itn__buffer make_png(const png_case *c) {
+    itn__buffer png = ITN_ZERO, header = ITN_ZERO, rows = ITN_ZERO, packed = ITN_ZERO;
+    size_t bits = (size_t)(c->depth * c->samples), line = ((size_t)c->width * bits + 7) / 8, at, n;
+    unsigned char *raw = (unsigned char *)calloc(2, line), *filtered = (unsigned char *)malloc(line);
+    int y, i;
+    itn__put(&png, "\x89PNG\r\n\x1a\n", 8);
+    put_big(&header, (uint32_t)c->width), put_big(&header, (uint32_t)c->height);
+    put_u8(&header, (unsigned)c->depth), put_u8(&header, (unsigned)c->type);
+    itn__put(&header, "\0\0\0", 3);
+    put_chunk(&png, "IHDR", header.bytes, header.size);
+    put_chunk(&png, "tEXt", "Comment\0of no use", 17);
+    if (c->other.size) itn__put(&png, c->other.bytes, c->other.size);
+    for (y = 0; y < c->height; y++) {
+        int filter = (int)(random_bits() % 5), count = c->width * c->samples;
+        unsigned char *row = raw + (y & 1 ? line : 0), *above = raw + (y & 1 ? 0 : line);
+        memset(row, 0, line);
+        for (i = 0; i < count; i++) {
+            unsigned code = c->codes[y * count + i];
+            size_t bit = (size_t)(i * c->depth);
+            if (c->depth == 16) row[bit / 8] = (unsigned char)(code >> 8), row[bit / 8 + 1] = code & 255;
+            else row[bit / 8] |= (unsigned char)(code << (8 - (size_t)c->depth - bit % 8));
+        }
+        filter_row(row, y ? above : NULL, line, (bits + 7) / 8, filter, filtered);
+        put_u8(&rows, (unsigned)filter);
+        itn__put(&rows, filtered, line);
+    }
+    zlib_encode(rows.bytes, rows.size, line + 1, &packed);
+    for (at = 0; at < packed.size; at += n) { /* the stream in pieces */
+        n = random_bits() % 3000;
+        if (n > packed.size - at) n = packed.size - at;
+        put_chunk(&png, "IDAT", packed.bytes + at, n);
+    }
+    put_chunk(&png, "IEND", "", 0);
+    free(raw), free(filtered);
+    itn__buffer_free(&header), itn__buffer_free(&rows), itn__buffer_free(&packed);
+    return png;
+}
+
+static const struct { int type, samples, depth; } png_types[] = {
+    {0, 1, 1}, {0, 1, 2}, {0, 1, 4}, {0, 1, 8}, {0, 1, 16}, {2, 3, 8}, {2, 3, 16}, {3, 1, 1},
+    {3, 1, 2}, {3, 1, 4}, {3, 1, 8}, {4, 2, 8}, {4, 2, 16}, {6, 4, 8}, {6, 4, 16}};
+enum { PNG_TYPES = sizeof png_types / sizeof *png_types };
+
+/* A file of random pixels; codes: [height][width][samples], to be freed. */
+static itn__buffer random_png(int index, int width, int height, int transparent, unsigned **codes,
+                              unsigned char palette[4][256]) {
+    png_case c = ITN_ZERO;
+    itn__buffer png;
+    int i, count, depth = png_types[index].depth, entries = 1 << (depth < 8 ? depth : 8);
+    unsigned char bytes[768];
+    c.width = width, c.height = height, c.depth = depth;
+    c.type = png_types[index].type, c.samples = png_types[index].samples;
+    count = width * height * c.samples;
+    *codes = (unsigned *)malloc(sizeof **codes * (size_t)count);
+    for (i = 0; i < count; i++) (*codes)[i] = random_bits() & ((1u << depth) - 1);
+    for (i = 0; i < 1024; i++) palette[i / 256][i % 256] = (unsigned char)random_bits();
+    if (!transparent) memset(palette[3], 255, 256);
+    for (i = 0; i < 768; i++) bytes[i] = palette[i % 3][i / 3];
+    if (c.type == 3) put_chunk(&c.other, "PLTE", bytes, 3 * (size_t)entries);
+    if (c.type == 3 && transparent) put_chunk(&c.other, "tRNS", palette[3], (size_t)entries);
+    c.codes = *codes;
+    png = make_png(&c);
+    itn__buffer_free(&c.other);
+    return png;
+}
+
+/* Every type and depth against the definition; planted: a code is another. */
+static void check_png_types(unsigned planted) {
+    int index, size, transparent, x, y, k;
+    for (index = 0; index < PNG_TYPES; index++)
+        for (size = 0; size < 3; size++)
+            for (transparent = 0; transparent < 2; transparent++) {
+                static const int sizes[][2] = {{1, 1}, {37, 11}, {8, 90}};
+                int width = sizes[size][0], height = sizes[size][1], type = png_types[index].type;
+                int colours = type & 2 ? 3 : 1, samples = png_types[index].samples;
+                int alpha = type > 3 || (type == 3 && transparent), wrong = 0;
+                unsigned *codes, largest = type == 3 ? 255 : (1u << png_types[index].depth) - 1;
+                unsigned char palette[4][256];
+                itn__buffer file = random_png(index, width, height, transparent, &codes, palette);
+                itn_image image = ITN_ZERO;
+                itn_error error = ITN_ZERO;
+                check_report(!itn_image_from_memory(file.bytes, file.size, "a.png", NULL, &image,
+                                                    &error), __FILE__, __LINE__, "%s", error.message);
+                codes[0] ^= planted;
+                CHECK(image.width == width && image.height == height &&
+                      image.codes == (int)largest && image.gamma == 0);
+                CHECK(image.plane_count == colours + alpha && (itn_image_plane(&image, "A") != NULL) == alpha &&
+                      itn_image_plane(&image, colours == 3 ? "B" : "Y"));
+                for (y = 0; y < image.height; y++)
+                    for (x = 0; x < image.width; x++)
+                        for (k = 0; k < image.plane_count; k++) {
+                            const unsigned *code = codes + (y * width + x) * samples;
+                            double v = (type == 3 ? palette[k][code[0]] : code[k]) / (double)largest;
+                            if (k < colours)
+                                v = v <= .04045 ? v / 12.92 : pow((v + .055) / 1.055, 2.4);
+                            wrong += !(fabs((double)*itn__pixel(&image, k, y, x) - v) <= 1e-7);
+                        }
+                CHECK(wrong == 0);
+                itn_image_free(&image);
+                itn__buffer_free(&file);
+                free(codes);
+            }
+}
+
+/* Makes the checksums of all whole chunks right. */
+static void mend_png(unsigned char *bytes, size_t size) {
+    size_t at = 8, length;
+    for (; at + 12 <= size; at += length + 12) {
+        uint32_t sum;
+        int k;
+        length = big_endian(bytes + at);
+        if (length > size - at - 12) return;
+        sum = itn__crc32(bytes + at + 4, length + 4);
+        for (k = 0; k < 4; k++) bytes[at + 8 + length + (size_t)k] = (unsigned char)(sum >> (24 - 8 * k));
+    }
+}
+
+/* Damage of every kind, with the checksums as they were and made right; then some of a kind. */
+static void test_png_damage(void) {
+    static const struct { const char *type; size_t at; unsigned value; itn_result result; } lies[] = {
+        {"IHDR", 0, 0x80, ITN_ERROR_FORMAT},     {"IHDR", 1, 0xff, ITN_ERROR_FORMAT},
+        {"IHDR", 3, 0, ITN_ERROR_FORMAT},        {"IHDR", 7, 99, ITN_ERROR_FORMAT},
+        {"IHDR", 8, 3, ITN_ERROR_FORMAT},        {"IHDR", 8, 32, ITN_ERROR_FORMAT},
+        {"IHDR", 8, 16, ITN_ERROR_FORMAT},       {"IHDR", 9, 1, ITN_ERROR_FORMAT},
+        {"IHDR", 9, 7, ITN_ERROR_FORMAT},        {"IHDR", 9, 2, ITN_ERROR_FORMAT},
+        {"IHDR", 10, 1, ITN_ERROR_FORMAT},       {"IHDR", 11, 1, ITN_ERROR_FORMAT},
+        {"IHDR", 12, 1, ITN_ERROR_UNSUPPORTED},  {"IHDR", 12, 2, ITN_ERROR_FORMAT},
+        {"IHDR", -4, 'i', ITN_ERROR_FORMAT},     {"IDAT", -4, 'J', ITN_ERROR_UNSUPPORTED},
+        {"IDAT", 0, 0x79, ITN_ERROR_FORMAT},     {"IEND", -4, 'i', ITN_ERROR_FORMAT},
+        {"tEXt", -4, 'T', ITN_ERROR_UNSUPPORTED}};
+    unsigned *codes;
+    unsigned char palette[4][256], *damaged;
+    itn__buffer file = ITN_ZERO;
+    accountant a;
+    size_t k, i;
+    int index, n;
+    for (index = 0; index < PNG_TYPES; index++) {
+        file = random_png(index, 9, 5, 1, &codes, palette);
+        free(codes);
+        abuse(0, file.bytes, file.size, 200, 1);
+        damaged = (unsigned char *)malloc(file.size);
+        for (n = 0; n < 1500; n++) {
+            memcpy(damaged, file.bytes, file.size);
+            for (k = 1 + random_bits() % 3; k; k--)
+                damaged[8 + random_bits() % (file.size - 8)] ^= (unsigned char)(1 << random_bits() % 8);
+            mend_png(damaged, file.size);
+            load_checked(0, damaged, file.size, 0, &a);
+            CHECK(a.largest < 1032. * 8 * 16 * (double)file.size + 300000);
+        }
+        free(damaged);
+        itn__buffer_free(&file);
+    }
+    for (k = 0; k < sizeof lies / sizeof *lies; k++) {
+        file = random_png(3, 9, 5, 0, &codes, palette);
+        free(codes);
+        for (i = 8; memcmp(file.bytes + i, lies[k].type, 4);) i++;
+        file.bytes[i + 4 + lies[k].at] = (unsigned char)lies[k].value;
+        mend_png(file.bytes, file.size);
+        check_report(load_checked(0, file.bytes, file.size, 0, &a) == lies[k].result, __FILE__,
+                     __LINE__, "PNG lie %d", (int)k);
+        CHECK(a.largest < 300000); /* light of 16-bit codes */
+        itn__buffer_free(&file);
+    }
+    { /* the error of a damaged chunk tells the place; each bit of a file counts, but of no text */
+        itn_image image;
+        itn_error error;
+        file = random_png(3, 9, 5, 0, &codes, palette);
+        free(codes);
+        file.bytes[8 + 25 + 10]++;
+        CHECK(itn_image_from_memory(file.bytes, file.size, "a.png", NULL, &image, &error));
+        check_report(!strcmp(error.message, "a.png: byte 41: PNG chunk 1: checksum is wrong"),
+                     __FILE__, __LINE__, "%s", error.message);
+        itn__buffer_free(&file);
+    }
+}
+
+/* One row of grey codes, and what the chunks behind the header say of their curve. */
+static itn__buffer grey_png(int depth, int width, const unsigned *codes, const char *type,
+                            const char *data, size_t size) {
+    png_case c = ITN_ZERO;
+    itn__buffer png;
+    c.width = width, c.height = 1, c.depth = depth, c.samples = 1, c.codes = codes;
+    if (type) put_chunk(&c.other, type, data, size);
+    png = make_png(&c);
+    itn__buffer_free(&c.other);
+    return png;
+}
+
+/* gAMA states the curve, but where it stands for sRGB; sRGB wins; odd ones are refused. */
+static void check_png_curves(double planted) {
+    static const unsigned codes[] = {0, 1, 10, 128, 254, 255};
+    static const struct { const char *type, *data; double gamma; } cases[] = {
+        {"gAMA", "\0\1\x86\xa0", 1}, {"gAMA", "\0\0\xc3\x50", 2}, {"gAMA", "\0\0\xb1\x8f", 0},
+        {"sRGB", "\0\0\0\0", 0}, {"gAMA", "\0\0\0\0", -1}, {"gAMA", "\xff\xff\xff\xff", -1},
+        {"PLTE", "\0\0\0\0", -1}, {"tRNS", "\0\0\0\0", -1}};
+    size_t i;
+    int k;
+    for (i = 0; i < sizeof cases / sizeof *cases; i++) {
+        itn__buffer file = grey_png(8, 6, codes, cases[i].type, cases[i].data, 4);
+        itn_image image = ITN_ZERO;
+        itn_result result = itn_image_from_memory(file.bytes, file.size, "a", NULL, &image, NULL);
+        CHECK((result != ITN_OK) == (cases[i].gamma < 0));
+        for (k = 0; k < 6 && !result; k++) {
+            double code = codes[k] / 255., gamma = cases[i].gamma + planted;
+            CHECK_NEAR(image.pixels[k], gamma > 0 ? pow(code, gamma)
+                                        : code <= .04045 ? code / 12.92
+                                                         : pow((code + .055) / 1.055, 2.4), 1e-6);
+        }
+        CHECK(result || image.gamma == (float)cases[i].gamma);
+        itn_image_free(&image);
+        itn__buffer_free(&file);
+    }
+}
+
+/* Files of other formats are called by their names. */
+static void test_other_formats(void) {
+    static const struct { const char *bytes; size_t size; const char *word; } cases[] = {
+        {"\xff\xd8\xff\xe0\0\x10JFIF", 10, "is a JPEG"}, {"#?RADIANCE\n", 11, "Radiance"},
+        {"#?RGBE\n", 7, "Radiance"}, {"\0\0\0\x1c" "ftypheic", 12, "HEIC"},
+        {"RIFF\1\2\3\4WEBPVP8", 15, "WebP"}, {"\x1f\x8b\x08\0", 4, "gzip"},
+        {"solid cube\nfacet", 16, "STL"}, {"II*\0", 4, "TIFF"}, {"GIF89a", 6, "GIF"},
+        {"BM12", 4, "BMP"}, {"no picture", 10, "is not "}, {"", 0, "is not "}};
+    unsigned char stl[84 + 50] = "a binary one";
+    itn_image image;
+    itn_mesh mesh;
+    itn_error error;
+    size_t i;
+    stl[80] = 1;
+    for (i = 0; i < sizeof cases / sizeof *cases; i++) {
+        CHECK(itn_image_from_memory(cases[i].bytes, cases[i].size, "x", NULL, &image, &error) ==
+              ITN_ERROR_FORMAT);
+        check_report(strstr(error.message, cases[i].word) && strstr(error.message, "PNG"), __FILE__,
+                     __LINE__, "%s", error.message);
+        CHECK(itn_mesh_from_memory(cases[i].bytes, cases[i].size, "x", NULL, &mesh, &error) ==
+              ITN_ERROR_FORMAT);
+        check_report(strstr(error.message, cases[i].word) && strstr(error.message, "PLY"), __FILE__,
+                     __LINE__, "%s", error.message);
+    }
+    CHECK(itn_mesh_from_memory(stl, sizeof stl, "x", NULL, &mesh, &error) == ITN_ERROR_FORMAT);
+    CHECK(strstr(error.message, "STL") != NULL);
+}
+
+/* ---- photos ---- */
+
+static itn_film_desc film_of(int width, int height, int channels) {
+    itn_film_desc film = ITN_ZERO;
+    film.width = width, film.height = height, film.channels = channels;
+    return film;
+}
+
+/* An image of planes "R", "G", "B" or "Y", and what other name is given. */
+static itn_image planes_of(int width, int height, int channels, const char *other) {
+    itn_image image = ITN_ZERO;
+    int k;
+    CHECK(!itn_image_create(width, height, channels + (other != NULL), NULL, &image, NULL));
+    for (k = 0; k < channels; k++) image.names[k][0] = channels == 3 ? "RGB"[k] : 'Y';
+    if (other) strcpy(image.names[channels], other);
+    return image;
+}
+
+/* Means over areas: of a crop of a plane a x + b y + c, of any size, they are its values in the
+   middle; the luminance of a grey film; planted: another crop. */
+static void check_photo_means(int planted) {
+    static const int sizes[][2] = {{12, 8}, {24, 16}, {30, 20}, {19, 13}, {13, 9}};
+    int s, k, x, y, channels;
+    for (s = 0; s < 5; s++)
+        for (channels = 1; channels <= 3; channels += 2) {
+            int width = sizes[s][0], height = sizes[s][1];
+            itn_image image = planes_of(width + 9, height + 5, 3, "Variance.Y"), photo = ITN_ZERO;
+            itn_photo_desc desc = ITN_ZERO;
+            itn_error error = ITN_ZERO;
+            double across = width / 12., down = height / 8.;
+            for (k = 0; k < 3; k++)
+                for (y = 0; y < height + 5; y++)
+                    for (x = 0; x < width + 9; x++)
+                        *itn__pixel(&image, k, y, x) = (float)(k + .25 * x + .5 * y);
+            desc.crop_x = 4 + planted, desc.crop_y = 3;
+            desc.crop_width = width, desc.crop_height = height;
+            check_report(!itn_photo_make(&image, &desc, film_of(12, 8, channels), &photo, NULL,
+                                         &error), __FILE__, __LINE__, "%s", error.message);
+            CHECK(photo.plane_count == channels && !strcmp(photo.names[0], channels == 3 ? "R" : "Y"));
+            for (k = 0; k < photo.plane_count; k++)
+                for (y = 0; y < 8; y++)
+                    for (x = 0; x < 12; x++) {
+                        double value = .25 * (4 + (x + .5) * across - .5) +
+                                       .5 * (3 + (y + .5) * down - .5);
+                        value += channels == 3 ? k : .7152 + 2 * .0722;
+                        /* a pixel is constant: its middle does not count as much as its share */
+                        CHECK_NEAR(*itn__pixel(&photo, k, y, x), value,
+                                   s < 2 ? 1e-5 : .25 * (.25 + .5) + 1e-5);
+                    }
+            itn_image_free(&photo);
+            itn_image_free(&image);
+        }
+    { /* the total of shares is the total */
+        itn_image image = random_image(61, 43, 1, NULL), photo = ITN_ZERO;
+        double sum = 0, total = 0;
+        for (k = 0; k < 61 * 43; k++)
+            total += (double)(image.pixels[k] = (float)(random_bits() % 1000)) / (61 * 43);
+        CHECK(!itn_photo_make(&image, NULL, film_of(17, 12, 1), &photo, NULL, NULL));
+        for (k = 0; k < 17 * 12; k++) sum += (double)photo.pixels[k] / (17 * 12);
+        CHECK_NEAR(sum, total, 1e-4 * total);
+        itn_image_free(&photo);
+        itn_image_free(&image);
+    }
+}
+
+/* Variances: of rounding, through the curve; stated noise; layers; by how much means have less. */
+static void check_photo_noise(double factor) {
+    static unsigned codes[8] = {200, 200, 200, 200, 20, 20, 20, 20};
+    static const char linear[] = "\0\1\x86\xa0";
+    itn_photo_desc desc = ITN_ZERO;
+    itn_image image = ITN_ZERO, photo = ITN_ZERO;
+    itn__buffer file = grey_png(8, 8, codes, "gAMA", linear, 4);
+    double value = 20 / 255., step = 1 / 255.;
+    int k;
+    CHECK(!itn_image_from_memory(file.bytes, file.size, NULL, NULL, &image, NULL));
+    for (k = 0; k < 4; k++) {
+        desc.gamma = k & 1 ? 2 : 0, desc.read_noise = k > 1 ? .01f : 0, desc.gain = k > 1 ? .001f : 0;
+        CHECK(!itn_photo_make(&image, &desc, film_of(8, 1, 1), &photo, NULL, NULL));
+        CHECK(photo.plane_count == 2 && !strcmp(photo.names[1], "Variance.Y"));
+        {
+            double v = k & 1 ? value * value : value, s = (k & 1 ? 2 * value : 1) * step;
+            double variance = s * s / 12 + (k > 1 ? 1e-4 + .001 * v : s * s / 4);
+            CHECK_NEAR(photo.pixels[4], v, 1e-7);
+            CHECK_NEAR(photo.pixels[12], variance * factor, 1e-4 * variance);
+        }
+        itn_image_free(&photo);
+    }
+    itn_image_free(&image);
+    itn__buffer_free(&file);
+    /* four pixels each: 1/4 of what is independent, all of what is shared */
+    image = planes_of(4, 4, 1, "Variance.Y");
+    for (k = 0; k < 16; k++) image.pixels[k] = .5f, image.pixels[16 + k] = .04f;
+    CHECK(!itn_photo_make(&image, NULL, film_of(2, 2, 1), &photo, NULL, NULL));
+    CHECK_NEAR(photo.pixels[4], .01 * factor, 1e-8);
+    itn_image_free(&photo);
+    strcpy(image.names[1], "other"), image.codes = 255, image.gamma = 1;
+    CHECK(!itn_photo_make(&image, NULL, film_of(2, 2, 1), &photo, NULL, NULL));
+    CHECK_NEAR(photo.pixels[4], step * step * (1 / 48. + 1 / 4.) * factor, 1e-9);
+    itn_image_free(&photo);
+    image.codes = 65535; /* says next to nothing of its noise */
+    CHECK(!itn_photo_make(&image, NULL, film_of(2, 2, 1), &photo, NULL, NULL));
+    CHECK(photo.plane_count == 1);
+    itn_image_free(&photo);
+    itn_image_free(&image);
+    /* a grey film's noise is that of channels that have it together */
+    image = planes_of(1, 1, 3, NULL);
+    desc.gamma = 0, desc.read_noise = .1f, desc.gain = 0;
+    CHECK(!itn_photo_make(&image, &desc, film_of(1, 1, 1), &photo, NULL, NULL));
+    CHECK_NEAR(photo.pixels[1], .01 * factor, 1e-6);
+    itn_image_free(&photo);
+    itn_image_free(&image);
+}
+
+/* What is transparent, masked or saturated masks all film pixels it is a part of, whatever it holds. */
+static void test_photo_masks(void) {
+    itn_image image = planes_of(6, 6, 1, "A"), mask = planes_of(6, 6, 1, NULL), photo = ITN_ZERO;
+    itn_photo_desc desc = ITN_ZERO;
+    itn_photo_report report;
+    int k;
+    for (k = 0; k < 36; k++) image.pixels[k] = .5f, image.pixels[36 + k] = mask.pixels[k] = 1;
+    image.pixels[0] = NAN, image.pixels[36] = .99f; /* pixel 0, 0 is transparent */
+    CHECK(!itn_photo_make(&image, NULL, film_of(3, 3, 1), &photo, &report, NULL));
+    CHECK(photo.plane_count == 2 && report.masked == 1 && report.saturated == 0);
+    for (k = 0; k < 9; k++)
+        CHECK(photo.pixels[k] == (k ? .5f : 0) && photo.pixels[9 + k] == (k ? 0 : INFINITY));
+    CHECK(report.clipped == 32 && report.largest == .5f);
+    itn_image_free(&photo);
+    mask.pixels[35] = .49f, image.pixels[3] = 2, desc.saturation = 1.5f, desc.mask = &mask;
+    CHECK(!itn_photo_make(&image, &desc, film_of(3, 3, 1), &photo, &report, NULL));
+    CHECK(report.masked == 3 && report.saturated == 1);
+    CHECK(photo.pixels[9 + 1] == INFINITY && photo.pixels[9 + 8] == INFINITY);
+    itn_image_free(&photo);
+    /* 4 film pixels of 1.5 pixels each: one in the middle of two is a part of both */
+    mask.pixels[35] = 1, mask.pixels[1] = 0, desc.saturation = 0;
+    CHECK(!itn_photo_make(&image, &desc, film_of(4, 4, 1), &photo, &report, NULL));
+    CHECK(report.masked == 2 && photo.pixels[17] == INFINITY && photo.pixels[18] == 0);
+    itn_image_free(&photo);
+    /* the largest code of a PNG is saturated */
+    image.codes = 255, image.pixels[3] = 1, mask.pixels[1] = 1;
+    CHECK(!itn_photo_make(&image, &desc, film_of(6, 6, 1), &photo, &report, NULL));
+    CHECK(report.masked == 2 && report.saturated == 1 && photo.pixels[36 + 3] == INFINITY);
+    itn_image_free(&photo);
+    itn_image_free(&image);
+    itn_image_free(&mask);
+}
+
+static void test_photo_refusals(void) {
+    static const struct { int w, h, channels; itn_photo_desc desc; const char *word; } cases[] = {
+        {3, 4, 1, {0, 0, 0, 0, 0, 0, 0, 0, NULL}, "another shape"},
+        {6, 3, 1, {0, 0, 0, 0, 0, 0, 0, 0, NULL}, "another shape"},
+        {7, 7, 1, {0, 0, 0, 0, 0, 0, 0, 0, NULL}, "too small"},
+        {3, 3, 3, {0, 0, 0, 0, 0, 0, 0, 0, NULL}, "R, G and B"},
+        {3, 3, 1, {1, 0, 6, 6, 0, 0, 0, 0, NULL}, "crop"},
+        {3, 3, 1, {-1, 0, 6, 6, 0, 0, 0, 0, NULL}, "crop"},
+        {3, 3, 1, {0, 0, 3, INT_MAX, 0, 0, 0, 0, NULL}, "crop"},
+        {3, 3, 1, {6, 0, 0, 0, 0, 0, 0, 0, NULL}, "crop"},
+        {3, 3, 1, {0, 0, 0, 0, NAN, 0, 0, 0, NULL}, "gamma"},
+        {3, 3, 1, {0, 0, 0, 0, 0, 0, -1, 0, NULL}, "read noise"},
+        {3, 3, 1, {0, 0, 0, 0, 0, 0, 0, INFINITY, NULL}, "gain"},
+        {3, 3, 2, {0, 0, 0, 0, 0, 0, 0, 0, NULL}, "film"}};
+    itn_image image = planes_of(6, 6, 1, NULL), photo, mask = planes_of(5, 6, 1, NULL);
+    itn_photo_desc desc = ITN_ZERO;
+    itn_error error = ITN_ZERO;
+    size_t i;
+    for (i = 0; i < sizeof cases / sizeof *cases; i++) {
+        memset(&photo, 0x5a, sizeof photo);
+        CHECK(itn_photo_make(&image, &cases[i].desc, film_of(cases[i].w, cases[i].h, cases[i].channels),
+                             &photo, NULL, &error) == ITN_ERROR_ARGUMENT);
+        check_report(strstr(error.message, cases[i].word) != NULL, __FILE__, __LINE__, "%s",
+                     error.message);
+        CHECK(photo.width == 0x5a5a5a5a);
+    }
+    desc.mask = &mask;
+    CHECK(itn_photo_make(&image, &desc, film_of(3, 3, 1), &photo, NULL, &error));
+    CHECK(strstr(error.message, "mask") != NULL);
+    image.pixels[8] = NAN;
+    CHECK(itn_photo_make(&image, NULL, film_of(3, 3, 1), &photo, NULL, &error));
+    CHECK(strstr(error.message, "pixel 2, 1") != NULL);
+    strcpy(image.names[0], "Z"); /* the only plane may have any name */
+    image.pixels[8] = 1;
+    CHECK(!itn_photo_make(&image, NULL, film_of(3, 3, 1), &photo, NULL, &error));
+    itn_image_free(&photo);
+    CHECK(itn_photo_make(NULL, NULL, film_of(3, 3, 1), &photo, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_photo_make(&image, NULL, film_of(3, 3, 1), NULL, NULL, NULL) == ITN_ERROR_ARGUMENT);
+    itn_image_free(&image);
+    itn_image_free(&mask);
 }
 
 /* ---- OBJ ---- */
@@ -1051,8 +1559,8 @@ static void test_obj(void) {
     CHECK(mesh.triangles[0] == 1 && mesh.triangles[1] == 0 && mesh.triangles[2] == 2);
     CHECK(mesh.uvs && mesh.uvs[2] == .25f && mesh.uvs[3] == .5f && mesh.uvs[4] == 1);
     itn_mesh_free(&mesh);
-    expect_refusal("", 0, "no face");
-    expect_refusal(SQUARE, 0, "no face");
+    expect_refusal("", 0, "with a face");
+    expect_refusal(SQUARE, 0, "with a face");
     expect_refusal(SQUARE "f 1 2\n", 5, "three corners");
     expect_refusal(SQUARE "f\n", 5, "three corners");
     expect_refusal(SQUARE "f 1 2 5\n", 5, "'5'");
@@ -1078,7 +1586,7 @@ static void test_obj(void) {
     expect_refusal("v 0 0 0x1\n", 1, "'0x1'");
     expect_refusal("v 0 0 red\n", 1, "'red'");
     expect_refusal("v 0 0 1,5\n", 1, "'1,5'");
-    expect_refusal("\x89PNG\r\n\x1a\n", 0, "no face");
+    expect_refusal("\x89PNG\r\n\x1a\n", 0, "with a face");
 }
 
 /* Area and sum of |area| of a mesh in the plane z = 0: equal if no triangle is turned over. */
@@ -1647,12 +2155,27 @@ int main(void) {
     test_exr_shared_bytes(0);
     CHECK_CATCHES(test_exr_shared_bytes(1));
     test_exr_damaged_block();
-    check_exr_empty_table(0);
-    CHECK_CATCHES(check_exr_empty_table(1));
+    check_exr_empty_table(0, 0);
+    check_exr_empty_table(1, 0);
+    CHECK_CATCHES(check_exr_empty_table(0, 1));
+    check_exr_windows(0);
+    CHECK_CATCHES(check_exr_windows(1));
     test_image_arguments();
     check_png(1);
     CHECK_CATCHES(check_png(1.02f));
     test_png_shapes();
+    check_png_types(0);
+    CHECK_CATCHES(check_png_types(1));
+    test_png_damage();
+    check_png_curves(0);
+    CHECK_CATCHES(check_png_curves(1));
+    test_other_formats();
+    check_photo_means(0);
+    CHECK_CATCHES(check_photo_means(1));
+    check_photo_noise(1);
+    CHECK_CATCHES(check_photo_noise(1.05));
+    test_photo_masks();
+    test_photo_refusals();
     test_obj();
     CHECK_CATCHES(expect_mesh(SQUARE "f 1 2 3 4\n", 4, 3, 0));
     CHECK_CATCHES(expect_refusal(SQUARE "f 1 2 5\n", 6, "'5'"));
