@@ -6188,6 +6188,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
     return itn__create_scene(desc, context, ITN_ERROR_ARGUMENT, scene, &kind, &index, error);
 }
+
 typedef struct itn__worker {
     itn__unit unit;
     itn__walk walk;           /* of the reference */
@@ -6225,8 +6226,8 @@ typedef struct itn__render {
     double done, share; /* of what progress is told: before this render, and in it */
     itn_render_stats stats, *report; /* report: where they go, or NULL */
     /* of the fast walk: */
-    const struct itn__tables *tables;
-    struct itn__tables *own; /* the same, where the scene does not keep them; else NULL */
+    const struct itn__voxels *voxels;
+    struct itn__voxels *own; /* the same, where the scene does not keep them; else NULL */
     struct itn__substance *substances; /* [1 + medium_count] */
     float constant[3];   /* sum of the lights that are everywhere the same; */
     int only_constant;   /* there is no other */
@@ -6241,6 +6242,7 @@ typedef struct itn__render {
     double lesson_unit;  /* in multiples of this */
     int rows;            /* of a path that are in use */
 } itn__render;
+
 #ifndef ITN_NO_FAST
 
 /* ---- [sobol] scrambled points that fill the cube evenly -------------------------------------- */
@@ -6336,24 +6338,20 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
 
    A triangle belongs to all cells that it comes within ITN__CELL_MARGIN cells of, by the separating
    axis theorem: a triangle and a box are disjoint if and only if their projections are on one of 13
-   axes, those of the box, the normal of the triangle, and the 9 cross products of their edges. A
-   triangle lies where a.x is at least the least a.corner for any a, so that rounding of an axis
-   costs tightness and not correctness.
+   axes, those of the box, the normal of the triangle, and the 9 cross products of their edges.
 
    How fine the voxels are is a matter of the media and of the job: cells of about a mean free path
    prove the most flights free, but a short render is over before they have paid for themselves. A
    scene keeps the tables of each level it was asked for; the first render that needs one makes it,
    and if two threads make the same one, the first to finish is kept. */
 
-enum { ITN__REACH = 120, ITN__AXIS_CELLS = 4096 }; /* largest distance, largest size */
-#define ITN__MAX_CELLS ((double)(1 << 24))
-#define ITN__MAX_COLUMNS ((double)(1 << 20)) /* of cells looked at, and 8 more for each triangle */
+enum { ITN__REACH = 120, ITN__MOST_CELLS = 1 << 24 }; /* largest distance; most cells */
 #define ITN__CELL_MARGIN .01f
 #define ITN__SLAB_MARGIN .001f /* in cells */
 #define ITN__PLANE_STEP (1 / 32.f) /* of bounds, in cells */
 
 typedef struct itn__voxels {
-    itn_context context;
+    itn__kept kept;
     itn_vec3 lower;
     float cell, inverse_cell; /* p is in cell floor((p - lower) inverse_cell), axis by axis */
     int size[3];
@@ -6365,27 +6363,27 @@ typedef struct itn__voxels {
                         surface is about above that (8 bits); against (8 bits), 255: no claim */
     int32_t *first;  /* [cells + 2] of each cell's list, */
     int32_t *leaves; /* of leaves of the tree that have triangles in the cell */
-    int surface_count; /* cells that hold triangles */
+    float *normals;  /* [triangles][3] of unit length; 0 of triangles without area */
+    unsigned char *pixels; /* [height][width] 1 of empty ones, see itn__make_pixels */
 } itn__voxels;
 
-/* What the triangles of a cell amount to, in cells relative to its middle. */
+/* What the triangles of a cell amount to, in cells relative to its middle: for all x in them and in
+   the cell least <= n.x <= most; |m - n| <= chord for their unit normals m, and chord is at least 2
+   where some are not of the closed object. */
 typedef struct itn__patch {
-    itn_vec3 normal;   /* sum of their normals, by area */
-    itn_vec3 unit;     /* along it; for all parts of triangles in the cell */
-    float least, most; /* least <= unit . x <= most, */
-    float chord;       /* |m - unit| <= chord, at least 2 for triangles not of the closed object */
+    itn_vec3 n; /* of unit length; at first, the sum of their normals by area */
+    float least, most, chord;
 } itn__patch;
 
 /* What is needed while the tables are made. */
 typedef struct itn__voxel_build {
     const itn_bvh *bvh;
     itn__voxels *voxels;
-    uint64_t closed;    /* the one closed object of the scene, if there is just one */
-    double largest;     /* coordinate in the grid */
-    int32_t *starts;    /* [slots + 1] of each triangle's cells, */
-    int32_t *covered;   /* which are these, then -1; NULL while they are counted */
-    int32_t *numbers;   /* [cells] of the patches of cells that hold triangles, or -1 */
-    itn__patch *patches; /* [surface_count] */
+    uint64_t closed;     /* the one closed object of the scene, if there is just one */
+    float rounding;      /* of coordinates, in cells */
+    int32_t *touched;    /* [cells] those of a triangle */
+    int32_t *last;       /* [cells] last leaf that was listed */
+    itn__patch *patches; /* [cells] */
 } itn__voxel_build;
 
 ITN__INLINE size_t itn__cell_count(const itn__voxels *voxels) {
@@ -6398,6 +6396,9 @@ ITN__INLINE void itn__cell_place(const itn__voxels *voxels, int cell, int at[3])
     at[0] = cell % voxels->size[0], cell /= voxels->size[0];
     at[1] = cell % voxels->size[1], at[2] = cell / voxels->size[1];
 }
+ITN__INLINE int itn__holds_triangles(const itn__voxels *voxels, int cell) {
+    return voxels->first[cell + 1] > voxels->first[cell];
+}
 static int itn__on_border(const itn__voxels *voxels, int cell) {
     int at[3], k, on = 0;
     itn__cell_place(voxels, cell, at);
@@ -6405,17 +6406,13 @@ static int itn__on_border(const itn__voxels *voxels, int cell) {
     return on;
 }
 
-/* A triangle in units of cells, the range of cells that its box touches, and its least and most
-   a.x along the axes that may separate it from a box. */
+/* A triangle in units of cells; the range of cells that its box touches; and axes a that may
+   separate it from a cell: it touches those whose middle c has least <= a.c <= most for all. */
 typedef struct itn__raster {
-    float p[3][3];
-    float margin; /* in cells, within which it touches one */
+    float p[3][3], margin;
     int range[3][2];
     float axis[3][16], least[16], most[16];
 } itn__raster;
-
-/* A place in cells, kept in what int can say. */
-ITN__INLINE int itn__cell_of(float x) { return (int)floorf(itn__clamp(x, -1e9f, 1e9f)); }
 
 /* Loads a triangle and its range. Returns 0 if there is none, or if two of its corners are equal:
    no ray can hit it. (Others without area may be hit when rounding opens them.) */
@@ -6434,175 +6431,158 @@ static int itn__raster_load(const itn__voxels *voxels, const itn__triangle *tria
     }
     r->margin = 1.2f * ITN__CELL_MARGIN + 16 * FLT_EPSILON * size;
     for (k = 0; k < 3; k++) {
-        float least = itn__min(r->p[0][k], itn__min(r->p[1][k], r->p[2][k]));
-        float most = itn__max(r->p[0][k], itn__max(r->p[1][k], r->p[2][k]));
-        int first = itn__cell_of(least - r->margin), last = itn__cell_of(most + r->margin);
-        r->range[k][0] = first > 0 ? first : 0;
-        r->range[k][1] = last < voxels->size[k] ? last : voxels->size[k] - 1;
-        inside &= r->range[k][0] <= r->range[k][1];
+        float least = itn__min(r->p[0][k], itn__min(r->p[1][k], r->p[2][k])) - r->margin;
+        float most = itn__max(r->p[0][k], itn__max(r->p[1][k], r->p[2][k])) + r->margin;
+        float end = (float)voxels->size[k];
+        inside &= least < end && most >= 0;
+        r->range[k][0] = (int)itn__clamp(least, 0, end - 1);
+        r->range[k][1] = (int)itn__clamp(most, 0, end - 1);
     }
     return inside;
 }
 
-/* The axes: those of the box, the normal, and edges across those of the box. */
+/* The axes that are not those of the box: the normal, and edges across those of the box. */
 static void itn__raster_axes(itn__raster *r) {
     float edge[3][3];
-    int j, k, from;
+    int i, j, k;
     memset(r->axis, 0, sizeof r->axis);
     for (j = 0; j < 3; j++)
         for (k = 0; k < 3; k++) edge[j][k] = r->p[(j + 1) % 3][k] - r->p[j][k];
     for (k = 0; k < 3; k++) {
         int l = (k + 1) % 3, m = (k + 2) % 3;
-        r->axis[k][k] = 1;
-        r->axis[k][3] = edge[0][l] * edge[1][m] - edge[0][m] * edge[1][l];
+        r->axis[k][0] = edge[0][l] * edge[1][m] - edge[0][m] * edge[1][l];
         for (j = 0; j < 3; j++)
-            r->axis[l][4 + 3 * k + j] = -edge[j][m], r->axis[m][4 + 3 * k + j] = edge[j][l];
+            r->axis[l][1 + 3 * k + j] = -edge[j][m], r->axis[m][1 + 3 * k + j] = edge[j][l];
     }
-    for (from = 0; from < 16; from += ITN__LANES) {
-        itn__floats x[3];
-        for (j = 0; j < 3; j++)
-            x[j] = itn__load(r->axis[0] + from) * r->p[j][0] +
-                   itn__load(r->axis[1] + from) * r->p[j][1] +
-                   itn__load(r->axis[2] + from) * r->p[j][2];
-        itn__store(r->least + from, itn__least(x[0], itn__least(x[1], x[2])));
-        itn__store(r->most + from, itn__most(x[0], itn__most(x[1], x[2])));
+    for (i = 0; i < 16; i += ITN__LANES) {
+        itn__floats a[3], x[3], wide = itn__splat(FLT_MIN);
+        for (k = 0; k < 3; k++)
+            a[k] = itn__load(r->axis[k] + i), wide += itn__absolute(a[k]) * (.5f + r->margin);
+        for (j = 0; j < 3; j++) x[j] = a[0] * r->p[j][0] + a[1] * r->p[j][1] + a[2] * r->p[j][2];
+        itn__store(r->least + i, itn__least(x[0], itn__least(x[1], x[2])) - wide);
+        itn__store(r->most + i, itn__most(x[0], itn__most(x[1], x[2])) + wide);
     }
 }
 
-/* Whether some axis separates the triangle from a range of cells. */
-static int itn__raster_misses(const itn__raster *r, const int range[3][2]) {
-    itn__floats middle[3], half[3];
-    int k, from;
-    for (k = 0; k < 3; k++) {
-        middle[k] = itn__splat(.5f * (float)(range[k][1] + 1 + range[k][0]));
-        half[k] = itn__splat(.5f * (float)(range[k][1] + 1 - range[k][0]) + r->margin);
-    }
-    for (from = 0; from < 13; from += ITN__LANES) {
-        itn__floats x = itn__splat(0), wide = x;
-        for (k = 0; k < 3; k++) {
-            itn__floats axis = itn__load(r->axis[k] + from);
-            x += axis * middle[k], wide += itn__absolute(axis) * half[k];
+/* Writes the cells that a triangle touches and returns how many there are: in each row along x,
+   those between the bounds of all axes. */
+static int itn__raster_cells(const itn__voxels *voxels, const itn__triangle *triangle,
+                             int32_t *cells) {
+    itn__raster r;
+    int x, y, z, i, count = 0;
+    if (!itn__raster_load(voxels, triangle, &r)) return 0;
+    itn__raster_axes(&r);
+    for (z = r.range[2][0]; z <= r.range[2][1]; z++)
+        for (y = r.range[1][0]; y <= r.range[1][1]; y++) {
+            float first = (float)r.range[0][0] + .5f, last = (float)r.range[0][1] + .5f;
+            itn__floats from = itn__splat(first), to = itn__splat(last);
+            for (i = 0; i < 16; i += ITN__LANES) { /* NaN, on a bound, counts as none */
+                itn__floats rest = itn__load(r.axis[1] + i) * ((float)y + .5f) +
+                                   itn__load(r.axis[2] + i) * ((float)z + .5f);
+                itn__floats inverse = 1 / itn__load(r.axis[0] + i);
+                itn__floats a = (itn__load(r.least + i) - rest) * inverse;
+                itn__floats b = (itn__load(r.most + i) - rest) * inverse;
+                from = itn__most(itn__least(a, b), from), to = itn__least(itn__most(a, b), to);
+            }
+            for (i = 0; i < ITN__LANES; i++) {
+                first = itn__max(first, ITN__LANE(from, i));
+                last = itn__min(last, ITN__LANE(to, i));
+            }
+            for (x = first <= last ? (int)ceilf(first - .5f) : INT_MAX; (float)x + .5f <= last; x++)
+                cells[count++] = itn__cell_index(voxels, x, y, z);
         }
-        if (itn__mask_bits(itn__less(x + wide, itn__load(r->least + from)) |
-                           itn__less(itn__load(r->most + from), x - wide)))
-            return 1;
-    }
-    return 0;
-}
-
-/* Counts the cells of a range that the triangle touches and, if there is room for them, writes
-   them: halves the range along its longest side until it is one cell, or missed. */
-static int itn__raster_cells(const itn__voxels *voxels, const itn__raster *r,
-                             const int range[3][2], int32_t *cells) {
-    int half[3][2], k = 0, j, count = 0;
-    if (itn__raster_misses(r, range)) return 0;
-    for (j = 1; j < 3; j++)
-        if (range[j][1] - range[j][0] > range[k][1] - range[k][0]) k = j;
-    if (range[k][1] == range[k][0]) {
-        if (cells) *cells = itn__cell_index(voxels, range[0][0], range[1][0], range[2][0]);
-        return 1;
-    }
-    for (j = 0; j < 2; j++) {
-        int middle = (range[k][0] + range[k][1]) / 2;
-        memcpy(half, range, sizeof half);
-        if (j) half[k][0] = middle + 1;
-        else half[k][1] = middle;
-        count += itn__raster_cells(voxels, r, (const int(*)[2])half, cells ? cells + count : NULL);
-    }
     return count;
 }
 
-/* The triangle in place slot % ITN__PACK of leaf slot / ITN__PACK; index -1: none. */
-static itn__triangle itn__slot_triangle(const itn_bvh *bvh, int slot) {
-    return itn__pack_triangle(&bvh->packs[slot / ITN__PACK], slot % ITN__PACK);
+static double itn__least_of(const double x[3]) { return fmin(x[0], fmin(x[1], x[2])); }
+static double itn__most_of(const double x[3]) { return fmax(x[0], fmax(x[1], x[2])); }
+
+static void itn__patch_widen(itn__patch *patch, double least, double most, double chord) {
+    patch->least = itn__min(patch->least, (float)least);
+    patch->most = itn__max(patch->most, (float)most);
+    patch->chord = itn__max(patch->chord, (float)chord);
 }
 
-/* The cells of the triangles of a block of leaves; where there are but few in a triangle's box,
-   room for all is counted, and what is left is -1. */
-static void itn__raster_block(void *task, int index) {
-    itn__voxel_build *build = (itn__voxel_build *)task;
-    int slot, k, end = ITN__PACK * itn__block_end(index, build->bvh->leaf_count);
-    for (slot = index * ITN__BLOCK * ITN__PACK; slot < end; slot++) {
-        itn__triangle triangle = itn__slot_triangle(build->bvh, slot);
-        int32_t *cells = build->covered ? build->covered + build->starts[slot] : NULL;
-        double box = 1;
-        int count = 0;
-        itn__raster r;
-        if (triangle.index < 0 || !itn__raster_load(build->voxels, &triangle, &r)) continue;
-        for (k = 0; k < 3; k++) box *= r.range[k][1] - r.range[k][0] + 1;
-        if (cells || box > 27) {
-            itn__raster_axes(&r);
-            count = itn__raster_cells(build->voxels, &r, (const int(*)[2])r.range, cells);
+/* |(a - b).x| for |x_k| within a cell is at most this. */
+static float itn__across_cell(itn_vec3 a, itn_vec3 b) {
+    itn_vec3 off = itn__sub(a, b);
+    return (fabsf(off.x) + fabsf(off.y) + fabsf(off.z)) * (.5f + ITN__CELL_MARGIN);
+}
+
+/* Adds a triangle, with the unit normal m and that area, to the patch of a cell. x in both has
+     n.x >= min n.p over the corners p,   and   n.x = m.x + (n - m).x >= min m.p - |(n - m).x|.
+   The sign of a front is judged by shadows whose corners have errors of some roundings of their
+   distance, which matters most for needles: that angle is added to the normal's. */
+static void itn__patch_add(const itn__voxel_build *build, const itn__triangle *triangle,
+                           const double m[3], double area, int cell) {
+    const itn__voxels *v = build->voxels;
+    const float lower[3] = {v->lower.x, v->lower.y, v->lower.z};
+    itn__patch *patch = &build->patches[cell];
+    const double n[3] = {patch->n.x, patch->n.y, patch->n.z};
+    const itn_vec3 unit = itn__vec3((float)m[0], (float)m[1], (float)m[2]);
+    double by_n[3] = {0, 0, 0}, by_m[3] = {0, 0, 0}, wide = itn__across_cell(patch->n, unit);
+    double size = 3, chord = 2, scale = 1 / (double)v->cell;
+    int at[3], j, k;
+    itn__cell_place(v, cell, at);
+    for (j = 0; j < 3; j++)
+        for (k = 0; k < 3; k++) {
+            double p = (triangle->corner[j][k] - (lower[k] + (at[k] + .5) * v->cell)) * scale;
+            by_n[j] += n[k] * p, by_m[j] += m[k] * p, size += 4 * p * p;
         }
-        if (!cells) build->starts[slot + 1] = box > 27 ? count : (int)box;
-        else while (count < build->starts[slot + 1] - build->starts[slot]) cells[count++] = -1;
+    if (area > 0 && (itn__object_bit(triangle->object) & build->closed))
+        chord = (double)itn__length(itn__sub(patch->n, unit)) +
+                16 * (double)FLT_EPSILON * size / (area * scale * scale);
+    itn__patch_widen(patch, fmax(itn__least_of(by_n), itn__least_of(by_m) - wide),
+                     fmin(itn__most_of(by_n), itn__most_of(by_m) + wide), chord);
+}
+
+/* Enters all triangles: first the sum of normals of each patch and the lengths of lists, then the
+   bounds of patches and the lists. A large triangle counts for a normal as a face of the cell. */
+static void itn__enter_triangles(const itn__voxel_build *build, int second) {
+    itn__voxels *v = build->voxels;
+    const itn_bvh *bvh = build->bvh;
+    int slot, i;
+    for (slot = 0; slot < bvh->leaf_count * ITN__PACK; slot++) {
+        int index = bvh->packs[slot / ITN__PACK].index[slot % ITN__PACK], leaf = slot / ITN__PACK;
+        const itn__triangle *triangle = index < 0 ? NULL : &bvh->triangles[index];
+        int count = triangle ? itn__raster_cells(v, triangle, build->touched) : 0;
+        double m[3], area = count ? itn__unit_normal(triangle, m) : 0;
+        float weight = (float)fmin(area / ((double)v->cell * v->cell), 2);
+        for (i = 0; i < count; i++) {
+            int cell = build->touched[i], mark = second ? ~leaf : leaf + 1;
+            int32_t *next = &v->first[cell + 2 - second];
+            itn__patch *patch = &build->patches[cell];
+            if (second) itn__patch_add(build, triangle, m, area, cell);
+            else patch->n = itn__along(patch->n, weight, itn__vec3((float)m[0], (float)m[1],
+                                                                   (float)m[2]));
+            if (build->last[cell] == mark) continue;
+            if (second) v->leaves[*next] = leaf;
+            ++*next, build->last[cell] = mark;
+        }
     }
 }
 
-/* Turns counts at first[1 + i] into first indices. Returns 0 if there are more than an int32_t can
-   say. */
+/* Turns counts at first[2 + i] into first indices at first[1 + i], which writing moves on. Returns
+   their sum, -1 if that is more than an int32_t can say. */
 static int itn__prefix_sum(int32_t *first, size_t count) {
     int64_t sum = 0;
     size_t i;
-    for (i = 1; i <= count; i++) {
-        sum += first[i];
-        if (sum > INT32_MAX) return 0;
-        first[i] = (int32_t)sum;
-    }
-    return 1;
-}
-
-/* Lists the leaves of each cell: counts them, then writes them. */
-static void itn__list_leaves(const itn__voxel_build *build) {
-    const itn__voxels *v = build->voxels;
-    int32_t *last = build->numbers;
-    int slots = build->bvh->leaf_count * ITN__PACK, pass, slot, k;
-    for (pass = 0; pass < 2; pass++) {
-        for (slot = 0; slot < slots; slot++)
-            for (k = build->starts[slot]; k < build->starts[slot + 1]; k++) {
-                int cell = build->covered[k], leaf = slot / ITN__PACK;
-                int32_t *next = v->first + cell + 2 - pass, mark = pass ? ~leaf : leaf + 1;
-                if (cell < 0 || last[cell] == mark) continue;
-                if (pass) v->leaves[*next] = leaf;
-                ++*next, last[cell] = mark;
-            }
-        if (!pass) itn__prefix_sum(v->first + 1, itn__cell_count(v)); /* writing moves each on */
-    }
-}
-
-/* Finds the cells of all triangles, and the leaves of all cells. Returns 0 if memory is out. */
-static int itn__voxel_lists(itn__voxel_build *build) {
-    itn__voxels *v = build->voxels;
-    const itn_context *context = &v->context;
-    int blocks = itn__block_count(build->bvh->leaf_count);
-    size_t cells = itn__cell_count(v), slots = (size_t)build->bvh->leaf_count * ITN__PACK, all;
-    build->starts = (int32_t *)itn__allocate(context, slots + 1, sizeof(int32_t));
-    build->numbers = (int32_t *)itn__allocate(context, cells, sizeof(int32_t));
-    v->first = (int32_t *)itn__allocate(context, cells + 2, sizeof(int32_t));
-    if (!build->starts || !build->numbers || !v->first) return 0;
-    itn__parallel_for(context, blocks, itn__raster_block, build);
-    if (!itn__prefix_sum(build->starts, slots)) return 0;
-    all = (size_t)build->starts[slots];
-    build->covered = (int32_t *)itn__allocate(context, all, sizeof(int32_t));
-    v->leaves = (int32_t *)itn__allocate(context, all, sizeof(int32_t));
-    if (!build->covered || !v->leaves) return 0;
-    itn__parallel_for(context, blocks, itn__raster_block, build);
-    itn__list_leaves(build);
-    return 1;
+    for (i = 0; i < count && sum <= INT32_MAX; i++)
+        sum += first[2 + i], first[2 + i] = (int32_t)sum;
+    return sum <= INT32_MAX ? (int)sum : -1;
 }
 
 /* The distance of each cell to the nearest that holds triangles or is beyond the border, where some
    may lie. Two sweeps, each against half of the 26 neighbours, are exact for the chessboard
    distance (Borgefors 1986). */
-static void itn__voxel_distances(itn__voxels *v, int32_t *numbers) {
+static void itn__voxel_distances(itn__voxels *v) {
     int32_t *d = v->cells;
     int count = (int)itn__cell_count(v), neighbours[13], pass, cell, k;
     for (k = 0; k < 13; k++)
         neighbours[k] = itn__cell_index(v, k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
     for (cell = 0; cell < count; cell++) {
-        int holds = v->first[cell + 1] > v->first[cell];
-        d[cell] = holds ? 0 : itn__on_border(v, cell) ? 1 : ITN__REACH;
-        numbers[cell] = holds ? v->surface_count++ : -1;
+        d[cell] = itn__on_border(v, cell) ? 1 : ITN__REACH;
+        if (itn__holds_triangles(v, cell)) d[cell] = 0;
     }
     for (pass = 0; pass < 2; pass++)
         for (cell = pass ? count - 1 : 0; cell >= 0 && cell < count; cell += pass ? -1 : 1)
@@ -6612,120 +6592,41 @@ static void itn__voxel_distances(itn__voxels *v, int32_t *numbers) {
             }
 }
 
-static double itn__least_of(const double x[3]) { return fmin(x[0], fmin(x[1], x[2])); }
-static double itn__most_of(const double x[3]) { return fmax(x[0], fmax(x[1], x[2])); }
-
-/* Adds a triangle, with the unit normal m and that area, to the patch of a cell. x in the cell,
-   |x_k| <= h, and in the triangle, of corners p, has
-     n.x >= min n.p   and   n.x = m.x + (n - m).x >= min m.p - |n - m|_1 h,
-   and the same for its most. The sign of a front is judged by shadows whose corners have errors of
-   some roundings of their distance, which matters most for needles: that angle is added to the
-   normal's. */
-static void itn__patch_add(const itn__voxel_build *build, const itn__triangle *triangle,
-                           const double m[3], double area, int cell, itn__patch *patch) {
-    const itn__voxels *v = build->voxels;
-    const double half = .5 + ITN__CELL_MARGIN, scale = 1 / (double)v->cell;
-    const double n[3] = {patch->unit.x, patch->unit.y, patch->unit.z};
-    const float lower[3] = {v->lower.x, v->lower.y, v->lower.z};
-    double by_n[3] = {0, 0, 0}, by_m[3] = {0, 0, 0}, wide = 0, chord = 0, size = 3;
-    double least, most;
-    int at[3], j, k;
-    itn__cell_place(v, cell, at);
-    for (k = 0; k < 3; k++) {
-        double middle = lower[k] + (at[k] + .5) * v->cell;
-        for (j = 0; j < 3; j++) {
-            double p = (triangle->corner[j][k] - middle) * scale;
-            by_n[j] += n[k] * p, by_m[j] += m[k] * p, size += 4 * p * p;
-        }
-        wide += fabs(n[k] - m[k]) * half, chord += (n[k] - m[k]) * (n[k] - m[k]);
-    }
-    wide += 8 * DBL_EPSILON * sqrt(size);
-    least = fmax(itn__least_of(by_n), itn__least_of(by_m) - wide);
-    most = fmin(itn__most_of(by_n), itn__most_of(by_m) + wide);
-    patch->least = itn__min(patch->least, (float)least);
-    patch->most = itn__max(patch->most, (float)most);
-    chord = sqrt(chord) + 16 * (double)FLT_EPSILON * size / (area * scale * scale);
-    if (!(area > 0) || !(itn__object_bit(triangle->object) & build->closed)) chord = 2;
-    patch->chord = itn__max(patch->chord, (float)chord);
-}
-
-/* Makes the patches of all cells: their normals, then their bounds. A large triangle counts for a
-   normal as a face of the cell. */
-static void itn__patches_make(const itn__voxel_build *build) {
-    const itn__voxels *v = build->voxels;
-    double scale = 1 / ((double)v->cell * v->cell);
-    int slots = build->bvh->leaf_count * ITN__PACK, pass, slot, k, i;
-    for (pass = 0; pass < 2; pass++) {
-        for (slot = 0; slot < slots; slot++) {
-            itn__triangle triangle = itn__slot_triangle(build->bvh, slot);
-            double m[3] = {0, 0, 0};
-            double area = triangle.index < 0 ? 0 : itn__unit_normal(&triangle, m);
-            itn_vec3 weighted = itn__scale(itn__vec3((float)m[0], (float)m[1], (float)m[2]),
-                                           (float)fmin(area * scale, 2));
-            for (k = build->starts[slot]; k < build->starts[slot + 1]; k++) {
-                int cell = build->covered[k];
-                itn__patch *patch = &build->patches[cell < 0 ? 0 : build->numbers[cell]];
-                if (cell < 0) break;
-                if (pass) itn__patch_add(build, &triangle, m, area, cell, patch);
-                else patch->normal = itn__add(patch->normal, weighted);
-            }
-        }
-        for (i = 0; i < v->surface_count && !pass; i++) {
-            build->patches[i].unit = itn__direction(build->patches[i].normal);
-            build->patches[i].least = 2, build->patches[i].most = -2;
-        }
-    }
-}
-
-/* Adds the patch of a cell to one along `unit`; x from the middle of its cell, |x_k| <= h, has
-     unit . (x + offset) >= unit . offset + least - |unit - unit of the patch|_1 h. */
-static void itn__patch_join(itn__patch *patch, const itn__patch *other, itn_vec3 offset) {
-    itn_vec3 off = itn__sub(patch->unit, other->unit);
-    float wide = (fabsf(off.x) + fabsf(off.y) + fabsf(off.z)) * (.5f + ITN__CELL_MARGIN);
-    float along = itn__dot(patch->unit, offset);
-    patch->least = itn__min(patch->least, along + other->least - wide);
-    patch->most = itn__max(patch->most, along + other->most + wide);
-    patch->chord = itn__max(patch->chord, itn__length(off) + other->chord);
-}
-
-/* A region as the two words of a cell. */
-static void itn__region_pack(const itn__voxel_build *build, const itn__patch *patch, itn_vec3 n,
-                             int32_t *word, int32_t *plane) {
-    float rounding = 8 * FLT_EPSILON * (float)build->largest * build->voxels->inverse_cell;
-    float scale = itn__length(n) / ITN__PLANE_STEP;
-    float below = floorf((patch->least - ITN__SLAB_MARGIN - rounding) * scale), above;
-    float against = ceilf((patch->chord + 1e-5f) * itn__length(n));
-    below = itn__clamp(below, -32768, 32767);
-    above = (.5f * (patch->least + patch->most) * scale - below) / 16;
-    *word |= ((int)n.x & 255) | ((int)n.y & 255) << 8 | ((int)n.z & 255) << 16;
-    *plane = (int32_t)(((uint32_t)(int)below & 0xffff) |
-                       (uint32_t)itn__clamp(above, 0, 255) << 16 |
-                       (uint32_t)itn__min(against, 255) << 24);
-}
-
 /* Writes what is known around a cell: its region, if it has one, is along the sum of the normals
    of the patches around, as bytes of which the largest is 127. */
 static void itn__region_make(const itn__voxel_build *build, int cell) {
     const itn__voxels *v = build->voxels;
-    int reach = v->cells[cell], side = 2 * reach + 1, count = 0, i, numbers[27];
+    int reach = v->cells[cell], side = 2 * reach + 1, count = 0, i;
+    const itn__patch *parts[27];
     itn__patch patch = ITN_ZERO;
     itn_vec3 n = ITN_ZERO, offset[27];
+    float scale, below, above;
     v->cells[cell] = reach << 24;
     if (reach > 1 || (reach && itn__on_border(v, cell))) return;
     for (i = 0; i < side * side * side; i++) {
         int x = i % side - reach, y = i / side % side - reach, z = i / (side * side) - reach;
-        numbers[count] = build->numbers[cell + itn__cell_index(v, x, y, z)];
-        offset[count] = itn__vec3((float)x, (float)y, (float)z);
-        if (numbers[count] < 0) continue;
-        n = itn__add(n, build->patches[numbers[count++]].normal);
+        int other = cell + itn__cell_index(v, x, y, z);
+        if (!itn__holds_triangles(v, other)) continue;
+        parts[count] = &build->patches[other], n = itn__add(n, parts[count]->n);
+        offset[count++] = itn__vec3((float)x, (float)y, (float)z);
     }
     if (itn__max_abs(n) > 0) n = itn__scale(n, 127 / itn__max_abs(n));
     else n.x = 127;
     n = itn__vec3(floorf(n.x + .5f), floorf(n.y + .5f), floorf(n.z + .5f));
-    patch.unit = itn__normalize(n), patch.least = INFINITY, patch.most = -INFINITY;
-    for (i = 0; i < count; i++)
-        itn__patch_join(&patch, &build->patches[numbers[i]], offset[i]);
-    itn__region_pack(build, &patch, n, &v->cells[cell], &v->planes[cell]);
+    patch.n = itn__normalize(n), patch.least = INFINITY, patch.most = -INFINITY;
+    for (i = 0; i < count; i++) { /* x of the part is x + offset */
+        float along = itn__dot(patch.n, offset[i]), wide = itn__across_cell(patch.n, parts[i]->n);
+        itn__patch_widen(&patch, along + parts[i]->least - wide, along + parts[i]->most + wide,
+                         itn__length(itn__sub(patch.n, parts[i]->n)) + parts[i]->chord);
+    }
+    scale = itn__length(n) / ITN__PLANE_STEP;
+    below = floorf((patch.least - ITN__SLAB_MARGIN - build->rounding) * scale);
+    below = itn__clamp(below, -32768, 32767);
+    above = (.5f * (patch.least + patch.most) * scale - below) / 16;
+    v->cells[cell] |= ((int)n.x & 255) | ((int)n.y & 255) << 8 | ((int)n.z & 255) << 16;
+    v->planes[cell] =
+        (int32_t)(((uint32_t)(int)below & 0xffff) | (uint32_t)itn__clamp(above, 0, 255) << 16 |
+                  (uint32_t)itn__min(ceilf((patch.chord + 1e-5f) * itn__length(n)), 255) << 24);
 }
 static void itn__make_regions(void *task, int chunk) {
     const itn__voxel_build *build = (const itn__voxel_build *)task;
@@ -6733,118 +6634,96 @@ static void itn__make_regions(void *task, int chunk) {
     for (i = chunk * ITN__BLOCK; i < end; i++) itn__region_make(build, i);
 }
 
-/* How many cells a box takes, with one more on each side; infinity for too many. */
+/* How many cells a box takes, with one more on each side. */
 static double itn__grid_size(const float extent[3], double cell, int size[3]) {
     double total = 1;
     int k;
     for (k = 0; k < 3; k++) {
         size[k] = 2 + (int)fmin(fmax(ceil(extent[k] / cell), 1), 1e6);
-        total *= size[k] <= ITN__AXIS_CELLS ? size[k] : INFINITY;
+        total *= size[k];
     }
-    return total <= ITN__MAX_CELLS ? total : INFINITY;
-}
-
-/* Whether all triangles look at few enough columns of cells. */
-static int itn__few_columns(const itn__voxel_build *build) {
-    double columns = 0;
-    int i;
-    for (i = 0; i < build->bvh->triangle_count; i++) {
-        double x, y, z;
-        itn__raster r;
-        if (!itn__raster_load(build->voxels, &build->bvh->triangles[i], &r)) continue;
-        x = r.range[0][1] - r.range[0][0] + 1, y = r.range[1][1] - r.range[1][0] + 1;
-        z = r.range[2][1] - r.range[2][0] + 1;
-        columns += x * y * z / fmin(x, fmin(y, z));
-    }
-    return columns <= ITN__MAX_COLUMNS + 8. * build->bvh->triangle_count;
+    return total;
 }
 
 /* Chooses the grid: `resolution` cells along the longest axis; but smaller ones in a thin box, as
    long as they are not more than in a cube; and larger ones where rounding of coordinates would be
-   felt, or triangles look at too many. Returns 0 if floats cannot represent its numbers. */
+   felt. Returns 0 if floats cannot represent its numbers. */
 static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upper,
                            int resolution) {
     itn__voxels *v = build->voxels;
     const float extent[3] = {upper.x - lower.x, upper.y - lower.y, upper.z - lower.z};
     double thin = itn__min(extent[0], itn__min(extent[1], extent[2]));
     double cell = itn__max(extent[0], itn__max(extent[1], extent[2])) / (double)resolution;
-    double cube = pow(resolution + 2., 3);
-    build->largest = itn__max(itn__max_abs(lower), itn__max_abs(upper));
+    double largest = itn__max(itn__max_abs(lower), itn__max_abs(upper));
+    if (!(extent[0] >= 0 && extent[1] >= 0 && extent[2] >= 0 && cell <= FLT_MAX)) return 0;
     while (thin > 0 && thin / cell < 4 &&
-           itn__grid_size(extent, cell / 2, v->size) <= fmin(cube, ITN__MAX_CELLS))
+           itn__grid_size(extent, cell / 2, v->size) <= pow(resolution + 2., 3))
         cell /= 2;
-    cell = fmax(cell, 8 * FLT_EPSILON / ITN__SLAB_MARGIN * build->largest);
-    for (;; cell *= 1.25) {
-        if (itn__grid_size(extent, cell, v->size) > ITN__MAX_CELLS) continue;
-        v->cell = (float)cell, v->inverse_cell = (float)(1 / cell);
-        v->lower = itn__along(lower, -1, itn__vec3(v->cell, v->cell, v->cell));
-        if (!(itn__finite3(v->lower) && v->cell >= FLT_MIN && v->inverse_cell >= FLT_MIN &&
-              v->inverse_cell <= FLT_MAX))
-            return 0;
-        if (itn__cell_count(v) <= 27 || itn__few_columns(build)) break;
-    }
-    build->largest += 2 * cell;
-    return 1;
+    cell = fmax(cell, 8 * FLT_EPSILON / ITN__SLAB_MARGIN * largest);
+    v->cell = (float)cell, v->inverse_cell = (float)(1 / cell);
+    v->lower = itn__along(lower, -1, itn__vec3(v->cell, v->cell, v->cell));
+    build->rounding = 8 * FLT_EPSILON * (float)(largest / cell + 2);
+    return itn__grid_size(extent, cell, v->size) <= ITN__MOST_CELLS && itn__finite3(v->lower) &&
+           v->cell >= FLT_MIN && v->inverse_cell >= FLT_MIN && v->inverse_cell <= FLT_MAX;
 }
 
-static void itn__voxels_free(itn__voxels *voxels) {
-    itn_context context;
+static void itn__voxels_free(const itn_context *context, void *made) {
+    itn__voxels *voxels = (itn__voxels *)made;
     if (!voxels) return;
-    context = voxels->context;
-    itn__free(&context, voxels->cells);
-    itn__free(&context, voxels->planes);
-    itn__free(&context, voxels->first);
-    itn__free(&context, voxels->leaves);
-    itn__free(&context, voxels);
+    itn__free(context, voxels->cells), itn__free(context, voxels->planes);
+    itn__free(context, voxels->first), itn__free(context, voxels->leaves);
+    itn__free(context, voxels->normals), itn__free(context, voxels->pixels);
+    itn__free(context, voxels);
 }
 
 /* Makes what the grid holds. Returns 0 if memory is out. */
-static int itn__voxels_fill(itn__voxel_build *build) {
+static int itn__voxels_fill(const itn_context *context, itn__voxel_build *build) {
     itn__voxels *v = build->voxels;
-    const itn_context *context = &v->context;
-    v->cells = (int32_t *)itn__allocate(context, itn__cell_count(v), sizeof(int32_t));
-    v->planes = (int32_t *)itn__allocate(context, itn__cell_count(v), sizeof(int32_t));
-    if (!v->cells || !v->planes || !itn__voxel_lists(build)) return 0;
-    itn__voxel_distances(v, build->numbers);
-    build->patches = (itn__patch *)itn__allocate(context, (size_t)v->surface_count + 1,
-                                                 sizeof(itn__patch));
-    if (!build->patches) return 0;
-    itn__patches_make(build);
-    itn__parallel_for(context, itn__block_count((int)itn__cell_count(v)), itn__make_regions, build);
+    size_t cells = itn__cell_count(v), i;
+    int leaves;
+    v->cells = ITN__NEW(int32_t, context, cells), v->planes = ITN__NEW(int32_t, context, cells);
+    v->first = ITN__NEW(int32_t, context, cells + 2);
+    build->touched = ITN__NEW(int32_t, context, cells);
+    build->last = ITN__NEW(int32_t, context, cells);
+    build->patches = ITN__NEW(itn__patch, context, cells);
+    if (!v->cells || !v->planes || !v->first || !build->touched || !build->last ||
+        !build->patches)
+        return 0;
+    itn__enter_triangles(build, 0);
+    leaves = itn__prefix_sum(v->first, cells);
+    v->leaves = leaves < 0 ? NULL : ITN__NEW(int32_t, context, (size_t)leaves);
+    if (!v->leaves) return 0;
+    for (i = 0; i < cells; i++) {
+        itn__patch *patch = &build->patches[i];
+        patch->n = itn__direction(patch->n), patch->least = INFINITY, patch->most = -INFINITY;
+    }
+    itn__enter_triangles(build, 1);
+    itn__voxel_distances(v);
+    itn__parallel_for(context, itn__block_count((int)cells), itn__make_regions, build);
     return 1;
 }
 
-/* Makes the tables for the box from lower to upper and one cell around it, of `resolution` cells
-   along its longest axis; fewer if there is not enough room or precision. closed: bits of the
-   closed objects. */
+/* Makes the grid for the box from lower to upper and one cell around it, with `resolution` cells
+   along its longest axis. closed: bits of the closed objects. */
 static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bvh, uint64_t closed,
                                    itn_vec3 lower, itn_vec3 upper, int resolution,
                                    itn__voxels **voxels, itn_error *error) {
     itn__voxel_build build = ITN_ZERO;
-    itn_vec3 extent = itn__sub(upper, lower);
     itn_result result = ITN_OK;
-    if (!(itn__finite3(lower) && itn__finite3(extent) && itn__max_abs(extent) > 0 &&
-          extent.x >= 0 && extent.y >= 0 && extent.z >= 0 && resolution > 0))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "voxels: the box or resolution is empty");
-    build.bvh = bvh;
-    build.closed = closed & (closed - 1) ? 0 : closed;
-    build.voxels = (itn__voxels *)itn__allocate(context, 1, sizeof(itn__voxels));
+    build.bvh = bvh, build.closed = closed & (closed - 1) ? 0 : closed;
+    build.voxels = ITN__NEW(itn__voxels, context, 1);
     if (!build.voxels) return itn__out_of_memory(error, "voxels");
-    build.voxels->context = *context;
+    build.voxels->kept.release = itn__voxels_free;
     if (!itn__voxel_grid(&build, lower, upper, resolution))
         result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                            "voxels: a box of %g is too small or large for floats",
-                           (double)itn__max_abs(extent));
-    else if (!itn__voxels_fill(&build))
+                           (double)itn__max_abs(itn__sub(upper, lower)));
+    else if (!itn__voxels_fill(context, &build))
         result = itn__out_of_memory(error, "voxels");
-    itn__free(context, build.starts);
-    itn__free(context, build.covered);
-    itn__free(context, build.numbers);
+    itn__free(context, build.touched), itn__free(context, build.last);
     itn__free(context, build.patches);
-    if (result)
-        itn__voxels_free(build.voxels);
-    else
-        *voxels = build.voxels;
+    if (!result) *voxels = build.voxels;
+    else itn__voxels_free(context, build.voxels);
     return result;
 }
 
@@ -6899,38 +6778,16 @@ static unsigned char *itn__make_pixels(const itn_scene *scene) {
     return pixels;
 }
 
-/* What the fast walk knows of a scene's geometry. */
-typedef struct itn__tables {
-    itn__kept kept;
-    itn__voxels *voxels;
-    float *normals;
-    unsigned char *pixels; /* see itn__make_pixels */
-} itn__tables;
-
-static void itn__tables_free(const itn_context *context, void *made) {
-    itn__tables *tables = (itn__tables *)made;
-    if (!tables) return;
-    itn__voxels_free(tables->voxels);
-    itn__free(context, tables->normals);
-    itn__free(context, tables->pixels);
-    itn__free(context, tables);
-}
-
-/* Makes the tables with so many voxels along the longest side of the solids with media. */
-static itn_result itn__tables_make(const itn_scene *scene, int resolution, itn__tables **made,
+/* Makes the tables of a scene with so many voxels along the longest side of the solids with media;
+   without media there is a grid anywhere, which nobody asks. */
+static itn_result itn__tables_make(const itn_scene *scene, int resolution, itn__voxels **made,
                                    itn_error *error) {
     const itn_context *context = &scene->context;
-    itn__tables *tables = (itn__tables *)itn__allocate(context, 1, sizeof *tables);
     float lower[3] = {INFINITY, INFINITY, INFINITY}, upper[3] = {-INFINITY, -INFINITY, -INFINITY};
+    itn_vec3 a = itn__vec3(0, 0, 0), b = itn__vec3(1, 1, 1);
     uint64_t closed = 0;
-    itn_result result = ITN_OK;
+    itn_result result;
     int i, k;
-    if (!tables) return itn__out_of_memory(error, "the tables of a scene");
-    tables->kept.release = itn__tables_free;
-    tables->normals = itn__make_normals(context, scene->bvh);
-    tables->pixels = itn__make_pixels(scene);
-    if (!tables->normals || !tables->pixels)
-        result = itn__out_of_memory(error, "the tables of a scene");
     for (i = 0; i < scene->object_count; i++) {
         const itn__object *object = &scene->objects[i];
         if (object->closed) closed |= itn__object_bit(i);
@@ -6939,14 +6796,15 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, itn__
             upper[k] = itn__max(upper[k], (float)(object->upper[k] - scene->origin[k]));
         }
     }
-    if (!result && lower[0] <= upper[0])
-        result = itn__voxels_make(context, scene->bvh, closed,
-                                  itn__vec3(lower[0], lower[1], lower[2]),
-                                  itn__vec3(upper[0], upper[1], upper[2]), resolution,
-                                  &tables->voxels, error);
-    if (!result) *made = tables;
-    else itn__tables_free(context, tables);
-    return result;
+    if (lower[0] <= upper[0])
+        a = itn__vec3(lower[0], lower[1], lower[2]), b = itn__vec3(upper[0], upper[1], upper[2]);
+    result = itn__voxels_make(context, scene->bvh, closed, a, b, resolution, made, error);
+    if (result) return result;
+    (*made)->normals = itn__make_normals(context, scene->bvh);
+    (*made)->pixels = itn__make_pixels(scene);
+    if ((*made)->normals && (*made)->pixels) return ITN_OK;
+    itn__voxels_free(context, *made), *made = NULL;
+    return itn__out_of_memory(error, "the tables of a scene");
 }
 
 /* The level for a job of that many paths: resolution 16 << level. Cells are about as large as a
@@ -6968,10 +6826,10 @@ static itn_result itn__tables_get(itn__render *render, itn_error *error) {
     const itn_scene *scene = render->scene;
     int level = itn__tables_level(scene, render->theta, render->samples * render->walks);
     itn_result result = ITN_OK;
-    render->tables = (itn__tables *)itn__once_get(&scene->kept[level]);
-    if (render->tables) return ITN_OK;
+    render->voxels = (itn__voxels *)itn__once_get(&scene->kept[level]);
+    if (render->voxels) return ITN_OK;
     result = itn__tables_make(scene, 16 << level, &render->own, error);
-    render->tables = render->own;
+    render->voxels = render->own;
     if (!result && itn__once_set(&scene->kept[level], render->own)) render->own = NULL;
     return result;
 }
@@ -7690,7 +7548,7 @@ ITN__INLINE itn__floats itn__leave_cube(const itn__march *m, itn__vectors centre
 
 /* Tests the triangles of a cell against a flight. Returns its end, the hit if there is one. */
 static float itn__test_cell(const itn__render *render, itn__path *path, int cell) {
-    const itn__voxels *voxels = render->tables->voxels;
+    const itn__voxels *voxels = render->voxels;
     float slack = itn__slack(render->scene, path->p);
     int i;
     if (path->shear.kz < 0) {
@@ -7707,7 +7565,7 @@ static float itn__test_cell(const itn__render *render, itn__path *path, int cell
 /* One step of each lane: past the empty cube around, or through one cell. Returns who is not yet
    at the end; those that leave the table have the mark of the unknown, triangle -2. */
 ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__ints mask) {
-    const itn__voxels *voxels = crowd->render->tables->voxels;
+    const itn__voxels *voxels = crowd->render->voxels;
     itn__vectors p = itn__valong(m->p, m->t, m->d), centre, n;
     itn__ints inside = mask, at = itn__cells_at(voxels, p, &inside, &centre), word, surface;
     itn__floats below, middle, against, from, slope, half, leave;
@@ -8082,7 +7940,7 @@ static itn__ints itn__fly(const itn__render *render, itn__lanes *walk, itn__ints
     itn__ints safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq), unsure;
     unsure = mask & ~safe;
     if (itn__mask_bits(unsure)) {
-        itn__look_around(render->tables->voxels, walk->s.p, unsure, &walk->space);
+        itn__look_around(render->voxels, walk->s.p, unsure, &walk->space);
         if (render->controls || render->learning) itn__adopt_plane(&walk->space, &walk->s, unsure);
         safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq);
     }
@@ -8140,7 +7998,7 @@ static void itn__pass(itn__crowd *crowd, itn__path *path, int substance, float t
 static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     const itn__render *render = crowd->render;
     const itn_scene *scene = render->scene;
-    const float *n = render->tables->normals + 3 * (size_t)path->hit.triangle;
+    const float *n = render->voxels->normals + 3 * (size_t)path->hit.triangle;
     const itn__object *object;
     itn_ray ray;
     ray.origin = path->p, ray.direction = path->d;
@@ -8430,7 +8288,7 @@ static void itn__start_ray(itn__crowd *crowd) {
         sample >= itn__pixel_samples(render->allotment, render->spp, pixel))
         return;
     path = itn__start_path(crowd, pixel, sample, 0, u), path->number = number;
-    if (render->outside && render->tables->pixels[pixel] &&
+    if (render->outside && render->voxels->pixels[pixel] &&
         (render->only_constant || render->scene->camera.background >= 0)) {
         itn__see_through(crowd, path);
         return;
@@ -8442,7 +8300,7 @@ static void itn__start_ray(itn__crowd *crowd) {
                           u[1]);
     path->p = ray.origin, path->d = ray.direction, path->distance = INFINITY;
     path->hit.triangle = -1;
-    if (render->outside && !render->tables->pixels[pixel]) itn__find_hit(render->scene, path);
+    if (render->outside && !render->voxels->pixels[pixel]) itn__find_hit(render->scene, path);
     if (render->outside && path->hit.triangle < 0) {
         itn__see_through(crowd, path);
         return;
@@ -8516,8 +8374,7 @@ static float itn__brightest(const itn__render *render) {
 /* Whether a control variate pays: with one medium in light that is everywhere the same, and many
    paths. */
 static int itn__can_control(const itn__render *render) {
-    return render->baseline && render->tables->voxels && render->only_constant &&
-           render->scene->medium_count == 1 &&
+    return render->baseline && render->only_constant && render->scene->medium_count == 1 &&
            render->samples * render->walks >= 16 * ITN__LESSONS;
 }
 
@@ -9099,7 +8956,7 @@ static itn_result itn__render_run(itn__render *render, itn_error *error) {
 #endif
     if (!result) result = itn__do_tiles(render, error);
 #ifndef ITN_NO_FAST
-    itn__tables_free(&render->scene->context, render->own), render->own = NULL;
+    itn__voxels_free(&render->scene->context, render->own), render->own = NULL;
 #endif
     return result;
 }
@@ -9168,7 +9025,7 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
     itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, error);
 #ifndef ITN_NO_FAST
     if (!result && render.fast) result = itn__tables_get(&render, error);
-    if (!result) itn__tables_free(&scene->context, render.own);
+    if (!result) itn__voxels_free(&scene->context, render.own);
 #endif
     render.report = NULL;
     return itn__render_end(&render, result);

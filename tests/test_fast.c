@@ -583,15 +583,15 @@ static void check_tables(int which, int planted) {
     for (k = 0; k < 3; k++) { /* one that knows nothing; coarse; fine */
         const size_t bytes = (size_t)in.render.workers[0].crowd->radiance_stride *
                              (size_t)in.render.channels * sizeof(float);
-        itn__tables *tables = NULL;
+        itn__voxels *voxels = NULL;
         itn_error error;
-        stage_need(itn__tables_make(scene, k < 2 ? 16 : 96, &tables, &error), &error);
-        if (k && planted) tables->voxels->lower.x += .3f * tables->voxels->cell;
-        if (!k) forget(tables->voxels);
-        in.render.tables = tables;
+        stage_need(itn__tables_make(scene, k < 2 ? 16 : 96, &voxels, &error), &error);
+        if (k && planted) voxels->lower.x += .3f * voxels->cell;
+        if (!k) forget(voxels);
+        in.render.voxels = voxels;
         radiance[k] = (float *)malloc(bytes);
         memcpy(radiance[k], run_unit(&in, &whole)->radiance, bytes);
-        itn__tables_free(&scene->context, tables);
+        itn__voxels_free(&scene->context, voxels);
         for (number = 0; number < paths; number++)
             for (c = 0; c < in.render.channels; c++) {
                 int at = c * in.render.workers[0].crowd->radiance_stride + number;
@@ -679,7 +679,7 @@ static void test_threads(void) {
    traced through the tree. */
 typedef struct herd {
     const itn_scene *scene;
-    const itn__tables *tables;
+    const itn__voxels *voxels;
     float *theta;
     itn__rng rng;
     itn__vectors p, d;
@@ -789,7 +789,7 @@ static void take_step(herd *f) {
     q = itn__valong(f->p, f->distance, f->d);
     safe = itn__free_flight(&f->space, q, f->d, &nq);
     f->cached += itn__count_bits(itn__mask_bits(safe));
-    itn__look_around(f->tables->voxels, f->p, all & ~safe, &f->space);
+    itn__look_around(f->voxels, f->p, all & ~safe, &f->space);
     safe = itn__free_flight(&f->space, q, f->d, &nq);
     f->space.np = itn__select(safe, nq, f->space.np);
     bits = itn__mask_bits(safe);
@@ -804,16 +804,16 @@ static void take_step(herd *f) {
    number of free flights. */
 static double check_flights(int which, int resolution, double flights, double moved) {
     itn_scene *scene = make_scene(which, NULL);
-    itn__tables *tables = NULL;
+    itn__voxels *voxels = NULL;
     itn_error error;
     float theta[64];
     herd f;
     int k;
     memset(&f, 0, sizeof f);
-    stage_need(itn__tables_make(scene, resolution, &tables, &error), &error);
+    stage_need(itn__tables_make(scene, resolution, &voxels, &error), &error);
     itn_parameter_values(scene, theta);
-    tables->voxels->lower.x += (float)moved * tables->voxels->cell;
-    f.scene = scene, f.tables = tables, f.theta = theta;
+    voxels->lower.x += (float)moved * voxels->cell;
+    f.scene = scene, f.voxels = voxels, f.theta = theta;
     f.rng = itn__rng_make(99, (uint64_t)which, (uint64_t)(3 * resolution));
     for (k = 0; k < ITN__LANES; k++)
         while (!enter(&f, k)) {}
@@ -825,7 +825,7 @@ static double check_flights(int which, int resolution, double flights, double mo
     check_report(f.wrong == 0, __FILE__, __LINE__,
                  "%s, %d cells: of %g flights taken for free %g are not", kind_names[which],
                  resolution, f.free, f.wrong);
-    itn__tables_free(&scene->context, tables);
+    itn__voxels_free(&scene->context, voxels);
     itn_scene_free(scene);
     return f.free;
 }

@@ -160,6 +160,10 @@ static void world_free(world *w) {
     free(w->objects);
     itn_mesh_free(&w->mesh);
 }
+static void free_tables(itn__voxels *voxels) {
+    itn_context context = ITN_ZERO;
+    itn__voxels_free(&context, voxels);
+}
 static itn__voxels *tables(const world *w, int resolution) {
     itn_context context = ITN_ZERO;
     itn__voxels *voxels = NULL;
@@ -325,7 +329,7 @@ static void claims_hold(int shape, int turned, int resolution, float scale, floa
     }
     if (shape != BALL && shape != CUBE && shape != NEEDLES && shape != SLAB && shape != GROUND)
         CHECK(sum.normals == 0);
-    itn__voxels_free(v);
+    free_tables(v);
     world_free(&w);
 }
 static void all_claims_hold(void) {
@@ -471,7 +475,7 @@ static void cells_hold(int shape, int turned, int resolution, float scale, float
                  "extra, %d out of bounds, %d in cubes, %d of cones",
                  shape_names[shape], turned, resolution, (double)scale, (double)distance, missing,
                  extra, bound_wrong, cube_wrong, cone_wrong);
-    itn__voxels_free(v);
+    free_tables(v);
     world_free(&w);
 }
 static void all_cells_hold(void) {
@@ -509,7 +513,7 @@ static void distances_are_exact(int shape, int resolution) {
     }
     check_report(!wrong, __FILE__, __LINE__, "%s, %d cells: %d distances wrong", shape_names[shape],
                  resolution, wrong);
-    itn__voxels_free(v);
+    free_tables(v);
     world_free(&w);
 }
 
@@ -521,7 +525,7 @@ static void backwards(int count, void (*body)(void *, int), void *task, void *us
 }
 static int voxels_same(const itn__voxels *a, const itn__voxels *b) {
     size_t cells = itn__cell_count(a), k = sizeof(int32_t);
-    return a->surface_count == b->surface_count && itn__cell_count(b) == cells &&
+    return itn__cell_count(b) == cells &&
            !memcmp(a->cells, b->cells, cells * k) && !memcmp(a->planes, b->planes, cells * k) &&
            !memcmp(a->first, b->first, (cells + 1) * k) &&
            !memcmp(a->leaves, b->leaves, (size_t)a->first[cells] * k);
@@ -536,8 +540,8 @@ static void order_does_not_matter(int shape) {
     CHECK(itn__voxels_make(&context, w.bvh, w.closed, w.lower, w.upper, 40, &b, &error) ==
           ITN_OK);
     CHECK(voxels_same(a, b));
-    itn__voxels_free(a);
-    itn__voxels_free(b);
+    free_tables(a);
+    free_tables(b);
     world_free(&w);
 }
 
@@ -555,7 +559,7 @@ static void memory_may_fail(void) {
         result = itn__voxels_make(&context, w.bvh, 1, w.lower, w.upper, 12, &v, &error);
         if (result == ITN_OK) {
             CHECK(a.calls < fail && v);
-            itn__voxels_free(v);
+            itn__voxels_free(&context, v);
             CHECK(a.live == 0);
             break;
         }
@@ -572,23 +576,24 @@ static itn_result make_box(const world *w, itn_vec3 lower, itn_vec3 upper, int r
     itn_result result =
         itn__voxels_make(&context, w->bvh, 1, lower, upper, resolution, &v, &error);
     CHECK(!result == (v != NULL) && result == error.code);
-    itn__voxels_free(v);
+    free_tables(v);
     return result;
 }
 static void bad_boxes_are_refused(void) {
     world w = world_make(BALL, 0, 1, 0);
     itn_vec3 zero = solids_vec3(0, 0, 0), one = solids_vec3(1, 1, 1), bad = one;
     CHECK(make_box(&w, zero, one, 4) == ITN_OK);
-    CHECK(make_box(&w, zero, one, 0) == ITN_ERROR_ARGUMENT);
-    CHECK(make_box(&w, zero, one, -3) == ITN_ERROR_ARGUMENT);
-    CHECK(make_box(&w, one, zero, 4) == ITN_ERROR_ARGUMENT);
-    CHECK(make_box(&w, zero, zero, 4) == ITN_ERROR_ARGUMENT);
+    CHECK(make_box(&w, zero, one, 300) == ITN_ERROR_UNSUPPORTED); /* too many */
+    CHECK(make_box(&w, zero, one, 0) == ITN_ERROR_UNSUPPORTED);
+    CHECK(make_box(&w, zero, one, -3) == ITN_ERROR_UNSUPPORTED);
+    CHECK(make_box(&w, one, zero, 4) == ITN_ERROR_UNSUPPORTED);
+    CHECK(make_box(&w, zero, zero, 4) == ITN_ERROR_UNSUPPORTED);
     bad.y = NAN;
-    CHECK(make_box(&w, zero, bad, 4) == ITN_ERROR_ARGUMENT);
+    CHECK(make_box(&w, zero, bad, 4) == ITN_ERROR_UNSUPPORTED);
     bad.y = INFINITY;
-    CHECK(make_box(&w, zero, bad, 4) == ITN_ERROR_ARGUMENT);
+    CHECK(make_box(&w, zero, bad, 4) == ITN_ERROR_UNSUPPORTED);
     CHECK(make_box(&w, solids_vec3(-3e38, 0, 0), solids_vec3(3e38, 1, 1), 4) ==
-          ITN_ERROR_ARGUMENT); /* the extent overflows */
+          ITN_ERROR_UNSUPPORTED); /* the extent overflows */
     CHECK(make_box(&w, zero, solids_vec3(1e-39, 1e-39, 1e-39), 4) == ITN_ERROR_UNSUPPORTED);
     CHECK(make_box(&w, solids_vec3(2, 2, 2), solids_vec3(3, 3, 3), 4) == ITN_OK); /* empty */
     world_free(&w);
@@ -596,7 +601,7 @@ static void bad_boxes_are_refused(void) {
 
 /* Grids keep to their limits, thin boxes get thin cells, far ones large cells. */
 static void grids_fit(void) {
-    static const int resolutions[4] = {1, 64, 150, 2000000000};
+    static const int resolutions[4] = {1, 64, 150, 250};
     int shape, k;
     for (shape = 0; shape < SHAPES; shape++)
         for (k = 0; k < 4; k++) {
@@ -609,7 +614,7 @@ static void grids_fit(void) {
             if (k == 0) CHECK(total <= 125);
             if (k == 1) CHECK(v->cell >= .9f); /* at x = 1000, rounding makes for large cells */
             if (shape == SLAB && k == 2 && FEWER == 1) CHECK(v->cell < .6f * 2 / 150);
-            itn__voxels_free(v);
+            free_tables(v);
             world_free(&w);
         }
 }
@@ -631,7 +636,7 @@ static void flat_triangles(void) {
                 &error);
     cell = cell_of(v, solids_vec3(.15, .3, .45), at);
     CHECK(empty_reach(v, cell) >= 0);
-    itn__voxels_free(v);
+    free_tables(v);
     itn_bvh_free(bvh);
     t[0] = 0, t[1] = 1, t[2] = 2;
     memcpy(mesh.positions + 6, mesh.positions, 2 * sizeof(float)); /* a needle */
@@ -640,7 +645,7 @@ static void flat_triangles(void) {
     solids_need(itn__voxels_make(&context, bvh, 1, bvh->lower, bvh->upper, 30, &v, &error),
                 &error);
     CHECK(empty_reach(v, cell_of(v, solids_vec3(.15, .3, .45), at)) < 0);
-    itn__voxels_free(v);
+    free_tables(v);
     itn_bvh_free(bvh);
     itn_mesh_free(&mesh);
 }
