@@ -1947,8 +1947,6 @@ typedef struct itn__child {
 } itn__child;
 
 typedef struct itn__build {
-    const itn_mesh *mesh;
-    const int *objects; /* of the triangles, or NULL */
     itn__reference *references;
     itn__range *nodes, *leaves; /* their references; leaf 0 has none */
     int first, depth;           /* of the level that is being made: its first node, its number */
@@ -2089,51 +2087,6 @@ static void itn__fill_leaf(void *task, int index) {
     itn__pack_fill(&build->bvh->packs[index], build->bvh->triangles, numbers, range.count);
 }
 
-/* Refuses a mesh whose fields cannot be read at all. */
-static itn_result itn__mesh_readable(const itn_mesh *mesh, const char *who, itn_error *error) {
-    const char *fault = NULL;
-    if (!mesh)
-        fault = "mesh is NULL";
-    else if (mesh->vertex_count < 0 || mesh->triangle_count < 0)
-        fault = "vertex_count or triangle_count is negative";
-    else if ((mesh->vertex_count && !mesh->positions) || (mesh->triangle_count && !mesh->triangles))
-        fault = "positions or triangles are NULL";
-    return fault ? itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: %s", who, fault) : ITN_OK;
-}
-
-/* Copies the triangles of a mesh, and makes references of them. */
-static itn_result itn__refer(itn__build *build, itn_error *error) {
-    const itn_mesh *mesh = build->mesh;
-    itn_bvh *bvh = build->bvh;
-    itn__box all = itn__box_empty();
-    int i, j, k;
-    for (i = 0; i < bvh->triangle_count; i++) {
-        itn__triangle *triangle = &bvh->triangles[i];
-        itn__box box = itn__box_empty();
-        for (j = 0; j < 3; j++) {
-            int corner = mesh->triangles[3 * (size_t)i + (size_t)j];
-            int there = corner >= 0 && corner < mesh->vertex_count;
-            const float *p = mesh->positions + (there ? 3 * (size_t)corner : 0);
-            if (!there || !itn__finite3(itn__vec3(p[0], p[1], p[2])))
-                return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                                 "itn_bvh_create: vertex %d of triangle %d %s", corner, i,
-                                 there ? "is not finite" : "is missing");
-            for (k = 0; k < 3; k++) {
-                triangle->corner[j][k] = p[k];
-                box.bound[k] = itn__min(box.bound[k], p[k]);
-                box.bound[k + 4] = itn__min(box.bound[k + 4], -p[k]);
-            }
-        }
-        triangle->index = build->references[i].index = i;
-        triangle->object = build->objects ? build->objects[i] : 0;
-        build->references[i].box = box;
-        itn__box_add(&all, &box);
-    }
-    bvh->lower = itn__vec3(all.bound[0], all.bound[1], all.bound[2]);
-    bvh->upper = itn__vec3(-all.bound[4], -all.bound[5], -all.bound[6]);
-    return ITN_OK;
-}
-
 ITN_API void itn_bvh_free(itn_bvh *bvh) {
     itn_context context;
     if (!bvh) return;
@@ -2157,10 +2110,24 @@ static void *itn__allocate_aligned(const itn_context *context, size_t count, siz
     return *memory ? (char *)*memory + (line - (uintptr_t)*memory % line) % line : NULL;
 }
 
-/* Makes all levels, and then the leaves. */
-static itn_result itn__grow_tree(itn__build *build, itn_error *error) {
+/* Makes references of all triangles, all levels, and the leaves. Returns 0 if memory is out. */
+static int itn__grow_tree(itn__build *build) {
     itn_bvh *bvh = build->bvh;
-    int end = 0, i;
+    itn__box all = itn__box_empty();
+    int end = 0, i, k;
+    for (i = 0; i < bvh->triangle_count; i++) {
+        itn__box box = itn__box_empty();
+        for (k = 0; k < 9; k++) {
+            float x = bvh->triangles[i].corner[k / 3][k % 3];
+            box.bound[k % 3] = itn__min(box.bound[k % 3], x);
+            box.bound[k % 3 + 4] = itn__min(box.bound[k % 3 + 4], -x);
+        }
+        bvh->triangles[i].index = build->references[i].index = i;
+        build->references[i].box = box;
+        itn__box_add(&all, &box);
+    }
+    bvh->lower = itn__vec3(all.bound[0], all.bound[1], all.bound[2]);
+    bvh->upper = itn__vec3(-all.bound[4], -all.bound[5], -all.bound[6]);
     bvh->node_count = bvh->leaf_count = 1;
     build->nodes[0].count = bvh->triangle_count;
     for (; end < bvh->node_count; build->depth++) {
@@ -2170,51 +2137,40 @@ static itn_result itn__grow_tree(itn__build *build, itn_error *error) {
     }
     bvh->packs = (itn__pack *)itn__allocate_aligned(&bvh->context, (size_t)bvh->leaf_count,
                                                     sizeof(itn__pack), &bvh->pack_memory);
-    if (!bvh->packs) return itn__out_of_memory(error, "a bounding volume hierarchy");
+    if (!bvh->packs) return 0;
     itn__parallel_for(&bvh->context, bvh->leaf_count, itn__fill_leaf, build);
-    return ITN_OK;
+    return 1;
 }
 
-/* itn_bvh_create, with the object that each triangle belongs to (NULL: all 0). */
-static itn_result itn__bvh_build(const itn_mesh *mesh, const int *object_of_triangle,
-                                 const itn_context *context, itn_bvh **made, itn_error *error) {
-    itn_context own;
+/* A tree with room for so many triangles, or NULL. */
+static itn_bvh *itn__bvh_new(const itn_context *context, int count) {
+    itn_bvh *bvh = ITN__NEW(itn_bvh, context, 1);
+    if (!bvh) return NULL;
+    bvh->context = *context, bvh->triangle_count = count;
+    bvh->triangles = ITN__NEW(itn__triangle, context, count);
+    if (bvh->triangles) return bvh;
+    itn_bvh_free(bvh);
+    return NULL;
+}
+
+/* Builds it over its triangles, whose corners and objects are known. */
+static itn_result itn__bvh_build(itn_bvh *bvh, itn_error *error) {
+    const itn_context *context = &bvh->context;
+    size_t count = (size_t)bvh->triangle_count;
+    size_t nodes = count / (ITN__WIDE - 1) + count / ITN__PACK + 1; /* at most */
     itn__build build = ITN_ZERO;
-    itn_bvh *bvh;
-    size_t count, nodes;
-    itn_result result = itn__context_check(context, &own, error);
-    if (!result) result = itn__mesh_readable(mesh, "itn_bvh_create", error);
-    if (result) return result;
-    if (!made || mesh->triangle_count == 0)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: %s",
-                         made ? "the mesh has no triangle" : "bvh is NULL");
-    if (mesh->triangle_count >= 1 << 30) return itn__out_of_memory(error, "2^30 triangles");
-    count = (size_t)mesh->triangle_count, nodes = count / (ITN__WIDE - 1) + count / ITN__PACK + 1;
-    bvh = build.bvh = ITN__NEW(itn_bvh, &own, 1);
-    if (!bvh) return itn__out_of_memory(error, "a bounding volume hierarchy");
-    bvh->context = own, bvh->triangle_count = mesh->triangle_count;
-    bvh->triangles = ITN__NEW(itn__triangle, &own, count);
-    bvh->nodes = (itn__node *)itn__allocate_aligned(&own, nodes, sizeof(itn__node),
+    int made;
+    build.bvh = bvh;
+    bvh->nodes = (itn__node *)itn__allocate_aligned(context, nodes, sizeof(itn__node),
                                                     &bvh->node_memory);
-    build.mesh = mesh, build.objects = object_of_triangle;
-    build.references = ITN__NEW(itn__reference, &own, count);
-    build.nodes = ITN__NEW(itn__range, &own, nodes);
-    build.leaves = ITN__NEW(itn__range, &own, count + 1);
-    if (!build.references || !build.nodes || !build.leaves || !bvh->nodes || !bvh->triangles)
-        result = itn__out_of_memory(error, "a bounding volume hierarchy");
-    if (!result) result = itn__refer(&build, error);
-    if (!result) result = itn__grow_tree(&build, error);
-    itn__free(&own, build.leaves);
-    itn__free(&own, build.nodes);
-    itn__free(&own, build.references);
-    if (result) itn_bvh_free(bvh);
-    else *made = bvh;
-    return result;
-}
-
-ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
-                                  itn_error *error) {
-    return itn__bvh_build(mesh, NULL, context, bvh, error);
+    build.references = ITN__NEW(itn__reference, context, count);
+    build.nodes = ITN__NEW(itn__range, context, nodes);
+    build.leaves = ITN__NEW(itn__range, context, count + 1);
+    made = bvh->nodes && build.references && build.nodes && build.leaves && itn__grow_tree(&build);
+    itn__free(context, build.leaves);
+    itn__free(context, build.nodes);
+    itn__free(context, build.references);
+    return made ? ITN_OK : itn__out_of_memory(error, "a bounding volume hierarchy");
 }
 
 /* Rays. A ray meets a box where its intervals between the three pairs of planes overlap. A box may
@@ -4958,6 +4914,54 @@ ITN_API void itn_mesh_free(itn_mesh *mesh) {
     memset(mesh, 0, sizeof *mesh);
 }
 
+/* Refuses a mesh whose fields cannot be read at all. */
+static itn_result itn__mesh_readable(const itn_mesh *mesh, const char *who, itn_error *error) {
+    const char *fault = NULL;
+    if (!mesh)
+        fault = "mesh is NULL";
+    else if (mesh->vertex_count < 0 || mesh->triangle_count < 0)
+        fault = "vertex_count or triangle_count is negative";
+    else if ((mesh->vertex_count && !mesh->positions) || (mesh->triangle_count && !mesh->triangles))
+        fault = "positions or triangles are NULL";
+    return fault ? itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: %s", who, fault) : ITN_OK;
+}
+
+/* Copies a mesh's triangles. */
+static itn_result itn__bvh_load(itn_bvh *bvh, const itn_mesh *mesh, itn_error *error) {
+    int i, k;
+    for (i = 0; i < mesh->triangle_count; i++)
+        for (k = 0; k < 3; k++) {
+            int corner = mesh->triangles[3 * (size_t)i + (size_t)k];
+            int there = corner >= 0 && corner < mesh->vertex_count;
+            const float *p = mesh->positions + (there ? 3 * (size_t)corner : 0);
+            if (!there || !itn__finite3(itn__vec3(p[0], p[1], p[2])))
+                return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                                 "itn_bvh_create: vertex %d of triangle %d %s", corner, i,
+                                 there ? "is not finite" : "is missing");
+            memcpy(bvh->triangles[i].corner[k], p, 3 * sizeof *p);
+        }
+    return ITN_OK;
+}
+
+ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
+                                  itn_error *error) {
+    itn_context own;
+    itn_bvh *made = NULL;
+    itn_result result = itn__context_check(context, &own, error);
+    if (!result) result = itn__mesh_readable(mesh, "itn_bvh_create", error);
+    if (result) return result;
+    if (!bvh || mesh->triangle_count == 0)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: %s",
+                         bvh ? "the mesh has no triangle" : "bvh is NULL");
+    if (mesh->triangle_count < 1 << 30) made = itn__bvh_new(&own, mesh->triangle_count);
+    if (!made) return itn__out_of_memory(error, "a bounding volume hierarchy");
+    result = itn__bvh_load(made, mesh, error);
+    if (!result) result = itn__bvh_build(made, error);
+    if (result) itn_bvh_free(made);
+    else *bvh = made;
+    return result;
+}
+
 /* Solids. A mesh bounds a solid when its oriented triangles have no boundary: every directed edge
    (a,b) is used as often as its opposite (b,a). Vertices at equal positions are welded first, so
    the seams of texture coordinates do not count as holes. Of an undirected edge with f uses in one
@@ -5928,16 +5932,15 @@ static itn_result itn__make_origin(itn__maker *maker) {
                        "floats lose them", distance, reach);
 }
 
-/* Writes an object's triangles into the merged mesh, each with corners of its own; its texture
-   coordinates, where a texture will use them, into an array of its own. */
-static itn_result itn__merge_object(itn__maker *maker, int index, itn_mesh *merged,
-                                    int *object_of_triangle) {
+/* Writes an object's triangles into the tree, and adds up their areas; its texture coordinates,
+   where a texture will use them, into an array of its own. */
+static itn_result itn__merge_object(itn__maker *maker, int index) {
     itn_scene *scene = maker->scene;
     itn__object *object = &scene->objects[index];
     double m[12], p[3];
     const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[index], m);
-    int i, k, first = 3 * object->first_triangle;
-    float *positions = merged->positions + 3 * (size_t)first;
+    int i, k;
+    itn__triangle *triangle = scene->bvh->triangles + object->first_triangle;
     int textured = mesh->uvs && object->surface >= 0 &&
                    scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE;
     itn__go_to(maker, ITN__OBJECT, index);
@@ -5946,9 +5949,7 @@ static itn_result itn__merge_object(itn__maker *maker, int index, itn_mesh *merg
     for (i = 0; i < 3 * mesh->triangle_count; i++) {
         int from = object->mirrored && i % 3 ? i / 3 * 3 + 3 - i % 3 : i;
         itn__place_vertex(mesh, m, mesh->triangles[from], p);
-        for (k = 0; k < 3; k++) *positions++ = (float)(p[k] - scene->origin[k]);
-        merged->triangles[first + i] = first + i;
-        object_of_triangle[(first + i) / 3] = index;
+        for (k = 0; k < 3; k++) triangle->corner[i % 3][k] = (float)(p[k] - scene->origin[k]);
         for (k = 0; k < 2 && textured; k++) {
             float *uv = &object->uvs[2 * (size_t)i + (size_t)k];
             *uv = mesh->uvs[2 * (size_t)from + (size_t)k];
@@ -5956,39 +5957,29 @@ static itn_result itn__merge_object(itn__maker *maker, int index, itn_mesh *merg
                 return itn__refuse(maker, ITN_ERROR_MESH, "texture coordinate %g of triangle %d is "
                                    "not in [-1e6, 1e6]", (double)*uv, i / 3);
         }
+        if (i % 3 < 2) continue;
+        triangle->object = index;
+        object->area += .5 * itn__unit_normal(triangle++, p);
     }
     return ITN_OK;
 }
 
-/* Merges all objects, builds the tree and sums up areas. */
+/* Merges all objects, and builds the tree. */
 static itn_result itn__make_tree(itn__maker *maker) {
     itn_scene *scene = maker->scene;
-    itn_mesh merged;
-    double m[12], n[3];
-    int i, count = 0, *object_of_triangle;
-    itn_result result;
+    double m[12];
+    int i, count = 0;
+    itn_result result = ITN_OK;
     itn__go_to(maker, -1, 0);
     for (i = 0; i < scene->object_count; i++) {
         const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[i], m);
         if (mesh->triangle_count > INT_MAX / 9 - count) return ITN__REFUSE("too many triangles");
         scene->objects[i].first_triangle = count, count += mesh->triangle_count;
     }
-    result = itn_mesh_create(3 * count, count, 0, &scene->context, &merged, maker->error);
-    if (result) return result;
-    object_of_triangle = ITN__NEW(int, &scene->context, count);
-    if (!object_of_triangle) result = itn__out_of_memory(maker->error, "a scene");
-    for (i = 0; i < scene->object_count && !result; i++)
-        result = itn__merge_object(maker, i, &merged, object_of_triangle);
-    if (!result)
-        result = itn__bvh_build(&merged, object_of_triangle, &scene->context, &scene->bvh,
-                                maker->error);
-    itn__free(&scene->context, object_of_triangle);
-    itn_mesh_free(&merged);
-    for (i = 0; i < count && !result; i++) {
-        const itn__triangle *triangle = &scene->bvh->triangles[i];
-        scene->objects[triangle->object].area += .5 * itn__unit_normal(triangle, n);
-    }
-    return result;
+    scene->bvh = itn__bvh_new(&scene->context, count);
+    if (!scene->bvh) return itn__out_of_memory(maker->error, "a scene");
+    for (i = 0; i < scene->object_count && !result; i++) result = itn__merge_object(maker, i);
+    return result ? result : itn__bvh_build(scene->bvh, maker->error);
 }
 
 /* Where a line next enters a closed object (t[0]) and where it leaves it (t[1]), else INFINITY. */

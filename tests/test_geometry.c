@@ -143,12 +143,13 @@ static void place(itn_mesh *mesh, float scale, float offset) {
 }
 
 static itn_bvh *hierarchy(const itn_mesh *mesh, const int *objects) {
+    itn_context context = ITN_ZERO;
     itn_error error = ITN_ZERO;
-    itn_bvh *bvh = NULL;
-    if (itn__bvh_build(mesh, objects, NULL, &bvh, &error)) {
-        printf("%s\n", error.message);
-        exit(1);
-    }
+    itn_bvh *bvh = itn__bvh_new(&context, mesh->triangle_count);
+    int i;
+    if (!bvh || itn__bvh_load(bvh, mesh, &error)) exit(1);
+    for (i = 0; objects && i < mesh->triangle_count; i++) bvh->triangles[i].object = objects[i];
+    if (itn__bvh_build(bvh, &error)) exit(1);
     return bvh;
 }
 

@@ -146,8 +146,11 @@ static world world_make(int shape, int turned, float scale, float distance) {
     voxels_place(&w.mesh, one, turned, scale, solids_vec3(distance * scale, 0, 0));
     w.closed = shape == SOUP ? 0 : shape == TWINS ? 3 : 1;
     w.objects = (int *)calloc((size_t)w.mesh.triangle_count, sizeof(int));
-    for (i = first; first && i < w.mesh.triangle_count; i++) w.objects[i] = 1;
-    solids_need(itn__bvh_build(&w.mesh, w.objects, NULL, &w.bvh, &error), &error);
+    w.bvh = itn__bvh_new(&w.mesh.context, w.mesh.triangle_count);
+    solids_need(itn__bvh_load(w.bvh, &w.mesh, &error), &error);
+    for (i = first; first && i < w.mesh.triangle_count; i++)
+        w.objects[i] = w.bvh->triangles[i].object = 1;
+    solids_need(itn__bvh_build(w.bvh, &error), &error);
     w.lower = w.bvh->lower, w.upper = w.bvh->upper;
     if (shape == GROUND) {
         w.lower = itn__vec3((distance - 1) * scale, -scale, -scale);
