@@ -311,7 +311,7 @@ typedef struct itn_film_desc {
                               instead; all 0: exposure holds in all channels */
     float background[3];   /* what a camera ray brings that meets no object, in the place of the
                               lights, in [0,1e18]; only [0] with one channel. It lights nothing */
-    int has_background;    /* 1: it is taken, also when 0; 0: the lights are seen */
+    int has_background;    /* 1: background is taken also when it is 0; 0: then lights are seen */
 } itn_film_desc;
 
 /* A pinhole camera; the middle of its film is on the line from eye to target. Pixels are square. */
@@ -446,6 +446,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
               [exposure COLOUR] [background COLOUR]]                         (1; that of the lights)
        camera  eye X Y Z  target X Y Z  [up X Y Z] [fov DEGREES]     (0 1 0; 30, horizontal axis)
        medium  NAME  sigma_t COLOUR  albedo COLOUR  [phase hg] [g COLOUR]                   (g 0)
+               or  mu_a COLOUR  mu_s COLOUR  or  mu_a COLOUR  mu_s' COLOUR  g COLOUR
        surface NAME  type dielectric  [ior N] [alpha A]                 (1.5; 0, which is smooth)
        surface NAME  type diffuse  reflectance COLOUR | reflectance [COLOUR] texture FILE
                                    | reflectance checker COLOUR COLOUR SIZE
@@ -455,7 +456,10 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
        light   map FILE  [scale S] [name NAME]
        light   sky FILE  sun X Y Z  [scale S] [sun_scale S] [sun_radius_scale S] [name NAME]
 
-   Of sigma_t, g and exposure, three numbers are three parameters unless all are 0. TRANSFORM is
+   sigma_t = mu_a + mu_s, albedo = mu_s / sigma_t and mu_s' = mu_s (1 - g), also called mu_s_prime.
+   All are per scene unit: of a mesh in mm per mm, a tenth of what they are per cm.
+   Of sigma_t, g and exposure, three numbers are three parameters unless all are 0 (or, by mu_a and
+   mu_s, all the same). TRANSFORM is
    `scale S`, `scale X Y Z` (positive, at most 1e12), `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or
    `translate X Y Z`; any number of them are applied to the mesh from left to right. Meshes are OBJ
    or PLY, images EXR or PFM. A sky file has in the same manner the fields of itn_sky:
@@ -2316,8 +2320,8 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
 
    `form` tells how many numbers follow a field's name in a file, by digits, and how the desc keeps
    them: f as floats, i as an int, c as a colour (one number counts for all channels), s as a
-   spectrum (one number, or three in an array of their own; ? says that an int tells whether it is
-   given); k a checker, t a step of a transform.
+   spectrum (one number, or three in an array beside it); k a checker, t a step of a transform. With
+   ? an int beside it tells whether a 0 is meant, else (?, or 0 out of range) `otherwise` counts.
    Or what word follows: w a name, o one of `words`, m p y a file with a mesh, a picture, a sky. A
    field without any of these is a flag, an int. What has ! must be given in a file. What a
    parameter is: S a share of what arrives that leaves again, R a rate of collisions, N an index of
@@ -2325,12 +2329,11 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
 typedef struct itn__field {
     const char *name, *form;
     float lower, upper; /* range of its numbers */
-    float otherwise;    /* counts where none is given, in a file or by a 0 out of range in a desc (a
-                           0 in range is one); if this is 0, too, there is none */
+    float otherwise;    /* counts where none is given; 0: there is none */
     size_t at;          /* where the desc has it */
     size_t parameter;   /* where the scene's item has the index of its parameter; 0: it has none */
     itn_transform transform;
-    size_t beside;     /* where the desc has three numbers of a spectrum, or whether it is given */
+    size_t beside;     /* where the desc has what stands beside it */
     const char *words; /* that may follow; NULL: any */
 } itn__field;
 enum { ITN__MOST_FIELDS = 9, ITN__MOST_NUMBERS = 9 };
@@ -2339,8 +2342,8 @@ ITN__INLINE int itn__has_form(const itn__field *field, char letter) {
 }
 
 enum { ITN__FILM, ITN__CAMERA, ITN__MEDIUM, ITN__SURFACE, ITN__OBJECT, ITN__LIGHT, ITN__KINDS };
-static const char *const itn__kinds[] = {"film", "camera", "medium", "surface", "object", "light"};
-static const char itn__keywords[] = "film camera medium surface object light"; /* the same */
+static const char *const itn__kinds[] = {"film",   "camera", "medium", "surface",
+                                         "object", "light",  "sky"}; /* which is no item */
 
 /* The fields of a kind of item, or of a variant: a surface's or a light's type, which its number
    is, or a field that comes first. */
@@ -2353,12 +2356,13 @@ typedef struct itn__form {
 /* Rows; `...` is lower, upper, otherwise. */
 #define ITN__FIELD(name, item, field, form, ...)                                                   \
     {name, form, __VA_ARGS__, offsetof(itn_##item##_desc, field), 0, ITN_IDENTITY, 0, NULL}
+#define ITN__VALUE_BESIDE(item, field, form, transform, other, ...)                                \
+    {#field, form, __VA_ARGS__, offsetof(itn_##item##_desc, field), offsetof(itn__##item, field),  \
+     transform, offsetof(itn_##item##_desc, other), NULL}
 #define ITN__VALUE(item, field, form, transform, ...)                                              \
-    {#field, form, __VA_ARGS__, offsetof(itn_##item##_desc, field), offsetof(itn__##item, field),  \
-     transform, 0, NULL}
+    ITN__VALUE_BESIDE(item, field, form, transform, field, __VA_ARGS__)
 #define ITN__SPECTRUM(item, field, form, transform, ...)                                           \
-    {#field, form, __VA_ARGS__, offsetof(itn_##item##_desc, field), offsetof(itn__##item, field),  \
-     transform, offsetof(itn_##item##_desc, field##_rgb), NULL}
+    ITN__VALUE_BESIDE(item, field, form, transform, field##_rgb, __VA_ARGS__)
 #define ITN__WORD(name, item, field, form) ITN__FIELD(name, item, field, form, 0, 0, 0)
 #define ITN__MARK(name, form, words) {name, form, 0, 0, 0, 0, 0, ITN_IDENTITY, 0, words}
 #define ITN__ANY -FLT_MAX, FLT_MAX
@@ -3103,8 +3107,9 @@ typedef struct itn__light_model {
     itn__floats (*pdf)(const itn__light *light, const itn__towards *to);
 } itn__light_model;
 #define ITN__LIGHT_SCALE(name, light)                                                              \
-    {#name, "1fL", 0, 1e12f, 1, offsetof(itn_light_desc, name),                                    \
-     (light) * sizeof(itn__light) + offsetof(itn__light, parameter), ITN_LOG, 0, NULL}
+    {#name, "1f?L", 0, 1e12f, 1, offsetof(itn_light_desc, name),                                   \
+     (light) * sizeof(itn__light) + offsetof(itn__light, parameter), ITN_LOG,                      \
+     offsetof(itn_light_desc, has_scale), NULL}
 static const itn__light_model itn__light_models[] = {
     {{ITN__LIGHT, ITN_LIGHT_CONSTANT, "constant",
       {ITN__MARK("constant", "", NULL),
@@ -5216,7 +5221,11 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
 /* A scene is made item by item: film, camera, media, surfaces, lights, and last the objects
    ([objects]), which name the others. Each is checked by its fields before anything is taken from
    it, and enters its numbers into the parameter table; an image is copied. The first error ends it
-   all, and what was made is freed. First the fields of the items that have no models. */
+   all, and what was made is freed. First the fields of the items that have no models. mu_a, mu_s
+   and mu_s' of a medium stand where albedo and sigma_t_rgb will (itn__end_medium). */
+typedef itn_sky itn_sky_desc;
+#define ITN__COEFFICIENTS(name, c) ITN__FIELD(name, sky, coefficients[c], "9f!", ITN__ANY, 0)
+#define ITN__MU(name, where) ITN__FIELD(name, medium, where, "13c", 0, 1e12f, 0)
 static const itn__form itn__forms[] = { /* that of a kind without types at its number */
     {ITN__FILM, 0, NULL,
      {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
@@ -5225,18 +5234,19 @@ static const itn__form itn__forms[] = { /* that of a kind without types at its n
       {"filter", "o", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box gaussian"},
       ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0),
       ITN__SPECTRUM(film, exposure, "13s", ITN_LOG, 1e-12f, 1e12f, 1),
-      {"background", "13c?", 0, ITN__MAX_RADIANCE, 0, offsetof(itn_film_desc, background),
-       offsetof(itn__film, background), ITN_LOG, offsetof(itn_film_desc, has_background), NULL}}},
+      ITN__VALUE_BESIDE(film, background, "13c?", ITN_LOG, has_background, 0, ITN__MAX_RADIANCE,
+                        0)}},
     {ITN__CAMERA, 0, NULL,
      {ITN__FIELD("eye", camera, eye, "3f!", ITN__ANY, 0),
       ITN__FIELD("target", camera, target, "3f!", ITN__ANY, 0),
       ITN__FIELD("up", camera, up, "3f", ITN__ANY, 0),
       ITN__FIELD("fov", camera, fov, "1f", 1e-6f, 179.999f, 30)}},
     {ITN__MEDIUM, 0, NULL,
-     {ITN__SPECTRUM(medium, sigma_t, "13sR!", ITN_LOG, 0, 1e12f, 0),
-      ITN__VALUE(medium, albedo, "13cS!", ITN_LOGIT, 0, 1, 0),
-      ITN__MARK("phase", "o", "hg"),
-      ITN__SPECTRUM(medium, g, "13s", ITN_LOGIT, -.999f, .999f, 0)}},
+     {ITN__SPECTRUM(medium, sigma_t, "13sR", ITN_LOG, 0, 1e12f, 0),
+      ITN__VALUE(medium, albedo, "13cS", ITN_LOGIT, 0, 1, 0),
+      ITN__SPECTRUM(medium, g, "13s", ITN_LOGIT, -.999f, .999f, 0),
+      ITN__MU("mu_a", albedo), ITN__MU("mu_s", sigma_t_rgb), ITN__MU("mu_s'", sigma_t_rgb),
+      ITN__MU("mu_s_prime", sigma_t_rgb), ITN__MARK("phase", "o", "hg")}},
     {ITN__OBJECT, 0, "mesh",
      {ITN__WORD("mesh", object, mesh, "m"),
       ITN__WORD("medium", object, medium, "w"),
@@ -5248,30 +5258,34 @@ static const itn__form itn__forms[] = { /* that of a kind without types at its n
     {ITN__OBJECT, 1, "plane",
      {ITN__MARK("plane", "", NULL), ITN__WORD("surface", object, surface, "w!"),
       ITN__FIELD("y", object, plane_y, "1f", ITN__ANY, 0),
-      ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 20)}}};
+      ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 20)}},
+    {ITN__KINDS, 0, NULL,
+     {ITN__COEFFICIENTS("coefficients_r", 0), ITN__COEFFICIENTS("coefficients_g", 1),
+      ITN__COEFFICIENTS("coefficients_b", 2),
+      ITN__FIELD("radiance", sky, radiance, "3f!", 0, ITN__MAX_RADIANCE, 0),
+      ITN__FIELD("sun_radiance", sky, sun_radiance, "3f!", 0, ITN__MAX_RADIANCE, 0)}}};
 enum {
     ITN__OWN_FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]),
     ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0]),
     ITN__FORMS = ITN__OWN_FORMS + ITN__BSDFS +
                  (int)(sizeof itn__light_models / sizeof itn__light_models[0])
 };
-
-/* What a checker has more, in a desc. */
-static const itn__field itn__checker_fields[] = {
-    ITN__VALUE(surface, reflectance2, "cS", ITN_LOGIT, 0, 1, 0),
-    ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1),
-    ITN__MARK(NULL, NULL, NULL)};
 static const itn__form *itn__form_at(int k) {
     if (k < ITN__OWN_FORMS) return &itn__forms[k];
     k -= ITN__OWN_FORMS;
     return k < ITN__BSDFS ? &itn__bsdfs[k].form : &itn__light_models[k - ITN__BSDFS].form;
 }
 
+/* What a checker has more, in a desc. */
+static const itn__field itn__checker_fields[] = {
+    ITN__VALUE(surface, reflectance2, "cS", ITN_LOGIT, 0, 1, 0),
+    ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1),
+    ITN__MARK(NULL, NULL, NULL)};
+
 /* Whether a number may stand in a field; if not, `words` say why. */
 static int itn__field_allows(const itn__field *field, float number, char words[100]) {
     int optional = field->parameter && field->lower > 0 && field->otherwise == 0;
-    if (number >= field->lower && number <= field->upper) return 1;
-    if (optional && number == 0) return 1;
+    if ((number >= field->lower && number <= field->upper) || (optional && number == 0)) return 1;
     itn__print(words, 100, "%g is %s in [%g, %g]", (double)number,
                optional ? "neither 0 nor" : "not", (double)field->lower, (double)field->upper);
     return 0;
@@ -5280,8 +5294,7 @@ static int itn__field_allows(const itn__field *field, float number, char words[1
 /* Writes the `count` numbers of a field to a desc. */
 static void itn__write_numbers(const itn__field *field, void *desc, float *n, int count) {
     char *at = (char *)desc + (itn__has_form(field, 's') && count == 3 ? field->beside : field->at);
-    int whole = (int)n[0], given = 1;
-    if (itn__has_form(field, '?')) memcpy((char *)desc + field->beside, &given, sizeof given);
+    int whole = (int)n[0];
     if (itn__has_form(field, 'c') && count == 1) n[1] = n[2] = n[0], count = 3;
     if (strpbrk(field->form, "io")) memcpy(at, &whole, sizeof whole);
     else if (strpbrk(field->form, "fcs")) memcpy(at, n, (size_t)count * sizeof *n);
@@ -5289,14 +5302,12 @@ static void itn__write_numbers(const itn__field *field, void *desc, float *n, in
 
 /* The numbers of a field in a desc, where `otherwise` is put in. Returns how many they are: 0 if it
    has none. */
-static int itn__read_numbers(const itn__field *field, void *desc, int channels, float n[9]) {
-    char *at = (char *)desc + field->at;
+static int itn__read_numbers(const itn__field *field, void *desc, int channels, float *n) {
+    char *at = (char *)desc + field->at, *beside = (char *)desc + field->beside;
     int integer = itn__has_form(field, 'i') || (itn__has_form(field, 'o') && field->at);
-    int whole, given = 1, count = 0;
-    if (itn__has_form(field, '?')) memcpy(&given, (char *)desc + field->beside, sizeof given);
-    if (!given) return 0;
+    int optional = field->lower > 0, whole, empty, count = 0;
     if (itn__has_form(field, 's')) {
-        memcpy(n, (char *)desc + field->beside, 3 * sizeof *n);
+        memcpy(n, beside, 3 * sizeof *n);
         if (n[0] != 0 || n[1] != 0 || n[2] != 0) return 3;
     }
     if (itn__has_form(field, 'c')) count = channels;
@@ -5304,7 +5315,9 @@ static int itn__read_numbers(const itn__field *field, void *desc, int channels, 
     else if (itn__has_form(field, 's') || integer) count = 1;
     memcpy(n, at, (size_t)count * sizeof *n);
     if (integer) memcpy(&whole, at, sizeof whole), n[0] = (float)whole;
-    if (count != 1 || n[0] != 0 || !(field->lower > 0)) return count;
+    if (itn__has_form(field, '?')) memcpy(&whole, beside, sizeof whole), optional = !whole;
+    empty = count > 0 && n[0] == 0 && (count == 1 || (n[1] == 0 && n[2] == 0));
+    if (!empty || !optional) return count;
     n[0] = field->otherwise;
     itn__write_numbers(field, desc, n, 1);
     return n[0] != 0;
@@ -5317,6 +5330,7 @@ typedef struct itn__maker {
     char title[2 * ITN_NAME_SIZE]; /* of it, for messages */
     itn__table names;              /* of parameters */
     itn_result refusal;            /* of what is given: ARGUMENT, or of a file FORMAT */
+    itn_result result;             /* of the making so far */
     itn_error *error;
 } itn__maker;
 
@@ -5330,9 +5344,11 @@ static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *fo
     itn__print_list(words, sizeof words, format, arguments);
     va_end(arguments);
     if (code == ITN_ERROR_ARGUMENT) code = maker->refusal;
-    return itn__fail(maker->error, code, 0, "%s: %s", maker->title, words);
+    return maker->result = itn__fail(maker->error, code, 0, "%s: %s", maker->title, words);
 }
 #define ITN__REFUSE(...) itn__refuse(maker, ITN_ERROR_ARGUMENT, __VA_ARGS__)
+#define ITN__REFUSE_MESH(...) itn__refuse(maker, ITN_ERROR_MESH, __VA_ARGS__)
+#define ITN__NO_MEMORY itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory")
 
 /* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index or -1. In
    the names of layers, which must differ, too, the dot becomes a _. */
@@ -5341,14 +5357,13 @@ static int itn__add_parameter(itn__maker *maker, const itn__field *field, int ch
     static const char *const suffix[4] = {"", "_r", "_g", "_b"};
     itn_scene *scene = maker->scene;
     itn_parameter *p = &scene->parameters[scene->parameter_count];
+    itn__source *source = &scene->sources[scene->parameter_count];
     uint64_t a = 1, b = 2; /* two hashes are as good as the name */
     uint32_t key[3];
     int k, first;
     itn__print(p->name, sizeof p->name, "%s.%s%s", maker->title, field->name, suffix[channel + 1]);
     p->value = value, p->lower = field->lower, p->upper = field->upper;
-    p->transform = field->transform;
-    scene->sources[scene->parameter_count].field = field;
-    scene->sources[scene->parameter_count].channel = channel;
+    p->transform = field->transform, source->field = field, source->channel = channel;
     for (k = 0; p->name[k]; k++) {
         unsigned char letter = (unsigned char)(p->name[k] == '.' ? '_' : p->name[k]);
         a = itn__mix64(a + letter), b = itn__mix64(b + letter);
@@ -5369,50 +5384,43 @@ static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field
         float n[ITN__MOST_NUMBERS];
         int channels = maker->scene->film.channels; /* which are the film's fields, too */
         int count = itn__read_numbers(field, desc, channels, n), index[3] = {-1, -1, -1}, c;
-        int spectrum = itn__has_form(field, 's');
+        int spectrum = itn__has_form(field, 's'), enters = field->parameter && item;
         char words[100];
         if (spectrum && count > channels)
             return ITN__REFUSE("%s_rgb needs a film with 3 channels", field->name);
         for (c = 0; c < count; c++) {
             if (!itn__field_allows(field, n[c], words))
                 return ITN__REFUSE("%s %s", field->name, words);
-            if (!field->parameter || !item) continue;
-            index[c] = itn__add_parameter(maker, field, count == 3 ? c : -1, n[c]);
-            if (index[c] < 0) return maker->refusal;
+            if (enters) index[c] = itn__add_parameter(maker, field, count == 3 ? c : -1, n[c]);
+            if (maker->result) return maker->result;
         }
         if (count == 1) index[1] = index[2] = index[0];
-        if (field->parameter && item)
-            memcpy((char *)item + field->parameter, index,
-                   spectrum ? sizeof index : sizeof index[0]);
+        if (enters)
+            memcpy((char *)item + field->parameter, index, (spectrum ? 3 : 1) * sizeof index[0]);
     }
     return ITN_OK;
 }
 
-/* Names become parts of parameters' and layers' names, hence the narrow rules. */
-static int itn__is_name(const char *name) {
+/* Goes to an item (kind -1: to none) and gives it a title. */
+static void itn__go_to(itn__maker *maker, int kind, int index) {
+    const char *of = kind < 0 ? "scene" : itn__kinds[kind];
+    maker->kind = kind, maker->index = index;
+    if (kind <= ITN__CAMERA) itn__copy_name(maker->title, of);
+    else itn__print(maker->title, sizeof maker->title, "%s %d", of, index + 1);
+}
+
+/* Takes an item's name, which none of the `count` before it must have. It becomes a part of
+   parameters' and layers' names, hence the narrow rules. */
+static itn_result itn__take_name(itn__maker *maker, int kind, int index, const char *name,
+                                 void *items, size_t stride, int count) {
     static const char characters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
                                      "0123456789_-";
     size_t length = name ? strlen(name) : 0;
-    return length >= 1 && length <= 32 && strspn(name, characters) == length &&
-           !strchr(characters + 52, *name);
-}
-#define ITN__NAME_RULE "is not 1 to 32 letters, digits, _ or -, beginning with a letter"
-
-/* Goes to an item (kind -1: to none) and gives it a title. */
-static void itn__go_to(itn__maker *maker, int kind, int index) {
-    maker->kind = kind, maker->index = index;
-    if (kind <= ITN__CAMERA)
-        itn__copy_name(maker->title, kind < 0 ? "scene" : itn__kinds[kind]);
-    else
-        itn__print(maker->title, sizeof maker->title, "%s %d", itn__kinds[kind], index + 1);
-}
-
-/* Takes an item's name, which none of the `count` before it must have. */
-static itn_result itn__take_name(itn__maker *maker, int kind, int index, const char *name,
-                                 void *items, size_t stride, int count) {
     itn__go_to(maker, kind, index);
-    if (!itn__is_name(name))
-        return ITN__REFUSE("the name '%.40s' " ITN__NAME_RULE, name ? name : "");
+    if (length < 1 || length > 32 || strspn(name, characters) < length ||
+        strchr(characters + 52, *name))
+        return ITN__REFUSE("the name '%.40s' is not 1 to 32 letters, digits, _ or -, beginning "
+                           "with a letter", name ? name : "");
     itn__copy_name(maker->title, name);
     if (itn__find_name(name, items, stride, count) >= 0)
         return ITN__REFUSE("another %s has this name", itn__kinds[kind]);
@@ -5423,11 +5431,9 @@ static itn_result itn__take_name(itn__maker *maker, int kind, int index, const c
 static itn_result itn__make_film(itn__maker *maker) {
     itn_film_desc *film = &maker->scene->film;
     int gaussian = maker->desc->film.filter == ITN_FILTER_GAUSSIAN;
-    itn_result result;
     *film = maker->desc->film;
     itn__go_to(maker, ITN__FILM, 0);
-    result = itn__take_fields(maker, itn__forms[ITN__FILM].fields, film, NULL);
-    if (result) return result;
+    if (itn__take_fields(maker, itn__forms[ITN__FILM].fields, film, NULL)) return maker->result;
     if (film->channels == 2) return ITN__REFUSE("channels is 1 or 3, not 2");
     if (!gaussian && film->deviation != 0)
         return ITN__REFUSE("deviation is that of filter gaussian");
@@ -5441,12 +5447,9 @@ static itn_result itn__make_camera(itn__maker *maker) {
     itn_camera_desc in = maker->desc->camera;
     itn__camera *camera = &maker->scene->camera;
     itn_vec3 up, right, forward = itn__direction(itn__sub(in.target, in.eye));
-    float half;
-    itn_result result;
     itn__go_to(maker, ITN__CAMERA, 0);
-    result = itn__take_fields(maker, itn__forms[ITN__CAMERA].fields, &in, NULL);
-    if (result) return result;
-    up = itn__direction(in.up), half = tanf(in.fov * (ITN__PI / 360));
+    if (itn__take_fields(maker, itn__forms[ITN__CAMERA].fields, &in, NULL)) return maker->result;
+    up = itn__direction(in.up);
     if (up.x == 0 && up.y == 0 && up.z == 0) up.y = 1;
     right = itn__cross(forward, up);
     if (!itn__finite3(forward) || !(itn__length(forward) > 0))
@@ -5454,7 +5457,7 @@ static itn_result itn__make_camera(itn__maker *maker) {
     if (!(itn__length(right) > 1e-5f)) /* sine of the angle between two unit vectors */
         return ITN__REFUSE("up is parallel to the view");
     camera->forward = forward;
-    camera->right = itn__scale(itn__normalize(right), half);
+    camera->right = itn__scale(itn__normalize(right), tanf(in.fov * (ITN__PI / 360)));
     camera->up = itn__scale(itn__cross(camera->right, forward),
                             (float)film->height / (float)film->width);
     camera->width = film->width, camera->height = film->height;
@@ -5465,12 +5468,10 @@ static itn_result itn__make_camera(itn__maker *maker) {
 static itn_result itn__make_medium(itn__maker *maker, int index) {
     itn_medium_desc in = maker->desc->media[index];
     itn__medium *media = maker->scene->media, *medium = &media[maker->scene->medium_count++];
-    itn_result result = itn__take_name(maker, ITN__MEDIUM, index, in.name, media, sizeof *media,
-                                       index);
-    if (!result)
-        result = itn__take_fields(maker, itn__forms[ITN__MEDIUM].fields, &in, medium);
+    if (!itn__take_name(maker, ITN__MEDIUM, index, in.name, media, sizeof *media, index))
+        itn__take_fields(maker, itn__forms[ITN__MEDIUM].fields, &in, medium);
     maker->scene->spectral |= itn__is_spectral(medium->sigma_t) || itn__is_spectral(medium->g);
-    return result;
+    return maker->result;
 }
 
 /* Copies an image's light into texels [height][width][3] after checking its values. With one
@@ -5491,7 +5492,7 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
                            image->plane_count > 2 ? " ..." : "");
     *width = image->width, *height = image->height, count = image->width * image->height;
     *texels = ITN__NEW(float, &maker->scene->context, 3 * count);
-    if (!*texels) return itn__out_of_memory(maker->error, maker->title);
+    if (!*texels) return ITN__NO_MEMORY;
     for (i = 0; i < count; i++) {
         float *texel = *texels + 3 * (size_t)i;
         for (k = 0; k < 3; k++) {
@@ -5509,25 +5510,23 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
 static itn_result itn__make_surface(itn__maker *maker, int index) {
     itn_surface_desc in = maker->desc->surfaces[index];
     itn_scene *scene = maker->scene;
-    itn__surface *surface = &scene->surfaces[index];
-    itn_result result = itn__take_name(maker, ITN__SURFACE, index, in.name, scene->surfaces,
-                                       sizeof *surface, index);
-    if (result) return result;
+    itn__surface *surface = &scene->surfaces[scene->surface_count++];
+    if (itn__take_name(maker, ITN__SURFACE, index, in.name, scene->surfaces, sizeof *surface,
+                       index))
+        return maker->result;
     if ((unsigned)in.type >= (unsigned)ITN__BSDFS) return ITN__REFUSE("unknown type");
     surface->type = in.type, surface->alpha = -1, surface->first = scene->parameter_count;
-    scene->surface_count++; /* now, so that a failed one's texels are freed */
-    result = itn__take_fields(maker, itn__bsdfs[in.type].form.fields, &in, surface);
     if (itn__bsdfs[in.type].flags & ITN__TEXTURED) surface->texture = in.texture;
-    if (surface->texture == ITN_TEXTURE_CHECKER && !result)
-        result = itn__take_fields(maker, itn__checker_fields, &in, surface);
-    else if (surface->texture == ITN_TEXTURE_IMAGE && !result)
-        result = itn__copy_texels(maker, in.image, 1, &surface->width, &surface->height,
-                                  &surface->texels);
-    else if (surface->texture != ITN_TEXTURE_NONE && !result)
+    if ((unsigned)surface->texture > (unsigned)ITN_TEXTURE_IMAGE)
         return ITN__REFUSE("unknown texture");
+    itn__take_fields(maker, itn__bsdfs[in.type].form.fields, &in, surface);
+    if (surface->texture == ITN_TEXTURE_CHECKER && !maker->result)
+        itn__take_fields(maker, itn__checker_fields, &in, surface);
+    if (surface->texture == ITN_TEXTURE_IMAGE && !maker->result)
+        itn__copy_texels(maker, in.image, 1, &surface->width, &surface->height, &surface->texels);
     surface->checker_size = in.checker_size;
     surface->count = scene->parameter_count - surface->first;
-    return result;
+    return maker->result;
 }
 
 /* Divides running sums by the last of them. */
@@ -5544,7 +5543,8 @@ ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
 }
 
 /* Fills the density of a light's grid with its luminance at the nodes times sine (not normalised
-   yet); power, strength and breadth are sums over them. Returns whether it is small enough. */
+   yet); power, strength and breadth are sums over them. Returns whether it is small enough (that of
+   a sky with odd coefficients is not). */
 static int itn__fill_grid(itn__light *light) {
     itn__grid *grid = &light->grid;
     size_t width = (size_t)grid->width, nodes = width * (size_t)grid->height, i;
@@ -5592,25 +5592,22 @@ static void itn__grid_prepare(itn__grid *grid) {
         grid->density[i] = (float)(grid->density[i] / total);
 }
 
-/* Builds the grid of a map or sky from its own radiance at the nodes, which is an invalid argument
-   if it is too large (as a sky's with odd coefficients can be). A floor of a thousandth of the
-   mean keeps every part of a sky, clamped or not, within reach. */
-static itn_result itn__light_grid(const itn_context *context, itn__light *light, int width,
-                                  int height, float bottom) {
+/* Builds the grid of a map or sky from its own radiance at the nodes. A floor of a thousandth of
+   the mean keeps every part of a sky, clamped or not, within reach. */
+static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bottom) {
     itn__grid *grid = &light->grid;
-    size_t nodes = (size_t)width * (size_t)height, rows = (size_t)height, i;
+    size_t nodes = (size_t)light->width * (size_t)light->height, i;
     double mean = 0;
-    grid->width = width, grid->height = height, grid->bottom = bottom;
-    grid->density = (float *)itn__allocate(context, 2 * nodes + rows, sizeof(float));
-    if (!grid->density) return ITN_ERROR_MEMORY;
+    grid->width = light->width, grid->height = light->height, grid->bottom = bottom;
+    grid->density = ITN__NEW(float, &maker->scene->context, 2 * nodes + (size_t)grid->height);
+    if (!grid->density) return ITN__NO_MEMORY;
     grid->nodes = grid->density + nodes, grid->rows = grid->nodes + nodes;
-    if (!itn__fill_grid(light)) return ITN_ERROR_ARGUMENT;
-    for (i = 0; i < nodes; i++) mean += grid->density[i];
-    mean /= (double)nodes;
-    if (!(mean > 0)) return ITN_OK; /* black: never sampled */
+    if (!itn__fill_grid(light))
+        return ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE);
+    for (i = 0; i < nodes; i++) mean += grid->density[i] / (double)nodes;
     for (i = 0; i < nodes && light->kind == ITN__LIGHT_SKY; i++)
         grid->density[i] = itn__max(grid->density[i], (float)(1e-3 * mean));
-    itn__grid_prepare(grid);
+    if (mean > 0) itn__grid_prepare(grid); /* else it is black: never sampled */
     return ITN_OK;
 }
 
@@ -5623,20 +5620,16 @@ static void itn__copy_radiance(const itn_scene *scene, const float in[3], int ch
 }
 
 /* A sky desc becomes two lights, the sky and its sun. */
-static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, itn__light *sky,
+static itn_result itn__make_sky(itn__maker *maker, itn_light_desc *in, itn__light *sky,
                                 itn__light *disc) {
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
     double solid_angle;
-    int c, k, good = 1;
-    for (c = 0; c < 3; c++) {
-        for (k = 0; k < 9; k++)
-            good &= fabsf(in->sky.coefficients[c][k]) < (k < 8 ? INFINITY : 1);
-        good &= in->sky.radiance[c] >= 0 && in->sky.radiance[c] <= ITN__MAX_RADIANCE;
-        good &= in->sky.sun_radiance[c] >= 0 && in->sky.sun_radiance[c] <= ITN__MAX_RADIANCE;
-    }
-    if (!good)
-        return ITN__REFUSE("the sky's coefficients must be finite, the last in (-1, 1), its "
-                           "radiances in [0, %g]", (double)ITN__MAX_RADIANCE);
+    int c;
+    if (itn__take_fields(maker, itn__forms[ITN__OWN_FORMS - 1].fields, &in->sky, NULL))
+        return maker->result;
+    for (c = 0; c < 3; c++)
+        if (!(fabsf(in->sky.coefficients[c][8]) < 1))
+            return ITN__REFUSE("the last of the sky's coefficients is not in (-1, 1)");
     if (!(in->sun_direction.y > 0))
         return ITN__REFUSE("the sun's direction must be above the horizon");
     sky->width = 64, sky->height = 33; /* of its grid: radiance over density then varies by 2 % */
@@ -5650,65 +5643,55 @@ static itn_result itn__make_sky(itn__maker *maker, const itn_light_desc *in, itn
     disc->power = (float)(solid_angle * itn__luminance(disc->radiance));
     disc->strength = itn__strength((double)disc->power, disc->to_sun);
     disc->breadth = solid_angle / (4 * (double)ITN__PI);
-    return ITN_OK;
+    return itn__make_grid(maker, sky, .5f);
 }
 
 static itn_result itn__make_light(itn__maker *maker, int index) {
     itn_light_desc in = maker->desc->lights[index];
     itn_scene *scene = maker->scene;
     itn__light *light = &scene->lights[scene->light_count];
-    char name[ITN_NAME_SIZE];
-    itn_result result;
+    char name[ITN_NAME_SIZE] = "light";
     if (index) itn__print(name, sizeof name, "light%d", index + 1);
-    else itn__copy_name(name, "light");
-    result = itn__take_name(maker, ITN__LIGHT, index, in.name ? in.name : name, scene->lights,
-                            sizeof *light, scene->light_count);
-    if (result) return result;
+    if (itn__take_name(maker, ITN__LIGHT, index, in.name ? in.name : name, scene->lights,
+                       sizeof *light, scene->light_count))
+        return maker->result;
     if ((unsigned)in.type >= (unsigned)ITN__LIGHT_SUN) return ITN__REFUSE("unknown type");
     scene->light_count += in.type == ITN_LIGHT_SKY ? 2 : 1; /* now, so that parts are freed */
     light->kind = (itn__light_kind)in.type;
-    if (!in.has_scale && in.scale == 0) in.scale = 1;
-    if (!in.has_scale && in.sun_scale == 0) in.sun_scale = 1;
-    result = itn__take_fields(maker, itn__light_models[light->kind].form.fields, &in, light);
+    if (itn__take_fields(maker, itn__light_models[light->kind].form.fields, &in, light))
+        return maker->result;
     light->share = in.scale; /* until the shares are known */
+    if (in.type == ITN_LIGHT_SKY) return itn__make_sky(maker, &in, light, light + 1);
     if (in.type == ITN_LIGHT_CONSTANT)
         itn__copy_radiance(scene, in.radiance, scene->film.channels, light->radiance);
-    if (in.type == ITN_LIGHT_SKY && !result) result = itn__make_sky(maker, &in, light, light + 1);
-    if (in.type == ITN_LIGHT_MAP && !result)
-        result = itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, &light->width,
-                                  &light->height, &light->map);
-    if (result || in.type == ITN_LIGHT_CONSTANT) return result;
-    result = itn__light_grid(&scene->context, light, light->width, light->height,
-                             in.type == ITN_LIGHT_SKY ? .5f : 1);
-    if (result == ITN_ERROR_MEMORY) return itn__out_of_memory(maker->error, "a light's grid");
-    return result ? ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE) : ITN_OK;
+    else if (!itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, &light->width, &light->height,
+                               &light->map))
+        itn__make_grid(maker, light, 1);
+    return maker->result;
 }
 
 /* Shares out the choice between sampled lights. Scattering finds broad lights too: draws that come
    upon light i with density p_i q, and scattering that does with about b_i q, leave it a variance
    of about s_i^2 / (p_i + b_i), where s is its strength and b its breadth. The sum is least for
-   p_i + b_i in proportion to s_i, wherever that makes p_i positive. A twentieth is shared out in
-   equal parts, so that a light whose scale is raised from 0 is still found. */
+   p_i + b_i in proportion to s_i; where that makes p_i negative it is 0. A twentieth is shared out
+   in equal parts, so that a light whose scale is raised from 0 is still found. */
 static void itn__share_lights(itn_scene *scene) {
-    itn__light *lights = scene->lights;
-    int round, i, count = scene->light_count, sampled = 0;
-    for (i = 0; i < count; i++) {
-        lights[i].strength *= lights[i].share > 0 ? lights[i].share : 1e-30; /* by its scale */
-        lights[i].share = lights[i].strength > 0, sampled += lights[i].strength > 0;
+    double strengths = 0, breadths = 0, sum = 0;
+    int i, sampled = 0;
+    for (i = 0; i < scene->light_count; i++) {
+        itn__light *light = &scene->lights[i];
+        light->strength *= light->share > 0 ? light->share : 1e-30; /* by its scale */
+        strengths += light->strength, sampled += light->strength > 0;
+        breadths += light->strength > 0 ? light->breadth : 0;
     }
-    for (round = 0; round < count; round++) { /* those whose p would be negative drop out */
-        double strengths = 0, breadths = 0;
-        for (i = 0; i < count; i++)
-            if (lights[i].share > 0)
-                strengths += lights[i].strength, breadths += lights[i].breadth;
-        for (i = 0; i < count; i++)
-            if (lights[i].share > 0)
-                lights[i].share = (float)fmax(0, (1 + breadths) * (lights[i].strength / strengths) -
-                                                     lights[i].breadth);
+    for (i = 0; i < scene->light_count; i++) {
+        itn__light *light = &scene->lights[i];
+        double part = (1 + breadths) * (light->strength / strengths) - light->breadth;
+        light->share = light->strength > 0 && part > 0 ? (float)part : 0, sum += light->share;
     }
-    for (i = 0; i < count; i++)
-        if (lights[i].strength > 0)
-            lights[i].share = .95f * lights[i].share + .05f / (float)sampled;
+    for (i = 0; i < scene->light_count; i++)
+        if (scene->lights[i].strength > 0)
+            scene->lights[i].share = (float)(.95 * scene->lights[i].share / sum + .05 / sampled);
 }
 
 /* Parameters. A coordinate has no bounds, and steps in it are of a size that fits: the logarithm of
@@ -5804,10 +5787,9 @@ static void itn__place_vertex(const itn_mesh *mesh, const double m[12], int i, d
 
 /* Resolves names and refuses what cannot be, before any geometry is touched. */
 static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
-                                   itn__object *object) {
+                                   const itn_mesh *mesh, const double m[12], itn__object *object) {
     const itn_scene *scene = maker->scene;
-    double m[12], sum = 0;
-    const itn_mesh *mesh = itn__object_mesh(in, m);
+    double sum = 0;
     int k;
     for (k = 0; k < 12; k++) sum += m[k] * 0;
     object->medium = itn__find_name(in->medium, scene->media, sizeof *scene->media,
@@ -5827,8 +5809,8 @@ static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
         return ITN__REFUSE("the mesh is empty");
     if (sum != 0 || itn__determinant(m) == 0)
         return ITN__REFUSE("the transform is not finite, or flattens space");
-    if (in->mesh || !object->refracts) return ITN_OK;
-    return itn__refuse(maker, ITN_ERROR_MESH, "a plane has no inside for a dielectric");
+    return in->mesh || !object->refracts
+               ? ITN_OK : ITN__REFUSE_MESH("a plane has no inside for a dielectric");
 }
 
 /* Says what keeps a mesh from being a solid. */
@@ -5836,20 +5818,18 @@ static itn_result itn__not_a_solid(itn__maker *maker, const itn_mesh *mesh,
                                    const itn_mesh_report *report) {
     const int *edge = report->open_edges ? report->open_edge[0] : report->flipped_edge[0];
     const float *a = mesh->positions + 3 * (size_t)edge[0];
-    const float *b = mesh->positions + 3 * (size_t)edge[1];
     if (report->open_edges || report->flipped_edges)
-        return itn__refuse(maker, ITN_ERROR_MESH, "the mesh is not closed: %d open edges and %d "
-                           "flipped or shared by three triangles or more, first between vertices "
-                           "%d (%g, %g, %g) and %d (%g, %g, %g), counted from 0 (`force` takes it "
-                           "as it is)", report->open_edges, report->flipped_edges,
-                           edge[0], (double)a[0], (double)a[1], (double)a[2],
-                           edge[1], (double)b[0], (double)b[1], (double)b[2]);
-    return itn__refuse(maker, ITN_ERROR_MESH, "the mesh %s (its volume is %g)",
-                       report->volume < 0 ? "is inside out: triangles must be counter-clockwise "
-                                            "seen from outside; `force` turns it"
-                                          : "encloses nothing: it is flat, or has each face twice, "
-                                            "once for either side; leave out those that look "
-                                            "inwards", report->volume);
+        return ITN__REFUSE_MESH("the mesh is not closed: %d open edges and %d flipped or shared by "
+                                "three triangles or more, first between vertices %d (%g, %g, %g) "
+                                "and %d, counted from 0 (`force` takes it as it is)",
+                                report->open_edges, report->flipped_edges, edge[0], (double)a[0],
+                                (double)a[1], (double)a[2], edge[1]);
+    return ITN__REFUSE_MESH("the mesh %s (its volume is %g)",
+                            report->volume < 0
+                                ? "is inside out: triangles must be counter-clockwise seen from "
+                                  "outside; `force` turns it"
+                                : "encloses nothing: it is flat, or has each face twice, once for "
+                                  "either side; leave out those that look inwards", report->volume);
 }
 
 /* Checks an object's mesh, and notes whether it is a solid and where it is. */
@@ -5857,21 +5837,18 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
     const itn_object_desc *in = &maker->desc->objects[index];
     itn__object *object = &maker->scene->objects[index];
     itn_mesh_report report = ITN_ZERO;
-    const itn_mesh *mesh;
     double m[12], p[3];
+    const itn_mesh *mesh = itn__object_mesh(in, m);
     int i, k, open;
-    itn_result result;
     itn__go_to(maker, ITN__OBJECT, index);
-    result = itn__name_object(maker, in, object);
-    mesh = itn__object_mesh(in, m);
-    if (!result)
-        result = itn_mesh_check(mesh, &maker->scene->context, &report, maker->error);
-    if (result) return result;
+    if (itn__name_object(maker, in, mesh, m, object)) return maker->result;
+    maker->result = itn_mesh_check(mesh, &maker->scene->context, &report, maker->error);
+    if (maker->result) return maker->result;
     if (report.bad_vertices || report.bad_indices)
-        return itn__refuse(maker, ITN_ERROR_MESH, "the mesh has %d vertices that are not finite "
-                           "(first %d) and %d triangles that name missing vertices (first %d)",
-                           report.bad_vertices, report.first_bad_vertex, report.bad_indices,
-                           report.first_bad_triangle);
+        return ITN__REFUSE_MESH("the mesh has %d vertices that are not finite (first %d) and %d "
+                                "triangles that name missing vertices (first %d)",
+                                report.bad_vertices, report.first_bad_vertex, report.bad_indices,
+                                report.first_bad_triangle);
     open = report.open_edges || report.flipped_edges;
     object->closed = !open && report.volume > 0 && (object->solid || !report.inverted_parts);
     if (object->solid && !object->closed && !in->force)
@@ -5886,8 +5863,7 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
         for (k = 0; k < 3; k++) {
             object->lower[k] = fmin(object->lower[k], p[k]);
             object->upper[k] = fmax(object->upper[k], p[k]);
-            if (!(fabs(p[k]) < 1e18))
-                return itn__refuse(maker, ITN_ERROR_MESH, "it reaches beyond 1e18");
+            if (!(fabs(p[k]) < 1e18)) return ITN__REFUSE_MESH("it reaches beyond 1e18");
         }
     }
     return ITN_OK;
@@ -5900,32 +5876,30 @@ static itn_result itn__make_origin(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     const itn_vec3 *eye = &maker->desc->camera.eye;
     double lower[3] = {DBL_MAX, DBL_MAX, DBL_MAX}, upper[3] = {-DBL_MAX, -DBL_MAX, -DBL_MAX};
-    double half[3], distance, reach = 0;
+    double *origin = scene->origin, half[3], distance, reach = 0;
     int i, k, solids = 0;
-    for (i = 0; i < scene->object_count; i++) solids += scene->objects[i].solid;
+    for (i = 0; i < scene->object_count; i++) solids |= scene->objects[i].solid;
     for (i = 0; i < scene->object_count; i++)
         for (k = 0; k < 3 && (scene->objects[i].solid || !solids); k++) {
             lower[k] = fmin(lower[k], scene->objects[i].lower[k]);
             upper[k] = fmax(upper[k], scene->objects[i].upper[k]);
         }
-    for (k = 0; k < 3; k++)
-        scene->origin[k] = .5 * (lower[k] + upper[k]), half[k] = .5 * (upper[k] - lower[k]);
+    for (k = 0; k < 3; k++) {
+        origin[k] = .5 * (lower[k] + upper[k]), half[k] = .5 * (upper[k] - lower[k]);
+        for (i = 0; i < scene->object_count; i++)
+            reach = fmax(reach, fmax(origin[k] - scene->objects[i].lower[k],
+                                     scene->objects[i].upper[k] - origin[k]));
+    }
     scene->radius = (float)sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]);
     for (k = 0; k < 3; k++) half[k] += 8 * FLT_EPSILON * (double)scene->radius;
     scene->upper = itn__vec3((float)half[0], (float)half[1], (float)half[2]);
     scene->lower = itn__scale(scene->upper, -1);
+    scene->camera.eye = itn__vec3((float)(eye->x - origin[0]), (float)(eye->y - origin[1]),
+                                  (float)(eye->z - origin[2]));
+    distance = (double)itn__length(scene->camera.eye);
     itn__go_to(maker, -1, 0);
     if (!(scene->radius > 0 && scene->radius < 1e18f))
-        return itn__refuse(maker, ITN_ERROR_MESH, "the objects have size %g",
-                           (double)scene->radius);
-    for (i = 0; i < scene->object_count; i++)
-        for (k = 0; k < 3; k++)
-            reach = fmax(reach, fmax(scene->origin[k] - scene->objects[i].lower[k],
-                                     scene->objects[i].upper[k] - scene->origin[k]));
-    scene->camera.eye = itn__vec3((float)(eye->x - scene->origin[0]),
-                                  (float)(eye->y - scene->origin[1]),
-                                  (float)(eye->z - scene->origin[2]));
-    distance = (double)itn__length(scene->camera.eye);
+        return ITN__REFUSE_MESH("the objects have size %g", (double)scene->radius);
     itn__go_to(maker, ITN__CAMERA, 0);
     if (distance <= 1e6 * reach) return ITN_OK;
     return ITN__REFUSE("the eye is %g away from objects that reach %g, more than 1e6 times as far: "
@@ -5945,7 +5919,7 @@ static itn_result itn__merge_object(itn__maker *maker, int index) {
                    scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE;
     itn__go_to(maker, ITN__OBJECT, index);
     if (textured) object->uvs = ITN__NEW(float, &scene->context, 6 * (size_t)mesh->triangle_count);
-    if (textured && !object->uvs) return itn__out_of_memory(maker->error, "texture coordinates");
+    if (textured && !object->uvs) return ITN__NO_MEMORY;
     for (i = 0; i < 3 * mesh->triangle_count; i++) {
         int from = object->mirrored && i % 3 ? i / 3 * 3 + 3 - i % 3 : i;
         itn__place_vertex(mesh, m, mesh->triangles[from], p);
@@ -5954,8 +5928,8 @@ static itn_result itn__merge_object(itn__maker *maker, int index) {
             float *uv = &object->uvs[2 * (size_t)i + (size_t)k];
             *uv = mesh->uvs[2 * (size_t)from + (size_t)k];
             if (!(fabsf(*uv) <= 1e6f)) /* larger ones have no digits left */
-                return itn__refuse(maker, ITN_ERROR_MESH, "texture coordinate %g of triangle %d is "
-                                   "not in [-1e6, 1e6]", (double)*uv, i / 3);
+                return ITN__REFUSE_MESH("texture coordinate %g of triangle %d is not in [-1e6, "
+                                        "1e6]", (double)*uv, i / 3);
         }
         if (i % 3 < 2) continue;
         triangle->object = index;
@@ -5969,7 +5943,6 @@ static itn_result itn__make_tree(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     double m[12];
     int i, count = 0;
-    itn_result result = ITN_OK;
     itn__go_to(maker, -1, 0);
     for (i = 0; i < scene->object_count; i++) {
         const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[i], m);
@@ -5977,39 +5950,28 @@ static itn_result itn__make_tree(itn__maker *maker) {
         scene->objects[i].first_triangle = count, count += mesh->triangle_count;
     }
     scene->bvh = itn__bvh_new(&scene->context, count);
-    if (!scene->bvh) return itn__out_of_memory(maker->error, "a scene");
-    for (i = 0; i < scene->object_count && !result; i++) result = itn__merge_object(maker, i);
-    return result ? result : itn__bvh_build(scene->bvh, maker->error);
+    if (!scene->bvh) return ITN__NO_MEMORY;
+    for (i = 0; i < scene->object_count && !maker->result; i++) itn__merge_object(maker, i);
+    if (!maker->result) maker->result = itn__bvh_build(scene->bvh, maker->error);
+    return maker->result;
 }
 
-/* Where a line next enters a closed object (t[0]) and where it leaves it (t[1]), else INFINITY. */
-static void itn__next_crossings(const itn_scene *scene, int object, const itn_ray *line,
-                                float t[2]) {
-    int k;
-    for (k = 0; k < 2; k++) {
-        itn__sides sides = ITN_ZERO;
-        itn_hit hit;
-        *(k ? &sides.back : &sides.front) = itn__object_bit(object);
-        t[k] = itn__bvh_face(scene->bvh, line, &sides, &hit) ? hit.t : INFINITY;
-    }
-}
-
-/* Whether the camera is inside a closed object: along a ray a back face comes before (where parts
-   touch, together with) the first front face. The best of three rays in no particular directions,
-   as one may graze an edge. */
+/* Whether the camera is inside an object: then the solid angles of its triangles, seen from there,
+   add up to 4 pi, else to 0 (van Oosterom and Strackee 1983). */
 static int itn__camera_inside(const itn_scene *scene, int object) {
-    static const float directions[3][3] = {
-        {.41237f, .55113f, .72541f}, {-.63071f, .29173f, -.71907f}, {.18319f, -.87643f, .44537f}};
-    int k, votes = 0;
-    for (k = 0; k < 3; k++) {
-        itn_ray ray;
-        float t[2];
-        ray.origin = scene->camera.eye, ray.tmin = 0, ray.tmax = INFINITY;
-        memcpy(&ray.direction, directions[k], sizeof ray.direction);
-        itn__next_crossings(scene, object, &ray, t);
-        votes += t[1] < INFINITY && t[1] <= t[0];
+    const itn_bvh *bvh = scene->bvh;
+    double angle = 0;
+    int i, k;
+    for (i = scene->objects[object].first_triangle;
+         i < bvh->triangle_count && bvh->triangles[i].object == object; i++) {
+        itn_vec3 p[3];
+        itn__bvh_corners(bvh, i, p);
+        for (k = 0; k < 3; k++) p[k] = itn__direction(itn__sub(p[k], scene->camera.eye));
+        angle += 2 * atan2((double)itn__dot(p[0], itn__cross(p[1], p[2])),
+                           1 + (double)(itn__dot(p[0], p[1]) + itn__dot(p[1], p[2]) +
+                                        itn__dot(p[2], p[0])));
     }
-    return votes >= 2;
+    return angle > 2 * (double)ITN__PI;
 }
 
 enum { ITN__TRIED_LINES = 400, ITN__TRIED_CROSSINGS = 256 };
@@ -6020,18 +5982,20 @@ enum { ITN__TRIED_LINES = 400, ITN__TRIED_CROSSINGS = 256 };
    so many crossings that time grows with the size of a mesh only, however often it is folded. */
 static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
     const float gap = 64 * FLT_EPSILON * scene->radius;
-    int inside = 0, i;
+    int inside = 0, i, k;
     for (i = 0; i < ITN__TRIED_CROSSINGS; i++) {
-        float t[2];
-        itn__next_crossings(scene, object, &line, t);
+        float t[2] = {INFINITY, INFINITY}; /* where it next enters, and where it leaves */
+        for (k = 0; k < 2; k++) {
+            itn__sides sides = ITN_ZERO;
+            itn_hit hit;
+            *(k ? &sides.back : &sides.front) = itn__object_bit(object);
+            if (itn__bvh_face(scene->bvh, &line, &sides, &hit)) t[k] = hit.t;
+        }
         line.tmin = itn__min(t[0], t[1]);
         if (line.tmin == INFINITY) return inside;
-        if (fabsf(t[0] - t[1]) <= gap) {
-            line.tmin = itn__max(t[0], t[1]);
-            continue;
-        }
-        if ((t[0] < t[1]) == inside) return 1;
-        inside = !inside;
+        if (fabsf(t[0] - t[1]) <= gap) line.tmin = itn__max(t[0], t[1]);
+        else if ((t[0] < t[1]) == inside) return 1;
+        else inside = !inside;
     }
     return 0;
 }
@@ -6075,10 +6039,10 @@ static itn_result itn__check_parts(itn__maker *maker) {
         scene->leaky = 1;
         itn__go_to(maker, ITN__OBJECT, i);
         if (!maker->desc->objects[i].force)
-            return itn__refuse(maker, ITN_ERROR_MESH, "parts of the mesh overlap, lie within each "
-                               "other or are inside out: %d of %d lines through it enter or leave "
-                               "twice in a row (make each part an object of its own; `force` takes "
-                               "it as it is)", tangled, ITN__TRIED_LINES);
+            return ITN__REFUSE_MESH("parts of the mesh overlap, lie within each other or are "
+                                    "inside out: %d of %d lines through it enter or leave twice in "
+                                    "a row (make each part an object of its own; `force` takes it "
+                                    "as it is)", tangled, ITN__TRIED_LINES);
     }
     return ITN_OK;
 }
@@ -6103,35 +6067,38 @@ static void itn__make_sides(itn_scene *scene) {
     }
 }
 
-/* Counts of a desc, and the arrays they call for. */
+/* Checks the counts of a desc and makes the arrays they call for. */
 static itn_result itn__make_arrays(itn__maker *maker) {
     const itn_scene_desc *in = maker->desc;
     itn_scene *scene = maker->scene;
     const itn_context *context = &scene->context;
-    const size_t media = (size_t)in->medium_count, surfaces = (size_t)in->surface_count;
-    const size_t lights = (size_t)in->light_count, items = media + surfaces + lights;
-    if (in->object_count < 1 || in->object_count > ITN__MAX_OBJECTS || media > ITN__MAX_ITEMS ||
-        surfaces > ITN__MAX_ITEMS || lights > ITN__MAX_LIGHTS)
-        return ITN__REFUSE("it has 1 to %d objects, up to %d lights, %d media and surfaces; not %d "
-                           "objects, %d lights, %d media, %d surfaces", ITN__MAX_OBJECTS,
-                           ITN__MAX_LIGHTS, ITN__MAX_ITEMS, in->object_count, in->light_count,
-                           in->medium_count, in->surface_count);
-    if ((media && !in->media) || (surfaces && !in->surfaces) || (lights && !in->lights) ||
-        !in->objects)
-        return ITN__REFUSE("an array of itn_scene_desc is NULL");
-    scene->media = ITN__NEW(itn__medium, context, media);
-    scene->surfaces = ITN__NEW(itn__surface, context, surfaces);
-    scene->lights = ITN__NEW(itn__light, context, 2 * lights);
+    const struct {
+        const char *of;
+        const void *items;
+        int count, least, most;
+    } rows[4] = {{"objects", in->objects, in->object_count, 1, ITN__MAX_OBJECTS},
+                 {"lights", in->lights, in->light_count, 0, ITN__MAX_LIGHTS},
+                 {"media", in->media, in->medium_count, 0, ITN__MAX_ITEMS},
+                 {"surfaces", in->surfaces, in->surface_count, 0, ITN__MAX_ITEMS}};
+    int k, values;
+    for (k = 0; k < 4; k++)
+        if (rows[k].count < rows[k].least || rows[k].count > rows[k].most ||
+            (rows[k].count && !rows[k].items))
+            return ITN__REFUSE("it has %d to %d %s, not %d (or their array is NULL)",
+                               rows[k].least, rows[k].most, rows[k].of, rows[k].count);
+    values = 9 * (in->light_count + in->medium_count + in->surface_count) + 6;
+    scene->media = ITN__NEW(itn__medium, context, in->medium_count);
+    scene->surfaces = ITN__NEW(itn__surface, context, in->surface_count);
+    scene->lights = ITN__NEW(itn__light, context, 2 * in->light_count);
     scene->objects = ITN__NEW(itn__object, context, in->object_count);
-    scene->parameters = ITN__NEW(itn_parameter, context, 9 * items + 6);
-    scene->sources = ITN__NEW(itn__source, context, 9 * items + 6);
+    scene->parameters = ITN__NEW(itn_parameter, context, values);
+    scene->sources = ITN__NEW(itn__source, context, values);
     scene->kept = ITN__NEW(void *, context, ITN__KEPT);
-    if (!itn__table_make(&maker->names, context, 9 * items + 6) || !scene->media ||
-        !scene->surfaces || !scene->lights || !scene->objects || !scene->parameters ||
-        !scene->sources || !scene->kept)
-        return itn__out_of_memory(maker->error, "a scene");
-    scene->object_count = in->object_count;
-    return ITN_OK;
+    scene->object_count = scene->objects ? in->object_count : 0;
+    return itn__table_make(&maker->names, context, (size_t)values) && scene->media &&
+                   scene->surfaces && scene->lights && scene->objects && scene->parameters &&
+                   scene->sources && scene->kept
+               ? ITN_OK : ITN__NO_MEMORY;
 }
 
 /* itn_scene_create; on failure *kind and *index tell which item is at fault (kind -1: none). */
@@ -6139,33 +6106,29 @@ static ITN__COLD itn_result itn__create_scene(const itn_scene_desc *desc,
                                               const itn_context *context, itn_result refusal,
                                               itn_scene **made, int *kind, int *index,
                                               itn_error *error) {
-    itn__maker maker = ITN_ZERO;
+    itn__maker all = ITN_ZERO, *maker = &all;
     itn_context own;
     itn_scene *scene;
     int i;
     itn_result result = itn__context_check(context, &own, error);
     if (result) return result;
-    scene = maker.scene = ITN__NEW(itn_scene, &own, 1);
+    scene = maker->scene = ITN__NEW(itn_scene, &own, 1);
     if (!scene) return itn__out_of_memory(error, "a scene");
-    scene->context = own, maker.desc = desc, maker.error = error, maker.refusal = refusal;
-    itn__go_to(&maker, -1, 0);
-    result = itn__make_arrays(&maker);
-    if (!result) result = itn__make_film(&maker);
-    if (!result) result = itn__make_camera(&maker);
-    for (i = 0; i < desc->medium_count && !result; i++) result = itn__make_medium(&maker, i);
-    for (i = 0; i < desc->surface_count && !result; i++) result = itn__make_surface(&maker, i);
-    for (i = 0; i < desc->light_count && !result; i++) result = itn__make_light(&maker, i);
-    for (i = 0; i < desc->object_count && !result; i++) result = itn__make_object(&maker, i);
-    if (!result) itn__go_to(&maker, ITN__FILM, 0);
-    if (!result)
-        result = itn__take_fields(&maker, itn__forms[ITN__FILM].fields, &scene->film,
-                                  &scene->camera); /* its parameters are the last */
-    if (!result) result = itn__make_origin(&maker);
-    if (!result) result = itn__make_tree(&maker);
-    if (!result) result = itn__check_parts(&maker);
-    itn__free(&own, maker.names.entries), itn__free(&own, maker.names.slots);
-    *kind = maker.kind, *index = maker.index;
-    if (result) return itn_scene_free(scene), result;
+    scene->context = own, maker->desc = desc, maker->error = error, maker->refusal = refusal;
+    itn__go_to(maker, -1, 0);
+    if (!itn__make_arrays(maker) && !itn__make_film(maker)) itn__make_camera(maker);
+    for (i = 0; i < desc->medium_count && !maker->result; i++) itn__make_medium(maker, i);
+    for (i = 0; i < desc->surface_count && !maker->result; i++) itn__make_surface(maker, i);
+    for (i = 0; i < desc->light_count && !maker->result; i++) itn__make_light(maker, i);
+    for (i = 0; i < desc->object_count && !maker->result; i++) itn__make_object(maker, i);
+    if (!maker->result) itn__go_to(maker, ITN__FILM, 0); /* whose parameters are the last */
+    if (!maker->result && !itn__take_fields(maker, itn__forms[ITN__FILM].fields, &scene->film,
+                                            &scene->camera) &&
+        !itn__make_origin(maker) && !itn__make_tree(maker))
+        itn__check_parts(maker);
+    itn__free(&own, maker->names.entries), itn__free(&own, maker->names.slots);
+    *kind = maker->kind, *index = maker->index;
+    if (maker->result) return itn_scene_free(scene), maker->result;
     itn__share_lights(scene);
     itn__make_sides(scene);
     *made = scene;
@@ -13285,8 +13248,10 @@ typedef struct itn__reader {
     itn_image images[2][ITN__MOST_ITEMS]; /* of surfaces, of lights */
     const itn__form *form;                /* of the item at hand, */
     char *item;                           /* its desc, */
-    int given[ITN__MOST_FIELDS];          /* for each field 1 + its numbers or 0: not given, */
-    float checker[ITN__MOST_NUMBERS];     /* and the numbers of a checker */
+    int given[ITN__MOST_FIELDS];          /* for each field 1 + its numbers or 0: not given; */
+    const itn__field *file;               /* the field with a file, NULL: none, */
+    const char *path;                     /* and what it is called: */
+    int length;                           /* so many characters */
 } itn__reader;
 
 #define ITN__WRONG(...) itn__text_fail(&r->text, ITN_ERROR_FORMAT, __VA_ARGS__)
@@ -13315,32 +13280,45 @@ static int itn__transform_add(float transform[12], char step, const float n[4]) 
     return good && largest >= (double)FLT_MIN;
 }
 
+/* A checker's numbers: A B SIZE, A and B being of one number or of three. */
+static void itn__read_checker(itn__reader *r, const float *n, int count) {
+    itn_surface_desc *surface = (itn_surface_desc *)(void *)r->item;
+    int k;
+    for (k = 0; k < 3; k++) {
+        surface->reflectance[k] = n[count == 7 ? k : 0];
+        surface->reflectance2[k] = n[count == 7 ? 3 + k : 1];
+    }
+    surface->texture = ITN_TEXTURE_CHECKER, surface->checker_size = n[count - 1];
+    if (!(surface->checker_size > 0)) ITN__WRONG("checker: SIZE is not positive");
+}
+
 /* Reads the numbers that follow a field's name, all words that begin like one; returns how many.
    What must be a number is read as one, for the message. */
 static int itn__read_values(itn__reader *r, const itn__field *field) {
     const char *name = field->name;
-    float n[ITN__MOST_NUMBERS] = {0};
+    float n[ITN__MOST_NUMBERS + 1] = {0};
     char words[100];
-    int count = 0, three;
+    int count = 0, given = 1;
     while (!itn__line_done(&r->text) && (strchr("+-.0123456789", *r->text.at) ||
                                          !(count || itn__has_form(field, '0')))) {
         double number = itn__take_decimal(&r->text, name);
         if (!itn__field_allows(field, (float)number, words)) ITN__WRONG("%s: %s", name, words);
         if (itn__has_form(field, 'i') && number != floor(number))
             ITN__WRONG("%s: %g is not a whole number", name, number);
-        if (count < ITN__MOST_NUMBERS) n[count] = (float)number;
-        count++;
+        n[count] = (float)number, count += count < ITN__MOST_NUMBERS;
     }
-    if (count > 9 || !itn__has_form(field, (char)('0' + count)))
+    if (!itn__has_form(field, (char)('0' + count)) || n[ITN__MOST_NUMBERS] != 0)
         ITN__WRONG("%s takes another count of numbers than %d", name, count);
-    if (count == 1 && strpbrk(field->form, "ct")) n[1] = n[2] = n[0];
+    if (r->text.result || !count) return count;
+    if ((count == 3 && strpbrk(field->form, "cs")) || (count == 7 && itn__has_form(field, 'k')))
+        r->colour_line = r->colour_line ? r->colour_line : r->text.line;
+    if (count == 1 && itn__has_form(field, 't')) n[1] = n[2] = n[0];
     if (itn__has_form(field, 't') &&
         !itn__transform_add(((itn_object_desc *)(void *)r->item)->transform, *name, n))
         ITN__WRONG("%s: the axis is zero, or the result too large or too small", name);
-    if (itn__has_form(field, 'k')) memcpy(r->checker, n, sizeof n);
-    three = itn__has_form(field, 'k') ? count == 7 : count == 3 && strpbrk(field->form, "cs");
-    if (three && !r->colour_line) r->colour_line = r->text.line;
-    if (count && !r->text.result) itn__write_numbers(field, r->item, n, count);
+    if (itn__has_form(field, 'k')) itn__read_checker(r, n, count);
+    if (itn__has_form(field, '?')) memcpy(r->item + field->beside, &given, sizeof given);
+    itn__write_numbers(field, r->item, n, count);
     return count;
 }
 
@@ -13350,112 +13328,33 @@ static int itn__shown(const itn__text *text) {
     return length < 40 ? length : 40;
 }
 
-static const char *itn__read_name(itn__reader *r) {
+/* Reads a name, which the desc has at this place. */
+static void itn__read_name(itn__reader *r, char *at) {
     char *name = r->names[r->name_count++];
     int length = itn__line_done(&r->text) ? 0 : itn__word_length(&r->text);
     itn__print(name, ITN_NAME_SIZE, "%.*s", length, r->text.at); /* what is cut is too long, too */
     r->text.at += length;
-    return name;
-}
-
-/* Reads the bytes of a sky file. */
-static itn_result itn__sky_from_memory(const void *bytes, size_t size, const char *name,
-                                       itn_sky *sky, itn_error *error) {
-    static const char *const names = "coefficients_r coefficients_g coefficients_b radiance "
-                                     "sun_radiance";
-    itn__text text = itn__text_make(bytes, size, name);
-    int i, k, count = 0, given[5] = {0, 0, 0, 0, 0};
-    text.error = error;
-    for (; text.at < text.end; itn__next_line(&text))
-        while (!itn__line_done(&text)) {
-            int length = itn__shown(&text);
-            const char *word = text.at;
-            float *to = sky->radiance;
-            k = itn__accept(&text, names);
-            if (k < 0 || given[k]++)
-                return itn__text_fail(&text, ITN_ERROR_FORMAT, "%.*s is %s", length, word,
-                                      k < 0 ? "no field of a sky" : "given twice");
-            if (k != 3) to = k < 3 ? sky->coefficients[k] : sky->sun_radiance;
-            for (i = 0; i < (k < 3 ? 9 : 3); i++) to[i] = (float)itn__take_decimal(&text, "a sky");
-            count++;
-        }
-    if (count < 5) itn__text_fail(&text, ITN_ERROR_FORMAT, "a sky has once each: %s", names);
-    return text.result;
-}
-
-/* Reads a file beside the scene file, or where its path is absolute: *path receives where. */
-static itn_result itn__read_beside(const char *scene, const char *name, size_t length,
-                                   itn__buffer *path, itn__buffer *file, itn_error *error) {
-#ifdef ITN_NO_STDIO
-    (void)scene, (void)path, (void)file;
-    return itn__fail(error, ITN_ERROR_FILE, 0, "%.*s is not among the files given", (int)length,
-                     name);
-#else
-    size_t folder = strlen(scene);
-    while (folder && scene[folder - 1] != '/' && scene[folder - 1] != '\\') folder--;
-    if (name[0] == '/') folder = 0;
-#ifdef _WIN32
-    if (name[0] == '\\' || (length > 1 && name[1] == ':')) folder = 0;
-#endif
-    itn__put(path, scene, folder), itn__put(path, name, length), itn__put(path, "", 1);
-    if (path->failed) return itn__out_of_memory(error, "a path");
-    return itn__read_file((const char *)path->bytes, SIZE_MAX / 4, &path->context, file, error);
-#endif
-}
-
-/* Loads the file that a field names - a mesh, a picture or a sky, given in memory or read - to its
-   place in a desc. */
-static void itn__load_field(itn__reader *r, const itn__field *field, void *at) {
-    int kind = r->form->kind, index = r->count[kind] - 1, k = 0;
-    int length = itn__word_length(&r->text);
-    itn_mesh *mesh = &r->meshes[index];
-    itn_image *image = &r->images[kind == ITN__LIGHT][index];
-    itn__buffer path = ITN_ZERO, bytes = ITN_ZERO;
-    itn_file file;
-    itn_error error = ITN_ZERO;
-    itn_result result = ITN_OK;
-    path.context = bytes.context = r->context;
-    while (k < r->file_count && itn__accept(&r->text, r->files[k].name) != 0) k++;
-    if (k < r->file_count) {
-        file = r->files[k];
-    } else {
-        result = itn__read_beside(r->text.name, r->text.at, (size_t)length, &path, &bytes, &error);
-        file.name = (const char *)path.bytes, file.bytes = bytes.bytes, file.size = bytes.size;
-        r->text.at += length;
-    }
-    if (itn__has_form(field, 'm')) memcpy(at, &mesh, sizeof mesh);
-    if (itn__has_form(field, 'p')) memcpy(at, &image, sizeof image);
-    if (!result && itn__has_form(field, 'y'))
-        result = itn__sky_from_memory(file.bytes, file.size, file.name, (itn_sky *)at, &error);
-    if (!result && itn__has_form(field, 'm'))
-        result = itn_mesh_from_memory(file.bytes, file.size, file.name, &r->context, mesh, &error);
-    if (!result && itn__has_form(field, 'p'))
-        result = itn_image_from_memory(file.bytes, file.size, file.name, &r->context, image,
-                                       &error);
-    itn__buffer_free(&bytes), itn__buffer_free(&path);
-    if (result) itn__text_fail(&r->text, result, "%s", error.message);
+    memcpy(at, &name, sizeof name);
 }
 
 /* Reads what follows a field's name; returns how many numbers. */
 static int itn__read_field(itn__reader *r, const itn__field *field) {
-    char *at = r->item + field->at;
-    const char *name;
     int value = 1;
     if (strpbrk(field->form, "0123456789")) return itn__read_values(r, field);
     if (strpbrk(field->form, "wompy") && itn__line_done(&r->text)) {
         ITN__WRONG("%s: the line ends too early", field->name);
-    } else if (strpbrk(field->form, "mpy") && (*r->text.at == '"' || *r->text.at == '\'')) {
-        ITN__WRONG("%s: a path has neither quotes nor blanks", field->name);
     } else if (strpbrk(field->form, "mpy")) {
-        itn__load_field(r, field, at);
+        if (*r->text.at == '"' || *r->text.at == '\'')
+            ITN__WRONG("%s: a path has neither quotes nor blanks", field->name);
+        r->file = field, r->path = r->text.at, r->length = itn__word_length(&r->text);
+        r->text.at += r->length;
     } else if (itn__has_form(field, 'w')) {
-        name = itn__read_name(r);
-        memcpy(at, &name, sizeof name);
+        itn__read_name(r, r->item + field->at);
     } else { /* one of a few words; a flag, or nothing */
         if (field->words && (value = itn__accept(&r->text, field->words)) < 0)
             ITN__WRONG("%s: '%.*s' is none of: %s", field->name, itn__shown(&r->text),
                        r->text.at, field->words);
-        if (field->at) memcpy(at, &value, sizeof value);
+        if (field->at) memcpy(r->item + field->at, &value, sizeof value);
     }
     return 0;
 }
@@ -13463,7 +13362,6 @@ static int itn__read_field(itn__reader *r, const itn__field *field) {
 /* Reads all fields of the line. */
 static void itn__read_fields(itn__reader *r) {
     const itn__field *fields = r->form->fields;
-    const char *title = itn__kinds[r->form->kind];
     char list[160] = "";
     itn__prose known = {list, sizeof list - 1, 0};
     int k;
@@ -13471,36 +13369,127 @@ static void itn__read_fields(itn__reader *r) {
     while (!itn__line_done(&r->text)) {
         k = itn__accept(&r->text, list);
         if (k < 0)
-            ITN__WRONG("%s has no field '%.*s', only %s%s", title, itn__shown(&r->text),
-                       r->text.at, list,
+            ITN__WRONG("%s has no field '%.*s', only %s%s", itn__kinds[r->form->kind],
+                       itn__shown(&r->text), r->text.at, list,
                        r->form->kind == ITN__SURFACE ? " (or is of another type)" : "");
-        else if (r->given[k]) ITN__WRONG("%s is given twice", fields[k].name);
+        else if (r->given[k] && !itn__has_form(&fields[k], 't')) /* which may come again */
+            ITN__WRONG("%s is given twice", fields[k].name);
         else r->given[k] = 1 + itn__read_field(r, &fields[k]);
-        if (k >= 0 && itn__has_form(&fields[k], 't')) r->given[k] = 0; /* may come again */
     }
-    for (k = 0; fields[k].name; k++) {
+}
+
+/* What is not given is missing, or what `otherwise` says. */
+static void itn__end_fields(itn__reader *r) {
+    const itn__field *field = r->form->fields;
+    int k;
+    for (k = 0; field->name; k++, field++) {
         float n[ITN__MOST_NUMBERS] = {0};
-        if (r->given[k]) continue;
-        if (itn__has_form(&fields[k], '!')) ITN__WRONG("%s: %s is missing", title, fields[k].name);
-        n[0] = fields[k].otherwise;
-        if (n[0] != 0) itn__write_numbers(&fields[k], r->item, n, 1);
+        if (!r->given[k] && itn__has_form(field, '!'))
+            ITN__WRONG("%s: %s is missing", itn__kinds[r->form->kind], field->name);
+        n[0] = field->otherwise;
+        if (!r->given[k] && n[0] != 0) itn__write_numbers(field, r->item, n, 1);
     }
+}
+
+/* A medium has sigma_t and albedo, or mu_a and mu_s, or mu_a, mu_s' = mu_s (1 - g) and g. */
+static void itn__end_medium(itn__reader *r, itn_medium_desc *medium) {
+    const int *given = r->given; /* sigma_t albedo g mu_a mu_s mu_s' mu_s_prime */
+    int scattering = !!given[4] + !!given[5] + !!given[6], equal = 1, c;
+    if (!given[3] && !scattering && !(given[0] && given[1]))
+        ITN__WRONG("medium: %s is missing", given[0] ? "albedo" : "sigma_t");
+    if (!given[3] && !scattering) return;
+    if (given[0] || given[1] || !given[3] || scattering != 1 || (!given[4] && !given[2]))
+        ITN__WRONG("a medium has either sigma_t and albedo, or mu_a and mu_s, or mu_a, mu_s' (or "
+                   "mu_s_prime) and g");
+    for (c = 0; c < 3; c++) {
+        float g = given[2] == 4 ? medium->g_rgb[c] : medium->g, mu_a = medium->albedo[c];
+        float mu_s = medium->sigma_t_rgb[c] / (given[4] ? 1 : 1 - g), sigma_t = mu_a + mu_s;
+        medium->albedo[c] = sigma_t > 0 ? mu_s / sigma_t : 0, medium->sigma_t_rgb[c] = sigma_t;
+        equal &= fabsf(sigma_t - medium->sigma_t_rgb[0]) <= 1e-6f * sigma_t;
+    }
+    medium->sigma_t = medium->sigma_t_rgb[0];
+    if (equal) memset(medium->sigma_t_rgb, 0, sizeof medium->sigma_t_rgb);
 }
 
 /* The three forms of reflectance: a colour, an image (times a colour), a checker. */
 static void itn__end_reflectance(itn__reader *r, itn_surface_desc *surface) {
     int plain = r->given[0], image = r->given[1], checker = r->given[2], k;
-    const float *n = r->checker;
-    if (!plain || (plain > 1 ? checker : image ? checker : !checker))
+    if (!plain || (plain > 1 ? checker : !image == !checker))
         ITN__WRONG("reflectance is a colour, [colour] texture FILE or checker A B SIZE");
-    for (k = 0; k < 3 && plain == 1; k++) {
-        surface->reflectance[k] = checker ? n[checker == 8 ? k : 0] : 1;
-        surface->reflectance2[k] = n[checker == 8 ? 3 + k : 1];
-    }
+    for (k = 0; k < 3 && plain == 1 && image; k++) surface->reflectance[k] = 1;
     if (image) surface->texture = ITN_TEXTURE_IMAGE;
-    if (!checker) return;
-    surface->texture = ITN_TEXTURE_CHECKER, surface->checker_size = n[checker - 2];
-    if (!(surface->checker_size > 0)) ITN__WRONG("checker: SIZE is not positive");
+}
+
+/* Reads the bytes of a sky file, which has the fields of a sky on any lines. */
+static itn_result itn__sky_from_memory(const itn_context *context, const itn_file *file,
+                                       itn_sky *sky, itn_error *error) {
+    itn__reader *r = ITN__NEW(itn__reader, context, 1);
+    itn_result result;
+    if (!r) return itn__out_of_memory(error, "a sky");
+    r->text = itn__text_make(file->bytes, file->size, file->name), r->text.error = error;
+    r->form = &itn__forms[ITN__OWN_FORMS - 1], r->item = (char *)sky;
+    for (; r->text.at < r->text.end; itn__next_line(&r->text)) itn__read_fields(r);
+    itn__end_fields(r);
+    result = r->text.result;
+    itn__free(context, r);
+    return result;
+}
+
+/* Reads the item's file, which is beside the scene file or where its path is absolute. */
+static itn_result itn__read_beside(const itn__reader *r, itn__buffer *path, itn__buffer *bytes,
+                                   itn_file *file, itn_error *error) {
+#ifdef ITN_NO_STDIO
+    (void)path, (void)bytes, (void)file;
+    return itn__fail(error, ITN_ERROR_FILE, 0, "%.*s is not among the files given", r->length,
+                     r->path);
+#else
+    size_t folder = strlen(r->text.name), length = (size_t)r->length;
+    itn_result result;
+    while (folder && r->text.name[folder - 1] != '/' && r->text.name[folder - 1] != '\\') folder--;
+    if (r->path[0] == '/') folder = 0;
+#ifdef _WIN32
+    if (r->path[0] == '\\' || (length > 1 && r->path[1] == ':')) folder = 0;
+#endif
+    itn__put(path, r->text.name, folder), itn__put(path, r->path, length), itn__put(path, "", 1);
+    if (path->failed) return itn__out_of_memory(error, "a path");
+    file->name = (const char *)path->bytes;
+    result = itn__read_file(file->name, SIZE_MAX / 4, &r->context, bytes, error);
+    file->bytes = bytes->bytes, file->size = bytes->size;
+    return result;
+#endif
+}
+
+/* Loads the item's file - a mesh, a picture or a sky, given in memory or read - to its desc. */
+static void itn__load_file(itn__reader *r) {
+    int kind = r->form->kind, index = r->count[kind] - 1, k;
+    const itn_context *context = &r->context;
+    itn_mesh *mesh = &r->meshes[index];
+    itn_image *image = &r->images[kind == ITN__LIGHT][index];
+    char *at = r->item + r->file->at;
+    itn__buffer path = ITN_ZERO, bytes = ITN_ZERO;
+    itn_file file = {NULL, NULL, 0};
+    itn_error error = ITN_ZERO;
+    itn_result result = ITN_OK;
+    path.context = bytes.context = r->context;
+    for (k = 0; k < r->file_count && !file.name; k++)
+        if (strlen(r->files[k].name) == (size_t)r->length &&
+            !memcmp(r->files[k].name, r->path, (size_t)r->length))
+            file = r->files[k];
+    if (!file.name) result = itn__read_beside(r, &path, &bytes, &file, &error);
+    if (itn__has_form(r->file, 'y')) {
+        if (!result) result = itn__sky_from_memory(context, &file, (itn_sky *)(void *)at, &error);
+    } else if (itn__has_form(r->file, 'm')) {
+        memcpy(at, &mesh, sizeof mesh);
+        if (!result)
+            result = itn_mesh_from_memory(file.bytes, file.size, file.name, context, mesh, &error);
+    } else {
+        memcpy(at, &image, sizeof image);
+        if (!result)
+            result = itn_image_from_memory(file.bytes, file.size, file.name, context, image,
+                                           &error);
+    }
+    itn__buffer_free(&bytes), itn__buffer_free(&path);
+    if (result) itn__text_fail(&r->text, result, "%s", error.message);
 }
 
 /* The form of the line's item. */
@@ -13508,15 +13497,18 @@ static const itn__form *itn__find_form(itn__reader *r) {
     char list[300] = "";
     itn__prose known = {list, sizeof list - 1, 0};
     const char *from = r->text.at;
-    int k, kind = itn__accept(&r->text, itn__keywords);
-    itn__text ahead = r->text;
+    int k, kind = 0;
+    itn__text ahead;
+    while (kind < ITN__KINDS && itn__accept(&r->text, itn__kinds[kind]) < 0) kind++;
+    ahead = r->text;
     if (kind == ITN__SURFACE) /* its type stands somewhere behind its name */
         do ahead.at += itn__word_length(&ahead);
         while (!itn__line_done(&ahead) && itn__accept(&ahead, "type") < 0);
     for (k = 0; k < ITN__FORMS; k++) {
         const itn__form *form = itn__form_at(k);
-        if (form->kind == ITN__KINDS || (kind >= 0 && form->kind != kind)) continue;
-        if (kind >= 0 && (!form->variant || itn__accept(&ahead, form->variant) == 0)) return form;
+        if (form->kind == ITN__KINDS || (kind < ITN__KINDS && form->kind != kind)) continue;
+        if (kind < ITN__KINDS && (!form->variant || itn__accept(&ahead, form->variant) == 0))
+            return form;
         itn__say(&known, "%s%s%s%s", *list ? ", " : "", itn__kinds[form->kind],
                  form->kind == ITN__SURFACE ? " NAME type " : form->variant ? " " : "",
                  form->variant ? form->variant : "");
@@ -13541,16 +13533,18 @@ static void itn__read_item(itn__reader *r) {
         ITN__WRONG("%s was given in line %d", itn__kinds[kind], r->lines[kind][0]);
     if (index == ITN__MOST_ITEMS) ITN__WRONG("more than %d items of this kind", index);
     if (r->text.result) return;
-    r->item = (char *)items[kind], r->lines[kind][index] = r->text.line;
+    r->item = (char *)items[kind], r->lines[kind][index] = r->text.line, r->file = NULL;
     memset(r->given, 0, sizeof r->given);
-    if (kind == ITN__MEDIUM) medium->name = itn__read_name(r);
-    if (kind == ITN__SURFACE) surface->name = itn__read_name(r);
+    if (kind == ITN__MEDIUM) itn__read_name(r, (char *)&medium->name);
+    if (kind == ITN__SURFACE) itn__read_name(r, (char *)&surface->name);
     if (kind == ITN__SURFACE) surface->type = (itn_surface_type)form->type;
     for (k = 0; k < 3 && kind == ITN__OBJECT; k++) object->transform[5 * k] = 1;
-    if (kind == ITN__LIGHT) light->type = (itn_light_type)form->type, light->has_scale = 1;
-    itn__read_fields(r);
+    if (kind == ITN__LIGHT) light->type = (itn_light_type)form->type;
+    itn__read_fields(r), itn__end_fields(r);
+    if (kind == ITN__MEDIUM) itn__end_medium(r, medium);
     if (kind == ITN__SURFACE && (itn__bsdfs[form->type].flags & ITN__TEXTURED))
         itn__end_reflectance(r, surface);
+    if (r->file && !r->text.result) itn__load_file(r);
 }
 
 /* Reads all lines and makes the scene. What is wrong with an item, or (line 0) with the whole, is

@@ -721,13 +721,15 @@ static void bench_open(walk_bench *bench, const char *what, const char *csv, con
     itn_context context = one_core();
     itn_error error;
     itn__buffer bytes = ITN_ZERO;
+    itn_file file;
     char path[1024], sky[1024];
     memset(bench, 0, sizeof *bench);
     if (!mesh) mesh = project_path("scenes/shapes/knot.ply", path, sizeof path);
     need(itn_mesh_load(mesh, &context, &bench->mesh, &error), &error);
     need(itn__read_file(project_path("scenes/t3-e60.sky", sky, sizeof sky), 1 << 20, NULL, &bytes,
                         &error), &error);
-    need(itn__sky_from_memory(bytes.bytes, bytes.size, sky, &bench->sky, &error), &error);
+    file.name = sky, file.bytes = bytes.bytes, file.size = bytes.size;
+    need(itn__sky_from_memory(&context, &file, &bench->sky, &error), &error);
     itn__buffer_free(&bytes);
     normalize_mesh(&bench->mesh);
     bench->csv = csv ? fopen(csv, "w") : stdout;

@@ -215,7 +215,7 @@ static void test_loss(double planted) {
     for (i = 0; i < COUNT; i++) target[i] = (float)t;
     for (k = 0; k < 4; k++) {
         double l = k / 2 ? b : 3;
-        s.desc.film.has_background = k / 2, s.desc.film.background[0] = (float)b;
+        s.desc.film.background[0] = k / 2 ? (float)b : 0;
         scene = stage_make(&s);
         parameters[0] = itn_parameter_find(scene, "film.exposure");
         parameters[1] = itn_parameter_find(scene, k / 2 ? "film.background" : "light.scale");

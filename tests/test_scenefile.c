@@ -215,6 +215,42 @@ static void test_defaults_and_transform(void) {
     itn_scene_free(b);
 }
 
+/* The coefficients of tissue optics say the same as sigma_t, albedo and g. planted: an error of g. */
+static void test_tissue_words(double planted) {
+    static const struct {
+        const char *text, *name;
+        double value;
+    } rows[] = {
+        {"mu_a 0.5 mu_s 4.5", "x.sigma_t", 5},
+        {"mu_a 0.5 mu_s 4.5", "x.albedo_b", .9},
+        {"mu_s 4.5 g 0.2 mu_a 0.5", "x.g", .2},
+        {"mu_a 0.5 mu_s' 3 g 0.5", "x.sigma_t", 6.5},
+        {"g 0.5 mu_s_prime 3 mu_a 0.5", "x.albedo_g", 6 / 6.5},
+        {"mu_a 0 mu_s 2", "x.albedo_r", 1},
+        {"mu_a 2 mu_s 0", "x.albedo_r", 0},
+        {"mu_a 0 mu_s 0", "x.sigma_t", 0},
+        {"mu_a 0.1 0.2 0.3 mu_s 2", "x.sigma_t_g", 2.2},
+        {"mu_a 0.1 0.2 0.3 mu_s 0.9 0.8 0.7", "x.sigma_t", 1}, /* all the same */
+        {"mu_a 0.1 0.2 0.3 mu_s 0.9 0.8 0.7", "x.albedo_b", .7},
+        {"mu_a 1 mu_s' 1 2 3 g 0 0.5 0.75", "x.sigma_t_b", 13},
+        {"mu_a 1 mu_s' 1 2 3 g 0 0.5 0.75", "x.g_g", .5},
+        {"mu_a 1 mu_s' 1 2 3 g 0 0.5 0.75", "x.albedo_g", .8}};
+    size_t i;
+    for (i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        char text[300];
+        itn_error error;
+        itn_scene *scene;
+        snprintf(text, sizeof text, "film channels 3\ncamera eye 0 0 5 target 0 0 0\nmedium x %s\n"
+                 "object mesh cube.obj medium x\nlight constant radiance 1\n", rows[i].text);
+        scene = load_text(text, NULL, &error);
+        if (!check_report(scene != NULL, __FILE__, __LINE__, "%s: %s", rows[i].text, error.message))
+            continue;
+        CHECK_NEAR(value_of(scene, rows[i].name), rows[i].value * (1 + planted),
+                   1e-6 * rows[i].value);
+        itn_scene_free(scene);
+    }
+}
+
 /* ---- errors ---- */
 
 /* A line put behind the two good ones of `base`, so that it is line 3. */
@@ -275,6 +311,16 @@ static const bad_line bad_lines[] = {
     {"medium x sigma_t 1 albedo 1 g 0 0.1 1", ITN_ERROR_FORMAT, "g: 1 is not in"},
     {"medium x sigma_t 1 albedo 1 g 0 0.1 0.2", ITN_ERROR_FORMAT, "channels 3"},
     {"medium x sigma_t 1 albedo 1 phase rayleigh", ITN_ERROR_FORMAT, "rayleigh"},
+    {"medium x mu_a 1", ITN_ERROR_FORMAT, "either sigma_t and albedo, or mu_a and mu_s"},
+    {"medium x mu_s 1 g 0", ITN_ERROR_FORMAT, "either sigma_t and albedo, or mu_a and mu_s"},
+    {"medium x mu_a 1 mu_s' 1", ITN_ERROR_FORMAT, "mu_s' (or mu_s_prime) and g"},
+    {"medium x mu_a 1 mu_s' 1 mu_s_prime 1 g 0", ITN_ERROR_FORMAT, "either sigma_t and albedo"},
+    {"medium x mu_a 1 mu_s 1 mu_s' 1 g 0", ITN_ERROR_FORMAT, "either sigma_t and albedo"},
+    {"medium x sigma_t 1 albedo 1 mu_a 1", ITN_ERROR_FORMAT, "either sigma_t and albedo"},
+    {"medium x sigma_t 1 mu_s 1", ITN_ERROR_FORMAT, "either sigma_t and albedo"},
+    {"medium x mu_a 1 mu_s -1", ITN_ERROR_FORMAT, "mu_s: -1 is not in [0, 1e+12]"},
+    {"medium x mu_a 1e12 mu_s 1e12", ITN_ERROR_FORMAT, "x: sigma_t 2e+12 is not in"},
+    {"medium x mu_a 1 2 3 mu_s 1", ITN_ERROR_FORMAT, "channels 3"},
     {"surface x ior 1.5", ITN_ERROR_FORMAT, "expected surface NAME type dielectric, surface NAME"},
     {"surface x type metal", ITN_ERROR_FORMAT, "metal"},
     {"surface x type dielectric ior 0", ITN_ERROR_FORMAT, "ior"},
@@ -509,8 +555,10 @@ static int try_scene(void) {
 static itn_result load_sky(const char *path, itn_sky *sky, itn_error *error) {
     itn__buffer bytes = ITN_ZERO;
     itn_result result = itn__read_file(path, 1 << 20, NULL, &bytes, error);
-    if (!result)
-        result = itn__sky_from_memory(bytes.bytes, bytes.size, path, sky, error);
+    itn_context context = ITN_ZERO;
+    itn_file file;
+    file.name = path, file.bytes = bytes.bytes, file.size = bytes.size;
+    if (!result) result = itn__sky_from_memory(&context, &file, sky, error);
     itn__buffer_free(&bytes);
     return result;
 }
@@ -691,6 +739,8 @@ int main(void) {
     test_line_ends("\r");
     test_line_ends(" \t\n");
     test_defaults_and_transform();
+    test_tissue_words(0);
+    CHECK_CATCHES(test_tissue_words(1e-4));
     check_bad_lines(3);
     CHECK_CATCHES(check_bad_lines(4));
     test_other_errors();
