@@ -1,38 +1,37 @@
 /* Recovers the parameters of a translucent object from one image of it, or from several: the main
    job.
 
-   You learn: how to hand images to itn_refine_views, what comes back (values with error bars, and
-   word of those that the images do not determine), and how to look at it.
+   You learn: how to hand images and photos to itn_refine_views, what comes back (values with error
+   bars, and word of those that the images do not determine), and how to look at it.
 
    Compile: cc -O2 -march=native invert.c -o invert -lm -lpthread
    Run:     ./invert ../scenes/default.itn -o out
             ./invert front.itn side.itn --target front.exr --target side.exr -o out
-   Several scenes show one object from several sides or in several lights, each with its own image;
-   parameters of one name are one unknown. Without --target and --hidden the values in the (first)
-   scene file are the hidden ones: images are made with them, and the search starts from a neutral
-   guess (thickness 10, albedo .7, g .3). Otherwise it starts from the values in the scene file.
-   --params names the unknowns (glass.alpha,milk.g), which else are sigma_t, albedo and g of all
-   media of the first scene. What is not of a medium has no neutral guess and starts from the scene
-   file's value: say with --hidden what is to be hidden instead. --method adam|sgd does without
-   Levenberg-Marquardt, --iterations is the most of a search.
-   An image has the size of the film, or is a whole number of times as large; where its plane A is
-   below 1 it does not count.
-   --final-spp gives the last evaluations more samples than five times --spp: smaller error bars.
-   Without it they take up to 32 times as many by themselves where something else stays undetermined.
+   --help lists the options. Several scenes show one object from several sides or in several lights,
+   each with its own image; parameters of one name are one unknown. Without --target and --hidden
+   the values in the (first) scene file are the hidden ones: images are made with them, and the
+   search starts from a neutral guess (thickness 10, albedo .7, g .3). Otherwise it starts from the
+   values in the scene file. What is not of a medium has no neutral guess and starts from the scene
+   file's value: say with --hidden what is to be hidden instead.
+   An image may have any size that has the film's shape. Where it is masked, transparent (A below 1)
+   or clipped it does not count. The units of a PNG are not the light's: its exposure is one of the
+   unknowns, and starts where the means are equal. README.md beside this tells how photos are taken.
    With --net it starts from what a network of train.c reads off the first picture, which is
    printed as a row of its own. Prints a row per iteration and at the end a line per parameter,
             milk.sigma_t 31.2 +- 0.4 hidden 31
-   says in words what the images determine, and fails if a hidden value that they determine lies
-   more than four standard errors away, or if the scene does not explain the images: see the misfit,
-   in units of noise, 1 where it does. --seconds is the most that the search takes (60); Ctrl-C, too,
-   ends it with the answer so far. To the folder after -o, or beside the scene, go SCENE_sheet.png,
-   one page of target, estimate, their difference over its noise, derivatives and how the search
-   went, and SCENE_estimate.exr with the numbers. */
+   and what follows from them in the words of tissue optics; says in words what the images
+   determine, and fails if a hidden value that they determine lies more than four standard errors
+   away, or if the scene does not explain the images: see the misfit, in units of noise, 1 where it
+   does. Ctrl-C ends it with the answer so far. To the folder after -o, or beside the scene, go
+   SCENE_sheet.png, one page of target, estimate, their difference over its noise, derivatives and
+   how the search went, and SCENE_estimate.exr with the numbers. */
 #define _POSIX_C_SOURCE 200809L
 #define _DARWIN_C_SOURCE /* else macOS hides sysconf's number of processors */
 #define ITN_THREADS
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
+#define PROGRAM "invert"
+#include "tool.h"
 #include "sheet.h"
 
 #include <errno.h>
@@ -46,20 +45,43 @@
 #endif
 
 enum { MOST_PARAMETERS = 16, MOST_ROWS = 1024, MOST_VIEWS = 16, STEM_SIZE = 1024 };
-static const char *const usage =
-    "usage: invert SCENE... [--target IMAGE]... [--hidden name=value,...] [--params name,...]\n"
-    "       [--net WEIGHTS] [--method lm|adam|sgd] [--iterations N] [--spp N] [--final-spp N]\n"
-    "       [--seconds N] [--seed N] [-t THREADS] [-o DIR]\n"
-    "       (IMAGE: EXR or PFM; a --target for each of the scenes, in the same order, or for none;\n"
-    "       --hidden for none)\n";
+static const char usage[] =
+    "invert SCENE... [--target IMAGE]... [options]\n"
+    "Finds what an object is made of, from images of it (see the top of invert.c).\n";
+enum { TARGET, MASK, CROP, GAMMA, READ_NOISE, GAIN, SATURATION, EXPOSURE, BACKGROUND, PARAMS,
+       HIDDEN, NET, METHOD, ITERATIONS, SECONDS, SPP, FINAL_SPP, SEED, THREADS, FOLDER };
+static const tool_option choices[] = {
+    {"--target", "IMAGE", "EXR, PFM or PNG; one for each scene, in the same order"},
+    {"--mask", "IMAGE", "below .5 the target does not count; one for each target"},
+    {"--crop", "X,Y,W,H", "the pixels of the targets that the film shows; default all"},
+    {"--gamma", "G|srgb|linear", "of PNGs, light = code^G; default: as the file says, or srgb"},
+    {"--read-noise", "S", "standard deviation of a target's values; default half a code of 8 bits"},
+    {"--gain", "G", "its variance per value, 1 / electrons at value 1; default 0"},
+    {"--saturation", "V", "values from V on do not count; default: the largest code of a PNG"},
+    {"--exposure", "known|unknown", "of targets; default: unknown for PNG, known for EXR and PFM"},
+    {"--background", "known|unknown", "of the film, if it has one; default: known"},
+    {"--params", "name,...", "the unknowns; default: sigma_t, albedo and g of the media"},
+    {"--hidden", "name=value,...", "without --target: what is sought, and its values"},
+    {"--net", "WEIGHTS", "start from what a network of train.c reads"},
+    {"--method", "lm|adam|sgd", "default lm, Levenberg-Marquardt"},
+    {"--iterations", "N", "at most so many; default 20 (lm), 200"},
+    {"--seconds", "S", "at most so long; default 60"},
+    {"--spp", "N", "samples per pixel of a render; default 48"},
+    {"--final-spp", "N", "of those that are averaged in the end; default by need, 5 to 160 spp"},
+    {"--seed", "N", "of random numbers; default 0"},
+    {"-t", "THREADS", "default: all processors"},
+    {"-o", "DIR", "where results go; default: beside the scene"},
+    {NULL, NULL, NULL}};
 
 /* A scene and the image of it. */
 typedef struct picture {
-    const char *path, *target;
+    const char *path, *target, *mask;
     itn_scene *scene;
     int parameters[MOST_PARAMETERS]; /* what the unknowns are in it, or -1 */
-    float *theta, *light, *variance;
+    float *theta, *light, *variance; /* light and variance (NULL: unknown) are of the photo */
+    itn_image photo;
     int noise_known; /* whether variance says more than which pixels count */
+    int own_units;   /* whether the target is a PNG */
     char stem[STEM_SIZE]; /* where its results go, up to _estimate.exr and the like */
 } picture;
 
@@ -71,34 +93,6 @@ typedef struct history {
     double misfit[MOST_ROWS], misfit_error[MOST_ROWS];
     double values[MOST_PARAMETERS][MOST_ROWS], errors[MOST_PARAMETERS][MOST_ROWS];
 } history;
-
-static void fail(const char *what, const char *why) {
-    fprintf(stderr, "invert: %s%s%s\n", what, *why ? ": " : "", why);
-    exit(1);
-}
-
-static int whole(const char *option, const char *text) {
-    char *end;
-    long value = strtol(text, &end, 10);
-    if (end == text || *end || value < 0 || value > 2147483647)
-        fail(option, "needs a whole number from 0 to 2147483647");
-    return (int)value;
-}
-
-/* Says how thick each medium's objects are, in mean free paths: what a picture can tell of sigma_t
-   depends on it. */
-static void show_thickness(const itn_scene *scene, FILE *file) {
-    int i;
-    for (i = 0; i < itn_parameter_count(scene); i++) {
-        char medium[ITN_NAME_SIZE], *field;
-        snprintf(medium, sizeof medium, "%s", itn_parameter_get(scene, i)->name);
-        field = strchr(medium, '.');
-        if (!field || (strcmp(field, ".sigma_t") && strcmp(field, ".sigma_t_r"))) continue;
-        *field = 0;
-        fprintf(file, "%s: optical thickness %.3g (sigma_t times the mean chord)\n", medium,
-                itn_scene_thickness(scene, NULL, medium));
-    }
-}
 
 /* Ctrl-C ends the search with the answer so far. */
 static volatile sig_atomic_t interrupted;
@@ -133,16 +127,6 @@ static const itn_parameter *find_parameter(const picture *pictures, int views, c
     return found;
 }
 
-/* Fails because of a text that does not begin with a parameter's name, and says which there are. */
-static void fail_parameter(const itn_scene *scene, const char *text) {
-    int i;
-    fprintf(stderr, "invert: no parameter of the scene: %s\nthere are", text);
-    for (i = 0; i < itn_parameter_count(scene); i++)
-        fprintf(stderr, " %s", itn_parameter_get(scene, i)->name);
-    fprintf(stderr, "\n");
-    exit(1);
-}
-
 /* Reads "name,name" or, if values are wanted, "name=value,name=value". */
 static int read_list(const picture *pictures, int views, const char *text,
                      const itn_parameter **unknowns, float *values) {
@@ -153,7 +137,7 @@ static int read_list(const picture *pictures, int views, const char *text,
         if (length < sizeof name) memcpy(name, text, length);
         if (count == MOST_PARAMETERS) fail("more than 16 parameters", text);
         unknowns[count] = find_parameter(pictures, views, name);
-        if (!unknowns[count]) fail_parameter(pictures[0].scene, text);
+        if (!unknowns[count]) tool_fail_parameter(pictures[0].scene, name);
         text += length;
         if (values) {
             if (*text != '=') fail("name=value expected", text);
@@ -168,155 +152,54 @@ static int read_list(const picture *pictures, int views, const char *text,
     return count;
 }
 
-/* Fails at the first value of a target, or of its variance, that is no number. */
-static void check_target(const char *path, itn_film_desc film, const float *light, int variance) {
-    char why[160];
-    int i, count = film.width * film.height * film.channels;
-    for (i = 0; i < count && fabsf(light[i]) <= (variance ? FLT_MAX : 1e18f) &&
-                !(variance && light[i] < 0); i++) {}
-    if (i == count) return;
-    snprintf(why, sizeof why, "the %s of pixel %d, %d (column, row) is %s",
-             variance ? "variance" : "value", i % film.width, i / film.width % film.height,
-             !variance ? "NaN, or beyond 1e18" :
-             "negative, NaN or, as of one sample, infinite: leave out its layer");
-    fail(path, why);
-}
-
-/* Says if a target's variance tells of more noise than there is light. */
-static void note_noise(const char *path, const picture *p, itn_film_desc film) {
-    double light = 0, noise = 0;
-    int i, count = film.width * film.height * film.channels;
-    for (i = 0; i < count; i++) {
-        light += pow((double)p->light[i], 2) / count;
-        noise += (double)p->variance[i] / count;
-    }
-    if (noise > light)
-        printf("note: %s: its variance tells of more noise, %.2g, than light, %.2g (root mean "
-               "squares)\n", path, sqrt(noise), sqrt(light));
-}
-
-/* Makes an image as large as the film, where it is a whole number of times as large: by the means
-   of blocks of pixels, and the variances of these. */
-static void fit_image(const char *path, itn_image *image, itn_film_desc film) {
-    int width = image->width, height = image->height, times = width / film.width, p, x, y, i;
-    char why[200];
-    if (width == film.width && height == film.height) return;
-    snprintf(why, sizeof why, "has %dx%d pixels, not the film's %dx%d or a multiple of both: give "
-             "the film its proportions, or scale the image (some 128 pixels will do)", width,
-             height, film.width, film.height);
-    if (times * film.width != width || times * film.height != height) fail(path, why);
-    for (p = 0; p < image->plane_count; p++) {
-        const float *from = image->pixels + (size_t)p * (size_t)width * (size_t)height;
-        float *to = image->pixels + (size_t)p * (size_t)film.width * (size_t)film.height;
-        double blocks = !strncmp(image->names[p], "Variance.", 9) ? pow(times, 4) : pow(times, 2);
-        for (y = 0; y < film.height; y++)
-            for (x = 0; x < film.width; x++) { /* writes no further than has been read */
-                double sum = 0;
-                for (i = 0; i < times * times; i++)
-                    sum += (double)from[(size_t)(y * times + i / times) * (size_t)width +
-                                        (size_t)(x * times + i % times)];
-                *to++ = (float)(sum / blocks);
-            }
-    }
-    image->width = film.width, image->height = film.height;
-    printf("%s: means of %dx%d pixels\n", path, times, times);
-}
-
-/* The planes of an image that show the scene's channels: R, G and B, or for a grey film also Y or
-   the only plane there is (then colour[0] and no other); or those of the variances. Returns 0 if
-   there are none. */
-static int find_planes(const itn_image *image, int grey, int variance, const float *colour[3]) {
-    static const char *const names[2][4] = {
-        {"R", "G", "B", "Y"}, {"Variance.R", "Variance.G", "Variance.B", "Variance.Y"}};
-    int c, coloured = 1;
-    for (c = 0; c < 3; c++) coloured &= !!itn_image_plane(image, names[0][c]);
-    for (c = 0; c < 3; c++)
-        colour[c] = coloured ? itn_image_plane(image, names[variance][c]) : NULL;
-    if (coloured) return colour[0] && colour[1] && colour[2];
-    if (grey) colour[0] = itn_image_plane(image, names[variance][3]);
-    if (grey && !variance && !colour[0] && image->plane_count == 1) colour[0] = image->pixels;
-    return colour[0] != NULL;
-}
-
-/* Copies a plane for each channel of the scene; a grey one takes the luminance of a coloured image,
-   whose variance is that of channels that all have one noise. */
-static float *copy_planes(const float *const colour[3], size_t plane, int channels, int variance) {
-    static const float luminance[3] = {.2126f, .7152f, .0722f};
-    float *out = (float *)calloc(plane * (size_t)channels, sizeof(float));
-    size_t i;
-    int c;
-    if (!out) fail("out of memory", "");
-    for (c = 0; c < channels && (channels == 3 || !colour[1]); c++)
-        memcpy(out + (size_t)c * plane, colour[c], plane * sizeof(float));
-    for (i = 0; i < plane && channels == 1 && colour[1]; i++) {
-        for (c = 0; c < 3; c++)
-            out[i] += luminance[c] * (variance ? sqrtf(colour[c][i]) : colour[c][i]);
-        if (variance) out[i] *= out[i];
-    }
-    return out;
-}
-
-/* Fails because an image has no planes that the film could show, and says which it has. */
-static void fail_planes(const char *path, const itn_image *image, int grey) {
-    char why[300];
-    size_t at;
-    int p;
-    at = (size_t)snprintf(why, sizeof why, "%s; its planes are",
-                          grey ? "has neither Y nor R, G and B"
-                               : "has not R, G and B, which the film of the scene has");
-    for (p = 0; p < image->plane_count && at < sizeof why - 80; p++)
-        at += (size_t)snprintf(why + at, sizeof why - at, " %s", image->names[p]);
-    fail(path, why);
-}
-
-/* Gives values a value where the image is transparent (A below 1): something else than the scene is
-   behind the object there. Returns in how many pixels. */
-static int set_transparent(float *values, const itn_image *image, itn_film_desc film, float value) {
-    const float *alpha = itn_image_plane(image, "A");
-    size_t plane = (size_t)film.width * (size_t)film.height, i;
-    int c, count = 0;
-    for (i = 0; alpha && i < plane; i++) {
-        if (alpha[i] >= 1) continue;
-        for (c = 0; c < film.channels; c++) values[(size_t)c * plane + i] = value;
-        count++;
-    }
-    return count;
-}
-
-/* Copies the light of an image, and its variance if it has that layer, in the scene's channels. */
-static void read_target(picture *p, const char *path, itn_image *image) {
+/* Says what a target is, and what could be wrong with it. */
+static void show_target(const picture *p, const itn_image *image, const itn_photo_desc *desc,
+                        const itn_photo_report *report) {
     itn_film_desc film = itn_scene_film(p->scene);
-    size_t plane = (size_t)film.width * (size_t)film.height;
-    const float *colour[3];
-    int left_out;
-    fit_image(path, image, film);
-    if (!find_planes(image, film.channels == 1, 0, colour))
-        fail_planes(path, image, film.channels == 1);
-    p->light = copy_planes(colour, plane, film.channels, 0);
-    p->noise_known = find_planes(image, film.channels == 1, 1, colour);
-    if (p->noise_known) p->variance = copy_planes(colour, plane, film.channels, 1);
-    if (!p->target) return;
-    /* what transparent pixels hold may be NaN, and does not count: all others are checked */
-    left_out = set_transparent(p->light, image, film, 0);
-    if (p->variance) set_transparent(p->variance, image, film, 0);
-    check_target(path, film, p->light, 0);
-    if (p->variance) check_target(path, film, p->variance, 1), note_noise(path, p, film);
-    if (!left_out) return;
-    if (!p->variance) p->variance = (float *)calloc(plane * (size_t)film.channels, sizeof(float));
-    if (!p->variance) fail("out of memory", "");
-    set_transparent(p->variance, image, film, INFINITY);
-    printf("%s: %d pixels, where A is below 1, do not count\n", path, left_out);
+    int width = desc->crop_width ? desc->crop_width : image->width - desc->crop_x;
+    int height = desc->crop_height ? desc->crop_height : image->height - desc->crop_y;
+    int values = width * height * film.channels;
+    if (width != film.width || p->own_units)
+        printf("%s: means of %.3gx%.3g pixels\n", p->target, (double)width / film.width,
+               (double)height / film.height);
+    if (report->masked)
+        printf("%s: %d pixels of the film do not count, %d of them because the target is clipped\n",
+               p->target, report->masked, report->saturated);
+    if (!image->codes && report->clipped > 2 && report->clipped > values / 1000 &&
+        report->clipped < values / 2)
+        printf("note: %s: %d values are the largest, %.4g: if it is clipped there, say so with "
+               "--saturation %.4g\n", p->target, report->clipped, (double)report->largest,
+               (double)report->largest);
 }
 
-/* Whether the parameter is FIELD of a medium, in one of its channels or in all. */
-static int is_field(const itn_parameter *p, const char *field) {
-    const char *name = strchr(p->name, '.') + 1;
-    size_t size = strlen(field);
-    return !strncmp(name, field, size) && (!name[size] || name[size] == '_');
+/* Reads a picture's image, or renders it with the hidden values, which theta holds; then makes it
+   as large as the film. */
+static void make_target(picture *p, itn_photo_desc desc, const itn_context *context,
+                        const itn_render_options *render) {
+    itn_film_desc film = itn_scene_film(p->scene);
+    size_t pixels = (size_t)film.width * (size_t)film.height * (size_t)film.channels, i;
+    itn_photo_report report;
+    itn_image image, mask;
+    itn_error error;
+    if (p->target ? itn_image_load(p->target, context, &image, &error)
+                  : itn_render(p->scene, p->theta, render, NULL, 0, &image, &error))
+        fail(error.message, "");
+    if (p->mask && itn_image_load(p->mask, context, &mask, &error)) fail(error.message, "");
+    if (p->mask) desc.mask = &mask;
+    if (itn_photo_make(&image, &desc, film, &p->photo, &report, &error))
+        fail(p->target ? p->target : p->path, error.message);
+    p->light = p->photo.pixels;
+    if (p->photo.plane_count > film.channels) p->variance = p->light + pixels;
+    for (i = 0; i < pixels && p->variance; i++)
+        p->noise_known |= p->variance[i] > 0 && p->variance[i] < INFINITY;
+    p->own_units = image.codes > 0;
+    if (p->target) show_target(p, &image, &desc, &report);
+    if (p->mask) itn_image_free(&mask);
+    itn_image_free(&image);
 }
 
 static int is_of_medium(const itn_parameter *p) {
-    return is_field(p, "sigma_t") || is_field(p, "albedo") || is_field(p, "g");
+    return tool_is_field(p, "sigma_t") || tool_is_field(p, "albedo") || tool_is_field(p, "g");
 }
 
 /* The mean chord of the medium's objects: their thickness where sigma_t is 1. */
@@ -327,7 +210,7 @@ static double mean_chord(const itn_scene *scene, const char *medium) {
     if (!theta) fail("out of memory", "");
     itn_parameter_values(scene, theta);
     for (i = 0; i < count; i++)
-        if (is_field(itn_parameter_get(scene, i), "sigma_t")) theta[i] = 1;
+        if (tool_is_field(itn_parameter_get(scene, i), "sigma_t")) theta[i] = 1;
     chord = itn_scene_thickness(scene, theta, medium);
     free(theta);
     return chord;
@@ -338,9 +221,9 @@ static double mean_chord(const itn_scene *scene, const char *medium) {
 static float neutral_guess(const itn_scene *scene, const itn_parameter *p) {
     char medium[ITN_NAME_SIZE] = "";
     double chord;
-    if (is_field(p, "albedo")) return .7f;
-    if (is_field(p, "g")) return .3f;
-    if (!is_field(p, "sigma_t")) return p->value;
+    if (tool_is_field(p, "albedo")) return .7f;
+    if (tool_is_field(p, "g")) return .3f;
+    if (!tool_is_field(p, "sigma_t")) return p->value;
     memcpy(medium, p->name, (size_t)(strchr(p->name, '.') - p->name));
     chord = mean_chord(scene, medium);
     return chord > 0 ? (float)(10 / chord) : 1;
@@ -373,15 +256,16 @@ static double network_mean(const char *path) {
     return mean;
 }
 
-/* Opens a network that reads pictures of the scene; then finds which of the unknowns are sigma_t,
-   albedo and g of one medium, which is what it answers. */
-static itn_net *open_network(const char *path, const itn_context *context, const itn_scene *scene,
-                             const history *h, int places[3]) {
+/* Takes what a network reads off the picture for values of sigma_t, albedo and g of the medium that
+   the first unknown is of, and prints it. */
+static void start_from_network(const char *path, const itn_context *context, const history *h,
+                               const picture *p, float *values) {
     static const char *const fields[3] = {"sigma_t", "albedo", "g"};
-    itn_film_desc film = itn_scene_film(scene);
+    itn_film_desc film = itn_scene_film(p->scene);
     itn_net_desc shape;
     itn_net *net;
     itn_error error;
+    float answer[3]; /* coordinates */
     char text[200];
     int i, k, length = (int)strcspn(h->unknowns[0]->name, ".");
     if (itn_net_open(path, 1, context, &net, &error)) fail(error.message, "");
@@ -393,31 +277,19 @@ static itn_net *open_network(const char *path, const itn_context *context, const
     if (shape.width != film.width || shape.height != film.height || shape.channels != 2 ||
         shape.outputs != 3)
         fail(path, text);
+    if (itn_net_read(net, p->light, network_mean(path), answer, &error)) fail(error.message, "");
+    printf("net");
     for (k = 0; k < 3; k++) {
         char name[2 * ITN_NAME_SIZE];
         snprintf(name, sizeof name, "%.*s.%s", length, h->unknowns[0]->name, fields[k]);
         for (i = 0; i < h->count && strcmp(h->unknowns[i]->name, name) != 0;) i++;
-        if (i == h->count || h->count != 3)
+        if (i == h->count)
             fail(path, "gives sigma_t, albedo and g of one medium: recover just these");
-        places[k] = i;
-    }
-    return net;
-}
-
-/* Takes what a network reads off the picture for values and prints it. */
-static void start_from_network(itn_net *net, double mean, const int places[3], const history *h,
-                               const picture *p, float *values) {
-    float answer[3]; /* coordinates */
-    itn_error error;
-    int k;
-    if (itn_net_read(net, p->light, mean, answer, &error)) fail(error.message, "");
-    printf("net");
-    for (k = 0; k < 3; k++) {
-        const itn_parameter *unknown = h->unknowns[places[k]];
-        values[places[k]] = (float)itn_parameter_from_coordinate(unknown, (double)answer[k]);
-        printf("  %s %.5g", unknown->name, (double)values[places[k]]);
+        values[i] = (float)itn_parameter_from_coordinate(h->unknowns[i], (double)answer[k]);
+        printf("  %s %.5g", name, (double)values[i]);
     }
     printf("\n");
+    itn_net_free(net);
 }
 
 /* Opens the scene of a picture. */
@@ -440,14 +312,52 @@ static void set_values(picture *pictures, int views, const history *h, const flo
         }
 }
 
-/* Reads a picture's image, or renders it with the hidden values, which theta holds. */
-static void make_target(picture *p, const itn_context *context, const itn_render_options *options) {
+/* Adds parameters of the film, all that begin with a name, to the unknowns. Returns whether there
+   are any. */
+static int add_unknowns(const picture *pictures, int views, const char *name, history *h) {
+    int v, i, k, found = 0;
+    for (v = 0; v < views; v++)
+        for (i = 0; i < itn_parameter_count(pictures[v].scene); i++) {
+            const itn_parameter *p = itn_parameter_get(pictures[v].scene, i);
+            if (strncmp(p->name, name, strlen(name))) continue;
+            for (k = 0; k < h->count && strcmp(h->unknowns[k]->name, p->name);) k++;
+            if (k == MOST_PARAMETERS) fail("more than 16 parameters", p->name);
+            found = 1, h->unknowns[k] = p, h->count += k == h->count;
+        }
+    return found;
+}
+
+/* Whether exposure is unknown: asked for or, of a PNG, when no scale of light is asked for. */
+static int seeks_exposure(const picture *pictures, int views, const history *h, const char *asked) {
+    int v, k, seek = 0;
+    for (v = 0; v < views; v++) seek |= pictures[v].own_units;
+    for (k = 0; k < h->count; k++)
+        seek &= strncmp(h->unknowns[k]->name, "film.e", 6) && !strstr(h->unknowns[k]->name, "scale");
+    return asked ? !strcmp(asked, "unknown") : seek;
+}
+
+/* Starts exposures where a render at the other starting values is as bright as the target, in the
+   channel that they are of; theta holds them. */
+static void start_exposures(const picture *p, itn_render_options render, const history *h,
+                            float *values) {
+    itn_film_desc film = itn_scene_film(p->scene);
+    int plane = film.width * film.height, k, i, channel;
     itn_image image;
     itn_error error;
-    if (p->target ? itn_image_load(p->target, context, &image, &error)
-                  : itn_render(p->scene, p->theta, options, NULL, 0, &image, &error))
-        fail(error.message, "");
-    read_target(p, p->target ? p->target : p->path, &image);
+    render.spp = 16;
+    if (itn_render(p->scene, p->theta, &render, NULL, 0, &image, &error)) fail(error.message, "");
+    for (k = 0; k < h->count; k++) {
+        const char *name = h->unknowns[k]->name;
+        double target = 0, rendered = 0;
+        if (strncmp(name, "film.exposure", 13) || p->parameters[k] < 0) continue;
+        channel = name[13] ? (int)(strchr("rgb", name[14]) - "rgb") : -1;
+        for (i = 0; i < film.channels * plane; i++) {
+            if (channel >= 0 && i / plane != channel) continue;
+            if (p->variance && !(p->variance[i] < INFINITY)) continue;
+            target += (double)p->light[i], rendered += (double)image.pixels[i];
+        }
+        if (target > 0 && rendered > 0) values[k] *= (float)(target / rendered);
+    }
     itn_image_free(&image);
 }
 
@@ -528,7 +438,7 @@ static void save_sheet(const picture *p, const itn_image *image, int count, cons
     int channels = itn_scene_film(p->scene).channels, k, n = image->width * image->height;
     int height = (COLUMN * image->height + image->width / 2) / image->width;
     int rows = (count + 3) / 4, row = height + 66, charts = TOP + (1 + rows) * row + 20;
-    size_t plane = (size_t)n, pixels = plane * (size_t)channels;
+    size_t plane = (size_t)n, pixels = plane * (size_t)channels, i;
     float *difference = (float *)malloc(pixels * sizeof *difference);
     double full = quantile(p->light, pixels, .99);
     sheet_box b = {GAP, TOP, COLUMN, 0};
@@ -553,11 +463,13 @@ static void save_sheet(const picture *p, const itn_image *image, int count, cons
         static const char *const titles[] = {"target", "estimate", "difference over noise"};
         b.left = GAP + k * (COLUMN + GAP);
         sheet_text(&page, b.left, b.top - 8, -1, 10, SHEET_INK, titles[k]);
+        for (i = 0; i < pixels; i++) /* what does not count is no number, which is grey */
+            difference[i] = p->variance && !(p->variance[i] < INFINITY) ? NAN : p->light[i];
         if (k < 2)
-            sheet_picture(&page, b, k ? image->pixels : p->light, channels, image->width,
+            sheet_picture(&page, b, k ? image->pixels : difference, channels, image->width,
                           image->height, 1, full);
     }
-    for (k = 0; k < (int)pixels; k++) difference[k] = image->pixels[k] - p->light[k];
+    for (i = 0; i < pixels; i++) difference[i] = image->pixels[i] - p->light[i];
     divide_by_noise(p, difference, image->pixels + pixels, pixels);
     sheet_picture(&page, b, difference, channels, image->width, image->height, 0, 3);
     free(difference);
@@ -632,6 +544,21 @@ static int print_estimates(const history *h, const itn_estimate *estimates, cons
     return missed;
 }
 
+/* Prints what the estimates say in the words of tissue optics. */
+static void print_tissue(const picture *p, const history *h, const double *covariance) {
+    static const char *const words[] = {"", "_r", "_g", "_b"};
+    char medium[ITN_NAME_SIZE];
+    int channels = itn_scene_film(p->scene).channels, i = 0, c;
+    itn_tissue t;
+    while (tool_next_medium(p->scene, &i, medium))
+        for (c = 0; c < channels; c++)
+            if (itn_scene_tissue(p->scene, p->theta, medium, c, p->parameters, h->count, covariance,
+                                 &t) && t.mu_a_error + t.mu_s_error + t.mu_s_prime_error > 0)
+                printf("%s%s mu_a %.4g +- %.2g, mu_s %.4g +- %.2g, mu_s' %.4g +- %.2g per unit of "
+                       "length\n", medium, words[channels == 3 ? c + 1 : 0], t.mu_a, t.mu_a_error,
+                       t.mu_s, t.mu_s_error, t.mu_s_prime, t.mu_s_prime_error);
+}
+
 /* DIR/name or, without a folder, the path, both without the ending; numbered from the second on. */
 static void make_stem(const char *path, const char *dir, int number, char stem[STEM_SIZE]) {
     char digits[16] = "";
@@ -674,12 +601,28 @@ static void make_stems(picture *pictures, int views, const char *dir) {
             keep_target(pictures[v].target, pictures[w].stem);
 }
 
+/* Reads "X,Y,W,H". */
+static void read_crop(const char *text, itn_photo_desc *desc) {
+    char rest;
+    if (sscanf(text, "%d,%d,%d,%d%c", &desc->crop_x, &desc->crop_y, &desc->crop_width,
+               &desc->crop_height, &rest) != 4 || desc->crop_width < 1 || desc->crop_height < 1)
+        fail("--crop", "needs X,Y,W,H: the upper left pixel, width and height");
+}
+
+static float gamma_of(const char *text) {
+    if (!strcmp(text, "srgb")) return -1;
+    if (!strcmp(text, "linear")) return 1;
+    return (float)tool_number("--gamma", text, .05, 20);
+}
+
 int main(int argc, char **argv) {
-    const char *hidden_list = NULL, *names = NULL, *dir = NULL, *network = NULL;
-    int views = 0, targets = 0, i, k, v, missed;
+    const char *hidden_list = NULL, *names = NULL, *dir = NULL, *network = NULL, *value;
+    const char *exposure = NULL, *background = "known";
+    int views = 0, targets = 0, masks = 0, unknown, i, k, v, missed;
     itn_context context = ITN_ZERO;
     itn_refine_options refine = ITN_ZERO;
     itn_render_options render = ITN_ZERO;
+    itn_photo_desc desc = ITN_ZERO;
     itn_estimate estimates[MOST_PARAMETERS];
     float values[MOST_PARAMETERS], hidden[MOST_PARAMETERS];
     double covariance[MOST_PARAMETERS * MOST_PARAMETERS];
@@ -688,39 +631,39 @@ int main(int argc, char **argv) {
     static picture pictures[MOST_VIEWS];
     static history h;
     char words[4096];
-    itn_net *net = NULL;
     itn_refine_outcome outcome;
-    double mean = 0; /* of the pictures that the network is used to */
-    int places[3] = {0, 0, 0};
     refine.spp = 48, refine.outcome = &outcome, refine.covariance = covariance;
-    for (i = 1; i < argc; i++) {
-        const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
-        if (!strcmp(option, "--help")) return printf("%s", usage) < 0;
-        int target = !strcmp(option, "--target");
-        if ((option[0] != '-' && views == MOST_VIEWS) || (target && targets == MOST_VIEWS))
-            fail(option, "too many scenes or targets");
-        if (option[0] != '-') { pictures[views++].path = option; continue; }
-        if (!value) fail(option, "unknown option, or its value is missing");
-        i++;
-        if (target) pictures[targets++].target = value;
-        else if (!strcmp(option, "--hidden")) hidden_list = value;
-        else if (!strcmp(option, "--params")) names = value;
-        else if (!strcmp(option, "--net")) network = value;
-        else if (!strcmp(option, "-o")) dir = value;
-        else if (!strcmp(option, "--iterations")) refine.iterations = whole(option, value);
-        else if (!strcmp(option, "--spp")) refine.spp = whole(option, value);
-        else if (!strcmp(option, "--final-spp")) refine.final_spp = whole(option, value);
-        else if (!strcmp(option, "--seconds")) refine.seconds = whole(option, value);
-        else if (!strcmp(option, "--seed")) refine.seed = (uint64_t)whole(option, value);
-        else if (!strcmp(option, "-t")) context.threads = whole(option, value);
-        else if (!strcmp(option, "--method") && !strcmp(value, "lm")) refine.method = ITN_METHOD_LM;
-        else if (!strcmp(option, "--method") && !strcmp(value, "adam"))
-            refine.method = ITN_METHOD_ADAM;
-        else if (!strcmp(option, "--method") && !strcmp(value, "sgd"))
-            refine.method = ITN_METHOD_SGD;
-        else fail(option, "unknown option or value");
+    for (i = 1; i < argc;) {
+        k = tool_next(usage, choices, argc, argv, &i, &value);
+        if ((k == -1 && views == MOST_VIEWS) || (k == TARGET && targets == MOST_VIEWS) ||
+            (k == MASK && masks == MOST_VIEWS))
+            fail(value, "too many scenes, targets or masks");
+        switch (k) {
+        case -1: pictures[views++].path = value; break;
+        case TARGET: pictures[targets++].target = value; break;
+        case MASK: pictures[masks++].mask = value; break;
+        case CROP: read_crop(value, &desc); break;
+        case GAMMA: desc.gamma = gamma_of(value); break;
+        case READ_NOISE: desc.read_noise = (float)tool_number("--read-noise", value, 0, 1e9); break;
+        case GAIN: desc.gain = (float)tool_number("--gain", value, 0, 1e9); break;
+        case SATURATION: desc.saturation = (float)tool_number("--saturation", value, 0, 9e9); break;
+        case EXPOSURE: tool_choice("--exposure", "known|unknown", exposure = value); break;
+        case BACKGROUND: tool_choice("--background", "known|unknown", background = value); break;
+        case PARAMS: names = value; break;
+        case HIDDEN: hidden_list = value; break;
+        case NET: network = value; break;
+        case METHOD: refine.method = (itn_method)tool_choice("--method", "lm|adam|sgd", value); break;
+        case ITERATIONS: refine.iterations = tool_whole("--iterations", value, 0); break;
+        case SECONDS: refine.seconds = tool_number("--seconds", value, 0, 1e9); break;
+        case SPP: refine.spp = tool_whole("--spp", value, 2); break;
+        case FINAL_SPP: refine.final_spp = tool_whole("--final-spp", value, 0); break;
+        case SEED: refine.seed = (uint64_t)tool_whole("--seed", value, 0); break;
+        case THREADS: context.threads = tool_whole("-t", value, 0); break;
+        default: dir = value;
+        }
     }
-    if (!views) return fprintf(stderr, "%s", usage), 1;
+    if (!views) return fprintf(stderr, "usage: %sinvert --help lists the options.\n", usage), 1;
+    if (masks && masks != targets) fail("--mask", "needed for each of the targets, or for none");
     if (targets && hidden_list) fail("--hidden", "has no meaning with --target");
     if (targets && targets != views) fail("--target", "needed for each of the scenes, or for none");
     if (refine.spp < 2 || refine.spp > 524287) fail("--spp", "must be in 2..524287");
@@ -728,7 +671,7 @@ int main(int argc, char **argv) {
     make_stems(pictures, views, dir);
     for (v = 0; v < views; v++) open_scene(&pictures[v], &context);
 
-    /* what is hidden, what is sought, where the search starts */
+    /* what is hidden, and what is sought */
     if (hidden_list) {
         h.count = read_list(pictures, views, hidden_list, h.unknowns, hidden);
         set_values(pictures, views, &h, hidden);
@@ -737,51 +680,57 @@ int main(int argc, char **argv) {
     }
     if (names) h.count = read_list(pictures, views, names, h.unknowns, NULL);
     if (!h.count) fail("nothing to recover: name parameters with --params", "");
+
+    /* the targets: from files, or rendered with the hidden values and other random numbers */
+    render.spp = 8 * refine.spp;
+    for (v = 0; v < views; v++) {
+        render.seed = refine.seed + 1000003 + (uint64_t)v;
+        make_target(&pictures[v], desc, &context, &render);
+        look[v].scene = pictures[v].scene, look[v].theta = pictures[v].theta;
+        look[v].target = pictures[v].light, look[v].target_variance = pictures[v].variance;
+        look[v].parameters = pictures[v].parameters;
+    }
+    unknown = seeks_exposure(pictures, views, &h, exposure);
+    if (unknown) add_unknowns(pictures, views, "film.exposure", &h);
+    if (targets)
+        printf("%s\n", unknown ? "film.exposure is sought: targets have units of their own, but "
+                                 "with --exposure known" :
+                                 "targets are in units of the lights, but for scales sought");
+    if (!strcmp(background, "unknown") && !add_unknowns(pictures, views, "film.background", &h))
+        fail("--background", "the scene has none: add 'background .1' to its line 'film'");
+
+    /* where the search starts */
     for (i = 0; i < h.count; i++) {
         const itn_parameter *p = h.unknowns[i];
         for (v = 0; (k = itn_parameter_find(pictures[v].scene, p->name)) < 0;) v++;
         hidden[i] = pictures[v].theta[k];
         values[i] = targets || hidden_list ? p->value : neutral_guess(pictures[v].scene, p);
     }
-    set_values(pictures, views, &h, hidden);
-    if (network) {
-        net = open_network(network, &context, pictures[0].scene, &h, places);
-        mean = network_mean(network);
-    }
-
-    /* the targets: from files, or rendered with the hidden values and other random numbers */
-    render.spp = 8 * refine.spp;
-    for (v = 0; v < views; v++) {
-        render.seed = refine.seed + 1000003 + (uint64_t)v;
-        make_target(&pictures[v], &context, &render);
-        look[v].scene = pictures[v].scene, look[v].theta = pictures[v].theta;
-        look[v].target = pictures[v].light, look[v].target_variance = pictures[v].variance;
-        look[v].parameters = pictures[v].parameters;
-    }
-    show_thickness(pictures[0].scene, stdout);
+    set_values(pictures, views, &h, values);
+    if (unknown) start_exposures(&pictures[0], render, &h, values);
+    tool_show_thickness(pictures[0].scene, stdout);
+    if (network) start_from_network(network, &context, &h, &pictures[0], values);
     refine.progress = show_step, refine.progress_user = &h;
     signal(SIGINT, interrupt);
-    if (net) start_from_network(net, mean, places, &h, &pictures[0], values);
-    itn_net_free(net);
     if (itn_refine_views(look, views, values, h.count, &refine, estimates, &error))
         fail(error.message, "");
     signal(SIGINT, SIG_DFL);
     printf("misfit %.3g +- %.2g: the scene %s the picture\n", outcome.misfit, outcome.misfit_error,
            outcome.explained ? "explains" : "does not explain");
     missed = print_estimates(&h, estimates, targets ? NULL : hidden, &outcome);
+    set_values(pictures, views, &h, values);
+    print_tissue(&pictures[0], &h, covariance);
     if (itn_refine_words(h.unknowns, h.count, estimates, covariance, &outcome, words,
                          sizeof words) >= 0)
         printf("%s", words);
 
     render.spp = refine.spp, render.seed = refine.seed + 2000003; /* not the targets' numbers */
-    set_values(pictures, views, &h, values);
     for (v = 0; v < views; v++) {
         const char *stem = pictures[v].stem;
         save_pictures(&pictures[v], render, h.count, v ? NULL : &h, estimates, &outcome);
         printf("pictures: %s_sheet.png, %s_estimate.exr\n", stem, stem);
         itn_scene_free(pictures[v].scene);
-        free(pictures[v].variance);
-        free(pictures[v].light);
+        itn_image_free(&pictures[v].photo);
         free(pictures[v].theta);
     }
     return missed || !outcome.explained;

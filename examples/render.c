@@ -12,16 +12,30 @@
 #define ITN_THREADS
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
+#define PROGRAM "render"
+#include "tool.h"
 
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
-static const char *const usage =
-    "usage: render SCENE -o OUT.exr|OUT.pfm|OUT.png [--spp N] [--seed N] [-t THREADS]\n"
-    "       [-D name=value]... [--derivatives name,...|all] [--max-scatter N]\n"
-    "       [--mode reference|fast] [--sampler random|sobol] [--walks N]\n"
-    "       [--estimator score|baseline] [-q]\n";
+static const char usage[] = "render SCENE -o FILE [options]\n";
+enum { OUT, SPP, SEED, THREADS, CHANGE, DERIVATIVES, MAX_SCATTER, MODE, SAMPLER, WALKS, ESTIMATOR,
+       QUIET };
+static const tool_option choices[] = {
+    {"-o", "FILE", "EXR: all planes; PFM, PNG: a file for the light and for each derivative"},
+    {"--spp", "N", "samples per pixel; default 64"},
+    {"--seed", "N", "of random numbers; default 0"},
+    {"-t", "THREADS", "default: all processors"},
+    {"-D", "name=value", "changes a parameter; any number of times"},
+    {"--derivatives", "name,...|all", "derivative images in the same walk"},
+    {"--max-scatter", "N", "longest paths; default: any number of scatterings"},
+    {"--mode", "auto|reference|fast", "the estimator; default auto"},
+    {"--sampler", "auto|random|sobol", "of the fast walk; default auto, which is sobol"},
+    {"--walks", "N", "walks behind one first flight, of the fast walk; default by itself"},
+    {"--estimator", "auto|score|baseline", "of derivatives; default auto"},
+    {"-q", NULL, "does not tell how far it is"},
+    {NULL, NULL, NULL}};
 
 static double seconds(void) {
     struct timespec now;
@@ -29,50 +43,10 @@ static double seconds(void) {
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-static void fail(const char *what, const char *why) {
-    fprintf(stderr, "render: %s%s%s\n", what, *why ? ": " : "", why);
-    exit(1);
-}
-
-/* A whole number in [lowest, 2^31), or the end of the program. */
-static int whole(const char *option, const char *text, int lowest) {
-    char *end;
-    long value = text ? strtol(text, &end, 10) : 0;
-    if (!text || end == text || *end || value < lowest || value > 2147483647)
-        fail(option, lowest ? "needs a whole number from 1 to 2147483647"
-                            : "needs a whole number from 0 to 2147483647");
-    return (int)value;
-}
-
 static int show_progress(void *user, double fraction) {
     (void)user;
     fprintf(stderr, "\r%3.0f %%%s", 100 * fraction, fraction < 1 ? "" : "\n");
     return 0;
-}
-
-/* Says how thick each medium's objects are, in mean free paths: what a picture can tell of sigma_t
-   depends on it. */
-static void show_thickness(const itn_scene *scene, FILE *file) {
-    int i;
-    for (i = 0; i < itn_parameter_count(scene); i++) {
-        char medium[ITN_NAME_SIZE], *field;
-        snprintf(medium, sizeof medium, "%s", itn_parameter_get(scene, i)->name);
-        field = strchr(medium, '.');
-        if (!field || (strcmp(field, ".sigma_t") && strcmp(field, ".sigma_t_r"))) continue;
-        *field = 0;
-        fprintf(file, "%s: optical thickness %.3g (sigma_t times the mean chord)\n", medium,
-                itn_scene_thickness(scene, NULL, medium));
-    }
-}
-
-/* Fails because of a text that does not begin with a parameter's name, and says which there are. */
-static void fail_parameter(const itn_scene *scene, const char *option, const char *text) {
-    int i;
-    fprintf(stderr, "render: %s: no parameter of the scene: %s\nthere are", option, text);
-    for (i = 0; i < itn_parameter_count(scene); i++)
-        fprintf(stderr, " %s", itn_parameter_get(scene, i)->name);
-    fprintf(stderr, "\n");
-    exit(1);
 }
 
 /* Applies "name=value" to theta. */
@@ -85,7 +59,7 @@ static void set_parameter(const itn_scene *scene, float *theta, const char *text
         memcpy(name, text, (size_t)(equals - text));
         index = itn_parameter_find(scene, name);
     }
-    if (index < 0) fail_parameter(scene, "-D", text);
+    if (index < 0) tool_fail_parameter(scene, name);
     theta[index] = strtof(equals + 1, &end);
     if (end == equals + 1 || *end) fail("-D: not a number", text);
 }
@@ -113,8 +87,8 @@ static int find_parameters(const itn_scene *scene, const float *theta, itn_mode 
         size_t length = strcspn(text, ",");
         if (length < sizeof name) memcpy(name, text, length);
         index = itn_parameter_find(scene, name);
-        if (index < 0 || count == itn_parameter_count(scene))
-            fail_parameter(scene, "--derivatives", text);
+        if (index < 0) tool_fail_parameter(scene, name);
+        if (count == itn_parameter_count(scene)) fail("--derivatives", "some are there twice");
         parameters[count++] = index;
         text += length + (text[length] == ',');
     }
@@ -189,7 +163,7 @@ static void report(const itn_image *image, int channels, const itn_render_stats 
 }
 
 int main(int argc, char **argv) {
-    const char *path = NULL, *out = NULL, *derivatives = "", *changes[256];
+    const char *path = NULL, *out = NULL, *derivatives = "", *changes[256], *value;
     int i, change_count = 0, quiet = 0, count, *parameters, channels;
     itn_context context = ITN_ZERO;
     itn_render_options options = ITN_ZERO;
@@ -199,37 +173,37 @@ int main(int argc, char **argv) {
     itn_error error;
     double start, build;
     float *theta;
-    for (i = 1; i < argc; i++) {
-        const char *option = argv[i], *value = i + 1 < argc ? argv[i + 1] : NULL;
-        int takes_value = 1;
-        if (!strcmp(option, "--help")) return printf("%s", usage) < 0;
-        if (!strcmp(option, "-q")) quiet = 1, takes_value = 0;
-        else if (option[0] != '-' && path) fail(option, "is a second scene");
-        else if (option[0] != '-') path = option, takes_value = 0;
-        else if (!value) fail(option, "unknown option, or its value is missing");
-        else if (!strcmp(option, "-o")) out = value;
-        else if (!strcmp(option, "--spp")) options.spp = whole(option, value, 1);
-        else if (!strcmp(option, "--seed")) options.seed = (uint64_t)whole(option, value, 0);
-        else if (!strcmp(option, "-t")) context.threads = whole(option, value, 1);
-        else if (!strcmp(option, "--max-scatter")) options.max_scatter = whole(option, value, 1);
-        else if (!strcmp(option, "--derivatives")) derivatives = value;
-        else if (!strcmp(option, "-D") && change_count < 256) changes[change_count++] = value;
-        else if (!strcmp(option, "--walks")) options.walks = whole(option, value, 1);
-        else if (!strcmp(option, "--mode") && !strcmp(value, "reference"))
-            options.mode = ITN_MODE_REFERENCE;
-        else if (!strcmp(option, "--mode") && !strcmp(value, "fast")) options.mode = ITN_MODE_FAST;
-        else if (!strcmp(option, "--sampler") && !strcmp(value, "random"))
-            options.sampler = ITN_SAMPLER_RANDOM;
-        else if (!strcmp(option, "--sampler") && !strcmp(value, "sobol"))
-            options.sampler = ITN_SAMPLER_SOBOL;
-        else if (!strcmp(option, "--estimator") && !strcmp(value, "score"))
-            options.estimator = ITN_ESTIMATOR_SCORE;
-        else if (!strcmp(option, "--estimator") && !strcmp(value, "baseline"))
-            options.estimator = ITN_ESTIMATOR_BASELINE;
-        else fail(option, "unknown option or value");
-        i += takes_value;
+    for (i = 1; i < argc;) {
+        switch (tool_next(usage, choices, argc, argv, &i, &value)) {
+        case -1:
+            if (path) fail(value, "is a second scene");
+            path = value;
+            break;
+        case OUT: out = value; break;
+        case SPP: options.spp = tool_whole("--spp", value, 1); break;
+        case SEED: options.seed = (uint64_t)tool_whole("--seed", value, 0); break;
+        case THREADS: context.threads = tool_whole("-t", value, 1); break;
+        case CHANGE:
+            if (change_count == 256) fail("-D", "is there more than 256 times");
+            changes[change_count++] = value;
+            break;
+        case DERIVATIVES: derivatives = value; break;
+        case MAX_SCATTER: options.max_scatter = tool_whole("--max-scatter", value, 1); break;
+        case MODE:
+            options.mode = (itn_mode)tool_choice("--mode", "auto|reference|fast", value);
+            break;
+        case SAMPLER:
+            options.sampler = (itn_sampler)tool_choice("--sampler", "auto|random|sobol", value);
+            break;
+        case WALKS: options.walks = tool_whole("--walks", value, 1); break;
+        case ESTIMATOR:
+            options.estimator =
+                (itn_estimator)tool_choice("--estimator", "auto|score|baseline", value);
+            break;
+        default: quiet = 1;
+        }
     }
-    if (!path || !out) return fprintf(stderr, "%s", usage), 1;
+    if (!path || !out) return fprintf(stderr, "usage: %srender --help lists them.\n", usage), 1;
     check_path(out);
 
     start = seconds();
@@ -247,7 +221,7 @@ int main(int argc, char **argv) {
     channels = itn_scene_film(scene).channels;
 
     options.stats = &stats;
-    if (!quiet) options.progress = show_progress, show_thickness(scene, stderr);
+    if (!quiet) options.progress = show_progress, tool_show_thickness(scene, stderr);
     start = seconds();
     if (itn_render(scene, theta, &options, parameters, count, &image, &error))
         fail(error.message, "");

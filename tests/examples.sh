@@ -103,6 +103,7 @@ check "render: twice as large" ./render large.itn -o large.exr --spp 16 -q
 keep "invert: twice as large" ./invert default.itn --target large.exr --params milk.albedo --spp 8 \
     -o again
 prints 'means of 2x2 pixels'
+prints 'in units of the lights'
 prints '^milk\.albedo 0\.(89|90)[0-9]* '
 cat > examples/cutout.c << 'END'
 #include "itn.h"
@@ -126,11 +127,21 @@ END
 to_be_run cutout
 check "cutout" ./cutout
 keep "invert: cut out" ./invert default.itn --target cut.exr --params milk.albedo --spp 8 -o again
-prints '512 pixels, where A is below 1, do not count'
+prints '512 pixels of the film do not count, 0 of them'
 prints '^milk\.albedo 0\.(89|90)[0-9]* '
-sed "s/width 32 height 32/width 48 height 48/" default.itn > odd.itn
-check "render: half as large again" ./render odd.itn -o odd.exr --spp 2 -q
-refused 'multiple of both' "a target of another size" ./invert default.itn --target odd.exr
+sed "s/width 32 height 32/width 48 height 40/" default.itn > odd.itn
+check "render: another shape" ./render odd.itn -o odd.exr --spp 2 -q
+refused 'another shape' "a target of another shape" ./invert default.itn --target odd.exr
+# the command line says what it has, and what was meant
+keep "invert --help" ./invert --help
+prints '--crop X,Y,W,H +the pixels'
+keep "render -h" ./render -h
+prints '--spp N +samples per pixel'
+refused 'did you mean --target' "invert: an option misspelt" ./invert default.itn --targte a.exr
+refused '--seed: needs a value' "invert: a value missing" ./invert default.itn --seed
+refused 'lm.adam.sgd' "invert: no such method" ./invert default.itn --method newton
+refused 'did you mean milk.sigma_t' "invert: a name misspelt" ./invert default.itn --params sigma_t
+refused 'did you mean milk.g' "render: a name misspelt" ./render default.itn -o a.exr -D mlk.g=0 -q
 sed "s/eye 0.25 0.55 2.2/eye 2.2 0.55 0.25/" default.itn > side.itn
 keep "invert: two views" ./invert side.itn default.itn \
     --params milk.sigma_t,milk.albedo --hidden milk.sigma_t=35 --spp 8 -o quick
