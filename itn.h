@@ -595,10 +595,9 @@ typedef struct itn_render_options {
     itn_estimator estimator;
     int walks; /* that go on from each of the spp camera rays, at most 256; 0 = 4 */
     const int *samples; /* itn_render alone: [height][width], samples of each pixel, 1 to 2^24, in
-                           the place of spp; or NULL. Rounded up to sets of 16, or of a smaller
-                           power of 2 if the least number is below four such sets. Best are numbers
-                           in proportion to the standard deviation of a pixel's samples (Neyman
-                           1934), estimated by another seed: by the same one they bias the means */
+                           the place of spp; or NULL. Best are numbers in proportion to the standard
+                           deviation of a pixel's samples (Neyman 1934), estimated by another seed:
+                           by the same one they bias the means */
     int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
                                                      a non-zero return cancels; may be NULL */
     void *progress_user;
@@ -4817,18 +4816,6 @@ static int itn__set_size(int samples) {
     return size;
 }
 
-/* How many samples pixels get, where not all get the same: multiples of a set. */
-typedef struct itn__allotment {
-    int *samples;  /* [height][width] */
-    int set, most; /* samples of a set; most of a pixel */
-    double sum;    /* of all pixels */
-} itn__allotment;
-
-/* Samples of a pixel: by an allotment, or as many as all have. */
-static int itn__pixel_samples(const itn__allotment *allotment, int spp, size_t pixel) {
-    return allotment ? allotment->samples[pixel] : spp;
-}
-
 /* ---- [mesh] images, triangle meshes, and whether these are solids --------------------------- */
 
 ITN_API itn_result itn_image_create(int width, int height, int plane_count,
@@ -6148,7 +6135,7 @@ typedef struct itn__worker {
     itn__walk walk;           /* of the reference */
     itn__texels texels;       /* of it, if asked for */
     struct itn__crowd *crowd; /* of the fast walk */
-    float *values;            /* [planes][camera rays of a unit], sums over walks */
+    float *values;            /* [camera rays of a unit][planes], sums over walks */
     double collisions;
 } itn__worker;
 
@@ -6160,21 +6147,23 @@ typedef struct itn__render {
     int *slots, *only; /* of each parameter: its place among those asked for, or -1; of each asked
                           for: the channel that it belongs to, or -1 for all */
     int channels, count, max_scatter, fast, walks, sobol, baseline; /* see itn_render_options */
-    int spp, set;   /* samples of a pixel; of them, in each set */
-    const itn__allotment *allotment; /* NULL: every pixel has spp samples, else that is the most */
-    double samples; /* of all pixels */
+    size_t pixels;
+    int spp, least, set;   /* samples of a pixel: most, least; of them, in each set */
+    const int *samples_of; /* each pixel; NULL: spp */
+    double samples;        /* of all pixels */
     uint64_t seed;
     const float *weights;      /* [channels][height][width], to fold with; NULL: planes are kept */
     const itn__texels *texels; /* to fold derivatives by these; NULL: none */
     int planes;          /* numbers of a sample: radiance, by channels, then derivatives, by
-                            parameters and channels; with weights only derivatives, folded */
+                            parameters and channels; */
+    int sums;            /* of a pixel: as many; with weights derivatives only, folded */
     int side, unit_rays; /* pixels of a tile each way; samples of a pixel in a unit */
     int tiles, chunks;   /* units of all pixels, and of all their samples */
     int first, end;      /* tiles that are being done, */
     long next;           /* of them the first that nobody has taken */
     int worker_count;
     itn__worker *workers;
-    double *totals; /* [height][width][planes][2]: sums of t, and of t^2 / n */
+    double *totals; /* [height][width][sums][2]: sums of t, and of t^2 / n */
     int (*progress)(void *user, double fraction);
     void *progress_user;
     double done, share; /* of what progress is told: before this render, and in it */
@@ -6196,6 +6185,10 @@ typedef struct itn__render {
     double lesson_unit;  /* in multiples of this */
     int rows;            /* of a path that are in use */
 } itn__render;
+
+static int itn__pixel_samples(const itn__render *render, size_t pixel) {
+    return render->samples_of ? render->samples_of[pixel] : render->spp;
+}
 
 #ifndef ITN_NO_FAST
 
@@ -6838,7 +6831,6 @@ typedef struct itn__path {
     itn__place place;
     struct itn__path *owner; /* of a shadow ray: its path; else itself */
     float *scores;           /* [count], to its last surface */
-    size_t pixel;
     int number, copies;      /* its camera ray in the unit; paths that it stands for */
     uint32_t index, scramble; /* of Sobol points */
     int mark;                 /* medium whose V it teaches ([value]), or 0; */
@@ -6888,8 +6880,7 @@ typedef struct itn__crowd {
     itn__queue *walk, *surface;    /* per substance; per surface */
     itn__path *taken[ITN__CROWD];  /* paths or shadow rays in flight, for [flights] */
     int taken_count;
-    float *radiance; /* [planes][camera rays of a unit] */
-    int radiance_stride;
+    float *radiance; /* [camera rays of a unit][planes] */
     float *scores;   /* of all paths and rays */
     double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS], where V is learnt */
     double collisions;
@@ -6989,14 +6980,9 @@ ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__i
    in radiance. */
 static void itn__bring(itn__crowd *crowd, const itn__path *path, int k, int c, float value) {
     const itn__render *render = crowd->render;
-    size_t pixels = (size_t)render->scene->film.width * (size_t)render->scene->film.height;
-    float *sum = crowd->radiance + path->owner->number;
+    float *planes = crowd->radiance + (size_t)path->owner->number * (size_t)render->planes;
     value *= itn__exposure(render->scene, render->theta, c);
-    if (!render->weights)
-        sum[(render->channels * (1 + k) + c) * crowd->radiance_stride] += value;
-    else if (k >= 0)
-        sum[k * crowd->radiance_stride] +=
-            render->weights[(size_t)c * pixels + path->owner->pixel] * value;
+    planes[render->channels * (1 + k) + c] += value;
 }
 
 /* The derivatives by lights' scales: `value` in each channel has come from the path's direction,
@@ -8192,7 +8178,7 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
     itn__rng rng = itn__rng_make(render->seed, pixel, (uint64_t)(sample * render->walks + walk));
     int c;
     memset(path, 0, ITN__ROWS * sizeof(float));
-    path->owner = path, path->place = render->camera, path->pixel = pixel, path->mark = 0;
+    path->owner = path, path->place = render->camera, path->mark = 0;
     path->scores = crowd->scores + (size_t)(path - crowd->paths) * (size_t)render->count;
     for (c = 0; c < render->count; c++) path->scores[c] = 0;
     for (c = 0; c < 3 && render->count; c++) {
@@ -8239,7 +8225,7 @@ static void itn__start_ray(itn__crowd *crowd) {
     float u[2];
     size_t pixel, width = (size_t)render->scene->film.width;
     if (!itn__unit_pixel(render->scene, unit, number / unit->count, &pixel) ||
-        sample >= itn__pixel_samples(render->allotment, render->spp, pixel))
+        sample >= itn__pixel_samples(render, pixel))
         return;
     path = itn__start_path(crowd, pixel, sample, 0, u), path->number = number;
     if (render->outside && render->voxels->pixels[pixel] &&
@@ -8367,19 +8353,19 @@ static void itn__fast_know(itn__render *render) {
 
 /* ---- [render] samples into images ------------------------------------------------------------ */
 
-/* A render's units of work are square tiles of pixels times whole sets of samples. A few workers
-   share the tiles out; a tile's units are done in their order, so that the bits of the result do
-   not depend on who did what. A unit's samples are traced one by one (reference) or many at a time
-   (fast walk); either way a sample leaves a number in each plane: radiance by channels, then its
-   derivatives by parameters and channels - or, with weights, only derivatives by parameters, folded
-   with the weights of the pixel (the adjoint). Samples come in sets, independent of each other: of
-   one, of a Sobol sequence ([sobol]), or of three whose heroes are the three channels
-   ([throughput]). With t the sum over a set of n and N = sum n, the mean is sum t / N, and its
-   variance (sum t^2 / n / N - mean^2) / (sets - 1). */
+/* A render's units of work are square tiles of pixels times whole sets of samples. Workers take
+   tiles as they get to them; a tile's units are done in their order, so that the bits of the result
+   do not depend on who did what. A unit's samples are traced one by one (reference) or many at a
+   time (fast walk); either way a sample leaves a number in each plane: radiance by channels, then
+   its derivatives by parameters and channels. With weights, derivatives are then folded with those
+   of the pixel (the adjoint). Samples come in sets, independent of each other: of one, of a Sobol
+   sequence ([sobol]), or of three whose heroes are the three channels ([throughput]). With t the
+   sum over a set of n and N = sum n, the mean is sum t / N, and its variance
+   (sum t^2 / n / N - mean^2) / (sets - 1).
 
-/* Memory of a render, taken piece by piece and given back at once. Fresh pages from the system cost
-   more than a small render: so the scene keeps a block with room for all pieces of the last one,
-   unless it is large. Of several renders at once one has it, and the others allocate. */
+   A render's memory is taken piece by piece and given back at once. Fresh pages from the system
+   cost more than a small render: so the scene keeps a block with room for all pieces of the last
+   one, unless it is large. Of several renders at once one has it, and the others allocate. */
 typedef struct itn__scratch {
     itn__kept kept;
     const itn_context *context;
@@ -8423,61 +8409,32 @@ static void *itn__take(itn__scratch *scratch, size_t count, size_t size) {
     return itn__zero(itn__take_raw(scratch, count, size), count * size);
 }
 
-/* Gives a scene's memory back to it, if that is to be kept. */
-static void itn__scratch_end(const itn_scene *scene, itn__scratch *scratch, int keep) {
-    const itn_context *context = &scene->context;
-    size_t most = scratch ? scratch->most : 0;
-    keep = keep && most / ITN__KEPT_BYTES < (size_t)itn__loop_threads(context);
-    if (scratch && (scratch->more || !keep)) {
-        itn__scratch_free(context, scratch);
-        scratch = keep ? itn__scratch_make(context, most) : NULL;
-    }
-    if (scratch) scratch->used = scratch->most = 0;
-    if (scratch && !itn__once_set(&scene->kept[ITN__SCRATCH], scratch))
-        itn__scratch_free(context, scratch);
-}
-
-/* Whether the scene can be differentiated in the index of surface `asked`. A smooth boundary, its
-   own or one between it and another solid, refracts into one direction, which jumps with the index;
-   a boundary between equal indices is not there at all. */
-static itn_result itn__check_ior(const itn_scene *scene, const float *theta, int asked,
-                                 itn_error *error) {
+/* Why the scene cannot be differentiated in the index of surface `asked`, and where; NULL: it can.
+   A smooth boundary, its own or one between it and another solid, refracts into one direction,
+   which jumps with the index; a boundary between equal indices is not there at all. */
+static const char *itn__ior_flaw(const itn__render *render, int asked, const char **where) {
+    const itn_scene *scene = render->scene;
     const itn__surface *surfaces = scene->surfaces;
-    const char *name = scene->parameters[surfaces[asked].ior].name;
-    float ior = theta[surfaces[asked].ior];
+    float ior = render->theta[surfaces[asked].ior];
     int i, j;
+    *where = "";
     if (surfaces[asked].alpha < 0)
-        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                         "%s: a smooth surface refracts into one direction, which jumps with its "
-                         "index: only a rough surface (alpha > 0) can be differentiated", name);
+        return "a smooth surface refracts into one direction, which jumps with its index: only a "
+               "rough surface (alpha > 0) can be differentiated";
     if (ior - 1 <= ITN__SAME_INDEX)
-        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                         "%s: at index 1 the surface vanishes; differentiate at 1.001 or more",
-                         name);
+        return "at index 1 the surface vanishes; differentiate at 1.001 or more";
     for (i = 0; i < scene->object_count; i++)
         for (j = 0; j < scene->object_count; j++) {
             int other = scene->objects[j].surface;
-            if (scene->objects[i].surface != asked || !(scene->objects[i].dielectrics >> j & 1))
+            if (scene->objects[i].surface != asked || !(scene->objects[i].dielectrics >> j & 1) ||
+                (surfaces[other].alpha >= 0 &&
+                 (other == asked ||
+                  fabsf(render->theta[surfaces[other].ior] - ior) > ITN__SAME_INDEX * ior)))
                 continue;
-            if (surfaces[other].alpha < 0 ||
-                (other != asked &&
-                 fabsf(theta[surfaces[other].ior] - ior) <= ITN__SAME_INDEX * ior))
-                return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                                 "%s: where solids meet, all must be rough and of different index; "
-                                 "%s is not", name, surfaces[other].name);
+            *where = surfaces[other].name;
+            return "where solids meet, all must be rough and of different index; this is not: ";
         }
-    return ITN_OK;
-}
-
-static itn_result itn__check_theta(const itn_scene *scene, const float *theta, itn_error *error) {
-    int i;
-    for (i = 0; i < scene->parameter_count; i++) {
-        const itn_parameter *p = &scene->parameters[i];
-        if (!(theta[i] >= p->lower && theta[i] <= p->upper))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s = %g is not in [%g, %g]", p->name,
-                             (double)theta[i], (double)p->lower, (double)p->upper);
-    }
-    return ITN_OK;
+    return NULL;
 }
 
 /* Whether the fast walk can differentiate in a parameter at this value: in all but indices, where
@@ -8498,11 +8455,9 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
                          : scene->leaky ? "go through holes of a mesh that was forced"
                          : render->max_scatter ? "limit the number of scatterings" : NULL;
     int k;
-    for (k = 0; k < render->count; k++) {
-        render->only[k] = scene->sources[parameters[k]].channel;
+    for (k = 0; k < render->count; k++)
         if (!itn__fast_derivative(scene, parameters[k], render->theta[parameters[k]]))
             lacks = "differentiate here in ", of = scene->parameters[parameters[k]].name;
-    }
 #ifdef ITN_NO_FAST
     lacks = "be used: it is not built in";
 #endif
@@ -8510,6 +8465,41 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
     if (mode == ITN_MODE_FAST && lacks)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                          "render: the fast walk cannot %s%s; the reference can", lacks, of);
+    return ITN_OK;
+}
+
+static itn_result itn__check_theta(const itn_scene *scene, const float *theta, itn_error *error) {
+    int i;
+    for (i = 0; i < scene->parameter_count; i++) {
+        const itn_parameter *p = &scene->parameters[i];
+        if (!(theta[i] >= p->lower && theta[i] <= p->upper))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s = %g is not in [%g, %g]", p->name,
+                             (double)theta[i], (double)p->lower, (double)p->upper);
+    }
+    return ITN_OK;
+}
+
+/* Gives each parameter asked for its slot, if the scene can be differentiated in it. */
+static itn_result itn__ask(itn__render *render, const int *parameters, itn_error *error) {
+    const itn_scene *scene = render->scene;
+    const char *flaw = NULL, *where;
+    int k, i;
+    for (k = 0; k < scene->parameter_count; k++) render->slots[k] = -1;
+    for (k = 0; k < render->count; k++) {
+        int asked = parameters[k];
+        if (asked < 0 || asked >= scene->parameter_count || render->slots[asked] >= 0)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "render: parameter index %d is out of range or asked for twice",
+                             asked);
+        render->slots[asked] = k, render->only[k] = scene->sources[asked].channel;
+        for (i = 0; i < scene->surface_count && !flaw; i++)
+            if (scene->surfaces[i].type == ITN_SURFACE_DIELECTRIC &&
+                scene->surfaces[i].ior == asked)
+                flaw = itn__ior_flaw(render, i, &where);
+        if (flaw)
+            return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: %s%s",
+                             scene->parameters[asked].name, flaw, where);
+    }
     return ITN_OK;
 }
 
@@ -8534,27 +8524,6 @@ static itn_result itn__check_options(const itn_render_options *options, itn_erro
     return ITN_OK;
 }
 
-/* Gives each parameter asked for its slot, if the scene can be differentiated in it. */
-static itn_result itn__ask(itn__render *render, const int *parameters, itn_error *error) {
-    const itn_scene *scene = render->scene;
-    itn_result result = ITN_OK;
-    int k, i;
-    for (k = 0; k < scene->parameter_count; k++) render->slots[k] = -1;
-    for (k = 0; k < render->count && !result; k++) {
-        if (parameters[k] < 0 || parameters[k] >= scene->parameter_count ||
-            render->slots[parameters[k]] >= 0)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "render: parameter index %d is out of range or asked for twice",
-                             parameters[k]);
-        render->slots[parameters[k]] = k;
-        for (i = 0; i < scene->surface_count && !result; i++)
-            if (scene->surfaces[i].type == ITN_SURFACE_DIELECTRIC &&
-                scene->surfaces[i].ior == parameters[k])
-                result = itn__check_ior(scene, render->theta, i, error);
-    }
-    return result;
-}
-
 /* Takes a request in and checks it. */
 static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
                                     const float *theta, const itn_render_options *options,
@@ -8569,18 +8538,19 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     result = itn__check_options(o, error);
     if (result) return result;
     render->scene = scene, render->channels = scene->film.channels, render->count = count;
-    render->planes = render->channels * (1 + count);
-    render->spp = o->spp ? o->spp : 64, render->walks = o->walks ? o->walks : 4;
-    render->samples = (double)scene->film.width * scene->film.height * render->spp;
+    render->pixels = (size_t)scene->film.width * (size_t)scene->film.height;
+    render->planes = render->sums = render->channels * (1 + count);
+    render->spp = render->least = o->spp ? o->spp : 64, render->walks = o->walks ? o->walks : 4;
+    render->samples = (double)render->pixels * render->spp;
     render->seed = o->seed, render->max_scatter = o->max_scatter;
     render->sobol = o->sampler != ITN_SAMPLER_RANDOM;
     render->baseline = o->estimator != ITN_ESTIMATOR_SCORE;
     render->progress = o->progress, render->progress_user = o->progress_user, render->share = 1;
-    size = (size_t)scene->parameter_count;
     render->report = o->stats;
     render->scratch = (itn__scratch *)itn__once_take(&scene->kept[ITN__SCRATCH]);
     if (!render->scratch) render->scratch = itn__scratch_make(&scene->context, 0);
     if (!render->scratch) return itn__out_of_memory(error, "a render");
+    size = (size_t)scene->parameter_count;
     render->theta = (float *)itn__take(render->scratch, size, sizeof(float));
     render->slots = (int *)itn__take(render->scratch, size, sizeof(int));
     render->only = (int *)itn__take(render->scratch, size, sizeof(int));
@@ -8588,15 +8558,27 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
         return itn__out_of_memory(error, "a render");
     if (theta) memcpy(render->theta, theta, size * sizeof(float));
     else itn_parameter_values(scene, render->theta);
-    result = itn__ask(render, parameters, error);
-    if (!result) result = itn__check_theta(scene, render->theta, error);
+    result = itn__check_theta(scene, render->theta, error);
+    if (!result) result = itn__ask(render, parameters, error);
     return result ? result : itn__choose_walk(render, o->mode, parameters, error);
 }
 
-/* Ends a render: tells what it did, and gives its memory back. */
+/* Ends a render: tells what it did, and gives its memory to the scene. */
 static itn_result itn__render_end(itn__render *render, itn_result result) {
+    const itn_scene *scene = render->scene;
+    itn__scratch *scratch = render->scratch;
+    size_t most = scratch ? scratch->most : 0;
+    int keep = !result;
     if (!result && render->report) *render->report = render->stats;
-    if (render->scene) itn__scratch_end(render->scene, render->scratch, !result);
+    if (!scratch) return result;
+    if (most / ITN__KEPT_BYTES >= (size_t)itn__loop_threads(&scene->context)) keep = 0;
+    if (scratch->more || !keep) {
+        itn__scratch_free(&scene->context, scratch);
+        scratch = keep ? itn__scratch_make(&scene->context, most) : NULL;
+    }
+    if (scratch) scratch->used = scratch->most = 0;
+    if (scratch && !itn__once_set(&scene->kept[ITN__SCRATCH], scratch))
+        itn__scratch_free(&scene->context, scratch);
     return result;
 }
 
@@ -8610,10 +8592,10 @@ static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texel
     walk->channels = render->channels, walk->count = walk->score_count = render->count;
     walk->max_scatter = render->max_scatter, walk->texels = texels;
     if (texels && texels->texture) walk->score_count += ITN__TOUCHES;
-    for (k = 0; k < render->scene->parameter_count; k++) {
+    for (k = 0; k < render->scene->parameter_count && render->count; k++) {
         float faint = itn__is_a(render->scene, k, 'S') ? .1f : 0;
         if (itn__is_a(render->scene, k, 'R')) faint = .025f / render->scene->radius;
-        if (walk->count && render->slots[k] >= 0 && render->theta[k] < faint) walk->sheltered = 6;
+        if (render->slots[k] >= 0 && render->theta[k] < faint) walk->sheltered = 6;
     }
     block = (size_t)walk->channels * (size_t)walk->score_count;
     walk->weight.score = (float *)itn__take(render->scratch, block, 3 * sizeof(float));
@@ -8622,23 +8604,9 @@ static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texel
     return walk->weight.score != NULL;
 }
 
-/* What plane k has of the walk's sample: radiance or derivative, or a derivative folded. */
-static float itn__plane_value(const itn__render *render, const itn__walk *walk, size_t pixel,
-                              int k) {
-    const itn_film_desc *film = &render->scene->film;
-    double sum = 0;
-    int c;
-    if (!render->weights)
-        return k < walk->channels ? walk->radiance[k] : walk->derivative[k - walk->channels];
-    for (c = 0; c < walk->channels; c++)
-        sum += (double)render->weights[(size_t)(c * film->width) * (size_t)film->height + pixel] *
-               walk->derivative[k * walk->channels + c];
-    return (float)sum;
-}
-
 /* A path ends: what it has gathered, times the weight of its pixel in each channel, goes to sums of
    it and of its square. Each worker has sums of its own, as many as fit into so many values; which
-   one a pixel belongs to depends on its tile alone ([render]), and so do the bits of the result. */
+   one a pixel belongs to depends on its tile alone, and so do the bits of the result. */
 enum { ITN__TEXEL_COPIES = 16, ITN__TEXEL_VALUES = 4 << 20 };
 
 static void itn__texels_end(itn__texels *texels, const float *weight, size_t plane,
@@ -8652,19 +8620,13 @@ static void itn__texels_end(itn__texels *texels, const float *weight, size_t pla
     texels->touched_count = 0;
 }
 
-static int itn__texels_copies(int channels, const itn__texels *texels) {
-    size_t copies = ITN__TEXEL_VALUES / ((size_t)channels * (size_t)texels->count);
-    return copies < 1 ? 1 : copies < ITN__TEXEL_COPIES ? (int)copies : ITN__TEXEL_COPIES;
-}
-
 /* Makes sums for these texels. Returns 0 if there is no memory. */
-static int itn__texels_make(itn__scratch *scratch, int channels, const itn__texels *of,
-                            itn__texels *texels) {
-    size_t values = (size_t)channels * (size_t)of->count;
-    *texels = *of;
-    texels->path = (float *)itn__take(scratch, values, sizeof(float));
-    texels->touched = (int *)itn__take(scratch, values, sizeof(int));
-    texels->sums = (double *)itn__take(scratch, values, 2 * sizeof(double));
+static int itn__texels_make(const itn__render *render, itn__texels *texels) {
+    size_t values = (size_t)render->channels * (size_t)render->texels->count;
+    *texels = *render->texels;
+    texels->path = (float *)itn__take(render->scratch, values, sizeof(float));
+    texels->touched = (int *)itn__take(render->scratch, values, sizeof(int));
+    texels->sums = (double *)itn__take(render->scratch, values, 2 * sizeof(double));
     texels->squares = texels->sums ? texels->sums + values : NULL;
     return values <= INT_MAX && texels->path && texels->touched && texels->sums;
 }
@@ -8672,44 +8634,59 @@ static int itn__texels_make(itn__scratch *scratch, int channels, const itn__texe
 /* The samples of a unit by the reference. */
 static void itn__walk_unit(const itn__render *render, itn__worker *worker) {
     const itn__unit *unit = &worker->unit;
-    size_t stride = (size_t)(render->side * render->side * render->unit_rays), pixel;
-    size_t width = (size_t)render->scene->film.width;
+    int channels = render->channels, number, sample;
     itn__walk *walk = &worker->walk;
-    int cell, ray, k;
-    for (cell = 0; cell < unit->side * unit->side; cell++) {
-        float *values = worker->values + cell * unit->count;
-        if (!itn__unit_pixel(render->scene, unit, cell, &pixel)) continue;
-        for (ray = 0; ray < unit->count; ray++, values++) {
-            int sample = unit->first + ray;
-            if (sample >= itn__pixel_samples(render->allotment, render->spp, pixel)) break;
+    float *values = worker->values;
+    size_t pixel, width = (size_t)render->scene->film.width;
+    for (number = 0; number < unit->side * unit->side * unit->count; number++) {
+        int seen = itn__unit_pixel(render->scene, unit, number / unit->count, &pixel);
+        sample = unit->first + number % unit->count;
+        if (seen && sample < itn__pixel_samples(render, pixel)) {
             itn__sample_pixel(walk, render->seed, (int)(pixel % width), (int)(pixel / width),
                               sample);
-            for (k = 0; k < render->planes; k++)
-                values[(size_t)k * stride] = itn__plane_value(render, walk, pixel, k);
+            memcpy(values, walk->radiance, (size_t)channels * sizeof(float));
+            memcpy(values + channels, walk->derivative,
+                   (size_t)(channels * walk->count) * sizeof(float));
             if (walk->texels)
-                itn__texels_end(walk->texels, render->weights + pixel,
-                                width * (size_t)render->scene->film.height, 1. / render->spp);
+                itn__texels_end(walk->texels, render->weights + pixel, render->pixels,
+                                1. / render->spp);
         }
+        values += render->planes;
     }
     worker->collisions = walk->collisions;
+}
+
+/* What sum k has of a sample, from its planes: one of them, or a derivative folded. */
+static double itn__folded(const itn__render *render, size_t pixel, const float *values, int k) {
+    double sum = 0;
+    int c;
+    if (!render->weights) return (double)values[k];
+    for (c = 0; c < render->channels; c++)
+        sum += (double)render->weights[(size_t)c * render->pixels + pixel] *
+               (double)values[render->channels * (1 + k) + c];
+    return sum;
 }
 
 /* Adds what a unit's samples brought to the totals, set by set. */
 static void itn__sum_unit(const itn__render *render, const itn__worker *worker) {
     const itn__unit *unit = &worker->unit;
-    size_t stride = (size_t)(render->side * render->side * render->unit_rays), pixel;
+    const float *values = worker->values;
+    size_t pixel, planes = (size_t)render->planes, sums = (size_t)render->sums;
     int cell, k, ray;
-    for (cell = 0; cell < unit->side * unit->side; cell++) {
-        double *totals, sum = 0;
-        if (!itn__unit_pixel(render->scene, unit, cell, &pixel)) continue;
-        totals = render->totals + pixel * (size_t)render->planes * 2;
-        for (k = 0; k < render->planes; k++, totals += 2)
-            for (ray = 0; ray < unit->count; ray++) {
+    for (cell = 0; cell < unit->side * unit->side; cell++, values += planes * (size_t)unit->count) {
+        int seen = itn__unit_pixel(render->scene, unit, cell, &pixel), count;
+        if (!seen) continue;
+        count = itn__pixel_samples(render, pixel) - unit->first;
+        if (count > unit->count) count = unit->count;
+        for (k = 0; k < render->sums; k++) {
+            double *totals = render->totals + 2 * (pixel * sums + (size_t)k), sum = 0;
+            for (ray = 0; ray < count; ray++) {
                 int n = ray % render->set + 1;
-                sum += worker->values[(size_t)k * stride + (size_t)(cell * unit->count + ray)];
-                if (n < render->set && ray + 1 < unit->count) continue;
+                sum += itn__folded(render, pixel, values + (size_t)ray * planes, k);
+                if (n < render->set && ray + 1 < count) continue;
                 totals[0] += sum, totals[1] += sum * sum / (n * render->walks), sum = 0;
             }
+        }
     }
 }
 
@@ -8753,20 +8730,17 @@ static void itn__render_worker(void *task, int index) {
 }
 
 #ifndef ITN_NO_FAST
-/* Makes a crowd whose units, of at most so many camera rays, leave their planes in `radiance`.
-   Returns NULL if there is no memory. */
-static itn__crowd *itn__crowd_make(const itn__render *render, float *radiance, int rays) {
+/* Makes a crowd that leaves what its units bring in `radiance`; NULL if there is no memory. */
+static itn__crowd *itn__crowd_make(const itn__render *render, float *radiance) {
     size_t substances = 1 + (size_t)render->scene->medium_count, count = (size_t)render->count;
     itn__crowd *crowd = (itn__crowd *)itn__take_raw(render->scratch, 1, sizeof *crowd);
     int i;
     if (!crowd) return NULL;
-    for (i = 0; i < ITN__CROWD; i++) {
-        crowd->unused[i] = ITN__CROWD - 1 - i;
-        if (render->learning) crowd->paths[i].mark = 0;
-    }
+    for (i = 0; i < ITN__CROWD; i++) crowd->unused[i] = ITN__CROWD - 1 - i;
+    for (i = 0; i < ITN__CROWD && render->learning; i++) crowd->paths[i].mark = 0;
     crowd->unused_count = ITN__CROWD, crowd->ray_count = crowd->taken_count = 0;
     crowd->exact.count = crowd->sky.count = 0, crowd->collisions = 0;
-    crowd->render = render, crowd->radiance = radiance, crowd->radiance_stride = rays;
+    crowd->render = render, crowd->radiance = radiance;
     crowd->walk = (itn__queue *)itn__take(
         render->scratch, substances + (size_t)render->scene->surface_count, sizeof(itn__queue));
     crowd->scores = (float *)itn__take(render->scratch, 2 * ITN__CROWD, count * sizeof(float));
@@ -8783,21 +8757,17 @@ static int itn__worker_make(const itn__render *render, itn__worker *worker, int 
                                             (size_t)render->planes * sizeof(float));
     if (!worker->values) return 0;
 #ifndef ITN_NO_FAST
-    if (render->fast) {
-        worker->crowd = itn__crowd_make(render, worker->values, rays);
-        return worker->crowd != NULL;
-    }
+    if (render->fast)
+        return (worker->crowd = itn__crowd_make(render, worker->values)) != NULL;
 #endif
-    if (render->texels && !itn__texels_make(render->scratch, render->channels, render->texels,
-                                            &worker->texels))
-        return 0;
+    if (render->texels && !itn__texels_make(render, &worker->texels)) return 0;
     return itn__walk_make(&worker->walk, render, render->texels ? &worker->texels : NULL);
 }
 
 enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 }; /* at most, or for one set more */
 
-/* Divides the work, and allocates what it needs. Small pictures have small tiles, so that there is
-   work for many. */
+/* Divides the work, and takes memory for it. Small pictures have small tiles, so that there is work
+   for many. */
 static itn_result itn__divide(itn__render *render, itn_error *error) {
     int width = render->scene->film.width, height = render->scene->film.height, cells, sets, i;
     int good;
@@ -8812,13 +8782,16 @@ static itn_result itn__divide(itn__render *render, itn_error *error) {
     render->chunks = (render->spp - 1) / render->unit_rays + 1;
     if (render->chunks > INT_MAX / render->tiles || render->spp > INT_MAX / render->walks)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
-    render->worker_count = render->texels ? itn__texels_copies(render->channels, render->texels)
-                                          : itn__loop_threads(&render->scene->context);
+    render->worker_count = itn__loop_threads(&render->scene->context);
+    if (render->texels)
+        render->worker_count = (int)itn__clamp(
+            (float)ITN__TEXEL_VALUES / ((float)render->channels * (float)render->texels->count), 1,
+            ITN__TEXEL_COPIES);
     if (render->worker_count > render->tiles) render->worker_count = render->tiles;
     render->workers = (itn__worker *)itn__take(render->scratch, (size_t)render->worker_count,
                                                sizeof *render->workers);
-    render->totals = (double *)itn__take(render->scratch, (size_t)width * (size_t)height,
-                                         (size_t)render->planes * 2 * sizeof(double));
+    render->totals = (double *)itn__take(render->scratch, render->pixels,
+                                         (size_t)render->sums * 2 * sizeof(double));
     good = render->workers && render->totals;
     for (i = 0; i < render->worker_count && good; i++)
         good = itn__worker_make(render, &render->workers[i], cells * render->unit_rays);
@@ -8851,15 +8824,15 @@ static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
 /* Learns V from a few paths, which are not used for anything else: whatever these tell, pictures
    stay unbiased. */
 static itn_result itn__learn_values(itn__render *render, itn_error *error) {
-    double pixels = (double)render->scene->film.width * render->scene->film.height;
+    double pixels = (double)render->pixels;
     int media = render->scene->medium_count, learnt = 0, m, i, k;
     size_t mark = render->scratch->used;
     itn__render pilot = *render;
     itn_result result;
-    pilot.weights = NULL, pilot.allotment = NULL, pilot.progress = NULL;
+    pilot.weights = NULL, pilot.samples_of = NULL, pilot.progress = NULL;
     pilot.walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)render->walks);
     pilot.spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * pilot.walks), render->spp / 8 + 1));
-    pilot.count = 0, pilot.planes = pilot.channels;
+    pilot.count = 0, pilot.planes = pilot.sums = pilot.channels;
     pilot.set = pilot.sobol ? itn__set_size(pilot.spp) : 1;
     pilot.seed = itn__mix64(render->seed + 1);
     pilot.learning = 1, pilot.controls = pilot.scales = 0, pilot.rows = ITN__ROWS;
@@ -8891,11 +8864,9 @@ static itn_result itn__fast_begin(itn__render *render, itn_error *error) {
 }
 #endif /* ITN_NO_FAST */
 
-/* Numbers of samples, and how many make a set. */
+/* How many samples make a set. */
 static void itn__choose_sets(itn__render *render) {
-    const itn__allotment *allotment = render->allotment;
-    int set = allotment ? allotment->set : itn__set_size(render->spp);
-    if (allotment) render->samples = allotment->sum, render->spp = allotment->most;
+    int set = itn__set_size(render->least);
     if (!render->fast) render->walks = 1;
     render->set = !render->fast ? (render->scene->spectral && set > 1 ? 3 : 1)
                   : render->sobol ? set : 1;
@@ -8915,62 +8886,57 @@ static itn_result itn__render_run(itn__render *render, itn_error *error) {
     return result;
 }
 
-/* Variance of the mean of n samples, or of whatever is independent, from the means of them and of
-   their squares: where only rounding makes it negative, 0; one sample knows nothing of its spread,
-   nor do sums that are not finite. */
-static double itn__mean_variance(double mean, double square, int n) {
-    double variance = n > 1 ? (square - mean * mean) / (n - 1) : (double)INFINITY;
-    return variance < 0 ? 0 : variance >= 0 ? variance : (double)INFINITY;
-}
-
-/* Mean of plane k of a pixel, and its variance. */
+/* Mean k of a pixel and its variance: where only rounding makes that negative, 0; one sample knows
+   nothing of its spread, nor do sums that are not finite. */
 static double itn__pixel_mean(const itn__render *render, size_t pixel, int k, double *variance) {
-    const double *sums = render->totals + 2 * (pixel * (size_t)render->planes + (size_t)k);
-    int samples = itn__pixel_samples(render->allotment, render->spp, pixel);
+    const double *sums = render->totals + 2 * (pixel * (size_t)render->sums + (size_t)k);
+    int samples = itn__pixel_samples(render, pixel), sets = (samples - 1) / render->set + 1;
     double n = (double)samples * render->walks, mean = sums[0] / n;
-    *variance = itn__mean_variance(mean, sums[1] / n, (samples - 1) / render->set + 1);
+    *variance = sets > 1 ? (sums[1] / n - mean * mean) / (sets - 1) : (double)INFINITY;
+    if (!(*variance >= 0)) *variance = *variance < 0 ? 0 : (double)INFINITY;
     return mean;
 }
 
-/* Names of the planes: Y, Variance.Y, d_milk_g.Y, d_milk_g_variance.Y and so on. */
-static void itn__name_planes(const itn_scene *scene, const int *parameters, int count,
-                             itn_image *image) {
+/* An image with planes Y, Variance.Y, d_milk_g.Y, d_milk_g_variance.Y and so on. */
+static itn_result itn__make_planes(const itn__render *render, int width, int height,
+                                   const int *parameters, itn_image *image, itn_error *error) {
     static const char *const names[2][3] = {{"Y", "", ""}, {"R", "G", "B"}};
-    int channels = scene->film.channels, k, v, c;
-    for (k = 0; k < 2 * (1 + count) * channels; k++) {
+    int channels = render->channels, count = 2 * (1 + render->count) * channels, k;
+    itn_result result = itn_image_create(width, height, count, &render->scene->context, image,
+                                         error);
+    for (k = 0; k < count && !result; k++) {
         char layer[ITN_NAME_SIZE + 16] = "";
-        c = k % channels, v = k / channels % 2;
+        int v = k / channels % 2;
         if (k >= 2 * channels) {
-            itn__print(layer, sizeof layer, "d_%s%s.",
-                       scene->parameters[parameters[k / channels / 2 - 1]].name,
+            int parameter = parameters[k / channels / 2 - 1];
+            itn__print(layer, sizeof layer, "d_%s%s.", render->scene->parameters[parameter].name,
                        v ? "_variance" : "");
             *strchr(layer, '.') = '_'; /* item.field to item_field */
         } else if (v) {
             itn__copy_name(layer, "Variance.");
         }
-        itn__print(image->names[k], ITN_NAME_SIZE, "%.60s%s", layer, names[channels == 3][c]);
+        itn__print(image->names[k], ITN_NAME_SIZE, "%.60s%s", layer,
+                   names[channels == 3][k % channels]);
     }
+    return result;
 }
 
 /* Means and variances become an image: of each group of channels the means, then the variances. */
 static itn_result itn__develop(const itn__render *render, const int *parameters, itn_image *image,
                                itn_error *error) {
-    const itn_scene *scene = render->scene;
-    size_t pixels = (size_t)scene->film.width * (size_t)scene->film.height, i;
-    itn_result result = itn_image_create(scene->film.width, scene->film.height, 2 * render->planes,
-                                         &scene->context, image, error);
+    size_t pixels = render->pixels, i;
+    itn_result result = itn__make_planes(render, render->scene->film.width,
+                                         render->scene->film.height, parameters, image, error);
     double variance;
     int k, channels = render->channels;
-    if (result) return result;
-    itn__name_planes(scene, parameters, render->count, image);
-    for (k = 0; k < render->planes; k++) {
+    for (k = 0; k < render->planes && !result; k++) {
         float *plane = image->pixels + (size_t)(2 * k - k % channels) * pixels;
         for (i = 0; i < pixels; i++) {
             plane[i] = (float)itn__pixel_mean(render, i, k, &variance);
             plane[(size_t)channels * pixels + i] = (float)variance;
         }
     }
-    return ITN_OK;
+    return result;
 }
 
 ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
@@ -8985,27 +8951,19 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
     return itn__render_end(&render, result);
 }
 
-enum { ITN__MOST_SAMPLES = 1 << 24 };
-
-/* Numbers of samples, rounded up to whole sets; the caller frees them, in any case. */
-static itn_result itn__allotment_make(const itn_scene *scene, const int *samples,
-                                      itn__allotment *allotment, itn_error *error) {
-    size_t pixels = (size_t)scene->film.width * (size_t)scene->film.height, i;
-    int least = ITN__MOST_SAMPLES, set;
-    for (i = 0; i < pixels; i++) {
-        if (samples[i] < 1 || samples[i] > ITN__MOST_SAMPLES)
+/* Takes in how many samples pixels have each. */
+static itn_result itn__spread_samples(itn__render *render, const int *samples, itn_error *error) {
+    size_t i;
+    render->samples_of = samples, render->samples = 0;
+    render->least = 1 << 24, render->spp = 1;
+    for (i = 0; i < render->pixels; i++) {
+        if (samples[i] < 1 || samples[i] > 1 << 24)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                              "itn_render: samples[%d] = %d is not in [1, %d]", (int)i, samples[i],
-                             ITN__MOST_SAMPLES);
-        if (samples[i] < least) least = samples[i];
-    }
-    allotment->samples = (int *)itn__allocate(&scene->context, pixels, sizeof(int));
-    if (!allotment->samples) return itn__out_of_memory(error, "samples by pixel");
-    set = allotment->set = itn__set_size(least);
-    for (i = 0; i < pixels; i++) {
-        int rounded = (samples[i] + set - 1) / set * set;
-        allotment->samples[i] = rounded, allotment->sum += rounded;
-        if (rounded > allotment->most) allotment->most = rounded;
+                             1 << 24);
+        if (samples[i] < render->least) render->least = samples[i];
+        if (samples[i] > render->spp) render->spp = samples[i];
+        render->samples += samples[i];
     }
     return ITN_OK;
 }
@@ -9014,23 +8972,18 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error) {
     itn_render_options own = ITN_ZERO;
-    itn__allotment allotment = ITN_ZERO;
-    itn__render render = ITN_ZERO;
+    itn__render render;
     itn_image made = ITN_ZERO;
-    itn_result result = ITN_OK;
+    itn_result result;
+    const int *samples;
+    if (!image) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
     if (options) own = *options;
-    if (scene && own.samples) {
-        result = itn__allotment_make(scene, own.samples, &allotment, error);
-        own.samples = NULL, own.spp = allotment.most;
-    }
-    if (!result && !image)
-        result = itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
-    if (!result) result = itn__render_begin(&render, scene, theta, &own, parameters, count, error);
-    if (allotment.samples) render.allotment = &allotment;
+    samples = own.samples, own.samples = NULL;
+    result = itn__render_begin(&render, scene, theta, &own, parameters, count, error);
+    if (!result && samples) result = itn__spread_samples(&render, samples, error);
     if (!result) result = itn__render_run(&render, error);
     if (!result) result = itn__develop(&render, parameters, &made, error);
     if (!result) *image = made;
-    if (scene) itn__free(&scene->context, allotment.samples);
     return itn__render_end(&render, result);
 }
 
@@ -9042,34 +8995,32 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
    one render both would have their noise in common, and the product a bias. Of derivatives by
    texels ([throughput]) there are as many sums as values. */
 
-/* How many values an image has: [channels][height][width]. */
-static size_t itn__film_values(const itn_scene *scene) {
-    return (size_t)scene->film.width * (size_t)scene->film.height * (size_t)scene->film.channels;
-}
-
-/* Whether all of so many values are finite. */
-static itn_result itn__check_weights(const itn_scene *scene, const float *weights,
-                                     const char *where, itn_error *error) {
+/* Begins a render that folds with given values, [channels][height][width], which must be finite. */
+static itn_result itn__fold_begin(itn__render *render, const itn_scene *scene, const float *theta,
+                                  const itn_render_options *options, const float *given,
+                                  const int *parameters, int count, itn_error *error) {
+    itn_result result = itn__render_begin(render, scene, theta, options, parameters, count, error);
     size_t i;
-    for (i = 0; i < itn__film_values(scene); i++)
-        if (!itn__finite(weights[i]))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: value %d is not finite", where,
-                             (int)i);
-    return ITN_OK;
+    for (i = 0; !result && i < render->pixels * (size_t)render->channels; i++)
+        if (!itn__finite(given[i]))
+            result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                               "render: value %d of the weights or the target is not finite",
+                               (int)i);
+    return result;
 }
 
 /* Runs a render that folds derivatives, and adds them up over all pixels. variance may be
    NULL. */
 static itn_result itn__fold(itn__render *render, const float *weights, double *gradient,
                             double *variance, itn_error *error) {
-    size_t pixels = (size_t)render->scene->film.width * (size_t)render->scene->film.height, i;
     itn_result result;
+    size_t i;
     int k;
-    render->weights = weights, render->planes = render->count;
+    render->weights = weights, render->sums = render->count;
     result = itn__render_run(render, error);
     for (k = 0; k < render->count && !result; k++) {
         double sum = 0, spread = 0, own;
-        for (i = 0; i < pixels; i++)
+        for (i = 0; i < render->pixels; i++)
             sum += itn__pixel_mean(render, i, k, &own), spread += own;
         gradient[k] = sum;
         if (variance) variance[k] = spread;
@@ -9086,9 +9037,7 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
     if (!scene || !weights || !gradient || count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_render_gradient: NULL argument or count %d", count);
-    result = itn__check_weights(scene, weights, "itn_render_gradient: weights", error);
-    if (result) return result;
-    result = itn__render_begin(&render, scene, theta, options, parameters, count, error);
+    result = itn__fold_begin(&render, scene, theta, options, weights, parameters, count, error);
     if (!result) result = itn__fold(&render, weights, gradient, variance, error);
     return itn__render_end(&render, result);
 }
@@ -9096,39 +9045,21 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
 /* The images of that name's surface and light; returns how many there are. */
 static int itn__find_texels(const itn_scene *scene, const char *item, itn__texels *texels) {
     size_t length = strlen(item);
-    int i, height;
-    for (i = 0; i < scene->surface_count && !texels->texture; i++)
-        if (!strcmp(scene->surfaces[i].name, item) && scene->surfaces[i].texels)
-            texels->texture = &scene->surfaces[i];
+    int i;
+    for (i = 0; i < scene->surface_count && !texels->texture; i++) {
+        const itn__surface *surface = &scene->surfaces[i];
+        if (strcmp(surface->name, item) || !surface->texels) continue;
+        texels->texture = surface, texels->width = surface->width;
+        texels->count = surface->width * surface->height;
+    }
     for (i = 0; i < scene->light_count && !texels->map; i++) {
         const itn__light *light = &scene->lights[i];
         const char *name = scene->parameters[light->parameter].name; /* item.scale */
-        if (light->map && !strncmp(name, item, length) && name[length] == '.') texels->map = light;
+        if (!light->map || strncmp(name, item, length) || name[length] != '.') continue;
+        texels->map = light, texels->width = light->width;
+        texels->count = light->width * light->height;
     }
-    if (!texels->texture && !texels->map) return 0;
-    texels->width = texels->texture ? texels->texture->width : texels->map->width;
-    height = texels->texture ? texels->texture->height : texels->map->height;
-    texels->count = texels->width * height;
-    return 1 + (texels->texture && texels->map);
-}
-
-/* The sums of all workers become an image: by channels, gradient, then variance. */
-static itn_result itn__develop_texels(const itn__render *render, itn_image *image,
-                                      itn_error *error) {
-    const itn__texels *texels = render->texels;
-    size_t values = 2 * (size_t)render->channels * (size_t)texels->count, i;
-    itn_result result = itn_image_create(texels->width, texels->count / texels->width,
-                                         2 * render->channels, &render->scene->context, image,
-                                         error);
-    int k;
-    if (result) return result;
-    itn__name_planes(render->scene, NULL, 0, image);
-    for (i = 0; i < values; i++) {
-        double sum = 0;
-        for (k = 0; k < render->worker_count; k++) sum += render->workers[k].texels.sums[i];
-        image->pixels[i] = (float)sum;
-    }
-    return ITN_OK;
+    return (texels->texture != NULL) + (texels->map != NULL);
 }
 
 ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
@@ -9140,7 +9071,8 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
     itn__texels texels;
     itn_image made = ITN_ZERO;
     itn_result result;
-    int found;
+    size_t i;
+    int found, k;
     memset(&texels, 0, sizeof texels);
     if (!scene || !weights || !item || !gradient)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render_texel_gradient: NULL argument");
@@ -9155,23 +9087,28 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
                          "itn_render_texel_gradient: the fast walk cannot differentiate in the "
                          "values of an image; the reference can");
     own.mode = ITN_MODE_REFERENCE;
-    result = itn__check_weights(scene, weights, "itn_render_texel_gradient: weights", error);
-    if (result) return result;
-    result = itn__render_begin(&render, scene, theta, &own, NULL, 0, error);
-    render.weights = weights, render.texels = &texels, render.planes = 0;
+    result = itn__fold_begin(&render, scene, theta, &own, weights, NULL, 0, error);
+    render.weights = weights, render.texels = &texels, render.sums = 0;
     if (!result) result = itn__render_run(&render, error);
-    if (!result) result = itn__develop_texels(&render, &made, error);
+    if (!result)
+        result = itn__make_planes(&render, texels.width, texels.count / texels.width, NULL, &made,
+                                  error);
+    for (i = 0; !result && i < 2 * (size_t)(render.channels * texels.count); i++) {
+        double sum = 0; /* of all workers: the gradient, by channels, then its variance */
+        for (k = 0; k < render.worker_count; k++) sum += render.workers[k].texels.sums[i];
+        made.pixels[i] = (float)sum;
+    }
     if (!result) *gradient = made;
     return itn__render_end(&render, result);
 }
 
 /* The loss of a render, and its derivatives by the pixels: weights [channels][height][width]. */
 static double itn__loss_weights(const itn__render *render, const float *target, float *weights) {
-    size_t pixels = (size_t)render->scene->film.width * (size_t)render->scene->film.height, i;
-    double values = (double)pixels * render->channels, sum = 0, residual, variance;
+    double values = (double)render->pixels * render->channels, sum = 0, residual, variance;
+    size_t i;
     int c;
     for (c = 0; c < render->channels; c++)
-        for (i = 0; i < pixels; i++, weights++) {
+        for (i = 0; i < render->pixels; i++, weights++) {
             residual = itn__pixel_mean(render, i, c, &variance) - *target++;
             sum += residual * residual - (float)variance; /* infinite beyond what floats hold */
             *weights = (float)(2 * residual / values);
@@ -9180,16 +9117,15 @@ static double itn__loss_weights(const itn__render *render, const float *target, 
 }
 
 /* The render for the residual, before the one for the derivative. */
-static itn_result itn__render_loss(itn__render *render, const itn_render_options *options,
-                                   const float *target, float *weights, double *loss,
-                                   itn_error *error) {
+static itn_result itn__render_loss(itn__render *render, itn_mode mode, const float *target,
+                                   float *weights, double *loss, itn_error *error) {
     size_t mark = render->scratch->used;
     itn__render residual = *render;
     itn_result result;
-    residual.count = 0, residual.planes = residual.channels;
-    residual.seed = itn__mix64(~options->seed), render->seed = itn__mix64(residual.seed + 1);
+    residual.count = 0, residual.planes = residual.sums = residual.channels;
+    residual.seed = itn__mix64(~render->seed), render->seed = itn__mix64(residual.seed + 1);
     if (render->count) residual.share = render->share = render->done = .5;
-    result = itn__choose_walk(&residual, options->mode, NULL, error);
+    result = itn__choose_walk(&residual, mode, NULL, error);
     if (!result) result = itn__render_run(&residual, error);
     if (result) return result;
     *loss = itn__loss_weights(&residual, target, weights);
@@ -9205,24 +9141,22 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, const float *target,
                                      const int *parameters, int count, double *loss,
                                      double *gradient, itn_error *error) {
-    itn_render_options own = ITN_ZERO;
     itn__render render;
     itn_result result;
     float *weights = NULL;
     double value = 0;
-    if (!scene || !target || !loss || count < 0 || (count && !gradient))
+    if (!scene || !target || !loss || count < 0 || (count && !gradient) ||
+        (options && options->spp == 1))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_loss_gradient: NULL argument or count %d", count);
-    if (options) own = *options;
-    if (own.spp == 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: needs spp >= 2");
-    result = itn__check_weights(scene, target, "itn_loss_gradient: target", error);
-    if (result) return result;
-    result = itn__render_begin(&render, scene, theta, &own, parameters, count, error);
+                         "itn_loss_gradient: NULL argument, count %d, or spp below 2", count);
+    result = itn__fold_begin(&render, scene, theta, options, target, parameters, count, error);
     if (!result)
-        weights = (float *)itn__take_raw(render.scratch, itn__film_values(scene), sizeof(float));
+        weights = (float *)itn__take_raw(render.scratch, render.pixels,
+                                         (size_t)render.channels * sizeof(float));
     if (!result && !weights) result = itn__out_of_memory(error, "a loss");
-    if (!result) result = itn__render_loss(&render, &own, target, weights, &value, error);
+    if (!result)
+        result = itn__render_loss(&render, options ? options->mode : ITN_MODE_AUTO, target,
+                                  weights, &value, error);
     if (count && !result) result = itn__fold(&render, weights, gradient, NULL, error);
     if (!result) *loss = value;
     return itn__render_end(&render, result);

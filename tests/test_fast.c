@@ -255,11 +255,15 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
 }
 static void close_render(inside *in) { itn__render_end(&in->render, ITN_OK); }
 
+/* What the paths of a unit leave. */
+static size_t unit_bytes(const inside *in, const itn__unit *unit) {
+    return (size_t)(unit->side * unit->side * unit->count * in->render.planes) * sizeof(float);
+}
+
 /* Runs paths of a unit in the picture's first crowd and leaves their radiance there. */
 static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
     itn__crowd *crowd = in->render.workers[0].crowd;
-    memset(crowd->radiance, 0, (size_t)crowd->radiance_stride *
-                                   (size_t)in->render.planes * sizeof(float));
+    memset(crowd->radiance, 0, unit_bytes(in, unit));
     crowd->unit = *unit;
     itn__run_unit(crowd);
     return crowd;
@@ -276,7 +280,7 @@ static itn__unit whole_unit(inside *in) {
     rays = unit.side * unit.side * unit.count;
     worker->values = (float *)itn__take(in->render.scratch, (size_t)rays,
                                         (size_t)in->render.planes * sizeof(float));
-    worker->crowd = itn__crowd_make(&in->render, worker->values, rays);
+    worker->crowd = itn__crowd_make(&in->render, worker->values);
     CHECK(worker->values && worker->crowd);
     return unit;
 }
@@ -312,8 +316,8 @@ static double derivatives_apart(const itn__crowd *crowd, const itn__walk *walk, 
     for (k = 0; k < walk->count; k++)
         for (c = 0; c < walk->channels; c++) {
             double reference = walk->derivative[k * walk->channels + c];
-            double fast = crowd->radiance[(walk->channels * (1 + k) + c) *
-                                          crowd->radiance_stride + number];
+            double fast = crowd->radiance[number * crowd->render->planes +
+                                          walk->channels * (1 + k) + c];
             apart = worse(apart, fabs(fast - reference)), size = fmax(size, fabs(reference));
         }
     return apart == 0 ? 0 : apart / size;
@@ -331,7 +335,7 @@ static void tally_unit(inside *in, itn__walk *walk, uint64_t seed, const itn__un
             if (x >= in->scene->film.width || y >= in->scene->film.height) continue;
             itn__sample_pixel(walk, seed, x, y, unit->first + ray);
             for (c = 0; c < channels; c++) {
-                fast[c] = crowd->radiance[c * crowd->radiance_stride + number];
+                fast[c] = crowd->radiance[number * crowd->render->planes + c];
                 t->sum += walk->radiance[c], t->difference += (double)fast[c] - walk->radiance[c];
                 t->square += pow((double)fast[c] - walk->radiance[c], 2);
             }
@@ -437,7 +441,7 @@ static int mean_of_paths(const itn_scene *scene, int spp, int misled, int plante
         int paths = unit.side * unit.side * unit.count;
         for (k = 0; k < planes; k++)
             for (i = 0; i < paths; i++) {
-                double x = crowd->radiance[(size_t)k * (size_t)crowd->radiance_stride + (size_t)i];
+                double x = crowd->radiance[i * planes + k];
                 mean[k] += x, variance[k] += x * x;
             }
         count += paths;
@@ -504,6 +508,7 @@ static void compare_parts(inside *in, const itn__unit *whole, const float *radia
         for (y = (whole->side - 1) / side * side; y >= 0; y -= side)
             for (x = (whole->side - 1) / side * side; x >= 0; x -= side) {
                 const itn__crowd *crowd;
+                int planes = in->render.planes;
                 itn__unit part = *whole;
                 part.x = whole->x + x, part.y = whole->y + y, part.first = whole->first + first;
                 part.side = side;
@@ -512,12 +517,13 @@ static void compare_parts(inside *in, const itn__unit *whole, const float *radia
                 for (c = 0; c < in->render.channels; c++)
                     for (pixel = 0; pixel < side * side; pixel++) {
                         int column = x + pixel % side, row = y + pixel / side;
-                        const float *a = radiance + c * crowd->radiance_stride +
-                                         (row * whole->side + column) * whole->count + first;
-                        const float *b = crowd->radiance + c * crowd->radiance_stride +
-                                         pixel * part.count;
-                        for (i = 0; i < part.count && column < whole->side && row < whole->side; i++)
-                            different += !(fabsf(a[i] - b[i]) <= 1e-5f * fabsf(a[i]));
+                        int at = (row * whole->side + column) * whole->count + first;
+                        if (column >= whole->side || row >= whole->side) continue;
+                        for (i = 0; i < part.count; i++) {
+                            float a = radiance[(at + i) * planes + c];
+                            float b = crowd->radiance[(pixel * part.count + i) * planes + c];
+                            different += !(fabsf(a - b) <= 1e-5f * fabsf(a));
+                        }
                     }
             }
     check_report(!different, __FILE__, __LINE__, "parts of %d x %d pixels, %d rays", side, side,
@@ -536,8 +542,7 @@ static void check_parts(int which, itn_sampler sampler, int walks, int planted) 
     options.walks = walks, options.sampler = sampler;
     open_render(&in, scene, &options);
     whole = whole_unit(&in);
-    bytes = (size_t)in.render.workers[0].crowd->radiance_stride * (size_t)in.render.channels *
-            sizeof *radiance;
+    bytes = unit_bytes(&in, &whole);
     radiance = (float *)malloc(bytes);
     memcpy(radiance, run_unit(&in, &whole)->radiance, bytes);
     in.render.seed += (uint64_t)planted;
@@ -581,8 +586,7 @@ static void check_tables(int which, int planted) {
     whole = whole_unit(&in);
     paths = whole.side * whole.side * whole.count;
     for (k = 0; k < 3; k++) { /* one that knows nothing; coarse; fine */
-        const size_t bytes = (size_t)in.render.workers[0].crowd->radiance_stride *
-                             (size_t)in.render.channels * sizeof(float);
+        const size_t bytes = unit_bytes(&in, &whole);
         itn__voxels *voxels = NULL;
         itn_error error;
         stage_need(itn__tables_make(scene, k < 2 ? 16 : 96, &voxels, &error), &error);
@@ -594,7 +598,7 @@ static void check_tables(int which, int planted) {
         itn__voxels_free(&scene->context, voxels);
         for (number = 0; number < paths; number++)
             for (c = 0; c < in.render.channels; c++) {
-                int at = c * in.render.workers[0].crowd->radiance_stride + number;
+                int at = number * in.render.planes + c;
                 apart[k] += fabsf(radiance[k][at] - radiance[0][at]) > 1e-3f * radiance[0][at];
             }
         check_report(apart[k] <= .002 * paths, __FILE__, __LINE__,
