@@ -6758,7 +6758,7 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, itn__
    mean free path, and not so large that they hold many triangles; a small job has coarse ones, and
    the more so the more lanes share what exact flights cost. */
 static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
-    double cells = .2 * sqrt((double)scene->bvh->triangle_count);
+    double cells = .14 * sqrt((double)scene->bvh->triangle_count);
     int level = paths >= 1e6, finest = paths < 1e4 * ITN__LANES ? 1 : 2, i;
     for (i = 0; i < scene->object_count; i++)
         if (scene->objects[i].medium >= 0)
@@ -6802,7 +6802,8 @@ static itn_result itn__tables_get(itn__render *render, itn_error *error) {
    results have the same bits for any number of threads. */
 
 /* What a path takes along, said once for lanes and for one path alone. p, d: where it is, and its
-   direction; beta: its weight; pdf: the density by which d was drawn; up, level: the plane up . x =
+   direction; distance: of the flight drawn, or that has brought it to a collision, -1 before; beta:
+   its weight; pdf: the density by which d was drawn; up, level: the plane up . x =
    level of the last surface, up being out of the medium, or one adopted since ([value]); control:
    minus the sum of differences (itn__difference). With scores, since the last surface: flights:
    sigma_t times those of flights; phases: those of turns by g; hits: number of collisions; bases:
@@ -6810,7 +6811,7 @@ static itn_result itn__tables_get(itn__render *render, itn_error *error) {
    [walk]. */
 #define ITN__PATH_ROWS(number, vector, integer)                                                    \
     vector p, d;                                                                                   \
-    number beta[3], pdf;                                                                           \
+    number distance, beta[3], pdf;                                                                 \
     integer key0, key1, dimension; /* of the random numbers */                                     \
     vector up;                                                                                     \
     number level, control[3], flights, phases, hits;                                               \
@@ -6823,8 +6824,7 @@ typedef struct itn__state {
 /* A path, or a shadow ray on its way: number r of it is row r of a lane. */
 typedef struct itn__path {
     ITN__PATH_ROWS(float, itn_vec3, int32_t)
-    float distance; /* of the flight drawn, or that has brought it to a collision; -1 before */
-    itn_hit hit;    /* where that ends, triangle -1: nowhere, */
+    itn_hit hit; /* where its flight ends, triangle -1: nowhere, */
     itn__shear shear;
     itn__event event;  /* what it meets there; */
     float s, t, eta;   /* texture coordinates; index beyond over index before */
@@ -6838,7 +6838,7 @@ typedef struct itn__path {
     float brought[3];         /* what it has brought home since */
 } itn__path;
 enum { /* rows: all, those without scores, and without V */
-    ITN__ROWS = offsetof(itn__path, distance) / 4,
+    ITN__ROWS = offsetof(itn__path, hit) / 4,
     ITN__VALUE_ROWS = offsetof(itn__path, flights) / 4,
     ITN__FEW_ROWS = offsetof(itn__path, control) / 4
 };
@@ -7111,21 +7111,25 @@ enum { ITN__LESSON_SUMS = ITN__TERMS * (ITN__TERMS + 3) };
 #define ITN__RIDGE 1e-4 /* of the number of lessons */
 #define ITN__LARGEST_LESSON 1048576. /* units */
 
+/* P_l by powers. */
+static const double itn__legendre[ITN__ORDERS][ITN__ORDERS] = {
+    {1}, {0, 1}, {-.5, 0, 1.5}, {0, -1.5, 0, 2.5}, {.375, 0, -3.75, 0, 4.375}};
+
 /* What a path has brought home since its mark is a lesson. */
 static void itn__learn(itn__crowd *crowd, itn__path *path) {
     const itn__value *value = &crowd->render->substances[path->mark].value;
     double *sums = crowd->lessons + (size_t)path->mark * ITN__LESSON_SUMS;
-    double term[ITN__TERMS], lesson[3] = {0, 0, 0}, power = 0;
+    double term[ITN__TERMS], lesson[3] = {0, 0, 0}, mu = path->mark_cosine;
     int i, j, c;
     for (c = 0; c < crowd->render->channels; c++) {
         lesson[c] = floor((double)path->brought[c] / path->mark_weight[c] /
                           crowd->render->lesson_unit);
         lesson[c] = lesson[c] > 0 ? fmin(lesson[c], ITN__LARGEST_LESSON) : 0;
     }
-    for (i = 0; i < ITN__TERMS; i++) { /* e^(-k_i z) mu^l */
-        power = i % ITN__ORDERS ? power * path->mark_cosine
-                                : exp(-(double)value->decay * (i / ITN__ORDERS) * path->mark_depth);
-        term[i] = floor(power * ITN__TERM_STEPS + .5);
+    for (i = 0; i < ITN__TERMS; i++) { /* e^(-k_i z) P_l(mu) */
+        double decay = (double)value->decay * (i / ITN__ORDERS), sum = 0;
+        for (j = ITN__ORDERS - 1; j >= 0; j--) sum = sum * mu + itn__legendre[i % ITN__ORDERS][j];
+        term[i] = floor(sum * exp(-decay * path->mark_depth) * ITN__TERM_STEPS + .5);
     }
     for (i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) {
         for (j = 0; j <= i; j++) sums[j] += term[i] * term[j];
@@ -7143,28 +7147,19 @@ static void itn__learn_all(itn__crowd *crowd) {
     }
 }
 
-/* V of channel c from its coefficients by powers of mu. A new direction turns powers, by way of
-   Legendre polynomials, into these means. */
+/* Sets V of channel c, 0 before, from its coefficients by Legendre polynomials. */
 static void itn__value_set(itn__value *value, int c, const double *a, double g) {
-    double g2 = g * g;
-    int i, l;
-    memset(value->entering[c], 0, sizeof value->entering[c]);
-    for (i = 0; i < ITN__DECAYS; i++, a += ITN__ORDERS) {
-        float *scattered = value->scattered[c][i], *slope = value->slope[c][i];
-        for (l = 0; l < ITN__ORDERS; l++) {
-            value->flying[c][i][l] = (float)a[l];
-            value->entering[c][l] += (float)a[l];
+    int i, l, k;
+    for (i = 0; i < ITN__DECAYS; i++)
+        for (l = 0; l < ITN__ORDERS; l++, a++) {
+            double power = pow(g, l), slope = l ? l * pow(g, l - 1) : 0;
+            for (k = 0; k <= l; k++) {
+                double part = *a * itn__legendre[l][k];
+                value->flying[c][i][k] += (float)part, value->entering[c][k] += (float)part;
+                value->scattered[c][i][k] += (float)(part * power);
+                value->slope[c][i][k] += (float)(part * slope);
+            }
         }
-        scattered[0] = (float)(a[0] + (1 - g2) / 3 * a[2] +
-                               (1 / 5. - 2 / 7. * g2 + 3 / 35. * g2 * g2) * a[4]);
-        scattered[1] = (float)(g * (a[1] + 3 / 5. * (1 - g2) * a[3]));
-        scattered[2] = (float)(g2 * (a[2] + 6 / 7. * (1 - g2) * a[4]));
-        scattered[3] = (float)(g2 * g * a[3]), scattered[4] = (float)(g2 * g2 * a[4]);
-        slope[0] = (float)(g * (-2 / 3. * a[2] + (12 / 35. * g2 - 4 / 7.) * a[4]));
-        slope[1] = (float)(a[1] + 3 / 5. * (1 - 3 * g2) * a[3]);
-        slope[2] = (float)(g * (2 * a[2] + 12 / 7. * (1 - 2 * g2) * a[4]));
-        slope[3] = (float)(3 * g2 * a[3]), slope[4] = (float)(4 * g2 * g * a[4]);
-    }
 }
 
 /* The least-squares fit for one medium: to V less its mean, which is added back. Returns 0 if there
@@ -7281,14 +7276,13 @@ ITN__NOINLINE void itn__look_ahead(const itn__render *render, const itn__substan
     }
 }
 
-/* Flights over these distances have been drawn. Their true scores have bases of their own, beta
+/* Flights have been drawn. Their true scores have bases of their own, beta
    times the mean of V (itn__collide, itn__pass). The scores they would have up to the plane are
    taken times the rest of V alone: where the true boundary is elsewhere, little is wrong. */
 ITN__NOINLINE void itn__control_flight(const itn__render *render, const itn__substance *substance,
-                                       itn__state *s, const itn__ahead *a, itn__floats distance,
-                                       itn__ints mask) {
+                                       itn__state *s, const itn__ahead *a, itn__ints mask) {
     const itn__value *value = &substance->value;
-    itn__floats tau = substance->sigma_t * distance, fall[ITN__DECAYS];
+    itn__floats tau = substance->sigma_t * s->distance, fall[ITN__DECAYS];
     itn__ints crosses = a->up & itn__less(a->to_face, tau);
     itn__floats zero = itn__splat(0), score = itn__select(crosses, -a->to_face, 1 - tau), beta;
     int c, i;
@@ -7680,10 +7674,11 @@ static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s,
 static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k,
                                    const itn__vectors *d, const itn__floats w[3], float level,
                                    float reach) {
-    itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-    itn__path *ray = &crowd->rays[crowd->ray_count];
+    itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)], *ray;
     size_t count = (size_t)crowd->render->count;
     int c;
+    if (crowd->ray_count == ITN__CROWD) itn__trace_shadows(crowd);
+    ray = &crowd->rays[crowd->ray_count];
     memset(&ray->control, 0, (ITN__ROWS - ITN__FEW_ROWS) * sizeof(float));
     ray->owner = path, ray->place = path->place, ray->distance = reach, ray->pdf = level;
     ray->scores = crowd->scores + (size_t)(ITN__CROWD + crowd->ray_count++) * count;
@@ -7755,10 +7750,9 @@ static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *
     }
 }
 
-/* A collision in each lane of the mask, after a flight over `distance`: albedo, a shadow ray, a new
-   direction. Returns who goes on. */
-static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
-                              itn__floats distance, itn__ints mask,
+/* A collision in each lane of the mask: albedo, a shadow ray, a new direction. Returns who goes
+   on. */
+static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
                               const itn__free_space *space) {
     const itn__render *render = crowd->render;
     const itn__substance *medium = &render->substances[substance];
@@ -7768,7 +7762,7 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
     itn__num p;
     int c;
     crowd->collisions += itn__count_bits(itn__mask_bits(mask));
-    score = itn__select(mask, 1 - medium->sigma_t * distance, zero);
+    score = itn__select(mask, 1 - medium->sigma_t * s->distance, zero);
     s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
     for (c = 0; c < render->channels; c++) {
         s->flight_base[c] = s->flight_base[c] + score * s->beta[c] * medium->value.mean[c];
@@ -7792,17 +7786,16 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s,
 }
 
 /* Roulette, and flights of the mask's lanes; returns who survives. */
-static itn__ints itn__take_off(itn__crowd *crowd, int number, itn__state *s, itn__ints mask,
-                               itn__floats *distance) {
+static itn__ints itn__take_off(itn__crowd *crowd, int number, itn__state *s, itn__ints mask) {
     const itn__substance *substance = &crowd->render->substances[number];
     itn__ahead ahead;
     if (crowd->render->controls) itn__look_ahead(crowd->render, substance, s, &ahead);
     mask = itn__roulette_lanes(crowd, number, s, crowd->render->controls ? ahead.mean : NULL,
                                mask);
-    *distance = itn__select(mask, itn__sample_flight(itn__splat(substance->mean_free_path),
-                                                     itn__draw(crowd, s, mask)), *distance);
+    s->distance = itn__select(mask, itn__sample_flight(itn__splat(substance->mean_free_path),
+                                                       itn__draw(crowd, s, mask)), s->distance);
     if (crowd->render->controls)
-        itn__control_flight(crowd->render, substance, s, &ahead, *distance, mask);
+        itn__control_flight(crowd->render, substance, s, &ahead, mask);
     return mask;
 }
 
@@ -7840,7 +7833,6 @@ static void itn__adopt_plane(const itn__free_space *space, itn__state *s, itn__i
 typedef struct itn__lanes {
     itn__state s;
     itn__free_space space; /* around them */
-    itn__floats distance;  /* that has brought them to a collision, or -1 */
     unsigned busy;
     unsigned moved; /* have collided since they came, and so left behind where they were */
 } itn__lanes;
@@ -7854,10 +7846,6 @@ static void itn__fill(itn__crowd *crowd, itn__queue *queue, itn__lanes *walk) {
     itn__read(crowd, queue->slots + queue->count, fill, &walk->s);
     walk->moved &= ~fill, walk->busy |= fill;
     walk->space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), walk->space.half);
-    for (; fill; fill &= fill - 1) {
-        int k = itn__lowest_bit(fill);
-        ITN__LANE(walk->distance, k) = crowd->paths[ITN__LANE(walk->s.slot, k)].distance;
-    }
 }
 
 /* Lanes leave the walk for a queue. */
@@ -7867,7 +7855,6 @@ static void itn__leave(itn__crowd *crowd, itn__queue *queue, itn__lanes *walk, u
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         itn__path *path = &crowd->paths[ITN__LANE(walk->s.slot, k)];
-        path->distance = ITN__LANE(walk->distance, k);
         if (walk->moved >> k & 1) itn__leave_behind(&path->place);
         itn__enqueue(crowd, queue, path);
     }
@@ -7875,7 +7862,7 @@ static void itn__leave(itn__crowd *crowd, itn__queue *queue, itn__lanes *walk, u
 
 /* Which of the lanes that have drawn a flight fly freely; these arrive. */
 static itn__ints itn__fly(const itn__render *render, itn__lanes *walk, itn__ints mask) {
-    itn__vectors q = itn__valong(walk->s.p, walk->distance, walk->s.d);
+    itn__vectors q = itn__valong(walk->s.p, walk->s.distance, walk->s.d);
     itn__floats nq;
     itn__ints safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq), unsure;
     unsure = mask & ~safe;
@@ -7901,12 +7888,11 @@ ITN__NOINLINE void itn__run_walk(itn__crowd *crowd, int substance) {
             (crowd->exact.count || itn__unit_paths_left(crowd)))
             itn__leave(crowd, queue, &walk, walk.busy);
         if (!walk.busy) return;
-        if (crowd->ray_count > ITN__CROWD - ITN__LANES) itn__trace_shadows(crowd);
         mask = itn__bits_mask(walk.busy);
-        here = mask & itn__less_equal(itn__splat(0), walk.distance);
+        here = mask & itn__less_equal(itn__splat(0), walk.s.distance);
         walk.moved |= itn__mask_bits(here);
-        mask &= ~here | itn__collide(crowd, substance, &walk.s, walk.distance, here, &walk.space);
-        mask = itn__take_off(crowd, substance, &walk.s, mask, &walk.distance);
+        mask &= ~here | itn__collide(crowd, substance, &walk.s, here, &walk.space);
+        mask = itn__take_off(crowd, substance, &walk.s, mask);
         if (crowd->render->learning) itn__mark_flights(crowd, substance, &walk.s, mask);
         itn__end_lanes(crowd, substance, &walk.s, walk.busy & ~itn__mask_bits(mask));
         safe = itn__fly(crowd->render, &walk, mask);
@@ -8030,7 +8016,6 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
         w[c] = s->beta[c] * f->value[c] * light.radiance[c] / (light.pdf + pdf);
     bits = itn__cut_shadows(crowd, s, w, mask & light.drawn & itn__less(itn__splat(0), pdf),
                             &level, &depth);
-    if (crowd->ray_count > ITN__CROWD - ITN__LANES) itn__trace_shadows(crowd);
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits), substance;
         itn__path *ray = itn__send_shadow(crowd, s, k, &light.direction, w, ITN__LANE(level, k),
@@ -8263,15 +8248,13 @@ static void itn__run_unit(itn__crowd *crowd) {
             itn__start_ray(crowd);
         for (m = 0; m < scene->surface_count; m++)
             if (crowd->surface[m].count) itn__run_surface(crowd, m);
-        itn__trace_shadows(crowd);
         for (m = 1; m <= scene->medium_count; m++) {
             if (crowd->walk[m].count) itn__run_walk(crowd, m);
-            itn__trace_shadows(crowd);
             if (crowd->exact.count) itn__run_exact(crowd, m);
-            itn__trace_shadows(crowd);
         }
         if (crowd->walk[0].count) itn__run_outside(crowd);
         if (crowd->sky.count) itn__run_sky(crowd);
+        itn__trace_shadows(crowd);
     }
     itn__learn_all(crowd);
 }

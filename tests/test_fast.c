@@ -401,19 +401,22 @@ static void check_paths(int which, int planted) {
     itn_scene_free(scene);
 }
 
-/* A V that is wrong everywhere. planted: what it expects of a new direction does not follow from
-   it. */
+/* A V that is wrong everywhere. planted: what it expects of a new direction does not follow from it
+   (1); V used after the choice of a direction: the derivative's base s V is not known before it, and
+   its mean stays in (2); V of the direction before the choice in the place of its mean after (3). */
 static void mislead(inside *in, int planted) {
     itn__render *render = &in->render;
     double terms[ITN__TERMS];
     int m, c, i;
-    render->controls = 1;
-    render->rows = ITN__ROWS;
+    render->controls = 1, render->rows = ITN__ROWS;
     for (m = 0; m <= in->scene->medium_count; m++)
         for (c = 0; c < 3; c++) {
+            itn__value *value = &render->substances[m].value;
             float g = render->substances[m].g + (planted == 1 ? .3f : 0);
             for (i = 0; i < ITN__TERMS; i++) terms[i] = .4 / (1 + (i * 7 + m + c) % 5);
-            itn__value_set(&render->substances[m].value, c, terms, g);
+            itn__value_set(value, c, terms, g);
+            if (planted == 2) memset(value->slope[c], 0, sizeof value->slope[c]);
+            if (planted == 3) memcpy(value->scattered[c], value->flying[c], sizeof *value->flying);
         }
 }
 
@@ -478,7 +481,7 @@ static void test_control(void) {
     int i;
     for (i = 0; i < (int)(sizeof kinds / sizeof *kinds); i += STRIDE)
         check_misled(kinds[i], 1, 0);
-    CHECK_CATCHES(check_misled(ROUGH, 1, 1));
+    for (i = 1; i <= 3; i++) CHECK_CATCHES(check_misled(ROUGH, 1, i));
     CHECK_CATCHES(check_misled(ROUGH, 2, 1));
     for (i = 0; i < (int)(sizeof kinds / sizeof *kinds); i += STRIDE) check_misled(kinds[i], 2, 0);
 }
