@@ -52,7 +52,7 @@
        [path]           the reference path tracer
 
      Part III, all else: scenes, the fast walk, pictures, networks, searches, files
-       [means]          text, threads, functions of lanes, small matrices, parts of pictures
+       [means]          text, threads, functions of lanes, parts of pictures
        [mesh]           images, triangle meshes, and whether these are solids
        [maker]          a desc, checked and made ready
        [objects]        meshes, transformed and merged into one tree
@@ -250,10 +250,8 @@ typedef struct itn_mesh_report {
     int degenerate_triangles; /* zero area, or two equal corners: harmless, skipped by rays */
     int open_edges;           /* edges of a single triangle: holes */
     int flipped_edges;        /* other bad ones: their triangles disagree on which side is out */
-    int first_bad_vertex, first_bad_triangle, first_degenerate_triangle; /* -1: none */
-    int open_edge[4][2];      /* vertices of the first open edges, first min(4, open_edges) valid */
-    int flipped_edge[4][2];   /* the same for flipped ones */
-    int flipped_triangle;     /* a triangle at the first flipped edge, -1: none */
+    int first_bad_vertex, first_bad_triangle; /* -1: none */
+    int open_edge[2], flipped_edge[2]; /* vertices of the first of each, if there are some */
     int inverted_parts;       /* parts of negative volume, which are cavities or inside out; a part
                                  is what edges of two triangles join */
     double volume;            /* signed: negative when the mesh is inside out */
@@ -4382,7 +4380,7 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
 
 /* ==================== PART III: SCENES, PICTURES, NETWORKS, SEARCHES, FILES =================== */
 
-/* ---- [means] text, threads, functions of lanes, small matrices, parts of pictures ----------- */
+/* ---- [means] text, threads, functions of lanes, parts of pictures --------------------------- */
 
 /* Text. Messages are composed and numbers read without the C library, whose decimal point is the
    locale's: here it is always a point.
@@ -4762,37 +4760,6 @@ ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x) {
     return itn__with_sign(angle, y);
 }
 
-/* In-place Cholesky factor of a symmetric matrix (lower triangle). Returns 0 if it is not positive
-   definite. */
-static ITN__UNUSED int itn__cholesky(double *a, int n) {
-    int i, j, k;
-    for (j = 0; j < n; j++) {
-        double pivot = a[j * n + j];
-        for (k = 0; k < j; k++) pivot -= a[j * n + k] * a[j * n + k];
-        if (!(pivot > 1e-12 * fabs(a[j * n + j]))) return 0;
-        a[j * n + j] = sqrt(pivot);
-        for (i = j + 1; i < n; i++) {
-            double sum = a[i * n + j];
-            for (k = 0; k < j; k++) sum -= a[i * n + k] * a[j * n + k];
-            a[i * n + j] = sum / a[j * n + j];
-        }
-    }
-    return 1;
-}
-
-/* Solves L L^T x = b in place. */
-static ITN__UNUSED void itn__cholesky_solve(const double *factor, int n, double *x) {
-    int i, k;
-    for (i = 0; i < n; i++) {
-        for (k = 0; k < i; k++) x[i] -= factor[i * n + k] * x[k];
-        x[i] /= factor[i * n + i];
-    }
-    for (i = n - 1; i >= 0; i--) {
-        for (k = i + 1; k < n; k++) x[i] -= factor[k * n + i] * x[k];
-        x[i] /= factor[i * n + i];
-    }
-}
-
 /* Pixels and samples that are rendered together, and where a crowd has got to. */
 typedef struct itn__unit {
     int x, y, side;   /* a square of pixels, of which some may be beyond the film */
@@ -5049,43 +5016,34 @@ static void itn__weld(itn__welding *w) {
     }
 }
 
-/* Adds a triangle: its area, and its part of the volume as seen from `centre`. */
-static void itn__weigh_triangle(itn__welding *w, int index, const itn__triangle *triangle,
-                                itn_vec3 centre) {
-    const int *corner = w->mesh->triangles + 3 * (size_t)index, *weld = w->weld;
-    int a = weld[corner[0]], b = weld[corner[1]], c = weld[corner[2]];
-    itn__plane plane = itn__plane_of(triangle, centre);
-    itn__part *part = &w->parts[index];
-    double area = .5 * itn__size_of(plane.n);
-    int twins = a == b || b == c || c == a;
-    part->other = twins ? -1 : index;
-    if (!itn__finite(area)) return; /* a bad vertex */
-    if ((area == 0 || twins) && !w->report->degenerate_triangles++)
-        w->report->first_degenerate_triangle = index;
-    w->report->area += area;
-    part->volume = plane.f / 6;
-    part->rounding = plane.error + DBL_EPSILON * w->mesh->triangle_count * fabs(plane.f);
-    w->report->volume += part->volume, w->rounding += part->rounding;
-}
-
+/* Adds up areas, and parts of the volume as seen from `centre`. */
 static void itn__weigh_triangles(itn__welding *w) {
     const itn_mesh *mesh = w->mesh;
+    itn_mesh_report *report = w->report;
     itn_vec3 centre = itn__vec3(0, 0, 0);
     int i, k, weighed = 0;
     for (i = 0; i < mesh->triangle_count; i++) {
         const int *corner = mesh->triangles + 3 * (size_t)i;
+        itn__part *part = &w->parts[i];
         itn__triangle triangle;
+        itn__plane plane;
+        double area;
+        part->other = -1;
         for (k = 0; k < 3 && corner[k] >= 0 && corner[k] < mesh->vertex_count; k++)
             memcpy(triangle.corner[k], mesh->positions + 3 * (size_t)corner[k],
                    sizeof triangle.corner[k]);
-        w->parts[i].other = -1;
-        if (k < 3) {
-            if (!w->report->bad_indices++) w->report->first_bad_triangle = i;
-            continue;
-        }
+        if (k < 3 && !report->bad_indices++) report->first_bad_triangle = i;
+        if (k < 3) continue;
         if (!weighed) memcpy(&centre, triangle.corner[0], sizeof centre);
         weighed |= itn__finite3(centre);
-        itn__weigh_triangle(w, i, &triangle, centre);
+        for (k = 0; k < 3 && w->weld[corner[k]] != w->weld[corner[(k + 1) % 3]]; k++) {}
+        if (k == 3) part->other = i; /* its corners are different */
+        plane = itn__plane_of(&triangle, centre), area = .5 * itn__size_of(plane.n);
+        if (!itn__finite(area)) continue; /* a bad vertex */
+        report->degenerate_triangles += area == 0 || k < 3;
+        part->volume = plane.f / 6;
+        part->rounding = plane.error + DBL_EPSILON * mesh->triangle_count * fabs(plane.f);
+        report->area += area, report->volume += part->volume, w->rounding += part->rounding;
     }
 }
 
@@ -5121,15 +5079,13 @@ static itn__part *itn__part_of(itn__part *parts, int triangle) {
 static void itn__judge_edge(itn__welding *w, int vertex, const itn__use *use, int count,
                             int along) {
     itn_mesh_report *report = w->report;
-    int(*list)[2] = count == 1 ? report->open_edge : report->flipped_edge;
+    int *edge = count == 1 ? report->open_edge : report->flipped_edge;
     int *found = count == 1 ? &report->open_edges : &report->flipped_edges;
     if (count == 2)
         itn__part_of(w->parts, use[0].triangle)->other =
             itn__part_of(w->parts, use[1].triangle)->other;
     if (2 * along == count) return;
-    if (count > 1 && !*found) report->flipped_triangle = use->triangle;
-    if (*found < 4) list[*found][0] = vertex, list[*found][1] = use->other;
-    ++*found;
+    if (!(*found)++) edge[0] = vertex, edge[1] = use->other;
 }
 
 static int itn__compare_uses(const void *a, const void *b) {
@@ -5178,7 +5134,6 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
     if (mesh->triangle_count > INT_MAX / 3) return itn__out_of_memory(error, "a mesh check");
     vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
     found.first_bad_vertex = found.first_bad_triangle = -1;
-    found.first_degenerate_triangle = found.flipped_triangle = -1;
     w.mesh = mesh, w.report = &found;
     w.weld = ITN__NEW(int, &own, vertices);
     w.parts = ITN__NEW(itn__part, &own, triangles);
@@ -5803,7 +5758,7 @@ static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
 /* Says what keeps a mesh from being a solid. */
 static itn_result itn__not_a_solid(itn__maker *maker, const itn_mesh *mesh,
                                    const itn_mesh_report *report) {
-    const int *edge = report->open_edges ? report->open_edge[0] : report->flipped_edge[0];
+    const int *edge = report->open_edges ? report->open_edge : report->flipped_edge;
     const float *a = mesh->positions + 3 * (size_t)edge[0];
     if (report->open_edges || report->flipped_edges)
         return ITN__REFUSE_MESH("the mesh is not closed: %d open edges and %d flipped or shared by "
@@ -7162,25 +7117,45 @@ static void itn__value_set(itn__value *value, int c, const double *a, double g) 
         }
 }
 
+/* Solves n equations in rows of their coefficients and then right sides, which become solutions, by
+   elimination; the matrix is symmetric. Returns 0 if it is not positive definite. */
+static int itn__eliminate(double *rows, int n, int width) {
+    int i, j, k;
+    for (j = 0; j < n; j++) {
+        double pivot = rows[j * width + j];
+        if (!(pivot > 0)) return 0;
+        for (k = j; k < width; k++) rows[j * width + k] /= pivot;
+        for (i = 0; i < n; i++) {
+            double share = i == j ? 0 : rows[i * width + j];
+            for (k = j; k < width; k++) rows[i * width + k] -= share * rows[j * width + k];
+        }
+    }
+    return 1;
+}
+
 /* The least-squares fit for one medium: to V less its mean, which is added back. Returns 0 if there
    were no lessons. */
 static int itn__fit_value(const itn__render *render, itn__substance *substance,
                           const double *sums) {
+    enum { TERMS = ITN__TERMS, WIDTH = ITN__TERMS + 3 };
     const double step = ITN__TERM_STEPS, unit = render->lesson_unit * step;
-    double factor[ITN__TERMS * ITN__TERMS], terms[ITN__TERMS], mean;
-    int c, i, j, n = ITN__TERMS, width = ITN__TERMS + 3;
+    double rows[TERMS * WIDTH], terms[TERMS], mean[3];
+    int c, i, j;
     if (!(sums[0] > 0)) return 0;
-    for (i = 0; i < n; i++) {
-        for (j = 0; j <= i; j++) factor[i * n + j] = sums[i * width + j];
-        factor[i * n + i] += ITN__RIDGE * sums[0];
+    for (c = 0; c < 3; c++) mean[c] = sums[TERMS + c] * unit / sums[0];
+    for (i = 0; i < TERMS; i++) {
+        for (j = 0; j < TERMS; j++)
+            rows[i * WIDTH + j] = sums[i > j ? i * WIDTH + j : j * WIDTH + i];
+        rows[i * WIDTH + i] += ITN__RIDGE * sums[0];
+        for (c = 0; c < 3; c++)
+            rows[i * WIDTH + TERMS + c] = sums[i * WIDTH + TERMS + c] * unit -
+                                          mean[c] * sums[i * WIDTH];
     }
-    if (!itn__cholesky(factor, n)) return 0;
+    if (!itn__eliminate(rows, TERMS, WIDTH)) return 0;
     for (c = 0; c < render->channels; c++) {
-        mean = sums[n + c] * unit / sums[0], substance->value.mean[c] = (float)mean;
-        for (i = 0; i < n; i++)
-            terms[i] = sums[i * width + n + c] * unit - mean * sums[i * width];
-        itn__cholesky_solve(factor, n, terms);
-        terms[0] += mean;
+        substance->value.mean[c] = (float)mean[c];
+        for (i = 0; i < TERMS; i++) terms[i] = rows[i * WIDTH + TERMS + c];
+        terms[0] += mean[c];
         itn__value_set(&substance->value, c, terms, substance->g);
     }
     return 1;
