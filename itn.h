@@ -11728,10 +11728,10 @@ typedef struct itn__exr {
     const char *names[ITN__EXR_CHANNELS]; /* in the file's bytes */
     uint32_t types[ITN__EXR_CHANNELS];
     int channels, compression;
-    int32_t window[2][4]; /* data and display window: x, y of the first and of the last pixel */
-    int64_t size[2][2];   /* their widths and heights */
-    int64_t lines;        /* of a block */
-    size_t line;          /* the bytes of one, without compression */
+    int32_t stored[4], shown[4]; /* data and display window: x, y of the first and last pixel */
+    int64_t width, height;       /* of the data window */
+    int64_t lines;               /* of a block */
+    size_t line;                 /* the bytes of one, without compression */
     unsigned char *seen, *scratch; /* which blocks were there; room for a block twice */
 } itn__exr;
 
@@ -11747,19 +11747,24 @@ static const char *itn__take_string(itn__text *text) {
 static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
     const char *name;
     int n, i, known;
-    for (n = 0; *(name = itn__take_string(text)); exr->channels = ++n) {
-        uint32_t type = itn__take_u32(text);
-        itn__take_u32(text);
+    for (n = 0; *(name = itn__take_string(text)) && !text->result; exr->channels = ++n) {
+        uint64_t type = itn__take_number(text, 8, 0) & 0xffffffff, sampling;
+        sampling = itn__take_number(text, 8, 0);
         for (i = known = 0; i < n; i++) known += !strcmp(name, exr->names[i]);
         if (known || type > ITN__EXR_FLOAT)
             ITN__DAMAGED(text, "EXR channel '%.63s' is there twice, or has no valid type", name);
-        if (n == ITN__EXR_CHANNELS || strlen(name) >= ITN_NAME_SIZE || itn__take_u32(text) != 1 ||
-            itn__take_u32(text) != 1)
+        if (n == ITN__EXR_CHANNELS || strlen(name) >= ITN_NAME_SIZE || sampling != 0x100000001)
             ITN__UNSUPPORTED(text, "EXR channel '%.63s' cannot be read: it is the 1025th, has a "
                              "name of over 63 characters, or is subsampled", name);
         if (text->result) return;
-        exr->names[n] = name, exr->types[n] = type;
+        exr->names[n] = name, exr->types[n] = (uint32_t)type;
+        exr->line += type == ITN__EXR_HALF ? 2 : 4;
     }
+}
+
+/* How many pixels a window has along an axis. */
+static int64_t itn__exr_extent(const int32_t *window, int axis) {
+    return (int64_t)window[axis + 2] - window[axis] + 1;
 }
 
 /* Reads the header, up to the blocks, and checks that the file is large enough for what it promises
@@ -11768,39 +11773,36 @@ static void itn__exr_header(itn__exr *exr) {
     itn__text *text = exr->text, value;
     uint64_t version = itn__take_number(text, 8, 0) >> 32; /* behind the magic number */
     const char *name;
-    double pixels = 1, shown = 1;
-    int k, w, valid;
-    exr->compression = exr->window[0][2] = exr->window[1][2] = -1;
+    double bytes, ratio;
+    int k;
+    exr->compression = exr->stored[2] = exr->shown[2] = -1;
     if ((version & ~(uint64_t)ITN__EXR_LONG_NAMES) != 2)
-        ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2 "
-                         "cannot be read");
+        ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2");
     while (!text->result && *(name = itn__take_string(text))) {
+        int shown = !strcmp(name, "displayWindow"), stored = !strcmp(name, "dataWindow");
         itn__take_string(text); /* the type */
         value = itn__take_part(text, itn__take_u32(text));
         if (!strcmp(name, "channels")) itn__exr_channel_list(exr, &value);
         if (!strcmp(name, "compression")) exr->compression = (int)itn__take_number(&value, 1, 0);
-        for (w = 0; w < 2; w++)
-            for (k = 0; k < 4 && !strcmp(name, w ? "displayWindow" : "dataWindow"); k++)
-                exr->window[w][k] = (int32_t)itn__take_u32(&value);
+        for (k = 0; k < 4 && (shown || stored); k++)
+            (shown ? exr->shown : exr->stored)[k] = (int32_t)itn__take_u32(&value);
         text->result = value.result;
     }
-    if (exr->window[1][2] < exr->window[1][0]) memcpy(exr->window[1], exr->window[0], 16);
-    for (valid = exr->channels && exr->compression >= 0, k = 0; k < 4; k++) {
-        const int32_t *window = exr->window[k / 2];
-        exr->size[k / 2][k % 2] = (int64_t)window[k % 2 + 2] - window[k % 2] + 1;
-        valid &= exr->size[k / 2][k % 2] > 0 && exr->size[k / 2][k % 2] <= INT_MAX;
-        *(k < 2 ? &pixels : &shown) *= (double)exr->size[k / 2][k % 2];
-    }
+    if (exr->shown[2] < exr->shown[0]) memcpy(exr->shown, exr->stored, sizeof exr->shown);
+    exr->width = itn__exr_extent(exr->stored, 0), exr->height = itn__exr_extent(exr->stored, 1);
+    bytes = (double)exr->line * (double)exr->width * (double)exr->height;
+    ratio = (double)itn__exr_extent(exr->shown, 0) * (double)itn__exr_extent(exr->shown, 1) /
+            ((double)exr->width * (double)exr->height);
     if (exr->compression > ITN__EXR_ZIP)
-        ITN__UNSUPPORTED(text, "EXR compression %d (PIZ, PXR24, B44 or DWA) cannot be read",
+        ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, from 6 on B44, DWA)",
                          exr->compression);
-    if (!valid || shown > 256 * pixels)
-        ITN__DAMAGED(text, "EXR header lacks channels, compression, or windows of valid size");
-    for (k = 0; k < exr->channels; k++) exr->line += exr->types[k] == ITN__EXR_HALF ? 2 : 4;
-    if ((double)exr->line * (double)exr->size[0][0] > (double)(SIZE_MAX / 64) ||
-        (double)exr->line * pixels > (exr->compression ? 1032 : 1) * (double)(text->end - text->at))
+    if (!exr->channels || exr->compression < 0 || exr->width < 1 || exr->width > INT_MAX ||
+        exr->height < 1 || exr->height > INT_MAX || !(ratio > 0 && ratio <= 256))
+        ITN__DAMAGED(text, "EXR header lacks channels, compression or windows of valid size");
+    if ((double)exr->line * (double)exr->width > (double)(SIZE_MAX / 64) ||
+        bytes > (exr->compression ? 1032 : 1) * (double)(text->end - text->at))
         ITN__DAMAGED(text, "EXR data window is larger than the data: cut off or damaged");
-    exr->line *= (size_t)exr->size[0][0], exr->lines = exr->compression == ITN__EXR_ZIP ? 16 : 1;
+    exr->line *= (size_t)exr->width, exr->lines = exr->compression == ITN__EXR_ZIP ? 16 : 1;
 }
 
 /* Undoes run lengths: a count n < 128 repeats the next byte n + 1 times, others copy 256 - n. */
@@ -11849,18 +11851,19 @@ static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
     return image->pixels + line * (size_t)image->width + (size_t)x;
 }
 
-/* Spreads the lines of a block, from that row of the image on, over its planes. */
+/* Spreads the lines of a block, from that row of the data window on, over the image's planes. */
 static void itn__exr_lines(const itn__exr *exr, const unsigned char *data, int64_t row, int64_t end,
                            itn_image *image) {
-    int64_t left = (int64_t)exr->window[0][0] - exr->window[1][0], x;
+    int64_t left = (int64_t)exr->stored[0] - exr->shown[0], x, y;
     int i;
     for (; row < end; row++)
         for (i = 0; i < exr->channels; i++) {
             uint32_t type = exr->types[i], size = type == ITN__EXR_HALF ? 2 : 4;
-            for (x = left; x < left + exr->size[0][0]; x++, data += size) {
+            for (x = left; x < left + exr->width; x++, data += size) {
                 uint32_t bits = (uint32_t)itn__from_bytes(data, size, 0);
-                if (row < 0 || row >= image->height || x < 0 || x >= image->width) continue;
-                *itn__pixel(image, i, (int)row, (int)x) =
+                y = row + exr->stored[1] - exr->shown[1];
+                if (y < 0 || y >= image->height || x < 0 || x >= image->width) continue;
+                *itn__pixel(image, i, (int)y, (int)x) =
                     type == ITN__EXR_FLOAT  ? itn__float_of(bits)
                     : type == ITN__EXR_HALF ? itn__half_to_float(bits)
                                             : (float)bits;
@@ -11870,30 +11873,26 @@ static void itn__exr_lines(const itn__exr *exr, const unsigned char *data, int64
 
 /* Reads one block. */
 static void itn__exr_block(itn__exr *exr, itn_image *image) {
-    itn__text *text = exr->text, in;
-    const char *start = text->at;
-    int64_t row = (int32_t)itn__take_u32(text) - (int64_t)exr->window[0][1];
-    int64_t lines = exr->size[0][1] - row < exr->lines ? exr->size[0][1] - row : exr->lines;
+    itn__text *text = exr->text, in = *text;
+    int64_t row = (int32_t)itn__take_u32(text) - (int64_t)exr->stored[1];
+    int64_t lines = exr->height - row < exr->lines ? exr->height - row : exr->lines;
     size_t size = itn__take_u32(text), raw = exr->line * (size_t)lines;
-    const unsigned char *data;
+    unsigned char *coded = exr->scratch;
+    const unsigned char *data = coded + raw;
     if (text->result) return;
-    if (row < 0 || lines < 1 || row % exr->lines || exr->seen[row / exr->lines]++) {
-        text->at = start;
-        ITN__DAMAGED(text, "is none, or is there twice");
-        return;
-    }
-    data = exr->scratch + raw;
+    if (row < 0 || lines < 1 || row % exr->lines || exr->seen[row / exr->lines]++)
+        text->at = in.at, ITN__DAMAGED(text, "is none, or is there twice");
+    if (text->result) return;
     in = itn__take_part(text, size);
     if (size >= raw || exr->compression == ITN__EXR_NONE) {
         data = itn__take_bytes(&in, raw);
         if (size > raw) ITN__DAMAGED(&in, "more data than expected");
     } else {
-        if (exr->compression == ITN__EXR_RLE) itn__exr_unpack_runs(&in, exr->scratch, raw);
-        else itn__zlib_decode(&in, exr->scratch, raw);
-        itn__exr_unpredict(exr->scratch, exr->scratch + raw, raw);
+        if (exr->compression == ITN__EXR_RLE) itn__exr_unpack_runs(&in, coded, raw);
+        else itn__zlib_decode(&in, coded, raw);
+        itn__exr_unpredict(coded, coded + raw, raw);
     }
     text->result = in.result;
-    row += (int64_t)exr->window[0][1] - exr->window[1][1];
     if (!in.result) itn__exr_lines(exr, data, row, row + lines, image);
 }
 
@@ -11901,13 +11900,14 @@ static void itn__exr_decode(itn__text *text, const itn_context *context, itn_ima
     itn__exr exr = ITN_ZERO;
     size_t blocks, lines;
     int i;
-    exr.text = text;
+    exr.text = text, text->line = 0;
     itn__exr_header(&exr);
-    if (!itn__begin_image(text, exr.size[1][0], exr.size[1][1], exr.channels, context, image))
+    if (!itn__begin_image(text, itn__exr_extent(exr.shown, 0), itn__exr_extent(exr.shown, 1),
+                          exr.channels, context, image))
         return;
     for (i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
-    blocks = (size_t)((exr.size[0][1] - 1) / exr.lines + 1);
-    lines = (size_t)(blocks > 1 ? exr.lines : exr.size[0][1]);
+    blocks = (size_t)((exr.height - 1) / exr.lines + 1);
+    lines = (size_t)(blocks > 1 ? exr.lines : exr.height);
     exr.seen = (unsigned char *)itn__allocate(&image->context, 2 * exr.line * lines + blocks, 1);
     if (exr.seen) exr.scratch = exr.seen + blocks;
     else itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
@@ -11953,22 +11953,22 @@ static void itn__pfm_decode(itn__text *text, int channels, const itn_context *co
 }
 
 /* A PNG file (ISO/IEC 15948) is a signature and chunks: length, type, data, and the CRC-32 of type
-   and data. IHDR says how pixels are coded, PLTE is a palette, tRNS its alpha, gAMA and sRGB are
-   the curve from codes to light. All IDAT together are a zlib stream of rows. A row begins with its
-   filter, 0 to 4: bytes are differences to 0; to a, the byte one pixel to the left; to b, the one
-   above; to their mean; or to that of a, b and c (left of b) that is next to a + b - c (Paeth). */
+   and data. IHDR says how pixels are coded, PLTE is a palette, tRNS its alpha, gAMA the curve from
+   codes to light (1/2.2 stands for that of sRGB). All IDAT together are a zlib stream of rows. A
+   row begins with its filter, 0 to 4: bytes are differences to 0; to a, the byte one pixel to the
+   left; to b, the one above; to their mean; or to that of a, b and c (left of b) that is next to
+   a + b - c (Paeth). */
 
 enum { ITN__IHDR = 0x49484452, ITN__PLTE = 0x504c5445, ITN__IDAT = 0x49444154 };
 enum { ITN__IEND = 0x49454e44, ITN__TRNS = 0x74524e53, ITN__GAMA = 0x67414d41 };
-enum { ITN__SRGB = 0x73524742, ITN__PNG_PALETTE = 3 };
+enum { ITN__PNG_PALETTE = 3 };
 
 typedef struct itn__png {
     itn__text *text;
     int width, height, depth;
     int type;    /* 0 grey, 2 RGB, 3 palette, 4 grey and alpha, 6 RGB and alpha */
-    int samples; /* of a pixel in the file */
-    int colours, alpha; /* of a pixel of the image */
-    int entries, is_srgb, ended;
+    int samples; /* of a pixel in the file; alpha, colours: of one of the image */
+    int colours, alpha, ended;
     float gamma;
     unsigned char palette[256][4];
     itn__buffer data; /* of all IDAT */
@@ -12016,19 +12016,19 @@ static void itn__png_chunk(itn__png *png) {
         ITN__DAMAGED(&in, "checksum is wrong");
     if (!in.result && (type == ITN__IHDR) != !png->depth)
         ITN__DAMAGED(&in, "IHDR is not the first chunk, or is there twice");
-    switch (in.result ? ITN__SRGB : type) {
-    case ITN__SRGB: png->is_srgb = 1; break;
+    switch (in.result ? 0 : type) {
+    case 0: break;
     case ITN__IHDR: itn__png_header(png, &in); break;
     case ITN__IDAT: itn__put(&png->data, data, size); break;
     case ITN__IEND: png->ended = 1; break;
     case ITN__GAMA:
         png->gamma = 1e5f / (float)itn__take_number(&in, 4, 1);
         if (!(png->gamma > .05f && png->gamma < 20)) ITN__DAMAGED(&in, "gamma is damaged");
+        if (fabsf(png->gamma - 2.2f) < 1e-4f) png->gamma = 0;
         break;
     case ITN__PLTE:
-        if (size % 3 || size > 768) ITN__DAMAGED(&in, "a palette of %d bytes", (int)size);
+        if (size > 768) ITN__DAMAGED(&in, "more than 256 colours");
         for (k = 0; k < size && k < 768; k++) png->palette[k / 3][k % 3] = data[k];
-        png->entries = (int)(size / 3);
         break;
     case ITN__TRNS:
         if (png->type != ITN__PNG_PALETTE)
@@ -12102,7 +12102,7 @@ static void itn__png_decode(itn__text *text, const itn_context *context, itn_ima
     itn__png png = ITN_ZERO;
     size_t line;
     int k;
-    png.text = text;
+    png.text = text, text->line = 0;
     memset(png.palette, 255, sizeof png.palette);
     text->result = itn__context_check(context, &png.data.context, text->error);
     itn__take_bytes(text, 8); /* the signature */
@@ -12116,7 +12116,7 @@ static void itn__png_decode(itn__text *text, const itn_context *context, itn_ima
         for (k = 0; k < image->plane_count; k++)
             image->names[k][0] = k == png.colours ? 'A' : "YRGB"[k + png.colours / 3];
         image->codes = png.type == ITN__PNG_PALETTE ? 255 : (1 << png.depth) - 1;
-        if (!png.is_srgb && fabsf(png.gamma - 2.2f) > 1e-4f) image->gamma = png.gamma;
+        image->gamma = png.gamma;
         itn__png_rows(&png, line, image);
     }
     itn__buffer_free(&png.data);
@@ -12130,11 +12130,7 @@ static itn_result itn__fail_format(const void *bytes, size_t size, const char *n
         {"\xff\xd8\xff", "a JPEG picture"}, {"#?R", "a Radiance picture"},
         {"II*", "a TIFF or raw picture"},   {"MM", "a TIFF or raw picture"},
         {"....ftyp", "a HEIC picture"},     {"RIFF....WEBP", "a WebP picture"},
-        {"GIF8", "a GIF picture"},          {"BM", "a BMP picture"},
-        {"\x76\x2f\x31\x01", "an EXR picture"}, {"\x89PNG", "a PNG picture"},
-        {"\x1f\x8b", "packed by gzip"},     {"PK\3\4", "a zip archive"},
-        {"solid", "an STL mesh"},           {"glTF", "a glTF mesh"},
-        {"\xff\xfe", "text in UTF-16"}};
+        {"\x1f\x8b", "packed by gzip"},     {"solid", "an STL mesh"}};
     const char *at = (const char *)bytes, *what = NULL, *start;
     size_t i, k;
     for (i = 0; i < sizeof known / sizeof *known; i++) {
@@ -12158,18 +12154,14 @@ ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const c
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
     text = itn__text_make(bytes, size, name ? name : "image");
     text.error = error, kind = itn__accept(&text, "Pf PF");
-    if (kind >= 0) {
-        itn__pfm_decode(&text, kind ? 3 : 1, context, &made);
-    } else {
-        text.line = 0; /* the others are binary */
-        if (size >= 4 && !memcmp(bytes, "\x76\x2f\x31\x01", 4))
-            itn__exr_decode(&text, context, &made);
-        else if (size >= 8 && !memcmp(bytes, "\x89PNG\r\n\x1a\n", 8))
-            itn__png_decode(&text, context, &made);
-        else
-            text.result = itn__fail_format(bytes, size, text.name, "an EXR, PFM or PNG picture: "
-                                           "convert it (magick photo.jpg photo.png)", error);
-    }
+    if (kind >= 0) itn__pfm_decode(&text, kind ? 3 : 1, context, &made);
+    else if (size >= 4 && !memcmp(bytes, "\x76\x2f\x31\x01", 4))
+        itn__exr_decode(&text, context, &made);
+    else if (size >= 8 && !memcmp(bytes, "\x89PNG\r\n\x1a\n", 8))
+        itn__png_decode(&text, context, &made);
+    else
+        text.result = itn__fail_format(bytes, size, text.name, "an EXR, PFM or PNG picture: "
+                                       "convert it (magick photo.jpg photo.png)", error);
     if (text.result) itn_image_free(&made);
     else *image = made;
     return text.result;
@@ -12184,127 +12176,118 @@ ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const c
 typedef struct itn__photo {
     const itn_image *image;
     itn_photo_desc desc;
+    itn_film_desc film;
     itn_photo_report report;
     const float *planes[6], *alpha, *mask; /* colours, and their variances; NULL: there is none */
     int colours;     /* 1 or 3 */
     int stated;      /* whether anything says what the noise is */
     int known;       /* whether a variance is not 0 */
-    int saturated;   /* whether the film pixel at hand is */
+    double count;    /* of pixels that a film pixel covers */
+    double means[6]; /* of the film pixel at hand: of its channels, and of their variances */
     size_t bad;      /* a pixel that counts and is not valid, from 1 */
-    double means[6]; /* of the film pixel at hand */
 } itn__photo;
 
 static const char *const itn__photo_planes[2][6] = {
     {"Y", "", "", "Variance.Y", "", ""}, {"R", "G", "B", "Variance.R", "Variance.G", "Variance.B"}};
 
 /* Finds the planes and what the defaults are. Returns NULL, or what is wrong. */
-static const char *itn__photo_begin(itn__photo *photo, itn_film_desc film) {
+static const char *itn__photo_begin(itn__photo *photo) {
     const itn_image *image = photo->image, *mask = photo->desc.mask;
+    const itn_film_desc *film = &photo->film;
     itn_photo_desc *d = &photo->desc;
     const float *planes[3];
-    double shape;
+    double shape = (double)film->width / film->height;
     int k;
     if (!d->crop_width) d->crop_width = image->width - d->crop_x;
     if (!d->crop_height) d->crop_height = image->height - d->crop_y;
     if (d->gamma == 0) d->gamma = image->gamma;
     if (d->saturation == 0) d->saturation = image->codes ? 1 : INFINITY;
-    if (d->crop_x < 0 || d->crop_y < 0 || d->crop_width < 1 || d->crop_height < 1 ||
-        d->crop_width > image->width - d->crop_x || d->crop_height > image->height - d->crop_y)
-        return "does not hold the whole crop";
-    if (d->crop_width < film.width || d->crop_height < film.height) return "is too small";
-    shape = (double)film.width / film.height;
-    if (fabs(d->crop_width - d->crop_height * shape) > .5 &&
-        fabs(d->crop_height - d->crop_width / shape) > .5)
-        return "has another shape than the film: crop it, or give the film its shape";
-    if (!(d->gamma <= 20 && d->saturation > 0 && d->read_noise >= 0 && d->read_noise <= 1e9f &&
-          d->gain >= 0 && d->gain <= 1e9f))
-        return "has a gamma, saturation, read noise or gain that is out of range";
+    photo->count = (double)d->crop_width / film->width * d->crop_height / film->height;
+    if (d->crop_x < 0 || d->crop_y < 0 || d->crop_width > image->width - d->crop_x ||
+        d->crop_height > image->height - d->crop_y || d->crop_width < film->width ||
+        d->crop_height < film->height || (fabs(d->crop_width - d->crop_height * shape) > .5 &&
+                                          fabs(d->crop_height - d->crop_width / shape) > .5))
+        return "is cropped to another shape than the film's, to less pixels, or beyond its edge";
+    if (!(d->gamma <= 20 && d->read_noise >= 0 && d->gain >= 0))
+        return "has a gamma, read noise or gain that is out of range";
     if (!itn__image_colours(image, photo->planes)) return "has neither Y nor R, G and B";
     photo->colours = photo->planes[1] == photo->planes[0] ? 1 : 3;
-    if (photo->colours < film.channels) return "has not R, G and B, which the film has";
-    for (k = 0; k < photo->colours; k++)
-        photo->planes[3 + k] =
-            itn_image_plane(image, itn__photo_planes[photo->colours / 3][3 + k]);
+    if (photo->colours < film->channels) return "has not R, G and B, which the film has";
+    for (k = 3; k < 3 + photo->colours; k++)
+        photo->planes[k] = itn_image_plane(image, itn__photo_planes[photo->colours / 3][k]);
     photo->stated = d->read_noise > 0 || d->gain > 0 || photo->planes[3];
     photo->alpha = itn_image_plane(image, "A");
-    if (!mask) return NULL;
-    if (!mask->pixels || mask->width != image->width || mask->height != image->height)
-        return "has not the size of its mask";
-    photo->mask = itn__image_colours(mask, planes) ? planes[0] : itn_image_plane(mask, "A");
-    return photo->mask ? NULL : "has a mask without Y, R or A";
+    if (mask && (mask->width != image->width || mask->height != image->height ||
+                 !itn__image_colours(mask, planes)))
+        return "has another size than its mask, or that has neither Y nor R, G and B";
+    photo->mask = mask ? planes[0] : NULL;
+    return NULL;
 }
 
-/* Adds a share of a pixel to the means. Returns 0 if it does not count: it is transparent, masked,
-   saturated or not valid. */
+/* Adds a share of a pixel to the means, for a grey film of its luminance; channels have their noise
+   together. Returns 0 if it does not count: it is transparent, masked, saturated or not valid. */
 static int itn__photo_pixel(itn__photo *photo, size_t at, double share) {
     double gamma = (double)photo->desc.gamma, coded = (double)photo->image->gamma;
+    float light[3] = {0, 0, 0}, noise[3] = {0, 0, 0};
     itn_photo_report *told = &photo->report;
-    int c;
+    int k;
     if (photo->alpha && !(photo->alpha[at] >= 1)) return 0;
     if (photo->mask && !(photo->mask[at] >= .5f)) return 0;
-    for (c = 0; c < photo->colours; c++) {
-        float value = photo->planes[c][at];
-        float variance = photo->planes[3 + c] ? photo->planes[3 + c][at] : 0;
-        if (value >= photo->desc.saturation) return photo->saturated = 1, 0;
-        if (gamma != coded) value = (float)itn__decode(itn__encode((double)value, coded), gamma);
-        if (!(fabsf(value) <= 1e18f && variance >= 0 && variance <= FLT_MAX))
-            return photo->bad = at + 1, 0;
-        if (value > told->largest) told->largest = value, told->clipped = 0;
-        told->clipped += value == told->largest;
-        photo->means[c] += share * (double)value;
-        photo->means[3 + c] += share * (double)variance;
+    for (k = 0; k < photo->colours; k++) {
+        light[k] = photo->planes[k][at];
+        if (light[k] >= photo->desc.saturation) return told->saturated++, 0;
+        if (gamma != coded)
+            light[k] = (float)itn__decode(itn__encode((double)light[k], coded), gamma);
+        if (light[k] > told->largest) told->largest = light[k], told->clipped = 0;
+        told->clipped += light[k] == told->largest;
+        if (photo->planes[3 + k]) noise[k] = sqrtf(photo->planes[3 + k][at]);
+    }
+    if (k > photo->film.channels)
+        light[0] = itn__luminance(light), noise[0] = itn__luminance(noise);
+    for (k = 0; k < photo->film.channels; k++) {
+        if (!(fabsf(light[k]) <= 1e18f && noise[k] <= 1e18f)) return photo->bad = at + 1, 0;
+        photo->means[k] += share * (double)light[k];
+        photo->means[3 + k] += share * (double)noise[k] * (double)noise[k];
     }
     return 1;
 }
 
 /* Finds the means of a film pixel. Returns 0 if a part of it does not count. One of the photo's has
    sides as long as the film has pixels, then one of the film's as long as the crop has. */
-static int itn__photo_mean(itn__photo *photo, itn_film_desc film, int64_t x, int64_t y) {
+static int itn__photo_mean(itn__photo *photo, int64_t x, int64_t y) {
     const itn_photo_desc *d = &photo->desc;
     int64_t w = d->crop_width, h = d->crop_height, i, j;
+    int64_t columns = photo->film.width, rows = photo->film.height;
     memset(photo->means, 0, sizeof photo->means);
-    for (j = y * h / film.height; j * film.height < (y + 1) * h; j++)
-        for (i = x * w / film.width; i * film.width < (x + 1) * w; i++) {
+    for (j = y * h / rows; j * rows < (y + 1) * h; j++)
+        for (i = x * w / columns; i * columns < (x + 1) * w; i++) {
             size_t at = (size_t)((d->crop_y + j) * photo->image->width + d->crop_x + i);
-            double across = fmin((double)((i + 1) * film.width), (double)((x + 1) * w)) -
-                            fmax((double)(i * film.width), (double)(x * w));
-            double down = fmin((double)((j + 1) * film.height), (double)((y + 1) * h)) -
-                          fmax((double)(j * film.height), (double)(y * h));
+            double across = fmin((double)((i + 1) * columns), (double)((x + 1) * w)) -
+                            fmax((double)(i * columns), (double)(x * w));
+            double down = fmin((double)((j + 1) * rows), (double)((y + 1) * h)) -
+                          fmax((double)(j * rows), (double)(y * h));
             if (!itn__photo_pixel(photo, at, across / (double)w * (down / (double)h))) return 0;
         }
     return 1;
 }
 
-/* The standard deviation of a film pixel's colour, the mean of so many values. */
-static double itn__photo_noise(const itn__photo *photo, int colour, double count) {
+/* Makes a film pixel: its values and, in the planes behind, their variances. */
+static void itn__photo_film(itn__photo *photo, int x, int y, itn_image *made) {
     const itn_photo_desc *d = &photo->desc;
-    int codes = photo->image->codes;
-    double mean = photo->means[colour], gamma = (double)d->gamma, step = 0, variance;
-    if (codes && (photo->stated || codes < 256))
-        step = itn__decode(itn__encode(mean, gamma) + .5 / codes, gamma) -
-               itn__decode(itn__encode(mean, gamma) - .5 / codes, gamma);
-    variance = step * step / 12 + pow((double)d->read_noise, 2) + (double)d->gain * fmax(mean, 0);
-    return sqrt((variance + photo->means[3 + colour]) / fmax(count, 1) +
-                (photo->stated ? 0 : step * step / 4));
-}
-
-/* Makes a film pixel: its values and their variances, in planes behind. */
-static void itn__photo_film(itn__photo *photo, itn_film_desc film, int x, int y, itn_image *made) {
-    static const double luminance[3] = {.2126, .7152, .0722};
-    int counts = itn__photo_mean(photo, film, x, y), c, k;
-    double area = (double)photo->desc.crop_width * photo->desc.crop_height;
-    photo->report.masked += !counts, photo->report.saturated += photo->saturated;
-    photo->saturated = 0;
-    for (c = 0; c < film.channels; c++) {
-        double value = 0, noise = counts ? 0 : INFINITY;
-        for (k = 0; k < photo->colours && counts; k++) {
-            double share = photo->colours > film.channels ? luminance[k] : k == c;
-            value += share * photo->means[k];
-            noise += share * itn__photo_noise(photo, k, area / film.width / film.height);
-        }
-        *itn__pixel(made, c, y, x) = (float)value;
-        *itn__pixel(made, film.channels + c, y, x) = (float)(noise * noise);
-        photo->known |= noise > 0;
+    int channels = photo->film.channels, codes = photo->image->codes, c;
+    int counts = itn__photo_mean(photo, x, y);
+    double gamma = (double)d->gamma;
+    photo->report.masked += !counts;
+    for (c = 0; c < channels; c++) {
+        double mean = photo->means[c], code = itn__encode(mean, gamma), step = 0, variance;
+        if (codes && (photo->stated || codes < 256))
+            step = itn__decode(code + .5 / codes, gamma) - itn__decode(code - .5 / codes, gamma);
+        variance = photo->means[3 + c] + step * step / 12 + pow((double)d->read_noise, 2) +
+                   (double)d->gain * fmax(mean, 0);
+        variance = variance / photo->count + (photo->stated ? 0 : step * step / 4);
+        *itn__pixel(made, c, y, x) = counts ? (float)mean : 0;
+        *itn__pixel(made, channels + c, y, x) = counts ? (float)variance : INFINITY;
+        photo->known |= !counts || variance > 0;
     }
 }
 
@@ -12316,11 +12299,11 @@ ITN_API itn_result itn_photo_make(const itn_image *image, const itn_photo_desc *
     itn_result result;
     const char *fault = "is NULL, or the film is none of a scene";
     int i, columns;
-    p.image = image;
+    p.image = image, p.film = film;
     if (desc) p.desc = *desc;
     if (image && image->pixels && image->names && photo && film.width > 0 && film.height > 0 &&
         (film.channels == 1 || film.channels == 3))
-        fault = itn__photo_begin(&p, film);
+        fault = itn__photo_begin(&p);
     if (fault)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo %s (%d x %d pixels of it, for a "
                          "film of %d x %d)", fault, p.desc.crop_width, p.desc.crop_height,
@@ -12328,21 +12311,21 @@ ITN_API itn_result itn_photo_make(const itn_image *image, const itn_photo_desc *
     result = itn_image_create(film.width, film.height, 2 * film.channels, &image->context, &made,
                               error);
     if (result) return result;
-    for (i = 0; i < film.width * film.height && !p.bad; i++)
-        itn__photo_film(&p, film, i % film.width, i / film.width, &made);
+    for (i = 0; i < film.width * film.height; i++)
+        itn__photo_film(&p, i % film.width, i / film.width, &made);
     for (i = 0; i < 2 * film.channels; i++)
         strcpy(made.names[i], itn__photo_planes[film.channels / 3]
                                                [i % film.channels + i / film.channels * 3]);
     if (!p.known) made.plane_count = film.channels; /* all counts, and nothing is known */
-    if (!p.bad) {
-        if (report) *report = p.report;
-        *photo = made;
-        return ITN_OK;
+    if (p.bad) {
+        itn_image_free(&made), columns = image->width, i = (int)(p.bad - 1);
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo's pixel %d, %d (column, row), or "
+                         "its variance, is not finite, negative or too large", i % columns,
+                         i / columns);
     }
-    itn_image_free(&made), columns = image->width, i = (int)(p.bad - 1);
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo's value at pixel %d, %d (column, "
-                     "row), or its variance, is not finite, negative or too large", i % columns,
-                     i / columns);
+    if (report) *report = p.report;
+    *photo = made;
+    return ITN_OK;
 }
 
 #ifndef ITN_NO_STDIO
@@ -12421,27 +12404,25 @@ ITN_API ITN__COLD itn_result itn_image_save_exr(const itn_image *image, const ch
                                                 itn_error *error) {
     itn__buffer buffer;
     uint64_t line, start;
-    int planes = image ? image->plane_count : 0, *order, row, i;
+    int planes = image ? image->plane_count : 0, order[ITN__EXR_CHANNELS], row, i;
     const char *fault;
     itn_result result = itn__check_image(image, 0, planes, 0, &buffer, error);
     if (result) return result;
     line = (uint64_t)image->width * (uint64_t)planes * 4;
-    order = (int *)itn__allocate(&buffer.context, (size_t)planes, sizeof(int));
-    if (!order) return itn__out_of_memory(error, "the order of an EXR file's channels");
-    fault = line > INT_MAX ? "a line of 2 GiB or more" : itn__exr_order(image, order);
-    if (!fault) itn__exr_put_header(&buffer, image, order);
+    fault = line > INT_MAX || planes > ITN__EXR_CHANNELS ? "a line of 2 GiB, or 1025 planes"
+                                                         : itn__exr_order(image, order);
+    if (fault) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %s", fault);
+    itn__exr_put_header(&buffer, image, order);
     start = buffer.size + 8 * (uint64_t)image->height;
     buffer.failed |= line + 16 > SIZE_MAX / 8 / (uint64_t)image->height;
-    for (row = 0; row < image->height && !fault && !buffer.failed; row++)
+    for (row = 0; row < image->height && !buffer.failed; row++)
         itn__put_number(&buffer, start + (uint64_t)row * (line + 8), 8, 0);
-    for (row = 0; row < image->height && !fault && !buffer.failed; row++) {
+    for (row = 0; row < image->height && !buffer.failed; row++) {
         itn__put_number(&buffer, (uint64_t)row | line << 32, 8, 0);
         for (i = 0; i < planes; i++)
             itn__put_floats(&buffer, itn__pixel(image, order[i], row, 0), (size_t)image->width);
     }
-    itn__free(&buffer.context, order);
-    if (!fault) return itn__write_file(path, &buffer, error);
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %s", fault);
+    return itn__write_file(path, &buffer, error);
 }
 
 ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, int plane_count,
@@ -12519,7 +12500,6 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
                                                 int plane_count, itn_png_mode mode, float scale,
                                                 const char *path, itn_error *error) {
     itn__buffer png, rows, data;
-    size_t values;
     float v[3], largest;
     int x, y, k;
     itn_result result = itn__check_image(image, first_plane, plane_count, 1, &png, error);
@@ -12530,9 +12510,9 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "saving a PNG: mode %d, scale %g or %d x %d pixels", (int)mode,
                          (double)scale, image->width, image->height);
-    values = (size_t)plane_count * (size_t)image->width * (size_t)image->height;
     if (scale == 0) {
-        largest = itn__percentile99(itn__pixel(image, first_plane, 0, 0), values,
+        largest = itn__percentile99(itn__pixel(image, first_plane, 0, 0), (size_t)plane_count *
+                                    (size_t)image->width * (size_t)image->height,
                                     mode == ITN_PNG_SIGNED);
         scale = largest >= FLT_MIN ? 1 / largest : 1;
     }
