@@ -6151,17 +6151,13 @@ static int itn__pixel_samples(const itn__render *render, size_t pixel) {
 
 /* The i-th Sobol point has in every dimension the coordinate whose binary digits are the exclusive
    or of one direction number v_k for each set bit k of i. For every m, the first 2^m points have
-   one point in each of 2^m equal intervals of each dimension, and well spread pairs. Dimension 0
-   has m_k = 1 in v_k = m_k / 2^(k+1); the others follow from primitive polynomials over the field
-   of two elements, with coefficients a_1 ... a_(s-1), and odd initial numbers m_0 ... m_(s-1),
-     m_k = 2 a_1 m_(k-1) ^ 4 a_2 m_(k-2) ^ ... ^ 2^s m_(k-s) ^ m_(k-s),
-   those of Joe & Kuo 2008 (new-joe-kuo-6).
-   Owen's nested scrambling makes the points random and keeps the balance: each digit is flipped or
-   not by a random bit of its own for each value of the digits before it. Estimates are unbiased,
-   and for smooth functions the standard error of 2^m points falls like 2^(-3m/2). Laine & Karras
-   2011 saw that on numbers with their bits reversed (first digit lowest) a hash does this if
-   carries are all that moves information, as in sums and products: they go upwards only. Hence all
-   numbers are kept reversed until the end. */
+   one point in each of 2^m equal intervals of each dimension, and well spread pairs. The numbers
+   are those of Joe & Kuo 2008 (new-joe-kuo-6).
+   Owen's nested scrambling flips each digit or not by a random bit of its own for each value of
+   the digits before it. Estimates are unbiased, and for smooth functions the standard error of 2^m
+   points falls like 2^(-3m/2). Laine & Karras 2011 saw that on numbers with their bits reversed
+   (first digit lowest) a hash does this if carries are all that moves information, as in sums and
+   products: they go upwards only. Hence all numbers are kept reversed until the end. */
 
 enum { ITN__SOBOL_DIMENSIONS = 8, ITN__SOBOL_BITS = 20 }; /* indices are below 2^20 */
 
@@ -6207,10 +6203,8 @@ ITN__INLINE itn__words itn__owen_scramble(itn__words x, itn__words key) {
     return x ^ x * itn__splat_word(0x53a22864u);
 }
 
-/* Point number `index` < 2^20 of the sequence in one dimension (best known to the compiler),
-   scrambled as `seed` says: seeds may be consecutive, and every dimension makes its own use of the
-   same seed, numbers like those of itn__uniform. Only as many direction numbers are touched
-   as the largest index has bits. */
+/* Point number `index` < 2^20 of the sequence in one dimension, scrambled as `seed` says: seeds may
+   be consecutive, and every dimension makes its own use of the same seed. */
 ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words seed) {
     const uint32_t *direction = itn__sobol_directions[dimension];
     itn__words key = seed + itn__splat_word((uint32_t)dimension * 0xb5297a4du), x = index;
@@ -6242,10 +6236,9 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
    axis theorem: a triangle and a box are disjoint if and only if their projections are on one of 13
    axes, those of the box, the normal of the triangle, and the 9 cross products of their edges.
 
-   How fine the voxels are is a matter of the media and of the job: cells of about a mean free path
-   prove the most flights free, but a short render is over before they have paid for themselves. A
-   scene keeps the tables of each level it was asked for; the first render that needs one makes it,
-   and if two threads make the same one, the first to finish is kept. */
+   Cells of about a mean free path prove the most flights free, but a short render is over before
+   fine ones have paid for themselves. A scene keeps the tables of each level it was asked for; the
+   first render that needs one makes it, and if two make the same one, the first is kept. */
 
 enum { ITN__REACH = 120, ITN__MOST_CELLS = 1 << 24 }; /* largest distance; most cells */
 #define ITN__CELL_MARGIN .01f
@@ -6413,8 +6406,7 @@ static float itn__across_cell(itn_vec3 a, itn_vec3 b) {
 
 /* Adds a triangle, with the unit normal m and that area, to the patch of a cell. x in both has
      n.x >= min n.p over the corners p,   and   n.x = m.x + (n - m).x >= min m.p - |(n - m).x|.
-   The sign of a front is judged by shadows whose corners have errors of some roundings of their
-   distance, which matters most for needles: that angle is added to the normal's. */
+   Which side is the front is rounded, most of all for needles: that angle adds to the normal's. */
 static void itn__patch_add(const itn__voxel_build *build, const itn__triangle *triangle,
                            const double m[3], double area, int cell) {
     const itn__voxels *v = build->voxels;
@@ -6643,39 +6635,38 @@ static float *itn__make_normals(const itn_context *context, const itn_bvh *bvh) 
 }
 
 /* Marks with 1 the pixels, [height][width], that are empty, whose rays meet nothing: no triangle's
-   box in the film, widened by the filter, covers them. A triangle that reaches behind the camera
-   may be anywhere. */
+   box in the film, widened by the filter and by rounding, covers them. A triangle that reaches
+   behind the camera may be anywhere. */
 static unsigned char *itn__make_pixels(const itn_scene *scene) {
     const itn__camera *camera = &scene->camera;
     const itn_vec3 axis[2] = {camera->right, itn__scale(camera->up, -1)};
     const int size[2] = {camera->width, camera->height};
     size_t count = (size_t)size[0] * (size_t)size[1];
-    float reach = (camera->deviation > 0 ? 4 * camera->deviation : .5f) + .51f;
     unsigned char *pixels = (unsigned char *)itn__allocate(&scene->context, count, 1);
-    int i, j, k, y, from[2], to[2];
-    if (pixels) memset(pixels, 1, count);
-    for (i = 0; pixels && i < scene->bvh->triangle_count; i++) {
+    float half[2], margin[2];
+    int i, j, k, y;
+    if (!pixels) return NULL;
+    memset(pixels, 1, count);
+    for (k = 0; k < 2; k++) { /* rounding: a hundredth of a pixel, of the film, of directions */
+        half[k] = itn__length(axis[k]), margin[k] = 1e-5f + 4 * FLT_EPSILON / half[k];
+        margin[k] = margin[k] * (float)size[k] + .51f;
+        margin[k] += camera->deviation > 0 ? 4 * camera->deviation : .5f;
+    }
+    for (i = 0; i < scene->bvh->triangle_count; i++) {
         float least[2] = {FLT_MAX, FLT_MAX}, most[2] = {-FLT_MAX, -FLT_MAX};
         itn_vec3 p[3];
         itn__bvh_corners(scene->bvh, i, p);
         for (j = 0; j < 6; j++) {
-            itn_vec3 v = itn__sub(p[j / 2], camera->eye), a = axis[k = j % 2];
-            float depth = itn__dot(v, camera->forward);
-            float x = (itn__dot(v, a) / (itn__dot(a, a) * depth) + 1) * .5f * (float)size[k];
-            if (!(depth > 1e-3f * itn__max_abs(v))) {
-                memset(pixels, 0, count);
-                return pixels;
-            }
-            least[k] = itn__min(least[k], x), most[k] = itn__max(most[k], x);
+            itn_vec3 v = itn__sub(p[j / 2], camera->eye);
+            float depth = itn__dot(v, camera->forward), end = (float)size[k = j % 2];
+            float x = (itn__dot(v, axis[k]) / (half[k] * half[k] * depth) + 1) * .5f * end;
+            if (!(depth > 1e-3f * itn__max_abs(v)))
+                return (unsigned char *)memset(pixels, 0, count);
+            least[k] = itn__min(least[k], itn__clamp(x - margin[k], 0, end));
+            most[k] = itn__max(most[k], itn__clamp(x + margin[k], 0, end));
         }
-        for (k = 0; k < 2; k++) { /* rounding: a hundredth of a pixel, of the film, of directions */
-            float end = (float)size[k], half = itn__length(axis[k]);
-            float margin = reach + (1e-5f + 4 * FLT_EPSILON / half) * end;
-            from[k] = (int)itn__clamp(least[k] - margin, 0, end);
-            to[k] = (int)itn__clamp(most[k] + margin, 0, end);
-        }
-        for (y = from[1]; y < to[1]; y++)
-            memset(pixels + y * size[0] + from[0], 0, (size_t)(to[0] - from[0]));
+        for (y = (int)least[1]; y < (int)most[1]; y++)
+            memset(pixels + y * size[0] + (int)least[0], 0, (size_t)most[0] - (size_t)least[0]);
     }
     return pixels;
 }
@@ -6745,29 +6736,26 @@ static itn_result itn__tables_get(itn__render *render, itn_error *error) {
      surface   where a path has met one: a shadow ray and a new direction
      walk      in a medium: roulette, flight, collision, shadow ray, new direction, and so on, for
                as long as the tables prove each flight free; this is where nearly all time goes
-     exact     a flight that the tables could not prove free is marched through the voxels, and the
-               triangles on its way are tested; it ends at a collision or at a surface
+     exact     a flight that the tables could not prove free is marched through the voxels
      outside   the next surface outside of media
      sky       a path that leaves for the lights adds their radiance
 
-   A path that waits is a struct, and queues are lists of them by number; the lanes of a stage are a
-   state, into which paths are read and from which they are written back. A path's decisions depend
-   on nothing but its random numbers, the functions of (seed, pixel, path, dimension) that the
-   reference uses. One crowd does a unit of work from start to end, always in the same order, so
-   results have the same bits for any number of threads. */
+   A path that waits is a struct; the lanes of a stage are a state, into which paths are read and
+   from which they are written back. A path's decisions depend on nothing but its random numbers,
+   which are those of the reference, and a crowd does a unit of work from start to end: so results
+   have the same bits for any number of threads. */
 
-/* What a path takes along, said once for lanes and for one path alone. p, d: where it is, and its
-   direction; distance: of the flight drawn, or that has brought it to a collision, -1 before; beta:
-   its weight; pdf: the density by which d was drawn; up, level: the plane up . x =
-   level of the last surface, up being out of the medium, or one adopted since ([value]); control:
-   minus the sum of differences (itn__difference). With scores, since the last surface: flights:
-   sigma_t times those of flights; phases: those of turns by g; hits: number of collisions; bases:
-   what is to be taken off (itn__book). Of a shadow ray beta is what it would bring, pdf is xi c of
-   [walk]. */
+/* What a path takes along, for lanes and for one path alone. p, d: where it is, and its direction;
+   distance: of the flight drawn, or that has brought it to a collision, -1 before; beta: its
+   weight; pdf: the density by which d was drawn; up, level: the plane up . x = level of the last
+   surface, up being out of the medium, or one adopted since ([value]); control: minus the sum of
+   differences (itn__difference). For scores, since the last surface: flights: sigma_t times those
+   of flights; phases: those of turns by g; hits: number of collisions; bases: what is to be taken
+   off (itn__book). Of a shadow ray beta is what it would bring, pdf is xi c of [walk]. */
 #define ITN__PATH_ROWS(number, vector, integer)                                                    \
     vector p, d;                                                                                   \
     number distance, beta[3], pdf;                                                                 \
-    integer key0, key1, dimension; /* of the random numbers */                                     \
+    integer key0, key1, dimension, index, scramble; /* of random numbers; of Sobol points */       \
     vector up;                                                                                     \
     number level, control[3], flights, phases, hits;                                               \
     number flight_base[3], phase_base[3], hit_base[3];
@@ -6787,7 +6775,6 @@ typedef struct itn__path {
     struct itn__path *owner; /* of a shadow ray: its path; else itself */
     float *scores;           /* [count], to its last surface */
     int number, copies;      /* its camera ray in the unit; paths that it stands for */
-    uint32_t index, scramble; /* of Sobol points */
     int mark;                 /* medium whose V it teaches ([value]), or 0; */
     float mark_depth, mark_cosine, mark_weight[3]; /* where, and beta there; */
     float brought[3];         /* what it has brought home since */
@@ -6846,11 +6833,6 @@ static int itn__unit_paths_left(const itn__crowd *crowd) {
     return crowd->unit.next < crowd->unit.side * crowd->unit.side * crowd->unit.count;
 }
 
-/* The mask of `count` lanes, or of all if there are more. */
-ITN__INLINE itn__ints itn__first_lanes(int count) {
-    return itn__int_less(itn__lane_numbers(), itn__splat_int(count));
-}
-
 /* Fills the lanes named by `bits` with these paths; the others stay. */
 ITN__NOINLINE void itn__read(const itn__crowd *crowd, const int32_t *slots, unsigned bits,
                              itn__state *s) {
@@ -6900,34 +6882,24 @@ static void itn__depart(itn__crowd *crowd, itn__path *path) {
     itn__enqueue(crowd, &crowd->walk[substance], path);
 }
 
-/* With ITN_SAMPLER_SOBOL the first eight random numbers come from the dimensions 0 to 7 of a
-   scrambled Sobol sequence: the place in the pixel (0 and 1), and draws 2 to 7 of a path, at its
-   first boundary and first collision. */
-enum { ITN__EARLY = 8 };
-
-/* Puts Sobol numbers in the place of u where the draw just made (dimension - 1) is an early one. */
-ITN__NOINLINE void itn__early_draws(const itn__crowd *crowd, const itn__state *s, itn__ints mask,
-                                    itn__floats *u) {
-    itn__words index = itn__splat_word(0), scramble = index;
-    unsigned bits = itn__mask_bits(mask);
+/* With ITN_SAMPLER_SOBOL the first random numbers come from the dimensions of a scrambled Sobol
+   sequence: the place in the pixel (0 and 1), and draws 2 to 7 of a path, at its first boundary and
+   first collision. Where the draw just made (dimension - 1) is one of these, u becomes such. */
+ITN__NOINLINE void itn__early_draws(const itn__state *s, itn__ints mask, itn__floats *u) {
     int k;
-    for (; bits; bits &= bits - 1) {
-        const itn__path *path;
-        k = itn__lowest_bit(bits), path = &crowd->paths[ITN__LANE(s->slot, k)];
-        ITN__LANE(index, k) = path->index, ITN__LANE(scramble, k) = path->scramble;
-    }
-    for (k = 2; k < ITN__EARLY; k++) {
+    for (k = 2; k < ITN__SOBOL_DIMENSIONS; k++) {
         itn__ints here = mask & itn__int_equal(s->dimension, itn__splat_int(k + 1));
-        if (itn__mask_bits(here)) *u = itn__select(here, itn__sobol(index, k, scramble), *u);
+        if (itn__mask_bits(here))
+            *u = itn__select(here, itn__sobol(itn__int_words(s->index), k,
+                                              itn__int_words(s->scramble)), *u);
     }
 }
 ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
     itn__floats u = itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &s->dimension,
                                   mask);
-    if (crowd->render->sobol) {
-        itn__ints here = mask & itn__int_less(s->dimension, itn__splat_int(ITN__EARLY + 1));
-        if (itn__mask_bits(here)) itn__early_draws(crowd, s, here, &u);
-    }
+    itn__ints here = itn__int_less(s->dimension, itn__splat_int(ITN__SOBOL_DIMENSIONS + 1));
+    if (crowd->render->sobol && itn__mask_bits(here & mask))
+        itn__early_draws(s, here & mask, &u);
     return u;
 }
 
@@ -6983,14 +6955,14 @@ static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float samp
     if (crowd->render->scales) itn__bring_scales(crowd, path, sampled, plain, value);
 }
 
-/* A choice made with a density p that depends on a parameter has the score s = d ln p; the mean of
-   s is 0 whatever has been before. So a path's derivative, L sum s for what it brings home, may be
+/* A choice made with a density p that depends on a parameter has the score s = d ln p, of mean 0
+   whatever has been before. So a path's derivative, L sum s for what it brings home, may be
    replaced by
        sum over choices of s (L - b)
-   with any b that is known before the choice: the mean stays, and the variance is least where b is
-   what the path was then expected to bring. As good as any finer guess is b = beta V with one
-   number V for each medium and channel; but see [value]. Scores and bases s b are summed in lanes
-   between surfaces and booked here, at the next surface or at the end. */
+   with any b that is known before the choice: the variance is least where b is what the path was
+   then expected to bring. b = beta V with one number V for each medium and channel is as good as
+   finer guesses; but see [value]. Scores and bases s b are summed in lanes between surfaces and
+   booked here, at the next surface or at the end. */
 static void itn__book(itn__crowd *crowd, itn__path *path, int substance) {
     const itn__substance *medium = &crowd->render->substances[substance];
     int sigma_t = medium->slot_sigma_t, g = medium->slot_g, c;
@@ -7058,8 +7030,7 @@ static void itn__find_hit(const itn_scene *scene, itn__path *path) {
    V is learnt from a few paths traced before the picture (itn__learn_values). They are marked
    somewhere on their way; what one brings home after its mark, per weight, is a lesson. V is a
    least-squares fit to lessons; where there is no control variate, their mean for each medium. The
-   sums of the normal equations are of whole multiples of powers of two, so that they are exact, in
-   any order: terms times terms, terms times radiance. */
+   sums of the normal equations are of whole multiples of powers of two: exact, in any order. */
 
 enum { ITN__LESSON_SUMS = ITN__TERMS * (ITN__TERMS + 3) };
 #define ITN__TERM_STEPS 4096.
@@ -7161,11 +7132,9 @@ static int itn__fit_value(const itn__render *render, itn__substance *substance,
     return 1;
 }
 
-/* Where paths are, and where they go, seen from their plane. */
+/* Where paths are, and where they go, seen from their plane: z, mu, e^(-k_i z). */
 typedef struct itn__view {
-    itn__floats depth;             /* z, in mean free paths */
-    itn__floats cosine;            /* mu, to the inward normal */
-    itn__floats fall[ITN__DECAYS]; /* e^(-k_i z) */
+    itn__floats depth, cosine, fall[ITN__DECAYS];
 } itn__view;
 
 /* e^(-k_i z) for all i. */
@@ -7251,9 +7220,8 @@ ITN__NOINLINE void itn__look_ahead(const itn__render *render, const itn__substan
     }
 }
 
-/* Flights have been drawn. Their true scores have bases of their own, beta
-   times the mean of V (itn__collide, itn__pass). The scores they would have up to the plane are
-   taken times the rest of V alone: where the true boundary is elsewhere, little is wrong. */
+/* Flights have been drawn. Their true scores have bases of their own, beta times the mean of V
+   (itn__collide, itn__pass); the scores they would have up to the plane multiply the rest of V. */
 ITN__NOINLINE void itn__control_flight(const itn__render *render, const itn__substance *substance,
                                        itn__state *s, const itn__ahead *a, itn__ints mask) {
     const itn__value *value = &substance->value;
@@ -7344,11 +7312,10 @@ ITN__NOINLINE void itn__control_bounce(const itn__render *render, itn__state *s,
 
 /* ---- [flights] what flights meet, by the tables and by the triangles ------------------------- */
 
-/* A lane keeps what the voxel tables say of its surroundings, and looks again only when a flight
-   leaves them. So in the thick of a medium most flights cost a few comparisons.
-   Flights that the tables could not prove free march through the grid: past the empty cube around
-   a point, or through one cell, of which the triangles are tested unless the flight stays below
-   their plane there, or runs against all of them. What this cannot tell, the tree does. */
+/* A lane keeps what the tables say of its surroundings, and looks again only when a flight leaves
+   them. Flights that are not proven free march through the grid: past the empty cube around a
+   point, or through one cell, of which the triangles are tested unless the flight stays below their
+   plane there, or runs against all of them. What this cannot tell, the tree does. */
 
 /* What is known around each lane's position: a cube in which a flight is free if both its ends have
    n.x < below, x from the centre, or if it runs against all normals. */
@@ -7379,10 +7346,8 @@ ITN__INLINE itn__ints itn__cells_at(const itn__voxels *voxels, itn__vectors p, i
 }
 
 /* The signed number of so many bits, from the bit `first` of a word on. */
-ITN__INLINE itn__floats itn__signed_bits(itn__ints word, int first, int bits) {
-    return itn__to_floats(itn__word_ints(itn__int_words(word) << (32 - bits - first)) >>
-                          (32 - bits));
-}
+#define itn__signed_bits(word, first, bits)                                                        \
+    itn__to_floats(itn__word_ints(itn__int_words(word) << (32 - (bits) - (first))) >> (32 - (bits)))
 
 /* The planes of cells, of which the words are given, in the units of the scene. */
 ITN__INLINE void itn__read_planes(const itn__voxels *voxels, itn__ints word, itn__ints at,
@@ -7421,9 +7386,8 @@ ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, i
     space->np = itn__select(mask, np, space->np);
 }
 
-/* Whether the flight to q, in direction d, is free; nq receives n . (q - centre), and must not be
-   space->np. The cube has lost a hundredth of a cell, so that no rounding of q or of the start
-   counts. */
+/* Whether the flight to q, in direction d, is free; nq receives n . (q - centre). The cube has lost
+   a hundredth of a cell, so that no rounding of q or of the start counts. */
 ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vectors q,
                                        itn__vectors d, itn__floats *nq) {
     itn__vectors r = itn__valong(q, itn__splat(-1), space->centre);
@@ -7554,8 +7518,8 @@ static void itn__find_hits(itn__crowd *crowd) {
 /* ---- [walk] shadow rays; collisions, one after the other ------------------------------------- */
 
 /* With sampled lights each vertex sends out a shadow ray, a straight flight to the light that
-   carries what the light would add, while its path goes on at once. Shadow rays wait until there
-   are many, or a stage ends; then those in media fly together.
+   carries what the light would add, while its path goes on at once. Shadow rays wait until all
+   stages have had their turn; then those in media fly together.
 
    A shadow ray of weight w and transmittance tr is cut by roulette before it is traced, at a level
    c (ITN__SHADOW_LEVEL): for uniform xi it counts as max(w tr, c) if w tr > xi c, and else as
@@ -7662,9 +7626,6 @@ static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k
     if (count) memcpy(ray->scores, path->scores, count * sizeof *ray->scores);
     return ray;
 }
-
-/* The stage where nearly all time is spent: roulette, flight, collision, new direction, for as long
-   as each flight is proven free. */
 
 /* itn__roulette in lanes of a substance, which are expected to bring `value` per weight. Returns
    who survives. */
@@ -7774,8 +7735,7 @@ static itn__ints itn__take_off(itn__crowd *crowd, int number, itn__state *s, itn
     return mask;
 }
 
-/* In a render that learns, marks paths about to fly, each after a number of collisions that its key
-   decides. */
+/* In a render that learns, marks paths, each after a number of collisions that its key decides. */
 static void itn__mark_flights(itn__crowd *crowd, int substance, const itn__state *s,
                               itn__ints mask) {
     itn__words key = itn__int_words(s->key0), span = (itn__splat_word(1) << (key & 3)) - 1u;
@@ -7878,10 +7838,9 @@ ITN__NOINLINE void itn__run_walk(itn__crowd *crowd, int substance) {
 
 /* ---- [surfaces] what flights come to --------------------------------------------------------- */
 
-/* Flights end at a collision or at a surface. What the surface is to light, is found path by path
-   ([place]); then the lanes on one surface go through its model together, as in the reference.
-   Outside of media paths fly to the next surface or leave; where they leave, they add the lights in
-   their direction, with the weight of having met a sampled light by chance. */
+/* What a surface is to light, is found path by path ([place]); then the lanes on one surface go
+   through its model together, as in the reference. Where paths leave, they add the lights in their
+   direction, with the weight of having met a sampled light by chance. */
 
 /* A flight over t has brought a path out of a substance without a collision. */
 static void itn__pass(itn__crowd *crowd, itn__path *path, int substance, float t) {
@@ -7933,7 +7892,7 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
    of all solids, has lost its own, as rounding makes it happen in needles: it goes on outside. */
 ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     const itn_scene *scene = crowd->render->scene;
-    itn__queue *queue = substance ? &crowd->exact : &crowd->walk[0];
+    itn__queue *queue = &crowd->exact;
     int i;
     for (i = 0; i < queue->count; i++) crowd->taken[i] = &crowd->paths[queue->slots[i]];
     crowd->taken_count = queue->count, queue->count = 0;
@@ -8018,10 +7977,11 @@ static void itn__sites_begin(const itn__crowd *crowd, const itn__state *s,
     if (crowd->render->count) itn__site_seeds(site, crowd->render->slots, f);
 }
 
-/* Lanes on one surface: a shadow ray, and a new direction. */
-static void itn__scatter_lanes(itn__crowd *crowd, itn__state *s, const itn__surface *surface,
-                               itn__ints mask) {
+/* Stages that take all of a queue, lanes by lanes. First, lanes on one surface: a shadow ray, and a
+   new direction. */
+static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn__ints mask) {
     const itn__render *render = crowd->render;
+    const itn__surface *surface = &render->scene->surfaces[number];
     itn__floats u[3], turned;
     itn__ints through, good;
     itn__site site;
@@ -8049,38 +8009,19 @@ static void itn__scatter_lanes(itn__crowd *crowd, itn__state *s, const itn__surf
     }
 }
 
-/* The surface stage. */
-ITN__NOINLINE void itn__run_surface(itn__crowd *crowd, int surface) {
-    itn__queue *queue = &crowd->surface[surface];
-    int at;
-    for (at = 0; at < queue->count; at += ITN__LANES) {
-        itn__ints mask = itn__first_lanes(queue->count - at);
-        itn__state s = ITN_ZERO;
-        itn__read(crowd, queue->slots + at, itn__mask_bits(mask), &s);
-        itn__scatter_lanes(crowd, &s, &crowd->render->scene->surfaces[surface], mask);
-    }
-    queue->count = 0;
-}
-
-/* Outside of media: roulette, then the next surface, or none. */
-ITN__NOINLINE void itn__run_outside(itn__crowd *crowd) {
-    itn__queue *queue = &crowd->walk[0];
+/* Outside of media: roulette, before the next surface or none. */
+static void itn__outside_lanes(itn__crowd *crowd, int number, itn__state *s, itn__ints mask) {
     itn__floats light[3];
-    int i, c, alive = 0;
+    unsigned bits;
+    int c;
     for (c = 0; c < 3; c++) light[c] = itn__splat(crowd->render->constant[c]);
-    for (i = 0; i < queue->count; i += ITN__LANES) {
-        itn__state s = ITN_ZERO;
-        itn__ints here = itn__first_lanes(queue->count - i), mask;
-        unsigned bits;
-        itn__read(crowd, queue->slots + i, itn__mask_bits(here), &s);
-        mask = itn__roulette_lanes(crowd, 0, &s, light, here);
-        itn__end_lanes(crowd, 0, &s, itn__mask_bits(here & ~mask));
-        itn__write(crowd, &s, itn__mask_bits(mask));
-        for (bits = itn__mask_bits(mask); bits; bits &= bits - 1)
-            queue->slots[alive++] = ITN__LANE(s.slot, itn__lowest_bit(bits));
+    bits = itn__mask_bits(itn__roulette_lanes(crowd, number, s, light, mask));
+    itn__end_lanes(crowd, number, s, itn__mask_bits(mask) & ~bits);
+    itn__write(crowd, s, bits);
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__enqueue(crowd, &crowd->exact, &crowd->paths[ITN__LANE(s->slot, k)]);
     }
-    queue->count = alive;
-    itn__run_exact(crowd, 0);
 }
 
 /* Light from where a path leaves for, of which sampled lights have weight mis, comes home; its
@@ -8095,30 +8036,36 @@ static void itn__escape_path(itn__crowd *crowd, itn__path *path, float mis, cons
 }
 
 /* Paths that have left: adds the lights in their directions, as itn__escape. */
-ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
+static void itn__sky_lanes(itn__crowd *crowd, int number, itn__state *s, itn__ints mask) {
     const itn__render *render = crowd->render;
-    itn__queue *queue = &crowd->sky;
-    int at, c;
-    for (at = 0; at < queue->count; at += ITN__LANES) {
-        itn__state s = ITN_ZERO;
-        itn__ints mask = itn__first_lanes(queue->count - at);
-        itn__floats sampled[3], plain[3], mis = itn__splat(1);
-        unsigned bits = itn__mask_bits(mask);
-        itn__read(crowd, queue->slots + at, bits, &s);
+    itn__floats sampled[3], plain[3], mis = itn__splat(1);
+    unsigned bits = itn__mask_bits(mask);
+    int c;
+    (void)number;
+    for (c = 0; c < 3; c++) plain[c] = itn__splat(render->constant[c]), sampled[c] = itn__splat(0);
+    if (!render->only_constant) {
+        mis = s->pdf / (s->pdf + itn__meet_lights(render->scene, render->theta, &s->d, mask,
+                                                  sampled, plain));
+        mis = itn__select(itn__less(s->pdf, itn__splat(INFINITY)), mis, itn__splat(1));
+    }
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        float light[3];
         for (c = 0; c < 3; c++)
-            plain[c] = itn__splat(render->constant[c]), sampled[c] = itn__splat(0);
-        if (!render->only_constant) {
-            mis = s.pdf / (s.pdf + itn__meet_lights(render->scene, render->theta, &s.d, mask,
-                                                    sampled, plain));
-            mis = itn__select(itn__less(s.pdf, itn__splat(INFINITY)), mis, itn__splat(1));
-        }
-        for (; bits; bits &= bits - 1) {
-            int k = itn__lowest_bit(bits);
-            float light[3];
-            for (c = 0; c < 3; c++)
-                light[c] = ITN__LANE(sampled[c], k) * ITN__LANE(mis, k) + ITN__LANE(plain[c], k);
-            itn__escape_path(crowd, &crowd->paths[ITN__LANE(s.slot, k)], ITN__LANE(mis, k), light);
-        }
+            light[c] = ITN__LANE(sampled[c], k) * ITN__LANE(mis, k) + ITN__LANE(plain[c], k);
+        itn__escape_path(crowd, &crowd->paths[ITN__LANE(s->slot, k)], ITN__LANE(mis, k), light);
+    }
+}
+
+/* Runs such a stage: for a surface or a substance by number. */
+static void itn__run_lanes(itn__crowd *crowd, itn__queue *queue, int number,
+                           void (*stage)(itn__crowd *, int, itn__state *, itn__ints)) {
+    int at;
+    for (at = 0; at < queue->count; at += ITN__LANES) {
+        itn__ints mask = itn__int_less(itn__lane_numbers(), itn__splat_int(queue->count - at));
+        itn__state s = ITN_ZERO;
+        itn__read(crowd, queue->slots + at, itn__mask_bits(mask), &s);
+        stage(crowd, number, &s, mask);
     }
     queue->count = 0;
 }
@@ -8126,8 +8073,7 @@ ITN__NOINLINE void itn__run_sky(itn__crowd *crowd) {
 /* ---- [picture] who does what of a picture ---------------------------------------------------- */
 
 /* The paths of a camera ray share what it meets. In a pixel whose rays all meet nothing, in light
-   that is everywhere the same, they are done before they start. A crowd takes turns between its
-   stages until all paths of its unit ([render]) have come to their ends. */
+   that is everywhere the same, they are done before they start. */
 
 /* Starts a path of a sample of a pixel, by walk number `walk`; u receives the random numbers of its
    place in the pixel. */
@@ -8148,8 +8094,9 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
     for (c = 0; c < 3; c++) path->beta[c] = 1;
     path->pdf = INFINITY, path->copies = 1;
     path->up.y = 1; /* some plane, for paths that begin in a medium */
-    path->index = (uint32_t)(sample % render->set * render->walks + walk);
-    path->scramble = itn__rng_make(~render->seed, pixel, (uint64_t)(sample / render->set)).key0 + 1;
+    path->index = sample % render->set * render->walks + walk;
+    path->scramble = (int32_t)itn__rng_make(~render->seed, pixel,
+                                            (uint64_t)(sample / render->set)).key0;
     u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng);
     path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1;
     path->dimension = (int32_t)rng.dimension;
@@ -8193,7 +8140,7 @@ static void itn__start_ray(itn__crowd *crowd) {
         itn__see_through(crowd, path);
         return;
     }
-    seed = itn__splat_word(path->scramble - 1);
+    seed = itn__splat_word(path->scramble);
     x = itn__sobol(index, 0, seed), y = itn__sobol(index, 1, seed);
     if (render->sobol) u[0] = ITN__LANE(x, 0), u[1] = ITN__LANE(y, 0);
     ray = itn__camera_ray(&render->scene->camera, (int)(pixel % width), (int)(pixel / width), u[0],
@@ -8222,13 +8169,14 @@ static void itn__run_unit(itn__crowd *crowd) {
         while (crowd->unused_count >= crowd->render->walks && itn__unit_paths_left(crowd))
             itn__start_ray(crowd);
         for (m = 0; m < scene->surface_count; m++)
-            if (crowd->surface[m].count) itn__run_surface(crowd, m);
+            itn__run_lanes(crowd, &crowd->surface[m], m, itn__scatter_lanes);
         for (m = 1; m <= scene->medium_count; m++) {
             if (crowd->walk[m].count) itn__run_walk(crowd, m);
             if (crowd->exact.count) itn__run_exact(crowd, m);
         }
-        if (crowd->walk[0].count) itn__run_outside(crowd);
-        if (crowd->sky.count) itn__run_sky(crowd);
+        itn__run_lanes(crowd, &crowd->walk[0], 0, itn__outside_lanes);
+        itn__run_exact(crowd, 0);
+        itn__run_lanes(crowd, &crowd->sky, 0, itn__sky_lanes);
         itn__trace_shadows(crowd);
     }
     itn__learn_all(crowd);
@@ -8257,31 +8205,17 @@ static void itn__substance_make(const itn__render *render, const itn__medium *me
     for (c = 0; c < render->channels; c++) out->slot_albedo[c] = render->slots[medium->albedo + c];
 }
 
-/* The largest albedo or reflectance: how bright an object can be in a light of 1. */
-static float itn__brightest(const itn__render *render) {
-    float brightest = 0;
-    int i;
-    for (i = 0; i < render->scene->parameter_count; i++)
-        if (itn__is_a(render->scene, i, 'S'))
-            brightest = itn__max(brightest, render->theta[i]);
-    return brightest;
-}
-
 #define ITN__LESSONS 32768. /* paths that V is learnt from */
-
-/* Whether a control variate pays: with one medium in light that is everywhere the same, and many
-   paths. */
-static int itn__can_control(const itn__render *render) {
-    return render->baseline && render->only_constant && render->scene->medium_count == 1 &&
-           render->samples * render->walks >= 16 * ITN__LESSONS;
-}
 
 /* What the fast walk knows once it has its tables: the numbers of all media at theta, where the
    camera is, and what is known of the lights. */
 static void itn__fast_know(itn__render *render) {
     const itn_scene *scene = render->scene;
     double level = 0;
+    float brightest = 0; /* of albedos and reflectances: what an object can be in a light of 1 */
     int i, c;
+    for (i = 0; i < scene->parameter_count; i++)
+        if (itn__is_a(scene, i, 'S')) brightest = itn__max(brightest, render->theta[i]);
     for (i = 0; i <= scene->medium_count; i++)
         itn__substance_make(render, i ? &scene->media[i - 1] : NULL, &render->substances[i]);
     render->camera.sides = scene->sides;
@@ -8299,11 +8233,13 @@ static void itn__fast_know(itn__render *render) {
         level += (double)scale * light->power;
     }
     level /= 4 * (double)ITN__PI;
-    render->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * itn__brightest(render);
+    render->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * brightest;
     level += render->constant[0] + render->constant[1] + render->constant[2];
     render->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
     render->roulette = render->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
-    render->controls = itn__can_control(render);
+    /* it pays with one medium in light that is everywhere the same, and many paths */
+    render->controls = render->baseline && render->only_constant && scene->medium_count == 1 &&
+                       render->samples * render->walks >= 16 * ITN__LESSONS;
     render->rows = render->count ? ITN__ROWS : render->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
 }
 
