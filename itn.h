@@ -296,6 +296,9 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
 
 /* ---- [api-scene] what is in the picture, as descs and as text files -------------------------- */
 
+/* Of descs: where a field has [3] numbers, only [0] counts with one channel, all with three; those
+   called _rgb hold for each channel instead of the field without, unless all are 0. */
+
 /* How the film weighs what arrives around a pixel's middle. */
 typedef enum itn_filter { ITN_FILTER_BOX = 0, ITN_FILTER_GAUSSIAN } itn_filter;
 
@@ -304,12 +307,11 @@ typedef struct itn_film_desc {
     int channels;      /* 1 (default, Y) or 3 (R, G, B) */
     itn_filter filter; /* box: the pixel's square; Gaussian: cut at four deviations */
     float deviation;   /* of the Gaussian, in pixels, .1 to 4; 0 = .5. With box: 0 */
-    float exposure;    /* multiplies the picture, in [1e-12,1e12]; 0 = 1 */
-    float exposure_rgb[3]; /* with three channels: one for each, as of a camera's white balance,
-                              instead; all 0: exposure holds in all channels */
-    float background[3];   /* what a camera ray brings that meets no object, in the place of the
-                              lights, in [0,1e18]; only [0] with one channel. It lights nothing */
-    int has_background;    /* 1: background is taken also when it is 0; 0: then lights are seen */
+    float exposure, exposure_rgb[3]; /* multiplies the picture, in [1e-12,1e12]; 0 = 1; of three the
+                                        camera's white balance */
+    float background[3]; /* what a camera ray brings that meets no object, in the place of the
+                            lights, in [0,1e18]; it lights nothing */
+    int has_background;  /* 1: background is taken also when it is 0; 0: then lights are seen */
 } itn_film_desc;
 
 /* A pinhole camera; the middle of its film is on the line from eye to target. Pixels are square. */
@@ -326,10 +328,9 @@ typedef struct itn_medium_desc {
     const char *name;
     float sigma_t;   /* extinction per scene unit, in [0,1e12]; a scene of more than 1e6 mean free
                         paths comes out too bright, as floats lose such short flights */
-    float albedo[3]; /* single-scattering albedo in [0,1]; only [0] with one channel */
+    float albedo[3]; /* single-scattering albedo in [0,1] */
     float g;         /* mean cosine of the scattering angle, in [-.999,.999]; > 0 is forward */
-    float sigma_t_rgb[3], g_rgb[3]; /* with three channels: one value for each, in the same ranges,
-                                       instead of sigma_t or g; all 0: those hold in all channels */
+    float sigma_t_rgb[3], g_rgb[3];
 } itn_medium_desc;
 
 /* Dielectric: reflects and refracts (Fresnel; GGX where it is rough). Diffuse: opaque, Lambert. */
@@ -344,10 +345,9 @@ typedef enum itn_texture_type {
 typedef struct itn_surface_desc {
     const char *name;
     itn_surface_type type;
-    float ior;             /* dielectric: index inside over index outside, in [1,4]; 0 = 1.5 */
-    float alpha;           /* dielectric: GGX roughness; 0 = smooth, else in [.001,1] */
-    float reflectance[3];  /* diffuse: in [0,1] */
-    float reflectance2[3]; /* diffuse: the other squares of a checker */
+    float ior;   /* dielectric: index inside over index outside, in [1,4]; 0 = 1.5 */
+    float alpha; /* dielectric: GGX roughness; 0 = smooth, else in [.001,1] */
+    float reflectance[3], reflectance2[3]; /* diffuse: in [0,1]; the other squares of a checker */
     itn_texture_type texture;
     float checker_size;     /* side of a square, in units of the texture coordinates; 0 = 1 */
     const itn_image *image; /* texture: planes as of a map light, values in [0,1], two rows or more;
@@ -389,35 +389,31 @@ typedef struct itn_sky {
 typedef struct itn_light_desc {
     const char *name; /* NULL = "light", "light2", ... in order */
     itn_light_type type;
-    float radiance[3];       /* constant: in [0,1e18]; only [0] with one channel */
+    float radiance[3];       /* constant: in [0,1e18] */
     const itn_image *image;  /* map: latitude-longitude; with u, v in [0,1] across and down,
                                 direction = (sin 2 pi u sin pi v, cos pi v, -cos 2 pi u sin pi v);
                                 pixels are at u = (column + .5) / width, v = row / (height - 1):
                                 the first row is the zenith, +y, the last the nadir; Y or R,G,B
                                 or a single plane (with one channel their luminance) in
                                 [0,1e18], at least 2 rows and at most 715 million pixels; copied */
-    itn_sky sky;             /* sky */
+    itn_sky sky;
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
-    float scale, sun_scale;  /* multiply the light and the sun of a sky, in [0,1e12]; 0 with
-                                has_scale 0 = 1 */
-    int has_scale;           /* 1: scale and sun_scale are taken as they are, also when 0 */
+    float scale, sun_scale;  /* multiply the light and the sun of a sky, in [0,1e12] */
+    int has_scale;           /* 1: these are taken as they are; 0: of these 0 = 1 */
     float sun_radius_scale;  /* sky: widens the disc, of radius .2679 degrees, at constant power, in
                                 [.01, 320]; 0 = 1 */
 } itn_light_desc;
 
-/* 1 to 64 objects, up to 64 lights, and up to 4096 media and surfaces each (in a file: 64). The
+/* 1 to 64 objects, 1 to 64 lights, and up to 4096 media and surfaces each (in a file: 64). The
    arrays are the caller's and copied; those of none may be NULL. */
 typedef struct itn_scene_desc {
     itn_film_desc film;
     itn_camera_desc camera;
     const itn_medium_desc *media;
-    int medium_count;
     const itn_surface_desc *surfaces;
-    int surface_count;
     const itn_object_desc *objects;
-    int object_count;
     const itn_light_desc *lights;
-    int light_count;
+    int medium_count, surface_count, object_count, light_count;
 } itn_scene_desc;
 
 /* A scene, immutable once made: any number of threads may render it, each with its own theta. Where
@@ -430,14 +426,13 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
                                     itn_scene **scene, itn_error *error);
 
 /* A scene file holds one item a line, in any order: a keyword, for some a name, then `field
-   value...` pairs in any order, except that the field of an object or a light that is shown first
-   below must come first. A word that begins with `#` starts a comment; a backslash at the end of a
-   line, but not of a comment, joins the next one to it. Paths are relative to the scene file's
-   folder; paths and names hold no blanks. COLOUR is one number, or
-   three (r g b) where the film has three channels; both of a checker have one form. Fields in [ ]
-   may be left out; ranges are those of the descs' fields (half: at most 1e12). Nothing is guessed:
-   unknown, doubled and missing fields, wrong counts, values out of range and undefined names are
-   errors. One camera, one light or more.
+   value...` pairs in any order, but that of an object or a light that is shown first below comes
+   first. A word that begins with `#` starts a comment; a backslash at the end of a line, but not of
+   a comment, joins the next one to it. Paths are relative to the scene file's folder; paths and
+   names hold no blanks. COLOUR is one number, or three (r g b) where the film has three channels;
+   both of a checker have one form. Fields in [ ] may be left out; ranges are those of the descs.
+   Nothing is guessed: unknown, doubled and missing fields, wrong counts, values out of range and
+   undefined names are errors. One camera, one light or more.
 
        [film  [width N] [height N] [channels 1|3] [filter box|gaussian]       (128 x 128, 1, box)
               [deviation PIXELS]                                     (of the Gaussian: .5 pixels)
@@ -454,13 +449,12 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
        light   map FILE  [scale S] [name NAME]
        light   sky FILE  sun X Y Z  [scale S] [sun_scale S] [sun_radius_scale S] [name NAME]
 
-   sigma_t = mu_a + mu_s, albedo = mu_s / sigma_t and mu_s' = mu_s (1 - g), also called mu_s_prime.
-   All are per scene unit: of a mesh in mm per mm, a tenth of what they are per cm.
-   Of sigma_t, g and exposure, three numbers are three parameters unless all are 0 (or, by mu_a and
-   mu_s, all the same). TRANSFORM is
+   sigma_t = mu_a + mu_s, albedo = mu_s / sigma_t, mu_s' (or mu_s_prime) = mu_s (1 - g), all per
+   scene unit: of a mesh in mm a tenth of what they are per cm. Three numbers of sigma_t (not all
+   the same by mu_a and mu_s), g or exposure are three parameters, unless all are 0. TRANSFORM is
    `scale S`, `scale X Y Z` (positive, at most 1e12), `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or
    `translate X Y Z`; any number of them are applied to the mesh from left to right. Meshes are OBJ
-   or PLY, images EXR or PFM. A sky file has in the same manner the fields of itn_sky:
+   or PLY, images as itn_image_load reads them. A sky file has likewise the fields of itn_sky:
 
        coefficients_r A B C D E F G I H      coefficients_g ...      coefficients_b ...
        radiance R G B                        sun_radiance R G B */
@@ -496,16 +490,14 @@ ITN_API itn_film_desc itn_scene_film(const itn_scene *scene);
    What an image can tell of sigma_t depends on this number. */
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, const char *medium);
 
-/* What tissue optics says of a medium, per scene unit (in a scene in mm per mm, a tenth of what it
-   is per cm), and its standard errors: absorption mu_a = sigma_t (1 - albedo), scattering mu_s =
-   sigma_t albedo, and what diffuse light tells, mu_s' = mu_s (1 - g). */
+/* What tissue optics says of a medium, per scene unit, and standard errors: absorption mu_a,
+   scattering mu_s, and what diffuse light tells, mu_s' = mu_s (1 - g). */
 typedef struct itn_tissue {
     double mu_a, mu_s, mu_s_prime, mu_a_error, mu_s_error, mu_s_prime_error;
 } itn_tissue;
-/* Fills in tissue for a medium in a channel (0 with one) at theta (NULL: as made). parameters:
-   [count], covariance: [count][count] as itn_refine has them, from which errors follow to first
-   order; parameters that are not among these have none. Returns 0 if there is no such medium or
-   channel, else 1. */
+/* Fills that in for a medium in a channel (0 with one) at theta (NULL: as made). Errors follow to
+   first order from the covariance [count][count] of parameters [count] as itn_refine has them;
+   others have none. Returns 0 if there is no such medium or channel, else 1. */
 ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const char *medium,
                              int channel, const int *parameters, int count,
                              const double *covariance, itn_tissue *tissue);
@@ -520,11 +512,11 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
    for example milk.sigma_t, glass.alpha, light.scale. With three channels albedo, reflectances and
    background are three each (milk.albedo_r, milk.albedo_g, milk.albedo_b), and so are sigma_t, g
    and exposure that were given as sigma_t_rgb, g_rgb and exposure_rgb (milk.sigma_t_r ...).
-   film.exposure is the scale of all lights (and the background) at once: of a photo in units of its
-   own seek it, and no scale of the only light beside it.
+   film.exposure scales all lights and the background at once: of a photo in units of its own seek
+   it, but then not the scale of the only light.
    Optimisers step in a coordinate: ln((x-lower)/(upper-x)) of albedo, g, ior and reflectances, ln x
-   of all others (none has ITN_IDENTITY, x itself). */
-typedef enum itn_transform { ITN_IDENTITY = 0, ITN_LOG, ITN_LOGIT } itn_transform;
+   of all others. */
+typedef enum itn_transform { ITN_LOG = 0, ITN_LOGIT } itn_transform;
 
 typedef struct itn_parameter {
     char name[ITN_NAME_SIZE];
@@ -533,13 +525,11 @@ typedef struct itn_parameter {
     itn_transform transform; /* to its coordinate */
 } itn_parameter;
 
-/* Returns how many parameters a scene has: the length of theta. */
+/* How many parameters a scene has, the length of theta; parameter `index`, owned by the scene, NULL
+   if out of range; the index of a name, or -1 (also of NULL); and all values, copied into theta. */
 ITN_API int itn_parameter_count(const itn_scene *scene);
-/* Returns parameter `index`, owned by the scene; NULL if out of range. */
 ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index);
-/* Returns the index of a name, or -1 (also of NULL). */
 ITN_API int itn_parameter_find(const itn_scene *scene, const char *name);
-/* Copies all values into theta[itn_parameter_count]. */
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta);
 /* The optimiser's coordinate of a value, its inverse (a value within the bounds), and d value /
    d coordinate at a value. All are finite: logits are cut to +-16, and a logarithm is that of the
@@ -2352,7 +2342,7 @@ typedef struct itn__form {
 
 /* Rows; `...` is lower, upper, otherwise. */
 #define ITN__FIELD(name, item, field, form, ...)                                                   \
-    {name, form, __VA_ARGS__, offsetof(itn_##item##_desc, field), 0, ITN_IDENTITY, 0, NULL}
+    {name, form, __VA_ARGS__, offsetof(itn_##item##_desc, field), 0, ITN_LOG, 0, NULL}
 #define ITN__VALUE_BESIDE(item, field, form, transform, other, ...)                                \
     {#field, form, __VA_ARGS__, offsetof(itn_##item##_desc, field), offsetof(itn__##item, field),  \
      transform, offsetof(itn_##item##_desc, other), NULL}
@@ -2361,7 +2351,7 @@ typedef struct itn__form {
 #define ITN__SPECTRUM(item, field, form, transform, ...)                                           \
     ITN__VALUE_BESIDE(item, field, form, transform, field##_rgb, __VA_ARGS__)
 #define ITN__WORD(name, item, field, form) ITN__FIELD(name, item, field, form, 0, 0, 0)
-#define ITN__MARK(name, form, words) {name, form, 0, 0, 0, 0, 0, ITN_IDENTITY, 0, words}
+#define ITN__MARK(name, form, words) {name, form, 0, 0, 0, 0, 0, ITN_LOG, 0, words}
 #define ITN__ANY -FLT_MAX, FLT_MAX
 typedef char itn__enums_are_ints[sizeof(itn_filter) == sizeof(int) ? 1 : -1];
 
@@ -3185,10 +3175,12 @@ enum { ITN__TABLE_LEVELS = 3, ITN__SCRATCH = ITN__TABLE_LEVELS, ITN__KEPT };
 typedef struct itn__source {
     const itn__field *field;
     int channel;
+    uint64_t hash; /* of the name in layers */
 } itn__source;
 
 struct itn_scene {
     itn_context context;
+    void *blocks; /* of memory, the last one made; each begins with the address of that before */
     itn_film_desc film;
     itn__camera camera;
     itn__medium *media;
@@ -3221,17 +3213,11 @@ ITN_API void itn_scene_free(itn_scene *scene) {
     for (i = 0; scene->kept && i < ITN__KEPT; i++)
         if (scene->kept[i]) ((itn__kept *)scene->kept[i])->release(&context, scene->kept[i]);
     itn_bvh_free(scene->bvh);
-    for (i = 0; i < scene->light_count; i++) {
-        itn__light *light = &scene->lights[i];
-        itn__free(&context, light->grid.density);
-        itn__free(&context, light->map);
+    while (scene->blocks) {
+        void *block = scene->blocks;
+        memcpy(&scene->blocks, block, sizeof block);
+        itn__free(&context, block);
     }
-    for (i = 0; i < scene->object_count; i++) itn__free(&context, scene->objects[i].uvs);
-    for (i = 0; i < scene->surface_count; i++) itn__free(&context, scene->surfaces[i].texels);
-    itn__free(&context, scene->kept), itn__free(&context, scene->parameters);
-    itn__free(&context, scene->sources);
-    itn__free(&context, scene->lights), itn__free(&context, scene->objects);
-    itn__free(&context, scene->surfaces), itn__free(&context, scene->media);
     itn__free(&context, scene);
 }
 
@@ -5173,7 +5159,7 @@ static const itn__form itn__forms[] = { /* that of a kind without types at its n
      {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
       ITN__FIELD("height", film, height, "1i", 1, 65536, 128),
       ITN__FIELD("channels", film, channels, "1i", 1, 3, 1),
-      {"filter", "o", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_IDENTITY, 0, "box gaussian"},
+      {"filter", "o", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_LOG, 0, "box gaussian"},
       ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0),
       ITN__SPECTRUM(film, exposure, "13s", ITN_LOG, 1e-12f, 1e12f, 1),
       ITN__VALUE_BESIDE(film, background, "13c?", ITN_LOG, has_background, 0, ITN__MAX_RADIANCE,
@@ -5270,7 +5256,6 @@ typedef struct itn__maker {
     const itn_scene_desc *desc;
     int kind, index;               /* of the item at hand; kind -1: none */
     char title[2 * ITN_NAME_SIZE]; /* of it, for messages */
-    itn__table names;              /* of parameters */
     itn_result refusal;            /* of what is given: ARGUMENT, or of a file FORMAT */
     itn_result result;             /* of the making so far */
     itn_error *error;
@@ -5290,32 +5275,40 @@ static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *fo
 }
 #define ITN__REFUSE(...) itn__refuse(maker, ITN_ERROR_ARGUMENT, __VA_ARGS__)
 #define ITN__REFUSE_MESH(...) itn__refuse(maker, ITN_ERROR_MESH, __VA_ARGS__)
-#define ITN__NO_MEMORY itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory")
 
-/* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index or -1. In
-   the names of layers, which must differ, too, the dot becomes a _. */
+/* Memory, zeroed, that the scene keeps to its end; NULL if there is none. */
+#define ITN__KEEP(type, count) ((type *)itn__keep(maker, (size_t)(count), sizeof(type)))
+enum { ITN__HEAD = 64 }; /* bytes before it, which keep it aligned */
+static void *itn__keep(itn__maker *maker, size_t count, size_t size) {
+    void **blocks = &maker->scene->blocks, *block = NULL;
+    if (count <= SIZE_MAX / 4 / size)
+        block = itn__allocate(&maker->scene->context, 1, ITN__HEAD + count * size);
+    if (!block) itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory");
+    if (!block) return NULL;
+    memcpy(block, blocks, sizeof block), *blocks = block;
+    return (char *)block + ITN__HEAD;
+}
+
+/* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index. In names
+   of layers, which must differ, too, the dot becomes a _; a hash is as good as such a name. */
 static int itn__add_parameter(itn__maker *maker, const itn__field *field, int channel,
                               float value) {
     static const char *const suffix[4] = {"", "_r", "_g", "_b"};
     itn_scene *scene = maker->scene;
-    itn_parameter *p = &scene->parameters[scene->parameter_count];
-    itn__source *source = &scene->sources[scene->parameter_count];
-    uint64_t a = 1, b = 2; /* two hashes are as good as the name */
-    uint32_t key[3];
-    int k, first;
+    int index = scene->parameter_count++, k;
+    itn_parameter *p = &scene->parameters[index];
+    itn__source *source = &scene->sources[index];
     itn__print(p->name, sizeof p->name, "%s.%s%s", maker->title, field->name, suffix[channel + 1]);
     p->value = value, p->lower = field->lower, p->upper = field->upper;
     p->transform = field->transform, source->field = field, source->channel = channel;
-    for (k = 0; p->name[k]; k++) {
-        unsigned char letter = (unsigned char)(p->name[k] == '.' ? '_' : p->name[k]);
-        a = itn__mix64(a + letter), b = itn__mix64(b + letter);
-    }
-    key[0] = (uint32_t)a, key[1] = (uint32_t)(a >> 32), key[2] = (uint32_t)b;
-    first = itn__table_first(&maker->names, key, scene->parameter_count);
-    if (first == scene->parameter_count) return scene->parameter_count++;
-    ITN__REFUSE("%s and %s would have the same layer name: name the items apart",
-                scene->parameters[first].name, p->name);
-    return -1;
+    for (k = 0; p->name[k]; k++)
+        source->hash = itn__mix64(source->hash +
+                                  (unsigned char)(p->name[k] == '.' ? '_' : p->name[k]));
+    for (k = 0; k < index; k++)
+        if (scene->sources[k].hash == source->hash)
+            ITN__REFUSE("%s and %s would have the same layer name: name the items apart",
+                        scene->parameters[k].name, p->name);
+    return index;
 }
 
 /* Checks the fields of a desc, which is the maker's own copy, and enters those that are parameters;
@@ -5433,8 +5426,8 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
                            image->plane_count, image->names[0], image->names[1],
                            image->plane_count > 2 ? " ..." : "");
     *width = image->width, *height = image->height, count = image->width * image->height;
-    *texels = ITN__NEW(float, &maker->scene->context, 3 * count);
-    if (!*texels) return ITN__NO_MEMORY;
+    *texels = ITN__KEEP(float, 3 * (size_t)count);
+    if (!*texels) return maker->result;
     for (i = 0; i < count; i++) {
         float *texel = *texels + 3 * (size_t)i;
         for (k = 0; k < 3; k++) {
@@ -5541,8 +5534,8 @@ static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bot
     size_t nodes = (size_t)light->width * (size_t)light->height, i;
     double mean = 0;
     grid->width = light->width, grid->height = light->height, grid->bottom = bottom;
-    grid->density = ITN__NEW(float, &maker->scene->context, 2 * nodes + (size_t)grid->height);
-    if (!grid->density) return ITN__NO_MEMORY;
+    grid->density = ITN__KEEP(float, 2 * nodes + (size_t)grid->height);
+    if (!grid->density) return maker->result;
     grid->nodes = grid->density + nodes, grid->rows = grid->nodes + nodes;
     if (!itn__fill_grid(light))
         return ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE);
@@ -5598,7 +5591,7 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
                        sizeof *light, scene->light_count))
         return maker->result;
     if ((unsigned)in.type >= (unsigned)ITN__LIGHT_SUN) return ITN__REFUSE("unknown type");
-    scene->light_count += in.type == ITN_LIGHT_SKY ? 2 : 1; /* now, so that parts are freed */
+    scene->light_count += in.type == ITN_LIGHT_SKY ? 2 : 1;
     light->kind = (itn__light_kind)in.type;
     if (itn__take_fields(maker, itn__light_models[light->kind].form.fields, &in, light))
         return maker->result;
@@ -5669,22 +5662,20 @@ static double itn__above_zero(const itn_parameter *p, double value) {
 
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *p, double value) {
     double lower = p->lower, upper = p->upper;
-    if (p->transform == ITN_IDENTITY) return value;
     if (p->transform == ITN_LOG) return log(itn__above_zero(p, value));
     value = fmin(fmax(value, lower), upper);
     return fmin(fmax(log((value - lower) / (upper - value)), -16), 16);
 }
 
 ITN_API double itn_parameter_from_coordinate(const itn_parameter *p, double coordinate) {
-    double value = coordinate, lower = p->lower, upper = p->upper;
-    if (p->transform == ITN_LOG) value = exp(coordinate);
-    if (p->transform == ITN_LOGIT) value = lower + (upper - lower) / (1 + exp(-coordinate));
+    double lower = p->lower, upper = p->upper;
+    double value = p->transform == ITN_LOG ? exp(coordinate)
+                                           : lower + (upper - lower) / (1 + exp(-coordinate));
     return value < lower ? lower : value > upper ? upper : value;
 }
 
 ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
     double lower = p->lower, range = (double)p->upper - lower, share;
-    if (p->transform == ITN_IDENTITY) return 1;
     if (p->transform == ITN_LOG) return itn__above_zero(p, value);
     share = fmin(fmax((value - lower) / range, 1e-7), 1 - 1e-7); /* about that of +-16 */
     return share * (1 - share) * range;
@@ -5758,20 +5749,20 @@ static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
 /* Says what keeps a mesh from being a solid. */
 static itn_result itn__not_a_solid(itn__maker *maker, const itn_mesh *mesh,
                                    const itn_mesh_report *report) {
-    const int *edge = report->open_edges ? report->open_edge : report->flipped_edge;
-    const float *a = mesh->positions + 3 * (size_t)edge[0];
-    if (report->open_edges || report->flipped_edges)
-        return ITN__REFUSE_MESH("the mesh is not closed: %d open edges and %d flipped or shared by "
-                                "three triangles or more, first between vertices %d (%g, %g, %g) "
-                                "and %d, counted from 0 (`force` takes it as it is)",
-                                report->open_edges, report->flipped_edges, edge[0], (double)a[0],
-                                (double)a[1], (double)a[2], edge[1]);
-    return ITN__REFUSE_MESH("the mesh %s (its volume is %g)",
-                            report->volume < 0
-                                ? "is inside out: triangles must be counter-clockwise seen from "
-                                  "outside; `force` turns it"
-                                : "encloses nothing: it is flat, or has each face twice, once for "
-                                  "either side; leave out those that look inwards", report->volume);
+    int vertex = report->open_edges ? report->open_edge[0] : report->flipped_edge[0];
+    const float *p = mesh->positions + 3 * (size_t)vertex;
+    if (!report->open_edges && !report->flipped_edges)
+        return ITN__REFUSE_MESH("the mesh %s (its volume is %g)",
+                                report->volume < 0
+                                    ? "is inside out: triangles must be counter-clockwise seen "
+                                      "from outside; `force` turns it"
+                                    : "encloses nothing: it is flat, or has each face twice; leave "
+                                      "out those that look inwards", report->volume);
+    return ITN__REFUSE_MESH("the mesh is not closed: %d open edges and %d flipped or shared by "
+                            "three triangles or more, first at vertex %d (%g, %g, %g), counted "
+                            "from 0 (`force` takes it as it is)", report->open_edges,
+                            report->flipped_edges, vertex, (double)p[0], (double)p[1],
+                            (double)p[2]);
 }
 
 /* Checks an object's mesh, and notes whether it is a solid and where it is. */
@@ -5860,8 +5851,8 @@ static itn_result itn__merge_object(itn__maker *maker, int index) {
     int textured = mesh->uvs && object->surface >= 0 &&
                    scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE;
     itn__go_to(maker, ITN__OBJECT, index);
-    if (textured) object->uvs = ITN__NEW(float, &scene->context, 6 * (size_t)mesh->triangle_count);
-    if (textured && !object->uvs) return ITN__NO_MEMORY;
+    if (textured) object->uvs = ITN__KEEP(float, 6 * (size_t)mesh->triangle_count);
+    if (maker->result) return maker->result;
     for (i = 0; i < 3 * mesh->triangle_count; i++) {
         int from = object->mirrored && i % 3 ? i / 3 * 3 + 3 - i % 3 : i;
         itn__place_vertex(mesh, m, mesh->triangles[from], p);
@@ -5892,7 +5883,7 @@ static itn_result itn__make_tree(itn__maker *maker) {
         scene->objects[i].first_triangle = count, count += mesh->triangle_count;
     }
     scene->bvh = itn__bvh_new(&scene->context, count);
-    if (!scene->bvh) return ITN__NO_MEMORY;
+    if (!scene->bvh) return itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory");
     for (i = 0; i < scene->object_count && !maker->result; i++) itn__merge_object(maker, i);
     if (!maker->result) maker->result = itn__bvh_build(scene->bvh, maker->error);
     return maker->result;
@@ -6013,34 +6004,31 @@ static void itn__make_sides(itn_scene *scene) {
 static itn_result itn__make_arrays(itn__maker *maker) {
     const itn_scene_desc *in = maker->desc;
     itn_scene *scene = maker->scene;
-    const itn_context *context = &scene->context;
     const struct {
         const char *of;
         const void *items;
         int count, least, most;
     } rows[4] = {{"objects", in->objects, in->object_count, 1, ITN__MAX_OBJECTS},
-                 {"lights", in->lights, in->light_count, 0, ITN__MAX_LIGHTS},
+                 {"lights", in->lights, in->light_count, 1, ITN__MAX_LIGHTS},
                  {"media", in->media, in->medium_count, 0, ITN__MAX_ITEMS},
                  {"surfaces", in->surfaces, in->surface_count, 0, ITN__MAX_ITEMS}};
-    int k, values;
-    for (k = 0; k < 4; k++)
+    int k, values = 6;
+    for (k = 0; k < 4; k++) {
         if (rows[k].count < rows[k].least || rows[k].count > rows[k].most ||
             (rows[k].count && !rows[k].items))
-            return ITN__REFUSE("it has %d to %d %s, not %d (or their array is NULL)",
+            return ITN__REFUSE("a scene has %d to %d %s, not %d (or their array is NULL)",
                                rows[k].least, rows[k].most, rows[k].of, rows[k].count);
-    values = 9 * (in->light_count + in->medium_count + in->surface_count) + 6;
-    scene->media = ITN__NEW(itn__medium, context, in->medium_count);
-    scene->surfaces = ITN__NEW(itn__surface, context, in->surface_count);
-    scene->lights = ITN__NEW(itn__light, context, 2 * in->light_count);
-    scene->objects = ITN__NEW(itn__object, context, in->object_count);
-    scene->parameters = ITN__NEW(itn_parameter, context, values);
-    scene->sources = ITN__NEW(itn__source, context, values);
-    scene->kept = ITN__NEW(void *, context, ITN__KEPT);
-    scene->object_count = scene->objects ? in->object_count : 0;
-    return itn__table_make(&maker->names, context, (size_t)values) && scene->media &&
-                   scene->surfaces && scene->lights && scene->objects && scene->parameters &&
-                   scene->sources && scene->kept
-               ? ITN_OK : ITN__NO_MEMORY;
+        values += 9 * rows[k].count;
+    }
+    scene->media = ITN__KEEP(itn__medium, in->medium_count);
+    scene->surfaces = ITN__KEEP(itn__surface, in->surface_count);
+    scene->lights = ITN__KEEP(itn__light, 2 * in->light_count);
+    scene->objects = ITN__KEEP(itn__object, in->object_count);
+    scene->parameters = ITN__KEEP(itn_parameter, values);
+    scene->sources = ITN__KEEP(itn__source, values);
+    scene->kept = ITN__KEEP(void *, ITN__KEPT);
+    scene->object_count = in->object_count;
+    return maker->result;
 }
 
 /* itn_scene_create; on failure *kind and *index tell which item is at fault (kind -1: none). */
@@ -6068,7 +6056,6 @@ static ITN__COLD itn_result itn__create_scene(const itn_scene_desc *desc,
                                             &scene->camera) &&
         !itn__make_origin(maker) && !itn__make_tree(maker))
         itn__check_parts(maker);
-    itn__free(&own, maker->names.entries), itn__free(&own, maker->names.slots);
     *kind = maker->kind, *index = maker->index;
     if (maker->result) return itn_scene_free(scene), maker->result;
     itn__share_lights(scene);
@@ -13284,18 +13271,14 @@ static void itn__load_file(itn__reader *r) {
             !memcmp(r->files[k].name, r->path, (size_t)r->length))
             file = r->files[k];
     if (!file.name) result = itn__read_beside(r, &path, &bytes, &file, &error);
-    if (itn__has_form(r->file, 'y')) {
-        if (!result) result = itn__sky_from_memory(context, &file, (itn_sky *)(void *)at, &error);
-    } else if (itn__has_form(r->file, 'm')) {
-        memcpy(at, &mesh, sizeof mesh);
-        if (!result)
-            result = itn_mesh_from_memory(file.bytes, file.size, file.name, context, mesh, &error);
-    } else {
-        memcpy(at, &image, sizeof image);
-        if (!result)
-            result = itn_image_from_memory(file.bytes, file.size, file.name, context, image,
-                                           &error);
-    }
+    if (itn__has_form(r->file, 'm')) memcpy(at, &mesh, sizeof mesh);
+    if (itn__has_form(r->file, 'p')) memcpy(at, &image, sizeof image);
+    if (!result && itn__has_form(r->file, 'y'))
+        result = itn__sky_from_memory(context, &file, (itn_sky *)(void *)at, &error);
+    if (!result && itn__has_form(r->file, 'm'))
+        result = itn_mesh_from_memory(file.bytes, file.size, file.name, context, mesh, &error);
+    if (!result && itn__has_form(r->file, 'p'))
+        result = itn_image_from_memory(file.bytes, file.size, file.name, context, image, &error);
     itn__buffer_free(&bytes), itn__buffer_free(&path);
     if (result) itn__text_fail(&r->text, result, "%s", error.message);
 }
@@ -13375,8 +13358,6 @@ static ITN__COLD itn_result itn__read_scene(itn__reader *r, itn_scene **scene) {
     desc->lights = r->lights, desc->light_count = r->count[ITN__LIGHT];
     if (!r->count[ITN__CAMERA]) {
         fault = "there is no camera";
-    } else if (!r->count[ITN__LIGHT]) {
-        fault = "there is no light: all would be black";
     } else if (r->colour_line && desc->film.channels != 3) {
         fault = "a colour of three numbers needs a film with channels 3", line = r->colour_line;
     } else {

@@ -886,7 +886,7 @@ static void test_sizes_at_the_limit(void) {
     image.width = image.height = INT_MAX;
     check_refused(&s, &context, ITN_ERROR_ARGUMENT, __LINE__);
     mesh = box, mesh.triangle_count = INT_MAX; /* the arrays are never read that far */
-    s.desc.light_count = 0, s.objects[0].mesh = &mesh;
+    s.lights[0].type = ITN_LIGHT_CONSTANT, s.objects[0].mesh = &mesh;
     check_refused(&s, &context, ITN_ERROR_MEMORY, __LINE__);
     itn_mesh_free(&box);
 }

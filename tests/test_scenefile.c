@@ -434,7 +434,7 @@ static void test_other_errors(void) {
     sprintf(text, "%slight constant radiance 1\n", base);
     CHECK(!load_text(text, NULL, &error) && strstr(error.message, "1 to 64 objects"));
     sprintf(text, "%sobject mesh cube.obj medium m\n", base);
-    CHECK(!load_text(text, NULL, &error) && strstr(error.message, "no light"));
+    CHECK(!load_text(text, NULL, &error) && strstr(error.message, "1 to 64 lights, not 0"));
     strcpy(text, base);
     for (i = 0; i < 65; i++) strcat(text, "object mesh open.obj medium m force\n");
     CHECK(!load_text(text, NULL, &error) && error.line == 67 && strstr(error.message, "64"));
