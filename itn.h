@@ -6790,11 +6790,10 @@ typedef struct itn__value {
     float entering[3][ITN__ORDERS]; /* and V at z = 0 */
 } itn__value;
 
-/* A medium with its numbers at theta, or (index 0) all that is not a medium; and where among the
-   parameters asked for they are, or -1. */
+/* A medium with its numbers at theta, or (index 0) all that is not a medium. */
 typedef struct itn__substance {
+    const itn__medium *medium;
     float sigma_t, mean_free_path, albedo[3], g;
-    int slot_sigma_t, slot_albedo[3], slot_g;
     itn__value value;
 } itn__substance;
 
@@ -6807,8 +6806,6 @@ typedef struct itn__crowd {
     int unused_count;
     itn__queue exact, sky;
     itn__queue *walk, *surface;    /* per substance; per surface */
-    itn__path *taken[ITN__CROWD];  /* paths or shadow rays in flight, for [flights] */
-    int taken_count;
     float *radiance; /* [camera rays of a unit][planes] */
     float *scores;   /* of all paths and rays */
     double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS], where V is learnt */
@@ -6846,13 +6843,6 @@ ITN__NOINLINE void itn__write(itn__crowd *crowd, const itn__state *s, unsigned b
 
 static void itn__enqueue(const itn__crowd *crowd, itn__queue *queue, const itn__path *path) {
     queue->slots[queue->count++] = (int32_t)(path - crowd->paths);
-}
-
-/* Whether p lies in the box of the scene's solids; a walk that has lost its solid through a hole
-   does not. */
-static int itn__within(const itn_scene *scene, itn_vec3 p) {
-    itn_vec3 a = scene->lower, b = scene->upper;
-    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
 }
 
 /* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
@@ -6951,23 +6941,22 @@ static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float samp
    finer guesses; but see [value]. Scores and bases s b are summed in lanes between surfaces and
    booked here, at the next surface or at the end. */
 static void itn__book(itn__crowd *crowd, itn__path *path, int substance) {
-    const itn__substance *medium = &crowd->render->substances[substance];
-    int sigma_t = medium->slot_sigma_t, g = medium->slot_g, c;
-    for (c = 0; c < crowd->render->channels && crowd->render->controls; c++) {
+    const itn__render *render = crowd->render;
+    const itn__substance *at = &render->substances[substance];
+    int sigma_t, g, albedo, c;
+    for (c = 0; c < render->channels && render->controls; c++) {
         itn__bring_scored(crowd, path, c, path->control[c]);
         path->control[c] = 0;
     }
-    if (!crowd->render->count) return;
-    if (sigma_t >= 0) path->scores[sigma_t] += path->flights / medium->sigma_t;
+    if (!render->count || !substance) return;
+    sigma_t = render->slots[at->medium->sigma_t[0]], g = render->slots[at->medium->g[0]];
+    if (sigma_t >= 0) path->scores[sigma_t] += path->flights / at->sigma_t;
     if (g >= 0) path->scores[g] += path->phases;
-    for (c = 0; c < crowd->render->channels; c++) {
-        if (medium->slot_albedo[c] >= 0) {
-            path->scores[medium->slot_albedo[c]] += path->hits / medium->albedo[c];
-            itn__bring(crowd, path, medium->slot_albedo[c], c,
-                       -path->hit_base[c] / medium->albedo[c]);
-        }
-        if (sigma_t >= 0)
-            itn__bring(crowd, path, sigma_t, c, -path->flight_base[c] / medium->sigma_t);
+    for (c = 0; c < render->channels; c++) {
+        albedo = render->slots[at->medium->albedo + c];
+        if (albedo >= 0) path->scores[albedo] += path->hits / at->albedo[c];
+        if (albedo >= 0) itn__bring(crowd, path, albedo, c, -path->hit_base[c] / at->albedo[c]);
+        if (sigma_t >= 0) itn__bring(crowd, path, sigma_t, c, -path->flight_base[c] / at->sigma_t);
         if (g >= 0) itn__bring(crowd, path, g, c, -path->phase_base[c]);
         path->flight_base[c] = path->phase_base[c] = path->hit_base[c] = 0;
     }
@@ -7393,7 +7382,7 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
 typedef struct itn__march {
     itn__vectors p, d, inverse;
     itn__floats t, end;
-    itn__ints ray; /* item of `taken` */
+    itn__ints slot; /* of the path */
     unsigned busy; /* lanes with a flight */
 } itn__march;
 
@@ -7442,11 +7431,11 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
     }
     for (rest = itn__mask_bits(surface); rest; rest &= rest - 1) {
         int k = itn__lowest_bit(rest);
-        ITN__LANE(m->end, k) = itn__test_cell(crowd->render, crowd->taken[ITN__LANE(m->ray, k)],
+        ITN__LANE(m->end, k) = itn__test_cell(crowd->render, &crowd->paths[ITN__LANE(m->slot, k)],
                                               ITN__LANE(at, k));
     }
     for (rest = itn__mask_bits(mask & ~inside); rest; rest &= rest - 1)
-        crowd->taken[ITN__LANE(m->ray, itn__lowest_bit(rest))]->hit.triangle = -2;
+        crowd->paths[ITN__LANE(m->slot, itn__lowest_bit(rest))].hit.triangle = -2;
     m->t = leave + ITN__STEP * voxels->cell;
     return inside & itn__less_equal(m->t, m->end);
 }
@@ -7468,45 +7457,45 @@ static void itn__settle_hit(const itn_scene *scene, itn__path *path) {
     }
 }
 
-/* Gives free lanes the next flights of `taken`. Returns the flight after them. */
-static int itn__march_refill(const itn__crowd *crowd, itn__march *m, int next) {
+/* Gives free lanes the next flights of the queue. Returns the flight after them. */
+static int itn__march_refill(itn__crowd *crowd, itn__march *m, int next) {
     unsigned fill = ITN__ALL_LANES & ~m->busy;
     itn__floats one = itn__splat(1);
-    for (; fill && next < crowd->taken_count; fill &= fill - 1, next++) {
+    for (; fill && next < crowd->exact.count; fill &= fill - 1, next++) {
         int k = itn__lowest_bit(fill);
-        itn__path *path = crowd->taken[next];
+        itn__path *path = &crowd->paths[crowd->exact.slots[next]];
         path->hit.t = path->distance, path->hit.triangle = -1;
         path->shear.kz = -1; /* not made yet */
         ITN__LANE(m->p.x, k) = path->p.x, ITN__LANE(m->d.x, k) = path->d.x;
         ITN__LANE(m->p.y, k) = path->p.y, ITN__LANE(m->d.y, k) = path->d.y;
         ITN__LANE(m->p.z, k) = path->p.z, ITN__LANE(m->d.z, k) = path->d.z;
         ITN__LANE(m->end, k) = path->distance, ITN__LANE(m->t, k) = 0;
-        ITN__LANE(m->ray, k) = next, m->busy |= 1u << k;
+        ITN__LANE(m->slot, k) = crowd->exact.slots[next], m->busy |= 1u << k;
     }
     m->inverse = itn__vectors_of(one / m->d.x, one / m->d.y, one / m->d.z);
     return next;
 }
 
-/* The next surface of each flight in `taken`, in media, up to its distance: its hit has t as far as
-   the flight goes and triangle -1 where there is none. */
+/* The next surface of each flight in the queue `exact`, in media, up to its distance: its hit has t
+   as far as the flight goes and triangle -1 where there is none. */
 static void itn__find_hits(itn__crowd *crowd) {
     itn__march m;
     int next = 0, i;
     memset(&m, 0, sizeof m);
-    while (m.busy || next < crowd->taken_count) {
+    while (m.busy || next < crowd->exact.count) {
         if (itn__count_bits(m.busy) <= ITN__LANES - ITN__QUARTER)
             next = itn__march_refill(crowd, &m, next);
         m.busy = itn__mask_bits(itn__march_step(crowd, &m, itn__bits_mask(m.busy)));
     }
-    for (i = 0; i < crowd->taken_count; i++)
-        itn__settle_hit(crowd->render->scene, crowd->taken[i]);
+    for (i = 0; i < crowd->exact.count; i++)
+        itn__settle_hit(crowd->render->scene, &crowd->paths[crowd->exact.slots[i]]);
 }
 
 /* ---- [walk] shadow rays; collisions, one after the other ------------------------------------- */
 
 /* With sampled lights each vertex sends out a shadow ray, a straight flight to the light that
    carries what the light would add, while its path goes on at once. Shadow rays wait until all
-   stages have had their turn; then those in media fly together.
+   stages have had their turn.
 
    A shadow ray of weight w and transmittance tr is cut by roulette before it is traced, at a level
    c (ITN__SHADOW_LEVEL): for uniform xi it counts as max(w tr, c) if w tr > xi c, and else as
@@ -7548,25 +7537,17 @@ static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
     itn__book(crowd, ray, substance);
     ray->p = itn__passed_point(render->scene->bvh, ray->p, ray->d, &ray->hit);
     itn__cross_faces(render->scene, &ray->place, &ray->event, ray->p);
+    ray->distance = INFINITY;
     return 1;
 }
 
-/* Brings all shadow rays to their ends: the flights through media that they begin in all at once,
-   and what is left one by one. */
+/* Brings all shadow rays to their ends. */
 ITN__NOINLINE void itn__trace_shadows(itn__crowd *crowd) {
-    const itn_scene *scene = crowd->render->scene;
-    int i, goes_on;
-    for (crowd->taken_count = 0, i = 0; i < crowd->ray_count; i++)
-        if (itn__substance_of(crowd->render, &crowd->rays[i].place))
-            crowd->taken[crowd->taken_count++] = &crowd->rays[i];
-    if (crowd->taken_count) itn__find_hits(crowd);
-    for (i = 0; i < crowd->ray_count; i++) {
-        itn__path *ray = &crowd->rays[i];
-        goes_on = !itn__substance_of(crowd->render, &ray->place) || itn__pass_shadow(crowd, ray);
-        for (ray->distance = INFINITY; goes_on; goes_on = itn__pass_shadow(crowd, ray))
-            itn__find_hit(scene, ray);
+    while (crowd->ray_count) {
+        itn__path *ray = &crowd->rays[--crowd->ray_count];
+        do itn__find_hit(crowd->render->scene, ray);
+        while (itn__pass_shadow(crowd, ray));
     }
-    crowd->ray_count = 0;
 }
 
 /* Where shadow rays of the lanes go. */
@@ -7879,30 +7860,27 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
    of all solids, has lost its own, as rounding makes it happen in needles: it goes on outside. */
 ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     const itn_scene *scene = crowd->render->scene;
-    itn__queue *queue = &crowd->exact;
     int i;
-    for (i = 0; i < queue->count; i++) crowd->taken[i] = &crowd->paths[queue->slots[i]];
-    crowd->taken_count = queue->count, queue->count = 0;
     if (substance) itn__find_hits(crowd);
-    for (i = 0; i < crowd->taken_count; i++) {
-        itn__path *path = crowd->taken[i];
-        itn_vec3 end = itn__along(path->p, path->distance, path->d);
+    for (i = 0; i < crowd->exact.count; i++) {
+        itn__path *path = &crowd->paths[crowd->exact.slots[i]];
+        float way = substance ? itn__way_out(scene, path->p, path->d) : 0;
         if (!substance) itn__find_hit(scene, path);
         if (path->hit.triangle >= 0) {
             itn__meet(crowd, substance, path);
         } else if (!substance) {
             itn__enqueue(crowd, &crowd->sky, path);
-        } else if (itn__within(scene, end)) {
-            path->p = end;
+        } else if (path->distance <= way) {
+            path->p = itn__along(path->p, path->distance, path->d);
             itn__enqueue(crowd, &crowd->walk[substance], path);
         } else {
-            path->hit.t = itn__way_out(scene, path->p, path->d);
-            itn__pass(crowd, path, substance, path->hit.t);
-            path->p = itn__along(path->p, path->hit.t, path->d);
+            itn__pass(crowd, path, substance, way);
+            path->p = itn__along(path->p, way, path->d);
             itn__leave_solids(scene, &path->place);
             itn__depart(crowd, path);
         }
     }
+    crowd->exact.count = 0;
 }
 
 /* A path on a surface goes the way of its event: through it, or back. */
@@ -8169,16 +8147,13 @@ static void itn__run_unit(itn__crowd *crowd) {
     itn__learn_all(crowd);
 }
 
-/* The numbers of a medium at theta; medium NULL: of what is none. */
+/* The numbers of a medium at theta. */
 static void itn__substance_make(const itn__render *render, const itn__medium *medium,
                                 itn__substance *out) {
     const float *theta = render->theta;
     float reduced, albedo = 0; /* mean of the channels */
     int c;
-    out->slot_sigma_t = out->slot_g = -1; /* nothing to differentiate in */
-    for (c = 0; c < 3; c++) out->slot_albedo[c] = -1;
-    if (!medium) return;
-    out->sigma_t = theta[medium->sigma_t[0]], out->g = theta[medium->g[0]];
+    out->medium = medium, out->sigma_t = theta[medium->sigma_t[0]], out->g = theta[medium->g[0]];
     out->mean_free_path = 1 / out->sigma_t;
     for (c = 0; c < 3; c++)
         out->albedo[c] = theta[medium->albedo + (c < render->channels ? c : 0)];
@@ -8186,10 +8161,6 @@ static void itn__substance_make(const itn__render *render, const itn__medium *me
     reduced = 1 - out->g * albedo; /* the decay of V is that of diffusion */
     out->value.decay = itn__clamp(sqrtf(3 * (1 - albedo) * reduced), .1f * fminf(reduced, 1),
                                   .95f / (ITN__DECAYS - 1));
-    if (!render->count) return;
-    out->slot_sigma_t = render->slots[medium->sigma_t[0]];
-    out->slot_g = render->slots[medium->g[0]];
-    for (c = 0; c < render->channels; c++) out->slot_albedo[c] = render->slots[medium->albedo + c];
 }
 
 #define ITN__LESSONS 32768. /* paths that V is learnt from */
@@ -8203,8 +8174,8 @@ static void itn__fast_know(itn__render *render) {
     int i, c;
     for (i = 0; i < scene->parameter_count; i++)
         if (itn__is_a(scene, i, 'S')) brightest = itn__max(brightest, render->theta[i]);
-    for (i = 0; i <= scene->medium_count; i++)
-        itn__substance_make(render, i ? &scene->media[i - 1] : NULL, &render->substances[i]);
+    for (i = 0; i < scene->medium_count; i++)
+        itn__substance_make(render, &scene->media[i], &render->substances[1 + i]);
     render->camera.sides = scene->sides;
     itn__settle(scene, &render->camera);
     render->outside = itn__substance_of(render, &render->camera) == 0;
@@ -8619,7 +8590,7 @@ static itn__crowd *itn__crowd_make(const itn__render *render, float *radiance) {
     if (!crowd) return NULL;
     for (i = 0; i < ITN__CROWD; i++) crowd->unused[i] = ITN__CROWD - 1 - i;
     for (i = 0; i < ITN__CROWD && render->learning; i++) crowd->paths[i].mark = 0;
-    crowd->unused_count = ITN__CROWD, crowd->ray_count = crowd->taken_count = 0;
+    crowd->unused_count = ITN__CROWD, crowd->ray_count = 0;
     crowd->exact.count = crowd->sky.count = 0, crowd->collisions = 0;
     crowd->render = render, crowd->radiance = radiance;
     crowd->walk = (itn__queue *)itn__take(

@@ -348,6 +348,11 @@ static void tally_unit(inside *in, itn__walk *walk, uint64_t seed, const itn__un
     t->collisions[0] = walk->collisions, t->collisions[1] = crowd->collisions;
 }
 
+/* Makes the fast walk take a parameter for another. */
+static void take_for(inside *in, int parameter, int other) {
+    in->render.slots[parameter] = in->render.slots[other];
+}
+
 /* The fast walk's paths are those of the reference, but for rounding, which sends a path another
    way where it comes close to a choice: at most 3 in 1000 of those with fewer than 10 collisions,
    and 10 where solids touch in a face, since rounding tells which of two equal faces comes first.
@@ -357,6 +362,7 @@ static void check_paths(int which, int planted) {
     itn_scene *scene = make_scene(which, NULL);
     itn_render_options options = ITN_ZERO;
     itn__walk walk;
+    int slots[64]; /* of the reference */
     tally t = ITN_ZERO;
     double error;
     inside in;
@@ -369,7 +375,9 @@ static void check_paths(int which, int planted) {
     CHECK(itn__walk_make(&walk, &in.render, NULL));
     if (planted == 2) in.render.substances[1].g += .001f;
     if (planted == 3) in.render.constant[0] *= 1.0001f;
-    if (planted == 4) in.render.substances[1].slot_g = in.render.substances[1].slot_sigma_t;
+    memcpy(slots, in.render.slots, (size_t)scene->parameter_count * sizeof *slots);
+    walk.slots = slots;
+    if (planted == 4) take_for(&in, scene->media[0].g[0], scene->media[0].sigma_t[0]);
     for (number = 0; number < in.render.tiles * in.render.chunks; number++) {
         itn__unit unit = itn__unit_make(&in.render, number / in.render.chunks,
                                          number % in.render.chunks);
@@ -434,7 +442,8 @@ static int mean_of_paths(const itn_scene *scene, int spp, int misled, int plante
     for (k = 0; k <= scene->medium_count && misled == 2; k++)
         for (i = 0; i < 3; i++)
             in.render.substances[k].value.mean[i] = .3f + .1f * (float)i + .2f * (float)k;
-    if (misled == 2 && planted) in.render.substances[1].slot_albedo[0] = in.render.substances[1].slot_sigma_t;
+    if (misled == 2 && planted)
+        take_for(&in, scene->media[0].albedo, scene->media[0].sigma_t[0]);
     planes = in.render.planes;
     for (k = 0; k < planes; k++) mean[k] = variance[k] = 0;
     for (number = 0; number < in.render.tiles * in.render.chunks; number++) {
@@ -747,6 +756,12 @@ static void aim(herd *f) {
     }
 }
 
+/* Whether p lies in the box of the scene's solids; a walk that has lost its solid does not. */
+static int within(const itn_scene *scene, itn_vec3 p) {
+    itn_vec3 a = scene->lower, b = scene->upper;
+    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
+}
+
 /* A flight that was not proven free goes on or through, as the tree says. */
 static void fly(herd *f, int k) {
     itn_ray ray;
@@ -770,7 +785,7 @@ static void fly(herd *f, int k) {
             itn__cross_faces(f->scene, &f->places[k], &event, point);
         }
     }
-    while (!(extinction(f, k) > 0) || !itn__within(f->scene, itn__lane_vector(&f->p, k)))
+    while (!(extinction(f, k) > 0) || !within(f->scene, itn__lane_vector(&f->p, k)))
         while (!enter(f, k)) {}
 }
 
