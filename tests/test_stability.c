@@ -1114,8 +1114,9 @@ static itn_result call_once(int which, const theatre *t, const itn_context *cont
     return result;
 }
 
-/* Fails the k-th allocation for every k until a call succeeds; beyond 200 every 17th, as searches
-   render often, and each render asks alike. A scene may keep the memory of its latest render. */
+/* Fails the k-th allocation, or that and all after it, for every k until a call succeeds; beyond 200
+   steps grow with k, as searches render often, and each render asks alike. A scene may keep the
+   memory of its latest render. */
 static void test_memory(int planted) {
     theatre t;
     bank b = ITN_ZERO;
@@ -1133,7 +1134,7 @@ static void test_memory(int planted) {
             stage_need(itn_scene_create(&t.s.desc, &context, &scene, &error), &error);
             stage_need(itn_scene_prepare(scene, NULL, NULL, &error), &error); /* keeps its tables */
             live = b.live;
-            for (k = 1; result != ITN_OK && k < 20000; k += k < 200 ? 1 : 17) {
+            for (k = 1; result != ITN_OK && k < 20000; k += k < 200 ? 1 : k / (9 + every)) {
                 b.calls = 0, b.fail_at = k, b.every = every;
                 result = call_once(which, &t, &context, scene, planted);
                 if (!CHECK(result == ITN_OK || result == ITN_ERROR_MEMORY)) break;
