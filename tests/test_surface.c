@@ -214,36 +214,54 @@ static void check_rough(float alpha, float eta, float mu, double factor) {
     CHECK(good > 100);
 }
 
-/* Shares and their slopes as the walk finds them: f / pdf and df / pdf over the sampler's draws.
-   errors: standard errors of the slopes, as if the draws were random. told: itn__rough is told the
-   facet that was drawn, as by the walk. */
-static void told_albedo(int told, double mu, double alpha, double eta, int up, int down,
-                        double *value, double *by_alpha, double *by_eta, double errors[2]) {
-    enum { STEPS = 3 << 19 };
-    itn_vec3 i = itn__vec3((float)sqrt(1 - mu * mu), 0, (float)mu), o, m;
-    double sums[5] = {0};
-    uint32_t k;
-    for (k = 0; k < STEPS; k++) { /* a lattice of three irrational steps (Roberts 2018) */
-        float u[3], pdf;
-        one_dual f;
-        u[0] = (float)(((k * 3518319155u) >> 8) + .5) / 16777216.f;
-        u[1] = (float)(((k * 2882110345u) >> 8) + .5) / 16777216.f;
-        u[2] = (float)(((k * 2360945575u) >> 8) + .5) / 16777216.f;
-        m = one_sample_facet(i, (float)alpha, u[0], u[1]);
-        if (!one_sample_dielectric(i, m, (float)eta, u[2], &o)) continue;
-        if (o.z > 0 ? !up : !down) continue;
-        f = one_rough(i, o, told ? &m : NULL, (float)alpha, (float)eta, &pdf);
-        if (!(f.v > 0)) continue;
-        sums[0] += f.v / pdf, sums[1] += f.d[0] / pdf, sums[2] += f.d[1] / pdf;
-        sums[3] += pow(f.d[0] / pdf, 2), sums[4] += pow(f.d[1] / pdf, 2);
-    }
-    errors[0] = sqrt(sums[3]) / STEPS, errors[1] = sqrt(sums[4]) / STEPS;
-    *value = sums[0] / STEPS, *by_alpha = sums[1] / STEPS, *by_eta = sums[2] / STEPS;
-}
+/* A share of the light and its slopes by alpha and the index; error: standard errors of the slopes,
+   as if draws were random. */
+typedef struct share {
+    double value, slope[2], error[2];
+} share;
+enum { UP, DOWN, ALL };
 
-static void walk_albedo(double mu, double alpha, double eta, int up, int down, double *value,
-                        double *by_alpha, double *by_eta, double errors[2]) {
-    told_albedo(1, mu, alpha, eta, up, down, value, by_alpha, by_eta, errors);
+/* Shares as the walk finds them: f / pdf and df / pdf over the sampler's draws, one in each lane.
+   told: itn__rough is told the facet that was drawn, as by the walk. */
+static void told_albedo(int told, double mu, double alpha, double eta, share shares[3]) {
+    enum { STEPS = 3 << 19 };
+    static const uint32_t steps[3] = {3518319155u, 2882110345u, 2360945575u}; /* a lattice of three
+                                                              irrational steps (Roberts 2018) */
+    itn__vectors i = itn__vectors_of(itn__splat((float)sqrt(1 - mu * mu)), itn__splat(0),
+                                     itn__splat((float)mu)), m, o;
+    itn__floats a = itn__splat((float)alpha), e = itn__splat((float)eta), u[3], pdf;
+    uint32_t k;
+    int l, n;
+    memset(shares, 0, 3 * sizeof *shares);
+    for (k = 0; k < STEPS; k += ITN__LANES) {
+        itn__num by[2], x = itn__variable(a), y = itn__constant(e);
+        itn__ints good;
+        for (l = 0; l < ITN__LANES; l++)
+            for (n = 0; n < 3; n++)
+                ITN__LANE(u[n], l) = (float)((((k + (uint32_t)l) * steps[n]) >> 8) + .5) /
+                                     16777216.f;
+        m = itn__sample_facet(&i, a, u[0], u[1]);
+        good = itn__sample_dielectric(&i, &m, e, u[2], &o);
+        by[0] = itn__rough(&i, &o, told ? &m : NULL, &x, &y, &pdf);
+        x = itn__constant(a), y = itn__variable(e);
+        by[1] = itn__rough(&i, &o, told ? &m : NULL, &x, &y, &pdf);
+        for (l = 0; l < ITN__LANES; l++) {
+            share *to = &shares[ITN__LANE(o.z, l) > 0 ? UP : DOWN];
+            double f = ITN__LANE(by[0].v, l), p = ITN__LANE(pdf, l), d;
+            if (!ITN__LANE(good, l) || !(f > 0)) continue;
+            to->value += f / p / STEPS;
+            for (n = 0; n < 2; n++) {
+                d = ITN__LANE(by[n].d, l) / p;
+                to->slope[n] += d / STEPS, to->error[n] += d * d;
+            }
+        }
+    }
+    shares[ALL].value = shares[UP].value + shares[DOWN].value;
+    for (n = 0; n < 2; n++) {
+        shares[ALL].slope[n] = shares[UP].slope[n] + shares[DOWN].slope[n];
+        shares[ALL].error[n] = shares[UP].error[n] + shares[DOWN].error[n];
+        for (l = 0; l < 3; l++) shares[l].error[n] = sqrt(shares[l].error[n]) / STEPS;
+    }
 }
 
 /* The slope of face_albedo by alpha or the index, by central differences. */
@@ -255,29 +273,30 @@ static double face_slope(double mu, double alpha, double eta, int metal, int dow
 
 static void check_albedo(double alpha, double mu, const double table[3], double factor) {
     const double ends[2] = {1.5, 1 / 1.5};
-    double value, by_alpha, by_eta, errors[2], slope;
+    share shares[3];
+    double slope;
     int e, down;
-    walk_albedo(mu, alpha, 1e6, 1, 0, &value, &by_alpha, &by_eta, errors); /* F = 1 */
+    told_albedo(1, mu, alpha, 1e6, shares); /* F = 1 */
     slope = face_slope(mu, alpha, 1, 1, 0, 0);
-    CHECK_NEAR(value, table[0], .0015 * table[0]);
-    CHECK_NEAR(by_alpha * factor, slope, .01 * fabs(slope) + 4 * errors[0]);
-    for (e = 0; e < 2; e++)
+    CHECK_NEAR(shares[UP].value, table[0], .0015 * table[0]);
+    CHECK_NEAR(shares[UP].slope[0] * factor, slope, .01 * fabs(slope) + 4 * shares[UP].error[0]);
+    for (e = 0; e < 2; e++) {
+        told_albedo(1, mu, alpha, ends[e], shares);
+        CHECK_NEAR(shares[UP].value, face_albedo(mu, alpha, ends[e], 0, 1, 0), .001);
+        CHECK_NEAR(shares[ALL].value, table[1 + e], .002 * table[1 + e]);
         for (down = 0; down < 2; down++) { /* reflected alone, then all */
-            walk_albedo(mu, alpha, ends[e], 1, down, &value, &by_alpha, &by_eta, errors);
-            if (down)
-                CHECK_NEAR(value, table[1 + e], .002 * table[1 + e]);
-            else
-                CHECK_NEAR(value, face_albedo(mu, alpha, ends[e], 0, 1, 0), .001);
+            const share *got = &shares[down ? ALL : UP];
             slope = face_slope(mu, alpha, ends[e], 0, down, 0);
-            CHECK_NEAR(by_alpha, slope, .01 * fabs(slope) + 5 * errors[0]);
-            CHECK(errors[0] < .015 && errors[1] < .02);
+            CHECK_NEAR(got->slope[0], slope, .01 * fabs(slope) + 5 * got->error[0]);
+            CHECK(got->error[0] < .015 && got->error[1] < .02);
             /* What is transmitted has an edge, o_z = -i_z / eta, where the facet stands upright and
                GGX does not vanish. It moves with eta, and the detached derivative does not see
                that, so transmission is exact only straight down and for small alpha. */
             if (down && mu < 1 && alpha > .15) continue;
             slope = face_slope(mu, alpha, ends[e], 0, down, 1);
-            CHECK_NEAR(by_eta, slope, .01 * fabs(slope) + 4 * errors[1]);
+            CHECK_NEAR(got->slope[1], slope, .01 * fabs(slope) + 4 * got->error[1]);
         }
+    }
 }
 
 /* From within a black layer, obliquely through its rough face, light 1 from everywhere: the share
@@ -342,7 +361,10 @@ static void check_histogram(float alpha, float eta, float mu, double factor) {
     enum { DRAWS = 400000, COSINES = 12, TURNS = 8, FINE = 48 };
     itn_vec3 i = itn__vec3(sqrtf(itn__max(0, 1 - mu * mu)), 0, mu), o;
     itn__rng rng = itn__rng_make(2, (uint64_t)(alpha * 1000), (uint64_t)(eta * 1000 + mu * 100));
-    int counts[COSINES][TURNS], k, c, t, a, b, drawn = 0;
+    itn__vectors from = itn__vectors_of(itn__splat(i.x), itn__splat(i.y), itn__splat(i.z));
+    itn__num a_alpha = itn__constant(itn__splat(alpha)), an_eta = itn__constant(itn__splat(eta));
+    itn__floats pdf = itn__splat(0);
+    int counts[COSINES][TURNS], k, c, t, a, b, l, drawn = 0;
     double total = 0;
     memset(counts, 0, sizeof counts);
     for (k = 0; k < DRAWS; k++) {
@@ -358,17 +380,22 @@ static void check_histogram(float alpha, float eta, float mu, double factor) {
     for (c = 0; c < COSINES; c++)
         for (t = 0; t < TURNS; t++) {
             double expected = 0, sigma;
-            for (a = 0; a < FINE; a++)
-                for (b = 0; b < FINE; b++) {
-                    double s = 2 * (c + (a + .5) / FINE) / COSINES - 1;
-                    double z = s > 0 ? 1 - s * s : s * s - 1, r = sqrt(1 - z * z);
-                    double phi = 2 * surface_pi * ((t + (b + .5) / FINE) / TURNS - .5);
-                    float pdf;
-                    o = itn__vec3((float)(r * cos(phi)), (float)(r * sin(phi)), (float)z);
-                    one_rough(i, o, NULL, alpha, eta, &pdf);
-                    expected += pdf * factor * 8 * surface_pi * fabs(s) /
-                                ((double)COSINES * TURNS * FINE * FINE);
+            for (a = 0; a < FINE; a++) {
+                double s = 2 * (c + (a + .5) / FINE) / COSINES - 1;
+                double z = s > 0 ? 1 - s * s : s * s - 1, r = sqrt(1 - z * z);
+                for (b = 0; b < FINE; b += ITN__LANES) {
+                    itn__vectors to = itn__vectors_of(pdf, pdf, itn__splat((float)z));
+                    for (l = 0; l < ITN__LANES; l++) {
+                        double phi = 2 * surface_pi * ((t + (b + l + .5) / FINE) / TURNS - .5);
+                        ITN__LANE(to.x, l) = (float)(r * cos(phi));
+                        ITN__LANE(to.y, l) = (float)(r * sin(phi));
+                    }
+                    itn__rough(&from, &to, NULL, &a_alpha, &an_eta, &pdf);
+                    for (l = 0; l < ITN__LANES; l++)
+                        expected += ITN__LANE(pdf, l) * factor * 8 * surface_pi * fabs(s) /
+                                    ((double)COSINES * TURNS * FINE * FINE);
                 }
+            }
             total += expected;
             sigma = sqrt(expected * DRAWS) + 1;
             check_report(fabs(counts[c][t] - expected * DRAWS) <
@@ -451,27 +478,26 @@ static void test_surface_extremes(void) {
 
 /* At normal incidence a nearly smooth face sends on almost everything, by Fresnel's shares. */
 static void test_nearly_smooth(void) {
-    double value, by_alpha, by_eta, errors[2];
-    walk_albedo(1, .001, 1.5, 1, 0, &value, &by_alpha, &by_eta, errors);
-    CHECK_NEAR(value, .04, 1e-4);
-    walk_albedo(1, .001, 1.5, 0, 1, &value, &by_alpha, &by_eta, errors);
-    CHECK_NEAR(value, .96, 1e-4);
-    walk_albedo(.5, .001, 1 / 1.5, 1, 1, &value, &by_alpha, &by_eta, errors); /* total reflection */
-    CHECK_NEAR(value, 1, 1e-4);
+    share shares[3];
+    told_albedo(1, 1, .001, 1.5, shares);
+    CHECK_NEAR(shares[UP].value, .04, 1e-4);
+    CHECK_NEAR(shares[DOWN].value, .96, 1e-4);
+    told_albedo(1, .5, .001, 1 / 1.5, shares); /* total reflection */
+    CHECK_NEAR(shares[ALL].value, 1, 1e-4);
 }
 
 /* A face between nearly equal indices sends on everything, of whatever alpha and index: all facets
    refract to about the same direction, which does not tell them apart. */
 static void test_nearly_matched(int told) {
     static const double etas[3] = {1.0001, 1 / 1.0001, 1.001}, mus[2] = {1, .6};
-    double value, by_alpha, by_eta, errors[2];
+    share shares[3];
     int e, m;
     for (e = 0; e < 3; e++)
         for (m = 0; m < 2; m++) {
-            told_albedo(told, mus[m], .001, etas[e], 1, 1, &value, &by_alpha, &by_eta, errors);
-            CHECK_NEAR(value, 1, 1e-4);
-            CHECK_NEAR(by_alpha, 0, 4 * errors[0]);
-            CHECK_NEAR(by_eta, 0, 4 * errors[1]);
+            told_albedo(told, mus[m], .001, etas[e], shares);
+            CHECK_NEAR(shares[ALL].value, 1, 1e-4);
+            CHECK_NEAR(shares[ALL].slope[0], 0, 4 * shares[ALL].error[0]);
+            CHECK_NEAR(shares[ALL].slope[1], 0, 4 * shares[ALL].error[1]);
         }
 }
 
