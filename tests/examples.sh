@@ -159,6 +159,56 @@ refused 'needed for each' "one target for two scenes" ./invert default.itn defau
 check "invert --method adam" ./invert default.itn --method adam --params milk.albedo \
     --hidden milk.albedo=0.85 --iterations 30 --spp 4 -o quick
 
+# photos: PNGs of three times the film's size, in units of their own, as a camera codes them; found all
+# the same, with a start that is off, and refused where the scene is another
+cat > examples/develop.c << 'END'
+#include "itn.h"
+#include <stdlib.h>
+/* develop FROM.exr TO.png BACKDROP: what is black is the backdrop */
+int main(int argc, char **argv) {
+    itn_image image;
+    float *y;
+    int i;
+    if (argc != 4 || itn_image_load(argv[1], NULL, &image, NULL)) return 1;
+    y = itn_image_plane(&image, "Y");
+    for (i = 0; i < image.width * image.height; i++)
+        if (y[i] == 0) y[i] = (float)atof(argv[3]);
+    return itn_image_save_png(&image, (int)((y - image.pixels) / (image.width * image.height)), 1,
+                              ITN_PNG_TONE, 0.033f, argv[2], NULL) != ITN_OK;
+}
+END
+to_be_run develop
+sed "s/width 32 height 32/width 48 height 48/" default.itn > large.itn
+check "render: for a photo" ./render large.itn -o large.exr --spp 1024 -q
+check "develop" ./develop large.exr photo.png 0
+check "develop: another backdrop" ./develop large.exr backdrop.png 5
+sed "s/width 32 height 32/width 16 height 16/; s/sigma_t 40 /sigma_t 25 /; s/albedo 0.9 /albedo 0.8 /
+     s/g 0.5/g 0.3/" default.itn > start.itn
+keep "invert: a photo" ./invert start.itn --target photo.png -o again
+prints 'means of 3x3 pixels'
+prints 'film.exposure is sought'
+prints "^milk mu_a [0-9.e+-]+ \\+- [0-9.e+-]+, mu_s .* mu_s' "
+check "invert: a photo: finds what is in it" awk 'BEGIN { truth["milk.sigma_t"] = 40
+        truth["milk.albedo"] = 0.9; truth["milk.g"] = 0.5; truth["film.exposure"] = 0.033 }
+    $3 == "+-" && NF == 4 { off = ($2 - truth[$1]) / $4; found += off * off < 16 && $4 < $2 / 3 }
+    END { exit found != 4 }' kept
+refused 'does not explain' "invert: a photo with another backdrop" ./invert start.itn \
+    --target backdrop.png --spp 16 --seconds 10 -o again
+sed "s/target 0 0 0/target 0.03 0 0/" start.itn > shifted.itn
+refused 'does not explain' "invert: a photo, camera shifted by half a pixel" ./invert shifted.itn \
+    --target photo.png --spp 16 --seconds 10 -o again
+refused 'another shape' "invert: a crop of another shape" ./invert start.itn --target photo.png \
+    --crop 3,0,40,48
+refused 'size than its mask' "invert: a mask of another size" ./invert start.itn \
+    --target photo.png --mask again/default_sheet.png
+refused 'is a JPEG' "invert: a JPEG" sh -c "printf '\377\330\377' > a.jpg && \
+    ./invert start.itn --target a.jpg"
+keep "invert: a crop, its curve and noise" ./invert start.itn --target photo.png \
+    --mask photo.png --crop 8,8,32,32 --gamma linear --read-noise 0.001 --gain 1e-4 \
+    --saturation 0.9 --exposure known --params milk.g --spp 2 --iterations 1
+prints 'means of 2x2 pixels'
+prints 'in units of the lights'
+
 # shapes are the shipped ones; a sky from a table whose answer is plain: F = C = 1, radiance 2
 keep "shapes" ./shapes "$work"
 for shape in "$root"/scenes/shapes/*.ply; do
