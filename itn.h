@@ -6227,7 +6227,8 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
    fine ones have paid for themselves. A scene keeps the tables of each level it was asked for; the
    first render that needs one makes it, and if two make the same one, the first is kept. */
 
-enum { ITN__REACH = 120, ITN__MOST_CELLS = 1 << 24 }; /* largest distance; most cells */
+enum { ITN__REACH = 120 }; /* largest distance */
+#define ITN__MOST_CELLS 16777216.
 #define ITN__CELL_MARGIN .01f
 #define ITN__SLAB_MARGIN .001f /* in cells */
 #define ITN__PLANE_STEP (1 / 32.f) /* of bounds, in cells */
