@@ -1079,7 +1079,7 @@ static void *itn__zero(void *block, size_t bytes) { return block ? memset(block,
 
 /* Returns count * size zeroed bytes, or NULL if that overflows or memory is out. calloc does not
    touch what comes fresh from the system. */
-static void *itn__allocate(const itn_context *context, size_t count, size_t size) {
+ITN__NOINLINE void *itn__allocate(const itn_context *context, size_t count, size_t size) {
     if (size && count > (SIZE_MAX / 2) / size) return NULL;
     if (count * size == 0) count = size = 1;
     if (!context->allocate) return ITN__MALLOC_ZEROED(count * size);
@@ -1091,7 +1091,7 @@ ITN__UNUSED static void *itn__allocate_raw(const itn_context *context, size_t si
     return context->allocate ? context->allocate(size, context->memory_user) : ITN__MALLOC(size);
 }
 
-static void itn__free(const itn_context *context, void *block) {
+ITN__NOINLINE void itn__free(const itn_context *context, void *block) {
     if (!block) return;
     if (context->deallocate)
         context->deallocate(block, context->memory_user);
@@ -11791,7 +11791,8 @@ static void itn__exr_block(itn__exr *exr, itn_image *image) {
     if (!in.result) itn__exr_lines(exr, data, row, row + lines, image);
 }
 
-static void itn__exr_decode(itn__text *text, const itn_context *context, itn_image *image) {
+static ITN__COLD void itn__exr_decode(itn__text *text, const itn_context *context,
+                                      itn_image *image) {
     itn__exr exr = ITN_ZERO;
     size_t blocks, lines;
     int i;
@@ -11993,7 +11994,8 @@ static void itn__png_rows(itn__png *png, size_t line, itn_image *image) {
     itn__free(&image->context, light), itn__free(&image->context, rows);
 }
 
-static void itn__png_decode(itn__text *text, const itn_context *context, itn_image *image) {
+static ITN__COLD void itn__png_decode(itn__text *text, const itn_context *context,
+                                      itn_image *image) {
     itn__png png = ITN_ZERO;
     size_t line;
     int k;
@@ -12186,7 +12188,7 @@ static void itn__photo_film(itn__photo *photo, int x, int y, itn_image *made) {
     }
 }
 
-ITN_API itn_result itn_photo_make(const itn_image *image, const itn_photo_desc *desc,
+ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_photo_desc *desc,
                                   itn_film_desc film, itn_image *photo, itn_photo_report *report,
                                   itn_error *error) {
     itn__photo p = ITN_ZERO;
