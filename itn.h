@@ -2517,11 +2517,8 @@ ITN__INLINE itn__num itn__fresnel(itn__num cos_i, itn__num eta, itn__num *cos_t)
     return itn__nselect(refracts, s, one);
 }
 
-/* i mirrored at m, both pointing away from the surface; and refracted at m into the far side, where
-   its cosine with -m is cos_t. */
-ITN__INLINE itn__vectors itn__reflect(itn__vectors i, itn__vectors m) {
-    return itn__valong(itn__vscale(i, itn__splat(-1)), 2 * itn__vdot(i, m), m);
-}
+/* i refracted at m into the far side, where its cosine with -m is cos_t; both point away from the
+   surface. */
 ITN__INLINE itn__vectors itn__refract(itn__vectors i, itn__vectors m, itn__floats eta,
                                       itn__floats cos_t) {
     return itn__valong(itn__vscale(i, -1 / eta), itn__vdot(i, m) / eta - cos_t, m);
@@ -2620,8 +2617,8 @@ static itn__ints itn__sample_dielectric(const itn__vectors *i, const itn__vector
     itn__floats zero = itn__splat(0), cos_i = itn__least(itn__vdot(*i, *m), itn__splat(1));
     itn__num cos_t, fresnel = itn__fresnel(itn__constant(cos_i), itn__constant(eta), &cos_t);
     itn__ints reflects = itn__less(u, fresnel.v);
-    *o = itn__vselect(reflects, itn__reflect(*i, *m), itn__refract(*i, *m, eta, cos_t.v));
-    *o = itn__vnormalize(*o);
+    *o = itn__valong(itn__vscale(*i, itn__splat(-1)), 2 * itn__vdot(*i, *m), *m);
+    *o = itn__vnormalize(itn__vselect(reflects, *o, itn__refract(*i, *m, eta, cos_t.v)));
     return itn__less(zero, cos_i) & itn__less(zero, itn__select(reflects, o->z, -o->z));
 }
 
@@ -2873,7 +2870,7 @@ typedef struct itn__grid {
     int width, height; /* nodes */
     float bottom;      /* v of the last row */
     float *density;    /* [height][width] over (u, v), integrating to 1 */
-    float *nodes;      /* [height][width] probability up to and including a node, within its row */
+    float *nodes;      /* [height][width] what nodes of its row up to and including this one have */
     float *rows;       /* [height] the same of rows */
 } itn__grid;
 
@@ -2962,17 +2959,18 @@ static itn__floats itn__between(const float *nodes, int width, int stride,
     return a + cell->fy * (c - a);
 }
 
-/* First entries of increasing sums[first ... first + count - 1], ending in 1, that are above u in
-   (0,1), by bisection. *rest receives u's place between its neighbours, again uniform in [0,1]. */
+/* First entries of increasing sums[first ... first + count - 1] that are above u times the last, u
+   in (0,1), by bisection. *rest receives u's place between its neighbours, again uniform in [0,1]. */
 static itn__ints itn__pick(const float *sums, itn__ints first, int count, itn__floats u,
                            itn__floats *rest) {
     itn__ints all = itn__splat_int(-1), none = itn__splat_int(0), entry = none, next, fits;
     itn__floats zero = itn__splat(0), one = itn__splat(1), before, width;
     int step = 1;
+    u = u * itn__gather(sums, first + (count - 1), all, one);
     while (step < count) step *= 2;
     for (step /= 2; step; step /= 2) { /* entry: so many are known not to be above */
         next = entry + step, fits = itn__int_less(next, itn__splat_int(count));
-        fits &= itn__less_equal(itn__gather(sums, first + next - 1, fits, one), u);
+        fits &= itn__less_equal(itn__gather(sums, first + next - 1, fits, zero), u);
         entry = itn__select_int(fits, next, entry);
     }
     before = itn__gather(sums, first + entry - 1, itn__int_less(none, entry), zero);
@@ -3326,9 +3324,6 @@ ITN__INLINE float itn__slack(const itn_scene *scene, itn_vec3 p) {
     return 4 * FLT_EPSILON * itn__max(itn__max_abs(p), scene->radius);
 }
 
-ITN__INLINE int itn__is_inside(const itn__sides *sides, int object) {
-    return ((sides->back & ~sides->front) >> object) & 1;
-}
 /* Goes to the other side of a closed object. */
 ITN__INLINE void itn__change_side(itn__sides *sides, int object) {
     sides->front ^= itn__object_bit(object), sides->back ^= itn__object_bit(object);
@@ -3338,8 +3333,9 @@ ITN__INLINE void itn__change_side(itn__sides *sides, int object) {
    the place. Or (refracts) of those with a dielectric surface: its index holds; others leave the
    index as it is around them. -1: none. */
 static int itn__innermost(const itn_scene *scene, const itn__sides *sides, int refracts) {
+    uint64_t inside = sides->back & ~sides->front;
     int i = scene->object_count - 1;
-    while (i >= 0 && (!itn__is_inside(sides, i) || (refracts && !scene->objects[i].refracts))) i--;
+    while (i >= 0 && (!(inside >> i & 1) || (refracts && !scene->objects[i].refracts))) i--;
     return i;
 }
 /* Makes a place follow from its sides. */
@@ -5464,13 +5460,6 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     return maker->result;
 }
 
-/* Divides running sums by the last of them. */
-static void itn__sums_normalise(float *sums, int count) {
-    float total = sums[count - 1];
-    int k;
-    for (k = 0; k < count; k++) sums[k] = total > 0 ? sums[k] / total : 1;
-}
-
 /* How much a light of this radiance in direction d does for what it shines on: the mean of a face
    that lies flat and one that is turned any way, up to a factor. */
 ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
@@ -5517,11 +5506,9 @@ static void itn__grid_prepare(itn__grid *grid) {
             row += grid->density[first + (size_t)c];
             grid->nodes[first + (size_t)c] = (float)row;
         }
-        itn__sums_normalise(grid->nodes + first, width);
         total += r == 0 || r == height - 1 ? row / 2 : row;
         grid->rows[r] = (float)total;
     }
-    itn__sums_normalise(grid->rows, height);
     total *= grid->bottom / ((double)width * (height - 1));
     for (i = 0; i < (size_t)width * (size_t)height; i++)
         grid->density[i] = (float)(grid->density[i] / total);

@@ -78,11 +78,12 @@ static void scalar_light_radiance(const itn__light *light, itn_vec3 d, float rgb
     }
 }
 
-/* First entry of an increasing table[count], ending in 1, that is above u in (0,1); *rest receives
+/* First entry of an increasing table[count] that is above u in (0,1) times the last; *rest receives
    u's place between its neighbours, again uniform in [0,1]. */
 static int scalar_pick(const float *table, int count, float u, float *rest) {
     int entry = 0;
     float before, width;
+    u *= table[count - 1];
     while (table[entry] <= u && entry < count - 1) entry++;
     before = entry ? table[entry - 1] : 0, width = table[entry] - before;
     *rest = width > 0 ? itn__clamp((u - before) / width, 0, 1) : .5f;
