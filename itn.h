@@ -2960,7 +2960,7 @@ static itn__floats itn__between(const float *nodes, int width, int stride,
 }
 
 /* First entries of increasing sums[first ... first + count - 1] that are above u times the last, u
-   in (0,1), by bisection. *rest receives u's place between its neighbours, again uniform in [0,1]. */
+   in (0,1), by bisection. *rest receives u's place between its neighbours, uniform in [0,1]. */
 static itn__ints itn__pick(const float *sums, itn__ints first, int count, itn__floats u,
                            itn__floats *rest) {
     itn__ints all = itn__splat_int(-1), none = itn__splat_int(0), entry = none, next, fits;
