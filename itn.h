@@ -2710,12 +2710,10 @@ static itn__ints itn__diffuse_sample(itn__site *site, const itn__floats u[3], it
       and the two. A reflectance as of diffuse is ITN__REFLECTANCE, the first of the fields, and
       ITN__TEXTURED. edge, or NULL: draws what derivatives by eta have at the edge of directions, as
       a slope; the value is 0.
-   Scene files, checks, parameters, both walks and derivatives then know it. Some ranges mean more:
-   a parameter from 0 to 1 is taken for a reflectance, a factor of all that leaves (below .01 only
-   the reference differentiates in it; with three channels, what follows the last _ of its name is
-   the one that it acts on), one from 1 on for an index; the name ior is a dielectric's. What
-   refracts is more than a row: solids, indices and their derivatives know the dielectric by its
-   type. test_surface.c is what to test. */
+   Scene files, checks, parameters, both walks and derivatives then know it. What a parameter is
+   stands in its field's form: S for a reflectance, a factor of all that leaves (below .01 only the
+   reference differentiates in it), N for an index. What refracts is more than a row: solids,
+   indices and their derivatives know the dielectric by its type. test_surface.c is what to test. */
 enum {
     ITN__OPAQUE = 1,  /* nothing goes through */
     ITN__FACETS = 2,  /* smooth unless alpha is given */
