@@ -6996,7 +6996,7 @@ static void itn__find_hit(const itn_scene *scene, itn__path *path) {
 
 enum { ITN__LESSON_SUMS = ITN__TERMS * (ITN__TERMS + 3) };
 #define ITN__TERM_STEPS 4096.
-#define ITN__RIDGE 1e-4 /* of the number of lessons */
+#define ITN__RIDGE 1e-5 /* of the number of lessons */
 #define ITN__LARGEST_LESSON 1048576. /* units */
 
 /* P_l by powers. */
@@ -7004,15 +7004,14 @@ static const double itn__legendre[ITN__ORDERS][ITN__ORDERS] = {
     {1}, {0, 1}, {-.5, 0, 1.5}, {0, -1.5, 0, 2.5}, {.375, 0, -3.75, 0, 4.375}};
 
 /* What a path has brought home since its mark is a lesson. */
-static void itn__learn(itn__crowd *crowd, itn__path *path) {
+static void itn__learn(const itn__crowd *crowd, const itn__path *path) {
     const itn__value *value = &crowd->render->substances[path->mark].value;
     double *sums = crowd->lessons + (size_t)path->mark * ITN__LESSON_SUMS;
     double term[ITN__TERMS], lesson[3] = {0, 0, 0}, mu = path->mark_cosine;
     int i, j, c;
     for (c = 0; c < crowd->render->channels; c++) {
-        lesson[c] = floor((double)path->brought[c] / path->mark_weight[c] /
-                          crowd->render->lesson_unit);
-        lesson[c] = lesson[c] > 0 ? fmin(lesson[c], ITN__LARGEST_LESSON) : 0;
+        lesson[c] = path->brought[c] / (path->mark_weight[c] * crowd->render->lesson_unit);
+        lesson[c] = lesson[c] > 0 ? floor(fmin(lesson[c], ITN__LARGEST_LESSON)) : 0;
     }
     for (i = 0; i < ITN__TERMS; i++) { /* e^(-k_i z) P_l(mu) */
         double decay = (double)value->decay * (i / ITN__ORDERS), sum = 0;
@@ -7023,7 +7022,6 @@ static void itn__learn(itn__crowd *crowd, itn__path *path) {
         for (j = 0; j <= i; j++) sums[j] += term[i] * term[j];
         for (c = 0; c < 3; c++) sums[ITN__TERMS + c] += term[i] * lesson[c];
     }
-    path->mark = 0;
 }
 
 /* Of all paths that have ended, and whose shadow rays have, too. */
@@ -7032,6 +7030,7 @@ static void itn__learn_all(itn__crowd *crowd) {
     for (i = 0; i < crowd->unused_count && crowd->render->learning; i++) {
         itn__path *path = &crowd->paths[crowd->unused[i]];
         if (path->mark) itn__learn(crowd, path);
+        path->mark = 0;
     }
 }
 
@@ -7066,29 +7065,24 @@ static int itn__eliminate(double *rows, int n, int width) {
     return 1;
 }
 
-/* The least-squares fit for one medium: to V less its mean, which is added back. Returns 0 if there
-   were no lessons. */
+/* The least-squares fit for one medium, and the mean. Returns 0 if there were no lessons. */
 static int itn__fit_value(const itn__render *render, itn__substance *substance,
                           const double *sums) {
     enum { TERMS = ITN__TERMS, WIDTH = ITN__TERMS + 3 };
-    const double step = ITN__TERM_STEPS, unit = render->lesson_unit * step;
-    double rows[TERMS * WIDTH], terms[TERMS], mean[3];
+    const double unit = render->lesson_unit * ITN__TERM_STEPS;
+    double rows[TERMS * WIDTH], terms[TERMS];
     int c, i, j;
     if (!(sums[0] > 0)) return 0;
-    for (c = 0; c < 3; c++) mean[c] = sums[TERMS + c] * unit / sums[0];
     for (i = 0; i < TERMS; i++) {
         for (j = 0; j < TERMS; j++)
             rows[i * WIDTH + j] = sums[i > j ? i * WIDTH + j : j * WIDTH + i];
         rows[i * WIDTH + i] += ITN__RIDGE * sums[0];
-        for (c = 0; c < 3; c++)
-            rows[i * WIDTH + TERMS + c] = sums[i * WIDTH + TERMS + c] * unit -
-                                          mean[c] * sums[i * WIDTH];
+        for (c = 0; c < 3; c++) rows[i * WIDTH + TERMS + c] = sums[i * WIDTH + TERMS + c] * unit;
     }
     if (!itn__eliminate(rows, TERMS, WIDTH)) return 0;
     for (c = 0; c < render->channels; c++) {
-        substance->value.mean[c] = (float)mean[c];
+        substance->value.mean[c] = (float)(sums[TERMS + c] * unit / sums[0]);
         for (i = 0; i < TERMS; i++) terms[i] = rows[i * WIDTH + TERMS + c];
-        terms[0] += mean[c];
         itn__value_set(&substance->value, c, terms, substance->g);
     }
     return 1;
@@ -7284,9 +7278,7 @@ ITN__NOINLINE void itn__control_bounce(const itn__render *render, itn__state *s,
 typedef struct itn__free_space {
     itn__vectors centre, n;
     itn__floats half, below, against;
-    itn__floats np;     /* n . (position - centre) */
-    itn__floats middle; /* n . x about where the surface is; */
-    itn__ints under;    /* the position is below that */
+    itn__floats np; /* n . (position - centre) */
 } itn__free_space;
 
 /* Where the cells at p are in the tables, of those in the grid; *centre receives their middles. */
@@ -7324,18 +7316,24 @@ ITN__INLINE void itn__read_planes(const itn__voxels *voxels, itn__ints word, itn
 }
 
 /* Looks up the surroundings of p for the lanes in the mask. Above the plane of its region, but in
-   an empty cell, a lane takes the empty cube. */
+   an empty cell, a lane takes the empty cube. s, if not NULL, puts the plane of the surface nearby
+   in the place of the last face where p is below it. */
 ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
-                                    itn__free_space *space) {
+                                    itn__free_space *space, itn__state *s) {
     itn__ints inside = mask, none = itn__splat_int(0), at, word, distance, region;
-    itn__floats below, middle, against, half, np;
+    itn__floats below, middle, against, half, np, inverse;
     itn__vectors n, centre;
     at = itn__cells_at(voxels, p, &inside, &centre);
     word = itn__gather_ints(voxels->cells, at, inside, none), distance = word >> 24;
     itn__read_planes(voxels, word, at, inside, &n, &below, &middle, &against);
     np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
     region = ~itn__int_equal(word & 0xffffff, none);
-    space->under = itn__select_int(mask, region & itn__less(np, middle), space->under);
+    if (s) {
+        itn__ints under = mask & region & itn__less(np, middle);
+        inverse = 1 / itn__root(itn__vdot(n, n));
+        s->up = itn__vselect(under, itn__vscale(n, inverse), s->up);
+        s->level = itn__select(under, (itn__vdot(n, centre) + middle) * inverse, s->level);
+    }
     region &= itn__int_equal(distance, none) | itn__less(np, below);
     below = itn__select(region, below, itn__splat(INFINITY));
     half = (itn__to_floats(distance - region) - .51f) * voxels->cell;
@@ -7344,7 +7342,6 @@ ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, i
     space->n = itn__vselect(mask, n, space->n);
     space->below = itn__select(mask, below, space->below);
     space->against = itn__select(mask, against, space->against);
-    space->middle = itn__select(mask, middle, space->middle);
     space->np = itn__select(mask, np, space->np);
 }
 
@@ -7709,15 +7706,6 @@ static void itn__mark_flights(itn__crowd *crowd, int substance, const itn__state
     }
 }
 
-/* Puts the plane of the surface nearby in the place of the last face. */
-static void itn__adopt_plane(const itn__free_space *space, itn__state *s, itn__ints mask) {
-    itn__floats inverse = 1 / itn__root(itn__vdot(space->n, space->n));
-    itn__vectors up = itn__vscale(space->n, inverse);
-    mask &= space->under;
-    s->up = itn__vselect(mask, up, s->up);
-    s->level = itn__select(mask, itn__vdot(up, space->centre) + space->middle * inverse, s->level);
-}
-
 /* The lanes of a walk. */
 typedef struct itn__lanes {
     itn__state s;
@@ -7756,8 +7744,8 @@ static itn__ints itn__fly(const itn__render *render, itn__lanes *walk, itn__ints
     itn__ints safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq), unsure;
     unsure = mask & ~safe;
     if (itn__mask_bits(unsure)) {
-        itn__look_around(render->voxels, walk->s.p, unsure, &walk->space);
-        if (render->controls || render->learning) itn__adopt_plane(&walk->space, &walk->s, unsure);
+        itn__look_around(render->voxels, walk->s.p, unsure, &walk->space,
+                         render->controls || render->learning ? &walk->s : NULL);
         safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq);
     }
     walk->s.p = itn__vselect(safe, q, walk->s.p);

@@ -811,7 +811,7 @@ static void take_step(herd *f) {
     q = itn__valong(f->p, f->distance, f->d);
     safe = itn__free_flight(&f->space, q, f->d, &nq);
     f->cached += itn__count_bits(itn__mask_bits(safe));
-    itn__look_around(f->voxels, f->p, all & ~safe, &f->space);
+    itn__look_around(f->voxels, f->p, all & ~safe, &f->space, NULL);
     safe = itn__free_flight(&f->space, q, f->d, &nq);
     f->space.np = itn__select(safe, nq, f->space.np);
     bits = itn__mask_bits(safe);
@@ -1172,6 +1172,7 @@ static void test_no_way_back(int planted) {
     stage_object(&s, &mesh, "m", NULL);
     stretch(stage_object(&s, &box, "m", NULL), .1, .1, .1, .8, .8, .8); /* the origin stays */
     stretch(stage_object(&s, &box, "m", NULL), .1, .1, .1, -.8, -.8, -.8);
+    stage_constant(&s, NULL, 1);
     scene = stage_make(&s);
     scene->radius = 0.648690403f;
     place.sides = scene->sides, place.inside = place.refracting = -1;

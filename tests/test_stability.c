@@ -594,6 +594,7 @@ static void test_limit_search(const limit_search *in, itn_method method, double 
     theta[unknown] = in->start;
     watch.scene = scene, watch.steps = watch.bad = 0;
     refine.method = method, refine.spp = method == ITN_METHOD_LM ? 32 : 8;
+    if (method == ITN_METHOD_LM && in->hidden == .999f) refine.spp = 128; /* or noise leads astray */
     refine.iterations = method == ITN_METHOD_LM ? 12 : 30;
     refine.target_variance = target.pixels + 64, refine.outcome = &outcome;
     refine.progress = watch_step, refine.progress_user = &watch;
