@@ -116,34 +116,53 @@ static void check_map(int width, int height, int kind, double largest_spread, do
     itn_light_desc desc = map_light(&map);
     itn_scene *scene = plane_scene(&desc, 1, 4);
     const itn__light *light = &scene->lights[0];
+    const itn__light_model *model = &itn__light_models[light->kind];
     itn__rng rng = itn__rng_make(4, (uint64_t)(width * 100 + height), (uint64_t)kind);
+    itn__towards to;
+    itn__floats rgb[3], pdf, x, y;
     double expected[ROWS][COLUMNS], power = 0, total = 0, mean = 0, square = 0, spread, worst = 0;
-    int counts[ROWS][COLUMNS], r, c, a, b, k;
+    int counts[ROWS][COLUMNS], r, c, a, b, k, l;
     memset(counts, 0, sizeof counts), memset(expected, 0, sizeof expected);
     for (r = 0; r < ROWS; r++)
         for (c = 0; c < COLUMNS; c++)
             for (a = 0; a < FINE; a++)
-                for (b = 0; b < FINE; b++) {
-                    double v = (r + (a + .5) / FINE) / ROWS, u = (c + (b + .5) / FINE) / COLUMNS;
+                for (b = 0; b < FINE; b += ITN__LANES) {
+                    double v = (r + (a + .5) / FINE) / ROWS, u[ITN__LANES];
                     double area = 2 * pi * pi * sin(pi * v) / (ROWS * COLUMNS) / (FINE * FINE);
-                    itn_vec3 d = one_map_direction((float)u, (float)v);
-                    float rgb[3];
-                    itn__light_radiance(light, 3, d, rgb);
-                    worst = itn__max((float)worst, (float)fabs(rgb[0] - map_value(&map, u, v)));
-                    expected[r][c] += factor * one_light_pdf(light, d) * area;
-                    power += rgb[0] * area;
+                    to.u = to.v = itn__splat((float)v);
+                    for (l = 0; l < ITN__LANES; l++) {
+                        u[l] = (c + (b + l + .5) / FINE) / COLUMNS;
+                        ITN__LANE(to.u, l) = (float)u[l];
+                    }
+                    itn__map_directions(&to);
+                    to.mask = itn__splat_int(-1);
+                    itn__map_coordinates(&to);
+                    model->radiance(light, 3, &to, rgb), pdf = model->pdf(light, &to);
+                    for (l = 0; l < ITN__LANES; l++) {
+                        worst = fmax(worst, fabs((double)ITN__LANE(rgb[0], l) -
+                                                 map_value(&map, u[l], v)));
+                        expected[r][c] += factor * ITN__LANE(pdf, l) * area;
+                        power += ITN__LANE(rgb[0], l) * area;
+                    }
                 }
     CHECK_NEAR(worst, 0, kind == 2 ? .05 : 1e-4);
-    for (k = 0; k < DRAWS; k++) {
-        float u = itn__uniform(&rng), v = itn__uniform(&rng), pdf, rgb[3], x, y;
-        itn_vec3 d = one_light_sample(light, u, v);
-        pdf = one_light_pdf(light, d);
-        itn__light_radiance(light, 3, d, rgb);
-        one_map_coordinates(d, &x, &y);
-        if (!(pdf > 0) || !itn__finite(pdf) || !(fabs(itn__length(d) - 1) < 1e-6)) CHECK(0);
-        c = (int)(x * COLUMNS), r = (int)(y * ROWS);
-        counts[r < ROWS ? r : ROWS - 1][c < COLUMNS ? c : COLUMNS - 1]++;
-        mean += (double)rgb[0] / pdf / DRAWS, square += pow((double)rgb[0] / pdf, 2) / DRAWS;
+    x = y = itn__splat(0);
+    for (k = 0; k < DRAWS; k += ITN__LANES) {
+        for (l = 0; l < ITN__LANES; l++)
+            ITN__LANE(x, l) = itn__uniform(&rng), ITN__LANE(y, l) = itn__uniform(&rng);
+        model->sample(light, x, y, &to);
+        to.mask = itn__splat_int(-1);
+        itn__map_coordinates(&to);
+        model->radiance(light, 3, &to, rgb), pdf = model->pdf(light, &to);
+        for (l = 0; l < ITN__LANES; l++) {
+            double density = ITN__LANE(pdf, l), ratio = (double)ITN__LANE(rgb[0], l) / density;
+            if (!(density > 0) || !itn__finite(density) ||
+                !(fabs(itn__length(itn__lane_vector(&to.d, l)) - 1) < 1e-6))
+                CHECK(0);
+            c = (int)(ITN__LANE(to.u, l) * COLUMNS), r = (int)(ITN__LANE(to.v, l) * ROWS);
+            counts[r < ROWS ? r : ROWS - 1][c < COLUMNS ? c : COLUMNS - 1]++;
+            mean += ratio / DRAWS, square += ratio * ratio / DRAWS;
+        }
     }
     for (r = 0; r < ROWS; r++)
         for (c = 0; c < COLUMNS; c++) {
