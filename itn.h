@@ -11316,7 +11316,6 @@ static double itn__take_decimal(itn__text *text, const char *what) {
 }
 
 #ifndef ITN_NO_STDIO
-
 #include <errno.h>
 #include <stdio.h>
 #ifdef _WIN32
@@ -11410,7 +11409,6 @@ static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_err
     itn__buffer_free(buffer);
     return result;
 }
-
 #endif /* ITN_NO_STDIO */
 
 /* ---- [inflate] decompression (RFC 1950, RFC 1951) -------------------------------------------- */
@@ -12795,7 +12793,6 @@ ITN_API ITN__COLD itn_result itn_mesh_from_memory(const void *bytes, size_t size
 }
 
 #ifndef ITN_NO_STDIO
-
 ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, itn_mesh *mesh,
                                  itn_error *error) {
     itn__buffer file;
@@ -12838,7 +12835,6 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
                      "saving a mesh: %.0f coordinates, uvs or indices are not finite or name no "
                      "vertex", (double)wrong);
 }
-
 #endif /* ITN_NO_STDIO */
 
 /* ---- [weights] files of networks ------------------------------------------------------------- */
@@ -12924,7 +12920,6 @@ ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char
 }
 
 #ifndef ITN_NO_STDIO
-
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
@@ -12958,7 +12953,6 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
     itn__buffer_free(&file);
     return result;
 }
-
 #endif /* ITN_NO_STDIO */
 #endif /* ITN_NO_NET */
 

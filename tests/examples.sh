@@ -19,28 +19,18 @@ keep() {
     cp "$work/log" "$work/kept"
 }
 
-# every example by itself passes each compiler there is. To be run, all are compiled without the code
-# of the header, which one object has, the same as for the suites
+# every example by itself passes each compiler there is. To be run, all are made as their Makefile
+# says, but with the same object of the header as the suites
 native="-std=c99 $native"
-check "object of the header" make -s -C "$here" build/itn.o
-cp "$here/build/itn.o" "$work" || exit 1
+strict="$native -std=gnu99 -O1 -Wall -Wextra -Wpedantic -Werror"
 mkdir "$work/examples"
-cp "$root/itn.h" "$work"
-printf '#include <%s.h>\n' math stdio stdlib string > "$work/examples/code.h" # what the code includes
-# apart SOURCE: a copy of it in examples, without the code of the header
-apart() {
-    sed 's/^#define ITN_IMPLEMENTATION/#include "code.h"/' "$1" \
-        > "$work/examples/$(basename "$1")"
-}
-# to_be_run NAME: compiles the copy of NAME.c
-# shellcheck disable=SC2086
-to_be_run() {
-    check "$1.c, to be run" $CC $native -O1 -Wall -Wextra -Wpedantic -Werror -DITN_APART \
-        -I"$work" "$work/examples/$1.c" "$work/itn.o" -o "$work/$1" -lm -lpthread
-}
-for source in "$root"/examples/*.[ch]; do apart "$source"; done
+cp "$root/itn.h" "$work" && cp "$root"/examples/*.[ch] "$root/examples/Makefile" "$work/examples"
+check "object of the header" make -s -C "$here" build/itn.o
+cp "$here/build/itn.o" "$work/examples" || exit 1
+check "examples/Makefile" make -s -C "$work/examples" CC="$CC" CFLAGS="$strict"
 for source in "$root"/examples/*.c; do
     example=$(basename "$source" .c)
+    cp "$work/examples/$example" "$work"
     for compiler in gcc clang; do
         if ! command -v $compiler > /dev/null 2>&1; then
             echo "skipped: $compiler is not installed"
@@ -50,8 +40,14 @@ for source in "$root"/examples/*.c; do
         check "$compiler $example.c" $compiler -std=c99 -Wall -Wextra -Wpedantic -Werror \
             "$source" -fsyntax-only
     done
-    to_be_run "$example"
 done
+# to_be_run NAME: compiles NAME.c, without the code of the header
+to_be_run() {
+    printf '#include <%s.h>\n' math stdio stdlib string | cat - "$1.c" > apart.c
+    # shellcheck disable=SC2086
+    check "$1.c, to be run" $CC $strict -DITN_IMPLEMENTATION_DONE -I. apart.c examples/itn.o \
+        -o "$1" -lm -lpthread
+}
 # shellcheck disable=SC2086
 check "bench.c" $CC -Wall -Wextra -Wpedantic -Werror "$here/bench.c" -fsyntax-only
 cd "$work" || exit 1
@@ -105,7 +101,7 @@ keep "invert: twice as large" ./invert default.itn --target large.exr --params m
 prints 'means of 2x2 pixels'
 prints 'in units of the lights'
 prints '^milk\.albedo 0\.(89|90)[0-9]* '
-cat > examples/cutout.c << 'END'
+cat > cutout.c << 'END'
 #include "itn.h"
 #include <math.h>
 #include <string.h>
@@ -385,7 +381,6 @@ awk '/^```c$/ { on = ++n; next } /^```$/ { on = 0 } on == 1 { print > "first.c" 
 # shellcheck disable=SC2086
 shown() {
     check "README: $1" $CC $native -Wall -Wextra -Wpedantic -Werror "$1.c" -fsyntax-only
-    apart "$1.c"
     to_be_run "$1"
 }
 shown first
