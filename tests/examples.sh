@@ -255,7 +255,7 @@ broken "a mesh of which a corner is moved" chain-00-32.ply 'chain-00-32\.ply is 
 broken "another texture" concrete.pfm 'concrete\.pfm is not' other_ground
 broken "no texture" concrete.pfm 'concrete\.pfm: cannot read' rm
 broken "a texture that is cut" concrete.pfm 'concrete\.pfm:.* needs 16384' cut_file 1000
-broken "a sky that is cut" t3-e60-grey.sky 't3-e60-grey\.sky:7: a sky' cut_file 500
+broken "a sky that is cut" t3-e60-grey.sky 't3-e60-grey\.sky:7: coefficients_g' cut_file 500
 broken "a scene of another sun" chain-00-32-small.itn 'chain-00-32-small\.itn is not' other_sun
 check "dataset check: whole again" ./dataset check data
 cp damaged.itnd "$victim"

@@ -87,12 +87,12 @@ static void reuse_walk(reuse_record *record, itn__walk *walk, itn_ray ray, reuse
         if (met) {
             goes_on = itn__meet_surface(walk, &ray, &hit);
         } else if (medium) {
+            goes_on = ray.tmax <= itn__way_out(walk->scene, ray.origin, ray.direction);
             ray.origin = itn__along(ray.origin, ray.tmax, ray.direction);
             u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
             ray.direction = one_sample_phase(ray.direction, (float)record->g, u, v, &x, &y);
             walk->weight.beta[0] *= (float)record->albedo, path->collisions++;
             reuse_turn(record, x, y, path->turns);
-            goes_on = itn__within(walk->scene, ray.origin);
         } else {
             itn__escape(walk, ray.direction), goes_on = 0;
         }
