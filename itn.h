@@ -1581,8 +1581,8 @@ typedef struct itn__plane {
 } itn__plane;
 
 /* n, and the edges b, c that it is the product of, exact enough for the thinnest needle. */
-static void itn__cross_edges(const itn__triangle *triangle, double n[3], double b[3],
-                             double c[3]) {
+ITN__INLINE void itn__cross_edges(const itn__triangle *triangle, double n[3], double b[3],
+                                  double c[3]) {
     int k;
     for (k = 0; k < 3; k++) {
         b[k] = (double)triangle->corner[1][k] - triangle->corner[0][k];
@@ -6339,6 +6339,8 @@ static int itn__raster_cells(const itn__voxels *voxels, const itn__triangle *tri
     itn__raster r;
     int x, y, z, i, count = 0;
     if (!itn__raster_load(voxels, triangle, &r)) return 0;
+    *cells = itn__cell_index(voxels, r.range[0][0], r.range[1][0], r.range[2][0]);
+    if (*cells == itn__cell_index(voxels, r.range[0][1], r.range[1][1], r.range[2][1])) return 1;
     itn__raster_axes(&r);
     for (z = r.range[2][0]; z <= r.range[2][1]; z++)
         for (y = r.range[1][0]; y <= r.range[1][1]; y++) {
@@ -6410,16 +6412,16 @@ static void itn__enter_triangles(const itn__voxel_build *build, int second) {
     const itn_bvh *bvh = build->bvh;
     int slot, i;
     for (slot = 0; slot < bvh->leaf_count * ITN__PACK; slot++) {
-        int index = bvh->packs[slot / ITN__PACK].index[slot % ITN__PACK], leaf = slot / ITN__PACK;
-        const itn__triangle *triangle = index < 0 ? NULL : &bvh->triangles[index];
-        int count = triangle ? itn__raster_cells(v, triangle, build->touched) : 0;
-        double m[3], area = count ? itn__unit_normal(triangle, m) : 0;
+        int leaf = slot / ITN__PACK;
+        itn__triangle triangle = itn__pack_triangle(&bvh->packs[leaf], slot % ITN__PACK);
+        int count = triangle.index < 0 ? 0 : itn__raster_cells(v, &triangle, build->touched);
+        double m[3], area = count ? itn__unit_normal(&triangle, m) : 0;
         float weight = (float)fmin(area / ((double)v->cell * v->cell), 2);
         for (i = 0; i < count; i++) {
             int cell = build->touched[i], mark = second ? ~leaf : leaf + 1;
             int32_t *next = &v->first[cell + 2 - second];
             itn__patch *patch = &build->patches[cell];
-            if (second) itn__patch_add(build, triangle, m, area, cell);
+            if (second) itn__patch_add(build, &triangle, m, area, cell);
             else patch->n = itn__along(patch->n, weight, itn__vec3((float)m[0], (float)m[1],
                                                                    (float)m[2]));
             if (build->last[cell] == mark) continue;
