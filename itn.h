@@ -1697,8 +1697,8 @@ static double itn__edge_functions(double p[3][3], double w[3], double *t) {
 
 /* Whether a ray meets the sheet of a triangle on its way; *t, as floats know it, becomes exact, if
    doubles see a hit, too, but for an ulp, and for the little that sheets count for more. */
-static int itn__meets_sheet(const itn__triangle *triangle, const itn__shear *s,
-                            const itn__sides *sides, float *t) {
+ITN__NOINLINE int itn__meets_sheet(const itn__triangle *triangle, const itn__shear *s,
+                                   const itn__sides *sides, float *t) {
     itn_vec3 origin = itn__vec3(s->origin[0], s->origin[1], s->origin[2]);
     itn__plane plane = itn__plane_of(triangle, origin);
     double p[3][3], w[3], det, exact, least, most;

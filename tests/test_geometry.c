@@ -709,12 +709,13 @@ static void expect_packs(float error) {
         int count = 1 + (int)(itn__rng_bits(&rng) % ITN__PACK), found = 0;
         itn_ray ray = any_pack(triangles, count, &rng, i);
         uint32_t faces = itn__rng_bits(&rng);
-        itn__sides some, *sides = i % 17 < 8 ? &some : NULL;
+        itn__sides some = ITN_ZERO, *sides = i % 17 < 8 ? &some : NULL;
         itn__shear shear;
         itn__pack pack;
         itn_hit hit = ITN_ZERO, expected = ITN_ZERO;
         int32_t slots[ITN__PACK];
         some.front = faces & 3, some.back = faces >> 2 & 3;
+        some.flush = i % 3 ? 0 : 1e-3f * (float)(faces >> 16), some.thrown = faces >> 4 & 1;
         if (!itn__shear_make(&ray, &shear)) continue;
         for (j = 0; j < ITN__PACK; j++) slots[j] = j;
         itn__pack_fill(&pack, triangles, slots, count);
