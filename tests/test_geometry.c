@@ -715,7 +715,6 @@ static void expect_packs(float error) {
         itn_hit hit = ITN_ZERO, expected = ITN_ZERO;
         int32_t slots[ITN__PACK];
         some.front = faces & 3, some.back = faces >> 2 & 3;
-        some.flush = i % 3 ? 0 : 1e-3f * (float)(faces >> 16), some.thrown = faces >> 4 & 1;
         if (!itn__shear_make(&ray, &shear)) continue;
         for (j = 0; j < ITN__PACK; j++) slots[j] = j;
         itn__pack_fill(&pack, triangles, slots, count);
