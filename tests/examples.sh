@@ -205,6 +205,18 @@ keep "invert: a crop, its curve and noise" ./invert start.itn --target photo.png
 prints 'means of 2x2 pixels'
 prints 'in units of the lights'
 
+# the page on photos: its command as it stands there
+awk '/^```sh$/ { on = 1; next } /^```$/ { on = 0 } on' "$root/examples/README.md" > page.sh
+check "photos: two commands" grep -q '^cc .* invert.c -o invert ' page.sh
+sed -i 1d page.sh
+ln -s ../invert examples/invert
+keep "photos: the command runs" sh -c "cd examples && sh ../page.sh"
+prints 'means of 4x4 pixels'
+check "photos: finds what is in it" awk 'BEGIN { truth["jelly.sigma_t"] = 30
+        truth["jelly.albedo"] = 0.93; truth["jelly.g"] = 0.4; truth["film.exposure"] = 0.0303 }
+    $3 == "+-" && NF == 4 { off = ($2 - truth[$1]) / $4; found += off * off < 16 && $4 < $2 / 10 }
+    END { exit found != 4 }' kept
+
 # shapes are the shipped ones; a sky from a table whose answer is plain: F = C = 1, radiance 2
 keep "shapes" ./shapes "$work"
 for shape in "$root"/scenes/shapes/*.ply; do
