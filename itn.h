@@ -3850,6 +3850,7 @@ static itn__floats itn__lights_density(const itn_scene *scene, const itn__toward
     }
     return pdf;
 }
+
 /* Draws a light in each lane of the mask, and a direction to it, by three uniforms; pdf receives
    its density, 0 where nothing is drawn. */
 static void itn__draw_lights(const itn_scene *scene, const itn__floats u[3], itn__ints mask,
@@ -3873,47 +3874,6 @@ static void itn__draw_lights(const itn_scene *scene, const itn__floats u[3], itn
         to->sine = itn__select(chosen, drawn.sine, to->sine);
     }
     *pdf = itn__select(mask, itn__lights_density(scene, to), itn__splat(0));
-}
-
-/* Radiance in the film's channels, scaled by theta, 0 outside the mask: of all lights that are
-   sampled, and of the others. */
-static void itn__sum_radiance(const itn_scene *scene, const float *theta, const itn__towards *to,
-                              itn__floats sampled[3], itn__floats plain[3]) {
-    int channels = scene->film.channels, i, k;
-    for (k = 0; k < 3; k++) sampled[k] = plain[k] = itn__splat(0);
-    for (i = 0; i < scene->light_count; i++) {
-        const itn__light *light = &scene->lights[i];
-        itn__floats rgb[3], *sum = light->share > 0 ? sampled : plain;
-        itn__light_models[light->kind].radiance(light, channels, to, rgb);
-        for (k = 0; k < channels; k++)
-            sum[k] += itn__select(to->mask, theta[light->parameter] * rgb[k], itn__splat(0));
-    }
-}
-/* The same of directions; returns the density with which they would be drawn. */
-ITN__NOINLINE itn__floats itn__meet_lights(const itn_scene *scene, const float *theta,
-                                           const itn__vectors *d, itn__ints mask,
-                                           itn__floats sampled[3], itn__floats plain[3]) {
-    itn__towards to = itn__towards_of(scene, d, mask);
-    itn__sum_radiance(scene, theta, &to, sampled, plain);
-    return itn__lights_density(scene, &to);
-}
-
-/* Directions towards the sampled lights: where there is one, its density and what comes from it. */
-typedef struct itn__light_draw {
-    itn__ints drawn;
-    itn__vectors direction;
-    itn__floats pdf, radiance[3];
-} itn__light_draw;
-
-/* Draws one for each lane of the mask, by its three uniforms. */
-ITN__NOINLINE void itn__sample_lights(const itn_scene *scene, const float *theta,
-                                      const itn__floats u[3], const itn__ints *mask,
-                                      itn__light_draw *draw) {
-    itn__floats others[3];
-    itn__towards to;
-    itn__draw_lights(scene, u, *mask, &to, &draw->pdf);
-    draw->drawn = itn__less(itn__splat(0), draw->pdf), draw->direction = to.d;
-    itn__sum_radiance(scene, theta, &to, draw->radiance, others);
 }
 
 /* Adds `plain` times a parameter to the path's radiance in channel c, and to its derivatives. */
@@ -7533,6 +7493,47 @@ ITN__NOINLINE void itn__trace_shadows(itn__crowd *crowd) {
         do itn__find_hit(crowd->render->scene, ray);
         while (itn__pass_shadow(crowd, ray));
     }
+}
+
+/* Radiance in the film's channels, scaled by theta, 0 outside the mask: of all lights that are
+   sampled, and of the others. */
+static void itn__sum_radiance(const itn_scene *scene, const float *theta, const itn__towards *to,
+                              itn__floats sampled[3], itn__floats plain[3]) {
+    int channels = scene->film.channels, i, k;
+    for (k = 0; k < 3; k++) sampled[k] = plain[k] = itn__splat(0);
+    for (i = 0; i < scene->light_count; i++) {
+        const itn__light *light = &scene->lights[i];
+        itn__floats rgb[3], *sum = light->share > 0 ? sampled : plain;
+        itn__light_models[light->kind].radiance(light, channels, to, rgb);
+        for (k = 0; k < channels; k++)
+            sum[k] += itn__select(to->mask, theta[light->parameter] * rgb[k], itn__splat(0));
+    }
+}
+/* The same of directions; returns the density with which they would be drawn. */
+ITN__NOINLINE itn__floats itn__meet_lights(const itn_scene *scene, const float *theta,
+                                           const itn__vectors *d, itn__ints mask,
+                                           itn__floats sampled[3], itn__floats plain[3]) {
+    itn__towards to = itn__towards_of(scene, d, mask);
+    itn__sum_radiance(scene, theta, &to, sampled, plain);
+    return itn__lights_density(scene, &to);
+}
+
+/* Directions towards the sampled lights: where there is one, its density and what comes from it. */
+typedef struct itn__light_draw {
+    itn__ints drawn;
+    itn__vectors direction;
+    itn__floats pdf, radiance[3];
+} itn__light_draw;
+
+/* Draws one for each lane of the mask, by its three uniforms. */
+ITN__NOINLINE void itn__sample_lights(const itn_scene *scene, const float *theta,
+                                      const itn__floats u[3], const itn__ints *mask,
+                                      itn__light_draw *draw) {
+    itn__floats others[3];
+    itn__towards to;
+    itn__draw_lights(scene, u, *mask, &to, &draw->pdf);
+    draw->drawn = itn__less(itn__splat(0), draw->pdf), draw->direction = to.d;
+    itn__sum_radiance(scene, theta, &to, draw->radiance, others);
 }
 
 /* Where shadow rays of the lanes go. */
