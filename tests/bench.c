@@ -1379,6 +1379,35 @@ static void chart_invert(const chart_table *table, chart_panel *panels, const ch
     save_chart(&c, folder, "invert.svg");
 }
 
+/* Searches by Mitsuba and by us: rows of one search follow each other, median and range over seeds.
+   No command here makes the table: it was measured by programs that need Mitsuba. */
+static void chart_mitsuba(const chart_table *table, chart_panel *panels, const char *folder) {
+    static const char *const scenes[3] = {"ground", "white", "map"};
+    static const char *const titles[3] = {"index-matched, on the ground: error",
+                                          "frosted, constant light: error",
+                                          "frosted, lit by a map: error"};
+    chart c = chart_of(table, panels, 3, "The same material from the same picture",
+                       "64\xc3\x97" "64 pixels, from a start off by a factor of 2; error: r.m.s. of "
+                       "log sigma_t, albedo and g");
+    int p, row;
+    for (p = 0; p < 3; p++) {
+        chart_series *series = NULL;
+        panels[p].y.title = titles[p], panels[p].x.title = "processor seconds";
+        for (row = 0; row < table->rows; row++) {
+            const char *name = chart_cell(table, row, "search");
+            if (!cell_is(table, row, "scene", scenes[p])) continue;
+            if (!series || strcmp(series->name, name))
+                series = chart_begin(&panels[p], name, panels[p].series_count);
+            chart_add_spread(&panels[p], series, cell_value(table, row, "seconds"),
+                             cell_value(table, row, "off"), cell_value(table, row, "low"),
+                             cell_value(table, row, "high"));
+            series->spread = CHART_BAND;
+        }
+    }
+    c.width = 1000, c.height = 400, c.legend = panels[0].series_count;
+    save_chart(&c, folder, "mitsuba.svg");
+}
+
 /* Mean gradients over the true one, with two standard errors each way. */
 static void chart_bias(const chart_table *table, chart_panel *panels, const char *folder) {
     static const char *const titles[MATERIAL] = {"by sigma_t", "by albedo", "by g"};
@@ -1502,7 +1531,8 @@ static void bench_charts(const char *folder) {
         const char *table;
         void (*draw)(const chart_table *table, chart_panel *panels, const char *folder);
     } charts[] = {{"walk", chart_walk}, {"gradient", chart_gradient}, {"limits", chart_limits},
-                  {"bias", chart_bias}, {"invert", chart_invert}};
+                  {"bias", chart_bias}, {"invert", chart_invert},
+                  {"mitsuba", chart_mitsuba}};
     chart_panel *panels = (chart_panel *)allocate(MOST_PANELS, sizeof *panels);
     char path[1024], csv[1100];
     size_t k;
